@@ -1,0 +1,186 @@
+#include "models/robot/attachment.h"
+
+#include <algorithm>
+
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::robot {
+
+namespace {
+
+Inertia& inertia_of(RobotModel& robot, int body) {
+  return body < 0 ? robot.base.inertia : robot.bodies[static_cast<std::size_t>(body)].inertia;
+}
+
+std::string place_of(const RobotModel& robot) { return "robot '" + robot.name + "'"; }
+
+std::string described(const Inertia& inertia) {
+  const auto number = [](double x) { return text::to_text(x, 6); };
+  const Eigen::Vector3d& c = inertia.p_LC;
+  return number(inertia.mass) + " kg at (" + number(c[0]) + ", " + number(c[1]) + ", " + number(c[2]) + ") m";
+}
+
+auto find_frame(const RobotModel& robot, const std::string& name) {
+  return std::find_if(robot.frames.begin(), robot.frames.end(), [&](const Frame& frame) { return frame.name == name; });
+}
+
+/// The entry that mounted what is now mounted under this name; nullptr if none did.
+const Change* mounting_of(const RobotModel& robot, const std::string& name) {
+  const auto last = std::find_if(robot.history.rbegin(), robot.history.rend(), [&](const Change& change) {
+    return change.kind != Change::Kind::kSetInertia && change.frame.name == name;
+  });
+  return last != robot.history.rend() && last->kind == Change::Kind::kAttach ? &*last : nullptr;
+}
+
+Inertia minus(const Inertia& body, const Inertia& part) { return body + Inertia{-part.mass, part.p_LC, -part.I_CC}; }
+
+struct Remainder {
+  Inertia inertia;
+  bool is_difference = false;  // something was subtracted: nothing says that a body can have this inertia
+};
+
+/// The inertia of the carrying body without what `mounting` mounted. What was there first and what else is still mounted is
+/// added up anew, as if the part had never been there; where the body was set since (tuned), with the part in it, the part is
+/// subtracted.
+Remainder without(const RobotModel& robot, const Change& mounting) {
+  Remainder sum;                       // what was there first, or was set
+  std::vector<const Change*> mounted;  // on that
+  Inertia body;                        // the composite of both, as the history left it
+  const auto set = [&](const Inertia& inertia) {
+    sum = {inertia};
+    body = inertia;
+    mounted.clear();
+  };
+  const auto take_off = [&](const Change& part) {
+    const auto found =
+        std::find_if(mounted.begin(), mounted.end(), [&](const Change* m) { return m->frame.name == part.frame.name; });
+    if (found == mounted.end() && part.part.mass != 0) {
+      sum = {minus(sum.inertia, part.part), true};
+    } else if (found != mounted.end()) {
+      mounted.erase(found);
+    }
+  };
+  for (const Change& change : robot.history) {
+    if (change.body != mounting.body) continue;
+    if (!(change.before == body)) set(change.before);  // what the robot came with, or set by hand past the history
+    switch (change.kind) {
+      case Change::Kind::kAttach:
+        mounted.push_back(&change);
+        break;
+      case Change::Kind::kDetach:
+        take_off(change);
+        break;
+      case Change::Kind::kSetInertia:
+        set(change.after);
+        break;
+    }
+    body = change.after;
+  }
+  const Inertia& now = mounting.body < 0 ? robot.base.inertia : robot.bodies[static_cast<std::size_t>(mounting.body)].inertia;
+  if (!(now == body)) set(now);
+  take_off(mounting);
+  for (const Change* part : mounted) sum.inertia = sum.inertia + part->part;
+  return sum;
+}
+
+std::ptrdiff_t offset(std::size_t index) { return static_cast<std::ptrdiff_t>(index); }
+
+}  // namespace
+
+void attach(RobotModel& robot, const Attachment& what, const std::string& reason) {
+  const std::string place = place_of(robot) + ", attachment '" + what.name + "'";
+  if (what.name.empty()) throw Error(place, "needs a name");
+  if (find_frame(robot, what.name) != robot.frames.end()) throw Error(place, "the robot has a frame of this name already");
+  const Frame& parent = robot.frame(what.parent);
+  if (!what.X_PA.p.allFinite() || !is_rotation(what.X_PA.R)) {
+    throw Error(place, "X_PA is not a pose: expected a rotation matrix and a finite position");
+  }
+  const bool is_frame = what.inertia.is_nothing();
+  const bool is_point = what.inertia.mass > 0 && what.inertia.I_CC.isZero(0);
+  Change change;
+  change.kind = Change::Kind::kAttach;
+  change.frame = {what.name, parent.body, parent.X_BF * what.X_PA};
+  change.parent = what.parent;
+  change.part = what.inertia.seen_from(change.frame.X_BF);
+  change.body = parent.body;
+  change.index = robot.frames.size();
+  Inertia& body = inertia_of(robot, parent.body);
+  change.before = body;
+  change.after = body + change.part;
+  const std::string why = is_frame   ? ""
+                          : is_point ? (body + change.part).unphysical()  // the composite body is what must be possible
+                                     : what.inertia.unphysical();
+  if (!why.empty()) throw Error(place, (is_point ? "with this point mass its body has " : "") + why);
+  change.what = "attach " + what.name + " to " + what.parent + ": " + described(what.inertia);
+  change.reason = reason;
+  body = change.after;
+  robot.frames.push_back(change.frame);
+  robot.history.push_back(change);
+}
+
+void detach(RobotModel& robot, const std::string& name, const std::string& reason) {
+  const std::string place = place_of(robot);
+  const auto frame = find_frame(robot, name);
+  if (frame == robot.frames.end()) throw Error(place, "nothing attached is named '" + name + "'");
+  const Change* const mounting = mounting_of(robot, name);
+  if (mounting == nullptr) throw Error(place, "'" + name + "' is a link of the robot, not attached to it");
+  for (const Frame& other : robot.frames) {
+    const Change* const others = mounting_of(robot, other.name);
+    if (others != nullptr && others->parent == name) {
+      throw Error(place, "'" + other.name + "' is mounted on '" + name + "'; detach it first");
+    }
+  }
+  Change change = *mounting;
+  change.kind = Change::Kind::kDetach;
+  change.index = static_cast<std::size_t>(frame - robot.frames.begin());
+  Inertia& body = inertia_of(robot, change.body);
+  change.before = body;
+  const Remainder remainder = without(robot, *mounting);
+  if (remainder.is_difference) {
+    const std::string why = remainder.inertia.unphysical();
+    if (!why.empty()) throw Error(place, "without '" + name + "' its body would have " + why);
+  }
+  change.after = remainder.inertia;
+  change.what = "detach " + name + " from " + change.parent + ": " + described(change.part);
+  change.reason = reason;
+  body = change.after;
+  robot.frames.erase(frame);
+  robot.history.push_back(change);
+}
+
+void set_inertia(RobotModel& robot, int body, const Inertia& inertia, const std::string& reason) {
+  if (body < -1 || body >= robot.n()) {
+    throw Error(place_of(robot),
+                "no body " + std::to_string(body) + ", expected -1 (the base) to " + std::to_string(robot.n() - 1));
+  }
+  const std::string& name = body < 0 ? robot.base.name : robot.bodies[static_cast<std::size_t>(body)].name;
+  if (const std::string why = inertia.unphysical(); !why.empty()) throw Error(place_of(robot) + ", body '" + name + "'", why);
+  Change change;
+  change.what = "set inertia of " + name + ": " + described(inertia);
+  change.reason = reason;
+  change.body = body;
+  change.before = inertia_of(robot, body);
+  change.after = inertia;
+  inertia_of(robot, body) = inertia;
+  robot.history.push_back(change);
+}
+
+RobotModel before(const RobotModel& robot, std::size_t change) {
+  if (change > robot.history.size()) {
+    throw Error(place_of(robot),
+                "no change " + std::to_string(change) + ", its history has " + std::to_string(robot.history.size()));
+  }
+  RobotModel earlier = robot;
+  while (earlier.history.size() > change) {
+    const Change last = std::move(earlier.history.back());
+    earlier.history.pop_back();
+    inertia_of(earlier, last.body) = last.before;
+    const auto position = earlier.frames.begin() + offset(last.index);
+    if (last.kind == Change::Kind::kAttach) earlier.frames.erase(position);
+    if (last.kind == Change::Kind::kDetach) earlier.frames.insert(position, last.frame);
+  }
+  return earlier;
+}
+
+}  // namespace cotwin::robot

@@ -1,0 +1,385 @@
+#include "models/robot/dynamics.h"
+
+#include <Eigen/Geometry>
+#include <cassert>
+#include <cmath>
+#include <new>
+#include <vector>
+
+#include "models/robot/kernels.h"
+
+namespace cotwin::robot {
+namespace {
+
+constexpr std::align_val_t kAlignment{64};  // bytes: a register of x86-64-v4
+
+int padded(int n) { return (n + 7) / 8 * 8; }
+
+bool is_chain(const RobotModel& robot) {
+  for (int i = 0; i < robot.n(); ++i)
+    if (robot.joints[static_cast<std::size_t>(i)].type != JointType::kRevolute ||
+        robot.joints[static_cast<std::size_t>(i)].parent != i - 1)
+      return false;
+  return true;
+}
+
+void store(const Eigen::Matrix3d& R, double* to) {
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 3; ++c) to[3 * r + c] = R(r, c);
+}
+
+void store(const Eigen::Vector3d& v, double* to) {
+  for (int i = 0; i < 3; ++i) to[i] = v[i];
+}
+
+KernelPose kernel_pose(const Pose& X) {
+  KernelPose pose;
+  store(X.R, pose.R);
+  store(X.p, pose.p);
+  return pose;
+}
+
+Pose pose_of(const KernelPose& X) {
+  Pose pose;
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 3; ++c) pose.R(r, c) = X.R[3 * r + c];
+  for (int i = 0; i < 3; ++i) pose.p[i] = X.p[i];
+  return pose;
+}
+
+/// A rotation R_LJ that makes `axis` of J the z axis of L; the identity for z itself.
+Eigen::Matrix3d rotation_to_z(const Eigen::Vector3d& axis) {
+  const Eigen::Vector3d z = axis.normalized();
+  Eigen::Index least = 0;
+  z.cwiseAbs().minCoeff(&least);
+  const Eigen::Vector3d x = (Eigen::Vector3d::Unit(least) - z[least] * z).normalized();
+  Eigen::Matrix3d R;
+  R << x.transpose(), z.cross(x).transpose(), z.transpose();
+  return R;
+}
+
+Eigen::Matrix3d turn_z(double angle) { return Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ()).toRotationMatrix(); }
+
+/// Mass, first and second moments ∫ r rᵀ dm about the origin of L: what torque is linear in, and what adds when bodies are
+/// joined.
+struct Moments {
+  double m = 0;
+  Eigen::Vector3d h = Eigen::Vector3d::Zero();
+  Eigen::Matrix3d S = Eigen::Matrix3d::Zero();
+};
+
+Moments moments_in(const Inertia& inertia, const Pose& X_LJ) {
+  const Eigen::Vector3d c = X_LJ * inertia.p_LC;
+  const Eigen::Matrix3d I = X_LJ.R * inertia.I_CC * X_LJ.R.transpose();
+  Moments moments;
+  moments.m = inertia.mass;
+  moments.h = inertia.mass * c;
+  moments.S = 0.5 * I.trace() * Eigen::Matrix3d::Identity() - I + inertia.mass * c * c.transpose();
+  return moments;
+}
+
+/// A mass distribution on the z axis of a joint turns with the joint's body, but moves as if it were fixed to the parent: m,
+/// h_z and S_zz of the body are moved there. X_PL: the joint's frame in the parent's at q = 0.
+void group(Moments& body, const Pose& X_PL, Moments* parent) {
+  if (parent) {
+    const Eigen::Vector3d &o = X_PL.p, z = X_PL.R.col(2);
+    parent->m += body.m;
+    parent->h += body.m * o + body.h.z() * z;
+    parent->S +=
+        body.m * o * o.transpose() + body.h.z() * (o * z.transpose() + z * o.transpose()) + body.S(2, 2) * z * z.transpose();
+  }
+  body.m = body.h.z() = body.S(2, 2) = 0;
+}
+
+}  // namespace
+
+// Doubles in the largest set of scratch arrays of one kernel (derivatives): per joint in lanes of eight, Tangent 18, Wrench 6,
+// row 1; beside it a turn 12, motion 18, wrench 6, and M's composites and wrenches 10 + 48; operational inertia: M itself.
+std::size_t scratch_doubles(int n) {
+  const auto joints = static_cast<std::size_t>(padded(n));
+  return joints * (8 * 64 + 128) + joints * joints + 64;
+}
+
+struct Mechanism::Impl {
+  KernelModel model{};
+  std::vector<KernelLink> links;
+  std::vector<double> theta_0, c_alpha, s_alpha;  // padded
+  std::vector<Pose> X_PL;                         // at q = 0, without theta_0
+  std::vector<Pose> X_LJ;
+  std::vector<Moments> moments;
+  std::vector<double> zeros;  // n
+  Pose X_BP;                  // the first link's P of a chain
+  const Kernels* kernels = nullptr;
+
+  Impl(const RobotModel& robot, const char* isa);
+  void update(const RobotModel& robot);
+
+ private:
+  void align_chain();
+};
+
+Mechanism::Impl::Impl(const RobotModel& robot, const char* isa) {
+  const auto n = static_cast<std::size_t>(robot.n());
+  links.resize(n);
+  X_PL.resize(n);
+  X_LJ.resize(n);
+  moments.resize(n);
+  zeros.assign(n, 0.0);
+  theta_0.assign(static_cast<std::size_t>(padded(robot.n())), 0.0);
+  c_alpha.assign(theta_0.size(), 1.0);
+  s_alpha.assign(theta_0.size(), 0.0);
+  const bool chain = is_chain(robot);
+  for (std::size_t i = 0; i < n; ++i) {
+    const Joint& joint = robot.joints[i];
+    links[i].parent = joint.parent;
+    links[i].revolute = joint.type == JointType::kRevolute;
+    X_LJ[i] = {rotation_to_z(joint.axis), Eigen::Vector3d::Zero()};
+    X_PL[i] = joint.X_PJ * X_LJ[i].inverse();
+    if (joint.parent >= 0) X_PL[i] = X_LJ[static_cast<std::size_t>(joint.parent)] * X_PL[i];
+  }
+  if (chain) align_chain();
+  for (std::size_t i = 0; i < n; ++i) {
+    store(X_PL[i].R, links[i].R);
+    store(X_PL[i].p, links[i].p);
+    store(X_LJ[i].R, links[i].R_LJ);
+    store(X_LJ[i].p, links[i].p_LJ);
+  }
+  store(X_BP.R, model.R_BP);
+  store(X_BP.p, model.p_BP);
+  model.n = robot.n();
+  model.links = links.data();
+  model.theta_0 = theta_0.data();
+  model.c_alpha = c_alpha.data();
+  model.s_alpha = s_alpha.data();
+  kernels = &choose_kernels(robot.n(), chain, isa);
+  update(robot);
+}
+
+// Any rotation is Rz(γ) Rx(α) Rz(β). Turning P about its z by γ leaves Rx(α) Rz(β + q). Sliding P along its z to the foot of
+// the perpendicular from L's origin leaves p without z; L is slid first, hence from the tip to the base.
+void Mechanism::Impl::align_chain() {
+  const std::size_t n = links.size();
+  if (n == 0) return;
+  X_BP = X_PL[0];
+  X_PL[0] = Pose{};
+  for (std::size_t i = 1; i < n; ++i) {
+    Pose& X = X_PL[i];
+    const Eigen::Vector3d axis = X.R.col(2);
+    const double gamma = axis.x() != 0 || axis.y() != 0 ? std::atan2(axis.x(), -axis.y()) : 0.0;
+    const Pose turn{turn_z(-gamma), Eigen::Vector3d::Zero()};
+    theta_0[i - 1] += gamma;
+    X_LJ[i - 1] = turn * X_LJ[i - 1];
+    X = turn * X;
+
+    const double sine = std::hypot(axis.x(), axis.y()), length = std::hypot(sine, axis.z());
+    c_alpha[i] = axis.z() / length;
+    s_alpha[i] = sine / length;
+    const Eigen::Matrix3d turn_x{{1, 0, 0}, {0, c_alpha[i], -s_alpha[i]}, {0, s_alpha[i], c_alpha[i]}};
+    const Eigen::Matrix3d rest = turn_x.transpose() * X.R;
+    theta_0[i] = std::atan2(rest(1, 0), rest(0, 0));
+    X.R = turn_x;
+  }
+  for (std::size_t i = n - 1; i > 0; --i) {
+    const double slide = X_PL[i].p.z();
+    X_PL[i].p.z() = 0;
+    X_LJ[i - 1].p.z() -= slide;
+    if (i > 1) {
+      X_PL[i - 1].p += slide * X_PL[i - 1].R.col(2);
+    } else {
+      X_BP.p += slide * X_BP.R.col(2);
+    }
+  }
+  for (std::size_t i = 0; i < n; ++i) {
+    theta_0[i] = std::remainder(theta_0[i], 2 * std::acos(-1.0));
+    links[i].c_alpha = c_alpha[i];
+    links[i].s_alpha = s_alpha[i];
+    links[i].cc_alpha = c_alpha[i] * c_alpha[i];
+    links[i].ss_alpha = s_alpha[i] * s_alpha[i];
+    links[i].cs_alpha = c_alpha[i] * s_alpha[i];
+  }
+}
+
+void Mechanism::Impl::update(const RobotModel& robot) {
+  assert(robot.n() == model.n);
+  for (std::size_t i = 0; i < links.size(); ++i) {
+    moments[i] = moments_in(robot.bodies[i].inertia, X_LJ[i]);
+    links[i].mass = moments[i].m;
+    store(moments[i].h, links[i].first_moment);
+  }
+  for (std::size_t i = links.size(); i-- > 0;) {
+    Moments& body = moments[i];
+    const int parent = links[i].parent;
+    if (links[i].revolute) group(body, X_PL[i], parent < 0 ? nullptr : &moments[static_cast<std::size_t>(parent)]);
+    links[i].m = body.m;
+    store(body.h, links[i].h);
+    links[i].S_xx = body.S(0, 0);
+    links[i].S_yy = body.S(1, 1);
+    links[i].S_zz = body.S(2, 2);
+    links[i].S_xy = body.S(0, 1);
+    links[i].S_xz = body.S(0, 2);
+    links[i].S_yz = body.S(1, 2);
+  }
+  const Eigen::Vector3d a_0 = -(X_BP.R.transpose() * robot.gravity);
+  store(a_0, model.a_0);
+  store(robot.gravity, model.gravity);
+}
+
+struct Data::Impl {
+  struct Free {
+    void operator()(double* p) const { ::operator delete[](p, kAlignment); }
+  };
+  std::unique_ptr<double[], Free> scratch;
+  std::vector<double> torque;  // n
+
+  explicit Impl(int n)
+      : scratch(static_cast<double*>(::operator new[](scratch_doubles(n) * sizeof(double), kAlignment))),
+        torque(static_cast<std::size_t>(n)) {}
+};
+
+Mechanism::Mechanism(const RobotModel& robot, const char* isa) : impl_(std::make_unique<Impl>(robot, isa)) {}
+Mechanism::~Mechanism() = default;
+Mechanism::Mechanism(Mechanism&&) noexcept = default;
+Mechanism& Mechanism::operator=(Mechanism&&) noexcept = default;
+int Mechanism::n() const { return impl_->model.n; }
+void Mechanism::update(const RobotModel& robot) { impl_->update(robot); }
+
+Data::Data(const Mechanism& mechanism) : impl_(std::make_unique<Impl>(mechanism.n())) {}
+Data::~Data() = default;
+Data::Data(Data&&) noexcept = default;
+Data& Data::operator=(Data&&) noexcept = default;
+
+FrameOnBody on_body(const Frame& frame) { return {frame.body, frame.X_BF}; }
+
+void inverse_dynamics(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, const VectorIn& ddq,
+                      VectorOut tau) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n && dq.size() == m.model.n && ddq.size() == m.model.n && tau.size() == m.model.n);
+  m.kernels->inverse_dynamics(m.model, data.impl().scratch.get(), m.model.a_0, q.data(), dq.data(), ddq.data(), tau.data());
+}
+
+void bias(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, VectorOut h) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n && dq.size() == m.model.n && h.size() == m.model.n);
+  m.kernels->inverse_dynamics(m.model, data.impl().scratch.get(), m.model.a_0, q.data(), dq.data(), m.zeros.data(), h.data());
+}
+
+void gravity(const Mechanism& mechanism, Data& data, const VectorIn& q, VectorOut g) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n && g.size() == m.model.n);
+  m.kernels->inverse_dynamics(m.model, data.impl().scratch.get(), m.model.a_0, q.data(), m.zeros.data(), m.zeros.data(),
+                              g.data());
+}
+
+void mass_matrix(const Mechanism& mechanism, Data& data, const VectorIn& q, MatrixOut M) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n && M.rows() == m.model.n && M.cols() == m.model.n);
+  m.kernels->mass_matrix(m.model, data.impl().scratch.get(), q.data(), M.data(), M.outerStride());
+}
+
+void mass_matrix_and_bias(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, MatrixOut M,
+                          VectorOut h) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n && dq.size() == m.model.n && M.rows() == m.model.n && M.cols() == m.model.n &&
+         h.size() == m.model.n);
+  m.kernels->mass_matrix_and_bias(m.model, data.impl().scratch.get(), q.data(), dq.data(), M.data(), M.outerStride(), h.data());
+}
+
+void coriolis_matrix(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, MatrixOut C) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n && dq.size() == m.model.n && C.rows() == m.model.n && C.cols() == m.model.n);
+  m.kernels->coriolis_matrix(m.model, data.impl().scratch.get(), q.data(), dq.data(), C.data(), C.outerStride());
+}
+
+void forward_dynamics(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, const VectorIn& tau,
+                      VectorOut ddq) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n && dq.size() == m.model.n && tau.size() == m.model.n && ddq.size() == m.model.n);
+  m.kernels->forward_dynamics(m.model, data.impl().scratch.get(), q.data(), dq.data(), tau.data(), ddq.data());
+}
+
+void inverse_dynamics_derivatives(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq,
+                                  const VectorIn& ddq, MatrixOut dtau_dq, MatrixOut dtau_ddq) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n && dq.size() == m.model.n && ddq.size() == m.model.n);
+  assert(dtau_dq.rows() == m.model.n && dtau_dq.cols() == m.model.n && dtau_ddq.rows() == m.model.n &&
+         dtau_ddq.cols() == m.model.n);
+  m.kernels->derivatives(m.model, data.impl().scratch.get(), q.data(), dq.data(), ddq.data(), nullptr, dtau_dq.data(),
+                         dtau_dq.outerStride(), dtau_ddq.data(), dtau_ddq.outerStride(), nullptr, 0);
+}
+
+void linearised_dynamics(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, const VectorIn& ddq,
+                         VectorOut tau, MatrixOut dtau_dq, MatrixOut dtau_ddq, MatrixOut M) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n && dq.size() == m.model.n && ddq.size() == m.model.n && tau.size() == m.model.n);
+  assert(dtau_dq.rows() == m.model.n && dtau_dq.cols() == m.model.n && dtau_ddq.rows() == m.model.n &&
+         dtau_ddq.cols() == m.model.n);
+  assert(M.rows() == m.model.n && M.cols() == m.model.n);
+  m.kernels->derivatives(m.model, data.impl().scratch.get(), q.data(), dq.data(), ddq.data(), tau.data(), dtau_dq.data(),
+                         dtau_dq.outerStride(), dtau_ddq.data(), dtau_ddq.outerStride(), M.data(), M.outerStride());
+}
+
+void regressor(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, const VectorIn& ddq,
+               MatrixOut Y) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n && dq.size() == m.model.n && ddq.size() == m.model.n);
+  assert(Y.rows() == m.model.n && Y.cols() == 10 * m.model.n);
+  m.kernels->regressor(m.model, data.impl().scratch.get(), q.data(), dq.data(), ddq.data(), Y.data(), Y.outerStride());
+}
+
+Pose forward_kinematics(const Mechanism& mechanism, Data& data, const VectorIn& q, const FrameOnBody& frame) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n && frame.body < m.model.n);
+  KernelPose X_BF;
+  m.kernels->kinematics(m.model, data.impl().scratch.get(), q.data(), frame.body, kernel_pose(frame.X_BF), &X_BF, nullptr, 0);
+  return pose_of(X_BF);
+}
+
+Pose jacobian(const Mechanism& mechanism, Data& data, const VectorIn& q, const FrameOnBody& frame, MatrixOut J) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n && frame.body < m.model.n && J.rows() == 6 && J.cols() == m.model.n);
+  KernelPose X_BF;
+  m.kernels->kinematics(m.model, data.impl().scratch.get(), q.data(), frame.body, kernel_pose(frame.X_BF), &X_BF, J.data(),
+                        J.outerStride());
+  return pose_of(X_BF);
+}
+
+void jacobian_dot_times_dq(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq,
+                           const FrameOnBody& frame, Eigen::Ref<Twist> a) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n && dq.size() == m.model.n && frame.body < m.model.n);
+  m.kernels->jacobian_dot_times_dq(m.model, data.impl().scratch.get(), q.data(), dq.data(), frame.body, kernel_pose(frame.X_BF),
+                                   a.data());
+}
+
+void operational_inertia_inverse(const Mechanism& mechanism, Data& data, const VectorIn& q, const FrameOnBody& frame,
+                                 Eigen::Ref<Eigen::Matrix<double, 6, 6>> Lambda_inverse) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n && frame.body < m.model.n);
+  m.kernels->operational_inertia_inverse(m.model, data.impl().scratch.get(), q.data(), frame.body, kernel_pose(frame.X_BF),
+                                         Lambda_inverse.data(), Lambda_inverse.outerStride());
+}
+
+double kinetic_energy(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n && dq.size() == m.model.n);
+  const double no_gravity[3] = {0, 0, 0};
+  double* momentum = data.impl().torque.data();  // M q̇: the torque of q̈ := q̇ from rest, without gravity
+  m.kernels->inverse_dynamics(m.model, data.impl().scratch.get(), no_gravity, q.data(), m.zeros.data(), dq.data(), momentum);
+  double energy = 0;
+  for (int i = 0; i < m.model.n; ++i) energy += 0.5 * momentum[i] * dq[i];
+  return energy;
+}
+
+double potential_energy(const Mechanism& mechanism, Data& data, const VectorIn& q) {
+  const auto& m = mechanism.impl();
+  assert(q.size() == m.model.n);
+  return m.kernels->potential_energy(m.model, data.impl().scratch.get(), q.data());
+}
+
+void inverse_dynamics_batch(const Mechanism& mechanism, Data& data, std::size_t count, const double* q, const double* dq,
+                            const double* ddq, double* tau) {
+  const auto& m = mechanism.impl();
+  m.kernels->inverse_dynamics_batch(m.model, data.impl().scratch.get(), count, q, dq, ddq, tau);
+}
+
+}  // namespace cotwin::robot

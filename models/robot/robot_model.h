@@ -1,0 +1,91 @@
+#pragma once
+#include <Eigen/Core>
+#include <cstddef>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "models/mechanics/inertia.h"
+#include "models/mechanics/pose.h"
+
+namespace cotwin::robot {
+
+enum class JointType { kRevolute, kPrismatic };
+
+/// A joint of one degree of freedom and the body that it moves. Fixed joints of the URDF are merged into bodies.
+struct Joint {
+  std::string name;                                 // of the URDF joint
+  JointType type = JointType::kRevolute;            // a continuous joint is a revolute one without limits
+  int parent = -1;                                  // the body that carries it; −1: the base. Always < this joint's own index
+  Pose X_PJ;                                        // joint frame J in the parent body's frame P, at q = 0
+  Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();  // unit vector in J
+  double q_min = -std::numeric_limits<double>::infinity();  // rad or m
+  double q_max = +std::numeric_limits<double>::infinity();
+  double dq_max = +std::numeric_limits<double>::infinity();   // rad/s or m/s
+  double tau_max = +std::numeric_limits<double>::infinity();  // N.m or N
+  double damping = 0;                                         // URDF <dynamics damping>, N.m.s/rad or N.s/m
+  double friction = 0;                                        // URDF <dynamics friction>, N.m or N
+
+  friend bool operator==(const Joint&, const Joint&) = default;
+};
+
+/// A rigid body: the URDF link that the joint of the same index moves, with everything rigidly attached to it. Its frame is the
+/// joint's frame J after the motion q.
+struct Body {
+  std::string name;
+  Inertia inertia;
+
+  friend bool operator==(const Body&, const Body&) = default;
+};
+
+/// A named frame: every link of the URDF, merged or not, and every attachment.
+struct Frame {
+  std::string name;
+  int body = -1;  // −1: the base
+  Pose X_BF;      // in the body's frame
+
+  friend bool operator==(const Frame&, const Frame&) = default;
+};
+
+/// One entry of a robot's history (IV-A2): what was changed. before() in attachment.h rebuilds the model that it found.
+struct Change {
+  enum class Kind { kAttach, kDetach, kSetInertia };
+
+  std::string what;    // "attach ft_sensor to link_7: 0.25 kg at (0, 0, 0.03) m"
+  std::string reason;  // who or what asked for it
+  int body = -1;
+  Inertia before;  // the body's inertia before the change
+  Inertia after;
+  Kind kind = Kind::kSetInertia;
+  Frame frame;            // attach, detach: the frame that came or went
+  std::string parent;     // attach, detach: the frame that it is mounted on
+  Inertia part;           // attach, detach: what is mounted, in the body's frame
+  std::size_t index = 0;  // attach, detach: where among the robot's frames
+
+  friend bool operator==(const Change&, const Change&) = default;
+};
+
+/// The one truth of a robot: kinematic tree, mass distribution, limits, history. A plain value; joints are in an order in which
+/// parents come first (from a URDF: depth-first, at each branch in the order of the file; base to tip for a chain), and the
+/// order of q is that of `joints`. (2a) is evaluated by dynamics.h.
+struct RobotModel {
+  std::string name;
+  std::vector<Joint> joints;             // n
+  std::vector<Body> bodies;              // n; bodies[i] is moved by joints[i]
+  Body base;                             // links rigidly attached to the base, in the base frame B
+  std::vector<Frame> frames;             // of the links in the order of the file, then of the attachments
+  Eigen::Vector3d gravity{0, 0, -9.81};  // m/s² in B; 9.81 as in (2a)'s δ
+  std::vector<Change> history;
+
+  int n() const { return static_cast<int>(joints.size()); }
+  /// Throws Error naming the closest frame.
+  const Frame& frame(const std::string& name) const;
+  /// The frame at the end of the longest chain, which is the tool if there is one chain: the last frame in `frames` on the body
+  /// with the most joints between it and the base; of several such bodies, the one of the lowest index. Throws Error if that
+  /// body has no frame.
+  const Frame& end_effector() const;
+
+  friend bool operator==(const RobotModel&, const RobotModel&) = default;
+};
+
+}  // namespace cotwin::robot

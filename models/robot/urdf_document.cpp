@@ -1,0 +1,350 @@
+#include "models/robot/urdf_document.h"
+
+#include <tinyxml2.h>
+
+#include <algorithm>
+#include <cmath>
+#include <initializer_list>
+#include <limits>
+#include <set>
+
+#include "models/text/error.h"
+#include "models/text/text.h"
+#include "models/text/xml.h"
+
+namespace cotwin::robot {
+
+const double kNoLimit = std::numeric_limits<double>::max();
+
+bool is_urdf_name(std::string_view name) {
+  const bool has_control = std::any_of(name.begin(), name.end(), [](char c) { return static_cast<unsigned char>(c) < 0x20; });
+  return !name.empty() && name.size() <= 1000 && !has_control && xml::is_xml_text(name);
+}
+
+namespace {
+
+using tinyxml2::XMLElement;
+using Names = std::initializer_list<std::string_view>;
+
+/// Far more than any robot; urdfdom frees a chain of links by recursion.
+constexpr std::size_t kMostLinks = 2000;
+
+bool contains(const Names& names, std::string_view name) { return std::find(names.begin(), names.end(), name) != names.end(); }
+
+std::vector<std::string_view> words(std::string_view s) {
+  const std::string_view blanks = " \t\r\n";
+  std::vector<std::string_view> found;
+  for (std::size_t begin = s.find_first_not_of(blanks); begin != std::string_view::npos;) {
+    const std::size_t end = std::min(s.find_first_of(blanks, begin), s.size());
+    found.push_back(s.substr(begin, end - begin));
+    begin = s.find_first_not_of(blanks, end);
+  }
+  return found;
+}
+
+/// A macro or an expression that xacro would have replaced.
+class XacroFinder : public tinyxml2::XMLVisitor {
+ public:
+  int line = 0;
+  bool VisitEnter(const XMLElement& element, const tinyxml2::XMLAttribute*) override {
+    if (line == 0 && std::string_view(element.Name()).substr(0, 6) == "xacro:") line = element.GetLineNum();
+    return line == 0;
+  }
+};
+
+class Reader {
+ public:
+  explicit Reader(const std::string& place) { document_.place = place; }
+
+  UrdfDocument read(std::string_view xml);
+
+ private:
+  [[noreturn]] void fail(int line, const std::string& what) const {
+    throw Error(document_.at(line), (owner_.empty() ? "" : owner_ + ": ") + what);
+  }
+
+  void keep_attributes(XMLElement& element, const Names& names) const;
+  void keep_children(XMLElement& element, const Names& names) const;
+  XMLElement* child(XMLElement& element, const char* name) const { return element.FirstChildElement(name); }
+  XMLElement& needed(XMLElement& element, const char* name) const;
+  std::string name_in(const XMLElement& element, const char* attribute) const;
+  double number(std::string_view word, const XMLElement& element, const char* attribute) const;
+  double real(XMLElement& element, const char* attribute) const;
+  std::vector<double> reals(XMLElement& element, const char* attribute, std::size_t count) const;
+  Eigen::Vector3d vector(XMLElement& element, const char* attribute) const;
+  Pose origin(XMLElement& parent) const;
+  void limits(XMLElement& joint, const std::string& type) const;
+
+  void read_link(XMLElement& element);
+  void read_joint(XMLElement& element);
+
+  UrdfDocument document_;
+  std::string owner_;  // "link 'x'", for messages
+};
+
+/// Extensions (drake:acceleration, mu_viscous) go.
+void Reader::keep_attributes(XMLElement& element, const Names& names) const {
+  std::vector<std::string> foreign;
+  for (const auto* a = element.FirstAttribute(); a != nullptr; a = a->Next()) {
+    const std::string_view value = a->Value();
+    if (!contains(names, a->Name())) {
+      foreign.emplace_back(a->Name());
+    } else if (value.find("${") != std::string_view::npos || value.find("$(") != std::string_view::npos) {
+      fail(a->GetLineNum(), "'" + std::string(value) + "' is an expression of xacro; run xacro first");
+    }
+  }
+  for (const std::string& name : foreign) element.DeleteAttribute(name.c_str());
+}
+
+void Reader::keep_children(XMLElement& element, const Names& names) const {
+  std::set<std::string_view> seen;
+  for (tinyxml2::XMLNode* node = element.FirstChild(); node != nullptr;) {
+    tinyxml2::XMLNode* const next = node->NextSibling();
+    XMLElement* const inner = node->ToElement();
+    if (inner == nullptr || !contains(names, inner->Name())) {
+      element.DeleteChild(node);
+    } else if (!seen.insert(inner->Name()).second) {
+      fail(inner->GetLineNum(), std::string("<") + inner->Name() + "> twice");
+    }
+    node = next;
+  }
+}
+
+XMLElement& Reader::needed(XMLElement& element, const char* name) const {
+  XMLElement* const found = child(element, name);
+  if (found == nullptr) fail(element.GetLineNum(), std::string("<") + element.Name() + "> without <" + name + ">");
+  return *found;
+}
+
+std::string Reader::name_in(const XMLElement& element, const char* attribute) const {
+  const char* const name = element.Attribute(attribute);
+  if (name == nullptr) fail(element.GetLineNum(), std::string("<") + element.Name() + "> without '" + attribute + "'");
+  if (!is_urdf_name(name)) {
+    fail(element.GetLineNum(),
+         std::string("'") + attribute + "' of <" + element.Name() + "> is empty, long or not plain text, expected a name");
+  }
+  return name;
+}
+
+double Reader::number(std::string_view word, const XMLElement& element, const char* attribute) const {
+  const std::optional<double> value = text::parse_real(word);
+  if (!value || std::isnan(*value)) {
+    fail(element.GetLineNum(),
+         std::string(attribute) + " '" + std::string(word) + "' of <" + element.Name() + ">, expected a number");
+  }
+  return *value;
+}
+
+/// A finite number; spelled for urdfdom on the way.
+double Reader::real(XMLElement& element, const char* attribute) const { return reals(element, attribute, 1)[0]; }
+
+std::vector<double> Reader::reals(XMLElement& element, const char* attribute, std::size_t count) const {
+  const char* const written = element.Attribute(attribute);
+  if (written == nullptr) fail(element.GetLineNum(), std::string("<") + element.Name() + "> without '" + attribute + "'");
+  const std::vector<std::string_view> parts = words(written);
+  if (parts.size() != count) {
+    fail(element.GetLineNum(), std::string(attribute) + " of <" + element.Name() + "> has " + std::to_string(parts.size()) +
+                                   " numbers, expected " + std::to_string(count));
+  }
+  std::vector<double> values;
+  std::string spelled;
+  for (const std::string_view part : parts) {
+    values.push_back(number(part, element, attribute));
+    if (std::isinf(values.back())) {
+      fail(element.GetLineNum(),
+           std::string(attribute) + " '" + std::string(part) + "' of <" + element.Name() + ">, expected a finite number");
+    }
+    if (!spelled.empty()) spelled += ' ';
+    spelled += text::to_text(values.back());
+  }
+  element.SetAttribute(attribute, spelled.c_str());
+  return values;
+}
+
+Eigen::Vector3d Reader::vector(XMLElement& element, const char* attribute) const {
+  const std::vector<double> v = reals(element, attribute, 3);
+  return {v[0], v[1], v[2]};
+}
+
+/// <origin>: xyz, rpy, and R, which to_urdf adds where no roll, pitch and yaw give the rotation to the last bit.
+Pose Reader::origin(XMLElement& parent) const {
+  XMLElement* const element = child(parent, "origin");
+  if (element == nullptr) return {};
+  keep_attributes(*element, {"xyz", "rpy", "R"});
+  keep_children(*element, {});
+  Pose X;
+  if (element->Attribute("xyz") != nullptr) X.p = vector(*element, "xyz");
+  if (element->Attribute("rpy") != nullptr) {
+    const Eigen::Vector3d rpy = vector(*element, "rpy");
+    X.R = rotation_from_rpy(rpy[0], rpy[1], rpy[2]);
+  }
+  if (element->Attribute("R") != nullptr) {
+    const std::vector<double> R = reals(*element, "R", 9);
+    const Eigen::Matrix3d exact = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(R.data());
+    const double kAlike = 1e-7;  // more than is_rotation leaves open; somebody edited one of the two if they are further apart
+    if (!is_rotation(exact)) fail(element->GetLineNum(), "R of <origin> is not a rotation matrix");
+    if (!exact.isApprox(X.R, kAlike)) fail(element->GetLineNum(), "R and rpy of <origin> are different rotations");
+    X.R = exact;
+    element->DeleteAttribute("R");
+  }
+  return X;
+}
+
+/// <limit>: ±inf, which is no limit, is spelled ±kNoLimit.
+void Reader::limits(XMLElement& joint, const std::string& type) const {
+  XMLElement* const limit = child(joint, "limit");
+  if (limit == nullptr) {
+    if (type != "continuous") fail(joint.GetLineNum(), "a " + type + " joint needs a <limit>");
+    return;
+  }
+  keep_attributes(*limit, {"lower", "upper", "effort", "velocity"});
+  keep_children(*limit, {});
+  const auto value_of = [&](const char* attribute, double missing) {
+    const char* const written = limit->Attribute(attribute);
+    const double value = written == nullptr ? missing : number(written, *limit, attribute);
+    limit->SetAttribute(attribute, text::to_text(std::clamp(value, -kNoLimit, kNoLimit)).c_str());
+    return value;
+  };
+  for (const char* attribute : {"effort", "velocity"}) {
+    if (limit->Attribute(attribute) == nullptr) fail(limit->GetLineNum(), std::string("<limit> without '") + attribute + "'");
+    if (value_of(attribute, 0) < 0) fail(limit->GetLineNum(), std::string(attribute) + " of <limit> is negative");
+  }
+  const double lower = value_of("lower", 0), upper = value_of("upper", 0);  // URDF: 0 where not given
+  if (lower > upper || lower >= kNoLimit || upper <= -kNoLimit) {
+    fail(limit->GetLineNum(),
+         "lower limit " + text::to_text(lower) + ", upper limit " + text::to_text(upper) + ", expected a range");
+  }
+}
+
+void Reader::read_link(XMLElement& element) {
+  keep_attributes(element, {"name"});
+  keep_children(element, {"inertial"});
+  owner_.clear();
+  const std::string name = name_in(element, "name");
+  owner_ = "link '" + name + "'";
+  UrdfDocument::Link link;
+  link.order = document_.links_in_order.size();
+  link.line = element.GetLineNum();
+  if (const auto other = document_.links.find(name); other != document_.links.end()) {
+    fail(link.line, "already defined in line " + std::to_string(other->second.line));
+  }
+  if (link.order == kMostLinks) fail(link.line, "more than " + std::to_string(kMostLinks) + " links");
+  if (XMLElement* const inertial = child(element, "inertial")) {
+    keep_attributes(*inertial, {});
+    keep_children(*inertial, {"origin", "mass", "inertia"});
+    link.inertial_line = inertial->GetLineNum();
+    link.X_LI = origin(*inertial);
+    XMLElement& mass = needed(*inertial, "mass");
+    keep_attributes(mass, {"value"});
+    keep_children(mass, {});
+    real(mass, "value");
+    XMLElement& inertia = needed(*inertial, "inertia");
+    keep_attributes(inertia, {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"});
+    keep_children(inertia, {});
+    for (const char* moment : {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"}) real(inertia, moment);
+  }
+  document_.links.emplace(name, link);
+  document_.links_in_order.push_back(name);
+}
+
+void Reader::read_joint(XMLElement& element) {
+  keep_attributes(element, {"name", "type"});
+  keep_children(element, {"origin", "parent", "child", "axis", "limit", "dynamics", "mimic"});
+  owner_.clear();
+  const std::string name = name_in(element, "name");
+  owner_ = "joint '" + name + "'";
+  UrdfDocument::Joint joint;
+  joint.name = name;
+  joint.order = document_.joints.size();
+  joint.line = element.GetLineNum();
+  if (const auto other = document_.joints.find(name); other != document_.joints.end()) {
+    fail(joint.line, "already defined in line " + std::to_string(other->second.line));
+  }
+  const std::string type = name_in(element, "type");
+  if (!contains({"revolute", "continuous", "prismatic", "fixed"}, type)) {
+    fail(joint.line, "type '" + type + "', expected revolute, continuous, prismatic or fixed");
+  }
+  if (const XMLElement* const mimic = child(element, "mimic")) {
+    fail(mimic->GetLineNum(), "<mimic> is not supported: every joint is a degree of freedom of its own");
+  }
+  for (const char* end : {"parent", "child"}) {
+    XMLElement& link = needed(element, end);
+    keep_attributes(link, {"link"});
+    keep_children(link, {});
+    (end == std::string_view("parent") ? joint.parent : joint.child) = name_in(link, "link");
+  }
+  joint.X_PJ = origin(element);
+  if (type == "fixed") {
+    keep_children(element, {"origin", "parent", "child"});
+  } else {
+    if (XMLElement* const axis = child(element, "axis")) {
+      keep_attributes(*axis, {"xyz"});
+      keep_children(*axis, {});
+      const double length = vector(*axis, "xyz").stableNorm();
+      if (!(length > 1e-6 && std::isfinite(length))) {
+        fail(axis->GetLineNum(), "axis of length " + text::to_text(length) + ", expected a unit vector");
+      }
+    }
+    limits(element, type);
+    if (XMLElement* const dynamics = child(element, "dynamics")) {
+      keep_attributes(*dynamics, {"damping", "friction"});
+      keep_children(*dynamics, {});
+      for (const char* attribute : {"damping", "friction"}) {
+        if (dynamics->Attribute(attribute) != nullptr && real(*dynamics, attribute) < 0) {
+          fail(dynamics->GetLineNum(), std::string(attribute) + " of <dynamics> is negative");
+        }
+      }
+      if (dynamics->FirstAttribute() == nullptr) element.DeleteChild(dynamics);  // urdfdom wants one of the two
+    }
+  }
+  document_.joints.emplace(name, joint);
+}
+
+UrdfDocument Reader::read(std::string_view xml) {
+  const std::string& place = document_.place;
+  if (text::trim(xml).empty()) throw Error(place, "empty, expected a URDF");
+  if (xml.find('\0') != std::string_view::npos) throw Error(place, "not a text in UTF-8, expected a URDF");
+  tinyxml2::XMLDocument parsed;
+  if (parsed.Parse(xml.data(), xml.size()) != tinyxml2::XML_SUCCESS) {
+    throw Error(document_.at(parsed.ErrorLineNum()), std::string("not well-formed XML: ") + parsed.ErrorName());
+  }
+  XMLElement* const robot = parsed.RootElement();
+  if (robot == nullptr) throw Error(place, "no XML element, expected <robot>");
+  if (std::string_view(robot->Name()) != "robot") {
+    throw Error(document_.at(robot->GetLineNum()), std::string("root element <") + robot->Name() + ">, expected <robot>");
+  }
+  XacroFinder xacro;
+  parsed.Accept(&xacro);
+  if (xacro.line != 0) throw Error(document_.at(xacro.line), "an element of xacro, expected a URDF; run xacro first");
+
+  keep_attributes(*robot, {"name", "version"});
+  name_in(*robot, "name");
+  for (tinyxml2::XMLNode* node = robot->FirstChild(); node != nullptr;) {
+    tinyxml2::XMLNode* const next = node->NextSibling();
+    XMLElement* const element = node->ToElement();
+    const std::string_view kind = element == nullptr ? "" : element->Name();
+    if (kind == "link") {
+      read_link(*element);
+    } else if (kind == "joint") {
+      read_joint(*element);
+    } else {
+      owner_.clear();
+      if (kind == "gravity" && element->Attribute("xyz") != nullptr) document_.gravity = vector(*element, "xyz");
+      robot->DeleteChild(node);
+    }
+    node = next;
+  }
+  owner_.clear();
+  if (document_.links.empty()) fail(robot->GetLineNum(), "a robot without links");
+  check_urdf_tree(document_);
+  tinyxml2::XMLPrinter printer(nullptr, true);
+  robot->Accept(&printer);
+  document_.cleaned = printer.CStr();
+  return std::move(document_);
+}
+
+}  // namespace
+
+UrdfDocument read_urdf_document(std::string_view xml, const std::string& place) { return Reader(place).read(xml); }
+
+}  // namespace cotwin::robot

@@ -1,0 +1,192 @@
+#include <tinyxml2.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <set>
+
+#include "models/robot/urdf.h"
+#include "models/robot/urdf_document.h"
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::robot {
+
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+/// Fixed-axis roll, pitch, yaw of R. Roll is taken of what yaw leaves, so that the three agree with R where pitch is near ±90°
+/// too.
+Vector3d rpy_of(const Matrix3d& R) {
+  const double yaw = std::atan2(R(1, 0), R(0, 0));
+  const double s = std::sin(yaw), c = std::cos(yaw);
+  return {std::atan2(s * R(0, 2) - c * R(1, 2), c * R(1, 1) - s * R(0, 1)), std::atan2(-R(2, 0), c * R(0, 0) + s * R(1, 0)),
+          yaw};
+}
+
+class Writer {
+ public:
+  explicit Writer(const RobotModel& robot) : robot_(robot) {}
+  std::string write();
+
+ private:
+  [[noreturn]] void fail(const std::string& what) const { throw Error("robot '" + robot_.name + "'", what); }
+  std::string number(double value) const {
+    if (!std::isfinite(value)) fail("a number that is not finite, which a URDF cannot carry");
+    return text::to_text(value + 0.0);  // no -0: it is the same number and reads badly
+  }
+  std::string numbers(const double* values, std::size_t count) const {
+    std::string all;
+    for (std::size_t i = 0; i < count; ++i) {
+      if (i > 0) all += ' ';
+      all += number(values[i]);
+    }
+    return all;
+  }
+  void attribute(const char* name, const std::string& value) { printer_.PushAttribute(name, value.c_str()); }
+  void leaf(const char* name, const char* key, const std::string& value);
+  void limit(const char* name, double value) { attribute(name, number(std::clamp(value, -kNoLimit, kNoLimit))); }
+
+  void check() const;
+  std::string name_of_body(int body) const {
+    return body < 0 ? robot_.base.name : robot_.bodies[static_cast<std::size_t>(body)].name;
+  }
+  bool is_body(const Frame& frame) const { return frame.name == name_of_body(frame.body); }
+  void origin(const Pose& X);
+  void link(const Frame& frame);
+  void joint(std::size_t i);
+  void fixed_joint(const Frame& frame);
+
+  const RobotModel& robot_;
+  std::set<std::string> joint_names_;
+  tinyxml2::XMLPrinter printer_;
+};
+
+void Writer::leaf(const char* name, const char* key, const std::string& value) {
+  printer_.OpenElement(name);
+  attribute(key, value);
+  printer_.CloseElement();
+}
+
+void Writer::check() const {
+  std::set<std::string> links, joints;
+  const auto check_name = [&](const std::string& name) {
+    if (!is_urdf_name(name)) fail("'" + name + "' is no name that a URDF can carry");
+  };
+  check_name(robot_.name);
+  for (const Frame& frame : robot_.frames) {
+    check_name(frame.name);
+    if (!links.insert(frame.name).second) fail("two frames '" + frame.name + "', which a URDF cannot carry");
+  }
+  for (int body = -1; body < robot_.n(); ++body) {
+    const bool has_frame = std::any_of(robot_.frames.begin(), robot_.frames.end(), [&](const Frame& frame) {
+      return frame.body == body && frame.name == name_of_body(body) && frame.X_BF == Pose{};
+    });
+    if (!has_frame) fail("body '" + name_of_body(body) + "' has no frame of its name at its origin, which a URDF needs");
+  }
+  for (int i = 0; i < robot_.n(); ++i) {
+    const Joint& joint = robot_.joints[static_cast<std::size_t>(i)];
+    check_name(joint.name);
+    if (!joints.insert(joint.name).second) fail("two joints '" + joint.name + "', which a URDF cannot carry");
+    if (!(joint.dq_max > 0 && joint.tau_max > 0)) fail("joint '" + joint.name + "' has a limit of 0, which in a URDF is none");
+    int ancestor = i - 1;
+    while (ancestor >= 0 && ancestor != joint.parent) ancestor = robot_.joints[static_cast<std::size_t>(ancestor)].parent;
+    if (ancestor != joint.parent) fail("joint '" + joint.name + "' is not in depth-first order, which a URDF would make it");
+  }
+}
+
+void Writer::origin(const Pose& X) {
+  if (!is_rotation(X.R)) fail("the orientation of a frame is not a rotation");
+  printer_.OpenElement("origin");
+  attribute("xyz", numbers(X.p.data(), 3));
+  const Vector3d rpy = rpy_of(X.R);
+  attribute("rpy", numbers(rpy.data(), 3));
+  if (rotation_from_rpy(rpy[0], rpy[1], rpy[2]) != X.R) {
+    const Matrix3d by_rows = X.R.transpose();
+    attribute("R", numbers(by_rows.data(), 9));
+  }
+  printer_.CloseElement();
+}
+
+void Writer::link(const Frame& frame) {
+  printer_.OpenElement("link");
+  attribute("name", frame.name);
+  const Inertia& body = frame.body < 0 ? robot_.base.inertia : robot_.bodies[static_cast<std::size_t>(frame.body)].inertia;
+  if (is_body(frame) && !body.is_nothing()) {
+    printer_.OpenElement("inertial");
+    origin({Matrix3d::Identity(), body.p_LC});
+    leaf("mass", "value", number(body.mass));
+    printer_.OpenElement("inertia");
+    const std::array<const char*, 6> names = {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"};
+    const Matrix3d& I = body.I_CC;
+    const std::array<double, 6> moments = {I(0, 0), I(0, 1), I(0, 2), I(1, 1), I(1, 2), I(2, 2)};
+    for (std::size_t i = 0; i < names.size(); ++i) attribute(names[i], number(moments[i]));
+    printer_.CloseElement();
+    printer_.CloseElement();
+  }
+  printer_.CloseElement();
+}
+
+void Writer::joint(std::size_t i) {
+  const Joint& joint = robot_.joints[i];
+  const bool is_prismatic = joint.type == JointType::kPrismatic;
+  const bool is_free = std::isinf(joint.q_min) && std::isinf(joint.q_max);
+  joint_names_.insert(joint.name);
+  printer_.OpenElement("joint");
+  attribute("name", joint.name);
+  attribute("type", is_prismatic ? "prismatic" : is_free ? "continuous" : "revolute");
+  leaf("parent", "link", name_of_body(joint.parent));
+  leaf("child", "link", robot_.bodies[i].name);
+  origin(joint.X_PJ);
+  leaf("axis", "xyz", numbers(joint.axis.data(), 3));
+  printer_.OpenElement("limit");
+  if (is_prismatic || !is_free) {
+    limit("lower", joint.q_min);
+    limit("upper", joint.q_max);
+  }
+  limit("effort", joint.tau_max);
+  limit("velocity", joint.dq_max);
+  printer_.CloseElement();
+  if (joint.damping != 0 || joint.friction != 0) {
+    printer_.OpenElement("dynamics");
+    attribute("damping", number(joint.damping));
+    attribute("friction", number(joint.friction));
+    printer_.CloseElement();
+  }
+  printer_.CloseElement();
+}
+
+void Writer::fixed_joint(const Frame& frame) {
+  std::string name = frame.name + "_fixed";
+  while (!joint_names_.insert(name).second) name += "_";
+  printer_.OpenElement("joint");
+  attribute("name", name);
+  attribute("type", "fixed");
+  leaf("parent", "link", name_of_body(frame.body));
+  leaf("child", "link", frame.name);
+  origin(frame.X_BF);
+  printer_.CloseElement();
+}
+
+std::string Writer::write() {
+  check();
+  printer_.PushHeader(false, true);
+  printer_.OpenElement("robot");
+  attribute("name", robot_.name);
+  if (robot_.gravity != RobotModel{}.gravity) leaf("gravity", "xyz", numbers(robot_.gravity.data(), 3));
+  for (const Frame& frame : robot_.frames) link(frame);
+  for (std::size_t i = 0; i < robot_.joints.size(); ++i) joint(i);
+  for (const Frame& frame : robot_.frames) {
+    if (!is_body(frame)) fixed_joint(frame);
+  }
+  printer_.CloseElement();
+  return std::string(printer_.CStr()) + "\n";
+}
+
+}  // namespace
+
+std::string to_urdf(const RobotModel& robot) { return Writer(robot).write(); }
+
+}  // namespace cotwin::robot

@@ -1,0 +1,15 @@
+#pragma once
+#include <stdexcept>
+#include <string>
+
+namespace cotwin {
+
+/// What a human must act on: a file, a connection, a parameter. The message has the place, the fact and the expectation:
+/// `link.dq -> drive.q: rad/s cannot feed rad`, `arm.urdf:12: link 'hand': mass -1 kg, expected > 0`.
+class Error : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+  Error(const std::string& place, const std::string& what) : std::runtime_error(place + ": " + what) {}
+};
+
+}  // namespace cotwin

@@ -1,0 +1,102 @@
+#include "models/trajectory/columns.h"
+
+#include <algorithm>
+#include <cctype>
+
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::trajectory {
+
+// Counting from 0 is tried first: it shows in a column 0, which counting from 1 would leave out.
+const Quantity kPositions = {
+    "q",
+    {"q{0}", "q{}", "q_{0}", "q_{}", "q[{0}]", "q[{}]", "actual_q_{0}", "position{0}", "position{}", "position_{0}",
+     "position_{}", "{name}", "q_{name}", "position_{name}", "{name}_position", "{name}.position"}};
+const Quantity kVelocities = {
+    "dq", {"dq{0}",      "dq{}",         "dq_{0}",      "dq_{}",     "dq[{0}]",         "dq[{}]",          "qd{0}",
+           "qd{}",       "qd_{0}",       "qd_{}",       "qdot{0}",   "qdot{}",          "actual_qd_{0}",   "velocity{0}",
+           "velocity{}", "velocity_{0}", "velocity_{}", "dq_{name}", "velocity_{name}", "{name}_velocity", "{name}.velocity"}};
+const Quantity kTorques = {
+    "tau", {"tau{0}",     "tau{}",         "tau_{0}",       "tau_{}",        "tau[{0}]",      "tau[{}]",      "effort{0}",
+            "effort{}",   "effort_{0}",    "effort_{}",     "torque{0}",     "torque{}",      "torque_{0}",   "torque_{}",
+            "tau_{name}", "effort_{name}", "{name}_effort", "{name}.effort", "torque_{name}", "{name}_torque"}};
+const Quantity kExternalTorques = {"tau_e",
+                                   {"tau_e{0}", "tau_e{}", "tau_e_{0}", "tau_e_{}", "tau_e[{0}]", "tau_e[{}]", "tau_ext{0}",
+                                    "tau_ext{}", "tau_ext_{0}", "tau_ext_{}", "tau_e_{name}", "tau_ext_{name}"}};
+
+namespace {
+
+/// The column of joint j (from 0): "{}", "{0}" and "{name}" are replaced.
+std::string column_of(std::string pattern, std::size_t j, std::span<const Axis> axes) {
+  const auto replace = [&](std::string_view key, const std::string& by) {
+    for (std::size_t at = pattern.find(key); at != std::string::npos; at = pattern.find(key, at + by.size())) {
+      pattern.replace(at, key.size(), by);
+    }
+  };
+  replace("{}", std::to_string(j + 1));
+  replace("{0}", std::to_string(j));
+  if (j < axes.size()) replace("{name}", axes[j].name);
+  return pattern;
+}
+
+bool counts(std::string_view pattern) { return pattern.find("{}") != pattern.npos || pattern.find("{0}") != pattern.npos; }
+
+bool has(const csv::Reader& reader, const std::string& name) {
+  return std::find(reader.names().begin(), reader.names().end(), name) != reader.names().end();
+}
+
+std::vector<std::size_t> by_pattern(const csv::Reader& reader, const std::string& file, const std::string& pattern,
+                                    const Quantity& quantity, std::span<const Axis> axes) {
+  const std::size_t n = axes.size();
+  std::size_t found = 0;
+  while (has(reader, column_of(pattern, found, axes)) && (found < n || counts(pattern))) ++found;
+  if (counts(pattern) && found != n && found > 0) {
+    throw Error(file, "has columns '" + column_of(pattern, 0, axes) + "' to '" + column_of(pattern, found - 1, axes) + "' of " +
+                          quantity.name + ", expected " + std::to_string(n) +
+                          ", one for each joint; a list of columns chooses among them");
+  }
+  std::vector<std::size_t> columns;
+  for (std::size_t j = 0; j < n; ++j) columns.push_back(reader.column(column_of(pattern, j, axes)));
+  return columns;
+}
+
+std::vector<std::size_t> by_list(const csv::Reader& reader, const std::string& file, const std::string& list,
+                                 const Quantity& quantity, std::span<const Axis> axes) {
+  std::vector<std::size_t> columns;
+  for (const std::string_view name : text::split(list, ',')) columns.push_back(reader.column(text::trim(name)));
+  if (columns.size() != axes.size()) {
+    throw Error(file, std::to_string(columns.size()) + " columns are named for " + quantity.name + " ('" + list +
+                          "'), expected " + std::to_string(axes.size()) + ", one for each joint");
+  }
+  return columns;
+}
+
+}  // namespace
+
+std::vector<std::size_t> find_columns(const csv::Reader& reader, const std::string& file, const std::string& columns,
+                                      const Quantity& quantity, std::span<const Axis> axes) {
+  if (columns == "none") return {};
+  if (columns.find('{') != std::string::npos) return by_pattern(reader, file, columns, quantity, axes);
+  if (!columns.empty()) return by_list(reader, file, columns, quantity, axes);
+  for (const char* pattern : quantity.patterns) {
+    if (has(reader, column_of(pattern, 0, axes))) return by_pattern(reader, file, pattern, quantity, axes);
+  }
+  return {};
+}
+
+std::size_t find_time_column(const csv::Reader& reader, const std::string& file, const std::string& column) {
+  if (!column.empty()) return reader.column(column);
+  for (const char* wanted : {"t", "time", "timestamp"}) {
+    for (std::size_t c = 0; c < reader.names().size(); ++c) {
+      std::string name = reader.names()[c];
+      std::transform(name.begin(), name.end(), name.begin(),
+                     [](unsigned char x) { return static_cast<char>(std::tolower(x)); });
+      if (name == wanted) return c;
+    }
+  }
+  throw Error(file,
+              "has no column 't', 'time' or 'timestamp', expected one, the name of the column of time, or a sampling rate");
+}
+
+}  // namespace cotwin::trajectory

@@ -1,0 +1,16 @@
+#!/usr/bin/env bash
+# build.sh FOLDER[:TARGET] [cmake options…]: configures and builds into build/FOLDER. Says something only where there is something to do.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+folder=build/${1%%:*}
+target=all
+[[ $1 == *:* ]] && target=${1##*:}
+shift
+log=$folder/build.log
+mkdir -p "$folder"
+run() { "$@" >"$log" 2>&1 || { cat "$log" >&2; echo "failed: $*" >&2; exit 1; }; }
+run cmake -S . -B "$folder" -G Ninja "$@"
+if ! ninja -C "$folder" -n "$target" | grep -q 'no work to do'; then
+  echo "building into $folder (the first time takes a few minutes)"
+  run cmake --build "$folder" --target "$target"
+fi

@@ -1,0 +1,20 @@
+# Run by CTest: the kernels' object files share no inline code with others, that is, they have no weak symbols. OBJECTS: the library's
+# objects; NM: the tool.
+list(FILTER OBJECTS INCLUDE REGEX "kernels_v[0-9]")
+list(LENGTH OBJECTS count)
+if(count EQUAL 0)
+  message(FATAL_ERROR "no kernels among the objects")
+endif()
+foreach(object IN LISTS OBJECTS)
+  execute_process(COMMAND ${NM} --defined-only ${object} OUTPUT_VARIABLE symbols COMMAND_ERROR_IS_FATAL ANY)
+  string(REGEX MATCHALL "[^\n]* [WwVvu] [^\n]*" weak "${symbols}")
+  if(weak)
+    message(FATAL_ERROR "${object} has weak symbols, which the linker may take for other files:\n${weak}")
+  endif()
+  string(REGEX MATCHALL "[^\n]* [TDRB] [^\n]*" global "${symbols}")
+  list(FILTER global EXCLUDE REGEX "__odr_asan")  # the address sanitizer's mark on the table
+  list(LENGTH global globals)
+  if(NOT globals EQUAL 1)
+    message(FATAL_ERROR "${object}: one global symbol expected, the table; found:\n${global}")
+  endif()
+endforeach()

@@ -1,0 +1,89 @@
+#pragma once
+#include <Eigen/Geometry>
+#include <cmath>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "models/robot/kernels.h"
+#include "models/robot/robot_model.h"
+
+/// Robots and states drawn at random for the tests of dynamics: any axes, any frames, physical inertias.
+namespace cotwin::robot::testing {
+
+/// The instruction sets of this machine, best first.
+inline std::vector<const char*> isas() {
+  std::vector<const char*> names;
+  for (const char* name : {"x86-64-v4", "x86-64-v3", "x86-64-v2"}) {
+    const char* isa = choose_kernels(1, true, name).isa;
+    if (names.empty() || std::string(names.back()) != isa) names.push_back(isa);
+  }
+  return names;
+}
+
+enum class Kind { kChain, kMixedChain, kTree };
+
+class Draw {
+ public:
+  explicit Draw(std::uint64_t seed) : engine_(seed) {}
+
+  double number(double low, double high) { return low + (high - low) * static_cast<double>(engine_() >> 11) * 0x1p-53; }
+  int integer(int low, int high) { return low + static_cast<int>(engine_() % static_cast<std::uint64_t>(high - low + 1)); }
+  Eigen::VectorXd numbers(int n, double low, double high) {
+    Eigen::VectorXd v(n);
+    for (double& x : v) x = number(low, high);
+    return v;
+  }
+  Eigen::Vector3d direction() {
+    for (;;) {
+      const Eigen::Vector3d v = numbers(3, -1, 1);
+      if (v.norm() > 0.1 && v.norm() < 1) return v.normalized();
+    }
+  }
+  /// Any orientation, or, one time in three, one with right angles only, as robots have.
+  Eigen::Matrix3d rotation() {
+    if (integer(0, 2) == 0) {
+      const double quarter = std::acos(-1.0) / 2;
+      return rotation_from_rpy(quarter * integer(-1, 2), quarter * integer(-1, 2), quarter * integer(-1, 2));
+    }
+    return Eigen::AngleAxisd(number(-3.1, 3.1), direction()).toRotationMatrix();
+  }
+  Pose pose(double reach) { return {rotation(), numbers(3, -reach, reach)}; }
+  /// A box with its centre of mass off the frame's origin.
+  Inertia inertia() {
+    Inertia body;
+    body.mass = number(0.2, 5);
+    body.p_LC = numbers(3, -0.2, 0.2);
+    const Eigen::Vector3d size = numbers(3, 0.05, 0.4).cwiseAbs2();
+    const Eigen::Matrix3d R = rotation();
+    body.I_CC = body.mass / 12 * R * Eigen::Vector3d(size[1] + size[2], size[0] + size[2], size[0] + size[1]).asDiagonal() *
+                R.transpose();
+    return body;
+  }
+  RobotModel robot(Kind kind, int n) {
+    RobotModel robot;
+    robot.name = "random";
+    robot.gravity = 9.81 * direction();
+    for (int i = 0; i < n; ++i) {
+      Joint joint;
+      joint.name = "joint_" + std::to_string(i);
+      joint.parent = kind == Kind::kTree ? integer(-1, i - 1) : i - 1;
+      joint.type = kind != Kind::kChain && integer(0, 3) == 0 ? JointType::kPrismatic : JointType::kRevolute;
+      joint.X_PJ = pose(0.4);
+      const int axis = integer(0, 5);
+      joint.axis = axis < 3 ? direction() : (integer(0, 1) ? 1.0 : -1.0) * Eigen::Vector3d::Unit(axis - 3);
+      robot.joints.push_back(joint);
+      Body body;
+      body.name = "body_" + std::to_string(i);
+      body.inertia = inertia();
+      robot.bodies.push_back(body);
+      robot.frames.push_back({"frame_" + std::to_string(i), i, pose(0.3)});
+    }
+    return robot;
+  }
+
+ private:
+  std::mt19937_64 engine_;
+};
+
+}  // namespace cotwin::robot::testing
