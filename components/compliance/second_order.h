@@ -1,0 +1,24 @@
+#pragma once
+
+namespace cotwin::compliance {
+
+/// One mass–damper–spring: M ẍ + D ẋ + S x = u, with M > 0, D ≥ 0, S ≥ 0.
+struct SecondOrder {
+  double M = 1, D = 0, S = 0;
+};
+
+struct Deviation {
+  double x = 0, dx = 0;
+};
+
+/// The state after `h` seconds under the input u(t) = u0 + u1 t: the exact solution to rounding for any h > 0, from free
+/// floating (S = 0) and undamped (D = 0) to stiff and overdamped. Hence N short steps agree with one long one, and no step is
+/// too long.
+Deviation advance(const SecondOrder& system, const Deviation& start, double u0, double u1, double h);
+
+/// ẍ from the equation above.
+inline double acceleration(const SecondOrder& system, const Deviation& at, double u) {
+  return (u - system.D * at.dx - system.S * at.x) / system.M;
+}
+
+}  // namespace cotwin::compliance

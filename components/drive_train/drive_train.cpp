@@ -1,0 +1,318 @@
+#include "components/drive_train/drive_train.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+
+#include "components/drive_train/events.h"
+#include "models/robot/robot_model.h"
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::drive_train {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+}  // namespace
+
+// What the settings say.
+struct DriveTrain::Kind {
+  explicit Kind(Settings& s) {
+    link = s.choice("link", {"inside", "outside"}) == "inside" ? Link::kInside : Link::kOutside;
+    transmission =
+        s.choice("transmission", {"flexible", "rigid"}) == "flexible" ? Transmission::kFlexible : Transmission::kRigid;
+    const std::string f = s.choice("friction", {"lugre", "elasto_plastic", "coulomb"});
+    friction = f == "lugre" ? Friction::kLugre : f == "coulomb" ? Friction::kCoulomb : Friction::kElastoPlastic;
+    const std::string m = s.choice("method", {"rosenbrock", "cvode", "arkode"});
+    if (m != "rosenbrock") sundials = m == "cvode" ? SundialsSolver::Method::kCvode : SundialsSolver::Method::kArkode;
+    if (transmission == Transmission::kRigid && link == Link::kOutside) {
+      throw Error(s.unit(), "transmission=rigid with link=outside leaves nothing to move, expected one of them");
+    }
+    if (transmission == Transmission::kRigid && friction == Friction::kCoulomb) {
+      throw Error(s.unit(),
+                  "friction=coulomb sticks exactly only in front of an elastic gear, expected friction=lugre or elasto_plastic "
+                  "with transmission=rigid");
+    }
+    if (link == Link::kInside || !s.text("robot", "").empty()) {
+      robot = s.robot();
+      joints = static_cast<std::size_t>(robot->n());
+      if (joints == 0) throw Error(s.unit(), "robot '" + robot->name + "' has no movable joint, expected at least one");
+    } else {
+      joints = static_cast<std::size_t>(s.integer("joints", 1, 1, 1000));
+    }
+  }
+  Link link;
+  Transmission transmission;
+  Friction friction;
+  std::optional<SundialsSolver::Method> sundials;
+  std::optional<robot::RobotModel> robot;
+  std::size_t joints;
+};
+
+DriveTrain::DriveTrain(Settings& settings) : DriveTrain(settings, Kind(settings)) {}
+
+DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
+    : place_(settings.unit()),
+      n_(kind.joints),
+      equations_(kind.robot ? &*kind.robot : nullptr, n_, kind.link, kind.transmission, kind.friction),
+      rosenbrock_(equations_),
+      q0_(n_),
+      dq0_(n_),
+      tau_m_(n_),
+      dtau_m_(n_),
+      tau_e_(n_),
+      dtau_e_(n_),
+      q_in_(n_),
+      dq_in_(n_),
+      tau_m_before_(n_),
+      tau_e_before_(n_),
+      q_before_(n_),
+      dq_before_(n_),
+      x_(5 * n_),
+      x_before_step_(5 * n_),
+      modes_before_step_(n_),
+      ddq_(n_),
+      tau_J_(n_),
+      tau_f_(n_) {
+  if (kind.sundials) {
+    sundials_ = std::make_unique<SundialsSolver>(equations_, *kind.sundials);
+    rtol_ = 1e-6;
+    atol_ = 1e-9;
+    atol_speed_ = 1e-7;
+  }
+  Parameters& p = equations_.parameters();
+  const auto fill = [](std::vector<double>& v, double value) { std::fill(v.begin(), v.end(), value); };
+  // A robot of which nothing is known: stiff, light, frictionless drives. Neither is measured.
+  fill(p.K, 1e4);
+  fill(p.B, 1);
+  fill(p.v_S, 0.1);
+  fill(p.delta, 2);
+  fill(p.breakaway, 0.7);
+  fill(p.link_v_R, 0.01);
+  fill(p.stop_restitution, 0.5);
+  fill(p.q_min, -kInfinity);
+  fill(p.q_max, kInfinity);
+  if (!kind.robot) return;
+  for (std::size_t i = 0; i < n_; ++i) {
+    const robot::Joint& joint = kind.robot->joints[i];
+    p.q_min[i] = joint.q_min;
+    p.q_max[i] = joint.q_max;
+    if (joint.q_min > 0 || joint.q_max < 0)
+      q0_[i] = std::isfinite(joint.q_min + joint.q_max) ? 0.5 * (joint.q_min + joint.q_max) : joint.q_min;
+  }
+}
+
+DriveTrain::~DriveTrain() = default;
+
+void DriveTrain::declare(Variables& v) {
+  const bool inside = equations_.inside(), flexible = equations_.flexible();
+  const auto part = [&](std::size_t k) { return std::span(x_.data() + k * n_, n_); };
+  v.input("tau_m", tau_m_, "N.m", "motor torque in (2b)").rate(dtau_m_);
+  if (inside) {
+    v.input("tau_e", tau_e_, "N.m", "external joint torque in (2a)").rate(dtau_e_);
+    v.output("q", part(0), "rad", "link-side joint position in (2a)");
+    v.output("dq", part(1), "rad/s", "link-side joint speed");
+    v.output("ddq", ddq_, "rad/s2", "link-side joint acceleration, of (2a)");
+  } else {
+    v.input("q", q_in_, "rad", "link-side joint position in (2c)");
+    v.input("dq", dq_in_, "rad/s", "link-side joint speed, the derivative of q");
+  }
+  v.output("theta", part(2), "rad", "motor position behind the gear in (2b)");
+  v.output("dtheta", part(3), "rad/s", "motor speed behind the gear");
+  v.output("tau_J", tau_J_, "N.m", "joint torque in (2a), (2b), (2c)");
+  v.output("tau_f", tau_f_, "N.m", "friction torque of the motor in (2b)");
+  v.output("energy_kinetic", kinetic_, "J", flexible ? "of motors and, inside, links" : "of links and motors");
+  v.output("energy_potential", potential_, "J", "of the links in gravity, inside");
+  v.output("energy_elastic", elastic_, "J", "in gears, bristles and stops");
+  v.output("energy_dissipated", dissipated_, "J", "lost in friction, damping and stops since the start");
+  v.output("work_m", work_m_, "J", "done by tau_m since the start");
+  v.output("work_e", work_e_, "J",
+           inside ? "done by tau_e since the start" : "done by the links on the drive, -tau_J dq, since the start");
+  v.output("power_m", power_m_, "W", "tau_m times dtheta");
+  v.output("power_e", power_e_, "W", inside ? "tau_e times dq" : "minus tau_J times dq");
+  v.output("substeps", substeps_, "sub-steps that the solver took in this step");
+  v.output("forced_substeps", forced_, "of them, those taken against the tolerance because max_substeps allowed no more");
+  v.output("events", events_, "joints that stuck, broke away, or came into or out of a stop in this step");
+  v.output("error_estimate", error_, "1",
+           "largest local error over tolerance in this step; 0 with SUNDIALS, which keeps to its tolerances or gives up");
+
+  declare_parameters(v);
+
+  v.state("z", part(4), "rad", "bristle deflection of the motor's friction");
+  v.state("tau_m_before", tau_m_before_, "N.m", "tau_m at the end of the last step");
+  v.state("tau_e_before", tau_e_before_, "N.m", "tau_e at the end of the last step");
+  v.state("q_before", q_before_, "rad", "link outside: q at the end of the last step");
+  v.state("dq_before", dq_before_, "rad/s", "link outside: dq at the end of the last step");
+  Modes& m = equations_.modes();
+  v.state("slip", m.slip, "friction=coulomb: 0 while the motor sticks, else the direction in which it slips");
+  v.state("stop", m.stop, "-1 or 1 while the link is in its lower or upper stop");
+  v.state("impact", m.impact, "rad/s", "speed at which the link came into its stop");
+  v.state("substep", proposal_, "s", "length that the next sub-step should have");
+  if (uses_sundials()) {
+    SundialsSolver::Log& log = sundials_->log();
+    v.state("log_count", log.count, "steps in the solver's history");
+    v.state("log_x", log.x, "1", "q, dq, theta, dtheta, z where the solver's history begins");
+    v.state("log_slip", log.modes.slip, "slip there");
+    v.state("log_stop", log.modes.stop, "stop there");
+    v.state("log_impact", log.modes.impact, "rad/s", "impact there");
+    v.state("log_steps", log.steps, "1", "lengths and inputs of the steps in the solver's history");
+  }
+}
+
+void DriveTrain::check_inputs(Time now) const {
+  const auto check = [&](const char* name, const std::vector<double>& v) {
+    for (std::size_t i = 0; i < n_; ++i) {
+      if (std::isfinite(v[i])) continue;
+      throw Error(place_ + "." + name + "[" + std::to_string(i + 1) + "]",
+                  "is " + text::to_text(v[i]) + " at " + text::to_text(now.seconds()) + " s, expected a finite value");
+    }
+  };
+  check("tau_m", tau_m_);
+  check("tau_m (rate)", dtau_m_);
+  check("tau_e", tau_e_);
+  check("tau_e (rate)", dtau_e_);
+  check("q", q_in_);
+  check("dq", dq_in_);
+}
+
+void DriveTrain::initialise(Time start) {
+  check_parameters();
+  check_inputs(start);
+  equations_.adopt_parameters();
+  rosenbrock_.forget();
+  equations_.modes().clear();
+  std::fill(x_.begin(), x_.end(), 0.0);
+  tau_m_before_ = tau_m_;
+  tau_e_before_ = tau_e_;
+  q_before_ = q_in_;
+  dq_before_ = dq_in_;
+  proposal_ = 0;
+  dissipated_ = work_m_ = work_e_ = error_ = 0;
+  substeps_ = forced_ = events_ = 0;
+  take_course(0);
+
+  // θ where the gear carries the links: τ_J = C q̇ + g + link friction − τ_e, (2a) without acceleration; bristles as in steady
+  // motion.
+  double *q = x_.data(), *dq = q + n_, *theta = q + 2 * n_, *dtheta = q + 3 * n_, *z = q + 4 * n_;
+  std::copy(q0_.begin(), q0_.end(), q);
+  std::copy(dq0_.begin(), dq0_.end(), dq);
+  equations_.prescribe(0, q);
+  for (std::size_t i = 0; i < n_; ++i) {
+    theta[i] = q[i];
+    dtheta[i] = dq[i];
+    if (equations_.friction() != Friction::kCoulomb) z[i] = equations_.bristle(i).steady_deflection(dq[i]);
+  }
+  settle_modes(equations_, q, true);
+  Point p(n_);
+  equations_.evaluate(q, p);  // with φ = 0 and θ̇ = q̇: τ_J = 0
+  for (std::size_t i = 0; i < n_ && equations_.flexible(); ++i) {
+    // outside, where the load is not known: the torque that the motor holds at rest
+    const double tau_J = equations_.inside() ? p.h[i] - p.force[i] - tau_e_[i] : tau_m_[i] - p.tau_f[i];
+    theta[i] = q[i] + equations_.torsion(i).under(tau_J);
+  }
+  settle_modes(equations_, q, true);
+  equations_.evaluate(q, p);
+  if (uses_sundials()) {
+    sundials_->configure({.relative = rtol_, .angle = atol_, .speed = atol_speed_});
+    std::fill(sundials_->log().x.begin(), sundials_->log().x.end(), 0.0);
+    std::fill(sundials_->log().steps.begin(), sundials_->log().steps.end(), 0.0);
+    sundials_->log().modes.clear();
+    sundials_->log().count = 0;
+  }
+  write_outputs(0, p);
+}
+
+// The inputs as functions of the time in this step.
+void DriveTrain::take_course(double h) {
+  Course& c = equations_.course();
+  const bool ramp = input_order_ == 1 && h > 0;
+  for (std::size_t i = 0; i < n_; ++i) {
+    c.tau_m[i] = ramp ? tau_m_before_[i] : tau_m_[i];
+    c.tau_e[i] = ramp ? tau_e_before_[i] : tau_e_[i];
+    c.dtau_m[i] = ramp ? (tau_m_[i] - tau_m_before_[i]) / h : dtau_m_[i];
+    c.dtau_e[i] = ramp ? (tau_e_[i] - tau_e_before_[i]) / h : dtau_e_[i];
+    if (equations_.inside()) continue;
+    double *c0 = c.link.data() + i, *c1 = c0 + n_, *c2 = c1 + n_, *c3 = c2 + n_;
+    *c0 = ramp ? q_before_[i] : q_in_[i];
+    *c1 = ramp ? dq_before_[i] : dq_in_[i];
+    // Hermite's cubic through q and q̇ at both ends
+    const double chord = ramp ? (q_in_[i] - q_before_[i]) / h : 0;
+    *c2 = ramp ? (3 * chord - 2 * dq_before_[i] - dq_in_[i]) / h : 0;
+    *c3 = ramp ? (dq_before_[i] + dq_in_[i] - 2 * chord) / (h * h) : 0;
+  }
+}
+
+// What a step does: inputs as functions of time; the solver; accounts; outputs at the step's end; what the next step has to
+// know.
+StepResult DriveTrain::step(Time now, Duration duration) {
+  check_inputs(now);
+  const double h = duration.seconds();
+  take_course(h);
+  x_before_step_ = x_;
+  modes_before_step_ = equations_.modes();
+  const double proposal_before = proposal_;
+  StepAccount account;
+  const bool done = uses_sundials()
+                        ? sundials_->step(h, x_.data(), account)
+                        : rosenbrock_.step(h, x_.data(), proposal_, {.relative = rtol_, .angle = atol_, .speed = atol_speed_},
+                                           max_substeps_, account);
+  if (!done) {
+    x_ = x_before_step_;
+    equations_.modes() = modes_before_step_;
+    proposal_ = proposal_before;
+    rosenbrock_.forget();
+    return StepResult::kDiscard;
+  }
+  work_m_ += account.work_m;
+  work_e_ += account.work_e;
+  dissipated_ += account.dissipated;
+  error_ = account.error;
+  substeps_ = account.substeps;
+  forced_ = account.forced;
+  events_ = account.events;
+  write_outputs(h, uses_sundials() ? sundials_->end() : rosenbrock_.end());
+  for (std::size_t i = 0; i < n_; ++i) {
+    tau_m_before_[i] = tau_m_[i];
+    tau_e_before_[i] = tau_e_[i];
+    q_before_[i] = q_in_[i];
+    dq_before_[i] = dq_in_[i];
+  }
+  return StepResult::kDone;
+}
+
+void DriveTrain::write_outputs(double h, const Point& end) {
+  double *dq = x_.data() + n_, *theta = x_.data() + 2 * n_, *dtheta = x_.data() + 3 * n_;
+  const Course& c = equations_.course();
+  if (equations_.inside()) equations_.acceleration(h, end, ddq_.data());
+  power_m_ = power_e_ = 0;
+  for (std::size_t i = 0; i < n_; ++i) {
+    const double tau_m = equations_.motor_torque(i, h);
+    if (equations_.flexible()) {
+      tau_J_[i] = end.tau_J[i];
+      tau_f_[i] = equations_.stuck(i) ? tau_m - tau_J_[i] : end.tau_f[i];
+    } else {
+      theta[i] = x_[i];
+      dtheta[i] = dq[i];
+      tau_f_[i] = end.tau_f[i];
+      tau_J_[i] = tau_m - tau_f_[i] - equations_.parameters().B[i] * ddq_[i];  // (2b)
+    }
+    power_m_ += tau_m * dtheta[i];
+    power_e_ += equations_.inside() ? (c.tau_e[i] + c.dtau_e[i] * h) * dq[i] : -tau_J_[i] * dq[i];
+  }
+  const Energies e = equations_.energies(x_.data(), end);
+  kinetic_ = e.kinetic;
+  potential_ = e.potential;
+  elastic_ = e.elastic;
+}
+
+void DriveTrain::restored() {
+  equations_.adopt_parameters();
+  rosenbrock_.forget();
+  if (!uses_sundials()) return;
+  sundials_->configure({.relative = rtol_, .angle = atol_, .speed = atol_speed_});
+  sundials_->replay();
+}
+
+}  // namespace cotwin::drive_train

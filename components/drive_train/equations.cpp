@@ -1,0 +1,376 @@
+#include "components/drive_train/equations.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "components/drive_train/ldlt.h"
+#include "models/robot/dynamics.h"
+
+namespace cotwin::drive_train {
+namespace {
+
+using ConstMap = Eigen::Map<const Eigen::VectorXd>;
+using Map = Eigen::Map<Eigen::VectorXd>;
+using MatrixMap = Eigen::Map<Eigen::MatrixXd>;
+
+Eigen::Index index(std::size_t n) { return static_cast<Eigen::Index>(n); }
+
+constexpr double kSlowestImpact = 1e-3;  // rad/s: slower ones are damped like this one
+
+}  // namespace
+
+Parameters::Parameters(std::size_t n)
+    : K(n),
+      B(n),
+      D(n),
+      backlash(n),
+      sigma0(n),
+      sigma1(n),
+      sigma2(n),
+      tau_C(n),
+      tau_S(n),
+      v_S(n),
+      delta(n),
+      breakaway(n),
+      tau_0(n),
+      link_tau_C(n),
+      link_sigma2(n),
+      link_tau_0(n),
+      link_v_R(n),
+      link_A(n),
+      link_alpha(n),
+      link_s(n),
+      link_k(n),
+      q_min(n),
+      q_max(n),
+      stop_stiffness(n),
+      stop_restitution(n) {}
+
+Course::Course(std::size_t n) : tau_m(n), dtau_m(n), tau_e(n), dtau_e(n), link(4 * n) {}
+
+Modes::Modes(std::size_t n) : slip(n), stop(n), impact(n) {}
+
+void Modes::clear() {
+  std::fill(slip.begin(), slip.end(), 0);
+  std::fill(stop.begin(), stop.end(), 0);
+  std::fill(impact.begin(), impact.end(), 0.0);
+}
+
+Point::Point(std::size_t n)
+    : tau_J(n),
+      tau_f(n),
+      force(n),
+      motor_force(n),
+      dz(n),
+      kappa(n),
+      f_w(n),
+      f_z(n),
+      z_w(n),
+      z_z(n),
+      d_l(n),
+      k_l(n),
+      M(n * n),
+      h(n) {}
+
+struct Equations::Dynamics {
+  explicit Dynamics(const robot::RobotModel& robot) : mechanism(robot), data(mechanism) {}
+  robot::Mechanism mechanism;
+  robot::Data data;
+};
+
+Equations::Equations(const robot::RobotModel* robot, std::size_t n, Link link, Transmission transmission, Friction friction)
+    : n_(n),
+      link_(link),
+      transmission_(transmission),
+      friction_(friction),
+      parameters_(n),
+      modes_(n),
+      course_(n),
+      torsion_(n),
+      bristle_(n),
+      link_friction_(n),
+      link_sigmoid_(n),
+      stop_damping_(n),
+      z_most_(n),
+      L_(n * n),
+      kappa_(n),
+      ratio_(n),
+      P_inverse_(n),
+      f_z_(n),
+      z_w_(n),
+      z_inverse_(n),
+      k_l_(n),
+      scratch_(n * n) {
+  if (inside()) dynamics_ = std::make_unique<Dynamics>(*robot);
+}
+
+Equations::~Equations() = default;
+
+void Equations::adopt_parameters() {
+  const Parameters& p = parameters_;
+  has_stops_ = has_link_sigmoid_ = has_link_coulomb_ = false;
+  for (std::size_t i = 0; i < n_; ++i) {
+    torsion_[i] = {.K = p.K[i], .backlash = p.backlash[i]};
+    bristle_[i] = {.sigma0 = p.sigma0[i],
+                   .sigma1 = p.sigma1[i],
+                   .sigma2 = p.sigma2[i],
+                   .tau_C = p.tau_C[i],
+                   .tau_S = p.tau_S[i],
+                   .v_S = p.v_S[i],
+                   .delta = p.delta[i],
+                   .breakaway = p.breakaway[i]};
+    link_friction_[i] = {.tau_C = p.link_tau_C[i], .sigma2 = p.link_sigma2[i], .tau_0 = p.link_tau_0[i], .v_R = p.link_v_R[i]};
+    link_sigmoid_[i] = {.A = p.link_A[i], .alpha = p.link_alpha[i], .s = p.link_s[i], .k = p.link_k[i]};
+    z_most_[i] = bristle_[i].present() ? p.tau_S[i] / p.sigma0[i] : 0;
+    stop_damping_[i] = robot::stop_damping(p.stop_restitution[i]);
+    has_stops_ |= inside() && p.stop_stiffness[i] > 0;
+    has_link_sigmoid_ |= p.link_A[i] != 0 || p.link_k[i] != 0;
+    has_link_coulomb_ |= p.link_tau_C[i] != 0;
+  }
+}
+
+void Equations::prescribe(double t, double* x) const {
+  if (inside()) return;
+  const double* c = course_.link.data();
+  for (std::size_t i = 0; i < n_; ++i) {
+    x[i] = c[i] + t * (c[n_ + i] + t * (c[2 * n_ + i] + t * c[3 * n_ + i]));
+    x[n_ + i] = c[n_ + i] + t * (2 * c[2 * n_ + i] + t * 3 * c[3 * n_ + i]);
+  }
+}
+
+void Equations::confine_bristles(double* x) const {
+  double* z = x + 4 * n_;
+  for (std::size_t i = 0; i < n_; ++i) z[i] = std::clamp(z[i], -z_most_[i], z_most_[i]);
+}
+
+void Equations::evaluate(const double* x, Point& p) {
+  if (inside()) {
+    robot::mass_matrix_and_bias(dynamics_->mechanism, dynamics_->data, ConstMap(x, index(n_)), ConstMap(x + n_, index(n_)),
+                                MatrixMap(p.M.data(), index(n_), index(n_)), Map(p.h.data(), index(n_)));
+    if (!flexible()) {
+      for (std::size_t i = 0; i < n_; ++i) p.M[i * n_ + i] += parameters_.B[i];
+    }
+  }
+  evaluate_joints(x, p);
+}
+
+void Equations::evaluate_joints(const double* x, Point& p) const {
+  const double *q = x, *dq = x + n_, *theta = x + 2 * n_, *dtheta = x + 3 * n_, *z = x + 4 * n_;
+  for (std::size_t i = 0; i < n_; ++i) {
+    const double w = flexible() ? dtheta[i] : dq[i];
+    double tau_f = 0;
+    if (friction_ == Friction::kCoulomb) {
+      if (modes_.slip[i] != 0) {
+        const auto slipping = robot::StickSlip::slipping(bristle_[i], w, modes_.slip[i]);
+        tau_f = slipping.torque + parameters_.tau_0[i];
+        p.f_w[i] = slipping.slope;
+      }
+    } else {
+      const auto f =
+          friction_ == Friction::kLugre ? robot::lugre(bristle_[i], w, z[i]) : robot::elasto_plastic(bristle_[i], w, z[i]);
+      tau_f = f.torque + parameters_.tau_0[i];
+      p.dz[i] = f.dz;
+      p.f_w[i] = f.torque_by_v;
+      p.f_z[i] = f.torque_by_z;
+      p.z_w[i] = f.dz_by_v;
+      p.z_z[i] = f.dz_by_z;
+    }
+    p.tau_f[i] = tau_f;
+    if (flexible()) {
+      const auto spring = torsion_[i].at(theta[i] - q[i]);
+      p.kappa[i] = spring.slope;
+      p.tau_J[i] = spring.torque + parameters_.D[i] * (dtheta[i] - dq[i]);  // (2c), with joint damping
+      p.motor_force[i] = -p.tau_J[i] - tau_f;
+      p.force[i] = p.tau_J[i];
+    } else {
+      p.force[i] = -tau_f;
+    }
+  }
+  if (!inside()) return;
+  for (std::size_t i = 0; i < n_; ++i) {
+    p.d_l[i] = link_friction_[i].sigma2;
+    p.force[i] -= link_friction_[i].sigma2 * dq[i] + link_friction_[i].tau_0;
+  }
+  if (has_link_coulomb_) {
+    for (std::size_t i = 0; i < n_; ++i) {
+      const auto f = link_friction_[i].at(dq[i]);
+      p.force[i] -= f.torque - link_friction_[i].sigma2 * dq[i] - link_friction_[i].tau_0;
+      p.d_l[i] = f.slope;
+    }
+  }
+  if (has_link_sigmoid_) {
+    for (std::size_t i = 0; i < n_; ++i) {
+      const auto f = link_sigmoid_[i].at(dq[i]);
+      p.force[i] -= f.torque;
+      p.d_l[i] += f.slope;
+    }
+  }
+  if (has_stops_) {
+    for (std::size_t i = 0; i < n_; ++i) {
+      const auto s = stop(i, q[i], dq[i]);
+      const int side = modes_.stop[i];
+      p.force[i] -= side * s.torque;
+      p.d_l[i] += s.by_speed;
+      p.k_l[i] = s.by_depth;
+    }
+  }
+}
+
+robot::StopTorque Equations::stop(std::size_t i, double q, double dq) const {
+  const int side = modes_.stop[i];
+  if (side == 0) return {};
+  const double depth = side > 0 ? q - parameters_.q_max[i] : parameters_.q_min[i] - q;
+  return robot::stop_torque(parameters_.stop_stiffness[i], stop_damping_[i], std::max(modes_.impact[i], kSlowestImpact), depth,
+                            side * dq);
+}
+
+void Equations::inverse_dynamics(const double* x, const double* a, double* tau) {
+  robot::inverse_dynamics(dynamics_->mechanism, dynamics_->data, ConstMap(x, index(n_)), ConstMap(x + n_, index(n_)),
+                          ConstMap(a, index(n_)), Map(tau, index(n_)));
+  if (!flexible()) {
+    for (std::size_t i = 0; i < n_; ++i) tau[i] += parameters_.B[i] * a[i];
+  }
+}
+
+double Equations::link_drive(std::size_t i, double t) const {
+  const double tau_e = course_.tau_e[i] + course_.dtau_e[i] * t;
+  return flexible() ? tau_e : tau_e + motor_torque(i, t);
+}
+
+void Equations::acceleration(double t, const Point& p, double* ddq) {
+  std::copy(p.M.begin(), p.M.end(), scratch_.begin());
+  ldlt(scratch_.data(), n_);
+  for (std::size_t i = 0; i < n_; ++i) ddq[i] = p.force[i] + link_drive(i, t) - p.h[i];  // (2a)
+  solve_ldlt(scratch_.data(), n_, ddq);
+}
+
+void Equations::derivative(double t, const double* x, const Point& p, double* dx) {
+  if (inside()) {
+    std::copy(x + n_, x + 2 * n_, dx);
+    acceleration(t, p, dx + n_);
+  } else {
+    std::fill(dx, dx + 2 * n_, 0.0);
+  }
+  for (std::size_t i = 0; i < n_; ++i) {
+    const bool moves = flexible() && !stuck(i);
+    dx[2 * n_ + i] = moves ? x[3 * n_ + i] : 0;
+    dx[3 * n_ + i] = moves ? (motor_torque(i, t) + p.motor_force[i]) / parameters_.B[i] : 0;  // (2b)
+    dx[4 * n_ + i] = p.dz[i];
+  }
+}
+
+void Equations::factorise(const Point& p, double gamma) {
+  gamma_ = gamma;
+  L_ = p.M;
+  for (std::size_t i = 0; i < n_; ++i) {
+    z_inverse_[i] = 1 / (1 - gamma * std::min(p.z_z[i], 0.0));
+    const double d_f = std::max(p.f_w[i] + gamma * p.f_z[i] * p.z_w[i] * z_inverse_[i], 0.0);
+    const double rest = gamma * (p.d_l[i] + gamma * p.k_l[i]);
+    f_z_[i] = p.f_z[i];
+    z_w_[i] = p.z_w[i];
+    k_l_[i] = p.k_l[i];
+    kappa_[i] = p.kappa[i];
+    if (flexible()) {
+      const double coupling = gamma * (parameters_.D[i] + gamma * p.kappa[i]);  // γ e
+      const double own = parameters_.B[i] + gamma * d_f;
+      P_inverse_[i] = stuck(i) ? 0 : 1 / (own + coupling);
+      ratio_[i] = coupling * P_inverse_[i];
+      L_[i * n_ + i] += rest + (stuck(i) ? coupling : own * ratio_[i]);
+    } else {
+      L_[i * n_ + i] += rest + gamma * d_f;
+    }
+  }
+  if (inside()) ldlt(L_.data(), n_);
+}
+
+void Equations::solve(const double* b, double* k) const {
+  const double* bq = b;
+  const double *bv = b + n_, *btheta = b + 2 * n_, *bw = b + 3 * n_, *bz = b + 4 * n_;
+  double *kq = k, *kv = k + n_, *ktheta = k + 2 * n_, *kw = k + 3 * n_, *kz = k + 4 * n_;
+  const double gamma = gamma_;
+  if (!flexible()) {
+    for (std::size_t i = 0; i < n_; ++i) kv[i] = bv[i] - gamma * (k_l_[i] * bq[i] + f_z_[i] * bz[i] * z_inverse_[i]);
+    solve_ldlt(L_.data(), n_, kv);
+    for (std::size_t i = 0; i < n_; ++i) {
+      kq[i] = bq[i] + gamma * kv[i];
+      kz[i] = (bz[i] + gamma * z_w_[i] * kv[i]) * z_inverse_[i];
+      ktheta[i] = kw[i] = 0;
+    }
+    return;
+  }
+  for (std::size_t i = 0; i < n_; ++i) {
+    const double bz_i = bz[i] * z_inverse_[i];
+    const double stretch = gamma * kappa_[i] * (btheta[i] - bq[i]);
+    const double R = bw[i] - stretch - gamma * f_z_[i] * bz_i;
+    kv[i] = bv[i] + stretch - gamma * k_l_[i] * bq[i] + ratio_[i] * R;
+    kw[i] = R * P_inverse_[i];
+    kz[i] = bz_i;
+  }
+  if (inside()) {
+    solve_ldlt(L_.data(), n_, kv);
+  } else {
+    std::fill(kv, kv + n_, 0.0);
+  }
+  for (std::size_t i = 0; i < n_; ++i) {
+    kw[i] += ratio_[i] * kv[i];
+    kq[i] = bq[i] + gamma * kv[i];
+    ktheta[i] = btheta[i] + gamma * kw[i];
+    kz[i] += gamma * z_w_[i] * z_inverse_[i] * kw[i];
+  }
+}
+
+void Equations::times_M(const double* M, const double* x, double* y) const {
+  std::fill(y, y + n_, 0.0);
+  for (std::size_t j = 0; j < n_; ++j) {
+    for (std::size_t i = 0; i < n_; ++i) y[i] += M[j * n_ + i] * x[j];
+  }
+}
+
+double Equations::dissipation(const double* x, const Point& p) const {
+  const double *q = x, *dq = x + n_, *dtheta = x + 3 * n_, *z = x + 4 * n_;
+  double power = 0;
+  for (std::size_t i = 0; i < n_; ++i) {
+    const double w = flexible() ? dtheta[i] : dq[i];
+    power += p.tau_f[i] * w - parameters_.sigma0[i] * z[i] * p.dz[i];  // what the bristle stores is not lost
+    if (flexible()) power += parameters_.D[i] * (w - dq[i]) * (w - dq[i]);
+    if (!inside()) continue;
+    power += (link_friction_[i].sigma2 * dq[i] + link_friction_[i].tau_0) * dq[i];
+    if (has_link_coulomb_)
+      power += (link_friction_[i].at(dq[i]).torque - link_friction_[i].sigma2 * dq[i] - link_friction_[i].tau_0) * dq[i];
+    if (has_link_sigmoid_) power += link_sigmoid_[i].at(dq[i]).torque * dq[i];
+    if (has_stops_ && modes_.stop[i] != 0) {
+      const auto s = stop(i, q[i], dq[i]);
+      power += (s.torque - stop_spring(i, q[i])) * modes_.stop[i] * dq[i];
+    }
+  }
+  return power;
+}
+
+double Equations::stop_spring(std::size_t i, double q) const {
+  const double depth = modes_.stop[i] > 0 ? q - parameters_.q_max[i] : parameters_.q_min[i] - q;
+  return parameters_.stop_stiffness[i] * std::max(depth, 0.0);
+}
+
+Energies Equations::energies(const double* x, const Point& p) {
+  const double *q = x, *dq = x + n_, *theta = x + 2 * n_, *dtheta = x + 3 * n_, *z = x + 4 * n_;
+  Energies e;
+  if (inside()) {
+    times_M(p.M.data(), dq, scratch_.data());
+    for (std::size_t i = 0; i < n_; ++i) e.kinetic += 0.5 * dq[i] * scratch_[i];
+    e.potential = robot::potential_energy(dynamics_->mechanism, dynamics_->data, ConstMap(q, index(n_)));
+  }
+  for (std::size_t i = 0; i < n_; ++i) {
+    if (flexible()) {
+      e.kinetic += 0.5 * parameters_.B[i] * dtheta[i] * dtheta[i];
+      e.elastic += torsion_[i].energy(theta[i] - q[i]);
+    }
+    e.elastic += 0.5 * parameters_.sigma0[i] * z[i] * z[i];
+    if (has_stops_ && modes_.stop[i] != 0) {
+      const double spring = stop_spring(i, q[i]);
+      e.elastic += 0.5 * spring * spring / parameters_.stop_stiffness[i];
+    }
+  }
+  return e;
+}
+
+}  // namespace cotwin::drive_train

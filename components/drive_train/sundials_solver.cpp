@@ -1,0 +1,357 @@
+#include "components/drive_train/sundials_solver.h"
+
+#include <arkode/arkode_arkstep.h>
+#include <cvode/cvode.h>
+#include <nvector/nvector_serial.h>
+#include <sundials/sundials_context.h>
+#include <sundials/sundials_linearsolver.h>
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "components/drive_train/events.h"
+#include "models/text/error.h"
+
+namespace cotwin::drive_train {
+namespace {
+
+constexpr double kNoTolerance = 1e30;       // of rows that follow others and steer nothing
+constexpr double kContinuous = 1e-9;        // of a torque: smaller jumps are rounding
+constexpr double kAtRoot = 1e-9;            // rad/s, N.m or rad: an event function this small is at its zero
+constexpr long kMostInternalSteps = 20000;  // per communication step; beyond it the step is given up
+
+void check(int flag, const char* function) {
+  if (flag < 0) throw Error(function, "returned " + std::to_string(flag) + ", expected success");
+}
+
+void silent(int, const char*, const char*, char*, void*) {}
+
+// Two vector operations in which SUNDIALS spends half of its time on vectors this short, as loops that the compiler can
+// vectorise.
+void linear_sum(realtype a, N_Vector x, realtype b, N_Vector y, N_Vector z) {
+  const double *px = NV_DATA_S(x), *py = NV_DATA_S(y);
+  double* pz = NV_DATA_S(z);
+  const auto n = static_cast<std::size_t>(NV_LENGTH_S(x));
+#pragma GCC ivdep  // z may be x or y, never a part of them
+  for (std::size_t i = 0; i < n; ++i) pz[i] = a * px[i] + b * py[i];
+}
+
+realtype weighted_rms(N_Vector x, N_Vector w) {
+  const double *px = NV_DATA_S(x), *pw = NV_DATA_S(w);
+  const auto n = static_cast<std::size_t>(NV_LENGTH_S(x));
+  double sums[4] = {};
+  std::size_t i = 0;
+  for (; i + 4 <= n; i += 4) {
+    for (std::size_t k = 0; k < 4; ++k) sums[k] += px[i + k] * pw[i + k] * (px[i + k] * pw[i + k]);
+  }
+  for (; i < n; ++i) sums[0] += px[i] * pw[i] * (px[i] * pw[i]);
+  return std::sqrt((sums[0] + sums[1] + (sums[2] + sums[3])) / static_cast<double>(n));
+}
+
+}  // namespace
+
+// One row each beside x: the dissipated energy, and the work −∫ τ_J q̇ dt of a link outside.
+struct SundialsSolver::Memory {
+  Memory(Equations& e, Method m)
+      : equations(e),
+        method(m),
+        y_storage(e.size() + 2),
+        x(e.size()),
+        k(e.size()),
+        point(e.n()),
+        absolute_storage(e.size() + 2) {
+    check(SUNContext_Create(nullptr, &context), "SUNContext_Create");
+    const auto length = static_cast<sunindextype>(y_storage.size());
+    y = N_VMake_Serial(length, y_storage.data(), context);
+    y->ops->nvlinearsum = linear_sum;
+    y->ops->nvwrmsnorm = weighted_rms;
+    absolute = N_VMake_Serial(length, absolute_storage.data(), context);
+    std::fill(absolute_storage.begin(), absolute_storage.end(), 1.0);
+    linear = SUNLinSolNewEmpty(context);
+    linear->content = this;
+    linear->ops->gettype = [](SUNLinearSolver) { return SUNLINEARSOLVER_MATRIX_EMBEDDED; };
+    linear->ops->solve = [](SUNLinearSolver S, SUNMatrix, N_Vector v, N_Vector b, realtype) {
+      return static_cast<Memory*>(S->content)->solve(N_VGetArrayPointer(b), N_VGetArrayPointer(v));
+    };
+    if (method == Method::kCvode) {
+      solver = CVodeCreate(CV_BDF, context);
+      check(CVodeInit(solver, right_side, 0, y), "CVodeInit");
+      check(CVodeSVtolerances(solver, 1e-6, absolute), "CVodeSVtolerances");
+      check(CVodeSetUserData(solver, this), "CVodeSetUserData");
+      check(CVodeSetErrHandlerFn(solver, silent, nullptr), "CVodeSetErrHandlerFn");
+      check(CVodeSetLinearSolver(solver, linear, nullptr), "CVodeSetLinearSolver");
+      check(CVodeSetMaxNumSteps(solver, kMostInternalSteps), "CVodeSetMaxNumSteps");
+    } else {
+      solver = ARKStepCreate(nullptr, right_side, 0, y, context);
+      check(ARKStepSVtolerances(solver, 1e-6, absolute), "ARKStepSVtolerances");
+      check(ARKStepSetUserData(solver, this), "ARKStepSetUserData");
+      check(ARKStepSetErrHandlerFn(solver, silent, nullptr), "ARKStepSetErrHandlerFn");
+      check(ARKStepSetTableNum(solver, ARKODE_ARK324L2SA_DIRK_4_2_3, ARKODE_ERK_NONE), "ARKStepSetTableNum");
+      check(ARKStepSetLinearSolver(solver, linear, nullptr), "ARKStepSetLinearSolver");
+    }
+  }
+  ~Memory() {
+    if (method == Method::kCvode) {
+      CVodeFree(&solver);
+    } else {
+      ARKStepFree(&solver);
+    }
+    SUNLinSolFreeEmpty(linear);
+    N_VDestroy(absolute);
+    N_VDestroy(y);
+    SUNContext_Free(&context);
+  }
+
+  // The forces at (time, state): in `point`.
+  const double* evaluate(double time, const double* state) {
+    if (!equations.inside()) {
+      std::copy_n(state, equations.size(), x.data());
+      equations.prescribe(time - step_start, x.data());
+      state = x.data();
+    }
+    equations.evaluate(state, point);
+    return state;
+  }
+
+  static int right_side(realtype time, N_Vector y, N_Vector dy, void* user) {
+    Memory& self = *static_cast<Memory*>(user);
+    Equations& e = self.equations;
+    const double* state = self.evaluate(time, N_VGetArrayPointer(y));
+    double* rates = N_VGetArrayPointer(dy);
+    e.derivative(time - self.step_start, state, self.point, rates);
+    double* account = rates + e.size();
+    account[0] = e.dissipation(state, self.point);
+    account[1] = 0;
+    for (std::size_t i = 0; i < e.n() && !e.inside(); ++i) account[1] -= self.point.tau_J[i] * state[e.n() + i];
+    return std::isfinite(account[0]) ? 0 : 1;  // 1: recoverable, with a shorter step
+  }
+
+  static int root_functions(realtype time, N_Vector y, realtype* values, void* user) {
+    Memory& self = *static_cast<Memory*>(user);
+    const Equations& e = self.equations;
+    event_values(e, time - self.step_start, N_VGetArrayPointer(y), values);
+    return 0;
+  }
+
+  // (I − γ J) v = b. Newton's first iteration of a step comes right after the forces at the predicted state, which `point`
+  // still holds: W is made of them anew for each step, and kept for the other iterations.
+  int solve(const double* b, double* v) {
+    const std::size_t n = equations.n(), size = equations.size();
+    realtype time = 0, gamma = 0, rl1 = 0;
+    N_Vector a1 = nullptr, a2 = nullptr, a3 = nullptr, a4 = nullptr;
+    void* user = nullptr;
+    const int flag = method == Method::kCvode
+                         ? CVodeGetNonlinearSystemData(solver, &time, &a1, &a2, &a3, &gamma, &rl1, &a4, &user)
+                         : ARKStepGetNonlinearSystemData(solver, &time, &a1, &a2, &a3, &gamma, &a4, &user);
+    if (flag != 0) return -1;
+    if (time != factored_time || gamma != factored_gamma) {
+      equations.factorise(point, gamma);
+      factor_point_M = point.M;
+      factored_time = time;
+      factored_gamma = gamma;
+    }
+    std::copy_n(b, size, k.data());
+    if (equations.inside()) equations.times_M(factor_point_M.data(), b + n, k.data() + n);
+    for (std::size_t i = 0; i < n; ++i) k[3 * n + i] *= equations.parameters().B[i];
+    equations.solve(k.data(), v);
+    if (!equations.inside()) std::fill_n(v, 2 * n, 0.0);
+    v[size] = b[size];
+    v[size + 1] = b[size + 1];
+    return 0;
+  }
+
+  Equations& equations;
+  Method method;
+  SUNContext context = nullptr;
+  std::vector<double> y_storage, x, k;
+  Point point;
+  std::vector<double> absolute_storage;
+  std::vector<double> factor_point_M;
+  double factored_time = NAN, factored_gamma = NAN;
+  bool warm = false;
+  double now = 0;         // s since the log's beginning
+  double step_start = 0;  // where the course's t = 0 is
+  N_Vector y = nullptr, absolute = nullptr;
+  SUNLinearSolver linear = nullptr;
+  void* solver = nullptr;
+};
+
+SundialsSolver::Log::Log(std::size_t n) : x(5 * n), modes(n), steps(kLogLength * (1 + 8 * n)) {}
+
+SundialsSolver::SundialsSolver(Equations& equations, Method method)
+    : equations_(equations),
+      log_(equations.n()),
+      end_(equations.n()),
+      begin_(equations.n()),
+      x_before_(equations.size()),
+      x_replayed_(equations.size()),
+      events_(2 * equations.n()),
+      memory_(std::make_unique<Memory>(equations, method)) {
+  memory_->factor_point_M.resize(equations.n() * equations.n());
+}
+
+SundialsSolver::~SundialsSolver() = default;
+
+void SundialsSolver::configure(const Tolerances& t) {
+  const std::size_t n = equations_.n();
+  double* a = memory_->absolute_storage.data();
+  std::fill_n(a, 5 * n, kNoTolerance);
+  if (equations_.inside()) {
+    std::fill_n(a, n, t.angle);
+    std::fill_n(a + n, n, t.speed);
+  }
+  if (equations_.flexible()) {
+    std::fill_n(a + 2 * n, n, t.angle);
+    std::fill_n(a + 3 * n, n, t.speed);
+  }
+  std::fill_n(a + 5 * n, 2, kNoTolerance);
+  const int events = static_cast<int>(event_count(equations_));
+  if (memory_->method == Method::kCvode) {
+    check(CVodeRootInit(memory_->solver, events, events > 0 ? Memory::root_functions : nullptr), "CVodeRootInit");
+    check(CVodeSVtolerances(memory_->solver, t.relative, memory_->absolute), "CVodeSVtolerances");
+  } else {
+    check(ARKStepRootInit(memory_->solver, events, events > 0 ? Memory::root_functions : nullptr), "ARKStepRootInit");
+    check(ARKStepSVtolerances(memory_->solver, t.relative, memory_->absolute), "ARKStepSVtolerances");
+  }
+  warm_up();
+}
+
+// ARKODE allocates in its first step ever: here, where it may. What comes of that step does not matter.
+void SundialsSolver::warm_up() {
+  Memory& m = *memory_;
+  if (m.warm || m.method == Method::kCvode) return;
+  m.warm = true;
+  restart(log_.x.data());
+  double time = 0;
+  static_cast<void>(ARKStepEvolve(m.solver, m.now + 1e-6, m.y, &time, ARK_ONE_STEP));
+}
+
+void SundialsSolver::restart(const double* x) {
+  Memory& m = *memory_;
+  std::copy_n(x, equations_.size(), m.y_storage.data());
+  m.y_storage[equations_.size()] = m.y_storage[equations_.size() + 1] = 0;
+  m.factored_time = NAN;
+  if (m.method == Method::kCvode) {
+    check(CVodeReInit(m.solver, m.now, m.y), "CVodeReInit");
+  } else {
+    check(ARKStepReInit(m.solver, nullptr, Memory::right_side, m.now, m.y), "ARKStepReInit");
+  }
+}
+
+// Whether the course begins where the last one in the log ended.
+bool SundialsSolver::continues() const {
+  if (log_.count == 0 || static_cast<std::size_t>(log_.count) == kLogLength) return false;
+  const std::size_t n = equations_.n();
+  const double* last = log_.steps.data() + static_cast<std::size_t>(log_.count - 1) * (1 + 8 * n);
+  const double h = last[0];
+  const Course& c = equations_.course();
+  const auto near = [](double a, double b) { return std::abs(a - b) <= kContinuous * (1 + std::abs(a)); };
+  for (std::size_t i = 0; i < n; ++i) {
+    const double *u = last + 1 + i, *link = last + 1 + 4 * n + i;
+    if (!near(c.tau_m[i], u[0] + u[n] * h) || !near(c.tau_e[i], u[2 * n] + u[3 * n] * h)) return false;
+    if (!equations_.inside()) {
+      if (!near(c.link[i], link[0] + h * (link[n] + h * (link[2 * n] + h * link[3 * n])))) return false;
+      if (!near(c.link[n + i], link[n] + h * (2 * link[2 * n] + h * 3 * link[3 * n]))) return false;
+    }
+  }
+  return true;
+}
+
+bool SundialsSolver::step(double h, double* x, StepAccount& account) {
+  const std::size_t n = equations_.n();
+  equations_.prescribe(0, x);
+  if (!continues()) {
+    std::copy_n(x, equations_.size(), log_.x.data());
+    log_.modes = equations_.modes();
+    log_.count = 0;
+    memory_->now = 0;
+  }
+  double* entry = log_.steps.data() + static_cast<std::size_t>(log_.count) * (1 + 8 * n);
+  const Course& c = equations_.course();
+  *entry++ = h;
+  for (const auto* part : {&c.tau_m, &c.dtau_m, &c.tau_e, &c.dtau_e, &c.link})
+    entry = std::copy(part->begin(), part->end(), entry);
+  const bool first = log_.count++ == 0;
+  if (first) restart(x);
+  if (advance(h, x, account)) return true;
+  log_.count = 0;
+  return false;
+}
+
+void SundialsSolver::replay() {
+  if (log_.count == 0) return;
+  const std::size_t n = equations_.n();
+  double* x = x_replayed_.data();
+  std::copy(log_.x.begin(), log_.x.end(), x);
+  equations_.modes() = log_.modes;
+  memory_->now = 0;
+  restart(x);
+  StepAccount ignored;
+  Course& c = equations_.course();
+  for (std::size_t s = 0; s < static_cast<std::size_t>(log_.count); ++s) {
+    const double* entry = log_.steps.data() + s * (1 + 8 * n);
+    const double h = *entry++;
+    for (auto* part : {&c.tau_m, &c.dtau_m, &c.tau_e, &c.dtau_e, &c.link}) {
+      std::copy_n(entry, part->size(), part->begin());
+      entry += part->size();
+    }
+    if (!advance(h, x, ignored))
+      throw Error("drive_train", "the steps of a snapshot do not replay, expected one of this build");
+  }
+}
+
+bool SundialsSolver::advance(double h, double* x, StepAccount& account) {
+  Memory& m = *memory_;
+  const std::size_t size = equations_.size();
+  const bool cvode = m.method == Method::kCvode;
+  m.step_start = m.now;
+  const double goal = m.now + h;
+  // The solver works on its own copy: x is that copy, seen at the link's side of the course.
+  const auto show = [&](double time) {
+    std::copy_n(m.y_storage.data(), size, x);
+    equations_.prescribe(time - m.step_start, x);
+  };
+  if (settle_modes(equations_, x, false)) restart(x);
+  check(cvode ? CVodeSetStopTime(m.solver, goal) : ARKStepSetStopTime(m.solver, goal), "SetStopTime");
+  double dissipated = m.y_storage[size], work_e = m.y_storage[size + 1];
+  for (long steps = 0; m.now < goal; ++steps) {
+    if (steps >= kMostInternalSteps) return false;
+    std::copy_n(x, size, x_before_.data());
+    double time = m.now;
+    const int flag =
+        cvode ? CVode(m.solver, goal, m.y, &time, CV_ONE_STEP) : ARKStepEvolve(m.solver, goal, m.y, &time, ARK_ONE_STEP);
+    if (flag < 0) return false;
+    show(time);
+    add_torque_work(equations_, m.now - m.step_start, time - m.now, x_before_.data(), x, account);
+    account.dissipated += m.y_storage[size] - dissipated;
+    account.work_e += m.y_storage[size + 1] - work_e;
+    m.now = time;
+    ++account.substeps;
+    // The roots that were found are those that are not positive any more; a mode that began at its zero and went wrong has no
+    // change of sign and is found here, too.
+    bool event = false;
+    const std::size_t count = event_count(equations_);
+    if (count > 0) event_values(equations_, time - m.step_start, x, events_.data());
+    const bool root = flag == (cvode ? CV_ROOT_RETURN : ARK_ROOT_RETURN);
+    for (std::size_t i = 0; i < count; ++i) {
+      if (events_[i] > (root ? kAtRoot : -kAtRoot)) continue;
+      apply_event(equations_, i, time - m.step_start, x);
+      event = true;
+      ++account.events;
+    }
+    if (event) {
+      restart(x);
+      if (m.now < goal) check(cvode ? CVodeSetStopTime(m.solver, goal) : ARKStepSetStopTime(m.solver, goal), "SetStopTime");
+    }
+    dissipated = m.y_storage[size];
+    work_e = m.y_storage[size + 1];
+  }
+  m.now = goal;
+  m.evaluate(m.now, m.y_storage.data());
+  std::swap(m.point, end_);
+  m.factored_time = NAN;  // `point` is another one now
+  return true;
+}
+
+}  // namespace cotwin::drive_train

@@ -1,0 +1,58 @@
+#include "components/io/io.h"
+
+#include "components/io/recording_link.h"
+#include "models/robot/robot_model.h"
+#include "models/text/error.h"
+
+namespace cotwin::io {
+
+namespace {
+
+std::vector<trajectory::Axis> axes_of(Settings& settings) {
+  if (settings.text("robot", "").empty()) {
+    return trajectory::free_axes(static_cast<std::size_t>(settings.integer("joints", 1, 1, 1000)));
+  }
+  std::vector<trajectory::Axis> axes = trajectory::axes_of(settings.robot(Settings::Masses::kUnused));
+  const long long n = static_cast<long long>(axes.size());
+  if (const long long joints = settings.integer("joints", n, 1, 1000); joints != n) {
+    throw Error("unit:io", "joints=" + std::to_string(joints) + ", but the robot has " + std::to_string(n));
+  }
+  return axes;
+}
+
+std::unique_ptr<Link> make_link(Settings& settings, std::vector<trajectory::Axis> joints) {
+  settings.choice("link", {"recording"});
+  return std::make_unique<RecordingLink>(settings, std::move(joints));
+}
+
+}  // namespace
+
+Io::Io(Settings& settings) : Io(axes_of(settings), settings) {}
+
+Io::Io(std::vector<trajectory::Axis> joints, Settings& settings)
+    : measured_(joints.size()), command_(joints.size()), link_(make_link(settings, std::move(joints))) {}
+
+void Io::declare(Variables& v) {
+  v.input("q_command", command_.q, "rad", "joint position that the robot is commanded to");
+  v.input("tau_command", command_.tau, "N.m", "joint torque that the robot is commanded to exert");
+  v.output("q", measured_.q, "rad", "measured joint position");
+  v.output("dq", measured_.dq, "rad/s", "measured joint velocity");
+  v.output("ddq", measured_.ddq, "rad/s2", "joint acceleration derived from what was measured");
+  v.output("tau", measured_.tau, "N.m", "joint torque as the robot measured it; 0 where has_tau is false");
+  v.output("tau_e", measured_.tau_e, "N.m", "external joint torque as the robot tells it; 0 where has_tau_e is false");
+  v.output("fresh", measured_.fresh, "whether something was measured within the last step");
+  v.output("done", measured_.done, "whether the link has nothing more to tell");
+  v.output("has_tau", measured_.has_tau, "whether the robot tells joint torques");
+  v.output("has_tau_e", measured_.has_tau_e, "whether the robot tells external joint torques");
+  v.output("warning", measured_.warning, "what the user should know after initialisation; empty if nothing");
+  link_->declare(v);
+}
+
+void Io::initialise(Time start) {
+  measured_.warning.clear();
+  link_->initialise(start, measured_);
+}
+
+StepResult Io::step(Time now, Duration h) { return link_->step(now, h, command_, measured_); }
+
+}  // namespace cotwin::io

@@ -1,0 +1,31 @@
+#pragma once
+#include <memory>
+#include <vector>
+
+#include "components/io/link.h"
+#include "components/unit/settings.h"
+#include "models/trajectory/axes.h"
+
+namespace cotwin::io {
+
+/// The port contract between the twin and its robot: the same ports whether a robot, an emulated one or a recording is behind
+/// the link. Ports are those of Measured and Command. The links: `recording` (recording_link.h).
+class Io final : public Unit {
+ public:
+  /// Settings: `robot`, or `joints` = n where there is no URDF; `link` = recording.
+  explicit Io(Settings& settings);
+
+  void declare(Variables& v) override;
+  void initialise(Time start) override;
+  StepResult step(Time now, Duration h) override;
+  bool restorable() const override { return link_->restorable(); }
+
+ private:
+  Io(std::vector<trajectory::Axis> joints, Settings& settings);
+
+  Measured measured_;
+  Command command_;
+  std::unique_ptr<Link> link_;
+};
+
+}  // namespace cotwin::io

@@ -1,0 +1,72 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "components/io/link.h"
+#include "components/unit/settings.h"
+#include "models/trajectory/recording.h"
+
+namespace cotwin::io {
+
+/// Plays a robot's measurements back: a CSV (models/trajectory/recording.h). Its instant `start` is the scenario's time 0.
+///   q, q̇, q̈   the interpolating quintic spline (C⁴) through the positions, after a zero-phase low-pass if q_cutoff > 0, and
+///   its derivatives;
+///             with derivative = columns, q̇ is the spline through the velocity columns and q̈ its derivative
+///   τ, τ_e    straight lines between the samples, unfiltered unless tau_cutoff > 0: at a sample's instant the sample itself
+/// From `end` on the joints rest where they are and the torques stay. Commands are ignored. Outputs are functions of time
+/// alone: there is nothing to remember, and every step can be taken back.
+class RecordingLink final : public Link {
+ public:
+  /// `settings` finds the file.
+  RecordingLink(const Settings& settings, std::vector<trajectory::Axis> axes);
+
+  void declare(Variables& v) override;
+  void initialise(Time start, Measured& measured) override;
+  StepResult step(Time now, Duration h, const Command& command, Measured& measured) override;
+  bool restorable() const override { return true; }
+
+ private:
+  /// All that decides what is loaded; the file is read again only if one of them changed.
+  struct Source {
+    std::filesystem::path file;
+    std::filesystem::file_time_type written;
+    trajectory::RecordingFormat format;
+    double q_cutoff = 0, tau_cutoff = 0;
+    std::int32_t filter_order = 0;
+    bool velocity_columns = false;
+    friend bool operator==(const Source&, const Source&) = default;
+  };
+
+  Source source() const;
+  void load(const Source& source);
+  void choose_part(std::string& warning);
+  void measure(double from, double to, Measured& measured);
+
+  Settings settings_;
+  std::vector<trajectory::Axis> axes_;
+
+  // Parameters, in the order of declaration.
+  std::string file_, separator_, t_column_, t_unit_ = "s";
+  double rate_ = 0;
+  std::string q_columns_, dq_columns_, tau_columns_, tau_e_columns_, angle_ = "rad";
+  std::vector<double> q_scale_, q_offset_, tau_scale_, tau_e_scale_;
+  double max_gap_ = 5, max_speed_ = 0;
+  double q_cutoff_ = 0, tau_cutoff_ = 0;
+  std::int32_t filter_order_ = 2;
+  std::string derivative_ = "position";
+  double start_ = 0, end_ = 0;
+  std::string limits_ = "warn";
+
+  // What they amount to.
+  std::optional<Source> loaded_;
+  trajectory::Path q_, dq_;         // dq_ with derivative = columns
+  trajectory::Series tau_, tau_e_;  // empty where there are none
+  std::vector<double> instants_;    // of the samples
+  double last_ = 0;                 // s, of the recording: where playing ends
+  std::vector<double> scratch_;
+};
+
+}  // namespace cotwin::io

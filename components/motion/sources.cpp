@@ -1,0 +1,166 @@
+#include "components/motion/sources.h"
+
+#include <algorithm>
+#include <numbers>
+#include <span>
+
+#include "models/text/choice.h"
+#include "models/text/error.h"
+#include "models/text/text.h"
+#include "models/trajectory/bernstein.h"
+#include "models/trajectory/polynomial.h"
+#include "models/trajectory/series.h"
+
+namespace cotwin::motion {
+
+namespace {
+
+double angle_unit(const std::string& angle) {
+  return text::choose<double>("motion: angle", angle, {{"rad", 1}, {"deg", std::numbers::pi / 180}});
+}
+
+constexpr const char* kColumns =
+    "columns of q: a list, a pattern as q{} (from 1), q{0} (from 0) or {name} (joints of the URDF); empty: found";
+constexpr const char* kAngle = "unit of the positions of revolute joints in the file: rad or deg";
+
+}  // namespace
+
+WaypointSource::WaypointSource(Settings& settings, std::vector<trajectory::Axis> axes)
+    : settings_(settings),
+      axes_(std::move(axes)),
+      degree_(static_cast<int>(settings.integer("degree", 5, 5, trajectory::bernstein::kMaxDegree))) {
+  const std::size_t N = static_cast<std::size_t>(settings.integer("points", 2, 2, 100000));
+  t_.resize(N);
+  for (std::size_t k = 0; k < N; ++k) t_[k] = static_cast<double>(k);
+  q_.resize(N * axes_.size());
+  dwell_.resize(N);
+  c_r_.resize((N - 1) * axes_.size() * static_cast<std::size_t>(degree_ - 5));
+}
+
+void WaypointSource::declare(Variables& v) {
+  v.parameter("file", file_,
+              "CSV with waypoints: columns t, joint positions and perhaps dwell; empty: those of the parameters");
+  v.parameter("q_columns", q_columns_, kColumns);
+  v.parameter("angle", angle_, kAngle);
+  v.parameter("passing", passing_,
+              "rest: the joints stop at every waypoint; through: they pass those without dwell with the least jerk");
+  v.parameter("waypoint_t", t_, "s", "instants at which the waypoints are reached");
+  v.parameter("waypoint_q", q_, "rad", "joint positions, all joints of the first waypoint, then of the next");
+  v.parameter("waypoint_dwell", dwell_, "s", "rest after the arrival at each waypoint").range(0, 1e9);
+  if (!c_r_.empty()) {
+    v.parameter("c_r", c_r_, "rad",
+                "redundant coefficients (V-B): legs x joints x (degree - 5); each the most that its term moves the joint");
+  }
+}
+
+trajectory::Waypoints WaypointSource::points() const {
+  if (file_.empty()) return {axes_.size(), t_, q_, dwell_, {}};
+  return trajectory::load_waypoints(settings_.file(file_), axes_, q_columns_, angle_unit(angle_));
+}
+
+trajectory::Path WaypointSource::path() {
+  using trajectory::Passing;
+  const Passing passing =
+      text::choose<Passing>("motion: passing", passing_, {{"rest", Passing::kRest}, {"through", Passing::kThrough}});
+  const bool plain =
+      std::all_of(c_r_.begin(), c_r_.end(), [](double c) { return c == 0; });  // then any number of points will do
+  return trajectory::make_path(points(), passing, degree_, plain ? std::span<const double>() : std::span<const double>(c_r_));
+}
+
+PolynomialSource::PolynomialSource(Settings& settings, std::vector<trajectory::Axis> axes)
+    : n_(axes.size()),
+      jerk_(settings.boolean("jerk", false)),
+      degree_(static_cast<int>(settings.integer("degree", jerk_ ? 7 : 5, jerk_ ? 7 : 5, trajectory::bernstein::kMaxDegree))) {
+  for (End* end : {&start_, &end_}) {
+    for (std::vector<double>* x : {&end->q, &end->dq, &end->ddq, &end->dddq}) x->resize(n_);
+  }
+  c_r_.resize(n_ * static_cast<std::size_t>(degree_ - (jerk_ ? 7 : 5)));
+}
+
+void PolynomialSource::declare(Variables& v) {
+  v.parameter("T", T_, "s", "duration before stretching").range(1e-6, 1e9);
+  v.parameter("q_start", start_.q, "rad", "joint position at the start");
+  v.parameter("dq_start", start_.dq, "rad/s", "joint velocity at the start");
+  v.parameter("ddq_start", start_.ddq, "rad/s2", "joint acceleration at the start");
+  v.parameter("q_end", end_.q, "rad", "joint position at the end");
+  v.parameter("dq_end", end_.dq, "rad/s", "joint velocity at the end");
+  v.parameter("ddq_end", end_.ddq, "rad/s2", "joint acceleration at the end");
+  if (jerk_) {
+    v.parameter("dddq_start", start_.dddq, "rad/s3", "joint jerk at the start");
+    v.parameter("dddq_end", end_.dddq, "rad/s3", "joint jerk at the end");
+  }
+  if (!c_r_.empty()) {
+    v.parameter("c_r", c_r_, "rad",
+                "redundant coefficients (V-B), joint by joint; each the most that its term moves the joint");
+  }
+}
+
+trajectory::Path PolynomialSource::path() {
+  const trajectory::RedundantTerms terms(degree_, jerk_, jerk_);
+  const auto boundary = [&](const End& end, std::size_t j) {
+    return trajectory::Boundary{end.q[j], end.dq[j], end.ddq[j], jerk_ ? std::optional(end.dddq[j]) : std::nullopt};
+  };
+  std::vector<double> control;
+  for (std::size_t j = 0; j < n_; ++j) {
+    const auto c_r = std::span(c_r_).subspan(j * terms.size(), terms.size());
+    const auto points = trajectory::make_polynomial(boundary(start_, j), boundary(end_, j), T_, terms, c_r);
+    control.insert(control.end(), points.begin(), points.end());
+  }
+  return trajectory::Path(n_, {0, T_}, degree_, std::move(control));
+}
+
+RecordingSource::RecordingSource(Settings& settings, std::vector<trajectory::Axis> axes)
+    : settings_(settings), axes_(std::move(axes)) {}
+
+void RecordingSource::declare(Variables& v) {
+  v.parameter("file", file_, "CSV with the motion: named columns, one row a sample");
+  v.parameter("t_column", t_column_, "column of time; empty: t, time or timestamp");
+  v.parameter("t_unit", t_unit_, "unit of the column of time: s, ms, us or ns");
+  v.parameter("rate", rate_, "Hz", "sampling rate of a file without a column of time; 0: there is one").range(0, 1e6);
+  v.parameter("q_columns", q_columns_, kColumns);
+  v.parameter("angle", angle_, kAngle);
+  v.parameter("max_gap", max_gap_, "1", "a pause longer than so many median steps is an error").range(1, 1e9);
+  v.parameter("max_speed", max_speed_, "rad/s", "a faster step in q is an error; 0: four times the joint's limit, or 30 rad/s")
+      .range(0, 1e9);
+  v.parameter("cutoff", cutoff_, "Hz", "zero-phase low-pass: its -3 dB frequency after both passes; 0: none").range(0, 1e6);
+  v.parameter("filter_order", filter_order_, "Butterworth order of one of the two passes").range(1, 8);
+  v.parameter("start", begin_, "s", "instant of the file at which the motion begins, from its first sample").range(0, 1e9);
+  v.parameter("end", end_, "s", "instant of the file at which the motion ends; 0: its last sample").range(0, 1e9);
+}
+
+RecordingSource::Source RecordingSource::source() const {
+  if (file_.empty()) throw Error("motion: file", "is empty, expected the CSV with the motion");
+  Source source;
+  source.file = settings_.file(file_);
+  source.written = std::filesystem::last_write_time(source.file);
+  source.format.t_column = t_column_;
+  source.format.t_unit = text::choose<double>("motion: t_unit", t_unit_, {{"s", 1}, {"ms", 1e-3}, {"us", 1e-6}, {"ns", 1e-9}});
+  source.format.rate = rate_;
+  source.format.q_columns = q_columns_;
+  source.format.dq_columns = source.format.tau_columns = source.format.tau_e_columns = "none";
+  source.format.angle_unit = angle_unit(angle_);
+  source.format.max_gap = max_gap_;
+  source.format.max_speed = max_speed_;
+  source.cutoff = cutoff_;
+  source.filter_order = filter_order_;
+  return source;
+}
+
+trajectory::Path RecordingSource::path() {
+  const Source wanted = source();
+  if (loaded_ != wanted) {
+    loaded_.reset();
+    const trajectory::Series q = trajectory::load_recording(wanted.file, axes_, wanted.format).q;
+    whole_ = trajectory::interpolate(wanted.cutoff > 0 ? trajectory::smooth(q, wanted.cutoff, wanted.filter_order) : q);
+    loaded_ = wanted;
+  }
+  const double end = end_ > 0 ? end_ : whole_.end();
+  if (!(begin_ < end && end <= whole_.end())) {
+    throw Error("motion: start, end", "from " + text::to_text(begin_) + " s to " + text::to_text(end) +
+                                          " s, expected a part of the " + text::to_text(whole_.end(), 6) + " s of " +
+                                          wanted.file.string());
+  }
+  return trajectory::cut(whole_, begin_, end);
+}
+
+}  // namespace cotwin::motion

@@ -1,0 +1,77 @@
+#pragma once
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace cotwin::robot {
+struct RobotModel;
+}
+
+namespace cotwin {
+
+/// What a unit is built from before it has variables: the query of its source, `unit:drive_train?robot=lwr4&joints=7`, the
+/// scenario's defaults for settings that several units share, and the folders where named data lie. Settings decide the layout
+/// (how many joints) and the method; whatever can be a parameter is one.
+class Settings {
+ public:
+  /// `unit`: the unit's name, for messages; `query`: "a=1&b=x" with %-escapes, "" for none; `defaults`: the scenario's;
+  /// `folders`: where relative paths and robots/… are looked up, in this order.
+  Settings(std::string unit, std::string_view query, std::map<std::string, std::string> defaults,
+           std::vector<std::filesystem::path> folders);
+
+  /// The value of `key`: from the query, else the scenario's default, else `fallback`.
+  std::string text(const std::string& key, const std::string& fallback);
+  std::string text(const std::string& key);  // without fallback: Error if it is missing
+  long long integer(const std::string& key, long long fallback, long long min, long long max);
+  bool boolean(const std::string& key, bool fallback);
+  /// One of `choices`, the first of which is the fallback.
+  std::string choice(const std::string& key, const std::vector<std::string>& choices);
+
+  /// Whether a unit uses the masses of its robot, or only its names and limits.
+  enum class Masses { kUsed, kUnused };
+  /// The robot that the setting `robot` names. Where masses are used, links whose inertia no body can have are an Error or,
+  /// with the setting unphysical=warn, a warning. The definition is chosen by what a program links: robot_from_urdf.cpp beside
+  /// this file reads robot_file(); an exported unit has only the robot that was packed with it, and needs no XML (fmu/).
+  robot::RobotModel robot(Masses masses = Masses::kUsed);
+  /// The robot as robot() last gave it, nullptr if it was not asked for.
+  const std::shared_ptr<const robot::RobotModel>& robot_used() const { return robot_; }
+  /// The robot that robot() gives in an exported unit.
+  void set_robot(std::shared_ptr<const robot::RobotModel> robot) { robot_ = std::move(robot); }
+
+  /// The URDF of the robot that `key` names: a path to a file, or a robot's name, for which robots/<name>/robot.urdf is
+  /// looked up. Throws Error that lists where it looked.
+  std::filesystem::path robot_file(const std::string& key = "robot");
+  /// The file that `name` means: absolute, or relative to the first of the folders that has it. Throws Error as above.
+  std::filesystem::path file(const std::string& name) const;
+
+  /// Something the user should know of, shown once after loading.
+  void warn(std::string message) { warnings_.push_back(std::move(message)); }
+  const std::vector<std::string>& warnings() const { return warnings_; }
+  const std::string& unit() const { return unit_; }
+  /// The settings given and the defaults used, as a query again, "link=inside&robot=lwr4", in alphabetical order.
+  std::string query() const;
+  /// Files given to the unit by robot_file(), the first folder of which may hold <unit>.ssv with start values.
+  const std::vector<std::filesystem::path>& robot_files() const { return robot_files_; }
+  /// Keys of the defaults that text() was asked for.
+  const std::vector<std::string>& defaults_used() const { return defaults_used_; }
+  /// Throws Error if the query has a key that nobody asked for.
+  void check_all_used() const;
+
+ private:
+  const std::string* lookup(const std::string& key);
+
+  std::string unit_;
+  std::map<std::string, std::string> query_;
+  std::map<std::string, std::string> defaults_;
+  std::vector<std::filesystem::path> folders_;
+  std::vector<std::string> asked_;
+  std::vector<std::string> defaults_used_;
+  std::vector<std::string> warnings_;
+  std::vector<std::filesystem::path> robot_files_;
+  std::shared_ptr<const robot::RobotModel> robot_;
+};
+
+}  // namespace cotwin

@@ -1,0 +1,43 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "components/unit/unit.h"
+
+namespace cotwin {
+
+/// The values of all variables of a unit at one instant: plain data, independent of the unit it was taken from.
+class Snapshot {
+ public:
+  /// Copies every variable. Allocates only the first time (and where strings grow).
+  void take(const Variables& variables);
+  /// The same, and what the unit remembers outside of them.
+  void take(const Variables& variables, Unit& unit);
+  /// Writes the values back and tells the unit. Throws Error if `variables` is not laid out like those it was taken from.
+  void restore(const Variables& variables, Unit& unit) const;
+
+  /// Writes the values alone, for a unit that is initialised afterwards. Throws Error as restore.
+  void write(const Variables& variables) const;
+
+  /// A self-describing byte string (version, fingerprint, values; little-endian) that restores into a fresh instance of the
+  /// same unit.
+  std::vector<std::byte> serialise() const;
+  /// Throws Error for bytes that are not a snapshot, are cut short, or are of another version.
+  static Snapshot deserialise(std::span<const std::byte> bytes);
+
+  bool empty() const { return fingerprint_ == 0; }
+  friend bool operator==(const Snapshot&, const Snapshot&) = default;
+
+ private:
+  std::uint64_t fingerprint_ = 0;
+  std::vector<double> reals_;
+  std::vector<std::int32_t> integers_;
+  std::vector<std::uint8_t> booleans_;
+  std::vector<std::string> strings_;
+  std::string memory_;  // of Unit::save_memory
+};
+
+}  // namespace cotwin

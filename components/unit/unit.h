@@ -1,0 +1,43 @@
+#pragma once
+#include <cstdint>
+#include <string>
+
+#include "components/unit/time.h"
+#include "components/unit/variables.h"
+
+namespace cotwin {
+
+enum class [[nodiscard]] StepResult : std::uint8_t{
+    kDone,     // outputs hold at now + h
+    kDiscard,  // the step could not be made with this h; the unit's variables are as they were before it, or the master
+               // restores them
+    kFinished  // as kDone, and the unit asks for an orderly end of the run; it makes no further step
+};
+
+/// A co-simulation unit: its variables and three verbs. The call order is
+///   1. declare      once; names every variable, bound to the member that holds it
+///   2.   parameters, inputs and start values are written into the variables
+///   3. initialise   states and outputs agree with parameters and inputs; may repeat (2 and 3), also after steps, to start
+///   afresh
+///   4.   inputs and tunables are written
+///   5. step         from now to now + h; 4 and 5 repeat; `now` is where the last step ended
+///   6. restored     after a snapshot was written into the variables; then 4
+/// A unit is used by one thread at a time, not always the same one. Two units share nothing that either writes.
+class Unit {
+ public:
+  virtual ~Unit() = default;
+  virtual void declare(Variables&) = 0;
+  /// Throws Error where a human must act: a parameter out of its meaning, a file that cannot be read.
+  virtual void initialise(Time start) = 0;
+  /// Allocates nothing, blocks on nothing, reads no clock, prints nothing. `h` > 0 may differ from step to step.
+  virtual StepResult step(Time now, Duration h) = 0;
+  virtual void restored() {}
+  /// What a unit remembers outside its variables, as only one that others wrote may: bytes that a snapshot carries along and
+  /// restore_memory() takes, in this instance or a fresh one, after the variables were written and before restored().
+  virtual void save_memory(std::string& bytes) { bytes.clear(); }
+  virtual void restore_memory(const std::string&) {}
+  /// False for a unit whose step reaches outside (a bus, a robot) and cannot be taken back.
+  virtual bool restorable() const { return true; }
+};
+
+}  // namespace cotwin

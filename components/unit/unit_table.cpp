@@ -1,0 +1,115 @@
+#include "components/unit/unit_table.h"
+
+#include <algorithm>
+
+#include "components/unit/si.h"
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin {
+
+namespace {
+
+constexpr std::string_view kScheme = "unit:";
+
+const UnitType& find_type(std::string_view name, std::span<const UnitType> types) {
+  std::vector<std::string> names;
+  for (const UnitType& type : types) {
+    if (type.name == name) return type;
+    names.emplace_back(type.name);
+  }
+  std::string all;
+  for (const std::string& n : names) all += (all.empty() ? "" : ", ") + n;
+  const std::string closest = text::closest(name, names);
+  throw Error("unit:" + std::string(name),
+              "no such unit" + (closest.empty() ? "" : "; did you mean '" + closest + "'?") + " There are " + all);
+}
+
+/// `value`, given in `unit` (one that the set defines, or a common one), in the measure of `variable`.
+double in_measure_of(const Variable& variable, double value, const ParameterValue& given, const ParameterSet& set) {
+  if (given.unit.empty() || variable.si.empty()) return value;
+  const auto defined =
+      std::find_if(set.units.begin(), set.units.end(), [&](const UnitDefinition& u) { return u.name == given.unit; });
+  const si::Measure from = defined != set.units.end() ? si::from(*defined) : si::parse(given.unit);
+  const si::Measure to = si::parse(variable.si);
+  if (!si::convertible(from, to)) throw Error(given.place, given.name + ": " + given.unit + " cannot give " + variable.si);
+  const si::Conversion c = si::conversion(from, to);
+  return c.factor * value + c.offset;
+}
+
+}  // namespace
+
+UnitSource parse_unit_source(const std::string& source) {
+  if (source.rfind(kScheme, 0) != 0) throw Error(source, "expected unit:<name> or unit:<name>?<setting>=<value>&…");
+  const std::string rest = source.substr(kScheme.size());
+  const std::size_t question = rest.find('?');
+  return {rest.substr(0, question), question == std::string::npos ? "" : rest.substr(question + 1)};
+}
+
+Instance make_unit(const std::string& source, const std::map<std::string, std::string>& defaults,
+                   const std::vector<std::filesystem::path>& folders, std::span<const UnitType> types,
+                   std::vector<std::string>* defaults_used) {
+  const UnitSource parts = parse_unit_source(source);
+  Settings settings(parts.unit, parts.query, defaults, folders);
+  Instance instance = make_unit(settings, types);
+  if (defaults_used != nullptr) *defaults_used = settings.defaults_used();
+  return instance;
+}
+
+Instance make_unit(Settings& settings, std::span<const UnitType> types) {
+  Instance instance;
+  instance.unit = find_type(settings.unit(), types).make(settings);
+  settings.check_all_used();
+  instance.unit->declare(instance.variables);
+  for (const std::filesystem::path& robot : settings.robot_files()) {
+    const std::filesystem::path values = robot.parent_path() / (settings.unit() + ".ssv");
+    if (robot.filename() == "robot.urdf" && std::filesystem::exists(values))
+      apply(load_parameter_set(values), instance.variables);
+  }
+  instance.warnings = settings.warnings();
+  return instance;
+}
+
+void apply(const ParameterSet& set, const Variables& variables) {
+  for (const ParameterValue& given : set.values) {
+    try {
+      FoundElement found = find_element(variables, given.name);
+      if (found.variable == nullptr) {
+        const ElementName name = parse_element_name(given.name);
+        found = {&variables.at(name.name), name.element};
+      }
+      const Variable& variable = *found.variable;
+      if (variable.role == Role::kOutput && !variable.has_start)
+        throw Error(given.name, "is an output, expected a parameter, an input or a state");
+      const bool number = std::holds_alternative<double>(given.value) || std::holds_alternative<std::int64_t>(given.value);
+      const bool fits = (variable.kind() == Kind::kReal && number) ||
+                        (variable.kind() == Kind::kInteger && std::holds_alternative<std::int64_t>(given.value)) ||
+                        (variable.kind() == Kind::kBoolean && std::holds_alternative<bool>(given.value)) ||
+                        std::holds_alternative<std::string>(given.value);
+      if (!fits) throw Error(given.name, "is " + std::string(name_of(variable.kind())) + ", expected a value of that kind");
+
+      std::string value;
+      if (const auto* text = std::get_if<std::string>(&given.value)) {
+        value = *text;
+      } else if (const auto* boolean = std::get_if<bool>(&given.value)) {
+        value = *boolean ? "true" : "false";
+      } else if (variable.kind() == Kind::kInteger) {
+        value = std::to_string(std::get<std::int64_t>(given.value));
+      } else {
+        const auto* integer = std::get_if<std::int64_t>(&given.value);
+        const double real = integer != nullptr ? static_cast<double>(*integer) : std::get<double>(given.value);
+        value = text::to_text(in_measure_of(variable, real, given, set));
+      }
+      if (found.element < 0) {
+        assign_text(variable, value);
+      } else {
+        assign_text(variable, static_cast<std::size_t>(found.element), value);
+      }
+    } catch (const Error& error) {
+      if (given.place.empty() || std::string_view(error.what()).rfind(given.place, 0) == 0) throw;
+      throw Error(given.place, error.what());
+    }
+  }
+}
+
+}  // namespace cotwin

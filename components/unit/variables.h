@@ -1,0 +1,183 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <utility>
+#include <variant>
+#include <vector>
+
+namespace cotwin {
+
+/// The four kinds of value that a port carries. The order is that of Variable::storage.
+enum class Kind : std::uint8_t { kReal, kInteger, kBoolean, kString };
+
+/// What a variable is to the unit that declares it.
+///   input      written by others before a step; the unit only reads it
+///   output     holds at now + h after a step; others only read it
+///   parameter  fixed from initialise on
+///   tunable    a parameter that may change between two steps, and then without a jump
+///   state      what a step remembers; part of every snapshot, readable by all, written by the unit alone
+enum class Role : std::uint8_t { kInput, kOutput, kParameter, kTunable, kState };
+
+std::string_view name_of(Kind kind);
+std::string_view name_of(Role role);
+
+/// One variable of a unit: its meaning, and the unit's own member that holds it. Everything is a vector; a scalar is a vector
+/// of one. The storage must keep its address and length from declare() until the unit is destroyed.
+struct Variable {
+  using Storage = std::variant<std::span<double>, std::span<std::int32_t>, std::span<bool>, std::span<std::string>>;
+
+  std::string name;  // unique within the unit, an identifier: "tau_J" (any text where Variables::foreign() was said)
+  Role role = Role::kInput;
+  Storage storage;
+  std::string si;           // unit of measure of kReal, e.g. "N.m/rad"; "1" for a pure number; "" for the other kinds and for
+                            // reals of foreign units that do not tell
+  std::string description;  // one sentence: meaning, frame, equation
+  double min = -std::numeric_limits<double>::infinity();  // both ends belong to the range; in `si`
+  double max = +std::numeric_limits<double>::infinity();
+  std::span<double> rate;  // of an input that may be ramped: its first time derivative over the next step; else empty
+  bool has_start = false;  // of an output: a start value may be given to it before initialise, as to a state
+
+  Kind kind() const { return static_cast<Kind>(storage.index()); }
+  std::size_t size() const {
+    return std::visit([](auto s) { return s.size(); }, storage);
+  }
+  std::span<double> reals() const { return std::get<std::span<double>>(storage); }
+  std::span<std::int32_t> integers() const { return std::get<std::span<std::int32_t>>(storage); }
+  std::span<bool> booleans() const { return std::get<std::span<bool>>(storage); }
+  std::span<std::string> strings() const { return std::get<std::span<std::string>>(storage); }
+};
+
+/// The list of a unit's variables, in the order of declaration (which is the order of FMI value references: append, never
+/// reorder).
+class Variables {
+ public:
+  /// What may be said of a variable after its declaration: v.input("q", …).range(-3, 3).
+  class Declared {
+   public:
+    Declared(Variables& list, std::size_t index) : list_(list), index_(index) {}
+    Declared& range(double min, double max);
+    /// The unit follows the input linearly over a step: value + rate · (t − now). `storage` is as long as the input.
+    template <class T>
+    Declared& rate(T& storage) {
+      return set_rate(view(storage));
+    }
+    /// The output has a start value that may be given before initialise.
+    Declared& start();
+
+   private:
+    Declared& set_rate(Variable::Storage storage);
+    Variables& list_;
+    std::size_t index_;
+  };
+
+  /// Real variables. `storage` is a double, or anything contiguous with data() and size() (vector, array, span, Eigen vector).
+  /// The others (integer, boolean, string) leave out the unit of measure. Throws Error on a doubled or malformed name, an
+  /// unreadable unit of measure or an empty description.
+  template <class T>
+  Declared input(std::string name, T&& storage, std::string si, std::string description) {
+    return add(std::move(name), Role::kInput, view(storage), std::move(si), std::move(description));
+  }
+  template <class T>
+  Declared output(std::string name, T&& storage, std::string si, std::string description) {
+    return add(std::move(name), Role::kOutput, view(storage), std::move(si), std::move(description));
+  }
+  template <class T>
+  Declared parameter(std::string name, T&& storage, std::string si, std::string description) {
+    return add(std::move(name), Role::kParameter, view(storage), std::move(si), std::move(description));
+  }
+  template <class T>
+  Declared tunable(std::string name, T&& storage, std::string si, std::string description) {
+    return add(std::move(name), Role::kTunable, view(storage), std::move(si), std::move(description));
+  }
+  template <class T>
+  Declared state(std::string name, T&& storage, std::string si, std::string description) {
+    return add(std::move(name), Role::kState, view(storage), std::move(si), std::move(description));
+  }
+  template <class T>
+  Declared input(std::string name, T&& storage, std::string description) {
+    return add(std::move(name), Role::kInput, view(storage), "", std::move(description));
+  }
+  template <class T>
+  Declared output(std::string name, T&& storage, std::string description) {
+    return add(std::move(name), Role::kOutput, view(storage), "", std::move(description));
+  }
+  template <class T>
+  Declared parameter(std::string name, T&& storage, std::string description) {
+    return add(std::move(name), Role::kParameter, view(storage), "", std::move(description));
+  }
+  template <class T>
+  Declared tunable(std::string name, T&& storage, std::string description) {
+    return add(std::move(name), Role::kTunable, view(storage), "", std::move(description));
+  }
+  template <class T>
+  Declared state(std::string name, T&& storage, std::string description) {
+    return add(std::move(name), Role::kState, view(storage), "", std::move(description));
+  }
+
+  /// From here on the variables are those of a unit that others wrote: names may be any text without control characters
+  /// ("der(x)", "A[1,2]"), and reals whose unit of measure nobody told have "".
+  void foreign() { foreign_ = true; }
+
+  std::span<const Variable> all() const { return list_; }
+  auto begin() const { return list_.begin(); }
+  auto end() const { return list_.end(); }
+  std::size_t size() const { return list_.size(); }
+
+  /// nullptr if there is none of that name.
+  const Variable* find(std::string_view name) const;
+  /// Throws Error that names the closest variable.
+  const Variable& at(std::string_view name) const;
+
+  /// Throws Error `K[2] = -1 N.m/rad, expected 0 to 1e+07` for the first parameter or input outside its range, or NaN.
+  void check_ranges() const;
+  /// The first output or state that is not finite (±inf or NaN), as "tau_J[3]"; empty if there is none. Allocates only then.
+  std::string first_not_finite() const;
+  /// A hash of names, roles, kinds, sizes, units of measure and ranges: equal where two units are interchangeable.
+  std::uint64_t fingerprint() const;
+
+ private:
+  template <class T>
+  static Variable::Storage view(T& storage) {
+    using Value = std::remove_cvref_t<T>;
+    if constexpr (std::is_same_v<Value, double> || std::is_same_v<Value, std::int32_t> || std::is_same_v<Value, bool> ||
+                  std::is_same_v<Value, std::string>) {
+      return std::span<Value>(&storage, 1);
+    } else {
+      using Element = std::remove_reference_t<decltype(*storage.data())>;
+      return std::span<Element>(storage.data(), static_cast<std::size_t>(storage.size()));
+    }
+  }
+  Declared add(std::string name, Role role, Variable::Storage storage, std::string si, std::string description);
+
+  std::vector<Variable> list_;
+  bool foreign_ = false;
+  mutable std::uint64_t fingerprint_ = 0;  // 0: to be computed
+};
+
+/// Assigns `value`, read as the variable's kind, to element `element` (counted from 0) or, without one, to the whole vector:
+/// one value stands for every element, or as many as the vector has, separated by commas or blanks. Throws Error naming
+/// variable, text and expectation; then nothing is changed. Does not look at the role: the caller knows who may write.
+void assign_text(const Variable& variable, std::string_view value);
+void assign_text(const Variable& variable, std::size_t element, std::string_view value);
+
+/// A name with an optional element, "tau_J[3]" → {"tau_J", 2}. Throws Error for "q[0]", "q[x]", "q[".
+struct ElementName {
+  std::string name;
+  std::ptrdiff_t element = -1;  // −1: the whole variable
+};
+ElementName parse_element_name(std::string_view text);
+
+/// What `text` names: a variable of exactly this name, else an element of one, "tau_J[3]". `variable` is nullptr if there is
+/// neither; the element is not held against the size.
+struct FoundElement {
+  const Variable* variable = nullptr;
+  std::ptrdiff_t element = -1;  // −1: the whole variable
+};
+FoundElement find_element(const Variables& variables, std::string_view text);
+
+}  // namespace cotwin

@@ -1,0 +1,159 @@
+// The compliance unit in closed loop with the drive train: elastic joints with LuGre friction, torques held for a millisecond.
+#include <gtest/gtest.h>
+
+#include <Eigen/Core>
+#include <cmath>
+#include <string>
+
+#include "components/unit/unit_table.h"
+
+namespace cotwin {
+namespace {
+
+using Eigen::VectorXd;
+constexpr Duration kMillisecond{1'000'000};
+
+/// A controller and a robot that it moves.
+class Loop {
+ public:
+  explicit Loop(const std::string& robot) : controller_(make("compliance", robot)), drive_(make("drive_train", robot)) {}
+
+  Eigen::Map<VectorXd> controller(const char* name) { return values(controller_, name); }
+  Eigen::Map<VectorXd> drive(const char* name) { return values(drive_, name); }
+
+  /// Both at rest at `q`.
+  void start(const VectorXd& q) {
+    drive("q0") = q;
+    controller("q_d") = q;
+    drive_.unit->initialise({});
+    exchange();
+    controller_.unit->initialise({});
+  }
+  void step() {
+    exchange();
+    ASSERT_EQ(controller_.unit->step({}, kMillisecond), StepResult::kDone);
+    drive("tau_m") = controller("tau_m");
+    drive("tau_e") = controller("tau_e");
+    ASSERT_EQ(drive_.unit->step({}, kMillisecond), StepResult::kDone);
+  }
+  VectorXd error() { return controller("q_c") - drive("q"); }
+
+ private:
+  static Instance make(const std::string& unit, const std::string& robot) {
+    return make_unit("unit:" + unit, {{"robot", robot}}, {std::filesystem::path(COTWIN_SOURCE_DIR) / "models"}, unit_types());
+  }
+  static Eigen::Map<VectorXd> values(Instance& instance, const char* name) {
+    const std::span<double> reals = instance.variables.at(name).reals();
+    return {reals.data(), static_cast<Eigen::Index>(reals.size())};
+  }
+  void exchange() {
+    for (const char* name : {"q", "dq", "theta", "dtheta"}) controller(name) = drive(name);
+  }
+
+  Instance controller_, drive_;
+};
+
+/// A desired motion that starts at rest: amplitudes a (1 − cos w t) about q0.
+void desire(Loop& loop, const VectorXd& q0, double t) {
+  for (Eigen::Index i = 0; i < q0.size(); ++i) {
+    const double a = 0.4, w = 1.1 + 0.3 * static_cast<double>(i), s = 1 - std::cos(w * t), c = std::cos(w * t);
+    loop.controller("q_d")[i] = q0[i] + a * s * s;  // rests with q̇ = q̈ = 0 at t = 0
+    loop.controller("dq_d")[i] = 2 * a * w * s * std::sin(w * t);
+    loop.controller("ddq_d")[i] = 2 * a * w * w * (std::sin(w * t) * std::sin(w * t) + s * c);
+  }
+}
+
+double worst_error(Loop& loop, const VectorXd& q0, double seconds) {
+  double worst = 0;
+  loop.start(q0);
+  for (int n = 1; n <= std::lround(seconds * 1000); ++n) {
+    desire(loop, q0, n * 1e-3);
+    loop.step();
+    worst = std::max(worst, loop.error().lpNorm<Eigen::Infinity>());
+  }
+  return worst;
+}
+
+TEST(ComplianceWithDriveTrain, TracksWithinATenthOfAMilliradianInBothModesWhenItKnowsTheDrive) {
+  const VectorXd q0 = (VectorXd(7) << 0, 0.3, 0, -1.2, 0, 0.9, 0).finished();
+  for (const double passivity : {0.0, 1.0}) {
+    Loop loop("lwr4");
+    loop.controller("passivity").setConstant(passivity);
+    EXPECT_LT(worst_error(loop, q0, 6), 1e-4) << "passivity " << passivity;
+  }
+}
+
+TEST(ComplianceWithDriveTrain, FrictionThatTheControllerDoesNotKnowLeavesAnErrorThatTheGainsBound) {
+  const VectorXd q0 = (VectorXd(7) << 0, 0.3, 0, -1.2, 0, 0.9, 0).finished();
+  Loop loop("lwr4");
+  for (const char* name : {"sigma0", "sigma1", "sigma2", "tau_C", "tau_S"}) loop.controller(name).setZero();
+  // At most (tau_S + sigma2 |q̇|) / ((M + B) ω²), and the same again while the sign changes.
+  double bound = 0;
+  for (Eigen::Index i = 0; i < 7; ++i) {
+    const double omega = loop.controller("omega")[i];
+    const double friction = loop.drive("tau_S")[i] + 3 * loop.drive("sigma2")[i];
+    bound = std::max(bound, friction / (loop.controller("B")[i] * omega * omega));
+  }
+  const double worst = worst_error(loop, q0, 6);
+  EXPECT_LT(worst, 2 * bound);
+  EXPECT_GT(worst, 1e-3);  // and it does matter
+}
+
+TEST(ComplianceWithDriveTrain, ErrorsAfterAJumpOfTheExternalTorqueDieOutInBothModes) {
+  for (const double passivity : {0.0, 1.0}) {
+    Loop loop("planar2");
+    loop.controller("passivity").setConstant(passivity);
+    loop.start(Eigen::Vector2d(0.4, -0.6));
+    loop.controller("tau_e") << 20, -12;
+    double worst = 0;
+    for (int n = 0; n < 4000; ++n) {
+      loop.step();
+      worst = std::max(worst, loop.error().lpNorm<Eigen::Infinity>());
+    }
+    EXPECT_LT(worst, 3e-3) << passivity;  // the springs' own 20 N.m over 10 000 N.m/rad
+    EXPECT_LT(loop.error().lpNorm<Eigen::Infinity>(), 1e-5) << passivity;
+  }
+}
+
+TEST(ComplianceWithDriveTrain, TorqueFeedbackDampsLinksThatVibrateOnTheirSprings) {
+  // Error 0.2 to 0.4 s after a jump: with shaping the links have come to rest by then.
+  const auto ringing = [](double shaping) {
+    Loop loop("planar2");
+    loop.controller("shaping").setConstant(shaping);
+    for (const char* name : {"sigma0", "sigma1", "tau_C", "tau_S"}) {  // friction damps as well
+      loop.controller(name).setZero();
+      loop.drive(name).setZero();
+    }
+    loop.start(Eigen::Vector2d(0.4, -0.6));
+    loop.controller("tau_e") << 20, -12;
+    double sum = 0;
+    VectorXd before = loop.error();
+    for (int n = 0; n < 400; ++n) {
+      loop.step();
+      if (n >= 200) sum += (loop.error() - before).squaredNorm();  // velocity: a slow tail does not count
+      before = loop.error();
+    }
+    return std::sqrt(sum);
+  };
+  EXPECT_LT(ringing(4), 0.3 * ringing(1));
+}
+
+TEST(ComplianceWithDriveTrain, IsGuidedFreelyByAnExternalTorqueAndStaysWhereItIsLeft) {
+  Loop loop("planar2");
+  loop.controller("S_a").setZero();
+  loop.controller("D_a").setConstant(20);
+  const Eigen::Vector2d q0(0.4, -0.6);
+  loop.start(q0);
+  loop.controller("tau_e") << 6, 3;
+  for (int n = 0; n < 2000; ++n) loop.step();
+  loop.controller("tau_e").setZero();
+  for (int n = 0; n < 3000; ++n) loop.step();
+  const VectorXd left = loop.drive("q");
+  EXPECT_NEAR(left[0] - q0[0], 6.0 / 20 * 2, 1e-3);  // τ_e/D for 2 s, what is lost in starting comes back in stopping
+  EXPECT_NEAR(left[1] - q0[1], 3.0 / 20 * 2, 1e-3);
+  for (int n = 0; n < 1000; ++n) loop.step();
+  EXPECT_LT((loop.drive("q") - left).norm(), 1e-5);
+}
+
+}  // namespace
+}  // namespace cotwin

@@ -1,0 +1,309 @@
+#include "components/io/io.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <numbers>
+
+#include "components/unit/snapshot.h"
+#include "components/unit/unit_table.h"
+#include "models/text/error.h"
+#include "models/text/text.h"
+#include "tests/support/allocations.h"
+
+namespace cotwin {
+namespace {
+
+using ::testing::HasSubstr;
+using Values = std::vector<std::pair<std::string, std::string>>;
+
+constexpr Duration kTick{1'000'000};
+constexpr double kTurn = 2 * std::numbers::pi;
+
+class File {
+ public:
+  explicit File(const std::string& content, const std::string& tag = "") {
+    const auto* test = ::testing::UnitTest::GetInstance()->current_test_info();
+    path_ = std::filesystem::temp_directory_path() / (std::string("cotwin_io_") + test->name() + tag + ".csv");
+    std::ofstream(path_, std::ios::binary) << content;
+  }
+  ~File() { std::filesystem::remove(path_); }
+  std::string path() const { return path_.string(); }
+
+ private:
+  std::filesystem::path path_;
+};
+
+/// An io unit with a recording behind it, as the master sees it.
+class Subject {
+ public:
+  explicit Subject(const std::string& query, const Values& values) {
+    const UnitType type{"io", "", [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<io::Io>(s); }};
+    instance_ = make_unit("unit:io?" + query, {}, {std::filesystem::path(COTWIN_SOURCE_DIR) / "models"}, {&type, 1});
+    for (const auto& [name, value] : values) set(name, value);
+  }
+  void set(const std::string& name, const std::string& value) { assign_text(variables().at(name), value); }
+  void initialise() {
+    variables().check_ranges();
+    instance_.unit->initialise(Time{0});
+  }
+  /// Outputs at t, reached by one step of a tick.
+  void to(double t) { ASSERT_EQ(instance_.unit->step(Time::from_seconds(t) + Duration{-kTick.ns}, kTick), StepResult::kDone); }
+  double real(const std::string& name, std::size_t element = 0) const { return instance_.variables.at(name).reals()[element]; }
+  bool boolean(const std::string& name) const { return instance_.variables.at(name).booleans()[0]; }
+  std::string text(const std::string& name) const { return instance_.variables.at(name).strings()[0]; }
+  const Variables& variables() const { return instance_.variables; }
+  Unit& unit() { return *instance_.unit; }
+  std::string error_of_initialise() {
+    try {
+      initialise();
+    } catch (const Error& e) {
+      return e.what();
+    }
+    return "no error";
+  }
+
+ private:
+  Instance instance_;
+};
+
+double q_of(double t) { return 0.4 * std::sin(kTurn * 0.5 * t); }
+double tau_of(int k) { return k % 2 == 0 ? 3.0 : -1.0; }  // as rough as can be
+
+/// Two joints at 50 Hz for 4 s: q, −q; torques that no interpolation but straight lines keeps.
+std::string recording(bool torques, double angle = 1) {
+  std::string content = torques ? "t,q1,q2,qd1,qd2,tau1,tau2\n" : "t,q1,q2\n";
+  for (int k = 0; k <= 200; ++k) {
+    const double t = k * 0.02;
+    content += text::to_text(10 + t) + "," + text::to_text(q_of(t) * angle) + "," + text::to_text(-q_of(t) * angle);
+    if (torques) content += ",7,8," + text::to_text(tau_of(k)) + "," + text::to_text(2 * tau_of(k));
+    content += "\n";
+  }
+  return content;
+}
+
+TEST(Io, ARecordingIsPlayedWithItsDerivatives) {
+  const File file(recording(false, 180 / std::numbers::pi));
+  Subject s("joints=2", {{"file", file.path()}, {"angle", "deg"}});
+  s.initialise();
+  EXPECT_NEAR(s.real("q"), 0, 1e-12);
+  const double w = kTurn * 0.5;
+  for (double t = 0.001; t < 4; t += 0.0237) {
+    s.to(t);
+    EXPECT_NEAR(s.real("q", 0), q_of(t), 1e-9);
+    EXPECT_NEAR(s.real("q", 1), -q_of(t), 1e-9);
+    EXPECT_NEAR(s.real("dq", 0), 0.4 * w * std::cos(w * t), 1e-6);
+    EXPECT_NEAR(s.real("ddq", 0), -0.4 * w * w * std::sin(w * t), 1e-4);
+    EXPECT_FALSE(s.boolean("done"));
+  }
+  EXPECT_FALSE(s.boolean("has_tau"));
+  EXPECT_EQ(s.real("tau", 1), 0);
+}
+
+TEST(Io, MeasuredTorquesAreLeftAloneUnlessAFilterIsAskedFor) {
+  const File file(recording(true));
+  Subject s("joints=2", {{"file", file.path()}, {"tau_scale", "1,-100"}});
+  s.initialise();
+  EXPECT_TRUE(s.boolean("has_tau"));
+  EXPECT_FALSE(s.boolean("has_tau_e"));
+  EXPECT_NEAR(s.real("tau", 0), tau_of(0), 1e-12);
+  for (int k = 1; k < 200; ++k) {
+    s.to(k * 0.02);  // at a sample's instant, the sample
+    EXPECT_NEAR(s.real("tau", 0), tau_of(k), 1e-11);
+    EXPECT_NEAR(s.real("tau", 1), -200 * tau_of(k), 1e-9);
+    s.to(k * 0.02 + 0.005);  // between, a straight line
+    EXPECT_NEAR(s.real("tau", 0), 0.75 * tau_of(k) + 0.25 * tau_of(k + 1), 1e-11);
+  }
+  s.set("tau_cutoff", "5");
+  s.initialise();
+  s.to(2);
+  EXPECT_NEAR(s.real("tau", 0), 1, 1e-3);  // the mean of 3 and −1: the rest lies at the Nyquist frequency
+}
+
+TEST(Io, VelocitiesAreDerivedFromPositionsOrTakenFromTheirColumns) {
+  const File file(recording(true));
+  Subject s("joints=2", {{"file", file.path()}, {"derivative", "columns"}});
+  s.initialise();
+  s.to(1.23);
+  EXPECT_NEAR(s.real("dq", 0), 7, 1e-12);
+  EXPECT_NEAR(s.real("dq", 1), 8, 1e-12);
+  EXPECT_NEAR(s.real("ddq", 1), 0, 1e-9);
+  EXPECT_NEAR(s.real("q", 0), q_of(1.23), 1e-9);
+  s.set("derivative", "position");
+  s.initialise();
+  s.to(1.23);
+  EXPECT_NEAR(s.real("dq", 0), 0.4 * kTurn * 0.5 * std::cos(kTurn * 0.5 * 1.23), 1e-6);
+  const File without(recording(false), "_without");
+  Subject none("joints=2", {{"file", without.path()}, {"derivative", "columns"}});
+  EXPECT_THAT(none.error_of_initialise(), HasSubstr("has no columns of joint velocities"));
+}
+
+TEST(Io, FreshTellsWhetherASampleCameWithinTheStep) {
+  const File file(recording(true));
+  Subject s("joints=2", {{"file", file.path()}, {"start", "0.011"}, {"end", "3.5"}});
+  s.initialise();
+  EXPECT_FALSE(s.boolean("fresh"));
+  int fresh = 0;
+  for (int k = 1; k <= 4000; ++k) {
+    s.to(k * 0.001);
+    fresh += s.boolean("fresh") ? 1 : 0;
+    EXPECT_EQ(s.boolean("done"), k * 0.001 + 0.011 >= 3.5);
+  }
+  EXPECT_EQ(fresh, 175);  // 0.02, 0.04 … 3.5 s of the recording
+  Subject at_sample("joints=2", {{"file", file.path()}});
+  at_sample.initialise();
+  EXPECT_TRUE(at_sample.boolean("fresh"));
+}
+
+TEST(Io, AfterItsEndTheJointsRestWhereTheyAre) {
+  const File file(recording(true));
+  Subject s("joints=2", {{"file", file.path()}, {"start", "1"}, {"end", "2.25"}});
+  s.initialise();
+  EXPECT_NEAR(s.real("q"), q_of(1), 1e-9);
+  s.to(9);
+  EXPECT_NEAR(s.real("q"), q_of(2.25), 1e-9);
+  EXPECT_EQ(s.real("dq"), 0);
+  EXPECT_EQ(s.real("ddq"), 0);
+  EXPECT_NEAR(s.real("tau"), 0.5 * tau_of(112) + 0.5 * tau_of(113), 1e-11);
+  EXPECT_TRUE(s.boolean("done"));
+}
+
+TEST(Io, SmoothingIsThatOfTheDocumentedFilter) {
+  // At the cutoff, −3 dB; no delay.
+  const File file(recording(false));
+  Subject s("joints=2", {{"file", file.path()}, {"q_cutoff", "0.5"}, {"filter_order", "2"}});
+  s.initialise();
+  s.to(2.5);
+  // Only four seconds of a filter of half a hertz: the ends still show.
+  EXPECT_NEAR(s.real("q"), q_of(2.5) * std::sqrt(0.5), 0.15 * 0.4);
+  s.set("q_cutoff", "12");
+  s.initialise();
+  for (double t = 0.5; t < 3.5; t += 0.01) {
+    s.to(t);
+    EXPECT_NEAR(s.real("q"), q_of(t), 1e-5);
+  }
+  s.set("q_cutoff", "25");
+  EXPECT_THAT(s.error_of_initialise(), HasSubstr("expected more than 0 and less than half the sampling rate of 50 Hz"));
+}
+
+TEST(Io, StepsCanBeTakenBackAndAllocateNothing) {
+  const File file(recording(true));
+  const Values values = {{"file", file.path()}, {"q_cutoff", "8"}, {"derivative", "columns"}};
+  Subject s("joints=2", values);
+  s.initialise();
+  EXPECT_TRUE(s.unit().restorable());
+  s.to(1);
+  Snapshot here;
+  here.take(s.variables());
+  s.to(1.001);
+  const double q = s.real("q"), dq = s.real("dq", 1), tau = s.real("tau", 1);
+  for (const double t : {3.0, 0.5, 2.0}) s.to(t);
+  here.restore(s.variables(), s.unit());
+  s.to(1.001);
+  EXPECT_EQ(s.real("q"), q);
+  EXPECT_EQ(s.real("dq", 1), dq);
+  EXPECT_EQ(s.real("tau", 1), tau);
+  const std::uint64_t before = testing::allocations();
+  for (int k = 1; k <= 500; ++k) s.to(k * 0.001);
+  EXPECT_EQ(testing::allocations(), before);
+}
+
+TEST(Io, ARepeatedInitialisationReadsTheFileAgainOnlyIfItChanged) {
+  File file(recording(true));
+  Subject s("joints=2", {{"file", file.path()}});
+  s.initialise();
+  const auto written = std::filesystem::last_write_time(file.path());
+  std::ofstream(file.path()) << "t,q1,q2\n0,1,2\n1,1,2\n";
+  std::filesystem::last_write_time(file.path(), written);
+  s.initialise();
+  EXPECT_NEAR(s.real("q"), 0, 1e-12);
+  std::filesystem::last_write_time(file.path(), written + std::chrono::seconds(2));
+  s.initialise();
+  EXPECT_NEAR(s.real("q", 1), 2, 1e-12);
+  EXPECT_FALSE(s.boolean("has_tau"));
+}
+
+TEST(Io, WhatIsWrongWithARecordingIsToldWithFileAndLine) {
+  const auto error = [](const std::string& content, Values values = {}) {
+    const File file(content);
+    values.push_back({"file", file.path()});
+    return Subject("joints=1", values).error_of_initialise();
+  };
+  EXPECT_THAT(error("t,q1\n0,0\n1,\n"), HasSubstr(".csv:3: column 'q1': empty, expected a number"));
+  EXPECT_THAT(error("t,q1\n0,0\n1,nan\n"), HasSubstr(".csv:3: column 'q1': nan, expected a finite number"));
+  EXPECT_THAT(error("t,q1\n0,0\n1,0\n1,0\n"), HasSubstr(".csv:4: column 't': 1, the same time as on line 3"));
+  EXPECT_THAT(error("t,q1\n0,0\n1,0\n2,0\n9,0\n"), HasSubstr(".csv:5: a gap: 7 s after the sample on line 4"));
+  EXPECT_THAT(error("t,q1\n0,0\n1,0\n2,0\n9,0\n", {{"max_gap", "10"}}), "no error");
+  EXPECT_THAT(error("t,q1,q2\n0,0,0\n1,0,0\n"), HasSubstr("has columns 'q1' to 'q2' of q, expected 1"));
+  EXPECT_THAT(error("t,q1\n0,0\n0.1,40\n"), HasSubstr("are these degrees? Then angle = deg"));
+  EXPECT_THAT(error("t,q1\n0,0\n0.1,40\n", {{"max_speed", "1000"}}), "no error");
+  EXPECT_THAT(error("t,q1\n0,0\n1,0\n", {{"angle", "grad"}}), HasSubstr("io: angle: 'grad', expected one of rad, deg"));
+  EXPECT_THAT(error("t,q1\n0,0\n1,0\n", {{"start", "1"}}), HasSubstr("expected a part of the 1 s of"));
+  EXPECT_THAT(Subject("joints=1", {}).error_of_initialise(),
+              HasSubstr("io: file: is empty, expected the CSV with the recording"));
+  EXPECT_THAT(Subject("joints=1", {{"file", "nowhere.csv"}}).error_of_initialise(),
+              HasSubstr("no file nowhere.csv; looked for"));
+}
+
+TEST(Io, LeavingTheRobotsLimitsIsAWarningAnErrorOrNothing) {
+  std::string content = "t,q1,q2,q3,q4,q5,q6,q7\n";
+  for (int k = 0; k <= 100; ++k)
+    content += text::to_text(k * 0.05) + "," + text::to_text(k * 0.032) + ",0,0,0,0,0,0\n";  // to 3.2 rad; the limit is 170°
+  const File file(content);
+  Subject s("robot=lwr4", {{"file", file.path()}});
+  s.initialise();
+  EXPECT_THAT(s.text("warning"), HasSubstr(" is at 3.2 rad at 5 s, expected -2.9"));
+  s.set("limits", "ignore");
+  s.initialise();
+  EXPECT_EQ(s.text("warning"), "");
+  s.set("limits", "error");
+  EXPECT_THAT(s.error_of_initialise(), HasSubstr(" is at 3.2 rad at 5 s, expected -2.9"));
+}
+
+TEST(Io, CommandsAreAcceptedAndIgnoredByARecording) {
+  const File file(recording(true));
+  Subject s("joints=2", {{"file", file.path()}});
+  s.initialise();
+  s.to(1);
+  const double q = s.real("q");
+  s.set("q_command", "9");
+  s.set("tau_command", "9");
+  s.to(1);
+  EXPECT_EQ(s.real("q"), q);
+}
+
+class RealRobot : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!std::filesystem::exists(data_)) GTEST_SKIP() << "needs " << data_;
+  }
+  std::string file(const char* name) const { return (data_ / "measurements" / name).string(); }
+  std::string urdf(const char* name) const { return (data_ / "models" / name).string(); }
+  const std::filesystem::path data_ = std::filesystem::path(COTWIN_SHARED_DIR) / "data";
+};
+
+TEST_F(RealRobot, ThePandaRecordingPlaysWithItsUrdfAndNoFurtherParameter) {
+  Subject s("robot=" + urdf("panda_franka_ros.urdf"), {{"file", file("panda_unisa.csv")}, {"q_cutoff", "2"}});
+  s.initialise();
+  EXPECT_TRUE(s.boolean("has_tau"));
+  EXPECT_EQ(s.variables().at("q").size(), 7u);
+  EXPECT_EQ(s.text("warning"), "");
+  EXPECT_NEAR(s.real("q", 0), -2.253338, 0.02);  // smoothed
+  EXPECT_EQ(s.real("tau", 6), 0.06056813);       // as measured
+}
+
+TEST_F(RealRobot, TheUr10AndKr300RecordingsPlayWithNoFurtherParameter) {
+  Subject ur10("robot=" + urdf("ur10.urdf"), {{"file", file("ur10_unisa.csv")}});
+  ur10.initialise();
+  EXPECT_EQ(ur10.real("q", 0), 0.6197783);
+  EXPECT_EQ(ur10.real("tau", 1), -20.64695);
+  Subject kr300("joints=6", {{"file", file("kr300_A.csv")}, {"q_columns", "qmot{}"}});
+  kr300.initialise();
+  EXPECT_EQ(kr300.real("q", 0), 0.001041595);
+}
+
+}  // namespace
+}  // namespace cotwin
