@@ -1,0 +1,268 @@
+#include "master/engine.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+std::vector<Signal> fed_signals(const std::vector<Link>& links) {
+  std::vector<Signal> fed;
+  for (const Link& link : links) {
+    if (!link.initial) fed.push_back(link.to);
+  }
+  return fed;
+}
+
+double seconds_between(std::chrono::steady_clock::time_point a, std::chrono::steady_clock::time_point b) {
+  return std::chrono::duration<double>(b - a).count();
+}
+
+/// The exponent of a NaN or an infinity, all ones, overflows into the sign bit: no branch, and several fit into one
+/// instruction.
+std::uint64_t sign_if_not_finite(double value) {
+  return (std::bit_cast<std::uint64_t>(value) & 0x7ff0'0000'0000'0000u) + 0x0010'0000'0000'0000u;
+}
+
+constexpr std::size_t kLongRow = 4;
+
+bool is_watched(const Variable& v) { return v.kind() == Kind::kReal && (v.role == Role::kOutput || v.role == Role::kState); }
+
+}  // namespace
+
+Engine::Engine(const Scenario& scenario, std::span<Member> members, int threads, bool always_threads)
+    : schedule(scenario, members),
+      links(resolve_links(scenario, members)),
+      wiring(links, schedule),
+      events(scenario, members, fed_signals(links)),
+      members_(members),
+      threads_(threads),
+      always_threads_(always_threads),
+      interval_begin_(schedule.slots.size()),
+      results_(schedule.slots.size(), StepResult::kDone),
+      exceptions_(schedule.slots.size()),
+      seconds_(schedule.slots.size()),
+      seconds_sum_(schedule.slots.size()),
+      samples_(schedule.slots.size()) {
+  for (const Stage& stage : schedule.stages) {
+    StageRun& run = runs_.emplace_back();
+    for (std::size_t i = stage.first; i < stage.last; ++i) run.ramps = run.ramps || wiring.ramped(i);
+  }
+  watch_outputs();
+}
+
+void Engine::watch_outputs() {
+  for (const Slot& slot : schedule.slots) {
+    for (const Variable& v : members_[slot.member].variables()) {
+      if (!is_watched(v) || v.size() == 0) continue;
+      const std::span<double> values = v.reals();
+      const bool continues = !watched_.empty() && watched_.back().values + watched_.back().count == values.data();
+      if (continues) {
+        watched_.back().count += values.size();
+      } else {
+        watched_.push_back({values.data(), values.size()});
+      }
+    }
+  }
+  std::erase_if(watched_, [&](const Watched& w) {
+    if (w.count >= kLongRow) return false;
+    for (std::size_t i = 0; i < w.count; ++i) watched_alone_.push_back(w.values + i);
+    return true;
+  });
+}
+
+Initialisation Engine::initialise(Time start) {
+  for (Slot& slot : schedule.slots) {
+    slot.time = start;
+    slot.last_step = {};
+  }
+  if (!workers_) start_workers(threads_, always_threads_);
+  constexpr int kReadings = 64;
+  const auto begin = Clock::now();
+  for (int i = 1; i < kReadings; ++i) (void)Clock::now();
+  clock_seconds_ = seconds_between(begin, Clock::now()) / kReadings;
+  return initialise_units(members_, schedule, links, wiring, start);
+}
+
+void Engine::start_workers(int threads, bool always) {
+  const int machine = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  std::size_t widest = 0;
+  for (const Stage& stage : schedule.stages) widest = std::max(widest, stage.last - stage.first);
+  int wanted = threads > 0 ? threads : machine;
+  if (!always) wanted = std::min(wanted, machine);
+  wanted = std::min({wanted, static_cast<int>(std::min<std::size_t>(widest, 255)), 255});
+  if (wanted < 2) return;
+  workers_ = std::make_unique<Workers>(wanted);
+  const double barrier = workers_->barrier_seconds();
+  for (std::size_t s = 0; s < runs_.size(); ++s) {
+    const Stage& stage = schedule.stages[s];
+    if (stage.last - stage.first < 2) continue;
+    std::vector<bool> movable;
+    for (std::size_t i = stage.first; i < stage.last; ++i) movable.push_back(schedule.slots[i].threads);
+    runs_[s].unit_seconds.resize(movable.size());
+    runs_[s].balance = std::make_unique<Balance>(std::move(movable), wanted, barrier, always);
+  }
+}
+
+std::size_t Engine::advance(std::int64_t tick, int parts, bool sampled) {
+  const Time begin = schedule.time(tick);
+  tick_ = tick;
+  end_ = schedule.time(tick + 1);
+  parts_ = parts;
+  sampled_ = sampled;
+  finished_by_ = kNobody;
+  if (parts > 1) {
+    for (std::size_t i = 0; i < schedule.slots.size(); ++i) interval_begin_[i] = schedule.slots[i].time;
+  }
+  for (part_ = 0; part_ < parts && finished_by_ == kNobody; ++part_) {
+    const Time from = part_ == 0 ? begin : cut(begin, end_, part_ - 1, parts);
+    events.apply(from, cut(begin, end_, part_, parts) - from);
+    for (std::size_t s = 0; s < schedule.stages.size(); ++s) {
+      const Stage& stage = schedule.stages[s];
+      StageRun& run = runs_[s];
+      exchange(stage, run.ramps);
+      std::size_t who = kNobody;
+      if (sampled_ && run.balance) {
+        step_sampled(stage, run, &who);
+      } else {
+        who = run.balance && run.balance->parallel() ? step_on_threads(stage, run) : step_in_turn(stage);
+      }
+      if (who != kNobody) return who;
+      if (!run.ramps) continue;
+      for (std::size_t i = stage.first; i < stage.last; ++i) {
+        if (wiring.ramped(i) && due(schedule.slots[i])) wiring.end_ramps(i);
+      }
+    }
+  }
+  return kNobody;
+}
+
+void Engine::exchange(const Stage& stage, bool ramps) {
+  if (stage.every_tick) {
+    wiring.exchange(stage.first, stage.last);
+  } else {
+    for (std::size_t i = stage.first; i < stage.last; ++i) {
+      if (due(schedule.slots[i])) wiring.exchange(i, i + 1);
+    }
+  }
+  if (!ramps) return;
+  for (std::size_t i = stage.first; i < stage.last; ++i) {
+    const Slot& slot = schedule.slots[i];
+    if (wiring.ramped(i) && due(slot)) wiring.begin_ramps(i, target(i) - slot.time, slot.last_step);
+  }
+}
+
+std::size_t Engine::step_in_turn(const Stage& stage) { return sampled_ ? step_range<true>(stage) : step_range<false>(stage); }
+
+template <bool kTimed>
+std::size_t Engine::step_range(const Stage& stage) {
+  const bool plain = stage.every_tick && parts_ == 1;
+  std::size_t i = stage.first;
+  try {
+    for (; i < stage.last; ++i) {
+      Slot& slot = schedule.slots[i];
+      if (!plain && !due(slot)) continue;
+      const StepResult result = kTimed ? step_timed(i) : step(slot, plain ? end_ : target(i));
+      if (result == StepResult::kDone) continue;
+      if (result == StepResult::kDiscard) return i;
+      if (finished_by_ == kNobody) finished_by_ = i;
+    }
+  } catch (const Error& error) {
+    tell_who(i, error);
+  }
+  return kNobody;
+}
+
+std::size_t Engine::step_on_threads(const Stage& stage, StageRun& run) {
+  spread_ever_ = true;
+  first_ = stage.first;
+  workers_->run(run.balance->thread_of(), step_on_worker, this);
+  for (std::size_t i = stage.first; i < stage.last; ++i) {  // in a fixed order, whoever was first
+    if (!exceptions_[i]) continue;
+    const std::exception_ptr exception = exceptions_[i];
+    std::fill(exceptions_.begin(), exceptions_.end(), nullptr);
+    try {
+      std::rethrow_exception(exception);
+    } catch (const Error& error) {
+      tell_who(i, error);
+    }
+  }
+  for (std::size_t i = stage.first; i < stage.last; ++i) {
+    if (!due(schedule.slots[i])) continue;
+    if (results_[i] == StepResult::kDiscard) return i;
+    if (results_[i] == StepResult::kFinished && finished_by_ == kNobody) finished_by_ = i;
+  }
+  return kNobody;
+}
+
+void Engine::step_sampled(const Stage& stage, StageRun& run, std::size_t* who) {
+  const auto begin = Clock::now();
+  *who = run.balance->parallel() ? step_on_threads(stage, run) : step_in_turn(stage);
+  const double seconds = seconds_between(begin, Clock::now());
+  for (std::size_t i = stage.first; i < stage.last; ++i) {
+    run.unit_seconds[i - stage.first] = due(schedule.slots[i]) ? seconds_[i] : 0;
+  }
+  run.balance->sampled(run.unit_seconds, seconds);
+}
+
+void Engine::tell_who(std::size_t i, const Error& error) const {
+  throw Error(name(i) + " at t = " + text::to_text(schedule.slots[i].time.seconds()) + " s", error.what());
+}
+
+StepResult Engine::step_timed(std::size_t i) {
+  const auto begin = Clock::now();
+  const StepResult result = step(schedule.slots[i], target(i));
+  seconds_[i] = std::max(0.0, seconds_between(begin, Clock::now()) - clock_seconds_);
+  seconds_sum_[i] += seconds_[i];
+  ++samples_[i];
+  return result;
+}
+
+void Engine::step_on_worker(void* context, std::size_t index) {
+  Engine& engine = *static_cast<Engine*>(context);
+  const std::size_t i = engine.first_ + index;
+  if (!engine.due(engine.schedule.slots[i])) return;
+  try {
+    engine.results_[i] = engine.sampled_ ? engine.step_timed(i) : engine.step(engine.schedule.slots[i], engine.target(i));
+  } catch (...) {
+    engine.exceptions_[i] = std::current_exception();
+  }
+}
+
+void Engine::check_numbers(Time now) const {
+  std::uint64_t seen = 0;
+  for (const double* value : watched_alone_) seen |= sign_if_not_finite(*value);
+  for (const Watched& w : watched_) {
+    for (std::size_t i = 0; i < w.count; ++i) seen |= sign_if_not_finite(w.values[i]);
+  }
+  if ((seen >> 63) != 0) tell_not_a_number(now);
+}
+
+Engine::Cost Engine::cost(std::size_t member, std::int64_t ticks) const {
+  const std::size_t slot = schedule.slot_of[member];
+  const double mean = samples_[slot] > 0 ? seconds_sum_[slot] / static_cast<double>(samples_[slot]) : 0;
+  return {mean, ticks / schedule.slots[slot].period};
+}
+
+void Engine::tell_not_a_number(Time now) const {
+  for (const Slot& slot : schedule.slots) {  // in the order of stepping: the first is where it came from
+    for (const Variable& v : members_[slot.member].variables()) {
+      if (!is_watched(v)) continue;
+      const std::span<double> values = v.reals();
+      for (std::size_t i = 0; i < values.size(); ++i) {
+        if (std::isfinite(values[i])) continue;
+        const std::string& member = members_[slot.member].name();
+        throw Error(element_name(member, v, i) + " is " + text::to_text(values[i]) + " at t = " + text::to_text(now.seconds()) +
+                    " s, expected a finite " + std::string(name_of(v.role)));
+      }
+    }
+  }
+  throw Error("a value is not finite at t = " + text::to_text(now.seconds()) + " s");
+}
+
+}  // namespace cotwin::master

@@ -1,0 +1,121 @@
+#pragma once
+#include <chrono>
+#include <cstdint>
+#include <exception>
+#include <memory>
+#include <numeric>
+#include <span>
+#include <vector>
+
+#include "master/events.h"
+#include "master/initialisation.h"
+#include "master/members.h"
+#include "master/schedule.h"
+#include "master/wiring.h"
+#include "master/workers.h"
+#include "models/text/error.h"
+
+/// Takes all units over one tick: events, exchange, steps. It knows nothing of files, clocks and going back.
+namespace cotwin::master {
+
+class Engine {
+ public:
+  static constexpr std::size_t kNobody = static_cast<std::size_t>(-1);
+
+  /// `threads`: at most so many, 0: as many as the machine has; `always_threads`: also where they do not pay.
+  Engine(const Scenario& scenario, std::span<Member> members, int threads, bool always_threads);
+
+  /// Makes all units agree and starts the threads that may be needed.
+  Initialisation initialise(Time start);
+
+  /// Steps every unit that is due in the tick, the way of each cut into `parts` with an exchange before each; `sampled`:
+  /// measures times. Returns kNobody, or the first slot that discarded; then everything must be restored. Throws what a unit
+  /// throws, with its name and time in front if it is an Error.
+  std::size_t advance(std::int64_t tick, int parts, bool sampled);
+
+  /// The slot that asked for an orderly end of the run in the last tick (StepResult::kFinished), or kNobody.
+  std::size_t finished_by() const { return finished_by_; }
+
+  /// Throws Error naming unit, variable and time if an output or a state is not a number.
+  void check_numbers(Time now) const;
+
+  struct Cost {
+    double seconds_per_step = 0;  // mean of the sampled steps
+    std::int64_t steps = 0;       // per run without discards: ticks / period
+    double seconds() const { return seconds_per_step * static_cast<double>(steps); }
+  };
+  Cost cost(std::size_t member, std::int64_t ticks) const;
+  /// Of all units in all sampled ticks.
+  double sampled_seconds() const { return std::accumulate(seconds_sum_.begin(), seconds_sum_.end(), 0.0); }
+  int threads_used() const { return spread_ever_ ? workers_->threads() : 1; }
+
+  const std::string& name(std::size_t slot) const { return members_[schedule.slots[slot].member].name(); }
+
+  Schedule schedule;
+  std::vector<Link> links;
+  Wiring wiring;
+  Events events;
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  /// Adjacent doubles that must stay numbers.
+  struct Watched {
+    const double* values;
+    std::size_t count;
+  };
+  struct StageRun {
+    bool ramps = false;
+    std::unique_ptr<Balance> balance;  // of a stage that may be spread over threads
+    std::vector<double> unit_seconds;  // of the sampled tick
+  };
+
+  void watch_outputs();
+  void start_workers(int threads, bool always);
+  void exchange(const Stage& stage, bool ramps);
+  std::size_t step_in_turn(const Stage& stage);
+  std::size_t step_on_threads(const Stage& stage, StageRun& run);
+  void step_sampled(const Stage& stage, StageRun& run, std::size_t* who);
+  template <bool kTimed>
+  std::size_t step_range(const Stage& stage);
+  StepResult step(Slot& slot, Time end) {
+    const Duration h = end - slot.time;
+    const StepResult result = slot.unit->step(slot.time, h);
+    slot.time = end;
+    slot.last_step = h;
+    return result;
+  }
+  StepResult step_timed(std::size_t slot);
+  [[noreturn]] void tell_who(std::size_t slot, const Error& error) const;
+  static void step_on_worker(void* engine, std::size_t index);
+  bool due(const Slot& slot) const { return schedule.due(slot, tick_); }
+  Time target(std::size_t slot) const { return parts_ == 1 ? end_ : cut(interval_begin_[slot], end_, part_, parts_); }
+  [[noreturn]] void tell_not_a_number(Time now) const;
+
+  std::span<Member> members_;
+  int threads_;
+  bool always_threads_;
+  std::vector<StageRun> runs_;
+  std::vector<Watched> watched_;              // long rows …
+  std::vector<const double*> watched_alone_;  // … and what stands in short ones
+  std::unique_ptr<Workers> workers_;
+  bool spread_ever_ = false;
+
+  // The part of the tick that is being stepped.
+  std::int64_t tick_ = 0;
+  Time end_;
+  int part_ = 0, parts_ = 1;
+  bool sampled_ = false;
+  std::size_t finished_by_ = kNobody;
+  std::size_t first_ = 0;                       // slot of the stage on the workers
+  std::vector<Time> interval_begin_;            // per slot, of a tick in parts
+  std::vector<StepResult> results_;             // per slot, of steps on workers
+  std::vector<std::exception_ptr> exceptions_;  // likewise
+
+  std::vector<double> seconds_;  // per slot, the last sampled step
+  std::vector<double> seconds_sum_;
+  std::vector<std::int64_t> samples_;
+  double clock_seconds_ = 0;  // what measuring itself costs
+};
+
+}  // namespace cotwin::master

@@ -1,0 +1,162 @@
+#include "master/events.h"
+
+#include <algorithm>
+
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+template <class T>
+std::span<T> part(std::span<T> whole, const Signal& signal) {
+  return whole.empty() ? whole : whole.subspan(signal.first, signal.count);
+}
+
+/// The variable with its storage narrowed to the signal's elements.
+Variable narrowed(const Signal& signal) {
+  Variable v = *signal.variable;
+  std::visit([&](auto& storage) { storage = part(storage, signal); }, v.storage);
+  v.rate = part(v.rate, signal);
+  v.name = signal.name;
+  return v;
+}
+
+void check_range(const Variable& variable, double value, const EventSpec& spec) {
+  if (value >= variable.min && value <= variable.max) return;
+  fail(spec.place, "event: " + spec.variable + " = " + text::to_text(value) + ", expected " + text::to_text(variable.min) +
+                       " to " + text::to_text(variable.max));
+}
+
+}  // namespace
+
+Events::Events(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> fed) {
+  for (const EventSpec& spec : scenario.events) {
+    const Signal signal = find_signal(members, spec.variable, spec.place);
+    const Variable& variable = *signal.variable;
+    if (variable.role != Role::kInput && variable.role != Role::kTunable) {
+      fail(spec.place, "event on '" + spec.variable + "', a " + std::string(name_of(variable.role)) +
+                           ", expected an input or a tunable parameter");
+    }
+    for (const Signal& other : fed) {
+      if (other.variable == signal.variable && other.first < signal.first + signal.count &&
+          signal.first < other.first + other.count) {
+        fail(spec.place, "event on '" + spec.variable + "', which a connection feeds");
+      }
+    }
+    if (spec.ramp.ns < 0 || (spec.ramp.ns > 0 && variable.kind() != Kind::kReal)) {
+      fail(spec.place, "event on '" + spec.variable + "': a ramp needs a real variable and a positive duration");
+    }
+    add(spec, signal);
+  }
+  std::stable_sort(changes_.begin(), changes_.end(), [](const Change& a, const Change& b) { return a.time < b.time; });
+  active_.resize(changes_.size());
+  begins_.resize(changes_.size());
+}
+
+void Events::add(const EventSpec& spec, const Signal& signal) {
+  // The text is read into storage of our own, by the same rules as everywhere.
+  Other other{narrowed(signal), {}, {}, {}};
+  const Variable& variable = other.variable;
+  Variable value = variable;
+  std::vector<double> reals;
+  const std::size_t n = signal.count;
+  switch (variable.kind()) {
+    case Kind::kReal:
+      reals.resize(n), value.storage = std::span(reals);
+      break;
+    case Kind::kInteger:
+      other.integers.resize(n), value.storage = std::span(other.integers);
+      break;
+    case Kind::kBoolean:
+      other.booleans = std::make_unique<bool[]>(n), value.storage = std::span(other.booleans.get(), n);
+      break;
+    case Kind::kString:
+      other.strings.resize(n), value.storage = std::span(other.strings);
+      break;
+  }
+  try {
+    assign_text(value, spec.value);
+  } catch (const Error& error) {
+    fail(spec.place, error.what());
+  }
+  for (const std::int32_t integer : other.integers) check_range(variable, integer, spec);
+  if (variable.kind() != Kind::kReal) {
+    changes_.push_back({spec.time, spec.ramp, nullptr, nullptr, 0, others_.size()});
+    others_.push_back(std::move(other));
+    return;
+  }
+  for (std::size_t i = 0; i < n; ++i) {
+    check_range(variable, reals[i], spec);
+    double* rate = variable.rate.empty() ? nullptr : &variable.rate[i];
+    changes_.push_back({spec.time, spec.ramp, &variable.reals()[i], rate, reals[i], 0});
+  }
+}
+
+void Events::apply_due(Time now, Duration h) {
+  while (next_ < changes_.size() && changes_[next_].time <= now) begin(next_++);
+  any_active_ = false;
+  for (std::size_t i = 0; i < next_; ++i) {
+    if (active_[i]) follow(i, now, h);
+    any_active_ = any_active_ || active_[i];
+  }
+}
+
+void Events::begin(std::size_t index) {
+  const Change& change = changes_[index];
+  if (!change.value) {
+    Other& other = others_[change.other];
+    switch (other.variable.kind()) {
+      case Kind::kReal:
+        break;
+      case Kind::kInteger:
+        std::copy(other.integers.begin(), other.integers.end(), other.variable.integers().begin());
+        break;
+      case Kind::kBoolean:
+        std::copy_n(other.booleans.get(), other.variable.size(), other.variable.booleans().begin());
+        break;
+      case Kind::kString:
+        std::copy(other.strings.begin(), other.strings.end(), other.variable.strings().begin());
+        break;
+    }
+    return;
+  }
+  for (std::size_t i = 0; i < index; ++i) {
+    if (changes_[i].value == change.value) active_[i] = 0;
+  }
+  if (change.rate) *change.rate = 0;
+  if (change.ramp.ns > 0) {
+    begins_[index] = *change.value;
+    active_[index] = 1;
+  } else {
+    *change.value = change.target;
+  }
+}
+
+void Events::follow(std::size_t index, Time now, Duration h) {
+  const Change& change = changes_[index];
+  const auto share = [&](Time t) {
+    const std::int64_t elapsed = std::clamp((t - change.time).ns, std::int64_t{0}, change.ramp.ns);
+    return static_cast<double>(elapsed) / static_cast<double>(change.ramp.ns);
+  };
+  const double at_begin = share(now), at_end = share(now + h), rise = change.target - begins_[index];
+  *change.value = at_begin == 1 ? change.target : begins_[index] + rise * at_begin;
+  if (change.rate) *change.rate = rise * (at_end - at_begin) / h.seconds();
+  if (at_begin == 1) active_[index] = 0;
+}
+
+void Events::mark(Bookmark& bookmark) const {
+  bookmark.next = next_;
+  bookmark.begins = begins_;
+  bookmark.active = active_;
+}
+
+void Events::back_to(const Bookmark& bookmark) {
+  next_ = bookmark.next;
+  begins_ = bookmark.begins;
+  active_ = bookmark.active;
+  any_active_ = std::find(active_.begin(), active_.end(), 1) != active_.end();
+}
+
+}  // namespace cotwin::master

@@ -1,0 +1,68 @@
+#pragma once
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "components/unit/time.h"
+#include "master/members.h"
+
+/// What the scenario changes while it runs: what-ifs, overrides, disturbances.
+namespace cotwin::master {
+
+/// Jumps and ramps of inputs that nothing feeds and of tunables. An event takes effect in the first (part of a) tick that
+/// begins at or after its time. A ramp runs from the value found then and ends at time + duration exactly; an input with a rate
+/// (Variable::rate) follows it without stairs. A later event on the same variable ends an earlier ramp.
+class Events {
+ public:
+  /// What must be kept to come back to an instant.
+  struct Bookmark {
+    std::size_t next = 0;
+    std::vector<double> begins;
+    std::vector<std::uint8_t> active;
+  };
+
+  /// Throws Error at the event's place for a variable that is fed, of another role, a value that does not fit or is out of
+  /// range.
+  Events(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> fed);
+
+  /// To be called at the beginning of every step, `h` its length.
+  void apply(Time now, Duration h) {
+    if (next_ < changes_.size() || any_active_) apply_due(now, h);
+  }
+
+  void mark(Bookmark& bookmark) const;
+  void back_to(const Bookmark& bookmark);
+
+ private:
+  /// One element of a real variable, or a whole variable of another kind.
+  struct Change {
+    Time time;
+    Duration ramp;
+    double* value = nullptr;  // nullptr: see `other`
+    double* rate = nullptr;
+    double target = 0;
+    std::size_t other = 0;  // into others_
+  };
+  struct Other {
+    Variable variable;  // its storage narrowed to the elements that change
+    std::vector<std::int32_t> integers;
+    std::unique_ptr<bool[]> booleans;
+    std::vector<std::string> strings;
+  };
+
+  void add(const EventSpec& spec, const Signal& signal);
+  void apply_due(Time now, Duration h);
+  void begin(std::size_t change);
+  void follow(std::size_t change, Time now, Duration h);
+
+  std::vector<Change> changes_;  // by time, then as the scenario lists them
+  std::vector<Other> others_;
+  std::size_t next_ = 0;  // the first that has not begun
+  bool any_active_ = false;
+  std::vector<std::uint8_t> active_;  // ramps under way
+  std::vector<double> begins_;        // where they began
+};
+
+}  // namespace cotwin::master

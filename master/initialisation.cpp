@@ -1,0 +1,238 @@
+#include "master/initialisation.h"
+
+#include <Eigen/QR>
+#include <algorithm>
+#include <cmath>
+
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+constexpr double kTolerance = 1e-12;  // relative to 1 + |value|
+constexpr int kMaxIterations = 200;
+constexpr Eigen::Index kDepth = 8;
+
+using Graph = std::vector<std::vector<std::size_t>>;
+
+/// Tarjan's algorithm, with its own stack instead of recursion: a chain may be long.
+class StrongComponents {
+ public:
+  explicit StrongComponents(const Graph& edges)
+      : edges_(edges), index_(edges.size(), kNone), low_(edges.size()), on_stack_(edges.size()) {
+    for (std::size_t node = 0; node < edges.size(); ++node) {
+      if (index_[node] == kNone) visit(node);
+    }
+    std::reverse(found_.begin(), found_.end());  // Tarjan finds sinks first
+  }
+  std::vector<std::vector<std::size_t>> take() { return std::move(found_); }
+
+ private:
+  static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+  struct Frame {
+    std::size_t node, next_edge;
+  };
+
+  void open(std::size_t node) {
+    index_[node] = low_[node] = count_++;
+    stack_.push_back(node);
+    on_stack_[node] = true;
+    frames_.push_back({node, 0});
+  }
+
+  void visit(std::size_t root) {
+    open(root);
+    while (!frames_.empty()) {
+      const std::size_t node = frames_.back().node;
+      if (frames_.back().next_edge < edges_[node].size()) {
+        const std::size_t other = edges_[node][frames_.back().next_edge++];
+        if (index_[other] == kNone) {
+          open(other);
+        } else if (on_stack_[other]) {
+          low_[node] = std::min(low_[node], index_[other]);
+        }
+        continue;
+      }
+      frames_.pop_back();
+      if (!frames_.empty()) low_[frames_.back().node] = std::min(low_[frames_.back().node], low_[node]);
+      if (low_[node] == index_[node]) close(node);
+    }
+  }
+
+  void close(std::size_t node) {
+    std::vector<std::size_t> component;
+    do {
+      component.push_back(stack_.back());
+      on_stack_[stack_.back()] = false;
+      stack_.pop_back();
+    } while (component.back() != node);
+    std::sort(component.begin(), component.end());
+    found_.push_back(std::move(component));
+  }
+
+  const Graph& edges_;
+  std::vector<std::size_t> index_, low_;
+  std::vector<bool> on_stack_;
+  std::vector<std::size_t> stack_;
+  std::vector<Frame> frames_;
+  std::size_t count_ = 0;
+  std::vector<std::vector<std::size_t>> found_;
+};
+
+class Initialiser {
+ public:
+  Initialiser(std::span<Member> members, const Schedule& schedule, const std::vector<Link>& links, Wiring& wiring, Time start)
+      : members_(members), schedule_(schedule), wiring_(wiring), start_(start), edges_(schedule.slots.size()) {
+    for (const Link& link : links) edges_[schedule.slot_of[link.from.member]].push_back(schedule.slot_of[link.to.member]);
+    for (auto& targets : edges_) {
+      std::sort(targets.begin(), targets.end());
+      targets.erase(std::unique(targets.begin(), targets.end()), targets.end());
+    }
+    for (const auto& component : strong_components(edges_)) order_.insert(order_.end(), component.begin(), component.end());
+  }
+
+  Initialisation run() {
+    for (const std::size_t slot : order_) {
+      wiring_.settle(slot);
+      initialise(slot);
+    }
+    result_.rounds = 1;
+    // News travels along at least one connection a round.
+    std::vector<std::size_t> restless = settle_all(order_, order_.size() + 1);
+    if (restless.empty()) return result_;
+
+    const std::vector<std::size_t> loop = loop_among(restless);
+    if (!loop.empty()) {
+      for (const std::size_t slot : loop) result_.loop.push_back(name(slot));
+      solve(loop);
+    }
+    std::vector<std::size_t> rest;
+    for (const std::size_t slot : order_) {
+      if (!std::binary_search(loop.begin(), loop.end(), slot)) rest.push_back(slot);
+    }
+    restless = settle_all(rest, rest.size() + 1);
+    if (!restless.empty()) throw Error("initialisation", "the inputs of '" + name(restless.front()) + "' do not come to rest");
+    return result_;
+  }
+
+ private:
+  const std::string& name(std::size_t slot) const { return members_[schedule_.slots[slot].member].name(); }
+
+  void initialise(std::size_t slot) {
+    try {
+      schedule_.slots[slot].unit->initialise(start_);
+    } catch (const Error& error) {
+      const ComponentSpec& spec = members_[schedule_.slots[slot].member].spec;
+      fail(spec.place, "component '" + spec.name + "': " + error.what());
+    }
+  }
+
+  /// Sweeps over `slots` until no input changes, at most `rounds` times. Returns the slots that changed in the last round.
+  std::vector<std::size_t> settle_all(const std::vector<std::size_t>& slots, std::size_t rounds) {
+    std::vector<std::size_t> restless;
+    for (std::size_t round = 0; round < rounds; ++round) {
+      restless.clear();
+      for (const std::size_t slot : slots) {
+        if (!wiring_.settle(slot)) continue;
+        restless.push_back(slot);
+        initialise(slot);
+      }
+      ++result_.rounds;
+      if (restless.empty()) break;
+    }
+    return restless;
+  }
+
+  /// The restless slots that lie on a circle of restless slots, ascending; the others only listen.
+  std::vector<std::size_t> loop_among(const std::vector<std::size_t>& restless) const {
+    const auto is_restless = [&](std::size_t slot) {
+      return std::find(restless.begin(), restless.end(), slot) != restless.end();
+    };
+    Graph among(edges_.size());
+    for (const std::size_t slot : restless)
+      std::copy_if(edges_[slot].begin(), edges_[slot].end(), std::back_inserter(among[slot]), is_restless);
+    std::vector<std::size_t> loop;
+    for (const auto& component : strong_components(among)) {
+      const std::size_t first = component.front();
+      const bool feeds_itself = std::find(among[first].begin(), among[first].end(), first) != among[first].end();
+      if (component.size() > 1 || feeds_itself) loop.insert(loop.end(), component.begin(), component.end());
+    }
+    std::sort(loop.begin(), loop.end());
+    return loop;
+  }
+
+  /// Anderson's acceleration of x ← G(x), x the real inputs of the loop (Walker and Ni, SIAM J. Numer. Anal. 49, 2011, the
+  /// unconstrained form): the step is the residual f = G(x) − x less its best approximation by the last changes of f.
+  void solve(const std::vector<std::size_t>& loop) {
+    std::vector<double*> inputs;
+    for (const std::size_t slot : loop) {
+      const std::vector<double*> fed = wiring_.fed_reals(slot);
+      inputs.insert(inputs.end(), fed.begin(), fed.end());
+    }
+    const auto n = static_cast<Eigen::Index>(inputs.size());
+    const auto read = [&](Eigen::VectorXd& to) {
+      for (Eigen::Index i = 0; i < n; ++i) to[i] = *inputs[static_cast<std::size_t>(i)];
+    };
+    Eigen::VectorXd x(n), g(n), f(n), last_g(n), last_f(n);
+    Eigen::MatrixXd df(n, kDepth), dg(n, kDepth);
+    const Eigen::Index depth = std::min(kDepth, n);
+    read(x);
+    double worst = 0;
+    std::string worst_slot;
+    Eigen::Index columns = 0;
+    for (result_.iterations = 1; result_.iterations <= kMaxIterations; ++result_.iterations) {
+      for (Eigen::Index i = 0; i < n; ++i) *inputs[static_cast<std::size_t>(i)] = x[i];
+      for (const std::size_t slot : loop) initialise(slot);
+      bool changed = false;
+      for (const std::size_t slot : loop) changed = wiring_.settle(slot) || changed;
+      if (!changed) return;
+      read(g);
+      f = g - x;
+      if (!f.allFinite()) break;
+      worst = n > 0 ? (f.array().abs() / (1 + x.array().abs())).maxCoeff() : 1;
+      if (worst <= kTolerance) {  // the inputs are G(x) now: once more, so that the outputs belong to them
+        for (const std::size_t slot : loop) initialise(slot);
+        return;
+      }
+      if (result_.iterations > 1) {
+        const Eigen::Index at = (result_.iterations - 2) % std::max<Eigen::Index>(depth, 1);
+        df.col(at) = f - last_f;
+        dg.col(at) = g - last_g;
+        columns = std::min(columns + 1, depth);
+      }
+      last_f = f;
+      last_g = g;
+      x = g;
+      if (columns > 0) {
+        const Eigen::VectorXd gamma = df.leftCols(columns).colPivHouseholderQr().solve(f);
+        if (gamma.allFinite()) x -= dg.leftCols(columns) * gamma;
+      }
+    }
+    std::string members;
+    for (const std::size_t slot : loop) members += (members.empty() ? "" : ", ") + name(slot);
+    throw Error("initialisation", "algebraic loop between " + members + ": its inputs do not come to rest within " +
+                                      std::to_string(kMaxIterations) + " iterations (last relative change " +
+                                      text::to_text(worst, 3) + "); set start values closer to a solution, or break the loop");
+  }
+
+  std::span<Member> members_;
+  const Schedule& schedule_;
+  Wiring& wiring_;
+  Time start_;
+  Graph edges_;
+  std::vector<std::size_t> order_;
+  Initialisation result_;
+};
+
+}  // namespace
+
+std::vector<std::vector<std::size_t>> strong_components(const Graph& edges) { return StrongComponents(edges).take(); }
+
+Initialisation initialise_units(std::span<Member> members, const Schedule& schedule, const std::vector<Link>& links,
+                                Wiring& wiring, Time start) {
+  return Initialiser(members, schedule, links, wiring, start).run();
+}
+
+}  // namespace cotwin::master

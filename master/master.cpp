@@ -1,0 +1,346 @@
+#include "master/master.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <limits>
+
+#include "master/engine.h"
+#include "master/recorder.h"
+#include "master/step_control.h"
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+constexpr std::int64_t kSampleEvery = 61;  // ticks between two whose units are timed: a clock costs as much as a light unit
+constexpr std::int64_t kSampleAll = 1024;  // a run of fewer ticks is timed throughout
+constexpr std::int64_t kCheckpointEvery = 256;  // ticks
+constexpr std::int64_t kCarefulTicks = 64;      // with a checkpoint each, after a discarded one
+constexpr int kMostParts = 1024;                // into which a tick is cut
+
+std::vector<Signal> signals_of(const std::vector<Column>& columns) {
+  std::vector<Signal> signals;
+  for (const Column& column : columns) signals.push_back(column.signal);
+  return signals;
+}
+
+/// What the unit said when it was built, and what stands in outputs called `warning`.
+std::vector<std::string> warnings_of(const Member& member) {
+  std::vector<std::string> all = member.instance.warnings;
+  const Variable* output = member.variables().find("warning");
+  if (output == nullptr || output->role != Role::kOutput || output->kind() != Kind::kString) return all;
+  for (const std::string& text : output->strings()) {
+    if (!text.empty()) all.push_back(text);
+  }
+  return all;
+}
+
+}  // namespace
+
+/// Phases of a tick: wait for the clock; advance, and again in smaller parts where somebody discards or the tolerance asks;
+/// check for NaN; let statistics and recorder see the new instant.
+class Master::Loop {
+ public:
+  Loop(Scenario scenario, MasterOptions options);
+
+  void initialise();
+  bool step_tick();
+  void finish();
+  Summary summary() const;
+  Time now() const { return engine_.schedule.time(tick_); }
+  std::int64_t ticks() const { return engine_.schedule.ticks(); }
+
+  const Scenario scenario_;
+  std::vector<Member> members_;
+  std::int64_t tick_ = 0;
+
+ private:
+  void step_plainly();
+  void step_in_smaller_parts(std::size_t who);
+  void step_to_tolerance();
+  void take_checkpoint();
+  void count_discard(std::size_t who);
+  void observe();
+  void step_timed();
+  void step();
+  bool sampled() const { return tick_ % kSampleEvery == 1 || engine_.schedule.ticks() < kSampleAll; }
+
+  Engine engine_;
+  std::vector<Column> columns_;
+  Statistics statistics_;
+  bool has_statistics_;
+  std::unique_ptr<Clock> clock_;
+  std::unique_ptr<Recorder> recorder_;
+  Initialisation initialisation_;
+
+  const Member* not_restorable_ = nullptr;  // the first that cannot go back
+  Checkpoint checkpoint_;
+  std::int64_t next_checkpoint_ = 0, careful_until_ = 0;
+  std::vector<std::int64_t> discarded_by_;  // per slot
+  std::int64_t discarded_ = 0;
+  std::optional<OutputError> output_error_;  // with a tolerance
+  int parts_ = 1;                            // of the next tick, with a tolerance
+  int most_parts_ = 1;
+  std::int64_t parts_sum_ = 0, tolerance_missed_ = 0;
+
+  double sampled_seconds_ = 0;
+  std::int64_t sampled_ticks_ = 0;
+  std::chrono::steady_clock::time_point begun_, ended_;
+  bool running_ = false, finished_ = false;
+};
+
+Master::Loop::Loop(Scenario scenario, MasterOptions options)
+    : scenario_(std::move(scenario)),
+      members_(load_members(scenario_, options.types, options.folders)),
+      engine_(scenario_, members_, options.threads.value_or(scenario_.threads), options.always_threads),
+      columns_(choose_columns(scenario_, members_)),
+      statistics_(scenario_, members_, signals_of(columns_)),
+      has_statistics_(!statistics_.empty()),
+      clock_(options.clock ? std::move(options.clock) : make_clock(scenario_.clock)),
+      discarded_by_(members_.size()) {
+  for (const Member& member : members_) {
+    if (!not_restorable_ && !member.instance.unit->restorable()) not_restorable_ = &member;
+  }
+  const std::string place = scenario_.file.filename().string();
+  if (scenario_.decimation < 1) fail(place, "decimation " + std::to_string(scenario_.decimation) + ", expected >= 1 ticks");
+  if (scenario_.tolerance > 0) {
+    if (not_restorable_) {
+      fail(not_restorable_->spec.place,
+           "component '" + not_restorable_->name() +
+               "' cannot be taken back, as steps to a tolerance need; leave the scenario's tolerance out");
+    }
+    output_error_.emplace(members_, scenario_.tolerance);
+  }
+  if (!options.results.empty() && !columns_.empty()) {
+    recorder_ = std::make_unique<Recorder>(columns_, options.results / "signals.csv", Recorder::Options{!clock_->real_time()});
+  }
+}
+
+void Master::Loop::initialise() {
+  for (const Member& member : members_) {
+    try {
+      member.variables().check_ranges();
+    } catch (const Error& error) {
+      fail(member.spec.place, "component '" + member.name() + "': " + error.what());
+    }
+  }
+  initialisation_ = engine_.initialise(scenario_.start);
+  engine_.check_numbers(scenario_.start);
+  take_checkpoint();  // makes the room that later ones need
+  if (output_error_) output_error_->remember();
+  observe();
+  begun_ = std::chrono::steady_clock::now();
+  running_ = true;
+  clock_->start(scenario_.start);
+}
+
+bool Master::Loop::step_tick() {
+  if (tick_ >= engine_.schedule.ticks() || engine_.finished_by() != Engine::kNobody) return false;
+  clock_->wait(now());
+  if (sampled()) {
+    step_timed();
+  } else {
+    step();
+  }
+  return true;
+}
+
+void Master::Loop::step_timed() {
+  const auto begin = std::chrono::steady_clock::now();
+  step();
+  sampled_seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  ++sampled_ticks_;
+}
+
+void Master::Loop::step() {
+  if (output_error_) {
+    step_to_tolerance();
+  } else {
+    step_plainly();
+  }
+  ++tick_;
+  engine_.check_numbers(now());
+  observe();
+}
+
+void Master::Loop::step_plainly() {
+  if (tick_ >= next_checkpoint_ && !not_restorable_) take_checkpoint();
+  const std::size_t who = engine_.advance(tick_, 1, sampled());
+  if (who != Engine::kNobody) step_in_smaller_parts(who);
+}
+
+void Master::Loop::take_checkpoint() {
+  checkpoint_.take(tick_, members_, engine_.schedule, engine_.events);
+  next_checkpoint_ = tick_ < careful_until_ ? tick_ + 1 : tick_ + kCheckpointEvery;
+}
+
+/// The ticks since the last checkpoint are stepped once more, to the same bits: cheaper than a checkpoint in every tick of
+/// every run.
+void Master::Loop::step_in_smaller_parts(std::size_t who) {
+  const auto blame = [&] {
+    return "'" + engine_.name(who) + "' discarded its step at t = " + text::to_text(now().seconds()) + " s";
+  };
+  count_discard(who);
+  if (not_restorable_)
+    throw Error(blame() + ", which cannot be repeated: '" + not_restorable_->name() + "' cannot be taken back");
+  if (checkpoint_.tick() < tick_) {
+    checkpoint_.restore(members_, engine_.schedule, engine_.events);
+    for (std::int64_t tick = checkpoint_.tick(); tick < tick_; ++tick) {
+      const std::size_t again = engine_.advance(tick, 1, false);
+      if (again == Engine::kNobody) continue;
+      throw Error("'" + engine_.name(again) + "' discards at t = " + text::to_text(engine_.schedule.time(tick).seconds()) +
+                  " s a step that it has made before: its variables do not hold all that it remembers");
+    }
+    take_checkpoint();
+  }
+  careful_until_ = tick_ + kCarefulTicks;
+  next_checkpoint_ = tick_ + 1;
+  for (int parts = 2; parts <= kMostParts; parts *= 2) {
+    checkpoint_.restore(members_, engine_.schedule, engine_.events);
+    who = engine_.advance(tick_, parts, false);
+    if (who != Engine::kNobody) continue;
+    most_parts_ = std::max(most_parts_, parts);
+    return;
+  }
+  throw Error(blame() + " even at 1/" + std::to_string(kMostParts) + " of the tick");
+}
+
+/// Step doubling: the tick in p parts is held against the tick in 2p, which is kept if they agree within the tolerance, and
+/// else is the next p. A tick that agrees to an eighth gives the next one half the parts (the error of a part goes with its
+/// square, two parts make the difference: a quarter, with a margin).
+void Master::Loop::step_to_tolerance() {
+  take_checkpoint();
+  std::size_t who = Engine::kNobody;
+  const auto make = [&](int parts, bool timed) {
+    who = engine_.advance(tick_, parts, timed);
+    if (who != Engine::kNobody) count_discard(who);
+    return who == Engine::kNobody;
+  };
+  bool has_coarse = make(parts_, sampled());
+  if (has_coarse) output_error_->remember();
+  for (;;) {
+    checkpoint_.restore(members_, engine_.schedule, engine_.events);
+    const int finer = 2 * parts_;
+    const bool made = make(finer, false);
+    if (!made && finer >= kMostParts) {
+      throw Error("'" + engine_.name(who) + "' discarded its step at t = " + text::to_text(now().seconds()) + " s even at 1/" +
+                  std::to_string(finer) + " of the tick");
+    }
+    const double error = made && has_coarse ? output_error_->against_remembered() : std::numeric_limits<double>::infinity();
+    if (made && (error <= 1 || finer >= kMostParts)) {
+      if (!(error <= 1)) ++tolerance_missed_;
+      parts_sum_ += finer;
+      most_parts_ = std::max(most_parts_, finer);
+      if (error <= 0.125) parts_ = std::max(1, parts_ / 2);
+      return;
+    }
+    if (made) output_error_->remember();
+    has_coarse = made;
+    parts_ = finer;
+  }
+}
+
+void Master::Loop::count_discard(std::size_t who) {
+  ++discarded_;
+  ++discarded_by_[engine_.schedule.slots[who].member];
+}
+
+void Master::Loop::observe() {
+  if (has_statistics_) statistics_.sample(now());
+  if (recorder_ && (tick_ % scenario_.decimation == 0 || tick_ == engine_.schedule.ticks())) recorder_->sample(now());
+}
+
+void Master::Loop::finish() {
+  if (finished_) return;
+  finished_ = true;
+  ended_ = std::chrono::steady_clock::now();
+  if (!recorder_) return;
+  recorder_->close();
+  ended_ = std::chrono::steady_clock::now();
+}
+
+Summary Master::Loop::summary() const {
+  Summary s;
+  s.scenario = scenario_.name;
+  s.start = scenario_.start.seconds();
+  s.reached = now().seconds();
+  s.stop = engine_.schedule.stop().seconds();
+  s.tick = scenario_.tick.seconds();
+  s.ticks = tick_;
+  if (running_) {
+    const auto end = finished_ ? ended_ : std::chrono::steady_clock::now();
+    s.wall_seconds = std::chrono::duration<double>(end - begun_).count();
+  }
+  s.real_time_factor = s.wall_seconds > 0 ? (s.reached - s.start) / s.wall_seconds : 0;
+  s.threads = engine_.threads_used();
+  s.initialisation = initialisation_;
+  // Ticks that were timed stand for all: what is not the units' is the loop's own.
+  const double sampled_ticks = static_cast<double>(std::max<std::int64_t>(1, sampled_ticks_));
+  const double own = std::max(0.0, sampled_seconds_ - engine_.sampled_seconds()) / sampled_ticks * static_cast<double>(tick_);
+  double all = own;
+  for (std::size_t m = 0; m < members_.size(); ++m) all += engine_.cost(m, tick_).seconds();
+  s.master_share = all > 0 ? own / all : 0;
+  s.warnings = scenario_.warnings;
+  if (engine_.finished_by() != Engine::kNobody) {
+    s.warnings.push_back("'" + engine_.name(engine_.finished_by()) +
+                         "' asked for the end of the run at t = " + text::to_text(s.reached) + " s");
+  }
+  for (std::size_t m = 0; m < members_.size(); ++m) {
+    const Engine::Cost cost = engine_.cost(m, tick_);
+    s.units.push_back({members_[m].name(), cost.seconds_per_step, all > 0 ? cost.seconds() / all : 0});
+    for (const std::string& warning : warnings_of(members_[m])) {
+      const std::string told = members_[m].name() + ": " + warning;
+      if (std::find(s.warnings.begin(), s.warnings.end(), told) == s.warnings.end()) s.warnings.push_back(told);
+    }
+    if (discarded_by_[m] > 0) s.discarded_by.emplace_back(members_[m].name(), discarded_by_[m]);
+  }
+  s.discarded = discarded_;
+  s.most_parts = most_parts_;
+  s.mean_parts = output_error_ && tick_ > 0 ? static_cast<double>(parts_sum_) / static_cast<double>(tick_) : 1;
+  s.tallies = statistics_.tallies();
+  s.works = statistics_.works();
+  s.comparisons = statistics_.comparisons();
+  s.bonds = statistics_.bonds();
+  for (const Bonded& bond : s.bonds) {
+    if (bond.tolerance > 0 && std::abs(bond.leak) > bond.tolerance) {
+      s.warnings.push_back("power bond '" + bond.name + "' leaks " + text::to_text(bond.leak, 4) + " J, more than " +
+                           text::to_text(bond.tolerance, 4) + " J: couple its two sides in smaller ticks or in two stages");
+    }
+  }
+  if (tolerance_missed_ > 0) {
+    s.warnings.push_back("the tolerance was missed in " + std::to_string(tolerance_missed_) + " ticks even at 1/" +
+                         std::to_string(kMostParts) + " of the tick");
+  }
+  if (recorder_) {
+    s.recording = recorder_->file();
+    s.rows = recorder_->rows();
+    s.dropped_rows = recorder_->dropped();
+    if (s.dropped_rows > 0) {
+      s.warnings.push_back("the disk could not keep up: " + std::to_string(s.dropped_rows) +
+                           " rows of the recording were dropped");
+    }
+  }
+  s.overruns = clock_->overruns();
+  s.worst_delay = clock_->worst_delay().seconds();
+  return s;
+}
+
+Master::Master(Scenario scenario, MasterOptions options)
+    : loop_(std::make_unique<Loop>(std::move(scenario), std::move(options))) {}
+Master::Master(Master&&) noexcept = default;
+Master::~Master() = default;
+
+void Master::initialise() { loop_->initialise(); }
+bool Master::step_tick() { return loop_->step_tick(); }
+void Master::finish() { loop_->finish(); }
+Time Master::now() const { return loop_->now(); }
+std::int64_t Master::tick() const { return loop_->tick_; }
+std::int64_t Master::ticks() const { return loop_->ticks(); }
+const Scenario& Master::scenario() const { return loop_->scenario_; }
+std::span<Member> Master::members() { return loop_->members_; }
+Summary Master::summary() const { return loop_->summary(); }
+
+}  // namespace cotwin::master

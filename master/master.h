@@ -1,0 +1,89 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "master/clock.h"
+#include "master/initialisation.h"
+#include "master/members.h"
+#include "master/scenario.h"
+#include "master/statistics.h"
+
+/// The master: makes the units of a scenario step together. A library: no globals, no signal handlers, nothing printed.
+namespace cotwin::master {
+
+struct MasterOptions {
+  std::span<const UnitType> types;             // units that sources may name
+  std::vector<std::filesystem::path> folders;  // where units look up named data
+  std::filesystem::path results;               // folder for signals.csv; empty: nothing is recorded
+  std::optional<int> threads;                  // instead of the scenario's
+  bool always_threads = false;                 // use the threads even where they do not pay
+  std::unique_ptr<Clock> clock;                // instead of the scenario's
+};
+
+/// What a run was like.
+struct Summary {
+  struct Share {
+    std::string name;
+    double seconds_per_step = 0;  // mean, from sampled steps
+    double share = 0;             // of the loop's time, without waiting for a clock
+  };
+  std::string scenario;
+  double start = 0, reached = 0, stop = 0;  // s
+  double tick = 0;                          // s
+  std::int64_t ticks = 0;
+  double wall_seconds = 0;      // from the first tick until all files are written
+  double real_time_factor = 0;  // simulated / wall
+  int threads = 1;              // that were used at least once
+  Initialisation initialisation;
+  std::vector<Share> units;  // in the order of the scenario
+  double master_share = 0;   // likewise, of the loop itself
+  std::vector<Tally> tallies;
+  std::vector<Work> works;
+  std::vector<Compared> comparisons;
+  std::vector<Bonded> bonds;
+  std::vector<std::string> warnings;  // of units and of the run, each once
+  std::filesystem::path recording;    // empty if there is none
+  std::int64_t rows = 0, dropped_rows = 0;
+  std::int64_t overruns = 0;   // late ticks of a real-time run
+  double worst_delay = 0;      // s
+  std::int64_t discarded = 0;  // ticks that somebody discarded
+  std::vector<std::pair<std::string, std::int64_t>> discarded_by;
+  int most_parts = 1;  // into which a tick was cut
+  double mean_parts = 1;
+};
+
+class Master {
+ public:
+  /// Loads the units, wires them and opens the recording. Throws Error, as everything here does where a human must act.
+  Master(Scenario scenario, MasterOptions options);
+  Master(Master&&) noexcept;
+  ~Master();
+
+  /// Makes all units agree at the start time and takes the first sample.
+  void initialise();
+  /// Goes on by one tick (to the stop time at most). False if the stop time is reached. After initialise() it allocates
+  /// nothing. Throws Error for a NaN, a discarded step that cannot be repeated, a unit or a recording that fails; then only
+  /// finish() and summary() make sense.
+  bool step_tick();
+  /// Writes everything to the end and closes the files. May be called at any time, and again.
+  void finish();
+
+  /// Where the run is.
+  Time now() const;
+  std::int64_t tick() const;
+  std::int64_t ticks() const;
+  const Scenario& scenario() const;
+  std::span<Member> members();
+  Summary summary() const;
+
+ private:
+  class Loop;
+  std::unique_ptr<Loop> loop_;
+};
+
+}  // namespace cotwin::master

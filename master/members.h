@@ -1,0 +1,57 @@
+#pragma once
+#include <filesystem>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "components/unit/si.h"
+#include "components/unit/unit_table.h"
+#include "master/scenario.h"
+
+/// The components of a scenario with the units that stand behind them, and how a name finds a variable.
+namespace cotwin::master {
+
+struct Member {
+  ComponentSpec spec;
+  Instance instance;
+
+  const std::string& name() const { return spec.name; }
+  const Variables& variables() const { return instance.variables; }
+};
+
+/// A variable of a member: the whole, or one element of it.
+struct Signal {
+  std::size_t member = 0;
+  const Variable* variable = nullptr;
+  std::size_t first = 0, count = 0;  // elements
+  std::string name;                  // "drive.tau_J", "drive.tau_J[3]"
+
+  std::span<double> reals() const { return variable->reals().subspan(first, count); }
+};
+
+/// Builds every component's unit, checks the connectors that the SSD lists against its variables and applies the start values.
+/// Throws Error at the component's place for a unit, setting, connector or value that does not fit, and for a shared setting
+/// that no unit asks for. `folders`: where units look up named data.
+std::vector<Member> load_members(const Scenario& scenario, std::span<const UnitType> types,
+                                 const std::vector<std::filesystem::path>& folders);
+
+/// The signal "component.variable" or "component.variable[element]". Throws Error at `place` if there is none, naming the
+/// closest.
+Signal find_signal(std::span<const Member> members, std::string_view name, const std::string& place);
+/// The same, where only reals make sense.
+Signal find_real_signal(std::span<const Member> members, std::string_view name, const std::string& place);
+
+/// Name of one element for people and columns: "drive.q" of a scalar, "drive.q[2]" of a vector, `element` counted from 0.
+std::string element_name(const std::string& member, const Variable& variable, std::size_t element);
+
+/// The measure called `name`: one that the scenario defines, else as si::parse reads it.
+si::Measure measure(const Scenario& scenario, const std::string& name);
+
+/// `name` matches `pattern`, in which * stands for any text and ? for any character.
+bool glob(std::string_view pattern, std::string_view name);
+
+/// `place: what`, or just `what` where there is no place.
+[[noreturn]] void fail(const std::string& place, const std::string& what);
+
+}  // namespace cotwin::master

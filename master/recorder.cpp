@@ -1,0 +1,306 @@
+#include "master/recorder.h"
+
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <bit>
+#include <cerrno>
+#include <charconv>
+#include <chrono>
+#include <cstring>
+#include <system_error>
+
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto kIdle = 2ms;     // the writer's nap when the ring is empty: waking it from the loop would cost a system call
+constexpr auto kFlush = 200ms;  // how old a row in memory may grow
+constexpr std::size_t kBuffer = std::size_t{1} << 18;  // bytes of text per write
+
+bool has_wildcard(const std::string& pattern) { return pattern.find_first_of("*?") != std::string::npos; }
+
+bool wanted(const std::string& pattern, const std::string& name, const Variable& variable) {
+  if (!has_wildcard(pattern)) return pattern == name;
+  return variable.role != Role::kParameter && variable.kind() != cotwin::Kind::kString && glob(pattern, name);
+}
+
+/// RFC 4180.
+std::string csv_field(const std::string& name) {
+  if (name.find_first_of(",\"\n\r") == std::string::npos) return name;
+  std::string field = "\"";
+  for (const char c : name) field += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return field + '"';
+}
+
+/// Seconds with as many of the nine digits after the point as are needed: exact, unlike n · 1e-9.
+char* write_time(char* to, std::int64_t ns) {
+  if (ns < 0) *to++ = '-';
+  const auto magnitude = static_cast<std::uint64_t>(ns < 0 ? -ns : ns);
+  to = std::to_chars(to, to + 24, magnitude / 1'000'000'000).ptr;
+  std::uint64_t fraction = magnitude % 1'000'000'000;
+  if (fraction == 0) return to;
+  *to++ = '.';
+  int digits = 9;
+  for (; fraction % 10 == 0; fraction /= 10) --digits;
+  for (int i = digits - 1; i >= 0; --i, fraction /= 10) to[i] = static_cast<char>('0' + fraction % 10);
+  return to + digits;
+}
+
+}  // namespace
+
+std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Member> members) {
+  std::vector<bool> found(scenario.recording.size());
+  std::vector<Column> columns;
+  const auto take = [&](const std::string& name, const Variable& variable) {
+    bool any = false;
+    for (std::size_t r = 0; r < scenario.recording.size(); ++r) {
+      if (!wanted(scenario.recording[r].variables, name, variable)) continue;
+      if (variable.kind() == cotwin::Kind::kString)
+        fail(scenario.recording[r].place, "'" + name + "' is a String, which cannot be recorded");
+      found[r] = any = true;
+    }
+    return any;
+  };
+  for (std::size_t m = 0; m < members.size(); ++m) {
+    for (const Variable& variable : members[m].variables()) {
+      const std::string whole = members[m].name() + "." + variable.name;
+      const std::size_t n = variable.size();
+      const bool by_default =
+          scenario.recording.empty() && variable.role == Role::kOutput && variable.kind() != cotwin::Kind::kString;
+      if (by_default || take(whole, variable)) {
+        Column column{{}, {m, &variable, 0, n, whole}};
+        for (std::size_t i = 0; i < n; ++i) column.names.push_back(element_name(members[m].name(), variable, i));
+        columns.push_back(std::move(column));
+        continue;
+      }
+      for (std::size_t i = 0; i < n; ++i) {
+        const std::string element = whole + "[" + std::to_string(i + 1) + "]";
+        if (take(element, variable))
+          columns.push_back({{element_name(members[m].name(), variable, i)}, {m, &variable, i, 1, element}});
+      }
+    }
+  }
+  for (std::size_t r = 0; r < found.size(); ++r) {
+    const RecordSpec& spec = scenario.recording[r];
+    if (found[r]) continue;
+    if (!has_wildcard(spec.variables)) (void)find_signal(members, spec.variables, spec.place);  // says it better
+    fail(spec.place, "nothing to record is called '" + spec.variables + "'");
+  }
+  return columns;
+}
+
+/// Turns rows into text and writes it, on its own thread.
+class Recorder::Writer {
+ public:
+  Writer(Recorder& recorder, int descriptor, const std::vector<bool>& integral)
+      : recorder_(recorder),
+        descriptor_(descriptor),
+        integral_(integral),
+        cells_(recorder.width_),
+        buffer_(kBuffer + 64 + 32 * recorder.width_) {}
+  ~Writer() {
+    if (descriptor_ >= 0) ::close(descriptor_);
+  }
+
+  void run() {
+    using Clock = std::chrono::steady_clock;
+    auto flushed = Clock::now();
+    for (;;) {
+      const bool closing = recorder_.closing_.load(std::memory_order_acquire);  // before head: nothing sampled before is missed
+      const std::uint64_t head = recorder_.head_.load(std::memory_order_acquire);
+      std::uint64_t tail = recorder_.tail_.load(std::memory_order_relaxed);
+      if (tail == head) {
+        if (closing) break;
+        if (Clock::now() - flushed >= kFlush) {
+          flush();
+          flushed = Clock::now();
+        }
+        std::this_thread::sleep_for(kIdle);
+        continue;
+      }
+      // Hands room back now and then, so that a waiting loop goes on while we write.
+      const std::uint64_t until = std::min(head, tail + std::max<std::uint64_t>(1, recorder_.capacity_ / 8));
+      for (; tail < until; ++tail)
+        write_row(recorder_.ring_.get() + (tail & (recorder_.capacity_ - 1)) * (recorder_.width_ + 1));
+      recorder_.tail_.store(tail, std::memory_order_release);
+      recorder_.tail_.notify_one();
+      if (Clock::now() - flushed >= kFlush) {
+        flush();
+        flushed = Clock::now();
+      }
+    }
+    flush();
+  }
+
+  void write_text(std::string_view text) {
+    for (std::size_t done = 0; done < text.size();) {
+      const ssize_t n = ::write(descriptor_, text.data() + done, text.size() - done);
+      if (n < 0 && errno == EINTR) continue;
+      if (n <= 0) {
+        recorder_.failure_.store(n < 0 ? errno : EIO, std::memory_order_release);
+        return;
+      }
+      done += static_cast<std::size_t>(n);
+    }
+  }
+
+  void close() {
+    const int descriptor = descriptor_;
+    descriptor_ = -1;
+    if (::close(descriptor) != 0 && recorder_.failure_ == 0) recorder_.failure_ = errno;  // a network file system tells it here
+  }
+
+ private:
+  /// The text of a column's last value: signals that rest, and most parameters, cost a comparison.
+  struct Cell {
+    std::uint64_t bits = 0x7ff8dead0000beefu;  // a NaN that nothing computes
+    std::uint32_t length = 0;
+    char text[28];
+  };
+
+  void write_row(const double* row) {
+    char* to = write_time(buffer_.data() + used_, std::bit_cast<std::int64_t>(row[0]));
+    for (std::size_t i = 0; i < cells_.size(); ++i) {
+      Cell& cell = cells_[i];
+      const double value = row[i + 1];
+      const auto bits = std::bit_cast<std::uint64_t>(value);
+      if (bits != cell.bits) {
+        char* const end = cell.text + sizeof cell.text;
+        const auto written = integral_[i] ? std::to_chars(cell.text, end, static_cast<std::int32_t>(value))
+                                          : std::to_chars(cell.text, end, value);
+        cell.length = static_cast<std::uint32_t>(written.ptr - cell.text);
+        cell.bits = bits;
+      }
+      *to++ = ',';
+      std::memcpy(to, cell.text, sizeof cell.text);  // a fixed length is quicker; the next cell overwrites the rest
+      to += cell.length;
+    }
+    *to++ = '\n';
+    used_ = static_cast<std::size_t>(to - buffer_.data());
+    if (used_ >= kBuffer) flush();
+  }
+
+  void flush() {
+    if (recorder_.failure_.load(std::memory_order_relaxed) == 0) write_text({buffer_.data(), used_});
+    used_ = 0;
+  }
+
+  Recorder& recorder_;
+  int descriptor_;
+  std::vector<bool> integral_;
+  std::vector<Cell> cells_;
+  std::vector<char> buffer_;
+  std::size_t used_ = 0;
+};
+
+Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Options options)
+    : file_(std::move(file)), may_wait_(options.may_wait) {
+  std::string heading = "time";
+  std::vector<bool> integral;
+  for (const Column& column : columns) {
+    const Signal& s = column.signal;
+    const auto count = static_cast<std::uint32_t>(s.count);
+    const Variable& v = *s.variable;
+    switch (v.kind()) {
+      case cotwin::Kind::kReal:
+        sources_.push_back({v.reals().data() + s.first, count, Kind::kReals});
+        break;
+      case cotwin::Kind::kInteger:
+        sources_.push_back({v.integers().data() + s.first, count, Kind::kIntegers});
+        break;
+      case cotwin::Kind::kBoolean:
+        sources_.push_back({v.booleans().data() + s.first, count, Kind::kBooleans});
+        break;
+      case cotwin::Kind::kString:
+        throw Error("'" + s.name + "' is a String, which cannot be recorded");
+    }
+    width_ += s.count;
+    integral.insert(integral.end(), s.count, v.kind() != cotwin::Kind::kReal);
+    for (const std::string& name : column.names) heading += "," + csv_field(name);
+  }
+  heading += '\n';
+  const std::size_t rows = std::max<std::size_t>(64, options.ring_bytes / sizeof(double) / (width_ + 1));
+  capacity_ = std::bit_floor(rows);
+  ring_ = std::make_unique<double[]>(capacity_ * (width_ + 1));  // zeroed: the loop does not meet fresh pages
+  room_until_ = capacity_;
+
+  std::error_code ignored;
+  if (file_.has_parent_path()) std::filesystem::create_directories(file_.parent_path(), ignored);  // open() tells what is wrong
+  const int descriptor = ::open(file_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+  if (descriptor < 0) throw Error(file_.string(), std::string("cannot be written: ") + std::generic_category().message(errno));
+  writer_ = std::make_unique<Writer>(*this, descriptor, integral);
+  writer_->write_text(heading);
+  if (failure_ != 0) tell_failure();
+  thread_ = std::thread([this] { writer_->run(); });
+}
+
+Recorder::~Recorder() {
+  if (!thread_.joinable()) return;
+  closing_ = true;
+  thread_.join();
+}
+
+void Recorder::sample(Time now) {
+  const std::uint64_t head = head_.load(std::memory_order_relaxed);
+  if (head == room_until_) {
+    std::uint64_t tail = tail_.load(std::memory_order_acquire);
+    while (tail + capacity_ == head) {
+      if (!may_wait_) {
+        ++dropped_;
+        return;
+      }
+      tail_.wait(tail, std::memory_order_acquire);
+      tail = tail_.load(std::memory_order_acquire);
+    }
+    room_until_ = tail + capacity_;
+  }
+  if (failure_.load(std::memory_order_relaxed) != 0) tell_failure();
+  copy_row(now, ring_.get() + (head & (capacity_ - 1)) * (width_ + 1));
+  head_.store(head + 1, std::memory_order_release);
+  ++sampled_;
+}
+
+void Recorder::copy_row(Time now, double* row) const {
+  *row++ = std::bit_cast<double>(now.ns);
+  for (const Source& source : sources_) {
+    switch (source.kind) {
+      case Kind::kReals: {
+        const auto* from = static_cast<const double*>(source.from);
+        for (std::uint32_t i = 0; i < source.count; ++i) *row++ = from[i];
+        break;
+      }
+      case Kind::kIntegers: {
+        const auto* from = static_cast<const std::int32_t*>(source.from);
+        for (std::uint32_t i = 0; i < source.count; ++i) *row++ = from[i];
+        break;
+      }
+      case Kind::kBooleans: {
+        const auto* from = static_cast<const bool*>(source.from);
+        for (std::uint32_t i = 0; i < source.count; ++i) *row++ = from[i] ? 1 : 0;
+        break;
+      }
+    }
+  }
+}
+
+void Recorder::close() {
+  if (!thread_.joinable()) return;
+  closing_.store(true, std::memory_order_release);
+  thread_.join();
+  writer_->close();
+  if (failure_ != 0) tell_failure();
+}
+
+void Recorder::tell_failure() {
+  throw Error(file_.string(),
+              "cannot be written: " + std::generic_category().message(failure_) + "; the recording is incomplete");
+}
+
+}  // namespace cotwin::master

@@ -1,0 +1,83 @@
+#pragma once
+#include <atomic>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "components/unit/time.h"
+#include "master/members.h"
+
+/// Chosen variables over time, as CSV.
+namespace cotwin::master {
+
+/// One variable of the recording: all of its elements, or one.
+struct Column {
+  std::vector<std::string> names;  // one per element
+  Signal signal;
+};
+
+/// The variables that the scenario wants recorded, in the order of components and declarations; without any wish, every output.
+/// Patterns with * or ? take outputs, inputs, states and tunables; exact names take whatever they name. Strings cannot be
+/// recorded. Throws Error at its place for a pattern that finds nothing.
+std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Member> members);
+
+/// Copies rows into a ring in memory; a thread beside the loop writes them: time first, numbers as the shortest text that reads
+/// back to the same bits, whole rows only. Whatever was sampled is in the file after close(), and all but the last fifth of a
+/// second of it at any time.
+class Recorder {
+ public:
+  struct Options {
+    bool may_wait = true;  // with a full ring: wait for the writer, or else drop the row
+    std::size_t ring_bytes = std::size_t{16} << 20;
+  };
+
+  /// Opens the file and writes the heading. Throws Error if that is impossible.
+  Recorder(std::vector<Column> columns, std::filesystem::path file, Options options);
+  ~Recorder();
+  Recorder(const Recorder&) = delete;
+  Recorder& operator=(const Recorder&) = delete;
+
+  /// Allocates nothing. Throws Error after the file could not be written (disk full).
+  void sample(Time now);
+  /// Writes the rest and closes the file. Throws Error as sample() does. May be called again.
+  void close();
+
+  const std::filesystem::path& file() const { return file_; }
+  std::size_t columns() const { return width_; }
+  std::int64_t rows() const { return sampled_; }
+  std::int64_t dropped() const { return dropped_; }
+
+ private:
+  class Writer;
+
+  enum class Kind : std::uint8_t { kReals, kIntegers, kBooleans };
+  struct Source {
+    const void* from;
+    std::uint32_t count;
+    Kind kind;
+  };
+
+  void copy_row(Time now, double* row) const;
+  [[noreturn]] void tell_failure();
+
+  std::vector<Source> sources_;
+  std::filesystem::path file_;
+  bool may_wait_;
+  std::size_t width_ = 0;     // values per row, without the time
+  std::size_t capacity_ = 0;  // rows in the ring, a power of two
+  std::unique_ptr<double[]> ring_;
+  std::int64_t sampled_ = 0, dropped_ = 0;
+
+  alignas(64) std::atomic<std::uint64_t> head_{0};  // rows put in
+  alignas(64) std::atomic<std::uint64_t> tail_{0};  // rows taken out
+  std::atomic<bool> closing_{false};
+  std::atomic<int> failure_{0};   // errno of a write that failed
+  std::uint64_t room_until_ = 0;  // head up to which the ring is known to have room
+  std::unique_ptr<Writer> writer_;
+  std::thread thread_;
+};
+
+}  // namespace cotwin::master

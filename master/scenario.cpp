@@ -1,0 +1,126 @@
+#include "master/scenario.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "master/scenario_annotation.h"
+#include "master/ssp_flatten.h"
+#include "master/ssp_system.h"
+#include "models/text/error.h"
+#include "models/text/parameter_set_xml.h"
+#include "models/text/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+constexpr double kMaxSeconds = 9e9;  // 2^63 ns is 9.22e9 s
+constexpr std::size_t kMaxWarnings = 100;
+
+/// ssd:DefaultExperiment; without a stop time one second is run.
+void read_experiment(const xml::Element& document, const xml::Complaint& complain, Scenario& scenario) {
+  const xml::Element* experiment = xml::child(document, ssp::kSsd, "DefaultExperiment");
+  double start = 0, stop = 1;
+  if (experiment != nullptr) {
+    xml::check_attributes(*experiment, {"startTime", "stopTime"}, complain);
+    start = xml::real(*experiment, "startTime", 0.0);
+    stop = xml::real(*experiment, "stopTime", start + 1);
+    if (!(std::abs(start) <= kMaxSeconds && std::abs(stop) <= kMaxSeconds && start <= stop)) {
+      throw Error(experiment->place, "start time " + text::to_text(start) + " s, stop time " + text::to_text(stop) +
+                                         " s, expected a stop time not before the start, both within ±" +
+                                         text::to_text(kMaxSeconds) + " s");
+    }
+  }
+  scenario.start = Time::from_seconds(start);
+  scenario.stop = Time::from_seconds(stop);
+}
+
+Scenario read(std::string_view text, const std::string& place, const std::filesystem::path& folder,
+              const std::filesystem::path& file) {
+  const xml::Element document = xml::parse(text, place);
+  Scenario scenario;
+  scenario.file = file;
+  scenario.name = xml::text(document, "name", "");
+
+  // Our annotation says that the file was written for this master: then what nobody understands is a slip, not a foreign
+  // extension.
+  const xml::Element* annotation = find_annotation(document);
+  xml::Complaint complain = xml::refuse;
+  if (annotation == nullptr) {
+    scenario.ignore_unknown_parameters = true;
+  } else {
+    scenario.ignore_unknown_parameters = xml::text(*annotation, "unknownParameters", "error") == "ignore";
+  }
+  const auto note = [&scenario](const std::string& where, const std::string& what) {
+    if (scenario.warnings.size() < kMaxWarnings) scenario.warnings.push_back(where.empty() ? what : where + ": " + what);
+    if (scenario.warnings.size() == kMaxWarnings) scenario.warnings.push_back("more of this kind is not told");
+  };
+  if (annotation == nullptr) complain = note;
+
+  ssp::UnitTable units;
+  for (const UnitDefinition& d : read_unit_definitions(document, complain)) units.add(d);
+  const ssp::Element root = ssp::Reader(units, complain).read(document, folder, file);
+  ssp::flatten(root, units, scenario.ignore_unknown_parameters ? xml::Complaint(note) : complain, scenario);
+  scenario.units = units.definitions();
+  read_experiment(document, complain, scenario);
+  if (annotation != nullptr) read_annotation(*annotation, scenario);
+  return scenario;
+}
+
+/// The text of a value given on the command line. What names a file from where the user stands becomes its absolute path, for
+/// units look relative paths up beside the scenario first.
+std::string from_working_directory(const std::string& value) {
+  const bool may_be_path = value.find_first_of("/.") != std::string::npos && !text::parse_real(value);
+  std::error_code error;
+  if (!may_be_path || !std::filesystem::is_regular_file(value, error)) return value;
+  const std::filesystem::path absolute = std::filesystem::absolute(value, error);
+  return error ? value : absolute.lexically_normal().string();
+}
+
+}  // namespace
+
+Scenario load_scenario(const std::filesystem::path& file) {
+  return read(read_text_file(file, "a system structure (.ssd)"), file.string(), file.parent_path(), file);
+}
+
+Scenario parse_scenario(std::string_view xml, const std::string& place, const std::filesystem::path& folder) {
+  return read(xml, place, folder, {});
+}
+
+std::optional<Port> split_name(const Scenario& scenario, std::string_view name) {
+  const ComponentSpec* best = nullptr;
+  for (const ComponentSpec& c : scenario.components) {
+    const bool starts =
+        name.size() > c.name.size() + 1 && name.substr(0, c.name.size()) == c.name && name[c.name.size()] == '.';
+    if (starts && (best == nullptr || c.name.size() > best->name.size())) best = &c;
+  }
+  if (best == nullptr) return std::nullopt;
+  return Port{best->name, std::string(name.substr(best->name.size() + 1)), ""};
+}
+
+void assign(Scenario& scenario, std::string_view assignment) {
+  const std::string place = "--set " + std::string(assignment);
+  const std::size_t equals = assignment.find('=');
+  const std::string name(text::trim(assignment.substr(0, equals)));
+  if (equals == std::string_view::npos || name.empty()) {
+    throw Error(place, "expected component.variable=value, component.variable[2]=value or setting=value");
+  }
+  const std::string value = from_working_directory(std::string(assignment.substr(equals + 1)));
+  if (name.find('.') == std::string::npos) {
+    scenario.settings[name] = value;
+    return;
+  }
+  const std::optional<Port> port = split_name(scenario, name);
+  if (!port) {
+    std::vector<std::string> candidates;
+    const std::string tail = name.substr(name.rfind('.') + 1);
+    for (const ComponentSpec& c : scenario.components) candidates.push_back(c.name + "." + tail);
+    throw Error(place, xml::unknown("a variable of a component", name, candidates));
+  }
+  for (ComponentSpec& c : scenario.components) {
+    // As text: the unit reads it as the variable's kind, one value for all elements or one for each.
+    if (c.name == port->component) c.start_values.push_back({port->variable, value, "", place});
+  }
+}
+
+}  // namespace cotwin::master

@@ -1,0 +1,205 @@
+#include "master/statistics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "models/text/error.h"
+
+namespace cotwin::master {
+
+namespace {
+
+constexpr std::size_t kDefaultTallies = 12;  // of recorded vectors, where the scenario asks for no report
+constexpr int kMaxSegments = 1000;           // keeps nanoseconds · segments within 64 bits for runs of three months
+
+/// Measure of a power: kg.m2/s3, with or without the rad of an angular flow (N.m · rad/s, N · m/s).
+bool is_power(const si::Measure& effort, const si::Measure& flow) {
+  std::array<int, 8> sum{};
+  for (std::size_t i = 0; i < sum.size(); ++i) sum[i] = effort.exponents[i] + flow.exponents[i];
+  sum[7] = 0;
+  return sum == std::array<int, 8>{1, 2, -3, 0, 0, 0, 0, 0} && effort.offset == 0 && flow.offset == 0;
+}
+
+double root_mean(double squares, std::int64_t count) {
+  return count > 0 ? std::sqrt(squares / static_cast<double>(count)) : std::numeric_limits<double>::quiet_NaN();
+}
+
+std::vector<double> roots(const std::vector<double>& squares, std::int64_t count) {
+  std::vector<double> rms;
+  for (const double s : squares) rms.push_back(root_mean(s, count));
+  return rms;
+}
+
+std::vector<double> seconds(const std::vector<Time>& times) {
+  std::vector<double> s;
+  for (const Time t : times) s.push_back(t.seconds());
+  return s;
+}
+
+}  // namespace
+
+Statistics::Difference Statistics::make_difference(const Signal& a, const Signal* b, std::string name,
+                                                   const std::string& place) {
+  Difference d{std::move(name), a.name, a.variable->si, a.reals(), {}, 1, 0};
+  if (b) {
+    d.what = a.name + " - " + b->name;
+    if (a.count != b->count) {
+      fail(place, d.what + ": " + std::to_string(a.count) + " elements cannot be held against " + std::to_string(b->count));
+    }
+    if (!a.variable->si.empty() && !b->variable->si.empty()) {
+      const si::Measure to = si::parse(a.variable->si), from = si::parse(b->variable->si);
+      if (!si::convertible(from, to))
+        fail(place, d.what + ": " + a.variable->si + " cannot be held against " + b->variable->si);
+      const si::Conversion conversion = si::conversion(from, to);
+      d.factor = conversion.factor;
+      d.offset = conversion.offset;
+    }
+    d.b = b->reals();
+  }
+  if (d.name.empty()) d.name = d.what;
+  return d;
+}
+
+Statistics::Power Statistics::make_power(const Signal& effort, const Signal& flow, const std::string& place) {
+  if (effort.count != flow.count) {
+    fail(place, effort.name + " * " + flow.name + ": " + std::to_string(effort.count) + " elements of effort, " +
+                    std::to_string(flow.count) + " of flow");
+  }
+  const si::Measure e = si::parse(effort.variable->si), f = si::parse(flow.variable->si);
+  if (!is_power(e, f)) {
+    fail(place, effort.name + " * " + flow.name + ": " + effort.variable->si + " times " + flow.variable->si + " is no power");
+  }
+  return {effort.reals(), flow.reals(), e.factor * f.factor, 0, 0};
+}
+
+Statistics::Statistics(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> recorded) {
+  for (const ReportSpec& spec : scenario.reports) {
+    const Signal a = find_real_signal(members, spec.a, spec.place);
+    if (spec.kind == "signal") {
+      tallies_.push_back({make_difference(a, nullptr, spec.name, spec.place), Sums(a.count)});
+      continue;
+    }
+    const Signal b = find_real_signal(members, spec.b, spec.place);
+    if (spec.kind == "difference") {
+      tallies_.push_back({make_difference(a, &b, spec.name, spec.place), Sums(a.count)});
+    } else if (spec.kind == "energy") {
+      const std::string what = a.name + " * " + b.name;
+      works_.push_back({spec.name.empty() ? what : spec.name, what, "J", make_power(a, b, spec.place)});
+    } else {
+      fail(spec.place, "report of kind '" + spec.kind + "', expected signal, difference or energy");
+    }
+  }
+  if (scenario.reports.empty()) {
+    for (const Signal& signal : recorded) {
+      if (signal.variable->kind() != Kind::kReal || tallies_.size() == kDefaultTallies) continue;
+      tallies_.push_back({make_difference(signal, nullptr, "", ""), Sums(signal.count)});
+    }
+  }
+  for (const ComparisonSpec& spec : scenario.comparisons) {
+    const Signal a = find_real_signal(members, spec.a, spec.place), b = find_real_signal(members, spec.b, spec.place);
+    const Time from = spec.from.value_or(scenario.start), to = spec.to.value_or(scenario.stop);
+    if (spec.segments < 1 || spec.segments > kMaxSegments) {
+      fail(spec.place, "comparison '" + spec.name + "': " + std::to_string(spec.segments) + " segments, expected 1 to " +
+                           std::to_string(kMaxSegments));
+    }
+    if (to <= from) fail(spec.place, "comparison '" + spec.name + "': ends before it begins");
+    comparisons_.push_back({make_difference(a, &b, spec.name, spec.place), from, to, Sums(a.count),
+                            std::vector<Sums>(static_cast<std::size_t>(spec.segments), Sums(a.count))});
+  }
+  for (const BondSpec& spec : scenario.bonds) {
+    const auto side = [&](const std::string& effort, const std::string& flow) {
+      return make_power(find_real_signal(members, effort, spec.place), find_real_signal(members, flow, spec.place), spec.place);
+    };
+    bonds_.push_back({spec.name, side(spec.effort_a, spec.flow_a), side(spec.effort_b, spec.flow_b), spec.tolerance});
+  }
+}
+
+void Statistics::Sums::add(const Difference& difference, Time now) {
+  ++count;
+  for (std::size_t i = 0; i < squares.size(); ++i) {
+    const double d = difference.at(i);
+    squares[i] += d * d;
+    if (std::abs(d) > max[i]) {
+      max[i] = std::abs(d);
+      time_of_max[i] = now;
+    }
+  }
+}
+
+double Statistics::Power::now() const {
+  double sum = 0;
+  for (std::size_t i = 0; i < effort.size(); ++i) sum += effort[i] * flow[i];
+  return factor * sum;
+}
+
+void Statistics::Power::add(double h) {
+  const double power = now();
+  energy += 0.5 * h * (last + power);
+  last = power;
+}
+
+void Statistics::sample(Time now) {
+  const double h = started_ ? (now - last_).seconds() : 0;
+  started_ = true;
+  last_ = now;
+  for (TallyState& t : tallies_) t.sums.add(t.difference, now);
+  for (WorkState& w : works_) w.power.add(h);
+  for (BondState& b : bonds_) {
+    b.a.add(h);
+    b.b.add(h);
+  }
+  for (ComparisonState& c : comparisons_) {
+    if (now < c.from || now > c.to) continue;
+    const auto segments = static_cast<std::int64_t>(c.segments.size());
+    const std::int64_t segment = std::min(segments - 1, (now - c.from).ns * segments / (c.to - c.from).ns);
+    c.all.add(c.difference, now);
+    c.segments[static_cast<std::size_t>(segment)].add(c.difference, now);
+  }
+}
+
+std::vector<Tally> Statistics::tallies() const {
+  std::vector<Tally> result;
+  for (const TallyState& t : tallies_) {
+    const Difference& d = t.difference;
+    Tally tally{d.name, d.what, d.si, roots(t.sums.squares, t.sums.count), t.sums.max, seconds(t.sums.time_of_max), 0, 0};
+    double squares = 0;
+    for (const double s : t.sums.squares) squares += s;
+    tally.total_rms = root_mean(squares, t.sums.count * static_cast<std::int64_t>(t.sums.squares.size()));
+    for (const double m : t.sums.max) tally.total_max = std::max(tally.total_max, m);
+    result.push_back(std::move(tally));
+  }
+  return result;
+}
+
+std::vector<Work> Statistics::works() const {
+  std::vector<Work> result;
+  for (const WorkState& w : works_) result.push_back({w.name, w.what, w.si, w.power.energy});
+  return result;
+}
+
+std::vector<Compared> Statistics::comparisons() const {
+  std::vector<Compared> result;
+  for (const ComparisonState& c : comparisons_) {
+    Compared compared{c.difference.name,
+                      c.difference.what,
+                      c.difference.si,
+                      c.from.seconds(),
+                      c.to.seconds(),
+                      c.all.max,
+                      seconds(c.all.time_of_max),
+                      {},
+                      roots(c.all.squares, c.all.count)};
+    for (const Sums& s : c.segments) compared.segment_rms.push_back(roots(s.squares, s.count));
+    result.push_back(std::move(compared));
+  }
+  return result;
+}
+
+std::vector<Bonded> Statistics::bonds() const {
+  std::vector<Bonded> result;
+  for (const BondState& b : bonds_) result.push_back({b.name, b.a.energy, b.b.energy, b.a.energy - b.b.energy, b.tolerance});
+  return result;
+}
+
+}  // namespace cotwin::master

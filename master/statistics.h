@@ -1,0 +1,114 @@
+#pragma once
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "master/members.h"
+
+/// Figures of merit that are computed while the scenario runs, at every tick.
+namespace cotwin::master {
+
+/// RMS and largest magnitude of a signal or of a difference of two, element by element.
+struct Tally {
+  std::string name;  // "joint torque"
+  std::string what;  // "drive.tau_J", "drive.q - motion.q_d"
+  std::string si;
+  std::vector<double> rms, max;         // per element
+  std::vector<double> time_of_max;      // s
+  double total_rms = 0, total_max = 0;  // over all elements
+};
+
+/// ∫ Σ effort · flow dt, J (or whatever the product of the two measures is).
+struct Work {
+  std::string name, what, si;
+  double value = 0;
+};
+
+/// Two signals held against each other: the rows of Table I (largest discrepancy) and of Fig. 10 (RMS per segment).
+struct Compared {
+  std::string name, what, si;
+  double from = 0, to = 0;                       // s
+  std::vector<double> max;                       // per element
+  std::vector<double> time_of_max;               // s
+  std::vector<std::vector<double>> segment_rms;  // [segment][element]; NaN where the run did not get there
+  std::vector<double> rms;                       // per element, over all
+};
+
+/// What entered a power bond on side a and left it on side b.
+struct Bonded {
+  std::string name;
+  double energy_a = 0, energy_b = 0, leak = 0;  // J; leak = a − b
+  double tolerance = 0;
+};
+
+class Statistics {
+ public:
+  /// Throws Error at the entry's place for signals that do not exist, are not real, or differ in size or measure.
+  /// `recorded`: what is told when the scenario asks for no report.
+  Statistics(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> recorded);
+
+  /// Takes in what holds at `now`. Allocates nothing.
+  void sample(Time now);
+  bool empty() const { return tallies_.empty() && comparisons_.empty() && works_.empty() && bonds_.empty(); }
+
+  std::vector<Tally> tallies() const;
+  std::vector<Work> works() const;
+  std::vector<Compared> comparisons() const;
+  std::vector<Bonded> bonds() const;
+
+ private:
+  /// a − (factor · b + offset), or a alone.
+  struct Difference {
+    std::string name, what, si;
+    std::span<const double> a, b;
+    double factor = 1, offset = 0;
+    double at(std::size_t i) const { return b.empty() ? a[i] : a[i] - (factor * b[i] + offset); }
+  };
+  struct Sums {
+    std::vector<double> squares, max;
+    std::vector<Time> time_of_max;
+    std::int64_t count = 0;
+    explicit Sums(std::size_t n) : squares(n), max(n), time_of_max(n) {}
+    void add(const Difference& difference, Time now);
+  };
+  struct TallyState {
+    Difference difference;
+    Sums sums;
+  };
+  struct ComparisonState {
+    Difference difference;
+    Time from, to;
+    Sums all;
+    std::vector<Sums> segments;
+  };
+  /// Trapezoidal rule over the ticks.
+  struct Power {
+    std::span<const double> effort, flow;
+    double factor = 1;  // into SI base measures
+    double last = 0, energy = 0;
+    double now() const;
+    void add(double h);
+  };
+  struct WorkState {
+    std::string name, what, si;
+    Power power;
+  };
+  struct BondState {
+    std::string name;
+    Power a, b;
+    double tolerance;
+  };
+
+  static Difference make_difference(const Signal& a, const Signal* b, std::string name, const std::string& place);
+  static Power make_power(const Signal& effort, const Signal& flow, const std::string& place);
+
+  std::vector<TallyState> tallies_;
+  std::vector<ComparisonState> comparisons_;
+  std::vector<WorkState> works_;
+  std::vector<BondState> bonds_;
+  bool started_ = false;
+  Time last_;
+};
+
+}  // namespace cotwin::master

@@ -1,0 +1,53 @@
+#pragma once
+#include <vector>
+
+#include "components/unit/snapshot.h"
+#include "master/events.h"
+#include "master/schedule.h"
+
+/// Going back: what must be kept of a whole system to be at an earlier instant again.
+namespace cotwin::master {
+
+class Checkpoint {
+ public:
+  /// Allocates only the first time.
+  void take(std::int64_t tick, std::span<const Member> members, const Schedule& schedule, const Events& events);
+  void restore(std::span<const Member> members, Schedule& schedule, Events& events) const;
+  /// The tick that was about to begin; −1: nothing taken yet.
+  std::int64_t tick() const { return tick_; }
+
+ private:
+  struct Progress {
+    Time time;
+    Duration last_step;
+  };
+  std::int64_t tick_ = -1;
+  std::vector<Snapshot> snapshots_;
+  std::vector<Progress> progress_;
+  Events::Bookmark events_;
+};
+
+/// All real outputs of a system in one row, to hold two ways of stepping against each other.
+class OutputError {
+ public:
+  /// `tolerance`: relative to the largest magnitude that an output has had so far, or to kFloor where that is smaller.
+  OutputError(std::span<const Member> members, double tolerance);
+
+  void remember();
+  /// The largest difference between what was remembered and what is now, 1 being just within tolerance.
+  double against_remembered();
+
+  static constexpr double kFloor = 1e-3;  // in the output's own SI measure
+
+ private:
+  struct Output {
+    std::span<const double> values;
+    std::size_t at;
+    double scale;
+  };
+  std::vector<Output> outputs_;
+  std::vector<double> remembered_;
+  double tolerance_;
+};
+
+}  // namespace cotwin::master

@@ -1,0 +1,222 @@
+#include "master/master.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "master/report.h"
+#include "tests/master/test_units.h"
+#include "tests/support/allocations.h"
+
+namespace cotwin::master {
+namespace {
+
+using ::cotwin::testing::Build;
+using ::cotwin::testing::error_of;
+using ::cotwin::testing::value;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+/// A bit of everything that the loop does.
+Build busy() {
+  Build b;
+  b.unit("i", "integrator").with("u", 1.0).unit("r", "ramped", 1).unit("g", "gain?n=7", 1, 3).unit("m", "mixed");
+  b.unit("a", "oscillator_a").unit("b", "oscillator_b", 1).connect("b.q", "a.q").connect("a.tau", "b.tau");
+  b.connect("i.y", "r.u").as_it_is();
+  b.connect("i.y", "g.u[3]");
+  b.event(0.1, "i.u", "2").event(0.2, "i.u", "-1", 0.3).event(0.3, "m.boolean", "true").event(0.4, "g.gain", "3", 0.1);
+  b.record("*").until(2);
+  b.scenario.reports.push_back({"", "signal", "g.y", "", ""});
+  b.scenario.comparisons.push_back({"c", "i.y", "a.theta", 8, {}, {}, ""});
+  b.scenario.bonds.push_back({"spring", "a.tau", "b.dq", "b.tau", "b.dq", 0, ""});
+  return b;
+}
+
+TEST(Master, TheLoopAllocatesNothingAlsoWhileItRecords) {
+  const auto folder = std::filesystem::temp_directory_path() / ("cotwin_master_" + std::to_string(::getpid()));
+  Build b = busy();
+  Master master = b.load(folder);
+  master.initialise();
+  const std::uint64_t before = cotwin::testing::allocations();
+  while (master.step_tick()) {
+  }
+  EXPECT_EQ(cotwin::testing::allocations() - before, 0u);
+  EXPECT_EQ(master.tick(), 2000);
+  master.finish();
+  EXPECT_EQ(master.summary().rows, 2001);
+  std::filesystem::remove_all(folder);
+}
+
+TEST(Master, TheLoopAllocatesNothingWithDiscardedStepsAndWithATolerance) {
+  for (const double tolerance : {0.0, 1e-3}) {
+    Build b = busy();
+    b.unit("p", "picky").with("longest", 0.6e-3).with("from", 0.7);
+    b.scenario.tolerance = tolerance;
+    Master master = b.load();
+    master.initialise();
+    const std::uint64_t before = cotwin::testing::allocations();
+    while (master.step_tick()) {
+    }
+    EXPECT_EQ(cotwin::testing::allocations() - before, 0u);
+    if (tolerance == 0) {
+      EXPECT_GT(master.summary().discarded, 0);
+    }
+  }
+}
+
+TEST(Master, SeveralRunSideBySide) {
+  Build b;
+  b.unit("i", "integrator").with("u", 1.0).until(0.1);
+  Master one = b.load(), two = b.load();
+  one.initialise();
+  two.initialise();
+  while (one.step_tick()) two.step_tick();
+  EXPECT_EQ(value(one, "i.y"), value(two, "i.y"));
+}
+
+TEST(Master, ANanEndsTheRunAndNamesWhereItCameFrom) {
+  // In stage order the faulty unit is first, although its victim stands before it in the file.
+  Build b;
+  b.unit("victim", "gain", 1).unit("f", "faulty").with("after", 0.004).connect("f.y[3]", "victim.u").as_it_is();
+  const auto message = [&] {
+    Master master = b.load();
+    master.initialise();
+    return error_of([&] {
+      while (master.step_tick()) {
+      }
+    });
+  }();
+  EXPECT_EQ(message, "f.y[3] is nan at t = 0.005 s, expected a finite output");
+}
+
+TEST(Master, AUnitThatThrowsIsNamedWithItsTime) {
+  Build b;
+  b.unit("f", "faulty").with("after", 0.004).with("throws", true);
+  Master master = b.load();
+  master.initialise();
+  EXPECT_EQ(error_of([&] {
+              while (master.step_tick()) {
+              }
+            }),
+            "f at t = 0.004 s: the gear has broken");
+}
+
+TEST(Master, EndsWhereAUnitAsksForItAndShowsItsWarning) {
+  Build b;
+  b.unit("b", "brief").unit("p", "probe", 1).until(1);
+  b.scenario.warnings.push_back("test.ssd:3: something was read leniently");
+  Master master = b.load();
+  master.initialise();
+  while (master.step_tick()) {
+  }
+  EXPECT_EQ(master.tick(), 3);
+  EXPECT_EQ(value(master, "p.steps"), 3);  // the tick is finished by everyone
+  EXPECT_THAT(master.summary().warnings, ElementsAre("test.ssd:3: something was read leniently",
+                                                     "'b' asked for the end of the run at t = 0.003 s", "b: three steps only"));
+}
+
+TEST(Master, AStartThatIsNoNumberIsAnError) {
+  Build b;
+  b.unit("i", "integrator").with("start", std::numeric_limits<double>::infinity());
+  Master master = b.load();
+  EXPECT_THAT(error_of([&] { master.initialise(); }), HasSubstr("i.y is inf at t = 0 s"));
+}
+
+/// Deadlines asked for; never waits.
+class FakeClock final : public Clock {
+ public:
+  explicit FakeClock(std::vector<std::int64_t>& asked) : asked_(asked) {}
+  void start(Time now) override { asked_.push_back(-1 - now.ns); }
+  void wait(Time now) override { asked_.push_back(now.ns); }
+
+ private:
+  std::vector<std::int64_t>& asked_;
+};
+
+TEST(Master, AsksTheClockBeforeEveryTick) {
+  Build b;
+  b.unit("p", "probe").until(0.003);
+  std::vector<std::int64_t> asked;
+  MasterOptions options;
+  options.types = cotwin::testing::test_types();
+  options.clock = std::make_unique<FakeClock>(asked);
+  Master master(b.scenario, std::move(options));
+  master.initialise();
+  while (master.step_tick()) {
+  }
+  EXPECT_THAT(asked, ElementsAre(-1, 0, 1'000'000, 2'000'000));
+}
+
+TEST(RealTimeClock, KeepsAbsoluteDeadlinesAndCountsLateTicks) {
+  using Steady = std::chrono::steady_clock;
+  RealTimeClock clock;
+  const auto begin = Steady::now();
+  clock.start(Time{500});
+  clock.wait(Time{500 + 20'000'000});
+  EXPECT_GE(Steady::now() - begin, std::chrono::milliseconds(20));
+  std::this_thread::sleep_for(std::chrono::milliseconds(30));
+  const std::int64_t before = clock.overruns();
+  clock.wait(Time{500 + 21'000'000});  // long past: no wait, counted
+  EXPECT_EQ(clock.overruns(), before + 1);
+  EXPECT_GE(clock.worst_delay().ns, 25'000'000);
+  clock.wait(Time{500 + 80'000'000});  // and the next deadline stands where it stood
+  EXPECT_GE(Steady::now() - begin, std::chrono::milliseconds(80));
+}
+
+TEST(Report, TellsPeopleAndProgramsTheSame) {
+  Build b = busy();
+  b.scenario.name = "a \"busy\" one";
+  Master master = b.load();
+  master.initialise();
+  while (master.step_tick()) {
+  }
+  master.finish();
+  const Summary s = master.summary();
+
+  std::ostringstream json_text;
+  write_json(json_text, s, {});
+  const auto json = nlohmann::json::parse(json_text.str());
+  EXPECT_EQ(json["state"], "done");
+  EXPECT_EQ(json["scenario"], "a \"busy\" one");
+  EXPECT_EQ(json["ticks"], 2000);
+  EXPECT_EQ(json["reached"], 2.0);
+  EXPECT_EQ(json["signals"][0]["rms"].size(), 7u);
+  EXPECT_EQ(json["comparisons"][0]["segment_rms"].size(), 8u);
+  EXPECT_EQ(json["units"].size(), 6u);
+  EXPECT_GT(json["real_time_factor"], 0.0);
+
+  std::ostringstream table;
+  write_report(table, s, {});
+  EXPECT_THAT(table.str(), HasSubstr("a \"busy\" one: 2 s in 2000 ticks of 1 ms, run in "));
+  EXPECT_THAT(table.str(), HasSubstr("times real time"));
+  EXPECT_THAT(table.str(), HasSubstr("\ng.y [rad]\n"));
+  EXPECT_THAT(table.str(), HasSubstr("       [1]       [2]"));
+  EXPECT_THAT(table.str(), HasSubstr("c [rad]: i.y - a.theta, t = 0 to 2 s\n"));
+  EXPECT_THAT(table.str(), HasSubstr("RMS, part 8"));
+  EXPECT_THAT(table.str(), Not(HasSubstr("nan")));
+}
+
+TEST(Report, ShowsWhatARunDidNotReachAsUnknown) {
+  Build b;
+  b.unit("a", "gain").unit("b", "gain").until(1);
+  b.scenario.comparisons.push_back({"c", "a.y", "b.y", 4, {}, {}, ""});
+  Master master = b.load();
+  master.initialise();
+  for (int i = 0; i < 300; ++i) master.step_tick();
+  master.finish();
+  std::ostringstream json_text;
+  write_json(json_text, master.summary(), {"interrupted", ""});
+  const auto json = nlohmann::json::parse(json_text.str());
+  EXPECT_EQ(json["state"], "interrupted");
+  EXPECT_TRUE(json["comparisons"][0]["segment_rms"][3][0].is_null());
+  std::ostringstream table;
+  write_report(table, master.summary(), {"interrupted", ""});
+  EXPECT_THAT(table.str(), HasSubstr("test: interrupted at t = 0.3 s; 0.3 s in 300 ticks"));
+}
+
+}  // namespace
+}  // namespace cotwin::master

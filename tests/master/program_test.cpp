@@ -1,0 +1,152 @@
+// The program `cotwin` as its users call it: exit codes, files, messages.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <thread>
+
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::HasSubstr;
+using ::testing::StartsWith;
+
+std::string content(const fs::path& file) {
+  std::ifstream in(file);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+struct Result {
+  int code = -1;  // exit code, or −signal
+  std::string out, err;
+};
+
+/// Runs the program in a folder of its own.
+class Program : public ::testing::Test {
+ protected:
+  Program() { fs::create_directories(folder_); }
+  ~Program() override { fs::remove_all(folder_); }
+
+  pid_t start(std::vector<std::string> arguments) {
+    const pid_t child = fork();
+    if (child != 0) return child;
+    if (chdir(folder_.c_str()) != 0 || !std::freopen("out.txt", "w", stdout) || !std::freopen("err.txt", "w", stderr))
+      _exit(99);
+    arguments.insert(arguments.begin(), COTWIN_PROGRAM);
+    std::vector<char*> argv;
+    for (std::string& a : arguments) argv.push_back(a.data());
+    argv.push_back(nullptr);
+    execv(COTWIN_PROGRAM, argv.data());
+    _exit(99);
+  }
+  Result wait(pid_t child) {
+    int status = 0;
+    waitpid(child, &status, 0);
+    const int code = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
+    return {code, content(folder_ / "out.txt"), content(folder_ / "err.txt")};
+  }
+  Result run(std::vector<std::string> arguments) { return wait(start(std::move(arguments))); }
+
+  /// A scenario of one unit: the desired motion of the LWR 4+, for an hour.
+  std::string scenario() {
+    std::ofstream(folder_ / "motion.ssd") << R"(<?xml version="1.0" encoding="UTF-8"?>
+<ssd:SystemStructureDescription version="1.0" name="just motion"
+    xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"
+    xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues">
+  <ssd:System name="just motion">
+    <ssd:Elements>
+      <ssd:Component name="motion" source="unit:motion?robot=lwr4" type="application/x-cotwin-unit"/>
+    </ssd:Elements>
+  </ssd:System>
+  <ssd:DefaultExperiment startTime="0" stopTime="3600"/>
+</ssd:SystemStructureDescription>
+)";
+    return "motion.ssd";
+  }
+
+  const fs::path folder_ = fs::temp_directory_path() / ("cotwin_program_" + std::to_string(::getpid()) + "_" +
+                                                        ::testing::UnitTest::GetInstance()->current_test_info()->name());
+};
+
+TEST_F(Program, KnowsItsVersionItsHelpAndItsUnits) {
+  EXPECT_THAT(run({"--version"}).out, StartsWith("cotwin "));
+  EXPECT_THAT(run({"run", "--help"}).out, HasSubstr("--set NAME=VALUE"));
+  const Result units = run({"units"});
+  EXPECT_EQ(units.code, 0);
+  for (const char* unit : {"motion", "io", "compliance", "drive_train"}) EXPECT_THAT(units.out, HasSubstr(unit));
+}
+
+TEST_F(Program, BadInputIsExitCodeTwoWithAMessageAndNoFiles) {
+  EXPECT_EQ(run({}).code, 2);
+  EXPECT_EQ(run({"walk"}).code, 2);
+  EXPECT_EQ(run({"run", "x.ssd", "--threads", "0"}).code, 2);
+  const Result missing = run({"run", "nowhere.ssd"});
+  EXPECT_EQ(missing.code, 2);
+  EXPECT_THAT(missing.err, StartsWith("cotwin: nowhere.ssd"));
+  const Result wrong = run({"run", scenario(), "--set", "motion.speed_of_light=1"});
+  EXPECT_EQ(wrong.code, 2);
+  EXPECT_THAT(wrong.err, HasSubstr("speed_of_light"));
+  EXPECT_EQ(run({"run", scenario(), "--record", "nothing.*"}).code, 2);
+  EXPECT_EQ(run({"describe", "drive_trian"}).code, 2);
+  EXPECT_FALSE(fs::exists(folder_ / "results"));
+}
+
+TEST_F(Program, RunsAScenarioAndSaysWhereTheResultsAre) {
+  const Result result = run({"run", scenario(), "--stop", "0.05", "--json", "summary.json"});
+  EXPECT_EQ(result.code, 0) << result.err;
+  EXPECT_EQ(result.err, "");  // no progress bar where stderr is no terminal
+  EXPECT_THAT(result.out, HasSubstr("just motion: 0.05 s in 50 ticks of 1 ms"));
+  EXPECT_THAT(result.out, HasSubstr("results: results/just_motion/signals.csv (51 rows)"));
+  EXPECT_THAT(content(folder_ / "results/just_motion/signals.csv"), StartsWith("time,motion.q_d[1],motion.q_d[2]"));
+  EXPECT_EQ(nlohmann::json::parse(content(folder_ / "summary.json"))["state"], "done");
+}
+
+TEST_F(Program, RecordsWhatItIsToldWhereItIsTold) {
+  const Result result =
+      run({"run", "--record", "motion.q_d[2]", "--out", "there", "--quiet", "--json", "-", "--stop", "0.002", scenario()});
+  EXPECT_EQ(result.code, 0) << result.err;
+  EXPECT_EQ(nlohmann::json::parse(result.out)["rows"], 3);
+  EXPECT_THAT(content(folder_ / "there/signals.csv"), StartsWith("time,motion.q_d[2]\n0,"));
+}
+
+TEST_F(Program, CtrlCEndsARunCleanlyWithEverythingOnDisk) {
+  for (const int signal : {SIGINT, SIGTERM}) {
+    const pid_t child = start({"run", scenario(), "--real-time"});
+    const fs::path file = folder_ / "results/just_motion/signals.csv";
+    for (int i = 0; i < 1000 && (!fs::exists(file) || fs::file_size(file) < 2000); ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    kill(child, signal);
+    const Result result = wait(child);
+    EXPECT_EQ(result.code, 128 + signal) << result.err;
+    EXPECT_THAT(result.out, HasSubstr("just motion: interrupted at t = "));
+    const std::string csv = content(file);
+    EXPECT_EQ(csv.back(), '\n');
+    // The last row is the one that the report names.
+    const std::size_t last = csv.rfind('\n', csv.size() - 2) + 1;
+    const std::string time = csv.substr(last, csv.find(',', last) - last);
+    EXPECT_THAT(result.out, HasSubstr("interrupted at t = " + time + " s"));
+    fs::remove_all(folder_ / "results");
+  }
+}
+
+TEST_F(Program, DescribesAUnitAndWritesItsReference) {
+  EXPECT_THAT(run({"describe", "unit:drive_train?robot=lwr4"}).out, HasSubstr("tau_m[7]"));
+  const auto json = nlohmann::json::parse(run({"describe", "drive_train?robot=lwr4", "--json"}).out);
+  EXPECT_EQ(json["source"], "unit:drive_train?robot=lwr4");
+  EXPECT_GT(json["variables"].size(), 5u);
+  const Result reference = run({"reference", "pages"});
+  EXPECT_EQ(reference.code, 0) << reference.err;
+  EXPECT_THAT(content(folder_ / "pages/drive_train.md"), HasSubstr("| `tau_m` | 7 | N.m |"));
+  EXPECT_THAT(content(folder_ / "pages/README.md"), HasSubstr("[`drive_train`](drive_train.md)"));
+}
+
+}  // namespace

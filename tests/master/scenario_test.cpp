@@ -1,0 +1,748 @@
+#include "master/scenario.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <map>
+#include <sstream>
+
+#include "components/unit/si.h"
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::master {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::StartsWith;
+
+const fs::path kVehicle = fs::path(COTWIN_SOURCE_DIR) / "tests/master/data/vehicle/SystemStructure.ssd";
+
+constexpr const char* kHead =
+    "<d:SystemStructureDescription version='1.0' name='n' xmlns:d='http://ssp-standard.org/SSP1/SystemStructureDescription' "
+    "xmlns:c='http://ssp-standard.org/SSP1/SystemStructureCommon' "
+    "xmlns:v='http://ssp-standard.org/SSP1/SystemStructureParameterValues' "
+    "xmlns:m='http://ssp-standard.org/SSP1/SystemStructureParameterMapping'>";
+
+/// A document: line 1 is its root, `system` begins on line 2 inside the root system, `after` follows the system.
+std::string ssd(const std::string& system, const std::string& after = "") {
+  return std::string(kHead) + "<d:System name='root'>\n" + system + "\n</d:System>" + after + "</d:SystemStructureDescription>";
+}
+
+/// The same with components a and b and our annotation: line 2 is the cotwin:Master tag, its content begins on line 3.
+std::string annotated(const std::string& attributes, const std::string& content) {
+  return ssd(
+      "<d:Elements><d:Component name='a' source='unit:a'/><d:Component name='b' source='unit:b'/></d:Elements>"
+      "<d:Annotations><c:Annotation type='cotwin.master'><t:Master xmlns:t='urn:cotwin:master:1' " +
+      attributes + ">\n" + content + "</t:Master></c:Annotation></d:Annotations>");
+}
+
+std::string elements(const std::string& list) { return "<d:Elements>" + list + "</d:Elements>"; }
+
+std::string component(const std::string& name, const std::string& connectors = "", const std::string& bindings = "") {
+  return "<d:Component name='" + name + "' source='unit:x'>" +
+         (connectors.empty() ? "" : "<d:Connectors>" + connectors + "</d:Connectors>") +
+         (bindings.empty() ? "" : "<d:ParameterBindings>" + bindings + "</d:ParameterBindings>") + "</d:Component>";
+}
+
+std::string connector(const std::string& name, const std::string& kind, const std::string& unit = "") {
+  return "<d:Connector name='" + name + "' kind='" + kind + "'>" + (unit.empty() ? "" : "<c:Real unit='" + unit + "'/>") +
+         "</d:Connector>";
+}
+
+std::string inline_set(const std::string& parameters) {
+  return "<d:ParameterBinding><d:ParameterValues><v:ParameterSet version='1.0' name='s'><v:Parameters>" + parameters +
+         "</v:Parameters></v:ParameterSet></d:ParameterValues></d:ParameterBinding>";
+}
+
+Scenario parse(const std::string& xml) { return parse_scenario(xml, "f.ssd", fs::temp_directory_path()); }
+
+std::string value_text(const ParameterValue& v) {
+  if (const double* x = std::get_if<double>(&v.value)) return text::to_text(*x);
+  if (const std::int64_t* i = std::get_if<std::int64_t>(&v.value)) return "int " + std::to_string(*i);
+  if (const bool* b = std::get_if<bool>(&v.value)) return *b ? "true" : "false";
+  return "'" + std::get<std::string>(v.value) + "'";
+}
+
+/// "R = 1 Ohm", in order of application.
+std::vector<std::string> values_of(const Scenario& s, const std::string& component) {
+  std::vector<std::string> list;
+  for (const ComponentSpec& c : s.components) {
+    if (c.name != component) continue;
+    for (const ParameterValue& v : c.start_values)
+      list.push_back(v.name + " = " + value_text(v) + (v.unit.empty() ? "" : " " + v.unit));
+  }
+  return list;
+}
+
+std::vector<std::string> names_of(const Scenario& s) {
+  std::vector<std::string> names;
+  for (const ComponentSpec& c : s.components) names.push_back(c.name);
+  return names;
+}
+
+/// "a.x [mV] -> b.u [V]: 2, 0.5".
+std::vector<std::string> connections_of(const Scenario& s) {
+  std::vector<std::string> list;
+  const auto port = [](const Port& p) { return p.component + "." + p.variable + (p.unit.empty() ? "" : " [" + p.unit + "]"); };
+  for (const ConnectionSpec& c : s.connections) {
+    list.push_back(port(c.from) + " -> " + port(c.to) + ": " + text::to_text(c.factor) + ", " + text::to_text(c.offset) +
+                   (c.suppress_unit_conversion ? ", numbers" : ""));
+  }
+  return list;
+}
+
+/// A folder of its own that is gone afterwards.
+class Folder {
+ public:
+  Folder()
+      : path_(fs::path(::testing::TempDir()) /
+              ("cotwin_scenario_" + std::string(::testing::UnitTest::GetInstance()->current_test_info()->name()))) {
+    fs::remove_all(path_);
+    fs::create_directories(path_);
+  }
+  ~Folder() { fs::remove_all(path_); }
+  fs::path write(const std::string& name, const std::string& text) const {
+    fs::create_directories((path_ / name).parent_path());
+    std::ofstream(path_ / name, std::ios::binary) << text;
+    return path_ / name;
+  }
+  const fs::path& path() const { return path_; }
+
+ private:
+  fs::path path_;
+};
+
+TEST(ForeignSystemStructure, IsDissolvedIntoComponentsWithTheirFiles) {
+  const Scenario s = load_scenario(kVehicle);
+  EXPECT_EQ(s.name, "vehicle");
+  EXPECT_EQ(s.file, kVehicle);
+  EXPECT_THAT(names_of(s), ElementsAre("controller", "drive.motor", "drive.body.chassis", "drive.body.left.tyre",
+                                       "drive.body.right.tyre", "drive.body.spare.tyre", "display", "cabin.radio"));
+  EXPECT_EQ(s.components[0].source, "resources/My Controller.fmu");    // %20
+  EXPECT_EQ(s.components[2].source, "sub/resources/Chassis.fmu");      // relative to the outer file, as everything is
+  EXPECT_EQ(s.components[0].type, "application/x-fmu-sharedlibrary");  // the default of the schema
+  EXPECT_EQ(s.components[0].implementation, "CoSimulation");
+  EXPECT_EQ(s.components[1].implementation, "any");
+  ASSERT_EQ(s.components[0].connectors.size(), 4U);
+  EXPECT_EQ(s.components[0].connectors[3].type, "Enumeration");
+  EXPECT_EQ(s.components[0].connectors[2].unit, "mV");
+  EXPECT_EQ(s.components[0].connectors[2].kind, "output");
+  EXPECT_EQ(s.components[0].place, kVehicle.string() + ":42");
+}
+
+TEST(ForeignSystemStructure, RunsWithDefaults) {
+  const Scenario s = load_scenario(kVehicle);
+  EXPECT_EQ(s.start, Time{500'000'000});
+  EXPECT_EQ(s.stop, Time{2'500'000'000});
+  EXPECT_EQ(s.tick, Duration{1'000'000});
+  EXPECT_EQ(s.clock, "free");
+  EXPECT_EQ(s.threads, 0);
+  EXPECT_EQ(s.tolerance, 0);
+  EXPECT_TRUE(s.ignore_unknown_parameters);
+  EXPECT_THAT(s.recording, IsEmpty());
+  for (const ComponentSpec& c : s.components) {
+    EXPECT_EQ(c.stage, 0);
+    EXPECT_EQ(c.period, 1);
+    EXPECT_TRUE(c.threads);
+  }
+  const Scenario bare = parse(ssd(""));
+  EXPECT_EQ(bare.start, Time{0});
+  EXPECT_EQ(bare.stop, Time{1'000'000'000});
+}
+
+TEST(ForeignSystemStructure, LeavesComposedConnections) {
+  EXPECT_THAT(connections_of(load_scenario(kVehicle)),
+              ElementsAre(
+                  // through the connector of a referenced file and of an embedded system; right and spare are fed by nobody
+                  "drive.motor.w [rad/s] -> drive.body.left.tyre.w [rad/s]: 1, 0",
+                  "drive.motor.w [rad/s] -> drive.body.chassis.w [rad/s]: 1, 0",
+                  // mV to V, then 2·V + 0.5 V within the drive
+                  "controller.u [mV] -> drive.motor.u [V]: 2, 0.5",
+                  // through a signal dictionary whose one reference is in V and whose other is in kV
+                  "controller.u [mV] -> cabin.radio.supply [V]: 1, 0",
+                  // written backwards inside the drive; +10 1/min outside
+                  "drive.motor.w [rad/s] -> display.n [rev/min]: 1, 10", "drive.motor.T [degC] -> display.T [degF]: 1, 0",
+                  // °C becomes K at the border of the drive, and the number of K is halved: 0.5·(x + 273.15)
+                  "drive.motor.T [degC] -> display.T_raw [degF]: 0.5, 136.575, numbers",
+                  // the display does not say its unit: values arrive in mV
+                  "controller.u [mV] -> display.u [mV]: 1, 0"));
+}
+
+TEST(ForeignSystemStructure, AppliesOuterBindingsLast) {
+  const Scenario s = load_scenario(kVehicle);
+  // Inline at the motor; the drive's file with prefix; the root's mapping (2 as a bare number, and 2·2 poles); the root's
+  // what-if, and the drive's connector "ratio", which feeds −ratio to the motor.
+  EXPECT_THAT(values_of(s, "drive.motor"), ElementsAre("R = 1 Ohm", "poles = int 4", "R = 0.25 Ohm", "L = 3 mH", "R = 2 Ohm",
+                                                       "poles = int 4", "R = 500 mOhm", "i = -9"));
+  EXPECT_THAT(values_of(s, "controller"), ElementsAre("comfort = false", "mode = 'on'", "gear = int -1", "speed_ref = 10 m/s"));
+  EXPECT_EQ(s.components[1].start_values[2].place, (kVehicle.parent_path() / "resources/motor.ssv").string() + ":4");
+}
+
+TEST(ForeignSystemStructure, KeepsEveryFilesUnitsOfMeasureApart) {
+  const Scenario s = load_scenario(kVehicle);
+  // body.ssd calls 1016.0469088 kg a t, the outer file 1000 kg: 1500 kg + 0.08 t of the inner kind.
+  const std::string inner = "t (" + (kVehicle.parent_path() / "sub/body.ssd").string() + ")";
+  const std::vector<ParameterValue>& values = s.components[2].start_values;
+  ASSERT_EQ(values.size(),
+            5U);  // drag, area, the outer drag, m through the mapping with offset, m through the connector "mass"
+  EXPECT_EQ(values[3].unit, inner);
+  EXPECT_DOUBLE_EQ(std::get<double>(values[3].value), 1500 / 1016.0469088 + 0.08);
+  EXPECT_EQ(values_of(s, "drive.body.chassis")[2], "drag = 0.4");
+  EXPECT_EQ(values_of(s, "drive.body.chassis")[4], "m = 1500 kg");
+  double outer_t = 0, inner_t = 0;
+  for (const UnitDefinition& d : s.units) {
+    if (d.name == "t") outer_t = d.factor;
+    if (d.name == inner) inner_t = d.factor;
+  }
+  EXPECT_EQ(outer_t, 1000);
+  EXPECT_EQ(inner_t, 1016.0469088);
+}
+
+TEST(ForeignSystemStructure, WarnsOfParametersThatNobodyHas) {
+  // SSP: a parameter value whose name matches nothing is ignored.
+  EXPECT_THAT(load_scenario(kVehicle).warnings,
+              ElementsAre(HasSubstr("SystemStructure.ssd:35: 'nobody.cares' is not a parameter of 'Root'")));
+}
+
+TEST(ForeignSystemStructure, OfThisTestIsValidSsp) {
+  const fs::path schemas = fs::path(COTWIN_SHARED_DIR) / "data/schemas/ssp1";
+  if (!fs::exists(schemas) || std::system("xmllint --version >/dev/null 2>&1") != 0) GTEST_SKIP() << "no schemas or no xmllint";
+  const std::map<std::string, std::string> schema_of = {{".ssd", "SystemStructureDescription.xsd"},
+                                                        {".ssv", "SystemStructureParameterValues.xsd"},
+                                                        {".ssm", "SystemStructureParameterMapping.xsd"},
+                                                        {".ssb", "SystemStructureSignalDictionary.xsd"}};
+  int files = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(kVehicle.parent_path())) {
+    const auto schema = schema_of.find(entry.path().extension().string());
+    if (schema == schema_of.end()) continue;
+    const std::string command =
+        "xmllint --noout --schema '" + (schemas / schema->second).string() + "' '" + entry.path().string() + "' 2>/dev/null";
+    EXPECT_EQ(std::system(command.c_str()), 0) << entry.path();
+    ++files;
+  }
+  EXPECT_EQ(files, 7);
+}
+
+TEST(Documentation, ShowsAScenarioThatIsReadAndValid) {
+  std::ifstream in(fs::path(COTWIN_SOURCE_DIR) / "docs/scenario.md");
+  const std::string page((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+  const std::size_t begin = page.find("<?xml"), end = page.find("```", begin);
+  ASSERT_NE(end, std::string::npos);
+  const Folder folder;
+  const fs::path file = folder.write("twin.ssd", page.substr(begin, end - begin));
+  folder.write(
+      "drive.ssv",
+      "<ParameterSet xmlns='http://ssp-standard.org/SSP1/SystemStructureParameterValues' version='1.0' name='d'><Parameters>"
+      "<Parameter name='K'><Real value='10000' unit='N.m/rad'/></Parameter></Parameters></ParameterSet>");
+  const Scenario s = load_scenario(file);
+  EXPECT_THAT(names_of(s), ElementsAre("motion", "drive", "link"));
+  EXPECT_EQ(s.components[0].source, "unit:motion?kind=waypoints");
+  EXPECT_THAT(values_of(s, "drive"), ElementsAre("K = 10000 N.m/rad", "K[2] = 12 kN.m/rad", "d = '5 5 4 4 3 2 2'"));
+  EXPECT_EQ(s.tick, Duration{1'000'000});
+  EXPECT_EQ(s.settings.at("robot"), "lwr4");
+  EXPECT_EQ(s.components[1].stage, 1);
+  ASSERT_EQ(s.events.size(), 1U);
+  EXPECT_EQ(s.events[0].ramp, Duration{10'000'000});
+  ASSERT_EQ(s.recording.size(), 3U);
+  EXPECT_EQ(s.recording[2].variables, "motion.*");
+  EXPECT_EQ(s.decimation, 5);
+  ASSERT_EQ(s.comparisons.size(), 1U);
+  ASSERT_EQ(s.reports.size(), 1U);
+  ASSERT_EQ(s.bonds.size(), 1U);
+  EXPECT_FALSE(s.ignore_unknown_parameters);
+  EXPECT_THAT(s.warnings, IsEmpty());
+
+  const fs::path schema = fs::path(COTWIN_SHARED_DIR) / "data/schemas/ssp1/SystemStructureDescription.xsd";
+  if (!fs::exists(schema) || std::system("xmllint --version >/dev/null 2>&1") != 0) GTEST_SKIP() << "no schema or no xmllint";
+  EXPECT_EQ(std::system(("xmllint --noout --schema '" + schema.string() + "' '" + file.string() + "' 2>/dev/null").c_str()), 0);
+}
+
+TEST(Annotation, IsReadWhole) {
+  const Scenario s = parse(annotated(
+      "tick='250 us' stop='2 s' clock='real-time' threads='4' tolerance='1e-4' unknownParameters='ignore'",
+      "<t:Setting name='robot' value='lwr4'/><t:Setting name='joints' value='7'/>"
+      "<t:Component name='b' stage='3' period='10' threads='false'/>"
+      "<t:Event time='0.5' variable='a.x[2]' value='1 2' ramp='0.25'/><t:Event time='0.1 s' variable='b.y' value='true'/>"
+      "<t:Event time='0.5' variable='a.z' value='second of its time'/>"
+      "<t:Recording decimation='20'><t:Record variables='a.*, b.y\n*.tau_J'/><t:Record variables='a.z'/></t:Recording>"
+      "<t:Comparison name='torque' a='a.tau' b='b.tau' segments='10' from='0.1' to='1 s'/>"
+      "<t:Comparison name='position' a='a.q' b='b.q'/>"
+      "<t:Report a='a.q'/><t:Report name='work' kind='energy' a='a.tau' b='a.dq'/>"
+      "<t:Bond name='joint' effortA='a.tau' flowA='a.dq' effortB='b.tau' flowB='b.dq' tolerance='0.5'/>"));
+  EXPECT_EQ(s.tick, Duration{250'000});
+  EXPECT_EQ(s.stop, Time{2'000'000'000});
+  EXPECT_EQ(s.clock, "real-time");
+  EXPECT_EQ(s.threads, 4);
+  EXPECT_EQ(s.tolerance, 1e-4);
+  EXPECT_TRUE(s.ignore_unknown_parameters);
+  EXPECT_EQ(s.settings, (std::map<std::string, std::string>{{"robot", "lwr4"}, {"joints", "7"}}));
+  EXPECT_EQ(s.components[0].stage, 0);
+  EXPECT_EQ(s.components[1].stage, 3);
+  EXPECT_EQ(s.components[1].period, 10);
+  EXPECT_FALSE(s.components[1].threads);
+  ASSERT_EQ(s.events.size(), 3U);  // by time, those of one time in the order of the file
+  EXPECT_EQ(s.events[0].variable, "b.y");
+  EXPECT_EQ(s.events[1].value, "1 2");
+  EXPECT_EQ(s.events[1].ramp, Duration{250'000'000});
+  EXPECT_EQ(s.events[2].value, "second of its time");
+  EXPECT_EQ(s.events[2].ramp, Duration{0});
+  EXPECT_EQ(s.decimation, 20);
+  ASSERT_EQ(s.recording.size(), 4U);
+  EXPECT_EQ(s.recording[0].variables, "a.*");
+  EXPECT_EQ(s.recording[2].variables, "*.tau_J");
+  EXPECT_EQ(s.comparisons[0].segments, 10);
+  EXPECT_EQ(s.comparisons[0].from, Time{100'000'000});
+  EXPECT_EQ(s.comparisons[0].to, Time{1'000'000'000});
+  EXPECT_EQ(s.comparisons[1].segments, 8);
+  EXPECT_FALSE(s.comparisons[1].from);
+  EXPECT_EQ(s.reports[0].kind, "signal");
+  EXPECT_EQ(s.reports[1].b, "a.dq");
+  EXPECT_EQ(s.bonds[0].flow_b, "b.dq");
+  EXPECT_EQ(s.bonds[0].tolerance, 0.5);
+}
+
+TEST(Annotation, MayStandAtTheRootOrInTheExperimentToo) {
+  const std::string list =
+      "<d:Annotations><c:Annotation type='other'/><c:Annotation type='cotwin.master'><Master xmlns='urn:cotwin:master:1' "
+      "tick='2 ms'/>"
+      "</c:Annotation></d:Annotations>";
+  EXPECT_EQ(parse(ssd("", list)).tick, Duration{2'000'000});
+  EXPECT_EQ(parse(ssd("", "<d:DefaultExperiment>" + list + "</d:DefaultExperiment>")).tick, Duration{2'000'000});
+  EXPECT_EQ(parse(ssd(list)).tick, Duration{2'000'000});
+}
+
+TEST(Connections, AreReadInEitherDirectionAndWithoutListedConnectors) {
+  const std::string list = elements(component("a", connector("y", "output") + connector("p", "calculatedParameter")) +
+                                    component("b", connector("u", "input") + connector("k", "parameter")) + component("c"));
+  const Scenario s =
+      parse(ssd(list + "<d:Connections><d:Connection startElement='b' startConnector='u' endElement='a' endConnector='y'/>"
+                       "<d:Connection startElement='a' startConnector='p' endElement='b' endConnector='k'/>"
+                       "<d:Connection startElement='c' startConnector='out[2]' endElement='c' endConnector='in[3]'/>"
+                       "<d:Connection startElement='c' startConnector='x' endElement='a' endConnector='y'/></d:Connections>"));
+  EXPECT_THAT(connections_of(s),
+              ElementsAre("a.y -> b.u: 1, 0", "a.p -> b.k: 1, 0", "c.out[2] -> c.in[3]: 1, 0", "a.y -> c.x: 1, 0"));
+}
+
+TEST(Connections, FromAnInputOfTheRootSystemLeaveTheStartValue) {
+  const Scenario s = parse(ssd("<d:Connectors>" + connector("u", "input", "mm") + "</d:Connectors><d:ParameterBindings>" +
+                               inline_set("<v:Parameter name='u'><v:Real value='5'/></v:Parameter>") +
+                               "</d:ParameterBindings>" + elements(component("a", connector("x", "input", "m"))) +
+                               "<d:Connections><d:Connection startConnector='u' endElement='a' "
+                               "endConnector='x'><c:LinearTransformation factor='2' offset='1'/>"
+                               "</d:Connection></d:Connections>"));
+  EXPECT_THAT(s.connections, IsEmpty());
+  // 5 of the connector's mm are 0.005 m; 2·0.005 + 1
+  EXPECT_THAT(values_of(s, "a"), ElementsAre("x = 1.01 m"));
+}
+
+TEST(ParameterNames, MeanAllVariablesThatHaveThem) {
+  // SSP calls it punning: component "b.c" with variable d, and system "b" with component "c" with d.
+  EXPECT_THROW(parse(ssd(elements(component("b.c") + "<d:System name='b'>" + elements(component("c")) + "</d:System>"))),
+               Error);
+  const Scenario s =
+      parse(ssd("<d:ParameterBindings>" + inline_set("<v:Parameter name='b.c.d'><v:Boolean value='true'/></v:Parameter>") +
+                "</d:ParameterBindings>" + elements(component("b") + component("b.c"))));
+  EXPECT_THAT(values_of(s, "b"), ElementsAre("c.d = true"));
+  EXPECT_THAT(values_of(s, "b.c"), ElementsAre("d = true"));
+}
+
+TEST(SplitName, TakesTheLongestComponent) {
+  const Scenario s = parse(ssd(elements(component("b") + component("b.c"))));
+  ASSERT_TRUE(split_name(s, "b.c.d[2]"));
+  EXPECT_EQ(split_name(s, "b.c.d[2]")->component, "b.c");
+  EXPECT_EQ(split_name(s, "b.c.d[2]")->variable, "d[2]");
+  EXPECT_EQ(split_name(s, "b.c")->variable, "c");
+  EXPECT_FALSE(split_name(s, "b"));
+  EXPECT_FALSE(split_name(s, "b."));
+  EXPECT_FALSE(split_name(s, "bc.d"));
+}
+
+TEST(Assignment, BecomesTheLastStartValueOrASetting) {
+  Scenario s = parse(ssd(elements(component("a", "", inline_set("<v:Parameter name='K'><v:Real value='1'/></v:Parameter>")) +
+                                  "<d:System name='cell'>" + elements(component("drive")) + "</d:System>")));
+  assign(s, "a.K=2 3 4");
+  assign(s, "a.K[2]=7");
+  assign(s, " cell.drive.file = a=b ");
+  assign(s, "robot=lwr4");
+  assign(s, "robot=ur10");
+  assign(s, "note=");
+  EXPECT_THAT(values_of(s, "a"), ElementsAre("K = 1", "K = '2 3 4'", "K[2] = '7'"));
+  EXPECT_THAT(values_of(s, "cell.drive"), ElementsAre("file = ' a=b '"));
+  EXPECT_EQ(s.settings, (std::map<std::string, std::string>{{"robot", "ur10"}, {"note", ""}}));
+  EXPECT_EQ(s.components[0].start_values.back().place, "--set a.K[2]=7");
+}
+
+TEST(Assignment, OfAFileThatIsThereMeansTheOneThatTheShellWouldOpen) {
+  const Folder folder;
+  folder.write("logs/run.csv", "t\n");
+  folder.write("1.5", "");
+  const fs::path before = fs::current_path();
+  fs::create_directories(folder.path() / "here");
+  fs::current_path(folder.path() / "here");
+  Scenario s = parse(ssd(elements(component("a"))));
+  assign(s, "a.file=../logs/run.csv");
+  assign(s, "a.file=../logs/none.csv");
+  assign(s, "a.file=../logs");
+  fs::current_path(folder.path());
+  assign(s, "a.x=1.5");  // a number, though a file has that name
+  assign(s, "robot=logs/run.csv");
+  fs::current_path(before);
+  EXPECT_THAT(values_of(s, "a"), ElementsAre("file = '" + fs::canonical(folder.path() / "logs/run.csv").string() + "'",
+                                             "file = '../logs/none.csv'", "file = '../logs'", "x = '1.5'"));
+  EXPECT_EQ(s.settings.at("robot"), fs::canonical(folder.path() / "logs/run.csv").string());
+}
+
+TEST(Assignment, ThatCannotBeIsRefused) {
+  Scenario s = parse(ssd(elements(component("drive"))));
+  const auto message = [&](const std::string& text) -> std::string {
+    try {
+      assign(s, text);
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "accepted";
+  };
+  EXPECT_EQ(message("drvie.K=1"), "--set drvie.K=1: 'drvie.K' is not a variable of a component, did you mean 'drive.K'?");
+  EXPECT_THAT(message("drive.K"), HasSubstr("expected component.variable=value"));
+  EXPECT_THAT(message("=1"), HasSubstr("expected component.variable=value"));
+  EXPECT_THAT(message(""), HasSubstr("expected component.variable=value"));
+  EXPECT_THAT(message("drive.=1"), HasSubstr("is not a variable"));
+}
+
+TEST(References, ThatContainThemselvesAreRefused) {
+  const Folder folder;
+  const std::string loop = ssd(elements("<d:Component name='x' type='application/x-ssp-definition' source='b.ssd'/>"));
+  folder.write("b.ssd", ssd(elements("<d:Component name='y' type='application/x-ssp-definition' source='sub/../a.ssd'/>")));
+  const fs::path a = folder.write("a.ssd", loop);
+  fs::create_directories(folder.path() / "sub");
+  EXPECT_THAT([&] { load_scenario(a); }, ::testing::ThrowsMessage<Error>(HasSubstr("b.ssd:2: 'sub/../a.ssd' contains itself")));
+  EXPECT_THAT(
+      [&] {
+        parse(
+            ssd(elements("<d:System name='s' id='i'>" +
+                         elements("<d:Component name='x' type='application/x-ssp-definition' source='#i'/>") + "</d:System>")));
+      },
+      ::testing::ThrowsMessage<Error>(HasSubstr("f.ssd:2: '#i' contains itself")));
+}
+
+TEST(References, ThatMultiplyWithoutEndAreBounded) {
+  // Each system instantiates the next one ten times: 10²⁰ components in twenty lines.
+  std::string systems;
+  for (int i = 0; i < 20; ++i) {
+    std::string copies;
+    for (int k = 0; k < 10; ++k) {
+      copies += "<d:Component name='c" + std::to_string(k) + "' type='application/x-ssp-definition' source='#s" +
+                std::to_string(i + 1) + "'/>";
+    }
+    systems +=
+        "<d:System name='s" + std::to_string(i) + "' id='s" + std::to_string(i) + "'>" + elements(copies) + "</d:System>\n";
+  }
+  systems += "<d:System name='s20' id='s20'/>";
+  EXPECT_THAT([&] { parse(ssd(elements(systems))); }, ::testing::ThrowsMessage<Error>(HasSubstr("more than 100000 elements")));
+}
+
+TEST(References, InsideOneAnotherAreBounded) {
+  // Each system instantiates the next one: read one inside the other, 5000 deep.
+  std::string systems;
+  for (int i = 0; i < 5000; ++i) {
+    systems +=
+        "<d:System name='s" + std::to_string(i) + "' id='s" + std::to_string(i) + "'>" +
+        elements("<d:Component name='c' type='application/x-ssp-definition' source='#s" + std::to_string(i + 1) + "'/>") +
+        "</d:System>\n";
+  }
+  systems += "<d:System name='s5000' id='s5000'/>";
+  EXPECT_THAT([&] { parse(ssd(elements(systems))); },
+              ::testing::ThrowsMessage<Error>(HasSubstr("more than 100 references inside one another")));
+}
+
+TEST(UnitsOfMeasure, OfOneFileDoNotLeakIntoAnother) {
+  // The set's t is another one; the structure, which defines none, means 1000 kg.
+  const Folder folder;
+  folder.write(
+      "long.ssv",
+      "<ParameterSet xmlns='http://ssp-standard.org/SSP1/SystemStructureParameterValues' version='1.0' name='d'><Parameters>"
+      "<Parameter name='a'><Real value='1' unit='t'/></Parameter></Parameters><Units><Unit "
+      "xmlns='http://ssp-standard.org/SSP1/SystemStructureCommon' "
+      "name='t'><BaseUnit kg='1' factor='1016'/></Unit></Units></ParameterSet>");
+  const fs::path file = folder.write(
+      "s.ssd", ssd(elements(component("x", "",
+                                      "<d:ParameterBinding source='long.ssv'/>" +
+                                          inline_set("<v:Parameter name='b'><v:Real value='1' unit='t'/></v:Parameter>")))));
+  const Scenario s = load_scenario(file);
+  EXPECT_THAT(values_of(s, "x"), ElementsAre("a = 1 t (" + (folder.path() / "long.ssv").string() + ")", "b = 1 t"));
+  ASSERT_EQ(s.units.size(), 1U);
+  EXPECT_EQ(s.units[0].factor, 1016);
+}
+
+TEST(SystemStructure, OfFiveThousandComponentsInAChainIsReadWhole) {
+  std::string list, connections = "<d:Connections>";
+  constexpr int kCount = 5000;
+  for (int i = 0; i < kCount; ++i) {
+    list += component("c" + std::to_string(i));
+    if (i > 0) {
+      connections += "<d:Connection startElement='c" + std::to_string(i - 1) + "' startConnector='y' endElement='c" +
+                     std::to_string(i) + "' endConnector='u'/>";
+    }
+  }
+  const Scenario s = parse(ssd(elements(list) + connections + "</d:Connections>"));
+  EXPECT_EQ(s.components.size(), static_cast<std::size_t>(kCount));
+  EXPECT_EQ(s.connections.size(), static_cast<std::size_t>(kCount - 1));
+}
+
+struct Bad {
+  const char* name;
+  std::string xml;
+  const char* message;
+};
+void PrintTo(const Bad& bad, std::ostream* out) { *out << bad.name; }
+class BadScenario : public ::testing::TestWithParam<Bad> {};
+
+TEST_P(BadScenario, IsRefusedWithLineAndReason) {
+  try {
+    parse(GetParam().xml);
+    FAIL() << "was read";
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), StartsWith(GetParam().message));
+  }
+}
+
+std::string connect(const std::string& list, const std::string& connections) {
+  return ssd(elements(list) + "<d:Connections>\n" + connections + "</d:Connections>");
+}
+const std::string kPair = component("a", connector("y", "output", "N.m") + connector("z", "output", "N.m")) +
+                          component("b", connector("u", "input", "rad"));
+std::string from_to(const std::string& from, const std::string& y, const std::string& to, const std::string& u,
+                    const std::string& inside = "") {
+  return "<d:Connection startElement='" + from + "' startConnector='" + y + "' endElement='" + to + "' endConnector='" + u +
+         "'>" + inside + "</d:Connection>\n";
+}
+std::string bound(const std::string& binding) { return ssd(elements("\n" + component("a", "", binding))); }
+
+INSTANTIATE_TEST_SUITE_P(
+    Structure, BadScenario,
+    ::testing::Values(
+        Bad{"Malformed", "<a", "f.ssd:1: malformed XML"}, Bad{"OtherRoot", "<a/>", "f.ssd:1: 'a' of namespace ''"},
+        Bad{"Version",
+            "<SystemStructureDescription xmlns='http://ssp-standard.org/SSP1/SystemStructureDescription' version='2.0' "
+            "name='x'/>",
+            "f.ssd:1: version '2.0'"},
+        Bad{"NoSystem",
+            "<SystemStructureDescription xmlns='http://ssp-standard.org/SSP1/SystemStructureDescription' version='1.0' "
+            "name='x'/>",
+            "f.ssd:1: 'SystemStructureDescription' without 'System'"},
+        Bad{"NameTwice", ssd(elements(component("a") + "\n" + component("a"))),
+            "f.ssd:3: a second element 'a' in system 'root'"},
+        Bad{"EmptyName", ssd(elements(component(""))), "f.ssd:2: an empty name"},
+        Bad{"ConnectorTwice", ssd(elements(component("a", connector("y", "output") + "\n" + connector("y", "output")))),
+            "f.ssd:3: a second connector 'y'"},
+        Bad{"Kind", ssd(elements(component("a", connector("y", "out")))),
+            "f.ssd:2: attribute 'kind' of 'Connector': 'out', expected one of 'input', 'output'"},
+        Bad{"Implementation", ssd(elements("<d:Component name='a' source='x.fmu' implementation='Any'/>")),
+            "f.ssd:2: attribute 'implementation' of 'Component': 'Any'"},
+        Bad{"NoSource", ssd(elements("<d:Component name='a'/>")), "f.ssd:2: 'Component' without the attribute 'source'"},
+        Bad{"Package", ssd(elements("<d:Component name='a' source='x.ssp' type='application/x-ssp-package'/>")),
+            "f.ssd:2: component 'a' is an SSP package"},
+        Bad{"Scheme", ssd(elements("<d:Component name='a' source='https://x/y.fmu'/>")),
+            "f.ssd:2: 'https://x/y.fmu': scheme 'https' is not supported"},
+        Bad{"Escape", ssd(elements("<d:Component name='a' source='x%2.fmu'/>")), "f.ssd:2: 'x%2.fmu': malformed escape"},
+        Bad{"EscapedNul", ssd(elements("<d:Component name='a' source='x%00.fmu'/>")), "f.ssd:2: 'x%00.fmu': malformed escape"},
+        Bad{"NoSuchStructure", ssd(elements("<d:Component name='a' source='none.ssd' type='application/x-ssp-definition'/>")),
+            "f.ssd:2: 'none.ssd' is not a file: looked for "},
+        Bad{"NoSuchId", ssd(elements("<d:Component name='a' source='#none' type='application/x-ssp-definition'/>")),
+            "f.ssd:2: no 'System' with the id 'none'"},
+        Bad{"Dictionary",
+            ssd(elements("<d:SignalDictionaryReference name='r' dictionary='none'><d:Connectors>" + connector("y", "inout") +
+                         "</d:Connectors></d:SignalDictionaryReference>" + component("a")) +
+                "<d:Connections>" + from_to("a", "y", "r", "y") + "</d:Connections>"),
+            "f.ssd:2: no signal dictionary 'none'"},
+        Bad{"StopBeforeStart", ssd("", "\n<d:DefaultExperiment startTime='2' stopTime='1'/>"),
+            "f.ssd:4: start time 2 s, stop time 1 s"},
+        Bad{"StopHuge", ssd("", "<d:DefaultExperiment stopTime='1e300'/>"), "f.ssd:3: start time 0 s"},
+        Bad{"StopNaN", ssd("", "<d:DefaultExperiment stopTime='NaN'/>"), "f.ssd:3: start time 0 s"}),
+    [](const auto& p) { return p.param.name; });
+
+INSTANTIATE_TEST_SUITE_P(
+    Connections, BadScenario,
+    ::testing::Values(
+        Bad{"UnknownElement", connect(kPair, from_to("aa", "y", "b", "u")),
+            "f.ssd:3: 'aa' is not an element of system 'root', did you mean 'a'?"},
+        Bad{"UnknownConnector",
+            ssd("<d:Connectors>" + connector("speed", "input") + "</d:Connectors>" + elements(kPair) +
+                "<d:Connections>\n<d:Connection startConnector='sped' endElement='b' endConnector='u'/></d:Connections>"),
+            "f.ssd:3: 'sped' is not a connector of 'root', did you mean 'speed'?"},
+        Bad{"TwoSources", connect(kPair, from_to("a", "y", "b", "v") + from_to("a", "z", "b", "v")),
+            "f.ssd:4: 'b.v' has two sources, the first at f.ssd:3"},
+        Bad{"OutputToOutput", connect(kPair, from_to("a", "y", "a", "z")),
+            "f.ssd:3: 'a.y' (output) and 'a.z' (output) both give values"},
+        Bad{"Units", connect(kPair, from_to("a", "y", "b", "u")), "f.ssd:3: N.m cannot feed rad"},
+        Bad{"NoConnector", connect(kPair, "<d:Connection startElement='a' endElement='b' endConnector='u'/>"),
+            "f.ssd:3: 'Connection' without the attribute 'startConnector'"},
+        Bad{"EmptyConnector", connect(kPair, from_to("a", "", "b", "u")),
+            "f.ssd:3: a connection without the name of a connector"},
+        Bad{"DiscreteTransformation", connect(kPair, from_to("a", "y", "b", "v", "\n<c:BooleanMappingTransformation/>")),
+            "f.ssd:4: 'BooleanMappingTransformation' is not supported"},
+        Bad{"Factor", connect(kPair, from_to("a", "y", "b", "v", "\n<c:LinearTransformation factor='x'/>")),
+            "f.ssd:4: attribute 'factor' of 'LinearTransformation': 'x'"},
+        Bad{"InfiniteFactor", connect(kPair, from_to("a", "y", "b", "v", "\n<c:LinearTransformation factor='INF'/>")),
+            "f.ssd:4: factor or offset is not finite"},
+        Bad{"Circle",
+            ssd(elements("<d:System name='s'><d:Connectors>" + connector("i", "input") + connector("o", "output") +
+                         "</d:Connectors>" + elements(component("a", connector("u", "input"))) +
+                         "<d:Connections><d:Connection startConnector='i' endConnector='o'/><d:Connection startConnector='i' "
+                         "endElement='a' endConnector='u'/></d:Connections></d:System>") +
+                "<d:Connections>" + from_to("s", "o", "s", "i") + "</d:Connections>"),
+            "f.ssd:2: the connections to 's.a.u' run in a circle"}),
+    [](const auto& p) { return p.param.name; });
+
+const std::string kMapped =
+    "<d:ParameterBinding><d:ParameterValues><v:ParameterSet version='1.0' name='s'><v:Parameters><v:Parameter name='K'><v:Real "
+    "value='1' unit='mm'/></v:Parameter>"
+    "<v:Parameter name='n'><v:Integer value='5'/></v:Parameter></v:Parameters></v:ParameterSet></d:ParameterValues>"
+    "<d:ParameterMapping><m:ParameterMapping version='1.0'>\n";
+std::string mapping(const std::string& entries) {
+  return bound(kMapped + entries + "</m:ParameterMapping></d:ParameterMapping></d:ParameterBinding>");
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Bindings, BadScenario,
+    ::testing::Values(
+        Bad{"NoFile", bound("<d:ParameterBinding source='no/such.ssv'/>"), "f.ssd:3: 'no/such.ssv' is not a file: looked for "},
+        Bad{"Both", bound("<d:ParameterBinding source='x.ssv'><d:ParameterValues/></d:ParameterBinding>"),
+            "f.ssd:3: a binding with both"},
+        Bad{"EmptyValues", bound("<d:ParameterBinding><d:ParameterValues/></d:ParameterBinding>"),
+            "f.ssd:3: 'ParameterValues' without 'ParameterSet'"},
+        Bad{"Type", bound("<d:ParameterBinding type='text/csv' source='x.csv'/>"), "f.ssd:3: type 'text/csv' is not supported"},
+        Bad{"InsideComponent", bound("<d:ParameterBinding source='x.ssv' sourceBase='component'/>"),
+            "f.ssd:3: 'x.ssv' lies inside the component"},
+        Bad{"Unit", bound(inline_set("<v:Parameter name='K'><v:Real value='1' unit='furlong'/></v:Parameter>")),
+            "f.ssd:3: unit of measure 'furlong': unknown symbol 'furlong', and the file does not define it"},
+        Bad{"TargetTwice", mapping("<m:MappingEntry source='K' target='x'/>\n<m:MappingEntry source='n' target='x'/>"),
+            "f.ssd:5: a second entry maps to 'x'"},
+        Bad{"NotInTheTable",
+            mapping("<m:MappingEntry source='n' target='x'><c:IntegerMappingTransformation><c:MapEntry source='4' "
+                    "target='1'/></c:IntegerMappingTransformation></m:MappingEntry>"),
+            "f.ssd:4: parameter 'n': the transformation has no entry for its value"},
+        Bad{"TableOfReal",
+            mapping("<m:MappingEntry source='K' target='x'><c:IntegerMappingTransformation><c:MapEntry source='4' "
+                    "target='1'/></c:IntegerMappingTransformation></m:MappingEntry>"),
+            "f.ssd:4: parameter 'K': the transformation has no entry for its value"},
+        Bad{"TableOfAnotherKind",
+            mapping("<m:MappingEntry source='n' target='x'><c:EnumerationMappingTransformation><c:MapEntry source='5' "
+                    "target='on'/></c:EnumerationMappingTransformation></m:MappingEntry>"),
+            "f.ssd:4: parameter 'n': the transformation has no entry for its value"},
+        Bad{"EmptyTable", mapping("<m:MappingEntry source='n' target='x'><c:IntegerMappingTransformation/></m:MappingEntry>"),
+            "f.ssd:4: 'IntegerMappingTransformation' without 'MapEntry'"},
+        Bad{"OffsetInUnknownUnit",
+            mapping("<m:MappingEntry source='K' target='x'><c:LinearTransformation offset='1'/></m:MappingEntry>"),
+            "f.ssd:3: parameter 'x' in mm: a linear transformation needs the unit of measure of its target"}),
+    [](const auto& p) { return p.param.name; });
+
+INSTANTIATE_TEST_SUITE_P(
+    Annotations, BadScenario,
+    ::testing::Values(
+        Bad{"Attribute", annotated("tik='1 ms'", ""), "f.ssd:2: 'tik' is not an attribute of 'Master', did you mean 'tick'?"},
+        Bad{"Element", annotated("", "<t:Evnt/>"), "f.ssd:3: 'Evnt' is not an element of 'Master', did you mean 'Event'?"},
+        Bad{"ForeignElement", annotated("", "<Event xmlns='urn:x'/>"),
+            "f.ssd:3: 'Event' of namespace 'urn:x' in our annotation"},
+        Bad{"TickUnit", annotated("tick='1 mm'", ""), "f.ssd:2: attribute 'tick' of 'Master': '1 mm', expected a time such as"},
+        Bad{"TickText", annotated("tick='fast'", ""), "f.ssd:2: attribute 'tick' of 'Master': 'fast', expected a time such as"},
+        Bad{"TickZero", annotated("tick='0'", ""), "f.ssd:2: attribute 'tick' of 'Master': '0', expected 1e-09 s to"},
+        Bad{"TickHuge", annotated("tick='1e30'", ""), "f.ssd:2: attribute 'tick' of 'Master': '1e30', expected 1e-09 s to"},
+        Bad{"TickFraction", annotated("tick='1.5 ns'", ""),
+            "f.ssd:2: attribute 'tick' of 'Master': '1.5 ns', expected a whole number of nanoseconds"},
+        Bad{"StopBeforeStart", annotated("stop='-1'", ""), "f.ssd:2: attribute 'stop' of 'Master': '-1', expected 0 s to"},
+        Bad{"Clock", annotated("clock='wall'", ""),
+            "f.ssd:2: attribute 'clock' of 'Master': 'wall', expected one of 'free', 'real-time'"},
+        Bad{"Threads", annotated("threads='-1'", ""), "f.ssd:2: attribute 'threads' of 'Master': -1, expected 0 to 1024"},
+        Bad{"Tolerance", annotated("tolerance='-1'", ""),
+            "f.ssd:2: attribute 'tolerance' of 'Master': -1, expected a finite number"},
+        Bad{"Component", annotated("", "<t:Component name='aa' stage='1'/>"),
+            "f.ssd:3: 'aa' is not a component, did you mean 'a'?"},
+        Bad{"ComponentTwice", annotated("", "<t:Component name='a'/>\n<t:Component name='a'/>"),
+            "f.ssd:4: a second 'Component' of the name 'a'"},
+        Bad{"Period", annotated("", "<t:Component name='a' period='0'/>"),
+            "f.ssd:3: attribute 'period' of 'Component': 0, expected 1 to"},
+        Bad{"SettingTwice", annotated("", "<t:Setting name='r' value='1'/>\n<t:Setting name='r' value='2'/>"),
+            "f.ssd:4: a second setting 'r'"},
+        Bad{"EventVariable", annotated("", "<t:Event time='1' variable='aa.x' value='1'/>"),
+            "f.ssd:3: 'aa.x' is not a variable of a component, did you mean 'a.x'?"},
+        Bad{"EventWithoutValue", annotated("", "<t:Event time='1' variable='a.x'/>"),
+            "f.ssd:3: 'Event' without the attribute 'value'"},
+        Bad{"EventRamp", annotated("", "<t:Event time='1' variable='a.x' value='1' ramp='-1'/>"),
+            "f.ssd:3: attribute 'ramp' of 'Event': '-1'"},
+        Bad{"Segments", annotated("", "<t:Comparison name='c' a='a.x' b='b.x' segments='0'/>"),
+            "f.ssd:3: attribute 'segments' of 'Comparison': 0"},
+        Bad{"FromTo", annotated("", "<t:Comparison name='c' a='a.x' b='b.x' from='2' to='1'/>"),
+            "f.ssd:3: comparison 'c': from is not before to"},
+        Bad{"ReportB", annotated("", "<t:Report a='a.x' b='b.x'/>"), "f.ssd:3: a report of kind 'signal' has no 'b'"},
+        Bad{"ReportWithoutB", annotated("", "<t:Report kind='energy' a='a.x'/>"),
+            "f.ssd:3: 'Report' without the attribute 'b'"},
+        Bad{"EmptyRecord", annotated("", "<t:Recording><t:Record variables=' ,'/></t:Recording>"),
+            "f.ssd:3: 'Record' without variables"},
+        Bad{"RecordingTwice", annotated("", "<t:Recording/>\n<t:Recording/>"), "f.ssd:4: a second 'Recording'"},
+        Bad{"Twice",
+            ssd("<d:Annotations><c:Annotation type='cotwin.master'><Master "
+                "xmlns='urn:cotwin:master:1'/></c:Annotation>\n<c:Annotation type='cotwin.master'/></d:Annotations>"),
+            "f.ssd:3: an annotation 'cotwin.master', expected it once"},
+        Bad{"Elsewhere",
+            ssd(elements("<d:Component name='a' source='unit:a'><d:Annotations><c:Annotation "
+                         "type='cotwin.master'/></d:Annotations></d:Component>")),
+            "f.ssd:2: an annotation 'cotwin.master', expected it once"},
+        Bad{"Empty", ssd("<d:Annotations><c:Annotation type='cotwin.master'/></d:Annotations>"),
+            "f.ssd:2: annotation 'cotwin.master', expected one element 'Master'"},
+        // Our annotation makes the reader strict about the rest of the file.
+        Bad{"StrictStructure",
+            ssd("<d:Annotations><c:Annotation type='cotwin.master'><Master "
+                "xmlns='urn:cotwin:master:1'/></c:Annotation></d:Annotations>\n<d:Conections/>"),
+            "f.ssd:3: 'Conections' is not an element of 'System', did you mean 'Connections'?"}),
+    [](const auto& p) { return p.param.name; });
+
+TEST(SystemStructure, WithoutOurAnnotationIsReadLeniently) {
+  const Scenario s = parse(ssd(
+      "<d:Conections/>" +
+      elements(component("a", "<d:Connector name='x' kind='input' flavour='salty'><c:Real unit='furlong'/></d:Connector>"))));
+  EXPECT_THAT(s.warnings,
+              ElementsAre("f.ssd:2: 'Conections' is not an element of 'System', did you mean 'Connections'?",
+                          "f.ssd:2: 'flavour' is not an attribute of 'Connector'",
+                          "f.ssd:2: unit of measure 'furlong': unknown symbol 'furlong', and the file does not define it"));
+  EXPECT_EQ(s.components[0].connectors[0].unit, "");
+}
+
+TEST(SystemStructure, WithoutOurAnnotationMayLackWhatCanBeGuessed) {
+  const Scenario s = parse(
+      "<SystemStructureDescription xmlns='http://ssp-standard.org/SSP1/SystemStructureDescription'><System "
+      "name='r'><Elements>\n"
+      "<Component name='a' "
+      "source='a.fmu'><ParameterBindings><ParameterBinding/></ParameterBindings></Component></Elements></System>"
+      "</SystemStructureDescription>");
+  EXPECT_THAT(names_of(s), ElementsAre("a"));
+  EXPECT_THAT(s.warnings,
+              ElementsAre(HasSubstr("without the attribute 'version'"), HasSubstr("f.ssd:2: a binding without values")));
+}
+
+TEST(SystemStructure, WithOurAnnotationRefusesParametersThatNobodyHas) {
+  const std::string binding = "<d:ParameterBindings>" +
+                              inline_set("<v:Parameter name='drvie.K'><v:Real value='1'/></v:Parameter>") +
+                              "</d:ParameterBindings>";
+  const auto document = [&](const std::string& attributes) {
+    return ssd(binding + elements(component("drive")) +
+               "<d:Annotations><c:Annotation type='cotwin.master'><Master xmlns='urn:cotwin:master:1' " + attributes +
+               "/></c:Annotation></d:Annotations>");
+  };
+  EXPECT_THAT([&] { parse(document("")); },
+              ::testing::ThrowsMessage<Error>("f.ssd:2: 'drvie.K' is not a parameter of 'root', did you mean 'drive.K'?"));
+  EXPECT_THAT(parse(document("unknownParameters='ignore'")).warnings, ElementsAre(HasSubstr("did you mean 'drive.K'?")));
+}
+
+TEST(SystemStructure, ThatIsNotThereIsNamed) {
+  EXPECT_THAT([] { load_scenario("no/such.ssd"); }, ::testing::ThrowsMessage<Error>(StartsWith("no/such.ssd: cannot be read")));
+}
+
+}  // namespace
+}  // namespace cotwin::master

@@ -1,0 +1,127 @@
+#include "master/schedule.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/master/test_units.h"
+
+namespace cotwin::master {
+namespace {
+
+using ::cotwin::testing::Build;
+using ::cotwin::testing::error_of;
+using ::cotwin::testing::value;
+using ::testing::HasSubstr;
+
+TEST(Schedule, StagesInOneTickAreGaussSeidelAndOneStageIsJacobi) {
+  // A chain of three gains with u = 1: in one stage the news takes a tick per unit, in three stages it arrives in the first
+  // tick.
+  for (const bool stages : {false, true}) {
+    Build b;
+    b.unit("a", "gain", 0).unit("b", "gain", stages ? 1 : 0).unit("c", "gain", stages ? 2 : 0);
+    b.connect("a.y", "b.u").connect("b.y", "c.u");
+    b.event(0, "a.u", "1");  // after initialisation
+    Master master = b.load();
+    master.initialise();
+    std::vector<double> seen;
+    for (int i = 0; i < 3; ++i) {
+      ASSERT_TRUE(master.step_tick());
+      seen.push_back(value(master, "c.y"));
+    }
+    EXPECT_EQ(seen, (stages ? std::vector<double>{1, 1, 1} : std::vector<double>{0, 0, 1}));
+  }
+}
+
+TEST(Schedule, AUnitWithAPeriodStepsAtItsEndOverAllOfIt) {
+  Build b;
+  b.unit("p", "probe", 0, 4).until(0.01);
+  Master master = b.load();
+  master.initialise();
+  for (int tick = 1; tick <= 10; ++tick) {
+    ASSERT_TRUE(master.step_tick());
+    const int last_end = tick == 10 ? 10 : tick / 4 * 4;  // the last tick ends everyone's step
+    EXPECT_DOUBLE_EQ(value(master, "p.t"), 1e-3 * last_end);
+    EXPECT_EQ(value(master, "p.steps"), tick == 10 ? 3 : tick / 4);
+  }
+  EXPECT_DOUBLE_EQ(value(master, "p.h"), 2e-3);
+  EXPECT_FALSE(master.step_tick());
+}
+
+TEST(Schedule, TheLastStepEndsAtTheStopTime) {
+  Build b;
+  b.unit("p", "probe").until(0.00725);
+  Master master = b.load();
+  master.initialise();
+  while (master.step_tick()) {
+  }
+  EXPECT_EQ(master.tick(), 8);
+  EXPECT_EQ(master.now().ns, 7'250'000);
+  EXPECT_DOUBLE_EQ(value(master, "p.now"), 0.007);
+  EXPECT_DOUBLE_EQ(value(master, "p.h"), 0.00025);
+}
+
+TEST(Schedule, TimeIsTheNumberOfTheTickTimesTheTickAlsoAfterAMillion) {
+  Build b;
+  b.unit("p", "probe").until(1e6 * 1e-4);
+  b.scenario.tick = Duration{100'000};
+  b.scenario.start = Time{30};
+  b.scenario.stop = Time{30 + 1'000'000 * std::int64_t{100'000}};
+  Master master = b.load();
+  master.initialise();
+  while (master.step_tick()) ASSERT_EQ(master.now().ns, 30 + master.tick() * 100'000);
+  EXPECT_EQ(master.tick(), 1'000'000);
+  EXPECT_EQ(value(master, "p.t"), master.now().seconds());
+}
+
+TEST(Schedule, RefusesNonsense) {
+  const auto refusal = [](const std::function<void(Scenario&)>& change) {
+    Build b;
+    b.unit("p", "probe");
+    change(b.scenario);
+    return error_of([&] { b.load(); });
+  };
+  EXPECT_THAT(refusal([](Scenario& s) { s.stop = s.start; }), HasSubstr("give --stop"));
+  EXPECT_THAT(refusal([](Scenario& s) { s.tick.ns = 0; }), HasSubstr("tick 0 s, expected > 0"));
+  EXPECT_THAT(refusal([](Scenario& s) { s.components[0].period = 0; }), HasSubstr("period 0, expected >= 1"));
+  EXPECT_THAT(refusal([](Scenario& s) { s.clock = "sundial"; }), HasSubstr("clock 'sundial'"));
+  EXPECT_THAT(refusal([](Scenario& s) { s.components[0].source = "plant.fmu"; }), HasSubstr("test.ssd:10"));
+}
+
+TEST(Schedule, CutsAnIntervalIntoPartsThatMeet) {
+  const Time a{10}, b{17};
+  EXPECT_EQ(cut(a, b, 0, 1), b);
+  EXPECT_EQ(cut(a, b, 0, 2).ns, 13);
+  EXPECT_EQ(cut(a, b, 1, 2), b);
+}
+
+/// Energy after 2 s over energy at the start, of two masses and a spring between them (frictionless: 1 is right).
+double energy_ratio(std::int64_t tick_ns, int stage_of_b) {
+  Build b;
+  b.unit("a", "oscillator_a", 0).unit("b", "oscillator_b", stage_of_b);
+  b.connect("b.q", "a.q").connect("a.tau", "b.tau").until(2);
+  b.scenario.tick = Duration{tick_ns};
+  Master master = b.load();
+  master.initialise();
+  const auto energy = [&] {
+    const double tau = value(master, "a.tau"), v = value(master, "a.dtheta"), w = value(master, "b.dq");
+    return 0.5 * tau * tau / cotwin::testing::OscillatorA::kK + 0.5 * v * v + 0.5 * w * w;
+  };
+  const double at_start = energy();
+  while (master.step_tick()) {
+  }
+  return energy() / at_start;
+}
+
+TEST(Schedule, RampedInputsInTwoStagesKeepTheEnergyOfAStiffPair) {
+  // What is left is the first step, which knows no slope of q yet.
+  EXPECT_NEAR(energy_ratio(100'000, 1), 1, 1e-3);
+  EXPECT_NEAR(energy_ratio(10'000, 1), 1, 1e-5);
+}
+
+TEST(Schedule, CouplingErrorFallsWithTheSquareOfTheTickOrFaster) {
+  const double coarse = std::abs(energy_ratio(200'000, 1) - 1), fine = std::abs(energy_ratio(100'000, 1) - 1);
+  EXPECT_LT(fine, coarse / 3.5);
+}
+
+}  // namespace
+}  // namespace cotwin::master

@@ -1,0 +1,124 @@
+#include "master/statistics.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/master/test_units.h"
+
+namespace cotwin::master {
+namespace {
+
+using ::cotwin::testing::Build;
+using ::cotwin::testing::error_of;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+
+Summary run(const Build& b) {
+  Master master = b.load();
+  master.initialise();
+  while (master.step_tick()) {
+  }
+  return master.summary();
+}
+
+TEST(Statistics, RmsAndLargestMagnitudeOfASignal) {
+  // y is −1 at t = 0 … 4 ms and 3 at 5 … 10 ms (an event at 4 ms acts on the tick that ends at 5 ms): 11 samples.
+  Build b;
+  b.unit("a", "gain?n=2").with("u[1]", -1.0).event(0.004, "a.u[1]", "3");
+  b.scenario.reports.push_back({"", "signal", "a.y", "", ""});
+  const Tally t = run(b).tallies.at(0);
+  EXPECT_EQ(t.name, "a.y");
+  EXPECT_EQ(t.si, "rad");
+  EXPECT_DOUBLE_EQ(t.rms[0], std::sqrt((5 * 1 + 6 * 9) / 11.0));
+  EXPECT_EQ(t.rms[1], 0);
+  EXPECT_EQ(t.max[0], 3);
+  EXPECT_DOUBLE_EQ(t.time_of_max[0], 0.005);
+  EXPECT_DOUBLE_EQ(t.total_rms, std::sqrt((5 * 1 + 6 * 9) / 22.0));
+  EXPECT_EQ(t.total_max, 3);
+}
+
+TEST(Statistics, ADifferenceIsTakenInTheMeasureOfTheFirst) {
+  Build b;
+  b.unit("a", "probe").unit("b", "gain").unit("c", "gain").with("u", 2.0);
+  b.scenario.reports.push_back({"error", "difference", "c.y", "b.y", ""});
+  const Tally t = run(b).tallies.at(0);
+  EXPECT_EQ(t.name, "error");
+  EXPECT_EQ(t.what, "c.y - b.y");
+  EXPECT_EQ(t.max[0], 2);
+}
+
+TEST(Statistics, EnergyIsTheIntegralOfEffortTimesFlow) {
+  // Two masses and a spring: the work of the spring torque on side b is the kinetic energy of b.
+  Build b;
+  b.unit("a", "oscillator_a").unit("b", "oscillator_b", 1).connect("b.q", "a.q").connect("a.tau", "b.tau").until(0.3);
+  b.scenario.tick = Duration{10'000};
+  b.scenario.reports.push_back({"work", "energy", "b.tau", "b.dq", ""});
+  b.scenario.bonds.push_back({"spring", "a.tau", "b.dq", "b.tau", "b.dq", 1e-3, ""});
+  b.scenario.bonds.push_back({"wrong", "a.tau", "a.dtheta", "b.tau", "b.dq", 1e-3, ""});
+  Master master = b.load();
+  master.initialise();
+  while (master.step_tick()) {
+  }
+  const Summary s = master.summary();
+  const double v = cotwin::testing::value(master, "b.dq");
+  const double amplitude = 0.5 * cotwin::testing::OscillatorA::kK * 1e-4;  // J: the energy at the start
+  EXPECT_NEAR(s.works.at(0).value, 0.5 * v * v, 1e-4 * amplitude);
+  EXPECT_NEAR(s.bonds.at(0).leak, 0, 1e-6 * amplitude);
+  EXPECT_GT(std::abs(s.bonds.at(1).leak), 1e-3);  // a's own speed is not what flows through the far end of the spring
+  EXPECT_THAT(s.warnings, ElementsAre(HasSubstr("power bond 'wrong' leaks")));
+}
+
+TEST(Statistics, ComparesTwoSignalsOverAllAndInSegments) {
+  // a − b is 0 up to 2 ms, then 1, from 6 ms on −2; five segments of 2 ms hold the samples at [0,2), [2,4), …, [8,10] ms.
+  Build b;
+  b.unit("a", "gain").unit("b", "gain").event(0.002, "a.u", "1").event(0.006, "a.u", "-2");
+  b.scenario.comparisons.push_back({"torque", "a.y", "b.y", 5, {}, {}, ""});
+  const Compared c = run(b).comparisons.at(0);
+  EXPECT_EQ(c.name, "torque");
+  EXPECT_EQ(c.max[0], 2);
+  EXPECT_DOUBLE_EQ(c.time_of_max[0], 0.007);
+  ASSERT_EQ(c.segment_rms.size(), 5u);
+  EXPECT_EQ(c.segment_rms[0][0], 0);
+  EXPECT_DOUBLE_EQ(c.segment_rms[1][0], std::sqrt(1 / 2.0));  // 0 at 2 ms, 1 at 3 ms
+  EXPECT_EQ(c.segment_rms[2][0], 1);
+  EXPECT_DOUBLE_EQ(c.segment_rms[3][0], std::sqrt((1 + 4) / 2.0));
+  EXPECT_EQ(c.segment_rms[4][0], 2);
+  EXPECT_DOUBLE_EQ(c.rms[0], std::sqrt((4 * 1 + 4 * 4) / 11.0));
+}
+
+TEST(Statistics, AComparisonMayBeginLateAndEndEarly) {
+  Build b;
+  b.unit("a", "gain").unit("b", "gain").event(0.002, "a.u", "1").event(0.006, "a.u", "-2");
+  b.scenario.comparisons.push_back({"torque", "a.y", "b.y", 1, Time{3'000'000}, Time{6'000'000}, ""});
+  const Compared c = run(b).comparisons.at(0);
+  EXPECT_EQ(c.max[0], 1);
+  EXPECT_EQ(c.rms[0], 1);
+}
+
+TEST(Statistics, RefusesWhatCannotBeHeldAgainstEachOther) {
+  const auto refusal = [](const std::function<void(Scenario&)>& change) {
+    Build b;
+    b.unit("a", "gain?n=3").unit("b", "gain?n=2").unit("m", "mixed").unit("o", "oscillator_a");
+    change(b.scenario);
+    return error_of([&] { b.load(); });
+  };
+  const auto compare = [&](const std::string& x, const std::string& y, int segments = 8) {
+    return refusal([&](Scenario& s) { s.comparisons.push_back({"c", x, y, segments, {}, {}, "test.ssd:80"}); });
+  };
+  EXPECT_EQ(compare("a.y", "b.y"), "test.ssd:80: a.y - b.y: 3 elements cannot be held against 2");
+  EXPECT_THAT(compare("a.y[1]", "o.tau"), HasSubstr("rad cannot be held against N.m"));
+  EXPECT_THAT(compare("a.y[1]", "m.integer_out"), HasSubstr("'m.integer_out' is integer, expected a real variable"));
+  EXPECT_THAT(compare("a.y", "a.u", 0), HasSubstr("0 segments"));
+  EXPECT_THAT(compare("a.y", "a.u", 1001), HasSubstr("1001 segments"));
+  EXPECT_THAT(refusal([](Scenario& s) {
+                s.reports.push_back({"", "energy", "a.y", "a.u", "test.ssd:81"});
+              }),
+              HasSubstr("is no power"));
+  EXPECT_THAT(refusal([](Scenario& s) {
+                s.reports.push_back({"", "sum", "a.y", "a.u", "test.ssd:81"});
+              }),
+              HasSubstr("report of kind 'sum'"));
+}
+
+}  // namespace
+}  // namespace cotwin::master

@@ -1,0 +1,126 @@
+#include "master/step_control.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/master/test_units.h"
+
+namespace cotwin::master {
+namespace {
+
+using ::cotwin::testing::Build;
+using ::cotwin::testing::error_of;
+using ::cotwin::testing::value;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::Pair;
+
+void to_the_end(Master& master) {
+  master.initialise();
+  while (master.step_tick()) {
+  }
+}
+
+TEST(StepControl, ADiscardedStepIsMadeInPartsAndSoIsEveryoneElses) {
+  // ẋ = −50 x by explicit Euler in steps of 0.25 ms from t = 5 ms on: 5 steps of 1 ms, then 4 a ms.
+  Build b;
+  b.unit("before", "probe").unit("p", "picky").with("longest", 0.3e-3).with("from", 0.005).unit("after", "probe").until(0.01);
+  Master master = b.load();
+  to_the_end(master);
+  EXPECT_DOUBLE_EQ(value(master, "p.y"), std::pow(1 - 0.05, 5) * std::pow(1 - 0.0125, 20));
+  EXPECT_EQ(value(master, "before.steps"), 5 + 20);
+  EXPECT_EQ(value(master, "after.steps"), 5 + 20);
+  EXPECT_DOUBLE_EQ(value(master, "after.t"), 0.01);
+  const Summary s = master.summary();
+  EXPECT_EQ(s.discarded, 5);
+  EXPECT_THAT(s.discarded_by, ElementsAre(Pair("p", 5)));
+  EXPECT_EQ(s.most_parts, 4);
+}
+
+TEST(StepControl, ComesBackFromFarBehindTheLastCheckpoint) {
+  // 700 ticks without trouble, with an event and a ramp on the way; only the master's replay knows the way back.
+  Build b;
+  b.unit("i", "integrator").with("u", 1.0).unit("p", "picky").with("longest", 0.6e-3).with("from", 0.7);
+  b.event(0.1, "i.u", "-3").event(0.6, "i.u", "5", 0.2).until(1);
+  b.scenario.recording = {};
+  Build plain;
+  plain.unit("i", "integrator").with("u", 1.0).event(0.1, "i.u", "-3").event(0.6, "i.u", "5", 0.2).until(1);
+  Master master = b.load(), reference = plain.load();
+  master.initialise();
+  reference.initialise();
+  while (master.step_tick()) {
+    reference.step_tick();
+    // The ramp is sampled at the parts of a tick: until 0.7 s bit for bit, then within the ramp's rise in half a tick.
+    if (master.now().seconds() <= 0.7) {
+      ASSERT_EQ(value(master, "i.y"), value(reference, "i.y"));
+    } else {
+      ASSERT_NEAR(value(master, "i.y"), value(reference, "i.y"), 0.1 * 40 * 1e-3);
+    }
+  }
+  EXPECT_EQ(master.summary().discarded, 300);
+}
+
+TEST(StepControl, AUnitThatCannotBeTakenBackMakesADiscardedStepAnError) {
+  Build b;
+  b.unit("robot", "picky?restorable=false").unit("p", "picky").with("longest", 0.3e-3).with("from", 0.005);
+  Master master = b.load();
+  EXPECT_EQ(error_of([&] { to_the_end(master); }),
+            "'p' discarded its step at t = 0.005 s, which cannot be repeated: 'robot' cannot be taken back");
+}
+
+TEST(StepControl, GivesUpWhenNoPartIsSmallEnough) {
+  Build b;
+  b.unit("p", "picky").with("longest", 1e-9);
+  Master master = b.load();
+  EXPECT_EQ(error_of([&] { to_the_end(master); }), "'p' discarded its step at t = 0 s even at 1/1024 of the tick");
+}
+
+TEST(StepControl, ATickIsCutUntilTheToleranceIsKept) {
+  // A circle of two units in one stage: ẋ = u, u = −30 x a tick late. The exact solution is e^(−30 t); Jacobi's error falls
+  // with the length of the parts.
+  const auto error_with = [](double tolerance) {
+    Build b;
+    b.unit("i", "integrator").with("start", 1.0).unit("g", "gain").with("gain", -30.0);
+    b.connect("i.y", "g.u").connect("g.y", "i.u").as_it_is().until(0.1);
+    b.scenario.tick = Duration{10'000'000};
+    b.scenario.tolerance = tolerance;
+    Master master = b.load();
+    to_the_end(master);
+    EXPECT_EQ(tolerance > 0, master.summary().mean_parts > 1);
+    return std::abs(value(master, "i.y") - std::exp(-3.0));
+  };
+  const double held = error_with(0), loose = error_with(1e-2), tight = error_with(1e-3);
+  EXPECT_LT(loose, held / 3);
+  EXPECT_LT(tight, loose / 3);
+}
+
+TEST(StepControl, PartsGrowAgainWhenNothingHappens) {
+  Build b;
+  b.unit("i", "integrator").with("start", 1.0).unit("g", "gain").with("gain", -30.0);
+  b.connect("i.y", "g.u").connect("g.y", "i.u").as_it_is().until(20);
+  b.scenario.tick = Duration{10'000'000};
+  b.scenario.tolerance = 1e-3;
+  Master master = b.load();
+  to_the_end(master);
+  EXPECT_GT(master.summary().most_parts, 8);
+  EXPECT_LT(master.summary().mean_parts, 4);  // x has died away after a hundredth of the run; two parts are the least
+}
+
+TEST(StepControl, AToleranceNeedsUnitsThatCanBeTakenBack) {
+  Build b;
+  b.unit("robot", "picky?restorable=false");
+  b.scenario.tolerance = 1e-3;
+  EXPECT_THAT(error_of([&] { b.load(); }), HasSubstr("component 'robot' cannot be taken back"));
+}
+
+TEST(StepControl, ARunWithoutDiscardsKnowsNothingOfIt) {
+  Build b;
+  b.unit("p", "picky").until(2);
+  Master master = b.load();
+  to_the_end(master);
+  EXPECT_EQ(master.summary().discarded, 0);
+  EXPECT_EQ(master.summary().most_parts, 1);
+}
+
+}  // namespace
+}  // namespace cotwin::master

@@ -1,0 +1,183 @@
+#include "master/wiring.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "tests/master/test_units.h"
+
+namespace cotwin::master {
+namespace {
+
+using ::cotwin::testing::Build;
+using ::cotwin::testing::error_of;
+using ::cotwin::testing::value;
+using ::testing::HasSubstr;
+
+void run(Master& master, int ticks) {
+  master.initialise();
+  for (int i = 0; i < ticks; ++i) ASSERT_TRUE(master.step_tick());
+}
+
+TEST(Wiring, CopiesWholeVectorsAndSingleElements) {
+  Build b;
+  b.unit("a", "gain?n=3").with("bias", 1.5);
+  b.unit("b", "gain?n=3", 1).connect("a.y", "b.u");
+  b.unit("c", "gain", 2).connect("b.y[2]", "c.u");
+  b.event(0, "a.u", "1,2,3");
+  Master master = b.load();
+  run(master, 1);
+  EXPECT_EQ(value(master, "b.u[1]"), 2.5);
+  EXPECT_EQ(value(master, "b.u[3]"), 4.5);
+  EXPECT_EQ(value(master, "c.y"), 3.5);
+}
+
+TEST(Wiring, ScalesAndShifts) {
+  Build b;
+  b.unit("a", "gain").with("bias", 4.0).unit("b", "gain", 1).connect("a.y", "b.u", 2, -1);
+  Master master = b.load();
+  run(master, 1);
+  EXPECT_EQ(value(master, "b.u"), 7);
+}
+
+TEST(Wiring, ConvertsTheMeasuresThatTheConnectorsState) {
+  // a.y = 4 rad leaves the connector in degrees, is doubled and shifted there (2·229.18° + 10°) and enters b.u in rad.
+  Build b;
+  b.unit("a", "gain").with("bias", 4.0).unit("b", "gain", 1).connect("a.y", "b.u", 2, 10);
+  b.scenario.connections[0].from.unit = "deg";
+  b.scenario.connections[0].to.unit = "deg";
+  Master master = b.load();
+  run(master, 1);
+  EXPECT_NEAR(value(master, "b.u"), 8 + 10 * std::acos(-1.0) / 180, 1e-14);
+}
+
+TEST(Wiring, KnowsMeasuresThatTheScenarioDefines) {
+  Build b;
+  b.unit("a", "gain").with("bias", 4.0).unit("b", "gain", 1).connect("a.y", "b.u");
+  UnitDefinition turn;
+  turn.name = "turn";
+  turn.rad = 1;
+  turn.factor = 2 * std::acos(-1.0);
+  b.scenario.units.push_back(turn);
+  b.scenario.connections[0].from.unit = "turn";
+  b.scenario.connections[0].suppress_unit_conversion = true;  // the number of turns is taken as rad
+  Master master = b.load();
+  run(master, 1);
+  EXPECT_NEAR(value(master, "b.u"), 4 / (2 * std::acos(-1.0)), 1e-15);
+}
+
+TEST(Wiring, CarriesEveryKindAndWidensIntegersToReals) {
+  Build b;
+  b.unit("a", "mixed").with("integer", std::int64_t{7}).with("boolean", true).with("string", std::string("hello"));
+  b.unit("b", "mixed", 1);
+  b.connect("a.integer_out", "b.integer").connect("a.boolean_out", "b.boolean").connect("a.string_out", "b.string");
+  b.connect("a.integer_out", "b.real", 0.5);
+  Master master = b.load();
+  run(master, 1);
+  EXPECT_EQ(value(master, "b.integer_out"), 7);
+  EXPECT_EQ(value(master, "b.boolean_out"), 1);
+  EXPECT_EQ(value(master, "b.real_out"), 3.5);
+  EXPECT_EQ(find_signal(master.members(), "b.string_out", "").variable->strings()[0], "hello");
+}
+
+TEST(Wiring, LeavesUnconnectedInputsAtTheirStartValues) {
+  Build b;
+  b.unit("a", "gain?n=2").with("u[2]", 3.0).with("gain", 2.0);
+  Master master = b.load();
+  run(master, 5);
+  EXPECT_EQ(value(master, "a.y[1]"), 0);
+  EXPECT_EQ(value(master, "a.y[2]"), 6);
+}
+
+TEST(Wiring, AParameterFollowsAnOutputOnlyWhileTheSystemIsInitialised) {
+  // The integrator starts where the gain's output is then; later changes of it do not reach the parameter.
+  Build b;
+  b.unit("i", "integrator").unit("g", "gain").with("bias", 2.5).connect("g.y", "i.start").event(0, "g.u", "7");
+  Master master = b.load();
+  run(master, 5);
+  EXPECT_EQ(value(master, "i.y"), 2.5);
+  EXPECT_EQ(value(master, "g.y"), 9.5);
+  EXPECT_EQ(value(master, "i.start"), 2.5);
+}
+
+TEST(Wiring, RefusesWhatCannotBeConnectedAndSaysWhere) {
+  const auto refusal = [](const std::string& from, const std::string& to) {
+    Build b;
+    b.unit("a", "gain?n=3").unit("i", "integrator").unit("m", "mixed").unit("b", "gain?n=2").connect(from, to);
+    return error_of([&] { b.load(); });
+  };
+  EXPECT_EQ(refusal("i.y", "i.u"), "test.ssd:41: i.y -> i.u: rad cannot feed rad/s");
+  EXPECT_EQ(refusal("a.y", "b.u"), "test.ssd:41: a.y -> b.u: 3 elements cannot feed 2");
+  EXPECT_EQ(refusal("m.real_out", "m.integer"), "test.ssd:41: m.real_out -> m.integer: real cannot feed integer");
+  EXPECT_THAT(refusal("m.boolean_out", "m.real"), HasSubstr("boolean cannot feed real"));
+  EXPECT_THAT(refusal("a.u", "b.u"), HasSubstr("a.u is a"));
+  EXPECT_THAT(refusal("a.y", "b.y"), HasSubstr("expected an input or a parameter"));
+  EXPECT_THAT(refusal("a.z", "b.u"), HasSubstr("component 'a' has no variable 'a.z'; did you mean"));
+  EXPECT_THAT(refusal("a.y[4]", "b.u[1]"), HasSubstr("y has 3 elements"));
+  EXPECT_THAT(refusal("x.y", "b.u[1]"), HasSubstr("there is no variable 'x.y'"));
+}
+
+TEST(Wiring, RefusesAnInputThatIsFedTwiceAlsoInOneElement) {
+  Build b;
+  b.unit("a", "gain?n=3").unit("b", "gain?n=3").connect("a.y", "b.u").connect("a.y[1]", "b.u[3]");
+  EXPECT_EQ(error_of([&] { b.load(); }), "test.ssd:41: a.y[1] -> b.u[3]: the input b.u[3] is already fed by a.y (test.ssd:41)");
+}
+
+TEST(Wiring, RefusesConnectorsThatTheUnitDoesNotHave) {
+  const auto refusal = [](ConnectorSpec connector) {
+    Build b;
+    b.unit("a", "gain?n=3");
+    connector.place = "test.ssd:7";
+    b.scenario.components[0].connectors.push_back(connector);
+    return error_of([&] { b.load(); });
+  };
+  EXPECT_EQ(refusal({"y", "output", "Real", "deg", ""}), "");
+  EXPECT_EQ(refusal({"u[2]", "input", "Real", "", ""}), "");
+  EXPECT_THAT(refusal({"yy", "output", "Real", "", ""}), HasSubstr("test.ssd:7: connector 'a.yy'"));
+  EXPECT_THAT(refusal({"y", "input", "Real", "", ""}), HasSubstr("is of kind 'input'"));
+  EXPECT_THAT(refusal({"y", "output", "Integer", "", ""}), HasSubstr("is Integer, but the variable is real"));
+  EXPECT_THAT(refusal({"y", "output", "Real", "N.m", ""}), HasSubstr("N.m is not a measure of a variable in rad"));
+}
+
+TEST(Wiring, TellsSettingsThatNoUnitKnows) {
+  Build b;
+  b.unit("a", "gain");
+  b.scenario.settings["nn"] = "3";
+  EXPECT_THAT(error_of([&] { b.load(); }), HasSubstr("setting 'nn' = '3': no unit of this scenario has it"));
+}
+
+TEST(Wiring, RampsAnInputToTheValueThatAnEarlierStageHasReached) {
+  // a integrates 2 rad/s to y = 2t; b follows y linearly over each step, so that ∫y is t² to rounding.
+  Build b;
+  b.unit("a", "integrator").with("u", 2.0);
+  b.unit("b", "ramped", 1);
+  b.connect("a.y", "b.u").as_it_is();
+  b.until(0.1);
+  Master master = b.load();
+  run(master, 100);
+  EXPECT_NEAR(value(master, "b.y"), 0.01, 1e-15);
+}
+
+TEST(Wiring, ExtrapolatesAnInputWhoseSourceStepsLater) {
+  // The same with b first: from the second step on the slope is that of the step before, which for y = 2t is exact again; only
+  // the first step, which knows no slope, loses h².
+  Build b;
+  b.unit("b", "ramped", 0).unit("a", "integrator", 1).with("u", 2.0);
+  b.connect("a.y", "b.u").as_it_is();
+  b.until(0.1);
+  Master master = b.load();
+  run(master, 100);
+  EXPECT_NEAR(value(master, "b.y"), 0.01 - 1e-6, 1e-15);
+}
+
+TEST(Wiring, HoldsAnInputWhoseSourceStepsMoreRarely) {
+  Build b;
+  b.unit("b", "ramped").unit("a", "integrator", 0, 10).with("u", 2.0);
+  b.connect("a.y", "b.u").as_it_is();
+  b.until(0.1);
+  Master master = b.load();
+  master.initialise();
+  while (master.step_tick()) EXPECT_EQ(value(master, "b.du_seen"), 0);
+}
+
+}  // namespace
+}  // namespace cotwin::master
