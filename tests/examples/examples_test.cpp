@@ -1,0 +1,190 @@
+// Runs every example that has expected figures with the built program, as a user does, and holds the results against them. A
+// file examples/<folder>/<scenario>.expected.json is a test:
+//   {
+//     "needs": ["../../../shared/…"],              files, relative to the folder, without which the test is skipped
+//     "options": ["--set", "a.b=1"],               of cotwin run
+//     "figures": [
+//       {"what": "…", "summary": "/ticks", …},                                     a JSON pointer into the summary
+//       {"what": "…", "signal": "a.x[1]", "minus": "b.x[1]", "at": 2.5, …},        the recorded sample nearest to an instant
+//       {"what": "…", "signal": "a.x[1]", "from": 0, "to": 3, …}                   all samples within a span
+//     ]
+//   }
+// where … is one or several of "is" with "within", "below", "above".
+#include <gtest/gtest.h>
+#include <stdlib.h>
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <vector>
+
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+std::vector<std::string> expectations() {
+  std::vector<std::string> found;
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(fs::path(COTWIN_SOURCE_DIR) / "examples")) {
+    const std::string name = entry.path().string();
+    if (name.ends_with(".expected.json")) found.push_back(fs::relative(entry.path(), COTWIN_SOURCE_DIR).generic_string());
+  }
+  std::sort(found.begin(), found.end());
+  return found;
+}
+
+/// A folder that is gone with its owner.
+class TemporaryFolder {
+ public:
+  TemporaryFolder() {
+    std::string pattern = (fs::temp_directory_path() / "cotwin_example_XXXXXX").string();
+    if (mkdtemp(pattern.data()) == nullptr) throw std::runtime_error("no temporary folder");
+    path_ = pattern;
+  }
+  ~TemporaryFolder() {
+    std::error_code ignored;
+    fs::remove_all(path_, ignored);
+  }
+  const fs::path& path() const { return path_; }
+
+ private:
+  fs::path path_;
+};
+
+std::string quoted(const std::string& word) { return "'" + word + "'"; }
+
+struct Ran {
+  int exit_code = -1;
+  std::string output;
+};
+
+Ran run(const std::vector<std::string>& words) {
+  std::string command;
+  for (const std::string& word : words) command += quoted(word) + " ";
+  FILE* pipe = popen((command + "2>&1").c_str(), "r");
+  if (pipe == nullptr) return {};
+  Ran ran;
+  char buffer[4096];
+  for (std::size_t n; (n = fread(buffer, 1, sizeof buffer, pipe)) > 0;) ran.output.append(buffer, n);
+  const int status = pclose(pipe);
+  ran.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  return ran;
+}
+
+/// A recording: time and columns by name.
+struct Table {
+  std::map<std::string, std::vector<double>> columns;
+
+  const std::vector<double>* find(const std::string& name) const {
+    auto found = columns.find(name);
+    return found == columns.end() ? nullptr : &found->second;
+  }
+};
+
+Table read_table(const fs::path& file) {
+  std::ifstream in(file);
+  Table table;
+  std::vector<std::vector<double>*> order;
+  std::string line, cell;
+  std::getline(in, line);
+  for (std::istringstream header(line); std::getline(header, cell, ',');) order.push_back(&table.columns[cell]);
+  while (std::getline(in, line)) {
+    std::istringstream row(line);
+    for (std::size_t i = 0; i < order.size() && std::getline(row, cell, ','); ++i)
+      order[i]->push_back(std::strtod(cell.c_str(), nullptr));
+  }
+  return table;
+}
+
+/// The values that a figure speaks of; nothing, with a failure, if there are none.
+std::vector<double> values_of(const json& figure, const json& summary, const Table& table) {
+  if (figure.contains("summary")) {
+    const json::json_pointer pointer(figure.at("summary").get<std::string>());
+    if (summary.contains(pointer) && summary.at(pointer).is_number()) return {summary.at(pointer).get<double>()};
+    ADD_FAILURE() << "the summary has no number " << pointer.to_string();
+    return {};
+  }
+  const auto* time = table.find("time");
+  const auto* signal = table.find(figure.at("signal").get<std::string>());
+  const auto* minus = figure.contains("minus") ? table.find(figure.at("minus").get<std::string>()) : nullptr;
+  if (time == nullptr || signal == nullptr || (figure.contains("minus") && minus == nullptr)) {
+    ADD_FAILURE() << "the recording lacks a column of this figure";
+    return {};
+  }
+  const auto value = [&](std::size_t k) { return (*signal)[k] - (minus != nullptr ? (*minus)[k] : 0); };
+  std::vector<double> values;
+  if (figure.contains("at")) {
+    const double at = figure.at("at").get<double>();
+    const auto nearest =
+        std::min_element(time->begin(), time->end(), [&](double a, double b) { return std::abs(a - at) < std::abs(b - at); });
+    if (nearest != time->end()) values.push_back(value(static_cast<std::size_t>(nearest - time->begin())));
+  } else {
+    const double from = figure.at("from").get<double>(), to = figure.at("to").get<double>();
+    for (std::size_t k = 0; k < time->size(); ++k) {
+      if ((*time)[k] >= from && (*time)[k] <= to) values.push_back(value(k));
+    }
+  }
+  if (values.empty()) ADD_FAILURE() << "no sample at that time";
+  return values;
+}
+
+void check(const json& figure, const json& summary, const Table& table) {
+  SCOPED_TRACE(figure.dump());
+  ASSERT_TRUE(figure.contains("is") || figure.contains("below") || figure.contains("above")) << "a figure that expects nothing";
+  for (const double value : values_of(figure, summary, table)) {
+    ASSERT_TRUE(std::isfinite(value));
+    if (figure.contains("is")) {
+      ASSERT_NEAR(value, figure.at("is").get<double>(), figure.at("within").get<double>());
+    }
+    if (figure.contains("below")) {
+      ASSERT_LT(value, figure.at("below").get<double>());
+    }
+    if (figure.contains("above")) {
+      ASSERT_GT(value, figure.at("above").get<double>());
+    }
+  }
+}
+
+class Example : public testing::TestWithParam<std::string> {};
+
+TEST_P(Example, RunsAndGivesTheExpectedFigures) {
+  const fs::path file = fs::path(COTWIN_SOURCE_DIR) / GetParam();
+  const json expected = json::parse(std::ifstream(file));
+  for (const std::string& need : expected.value("needs", std::vector<std::string>{})) {
+    if (!fs::exists(file.parent_path() / need)) GTEST_SKIP() << "needs " << need;
+  }
+  std::string scenario = file.string();
+  scenario.replace(scenario.size() - std::string(".expected.json").size(), std::string::npos, ".ssd");
+
+  const TemporaryFolder results;
+  const fs::path summary = results.path() / "summary.json";
+  std::vector<std::string> command = {COTWIN_PROGRAM, "run", scenario, "--quiet", "--out", results.path(), "--json", summary};
+  for (const std::string& option : expected.value("options", std::vector<std::string>{})) command.push_back(option);
+  const Ran ran = run(command);
+  ASSERT_EQ(ran.exit_code, 0) << ran.output;
+
+  const json told = json::parse(std::ifstream(summary));
+  const Table table = read_table(results.path() / "signals.csv");
+  ASSERT_FALSE(expected.at("figures").empty());
+  for (const json& figure : expected.at("figures")) check(figure, told, table);
+}
+
+std::string name_of(const testing::TestParamInfo<std::string>& file) {
+  std::string name = fs::path(file.param).parent_path().filename().string() + "_" + fs::path(file.param).filename().string();
+  name.resize(name.size() - std::string(".expected.json").size());
+  std::replace_if(
+      name.begin(), name.end(), [](unsigned char c) { return std::isalnum(c) == 0; }, '_');
+  return name;
+}
+
+INSTANTIATE_TEST_SUITE_P(Folder, Example, testing::ValuesIn(expectations()), name_of);
+
+}  // namespace
