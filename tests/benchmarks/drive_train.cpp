@@ -1,0 +1,359 @@
+// The drive train of the LWR 4+ (7 joints, elastic gears, LuGre friction) following a motion, torques held for 1 ms: time per
+// simulated millisecond and largest error of q and θ over the run, for each method, against CVODE as it is used by hand: dense
+// matrix, 35 states. The reference is the structured CVODE at rtol 1e-10. "Stiff": σ0 x 100, σ1 x 10.
+#include <cvode/cvode.h>
+#include <nvector/nvector_serial.h>
+#include <sunlinsol/sunlinsol_dense.h>
+#include <sunmatrix/sunmatrix_dense.h>
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <functional>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include "components/drive_train/drive_train.h"
+#include "components/unit/unit_table.h"
+#include "models/robot/dynamics.h"
+#include "models/robot/urdf.h"
+#include "tests/benchmarks/measure.h"
+
+namespace cotwin {
+namespace {
+
+constexpr int kJoints = 7, kSteps = 2000;
+constexpr Duration kTick{1'000'000};
+const std::filesystem::path kModels = std::filesystem::path(COTWIN_SOURCE_DIR) / "models";
+
+struct Desired {
+  Eigen::VectorXd q{kJoints}, dq{kJoints}, ddq{kJoints};
+};
+
+// Every joint swings with an amplitude of 0.1 to 0.5 rad at its own frequency of 0.3 to 0.9 Hz, and turns round several times.
+Desired desired(double t) {
+  Desired d;
+  for (int i = 0; i < kJoints; ++i) {
+    const double A = 0.5 - 0.06 * i, w = 2 * std::numbers::pi * (0.3 + 0.1 * i), c = 0.3 - 0.1 * i;
+    d.q[i] = c + A * std::cos(w * t);
+    d.dq[i] = -A * w * std::sin(w * t);
+    d.ddq[i] = -A * w * w * std::cos(w * t);
+  }
+  return d;
+}
+
+// Inverse dynamics of the desired motion with the motors' inertia and friction, and a PD controller on the motors.
+class Controller {
+ public:
+  Controller() : robot_(robot::load_urdf(kModels / "robots/lwr4/robot.urdf")), mechanism_(robot_), data_(mechanism_) {}
+  void torque(double t, const double* theta, const double* dtheta, const double* K, const double* B, double* tau_m) {
+    const Desired d = desired(t);
+    robot::inverse_dynamics(mechanism_, data_, d.q, d.dq, d.ddq, id_);
+    for (int i = 0; i < kJoints; ++i) {
+      const double theta_d = d.q[i] + id_[i] / K[i];
+      const double friction = (i < 2 ? 8.0 : i < 4 ? 5.0 : 2.0) * std::tanh(d.dq[i] / 0.05);
+      tau_m[i] = id_[i] + B[i] * d.ddq[i] + friction + B[i] * (900 * (theta_d - theta[i]) + 60 * (d.dq[i] - dtheta[i]));
+    }
+  }
+
+ private:
+  robot::RobotModel robot_;
+  robot::Mechanism mechanism_;
+  robot::Data data_;
+  Eigen::VectorXd id_{kJoints};
+};
+
+constexpr int kChunk = 40;  // steps that are timed together: well below a scheduler's time slice
+
+// Seconds between the marks at the multiples of kChunk.
+class Stopwatch {
+ public:
+  explicit Stopwatch(std::vector<double>& laps) : laps_(laps) { laps_.reserve(kSteps / kChunk); }
+  void mark(int step) {
+    if (step % kChunk != 0) return;
+    const auto now = std::chrono::steady_clock::now();
+    if (step > 0) laps_.push_back(std::chrono::duration<double>(now - last_).count());
+    last_ = now;
+  }
+
+ private:
+  std::vector<double>& laps_;
+  std::chrono::steady_clock::time_point last_;
+};
+
+struct Outcome {
+  std::vector<double> seconds;                                                 // of each chunk
+  double substeps = 0;                                                         // mean per step
+  std::vector<double> trajectory = std::vector<double>(2 * kJoints * kSteps);  // q | θ after each step
+  std::vector<double> torques;                                                 // τ_m of each step
+};
+
+using Values = std::vector<std::pair<std::string, std::string>>;
+
+const Values kTight = {{"rtol", "1e-11"}, {"atol", "1e-13"}, {"atol_speed", "1e-11"}};
+
+Instance make(const std::string& query, const Values& values, bool stiff) {
+  Instance drive = make_unit("unit:drive_train?robot=lwr4" + query, {}, {kModels}, unit_types());
+  for (const auto& [name, value] : values) assign_text(drive.variables.at(name), value);
+  if (stiff) {
+    for (double& s : drive.variables.at("sigma0").reals()) s *= 100;
+    for (double& s : drive.variables.at("sigma1").reals()) s *= 10;
+  }
+  const Desired start = desired(0);
+  std::copy_n(start.q.data(), kJoints, drive.variables.at("q0").reals().data());
+  drive.unit->initialise(Time{});
+  return drive;
+}
+
+// With `torques`: those. Without: those of the controller.
+Outcome run(const std::string& query, const Values& values, bool stiff, const std::vector<double>* torques) {
+  Instance drive = make(query, values, stiff);
+  const Variables& v = drive.variables;
+  Controller controller;
+  Outcome outcome;
+  double* tau_m = v.at("tau_m").reals().data();
+  const auto q = v.at("q").reals(), theta = v.at("theta").reals();
+  Stopwatch watch(outcome.seconds);
+  for (int n = 0; n < kSteps; ++n) {
+    const Time now{n * kTick.ns};
+    watch.mark(n);
+    if (torques != nullptr) {
+      std::copy_n(torques->data() + n * kJoints, kJoints, tau_m);
+    } else {
+      controller.torque(now.seconds(), theta.data(), v.at("dtheta").reals().data(), v.at("K").reals().data(),
+                        v.at("B").reals().data(), tau_m);
+    }
+    if (torques == nullptr) outcome.torques.insert(outcome.torques.end(), tau_m, tau_m + kJoints);
+    if (drive.unit->step(now, kTick) != StepResult::kDone) std::abort();
+    outcome.substeps += v.at("substeps").integers()[0];
+    std::copy(q.begin(), q.end(), outcome.trajectory.begin() + n * 2 * kJoints);
+    std::copy(theta.begin(), theta.end(), outcome.trajectory.begin() + n * 2 * kJoints + kJoints);
+  }
+  watch.mark(kSteps);
+  outcome.substeps /= kSteps;
+  return outcome;
+}
+
+double error(const Outcome& a, const Outcome& b) {
+  double most = 0;
+  for (std::size_t i = 0; i < a.trajectory.size(); ++i) most = std::max(most, std::abs(a.trajectory[i] - b.trajectory[i]));
+  return most;
+}
+
+// The peer: the same equations and the same CVODE, with its dense direct solver, which is what one writes first.
+class Dense {
+ public:
+  Dense(bool stiff, bool own_jacobian)
+      : drive_(make("", {}, stiff)),
+        robot_(robot::load_urdf(kModels / "robots/lwr4/robot.urdf")),
+        equations_(&robot_, kJoints, drive_train::Link::kInside, drive_train::Transmission::kFlexible,
+                   drive_train::Friction::kLugre),
+        point_(kJoints),
+        x_(5 * kJoints) {
+    drive_train::Parameters& p = equations_.parameters();
+    const std::pair<const char*, std::vector<double>*> given[] = {{"K", &p.K},
+                                                                  {"B", &p.B},
+                                                                  {"D", &p.D},
+                                                                  {"sigma0", &p.sigma0},
+                                                                  {"sigma1", &p.sigma1},
+                                                                  {"sigma2", &p.sigma2},
+                                                                  {"tau_C", &p.tau_C},
+                                                                  {"tau_S", &p.tau_S},
+                                                                  {"v_S", &p.v_S},
+                                                                  {"delta", &p.delta},
+                                                                  {"link_v_R", &p.link_v_R},
+                                                                  {"q_min", &p.q_min},
+                                                                  {"q_max", &p.q_max},
+                                                                  {"stop_restitution", &p.stop_restitution}};
+    for (const auto& [name, to] : given) {
+      const auto from = drive_.variables.at(name).reals();
+      to->assign(from.begin(), from.end());
+    }
+    equations_.adopt_parameters();
+    int part = 0;
+    for (const char* name : {"q", "dq", "theta", "dtheta", "z"}) {
+      std::copy_n(drive_.variables.at(name).reals().data(), kJoints, x_.data() + kJoints * part++);
+    }
+    SUNContext_Create(nullptr, &context_);
+    y_ = N_VMake_Serial(5 * kJoints, x_.data(), context_);
+    A_ = SUNDenseMatrix(5 * kJoints, 5 * kJoints, context_);
+    S_ = SUNLinSol_Dense(y_, A_, context_);
+    cvode_ = CVodeCreate(CV_BDF, context_);
+    CVodeInit(cvode_, rates, 0, y_);
+    CVodeSStolerances(cvode_, 1e-6, 1e-8);
+    CVodeSetUserData(cvode_, this);
+    CVodeSetLinearSolver(cvode_, S_, A_);
+    if (own_jacobian) CVodeSetJacFn(cvode_, jacobian);
+  }
+  Dense(const Dense&) = delete;
+  Dense& operator=(const Dense&) = delete;
+  ~Dense() {
+    CVodeFree(&cvode_);
+    SUNLinSolFree(S_);
+    SUNMatDestroy(A_);
+    N_VDestroy(y_);
+    SUNContext_Free(&context_);
+  }
+
+  Outcome run(const std::vector<double>& torques) {
+    Outcome outcome;
+    Stopwatch watch(outcome.seconds);
+    for (int n = 0; n < kSteps; ++n) {
+      watch.mark(n);
+      std::copy_n(torques.data() + n * kJoints, kJoints, equations_.course().tau_m.data());
+      double t = 0;
+      CVodeReInit(cvode_, 0, y_);
+      CVodeSetStopTime(cvode_, kTick.seconds());
+      if (CVode(cvode_, kTick.seconds(), y_, &t, CV_NORMAL) < 0) std::abort();
+      std::copy_n(x_.begin(), kJoints, outcome.trajectory.begin() + n * 2 * kJoints);
+      std::copy_n(x_.begin() + 2 * kJoints, kJoints, outcome.trajectory.begin() + n * 2 * kJoints + kJoints);
+    }
+    watch.mark(kSteps);
+    return outcome;
+  }
+
+ private:
+  static int rates(realtype t, N_Vector y, N_Vector dy, void* self) {
+    Dense& d = *static_cast<Dense*>(self);
+    d.equations_.evaluate(N_VGetArrayPointer(y), d.point_);
+    d.equations_.derivative(t, N_VGetArrayPointer(y), d.point_, N_VGetArrayPointer(dy));
+    return 0;
+  }
+
+  // All but ∂(C q̇ + g), as in the structured solver.
+  static int jacobian(realtype, N_Vector y, N_Vector, SUNMatrix A, void* self, N_Vector, N_Vector, N_Vector) {
+    Dense& d = *static_cast<Dense*>(self);
+    constexpr int n = kJoints;
+    d.equations_.evaluate(N_VGetArrayPointer(y), d.point_);
+    const drive_train::Point& p = d.point_;
+    const drive_train::Parameters& q = d.equations_.parameters();
+    const Eigen::Matrix<double, n, n> M_inverse =
+        Eigen::Map<const Eigen::Matrix<double, n, n>>(p.M.data()).llt().solve(Eigen::Matrix<double, n, n>::Identity());
+    Eigen::Map<Eigen::Matrix<double, 5 * n, 5 * n>> J(SUNDenseMatrix_Data(A));
+    J.setZero();
+    const auto row = [](const std::vector<double>& v) { return Eigen::Map<const Eigen::Matrix<double, n, 1>>(v.data()); };
+    J.block<n, n>(0, n).setIdentity();
+    J.block<n, n>(n, 0) = -M_inverse * row(p.kappa).asDiagonal();
+    J.block<n, n>(n, n) = -M_inverse * (row(q.D) + row(p.d_l)).asDiagonal();
+    J.block<n, n>(n, 2 * n) = M_inverse * row(p.kappa).asDiagonal();
+    J.block<n, n>(n, 3 * n) = M_inverse * row(q.D).asDiagonal();
+    J.block<n, n>(2 * n, 3 * n).setIdentity();
+    for (int i = 0; i < n; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      const int w = 3 * n + i, z = 4 * n + i;
+      J(w, i) = p.kappa[k] / q.B[k];
+      J(w, n + i) = q.D[k] / q.B[k];
+      J(w, 2 * n + i) = -p.kappa[k] / q.B[k];
+      J(w, w) = -(q.D[k] + p.f_w[k]) / q.B[k];
+      J(w, z) = -p.f_z[k] / q.B[k];
+      J(z, w) = p.z_w[k];
+      J(z, z) = p.z_z[k];
+    }
+    return 0;
+  }
+
+  Instance drive_;
+  robot::RobotModel robot_;
+  drive_train::Equations equations_;
+  drive_train::Point point_;
+  std::vector<double> x_;
+  SUNContext context_ = nullptr;
+  N_Vector y_ = nullptr;
+  SUNMatrix A_ = nullptr;
+  SUNLinearSolver S_ = nullptr;
+  void* cvode_ = nullptr;
+};
+
+// Mean time of a step: of each chunk the median over the repetitions.
+double seconds_per_step(const std::vector<std::vector<double>>& repetitions) {
+  double sum = 0;
+  for (std::size_t chunk = 0; chunk < repetitions[0].size(); ++chunk) {
+    std::vector<double> times;
+    for (const auto& laps : repetitions) times.push_back(laps[chunk]);
+    std::nth_element(times.begin(), times.begin() + static_cast<std::ptrdiff_t>(times.size() / 2), times.end());
+    sum += times[times.size() / 2];
+  }
+  return sum / kSteps;
+}
+
+void table(bool stiff, int repetitions) {
+  const std::string suffix = stiff ? ", stiff LuGre" : ", LuGre";
+  const Outcome reference = run("&method=cvode", kTight, stiff, nullptr);
+  struct Method {
+    std::string name, query;
+    double goal_us, goal_rad, goal_rad_in_loop;
+    std::function<Outcome()> run;
+    std::vector<std::vector<double>> seconds{};
+    Outcome last{};
+  };
+  const auto unit = [&](const std::string& query) {
+    return [&reference, stiff, query] { return run(query, {}, stiff, &reference.torques); };
+  };
+  const auto dense = [&](bool own) { return [&reference, stiff, own] { return Dense(stiff, own).run(reference.torques); }; };
+  std::vector<Method> methods = {
+      {"default (rosenbrock)", "", stiff ? 20.0 : 10.0, stiff ? 2e-6 : 1e-6, 1e-6, unit("")},
+      {"cvode, structured", "&method=cvode", 50, 1e-3, 1e-5, unit("&method=cvode")},
+      {"arkode, structured", "&method=arkode", 200, 5e-5, 1e-5, unit("&method=arkode")},
+      {"peer: cvode, dense, own Jacobian", "-", 1e3, 1, 1, dense(true)},
+      {"peer: cvode, dense, difference quotients", "-", 1e3, 1, 1, dense(false)},
+  };
+  for (int k = 0; k < repetitions; ++k) {
+    for (Method& m : methods) {
+      m.last = m.run();
+      m.seconds.push_back(m.last.seconds);
+    }
+  }
+  const Method& peer = methods.back();
+  const double peer_us = seconds_per_step(peer.seconds) * 1e6, peer_error = error(peer.last, reference);
+  const std::string peer_name = "cvode, dense, difference quotients";
+  for (const Method& m : methods) {
+    if (&m != &peer)
+      benchmark::print(
+          {m.name + suffix + ", per ms", "us", seconds_per_step(m.seconds) * 1e6, peer_name, peer_us, m.goal_us, false});
+    benchmark::print({m.name + suffix + ", largest error, same torques", "rad", error(m.last, reference), peer_name, peer_error,
+                      m.goal_rad, false});
+    if (m.query == "-") continue;
+    benchmark::print({m.name + suffix + ", largest error, controller in the loop", "rad",
+                      error(run(m.query, {}, stiff, nullptr), reference), peer_name, peer_error, m.goal_rad_in_loop, false});
+    benchmark::print({m.name + suffix + ", sub-steps per ms", "1", m.last.substeps, "", 0, 1e3, false});
+  }
+  // The reference against another method at its tightest: how far it can be trusted.
+  const Outcome other =
+      run("", {{"rtol", "0"}, {"atol", "1e-13"}, {"atol_speed", "1"}, {"max_substeps", "100000"}}, stiff, &reference.torques);
+  benchmark::print(
+      {"reference against rosenbrock with 1e-13 rad" + suffix, "rad", error(other, reference), "", 0, 1e-7, false});
+}
+
+// One method alone, for a profiler or to choose tolerances: drive_train one SOFT|STIFF QUERY [NAME VALUE]…
+void one(int argc, char** argv) {
+  Values values;
+  for (int i = 4; i + 1 < argc; i += 2) values.emplace_back(argv[i], argv[i + 1]);
+  const bool stiff = argc > 2 && std::strcmp(argv[2], "STIFF") == 0;
+  const Outcome reference = run("&method=cvode", kTight, stiff, nullptr);
+  const std::string query = argc > 3 ? argv[3] : "";
+  Outcome o;
+  std::vector<std::vector<double>> seconds;
+  for (int k = 0; k < 7; ++k) {
+    o = run(query, values, stiff, &reference.torques);
+    seconds.push_back(o.seconds);
+  }
+  std::printf("%.3f us per ms, %.2f sub-steps, error %.3g rad, with controller %.3g rad\n", seconds_per_step(seconds) * 1e6,
+              o.substeps, error(o, reference), error(run(query, values, stiff, nullptr), reference));
+}
+
+}  // namespace
+}  // namespace cotwin
+
+int main(int argc, char** argv) {
+  if (argc > 1 && std::strcmp(argv[1], "one") == 0) {
+    cotwin::one(argc, argv);
+    return 0;
+  }
+  cotwin::table(false, 7);
+  cotwin::table(true, 7);
+}

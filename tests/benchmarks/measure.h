@@ -1,0 +1,74 @@
+#pragma once
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <functional>
+#include <string>
+#include <vector>
+
+/// What every benchmark here uses: ours and a peer's figure, measured in turn in the same run, printed as one JSON object per
+/// line.
+namespace cotwin::benchmark {
+
+/// Keeps the compiler from dropping a value that nobody reads.
+template <class T>
+inline void keep(const T& value) {
+  asm volatile("" : : "g"(&value) : "memory");
+}
+
+struct Figures {
+  double ours = 0;  // median seconds per call
+  double peer = 0;
+};
+
+/// Median seconds per call of two functions, in alternating batches of at least `batch_seconds`, so that drift of the machine's
+/// speed hits both alike.
+inline Figures measure(const std::function<void()>& ours, const std::function<void()>& peer, int batches = 31,
+                       double batch_seconds = 2e-3) {
+  using Clock = std::chrono::steady_clock;
+  const auto seconds = [](const std::function<void()>& f, int calls) {
+    const auto begin = Clock::now();
+    for (int i = 0; i < calls; ++i) f();
+    return std::chrono::duration<double>(Clock::now() - begin).count();
+  };
+  const auto calls_for = [&](const std::function<void()>& f) {
+    int calls = 1;
+    while (seconds(f, calls) < batch_seconds) calls *= 2;
+    return calls;
+  };
+  const auto median = [](std::vector<double> v) {
+    std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2), v.end());
+    return v[v.size() / 2];
+  };
+  const int n_ours = calls_for(ours), n_peer = calls_for(peer);
+  std::vector<double> a, b;
+  for (int i = 0; i < batches; ++i) {
+    a.push_back(seconds(ours, n_ours) / n_ours);
+    b.push_back(seconds(peer, n_peer) / n_peer);
+  }
+  return {median(a), median(b)};
+}
+
+/// One line of the report. `ours` and `peer_value` are in `unit`.
+struct Row {
+  std::string name;  // "mass matrix, 7 joints"
+  std::string unit;  // "ns"
+  double ours = 0;
+  std::string peer;  // what it is held against: "KDL inverse dynamics"
+  double peer_value = 0;
+  double goal = 0;            // upper bound …
+  bool goal_is_ratio = true;  // … of ours / peer_value, or of ours itself
+};
+
+inline void print(const Row& row) {
+  const double ratio = row.peer_value != 0 ? row.ours / row.peer_value : 0;
+  const bool met = (row.goal_is_ratio ? ratio : row.ours) <= row.goal;
+  std::printf(
+      "{\"name\": \"%s\", \"unit\": \"%s\", \"ours\": %.6g, \"peer\": \"%s\", \"peer_value\": %.6g, \"ratio\": %.4g, "
+      "\"goal\": \"%s <= %g\", \"met\": %s}\n",
+      row.name.c_str(), row.unit.c_str(), row.ours, row.peer.c_str(), row.peer_value, ratio,
+      row.goal_is_ratio ? "ratio" : "ours", row.goal, met ? "true" : "false");
+  std::fflush(stdout);
+}
+
+}  // namespace cotwin::benchmark

@@ -1,0 +1,28 @@
+// Any bytes are a parameter set or an Error; what was read is written so that it reads back to the same text.
+#include <cstdint>
+#include <cstdlib>
+#include <sstream>
+#include <string_view>
+
+#include "components/unit/si.h"
+#include "models/text/error.h"
+#include "models/text/parameter_set.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  const std::string_view text(reinterpret_cast<const char*>(data), size);
+  cotwin::ParameterSet set;
+  try {
+    set = cotwin::parse_parameter_set(text, "input");
+  } catch (const cotwin::Error&) {
+    return 0;
+  }
+  std::ostringstream once, twice;
+  cotwin::write_parameter_set(once, set);
+  cotwin::write_parameter_set(twice, cotwin::parse_parameter_set(once.str(), "written"));
+  if (once.str() != twice.str()) std::abort();
+  try {
+    cotwin::si::define_units(set);
+  } catch (const cotwin::Error&) {
+  }
+  return 0;
+}

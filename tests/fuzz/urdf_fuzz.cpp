@@ -1,0 +1,53 @@
+// Whatever the bytes: either one Error with a place, or a model that keeps its promises and survives being written and read
+// again.
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <iostream>
+#include <string>
+#include <string_view>
+
+#include "models/robot/urdf.h"
+#include "models/text/error.h"
+
+namespace {
+
+void require(bool condition, const char* what) {
+  if (condition) return;
+  std::cerr << what << '\n';
+  std::abort();
+}
+
+void check(const cotwin::robot::RobotModel& robot, bool is_physical) {
+  require(robot.bodies.size() == robot.joints.size(), "a body for each joint");
+  for (int i = 0; i < robot.n(); ++i) {
+    const auto& joint = robot.joints[static_cast<std::size_t>(i)];
+    const auto& inertia = robot.bodies[static_cast<std::size_t>(i)].inertia;
+    require(joint.parent >= -1 && joint.parent < i, "parents come first");
+    require(std::abs(joint.axis.norm() - 1) < 1e-12, "axes are unit vectors");
+    require(joint.X_PJ.p.allFinite() && joint.X_PJ.R.isUnitary(1e-6), "joint frames are poses");
+    require(joint.q_min <= joint.q_max && joint.dq_max > 0 && joint.tau_max > 0, "limits are ranges");
+    require(inertia.p_LC.allFinite() && inertia.I_CC.allFinite(), "inertias are finite");
+    require(!is_physical || inertia.mass > 0, "moving bodies have mass");
+  }
+  for (const auto& frame : robot.frames) require(frame.body >= -1 && frame.body < robot.n(), "frames are on bodies");
+  robot.end_effector();
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  using namespace cotwin::robot;
+  const std::string_view xml(reinterpret_cast<const char*>(data), size);
+  for (const Unphysical unphysical : {Unphysical::kError, Unphysical::kWarn}) {
+    try {
+      const UrdfOptions options{unphysical, ""};
+      const RobotModel robot = parse_urdf(xml, "fuzz.urdf", options);
+      check(robot, unphysical == Unphysical::kError);
+      require(parse_urdf(to_urdf(robot), "again.urdf", {Unphysical::kWarn, ""}) == robot, "reads what it wrote");
+    } catch (const cotwin::Error& error) {
+      require(std::string_view(error.what()).substr(0, 10) == "fuzz.urdf:", error.what());
+    }
+  }
+  return 0;
+}
