@@ -87,7 +87,7 @@ function(cotwin_test name)
   gtest_discover_tests(${name} DISCOVERY_TIMEOUT 120 PROPERTIES TIMEOUT 600 LABELS "$<$<BOOL:${arg_THREADS}>:threads>")
 endfunction()
 
-# cotwin_benchmark(name SOURCES … LINK …): a program that prints one JSON object per line (see tests/benchmarks/README.md).
+# cotwin_benchmark(name SOURCES … LINK …): a program that prints one JSON object per line (tests/benchmarks/measure.h).
 function(cotwin_benchmark name)
   if(NOT COTWIN_BENCHMARKS)
     return()

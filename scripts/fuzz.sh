@@ -6,7 +6,7 @@ cd "$(dirname "$0")/.."
 seconds=${1:-60}
 shift || true
 scripts/install.sh build ci
-CC=clang-14 CXX=clang++-14 scripts/build.sh fuzz:fuzz_targets -DCMAKE_BUILD_TYPE=RelWithDebInfo -DCOTWIN_TESTS=OFF -DCOTWIN_FUZZ=ON \
+CC=clang-14 CXX=clang++-14 scripts/build.sh fuzz:fuzz_targets -DCMAKE_BUILD_TYPE=RelWithDebInfo "-DCMAKE_CXX_FLAGS_RELWITHDEBINFO=-O1 -g1" -DCOTWIN_TESTS=OFF -DCOTWIN_FUZZ=ON \
   -DCOTWIN_SANITIZE=address,undefined
 
 for program in build/fuzz/fuzz/*_fuzz; do

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cmath>
+#include <string_view>
 
 #include "components/compliance/second_order.h"
 #include "models/robot/dynamics.h"
@@ -11,6 +12,9 @@
 
 namespace cotwin::compliance {
 namespace {
+
+constexpr const char* kSaturatedWarning =
+    "motor torques reached tau_max and were cut (outputs saturated, tau_excess): too much is asked, or the loop is unstable";
 
 Eigen::Map<Eigen::VectorXd> map(std::vector<double>& v) { return {v.data(), static_cast<Eigen::Index>(v.size())}; }
 
@@ -47,6 +51,9 @@ Compliance::Compliance(Settings& settings) {
     const double limit = robot.joints[i].tau_max;
     tau_max_[i] = std::isfinite(limit) ? limit : 0.0;
   }
+  // A drive of which nothing is known, as the drive train takes it: an elastic joint that is held for a rigid one is unstable.
+  K_.assign(n_, 1e4);
+  B_.assign(n_, 1.0);
   v_R_.assign(n_, 0.01);
   v_S_.assign(n_, 0.1);
   delta_.assign(n_, 2.0);
@@ -61,6 +68,8 @@ Compliance::~Compliance() = default;
 void Compliance::initialise(Time) {
   check();
   in_force_ = wanted_;
+  warning_.clear();
+  warning_.reserve(std::string_view(kSaturatedWarning).size());  // a step allocates nothing
   for (std::size_t i = 0; i < n_; ++i) Delta_[i] = dDelta_[i] = z_[i] = 0;
   ddq_d_before_ = ddq_d_;
   q_c_ = q_d_;
@@ -213,6 +222,7 @@ void Compliance::track(double h) {
     tau_excess_[i] = tau - tau_m_[i];
     saturated_ = saturated_ || tau_excess_[i] != 0;
   }
+  if (saturated_) warning_ = kSaturatedWarning;
 }
 
 }  // namespace cotwin::compliance

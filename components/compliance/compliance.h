@@ -2,6 +2,7 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "components/unit/settings.h"
@@ -17,7 +18,8 @@ namespace cotwin::compliance {
 /// with Ṁ − 2C skew-symmetric. The error e is taken at the motor, θ_c − θ, where the joint is elastic:
 ///   θ_c = q_c + τ_J,c / K,   τ_J,c = M q̈_c + C q̇_c + g − τ_e  at q_c                           (2a), (2c)
 /// and at the link, q_c − q, where it is rigid (K = 0): feedback of an elastic joint's link side alone is unstable from small
-/// gains on, that of its motor is not, whatever the gains. Links may still vibrate against motors that the feedback holds; a
+/// gains on, that of its motor is not, whatever the gains, in continuous time; with a torque that is held for h, computed
+/// torque needs ζ ω h (M_ii + B)/B < 1 of an elastic joint. Links may still vibrate against motors that the feedback holds; a
 /// feedback of τ_J = K (θ − q) on top, which lets a motor appear as light as B / shaping, damps them (Ott, Albu-Schäffer, Kugi,
 /// Hirzinger: IEEE T-RO 24(2), 2008; passive in continuous time, sampled only for motor frequencies √(K shaping/B) well below
 /// 1/h). Not in here: Cartesian impedance (3a), (3b).
@@ -89,6 +91,7 @@ class Compliance final : public Unit {
   // Outputs.
   Joints q_c_, dq_c_, ddq_c_, tau_m_, tau_id_, tau_f_, tau_excess_;
   bool saturated_ = false;
+  std::string warning_;
   // Handed from one phase of a step to the next.
   Joints e_, de_;           // tracking error at the beginning of the step
   Joints tau_fl_, tau_fm_;  // friction of the link and the motor side

@@ -102,6 +102,7 @@ void Compliance::declare(Variables& v) {
   v.output("tau_f", tau_f_, "N.m", "friction of both sides in the compliant motion, after the friction parameters");
   v.output("tau_excess", tau_excess_, "N.m", "motor torque asked for beyond tau_max, and not given");
   v.output("saturated", saturated_, "whether any joint's motor torque is at its limit");
+  v.output("warning", warning_, "what the user should know after the run; empty if nothing");
 }
 
 void Compliance::check() {

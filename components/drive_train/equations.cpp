@@ -189,6 +189,7 @@ void Equations::evaluate_joints(const double* x, Point& p) const {
   if (!inside()) return;
   for (std::size_t i = 0; i < n_; ++i) {
     p.d_l[i] = link_friction_[i].sigma2;
+    p.k_l[i] = 0;
     p.force[i] -= link_friction_[i].sigma2 * dq[i] + link_friction_[i].tau_0;
   }
   if (has_link_coulomb_) {

@@ -1,6 +1,5 @@
 // The drive train's parameters: names, ranges, and what is unphysical.
 #include <cmath>
-#include <limits>
 
 #include "components/drive_train/drive_train.h"
 #include "models/text/error.h"
@@ -10,7 +9,7 @@ namespace cotwin::drive_train {
 
 void DriveTrain::declare_parameters(Variables& v) {
   Parameters& p = equations_.parameters();
-  const double most = std::numeric_limits<double>::max();
+  constexpr double most = 1e12;  // a bound that no drive reaches
   v.parameter("q0", q0_, "rad", "link-side joint position at the start, inside");
   v.parameter("dq0", dq0_, "rad/s", "link-side and motor speed at the start, inside");
   v.parameter("K", p.K, "N.m/rad", "joint stiffness, diagonal of K in (2c)").range(0, most);
@@ -81,6 +80,8 @@ void DriveTrain::check_parameters() const {
     positive("v_S", p.v_S);
     positive("delta", p.delta);
     finite("tau_0", p.tau_0);
+    if (equations_.friction() != Friction::kCoulomb && p.sigma0[i] == 0 && p.tau_C[i] > 0)
+      fail("tau_C", i, p.tau_C[i], "0 where no bristle carries it (sigma0 = 0), or friction=coulomb");
     if (p.tau_S[i] < p.tau_C[i]) fail("tau_S", i, p.tau_S[i], "at least tau_C = " + text::to_text(p.tau_C[i]) + " N.m");
     if (!(p.breakaway[i] >= 0 && p.breakaway[i] < 1)) fail("breakaway", i, p.breakaway[i], "0 to below 1");
     if (!equations_.inside()) continue;

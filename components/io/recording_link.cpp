@@ -106,7 +106,7 @@ void RecordingLink::choose_part(std::string& warning) {
   last_ = end_ > 0 ? end_ : q_.end();
   if (!(start_ < last_ && last_ <= q_.end())) {
     throw Error("io: start, end", "from " + text::to_text(start_) + " s to " + text::to_text(last_) +
-                                      " s, expected a part of the " + text::to_text(q_.end(), 6) + " s of " +
+                                      " s, expected a part of the " + text::to_text(q_.end(), 12) + " s of " +
                                       loaded_->file.string());
   }
   const Limits limits = text::choose<Limits>("io: limits", limits_,
@@ -124,6 +124,10 @@ void RecordingLink::initialise(Time start, Measured& measured) {
   if (loaded_ != wanted) load(wanted);
   choose_part(measured.warning);
   measured.has_tau = tau_.size() > 0;
+  if (!measured.has_tau && tau_columns_ != "none") {
+    measured.warning += (measured.warning.empty() ? loaded_->file.string() + ": " : "; ") +
+                        "no columns of joint torques were found, tau is 0; name them by tau_columns, or none";
+  }
   measured.has_tau_e = tau_e_.size() > 0;
   std::fill(measured.tau.begin(), measured.tau.end(), 0.0);
   std::fill(measured.tau_e.begin(), measured.tau_e.end(), 0.0);

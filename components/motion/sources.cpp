@@ -157,7 +157,7 @@ trajectory::Path RecordingSource::path() {
   const double end = end_ > 0 ? end_ : whole_.end();
   if (!(begin_ < end && end <= whole_.end())) {
     throw Error("motion: start, end", "from " + text::to_text(begin_) + " s to " + text::to_text(end) +
-                                          " s, expected a part of the " + text::to_text(whole_.end(), 6) + " s of " +
+                                          " s, expected a part of the " + text::to_text(whole_.end(), 12) + " s of " +
                                           wanted.file.string());
   }
   return trajectory::cut(whole_, begin_, end);

@@ -86,7 +86,8 @@ std::string Settings::text(const std::string& key, const std::string& fallback) 
 
 std::string Settings::text(const std::string& key) {
   if (const std::string* found = lookup(key)) return *found;
-  throw Error("unit:" + unit_, "needs the setting '" + key + "', as in unit:" + unit_ + "?" + key + "=…");
+  throw Error("unit:" + unit_,
+              "needs the setting '" + key + "', as in unit:" + unit_ + "?" + key + "=… (or --set " + key + "=…)");
 }
 
 long long Settings::integer(const std::string& key, long long fallback, long long min, long long max) {
@@ -117,24 +118,28 @@ std::string Settings::choice(const std::string& key, const std::vector<std::stri
   return *found;
 }
 
-fs::path Settings::file(const std::string& name) const {
+fs::path Settings::file(const std::string& name, const std::string& hint) const {
   const fs::path path(name);
   if (path.is_absolute()) {
     if (fs::exists(path)) return path;
-    throw Error("unit:" + unit_, "no file " + name);
+    throw Error("unit:" + unit_, "no file " + name + hint);
   }
-  std::string looked;
+  std::vector<std::string> looked;
   for (const fs::path& folder : folders_) {
-    if (fs::exists(folder / path)) return (folder / path).lexically_normal();
-    looked += "\n  " + (folder / path).lexically_normal().string();
+    const fs::path candidate = (folder / path).lexically_normal();
+    if (fs::exists(candidate)) return candidate;
+    if (std::find(looked.begin(), looked.end(), candidate) == looked.end()) looked.push_back(candidate);
   }
-  throw Error("unit:" + unit_, "no file " + name + "; looked for" + looked);
+  std::string lines;
+  for (const std::string& candidate : looked) lines += "\n  " + candidate;
+  throw Error("unit:" + unit_, "no file " + name + hint + "; looked for" + lines);
 }
 
 fs::path Settings::robot_file(const std::string& key) {
   const std::string robot = text(key);
   const bool is_path = robot.find('/') != std::string::npos || fs::path(robot).extension() == ".urdf";
-  const fs::path found = is_path ? file(robot) : file("robots/" + robot + "/robot.urdf");
+  const std::string hint = " (another robot: --set " + key + "=PATH.urdf)";
+  const fs::path found = file(is_path ? robot : "robots/" + robot + "/robot.urdf", hint);
   robot_files_.push_back(found);
   return found;
 }

@@ -44,8 +44,9 @@ class Settings {
   /// The URDF of the robot that `key` names: a path to a file, or a robot's name, for which robots/<name>/robot.urdf is
   /// looked up. Throws Error that lists where it looked.
   std::filesystem::path robot_file(const std::string& key = "robot");
-  /// The file that `name` means: absolute, or relative to the first of the folders that has it. Throws Error as above.
-  std::filesystem::path file(const std::string& name) const;
+  /// The file that `name` means: absolute, or relative to the first of the folders that has it. Throws Error as above,
+  /// with `hint` after the file's name.
+  std::filesystem::path file(const std::string& name, const std::string& hint = "") const;
 
   /// Something the user should know of, shown once after loading.
   void warn(std::string message) { warnings_.push_back(std::move(message)); }

@@ -8,7 +8,8 @@ namespace cotwin {
 struct Duration {
   std::int64_t ns = 0;
 
-  constexpr double seconds() const { return static_cast<double>(ns) * 1e-9; }
+  /// The double nearest to it (a product with 1e-9 is not: 7 ms would be 0.007000000000000001 s).
+  constexpr double seconds() const { return static_cast<double>(ns) / 1e9; }
   /// The nearest whole nanosecond.
   static constexpr Duration from_seconds(double s) { return {static_cast<std::int64_t>(s * 1e9 + (s < 0 ? -0.5 : 0.5))}; }
   friend constexpr auto operator<=>(Duration, Duration) = default;
@@ -21,7 +22,7 @@ struct Duration {
 struct Time {
   std::int64_t ns = 0;
 
-  constexpr double seconds() const { return static_cast<double>(ns) * 1e-9; }
+  constexpr double seconds() const { return static_cast<double>(ns) / 1e9; }
   static constexpr Time from_seconds(double s) { return {Duration::from_seconds(s).ns}; }
   friend constexpr auto operator<=>(Time, Time) = default;
   friend constexpr Time operator+(Time t, Duration d) { return {t.ns + d.ns}; }

@@ -73,9 +73,16 @@ Path::Range Path::range(std::size_t joint, int derivative) const {
 
 Path cut(const Path& path, double begin, double end) {
   assert(path.degree() == 5 && path.begin() <= begin && begin < end && end <= path.end());
+  // A knot this close to an end, as a share of the segment that the end cuts, is left out: over a sliver of length h, rounding
+  // makes q̈ of the order 1e-15/h². What the quintic over both segments is off by, of a spline's q̈, is of the cube of this
+  // share.
+  constexpr double kSliver = 1e-3;
+  const std::span<const double> knots = path.times();
   std::vector<double> t = {begin};
-  for (const double knot : path.times()) {
-    if (knot > begin && knot < end) t.push_back(knot);
+  for (std::size_t k = 1; k + 1 < knots.size(); ++k) {
+    if (knots[k] - begin <= kSliver * (knots[k] - knots[k - 1]) || end - knots[k] <= kSliver * (knots[k + 1] - knots[k]))
+      continue;
+    t.push_back(knots[k]);
   }
   t.push_back(end);
   const std::size_t n = path.joints();

@@ -59,7 +59,8 @@ class Path {
   std::vector<double> control_;       // of higher degrees
 };
 
-/// The part of a path of quintics from `begin` to `end`, within its times; quintics cut are quintics.
+/// The part of a path of quintics from `begin` to `end`, within its times; quintics cut are quintics. Where a cut all but meets
+/// a knot, the spline's C⁴ is used: one quintic stands for both segments.
 Path cut(const Path& path, double begin, double end);
 
 /// The element of `times` (increasing, at least two) from which the interval that holds t begins; the last but one for all

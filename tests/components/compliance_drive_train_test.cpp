@@ -83,6 +83,12 @@ TEST(ComplianceWithDriveTrain, TracksWithinATenthOfAMilliradianInBothModesWhenIt
   }
 }
 
+TEST(ComplianceWithDriveTrain, TracksARobotOfWhoseDrivesNothingIsKnownBecauseBothUnitsTakeTheSame) {
+  Loop loop(std::string(COTWIN_SOURCE_DIR) + "/tests/components/data/rotor.urdf");  // no drive data lie beside it
+  for (const char* name : {"K", "B"}) EXPECT_EQ(VectorXd(loop.controller(name)), VectorXd(loop.drive(name))) << name;
+  EXPECT_LT(worst_error(loop, VectorXd::Zero(1), 6), 1e-4);
+}
+
 TEST(ComplianceWithDriveTrain, FrictionThatTheControllerDoesNotKnowLeavesAnErrorThatTheGainsBound) {
   const VectorXd q0 = (VectorXd(7) << 0, 0.3, 0, -1.2, 0, 0.9, 0).finished();
   Loop loop("lwr4");
@@ -112,6 +118,35 @@ TEST(ComplianceWithDriveTrain, ErrorsAfterAJumpOfTheExternalTorqueDieOutInBothMo
     }
     EXPECT_LT(worst, 3e-3) << passivity;  // the springs' own 20 N.m over 10 000 N.m/rad
     EXPECT_LT(loop.error().lpNorm<Eigen::Infinity>(), 1e-5) << passivity;
+  }
+}
+
+TEST(ComplianceWithDriveTrain, HoldsTheMotorOfAnElasticJointUpToTheGainsThatSamplingAllows) {
+  // On a soft spring, a held torque moves the motor alone: θ̇ ← θ̇ − h 2ζω (M + B)/B θ̇, which grows beyond ζ ω h (M + B)/B = 1.
+  const double M = 0.2, zeta = 1, omega = 30, h = 1e-3;
+  for (const double share : {0.8, 0.95, 1.05, 1.25}) {
+    Loop loop(std::string(COTWIN_SOURCE_DIR) + "/tests/components/data/rotor.urdf");
+    const double B = M / (share / (zeta * omega * h) - 1);
+    for (const auto& [name, value] : {std::pair{"K", 50.0}, {"B", B}}) {
+      loop.controller(name).setConstant(value);
+      loop.drive(name).setConstant(value);
+    }
+    loop.controller("omega").setConstant(omega);
+    loop.controller("zeta").setConstant(zeta);
+    loop.controller("tau_max").setZero();
+    loop.start(VectorXd::Zero(1));
+    loop.controller("tau_e") << 0.1;
+    double first = 0, last = 0;
+    for (int n = 0; n < 600; ++n) {
+      loop.step();
+      double& most = n < 300 ? first : last;
+      most = std::max(most, std::abs(loop.drive("dtheta")[0] - loop.controller("dtheta_c")[0]));
+    }
+    if (share < 1) {
+      EXPECT_LT(last, 0.1 * first) << share;
+    } else {
+      EXPECT_GT(last, 10 * first) << share;
+    }
   }
 }
 

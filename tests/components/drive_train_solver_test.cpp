@@ -128,6 +128,27 @@ TEST(DriveTrainRosenbrock, TakesNoMoreThanTheAllowedSubstepsAndSaysSo) {
   EXPECT_EQ(drive.variables().first_not_finite(), "");
 }
 
+TEST(DriveTrainRosenbrock, WarnsWhereForcedSubstepsMissTheToleranceByFar) {
+  // Motors of 1e-5 kg.m² in bristles of 5000 N.m/rad are too fast for 64 sub-steps where the torque jumps; those of the robot
+  // are not.
+  for (const bool light : {false, true}) {
+    Drive drive("robot=lwr4");
+    if (light) drive.set("B", 1e-5);
+    drive.initialise();
+    std::uint64_t allocated = 0;
+    for (int n = 0; n < 300; ++n) {
+      excite(drive, n / 100 * 100);
+      const std::uint64_t before = allocations();
+      drive.step(1e-3);
+      allocated += allocations() - before;
+    }
+    EXPECT_NE(drive.variables().at("warning").strings()[0].empty(), light);
+    EXPECT_EQ(allocated, 0u);
+    drive.initialise();
+    EXPECT_TRUE(drive.variables().at("warning").strings()[0].empty());
+  }
+}
+
 TEST(DriveTrainRosenbrock, StaysBoundedInSubstepsForcedAgainstTheTolerance) {
   // One sub-step a step, bristles up to a million times stiffer. Unconfined, z leaves the finite numbers in most of these runs.
   for (const double h : {1e-3, 10e-3}) {
@@ -310,6 +331,30 @@ TEST_P(DriveTrainSolvers, StartAfreshWhenInitialisedAgain) {
   drive_about(drive, 0);
   drive.initialise();
   EXPECT_EQ(bits(drive.variables()), start);
+}
+
+TEST_P(DriveTrainSolvers, KeepNothingOfStopsThatParametersHaveTakenAway) {
+  Drive drive = prepared(GetParam(), 0), fresh = prepared(GetParam(), 0);
+  if (drive.variables().at("q").role == Role::kInput) return;  // stops are the business of the links' owner
+  bool in_stop = false;
+  for (int n = 0; n < 300 && !in_stop; ++n) {
+    drive_about(drive, n);
+    drive.step(1e-3);
+    for (std::size_t i = 0; i < 7; ++i) in_stop = in_stop || drive.integer("stop", i) != 0;
+  }
+  ASSERT_TRUE(in_stop);
+  for (Drive* d : {&drive, &fresh}) {
+    drive_about(*d, 0);
+    d->set("stop_stiffness", 0).initialise();
+  }
+  fresh.move_clock_to(drive);
+  for (int n = 0; n < 20; ++n) {
+    for (Drive* d : {&drive, &fresh}) {
+      drive_about(*d, n);
+      d->step(1e-3);
+    }
+    ASSERT_EQ(bits(drive.variables()), bits(fresh.variables())) << "step " << n;
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(Variants, DriveTrainSolvers,

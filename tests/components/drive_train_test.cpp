@@ -373,6 +373,7 @@ TEST(DriveTrain, NamesTheParameterThatIsUnphysical) {
   for (const char* name : {"D", "backlash", "sigma0", "sigma1", "sigma2", "tau_C", "stop_stiffness", "link_sigma2"}) {
     EXPECT_THAT(message(name, -1), HasSubstr(std::string(name) + "[3]: is -1, expected a finite value >= 0"));
   }
+  EXPECT_THAT(message("sigma0", 0), HasSubstr("tau_C[3]: is 5, expected 0 where no bristle carries it"));
   EXPECT_THAT(message("tau_S", 1), HasSubstr("tau_S[3]: is 1, expected at least tau_C = 5 N.m"));
   EXPECT_THAT(message("q_min", 9), HasSubstr("q_min[3]: is 9, expected below q_max"));
   EXPECT_THAT(message("q0", NAN), HasSubstr("q0[3]: is nan, expected a finite value"));

@@ -253,7 +253,7 @@ TEST(Io, LeavingTheRobotsLimitsIsAWarningAnErrorOrNothing) {
   for (int k = 0; k <= 100; ++k)
     content += text::to_text(k * 0.05) + "," + text::to_text(k * 0.032) + ",0,0,0,0,0,0\n";  // to 3.2 rad; the limit is 170°
   const File file(content);
-  Subject s("robot=lwr4", {{"file", file.path()}});
+  Subject s("robot=lwr4", {{"file", file.path()}, {"tau_columns", "none"}});
   s.initialise();
   EXPECT_THAT(s.text("warning"), HasSubstr(" is at 3.2 rad at 5 s, expected -2.9"));
   s.set("limits", "ignore");
@@ -261,6 +261,21 @@ TEST(Io, LeavingTheRobotsLimitsIsAWarningAnErrorOrNothing) {
   EXPECT_EQ(s.text("warning"), "");
   s.set("limits", "error");
   EXPECT_THAT(s.error_of_initialise(), HasSubstr(" is at 3.2 rad at 5 s, expected -2.9"));
+}
+
+TEST(Io, ARecordingWithoutTorquesSaysSoUnlessNoneAreWanted) {
+  const File file("t,q1,torque\n0,0,5\n1,0,5\n");
+  Subject s("joints=1", {{"file", file.path()}});
+  s.initialise();
+  EXPECT_FALSE(s.boolean("has_tau"));
+  EXPECT_THAT(s.text("warning"), HasSubstr(": no columns of joint torques were found, tau is 0; name them by tau_columns"));
+  s.set("tau_columns", "none");
+  s.initialise();
+  EXPECT_EQ(s.text("warning"), "");
+  s.set("tau_columns", "torque");
+  s.initialise();
+  EXPECT_EQ(s.text("warning"), "");
+  EXPECT_EQ(s.real("tau"), 5);
 }
 
 TEST(Io, CommandsAreAcceptedAndIgnoredByARecording) {

@@ -202,5 +202,25 @@ TEST(Series, ACutPathIsThePathItself) {
   EXPECT_EQ(at(part, 0.5).dq, 0);
 }
 
+TEST(Series, ACutPathIsThePathItselfWhereTheCutAllButMeetsAKnot) {
+  // As with a recording cut at 0.7 s, whose sample there came out as 0.7000000000000002 s: over such a sliver of a segment, a
+  // quintic's derivatives would be rounding, divided by its length and its length squared.
+  const std::vector<double> knots = irregular(50, 0.1, 9);
+  const Path whole = interpolate(sample(knots, [](double t) { return std::cos(3 * t); }));
+  for (const double sliver : {0.0, 4e-16, 1e-13, 1e-9, 1e-6, 1e-4, 1e-3}) {
+    const double begin = knots[7] - sliver, end = knots[31] + sliver;
+    const Path part = cut(whole, begin, end);
+    for (int k = 0; k <= 200; ++k) {
+      const double t = k < 200 ? begin + (end - begin) * k / 200 : end;
+      for (const double x : {t, std::min(t + 0.5 * sliver, end)}) {
+        EXPECT_NEAR(at(part, x).q, at(whole, x).q, 1e-12) << sliver << " " << x;
+        EXPECT_NEAR(at(part, x).dq, at(whole, x).dq, 1e-9) << sliver << " " << x;
+        EXPECT_NEAR(at(part, x).ddq, at(whole, x).ddq, 1e-6) << sliver << " " << x;
+      }
+    }
+    EXPECT_LT(part.range(0, 2).largest().value, 9.1) << sliver;  // 9 cos 3t: what limits are held against
+  }
+}
+
 }  // namespace
 }  // namespace cotwin::trajectory
