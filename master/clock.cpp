@@ -3,6 +3,7 @@
 #include <time.h>
 
 #include <algorithm>
+#include <cerrno>
 
 #include "models/text/error.h"
 
@@ -24,15 +25,16 @@ std::int64_t monotonic() {
 
 void RealTimeClock::start(Time now) { zero_ = monotonic() - now.ns; }
 
-void RealTimeClock::wait(Time now) {
+bool RealTimeClock::wait(Time now) {
   const std::int64_t deadline = zero_ + now.ns;
   if (monotonic() < deadline) {
     const timespec t{deadline / 1'000'000'000, deadline % 1'000'000'000};
-    clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr);
+    if (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr) == EINTR) return false;
   }
   const Duration delay{monotonic() - deadline};
   worst_ = std::max(worst_, delay);
   if (delay.ns > kTolerated) ++overruns_;
+  return true;
 }
 
 std::unique_ptr<Clock> make_clock(const std::string& name) {

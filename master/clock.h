@@ -13,9 +13,9 @@ class Clock {
   virtual ~Clock() = default;
   /// The run begins: `now` is the instant of the scenario that is now.
   virtual void start(Time now) = 0;
-  /// Returns when `now` has come, or at once if it is past. May return early after a signal; the loop then looks whether to
-  /// stop.
-  virtual void wait(Time now) = 0;
+  /// Returns true when `now` has come, or at once if it is past; false after a signal before that: whoever runs the loop then
+  /// looks whether to stop.
+  virtual bool wait(Time now) = 0;
   /// Ticks that began late, and by how much at most.
   virtual std::int64_t overruns() const { return 0; }
   virtual Duration worst_delay() const { return {}; }
@@ -27,14 +27,14 @@ class Clock {
 class FreeClock final : public Clock {
  public:
   void start(Time) override {}
-  void wait(Time) override {}
+  bool wait(Time) override { return true; }
 };
 
 /// Scenario seconds are seconds (CLOCK_MONOTONIC). Deadlines are absolute: a late tick does not delay the next ones.
 class RealTimeClock final : public Clock {
  public:
   void start(Time now) override;
-  void wait(Time now) override;
+  bool wait(Time now) override;
   std::int64_t overruns() const override { return overruns_; }
   Duration worst_delay() const override { return worst_; }
   bool real_time() const override { return true; }

@@ -98,6 +98,8 @@ void Engine::start_workers(int threads, bool always) {
   wanted = std::min({wanted, static_cast<int>(std::min<std::size_t>(widest, 255)), 255});
   if (wanted < 2) return;
   workers_ = std::make_unique<Workers>(wanted);
+  wanted = workers_->threads();
+  if (wanted < 2) return workers_.reset();
   const double barrier = workers_->barrier_seconds();
   for (std::size_t s = 0; s < runs_.size(); ++s) {
     const Stage& stage = schedule.stages[s];
@@ -109,10 +111,9 @@ void Engine::start_workers(int threads, bool always) {
   }
 }
 
-std::size_t Engine::advance(std::int64_t tick, int parts, bool sampled) {
-  const Time begin = schedule.time(tick);
+std::size_t Engine::advance(std::int64_t tick, Time begin, Time end, int parts, bool sampled) {
   tick_ = tick;
-  end_ = schedule.time(tick + 1);
+  end_ = end;
   parts_ = parts;
   sampled_ = sampled;
   finished_by_ = kNobody;

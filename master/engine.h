@@ -31,7 +31,11 @@ class Engine {
   /// Steps every unit that is due in the tick, the way of each cut into `parts` with an exchange before each; `sampled`:
   /// measures times. Returns kNobody, or the first slot that discarded; then everything must be restored. Throws what a unit
   /// throws, with its name and time in front if it is an Error.
-  std::size_t advance(std::int64_t tick, int parts, bool sampled);
+  std::size_t advance(std::int64_t tick, int parts, bool sampled) {
+    return advance(tick, schedule.time(tick), schedule.time(tick + 1), parts, sampled);
+  }
+  /// The same where somebody else says how long the tick is.
+  std::size_t advance(std::int64_t tick, Time begin, Time end, int parts, bool sampled);
 
   /// The slot that asked for an orderly end of the run in the last tick (StepResult::kFinished), or kNobody.
   std::size_t finished_by() const { return finished_by_; }
@@ -47,6 +51,10 @@ class Engine {
   Cost cost(std::size_t member, std::int64_t ticks) const;
   /// Of all units in all sampled ticks.
   double sampled_seconds() const { return std::accumulate(seconds_sum_.begin(), seconds_sum_.end(), 0.0); }
+  /// What reading the clock before and after each of those steps cost, which ticks that are not sampled do not pay.
+  double measuring_seconds() const {
+    return 2 * clock_seconds_ * static_cast<double>(std::accumulate(samples_.begin(), samples_.end(), std::int64_t{0}));
+  }
   int threads_used() const { return spread_ever_ ? workers_->threads() : 1; }
 
   const std::string& name(std::size_t slot) const { return members_[schedule.slots[slot].member].name(); }

@@ -36,8 +36,8 @@ Events::Events(const Scenario& scenario, std::span<const Member> members, std::s
     const Signal signal = find_signal(members, spec.variable, spec.place);
     const Variable& variable = *signal.variable;
     if (variable.role != Role::kInput && variable.role != Role::kTunable) {
-      fail(spec.place, "event on '" + spec.variable + "', a " + std::string(name_of(variable.role)) +
-                           ", expected an input or a tunable parameter");
+      fail(spec.place,
+           "event on '" + spec.variable + "', " + with_article(variable.role) + ", expected an input or a tunable parameter");
     }
     for (const Signal& other : fed) {
       if (other.variable == signal.variable && other.first < signal.first + signal.count &&

@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "master/engine.h"
 #include "master/recorder.h"
@@ -66,6 +67,7 @@ class Master::Loop {
   void observe();
   void step_timed();
   void step();
+  void advance();
   bool sampled() const { return tick_ % kSampleEvery == 1 || engine_.schedule.ticks() < kSampleAll; }
 
   Engine engine_;
@@ -73,6 +75,7 @@ class Master::Loop {
   Statistics statistics_;
   bool has_statistics_;
   std::unique_ptr<Clock> clock_;
+  std::filesystem::path recording_;  // empty: none is wanted
   std::unique_ptr<Recorder> recorder_;
   Initialisation initialisation_;
 
@@ -86,7 +89,8 @@ class Master::Loop {
   int most_parts_ = 1;
   std::int64_t parts_sum_ = 0, tolerance_missed_ = 0;
 
-  double sampled_seconds_ = 0;
+  // Of the sampled ticks.
+  double advance_seconds_ = 0, check_seconds_ = 0, observe_seconds_ = 0;
   std::int64_t sampled_ticks_ = 0;
   std::chrono::steady_clock::time_point begun_, ended_;
   bool running_ = false, finished_ = false;
@@ -114,9 +118,7 @@ Master::Loop::Loop(Scenario scenario, MasterOptions options)
     }
     output_error_.emplace(members_, scenario_.tolerance);
   }
-  if (!options.results.empty() && !columns_.empty()) {
-    recorder_ = std::make_unique<Recorder>(columns_, options.results / "signals.csv", Recorder::Options{!clock_->real_time()});
-  }
+  if (!options.results.empty() && !columns_.empty()) recording_ = options.results / "signals.csv";
 }
 
 void Master::Loop::initialise() {
@@ -131,6 +133,9 @@ void Master::Loop::initialise() {
   engine_.check_numbers(scenario_.start);
   take_checkpoint();  // makes the room that later ones need
   if (output_error_) output_error_->remember();
+  if (!recording_.empty()) {
+    recorder_ = std::make_unique<Recorder>(columns_, recording_, Recorder::Options{!clock_->real_time()});
+  }
   observe();
   begun_ = std::chrono::steady_clock::now();
   running_ = true;
@@ -139,7 +144,7 @@ void Master::Loop::initialise() {
 
 bool Master::Loop::step_tick() {
   if (tick_ >= engine_.schedule.ticks() || engine_.finished_by() != Engine::kNobody) return false;
-  clock_->wait(now());
+  if (!clock_->wait(now())) return true;
   if (sampled()) {
     step_timed();
   } else {
@@ -149,21 +154,33 @@ bool Master::Loop::step_tick() {
 }
 
 void Master::Loop::step_timed() {
-  const auto begin = std::chrono::steady_clock::now();
-  step();
-  sampled_seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  auto last = std::chrono::steady_clock::now();
+  const auto lap = [&last] {
+    const auto before = std::exchange(last, std::chrono::steady_clock::now());
+    return std::chrono::duration<double>(last - before).count();
+  };
+  advance();
+  advance_seconds_ += lap();
+  engine_.check_numbers(now());
+  check_seconds_ += lap();
+  observe();
+  observe_seconds_ += lap();
   ++sampled_ticks_;
 }
 
 void Master::Loop::step() {
+  advance();
+  engine_.check_numbers(now());
+  observe();
+}
+
+void Master::Loop::advance() {
   if (output_error_) {
     step_to_tolerance();
   } else {
     step_plainly();
   }
   ++tick_;
-  engine_.check_numbers(now());
-  observe();
 }
 
 void Master::Loop::step_plainly() {
@@ -278,11 +295,14 @@ Summary Master::Loop::summary() const {
   s.threads = engine_.threads_used();
   s.initialisation = initialisation_;
   // Ticks that were timed stand for all: what is not the units' is the loop's own.
-  const double sampled_ticks = static_cast<double>(std::max<std::int64_t>(1, sampled_ticks_));
-  const double own = std::max(0.0, sampled_seconds_ - engine_.sampled_seconds()) / sampled_ticks * static_cast<double>(tick_);
-  double all = own;
+  const double scale = static_cast<double>(tick_) / static_cast<double>(std::max<std::int64_t>(1, sampled_ticks_));
+  const double exchange = scale * std::max(0.0, advance_seconds_ - engine_.sampled_seconds() - engine_.measuring_seconds());
+  const double check = scale * check_seconds_, observe = scale * observe_seconds_;
+  double all = exchange + check + observe;
   for (std::size_t m = 0; m < members_.size(); ++m) all += engine_.cost(m, tick_).seconds();
-  s.master_share = all > 0 ? own / all : 0;
+  s.exchange_share = all > 0 ? exchange / all : 0;
+  s.check_share = all > 0 ? check / all : 0;
+  s.observe_share = all > 0 ? observe / all : 0;
   s.warnings = scenario_.warnings;
   if (engine_.finished_by() != Engine::kNobody) {
     s.warnings.push_back("'" + engine_.name(engine_.finished_by()) +

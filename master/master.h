@@ -40,8 +40,10 @@ struct Summary {
   double real_time_factor = 0;  // simulated / wall
   int threads = 1;              // that were used at least once
   Initialisation initialisation;
-  std::vector<Share> units;  // in the order of the scenario
-  double master_share = 0;   // likewise, of the loop itself
+  std::vector<Share> units;   // in the order of the scenario
+  double exchange_share = 0;  // likewise, of the loop itself: events, copies of values, waiting for threads
+  double check_share = 0;     // looking for NaN,
+  double observe_share = 0;   // figures of this summary and rows of the recording
   std::vector<Tally> tallies;
   std::vector<Work> works;
   std::vector<Compared> comparisons;
@@ -59,14 +61,16 @@ struct Summary {
 
 class Master {
  public:
-  /// Loads the units, wires them and opens the recording. Throws Error, as everything here does where a human must act.
+  /// Loads the units and wires them. Throws Error, as everything here does where a human must act.
   Master(Scenario scenario, MasterOptions options);
   Master(Master&&) noexcept;
   ~Master();
 
-  /// Makes all units agree at the start time and takes the first sample.
+  /// Makes all units agree at the start time, opens the recording and takes the first sample. What fails before that leaves the
+  /// results of an earlier run as they are.
   void initialise();
-  /// Goes on by one tick (to the stop time at most). False if the stop time is reached. After initialise() it allocates
+  /// Goes on by one tick (to the stop time at most), or by none where a signal came while it waited for the clock. False if the
+  /// stop time is reached. After initialise() it allocates
   /// nothing. Throws Error for a NaN, a discarded step that cannot be repeated, a unit or a recording that fails; then only
   /// finish() and summary() make sense.
   bool step_tick();

@@ -3,19 +3,13 @@
 #include <algorithm>
 #include <array>
 
+#include "fmu/load.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
 
 namespace cotwin::master {
 
 namespace {
-
-std::string in_quotes(std::string_view s) { return "'" + std::string(s) + "'"; }
-
-std::string suggestion(std::string_view wanted, const std::vector<std::string>& candidates) {
-  const std::string closest = text::closest(wanted, candidates);
-  return closest.empty() ? "" : "; did you mean " + in_quotes(closest) + "?";
-}
 
 /// An SSP connector's kind as the roles of ours that it may stand for.
 bool connector_fits(const std::string& kind, Role role) {
@@ -46,6 +40,32 @@ std::vector<std::string> names_of(const Variables& variables) {
   return names;
 }
 
+Instance load_fmu(const ComponentSpec& spec, const Scenario& scenario) {
+  const std::size_t question = spec.source.rfind('?');
+  fmu::LoadOptions options;
+  options.instance_name = spec.name;
+  options.kind = spec.implementation == "CoSimulation" ? "cs" : spec.implementation == "ModelExchange" ? "me" : "any";
+  options.process = spec.process;
+  if (question != std::string::npos) options = fmu::read_query(std::string_view(spec.source).substr(question + 1), options);
+  return fmu::load(scenario.folder / spec.source.substr(0, question), options);
+}
+
+}  // namespace
+
+ParameterSet start_values(const Scenario& scenario, const Member& member, std::vector<std::string>* unknown) {
+  ParameterSet set{member.name(), {}, scenario.units};
+  for (const ParameterValue& value : member.spec.start_values) {
+    const bool by_the_user = value.place.rfind("--set ", 0) == 0;  // a slip there is never ignored
+    if (by_the_user || !scenario.ignore_unknown_parameters ||
+        find_element(member.variables(), value.name).variable != nullptr) {
+      set.values.push_back(value);
+    } else if (unknown != nullptr) {
+      unknown->push_back(value.place + ": " + member.spec.source + " has no variable " + in_quotes(value.name));
+    }
+  }
+  return set;
+}
+
 void check_connector(const ConnectorSpec& connector, const Member& member, const Scenario& scenario) {
   const std::string full = member.name() + "." + connector.name;
   const auto [variable, element] = find_element(member.variables(), connector.name);
@@ -59,7 +79,7 @@ void check_connector(const ConnectorSpec& connector, const Member& member, const
   }
   if (!connector_fits(connector.kind, variable->role)) {
     fail(connector.place, "connector " + in_quotes(full) + " is of kind " + in_quotes(connector.kind) +
-                              ", but the variable is a " + std::string(name_of(variable->role)));
+                              ", but the variable is " + with_article(variable->role));
   }
   if (!connector.type.empty() && !type_fits(connector.type, variable->kind())) {
     fail(connector.place, "connector " + in_quotes(full) + " is " + connector.type + ", but the variable is " +
@@ -72,16 +92,25 @@ void check_connector(const ConnectorSpec& connector, const Member& member, const
   }
 }
 
-}  // namespace
-
-void fail(const std::string& place, const std::string& what) {
-  if (place.empty()) throw Error(what);
-  throw Error(place, what);
+Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::span<const UnitType> types,
+                   const std::vector<std::filesystem::path>& folders, std::vector<std::string>* settings_used) {
+  try {
+    return {spec, is_unit(spec) ? make_unit(spec.source, scenario.settings, folders, types, settings_used)
+                                : load_fmu(spec, scenario)};
+  } catch (const Error& error) {
+    fail(spec.place, "component " + in_quotes(spec.name) + ": " + error.what());
+  }
 }
 
-si::Measure measure(const Scenario& scenario, const std::string& name) {
-  const auto found = std::find_if(scenario.units.begin(), scenario.units.end(), [&](const auto& u) { return u.name == name; });
-  return found != scenario.units.end() ? si::from(*found) : si::parse(name);
+void check_settings(const Scenario& scenario, std::span<Member> members, const std::vector<std::string>& used) {
+  for (const auto& [key, value] : scenario.settings) {
+    if (std::find(used.begin(), used.end(), key) != used.end()) continue;
+    const std::string setting = "setting " + in_quotes(key) + " = " + in_quotes(value);
+    const auto sealed = std::find_if(members.begin(), members.end(), [](const Member& m) { return !is_unit(m.spec); });
+    if (sealed == members.end())
+      fail(scenario.file.filename().string(), setting + ": no unit of this scenario has it" + suggestion(key, used));
+    sealed->instance.warnings.push_back(setting + " does not reach an FMU");
+  }
 }
 
 std::vector<Member> load_members(const Scenario& scenario, std::span<const UnitType> types,
@@ -89,94 +118,16 @@ std::vector<Member> load_members(const Scenario& scenario, std::span<const UnitT
   std::vector<Member> members;
   std::vector<std::string> used;
   for (const ComponentSpec& spec : scenario.components) {
-    if (spec.source.rfind("unit:", 0) != 0) {
-      fail(spec.place, "component " + in_quotes(spec.name) + ": source " + in_quotes(spec.source) +
-                           " cannot be run by this version, expected unit:<name>");
-    }
-    try {
-      std::vector<std::string> asked;
-      members.push_back({spec, make_unit(spec.source, scenario.settings, folders, types, &asked)});
-      used.insert(used.end(), asked.begin(), asked.end());
-    } catch (const Error& error) {
-      fail(spec.place, "component " + in_quotes(spec.name) + ": " + error.what());
-    }
-    const Member& member = members.back();
+    std::vector<std::string> asked;
+    members.push_back(load_member(spec, scenario, types, folders, &asked));
+    used.insert(used.end(), asked.begin(), asked.end());
+    Member& member = members.back();
     for (const ConnectorSpec& connector : spec.connectors) check_connector(connector, member, scenario);
     // A value's own place is told by apply.
-    apply(ParameterSet{spec.name, spec.start_values, scenario.units}, member.variables());
+    apply(start_values(scenario, member, &member.instance.warnings), member.variables());
   }
-  for (const auto& [key, value] : scenario.settings) {
-    if (std::find(used.begin(), used.end(), key) == used.end()) {
-      fail(scenario.file.filename().string(), "setting " + in_quotes(key) + " = " + in_quotes(value) +
-                                                  ": no unit of this scenario has it" + suggestion(key, used));
-    }
-  }
+  check_settings(scenario, members, used);
   return members;
-}
-
-std::string element_name(const std::string& member, const Variable& variable, std::size_t element) {
-  const std::string name = member + "." + variable.name;
-  return variable.size() == 1 ? name : name + "[" + std::to_string(element + 1) + "]";
-}
-
-Signal find_signal(std::span<const Member> members, std::string_view name, const std::string& place) {
-  // Names of nested components contain dots, and so may those of foreign variables: every dot may be the one between them.
-  const Member* with_name = nullptr;
-  for (std::size_t dot = name.find('.'); dot != std::string_view::npos; dot = name.find('.', dot + 1)) {
-    for (std::size_t m = 0; m < members.size(); ++m) {
-      if (members[m].name() != name.substr(0, dot)) continue;
-      with_name = &members[m];
-      FoundElement found;
-      try {
-        found = find_element(with_name->variables(), name.substr(dot + 1));
-      } catch (const Error& error) {
-        fail(place, error.what());
-      }
-      if (!found.variable) continue;
-      if (found.element < 0) return {m, found.variable, 0, found.variable->size(), std::string(name)};
-      const auto element = static_cast<std::size_t>(found.element);
-      if (element >= found.variable->size()) {
-        fail(place,
-             in_quotes(name) + ": " + found.variable->name + " has " + std::to_string(found.variable->size()) + " elements");
-      }
-      return {m, found.variable, element, 1, std::string(name)};
-    }
-  }
-  std::vector<std::string> candidates;
-  for (const Member& member : members) {
-    for (const Variable& v : member.variables()) candidates.push_back(member.name() + "." + v.name);
-  }
-  fail(place,
-       (with_name ? "component " + in_quotes(with_name->name()) + " has no variable " : std::string("there is no variable ")) +
-           in_quotes(name) + suggestion(name, candidates));
-}
-
-Signal find_real_signal(std::span<const Member> members, std::string_view name, const std::string& place) {
-  Signal signal = find_signal(members, name, place);
-  if (signal.variable->kind() != Kind::kReal) {
-    fail(place, in_quotes(name) + " is " + std::string(name_of(signal.variable->kind())) + ", expected a real variable");
-  }
-  return signal;
-}
-
-bool glob(std::string_view pattern, std::string_view name) {
-  // After a mismatch the last * takes one character more: linear in the product of the lengths, no recursion.
-  std::size_t p = 0, n = 0, star = std::string_view::npos, resume = 0;
-  while (n < name.size()) {
-    if (p < pattern.size() && pattern[p] == '*') {
-      star = p++;
-      resume = n;
-    } else if (p < pattern.size() && (pattern[p] == '?' || pattern[p] == name[n])) {
-      ++p;
-      ++n;
-    } else if (star != std::string_view::npos) {
-      p = star + 1;
-      n = ++resume;
-    } else {
-      return false;
-    }
-  }
-  return pattern.find_first_not_of('*', p) == std::string_view::npos;
 }
 
 }  // namespace cotwin::master

@@ -145,10 +145,12 @@ class Recorder::Writer {
       if (n < 0 && errno == EINTR) continue;
       if (n <= 0) {
         recorder_.failure_.store(n < 0 ? errno : EIO, std::memory_order_release);
+        end_with_a_row(text.substr(0, done));
         return;
       }
       done += static_cast<std::size_t>(n);
     }
+    written_ += text.size();
   }
 
   void close() {
@@ -187,6 +189,13 @@ class Recorder::Writer {
     if (used_ >= kBuffer) flush();
   }
 
+  /// Takes back the part of a row that a full disk left behind. `last`: what was written of the last text.
+  void end_with_a_row(std::string_view last) {
+    const std::size_t row_end = last.rfind('\n');
+    const std::size_t whole = row_end == std::string_view::npos ? 0 : row_end + 1;
+    if (::ftruncate(descriptor_, static_cast<off_t>(written_ + whole)) != 0) return;  // a pipe: there is nothing to take back
+  }
+
   void flush() {
     if (recorder_.failure_.load(std::memory_order_relaxed) == 0) write_text({buffer_.data(), used_});
     used_ = 0;
@@ -198,6 +207,7 @@ class Recorder::Writer {
   std::vector<Cell> cells_;
   std::vector<char> buffer_;
   std::size_t used_ = 0;
+  std::size_t written_ = 0;  // bytes in the file, whole rows
 };
 
 Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Options options)

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <numeric>
 #include <ostream>
 
 #include "models/text/text.h"
@@ -11,7 +12,8 @@ namespace cotwin::master {
 
 namespace {
 
-constexpr std::size_t kLabel = 18, kCell = 10, kPerLine = 8;
+constexpr std::size_t kLabel = 20, kCell = 10, kPerLine = 8;
+constexpr std::size_t kMostUnits = 20;  // with a line each in the table of time
 
 std::string number(double value, int digits = 4) { return std::isnan(value) ? "-" : text::to_text(value, digits); }
 
@@ -138,12 +140,28 @@ void write_figures(std::ostream& out, const Summary& s) {
 }
 
 void write_time(std::ostream& out, const Summary& s) {
-  out << "\ntime              per step     share\n";
-  for (const Summary::Share& u : s.units) {
-    out << left("  " + u.name, kLabel) << right(duration(u.seconds_per_step), kCell)
-        << right(number(100 * u.share, 3) + " %", kCell) << '\n';
-  }
-  out << left("  master", kLabel) << right("", kCell) << right(number(100 * s.master_share, 3) + " %", kCell) << '\n';
+  // Of many units those that take most, in the order of the scenario.
+  std::vector<std::size_t> shown(s.units.size());
+  std::iota(shown.begin(), shown.end(), std::size_t{0});
+  std::stable_sort(shown.begin(), shown.end(),
+                   [&](std::size_t x, std::size_t y) { return s.units[x].share > s.units[y].share; });
+  double others = 0;
+  for (std::size_t k = kMostUnits; k < shown.size(); ++k) others += s.units[shown[k]].share;
+  const std::size_t hidden = shown.size() > kMostUnits ? shown.size() - kMostUnits : 0;
+  shown.resize(shown.size() - hidden);
+  std::sort(shown.begin(), shown.end());
+  std::size_t label = kLabel;
+  for (const std::size_t u : shown) label = std::max(label, width(s.units[u].name) + 2);
+
+  const auto row = [&](const std::string& name, const std::string& per_step, double share) {
+    out << left("  " + name, label) << right(per_step, kCell) << right(number(100 * share, 3) + " %", kCell) << '\n';
+  };
+  out << '\n' << left("time", label) << right("per step", kCell) << right("share", kCell) << '\n';
+  for (const std::size_t u : shown) row(s.units[u].name, duration(s.units[u].seconds_per_step), s.units[u].share);
+  if (hidden > 0) row(std::to_string(hidden) + " others", "", others);
+  row("master: exchange", "", s.exchange_share);
+  row("master: checks", "", s.check_share);
+  row("master: recording", "", s.observe_share);
 }
 
 /// null for what JSON cannot say.
@@ -222,7 +240,7 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
   j["units"] = ordered_json::array();
   for (const Summary::Share& u : s.units)
     j["units"].push_back({{"name", u.name}, {"seconds_per_step", u.seconds_per_step}, {"share", u.share}});
-  j["master_share"] = s.master_share;
+  j["master"] = {{"exchange", s.exchange_share}, {"checks", s.check_share}, {"recording", s.observe_share}};
   j["discarded"] = s.discarded;
   j["discarded_by"] = ordered_json::object();
   for (const auto& [name, count] : s.discarded_by) j["discarded_by"][name] = count;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "fmu/archive.h"
 #include "master/scenario_annotation.h"
 #include "master/ssp_flatten.h"
 #include "master/ssp_system.h"
@@ -40,6 +41,7 @@ Scenario read(std::string_view text, const std::string& place, const std::filesy
   const xml::Element document = xml::parse(text, place);
   Scenario scenario;
   scenario.file = file;
+  scenario.folder = folder;
   scenario.name = xml::text(document, "name", "");
 
   // Our annotation says that the file was written for this master: then what nobody understands is a slip, not a foreign
@@ -77,9 +79,55 @@ std::string from_working_directory(const std::string& value) {
   return error ? value : absolute.lexically_normal().string();
 }
 
+/// `text` with the name of the package in the place of the folder that it was unpacked to.
+std::string renamed(std::string text, const std::string& folder, const std::string& package) {
+  for (std::size_t at = 0; (at = text.find(folder, at)) != std::string::npos; at += package.size()) {
+    text.replace(at, folder.size(), package);
+  }
+  return text;
+}
+
+/// Calls `change` for every place that a scenario remembers, and for its warnings.
+template <class Change>
+void for_each_text(Scenario& scenario, Change change) {
+  for (ComponentSpec& component : scenario.components) {
+    change(component.place);
+    for (ConnectorSpec& connector : component.connectors) change(connector.place);
+    for (ParameterValue& value : component.start_values) change(value.place);
+  }
+  const auto change_all = [&](auto& list) {
+    for (auto& item : list) change(item.place);
+  };
+  change_all(scenario.connections);
+  change_all(scenario.events);
+  change_all(scenario.recording);
+  change_all(scenario.comparisons);
+  change_all(scenario.bonds);
+  change_all(scenario.reports);
+  for (std::string& warning : scenario.warnings) change(warning);
+}
+
+Scenario load_package(const std::filesystem::path& package) {
+  fmu::sweep_temporary_folders();
+  const auto unpacked = std::make_shared<const fmu::TemporaryFolder>(fmu::unpack_archive(package));
+  const auto name = [&](std::string& text) { text = renamed(std::move(text), unpacked->path().string(), package.string()); };
+  try {
+    const std::filesystem::path file = unpacked->path() / "SystemStructure.ssd";
+    if (!std::filesystem::is_regular_file(file)) throw Error(package.string(), "no SystemStructure.ssd in it, expected an SSP");
+    Scenario scenario = read(read_text_file(file, "a system structure (.ssd)"), file.string(), unpacked->path(), file);
+    for_each_text(scenario, name);
+    scenario.file = package;
+    scenario.unpacked = unpacked;
+    return scenario;
+  } catch (const Error& error) {
+    throw Error(renamed(error.what(), unpacked->path().string(), package.string()));
+  }
+}
+
 }  // namespace
 
 Scenario load_scenario(const std::filesystem::path& file) {
+  if (file.extension() == ".ssp") return load_package(file);
   return read(read_text_file(file, "a system structure (.ssd)"), file.string(), file.parent_path(), file);
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -35,6 +36,7 @@ struct ComponentSpec {
   int period = 1;                            // in ticks
   bool threads = true;                       // false: never on a worker thread
   std::string implementation = "any";        // of an FMU that has several: "any", "CoSimulation", "ModelExchange"
+  std::string process = "shared";            // of an FMU: "shared" with the master, or its "own"
 };
 
 /// One end of a connection: a component's variable, whole or one element.
@@ -96,8 +98,9 @@ struct ReportSpec {
 
 struct Scenario {
   std::string name;
-  std::filesystem::path file;  // where it was read from
-  Time start, stop;            // ssd:DefaultExperiment
+  std::filesystem::path file;    // where it was read from
+  std::filesystem::path folder;  // where relative references start
+  Time start, stop;              // ssd:DefaultExperiment
   Duration tick{1'000'000};
   std::string clock = "free";                   // "free", "real-time"
   int threads = 0;                              // 0: as many as pay
@@ -114,9 +117,11 @@ struct Scenario {
   std::vector<UnitDefinition> units;       // units of measure that the SSD and the files it refers to define
   bool ignore_unknown_parameters = false;  // what SSP says of parameters that nobody has; our annotation asks for errors
   std::vector<std::string> warnings;       // "place: …", what was left out or read leniently
+  std::shared_ptr<const void> unpacked;    // keeps what a package (.ssp) was unpacked to, which is `folder` then
 };
 
-/// Reads an .ssd. Throws Error `file:line: …` for malformed XML, what SSP 1.0 forbids, unknown names, what we cannot run.
+/// Reads an .ssd, or the one in a package (.ssp). Throws Error `file:line: …` for malformed XML, what SSP 1.0 forbids, unknown
+/// names, what we cannot run; then nothing is left on the disk.
 Scenario load_scenario(const std::filesystem::path& file);
 /// The same from text in memory; relative references are looked up in `folder`.
 Scenario parse_scenario(std::string_view xml, const std::string& place, const std::filesystem::path& folder);

@@ -81,7 +81,7 @@ std::string variable(const xml::Element& e, const char* name, const Scenario& sc
 }
 
 void read_component(const xml::Element& e, Scenario& scenario, std::vector<std::string>& seen) {
-  xml::check_attributes(e, {"name", "stage", "period", "threads"});
+  xml::check_attributes(e, {"name", "stage", "period", "threads", "process"});
   const std::string& name = xml::text(e, "name");
   const auto found =
       std::find_if(scenario.components.begin(), scenario.components.end(), [&](const auto& c) { return c.name == name; });
@@ -96,6 +96,10 @@ void read_component(const xml::Element& e, Scenario& scenario, std::vector<std::
   found->stage = bounded(e, "stage", 0, 0, 1'000'000);
   found->period = bounded(e, "period", 1, 1, 1'000'000'000);
   found->threads = xml::boolean(e, "threads", true);
+  found->process = xml::choice(e, "process", {"shared", "own"}, "shared");
+  if (found->process == "own" && found->source.rfind("unit:", 0) == 0) {
+    throw Error(e.place, "component '" + name + "' with process=\"own\" is a unit of this program, expected an FMU");
+  }
 }
 
 void read_setting(const xml::Element& e, Scenario& scenario) {
@@ -137,7 +141,7 @@ void read_comparison(const xml::Element& e, Scenario& scenario) {
   ComparisonSpec c{xml::text(e, "name"),
                    variable(e, "a", scenario),
                    variable(e, "b", scenario),
-                   bounded(e, "segments", 8, 1, 1'000'000),
+                   bounded(e, "segments", 8, 1, 1'000),
                    std::nullopt,
                    std::nullopt,
                    e.place};

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "models/text/error.h"
+#include "models/text/text.h"
 
 namespace cotwin::master {
 
@@ -66,6 +67,7 @@ Statistics::Power Statistics::make_power(const Signal& effort, const Signal& flo
     fail(place, effort.name + " * " + flow.name + ": " + std::to_string(effort.count) + " elements of effort, " +
                     std::to_string(flow.count) + " of flow");
   }
+  if (effort.variable->si.empty() || flow.variable->si.empty()) return {effort.reals(), flow.reals(), 1, 0, 0};  // nobody told
   const si::Measure e = si::parse(effort.variable->si), f = si::parse(flow.variable->si);
   if (!is_power(e, f)) {
     fail(place, effort.name + " * " + flow.name + ": " + effort.variable->si + " times " + flow.variable->si + " is no power");
@@ -103,7 +105,10 @@ Statistics::Statistics(const Scenario& scenario, std::span<const Member> members
       fail(spec.place, "comparison '" + spec.name + "': " + std::to_string(spec.segments) + " segments, expected 1 to " +
                            std::to_string(kMaxSegments));
     }
-    if (to <= from) fail(spec.place, "comparison '" + spec.name + "': ends before it begins");
+    if (to <= from) {
+      fail(spec.place, "comparison '" + spec.name + "' would last from " + text::to_text(from.seconds(), 12) + " s to " +
+                           text::to_text(to.seconds(), 12) + " s, expected an end after its beginning");
+    }
     comparisons_.push_back({make_difference(a, &b, spec.name, spec.place), from, to, Sums(a.count),
                             std::vector<Sums>(static_cast<std::size_t>(spec.segments), Sums(a.count))});
   }

@@ -19,7 +19,7 @@ struct Tally {
   double total_rms = 0, total_max = 0;  // over all elements
 };
 
-/// ∫ Σ effort · flow dt, J (or whatever the product of the two measures is).
+/// ∫ Σ effort · flow dt.
 struct Work {
   std::string name, what, si;
   double value = 0;

@@ -34,10 +34,10 @@ Link resolve(const ConnectionSpec& connection, const Scenario& scenario, std::sp
   Link link{find_signal(members, from_name, place), find_signal(members, to_name, place), 1, 0, false};
   const Variable &from = *link.from.variable, &to = *link.to.variable;
   if (from.role != Role::kOutput)
-    fail(place, what + ": " + from_name + " is a " + std::string(name_of(from.role)) + ", expected an output");
+    fail(place, what + ": " + from_name + " is " + with_article(from.role) + ", expected an output");
   link.initial = to.role == Role::kParameter || to.role == Role::kTunable;
   if (to.role != Role::kInput && !link.initial) {
-    fail(place, what + ": " + to_name + " is a " + std::string(name_of(to.role)) + ", expected an input or a parameter");
+    fail(place, what + ": " + to_name + " is " + with_article(to.role) + ", expected an input or a parameter");
   }
   const bool kinds_fit = from.kind() == to.kind() || (from.kind() == Kind::kInteger && to.kind() == Kind::kReal);
   if (!kinds_fit)
@@ -113,7 +113,9 @@ Wiring::Wiring(const std::vector<Link>& links, const Schedule& schedule) {
     ramp_begin_.push_back(ramps_.size());
     for (const Link* link : into[slot]) {
       const std::size_t source = schedule.slot_of[link->from.member];
-      add(*link, stage_of[source]<stage_of[slot], schedule.slots[source].period> schedule.slots[slot].period);
+      const bool earlier_stage = stage_of[source] < stage_of[slot];
+      const bool slower_source = schedule.slots[source].period > schedule.slots[slot].period;
+      add(*link, earlier_stage, slower_source);
     }
   }
   begin_.push_back(copies_.size());

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <numeric>
+#include <system_error>
 
 namespace cotwin::master {
 
@@ -29,7 +30,10 @@ void wait_for_change(const std::atomic<T>& value, T old) {
 }  // namespace
 
 Workers::Workers(int threads) {
-  for (int i = 1; i < threads; ++i) threads_.emplace_back([this, i] { work(static_cast<std::uint8_t>(i)); });
+  try {
+    for (int i = 1; i < threads; ++i) threads_.emplace_back([this, i] { work(static_cast<std::uint8_t>(i)); });
+  } catch (const std::system_error&) {  // the machine gives no more threads: those that are there do the work
+  }
 }
 
 Workers::~Workers() {

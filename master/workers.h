@@ -11,7 +11,7 @@ namespace cotwin::master {
 
 class Workers {
  public:
-  /// `threads` in all, the caller's included; at least 1.
+  /// `threads` in all, the caller's included; at least 1. Fewer, see threads(), where the machine does not give as many.
   explicit Workers(int threads);
   ~Workers();
   Workers(const Workers&) = delete;

@@ -297,10 +297,10 @@ void table(bool stiff, int repetitions) {
   const auto dense = [&](bool own) { return [&reference, stiff, own] { return Dense(stiff, own).run(reference.torques); }; };
   std::vector<Method> methods = {
       {"default (rosenbrock)", "", stiff ? 20.0 : 10.0, stiff ? 2e-6 : 1e-6, 1e-6, unit("")},
-      {"cvode, structured", "&method=cvode", 50, 1e-3, 1e-5, unit("&method=cvode")},
-      {"arkode, structured", "&method=arkode", 200, 5e-5, 1e-5, unit("&method=arkode")},
-      {"peer: cvode, dense, own Jacobian", "-", 1e3, 1, 1, dense(true)},
-      {"peer: cvode, dense, difference quotients", "-", 1e3, 1, 1, dense(false)},
+      {"cvode, structured", "&method=cvode", 50, 0, 0, unit("&method=cvode")},
+      {"arkode, structured", "&method=arkode", 0, 0, 0, unit("&method=arkode")},
+      {"peer: cvode, dense, own Jacobian", "-", 0, 0, 0, dense(true)},
+      {"peer: cvode, dense, difference quotients", "-", 0, 0, 0, dense(false)},
   };
   for (int k = 0; k < repetitions; ++k) {
     for (Method& m : methods) {
@@ -320,7 +320,7 @@ void table(bool stiff, int repetitions) {
     if (m.query == "-") continue;
     benchmark::print({m.name + suffix + ", largest error, controller in the loop", "rad",
                       error(run(m.query, {}, stiff, nullptr), reference), peer_name, peer_error, m.goal_rad_in_loop, false});
-    benchmark::print({m.name + suffix + ", sub-steps per ms", "1", m.last.substeps, "", 0, 1e3, false});
+    benchmark::print({m.name + suffix + ", sub-steps per ms", "1", m.last.substeps, "", 0, 0, false});
   }
   // The reference against another method at its tightest: how far it can be trusted.
   const Outcome other =

@@ -56,18 +56,19 @@ struct Row {
   double ours = 0;
   std::string peer;  // what it is held against: "KDL inverse dynamics"
   double peer_value = 0;
-  double goal = 0;            // upper bound …
-  bool goal_is_ratio = true;  // … of ours / peer_value, or of ours itself
+  double goal = 0;            // upper bound; 0: no goal, for orientation
+  bool goal_is_ratio = true;  // of ours / peer_value, or of ours itself
 };
 
 inline void print(const Row& row) {
   const double ratio = row.peer_value != 0 ? row.ours / row.peer_value : 0;
-  const bool met = (row.goal_is_ratio ? ratio : row.ours) <= row.goal;
+  const bool met = row.goal == 0 || (row.goal_is_ratio ? ratio : row.ours) <= row.goal;
+  char goal[64] = "none";
+  if (row.goal != 0) std::snprintf(goal, sizeof goal, "%s <= %g", row.goal_is_ratio ? "ratio" : "ours", row.goal);
   std::printf(
       "{\"name\": \"%s\", \"unit\": \"%s\", \"ours\": %.6g, \"peer\": \"%s\", \"peer_value\": %.6g, \"ratio\": %.4g, "
-      "\"goal\": \"%s <= %g\", \"met\": %s}\n",
-      row.name.c_str(), row.unit.c_str(), row.ours, row.peer.c_str(), row.peer_value, ratio,
-      row.goal_is_ratio ? "ratio" : "ours", row.goal, met ? "true" : "false");
+      "\"goal\": \"%s\", \"met\": %s}\n",
+      row.name.c_str(), row.unit.c_str(), row.ours, row.peer.c_str(), row.peer_value, ratio, goal, met ? "true" : "false");
   std::fflush(stdout);
 }
 

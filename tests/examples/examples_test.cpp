@@ -177,6 +177,47 @@ TEST_P(Example, RunsAndGivesTheExpectedFigures) {
   for (const json& figure : expected.at("figures")) check(figure, told, table);
 }
 
+// The twin of example 01 is the unknown robot and its recording the log, with the external torques that it felt. Where they do
+// not jump, the scenario for anybody's robot finds the joint torques of that log again: from its motion alone.
+TEST(OwnRobot, TheTorquesOfAnotherTwinsLogAreFoundFromItsMotion) {
+  const TemporaryFolder folder;
+  const fs::path examples = fs::path(COTWIN_SOURCE_DIR) / "examples", summary = folder.path() / "summary.json";
+  const Ran robot = run({COTWIN_PROGRAM, "run", examples / "01_joint_admittance/arm.ssd", "--quiet", "--out",
+                         folder.path() / "log", "--record", "drive.q", "--record", "drive.tau_J", "--record", "drive.tau_e"});
+  ASSERT_EQ(robot.exit_code, 0) << robot.output;
+  const Ran twin = run({COTWIN_PROGRAM,
+                        "run",
+                        examples / "03_dynamics_capture/own_robot.ssd",
+                        "--quiet",
+                        "--out",
+                        folder.path() / "twin",
+                        "--json",
+                        summary,
+                        "--stop",
+                        "27.9",
+                        "--set",
+                        "robot=planar2",
+                        "--set",
+                        "recording.file=" + (folder.path() / "log/signals.csv").string(),
+                        "--set",
+                        "recording.q_cutoff=20",
+                        "--set",
+                        "recording.q_columns=drive.q[{}]",
+                        "--set",
+                        "recording.tau_columns=drive.tau_J[{}]",
+                        "--set",
+                        "recording.tau_e_columns=drive.tau_e[{}]"});
+  ASSERT_EQ(twin.exit_code, 0) << twin.output;
+  const json told = json::parse(std::ifstream(summary));
+  for (const json& comparison : told.at("comparisons")) {
+    for (const int part : {2, 5, 7}) {  // no jump within, nor just before
+      for (const json& rms : comparison.at("segment_rms").at(part)) EXPECT_LT(rms.get<double>(), 1e-4) << comparison.at("name");
+    }
+    for (const json& rms : comparison.at("rms")) EXPECT_LT(rms.get<double>(), 0.5) << comparison.at("name");
+  }
+  EXPECT_GT(told.at("signals").at(0).at("total_rms"), 10.0);  // N.m: there was something to find
+}
+
 std::string name_of(const testing::TestParamInfo<std::string>& file) {
   std::string name = fs::path(file.param).parent_path().filename().string() + "_" + fs::path(file.param).filename().string();
   name.resize(name.size() - std::string(".expected.json").size());

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
@@ -131,7 +132,10 @@ class FakeClock final : public Clock {
  public:
   explicit FakeClock(std::vector<std::int64_t>& asked) : asked_(asked) {}
   void start(Time now) override { asked_.push_back(-1 - now.ns); }
-  void wait(Time now) override { asked_.push_back(now.ns); }
+  bool wait(Time now) override {
+    asked_.push_back(now.ns);
+    return true;
+  }
 
  private:
   std::vector<std::int64_t>& asked_;
@@ -188,6 +192,12 @@ TEST(Report, TellsPeopleAndProgramsTheSame) {
   EXPECT_EQ(json["comparisons"][0]["segment_rms"].size(), 8u);
   EXPECT_EQ(json["units"].size(), 6u);
   EXPECT_GT(json["real_time_factor"], 0.0);
+  double shares = 0;
+  for (const auto& unit : json["units"]) shares += unit["share"].get<double>();
+  for (const auto& [part, share] : json["master"].items()) shares += share.get<double>();
+  EXPECT_NEAR(shares, 1, 1e-12);
+  EXPECT_GT(json["master"]["checks"], 0.0);
+  EXPECT_GT(json["master"]["recording"], 0.0);
 
   std::ostringstream table;
   write_report(table, s, {});
@@ -198,6 +208,19 @@ TEST(Report, TellsPeopleAndProgramsTheSame) {
   EXPECT_THAT(table.str(), HasSubstr("c [rad]: i.y - a.theta, t = 0 to 2 s\n"));
   EXPECT_THAT(table.str(), HasSubstr("RMS, part 8"));
   EXPECT_THAT(table.str(), Not(HasSubstr("nan")));
+}
+
+TEST(Report, GivesNotMoreThanTwentyUnitsALineInTheTableOfTime) {
+  Summary s;
+  for (int i = 0; i < 200; ++i)
+    s.units.push_back({"unit_with_a_long_name_" + std::to_string(i), 1e-6, i == 150 ? 0.801 : 0.001});
+  std::ostringstream table;
+  write_report(table, s, {});
+  const std::string text = table.str();
+  EXPECT_THAT(text, HasSubstr("unit_with_a_long_name_150       1 us    80.1 %\n"));
+  EXPECT_THAT(text, HasSubstr("180 others"));
+  EXPECT_THAT(text, HasSubstr("18 %\n"));
+  EXPECT_LT(std::count(text.begin(), text.end(), '\n'), 30);
 }
 
 TEST(Report, ShowsWhatARunDidNotReachAsUnknown) {

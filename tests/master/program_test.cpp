@@ -5,6 +5,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <chrono>
 #include <filesystem>
 #include <fstream>
@@ -36,11 +37,10 @@ class Program : public ::testing::Test {
   Program() { fs::create_directories(folder_); }
   ~Program() override { fs::remove_all(folder_); }
 
-  pid_t start(std::vector<std::string> arguments) {
+  pid_t start(std::vector<std::string> arguments, const char* out = "out.txt") {
     const pid_t child = fork();
     if (child != 0) return child;
-    if (chdir(folder_.c_str()) != 0 || !std::freopen("out.txt", "w", stdout) || !std::freopen("err.txt", "w", stderr))
-      _exit(99);
+    if (chdir(folder_.c_str()) != 0 || !std::freopen(out, "w", stdout) || !std::freopen("err.txt", "w", stderr)) _exit(99);
     arguments.insert(arguments.begin(), COTWIN_PROGRAM);
     std::vector<char*> argv;
     for (std::string& a : arguments) argv.push_back(a.data());
@@ -136,6 +136,63 @@ TEST_F(Program, CtrlCEndsARunCleanlyWithEverythingOnDisk) {
     EXPECT_THAT(result.out, HasSubstr("interrupted at t = " + time + " s"));
     fs::remove_all(folder_ / "results");
   }
+}
+
+TEST_F(Program, WhatFailsBeforeTheStartLeavesEarlierResultsAsTheyAre) {
+  EXPECT_EQ(run({"run", scenario(), "--stop", "0.01"}).code, 0);
+  const std::string before = content(folder_ / "results/just_motion/signals.csv");
+  const Result wrong = run({"run", scenario(), "--stop", "0.01", "--set", "motion.time_scale=-1"});
+  EXPECT_EQ(wrong.code, 2);
+  EXPECT_EQ(content(folder_ / "results/just_motion/signals.csv"), before);
+}
+
+TEST_F(Program, OutputThatCannotBeWrittenIsAnError) {
+  if (!fs::exists("/dev/full")) GTEST_SKIP() << "needs /dev/full";
+  fs::create_symlink("/dev/full", folder_ / "full.json");
+  const Result file = run({"run", scenario(), "--stop", "0.01", "--json", "full.json"});
+  EXPECT_EQ(file.code, 2);
+  EXPECT_THAT(file.err, HasSubstr("full.json: cannot be written"));
+  const pid_t child = start({"run", scenario(), "--stop", "0.01"}, "/dev/full");
+  const Result printed = wait(child);
+  EXPECT_EQ(printed.code, 2);
+  EXPECT_THAT(printed.err, HasSubstr("stdout: cannot be written"));
+}
+
+TEST_F(Program, NamesWhatItCannotUnderstand) {
+  EXPECT_THAT(run({"walk"}).err, StartsWith("cotwin: 'walk' is no command, expected run"));
+  EXPECT_THAT(run({"run", scenario(), "--threads", "many"}).err, StartsWith("cotwin: "));
+  for (const char* stop : {"nan", "inf", "1e12"}) {
+    const Result result = run({"run", scenario(), "--stop", stop});
+    EXPECT_EQ(result.code, 2) << stop;
+    EXPECT_THAT(result.err, HasSubstr("expected a time in seconds")) << stop;
+  }
+  const Result robot = run({"describe", "motion?robot=nobody"});
+  EXPECT_EQ(robot.code, 2);
+  EXPECT_THAT(robot.err, HasSubstr("no file robots/nobody/robot.urdf (another robot: --set robot=PATH.urdf); looked for"));
+}
+
+TEST_F(Program, CtrlCWhileTheClockIsWaitedForStepsNoFurther) {
+  // A tick of ten minutes: the first is made at once, the second may not be before its time.
+  std::string text = content(folder_ / scenario());
+  const std::string end = "</ssd:SystemStructureDescription>";
+  text.replace(
+      text.find(end), end.size(),
+      R"(<ssd:Annotations><ssc:Annotation type="cotwin.master"><cotwin:Master xmlns:cotwin="urn:cotwin:master:1" tick="600 s"/>
+</ssc:Annotation></ssd:Annotations>)" +
+          end);
+  std::ofstream(folder_ / "slow.ssd") << text;
+  const pid_t child = start({"run", "slow.ssd", "--real-time"});
+  const fs::path file = folder_ / "results/just_motion/signals.csv";
+  const auto rows = [&] {
+    const std::string csv = content(file);
+    return std::count(csv.begin(), csv.end(), '\n');
+  };
+  for (int i = 0; i < 1000 && rows() < 3; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  kill(child, SIGINT);
+  const Result result = wait(child);
+  EXPECT_EQ(result.code, 130) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("interrupted at t = 600 s; 600 s in 1 ticks of 600 s"));
+  EXPECT_EQ(rows(), 3);  // heading, start, first tick
 }
 
 TEST_F(Program, DescribesAUnitAndWritesItsReference) {

@@ -111,6 +111,10 @@ TEST(Statistics, RefusesWhatCannotBeHeldAgainstEachOther) {
   EXPECT_THAT(compare("a.y", "a.u", 0), HasSubstr("0 segments"));
   EXPECT_THAT(compare("a.y", "a.u", 1001), HasSubstr("1001 segments"));
   EXPECT_THAT(refusal([](Scenario& s) {
+                s.comparisons.push_back({"c", "a.y", "a.u", 8, Time::from_seconds(500), {}, "test.ssd:80"});
+              }),
+              HasSubstr("test.ssd:80: comparison 'c' would last from 500 s to "));
+  EXPECT_THAT(refusal([](Scenario& s) {
                 s.reports.push_back({"", "energy", "a.y", "a.u", "test.ssd:81"});
               }),
               HasSubstr("is no power"));

@@ -1,0 +1,270 @@
+#include "fmu/archive.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+#include <zip.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <ctime>
+#include <fstream>
+#include <functional>
+#include <memory>
+#include <set>
+#include <system_error>
+#include <utility>
+
+#include "models/text/error.h"
+
+namespace cotwin::fmu {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::string_view kFolderPrefix = "cotwin-";  // of temporary folders
+constexpr time_t kSweepAge = 60;                       // s
+constexpr std::uint64_t kMebibyte = 1u << 20;
+constexpr zip_uint16_t kDosDate = (1 << 5) | 1;  // 1980-01-01, where DOS time begins
+
+struct Discard {
+  void operator()(zip_t* archive) const { zip_discard(archive); }
+};
+using Archive = std::unique_ptr<zip_t, Discard>;
+
+struct CloseFile {
+  void operator()(zip_file_t* file) const { zip_fclose(file); }
+};
+using File = std::unique_ptr<zip_file_t, CloseFile>;
+
+Archive open(const fs::path& path, int flags) {
+  int code = 0;
+  Archive archive(zip_open(path.c_str(), flags, &code));
+  if (archive) return archive;
+  zip_error_t error;
+  zip_error_init_with_code(&error, code);
+  const std::string message = zip_error_strerror(&error);
+  zip_error_fini(&error);
+  throw Error(path.string(),
+              message + ", expected " + ((flags & ZIP_CREATE) != 0 ? "a place for an archive" : "a zip archive"));
+}
+
+[[noreturn]] void refuse(const fs::path& archive, const std::string& entry, const std::string& what) {
+  throw Error(archive.string() + ": '" + entry + "'", what);
+}
+
+/// The name with '/' between folders; refused if it could mean a place outside the folder it is unpacked to.
+std::string checked_name(const fs::path& archive, const std::string& raw) {
+  std::string name = raw;
+  std::replace(name.begin(), name.end(), '\\', '/');
+  if (name.empty() || name.size() > 1000) refuse(archive, raw, "is no name of a file");
+  if (name.front() == '/' || name.find(':') != std::string::npos) refuse(archive, raw, "is absolute, expected a relative name");
+  for (std::size_t begin = 0; begin < name.size();) {
+    const std::size_t end = std::min(name.find('/', begin), name.size());
+    const std::string part = name.substr(begin, end - begin);
+    if (part == "..") refuse(archive, raw, "leaves the archive's folder");
+    if (part.empty() || part == "." || part.size() > 255) refuse(archive, raw, "has a part that is no name");
+    for (const char c : part) {
+      if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) refuse(archive, raw, "has a control character");
+    }
+    begin = end + 1;
+  }
+  return name;
+}
+
+struct Entry {
+  ArchiveEntry told;
+  zip_uint64_t index = 0;
+  bool executable = false;
+};
+
+/// Whether unix mode bits, if the archive has them, are those of a file or a folder.
+bool plain(zip_uint8_t system, zip_uint32_t attributes) {
+  if (system != ZIP_OPSYS_UNIX && system != ZIP_OPSYS_OS_X) return true;
+  const auto format = (attributes >> 16) & S_IFMT;
+  return format == 0 || format == S_IFREG || format == S_IFDIR;
+}
+
+std::vector<Entry> checked_entries(zip_t* zip, const fs::path& archive, const ArchiveLimits& limits) {
+  const zip_int64_t n = zip_get_num_entries(zip, 0);
+  if (n < 0 || static_cast<std::uint64_t>(n) > limits.entries) {
+    throw Error(archive.string(), std::to_string(n) + " entries, expected at most " + std::to_string(limits.entries));
+  }
+  std::vector<Entry> entries;
+  std::set<std::string> files, folders;
+  std::uint64_t total = 0;
+  for (zip_uint64_t i = 0; i < static_cast<zip_uint64_t>(n); ++i) {
+    zip_stat_t stat;
+    if (zip_stat_index(zip, i, 0, &stat) != 0 || (stat.valid & ZIP_STAT_NAME) == 0 || (stat.valid & ZIP_STAT_SIZE) == 0) {
+      throw Error(archive.string(), "entry " + std::to_string(i) + " is damaged: " + zip_strerror(zip));
+    }
+    Entry entry;
+    entry.index = i;
+    entry.told.name = checked_name(archive, stat.name);
+    entry.told.size = stat.size;
+    entry.told.packed = stat.comp_size;
+    const std::string& name = entry.told.name;
+    if ((stat.valid & ZIP_STAT_ENCRYPTION_METHOD) != 0 && stat.encryption_method != ZIP_EM_NONE) {
+      refuse(archive, name, "is encrypted");
+    }
+    zip_uint8_t system = 0;
+    zip_uint32_t attributes = 0;
+    if (zip_file_get_external_attributes(zip, i, 0, &system, &attributes) == 0) {
+      if (!plain(system, attributes)) refuse(archive, name, "is a link or a device, expected a file");
+      entry.executable = system == ZIP_OPSYS_UNIX && ((attributes >> 16) & S_IXUSR) != 0;
+    }
+    if (stat.size > limits.file_bytes) refuse(archive, name, "unpacks to " + std::to_string(stat.size) + " bytes");
+    if (stat.size > kMebibyte && stat.size / limits.expansion > stat.comp_size) {
+      refuse(archive, name, "unpacks " + std::to_string(stat.comp_size) + " bytes to " + std::to_string(stat.size));
+    }
+    total += stat.size;
+    if (total > limits.total_bytes) {
+      throw Error(archive.string(), "unpacks to more than " + std::to_string(limits.total_bytes) + " bytes");
+    }
+    const bool folder = name.back() == '/';
+    const std::string bare = folder ? name.substr(0, name.size() - 1) : name;
+    if (!folder && !files.insert(bare).second) refuse(archive, name, "is there twice");
+    if (folder) folders.insert(bare);
+    for (std::size_t slash = bare.find('/'); slash != std::string::npos; slash = bare.find('/', slash + 1)) {
+      folders.insert(bare.substr(0, slash));
+    }
+    entries.push_back(std::move(entry));
+  }
+  for (const std::string& file : files) {
+    if (folders.count(file) != 0) refuse(archive, file, "is both a file and a folder");
+  }
+  return entries;
+}
+
+/// Hands the entry's bytes on piece by piece: as many as the archive tells, or an Error.
+void inflate(zip_t* zip, const fs::path& archive, const Entry& entry,
+             const std::function<void(const char*, std::size_t)>& take) {
+  File file(zip_fopen_index(zip, entry.index, 0));
+  if (!file) refuse(archive, entry.told.name, std::string("cannot be unpacked: ") + zip_strerror(zip));
+  std::vector<char> buffer(1u << 16);
+  std::uint64_t got = 0;
+  while (true) {
+    const zip_int64_t n = zip_fread(file.get(), buffer.data(), buffer.size());
+    if (n < 0) refuse(archive, entry.told.name, std::string("is damaged: ") + zip_file_strerror(file.get()));
+    if (n == 0) break;
+    got += static_cast<std::uint64_t>(n);
+    if (got > entry.told.size) break;
+    take(buffer.data(), static_cast<std::size_t>(n));
+  }
+  if (got != entry.told.size) refuse(archive, entry.told.name, "does not have the size that the archive tells");
+}
+
+void add(zip_t* zip, const fs::path& archive, const ArchiveFile& file) {
+  zip_source_t* source = nullptr;
+  if (const auto* bytes = std::get_if<std::string>(&file.content)) {
+    source = zip_source_buffer(zip, bytes->data(), bytes->size(), 0);
+  } else {
+    const fs::path& from = std::get<fs::path>(file.content);
+    if (!fs::is_regular_file(from)) throw Error(from.string(), "no such file, expected it for " + file.name);
+    source = zip_source_file(zip, from.c_str(), 0, -1);
+  }
+  const zip_int64_t index =
+      source == nullptr ? -1 : zip_file_add(zip, checked_name(archive, file.name).c_str(), source, ZIP_FL_ENC_UTF_8);
+  if (index < 0) {
+    zip_source_free(source);
+    refuse(archive, file.name, std::string("cannot be added: ") + zip_strerror(zip));
+  }
+  const auto i = static_cast<zip_uint64_t>(index);
+  if (zip_file_set_dostime(zip, i, 0, kDosDate, 0) != 0 || zip_set_file_compression(zip, i, ZIP_CM_DEFLATE, 6) != 0 ||
+      zip_file_set_external_attributes(zip, i, 0, ZIP_OPSYS_UNIX, static_cast<zip_uint32_t>(S_IFREG | 0644) << 16) != 0) {
+    refuse(archive, file.name, std::string("cannot be added: ") + zip_strerror(zip));
+  }
+}
+
+}  // namespace
+
+void write_archive(const fs::path& archive, std::span<const ArchiveFile> files) {
+  Archive zip = open(archive, ZIP_CREATE | ZIP_TRUNCATE);
+  for (const ArchiveFile& file : files) add(zip.get(), archive, file);
+  if (zip_close(zip.get()) != 0) throw Error(archive.string(), std::string("cannot be written: ") + zip_strerror(zip.get()));
+  static_cast<void>(zip.release());  // zip_close has freed it
+}
+
+std::vector<ArchiveEntry> list_archive(const fs::path& archive, const ArchiveLimits& limits) {
+  const Archive zip = open(archive, ZIP_RDONLY);
+  std::vector<ArchiveEntry> list;
+  for (Entry& entry : checked_entries(zip.get(), archive, limits)) list.push_back(std::move(entry.told));
+  return list;
+}
+
+std::string read_archive_file(const fs::path& archive, const std::string& name, const ArchiveLimits& limits) {
+  const Archive zip = open(archive, ZIP_RDONLY);
+  for (const Entry& entry : checked_entries(zip.get(), archive, limits)) {
+    if (entry.told.name != name) continue;
+    std::string content;
+    inflate(zip.get(), archive, entry, [&](const char* bytes, std::size_t n) { content.append(bytes, n); });
+    return content;
+  }
+  throw Error(archive.string(), "has no " + name);
+}
+
+TemporaryFolder::TemporaryFolder() {
+  std::string pattern = (fs::temp_directory_path() / (std::string(kFolderPrefix) + "XXXXXX")).string();
+  if (mkdtemp(pattern.data()) == nullptr) {
+    throw Error(pattern, "cannot be made: " + std::error_code(errno, std::generic_category()).message());
+  }
+  path_ = pattern;
+  lock_ = ::open(path_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (lock_ >= 0) flock(lock_, LOCK_EX | LOCK_NB);
+}
+
+TemporaryFolder::~TemporaryFolder() {
+  std::error_code ignored;
+  if (!path_.empty()) fs::remove_all(path_, ignored);
+  if (lock_ >= 0) close(lock_);
+}
+
+TemporaryFolder::TemporaryFolder(TemporaryFolder&& other) noexcept
+    : path_(std::exchange(other.path_, {})), lock_(std::exchange(other.lock_, -1)) {}
+
+TemporaryFolder& TemporaryFolder::operator=(TemporaryFolder&& other) noexcept {
+  std::swap(path_, other.path_);
+  std::swap(lock_, other.lock_);
+  return *this;
+}
+
+void sweep_temporary_folders() {
+  std::error_code none;
+  for (const auto& entry : fs::directory_iterator(fs::temp_directory_path(none), none)) {
+    const std::string name = entry.path().filename().string();
+    if (name.size() != kFolderPrefix.size() + 6 || name.rfind(kFolderPrefix, 0) != 0) continue;
+    const int folder = ::open(entry.path().c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
+    if (folder < 0) continue;
+    struct stat status {};
+    // One that was made a moment ago may be about to be locked.
+    const bool ours = fstat(folder, &status) == 0 && status.st_uid == geteuid() && status.st_mtime < time(nullptr) - kSweepAge;
+    if (ours && flock(folder, LOCK_EX | LOCK_NB) == 0) fs::remove_all(entry.path(), none);
+    close(folder);
+  }
+}
+
+TemporaryFolder unpack_archive(const fs::path& archive, const ArchiveLimits& limits) {
+  const Archive zip = open(archive, ZIP_RDONLY);
+  const std::vector<Entry> entries = checked_entries(zip.get(), archive, limits);
+  TemporaryFolder folder;
+  for (const Entry& entry : entries) {
+    const fs::path path = folder.path() / entry.told.name;
+    if (entry.told.name.back() == '/') {
+      fs::create_directories(path);
+      continue;
+    }
+    fs::create_directories(path.parent_path());
+    std::ofstream out(path, std::ios::binary);
+    inflate(zip.get(), archive, entry,
+            [&](const char* bytes, std::size_t n) { out.write(bytes, static_cast<std::streamsize>(n)); });
+    out.close();
+    if (!out) throw Error(path.string(), "cannot be written: is the disk full?");
+    if (entry.executable) fs::permissions(path, fs::perms::owner_exec, fs::perm_options::add);
+  }
+  return folder;
+}
+
+}  // namespace cotwin::fmu

@@ -1,0 +1,297 @@
+#include "fmu/fmu_unit.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::fmu {
+
+namespace {
+
+constexpr Exchange kSent[] = {Exchange::kContinuousInput, Exchange::kDiscreteInput, Exchange::kTunable};
+constexpr int kMaxReturns = 100'000;  // of doStep in one communication step
+constexpr double kTimeSlack = 1e-9;   // s: of what an FMU says to have reached
+constexpr int kMaxIdleReturns = 100;  // of them without progress in time
+
+/// An instant that doStep is asked for is reached within rounding of the sums behind it: some 10 ulps.
+bool reaches(double t, double end) { return t >= end - 1e-14 * std::max(1.0, std::abs(end)); }
+
+}  // namespace
+
+bool ramps_of(const ModelDescription& d, InterfaceKind kind) {
+  const Interface& interface = interface_of(d, kind);
+  if (kind == InterfaceKind::kModelExchange) return true;
+  if (d.version == Version::k2) return interface.can_interpolate_inputs;
+  // FMI 3: all continuous inputs go through one call in an intermediate update, so all of them must be allowed there.
+  bool any = false, all = true;
+  for (const Variable& v : d.variables) {
+    if (v.causality != Causality::kInput || v.type != Type::kFloat64 || v.variability != Variability::kContinuous) continue;
+    any = true;
+    all = all && v.intermediate_update;
+  }
+  return interface.provides_intermediate_update && any && all;
+}
+
+void StateKeeper::save(ForeignInstance& instance, std::string_view extra, std::string& bytes) {
+  std::string state;
+  if (serialises_) {
+    Kept& kept = kept_.front();
+    instance.save(kept.state);
+    instance.serialise(kept.state, scratch_);
+  } else {
+    Kept& kept = kept_[next_ % kKept];
+    kept.number = 0;
+    instance.save(kept.state);
+    kept.number = next_++;
+  }
+  ByteWriter out;
+  out.value(static_cast<std::uint8_t>(serialises_));
+  out.text(std::string(extra));
+  if (serialises_) {
+    out.text(scratch_);
+  } else {
+    out.value(kept_[(next_ - 1) % kKept].number);
+  }
+  bytes = out.bytes();
+}
+
+std::string StateKeeper::restore(ForeignInstance& instance, const std::string& bytes) {
+  if (bytes.empty()) throw Error("the snapshot has no state of this FMU");
+  ByteReader in(as_bytes(bytes), "state of the FMU");
+  if (in.value<std::uint8_t>() != static_cast<std::uint8_t>(serialises_)) in.fail("is that of another FMU");
+  const std::string extra = in.text();
+  if (serialises_) {
+    const std::string serialised = in.text();
+    in.expect_end();
+    void* state = instance.deserialise(serialised);
+    try {
+      instance.restore(state);
+    } catch (...) {
+      instance.free(state);
+      throw;
+    }
+    instance.free(state);
+  } else {
+    const auto number = in.value<std::uint64_t>();
+    in.expect_end();
+    const Kept& kept = kept_[number % kKept];
+    if (number == 0 || kept.number != number) {
+      in.fail("is no longer kept: this FMU cannot serialise its states, and only its last " + std::to_string(kKept) +
+              " are kept");
+    }
+    instance.restore(kept.state);
+  }
+  return extra;
+}
+
+void StateKeeper::clear(ForeignInstance& instance) noexcept {
+  for (Kept& kept : kept_) {
+    instance.free(kept.state);
+    kept.number = 0;
+  }
+}
+
+ForeignUnit::ForeignUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions options, InterfaceKind kind, bool ramps)
+    : fmu_(std::move(fmu)),
+      options_(std::move(options)),
+      interface_(interface_of(fmu_->description, kind)),
+      variables_(fmu_->description, {options_.locals, options_.structural, ramps, options_.si}),
+      states_(interface_) {}
+
+ForeignUnit::~ForeignUnit() {
+  if (instance_) states_.clear(*instance_);
+}
+
+/// An instance as if it had just been made, the one that is there if it can.
+void ForeignUnit::start_afresh() {
+  if (instance_) {
+    states_.clear(*instance_);
+    if (instance_->reset()) return;
+    instance_.reset();  // first: it may be one of those that a process can have only once
+  }
+  instance_ = make();
+}
+
+/// What an instance is good for after an error is known to nobody: the next attempt begins with a new one.
+void ForeignUnit::drop() {
+  healthy_ = fresh_ = false;
+  if (!instance_) return;
+  states_.clear(*instance_);
+  instance_.reset();
+}
+
+void ForeignUnit::note(const EventOutcome& events) {
+  next_event_ = events.next_event;
+  finished_ = finished_ || events.terminate;
+}
+
+void ForeignUnit::initialise(Time start) {
+  // After an error nobody knows what the variables were written by: the start values given before stay.
+  if (healthy_ || !initialised_) variables_.adopt_starts(healthy_ ? instance_.get() : nullptr);
+  if (!fresh_) start_afresh();
+  healthy_ = finished_ = fresh_ = false;
+  initialised_ = true;
+  next_event_.reset();
+  variables_.forget();
+  try {
+    variables_.set_starts(*instance_);
+    const std::optional<DefaultExperiment>& experiment = description().default_experiment;
+    const std::optional<double> tolerance = options_.tolerance ? options_.tolerance
+                                            : experiment       ? experiment->tolerance
+                                                               : std::nullopt;
+    instance_->enter_initialisation(start.seconds(), options_.stop, tolerance);
+    variables_.send(*instance_, Exchange::kContinuousInput);
+    variables_.send(*instance_, Exchange::kDiscreteInput);
+    instance_->exit_initialisation();
+    begin(start);
+    if (!options_.structural.empty()) {  // parameters of other sizes than the description has start values for
+      variables_.receive(*instance_, Exchange::kFixed);
+      variables_.receive(*instance_, Exchange::kTunable);
+    }
+    variables_.receive(*instance_, Exchange::kConstant);
+    variables_.receive(*instance_, Exchange::kResult);
+  } catch (...) {
+    drop();
+    throw;
+  }
+  variables_.settle(Exchange::kTunable);  // the FMU has them as start values
+  healthy_ = true;
+}
+
+StepResult ForeignUnit::step(Time now, Duration h) {
+  if (!healthy_) throw Error("the FMU has failed, or was not initialised");
+  if (finished_) throw Error("the FMU has ended its simulation and makes no further step");
+  try {
+    if (!advance(now, h)) return StepResult::kDiscard;
+    variables_.receive(*instance_, Exchange::kResult);
+  } catch (...) {
+    drop();
+    throw;
+  }
+  return finished_ ? StepResult::kFinished : StepResult::kDone;
+}
+
+void ForeignUnit::save_memory(std::string& bytes) {
+  bytes.clear();
+  if (!restorable() || !healthy_) return;
+  ByteWriter extra;
+  extra.value(static_cast<std::uint8_t>(next_event_.has_value()));
+  extra.value(next_event_.value_or(0));
+  extra.value(static_cast<std::uint8_t>(finished_));
+  for (const Exchange e : kSent) extra.value(static_cast<std::uint8_t>(variables_.changed(e)));
+  for (const bool known : variables_.rates_known()) extra.value(static_cast<std::uint8_t>(known));
+  write_memory(extra);
+  states_.save(*instance_, extra.bytes(), bytes);
+}
+
+void ForeignUnit::restore_memory(const std::string& bytes) {
+  if (!instance_) instance_ = make();
+  const std::string extra = states_.restore(*instance_, bytes);
+  ByteReader in(as_bytes(extra), "state of the FMU");
+  const bool has_next = in.value<std::uint8_t>() != 0;
+  const auto next = in.value<double>();
+  next_event_ = has_next ? std::optional(next) : std::nullopt;
+  finished_ = in.value<std::uint8_t>() != 0;
+  variables_.forget();
+  for (const Exchange e : kSent) {
+    if (in.value<std::uint8_t>() == 0) variables_.settle(e);  // the FMU's state has them, too
+  }
+  for (std::size_t i = 0; i < variables_.rates_known().size(); ++i) variables_.rates_known()[i] = in.value<std::uint8_t>() != 0;
+  read_memory(in);
+  healthy_ = initialised_ = true;
+  fresh_ = false;
+}
+
+FmuUnit::FmuUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions options)
+    : ForeignUnit(fmu, std::move(options), InterfaceKind::kCoSimulation,
+                  ramps_of(fmu->description, InterfaceKind::kCoSimulation)),
+      event_mode_(interface_.has_event_mode) {
+  instance_ = make();
+}
+
+std::unique_ptr<ForeignInstance> FmuUnit::make() {
+  ForeignOptions options;
+  options.kind = InterfaceKind::kCoSimulation;
+  options.instance_name = options_.instance_name;
+  options.event_mode = event_mode_;
+  if (description().version == Version::k3 && ramps_of(description(), InterfaceKind::kCoSimulation)) {
+    options.intermediate_inputs = variables_.continuous_inputs();
+    options.set_intermediate_inputs = [this](double t) { variables_.send_ramped(*instance_, t - step_begin_); };
+  }
+  return make_foreign(*fmu_, std::move(options));
+}
+
+void FmuUnit::begin(Time) {
+  equal_step_ = {};
+  if (!event_mode_) return;
+  note(instance_->update_discrete_states());  // an FMU with event mode begins in it (4.2.1)
+  instance_->enter_step_mode();
+}
+
+/// Sends what changed. Where there is an event mode, all but continuous inputs may change only in it.
+void FmuUnit::send_inputs() {
+  const bool discrete = variables_.changed(Exchange::kDiscreteInput) || variables_.changed(Exchange::kTunable);
+  const bool in_event_mode = discrete && event_mode_;
+  if (in_event_mode) instance_->enter_event_mode();
+  variables_.send(*instance_, Exchange::kContinuousInput);
+  if (discrete) {
+    variables_.send(*instance_, Exchange::kDiscreteInput);
+    variables_.send(*instance_, Exchange::kTunable);
+  }
+  if (in_event_mode) {
+    note(instance_->update_discrete_states());
+    instance_->enter_step_mode();
+  }
+  if (description().version == Version::k2) variables_.send_rates(*instance_);
+}
+
+void FmuUnit::handle_events() {
+  instance_->enter_event_mode();
+  note(instance_->update_discrete_states());
+  instance_->enter_step_mode();
+}
+
+bool FmuUnit::advance(Time now, Duration h) {
+  if (!interface_.variable_step) {
+    if (equal_step_.ns == 0) equal_step_ = h;
+    if (equal_step_ != h) {
+      throw Error("the FMU demands equal communication steps, got " + text::to_text(h.seconds()) + " s after " +
+                  text::to_text(equal_step_.seconds()) + " s");
+    }
+  }
+  const double begin = now.seconds(), end = (now + h).seconds();
+  step_begin_ = begin;
+  send_inputs();
+  double t = begin;
+  int idle = 0;
+  for (int returns = 0; !finished_ && !reaches(t, end); ++returns) {
+    // An event that the FMU has announced is where the step pauses, if the FMU lets us choose.
+    double target = end;
+    if (event_mode_ && interface_.variable_step && next_event_ && *next_event_ > t && *next_event_ < end) target = *next_event_;
+    const bool whole = t == begin && target == end;
+    const StepOutcome out = instance_->do_step(t, whole ? h.seconds() : target - t);
+    if (out.discarded) return false;
+    idle = out.reached > t ? 0 : idle + 1;
+    if (idle > kMaxIdleReturns || returns > kMaxReturns) {
+      throw Error("the FMU returns from doStep again and again, at " + text::to_text(out.reached) + " s, before " +
+                  text::to_text(end) + " s");
+    }
+    if (!(out.reached >= t - kTimeSlack) || !(out.reached <= target + kTimeSlack)) {
+      throw Error("the FMU says to have reached " + text::to_text(out.reached) + " s in a step from " + text::to_text(t) +
+                  " s to " + text::to_text(target) + " s");
+    }
+    t = reaches(out.reached, target) ? target : out.reached;
+    if (out.terminate) {
+      finished_ = true;
+      break;
+    }
+    const bool announced = next_event_ && reaches(t, *next_event_);
+    if (event_mode_ && (out.event || announced)) handle_events();
+  }
+  return true;
+}
+
+}  // namespace cotwin::fmu

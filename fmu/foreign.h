@@ -1,0 +1,141 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "fmu/archive.h"
+#include "fmu/model_description.h"
+
+/// FMUs that others made, and one set of verbs for the C interfaces of FMI 2 and FMI 3, Co-Simulation and Model Exchange.
+namespace cotwin::fmu {
+
+/// An unpacked FMU.
+struct ForeignFmu {
+  std::string name;  // of the file, for messages
+  std::optional<TemporaryFolder> unpacked;
+  std::filesystem::path folder;
+  ModelDescription description;
+};
+
+enum class InterfaceKind : std::uint8_t { kCoSimulation, kModelExchange };
+
+/// The largest state that an FMU may have.
+inline constexpr std::size_t kMaxStateBytes = std::size_t{1} << 30;
+
+/// The last messages of an FMU, few and short whatever it says. May be written by any thread.
+class Messages {
+ public:
+  void add(std::string_view level, std::string_view category, std::string_view text);
+  /// "; the FMU says: [error] …", "" if it said nothing; forgets them.
+  std::string take();
+  std::uint64_t count() const;
+
+ private:
+  static constexpr std::size_t kKept = 8, kLength = 400;
+  mutable std::mutex mutex_;
+  std::deque<std::string> kept_;
+  std::uint64_t count_ = 0, untold_ = 0;
+};
+
+/// How an instance is made.
+struct ForeignOptions {
+  InterfaceKind kind = InterfaceKind::kCoSimulation;
+  std::string instance_name;
+  bool event_mode = false;                              // FMI 3 Co-Simulation
+  std::vector<std::uint32_t> intermediate_inputs;       // FMI 3 Co-Simulation: to be set in intermediate updates
+  std::function<void(double)> set_intermediate_inputs;  // at that time
+};
+
+struct StepOutcome {
+  bool discarded = false;
+  bool terminate = false;  // the FMU wants the simulation to end at `reached`
+  bool event = false;      // FMI 3: event mode is needed at `reached`
+  double reached = 0;      // s
+};
+
+struct EventOutcome {
+  bool terminate = false;
+  bool nominals_changed = false;
+  bool states_changed = false;
+  std::optional<double> next_event;  // s
+};
+
+/// One instance of an FMU. Every function throws Error, with the function's name and what the FMU logged, where the FMU returns
+/// an error; after a fatal one nothing is called any more, not even to free the instance.
+class ForeignInstance {
+ public:
+  virtual ~ForeignInstance() = default;
+
+  virtual void enter_initialisation(double start, std::optional<double> stop, std::optional<double> tolerance) = 0;
+  virtual void exit_initialisation() = 0;
+  /// False if the FMU cannot: then another instance has to be made.
+  virtual bool reset() = 0;
+
+  /// Values of variables of one type, as the C interface has them (double*, const char**, …; booleans are int in FMI 2 and bool
+  /// in FMI 3). `n`: number of elements together; `sizes`: of binaries, else nullptr.
+  virtual void get(Type type, std::span<const std::uint32_t> references, void* values, std::size_t n, std::size_t* sizes) = 0;
+  virtual void set(Type type, std::span<const std::uint32_t> references, const void* values, std::size_t n,
+                   const std::size_t* sizes) = 0;
+  /// Structural parameters, before initialisation (FMI 3).
+  virtual void configure(std::span<const std::uint32_t> references, std::span<const std::uint64_t> values) = 0;
+  /// First derivatives of inputs (FMI 2).
+  virtual void set_input_derivatives(std::span<const std::uint32_t> references, std::span<const std::int32_t> orders,
+                                     std::span<const double> values) = 0;
+
+  /// The FMU's state; `state` is nullptr or an earlier one, the memory of which is used again.
+  virtual void save(void*& state) = 0;
+  virtual void restore(void* state) = 0;
+  virtual void free(void*& state) noexcept = 0;
+  virtual void serialise(void* state, std::string& bytes) = 0;
+  virtual void* deserialise(std::string_view bytes) = 0;
+
+  // Co-Simulation
+  virtual StepOutcome do_step(double now, double h) = 0;
+  virtual void enter_step_mode() = 0;  // FMI 3 with event mode
+
+  // Events: FMI 3 Co-Simulation with event mode, and Model Exchange
+  virtual void enter_event_mode() = 0;
+  /// Repeats fmi2NewDiscreteStates or fmi3UpdateDiscreteStates until nothing changes.
+  virtual EventOutcome update_discrete_states() = 0;
+
+  // Model Exchange
+  virtual void enter_continuous_time_mode() = 0;
+  virtual void set_time(double t) = 0;
+  virtual void set_states(std::span<const double> x) = 0;
+  virtual void get_states(std::span<double> x) = 0;
+  virtual void get_nominals(std::span<double> nominals) = 0;
+  virtual void get_derivatives(std::span<double> dx) = 0;
+  virtual void get_event_indicators(std::span<double> z) = 0;
+  virtual std::size_t states() = 0;
+  virtual std::size_t event_indicators() = 0;
+  struct Completed {
+    bool event = false, terminate = false;
+  };
+  virtual Completed completed_step() = 0;
+  /// False if the FMU could not evaluate here (fmi2Discard): the solver tries a smaller step.
+  virtual bool try_derivatives(double t, std::span<const double> x, std::span<double> dx) = 0;
+  virtual bool try_event_indicators(double t, std::span<const double> x, std::span<double> z) = 0;
+};
+
+/// Throws Error for a library that is missing, cannot be loaded or lacks functions, and where the FMU refuses to be
+/// instantiated.
+std::unique_ptr<ForeignInstance> make_foreign(const ForeignFmu& fmu, ForeignOptions options);
+std::unique_ptr<ForeignInstance> make_foreign_fmi2(const ForeignFmu& fmu, ForeignOptions options);
+std::unique_ptr<ForeignInstance> make_foreign_fmi3(const ForeignFmu& fmu, ForeignOptions options);
+
+/// What the FMU offers of that kind. Throws Error if it does not.
+const Interface& interface_of(const ModelDescription& description, InterfaceKind kind);
+
+/// The log categories that tell of errors and warnings alone.
+std::vector<const char*> error_categories(const ModelDescription& description);
+
+}  // namespace cotwin::fmu

@@ -1,0 +1,402 @@
+#include "fmu/foreign_variables.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <set>
+#include <type_traits>
+#include <unordered_map>
+
+#include "components/unit/si.h"
+#include "fmu/hex.h"
+#include "fmu/model_description_read.h"
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::fmu {
+
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+bool is_float(Type type) { return type == Type::kFloat32 || type == Type::kFloat64; }
+
+Kind kind_of(Type type) {
+  switch (type) {
+    case Type::kInt8:
+    case Type::kUInt8:
+    case Type::kInt16:
+    case Type::kUInt16:
+    case Type::kInt32:
+    case Type::kEnumeration:
+      return Kind::kInteger;
+    case Type::kBoolean:
+      return Kind::kBoolean;
+    case Type::kString:
+    case Type::kBinary:
+      return Kind::kString;
+    default:
+      return Kind::kReal;
+  }
+}
+
+Role role_of(const Variable& v) {
+  switch (v.causality) {
+    case Causality::kInput:
+      return Role::kInput;
+    case Causality::kParameter:
+      return v.variability == Variability::kTunable    ? Role::kTunable
+             : v.variability == Variability::kConstant ? Role::kOutput
+                                                       : Role::kParameter;
+    case Causality::kStructuralParameter:
+      return Role::kParameter;
+    case Causality::kLocal:
+      return v.variability == Variability::kConstant ? Role::kOutput : Role::kState;
+    default:
+      return Role::kOutput;
+  }
+}
+
+Exchange exchange_of(const Variable& v, Role role) {
+  if (v.variability == Variability::kConstant) return Exchange::kConstant;
+  switch (role) {
+    case Role::kInput:
+      return is_float(v.type) && v.variability == Variability::kContinuous ? Exchange::kContinuousInput
+                                                                           : Exchange::kDiscreteInput;
+    case Role::kTunable:
+      return Exchange::kTunable;
+    case Role::kParameter:
+      return Exchange::kFixed;
+    default:
+      return Exchange::kResult;
+  }
+}
+
+/// SI text of exponents of kg, m, s, A, K, mol, cd, rad: "kg.m2/s2".
+std::string text_of(const std::array<int, 8>& exponents) {
+  static constexpr const char* kBases[] = {"kg", "m", "s", "A", "K", "mol", "cd", "rad"};
+  std::string above, below;
+  for (std::size_t i = 0; i < exponents.size(); ++i) {
+    if (exponents[i] == 0) continue;
+    std::string& part = exponents[i] > 0 ? above : below;
+    part += (part.empty() ? "" : ".") + std::string(kBases[i]);
+    if (std::abs(exponents[i]) != 1) part += std::to_string(std::abs(exponents[i]));
+  }
+  return (above.empty() ? "1" : above) + (below.empty() ? "" : "/" + below);
+}
+
+/// Element `i` of the start values as T, which one value may stand for all of.
+template <class T>
+T start_element(const StartValues& start, std::size_t i, T fallback) {
+  return std::visit(
+      [&](const auto& list) -> T {
+        using List = std::remove_cvref_t<decltype(list)>;
+        if constexpr (std::is_same_v<List, std::monostate>) {
+          return fallback;
+        } else {
+          if (list.empty() || (i >= list.size() && list.size() != 1)) return fallback;
+          const auto& value = list[list.size() == 1 ? 0 : i];
+          using Value = typename List::value_type;
+          if constexpr (std::is_same_v<T, std::string> && std::is_same_v<Value, std::vector<std::uint8_t>>) {
+            return to_hex(value);
+          } else if constexpr (std::is_same_v<T, Value>) {
+            return value;
+          } else if constexpr (std::is_arithmetic_v<T> && std::is_arithmetic_v<Value>) {
+            return static_cast<T>(value);
+          } else {
+            return fallback;
+          }
+        }
+      },
+      start);
+}
+
+}  // namespace
+
+ForeignVariables::ForeignVariables(const ModelDescription& description, const ForeignVariablesOptions& options)
+    : description_(description), ramps_(options.ramps), si_(options.si) {
+  collect(options);
+  lay_out();
+}
+
+void ForeignVariables::collect(const ForeignVariablesOptions& options) {
+  std::map<std::uint32_t, std::uint64_t> chosen;
+  for (const auto& [name, value] : options.structural) {
+    const auto found = std::find_if(description_.variables.begin(), description_.variables.end(),
+                                    [&, wanted = name](const Variable& v) { return v.name == wanted; });
+    if (found == description_.variables.end() || found->causality != Causality::kStructuralParameter) {
+      throw Error("'" + name + "'", "the FMU has no structural parameter of that name");
+    }
+    chosen[found->reference] = value;
+    structural_references_.push_back(found->reference);
+    structural_values_.push_back(value);
+  }
+  std::set<std::string> unknown_units;
+  bool clocks = false;
+  std::uint64_t total = 0;
+  for (const Variable& v : description_.variables) {
+    clocks = clocks || (v.type == Type::kClock && v.causality == Causality::kInput);
+    if (v.type == Type::kClock || v.causality == Causality::kIndependent) continue;
+    if (v.causality == Causality::kLocal && !options.locals) continue;
+    Item item;
+    item.name = v.name;
+    item.description = v.description.empty() ? v.name : v.description;
+    item.role = role_of(v);
+    item.kind = kind_of(v.type);
+    item.exchange = exchange_of(v, item.role);
+    item.type = v.type;
+    item.interpolated = v.interpolated;
+    item.references = {v.reference};
+    item.size = elements(description_, v, chosen);
+    item.start = v.start;
+    if (item.size == 0) continue;
+    total += item.size;
+    if (total > kMaxElements)
+      throw Error("the variables have more than " + std::to_string(kMaxElements) + " elements together");
+    const Numeric numeric = effective(description_, v);
+    item.min = numeric.min.value_or(-kInfinity);
+    item.max = numeric.max.value_or(kInfinity);
+    if (item.kind == Kind::kReal && is_float(v.type)) measure(item, numeric);
+    const bool starts = v.initial == Initial::kExact || v.initial == Initial::kApprox;
+    item.settable = v.variability != Variability::kConstant &&
+                    (item.role == Role::kInput || item.role == Role::kParameter || item.role == Role::kTunable || starts);
+    if (v.causality == Causality::kStructuralParameter) {
+      item.settable = false;
+      const auto said = chosen.find(v.reference);
+      if (said != chosen.end()) item.start = std::vector<std::uint64_t>{said->second};
+      item.min = item.max = start_element<double>(item.start, 0, 0);
+    }
+    items_.push_back(item);
+    if (item.role != Role::kOutput && item.role != Role::kState) continue;
+    for (const Alias& alias : v.aliases) {
+      item.name = alias.name;
+      item.description = alias.description.empty() ? "alias of " + v.name : alias.description;
+      item.role = Role::kState;
+      item.settable = false;
+      items_.push_back(item);
+    }
+  }
+  if (description_.version == Version::k2) collect_vectors(items_);
+  if (clocks)
+    warnings_.push_back(
+        "the FMU has input clocks, which co-simulation here does not tick: what depends on them stays as it is");
+}
+
+/// Scalars "q[1]" … "q[n]" that are alike become the vector "q" in place of the first.
+void ForeignVariables::collect_vectors(std::vector<Item>& items) const {
+  struct Family {
+    std::vector<std::size_t> members;  // by index, 0 for "[1]"; npos: missing
+    bool whole = true;
+  };
+  constexpr std::size_t kNone = static_cast<std::size_t>(-1);
+  std::unordered_map<std::string, Family> families;
+  std::set<std::string> names;
+  for (std::size_t i = 0; i < items.size(); ++i) {
+    names.insert(items[i].name);
+    const std::string& name = items[i].name;
+    const std::size_t bracket = name.rfind('[');
+    if (name.back() != ']' || bracket == std::string::npos || bracket == 0) continue;
+    const auto index = text::parse_integer(std::string_view(name).substr(bracket + 1, name.size() - bracket - 2));
+    if (!index || *index < 1 || static_cast<std::size_t>(*index) > items.size()) continue;
+    Family& family = families[name.substr(0, bracket)];
+    const auto at = static_cast<std::size_t>(*index - 1);
+    if (family.members.size() <= at) family.members.resize(at + 1, kNone);
+    family.whole = family.whole && family.members[at] == kNone;
+    family.members[at] = i;
+  }
+  std::vector<bool> absorbed(items.size(), false);
+  for (const auto& [base, family] : families) {
+    if (!family.whole || family.members.size() < 2 || names.count(base) != 0) continue;
+    if (std::find(family.members.begin(), family.members.end(), kNone) != family.members.end()) continue;
+    const Item& first = items[family.members.front()];
+    const bool alike = std::all_of(family.members.begin(), family.members.end(), [&](std::size_t m) {
+      const Item& i = items[m];
+      return i.role == first.role && i.type == first.type && i.exchange == first.exchange && i.si == first.si &&
+             i.factor == first.factor && i.offset == first.offset && i.min == first.min && i.max == first.max &&
+             i.settable == first.settable && i.interpolated == first.interpolated && i.start.index() == first.start.index();
+    });
+    if (!alike) continue;
+    Item vector = first;
+    vector.name = base;
+    vector.references.clear();
+    vector.size = family.members.size();
+    for (const std::size_t m : family.members) {
+      vector.references.push_back(items[m].references.front());
+      if (m == family.members.front()) continue;
+      std::visit(
+          [&](auto& list) {
+            using List = std::remove_cvref_t<decltype(list)>;
+            if constexpr (!std::is_same_v<List, std::monostate>) {
+              const auto& more = std::get<List>(items[m].start);
+              list.insert(list.end(), more.begin(), more.end());
+            }
+          },
+          vector.start);
+    }
+    const std::size_t place = *std::min_element(family.members.begin(), family.members.end());
+    for (const std::size_t m : family.members) absorbed[m] = m != place;
+    items[place] = std::move(vector);
+  }
+  std::size_t kept = 0;
+  for (std::size_t i = 0; i < items.size(); ++i) {
+    if (absorbed[i]) continue;
+    if (kept != i) items[kept] = std::move(items[i]);
+    ++kept;
+  }
+  items.resize(kept);
+}
+
+/// Finds what makes SI of the FMU's values.
+void ForeignVariables::measure(Item& item, const Numeric& numeric) {
+  if (numeric.unit.empty() || !si_) return;
+  const auto defined =
+      std::find_if(description_.units.begin(), description_.units.end(), [&](const Unit& u) { return u.name == numeric.unit; });
+  si::Measure m;
+  bool readable = true;
+  si::Measure by_name;
+  try {
+    by_name = si::parse(numeric.unit);
+  } catch (const Error&) {
+    readable = false;
+  }
+  if (defined != description_.units.end() && defined->definition) {
+    m = si::from(*defined->definition);
+  } else if (readable) {
+    m = by_name;
+  } else {
+    const std::string warning = "unit '" + numeric.unit + "' is not defined: its values are taken as they are";
+    if (std::find(warnings_.begin(), warnings_.end(), warning) == warnings_.end()) warnings_.push_back(warning);
+    return;
+  }
+  if (numeric.relative_quantity) m.offset = 0;
+  const bool keeps_name = readable && by_name.exponents == m.exponents && by_name.factor == 1 && by_name.offset == 0 &&
+                          m.factor == 1 && m.offset == 0;
+  item.si = keeps_name ? numeric.unit : text_of(m.exponents);
+  item.factor = m.factor;
+  item.offset = m.offset;
+  item.min = m.factor * item.min + m.offset;
+  item.max = m.factor * item.max + m.offset;
+  if (m.factor < 0) std::swap(item.min, item.max);
+}
+
+/// Gives every item its place, so that what goes through one call lies side by side, and writes the start values.
+void ForeignVariables::lay_out() {
+  std::vector<Item*> order;
+  for (Item& item : items_) order.push_back(&item);
+  std::stable_sort(order.begin(), order.end(), [](const Item* a, const Item* b) {
+    return std::pair(a->exchange, a->type) < std::pair(b->exchange, b->type);
+  });
+  std::array<std::size_t, 4> sizes{};
+  for (Item* item : order) {
+    std::size_t& size = sizes[static_cast<std::size_t>(item->kind)];
+    item->first = size;
+    size += item->size;
+  }
+  reals_.allocate(sizes[0]);
+  integers_.allocate(sizes[1]);
+  booleans_.allocate(sizes[2]);
+  strings_.allocate(sizes[3]);
+  for (std::size_t i = 0; i < order.size();) {
+    std::size_t end = i;
+    while (end < order.size() && order[end]->exchange == order[i]->exchange && order[end]->type == order[i]->type) ++end;
+    groups_[static_cast<std::size_t>(order[i]->exchange)].push_back(
+        make_group(std::span<const Item* const>(order).subspan(i, end - i)));
+    i = end;
+  }
+  for (Item& item : items_) {
+    with_store(item.kind, [&](auto& store) {
+      using T = std::remove_cvref_t<decltype(store.values[0])>;
+      for (std::size_t i = 0; i < item.size; ++i) {
+        T value = start_element<T>(item.start, i, T{});
+        if constexpr (std::is_same_v<T, double>) {
+          value = item.factor * value + item.offset;
+          // What an FMU itself starts with cannot be refused.
+          if (value < item.min || value > item.max) {
+            const bool told = !std::holds_alternative<std::monostate>(item.start);
+            if (told && item.settable)
+              warnings_.push_back("'" + item.name + "': the start value is outside of the range; the range is not looked at");
+            item.min = -kInfinity;
+            item.max = kInfinity;
+          }
+        } else if constexpr (std::is_same_v<T, std::int32_t>) {
+          if (value < item.min || value > item.max) {
+            item.min = -kInfinity;
+            item.max = kInfinity;
+          }
+        }
+        store.values[item.first + i] = store.starts[item.first + i] = store.given[item.first + i] = value;
+      }
+    });
+  }
+  if (ramps_) {
+    for (const Group& group : groups_[static_cast<std::size_t>(Exchange::kContinuousInput)]) {
+      if (group.type == Type::kFloat64) rates_.resize(group.size);
+    }
+    rate_scratch_.resize(rates_.size());
+    orders_.assign(rates_.size(), 1);
+    rate_references_.resize(rates_.size());
+    rate_known_.assign(rates_.size(), false);
+  }
+}
+
+ForeignVariables::Group ForeignVariables::make_group(std::span<const Item* const> items) const {
+  Group group;
+  group.type = items.front()->type;
+  group.kind = items.front()->kind;
+  group.first = items.front()->first;
+  bool converts = false;
+  for (const Item* item : items) {
+    group.references.insert(group.references.end(), item->references.begin(), item->references.end());
+    group.size += item->size;
+    group.factors.insert(group.factors.end(), item->size, item->factor);
+    group.offsets.insert(group.offsets.end(), item->size, item->offset);
+    converts = converts || item->factor != 1 || item->offset != 0;
+  }
+  if (!converts) {
+    group.factors.clear();
+    group.offsets.clear();
+  }
+  if (group.kind == Kind::kString) {
+    group.texts.resize(group.size);
+    group.bytes.resize(group.size);
+    group.sizes.resize(group.size);
+    if (group.type == Type::kBinary) group.binaries.resize(group.size);
+  } else {
+    group.wire.resize(group.size * sizeof(double));  // the widest type
+  }
+  return group;
+}
+
+void ForeignVariables::declare(Variables& variables) {
+  variables.foreign();
+  std::size_t rate = 0;
+  for (Item& item : items_) {
+    with_store(item.kind, [&](auto& store) {
+      const auto values = store.of(item);
+      const auto add = [&]() {
+        switch (item.role) {
+          case Role::kInput:
+            return variables.input(item.name, values, item.si, item.description);
+          case Role::kOutput:
+            return variables.output(item.name, values, item.si, item.description);
+          case Role::kParameter:
+            return variables.parameter(item.name, values, item.si, item.description);
+          case Role::kTunable:
+            return variables.tunable(item.name, values, item.si, item.description);
+          default:
+            return variables.state(item.name, values, item.si, item.description);
+        }
+      };
+      Variables::Declared declared = add();
+      declared.range(item.min, item.max);
+      if (item.role == Role::kOutput && item.settable) declared.start();
+      if (!rates_.empty() && item.exchange == Exchange::kContinuousInput && item.type == Type::kFloat64) {
+        rate = item.first - groups_[static_cast<std::size_t>(Exchange::kContinuousInput)].back().first;
+        std::span<double> part(rates_.data() + rate, item.size);
+        if (item.interpolated) declared.rate(part);
+      }
+    });
+  }
+}
+
+}  // namespace cotwin::fmu

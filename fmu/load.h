@@ -1,0 +1,35 @@
+#pragma once
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "components/unit/unit_table.h"
+#include "fmu/model_description.h"
+
+/// FMUs of others as units: what a scenario's source="x.fmu" becomes.
+namespace cotwin::fmu {
+
+/// What a scenario may say of a foreign FMU; the words are those of our annotation.
+struct LoadOptions {
+  std::string instance_name = "fmu";                // the component's name
+  std::string kind = "any";                         // "cs", "me"; "any": Co-Simulation where the FMU offers it
+  std::string process = "shared";                   // "own": in a process of its own, so that a crash or a hang is an Error
+  double timeout = 60;                              // s, of one call in a process of its own
+  bool locals = true;                               // also the FMU's local variables
+  std::map<std::string, std::uint64_t> structural;  // structural parameters, which give the sizes of arrays
+  std::optional<double> stop, tolerance;            // s; relative
+  bool si = true;                                   // values in SI; false: as the FMU has them, without a measure
+};
+
+/// The unit of an archive (.fmu) or of an unpacked folder with modelDescription.xml, with its variables and their start values.
+/// What was unpacked is removed when the unit goes, after errors too; what a killed program left behind is removed by the next
+/// one. Throws Error `x.fmu: …`.
+Instance load(const std::filesystem::path& path, const LoadOptions& options = {});
+
+/// The settings of a source's query, "x.fmu?kind=me&process=own", on top of `options`. Throws Error for a key or value that is
+/// none.
+LoadOptions read_query(std::string_view query, LoadOptions options);
+
+}  // namespace cotwin::fmu

@@ -1,0 +1,255 @@
+// cotwin run: a scenario, a package, or one FMU with the option names of the Reference FMUs' fmusim.
+#include <signal.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <fstream>
+#include <iostream>
+#include <memory>
+
+#include "master/commands.h"
+#include "master/fmu_run.h"
+#include "master/master.h"
+#include "master/report.h"
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+std::atomic<int> stop_signal{0};
+
+void ask_to_stop(int signal) { stop_signal = signal; }
+
+/// The first Ctrl-C ends the run cleanly, a second one at once.
+void catch_signals() {
+  struct sigaction action = {};
+  action.sa_handler = ask_to_stop;
+  action.sa_flags = SA_RESETHAND;
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+}
+
+/// A line on the terminal that overwrites itself; nothing where stderr is a file.
+class Progress {
+ public:
+  Progress(const Master& master, bool wanted) : master_(master), shown_(wanted && isatty(STDERR_FILENO)) {}
+  ~Progress() {
+    if (drawn_) std::cerr << "\r\x1b[K" << std::flush;
+  }
+  void update() {
+    if (!shown_) return;
+    const auto now = Clock::now();
+    if (now - last_ < std::chrono::milliseconds(100)) return;
+    last_ = now;
+    drawn_ = true;
+    const double wall = std::chrono::duration<double>(now - begin_).count();
+    const double simulated = (master_.now() - master_.scenario().start).seconds();
+    const std::string figures =
+        text::to_text(simulated, 4) + " s, " + text::to_text(wall > 0 ? simulated / wall : 0, 3) + " times real time";
+    std::cerr << "\r\x1b[K" << bar(columns(), figures.size()) << figures << std::flush;
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  static std::size_t columns() {
+    winsize size{};
+    const bool known = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
+    return known ? size.ws_col : 80;
+  }
+  /// What fits before the figures; a line that wraps could not overwrite itself.
+  std::string bar(std::size_t columns, std::size_t taken) const {
+    constexpr std::size_t kMost = 40, kLeast = 4, kFrame = 4;  // "[", "] " and the last column, which stays free
+    if (columns < taken + kFrame + kLeast) return "";
+    const std::size_t width = std::min(kMost, columns - taken - kFrame);
+    const double share = static_cast<double>(master_.tick()) / static_cast<double>(master_.ticks());
+    const auto full = static_cast<std::size_t>(share * static_cast<double>(width));
+    return "[" + std::string(full, '#') + std::string(width - full, '.') + "] ";
+  }
+
+  const Master& master_;
+  bool shown_, drawn_ = false;
+  Clock::time_point begin_ = Clock::now(), last_ = begin_;
+};
+
+struct RunArguments {
+  fs::path file, out;
+  std::vector<std::string> set, record;
+  std::string json;
+  std::optional<double> stop;
+  bool real_time = false, quiet = false;
+  std::optional<int> threads;
+  FmuRunOptions fmu;  // of an FMU alone
+};
+
+void save_json(const fs::path& file, const Summary& summary, const Outcome& outcome) {
+  std::ofstream out(file);
+  write_json(out, summary, outcome);
+  if (!out.flush()) throw Error(file.string(), "cannot be written");
+}
+
+Scenario read_scenario(const RunArguments& arguments) {
+  Scenario scenario = load_scenario(arguments.file);
+  for (const std::string& assignment : arguments.set) assign(scenario, assignment);
+  if (arguments.stop) {
+    constexpr double kMaxSeconds = 9e9;  // 2^63 ns is 9.22e9 s
+    if (!(std::abs(*arguments.stop) <= kMaxSeconds))
+      throw Error("--stop " + text::to_text(*arguments.stop),
+                  "expected a time in seconds, " + text::to_text(kMaxSeconds) + " at most");
+    scenario.stop = Time::from_seconds(*arguments.stop);
+  }
+  if (arguments.real_time) scenario.clock = "real-time";
+  if (!arguments.record.empty()) {
+    scenario.recording.clear();
+    for (const std::string& pattern : arguments.record) scenario.recording.push_back({pattern, "--record"});
+  }
+  return scenario;
+}
+
+/// The loop of a Master or an FmuRun; what goes wrong in it is the outcome.
+template <class Run>
+Outcome run_to_the_end(Run& run, const Master& master, bool progress_wanted) {
+  Outcome outcome;
+  try {
+    Progress progress(master, progress_wanted);
+    while (stop_signal == 0 && run.step_tick()) {
+      if (master.tick() % 64 == 0) progress.update();
+    }
+    if (stop_signal != 0 && master.tick() < master.ticks()) outcome.state = "interrupted";
+    run.finish();
+  } catch (const std::exception& error) {
+    outcome = {"failed", error.what()};
+    try {
+      run.finish();
+    } catch (const Error& closing) {
+      if (outcome.message != closing.what()) outcome.message += std::string("; ") + closing.what();
+    }
+  }
+  return outcome;
+}
+
+int tell(const RunArguments& arguments, const Summary& summary, const Outcome& outcome) {
+  if (outcome.state == "failed") std::cerr << "cotwin: " << outcome.message << '\n';
+  const bool json_to_stdout = arguments.json == "-";
+  // The file first: whoever reads stdout may go away (| head).
+  if (!arguments.json.empty() && !json_to_stdout) save_json(arguments.json, summary, outcome);
+  if (json_to_stdout) {
+    write_json(std::cout, summary, outcome);
+  } else if (!arguments.quiet) {
+    write_report(std::cout, summary, outcome);
+  }
+  if (!std::cout.flush()) throw Error("stdout", "cannot be written");
+  if (outcome.state == "failed") return kExitRunFailed;
+  return outcome.state == "interrupted" ? kExitSignalled + stop_signal : kExitDone;
+}
+
+int run_scenario(const RunArguments& arguments) {
+  Scenario scenario = read_scenario(arguments);
+  MasterOptions options;
+  options.types = unit_types();
+  options.folders = model_folders(scenario.folder);
+  options.results = arguments.out.empty() ? fs::path("results") / file_name_of(scenario.name) : arguments.out;
+  options.threads = arguments.threads;
+  Master master(std::move(scenario), std::move(options));
+  catch_signals();
+  master.initialise();
+  const Outcome outcome = run_to_the_end(master, master, !arguments.quiet);
+  return tell(arguments, master.summary(), outcome);
+}
+
+int run_fmu(const RunArguments& arguments) {
+  FmuRun run(arguments.fmu);
+  catch_signals();
+  run.initialise();
+  const Outcome outcome = run_to_the_end(run, run.master(), !arguments.quiet);
+  return tell(arguments, run.summary(), outcome);
+}
+
+/// Options that only a scenario has, or only an FMU.
+void refuse(const std::vector<CLI::Option*>& options, const std::string& what) {
+  for (const CLI::Option* option : options) {
+    if (option->count() > 0) throw Error(option->get_name(), "is not for " + what);
+  }
+}
+
+}  // namespace
+
+void add_run(CLI::App& app, Chosen& chosen) {
+  const auto all = std::make_shared<RunArguments>();
+  RunArguments& arguments = *all;
+  CLI::App* run_command = app.add_subcommand("run", "Run a scenario or an FMU");
+  run_command->add_option("FILE", arguments.file, "System structure (.ssd), package (.ssp) or FMU (.fmu)")
+      ->type_name("FILE")
+      ->required();
+  run_command->add_option("--stop,--stop-time", arguments.stop, "Stop time in seconds, instead of the file's")
+      ->type_name("SECONDS");
+  run_command
+      ->add_option("--set", arguments.set, "unit.variable=value, unit.variable[i]=value or setting=value; may be repeated")
+      ->type_name("NAME=VALUE")
+      ->allow_extra_args(false);
+  run_command
+      ->add_option("--out", arguments.out, "Folder for the results (default: results/<scenario> in the working directory)")
+      ->type_name("FOLDER");
+  run_command
+      ->add_option("--record", arguments.record,
+                   "Variables to record instead of the scenario's choice, e.g. 'drive.*'; may be repeated")
+      ->type_name("GLOB")
+      ->allow_extra_args(false);
+  run_command->add_option("--threads", arguments.threads, "At most so many threads (default: as many as pay)")
+      ->check(CLI::Range(1, 255))
+      ->type_name("N");
+  run_command->add_option("--json", arguments.json, "Write the summary as JSON, to stdout with -")->type_name("FILE|-");
+  run_command->add_flag("--real-time", arguments.real_time, "A second of the scenario takes a second");
+  run_command->add_flag("--quiet", arguments.quiet, "No progress bar and no table");
+
+  FmuRunOptions& fmu = arguments.fmu;
+  const std::string group = "For an FMU (as in fmusim)";
+  std::vector<CLI::Option*> of_fmu;
+  const auto add = [&](CLI::Option* option, const char* type) {
+    of_fmu.push_back(option->group(group)->type_name(type));
+    return option;
+  };
+  add(run_command->add_option("--start-time", fmu.start, "Start time in seconds"), "SECONDS");
+  add(run_command->add_option("--output-interval", fmu.interval, "Communication step, and between two rows of the output"),
+      "SECONDS");
+  add(run_command->add_option("--start-value", fmu.start_values, "Start value, in the FMU's own unit of measure; repeatable"),
+      "NAME VALUE");
+  add(run_command->add_option("--input-file", fmu.input_file,
+                              "CSV, time first: continuous reals along lines, all else held from row to row"),
+      "FILE");
+  add(run_command->add_option("--output-file", fmu.output_file, "CSV for the results (default: <FMU>_out.csv)"), "FILE");
+  add(run_command->add_option("--output-variable", fmu.output_variables, "Record this instead of all outputs; repeatable"),
+      "NAME")
+      ->allow_extra_args(false);
+  add(run_command->add_option("--tolerance", fmu.tolerance, "Relative tolerance told to the FMU"), "NUMBER");
+  add(run_command->add_option("--interface-type", fmu.interface_type, "cs or me; default: cs where the FMU offers it")
+          ->check(CLI::IsMember({"cs", "me"})),
+      "TYPE");
+  of_fmu.push_back(run_command->add_flag("--set-stop-time", fmu.set_stop_time, "Tell the FMU the stop time")->group(group));
+
+  std::vector<CLI::Option*> of_scenario;
+  for (const char* name : {"--set", "--out", "--record", "--threads", "--real-time"}) {
+    of_scenario.push_back(run_command->get_option(name));
+  }
+  run_command->callback([all, of_fmu, of_scenario, &chosen] {
+    chosen = [all, of_fmu, of_scenario] {
+      if (!is_fmu(all->file)) {
+        refuse(of_fmu, "a scenario, expected with an FMU (.fmu)");
+        return run_scenario(*all);
+      }
+      refuse(of_scenario, "an FMU, expected with a scenario (.ssd, .ssp)");
+      all->fmu.file = all->file;
+      all->fmu.stop = all->stop;
+      return run_fmu(*all);
+    };
+  });
+}
+
+}  // namespace cotwin::master

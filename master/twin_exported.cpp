@@ -1,0 +1,29 @@
+// The scenario as an exported unit: what CMake writes for each unit (fmu/exported_unit.cpp.in), for the twin.
+#include <fstream>
+#include <sstream>
+
+#include "fmu/export.h"
+#include "master/twin_package.h"
+#include "models/text/error.h"
+
+namespace cotwin::fmu {
+
+namespace {
+
+std::unique_ptr<cotwin::Unit> make_twin(Settings& settings) {
+  const std::filesystem::path file = settings.file(master::kTwinFile);
+  std::ifstream in(file, std::ios::binary);
+  std::ostringstream content;
+  content << in.rdbuf();
+  if (!in) throw Error(file.string(), "cannot be read");
+  return master::build_twin(master::deserialise_twin(content.str(), file.string()), file.parent_path(), unit_types());
+}
+
+}  // namespace
+
+const UnitType& exported_unit() {
+  static constexpr UnitType kType{master::kTwinName, master::kTwinSummary, make_twin};
+  return kType;
+}
+
+}  // namespace cotwin::fmu

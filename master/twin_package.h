@@ -1,0 +1,34 @@
+#pragma once
+#include <filesystem>
+#include <memory>
+#include <set>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "master/twin.h"
+
+/// What an exported scenario is built from: a file beside the package of the FMU (fmu/package.h), without XML.
+namespace cotwin::master {
+
+inline constexpr const char* kTwinName = "twin";
+inline constexpr const char* kTwinSummary = "A whole scenario as one unit, with the master inside.";
+inline constexpr const char* kTwinFile = "scenario.bin";
+
+/// What a Twin needs of a scenario. `packages[i]`: the unit of scenario.components[i], as fmu::serialise(Package) gives it.
+struct TwinPackage {
+  Scenario scenario;
+  std::vector<std::string> packages;
+  std::set<std::string> outputs;
+};
+
+/// Versioned, with a hash over all bytes.
+std::string serialise(const TwinPackage& package);
+/// Throws Error `place: …` for bytes that are not such a package of this version, or are damaged.
+TwinPackage deserialise_twin(std::string_view bytes, const std::string& place);
+
+/// Builds all units; `resources`: where the files lie that their parameters name. Throws Error for what does not fit together.
+std::unique_ptr<Twin> build_twin(const TwinPackage& package, const std::filesystem::path& resources,
+                                 std::span<const UnitType> types);
+
+}  // namespace cotwin::master

@@ -1,0 +1,265 @@
+// What the C interfaces of FMI cost: our drive train as an FMU against the same unit in process, a whole scenario as one FMU
+// against the run of the scenario, and a chain of trivial FMUs in our master against a bare loop over the same FMUs.
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <stdexcept>
+#include <vector>
+
+#include "components/unit/unit_table.h"
+#include "fmu/pack.h"
+#include "master/master.h"
+#include "master/pack_twin.h"
+#include "tests/benchmarks/measure.h"
+#include "tests/fmu/driver.h"
+
+namespace {
+
+using namespace cotwin;
+using fmu::Version;
+using fmu::testing::Driver;
+using fmu::testing::LoadedFmu;
+
+namespace fs = std::filesystem;
+
+constexpr double kStep = 1e-3;  // s
+constexpr Duration kTick{1'000'000};
+constexpr int kSteps = 100;  // per call that is measured
+
+/// Both sides in step with each other, a call of each in turn: what a step costs depends on what the arm is doing.
+benchmark::Figures measure_in_step(const std::function<void()>& ours, const std::function<void()>& peer) {
+  constexpr int kBatches = 150;
+  return benchmark::measure(ours, peer, kBatches, 0);
+}
+
+const std::vector<fs::path>& folders() {
+  static const std::vector<fs::path> all = {fs::path(COTWIN_SOURCE_DIR) / "models"};
+  return all;
+}
+
+std::string name_of(Version version) { return version == Version::k2 ? "FMI 2" : "FMI 3"; }
+
+/// An instance with the calls of one step looked up beforehand, as a host does.
+class Stepped {
+ public:
+  Stepped(const LoadedFmu& fmu, const Driver& driver) : instance_(driver.instance()), two_(fmu.version() == Version::k2) {
+    if (two_) {
+      step2_ = fmu.function<decltype(&fmi2DoStep)>("fmi2DoStep");
+      set2_ = fmu.function<decltype(&fmi2SetReal)>("fmi2SetReal");
+      get2_ = fmu.function<decltype(&fmi2GetReal)>("fmi2GetReal");
+    } else {
+      step3_ = fmu.function<decltype(&fmi3DoStep)>("fmi3DoStep");
+      set3_ = fmu.function<decltype(&fmi3SetFloat64)>("fmi3SetFloat64");
+      get3_ = fmu.function<decltype(&fmi3GetFloat64)>("fmi3GetFloat64");
+    }
+  }
+  int step(std::int64_t n) const {
+    const double now = static_cast<double>(n) * kStep;
+    if (two_) return step2_(instance_, now, kStep, fmi2True);
+    bool event = false, terminate = false, early = false;
+    double reached = 0;
+    return step3_(instance_, now, kStep, true, &event, &terminate, &early, &reached);
+  }
+  int set(const std::vector<unsigned>& references, const std::vector<double>& values) const {
+    if (two_) return set2_(instance_, references.data(), references.size(), values.data());
+    return set3_(instance_, references.data(), references.size(), values.data(), values.size());
+  }
+  int get(const std::vector<unsigned>& references, std::vector<double>& values) const {
+    if (two_) return get2_(instance_, references.data(), references.size(), values.data());
+    return get3_(instance_, references.data(), references.size(), values.data(), values.size());
+  }
+
+ private:
+  void* instance_;
+  bool two_;
+  decltype(&fmi2DoStep) step2_ = nullptr;
+  decltype(&fmi2SetReal) set2_ = nullptr;
+  decltype(&fmi2GetReal) get2_ = nullptr;
+  decltype(&fmi3DoStep) step3_ = nullptr;
+  decltype(&fmi3SetFloat64) set3_ = nullptr;
+  decltype(&fmi3GetFloat64) get3_ = nullptr;
+};
+
+void expect_ok(int status) {
+  if (status != 0) throw std::runtime_error("an FMU refused a call");
+}
+
+/// Motor torques that keep the arm moving, in step `n`.
+void excite(std::vector<double>& tau_m, std::int64_t n) {
+  for (std::size_t i = 0; i < tau_m.size(); ++i) {
+    tau_m[i] = 2 * std::sin(0.013 * static_cast<double>(n) + 0.7 * static_cast<double>(i));
+  }
+}
+
+/// Per step: the torque in, the step, two outputs out.
+void drive_train(Version version, const fs::path& folder) {
+  const std::string source = "unit:drive_train?robot=lwr4";
+  fmu::PackRequest request;
+  request.source = source;
+  request.folders = folders();
+  request.types = unit_types();
+  request.version = version;
+  const fs::path archive = folder / "drive_train.fmu";
+  fmu::pack_unit(request, archive);
+  const LoadedFmu loaded(archive, "drive_train", version);
+  Driver driver(loaded);
+  driver.initialise();
+  const Stepped ours(loaded, driver);
+
+  Instance alone = make_unit(source, {}, folders(), unit_types());
+  alone.unit->initialise(Time{});
+  const std::vector<unsigned> tau_m = fmu::testing::references(alone.variables, "tau_m", version);
+  const std::vector<unsigned> q = fmu::testing::references(alone.variables, "q", version);
+  const std::vector<unsigned> theta = fmu::testing::references(alone.variables, "theta", version);
+  const std::size_t joints = alone.variables.at("tau_m").size();
+  std::vector<double> in(joints), out(joints);
+  std::int64_t n_ours = 0, n_alone = 0;
+  const std::span<double> tau_m_alone = alone.variables.at("tau_m").reals(), q_alone = alone.variables.at("q").reals(),
+                          theta_alone = alone.variables.at("theta").reals();
+  const auto figures = measure_in_step(
+      [&] {
+        for (int i = 0; i < kSteps; ++i, ++n_ours) {
+          excite(in, n_ours);
+          expect_ok(ours.set(tau_m, in));
+          expect_ok(ours.step(n_ours));
+          expect_ok(ours.get(q, out));
+          expect_ok(ours.get(theta, out));
+          benchmark::keep(out);
+        }
+      },
+      [&] {
+        for (int i = 0; i < kSteps; ++i, ++n_alone) {
+          excite(in, n_alone);
+          std::copy(in.begin(), in.end(), tau_m_alone.begin());
+          benchmark::keep(alone.unit->step(Time{n_alone * kTick.ns}, kTick));
+          std::copy(q_alone.begin(), q_alone.end(), out.begin());
+          std::copy(theta_alone.begin(), theta_alone.end(), out.begin());
+          benchmark::keep(out);
+        }
+      });
+  benchmark::print({"drive train as an FMU, " + name_of(version) + ", per step", "us", figures.ours * 1e6 / kSteps,
+                    "the unit in process", figures.peer * 1e6 / kSteps, 1.1, true});
+}
+
+/// Both go along the example's motion, with nothing recorded.
+void whole_twin(Version version, const fs::path& folder) {
+  master::Scenario scenario = master::load_scenario(fs::path(COTWIN_SOURCE_DIR) / "examples/02_free_motion_lwr4/twin.ssd");
+  scenario.stop = Time{1'000'000 * kTick.ns};  // further than any measurement
+  const fs::path archive = folder / "twin.fmu";
+  master::PackageOptions options;
+  options.types = unit_types();
+  options.folders = folders();
+  options.version = version;
+  master::pack_twin(scenario, options, archive);
+  const LoadedFmu loaded(archive, "twin", version);
+  Driver driver(loaded);
+  driver.initialise();
+  const Stepped ours(loaded, driver);
+
+  master::MasterOptions in_process;
+  in_process.types = unit_types();
+  in_process.folders = folders();
+  in_process.threads = 1;
+  master::Master master(scenario, std::move(in_process));
+  master.initialise();
+  std::int64_t n = 0;
+  const auto figures = measure_in_step(
+      [&] {
+        for (int i = 0; i < kSteps; ++i) expect_ok(ours.step(n++));
+      },
+      [&] {
+        for (int i = 0; i < kSteps; ++i) master.step_tick();
+      });
+  benchmark::print({"whole twin (example 02) as an FMU, " + name_of(version) + ", per step", "us", figures.ours * 1e6 / kSteps,
+                    "the run in process", figures.peer * 1e6 / kSteps, 1.1, true});
+}
+
+constexpr const char* kTrivial = R"(<?xml version="1.0" encoding="UTF-8"?>
+<fmiModelDescription fmiVersion="2.0" modelName="trivial" guid="{trivial}" numberOfEventIndicators="0">
+  <CoSimulation modelIdentifier="trivial" canHandleVariableCommunicationStepSize="true"/>
+  <ModelVariables>
+    <ScalarVariable name="u" valueReference="1" causality="input" variability="continuous"><Real start="0"/></ScalarVariable>
+    <ScalarVariable name="y" valueReference="2" causality="output" variability="continuous" initial="calculated"><Real/></ScalarVariable>
+  </ModelVariables>
+  <ModelStructure><Outputs><Unknown index="2"/></Outputs></ModelStructure>
+</fmiModelDescription>
+)";
+
+/// Both loops move the outputs on to the next FMU's input and step all of them. Every FMU is loaded from an archive of its own,
+/// as a scenario's components are.
+void chain(int count, const fs::path& folder) {
+  const std::vector<fmu::ArchiveFile> files = {{"modelDescription.xml", std::string(kTrivial)},
+                                               {"binaries/linux64/trivial.so", fs::path(COTWIN_TRIVIAL_FMU)}};
+  fmu::write_archive(folder / "trivial.fmu", files);
+  master::Scenario scenario;
+  scenario.name = "chain";
+  scenario.folder = folder;
+  scenario.stop = Time{1'000'000'000 * kTick.ns};  // further than any measurement
+  scenario.threads = 1;
+  scenario.reports.push_back({"", "signal", "u0.y", "", ""});
+  for (int i = 0; i < count; ++i) {
+    master::ComponentSpec spec;
+    spec.name = "u" + std::to_string(i);
+    spec.source = "trivial.fmu";
+    scenario.components.push_back(spec);
+    if (i > 0) scenario.connections.push_back({{"u" + std::to_string(i - 1), "y", ""}, {spec.name, "u", ""}, 1, 0, false, ""});
+  }
+  master::Master ours(scenario, {});
+  ours.initialise();
+
+  struct Bare {
+    LoadedFmu loaded;
+    Driver driver{loaded};
+    void* instance = driver.instance();
+    decltype(&fmi2DoStep) step = loaded.function<decltype(&fmi2DoStep)>("fmi2DoStep");
+    decltype(&fmi2SetReal) set = loaded.function<decltype(&fmi2SetReal)>("fmi2SetReal");
+    decltype(&fmi2GetReal) get = loaded.function<decltype(&fmi2GetReal)>("fmi2GetReal");
+    explicit Bare(const fs::path& archive) : loaded(archive, "trivial", Version::k2) { driver.initialise(); }
+  };
+  std::vector<std::unique_ptr<Bare>> fmus;
+  for (int i = 0; i < count; ++i) fmus.push_back(std::make_unique<Bare>(folder / "trivial.fmu"));
+  struct Calls {
+    void* instance;
+    decltype(&fmi2DoStep) step;
+    decltype(&fmi2SetReal) set;
+    decltype(&fmi2GetReal) get;
+  };
+  std::vector<Calls> instances;
+  for (const auto& f : fmus) instances.push_back({f->instance, f->step, f->set, f->get});
+  std::vector<double> y(instances.size()), next(instances.size());
+  const fmi2ValueReference u_reference = 1, y_reference = 2;
+  std::int64_t n = 0;
+  const auto bare = [&] {
+    const double now = static_cast<double>(n++) * kStep;
+    int worst = 0;
+    for (std::size_t i = 0; i < instances.size(); ++i) {
+      const Calls& f = instances[i];
+      if (i > 0) worst |= f.set(f.instance, &u_reference, 1, &y[i - 1]);
+      worst |= f.step(f.instance, now, kStep, fmi2True);
+      worst |= f.get(f.instance, &y_reference, 1, &next[i]);
+    }
+    std::swap(y, next);
+    expect_ok(worst);
+  };
+  const auto figures = benchmark::measure(
+      [&] {
+        for (int i = 0; i < kSteps; ++i) ours.step_tick();
+      },
+      [&] {
+        for (int i = 0; i < kSteps; ++i) bare();
+      });
+  const double per = 1e9 / kSteps / count;
+  benchmark::print({"chain of " + std::to_string(count) + " trivial FMUs in the master, per FMU and step", "ns",
+                    figures.ours * per, "bare loop over the same FMUs", figures.peer * per, 2, true});
+}
+
+}  // namespace
+
+int main() {
+  const fmu::TemporaryFolder folder;
+  for (const Version version : {Version::k2, Version::k3}) drive_train(version, folder.path());
+  for (const Version version : {Version::k2, Version::k3}) whole_twin(version, folder.path());
+  for (const int count : {1, 10, 100}) chain(count, folder.path());
+}

@@ -1,0 +1,348 @@
+// What every exported unit passes without writing it, in both versions of FMI: the units come from the generated table, their
+// settings and start values from tests/components/properties, as in unit_properties_test.cpp.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <thread>
+
+#include "components/unit/unit_table.h"
+#include "fmu/pack.h"
+#include "tests/fmu/driver.h"
+
+namespace cotwin::fmu {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::Driver;
+using testing::LoadedFmu;
+using testing::references;
+
+constexpr std::int64_t kStep = 1'000'000;  // ns
+
+fs::path properties_folder() { return fs::path(COTWIN_SOURCE_DIR) / "tests/components/properties"; }
+
+struct Subject {
+  std::string source;
+  Version version;
+};
+
+/// Every unit in both versions, with each of its variants or with the first.
+std::vector<Subject> subjects(bool variants) {
+  std::vector<Subject> all;
+  for (const UnitType& type : unit_types()) {
+    std::vector<std::string> sources;
+    const std::string source = std::string("unit:") + type.name;
+    std::ifstream queries(properties_folder() / (std::string(type.name) + ".sources"));
+    if (!queries) sources.push_back(source);
+    for (std::string query; std::getline(queries, query);) sources.push_back(query.empty() ? source : source + "?" + query);
+    if (!variants) sources.resize(1);
+    for (const std::string& s : sources) {
+      all.push_back({s, Version::k2});
+      all.push_back({s, Version::k3});
+    }
+  }
+  return all;
+}
+
+PackRequest request_for(const Subject& subject) {
+  PackRequest request;
+  request.source = subject.source;
+  request.defaults = {{"robot", "lwr4"}};
+  request.folders = {properties_folder(), fs::path(COTWIN_SOURCE_DIR) / "models"};
+  request.types = unit_types();
+  request.version = subject.version;
+  const fs::path values = properties_folder() / (parse_unit_source(subject.source).unit + ".ssv");
+  if (fs::exists(values)) request.values.push_back(load_parameter_set(values));
+  return request;
+}
+
+Instance in_process(const PackRequest& request) {
+  Instance instance = make_unit(request.source, request.defaults, request.folders, request.types);
+  for (const ParameterSet& values : request.values) apply(values, instance.variables);
+  return instance;
+}
+
+/// Inputs of step `number`: smooth, small, different for each element, within the declared range.
+std::vector<double> excitation(const cotwin::Variable& v, std::size_t channel, int number) {
+  std::vector<double> values(v.size());
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const double wave = 0.1 * std::sin(0.013 * number + 0.7 * static_cast<double>(channel + i));
+    values[i] = std::min(std::max(wave, v.min), v.max);
+  }
+  return values;
+}
+
+class ExportedUnits : public ::testing::TestWithParam<Subject> {
+ protected:
+  void SetUp() override {
+    request_ = request_for(GetParam());
+    static TemporaryFolder archives;  // each is written once
+    archive_ = archives.path() / (::testing::PrintToString(std::hash<std::string>{}(request_.source)) + "." +
+                                  std::to_string(static_cast<int>(request_.version)) + ".fmu");
+    if (!fs::exists(archive_)) pack_unit(request_, archive_);
+    unit_ = parse_unit_source(request_.source).unit;
+    fmu_ = std::make_unique<LoadedFmu>(archive_, unit_, request_.version);
+    reference_ = in_process(request_);
+  }
+
+  void excite(Driver& d, int number) const {
+    std::size_t channel = 0;
+    for (const cotwin::Variable& v : reference_.variables) {
+      if (v.role != Role::kInput || v.kind() != Kind::kReal) continue;
+      const std::vector<double> values = excitation(v, channel, number);
+      ASSERT_EQ(d.set(references(reference_.variables, v.name, request_.version), std::span<const double>(values)), 0)
+          << d.last_message();
+      channel += v.size();
+    }
+  }
+  void excite(Instance& instance, int number) const {
+    std::size_t channel = 0;
+    for (const cotwin::Variable& v : instance.variables) {
+      if (v.role != Role::kInput || v.kind() != Kind::kReal) continue;
+      const std::vector<double> values = excitation(v, channel, number);
+      std::copy(values.begin(), values.end(), v.reals().begin());
+      channel += v.size();
+    }
+  }
+
+  /// The value of a variable as text that tells every bit.
+  template <class T>
+  static void append(std::string& text, const T& value) {
+    if constexpr (std::is_same_v<T, std::string>) {
+      text += value;
+    } else {
+      text.append(reinterpret_cast<const char*>(&value), sizeof value);
+    }
+    text += ';';
+  }
+  static std::string bits(const cotwin::Variable& v) {
+    std::string text;
+    std::visit(
+        [&](auto all) {
+          for (const auto& value : all) append(text, value);
+        },
+        v.storage);
+    return text;
+  }
+  std::string bits(Driver& d, const cotwin::Variable& v) const {
+    std::string text;
+    const std::vector<unsigned> refs = references(reference_.variables, v.name, request_.version);
+    const auto read = [&](auto& values) {
+      EXPECT_EQ(d.get(refs, std::span(values)), 0) << v.name << ": " << d.last_message();
+      for (const auto& value : values) append(text, value);
+    };
+    switch (v.kind()) {
+      case Kind::kReal: {
+        std::vector<double> values(v.size());
+        read(values);
+        break;
+      }
+      case Kind::kInteger: {
+        std::vector<std::int32_t> values(v.size());
+        read(values);
+        break;
+      }
+      case Kind::kBoolean: {
+        std::array<bool, 64> room{};
+        std::span<bool> values = std::span(room).first(v.size());
+        read(values);
+        break;
+      }
+      case Kind::kString: {
+        std::vector<std::string> values(v.size());
+        read(values);
+        break;
+      }
+    }
+    return text;
+  }
+
+  static std::int64_t length(int number) { return number % 3 == 2 ? kStep / 2 : kStep; }
+
+  /// Steps from step `begin` to `end`, beginning at `now` ns, which it moves; returns every output and state after each.
+  std::vector<std::string> run(Driver& d, int begin, int end, std::int64_t& now) const {
+    std::vector<std::string> trace;
+    for (int i = begin; i < end; ++i) {
+      excite(d, i);
+      EXPECT_EQ(d.step(static_cast<double>(now) * 1e-9, static_cast<double>(length(i)) * 1e-9), 0) << d.last_message();
+      now += length(i);
+      std::string all;
+      for (const cotwin::Variable& v : reference_.variables) {
+        if (v.role == Role::kOutput || v.role == Role::kState) all += bits(d, v);
+      }
+      trace.push_back(std::move(all));
+    }
+    return trace;
+  }
+  std::vector<std::string> run(Driver& d, int steps) const {
+    excite(d, 0);
+    d.initialise();
+    std::int64_t now = 0;
+    return run(d, 0, steps, now);
+  }
+
+  TemporaryFolder folder_;
+  PackRequest request_;
+  fs::path archive_;
+  std::string unit_;
+  std::unique_ptr<LoadedFmu> fmu_;
+  Instance reference_;
+};
+
+/// What depends on the unit and not on its settings.
+class ExportedLibraries : public ExportedUnits {};
+
+std::string output_of(const std::string& command) {
+  std::string text;
+  FILE* pipe = popen((command + " 2>&1").c_str(), "r");
+  char buffer[4096];
+  while (pipe != nullptr && fgets(buffer, sizeof buffer, pipe) != nullptr) text += buffer;
+  const int status = pipe != nullptr ? pclose(pipe) : 1;
+  return status == 0 ? text : "failed: " + text;
+}
+
+TEST_P(ExportedUnits, DescribesItselfAsTheSchemaWantsIt) {
+  const bool two = request_.version == Version::k2;
+  const fs::path schema = fs::path(COTWIN_SHARED_DIR) / "data/schemas" /
+                          (two ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
+  if (!fs::exists(schema)) GTEST_SKIP() << "no schema " << schema;
+  const std::string file = (fmu_->folder() / "modelDescription.xml").string();
+  const std::string said = output_of("xmllint --noout --schema '" + schema.string() + "' '" + file + "'");
+  EXPECT_THAT(said, ::testing::HasSubstr("validates"));
+}
+
+TEST_P(ExportedUnits, GivesTheBitsOfTheUnitInProcess) {
+  Driver d(*fmu_);
+  ASSERT_TRUE(d.alive()) << d.last_message();
+  Instance alone = in_process(request_);
+  for (const cotwin::Variable& v : alone.variables) {  // a packed file has another name, which the unit finds all the same
+    if (v.kind() != Kind::kString && v.role != Role::kOutput) {
+      EXPECT_EQ(bits(d, v), bits(v)) << v.name << " starts differently";
+    }
+  }
+  excite(alone, 0);
+  alone.unit->initialise(Time{});
+  excite(d, 0);
+  d.initialise();
+  std::int64_t now = 0;
+  for (int i = 0; i < 150; ++i) {
+    excite(alone, i);
+    ASSERT_EQ(alone.unit->step(Time{now}, Duration{length(i)}), StepResult::kDone);
+    excite(d, i);
+    ASSERT_EQ(d.step(static_cast<double>(now) * 1e-9, static_cast<double>(length(i)) * 1e-9), 0) << d.last_message();
+    now += length(i);
+    for (const cotwin::Variable& v : alone.variables) {
+      if (v.role != Role::kOutput && v.role != Role::kState) continue;
+      if (v.name == "warning") continue;  // names files, which lie elsewhere
+      ASSERT_EQ(bits(d, v), bits(v)) << v.name << " differs after step " << i;
+    }
+  }
+}
+
+TEST_P(ExportedUnits, GivesTheSameTrajectoryAfterAReset) {
+  Driver d(*fmu_);
+  const auto first = run(d, 60);
+  ASSERT_EQ(d.reset(), 0) << d.last_message();
+  EXPECT_EQ(run(d, 60), first);
+}
+
+TEST_P(ExportedUnits, GoesOnFromASavedStateHereAndInAFreshInstance) {
+  if (!reference_.unit->restorable()) GTEST_SKIP() << "reaches outside: its steps cannot be taken back";
+  Driver d(*fmu_);
+  run(d, 37);
+  std::int64_t now = 0;
+  for (int i = 0; i < 37; ++i) now += length(i);
+  void* state = nullptr;
+  ASSERT_EQ(d.save(&state), 0) << d.last_message();
+  std::int64_t t = now;
+  const auto expected = run(d, 37, 90, t);
+
+  ASSERT_EQ(d.restore(state), 0) << d.last_message();
+  t = now;
+  EXPECT_EQ(run(d, 37, 90, t), expected);
+
+  Driver fresh(*fmu_);
+  void* taken = nullptr;
+  const std::vector<char> bytes = d.serialise(state);
+  ASSERT_EQ(fresh.deserialise(bytes, &taken), 0) << fresh.last_message();
+  ASSERT_EQ(fresh.restore(taken), 0) << fresh.last_message();
+  t = now;
+  EXPECT_EQ(run(fresh, 37, 90, t), expected);
+}
+
+TEST_P(ExportedUnits, ShareNothingBetweenInstancesAndThreads) {
+  Driver alone(*fmu_);
+  const auto expected = run(alone, 30);
+  std::vector<std::unique_ptr<Driver>> drivers;
+  for (int i = 0; i < 20; ++i) drivers.push_back(std::make_unique<Driver>(*fmu_));
+  std::vector<std::vector<std::string>> traces(4);
+  std::vector<std::thread> threads;
+  for (std::size_t k = 0; k < traces.size(); ++k) {
+    threads.emplace_back([&, k] {
+      for (std::size_t i = k; i < drivers.size(); i += traces.size()) traces[k] = run(*drivers[i], 30);
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  for (const auto& trace : traces) EXPECT_EQ(trace, expected);
+}
+
+TEST_P(ExportedLibraries, PackToTheSameBytesAgain) {
+  setenv("SOURCE_DATE_EPOCH", "1700000000", 1);
+  pack_unit(request_, folder_.path() / "a.fmu");
+  pack_unit(request_, folder_.path() / "b.fmu");
+  unsetenv("SOURCE_DATE_EPOCH");
+  const auto read = [](const fs::path& path) {
+    std::ifstream in(path, std::ios::binary);
+    return std::string(std::istreambuf_iterator<char>(in), {});
+  };
+  EXPECT_TRUE(read(folder_.path() / "a.fmu") == read(folder_.path() / "b.fmu"));
+  EXPECT_THAT(read_archive_file(folder_.path() / "a.fmu", "modelDescription.xml"),
+              ::testing::HasSubstr("generationDateAndTime=\"2023-11-14T22:13:20Z\""));
+}
+
+TEST_P(ExportedLibraries, StandAlone) {
+  const std::string library = "'" + fmu_->library().string() + "'";
+  const std::string symbols = output_of("nm -D --defined-only " + library);
+  EXPECT_THAT(symbols, ::testing::HasSubstr(" T fmi2DoStep"));
+  EXPECT_THAT(symbols, ::testing::HasSubstr(" T fmi3DoStep"));
+  std::istringstream lines(symbols);
+  for (std::string address, kind, name; lines >> address >> kind >> name;) {
+    EXPECT_EQ(kind, "T") << name;
+    EXPECT_TRUE(name.starts_with("fmi2") || name.starts_with("fmi3")) << name;
+  }
+  if (std::string(COTWIN_SANITIZERS).size() > 0) GTEST_SKIP() << "sanitizers need their library";
+  std::istringstream dynamic(output_of("readelf --wide --dynamic " + library));
+  for (std::string line; std::getline(dynamic, line);) {
+    if (line.find("(NEEDED)") == std::string::npos) continue;
+    const bool basic = line.find("[libc.so.") != std::string::npos || line.find("[libm.so.") != std::string::npos ||
+                       line.find("[ld-linux") != std::string::npos;
+    EXPECT_TRUE(basic) << line;
+  }
+  EXPECT_THAT(output_of("readelf --wide --syms " + library), ::testing::Not(::testing::HasSubstr("UNIQUE")));
+}
+
+TEST_P(ExportedLibraries, LeaveNothingOfThisMachineInTheArchive) {
+  for (const ArchiveEntry& entry : list_archive(archive_)) {
+    if (entry.name.ends_with(".so") || entry.name.starts_with("documentation/licenses/")) continue;
+    const std::string content = read_archive_file(archive_, entry.name);
+    EXPECT_EQ(content.find(COTWIN_SOURCE_DIR), std::string::npos) << entry.name;
+  }
+}
+
+std::string name_of(const ::testing::TestParamInfo<Subject>& subject) {
+  std::string name = subject.param.source.substr(5) + (subject.param.version == Version::k2 ? "_fmi2" : "_fmi3");
+  for (char& c : name) {
+    if (!std::isalnum(static_cast<unsigned char>(c))) c = '_';
+  }
+  return name;
+}
+
+INSTANTIATE_TEST_SUITE_P(Fmi, ExportedUnits, ::testing::ValuesIn(subjects(true)), name_of);
+INSTANTIATE_TEST_SUITE_P(Fmi, ExportedLibraries, ::testing::ValuesIn(subjects(false)), name_of);
+
+}  // namespace
+}  // namespace cotwin::fmu

@@ -1,0 +1,436 @@
+// What is written for others to read: model descriptions, archives, file URIs, and the package a unit is built from.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+#include <zip.h>
+
+#include <fstream>
+#include <sstream>
+
+#include "fmu/archive.h"
+#include "fmu/model_description.h"
+#include "fmu/package.h"
+#include "fmu/uri.h"
+#include "models/robot/urdf.h"
+#include "models/text/error.h"
+
+namespace cotwin::fmu {
+namespace {
+
+namespace fs = std::filesystem;
+using std::string_literals::operator""s;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::ThrowsMessage;
+
+// Model descriptions
+
+/// One that says everything that can be said in its version.
+ModelDescription full(Version version) {
+  const bool three = version == Version::k3;
+  ModelDescription d;
+  d.version = version;
+  d.model_name = "a <model> & \"more\"";
+  d.token = "{1}";
+  d.description = "größer\nand lower";
+  d.author = "someone";
+  d.model_version = "1";
+  d.copyright = "none";
+  d.license = "any";
+  d.generation_tool = "hand";
+  d.generation_date = "2026-11-20T00:00:00Z";
+  d.structured_names = true;
+  Interface i;
+  i.model_identifier = "model";
+  i.needs_execution_tool = i.only_once_per_process = i.can_get_and_set_state = i.can_serialise_state = true;
+  i.provides_directional_derivatives = i.variable_step = i.can_interpolate_inputs = i.can_run_asynchronously = true;
+  i.provides_adjoint_derivatives = i.provides_per_element_dependencies = i.provides_intermediate_update = true;
+  i.might_return_early = i.can_return_early_after_intermediate_update = i.has_event_mode = true;
+  i.provides_evaluate_discrete_states = i.can_not_use_memory_functions = true;
+  i.max_output_derivative_order = 2;
+  i.recommended_input_smoothness = 1;
+  i.fixed_internal_step = 1e-3;
+  i.source_files = {"model.c"};
+  d.model_exchange = d.co_simulation = i;
+  if (three) d.scheduled_execution = i;
+  UnitDefinition rad;
+  rad.name = "rad";
+  rad.rad = 1;
+  UnitDefinition celsius;
+  celsius.K = 1;
+  celsius.offset = 273.15;
+  celsius.factor = 2;
+  d.units = {
+      {"rad", rad, {{"deg", 57.29577951308232, 0, false}, {"offset", 1, 3, three}}}, {"degC", celsius, {}}, {"?", {}, {}}};
+  TypeDefinition angle{"Angle", Type::kFloat64, "an angle", {"Angle", "rad", "deg", true, true, -1.0, 1.0, 0.5}, {}, "", {},
+                       {}};
+  TypeDefinition count{"Count", Type::kInt32, "", {"Count", "", "", false, false, 0.0, 9.0, {}}, {}, "", {}, {}};
+  TypeDefinition choice{"Choice", Type::kEnumeration, "", {}, {{"one", 1, "first"}, {"two", 2, ""}}, "", {}, {}};
+  TypeDefinition flag{"Flag", Type::kBoolean, "", {}, {}, "", {}, {}};
+  TypeDefinition words{"Words", Type::kString, "", {}, {}, "", {}, {}};
+  d.types = {angle, count, choice, flag, words};
+  if (three) {
+    d.types.push_back({"Blob", Type::kBinary, "", {}, {}, "image/png", 1000, {}});
+    d.types.push_back(
+        {"Tick", Type::kClock, "", {}, {}, "", {}, {true, 3, IntervalVariability::kConstant, 0.1, 0.2, true, 10, 1, 2}});
+    d.types.push_back({"Small", Type::kUInt8, "", {"Count", "", "", false, false, 0.0, 255.0, {}}, {}, "", {}, {}});
+    d.types.push_back({"Single", Type::kFloat32, "", {"", "", "", false, false, -1.5, 1.5, {}}, {}, "", {}, {}});
+  }
+  d.log_categories = {{"logEvents", "what happens"}};
+  d.default_experiment = DefaultExperiment{0.0, 2.0, 1e-4, 1e-3};
+
+  const auto add = [&](Variable v) {
+    v.reference = static_cast<std::uint32_t>(d.variables.size()) + 10;
+    d.variables.push_back(std::move(v));
+  };
+  Variable v;
+  v.name = "time";
+  v.causality = Causality::kIndependent;
+  add(v);
+  v = {};
+  v.name = "x";
+  v.numeric = {"Angle", "rad", "deg", true, false, -3.0, 3.0, 1.0};
+  v.declared_type = "Angle";
+  v.initial = Initial::kExact;
+  v.start = std::vector<double>{0.25};
+  v.reinit = true;
+  add(v);
+  v = {};
+  v.name = "der(x)";
+  v.causality = Causality::kOutput;
+  v.initial = Initial::kCalculated;
+  v.derivative = 1;
+  add(v);
+  v = {};
+  v.name = "mode";
+  v.type = Type::kEnumeration;
+  v.declared_type = "Choice";
+  v.causality = Causality::kParameter;
+  v.variability = Variability::kTunable;
+  v.start = std::vector<std::int64_t>{2};
+  add(v);
+  v = {};
+  v.name = "on";
+  v.type = Type::kBoolean;
+  v.causality = Causality::kInput;
+  v.variability = Variability::kDiscrete;
+  v.can_handle_multiple_set = false;
+  v.start = std::vector<bool>{true};
+  add(v);
+  v = {};
+  v.name = "text";
+  v.type = Type::kString;
+  v.causality = Causality::kParameter;
+  v.variability = Variability::kFixed;
+  v.start = std::vector<std::string>{"a \"quoted\" <text>"};
+  add(v);
+  if (three) {
+    v = {};
+    v.name = "n";
+    v.type = Type::kUInt64;
+    v.causality = Causality::kStructuralParameter;
+    v.variability = Variability::kFixed;
+    v.start = std::vector<std::uint64_t>{18446744073709551615u};
+    add(v);
+    v = {};
+    v.name = "matrix";
+    v.type = Type::kFloat32;
+    v.causality = Causality::kInput;
+    v.dimensions = {{2, {}}, {{}, 16}};
+    v.intermediate_update = true;
+    v.start = std::vector<double>{1.5, -2.5};
+    v.aliases = {{"other", "the same", ""}};
+    add(v);
+    v = {};
+    v.name = "blobs";
+    v.type = Type::kBinary;
+    v.variability = Variability::kDiscrete;
+    v.causality = Causality::kInput;
+    v.mime_type = "image/png";
+    v.max_size = 5;
+    v.dimensions = {{2, {}}};
+    v.start = std::vector<std::vector<std::uint8_t>>{{0, 255}, {16}};
+    add(v);
+    v = {};
+    v.name = "words";
+    v.type = Type::kString;
+    v.variability = Variability::kDiscrete;
+    v.causality = Causality::kInput;
+    v.dimensions = {{2, {}}};
+    v.start = std::vector<std::string>{"one", "two words"};
+    add(v);
+    v = {};
+    v.name = "tick";
+    v.type = Type::kClock;
+    v.variability = Variability::kDiscrete;
+    v.causality = Causality::kInput;
+    v.clock = {false, 1, IntervalVariability::kTriggered, {}, 0, false, {}, {}, 0};
+    add(v);
+    v = {};
+    v.name = "clocked";
+    v.type = Type::kInt8;
+    v.variability = Variability::kDiscrete;
+    v.clocks = {20};
+    v.previous = 22;
+    v.start = std::vector<std::int64_t>{-128};
+    v.numeric.min = -128;
+    add(v);
+    v = {};
+    v.name = "before";
+    v.type = Type::kInt8;
+    v.variability = Variability::kDiscrete;
+    v.clocks = {20};
+    v.start = std::vector<std::int64_t>{1};
+    add(v);
+  }
+  d.structure.outputs = {{2, std::vector<std::size_t>{1, 4}, {DependencyKind::kDependent, DependencyKind::kDiscrete}}};
+  d.structure.derivatives = {{2, std::vector<std::size_t>{}, {}}};
+  d.structure.initial_unknowns = {{2, std::nullopt, {}}};
+  if (three) {
+    d.structure.clocked_states = {{11, std::nullopt, {}}};
+    d.structure.event_indicators = {{2, std::nullopt, {}}};
+  }
+  return d;
+}
+
+std::string to_xml(const ModelDescription& d) {
+  std::ostringstream out;
+  write(out, d);
+  return out.str();
+}
+
+class Description : public ::testing::TestWithParam<Version> {};
+
+TEST_P(Description, ValidatesWithEverythingThatCanBeSaid) {
+  const bool two = GetParam() == Version::k2;
+  const fs::path schema = fs::path(COTWIN_SHARED_DIR) / "data/schemas" /
+                          (two ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
+  if (!fs::exists(schema)) GTEST_SKIP() << "no schema " << schema;
+  TemporaryFolder folder;
+  const fs::path file = folder.path() / "modelDescription.xml";
+  std::ofstream(file) << to_xml(full(GetParam()));
+  EXPECT_EQ(std::system(("xmllint --noout --schema '" + schema.string() + "' '" + file.string() + "'").c_str()), 0)
+      << to_xml(full(GetParam()));
+}
+
+INSTANTIATE_TEST_SUITE_P(Fmi, Description, ::testing::Values(Version::k2, Version::k3),
+                         [](const auto& version) { return std::string(version.param == Version::k2 ? "2" : "3"); });
+
+TEST(Description, RefersByIndexInFmi2AndByReferenceInFmi3) {
+  EXPECT_THAT(to_xml(full(Version::k2)),
+              HasSubstr("<Unknown index=\"3\" dependencies=\"2 5\" dependenciesKind=\"dependent discrete\"/>"));
+  EXPECT_THAT(to_xml(full(Version::k2)), HasSubstr("derivative=\"2\""));
+  EXPECT_THAT(to_xml(full(Version::k3)),
+              HasSubstr("<Output valueReference=\"12\" dependencies=\"11 14\" dependenciesKind=\"dependent discrete\"/>"));
+  EXPECT_THAT(to_xml(full(Version::k3)), HasSubstr("derivative=\"11\""));
+  EXPECT_THAT(to_xml(full(Version::k3)), HasSubstr("<Start value=\"00ff\"/>"));
+}
+
+TEST(Description, RefusesToSayInFmi2WhatOnlyFmi3Has) {
+  ModelDescription d = full(Version::k2);
+  d.variables[1].dimensions = {{3, {}}};
+  EXPECT_THAT([&] { to_xml(d); }, ThrowsMessage<Error>(HasSubstr("FMI 2 does not have")));
+  d = full(Version::k2);
+  d.variables[1].type = Type::kInt64;
+  EXPECT_THAT([&] { to_xml(d); }, ThrowsMessage<Error>(HasSubstr("Int64")));
+}
+
+TEST(Description, WritesNumbersThatAreNoneAsXmlSchemaDoes) {
+  ModelDescription d = full(Version::k3);
+  d.variables[1].start = std::vector<double>{-HUGE_VAL, HUGE_VAL, std::nan("")};
+  d.variables[1].dimensions = {{3, {}}};
+  EXPECT_THAT(to_xml(d), HasSubstr("start=\"-INF INF NaN\""));
+}
+
+// Archives
+
+struct RawEntry {
+  std::string name, content;
+  zip_uint32_t mode = S_IFREG | 0644;
+};
+
+/// An archive as anybody may write it.
+void write_raw(const fs::path& path, const std::vector<RawEntry>& entries) {
+  int code = 0;
+  zip_t* zip = zip_open(path.c_str(), ZIP_CREATE | ZIP_TRUNCATE, &code);
+  ASSERT_NE(zip, nullptr);
+  for (const RawEntry& e : entries) {
+    const zip_int64_t i = e.name.ends_with('/')
+                              ? zip_dir_add(zip, e.name.c_str(), ZIP_FL_ENC_UTF_8)
+                              : zip_file_add(zip, e.name.c_str(), zip_source_buffer(zip, e.content.data(), e.content.size(), 0),
+                                             ZIP_FL_ENC_UTF_8);
+    ASSERT_GE(i, 0) << e.name << ": " << zip_strerror(zip);
+    zip_file_set_external_attributes(zip, static_cast<zip_uint64_t>(i), 0, ZIP_OPSYS_UNIX, e.mode << 16);
+  }
+  ASSERT_EQ(zip_close(zip), 0);
+}
+
+std::string read(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  return std::string(std::istreambuf_iterator<char>(in), {});
+}
+
+std::size_t temporary_folders() {
+  std::size_t count = 0;
+  for (const auto& entry : fs::directory_iterator(fs::temp_directory_path())) {
+    count += entry.path().filename().string().starts_with("cotwin-") ? 1 : 0;
+  }
+  return count;
+}
+
+class Archives : public ::testing::Test {
+ protected:
+  /// Temporary files of this test alone, so that what is left over can be counted.
+  void SetUp() override { setenv("TMPDIR", own_.path().c_str(), 1); }
+  void TearDown() override { unsetenv("TMPDIR"); }
+  TemporaryFolder own_;
+  fs::path archive_ = own_.path() / "x.fmu";
+};
+
+TEST_F(Archives, ComeBackAsTheyWereWritten) {
+  const fs::path file = own_.path() / "source.bin";
+  const std::string big(3'000'000, 'x');
+  std::ofstream(file, std::ios::binary) << big;
+  const std::vector<ArchiveFile> files = {{"a.txt", "hello"s}, {"empty", ""s}, {"deep/down/größer.bin", file}};
+  write_archive(archive_, files);
+  EXPECT_EQ(read_archive_file(archive_, "a.txt"), "hello");
+  EXPECT_EQ(list_archive(archive_).size(), 3u);
+  fs::path place;
+  {
+    const TemporaryFolder folder = unpack_archive(archive_);
+    place = folder.path();
+    EXPECT_EQ(read(place / "a.txt"), "hello");
+    EXPECT_EQ(read(place / "empty"), "");
+    EXPECT_EQ(read(place / "deep/down/größer.bin"), big);
+  }
+  EXPECT_FALSE(fs::exists(place));
+}
+
+TEST_F(Archives, AreTheSameBytesForTheSameFiles) {
+  const std::vector<ArchiveFile> files = {{"a.txt", "hello"s}, {"b/c", "world"s}};
+  write_archive(archive_, files);
+  const std::string first = read(archive_);
+  setenv("TZ", "Pacific/Kiritimati", 1);
+  write_archive(archive_, files);
+  unsetenv("TZ");
+  EXPECT_EQ(read(archive_), first);
+}
+
+TEST_F(Archives, AreRefusedWhenTheyReachOutOfTheirFolder) {
+  for (const char* name : {"../evil", "a/../../evil", "/etc/passwd", "C:/evil", "a\\..\\..\\evil", "a//b", "./a", "a\nb"}) {
+    write_raw(archive_, {{"modelDescription.xml", "<x/>"}, {name, "evil"}});
+    EXPECT_THROW(unpack_archive(archive_), Error) << name;
+    EXPECT_THROW(list_archive(archive_), Error) << name;
+    EXPECT_THROW(read_archive_file(archive_, "modelDescription.xml"), Error) << name;
+  }
+  write_raw(archive_, {{"link", "/etc", S_IFLNK | 0777}, {"link/passwd", "evil"}});
+  EXPECT_THROW(unpack_archive(archive_), Error);
+  write_raw(archive_, {{"pipe", "", S_IFIFO | 0644}});
+  EXPECT_THROW(unpack_archive(archive_), Error);
+  write_raw(archive_, {{"a", "file"}, {"a/b", "file in a file"}});
+  EXPECT_THROW(unpack_archive(archive_), Error);
+  EXPECT_EQ(temporary_folders(), 0u) << "nothing is left on the disk";
+}
+
+TEST_F(Archives, AreRefusedWhenTheyUnpackToTooMuch) {
+  write_raw(archive_, {{"big", std::string(2'000'000, 'x')}, {"bigger", std::string(3'000'000, 'y')}});
+  EXPECT_NO_THROW(unpack_archive(archive_));
+  EXPECT_THROW(unpack_archive(archive_, {.entries = 1}), Error);
+  EXPECT_THROW(unpack_archive(archive_, {.file_bytes = 2'500'000}), Error);
+  EXPECT_THROW(unpack_archive(archive_, {.total_bytes = 4'000'000}), Error);
+  EXPECT_THROW(unpack_archive(archive_, {.expansion = 100}), Error);
+  EXPECT_EQ(temporary_folders(), 0u);
+}
+
+TEST_F(Archives, AreRefusedWhenTheyAreDamagedAndNothingIsLeft) {
+  const std::vector<ArchiveFile> files = {{"a.txt", std::string(5000, 'a') + "b"}, {"b/c", "world"s}};
+  write_archive(archive_, files);
+  const std::string whole = read(archive_);
+  int refused = 0;
+  for (std::size_t i = 0; i < whole.size(); ++i) {
+    std::string damaged = whole;
+    damaged[i] = static_cast<char>(damaged[i] ^ 0x40);
+    std::ofstream(archive_, std::ios::binary) << damaged;
+    try {
+      unpack_archive(archive_);  // some bytes tell nothing that matters, such as the time
+    } catch (const Error&) {
+      ++refused;
+    }
+    std::ofstream(archive_, std::ios::binary) << whole.substr(0, i);
+    EXPECT_THROW(unpack_archive(archive_), Error) << "cut at " << i;
+  }
+  EXPECT_GT(refused, static_cast<int>(whole.size() / 4));
+  EXPECT_EQ(temporary_folders(), 0u);
+  EXPECT_THROW(unpack_archive(own_.path() / "missing.fmu"), Error);
+  EXPECT_THROW(read_archive_file(archive_, "none"), Error);
+}
+
+TEST_F(Archives, LeaveNoHalfWrittenFile) {
+  const std::vector<ArchiveFile> files = {{"a", "a"s}, {"b", own_.path() / "missing"}};
+  EXPECT_THROW(write_archive(archive_, files), Error);
+  EXPECT_FALSE(fs::exists(archive_));
+  const std::vector<ArchiveFile> escaping = {{"../a", "a"s}};
+  EXPECT_THROW(write_archive(archive_, escaping), Error);
+}
+
+// URIs
+
+TEST(FileUri, ReadsEveryFormThatHostsWrite) {
+  EXPECT_EQ(path_from_uri("file:///tmp/a%20b/%C3%BC"), fs::path("/tmp/a b/ü"));
+  EXPECT_EQ(path_from_uri("file:/tmp/x"), fs::path("/tmp/x"));
+  EXPECT_EQ(path_from_uri("file://localhost/tmp/x/"), fs::path("/tmp/x/"));
+  EXPECT_EQ(path_from_uri("file:///C:/x"), fs::path("C:/x"));
+  EXPECT_EQ(path_from_uri("/tmp/50%"), fs::path("/tmp/50%"));
+  for (const char* wrong : {"http://x/y", "file://elsewhere/x", "file:///a%2", "file:///a%zz", "file:///a%00b"}) {
+    EXPECT_THROW(path_from_uri(wrong), Error) << wrong;
+  }
+}
+
+TEST(FileUri, ComesBackAsThePathItWasMadeOf) {
+  for (const char* path : {"/tmp/a b", "/tmp/100% sure?", "/tmp/größer#1", "/tmp/a+b&c=d"}) {
+    EXPECT_EQ(path_from_uri(uri_from_path(path)), fs::path(path));
+  }
+  EXPECT_EQ(uri_from_path("/a b"), "file:///a%20b");
+}
+
+// Packages
+
+TEST(Package, CarriesARobotToTheLastBit) {
+  Package package;
+  package.token = "{1}";
+  package.unit = "drive_train";
+  package.query = "robot=lwr4";
+  auto robot = robot::load_urdf(fs::path(COTWIN_SOURCE_DIR) / "models/robots/lwr4/robot.urdf");
+  package.robot = std::make_shared<const robot::RobotModel>(robot);
+  double x = 0.1;
+  Variables variables;
+  variables.parameter("x", x, "m", "something");
+  package.start.take(variables);
+  const std::string bytes = serialise(package);
+  const Package back = deserialise_package(bytes, "unit.bin");
+  EXPECT_EQ(back.token, package.token);
+  EXPECT_EQ(back.unit, package.unit);
+  EXPECT_EQ(back.query, package.query);
+  EXPECT_EQ(back.start, package.start);
+  ASSERT_NE(back.robot, nullptr);
+  EXPECT_EQ(*back.robot, robot);
+}
+
+TEST(Package, IsRefusedWithAnyByteDamagedOrMissing) {
+  Package package;
+  package.unit = "x";
+  double x = 0.1;
+  Variables variables;
+  variables.parameter("x", x, "m", "something");
+  package.start.take(variables);
+  const std::string bytes = serialise(package);
+  for (std::size_t i = 0; i < bytes.size(); ++i) {
+    std::string damaged = bytes;
+    damaged[i] = static_cast<char>(damaged[i] ^ 1);
+    EXPECT_THROW(deserialise_package(damaged, "unit.bin"), Error) << i;
+    EXPECT_THROW(deserialise_package(bytes.substr(0, i), "unit.bin"), Error) << i;
+  }
+}
+
+}  // namespace
+}  // namespace cotwin::fmu

@@ -1,0 +1,13 @@
+#include "fmu/export.h"
+#include "tests/fmu/probe.h"
+
+namespace cotwin::fmu {
+
+const UnitType& exported_unit() {
+  static constexpr UnitType kType{"probe", "shows what is done with a unit", [](Settings& s) -> std::unique_ptr<cotwin::Unit> {
+                                    return std::make_unique<probe::Probe>(s);
+                                  }};
+  return kType;
+}
+
+}  // namespace cotwin::fmu

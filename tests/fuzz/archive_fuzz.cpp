@@ -1,0 +1,39 @@
+// Any bytes are an archive that unpacks into its own folder or an Error, and leave nothing behind; in the libraries inside, and
+// in the bytes themselves, the ELF reader finds what is there or throws.
+#include <unistd.h>
+
+#include <cstdint>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+
+#include "fmu/archive.h"
+#include "fmu/elf.h"
+#include "models/text/error.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  namespace fs = std::filesystem;
+  using namespace cotwin;
+  static const fmu::TemporaryFolder own;
+  const fs::path archive = own.path() / "input.fmu";
+  std::ofstream(archive, std::ios::binary).write(reinterpret_cast<const char*>(data), static_cast<std::streamsize>(size));
+  fmu::ArchiveLimits limits;
+  limits.entries = 100;
+  limits.file_bytes = 1 << 20;
+  limits.total_bytes = 4 << 20;
+  fs::path unpacked;
+  try {
+    const fmu::TemporaryFolder folder = fmu::unpack_archive(archive, limits);
+    unpacked = folder.path();
+    for (const auto& entry : fs::recursive_directory_iterator(unpacked)) {
+      if (entry.is_symlink() || (!entry.is_directory() && !entry.is_regular_file())) std::abort();
+    }
+  } catch (const Error&) {
+  }
+  if (!unpacked.empty() && fs::exists(unpacked)) std::abort();
+  try {
+    static_cast<void>(fmu::read_elf(archive));
+  } catch (const Error&) {
+  }
+  return 0;
+}

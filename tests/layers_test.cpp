@@ -1,0 +1,87 @@
+// Arrows point down only (docs/architecture.md): tests, examples → master → fmu → the units → unit, bus → models.
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <regex>
+#include <string>
+#include <vector>
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Include {
+  std::string from, to, place;
+};
+
+std::vector<Include> includes_below(const std::string& folder) {
+  std::vector<Include> found;
+  const fs::path root = COTWIN_SOURCE_DIR;
+  const std::regex pattern(R"(^\s*#\s*include\s+\"([^\"]+)\")");
+  for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
+    const std::string extension = entry.path().extension().string();
+    if (extension != ".h" && extension != ".cpp" && extension != ".c" && extension != ".inc") continue;
+    std::ifstream in(entry.path());
+    const std::string from = fs::relative(entry.path(), root).generic_string();
+    std::string line;
+    for (int number = 1; std::getline(in, line); ++number) {
+      std::smatch match;
+      if (std::regex_search(line, match, pattern)) found.push_back({from, match[1], from + ":" + std::to_string(number)});
+    }
+  }
+  return found;
+}
+
+bool starts_with_any(const std::string& text, const std::vector<std::string>& prefixes) {
+  for (const std::string& prefix : prefixes) {
+    if (text.rfind(prefix, 0) == 0) return true;
+  }
+  return false;
+}
+
+/// The folder of a component that a path lies in: "components/drive_train/"; "" if it lies in none.
+std::string component_of(const std::string& path) {
+  if (path.rfind("components/", 0) != 0) return "";
+  const std::size_t end = path.find('/', std::string("components/").size());
+  return end == std::string::npos ? "" : path.substr(0, end + 1);
+}
+
+TEST(Layers, ModelsKnowNoUnit) {
+  for (const Include& i : includes_below("models"))
+    EXPECT_TRUE(starts_with_any(i.to, {"models/"})) << i.place << " includes " << i.to;
+}
+
+TEST(Layers, UnitsIncludeModelsUnitAndBusButNeverOneAnother) {
+  for (const Include& i : includes_below("components")) {
+    const bool allowed = starts_with_any(i.to, {"models/", "components/unit/", "components/bus/", component_of(i.from)});
+    EXPECT_TRUE(allowed) << i.place << " includes " << i.to;
+  }
+}
+
+TEST(Layers, UnitAndBusKnowNoConcreteUnit) {
+  for (const char* folder : {"components/unit", "components/bus"}) {
+    for (const Include& i : includes_below(folder)) {
+      EXPECT_TRUE(starts_with_any(i.to, {"models/", "components/unit/", "components/bus/"})) << i.place << " includes " << i.to;
+    }
+  }
+}
+
+TEST(Layers, FmuAndMasterReachUnitsOnlyThroughTheTable) {
+  for (const char* folder : {"fmu", "master"}) {
+    for (const Include& i : includes_below(folder)) {
+      const bool allowed = starts_with_any(i.to, {"models/", "components/unit/", "components/bus/", "fmu/"}) ||
+                           (std::string(folder) == "master" && starts_with_any(i.to, {"master/"}));
+      EXPECT_TRUE(allowed) << i.place << " includes " << i.to;
+    }
+  }
+}
+
+TEST(Layers, IncludesStartAtTheRootOfTheRepository) {
+  const fs::path root = COTWIN_SOURCE_DIR;
+  for (const char* folder : {"models", "components", "fmu", "master", "tests"}) {
+    for (const Include& i : includes_below(folder)) EXPECT_TRUE(fs::exists(root / i.to)) << i.place << " includes " << i.to;
+  }
+}
+
+}  // namespace

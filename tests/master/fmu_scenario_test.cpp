@@ -1,0 +1,377 @@
+// Scenarios with FMUs: the same bits as with units, packages, one FMU by itself, and what is wrong with a file.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "fmu/archive.h"
+#include "fmu/pack.h"
+#include "master/check.h"
+#include "master/fmu_run.h"
+#include "master/master.h"
+#include "master/package.h"
+#include "models/text/csv.h"
+#include "models/text/error.h"
+#include "tests/fmu/foreign.h"
+
+namespace cotwin::master {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::AllOf;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+using ::testing::StartsWith;
+
+const fs::path kExample = fs::path(COTWIN_SOURCE_DIR) / "examples/02_free_motion_lwr4/twin.ssd";
+const std::vector<fs::path> kFolders = {fs::path(COTWIN_SOURCE_DIR) / "models"};
+
+std::string content(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+template <class Call>
+std::string message(Call call) {
+  try {
+    call();
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "no error";
+}
+
+/// Every test has a folder of its own, and temporary files in another, which is empty again at the end.
+class FmuScenario : public ::testing::Test {
+ protected:
+  FmuScenario() {
+    fs::create_directories(temporary_);
+    setenv("TMPDIR", temporary_.c_str(), 1);
+  }
+  ~FmuScenario() override {
+    EXPECT_TRUE(fs::is_empty(temporary_)) << "left behind: " << fs::directory_iterator(temporary_)->path();
+    unsetenv("TMPDIR");
+    fs::remove_all(folder_);
+  }
+
+  /// Example 02, a part of a second of it.
+  static Scenario example() {
+    Scenario scenario = load_scenario(kExample);
+    scenario.stop = Time::from_seconds(0.6);  // the motion begins at 0.5 s
+    scenario.decimation = 1;
+    return scenario;
+  }
+
+  /// The recording of a run.
+  std::string recorded(Scenario scenario) {
+    MasterOptions options;
+    options.types = unit_types();
+    options.folders = kFolders;
+    options.results = folder_ / "results";
+    Master master(std::move(scenario), std::move(options));
+    master.initialise();
+    while (master.step_tick()) {
+    }
+    master.finish();
+    return content(folder_ / "results/signals.csv");
+  }
+
+  fs::path pack(const Scenario& scenario, fmu::Version version = fmu::Version::k2) {
+    PackageOptions options;
+    options.types = unit_types();
+    options.folders = kFolders;
+    options.version = version;
+    pack_scenario(scenario, options, folder_ / "twin.ssp");
+    return folder_ / "twin.ssp";
+  }
+
+  fs::path pack_unit(const std::string& source, fmu::Version version, const std::string& name) {
+    fmu::PackRequest request;
+    request.source = source;
+    request.folders = kFolders;
+    request.types = unit_types();
+    request.version = version;
+    fmu::pack_unit(request, folder_ / name);
+    return folder_ / name;
+  }
+
+  fs::path write(const std::string& name, const std::string& text) {
+    std::ofstream(folder_ / name) << text;
+    return folder_ / name;
+  }
+
+  /// A run of the program: exit code, and what it says.
+  std::pair<int, std::string> program(const std::string& arguments) {
+    const std::string command = "cd '" + folder_.string() + "' && '" COTWIN_PROGRAM "' " + arguments + " > said.txt 2>&1";
+    const int status = std::system(command.c_str());
+    return {WEXITSTATUS(status), content(folder_ / "said.txt")};
+  }
+
+  const fs::path folder_ = fs::temp_directory_path() / ("cotwin_fmu_scenario_" + std::to_string(::getpid()));
+  const fs::path temporary_ = folder_ / "temporary";
+};
+
+TEST_F(FmuScenario, APackageGivesTheSameBitsAsTheScenario) {
+  const std::string units = recorded(example());
+  EXPECT_GT(units.size(), 100'000u);
+  EXPECT_EQ(recorded(load_scenario(pack(example()))) == units, true) << "FMI 2";
+}
+
+TEST_F(FmuScenario, OneAttributeTurnsAUnitIntoItsFmuInBothVersions) {
+  const std::string units = recorded(example());
+  for (const fmu::Version version : {fmu::Version::k2, fmu::Version::k3}) {
+    Scenario scenario = example();
+    scenario.components[0].source = pack_unit("unit:motion?kind=waypoints&points=7&robot=lwr4", version, "motion.fmu").string();
+    EXPECT_EQ(recorded(std::move(scenario)) == units, true) << "motion, FMI " << static_cast<int>(version);
+  }
+  Scenario scenario = example();
+  scenario.components[2].source = pack_unit("unit:drive_train?robot=lwr4", fmu::Version::k2, "drive.fmu").string();
+  EXPECT_EQ(recorded(std::move(scenario)) == units, true) << "drive train, FMI 2";
+}
+
+TEST_F(FmuScenario, AnFmuInAProcessOfItsOwnGivesTheSameBits) {
+  Scenario scenario = example();
+  scenario.stop = Time::from_seconds(0.1);
+  const std::string units = recorded(scenario);
+  scenario.components[1].source = pack_unit("unit:compliance?robot=lwr4", fmu::Version::k2, "compliance.fmu").string();
+  scenario.components[1].process = "own";
+  EXPECT_EQ(recorded(std::move(scenario)) == units, true);
+}
+
+std::string with_process(const std::string& source) {
+  return R"(<?xml version="1.0"?>
+<ssd:SystemStructureDescription version="1.0" name="one"
+    xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
+    xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">
+  <ssd:System name="one">
+    <ssd:Elements><ssd:Component name="link" source=")" +
+         source + R"("/></ssd:Elements>
+  </ssd:System>
+  <ssd:Annotations>
+    <ssc:Annotation type="cotwin.master">
+      <cotwin:Master xmlns:cotwin="urn:cotwin:master:1"><cotwin:Component name="link" process="own"/></cotwin:Master>
+    </ssc:Annotation>
+  </ssd:Annotations>
+</ssd:SystemStructureDescription>
+)";
+}
+
+TEST_F(FmuScenario, OnlyAnFmuHasAProcessOfItsOwn) {
+  const ComponentSpec link = parse_scenario(with_process("link.fmu?timeout=5"), "one.ssd", folder_).components.at(0);
+  EXPECT_EQ(link.process, "own");
+  EXPECT_EQ(link.source, "link.fmu?timeout=5");
+  EXPECT_THAT(message([&] { parse_scenario(with_process("unit:motion"), "one.ssd", folder_); }),
+              HasSubstr("is a unit of this program, expected an FMU"));
+}
+
+TEST_F(FmuScenario, AnFmuThatIsNotThereOrIsAskedForNonsenseIsAnErrorAtItsPlace) {
+  const auto loaded = [&](const std::string& source) {
+    return message([&] { load_members(parse_scenario(with_process(source), "one.ssd", folder_), unit_types(), kFolders); });
+  };
+  EXPECT_THAT(loaded("nowhere.fmu"), StartsWith("one.ssd:6: component 'link': nowhere.fmu: no such file"));
+  pack_unit("unit:motion?robot=lwr4", fmu::Version::k2, "link.fmu");
+  EXPECT_THAT(loaded("link.fmu?timeout=never"), HasSubstr("timeout=never: expected a number"));
+  EXPECT_THAT(loaded("link.fmu?colour=red"), HasSubstr("'colour': no setting of an FMU"));
+  EXPECT_EQ(loaded("link.fmu?timeout=5"), "no error");
+}
+
+TEST_F(FmuScenario, ThePackageOfAPackageHasTheSameSystem) {
+  const fs::path first = pack(example());
+  const std::string system = fmu::read_archive_file(first, "SystemStructure.ssd");
+  PackageOptions options;
+  options.types = unit_types();
+  options.folders = kFolders;
+  pack_scenario(load_scenario(first), options, folder_ / "again.ssp");
+  const Scenario a = load_scenario(first), b = load_scenario(folder_ / "again.ssp");
+  ASSERT_EQ(a.connections.size(), b.connections.size());
+  EXPECT_EQ(a.connections.size(), 8u * 7u);
+  for (std::size_t i = 0; i < a.connections.size(); ++i) {
+    EXPECT_EQ(a.connections[i].from.variable, b.connections[i].from.variable);
+    EXPECT_EQ(a.connections[i].to.variable, b.connections[i].to.variable);
+  }
+  ASSERT_EQ(a.components.size(), b.components.size());
+  for (std::size_t i = 0; i < a.components.size(); ++i) EXPECT_EQ(a.components[i].stage, b.components[i].stage);
+  EXPECT_EQ(recorded(a) == recorded(b), true);
+}
+
+TEST_F(FmuScenario, UnitsAndForeignFmusOfBothVersionsMixAndArePackedTogether) {
+  fmu::testing::make_fmu("ball2", folder_);
+  fmu::testing::make_fmu("ball3", folder_);
+  const fs::path file = write("mixed.ssd", R"(<?xml version="1.0"?>
+<ssd:SystemStructureDescription version="1.0" name="mixed"
+    xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
+    xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"
+    xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues">
+  <ssd:System name="mixed">
+    <ssd:Elements>
+      <ssd:Component name="low" source="ball2.fmu" implementation="ModelExchange">
+        <ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues>
+          <ssv:ParameterSet version="1.0" name="start"><ssv:Parameters>
+            <ssv:Parameter name="h"><ssv:Real value="2"/></ssv:Parameter>
+          </ssv:Parameters></ssv:ParameterSet>
+        </ssd:ParameterValues></ssd:ParameterBinding></ssd:ParameterBindings>
+      </ssd:Component>
+      <ssd:Component name="high" source="ball3.fmu"/>
+      <ssd:Component name="compliance" source="unit:compliance?robot=lwr4" type="application/x-cotwin-unit"/>
+    </ssd:Elements>
+    <ssd:Connections>
+      <ssd:Connection startElement="low" startConnector="h" endElement="high" endConnector="u"/>
+      <ssd:Connection startElement="high" startConnector="h" endElement="compliance" endConnector="tau_e[2]">
+        <ssc:LinearTransformation factor="0.5" offset="1"/>
+      </ssd:Connection>
+    </ssd:Connections>
+  </ssd:System>
+  <ssd:DefaultExperiment startTime="0" stopTime="0.8"/>
+</ssd:SystemStructureDescription>
+)");
+  const std::string loose = recorded(load_scenario(file));
+  EXPECT_THAT(loose.substr(0, loose.find('\n')),
+              AllOf(HasSubstr("low.h"), HasSubstr("high.h"), HasSubstr("compliance.q_c[2]")));
+  EXPECT_THAT(loose, HasSubstr("\n0,2,"));  // the ball starts where the scenario says
+  const fs::path package = pack(load_scenario(file));
+  EXPECT_EQ(recorded(load_scenario(package)) == loose, true);
+  EXPECT_THAT(check_scenario(package, unit_types(), kFolders), IsEmpty());
+  // Without units of measure nothing can be wrong about them: a power is what the product of the numbers is.
+  Scenario scenario = load_scenario(file);
+  scenario.reports.push_back({"power", "energy", "low.h", "low.v", ""});
+  EXPECT_EQ(recorded(std::move(scenario)) == loose, true);
+}
+
+TEST_F(FmuScenario, ThePackagesFilesAreValid) {
+  const fs::path schemas = fs::path(COTWIN_SHARED_DIR) / "data/schemas/ssp1";
+  if (!fs::exists(schemas)) GTEST_SKIP() << "no schemas in " << schemas;
+  const fmu::TemporaryFolder unpacked = fmu::unpack_archive(pack(example()));
+  const auto valid = [&](const char* schema, const char* file) {
+    const std::string command = "xmllint --noout --nonet --schema '" + (schemas / schema).string() + "' '" +
+                                (unpacked.path() / file).string() + "' > '" + (folder_ / "xmllint.txt").string() + "' 2>&1";
+    return std::system(command.c_str()) == 0;
+  };
+  EXPECT_TRUE(valid("SystemStructureDescription.xsd", "SystemStructure.ssd")) << content(folder_ / "xmllint.txt");
+  EXPECT_TRUE(valid("SystemStructureParameterValues.xsd", "resources/drive.ssv")) << content(folder_ / "xmllint.txt");
+  EXPECT_FALSE(valid("SystemStructureDescription.xsd", "resources/drive.ssv"));
+}
+
+TEST_F(FmuScenario, APackageThatIsNoneSaysWhatIsWrongAndLeavesNothing) {
+  EXPECT_THAT(message([&] { load_scenario(folder_ / "none.ssp"); }), HasSubstr("none.ssp"));
+  EXPECT_THAT(message([&] { load_scenario(write("text.ssp", "no archive")); }), HasSubstr("text.ssp"));
+  fmu::write_archive(folder_ / "empty.ssp", std::vector<fmu::ArchiveFile>{{"readme.txt", std::string("nothing")}});
+  EXPECT_THAT(message([&] { load_scenario(folder_ / "empty.ssp"); }), HasSubstr("no SystemStructure.ssd"));
+  fmu::write_archive(folder_ / "broken.ssp",
+                     std::vector<fmu::ArchiveFile>{{"SystemStructure.ssd", std::string("<ssd:System")}});
+  EXPECT_THAT(message([&] { load_scenario(folder_ / "broken.ssp"); }),
+              StartsWith((folder_ / "broken.ssp").string() + "/SystemStructure.ssd:1"));
+
+  // Cut off anywhere, and with any byte changed: an error or a scenario, never more than that.
+  const std::string good = content(pack(example()));
+  for (std::size_t size = 0; size < good.size(); size += good.size() / 7 + 1) {
+    EXPECT_NE(message([&] { load_scenario(write("cut.ssp", good.substr(0, size))); }), "no error") << size;
+  }
+  for (std::size_t i = 0; i < 40; ++i) {
+    std::string bad = good;
+    bad[bad.size() - 1 - i * 7] ^= 0x41;
+    (void)message([&] { load_scenario(write("bad.ssp", bad)); });
+  }
+}
+
+TEST_F(FmuScenario, InputsFollowTheFileAlongLinesAndHoldBeforeAndAfterIt) {
+  // Without external torques the compliant motion is the desired one: after a step q_c is what q_d was at its beginning.
+  FmuRunOptions options;
+  options.file = pack_unit("unit:compliance?robot=lwr4", fmu::Version::k2, "compliance.fmu");
+  options.input_file = write("in.csv", "time,q_d[1]\n0.1,0.2\n0.3,0.6\n0.3,-0.5\n0.5,-0.1\n");
+  options.output_file = folder_ / "out.csv";
+  options.output_variables = {"q_c[1]"};
+  options.stop = 0.7;
+  options.interval = 0.01;
+  FmuRun run(options);
+  run.initialise();
+  while (run.step_tick()) {
+  }
+  run.finish();
+  EXPECT_THAT(content(options.output_file), StartsWith("\"time\",\"q_c[1]\"\n0,"));
+  const csv::Table table = csv::load(options.output_file);
+  ASSERT_EQ(table.rows(), 71u);
+  for (std::size_t n = 1; n < table.rows(); ++n) {
+    const double t = 0.01 * static_cast<double>(n - 1);
+    const double expected = t < 0.0999 ? 0.2 : t < 0.2999 ? 0.2 + 2 * (t - 0.1) : t < 0.4999 ? -0.5 + 2 * (t - 0.3) : -0.1;
+    EXPECT_NEAR(table.column("q_c[1]")[n], expected, 1e-12) << "t = " << table.column("time")[n];
+    EXPECT_EQ(table.column("time")[n], static_cast<double>(n) / 100);
+  }
+}
+
+TEST_F(FmuScenario, AnInputFileThatDoesNotFitIsAnErrorThatNamesTheLine) {
+  FmuRunOptions options;
+  options.file = pack_unit("unit:compliance?robot=lwr4", fmu::Version::k2, "compliance.fmu");
+  const auto said = [&](const std::string& csv) {
+    options.input_file = write("in.csv", csv);
+    return message([&] { FmuRun{options}; });
+  };
+  EXPECT_THAT(said("time,q_x\n0,0\n"), HasSubstr("q_x"));
+  EXPECT_THAT(said("time,q_c[1]\n0,0\n"), HasSubstr("is an output, expected an input"));
+  EXPECT_THAT(said("time,q_d[1]\n0,0\n1,high\n"), HasSubstr("in.csv:3: column 'q_d[1]': 'high', expected"));
+  EXPECT_THAT(said("time,q_d[1]\n1,0\n0.5,0\n"), HasSubstr("in.csv:3: column 'time': time runs backwards"));
+  EXPECT_THAT(said("time,q_d[1]\n"), HasSubstr("no row"));
+}
+
+TEST_F(FmuScenario, CheckFindsEverythingInOneGo) {
+  const fs::path file = write("wrong.ssd", R"(<?xml version="1.0"?>
+<ssd:SystemStructureDescription version="1.0" name="wrong"
+    xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
+    xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">
+  <ssd:System name="wrong">
+    <ssd:Elements>
+      <ssd:Component name="motion" source="unit:motion?robot=lwr4" type="application/x-cotwin-unit"/>
+      <ssd:Component name="drive" source="unit:drive_train?robot=lwr4" type="application/x-cotwin-unit"/>
+    </ssd:Elements>
+    <ssd:Connections>
+      <ssd:Connection startElement="motion" startConnector="q_d" endElement="drive" endConnector="tau_m"/>
+      <ssd:Connection startElement="motion" startConnector="nothing" endElement="drive" endConnector="tau_e"/>
+    </ssd:Connections>
+  </ssd:System>
+  <ssd:Annotations>
+    <ssc:Annotation type="cotwin.master">
+      <cotwin:Master xmlns:cotwin="urn:cotwin:master:1">
+        <cotwin:Event time="0" variable="drive.q" value="1"/>
+        <cotwin:Recording><cotwin:Record variables="drive.nowhere"/></cotwin:Recording>
+      </cotwin:Master>
+    </ssc:Annotation>
+  </ssd:Annotations>
+</ssd:SystemStructureDescription>
+)");
+  const auto findings = check_scenario(file, unit_types(), kFolders);
+  std::vector<std::string> errors;
+  for (const auto& finding : findings) {
+    if (finding.level == fmu::Finding::Level::kError) errors.push_back(finding.text);
+  }
+  EXPECT_THAT(errors, ElementsAre(HasSubstr("rad cannot feed N.m"), HasSubstr("motion.nothing"), HasSubstr("drive.q"),
+                                  HasSubstr("drive.nowhere")));
+  EXPECT_THAT(check_scenario(kExample, unit_types(), kFolders), IsEmpty());
+  EXPECT_THAT(check_scenario(pack(example()), unit_types(), kFolders), IsEmpty());
+  EXPECT_EQ(check_scenario(folder_ / "none.ssd", unit_types(), kFolders).size(), 1u);
+}
+
+TEST_F(FmuScenario, TheProgramPacksInspectsAndRunsAnFmu) {
+  EXPECT_EQ(program("pack 'unit:motion?robot=lwr4' -o motion.ssp").first, 2);
+  ASSERT_EQ(program("pack 'unit:motion?robot=lwr4' --fmi 3 -o motion.fmu"), std::pair(0, std::string()));
+  EXPECT_EQ(program("check motion.fmu").first, 0);
+  EXPECT_THAT(program("info motion.fmu").second, HasSubstr("motion"));
+  const auto [code, said] = program("run motion.fmu --stop-time 0.05 --output-interval 0.01 --output-variable q_d");
+  EXPECT_EQ(code, 0) << said;
+  EXPECT_THAT(content(folder_ / "motion_out.csv"), StartsWith("\"time\",\"q_d\"\n0,0 0 0 0 0 0 0\n0.01,"));
+  EXPECT_EQ(program("run motion.fmu --out somewhere").first, 2);
+  EXPECT_EQ(program("run motion.fmu --start-value nonsense 1").first, 2);
+  EXPECT_EQ(program("run '" + kExample.string() + "' --output-file x.csv").first, 2);
+  write("not.fmu", "no archive");
+  EXPECT_EQ(program("check not.fmu").first, 2);
+  EXPECT_EQ(program("run not.fmu").first, 2);
+}
+
+}  // namespace
+}  // namespace cotwin::master

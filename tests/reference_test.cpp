@@ -1,0 +1,41 @@
+// docs/reference/ is what `cotwin reference docs/reference` writes, no more and no less.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <map>
+#include <sstream>
+#include <string>
+
+namespace {
+
+namespace fs = std::filesystem;
+
+std::map<std::string, std::string> pages(const fs::path& folder) {
+  std::map<std::string, std::string> found;
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    std::ifstream in(entry.path());
+    std::stringstream text;
+    text << in.rdbuf();
+    found[entry.path().filename().string()] = text.str();
+  }
+  return found;
+}
+
+TEST(Reference, IsWrittenFromTheUnitsDeclarations) {
+  const fs::path folder = fs::temp_directory_path() / ("cotwin_reference_" + std::to_string(std::rand()));
+  fs::remove_all(folder);
+  const std::string command = std::string("'") + COTWIN_PROGRAM + "' reference '" + folder.string() + "' > /dev/null";
+  ASSERT_EQ(std::system(command.c_str()), 0);
+  const auto written = pages(folder), kept = pages(fs::path(COTWIN_SOURCE_DIR) / "docs/reference");
+  fs::remove_all(folder);
+  ASSERT_FALSE(written.empty());
+  for (const auto& [name, text] : written) {
+    ASSERT_TRUE(kept.contains(name)) << "no page " << name << "; run: cotwin reference docs/reference";
+    EXPECT_EQ(kept.at(name), text) << name << " is not what the units declare; run: cotwin reference docs/reference";
+  }
+  EXPECT_EQ(kept.size(), written.size()) << "docs/reference has pages of no unit";
+}
+
+}  // namespace
