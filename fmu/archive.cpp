@@ -158,6 +158,7 @@ void inflate(zip_t* zip, const fs::path& archive, const Entry& entry,
 }
 
 void add(zip_t* zip, const fs::path& archive, const ArchiveFile& file) {
+  const std::string name = checked_name(archive, file.name);
   zip_source_t* source = nullptr;
   if (const auto* bytes = std::get_if<std::string>(&file.content)) {
     source = zip_source_buffer(zip, bytes->data(), bytes->size(), 0);
@@ -166,8 +167,7 @@ void add(zip_t* zip, const fs::path& archive, const ArchiveFile& file) {
     if (!fs::is_regular_file(from)) throw Error(from.string(), "no such file, expected it for " + file.name);
     source = zip_source_file(zip, from.c_str(), 0, -1);
   }
-  const zip_int64_t index =
-      source == nullptr ? -1 : zip_file_add(zip, checked_name(archive, file.name).c_str(), source, ZIP_FL_ENC_UTF_8);
+  const zip_int64_t index = source == nullptr ? -1 : zip_file_add(zip, name.c_str(), source, ZIP_FL_ENC_UTF_8);
   if (index < 0) {
     zip_source_free(source);
     refuse(archive, file.name, std::string("cannot be added: ") + zip_strerror(zip));

@@ -50,6 +50,16 @@ std::string message(Call call) {
 }
 
 /// Every test has a folder of its own, and temporary files in another, which is empty again at the end.
+/// What `cotwin check` finds to complain of; with sanitizers the errors alone, since then our libraries need the sanitizers'.
+std::vector<std::string> complaints(const fs::path& file) {
+  const bool sanitized = !std::string(COTWIN_SANITIZERS).empty();
+  std::vector<std::string> texts;
+  for (const auto& finding : check_scenario(file, unit_types(), kFolders)) {
+    if (!sanitized || finding.level == fmu::Finding::Level::kError) texts.push_back(finding.text);
+  }
+  return texts;
+}
+
 class FmuScenario : public ::testing::Test {
  protected:
   FmuScenario() {
@@ -238,7 +248,7 @@ TEST_F(FmuScenario, UnitsAndForeignFmusOfBothVersionsMixAndArePackedTogether) {
   EXPECT_THAT(loose, HasSubstr("\n0,2,"));  // the ball starts where the scenario says
   const fs::path package = pack(load_scenario(file));
   EXPECT_EQ(recorded(load_scenario(package)) == loose, true);
-  EXPECT_THAT(check_scenario(package, unit_types(), kFolders), IsEmpty());
+  EXPECT_THAT(complaints(package), IsEmpty());
   // Without units of measure nothing can be wrong about them: a power is what the product of the numbers is.
   Scenario scenario = load_scenario(file);
   scenario.reports.push_back({"power", "energy", "low.h", "low.v", ""});
@@ -352,8 +362,8 @@ TEST_F(FmuScenario, CheckFindsEverythingInOneGo) {
   }
   EXPECT_THAT(errors, ElementsAre(HasSubstr("rad cannot feed N.m"), HasSubstr("motion.nothing"), HasSubstr("drive.q"),
                                   HasSubstr("drive.nowhere")));
-  EXPECT_THAT(check_scenario(kExample, unit_types(), kFolders), IsEmpty());
-  EXPECT_THAT(check_scenario(pack(example()), unit_types(), kFolders), IsEmpty());
+  EXPECT_THAT(complaints(kExample), IsEmpty());
+  EXPECT_THAT(complaints(pack(example())), IsEmpty());
   EXPECT_EQ(check_scenario(folder_ / "none.ssd", unit_types(), kFolders).size(), 1u);
 }
 
