@@ -14,6 +14,8 @@ for program in build/fuzz/fuzz/*_fuzz; do
   if [ $# -gt 0 ] && [[ " $* " != *" $name "* ]]; then continue; fi
   echo "fuzzing $name for $seconds s"
   mkdir -p "build/fuzz/corpus/$name" "tests/fuzz/corpus/$name"
-  "$program" -max_total_time="$seconds" -rss_limit_mb=2048 -timeout=10 -print_final_stats=0 -verbosity=0 \
-    -artifact_prefix="build/fuzz/" "build/fuzz/corpus/$name" "tests/fuzz/corpus/$name"
+  "$program" -max_total_time="$seconds" -rss_limit_mb=2048 -timeout=10 -artifact_prefix="build/fuzz/" \
+    "build/fuzz/corpus/$name" "tests/fuzz/corpus/$name" >"build/fuzz/$name.log" 2>&1 ||
+    { tail -n 60 "build/fuzz/$name.log" >&2; echo "fuzzing $name failed; the input is in build/fuzz" >&2; exit 1; }
+  grep '^Done' "build/fuzz/$name.log"
 done
