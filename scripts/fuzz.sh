@@ -5,7 +5,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 seconds=${1:-60}
 shift || true
-scripts/install.sh build ci
+scripts/install.sh build test ci
 CC=clang-14 CXX=clang++-14 scripts/build.sh fuzz:fuzz_targets -DCMAKE_BUILD_TYPE=RelWithDebInfo "-DCMAKE_CXX_FLAGS_RELWITHDEBINFO=-O1 -g1" -DCOTWIN_TESTS=OFF -DCOTWIN_FUZZ=ON \
   -DCOTWIN_SANITIZE=address,undefined
 
