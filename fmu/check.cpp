@@ -7,8 +7,7 @@
 #include <set>
 
 #include "fmu/archive.h"
-#include "fmu/elf.h"
-#include "fmu/library.h"
+#include "fmu/check_libraries.h"
 #include "fmu/load.h"
 #include "fmu/model_description_read.h"
 #include "models/text/error.h"
@@ -36,90 +35,10 @@ struct Files {
   fs::path folder;
 };
 
-std::vector<fs::path> libraries(const fs::path& folder) {
-  std::vector<fs::path> found;
-  std::error_code none;
-  for (const auto& entry : fs::recursive_directory_iterator(folder / "binaries", none)) {
-    const std::string ending = entry.path().extension().string();
-    if (entry.is_regular_file() && (ending == ".so" || ending == ".dll" || ending == ".dylib")) found.push_back(entry.path());
-  }
-  std::sort(found.begin(), found.end());
-  return found;
-}
-
-std::vector<std::string> identifiers(const ModelDescription& d) {
-  std::vector<std::string> found;
-  for (const auto* interface : {&d.co_simulation, &d.model_exchange, &d.scheduled_execution}) {
-    if (*interface && std::find(found.begin(), found.end(), (*interface)->model_identifier) == found.end()) {
-      found.push_back((*interface)->model_identifier);
-    }
-  }
-  return found;
-}
-
 std::string joined(const std::vector<std::string>& list) {
   std::string text;
   for (const std::string& word : list) text += (text.empty() ? "" : ", ") + word;
   return text;
-}
-
-void check_libraries(const fs::path& folder, const ModelDescription& d, std::vector<Finding>& out) {
-  const auto add = [&](Level level, std::string text) { out.push_back({level, std::move(text)}); };
-  for (const std::string& identifier : identifiers(d)) {
-    try {
-      library_file(folder, d.version, identifier);
-    } catch (const Error& error) {
-      add(Level::kWarning, error.what());
-    }
-  }
-  const std::string prefix = d.version == Version::k2 ? "fmi2" : "fmi3";
-  for (const fs::path& file : libraries(folder)) {
-    const std::string name = fs::relative(file, folder).generic_string();
-    if (file.extension() != ".so") continue;
-    const std::vector<std::string> own = identifiers(d);
-    if (std::find(own.begin(), own.end(), file.stem().string()) == own.end()) continue;  // one that rides along
-    try {
-      const ElfLibrary elf = read_elf(file);
-      if (!elf.oldest_glibc.empty()) add(Level::kNote, name + " needs glibc " + elf.oldest_glibc + " or newer");
-      if (elf.unique_symbols)
-        add(Level::kWarning, name + " has unique symbols (STB_GNU_UNIQUE): it stays in memory after it was unloaded");
-      std::vector<std::string> others;
-      for (const std::string& symbol : elf.exported) {
-        if (symbol.rfind("fmi2", 0) != 0 && symbol.rfind("fmi3", 0) != 0) others.push_back(symbol);
-      }
-      if (!others.empty()) {
-        const std::size_t n = others.size();
-        others.resize(std::min<std::size_t>(n, 3));
-        add(Level::kWarning, name + " shows " + std::to_string(n) +
-                                 " symbols beside fmi2* and fmi3*, which can collide with those of others: " + joined(others) +
-                                 (n > 3 ? ", …" : ""));
-      }
-      if (std::none_of(elf.exported.begin(), elf.exported.end(),
-                       [&](const std::string& s) { return s.rfind(prefix, 0) == 0; })) {
-        add(Level::kError, name + " shows no function " + prefix + "…");
-      }
-      for (const std::string& needed : elf.needed) {
-        static const std::set<std::string> kSystem = {"libc.so.6",
-                                                      "libm.so.6",
-                                                      "libdl.so.2",
-                                                      "libpthread.so.0",
-                                                      "librt.so.1",
-                                                      "ld-linux-x86-64.so.2",
-                                                      "ld-linux-aarch64.so.1",
-                                                      "linux-vdso.so.1"};
-        if (kSystem.count(needed) != 0) continue;
-        const bool beside = fs::exists(file.parent_path() / needed);
-        if (!beside) {
-          add(Level::kWarning, name + " needs " + needed + ", which is not in the archive");
-        } else if (std::none_of(elf.run_path.begin(), elf.run_path.end(),
-                                [](const std::string& p) { return p.find("$ORIGIN") != std::string::npos; })) {
-          add(Level::kWarning, name + " needs " + needed + " beside it, but does not look there (no $ORIGIN)");
-        }
-      }
-    } catch (const Error& error) {
-      add(Level::kError, name + ": " + error.what());
-    }
-  }
 }
 
 void check_resources(const fs::path& folder, const ModelDescription& d, std::vector<Finding>& out) {

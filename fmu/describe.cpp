@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numbers>
 #include <span>
 
 #include "components/unit/si.h"
 #include "fmu/export_categories.h"
+#include "fmu/rate.h"
 
 namespace cotwin::fmu {
 
@@ -97,7 +99,7 @@ Variable make_variable(const cotwin::Variable& v, std::size_t first, std::size_t
   out.name = count == v.size() ? v.name : v.name + "[" + std::to_string(first + 1) + "]";
   out.type = type_of(v.kind());
   out.description = v.description;
-  out.variability = v.kind() == Kind::kReal ? Variability::kContinuous : Variability::kDiscrete;
+  out.variability = v.kind() == Kind::kReal && !v.discrete ? Variability::kContinuous : Variability::kDiscrete;
   switch (v.role) {
     case Role::kInput:
       out.causality = Causality::kInput;
@@ -143,6 +145,25 @@ Variable make_variable(const cotwin::Variable& v, std::size_t first, std::size_t
   return out;
 }
 
+/// Which inputs an output follows at once, as the blocks of the unit's Jacobian have it.
+void add_dependencies(ModelDescription& d, const cotwin::Unit& unit, const Variables& variables,
+                      const std::map<std::string, std::size_t, std::less<>>& first_of) {
+  const bool scalars = d.version == Version::k2;
+  for (const Partial& p : unit.partials()) {
+    const cotwin::Variable &unknown = variables.at(p.unknown), &known = variables.at(p.known);
+    if (known.role != Role::kInput) continue;
+    const std::size_t rows = scalars ? unknown.size() : 1, columns = scalars ? known.size() : 1;
+    const std::size_t row = first_of.find(unknown.name)->second, column = first_of.find(known.name)->second;
+    for (Unknown& output : d.structure.outputs) {
+      if (output.variable < row || output.variable >= row + rows) continue;
+      for (std::size_t j = 0; j < columns; ++j) {
+        if (!p.elementwise || columns == 1 || j == output.variable - row) output.dependencies->push_back(column + j);
+      }
+    }
+  }
+  for (Unknown& output : d.structure.outputs) std::sort(output.dependencies->begin(), output.dependencies->end());
+}
+
 }  // namespace
 
 ModelDescription describe(const UnitType& type, const cotwin::Unit& unit, const Variables& variables, Version version) {
@@ -152,7 +173,7 @@ ModelDescription describe(const UnitType& type, const cotwin::Unit& unit, const 
   d.model_name = type.name;
   d.description = type.summary;
   d.author = "Cotwin";
-  d.generation_tool = "Cotwin";
+  d.generation_tool = kGenerationTool;
   d.license = "Apache-2.0, with parts under licenses of their own: see documentation/licenses";
   d.structured_names = true;
   d.default_experiment = DefaultExperiment{0.0, 1.0, std::nullopt, 1e-3};
@@ -163,6 +184,11 @@ ModelDescription describe(const UnitType& type, const cotwin::Unit& unit, const 
   co.can_get_and_set_state = co.can_serialise_state = unit.restorable();
   co.variable_step = true;
   co.can_not_use_memory_functions = true;
+  co.provides_directional_derivatives = !unit.partials().empty();
+  co.provides_adjoint_derivatives = !scalars && co.provides_directional_derivatives;
+  const bool derivatives =
+      std::any_of(variables.begin(), variables.end(), [](const auto& v) { return !v.derivative_of.empty(); });
+  co.max_output_derivative_order = derivatives ? 1 : 0;
   co.can_interpolate_inputs = std::any_of(variables.begin(), variables.end(), [](const auto& v) { return !v.rate.empty(); });
   d.co_simulation = co;
 
@@ -175,24 +201,39 @@ ModelDescription describe(const UnitType& type, const cotwin::Unit& unit, const 
   d.variables.push_back(time);
 
   std::vector<std::string> measures = {"s"};
+  std::map<std::string, std::size_t, std::less<>> first_of;  // index of a variable's first part
   for (const cotwin::Variable& v : variables) {
-    if (v.kind() == Kind::kReal && std::find(measures.begin(), measures.end(), v.si) == measures.end())
+    if (v.kind() == Kind::kReal && !v.si.empty() && std::find(measures.begin(), measures.end(), v.si) == measures.end())
       measures.push_back(v.si);
     const std::size_t parts = scalars ? v.size() : 1;
+    first_of[v.name] = d.variables.size();
     for (std::size_t part = 0; part < parts; ++part) {
       Variable out = make_variable(v, part, v.size() / parts);
       out.reference = static_cast<std::uint32_t>(d.variables.size());
       const bool held = v.role == Role::kInput && v.kind() == Kind::kReal && v.rate.empty();
       out.interpolated = !(scalars && co.can_interpolate_inputs && held);
       if (!scalars && v.size() > 1) out.dimensions.push_back({v.size(), std::nullopt});
+      if (!v.derivative_of.empty()) out.derivative = first_of.at(v.derivative_of) + part;
       if (v.role == Role::kOutput) {
-        // Outputs hold at the end of a step and do not change with what is set afterwards; those of the initialisation may.
+        // Outputs hold at the end of a step and do not change with what is set afterwards, unless the unit says otherwise
+        // (add_dependencies); those of the initialisation may.
         d.structure.outputs.push_back({d.variables.size(), std::vector<std::size_t>{}, {}});
         d.structure.initial_unknowns.push_back({d.variables.size(), std::nullopt, {}});
       }
       d.variables.push_back(std::move(out));
     }
   }
+  for (const cotwin::Variable& v : variables) {
+    if (scalars || v.rate.empty()) continue;
+    const cotwin::Variable rate = rate_variable(v);
+    if (std::find(measures.begin(), measures.end(), rate.si) == measures.end()) measures.push_back(rate.si);
+    Variable out = make_variable(rate, 0, rate.size());
+    out.reference = static_cast<std::uint32_t>(d.variables.size());
+    if (rate.size() > 1) out.dimensions.push_back({rate.size(), std::nullopt});
+    out.derivative = first_of.at(v.name);
+    d.variables.push_back(std::move(out));
+  }
+  add_dependencies(d, unit, variables, first_of);
   std::sort(measures.begin(), measures.end());
   for (const std::string& si : measures) {
     d.units.push_back(describe_measure(si));

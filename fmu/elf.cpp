@@ -124,12 +124,14 @@ class Reader {
     if (offset >= strings.sh_size || begin >= bytes_.size()) fail("has a name outside of its names");
     const std::size_t end = bytes_.find('\0', begin);
     if (end == std::string::npos) fail("has a name without an end");
+    if ((names_ += end - begin) > 16 * bytes_.size()) fail("has more names than it has room for");
     return bytes_.substr(begin, end - begin);
   }
   [[noreturn]] void fail(const std::string& what) const { throw Error(place_, what); }
 
   const std::string& bytes_;
   std::string place_;
+  mutable std::size_t names_ = 0;  // bytes of all names so far: names may overlap, but a few times only
 };
 
 }  // namespace

@@ -1,7 +1,5 @@
 #include "fmu/export.h"
 
-#include <dlfcn.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -12,6 +10,8 @@
 
 #include "fmu/bytes.h"
 #include "fmu/export_categories.h"
+#include "fmu/own_library.h"
+#include "fmu/rate.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
 
@@ -27,9 +27,8 @@ constexpr double kLatest = 9e9;                             // s: what 64 bits o
 
 /// The folder resources/ of the unpacked archive that this library lies in, as <archive>/binaries/<platform>/<library>.
 fs::path own_resources() {
-  Dl_info info{};
-  if (dladdr(reinterpret_cast<const void*>(&own_resources), &info) == 0 || info.dli_fname == nullptr) return {};
-  return fs::absolute(info.dli_fname).parent_path().parent_path().parent_path() / "resources";
+  const fs::path library = own_library();
+  return library.empty() ? library : library.parent_path().parent_path().parent_path() / "resources";
 }
 
 /// The first of the candidates that holds a package.
@@ -104,14 +103,13 @@ Exported::Exported(References references, const std::string& token, const std::o
 void Exported::build() {
   Settings settings(package_.unit, package_.query, {}, {resources_});
   settings.set_robot(package_.robot);
+  settings.set_cell(package_.cell);
+  drop();  // first: it may be, or hold, one of those that a process can have only once
   unit_ = exported_unit().make(settings);
-  variables_ = {};
   unit_->declare(variables_);
   package_.start.write(variables_);
   warnings_ = settings.warnings();
 
-  slots_.assign(1, {});
-  computed_.clear();
   for (const Variable& variable : variables_) {
     const bool computed = variable.role == Role::kOutput || variable.role == Role::kState;
     if (computed && variable.kind() == Kind::kReal) computed_.push_back(variable.reals());
@@ -121,7 +119,40 @@ void Exported::build() {
       for (std::size_t i = 0; i < variable.size(); ++i) slots_.push_back({&variable, i, 1});
     }
   }
+  if (references_ == References::kVariables) {
+    for (const Variable& variable : variables_) {
+      if (!variable.rate.empty()) rates_.push_back(rate_variable(variable));
+    }
+    for (const Variable& rate : rates_) slots_.push_back({&rate, 0, rate.size()});
+  }
+  find_partials();
   memory_ = {};
+}
+
+/// The unit, and all that refers to it; time stays.
+void Exported::drop() {
+  blocks_.clear();
+  partials_.clear();
+  computed_.clear();
+  slots_.assign(1, {});
+  rates_.clear();
+  variables_ = {};
+  unit_.reset();
+}
+
+cotwin::Unit& Exported::unit() const {
+  if (unit_ == nullptr) throw Error("there is no unit, since the last reset failed; reset again or free the instance");
+  return *unit_;
+}
+
+void Exported::find_partials() {
+  std::size_t size = 0;
+  for (const Partial& p : unit_->partials()) {
+    const Variable &unknown = variables_.at(p.unknown), &known = variables_.at(p.known);
+    blocks_.push_back({&unknown, &known, p.elementwise, size});
+    size += p.elementwise ? unknown.size() : unknown.size() * known.size();
+  }
+  partials_.assign(size, 0.0);
 }
 
 template <class Call>
@@ -178,6 +209,14 @@ void Exported::initialise() {
 void Exported::exit_initialisation() {
   initialise();
   memory_.state = kStepping;
+}
+
+void Exported::terminate() {
+  memory_.state = kTerminated;
+  if (unit_ == nullptr) return;
+  std::vector<std::string> notes;
+  unit_->tell(notes);
+  for (const std::string& note : notes) report(Status::kWarning, note);
 }
 
 Status Exported::step(double now, double h) {
@@ -354,17 +393,96 @@ template void Exported::set<bool, int>(std::span<const unsigned>, std::span<cons
 template void Exported::set<bool, bool>(std::span<const unsigned>, std::span<const bool>);
 template void Exported::set<std::string, const char*>(std::span<const unsigned>, std::span<const char* const>);
 
-void Exported::set_rates(std::span<const unsigned> references, std::span<const int> orders, std::span<const double> values) {
+Status Exported::set_rates(std::span<const unsigned> references, std::span<const int> orders, std::span<const double> values) {
   for (std::size_t i = 0; i < references.size(); ++i) {
     const Slot& s = slot(references[i]);
-    if (s.variable == nullptr || s.variable->rate.empty()) {
-      throw Error(name_of(s), "is not followed over a step, expected an input that is");
-    }
-    if (orders[i] != 1) throw Error(name_of(s), "derivative of order " + std::to_string(orders[i]) + ", expected the first");
+    const bool input = s.variable != nullptr && s.variable->role == Role::kInput && s.variable->kind() == Kind::kReal;
+    if (!input) throw Error(name_of(s), "expected a real input");
+    if (orders[i] < 1) throw Error(name_of(s), "derivative of order " + std::to_string(orders[i]) + ", expected 1");
   }
+  std::string held;
   for (std::size_t i = 0; i < references.size(); ++i) {
     const Slot& s = slots_[references[i]];
-    s.variable->rate[s.first] = values[i];
+    if (orders[i] == 1 && !s.variable->rate.empty()) {
+      s.variable->rate[s.first] = values[i];
+    } else if (held.empty() && values[i] != 0) {
+      held = orders[i] == 1
+                 ? name_of(s) + " is held over a step: its derivative is left out"
+                 : name_of(s) + " is followed linearly: its derivative of order " + std::to_string(orders[i]) + " is left out";
+    }
+  }
+  if (held.empty()) return Status::kOk;
+  if (!told_of_held_inputs_) report(Status::kWarning, held);
+  told_of_held_inputs_ = true;
+  return Status::kWarning;
+}
+
+void Exported::output_derivatives(std::span<const unsigned> references, std::span<const int> orders, std::span<double> values) {
+  std::size_t n = 0;
+  for (std::size_t i = 0; i < references.size(); ++i) {
+    const Slot& s = slot(references[i]);
+    if (orders[i] != 1) throw Error(name_of(s), "derivative of order " + std::to_string(orders[i]) + ", expected the first");
+    const auto derivative = std::find_if(variables_.begin(), variables_.end(), [&](const Variable& v) {
+      return s.variable != nullptr && v.derivative_of == s.variable->name;
+    });
+    if (derivative == variables_.end()) throw Error(name_of(s), "no derivative of it is known");
+    if (s.count > values.size() - n) throw Error("room for " + std::to_string(values.size()) + " values, expected more");
+    for (const double value : derivative->reals().subspan(s.first, s.count)) values[n++] = value;
+  }
+  if (n != values.size()) throw Error("room for " + std::to_string(values.size()) + " values, expected " + std::to_string(n));
+}
+
+/// The number of their elements together.
+std::size_t Exported::check_reals(std::span<const unsigned> references) const {
+  std::size_t n = 0;
+  for (const unsigned reference : references) n += elements<double>(reference, slot(reference)).size();
+  return n;
+}
+
+void Exported::directional(std::span<const unsigned> unknowns, std::span<const unsigned> knowns, std::span<const double> seed,
+                           std::span<double> sensitivity, bool adjoint) {
+  const std::size_t rows = check_reals(unknowns), columns = check_reals(knowns);
+  const std::size_t in = adjoint ? rows : columns, out = adjoint ? columns : rows;
+  if (seed.size() != in || sensitivity.size() != out) {
+    throw Error("a seed of " + std::to_string(seed.size()) + " and a sensitivity of " + std::to_string(sensitivity.size()) +
+                " values, expected " + std::to_string(in) + " and " + std::to_string(out));
+  }
+  for (const unsigned reference : unknowns) {
+    const Slot& s = slots_[reference];
+    if (s.variable->role != Role::kOutput) throw Error(name_of(s), "is no output, expected one as an unknown");
+  }
+  for (const unsigned reference : knowns) {
+    const Slot& s = slots_[reference];
+    const bool of_a_block = std::any_of(blocks_.begin(), blocks_.end(), [&](const Block& b) { return b.known == s.variable; });
+    if (s.variable->role != Role::kInput && !of_a_block) throw Error(name_of(s), "is neither input nor state, expected one");
+  }
+  if (memory_.state == kInitialising) initialise();
+  in_unit([&] { unit().evaluate_partials(partials_); });
+  std::fill(sensitivity.begin(), sensitivity.end(), 0.0);
+  std::size_t row = 0;
+  for (const unsigned u : unknowns) {
+    const Slot& unknown = slots_[u];
+    std::size_t column = 0;
+    for (const unsigned k : knowns) {
+      const Slot& known = slots_[k];
+      for (const Block& b : blocks_) {
+        if (b.unknown != unknown.variable || b.known != known.variable) continue;
+        for (std::size_t i = 0; i < unknown.count; ++i) {
+          for (std::size_t j = 0; j < known.count; ++j) {
+            const std::size_t at_i = unknown.first + i, at_j = known.first + j;
+            if (b.elementwise && at_i != at_j) continue;
+            const double slope = partials_[b.first + (b.elementwise ? at_i : at_i * known.variable->size() + at_j)];
+            if (adjoint) {
+              sensitivity[column + j] += slope * seed[row + i];
+            } else {
+              sensitivity[row + i] += slope * seed[column + j];
+            }
+          }
+        }
+      }
+      column += known.count;
+    }
+    row += unknown.count;
   }
 }
 
@@ -377,7 +495,7 @@ const Exported::Saved& Exported::find(const void* saved) const {
 }
 
 void* Exported::save(void* reuse) {
-  if (!restorable()) throw Error("the unit reaches outside: its state cannot be taken back");
+  if (!unit().restorable()) throw Error("the unit reaches outside: its state cannot be taken back");
   const auto found = saved_.find(reuse);
   std::unique_ptr<Saved> fresh = found == saved_.end() ? std::make_unique<Saved>() : nullptr;
   Saved& saved = fresh ? *fresh : *found->second;
@@ -390,6 +508,7 @@ void* Exported::save(void* reuse) {
 
 void Exported::restore(const void* handle) {
   const Saved& saved = find(handle);
+  static_cast<void>(unit());  // there must be one
   in_unit([&] {
     const bool same = saved.initialisation == initialisation_ && memory_.initialised && memory_.state != kFailed;
     if (saved.memory.initialised && same) {
@@ -453,6 +572,13 @@ void* Exported::deserialise(std::span<const std::byte> bytes) {
   m.steps = in.value<std::uint64_t>();
   m.host_time = in.value<double>();
   m.finished = in.value<std::uint8_t>() != 0;
+  const bool known = m.state == kInstantiated || m.state == kInitialising || m.state == kStepping ||
+                     m.state == kStepDiscarded || m.state == kTerminated || m.state == kFailed;
+  constexpr auto kLatestNs = static_cast<std::int64_t>(kLatest * kNanoseconds);
+  const auto is_time = [](std::int64_t ns) { return ns >= -kLatestNs && ns <= kLatestNs; };
+  if (!known || !is_time(m.start_ns) || !is_time(m.time_ns) || !is_time(m.stop_ns) || !(std::abs(m.host_time) <= kLatest)) {
+    in.fail("has a state or a time that there is not");
+  }
   const std::string snapshot = in.text();
   in.expect_end();
   saved->snapshot = Snapshot::deserialise(as_bytes(snapshot));

@@ -37,7 +37,7 @@ inline constexpr unsigned kAnyState = 63;
 const char* name_of(State state);
 
 /// What value references mean: both versions give 0 to time. FMI 2 then numbers every element of every variable, FMI 3 every
-/// variable, in the order of their declaration.
+/// variable, in the order of their declaration, and then the slopes of inputs (rate.h).
 enum class References { kElements, kVariables };
 
 class Exported {
@@ -50,7 +50,7 @@ class Exported {
   Exported(References references, const std::string& token, const std::optional<std::filesystem::path>& resources);
 
   State state() const { return memory_.state; }
-  bool restorable() const { return unit_->restorable(); }
+  bool restorable() const { return unit_ != nullptr && unit_->restorable(); }
   const std::vector<std::string>& warnings() const { return warnings_; }
 
   /// What follows throws Error and leaves the instance as it was if the call was wrong; if the unit fails, the state is
@@ -61,7 +61,7 @@ class Exported {
   /// kOk or kDiscard. Times are the host's, in seconds, and may be sums of step sizes. After a step in which the unit asked for
   /// an end of the run, finished() is true and no further step is made.
   Status step(double now, double h);
-  void terminate() { memory_.state = kTerminated; }
+  void terminate();
   void reset();
   double time() const { return memory_.host_time; }
   bool finished() const { return memory_.finished; }
@@ -72,8 +72,16 @@ class Exported {
   void get(std::span<const unsigned> references, std::span<Host> values);
   template <class Element, class Host>
   void set(std::span<const unsigned> references, std::span<const Host> values);
-  /// First time derivatives of inputs over the next step.
-  void set_rates(std::span<const unsigned> references, std::span<const int> orders, std::span<const double> values);
+  /// Time derivatives of inputs over the next step. A slope of an input that the unit does not follow, and orders above the
+  /// first, are left out: kWarning, and a message the first time. Throws Error for what is no real input.
+  Status set_rates(std::span<const unsigned> references, std::span<const int> orders, std::span<const double> values);
+
+  /// First time derivatives of real variables, as the variables that the unit declares to be them. Throws Error for others.
+  void output_derivatives(std::span<const unsigned> references, std::span<const int> orders, std::span<double> values);
+  /// J seed or, adjoint, Jᵀ seed, of the Jacobian of `unknowns` by `knowns` as the variables are now.
+  void directional(std::span<const unsigned> unknowns, std::span<const unsigned> knowns, std::span<const double> seed,
+                   std::span<double> sensitivity, bool adjoint);
+  bool has_partials() const { return !blocks_.empty(); }
 
   /// Saved states, known by their addresses and freed with the instance at the latest.
   void* save(void* reuse);
@@ -115,6 +123,8 @@ class Exported {
   };
 
   void build();
+  void drop();
+  cotwin::Unit& unit() const;
   template <class Call>
   void in_unit(Call call);
   void initialise();
@@ -125,15 +135,26 @@ class Exported {
   std::string name_of(const Slot& slot) const;
   void check_writable(const Slot& slot) const;
   const Saved& find(const void* saved) const;
+  void find_partials();
+  std::size_t check_reals(std::span<const unsigned> references) const;
 
   References references_;
   Package package_;
   std::filesystem::path resources_;
-  std::unique_ptr<cotwin::Unit> unit_;
+  std::unique_ptr<cotwin::Unit> unit_;  // nullptr after a reset that failed
   Variables variables_;
   std::vector<Slot> slots_;
+  std::vector<Variable> rates_;                    // FMI 3: the slopes of inputs as inputs (rate.h)
   std::vector<std::span<const double>> computed_;  // real outputs and states
+  struct Block {
+    const Variable *unknown, *known;
+    bool elementwise;
+    std::size_t first;  // in partials_
+  };
+  std::vector<Block> blocks_;  // of the unit's Jacobian
+  std::vector<double> partials_;
   std::vector<std::string> warnings_;
+  bool told_of_held_inputs_ = false;
   Memory memory_;
   std::uint64_t initialisation_ = 0;
   std::unordered_map<const void*, std::unique_ptr<Saved>> saved_;

@@ -181,7 +181,7 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[],
                                        const fmi2Real values[]) {
   return call(c, __func__, kInstantiated | kInitialising | kStepping,
-              [&](Slave& s) { s.set_rates(array(vr, n), array(order, n), array(values, n)); });
+              [&](Slave& s) { return s.set_rates(array(vr, n), array(order, n), array(values, n)); });
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint, fmi2Real communicationStepSize, fmi2Boolean) {
@@ -221,12 +221,19 @@ fmi2Status fmi2GetIntegerStatus(fmi2Component c, fmi2StatusKind, fmi2Integer*) {
 fmi2Status fmi2GetStringStatus(fmi2Component c, fmi2StatusKind, fmi2String*) { return not_offered(c, __func__, kNoAsynchrony); }
 fmi2Status fmi2CancelStep(fmi2Component c) { return not_offered(c, __func__, kNoAsynchrony); }
 
-fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference[], size_t, const fmi2Integer[], fmi2Real[]) {
-  return not_offered(c, __func__, "no derivatives of outputs are offered (maxOutputDerivativeOrder=0)");
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[],
+                                        fmi2Real values[]) {
+  return call(c, __func__, kStepping | kStepDiscarded | kTerminated,
+              [&](Slave& s) { s.output_derivatives(array(vr, n), array(order, n), array(values, n)); });
 }
-fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference[], size_t, const fmi2ValueReference[], size_t,
-                                        const fmi2Real[], fmi2Real[]) {
-  return not_offered(c, __func__, "no directional derivatives are offered (providesDirectionalDerivative=false)");
+fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknowns[], size_t nUnknowns,
+                                        const fmi2ValueReference knowns[], size_t nKnowns, const fmi2Real dKnowns[],
+                                        fmi2Real dUnknowns[]) {
+  return call(c, __func__, kInitialising | kStepping | kTerminated, [&](Slave& s) {
+    if (!s.has_partials()) throw Error("the unit has no analytic Jacobian (providesDirectionalDerivative=false)");
+    s.directional(array(unknowns, nUnknowns), array(knowns, nKnowns), array(dKnowns, nKnowns), array(dUnknowns, nUnknowns),
+                  false);
+  });
 }
 
 fmi2Status fmi2EnterEventMode(fmi2Component c) { return not_offered(c, __func__, kNoModelExchange); }

@@ -35,8 +35,6 @@ fmi3Status not_offered(fmi3Instance instance, const char* function, const char* 
 }
 constexpr const char* kNoModelExchange = "belongs to Model Exchange, which this FMU does not offer";
 constexpr const char* kNoEvents = "there is no Event Mode (hasEventMode=false)";
-constexpr const char* kNoDerivatives =
-    "no derivatives are offered (providesDirectionalDerivatives, providesAdjointDerivatives=false)";
 constexpr const char* kNoDependencies = "not offered (providesPerElementDependencies=false)";
 constexpr const char* kNoConfiguration = "there are no structural parameters";
 
@@ -63,6 +61,19 @@ fmi3Status set(fmi3Instance instance, const char* function, const fmi3ValueRefer
 fmi3Status no_such_type(fmi3Instance instance, const char* function, size_t n) {
   return call(instance, function, kAnyState, [&](Exported&) {
     if (n != 0) throw Error("the FMU has no variable of this type, expected Float64, Int32, Boolean or String");
+  });
+}
+
+/// Directional and adjoint derivatives.
+fmi3Status derivative(fmi3Instance instance, const char* function, const fmi3ValueReference unknowns[], size_t nUnknowns,
+                      const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
+                      fmi3Float64 sensitivity[], size_t nSensitivity, bool adjoint) {
+  return call(instance, function, kInitialising | kStepping | kTerminated, [&](Exported& e) {
+    if (!e.has_partials()) {
+      throw Error("the unit has no analytic Jacobian (providesDirectionalDerivatives, providesAdjointDerivatives=false)");
+    }
+    e.directional(array(unknowns, nUnknowns), array(knowns, nKnowns), array(seed, nSeed), array(sensitivity, nSensitivity),
+                  adjoint);
   });
 }
 
@@ -280,17 +291,20 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance i, fmi3Boolean*, fmi3Boolean*, 
                                     fmi3Float64*) {
   return not_offered(i, __func__, kNoEvents);
 }
-fmi3Status fmi3GetOutputDerivatives(fmi3Instance i, const fmi3ValueReference[], size_t, const fmi3Int32[], fmi3Float64[],
-                                    size_t) {
-  return not_offered(i, __func__, "no derivatives of outputs are offered (maxOutputDerivativeOrder=0)");
+fmi3Status fmi3GetOutputDerivatives(fmi3Instance i, const fmi3ValueReference vr[], size_t n, const fmi3Int32 orders[],
+                                    fmi3Float64 values[], size_t nValues) {
+  return call(i, __func__, kStepping | kTerminated,
+              [&](Exported& e) { e.output_derivatives(array(vr, n), array(orders, n), array(values, nValues)); });
 }
-fmi3Status fmi3GetDirectionalDerivative(fmi3Instance i, const fmi3ValueReference[], size_t, const fmi3ValueReference[], size_t,
-                                        const fmi3Float64[], size_t, fmi3Float64[], size_t) {
-  return not_offered(i, __func__, kNoDerivatives);
+fmi3Status fmi3GetDirectionalDerivative(fmi3Instance i, const fmi3ValueReference unknowns[], size_t nUnknowns,
+                                        const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[],
+                                        size_t nSeed, fmi3Float64 sensitivity[], size_t nSensitivity) {
+  return derivative(i, __func__, unknowns, nUnknowns, knowns, nKnowns, seed, nSeed, sensitivity, nSensitivity, false);
 }
-fmi3Status fmi3GetAdjointDerivative(fmi3Instance i, const fmi3ValueReference[], size_t, const fmi3ValueReference[], size_t,
-                                    const fmi3Float64[], size_t, fmi3Float64[], size_t) {
-  return not_offered(i, __func__, kNoDerivatives);
+fmi3Status fmi3GetAdjointDerivative(fmi3Instance i, const fmi3ValueReference unknowns[], size_t nUnknowns,
+                                    const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
+                                    fmi3Float64 sensitivity[], size_t nSensitivity) {
+  return derivative(i, __func__, unknowns, nUnknowns, knowns, nKnowns, seed, nSeed, sensitivity, nSensitivity, true);
 }
 fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance i, fmi3ValueReference, size_t*) {
   return not_offered(i, __func__, kNoDependencies);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <utility>
 
 #include "models/text/error.h"
 #include "models/text/text.h"
@@ -15,6 +16,7 @@ constexpr Exchange kSent[] = {Exchange::kContinuousInput, Exchange::kDiscreteInp
 constexpr int kMaxReturns = 100'000;  // of doStep in one communication step
 constexpr double kTimeSlack = 1e-9;   // s: of what an FMU says to have reached
 constexpr int kMaxIdleReturns = 100;  // of them without progress in time
+constexpr int kMaxTicksAtOnce = 1'000;
 
 /// An instant that doStep is asked for is reached within rounding of the sums behind it: some 10 ulps.
 bool reaches(double t, double end) { return t >= end - 1e-14 * std::max(1.0, std::abs(end)); }
@@ -25,6 +27,7 @@ bool ramps_of(const ModelDescription& d, InterfaceKind kind) {
   const Interface& interface = interface_of(d, kind);
   if (kind == InterfaceKind::kModelExchange) return true;
   if (d.version == Version::k2) return interface.can_interpolate_inputs;
+  if (!rate_inputs(d).empty()) return true;
   // FMI 3: all continuous inputs go through one call in an intermediate update, so all of them must be allowed there.
   bool any = false, all = true;
   for (const Variable& v : d.variables) {
@@ -33,6 +36,14 @@ bool ramps_of(const ModelDescription& d, InterfaceKind kind) {
     all = all && v.intermediate_update;
   }
   return interface.provides_intermediate_update && any && all;
+}
+
+ForeignVariablesOptions variables_options(const ModelDescription& d, InterfaceKind kind, const UnitOptions& options) {
+  const bool clocks = kind == InterfaceKind::kCoSimulation && interface_of(d, kind).has_event_mode;
+  if (options.slopes && (kind != InterfaceKind::kCoSimulation || interface_of(d, kind).max_output_derivative_order == 0))
+    throw Error("slopes=true",
+                "the FMU tells no derivatives of outputs, expected Co-Simulation with maxOutputDerivativeOrder > 0");
+  return {options.locals, options.structural, ramps_of(d, kind), options.si, clocks, options.slopes};
 }
 
 void StateKeeper::save(ForeignInstance& instance, std::string_view extra, std::string& bytes) {
@@ -94,15 +105,16 @@ void StateKeeper::clear(ForeignInstance& instance) noexcept {
   }
 }
 
-ForeignUnit::ForeignUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions options, InterfaceKind kind, bool ramps)
+ForeignUnit::ForeignUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions options, InterfaceKind kind)
     : fmu_(std::move(fmu)),
       options_(std::move(options)),
       interface_(interface_of(fmu_->description, kind)),
-      variables_(fmu_->description, {options_.locals, options_.structural, ramps, options_.si}),
+      variables_(fmu_->description, variables_options(fmu_->description, kind, options_)),
       states_(interface_) {}
 
 ForeignUnit::~ForeignUnit() {
   if (instance_) states_.clear(*instance_);
+  instance_.reset();  // before its files go
 }
 
 /// An instance as if it had just been made, the one that is there if it can.
@@ -115,9 +127,17 @@ void ForeignUnit::start_afresh() {
   instance_ = make();
 }
 
+/// By a new instance.
+void ForeignUnit::replace() {
+  states_.clear(*instance_);
+  instance_.reset();  // as above
+  instance_ = make();
+}
+
 /// What an instance is good for after an error is known to nobody: the next attempt begins with a new one.
 void ForeignUnit::drop() {
   healthy_ = fresh_ = false;
+  choose_pace();
   if (!instance_) return;
   states_.clear(*instance_);
   instance_.reset();
@@ -128,37 +148,50 @@ void ForeignUnit::note(const EventOutcome& events) {
   finished_ = finished_ || events.terminate;
 }
 
-void ForeignUnit::initialise(Time start) {
+void ForeignUnit::initialise(Time time) {
   // After an error nobody knows what the variables were written by: the start values given before stay.
   if (healthy_ || !initialised_) variables_.adopt_starts(healthy_ ? instance_.get() : nullptr);
   if (!fresh_) start_afresh();
-  healthy_ = finished_ = fresh_ = false;
+  healthy_ = fresh_ = false;
   initialised_ = true;
-  next_event_.reset();
-  variables_.forget();
   try {
-    variables_.set_starts(*instance_);
-    const std::optional<DefaultExperiment>& experiment = description().default_experiment;
-    const std::optional<double> tolerance = options_.tolerance ? options_.tolerance
-                                            : experiment       ? experiment->tolerance
-                                                               : std::nullopt;
-    instance_->enter_initialisation(start.seconds(), options_.stop, tolerance);
-    variables_.send(*instance_, Exchange::kContinuousInput);
-    variables_.send(*instance_, Exchange::kDiscreteInput);
-    instance_->exit_initialisation();
-    begin(start);
+    start(time);
+    while (variables_.refuses_a_slope(*instance_)) {  // what an instance is good for after an error is known to nobody
+      replace();
+      start(time);
+    }
     if (!options_.structural.empty()) {  // parameters of other sizes than the description has start values for
       variables_.receive(*instance_, Exchange::kFixed);
       variables_.receive(*instance_, Exchange::kTunable);
     }
     variables_.receive(*instance_, Exchange::kConstant);
     variables_.receive(*instance_, Exchange::kResult);
+    variables_.clear_slopes();  // an FMU tells them after a step
   } catch (...) {
     drop();
     throw;
   }
   variables_.settle(Exchange::kTunable);  // the FMU has them as start values
   healthy_ = true;
+  choose_pace();
+}
+
+/// From a fresh instance to one that can make its first step.
+void ForeignUnit::start(Time time) {
+  finished_ = false;
+  next_event_.reset();
+  variables_.forget();
+  variables_.set_starts(*instance_);
+  const std::optional<DefaultExperiment>& experiment = description().default_experiment;
+  const std::optional<double> tolerance = options_.tolerance ? options_.tolerance
+                                          : experiment       ? experiment->tolerance
+                                                             : std::nullopt;
+  instance_->enter_initialisation(time.seconds(), options_.stop, tolerance);
+  variables_.send(*instance_, Exchange::kContinuousInput);
+  variables_.send(*instance_, Exchange::kDiscreteInput);
+  prepare(time);
+  instance_->exit_initialisation();
+  begin(time);
 }
 
 StepResult ForeignUnit::step(Time now, Duration h) {
@@ -167,10 +200,12 @@ StepResult ForeignUnit::step(Time now, Duration h) {
   try {
     if (!advance(now, h)) return StepResult::kDiscard;
     variables_.receive(*instance_, Exchange::kResult);
+    variables_.receive_slopes(*instance_, h.seconds());
   } catch (...) {
     drop();
     throw;
   }
+  choose_pace();
   return finished_ ? StepResult::kFinished : StepResult::kDone;
 }
 
@@ -201,15 +236,25 @@ void ForeignUnit::restore_memory(const std::string& bytes) {
   }
   for (std::size_t i = 0; i < variables_.rates_known().size(); ++i) variables_.rates_known()[i] = in.value<std::uint8_t>() != 0;
   read_memory(in);
+  variables_.restart_slopes();
   healthy_ = initialised_ = true;
   fresh_ = false;
+  choose_pace();
 }
 
 FmuUnit::FmuUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions options)
-    : ForeignUnit(fmu, std::move(options), InterfaceKind::kCoSimulation,
-                  ramps_of(fmu->description, InterfaceKind::kCoSimulation)),
-      event_mode_(interface_.has_event_mode) {
+    : ForeignUnit(std::move(fmu), std::move(options), InterfaceKind::kCoSimulation),
+      event_mode_(interface_.has_event_mode),
+      clocks_(description(), variables_) {
+  ramps_by_updates_ = description().version == Version::k3 && ramps_of(description(), InterfaceKind::kCoSimulation) &&
+                      rate_inputs(description()).empty();
+  if (!clocks_.empty()) observe_clocks_ = [this] { clocks_.observe(*instance_); };
   instance_ = make();
+}
+
+ForeignUnit::Pace FmuUnit::pace() const {
+  if (!interface_.variable_step || !clocks_.empty()) return Pace::kCareful;
+  return variables_.may_need_care() ? Pace::kByInputs : Pace::kSimple;
 }
 
 std::unique_ptr<ForeignInstance> FmuUnit::make() {
@@ -217,41 +262,86 @@ std::unique_ptr<ForeignInstance> FmuUnit::make() {
   options.kind = InterfaceKind::kCoSimulation;
   options.instance_name = options_.instance_name;
   options.event_mode = event_mode_;
-  if (description().version == Version::k3 && ramps_of(description(), InterfaceKind::kCoSimulation)) {
+  options.output_derivatives = variables_.asks_for_slopes();
+  if (ramps_by_updates_) {
     options.intermediate_inputs = variables_.continuous_inputs();
     options.set_intermediate_inputs = [this](double t) { variables_.send_ramped(*instance_, t - step_begin_); };
   }
   return make_foreign(*fmu_, std::move(options));
 }
 
-void FmuUnit::begin(Time) {
+void FmuUnit::prepare(Time start) {
+  if (event_mode_) clocks_.begin(*instance_, start.seconds());
+}
+
+void FmuUnit::begin(Time start) {
   equal_step_ = {};
-  if (!event_mode_) return;
-  note(instance_->update_discrete_states());  // an FMU with event mode begins in it (4.2.1)
-  instance_->enter_step_mode();
+  asked_ = {};
+  if (event_mode_) finish_events(start.seconds(), true);  // an FMU with event mode begins in it (4.2.1)
 }
 
 /// Sends what changed. Where there is an event mode, all but continuous inputs may change only in it.
 void FmuUnit::send_inputs() {
   const bool discrete = variables_.changed(Exchange::kDiscreteInput) || variables_.changed(Exchange::kTunable);
-  const bool in_event_mode = discrete && event_mode_;
+  const bool in_event_mode = event_mode_ && (discrete || clocks_.triggered());
   if (in_event_mode) instance_->enter_event_mode();
   variables_.send(*instance_, Exchange::kContinuousInput);
   if (discrete) {
     variables_.send(*instance_, Exchange::kDiscreteInput);
     variables_.send(*instance_, Exchange::kTunable);
   }
-  if (in_event_mode) {
-    note(instance_->update_discrete_states());
-    instance_->enter_step_mode();
-  }
-  if (description().version == Version::k2) variables_.send_rates(*instance_);
+  if (in_event_mode) finish_events(step_begin_, true);
+  if (!ramps_by_updates_) variables_.send_rates(*instance_);
 }
 
-void FmuUnit::handle_events() {
+void FmuUnit::handle_events(double t) {
+  ++asked_.events;
   instance_->enter_event_mode();
-  note(instance_->update_discrete_states());
+  finish_events(t, false);
+}
+
+void FmuUnit::finish_events(double t, bool triggered) {
+  int rounds = 0;
+  do {  // aperiodic clocks may tick again at once
+    if (++rounds > kMaxTicksAtOnce)
+      throw Error("the FMU's clocks tick more than " + std::to_string(kMaxTicksAtOnce) + " times at " + text::to_text(t) +
+                  " s");
+    clocks_.activate(*instance_, t, triggered && rounds == 1);
+    note(instance_->update_discrete_states(observe_clocks_));
+    clocks_.schedule(*instance_, t);
+  } while (!finished_ && clocks_.due(t));
   instance_->enter_step_mode();
+}
+
+std::optional<double> FmuUnit::next_stop() const {
+  const std::optional<double> tick = clocks_.next();
+  if (!next_event_) return tick;
+  return tick ? std::min(*tick, *next_event_) : *next_event_;
+}
+
+void FmuUnit::write_memory(ByteWriter& out) {
+  out.value(equal_step_.ns);
+  clocks_.write(out);
+}
+
+void FmuUnit::read_memory(ByteReader& in) {
+  equal_step_ = {in.value<std::int64_t>()};
+  clocks_.read(in);
+}
+
+void FmuUnit::tell(std::vector<std::string>& notes) const {
+  notes.insert(notes.end(), variables_.refused_slopes().begin(), variables_.refused_slopes().end());
+  const auto add = [&](std::uint64_t n, const char* one, const char* many, const std::string& rest) {
+    if (n > 0) notes.push_back(std::to_string(n) + " " + (n == 1 ? one : many) + rest);
+  };
+  add(asked_.early_returns, "early return", "early returns", " from a step, which was completed from there");
+  add(asked_.events, "event", "events", " handled in event mode");
+  add(clocks_.ticks(), "tick", "ticks", " of its input clocks");
+  add(asked_.discards, "step", "steps",
+      " discarded, the last one at " + text::to_text(asked_.discarded_at) + " s" +
+          (asked_.discarded_reached > asked_.discarded_at
+               ? ", of which the FMU made " + text::to_text(asked_.discarded_reached - asked_.discarded_at) + " s"
+               : ""));
 }
 
 bool FmuUnit::advance(Time now, Duration h) {
@@ -264,16 +354,25 @@ bool FmuUnit::advance(Time now, Duration h) {
   }
   const double begin = now.seconds(), end = (now + h).seconds();
   step_begin_ = begin;
-  send_inputs();
+  clocks_.begin_step();
+  std::optional<StepOutcome> begun = std::exchange(begun_, std::nullopt);
+  if (!begun) send_inputs();
   double t = begin;
   int idle = 0;
   for (int returns = 0; !finished_ && !reaches(t, end); ++returns) {
     // An event that the FMU has announced is where the step pauses, if the FMU lets us choose.
     double target = end;
-    if (event_mode_ && interface_.variable_step && next_event_ && *next_event_ > t && *next_event_ < end) target = *next_event_;
+    const std::optional<double> stop = event_mode_ && interface_.variable_step ? next_stop() : std::nullopt;
+    if (stop && *stop > t && *stop < end) target = *stop;
     const bool whole = t == begin && target == end;
-    const StepOutcome out = instance_->do_step(t, whole ? h.seconds() : target - t);
-    if (out.discarded) return false;
+    const StepOutcome out =
+        begun ? *std::exchange(begun, std::nullopt) : instance_->do_step(t, whole ? h.seconds() : target - t);
+    if (out.discarded) {
+      ++asked_.discards;
+      asked_.discarded_at = t;
+      asked_.discarded_reached = out.reached;
+      return false;
+    }
     idle = out.reached > t ? 0 : idle + 1;
     if (idle > kMaxIdleReturns || returns > kMaxReturns) {
       throw Error("the FMU returns from doStep again and again, at " + text::to_text(out.reached) + " s, before " +
@@ -288,8 +387,9 @@ bool FmuUnit::advance(Time now, Duration h) {
       finished_ = true;
       break;
     }
+    if (t != target) ++asked_.early_returns;
     const bool announced = next_event_ && reaches(t, *next_event_);
-    if (event_mode_ && (out.event || announced)) handle_events();
+    if (event_mode_ && (out.event || announced || clocks_.due(t))) handle_events(t);
   }
   return true;
 }

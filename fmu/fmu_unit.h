@@ -10,6 +10,7 @@
 #include "components/unit/unit.h"
 #include "fmu/bytes.h"
 #include "fmu/foreign.h"
+#include "fmu/foreign_clocks.h"
 #include "fmu/foreign_variables.h"
 
 namespace cotwin::fmu {
@@ -22,10 +23,18 @@ struct UnitOptions {
   std::optional<double> stop;       // s; told to the FMU where it is known
   std::optional<double> tolerance;  // relative; none: that of the FMU's default experiment
   bool si = true;                   // see ForeignVariablesOptions
+  bool slopes = false;              // likewise
 };
+
+struct LoadOptions;
+/// Those of load.h.
+UnitOptions unit_options(const LoadOptions& options);
 
 /// Whether continuous inputs of that FMU may be ramped.
 bool ramps_of(const ModelDescription& description, InterfaceKind kind);
+
+/// How the variables of that FMU are shown. Throws Error where slopes are wanted that the FMU does not tell.
+ForeignVariablesOptions variables_options(const ModelDescription& description, InterfaceKind kind, const UnitOptions& options);
 
 /// States of a foreign FMU, as bytes that a snapshot can carry: serialised where the FMU can, so that a fresh instance takes
 /// them; else the number of one of the last kKept states that stay in the FMU.
@@ -60,16 +69,21 @@ class ForeignUnit : public cotwin::Unit {
   ~ForeignUnit() override;
   void declare(Variables& variables) final { variables_.declare(variables); }
   void initialise(Time start) final;
-  StepResult step(Time now, Duration h) final;
+  StepResult step(Time now, Duration h) override;
   bool restorable() const final { return interface_.can_get_and_set_state; }
   void save_memory(std::string& bytes) final;
   void restore_memory(const std::string& bytes) final;
   const std::vector<std::string>& warnings() const { return variables_.warnings(); }
 
  protected:
-  ForeignUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions options, InterfaceKind kind, bool ramps);
+  /// How a step may be made: whether FmuUnit's simple one will do, or will if the inputs do not ask for more.
+  enum class Pace : std::uint8_t { kCareful, kByInputs, kSimple };
+
+  ForeignUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions options, InterfaceKind kind);
 
   virtual std::unique_ptr<ForeignInstance> make() = 0;
+  /// At the end of the initialisation mode, still in it.
+  virtual void prepare(Time) {}
   /// From the end of the initialisation mode to where steps can be made.
   virtual void begin(Time start) = 0;
   /// False: discarded.
@@ -78,51 +92,100 @@ class ForeignUnit : public cotwin::Unit {
   virtual void write_memory(ByteWriter&) {}
   virtual void read_memory(ByteReader&) {}
   void note(const EventOutcome& events);
+  /// The pace of a unit that is healthy, has not finished and awaits no event.
+  virtual Pace pace() const { return Pace::kCareful; }
 
   const ModelDescription& description() const { return fmu_->description; }
 
+  void drop();
+
+  std::unique_ptr<ForeignInstance> instance_;
+  bool healthy_ = false;        // initialised, and no error since
+  bool finished_ = false;       // the FMU wants the simulation to end
+  Pace pace_ = Pace::kCareful;  // of the next step
+  Duration last_h_;             // of a simple step
+  double last_h_seconds_ = 0;
+  std::optional<double> next_event_;  // s
   std::shared_ptr<const ForeignFmu> fmu_;
   UnitOptions options_;
   const Interface& interface_;
   ForeignVariables variables_;
   StateKeeper states_;
-  std::unique_ptr<ForeignInstance> instance_;
-  bool finished_ = false;             // the FMU wants the simulation to end
-  std::optional<double> next_event_;  // s
 
  private:
   void start_afresh();
-  void drop();
+  void replace();
+  void start(Time time);
+  void choose_pace() { pace_ = healthy_ && !finished_ && !next_event_ ? pace() : Pace::kCareful; }
 
   bool fresh_ = true;         // the instance was made or reset and not touched since
   bool initialised_ = false;  // once, at least
-  bool healthy_ = false;      // initialised, and no error since
 };
 
-/// A foreign FMU for Co-Simulation as a unit: here the words of FMI end. A step
+/// A foreign FMU for Co-Simulation as a unit: here the words of FMI end. Most steps need nothing but the continuous inputs that
+/// changed, doStep and the results, and go through ForeignInstance::step(). Any other
 ///   1. sends what changed: continuous inputs at once; the rest too or, where the FMU has an event mode, in it
 ///   2. calls doStep until the communication point is reached: an FMU may return early, may need events handled on the way, and
-///   is
-///      stopped at the time of its next event
+///      is stopped at the time of its next event
 ///   3. reads outputs and locals
 /// A step that the FMU discards is StepResult::kDiscard. An FMU that has to be stepped equally gets equal steps or an Error.
-/// Input derivatives are passed on where FMI 2's canInterpolateInputs or FMI 3's intermediate update allow it.
+/// Input derivatives are passed on where FMI 2's canInterpolateInputs, inputs der(u) of ours in FMI 3 (rate.h) or FMI 3's
+/// intermediate update allow it. Time-based clocks tick where a step, pausing there if the FMU lets us, reaches their time,
+/// with the inputs as that step has them.
 class FmuUnit final : public ForeignUnit {
  public:
   FmuUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions options);
+  StepResult step(Time now, Duration h) override;
+  void tell(std::vector<std::string>& notes) const override;
 
  private:
+  /// What an FMU asked for since the initialisation.
+  struct Asked {
+    std::uint64_t early_returns = 0, events = 0, discards = 0;
+    double discarded_at = 0, discarded_reached = 0;  // s, of the last one
+  };
   std::unique_ptr<ForeignInstance> make() override;
+  Pace pace() const override;
+  void prepare(Time start) override;
   void begin(Time start) override;
   bool advance(Time now, Duration h) override;
-  void write_memory(ByteWriter& out) override { out.value(equal_step_.ns); }
-  void read_memory(ByteReader& in) override { equal_step_ = {in.value<std::int64_t>()}; }
+  void write_memory(ByteWriter& out) override;
+  void read_memory(ByteReader& in) override;
   void send_inputs();
-  void handle_events();
+  void handle_events(double t);
+  /// From event mode, in which the FMU is, to step mode. `triggered`: the triggered input clocks that are asked for tick.
+  void finish_events(double t, bool triggered);
+  /// s; where the FMU or one of its clocks wants event mode.
+  std::optional<double> next_stop() const;
 
   bool event_mode_ = false;
+  bool ramps_by_updates_ = false;  // inputs move in intermediate updates; else the FMU is given their slopes, if it wants them
+  std::optional<StepOutcome> begun_;  // of a step that was thought to be a simple one
+  ForeignClocks clocks_;
+  std::function<void()> observe_clocks_;  // empty without clocks
+  Asked asked_;
   double step_begin_ = 0;  // s
   Duration equal_step_{};  // of an FMU that demands equal steps
 };
+
+inline StepResult FmuUnit::step(Time now, Duration h) {
+  if (pace_ != Pace::kSimple) [[unlikely]] {
+    if (pace_ == Pace::kCareful || variables_.needs_care()) return ForeignUnit::step(now, h);
+  }
+  if (h != last_h_) [[unlikely]] {
+    last_h_ = h;
+    last_h_seconds_ = h.seconds();
+  }
+  try {
+    StepOutcome outcome;
+    if (variables_.step(*instance_, now.seconds(), last_h_seconds_, outcome)) [[likely]]
+      return StepResult::kDone;
+    begun_ = outcome;
+  } catch (...) {
+    drop();
+    throw;
+  }
+  return ForeignUnit::step(now, h);
+}
 
 }  // namespace cotwin::fmu

@@ -3,9 +3,36 @@
 #include <algorithm>
 #include <cctype>
 
+#include "fmu/load.h"
 #include "models/text/error.h"
 
 namespace cotwin::fmu {
+
+namespace {
+
+constexpr int kMaxEventIterations = 10'000;
+
+}  // namespace
+
+EventOutcome ForeignInstance::update_discrete_states(const std::function<void()>& before_each) {
+  EventOutcome out;
+  for (int i = 0; i < kMaxEventIterations; ++i) {
+    if (before_each) before_each();
+    if (!update_once(out) || out.terminate) return out;
+  }
+  throw Error("the update of the FMU's discrete states has no end after " + std::to_string(kMaxEventIterations) +
+              " iterations");
+}
+
+bool ForeignInstance::step(const StepReals& reals, bool sets, double now, double h, StepOutcome& outcome) {
+  if (sets) set(Type::kFloat64, reals.set_references, reals.set_values.data(), reals.set_values.size(), nullptr);
+  outcome = do_step(now, h);
+  if (outcome.discarded || outcome.terminate || outcome.event || outcome.reached != now + h) return false;
+  if (!reals.get_references.empty()) {
+    get(Type::kFloat64, reals.get_references, reals.get_values.data(), reals.get_values.size(), nullptr);
+  }
+  return true;
+}
 
 void Messages::add(std::string_view level, std::string_view category, std::string_view text) {
   const std::lock_guard lock(mutex_);
@@ -57,6 +84,14 @@ const Interface& interface_of(const ModelDescription& description, InterfaceKind
   offer(description.scheduled_execution.has_value(), "Scheduled Execution");
   throw Error("the FMU offers " + offered + ", expected " +
               (kind == InterfaceKind::kCoSimulation ? "Co-Simulation" : "Model Exchange"));
+}
+
+InterfaceKind chosen_kind(const ModelDescription& description, const std::string& kind) {
+  if (kind == "cs") return InterfaceKind::kCoSimulation;
+  if (kind == "me") return InterfaceKind::kModelExchange;
+  if (kind != "any") throw Error("kind '" + kind + "', expected any, cs or me");
+  return description.model_exchange && !description.co_simulation ? InterfaceKind::kModelExchange
+                                                                  : InterfaceKind::kCoSimulation;
 }
 
 std::vector<const char*> error_categories(const ModelDescription& description) {

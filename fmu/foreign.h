@@ -12,7 +12,6 @@
 #include <string_view>
 #include <vector>
 
-#include "fmu/archive.h"
 #include "fmu/model_description.h"
 
 /// FMUs that others made, and one set of verbs for the C interfaces of FMI 2 and FMI 3, Co-Simulation and Model Exchange.
@@ -21,8 +20,8 @@ namespace cotwin::fmu {
 /// An unpacked FMU.
 struct ForeignFmu {
   std::string name;  // of the file, for messages
-  std::optional<TemporaryFolder> unpacked;
   std::filesystem::path folder;
+  std::shared_ptr<const void> unpacked;  // keeps the folder, if it is a temporary one
   ModelDescription description;
 };
 
@@ -53,6 +52,7 @@ struct ForeignOptions {
   bool event_mode = false;                              // FMI 3 Co-Simulation
   std::vector<std::uint32_t> intermediate_inputs;       // FMI 3 Co-Simulation: to be set in intermediate updates
   std::function<void(double)> set_intermediate_inputs;  // at that time
+  bool output_derivatives = false;                      // will be asked for: the function must be there
 };
 
 struct StepOutcome {
@@ -60,6 +60,16 @@ struct StepOutcome {
   bool terminate = false;  // the FMU wants the simulation to end at `reached`
   bool event = false;      // FMI 3: event mode is needed at `reached`
   double reached = 0;      // s
+};
+
+/// What a time-based clock knows of its next activation.
+enum class IntervalState : std::uint8_t { kNotYetKnown, kUnchanged, kChanged };
+
+/// Reals that go through one call before a step and one after it; no references to get: no call.
+struct StepReals {
+  std::span<const std::uint32_t> set_references, get_references;
+  std::span<const double> set_values;
+  std::span<double> get_values;
 };
 
 struct EventOutcome {
@@ -90,6 +100,10 @@ class ForeignInstance {
   /// First derivatives of inputs (FMI 2).
   virtual void set_input_derivatives(std::span<const std::uint32_t> references, std::span<const std::int32_t> orders,
                                      std::span<const double> values) = 0;
+  /// First derivatives of outputs, of Float64: element by element, at the end of the last step. Only where the options say
+  /// that they are asked for.
+  virtual void get_output_derivatives(std::span<const std::uint32_t> references, std::span<const std::int32_t> orders,
+                                      std::span<double> values) = 0;
 
   /// The FMU's state; `state` is nullptr or an earlier one, the memory of which is used again.
   virtual void save(void*& state) = 0;
@@ -100,12 +114,22 @@ class ForeignInstance {
 
   // Co-Simulation
   virtual StepOutcome do_step(double now, double h) = 0;
+  /// set() where `sets`, do_step() and get() in one call, which is all that most FMUs need in most steps. False if the step did
+  /// not simply come to its end: then nothing was got, and `outcome` says what happened.
+  virtual bool step(const StepReals& reals, bool sets, double now, double h, StepOutcome& outcome);
   virtual void enter_step_mode() = 0;  // FMI 3 with event mode
 
   // Events: FMI 3 Co-Simulation with event mode, and Model Exchange
   virtual void enter_event_mode() = 0;
-  /// Repeats fmi2NewDiscreteStates or fmi3UpdateDiscreteStates until nothing changes.
-  virtual EventOutcome update_discrete_states() = 0;
+  /// Repeats fmi2NewDiscreteStates or fmi3UpdateDiscreteStates until nothing changes; `before_each`, if any, is called before.
+  EventOutcome update_discrete_states(const std::function<void()>& before_each = nullptr);
+
+  // Clocks in the event mode of FMI 3; intervals and shifts in the initialisation mode, too. s.
+  virtual void activate_clocks(std::span<const std::uint32_t>) {}
+  virtual void get_clocks(std::span<const std::uint32_t>, std::span<bool>) {}
+  virtual void get_intervals(std::span<const std::uint32_t>, std::span<double>, std::span<IntervalState>) {}
+  virtual void set_intervals(std::span<const std::uint32_t>, std::span<const double>) {}
+  virtual void get_shifts(std::span<const std::uint32_t>, std::span<double>) {}
 
   // Model Exchange
   virtual void enter_continuous_time_mode() = 0;
@@ -124,6 +148,10 @@ class ForeignInstance {
   /// False if the FMU could not evaluate here (fmi2Discard): the solver tries a smaller step.
   virtual bool try_derivatives(double t, std::span<const double> x, std::span<double> dx) = 0;
   virtual bool try_event_indicators(double t, std::span<const double> x, std::span<double> z) = 0;
+
+ private:
+  /// One update; whether another is needed.
+  virtual bool update_once(EventOutcome& out) = 0;
 };
 
 /// Throws Error for a library that is missing, cannot be loaded or lacks functions, and where the FMU refuses to be

@@ -41,6 +41,10 @@ bool same(std::span<const T> a, std::span<const T> b) {
   }
 }
 
+bool intersects(std::span<const std::uint32_t> a, std::span<const std::uint32_t> b) {
+  return std::any_of(a.begin(), a.end(), [&](std::uint32_t x) { return std::find(b.begin(), b.end(), x) != b.end(); });
+}
+
 }  // namespace
 
 void* ForeignVariables::wire_of(Group& group) {
@@ -51,8 +55,8 @@ void* ForeignVariables::wire_of(Group& group) {
     using Wire = decltype(sample);
     using T = std::remove_cvref_t<decltype(store.values[0])>;
     // Without conversion the storage itself goes through the call.
-    wire = std::is_same_v<Wire, T> && group.factors.empty() ? static_cast<void*>(store.values.get() + group.first)
-                                                            : group.wire.data();
+    wire =
+        std::is_same_v<Wire, T> && group.factors.empty() ? static_cast<void*>(store.values + group.first) : group.wire.data();
   });
   return wire;
 }
@@ -74,7 +78,7 @@ void* ForeignVariables::to_wire(Group& group) {
   }
   with_wire(group.type, [&](auto sample, auto& store) {
     using Wire = decltype(sample);
-    const auto* values = store.values.get() + group.first;
+    const auto* values = store.values + group.first;
     if (wire == static_cast<const void*>(values)) return;
     auto* out = static_cast<Wire*>(wire);
     for (std::size_t i = 0; i < group.size; ++i) {
@@ -104,7 +108,7 @@ void ForeignVariables::from_wire(Group& group) {
   with_wire(group.type, [&](auto sample, auto& store) {
     using Wire = decltype(sample);
     using T = std::remove_cvref_t<decltype(store.values[0])>;
-    T* values = store.values.get() + group.first;
+    T* values = store.values + group.first;
     if (wire == static_cast<void*>(values)) return;
     const auto* in = static_cast<const Wire*>(wire);
     for (std::size_t i = 0; i < group.size; ++i) {
@@ -140,7 +144,7 @@ bool ForeignVariables::changed(const Group& group) const {
   if (!group.sent) return true;
   const auto differs = [&](const auto& store) {
     using T = std::remove_cvref_t<decltype(store.values[0])>;
-    return !same<T>({store.values.get() + group.first, group.size}, {store.sent.get() + group.first, group.size});
+    return !same<T>({store.values + group.first, group.size}, {store.sent + group.first, group.size});
   };
   switch (group.kind) {
     case Kind::kReal:
@@ -162,15 +166,35 @@ bool ForeignVariables::changed(Exchange exchange) const {
 
 bool ForeignVariables::send(ForeignInstance& instance, Exchange exchange) {
   bool any = false;
-  for (Group& group : groups_[static_cast<std::size_t>(exchange)]) {
-    if (!changed(group)) continue;
-    set(instance, group);
-    with_store(group.kind,
-               [&](auto& store) { std::copy_n(store.values.get() + group.first, group.size, store.sent.get() + group.first); });
-    group.sent = true;
-    any = true;
-  }
+  for (Group& group : groups_[static_cast<std::size_t>(exchange)]) any = send(instance, group) || any;
   return any;
+}
+
+bool ForeignVariables::send(ForeignInstance& instance, Group& group) {
+  if (!changed(group)) return false;
+  set(instance, group);
+  with_store(group.kind, [&](auto& store) { std::copy_n(store.values + group.first, group.size, store.sent + group.first); });
+  group.sent = true;
+  return true;
+}
+
+std::span<bool> ForeignVariables::clock(std::uint32_t reference) {
+  for (const Item& item : items_) {
+    if (item.type == Type::kClock && item.references.front() == reference) return booleans_.of(item);
+  }
+  return {};
+}
+
+void ForeignVariables::send_clocked(ForeignInstance& instance, std::span<const std::uint32_t> active) {
+  for (Group& group : groups_[static_cast<std::size_t>(Exchange::kClockedInput)]) {
+    if (intersects(group.clocks, active)) send(instance, group);
+  }
+}
+
+void ForeignVariables::receive_clocked(ForeignInstance& instance, std::span<const std::uint32_t> active) {
+  for (Group& group : groups_[static_cast<std::size_t>(Exchange::kClockedResult)]) {
+    if (intersects(group.clocks, active)) get(instance, group);
+  }
 }
 
 void ForeignVariables::forget() {
@@ -182,14 +206,87 @@ void ForeignVariables::forget() {
 
 void ForeignVariables::settle(Exchange exchange) {
   for (Group& group : groups_[static_cast<std::size_t>(exchange)]) {
-    with_store(group.kind,
-               [&](auto& store) { std::copy_n(store.values.get() + group.first, group.size, store.sent.get() + group.first); });
+    with_store(group.kind, [&](auto& store) { std::copy_n(store.values + group.first, group.size, store.sent + group.first); });
     group.sent = true;
   }
 }
 
 void ForeignVariables::receive(ForeignInstance& instance, Exchange exchange) {
   for (Group& group : groups_[static_cast<std::size_t>(exchange)]) get(instance, group);
+}
+
+bool ForeignVariables::needs_care() const {
+  if (changed(Exchange::kDiscreteInput) || changed(Exchange::kTunable)) return true;
+  return any_rate() || std::find(rate_known_.begin(), rate_known_.end(), true) != rate_known_.end();
+}
+
+void ForeignVariables::receive_others(ForeignInstance& instance, double h) {
+  for (Group& group : groups_[static_cast<std::size_t>(Exchange::kResult)]) {
+    const bool plain = group.kind == Kind::kReal && reals_.values + group.first == plain_.get_values.data();
+    if (!plain) get(instance, group);
+  }
+  receive_slopes(instance, h);
+}
+
+bool ForeignVariables::refuses_a_slope(ForeignInstance& instance) {
+  for (; slopes_asked_ < items_.size(); ++slopes_asked_) {
+    const Item& slope = items_[slopes_asked_];
+    if (slope.exchange != Exchange::kSlope) continue;
+    const Item* asked = &slope;
+    Group alone = make_group({&asked, 1});
+    try {
+      instance.get_output_derivatives(alone.references, std::span(slope_orders_).first(alone.references.size()),
+                                      {static_cast<double*>(wire_of(alone)), alone.size});
+    } catch (const Error& error) {
+      const auto of = std::find_if(items_.begin(), items_.end(), [&](const Item& i) { return i.name == slope.slope_of; });
+      untold_slopes_.push_back({&slope, &*of, std::vector<double>(of->size)});
+      refused_slopes_.push_back("the FMU tells no slope of '" + slope.slope_of + "' (" + error.what() +
+                                "): that of its last step is taken");
+      ++slopes_asked_;
+      ask_for_told_slopes();
+      return true;
+    }
+  }
+  return false;
+}
+
+/// One call for each, since they need not lie side by side.
+void ForeignVariables::ask_for_told_slopes() {
+  std::vector<Group>& groups = groups_[static_cast<std::size_t>(Exchange::kSlope)];
+  groups.clear();
+  for (const Item& item : items_) {
+    const bool untold =
+        std::any_of(untold_slopes_.begin(), untold_slopes_.end(), [&](const Untold& u) { return u.slope == &item; });
+    const Item* told = &item;
+    if (item.exchange == Exchange::kSlope && !untold) groups.push_back(make_group({&told, 1}));
+  }
+}
+
+void ForeignVariables::receive_slopes(ForeignInstance& instance, double h) {
+  for (Group& group : groups_[static_cast<std::size_t>(Exchange::kSlope)]) {
+    instance.get_output_derivatives(group.references, std::span(slope_orders_).first(group.references.size()),
+                                    {static_cast<double*>(wire_of(group)), group.size});
+    from_wire(group);
+  }
+  for (Untold& untold : untold_slopes_) {
+    const std::span<const double> now = reals_.of(*untold.of);
+    const std::span<double> slope = reals_.of(*untold.slope);
+    for (std::size_t i = 0; i < now.size(); ++i) {
+      slope[i] = (now[i] - untold.before[i]) / h;
+      untold.before[i] = now[i];
+    }
+  }
+}
+
+void ForeignVariables::clear_slopes() {
+  for (const Item& item : items_) {
+    if (item.exchange == Exchange::kSlope) std::fill_n(reals_.values + item.first, item.size, 0.0);
+  }
+  restart_slopes();
+}
+
+void ForeignVariables::restart_slopes() {
+  for (Untold& untold : untold_slopes_) std::ranges::copy(reals_.of(*untold.of), untold.before.begin());
 }
 
 void ForeignVariables::adopt_starts(ForeignInstance* instance) {
@@ -199,18 +296,16 @@ void ForeignVariables::adopt_starts(ForeignInstance* instance) {
     }
   };
   const auto adopt = [](const Item& item, auto& store) {
-    std::copy_n(store.values.get() + item.first, item.size, store.given.get() + item.first);
+    std::copy_n(store.values + item.first, item.size, store.given + item.first);
   };
   if (instance == nullptr) return each(adopt);
   // `sent` of results is free to hold what the variables say now, while the instance tells what it had given them.
-  each([](const Item& item, auto& store) {
-    std::copy_n(store.values.get() + item.first, item.size, store.sent.get() + item.first);
-  });
+  each([](const Item& item, auto& store) { std::copy_n(store.values + item.first, item.size, store.sent + item.first); });
   receive(*instance, Exchange::kResult);
   each([](const Item& item, auto& store) {
     using T = std::remove_cvref_t<decltype(store.values[0])>;
-    const bool written = !same<T>({store.values.get() + item.first, item.size}, {store.sent.get() + item.first, item.size});
-    if (written) std::copy_n(store.sent.get() + item.first, item.size, store.given.get() + item.first);
+    const bool written = !same<T>({store.values + item.first, item.size}, {store.sent + item.first, item.size});
+    if (written) std::copy_n(store.sent + item.first, item.size, store.given + item.first);
   });
 }
 
@@ -221,9 +316,8 @@ void ForeignVariables::set_starts(ForeignInstance& instance) {
     bool differs = false;
     with_store(item.kind, [&](auto& store) {
       using T = std::remove_cvref_t<decltype(store.values[0])>;
-      if (item.exchange == Exchange::kResult)
-        std::copy_n(store.given.get() + item.first, item.size, store.values.get() + item.first);
-      differs = !same<T>({store.values.get() + item.first, item.size}, {store.starts.get() + item.first, item.size});
+      if (item.exchange == Exchange::kResult) std::copy_n(store.given + item.first, item.size, store.values + item.first);
+      differs = !same<T>({store.values + item.first, item.size}, {store.starts + item.first, item.size});
     });
     if (!differs) continue;
     const Item* one[] = {&item};
@@ -240,8 +334,28 @@ bool ForeignVariables::any_rate() const {
   return std::any_of(rates_.begin(), rates_.end(), [](double r) { return r != 0; });
 }
 
+bool ForeignVariables::send_rate_inputs(ForeignInstance& instance) {
+  Group& group = groups_[static_cast<std::size_t>(Exchange::kContinuousInput)].back();
+  bool any = false;
+  for (const Item* item : rated_items_) {
+    const std::size_t first = item->first - group.first;
+    bool moves = false, moved = false;
+    for (std::size_t i = first; i < first + item->size; ++i) {
+      rate_scratch_[i] = rates_[i] / item->factor;
+      moves = moves || rates_[i] != 0;
+      moved = moved || rate_known_[i];
+    }
+    if (!moves && !moved) continue;
+    instance.set(Type::kFloat64, {&*item->rate_reference, 1}, rate_scratch_.data() + first, item->size, nullptr);
+    for (std::size_t i = first; i < first + item->size; ++i) rate_known_[i] = moves;
+    any = true;
+  }
+  return any;
+}
+
 bool ForeignVariables::send_rates(ForeignInstance& instance) {
   if (rates_.empty()) return false;
+  if (!rated_items_.empty()) return send_rate_inputs(instance);
   Group& group = groups_[static_cast<std::size_t>(Exchange::kContinuousInput)].back();
   std::size_t n = 0;
   bool any = false;
@@ -262,7 +376,7 @@ bool ForeignVariables::send_rates(ForeignInstance& instance) {
 void ForeignVariables::send_ramped(ForeignInstance& instance, double dt) {
   if (!any_rate()) return;
   Group& group = groups_[static_cast<std::size_t>(Exchange::kContinuousInput)].back();
-  const double* values = reals_.values.get() + group.first;
+  const double* values = reals_.values + group.first;
   for (std::size_t i = 0; i < rates_.size(); ++i) {
     const double value = values[i] + rates_[i] * dt;
     rate_scratch_[i] = group.factors.empty() ? value : (value - group.offsets[i]) / group.factors[i];
@@ -273,7 +387,7 @@ void ForeignVariables::send_ramped(ForeignInstance& instance, double dt) {
 
 std::span<const double> ForeignVariables::continuous_values() const {
   for (const Group& group : groups_[static_cast<std::size_t>(Exchange::kContinuousInput)]) {
-    if (group.type == Type::kFloat64) return {reals_.values.get() + group.first, group.size};
+    if (group.type == Type::kFloat64) return {reals_.values + group.first, group.size};
   }
   return {};
 }

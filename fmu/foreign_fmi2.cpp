@@ -15,9 +15,12 @@ namespace cotwin::fmu {
 
 namespace {
 
-constexpr int kMaxEventIterations = 10'000;
-
 struct Functions {
+  // Of every step, side by side
+  decltype(fmi2SetReal)* set_real;
+  decltype(fmi2DoStep)* do_step;
+  decltype(fmi2GetReal)* get_real;
+
   decltype(fmi2SetDebugLogging)* set_debug_logging;
   decltype(fmi2Instantiate)* instantiate;
   decltype(fmi2FreeInstance)* free_instance;
@@ -26,11 +29,9 @@ struct Functions {
   decltype(fmi2ExitInitializationMode)* exit_initialisation;
   decltype(fmi2Terminate)* terminate;
   decltype(fmi2Reset)* reset;
-  decltype(fmi2GetReal)* get_real;
   decltype(fmi2GetInteger)* get_integer;
   decltype(fmi2GetBoolean)* get_boolean;
   decltype(fmi2GetString)* get_string;
-  decltype(fmi2SetReal)* set_real;
   decltype(fmi2SetInteger)* set_integer;
   decltype(fmi2SetBoolean)* set_boolean;
   decltype(fmi2SetString)* set_string;
@@ -42,7 +43,7 @@ struct Functions {
   decltype(fmi2DeSerializeFMUstate)* deserialise;
   // Co-Simulation
   decltype(fmi2SetRealInputDerivatives)* set_input_derivatives;
-  decltype(fmi2DoStep)* do_step;
+  decltype(fmi2GetRealOutputDerivatives)* get_output_derivatives;
   decltype(fmi2GetStatus)* get_status;
   decltype(fmi2GetRealStatus)* get_real_status;
   decltype(fmi2GetBooleanStatus)* get_boolean_status;
@@ -59,7 +60,7 @@ struct Functions {
   decltype(fmi2GetNominalsOfContinuousStates)* get_nominals;
 };
 
-Functions bind(Library& library, InterfaceKind kind, const Interface& interface) {
+Functions bind(Library& library, const ForeignOptions& options, const Interface& interface) {
   Functions f{};
   library.bind(f.set_debug_logging, "fmi2SetDebugLogging", false);
   library.bind(f.instantiate, "fmi2Instantiate");
@@ -83,9 +84,10 @@ Functions bind(Library& library, InterfaceKind kind, const Interface& interface)
   library.bind(f.serialised_size, "fmi2SerializedFMUstateSize", interface.can_serialise_state);
   library.bind(f.serialise, "fmi2SerializeFMUstate", interface.can_serialise_state);
   library.bind(f.deserialise, "fmi2DeSerializeFMUstate", interface.can_serialise_state);
-  const bool co = kind == InterfaceKind::kCoSimulation, me = !co;
+  const bool co = options.kind == InterfaceKind::kCoSimulation, me = !co;
   library.bind(f.set_input_derivatives, "fmi2SetRealInputDerivatives", co && interface.can_interpolate_inputs);
   library.bind(f.do_step, "fmi2DoStep", co);
+  library.bind(f.get_output_derivatives, "fmi2GetRealOutputDerivatives", options.output_derivatives);
   library.bind(f.get_status, "fmi2GetStatus", false);
   library.bind(f.get_real_status, "fmi2GetRealStatus", false);
   library.bind(f.get_boolean_status, "fmi2GetBooleanStatus", false);
@@ -128,8 +130,9 @@ class Foreign2 final : public ForeignInstance {
         co_(options.kind == InterfaceKind::kCoSimulation),
         event_indicators_(fmu.description.event_indicators),
         states_(fmu.description.structure.derivatives.size()),
-        library_(library_file(fmu.folder, Version::k2, interface_.model_identifier)),
-        f_(bind(library_, options.kind, interface_)) {
+        library_(library_file(fmu.folder, Version::k2, interface_.model_identifier)) {
+    f_ = bind(library_, options, interface_);
+    no_set_back_ = interface_.can_get_and_set_state ? fmi2False : fmi2True;  // if the state can be set back, it may be
     const std::string resources = uri_from_path(std::filesystem::absolute(fmu.folder / "resources"));
     component_ = f_.instantiate(options.instance_name.c_str(), co_ ? fmi2CoSimulation : fmi2ModelExchange,
                                 fmu.description.token.c_str(), resources.c_str(), &host_->callbacks, fmi2False, fmi2True);
@@ -203,6 +206,11 @@ class Foreign2 final : public ForeignInstance {
     check(f_.set_input_derivatives(component_, references.data(), references.size(), orders.data(), values.data()),
           "fmi2SetRealInputDerivatives");
   }
+  void get_output_derivatives(std::span<const std::uint32_t> references, std::span<const std::int32_t> orders,
+                              std::span<double> values) override {
+    check(f_.get_output_derivatives(component_, references.data(), references.size(), orders.data(), values.data()),
+          "fmi2GetRealOutputDerivatives");
+  }
 
   void save(void*& state) override { check(f_.get_state(component_, &state), "fmi2GetFMUstate"); }
   void restore(void* state) override {
@@ -227,11 +235,27 @@ class Foreign2 final : public ForeignInstance {
   }
 
   StepOutcome do_step(double now, double h) override {
-    // If the state can be set back, it may be.
-    const fmi2Boolean no_set_back = interface_.can_get_and_set_state ? fmi2False : fmi2True;
-    fmi2Status status = f_.do_step(component_, now, h, no_set_back);
-    while (status ==
-           fmi2Pending) {  // only FMUs that run on their own answer so; stepFinished is NULL, hence they are asked (4.2.2)
+    return outcome_of(f_.do_step(component_, now, h, no_set_back_), now, h);
+  }
+  bool step(const StepReals& reals, bool sets, double now, double h, StepOutcome& outcome) override {
+    if (sets) [[likely]] {
+      check(f_.set_real(component_, reals.set_references.data(), reals.set_references.size(), reals.set_values.data()),
+            "fmi2SetReal");
+    }
+    const fmi2Status status = f_.do_step(component_, now, h, no_set_back_);
+    if (status != fmi2OK) [[unlikely]] {
+      outcome = outcome_of(status, now, h);
+      if (outcome.discarded || outcome.terminate) return false;
+    }
+    if (!reals.get_references.empty()) [[likely]] {
+      check(f_.get_real(component_, reals.get_references.data(), reals.get_references.size(), reals.get_values.data()),
+            "fmi2GetReal");
+    }
+    return true;
+  }
+  StepOutcome outcome_of(fmi2Status status, double now, double h) {
+    // Only FMUs that run on their own answer pending; stepFinished is NULL, hence they are asked (4.2.2).
+    while (status == fmi2Pending) {
       if (f_.get_status == nullptr) fail("fmi2DoStep returned pending, but there is no fmi2GetStatus");
       sched_yield();
       const fmi2Status asked = f_.get_status(component_, fmi2DoStepStatus, &status);
@@ -256,20 +280,6 @@ class Foreign2 final : public ForeignInstance {
   void enter_step_mode() override {}
 
   void enter_event_mode() override { check(f_.enter_event_mode(component_), "fmi2EnterEventMode"); }
-  EventOutcome update_discrete_states() override {
-    EventOutcome out;
-    for (int i = 0; i < kMaxEventIterations; ++i) {
-      fmi2EventInfo info{};
-      check(f_.new_discrete_states(component_, &info), "fmi2NewDiscreteStates");
-      out.terminate = out.terminate || info.terminateSimulation != fmi2False;
-      out.nominals_changed = out.nominals_changed || info.nominalsOfContinuousStatesChanged != fmi2False;
-      out.states_changed = out.states_changed || info.valuesOfContinuousStatesChanged != fmi2False;
-      out.next_event = info.nextEventTimeDefined != fmi2False ? std::optional(info.nextEventTime) : std::nullopt;
-      if (info.newDiscreteStatesNeeded == fmi2False || out.terminate) return out;
-    }
-    fail("fmi2NewDiscreteStates: no end after " + std::to_string(kMaxEventIterations) + " iterations");
-  }
-
   void enter_continuous_time_mode() override {
     check(f_.enter_continuous_time_mode(component_), "fmi2EnterContinuousTimeMode");
   }
@@ -318,14 +328,30 @@ class Foreign2 final : public ForeignInstance {
   }
 
  private:
+  bool update_once(EventOutcome& out) override {
+    fmi2EventInfo info{};
+    check(f_.new_discrete_states(component_, &info), "fmi2NewDiscreteStates");
+    out.terminate = out.terminate || info.terminateSimulation != fmi2False;
+    out.nominals_changed = out.nominals_changed || info.nominalsOfContinuousStatesChanged != fmi2False;
+    out.states_changed = out.states_changed || info.valuesOfContinuousStatesChanged != fmi2False;
+    out.next_event = info.nextEventTimeDefined != fmi2False ? std::optional(info.nextEventTime) : std::nullopt;
+    return info.newDiscreteStatesNeeded != fmi2False;
+  }
   void check(fmi2Status status, const char* function) {
-    if (status == fmi2OK || status == fmi2Warning) return;
+    if (status != fmi2OK && status != fmi2Warning) [[unlikely]]
+      refused(status, function);
+  }
+  [[noreturn]] void refused(fmi2Status status, const char* function) {
     if (status == fmi2Error || status == fmi2Fatal) running_ = false;
     if (status == fmi2Fatal) fatal_ = true;
     fail(std::string(function) + " returned " + word_of(status));
   }
   [[noreturn]] void fail(const std::string& what) { throw Error(what + host_->messages.take()); }
 
+  fmi2Component component_ = nullptr;
+  Functions f_{};
+  fmi2Boolean no_set_back_ = fmi2True;
+  bool running_ = false, fatal_ = false;
   Interface interface_;
   bool co_;
   std::size_t event_indicators_, states_;
@@ -335,9 +361,6 @@ class Foreign2 final : public ForeignInstance {
   };
   std::unique_ptr<Host> host_ = std::make_unique<Host>();
   Library library_;
-  Functions f_;
-  fmi2Component component_ = nullptr;
-  bool running_ = false, fatal_ = false;
 };
 
 }  // namespace

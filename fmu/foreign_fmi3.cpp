@@ -4,12 +4,11 @@
 #include "fmu/foreign.h"
 #include "fmu/library.h"
 #include "models/text/error.h"
+#include "models/text/text.h"
 
 namespace cotwin::fmu {
 
 namespace {
-
-constexpr int kMaxEventIterations = 10'000;
 
 struct Functions {
   decltype(fmi3SetDebugLogging)* set_debug_logging;
@@ -59,6 +58,12 @@ struct Functions {
   // Co-Simulation
   decltype(fmi3EnterStepMode)* enter_step_mode;
   decltype(fmi3DoStep)* do_step;
+  decltype(fmi3GetOutputDerivatives)* get_output_derivatives;
+  decltype(fmi3SetClock)* set_clock;
+  decltype(fmi3GetClock)* get_clock;
+  decltype(fmi3GetIntervalDecimal)* get_interval;
+  decltype(fmi3SetIntervalDecimal)* set_interval;
+  decltype(fmi3GetShiftDecimal)* get_shift;
   // Model Exchange
   decltype(fmi3EnterContinuousTimeMode)* enter_continuous_time_mode;
   decltype(fmi3CompletedIntegratorStep)* completed_integrator_step;
@@ -128,6 +133,13 @@ Functions bind(Library& library, const ForeignOptions& options, const ModelDescr
   library.bind(f.update_discrete_states, "fmi3UpdateDiscreteStates", me || options.event_mode);
   library.bind(f.enter_step_mode, "fmi3EnterStepMode", options.event_mode);
   library.bind(f.do_step, "fmi3DoStep", co);
+  library.bind(f.get_output_derivatives, "fmi3GetOutputDerivatives", options.output_derivatives);
+  const bool clocks = options.event_mode && has(Type::kClock);
+  library.bind(f.set_clock, "fmi3SetClock", clocks);
+  library.bind(f.get_clock, "fmi3GetClock", clocks);
+  library.bind(f.get_interval, "fmi3GetIntervalDecimal", clocks);
+  library.bind(f.set_interval, "fmi3SetIntervalDecimal", clocks);
+  library.bind(f.get_shift, "fmi3GetShiftDecimal", clocks);
   library.bind(f.enter_continuous_time_mode, "fmi3EnterContinuousTimeMode", me);
   library.bind(f.completed_integrator_step, "fmi3CompletedIntegratorStep", me && interface.needs_completed_integrator_step);
   library.bind(f.set_time, "fmi3SetTime", me);
@@ -155,14 +167,16 @@ class Foreign3 final : public ForeignInstance {
         library_(library_file(fmu.folder, Version::k3, interface_.model_identifier)),
         f_(bind(library_, options_, fmu.description, interface_)) {
     host_->set_inputs = options_.set_intermediate_inputs;
+    host_->may_ask_for_return = interface_.can_return_early_after_intermediate_update;
     const std::string resources = std::filesystem::absolute(fmu.folder / "resources").string() + "/";
     const char* name = options_.instance_name.c_str();
     const char* token = fmu.description.token.c_str();
     const bool co = options_.kind == InterfaceKind::kCoSimulation;
-    const bool intermediate = !options_.intermediate_inputs.empty();
+    // The callback is given wherever the FMU knows of it: not all that call it look for NULL first.
+    const bool intermediate = interface_.provides_intermediate_update;
+    const std::vector<std::uint32_t>& inputs = options_.intermediate_inputs;
     instance_ = co ? f_.instantiate_co_simulation(name, token, resources.c_str(), false, true, options_.event_mode, true,
-                                                  intermediate ? options_.intermediate_inputs.data() : nullptr,
-                                                  options_.intermediate_inputs.size(), host_.get(), log,
+                                                  inputs.empty() ? nullptr : inputs.data(), inputs.size(), host_.get(), log,
                                                   intermediate ? intermediate_update : nullptr)
                    : f_.instantiate_model_exchange(name, token, resources.c_str(), false, true, host_.get(), log);
     if (instance_ == nullptr) {
@@ -285,6 +299,12 @@ class Foreign3 final : public ForeignInstance {
     check(f_.exit_configuration_mode(instance_), "fmi3ExitConfigurationMode");
   }
   void set_input_derivatives(std::span<const std::uint32_t>, std::span<const std::int32_t>, std::span<const double>) override {}
+  void get_output_derivatives(std::span<const std::uint32_t> references, std::span<const std::int32_t> orders,
+                              std::span<double> values) override {
+    check(
+        f_.get_output_derivatives(instance_, references.data(), references.size(), orders.data(), values.data(), values.size()),
+        "fmi3GetOutputDerivatives");
+  }
 
   void save(void*& state) override { check(f_.get_state(instance_, &state), "fmi3GetFMUState"); }
   void restore(void* state) override {
@@ -315,6 +335,11 @@ class Foreign3 final : public ForeignInstance {
     StepOutcome out;
     const fmi3Status status =
         f_.do_step(instance_, now, h, !interface_.can_get_and_set_state, &event, &terminate, &early, &reached);
+    if (host_->refused) {
+      host_->refused = false;
+      if (status == fmi3Fatal) check(status, "fmi3DoStep");
+      fail("an intermediate update of the step from " + text::to_text(now) + " s on failed");
+    }
     if (status == fmi3Discard) {
       out.discarded = true;
       out.reached = now;
@@ -329,20 +354,31 @@ class Foreign3 final : public ForeignInstance {
   void enter_step_mode() override { check(f_.enter_step_mode(instance_), "fmi3EnterStepMode"); }
 
   void enter_event_mode() override { check(f_.enter_event_mode(instance_), "fmi3EnterEventMode"); }
-  EventOutcome update_discrete_states() override {
-    EventOutcome out;
-    for (int i = 0; i < kMaxEventIterations; ++i) {
-      bool again = false, terminate = false, nominals = false, states = false, defined = false;
-      double next = 0;
-      check(f_.update_discrete_states(instance_, &again, &terminate, &nominals, &states, &defined, &next),
-            "fmi3UpdateDiscreteStates");
-      out.terminate = out.terminate || terminate;
-      out.nominals_changed = out.nominals_changed || nominals;
-      out.states_changed = out.states_changed || states;
-      out.next_event = defined ? std::optional(next) : std::nullopt;
-      if (!again || out.terminate) return out;
+
+  void activate_clocks(std::span<const std::uint32_t> references) override {
+    for (const std::uint32_t reference : references) {
+      constexpr bool kActive = true;
+      check(f_.set_clock(instance_, &reference, 1, &kActive), "fmi3SetClock");
     }
-    fail("fmi3UpdateDiscreteStates: no end after " + std::to_string(kMaxEventIterations) + " iterations");
+  }
+  void get_clocks(std::span<const std::uint32_t> references, std::span<bool> active) override {
+    check(f_.get_clock(instance_, references.data(), references.size(), active.data()), "fmi3GetClock");
+  }
+  void get_intervals(std::span<const std::uint32_t> references, std::span<double> intervals,
+                     std::span<IntervalState> states) override {
+    for (std::size_t i = 0; i < references.size(); ++i) {
+      fmi3IntervalQualifier qualifier = fmi3IntervalNotYetKnown;
+      check(f_.get_interval(instance_, &references[i], 1, &intervals[i], &qualifier), "fmi3GetIntervalDecimal");
+      states[i] = qualifier == fmi3IntervalChanged     ? IntervalState::kChanged
+                  : qualifier == fmi3IntervalUnchanged ? IntervalState::kUnchanged
+                                                       : IntervalState::kNotYetKnown;
+    }
+  }
+  void set_intervals(std::span<const std::uint32_t> references, std::span<const double> intervals) override {
+    check(f_.set_interval(instance_, references.data(), references.size(), intervals.data()), "fmi3SetIntervalDecimal");
+  }
+  void get_shifts(std::span<const std::uint32_t> references, std::span<double> shifts) override {
+    check(f_.get_shift(instance_, references.data(), references.size(), shifts.data()), "fmi3GetShiftDecimal");
   }
 
   void enter_continuous_time_mode() override { check(f_.enter_continuous_time_mode(instance_), "fmi3EnterContinuousTimeMode"); }
@@ -399,6 +435,17 @@ class Foreign3 final : public ForeignInstance {
   }
 
  private:
+  bool update_once(EventOutcome& out) override {
+    bool again = false, terminate = false, nominals = false, states = false, defined = false;
+    double next = 0;
+    check(f_.update_discrete_states(instance_, &again, &terminate, &nominals, &states, &defined, &next),
+          "fmi3UpdateDiscreteStates");
+    out.terminate = out.terminate || terminate;
+    out.nominals_changed = out.nominals_changed || nominals;
+    out.states_changed = out.states_changed || states;
+    out.next_event = defined ? std::optional(next) : std::nullopt;
+    return again;
+  }
   void check(fmi3Status status, const char* function) {
     if (status == fmi3OK || status == fmi3Warning) return;
     if (status == fmi3Error || status == fmi3Fatal) running_ = false;
@@ -423,8 +470,10 @@ class Foreign3 final : public ForeignInstance {
     if (host == nullptr || !host->set_inputs || !set_requested) return;
     try {
       host->set_inputs(t);
-    } catch (const std::exception& error) {  // a refused input is told if the step fails, too
-      host->messages.add("warning", "intermediate update", error.what());
+    } catch (const std::exception& error) {  // no use in going on: the step is ended as soon as the FMU can
+      host->messages.add("error", "intermediate update", error.what());
+      host->refused = true;
+      if (early_return_requested != nullptr) *early_return_requested = host->may_ask_for_return;
     }
   }
 
@@ -433,6 +482,8 @@ class Foreign3 final : public ForeignInstance {
   struct Host {  // what the FMU has a pointer to
     Messages messages;
     std::function<void(double)> set_inputs;
+    bool may_ask_for_return = false;
+    bool refused = false;  // inputs in an intermediate update of the present step
   };
   std::unique_ptr<Host> host_ = std::make_unique<Host>();
   Library library_;

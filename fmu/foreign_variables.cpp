@@ -4,12 +4,13 @@
 #include <cmath>
 #include <limits>
 #include <set>
+#include <tuple>
 #include <type_traits>
 #include <unordered_map>
 
 #include "components/unit/si.h"
 #include "fmu/hex.h"
-#include "fmu/model_description_read.h"
+#include "fmu/rate.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
 
@@ -31,6 +32,7 @@ Kind kind_of(Type type) {
     case Type::kEnumeration:
       return Kind::kInteger;
     case Type::kBoolean:
+    case Type::kClock:
       return Kind::kBoolean;
     case Type::kString:
     case Type::kBinary:
@@ -57,8 +59,16 @@ Role role_of(const Variable& v) {
   }
 }
 
-Exchange exchange_of(const Variable& v, Role role) {
+/// Clocks that the importer activates at their times; they are no inputs of the unit.
+bool is_time_based(const Variable& v) {
+  return v.type == Type::kClock && v.clock.interval_variability != IntervalVariability::kTriggered;
+}
+
+Exchange exchange_of(const Variable& v, Role role, bool clocks) {
   if (v.variability == Variability::kConstant) return Exchange::kConstant;
+  if (v.type == Type::kClock) return Exchange::kClock;
+  if (clocks && !v.clocks.empty() && role == Role::kInput) return Exchange::kClockedInput;
+  if (clocks && !v.clocks.empty() && (role == Role::kOutput || role == Role::kState)) return Exchange::kClockedResult;
   switch (role) {
     case Role::kInput:
       return is_float(v.type) && v.variability == Variability::kContinuous ? Exchange::kContinuousInput
@@ -113,6 +123,21 @@ T start_element(const StartValues& start, std::size_t i, T fallback) {
 
 }  // namespace
 
+std::map<std::size_t, std::size_t> rate_inputs(const ModelDescription& description) {
+  std::map<std::size_t, std::size_t> found;
+  if (description.version != Version::k3 || description.generation_tool != kGenerationTool) return found;
+  const auto is_continuous_input = [](const Variable& v) {
+    return v.causality == Causality::kInput && v.type == Type::kFloat64 && v.variability == Variability::kContinuous;
+  };
+  for (std::size_t i = 0; i < description.variables.size(); ++i) {
+    const Variable& v = description.variables[i];
+    if (!v.derivative || !is_continuous_input(v)) continue;
+    const Variable& of = description.variables[*v.derivative];
+    if (is_continuous_input(of) && v.name == rate_name(of.name) && v.dimensions == of.dimensions) found[i] = *v.derivative;
+  }
+  return found;
+}
+
 ForeignVariables::ForeignVariables(const ModelDescription& description, const ForeignVariablesOptions& options)
     : description_(description), ramps_(options.ramps), si_(options.si) {
   collect(options);
@@ -132,20 +157,32 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
     structural_values_.push_back(value);
   }
   std::set<std::string> unknown_units;
+  const std::map<std::size_t, std::size_t> rates = rate_inputs(description_);
+  std::map<std::string, std::uint32_t> rate_of;  // name of an input → value reference of its slope
+  std::set<const Variable*> slopes;
+  for (const auto& [slope, input] : rates) {
+    rate_of[description_.variables[input].name] = description_.variables[slope].reference;
+    slopes.insert(&description_.variables[slope]);
+  }
   bool clocks = false;
   std::uint64_t total = 0;
   for (const Variable& v : description_.variables) {
     clocks = clocks || (v.type == Type::kClock && v.causality == Causality::kInput);
-    if (v.type == Type::kClock || v.causality == Causality::kIndependent) continue;
+    if ((v.type == Type::kClock && !options.clocks) || v.causality == Causality::kIndependent) continue;
     if (v.causality == Causality::kLocal && !options.locals) continue;
+    if (slopes.count(&v) != 0) continue;
     Item item;
     item.name = v.name;
     item.description = v.description.empty() ? v.name : v.description;
-    item.role = role_of(v);
+    item.role = is_time_based(v) ? Role::kState : role_of(v);
     item.kind = kind_of(v.type);
-    item.exchange = exchange_of(v, item.role);
+    item.exchange = exchange_of(v, item.role, options.clocks);
+    if (options.clocks) item.clocks = v.clocks;
+    if (v.derivative) item.derivative_of = {description_.variables[*v.derivative].reference};
     item.type = v.type;
-    item.interpolated = v.interpolated;
+    item.continuous = v.variability == Variability::kContinuous;
+    item.interpolated = v.interpolated && (rates.empty() || rate_of.count(v.name) != 0);
+    if (const auto rate = rate_of.find(v.name); rate != rate_of.end()) item.rate_reference = rate->second;
     item.references = {v.reference};
     item.size = elements(description_, v, chosen);
     item.start = v.start;
@@ -158,7 +195,7 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
     item.max = numeric.max.value_or(kInfinity);
     if (item.kind == Kind::kReal && is_float(v.type)) measure(item, numeric);
     const bool starts = v.initial == Initial::kExact || v.initial == Initial::kApprox;
-    item.settable = v.variability != Variability::kConstant &&
+    item.settable = v.variability != Variability::kConstant && v.type != Type::kClock &&
                     (item.role == Role::kInput || item.role == Role::kParameter || item.role == Role::kTunable || starts);
     if (v.causality == Causality::kStructuralParameter) {
       item.settable = false;
@@ -177,9 +214,11 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
     }
   }
   if (description_.version == Version::k2) collect_vectors(items_);
-  if (clocks)
+  if (options.slopes) collect_slopes();
+  if (clocks && !options.clocks)
     warnings_.push_back(
-        "the FMU has input clocks, which co-simulation here does not tick: what depends on them stays as it is");
+        "the FMU has input clocks, which tick in co-simulation with event mode alone: what depends on them "
+        "stays as it is");
 }
 
 /// Scalars "q[1]" … "q[n]" that are alike become the vector "q" in place of the first.
@@ -213,7 +252,8 @@ void ForeignVariables::collect_vectors(std::vector<Item>& items) const {
       const Item& i = items[m];
       return i.role == first.role && i.type == first.type && i.exchange == first.exchange && i.si == first.si &&
              i.factor == first.factor && i.offset == first.offset && i.min == first.min && i.max == first.max &&
-             i.settable == first.settable && i.interpolated == first.interpolated && i.start.index() == first.start.index();
+             i.settable == first.settable && i.interpolated == first.interpolated &&
+             i.derivative_of.size() == first.derivative_of.size() && i.start.index() == first.start.index();
     });
     if (!alike) continue;
     Item vector = first;
@@ -223,6 +263,7 @@ void ForeignVariables::collect_vectors(std::vector<Item>& items) const {
     for (const std::size_t m : family.members) {
       vector.references.push_back(items[m].references.front());
       if (m == family.members.front()) continue;
+      if (!vector.derivative_of.empty()) vector.derivative_of.push_back(items[m].derivative_of.front());
       std::visit(
           [&](auto& list) {
             using List = std::remove_cvref_t<decltype(list)>;
@@ -244,6 +285,38 @@ void ForeignVariables::collect_vectors(std::vector<Item>& items) const {
     ++kept;
   }
   items.resize(kept);
+}
+
+void ForeignVariables::collect_slopes() {
+  if (description_.generation_tool == kGenerationTool) {
+    warnings_.push_back("slopes=true adds nothing: an FMU of ours declares the derivatives that it knows");
+    return;
+  }
+  std::set<std::string> names;
+  for (const Item& item : items_) names.insert(item.name);
+  std::vector<Item> slopes;
+  for (const Item& of : items_) {
+    const bool known =
+        std::any_of(items_.begin(), items_.end(), [&](const Item& i) { return i.derivative_of == of.references; });
+    const bool told =
+        of.role == Role::kOutput && of.exchange == Exchange::kResult && of.type == Type::kFloat64 && of.continuous;
+    if (!told || known || !names.insert(rate_name(of.name)).second) continue;
+    Item slope;
+    slope.name = rate_name(of.name);
+    slope.description = "slope of " + of.name + " at the end of the last step; 0 before the first one";
+    slope.role = Role::kState;
+    slope.exchange = Exchange::kSlope;
+    slope.references = of.references;
+    slope.size = of.size;
+    slope.si = of.si.empty() ? "" : rate_measure(of.si);
+    slope.factor = of.factor;
+    slope.min = -kInfinity;
+    slope.max = kInfinity;
+    slope.slope_of = of.name;
+    slopes.push_back(std::move(slope));
+  }
+  if (slopes.empty()) warnings_.push_back("no continuous output of the FMU needs a slope beside its variables");
+  items_.insert(items_.end(), slopes.begin(), slopes.end());
 }
 
 /// Finds what makes SI of the FMU's values.
@@ -284,7 +357,7 @@ void ForeignVariables::lay_out() {
   std::vector<Item*> order;
   for (Item& item : items_) order.push_back(&item);
   std::stable_sort(order.begin(), order.end(), [](const Item* a, const Item* b) {
-    return std::pair(a->exchange, a->type) < std::pair(b->exchange, b->type);
+    return std::tie(a->exchange, a->type, a->clocks) < std::tie(b->exchange, b->type, b->clocks);
   });
   std::array<std::size_t, 4> sizes{};
   for (Item* item : order) {
@@ -298,11 +371,32 @@ void ForeignVariables::lay_out() {
   strings_.allocate(sizes[3]);
   for (std::size_t i = 0; i < order.size();) {
     std::size_t end = i;
-    while (end < order.size() && order[end]->exchange == order[i]->exchange && order[end]->type == order[i]->type) ++end;
+    while (end < order.size() && order[end]->exchange == order[i]->exchange && order[end]->type == order[i]->type &&
+           order[end]->clocks == order[i]->clocks)
+      ++end;
     groups_[static_cast<std::size_t>(order[i]->exchange)].push_back(
         make_group(std::span<const Item* const>(order).subspan(i, end - i)));
     i = end;
   }
+  const auto of = [&](Exchange exchange) -> std::vector<Group>& { return groups_[static_cast<std::size_t>(exchange)]; };
+  const auto is_plain = [](const Group& g) { return g.type == Type::kFloat64 && g.factors.empty(); };
+  std::vector<Group>&inputs = of(Exchange::kContinuousInput), &results = of(Exchange::kResult);
+  if (inputs.size() == 1 && is_plain(inputs.front())) {
+    plain_inputs_ = &inputs.front();
+    plain_sent_ = reals_.sent + plain_inputs_->first;
+    plain_.set_references = plain_inputs_->references;
+    plain_.set_values = {reals_.values + plain_inputs_->first, plain_inputs_->size};
+  }
+  has_other_inputs_ = plain_inputs_ == nullptr && !inputs.empty();
+  const auto plain = std::find_if(results.begin(), results.end(), is_plain);
+  if (plain != results.end()) {
+    plain_.get_references = plain->references;
+    plain_.get_values = {reals_.values + plain->first, plain->size};
+  }
+  const std::vector<Group>& slopes = of(Exchange::kSlope);
+  if (!slopes.empty()) slope_orders_.assign(slopes.front().references.size(), 1);
+  has_other_results_ = results.size() > (plain != results.end() ? 1u : 0u) || !slopes.empty();
+  has_discrete_inputs_ = !of(Exchange::kDiscreteInput).empty() || !of(Exchange::kTunable).empty();
   for (Item& item : items_) {
     with_store(item.kind, [&](auto& store) {
       using T = std::remove_cvref_t<decltype(store.values[0])>;
@@ -336,6 +430,9 @@ void ForeignVariables::lay_out() {
     orders_.assign(rates_.size(), 1);
     rate_references_.resize(rates_.size());
     rate_known_.assign(rates_.size(), false);
+    for (const Item& item : items_) {
+      if (item.rate_reference) rated_items_.push_back(&item);
+    }
   }
 }
 
@@ -343,6 +440,7 @@ ForeignVariables::Group ForeignVariables::make_group(std::span<const Item* const
   Group group;
   group.type = items.front()->type;
   group.kind = items.front()->kind;
+  group.clocks = items.front()->clocks;
   group.first = items.front()->first;
   bool converts = false;
   for (const Item* item : items) {
@@ -365,6 +463,17 @@ ForeignVariables::Group ForeignVariables::make_group(std::span<const Item* const
     group.wire.resize(group.size * sizeof(double));  // the widest type
   }
   return group;
+}
+
+/// What `item` is the time derivative of, if that is declared before it as a variable of the same kind, size and measure.
+const ForeignVariables::Item* ForeignVariables::antiderivative(const Item& item) const {
+  if (item.derivative_of.empty() || item.kind != Kind::kReal || item.si.empty()) return nullptr;
+  const auto found =
+      std::find_if(items_.begin(), items_.end(), [&](const Item& i) { return i.references == item.derivative_of; });
+  if (found == items_.end() || &*found >= &item || found->size != item.size || found->si.empty()) return nullptr;
+  si::Measure expected = si::parse(found->si);
+  expected.exponents[2] -= 1;  // per second
+  return si::convertible(expected, si::parse(item.si)) ? &*found : nullptr;
 }
 
 void ForeignVariables::declare(Variables& variables) {
@@ -390,6 +499,9 @@ void ForeignVariables::declare(Variables& variables) {
       Variables::Declared declared = add();
       declared.range(item.min, item.max);
       if (item.role == Role::kOutput && item.settable) declared.start();
+      if (item.role == Role::kOutput && item.kind == Kind::kReal && !item.continuous) declared.discrete();
+      if (const Item* of = antiderivative(item)) declared.derivative_of(of->name);
+      if (!item.slope_of.empty()) declared.derivative_of(item.slope_of);
       if (!rates_.empty() && item.exchange == Exchange::kContinuousInput && item.type == Type::kFloat64) {
         rate = item.first - groups_[static_cast<std::size_t>(Exchange::kContinuousInput)].back().first;
         std::span<double> part(rates_.data() + rate, item.size);

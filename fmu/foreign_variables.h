@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <map>
 #include <memory>
@@ -13,6 +14,10 @@
 /// The variables of a foreign FMU as those of a unit, and how their values get to the FMU and back.
 namespace cotwin::fmu {
 
+/// The inputs that are slopes of other inputs (rate.h), in FMUs of FMI 3 that are ours: index of the slope → index of the
+/// input.
+std::map<std::size_t, std::size_t> rate_inputs(const ModelDescription& description);
+
 /// Which variables an FMU shows, by what may be done with them and when.
 enum class Exchange : std::uint8_t {
   kContinuousInput,  // floats that may be set at any time
@@ -20,24 +25,30 @@ enum class Exchange : std::uint8_t {
   kTunable,          // likewise
   kFixed,            // parameters: set before initialisation
   kConstant,         // read once
-  kResult            // outputs, calculated parameters and locals: read after every step
+  kResult,           // outputs, calculated parameters and locals: read after every step
+  kClockedInput,     // set while a clock of theirs is active
+  kClockedResult,    // read then
+  kClock,            // clocks (ForeignClocks)
+  kSlope             // derivatives of outputs: read after every step, by a function of their own or from the outputs
 };
-inline constexpr std::size_t kExchanges = 6;
+inline constexpr std::size_t kExchanges = 10;
 
 struct ForeignVariablesOptions {
   bool locals = true;                               // also those variables that are neither parameter nor input nor output
   std::map<std::string, std::uint64_t> structural;  // structural parameters by name, instead of their start values
   bool ramps = false;                               // continuous inputs have a rate
   bool si = true;                                   // values in SI; false: as the FMU has them, without a measure
+  bool clocks = false;                              // clocks are variables, and what belongs to them waits for them
+  bool slopes = false;  // also "der(y)" of continuous outputs y that have no derivative among them; not of our own FMUs
 };
 
 /// Roles: input → input; output, calculated parameter and constant → output; local → state; parameter → parameter or tunable;
-/// structural parameter → a parameter whose range is its value, since it gives the sizes of others; the independent variable
-/// and clocks are left out. Kinds: floats → real; integers of at most 32 bits signed, enumerations → integer; Int64, UInt32 and
-/// UInt64 → real, exact up to 2^53 and clamped to the type's range on the way back; booleans; strings; binaries → string of
-/// hexadecimal digits, as in modelDescription.xml. Arrays are vectors, row by row; in FMI 2, scalars named q[1] … q[n] that are
-/// alike are the vector q. Units of measure: values are converted to SI by the FMU's own definition or, without one, by its
-/// name; a unit that nobody knows is left as it is and has no measure.
+/// structural parameter → a parameter whose range is its value, since it gives the sizes of others; clocks → boolean, where
+/// they are wanted; the independent variable is left out. Kinds: floats → real; integers of at most 32 bits signed,
+/// enumerations → integer; Int64, UInt32 and UInt64 → real, exact up to 2^53 and clamped to the type's range on the way back;
+/// booleans; strings; binaries → string of hexadecimal digits, as in modelDescription.xml. Arrays are vectors, row by row; in
+/// FMI 2, scalars named q[1] … q[n] that are alike are the vector q. Units of measure: values are converted to SI by the FMU's
+/// own definition or, without one, by its name; a unit that nobody knows is left as it is and has no measure.
 class ForeignVariables {
  public:
   /// The description must live as long as this.
@@ -61,9 +72,34 @@ class ForeignVariables {
   /// The FMU knows what the variables say: it is not sent again.
   void settle(Exchange exchange);
   void receive(ForeignInstance& instance, Exchange exchange);
+  /// Whether "der(y)" are wanted that the FMU is asked for.
+  bool asks_for_slopes() const { return !groups_[static_cast<std::size_t>(Exchange::kSlope)].empty(); }
+  /// Asks an FMU that could make its first step for the slopes, one by one, until one is refused: true, and that one is asked
+  /// for never again. Then the FMU had an error; a new instance is to be asked for the rest.
+  bool refuses_a_slope(ForeignInstance& instance);
+  /// After a step of `h`, s. Slopes that the FMU refused are those of this step, by the results, which must have been received.
+  void receive_slopes(ForeignInstance& instance, double h);
+  void clear_slopes();
+  /// The variables are those of another instant.
+  void restart_slopes();
+  /// What there is to tell of slopes that were refused.
+  const std::vector<std::string>& refused_slopes() const { return refused_slopes_; }
+  /// Whether a step must be led by hand: a discrete input or a tunable changed, or an input has a rate.
+  bool needs_care() const;
+  /// Whether needs_care() may ever say so.
+  bool may_need_care() const { return has_discrete_inputs_ || !rates_.empty(); }
+  /// Sends the continuous inputs that changed, lets the FMU step, and receives the results, with as few calls as that takes.
+  /// False: see ForeignInstance::step().
+  bool step(ForeignInstance& instance, double now, double h, StepOutcome& outcome);
 
-  /// Rates of the continuous inputs, in the FMU's own units; of those alone that are not 0 or were not. False if there are
-  /// none.
+  /// The boolean of a clock, empty if it is not among the variables.
+  std::span<bool> clock(std::uint32_t reference);
+  /// Those variables that belong to one of the `active` clocks.
+  void send_clocked(ForeignInstance& instance, std::span<const std::uint32_t> active);
+  void receive_clocked(ForeignInstance& instance, std::span<const std::uint32_t> active);
+
+  /// Rates of the continuous inputs, in the FMU's own units, as derivatives or as inputs of their own; of those alone that are
+  /// not 0 or were not. False if there are none.
   bool send_rates(ForeignInstance& instance);
   /// Sends the continuous inputs as they are `dt` after their values: value + rate · dt.
   void send_ramped(ForeignInstance& instance, double dt);
@@ -85,20 +121,26 @@ class ForeignVariables {
     Exchange exchange = Exchange::kResult;
     Type type = Type::kFloat64;
     std::vector<std::uint32_t> references;
-    std::size_t size = 0, first = 0;  // elements, in the storage of its kind
-    double factor = 1, offset = 0;    // SI = factor · the FMU's + offset
+    std::vector<std::uint32_t> clocks;         // in event mode alone, while one of these is active
+    std::vector<std::uint32_t> derivative_of;  // value references of what these are the derivatives of
+    std::size_t size = 0, first = 0;           // elements, in the storage of its kind
+    double factor = 1, offset = 0;             // SI = factor · the FMU's + offset
     double min = 0, max = 0;
-    bool settable = false;     // its start value may be given
-    bool interpolated = true;  // may have a rate where the FMU follows its inputs
+    std::string slope_of;                         // name of the output whose slope this is
+    bool continuous = false;                      // variability
+    bool settable = false;                        // its start value may be given
+    bool interpolated = true;                     // may have a rate where the FMU follows its inputs
+    std::optional<std::uint32_t> rate_reference;  // of the input that is its rate
     StartValues start;
   };
   /// Values of one type that go through one call of the C interface; their elements lie side by side in the storage.
   struct Group {
     Type type = Type::kFloat64;
     Kind kind = Kind::kReal;
+    bool sent = false;
     std::vector<std::uint32_t> references;
     std::size_t first = 0, size = 0;
-    bool sent = false;
+    std::vector<std::uint32_t> clocks;
     std::vector<double> factors, offsets;  // empty: none to convert
     std::vector<std::byte> wire;           // where the C interface has another type than the storage
     std::vector<const char*> texts;
@@ -109,15 +151,20 @@ class ForeignVariables {
   /// All values of one kind.
   template <class T>
   struct Store {
-    std::unique_ptr<T[]> values, starts, given, sent;  // as they are; the description's; the user's; the FMU's
+    T *values = nullptr, *sent = nullptr;   // as they are; as the FMU has them
+    T *starts = nullptr, *given = nullptr;  // as the description and as the user want them at first
+    std::unique_ptr<T[]> block;             // all of them
     std::size_t size = 0;
     void allocate(std::size_t n);
-    std::span<T> of(const Item& item) { return {values.get() + item.first, item.size}; }
+    std::span<T> of(const Item& item) { return {values + item.first, item.size}; }
   };
 
   void collect(const ForeignVariablesOptions& options);
   void collect_vectors(std::vector<Item>& items) const;
+  void collect_slopes();
+  void ask_for_told_slopes();
   void measure(Item& item, const Numeric& numeric);
+  const Item* antiderivative(const Item& item) const;
   void lay_out();
   Group make_group(std::span<const Item* const> items) const;
   template <class Call>
@@ -127,20 +174,40 @@ class ForeignVariables {
   void* to_wire(Group& group);
   void from_wire(Group& group);
   void* wire_of(Group& group);
+  bool send_rate_inputs(ForeignInstance& instance);
   void set(ForeignInstance& instance, Group& group);
   void get(ForeignInstance& instance, Group& group);
   bool changed(const Group& group) const;
+  bool takes_changed_inputs();
+  void receive_others(ForeignInstance& instance, double h);
+  bool send(ForeignInstance& instance, Group& group);
+
+  // What every step looks at.
+  StepReals plain_;                // all continuous inputs, and those results, that are Float64 without conversion …
+  Group* plain_inputs_ = nullptr;  // … and their group; the others go through calls of their own
+  double* plain_sent_ = nullptr;
+  Store<double> reals_;
+  bool has_other_inputs_ = false, has_other_results_ = false, has_discrete_inputs_ = false;
+  std::vector<double> rates_;  // of the continuous inputs that are Float64
 
   const ModelDescription& description_;
   std::vector<Item> items_;
   std::array<std::vector<Group>, kExchanges> groups_;
-  Store<double> reals_;
   Store<std::int32_t> integers_;
   Store<bool> booleans_;
   Store<std::string> strings_;
-  std::vector<double> rates_, rate_scratch_;  // of the continuous inputs that are Float64
-  std::vector<std::int32_t> orders_;
+  std::vector<double> rate_scratch_;
+  std::vector<std::int32_t> orders_, slope_orders_;
   std::vector<std::uint32_t> rate_references_;
+  /// A slope that the FMU does not tell, and the values of its output before the step.
+  struct Untold {
+    const Item *slope, *of;
+    std::vector<double> before;
+  };
+  std::vector<Untold> untold_slopes_;
+  std::size_t slopes_asked_ = 0;  // that many of the items were found to be no slopes, told or untold
+  std::vector<std::string> refused_slopes_;
+  std::vector<const Item*> rated_items_;  // whose rates are inputs
   std::vector<bool> rate_known_;
   std::vector<std::uint32_t> structural_references_;
   std::vector<std::uint64_t> structural_values_;
@@ -148,10 +215,41 @@ class ForeignVariables {
   std::vector<std::string> warnings_;
 };
 
+/// Whether the plain inputs changed since they were last sent, which they are taken to be from now on.
+inline bool ForeignVariables::takes_changed_inputs() {
+  if (plain_inputs_ == nullptr) return false;
+  std::uint64_t difference = plain_inputs_->sent ? 0 : 1;
+  plain_inputs_->sent = true;
+  const double* now = plain_.set_values.data();
+  double* sent = plain_sent_;
+  const auto take = [&](std::size_t i) {
+    difference |= std::bit_cast<std::uint64_t>(now[i]) ^ std::bit_cast<std::uint64_t>(sent[i]);
+    sent[i] = now[i];
+  };
+  take(0);
+  for (std::size_t i = 1; i < plain_.set_values.size(); ++i) [[unlikely]] take(i);
+  return difference != 0;
+}
+
+// Branches that are not taken leave the predictor's memory to those that tell one FMU from the next.
+inline bool ForeignVariables::step(ForeignInstance& instance, double now, double h, StepOutcome& outcome) {
+  if (has_other_inputs_) [[unlikely]]
+    send(instance, Exchange::kContinuousInput);
+  if (!instance.step(plain_, takes_changed_inputs(), now, h, outcome)) [[unlikely]]
+    return false;
+  if (has_other_results_) [[unlikely]]
+    receive_others(instance, h);
+  return true;
+}
+
 template <class T>
 void ForeignVariables::Store<T>::allocate(std::size_t n) {
   size = n;
-  for (auto* array : {&values, &starts, &given, &sent}) *array = std::make_unique<T[]>(n);
+  block = std::make_unique<T[]>(4 * n);
+  values = block.get();
+  sent = values + n;
+  starts = sent + n;
+  given = starts + n;
 }
 
 template <class Call>

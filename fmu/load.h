@@ -1,12 +1,13 @@
 #pragma once
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
 
 #include "components/unit/unit_table.h"
-#include "fmu/model_description.h"
+#include "fmu/foreign.h"
 
 /// FMUs of others as units: what a scenario's source="x.fmu" becomes.
 namespace cotwin::fmu {
@@ -21,12 +22,22 @@ struct LoadOptions {
   std::map<std::string, std::uint64_t> structural;  // structural parameters, which give the sizes of arrays
   std::optional<double> stop, tolerance;            // s; relative
   bool si = true;                                   // values in SI; false: as the FMU has them, without a measure
+  bool slopes = false;                              // also the time derivatives of outputs that the FMU can tell, "der(y)"
 };
 
 /// The unit of an archive (.fmu) or of an unpacked folder with modelDescription.xml, with its variables and their start values.
 /// What was unpacked is removed when the unit goes, after errors too; what a killed program left behind is removed by the next
 /// one. Throws Error `x.fmu: …`.
 Instance load(const std::filesystem::path& path, const LoadOptions& options = {});
+
+/// The archive unpacked, or the folder, and its description read. Throws Error as load().
+std::shared_ptr<const ForeignFmu> open_fmu(const std::filesystem::path& path);
+
+/// As load(), of an FMU that has been unpacked and read, without XML and archives, and always in this process.
+Instance make_instance(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options);
+
+/// The interface that `kind` ("any", "cs", "me") means. Throws Error if the FMU does not offer it.
+InterfaceKind chosen_kind(const ModelDescription& description, const std::string& kind);
 
 /// The settings of a source's query, "x.fmu?kind=me&process=own", on top of `options`. Throws Error for a key or value that is
 /// none.

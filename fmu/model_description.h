@@ -2,6 +2,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <iosfwd>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -222,6 +223,20 @@ struct ModelDescription {
   std::vector<Variable> variables;
   ModelStructure structure;
 };
+
+/// The largest array and the largest FMU, in elements, that this importer takes.
+inline constexpr std::uint64_t kMaxElements = 10'000'000;
+
+/// The number of elements of a variable: the product of its dimensions, where structural parameters have their start values or
+/// what `chosen` says of them (by value reference). Throws Error past kMaxElements and for an extent that cannot be found.
+std::size_t elements(const ModelDescription& description, const Variable& variable,
+                     const std::map<std::uint32_t, std::uint64_t>& chosen = {});
+
+/// The variable of that value reference, the first of them in FMI 2 where several share it; nullptr if there is none.
+const Variable* find(const ModelDescription& description, std::uint32_t reference);
+
+/// Limits, unit and nominal value of a variable: its own, and where it does not say, those of its declared type.
+Numeric effective(const ModelDescription& description, const Variable& variable);
 
 /// Writes modelDescription.xml for `description.version`. Throws Error for what that version cannot say (an array in FMI 2) and
 /// for text that XML cannot carry.

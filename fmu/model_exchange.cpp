@@ -11,7 +11,6 @@
 #include <exception>
 #include <limits>
 
-#include "fmu/model_description_read.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
 
@@ -156,7 +155,7 @@ struct ModelExchangeUnit::Solver {
 };
 
 ModelExchangeUnit::ModelExchangeUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions options)
-    : ForeignUnit(std::move(fmu), std::move(options), InterfaceKind::kModelExchange, true) {
+    : ForeignUnit(std::move(fmu), std::move(options), InterfaceKind::kModelExchange) {
   instance_ = make();
 }
 

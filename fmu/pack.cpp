@@ -24,15 +24,25 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// The name of a platform's folder in binaries/: FMI 3 has tuples, FMI 2 its own words for some of them.
-std::string binaries_folder(const std::string& platform, Version version) {
-  static const std::map<std::string, std::string> kFmi2 = {{"x86_64-linux", "linux64"},
-                                                           {"x86-linux", "linux32"},
-                                                           {"x86_64-windows", "win64"},
-                                                           {"x86-windows", "win32"},
-                                                           {"x86_64-darwin", "darwin64"}};
-  const auto found = kFmi2.find(platform);
-  return version == Version::k2 && found != kFmi2.end() ? found->second : platform;
+/// Words of FMI 2 for platforms, and those of FMI 3. For others FMI 2 takes those of FMI 3 (2.0.4, clause 2.3).
+const std::map<std::string, std::string> kFmi2Platforms = {{"linux64", "x86_64-linux"},
+                                                           {"linux32", "x86-linux"},
+                                                           {"win64", "x86_64-windows"},
+                                                           {"win32", "x86-windows"},
+                                                           {"darwin64", "x86_64-darwin"}};
+
+/// The platform in the words of FMI 3.
+std::string platform_tuple(const std::string& platform) {
+  const auto found = kFmi2Platforms.find(platform);
+  return found != kFmi2Platforms.end() ? found->second : platform;
+}
+
+/// The name of a platform's folder in binaries/.
+std::string binaries_folder(const std::string& tuple, Version version) {
+  for (const auto& [fmi2, fmi3] : kFmi2Platforms) {
+    if (version == Version::k2 && fmi3 == tuple) return fmi2;
+  }
+  return tuple;
 }
 
 std::string library_ending(const std::string& platform) {
@@ -81,20 +91,42 @@ std::string to_xml(const ModelDescription& description) {
   return out.str();
 }
 
-void add_libraries(const PackRequest& request, const std::string& unit, std::vector<ArchiveFile>& files) {
-  const fs::path folder = request.libraries.empty() ? library_folder() : request.libraries;
-  const std::vector<std::string> platforms = request.platforms.empty() ? std::vector{own_platform()} : request.platforms;
-  for (const std::string& platform : platforms) {
-    const std::string name = unit + library_ending(platform);
-    const fs::path library = folder / platform / name;
-    if (!fs::is_regular_file(library))
-      throw Error(library.string(), "no such library, expected it from the build of the units");
-    files.push_back({"binaries/" + binaries_folder(platform, request.version) + "/" + name, library});
+/// Throws Error if the build that wrote `folder` could not make the unit for its platform; it has left a note that says why.
+void check_left_out(const fs::path& folder, const std::string& tuple, const std::string& unit) {
+  std::ifstream note(folder / (unit + ".txt"));
+  if (std::string why; std::getline(note, why)) throw Error("platform " + tuple, why);
+}
+
+/// The folder of those that has the unit's library. Throws Error that says how to make it.
+fs::path find_library(const PackRequest& request, const std::string& tuple, const std::string& unit) {
+  const std::string name = unit + library_ending(tuple);
+  std::vector<fs::path> folders = {library_folder() / tuple, cross_folder() / tuple};
+  if (!request.libraries.empty()) folders.insert(folders.begin(), request.libraries / tuple);
+  std::string looked;
+  for (const fs::path& folder : folders) {
+    if (fs::is_regular_file(folder / name)) return folder;
+    check_left_out(folder, tuple, unit);
+    looked += "\n  " + (folder / name).string();
   }
-  if (!fs::is_directory(folder / "licenses")) return;
-  std::set<fs::path> licenses;
-  for (const auto& entry : fs::directory_iterator(folder / "licenses")) licenses.insert(entry.path());
-  for (const fs::path& license : licenses) files.push_back({"documentation/licenses/" + license.filename().string(), license});
+  const std::string fmi2 = binaries_folder(tuple, Version::k2);
+  const std::string how = tuple == own_platform()                      ? "expected it from the build of the units"
+                          : fmi2 == "win64" || fmi2 == "aarch64-linux" ? "expected it from scripts/cross.sh " + fmi2
+                                                                       : "expected it from a build of ours for that platform";
+  throw Error("platform " + tuple, "no library of " + unit + ", " + how + "; looked for" + looked);
+}
+
+void add_libraries(const PackContent& content, const PackRequest& request, std::vector<ArchiveFile>& files) {
+  std::map<std::string, fs::path> licenses;  // a file's name, and where it lies; once, whoever of the platforms brings it
+  for (const std::string& tuple : platforms_of(request.platforms)) {
+    const std::string unit = content.type.name;
+    const fs::path folder = find_library(request, tuple, unit);
+    for (const std::string& part : content.parts) check_left_out(folder, tuple, part);
+    files.push_back({library_name(tuple, request.version, unit), folder / (unit + library_ending(tuple))});
+    std::error_code none;
+    for (const auto& entry : fs::directory_iterator(folder / "licenses", none))
+      licenses.emplace(entry.path().filename().string(), entry.path());
+  }
+  for (const auto& [name, file] : licenses) files.push_back({"documentation/licenses/" + name, file});
 }
 
 }  // namespace
@@ -123,11 +155,26 @@ std::vector<ArchiveFile> take_files(const Settings& settings, const Variables& v
 
 std::string packed_query(const Settings& settings) {
   const std::string all = settings.query();
-  if (settings.robot_used() == nullptr) return all;
+  const auto named = [&](std::string_view key) -> std::string {
+    const auto& robot = settings.robot_used();
+    const auto& cell = settings.cell_used();
+    if (key == "robot" && robot != nullptr) return robot->name;
+    if (cell == nullptr) return "";
+    if (key == "scene") return cell->scene.name;
+    if (key == "robot" && cell->robots.size() == 1) return cell->robots.front().model.name;
+    if (key != "robots") return "";
+    std::string names;
+    for (const scene::PlacedRobot& r : cell->robots) names += (names.empty() ? "" : ",") + r.name + ":" + r.model.name;
+    return names;
+  };
   std::string query;
   for (const std::string_view pair : text::split(all, '&')) {
-    const bool robot = pair.starts_with("robot=") && pair.find('/') != std::string_view::npos;
-    query += (query.empty() ? "" : "&") + (robot ? "robot=" + settings.robot_used()->name : std::string(pair));
+    const std::string_view key = pair.substr(0, pair.find('='));
+    const bool is_path = pair.find('/') != std::string_view::npos;
+    const bool packed = key == "robot" || key == "robots" || key == "scene";
+    const std::string name = is_path && packed ? named(key) : "";
+    query += (query.empty() ? "" : "&");
+    query += is_path && packed ? std::string(key) + "=" + escape_setting(name.empty() ? "packed" : name) : std::string(pair);
   }
   return query;
 }
@@ -142,8 +189,9 @@ std::vector<std::string> pack_unit(const PackRequest& request, const fs::path& o
 
   std::set<std::string> names = {kPackageFile};
   std::vector<ArchiveFile> resources = take_files(settings, instance.variables, names);
-  pack({type, *instance.unit, instance.variables, packed_query(settings), settings.robot_used(), std::move(resources)}, request,
-       out);
+  pack({type, *instance.unit, instance.variables, packed_query(settings), settings.robot_used(), settings.cell_used(),
+        std::move(resources)},
+       request, out);
   return instance.warnings;
 }
 
@@ -151,11 +199,14 @@ void pack(const PackContent& content, const PackRequest& request, const fs::path
   ModelDescription description = describe(content.type, content.unit, content.variables, request.version);
   if (!request.name.empty()) description.model_name = request.name;
   if (request.experiment) description.default_experiment = request.experiment;
+  description.co_simulation->only_once_per_process = content.only_once;
+  description.co_simulation->needs_execution_tool = content.needs_tool;
 
   Package package;
   package.unit = content.type.name;
   package.query = content.query;
   package.robot = content.robot;
+  package.cell = content.cell;
   package.start.take(content.variables);
   std::string hashed = to_xml(description) + serialise(package);
   for (const ArchiveFile& file : content.resources) hashed += file.name + std::get<std::string>(file.content);
@@ -165,10 +216,23 @@ void pack(const PackContent& content, const PackRequest& request, const fs::path
   std::vector<ArchiveFile> files;
   files.push_back({"modelDescription.xml", to_xml(description)});
   files.push_back({"documentation/index.html", document(description, package.query)});
-  add_libraries(request, package.unit, files);
+  add_libraries(content, request, files);
   files.push_back({"resources/" + std::string(kPackageFile), serialise(package)});
   files.insert(files.end(), content.resources.begin(), content.resources.end());
   write_archive(out, files);
+}
+
+std::vector<std::string> platforms_of(const std::vector<std::string>& wanted) {
+  std::vector<std::string> tuples;
+  for (const std::string& platform : wanted.empty() ? std::vector{own_platform()} : wanted) {
+    const std::string tuple = platform_tuple(platform);
+    if (std::find(tuples.begin(), tuples.end(), tuple) == tuples.end()) tuples.push_back(tuple);
+  }
+  return tuples;
+}
+
+std::string library_name(const std::string& platform, Version version, const std::string& identifier) {
+  return "binaries/" + binaries_folder(platform, version) + "/" + identifier + library_ending(platform);
 }
 
 fs::path library_folder() {
@@ -177,6 +241,8 @@ fs::path library_folder() {
   if (error) throw Error("/proc/self/exe", "cannot be read: where is the running program?");
   return (program.parent_path().parent_path() / "lib/cotwin/fmu").lexically_normal();
 }
+
+fs::path cross_folder() { return (library_folder() / "../../../../cross/fmu").lexically_normal(); }
 
 std::string own_platform() {
 #if defined(__x86_64__)

@@ -26,9 +26,10 @@ struct PackRequest {
   Version version = Version::k3;
   std::string name;                             // what the host shows as the model's name; "" for the unit's
   std::optional<DefaultExperiment> experiment;  // instead of 0 to 1 s in steps of 1 ms
-  /// Platforms as FMI 3 names them ("x86_64-linux"), whose libraries must have been built; empty: this one.
+  /// Platforms as FMI 3 ("x86_64-linux") or FMI 2 ("linux64") names them, whose libraries must have been built; empty: this
+  /// one.
   std::vector<std::string> platforms;
-  std::filesystem::path libraries;  // "": library_folder()
+  std::filesystem::path libraries;  // a folder that is looked into before library_folder() and cross_folder()
 };
 
 /// Writes the FMU: model description, the library of each platform, in resources/ the package that the unit is built from
@@ -45,7 +46,11 @@ struct PackContent {
   const Variables& variables;
   std::string query;                               // its settings, as packed_query()
   std::shared_ptr<const robot::RobotModel> robot;  // nullptr if it has none
+  std::shared_ptr<const scene::Cell> cell;         // nullptr if it has none
   std::vector<ArchiveFile> resources;              // what else the unit reads, each with its bytes
+  std::vector<std::string> parts = {};             // units that the library must have inside
+  bool only_once = false;                          // per process; what an FMU inside asks for, so does this one
+  bool needs_tool = false;                         // likewise
 };
 
 /// The second half of pack_unit(): of the request only what comes after `values` matters.
@@ -54,14 +59,23 @@ void pack(const PackContent& content, const PackRequest& request, const std::fil
 /// The files that parameters name, as resources/<name>; the parameters then name the copies. `names` are those taken already.
 std::vector<ArchiveFile> take_files(const Settings& settings, const Variables& variables, std::set<std::string>& names);
 
-/// The unit's settings without paths of this machine: the robot is packed, so its name stands for its file.
+/// The unit's settings without paths of this machine: robot and scene are packed, so their names
+/// stand for their files.
 std::string packed_query(const Settings& settings);
 
 /// Where the libraries lie, <folder>/<platform>/<unit>.so: ../lib/cotwin/fmu beside the running program's folder, in the build
 /// tree and installed alike.
 std::filesystem::path library_folder();
 
+/// Where scripts/cross.sh puts the libraries for other platforms: build/cross/fmu, beside the folder of this build.
+std::filesystem::path cross_folder();
+
 /// "x86_64-linux": the platform that this program was built for.
 std::string own_platform();
+
+/// The platforms of the request in the words of FMI 3, each once; this program's where it names none.
+std::vector<std::string> platforms_of(const std::vector<std::string>& wanted);
+/// Where an FMU of that version has its library for a platform, "binaries/linux64/x.so".
+std::string library_name(const std::string& platform, Version version, const std::string& identifier);
 
 }  // namespace cotwin::fmu

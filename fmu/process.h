@@ -13,7 +13,7 @@ namespace cotwin::fmu {
 /// limit.
 ///
 /// The process is a copy of this one (fork without exec), so that it works in every program that has this library, the tests
-/// and a scenario packed as an FMU included; of what it copies it keeps nothing but the channel. Values cross in memory that
+/// included; of what it copies it keeps nothing but the channel. Values cross in memory that
 /// both share, numbers and booleans in a fixed place each, texts behind one another. A call is one word that the other side
 /// waits for: it looks a while (where there is more than one core), then sleeps on it (futex). The child notices the end of its
 /// parent on a pipe.

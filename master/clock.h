@@ -16,6 +16,8 @@ class Clock {
   /// Returns true when `now` has come, or at once if it is past; false after a signal before that: whoever runs the loop then
   /// looks whether to stop.
   virtual bool wait(Time now) = 0;
+  /// wait() always returns true at once: it need not be asked.
+  virtual bool never_waits() const { return false; }
   /// Ticks that began late, and by how much at most.
   virtual std::int64_t overruns() const { return 0; }
   virtual Duration worst_delay() const { return {}; }
@@ -28,6 +30,7 @@ class FreeClock final : public Clock {
  public:
   void start(Time) override {}
   bool wait(Time) override { return true; }
+  bool never_waits() const override { return true; }
 };
 
 /// Scenario seconds are seconds (CLOCK_MONOTONIC). Deadlines are absolute: a late tick does not delay the next ones.

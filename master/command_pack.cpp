@@ -21,6 +21,7 @@ struct PackArguments {
   int fmi = 2;
   bool as_fmu = false;
   std::vector<std::string> set, platforms;
+  fs::path libraries;
 
   fmu::Version version() const { return fmi == 2 ? fmu::Version::k2 : fmu::Version::k3; }
 };
@@ -43,6 +44,7 @@ std::vector<std::string> pack_unit(const PackArguments& arguments) {
   request.types = unit_types();
   request.version = arguments.version();
   request.platforms = arguments.platforms;
+  request.libraries = arguments.libraries;
   give_values(arguments, request);
   return fmu::pack_unit(request, arguments.out);
 }
@@ -55,6 +57,7 @@ std::vector<std::string> pack_scenario(const PackArguments& arguments) {
   options.folders = model_folders(scenario.folder);
   options.version = arguments.version();
   options.platforms = arguments.platforms;
+  options.libraries = arguments.libraries;
   return arguments.as_fmu ? pack_twin(scenario, options, arguments.out) : pack_scenario(scenario, options, arguments.out);
 }
 
@@ -89,11 +92,17 @@ void add_pack(CLI::App& app, Chosen& chosen) {
       ->type_name("NAME=VALUE")
       ->allow_extra_args(false);
   command
-      ->add_option("--platforms", all->platforms,
-                   "Platforms whose libraries go in, e.g. x86_64-linux,x86_64-windows; default: this one")
+      ->add_option(
+          "--platforms", all->platforms,
+          "Platforms whose libraries go in: linux64, win64, aarch64-linux, as scripts/cross.sh builds them; default: this one")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->type_name("NAMES");
+  command
+      ->add_option("--platform-dir", all->libraries,
+                   "Folder with the libraries of platforms, PLATFORM/UNIT.dll or .so; default: build/cross/fmu")
+      ->check(CLI::ExistingDirectory)
+      ->type_name("DIR");
   command->callback([all, &chosen] { chosen = [all] { return pack(*all); }; });
 }
 

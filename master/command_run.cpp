@@ -1,9 +1,7 @@
 // cotwin run: a scenario, a package, or one FMU with the option names of the Reference FMUs' fmusim.
-#include <signal.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
 
-#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <fstream>
@@ -12,6 +10,7 @@
 
 #include "master/commands.h"
 #include "master/fmu_run.h"
+#include "master/interrupt.h"
 #include "master/master.h"
 #include "master/report.h"
 #include "models/text/error.h"
@@ -22,19 +21,6 @@ namespace cotwin::master {
 namespace {
 
 namespace fs = std::filesystem;
-
-std::atomic<int> stop_signal{0};
-
-void ask_to_stop(int signal) { stop_signal = signal; }
-
-/// The first Ctrl-C ends the run cleanly, a second one at once.
-void catch_signals() {
-  struct sigaction action = {};
-  action.sa_handler = ask_to_stop;
-  action.sa_flags = SA_RESETHAND;
-  sigaction(SIGINT, &action, nullptr);
-  sigaction(SIGTERM, &action, nullptr);
-}
 
 /// A line on the terminal that overwrites itself; nothing where stderr is a file.
 class Progress {

@@ -23,12 +23,6 @@ double seconds_between(std::chrono::steady_clock::time_point a, std::chrono::ste
   return std::chrono::duration<double>(b - a).count();
 }
 
-/// The exponent of a NaN or an infinity, all ones, overflows into the sign bit: no branch, and several fit into one
-/// instruction.
-std::uint64_t sign_if_not_finite(double value) {
-  return (std::bit_cast<std::uint64_t>(value) & 0x7ff0'0000'0000'0000u) + 0x0010'0000'0000'0000u;
-}
-
 constexpr std::size_t kLongRow = 4;
 
 bool is_watched(const Variable& v) { return v.kind() == Kind::kReal && (v.role == Role::kOutput || v.role == Role::kState); }
@@ -143,6 +137,14 @@ std::size_t Engine::advance(std::int64_t tick, Time begin, Time end, int parts, 
   return kNobody;
 }
 
+std::int64_t Engine::plain_until(std::int64_t tick) const {
+  for (std::size_t s = 0; s < runs_.size(); ++s) {
+    const bool spread = runs_[s].balance && runs_[s].balance->parallel();
+    if (!schedule.stages[s].every_tick || runs_[s].ramps || spread) return tick;
+  }
+  return std::min(schedule.ticks() - 1, schedule.first_tick_from(events.next_time()));
+}
+
 void Engine::exchange(const Stage& stage, bool ramps) {
   if (stage.every_tick) {
     wiring.exchange(stage.first, stage.last);
@@ -158,25 +160,9 @@ void Engine::exchange(const Stage& stage, bool ramps) {
   }
 }
 
-std::size_t Engine::step_in_turn(const Stage& stage) { return sampled_ ? step_range<true>(stage) : step_range<false>(stage); }
-
-template <bool kTimed>
-std::size_t Engine::step_range(const Stage& stage) {
-  const bool plain = stage.every_tick && parts_ == 1;
-  std::size_t i = stage.first;
-  try {
-    for (; i < stage.last; ++i) {
-      Slot& slot = schedule.slots[i];
-      if (!plain && !due(slot)) continue;
-      const StepResult result = kTimed ? step_timed(i) : step(slot, plain ? end_ : target(i));
-      if (result == StepResult::kDone) continue;
-      if (result == StepResult::kDiscard) return i;
-      if (finished_by_ == kNobody) finished_by_ = i;
-    }
-  } catch (const Error& error) {
-    tell_who(i, error);
-  }
-  return kNobody;
+std::size_t Engine::step_in_turn(const Stage& stage) {
+  if (sampled_) return step_range<true, false>(stage, end_);
+  return stage.every_tick && parts_ == 1 ? step_range<false, true>(stage, end_) : step_range<false, false>(stage, end_);
 }
 
 std::size_t Engine::step_on_threads(const Stage& stage, StageRun& run) {
@@ -235,19 +221,18 @@ void Engine::step_on_worker(void* context, std::size_t index) {
   }
 }
 
-void Engine::check_numbers(Time now) const {
+std::uint64_t Engine::look_at_rows() const {
   std::uint64_t seen = 0;
-  for (const double* value : watched_alone_) seen |= sign_if_not_finite(*value);
   for (const Watched& w : watched_) {
     for (std::size_t i = 0; i < w.count; ++i) seen |= sign_if_not_finite(w.values[i]);
   }
-  if ((seen >> 63) != 0) tell_not_a_number(now);
+  return seen;
 }
 
 Engine::Cost Engine::cost(std::size_t member, std::int64_t ticks) const {
   const std::size_t slot = schedule.slot_of[member];
   const double mean = samples_[slot] > 0 ? seconds_sum_[slot] / static_cast<double>(samples_[slot]) : 0;
-  return {mean, ticks / schedule.slots[slot].period};
+  return {mean, ticks / schedule.slots[slot].period, samples_[slot]};
 }
 
 void Engine::tell_not_a_number(Time now) const {

@@ -1,4 +1,5 @@
 #pragma once
+#include <bit>
 #include <chrono>
 #include <cstdint>
 #include <exception>
@@ -37,15 +38,36 @@ class Engine {
   /// The same where somebody else says how long the tick is.
   std::size_t advance(std::int64_t tick, Time begin, Time end, int parts, bool sampled);
 
+  /// The tick from which on advance_plainly() will not do, if nothing unforeseen happens; it is looked at again then.
+  std::int64_t plain_until(std::int64_t tick) const;
+  /// As advance(tick, 1, false), in a tick before plain_until(): what is the same in every such tick is not asked.
+  std::size_t advance_plainly(std::int64_t tick) {
+    const Time end = schedule.time_before_the_last(tick + 1);
+    for (const Stage& stage : schedule.stages) {
+      wiring.exchange(stage.first, stage.last);
+      const std::size_t who = step_range<false, true>(stage, end);
+      if (who != kNobody) [[unlikely]]
+        return who;
+    }
+    return kNobody;
+  }
+
   /// The slot that asked for an orderly end of the run in the last tick (StepResult::kFinished), or kNobody.
   std::size_t finished_by() const { return finished_by_; }
 
   /// Throws Error naming unit, variable and time if an output or a state is not a number.
-  void check_numbers(Time now) const;
+  void check_numbers(Time now) const {
+    std::uint64_t seen = 0;
+    for (const double* value : watched_alone_) seen |= sign_if_not_finite(*value);
+    if (!watched_.empty()) seen |= look_at_rows();
+    if ((seen >> 63) != 0) [[unlikely]]
+      tell_not_a_number(now);
+  }
 
   struct Cost {
     double seconds_per_step = 0;  // mean of the sampled steps
     std::int64_t steps = 0;       // per run without discards: ticks / period
+    std::int64_t samples = 0;
     double seconds() const { return seconds_per_step * static_cast<double>(steps); }
   };
   Cost cost(std::size_t member, std::int64_t ticks) const;
@@ -55,6 +77,7 @@ class Engine {
   double measuring_seconds() const {
     return 2 * clock_seconds_ * static_cast<double>(std::accumulate(samples_.begin(), samples_.end(), std::int64_t{0}));
   }
+  double clock_seconds() const { return clock_seconds_; }
   int threads_used() const { return spread_ever_ ? workers_->threads() : 1; }
 
   const std::string& name(std::size_t slot) const { return members_[schedule.slots[slot].member].name(); }
@@ -78,14 +101,21 @@ class Engine {
     std::vector<double> unit_seconds;  // of the sampled tick
   };
 
+  /// The exponent of a NaN or an infinity, all ones, overflows into the sign bit: no branch, and several fit into one
+  /// instruction.
+  static std::uint64_t sign_if_not_finite(double value) {
+    return (std::bit_cast<std::uint64_t>(value) & 0x7ff0'0000'0000'0000u) + 0x0010'0000'0000'0000u;
+  }
+
   void watch_outputs();
+  std::uint64_t look_at_rows() const;
   void start_workers(int threads, bool always);
   void exchange(const Stage& stage, bool ramps);
   std::size_t step_in_turn(const Stage& stage);
   std::size_t step_on_threads(const Stage& stage, StageRun& run);
   void step_sampled(const Stage& stage, StageRun& run, std::size_t* who);
-  template <bool kTimed>
-  std::size_t step_range(const Stage& stage);
+  template <bool kTimed, bool kPlain>
+  std::size_t step_range(const Stage& stage, Time end);
   StepResult step(Slot& slot, Time end) {
     const Duration h = end - slot.time;
     const StepResult result = slot.unit->step(slot.time, h);
@@ -125,5 +155,26 @@ class Engine {
   std::vector<std::int64_t> samples_;
   double clock_seconds_ = 0;  // what measuring itself costs
 };
+
+/// Every unit of the stage that is due; `kPlain`: that is all of them, and the tick is not cut into parts.
+template <bool kTimed, bool kPlain>
+std::size_t Engine::step_range(const Stage& stage, Time end) {
+  Slot* const slots = schedule.slots.data();
+  const std::size_t last = stage.last;
+  std::size_t i = stage.first;
+  try {
+    for (; i < last; ++i) {
+      if (!kPlain && !due(slots[i])) continue;
+      const StepResult result = kTimed ? step_timed(i) : step(slots[i], kPlain ? end : target(i));
+      if (result != StepResult::kDone) [[unlikely]] {
+        if (result == StepResult::kDiscard) return i;
+        if (finished_by_ == kNobody) finished_by_ = i;
+      }
+    }
+  } catch (const Error& error) {
+    tell_who(i, error);
+  }
+  return kNobody;
+}
 
 }  // namespace cotwin::master

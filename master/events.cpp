@@ -1,6 +1,7 @@
 #include "master/events.h"
 
 #include <algorithm>
+#include <limits>
 
 #include "models/text/error.h"
 #include "models/text/text.h"
@@ -53,6 +54,7 @@ Events::Events(const Scenario& scenario, std::span<const Member> members, std::s
   std::stable_sort(changes_.begin(), changes_.end(), [](const Change& a, const Change& b) { return a.time < b.time; });
   active_.resize(changes_.size());
   begins_.resize(changes_.size());
+  find_next_time();
 }
 
 void Events::add(const EventSpec& spec, const Signal& signal) {
@@ -96,11 +98,16 @@ void Events::add(const EventSpec& spec, const Signal& signal) {
 
 void Events::apply_due(Time now, Duration h) {
   while (next_ < changes_.size() && changes_[next_].time <= now) begin(next_++);
-  any_active_ = false;
   for (std::size_t i = 0; i < next_; ++i) {
     if (active_[i]) follow(i, now, h);
-    any_active_ = any_active_ || active_[i];
   }
+  find_next_time();
+}
+
+void Events::find_next_time() {
+  using Limits = std::numeric_limits<std::int64_t>;
+  const bool any_active = std::find(active_.begin(), active_.end(), 1) != active_.end();
+  next_time_ = any_active ? Time{Limits::min()} : next_ < changes_.size() ? changes_[next_].time : Time{Limits::max()};
 }
 
 void Events::begin(std::size_t index) {
@@ -156,7 +163,7 @@ void Events::back_to(const Bookmark& bookmark) {
   next_ = bookmark.next;
   begins_ = bookmark.begins;
   active_ = bookmark.active;
-  any_active_ = std::find(active_.begin(), active_.end(), 1) != active_.end();
+  find_next_time();
 }
 
 }  // namespace cotwin::master

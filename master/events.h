@@ -29,8 +29,10 @@ class Events {
 
   /// To be called at the beginning of every step, `h` its length.
   void apply(Time now, Duration h) {
-    if (next_ < changes_.size() || any_active_) apply_due(now, h);
+    if (now >= next_time_) apply_due(now, h);
   }
+  /// When apply() has something to do next.
+  Time next_time() const { return next_time_; }
 
   void mark(Bookmark& bookmark) const;
   void back_to(const Bookmark& bookmark);
@@ -53,14 +55,15 @@ class Events {
   };
 
   void add(const EventSpec& spec, const Signal& signal);
+  void find_next_time();
   void apply_due(Time now, Duration h);
   void begin(std::size_t change);
   void follow(std::size_t change, Time now, Duration h);
 
   std::vector<Change> changes_;  // by time, then as the scenario lists them
   std::vector<Other> others_;
-  std::size_t next_ = 0;  // the first that has not begun
-  bool any_active_ = false;
+  std::size_t next_ = 0;              // the first that has not begun
+  Time next_time_;                    // at which it begins; the beginning of time while a ramp is under way
   std::vector<std::uint8_t> active_;  // ramps under way
   std::vector<double> begins_;        // where they began
 };

@@ -63,10 +63,16 @@ Scenario scenario_of(const FmuRunOptions& options, const fmu::ModelDescription& 
   return scenario;
 }
 
+/// The FMU's own variable of that name. FMI 2 calls each element of an array, FMI 3 the whole; either name finds the other's.
 const fmu::Variable* find_variable(const fmu::ModelDescription& description, const std::string& name) {
-  const auto found = std::find_if(description.variables.begin(), description.variables.end(),
-                                  [&](const fmu::Variable& v) { return v.name == name; });
-  return found == description.variables.end() ? nullptr : &*found;
+  const fmu::Variable* first_element = nullptr;
+  const fmu::Variable* whole = nullptr;
+  for (const fmu::Variable& v : description.variables) {
+    if (v.name == name) return &v;
+    if (first_element == nullptr && v.name.starts_with(name + "[")) first_element = &v;
+    if (name.starts_with(v.name + "[")) whole = &v;
+  }
+  return whole != nullptr ? whole : first_element;
 }
 
 /// Seconds, as near as a double is: n · 1e-9 would not be.
@@ -172,24 +178,24 @@ FmuRun::FmuRun(const FmuRunOptions& options)
   fs::path file = options_.file;
   if (file.filename().empty()) file = file.parent_path();
   if (options_.output_file.empty()) options_.output_file = file.stem().string() + "_out.csv";
-  std::vector<const fmu::Variable*> chosen;
+  std::vector<std::pair<std::string, const fmu::Variable*>> chosen;
   if (options_.output_variables.empty()) {
     for (const fmu::Variable& v : description_.variables) {
-      if (v.causality == fmu::Causality::kOutput && v.type != fmu::Type::kClock) chosen.push_back(&v);
+      if (v.causality == fmu::Causality::kOutput && v.type != fmu::Type::kClock) chosen.emplace_back(v.name, &v);
     }
   }
   for (const std::string& name : options_.output_variables) {
     const fmu::Variable* variable = find_variable(description_, name);
     if (variable == nullptr) (void)find(name, "--output-variable");  // says what there is
-    if (variable != nullptr) chosen.push_back(variable);
+    if (variable != nullptr) chosen.emplace_back(name, variable);
   }
   // fmusim has enumerations among the integers that carry them.
   const fmu::Type carrier = description_.version == fmu::Version::k2 ? fmu::Type::kInt32 : fmu::Type::kInt64;
   const auto group = [&](const fmu::Variable* v) { return v->type == fmu::Type::kEnumeration ? carrier : v->type; };
   std::stable_sort(chosen.begin(), chosen.end(),
-                   [&](const fmu::Variable* a, const fmu::Variable* b) { return group(a) < group(b); });
-  for (const fmu::Variable* variable : chosen)
-    outputs_.push_back({variable->name, find(variable->name, "--output-variable"), variable->type != fmu::Type::kBinary});
+                   [&](const auto& a, const auto& b) { return group(a.second) < group(b.second); });
+  for (const auto& [name, variable] : chosen)
+    outputs_.push_back({name, find(name, "--output-variable"), variable->type != fmu::Type::kBinary});
   if (!options_.input_file.empty()) inputs_.emplace(options_.input_file, master_.members(), description_);
 }
 

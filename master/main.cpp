@@ -7,6 +7,7 @@
 #include <system_error>
 
 #include "master/commands.h"
+#include "models/text/error.h"
 #include "models/text/text.h"
 
 namespace cotwin::master {
@@ -27,6 +28,16 @@ std::vector<fs::path> model_folders(const fs::path& scenario_folder) {
   if (!none) folders.push_back((program.parent_path() / ".." / "share" / "cotwin" / "models").lexically_normal());
   folders.emplace_back(COTWIN_SOURCE_MODELS);
   return folders;
+}
+
+fs::path urdf_of(const std::string& robot) {
+  std::error_code none;
+  if (fs::is_regular_file(robot, none)) return robot;
+  for (const fs::path& folder : model_folders({})) {
+    const fs::path file = folder / "robots" / robot / "robot.urdf";
+    if (fs::is_regular_file(file, none)) return file;
+  }
+  throw Error("robot '" + robot + "'", "is no file and no robot's name, expected a URDF");
 }
 
 std::string file_name_of(const std::string& wanted) {
@@ -63,6 +74,9 @@ int main(int argc, char** argv) {
   add_pack(app, chosen);
   add_inspection(app, chosen);
   add_catalogue(app, chosen);
+  add_tune(app, chosen);
+  add_excite(app, chosen);
+  add_perturb(app, chosen);
 
   try {
     // CLI11 would only say that there is no command.
@@ -70,7 +84,8 @@ int main(int argc, char** argv) {
     const auto is_asked = [&](const CLI::App* command) { return command->check_name(argv[1]); };
     if (argc > 1 && argv[1][0] != '-' && std::none_of(commands.begin(), commands.end(), is_asked)) {
       throw CLI::ExtrasError(
-          std::string("'") + argv[1] + "' is no command, expected run, pack, info, check, units, describe or reference",
+          std::string("'") + argv[1] +
+              "' is no command, expected run, pack, info, check, units, describe, reference, tune, excite or perturb",
           CLI::ExitCodes::ExtrasError);
     }
     app.parse(argc, argv);

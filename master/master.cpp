@@ -1,10 +1,12 @@
 #include "master/master.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <limits>
 #include <utility>
+#include <variant>
 
 #include "master/engine.h"
 #include "master/recorder.h"
@@ -16,11 +18,14 @@ namespace cotwin::master {
 
 namespace {
 
-constexpr std::int64_t kSampleEvery = 61;  // ticks between two whose units are timed: a clock costs as much as a light unit
+// Ticks between two whose units are timed, as few as cost at most kMeasuring: a clock costs as much as a light unit. Primes, so
+// that no period of the scenario is always met or always missed.
+constexpr std::array<std::int64_t, 5> kSampleEvery = {61, 127, 251, 509, 1021};
+constexpr double kMeasuring = 0.01;        // of the run's time
+constexpr int kLaps = 4;                   // readings of the clock in such a tick, without those of its units
 constexpr std::int64_t kSampleAll = 1024;  // a run of fewer ticks is timed throughout
-constexpr std::int64_t kCheckpointEvery = 256;  // ticks
-constexpr std::int64_t kCarefulTicks = 64;      // with a checkpoint each, after a discarded one
-constexpr int kMostParts = 1024;                // into which a tick is cut
+constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
+constexpr std::int64_t kCarefulTicks = 64;  // with a checkpoint each, after a discarded one
 
 std::vector<Signal> signals_of(const std::vector<Column>& columns) {
   std::vector<Signal> signals;
@@ -39,10 +44,54 @@ std::vector<std::string> warnings_of(const Member& member) {
   return all;
 }
 
+using Values = std::variant<std::vector<double>, std::vector<std::int32_t>, std::vector<bool>, std::vector<std::string>>;
+
+/// All elements, or one.
+Values values_of(const FoundElement& found) {
+  return std::visit(
+      [&](auto all) -> Values {
+        const auto part = found.element < 0 ? all : all.subspan(static_cast<std::size_t>(found.element), 1);
+        return std::vector<typename decltype(all)::value_type>(part.begin(), part.end());
+      },
+      found.variable->storage);
+}
+
+/// A state of a unit of this program with the start value that the scenario gives it.
+struct GivenState {
+  const ParameterValue* given;
+  const Member* member;
+  FoundElement state;
+  Values value;
+};
+
+std::vector<GivenState> given_states(std::span<const Member> members) {
+  std::vector<GivenState> all;
+  for (const Member& member : members) {
+    if (!is_unit(member.spec)) continue;  // what a start value is to a foreign FMU it says itself
+    for (const ParameterValue& given : member.spec.start_values) {
+      const FoundElement found = find_element(member.variables(), given.name);
+      if (found.variable != nullptr && found.variable->role == Role::kState)
+        all.push_back({&given, &member, found, values_of(found)});
+    }
+  }
+  return all;
+}
+
+/// A start value that the initialisation replaces would be lost without a word.
+void check_kept(std::span<const GivenState> states) {
+  for (const GivenState& s : states) {
+    if (values_of(s.state) == s.value) continue;
+    fail(s.given->place, "'" + s.member->name() + "." + s.given->name +
+                             "' is a state that its unit computes when it is initialised: the start value has no effect, "
+                             "expected a parameter, a tunable or an input");
+  }
+}
+
 }  // namespace
 
 /// Phases of a tick: wait for the clock; advance, and again in smaller parts where somebody discards or the tolerance asks;
-/// check for NaN; let statistics and recorder see the new instant.
+/// check for NaN; let statistics and recorder see the new instant. Most ticks are plain ones: what else might be due in them is
+/// known beforehand, and they are told by one comparison.
 class Master::Loop {
  public:
   Loop(Scenario scenario, MasterOptions options);
@@ -59,16 +108,21 @@ class Master::Loop {
   std::int64_t tick_ = 0;
 
  private:
+  std::int64_t plain_until_ = 0;  // a tick that is not a plain one
   void step_plainly();
   void step_in_smaller_parts(std::size_t who);
   void step_to_tolerance();
   void take_checkpoint();
   void count_discard(std::size_t who);
   void observe();
+  void record();
   void step_timed();
   void step();
   void advance();
-  bool sampled() const { return tick_ % kSampleEvery == 1 || engine_.schedule.ticks() < kSampleAll; }
+  bool step_tick_with_care();
+  std::int64_t plain_until() const;
+  std::int64_t next_sample() const;
+  bool sampled() const { return tick_ == next_sample_ || engine_.schedule.ticks() < kSampleAll; }
 
   Engine engine_;
   std::vector<Column> columns_;
@@ -77,6 +131,7 @@ class Master::Loop {
   std::unique_ptr<Clock> clock_;
   std::filesystem::path recording_;  // empty: none is wanted
   std::unique_ptr<Recorder> recorder_;
+  std::int64_t next_row_ = kNever;  // the tick at whose beginning it is sampled
   Initialisation initialisation_;
 
   const Member* not_restorable_ = nullptr;  // the first that cannot go back
@@ -91,7 +146,7 @@ class Master::Loop {
 
   // Of the sampled ticks.
   double advance_seconds_ = 0, check_seconds_ = 0, observe_seconds_ = 0;
-  std::int64_t sampled_ticks_ = 0;
+  std::int64_t sampled_ticks_ = 0, next_sample_ = 1;
   std::chrono::steady_clock::time_point begun_, ended_;
   bool running_ = false, finished_ = false;
 };
@@ -129,12 +184,15 @@ void Master::Loop::initialise() {
       fail(member.spec.place, "component '" + member.name() + "': " + error.what());
     }
   }
+  const std::vector<GivenState> given = given_states(members_);
   initialisation_ = engine_.initialise(scenario_.start);
+  check_kept(given);
   engine_.check_numbers(scenario_.start);
   take_checkpoint();  // makes the room that later ones need
   if (output_error_) output_error_->remember();
   if (!recording_.empty()) {
     recorder_ = std::make_unique<Recorder>(columns_, recording_, Recorder::Options{!clock_->real_time()});
+    next_row_ = tick_;
   }
   observe();
   begun_ = std::chrono::steady_clock::now();
@@ -142,7 +200,20 @@ void Master::Loop::initialise() {
   clock_->start(scenario_.start);
 }
 
-bool Master::Loop::step_tick() {
+inline bool Master::Loop::step_tick() {
+  if (tick_ >= plain_until_) return step_tick_with_care();
+  const std::size_t who = engine_.advance_plainly(tick_);
+  if (who != Engine::kNobody) [[unlikely]]
+    step_in_smaller_parts(who);
+  if (engine_.finished_by() != Engine::kNobody) [[unlikely]]
+    plain_until_ = 0;
+  ++tick_;
+  engine_.check_numbers(now());
+  observe();
+  return true;
+}
+
+bool Master::Loop::step_tick_with_care() {
   if (tick_ >= engine_.schedule.ticks() || engine_.finished_by() != Engine::kNobody) return false;
   if (!clock_->wait(now())) return true;
   if (sampled()) {
@@ -150,7 +221,17 @@ bool Master::Loop::step_tick() {
   } else {
     step();
   }
+  plain_until_ = plain_until();
   return true;
+}
+
+/// The first tick from the present one on that needs care.
+std::int64_t Master::Loop::plain_until() const {
+  if (!clock_->never_waits() || output_error_ || engine_.finished_by() != Engine::kNobody) return 0;
+  if (engine_.schedule.ticks() < kSampleAll) return 0;
+  std::int64_t until = std::min(engine_.plain_until(tick_), next_sample_);
+  if (!not_restorable_) until = std::min(until, next_checkpoint_);
+  return until;
 }
 
 void Master::Loop::step_timed() {
@@ -166,6 +247,17 @@ void Master::Loop::step_timed() {
   observe();
   observe_seconds_ += lap();
   ++sampled_ticks_;
+  next_sample_ = next_sample();
+}
+
+/// The tick that was sampled is the one before the present one.
+std::int64_t Master::Loop::next_sample() const {
+  const double seconds = advance_seconds_ + check_seconds_ + observe_seconds_;
+  const double measuring = engine_.measuring_seconds() + kLaps * static_cast<double>(sampled_ticks_) * engine_.clock_seconds();
+  for (const std::int64_t every : kSampleEvery) {
+    if (measuring <= kMeasuring * static_cast<double>(every) * (seconds - measuring)) return tick_ - 1 + every;
+  }
+  return tick_ - 1 + kSampleEvery.back();
 }
 
 void Master::Loop::step() {
@@ -197,6 +289,7 @@ void Master::Loop::take_checkpoint() {
 /// The ticks since the last checkpoint are stepped once more, to the same bits: cheaper than a checkpoint in every tick of
 /// every run.
 void Master::Loop::step_in_smaller_parts(std::size_t who) {
+  plain_until_ = 0;
   const auto blame = [&] {
     return "'" + engine_.name(who) + "' discarded its step at t = " + text::to_text(now().seconds()) + " s";
   };
@@ -265,9 +358,15 @@ void Master::Loop::count_discard(std::size_t who) {
   ++discarded_by_[engine_.schedule.slots[who].member];
 }
 
-void Master::Loop::observe() {
+inline void Master::Loop::observe() {
   if (has_statistics_) statistics_.sample(now());
-  if (recorder_ && (tick_ % scenario_.decimation == 0 || tick_ == engine_.schedule.ticks())) recorder_->sample(now());
+  if (tick_ >= next_row_) record();
+}
+
+void Master::Loop::record() {
+  recorder_->sample(now());
+  const std::int64_t last = engine_.schedule.ticks(), next = tick_ + scenario_.decimation;
+  next_row_ = tick_ == last ? kNever : std::min(last, next);
 }
 
 void Master::Loop::finish() {
@@ -310,11 +409,14 @@ Summary Master::Loop::summary() const {
   }
   for (std::size_t m = 0; m < members_.size(); ++m) {
     const Engine::Cost cost = engine_.cost(m, tick_);
-    s.units.push_back({members_[m].name(), cost.seconds_per_step, all > 0 ? cost.seconds() / all : 0});
+    s.units.push_back({members_[m].name(), cost.seconds_per_step, all > 0 ? cost.seconds() / all : 0, cost.samples});
     for (const std::string& warning : warnings_of(members_[m])) {
       const std::string told = members_[m].name() + ": " + warning;
       if (std::find(s.warnings.begin(), s.warnings.end(), told) == s.warnings.end()) s.warnings.push_back(told);
     }
+    std::vector<std::string> notes;
+    members_[m].instance.unit->tell(notes);
+    for (const std::string& note : notes) s.notes.push_back(members_[m].name() + ": " + note);
     if (discarded_by_[m] > 0) s.discarded_by.emplace_back(members_[m].name(), discarded_by_[m]);
   }
   s.discarded = discarded_;

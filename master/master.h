@@ -31,6 +31,7 @@ struct Summary {
     std::string name;
     double seconds_per_step = 0;  // mean, from sampled steps
     double share = 0;             // of the loop's time, without waiting for a clock
+    std::int64_t samples = 0;     // steps that were timed
   };
   std::string scenario;
   double start = 0, reached = 0, stop = 0;  // s
@@ -49,6 +50,7 @@ struct Summary {
   std::vector<Compared> comparisons;
   std::vector<Bonded> bonds;
   std::vector<std::string> warnings;  // of units and of the run, each once
+  std::vector<std::string> notes;     // of units (Unit::tell), "name: …"
   std::filesystem::path recording;    // empty if there is none
   std::int64_t rows = 0, dropped_rows = 0;
   std::int64_t overruns = 0;   // late ticks of a real-time run

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 
-#include "fmu/load.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
 
@@ -40,17 +39,19 @@ std::vector<std::string> names_of(const Variables& variables) {
   return names;
 }
 
-Instance load_fmu(const ComponentSpec& spec, const Scenario& scenario) {
+Instance load_fmu(const FmuSource& source) { return fmu::load(source.path, source.options); }
+
+}  // namespace
+
+FmuSource fmu_source(const ComponentSpec& spec, const Scenario& scenario) {
   const std::size_t question = spec.source.rfind('?');
   fmu::LoadOptions options;
   options.instance_name = spec.name;
   options.kind = spec.implementation == "CoSimulation" ? "cs" : spec.implementation == "ModelExchange" ? "me" : "any";
   options.process = spec.process;
   if (question != std::string::npos) options = fmu::read_query(std::string_view(spec.source).substr(question + 1), options);
-  return fmu::load(scenario.folder / spec.source.substr(0, question), options);
+  return {scenario.folder / spec.source.substr(0, question), options};
 }
-
-}  // namespace
 
 ParameterSet start_values(const Scenario& scenario, const Member& member, std::vector<std::string>* unknown) {
   ParameterSet set{member.name(), {}, scenario.units};
@@ -96,7 +97,7 @@ Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::spa
                    const std::vector<std::filesystem::path>& folders, std::vector<std::string>* settings_used) {
   try {
     return {spec, is_unit(spec) ? make_unit(spec.source, scenario.settings, folders, types, settings_used)
-                                : load_fmu(spec, scenario)};
+                                : load_fmu(fmu_source(spec, scenario))};
   } catch (const Error& error) {
     fail(spec.place, "component " + in_quotes(spec.name) + ": " + error.what());
   }

@@ -7,6 +7,7 @@
 
 #include "components/unit/si.h"
 #include "components/unit/unit_table.h"
+#include "fmu/load.h"
 #include "master/scenario.h"
 
 /// The components of a scenario with the units that stand behind them, and how a name finds a variable.
@@ -55,6 +56,14 @@ std::string element_name(const std::string& member, const Variable& variable, st
 /// The start values that the scenario gives a component. What its unit does not have is left out where the scenario allows
 /// that, and told in `unknown`.
 ParameterSet start_values(const Scenario& scenario, const Member& member, std::vector<std::string>* unknown = nullptr);
+
+/// What the scenario says of a component that is an FMU: its file or folder, and how it is loaded. Throws Error for a query
+/// that is none.
+struct FmuSource {
+  std::filesystem::path path;
+  fmu::LoadOptions options;
+};
+FmuSource fmu_source(const ComponentSpec& spec, const Scenario& scenario);
 
 /// Whether the component is a unit of this program; else it is an FMU.
 bool is_unit(const ComponentSpec& spec);

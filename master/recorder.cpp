@@ -104,6 +104,8 @@ class Recorder::Writer {
         descriptor_(descriptor),
         integral_(integral),
         cells_(recorder.width_),
+        recent_(std::bit_ceil(std::clamp<std::size_t>(4 * recorder.width_, 256, 65536))),
+        recent_shift_(64 - std::countr_zero(recent_.size())),
         buffer_(kBuffer + 64 + 32 * recorder.width_) {}
   ~Writer() {
     if (descriptor_ >= 0) ::close(descriptor_);
@@ -160,7 +162,7 @@ class Recorder::Writer {
   }
 
  private:
-  /// The text of a column's last value: signals that rest, and most parameters, cost a comparison.
+  /// A value and its text.
   struct Cell {
     std::uint64_t bits = 0x7ff8dead0000beefu;  // a NaN that nothing computes
     std::uint32_t length = 0;
@@ -174,11 +176,13 @@ class Recorder::Writer {
       const double value = row[i + 1];
       const auto bits = std::bit_cast<std::uint64_t>(value);
       if (bits != cell.bits) {
-        char* const end = cell.text + sizeof cell.text;
-        const auto written = integral_[i] ? std::to_chars(cell.text, end, static_cast<std::int32_t>(value))
-                                          : std::to_chars(cell.text, end, value);
-        cell.length = static_cast<std::uint32_t>(written.ptr - cell.text);
-        cell.bits = bits;
+        if (integral_[i]) {
+          put(cell, bits, static_cast<std::int32_t>(value));
+        } else {
+          Cell& recent = recent_[(bits * 0x9e3779b97f4a7c15u) >> recent_shift_];
+          if (bits != recent.bits) put(recent, bits, value);
+          cell = recent;
+        }
       }
       *to++ = ',';
       std::memcpy(to, cell.text, sizeof cell.text);  // a fixed length is quicker; the next cell overwrites the rest
@@ -187,6 +191,12 @@ class Recorder::Writer {
     *to++ = '\n';
     used_ = static_cast<std::size_t>(to - buffer_.data());
     if (used_ >= kBuffer) flush();
+  }
+
+  template <class T>
+  static void put(Cell& cell, std::uint64_t bits, T value) {
+    cell.length = static_cast<std::uint32_t>(std::to_chars(cell.text, cell.text + sizeof cell.text, value).ptr - cell.text);
+    cell.bits = bits;
   }
 
   /// Takes back the part of a row that a full disk left behind. `last`: what was written of the last text.
@@ -204,7 +214,9 @@ class Recorder::Writer {
   Recorder& recorder_;
   int descriptor_;
   std::vector<bool> integral_;
-  std::vector<Cell> cells_;
+  std::vector<Cell> cells_;   // the last of each column: signals that rest, and most parameters, cost a comparison
+  std::vector<Cell> recent_;  // of all columns, by hash: an input repeats what an output has just been
+  int recent_shift_;
   std::vector<char> buffer_;
   std::size_t used_ = 0;
   std::size_t written_ = 0;  // bytes in the file, whole rows

@@ -180,6 +180,8 @@ void write_report(std::ostream& out, const Summary& s, const Outcome& outcome) {
   write_head(out, s, outcome);
   write_figures(out, s);
   write_time(out, s);
+  if (!s.notes.empty()) out << '\n';
+  for (const std::string& note : s.notes) out << note << '\n';
   if (!s.warnings.empty()) out << '\n';
   for (const std::string& warning : s.warnings) out << "warning: " << warning << '\n';
   if (!s.recording.empty()) out << "\nresults: " << s.recording.string() << " (" << s.rows << " rows)\n";
@@ -250,6 +252,7 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
   j["recording"] = s.recording.string();
   j["rows"] = s.rows;
   j["dropped_rows"] = s.dropped_rows;
+  j["notes"] = s.notes;
   j["warnings"] = s.warnings;
   out << j.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) << '\n';
 }

@@ -36,4 +36,10 @@ Schedule::Schedule(const Scenario& scenario, std::span<const Member> members)
   }
 }
 
+std::int64_t Schedule::first_tick_from(Time time) const {
+  if (time <= start_) return 0;
+  if (time > stop_) return ticks_;
+  return ((time - start_).ns + tick_.ns - 1) / tick_.ns;
+}
+
 }  // namespace cotwin::master

@@ -37,6 +37,10 @@ class Schedule {
 
   /// start + n·tick, and never beyond the stop time.
   Time time(std::int64_t tick) const { return tick < ticks_ ? start_ + tick * tick_ : stop_; }
+  /// The same where the tick is known not to be the last, at whose end is the stop time.
+  Time time_before_the_last(std::int64_t tick) const { return start_ + tick * tick_; }
+  /// The first tick that begins at or after that time, 0 if all do; none before it does.
+  std::int64_t first_tick_from(Time time) const;
   Time stop() const { return stop_; }
   std::int64_t ticks() const { return ticks_; }
   bool due(const Slot& slot, std::int64_t tick) const {

@@ -119,6 +119,7 @@ class Writer {
     Tag(out_, 4, "ssd:Connectors").open();
     for (const Variable& v : member.variables()) {
       if (v.role == Role::kState) continue;
+      if (v.kind() == Kind::kString && !linked(v)) continue;  // FMPy's SSP runner stops at a connector that is no number
       if (components_[m].foreign && v.role != Role::kInput && v.role != Role::kOutput && !linked(v)) continue;
       for (const std::string& name : connectors_of(v, 0, v.size(), scalars_)) {
         write_connector(name, v, components_[m].foreign ? "" : v.si);

@@ -26,18 +26,6 @@ double root_mean(double squares, std::int64_t count) {
   return count > 0 ? std::sqrt(squares / static_cast<double>(count)) : std::numeric_limits<double>::quiet_NaN();
 }
 
-std::vector<double> roots(const std::vector<double>& squares, std::int64_t count) {
-  std::vector<double> rms;
-  for (const double s : squares) rms.push_back(root_mean(s, count));
-  return rms;
-}
-
-std::vector<double> seconds(const std::vector<Time>& times) {
-  std::vector<double> s;
-  for (const Time t : times) s.push_back(t.seconds());
-  return s;
-}
-
 }  // namespace
 
 Statistics::Difference Statistics::make_difference(const Signal& a, const Signal* b, std::string name,
@@ -120,16 +108,35 @@ Statistics::Statistics(const Scenario& scenario, std::span<const Member> members
   }
 }
 
-void Statistics::Sums::add(const Difference& difference, Time now) {
+inline void Statistics::Sums::add(const Difference& difference, Time now) {
   ++count;
-  for (std::size_t i = 0; i < squares.size(); ++i) {
-    const double d = difference.at(i);
-    squares[i] += d * d;
-    if (std::abs(d) > max[i]) {
-      max[i] = std::abs(d);
-      time_of_max[i] = now;
+  const double *a = difference.a.data(), *b = difference.b.empty() ? nullptr : difference.b.data();
+  for (Element& e : elements) {
+    const double d = b == nullptr ? *a++ : *a++ - (difference.factor * *b++ + difference.offset);
+    e.squares += d * d;
+    if (std::abs(d) > e.max) {
+      e.max = std::abs(d);
+      e.time_of_max = now;
     }
   }
+}
+
+std::vector<double> Statistics::Sums::rms() const {
+  std::vector<double> all;
+  for (const Element& e : elements) all.push_back(root_mean(e.squares, count));
+  return all;
+}
+
+std::vector<double> Statistics::Sums::max() const {
+  std::vector<double> all;
+  for (const Element& e : elements) all.push_back(e.max);
+  return all;
+}
+
+std::vector<double> Statistics::Sums::time_of_max() const {
+  std::vector<double> all;
+  for (const Element& e : elements) all.push_back(e.time_of_max.seconds());
+  return all;
 }
 
 double Statistics::Power::now() const {
@@ -145,14 +152,16 @@ void Statistics::Power::add(double h) {
 }
 
 void Statistics::sample(Time now) {
-  const double h = started_ ? (now - last_).seconds() : 0;
-  started_ = true;
-  last_ = now;
   for (TallyState& t : tallies_) t.sums.add(t.difference, now);
-  for (WorkState& w : works_) w.power.add(h);
-  for (BondState& b : bonds_) {
-    b.a.add(h);
-    b.b.add(h);
+  if (!works_.empty() || !bonds_.empty()) {
+    const double h = started_ ? (now - last_).seconds() : 0;
+    started_ = true;
+    last_ = now;
+    for (WorkState& w : works_) w.power.add(h);
+    for (BondState& b : bonds_) {
+      b.a.add(h);
+      b.b.add(h);
+    }
   }
   for (ComparisonState& c : comparisons_) {
     if (now < c.from || now > c.to) continue;
@@ -167,11 +176,11 @@ std::vector<Tally> Statistics::tallies() const {
   std::vector<Tally> result;
   for (const TallyState& t : tallies_) {
     const Difference& d = t.difference;
-    Tally tally{d.name, d.what, d.si, roots(t.sums.squares, t.sums.count), t.sums.max, seconds(t.sums.time_of_max), 0, 0};
+    Tally tally{d.name, d.what, d.si, t.sums.rms(), t.sums.max(), t.sums.time_of_max(), 0, 0};
     double squares = 0;
-    for (const double s : t.sums.squares) squares += s;
-    tally.total_rms = root_mean(squares, t.sums.count * static_cast<std::int64_t>(t.sums.squares.size()));
-    for (const double m : t.sums.max) tally.total_max = std::max(tally.total_max, m);
+    for (const Sums::Element& e : t.sums.elements) squares += e.squares;
+    tally.total_rms = root_mean(squares, t.sums.count * static_cast<std::int64_t>(t.sums.elements.size()));
+    for (const double m : tally.max) tally.total_max = std::max(tally.total_max, m);
     result.push_back(std::move(tally));
   }
   return result;
@@ -186,16 +195,10 @@ std::vector<Work> Statistics::works() const {
 std::vector<Compared> Statistics::comparisons() const {
   std::vector<Compared> result;
   for (const ComparisonState& c : comparisons_) {
-    Compared compared{c.difference.name,
-                      c.difference.what,
-                      c.difference.si,
-                      c.from.seconds(),
-                      c.to.seconds(),
-                      c.all.max,
-                      seconds(c.all.time_of_max),
-                      {},
-                      roots(c.all.squares, c.all.count)};
-    for (const Sums& s : c.segments) compared.segment_rms.push_back(roots(s.squares, s.count));
+    Compared compared{c.difference.name, c.difference.what, c.difference.si,     c.from.seconds(),
+                      c.to.seconds(),    c.all.max(),       c.all.time_of_max(), {},
+                      c.all.rms()};
+    for (const Sums& s : c.segments) compared.segment_rms.push_back(s.rms());
     result.push_back(std::move(compared));
   }
   return result;

@@ -63,14 +63,19 @@ class Statistics {
     std::string name, what, si;
     std::span<const double> a, b;
     double factor = 1, offset = 0;
-    double at(std::size_t i) const { return b.empty() ? a[i] : a[i] - (factor * b[i] + offset); }
   };
   struct Sums {
-    std::vector<double> squares, max;
-    std::vector<Time> time_of_max;
+    struct Element {
+      double squares = 0, max = 0;
+      Time time_of_max;
+    };
+    std::vector<Element> elements;
     std::int64_t count = 0;
-    explicit Sums(std::size_t n) : squares(n), max(n), time_of_max(n) {}
+    explicit Sums(std::size_t n) : elements(n) {}
     void add(const Difference& difference, Time now);
+    std::vector<double> rms() const;
+    std::vector<double> max() const;
+    std::vector<double> time_of_max() const;  // s
   };
   struct TallyState {
     Difference difference;

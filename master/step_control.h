@@ -8,6 +8,11 @@
 /// Going back: what must be kept of a whole system to be at an earlier instant again.
 namespace cotwin::master {
 
+inline constexpr int kMostParts = 1024;  // into which a tick is cut
+/// Ticks between two checkpoints. A solver of Model Exchange begins afresh where it is saved: a run and the same scenario as
+/// one FMU have the same bits only if both save at the same ticks.
+inline constexpr std::int64_t kCheckpointEvery = 256;
+
 class Checkpoint {
  public:
   /// Allocates only the first time.

@@ -4,6 +4,8 @@
 #include <limits>
 
 #include "fmu/bytes.h"
+#include "models/text/error.h"
+#include "models/text/text.h"
 
 namespace cotwin::master {
 
@@ -37,9 +39,15 @@ Variables::Declared declare_as(Role role, Variables& variables, const std::strin
 
 }  // namespace
 
-Twin::Twin(Scenario scenario, std::vector<Member> members, const std::set<std::string>& outputs)
-    : scenario_(std::move(scenario)), members_(std::move(members)), outputs_(outputs) {
+Twin::Twin(Scenario scenario, std::vector<Member> members, const std::set<std::string>& outputs, bool states_leave)
+    : scenario_(std::move(scenario)),
+      members_(std::move(members)),
+      outputs_(outputs),
+      can_go_back_(
+          std::all_of(members_.begin(), members_.end(), [](const Member& m) { return m.instance.unit->restorable(); })),
+      states_leave_(states_leave) {
   engine_.emplace(scenario_, members_, 1, false);
+  discarded_by_.resize(members_.size());
 }
 
 Role Twin::role_of(const std::string& name, const Variable& variable) const {
@@ -62,15 +70,23 @@ Role Twin::role_of(const std::string& name, const Variable& variable) const {
 }
 
 void Twin::declare(Variables& variables) {
+  outside_ = {};
+  variables.foreign();  // FMUs among the components need not tell their units of measure
+  outside_.foreign();
+  std::set<std::string> taken;
   for (const Member& member : members_) {
     for (const Variable& v : member.variables()) {
-      const std::string name = member.name() + "." + v.name;
-      const Role role = role_of(name, v);
+      const std::string full = member.name() + "." + v.name;
+      const Role role = role_of(full, v);
+      std::string name = identifier(full);
+      while (!taken.insert(name).second) name += '_';
       std::visit(
           [&](auto storage) {
-            auto declared = declare_as(role, variables, identifier(name), storage, v);
+            auto declared = declare_as(role, variables, name, storage, v);
             declared.range(v.min, v.max);
             if (role == Role::kOutput && v.has_start) declared.start();
+            if (role == Role::kOutput && v.discrete) declared.discrete();
+            if (role == Role::kInput || role == Role::kTunable) declare_as(role, outside_, name, storage, v);
           },
           v.storage);
     }
@@ -85,20 +101,90 @@ void Twin::initialise(Time start) {
   engine_.emplace(scenario_, members_, 1, false);
   engine_->initialise(start);
   tick_ = 0;
+  std::fill(discarded_by_.begin(), discarded_by_.end(), 0);
+  most_parts_ = 1;
+  if (can_go_back_) {  // makes the room that steps need
+    past_.resize(kCheckpointEvery);
+    for (Past& past : past_) past.outside.take(outside_);
+    checkpoint_.take(tick_, members_, engine_->schedule, engine_->events);
+  }
+  forget_the_past();
+}
+
+void Twin::forget_the_past() {
+  checkpointed_ = false;
+  past_ticks_ = 0;
+}
+
+bool Twin::tick(Time begin, Time end) {
+  if (past_.empty()) return engine_->advance(tick_, begin, end, 1, false) == Engine::kNobody;
+  if (!checkpointed_ || tick_ % kCheckpointEvery == 0) {
+    checkpoint_.take(tick_, members_, engine_->schedule, engine_->events);
+    checkpointed_ = true;
+    past_ticks_ = 0;
+  }
+  Past& now = past_[past_ticks_++];
+  now.outside.take(outside_);
+  now.begin = begin;
+  now.end = end;
+  const std::size_t who = engine_->advance(tick_, begin, end, 1, false);
+  if (who == Engine::kNobody) return true;
+  ++discarded_by_[engine_->schedule.slots[who].member];
+  return tick_in_parts(begin, end);
+}
+
+/// The ticks since the checkpoint are made once more, to the same bits, with what the host had written before each.
+bool Twin::tick_in_parts(Time begin, Time end) {
+  checkpoint_.restore(members_, engine_->schedule, engine_->events);
+  for (std::size_t i = 0; i < past_ticks_; ++i) {
+    const Past& past = past_[i];
+    past.outside.write(outside_);
+    if (i + 1 == past_ticks_) break;
+    const std::size_t again =
+        engine_->advance(checkpoint_.tick() + static_cast<std::int64_t>(i), past.begin, past.end, 1, false);
+    if (again == Engine::kNobody) continue;
+    throw Error("'" + engine_->name(again) + "' discards at t = " + text::to_text(past.begin.seconds()) +
+                " s a step that it has made before: its variables do not hold all that it remembers");
+  }
+  checkpoint_.take(tick_, members_, engine_->schedule, engine_->events);
+  forget_the_past();
+  for (int parts = 2; parts <= kMostParts; parts *= 2) {
+    const std::size_t who = engine_->advance(tick_, begin, end, parts, false);
+    if (who == Engine::kNobody) {
+      most_parts_ = std::max(most_parts_, parts);
+      return true;
+    }
+    checkpoint_.restore(members_, engine_->schedule, engine_->events);
+  }
+  return false;
+}
+
+void Twin::tell(std::vector<std::string>& notes) const {
+  for (std::size_t m = 0; m < members_.size(); ++m) {
+    if (discarded_by_[m] == 0) continue;
+    notes.push_back(members_[m].name() + " discarded " + std::to_string(discarded_by_[m]) +
+                    " ticks, which were made in up to " + std::to_string(most_parts_) + " parts");
+  }
+  for (const Member& member : members_) {
+    std::vector<std::string> of_member;
+    member.instance.unit->tell(of_member);
+    for (const std::string& note : of_member) notes.push_back(member.name() + ": " + note);
+  }
 }
 
 StepResult Twin::step(Time now, Duration h) {
   const std::int64_t ticks = (h.ns + scenario_.tick.ns - 1) / scenario_.tick.ns;
-  const Duration tick{h.ns / ticks};
+  const Duration part{h.ns / ticks};
   for (std::int64_t i = 0; i < ticks; ++i, ++tick_) {
-    const Time end = i + 1 == ticks ? now + h : now + (i + 1) * tick;
-    if (engine_->advance(tick_, now + i * tick, end, 1, false) != Engine::kNobody) return StepResult::kDiscard;
+    const Time end = i + 1 == ticks ? now + h : now + (i + 1) * part;
+    if (!tick(now + i * part, end)) return StepResult::kDiscard;
     if (engine_->finished_by() != Engine::kNobody) return StepResult::kFinished;
   }
   return StepResult::kDone;
 }
 
 void Twin::restored() {
+  forget_the_past();
   for (const Member& member : members_) member.instance.unit->restored();
 }
 
@@ -139,10 +225,6 @@ void Twin::restore_memory(const std::string& bytes) {
   for (const Member& member : members_) member.instance.unit->restore_memory(in.text());
   in.expect_end();
   engine_->events.back_to(events);
-}
-
-bool Twin::restorable() const {
-  return std::all_of(members_.begin(), members_.end(), [](const Member& m) { return m.instance.unit->restorable(); });
 }
 
 }  // namespace cotwin::master

@@ -16,7 +16,11 @@ std::unique_ptr<cotwin::Unit> make_twin(Settings& settings) {
   std::ostringstream content;
   content << in.rdbuf();
   if (!in) throw Error(file.string(), "cannot be read");
-  return master::build_twin(master::deserialise_twin(content.str(), file.string()), file.parent_path(), unit_types());
+  std::vector<std::string> warnings;
+  auto twin =
+      master::build_twin(master::deserialise_twin(content.str(), file.string()), file.parent_path(), unit_types(), &warnings);
+  for (std::string& warning : warnings) settings.warn(std::move(warning));
+  return twin;
 }
 
 }  // namespace

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <array>
+#include <optional>
 
 #include "fmu/bytes.h"
+#include "fmu/foreign_package.h"
 #include "fmu/package.h"
 #include "models/text/error.h"
 
@@ -131,6 +133,10 @@ TwinPackage deserialise_twin(std::string_view bytes, const std::string& place) {
   get(in, s.units);
   get(in, package.packages);
   if (package.packages.size() != s.components.size()) in.fail("has not as many units as components");
+  if (s.tick.ns < 1 || s.stop < s.start) in.fail("has times that no scenario has");
+  for (const ComponentSpec& c : s.components) {
+    if (c.period < 1) in.fail("has a component that never steps");
+  }
   std::vector<std::string> outputs;
   get(in, outputs);
   package.outputs.insert(outputs.begin(), outputs.end());
@@ -138,23 +144,65 @@ TwinPackage deserialise_twin(std::string_view bytes, const std::string& place) {
   return package;
 }
 
+namespace {
+
+Instance build_unit(const fmu::Package& unit, const std::filesystem::path& resources, std::span<const UnitType> types) {
+  const auto type = std::find_if(types.begin(), types.end(), [&](const UnitType& t) { return t.name == unit.unit; });
+  if (type == types.end()) throw Error("there is no unit " + unit.unit + " in this library");
+  Settings settings(unit.unit, unit.query, {}, {resources});
+  settings.set_robot(unit.robot);
+  settings.set_cell(unit.cell);
+  Instance instance;
+  instance.unit = type->make(settings);
+  instance.unit->declare(instance.variables);
+  unit.start.write(instance.variables);
+  instance.warnings = settings.warnings();
+  return instance;
+}
+
+Instance build_fmu(fmu::ForeignPackage package, const std::filesystem::path& resources) {
+  const std::string name = package.name, folder = package.folder;
+  try {
+    if (!std::filesystem::is_directory(resources / folder))
+      throw Error("there is no folder resources/" + folder + ", which holds it unpacked");
+    return fmu::make_instance(std::move(package), resources);
+  } catch (const Error& error) {
+    const std::string what = error.what();
+    if (what.rfind(name + ": ", 0) == 0) throw;
+    throw Error(name, what);
+  }
+}
+
+}  // namespace
+
 std::unique_ptr<Twin> build_twin(const TwinPackage& package, const std::filesystem::path& resources,
-                                 std::span<const UnitType> types) {
+                                 std::span<const UnitType> types, std::vector<std::string>* warnings) {
   std::vector<Member> members;
+  bool states_leave = true;
   for (std::size_t i = 0; i < package.packages.size(); ++i) {
     const ComponentSpec& spec = package.scenario.components[i];
-    const fmu::Package unit = fmu::deserialise_package(package.packages[i], "component '" + spec.name + "'");
-    const auto type = std::find_if(types.begin(), types.end(), [&](const UnitType& t) { return t.name == unit.unit; });
-    if (type == types.end()) throw Error("component '" + spec.name + "'", "there is no unit " + unit.unit + " in this library");
-    Settings settings(unit.unit, unit.query, {}, {resources});
-    settings.set_robot(unit.robot);
+    const std::string &bytes = package.packages[i], place = "component '" + spec.name + "'";
     Member member{spec, {}};
-    member.instance.unit = type->make(settings);
-    member.instance.unit->declare(member.instance.variables);
-    unit.start.write(member.instance.variables);
+    // What reads the bytes names the place itself.
+    std::optional<fmu::ForeignPackage> held;
+    std::optional<fmu::Package> unit;
+    if (fmu::is_foreign_package(bytes)) {
+      held = fmu::deserialise_foreign(bytes, place);
+    } else {
+      unit = fmu::deserialise_package(bytes, place);
+    }
+    try {
+      states_leave = states_leave && (!held || held->interface().can_serialise_state);
+      member.instance = held ? build_fmu(std::move(*held), resources) : build_unit(*unit, resources, types);
+    } catch (const Error& error) {
+      throw Error(place, error.what());
+    }
+    if (warnings != nullptr) {
+      for (const std::string& warning : member.instance.warnings) warnings->push_back(spec.name + ": " + warning);
+    }
     members.push_back(std::move(member));
   }
-  return std::make_unique<Twin>(package.scenario, std::move(members), package.outputs);
+  return std::make_unique<Twin>(package.scenario, std::move(members), package.outputs, states_leave);
 }
 
 }  // namespace cotwin::master

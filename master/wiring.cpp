@@ -31,12 +31,22 @@ Link resolve(const ConnectionSpec& connection, const Scenario& scenario, std::sp
   const std::string what = from_name + " -> " + to_name;
   const std::string& place = connection.place;
 
-  Link link{find_signal(members, from_name, place), find_signal(members, to_name, place), 1, 0, false};
+  Link link{find_signal(members, from_name, place), find_signal(members, to_name, place), 1, 0, false, {}};
   const Variable &from = *link.from.variable, &to = *link.to.variable;
+  const bool plain = connection.factor == 1 && connection.offset == 0;
+  if (plain && from.role == Role::kInput && to.role == Role::kOutput) {
+    // A connection joins two connectors. Where the system does not list them, the components say which of them is the source.
+    ConnectionSpec other = connection;
+    std::swap(other.from, other.to);
+    return resolve(other, scenario, members);
+  }
   if (from.role != Role::kOutput)
     fail(place, what + ": " + from_name + " is " + with_article(from.role) + ", expected an output");
-  link.initial = to.role == Role::kParameter || to.role == Role::kTunable;
-  if (to.role != Role::kInput && !link.initial) {
+  for (const Variable& v : members[link.from.member].variables()) {
+    if (v.derivative_of == from.name) link.derivative = v.reals().subspan(link.from.first, link.from.count);
+  }
+  link.initial = to.role == Role::kParameter;
+  if (to.role != Role::kInput && to.role != Role::kTunable && !link.initial) {
     fail(place, what + ": " + to_name + " is " + with_article(to.role) + ", expected an input or a parameter");
   }
   const bool kinds_fit = from.kind() == to.kind() || (from.kind() == Kind::kInteger && to.kind() == Kind::kReal);
@@ -77,18 +87,17 @@ bool same_bits(double a, double b) { return std::bit_cast<std::uint64_t>(a) == s
 
 std::vector<Link> resolve_links(const Scenario& scenario, std::span<const Member> members) {
   std::vector<Link> links;
-  std::map<std::pair<const Variable*, std::size_t>, const ConnectionSpec*> fed;
+  std::map<std::pair<const Variable*, std::size_t>, std::size_t> fed;  // by the connection of that index
   for (const ConnectionSpec& connection : scenario.connections) {
     links.push_back(resolve(connection, scenario, members));
     const Signal& to = links.back().to;
     for (std::size_t e = to.first; e < to.first + to.count; ++e) {
-      const auto [earlier, is_first] = fed.emplace(std::pair{to.variable, e}, &connection);
+      const auto [earlier, is_first] = fed.emplace(std::pair{to.variable, e}, links.size() - 1);
       if (is_first) continue;
-      const Port& other = earlier->second->from;
+      const std::string& place = scenario.connections[earlier->second].place;
       fail(connection.place, links.back().from.name + " -> " + to.name + ": the input " +
                                  element_name(members[to.member].name(), *to.variable, e) + " is already fed by " +
-                                 other.component + "." + other.variable +
-                                 (earlier->second->place.empty() ? "" : " (" + earlier->second->place + ")"));
+                                 links[earlier->second].from.name + (place.empty() ? "" : " (" + place + ")"));
     }
   }
   return links;
@@ -130,11 +139,15 @@ void Wiring::add(const Link& link, bool earlier_stage, bool slower_source) {
   } else if (to.rate.empty() || link.from.variable->kind() != Kind::kReal) {
     copies_.push_back(make_copy(link));
   } else {
-    const Ramp ramp = earlier_stage ? Ramp::kInterpolate : slower_source ? Ramp::kHold : Ramp::kExtrapolate;
+    const Ramp ramp = link.from.variable->discrete ? Ramp::kHold
+                      : earlier_stage              ? Ramp::kInterpolate
+                      : slower_source              ? Ramp::kHold
+                                                   : Ramp::kExtrapolate;
     const std::size_t at = targets_.size();
     targets_.resize(at + link.to.count);
     ramps_.push_back({ramp, static_cast<std::uint32_t>(link.to.count), link.from.reals().data(), link.to.reals().data(),
-                      to.rate.data() + link.to.first, targets_.data() + at, link.factor, link.offset});
+                      to.rate.data() + link.to.first, targets_.data() + at, link.factor, link.offset,
+                      ramp == Ramp::kExtrapolate && !link.derivative.empty() ? link.derivative.data() : nullptr});
   }
 }
 
@@ -221,7 +234,7 @@ void Wiring::begin_ramps(std::size_t slot, Duration h, Duration last) {
     const double slope = r.ramp == Ramp::kHold || span == 0 ? 0 : 1 / span;
     for (std::uint32_t i = 0; i < r.count; ++i) {
       const double value = r.factor * r.from[i] + r.offset;
-      r.rate[i] = (value - r.to[i]) * slope;
+      r.rate[i] = r.derivative != nullptr ? r.factor * r.derivative[i] : (value - r.to[i]) * slope;
       r.target[i] = value;
       if (!interpolate) r.to[i] = value;
     }

@@ -18,6 +18,8 @@ struct Link {
   /// It ends at a parameter, which follows the output during initialisation and keeps what it has then (SSP:
   /// calculatedParameter → parameter), as where a drive starts at the first position of a recording.
   bool initial = false;
+  /// Of a real output the time derivative of which is another variable of its unit: that variable's values; else empty.
+  std::span<const double> derivative;
 };
 
 /// Resolves the connections. Throws Error `a.x -> b.u: …` for roles other than output → input or parameter, kinds, sizes and
@@ -35,8 +37,9 @@ class Wiring {
   }
 
   /// Inputs that their unit follows linearly over its step (Variable::rate). From a unit of an earlier stage the value at the
-  /// end of the step is known and the input runs there from the last value; otherwise it continues with the slope of the last
-  /// step, or is held if its source steps more rarely. `h`: the step to come; `last`: the step before, 0 if none.
+  /// end of the step is known and the input runs there from the last value; otherwise it continues with the derivative that
+  /// the source knows, else with the slope of the last step, or is held if its source steps more rarely. `h`: the step to come;
+  /// `last`: the step before, 0 if none.
   bool ramped(std::size_t slot) const { return ramp_begin_[slot] != ramp_begin_[slot + 1]; }
   void begin_ramps(std::size_t slot, Duration h, Duration last);
   /// Leaves the inputs at the values that hold at the end of the step.
@@ -65,6 +68,7 @@ class Wiring {
     double* rate;
     double* target;
     double factor, offset;
+    const double* derivative;  // of `from`, nullptr if it is not known
   };
 
   static void run(const Copy& copy) {

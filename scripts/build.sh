@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
 # build.sh FOLDER[:TARGET] [cmake options…]: configures and builds into build/FOLDER. Says something only where there is something to do.
+# Where ccache is installed, it is used, so that another checkout of the same sources need not be compiled again.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 folder=build/${1%%:*}
@@ -9,6 +10,9 @@ shift
 log=$folder/build.log
 mkdir -p "$folder"
 run() { "$@" >"$log" 2>&1 || { cat "$log" >&2; echo "failed: $*" >&2; exit 1; }; }
+if command -v ccache >/dev/null; then
+  export CMAKE_C_COMPILER_LAUNCHER=ccache CMAKE_CXX_COMPILER_LAUNCHER=ccache CCACHE_BASEDIR=$PWD CCACHE_NOHASHDIR=1
+fi
 run cmake -S . -B "$folder" -G Ninja "$@"
 if ! ninja -C "$folder" -n "$target" | grep -q 'no work to do'; then
   echo "building into $folder (the first time takes a few minutes)"

@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "components/compliance/second_order.h"
+#include "models/robot/body_parameters.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/friction.h"
 #include "models/robot/robot_model.h"
@@ -24,6 +25,7 @@ struct Compliance::Dynamics {
   explicit Dynamics(const robot::RobotModel& robot)
       : mechanism(robot),
         data(mechanism),
+        bodies(robot),
         C(robot.n(), robot.n()),
         q(robot.n()),
         dq(robot.n()),
@@ -33,6 +35,7 @@ struct Compliance::Dynamics {
 
   robot::Mechanism mechanism;
   robot::Data data;
+  robot::BodyParameters bodies;
   Eigen::MatrixXd C;
   Eigen::VectorXd q, dq, v, s, tau;
 };
@@ -68,6 +71,7 @@ Compliance::~Compliance() = default;
 void Compliance::initialise(Time) {
   check();
   in_force_ = wanted_;
+  dynamics_->bodies.take("compliance", dynamics_->mechanism);
   warning_.clear();
   warning_.reserve(std::string_view(kSaturatedWarning).size());  // a step allocates nothing
   for (std::size_t i = 0; i < n_; ++i) Delta_[i] = dDelta_[i] = z_[i] = 0;
@@ -116,6 +120,17 @@ void Compliance::follow_tunables(double h) {
       value = target + (value - target) * remaining;
     }
   }
+  dynamics_->bodies.follow("compliance", remaining, dynamics_->mechanism);
+}
+
+void Compliance::restored() { dynamics_->bodies.restored(dynamics_->mechanism); }
+
+void Compliance::declare_bodies(Variables& v) {
+  robot::BodyParameters& b = dynamics_->bodies;
+  v.tunable("mass", b.mass, "kg", "mass of each body of the robot, as its model has it at the start");
+  v.tunable("first_moment", b.first_moment, "kg.m", "mass times centre of mass of body after body, in its frame (x, y, z)");
+  v.tunable("inertia", b.inertia, "kg.m2", "inertia of body after body about its frame's origin: xx, xy, xz, yy, yz, zz");
+  v.state("bodies", b.in_force, "1", "the ten inertial parameters in force of body after body");
 }
 
 void Compliance::move_compliantly(double h) {

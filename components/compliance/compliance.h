@@ -37,6 +37,7 @@ class Compliance final : public Unit {
   /// Throws Error for parameters without meaning, e.g. M_a = 0 (which would let q̇_c jump).
   void initialise(Time start) override;
   StepResult step(Time now, Duration h) override;
+  void restored() override;
 
  private:
   using Joints = std::vector<double>;  // one value a joint
@@ -56,6 +57,7 @@ class Compliance final : public Unit {
     }
   };
 
+  void declare_bodies(Variables& v);
   void check();
   void take_error();
   void follow_tunables(double h);

@@ -95,14 +95,15 @@ void Compliance::declare(Variables& v) {
   v.state("dtheta_c", dtheta_c_, "rad/s", "motor velocity of the compliant motion");
 
   v.output("q_c", q_c_, "rad", "compliant joint position");
-  v.output("dq_c", dq_c_, "rad/s", "compliant joint velocity");
-  v.output("ddq_c", ddq_c_, "rad/s2", "compliant joint acceleration");
+  v.output("dq_c", dq_c_, "rad/s", "compliant joint velocity").derivative_of("q_c");
+  v.output("ddq_c", ddq_c_, "rad/s2", "compliant joint acceleration").derivative_of("dq_c");
   v.output("tau_m", tau_m_, "N.m", "motor torque of (2b) that tracks q_c");
   v.output("tau_id", tau_id_, "N.m", "inverse dynamics (2a) alone: M ddq_c + C dq_c + g - tau_e, plus tau_f");
   v.output("tau_f", tau_f_, "N.m", "friction of both sides in the compliant motion, after the friction parameters");
   v.output("tau_excess", tau_excess_, "N.m", "motor torque asked for beyond tau_max, and not given");
   v.output("saturated", saturated_, "whether any joint's motor torque is at its limit");
   v.output("warning", warning_, "what the user should know after the run; empty if nothing");
+  declare_bodies(v);
 }
 
 void Compliance::check() {

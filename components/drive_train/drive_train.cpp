@@ -64,6 +64,7 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
       n_(kind.joints),
       equations_(kind.robot ? &*kind.robot : nullptr, n_, kind.link, kind.transmission, kind.friction),
       rosenbrock_(equations_),
+      partials_(equations_),
       q0_(n_),
       dq0_(n_),
       tau_m_(n_),
@@ -119,14 +120,15 @@ void DriveTrain::declare(Variables& v) {
   if (inside) {
     v.input("tau_e", tau_e_, "N.m", "external joint torque in (2a)").rate(dtau_e_);
     v.output("q", part(0), "rad", "link-side joint position in (2a)");
-    v.output("dq", part(1), "rad/s", "link-side joint speed");
-    v.output("ddq", ddq_, "rad/s2", "link-side joint acceleration, of (2a)");
+    v.output("dq", part(1), "rad/s", "link-side joint speed").derivative_of("q");
+    v.output("ddq", ddq_, "rad/s2", "link-side joint acceleration, of (2a)").derivative_of("dq");
   } else {
     v.input("q", q_in_, "rad", "link-side joint position in (2c)");
     v.input("dq", dq_in_, "rad/s", "link-side joint speed, the derivative of q");
+    v.input("tau_e", tau_e_, "N.m", "external joint torque: unused, for it acts on the links, and those are elsewhere");
   }
   v.output("theta", part(2), "rad", "motor position behind the gear in (2b)");
-  v.output("dtheta", part(3), "rad/s", "motor speed behind the gear");
+  v.output("dtheta", part(3), "rad/s", "motor speed behind the gear").derivative_of("theta");
   v.output("tau_J", tau_J_, "N.m", "joint torque in (2a), (2b), (2c)");
   v.output("tau_f", tau_f_, "N.m", "friction torque of the motor in (2b)");
   v.output("energy_kinetic", kinetic_, "J", flexible ? "of motors and, inside, links" : "of links and motors");
@@ -136,8 +138,8 @@ void DriveTrain::declare(Variables& v) {
   v.output("work_m", work_m_, "J", "done by tau_m since the start");
   v.output("work_e", work_e_, "J",
            inside ? "done by tau_e since the start" : "done by the links on the drive, -tau_J dq, since the start");
-  v.output("power_m", power_m_, "W", "tau_m times dtheta");
-  v.output("power_e", power_e_, "W", inside ? "tau_e times dq" : "minus tau_J times dq");
+  v.output("power_m", power_m_, "W", "tau_m times dtheta").derivative_of("work_m");
+  v.output("power_e", power_e_, "W", inside ? "tau_e times dq" : "minus tau_J times dq").derivative_of("work_e");
   v.output("substeps", substeps_, "sub-steps that the solver took in this step");
   v.output("forced_substeps", forced_, "of them, those taken against the tolerance because max_substeps allowed no more");
   v.output("events", events_, "joints that stuck, broke away, or came into or out of a stop in this step");
@@ -188,6 +190,10 @@ void DriveTrain::initialise(Time start) {
   check_parameters();
   check_inputs(start);
   equations_.adopt_parameters();
+  if (equations_.inside()) {
+    equations_.take_bodies(place_);
+    bodies_before_step_ = equations_.bodies().in_force;  // makes the room that steps need
+  }
   rosenbrock_.forget();
   equations_.modes().clear();
   std::fill(x_.begin(), x_.end(), 0.0);
@@ -237,6 +243,7 @@ void DriveTrain::initialise(Time start) {
 void DriveTrain::take_course(double h) {
   Course& c = equations_.course();
   const bool ramp = input_order_ == 1 && h > 0;
+  const bool arc = (link_order_ < 0 ? input_order_ : link_order_) == 1 && h > 0;
   for (std::size_t i = 0; i < n_; ++i) {
     c.tau_m[i] = ramp ? tau_m_before_[i] : tau_m_[i];
     c.tau_e[i] = ramp ? tau_e_before_[i] : tau_e_[i];
@@ -244,12 +251,12 @@ void DriveTrain::take_course(double h) {
     c.dtau_e[i] = ramp ? (tau_e_[i] - tau_e_before_[i]) / h : dtau_e_[i];
     if (equations_.inside()) continue;
     double *c0 = c.link.data() + i, *c1 = c0 + n_, *c2 = c1 + n_, *c3 = c2 + n_;
-    *c0 = ramp ? q_before_[i] : q_in_[i];
-    *c1 = ramp ? dq_before_[i] : dq_in_[i];
+    *c0 = arc ? q_before_[i] : q_in_[i];
+    *c1 = arc ? dq_before_[i] : dq_in_[i];
     // Hermite's cubic through q and q̇ at both ends
-    const double chord = ramp ? (q_in_[i] - q_before_[i]) / h : 0;
-    *c2 = ramp ? (3 * chord - 2 * dq_before_[i] - dq_in_[i]) / h : 0;
-    *c3 = ramp ? (dq_before_[i] + dq_in_[i] - 2 * chord) / (h * h) : 0;
+    const double chord = arc ? (q_in_[i] - q_before_[i]) / h : 0;
+    *c2 = arc ? (3 * chord - 2 * dq_before_[i] - dq_in_[i]) / h : 0;
+    *c3 = arc ? (dq_before_[i] + dq_in_[i] - 2 * chord) / (h * h) : 0;
   }
 }
 
@@ -259,6 +266,9 @@ StepResult DriveTrain::step(Time now, Duration duration) {
   check_inputs(now);
   const double h = duration.seconds();
   take_course(h);
+  const bool tunable = equations_.inside() && !uses_sundials();
+  if (tunable) bodies_before_step_ = equations_.bodies().in_force;
+  if (tunable && equations_.follow_bodies(place_, transition_ > 0 ? std::exp(-h / transition_) : 0.0)) rosenbrock_.forget();
   x_before_step_ = x_;
   modes_before_step_ = equations_.modes();
   const double proposal_before = proposal_;
@@ -271,6 +281,10 @@ StepResult DriveTrain::step(Time now, Duration duration) {
     x_ = x_before_step_;
     equations_.modes() = modes_before_step_;
     proposal_ = proposal_before;
+    if (tunable) {
+      equations_.bodies().in_force = bodies_before_step_;
+      equations_.restored_bodies();
+    }
     rosenbrock_.forget();
     return StepResult::kDiscard;
   }
@@ -317,8 +331,19 @@ void DriveTrain::write_outputs(double h, const Point& end) {
   elastic_ = e.elastic;
 }
 
+void DriveTrain::evaluate_partials(std::span<double> values) {
+  std::vector<double>& x = partials_.state();
+  std::copy(x_.begin(), x_.end(), x.begin());
+  if (!equations_.inside()) {
+    std::copy(q_in_.begin(), q_in_.end(), x.begin());
+    std::copy(dq_in_.begin(), dq_in_.end(), x.begin() + static_cast<std::ptrdiff_t>(n_));
+  }
+  partials_.evaluate(equations_, tau_m_, tau_e_, values);
+}
+
 void DriveTrain::restored() {
   equations_.adopt_parameters();
+  if (equations_.inside()) equations_.restored_bodies();
   rosenbrock_.forget();
   if (!uses_sundials()) return;
   sundials_->configure({.relative = rtol_, .angle = atol_, .speed = atol_speed_});

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "components/drive_train/equations.h"
+#include "components/drive_train/partials.h"
 #include "components/drive_train/rosenbrock.h"
 #include "components/drive_train/sundials_solver.h"
 #include "components/unit/settings.h"
@@ -34,6 +35,8 @@ class DriveTrain final : public Unit {
   /// SUNDIALS gives up.
   StepResult step(Time now, Duration h) override;
   void restored() override;
+  std::span<const Partial> partials() const override { return partials_.list(); }
+  void evaluate_partials(std::span<double> values) override;
 
  private:
   struct Kind;
@@ -49,17 +52,20 @@ class DriveTrain final : public Unit {
   std::size_t n_;
   Equations equations_;
   Rosenbrock rosenbrock_;
+  Partials partials_;
   std::unique_ptr<SundialsSolver> sundials_;
 
   std::vector<double> q0_, dq0_;
   double rtol_ = 0, atol_ = 3e-10, atol_speed_ = 2e-7;
-  std::int32_t max_substeps_ = 64, input_order_ = 0;
+  std::int32_t max_substeps_ = 64, input_order_ = 0, link_order_ = -1;
 
   std::vector<double> tau_m_, dtau_m_, tau_e_, dtau_e_, q_in_, dq_in_;  // inputs
   std::vector<double> tau_m_before_, tau_e_before_, q_before_, dq_before_;
   std::vector<double> x_, x_before_step_;  // (q | q̇ | θ | θ̇ | z)
   Modes modes_before_step_;
+  std::vector<double> bodies_before_step_;
   double proposal_ = 0;
+  double transition_ = 0.5;
 
   std::vector<double> ddq_, tau_J_, tau_f_;  // outputs
   double kinetic_ = 0, potential_ = 0, elastic_ = 0, dissipated_ = 0, work_m_ = 0, work_e_ = 0, power_m_ = 0, power_e_ = 0;

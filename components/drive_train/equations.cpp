@@ -73,10 +73,18 @@ Point::Point(std::size_t n)
       h(n) {}
 
 struct Equations::Dynamics {
-  explicit Dynamics(const robot::RobotModel& robot) : mechanism(robot), data(mechanism) {}
+  explicit Dynamics(const robot::RobotModel& robot) : mechanism(robot), data(mechanism), bodies(robot) {}
   robot::Mechanism mechanism;
   robot::Data data;
+  robot::BodyParameters bodies;
 };
+
+robot::BodyParameters& Equations::bodies() { return dynamics_->bodies; }
+void Equations::take_bodies(const std::string& place) { dynamics_->bodies.take(place, dynamics_->mechanism); }
+bool Equations::follow_bodies(const std::string& place, double remaining) {
+  return dynamics_->bodies.follow(place, remaining, dynamics_->mechanism);
+}
+void Equations::restored_bodies() { dynamics_->bodies.restored(dynamics_->mechanism); }
 
 Equations::Equations(const robot::RobotModel* robot, std::size_t n, Link link, Transmission transmission, Friction friction)
     : n_(n),
@@ -233,6 +241,22 @@ void Equations::inverse_dynamics(const double* x, const double* a, double* tau) 
   }
 }
 
+void Equations::inverse_dynamics_derivatives(const double* x, const double* a, double* by_q, double* by_dq) {
+  robot::inverse_dynamics_derivatives(dynamics_->mechanism, dynamics_->data, ConstMap(x, index(n_)),
+                                      ConstMap(x + n_, index(n_)), ConstMap(a, index(n_)),
+                                      MatrixMap(by_q, index(n_), index(n_)), MatrixMap(by_dq, index(n_), index(n_)));
+}
+
+void Equations::energy_gradients(const double* x, double* kinetic_by_q, double* potential_by_q) {
+  const ConstMap q(x, index(n_)), dq(x + n_, index(n_));
+  robot::coriolis_matrix(dynamics_->mechanism, dynamics_->data, q, dq, MatrixMap(scratch_.data(), index(n_), index(n_)));
+  for (std::size_t j = 0; j < n_; ++j) {
+    kinetic_by_q[j] = 0;
+    for (std::size_t i = 0; i < n_; ++i) kinetic_by_q[j] += scratch_[j * n_ + i] * x[n_ + i];
+  }
+  robot::gravity(dynamics_->mechanism, dynamics_->data, q, Map(potential_by_q, index(n_)));
+}
+
 double Equations::link_drive(std::size_t i, double t) const {
   const double tau_e = course_.tau_e[i] + course_.dtau_e[i] * t;
   return flexible() ? tau_e : tau_e + motor_torque(i, t);
@@ -348,6 +372,7 @@ double Equations::dissipation(const double* x, const Point& p) const {
 }
 
 double Equations::stop_spring(std::size_t i, double q) const {
+  if (modes_.stop[i] == 0) return 0;
   const double depth = modes_.stop[i] > 0 ? q - parameters_.q_max[i] : parameters_.q_min[i] - q;
   return parameters_.stop_stiffness[i] * std::max(depth, 0.0);
 }

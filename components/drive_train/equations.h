@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "models/robot/body_parameters.h"
 #include "models/robot/friction.h"
 #include "models/robot/robot_model.h"
 
@@ -88,6 +89,11 @@ class Equations {
   const Course& course() const { return course_; }
   const Modes& modes() const { return modes_; }
   bool has_stops() const { return has_stops_; }
+  /// The links' inertial parameters; link inside. follow_bodies() tells whether anything changed.
+  robot::BodyParameters& bodies();
+  void take_bodies(const std::string& place);
+  bool follow_bodies(const std::string& place, double remaining);
+  void restored_bodies();
 
   double motor_torque(std::size_t i, double t) const { return course_.tau_m[i] + course_.dtau_m[i] * t; }
   /// True for a motor that Coulomb friction holds.
@@ -108,6 +114,10 @@ class Equations {
   void derivative(double t, const double* x, const Point& p, double* dx);
   /// q̈ from the forces of p.
   void acceleration(double t, const Point& p, double* ddq);
+  /// ∂(M a + C q̇ + g)/∂q and /∂q̇ at fixed a (n x n, by columns). Link inside.
+  void inverse_dynamics_derivatives(const double* x, const double* a, double* by_q, double* by_dq);
+  /// ∂T/∂q = Cᵀ q̇ of the links' kinetic energy T = ½ q̇ᵀ M q̇ (Ṁ = C + Cᵀ), and g = ∂U/∂q. Link inside.
+  void energy_gradients(const double* x, double* kinetic_by_q, double* potential_by_q);
 
   /// Makes the factors of W = I − γ J at p. J has all stiff terms (springs, friction, stops) exactly, and leaves out ∂(C q̇ + g)
   /// and what would make W indefinite (negative slopes of friction). z, θ and the motors are eliminated by hand: what remains
@@ -122,10 +132,11 @@ class Equations {
   /// Power lost in friction, damping and stops, W.
   double dissipation(const double* x, const Point& p) const;
   Energies energies(const double* x, const Point& p);
+  /// k δ of joint i's stop, N.m; 0 outside of it.
+  double stop_spring(std::size_t i, double q) const;
 
  private:
   robot::StopTorque stop(std::size_t i, double q, double dq) const;
-  double stop_spring(std::size_t i, double q) const;
   double link_drive(std::size_t i, double t) const;
 
   std::size_t n_;

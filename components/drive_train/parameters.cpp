@@ -50,6 +50,23 @@ void DriveTrain::declare_parameters(Variables& v) {
               "one, which is "
               "that at the step's end (q and dq outside: a cubic; with 0 q moves on with dq)")
       .range(0, 1);
+  v.parameter(
+       "link_order", link_order_,
+       "the same for q and dq with link=outside: 1 where their source makes its step before this unit's; -1: as input_order")
+      .range(-1, 1);
+  if (!equations_.inside()) return;
+  robot::BodyParameters& b = equations_.bodies();
+  // SUNDIALS' history is replayed after a restored snapshot, with the bodies of its end: they have to be those of its
+  // beginning.
+  const auto declare = [&](const char* name, std::vector<double>& values, const char* si, const char* description) {
+    return uses_sundials() ? v.parameter(name, values, si, description) : v.tunable(name, values, si, description);
+  };
+  declare("mass", b.mass, "kg", "mass of each body of the robot, as its model has it at the start");
+  declare("first_moment", b.first_moment, "kg.m", "mass times centre of mass of body after body, in its frame (x, y, z)");
+  declare("inertia", b.inertia, "kg.m2", "inertia of body after body about its frame's origin: xx, xy, xz, yy, yz, zz");
+  v.parameter("transition", transition_, "s", "time constant with which the bodies follow changes of these; 0: at once")
+      .range(0, 1e6);
+  v.state("bodies", b.in_force, "1", "the ten inertial parameters in force of body after body");
 }
 
 void DriveTrain::check_parameters() const {

@@ -281,6 +281,9 @@ bool SundialsSolver::step(double h, double* x, StepAccount& account) {
 
 void SundialsSolver::replay() {
   if (log_.count == 0) return;
+  if (log_.count < 0 || static_cast<std::size_t>(log_.count) > kLogLength) {
+    throw Error("log_count", "is " + std::to_string(log_.count) + ", expected 0 to " + std::to_string(kLogLength));
+  }
   const std::size_t n = equations_.n();
   double* x = x_replayed_.data();
   std::copy(log_.x.begin(), log_.x.end(), x);

@@ -1,6 +1,7 @@
 #include "components/io/io.h"
 
 #include "components/io/recording_link.h"
+#include "components/io/sensor_link.h"
 #include "models/robot/robot_model.h"
 #include "models/text/error.h"
 
@@ -21,7 +22,7 @@ std::vector<trajectory::Axis> axes_of(Settings& settings) {
 }
 
 std::unique_ptr<Link> make_link(Settings& settings, std::vector<trajectory::Axis> joints) {
-  settings.choice("link", {"recording"});
+  if (settings.choice("link", {"recording", "sensors"}) == "sensors") return std::make_unique<SensorLink>(joints.size());
   return std::make_unique<RecordingLink>(settings, std::move(joints));
 }
 
@@ -36,15 +37,15 @@ void Io::declare(Variables& v) {
   v.input("q_command", command_.q, "rad", "joint position that the robot is commanded to");
   v.input("tau_command", command_.tau, "N.m", "joint torque that the robot is commanded to exert");
   v.output("q", measured_.q, "rad", "measured joint position");
-  v.output("dq", measured_.dq, "rad/s", "measured joint velocity");
-  v.output("ddq", measured_.ddq, "rad/s2", "joint acceleration derived from what was measured");
+  v.output("dq", measured_.dq, "rad/s", "measured joint velocity").derivative_of("q");
+  v.output("ddq", measured_.ddq, "rad/s2", "joint acceleration derived from what was measured").derivative_of("dq");
   v.output("tau", measured_.tau, "N.m", "joint torque as the robot measured it; 0 where has_tau is false");
   v.output("tau_e", measured_.tau_e, "N.m", "external joint torque as the robot tells it; 0 where has_tau_e is false");
   v.output("fresh", measured_.fresh, "whether something was measured within the last step");
   v.output("done", measured_.done, "whether the link has nothing more to tell");
   v.output("has_tau", measured_.has_tau, "whether the robot tells joint torques");
   v.output("has_tau_e", measured_.has_tau_e, "whether the robot tells external joint torques");
-  v.output("warning", measured_.warning, "what the user should know after initialisation; empty if nothing");
+  v.output("warning", measured_.warning, "what the user should know after the run; empty if nothing");
   link_->declare(v);
 }
 

@@ -9,10 +9,11 @@
 namespace cotwin::io {
 
 /// The port contract between the twin and its robot: the same ports whether a robot, an emulated one or a recording is behind
-/// the link. Ports are those of Measured and Command. The links: `recording` (recording_link.h).
+/// the link. Ports are those of Measured and Command. The links: `recording` (recording_link.h), `sensors` of an emulated robot
+/// (sensor_link.h).
 class Io final : public Unit {
  public:
-  /// Settings: `robot`, or `joints` = n where there is no URDF; `link` = recording.
+  /// Settings: `robot`, or `joints` = n where there is no URDF; `link` = recording|sensors.
   explicit Io(Settings& settings);
 
   void declare(Variables& v) override;

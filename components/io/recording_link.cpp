@@ -13,6 +13,18 @@ namespace {
 
 enum class Limits { kWarn, kError, kIgnore };
 
+constexpr double kSlowestLog = 0.1;  // s between samples: robots are logged at 10 Hz at least
+
+/// The median step between instants, s.
+double median_step(const std::vector<double>& t) {
+  std::vector<double> steps;
+  for (std::size_t i = 1; i < t.size(); ++i) steps.push_back(t[i] - t[i - 1]);
+  if (steps.empty()) return 0;
+  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
+  std::nth_element(steps.begin(), middle, steps.end());
+  return *middle;
+}
+
 }  // namespace
 
 RecordingLink::RecordingLink(const Settings& settings, std::vector<trajectory::Axis> axes)
@@ -99,6 +111,7 @@ void RecordingLink::load(const Source& source) {
   }
   tau_ = smoothed(recording.tau, source.tau_cutoff);
   tau_e_ = smoothed(recording.tau_e, source.tau_cutoff);
+  spacing_ = median_step(instants_);
   loaded_ = source;
 }
 
@@ -128,6 +141,15 @@ void RecordingLink::initialise(Time start, Measured& measured) {
     measured.warning += (measured.warning.empty() ? loaded_->file.string() + ": " : "; ") +
                         "no columns of joint torques were found, tau is 0; name them by tau_columns, or none";
   }
+  if (spacing_ > kSlowestLog) {
+    measured.warning += (measured.warning.empty() ? loaded_->file.string() + ": " : "; ") + "its samples are " +
+                        text::to_text(spacing_, 4) + " s apart, expected at most " + text::to_text(kSlowestLog) +
+                        " s; are its times in another unit (t_unit)?";
+  }
+  // Composed here, because a step allocates nothing.
+  ended_ = (measured.warning.empty() ? loaded_->file.string() + ": " : "; ") + "the recording ended at " +
+           text::to_text(last_ - start_, 9) + " s, after which the robot is taken to rest";
+  measured.warning.reserve(measured.warning.size() + ended_.size());
   measured.has_tau_e = tau_e_.size() > 0;
   std::fill(measured.tau.begin(), measured.tau.end(), 0.0);
   std::fill(measured.tau_e.begin(), measured.tau_e.end(), 0.0);
@@ -137,6 +159,8 @@ void RecordingLink::initialise(Time start, Measured& measured) {
 
 StepResult RecordingLink::step(Time now, Duration h, const Command&, Measured& measured) {
   measure(now.seconds(), (now + h).seconds(), measured);
+  const bool over = now >= Time::from_seconds(last_ - start_);
+  if (over && !measured.warning.ends_with(ended_)) measured.warning += ended_;
   return StepResult::kDone;
 }
 

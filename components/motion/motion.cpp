@@ -47,8 +47,8 @@ Motion::Motion(Settings& settings, std::vector<trajectory::Axis> axes)
 
 void Motion::declare(Variables& v) {
   v.output("q_d", q_d_, "rad", "desired joint position");
-  v.output("dq_d", dq_d_, "rad/s", "desired joint velocity, the derivative of q_d");
-  v.output("ddq_d", ddq_d_, "rad/s2", "desired joint acceleration, the derivative of dq_d");
+  v.output("dq_d", dq_d_, "rad/s", "desired joint velocity, the derivative of q_d").derivative_of("q_d");
+  v.output("ddq_d", ddq_d_, "rad/s2", "desired joint acceleration, the derivative of dq_d").derivative_of("dq_d");
   v.output("done", done_, "whether the motion has ended");
   v.output("duration", duration_, "s", "of the motion, once through");
   v.output("stretch", stretch_, "1", "factor on all durations: time_scale, and more where limits = stretch asks for it");

@@ -31,7 +31,15 @@ std::string unescape(std::string_view text) {
   return out;
 }
 
-std::string escape(std::string_view text) {
+std::string joined(const std::vector<std::string>& words) {
+  std::string out;
+  for (const std::string& word : words) out += (out.empty() ? "" : ", ") + word;
+  return out;
+}
+
+}  // namespace
+
+std::string escape_setting(std::string_view text) {
   static constexpr char kDigits[] = "0123456789ABCDEF";
   std::string out;
   for (const char c : text) {
@@ -45,14 +53,6 @@ std::string escape(std::string_view text) {
   }
   return out;
 }
-
-std::string joined(const std::vector<std::string>& words) {
-  std::string out;
-  for (const std::string& word : words) out += (out.empty() ? "" : ", ") + word;
-  return out;
-}
-
-}  // namespace
 
 Settings::Settings(std::string unit, std::string_view query, std::map<std::string, std::string> defaults,
                    std::vector<fs::path> folders)
@@ -128,7 +128,7 @@ fs::path Settings::file(const std::string& name, const std::string& hint) const 
   for (const fs::path& folder : folders_) {
     const fs::path candidate = (folder / path).lexically_normal();
     if (fs::exists(candidate)) return candidate;
-    if (std::find(looked.begin(), looked.end(), candidate) == looked.end()) looked.push_back(candidate);
+    if (std::find(looked.begin(), looked.end(), candidate) == looked.end()) looked.push_back(candidate.string());
   }
   std::string lines;
   for (const std::string& candidate : looked) lines += "\n  " + candidate;
@@ -136,9 +136,11 @@ fs::path Settings::file(const std::string& name, const std::string& hint) const 
 }
 
 fs::path Settings::robot_file(const std::string& key) {
-  const std::string robot = text(key);
+  return robot_file(text(key), " (another robot: --set " + key + "=PATH.urdf)");
+}
+
+fs::path Settings::robot_file(const std::string& robot, const std::string& hint) {
   const bool is_path = robot.find('/') != std::string::npos || fs::path(robot).extension() == ".urdf";
-  const std::string hint = " (another robot: --set " + key + "=PATH.urdf)";
   const fs::path found = file(is_path ? robot : "robots/" + robot + "/robot.urdf", hint);
   robot_files_.push_back(found);
   return found;
@@ -148,7 +150,7 @@ std::string Settings::query() const {
   std::map<std::string, std::string> all = query_;
   for (const std::string& key : defaults_used_) all.emplace(key, defaults_.at(key));
   std::string text;
-  for (const auto& [key, value] : all) text += (text.empty() ? "" : "&") + escape(key) + "=" + escape(value);
+  for (const auto& [key, value] : all) text += (text.empty() ? "" : "&") + escape_setting(key) + "=" + escape_setting(value);
   return text;
 }
 

@@ -9,6 +9,9 @@
 namespace cotwin::robot {
 struct RobotModel;
 }
+namespace cotwin::scene {
+struct Cell;
+}
 
 namespace cotwin {
 
@@ -41,9 +44,19 @@ class Settings {
   /// The robot that robot() gives in an exported unit.
   void set_robot(std::shared_ptr<const robot::RobotModel> robot) { robot_ = std::move(robot); }
 
+  /// The scene that the setting `scene` names (models/scenes/<name>/scene.sdf, a path to an SDF file, or none), and in it the
+  /// robots of the setting `robots`, left:lwr4,right:panda.urdf, or else the one of `robot` without a name, if there is one.
+  /// Defined as robot() is.
+  scene::Cell cell();
+  /// The cell as cell() last gave it, nullptr if it was not asked for; and what it gives in an exported unit.
+  const std::shared_ptr<const scene::Cell>& cell_used() const { return cell_; }
+  void set_cell(std::shared_ptr<const scene::Cell> cell) { cell_ = std::move(cell); }
+
   /// The URDF of the robot that `key` names: a path to a file, or a robot's name, for which robots/<name>/robot.urdf is
   /// looked up. Throws Error that lists where it looked.
   std::filesystem::path robot_file(const std::string& key = "robot");
+  /// The same for a robot that is named by `robot` itself; `hint` as below.
+  std::filesystem::path robot_file(const std::string& robot, const std::string& hint);
   /// The file that `name` means: absolute, or relative to the first of the folders that has it. Throws Error as above,
   /// with `hint` after the file's name.
   std::filesystem::path file(const std::string& name, const std::string& hint = "") const;
@@ -73,6 +86,10 @@ class Settings {
   std::vector<std::string> warnings_;
   std::vector<std::filesystem::path> robot_files_;
   std::shared_ptr<const robot::RobotModel> robot_;
+  std::shared_ptr<const scene::Cell> cell_;
 };
+
+/// `text` as a setting's name or value in a query: %, &, = and control characters as %-escapes.
+std::string escape_setting(std::string_view text);
 
 }  // namespace cotwin

@@ -1,6 +1,8 @@
 #pragma once
 #include <cstdint>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "components/unit/time.h"
 #include "components/unit/variables.h"
@@ -12,6 +14,13 @@ enum class [[nodiscard]] StepResult : std::uint8_t{
     kDiscard,  // the step could not be made with this h; the unit's variables are as they were before it, or the master
                // restores them
     kFinished  // as kDone, and the unit asks for an orderly end of the run; it makes no further step
+};
+
+/// A block of a unit's Jacobian: how a real output follows a real input, output or state at one instant, all else being held.
+struct Partial {
+  const char* unknown;
+  const char* known;
+  bool elementwise = false;  // element i of one depends on element i of the other alone
 };
 
 /// A co-simulation unit: its variables and three verbs. The call order is
@@ -38,6 +47,14 @@ class Unit {
   virtual void restore_memory(const std::string&) {}
   /// False for a unit whose step reaches outside (a bus, a robot) and cannot be taken back.
   virtual bool restorable() const { return true; }
+  /// The blocks of the unit's analytic Jacobian, where it has one; the list does not change after declare. What is not listed
+  /// is 0: outputs that do not follow inputs and states at once.
+  virtual std::span<const Partial> partials() const { return {}; }
+  /// Their values one after the other, as inputs and states are now: row by row (rows: the unknown's elements), of elementwise
+  /// ones the diagonal alone. After initialise; changes no variable.
+  virtual void evaluate_partials(std::span<double>) {}
+  /// What is to be told of the run so far, a sentence each, for a summary.
+  virtual void tell(std::vector<std::string>&) const {}
 };
 
 }  // namespace cotwin

@@ -138,6 +138,32 @@ Variables::Declared& Variables::Declared::start() {
   return *this;
 }
 
+Variables::Declared& Variables::Declared::discrete() {
+  Variable& variable = list_.list_[index_];
+  if (variable.role != Role::kOutput || variable.kind() != Kind::kReal) {
+    throw Error(variable.name, "only a real output needs to say that it is discrete");
+  }
+  variable.discrete = true;
+  return *this;
+}
+
+Variables::Declared& Variables::Declared::derivative_of(std::string name) {
+  Variable& variable = list_.list_[index_];
+  const Variable* of = list_.find(name);
+  if (of == nullptr || of->kind() != Kind::kReal || variable.kind() != Kind::kReal || of->size() != variable.size()) {
+    throw Error(variable.name, "cannot be the derivative of '" + name + "', expected reals of the same size declared before");
+  }
+  if (!of->si.empty() && !variable.si.empty()) {
+    si::Measure expected = si::parse(of->si);
+    expected.exponents[2] -= 1;  // per second
+    if (!si::convertible(expected, si::parse(variable.si))) {
+      throw Error(variable.name, "in " + variable.si + " cannot be the derivative of '" + name + "' in " + of->si);
+    }
+  }
+  variable.derivative_of = std::move(name);
+  return *this;
+}
+
 Variables::Declared Variables::add(std::string name, Role role, Variable::Storage storage, std::string si,
                                    std::string description) {
   Variable variable;

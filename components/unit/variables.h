@@ -39,8 +39,10 @@ struct Variable {
   std::string description;  // one sentence: meaning, frame, equation
   double min = -std::numeric_limits<double>::infinity();  // both ends belong to the range; in `si`
   double max = +std::numeric_limits<double>::infinity();
-  std::span<double> rate;  // of an input that may be ramped: its first time derivative over the next step; else empty
-  bool has_start = false;  // of an output: a start value may be given to it before initialise, as to a state
+  std::span<double> rate;     // of an input that may be ramped: its first time derivative over the next step; else empty
+  bool has_start = false;     // of an output: a start value may be given to it before initialise, as to a state
+  std::string derivative_of;  // name of the variable whose first time derivative this one is; else empty
+  bool discrete = false;      // of a real output: no point of a curve, as a mean over the step is not; inputs hold it
 
   Kind kind() const { return static_cast<Kind>(storage.index()); }
   std::size_t size() const {
@@ -68,6 +70,12 @@ class Variables {
     }
     /// The output has a start value that may be given before initialise.
     Declared& start();
+    /// The variable is the first time derivative of another one, declared before and of the same size. Throws Error if that
+    /// cannot be.
+    Declared& derivative_of(std::string name);
+    /// The real output does not change continuously (FMI: variability "discrete"): it is a mean over the step, say, and an
+    /// input that follows others linearly over a step takes it as it is.
+    Declared& discrete();
 
    private:
     Declared& set_rate(Variable::Storage storage);

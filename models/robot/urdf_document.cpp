@@ -11,6 +11,7 @@
 #include "models/text/error.h"
 #include "models/text/text.h"
 #include "models/text/xml.h"
+#include "models/text/xml_reason.h"
 
 namespace cotwin::robot {
 
@@ -306,7 +307,7 @@ UrdfDocument Reader::read(std::string_view xml) {
   if (xml.find('\0') != std::string_view::npos) throw Error(place, "not a text in UTF-8, expected a URDF");
   tinyxml2::XMLDocument parsed;
   if (parsed.Parse(xml.data(), xml.size()) != tinyxml2::XML_SUCCESS) {
-    throw Error(document_.at(parsed.ErrorLineNum()), std::string("not well-formed XML: ") + parsed.ErrorName());
+    throw Error(document_.at(parsed.ErrorLineNum()), "not well-formed XML: " + xml::reason(parsed));
   }
   XMLElement* const robot = parsed.RootElement();
   if (robot == nullptr) throw Error(place, "no XML element, expected <robot>");

@@ -8,6 +8,7 @@
 
 #include "models/text/error.h"
 #include "models/text/text.h"
+#include "models/text/xml_reason.h"
 
 namespace cotwin::xml {
 
@@ -106,6 +107,11 @@ Element converted(const tinyxml2::XMLElement& source, const Prefixes& outer, con
   for (const tinyxml2::XMLElement* c = source.FirstChildElement(); c != nullptr; c = c->NextSiblingElement()) {
     element.children.push_back(converted(*c, prefixes, place));
   }
+  if (const char* text = source.GetText(); text != nullptr && element.children.empty()) {
+    element.content = text::trim(text);
+    if (!is_xml_text(element.content))
+      throw Error(element.place, "'" + element.name + "': a character that XML does not allow");
+  }
   return element;
 }
 
@@ -131,8 +137,7 @@ Element parse(std::string_view text, const std::string& place) {
   tinyxml2::XMLDocument document;
   if (document.Parse(text.data(), text.size()) != tinyxml2::XML_SUCCESS) {
     const int line = document.ErrorLineNum();
-    throw Error(line > 0 ? place + ":" + std::to_string(line) : place,
-                std::string("malformed XML (") + document.ErrorName() + ")");
+    throw Error(line > 0 ? place + ":" + std::to_string(line) : place, "malformed XML: " + reason(document));
   }
   const tinyxml2::XMLElement* root = document.RootElement();
   if (root == nullptr) throw Error(place, "no XML element");

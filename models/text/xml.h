@@ -22,6 +22,7 @@ struct Element {
   std::string place;  // "twin.ssd:17"
   std::vector<Attribute> attributes;
   std::vector<Element> children;
+  std::string content;  // of an element without children: its character data, without the blanks around it
 };
 
 /// Reads a document of UTF-8 text; character data between elements is left out. Throws Error `place:line: …` for malformed XML,

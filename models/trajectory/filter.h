@@ -21,6 +21,8 @@ class ZeroPhaseLowPass {
   void apply(std::span<double> x) const;
   /// G(f)
   double gain(double frequency) const;
+  /// Samples after which a pass has forgotten to 1e-8: what a part of a longer recording needs on either side.
+  std::size_t memory() const { return memory_; }
 
  private:
   struct Section {  // y = b₀x + …, of second (or, with b2 = a2 = 0, of first) order

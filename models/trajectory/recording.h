@@ -22,6 +22,7 @@ struct RecordingFormat {
   double t_unit = 1;     // s per unit of that column
   double rate = 0;       // Hz; > 0: there is no time column, samples follow one another at this rate
   std::string q_columns, dq_columns, tau_columns, tau_e_columns;
+  std::string theta_columns;        // positions of the motors behind the gear, scaled as q; "": none (RecordingReader only)
   double angle_unit = 1;            // rad per unit of the columns of revolute joints
   std::vector<double> q_scale;      // n (or empty: 1): sign or gear ratio; q = scale · column + offset, dq = scale · column
   std::vector<double> q_offset;     // n (or empty: 0), rad or m

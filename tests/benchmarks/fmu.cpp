@@ -1,6 +1,9 @@
 // What the C interfaces of FMI cost: our drive train as an FMU against the same unit in process, a whole scenario as one FMU
 // against the run of the scenario, and a chain of trivial FMUs in our master against a bare loop over the same FMUs.
+#include <time.h>
+
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <functional>
@@ -187,9 +190,8 @@ constexpr const char* kTrivial = R"(<?xml version="1.0" encoding="UTF-8"?>
 </fmiModelDescription>
 )";
 
-/// Both loops move the outputs on to the next FMU's input and step all of them. Every FMU is loaded from an archive of its own,
-/// as a scenario's components are.
-void chain(int count, const fs::path& folder) {
+/// A chain in which each FMU feeds the next. Every FMU is loaded from an archive of its own, as a scenario's components are.
+master::Scenario chain_of(int count, const fs::path& folder, const std::string& query = "") {
   const std::vector<fmu::ArchiveFile> files = {{"modelDescription.xml", std::string(kTrivial)},
                                                {"binaries/linux64/trivial.so", fs::path(COTWIN_TRIVIAL_FMU)}};
   fmu::write_archive(folder / "trivial.fmu", files);
@@ -198,15 +200,21 @@ void chain(int count, const fs::path& folder) {
   scenario.folder = folder;
   scenario.stop = Time{1'000'000'000 * kTick.ns};  // further than any measurement
   scenario.threads = 1;
+  scenario.recording.push_back({"*", ""});
   scenario.reports.push_back({"", "signal", "u0.y", "", ""});
   for (int i = 0; i < count; ++i) {
     master::ComponentSpec spec;
     spec.name = "u" + std::to_string(i);
-    spec.source = "trivial.fmu";
+    spec.source = "trivial.fmu" + query;
     scenario.components.push_back(spec);
     if (i > 0) scenario.connections.push_back({{"u" + std::to_string(i - 1), "y", ""}, {spec.name, "u", ""}, 1, 0, false, ""});
   }
-  master::Master ours(scenario, {});
+  return scenario;
+}
+
+/// Both loops move the outputs on to the next FMU's input and step all of them.
+void chain(int count, const fs::path& folder) {
+  master::Master ours(chain_of(count, folder), {});
   ours.initialise();
 
   struct Bare {
@@ -255,6 +263,67 @@ void chain(int count, const fs::path& folder) {
                     figures.ours * per, "bare loop over the same FMUs", figures.peer * per, 2, true});
 }
 
+/// Seconds of wall and of all threads.
+struct Spent {
+  double wall = 0, cpu = 0;
+};
+
+double cpu_seconds() {
+  timespec t;
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+/// Runs of the same chain with and without a recording, long enough that the writer's pace, not the ring's size, decides. The
+/// writer is a thread beside the loop: where it has a core of its own, only the wall time that it is behind is paid for.
+void recorded_chain(int count, const fs::path& folder) {
+  const int ticks = 2'000'000 / count;
+  const auto run = [&](bool record) {
+    master::MasterOptions options;
+    if (record) options.results = folder / "results";
+    master::Master master(chain_of(count, folder), std::move(options));
+    master.initialise();
+    const auto begin = std::chrono::steady_clock::now();
+    const double cpu = cpu_seconds();
+    for (int i = 0; i < ticks; ++i) master.step_tick();
+    master.finish();
+    return Spent{std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count(), cpu_seconds() - cpu};
+  };
+  std::vector<Spent> with, without;
+  for (int i = 0; i < 5; ++i) {
+    with.push_back(run(true));
+    without.push_back(run(false));
+  }
+  const auto print = [&](const std::string& of, double Spent::*seconds, double goal) {
+    const auto median = [&](std::vector<Spent> runs) {
+      std::sort(runs.begin(), runs.end(), [&](const Spent& a, const Spent& b) { return a.*seconds < b.*seconds; });
+      return runs[runs.size() / 2].*seconds;
+    };
+    const double per = 1e9 / ticks / count, stepping = median(without);
+    benchmark::print({"recording both variables of " + std::to_string(count) + " trivial FMUs, all written, added " + of +
+                          " per FMU and step",
+                      "ns", (median(with) - stepping) * per, "the same run without recording", stepping * per, goal, true});
+  };
+  print("time", &Spent::wall, 1);
+  print("CPU time of both threads", &Spent::cpu, 0);
+}
+
+/// What a step pays for an FMU that cannot harm the run.
+void own_process(const fs::path& folder) {
+  master::Master own(chain_of(1, folder, "?process=own"), {}), shared(chain_of(1, folder), {});
+  own.initialise();
+  shared.initialise();
+  const auto figures = benchmark::measure(
+      [&] {
+        for (int i = 0; i < kSteps; ++i) own.step_tick();
+      },
+      [&] {
+        for (int i = 0; i < kSteps; ++i) shared.step_tick();
+      });
+  benchmark::print({"trivial FMU in a process of its own, per step", "us", figures.ours * 1e6 / kSteps,
+                    "in the master's process", figures.peer * 1e6 / kSteps, 0, true});
+}
+
 }  // namespace
 
 int main() {
@@ -262,4 +331,6 @@ int main() {
   for (const Version version : {Version::k2, Version::k3}) drive_train(version, folder.path());
   for (const Version version : {Version::k2, Version::k3}) whole_twin(version, folder.path());
   for (const int count : {1, 10, 100}) chain(count, folder.path());
+  for (const int count : {10, 100}) recorded_chain(count, folder.path());
+  own_process(folder.path());
 }

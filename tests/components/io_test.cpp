@@ -264,7 +264,7 @@ TEST(Io, LeavingTheRobotsLimitsIsAWarningAnErrorOrNothing) {
 }
 
 TEST(Io, ARecordingWithoutTorquesSaysSoUnlessNoneAreWanted) {
-  const File file("t,q1,torque\n0,0,5\n1,0,5\n");
+  const File file("t,q1,torque\n0,0,5\n0.1,0,5\n");
   Subject s("joints=1", {{"file", file.path()}});
   s.initialise();
   EXPECT_FALSE(s.boolean("has_tau"));
@@ -318,6 +318,83 @@ TEST_F(RealRobot, TheUr10AndKr300RecordingsPlayWithNoFurtherParameter) {
   Subject kr300("joints=6", {{"file", file("kr300_A.csv")}, {"q_columns", "qmot{}"}});
   kr300.initialise();
   EXPECT_EQ(kr300.real("q", 0), 0.001041595);
+}
+
+TEST(Io, TellsWhenTheRecordingHasEnded) {
+  const File file("t,q1\n0,0\n0.01,0.001\n0.02,0.002\n0.03,0.003\n");
+  Subject s("joints=1&robot=", {{"file", file.path()}});
+  s.initialise();
+  const std::string before = s.text("warning");
+  s.to(0.02);
+  s.to(0.03);
+  EXPECT_EQ(s.text("warning"), before);
+  const std::uint64_t allocated = testing::allocations();
+  s.to(0.031);
+  EXPECT_EQ(testing::allocations(), allocated);
+  EXPECT_THAT(s.text("warning"), HasSubstr("the recording ended at 0.03 s, after which the robot is taken to rest"));
+  const std::string told = s.text("warning");
+  s.to(0.032);
+  EXPECT_EQ(s.text("warning"), told);  // once
+}
+
+TEST(Io, DoubtsTimesThatLookLikeMillisecondsTakenForSeconds) {
+  const File file("t,q1\n0,0\n4,0.001\n8,0.002\n12,0.003\n");
+  Subject seconds("joints=1&robot=", {{"file", file.path()}});
+  seconds.initialise();
+  EXPECT_THAT(seconds.text("warning"),
+              HasSubstr("its samples are 4 s apart, expected at most 0.1 s; are its times in another unit"));
+  Subject milliseconds("joints=1&robot=", {{"file", file.path()}, {"t_unit", "ms"}});
+  milliseconds.initialise();
+  EXPECT_THAT(milliseconds.text("warning"), ::testing::Not(HasSubstr("apart")));
+}
+
+TEST(Sensors, TellTheTruthWithGainOffsetAndResolution) {
+  Subject io("joints=2&link=sensors", {{"q_true", "0.1234 -0.5"}, {"tau_true", "10 -4"}, {"tau_e_true", "1 2"}});
+  io.set("q_resolution", "0.01");
+  io.set("tau_gain", "1.5 1");
+  io.set("tau_offset", "0.5 0");
+  io.initialise();
+  EXPECT_DOUBLE_EQ(io.real("q", 0), 0.12);
+  EXPECT_DOUBLE_EQ(io.real("q", 1), -0.5);
+  EXPECT_DOUBLE_EQ(io.real("tau", 0), 15.5);
+  EXPECT_DOUBLE_EQ(io.real("tau", 1), -4);
+  EXPECT_DOUBLE_EQ(io.real("tau_e", 1), 2);
+  EXPECT_TRUE(io.boolean("has_tau_e"));
+}
+
+TEST(Sensors, HaveNoiseOfTheGivenDeviationThatIsTheSameForTheSameSeed) {
+  const auto noise = [](const std::string& seed) {
+    Subject io("joints=1&link=sensors", {{"tau_sigma", "0.2"}, {"seed", seed}});
+    io.initialise();
+    std::vector<double> all;
+    for (int i = 1; i <= 20000; ++i) {
+      io.to(i * 1e-3);
+      all.push_back(io.real("tau"));
+    }
+    return all;
+  };
+  const std::vector<double> one = noise("1");
+  double mean = 0, square = 0, lag = 0;
+  for (std::size_t i = 0; i < one.size(); ++i) {
+    mean += one[i];
+    square += one[i] * one[i];
+    if (i > 0) lag += one[i] * one[i - 1];
+  }
+  const double n = static_cast<double>(one.size());
+  EXPECT_NEAR(mean / n, 0, 5 * 0.2 / std::sqrt(n));
+  EXPECT_NEAR(std::sqrt(square / n), 0.2, 0.005);
+  EXPECT_NEAR(lag / square, 0, 5 / std::sqrt(n));  // white
+  EXPECT_EQ(noise("1"), one);
+  EXPECT_NE(noise("2"), one);
+}
+
+// (1 − e^(−2π f t)) of a step, whatever the step length.
+TEST(Sensors, TellTheExternalTorqueBehindItsLowPass) {
+  Subject io("joints=1&link=sensors", {{"tau_e_cutoff", "5"}});
+  io.initialise();
+  io.set("tau_e_true", "3");
+  for (int i = 1; i <= 40; ++i) io.to(i * 1e-3);
+  EXPECT_NEAR(io.real("tau_e"), 3 * (1 - std::exp(-kTurn * 5 * 0.04)), 1e-12);
 }
 
 }  // namespace

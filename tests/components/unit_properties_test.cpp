@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <random>
 #include <set>
 #include <string>
@@ -16,6 +15,7 @@
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
 #include "tests/support/allocations.h"
+#include "tests/support/unit_sources.h"
 
 namespace cotwin {
 namespace {
@@ -24,15 +24,12 @@ namespace fs = std::filesystem;
 
 constexpr Duration kStep{1'000'000};
 
-fs::path properties_folder() { return fs::path(COTWIN_SOURCE_DIR) / "tests/components/properties"; }
+using testing::properties_folder;
 
 std::vector<std::string> sources() {
   std::vector<std::string> all;
   for (const UnitType& type : unit_types()) {
-    const std::string source = std::string("unit:") + type.name;
-    std::ifstream variants(properties_folder() / (std::string(type.name) + ".sources"));
-    if (!variants) all.push_back(source);
-    for (std::string query; std::getline(variants, query);) all.push_back(query.empty() ? source : source + "?" + query);
+    for (std::string& source : testing::unit_sources(type)) all.push_back(std::move(source));
   }
   return all;
 }
@@ -40,10 +37,7 @@ std::vector<std::string> sources() {
 Instance make(const std::string& source) {
   const std::vector<fs::path> folders = {properties_folder(), fs::path(COTWIN_SOURCE_DIR) / "models"};
   Instance instance = make_unit(source, {{"robot", "lwr4"}}, folders, unit_types());
-  const std::string name = source.substr(5, source.find('?') - 5);
-  if (const fs::path values = properties_folder() / (name + ".ssv"); fs::exists(values)) {
-    apply(load_parameter_set(values), instance.variables);
-  }
+  for (const ParameterSet& values : testing::start_values(source)) apply(values, instance.variables);
   for (const Variable& v : instance.variables) {
     if (v.kind() != Kind::kString) continue;
     for (std::string& text : v.strings()) {

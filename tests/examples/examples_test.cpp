@@ -2,6 +2,7 @@
 // file examples/<folder>/<scenario>.expected.json is a test:
 //   {
 //     "needs": ["../../../shared/…"],              files, relative to the folder, without which the test is skipped
+//     "scenario": "twin.ssd",                      where it is not <scenario>.ssd
 //     "options": ["--set", "a.b=1"],               of cotwin run
 //     "figures": [
 //       {"what": "…", "summary": "/ticks", …},                                     a JSON pointer into the summary
@@ -163,6 +164,7 @@ TEST_P(Example, RunsAndGivesTheExpectedFigures) {
   }
   std::string scenario = file.string();
   scenario.replace(scenario.size() - std::string(".expected.json").size(), std::string::npos, ".ssd");
+  if (expected.contains("scenario")) scenario = file.parent_path() / expected.at("scenario").get<std::string>();
 
   const TemporaryFolder results;
   const fs::path summary = results.path() / "summary.json";

@@ -4,13 +4,14 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <fstream>
 
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
 #include "fmu/load.h"
 #include "fmu/pack.h"
+#include "models/text/error.h"
 #include "tests/fmu/foreign.h"
+#include "tests/support/unit_sources.h"
 
 namespace cotwin::fmu {
 namespace {
@@ -19,7 +20,7 @@ namespace fs = std::filesystem;
 
 constexpr int kSteps = 60;
 
-fs::path properties_folder() { return fs::path(COTWIN_SOURCE_DIR) / "tests/components/properties"; }
+using cotwin::testing::properties_folder;
 
 struct Subject {
   std::string source;
@@ -27,12 +28,14 @@ struct Subject {
   std::string process;
 };
 
+void PrintTo(const Subject& s, std::ostream* out) {
+  *out << s.source << ", FMI " << static_cast<int>(s.version) << ", process " << s.process;
+}
+
 std::vector<Subject> subjects() {
   std::vector<Subject> all;
   for (const UnitType& type : unit_types()) {
-    std::string source = std::string("unit:") + type.name;
-    std::ifstream queries(properties_folder() / (std::string(type.name) + ".sources"));
-    if (std::string query; std::getline(queries, query) && !query.empty()) source += "?" + query;
+    const std::string source = cotwin::testing::unit_sources(type).front();
     all.push_back({source, Version::k2, "shared"});
     all.push_back({source, Version::k3, "shared"});
     all.push_back({source, Version::k3, "own"});
@@ -49,8 +52,7 @@ class BothWays : public ::testing::TestWithParam<Subject> {
     request.folders = {properties_folder(), fs::path(COTWIN_SOURCE_DIR) / "models"};
     request.types = unit_types();
     request.version = GetParam().version;
-    const fs::path values = properties_folder() / (parse_unit_source(request.source).unit + ".ssv");
-    if (fs::exists(values)) request.values.push_back(load_parameter_set(values));
+    request.values = cotwin::testing::start_values(request.source);
     unit_ = make_unit(request.source, request.defaults, request.folders, request.types);
     for (const ParameterSet& set : request.values) apply(set, unit_.variables);
     archive_ = folder_.path() / "unit.fmu";
@@ -68,8 +70,6 @@ class BothWays : public ::testing::TestWithParam<Subject> {
       if (v.role != Role::kInput || v.kind() != Kind::kReal) continue;
       for (double& value : v.reals())
         value = std::min(std::max(0.1 * std::sin(0.013 * number + 0.7 * static_cast<double>(channel++)), v.min), v.max);
-      // Derivatives of inputs can be given to an FMU of version 2, and are followed where the unit itself has a rate.
-      if (GetParam().version == Version::k3 || unit_.variables.at(v.name).rate.empty()) continue;
       for (double& rate : v.rate) rate = number % 3 == 0 ? 0.25 : 0;
     }
   }
@@ -101,7 +101,33 @@ TEST_P(BothWays, TheVariablesAreTheSame) {
     EXPECT_EQ(a.kind(), b.kind()) << a.name;
     EXPECT_EQ(a.size(), b.size()) << a.name;
     EXPECT_EQ(a.si, b.si) << a.name;
+    EXPECT_EQ(a.rate.size(), b.rate.size()) << a.name;
     EXPECT_EQ(std::pair(a.min, a.max), std::pair(b.min, b.max)) << a.name;
+  }
+}
+
+TEST_P(BothWays, NothingIsAskedForThatIsNotDeclared) {
+  LoadOptions options;
+  options.process = GetParam().process;
+  options.slopes = true;
+  const bool tells = std::any_of(unit_.variables.begin(), unit_.variables.end(),
+                                 [](const cotwin::Variable& v) { return !v.derivative_of.empty(); });
+  if (!tells) {
+    EXPECT_THAT([&] { load(archive_, options); },
+                ::testing::ThrowsMessage<Error>(::testing::HasSubstr("the FMU tells no derivatives of outputs, expected")));
+    return;
+  }
+  Instance asked = load(archive_, options);
+  EXPECT_THAT(asked.warnings, ::testing::Contains(::testing::HasSubstr("slopes=true adds nothing")));
+  EXPECT_EQ(asked.variables.size(), unit_.variables.size());
+  unit_.unit->initialise({});
+  asked.unit->initialise({});
+  for (int n = 0; n < 3; ++n) {
+    for (Instance* i : {&unit_, &asked}) {
+      excite(*i, n);
+      ASSERT_EQ(i->unit->step({n * 1'000'000}, {1'000'000}), StepResult::kDone);
+    }
+    ASSERT_EQ(values(unit_), values(asked)) << n;
   }
 }
 

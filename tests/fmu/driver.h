@@ -202,6 +202,31 @@ class Driver {
         instance_, references.data(), references.size(), orders.data(), values.data());
   }
 
+  int output_derivatives(std::span<const unsigned> references, std::span<const int> orders, std::span<double> values) {
+    if (two()) {
+      return fmu_.function<decltype(&fmi2GetRealOutputDerivatives)>("fmi2GetRealOutputDerivatives")(
+          instance_, references.data(), references.size(), orders.data(), values.data());
+    }
+    return fmu_.function<decltype(&fmi3GetOutputDerivatives)>("fmi3GetOutputDerivatives")(
+        instance_, references.data(), references.size(), orders.data(), values.data(), values.size());
+  }
+  int directional(std::span<const unsigned> unknowns, std::span<const unsigned> knowns, std::span<const double> seed,
+                  std::span<double> sensitivity) {
+    if (two()) {
+      return fmu_.function<decltype(&fmi2GetDirectionalDerivative)>("fmi2GetDirectionalDerivative")(
+          instance_, unknowns.data(), unknowns.size(), knowns.data(), knowns.size(), seed.data(), sensitivity.data());
+    }
+    return fmu_.function<decltype(&fmi3GetDirectionalDerivative)>("fmi3GetDirectionalDerivative")(
+        instance_, unknowns.data(), unknowns.size(), knowns.data(), knowns.size(), seed.data(), seed.size(), sensitivity.data(),
+        sensitivity.size());
+  }
+  int adjoint(std::span<const unsigned> unknowns, std::span<const unsigned> knowns, std::span<const double> seed,
+              std::span<double> sensitivity) {
+    return fmu_.function<decltype(&fmi3GetAdjointDerivative)>("fmi3GetAdjointDerivative")(
+        instance_, unknowns.data(), unknowns.size(), knowns.data(), knowns.size(), seed.data(), seed.size(), sensitivity.data(),
+        sensitivity.size());
+  }
+
   int save(void** state) { return with_state<void**>("fmi2GetFMUstate", "fmi3GetFMUState", state); }
   int restore(void* state) { return with_state<void*>("fmi2SetFMUstate", "fmi3SetFMUState", state); }
   int free_state(void** state) { return with_state<void**>("fmi2FreeFMUstate", "fmi3FreeFMUState", state); }

@@ -1,5 +1,4 @@
-// What every exported unit passes without writing it, in both versions of FMI: the units come from the generated table, their
-// settings and start values from tests/components/properties, as in unit_properties_test.cpp.
+// What every exported unit passes without writing it, in both versions of FMI (subjects.h).
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -12,69 +11,23 @@
 #include "components/unit/unit_table.h"
 #include "fmu/pack.h"
 #include "tests/fmu/driver.h"
+#include "tests/fmu/subjects.h"
 
 namespace cotwin::fmu {
 namespace {
 
 namespace fs = std::filesystem;
 using testing::Driver;
+using testing::excitation;
+using testing::in_process;
 using testing::LoadedFmu;
+using testing::name_of;
 using testing::references;
+using testing::request_for;
+using testing::Subject;
+using testing::subjects;
 
 constexpr std::int64_t kStep = 1'000'000;  // ns
-
-fs::path properties_folder() { return fs::path(COTWIN_SOURCE_DIR) / "tests/components/properties"; }
-
-struct Subject {
-  std::string source;
-  Version version;
-};
-
-/// Every unit in both versions, with each of its variants or with the first.
-std::vector<Subject> subjects(bool variants) {
-  std::vector<Subject> all;
-  for (const UnitType& type : unit_types()) {
-    std::vector<std::string> sources;
-    const std::string source = std::string("unit:") + type.name;
-    std::ifstream queries(properties_folder() / (std::string(type.name) + ".sources"));
-    if (!queries) sources.push_back(source);
-    for (std::string query; std::getline(queries, query);) sources.push_back(query.empty() ? source : source + "?" + query);
-    if (!variants) sources.resize(1);
-    for (const std::string& s : sources) {
-      all.push_back({s, Version::k2});
-      all.push_back({s, Version::k3});
-    }
-  }
-  return all;
-}
-
-PackRequest request_for(const Subject& subject) {
-  PackRequest request;
-  request.source = subject.source;
-  request.defaults = {{"robot", "lwr4"}};
-  request.folders = {properties_folder(), fs::path(COTWIN_SOURCE_DIR) / "models"};
-  request.types = unit_types();
-  request.version = subject.version;
-  const fs::path values = properties_folder() / (parse_unit_source(subject.source).unit + ".ssv");
-  if (fs::exists(values)) request.values.push_back(load_parameter_set(values));
-  return request;
-}
-
-Instance in_process(const PackRequest& request) {
-  Instance instance = make_unit(request.source, request.defaults, request.folders, request.types);
-  for (const ParameterSet& values : request.values) apply(values, instance.variables);
-  return instance;
-}
-
-/// Inputs of step `number`: smooth, small, different for each element, within the declared range.
-std::vector<double> excitation(const cotwin::Variable& v, std::size_t channel, int number) {
-  std::vector<double> values(v.size());
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    const double wave = 0.1 * std::sin(0.013 * number + 0.7 * static_cast<double>(channel + i));
-    values[i] = std::min(std::max(wave, v.min), v.max);
-  }
-  return values;
-}
 
 class ExportedUnits : public ::testing::TestWithParam<Subject> {
  protected:
@@ -290,6 +243,140 @@ TEST_P(ExportedUnits, ShareNothingBetweenInstancesAndThreads) {
   for (const auto& trace : traces) EXPECT_EQ(trace, expected);
 }
 
+TEST_P(ExportedUnits, GivesTheDerivativesOfOutputsThatTheUnitDeclares) {
+  Driver d(*fmu_);
+  run(d, 20);
+  int known = 0;
+  for (const cotwin::Variable& v : reference_.variables) {
+    if (v.derivative_of.empty()) continue;
+    const std::vector<unsigned> of = references(reference_.variables, v.derivative_of, request_.version);
+    std::vector<int> orders(of.size(), 1);
+    std::vector<double> values(v.size());
+    ASSERT_EQ(d.output_derivatives(of, orders, values), 0) << d.last_message();
+    std::string text;
+    for (const double value : values) append(text, value);
+    EXPECT_EQ(text, bits(d, v));
+    orders.back() = 2;
+    EXPECT_EQ(d.output_derivatives(of, orders, values), 3);
+    EXPECT_THAT(d.last_message(), ::testing::HasSubstr("expected the first"));
+    ++known;
+  }
+  const std::string xml = read_archive_file(archive_, "modelDescription.xml");
+  EXPECT_EQ(xml.find("maxOutputDerivativeOrder=\"1\"") != std::string::npos, known > 0);
+  EXPECT_EQ(xml.find(" derivative=\"") != std::string::npos, known > 0);
+}
+
+// Against the blocks that the unit itself gives, which its own tests hold against differences.
+TEST_P(ExportedUnits, GivesTheDirectionalDerivativesOfTheUnit) {
+  Driver d(*fmu_);
+  const std::span<const Partial> list = reference_.unit->partials();
+  const std::string xml = read_archive_file(archive_, "modelDescription.xml");
+  const bool two = request_.version == Version::k2;
+  const std::string flag = two ? "providesDirectionalDerivative=\"true\"" : "providesDirectionalDerivatives=\"true\"";
+  EXPECT_EQ(xml.find(flag) != std::string::npos, !list.empty());
+  if (list.empty()) {
+    run(d, 1);
+    EXPECT_EQ(d.directional({}, {}, {}, {}), 3);
+    return;
+  }
+  EXPECT_EQ(d.directional({}, {}, {}, {}), 3);  // before Initialization Mode
+  run(d, 20);
+  excite(reference_, 0);
+  reference_.unit->initialise(Time{});
+  std::int64_t now = 0;
+  for (int i = 0; i < 20; ++i) {
+    excite(reference_, i);
+    ASSERT_EQ(reference_.unit->step(Time{now}, Duration{length(i)}), StepResult::kDone);
+    now += length(i);
+  }
+  // All unknowns by all knowns: J from the blocks
+  const Variables& variables = reference_.variables;
+  std::vector<const cotwin::Variable*> unknowns, knowns;
+  std::vector<unsigned> unknown_references, known_references;
+  std::size_t rows = 0, columns = 0, size = 0;
+  const auto add = [&](const char* name, auto& to, std::vector<unsigned>& refs, std::size_t& n) {
+    const cotwin::Variable* v = &variables.at(name);
+    if (std::find(to.begin(), to.end(), v) != to.end()) return;
+    to.push_back(v);
+    for (const unsigned r : references(variables, name, request_.version)) refs.push_back(r);
+    n += v->size();
+  };
+  for (const Partial& p : list) {
+    add(p.unknown, unknowns, unknown_references, rows);
+    add(p.known, knowns, known_references, columns);
+    const std::size_t m = variables.at(p.unknown).size(), n = variables.at(p.known).size();
+    size += p.elementwise ? m : m * n;
+  }
+  std::vector<double> values(size), J(rows * columns);
+  reference_.unit->evaluate_partials(values);
+  std::size_t at = 0;
+  for (const Partial& p : list) {
+    std::size_t row = 0, column = 0;
+    for (const auto* v : unknowns) {
+      if (v->name == p.unknown) break;
+      row += v->size();
+    }
+    for (const auto* v : knowns) {
+      if (v->name == p.known) break;
+      column += v->size();
+    }
+    const std::size_t m = variables.at(p.unknown).size(), n = variables.at(p.known).size();
+    for (std::size_t i = 0; i < m; ++i) {
+      for (std::size_t j = 0; j < n; ++j) {
+        if (!p.elementwise || i == j) J[(row + i) * columns + column + j] = values[at + (p.elementwise ? i : i * n + j)];
+      }
+    }
+    at += p.elementwise ? m : m * n;
+  }
+  std::vector<double> seed(columns), sensitivity(rows), expected(rows);
+  for (std::size_t j = 0; j < columns; ++j) seed[j] = std::sin(1.0 + static_cast<double>(j));
+  double size_of_sums = 0;
+  for (std::size_t i = 0; i < rows; ++i) {
+    for (std::size_t j = 0; j < columns; ++j) {
+      expected[i] += J[i * columns + j] * seed[j];
+      size_of_sums = std::max(size_of_sums, std::abs(J[i * columns + j]));
+    }
+  }
+  ASSERT_EQ(d.directional(unknown_references, known_references, seed, sensitivity), 0) << d.last_message();
+  for (std::size_t i = 0; i < rows; ++i) EXPECT_NEAR(sensitivity[i], expected[i], 1e-12 * size_of_sums) << i;
+  // In Initialization Mode, too
+  Driver initialising(*fmu_);
+  excite(initialising, 0);
+  ASSERT_EQ(initialising.enter_initialisation(), 0);
+  EXPECT_EQ(initialising.directional(unknown_references, known_references, seed, sensitivity), 0)
+      << initialising.last_message();
+  if (two) return;
+  // wᵀ (J s) = (Jᵀ w)ᵀ s
+  std::vector<double> w(rows), transposed(columns);
+  for (std::size_t i = 0; i < rows; ++i) w[i] = std::cos(2.0 * static_cast<double>(i));
+  ASSERT_EQ(d.adjoint(unknown_references, known_references, w, transposed), 0) << d.last_message();
+  double left = 0, right = 0;
+  for (std::size_t i = 0; i < rows; ++i) left += w[i] * expected[i];
+  for (std::size_t j = 0; j < columns; ++j) right += transposed[j] * seed[j];
+  EXPECT_NEAR(left, right, 1e-11 * size_of_sums * static_cast<double>(rows));
+  EXPECT_EQ(d.adjoint(unknown_references, known_references, std::span(w).first(rows - 1), transposed), 3);
+  EXPECT_THAT(d.last_message(), ::testing::HasSubstr("a seed of"));
+}
+
+TEST_P(ExportedLibraries, RunAsHundredsOfInstancesInSeveralThreads) {
+  Driver alone(*fmu_);
+  const auto expected = run(alone, 5);
+  constexpr std::size_t kInstances = 300, kThreads = 6;
+  std::vector<std::unique_ptr<Driver>> drivers(kInstances);
+  std::vector<std::size_t> wrong(kThreads);
+  std::vector<std::thread> threads;
+  for (std::size_t k = 0; k < kThreads; ++k) {  // all live at the same time
+    threads.emplace_back([&, k] {
+      for (std::size_t i = k; i < kInstances; i += kThreads) {
+        drivers[i] = std::make_unique<Driver>(*fmu_);
+        wrong[k] += run(*drivers[i], 5) != expected;
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  for (const std::size_t n : wrong) EXPECT_EQ(n, 0u);
+}
+
 TEST_P(ExportedLibraries, PackToTheSameBytesAgain) {
   setenv("SOURCE_DATE_EPOCH", "1700000000", 1);
   pack_unit(request_, folder_.path() / "a.fmu");
@@ -331,14 +418,6 @@ TEST_P(ExportedLibraries, LeaveNothingOfThisMachineInTheArchive) {
     const std::string content = read_archive_file(archive_, entry.name);
     EXPECT_EQ(content.find(COTWIN_SOURCE_DIR), std::string::npos) << entry.name;
   }
-}
-
-std::string name_of(const ::testing::TestParamInfo<Subject>& subject) {
-  std::string name = subject.param.source.substr(5) + (subject.param.version == Version::k2 ? "_fmi2" : "_fmi3");
-  for (char& c : name) {
-    if (!std::isalnum(static_cast<unsigned char>(c))) c = '_';
-  }
-  return name;
 }
 
 INSTANTIATE_TEST_SUITE_P(Fmi, ExportedUnits, ::testing::ValuesIn(subjects(true)), name_of);

@@ -25,7 +25,16 @@ using ::testing::ThrowsMessage;
 // mode of rogue2.c
 enum { kPolite2, kError2, kCrash2, kHang2, kFlood2, kNoInitialisation2, kTerminate2, kFatal2, kPending2, kHugeState2 };
 // mode of rogue3.c
-enum { kPolite3, kStandsStill3, kReturnsFromTheFuture3, kEndlessEvents3, kTerminates3, kDiscards3 };
+enum {
+  kPolite3,
+  kStandsStill3,
+  kReturnsFromTheFuture3,
+  kEndlessEvents3,
+  kTerminates3,
+  kDiscards3,
+  kRefusesUpdates3,
+  kNeedsCallback3
+};
 
 constexpr const char* kPosition = "der(position of \"it\").y";
 
@@ -36,8 +45,8 @@ class Import : public ::testing::Test {
     integer(instance, "mode") = mode;
     return instance;
   }
-  Instance load3(int mode = kPolite3, const LoadOptions& options = {}) {
-    Instance instance = load(make_fmu("rogue3", folder_.path()), options);
+  Instance load3(int mode = kPolite3, const LoadOptions& options = {}, const Edits& edits = {}) {
+    Instance instance = load(make_fmu("rogue3", folder_.path(), edits), options);
     integer(instance, "mode") = mode;
     return instance;
   }
@@ -92,6 +101,105 @@ TEST_F(Import, PassesRatesOnAsInputDerivatives) {
   instance.variables.at("u").rate[0] = 0;
   EXPECT_EQ(step(instance, 0.5, 0.5), StepResult::kDone);
   EXPECT_DOUBLE_EQ(real(instance, kPosition), 1.0 + 0.5);
+}
+
+const Edits kSlopes2 = {{"canInterpolateInputs", "maxOutputDerivativeOrder=\"1\" canInterpolateInputs"}};
+const Edits kSlopes3 = {{"hasEventMode", "maxOutputDerivativeOrder=\"1\" hasEventMode"}};
+
+TEST_F(Import, AsksForTheSlopesOfOutputsIfItIsTold) {
+  const LoadOptions slopes = read_query("slopes=true", {});
+  const std::string name = "der(" + std::string(kPosition) + ")";
+  EXPECT_EQ(load2(kPolite2, {}, kSlopes2).variables.find(name), nullptr) << "nobody asked";
+  for (const char* process : {"shared", "own"}) {
+    LoadOptions options = slopes;
+    options.process = process;
+    Instance instance = load2(kPolite2, options, kSlopes2);
+    const cotwin::Variable& slope = instance.variables.at(name);
+    EXPECT_EQ(slope.role, Role::kState);
+    EXPECT_EQ(slope.si, "m/s");
+    EXPECT_EQ(slope.derivative_of, kPosition);
+    for (int run = 0; run < 2; ++run) {
+      instance.unit->initialise({});
+      EXPECT_EQ(slope.reals()[0], 0) << "an FMU tells it after a step";
+      real(instance, "u") = 2;
+      EXPECT_EQ(step(instance, 0, 0.5), StepResult::kDone);
+      EXPECT_EQ(slope.reals()[0], 2);  // y' = u
+      real(instance, "u") = -3;
+      EXPECT_EQ(step(instance, 0.5, 0.5), StepResult::kDone);
+      EXPECT_EQ(slope.reals()[0], -3);
+    }
+  }
+}
+
+TEST_F(Import, AsksForTheSlopesOfArraysInFmi3) {
+  Instance instance = load3(kPolite3, read_query("slopes=true&structural.n=2", {}), kSlopes3);
+  const cotwin::Variable& slope = instance.variables.at("der(y)");
+  ASSERT_EQ(slope.size(), 2u);
+  EXPECT_EQ(slope.derivative_of, "y");
+  instance.unit->initialise({});
+  real(instance, "u", 0) = 4;
+  real(instance, "u", 1) = 5;
+  EXPECT_EQ(run(instance, 0, 0.4, 0.1), StepResult::kDone);  // with an event on the way
+  EXPECT_EQ(slope.reals()[0], 4);
+  EXPECT_EQ(slope.reals()[1], 5);
+}
+
+// z in front of the others, so that what is asked for after the refusal is asked of another instance.
+const Edits kSlopesOfSome2 = {
+    kSlopes2.front(),
+    {"<ModelVariables>",
+     "<ModelVariables><ScalarVariable name=\"z\" valueReference=\"4\" causality=\"output\" variability=\"continuous\" "
+     "initial=\"calculated\"><Real unit=\"m\"/></ScalarVariable>"},
+    {"<Outputs><Unknown index=\"2\"/><Unknown index=\"7\"/><Unknown index=\"9\"/>",
+     "<Outputs><Unknown index=\"1\"/><Unknown index=\"3\"/><Unknown index=\"8\"/><Unknown index=\"10\"/>"},
+    {"<InitialUnknowns><Unknown index=\"2\"/><Unknown index=\"7\"/><Unknown index=\"9\"/>",
+     "<InitialUnknowns><Unknown index=\"1\"/><Unknown index=\"3\"/><Unknown index=\"8\"/><Unknown index=\"10\"/>"}};
+
+TEST_F(Import, TakesTheSlopeOfTheLastStepWhereAnFmuRefusesToTellIt) {
+  LoadOptions options = read_query("slopes=true", {});
+  for (const char* process : {"shared", "own"}) {
+    options.process = process;
+    Instance instance = load2(kPolite2, options, kSlopesOfSome2);
+    const cotwin::Variable &z = instance.variables.at("der(z)"),
+                           &y = instance.variables.at("der(" + std::string(kPosition) + ")");
+    EXPECT_EQ(z.derivative_of, "z");
+    const auto expect_step = [&](double from, double u, double du, const char* when) {
+      real(instance, "u") = u;
+      instance.variables.at("u").rate[0] = du;
+      ASSERT_EQ(step(instance, from, 0.5), StepResult::kDone) << when;
+      EXPECT_NEAR(z.reals()[0], 2 * (u + 0.25 * du), 1e-12) << when << ": the mean of z' = 2 u over the step";
+      EXPECT_NEAR(y.reals()[0], u + 0.5 * du, 1e-12) << when << ": y' = u at its end, as the FMU tells it";
+    };
+    for (int run = 0; run < 2; ++run) {
+      instance.unit->initialise({});
+      EXPECT_EQ(z.reals()[0], 0);
+      expect_step(0, 2, 0, "first");
+      Snapshot snapshot;
+      snapshot.take(instance.variables, *instance.unit);
+      expect_step(0.5, -3, 4, "second");
+      snapshot.restore(instance.variables, *instance.unit);
+      EXPECT_EQ(z.reals()[0], 4);
+      expect_step(0.5, 5, 0, "after going back");
+    }
+    if (options.process == "own") continue;
+    std::vector<std::string> notes;
+    instance.unit->tell(notes);
+    EXPECT_THAT(notes, ElementsAre(HasSubstr("the FMU tells no slope of 'z' (fmi2GetRealOutputDerivatives returned error")));
+    const std::uint64_t before = cotwin::testing::allocations();
+    for (int i = 2; i < 10; ++i) EXPECT_EQ(step(instance, 0.5 * i, 0.5), StepResult::kDone);
+    EXPECT_EQ(cotwin::testing::allocations(), before);
+  }
+}
+
+TEST_F(Import, RefusesSlopesThatAnFmuDoesNotTell) {
+  const LoadOptions slopes = read_query("slopes=true", {});
+  EXPECT_THAT([&] { load2(kPolite2, slopes); },
+              ThrowsMessage<Error>(HasSubstr("rogue2.fmu: slopes=true: the FMU tells no derivatives of outputs, expected")));
+  const Edits promises = {{"hasEventMode", "maxOutputDerivativeOrder=\"1\" hasEventMode"},
+                          {"\"pushed\" valueReference=\"16\" causality=\"output\" variability=\"discrete\"",
+                           "\"pushed\" valueReference=\"16\" causality=\"output\" variability=\"continuous\""}};
+  EXPECT_THAT([&] { load(make_fmu("clocks3", folder_.path(), promises), slopes); },
+              ThrowsMessage<Error>(HasSubstr("fmi3GetOutputDerivatives")));
 }
 
 TEST_F(Import, CarriesBooleansAndTexts) {
@@ -330,6 +438,45 @@ TEST_F(Import, RampsInputsInIntermediateUpdates) {
   instance.variables.at("u").rate[1] = 0;
   EXPECT_EQ(step(instance, 0.2, 0.2), StepResult::kDone);
   EXPECT_NEAR(real(instance, "y", 1), 0.26 + 0.2, 1e-15);
+}
+
+TEST_F(Import, AsksForAnEarlyReturnWhereAnIntermediateUpdateIsRefused) {
+  const Edits edits = {{"providesIntermediateUpdate=\"true\"",
+                        "providesIntermediateUpdate=\"true\" canReturnEarlyAfterIntermediateUpdate=\"true\""}};
+  Instance instance = load(make_fmu("rogue3", folder_.path(), edits));
+  integer(instance, "mode") = kRefusesUpdates3;
+  instance.unit->initialise({});
+  EXPECT_EQ(step(instance, 0, 0.1), StepResult::kDone);  // nothing to be set in between
+  instance.variables.at("u").rate[0] = 1;
+  EXPECT_THAT([&] { (void)step(instance, 0.1, 0.1); },
+              ThrowsMessage<Error>(::testing::AllOf(HasSubstr("an intermediate update of the step from 0.1 s on failed"),
+                                                    HasSubstr("u is not to my liking"),
+                                                    HasSubstr("returns early as it was asked to"))));
+}
+
+TEST_F(Import, GivesTheCallbackToAnFmuThatNeedsItEvenIfNoInputIsSetThere) {
+  Instance instance = load(make_fmu("rogue3", folder_.path(), {{" intermediateUpdate=\"true\"", ""}}));
+  integer(instance, "mode") = kNeedsCallback3;
+  instance.unit->initialise({});
+  EXPECT_TRUE(instance.variables.at("u").rate.empty());
+  EXPECT_EQ(step(instance, 0, 0.1), StepResult::kDone);
+}
+
+TEST_F(Import, TellsAfterwardsWhatTheFmuAskedFor) {
+  Instance polite = load3(), discards = load3(kDiscards3);
+  polite.unit->initialise({});
+  EXPECT_EQ(run(polite, 0, 1, 0.01), StepResult::kDone);
+  std::vector<std::string> notes;
+  polite.unit->tell(notes);
+  EXPECT_THAT(notes,
+              ElementsAre("100 early returns from a step, which was completed from there", "3 events handled in event mode"));
+  discards.unit->initialise({});
+  Snapshot before;
+  before.take(discards.variables, *discards.unit);
+  EXPECT_EQ(step(discards, 0, 0.1), StepResult::kDiscard);
+  notes.clear();
+  discards.unit->tell(notes);
+  EXPECT_THAT(notes, ElementsAre("1 step discarded, the last one at 0 s"));
 }
 
 TEST_F(Import, CarriesBinariesAsHexadecimalDigitsAndLargeIntegersAsReals) {

@@ -27,7 +27,7 @@ using testing::LoadedFmu;
 using testing::Message;
 using testing::references;
 
-constexpr int kOk = 0, kDiscardStatus = 2, kErrorStatus = 3;
+constexpr int kOk = 0, kWarning = 1, kDiscardStatus = 2, kErrorStatus = 3;
 
 const UnitType kProbe{"probe", "shows what is done with a unit",
                       [](Settings& s) -> std::unique_ptr<cotwin::Unit> { return std::make_unique<probe::Probe>(s); }};
@@ -227,9 +227,12 @@ TEST_P(Interface, SaysOfWhatItDoesNotOfferThatItDoesNot) {
     EXPECT_EQ(fmu_->function<decltype(&fmi2EnterEventMode)>("fmi2EnterEventMode")(d.instance()), fmi2Error);
     EXPECT_THAT(d.last_message(), HasSubstr("Model Exchange"));
     EXPECT_EQ(fmu_->function<decltype(&fmi2GetDerivatives)>("fmi2GetDerivatives")(d.instance(), &x, 1), fmi2Error);
-    EXPECT_EQ(fmu_->function<decltype(&fmi2GetRealOutputDerivatives)>("fmi2GetRealOutputDerivatives")(d.instance(), nullptr, 0,
-                                                                                                      nullptr, nullptr),
-              fmi2Error);
+    const unsigned u = 1;
+    const int order = 1;
+    EXPECT_EQ(d.output_derivatives({&u, 1}, {&order, 1}, {&x, 1}), fmi2Error);
+    EXPECT_THAT(d.last_message(), HasSubstr("u[1]: no derivative of it is known"));
+    EXPECT_EQ(d.directional({}, {}, {}, {}), fmi2Error);
+    EXPECT_THAT(d.last_message(), HasSubstr("providesDirectionalDerivative=false"));
     EXPECT_EQ(fmu_->function<decltype(&fmi2Instantiate)>("fmi2Instantiate")("x", fmi2ModelExchange, fmu_->token().c_str(),
                                                                             nullptr, nullptr, 0, 1),
               nullptr);
@@ -452,8 +455,47 @@ TEST_P(InterfaceOfFmi2, FollowsInputDerivatives) {
   EXPECT_EQ(d.set_rates(refs("u"), first, slopes), kOk);
   EXPECT_EQ(d.step(0, 2), kOk);
   EXPECT_THAT(get<double>(d, "x"), ElementsAre(2, 4, 6));  // ½ slope · t²
-  EXPECT_EQ(d.set_rates(refs("u"), second, slopes), kErrorStatus);
   EXPECT_EQ(d.set_rates(refs("gain"), first, slopes), kErrorStatus);
+  EXPECT_THAT(d.last_message(), HasSubstr("gain[1]: expected a real input"));
+  const std::vector<int> none(3, 0);
+  EXPECT_EQ(d.set_rates(refs("u"), none, slopes), kErrorStatus);
+}
+
+TEST_P(InterfaceOfFmi2, LeavesOutInputDerivativesThatItCannotFollowAndSaysSoOnce) {
+  Driver d(*fmu_);
+  d.initialise();
+  const std::vector<int> first(3, 1), second(3, 2), one(1, 1);
+  const std::vector<double> slopes = {1, 2, 3}, zero(3, 0.0), slope(1, 5.0);
+  EXPECT_EQ(d.set_rates(refs("u"), second, zero), kOk);  // nothing is lost
+  EXPECT_EQ(d.set_rates(refs("held"), one, slope), kWarning);
+  EXPECT_THAT(d.last_message(), HasSubstr("held is held over a step: its derivative is left out"));
+  EXPECT_EQ(d.set_rates(refs("u"), first, slopes), kOk);
+  EXPECT_EQ(d.set_rates(refs("u"), second, slopes), kWarning);
+  EXPECT_THAT(d.last_message(), HasSubstr("held is held"));  // no second message
+  EXPECT_EQ(d.step(0, 2), kOk);
+  EXPECT_THAT(get<double>(d, "x"), ElementsAre(2, 4, 6));  // ½ slope · t², the slope of order 1
+}
+
+/// What only FMI 3 has.
+class InterfaceOfFmi3 : public Interface {};
+
+TEST_P(InterfaceOfFmi3, FollowsAnInputWhoseSlopeIsAnInput) {
+  const unsigned slope = static_cast<unsigned>(variables_.size()) + 1;  // behind all others, of which the first is time
+  std::ifstream in(fmu_->folder() / "modelDescription.xml");
+  const std::string description(std::istreambuf_iterator<char>(in), {});
+  EXPECT_THAT(description, HasSubstr("name=\"der(u)\" valueReference=\"" + std::to_string(slope) + "\""));
+  Driver d(*fmu_);
+  d.initialise();
+  const std::vector<double> slopes = {1, 2, 3};
+  EXPECT_EQ(d.set(std::vector<unsigned>{slope}, std::span<const double>(slopes)), kOk);
+  EXPECT_EQ(d.step(0, 2), kOk);
+  EXPECT_THAT(get<double>(d, "x"), ElementsAre(2, 4, 6));  // ½ slope · t²
+  void* state = nullptr;
+  EXPECT_EQ(d.save(&state), kOk);
+  EXPECT_EQ(d.set(std::vector<unsigned>{slope}, std::span<const double>(std::vector<double>(3, 0.0))), kOk);
+  EXPECT_EQ(d.restore(state), kOk);
+  EXPECT_EQ(d.step(2, 2), kOk);  // from u again, as it is still 0, with the slope that the state has
+  EXPECT_THAT(get<double>(d, "x"), ElementsAre(4, 8, 12));
 }
 
 TEST_P(Interface, RestoresASavedStateInTheMiddleOfARun) {
@@ -605,6 +647,7 @@ INSTANTIATE_TEST_SUITE_P(Fmi, Interface, ::testing::Values(Version::k2, Version:
                          [](const auto& version) { return std::string(version.param == Version::k2 ? "2" : "3"); });
 
 INSTANTIATE_TEST_SUITE_P(Fmi, InterfaceOfFmi2, ::testing::Values(Version::k2), [](const auto&) { return std::string("2"); });
+INSTANTIATE_TEST_SUITE_P(Fmi, InterfaceOfFmi3, ::testing::Values(Version::k3), [](const auto&) { return std::string("3"); });
 
 }  // namespace
 }  // namespace cotwin::fmu

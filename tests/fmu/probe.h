@@ -42,6 +42,7 @@ class Probe final : public Unit {
     v.output("initialisations", initialisations_, "how often the unit was initialised");
     v.state("x", x_, "N.m.s", "integral of the input");
     v.state("steps", steps_, "number of steps");
+    v.input("held", held_, "N.m", "input that is held over a step, to no effect");
   }
 
   void initialise(Time) override {
@@ -76,6 +77,7 @@ class Probe final : public Unit {
   std::int32_t demand_ = 0, h_ns_ = 0, steps_ = 0, initialisations_ = 0;
   bool on_ = true, moved_ = false;
   std::string word_ = "start", echo_, name_ = "probe";
+  double held_ = 0;
   double limit_ = 1, cached_limit_ = 0;  // the latter is what a unit derives from its fixed parameters
 };
 

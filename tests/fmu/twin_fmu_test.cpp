@@ -453,18 +453,5 @@ TEST(TwinArchive, IsWrittenByTheProgram) {
               ::testing::HasSubstr("expected a name that ends in .fmu"));
 }
 
-TEST(TwinArchive, IsNotMadeOfOtherFmusOrOfAnAdaptiveStep) {
-  const fmu::TemporaryFolder folder;
-  Scenario scenario = example();
-  scenario.components[0].source = "motion.fmu";
-  EXPECT_THAT([&] { pack(scenario, Version::k2, folder.path() / "x.fmu"); },
-              ::testing::ThrowsMessage<Error>(::testing::HasSubstr("component 'motion' is the FMU motion.fmu")));
-  scenario = example();
-  scenario.tolerance = 1e-3;
-  EXPECT_THAT([&] { pack(scenario, Version::k2, folder.path() / "x.fmu"); },
-              ::testing::ThrowsMessage<Error>(::testing::HasSubstr("adapts to a tolerance")));
-  EXPECT_FALSE(fs::exists(folder.path() / "x.fmu"));
-}
-
 }  // namespace
 }  // namespace cotwin::master

@@ -1,5 +1,5 @@
 // Any bytes are an archive that unpacks into its own folder or an Error, and leave nothing behind; in the libraries inside, and
-// in the bytes themselves, the ELF reader finds what is there or throws.
+// in the bytes themselves, the readers of ELF and PE find what is there or throw.
 #include <unistd.h>
 
 #include <cstdint>
@@ -9,6 +9,7 @@
 
 #include "fmu/archive.h"
 #include "fmu/elf.h"
+#include "fmu/pe.h"
 #include "models/text/error.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
@@ -33,6 +34,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (!unpacked.empty() && fs::exists(unpacked)) std::abort();
   try {
     static_cast<void>(fmu::read_elf(archive));
+  } catch (const Error&) {
+  }
+  try {
+    static_cast<void>(fmu::read_pe(archive));
   } catch (const Error&) {
   }
   return 0;

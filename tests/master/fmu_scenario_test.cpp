@@ -141,10 +141,10 @@ TEST_F(FmuScenario, OneAttributeTurnsAUnitIntoItsFmuInBothVersions) {
     Scenario scenario = example();
     scenario.components[0].source = pack_unit("unit:motion?kind=waypoints&points=7&robot=lwr4", version, "motion.fmu").string();
     EXPECT_EQ(recorded(std::move(scenario)) == units, true) << "motion, FMI " << static_cast<int>(version);
+    scenario = example();  // its drive train follows tau_m over a step
+    scenario.components[2].source = pack_unit("unit:drive_train?robot=lwr4", version, "drive.fmu").string();
+    EXPECT_EQ(recorded(std::move(scenario)) == units, true) << "drive train, FMI " << static_cast<int>(version);
   }
-  Scenario scenario = example();
-  scenario.components[2].source = pack_unit("unit:drive_train?robot=lwr4", fmu::Version::k2, "drive.fmu").string();
-  EXPECT_EQ(recorded(std::move(scenario)) == units, true) << "drive train, FMI 2";
 }
 
 TEST_F(FmuScenario, AnFmuInAProcessOfItsOwnGivesTheSameBits) {
@@ -210,6 +210,37 @@ TEST_F(FmuScenario, ThePackageOfAPackageHasTheSameSystem) {
   ASSERT_EQ(a.components.size(), b.components.size());
   for (std::size_t i = 0; i < a.components.size(); ++i) EXPECT_EQ(a.components[i].stage, b.components[i].stage);
   EXPECT_EQ(recorded(a) == recorded(b), true);
+}
+
+TEST_F(FmuScenario, InputsThatRunAheadTakeTheSlopesThatAnFmuTellsIfTheScenarioAsks) {
+  fmu::testing::make_fmu("rogue2", folder_, {{"canInterpolateInputs", "maxOutputDerivativeOrder=\"1\" canInterpolateInputs"}});
+  fmu::testing::make_fmu("ball3", folder_);
+  // Both in one stage: the ball's input goes on from y with a slope. y'' = u' = 2 m/s2, so that the slope of the last step,
+  // which is the alternative, lags by h.
+  const auto last_slope = [&](const std::string& query) {
+    Scenario scenario;
+    scenario.name = "slopes";
+    scenario.folder = folder_;
+    scenario.stop = Time::from_seconds(0.5);
+    for (const char* name : {"source", "ball"}) {
+      ComponentSpec spec;
+      spec.name = name;
+      spec.source = spec.name == "ball" ? "ball3.fmu" : "rogue2.fmu" + query;
+      scenario.components.push_back(spec);
+    }
+    scenario.connections.push_back({{"source", "der(position of \"it\").y", ""}, {"ball", "u", ""}, 1, 0, true, ""});
+    scenario.events.push_back({Time{}, "source.u", "2", Duration::from_seconds(1), ""});
+    MasterOptions options;
+    options.types = unit_types();
+    Master master(scenario, std::move(options));
+    master.initialise();
+    while (master.step_tick()) {
+    }
+    return find_signal(master.members(), "ball.u", "").variable->rate[0];
+  };
+  // The last step goes from 0.499 s on, where u = y' = 0.998 m/s; over the step before it y rose by its mean, at 0.4985 s.
+  EXPECT_NEAR(last_slope("?slopes=true"), 0.998, 1e-9);
+  EXPECT_NEAR(last_slope(""), 0.997, 1e-9);
 }
 
 TEST_F(FmuScenario, UnitsAndForeignFmusOfBothVersionsMixAndArePackedTogether) {
@@ -316,6 +347,32 @@ TEST_F(FmuScenario, InputsFollowTheFileAlongLinesAndHoldBeforeAndAfterIt) {
   }
 }
 
+TEST_F(FmuScenario, InputsAndOutputsMayBeCalledByElementOrWholeInBothVersions) {
+  std::vector<std::string> results;
+  for (const fmu::Version version : {fmu::Version::k2, fmu::Version::k3}) {
+    FmuRunOptions options;
+    options.file = pack_unit("unit:compliance?robot=lwr4", version, "compliance.fmu");
+    options.output_file = folder_ / "out.csv";
+    options.output_variables = {"q_c[1]", "q_c"};
+    options.stop = 0.5;
+    options.interval = 0.01;
+    for (const char* table : {"time,q_d[1]\n0,0\n1,1\n", "time,q_d\n0,0 0 0 0 0 0 0\n1,1 0 0 0 0 0 0\n"}) {
+      options.input_file = write("in.csv", table);
+      FmuRun run(options);
+      run.initialise();
+      while (run.step_tick()) {
+      }
+      run.finish();
+      results.push_back(content(options.output_file));
+    }
+  }
+  EXPECT_THAT(results.front(), StartsWith("\"time\",\"q_c[1]\",\"q_c\"\n0,0,0 0 0 0 0 0 0\n"));
+  const std::size_t last = results.front().rfind("\n0.5,");
+  ASSERT_NE(last, std::string::npos);
+  EXPECT_NEAR(std::stod(results.front().substr(last + 5)), 0.49, 1e-12);  // q_d at the beginning of the last step
+  EXPECT_THAT(results, ::testing::Each(results.front()));
+}
+
 TEST_F(FmuScenario, AnInputFileThatDoesNotFitIsAnErrorThatNamesTheLine) {
   FmuRunOptions options;
   options.file = pack_unit("unit:compliance?robot=lwr4", fmu::Version::k2, "compliance.fmu");
@@ -381,6 +438,42 @@ TEST_F(FmuScenario, TheProgramPacksInspectsAndRunsAnFmu) {
   write("not.fmu", "no archive");
   EXPECT_EQ(program("check not.fmu").first, 2);
   EXPECT_EQ(program("run not.fmu").first, 2);
+}
+
+// rogue3 makes no step beyond 11 ms (mode 5), rogue2 none beyond `longest_step`: a tick of 100 ms becomes 16 parts. Both give
+// ∫u.
+TEST_F(FmuScenario, HalvesATickThatAForeignFmuDiscardsAndTellsWhoItWas) {
+  namespace foreign = fmu::testing;
+  Scenario scenario;
+  scenario.name = "two of others";
+  scenario.folder = folder_;
+  scenario.tick = Duration{100'000'000};
+  scenario.stop = Time::from_seconds(1);
+  const auto add =
+      [&](const char* name, const std::string& archive,
+          const std::vector<std::pair<std::string, std::variant<double, std::int64_t, bool, std::string>>>& values) {
+        ComponentSpec spec;
+        spec.name = name;
+        spec.source = foreign::make_fmu(archive, folder_).filename().string();
+        for (const auto& [variable, value] : values) spec.start_values.push_back({variable, value, "", "test"});
+        scenario.components.push_back(spec);
+      };
+  add("three", "rogue3", {{"u", 1.0}, {"mode", std::int64_t{5}}});
+  add("two", "rogue2", {{"u", 1.0}, {"longest_step", 0.05}});
+  MasterOptions options;
+  options.types = unit_types();
+  Master master(scenario, std::move(options));
+  master.initialise();
+  while (master.step_tick()) {
+  }
+  const auto value = [&](const char* name) { return find_signal(master.members(), name, "").reals()[0]; };
+  EXPECT_NEAR(value("three.y"), 1, 1e-12);
+  EXPECT_NEAR(value("two.y in mm"), 1e-3, 1e-15);
+  const Summary s = master.summary();
+  EXPECT_EQ(s.discarded, 10);
+  EXPECT_THAT(s.discarded_by, ElementsAre(::testing::Pair("three", 10)));  // asked first; at 1/16 both are content
+  EXPECT_EQ(s.most_parts, 16);
+  EXPECT_THAT(s.notes, ::testing::Contains(HasSubstr("three: ")));
 }
 
 }  // namespace

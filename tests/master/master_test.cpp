@@ -69,6 +69,69 @@ TEST(Master, TheLoopAllocatesNothingWithDiscardedStepsAndWithATolerance) {
   }
 }
 
+// In a run of fewer than 1024 ticks every tick is timed and none is a plain one; in a longer one most are.
+TEST(Master, PlainTicksGiveTheBitsOfThoseThatAreLookedAt) {
+  const auto after_900_ticks = [](double until) {
+    Build b;
+    b.unit("i", "integrator").unit("g", "gain").unit("p", "picky").with("longest", 0.3e-3).with("from", 0.7);
+    b.unit("probe", "probe", 1).connect("i.y", "g.u").until(until);
+    b.event(0.3, "i.u", "2").event(0.6, "i.u", "5", 0.1).event(0.8005, "i.u", "-1");
+    Master master = b.load();
+    master.initialise();
+    for (int i = 0; i < 900; ++i) EXPECT_TRUE(master.step_tick());
+    std::vector<double> seen = {value(master, "i.y"), value(master, "g.y"), value(master, "p.y"), value(master, "probe.steps")};
+    const Summary s = master.summary();
+    seen.push_back(static_cast<double>(s.discarded));
+    for (const Tally& tally : s.tallies) seen.insert(seen.end(), {tally.total_rms, tally.total_max});
+    return seen;
+  };
+  const std::vector<double> looked_at = after_900_ticks(0.9), plain = after_900_ticks(5);
+  EXPECT_EQ(looked_at, plain);
+  EXPECT_EQ(plain[4], 200) << "of the ticks from 0.7 s on, each is discarded";
+}
+
+TEST(Master, TimesTheStepsOfEveryPeriodAsOftenAsTheyAreDue) {
+  constexpr int kTicks = 500'000;
+  Build b;
+  b.scenario.tick = Duration{1'000};
+  b.unit("1", "gain").unit("2", "gain", 0, 2).unit("3", "gain", 0, 3).unit("4", "gain", 0, 4).unit("10", "gain", 0, 10);
+  b.until(kTicks * 1e-6);
+  Master master = b.load();
+  master.initialise();
+  while (master.step_tick()) {
+  }
+  EXPECT_EQ(master.tick(), kTicks);
+  const Summary s = master.summary();
+  const auto all = static_cast<double>(s.units[0].samples);
+  ASSERT_GE(all, kTicks / 1021 - 1);
+  ASSERT_LT(all, kTicks / 10) << "most ticks are not timed";
+  for (const Summary::Share& unit : s.units) {
+    const double due = all / std::stod(unit.name);
+    EXPECT_NEAR(static_cast<double>(unit.samples), due, 0.3 * due) << "period " << unit.name;
+  }
+}
+
+TEST(Master, PlainTicksTellOfANanOfAnErrorAndOfTheEndAsOthersDo) {
+  for (const bool throws : {false, true}) {
+    Build b;
+    b.unit("f", "faulty").with("after", 2.3456).with("throws", throws).until(5);
+    Master master = b.load();
+    master.initialise();
+    const std::string what = error_of([&] {
+      while (master.step_tick()) {
+      }
+    });
+    EXPECT_THAT(what, HasSubstr(throws ? "f at t = 2.346 s: the gear has broken" : "f.y[3] is nan at t = 2.347 s"));
+  }
+  Build b;
+  b.unit("b", "brief").unit("p", "probe").until(5);
+  Master master = b.load();
+  master.initialise();
+  while (master.step_tick()) {
+  }
+  EXPECT_EQ(value(master, "p.steps"), 3);
+}
+
 TEST(Master, SeveralRunSideBySide) {
   Build b;
   b.unit("i", "integrator").with("u", 1.0).until(0.1);
@@ -239,6 +302,21 @@ TEST(Report, ShowsWhatARunDidNotReachAsUnknown) {
   std::ostringstream table;
   write_report(table, master.summary(), {"interrupted", ""});
   EXPECT_THAT(table.str(), HasSubstr("test: interrupted at t = 0.3 s; 0.3 s in 300 ticks"));
+}
+
+TEST(Master, RefusesAStartValueThatInitialisationReplaces) {
+  // x of the integrator is computed from `start`.
+  Build b;
+  b.unit("i", "integrator").with("x", 3.0);
+  Master master = b.load();
+  EXPECT_EQ(error_of([&] { master.initialise(); }),
+            "test.ssd:50: 'i.x' is a state that its unit computes when it is initialised: the start value has no effect, "
+            "expected a parameter, a tunable or an input");
+  Build same;
+  same.unit("i", "integrator").with("x", 3.0).with("start", 3.0);
+  Master honoured = same.load();
+  honoured.initialise();
+  EXPECT_EQ(value(honoured, "i.y"), 3);
 }
 
 }  // namespace

@@ -96,7 +96,9 @@ TEST_F(Recording, ReadsBackToTheSameBits) {
       } while (!std::isfinite(v));
     }
     if (row % 3 == 0) values[1] = 0.1;  // at rest, mostly
-    if (row % 5 == 0) values[2] = -0.0;
+    if (row % 5 == 0) values[2] = row % 2 == 0 ? 0.0 : -0.0;
+    if (row % 2 == 1) values[3] = written.back()[0];  // as an input repeats what an output was
+    if (row % 7 == 0) values[4] = values[0];
     written.push_back(values);
     recorder.sample(Time{row * std::int64_t{1'234'567}});
   }
@@ -110,6 +112,28 @@ TEST_F(Recording, ReadsBackToTheSameBits) {
       ASSERT_EQ(std::bit_cast<std::uint64_t>(read[i + 1]), std::bit_cast<std::uint64_t>(written[r][i])) << rows[r + 1];
     }
   }
+}
+
+TEST_F(Recording, TellsAnIntegerFromTheRealOfTheSameValue) {
+  std::array<double, 1> real{1e9};
+  std::array<std::int32_t, 1> integer{1'000'000'000};
+  Variable x, n;
+  x.name = "x";
+  x.storage = std::span<double>(real);
+  n.name = "n";
+  n.storage = std::span<std::int32_t>(integer);
+  std::vector<Column> columns = column_of(x);
+  columns.push_back(column_of(n).front());
+  Recorder recorder(columns, folder_ / "kinds.csv", {});
+  recorder.sample(Time{0});
+  real[0] = 0;
+  integer[0] = 1;
+  recorder.sample(Time{1'000'000'000});
+  real[0] = 1e9;
+  integer[0] = 1'000'000'000;
+  recorder.sample(Time{2'000'000'000});
+  recorder.close();
+  EXPECT_THAT(lines(folder_ / "kinds.csv"), ElementsAre("time,u.x,u.n", "0,1e+09,1000000000", "1,0,1", "2,1e+09,1000000000"));
 }
 
 TEST_F(Recording, WritesTimesExactly) {

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "master/twin.h"
 #include "tests/master/test_units.h"
 
 namespace cotwin::master {
@@ -35,6 +36,47 @@ TEST(StepControl, ADiscardedStepIsMadeInPartsAndSoIsEveryoneElses) {
   EXPECT_EQ(s.discarded, 5);
   EXPECT_THAT(s.discarded_by, ElementsAre(Pair("p", 5)));
   EXPECT_EQ(s.most_parts, 4);
+}
+
+// The same scenario as one unit, with an input that its host moves between the ticks: the ticks since the last checkpoint are
+// made again with what the host had written before each of them.
+TEST(StepControl, OfAScenarioAsOneUnitIsThatOfTheMaster) {
+  Build b;
+  b.unit("i", "integrator").unit("p", "picky").with("longest", 0.3e-3).with("from", 0.045).until(1);
+  Master master = b.load();
+  Twin twin(b.scenario, load_members(b.scenario, ::cotwin::testing::test_types(), {}), {"i.y", "p.y"});
+  Variables v;
+  twin.declare(v);
+  ASSERT_EQ(v.at("i.u").role, Role::kInput);
+  master.initialise();
+  twin.initialise(Time{});
+  for (int n = 0; n < 100; ++n) {
+    const double u = std::sin(0.1 * n);
+    v.at("i.u").reals()[0] = u;
+    find_signal(master.members(), "i.u", "").reals()[0] = u;
+    master.step_tick();
+    ASSERT_EQ(twin.step(Time{n * 1'000'000}, Duration{1'000'000}), StepResult::kDone);
+    ASSERT_EQ(v.at("p.y").reals()[0], value(master, "p.y")) << n;
+  }
+  // ∫u of the host's steps, whatever was made twice; the master of a run has nobody who writes between its ticks.
+  double expected = 0;
+  for (int n = 0; n < 100; ++n) expected += 1e-3 * std::sin(0.1 * n);
+  EXPECT_NEAR(v.at("i.y").reals()[0], expected, 1e-15);
+  std::vector<std::string> notes;
+  twin.tell(notes);
+  EXPECT_THAT(notes, ElementsAre("p discarded 55 ticks, which were made in up to 4 parts"));
+}
+
+TEST(StepControl, OfAScenarioAsOneUnitGivesUpWhereNoPartIsShortEnough) {
+  Build b;
+  b.unit("i", "integrator").with("u", 1.0).unit("p", "picky").with("longest", 1e-9).with("from", 0.002).until(1);
+  Twin twin(b.scenario, load_members(b.scenario, ::cotwin::testing::test_types(), {}), {"i.y"});
+  Variables v;
+  twin.declare(v);
+  twin.initialise(Time{});
+  EXPECT_EQ(twin.step(Time{}, Duration{2'000'000}), StepResult::kDone);
+  EXPECT_EQ(twin.step(Time{2'000'000}, Duration{1'000'000}), StepResult::kDiscard);
+  EXPECT_DOUBLE_EQ(v.at("i.y").reals()[0], 0.002);  // as before the step
 }
 
 TEST(StepControl, ComesBackFromFarBehindTheLastCheckpoint) {

@@ -39,24 +39,31 @@ class Gain final : public Unit {
   double gain_ = 1, bias_ = 0;
 };
 
-/// ẋ = u held over a step, y = x.
+/// ẋ = u held over a step, y = x. `telling`: says that dy is the derivative of y.
 class Integrator final : public Unit {
  public:
+  explicit Integrator(bool telling = false) : telling_(telling) {}
   void declare(Variables& v) override {
     v.input("u", u_, "rad/s", "rate");
     v.output("y", y_, "rad", "integral");
     v.parameter("start", start_, "rad", "value at the start");
     v.state("x", x_, "rad", "integral");
+    if (telling_) v.output("dy", dy_, "rad/s", "derivative").derivative_of("y");
   }
-  void initialise(Time) override { x_ = y_ = start_; }
+  void initialise(Time) override {
+    x_ = y_ = start_;
+    dy_ = u_;
+  }
   StepResult step(Time, Duration h) override {
     x_ += u_ * h.seconds();
     y_ = x_;
+    dy_ = u_;
     return StepResult::kDone;
   }
 
  private:
-  double u_ = 0, y_ = 0, x_ = 0, start_ = 0;
+  bool telling_;
+  double u_ = 0, y_ = 0, x_ = 0, dy_ = 0, start_ = 0;
 };
 
 /// ẋ = a(t) with a following its input linearly over a step (Variable::rate): x is exact if the input is linear.
@@ -310,6 +317,8 @@ inline std::span<const UnitType> test_types() {
          return std::make_unique<Gain>(static_cast<std::size_t>(s.integer("n", 1, 1, 1000)));
        }},
       {"integrator", "y = ∫u", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Integrator>(); }},
+      {"telling_integrator", "y = ∫u, dy = u",
+       [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Integrator>(true); }},
       {"ramped", "y = ∫u, u ramped", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<RampedIntegrator>(); }},
       {"oscillator_a", "mass and spring", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<OscillatorA>(); }},
       {"oscillator_b", "mass", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<OscillatorB>(); }},

@@ -120,6 +120,10 @@ TEST(Wiring, RefusesAnInputThatIsFedTwiceAlsoInOneElement) {
   Build b;
   b.unit("a", "gain?n=3").unit("b", "gain?n=3").connect("a.y", "b.u").connect("a.y[1]", "b.u[3]");
   EXPECT_EQ(error_of([&] { b.load(); }), "test.ssd:41: a.y[1] -> b.u[3]: the input b.u[3] is already fed by a.y (test.ssd:41)");
+  Build written_in_reverse;
+  written_in_reverse.unit("a", "gain?n=3").unit("b", "gain?n=3").connect("b.u", "a.y").connect("a.y[1]", "b.u[3]");
+  EXPECT_EQ(error_of([&] { written_in_reverse.load(); }),
+            "test.ssd:41: a.y[1] -> b.u[3]: the input b.u[3] is already fed by a.y (test.ssd:41)");
 }
 
 TEST(Wiring, RefusesConnectorsThatTheUnitDoesNotHave) {
@@ -167,6 +171,17 @@ TEST(Wiring, ExtrapolatesAnInputWhoseSourceStepsLater) {
   Master master = b.load();
   run(master, 100);
   EXPECT_NEAR(value(master, "b.y"), 0.01 - 1e-6, 1e-15);
+}
+
+TEST(Wiring, ExtrapolatesWithTheDerivativeThatTheSourceKnows) {
+  // As before, with dy/dt = 2 as an output of its own: the first step knows it, too.
+  Build b;
+  b.unit("b", "ramped", 0).unit("a", "telling_integrator", 1).with("u", 2.0);
+  b.connect("a.y", "b.u").as_it_is();
+  b.until(0.1);
+  Master master = b.load();
+  run(master, 100);
+  EXPECT_NEAR(value(master, "b.y"), 0.01, 1e-15);
 }
 
 TEST(Wiring, HoldsAnInputWhoseSourceStepsMoreRarely) {

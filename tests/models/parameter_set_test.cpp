@@ -171,7 +171,7 @@ INSTANTIATE_TEST_SUITE_P(
               for (int i = 0; i < 100'000; ++i) s += "<a>";
               return s;
             }(),
-            "f.ssv:1: malformed XML (XML_ELEMENT_DEPTH_EXCEEDED)"},
+            "f.ssv:1: malformed XML: its elements are nested too deeply"},
         Bad{"AttributeTwice", "<a b='1'\n b='2'/>", "f.ssv:2: malformed XML"},
         Bad{"AttributeTwiceByNamespace", "<a xmlns:p='u' xmlns:q='u'\n p:b='1' q:b='2'/>",
             "f.ssv:1: attribute 'q:b' is given twice"},

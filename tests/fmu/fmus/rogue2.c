@@ -1,5 +1,7 @@
 /* An FMU for Co-Simulation (FMI 2.0) that does what well-behaved ones do not, as its parameter `mode` says.
- *   x' = u (ramped by its input derivative), y = x. */
+ *   x' = u (ramped by its input derivative), y = x, and z = 2 x, if the description has it.
+ * It tells the derivative of y alone; asked for another one, it makes no further step. An instance called "only one" is the
+ * only one of the process or is refused. */
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -8,12 +10,12 @@
 
 #include "fmu/fmi2.h"
 
-enum { kU = 1, kY = 2, kLongestStep = 3, kMode = 10, kOn = 20, kOff = 21, kIn = 30, kOut = 31 };
+enum { kU = 1, kY = 2, kLongestStep = 3, kZ = 4, kMode = 10, kOn = 20, kOff = 21, kIn = 30, kOut = 31 };
 enum { kPolite, kError, kCrash, kHang, kFlood, kNoInitialisation, kTerminate, kFatal, kPending, kHugeState };
 
 typedef struct {
   double x, u, du, longest_step, time, reached;
-  int mode, on, calls_pending, initialised;
+  int mode, on, calls_pending, initialised, broken;
   char text[64];
 } Memory;
 
@@ -23,6 +25,9 @@ typedef struct {
   char name[64];
   char reversed[64];
 } Instance;
+
+static int only_ones; /* alive */
+static int is_only_one(const char* name) { return strcmp(name, "only one") == 0; }
 
 static void say(const Instance* i, fmi2Status status, const char* category, const char* text) {
   i->callbacks->logger(i->callbacks->componentEnvironment, i->name, status, category, "%s", text);
@@ -47,11 +52,18 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     callbacks->freeMemory(i);
     return NULL;
   }
+  if (is_only_one(name) && ++only_ones > 1) {
+    --only_ones;
+    say(i, fmi2Error, "logStatusError", "there is an instance already");
+    callbacks->freeMemory(i);
+    return NULL;
+  }
   return i;
 }
 void fmi2FreeInstance(fmi2Component c) {
   Instance* i = c;
   if (i->m.mode == kFatal && i->m.time >= 1) abort(); /* nobody may call this after a fatal error */
+  if (is_only_one(i->name)) --only_ones;
   i->callbacks->freeMemory(i);
 }
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean t, fmi2Real tolerance, fmi2Real start, fmi2Boolean s,
@@ -87,7 +99,7 @@ fmi2Status fmi2Reset(fmi2Component c) {
 
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference r[], size_t n, fmi2Real v[]) {
   const Instance* i = c;
-  for (size_t k = 0; k < n; ++k) v[k] = r[k] == kU ? i->m.u : r[k] == kY ? i->m.x : i->m.longest_step;
+  for (size_t k = 0; k < n; ++k) v[k] = r[k] == kU ? i->m.u : r[k] == kY ? i->m.x : r[k] == kZ ? 2 * i->m.x : i->m.longest_step;
   return fmi2OK;
 }
 fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference r[], size_t n, fmi2Integer v[]) {
@@ -150,8 +162,14 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
 }
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference r[], size_t n, const fmi2Integer order[],
                                         fmi2Real v[]) {
-  (void)c, (void)r, (void)n, (void)order, (void)v;
-  return fmi2Error;
+  for (size_t k = 0; k < n; ++k) { /* y' = u */
+    if (r[k] != kY || order[k] != 1) {
+      ((Instance*)c)->m.broken = 1;
+      return fmi2Error;
+    }
+    v[k] = ((Instance*)c)->m.u;
+  }
+  return fmi2OK;
 }
 
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate* s) {
@@ -197,6 +215,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real now, fmi2Real h, fmi2Boolean no_
     return fmi2Error;
   }
   m->reached = now;
+  if (m->broken) return fmi2Error;
   if (h > m->longest_step * (1 + 1e-9)) return fmi2Discard;
   const int late = now + h >= 1 - 1e-9;
   if (m->mode == kFlood) {

@@ -23,7 +23,7 @@ enum {
   kSmall = 12,
   kSmallOut = 13
 };
-enum { kPolite, kStandsStill, kReturnsFromTheFuture, kEndlessEvents, kTerminates, kDiscards };
+enum { kPolite, kStandsStill, kReturnsFromTheFuture, kEndlessEvents, kTerminates, kDiscards, kRefusesUpdates, kNeedsCallback };
 enum { kMost = 8 };
 #define kPeriod 0.3
 
@@ -40,7 +40,7 @@ typedef struct {
 
 typedef struct {
   Memory m;
-  bool event_mode, early;
+  bool event_mode, early, in_update;
   void* environment;
   fmi3LogMessageCallback log;
   fmi3IntermediateUpdateCallback update;
@@ -142,7 +142,15 @@ fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference r[], size_t n
 fmi3Status fmi3SetFloat64(fmi3Instance c, const fmi3ValueReference r[], size_t n, const double v[], size_t nv) {
   Instance* i = c;
   if (n != 1 || r[0] != kU || nv != i->m.n) return refuse(i, "only u can be set");
+  if (i->in_update && i->m.mode == kRefusesUpdates) return refuse(i, "u is not to my liking");
   memcpy(i->m.u, v, nv * sizeof *v);
+  return fmi3OK;
+}
+fmi3Status fmi3GetOutputDerivatives(fmi3Instance c, const fmi3ValueReference r[], size_t n, const fmi3Int32 orders[],
+                                    fmi3Float64 v[], size_t nv) {
+  const Instance* i = c;
+  if (n != 1 || r[0] != kY || orders[0] != 1 || nv != i->m.n) return refuse(i, "only the slope of y is known");
+  memcpy(v, i->m.u, nv * sizeof *v); /* x' = u */
   return fmi3OK;
 }
 fmi3Status fmi3GetFloat32(fmi3Instance c, const fmi3ValueReference r[], size_t n, float v[], size_t nv) {
@@ -252,13 +260,20 @@ fmi3Status fmi3DoStep(fmi3Instance c, double now, double h, bool no_set_back, bo
     *reached = now;
     return fmi3OK;
   }
+  if (m->mode == kNeedsCallback && i->update == NULL) return refuse(i, "there is no callback for intermediate updates");
   double end = now + h;
   if (i->early && h > 0.006) end = now + 0.5 * h; /* as if something had come between */
   if (i->event_mode && end > m->next) end = m->next;
   if (i->update != NULL) {
     bool early_requested = false;
     double early_time = 0;
-    i->update(i->environment, 0.5 * (now + end), true, true, false, false, &early_requested, &early_time);
+    i->in_update = true;
+    i->update(i->environment, 0.5 * (now + end), true, true, false, true, &early_requested, &early_time);
+    i->in_update = false;
+    if (early_requested) {
+      end = early_time;
+      refuse(i, "returns early as it was asked to");
+    }
   }
   for (uint64_t e = 0; e < m->n; ++e) m->x[e] += m->u[e] * (end - now);
   m->time = end;

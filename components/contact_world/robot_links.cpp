@@ -1,0 +1,43 @@
+#include "components/contact_world/robot_links.h"
+
+#include <Eigen/Geometry>
+
+namespace cotwin::contact_world {
+
+void place_links(const robot::RobotModel& robot, const Pose& X_WB, std::span<const double> q, std::span<const double> dq,
+                 std::span<Pose> X_WL, std::span<Twist> V_WL) {
+  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
+    const robot::Joint& joint = robot.joints[i];
+    const bool on_base = joint.parent < 0;
+    const auto parent = static_cast<std::size_t>(joint.parent);
+    const Pose& X_WP = on_base ? X_WB : X_WL[parent];
+    const Twist V_WP = on_base ? Twist::Zero() : V_WL[parent];
+
+    Pose X_WJ = X_WP * joint.X_PJ;
+    const Eigen::Vector3d axis_W = X_WJ.R * joint.axis;
+    Eigen::Vector3d w = V_WP.tail<3>();
+    Eigen::Vector3d v = Eigen::Vector3d::Zero();
+    if (joint.type == robot::JointType::kRevolute) {
+      X_WJ.R = X_WJ.R * Eigen::AngleAxisd(q[i], joint.axis).toRotationMatrix();
+      w += axis_W * dq[i];
+    } else {
+      X_WJ.p += axis_W * q[i];
+      v = axis_W * dq[i];
+    }
+    v += V_WP.head<3>() + V_WP.tail<3>().cross(X_WJ.p - X_WP.p);
+    X_WL[i] = X_WJ;
+    V_WL[i] << v, w;
+  }
+}
+
+void add_joint_torques(const robot::RobotModel& robot, std::span<const Pose> X_WL, int body, const Eigen::Vector3d& p_W,
+                       const Eigen::Vector3d& f_W, std::span<double> tau) {
+  for (int i = body; i >= 0; i = robot.joints[static_cast<std::size_t>(i)].parent) {
+    const auto k = static_cast<std::size_t>(i);
+    const robot::Joint& joint = robot.joints[k];
+    const Eigen::Vector3d axis_W = X_WL[k].R * joint.axis;  // the joint's own motion leaves its axis where it is
+    tau[k] += joint.type == robot::JointType::kRevolute ? axis_W.dot((p_W - X_WL[k].p).cross(f_W)) : axis_W.dot(f_W);
+  }
+}
+
+}  // namespace cotwin::contact_world

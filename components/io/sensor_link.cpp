@@ -1,0 +1,83 @@
+#include "components/io/sensor_link.h"
+
+#include <cmath>
+
+#include "models/numerics/random.h"
+
+namespace cotwin::io {
+
+namespace {
+
+// One stream of random numbers a signal.
+enum Stream : std::uint32_t { kPosition = 0x5e4501, kSpeed, kTorque, kExternalTorque };
+
+double quantised(double value, double resolution) {
+  return resolution > 0 ? resolution * std::round(value / resolution) : value;
+}
+
+}  // namespace
+
+SensorLink::SensorLink(std::size_t joints) {
+  for (auto* v : {&q_true_, &dq_true_, &tau_true_, &tau_e_true_, &q_sigma_, &dq_sigma_, &tau_sigma_, &tau_e_sigma_,
+                  &q_resolution_, &tau_offset_, &tau_e_offset_, &tau_e_filtered_}) {
+    v->assign(joints, 0.0);
+  }
+  tau_gain_.assign(joints, 1.0);
+  tau_e_gain_.assign(joints, 1.0);
+}
+
+void SensorLink::declare(Variables& v) {
+  v.input("q_true", q_true_, "rad", "true joint position that the sensor sees");
+  v.input("dq_true", dq_true_, "rad/s", "true joint speed");
+  v.input("tau_true", tau_true_, "N.m", "true joint torque");
+  v.input("tau_e_true", tau_e_true_, "N.m", "true external joint torque");
+  v.parameter("q_sigma", q_sigma_, "rad", "standard deviation of the noise of q").range(0, 1e3);
+  v.parameter("dq_sigma", dq_sigma_, "rad/s", "standard deviation of the noise of dq").range(0, 1e3);
+  v.parameter("tau_sigma", tau_sigma_, "N.m", "standard deviation of the noise of tau").range(0, 1e6);
+  v.parameter("tau_e_sigma", tau_e_sigma_, "N.m", "standard deviation of the noise of tau_e").range(0, 1e6);
+  v.parameter("q_resolution", q_resolution_, "rad", "step of the position sensor; 0: none").range(0, 1);
+  v.parameter("tau_gain", tau_gain_, "1", "gain of the torque sensor; 1: right");
+  v.parameter("tau_offset", tau_offset_, "N.m", "offset of the torque sensor");
+  v.parameter("tau_e_gain", tau_e_gain_, "1", "gain of tau_e; 1: right");
+  v.parameter("tau_e_offset", tau_e_offset_, "N.m", "offset of tau_e");
+  v.parameter("tau_e_cutoff", tau_e_cutoff_, "Hz", "of the first-order low-pass behind which tau_e is told; 0: none")
+      .range(0, 1e6);
+  v.parameter("seed", seed_, "of the noise");
+  v.state("count", count_, "steps made, by which the noise is keyed");
+  v.state("tau_e_filtered", tau_e_filtered_, "N.m", "tau_e behind its low-pass");
+}
+
+void SensorLink::initialise(Time, Measured& measured) {
+  count_ = 0;
+  measured.has_tau = measured.has_tau_e = true;
+  measured.done = false;
+  measure(0, measured);
+}
+
+StepResult SensorLink::step(Time, Duration h, const Command&, Measured& measured) {
+  ++count_;
+  measure(h.seconds(), measured);
+  return StepResult::kDone;
+}
+
+void SensorLink::measure(double h, Measured& measured) {
+  constexpr double kTurn = 6.283185307179586;
+  const double old = h > 0 && tau_e_cutoff_ > 0 ? std::exp(-kTurn * tau_e_cutoff_ * h) : 0;
+  for (std::size_t i = 0; i < q_true_.size(); ++i) {
+    const auto noise = [&](Stream stream) {
+      return numerics::normal({static_cast<std::uint64_t>(static_cast<std::uint32_t>(seed_)), stream,
+                               static_cast<std::uint32_t>(count_), static_cast<std::uint32_t>(i), 0});
+    };
+    const double dq = dq_true_[i] + dq_sigma_[i] * noise(kSpeed);
+    measured.ddq[i] = h > 0 ? (dq - measured.dq[i]) / h : 0;
+    measured.dq[i] = dq;
+    measured.q[i] = quantised(q_true_[i] + q_sigma_[i] * noise(kPosition), q_resolution_[i]);
+    measured.tau[i] = tau_gain_[i] * (tau_true_[i] + tau_sigma_[i] * noise(kTorque)) + tau_offset_[i];
+    const double tau_e = tau_e_true_[i] + tau_e_sigma_[i] * noise(kExternalTorque);
+    tau_e_filtered_[i] = tau_e + old * (tau_e_filtered_[i] - tau_e);
+    measured.tau_e[i] = tau_e_gain_[i] * tau_e_filtered_[i] + tau_e_offset_[i];
+  }
+  measured.fresh = true;
+}
+
+}  // namespace cotwin::io

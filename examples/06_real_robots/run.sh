@@ -1,0 +1,40 @@
+#!/bin/sh
+# Tunes real robots to their measured torques: run.sh [panda] [ur10] [kr300] (default: all).
+# COTWIN: the program (default: cotwin in the PATH); DATA: folder with models/ and measurements/; OUT: folder for the results.
+set -eu
+here=$(cd "$(dirname "$0")" && pwd)
+cotwin=${COTWIN:-cotwin}
+data=${DATA:-$here/../../../shared/data}
+out=${OUT:-results/06_real_robots}
+
+# Joint torque sensors behind the gears: no motors in the torques. Settings are chosen on the training part.
+panda() {
+  "$cotwin" tune --robot "$data/models/panda_franka_ros.urdf" --data "$data/measurements/panda_unisa.csv" \
+    --torques joint --cross-validate --out "$out/panda" "$@"
+}
+
+# Efforts of the motors behind the gears.
+ur10() {
+  "$cotwin" tune --robot "$data/models/ur10.urdf" --data "$data/measurements/ur10_unisa.csv" \
+    --cross-validate --out "$out/ur10" "$@"
+}
+
+# Torques of the motors, to be multiplied by the gear ratios (facts of the log's source); links of axes 1 to 3 by secondary
+# encoders, all motors behind the gears; positions count from A2 = -90, A3 = 90 degrees. The robot stands for a second at both
+# ends, where friction is anything that holds it. Trained on one motion, another one predicted.
+kr300() {
+  "$cotwin" tune --robot "$here/../../models/robots/kr300_r2500/robot.urdf" \
+    --data "$data/measurements/kr300_A.csv" --held-out "$data/measurements/kr300_B.csv" \
+    --q-columns q1,q2,q3,qmot4,qmot5,qmot6 --dq-columns none --motor-columns 'qmot{}' \
+    --q-offset 0,-1.5707963267948966,1.5707963267948966,0,0,0 \
+    --tau-scale 256.85714,267.42857,252.33333,221,239.61905,154.32313 \
+    --margin 1.2 --load-friction --v-r 0.02 --harmonics 0,1,0,0,0,0 --prior-weight 1 --out "$out/kr300" "$@"
+}
+
+[ $# -gt 0 ] || set -- panda ur10 kr300
+for robot in "$@"; do
+  case $robot in
+    panda | ur10 | kr300) $robot ;;
+    *) echo "run.sh: no robot '$robot', expected panda, ur10 or kr300" >&2 && exit 2 ;;
+  esac
+done

@@ -1,0 +1,30 @@
+// Of fmu/load.h what an exported scenario needs as well: it holds its FMUs unpacked, and their descriptions read.
+#include "fmu/fmu_unit.h"
+#include "fmu/load.h"
+#include "fmu/model_exchange.h"
+#include "fmu/named.h"
+#include "models/text/error.h"
+
+namespace cotwin::fmu {
+
+UnitOptions unit_options(const LoadOptions& options) {
+  return {options.instance_name, options.locals, options.structural, options.stop,
+          options.tolerance,     options.si,     options.slopes};
+}
+
+Instance make_instance(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options) {
+  const InterfaceKind kind = chosen_kind(fmu->description, options.kind);
+  Instance instance;
+  if (interface_of(fmu->description, kind).needs_execution_tool)
+    instance.warnings.push_back("the FMU needs its tool to be installed");
+  if (kind == InterfaceKind::kCoSimulation) {
+    instance.unit = make_named<FmuUnit>(fmu->name, instance.warnings, fmu, unit_options(options));
+  } else {
+    instance.unit = make_named<ModelExchangeUnit>(fmu->name, instance.warnings, fmu, unit_options(options));
+  }
+  for (std::string& warning : instance.warnings) warning = fmu->name + ": " + warning;
+  instance.unit->declare(instance.variables);
+  return instance;
+}
+
+}  // namespace cotwin::fmu

@@ -1,0 +1,36 @@
+#pragma once
+#include <string>
+
+#include "components/unit/variables.h"
+
+/// Inputs that a unit follows linearly over a step (Variable::rate), in FMI 3.0, which has no fmi2SetRealInputDerivatives: the
+/// slope of the input "u" is an input "der(u)" of its own, behind all other variables, whose attribute `derivative` refers to
+/// u. It holds until it is set again; a host that does not know of it holds the input over a step.
+namespace cotwin::fmu {
+
+/// What our model descriptions say that they were made by.
+inline constexpr const char* kGenerationTool = "Cotwin";
+
+inline std::string rate_name(const std::string& input) { return "der(" + input + ")"; }
+
+/// "N.m" → "N.m/s", "rad/s" → "rad/(s.s)".
+inline std::string rate_measure(const std::string& si) {
+  const std::size_t slash = si.find('/');
+  if (slash == std::string::npos) return si + "/s";
+  const std::string below = si.substr(slash + 1);
+  const bool bracketed = below.front() == '(';
+  return si.substr(0, slash) + "/(" + (bracketed ? below.substr(1, below.size() - 2) : below) + ".s)";
+}
+
+/// The variable "der(u)" of an input that has a rate.
+inline cotwin::Variable rate_variable(const cotwin::Variable& input) {
+  cotwin::Variable rate;
+  rate.name = rate_name(input.name);
+  rate.role = Role::kInput;
+  rate.storage = input.rate;
+  rate.si = rate_measure(input.si);
+  rate.description = "slope of " + input.name + " over the next step; 0: " + input.name + " is held";
+  return rate;
+}
+
+}  // namespace cotwin::fmu

@@ -1,0 +1,44 @@
+#pragma once
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include "master/tuning/evaluation.h"
+#include "models/text/parameter_set.h"
+
+namespace cotwin::master::tuning {
+
+/// A file that is there as a whole or not at all: written beside its place and renamed by commit(). Throws Error where that
+/// cannot be done; without commit() nothing stays.
+class AtomicFile {
+ public:
+  explicit AtomicFile(std::filesystem::path place);
+  ~AtomicFile();
+  AtomicFile(const AtomicFile&) = delete;
+  AtomicFile& operator=(const AtomicFile&) = delete;
+  std::ofstream& stream() { return out_; }
+  void commit();
+
+ private:
+  std::filesystem::path place_, beside_;
+  std::ofstream out_;
+  bool done_ = false;
+};
+void write_file(const std::filesystem::path& place, const std::string& content);
+
+/// Where the drive train has the friction that was identified.
+///   link    measured behind the gear, by a joint torque sensor: link_tau_C … or, sigmoid, link_A …; no motor; a Stribeck
+///   curve,
+///           which the link has not, by the nearest line
+///   motor   measured at the motor: B, sigma2, tau_C … of the motor; a sigmoid, which its bristle cannot be, as the link's
+/// Bristles (sigma0, sigma1) are chosen, not identified: 1 mrad of sliding deflection, damped to stay passive.
+ParameterSet drive_parameters(const std::string& name, const identification::Estimate& estimate, const Settings& settings,
+                              const measurement::Survey& survey, const std::vector<identification::Torsion>& torsion);
+
+/// The tuned robot: bodies of the estimate with an entry each in the history, <dynamics> from its friction.
+robot::RobotModel tuned_robot(const robot::RobotModel& robot, const identification::Estimate& estimate,
+                              const std::string& reason);
+/// The URDF file that it was read from with its values in it, and `comment` at the head.
+std::string tuned_urdf(const std::filesystem::path& file, const robot::RobotModel& robot, const std::string& comment);
+
+}  // namespace cotwin::master::tuning

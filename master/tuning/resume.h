@@ -1,0 +1,28 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "master/tuning/settings.h"
+
+namespace cotwin::master::tuning {
+
+/// Where a tuning stopped: its settings, and all that its swarm remembers (identification::Tuning::save).
+struct Resume {
+  Settings settings;
+  std::vector<std::uintmax_t> file_sizes;  // bytes, of data and held_out: another log is another problem
+  std::vector<unsigned char> swarm;
+};
+
+std::string to_text(const Resume& resume);
+/// Throws Error `place: …` for text that is none of ours.
+Resume parse_resume(std::string_view text, const std::string& place);
+
+void save_resume(const std::filesystem::path& file, const Resume& resume);
+/// Throws Error also where a file of the log has another size now.
+Resume load_resume(const std::filesystem::path& file);
+std::vector<std::uintmax_t> file_sizes(const Settings& settings);
+
+}  // namespace cotwin::master::tuning

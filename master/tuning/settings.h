@@ -1,0 +1,49 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <vector>
+
+#include "models/identification/torque_model.h"
+#include "models/measurement/log.h"
+
+namespace cotwin::master::tuning {
+
+enum class Method { kSwarm, kFeasible, kLeastSquares };
+const char* to_text(Method method);         // "swarm", "feasible", "least-squares"
+Method method_of(const std::string& text);  // throws Error naming the choices
+
+inline identification::ModelOptions with_sigmoid_friction() {
+  identification::ModelOptions model;
+  model.friction = identification::FrictionLaw::kSigmoid;
+  return model;
+}
+
+/// Everything that decides about the result of a tuning.
+struct Settings {
+  std::filesystem::path robot;
+  std::vector<std::filesystem::path> data, held_out;
+  trajectory::RecordingFormat format;
+  double split = 0.7;  // share of the data, from the first sample on, that is trained on; not with held_out
+  double cutoff = 0;   // Hz; 0: by the rule of measurement::Survey::cutoff
+  int order = 4;       // of one pass of the low-pass
+  double margin = -1;  // s at both ends of a segment that are left out; below 0: 1/cutoff
+  bool accept_data = false;
+  Method method = Method::kSwarm;
+  identification::ModelOptions model = with_sigmoid_friction();
+  double prior_weight = 1e-3;
+  std::uint64_t seed = 1;
+  int rounds = 500;
+  int particles = 200;
+  double threshold = 0;             // of the cost
+  std::vector<std::string> chosen;  // by cross_validate: its trials and what it took, a sentence each, for the report
+};
+
+nlohmann::json to_json(const Settings& settings);
+/// Throws Error `place: …` for what is missing, of another type, or out of range.
+Settings settings_from_json(const nlohmann::json& json, const std::string& place);
+/// Throws Error for values that no run can have.
+void check(const Settings& settings);
+
+}  // namespace cotwin::master::tuning

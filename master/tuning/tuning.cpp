@@ -1,0 +1,134 @@
+#include "master/tuning/tuning.h"
+
+#include <chrono>
+#include <cmath>
+#include <sstream>
+
+#include "master/tuning/files.h"
+#include "master/tuning/report.h"
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::master::tuning {
+
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+identification::TuningOptions swarm_options(const Settings& settings) {
+  identification::TuningOptions options;
+  options.swarm.particles = settings.particles;
+  options.swarm.rounds = settings.rounds;
+  options.swarm.threshold = settings.threshold;
+  options.swarm.seed = settings.seed;
+  return options;
+}
+
+Resume resume_of(const Settings& settings, const identification::Tuning& tuning) {
+  return {settings, file_sizes(settings), tuning.save()};
+}
+
+/// Feasible least squares until it is done or the user stops it.
+identification::FeasibleResult run_feasible(const Settings& settings, const Hooks& hooks,
+                                            const identification::Problem& problem) {
+  hooks.tell("feasible least squares", 1);
+  identification::FeasibleOptions options;
+  options.seed = settings.seed;
+  options.stop = hooks.stop;
+  return identification::solve_feasible(problem, options);
+}
+
+/// Rounds of the swarm until it is done or the user stops it; its state goes to disk every ten seconds and at the end.
+SwarmRun run_swarm(const Settings& settings, const Run& run, const Hooks& hooks, identification::Tuning& tuning) {
+  numerics::Threads threads(run.threads);
+  const fs::path file = run.out / "resume.json";
+  const Clock::time_point begin = Clock::now();
+  Clock::time_point saved = begin;
+  SwarmRun result;
+  result.progress = tuning.progress();
+  while (result.progress.status == numerics::SwarmStatus::kRunning && !hooks.stopped()) {
+    result.progress = tuning.round(&threads);
+    hooks.tell("round " + std::to_string(result.progress.round) + " of " + std::to_string(settings.rounds) + ", RMS " +
+                   text::to_text(result.progress.weighted_rms, 5) + " of the floor",
+               static_cast<double>(result.progress.round) / settings.rounds);
+    if (Clock::now() - saved > std::chrono::seconds(10)) {
+      saved = Clock::now();
+      save_resume(file, resume_of(settings, tuning));
+    }
+  }
+  save_resume(file, resume_of(settings, tuning));
+  result.history = tuning.history();
+  result.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+  return result;
+}
+
+void write_files(const Settings& settings, const Data& data, const Run& run, const Result& result) {
+  const Candidate& tuned = result.candidates[result.tuned];
+  const std::string how = "cotwin tune: " + tuned.name + ", seed " + std::to_string(settings.seed) + ", " +
+                          std::to_string(result.evaluation.training.samples) + " samples of " + settings.data.front().string();
+  if (settings.method != Method::kLeastSquares)
+    write_file(run.out / "robot.urdf", tuned_urdf(settings.robot, result.robot, how));
+  std::ostringstream ssv;
+  write_parameter_set(ssv, drive_parameters("drive_train_" + data.robot.name, tuned.estimate, settings, data.survey,
+                                            result.evaluation.torsion));
+  write_file(run.out / "drive_train.ssv", ssv.str());
+  write_file(run.out / "figures.json", figures_json(settings, data, result));
+  write_file(run.out / "report.md", report_markdown(settings, data, result));
+}
+
+}  // namespace
+
+Result tune(const Settings& settings, const Run& run, const Hooks& hooks, const Data& data) {
+  // Phases: the problem; the solvers; errors from the compressed data; errors sample by sample; files.
+  hooks.tell("least squares", 0);
+  identification::ProblemOptions options;
+  options.prior_weight = settings.prior_weight;
+  const identification::Problem problem(data.training->data, data.robot, options);
+  Result result;
+  result.floor = problem.floor();
+  result.excitation = problem.excitation();
+  result.deviation_factor = std::sqrt(std::max(1.0, 1 / (2 * data.smoothing.cutoff * data.smoothing.step)));
+  result.candidates.push_back({"prior", identification::estimate_of(data.robot, true)});
+
+  if (settings.method == Method::kSwarm) {
+    identification::Tuning tuning = run.resume ? identification::Tuning(problem, swarm_options(settings), run.resume->swarm)
+                                               : identification::Tuning(problem, swarm_options(settings));
+    result.swarm = run_swarm(settings, run, hooks, tuning);
+    result.interrupted = result.swarm->progress.status == numerics::SwarmStatus::kRunning;
+    result.candidates.push_back({"swarm", tuning.estimate()});
+    result.swarm_rms = problem.weighted_rms(result.candidates.back().estimate);
+  }
+  if (settings.method == Method::kFeasible) save_resume(run.out / "resume.json", {settings, file_sizes(settings), {}});
+  if (settings.method != Method::kLeastSquares && !result.interrupted) {
+    const identification::FeasibleResult feasible = run_feasible(settings, hooks, problem);
+    result.interrupted = feasible.interrupted;
+    // Half a reference is none; half a result is the best so far.
+    if (!feasible.interrupted || settings.method == Method::kFeasible) {
+      result.candidates.push_back({"feasible", feasible.estimate});
+      result.feasible_rms = feasible.weighted_rms;
+    }
+  }
+  result.candidates.push_back({"floor", problem.floor_estimate()});
+  result.floor_rms = problem.weighted_rms(result.candidates.back().estimate);
+  result.prior_rms = problem.weighted_rms(result.candidates.front().estimate);
+  result.tuned = 1;  // the method's own stands behind the prior
+
+  const identification::Estimate& tuned = result.candidates[result.tuned].estimate;
+  result.robot = settings.method == Method::kLeastSquares
+                     ? data.robot
+                     : tuned_robot(data.robot, tuned, std::string("cotwin tune, ") + to_text(settings.method));
+  result.evaluation = evaluate(data, result.candidates);
+  if (!result.interrupted) {
+    try {
+      predict(settings, data, hooks, result.candidates, result.tuned, run.out / "torques.csv", result.evaluation);
+    } catch (const Stopped&) {
+      result.interrupted = true;
+      result.evaluation = evaluate(data, result.candidates);
+    }
+  }
+  write_files(settings, data, run, result);
+  return result;
+}
+
+}  // namespace cotwin::master::tuning

@@ -1,0 +1,113 @@
+#pragma once
+#include <Eigen/Core>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "models/identification/log_cholesky.h"
+#include "models/identification/torque_data.h"
+
+namespace cotwin::identification {
+
+/// Bounds around the prior, in the coordinates of LogCholesky: |2α| ≤ ln mass_factor, and so on.
+struct Bounds {
+  double mass_factor = 5;                // mass within 1/5 and 5 times the prior's
+  double stretch_factor = 10;            // each principal standard deviation of the mass distribution likewise
+  double shear = 3;                      // |s|
+  double shift = 4;                      // |t|, standard deviations of the prior's mass distribution
+  double v_R_min = 1e-3, v_R_max = 0.5;  // rad/s, kSigmoid
+  double s_max = 0.1;                    // rad/s, kSigmoid
+  double v_S_min = 5e-3, v_S_max = 1;    // rad/s, kStribeck
+  friend bool operator==(const Bounds&, const Bounds&) = default;
+};
+
+struct ProblemOptions {
+  Bounds bounds;
+  double prior_weight = 0.1;  // see Problem
+  Eigen::VectorXd sigma;      // n, N.m: weights 1/σ_j² of the joints; empty: the residuals of the floor
+};
+
+/// Unconstrained least squares over base and linear drive parameters, and over those of nonlinear friction where it is sought:
+/// no particle and no physical robot can be better on the same data, so it is the floor.
+struct Floor {
+  Eigen::VectorXd beta;           // base parameters, b
+  std::vector<JointDrive> drive;  // n
+  Eigen::VectorXd sigma;          // n: root of the residual variance per joint, N.m
+  Eigen::VectorXd rms;            // n: root of the mean square of the residuals, N.m
+  int rank = 0;                   // of the weighted regressor, of `unknowns` columns
+  int unknowns = 0;
+  double condition = 0;  // of its columns scaled to unit length, without those beyond the rank
+  double cost = 0;       // Σ_j rms_j² / (n σ_j²)
+};
+
+/// How well the data determine one unknown of the floor.
+struct Determination {
+  std::string name;  // "Izz_1 + …", "tau_C_3"
+  double value = 0;
+  double deviation = 0;     // standard deviation under independent errors; ∞ where not determined
+  double relative = 0;      // deviation / |value|
+  bool determined = false;  // by itself; false where only a sum with others is, as of B_1 and the first link's Izz
+};
+
+/// What the motion behind the data excites.
+struct Excitation {
+  int structural = 0;  // base parameters of the robot's kinematics
+  int unknowns = 0;    // these and the linear drive parameters
+  int rank = 0;        // of them, determined by the data
+  double condition = 0;
+  std::vector<Determination> unknown;  // one per unknown
+  std::vector<std::string> warnings;   // sentences; empty: well excited
+};
+
+/// The optimisation problem behind both solvers: given compressed torques and a prior, over coordinates ξ (10 per body, then
+/// those of nonlinear friction) in a box,
+///   f(ξ) = min_φ 1/n Σ_j ‖τ_j − Y_j π(ξ) − F_j(ξ) φ_j‖² / (N σ_j²) + λ D(ξ)
+/// with the linear drive parameters φ solved inside, those that must not be negative (τ_C, τ_S − τ_C, σ2, B) held at zero where
+/// they would be (variable projection: Golub, Pereyra, SIAM J. Numer. Anal. 10(2), 1973). D is the divergence from the prior
+/// (log_cholesky.h, summed over bodies); λ = prior_weight / 100 makes it a weak pull that decides about what the data leave
+/// open. The squares of nonlinear friction's coordinates belong to λ D too, with a weight of at most 1e-5 in place of λ: their
+/// prior is only where the search begins. √(f − λ D) is "the weighted RMS": 1 at the floor.
+/// A constant value, for any number of threads.
+class Problem {
+ public:
+  /// `data` is copied in its compressed form; `prior` has the robot's kinematics (its bodies are made consistent()). Throws
+  /// Error where there are fewer samples than unknowns or a joint's torque is constant zero.
+  Problem(const TorqueData& data, const robot::RobotModel& prior, const ProblemOptions& options = {});
+  ~Problem();
+  Problem(Problem&&) noexcept;
+  Problem& operator=(Problem&&) noexcept;
+
+  int dimensions() const;
+  const Eigen::VectorXd& lower() const;
+  const Eigen::VectorXd& upper() const;
+  const robot::RobotModel& prior() const;  // consistent
+  const TorqueData& data() const;          // flushed
+  const ProblemOptions& options() const;
+  const Eigen::VectorXd& sigma() const;  // n, N.m
+  const Floor& floor() const;
+  const Excitation& excitation() const;
+
+  double cost(const Eigen::VectorXd& xi) const;
+  /// f of eight points in vector lanes: coordinate i of point k at xi[i * stride + k]. Allocates nothing; `scratch` has
+  /// scratch_doubles() elements and is the calling thread's own.
+  void cost(const double* xi, std::size_t stride, double* scratch, double* cost) const;
+  std::size_t scratch_doubles() const;
+  /// λ D(ξ)
+  double prior_cost(const Eigen::VectorXd& xi) const;
+  /// Residuals r with f = ‖r‖², and ∂r/∂ξ.
+  void residuals(const Eigen::VectorXd& xi, Eigen::VectorXd& r, Eigen::MatrixXd* jacobian = nullptr) const;
+  /// The robot at ξ with its drives solved inside.
+  Estimate estimate(const Eigen::VectorXd& xi) const;
+  /// √(1/n Σ_j rms_j² / σ_j²) of any estimate on the data (floor: 1 up to degrees of freedom).
+  double weighted_rms(const Estimate& estimate) const;
+  /// The floor's parameters as an estimate with the prior's unidentifiable part: least change of π with G π = β. Not physical.
+  Estimate floor_estimate() const;
+
+  struct Impl;
+  const Impl& impl() const { return *impl_; }
+
+ private:
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace cotwin::identification

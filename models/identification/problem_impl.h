@@ -1,0 +1,66 @@
+#pragma once
+#include <Eigen/Core>
+#include <cstddef>
+#include <functional>
+#include <vector>
+
+#include "models/identification/drive_terms.h"
+#include "models/identification/problem.h"
+#include "models/numerics/batch.h"
+
+namespace cotwin::identification {
+
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// What Problem holds. Per joint the triangle of [F_j | Y_j,b | τ_j] falls into
+///   [ R11 R12 u; 0 R22 t; 0 0 ρ ]
+/// of which the rows below decide what friction cannot explain, whatever it is: those of all joints, weighted, make one
+/// triangle S β − s. The rows above are the residual that friction is fitted to.
+struct Problem::Impl {
+  TorqueData data;
+  robot::RobotModel prior;
+  ProblemOptions options;
+  std::vector<LogCholesky> bodies;
+  std::vector<DriveTerms> terms;   // n
+  std::vector<JointDrive> shapes;  // n: nonlinear friction parameters of the prior
+  Eigen::VectorXd lower, upper;
+  Eigen::VectorXd sigma, weights;  // n: 1 / (σ √(n N))
+  Floor floor;
+  Excitation excitation;
+  double lambda = 0, lambda_shape = 0;  // of the pull to the prior: bodies, friction's shape
+
+  RowMajor S;                   // b x b
+  Eigen::VectorXd s;            // b
+  double rho = 0;               // what no β explains
+  std::vector<RowMajor> R11;    // per joint, weighted; of nonlinear friction in the basis below
+  std::vector<RowMajor> basis;  // per joint: rows of R11 to the few combinations of them that any shape of friction reaches
+  std::vector<int> row;         // of u_j in the stacked matrix
+  RowMajor M;                   // (b + Σ drive columns) x 10n: [S; R12] G
+  Eigen::VectorXd m;            // the right-hand side [s; u]
+  numerics::BatchMatrix batch;
+  int tall = 0, wide = 0;  // the most columns and unknowns of a joint's drive
+
+  Impl(const TorqueData& d, const robot::RobotModel& p, const ProblemOptions& o);
+  int n() const { return prior.n(); }
+  int base_count() const { return static_cast<int>(data.base().columns.size()); }
+  JointDrive shape(int joint, const double* eta) const;
+  int first_nonlinear(int joint) const;
+
+  /// The shape of nonlinear friction (within its bounds) that fits the joint's drive best to what bodies with the base
+  /// parameters β leave of its torque, by compass search from `eta` or, if that is empty, from the best of a grid.
+  Eigen::VectorXd best_shape(int joint, const Eigen::VectorXd& beta, const Eigen::VectorXd& eta) const;
+
+  RowMajor reachable(int joint, const RowMajor& R) const;
+  void set_bounds();
+  void solve_floor();
+  void assemble();
+  void judge();
+  /// The joint's residual after its drive is fitted to the top rows' right-hand side `rhs` (destroyed); scratch: tall · (wide +
+  /// 1).
+  double fit(int joint, const double* eta, double* rhs, double* scratch, double* phi, unsigned* active = nullptr) const;
+};
+
+/// ξ of the minimum of f in the box, to 1e-9 (convex.cpp); from where it stands when `stop` says so.
+Eigen::VectorXd convex_optimum(const Problem::Impl& problem, const std::function<bool()>& stop = {});
+
+}  // namespace cotwin::identification

@@ -1,0 +1,217 @@
+#include "models/identification/tuning.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "models/identification/problem_impl.h"
+#include "models/numerics/batch.h"
+#include "models/numerics/bytes.h"
+#include "models/text/error.h"
+
+namespace cotwin::identification {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+using numerics::kSwarmBlock;
+
+constexpr std::uint64_t kMark = 0x31474e494e555443;  // "CTUNING1", little-endian
+
+std::vector<double> list(const VectorXd& v) { return {v.begin(), v.end()}; }
+
+/// The swarm's coordinates y: ξ = centre + E y, with the principal axes of (∂r/∂ξ)ᵀ(∂r/∂ξ) at the centre as columns of E.
+struct Chart {
+  VectorXd centre;
+  RowMajor E;
+  VectorXd curvature;  // per axis
+
+  Chart() = default;
+  Chart(const Problem& problem, const VectorXd& at) : centre(at) {
+    VectorXd r;
+    MatrixXd J;
+    problem.residuals(at, r, &J);
+    const Eigen::SelfAdjointEigenSolver<MatrixXd> axes(J.transpose() * J);
+    E = axes.eigenvectors();
+    curvature = axes.eigenvalues().cwiseMax(1e-300);
+  }
+  /// Box about the problem's own, which is turned in these coordinates; what lies between them is put on the problem's faces.
+  VectorXd reach(const Problem& problem) const {
+    const VectorXd far = (problem.lower() - centre).cwiseAbs().cwiseMax((problem.upper() - centre).cwiseAbs());
+    return E.cwiseAbs().transpose() * far;
+  }
+  /// Standard deviations at which the cost grows by about `excess`, and of at most `most`.
+  VectorXd spread(double excess, double most) const {
+    const double share = excess / static_cast<double>(curvature.size());
+    return (share * curvature.cwiseInverse()).cwiseSqrt().cwiseMin(most);
+  }
+};
+
+}  // namespace
+
+struct Tuning::Impl {
+  const Problem* problem;
+  TuningOptions options;
+  Chart chart;
+  numerics::BatchMatrix turn;
+  std::vector<std::vector<double>> scratch;  // per block
+  std::unique_ptr<numerics::Swarm> swarm;
+
+  Impl(const Problem& p, const TuningOptions& o) : problem(&p), options(o) {
+    if (!(options.spread > 0)) throw Error("spread", std::to_string(options.spread) + ", expected above 0");
+  }
+
+  void use(Chart c) {
+    chart = std::move(c);
+    const auto d = static_cast<std::size_t>(chart.centre.size());
+    turn = numerics::BatchMatrix(d, d, chart.E.data());
+  }
+
+  numerics::Swarm::Cost cost() {
+    return [this](std::size_t block, std::size_t, const double* y, std::size_t stride, double* costs) {
+      double* const xi = scratch[block].data();
+      turn.times(y, stride, xi);
+      for (Index i = 0; i < chart.centre.size(); ++i)
+        for (std::size_t k = 0; k < kSwarmBlock; ++k) {
+          double& x = xi[static_cast<std::size_t>(i) * kSwarmBlock + k];
+          x = std::clamp(chart.centre[i] + x, problem->lower()[i], problem->upper()[i]);
+        }
+      problem->cost(xi, kSwarmBlock, xi + turn.room(), costs);
+    };
+  }
+
+  void make_scratch() {
+    const std::size_t blocks = (static_cast<std::size_t>(options.swarm.particles) + kSwarmBlock - 1) / kSwarmBlock;
+    scratch.assign(blocks, std::vector<double>(turn.room() + problem->scratch_doubles()));
+  }
+
+  void start() {
+    use(Chart(*problem, VectorXd::Zero(problem->dimensions())));
+    make_scratch();
+    const VectorXd reach = chart.reach(*problem);
+    const double at_prior = problem->cost(chart.centre);
+    swarm = std::make_unique<numerics::Swarm>(list(-reach), list(reach),
+                                              std::vector<double>(static_cast<std::size_t>(reach.size()), 0.0),
+                                              list(chart.spread(at_prior, options.spread)), cost(), options.swarm);
+  }
+
+  /// Turns the swarm to the axes at its best position; it will be reconfigured there.
+  void turn_to_best() {
+    const Chart before = chart;
+    use(Chart(*problem, best()));
+    // y' = E'ᵀ (ξ − c') with ξ = c + E y
+    const RowMajor A = chart.E.transpose() * before.E;
+    const VectorXd b = before.E.transpose() * (chart.centre - before.centre);
+    const VectorXd reach = chart.reach(*problem);
+    const double best_cost = swarm->best_cost();
+    const double excess = std::max(best_cost - problem->floor().cost, 1e-3 * best_cost);
+    swarm->change_coordinates({A.data(), static_cast<std::size_t>(A.size())}, {b.data(), static_cast<std::size_t>(b.size())},
+                              list(-reach), list(reach), list(chart.spread(excess, options.spread)));
+  }
+
+  VectorXd best() const {
+    VectorXd y(chart.centre.size());
+    swarm->best({y.data(), static_cast<std::size_t>(y.size())});
+    return (chart.centre + chart.E * y).cwiseMax(problem->lower()).cwiseMin(problem->upper());
+  }
+
+  std::uint64_t fingerprint() const {
+    std::uint64_t hash = 0xcbf29ce484222325;  // FNV-1a over 64-bit words
+    const auto take = [&](std::uint64_t word) { hash = (hash ^ word) * 0x100000001b3; };
+    const auto take_all = [&](const auto& values) {
+      for (Index i = 0; i < values.size(); ++i) take(std::bit_cast<std::uint64_t>(values.data()[i]));
+    };
+    VectorXd r;
+    MatrixXd J;
+    problem->residuals(VectorXd::Zero(problem->dimensions()), r, &J);
+    take_all(r);
+    take_all(J);
+    take_all(problem->lower());
+    take_all(problem->upper());
+    const numerics::SwarmOptions& s = options.swarm;
+    for (const double x :
+         {static_cast<double>(s.particles), s.threshold, s.inertia, s.cognitive, s.social, static_cast<double>(s.neighbours),
+          static_cast<double>(s.stagnation_rounds), s.stagnation_rate, s.spread, options.spread})
+      take(std::bit_cast<std::uint64_t>(x));
+    take(s.seed);
+    return hash;
+  }
+};
+
+Tuning::Tuning(const Problem& problem, const TuningOptions& options) : impl_(std::make_unique<Impl>(problem, options)) {
+  impl_->start();
+}
+
+Tuning::Tuning(const Problem& problem, const TuningOptions& options, std::span<const unsigned char> saved)
+    : impl_(std::make_unique<Impl>(problem, options)) {
+  numerics::ByteReader in(saved, "saved tuning");
+  if (in.number() != kMark) throw Error("saved tuning", "does not begin with its mark, expected what Tuning::save gave");
+  if (in.number() != impl_->fingerprint())
+    throw Error("saved tuning", "was made with other data, prior or options, expected the same ones");
+  const std::vector<double> centre = in.numbers(), E = in.numbers(), curvature = in.numbers();
+  const auto d = static_cast<std::size_t>(problem.dimensions());
+  if (centre.size() != d || E.size() != d * d || curvature.size() != d)
+    throw Error("saved tuning", "has axes of " + std::to_string(centre.size()) + " coordinates, expected " + std::to_string(d));
+  Chart chart;
+  const auto size = static_cast<Index>(d);
+  chart.centre = Eigen::Map<const VectorXd>(centre.data(), size);
+  chart.E = Eigen::Map<const RowMajor>(E.data(), size, size);
+  chart.curvature = Eigen::Map<const VectorXd>(curvature.data(), size);
+  impl_->use(std::move(chart));
+  impl_->make_scratch();
+  impl_->swarm =
+      std::make_unique<numerics::Swarm>(numerics::SwarmState::from_bytes(in.rest()), impl_->cost(), impl_->options.swarm);
+}
+
+Tuning::~Tuning() = default;
+Tuning::Tuning(Tuning&&) noexcept = default;
+Tuning& Tuning::operator=(Tuning&&) noexcept = default;
+
+TuningProgress Tuning::round(numerics::Threads* threads) {
+  numerics::Swarm& swarm = *impl_->swarm;
+  if (swarm.status() == numerics::SwarmStatus::kRunning) {
+    if (swarm.stagnated()) impl_->turn_to_best();
+    swarm.round(threads);
+  }
+  return progress();
+}
+
+TuningProgress Tuning::run(numerics::Threads* threads) {
+  while (round(threads).status == numerics::SwarmStatus::kRunning) {
+  }
+  return progress();
+}
+
+TuningProgress Tuning::progress() const {
+  const numerics::SwarmState& state = impl_->swarm->state();
+  TuningProgress progress;
+  progress.round = state.round;
+  progress.reconfigurations = state.reconfigurations;
+  progress.status = impl_->swarm->status();
+  if (state.round == 0) return progress;
+  progress.cost = impl_->swarm->best_cost();
+  progress.weighted_rms = std::sqrt(std::max(progress.cost - impl_->problem->prior_cost(best()), 0.0));
+  return progress;
+}
+
+VectorXd Tuning::best() const { return impl_->best(); }
+Estimate Tuning::estimate() const { return impl_->problem->estimate(best()); }
+const std::vector<double>& Tuning::history() const { return impl_->swarm->state().history; }
+
+std::vector<unsigned char> Tuning::save() const {
+  numerics::ByteWriter out;
+  out.number(kMark);
+  out.number(impl_->fingerprint());
+  const Chart& chart = impl_->chart;
+  out.numbers(list(chart.centre));
+  out.numbers({chart.E.data(), static_cast<std::size_t>(chart.E.size())});
+  out.numbers(list(chart.curvature));
+  std::vector<unsigned char> bytes = out.take();
+  const std::vector<unsigned char> swarm = impl_->swarm->state().bytes();
+  bytes.insert(bytes.end(), swarm.begin(), swarm.end());
+  return bytes;
+}
+
+}  // namespace cotwin::identification

@@ -1,0 +1,45 @@
+#pragma once
+#include <cstddef>
+#include <filesystem>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "models/trajectory/recording_reader.h"
+
+namespace cotwin::measurement {
+
+/// What was measured of a robot: one or several files of the same format, each with its own time.
+struct Log {
+  std::vector<std::filesystem::path> files;
+  trajectory::RecordingFormat format;
+};
+
+/// Reads all files of a log one after another, in memory for one sample. A gap in time, or the next file, begins a new segment:
+/// nothing is interpolated or filtered across it.
+class LogReader {
+ public:
+  /// `gap`: s; a longer step begins a segment. Throws Error, as RecordingReader does, and for files without torques.
+  LogReader(const Log& log, std::span<const trajectory::Axis> axes, double gap);
+
+  /// Goes to the next sample; false at the end of the last file.
+  bool next();
+  /// Whether the current sample is the first one of a segment.
+  bool begins() const { return begins_; }
+  std::size_t file() const { return file_; }
+  const trajectory::RecordingReader& sample() const { return *reader_; }
+
+ private:
+  bool open(std::size_t file);
+
+  const Log& log_;
+  std::span<const trajectory::Axis> axes_;
+  double gap_;
+  std::size_t file_ = 0;
+  std::unique_ptr<trajectory::RecordingReader> reader_;
+  bool begins_ = false, fresh_ = true;
+  double t_before_ = 0;
+};
+
+}  // namespace cotwin::measurement

@@ -1,0 +1,65 @@
+#pragma once
+#include <cstddef>
+#include <vector>
+
+namespace cotwin::numerics {
+
+/// A tall matrix A (N x p, N without bound) compressed to the triangle R of its QR factorisation: RᵀR = Σ_s λ^(N−1−s) a_s a_sᵀ
+/// over its rows a_s, with the forgetting factor λ (1: none). Rows are appended in blocks, by Householder reflections of [R;
+/// block] (Golub and Van Loan, Matrix Computations, 4th ed., 5.2 and 6.5; backward stable, unlike sums of squares), so that
+/// memory and cost per row do not depend on N. With A = [X | y], the last column of R gives every least-squares figure:
+/// ‖X b − y‖² = ‖R [b; −1]‖².
+/// Kernels for several instruction sets are chosen at run time (COTWIN_CPU, see models/robot/kernels.h): they agree to
+/// rounding, and each gives the same bits for the same rows.
+class Triangle {
+ public:
+  static constexpr std::size_t kRows = 64;  // of a block
+
+  /// Throws Error unless columns >= 1 and 0 < forgetting <= 1.
+  explicit Triangle(std::size_t columns, double forgetting = 1);
+
+  std::size_t columns() const { return columns_; }
+  /// Rows taken so far, and their weight Σ λ^age.
+  std::size_t rows() const { return rows_; }
+  double weight() const;
+
+  /// Appends one row. Allocates nothing.
+  void add(const double* row);
+  /// The next row's place, for writing it directly: column c at [c * kRows]; then commit(), which takes it.
+  double* next() { return block_.data() + pending_; }
+  void commit();
+  /// Appends the rows of `other`, of as many columns, as if they were older than those here: its triangle, and its pending
+  /// rows. Without forgetting the order does not matter; with it, `other` is aged by the weight of the rows here.
+  void merge(const Triangle& other);
+  /// Takes what is pending in an incomplete block into the triangle.
+  void flush();
+  /// R, row-major (p x p, zero below the diagonal); diagonal elements may have either sign. Rows pending in an incomplete block
+  /// are not in it: flush() first.
+  const double* R() const { return R_.data(); }
+  double operator()(std::size_t row, std::size_t column) const { return R_[row * columns_ + column]; }
+
+  /// What load() needs to go on from the rows in R, as numbers; rows that are pending are not among them.
+  std::size_t stored_doubles() const { return 2 + columns_ * (columns_ + 1) / 2; }
+  void store(double* to) const;
+  /// Forgets everything and goes on where `from` was stored by a triangle of as many columns, with no rows pending. Neither
+  /// allocates. Throws Error as check(), and then nothing has changed.
+  void load(const double* from);
+  /// Throws Error naming `place` unless all numbers are finite, the count of rows is a whole number from 0 to 2^53, and their
+  /// weight is not below 0.
+  void check(const double* from, const char* place = "triangle") const;
+
+  friend bool operator==(const Triangle&, const Triangle&) = default;
+
+ private:
+  void age(std::size_t rows);
+
+  std::size_t columns_;
+  double forgetting_;
+  std::size_t rows_ = 0;
+  std::size_t pending_ = 0;    // rows in block_
+  double weight_ = 0;          // of the rows in R_
+  std::vector<double> R_;      // columns x columns, row-major
+  std::vector<double> block_;  // columns x kRows, by column
+};
+
+}  // namespace cotwin::numerics

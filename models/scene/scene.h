@@ -1,0 +1,93 @@
+#pragma once
+#include <Eigen/Core>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "models/mechanics/inertia.h"
+#include "models/mechanics/pose.h"
+
+/// Bodies, shapes, joints and contact parameters of an environment: plain values that the contact world is built from.
+namespace cotwin::scene {
+
+inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+/// What a surface does where it touches another. Of two surfaces: μ is the geometric mean, stiffnesses and dampings act in
+/// series, restitution is the larger one.
+struct Material {
+  double mu = 0.5;               // Coulomb friction
+  double restitution = 0;        // of the normal speed before the impact, 0 … 1
+  double stiffness = kInfinity;  // N/m of one contact; infinite: rigid
+  double damping = 0;            // N.s/m of one contact; without meaning where rigid
+
+  friend bool operator==(const Material&, const Material&) = default;
+};
+
+enum class ShapeType { kSphere, kBox, kCylinder, kCapsule, kHull, kPlane };
+
+/// One convex piece of a body's surface, in its own frame S.
+struct Shape {
+  std::string name;
+  ShapeType type = ShapeType::kSphere;
+  Eigen::Vector3d size = Eigen::Vector3d::Zero();  // m; box: edge lengths; sphere: (radius, –, –); cylinder, capsule about
+                                                   // S's z: (radius, length without the caps, –); plane z = 0 of S, solid below
+  std::vector<Eigen::Vector3d> vertices;  // hull: in S, m
+  Pose X_BS;                              // in the body's frame
+  Material material;
+
+  friend bool operator==(const Shape&, const Shape&) = default;
+};
+
+enum class Motion {
+  kStatic,  // never moves
+  kDriven,  // moves with the twist that it is given; contacts do not move it
+  kDynamic  // moves by (1)
+};
+
+struct Body {
+  std::string name;
+  Motion motion = Motion::kDynamic;
+  Pose X_WB;                   // at the start
+  Twist V_WB = Twist::Zero();  // of the frame's origin, expressed in W
+  Inertia inertia;             // in B; kDynamic only
+  std::vector<Shape> shapes;
+
+  friend bool operator==(const Body&, const Body&) = default;
+};
+
+enum class JointType { kRevolute, kPrismatic, kSpherical, kFixed };
+
+/// A joint: frame J of the child against frame P' of the parent; at zero position they coincide.
+struct Joint {
+  std::string name;
+  JointType type = JointType::kRevolute;
+  int parent = -1;  // index of a body; −1: the world
+  int child = -1;
+  Pose X_PJ;                                        // where the joint's frame stands on the parent
+  Pose X_CJ;                                        // and on the child
+  Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();  // unit vector in J; revolute, prismatic
+  double q = 0;                                     // position at the start, to whole turns: from here they are counted
+  double q_min = -kInfinity, q_max = kInfinity;     // rad or m
+  double friction = 0;                              // Coulomb, N.m or N
+  double damping = 0;                               // N.m.s/rad or N.s/m
+
+  friend bool operator==(const Joint&, const Joint&) = default;
+};
+
+struct Scene {
+  std::string name;
+  Eigen::Vector3d gravity{0, 0, -9.81};  // m/s² in W
+  std::vector<Body> bodies;
+  std::vector<Joint> joints;
+  std::vector<std::pair<int, int>> no_contact;  // pairs of bodies whose contacts are ignored, besides bodies that a joint joins
+
+  friend bool operator==(const Scene&, const Scene&) = default;
+};
+
+/// Throws Error `scene 'name': body 'x': …` for what no contact world can be built from: numbers that are not finite, frames
+/// that are no rotations, masses and inertias that no rigid body has (dynamic bodies), sizes that are negative, hulls without
+/// volume, planes that move, surfaces out of range, doubled names, indices and axes of joints, limits the wrong way round.
+/// Loops of joints are allowed.
+void check(const Scene& scene);
+
+}  // namespace cotwin::scene

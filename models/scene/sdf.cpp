@@ -1,0 +1,360 @@
+#include "models/scene/sdf.h"
+
+#include <algorithm>
+#include <array>
+#include <fstream>
+#include <map>
+#include <memory>
+#include <utility>
+
+#include "models/scene/sdf_link.h"
+#include "models/scene/sdf_values.h"
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::scene {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+using sdf::only;
+using xml::Element;
+
+constexpr int kNoBody = -2, kWorld = -1;
+
+/// A model's or a world's own names: frames whose poses may hang on each other.
+struct Scope {
+  struct Frame {
+    std::string place;
+    std::string relative_to;  // another name of this scope, "" for the scope's own frame
+    std::string attached_to;  // of a frame: what it moves with
+    Pose X;                   // in relative_to
+    int body = kNoBody;       // of a link
+    bool busy = false;        // while it is being looked for: poses must not hang on each other in a ring
+  };
+  std::string place;
+  std::string prefix;  // of the names of its bodies, "cell.arm."
+  Pose X_W;
+  bool is_world = false;
+  std::map<std::string, Frame> frames;
+  std::map<std::string, std::unique_ptr<Scope>> models;
+};
+
+class Reader {
+ public:
+  explicit Reader(std::vector<std::string>* warnings) : warnings_(warnings) {}
+  Scene read(std::string_view text, const fs::path& file);
+
+ private:
+  struct Document {
+    Element root;
+    fs::path folder;
+  };
+  struct Inherited {  // by a model from what it stands in
+    bool is_static = false;
+    int depth = 0;
+    fs::path folder;
+  };
+
+  Document open(std::string_view text, const fs::path& file) const;
+  void read_world(const Element& world, Scope& scope, const Inherited& from);
+  void read_model(const Element& model, Scope& scope, const Inherited& from);
+  void read_parts(const Element& element, Scope& scope, const Inherited& from);
+  void read_include(const Element& include, Scope& scope, const Inherited& from);
+  void read_links(const Element& model, Scope& scope, const Inherited& from);
+  void read_joint(const Element& element, Scope& scope);
+  void read_axis(const Element& element, Joint& joint, Scope& scope, const Pose& X_WJ);
+
+  void name(Scope& scope, const Element& element, const std::string& fallback);
+  Pose pose_of(Scope& scope, const std::string& name, const std::string& place) const;
+  int body_of(const Scope& scope, const std::string& name, const std::string& place, int depth = 0) const;
+  std::string known(const Scope& scope, const std::string& name) const;
+  sdf::Warn warn() const {
+    return [this](const std::string& place, const std::string& what) {
+      if (warnings_ != nullptr) warnings_->push_back(place + ": " + what);
+    };
+  }
+
+  std::vector<std::string>* const warnings_;
+  Scene scene_;
+};
+
+Reader::Document Reader::open(std::string_view text, const fs::path& file) const {
+  Document document{xml::parse(text, file.string()), file.parent_path()};
+  const Element& root = document.root;
+  if (root.name != "sdf" || !root.space.empty()) throw Error(root.place, "<" + root.name + ">, expected <sdf>");
+  const std::string& version = xml::text(root, "version");
+  const std::vector<std::string_view> parts = text::split(version, '.');
+  const auto minor = parts.size() == 2 && parts[0] == "1" ? text::parse_integer(parts[1]) : std::nullopt;
+  if (!minor || *minor < 5 || *minor > 12) throw Error(root.place, "SDF version '" + version + "', expected 1.5 … 1.12");
+  return document;
+}
+
+void Reader::name(Scope& scope, const Element& element, const std::string& fallback) {
+  const std::string& own = xml::text(element, "name");
+  if (own.empty() || own.find("::") != std::string::npos || own.rfind("__", 0) == 0 || own == "world") {
+    throw Error(element.place, "'" + own + "' is no name for a <" + element.name + ">");
+  }
+  Scope::Frame frame{element.place, fallback, xml::text(element, "attached_to", ""), {}, kNoBody, false};
+  if (const Element* pose = only(element, "pose")) {
+    frame.X = sdf::pose(*pose);
+    frame.relative_to = xml::text(*pose, "relative_to", frame.relative_to);
+  }
+  if (!scope.frames.emplace(own, std::move(frame)).second)
+    throw Error(element.place, "the name '" + own + "' twice in " + scope.place);
+}
+
+std::string Reader::known(const Scope& scope, const std::string& name) const {
+  std::vector<std::string> names;
+  for (const auto& [known, frame] : scope.frames) names.push_back(known);
+  return xml::unknown("a link, joint, frame or model here", name, names);
+}
+
+/// X_W of what a name means within a scope.
+Pose Reader::pose_of(Scope& scope, const std::string& name, const std::string& place) const {
+  if (name.empty() || name == "__model__") return scope.X_W;
+  if (name == "world") return {};
+  if (const std::size_t inner = name.find("::"); inner != std::string::npos) {
+    const auto model = scope.models.find(name.substr(0, inner));
+    if (model == scope.models.end()) throw Error(place, "'" + name + "': no model '" + name.substr(0, inner) + "' before it");
+    return pose_of(*model->second, name.substr(inner + 2), place);
+  }
+  const auto found = scope.frames.find(name);
+  if (found == scope.frames.end()) throw Error(place, known(scope, name));
+  Scope::Frame& frame = found->second;
+  if (frame.busy) throw Error(frame.place, "the pose of '" + name + "' hangs on itself");
+  frame.busy = true;
+  const Pose X_W = pose_of(scope, frame.relative_to, frame.place) * frame.X;
+  frame.busy = false;
+  return X_W;
+}
+
+int Reader::body_of(const Scope& scope, const std::string& name, const std::string& place, int depth) const {
+  if (name == "world") return kWorld;
+  if (depth > 100) throw Error(place, "the frame '" + name + "' is attached to itself");
+  if (const std::size_t inner = name.find("::"); inner != std::string::npos) {
+    const auto model = scope.models.find(name.substr(0, inner));
+    if (model == scope.models.end()) throw Error(place, known(scope, name.substr(0, inner)));
+    return body_of(*model->second, name.substr(inner + 2), place, depth + 1);
+  }
+  const auto found = scope.frames.find(name);
+  if (found == scope.frames.end()) throw Error(place, known(scope, name));
+  const Scope::Frame& frame = found->second;
+  if (frame.body != kNoBody) return frame.body;
+  if (!frame.attached_to.empty()) return body_of(scope, frame.attached_to, place, depth + 1);
+  throw Error(place, "'" + name + "' is no link, nor a frame that is attached to one");
+}
+
+void Reader::read_links(const Element& model, Scope& scope, const Inherited& from) {
+  const auto is_link = [](const Element& e) { return e.name == "link" && e.space.empty(); };
+  const bool several = std::count_if(model.children.begin(), model.children.end(), is_link) > 1;
+  std::vector<int> bodies;
+  for (const Element& element : model.children) {
+    if (!is_link(element)) continue;
+    Body body = sdf::read_link(element, from.is_static, from.folder, warn());
+    const std::string& name = xml::text(element, "name");
+    body.name = several ? scope.prefix + name : scope.prefix.substr(0, scope.prefix.size() - 1);
+    body.X_WB = pose_of(scope, name, element.place);
+    bodies.push_back(static_cast<int>(scene_.bodies.size()));
+    scope.frames.at(name).body = bodies.back();
+    scene_.bodies.push_back(std::move(body));
+  }
+  if (sdf::boolean(model, "self_collide", false)) return;
+  for (const int a : bodies) {
+    for (const int b : bodies) {
+      if (a < b && !from.is_static) scene_.no_contact.emplace_back(a, b);
+    }
+  }
+}
+
+void Reader::read_axis(const Element& element, Joint& joint, Scope& scope, const Pose& X_WJ) {
+  sdf::check_children(element, {"xyz", "limit", "dynamics"}, {}, {}, warn());
+  const Element& xyz = sdf::needed(element, "xyz");
+  Eigen::Vector3d axis = sdf::vector(xyz);
+  const double length = axis.norm();
+  if (!(length > 1e-6)) throw Error(xyz.place, "<xyz> of length " + text::to_text(length, 6) + ", expected a direction");
+  if (std::abs(length - 1) > 1e-3) warn()(xyz.place, "an axis of length " + text::to_text(length, 6) + " is normalised");
+  axis /= length;
+  if (const std::string in = xml::text(xyz, "expressed_in", ""); !in.empty())
+    axis = X_WJ.R.transpose() * (pose_of(scope, in, xyz.place).R * axis);
+  joint.axis = axis.normalized();
+  if (const Element* limit = only(element, "limit")) {
+    sdf::check_children(*limit, {"lower", "upper"}, {}, {}, warn());
+    constexpr double kNone = 1e16;  // SDF's word for no limit
+    const double lower = sdf::number(*limit, "lower", -kNone), upper = sdf::number(*limit, "upper", kNone);
+    if (lower > -kNone) joint.q_min = lower;
+    if (upper < kNone) joint.q_max = upper;
+  }
+  if (const Element* dynamics = only(element, "dynamics")) {
+    sdf::check_children(*dynamics, {"damping", "friction"}, {}, {}, warn());
+    joint.damping = sdf::number(*dynamics, "damping", 0);
+    joint.friction = sdf::number(*dynamics, "friction", 0);
+  }
+}
+
+void Reader::read_joint(const Element& element, Scope& scope) {
+  sdf::check_children(element, {"pose", "parent", "child", "axis"}, {"sensor"}, {}, warn());
+  static const std::map<std::string, JointType> kTypes{{"revolute", JointType::kRevolute},
+                                                       {"continuous", JointType::kRevolute},
+                                                       {"prismatic", JointType::kPrismatic},
+                                                       {"ball", JointType::kSpherical},
+                                                       {"fixed", JointType::kFixed}};
+  const std::string& type = xml::text(element, "type");
+  const auto known_type = kTypes.find(type);
+  if (known_type == kTypes.end()) {
+    throw Error(element.place, "a joint of type '" + type + "', expected revolute, continuous, prismatic, ball or fixed");
+  }
+  Joint joint;
+  const std::string& own = xml::text(element, "name");
+  joint.name = scope.prefix + own;
+  joint.type = known_type->second;
+  const Element& parent = sdf::needed(element, "parent");
+  const Element& child = sdf::needed(element, "child");
+  joint.parent = body_of(scope, parent.content, parent.place);
+  joint.child = body_of(scope, child.content, child.place);
+  if (joint.child == kWorld) throw Error(child.place, "the world as a child, expected it as the parent");
+  const Pose X_WJ = pose_of(scope, own, element.place);
+  const auto seen_from = [&](int body) {
+    return body == kWorld ? X_WJ : scene_.bodies[static_cast<std::size_t>(body)].X_WB.inverse() * X_WJ;
+  };
+  joint.X_PJ = seen_from(joint.parent);
+  joint.X_CJ = seen_from(joint.child);
+  const bool moves_along = joint.type == JointType::kRevolute || joint.type == JointType::kPrismatic;
+  if (moves_along) read_axis(sdf::needed(element, "axis"), joint, scope, X_WJ);
+  if (type == "continuous") joint.q_min = -kInfinity, joint.q_max = kInfinity;
+  scene_.joints.push_back(std::move(joint));
+}
+
+void Reader::read_include(const Element& include, Scope& scope, const Inherited& from) {
+  constexpr int kDeepest = 16;
+  if (from.depth >= kDeepest)
+    throw Error(include.place, "includes within each other more than " + std::to_string(kDeepest) + " deep");
+  sdf::check_children(include, {"uri", "name", "pose", "static"}, {}, {}, warn());
+  const fs::path file = sdf::find_file(sdf::needed(include, "uri"), from.folder);
+  std::ifstream in(file, std::ios::binary);
+  const std::string text{std::istreambuf_iterator<char>(in), {}};
+  if (!in) throw Error(file.string(), "cannot be read");
+  const Document document = open(text, file);
+  const Element* model = only(document.root, "model");
+  const Element& content = model != nullptr ? *model : sdf::needed(document.root, "world");
+  const Element* renamed = only(include, "name");
+  const std::string name = renamed != nullptr ? renamed->content : xml::text(content, "name");
+
+  Scope::Frame frame{include.place, "", "", {}, kNoBody, false};
+  const Element* pose = only(include, "pose");
+  if (pose != nullptr) {
+    frame.X = sdf::pose(*pose);
+    frame.relative_to = xml::text(*pose, "relative_to", "");
+  } else if (const Element* own = model != nullptr ? only(content, "pose") : nullptr) {
+    frame.X = sdf::pose(*own);
+  }
+  if (name.empty() || !scope.frames.emplace(name, frame).second)
+    throw Error(include.place, "the name '" + name + "' twice in " + scope.place);
+  auto inner = std::make_unique<Scope>();
+  inner->place = content.place;
+  inner->prefix = scope.prefix + name + ".";
+  inner->X_W = pose_of(scope, name, include.place);
+  const Element* fixed = only(include, "static");
+  const Inherited inherited{from.is_static || (fixed != nullptr && sdf::boolean(*fixed)), from.depth + 1, document.folder};
+  if (model != nullptr) {
+    read_model(content, *inner, inherited);
+  } else {
+    inner->is_world = true;
+    read_world(content, *inner, inherited);
+  }
+  scope.models.emplace(name, std::move(inner));
+}
+
+/// Names first, then what stands at them; nested models before joints, which may reach into them.
+void Reader::read_parts(const Element& element, Scope& scope, const Inherited& from) {
+  for (const Element& c : element.children) {
+    if (!c.space.empty()) continue;
+    if (c.name == "link" || c.name == "frame" || c.name == "model") {
+      name(scope, c, c.name == "frame" ? xml::text(c, "attached_to", "") : "");
+    } else if (c.name == "joint") {
+      name(scope, c, sdf::needed(c, "child").content);
+    }
+  }
+  if (!scope.is_world) read_links(element, scope, from);
+  for (const Element& c : element.children) {
+    if (!c.space.empty()) continue;
+    if (c.name == "include") read_include(c, scope, from);
+    if (c.name != "model") continue;
+    const std::string& own = xml::text(c, "name");
+    auto inner = std::make_unique<Scope>();
+    inner->place = c.place;
+    inner->prefix = scope.prefix + own + ".";
+    inner->X_W = pose_of(scope, own, c.place);
+    read_model(c, *inner, {from.is_static, from.depth, from.folder});
+    scope.models.emplace(own, std::move(inner));
+  }
+  for (const Element& c : element.children) {
+    if (c.space.empty() && c.name == "joint") read_joint(c, scope);
+  }
+}
+
+void Reader::read_model(const Element& model, Scope& scope, const Inherited& from) {
+  if (const std::string frame = xml::text(model, "placement_frame", ""); !frame.empty()) {
+    throw Error(model.place, "placement_frame=\"" + frame + "\", expected the pose of the model itself");
+  }
+  sdf::check_children(model, {"static", "pose", "self_collide", "link", "joint", "frame", "model", "include"},
+                      {"allow_auto_disable"}, {}, warn());
+  Inherited own = from;
+  own.is_static = from.is_static || sdf::boolean(model, "static", false);
+  read_parts(model, scope, own);
+}
+
+void Reader::read_world(const Element& world, Scope& scope, const Inherited& from) {
+  sdf::check_children(world, {"gravity", "model", "include", "frame", "joint"}, {"light", "scene", "gui"}, {}, warn());
+  read_parts(world, scope, from);
+}
+
+Scene Reader::read(std::string_view text, const fs::path& file) {
+  const Document document = open(text, file);
+  const Element& root = document.root;
+  sdf::check_children(root, {"world", "model"}, {}, {}, warn());
+  Scope scope;
+  scope.is_world = true;
+  scope.place = root.place;
+  const Element* world = only(root, "world");
+  const Element* model = only(root, "model");
+  if ((world == nullptr) == (model == nullptr)) throw Error(root.place, "expected one <world> or one <model> in <sdf>");
+  scene_.name = xml::text(world != nullptr ? *world : *model, "name");
+  const Inherited outside{false, 0, document.folder};
+  scene_.gravity = {0, 0, -9.8};  // SDF's default
+  if (world != nullptr) {
+    if (const Element* gravity = only(*world, "gravity")) scene_.gravity = sdf::vector(*gravity);
+    scope.place = world->place;
+    read_world(*world, scope, outside);
+  } else {
+    read_parts(root, scope, outside);
+  }
+  try {
+    check(scene_);
+  } catch (const Error& e) {
+    throw Error(file.string(), e.what());
+  }
+  return std::move(scene_);
+}
+
+}  // namespace
+
+Scene parse_sdf(std::string_view xml, const fs::path& place, std::vector<std::string>* warnings) {
+  return Reader(warnings).read(xml, place);
+}
+
+Scene load(const fs::path& file, std::vector<std::string>* warnings) {
+  constexpr std::size_t kLargest = 100'000'000;  // bytes: a device may have no end
+  std::ifstream in(file, std::ios::binary);
+  std::string text;
+  std::array<char, 65536> block;
+  while (in.read(block.data(), block.size()), in.gcount() > 0) {
+    text.append(block.data(), static_cast<std::size_t>(in.gcount()));
+    if (text.size() > kLargest) throw Error(file.string(), "larger than 100 MB, expected an SDF file");
+  }
+  if (!in.is_open() || in.bad()) throw Error(file.string(), "cannot be read");
+  return parse_sdf(text, file, warnings);
+}
+
+}  // namespace cotwin::scene

@@ -1,0 +1,225 @@
+#include "models/scene/sdf_link.h"
+
+#include <Eigen/Geometry>
+#include <cmath>
+
+#include "models/scene/mesh.h"
+#include "models/scene/shapes.h"
+#include "models/text/error.h"
+#include "models/text/text.h"
+
+namespace cotwin::scene::sdf {
+
+namespace fs = std::filesystem;
+using Eigen::Vector3d;
+
+namespace {
+
+constexpr double kDensity = 1000;  // kg/m³, SDF's default for <inertial auto="true">
+
+/// What SDF says where a file does not: <mu> 1, <kp> 10¹² (which nobody means: rigid).
+Material read_surface(const xml::Element* surface, const Warn& warn) {
+  Material material;
+  material.mu = 1;
+  if (surface == nullptr) return material;
+  check_children(*surface, {"friction", "bounce", "contact"}, {}, {}, warn);
+  if (const xml::Element* friction = only(*surface, "friction")) {
+    check_children(*friction, {"ode"}, {}, {}, warn);
+    if (const xml::Element* ode = only(*friction, "ode")) {
+      check_children(*ode, {"mu", "mu2"}, {}, {}, warn);
+      material.mu = number(*ode, "mu", 1);
+      const xml::Element* second = only(*ode, "mu2");
+      if (second != nullptr && number(*second) != material.mu)
+        warn(second->place, "<mu2> differs from <mu>; friction is the same in all directions, <mu> counts");
+    }
+  }
+  if (const xml::Element* bounce = only(*surface, "bounce")) {
+    check_children(*bounce, {"restitution_coefficient"}, {}, {}, warn);
+    material.restitution = number(*bounce, "restitution_coefficient", 0);
+  }
+  if (const xml::Element* contact = only(*surface, "contact")) {
+    check_children(*contact, {"ode"}, {}, {}, warn);
+    if (const xml::Element* ode = only(*contact, "ode")) {
+      check_children(*ode, {"kp", "kd"}, {}, {}, warn);
+      const double kp = number(*ode, "kp", 1e12);
+      if (kp < 1e12) {
+        material.stiffness = kp;
+        material.damping = number(*ode, "kd", 1);
+      }
+    }
+  }
+  return material;
+}
+
+std::vector<Shape> read_geometry(const xml::Element& geometry, const fs::path& folder, const Warn& warn) {
+  const xml::Element* kind = nullptr;
+  for (const xml::Element& c : geometry.children) {
+    if (c.space != "" && c.space != kSpace) continue;
+    if (kind != nullptr) throw Error(c.place, "<" + c.name + "> besides <" + kind->name + "> in <geometry>");
+    kind = &c;
+  }
+  if (kind == nullptr) throw Error(geometry.place, "<geometry> without a shape");
+  Shape shape;
+  const auto of = [&](const char* name) { return number(needed(*kind, name)); };
+  const bool ours = kind->space == kSpace;
+  if (ours && kind->name == "round_hole") {
+    check_children(*kind, {}, {}, {"radius", "depth", "size", "chamfer", "facets"}, warn);
+    RoundHole hole;
+    hole.radius = number(needed(*kind, "radius", kSpace));
+    hole.depth = number(needed(*kind, "depth", kSpace));
+    const std::vector<double> size = numbers(needed(*kind, "size", kSpace), 2);
+    hole.width = size[0];
+    hole.length = size[1];
+    if (const xml::Element* chamfer = only(*kind, "chamfer", kSpace)) hole.chamfer = number(*chamfer);
+    if (const xml::Element* facets = only(*kind, "facets", kSpace)) {
+      const double count = number(*facets);
+      if (count != std::floor(count) || std::abs(count) > 1e6)
+        throw Error(facets->place, "<facets>: " + facets->content + ", expected a whole number");
+      hole.facets = static_cast<int>(count);
+    }
+    try {
+      return round_hole(hole);
+    } catch (const Error& e) {
+      throw Error(kind->place, e.what());
+    }
+  }
+  if (!ours && kind->name == "box") {
+    check_children(*kind, {"size"}, {}, {}, warn);
+    shape.type = ShapeType::kBox;
+    shape.size = vector(needed(*kind, "size"));
+  } else if (!ours && kind->name == "sphere") {
+    check_children(*kind, {"radius"}, {}, {}, warn);
+    shape.type = ShapeType::kSphere;
+    shape.size = {of("radius"), 0, 0};
+  } else if (!ours && (kind->name == "cylinder" || kind->name == "capsule")) {
+    check_children(*kind, {"radius", "length"}, {}, {}, warn);
+    shape.type = kind->name == "cylinder" ? ShapeType::kCylinder : ShapeType::kCapsule;
+    shape.size = {of("radius"), of("length"), 0};
+  } else if (!ours && kind->name == "plane") {
+    check_children(*kind, {"normal"}, {"size"}, {}, warn);
+    shape.type = ShapeType::kPlane;
+    const xml::Element* normal = only(*kind, "normal");
+    const Vector3d n = normal != nullptr ? vector(*normal) : Vector3d(0, 0, 1);
+    if (!(n.norm() > 1e-6))
+      throw Error(normal->place, "<normal> of length " + text::to_text(n.norm(), 6) + ", expected a direction");
+    shape.X_BS.R = Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), n).toRotationMatrix();
+  } else if (!ours && kind->name == "mesh") {
+    check_children(*kind, {"uri", "scale"}, {}, {}, warn);
+    if (const xml::Element* part = only(*kind, "submesh")) throw Error(part->place, "<submesh>, expected a file of its own");
+    const xml::Element* scale = only(*kind, "scale");
+    const xml::Element& uri = needed(*kind, "uri");
+    shape.type = ShapeType::kHull;
+    try {
+      shape.vertices = load_hull(find_file(uri, folder), scale != nullptr ? vector(*scale) : Vector3d::Ones());
+    } catch (const Error& e) {
+      throw Error(uri.place, e.what());
+    }
+  } else {
+    throw Error(kind->place,
+                "<" + kind->name + "> as a shape, expected box, sphere, cylinder, capsule, plane, mesh or cotwin:round_hole");
+  }
+  return {shape};
+}
+
+struct Collision {
+  std::vector<Shape> shapes;
+  double density;
+};
+
+Collision read_collision(const xml::Element& element, double density, const fs::path& folder, const Warn& warn) {
+  check_children(element, {"pose", "geometry", "surface", "density"}, {"laser_retro", "max_contacts"}, {}, warn);
+  const std::string& name = xml::text(element, "name");
+  const Pose X_BC = own_pose(element);
+  const Material material = read_surface(only(element, "surface"), warn);
+  Collision collision{read_geometry(needed(element, "geometry"), folder, warn), number(element, "density", density)};
+  for (Shape& shape : collision.shapes) {
+    shape.name = shape.name.empty() ? name : name + "." + shape.name;
+    shape.X_BS = X_BC * shape.X_BS;
+    shape.material = material;
+  }
+  return collision;
+}
+
+Inertia read_inertial(const xml::Element& element, const Warn& warn) {
+  check_children(element, {"mass", "pose", "inertia", "density"}, {}, {}, warn);
+  Inertia inertia;
+  inertia.mass = number(needed(element, "mass"));
+  const xml::Element& m = needed(element, "inertia");
+  const auto off = [&](const char* name) { return number(m, name, 0); };
+  const auto on = [&](const char* name) { return number(needed(m, name)); };
+  const double xx = on("ixx"), yy = on("iyy"), zz = on("izz"), xy = off("ixy"), xz = off("ixz"), yz = off("iyz");
+  inertia.I_CC << xx, xy, xz, xy, yy, yz, xz, yz, zz;
+  inertia = inertia.seen_from(own_pose(element));
+  const std::string why = inertia.unphysical();
+  if (!why.empty()) throw Error(element.place, why);
+  return inertia;
+}
+
+}  // namespace
+
+fs::path find_file(const xml::Element& uri, const fs::path& folder) {
+  std::string name = uri.content;
+  std::vector<fs::path> places{folder};
+  for (const std::string_view scheme : {"model://", "file://", "package://"}) {
+    if (name.rfind(scheme, 0) != 0) continue;
+    name = name.substr(scheme.size());
+    if (scheme == "model://") places.push_back(folder.parent_path());
+    break;
+  }
+  if (name.empty()) throw Error(uri.place, "<uri> without a name");
+  if (name.find("://") != std::string::npos) throw Error(uri.place, "'" + name + "', expected a file beside this one");
+  std::string looked;
+  for (const fs::path& place : places) {
+    fs::path found = (place / name).lexically_normal();
+    std::error_code ignored;
+    if (fs::is_directory(found, ignored)) {
+      for (const char* inside : {"model.sdf", "scene.sdf"}) {
+        if (fs::is_regular_file(found / inside, ignored)) return found / inside;
+      }
+    } else if (fs::is_regular_file(found, ignored)) {
+      return found;
+    }
+    looked += (looked.empty() ? "" : ", ") + found.string();
+  }
+  throw Error(uri.place, "no file '" + name + "', looked for " + looked);
+}
+
+Body read_link(const xml::Element& element, bool is_static, const fs::path& folder, const Warn& warn) {
+  check_children(element, {"pose", "inertial", "collision", "kinematic"},
+                 {"visual", "light", "sensor", "projector", "audio_sink", "audio_source", "battery", "particle_emitter",
+                  "must_be_base_link"},
+                 {"velocity"}, warn);
+  Body body;
+  const bool driven = boolean(element, "kinematic", false);
+  body.motion = is_static ? Motion::kStatic : driven ? Motion::kDriven : Motion::kDynamic;
+  const xml::Element* inertial = only(element, "inertial");
+  const bool automatic = inertial != nullptr && xml::boolean(*inertial, "auto", false);
+  const double density = automatic ? number(*inertial, "density", kDensity) : kDensity;
+  Inertia solid;
+  for (const xml::Element& c : element.children) {
+    if (c.name != "collision" || !c.space.empty()) continue;
+    Collision collision = read_collision(c, density, folder, warn);
+    for (Shape& shape : collision.shapes) {
+      if (automatic && body.motion == Motion::kDynamic) {
+        try {
+          solid = solid + solid_inertia(shape, collision.density);
+        } catch (const Error& e) {
+          throw Error(c.place, e.what());
+        }
+      }
+      body.shapes.push_back(std::move(shape));
+    }
+  }
+  if (body.motion == Motion::kDynamic) {
+    if (inertial == nullptr)
+      throw Error(element.place,
+                  "a link that moves freely without <inertial>, expected its mass and inertia, or auto=\"true\"");
+    body.inertia = automatic ? solid : read_inertial(*inertial, warn);
+  }
+  if (const xml::Element* velocity = only(element, "velocity", kSpace)) {
+    body.V_WB = Eigen::Map<const Twist>(numbers(*velocity, 6).data());
+  }
+  return body;
+}
+
+}  // namespace cotwin::scene::sdf

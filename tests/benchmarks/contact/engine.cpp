@@ -1,0 +1,71 @@
+#include "tests/benchmarks/contact/engine.h"
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <algorithm>
+
+namespace cotwin::benchmark {
+namespace {
+
+constexpr int kSweeps = 10;  // in each of the two solutions of a step: 20 together, as ODE's quickstep makes here
+
+class Ours final : public Engine {
+ public:
+  Ours(const scene::Scene& scene, contact_world::Method method) : world_(scene, options(scene, method)) {}
+  void step(double h) override { world_.step(h); }
+  void read(std::span<Pose> X_WB, std::span<Twist> V_WB) const override {
+    std::copy(world_.poses().begin(), world_.poses().end(), X_WB.begin());
+    std::copy(world_.twists().begin(), world_.twists().end(), V_WB.begin());
+  }
+  void set_tau(std::size_t joint, double tau) override { world_.set_tau(joint, tau); }
+  void set_motor(std::size_t joint, double dq, double tau_max) override { world_.set_motor(joint, dq, tau_max); }
+  void apply(std::size_t body, const Wrench& F_C_W) override {
+    Wrench F_B_W = F_C_W;
+    const Eigen::Vector3d p_BC_W = world_.poses()[body].R * world_.scene().bodies[body].inertia.p_LC;
+    F_B_W.tail<3>() += p_BC_W.cross(F_C_W.head<3>());
+    world_.apply(body, F_B_W);
+  }
+
+ private:
+  static contact_world::Options options(const scene::Scene& scene, contact_world::Method method) {
+    contact_world::Options options;
+    options.method = method;
+    options.iterations = kSweeps;
+    options.contacts = 16 * scene.bodies.size();
+    return options;
+  }
+
+  contact_world::World world_;
+};
+
+}  // namespace
+
+std::unique_ptr<Engine> make_tree(const scene::Scene& scene, double) {
+  return std::make_unique<Ours>(scene, contact_world::Method::kTree);
+}
+std::unique_ptr<Engine> make_pgs(const scene::Scene& scene, double) {
+  return std::make_unique<Ours>(scene, contact_world::Method::kPgs);
+}
+std::unique_ptr<Engine> make_dantzig(const scene::Scene& scene, double) {
+  return std::make_unique<Ours>(scene, contact_world::Method::kDantzig);
+}
+
+Principal principal(const Inertia& inertia) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(inertia.I_CC);
+  Principal p;
+  p.X_BP.p = inertia.p_LC;
+  p.moments = inertia.I_CC.diagonal();
+  if (inertia.I_CC.isDiagonal()) return p;
+  p.X_BP.R = axes.eigenvectors();
+  p.moments = axes.eigenvalues();
+  if (p.X_BP.R.determinant() < 0) p.X_BP.R.col(0) *= -1;
+  return p;
+}
+
+bool ignored(const scene::Scene& scene, int a, int b) {
+  const auto same = [a, b](int c, int d) { return (a == c && b == d) || (a == d && b == c); };
+  return std::any_of(scene.joints.begin(), scene.joints.end(), [&](const auto& j) { return same(j.parent, j.child); }) ||
+         std::any_of(scene.no_contact.begin(), scene.no_contact.end(), [&](const auto& p) { return same(p.first, p.second); });
+}
+
+}  // namespace cotwin::benchmark

@@ -1,0 +1,55 @@
+#pragma once
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "components/contact_world/world.h"
+#include "models/mechanics/pose.h"
+#include "models/scene/scene.h"
+
+namespace cotwin::benchmark {
+
+/// One scene in one engine: what the benchmark asks of ours and of its peers alike.
+class Engine {
+ public:
+  virtual ~Engine() = default;
+  virtual void step(double h) = 0;
+  /// X_WB and V_WB (of B's origin, expressed in W), one a body of the scene.
+  virtual void read(std::span<Pose> X_WB, std::span<Twist> V_WB) const = 0;
+  virtual void set_tau(std::size_t joint, double tau) = 0;  // over the next step, N.m
+  virtual void set_motor(std::size_t joint, double dq, double tau_max) = 0;
+  virtual void apply(std::size_t body, const Wrench& F_C_W) = 0;  // at the centre of mass, over the next step
+};
+
+struct EngineKind {
+  std::string name;
+  std::unique_ptr<Engine> (*make)(const scene::Scene& scene, double h);
+  bool ours = false;
+  bool exact = false;  // pivots: cost grows with the cube of the contacts
+};
+
+/// Ours, with 20 sweeps a step, as many as ODE's quickstep.
+std::unique_ptr<Engine> make_tree(const scene::Scene& scene, double h);
+std::unique_ptr<Engine> make_pgs(const scene::Scene& scene, double h);
+std::unique_ptr<Engine> make_dantzig(const scene::Scene& scene, double h);
+/// Open Dynamics Engine: dWorldQuickStep with 20 iterations, dWorldStep. Else its defaults; eight contacts a pair, friction
+/// pyramid scaled by the normal force.
+std::unique_ptr<Engine> make_ode_quick(const scene::Scene& scene, double h);
+std::unique_ptr<Engine> make_ode_dantzig(const scene::Scene& scene, double h);
+/// Bullet in double precision: sequential impulses with 10 iterations, MLCP with Dantzig's solver. Else its defaults, but no
+/// body falls asleep and collision margins are 1 mm.
+std::unique_ptr<Engine> make_bullet_si(const scene::Scene& scene, double h);
+std::unique_ptr<Engine> make_bullet_dantzig(const scene::Scene& scene, double h);
+
+/// The body's frame of principal axes P in its centre of mass, and the principal moments: for engines that know no other.
+struct Principal {
+  Pose X_BP;
+  Eigen::Vector3d moments = Eigen::Vector3d::Zero();
+};
+Principal principal(const Inertia& inertia);
+/// Whether the engines that have no such list must leave out the contacts of two bodies: joined or named by the scene.
+bool ignored(const scene::Scene& scene, int a, int b);
+
+}  // namespace cotwin::benchmark

@@ -1,0 +1,124 @@
+// Scenes that nobody would build: thousands of short runs in which bodies start anywhere, also inside each other, with any
+// speed and any mass.
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "components/contact_world/world.h"
+#include "tests/support/allocations.h"
+#include "tests/support/contact_scenes.h"
+#include "tests/support/random_scene.h"
+
+namespace cotwin::contact_world {
+namespace {
+
+using testing::RandomScene;
+
+constexpr double kStep = 1e-3;  // s
+
+std::string what_is_wrong(const World& world) {
+  for (std::size_t k = 0; k < world.poses().size(); ++k) {
+    const Pose& X_WB = world.poses()[k];
+    if (!X_WB.p.allFinite() || !X_WB.R.allFinite()) return "pose of body " + std::to_string(k) + " is not finite";
+    if (!world.twists()[k].allFinite()) return "twist of body " + std::to_string(k) + " is not finite";
+    if (!(X_WB.R.transpose() * X_WB.R).isIdentity(1e-9)) return "body " + std::to_string(k) + " is not turned but bent";
+  }
+  for (const double q : world.q()) {
+    if (!std::isfinite(q)) return "a joint's position is not finite";
+  }
+  for (const Eigen::Vector3d& f : world.forces()) {
+    if (!f.allFinite()) return "a contact force is not finite";
+  }
+  if (!std::isfinite(world.status().residual)) return "the residual is not finite";
+  return "";
+}
+
+class Fuzz : public ::testing::TestWithParam<Method> {};
+
+TEST_P(Fuzz, SurvivesWhateverSceneItIsGiven) {
+  constexpr std::uint64_t kRuns = 1200;
+  constexpr int kSteps = 12;
+  for (std::uint64_t seed = 0; seed < kRuns; ++seed) {
+    Options options;
+    options.method = GetParam();
+    RandomScene random(seed);
+    World world(random.scene(), options);
+    for (int k = 0; k < kSteps; ++k) {
+      random.disturb(world);
+      world.step(kStep);
+      const std::string wrong = what_is_wrong(world);
+      ASSERT_EQ(wrong, "") << "seed " << seed << ", step " << k;
+    }
+  }
+}
+
+TEST_P(Fuzz, AllocatesOnlyWhereItSaysThatItGrew) {
+  constexpr std::uint64_t kRuns = 200;
+  for (std::uint64_t seed = 0; seed < kRuns; ++seed) {
+    Options options;
+    options.method = GetParam();
+    RandomScene random(seed);
+    World world(random.scene(), options);
+    for (int k = 0; k < 10; ++k) world.step(kStep);  // warm-up
+    for (int k = 0; k < 10; ++k) {
+      const std::size_t grown = world.status().grown;
+      const auto before = testing::allocations();
+      world.step(kStep);
+      const auto allocated = testing::allocations() - before;
+      ASSERT_TRUE(allocated == 0 || world.status().grown > grown) << "seed " << seed << ", step " << k << ": " << allocated;
+    }
+  }
+}
+
+TEST_P(Fuzz, GivesTheSameBitsFromARestoredState) {
+  constexpr std::uint64_t kRuns = 150;
+  for (std::uint64_t seed = 0; seed < kRuns; ++seed) {
+    Options options;
+    options.method = GetParam();
+    RandomScene random(seed);
+    World world(random.scene(), options), other(random.scene(), options);
+    for (int k = 0; k < 5; ++k) world.step(kStep);
+    std::vector<double> state, after, after_restoring;
+    world.save(state);
+    for (int k = 0; k < 5; ++k) world.step(kStep);
+    world.save(after);
+    other.step(kStep);  // somewhere else before
+    other.restore(state);
+    for (int k = 0; k < 5; ++k) other.step(kStep);
+    other.save(after_restoring);
+    ASSERT_EQ(after, after_restoring) << "seed " << seed;
+  }
+}
+
+TEST_P(Fuzz, GrowsOnceBeyondTheDeclaredCapacityAndGoesOn) {
+  scene::Scene scene;
+  scene.bodies.push_back(testing::ground(0.5));
+  for (int k = 0; k < 30; ++k) {
+    scene.bodies.push_back(testing::box("box", {0.1, 0.1, 0.1}, 1, {0.2 * k, 0, 0.05}, 0.5));
+  }
+  Options options;
+  options.method = GetParam();
+  options.contacts = 16;  // of 120
+  World world(scene, options);
+  world.step(kStep);
+  const std::size_t grown = world.status().grown;
+  EXPECT_GE(grown, 1u);
+  EXPECT_EQ(world.status().contacts, 120u);
+  const auto before = testing::allocations();
+  for (int k = 0; k < 20; ++k) world.step(kStep);
+  EXPECT_EQ(testing::allocations() - before, 0u);
+  EXPECT_EQ(world.status().grown, grown);
+}
+
+std::string name(const ::testing::TestParamInfo<Method>& info) {
+  return info.param == Method::kTree ? "tree" : info.param == Method::kPgs ? "pgs" : "dantzig";
+}
+
+INSTANTIATE_TEST_SUITE_P(Methods, Fuzz, ::testing::Values(Method::kTree, Method::kPgs, Method::kDantzig), name);
+
+}  // namespace
+}  // namespace cotwin::contact_world

@@ -1,0 +1,657 @@
+// The contact world as a unit: its ports, and the two ways to hold a robot, with the drive train beside it.
+#include "components/contact_world/contact_world.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <array>
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "components/contact_world/robot_links.h"
+#include "components/unit/snapshot.h"
+#include "components/unit/unit_table.h"
+#include "models/robot/urdf.h"
+#include "models/text/error.h"
+#include "tests/support/allocations.h"
+
+namespace cotwin {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using Values = std::vector<double>;
+
+const std::string kData = std::string(COTWIN_SOURCE_DIR) + "/tests/components/data/";
+const std::string kPusher = kData + "pusher.urdf";
+const std::string kFloor = kData + "floor.sdf";
+constexpr double kGravity = 9.81;
+
+/// A unit with its variables by name.
+class Subject {
+ public:
+  explicit Subject(const std::string& source)
+      : instance_(make_unit(source, {}, {std::filesystem::path(COTWIN_SOURCE_DIR) / "models"}, unit_types())) {}
+
+  std::span<double> operator[](const std::string& name) { return instance_.variables.at(name).reals(); }
+  Values values(const std::string& name) { return {(*this)[name].begin(), (*this)[name].end()}; }
+  std::int32_t integer(const std::string& name, std::size_t i = 0) { return instance_.variables.at(name).integers()[i]; }
+  Subject& set(const std::string& name, const Values& values) {
+    std::copy(values.begin(), values.end(), (*this)[name].begin());
+    return *this;
+  }
+  Subject& set(const std::string& name, std::int32_t value) {
+    instance_.variables.at(name).integers()[0] = value;
+    return *this;
+  }
+  Subject& fill(const std::string& name, double value) {
+    std::fill((*this)[name].begin(), (*this)[name].end(), value);
+    return *this;
+  }
+  void initialise() { instance_.unit->initialise(Time{}); }
+  void step(double h) {
+    const Duration d = Duration::from_seconds(h);
+    ASSERT_EQ(instance_.unit->step(now_, d), StepResult::kDone);
+    now_ = now_ + d;
+  }
+  Unit& unit() { return *instance_.unit; }
+  const Variables& variables() const { return instance_.variables; }
+
+ private:
+  Instance instance_;
+  Time now_;
+};
+
+void copy(Subject& from, const std::string& out, Subject& to, const std::string& in) {
+  std::copy(from[out].begin(), from[out].end(), to[in].begin());
+}
+
+/// A robot whose motors hold a posture, τ_m = τ_0 + k (θ_d − θ) − d θ̇, in a world; its links held in one of the two ways.
+class Held {
+ public:
+  Held(const std::string& link, const std::string& world, const Values& q, const std::string& robot = kPusher)
+      : outside_(link == "outside"),
+        world_("unit:contact_world?link=" + link + "&robot=" + robot + world),
+        q_(q),
+        drive_("unit:drive_train?link=" + link + "&robot=" + robot) {
+    if (robot != "lwr4") drive_.fill("K", 1e4).fill("B", 0.5).fill("D", 20);
+    copy(drive_, "K", world_, "K");
+    copy(drive_, "D", world_, "D");
+    if (outside_) {
+      world_.set("q0", q);
+      drive_.set("link_order", 1);
+      drive_.set("q", q);
+    } else {
+      drive_.set("q0", q);
+      world_.set("q", q);
+    }
+  }
+  void initialise(const Values& tau_0) {
+    tau_0_ = tau_0;
+    drive_.set("tau_m", tau_0);
+    drive_.initialise();
+    theta_d_ = q_;
+    for (std::size_t i = 0; i < q_.size(); ++i) theta_d_[i] += tau_0[i] / drive_["K"][i];
+    copy(drive_, "tau_J", world_, "tau_J");
+    world_.initialise();
+  }
+  /// One tick: the world first, then the drive.
+  void step(double h, double stiffness = 300, double damping = 60) {
+    for (std::size_t i = 0; i < tau_0_.size(); ++i) {
+      drive_["tau_m"][i] = tau_0_[i] + stiffness * (theta_d_[i] - drive_["theta"][i]) - damping * drive_["dtheta"][i];
+    }
+    copy(drive_, "tau_J", world_, "tau_J");
+    copy(drive_, "dtheta", world_, "dtheta");
+    if (outside_) {
+      world_.step(h);
+      copy(world_, "q", drive_, "q");
+      copy(world_, "dq", drive_, "dq");
+    } else {
+      copy(drive_, "q", world_, "q");
+      copy(drive_, "dq", world_, "dq");
+      world_.step(h);
+      copy(world_, "tau_e", drive_, "tau_e");
+    }
+    drive_.step(h);
+  }
+  Subject& world() { return world_; }
+  Subject& drive() { return drive_; }
+  Values& theta_d() { return theta_d_; }
+
+ private:
+  bool outside_;
+  Subject world_;
+  Values q_;
+  Subject drive_;
+  Values tau_0_, theta_d_;
+};
+
+TEST(ContactWorld, NamesItsVariablesAfterTheSceneAndTheRobots) {
+  Subject world("unit:contact_world?scene=" + kFloor + "&robots=left:" + kPusher + ",right:" + kPusher);
+  for (const char* name : {"left.q", "right.tau_e", "cube.p", "cube.f", "floor.f_c", "contacts"}) {
+    EXPECT_NE(world.variables().find(name), nullptr) << name;
+  }
+  EXPECT_EQ(world.variables().find("floor.p"), nullptr) << "what never moves needs no output for its place";
+}
+
+TEST(ContactWorld, ACubeStandsOnTheFloorWithItsWeight) {
+  Subject world("unit:contact_world?scene=" + kFloor);
+  world.initialise();
+  for (int i = 0; i < 500; ++i) world.step(1e-3);
+  EXPECT_NEAR(world["cube.p"][2], 0.05, 2e-5);
+  EXPECT_NEAR(world["cube.f_c"][2], 2 * kGravity, 1e-6);
+  EXPECT_NEAR(world["floor.f_c"][2], -2 * kGravity, 1e-6);
+  EXPECT_EQ(world.integer("contacts"), 4);
+}
+
+TEST(ContactWorld, ACubeThatIsPulledSticksBelowTheConeAndSlidesAboveItAsCoulombSays) {
+  Subject world("unit:contact_world?scene=" + kFloor);
+  world.initialise();
+  const double limit = 0.25 * 2 * kGravity;
+  world.set("cube.f", {0.9 * limit, 0, 0});
+  for (int i = 0; i < 1000; ++i) world.step(1e-3);
+  EXPECT_NEAR(world["cube.p"][0], 0, 1e-6);
+  world.set("cube.f", {1.5 * limit, 0, 0});
+  for (int i = 0; i < 1000; ++i) world.step(1e-3);
+  EXPECT_NEAR(world["cube.v"][0], 0.5 * limit / 2, 1e-3 * 0.5 * limit / 2);
+}
+
+TEST(ContactWorld, ARobotThatTouchesNothingFeelsNothing) {
+  Held robot("inside", "&scene=" + kFloor, {0.3, 0.2});
+  robot.initialise({0, 0});
+  for (int i = 0; i < 20; ++i) robot.step(1e-3);
+  EXPECT_THAT(robot.world().values("tau_e"), ElementsAre(0, 0));
+  // The world foresees where (2a) takes the links in the step that the drive train makes after it.
+  EXPECT_GT(std::abs(robot.drive()["dq"][0]), 1e-2);
+  for (std::size_t j = 0; j < 2; ++j) EXPECT_NEAR(robot.world()["q_link"][j], robot.drive()["q"][j], 2e-7);
+}
+
+// At rest on the floor, (2a): g(q) = τ_J + τ_e, with τ_e = Jᵀ (0, 0, F).
+TEST(ContactWorld, ExternalTorquesAreTheContactForceTimesItsLevers) {
+  Held robot("inside", "&scene=" + kFloor, {-0.4, -0.6});
+  robot.initialise({5, 2});
+  for (int i = 0; i < 3000; ++i) robot.step(1e-3);
+  Subject& w = robot.world();
+  const double q1 = w["q_link"][0], q2 = w["q_link"][1], F = w["f_c"][2], T = w["f_c"][0];
+  ASSERT_GT(F, 5) << "it must lie on the floor to say something";
+  // The ball's lowest point; lever arms about the two axes, which point along −y.
+  const double x = 0.4 * std::cos(q1) + 0.35 * std::cos(q1 + q2), x2 = 0.35 * std::cos(q1 + q2);
+  const double z2 = -0.5 - 0.4 * std::sin(q1);
+  EXPECT_NEAR(w["tau_e"][0], x * F + 0.5 * T, 1e-3 * F);
+  EXPECT_NEAR(w["tau_e"][1], x2 * F - z2 * T, 1e-3 * F);
+}
+
+TEST(ContactWorld, BothWaysToHoldARobotGiveTheSameSteadyContactForce) {
+  const Values q = {-0.4, -0.6};
+  // Without friction, for what sticks depends on how it came there.
+  Held inside("inside", "&scene=" + kData + "ice.sdf", q), outside("outside", "&scene=" + kData + "ice.sdf", q);
+  for (Held* robot : {&inside, &outside}) {
+    robot->initialise({5, 2});
+    for (int i = 0; i < 4000; ++i) robot->step(1e-3);
+  }
+  // 13 µm of penetration at 10⁶ N/m against a motor stiffness of some 10³ N/m at the tip: 1 ‰ of the force
+  const double F = inside.world()["f_c"][2];
+  ASSERT_GT(F, 5);
+  EXPECT_NEAR(outside.world()["f_c"][2], F, 2e-3 * F);
+  for (std::size_t j = 0; j < 2; ++j) {
+    EXPECT_NEAR(inside.world()["q_link"][j], outside.world()["q_link"][j], 1e-4);
+    EXPECT_NEAR(inside.drive()["tau_J"][j], outside.drive()["tau_J"][j], 2e-3 * F);
+    EXPECT_NEAR(inside.world()["tau_e"][j], outside.world()["tau_e"][j], 2e-3 * F);
+  }
+}
+
+// A soft wall gives the force of its spring, however the link is held and whatever its mass; and both ways the same.
+TEST(ContactWorld, ASoftWallPushesWithItsSpring) {
+  const Values q = {-0.4, -0.6};
+  std::vector<double> force;
+  for (const std::string link : {"inside", "outside"}) {
+    Held robot(link, "&scene=" + kData + "sponge.sdf", q);
+    robot.initialise({5, 2});
+    for (int i = 0; i < 6000; ++i) robot.step(1e-3);
+    Subject& w = robot.world();
+    const double q1 = w["q_link"][0], q2 = w["q_link"][1];
+    const double depth = 0.02 - (0.5 + 0.4 * std::sin(q1) + 0.35 * std::sin(q1 + q2));  // of the ball below z = 0
+    force.push_back(w["f_c"][2]);
+    EXPECT_NEAR(force.back(), 1e4 * depth, 2e-3 * force.back()) << link;
+  }
+  EXPECT_GT(force[0], 5);
+  EXPECT_NEAR(force[0], force[1], 2e-3 * force[1]);
+}
+
+TEST(ContactWorld, CountsTheTurnsOfAJointFromItsStart) {
+  Subject world("unit:contact_world?link=outside&robot=" + kPusher);
+  world.set("q0", {4, -7}).set("gravity", {0, 0, 0}).initialise();
+  for (int i = 0; i < 20; ++i) world.step(1e-3);
+  EXPECT_NEAR(world["q"][0], 4, 1e-9);
+  EXPECT_NEAR(world["q"][1], -7, 1e-9);
+}
+
+// A link that is moved without a torque to be seen, as by a recording, presses as far as it goes into what is soft.
+TEST(ContactWorld, ALinkThatIsMovedWhateverItMeetsPressesWithTheSpringItIsPressedInto) {
+  Subject world("unit:contact_world?scene=" + kData + "sponge.sdf&robot=" + kPusher);
+  const double q1 = -0.4;
+  const auto elbow = [&](double depth) { return -std::asin((0.48 + depth + 0.4 * std::sin(q1)) / 0.35) - q1; };
+  world.set("q", {q1, elbow(-1e-3)}).initialise();
+  const double h = 1e-3, speed = 2e-3;  // m/s
+  double depth = -1e-3;
+  for (int i = 0; i < 3000; ++i) {
+    const double before = elbow(depth);
+    if (depth < 2e-3) depth += speed * h;
+    world.set("q", {q1, elbow(depth)});
+    world.set("dq", {0, (elbow(depth) - before) / h});
+    world.step(h);
+  }
+  EXPECT_NEAR(world["f_c"][2], 1e4 * depth, 1e-3 * 1e4 * depth);
+  EXPECT_NEAR(world["tau_e"][1], 0.35 * std::cos(q1 + elbow(depth)) * world["f_c"][2], 1e-6);
+}
+
+/// A recording without torques of q1 that speeds up evenly, at the ends of the steps given: how far the world's forecasts of q̇
+/// are from the recording, the worst one after the second step.
+double worst_forecast(const Values& steps, double motor_speed) {
+  Subject world("unit:contact_world?scene=none&robot=" + kPusher);
+  world.set("q", {0.3, -0.5}).initialise();
+  const double acceleration = 5;
+  double t = 0, worst = 0;
+  for (std::size_t i = 0; i < steps.size(); ++i) {
+    world.set("q", {0.3 + acceleration / 2 * t * t, -0.5}).set("dq", {acceleration * t, 0});
+    world.fill("dtheta", motor_speed);
+    world.step(steps[i]);
+    t += steps[i];
+    if (i > 1) worst = std::max(worst, std::abs(world["dq_link"][0] - acceleration * t));
+  }
+  return worst;
+}
+
+TEST(ContactWorld, ARecordingGoesOnWithItsAccelerationWhateverTheStepsAndTheMotorsSpeeds) {
+  const double h = 1e-3;
+  EXPECT_LT(worst_forecast(Values(20, h), 0), 1e-5) << "5e-3 rad/s a step";
+  Values steps(20, h);
+  steps[8] = h / 10;
+  EXPECT_LT(worst_forecast(steps, 0), 1e-5) << "a shortened step";
+  EXPECT_LT(worst_forecast(Values(20, h), 3), 1e-5) << "motor speeds without torques";
+}
+
+// A motor behind a rigid gear is an inertia of the link's, (2a) + (2b): what strikes without restitution does not come back,
+// and free motion is foreseen with the motors' share of τ_J. A world that does not know of the motors throws the link back.
+TEST(ContactWorld, LinksBehindRigidGearsAreForeseenWithTheirMotors) {
+  for (const double B : {0.5, 0.0}) {
+    Subject world("unit:contact_world?link=inside&scene=" + kData + "ice.sdf&robot=" + kPusher);
+    Subject drive("unit:drive_train?link=inside&transmission=rigid&robot=" + kPusher);
+    drive.fill("B", 0.5).set("q0", {-0.4, -0.55});
+    world.fill("B", B).set("q", {-0.4, -0.55});
+    drive.initialise();
+    copy(drive, "tau_J", world, "tau_J");
+    world.initialise();
+    double free = 0, lowest = 1, back = 0;  // largest error of q̇, rad/s; how far the ball comes back, m
+    bool struck = false;
+    for (int i = 0; i < 500; ++i) {
+      for (const char* name : {"tau_J", "dtheta", "q", "dq"}) copy(drive, name, world, name);
+      world.step(1e-3);
+      copy(world, "tau_e", drive, "tau_e");
+      drive.step(1e-3);
+      struck = struck || world["f_c"][2] > 0;
+      for (std::size_t j = 0; j < 2; ++j) {
+        if (!struck && i > 1) free = std::max(free, std::abs(world["dq_link"][j] - drive["dq"][j]));
+      }
+      const double q1 = drive["q"][0], q2 = drive["q"][1];
+      lowest = std::min(lowest, 0.5 + 0.4 * std::sin(q1) + 0.35 * std::sin(q1 + q2));
+      if (struck) back = std::max(back, 0.5 + 0.4 * std::sin(q1) + 0.35 * std::sin(q1 + q2) - lowest);
+    }
+    EXPECT_TRUE(struck);
+    if (B > 0) {
+      EXPECT_LT(back, 1e-6);
+      EXPECT_LT(free, 1e-5);
+    } else {
+      EXPECT_GT(back, 5e-5);
+      EXPECT_GT(free, 2e-5);
+    }
+  }
+}
+
+// Where a base stands and which way it looks is nothing to gravity and a floor. Without friction, which keeps what rounding
+// made of an impact.
+TEST(ContactWorld, ARobotWhoseBaseIsTurnedPressesTheSameWay) {
+  const double angle = 2;
+  for (const std::string link : {"inside", "outside"}) {
+    Held straight(link, "&scene=" + kData + "ice.sdf", {-0.4, -0.6}), turned(link, "&scene=" + kData + "ice.sdf", {-0.4, -0.6});
+    turned.world().set("base_quat0", {std::cos(angle / 2), 0, 0, std::sin(angle / 2)}).set("base_p0", {-0.7, -0.3, 0});
+    for (Held* robot : {&straight, &turned}) robot->initialise({5, 2});
+    for (int i = 0; i < 1500; ++i) {
+      for (Held* robot : {&straight, &turned}) robot->step(1e-3);
+    }
+    const auto f = straight.world()["f_c"], g = turned.world()["f_c"];
+    EXPECT_GT(f[2], 5) << link;
+    for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(g[k], f[k], 1e-6) << link;
+    // The ball touches under its centre, which is 0.4 cos q1 + 0.35 cos (q1 + q2) from the base, the way that it looks.
+    const double q1 = turned.world()["q_link"][0], q2 = turned.world()["q_link"][1];
+    const double reach = 0.4 * std::cos(q1) + 0.35 * std::cos(q1 + q2);
+    EXPECT_NEAR(turned.world()["contact_p"][0], -0.7 + reach * std::cos(angle), 1e-6) << link;
+    EXPECT_NEAR(turned.world()["contact_p"][1], -0.3 + reach * std::sin(angle), 1e-6) << link;
+    for (std::size_t j = 0; j < 2; ++j) EXPECT_NEAR(turned.world()["tau_e"][j], straight.world()["tau_e"][j], 1e-6) << link;
+  }
+}
+
+// (2a) of a gantry at rest: τ_e is the contact force along its axes, and F = m g − τ_J along z.
+TEST(ContactWorld, APrismaticJointFeelsTheForceAlongItsAxis) {
+  for (const std::string link : {"inside", "outside"}) {
+    Held gantry(link, "&scene=" + kFloor, {0.1, -0.478}, kData + "gantry.urdf");
+    gantry.initialise({0, 4});
+    for (int i = 0; i < 3000; ++i) gantry.step(1e-3);
+    Subject& w = gantry.world();
+    EXPECT_NEAR(w["f_c"][2], 1.5 * kGravity - gantry.drive()["tau_J"][1], 1e-3) << link;
+    EXPECT_GT(w["f_c"][2], 5) << link;
+    EXPECT_NEAR(w["tau_e"][1], w["f_c"][2], 1e-9) << link;
+    EXPECT_NEAR(w["tau_e"][0], w["f_c"][0], 1e-9) << link;
+    EXPECT_NEAR(w["q_link"][1], -0.48, 1e-5) << link;
+    EXPECT_LT(std::abs(w["dq_link"][1]), 1e-6) << link;
+  }
+}
+
+/// Two robots with motors as in Held, in one world.
+class Pair {
+ public:
+  Pair(const std::string& link, const std::string& world)
+      : outside_(link == "outside"),
+        world_("unit:contact_world?link=" + link + "&robots=left:" + kPusher + ",right:" + kPusher + world) {
+    for (int i = 0; i < 2; ++i) drives_.emplace_back("unit:drive_train?link=" + link + "&robot=" + kPusher);
+  }
+  void initialise(const std::array<Values, 2>& q, const std::array<Values, 2>& tau_0) {
+    tau_0_ = tau_0;
+    for (std::size_t i = 0; i < 2; ++i) {
+      Subject& drive = drives_[i];
+      drive.fill("K", 1e4).fill("B", 0.5).fill("D", 20).set("tau_m", tau_0[i]);
+      copy(drive, "K", world_, kNames[i] + "K");
+      copy(drive, "D", world_, kNames[i] + "D");
+      if (outside_) {
+        world_.set(kNames[i] + "q0", q[i]);
+        drive.set("link_order", 1).set("q", q[i]);
+      } else {
+        drive.set("q0", q[i]);
+        world_.set(kNames[i] + "q", q[i]);
+      }
+      drive.initialise();
+      theta_d_[i] = q[i];
+      for (std::size_t j = 0; j < 2; ++j) theta_d_[i][j] += tau_0[i][j] / 1e4;
+      copy(drive, "tau_J", world_, kNames[i] + "tau_J");
+    }
+    world_.initialise();
+  }
+  void step(double h) {
+    for (std::size_t i = 0; i < 2; ++i) {
+      Subject& drive = drives_[i];
+      for (std::size_t j = 0; j < 2; ++j) {
+        drive["tau_m"][j] = tau_0_[i][j] + 300 * (theta_d_[i][j] - drive["theta"][j]) - 60 * drive["dtheta"][j];
+      }
+      for (const char* name : {"tau_J", "dtheta"}) copy(drive, name, world_, kNames[i] + name);
+      if (outside_) continue;
+      for (const char* name : {"q", "dq"}) copy(drive, name, world_, kNames[i] + name);
+    }
+    world_.step(h);
+    for (std::size_t i = 0; i < 2; ++i) {
+      copy(world_, kNames[i] + "tau_e", drives_[i], "tau_e");
+      if (outside_) {
+        for (const char* name : {"q", "dq"}) copy(world_, kNames[i] + name, drives_[i], name);
+      }
+      drives_[i].step(h);
+    }
+  }
+  Subject& world() { return world_; }
+
+ private:
+  static inline const std::array<std::string, 2> kNames = {"left.", "right."};
+  bool outside_;
+  Subject world_;
+  std::vector<Subject> drives_;
+  std::array<Values, 2> tau_0_, theta_d_;
+};
+
+TEST(ContactWorld, TwoRobotsInOneWorldMoveAsEachWouldAlone) {
+  for (const std::string link : {"inside", "outside"}) {
+    Pair two(link, "&scene=" + kFloor);
+    two.world().set("right.base_p0", {0, 1, 0});
+    two.initialise({Values{-0.4, -0.6}, Values{-0.5, -0.3}}, {Values{5, 2}, Values{6, 1}});
+    Held left(link, "&scene=" + kFloor, {-0.4, -0.6}), right(link, "&scene=" + kFloor, {-0.5, -0.3});
+    left.initialise({5, 2});
+    right.initialise({6, 1});
+    for (int i = 0; i < 1000; ++i) {
+      two.step(1e-3);
+      left.step(1e-3);
+      right.step(1e-3);
+    }
+    // The islands are solved apart, but with one tolerance: 1e-9 m/s.
+    for (const auto& [name, alone] : {std::pair{"left.", &left}, {"right.", &right}}) {
+      EXPECT_GT(alone->world()["f_c"][2], 5) << link;
+      EXPECT_NEAR(two.world()[std::string(name) + "f_c"][2], alone->world()["f_c"][2], 1e-6) << link << " " << name;
+      for (std::size_t j = 0; j < 2; ++j) {
+        EXPECT_NEAR(two.world()[std::string(name) + "q_link"][j], alone->world()["q_link"][j], 1e-9) << link << " " << name;
+      }
+    }
+  }
+}
+
+// The left arm's ball lies on the right one's: action is reaction, with links that are placed as with links that move.
+TEST(ContactWorld, TwoRobotsThatMeetFeelTheSameForce) {
+  std::vector<double> lifted;
+  for (const std::string link : {"inside", "outside"}) {
+    Pair two(link, "&scene=none");
+    two.world().set("left.base_p0", {0, 0, 0.0405});
+    two.initialise({Values{0.3, -0.5}, Values{0.3, -0.5}}, {Values{30, 8}, Values{40, 12}});
+    for (int i = 0; i < 3000; ++i) two.step(1e-3);
+    const auto left = two.world()["left.f_c"], right = two.world()["right.f_c"];
+    EXPECT_GT(left[2], 3) << link;
+    for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(left[k], -right[k], 1e-9) << link;
+    lifted.push_back(left[2]);
+  }
+  EXPECT_NEAR(lifted[0], lifted[1], 0.01 * lifted[1]);
+}
+
+TEST(ContactWorld, ARobotThatIsRestoredInContactGoesOnToTheSameBits) {
+  for (const std::string link : {"inside", "outside"}) {
+    Held robot(link, "&scene=" + kFloor, {-0.4, -0.6}), other(link, "&scene=" + kFloor, {-0.4, -0.6});
+    for (Held* one : {&robot, &other}) one->initialise({5, 2});
+    for (int i = 0; i < 300; ++i) robot.step(1e-3);
+    ASSERT_GT(robot.world()["f_c"][2], 1) << link;
+    Snapshot world, drive;
+    world.take(robot.world().variables(), robot.world().unit());
+    drive.take(robot.drive().variables(), robot.drive().unit());
+    world.restore(other.world().variables(), other.world().unit());
+    drive.restore(other.drive().variables(), other.drive().unit());
+    for (int i = 0; i < 200; ++i) {
+      robot.step(1e-3);
+      other.step(1e-3);
+    }
+    EXPECT_EQ(robot.world().values("world"), other.world().values("world")) << link;
+    EXPECT_EQ(robot.world().values("tau_e"), other.world().values("tau_e")) << link;
+    EXPECT_EQ(robot.drive().values("theta"), other.drive().values("theta")) << link;
+  }
+}
+
+TEST(ContactWorld, WhatLeansOnARobotsBaseIsToldThere) {
+  Subject world("unit:contact_world?link=outside&scene=" + kFloor + "&robot=" + kData + "gantry.urdf");
+  world.set("base_p0", {0, 0.3, 0}).set("cube.p0", {0.02, 0.3, 0.15}).set("tau_J", {0, 1.5 * kGravity});
+  world.initialise();
+  for (int i = 0; i < 1000; ++i) {
+    world.set("tau_J", {0, 1.5 * kGravity});
+    world.step(1e-3);
+  }
+  EXPECT_NEAR(world["base_f_c"][2], -2 * kGravity, 1e-6);
+  EXPECT_NEAR(world["base_m_c"][1], 0.02 * 2 * kGravity, 1e-4) << "p x F about the base's origin";
+  EXPECT_THAT(world.values("f_c"), ElementsAre(0, 0, 0)) << "no link is touched";
+}
+
+// More points than the setting says: they are all there, the first `points` of them in the outputs; memory grows once.
+TEST(ContactWorld, GrowsOnceWhereMorePointsComeThanItHasRoomFor) {
+  Subject small("unit:contact_world?contacts=2&points=2&scene=" + kFloor), large("unit:contact_world?scene=" + kFloor);
+  for (Subject* world : {&small, &large}) world->initialise();
+  EXPECT_EQ(small.integer("grown"), 0);
+  small.step(1e-3);
+  large.step(1e-3);
+  EXPECT_EQ(small.integer("contacts"), 4);
+  EXPECT_EQ(small.integer("grown"), 1);
+  EXPECT_EQ(large.integer("grown"), 0);
+  const auto before = testing::allocations();
+  for (int i = 0; i < 200; ++i) small.step(1e-3);
+  EXPECT_EQ(testing::allocations() - before, 0u);
+  for (int i = 0; i < 200; ++i) large.step(1e-3);
+  EXPECT_EQ(small.integer("grown"), 1);
+  EXPECT_EQ(small["contact_p"].size(), 6u);
+  EXPECT_EQ(small.integer("contact_bodies", 1), 2) << "the cube is the scene's second body";
+  EXPECT_NEAR(small["cube.f_c"][2], 2 * kGravity, 5e-6) << "tolerance 1e-9 m/s times m / (h/2)";
+  EXPECT_NEAR(small["cube.p"][2], large["cube.p"][2], 1e-7) << "only the warm start of the points beyond is missing";
+}
+
+// The keystone, with elastic joints: links in reduced coordinates (2a) and in maximal coordinates (1) move alike, and the less
+// differently the shorter the steps.
+TEST(ContactWorld, LinksInTheWorldMoveAsLinksInTheDriveTrain) {
+  const auto difference = [](double h) {
+    Held inside("inside", "", {0.5, -0.9}), outside("outside", "", {0.5, -0.9});
+    for (Held* robot : {&inside, &outside}) {
+      robot->initialise({40, 10});
+      robot->theta_d() = {0.9, -0.4};
+      for (int i = 0; i < static_cast<int>(0.8 / h + 0.5); ++i) robot->step(h);
+    }
+    double largest = 0;
+    for (std::size_t j = 0; j < 2; ++j) largest = std::max(largest, std::abs(inside.drive()["q"][j] - outside.world()["q"][j]));
+    return largest;
+  };
+  const double coarse = difference(1e-3), fine = difference(2.5e-4);
+  EXPECT_LT(coarse, 2e-3);
+  EXPECT_LT(fine, 0.4 * coarse);
+}
+
+// Light links on stiff gears: explicit exchange of τ_J and q would explode at 1 ms (K h² / M = 2).
+TEST(ContactWorld, LightLinksOnStiffGearsStayStableAtAMillisecond) {
+  const Values rest(7, 0.0);
+  Held robot("outside", "", rest, "lwr4");
+  robot.world().set("gravity", {0, 0, 0});
+  robot.initialise(rest);
+  robot.theta_d() = {0.01, -0.01, 0.01, 0.01, -0.01, 0.01, 0.02};
+  for (int i = 0; i < 4000; ++i) robot.step(1e-3, 500, 40);
+  for (std::size_t j = 0; j < 7; ++j) {
+    EXPECT_NEAR(robot.world()["q"][j], robot.drive()["theta"][j], 2e-5) << j;  // nothing loads the gear at rest
+    EXPECT_LT(std::abs(robot.world()["dq"][j]), 1e-3) << j;
+  }
+}
+
+TEST(ContactWorld, AnArmOnStiffGearsLosesLittleEnergyBetweenTheTwoUnits) {
+  Held robot("outside", "", {0.5, -0.9});
+  robot.drive().fill("D", 0);
+  robot.world().fill("D", 0);
+  robot.initialise({0, 0});
+  const auto energy = [&] {
+    Subject& d = robot.drive();
+    return robot.world()["energy"][0] + d["energy_kinetic"][0] + d["energy_elastic"][0];
+  };
+  const double start = energy();
+  for (int i = 0; i < 2000; ++i) robot.step(1e-3, 0, 0);
+  EXPECT_NEAR(energy(), start, 0.1) << "of 40 J that go back and forth";
+}
+
+// Nothing acts from outside: the centre of mass of base and links stays where it is.
+TEST(ContactWorld, AFloatingRobotMovesItsBaseButNotItsCentreOfMass) {
+  const robot::RobotModel satellite = robot::load_urdf(kData + "satellite.urdf");
+  Subject world("unit:contact_world?link=outside&base=floating&robot=" + kData + "satellite.urdf");
+  const auto centre = [&] {
+    const auto Q = world["base_quat"];
+    const Pose X_WB{Eigen::Quaterniond(Q[0], Q[1], Q[2], Q[3]).toRotationMatrix(), Eigen::Vector3d(world["base_p"].data())};
+    std::vector<Pose> X_WL(2);
+    std::vector<Twist> V_WL(2);
+    contact_world::place_links(satellite, X_WB, world["q"], world["dq"], X_WL, V_WL);
+    Eigen::Vector3d sum = satellite.base.inertia.mass * (X_WB * satellite.base.inertia.p_LC);
+    double mass = satellite.base.inertia.mass;
+    for (std::size_t i = 0; i < 2; ++i) {
+      const Inertia& inertia = satellite.bodies[i].inertia;
+      sum += inertia.mass * (X_WL[i] * inertia.p_LC);
+      mass += inertia.mass;
+    }
+    return Eigen::Vector3d(sum / mass);
+  };
+  world.set("gravity", {0, 0, 0});
+  world.initialise();
+  const Eigen::Vector3d start = centre();
+  for (int i = 0; i < 1000; ++i) {
+    world.set("tau_J", {std::sin(0.01 * i), std::cos(0.013 * i)});
+    world.step(1e-3);
+  }
+  EXPECT_GT(std::abs(world["dq"][0]), 1e-2);
+  EXPECT_GT(Eigen::Vector3d(world["base_p"].data()).norm(), 1e-4);
+  EXPECT_LT((centre() - start).norm(), 1e-8);
+}
+
+TEST(ContactWorld, DrivesABodyAsItIsTold) {
+  Subject world("unit:contact_world?scene=" + kData + "driven.sdf");
+  world.initialise();
+  world.set("plate.v_d", {0.1, 0, 0});
+  for (int i = 0; i < 500; ++i) world.step(1e-3);
+  EXPECT_NEAR(world["plate.p"][0], 0.05, 1e-12);
+}
+
+TEST(ContactWorld, AStepAllocatesNothingAndGoesOnFromARestoredSnapshotToTheSameBits) {
+  const std::string source = "unit:contact_world?scene=" + kFloor + "&robot=" + kPusher;
+  Subject world(source), other(source);
+  world.set("q", {-0.4, -0.6}).initialise();
+  for (int i = 0; i < 50; ++i) world.step(1e-3);
+  const auto before = testing::allocations();
+  for (int i = 0; i < 50; ++i) world.step(1e-3);
+  EXPECT_EQ(testing::allocations() - before, 0u);
+
+  Snapshot snapshot;
+  snapshot.take(world.variables(), world.unit());
+  snapshot.restore(other.variables(), other.unit());
+  for (int i = 0; i < 50; ++i) {
+    world.step(1e-3);
+    ASSERT_EQ(other.unit().step(Time{}, Duration::from_seconds(1e-3)), StepResult::kDone);
+  }
+  EXPECT_EQ(world.values("world"), other.values("world"));
+}
+
+TEST(ContactWorld, SaysWhatIsWrongWithItsSettingsAndInputs) {
+  const auto error_of = [](auto&& what) -> std::string {
+    try {
+      what();
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_THAT(error_of([] { Subject("unit:contact_world?scene=nowhere"); }), HasSubstr("scenes/nowhere/scene.sdf"));
+  EXPECT_THAT(error_of([] { Subject("unit:contact_world?robots=left"); }), HasSubstr("expected name:robot"));
+  EXPECT_THAT(error_of([] { Subject("unit:contact_world?robots=a:" + kPusher + ",a:" + kPusher); }), HasSubstr("twice"));
+  EXPECT_THAT(error_of([] { Subject("unit:contact_world?robot=" + kPusher + "&robots=a:" + kPusher); }),
+              HasSubstr("expected one of the two settings"));
+  EXPECT_THAT(error_of([] { Subject("unit:contact_world?scene=" + kFloor + "&robots=cube:" + kPusher); }),
+              HasSubstr("robot 'cube' and body 'cube' would both name their variables cube."));
+  EXPECT_THAT(error_of([] { Subject("unit:contact_world?robots=a-b:" + kPusher + ",a_b:" + kPusher); }),
+              HasSubstr("robot 'a-b' and robot 'a_b'"));
+  EXPECT_THAT(error_of([] { Subject("unit:contact_world?base=floating&robot=" + kPusher); }), HasSubstr("link=outside"));
+  Subject world("unit:contact_world?scene=" + kFloor);
+  world.set("cube.quat0", {1, 1, 0, 0});
+  EXPECT_THAT(error_of([&] { world.initialise(); }), HasSubstr("cube.quat0"));
+  world.set("cube.quat0", {1, 0, 0, 0});
+  world["cube.p0"][2] = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THAT(error_of([&] { world.initialise(); }), HasSubstr("cube.p0[3]"));
+  world["cube.p0"][2] = 0.05;
+  world.initialise();
+  world["cube.f"][1] = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_THAT(error_of([&] { world.step(1e-3); }), HasSubstr("cube.f[2]"));
+}
+
+TEST(ContactWorld, RefusesAStateThatIsDamaged) {
+  Subject world("unit:contact_world?scene=" + kFloor);
+  world.initialise();
+  for (int i = 0; i < 5; ++i) world.step(1e-3);
+  for (const double points : {300.0, 1e18, -1.0, std::numeric_limits<double>::quiet_NaN()}) {
+    const double kept = std::exchange(world["world"][2], points);
+    EXPECT_THROW(world.unit().restored(), Error) << points;
+    world["world"][2] = kept;
+  }
+  EXPECT_NO_THROW(world.unit().restored());
+}
+
+}  // namespace
+}  // namespace cotwin

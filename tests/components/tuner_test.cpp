@@ -1,0 +1,564 @@
+// The tuner as a unit in a running twin, and those who take over what it finds.
+#include "components/tuner/tuner.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <bit>
+#include <chrono>
+#include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <functional>
+#include <limits>
+#include <thread>
+
+#include "components/tuner/memory.h"
+#include "components/unit/snapshot.h"
+#include "components/unit/unit_table.h"
+#include "models/numerics/random.h"
+#include "models/robot/dynamics.h"
+#include "models/robot/perturbed.h"
+#include "models/robot/urdf.h"
+#include "models/text/error.h"
+#include "tests/support/allocations.h"
+
+namespace cotwin {
+namespace {
+
+using Eigen::VectorXd;
+using ::testing::HasSubstr;
+
+const std::filesystem::path kModels = std::filesystem::path(COTWIN_SOURCE_DIR) / "models";
+constexpr Duration kTick{1'000'000};
+
+robot::RobotModel planar() { return robot::load_urdf(kModels / "robots/planar2/robot.urdf"); }
+
+class Subject {
+ public:
+  explicit Subject(const std::string& source) : instance_(make_unit(source, {}, {kModels}, unit_types())) {}
+  std::span<double> operator[](const std::string& name) { return instance_.variables.at(name).reals(); }
+  std::int32_t integer(const std::string& name) { return instance_.variables.at(name).integers()[0]; }
+  std::string text(const std::string& name) { return instance_.variables.at(name).strings()[0]; }
+  void set(const std::string& name, const std::string& value) { assign_text(instance_.variables.at(name), value); }
+  void initialise() { instance_.unit->initialise(Time{}); }
+  void step() {
+    ASSERT_EQ(instance_.unit->step(now_, kTick), StepResult::kDone);
+    now_ = now_ + kTick;
+  }
+  std::vector<double> outputs() {
+    std::vector<double> all;
+    for (const Variable& v : instance_.variables) {
+      if (v.role == Role::kOutput && v.kind() == Kind::kReal) all.insert(all.end(), v.reals().begin(), v.reals().end());
+    }
+    return all;
+  }
+  /// Every variable that it writes, in figures that tell every bit.
+  std::vector<std::string> everything() {
+    std::vector<std::string> all;
+    for (const Variable& v : instance_.variables) {
+      if (v.role != Role::kOutput && v.role != Role::kState) continue;
+      if (v.kind() == Kind::kReal)
+        for (const double x : v.reals()) all.push_back(std::to_string(std::bit_cast<std::uint64_t>(x)));
+      if (v.kind() == Kind::kInteger)
+        for (const std::int32_t x : v.integers()) all.push_back(std::to_string(x));
+      if (v.kind() == Kind::kBoolean)
+        for (const bool x : v.booleans()) all.push_back(x ? "true" : "false");
+      if (v.kind() == Kind::kString) all.insert(all.end(), v.strings().begin(), v.strings().end());
+    }
+    return all;
+  }
+  std::string& string(const std::string& name) { return instance_.variables.at(name).strings()[0]; }
+  Snapshot save() {
+    Snapshot snapshot;
+    snapshot.take(instance_.variables);
+    return snapshot;
+  }
+  void restore(const Snapshot& snapshot, double now) {
+    snapshot.restore(instance_.variables, *instance_.unit);
+    now_ = Time::from_seconds(now);
+  }
+  Unit& unit() { return *instance_.unit; }
+
+ private:
+  Instance instance_;
+  Time now_;
+};
+
+/// A motion that excites both joints, and the torques that it takes of a robot.
+class Measured {
+ public:
+  explicit Measured(const robot::RobotModel& robot) : mechanism_(robot), data_(mechanism_), q_(2), dq_(2), ddq_(2), tau_(2) {}
+  void at(double t, double shift = 0) {
+    q_ << 0.8 * std::sin(1.7 * t + shift) + 0.5 * std::sin(4.1 * t),
+        1.1 * std::cos(2.3 * t + 2 * shift) - 0.4 * std::sin(5.3 * t);
+    dq_ << 1.36 * std::cos(1.7 * t + shift) + 2.05 * std::cos(4.1 * t),
+        -2.53 * std::sin(2.3 * t + 2 * shift) - 2.12 * std::cos(5.3 * t);
+    ddq_ << -2.312 * std::sin(1.7 * t + shift) - 8.405 * std::sin(4.1 * t),
+        -5.819 * std::cos(2.3 * t + 2 * shift) + 11.236 * std::sin(5.3 * t);
+    robot::inverse_dynamics(mechanism_, data_, q_, dq_, ddq_, tau_);
+  }
+  void feed(Subject& tuner) const {
+    for (Eigen::Index i = 0; i < 2; ++i) {
+      const auto j = static_cast<std::size_t>(i);
+      tuner["q"][j] = q_[i];
+      tuner["dq"][j] = dq_[i];
+      tuner["tau"][j] = tau_[i];
+    }
+  }
+  const VectorXd& q() const { return q_; }
+  const VectorXd& dq() const { return dq_; }
+  const VectorXd& ddq() const { return ddq_; }
+  const VectorXd& tau() const { return tau_; }
+
+ private:
+  robot::Mechanism mechanism_;
+  robot::Data data_;
+  VectorXd q_, dq_, ddq_, tau_;
+};
+
+Subject tuner_of_planar2(const std::string& settings = "") {
+  Subject tuner("unit:tuner?robot=planar2&offset=false" + settings);
+  tuner.set("interval", "4");
+  tuner.set("latency", "0.5");
+  tuner.set("rounds", "200");
+  tuner.set("particles", "64");
+  tuner.set("settle", "0.5");
+  tuner.set("cutoff", "40");
+  return tuner;
+}
+
+void run(Subject& tuner, Measured& robot, double from, double to) {
+  for (int i = static_cast<int>(from * 1000 + 0.5); i < static_cast<int>(to * 1000 + 0.5); ++i) {
+    robot.at(i * 1e-3);
+    robot.feed(tuner);
+    if (i == 0) tuner.initialise();
+    tuner.step();
+  }
+}
+
+TEST(Tuner, FindsTheRobotBehindTheTorques) {
+  const robot::RobotModel real = robot::perturbed(planar(), 0.3, 5);
+  Measured measured(real), prior(planar());
+  Subject tuner = tuner_of_planar2();
+  run(tuner, measured, 0, 5);
+  ASSERT_EQ(tuner.integer("tunings"), 1) << tuner.text("warning");
+  for (std::size_t j = 0; j < 2; ++j) {
+    EXPECT_LT(tuner["rms"][j], 0.05 * tuner["rms_prior"][j]) << j;
+    EXPECT_GE(tuner["rms"][j], 0.999 * tuner["rms_floor"][j]) << j;
+  }
+  EXPECT_THAT(tuner.text("log"), HasSubstr("tuned at 4 s"));
+
+  // What it found predicts a motion that it has not seen.
+  robot::RobotModel found = planar();
+  for (std::size_t i = 0; i < 2; ++i) {
+    Eigen::Matrix<double, 10, 1> pi;
+    pi << tuner["mass"][i], Eigen::Map<Eigen::Vector3d>(tuner["first_moment"].data() + 3 * i),
+        Eigen::Map<Eigen::Matrix<double, 6, 1>>(tuner["inertia"].data() + 6 * i);
+    found.bodies[i].inertia = Inertia::from_parameters(pi);
+    EXPECT_EQ(found.bodies[i].inertia.unphysical(), "");
+  }
+  Measured predicted(found);
+  double error = 0, error_of_prior = 0;
+  for (double t = 0; t < 5; t += 0.01) {
+    for (Measured* m : {&measured, &prior, &predicted}) m->at(t, 1.0);
+    error += (predicted.tau() - measured.tau()).squaredNorm();
+    error_of_prior += (prior.tau() - measured.tau()).squaredNorm();
+  }
+  EXPECT_LT(std::sqrt(error / error_of_prior), 0.05);
+}
+
+TEST(Tuner, HasThePriorInItsOutputsBeforeItHasFoundAnything) {
+  Subject tuner = tuner_of_planar2();
+  tuner.initialise();
+  EXPECT_EQ(tuner["mass"][0], 6);
+  EXPECT_EQ(tuner["mass"][1], 4);
+  EXPECT_NEAR(tuner["first_moment"][0], 6 * 0.2, 1e-15);
+}
+
+TEST(Tuner, AdoptsAResultJustWhenItsLatencyIsOver) {
+  Measured measured(robot::perturbed(planar(), 0.2, 1));
+  Subject tuner = tuner_of_planar2();
+  run(tuner, measured, 0, 4.498);
+  EXPECT_EQ(tuner.integer("tunings"), 0);
+  run(tuner, measured, 4.498, 4.501);
+  EXPECT_EQ(tuner.integer("tunings"), 1);
+  EXPECT_EQ(tuner.integer("late"), 0);
+}
+
+TEST(Tuner, FindsTheSameBitsAgain) {
+  Measured measured(robot::perturbed(planar(), 0.2, 2));
+  Subject one = tuner_of_planar2(), other = tuner_of_planar2();
+  run(one, measured, 0, 9);
+  run(other, measured, 0, 9);
+  EXPECT_EQ(one.integer("tunings"), 2);
+  EXPECT_EQ(one.outputs(), other.outputs());
+}
+
+TEST(Tuner, NeverWaitsWhereItMustNot) {
+  Measured measured(robot::perturbed(planar(), 0.2, 2));
+  Subject tuner = tuner_of_planar2("&wait=false");
+  tuner.set("latency", "0");
+  tuner.set("rounds", "100000");
+  tuner.set("threshold", "0");
+  run(tuner, measured, 0, 4.01);
+  EXPECT_EQ(tuner.integer("tunings"), 0) << "100 000 rounds are not made in 10 ms";
+}  // and the thread ends with its unit, in the middle of them
+
+TEST(Tuner, TakesALateResultWhenItIsThereAndCountsIt) {
+  Measured measured(robot::perturbed(planar(), 0.2, 2));
+  Subject tuner = tuner_of_planar2("&wait=false");
+  tuner.set("latency", "0");
+  tuner.set("rounds", "2000");
+  run(tuner, measured, 0, 4.002);  // due after 4 s, which 2000 rounds do not keep
+  for (int i = 0; i < 100000 && tuner.integer("tunings") == 0; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    tuner.step();
+  }
+  EXPECT_EQ(tuner.integer("tunings"), 1);
+  EXPECT_EQ(tuner.integer("late"), 1);
+}
+
+TEST(Tuner, TakesSamplesAlsoWhileItSeeks) {
+  Measured measured(robot::perturbed(planar(), 0.2, 2));
+  Subject tuner = tuner_of_planar2();
+  run(tuner, measured, 0, 4.1);
+  const std::int32_t before = tuner.integer("samples");
+  run(tuner, measured, 4.1, 4.4);  // due after 4.5 s
+  EXPECT_EQ(tuner.integer("tunings"), 0);
+  EXPECT_EQ(tuner.integer("samples"), before + 60);
+  EXPECT_EQ(tuner.integer("skipped"), 0);
+}
+
+/// Everything that a tuner says and remembers after each of the steps from one instant to another.
+std::vector<std::vector<std::string>> trace(Subject& tuner, Measured& robot, double from, double to) {
+  std::vector<std::vector<std::string>> all;
+  for (int i = static_cast<int>(from * 1000 + 0.5); i < static_cast<int>(to * 1000 + 0.5); ++i) {
+    robot.at(i * 1e-3);
+    robot.feed(tuner);
+    tuner.step();
+    if (i % 50 == 0) all.push_back(tuner.everything());
+  }
+  all.push_back(tuner.everything());
+  return all;
+}
+
+// Before the first tuning, in the middle of a block of samples; while the thread seeks; in the step before a result is due and
+// behind it; while the second tuning is under way.
+TEST(Tuner, GoesOnToTheSameBitsInAFreshInstanceWhereverItWasSaved) {
+  Measured measured(robot::perturbed(planar(), 0.2, 2));
+  for (const double when : {0.3, 2.013, 4.2, 4.499, 4.5, 6.37, 8.25}) {
+    SCOPED_TRACE(when);
+    Subject one = tuner_of_planar2();
+    run(one, measured, 0, when);
+    const std::vector<std::byte> saved = one.save().serialise();
+    const auto expected = trace(one, measured, when, 9);
+    EXPECT_EQ(one.integer("tunings"), 2);
+
+    Subject fresh = tuner_of_planar2();
+    fresh.set("rounds", "3");  // parameters, too, are those of the snapshot
+    fresh.set("forgetting", "0.99");
+    measured.at(0.7);
+    measured.feed(fresh);
+    fresh.initialise();
+    fresh.restore(Snapshot::deserialise(saved), when);
+    EXPECT_EQ(trace(fresh, measured, when, 9), expected);
+  }
+}
+
+TEST(Tuner, TakesItsStepsBack) {
+  Measured measured(robot::perturbed(planar(), 0.2, 2));
+  Subject tuner = tuner_of_planar2();
+  run(tuner, measured, 0, 4.2);
+  const Snapshot seeking = tuner.save();
+  const auto once = trace(tuner, measured, 4.2, 4.4);  // the same search is still under way
+  tuner.restore(seeking, 4.2);
+  EXPECT_EQ(trace(tuner, measured, 4.2, 4.4), once);
+  const auto adopted = trace(tuner, measured, 4.4, 4.6);
+  const Snapshot behind = tuner.save();
+  tuner.restore(seeking, 4.2);  // over the adoption
+  EXPECT_EQ(tuner.integer("tunings"), 0);
+  (void)trace(tuner, measured, 4.2, 4.4);
+  EXPECT_EQ(trace(tuner, measured, 4.4, 4.6), adopted);
+  const auto later = trace(tuner, measured, 4.6, 8.7);
+  EXPECT_EQ(tuner.integer("tunings"), 2);
+  tuner.restore(behind, 4.6);
+  EXPECT_EQ(trace(tuner, measured, 4.6, 8.7), later);
+  // From the search to where nothing was sought: the thread is told to give up.
+  tuner.restore(seeking, 4.2);
+  tuner.restore(behind, 4.6);
+  EXPECT_EQ(trace(tuner, measured, 4.6, 8.7), later);
+}
+
+TEST(Tuner, OnAClockCannotBeTakenBackForItsResultsComeWhenTheyAreThere) {
+  EXPECT_TRUE(tuner_of_planar2().unit().restorable());
+  EXPECT_FALSE(tuner_of_planar2("&wait=false").unit().restorable());
+}
+
+TEST(Tuner, RefusesMemoriesThatNoTunerWrote) {
+  Measured measured(planar());
+  const auto error_of = [&](const std::string& name, const std::function<void(std::string&)>& spoil) -> std::string {
+    Subject tuner = tuner_of_planar2();
+    run(tuner, measured, 0, 4.2);
+    spoil(tuner.string(name));
+    try {
+      tuner.unit().restored();
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_EQ(error_of("gathered", [](std::string&) {}), "");
+  EXPECT_THAT(error_of("gathered", [](std::string& text) { text.pop_back(); }), HasSubstr("gathered: has "));
+  EXPECT_THAT(error_of("pending", [](std::string& text) { text[7] = '~'; }), HasSubstr("pending: has characters"));
+  EXPECT_THAT(error_of("sought", [](std::string& text) { text[10] = 'o'; }), HasSubstr("sought: has characters"));
+}
+
+TEST(Tuner, RefusesStatesInWhichNumbersCannotBe) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  Measured measured(planar());
+  Subject source = tuner_of_planar2();
+  run(source, measured, 0, 4.2);
+  const Snapshot good = source.save();
+  const auto error_of = [&](const std::function<void(Subject&)>& spoil) -> std::string {
+    Subject tuner = tuner_of_planar2();
+    tuner.initialise();
+    tuner.restore(good, 4.2);
+    spoil(tuner);
+    try {
+      tuner.unit().restored();
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  };
+  const auto number = [](const std::string& name, std::size_t place, double value) {
+    return [=](Subject& tuner) {
+      tuner::write_numbers(std::span(&value, 1), tuner.string(name).data() + tuner::kCharacters * place);
+    };
+  };
+  const auto integer = [](const std::string& name, std::int32_t value) {
+    return [=](Subject& tuner) { tuner.set(name, std::to_string(value)); };
+  };
+  EXPECT_EQ(error_of([](Subject&) {}), "");
+  for (const char* text : {"gathered", "pending", "sought"}) {
+    EXPECT_THAT(error_of([=](Subject& t) { t.string(text).clear(); }), HasSubstr(text + std::string(": has 0 characters")));
+    EXPECT_THAT(error_of([=](Subject& t) { t.string(text).push_back('0'); }), HasSubstr(text + std::string(": has ")));
+  }
+  for (const char* text : {"gathered", "sought"}) {
+    EXPECT_THAT(error_of(number(text, 0, nan)), HasSubstr(text + std::string(": number 1 of a triangle is not finite")));
+    EXPECT_THAT(error_of(number(text, 0, -3)), HasSubstr("expected a whole number from 0 to 2^53"));
+    EXPECT_THAT(error_of(number(text, 0, 7)), HasSubstr("triangles of unlike numbers of rows"));
+  }
+  EXPECT_THAT(error_of(number("pending", 2, nan)), HasSubstr("pending: has samples that are not finite"));
+  EXPECT_THAT(error_of(integer("pending_samples", 64)), HasSubstr("pending_samples: 64, expected 0 to 63"));
+  EXPECT_THAT(error_of(integer("pending_samples", -1)), HasSubstr("pending_samples: -1, expected 0 to 63"));
+  EXPECT_THAT(error_of([=](Subject& t) { t["filter"][4] = nan; }), HasSubstr("filter: has numbers that are not finite"));
+  EXPECT_THAT(error_of([=](Subject& t) { t["due"][0] = nan; }), HasSubstr("due: nan, expected"));
+  EXPECT_THAT(error_of([=](Subject& t) { t["next"][0] = 1e300; }), HasSubstr("next: 1e+300, expected"));
+  EXPECT_THAT(error_of([=](Subject& t) { t["interval"][0] = nan; }), HasSubstr("interval: nan, expected"));
+  EXPECT_THAT(error_of(integer("decimation", -2147483647 - 1)), HasSubstr("decimation: -2147483648, expected 1 to"));
+  EXPECT_THAT(error_of(integer("particles", 2147483647)), HasSubstr("particles: 2147483647, expected 8 to"));
+}
+
+// What a host saved before initialisation has no texts yet; a state that was tampered with may have none behind it, too. The
+// steps behind allocate nothing, whether the unit was initialised or not.
+TEST(Tuner, GoesOnFromAStateWithoutTextsAsFromNoSamples) {
+  Measured measured(robot::perturbed(planar(), 0.2, 3));
+  const Snapshot unborn = tuner_of_planar2().save();
+  for (const bool initialised : {false, true}) {
+    SCOPED_TRACE(initialised);
+    Subject tuner = tuner_of_planar2();
+    if (initialised) run(tuner, measured, 0, 1);
+    tuner.restore(unborn, 0);
+    tuner.set("next", "4");
+    std::uint64_t allocated = 0;
+    for (int i = 0; i < 4700; ++i) {
+      measured.at(i * 1e-3);
+      measured.feed(tuner);
+      if (i == 700) tuner["q"][0] = std::numeric_limits<double>::infinity();  // that writes a warning
+      const auto before = testing::allocations();
+      tuner.step();
+      allocated += testing::allocations() - before;
+    }
+    EXPECT_EQ(allocated, 0u);
+    EXPECT_EQ(tuner.integer("tunings"), 1) << tuner.text("warning");
+    EXPECT_NE(tuner.text("log"), "");
+    EXPECT_GT(tuner.integer("samples"), 600);
+    Subject again = tuner_of_planar2();
+    again.restore(tuner.save(), 4.7);
+    EXPECT_EQ(again.everything(), tuner.everything());
+  }
+}
+
+TEST(Tuner, OnAClockWritesNoTextsThatNobodyCanTake) {
+  Measured measured(robot::perturbed(planar(), 0.2, 2));
+  Subject tuner = tuner_of_planar2("&wait=false");
+  tuner.set("rounds", "10");
+  run(tuner, measured, 0, 4.2);
+  for (const char* text : {"gathered", "pending", "sought"}) EXPECT_EQ(tuner.text(text), "") << text;
+  EXPECT_EQ(tuner.integer("pending_samples"), 0);
+  EXPECT_THROW(tuner.restore(tuner.save(), 4.2), Error);
+  for (int i = 0; i < 10000 && tuner.integer("tunings") == 0; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    tuner.step();
+  }
+  EXPECT_EQ(tuner.integer("tunings"), 1) << tuner.text("warning");
+}
+
+TEST(TunerMemory, KeepsEveryBitOfEveryNumber) {
+  std::vector<double> numbers = {0.0,
+                                 -0.0,
+                                 1,
+                                 -1.0 / 3,
+                                 5e-324,
+                                 1.7976931348623157e308,
+                                 std::numeric_limits<double>::infinity(),
+                                 -std::numeric_limits<double>::quiet_NaN()};
+  for (std::uint32_t k = 0; k < 10000; ++k)
+    numbers.push_back(std::ldexp(numerics::normal({20, 0, 0, 0, k}), static_cast<int>(k % 2000) - 1000));
+  std::string text(tuner::kCharacters * numbers.size(), '~');
+  tuner::write_numbers(numbers, text.data());
+  for (const char c : text) ASSERT_TRUE(c >= '0' && c <= 'o');
+  std::vector<double> read(numbers.size());
+  tuner::read_numbers(text, read, "numbers");
+  EXPECT_EQ(std::memcmp(read.data(), numbers.data(), 8 * numbers.size()), 0);
+}
+
+TEST(Tuner, KeepsAHistoryOfWhatItFound) {
+  Measured measured(robot::perturbed(planar(), 0.2, 2));
+  Subject subject = tuner_of_planar2();
+  run(subject, measured, 0, 9);
+  const auto& tuner = dynamic_cast<const tuner::Tuner&>(subject.unit());
+  ASSERT_EQ(tuner.robot().history.size(), 4u);  // two bodies, two tunings
+  EXPECT_THAT(tuner.robot().history.back().reason, HasSubstr("tuned at 8 s"));
+  EXPECT_EQ(tuner.robot().bodies[0].inertia.mass, subject["mass"][0]);
+  subject.restore(subject.save(), 9);  // begins with the last tuning
+  ASSERT_EQ(tuner.robot().history.size(), 2u);
+  EXPECT_THAT(tuner.robot().history.back().reason, HasSubstr("tuned at 8 s"));
+  EXPECT_EQ(tuner.robot().bodies[0].inertia.mass, subject["mass"][0]);
+}
+
+TEST(Tuner, LeavesOutSamplesThatAreNoNumbersAndSaysSo) {
+  Measured measured(planar());
+  Subject tuner = tuner_of_planar2();
+  run(tuner, measured, 0, 1);
+  const std::int32_t samples = tuner.integer("samples");
+  EXPECT_GT(samples, 50);
+  tuner["tau"][1] = std::numeric_limits<double>::quiet_NaN();
+  for (int i = 0; i < 100; ++i) tuner.step();
+  EXPECT_EQ(tuner.integer("skipped"), 100);
+  EXPECT_EQ(tuner.integer("samples"), samples);
+  EXPECT_THAT(tuner.text("warning"), HasSubstr("not finite"));
+}
+
+// Two speeds that are finite each, but not their difference.
+TEST(Tuner, LeavesOutSamplesThatTheFilterCannotFollow) {
+  Measured measured(planar());
+  Subject tuner = tuner_of_planar2("&friction=sigmoid");
+  run(tuner, measured, 0, 1);
+  const std::int32_t samples = tuner.integer("samples");
+  for (int i = 0; i < 100; ++i) {
+    tuner["dq"][0] = i % 2 == 0 ? 1.7e308 : -1.7e308;
+    tuner.step();
+  }
+  EXPECT_GT(tuner.integer("skipped"), 40);
+  EXPECT_EQ(tuner.integer("samples"), samples);
+  EXPECT_THAT(tuner.text("warning"), HasSubstr("not finite"));
+  for (const double x : tuner["filter"]) EXPECT_TRUE(std::isfinite(x));
+}
+
+// The filter begins anew behind a gap: the jump over it is no acceleration.
+TEST(Tuner, LearnsNothingFalseFromGaps) {
+  Measured measured(robot::perturbed(planar(), 0.2, 2));
+  Subject tuner = tuner_of_planar2();
+  tuner.set("settle", "0.1");
+  for (int i = 0; i < 4600; ++i) {
+    measured.at(i * 1e-3);
+    measured.feed(tuner);
+    if (i == 0) tuner.initialise();
+    if (i % 800 >= 700) tuner["q"][0] = std::numeric_limits<double>::quiet_NaN();
+    tuner.step();
+  }
+  ASSERT_EQ(tuner.integer("tunings"), 1);
+  for (std::size_t j = 0; j < 2; ++j) EXPECT_LT(tuner["rms"][j], 0.05 * tuner["rms_prior"][j]) << j;
+}
+
+TEST(Tuner, TakesNothingWhileItIsDisabled) {
+  Measured measured(planar());
+  Subject tuner = tuner_of_planar2();
+  tuner.set("enabled", "false");
+  run(tuner, measured, 0, 5);
+  EXPECT_EQ(tuner.integer("samples"), 0);
+  EXPECT_EQ(tuner.integer("tunings"), 0);
+}
+
+TEST(Tuner, AllocatesNothingInItsStepsWhileItTunes) {
+  Measured measured(robot::perturbed(planar(), 0.2, 3));
+  Subject tuner = tuner_of_planar2();
+  run(tuner, measured, 0, 1);
+  std::uint64_t allocated = 0;
+  for (int i = 1000; i < 5000; ++i) {
+    measured.at(i * 1e-3);
+    measured.feed(tuner);
+    const auto before = testing::allocations();
+    tuner.step();
+    allocated += testing::allocations() - before;
+  }
+  EXPECT_EQ(tuner.integer("tunings"), 1);
+  EXPECT_EQ(allocated, 0u);
+}
+
+// A heavier forearm: inverse dynamics of the controller goes over to it without a jump, and ends where it belongs.
+TEST(BodyTunables, AreFollowedByTheControllerWithoutAJump) {
+  Subject compliance("unit:compliance?robot=planar2");
+  compliance["q_d"][0] = 0.3;
+  compliance["q_d"][1] = -0.2;
+  compliance.set("transition", "0.1");
+  compliance.initialise();
+  compliance.step();
+  const auto torque = [&] { return compliance["tau_id"][1] - compliance["tau_f"][1]; };  // without the bristles that it bends
+  const double before = torque();
+  compliance["mass"][1] = 5;
+  compliance["first_moment"][3] = 5 * 0.175;
+  compliance["inertia"][9] += 0.175 * 0.175;  // Iyy and Izz about the elbow
+  compliance["inertia"][11] += 0.175 * 0.175;
+  double last = before, largest = 0;
+  for (int i = 0; i < 4000; ++i) {
+    compliance.step();
+    largest = std::max(largest, std::abs(torque() - last));
+    last = torque();
+  }
+  const double expected = 9.81 * 0.175 * std::cos(0.1);  // of one more kilogram
+  EXPECT_NEAR(last - before, expected, 1e-6);
+  EXPECT_LT(largest, 0.02 * expected);
+}
+
+TEST(BodyTunables, AreFollowedByTheDriveTrainAndItsEnergyKnows) {
+  Subject drive("unit:drive_train?robot=planar2");
+  drive.initialise();
+  const double before = drive["energy_potential"][0];
+  drive["mass"][0] = 7;
+  drive["first_moment"][0] = 7 * 0.2;
+  drive["inertia"][3] += 0.04;
+  drive["inertia"][5] += 0.04;
+  drive.set("transition", "0");
+  drive.step();
+  EXPECT_NEAR(drive["energy_potential"][0] - before, 9.81 * 0.5, 1e-3);  // a kilogram at the height of the shoulder
+}
+
+TEST(BodyTunables, RefuseABodyThatCannotBe) {
+  Subject drive("unit:drive_train?robot=planar2");
+  drive.initialise();
+  drive["inertia"][3] = -1;
+  try {
+    drive.step();
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_THAT(error.what(), HasSubstr("mass[1]"));
+    EXPECT_THAT(error.what(), HasSubstr("upper_arm"));
+  }
+}
+
+}  // namespace
+}  // namespace cotwin

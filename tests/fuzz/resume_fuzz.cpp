@@ -1,0 +1,18 @@
+// What a stopped tuning left on disk, from anybody: an Error or settings that are written and read again alike.
+#include <cstdint>
+#include <cstdlib>
+#include <string_view>
+
+#include "master/tuning/resume.h"
+#include "models/text/error.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  using namespace cotwin::master::tuning;
+  try {
+    const Resume resume = parse_resume({reinterpret_cast<const char*>(data), size}, "resume.json");
+    const std::string text = to_text(resume);
+    if (to_text(parse_resume(text, "again")) != text) std::abort();
+  } catch (const cotwin::Error&) {
+  }
+  return 0;
+}

@@ -1,0 +1,36 @@
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <string_view>
+
+#include "components/contact_world/collision.h"
+#include "models/scene/sdf.h"
+#include "models/text/error.h"
+
+/// An SDF that is read is a scene that collision can be asked about: any number of points, none of them without numbers.
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  using namespace cotwin;
+  scene::Scene scene;
+  try {
+    std::vector<std::string> warnings;
+    scene = scene::parse_sdf({reinterpret_cast<const char*>(data), size}, "fuzz.sdf", &warnings);
+  } catch (const Error&) {
+    return 0;
+  }
+  std::size_t shapes = 0;
+  std::vector<Pose> poses;
+  for (const scene::Body& body : scene.bodies) {
+    shapes += body.shapes.size();
+    poses.push_back(body.X_WB);
+  }
+  if (shapes > 100) return 0;
+  contact_world::Collision collision(scene);
+  for (const double margin : {0.0, 0.01}) {
+    collision.detect(poses, margin);
+    for (const contact_world::ContactPoint& p : collision.points()) {
+      if (!std::isfinite(p.gap) || !p.p_W.allFinite() || !(std::abs(p.n_W.norm() - 1) < 1e-6)) std::abort();
+    }
+  }
+  return 0;
+}

@@ -1,0 +1,556 @@
+// cotwin tune on a robot that is known: what it finds, what it writes, and that nothing but the settings decides about it.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <functional>
+#include <limits>
+#include <thread>
+
+#include "master/tuning/cross_validation.h"
+#include "models/text/csv.h"
+#include "models/text/error.h"
+#include "models/text/parameter_set.h"
+#include "tests/master/tune_fixture.h"
+
+namespace cotwin::master::tuning {
+namespace {
+
+namespace fs = std::filesystem;
+using cotwin::testing::content;
+using cotwin::testing::TunedRobot;
+using ::testing::AllOf;
+using ::testing::Each;
+using ::testing::Gt;
+using ::testing::HasSubstr;
+using ::testing::Lt;
+using Values = std::vector<double>;
+
+const TunedRobot& robot() {
+  static const TunedRobot robot;
+  return robot;
+}
+
+TEST(Tune, FindsTheTorquesOfTheRobotAlsoWhereItHasNotLooked) {
+  const Result result = robot().tune(robot().settings(), "finds");
+  const nlohmann::json figures = robot().figures("finds");
+  // Noise of 0.02 N.m at 100 Hz, of which a low-pass at 5 Hz leaves a third.
+  EXPECT_THAT(figures["held_out"]["rms"]["floor"].get<Values>(), Each(Lt(0.03)));
+  EXPECT_THAT(figures["held_out"]["rms"]["feasible"].get<Values>(), Each(Lt(0.05)));
+  EXPECT_THAT(figures["held_out"]["rms"]["swarm"].get<Values>(), Each(Lt(0.3)));  // after 60 rounds of 64 particles
+  EXPECT_THAT(figures["held_out"]["rms"]["prior"].get<Values>(), Each(Gt(1.0)));
+  EXPECT_EQ(figures["training"]["samples"].get<std::size_t>() + figures["held_out"]["samples"].get<std::size_t>(), 3961u);
+  EXPECT_NEAR(figures["training"]["samples"].get<double>() / 3961, 0.7, 1e-3);
+  const double floor = result.floor_rms, feasible = result.feasible_rms, swarm = result.swarm_rms;
+  EXPECT_LE(floor, 1.002 * feasible);  // the floor finds its friction curves joint by joint
+  EXPECT_LE(floor, 1.002 * swarm);
+  EXPECT_LT(swarm, 0.1 * result.prior_rms);
+}
+
+TEST(Tune, FindsFrictionAndMotorInertia) {
+  Settings settings = robot().settings();
+  settings.method = Method::kFeasible;
+  const Result result = robot().tune(settings, "friction");
+  const identification::Estimate& found = result.candidates[result.tuned].estimate;
+  for (const identification::JointDrive& drive : found.drive) {
+    EXPECT_NEAR(drive.tau_C, 1.5, 0.05);
+    EXPECT_NEAR(drive.v_R, 0.1, 0.01);
+    EXPECT_NEAR(drive.sigma2, 2, 0.1);
+    EXPECT_NEAR(drive.tau_0, 0.2, 0.05);
+  }
+  for (std::size_t j = 2; j < 7; ++j) EXPECT_NEAR(found.drive[j].B, 0.4, 0.01) << j;  // standard deviations of 0.0004
+  // Neither motion nor noise can tell the first two motors from the links that turn with them: link 2 turns about its own axis
+  // by q̇_2 alone. Their sum is determined; the parts are the nearest ones to the prior.
+  const identification::BaseParameters base = identification::base_parameters(robot().truth);
+  const Eigen::VectorXd beta = base.G * found.pi, truth = base.G * identification::estimate_of(robot().truth).pi;
+  for (const int joint : {1, 2}) {
+    const std::string own = "Izz_" + std::to_string(joint);
+    for (int i = 0; i < beta.size(); ++i) {
+      if (base.name(i).rfind(own, 0) != 0) continue;
+      EXPECT_NEAR(beta[i] + found.drive[static_cast<std::size_t>(joint - 1)].B, truth[i] + 0.4, 0.01) << base.name(i);
+    }
+    EXPECT_NEAR(found.drive[static_cast<std::size_t>(joint - 1)].B, 0.4, 0.05);
+    for (const identification::Determination& unknown : result.excitation.unknown) {
+      if (unknown.name != "B_" + std::to_string(joint) && unknown.name.rfind(own, 0) != 0) continue;
+      EXPECT_FALSE(unknown.determined) << unknown.name;
+      EXPECT_EQ(unknown.deviation, std::numeric_limits<double>::infinity()) << unknown.name;
+    }
+  }
+  for (const identification::Determination& unknown : result.excitation.unknown) {
+    if (unknown.name != "B_3") continue;
+    EXPECT_TRUE(unknown.determined);
+    EXPECT_LT(unknown.deviation, 0.001);
+  }
+  EXPECT_THAT(
+      content(robot().folder / "friction/report.md"),
+      HasSubstr("Not determined, or only in sums with one another; the pull to the prior decides about them: `B_1` `B_2`"));
+}
+
+TEST(Tune, FindsFrictionThatGrowsWithTheLoadAndNoneWhereNothingHangs) {
+  std::ofstream(robot().folder / "truth.urdf") << robot::to_urdf(robot().truth);
+  cotwin::testing::SyntheticLog log = robot().log;
+  log.load = 0.08;
+  log.write(robot().folder / "load.csv", robot().truth);
+  Settings settings = robot().settings();
+  settings.robot = robot().folder / "truth.urdf";
+  settings.data = {robot().folder / "load.csv"};
+  settings.method = Method::kFeasible;
+  settings.model.load = true;
+  settings.model.v_R = log.v_R;
+  const Result result = robot().tune(settings, "load");
+  const auto& drive = result.candidates[result.tuned].estimate.drive;
+  EXPECT_EQ(drive[0].load, 0);  // an upright axis
+  EXPECT_NEAR(drive[1].load, 0.08, 0.004);
+  EXPECT_NEAR(drive[3].load, 0.08, 0.01);
+  EXPECT_NEAR(drive[1].tau_C, 1.5, 0.1);
+  EXPECT_THAT(robot().figures("load")["held_out"]["max"]["feasible"].get<Values>(), Each(Lt(0.5)));
+}
+
+TEST(Tune, TheUrdfAndTheCsvTellTheSameTorquesAsTheFigures) {
+  const Result result = robot().tune(robot().settings(), "files");
+  const robot::RobotModel tuned = robot::load_urdf(robot().folder / "files/robot.urdf");  // an Error if a body were unphysical
+  ASSERT_EQ(tuned.n(), 7);
+  for (std::size_t i = 0; i < 7; ++i) {
+    EXPECT_EQ(tuned.bodies[i].inertia, result.robot.bodies[i].inertia);
+    EXPECT_EQ(tuned.joints[i].friction, result.robot.joints[i].friction);
+    EXPECT_EQ(tuned.joints[i].X_PJ, robot().truth.joints[i].X_PJ);
+  }
+  EXPECT_EQ(result.robot.history.size(), 7u);
+  EXPECT_THAT(content(robot().folder / "files/robot.urdf"), HasSubstr("<!-- cotwin tune: swarm, seed 1, 2772 samples"));
+
+  const csv::Table table = csv::load(robot().folder / "files/torques.csv", {"tau_smooth[3]", "tau_tuned[3]", "tau_prior[3]"});
+  const nlohmann::json figures = robot().figures("files");
+  double tuned_squares = 0, prior_squares = 0, most = 0;
+  const std::size_t training = figures["training"]["samples"].get<std::size_t>();
+  ASSERT_EQ(table.rows(), 3961u);
+  for (std::size_t k = 0; k < training; ++k) {
+    tuned_squares += std::pow(table.columns[0][k] - table.columns[1][k], 2);
+    prior_squares += std::pow(table.columns[0][k] - table.columns[2][k], 2);
+    most = std::max(most, std::abs(table.columns[0][k] - table.columns[1][k]));
+  }
+  const double N = static_cast<double>(training);
+  // By Newton and Euler sample by sample, and by the compressed triangles, where friction's curve is linear between 40 nodes.
+  EXPECT_NEAR(std::sqrt(tuned_squares / N), figures["training"]["rms"]["swarm"][2].get<double>(), 2e-3);
+  EXPECT_NEAR(std::sqrt(prior_squares / N), figures["training"]["rms"]["prior"][2].get<double>(), 1e-6);
+  EXPECT_NEAR(most, figures["training"]["max"]["swarm"][2].get<double>(), 1e-12);
+}
+
+TEST(Tune, TheReportNamesDataSeedConditioningAndTheReferences) {
+  robot().tune(robot().settings(), "report");
+  const std::string report = content(robot().folder / "report/report.md");
+  for (const char* part :
+       {"log.csv", "seed 1", "condition number", "standard deviation", "| joint | torque | prior | swarm | feasible | floor |",
+        "held out", "low-pass at 5 Hz", "base parameters", "σ2"})
+    EXPECT_THAT(report, HasSubstr(part));
+}
+
+const char* const kFiles[] = {"robot.urdf", "drive_train.ssv", "torques.csv", "figures.json", "report.md", "resume.json"};
+
+TEST(Tune, GivesTheSameBytesOnAnyNumberOfThreads) {
+  robot().tune(robot().settings(), "one", 1);
+  robot().tune(robot().settings(), "eight", 8);
+  for (const char* file : kFiles)
+    EXPECT_EQ(content(robot().folder / "one" / file), content(robot().folder / "eight" / file)) << file;
+}
+
+TEST(Tune, InterruptedLeavesTheBestSoFarAndGoesOnToTheSameBytes) {
+  Settings settings = robot().settings();
+  robot().tune(settings, "straight");
+  int rounds = 0;
+  const Hooks stop_after_25{[&](const std::string& what, double) { rounds += what.rfind("round", 0) == 0 ? 1 : 0; },
+                            [&] { return rounds >= 25; }};
+  const Result stopped = robot().tune(settings, "stopped", 1, stop_after_25);
+  EXPECT_TRUE(stopped.interrupted);
+  EXPECT_EQ(robot().figures("stopped")["state"], "interrupted");
+  EXPECT_NO_THROW(robot::load_urdf(robot().folder / "stopped/robot.urdf"));
+  EXPECT_TRUE(fs::exists(robot().folder / "stopped/drive_train.ssv"));
+  EXPECT_THAT(content(robot().folder / "stopped/report.md"), HasSubstr("**Interrupted**"));
+
+  const Result resumed = robot().tune(settings, "stopped", 1, {}, true);
+  EXPECT_FALSE(resumed.interrupted);
+  for (const char* file : kFiles)
+    EXPECT_EQ(content(robot().folder / "straight" / file), content(robot().folder / "stopped" / file)) << file;
+}
+
+TEST(Tune, InterruptedInFeasibleLeastSquaresKeepsWhatItHasAndGoesOnToTheSameBytes) {
+  for (const Method method : {Method::kSwarm, Method::kFeasible}) {
+    SCOPED_TRACE(to_text(method));
+    Settings settings = robot().settings();
+    settings.method = method;
+    robot().tune(settings, "whole");
+    bool solving = false;
+    int asked = 0;
+    const Hooks stop_after_5{[&](const std::string& what, double) { solving = solving || what == "feasible least squares"; },
+                             [&] { return solving && ++asked > 5; }};
+    const Result stopped = robot().tune(settings, "half", 1, stop_after_5);
+    EXPECT_TRUE(stopped.interrupted);
+    EXPECT_LT(asked, 10);  // it ends when it is told
+    EXPECT_EQ(robot().figures("half")["state"], "interrupted");
+    EXPECT_EQ(robot().figures("half")["weighted_rms"].contains("feasible"), method == Method::kFeasible);
+    EXPECT_LE(method == Method::kSwarm ? stopped.swarm_rms : stopped.feasible_rms, stopped.prior_rms);
+    EXPECT_NO_THROW(robot::load_urdf(robot().folder / "half/robot.urdf"));
+    EXPECT_THAT(content(robot().folder / "half/report.md"), HasSubstr("**Interrupted**"));
+
+    const Result resumed = robot().tune(settings, "half", 1, {}, true);
+    EXPECT_FALSE(resumed.interrupted);
+    for (const char* file : kFiles)
+      EXPECT_EQ(content(robot().folder / "whole" / file), content(robot().folder / "half" / file)) << file;
+  }
+}
+
+TEST(Tune, AnotherSeedFindsAnotherWay) {
+  Settings settings = robot().settings();
+  settings.rounds = 5;
+  const Result one = robot().tune(settings, "seed1");
+  settings.seed = 2;
+  const Result two = robot().tune(settings, "seed2");
+  EXPECT_NE(one.swarm->history, two.swarm->history);
+}
+
+TEST(Tune, LogsOfTheirOwnCanBeHeldOut) {
+  cotwin::testing::SyntheticLog other = robot().log;
+  other.seed = 7;
+  other.write(robot().folder / "other.csv", robot().truth);
+  Settings settings = robot().settings();
+  settings.held_out = {robot().folder / "other.csv"};
+  settings.method = Method::kFeasible;
+  robot().tune(settings, "other");
+  const nlohmann::json figures = robot().figures("other");
+  EXPECT_EQ(figures["training"]["samples"], 3961);
+  EXPECT_EQ(figures["held_out"]["samples"], 3961);
+  EXPECT_THAT(figures["held_out"]["rms"]["feasible"].get<Values>(), Each(Lt(0.1)));
+}
+
+/// A log of the planar arm, of its own file, and settings that leave everything open but the shape of friction.
+Settings of_planar_arm(const std::string& file, const cotwin::testing::SyntheticLog& log,
+                       const std::function<void(std::size_t, std::vector<double>&)>& spoil = {}) {
+  Settings settings;
+  settings.robot = COTWIN_SOURCE_DIR "/models/robots/planar2/robot.urdf";
+  log.write(robot().folder / file, robot::load_urdf(settings.robot), spoil);
+  settings.data = {robot().folder / file};
+  settings.model.friction = identification::FrictionLaw::kCoulomb;
+  settings.model.v_R = log.v_R;
+  settings.accept_data = true;  // gravity is small beside friction
+  return settings;
+}
+
+TEST(CrossValidation, TakesFrictionWithTheLoadWhereTheGearsHaveIt) {
+  for (const double load : {0.0, 0.08}) {
+    SCOPED_TRACE(load);
+    cotwin::testing::SyntheticLog log = robot().log;
+    log.load = load;
+    const Settings settings = of_planar_arm("gears.csv", log);
+    const Settings chosen = cross_validate(settings, {}, 1, {});
+    EXPECT_EQ(chosen.model.load, load > 0);
+    EXPECT_GT(chosen.cutoff, 0.4);  // the motion has sines up to 0.3 Hz
+    EXPECT_THAT(chosen.chosen.back(), HasSubstr(load > 0 ? "friction with the load" : "friction without the load"));
+    EXPECT_EQ(cross_validate(settings, {}, 3, {}).chosen, chosen.chosen);
+  }
+}
+
+// What comes behind the training part may be anything.
+TEST(CrossValidation, DoesNotSeeTheHeldOutPart) {
+  const cotwin::testing::SyntheticLog& log = robot().log;
+  const Settings chosen = cross_validate(of_planar_arm("seen.csv", log), {}, 2, {});
+  const auto spoil = [&](std::size_t, std::vector<double>& cells) {
+    for (std::size_t j = 3; cells[0] > 0.7 * log.duration && j < 5; ++j) cells[j] = 3 * cells[j] + 7;
+  };
+  EXPECT_EQ(cross_validate(of_planar_arm("seen.csv", log, spoil), {}, 2, {}).chosen, chosen.chosen);
+}
+
+TEST(CrossValidation, LeavesWhatWasGivenAndEndsUpInTheReport) {
+  Settings settings = of_planar_arm("given.csv", robot().log);
+  settings.method = Method::kFeasible;
+  settings.cutoff = 5;
+  settings.prior_weight = 0.5;
+  const Settings chosen = cross_validate(settings, {false, false, false}, 1, {});
+  EXPECT_EQ(chosen.cutoff, 5);
+  EXPECT_EQ(chosen.prior_weight, 0.5);
+  EXPECT_FALSE(chosen.model.load);
+  ASSERT_EQ(chosen.chosen.size(), 2u);
+  EXPECT_EQ(chosen.chosen[0], "low-pass at 5 Hz: 1");
+  EXPECT_EQ(chosen.chosen[1], "taken: low-pass at 5 Hz, friction without the load, prior weight 0.5");
+  robot().tune(chosen, "chosen");
+  EXPECT_THAT(content(robot().folder / "chosen/report.md"), HasSubstr("  * taken: low-pass at 5 Hz"));
+  EXPECT_EQ(load_resume(robot().folder / "chosen/resume.json").settings.chosen, chosen.chosen);
+  EXPECT_THROW(cross_validate(settings, {}, 1, Hooks{{}, [] { return true; }}), Stopped);
+}
+
+// A cutoff of 0 means the rule's: given, it is no open question.
+TEST(CrossValidation, TakesTheRulesCutoffWhereItWasGivenAsZero) {
+  Settings settings = of_planar_arm("rule.csv", robot().log);
+  settings.cutoff = 0;
+  const double rule = survey_log(settings, {}).survey.cutoff();
+  const Settings chosen = cross_validate(settings, {false, false, false}, 1, {});
+  EXPECT_EQ(chosen.chosen.size(), 2u);
+  EXPECT_EQ(chosen.cutoff, rule);
+  EXPECT_GT(cross_validate(settings, {true, false, false}, 1, {}).chosen.size(), 5u);
+}
+
+/// Stiffness that `cotwin tune` finds of gears of 1e4 N.m/rad, on logs whose friction is as great as what moves the links.
+std::vector<double> stiffness_found(double load, bool joint) {
+  cotwin::testing::SyntheticLog log = robot().log;
+  log.load = load;
+  log.joint = joint;
+  log.K = 1e4;
+  Settings settings = robot().settings();
+  log.write(robot().folder / "motors.csv", robot().truth);
+  settings.data = {robot().folder / "motors.csv"};
+  settings.robot = COTWIN_SOURCE_DIR "/models/robots/lwr4/robot.urdf";
+  settings.method = Method::kFeasible;
+  settings.model.friction = identification::FrictionLaw::kCoulomb;
+  settings.model.v_R = log.v_R;
+  settings.model.load = load > 0;
+  settings.model.motor_inertia = !joint;
+  settings.format.theta_columns = "theta{}";
+  const Result result = robot().tune(settings, "motors");
+  std::vector<double> found;
+  for (const identification::Torsion& torsion : result.evaluation.torsion) found.push_back(torsion.K);
+  return found;
+}
+
+TEST(Stiffness, IsThatOfTheGearsAlsoWhereFrictionGrowsWithTheLoad) {
+  for (const double load : {0.0, 0.3}) {
+    SCOPED_TRACE(load);
+    const std::vector<double> K = stiffness_found(load, false);
+    ASSERT_EQ(K.size(), 7u);
+    for (const std::size_t j : {1u, 3u}) EXPECT_NEAR(K[j], 1e4, 100) << j;  // which gravity loads
+  }
+}
+
+TEST(Stiffness, OfTorquesBehindTheGearsTakesNoFrictionAway) {
+  const std::vector<double> K = stiffness_found(0, true);
+  ASSERT_EQ(K.size(), 7u);
+  for (const std::size_t j : {0u, 1u, 2u, 3u, 4u}) EXPECT_NEAR(K[j], 1e4, 100) << j;
+}
+
+TEST(Tune, LeastSquaresAloneWritesNoRobotThatCannotExist) {
+  Settings settings = robot().settings();
+  settings.method = Method::kLeastSquares;
+  const Result result = robot().tune(settings, "floor");
+  EXPECT_FALSE(fs::exists(robot().folder / "floor/robot.urdf"));
+  EXPECT_EQ(result.candidates[result.tuned].name, "floor");
+  EXPECT_FALSE(robot().figures("floor")["weighted_rms"].contains("swarm"));
+}
+
+TEST(Tune, SettingsSurviveTheResumeFile) {
+  Settings settings = robot().settings();
+  settings.format.q_offset = {1, 2, 3, 4, 5, 6, 7};
+  settings.format.theta_columns = "motor{}";
+  settings.model.harmonics = {0, 2, 0, 0, 0, 0, 0};
+  settings.seed = 1234567890123456789u;
+  const Resume resume{settings, {1, 2}, {0, 255, 16}};
+  const Resume read = parse_resume(to_text(resume), "resume.json");
+  EXPECT_EQ(to_text(read), to_text(resume));
+  EXPECT_EQ(read.swarm, resume.swarm);
+  EXPECT_EQ(read.settings.model, settings.model);
+  EXPECT_EQ(read.settings.format, settings.format);
+}
+
+TEST(Tune, AResumeFileThatIsNoneIsAnErrorThatNamesIt) {
+  const std::string good = to_text(Resume{robot().settings(), {1}, {1, 2, 3}});
+  const auto error_of = [](const std::string& text) -> std::string {
+    try {
+      parse_resume(text, "resume.json");
+    } catch (const Error& error) {
+      return error.what();
+    }
+    return "";
+  };
+  const auto with = [&](const std::string& from, const std::string& to) {
+    std::string text = good;
+    return text.replace(text.find(from), from.size(), to);
+  };
+  ASSERT_EQ(error_of(good), "");
+  EXPECT_THAT(error_of(""), HasSubstr("resume.json: is no JSON object"));
+  EXPECT_THAT(error_of("[1]"), HasSubstr("is no JSON object"));
+  EXPECT_THAT(error_of(with("tuning 1", "tuning 9")), HasSubstr("another format"));
+  EXPECT_THAT(error_of(with("\"rounds\": 60", "\"rounds\": -1")), HasSubstr("expected 1 to"));
+  EXPECT_THAT(error_of(with("\"rounds\": 60", "\"rounds\": \"x\"")),
+              AllOf(HasSubstr("'rounds'"), HasSubstr("expected another type")));
+  EXPECT_THAT(error_of(with("010203", "01020")), HasSubstr("ends within a byte"));
+  EXPECT_THAT(error_of(with("010203", "01zz03")), HasSubstr("hexadecimal"));
+  for (std::size_t length = 0; length + 1 < good.size(); length += 7) EXPECT_NE(error_of(good.substr(0, length)), "") << length;
+}
+
+TEST(Tune, ResumingWithAnotherLogIsAnError) {
+  Settings settings = robot().settings();
+  settings.rounds = 2;
+  robot().log.write(robot().folder / "changing.csv", robot().truth);
+  settings.data = {robot().folder / "changing.csv"};
+  robot().tune(settings, "changing");
+  std::ofstream(robot().folder / "changing.csv", std::ios::app) << "# another line\n";
+  EXPECT_THROW(load_resume(robot().folder / "changing/resume.json"), Error);
+}
+
+/// The program, in the folder of the robot.
+class Program {
+ public:
+  Program() : folder_(robot().folder.path()) {}
+  pid_t start(std::vector<std::string> arguments) const {
+    const pid_t child = fork();
+    if (child != 0) return child;
+    if (chdir(folder_.c_str()) != 0 || !std::freopen("out.txt", "w", stdout) || !std::freopen("err.txt", "w", stderr))
+      _exit(99);
+    arguments.insert(arguments.begin(), COTWIN_PROGRAM);
+    std::vector<char*> argv;
+    for (std::string& a : arguments) argv.push_back(a.data());
+    argv.push_back(nullptr);
+    execv(COTWIN_PROGRAM, argv.data());
+    _exit(99);
+  }
+  int wait(pid_t child) {
+    int status = 0;
+    waitpid(child, &status, 0);
+    out = content(folder_ / "out.txt");
+    err = content(folder_ / "err.txt");
+    return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
+  }
+  int run(const std::vector<std::string>& arguments) { return wait(start(arguments)); }
+  std::string out, err;
+
+ private:
+  fs::path folder_;  // made before any child is
+};
+
+TEST(TuneProgram, PrintsATablePerJointAndWhereTheFilesAre) {
+  Program program;
+  ASSERT_EQ(
+      program.run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--out", "table", "--rounds", "5", "--cutoff", "5"}),
+      0)
+      << program.err;
+  EXPECT_EQ(program.err, "");  // no progress bar where stderr is no terminal
+  EXPECT_THAT(program.out, AllOf(HasSubstr("prior"), HasSubstr("swarm"), HasSubstr("feasible"), HasSubstr("floor"),
+                                 HasSubstr("max, swarm")));
+  EXPECT_THAT(program.out, AllOf(HasSubstr("held out"), HasSubstr("joint_7"), HasSubstr("results: table")));
+  for (const char* file : kFiles) EXPECT_TRUE(fs::exists(robot().folder / "table" / file)) << file;
+  for (const fs::directory_entry& entry : fs::directory_iterator(robot().folder / "table"))
+    EXPECT_THAT(entry.path().string(), ::testing::Not(HasSubstr(".part")));  // nothing half-written stays
+}
+
+// Kernels differ by rounding, and so may the robot: what the data leave open is decided by the prior, not by noise of 1e-16.
+TEST(TuneProgram, FindsTheSameRobotOnEveryInstructionSet) {
+  Program program;
+  std::vector<std::vector<double>> masses;
+  std::vector<nlohmann::json> figures;
+  for (const char* isa : {"x86-64-v2", "x86-64-v3", "x86-64-v4"}) {
+    ASSERT_EQ(setenv("COTWIN_CPU", isa, 1), 0);
+    const int code = program.run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--out", isa, "--method", "feasible",
+                                  "--cutoff", "5", "--quiet"});
+    unsetenv("COTWIN_CPU");
+    ASSERT_EQ(code, 0) << program.err;
+    masses.emplace_back();
+    const robot::RobotModel tuned = robot::load_urdf(robot().folder / isa / "robot.urdf");
+    for (const robot::Body& body : tuned.bodies) {
+      const auto pi = body.inertia.parameters();
+      masses.back().insert(masses.back().end(), pi.data(), pi.data() + 10);
+    }
+    const ParameterSet drives = load_parameter_set(robot().folder / isa / "drive_train.ssv");
+    for (const ParameterValue& value : drives.values) {
+      if (value.name[0] == 'B') masses.back().push_back(std::get<double>(value.value));
+    }
+    figures.push_back(robot().figures(isa));
+  }
+  EXPECT_EQ(masses[0].size(), 77u);
+  for (std::size_t k : {std::size_t{0}, std::size_t{1}}) {
+    for (std::size_t i = 0; i < masses[k].size(); ++i) EXPECT_NEAR(masses[k][i], masses[2][i], 1e-5) << i;
+    for (const char* what : {"feasible", "floor"})
+      EXPECT_NEAR(figures[k]["weighted_rms"][what].get<double>(), figures[2]["weighted_rms"][what].get<double>(), 1e-9) << what;
+  }
+}
+
+TEST(TuneProgram, BadInputIsExitCodeTwoWithPlaceFactAndExpectation) {
+  Program program;
+  EXPECT_EQ(program.run({"tune", "--robot", "prior.urdf"}), 2);
+  EXPECT_THAT(program.err, HasSubstr("--data: no file, expected at least one"));
+  EXPECT_EQ(program.run({"tune", "--robot", "nobody", "--data", "log.csv"}), 2);
+  EXPECT_THAT(program.err, HasSubstr("robot 'nobody'"));
+  EXPECT_EQ(program.run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--split", "2"}), 2);
+  EXPECT_THAT(program.err, HasSubstr("--split: 2, expected 0.05 to 1"));
+  EXPECT_EQ(program.run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--method", "magic"}), 2);
+  EXPECT_THAT(program.err, HasSubstr("expected one of swarm, feasible, least-squares"));
+  EXPECT_EQ(program.run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--angle-unit", "deg", "--time-unit", "ms"}), 2);
+  EXPECT_THAT(program.err, AllOf(HasSubstr("log.csv"), HasSubstr("expected")));
+  EXPECT_EQ(program.run({"tune", "--resume", "nowhere"}), 2);
+  EXPECT_THAT(program.err, HasSubstr("nowhere/resume.json: cannot be opened"));
+  EXPECT_FALSE(fs::exists(robot().folder / "results"));
+}
+
+TEST(TuneProgram, CtrlCLeavesTheBestSoFarAndResumeGoesOnToTheSameRobot) {
+  Program program;
+  const std::vector<std::string> command = {"tune", "--robot",     "prior.urdf", "--data",    "log.csv", "--cutoff",
+                                            "5",    "--particles", "32",         "--threads", "2"};
+  auto endless = command;
+  endless.insert(endless.end(), {"--rounds", "1000000", "--out", "ctrl_c"});
+  const pid_t child = program.start(endless);
+  using namespace std::chrono_literals;
+  for (int i = 0; i < 600 && !fs::exists(robot().folder / "ctrl_c"); ++i) std::this_thread::sleep_for(50ms);  // the log is read
+  std::this_thread::sleep_for(1s);
+  kill(child, SIGINT);
+  ASSERT_EQ(program.wait(child), 130) << program.err;
+  EXPECT_THAT(program.err, HasSubstr("go on with: cotwin tune --resume ctrl_c"));
+  EXPECT_NO_THROW(robot::load_urdf(robot().folder / "ctrl_c/robot.urdf"));
+
+  const int rounds = robot().figures("ctrl_c")["swarm"]["rounds"].get<int>() + 3;
+  ASSERT_EQ(program.run({"tune", "--resume", "ctrl_c", "--rounds", std::to_string(rounds)}), 0) << program.err;
+  auto straight = command;
+  straight.insert(straight.end(), {"--rounds", std::to_string(rounds), "--out", "no_ctrl_c"});
+  ASSERT_EQ(program.run(straight), 0) << program.err;
+  for (const char* file : kFiles)
+    EXPECT_EQ(content(robot().folder / "ctrl_c" / file), content(robot().folder / "no_ctrl_c" / file)) << file;
+}
+
+TEST(TuneProgram, NeedsNoMoreMemoryForALongerLog) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "the sanitizers keep what was freed";
+#endif
+  const robot::RobotModel two = robot::load_urdf(COTWIN_SOURCE_DIR "/models/robots/planar2/robot.urdf");
+  std::vector<double> MiB;
+  for (const double duration : {20.0, 200.0}) {  // 20 000 and 200 000 samples
+    cotwin::testing::SyntheticLog log;
+    log.rate = 1000;
+    log.duration = duration;
+    log.write(robot().folder / "long.csv", two);
+    Program program;
+    const pid_t child = program.start({"tune", "--robot", "planar2", "--data", "long.csv", "--out", "long", "--cutoff", "10",
+                                       "--method", "feasible", "--accept-data"});
+    rusage usage{};
+    int status = 0;
+    ASSERT_EQ(wait4(child, &status, 0, &usage), child);
+    ASSERT_EQ(status, 0) << content(robot().folder / "err.txt");
+    MiB.push_back(static_cast<double>(usage.ru_maxrss) / 1024);
+  }
+  EXPECT_LT(MiB[1], MiB[0] + 2) << MiB[0];  // the longer log has 8 MiB of numbers as doubles, and 13 MiB of text
+}
+
+TEST(ExciteProgram, WritesAMotionThatBeginsAndEndsAtRestAndPrintsConditionAndMargins) {
+  Program program;
+  ASSERT_EQ(program.run({"excite", "--robot", "prior.urdf", "--out", "motion.csv", "--rounds", "5", "--particles", "8",
+                         "--periods", "2"}),
+            0)
+      << program.err;
+  EXPECT_THAT(program.out,
+              AllOf(HasSubstr("43 of 43 base parameters excited, condition number"), HasSubstr("torque"), HasSubstr(" %")));
+  const csv::Table table = csv::load(robot().folder / "motion.csv");
+  ASSERT_EQ(table.rows(), 5001u);
+  for (std::size_t j = 0; j < 7; ++j) {
+    for (const std::size_t row : {std::size_t{0}, std::size_t{2500}, std::size_t{5000}}) {
+      EXPECT_EQ(table.columns[1 + j][row], table.columns[1 + j][0]);
+      EXPECT_NEAR(table.columns[8 + j][row], 0, 1e-12);
+      EXPECT_NEAR(table.columns[15 + j][row], 0, 1e-11);
+    }
+  }
+  const std::string first = content(robot().folder / "motion.csv");
+  ASSERT_EQ(program.run({"excite", "--robot", "prior.urdf", "--out", "motion.csv", "--rounds", "5", "--particles", "8",
+                         "--periods", "2", "--threads", "3"}),
+            0);
+  EXPECT_EQ(content(robot().folder / "motion.csv"), first);
+}
+
+}  // namespace
+}  // namespace cotwin::master::tuning

@@ -1,0 +1,130 @@
+// What cotwin tune writes, taken by the units: the drive train finds robot.urdf and the drive_train.ssv beside it.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+
+#include "components/unit/snapshot.h"
+#include "components/unit/unit_table.h"
+#include "master/members.h"
+#include "master/scenario.h"
+#include "master/twin.h"
+#include "models/identification/torque_model.h"
+#include "models/text/csv.h"
+#include "tests/master/tune_fixture.h"
+
+namespace cotwin::master::tuning {
+namespace {
+
+using cotwin::testing::TunedRobot;
+using identification::FrictionLaw;
+
+TEST(TuneUnits, TheDriveTrainTakesEveryKindOfFrictionAndSteps) {
+  const TunedRobot robot;
+  for (const FrictionLaw law : {FrictionLaw::kNone, FrictionLaw::kCoulomb, FrictionLaw::kSigmoid, FrictionLaw::kStribeck}) {
+    for (const bool motor : {true, false}) {
+      SCOPED_TRACE(std::string(identification::to_text(law)) + (motor ? ", motor" : ", joint"));
+      Settings settings = robot.settings();
+      settings.method = Method::kFeasible;
+      settings.model.friction = law;
+      settings.model.motor_inertia = motor;
+      const Result result = robot.tune(settings, "drive");
+      const Instance drive =
+          make_unit("unit:drive_train?robot=" + (robot.folder / "drive/robot.urdf").string(), {}, {}, unit_types());
+      const auto& found = result.candidates[result.tuned].estimate.drive;
+      const auto value = [&](const char* name, std::size_t j) { return drive.variables.at(name).reals()[j]; };
+      for (std::size_t j = 0; j < 7; ++j) {
+        const bool line = law == FrictionLaw::kStribeck && !motor;  // through a curve that the link does not have
+        if (!line) {
+          EXPECT_EQ(value(motor ? "sigma2" : "link_sigma2", j), found[j].sigma2);
+        }
+        if (motor && found[j].B > 0) {
+          EXPECT_EQ(value("B", j), found[j].B);
+        }
+        // What the unit makes of its parameters is the friction that was found, at speeds beyond presliding.
+        const double v = 0.4, A = value("link_A", j);
+        const double link = A / (1 + std::exp(-value("link_alpha", j) * (v + value("link_s", j)))) + value("link_k", j) +
+                            value("link_tau_C", j) * std::tanh(v / value("link_v_R", j)) + value("link_tau_0", j) +
+                            value("link_sigma2", j) * v;
+        const double fade = std::exp(-std::pow(v / value("v_S", j), value("delta", j)));
+        const double of_motor =
+            value("tau_C", j) + (value("tau_S", j) - value("tau_C", j)) * fade + value("tau_0", j) + value("sigma2", j) * v;
+        EXPECT_NEAR(link + of_motor, found[j].friction(v), line ? 0.2 : 1e-6) << j;
+      }
+      ASSERT_NO_THROW(drive.unit->initialise(Time{}));
+      EXPECT_EQ(drive.unit->step(Time{}, Duration::from_seconds(1e-3)), StepResult::kDone);
+    }
+  }
+}
+
+TEST(TuneUnits, TheMotionUnitMovesAsAnExcitingMotionSays) {
+  const cotwin::testing::TemporaryFolder folder("excite");
+  const std::string file = (folder / "motion.csv").string();
+  const std::string command = "'" COTWIN_PROGRAM "' excite --robot lwr4 --rounds 5 --particles 8 --quiet --out '" + file + "'";
+  ASSERT_EQ(std::system(command.c_str()), 0);
+  const Instance motion =
+      make_unit("unit:motion?robot=lwr4&kind=csv", {}, {std::filesystem::path(COTWIN_SOURCE_DIR) / "models"}, unit_types());
+  motion.variables.at("file").strings()[0] = file;
+  motion.unit->initialise(Time{});
+  const csv::Table table = csv::load(file);
+  for (std::size_t row = 0; row < 2500; ++row) {
+    for (std::size_t j = 0; j < 7; ++j) {
+      ASSERT_NEAR(motion.variables.at("q_d").reals()[j], table.columns[1 + j][row], 1e-9) << row;
+      // q̇ and q̈ of a quintic spline through samples 4 ms apart of sines below 0.5 Hz
+      ASSERT_NEAR(motion.variables.at("dq_d").reals()[j], table.columns[8 + j][row], 1e-7) << row;
+      ASSERT_NEAR(motion.variables.at("ddq_d").reals()[j], table.columns[15 + j][row], 1e-3) << row;
+    }
+    ASSERT_EQ(motion.unit->step(Time::from_seconds(0.004 * static_cast<double>(row)), Duration::from_seconds(0.004)),
+              StepResult::kDone);
+  }
+}
+
+// Example 05, in which robot and twin run beside a tuner, as one unit: saved while the tuner seeks, gone on with elsewhere.
+TEST(TuneUnits, ATwinThatMaturesGoesOnToTheSameBitsWhereItIsRestored) {
+  Scenario scenario = load_scenario(COTWIN_SOURCE_DIR "/examples/05_maturation/twin.ssd");
+  for (ComponentSpec& component : scenario.components) {
+    if (component.name != "tuner") continue;
+    component.start_values.push_back({"interval", 1.0, "s", "test"});
+    component.start_values.push_back({"latency", 0.5, "s", "test"});
+    component.start_values.push_back({"settle", 0.2, "s", "test"});
+    component.start_values.push_back({"least_samples", std::int64_t{100}, "", "test"});
+    component.start_values.push_back({"rounds", std::int64_t{50}, "", "test"});
+  }
+  const std::vector<std::filesystem::path> folders = {COTWIN_SOURCE_DIR "/examples/05_maturation", COTWIN_SOURCE_DIR "/models"};
+  struct Running {
+    Running(const Scenario& scenario, const std::vector<std::filesystem::path>& folders)
+        : twin(scenario, load_members(scenario, unit_types(), folders), {"twin.tau_J", "tuner.tunings"}) {
+      twin.declare(variables);
+      twin.initialise(Time{});
+    }
+    void run(int from, int to) {
+      for (int n = from; n < to; ++n) ASSERT_EQ(twin.step(Time{n * 1'000'000}, Duration{1'000'000}), StepResult::kDone) << n;
+    }
+    Snapshot save() {
+      Snapshot snapshot;
+      snapshot.take(variables, twin);
+      return snapshot;
+    }
+    Twin twin;
+    Variables variables;
+  };
+  Running one(scenario, folders);
+  ASSERT_TRUE(one.twin.restorable());
+  one.run(0, 1300);
+  EXPECT_TRUE(one.variables.at("tuner.seeking").booleans()[0]);
+  const Snapshot middle = one.save();
+  one.run(1300, 2700);
+  EXPECT_EQ(one.variables.at("tuner.tunings").integers()[0], 2);
+  const Snapshot end = one.save();
+
+  Running fresh(scenario, folders);
+  Snapshot::deserialise(middle.serialise()).restore(fresh.variables, fresh.twin);
+  fresh.run(1300, 2700);
+  EXPECT_EQ(fresh.save(), end);
+
+  middle.restore(one.variables, one.twin);  // and back in the same one
+  one.run(1300, 2700);
+  EXPECT_EQ(one.save(), end);
+}
+
+}  // namespace
+}  // namespace cotwin::master::tuning

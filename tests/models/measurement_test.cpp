@@ -1,0 +1,296 @@
+// The log of a robot: what is wrong with it, where its power lies, and smoothing in blocks.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "models/measurement/smoothing.h"
+#include "models/measurement/spectrum.h"
+#include "models/measurement/survey.h"
+#include "models/text/error.h"
+#include "tests/support/synthetic_log.h"
+
+namespace cotwin::measurement {
+namespace {
+
+using cotwin::testing::SyntheticLog;
+using cotwin::testing::TemporaryFolder;
+using ::testing::AllOf;
+using ::testing::Contains;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+robot::RobotModel lwr4() { return robot::load_urdf(COTWIN_SOURCE_DIR "/models/robots/lwr4/robot.urdf"); }
+
+std::string error_of(const std::function<void()>& action) {
+  try {
+    action();
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+class LogSurvey : public ::testing::Test {
+ protected:
+  Log log() const { return {{folder_ / "log.csv"}, {}}; }
+  void write(const std::function<void(std::size_t, std::vector<double>&)>& spoil = {}) {
+    synthetic_.write(folder_ / "log.csv", robot_, spoil);
+  }
+  std::string error(const Log& log) const {
+    return error_of([&] { survey(log, robot_); });
+  }
+  std::string error() const { return error(log()); }
+  static constexpr std::size_t kTau = 8;  // column of the first torque
+
+  TemporaryFolder folder_{"survey"};
+  robot::RobotModel robot_ = lwr4();
+  SyntheticLog synthetic_;
+};
+
+TEST_F(LogSurvey, OfACleanLogTellsRateRangeAndGravityAndWarnsOfNothing) {
+  write();
+  const Survey result = survey(log(), robot_);
+  EXPECT_THAT(result.warnings, IsEmpty());
+  EXPECT_EQ(result.samples, 4001u);
+  EXPECT_NEAR(result.rate(), 200, 1e-6);
+  ASSERT_EQ(result.segments.size(), 1u);
+  EXPECT_NEAR(result.segments[0].duration, 20, 1e-9);
+  EXPECT_GT(result.joints[1].gravity_correlation, 0.9);  // the shoulder carries the arm
+  EXPECT_EQ(result.joints[2].tau_column, "tau3");
+}
+
+TEST_F(LogSurvey, NotANumberIsAnErrorThatNamesLineAndColumn) {
+  write([](std::size_t row, std::vector<double>& cells) {
+    if (row == 99) cells[kTau + 2] = std::nan("");
+  });
+  EXPECT_THAT(error(), AllOf(HasSubstr("log.csv:101: column 'tau3'"), HasSubstr("expected a finite number")));
+}
+
+TEST_F(LogSurvey, TimeThatRunsBackwardsIsAnErrorThatNamesBothLines) {
+  write([](std::size_t row, std::vector<double>& cells) {
+    if (row == 50) cells[0] -= 0.1;
+  });
+  EXPECT_THAT(error(), AllOf(HasSubstr("log.csv:52: column 't'"), HasSubstr("before the time on line 51"),
+                             HasSubstr("expected increasing time")));
+}
+
+TEST_F(LogSurvey, AGapIsAWarningAndCutsTheLogIntoSegments) {
+  write([](std::size_t row, std::vector<double>& cells) {
+    if (row >= 1000) cells[0] += 0.5;
+  });
+  const Survey result = survey(log(), robot_);
+  EXPECT_EQ(result.segments.size(), 2u);
+  EXPECT_EQ(result.segments[0].samples, 1000u);
+  EXPECT_THAT(result.warnings,
+              Contains(AllOf(HasSubstr("log.csv:1002"), HasSubstr("a gap of 0.505 s"), HasSubstr("expected at most 0.025 s"))));
+}
+
+TEST_F(LogSurvey, AnotherNumberOfJointsIsAnErrorThatNamesTheFile) {
+  const robot::RobotModel two = robot::load_urdf(COTWIN_SOURCE_DIR "/models/robots/planar2/robot.urdf");
+  SyntheticLog().write(folder_ / "log.csv", two);
+  EXPECT_THAT(error(), AllOf(HasSubstr("log.csv"), HasSubstr("7"), HasSubstr("expected")));
+}
+
+TEST_F(LogSurvey, DegreesForRadiansAreAnErrorThatSaysSo) {
+  write([](std::size_t, std::vector<double>& cells) {
+    for (std::size_t j = 1; j <= 7; ++j) cells[j] *= 180 / std::numbers::pi;
+  });
+  EXPECT_THAT(error(), AllOf(HasSubstr("column 'q"), HasSubstr("are these degrees? Then --angle-unit deg")));
+  Log in_degrees = log();
+  in_degrees.format.angle_unit = std::numbers::pi / 180;
+  EXPECT_THAT(survey(in_degrees, robot_).warnings, IsEmpty());
+}
+
+TEST_F(LogSurvey, MillisecondsForSecondsAreAnErrorThatSaysSo) {
+  write([](std::size_t, std::vector<double>& cells) { cells[0] *= 1000; });
+  EXPECT_THAT(error(), AllOf(HasSubstr("median step is 5 s"), HasSubstr("milliseconds? Then --time-unit ms")));
+  Log in_ms = log();
+  in_ms.format.t_unit = 1e-3;
+  EXPECT_NEAR(survey(in_ms, robot_).rate(), 200, 1e-6);
+}
+
+TEST_F(LogSurvey, SecondsReadAsMillisecondsMoveTooFast) {
+  write();
+  Log wrong = log();
+  wrong.format.t_unit = 1e-3;
+  EXPECT_THAT(error(wrong), AllOf(HasSubstr("would have moved with"), HasSubstr("--time-unit")));
+}
+
+TEST_F(LogSurvey, ATorqueThatNeverChangesIsAnErrorThatNamesItsColumn) {
+  write([](std::size_t, std::vector<double>& cells) { cells[kTau + 4] = 3; });
+  EXPECT_THAT(error(), AllOf(HasSubstr("column 'tau5'"), HasSubstr("is 3 in every row"),
+                             HasSubstr("expected the measured torque of joint_5")));
+}
+
+TEST_F(LogSurvey, AJointThatStandsStillIsAWarning) {
+  write([](std::size_t, std::vector<double>& cells) { cells[4] = 0.5; });
+  EXPECT_THAT(survey(log(), robot_).warnings, Contains(AllOf(HasSubstr("column 'q4'"), HasSubstr("joint_4 moves by 0 rad"))));
+}
+
+TEST_F(LogSurvey, ALogInWhichNothingMovesIsAnError) {
+  write([](std::size_t, std::vector<double>& cells) { std::fill(cells.begin() + 1, cells.begin() + 8, 0.5); });
+  EXPECT_THAT(error(), HasSubstr("no joint moves"));
+}
+
+TEST_F(LogSurvey, TorquesAgainstGravityAreAnErrorThatSaysSoAndAcceptedOnDemand) {
+  write([](std::size_t, std::vector<double>& cells) { cells[kTau + 1] *= -1; });
+  EXPECT_THAT(error(),
+              AllOf(HasSubstr("column 'tau2'"), HasSubstr("goes against the URDF's gravity"), HasSubstr("--tau-scale -1")));
+  const Survey accepted = survey(log(), robot_, {.accept = true});
+  EXPECT_THAT(accepted.warnings, Contains(HasSubstr("goes against the URDF's gravity")));
+  EXPECT_LT(accepted.joints[1].gravity_correlation, -0.9);
+}
+
+TEST_F(LogSurvey, TorquesOfTheMotorsAreAnErrorThatNamesTheGearRatio) {
+  write([](std::size_t, std::vector<double>& cells) { cells[kTau + 1] /= 160; });
+  EXPECT_THAT(error(), AllOf(HasSubstr("column 'tau2'"),
+                             HasSubstr("are these the motor's? Then --tau-scale with the gear ratio (about 1")));
+  Log scaled = log();
+  scaled.format.tau_scale = {1, 160, 1, 1, 1, 1, 1};
+  EXPECT_THAT(survey(scaled, robot_).warnings, IsEmpty());
+}
+
+TEST_F(LogSurvey, PositionsAndTorquesBeyondTheLimitsAreWarningsThatNameTheRow) {
+  robot_.joints[1].q_max = 0.5;
+  robot_.joints[1].q_min = -0.5;
+  robot_.joints[3].tau_max = 2;
+  write();
+  EXPECT_THAT(survey(log(), robot_).warnings,
+              AllOf(Contains(AllOf(HasSubstr("column 'q2'"), HasSubstr("expected -0.5 to 0.5 rad (limits of the URDF)"))),
+                    Contains(AllOf(HasSubstr("column 'tau4'"), HasSubstr("expected at most 2 N.m")))));
+}
+
+TEST_F(LogSurvey, VelocitiesThatAreNotThoseOfThePositionsAreWarnings) {
+  std::ofstream(folder_ / "log.csv") << [&] {
+    std::ostringstream text;
+    text << "t,q1,q2,dq1,dq2,tau1,tau2\n";
+    for (int k = 0; k < 500; ++k) {
+      const double t = k * 0.01, s = std::sin(t), c = std::cos(t);
+      text << t << ',' << s << ',' << 0.5 * s << ',' << 57.3 * c << ',' << -0.5 * c << ',' << s + 0.01 * k << ',' << c << '\n';
+    }
+    return text.str();
+  }();
+  const robot::RobotModel two = robot::load_urdf(COTWIN_SOURCE_DIR "/models/robots/planar2/robot.urdf");
+  const std::vector<std::string> warnings = survey(log(), two, {.accept = true}).warnings;
+  EXPECT_THAT(warnings, Contains(AllOf(HasSubstr("is 57"), HasSubstr("times the derivative of column 'q1'"))));
+  EXPECT_THAT(warnings, Contains(HasSubstr("is not the derivative of column 'q2' (correlation -1)")));
+}
+
+TEST_F(LogSurvey, LogsOfDifferentRatesAreAnError) {
+  write();
+  SyntheticLog other;
+  other.rate = 100;
+  other.write(folder_ / "other.csv", robot_);
+  Log both = log();
+  both.files.push_back(folder_ / "other.csv");
+  EXPECT_THAT(error(both), AllOf(HasSubstr("other.csv"), HasSubstr("is sampled every 0.01 s, expected 0.005 s")));
+}
+
+TEST(MotionSpectrum, TransformIsThatOfItsDefinition) {
+  std::vector<std::complex<double>> x(16), X(16);
+  for (std::size_t i = 0; i < 16; ++i)
+    x[i] = {std::sin(1.0 + static_cast<double>(i * i)), std::cos(3.0 * static_cast<double>(i))};
+  for (std::size_t k = 0; k < 16; ++k)
+    for (std::size_t i = 0; i < 16; ++i)
+      X[k] += x[i] * std::polar(1.0, -2 * std::numbers::pi * static_cast<double>(i * k) / 16);
+  fourier_transform(x);
+  for (std::size_t k = 0; k < 16; ++k) EXPECT_LT(std::abs(x[k] - X[k]), 1e-13) << k;
+}
+
+TEST(MotionSpectrum, FindsTheFrequencyOfASineAtAnyRate) {
+  for (const double rate : {30.0, 125.0, 1000.0}) {
+    MotionSpectrum spectrum(2, rate);
+    for (int k = 0; k < 60 * static_cast<int>(rate); ++k) {
+      const double t = k / rate, q[] = {std::sin(2 * std::numbers::pi * 0.8 * t), 0.5};
+      spectrum.add(q, k == 0);
+    }
+    const std::vector<double> frequency = spectrum.frequency_of_share(0.95);
+    EXPECT_NEAR(frequency[0], 0.8, 0.05) << rate;  // Hann spreads a line over two bins of 1/60 s
+    EXPECT_EQ(frequency[1], 0) << rate;
+  }
+}
+
+/// All blocks one after the other.
+struct Smoothed {
+  std::vector<double> t, q, dq, ddq, tau;
+  Smoothed(const Log& log, std::span<const trajectory::Axis> axes, const Smoothing& smoothing, std::size_t block) {
+    SmoothedLog smoothed(log, axes, smoothing, 5 * smoothing.step, block);
+    while (const Block* b = smoothed.next()) {
+      for (auto [from, to] : {std::pair{&b->t, &t}, {&b->q, &q}, {&b->dq, &dq}, {&b->ddq, &ddq}, {&b->tau, &tau}})
+        to->insert(to->end(), from->begin(), from->end());
+    }
+  }
+};
+
+double largest_difference(const std::vector<double>& a, const std::vector<double>& b) {
+  if (a.size() != b.size()) return std::numeric_limits<double>::infinity();
+  double most = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) most = std::max(most, std::abs(a[i] - b[i]));
+  return most;
+}
+
+TEST(SmoothedLog, InBlocksIsWhatTheWholeWouldGive) {
+  const TemporaryFolder folder("blocks");
+  const robot::RobotModel robot = lwr4();
+  SyntheticLog synthetic;
+  synthetic.rate = 100;
+  synthetic.duration = 60;
+  synthetic.noise = 0.5;
+  for (const double jitter : {0.0, 0.2}) {  // of the step; with it, samples go through a spline onto the grid
+    synthetic.write(folder / "log.csv", robot, [&](std::size_t row, std::vector<double>& cells) {
+      if (row % 3 == 1) cells[0] += jitter * 0.01;
+    });
+    const Log log{{folder / "log.csv"}, {}};
+    const auto axes = trajectory::axes_of(robot);
+    const Smoothing smoothing{0.01, 5, 4, 0.2};
+    const Smoothed whole(log, axes, smoothing, 100000), parts(log, axes, smoothing, 1);
+    EXPECT_EQ(whole.t.size(), grid_points(60, smoothing));
+    EXPECT_LT(largest_difference(whole.t, parts.t), 1e-12);
+    EXPECT_LT(largest_difference(whole.q, parts.q), 1e-8) << jitter;  // rad of 1
+    EXPECT_LT(largest_difference(whole.dq, parts.dq), 1e-7) << jitter;
+    EXPECT_LT(largest_difference(whole.ddq, parts.ddq), 1e-6) << jitter;  // q̈ of an error of 1e-8 at 5 Hz
+    EXPECT_LT(largest_difference(whole.tau, parts.tau), 1e-6) << jitter;  // N.m of 60
+  }
+}
+
+TEST(SmoothedLog, GivesTheMotionAndItsDerivativesWithoutDelay) {
+  const TemporaryFolder folder("derivatives");
+  const robot::RobotModel robot = lwr4();
+  const SyntheticLog synthetic;
+  synthetic.write(folder / "log.csv", robot);
+  const Smoothed smoothed({{folder / "log.csv"}, {}}, trajectory::axes_of(robot), {0.005, 10, 4, 0.5}, 4096);
+  double q = 0, dq = 0, ddq = 0;
+  for (std::size_t k = 0; k < smoothed.t.size(); ++k) {
+    for (std::size_t j = 0; j < 7; ++j) {
+      const Eigen::Vector3d x = synthetic.motion(j, smoothed.t[k]);
+      q = std::max(q, std::abs(smoothed.q[7 * k + j] - x[0]));
+      dq = std::max(dq, std::abs(smoothed.dq[7 * k + j] - x[1]));
+      ddq = std::max(ddq, std::abs(smoothed.ddq[7 * k + j] - x[2]));
+    }
+  }
+  // The motion lies below 0.5 Hz, where the filter's gain misses 1 by 0.41 · 20⁻⁸; what is left are its ends, 5 periods away.
+  EXPECT_LT(q, 1e-4);
+  EXPECT_LT(dq, 1e-3);
+  EXPECT_LT(ddq, 2e-2);
+}
+
+TEST(SmoothedLog, NeverMixesSegmentsAndFiles) {
+  const TemporaryFolder folder("segments");
+  const robot::RobotModel robot = lwr4();
+  const SyntheticLog synthetic;
+  synthetic.write(folder / "a.csv", robot);
+  synthetic.write(folder / "gap.csv", robot, [](std::size_t row, std::vector<double>& cells) {
+    if (row > 2000) cells[0] += 3;
+  });
+  const auto axes = trajectory::axes_of(robot);
+  const Smoothing smoothing{0.005, 10, 4, 0};
+  const Smoothed one({{folder / "a.csv"}, {}}, axes, smoothing, 4096);
+  const Smoothed twice({{folder / "a.csv", folder / "a.csv"}, {}}, axes, smoothing, 4096);
+  ASSERT_EQ(twice.q.size(), 2 * one.q.size());
+  EXPECT_TRUE(std::equal(one.ddq.begin(), one.ddq.end(), twice.ddq.begin() + static_cast<std::ptrdiff_t>(one.ddq.size())));
+  const Smoothed gap({{folder / "gap.csv"}, {}}, axes, smoothing, 4096);
+  EXPECT_EQ(gap.t.size(), 4001u);
+  EXPECT_NEAR(gap.t[2001] - gap.t[2000], 3.005, 1e-9);
+}
+
+}  // namespace
+}  // namespace cotwin::measurement

@@ -1,0 +1,37 @@
+#pragma once
+#include <filesystem>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "components/unit/unit_table.h"
+
+/// The units that tests walk through without naming them. Settings and start values that a unit needs to be run at all stand in
+/// tests/components/properties/<unit>.sources (a line a variant: the query of its source) and <unit>.ssv, which is the first
+/// variant's.
+namespace cotwin::testing {
+
+inline std::filesystem::path properties_folder() {
+  return std::filesystem::path(COTWIN_SOURCE_DIR) / "tests/components/properties";
+}
+
+/// The sources of a unit in all its variants, one at least.
+inline std::vector<std::string> unit_sources(const UnitType& type) {
+  const std::string source = std::string("unit:") + type.name;
+  std::ifstream queries(properties_folder() / (std::string(type.name) + ".sources"));
+  std::vector<std::string> all;
+  for (std::string query; std::getline(queries, query);) all.push_back(query.empty() ? source : source + "?" + query);
+  if (all.empty()) all.push_back(source);
+  return all;
+}
+
+/// The start values of a source of unit_sources(); none for most.
+inline std::vector<ParameterSet> start_values(const std::string& source) {
+  const std::string unit = parse_unit_source(source).unit;
+  const std::filesystem::path file = properties_folder() / (unit + ".ssv");
+  const UnitType type{unit.c_str(), "", nullptr};
+  if (!std::filesystem::exists(file) || unit_sources(type).front() != source) return {};
+  return {load_parameter_set(file)};
+}
+
+}  // namespace cotwin::testing
