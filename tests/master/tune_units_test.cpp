@@ -97,7 +97,8 @@ TEST(TuneUnits, ATwinThatMaturesGoesOnToTheSameBitsWhereItIsRestored) {
       twin.initialise(Time{});
     }
     void run(int from, int to) {
-      for (int n = from; n < to; ++n) ASSERT_EQ(twin.step(Time{n * 1'000'000}, Duration{1'000'000}), StepResult::kDone) << n;
+      for (std::int64_t n = from; n < to; ++n)
+        ASSERT_EQ(twin.step(Time{n * 1'000'000}, Duration{1'000'000}), StepResult::kDone) << n;
     }
     Snapshot save() {
       Snapshot snapshot;
