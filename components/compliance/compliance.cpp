@@ -45,8 +45,7 @@ Compliance::Compliance(Settings& settings) {
   n_ = static_cast<std::size_t>(robot.n());
   dynamics_ = std::make_unique<Dynamics>(robot);
   for (Joints* input : {&q_d_, &dq_d_, &ddq_d_, &q_, &dq_, &theta_, &dtheta_, &tau_e_, &tau_e_rate_}) input->resize(n_);
-  for (Joints* drive : {&K_, &B_, &tau_max_, &tau_C_, &sigma0_, &sigma1_, &sigma2_, &tau_S_, &tau_0_}) drive->resize(n_);
-  for (Joints* link : {&link_tau_C_, &link_sigma2_, &link_tau_0_, &link_A_, &link_alpha_, &link_s_, &link_k_}) link->resize(n_);
+  for (Joints* drive : {&K_, &tau_max_, &sigma0_, &sigma1_, &link_A_, &link_alpha_, &link_s_, &link_k_}) drive->resize(n_);
   for (Joints* state : {&Delta_, &dDelta_, &ddq_d_before_, &tau_w_, &dtau_w_, &z_, &theta_c_, &dtheta_c_}) state->resize(n_);
   for (Joints* output : {&q_c_, &dq_c_, &ddq_c_, &tau_m_, &tau_id_, &tau_f_, &tau_excess_}) output->resize(n_);
   for (Joints* scratch : {&e_, &de_, &a_q_, &a_theta_, &tau_fl_, &tau_fm_, &tau_unwound_}) scratch->resize(n_);
@@ -56,13 +55,18 @@ Compliance::Compliance(Settings& settings) {
   }
   // A drive of which nothing is known, as the drive train takes it: an elastic joint that is held for a rigid one is unstable.
   K_.assign(n_, 1e4);
-  B_.assign(n_, 1.0);
-  v_R_.assign(n_, 0.01);
-  v_S_.assign(n_, 0.1);
   delta_.assign(n_, 2.0);
-  link_v_R_.assign(n_, 0.01);
-  wanted_ = {Joints(n_, 1.0), Joints(n_, 0.0),  Joints(n_, 1.0),  Joints(n_, 200.0), Joints(n_, 30.0),
-             Joints(n_, 1.0), Joints(n_, 30.0), Joints(n_, 20.0), Joints(n_, 1.0),   Joints(1, 0.0)};
+  for (Joints* one : wanted_.all()) one->assign(n_, 0.0);
+  wanted_.passivity.assign(1, 0.0);
+  const auto fill = [](Joints& values, double value) { std::ranges::fill(values, value); };
+  for (Joints* of_one : {&wanted_.B, &wanted_.M_a, &wanted_.zeta_a, &wanted_.zeta, &wanted_.shaping}) fill(*of_one, 1);
+  fill(wanted_.S_a, 200);
+  fill(wanted_.omega, 30);
+  fill(wanted_.Lambda, 30);
+  fill(wanted_.K_s, 20);
+  fill(wanted_.v_R, 0.01);
+  fill(wanted_.v_S, 0.1);
+  fill(wanted_.link_v_R, 0.01);
   in_force_ = wanted_;
 }
 
@@ -155,15 +159,17 @@ void Compliance::move_compliantly(double h) {
 // Of the motor as the reference moves it, over a step at whose end it has the speed θ̇_c.
 double Compliance::motor_friction(std::size_t i, double h) {
   const double v = dtheta_c_[i];
-  if (sigma0_[i] == 0) return robot::CoulombViscous{tau_C_[i], sigma2_[i], tau_0_[i], v_R_[i]}.at(v).torque;
-  const robot::Bristle bristle{sigma0_[i], sigma1_[i], sigma2_[i], tau_C_[i], std::max(tau_C_[i], tau_S_[i]),
-                               v_S_[i],    delta_[i]};
+  const Tunables& p = in_force_;
+  if (sigma0_[i] == 0) return robot::CoulombViscous{p.tau_C[i], p.sigma2[i], p.tau_0[i], p.v_R[i]}.at(v).torque;
+  const robot::Bristle bristle{sigma0_[i], sigma1_[i], p.sigma2[i], p.tau_C[i], std::max(p.tau_C[i], p.tau_S[i]),
+                               p.v_S[i],   delta_[i]};
   if (h > 0) z_[i] = robot::lugre_after(bristle, v, z_[i], h);
-  return robot::lugre(bristle, v, z_[i]).torque + tau_0_[i];
+  return robot::lugre(bristle, v, z_[i]).torque + p.tau_0[i];
 }
 
 double Compliance::link_friction(std::size_t i) const {
-  const robot::CoulombViscous sliding{link_tau_C_[i], link_sigma2_[i], link_tau_0_[i], link_v_R_[i]};
+  const Tunables& p = in_force_;
+  const robot::CoulombViscous sliding{p.link_tau_C[i], p.link_sigma2[i], p.link_tau_0[i], p.link_v_R[i]};
   const robot::Sigmoid sigmoid{link_A_[i], link_alpha_[i], link_s_[i], link_k_[i]};
   return sliding.at(dq_c_[i]).torque + sigmoid.at(dq_c_[i]).torque;
 }
@@ -228,7 +234,7 @@ void Compliance::track(double h) {
   saturated_ = false;
   for (std::size_t i = 0; i < n_; ++i) {
     const double shaping = K_[i] > 0 ? in_force_.shaping[i] : 1;
-    double u = d.tau[static_cast<Eigen::Index>(i)] + B_[i] * (a_theta_[i] / shaping + feedback(i)) + tau_fl_[i];
+    double u = d.tau[static_cast<Eigen::Index>(i)] + in_force_.B[i] * (a_theta_[i] / shaping + feedback(i)) + tau_fl_[i];
     if (tau_e_acts_on_robot_) u -= tau_e_[i] + tau_e_rate_[i] * h / 2;
     // τ_m = u gives B θ̈ + τ_J = u, and τ_m = r u − (r − 1) τ_J gives (B/r) θ̈ + τ_J = u; but what jumps in u is not amplified.
     const double tau_J = K_[i] * (theta_[i] - q_[i]);

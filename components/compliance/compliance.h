@@ -25,8 +25,8 @@ namespace cotwin::compliance {
 /// 1/h). Not in here: Cartesian impedance (3a), (3b).
 ///
 /// The desired motion is expected for the end of a step (its source steps first), measurements for its beginning: as a robot's
-/// controller, which knows where it wants to be next and where it has just been. The admittance parameters and gains in force
-/// follow the tunables smoothly, so nothing jumps when they are changed.
+/// controller, which knows where it wants to be next and where it has just been. Admittance, gains, bodies, B and friction in
+/// force follow the tunables smoothly, so nothing jumps when they are changed.
 class Compliance final : public Unit {
  public:
   /// Settings: those of Settings::robot().
@@ -43,17 +43,25 @@ class Compliance final : public Unit {
   using Joints = std::vector<double>;  // one value a joint
   struct Dynamics;
 
-  struct Gains {
-    Joints M_a, D_a, zeta_a, S_a;  // admittance
-    Joints omega, zeta;            // computed torque
-    Joints Lambda, K_s;            // passivity-based tracking
-    Joints shaping;                // of the motor inertia
-    Joints passivity;              // one value: the weight of the latter, 0 … 1
+  /// What may be changed while the robot moves.
+  struct Tunables {
+    Joints M_a, D_a, zeta_a, S_a;              // admittance
+    Joints omega, zeta;                        // computed torque
+    Joints Lambda, K_s;                        // passivity-based tracking
+    Joints shaping;                            // of the motor inertia
+    Joints passivity;                          // one value: the weight of the latter, 0 … 1
+    Joints B;                                  // of the motors
+    Joints tau_C, v_R, sigma2, tau_S, v_S;     // friction of the motor side
+    Joints link_tau_C, link_v_R, link_sigma2;  // and of the link side
+    Joints tau_0, link_tau_0;                  // which alone may be negative
 
-    static constexpr std::array kNames = {"M_a",  "D_a",    "zeta_a", "S_a",     "omega",
-                                          "zeta", "Lambda", "K_s",    "shaping", "passivity"};
+    static constexpr std::array kNames = {"M_a",   "D_a",     "zeta_a",     "S_a",      "omega",       "zeta",  "Lambda",
+                                          "K_s",   "shaping", "passivity",  "B",        "tau_C",       "v_R",   "sigma2",
+                                          "tau_S", "v_S",     "link_tau_C", "link_v_R", "link_sigma2", "tau_0", "link_tau_0"};
+    static constexpr std::size_t kSigned = 2;  // at the end
     std::array<Joints*, kNames.size()> all() {
-      return {&M_a, &D_a, &zeta_a, &S_a, &omega, &zeta, &Lambda, &K_s, &shaping, &passivity};
+      return {&M_a,   &D_a, &zeta_a, &S_a,   &omega, &zeta,       &Lambda,   &K_s,         &shaping, &passivity, &B,
+              &tau_C, &v_R, &sigma2, &tau_S, &v_S,   &link_tau_C, &link_v_R, &link_sigma2, &tau_0,   &link_tau_0};
     }
   };
 
@@ -74,17 +82,15 @@ class Compliance final : public Unit {
   // Inputs.
   Joints q_d_, dq_d_, ddq_d_, q_, dq_, theta_, dtheta_, tau_e_, tau_e_rate_;
   // Parameters.
-  Joints K_, B_, tau_max_;
-  Joints tau_C_, sigma2_, tau_0_, v_R_;                      // friction of the motor side,
-  Joints sigma0_, sigma1_, tau_S_, v_S_, delta_;             // perhaps with a bristle,
-  Joints link_tau_C_, link_sigma2_, link_tau_0_, link_v_R_;  // and of the link side
-  Joints link_A_, link_alpha_, link_s_, link_k_;
+  Joints K_, tau_max_;
+  Joints sigma0_, sigma1_, delta_;                // bristle of the motor side's friction
+  Joints link_A_, link_alpha_, link_s_, link_k_;  // sigmoid friction of the link side
   bool tau_e_acts_on_robot_ = true;
   double transition_ = 0.05;        // s
   double elastic_bandwidth_ = 500;  // rad/s
-  Gains wanted_;
+  Tunables wanted_;
   // States.
-  Gains in_force_;
+  Tunables in_force_;
   Joints Delta_, dDelta_;      // q_c − q_d
   Joints ddq_d_before_;        // at the beginning of the step
   Joints tau_w_, dtau_w_;      // smoothed τ_J,c, which winds up the elastic joints

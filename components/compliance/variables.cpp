@@ -1,5 +1,6 @@
 // The unit's variables: names, meaning, what values they may have.
 #include <array>
+#include <cmath>
 #include <string>
 
 #include "components/compliance/compliance.h"
@@ -29,24 +30,25 @@ void Compliance::declare(Variables& v) {
 
   v.parameter("K", K_, "N.m/rad", "joint stiffness of (2c) for the feed-forward of flexibility; 0: the joint is taken as rigid")
       .range(0, kAny);
-  v.parameter("B", B_, "kg.m2", "gear-reflected motor inertia of (2b) for the feed-forward").range(0, kAny);
+  v.tunable("B", wanted_.B, "kg.m2", "gear-reflected motor inertia of (2b) for the feed-forward").range(0, kAny);
   v.parameter("tau_max", tau_max_, "N.m", "limit of the motor torque, from the URDF's effort; 0: none").range(0, kAny);
-  v.parameter("tau_C", tau_C_, "N.m", "Coulomb friction of the motor side, tau_C tanh(dtheta_c / v_R), for the feed-forward")
+  v.tunable("tau_C", wanted_.tau_C, "N.m",
+            "Coulomb friction of the motor side, tau_C tanh(dtheta_c / v_R), for the feed-forward")
       .range(0, kAny);
-  v.parameter("v_R", v_R_, "rad/s", "speed over which tau_C changes its sign").range(1e-9, kAny);
-  v.parameter("sigma2", sigma2_, "N.m.s/rad", "viscous friction of the motor side").range(0, kAny);
+  v.tunable("v_R", wanted_.v_R, "rad/s", "speed over which tau_C changes its sign").range(1e-9, kAny);
+  v.tunable("sigma2", wanted_.sigma2, "N.m.s/rad", "viscous friction of the motor side").range(0, kAny);
   v.parameter("sigma0", sigma0_, "N.m/rad", "stiffness of a LuGre bristle, which then stands for tau_C tanh(..); 0: none")
       .range(0, kAny);
   v.parameter("sigma1", sigma1_, "N.m.s/rad", "damping of the bristle").range(0, kAny);
-  v.parameter("tau_S", tau_S_, "N.m", "breakaway torque of the bristle; at least tau_C is taken").range(0, kAny);
-  v.parameter("v_S", v_S_, "rad/s", "Stribeck speed of the bristle").range(1e-9, kAny);
+  v.tunable("tau_S", wanted_.tau_S, "N.m", "breakaway torque of the bristle; at least tau_C is taken").range(0, kAny);
+  v.tunable("v_S", wanted_.v_S, "rad/s", "Stribeck speed of the bristle").range(1e-9, kAny);
   v.parameter("delta", delta_, "1", "Stribeck exponent of the bristle").range(0.1, 10);
-  v.parameter("tau_0", tau_0_, "N.m", "offset of the motor side's friction");
-  v.parameter("link_tau_C", link_tau_C_, "N.m", "Coulomb friction of the link side, which a joint torque sensor feels")
+  v.tunable("tau_0", wanted_.tau_0, "N.m", "offset of the motor side's friction");
+  v.tunable("link_tau_C", wanted_.link_tau_C, "N.m", "Coulomb friction of the link side, which a joint torque sensor feels")
       .range(0, kAny);
-  v.parameter("link_v_R", link_v_R_, "rad/s", "speed over which link_tau_C changes its sign").range(1e-9, kAny);
-  v.parameter("link_sigma2", link_sigma2_, "N.m.s/rad", "viscous friction of the link side").range(0, kAny);
-  v.parameter("link_tau_0", link_tau_0_, "N.m", "offset of the link side's friction");
+  v.tunable("link_v_R", wanted_.link_v_R, "rad/s", "speed over which link_tau_C changes its sign").range(1e-9, kAny);
+  v.tunable("link_sigma2", wanted_.link_sigma2, "N.m.s/rad", "viscous friction of the link side").range(0, kAny);
+  v.tunable("link_tau_0", wanted_.link_tau_0, "N.m", "offset of the link side's friction");
   v.parameter("link_A", link_A_, "N.m", "height of sigmoid friction of the link side, k + A / (1 + exp(-alpha (dq_c + s)))");
   v.parameter("link_alpha", link_alpha_, "s/rad", "steepness of sigmoid friction");
   v.parameter("link_s", link_s_, "rad/s", "shift of sigmoid friction");
@@ -85,6 +87,17 @@ void Compliance::declare(Variables& v) {
   v.state("K_s_in_force", in_force_.K_s, "N.m.s/rad", "K_s on its way to the tunable");
   v.state("shaping_in_force", in_force_.shaping, "1", "shaping on its way to the tunable");
   v.state("passivity_in_force", in_force_.passivity, "1", "passivity on its way to the tunable");
+  v.state("B_in_force", in_force_.B, "kg.m2", "B on its way to the tunable");
+  v.state("tau_C_in_force", in_force_.tau_C, "N.m", "tau_C on its way to the tunable");
+  v.state("v_R_in_force", in_force_.v_R, "rad/s", "v_R on its way to the tunable");
+  v.state("sigma2_in_force", in_force_.sigma2, "N.m.s/rad", "sigma2 on its way to the tunable");
+  v.state("tau_S_in_force", in_force_.tau_S, "N.m", "tau_S on its way to the tunable");
+  v.state("v_S_in_force", in_force_.v_S, "rad/s", "v_S on its way to the tunable");
+  v.state("tau_0_in_force", in_force_.tau_0, "N.m", "tau_0 on its way to the tunable");
+  v.state("link_tau_C_in_force", in_force_.link_tau_C, "N.m", "link_tau_C on its way to the tunable");
+  v.state("link_v_R_in_force", in_force_.link_v_R, "rad/s", "link_v_R on its way to the tunable");
+  v.state("link_sigma2_in_force", in_force_.link_sigma2, "N.m.s/rad", "link_sigma2 on its way to the tunable");
+  v.state("link_tau_0_in_force", in_force_.link_tau_0, "N.m", "link_tau_0 on its way to the tunable");
   v.state("Delta", Delta_, "rad", "compliant deviation q_c - q_d");
   v.state("dDelta", dDelta_, "rad/s", "rate of the compliant deviation");
   v.state("ddq_d_before", ddq_d_before_, "rad/s2", "desired joint acceleration at the beginning of the next step");
@@ -107,10 +120,13 @@ void Compliance::declare(Variables& v) {
 }
 
 void Compliance::check() {
-  const auto gains = wanted_.all();
-  for (std::size_t k = 0; k < gains.size(); ++k) {
-    for (std::size_t i = 0; i < gains[k]->size(); ++i) {
-      if (!((*gains[k])[i] >= 0)) refuse(Gains::kNames[k], i, (*gains[k])[i], ">= 0");
+  const auto all = wanted_.all();
+  for (std::size_t k = 0; k < all.size(); ++k) {
+    const bool signed_too = k >= all.size() - Tunables::kSigned;
+    for (std::size_t i = 0; i < all[k]->size(); ++i) {
+      const double value = (*all[k])[i];
+      if (!std::isfinite(value)) refuse(Tunables::kNames[k], i, value, "a finite value");
+      if (!(signed_too || value >= 0)) refuse(Tunables::kNames[k], i, value, ">= 0");
     }
   }
   if (!(wanted_.passivity[0] <= 1)) refuse("passivity", 0, wanted_.passivity[0], "0 to 1");
@@ -118,9 +134,9 @@ void Compliance::check() {
     if (!(wanted_.M_a[i] > 0)) refuse("M_a", i, wanted_.M_a[i], "> 0 kg.m2");
     if (!(wanted_.shaping[i] >= 1)) refuse("shaping", i, wanted_.shaping[i], ">= 1");
     if (!(K_[i] >= 0)) refuse("K", i, K_[i], ">= 0 N.m/rad");
-    if (!(v_S_[i] > 0)) refuse("v_S", i, v_S_[i], "> 0 rad/s");
-    if (!(v_R_[i] > 0)) refuse("v_R", i, v_R_[i], "> 0 rad/s");
-    if (!(link_v_R_[i] > 0)) refuse("link_v_R", i, link_v_R_[i], "> 0 rad/s");
+    if (!(wanted_.v_S[i] > 0)) refuse("v_S", i, wanted_.v_S[i], "> 0 rad/s");
+    if (!(wanted_.v_R[i] > 0)) refuse("v_R", i, wanted_.v_R[i], "> 0 rad/s");
+    if (!(wanted_.link_v_R[i] > 0)) refuse("link_v_R", i, wanted_.link_v_R[i], "> 0 rad/s");
   }
 }
 

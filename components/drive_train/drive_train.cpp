@@ -1,6 +1,7 @@
 #include "components/drive_train/drive_train.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <optional>
@@ -20,6 +21,11 @@ constexpr double kFarOff = 1e4;
 constexpr const char* kFarOffWarning =
     "sub-steps that max_substeps forced missed the tolerance by far (outputs forced_substeps, error_estimate): expected more "
     "max_substeps, shorter steps or method=cvode";
+
+/// What may change while the robot moves, in the order of the state `drives`.
+constexpr std::array kFollowed = {
+    &Parameters::B,     &Parameters::sigma2,     &Parameters::tau_C,       &Parameters::tau_S,      &Parameters::v_S,
+    &Parameters::tau_0, &Parameters::link_tau_C, &Parameters::link_sigma2, &Parameters::link_tau_0, &Parameters::link_v_R};
 
 }  // namespace
 
@@ -65,6 +71,8 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
       equations_(kind.robot ? &*kind.robot : nullptr, n_, kind.link, kind.transmission, kind.friction),
       rosenbrock_(equations_),
       partials_(equations_),
+      wanted_(n_),
+      drives_(kFollowed.size() * n_),
       q0_(n_),
       dq0_(n_),
       tau_m_(n_),
@@ -89,7 +97,7 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
     atol_ = 1e-9;
     atol_speed_ = 1e-7;
   }
-  Parameters& p = equations_.parameters();
+  Parameters& p = wanted_;
   const auto fill = [](std::vector<double>& v, double value) { std::fill(v.begin(), v.end(), value); };
   // A robot of which nothing is known: stiff, light, frictionless drives. Neither is measured.
   fill(p.K, 1e4);
@@ -101,6 +109,7 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
   fill(p.stop_restitution, 0.5);
   fill(p.q_min, -kInfinity);
   fill(p.q_max, kInfinity);
+  take_drives();
   if (!kind.robot) return;
   for (std::size_t i = 0; i < n_; ++i) {
     const robot::Joint& joint = kind.robot->joints[i];
@@ -186,13 +195,45 @@ void DriveTrain::check_inputs(Time now) const {
   check("dq", dq_in_);
 }
 
+/// All parameters as they are wanted, at once.
+void DriveTrain::take_drives() {
+  for (std::size_t k = 0; k < kFollowed.size(); ++k) std::ranges::copy(wanted_.*kFollowed[k], drive(k).begin());
+  equations_.parameters() = wanted_;
+  equations_.adopt_parameters();
+}
+
+/// Goes on towards what is wanted: `remaining` of the way is left. True if anything changed.
+bool DriveTrain::follow_drives(double remaining) {
+  bool changed = false;
+  for (std::size_t k = 0; k < kFollowed.size() && !changed; ++k) changed = !std::ranges::equal(wanted_.*kFollowed[k], drive(k));
+  if (!changed) return false;
+  check_parameters();
+  for (std::size_t k = 0; k < kFollowed.size(); ++k) {
+    const std::span<double> in_force = drive(k);
+    for (std::size_t i = 0; i < n_; ++i) {
+      const double target = (wanted_.*kFollowed[k])[i], next = target + (in_force[i] - target) * remaining;
+      // the last part of the way in one step, so that it ends
+      in_force[i] = std::abs(next - target) <= 1e-9 * (std::abs(target) + 1e-3) ? target : next;
+    }
+  }
+  adopt_drives();
+  return true;
+}
+
+void DriveTrain::adopt_drives() {
+  for (std::size_t k = 0; k < kFollowed.size(); ++k)
+    std::ranges::copy(drive(k), (equations_.parameters().*kFollowed[k]).begin());
+  equations_.adopt_parameters();
+}
+
 void DriveTrain::initialise(Time start) {
   check_parameters();
   check_inputs(start);
-  equations_.adopt_parameters();
+  take_drives();
+  drives_before_step_ = drives_;  // makes the room that steps need
   if (equations_.inside()) {
     equations_.take_bodies(place_);
-    bodies_before_step_ = equations_.bodies().in_force;  // makes the room that steps need
+    bodies_before_step_ = equations_.bodies().in_force;
   }
   rosenbrock_.forget();
   equations_.modes().clear();
@@ -266,9 +307,15 @@ StepResult DriveTrain::step(Time now, Duration duration) {
   check_inputs(now);
   const double h = duration.seconds();
   take_course(h);
-  const bool tunable = equations_.inside() && !uses_sundials();
-  if (tunable) bodies_before_step_ = equations_.bodies().in_force;
-  if (tunable && equations_.follow_bodies(place_, transition_ > 0 ? std::exp(-h / transition_) : 0.0)) rosenbrock_.forget();
+  const bool follows = !uses_sundials(), with_bodies = follows && equations_.inside();
+  if (with_bodies) bodies_before_step_ = equations_.bodies().in_force;
+  if (follows) {
+    const double remaining = transition_ > 0 ? std::exp(-h / transition_) : 0.0;
+    drives_before_step_ = drives_;
+    const bool drives_change = follow_drives(remaining);
+    const bool bodies_change = with_bodies && equations_.follow_bodies(place_, remaining);
+    if (drives_change || bodies_change) rosenbrock_.forget();
+  }
   x_before_step_ = x_;
   modes_before_step_ = equations_.modes();
   const double proposal_before = proposal_;
@@ -281,9 +328,13 @@ StepResult DriveTrain::step(Time now, Duration duration) {
     x_ = x_before_step_;
     equations_.modes() = modes_before_step_;
     proposal_ = proposal_before;
-    if (tunable) {
+    if (with_bodies) {
       equations_.bodies().in_force = bodies_before_step_;
       equations_.restored_bodies();
+    }
+    if (follows) {
+      drives_ = drives_before_step_;
+      adopt_drives();
     }
     rosenbrock_.forget();
     return StepResult::kDiscard;
@@ -342,7 +393,8 @@ void DriveTrain::evaluate_partials(std::span<double> values) {
 }
 
 void DriveTrain::restored() {
-  equations_.adopt_parameters();
+  equations_.parameters() = wanted_;
+  adopt_drives();
   if (equations_.inside()) equations_.restored_bodies();
   rosenbrock_.forget();
   if (!uses_sundials()) return;

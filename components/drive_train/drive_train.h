@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -23,6 +24,9 @@ namespace cotwin::drive_train {
 /// (models/robot/friction.h). transmission=rigid sets θ = q and adds (2b) to (2a); τ_J is what (2b) leaves for the link. Not in
 /// here: motor currents, temperature, load-dependent friction.
 ///
+/// The bodies, B and friction (but for the bristle's stiffness, damping and shape) may be changed while the robot moves
+/// (method=rosenbrock); what is in force follows smoothly, so nothing jumps.
+///
 /// Settings: robot (link=outside: or joints); link=inside|outside; transmission=flexible|rigid;
 /// friction=lugre|elasto_plastic|coulomb; method=rosenbrock|cvode|arkode; unphysical=error|warn, of the robot's inertias.
 class DriveTrain final : public Unit {
@@ -43,6 +47,10 @@ class DriveTrain final : public Unit {
   DriveTrain(Settings& settings, const Kind& kind);
   void declare_parameters(Variables& variables);
   void check_parameters() const;
+  std::span<double> drive(std::size_t k) { return {drives_.data() + k * n_, n_}; }
+  void take_drives();
+  bool follow_drives(double remaining);
+  void adopt_drives();
   void check_inputs(Time now) const;
   void take_course(double h);
   void write_outputs(double h, const Point& end);
@@ -55,6 +63,8 @@ class DriveTrain final : public Unit {
   Partials partials_;
   std::unique_ptr<SundialsSolver> sundials_;
 
+  Parameters wanted_;                                // as declared; what is in force is the equations'
+  std::vector<double> drives_, drives_before_step_;  // in force, of those that may change
   std::vector<double> q0_, dq0_;
   double rtol_ = 0, atol_ = 3e-10, atol_speed_ = 2e-7;
   std::int32_t max_substeps_ = 64, input_order_ = 0, link_order_ = -1;

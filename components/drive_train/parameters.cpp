@@ -8,29 +8,34 @@
 namespace cotwin::drive_train {
 
 void DriveTrain::declare_parameters(Variables& v) {
-  Parameters& p = equations_.parameters();
+  Parameters& p = wanted_;
   constexpr double most = 1e12;  // a bound that no drive reaches
+  // SUNDIALS' history is replayed after a restored snapshot, with the parameters of its end: they have to be those of its
+  // beginning.
+  const auto declare = [&](const char* name, std::vector<double>& values, const char* si, const char* description) {
+    return uses_sundials() ? v.parameter(name, values, si, description) : v.tunable(name, values, si, description);
+  };
   v.parameter("q0", q0_, "rad", "link-side joint position at the start, inside");
   v.parameter("dq0", dq0_, "rad/s", "link-side and motor speed at the start, inside");
   v.parameter("K", p.K, "N.m/rad", "joint stiffness, diagonal of K in (2c)").range(0, most);
-  v.parameter("B", p.B, "kg.m2", "motor inertia behind the gear, diagonal of B in (2b)").range(0, most);
+  declare("B", p.B, "kg.m2", "motor inertia behind the gear, diagonal of B in (2b)").range(0, most);
   v.parameter("D", p.D, "N.m.s/rad", "joint damping parallel to K").range(0, most);
   v.parameter("backlash", p.backlash, "rad", "half of the gear's play").range(0, most);
   v.parameter("sigma0", p.sigma0, "N.m/rad", "bristle stiffness of the motor's friction; 0 for no bristle").range(0, most);
   v.parameter("sigma1", p.sigma1, "N.m.s/rad", "bristle damping").range(0, most);
-  v.parameter("sigma2", p.sigma2, "N.m.s/rad", "viscous friction of the motor").range(0, most);
-  v.parameter("tau_C", p.tau_C, "N.m", "Coulomb friction of the motor").range(0, most);
-  v.parameter("tau_S", p.tau_S, "N.m", "breakaway torque of the motor, at least tau_C").range(0, most);
-  v.parameter("v_S", p.v_S, "rad/s", "Stribeck speed").range(0, most);
+  declare("sigma2", p.sigma2, "N.m.s/rad", "viscous friction of the motor").range(0, most);
+  declare("tau_C", p.tau_C, "N.m", "Coulomb friction of the motor").range(0, most);
+  declare("tau_S", p.tau_S, "N.m", "breakaway torque of the motor, at least tau_C").range(0, most);
+  declare("v_S", p.v_S, "rad/s", "Stribeck speed").range(0, most);
   v.parameter("delta", p.delta, "1", "Stribeck exponent").range(0.1, 10);
   v.parameter("breakaway", p.breakaway, "1", "friction=elasto_plastic: share of the sliding deflection that is purely elastic")
       .range(0, 0.99);
-  v.parameter("tau_0", p.tau_0, "N.m", "constant part of the motor's friction, which makes it asymmetric");
+  declare("tau_0", p.tau_0, "N.m", "constant part of the motor's friction, which makes it asymmetric");
   // of the links, which play their part where these are inside
-  v.parameter("link_tau_C", p.link_tau_C, "N.m", "Coulomb friction of the link, behind the torque sensor").range(0, most);
-  v.parameter("link_sigma2", p.link_sigma2, "N.m.s/rad", "viscous friction of the link").range(0, most);
-  v.parameter("link_tau_0", p.link_tau_0, "N.m", "constant part of the link's friction");
-  v.parameter("link_v_R", p.link_v_R, "rad/s", "speed below which link_tau_C creeps instead of sticking").range(0, most);
+  declare("link_tau_C", p.link_tau_C, "N.m", "Coulomb friction of the link, behind the torque sensor").range(0, most);
+  declare("link_sigma2", p.link_sigma2, "N.m.s/rad", "viscous friction of the link").range(0, most);
+  declare("link_tau_0", p.link_tau_0, "N.m", "constant part of the link's friction");
+  declare("link_v_R", p.link_v_R, "rad/s", "speed below which link_tau_C creeps instead of sticking").range(0, most);
   v.parameter("link_A", p.link_A, "N.m", "height of the link's sigmoid friction k + A/(1 + exp(-alpha (dq + s)))");
   v.parameter("link_alpha", p.link_alpha, "s/rad", "its steepness");
   v.parameter("link_s", p.link_s, "rad/s", "its shift");
@@ -54,23 +59,20 @@ void DriveTrain::declare_parameters(Variables& v) {
        "link_order", link_order_,
        "the same for q and dq with link=outside: 1 where their source makes its step before this unit's; -1: as input_order")
       .range(-1, 1);
+  v.parameter("transition", transition_, "s", "time constant with which what is in force follows the tunables; 0: at once")
+      .range(0, 1e6);
+  if (!uses_sundials())
+    v.state("drives", drives_, "1", "in force of each joint: B, sigma2, tau_C … link_v_R, in the order above");
   if (!equations_.inside()) return;
   robot::BodyParameters& b = equations_.bodies();
-  // SUNDIALS' history is replayed after a restored snapshot, with the bodies of its end: they have to be those of its
-  // beginning.
-  const auto declare = [&](const char* name, std::vector<double>& values, const char* si, const char* description) {
-    return uses_sundials() ? v.parameter(name, values, si, description) : v.tunable(name, values, si, description);
-  };
   declare("mass", b.mass, "kg", "mass of each body of the robot, as its model has it at the start");
   declare("first_moment", b.first_moment, "kg.m", "mass times centre of mass of body after body, in its frame (x, y, z)");
   declare("inertia", b.inertia, "kg.m2", "inertia of body after body about its frame's origin: xx, xy, xz, yy, yz, zz");
-  v.parameter("transition", transition_, "s", "time constant with which the bodies follow changes of these; 0: at once")
-      .range(0, 1e6);
   v.state("bodies", b.in_force, "1", "the ten inertial parameters in force of body after body");
 }
 
 void DriveTrain::check_parameters() const {
-  const Parameters& p = equations_.parameters();
+  const Parameters& p = wanted_;
   const auto fail = [&](const char* name, std::size_t i, double value, const std::string& expected) {
     throw Error(place_ + "." + name + "[" + std::to_string(i + 1) + "]",
                 "is " + text::to_text(value) + ", expected " + expected);
@@ -101,13 +103,13 @@ void DriveTrain::check_parameters() const {
       fail("tau_C", i, p.tau_C[i], "0 where no bristle carries it (sigma0 = 0), or friction=coulomb");
     if (p.tau_S[i] < p.tau_C[i]) fail("tau_S", i, p.tau_S[i], "at least tau_C = " + text::to_text(p.tau_C[i]) + " N.m");
     if (!(p.breakaway[i] >= 0 && p.breakaway[i] < 1)) fail("breakaway", i, p.breakaway[i], "0 to below 1");
-    if (!equations_.inside()) continue;
-    finite("q0", q0_);
-    finite("dq0", dq0_);
     not_negative("link_tau_C", p.link_tau_C);
     not_negative("link_sigma2", p.link_sigma2);
     finite("link_tau_0", p.link_tau_0);
     positive("link_v_R", p.link_v_R);
+    if (!equations_.inside()) continue;
+    finite("q0", q0_);
+    finite("dq0", dq0_);
     finite("link_A", p.link_A);
     finite("link_alpha", p.link_alpha);
     finite("link_s", p.link_s);

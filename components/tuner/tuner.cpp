@@ -53,12 +53,13 @@ Tuner::Tuner(Settings& settings)
   model_.motor_inertia = settings.boolean("motor_inertia", false);
   wait_ = settings.boolean("wait", true);
   for (Values* v :
-       {&q_, &dq_, &tau_, &mass_, &tau_C_, &tau_S_, &v_S_, &sigma2_, &tau_0_, &B_, &rms_, &rms_prior_, &rms_floor_}) {
+       {&q_, &dq_, &tau_, &mass_, &tau_C_, &tau_S_, &v_S_, &v_R_, &sigma2_, &tau_0_, &B_, &rms_, &rms_prior_, &rms_floor_}) {
     v->assign(n_, 0.0);
   }
   first_moment_.resize(3 * n_);
   inertia_.resize(6 * n_);
-  std::fill(v_S_.begin(), v_S_.end(), 0.1);
+  std::fill(v_S_.begin(), v_S_.end(), identification::JointDrive{}.v_S);
+  std::fill(v_R_.begin(), v_R_.end(), model_.v_R);
 }
 
 Tuner::~Tuner() = default;
@@ -75,6 +76,7 @@ void Tuner::declare(Variables& v) {
   v.output("tau_C", tau_C_, "N.m", "Coulomb friction");
   v.output("tau_S", tau_S_, "N.m", "breakaway torque");
   v.output("v_S", v_S_, "rad/s", "Stribeck speed");
+  v.output("v_R", v_R_, "rad/s", "speed over which Coulomb friction changes its sign; found with friction=sigmoid");
   v.output("sigma2", sigma2_, "N.m.s/rad", "viscous friction");
   v.output("tau_0", tau_0_, "N.m", "offset of the torque");
   v.output("B", B_, "kg.m2", "reflected motor inertia; 0 without motor_inertia=true");
@@ -328,6 +330,7 @@ void Tuner::adopt() {
       tau_C_[i] = drive.tau_C;
       tau_S_[i] = drive.tau_S;
       v_S_[i] = drive.v_S;
+      v_R_[i] = drive.v_R;
       sigma2_[i] = drive.sigma2;
       tau_0_[i] = drive.tau_0;
       B_[i] = drive.B;

@@ -71,7 +71,8 @@ class Tuner final : public Unit {
          forgetting_ = 1;  // parameters
   std::int32_t decimation_ = 5, rounds_ = 200, particles_ = 64, seed_ = 1, least_ = 200;
 
-  Values mass_, first_moment_, inertia_, tau_C_, tau_S_, v_S_, sigma2_, tau_0_, B_, rms_, rms_prior_, rms_floor_;  // outputs
+  Values mass_, first_moment_, inertia_, tau_C_, tau_S_, v_S_, v_R_, sigma2_, tau_0_, B_, rms_, rms_prior_,
+      rms_floor_;  // outputs
   double cost_ = 0, condition_ = 0;
   std::int32_t samples_ = 0, tunings_ = 0, late_ = 0, skipped_ = 0, rank_ = 0;
   std::string warning_, log_;

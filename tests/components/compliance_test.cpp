@@ -309,9 +309,10 @@ TEST(Compliance, LinkStaysOnTheCompliantMotionWhileAnExternalTorquePushesIt) {
 
 TEST(Compliance, NothingJumpsWhenModeGainsOrStiffnessAreSwitched) {
   // Inputs stand still with an error and a deviation, so every change of τ_m is the switching's.
-  const std::vector<std::pair<const char*, double>> switches = {{"passivity", 1}, {"omega", 60}, {"zeta", 3},
-                                                                {"Lambda", 90},   {"K_s", 200},  {"S_a", 600},
-                                                                {"D_a", 50},      {"zeta_a", 4}, {"M_a", 3}};
+  const std::vector<std::pair<const char*, double>> switches = {
+      {"passivity", 1}, {"omega", 60},  {"zeta", 3},         {"Lambda", 90},   {"K_s", 200},  {"S_a", 600},
+      {"D_a", 50},      {"zeta_a", 4},  {"M_a", 3},          {"B", 3},         {"tau_0", -4}, {"link_tau_0", 5},
+      {"tau_C", 3},     {"sigma2", 50}, {"link_sigma2", 50}, {"link_tau_C", 3}};
   Controller settled;
   for (const auto& [name, value] : switches) {
     Controller c;

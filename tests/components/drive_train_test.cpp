@@ -379,6 +379,91 @@ TEST(DriveTrain, NamesTheParameterThatIsUnphysical) {
   EXPECT_THAT(message("q0", NAN), HasSubstr("q0[3]: is nan, expected a finite value"));
 }
 
+// Of a drive that turns steadily: 4 N.m against viscous friction of the link, then against Coulomb friction as well.
+TEST(DriveTrainTunables, FrictionIsFollowedWithoutAJumpToTheSpeedThatItLeaves) {
+  const auto turning = [](Drive& drive) {
+    drive.set("K", 5000).set("D", 5).set("B", 0.5).set("link_sigma2", 2).set("transition", 0.1).set("dq0", 2).set("tau_m", 4);
+    drive.initialise();
+    for (int n = 0; n < 500; ++n) drive.step(1e-3);
+  };
+  Drive drive("robot=" + kRotor);
+  turning(drive);
+  EXPECT_NEAR(drive["dq"][0], 4.0 / 2, 1e-6);
+  drive.set("link_tau_C", 1.5);
+  double last = drive["tau_J"][0], largest = 0, way = 0;
+  Drive other("robot=" + kRotor);
+  turning(other);
+  for (int n = 0; n < 5000; ++n) {
+    drive.step(1e-3);
+    largest = std::max(largest, std::abs(drive["tau_J"][0] - last));
+    way += std::abs(drive["tau_J"][0] - last);
+    last = drive["tau_J"][0];
+    if (n != 50) continue;  // in the middle of the way: a fresh instance goes on as this one
+    Snapshot snapshot;
+    snapshot.take(drive.variables());
+    snapshot.restore(other.variables(), *other.instance().unit);
+    other.move_clock_to(drive);
+  }
+  for (int n = 51; n < 5000; ++n) other.step(1e-3);
+  EXPECT_EQ(other["q"][0], drive["q"][0]);
+  EXPECT_EQ(drive["drives"][6], 1.5);
+  EXPECT_NEAR(drive["dq"][0], (4.0 - 1.5) / 2, 1e-6);
+  EXPECT_GT(way, 0.3);
+  EXPECT_LT(largest, 0.02 * 1.5);  // a millisecond of 100 ms brings a hundredth of the way
+}
+
+TEST(DriveTrainTunables, AMotorBreaksAwayWhenTheFrictionThatHoldsItHasFallenBelowItsTorque) {
+  Drive drive("link=outside&joints=1&friction=coulomb");
+  drive.set("K", 1e-9).set("B", 2).set("tau_C", 5).set("tau_S", 5).set("transition", 0.1);
+  drive.initialise();
+  drive.set("tau_m", 4);
+  for (int n = 0; n < 100; ++n) drive.step(1e-3);
+  EXPECT_EQ(drive["dtheta"][0], 0);
+  drive.set("tau_C", 3).set("tau_S", 3);
+  const double begin = drive.now();
+  while (drive["dtheta"][0] == 0 && drive.now() < begin + 1) drive.step(1e-3);
+  EXPECT_NEAR(drive.now() - begin, 0.1 * std::log(2.0), 1.001e-3);  // 3 + 2 e^(−t/0.1) = 4
+}
+
+TEST(DriveTrainTunables, TheMotorsInertiaIsWhatItsTorqueMeets) {
+  Drive drive("link=outside&joints=1");
+  drive.set("K", 1e-9).set("B", 0.5).set("transition", 0);
+  drive.initialise();
+  drive.set("tau_m", 3);
+  for (const double B : {0.5, 1.25}) {
+    drive.set("B", B);
+    const double before = drive["dtheta"][0];
+    drive.step(1e-3);
+    EXPECT_NEAR(drive["dtheta"][0] - before, 3 / B * 1e-3, 1e-12);
+  }
+}
+
+TEST(DriveTrainTunables, AreRefusedWithTheirNameWhereTheyAreUnphysicalAndTheDriveGoesOnWithoutThem) {
+  using ::testing::HasSubstr;
+  Drive drive("robot=lwr4"), undisturbed("robot=lwr4");
+  drive.initialise();
+  undisturbed.initialise();
+  drive["tau_C"][2] = NAN;
+  try {
+    drive.step(1e-3);
+    FAIL() << "stepped with NaN";
+  } catch (const Error& e) {
+    EXPECT_THAT(e.what(), HasSubstr("tau_C[3]: is nan, expected a finite value >= 0"));
+  }
+  drive["tau_C"][2] = undisturbed["tau_C"][2];
+  drive.step(1e-3);
+  undisturbed.step(1e-3);
+  EXPECT_EQ(drive["q"][3], undisturbed["q"][3]);
+}
+
+// Their history is replayed after a snapshot, so nothing in it may change.
+TEST(DriveTrainTunables, AreFixedWithSundials) {
+  for (const char* name : {"B", "tau_C", "link_sigma2", "mass"}) {
+    EXPECT_EQ(Drive("robot=lwr4").variables().at(name).role, Role::kTunable) << name;
+    EXPECT_EQ(Drive("robot=lwr4&method=cvode").variables().at(name).role, Role::kParameter) << name;
+  }
+}
+
 TEST(DriveTrain, NamesTheInputThatIsNotFiniteAndEndsTheRun) {
   Drive drive("robot=lwr4");
   drive.initialise();

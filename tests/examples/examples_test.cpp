@@ -39,6 +39,12 @@ std::vector<std::string> expectations() {
     if (name.ends_with(".expected.json")) found.push_back(fs::relative(entry.path(), COTWIN_SOURCE_DIR).generic_string());
   }
   std::sort(found.begin(), found.end());
+#if defined(__SANITIZE_ADDRESS__)
+  // One of each folder: the others run the same code with other numbers.
+  const auto folder = [](const std::string& file) { return fs::path(file).parent_path(); };
+  found.erase(std::unique(found.begin(), found.end(), [&](const auto& a, const auto& b) { return folder(a) == folder(b); }),
+              found.end());
+#endif
   return found;
 }
 
