@@ -15,6 +15,9 @@ constexpr double kRegular = 1e-9;
 /// A tangents' impulse so near to the cone slips; ways so near to each other are one; following goes so far at most.
 constexpr double kRounding = 1e-12, kParallel = 1e-10, kFarthestShare = 100;
 
+/// Of zᵀz: the square of a change of z below it is within what rounding makes of the gradient along it.
+constexpr double kResolved = 1e-16;
+
 /// N.s: friction below it is none, and its shift would leave the range of numbers.
 constexpr double kNoImpulse = 1e-100;
 
@@ -547,9 +550,10 @@ double Rows::square_of_changes(const Island& island) const {
 }
 
 /// How much further along the last sweep's change d and the way p the least of ½ xᵀAx + bᵀx is, xᵀAx being zᵀz and the
-/// softness': of a plane, where no contact changes its state.
+/// softness': of a plane, where no contact changes its state. Not farther than to where a contact opens, for along redundant
+/// contacts there may be no least.
 Rows::Shares Rows::best_shares(const Island& island) const {
-  Pair dd{}, dp{}, pp{}, along_d{}, along_p{};  // products of d, p and the gradient
+  Pair dd{}, dp{}, pp{}, zz{}, along_d{}, along_p{};  // products of d, p, z and the gradient
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     const Core& core = cores_[i];
     const auto *b = reinterpret_cast<const Pair*>(core.b), *d = reinterpret_cast<const Pair*>(core.change),
@@ -572,19 +576,27 @@ Rows::Shares Rows::best_shares(const Island& island) const {
       dd += d * d;
       dp += d * p;
       pp += p * p;
+      zz += z * z;
       along_d += z * d;
       along_p += z * p;
     }
   }
   const double D = sum(dd), M = sum(dp), P = sum(pp), d = sum(along_d), p = sum(along_p);
   Shares shares;
-  const double determinant = D * P - M * M;
-  if (determinant > kParallel * D * P) {
+  const double determinant = D * P - M * M, least = kResolved * sum(zz);
+  if (determinant > std::max(kParallel * D, least) * P) {
     shares = {(p * M - d * P) / determinant, (d * M - p * D) / determinant};
-  } else if (D > 0) {
+  } else if (D > least) {
     shares.of_change = -d / D;
   }
-  return std::abs(shares.of_change) < kFarthestShare ? shares : Shares{};
+  if (!(std::abs(shares.of_change) < kFarthestShare)) return {};
+  double part = 1;
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    const Core& core = cores_[i];
+    const double step = shares.of_change * core.change[0] + shares.of_way * core.way[0];
+    if (core.x[0] + part * step < core.lo) part = (core.lo - core.x[0]) / step;
+  }
+  return {part * shares.of_change, part * shares.of_way};
 }
 
 /// Lets x and z go on by shares of the last sweep's change and of their way before it.

@@ -109,8 +109,9 @@ std::vector<Shape> read_geometry(const xml::Element& geometry, const fs::path& f
     const xml::Element* scale = only(*kind, "scale");
     const xml::Element& uri = needed(*kind, "uri");
     shape.type = ShapeType::kHull;
+    const fs::path file = find_file(uri, folder);
     try {
-      shape.vertices = load_hull(find_file(uri, folder), scale != nullptr ? vector(*scale) : Vector3d::Ones());
+      shape.vertices = load_hull(file, scale != nullptr ? vector(*scale) : Vector3d::Ones());
     } catch (const Error& e) {
       throw Error(uri.place, e.what());
     }

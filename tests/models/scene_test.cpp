@@ -532,6 +532,8 @@ TEST(Sdf, RefusesWhatWouldBeAnotherScene) {
       {world(model("m", link("a", "<cotwin:speed>1</cotwin:speed>"))), "'speed' is not an element of 'link'"},
   };
   for (const auto& [text, message] : cases) EXPECT_THAT(refusal(text), HasSubstr(message)) << text;
+  const std::string missing = refusal(shape("<mesh><uri>none.stl</uri></mesh>"));
+  EXPECT_EQ(missing.find("test.sdf:"), missing.rfind("test.sdf:")) << "the place once";
 }
 
 // Meshes --------------------------------------------------------------------------------------------------------------------
