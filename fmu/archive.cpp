@@ -12,6 +12,7 @@
 #include <ctime>
 #include <fstream>
 #include <functional>
+#include <map>
 #include <memory>
 #include <set>
 #include <system_error>
@@ -94,7 +95,8 @@ std::vector<Entry> checked_entries(zip_t* zip, const fs::path& archive, const Ar
     throw Error(archive.string(), std::to_string(n) + " entries, expected at most " + std::to_string(limits.entries));
   }
   std::vector<Entry> entries;
-  std::set<std::string> files, folders;
+  std::map<std::string, std::pair<zip_uint64_t, zip_uint32_t>> files;  // with their sizes and check sums
+  std::set<std::string> folders;
   std::uint64_t total = 0;
   for (zip_uint64_t i = 0; i < static_cast<zip_uint64_t>(n); ++i) {
     zip_stat_t stat;
@@ -126,14 +128,19 @@ std::vector<Entry> checked_entries(zip_t* zip, const fs::path& archive, const Ar
     }
     const bool folder = name.back() == '/';
     const std::string bare = folder ? name.substr(0, name.size() - 1) : name;
-    if (!folder && !files.insert(bare).second) refuse(archive, name, "is there twice");
+    if (!folder) {
+      const auto [earlier, fresh] = files.emplace(bare, std::pair(stat.size, stat.crc));
+      if (!fresh && ((stat.valid & ZIP_STAT_CRC) == 0 || earlier->second != std::pair(stat.size, stat.crc)))
+        refuse(archive, name, "is there twice, with different contents");
+      if (!fresh) continue;  // a folder that was packed twice
+    }
     if (folder) folders.insert(bare);
     for (std::size_t slash = bare.find('/'); slash != std::string::npos; slash = bare.find('/', slash + 1)) {
       folders.insert(bare.substr(0, slash));
     }
     entries.push_back(std::move(entry));
   }
-  for (const std::string& file : files) {
+  for (const auto& [file, sum] : files) {
     if (folders.count(file) != 0) refuse(archive, file, "is both a file and a folder");
   }
   return entries;

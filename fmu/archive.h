@@ -35,8 +35,8 @@ struct ArchiveEntry {
 };
 
 /// The entries in the order of the archive. Throws Error for a file that is no zip archive and for every entry that must not be
-/// unpacked: a name that is absolute, leaves the folder ("..", "C:"), is doubled, or is both file and folder; a link or a
-/// device; encrypted; beyond the limits.
+/// unpacked: a name that is absolute, leaves the folder ("..", "C:"), stands for different contents, or is both file and
+/// folder; a link or a device; encrypted; beyond the limits.
 std::vector<ArchiveEntry> list_archive(const std::filesystem::path& archive, const ArchiveLimits& limits = {});
 
 /// The contents of one file of the archive. Throws Error as list_archive, and if there is none of that name.

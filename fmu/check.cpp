@@ -6,10 +6,8 @@
 #include <ostream>
 #include <set>
 
-#include "fmu/archive.h"
 #include "fmu/check_libraries.h"
 #include "fmu/load.h"
-#include "fmu/model_description_read.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
 
@@ -19,21 +17,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Level = Finding::Level;
-
-/// The files of an FMU, unpacked.
-struct Files {
-  explicit Files(const fs::path& path) {
-    if (!fs::exists(path)) throw Error(path.string(), "no such file, expected an FMU");
-    if (fs::is_directory(path)) {
-      folder = path;
-    } else {
-      unpacked.emplace(unpack_archive(path));
-      folder = unpacked->path();
-    }
-  }
-  std::optional<TemporaryFolder> unpacked;
-  fs::path folder;
-};
 
 std::string joined(const std::vector<std::string>& list) {
   std::string text;
@@ -126,18 +109,18 @@ std::vector<Finding> check_description(const ModelDescription& d) {
 std::vector<Finding> check_fmu(const fs::path& path, bool load_it) {
   std::vector<Finding> out;
   try {
-    const Files files(path);
-    const ModelDescription d = load_model_description(files.folder / "modelDescription.xml");
+    const std::shared_ptr<const ForeignFmu> fmu = open_fmu(path);
+    const ModelDescription& d = fmu->description;
     out = check_description(d);
-    check_resources(files.folder, d, out);
-    check_libraries(files.folder, d, out);
+    check_resources(fmu->folder, d, out);
+    check_libraries(fmu->folder, d, out);
     for (const char* kind : {"cs", "me"}) {
       if (!load_it || !(kind[0] == 'c' ? d.co_simulation : d.model_exchange)) continue;
       try {
         LoadOptions options;
         options.kind = kind;
         options.process = "own";  // whatever it does, it does it there
-        Instance instance = load(files.folder, options);
+        Instance instance = load(fmu, options);
         instance.unit->initialise({});
         for (const std::string& warning : instance.warnings) out.push_back({Level::kNote, warning});
         out.push_back({Level::kNote,
@@ -156,8 +139,8 @@ std::vector<Finding> check_fmu(const fs::path& path, bool load_it) {
 }
 
 void write_info(std::ostream& out, const fs::path& path) {
-  const Files files(path);
-  const ModelDescription d = load_model_description(files.folder / "modelDescription.xml");
+  const std::shared_ptr<const ForeignFmu> fmu = open_fmu(path);
+  const ModelDescription& d = fmu->description;
   const auto line = [&](std::string_view what, const std::string& text) {
     if (!text.empty()) out << std::string(what) << std::string(what.size() < 18 ? 18 - what.size() : 1, ' ') << text << '\n';
   };
@@ -191,7 +174,7 @@ void write_info(std::ostream& out, const fs::path& path) {
   abilities("Model Exchange", d.model_exchange);
   abilities("Sched. Execution", d.scheduled_execution);
   std::set<std::string> platforms;
-  for (const fs::path& file : libraries(files.folder)) platforms.insert(file.parent_path().filename().string());
+  for (const fs::path& file : libraries(fmu->folder)) platforms.insert(file.parent_path().filename().string());
   line("Platforms", joined({platforms.begin(), platforms.end()}));
   if (d.version == Version::k2 && d.model_exchange) line("Event indicators", std::to_string(d.event_indicators));
   line("Continuous states", std::to_string(d.structure.derivatives.size()));

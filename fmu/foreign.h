@@ -95,8 +95,8 @@ class ForeignInstance {
   virtual void get(Type type, std::span<const std::uint32_t> references, void* values, std::size_t n, std::size_t* sizes) = 0;
   virtual void set(Type type, std::span<const std::uint32_t> references, const void* values, std::size_t n,
                    const std::size_t* sizes) = 0;
-  /// Structural parameters, before initialisation (FMI 3).
-  virtual void configure(std::span<const std::uint32_t> references, std::span<const std::uint64_t> values) = 0;
+  /// Calls `set` in the configuration mode, in which structural parameters are set, before initialisation (FMI 3).
+  virtual void configure(const std::function<void()>& set) = 0;
   /// First derivatives of inputs (FMI 2).
   virtual void set_input_derivatives(std::span<const std::uint32_t> references, std::span<const std::int32_t> orders,
                                      std::span<const double> values) = 0;

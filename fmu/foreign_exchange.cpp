@@ -4,6 +4,7 @@
 #include <cstring>
 #include <limits>
 #include <type_traits>
+#include <utility>
 
 #include "fmu/foreign_variables.h"
 #include "fmu/hex.h"
@@ -27,7 +28,11 @@ T nearest(From value) {
     if (rounded >= std::ldexp(1.0, std::numeric_limits<T>::digits)) return std::numeric_limits<T>::max();
     if (rounded <= static_cast<From>(std::numeric_limits<T>::min())) return std::numeric_limits<T>::min();
     return static_cast<T>(rounded);
+  } else if constexpr (std::is_same_v<From, bool>) {
+    return static_cast<T>(value);
   } else {
+    if (std::cmp_less(value, std::numeric_limits<T>::min())) return std::numeric_limits<T>::min();
+    if (std::cmp_greater(value, std::numeric_limits<T>::max())) return std::numeric_limits<T>::max();
     return static_cast<T>(value);
   }
 }
@@ -310,7 +315,7 @@ void ForeignVariables::adopt_starts(ForeignInstance* instance) {
 }
 
 void ForeignVariables::set_starts(ForeignInstance& instance) {
-  if (!structural_references_.empty()) instance.configure(structural_references_, structural_values_);
+  std::vector<const Item*> structural, others;
   for (Item& item : items_) {
     if (!item.settable) continue;
     bool differs = false;
@@ -319,15 +324,26 @@ void ForeignVariables::set_starts(ForeignInstance& instance) {
       if (item.exchange == Exchange::kResult) std::copy_n(store.given + item.first, item.size, store.values + item.first);
       differs = !same<T>({store.values + item.first, item.size}, {store.starts + item.first, item.size});
     });
-    if (!differs) continue;
-    const Item* one[] = {&item};
-    Group group = make_group(one);
-    try {
-      set(instance, group);
-    } catch (const Error& error) {
-      throw Error("start value of '" + item.name + "'", error.what());
-    }
+    if (differs) (item.structural ? structural : others).push_back(&item);
   }
+  const auto set_each = [&](const std::vector<const Item*>& items) {
+    for (const Item* item : items) {
+      Group group = make_group({&item, 1});
+      try {
+        set(instance, group);
+      } catch (const Error& error) {
+        throw Error("start value of '" + item->name + "'", error.what());
+      }
+    }
+  };
+  const std::size_t n = structural_references_.size();
+  if (n > 0 || !structural.empty()) {
+    instance.configure([&] {
+      if (n > 0) instance.set(Type::kUInt64, structural_references_, structural_values_.data(), n, nullptr);
+      set_each(structural);
+    });
+  }
+  set_each(others);
 }
 
 bool ForeignVariables::any_rate() const {

@@ -200,7 +200,7 @@ class Foreign2 final : public ForeignInstance {
                      "fmi2SetInteger");
     }
   }
-  void configure(std::span<const std::uint32_t>, std::span<const std::uint64_t>) override {}
+  void configure(const std::function<void()>&) override {}
   void set_input_derivatives(std::span<const std::uint32_t> references, std::span<const std::int32_t> orders,
                              std::span<const double> values) override {
     check(f_.set_input_derivatives(component_, references.data(), references.size(), orders.data(), values.data()),

@@ -290,12 +290,12 @@ class Foreign3 final : public ForeignInstance {
         return;
     }
   }
-  void configure(std::span<const std::uint32_t> references, std::span<const std::uint64_t> values) override {
+  void configure(const std::function<void()>& set) override {
     if (f_.enter_configuration_mode == nullptr || f_.exit_configuration_mode == nullptr) {
       fail("structural parameters cannot be set: the FMU has no configuration mode");
     }
     check(f_.enter_configuration_mode(instance_), "fmi3EnterConfigurationMode");
-    check(f_.set_uint64(instance_, references.data(), references.size(), values.data(), values.size()), "fmi3SetUInt64");
+    set();
     check(f_.exit_configuration_mode(instance_), "fmi3ExitConfigurationMode");
   }
   void set_input_derivatives(std::span<const std::uint32_t>, std::span<const std::int32_t>, std::span<const double>) override {}

@@ -10,6 +10,7 @@
 
 #include "components/unit/si.h"
 #include "fmu/hex.h"
+#include "fmu/model_description_check.h"
 #include "fmu/rate.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
@@ -20,7 +21,10 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-bool is_float(Type type) { return type == Type::kFloat32 || type == Type::kFloat64; }
+/// An integer that is stored in more bits than it has.
+bool is_short(Type type) {
+  return type == Type::kInt8 || type == Type::kUInt8 || type == Type::kInt16 || type == Type::kUInt16;
+}
 
 Kind kind_of(Type type) {
   switch (type) {
@@ -152,6 +156,10 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
     if (found == description_.variables.end() || found->causality != Causality::kStructuralParameter) {
       throw Error("'" + name + "'", "the FMU has no structural parameter of that name");
     }
+    if (found->type != Type::kUInt64) {
+      throw Error("'" + name + "'", "is " + std::string(cotwin::fmu::name_of(found->type)) +
+                                        " and gives no size, expected a start value for it in the place of structural." + name);
+    }
     chosen[found->reference] = value;
     structural_references_.push_back(found->reference);
     structural_values_.push_back(value);
@@ -193,11 +201,17 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
     const Numeric numeric = effective(description_, v);
     item.min = numeric.min.value_or(-kInfinity);
     item.max = numeric.max.value_or(kInfinity);
+    if (is_short(v.type)) {
+      const IntegerRange range = range_of(v.type);
+      item.min = std::max(item.min, static_cast<double>(range.min));
+      item.max = std::min(item.max, static_cast<double>(range.max));
+    }
     if (item.kind == Kind::kReal && is_float(v.type)) measure(item, numeric);
     const bool starts = v.initial == Initial::kExact || v.initial == Initial::kApprox;
     item.settable = v.variability != Variability::kConstant && v.type != Type::kClock &&
                     (item.role == Role::kInput || item.role == Role::kParameter || item.role == Role::kTunable || starts);
-    if (v.causality == Causality::kStructuralParameter) {
+    item.structural = v.causality == Causality::kStructuralParameter;
+    if (item.structural && v.type == Type::kUInt64) {
       item.settable = false;
       const auto said = chosen.find(v.reference);
       if (said != chosen.end()) item.start = std::vector<std::uint64_t>{said->second};

@@ -35,7 +35,7 @@ inline constexpr std::size_t kExchanges = 10;
 
 struct ForeignVariablesOptions {
   bool locals = true;                               // also those variables that are neither parameter nor input nor output
-  std::map<std::string, std::uint64_t> structural;  // structural parameters by name, instead of their start values
+  std::map<std::string, std::uint64_t> structural;  // UInt64 by name, instead of their start values
   bool ramps = false;                               // continuous inputs have a rate
   bool si = true;                                   // values in SI; false: as the FMU has them, without a measure
   bool clocks = false;                              // clocks are variables, and what belongs to them waits for them
@@ -43,12 +43,12 @@ struct ForeignVariablesOptions {
 };
 
 /// Roles: input → input; output, calculated parameter and constant → output; local → state; parameter → parameter or tunable;
-/// structural parameter → a parameter whose range is its value, since it gives the sizes of others; clocks → boolean, where
-/// they are wanted; the independent variable is left out. Kinds: floats → real; integers of at most 32 bits signed,
-/// enumerations → integer; Int64, UInt32 and UInt64 → real, exact up to 2^53 and clamped to the type's range on the way back;
-/// booleans; strings; binaries → string of hexadecimal digits, as in modelDescription.xml. Arrays are vectors, row by row; in
-/// FMI 2, scalars named q[1] … q[n] that are alike are the vector q. Units of measure: values are converted to SI by the FMU's
-/// own definition or, without one, by its name; a unit that nobody knows is left as it is and has no measure.
+/// structural parameter → parameter, if it is a UInt64 with its value as its range, since it may give the sizes of others;
+/// clocks → boolean, where they are wanted; the independent variable is left out. Kinds: floats → real; integers of at most 32
+/// bits signed, enumerations → integer; Int64, UInt32 and UInt64 → real, exact up to 2^53 and clamped to the type's range on
+/// the way back; booleans; strings; binaries → string of hexadecimal digits, as in modelDescription.xml. Arrays are vectors,
+/// row by row; in FMI 2, scalars named q[1] … q[n] that are alike are the vector q. Units of measure: values are converted to
+/// SI by the FMU's own definition or, without one, by its name; a unit that nobody knows is left as it is and has no measure.
 class ForeignVariables {
  public:
   /// The description must live as long as this.
@@ -128,7 +128,8 @@ class ForeignVariables {
     double min = 0, max = 0;
     std::string slope_of;                         // name of the output whose slope this is
     bool continuous = false;                      // variability
-    bool settable = false;                        // its start value may be given
+    bool settable = false;                        // its start value may be given …
+    bool structural = false;                      // … in the configuration mode
     bool interpolated = true;                     // may have a rate where the FMU follows its inputs
     std::optional<std::uint32_t> rate_reference;  // of the input that is its rate
     StartValues start;

@@ -1,15 +1,53 @@
 #include "fmu/library.h"
 
 #include <dlfcn.h>
+#include <link.h>
 #include <sys/utsname.h>
 
 #include <algorithm>
+#include <cstring>
+#include <fstream>
 
 #include "models/text/error.h"
 
 namespace cotwin::fmu {
 
 namespace fs = std::filesystem;
+
+namespace {
+
+#if defined(__x86_64__)
+constexpr unsigned kOwnMachine = EM_X86_64;
+#elif defined(__aarch64__)
+constexpr unsigned kOwnMachine = EM_AARCH64;
+#else
+constexpr unsigned kOwnMachine = EM_NONE;
+#endif
+
+/// The loader maps what the file says that it has, and where the file has been cut short, touching that ends the program; of
+/// a library for another machine it says that there is no such file.
+void check_loadable(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  ElfW(Ehdr) header{};
+  in.read(reinterpret_cast<char*>(&header), sizeof header);
+  constexpr unsigned char kOwnClass = sizeof(void*) == 8 ? ELFCLASS64 : ELFCLASS32;
+  const bool ours = in && std::memcmp(header.e_ident, ELFMAG, SELFMAG) == 0 && header.e_ident[EI_CLASS] == kOwnClass;
+  if (!ours) return;  // the loader says what it is instead
+  const std::string name = file.filename().string();
+  if (kOwnMachine != EM_NONE && header.e_machine != kOwnMachine)
+    throw Error(name, "is for another machine, expected " + platform_folders(Version::k3).front());
+  const std::uintmax_t size = fs::file_size(file);
+  for (unsigned i = 0; i < header.e_phnum; ++i) {
+    ElfW(Phdr) segment{};
+    in.seekg(static_cast<std::streamoff>(header.e_phoff + std::uint64_t{i} * header.e_phentsize));
+    in.read(reinterpret_cast<char*>(&segment), sizeof segment);
+    const bool there = segment.p_filesz <= size && segment.p_offset <= size - segment.p_filesz;
+    if (!in || (segment.p_type == PT_LOAD && !there))
+      throw Error(name, "is cut short: it has " + std::to_string(size) + " bytes, expected more");
+  }
+}
+
+}  // namespace
 
 std::vector<std::string> platform_folders(Version version) {
 #if defined(__x86_64__)
@@ -46,6 +84,7 @@ fs::path library_file(const fs::path& folder, Version version, const std::string
 }
 
 Library::Library(const fs::path& file) : file_(fs::absolute(file)) {
+  check_loadable(file_);
   handle_ = dlopen(file_.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (handle_ == nullptr) {
     const char* why = dlerror();

@@ -67,7 +67,9 @@ std::shared_ptr<const ForeignFmu> unpack_and_read(const fs::path& path) {
     fmu->folder = unpacked->path();
     fmu->unpacked = unpacked;
   }
-  fmu->description = load_model_description(fmu->folder / "modelDescription.xml");
+  const fs::path description = fmu->folder / "modelDescription.xml";
+  if (!fs::exists(description)) throw Error("has no modelDescription.xml");
+  fmu->description = load_model_description(description);
   return fmu;
 }
 
@@ -77,9 +79,11 @@ std::shared_ptr<const ForeignFmu> open_fmu(const fs::path& path) {
   return named(path, [&] { return unpack_and_read(path); });
 }
 
-Instance load(const fs::path& path, const LoadOptions& options) {
-  return named(path, [&] {
-    std::shared_ptr<const ForeignFmu> fmu = unpack_and_read(path);
+Instance load(const fs::path& path, const LoadOptions& options) { return load(open_fmu(path), options); }
+
+Instance load(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options) {
+  const std::string name = fmu->name;
+  return named(name, [&] {
     if (options.process == "own") return make_in_own_process(std::move(fmu), options);
     if (options.process != "shared") throw Error("process '" + options.process + "', expected shared or own");
     return make_instance(std::move(fmu), options);
@@ -94,17 +98,21 @@ LoadOptions read_query(std::string_view query, LoadOptions options) {
     const std::string key(setting.substr(0, equals)), value(equals == std::string_view::npos ? "" : setting.substr(equals + 1));
     const auto number = [&] {
       const std::optional<double> read = text::parse_real(value);
-      if (!read || !std::isfinite(*read) || *read <= 0) throw Error(std::string(setting), "expected a number greater than 0");
+      if (!read || !std::isfinite(*read)) throw Error(std::string(setting), "expected a number");
       return *read;
+    };
+    const auto positive = [&] {
+      if (number() <= 0) throw Error(std::string(setting), "expected a number greater than 0");
+      return number();
     };
     if (key == "kind") {
       options.kind = value;
     } else if (key == "process") {
       options.process = value;
     } else if (key == "timeout") {
-      options.timeout = number();
+      options.timeout = positive();
     } else if (key == "tolerance") {
-      options.tolerance = number();
+      options.tolerance = positive();
     } else if (key == "stop") {
       options.stop = number();
     } else if (key == "locals" || key == "si" || key == "slopes") {

@@ -19,7 +19,7 @@ struct LoadOptions {
   std::string process = "shared";                   // "own": in a process of its own, so that a crash or a hang is an Error
   double timeout = 60;                              // s, of one call in a process of its own
   bool locals = true;                               // also the FMU's local variables
-  std::map<std::string, std::uint64_t> structural;  // structural parameters, which give the sizes of arrays
+  std::map<std::string, std::uint64_t> structural;  // of type UInt64, which give the sizes of arrays
   std::optional<double> stop, tolerance;            // s; relative
   bool si = true;                                   // values in SI; false: as the FMU has them, without a measure
   bool slopes = false;                              // also the time derivatives of outputs that the FMU can tell, "der(y)"
@@ -32,6 +32,9 @@ Instance load(const std::filesystem::path& path, const LoadOptions& options = {}
 
 /// The archive unpacked, or the folder, and its description read. Throws Error as load().
 std::shared_ptr<const ForeignFmu> open_fmu(const std::filesystem::path& path);
+
+/// As load(), of an FMU that has been opened.
+Instance load(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options);
 
 /// As load(), of an FMU that has been unpacked and read, without XML and archives, and always in this process.
 Instance make_instance(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options);

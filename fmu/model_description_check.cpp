@@ -194,9 +194,8 @@ void DescriptionCheck::variable(const Variable& v) {
   if (!none && given != size && !(given == 1 && !v.dimensions.empty())) {
     throw Error(name + ": " + std::to_string(given) + " start values for " + std::to_string(size) + " elements");
   }
-  if (v.causality == Causality::kStructuralParameter && (v.type != Type::kUInt64 || none)) {
-    throw Error("structural parameter '" + v.name + "', expected a UInt64 with a start value");
-  }
+  if (v.causality == Causality::kStructuralParameter && none)
+    throw Error("structural parameter '" + v.name + "' has no start value, expected one");
 }
 
 std::size_t DescriptionCheck::elements(const Variable& v) const {

@@ -19,6 +19,7 @@ namespace fs = std::filesystem;
 constexpr const char* kName = "fmu";       // of the only component
 constexpr double kMaxSeconds = 9e9;        // 2^63 ns is 9.22e9 s
 constexpr double kDefaultIntervals = 500;  // of a run whose FMU proposes no step
+constexpr double kLeastInterval = 1e-9;    // s
 
 fmu::ModelDescription read_description(const fs::path& file) {
   constexpr const char* kDescription = "modelDescription.xml";
@@ -38,8 +39,9 @@ Scenario scenario_of(const FmuRunOptions& options, const fmu::ModelDescription& 
   const double start = checked(options.start ? *options.start : experiment.start.value_or(0), "--start-time");
   const double stop =
       checked(options.stop ? *options.stop : std::max(experiment.stop.value_or(start + 1), start), "--stop-time");
-  const double interval = checked(
-      options.interval ? *options.interval : experiment.step.value_or((stop - start) / kDefaultIntervals), "--output-interval");
+  const bool proposed = experiment.step && *experiment.step >= kLeastInterval;
+  const double usual = proposed ? *experiment.step : (stop - start) / kDefaultIntervals;
+  const double interval = checked(options.interval.value_or(usual), "--output-interval");
   Scenario scenario;
   scenario.name = description.model_name;
   scenario.file = options.file;

@@ -39,7 +39,32 @@ std::vector<std::string> names_of(const Variables& variables) {
   return names;
 }
 
-Instance load_fmu(const FmuSource& source) { return fmu::load(source.path, source.options); }
+/// SSP gives the value of an enumeration by the name of its item, of which the FMU's own type knows the number.
+void number_items(Member& member, const fmu::ModelDescription& description) {
+  for (ParameterValue& value : member.spec.start_values) {
+    const auto* item_name = std::get_if<std::string>(&value.value);
+    const Variable* variable = item_name != nullptr ? find_element(member.variables(), value.name).variable : nullptr;
+    if (variable == nullptr || variable->kind() != Kind::kInteger) continue;
+    const auto declared = std::find_if(description.variables.begin(), description.variables.end(), [&](const fmu::Variable& v) {
+      return v.name == value.name || v.name == variable->name || v.name == variable->name + "[1]";
+    });
+    if (declared == description.variables.end() || declared->type != fmu::Type::kEnumeration) continue;
+    const auto type = std::find_if(description.types.begin(), description.types.end(),
+                                   [&](const fmu::TypeDefinition& t) { return t.name == declared->declared_type; });
+    if (type == description.types.end()) continue;
+    const auto item = std::find_if(type->items.begin(), type->items.end(),
+                                   [&](const fmu::EnumerationItem& i) { return i.name == *item_name; });
+    if (item != type->items.end()) {
+      value.value = std::int64_t{item->value};
+      continue;
+    }
+    if (item_name->find_first_not_of("+-0123456789, \t\n\r") == std::string::npos) continue;  // numbers
+    std::string expected;
+    for (const fmu::EnumerationItem& i : type->items) expected += in_quotes(i.name) + ", ";
+    fail(value.place, member.name() + "." + value.name + ": " + in_quotes(*item_name) + " is no item of " +
+                          in_quotes(type->name) + ", expected " + expected + "or a number");
+  }
+}
 
 }  // namespace
 
@@ -95,12 +120,21 @@ void check_connector(const ConnectorSpec& connector, const Member& member, const
 
 Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::span<const UnitType> types,
                    const std::vector<std::filesystem::path>& folders, std::vector<std::string>* settings_used) {
+  Member member{spec, {}};
+  std::shared_ptr<const fmu::ForeignFmu> foreign;
   try {
-    return {spec, is_unit(spec) ? make_unit(spec.source, scenario.settings, folders, types, settings_used)
-                                : load_fmu(fmu_source(spec, scenario))};
+    if (is_unit(spec)) {
+      member.instance = make_unit(spec.source, scenario.settings, folders, types, settings_used);
+    } else {
+      const FmuSource source = fmu_source(spec, scenario);
+      foreign = fmu::open_fmu(source.path);
+      member.instance = fmu::load(foreign, source.options);
+    }
   } catch (const Error& error) {
     fail(spec.place, "component " + in_quotes(spec.name) + ": " + error.what());
   }
+  if (foreign) number_items(member, foreign->description);
+  return member;
 }
 
 void check_settings(const Scenario& scenario, std::span<Member> members, const std::vector<std::string>& used) {

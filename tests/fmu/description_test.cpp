@@ -98,6 +98,10 @@ TEST(ReadDescription, RefusesWhatCannotBeMeantAndNamesTheLine) {
        "more than 10000000 elements"},
       {fmi3("<Float64 name='a' valueReference='1'><Dimension valueReference='9'/></Float64>"),
        "reference 9 is not a structural parameter"},
+      {fmi3("<Boolean name='n' valueReference='9' causality='structuralParameter' start='true'/><Float64 name='a' "
+            "valueReference='1'><Dimension valueReference='9'/></Float64>"),
+       "reference 9 is not a structural parameter or constant of type UInt64"},
+      {fmi3("<UInt64 name='n' valueReference='9' causality='structuralParameter'/>"), "'n' has no start value"},
       {fmi3("<Float64 name='a' valueReference='1'><Dimension/></Float64>"), "either start or valueReference"},
       {fmi3("<Float64 name='a' valueReference='1'><Alias name=''/></Float64>"), "an alias's name is empty"},
       {fmi3("<Int32 name='a' valueReference='1'/><Float64 name='b' valueReference='2' derivative='1'/>"),

@@ -332,6 +332,22 @@ TEST_F(Archives, AreRefusedWhenTheyReachOutOfTheirFolder) {
   EXPECT_EQ(temporary_folders(), 0u) << "nothing is left on the disk";
 }
 
+// The Reference FMUs' own build packs a folder of Roberts.fmu twice.
+TEST_F(Archives, MayHoldAFileTwiceIfItIsTheSame) {
+  for (const char* second : {"one", "two"}) {
+    write_raw(archive_, {{"file.txt", "one"}, {"copy.txt", second}});
+    std::string bytes = read(archive_);
+    for (std::size_t at = 0; (at = bytes.find("copy.txt", at)) != std::string::npos;) bytes.replace(at, 8, "file.txt");
+    std::ofstream(archive_, std::ios::binary) << bytes;
+    if (second == "one"s) {
+      EXPECT_EQ(list_archive(archive_).size(), 1u);
+      EXPECT_EQ(read(unpack_archive(archive_).path() / "file.txt"), "one");
+    } else {
+      EXPECT_THAT([&] { unpack_archive(archive_); }, ThrowsMessage<Error>(HasSubstr("'file.txt': is there twice")));
+    }
+  }
+}
+
 TEST_F(Archives, AreRefusedWhenTheyUnpackToTooMuch) {
   write_raw(archive_, {{"big", std::string(2'000'000, 'x')}, {"bigger", std::string(3'000'000, 'y')}});
   EXPECT_NO_THROW(unpack_archive(archive_));

@@ -405,6 +405,36 @@ TEST_F(Import, HasArraysAsVectorsOfTheSizeThatStructuralParametersGive) {
   EXPECT_THAT([&] { three.variables.check_ranges(); }, ThrowsMessage<Error>(HasSubstr("expected 3 to 3")));
 }
 
+TEST_F(Import, ShortIntegersHaveTheRangeOfTheirTypeAndNeverWrap) {
+  Instance instance = load3();
+  instance.unit->initialise({});
+  double t = 0;
+  for (const auto& [given, expected] : {std::pair(-128, -128), {127, 127}, {128, 127}, {-129, -128}, {1'000'000, 127}}) {
+    integer(instance, "tiny") = given;
+    EXPECT_EQ(step(instance, t, 0.01), StepResult::kDone);
+    EXPECT_EQ(integer(instance, "tiny_out"), expected);
+    t += 0.01;
+  }
+  EXPECT_THAT([&] { instance.variables.check_ranges(); }, ThrowsMessage<Error>(HasSubstr("expected -128 to 127")));
+}
+
+// As Roberts of the Reference FMUs has one: it changes the structure and no size.
+TEST_F(Import, SetsStructuralParametersThatAreNoSizesInTheConfigurationMode) {
+  for (const bool mirrored : {false, true}) {
+    LoadOptions options;
+    if (mirrored) options.structural["n"] = 2;
+    Instance instance = load3(kPolite3, options);
+    instance.variables.at("mirrored").booleans()[0] = mirrored;
+    instance.unit->initialise({});
+    real(instance, "u") = 1;
+    EXPECT_EQ(run(instance, 0, 1, 0.01), StepResult::kDone);
+    EXPECT_NEAR(real(instance, "y"), mirrored ? -1 : 1, 1e-12);
+  }
+  LoadOptions options;
+  options.structural["mirrored"] = 1;
+  EXPECT_THAT([&] { load3(kPolite3, options); }, ThrowsMessage<Error>(HasSubstr("'mirrored': is Boolean and gives no size")));
+}
+
 // Every step of 10 ms is cut in two, and at 0.3, 0.6 and 0.9 s there is an event.
 TEST_F(Import, ContinuesAfterEarlyReturnsAndHandlesEventsOnTheWay) {
   Instance instance = load3();

@@ -193,6 +193,30 @@ TEST_F(FmuScenario, AnFmuThatIsNotThereOrIsAskedForNonsenseIsAnErrorAtItsPlace) 
   EXPECT_EQ(loaded("link.fmu?timeout=5"), "no error");
 }
 
+TEST_F(FmuScenario, AnEnumerationOfAnFmuTakesTheNameOfAnItemOrItsNumber) {
+  fmu::testing::make_fmu(
+      "rogue2", folder_,
+      {{"<LogCategories>",
+        "<TypeDefinitions><SimpleType name=\"Way\"><Enumeration><Item name=\"polite\" value=\"0\"/>"
+        "<Item name=\"with 2 words\" value=\"1\"/></Enumeration></SimpleType></TypeDefinitions><LogCategories>"},
+       {"<Integer start=\"0\" min=\"0\" max=\"9\"/>", "<Enumeration declaredType=\"Way\" start=\"0\"/>"}});
+  const auto mode = [&](const std::string& value) {
+    Scenario scenario;
+    scenario.folder = folder_;
+    ComponentSpec spec;
+    spec.name = "rogue";
+    spec.source = "rogue2.fmu";
+    spec.start_values.push_back({"mode", value, "", "values.ssv:5"});
+    scenario.components.push_back(spec);
+    return load_members(scenario, {}, {}).front().variables().at("mode").integers()[0];
+  };
+  EXPECT_EQ(mode("with 2 words"), 1);
+  EXPECT_EQ(mode("polite"), 0);
+  EXPECT_EQ(mode("1"), 1);
+  EXPECT_EQ(message([&] { mode("rude"); }),
+            "values.ssv:5: rogue.mode: 'rude' is no item of 'Way', expected 'polite', 'with 2 words', or a number");
+}
+
 TEST_F(FmuScenario, ThePackageOfAPackageHasTheSameSystem) {
   const fs::path first = pack(example());
   const std::string system = fmu::read_archive_file(first, "SystemStructure.ssd");
@@ -319,6 +343,18 @@ TEST_F(FmuScenario, APackageThatIsNoneSaysWhatIsWrongAndLeavesNothing) {
     std::string bad = good;
     bad[bad.size() - 1 - i * 7] ^= 0x41;
     (void)message([&] { load_scenario(write("bad.ssp", bad)); });
+  }
+}
+
+TEST_F(FmuScenario, AStepSizeThatIsNoneIsNotTakenFromTheFmu) {
+  for (const char* step : {"0", "-0.01", "1e-12", "0.25"}) {
+    FmuRunOptions options;
+    options.file =
+        fmu::testing::make_fmu("rogue2", folder_,
+                               {{"<ModelVariables>", "<DefaultExperiment startTime=\"0\" stopTime=\"1\" stepSize=\"" +
+                                                         std::string(step) + "\"/><ModelVariables>"}});
+    const Duration expected = Duration::from_seconds(step == std::string("0.25") ? 0.25 : 0.002);  // else a 500th of the run
+    EXPECT_EQ(FmuRun(options).master().scenario().tick, expected) << step;
   }
 }
 

@@ -1,5 +1,5 @@
 /* An FMU for Co-Simulation (FMI 3.0) with arrays, binaries, event mode, early return and intermediate update.
- *   x' = u for n elements, integrated by midpoints of `u` as the intermediate update gives it; y = x
+ *   x' = u for n elements, integrated by midpoints of `u` as the intermediate update gives it; y = x, or -x if `mirrored`
  * Every 0.3 s there is an event, which `events` counts; `d` may change only in event mode; `echo` gives `bytes` and their
  * number. */
 #include <math.h>
@@ -21,7 +21,10 @@ enum {
   kMode = 10,
   kFlags = 11,
   kSmall = 12,
-  kSmallOut = 13
+  kSmallOut = 13,
+  kMirrored = 14,
+  kTiny = 15,
+  kTinyOut = 16
 };
 enum { kPolite, kStandsStill, kReturnsFromTheFuture, kEndlessEvents, kTerminates, kDiscards, kRefusesUpdates, kNeedsCallback };
 enum { kMost = 8 };
@@ -33,9 +36,10 @@ typedef struct {
   int64_t big;
   int32_t d, events, mode;
   float small;
+  int8_t tiny;
   size_t size;
   uint8_t bytes[64];
-  bool flags[2], in_event_mode, initialised;
+  bool flags[2], mirrored, configuring, in_event_mode, initialised;
 } Memory;
 
 typedef struct {
@@ -77,11 +81,11 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
 }
 void fmi3FreeInstance(fmi3Instance c) { free(c); }
 fmi3Status fmi3EnterConfigurationMode(fmi3Instance c) {
-  (void)c;
+  ((Instance*)c)->m.configuring = true;
   return fmi3OK;
 }
 fmi3Status fmi3ExitConfigurationMode(fmi3Instance c) {
-  (void)c;
+  ((Instance*)c)->m.configuring = false;
   return fmi3OK;
 }
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, bool t, double tolerance, double start, bool s, double stop) {
@@ -135,7 +139,7 @@ fmi3Status fmi3GetFloat64(fmi3Instance c, const fmi3ValueReference r[], size_t n
   size_t at = 0;
   for (size_t k = 0; k < n; ++k) {
     if (r[k] != kU && r[k] != kY) return refuse(i, "no such Float64");
-    for (uint64_t e = 0; e < i->m.n && at < nv; ++e) v[at++] = r[k] == kU ? i->m.u[e] : i->m.x[e];
+    for (uint64_t e = 0; e < i->m.n && at < nv; ++e) v[at++] = r[k] == kU ? i->m.u[e] : i->m.mirrored ? -i->m.x[e] : i->m.x[e];
   }
   return at == nv ? fmi3OK : refuse(i, "another number of values");
 }
@@ -161,6 +165,16 @@ fmi3Status fmi3GetFloat32(fmi3Instance c, const fmi3ValueReference r[], size_t n
 fmi3Status fmi3SetFloat32(fmi3Instance c, const fmi3ValueReference r[], size_t n, const float v[], size_t nv) {
   if (n != 1 || nv != 1 || r[0] != kSmall) return fmi3Error;
   ((Instance*)c)->m.small = v[0];
+  return fmi3OK;
+}
+fmi3Status fmi3GetInt8(fmi3Instance c, const fmi3ValueReference r[], size_t n, int8_t v[], size_t nv) {
+  (void)r, (void)nv;
+  for (size_t k = 0; k < n; ++k) v[k] = ((Instance*)c)->m.tiny;
+  return fmi3OK;
+}
+fmi3Status fmi3SetInt8(fmi3Instance c, const fmi3ValueReference r[], size_t n, const int8_t v[], size_t nv) {
+  if (n != 1 || nv != 1 || r[0] != kTiny) return fmi3Error;
+  ((Instance*)c)->m.tiny = v[0];
   return fmi3OK;
 }
 fmi3Status fmi3GetInt32(fmi3Instance c, const fmi3ValueReference r[], size_t n, int32_t v[], size_t nv) {
@@ -198,16 +212,24 @@ fmi3Status fmi3GetUInt64(fmi3Instance c, const fmi3ValueReference r[], size_t n,
   return fmi3OK;
 }
 fmi3Status fmi3SetUInt64(fmi3Instance c, const fmi3ValueReference r[], size_t n, const uint64_t v[], size_t nv) {
-  if (n != 1 || nv != 1 || r[0] != kN || v[0] > kMost) return fmi3Error;
+  if (n != 1 || nv != 1 || r[0] != kN || v[0] > kMost || !((Instance*)c)->m.configuring) return fmi3Error;
   ((Instance*)c)->m.n = v[0];
   return fmi3OK;
 }
 fmi3Status fmi3GetBoolean(fmi3Instance c, const fmi3ValueReference r[], size_t n, bool v[], size_t nv) {
-  (void)r, (void)n;
-  for (size_t k = 0; k < nv && k < 2; ++k) v[k] = ((Instance*)c)->m.flags[k];
+  const Instance* i = c;
+  size_t at = 0;
+  for (size_t k = 0; k < n; ++k) {
+    if (r[k] == kMirrored && at < nv) v[at++] = i->m.mirrored;
+    for (size_t e = 0; r[k] == kFlags && e < 2 && at < nv; ++e) v[at++] = i->m.flags[e];
+  }
   return fmi3OK;
 }
 fmi3Status fmi3SetBoolean(fmi3Instance c, const fmi3ValueReference r[], size_t n, const bool v[], size_t nv) {
+  if (n == 1 && r[0] == kMirrored && nv == 1 && ((Instance*)c)->m.configuring) {
+    ((Instance*)c)->m.mirrored = v[0];
+    return fmi3OK;
+  }
   if (n != 1 || r[0] != kFlags || nv != 2) return fmi3Error;
   memcpy(((Instance*)c)->m.flags, v, 2);
   return fmi3OK;
