@@ -30,7 +30,6 @@ struct TuneArguments {
   std::vector<double> q_offset_in_angle_unit;
   std::optional<int> rounds, threads;
   bool no_offset = false, no_viscous = false, quiet = false, cross_validate = false;
-  std::string separator;
 };
 
 tuning::Settings settings_of(const TuneArguments& a) {

@@ -43,6 +43,14 @@ measurement::Smoothing smoothing_of(const Settings& settings, const measurement:
 
 void split(const Settings& settings, Data& data) {
   const std::size_t points = grid_points(data.survey, data.smoothing, data.warnings);
+  if (points == 0) {
+    double longest = 0;
+    for (const measurement::Segment& segment : data.survey.segments) longest = std::max(longest, segment.duration);
+    throw Error(settings.data.front().string(),
+                "the longest segment without a gap is " + text::to_text(longest, 4) + " s, expected more than " +
+                    text::to_text(2 * data.smoothing.margin, 4) +
+                    " s (twice the margin); a higher --cutoff or a smaller --margin leaves more of it");
+  }
   data.split =
       settings.held_out.empty() ? static_cast<std::size_t>(std::floor(settings.split * static_cast<double>(points))) : points;
 }

@@ -165,7 +165,7 @@ void check(const Settings& s) {
   within("--rate", s.format.rate, 0, 1e7);
   within("speed nodes", s.model.speed_nodes, 8, 1000);
   within("Stribeck exponent", s.model.delta, 0.1, 10);
-  for (const int count : s.model.harmonics) within("--harmonics", count, 0, 20);
+  for (const int count : s.model.harmonics) within("--harmonics", count, 0, 4);
 }
 
 }  // namespace cotwin::master::tuning

@@ -88,20 +88,134 @@ double own_residual(const MatrixXd& A) {
   return (left * solution.x - A.col(p)).squaredNorm();
 }
 
+/// All joints at once, which share their bodies: the unknowns are those of the drives, joint by joint, then the base
+/// parameters.
+class Together {
+ public:
+  explicit Together(const Problem::Impl& problem) : p_(problem) {
+    for (const DriveTerms& t : p_.terms) {
+      first.push_back(unknowns);
+      unknowns += t.size();
+      eta.emplace_back(VectorXd::Zero(t.nonlinear()));
+      C.emplace_back();
+    }
+    unknowns += p_.base_count();
+  }
+
+  std::vector<int> first;  // unknown of each joint's drive
+  int unknowns = 0;
+  std::vector<VectorXd> eta;  // per joint: the shape of its friction,
+  std::vector<MatrixXd> C;    // and its drive's columns with that shape
+
+  void set_shape(int j, const VectorXd& shape) {
+    const auto k = static_cast<std::size_t>(j);
+    eta[k] = shape;
+    p_.terms[k].columns_of(p_.shape(j, shape.data()), C[k]);
+  }
+
+  /// Rows of all joints over their σ as one triangle: the unknowns' columns, what `slopes` (per joint, or none) makes of its
+  /// friction columns, τ.
+  MatrixXd triangle(const std::vector<MatrixXd>& slopes = {}) const {
+    const int b = p_.base_count();
+    Index all = unknowns + 1, at = unknowns;
+    for (const MatrixXd& slope : slopes) all += slope.cols();
+    numerics::Triangle stack(static_cast<std::size_t>(all));
+    VectorXd line(all);
+    for (int j = 0; j < p_.n(); ++j) {
+      const auto k = static_cast<std::size_t>(j);
+      const MatrixXd R = reduced(p_.data, j, C[k]) / p_.sigma[j];
+      MatrixXd slope(R.rows(), 0);
+      if (!slopes.empty()) slope = reduced(p_.data, j, slopes[k]).leftCols(slopes[k].cols()) / p_.sigma[j];
+      const Index drive = C[k].cols();
+      for (Index r = 0; r < R.rows(); ++r) {
+        line.setZero();
+        line.segment(first[k], drive) = R.row(r).head(drive).transpose();
+        for (std::size_t i = 0; i < p_.data.columns(j).base.size(); ++i)
+          line[unknowns - b + p_.data.columns(j).base[i]] = R(r, drive + static_cast<Index>(i));
+        line.segment(at, slope.cols()) = slope.row(r).transpose();
+        line[all - 1] = R(r, R.cols() - 1);
+        stack.add(line.data());
+      }
+      at += slope.cols();
+    }
+    stack.flush();
+    return Eigen::Map<const RowMajor>(stack.R(), all, all);
+  }
+
+  /// Shapes that are near the least error, joint by joint, come to it, all at once and with all else free: steps of Gauss and
+  /// Newton, halved until the error falls, in the box.
+  void shape_together() {
+    constexpr int kMostSteps = 20, kMostHalvings = 12;
+    constexpr double kFurthest = 0.5, kGain = 1e-13;
+    const Index inertial = 10 * p_.n(), count = p_.lower.size() - inertial, all = unknowns + count;
+    const VectorXd low = p_.lower.tail(count), high = p_.upper.tail(count);
+    VectorXd best(count);
+    for (int j = 0; j < p_.n(); ++j) {
+      const VectorXd& own = eta[static_cast<std::size_t>(j)];
+      best.segment(p_.first_nonlinear(j) - inertial, own.size()) = own;
+    }
+    VectorXd x;
+    double least = go_to(best, x);
+    for (int step = 0; step < kMostSteps; ++step) {
+      MatrixXd J = triangle(slopes(x));
+      const auto way = [&] { return solve(J.leftCols(all), J.col(all), true).x.tail(count).eval(); };
+      VectorXd d = way();
+      for (Index i = 0; i < count; ++i)  // what leads out of the box stays on its face
+        if ((best[i] <= low[i] && d[i] < 0) || (best[i] >= high[i] && d[i] > 0)) J.col(unknowns + i).setZero();
+      d = way().cwiseMax(-kFurthest).cwiseMin(kFurthest);
+      const VectorXd from = best;
+      const double before = least;
+      for (int k = 0; k < kMostHalvings && !(least < before); ++k) {
+        best = (from + std::ldexp(1.0, -k) * d).cwiseMax(low).cwiseMin(high);
+        least = go_to(best, x);
+      }
+      if (!(least < before)) go_to(from, x);
+      if (!(before - least > kGain * before)) return;
+    }
+  }
+
+ private:
+  /// Takes these shapes; x: the unknowns that fit best then. Returns what they leave.
+  double go_to(const VectorXd& shapes, VectorXd& x) {
+    for (int j = 0; j < p_.n(); ++j)
+      set_shape(j, shapes.segment(p_.first_nonlinear(j) - 10 * p_.n(), eta[static_cast<std::size_t>(j)].size()));
+    const MatrixXd A = triangle();
+    x = solve(A.leftCols(unknowns), A.col(unknowns), true).x;
+    return (A.leftCols(unknowns) * x - A.col(unknowns)).squaredNorm();
+  }
+
+  /// Per joint ∂(C φ)/∂η, by central differences.
+  std::vector<MatrixXd> slopes(const VectorXd& x) const {
+    constexpr double kStep = 1e-5;
+    std::vector<MatrixXd> all;
+    MatrixXd up, down;
+    for (int j = 0; j < p_.n(); ++j) {
+      const auto k = static_cast<std::size_t>(j);
+      const VectorXd phi = x.segment(first[k], C[k].cols());
+      all.emplace_back(C[k].rows(), eta[k].size());
+      for (Index i = 0; i < eta[k].size(); ++i) {
+        VectorXd shape = eta[k];
+        shape[i] += kStep;
+        p_.terms[k].columns_of(p_.shape(j, shape.data()), up);
+        shape[i] -= 2 * kStep;
+        p_.terms[k].columns_of(p_.shape(j, shape.data()), down);
+        all.back().col(i) = (up - down) * phi / (2 * kStep);
+      }
+    }
+    return all;
+  }
+
+  const Problem::Impl& p_;
+};
+
 }  // namespace
 
 void Problem::Impl::solve_floor() {
   const int b = base_count(), joints = n();
   const double N = data.weight();
-  std::vector<MatrixXd> C(static_cast<std::size_t>(joints));
-  std::vector<VectorXd> eta(static_cast<std::size_t>(joints));
-  std::vector<int> first;  // unknown of each joint's drive
-  int unknowns = 0;
-  for (const DriveTerms& t : terms) {
-    first.push_back(unknowns);
-    unknowns += t.size();
-  }
-  unknowns += b;
+  Together all(*this);
+  const std::vector<int>& first = all.first;
+  const int unknowns = all.unknowns;
   if (N < unknowns)
     throw Error("torque data",
                 text::to_text(N, 6) + " samples, expected at least as many as unknowns, " + std::to_string(unknowns));
@@ -112,15 +226,15 @@ void Problem::Impl::solve_floor() {
     const auto k = static_cast<std::size_t>(j);
     const int at = first_nonlinear(j), count = terms[k].nonlinear();
     const auto residual = [&](const VectorXd& e) {
-      terms[k].columns_of(shape(j, e.data()), C[k]);
-      return own_residual(reduced(data, j, C[k]));
+      all.set_shape(j, e);
+      return own_residual(reduced(data, j, all.C[k]));
     };
-    eta[k] = VectorXd::Zero(count);
+    VectorXd best = VectorXd::Zero(count);
     if (count > 0) {
       const VectorXd low = lower.segment(at, count), high = upper.segment(at, count);
-      eta[k] = compass(scan(low, high, 13, residual), low, high, 0.04, 2e-3, residual);
+      best = compass(scan(low, high, 13, residual), low, high, 0.04, 2e-3, residual);
     }
-    own[j] = residual(eta[k]);
+    own[j] = residual(best);
     const int last = data.columns(j).size() - 1;
     const Eigen::Map<const RowMajor> R(data.triangle(j).R(), last + 1, last + 1);
     tau_rms[j] = R.col(last).norm() / std::sqrt(N);
@@ -138,34 +252,18 @@ void Problem::Impl::solve_floor() {
   const bool shaped = lower.size() > 10 * joints;
 
   // All joints share their bodies: weighted least squares, weights from its residuals, four times (twice does for all but the
-  // last digits). Nonlinear friction follows, joint by joint, at the base parameters found.
+  // last digits). Nonlinear friction follows, joint by joint, at the base parameters found; in the end together with them.
   Solution solution;
   VectorXd rms(joints);
-  MatrixXd A;
   for (int pass = 0; pass < 4; ++pass) {
-    numerics::Triangle stack(static_cast<std::size_t>(unknowns) + 1);
-    VectorXd line(unknowns + 1);
-    for (int j = 0; j < joints; ++j) {
-      const auto k = static_cast<std::size_t>(j);
-      const MatrixXd R = reduced(data, j, C[k]) / sigma[j];
-      const Index drive = C[k].cols();
-      for (Index r = 0; r < R.rows(); ++r) {
-        line.setZero();
-        line.segment(first[k], drive) = R.row(r).head(drive).transpose();
-        for (std::size_t i = 0; i < data.columns(j).base.size(); ++i)
-          line[unknowns - b + data.columns(j).base[i]] = R(r, drive + static_cast<Index>(i));
-        line[unknowns] = R(r, R.cols() - 1);
-        stack.add(line.data());
-      }
-    }
-    stack.flush();
-    A = Eigen::Map<const RowMajor>(stack.R(), unknowns + 1, unknowns + 1);
+    if (shaped && pass == 3) all.shape_together();
+    const MatrixXd A = all.triangle();
     solution = solve(A.leftCols(unknowns), A.col(unknowns));
     const VectorXd beta = solution.x.tail(b);
     for (int j = 0; j < joints; ++j) {
       const auto k = static_cast<std::size_t>(j);
       const int at = first_nonlinear(j), count = terms[k].nonlinear();
-      const Index drive = C[k].cols();
+      const Index drive = terms[k].size();
       const auto rest = [&](const MatrixXd& R) -> VectorXd {  // τ that the bodies leave to the drive, in rows of the triangle
         VectorXd right = R.col(R.cols() - 1);
         for (std::size_t i = 0; i < data.columns(j).base.size(); ++i)
@@ -174,15 +272,14 @@ void Problem::Impl::solve_floor() {
       };
       if (count > 0 && pass < 3) {
         const auto residual = [&](const VectorXd& e) {
-          terms[k].columns_of(shape(j, e.data()), C[k]);
-          MatrixXd R = reduced(data, j, C[k]), alone(R.rows(), drive + 1);
+          all.set_shape(j, e);
+          MatrixXd R = reduced(data, j, all.C[k]), alone(R.rows(), drive + 1);
           alone << R.leftCols(drive), rest(R);
           return own_residual(alone);
         };
-        eta[k] = compass(eta[k], lower.segment(at, count), upper.segment(at, count), 0.02, 5e-4, residual);
-        residual(eta[k]);
+        residual(compass(all.eta[k], lower.segment(at, count), upper.segment(at, count), 0.02, 5e-4, residual));
       }
-      const MatrixXd R = reduced(data, j, C[k]);
+      const MatrixXd R = reduced(data, j, all.C[k]);
       rms[j] = (R.leftCols(drive) * solution.x.segment(first[k], drive) - rest(R)).norm() / std::sqrt(N);
     }
     if (pass == 3 || (given && !shaped)) break;
@@ -200,7 +297,7 @@ void Problem::Impl::solve_floor() {
   for (int j = 0; j < joints; ++j) {
     const auto k = static_cast<std::size_t>(j);
     const VectorXd phi = solution.x.segment(first[k], terms[k].size());
-    floor.drive.push_back(terms[k].drive(shape(j, eta[k].data()), phi.data()));
+    floor.drive.push_back(terms[k].drive(shape(j, all.eta[k].data()), phi.data()));
     for (int i = 0; i < terms[k].size(); ++i)
       excitation.unknown.push_back({terms[k].name(i), phi[i], solution.deviation[first[k] + i], 0,
                                     solution.determined[static_cast<std::size_t>(first[k] + i)]});

@@ -53,9 +53,11 @@ NodeWeights node_weights(double v, int count, double v_max) {
   return n;
 }
 
-/// The speed up to which a joint's friction curve is kept; beyond, the curve is continued as a constant.
+/// The speed up to which a joint's friction curve is kept; beyond, the curve is continued as a constant. A limit that is none
+/// (1000 rad/s), or one that is below where friction becomes level, would leave no nodes where it changes.
 double greatest_speed(const robot::Joint& joint) {
-  return std::isfinite(joint.dq_max) && joint.dq_max > 0 ? joint.dq_max : 4.0;
+  constexpr double kUsual = 4, kLeast = 1, kMost = 30;  // rad/s or m/s
+  return std::isfinite(joint.dq_max) && joint.dq_max > 0 ? std::clamp(joint.dq_max, kLeast, kMost) : kUsual;
 }
 
 }  // namespace

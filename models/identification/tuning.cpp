@@ -22,30 +22,45 @@ constexpr std::uint64_t kMark = 0x31474e494e555443;  // "CTUNING1", little-endia
 
 std::vector<double> list(const VectorXd& v) { return {v.begin(), v.end()}; }
 
-/// The swarm's coordinates y: ξ = centre + E y, with the principal axes of (∂r/∂ξ)ᵀ(∂r/∂ξ) at the centre as columns of E.
+/// The swarm's coordinates y: ξ = centre + E y, with the principal axes of (∂r/∂ξ)ᵀ(∂r/∂ξ) at the centre as columns of E. What
+/// lies on a face of the box has an axis of its own: along any other it would be put back on the face.
 struct Chart {
   VectorXd centre;
   RowMajor E;
   VectorXd curvature;  // per axis
+  double promise = 0;  // by how much the cost would fall if it were as at the centre
 
   Chart() = default;
   Chart(const Problem& problem, const VectorXd& at) : centre(at) {
     VectorXd r;
     MatrixXd J;
     problem.residuals(at, r, &J);
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> axes(J.transpose() * J);
+    MatrixXd H = J.transpose() * J;
+    for (Index i = 0; i < at.size(); ++i) {
+      if (at[i] > problem.lower()[i] && at[i] < problem.upper()[i]) continue;
+      const double own = H(i, i);
+      H.row(i).setZero();
+      H.col(i).setZero();
+      H(i, i) = own;
+    }
+    const Eigen::SelfAdjointEigenSolver<MatrixXd> axes(H);
     E = axes.eigenvectors();
     curvature = axes.eigenvalues().cwiseMax(1e-300);
+    promise = (E.transpose() * (J.transpose() * r)).cwiseAbs2().cwiseQuotient(curvature).sum();
   }
   /// Box about the problem's own, which is turned in these coordinates; what lies between them is put on the problem's faces.
   VectorXd reach(const Problem& problem) const {
     const VectorXd far = (problem.lower() - centre).cwiseAbs().cwiseMax((problem.upper() - centre).cwiseAbs());
     return E.cwiseAbs().transpose() * far;
   }
-  /// Standard deviations at which the cost grows by about `excess`, and of at most `most`.
-  VectorXd spread(double excess, double most) const {
+  /// Standard deviations at which the cost grows by about `excess`, and of at most `most`. `careful`: smaller again where even
+  /// `most` does less than that, like steps of Levenberg and Marquardt. Else a swarm far from its goal, which is drawn by a few
+  /// axes, is carried off along all the others by chance, to the faces of the box.
+  VectorXd spread(double excess, double most, bool careful) const {
     const double share = excess / static_cast<double>(curvature.size());
-    return (share * curvature.cwiseInverse()).cwiseSqrt().cwiseMin(most);
+    if (!careful) return (share * curvature.cwiseInverse()).cwiseSqrt().cwiseMin(most);
+    const double damping = share / (most * most);
+    return std::sqrt(share) * (curvature.array().sqrt() / (curvature.array() + damping)).matrix();
   }
 };
 
@@ -94,10 +109,11 @@ struct Tuning::Impl {
     const double at_prior = problem->cost(chart.centre);
     swarm = std::make_unique<numerics::Swarm>(list(-reach), list(reach),
                                               std::vector<double>(static_cast<std::size_t>(reach.size()), 0.0),
-                                              list(chart.spread(at_prior, options.spread)), cost(), options.swarm);
+                                              list(chart.spread(at_prior, options.spread, true)), cost(), options.swarm);
   }
 
-  /// Turns the swarm to the axes at its best position; it will be reconfigured there.
+  /// Turns the swarm to the axes at its best position; it will be reconfigured there, in turn carefully and widely: where the
+  /// model does not fit, the way may lead far along axes of little curvature.
   void turn_to_best() {
     const Chart before = chart;
     use(Chart(*problem, best()));
@@ -106,9 +122,11 @@ struct Tuning::Impl {
     const VectorXd b = before.E.transpose() * (chart.centre - before.centre);
     const VectorXd reach = chart.reach(*problem);
     const double best_cost = swarm->best_cost();
-    const double excess = std::max(best_cost - problem->floor().cost, 1e-3 * best_cost);
+    const double least = 1e-3 * best_cost;
+    const double excess = std::max(std::min(best_cost - problem->floor().cost, chart.promise), least);
+    const bool careful = swarm->state().reconfigurations % 2 == 0;
     swarm->change_coordinates({A.data(), static_cast<std::size_t>(A.size())}, {b.data(), static_cast<std::size_t>(b.size())},
-                              list(-reach), list(reach), list(chart.spread(excess, options.spread)));
+                              list(-reach), list(reach), list(chart.spread(excess, options.spread, careful)));
   }
 
   VectorXd best() const {

@@ -12,7 +12,7 @@ namespace cotwin::identification {
 struct TuningOptions {
   /// threshold: of f; rounds: N_P. Reconfigurations renew the axes, so they come early.
   numerics::SwarmOptions swarm{.stagnation_rounds = 20, .stagnation_rate = 2e-3};
-  double spread = 0.3;  // standard deviation of the first particles about the prior, in ξ (30 %)
+  double spread = 0.3;  // of particles about the prior and about a best one: standard deviation in ξ, at most (30 %)
 };
 
 struct TuningProgress {
@@ -26,7 +26,8 @@ struct TuningProgress {
 /// The swarm of IV-A4 on a Problem. Particles live in ξ, so that each is a physically consistent robot within the bounds, and
 /// begin about the prior, the first one on it. Their coordinates are turned to the principal axes of the cost's curvature
 /// (∂r/∂ξ)ᵀ(∂r/∂ξ) at the best position, at the start and again at each reconfiguration: the same ellipsoids that make least
-/// squares ill-conditioned make a swarm, which moves by coordinates, crawl. No other use is made of derivatives.
+/// squares ill-conditioned make a swarm, which moves by coordinates, crawl. How much the cost promises to fall there says how
+/// far particles are spread along each. No other use is made of derivatives.
 /// `problem` must outlive the tuning and stay where it is.
 class Tuning {
  public:
