@@ -49,7 +49,9 @@ class Hash {
 
 double read_element(const Variable& variable, std::string_view text, double) {
   const auto value = text::parse_real(text);
-  if (!value) throw Error(variable.name, "'" + std::string(text) + "', expected a number in " + variable.si);
+  if (!value)
+    throw Error(variable.name,
+                "'" + std::string(text) + "', expected a number" + (variable.si.empty() ? "" : " in " + variable.si));
   return *value;
 }
 std::int32_t read_element(const Variable& variable, std::string_view text, std::int32_t) {
@@ -207,8 +209,9 @@ void Variables::check_ranges() const {
     if (variable.role == Role::kOutput || variable.role == Role::kState) continue;
     const auto check = [&](std::size_t element, double value) {
       if (value >= variable.min && value <= variable.max) return;
-      throw Error(element_name(variable, element) + " = " + text::to_text(value) + " " + variable.si + ", expected " +
-                  text::to_text(variable.min) + " to " + text::to_text(variable.max));
+      throw Error(element_name(variable, element) + " = " + text::to_text(value) +
+                  (variable.si.empty() ? "" : " " + variable.si) + ", expected " + text::to_text(variable.min) + " to " +
+                  text::to_text(variable.max));
     };
     if (variable.kind() == Kind::kReal) {
       for (std::size_t i = 0; i < variable.size(); ++i) check(i, variable.reals()[i]);

@@ -143,10 +143,13 @@ TEST(Tuner, FindsTheRobotBehindTheTorques) {
   Subject tuner = tuner_of_planar2();
   run(tuner, measured, 0, 5);
   ASSERT_EQ(tuner.integer("tunings"), 1) << tuner.text("warning");
+  // No robot is below the floor of both joints' errors together; a single joint may be, at the cost of the other.
+  double over_floor = 0;
   for (std::size_t j = 0; j < 2; ++j) {
     EXPECT_LT(tuner["rms"][j], 0.05 * tuner["rms_prior"][j]) << j;
-    EXPECT_GE(tuner["rms"][j], 0.999 * tuner["rms_floor"][j]) << j;
+    over_floor += std::pow(tuner["rms"][j] / tuner["rms_floor"][j], 2) / 2;
   }
+  EXPECT_GE(over_floor, 1 - 1e-6);
   EXPECT_THAT(tuner.text("log"), HasSubstr("tuned at 4 s"));
 
   // What it found predicts a motion that it has not seen.

@@ -78,7 +78,7 @@ TEST(Variables, NameElementValueAndRangeOfWhatLiesOutside) {
   EXPECT_THROW(v.check_ranges(), Error);
   m.K = 1;
   m.mode[1] = 8;
-  EXPECT_THAT([&] { v.check_ranges(); }, ThrowsMessage<Error>(HasSubstr("mode[2] = 8")));
+  EXPECT_THAT([&] { v.check_ranges(); }, ThrowsMessage<Error>(HasSubstr("mode[2] = 8, expected ")));
 }
 
 TEST(Variables, FindTheFirstOutputThatIsNotFinite) {
