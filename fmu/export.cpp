@@ -579,6 +579,7 @@ void* Exported::deserialise(std::span<const std::byte> bytes) {
   if (!known || !is_time(m.start_ns) || !is_time(m.time_ns) || !is_time(m.stop_ns) || !(std::abs(m.host_time) <= kLatest)) {
     in.fail("has a state or a time that there is not");
   }
+  if ((m.state == kStepping || m.state == kStepDiscarded) && !m.initialised) in.fail("steps without being initialised");
   const std::string snapshot = in.text();
   in.expect_end();
   saved->snapshot = Snapshot::deserialise(as_bytes(snapshot));

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Builds the fuzz targets with clang, address and undefined sanitizers, and runs each for SECONDS: scripts/fuzz.sh [SECONDS [NAME…]]
-# Starts from tests/fuzz/corpus/<name>; what it finds new stays below build/fuzz.
+# Starts from tests/fuzz/corpus/<name>; what it finds new stays below build/fuzz. FUZZ_SEED, of the random numbers; 0 or none: another one each time.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 seconds=${1:-60}
@@ -12,7 +12,7 @@ CC=clang-14 CXX=clang++-14 scripts/build.sh fuzz:fuzz_targets -DCMAKE_BUILD_TYPE
 fuzz_one() {
   local name=$1 seconds=$2
   mkdir -p "build/fuzz/corpus/$name" "tests/fuzz/corpus/$name"
-  if ! "build/fuzz/fuzz/${name}_fuzz" -max_total_time="$seconds" -rss_limit_mb=2048 -timeout=10 -artifact_prefix="build/fuzz/" \
+  if ! "build/fuzz/fuzz/${name}_fuzz" -max_total_time="$seconds" -seed="${FUZZ_SEED:-0}" -rss_limit_mb=2048 -timeout=10 -artifact_prefix="build/fuzz/" \
     "build/fuzz/corpus/$name" "tests/fuzz/corpus/$name" >"build/fuzz/$name.log" 2>&1; then
     tail -n 60 "build/fuzz/$name.log" >&2
     echo "fuzzing $name failed; the input is in build/fuzz" >&2

@@ -6,10 +6,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <thread>
 
+#include "fmu/bytes.h"
 #include "fmu/pack.h"
 #include "models/text/error.h"
 #include "tests/fmu/driver.h"
@@ -554,6 +556,22 @@ TEST_P(Interface, HandsAStateOnToAFreshInstanceAsBytes) {
   EXPECT_EQ(d.step(2, 1), kErrorStatus);
   d.initialise();
   EXPECT_EQ(d.step(0, 1), kOk);
+}
+
+// With a hash that is right: of a unit that never was initialised nothing agrees with its variables.
+TEST_P(Interface, RefusesAStateThatStepsWithoutBeingInitialised) {
+  constexpr std::size_t kHash = 8, kBody = 16, kInitialised = 28;
+  Driver d(*fmu_);
+  d.initialise();
+  void *state = nullptr, *taken = nullptr;
+  EXPECT_EQ(d.save(&state), kOk);
+  std::vector<char> bytes = d.serialise(state);
+  ASSERT_EQ(bytes[kInitialised], 1);
+  bytes[kInitialised] = 0;
+  const std::uint64_t hash = hash_of({bytes.data() + kBody, bytes.size() - kBody});
+  std::memcpy(bytes.data() + kHash, &hash, sizeof hash);
+  EXPECT_EQ(d.deserialise(bytes, &taken), kErrorStatus);
+  EXPECT_THAT(d.last_message(), HasSubstr("steps without being initialised"));
 }
 
 TEST_P(Interface, RefusesBytesThatAreNoStateOfIts) {
