@@ -15,8 +15,9 @@ constexpr double kRegular = 1e-9;
 /// A tangents' impulse so near to the cone slips; ways so near to each other are one; following goes so far at most.
 constexpr double kRounding = 1e-12, kParallel = 1e-10, kFarthestShare = 100;
 
-/// Of zᵀz: the square of a change of z below it is within what rounding makes of the gradient along it.
-constexpr double kResolved = 1e-16;
+/// Of zᵀz: the square of a change of z below it may be rounding, of which sweeps along redundant contacts leave 1e-28; those
+/// near the tolerance leave 1e-18.
+constexpr double kResolved = 1e-22;
 
 /// N.s: friction below it is none, and its shift would leave the range of numbers.
 constexpr double kNoImpulse = 1e-100;
