@@ -15,9 +15,8 @@ constexpr double kRegular = 1e-9;
 /// A tangents' impulse so near to the cone slips; ways so near to each other are one; following goes so far at most.
 constexpr double kRounding = 1e-12, kParallel = 1e-10, kFarthestShare = 100;
 
-/// Of zᵀz: the square of a change of z below it may be rounding, of which sweeps along redundant contacts leave 1e-28; those
-/// near the tolerance leave 1e-18.
-constexpr double kResolved = 1e-22;
+/// Of zᵀz: a change of z whose square is below it is followed only where that square, an energy, is of no account (J).
+constexpr double kResolved = 1e-16, kNoAccount = 1e-13;
 
 /// N.s: friction below it is none, and its shift would leave the range of numbers.
 constexpr double kNoImpulse = 1e-100;
@@ -584,7 +583,7 @@ Rows::Shares Rows::best_shares(const Island& island) const {
   }
   const double D = sum(dd), M = sum(dp), P = sum(pp), d = sum(along_d), p = sum(along_p);
   Shares shares;
-  const double determinant = D * P - M * M, least = kResolved * sum(zz);
+  const double determinant = D * P - M * M, least = D > kNoAccount ? kResolved * sum(zz) : 0;
   if (determinant > std::max(kParallel * D, least) * P) {
     shares = {(p * M - d * P) / determinant, (d * M - p * D) / determinant};
   } else if (D > least) {
