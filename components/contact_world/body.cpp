@@ -16,8 +16,8 @@ using Eigen::Vector4d;
 struct Rotor {
   explicit Rotor(double x2) {
     if (x2 < 0.02) {
-      cosine = 1 - x2 / 2 * (1 - x2 / 12 * (1 - x2 / 30 * (1 - x2 / 56 * (1 - x2 / 90))));
-      sinc = 1 - x2 / 6 * (1 - x2 / 20 * (1 - x2 / 42 * (1 - x2 / 72 * (1 - x2 / 110))));
+      cosine = 1 + x2 * (-1 / 2. + x2 * (1 / 24. + x2 * (-1 / 720. + x2 * (1 / 40320. + x2 * (-1 / 3628800.)))));
+      sinc = 1 + x2 * (-1 / 6. + x2 * (1 / 120. + x2 * (-1 / 5040. + x2 * (1 / 362880. + x2 * (-1 / 39916800.)))));
     } else {
       const double x = std::sqrt(x2);
       cosine = std::cos(x);
@@ -54,10 +54,11 @@ void turn_about(int k, double rate, double h, Vector4d& Q, Vector3d& L_P) {
   const double Li = L_P[i], Lj = L_P[j];
   L_P[i] = C * Li + S * Lj;
   L_P[j] = C * Lj - S * Li;
-  Vector4d turn = Vector4d::Zero();
-  turn[0] = c;
-  turn[k + 1] = s;
-  Q = product(Q, turn);
+  const Vector4d was = Q;
+  Q[0] = c * was[0] - s * was[k + 1];
+  Q[k + 1] = c * was[k + 1] + s * was[0];
+  Q[i + 1] = c * was[i + 1] + s * was[j + 1];
+  Q[j + 1] = c * was[j + 1] - s * was[i + 1];
 }
 
 double radius_about(const Vector3d& p_BP, const scene::Shape& shape) {
