@@ -1,7 +1,9 @@
 #include "components/contact_world/forest.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
+#include <iterator>
 
 namespace cotwin::contact_world {
 namespace {
@@ -336,8 +338,9 @@ void Forest::expect(const Tree& tree, std::span<const Joint> joints, double h) {
     node.start = {};
     add(node.start, -node.sign / h, local_error(joints[static_cast<std::size_t>(node.joint)]));
     node.local = node.start;
-    add(node.local, 2, node.curve[0]);
-    add(node.local, -1, node.curve[1]);
+    add(node.local, 3, node.curve[0]);  // a parabola's next place
+    add(node.local, -3, node.curve[1]);
+    add(node.local, 1, node.curve[2]);
     set_beta(tree.O, node);
   }
 }
@@ -355,6 +358,7 @@ void Forest::remember(const Tree& tree, std::span<const Joint> joints, double h)
   for (int n = tree.first; n < tree.end; ++n) {
     Node& node = nodes_[static_cast<std::size_t>(n)];
     if (node.joint < 0) continue;
+    node.curve[2] = node.curve[1];
     node.curve[1] = node.curve[0];
     node.curve[0] = node.local;
     add(node.curve[0], -1, node.start);
@@ -365,7 +369,7 @@ void Forest::remember(const Tree& tree, std::span<const Joint> joints, double h)
 void Forest::forget(const Tree& tree) {
   for (int n = tree.first; n < tree.end; ++n) {
     Node& node = nodes_[static_cast<std::size_t>(n)];
-    node.curve[0] = node.curve[1] = {};
+    std::fill(std::begin(node.curve), std::end(node.curve), Spatial{});
   }
 }
 

@@ -47,7 +47,7 @@ class Forest {
     Vector3d p = Vector3d::Zero();      // and where the child's anchor was
     Spatial local{};                    // β seen from there
     Spatial start{};                    // of it, what makes up for the error at the step's start
-    Spatial curve[2]{};                 // and the rest in the last step and in the one before
+    Spatial curve[3]{};                 // and the rest in the last steps, the latest first
     Spatial F{};                        // momentum of the free motion and all impulses on the body
     Spatial V{};                        // result
     std::array<double, 36> inertia{};   // of the body at O
@@ -92,7 +92,7 @@ class Forest {
   /// β += rate · the joints' present errors.
   void bend(const Tree& tree, std::span<const Joint> joints, double rate);
   void straighten(const Tree& tree);
-  /// β := what the last two steps suggest, and what makes up for the joints' present errors, in a step h.
+  /// β := what the last three steps suggest, and what makes up for the joints' present errors, in a step h.
   void expect(const Tree& tree, std::span<const Joint> joints, double h);
   /// β := what makes up for the joints' errors at the step's start.
   void start(const Tree& tree);

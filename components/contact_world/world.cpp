@@ -27,7 +27,7 @@ std::vector<Joint> joints_of(const scene::Scene& scene, std::span<const RigidBod
   return joints;
 }
 
-constexpr std::size_t kNumbersPerBody = 16, kNumbersPerJoint = 4 + kJointRows, kNumbersPerNode = 12, kNumbersPerTouch = 12;
+constexpr std::size_t kNumbersPerBody = 16, kNumbersPerJoint = 4 + kJointRows, kNumbersPerNode = 18, kNumbersPerTouch = 12;
 
 }  // namespace
 
