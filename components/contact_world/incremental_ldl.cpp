@@ -46,8 +46,8 @@ void IncrementalLdl::clear(int n) {
   reserve(n);
   m_ = ascending_ = 0;
   candidate_ = -1;
-  std::fill(position_.begin(), position_.end(), -1);
-  for (std::size_t i = 0; i < slot_.size(); ++i) slot_[i] = i;
+  std::fill_n(position_.begin(), n, -1);
+  for (std::size_t i = 0; i <= at(n) && i < slot_.size(); ++i) slot_[i] = i;  // the candidate has one, too
 }
 
 double IncrementalLdl::pivot(int i, const double* a, double diagonal, RowProfile profile) {

@@ -104,6 +104,7 @@ void Rows::Outcome::add(const Outcome& other) {
 }
 
 void Rows::clear() {
+  std::swap(boxes_, sorted_boxes_);  // update() may take from them what it needs
   boxes_.clear();
   cones_.clear();
 }
@@ -299,7 +300,8 @@ void Rows::prepare(std::span<const RigidBody> bodies, const Forest& forest, doub
     row.A = 0;
     for (const Side& side : row.side) row.A += dot(y_.data() + side.y, y_.data() + side.y, side.size);
     const double free = free_inverse_inertia(bodies, row.a, row.b, row.d, row.m, row.p);
-    row.softness += regular(row.A, free);
+    row.regular = regular(row.A, free);
+    row.softness += row.regular;
     row.redundant = row.A < kRegular * free;
     row.inverse_A = 1 / (row.A + row.softness);
   }
@@ -325,11 +327,25 @@ void Rows::prepare(std::span<const RigidBody> bodies, const Forest& forest, doub
 }
 
 bool Rows::update(double h) {
-  const bool had_boxes = !islands_.empty() && islands_.back().end_box > 0;
-  if (had_boxes || !boxes_.empty() || cores_.size() != cones_.size()) return false;
+  if (boxes_.size() != sorted_boxes_.size() || cores_.size() != cones_.size()) return false;
+  for (const BoxRow& then : sorted_boxes_) {
+    const BoxRow& now = boxes_[index(then.origin)];
+    if (now.a != then.a || now.b != then.b || now.d != then.d || now.m != then.m || now.p != then.p) return false;
+  }
   for (const Core& core : cores_) {
     if (cones_[core.row].point != core.point) return false;
   }
+  for (BoxRow& row : sorted_boxes_) {
+    const BoxRow& now = boxes_[index(row.origin)];
+    row.target = now.target;
+    row.softness = now.softness + row.regular;
+    row.lo = now.lo;
+    row.hi = now.hi;
+    row.x = now.x;
+    row.applied = now.applied;
+    row.inverse_A = 1 / (row.A + row.softness);
+  }
+  std::swap(boxes_, sorted_boxes_);
   for (Core& core : cores_) load(core, h);
   return true;
 }

@@ -30,9 +30,10 @@ struct BoxRow {
   double applied = 0;  // of x, what the bodies' velocities have already
   double u = 0;        // at the coordinates' origin
   double A = 0, inverse_A = 0;
+  double regular = 0;  // of the softness
   bool redundant = false;
   Side side[2];
-  int origin = 0;  // the caller's
+  int origin = 0;  // how many had been added before it
   int island = 0;
 };
 
@@ -61,7 +62,10 @@ class Rows {
   void reserve(std::size_t cones, std::size_t boxes, bool pivoting);
 
   void clear();
-  void add(const BoxRow& row) { boxes_.push_back(row); }
+  void add(const BoxRow& row) {
+    boxes_.push_back(row);
+    boxes_.back().origin = static_cast<int>(boxes_.size()) - 1;
+  }
   void add(const ConeRow& row) { cones_.push_back(row); }
   bool empty() const { return boxes_.empty() && cones_.empty(); }
   std::span<BoxRow> boxes() { return boxes_; }
@@ -69,8 +73,8 @@ class Rows {
 
   /// Sorts the rows by islands and computes what depends on poses and on the trees' factors.
   void prepare(std::span<const RigidBody> bodies, const Forest& forest, double h);
-  /// The same with what prepare() computed last, where poses and the trees' factors are those of then. False if the rows are
-  /// not: nothing has changed.
+  /// The same with what prepare() computed last, where poses and the trees' factors are those of then. False if the rows lie
+  /// elsewhere: nothing has changed.
   bool update(double h);
   /// u of every row from the bodies' present twists.
   void measure(std::span<const RigidBody> bodies);
@@ -150,7 +154,7 @@ class Rows {
   std::vector<double> z_;                 // gained since measure()
   std::vector<double> z_before_, z_way_;  // before the last sweep, and over the sweeps
   std::vector<double> y_;
-  std::vector<BoxRow> boxes_, sorted_boxes_;
+  std::vector<BoxRow> boxes_, sorted_boxes_;  // sorted by islands; while rows are added, as they were prepared last
   std::vector<ConeRow> cones_;
   std::vector<Core> cores_;  // sorted by islands
   std::vector<Island> islands_;

@@ -363,7 +363,6 @@ void World::Impl::collect_joint(const LooseJoint& one, Stage stage, double h) {
     made.hi = hi;
     made.softness = softness;
     made.x = std::clamp(x[index(row)], lo, hi);
-    made.origin = static_cast<int>(row_origin.size());
     row_origin.push_back({one.joint, row});
     rows.add(made);
   };
