@@ -23,12 +23,13 @@ using namespace std::chrono_literals;
 constexpr auto kIdle = 2ms;     // the writer's nap when the ring is empty: waking it from the loop would cost a system call
 constexpr auto kFlush = 200ms;  // how old a row in memory may grow
 constexpr std::size_t kBuffer = std::size_t{1} << 18;  // bytes of text per write
+constexpr std::size_t kRoom = 28;                      // that a number needs
 
 bool has_wildcard(const std::string& pattern) { return pattern.find_first_of("*?") != std::string::npos; }
 
 bool wanted(const std::string& pattern, const std::string& name, const Variable& variable) {
   if (!has_wildcard(pattern)) return pattern == name;
-  return variable.role != Role::kParameter && variable.kind() != cotwin::Kind::kString && glob(pattern, name);
+  return variable.role != Role::kParameter && variable.kind() != Kind::kString && glob(pattern, name);
 }
 
 /// RFC 4180.
@@ -62,7 +63,7 @@ std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Mem
     bool any = false;
     for (std::size_t r = 0; r < scenario.recording.size(); ++r) {
       if (!wanted(scenario.recording[r].variables, name, variable)) continue;
-      if (variable.kind() == cotwin::Kind::kString)
+      if (variable.kind() == Kind::kString)
         fail(scenario.recording[r].place, "'" + name + "' is a String, which cannot be recorded");
       found[r] = any = true;
     }
@@ -72,8 +73,7 @@ std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Mem
     for (const Variable& variable : members[m].variables()) {
       const std::string whole = members[m].name() + "." + variable.name;
       const std::size_t n = variable.size();
-      const bool by_default =
-          scenario.recording.empty() && variable.role == Role::kOutput && variable.kind() != cotwin::Kind::kString;
+      const bool by_default = scenario.recording.empty() && variable.role == Role::kOutput && variable.kind() != Kind::kString;
       if (by_default || take(whole, variable)) {
         Column column{{}, {m, &variable, 0, n, whole}};
         for (std::size_t i = 0; i < n; ++i) column.names.push_back(element_name(members[m].name(), variable, i));
@@ -103,10 +103,9 @@ class Recorder::Writer {
       : recorder_(recorder),
         descriptor_(descriptor),
         integral_(integral),
-        cells_(recorder.width_),
-        recent_(std::bit_ceil(std::clamp<std::size_t>(4 * recorder.width_, 256, 65536))),
-        recent_shift_(64 - std::countr_zero(recent_.size())),
-        buffer_(kBuffer + 64 + 32 * recorder.width_) {}
+        known_(std::bit_ceil(std::clamp<std::size_t>(4 * recorder.width_, 256, 65536))),
+        known_shift_(64 - std::countr_zero(known_.size())),
+        buffer_(kBuffer + 2 * kRoom + 32 * recorder.width_) {}
   ~Writer() {
     if (descriptor_ >= 0) ::close(descriptor_);
   }
@@ -163,40 +162,36 @@ class Recorder::Writer {
 
  private:
   /// A value and its text.
-  struct Cell {
+  struct Known {
     std::uint64_t bits = 0x7ff8dead0000beefu;  // a NaN that nothing computes
     std::uint32_t length = 0;
-    char text[28];
+    char text[kRoom];
   };
 
   void write_row(const double* row) {
     char* to = write_time(buffer_.data() + used_, std::bit_cast<std::int64_t>(row[0]));
-    for (std::size_t i = 0; i < cells_.size(); ++i) {
-      Cell& cell = cells_[i];
-      const double value = row[i + 1];
-      const auto bits = std::bit_cast<std::uint64_t>(value);
-      if (bits != cell.bits) {
-        if (integral_[i]) {
-          put(cell, bits, static_cast<std::int32_t>(value));
-        } else {
-          Cell& recent = recent_[(bits * 0x9e3779b97f4a7c15u) >> recent_shift_];
-          if (bits != recent.bits) put(recent, bits, value);
-          cell = recent;
-        }
-      }
+    for (std::size_t i = 0; i < integral_.size(); ++i) {
       *to++ = ',';
-      std::memcpy(to, cell.text, sizeof cell.text);  // a fixed length is quicker; the next cell overwrites the rest
-      to += cell.length;
+      const double value = row[i + 1];
+      to = integral_[i] ? std::to_chars(to, to + kRoom, static_cast<std::int32_t>(value)).ptr : write_real(to, value);
     }
     *to++ = '\n';
     used_ = static_cast<std::size_t>(to - buffer_.data());
     if (used_ >= kBuffer) flush();
   }
 
-  template <class T>
-  static void put(Cell& cell, std::uint64_t bits, T value) {
-    cell.length = static_cast<std::uint32_t>(std::to_chars(cell.text, cell.text + sizeof cell.text, value).ptr - cell.text);
-    cell.bits = bits;
+  char* write_real(char* to, double value) {
+    const auto bits = std::bit_cast<std::uint64_t>(value);
+    Known& known = known_[(bits * 0x9e3779b97f4a7c15u) >> known_shift_];
+    if (bits == known.bits) {
+      std::memcpy(to, known.text, sizeof known.text);  // a fixed length is quicker; what comes next overwrites the rest
+      return to + known.length;
+    }
+    char* const end = std::to_chars(to, to + kRoom, value).ptr;
+    known.bits = bits;
+    known.length = static_cast<std::uint32_t>(end - to);
+    std::memcpy(known.text, to, sizeof known.text);
+    return end;
   }
 
   /// Takes back the part of a row that a full disk left behind. `last`: what was written of the last text.
@@ -214,9 +209,8 @@ class Recorder::Writer {
   Recorder& recorder_;
   int descriptor_;
   std::vector<bool> integral_;
-  std::vector<Cell> cells_;   // the last of each column: signals that rest, and most parameters, cost a comparison
-  std::vector<Cell> recent_;  // of all columns, by hash: an input repeats what an output has just been
-  int recent_shift_;
+  std::vector<Known> known_;  // by hash: a signal rests, and an input repeats what an output has just been
+  int known_shift_;
   std::vector<char> buffer_;
   std::size_t used_ = 0;
   std::size_t written_ = 0;  // bytes in the file, whole rows
@@ -228,23 +222,22 @@ Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Opti
   std::vector<bool> integral;
   for (const Column& column : columns) {
     const Signal& s = column.signal;
-    const auto count = static_cast<std::uint32_t>(s.count);
     const Variable& v = *s.variable;
+    const auto part = [&s](auto all) { return all.subspan(s.first, s.count); };
     switch (v.kind()) {
-      case cotwin::Kind::kReal:
-        sources_.push_back({v.reals().data() + s.first, count, Kind::kReals});
+      case Kind::kReal:
+        add<double>(part(v.reals()), reals_);
         break;
-      case cotwin::Kind::kInteger:
-        sources_.push_back({v.integers().data() + s.first, count, Kind::kIntegers});
+      case Kind::kInteger:
+        add<std::int32_t>(part(v.integers()), integers_);
         break;
-      case cotwin::Kind::kBoolean:
-        sources_.push_back({v.booleans().data() + s.first, count, Kind::kBooleans});
+      case Kind::kBoolean:
+        add<bool>(part(v.booleans()), booleans_);
         break;
-      case cotwin::Kind::kString:
+      case Kind::kString:
         throw Error("'" + s.name + "' is a String, which cannot be recorded");
     }
-    width_ += s.count;
-    integral.insert(integral.end(), s.count, v.kind() != cotwin::Kind::kReal);
+    integral.insert(integral.end(), s.count, v.kind() != Kind::kReal);
     for (const std::string& name : column.names) heading += "," + csv_field(name);
   }
   heading += '\n';
@@ -289,27 +282,17 @@ void Recorder::sample(Time now) {
   ++sampled_;
 }
 
+/// The next columns.
+template <class T>
+void Recorder::add(std::span<const T> values, std::vector<Source<T>>& sources) {
+  for (const T& value : values) sources.push_back({&value, width_++});
+}
+
 void Recorder::copy_row(Time now, double* row) const {
   *row++ = std::bit_cast<double>(now.ns);
-  for (const Source& source : sources_) {
-    switch (source.kind) {
-      case Kind::kReals: {
-        const auto* from = static_cast<const double*>(source.from);
-        for (std::uint32_t i = 0; i < source.count; ++i) *row++ = from[i];
-        break;
-      }
-      case Kind::kIntegers: {
-        const auto* from = static_cast<const std::int32_t*>(source.from);
-        for (std::uint32_t i = 0; i < source.count; ++i) *row++ = from[i];
-        break;
-      }
-      case Kind::kBooleans: {
-        const auto* from = static_cast<const bool*>(source.from);
-        for (std::uint32_t i = 0; i < source.count; ++i) *row++ = from[i] ? 1 : 0;
-        break;
-      }
-    }
-  }
+  for (const auto& [from, column] : reals_) row[column] = *from;
+  for (const auto& [from, column] : integers_) row[column] = *from;
+  for (const auto& [from, column] : booleans_) row[column] = *from ? 1 : 0;
 }
 
 void Recorder::close() {

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <span>
 #include <string>
 #include <thread>
 #include <vector>
@@ -53,17 +54,21 @@ class Recorder {
  private:
   class Writer;
 
-  enum class Kind : std::uint8_t { kReals, kIntegers, kBooleans };
+  /// Where a value is and where in the row it goes.
+  template <class T>
   struct Source {
-    const void* from;
-    std::uint32_t count;
-    Kind kind;
+    const T* from;
+    std::size_t column;
   };
 
+  template <class T>
+  void add(std::span<const T> values, std::vector<Source<T>>& sources);
   void copy_row(Time now, double* row) const;
   [[noreturn]] void tell_failure();
 
-  std::vector<Source> sources_;
+  std::vector<Source<double>> reals_;
+  std::vector<Source<std::int32_t>> integers_;
+  std::vector<Source<bool>> booleans_;
   std::filesystem::path file_;
   bool may_wait_;
   std::size_t width_ = 0;     // values per row, without the time
