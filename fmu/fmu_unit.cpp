@@ -198,7 +198,10 @@ StepResult ForeignUnit::step(Time now, Duration h) {
   if (!healthy_) throw Error("the FMU has failed, or was not initialised");
   if (finished_) throw Error("the FMU has ended its simulation and makes no further step");
   try {
-    if (!advance(now, h)) return StepResult::kDiscard;
+    if (!advance(now, h)) {
+      choose_pace();
+      return StepResult::kDiscard;
+    }
     variables_.receive(*instance_, Exchange::kResult);
     variables_.receive_slopes(*instance_, h.seconds());
   } catch (...) {
@@ -253,7 +256,7 @@ FmuUnit::FmuUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions options)
 }
 
 ForeignUnit::Pace FmuUnit::pace() const {
-  if (!interface_.variable_step || !clocks_.empty()) return Pace::kCareful;
+  if (!interface_.variable_step || !clocks_.empty() || !variables_.knows_inputs()) return Pace::kCareful;
   return variables_.may_need_care() ? Pace::kByInputs : Pace::kSimple;
 }
 
@@ -278,6 +281,16 @@ void FmuUnit::begin(Time start) {
   equal_step_ = {};
   asked_ = {};
   if (event_mode_) finish_events(start.seconds(), true);  // an FMU with event mode begins in it (4.2.1)
+}
+
+StepResult FmuUnit::step_with_care(Time now, Duration h) {
+  return pace_ == Pace::kByInputs && !variables_.needs_care() ? step_simply(now, h) : ForeignUnit::step(now, h);
+}
+
+/// Of a step that was thought to be a simple one.
+StepResult FmuUnit::complete_step() {
+  begun_ = true;
+  return ForeignUnit::step(variables_.stepped_from(), variables_.stepped_by());
 }
 
 /// Sends what changed. Where there is an event mode, all but continuous inputs may change only in it.
@@ -355,7 +368,7 @@ bool FmuUnit::advance(Time now, Duration h) {
   const double begin = now.seconds(), end = (now + h).seconds();
   step_begin_ = begin;
   clocks_.begin_step();
-  std::optional<StepOutcome> begun = std::exchange(begun_, std::nullopt);
+  bool begun = std::exchange(begun_, false);
   if (!begun) send_inputs();
   double t = begin;
   int idle = 0;
@@ -366,7 +379,7 @@ bool FmuUnit::advance(Time now, Duration h) {
     if (stop && *stop > t && *stop < end) target = *stop;
     const bool whole = t == begin && target == end;
     const StepOutcome out =
-        begun ? *std::exchange(begun, std::nullopt) : instance_->do_step(t, whole ? h.seconds() : target - t);
+        std::exchange(begun, false) ? variables_.outcome() : instance_->do_step(t, whole ? h.seconds() : target - t);
     if (out.discarded) {
       ++asked_.discards;
       asked_.discarded_at = t;

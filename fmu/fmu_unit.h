@@ -100,11 +100,9 @@ class ForeignUnit : public cotwin::Unit {
   void drop();
 
   std::unique_ptr<ForeignInstance> instance_;
-  bool healthy_ = false;        // initialised, and no error since
-  bool finished_ = false;       // the FMU wants the simulation to end
-  Pace pace_ = Pace::kCareful;  // of the next step
-  Duration last_h_;             // of a simple step
-  double last_h_seconds_ = 0;
+  bool healthy_ = false;              // initialised, and no error since
+  bool finished_ = false;             // the FMU wants the simulation to end
+  Pace pace_ = Pace::kCareful;        // of the next step
   std::optional<double> next_event_;  // s
   std::shared_ptr<const ForeignFmu> fmu_;
   UnitOptions options_;
@@ -151,6 +149,9 @@ class FmuUnit final : public ForeignUnit {
   bool advance(Time now, Duration h) override;
   void write_memory(ByteWriter& out) override;
   void read_memory(ByteReader& in) override;
+  StepResult step_simply(Time now, Duration h);
+  StepResult step_with_care(Time now, Duration h);
+  StepResult complete_step();
   void send_inputs();
   void handle_events(double t);
   /// From event mode, in which the FMU is, to step mode. `triggered`: the triggered input clocks that are asked for tick.
@@ -160,7 +161,7 @@ class FmuUnit final : public ForeignUnit {
 
   bool event_mode_ = false;
   bool ramps_by_updates_ = false;  // inputs move in intermediate updates; else the FMU is given their slopes, if it wants them
-  std::optional<StepOutcome> begun_;  // of a step that was thought to be a simple one
+  bool begun_ = false;             // a step that was thought to be a simple one is to be completed
   ForeignClocks clocks_;
   std::function<void()> observe_clocks_;  // empty without clocks
   Asked asked_;
@@ -169,23 +170,20 @@ class FmuUnit final : public ForeignUnit {
 };
 
 inline StepResult FmuUnit::step(Time now, Duration h) {
-  if (pace_ != Pace::kSimple) [[unlikely]] {
-    if (pace_ == Pace::kCareful || variables_.needs_care()) return ForeignUnit::step(now, h);
-  }
-  if (h != last_h_) [[unlikely]] {
-    last_h_ = h;
-    last_h_seconds_ = h.seconds();
-  }
+  if (pace_ != Pace::kSimple) [[unlikely]]
+    return step_with_care(now, h);
+  return step_simply(now, h);
+}
+
+inline StepResult FmuUnit::step_simply(Time now, Duration h) {
   try {
-    StepOutcome outcome;
-    if (variables_.step(*instance_, now.seconds(), last_h_seconds_, outcome)) [[likely]]
+    if (variables_.step(*instance_, now, h)) [[likely]]
       return StepResult::kDone;
-    begun_ = outcome;
   } catch (...) {
     drop();
     throw;
   }
-  return ForeignUnit::step(now, h);
+  return complete_step();
 }
 
 }  // namespace cotwin::fmu

@@ -24,12 +24,13 @@ EventOutcome ForeignInstance::update_discrete_states(const std::function<void()>
               " iterations");
 }
 
-bool ForeignInstance::step(const StepReals& reals, bool sets, double now, double h, StepOutcome& outcome) {
-  if (sets) set(Type::kFloat64, reals.set_references, reals.set_values.data(), reals.set_values.size(), nullptr);
-  outcome = do_step(now, h);
-  if (outcome.discarded || outcome.terminate || outcome.event || outcome.reached != now + h) return false;
-  if (!reals.get_references.empty()) {
-    get(Type::kFloat64, reals.get_references, reals.get_values.data(), reals.get_values.size(), nullptr);
+bool ForeignInstance::step(PlainStep& step, bool sets) {
+  if (sets) set(Type::kFloat64, step.set_references, step.set_values.data(), step.set_values.size(), nullptr);
+  step.outcome = do_step(step.now, step.h);
+  const StepOutcome& out = step.outcome;
+  if (out.discarded || out.terminate || out.event || out.reached != step.now + step.h) return false;
+  if (!step.get_references.empty()) {
+    get(Type::kFloat64, step.get_references, step.get_values.data(), step.get_values.size(), nullptr);
   }
   return true;
 }

@@ -65,11 +65,13 @@ struct StepOutcome {
 /// What a time-based clock knows of its next activation.
 enum class IntervalState : std::uint8_t { kNotYetKnown, kUnchanged, kChanged };
 
-/// Reals that go through one call before a step and one after it; no references to get: no call.
-struct StepReals {
+/// A step with the reals that go through one call before it and one after it; no references to get: no call.
+struct PlainStep {
   std::span<const std::uint32_t> set_references, get_references;
   std::span<const double> set_values;
   std::span<double> get_values;
+  double now = 0, h = 0;  // s
+  StepOutcome outcome;    // of a step that did not simply come to its end
 };
 
 struct EventOutcome {
@@ -115,8 +117,8 @@ class ForeignInstance {
   // Co-Simulation
   virtual StepOutcome do_step(double now, double h) = 0;
   /// set() where `sets`, do_step() and get() in one call, which is all that most FMUs need in most steps. False if the step did
-  /// not simply come to its end: then nothing was got, and `outcome` says what happened.
-  virtual bool step(const StepReals& reals, bool sets, double now, double h, StepOutcome& outcome);
+  /// not simply come to its end: then nothing was got, and its outcome says what happened.
+  virtual bool step(PlainStep& step, bool sets);
   virtual void enter_step_mode() = 0;  // FMI 3 with event mode
 
   // Events: FMI 3 Co-Simulation with event mode, and Model Exchange

@@ -237,23 +237,23 @@ class Foreign2 final : public ForeignInstance {
   StepOutcome do_step(double now, double h) override {
     return outcome_of(f_.do_step(component_, now, h, no_set_back_), now, h);
   }
-  bool step(const StepReals& reals, bool sets, double now, double h, StepOutcome& outcome) override {
+  bool step(PlainStep& step, bool sets) override {
     if (sets) [[likely]] {
-      check(f_.set_real(component_, reals.set_references.data(), reals.set_references.size(), reals.set_values.data()),
+      check(f_.set_real(component_, step.set_references.data(), step.set_references.size(), step.set_values.data()),
             "fmi2SetReal");
     }
-    const fmi2Status status = f_.do_step(component_, now, h, no_set_back_);
+    const fmi2Status status = f_.do_step(component_, step.now, step.h, no_set_back_);
     if (status != fmi2OK) [[unlikely]] {
-      outcome = outcome_of(status, now, h);
-      if (outcome.discarded || outcome.terminate) return false;
+      step.outcome = outcome_of(status, step.now, step.h);
+      if (step.outcome.discarded || step.outcome.terminate) return false;
     }
-    if (!reals.get_references.empty()) [[likely]] {
-      check(f_.get_real(component_, reals.get_references.data(), reals.get_references.size(), reals.get_values.data()),
+    if (!step.get_references.empty()) [[likely]] {
+      check(f_.get_real(component_, step.get_references.data(), step.get_references.size(), step.get_values.data()),
             "fmi2GetReal");
     }
     return true;
   }
-  StepOutcome outcome_of(fmi2Status status, double now, double h) {
+  [[gnu::cold]] StepOutcome outcome_of(fmi2Status status, double now, double h) {
     // Only FMUs that run on their own answer pending; stepFinished is NULL, hence they are asked (4.2.2).
     while (status == fmi2Pending) {
       if (f_.get_status == nullptr) fail("fmi2DoStep returned pending, but there is no fmi2GetStatus");

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "components/unit/time.h"
 #include "components/unit/variables.h"
 #include "fmu/foreign.h"
 
@@ -88,9 +89,15 @@ class ForeignVariables {
   bool needs_care() const;
   /// Whether needs_care() may ever say so.
   bool may_need_care() const { return has_discrete_inputs_ || !rates_.empty(); }
+  /// Whether the FMU was sent all of its continuous inputs, as step() takes for granted.
+  bool knows_inputs() const { return plain_inputs_ == nullptr || plain_inputs_->sent; }
   /// Sends the continuous inputs that changed, lets the FMU step, and receives the results, with as few calls as that takes.
   /// False: see ForeignInstance::step().
-  bool step(ForeignInstance& instance, double now, double h, StepOutcome& outcome);
+  bool step(ForeignInstance& instance, Time now, Duration h);
+  /// The last step(), and what came of it if it returned false.
+  Time stepped_from() const { return plain_now_; }
+  Duration stepped_by() const { return plain_h_; }
+  const StepOutcome& outcome() const { return plain_.outcome; }
 
   /// The boolean of a clock, empty if it is not among the variables.
   std::span<bool> clock(std::uint32_t reference);
@@ -184,9 +191,11 @@ class ForeignVariables {
   bool send(ForeignInstance& instance, Group& group);
 
   // What every step looks at.
-  StepReals plain_;                // all continuous inputs, and those results, that are Float64 without conversion …
+  PlainStep plain_;                // all continuous inputs, and those results, that are Float64 without conversion …
   Group* plain_inputs_ = nullptr;  // … and their group; the others go through calls of their own
   double* plain_sent_ = nullptr;
+  Time plain_now_;    // of the last step() …
+  Duration plain_h_;  // … likewise
   Store<double> reals_;
   bool has_other_inputs_ = false, has_other_results_ = false, has_discrete_inputs_ = false;
   std::vector<double> rates_;  // of the continuous inputs that are Float64
@@ -218,9 +227,8 @@ class ForeignVariables {
 
 /// Whether the plain inputs changed since they were last sent, which they are taken to be from now on.
 inline bool ForeignVariables::takes_changed_inputs() {
-  if (plain_inputs_ == nullptr) return false;
-  std::uint64_t difference = plain_inputs_->sent ? 0 : 1;
-  plain_inputs_->sent = true;
+  if (plain_.set_values.empty()) return false;
+  std::uint64_t difference = 0;
   const double* now = plain_.set_values.data();
   double* sent = plain_sent_;
   const auto take = [&](std::size_t i) {
@@ -233,13 +241,19 @@ inline bool ForeignVariables::takes_changed_inputs() {
 }
 
 // Branches that are not taken leave the predictor's memory to those that tell one FMU from the next.
-inline bool ForeignVariables::step(ForeignInstance& instance, double now, double h, StepOutcome& outcome) {
+inline bool ForeignVariables::step(ForeignInstance& instance, Time now, Duration h) {
+  if (h != plain_h_) [[unlikely]] {
+    plain_h_ = h;
+    plain_.h = h.seconds();
+  }
+  plain_now_ = now;
+  plain_.now = now.seconds();
   if (has_other_inputs_) [[unlikely]]
     send(instance, Exchange::kContinuousInput);
-  if (!instance.step(plain_, takes_changed_inputs(), now, h, outcome)) [[unlikely]]
+  if (!instance.step(plain_, takes_changed_inputs())) [[unlikely]]
     return false;
   if (has_other_results_) [[unlikely]]
-    receive_others(instance, h);
+    receive_others(instance, plain_.h);
   return true;
 }
 

@@ -46,6 +46,7 @@ Engine::Engine(const Scenario& scenario, std::span<Member> members, int threads,
   for (const Stage& stage : schedule.stages) {
     StageRun& run = runs_.emplace_back();
     for (std::size_t i = stage.first; i < stage.last; ++i) run.ramps = run.ramps || wiring.ramped(i);
+    plain_stages_.push_back({wiring.copies(stage.first, stage.last), slots_of(stage)});
   }
   watch_outputs();
 }
@@ -161,8 +162,9 @@ void Engine::exchange(const Stage& stage, bool ramps) {
 }
 
 std::size_t Engine::step_in_turn(const Stage& stage) {
-  if (sampled_) return step_range<true, false>(stage, end_);
-  return stage.every_tick && parts_ == 1 ? step_range<false, true>(stage, end_) : step_range<false, false>(stage, end_);
+  if (sampled_) return step_range<true, false>(slots_of(stage), end_);
+  return stage.every_tick && parts_ == 1 ? step_range<false, true>(slots_of(stage), end_)
+                                         : step_range<false, false>(slots_of(stage), end_);
 }
 
 std::size_t Engine::step_on_threads(const Stage& stage, StageRun& run) {

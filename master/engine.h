@@ -40,12 +40,12 @@ class Engine {
 
   /// The tick from which on advance_plainly() will not do, if nothing unforeseen happens; it is looked at again then.
   std::int64_t plain_until(std::int64_t tick) const;
-  /// As advance(tick, 1, false), in a tick before plain_until(): what is the same in every such tick is not asked.
-  std::size_t advance_plainly(std::int64_t tick) {
-    const Time end = schedule.time_before_the_last(tick + 1);
-    for (const Stage& stage : schedule.stages) {
-      wiring.exchange(stage.first, stage.last);
-      const std::size_t who = step_range<false, true>(stage, end);
+  /// As advance(tick, 1, false), in a tick before plain_until() that ends at `end`: what is the same in every such tick is not
+  /// asked.
+  std::size_t advance_plainly(Time end) {
+    for (const PlainStage& stage : plain_stages_) {
+      for (const Wiring::Copy& copy : stage.copies) Wiring::run(copy);
+      const std::size_t who = step_range<false, true>(stage.slots, end);
       if (who != kNobody) [[unlikely]]
         return who;
     }
@@ -57,10 +57,11 @@ class Engine {
 
   /// Throws Error naming unit, variable and time if an output or a state is not a number.
   void check_numbers(Time now) const {
-    std::uint64_t seen = 0;
-    for (const double* value : watched_alone_) seen |= sign_if_not_finite(*value);
-    if (!watched_.empty()) seen |= look_at_rows();
-    if ((seen >> 63) != 0) [[unlikely]]
+    for (const double* value : watched_alone_) {
+      if (sign_if_not_finite(*value) >> 63 != 0) [[unlikely]]
+        tell_not_a_number(now);
+    }
+    if (!watched_.empty() && look_at_rows() >> 63 != 0) [[unlikely]]
       tell_not_a_number(now);
   }
 
@@ -101,12 +102,21 @@ class Engine {
     std::vector<double> unit_seconds;  // of the sampled tick
   };
 
+  /// What a plain tick does in a stage.
+  struct PlainStage {
+    std::span<const Wiring::Copy> copies;
+    std::span<Slot> slots;
+  };
+
   /// The exponent of a NaN or an infinity, all ones, overflows into the sign bit: no branch, and several fit into one
   /// instruction.
   static std::uint64_t sign_if_not_finite(double value) {
     return (std::bit_cast<std::uint64_t>(value) & 0x7ff0'0000'0000'0000u) + 0x0010'0000'0000'0000u;
   }
 
+  std::span<Slot> slots_of(const Stage& stage) {
+    return std::span(schedule.slots).subspan(stage.first, stage.last - stage.first);
+  }
   void watch_outputs();
   std::uint64_t look_at_rows() const;
   void start_workers(int threads, bool always);
@@ -115,12 +125,11 @@ class Engine {
   std::size_t step_on_threads(const Stage& stage, StageRun& run);
   void step_sampled(const Stage& stage, StageRun& run, std::size_t* who);
   template <bool kTimed, bool kPlain>
-  std::size_t step_range(const Stage& stage, Time end);
+  std::size_t step_range(std::span<Slot> slots, Time end);
   StepResult step(Slot& slot, Time end) {
-    const Duration h = end - slot.time;
-    const StepResult result = slot.unit->step(slot.time, h);
+    slot.last_step = end - slot.time;
+    const StepResult result = slot.unit->step(slot.time, slot.last_step);
     slot.time = end;
-    slot.last_step = h;
     return result;
   }
   StepResult step_timed(std::size_t slot);
@@ -134,6 +143,7 @@ class Engine {
   int threads_;
   bool always_threads_;
   std::vector<StageRun> runs_;
+  std::vector<PlainStage> plain_stages_;
   std::vector<Watched> watched_;              // long rows …
   std::vector<const double*> watched_alone_;  // … and what stands in short ones
   std::unique_ptr<Workers> workers_;
@@ -156,23 +166,22 @@ class Engine {
   double clock_seconds_ = 0;  // what measuring itself costs
 };
 
-/// Every unit of the stage that is due; `kPlain`: that is all of them, and the tick is not cut into parts.
+/// Every unit of a stage that is due; `kPlain`: that is all of them, and the tick is not cut into parts.
 template <bool kTimed, bool kPlain>
-std::size_t Engine::step_range(const Stage& stage, Time end) {
-  Slot* const slots = schedule.slots.data();
-  const std::size_t last = stage.last;
-  std::size_t i = stage.first;
+std::size_t Engine::step_range(std::span<Slot> slots, Time end) {
+  auto slot = slots.begin();
+  const auto index = [&] { return static_cast<std::size_t>(&*slot - schedule.slots.data()); };
   try {
-    for (; i < last; ++i) {
-      if (!kPlain && !due(slots[i])) continue;
-      const StepResult result = kTimed ? step_timed(i) : step(slots[i], kPlain ? end : target(i));
+    for (; slot != slots.end(); ++slot) {
+      if (!kPlain && !due(*slot)) continue;
+      const StepResult result = kTimed ? step_timed(index()) : step(*slot, kPlain ? end : target(index()));
       if (result != StepResult::kDone) [[unlikely]] {
-        if (result == StepResult::kDiscard) return i;
-        if (finished_by_ == kNobody) finished_by_ = i;
+        if (result == StepResult::kDiscard) return index();
+        if (finished_by_ == kNobody) finished_by_ = index();
       }
     }
   } catch (const Error& error) {
-    tell_who(i, error);
+    tell_who(index(), error);
   }
   return kNobody;
 }

@@ -114,8 +114,8 @@ class Master::Loop {
   void step_to_tolerance();
   void take_checkpoint();
   void count_discard(std::size_t who);
-  void observe();
-  void record();
+  void observe(Time now);
+  void record(Time now);
   void step_timed();
   void step();
   void advance();
@@ -194,7 +194,7 @@ void Master::Loop::initialise() {
     recorder_ = std::make_unique<Recorder>(columns_, recording_, Recorder::Options{!clock_->real_time()});
     next_row_ = tick_;
   }
-  observe();
+  observe(now());
   begun_ = std::chrono::steady_clock::now();
   running_ = true;
   clock_->start(scenario_.start);
@@ -202,14 +202,15 @@ void Master::Loop::initialise() {
 
 inline bool Master::Loop::step_tick() {
   if (tick_ >= plain_until_) return step_tick_with_care();
-  const std::size_t who = engine_.advance_plainly(tick_);
+  const Time end = engine_.schedule.time_before_the_last(tick_ + 1);
+  const std::size_t who = engine_.advance_plainly(end);
   if (who != Engine::kNobody) [[unlikely]]
     step_in_smaller_parts(who);
   if (engine_.finished_by() != Engine::kNobody) [[unlikely]]
     plain_until_ = 0;
   ++tick_;
-  engine_.check_numbers(now());
-  observe();
+  engine_.check_numbers(end);
+  observe(end);
   return true;
 }
 
@@ -244,7 +245,7 @@ void Master::Loop::step_timed() {
   advance_seconds_ += lap();
   engine_.check_numbers(now());
   check_seconds_ += lap();
-  observe();
+  observe(now());
   observe_seconds_ += lap();
   ++sampled_ticks_;
   next_sample_ = next_sample();
@@ -263,7 +264,7 @@ std::int64_t Master::Loop::next_sample() const {
 void Master::Loop::step() {
   advance();
   engine_.check_numbers(now());
-  observe();
+  observe(now());
 }
 
 void Master::Loop::advance() {
@@ -358,13 +359,13 @@ void Master::Loop::count_discard(std::size_t who) {
   ++discarded_by_[engine_.schedule.slots[who].member];
 }
 
-inline void Master::Loop::observe() {
-  if (has_statistics_) statistics_.sample(now());
-  if (tick_ >= next_row_) record();
+inline void Master::Loop::observe(Time now) {
+  if (has_statistics_) statistics_.sample(now);
+  if (tick_ >= next_row_) record(now);
 }
 
-void Master::Loop::record() {
-  recorder_->sample(now());
+void Master::Loop::record(Time now) {
+  recorder_->sample(now);
   const std::int64_t last = engine_.schedule.ticks(), next = tick_ + scenario_.decimation;
   next_row_ = tick_ == last ? kNever : std::min(last, next);
 }

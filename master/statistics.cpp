@@ -67,12 +67,12 @@ Statistics::Statistics(const Scenario& scenario, std::span<const Member> members
   for (const ReportSpec& spec : scenario.reports) {
     const Signal a = find_real_signal(members, spec.a, spec.place);
     if (spec.kind == "signal") {
-      tallies_.push_back({make_difference(a, nullptr, spec.name, spec.place), Sums(a.count)});
+      add_tally(make_difference(a, nullptr, spec.name, spec.place));
       continue;
     }
     const Signal b = find_real_signal(members, spec.b, spec.place);
     if (spec.kind == "difference") {
-      tallies_.push_back({make_difference(a, &b, spec.name, spec.place), Sums(a.count)});
+      add_tally(make_difference(a, &b, spec.name, spec.place));
     } else if (spec.kind == "energy") {
       const std::string what = a.name + " * " + b.name;
       works_.push_back({spec.name.empty() ? what : spec.name, what, "J", make_power(a, b, spec.place)});
@@ -83,7 +83,7 @@ Statistics::Statistics(const Scenario& scenario, std::span<const Member> members
   if (scenario.reports.empty()) {
     for (const Signal& signal : recorded) {
       if (signal.variable->kind() != Kind::kReal || tallies_.size() == kDefaultTallies) continue;
-      tallies_.push_back({make_difference(signal, nullptr, "", ""), Sums(signal.count)});
+      add_tally(make_difference(signal, nullptr, "", ""));
     }
   }
   for (const ComparisonSpec& spec : scenario.comparisons) {
@@ -106,36 +106,27 @@ Statistics::Statistics(const Scenario& scenario, std::span<const Member> members
     };
     bonds_.push_back({spec.name, side(spec.effort_a, spec.flow_a), side(spec.effort_b, spec.flow_b), spec.tolerance});
   }
+  more_than_tallies_ = !comparisons_.empty() || !works_.empty() || !bonds_.empty();
 }
 
-inline void Statistics::Sums::add(const Difference& difference, Time now) {
-  ++count;
-  const double *a = difference.a.data(), *b = difference.b.empty() ? nullptr : difference.b.data();
-  for (Element& e : elements) {
-    const double d = b == nullptr ? *a++ : *a++ - (difference.factor * *b++ + difference.offset);
-    e.squares += d * d;
-    if (std::abs(d) > e.max) {
-      e.max = std::abs(d);
-      e.time_of_max = now;
-    }
+void Statistics::add_tally(Difference difference) {
+  for (std::size_t i = 0; i < difference.a.size(); ++i) {
+    const double* b = difference.b.empty() ? nullptr : &difference.b[i];
+    tallied_.push_back({&difference.a[i], b, difference.factor, difference.offset, {}});
   }
+  tallies_.push_back(std::move(difference));
+}
+
+/// Of a comparison, the difference of two.
+void Statistics::Sums::add(const Difference& difference, Time now) {
+  ++count;
+  const double *a = difference.a.data(), *b = difference.b.data();
+  for (Sum& e : elements) e.add(*a++ - (difference.factor * *b++ + difference.offset), now);
 }
 
 std::vector<double> Statistics::Sums::rms() const {
   std::vector<double> all;
-  for (const Element& e : elements) all.push_back(root_mean(e.squares, count));
-  return all;
-}
-
-std::vector<double> Statistics::Sums::max() const {
-  std::vector<double> all;
-  for (const Element& e : elements) all.push_back(e.max);
-  return all;
-}
-
-std::vector<double> Statistics::Sums::time_of_max() const {
-  std::vector<double> all;
-  for (const Element& e : elements) all.push_back(e.time_of_max.seconds());
+  for (const Sum& e : elements) all.push_back(root_mean(e.squares, count));
   return all;
 }
 
@@ -151,8 +142,7 @@ void Statistics::Power::add(double h) {
   last = power;
 }
 
-void Statistics::sample(Time now) {
-  for (TallyState& t : tallies_) t.sums.add(t.difference, now);
+void Statistics::sample_others(Time now) {
   if (!works_.empty() || !bonds_.empty()) {
     const double h = started_ ? (now - last_).seconds() : 0;
     started_ = true;
@@ -174,14 +164,19 @@ void Statistics::sample(Time now) {
 
 std::vector<Tally> Statistics::tallies() const {
   std::vector<Tally> result;
-  for (const TallyState& t : tallies_) {
-    const Difference& d = t.difference;
-    Tally tally{d.name, d.what, d.si, t.sums.rms(), t.sums.max(), t.sums.time_of_max(), 0, 0};
+  std::size_t first = 0;
+  for (const Difference& d : tallies_) {
+    Tally& tally = result.emplace_back(Tally{d.name, d.what, d.si, {}, {}, {}, 0, 0});
     double squares = 0;
-    for (const Sums::Element& e : t.sums.elements) squares += e.squares;
-    tally.total_rms = root_mean(squares, t.sums.count * static_cast<std::int64_t>(t.sums.elements.size()));
-    for (const double m : tally.max) tally.total_max = std::max(tally.total_max, m);
-    result.push_back(std::move(tally));
+    for (const Tallied& t : std::span(tallied_).subspan(first, d.a.size())) {
+      tally.rms.push_back(root_mean(t.sum.squares, samples_));
+      tally.max.push_back(t.sum.max);
+      tally.time_of_max.push_back(t.sum.time_of_max.seconds());
+      squares += t.sum.squares;
+      tally.total_max = std::max(tally.total_max, t.sum.max);
+    }
+    tally.total_rms = root_mean(squares, samples_ * static_cast<std::int64_t>(d.a.size()));
+    first += d.a.size();
   }
   return result;
 }
@@ -195,11 +190,14 @@ std::vector<Work> Statistics::works() const {
 std::vector<Compared> Statistics::comparisons() const {
   std::vector<Compared> result;
   for (const ComparisonState& c : comparisons_) {
-    Compared compared{c.difference.name, c.difference.what, c.difference.si,     c.from.seconds(),
-                      c.to.seconds(),    c.all.max(),       c.all.time_of_max(), {},
-                      c.all.rms()};
+    const Difference& d = c.difference;
+    Compared& compared = result.emplace_back(Compared{d.name, d.what, d.si, c.from.seconds(), c.to.seconds(), {}, {}, {}, {}});
+    for (const Sum& e : c.all.elements) {
+      compared.max.push_back(e.max);
+      compared.time_of_max.push_back(e.time_of_max.seconds());
+    }
+    compared.rms = c.all.rms();
     for (const Sums& s : c.segments) compared.segment_rms.push_back(s.rms());
-    result.push_back(std::move(compared));
   }
   return result;
 }

@@ -1,4 +1,5 @@
 #pragma once
+#include <cmath>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -49,8 +50,13 @@ class Statistics {
   Statistics(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> recorded);
 
   /// Takes in what holds at `now`. Allocates nothing.
-  void sample(Time now);
-  bool empty() const { return tallies_.empty() && comparisons_.empty() && works_.empty() && bonds_.empty(); }
+  void sample(Time now) {
+    ++samples_;
+    for (Tallied& t : tallied_) t.sum.add(t.b == nullptr ? *t.a : *t.a - (t.factor * *t.b + t.offset), now);
+    if (more_than_tallies_) [[unlikely]]
+      sample_others(now);
+  }
+  bool empty() const { return tallies_.empty() && !more_than_tallies_; }
 
   std::vector<Tally> tallies() const;
   std::vector<Work> works() const;
@@ -64,22 +70,29 @@ class Statistics {
     std::span<const double> a, b;
     double factor = 1, offset = 0;
   };
+  struct Sum {
+    double squares = 0, max = 0;
+    Time time_of_max;
+    void add(double d, Time now) {
+      squares += d * d;
+      if (std::abs(d) > max) {
+        max = std::abs(d);
+        time_of_max = now;
+      }
+    }
+  };
   struct Sums {
-    struct Element {
-      double squares = 0, max = 0;
-      Time time_of_max;
-    };
-    std::vector<Element> elements;
+    std::vector<Sum> elements;
     std::int64_t count = 0;
     explicit Sums(std::size_t n) : elements(n) {}
     void add(const Difference& difference, Time now);
-    std::vector<double> rms() const;
-    std::vector<double> max() const;
-    std::vector<double> time_of_max() const;  // s
+    std::vector<double> rms() const;  // per element
   };
-  struct TallyState {
-    Difference difference;
-    Sums sums;
+  /// One element of a tally, with all that a sample of it takes.
+  struct Tallied {
+    const double *a, *b;  // b: nullptr if the signal is tallied alone
+    double factor, offset;
+    Sum sum;
   };
   struct ComparisonState {
     Difference difference;
@@ -108,7 +121,14 @@ class Statistics {
   static Difference make_difference(const Signal& a, const Signal* b, std::string name, const std::string& place);
   static Power make_power(const Signal& effort, const Signal& flow, const std::string& place);
 
-  std::vector<TallyState> tallies_;
+  void add_tally(Difference difference);
+  void sample_others(Time now);
+
+  std::vector<Tallied> tallied_;  // the elements of all tallies, one tally after the other
+  std::int64_t samples_ = 0;
+  bool more_than_tallies_ = false;
+
+  std::vector<Difference> tallies_;
   std::vector<ComparisonState> comparisons_;
   std::vector<WorkState> works_;
   std::vector<BondState> bonds_;

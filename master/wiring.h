@@ -28,12 +28,30 @@ std::vector<Link> resolve_links(const Scenario& scenario, std::span<const Member
 
 class Wiring {
  public:
+  enum class Way : std::uint8_t { kReal, kReals, kAffine, kInteger, kBoolean, kString, kIntegerToReal };
+  struct Copy {
+    Way way;
+    std::uint32_t count;
+    const void* from;
+    void* to;
+    double factor, offset;
+  };
+
   Wiring(const std::vector<Link>& links, const Schedule& schedule);
 
-  /// Copies into the inputs of the slots [first, last).
+  /// What is copied into the inputs of the slots [first, last).
+  std::span<const Copy> copies(std::size_t first, std::size_t last) const {
+    return std::span(copies_).subspan(begin_[first], begin_[last] - begin_[first]);
+  }
+  static void run(const Copy& copy) {
+    if (copy.way == Way::kReal) {
+      *static_cast<double*>(copy.to) = *static_cast<const double*>(copy.from);
+    } else {
+      run_other(copy);
+    }
+  }
   void exchange(std::size_t first, std::size_t last) const {
-    const std::size_t end = begin_[last];
-    for (std::size_t i = begin_[first]; i < end; ++i) run(copies_[i]);
+    for (const Copy& copy : copies(first, last)) run(copy);
   }
 
   /// Inputs that their unit follows linearly over its step (Variable::rate). From a unit of an earlier stage the value at the
@@ -51,14 +69,6 @@ class Wiring {
   std::vector<double*> fed_reals(std::size_t slot) const;
 
  private:
-  enum class Way : std::uint8_t { kReal, kReals, kAffine, kInteger, kBoolean, kString, kIntegerToReal };
-  struct Copy {
-    Way way;
-    std::uint32_t count;
-    const void* from;
-    void* to;
-    double factor, offset;
-  };
   enum class Ramp : std::uint8_t { kInterpolate, kExtrapolate, kHold };
   struct RampCopy {
     Ramp ramp;
@@ -71,13 +81,6 @@ class Wiring {
     const double* derivative;  // of `from`, nullptr if it is not known
   };
 
-  static void run(const Copy& copy) {
-    if (copy.way == Way::kReal) {
-      *static_cast<double*>(copy.to) = *static_cast<const double*>(copy.from);
-    } else {
-      run_other(copy);
-    }
-  }
   static void run_other(const Copy& copy);
   static bool differs(const Copy& copy);
   static bool settle(const Copy& copy);
