@@ -3,6 +3,7 @@
 #include <iostream>
 #include <memory>
 
+#include "fmu/file_kind.h"
 #include "fmu/pack.h"
 #include "master/commands.h"
 #include "master/pack_twin.h"
@@ -64,7 +65,7 @@ std::vector<std::string> pack_scenario(const PackArguments& arguments) {
 int pack(const PackArguments& arguments) {
   const bool unit = arguments.source.rfind("unit:", 0) == 0;
   const std::string ending = unit || arguments.as_fmu ? ".fmu" : ".ssp";
-  if (arguments.out.extension() != ending)
+  if (!fmu::has_ending(arguments.out, ending))
     throw Error("--out " + arguments.out.string(), "expected a name that ends in " + ending);
   for (const std::string& warning : unit ? pack_unit(arguments) : pack_scenario(arguments)) {
     std::cerr << "cotwin: warning: " << warning << '\n';

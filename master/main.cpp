@@ -6,6 +6,8 @@
 #include <string_view>
 #include <system_error>
 
+#include "fmu/archive.h"
+#include "fmu/file_kind.h"
 #include "master/commands.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
@@ -51,7 +53,9 @@ std::string file_name_of(const std::string& wanted) {
 
 bool is_fmu(const fs::path& path) {
   std::error_code none;
-  return path.extension() == ".fmu" || fs::is_regular_file(path / "modelDescription.xml", none);
+  if (fmu::has_ending(path, ".fmu") || fs::is_regular_file(path / "modelDescription.xml", none)) return true;
+  if (fmu::has_ending(path, ".ssp") || !fmu::is_archive(path)) return false;
+  return std::ranges::any_of(fmu::list_archive(path), [](const auto& entry) { return entry.name == "modelDescription.xml"; });
 }
 
 }  // namespace cotwin::master

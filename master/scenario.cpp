@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "fmu/archive.h"
+#include "fmu/file_kind.h"
 #include "master/scenario_annotation.h"
 #include "master/ssp_flatten.h"
 #include "master/ssp_system.h"
@@ -127,7 +128,7 @@ Scenario load_package(const std::filesystem::path& package) {
 }  // namespace
 
 Scenario load_scenario(const std::filesystem::path& file) {
-  if (file.extension() == ".ssp") return load_package(file);
+  if (fmu::has_ending(file, ".ssp") || fmu::is_archive(file)) return load_package(file);
   return read(read_text_file(file, "a system structure (.ssd)"), file.string(), file.parent_path(), file);
 }
 

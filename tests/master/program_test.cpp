@@ -100,6 +100,15 @@ TEST_F(Program, BadInputIsExitCodeTwoWithAMessageAndNoFiles) {
   EXPECT_FALSE(fs::exists(folder_ / "results"));
 }
 
+TEST_F(Program, TakesAnFmuForOneInAnyCaseOfLetters) {
+  for (const char* name : {"plant.fmu", "PLANT.FMU"}) {
+    std::ofstream(folder_ / name) << "no archive";
+    const Result checked = run({"check", name}), ran = run({"run", name, "--output-file", "out.csv"});
+    EXPECT_THAT(checked.out, HasSubstr("expected a zip archive")) << name;
+    EXPECT_THAT(ran.err, HasSubstr("expected a zip archive")) << name;
+  }
+}
+
 TEST_F(Program, RunsAScenarioAndSaysWhereTheResultsAre) {
   const Result result = run({"run", scenario(), "--stop", "0.05", "--json", "summary.json"});
   EXPECT_EQ(result.code, 0) << result.err;

@@ -9,6 +9,7 @@
 #include <sstream>
 
 #include "components/unit/si.h"
+#include "fmu/archive.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
 
@@ -738,6 +739,17 @@ TEST(SystemStructure, WithOurAnnotationRefusesParametersThatNobodyHas) {
   EXPECT_THAT([&] { parse(document("")); },
               ::testing::ThrowsMessage<Error>("f.ssd:2: 'drvie.K' is not a parameter of 'root', did you mean 'drive.K'?"));
   EXPECT_THAT(parse(document("unknownParameters='ignore'")).warnings, ElementsAre(HasSubstr("did you mean 'drive.K'?")));
+}
+
+TEST(SystemStructure, IsReadFromAPackageWhateverItsNameIs) {
+  const Folder folder;
+  const std::vector<fmu::ArchiveFile> files = {{"SystemStructure.ssd", ssd(elements(component("only")))}};
+  for (const char* name : {"twin.ssp", "TWIN.SSP", "twin.zip", "twin"}) {
+    fmu::write_archive(folder.path() / name, files);
+    const Scenario scenario = load_scenario(folder.path() / name);
+    ASSERT_EQ(scenario.components.size(), 1u) << name;
+    EXPECT_EQ(scenario.components[0].name, "only") << name;
+  }
 }
 
 TEST(SystemStructure, ThatIsNotThereIsNamed) {
