@@ -12,9 +12,11 @@
 #include "master/tuning/cross_validation.h"
 #include "master/tuning/report.h"
 #include "master/tuning/tuning.h"
+#include "models/robot/urdf.h"
 #include "models/text/choice.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
+#include "models/trajectory/axes.h"
 
 namespace cotwin::master {
 
@@ -43,7 +45,12 @@ tuning::Settings settings_of(const TuneArguments& a) {
   s.format.t_unit = text::choose<double>("--time-unit", a.time_unit, {{"s", 1}, {"ms", 1e-3}, {"us", 1e-6}, {"ns", 1e-9}});
   s.format.angle_unit = text::choose<double>("--angle-unit", a.angle_unit, {{"rad", 1}, {"deg", std::numbers::pi / 180}});
   s.format.q_offset = a.q_offset_in_angle_unit;
-  for (double& offset : s.format.q_offset) offset *= s.format.angle_unit;
+  if (s.format.angle_unit != 1 && !s.format.q_offset.empty()) {
+    const std::vector<trajectory::Axis> axes = trajectory::axes_of(robot::load_urdf(s.robot));
+    for (std::size_t j = 0; j < std::min(axes.size(), s.format.q_offset.size()); ++j) {
+      if (axes[j].revolute) s.format.q_offset[j] *= s.format.angle_unit;
+    }
+  }
   if (a.rounds) s.rounds = *a.rounds;
   tuning::check(s);
   return s;
@@ -182,7 +189,9 @@ void add_tune(CLI::App& app, Chosen& chosen) {
   in(log, command->add_option("--q-scale", s.format.q_scale, "Per joint: sign or gear ratio of the positions")->delimiter(','),
      "X,…");
   in(log,
-     command->add_option("--q-offset", a.q_offset_in_angle_unit, "Per joint: added to the positions, in --angle-unit")
+     command
+         ->add_option("--q-offset", a.q_offset_in_angle_unit,
+                      "Per joint: added to the positions, in --angle-unit; m of sliding joints")
          ->delimiter(','),
      "X,…");
   in(log,

@@ -485,6 +485,20 @@ TEST(TuneProgram, BadInputIsExitCodeTwoWithPlaceFactAndExpectation) {
   EXPECT_FALSE(fs::exists(robot().folder / "results"));
 }
 
+TEST(TuneProgram, TheAngleUnitIsNoneOfSlidingJoints) {
+  Program program;
+  cotwin::testing::SyntheticLog log = robot().log;
+  log.write(robot().folder / "gantry.csv", robot::load_urdf(COTWIN_SOURCE_DIR "/tests/components/data/gantry.urdf"));
+  for (const char* unit : {"rad", "deg"}) {
+    ASSERT_EQ(program.run({"tune", "--robot", COTWIN_SOURCE_DIR "/tests/components/data/gantry.urdf", "--data", "gantry.csv",
+                           "--method", "feasible", "--q-offset", "0.1,-0.2", "--angle-unit", unit, "--out", unit, "--quiet"}),
+              0)
+        << program.err;
+  }
+  EXPECT_EQ(content(robot().folder / "deg/torques.csv"), content(robot().folder / "rad/torques.csv"));
+  EXPECT_EQ(content(robot().folder / "deg/robot.urdf"), content(robot().folder / "rad/robot.urdf"));
+}
+
 TEST(TuneProgram, CtrlCLeavesTheBestSoFarAndResumeGoesOnToTheSameRobot) {
   Program program;
   const std::vector<std::string> command = {"tune", "--robot",     "prior.urdf", "--data",    "log.csv", "--cutoff",
