@@ -8,6 +8,7 @@
 
 #include "components/tuner/memory.h"
 #include "components/tuner/worker.h"
+#include "models/identification/motor_inertia.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
 
@@ -58,6 +59,7 @@ Tuner::Tuner(Settings& settings)
   }
   first_moment_.resize(3 * n_);
   inertia_.resize(6 * n_);
+  least_B_ = identification::least_motor_inertia(prior_);
   std::fill(v_S_.begin(), v_S_.end(), identification::JointDrive{}.v_S);
   std::fill(v_R_.begin(), v_R_.end(), model_.v_R);
 }
@@ -79,7 +81,7 @@ void Tuner::declare(Variables& v) {
   v.output("v_R", v_R_, "rad/s", "speed over which Coulomb friction changes its sign; found with friction=sigmoid");
   v.output("sigma2", sigma2_, "N.m.s/rad", "viscous friction");
   v.output("tau_0", tau_0_, "N.m", "offset of the torque");
-  v.output("B", B_, "kg.m2", "reflected motor inertia; 0 without motor_inertia=true");
+  v.output("B", B_, "kg.m2", "reflected motor inertia, 1 before the first tuning; 0 without motor_inertia=true");
   v.output("cost", cost_, "1", "of the swarm's best particle: mean squared error over the floor's, plus the pull to the prior");
   v.output("rms", rms_, "N.m", "RMS of the torque error of the tuned robot on all samples of the tuning");
   v.output("rms_prior", rms_prior_, "N.m", "the same of the prior, without friction");
@@ -167,8 +169,8 @@ void Tuner::initialise(Time start) {
     std::copy_n(pi.data() + 1, 3, first_moment_.data() + 3 * i);
     std::copy_n(pi.data() + 4, 6, inertia_.data() + 6 * i);
   }
-  for (Values* v : {&tau_C_, &tau_S_, &sigma2_, &tau_0_, &B_, &rms_, &rms_prior_, &rms_floor_})
-    std::fill(v->begin(), v->end(), 0.0);
+  for (Values* v : {&tau_C_, &tau_S_, &sigma2_, &tau_0_, &rms_, &rms_prior_, &rms_floor_}) std::fill(v->begin(), v->end(), 0.0);
+  std::fill(B_.begin(), B_.end(), model_.motor_inertia ? 1.0 : 0.0);  // the drive train's own, which divides by it
   cost_ = condition_ = gathering_ = 0;
   samples_ = tunings_ = late_ = skipped_ = rank_ = 0;
   countdown_ = 0;
@@ -333,7 +335,7 @@ void Tuner::adopt() {
       v_R_[i] = drive.v_R;
       sigma2_[i] = drive.sigma2;
       tau_0_[i] = drive.tau_0;
-      B_[i] = drive.B;
+      if (model_.motor_inertia) B_[i] = std::max(drive.B, least_B_[i]);
       const auto j = static_cast<Eigen::Index>(i);
       rms_[i] = found.rms[j];
       rms_prior_[i] = found.rms_prior[j];

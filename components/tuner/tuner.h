@@ -71,6 +71,7 @@ class Tuner final : public Unit {
          forgetting_ = 1;  // parameters
   std::int32_t decimation_ = 5, rounds_ = 200, particles_ = 64, seed_ = 1, least_ = 200;
 
+  Values least_B_;  // kg.m2, what is told where B was found to be none
   Values mass_, first_moment_, inertia_, tau_C_, tau_S_, v_S_, v_R_, sigma2_, tau_0_, B_, rms_, rms_prior_,
       rms_floor_;  // outputs
   double cost_ = 0, condition_ = 0;

@@ -2,10 +2,12 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <sstream>
 #include <system_error>
 
+#include "models/identification/motor_inertia.h"
 #include "models/robot/urdf_update.h"
 #include "models/text/error.h"
 
@@ -112,19 +114,21 @@ void add_motor(Parameters& set, std::size_t j, const identification::JointDrive&
 
 }  // namespace
 
-ParameterSet drive_parameters(const std::string& name, const identification::Estimate& estimate, const Settings& settings,
-                              const measurement::Survey& survey, const std::vector<identification::Torsion>& torsion) {
+ParameterSet drive_parameters(const std::string& name, const robot::RobotModel& robot, const identification::Estimate& estimate,
+                              const Settings& settings, const measurement::Survey& survey,
+                              const std::vector<identification::Torsion>& torsion) {
   ParameterSet set;
   set.name = name;
   Parameters parameters(set);
   const FrictionLaw law = settings.model.friction;
   const bool motor = settings.model.motor_inertia;
+  const std::vector<double> least = identification::least_motor_inertia(robot);
   for (std::size_t j = 0; j < estimate.drive.size(); ++j) {
     const bool flat = !motor && law == FrictionLaw::kStribeck;
     const identification::JointDrive drive =
         flat ? without_stribeck(estimate.drive[j], survey.joints[j].speed_max) : estimate.drive[j];
     if (j < torsion.size() && torsion[j].K > 0) parameters.add("K", j, torsion[j].K, "N.m/rad");
-    if (motor && drive.B > 0) parameters.add("B", j, drive.B, "kg.m2");
+    if (motor) parameters.add("B", j, std::max(drive.B, least[j]), "kg.m2");
     parameters.add(motor ? "sigma2" : "link_sigma2", j, drive.sigma2, "N.m.s/rad");
     if (motor && law != FrictionLaw::kSigmoid) {
       add_motor(parameters, j, drive);

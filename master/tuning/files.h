@@ -31,9 +31,11 @@ void write_file(const std::filesystem::path& place, const std::string& content);
 ///   curve,
 ///           which the link has not, by the nearest line
 ///   motor   measured at the motor: B, sigma2, tau_C … of the motor; a sigmoid, which its bristle cannot be, as the link's
-/// Bristles (sigma0, sigma1) are chosen, not identified: 1 mrad of sliding deflection, damped to stay passive.
-ParameterSet drive_parameters(const std::string& name, const identification::Estimate& estimate, const Settings& settings,
-                              const measurement::Survey& survey, const std::vector<identification::Torsion>& torsion);
+/// `robot`: the prior, whose inertia says which B is none: the drive train needs one. Bristles (sigma0, sigma1) are chosen, not
+/// identified: 1 mrad of sliding deflection, damped to stay passive.
+ParameterSet drive_parameters(const std::string& name, const robot::RobotModel& robot, const identification::Estimate& estimate,
+                              const Settings& settings, const measurement::Survey& survey,
+                              const std::vector<identification::Torsion>& torsion);
 
 /// The tuned robot: bodies of the estimate with an entry each in the history, <dynamics> from its friction.
 robot::RobotModel tuned_robot(const robot::RobotModel& robot, const identification::Estimate& estimate,

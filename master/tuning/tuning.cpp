@@ -70,7 +70,7 @@ void write_files(const Settings& settings, const Data& data, const Run& run, con
   if (settings.method != Method::kLeastSquares)
     write_file(run.out / "robot.urdf", tuned_urdf(settings.robot, result.robot, how));
   std::ostringstream ssv;
-  write_parameter_set(ssv, drive_parameters("drive_train_" + data.robot.name, tuned.estimate, settings, data.survey,
+  write_parameter_set(ssv, drive_parameters("drive_train_" + data.robot.name, data.robot, tuned.estimate, settings, data.survey,
                                             result.evaluation.torsion));
   write_file(run.out / "drive_train.ssv", ssv.str());
   write_file(run.out / "figures.json", figures_json(settings, data, result));

@@ -342,9 +342,13 @@ void Problem::residuals(const VectorXd& xi, VectorXd& r, MatrixXd* jacobian) con
       int count = 0;
       for (int k = 0; k < t.size(); ++k)
         if (!(active >> k & 1)) free.col(count++) = p.R11[static_cast<std::size_t>(j)] * C.col(k);
+      if (count == 0) {  // all at 0; Eigen's factorisation of no columns reads what is not there
+        Q.resize(height, 0);
+        return -target;
+      }
       Eigen::ColPivHouseholderQR<MatrixXd> qr(free.leftCols(count));
       qr.setThreshold(1e-10);
-      Q = qr.householderQ() * MatrixXd::Identity(height, count == 0 ? 0 : qr.rank());
+      Q = qr.householderQ() * MatrixXd::Identity(height, qr.rank());
       return Q * (Q.transpose() * target) - target;
     };
     const VectorXd eta = xi.segment(nonlinear, t.nonlinear());

@@ -179,6 +179,24 @@ TEST(Tuner, HasThePriorInItsOutputsBeforeItHasFoundAnything) {
   EXPECT_NEAR(tuner["first_moment"][0], 6 * 0.2, 1e-15);
 }
 
+// The drive train divides by B: the torques of a robot without motors make none of it that could not be taken over.
+TEST(Tuner, TellsMotorInertiaThatADriveTrainCanTake) {
+  const robot::RobotModel real = robot::perturbed(planar(), 0.3, 5);
+  Measured measured(real);
+  Subject tuner = tuner_of_planar2("&motor_inertia=true");
+  tuner.initialise();
+  for (std::size_t j = 0; j < 2; ++j) EXPECT_EQ(tuner["B"][j], 1) << "the drive train's own before anything is known";
+  Subject drive("unit:drive_train?robot=planar2");
+  run(tuner, measured, 0, 5);
+  ASSERT_EQ(tuner.integer("tunings"), 1) << tuner.text("warning");
+  for (std::size_t j = 0; j < 2; ++j) {
+    EXPECT_GT(tuner["B"][j], 0);
+    EXPECT_LT(tuner["B"][j], 0.2);
+    drive["B"][j] = tuner["B"][j];
+  }
+  ASSERT_NO_THROW(drive.initialise());
+}
+
 TEST(Tuner, AdoptsAResultJustWhenItsLatencyIsOver) {
   Measured measured(robot::perturbed(planar(), 0.2, 1));
   Subject tuner = tuner_of_planar2();

@@ -1,6 +1,7 @@
 // What cotwin tune writes, taken by the units: the drive train finds robot.urdf and the drive_train.ssv beside it.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cstdlib>
 
 #include "components/unit/snapshot.h"
@@ -8,6 +9,7 @@
 #include "master/members.h"
 #include "master/scenario.h"
 #include "master/twin.h"
+#include "models/identification/motor_inertia.h"
 #include "models/identification/torque_model.h"
 #include "models/text/csv.h"
 #include "tests/master/tune_fixture.h"
@@ -54,6 +56,29 @@ TEST(TuneUnits, TheDriveTrainTakesEveryKindOfFrictionAndSteps) {
       EXPECT_EQ(drive.unit->step(Time{}, Duration::from_seconds(1e-3)), StepResult::kDone);
     }
   }
+}
+
+// Noise decides whether a motor without inertia is found to have none; then the unit's default would be 1 kg·m² too much.
+TEST(TuneUnits, AMotorWithoutInertiaHasNextToNoneInTheDriveTrain) {
+  const TunedRobot robot;
+  cotwin::testing::SyntheticLog log = robot.log;
+  log.B = 0;
+  log.write(robot.folder / "light.csv", robot.truth);
+  Settings settings = robot.settings();
+  settings.method = Method::kFeasible;
+  settings.data = {robot.folder / "light.csv"};
+  const Result result = robot.tune(settings, "light");
+  const Instance drive =
+      make_unit("unit:drive_train?robot=" + (robot.folder / "light/robot.urdf").string(), {}, {}, unit_types());
+  const std::vector<double> least = identification::least_motor_inertia(robot::load_urdf(settings.robot));
+  const auto& found = result.candidates[result.tuned].estimate.drive;
+  EXPECT_TRUE(std::ranges::any_of(found, [](const identification::JointDrive& d) { return d.B == 0; }));
+  for (std::size_t j = 0; j < 7; ++j) {
+    EXPECT_GT(least[j], 0) << j;
+    EXPECT_LT(least[j], 0.01) << j;
+    EXPECT_EQ(drive.variables.at("B").reals()[j], std::max(found[j].B, least[j])) << j;
+  }
+  ASSERT_NO_THROW(drive.unit->initialise(Time{}));
 }
 
 TEST(TuneUnits, TheMotionUnitMovesAsAnExcitingMotionSays) {
