@@ -12,6 +12,10 @@ constexpr std::size_t kRowsToPivot = 600;
 
 std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
+/// Tangents that joints let move along one direction alone get as softness this share of what they can move: across it
+/// rounding alone would drive friction to its cone.
+constexpr double kAcross = 1e-9;
+
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 double dot(const double* a, const double* b, int n) {
@@ -188,6 +192,8 @@ Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance
     const ConeRow& row = cones_[core.row];
     const std::size_t i = boxes + 3 * c;
     set_diagonal(i, core.softness);
+    const double across = core.one_way ? kAcross * (core.A_11 + core.A_22) : 0;
+    for (const std::size_t t : {i + 1, i + 2}) set_diagonal(t, across);
     for (std::size_t k = 0; k < 3; ++k) {
       x_[i + k] = row.applied[k];
       b_[i + k] = core.b[k];
@@ -195,6 +201,7 @@ Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance
       hi_[i + k] = kInfinity;
     }
     b_[i] += core.softness * row.applied[0];
+    for (const std::size_t k : {1u, 2u}) b_[i + k] += across * row.applied[k];
     lo_[i] = 0;
     const auto normal = static_cast<int>(i);
     const bool same = before != nullptr && row.a == before->a && row.b == before->b;

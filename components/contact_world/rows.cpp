@@ -318,10 +318,13 @@ void Rows::prepare(std::span<const RigidBody> bodies, const Forest& forest, doub
     const double ridge = 1e-12 * (core.A_11 + core.A_22);  // their block may have rank one
     core.A_11 += ridge;
     core.A_22 += ridge;
-    const double inverse = 1 / (core.A_11 * core.A_22 - core.A_12 * core.A_12);
-    core.inverse_11 = core.A_22 * inverse;
-    core.inverse_12 = -core.A_12 * inverse;
-    core.inverse_22 = core.A_11 * inverse;
+    const double trace = core.A_11 + core.A_22, determinant = core.A_11 * core.A_22 - core.A_12 * core.A_12;
+    // Across the only way that joints leave, rounding would be pushed against up to the cone: there the impulse stays.
+    core.one_way = determinant < kRegular * trace * trace;
+    const double inverse = 1 / (core.one_way ? trace * trace : determinant);
+    core.inverse_11 = (core.one_way ? core.A_11 : core.A_22) * inverse;
+    core.inverse_12 = (core.one_way ? core.A_12 : -core.A_12) * inverse;
+    core.inverse_22 = (core.one_way ? core.A_22 : core.A_11) * inverse;
     load(core, h);
   }
 }

@@ -110,7 +110,7 @@ class Rows {
     double inverse_11, inverse_12, inverse_22;  // of the tangents' block
     double inverse_nn, shift;                   // shift: what keeps the tangents' impulse on the cone, last time
     double regular;                             // of the softness
-    bool redundant, moves;                      // moves: it can at all
+    bool redundant, moves, one_way;             // moves: it can at all; one_way: its tangents do along one direction alone
     Hold hold;                                  // after the last sweep
     Side side[2];
     std::size_t row;  // in cones_

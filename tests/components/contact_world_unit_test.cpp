@@ -186,6 +186,23 @@ TEST(ContactWorld, ExternalTorquesAreTheContactForceTimesItsLevers) {
   EXPECT_NEAR(w["tau_e"][1], x2 * F - z2 * T, 1e-3 * F);
 }
 
+// Across the plane in which an arm moves there is nothing that friction could stop: none comes of rounding.
+TEST(ContactWorld, APlanarArmRubsWithinItsPlaneAlone) {
+  for (const std::string link : {"inside", "outside"}) {
+    for (const std::string method : {"tree", "pgs", "dantzig"}) {
+      Held robot(link, "&scene=" + kFloor + "&method=" + method, {-0.4, -0.6});
+      robot.initialise({5, 2});
+      double across = 0;
+      for (int i = 0; i < 1500; ++i) {
+        robot.step(1e-3);
+        across = std::max(across, std::abs(robot.world()["f_c"][1]));
+      }
+      EXPECT_GT(robot.world()["f_c"][2], 5) << link << ' ' << method;
+      EXPECT_LT(across, 0.3) << link << ' ' << method << ", N: a degree or so of its friction, in the step in which it sticks";
+    }
+  }
+}
+
 TEST(ContactWorld, BothWaysToHoldARobotGiveTheSameSteadyContactForce) {
   const Values q = {-0.4, -0.6};
   // Without friction, for what sticks depends on how it came there.
