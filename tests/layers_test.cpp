@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <regex>
 #include <string>
 #include <vector>
@@ -82,6 +83,29 @@ TEST(Layers, IncludesStartAtTheRootOfTheRepository) {
   for (const char* folder : {"models", "components", "fmu", "master", "tests"}) {
     for (const Include& i : includes_below(folder)) EXPECT_TRUE(fs::exists(root / i.to)) << i.place << " includes " << i.to;
   }
+}
+
+// Two types of one name in one namespace, a folder's, are one to the linker: which of their containers' functions it takes is
+// luck, and memory of the wrong size.
+TEST(Names, OfTypesStandOnceInTheHeadersOfAFolder) {
+  const fs::path root = COTWIN_SOURCE_DIR;
+  const std::regex pattern(R"(^(?:struct|class) (\w+)(?: final)?(?: : .*)? \{)");
+  std::map<std::string, std::string> places;  // by folder and name
+  for (const char* folder : {"models", "components", "fmu", "master"}) {
+    for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
+      if (entry.path().extension() != ".h") continue;
+      std::ifstream in(entry.path());
+      std::string line;
+      for (int number = 1; std::getline(in, line); ++number) {
+        std::smatch match;
+        if (!std::regex_search(line, match, pattern)) continue;
+        const std::string place = entry.path().generic_string() + ":" + std::to_string(number);
+        const auto [known, first] = places.emplace(entry.path().parent_path().generic_string() + " " + match[1].str(), place);
+        EXPECT_TRUE(first) << place << ": " << match[1] << " is another one at " << known->second;
+      }
+    }
+  }
+  EXPECT_GT(places.size(), 100u);
 }
 
 }  // namespace

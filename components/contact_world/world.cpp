@@ -237,7 +237,7 @@ void World::restore(std::span<const double> state) {
     for (Spatial& curve : node.curve) get_all(curve);
   }
   w.touches.resize(kept);
-  for (Touch& touch : w.touches) {
+  for (Impl::Touch& touch : w.touches) {
     touch = {};
     ContactPoint& point = touch.point;
     point.body_a = static_cast<int>(get());

@@ -13,17 +13,6 @@
 
 namespace cotwin::contact_world {
 
-/// A contact point with what the surfaces make of it and what it carried.
-struct Touch {
-  ContactPoint point;
-  double mu = 0, restitution = 0, stiffness = 0, damping = 0;
-  double approach = 0;                  // normal velocity at the step's start, for restitution
-  Vector3d impulse = Vector3d::Zero();  // on b, of the last solution: where the next one starts
-  Vector3d sum = Vector3d::Zero();      // of the step
-  bool matched = false;                 // with a point of the other list
-  bool bounced = false;                 // in this solution
-};
-
 /// The rows of a joint that no tree holds, and their warm start.
 struct LooseJoint {
   int joint = -1;
@@ -33,6 +22,17 @@ struct LooseJoint {
 constexpr std::size_t kJointRows = 11;  // 6 of the joint; spring, lower limit, upper limit, friction, motor
 
 struct World::Impl {
+  /// A contact point with what the surfaces make of it and what it carried.
+  struct Touch {
+    ContactPoint point;
+    double mu = 0, restitution = 0, stiffness = 0, damping = 0;
+    double approach = 0;                  // normal velocity at the step's start, for restitution
+    Vector3d impulse = Vector3d::Zero();  // on b, of the last solution: where the next one starts
+    Vector3d sum = Vector3d::Zero();      // of the step
+    bool matched = false;                 // with a point of the other list
+    bool bounced = false;                 // in this solution
+  };
+
   Impl(scene::Scene the_scene, Options the_options);
 
   // A step's phases, in order
