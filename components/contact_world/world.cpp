@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <limits>
 #include <utility>
 
 #include "components/contact_world/world_impl.h"
@@ -206,6 +208,20 @@ void World::restore(std::span<const double> state) {
   }
   for (const double value : state) {
     if (!(std::abs(value) < 1e18)) throw Error("contact world", "a state with the value " + text::to_text(value));
+  }
+  const auto expect_whole = [&](std::size_t at, double least, double most) {
+    if (!(state[at] >= least && state[at] <= most)) {
+      throw Error("contact world", "a state with the number " + text::to_text(state[at]) + ", expected " +
+                                       text::to_text(least) + " to " + text::to_text(most));
+    }
+  };
+  constexpr double kMost = std::numeric_limits<std::int32_t>::max(), kHalf = std::numeric_limits<std::uint32_t>::max();
+  std::size_t at = 4 + kNumbersPerBody * w.bodies.size();
+  for (std::size_t j = 0; j < w.joints.size(); ++j, at += kNumbersPerJoint) expect_whole(at + 1, -kMost, kMost);
+  at += kNumbersPerNode * w.forest.nodes().size();
+  for (std::size_t t = 0; t < static_cast<std::size_t>(points); ++t, at += kNumbersPerTouch) {
+    for (std::size_t k = 0; k < 4; ++k) expect_whole(at + k, -kMost, kMost);
+    for (std::size_t k = 4; k < 6; ++k) expect_whole(at + k, 0, kHalf);
   }
   const bool was_stale = get() != 0;
   w.margin = get();

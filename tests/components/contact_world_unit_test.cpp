@@ -667,6 +667,13 @@ TEST(ContactWorld, RefusesAStateThatIsDamaged) {
     EXPECT_THROW(world.unit().restored(), Error) << points;
     world["world"][2] = kept;
   }
+  const std::size_t contact =
+      4 + 16 * 2;  // the first one, behind the bodies: theirs and their shapes' indices, its id's halves
+  for (std::size_t i = 0; i < 6; ++i) {
+    const double kept = std::exchange(world["world"][contact + i], -3e10);
+    EXPECT_THROW(world.unit().restored(), Error) << i;
+    world["world"][contact + i] = kept;
+  }
   EXPECT_NO_THROW(world.unit().restored());
 }
 
