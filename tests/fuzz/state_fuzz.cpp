@@ -1,97 +1,145 @@
 // Any bytes are a serialised state of an exported FMU or an Error, and one that is taken can be stepped from, or says why not.
-// The unit is a drive train with a history of steps (method=cvode), which is as much as a state can hold.
+// The first byte says of which unit; a drive train with a history of steps (method=cvode) holds as much as a state can.
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
 #include <fstream>
+#include <memory>
 
-#include "components/drive_train/drive_train.h"
+#include "components/unit/unit_table.h"
 #include "fmu/archive.h"
 #include "fmu/bytes.h"
 #include "fmu/export.h"
 #include "fmu/package.h"
+#include "models/robot/urdf.h"
+#include "models/scene/cell.h"
+#include "models/scene/sdf.h"
+#include "models/scene/urdf_shapes.h"
 #include "models/text/error.h"
 #include "tests/fuzz/edits.h"
-
-namespace cotwin::fmu {
-
-const UnitType& exported_unit() {
-  static constexpr UnitType kType{"drive_train", "to be restored", [](Settings& s) -> std::unique_ptr<cotwin::Unit> {
-                                    return std::make_unique<drive_train::DriveTrain>(s);
-                                  }};
-  return kType;
-}
-
-}  // namespace cotwin::fmu
 
 namespace {
 
 using namespace cotwin;
 
 constexpr const char* kToken = "{fuzz}";
+constexpr const char* kModels = COTWIN_SOURCE_DIR "/models/";
 
-/// resources/ with the package of the unit.
-const std::filesystem::path& resources() {
-  static const fmu::TemporaryFolder folder;
-  static const bool written = [] {
-    fmu::Package package;
-    package.token = kToken;
-    package.unit = "drive_train";
-    package.query = "joints=2&link=outside&method=cvode&robot=";
-    Settings settings(package.unit, package.query, {}, {});
-    drive_train::DriveTrain unit(settings);
-    Variables variables;
-    unit.declare(variables);
-    package.start.take(variables);
-    std::ofstream(folder.path() / fmu::kPackageFile, std::ios::binary) << fmu::serialise(package);
-    return true;
-  }();
-  static_cast<void>(written);
-  return folder.path();
-}
-
-struct Good {
-  std::string state;
-  Good() {
-    fmu::Exported exported(fmu::References::kVariables, kToken, resources());
-    exported.setup(0, {});
-    exported.enter_initialisation();
-    exported.exit_initialisation();
-    for (int i = 0; i < 5; ++i) static_cast<void>(exported.step(i * 1e-3, 1e-3));
-    state = exported.serialise(exported.save(nullptr));
-  }
+/// A unit with the settings that its package has, and what goes into it besides.
+struct Choice {
+  const char* unit;
+  const char* query;
+  const char* robot = "";  // of models/robots
+  const char* scene = "";  // of models/scenes
 };
 
-void use(const std::string& bytes) {
-  static fmu::Exported exported(fmu::References::kVariables, kToken, resources());
-  void* state = nullptr;
-  try {
-    state = exported.deserialise(fmu::as_bytes(bytes));
-  } catch (const Error&) {
-    return;
+constexpr std::array kChoices = {
+    Choice{"drive_train", "joints=2&link=outside&method=cvode&robot="},
+    Choice{"drive_train", "", "planar2"},
+    Choice{"compliance", "", "planar2"},
+    Choice{"motion", "points=4&degree=8", "planar2"},
+    Choice{"motion", "kind=polynomial&degree=7&jerk=true", "planar2"},
+    Choice{"io", "link=sensors", "planar2"},
+    Choice{"contact_world", "link=outside", "planar2", "table"},
+    Choice{"contact_world", "method=dantzig", "", "stack"},
+    Choice{"tuner", "friction=sigmoid&motor_inertia=true", "planar2"},
+};
+
+const UnitType& type_of(const Choice& choice) {
+  for (const UnitType& type : unit_types()) {
+    if (std::string_view(type.name) == choice.unit) return type;
   }
-  try {
-    // Written again it says the same; a truth value may have been any byte.
-    const std::string again = exported.serialise(state);
-    void* second = exported.deserialise(fmu::as_bytes(again));
-    if (exported.serialise(second) != again) std::abort();
-    exported.free(&second);
-    exported.restore(state);
-    if (exported.state() == fmu::kStepping && !exported.finished()) static_cast<void>(exported.step(exported.time(), 1e-3));
-  } catch (const Error&) {
-  }
-  exported.free(&state);
+  std::abort();
 }
+
+const UnitType* exported = nullptr;  // of the instance that is being made
+
+/// An instance, and the state that it has after a few steps.
+class Subject {
+ public:
+  explicit Subject(const Choice& choice) {
+    exported = &type_of(choice);
+    fmu::Package package;
+    package.token = kToken;
+    package.unit = choice.unit;
+    package.query = choice.query;
+    const std::string robot = choice.robot, scene = choice.scene;
+    const std::filesystem::path urdf = kModels + ("robots/" + robot) + "/robot.urdf";
+    if (!robot.empty()) {
+      robot::RobotModel model = robot::load_urdf(urdf);
+      model.history.clear();
+      package.robot = std::make_shared<const robot::RobotModel>(std::move(model));
+    }
+    if (!scene.empty()) {
+      scene::Cell cell;
+      cell.scene = scene::load(kModels + ("scenes/" + scene) + "/scene.sdf");
+      if (package.robot) cell.robots.push_back({"", *package.robot, scene::shapes_of_urdf(urdf, *package.robot)});
+      package.cell = std::make_shared<const scene::Cell>(std::move(cell));
+    }
+    Settings settings(package.unit, package.query, {}, {});
+    settings.set_robot(package.robot);
+    settings.set_cell(package.cell);
+    const std::unique_ptr<Unit> unit = exported->make(settings);
+    Variables variables;
+    unit->declare(variables);
+    package.start.take(variables);
+    std::ofstream(folder_.path() / fmu::kPackageFile, std::ios::binary) << fmu::serialise(package);
+    instance_ = std::make_unique<fmu::Exported>(fmu::References::kVariables, kToken, folder_.path());
+    instance_->setup(0, {});
+    instance_->enter_initialisation();
+    instance_->exit_initialisation();
+    for (int i = 0; i < 5; ++i) static_cast<void>(instance_->step(i * 1e-3, 1e-3));
+    good_ = instance_->serialise(instance_->save(nullptr));
+  }
+
+  const std::string& good() const { return good_; }
+  void use(const std::string& bytes) {
+    fmu::Exported& unit = *instance_;
+    void* state = nullptr;
+    try {
+      state = unit.deserialise(fmu::as_bytes(bytes));
+    } catch (const Error&) {
+      return;
+    }
+    try {
+      // Written again it says the same; a truth value may have been any byte.
+      const std::string again = unit.serialise(state);
+      void* second = unit.deserialise(fmu::as_bytes(again));
+      if (unit.serialise(second) != again) std::abort();
+      unit.free(&second);
+      unit.restore(state);
+      if (unit.state() == fmu::kStepping && !unit.finished()) static_cast<void>(unit.step(unit.time(), 1e-3));
+    } catch (const Error&) {
+    }
+    unit.free(&state);
+  }
+
+ private:
+  fmu::TemporaryFolder folder_;
+  std::unique_ptr<fmu::Exported> instance_;
+  std::string good_;
+};
 
 }  // namespace
 
+namespace cotwin::fmu {
+
+const UnitType& exported_unit() { return *exported; }
+
+}  // namespace cotwin::fmu
+
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
-  static const Good good;
-  use(std::string(reinterpret_cast<const char*>(data), size));
+  static std::array<std::unique_ptr<Subject>, kChoices.size()> subjects;
+  if (size == 0) return 0;
+  const std::size_t chosen = data[0] % kChoices.size();
+  std::unique_ptr<Subject>& subject = subjects[chosen];
+  if (!subject) subject = std::make_unique<Subject>(kChoices[chosen]);
+  subject->use(std::string(reinterpret_cast<const char*>(data), size));
   // The state is 8 bytes of kind and version, 8 of hash, and what this hash is of.
-  std::string body = fuzz::edited(good.state.substr(16), data, size);
+  const std::string body = fuzz::edited(subject->good().substr(16), data + 1, size - 1);
   fmu::ByteWriter head;
   head.value(fmu::hash_of(body));
-  use(good.state.substr(0, 8) + head.bytes() + body);
+  subject->use(subject->good().substr(0, 8) + head.bytes() + body);
   return 0;
 }
