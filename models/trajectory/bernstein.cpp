@@ -32,8 +32,8 @@ struct Maximum {
 
   void search(const Points& points, std::size_t size, double from, double to, int depth) {
     const double bound = *std::max_element(points.begin(), points.begin() + static_cast<std::ptrdiff_t>(size));
-    if (bound <= best.value + tolerance || depth == 0) return;
-    Points left = points, right = points;  // de Casteljau at the middle
+    if (!(bound > best.value + tolerance) || depth == 0) return;  // also where points are not finite
+    Points left = points, right = points;                         // de Casteljau at the middle
     for (std::size_t level = 1; level < size; ++level) {
       for (std::size_t i = 0; i + level < size; ++i) right[i] = 0.5 * (right[i] + right[i + 1]);
       left[level] = right[0];

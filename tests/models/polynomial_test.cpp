@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cmath>
+#include <limits>
 #include <random>
 
 #include "models/text/error.h"
@@ -75,6 +76,19 @@ TEST(Polynomial, ElevationKeepsThePolynomial) {
   EXPECT_EQ(higher.size(), 16u);
   for (double s = 0; s <= 1; s += 0.1) {
     for (std::size_t k = 0; k < 4; ++k) EXPECT_NEAR(bernstein::evaluate(higher, s)[k], bernstein::evaluate(b, s)[k], 1e-11);
+  }
+}
+
+// A state that was damaged may hold any numbers: looking for the largest value ends.
+TEST(Polynomial, ExtremesOfWhatIsNotFiniteAreSoughtNoFurther) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity(), kNone = std::numeric_limits<double>::quiet_NaN();
+  for (const double odd : {kInfinity, -kInfinity, kNone, 1e308}) {
+    for (std::size_t at = 0; at < 8; ++at) {
+      std::vector<double> b = {1, -3, 2, 5, -1, 4, 0, 2};
+      b[at] = odd;
+      b[(at + 3) % 8] = -odd;
+      for (int derivative = 0; derivative <= 3; ++derivative) static_cast<void>(bernstein::extremes(b, derivative));
+    }
   }
 }
 
