@@ -36,7 +36,6 @@ struct Choice {
 
 constexpr std::array kChoices = {
     Choice{"drive_train", "joints=2&link=outside&method=cvode&robot="},
-    Choice{"drive_train", "", "planar2"},
     Choice{"compliance", "", "planar2"},
     Choice{"motion", "points=4&degree=8", "planar2"},
     Choice{"motion", "kind=polynomial&degree=7&jerk=true", "planar2"},
