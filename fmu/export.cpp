@@ -360,8 +360,8 @@ void Exported::set(std::span<const unsigned> references, std::span<const Host> v
         const auto value = static_cast<double>(values[n]);
         const bool knob = variable.role == Role::kParameter || variable.role == Role::kTunable;
         if (knob && !(value >= variable.min && value <= variable.max)) {
-          throw Error(name_of({&variable, s.first + i, 1}) + " = " + text::to_text(value) + " " + variable.si + ", expected " +
-                      text::to_text(variable.min) + " to " + text::to_text(variable.max));
+          throw Error(name_of({&variable, s.first + i, 1}) + " = " + text::to_text(value) +
+                      (variable.si.empty() ? "" : " " + variable.si) + ", expected " + allowed_values(variable));
         }
       }
     }

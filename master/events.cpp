@@ -26,8 +26,7 @@ Variable narrowed(const Signal& signal) {
 
 void check_range(const Variable& variable, double value, const EventSpec& spec) {
   if (value >= variable.min && value <= variable.max) return;
-  fail(spec.place, "event: " + spec.variable + " = " + text::to_text(value) + ", expected " + text::to_text(variable.min) +
-                       " to " + text::to_text(variable.max));
+  fail(spec.place, "event: " + spec.variable + " = " + text::to_text(value) + ", expected " + allowed_values(variable));
 }
 
 }  // namespace

@@ -30,13 +30,7 @@ const char* title(Role role) {
   return "";
 }
 
-std::string range(const Variable& v) {
-  const bool low = std::isfinite(v.min), high = std::isfinite(v.max);
-  if (low && high) return text::to_text(v.min) + " to " + text::to_text(v.max);
-  if (low) return ">= " + text::to_text(v.min);
-  if (high) return "<= " + text::to_text(v.max);
-  return "";
-}
+std::string range(const Variable& v) { return std::isfinite(v.min) || std::isfinite(v.max) ? allowed_values(v) : ""; }
 
 std::vector<std::string> values(const Variable& v) {
   std::vector<std::string> texts;

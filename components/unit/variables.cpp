@@ -210,8 +210,7 @@ void Variables::check_ranges() const {
     const auto check = [&](std::size_t element, double value) {
       if (value >= variable.min && value <= variable.max) return;
       throw Error(element_name(variable, element) + " = " + text::to_text(value) +
-                  (variable.si.empty() ? "" : " " + variable.si) + ", expected " + text::to_text(variable.min) + " to " +
-                  text::to_text(variable.max));
+                  (variable.si.empty() ? "" : " " + variable.si) + ", expected " + allowed_values(variable));
     };
     if (variable.kind() == Kind::kReal) {
       for (std::size_t i = 0; i < variable.size(); ++i) check(i, variable.reals()[i]);
@@ -276,6 +275,13 @@ void assign_text(const Variable& variable, std::size_t element, std::string_view
   }
   std::visit([&](auto storage) { storage[element] = read_element(variable, value, typename decltype(storage)::value_type{}); },
              variable.storage);
+}
+
+std::string allowed_values(const Variable& variable) {
+  const bool low = std::isfinite(variable.min), high = std::isfinite(variable.max);
+  if (low && high) return text::to_text(variable.min) + " to " + text::to_text(variable.max);
+  if (low) return ">= " + text::to_text(variable.min);
+  return high ? "<= " + text::to_text(variable.max) : "a number";
 }
 
 ElementName parse_element_name(std::string_view text) {

@@ -167,6 +167,9 @@ class Variables {
   mutable std::uint64_t fingerprint_ = 0;  // 0: to be computed
 };
 
+/// What a number of this variable may be: "0 to 10", ">= 0", "<= 10", "a number".
+std::string allowed_values(const Variable& variable);
+
 /// Assigns `value`, read as the variable's kind, to element `element` (counted from 0) or, without one, to the whole vector:
 /// one value stands for every element, or as many as the vector has, separated by commas or blanks. Throws Error naming
 /// variable, text and expectation; then nothing is changed. Does not look at the role: the caller knows who may write.

@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "models/text/error.h"
@@ -78,7 +79,24 @@ TEST(Variables, NameElementValueAndRangeOfWhatLiesOutside) {
   EXPECT_THROW(v.check_ranges(), Error);
   m.K = 1;
   m.mode[1] = 8;
-  EXPECT_THAT([&] { v.check_ranges(); }, ThrowsMessage<Error>(HasSubstr("mode[2] = 8, expected ")));
+  EXPECT_THAT([&] { v.check_ranges(); }, ThrowsMessage<Error>(HasSubstr("mode[2] = 8, expected 0 to 7")));
+  m.mode[1] = 7;
+  m.q[1] = std::nan("");
+  EXPECT_THAT([&] { v.check_ranges(); }, ThrowsMessage<Error>(HasSubstr("q[2] = nan rad, expected a number")));
+}
+
+TEST(Variables, SayWhatANumberMayBe) {
+  constexpr double kInfinity = std::numeric_limits<double>::infinity();
+  double x = 0;
+  Variables v;
+  v.parameter("between", x, "1", "bounded on both sides").range(-1, 2.5);
+  v.parameter("above", x, "1", "bounded below").range(0, kInfinity);
+  v.parameter("below", x, "1", "bounded above").range(-kInfinity, 3);
+  v.parameter("free", x, "1", "not bounded");
+  EXPECT_EQ(allowed_values(v.at("between")), "-1 to 2.5");
+  EXPECT_EQ(allowed_values(v.at("above")), ">= 0");
+  EXPECT_EQ(allowed_values(v.at("below")), "<= 3");
+  EXPECT_EQ(allowed_values(v.at("free")), "a number");
 }
 
 TEST(Variables, FindTheFirstOutputThatIsNotFinite) {
