@@ -149,6 +149,13 @@ Variables::Declared& Variables::Declared::discrete() {
   return *this;
 }
 
+Variables::Declared& Variables::Declared::essential() {
+  Variable& variable = list_.list_[index_];
+  if (variable.role == Role::kOutput) throw Error(variable.name, "an output cannot be essential");
+  variable.essential = true;
+  return *this;
+}
+
 Variables::Declared& Variables::Declared::derivative_of(std::string name) {
   Variable& variable = list_.list_[index_];
   const Variable* of = list_.find(name);
@@ -178,7 +185,7 @@ Variables::Declared Variables::add(std::string name, Role role, Variable::Storag
     throw Error("variable '" + variable.name + "'", "expected a name without control characters");
   if (!foreign_ && !is_identifier(variable.name))
     throw Error("variable '" + variable.name + "'", "expected a name of letters, digits, '_' and '.'");
-  if (find(variable.name) != nullptr) throw Error(variable.name, "declared twice");
+  if (index_.contains(variable.name)) throw Error(variable.name, "declared twice");
   if (variable.description.empty()) throw Error(variable.name, "declared without a description");
   if (variable.kind() == Kind::kReal && !(foreign_ && variable.si.empty())) {
     if (variable.si.empty()) throw Error(variable.name, "declared without a unit of measure; a pure number has \"1\"");
@@ -186,14 +193,15 @@ Variables::Declared Variables::add(std::string name, Role role, Variable::Storag
       throw Error(variable.name, "declared in " + variable.si + ", expected SI");
     }
   }
+  index_.emplace(variable.name, list_.size());
   list_.push_back(std::move(variable));
   fingerprint_ = 0;
   return {*this, list_.size() - 1};
 }
 
 const Variable* Variables::find(std::string_view name) const {
-  const auto found = std::find_if(list_.begin(), list_.end(), [&](const Variable& v) { return v.name == name; });
-  return found == list_.end() ? nullptr : &*found;
+  const auto found = index_.find(name);
+  return found == index_.end() ? nullptr : &list_[found->second];
 }
 
 const Variable& Variables::at(std::string_view name) const {

@@ -1,11 +1,13 @@
 #pragma once
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <span>
 #include <string>
 #include <string_view>
 #include <type_traits>
+#include <unordered_map>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -43,6 +45,8 @@ struct Variable {
   bool has_start = false;     // of an output: a start value may be given to it before initialise, as to a state
   std::string derivative_of;  // name of the variable whose first time derivative this one is; else empty
   bool discrete = false;      // of a real output: no point of a curve, as a mean over the step is not; inputs hold it
+  bool essential =
+      false;  // of an input, parameter or state: without a connection, a start value or an event the unit is of no use
 
   Kind kind() const { return static_cast<Kind>(storage.index()); }
   std::size_t size() const {
@@ -76,6 +80,9 @@ class Variables {
     /// The real output does not change continuously (FMI: variability "discrete"): it is a mean over the step, say, and an
     /// input that follows others linearly over a step takes it as it is.
     Declared& discrete();
+    /// The input, parameter or state has no useful default: a scenario that neither connects it nor gives it a value gets a
+    /// warning. Throws Error for an output.
+    Declared& essential();
 
    private:
     Declared& set_rate(Variable::Storage storage);
@@ -162,7 +169,13 @@ class Variables {
   }
   Declared add(std::string name, Role role, Variable::Storage storage, std::string si, std::string description);
 
+  struct NameHash {
+    using is_transparent = void;
+    std::size_t operator()(std::string_view name) const { return std::hash<std::string_view>{}(name); }
+  };
+
   std::vector<Variable> list_;
+  std::unordered_map<std::string, std::size_t, NameHash, std::equal_to<>> index_;  // by name; never iterated
   bool foreign_ = false;
   mutable std::uint64_t fingerprint_ = 0;  // 0: to be computed
 };

@@ -62,6 +62,14 @@ TEST(Variables, RefuseADeclarationThatIsIncomplete) {
   EXPECT_THAT([&] { v.input("y", x, "m", ""); }, ThrowsMessage<Error>(HasSubstr("without a description")));
 }
 
+TEST(Variables, RefuseAnEssentialOutput) {
+  Variables v;
+  double value = 0;
+  EXPECT_THROW(v.output("y", value, "m", "an output").essential(), Error);
+  v.input("u", value, "m", "an input").essential();
+  EXPECT_TRUE(v.at("u").essential);
+}
+
 TEST(Variables, NameTheClosestOneForASlip) {
   Members m;
   const Variables v = declare(m);
