@@ -50,7 +50,12 @@ class Report {
   void elf() {
     const ElfLibrary elf = read_elf(file_);
     common(elf.machine, elf.exported);
-    needs((elf.oldest_glibc.empty() ? "" : "glibc " + elf.oldest_glibc + " or newer"), elf.needed);
+    std::vector<std::string> all = elf.needed;
+    for (std::string& library : all) {
+      const auto versions = elf.other_versions.find(library);
+      if (versions != elf.other_versions.end()) library += " (" + joined(versions->second) + ")";
+    }
+    needs((elf.oldest_glibc.empty() ? "" : "glibc " + elf.oldest_glibc + " or newer"), all);
     if (elf.unique_symbols)
       add(Level::kWarning, "has unique symbols (STB_GNU_UNIQUE): it stays in memory after it was unloaded");
     for (const std::string& needed : elf.needed) {

@@ -31,15 +31,12 @@ struct Elf32 {
   using NeedEntry = Elf32_Vernaux;
 };
 
-/// Whether version a is older than b: "2.4" than "2.34".
-bool older(const std::string& a, const std::string& b) {
-  const auto x = text::split(a, '.'), y = text::split(b, '.');
-  for (std::size_t i = 0; i < std::max(x.size(), y.size()); ++i) {
-    const long long m = i < x.size() ? text::parse_integer(x[i]).value_or(0) : 0;
-    const long long n = i < y.size() ? text::parse_integer(y[i]).value_or(0) : 0;
-    if (m != n) return m < n;
-  }
-  return false;
+constexpr std::string_view kGlibc = "GLIBC_";
+
+/// The glibc that first had the version: "2.4" of GLIBC_2.4; GLIBC_ABI_… names abilities of the loader.
+std::string glibc_of(const std::string& version) {
+  const std::string rest = version.substr(kGlibc.size());
+  return rest == "ABI_DT_RELR" ? "2.36" : rest;
 }
 
 template <class Elf>
@@ -68,6 +65,7 @@ class Reader {
       if (s.sh_type == SHT_GNU_verneed) versions(s, strings_of(s), out);
     }
     std::sort(out.exported.begin(), out.exported.end());
+    for (auto& [library, list] : out.other_versions) std::sort(list.begin(), list.end());
     return out;
   }
 
@@ -99,10 +97,11 @@ class Reader {
       for (std::size_t k = 0; k < need.vn_cnt; ++k) {
         const auto entry = at<typename Elf::NeedEntry>(entry_offset);
         const std::string version = text(strings, entry.vna_name);
-        constexpr std::string_view kGlibc = "GLIBC_";
-        if (version.rfind(kGlibc, 0) == 0 &&
-            (out.oldest_glibc.empty() || older(out.oldest_glibc, version.substr(kGlibc.size())))) {
-          out.oldest_glibc = version.substr(kGlibc.size());
+        if (version.rfind(kGlibc, 0) == 0) {
+          const std::string glibc = glibc_of(version);
+          if (out.oldest_glibc.empty() || older_version(out.oldest_glibc, glibc)) out.oldest_glibc = glibc;
+        } else {
+          add_version(version, out.other_versions[text(strings, need.vn_file)]);
         }
         if (entry.vna_next == 0) break;
         entry_offset += entry.vna_next;
@@ -110,6 +109,17 @@ class Reader {
       if (need.vn_next == 0) break;
       offset += need.vn_next;
     }
+  }
+
+  /// Keeps the greatest number of each name.
+  static void add_version(const std::string& version, std::vector<std::string>& list) {
+    const std::size_t number = version.rfind('_') + 1;
+    for (std::string& known : list) {
+      if (known.rfind('_') + 1 != number || known.compare(0, number, version, 0, number) != 0) continue;
+      if (older_version(known.substr(number), version.substr(number))) known = version;
+      return;
+    }
+    list.push_back(version);
   }
 
   template <class T>
@@ -135,6 +145,16 @@ class Reader {
 };
 
 }  // namespace
+
+bool older_version(const std::string& a, const std::string& b) {
+  const auto x = text::split(a, '.'), y = text::split(b, '.');
+  for (std::size_t i = 0; i < std::max(x.size(), y.size()); ++i) {
+    const long long m = i < x.size() ? text::parse_integer(x[i]).value_or(0) : 0;
+    const long long n = i < y.size() ? text::parse_integer(y[i]).value_or(0) : 0;
+    if (m != n) return m < n;
+  }
+  return false;
+}
 
 ElfLibrary read_elf(const std::filesystem::path& file) {
   std::ifstream in(file, std::ios::binary);

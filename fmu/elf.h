@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -11,9 +12,15 @@ struct ElfLibrary {
   std::vector<std::string> needed;    // libraries, as in DT_NEEDED
   std::vector<std::string> run_path;  // DT_RUNPATH or DT_RPATH
   std::vector<std::string> exported;  // names of functions and data that others see
-  std::string oldest_glibc;           // "2.34": the greatest version of GLIBC_ that it needs; "" if it needs none
-  bool unique_symbols = false;        // STB_GNU_UNIQUE: such a library is never unloaded
+  std::string oldest_glibc;           // "2.34": the oldest glibc that has all that it needs; "" if it needs none of glibc
+  /// Of libraries other than glibc's the greatest version of each name: "libstdc++.so.6" needs "CXXABI_1.3.9",
+  /// "GLIBCXX_3.4.30".
+  std::map<std::string, std::vector<std::string>> other_versions;
+  bool unique_symbols = false;  // STB_GNU_UNIQUE: such a library is never unloaded
 };
+
+/// Whether version a is older than b: "2.4" than "2.34".
+bool older_version(const std::string& a, const std::string& b);
 
 /// Throws Error for a file that is no 64- or 32-bit little-endian ELF shared library, or is damaged.
 ElfLibrary read_elf(const std::filesystem::path& file);

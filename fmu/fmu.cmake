@@ -2,6 +2,21 @@
 string(TOLOWER ${CMAKE_SYSTEM_PROCESSOR}-${CMAKE_SYSTEM_NAME} COTWIN_FMU_PLATFORM)
 set(COTWIN_FMU_FOLDER ${CMAKE_BINARY_DIR}/lib/cotwin/fmu CACHE PATH "where the libraries of FMUs go: <folder>/<platform>/<unit>.so")
 set(COTWIN_FMU_SYMBOLS ${CMAKE_CURRENT_LIST_DIR}/exported_symbols.map)
+set(COTWIN_FMU_GLIBC 2.28 CACHE STRING "the oldest glibc that exported units have to load with (2.28: RHEL 8, Debian 10); empty: that of this machine")
+set(cotwin_old_glibc OFF)
+if(CMAKE_SYSTEM_NAME STREQUAL Linux AND COTWIN_FMU_GLIBC AND NOT COTWIN_SANITIZE)
+  set(cotwin_old_glibc ON)
+endif()
+
+# The target cotwin_fmu_old_glibc: objects of what COTWIN_FMU_GLIBC lacks, and the C library of that version to be linked against.
+function(cotwin_old_glibc)
+  set(script ${PROJECT_SOURCE_DIR}/fmu/old_glibc.sh)
+  set(folder ${CMAKE_BINARY_DIR}/old_glibc)
+  add_custom_command(OUTPUT ${folder}/libc.so DEPENDS ${script} VERBATIM
+    COMMAND ${script} ${COTWIN_FMU_GLIBC} ${CMAKE_C_COMPILER} ${CMAKE_READELF} ${folder})
+  add_library(cotwin_fmu_old_glibc OBJECT old_glibc.cpp ${folder}/libc.so)
+  target_link_libraries(cotwin_fmu_old_glibc PRIVATE cotwin_settings)
+endfunction()
 
 # cotwin_fmu_link(target): makes a module of what an exported unit's library is. It shows nothing but fmi2* and fmi3*, needs nothing but the
 # C library (Windows: what comes with Windows), and carries the C++ runtime inside.
@@ -18,6 +33,11 @@ function(cotwin_fmu_link target)
   if(NOT COTWIN_SANITIZE)   # a sanitizer's run-time library comes with the program that loads this one
     target_sources(${target} PRIVATE $<TARGET_OBJECTS:cotwin_fmu_unload>)
     target_link_options(${target} PRIVATE -static-libstdc++ -static-libgcc LINKER:--no-undefined $<$<CONFIG:Release>:-s>)
+  endif()
+  if(cotwin_old_glibc)
+    target_sources(${target} PRIVATE $<TARGET_OBJECTS:cotwin_fmu_old_glibc>)
+    target_link_options(${target} BEFORE PRIVATE -L${CMAKE_BINARY_DIR}/old_glibc)
+    add_dependencies(${target} cotwin_fmu_old_glibc)
   endif()
 endfunction()
 

@@ -11,6 +11,7 @@
 #include "components/unit/unit_table.h"
 #include "fmu/pack.h"
 #include "tests/fmu/driver.h"
+#include "tests/fmu/old_glibc.h"
 #include "tests/fmu/subjects.h"
 
 namespace cotwin::fmu {
@@ -402,14 +403,12 @@ TEST_P(ExportedLibraries, StandAlone) {
     EXPECT_TRUE(name.starts_with("fmi2") || name.starts_with("fmi3")) << name;
   }
   if (std::string(COTWIN_SANITIZERS).size() > 0) GTEST_SKIP() << "sanitizers need their library";
-  std::istringstream dynamic(output_of("readelf --wide --dynamic " + library));
-  for (std::string line; std::getline(dynamic, line);) {
-    if (line.find("(NEEDED)") == std::string::npos) continue;
-    const bool basic = line.find("[libc.so.") != std::string::npos || line.find("[libm.so.") != std::string::npos ||
-                       line.find("[ld-linux") != std::string::npos;
-    EXPECT_TRUE(basic) << line;
-  }
   EXPECT_THAT(output_of("readelf --wide --syms " + library), ::testing::Not(::testing::HasSubstr("UNIQUE")));
+}
+
+TEST_P(ExportedLibraries, LoadWhereverGlibcIs228OrNewer) {
+  if (std::string(COTWIN_SANITIZERS).size() > 0) GTEST_SKIP() << "sanitizers need their library";
+  testing::expect_loads_with_old_glibc(fmu_->library(), output_of("objdump -T '" + fmu_->library().string() + "'"));
 }
 
 TEST_P(ExportedLibraries, LeaveNothingOfThisMachineInTheArchive) {
@@ -418,6 +417,25 @@ TEST_P(ExportedLibraries, LeaveNothingOfThisMachineInTheArchive) {
     const std::string content = read_archive_file(archive_, entry.name);
     EXPECT_EQ(content.find(COTWIN_SOURCE_DIR), std::string::npos) << entry.name;
   }
+}
+
+// A symbol that old systems lack is found while a unit is linked: here arc4random, of glibc 2.36.
+// glibc 2.36.
+TEST(OldGlibc, LacksWhatIsNewer) {
+  const std::string folder = COTWIN_OLD_GLIBC;
+  if (folder.empty()) GTEST_SKIP() << "exported units are linked against this machine's glibc";
+  const TemporaryFolder sources;
+  const auto link = [&](const std::string& call) {
+    std::ofstream(sources.path() / "x.c") << "#include <math.h>\n#include <stdlib.h>\ndouble f(double x) { return " << call
+                                          << "; }\n";
+    const fs::path library = sources.path() / "x.so";
+    const std::string said = output_of(COTWIN_C_COMPILER " -fPIC -shared -Wl,--no-undefined -L'" + folder + "' -o '" +
+                                       library.string() + "' '" + (sources.path() / "x.c").string() + "' -lm");
+    return said.empty() ? "needs glibc " + read_elf(library).oldest_glibc : said;
+  };
+  // hypot has a version of glibc 2.35, too; the oldest one is that of the machine's first glibc.
+  EXPECT_THAT(link("hypot(x, 1)"), ::testing::AnyOf("needs glibc 2.2.5", "needs glibc 2.17"));
+  EXPECT_THAT(link("arc4random()"), ::testing::HasSubstr("undefined reference to `arc4random'"));
 }
 
 INSTANTIATE_TEST_SUITE_P(Fmi, ExportedUnits, ::testing::ValuesIn(subjects(true)), name_of);

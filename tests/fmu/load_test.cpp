@@ -9,6 +9,10 @@
 #include <unistd.h>
 #include <zip.h>
 
+#include <cctype>
+#include <cstdio>
+#include <cstring>
+#include <map>
 #include <sstream>
 #include <thread>
 
@@ -251,6 +255,31 @@ TEST(Elf, TellsWhatALibraryShowsAndNeeds) {
   EXPECT_THAT(elf.exported, Not(Contains("model_event")));
   EXPECT_THAT(elf.needed, Contains("libc.so.6"));
   EXPECT_THAT(elf.oldest_glibc, ::testing::StartsWith("2."));
+}
+
+// This program needs the C++ run-time library, and glibc as new as the machine it was linked on.
+TEST(Elf, TellsTheGreatestVersionOfEachNameAsObjdumpDoes) {
+  const fs::path program = fs::read_symlink("/proc/self/exe");
+  const ElfLibrary elf = read_elf(program);
+  std::map<std::string, std::string> greatest;  // "GLIBCXX": "3.4.30"
+  FILE* pipe = popen(("objdump -T '" + program.string() + "'").c_str(), "r");
+  char word[4096];
+  while (std::fscanf(pipe, "%4095s", word) == 1) {
+    const std::string version = word[0] == '(' ? std::string(word + 1, std::strlen(word) - 2) : word;
+    const std::size_t number = version.rfind('_') + 1;
+    if (number < 2 || !std::isdigit(static_cast<unsigned char>(version[number])) ||
+        !std::isupper(static_cast<unsigned char>(version[0])))
+      continue;
+    std::string& known = greatest[version.substr(0, number - 1)];
+    if (known.empty() || older_version(known, version.substr(number))) known = version.substr(number);
+  }
+  ASSERT_EQ(pclose(pipe), 0);
+  EXPECT_EQ(elf.oldest_glibc, greatest.at("GLIBC"));
+  EXPECT_THAT(elf.other_versions.at("libstdc++.so.6"), Contains("GLIBCXX_" + greatest.at("GLIBCXX")));
+  EXPECT_THAT(elf.other_versions.at("libstdc++.so.6"), Contains("CXXABI_" + greatest.at("CXXABI")));
+  EXPECT_TRUE(older_version("2.4", "2.34"));
+  EXPECT_FALSE(older_version("2.28", "2.28"));
+  EXPECT_TRUE(older_version("2.3", "2.3.4"));
 }
 
 TEST(Elf, RefusesWhatIsCutShortOrDamaged) {

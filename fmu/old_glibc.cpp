@@ -1,0 +1,73 @@
+// What newer versions of glibc have and the one of COTWIN_FMU_GLIBC (fmu.cmake) lacks, as far as units and the C++ run-time
+// library inside them use it. The definitions stay within the library that they are linked into.
+#include <dlfcn.h>
+#include <fcntl.h>
+#include <link.h>
+#include <sys/stat.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <cstdint>
+
+extern "C" {
+
+/// Since 2.32. False is always right: reference counts are then changed by atomic instructions.
+char __libc_single_threaded = 0;
+
+// Since 2.33; before, <sys/stat.h> called __xstat and its like. On 64-bit machines the kernel fills glibc's structure.
+int fstatat(int folder, const char* path, struct stat* out, int flags) noexcept {
+  return static_cast<int>(syscall(SYS_newfstatat, folder, path, out, flags));
+}
+int stat(const char* path, struct stat* out) noexcept { return fstatat(AT_FDCWD, path, out, 0); }
+int lstat(const char* path, struct stat* out) noexcept { return fstatat(AT_FDCWD, path, out, AT_SYMLINK_NOFOLLOW); }
+int fstat(int file, struct stat* out) noexcept { return static_cast<int>(syscall(SYS_fstat, file, out)); }
+
+static_assert(sizeof(struct stat) == sizeof(struct stat64));
+int fstatat64(int folder, const char* path, struct stat64* out, int flags) noexcept {
+  return static_cast<int>(syscall(SYS_newfstatat, folder, path, out, flags));
+}
+int stat64(const char* path, struct stat64* out) noexcept { return fstatat64(AT_FDCWD, path, out, 0); }
+int lstat64(const char* path, struct stat64* out) noexcept { return fstatat64(AT_FDCWD, path, out, AT_SYMLINK_NOFOLLOW); }
+int fstat64(int file, struct stat64* out) noexcept { return static_cast<int>(syscall(SYS_fstat, file, out)); }
+
+#if __GLIBC_PREREQ(2, 35)
+
+namespace {
+
+struct Search {
+  std::uintptr_t address;
+  dl_find_object* out;
+};
+
+/// Fills `out` if the address lies in this library.
+int look(dl_phdr_info* library, std::size_t, void* context) {
+  const auto& [address, out] = *static_cast<Search*>(context);
+  std::uintptr_t begin = UINTPTR_MAX, end = 0, eh_frame = 0;
+  bool inside = false;
+  for (int i = 0; i < library->dlpi_phnum; ++i) {
+    const ElfW(Phdr)& segment = library->dlpi_phdr[i];
+    const std::uintptr_t first = library->dlpi_addr + segment.p_vaddr;
+    if (segment.p_type == PT_GNU_EH_FRAME) eh_frame = first;
+    if (segment.p_type != PT_LOAD) continue;
+    inside = inside || (address >= first && address - first < segment.p_memsz);
+    begin = first < begin ? first : begin;
+    end = first + segment.p_memsz > end ? first + segment.p_memsz : end;
+  }
+  if (!inside || eh_frame == 0) return 0;
+  *out = {};
+  out->dlfo_map_start = reinterpret_cast<void*>(begin);
+  out->dlfo_map_end = reinterpret_cast<void*>(end);
+  out->dlfo_eh_frame = reinterpret_cast<void*>(eh_frame);
+  return 1;
+}
+
+}  // namespace
+
+/// Since 2.35: where the tables for unwinding the stack are. GCC's run-time library asks for it at every frame of an exception.
+int _dl_find_object(void* address, dl_find_object* out) noexcept {
+  Search search{reinterpret_cast<std::uintptr_t>(address), out};
+  return dl_iterate_phdr(look, &search) == 1 ? 0 : -1;
+}
+
+#endif
+}

@@ -1,0 +1,36 @@
+#pragma once
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <sstream>
+#include <string>
+
+#include "fmu/elf.h"
+
+namespace cotwin::fmu::testing {
+
+/// That a library which `cotwin pack` puts into an FMU loads wherever glibc is 2.28 or newer, and needs nothing beside glibc.
+/// `symbols`: what `objdump -T` says of it, the second reader.
+inline void expect_loads_with_old_glibc(const std::filesystem::path& library, const std::string& symbols) {
+  constexpr const char* kOldest = "2.28";
+  const ElfLibrary elf = read_elf(library);
+  EXPECT_FALSE(older_version(kOldest, elf.oldest_glibc)) << library << " needs glibc " << elf.oldest_glibc;
+  EXPECT_TRUE(elf.other_versions.empty()) << library << " needs " << ::testing::PrintToString(elf.other_versions);
+  const std::string loader = elf.machine == "aarch64" ? "ld-linux-aarch64.so.1" : "ld-linux-x86-64.so.2";
+  for (const std::string& needed : elf.needed)
+    EXPECT_THAT(needed, ::testing::AnyOf("libc.so.6", "libm.so.6", "libpthread.so.0", "libdl.so.2", loader));
+
+  std::string greatest = "0";
+  std::istringstream words(symbols);
+  for (std::string word; words >> word;) {
+    const std::string name = "GLIBC_";
+    const std::size_t at = word.find(name);
+    if (at > 1) continue;  // "GLIBC_2.4" or, of another library's, "(GLIBC_2.4)"
+    const std::string version = word.substr(at + name.size(), word.find(')') - at - name.size());
+    if (older_version(greatest, version)) greatest = version;
+  }
+  EXPECT_EQ(greatest, elf.oldest_glibc) << "by objdump and by our own reader";
+}
+
+}  // namespace cotwin::fmu::testing
