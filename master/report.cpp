@@ -130,9 +130,15 @@ void write_figures(std::ostream& out, const Summary& s) {
     table.row("RMS", c.rms, joined(c.rms));
     table.print(out);
   }
-  if (!s.works.empty() || !s.bonds.empty()) out << "\nenergy [J]\n";
-  for (const Work& w : s.works)
-    out << "  " << left(w.name, 30) << right(number(w.value), kCell) << (w.name == w.what ? "" : "   " + w.what) << '\n';
+  if (!s.works.empty()) {
+    out << '\n' << left("energy [J]", 32) << right("net", kCell) << right("positive", kCell) << right("negative", kCell) << '\n';
+  } else if (!s.bonds.empty()) {
+    out << "\nenergy [J]\n";
+  }
+  for (const Work& w : s.works) {
+    out << "  " << left(w.name, 30) << right(number(w.value), kCell) << right(number(w.positive), kCell)
+        << right(number(w.negative), kCell) << (w.name == w.what ? "" : "   " + w.what) << '\n';
+  }
   for (const Bonded& b : s.bonds) {
     out << "  " << left(b.name, 30) << right(number(b.energy_a), kCell) << " given, " << number(b.energy_b) << " taken, leak "
         << number(b.leak, 3) << '\n';
@@ -230,7 +236,7 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
   }
   j["energy"] = ordered_json::array();
   for (const Work& w : s.works)
-    j["energy"].push_back({{"name", w.name}, {"what", w.what}, {"unit", w.si}, {"value", finite(w.value)}});
+    j["energy"].push_back({{"name", w.name}, {"what", w.what}, {"unit", w.si}, {"value", finite(w.value)}, {"positive", finite(w.positive)}, {"negative", finite(w.negative)}});
   j["bonds"] = ordered_json::array();
   for (const Bonded& b : s.bonds) {
     j["bonds"].push_back({{"name", b.name},

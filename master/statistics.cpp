@@ -55,12 +55,14 @@ Statistics::Power Statistics::make_power(const Signal& effort, const Signal& flo
     fail(place, effort.name + " * " + flow.name + ": " + std::to_string(effort.count) + " elements of effort, " +
                     std::to_string(flow.count) + " of flow");
   }
-  if (effort.variable->si.empty() || flow.variable->si.empty()) return {effort.reals(), flow.reals(), 1, 0, 0};  // nobody told
+  if (effort.variable->si.empty() || flow.variable->si.empty()) {
+    return {effort.reals(), flow.reals(), 1, effort.variable->discrete, 0, 0};  // nobody told
+  }
   const si::Measure e = si::parse(effort.variable->si), f = si::parse(flow.variable->si);
   if (!is_power(e, f)) {
     fail(place, effort.name + " * " + flow.name + ": " + effort.variable->si + " times " + flow.variable->si + " is no power");
   }
-  return {effort.reals(), flow.reals(), e.factor * f.factor, 0, 0};
+  return {effort.reals(), flow.reals(), e.factor * f.factor, effort.variable->discrete, 0, 0};
 }
 
 Statistics::Statistics(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> recorded) {
@@ -75,7 +77,7 @@ Statistics::Statistics(const Scenario& scenario, std::span<const Member> members
       add_tally(make_difference(a, &b, spec.name, spec.place));
     } else if (spec.kind == "energy") {
       const std::string what = a.name + " * " + b.name;
-      works_.push_back({spec.name.empty() ? what : spec.name, what, "J", make_power(a, b, spec.place)});
+      works_.emplace_back(spec.name.empty() ? what : spec.name, what, make_power(a, b, spec.place));
     } else {
       fail(spec.place, "report of kind '" + spec.kind + "', expected signal, difference or energy");
     }
@@ -142,12 +144,39 @@ void Statistics::Power::add(double h) {
   last = power;
 }
 
+Statistics::WorkState::WorkState(std::string name_of, std::string signals, const Power& power)
+    : name(std::move(name_of)),
+      what(std::move(signals)),
+      effort(power.effort),
+      flow(power.flow),
+      factor(power.factor),
+      held(power.held),
+      last_effort(power.effort.size()),
+      last_flow(power.effort.size()) {}
+
+void Statistics::WorkState::add(double h) {
+  for (std::size_t i = 0; i < effort.size(); ++i) {
+    const double begin = factor * (held ? effort[i] : last_effort[i]) * last_flow[i], end = factor * effort[i] * flow[i];
+    last_effort[i] = effort[i];
+    last_flow[i] = flow[i];
+    if (begin >= 0 && end >= 0) {
+      positive += 0.5 * h * (begin + end);
+    } else if (begin <= 0 && end <= 0) {
+      negative += 0.5 * h * (begin + end);
+    } else {  // the line crosses zero: two triangles
+      const double above = std::max(begin, end), below = std::min(begin, end), range = above - below;
+      positive += 0.5 * h * above * (above / range);
+      negative += 0.5 * h * below * (-below / range);
+    }
+  }
+}
+
 void Statistics::sample_others(Time now) {
   if (!works_.empty() || !bonds_.empty()) {
     const double h = started_ ? (now - last_).seconds() : 0;
     started_ = true;
     last_ = now;
-    for (WorkState& w : works_) w.power.add(h);
+    for (WorkState& w : works_) w.add(h);
     for (BondState& b : bonds_) {
       b.a.add(h);
       b.b.add(h);
@@ -183,7 +212,7 @@ std::vector<Tally> Statistics::tallies() const {
 
 std::vector<Work> Statistics::works() const {
   std::vector<Work> result;
-  for (const WorkState& w : works_) result.push_back({w.name, w.what, w.si, w.power.energy});
+  for (const WorkState& w : works_) result.push_back({w.name, w.what, "J", w.positive + w.negative, w.positive, w.negative});
   return result;
 }
 

@@ -20,10 +20,11 @@ struct Tally {
   double total_rms = 0, total_max = 0;  // over all elements
 };
 
-/// ∫ Σ effort · flow dt.
+/// ∫ Σ effort · flow dt, and what of it is positive and negative element by element: a joint that brakes while another one
+/// drives shows in both. value = positive + negative.
 struct Work {
   std::string name, what, si;
-  double value = 0;
+  double value = 0, positive = 0, negative = 0;
 };
 
 /// Two signals held against each other: the rows of Table I (largest discrepancy) and of Fig. 10 (RMS per segment).
@@ -104,13 +105,21 @@ class Statistics {
   struct Power {
     std::span<const double> effort, flow;
     double factor = 1;  // into SI base measures
+    bool held = false;  // the effort is discrete: what it is at a step's end it was all over the step
     double last = 0, energy = 0;
     double now() const;
     void add(double h);
   };
+  /// The same by element and sign. Between two ticks the power of an element goes along a line.
   struct WorkState {
-    std::string name, what, si;
-    Power power;
+    WorkState(std::string name_of, std::string signals, const Power& power);
+    void add(double h);
+    std::string name, what;
+    std::span<const double> effort, flow;
+    double factor;
+    bool held;
+    std::vector<double> last_effort, last_flow;  // of each element at the last tick
+    double positive = 0, negative = 0;
   };
   struct BondState {
     std::string name;

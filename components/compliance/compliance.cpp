@@ -46,9 +46,9 @@ Compliance::Compliance(Settings& settings) {
   dynamics_ = std::make_unique<Dynamics>(robot);
   for (Joints* input : {&q_d_, &dq_d_, &ddq_d_, &q_, &dq_, &theta_, &dtheta_, &tau_e_, &tau_e_rate_}) input->resize(n_);
   for (Joints* drive : {&K_, &tau_max_, &sigma0_, &sigma1_, &link_A_, &link_alpha_, &link_s_, &link_k_}) drive->resize(n_);
-  for (Joints* state : {&Delta_, &dDelta_, &ddq_d_before_, &tau_w_, &dtau_w_, &z_, &theta_c_, &dtheta_c_}) state->resize(n_);
+  for (Joints* state : {&tau_fl_before_, &tau_fm_before_, &Delta_, &dDelta_, &ddq_d_before_, &tau_w_, &dtau_w_, &z_, &theta_c_, &dtheta_c_}) state->resize(n_);
   for (Joints* output : {&q_c_, &dq_c_, &ddq_c_, &tau_m_, &tau_id_, &tau_f_, &tau_excess_}) output->resize(n_);
-  for (Joints* scratch : {&e_, &de_, &a_q_, &a_theta_, &tau_fl_, &tau_fm_, &tau_unwound_}) scratch->resize(n_);
+  for (Joints* scratch : {&e_, &de_, &a_q_, &a_theta_, &tau_fl_, &tau_fm_, &tau_fl_mean_, &tau_fm_mean_, &tau_unwound_}) scratch->resize(n_);
   for (std::size_t i = 0; i < n_; ++i) {
     const double limit = robot.joints[i].tau_max;
     tau_max_[i] = std::isfinite(limit) ? limit : 0.0;
@@ -184,6 +184,10 @@ void Compliance::refer_to_motors(double h) {
     tau_fm_[i] = motor_friction(i, h);
     tau_f_[i] = tau_fl_[i] + tau_fm_[i];
     tau_id_[i] = tau_Jc + tau_fm_[i];
+    tau_fl_mean_[i] = h > 0 ? (tau_fl_before_[i] + tau_fl_[i]) / 2 : tau_fl_[i];
+    tau_fm_mean_[i] = h > 0 ? (tau_fm_before_[i] + tau_fm_[i]) / 2 : tau_fm_[i];
+    tau_fl_before_[i] = tau_fl_[i];
+    tau_fm_before_[i] = tau_fm_[i];
   }
 }
 
@@ -234,11 +238,11 @@ void Compliance::track(double h) {
   saturated_ = false;
   for (std::size_t i = 0; i < n_; ++i) {
     const double shaping = K_[i] > 0 ? in_force_.shaping[i] : 1;
-    double u = d.tau[static_cast<Eigen::Index>(i)] + in_force_.B[i] * (a_theta_[i] / shaping + feedback(i)) + tau_fl_[i];
+    double u = d.tau[static_cast<Eigen::Index>(i)] + in_force_.B[i] * (a_theta_[i] / shaping + feedback(i)) + tau_fl_mean_[i];
     if (tau_e_acts_on_robot_) u -= tau_e_[i] + tau_e_rate_[i] * h / 2;
     // τ_m = u gives B θ̈ + τ_J = u, and τ_m = r u − (r − 1) τ_J gives (B/r) θ̈ + τ_J = u; but what jumps in u is not amplified.
     const double tau_J = K_[i] * (theta_[i] - q_[i]);
-    const double tau = u + (shaping - 1) * (u - tau_unwound_[i] - tau_J) + tau_fm_[i];
+    const double tau = u + (shaping - 1) * (u - tau_unwound_[i] - tau_J) + tau_fm_mean_[i];
     tau_m_[i] = tau_max_[i] > 0 ? std::clamp(tau, -tau_max_[i], tau_max_[i]) : tau;
     tau_excess_[i] = tau - tau_m_[i];
     saturated_ = saturated_ || tau_excess_[i] != 0;

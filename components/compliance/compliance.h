@@ -102,7 +102,9 @@ class Compliance final : public Unit {
   std::string warning_;
   // Handed from one phase of a step to the next.
   Joints e_, de_;           // tracking error at the beginning of the step
-  Joints tau_fl_, tau_fm_;  // friction of the link and the motor side
+  Joints tau_fl_, tau_fm_;                // friction of the link and the motor side at the step's end
+  Joints tau_fl_before_, tau_fm_before_;  // state: the same at its beginning
+  Joints tau_fl_mean_, tau_fm_mean_;      // the mean of both, which the torque held over the step has to overcome
   Joints tau_unwound_;      // τ_J,c − tau_w
   Joints a_q_, a_theta_;    // mean of q̈_c and θ̈_c over the step
 };

@@ -110,13 +110,15 @@ void Compliance::declare(Variables& v) {
   v.output("q_c", q_c_, "rad", "compliant joint position");
   v.output("dq_c", dq_c_, "rad/s", "compliant joint velocity").derivative_of("q_c");
   v.output("ddq_c", ddq_c_, "rad/s2", "compliant joint acceleration").derivative_of("dq_c");
-  v.output("tau_m", tau_m_, "N.m", "motor torque of (2b) that tracks q_c");
+  v.output("tau_m", tau_m_, "N.m", "motor torque of (2b) that tracks q_c, held until the next step").discrete();
   v.output("tau_id", tau_id_, "N.m", "inverse dynamics (2a) alone: M ddq_c + C dq_c + g - tau_e, plus tau_f");
   v.output("tau_f", tau_f_, "N.m", "friction of both sides in the compliant motion, after the friction parameters");
   v.output("tau_excess", tau_excess_, "N.m", "motor torque asked for beyond tau_max, and not given");
   v.output("saturated", saturated_, "whether any joint's motor torque is at its limit");
   v.output("warning", warning_, "what the user should know after the run; empty if nothing");
   declare_bodies(v);
+  v.state("tau_fl_before", tau_fl_before_, "N.m", "friction of the link side at the end of the last step");
+  v.state("tau_fm_before", tau_fm_before_, "N.m", "friction of the motor side at the end of the last step");
 }
 
 void Compliance::check() {
@@ -134,6 +136,8 @@ void Compliance::check() {
     if (!(wanted_.M_a[i] > 0)) refuse("M_a", i, wanted_.M_a[i], "> 0 kg.m2");
     if (!(wanted_.shaping[i] >= 1)) refuse("shaping", i, wanted_.shaping[i], ">= 1");
     if (!(K_[i] >= 0)) refuse("K", i, K_[i], ">= 0 N.m/rad");
+    if (sigma0_[i] > 0 && wanted_.tau_C[i] == 0 && wanted_.tau_S[i] > 0)
+      refuse("tau_S", i, wanted_.tau_S[i], "0 N.m where tau_C is 0: a bristle slides against tau_C > 0");
     if (!(wanted_.v_S[i] > 0)) refuse("v_S", i, wanted_.v_S[i], "> 0 rad/s");
     if (!(wanted_.v_R[i] > 0)) refuse("v_R", i, wanted_.v_R[i], "> 0 rad/s");
     if (!(wanted_.link_v_R[i] > 0)) refuse("link_v_R", i, wanted_.link_v_R[i], "> 0 rad/s");

@@ -105,6 +105,8 @@ ContactWorld::ContactWorld(Settings& settings)
     : place_(settings.unit()),
       cell_(settings.cell()),
       link_(settings.choice("link", {"inside", "outside"}) == "inside" ? Link::kInside : Link::kOutside),
+      actuation_(settings.choice("actuation", {"torque", "prescribed"}) == "torque" ? Actuation::kTorque
+                                                                                    : Actuation::kPrescribed),
       floating_(settings.choice("base", {"fixed", "floating"}) == "floating") {
   const std::string method = settings.choice("method", {"tree", "pgs", "dantzig"});
   options_.method = method == "tree" ? Method::kTree : method == "pgs" ? Method::kPgs : Method::kDantzig;
@@ -115,6 +117,9 @@ ContactWorld::ContactWorld(Settings& settings)
   if (floating_ && link_ == Link::kInside) {
     throw Error(place_,
                 "base=floating with link=inside: a drive train's links stand on a base that rests, expected link=outside");
+  }
+  if (actuation_ == Actuation::kPrescribed && link_ == Link::kOutside) {
+    throw Error(place_, "actuation=prescribed with link=outside: the links would move by no torque, expected link=inside");
   }
   gravity_ = {cell_.scene.gravity.x(), cell_.scene.gravity.y(), cell_.scene.gravity.z()};
   for (const scene::PlacedRobot& placed : cell_.robots) robots_.push_back(std::make_unique<Robot>(placed));
@@ -166,8 +171,11 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
     v.input(x + "q", r.q, "rad", "link-side joint position " + of + " as the drive train's (2a) has it");
     v.input(x + "dq", r.dq, "rad/s", "link-side joint speed, the derivative of q");
   }
-  v.input(x + "tau_J", r.tau_J, "N.m", "joint torque of (2a) that drives the links");
-  v.input(x + "dtheta", r.dtheta, "rad/s", "motor speed behind the gear, by which tau_J follows (2c) within the step");
+  const bool torque = actuation_ == Actuation::kTorque;
+  if (torque) {
+    v.input(x + "tau_J", r.tau_J, "N.m", "joint torque of (2a) that drives the links");
+    v.input(x + "dtheta", r.dtheta, "rad/s", "motor speed behind the gear, by which tau_J follows (2c) within the step");
+  }
   v.output(x + "tau_e", r.tau_e, "N.m", "external joint torque J^T F of the contacts in (2a), mean over the step").discrete();
   v.output(x + "q_link", r.q_link, "rad", "joint position of the links in the world at the end of the step, with either link");
   v.output(x + "dq_link", r.dq_link, "rad/s", "joint speed of the links in the world");
@@ -177,11 +185,13 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
   v.parameter(x + "base_quat0", r.base_quat0, "1", "orientation of the base in W at the start, unit quaternion (w, x, y, z)");
   v.parameter(x + "q0", r.q0, "rad", "joint position at the start; link=outside");
   v.parameter(x + "dq0", r.dq0, "rad/s", "joint speed at the start; link=outside");
-  v.parameter(x + "K", r.K, "N.m/rad",
-              "joint stiffness of (2c), by which tau_J follows the gear within a step; 0: tau_J is held")
-      .range(0, 1e9);
-  v.parameter(x + "D", r.D, "N.m.s/rad", "joint damping of the gear, likewise").range(0, 1e9);
-  if (!outside) {
+  if (torque) {
+    v.parameter(x + "K", r.K, "N.m/rad",
+                "joint stiffness of (2c), by which tau_J follows the gear within a step; 0: tau_J is held")
+        .range(0, 1e9);
+    v.parameter(x + "D", r.D, "N.m.s/rad", "joint damping of the gear, likewise").range(0, 1e9);
+  }
+  if (torque && !outside) {
     v.parameter(x + "B", r.B, "kg.m2",
                 "motor inertia behind the gear where the drive train's transmission is rigid; 0: it is behind K")
         .range(0, 1e9);
@@ -352,7 +362,7 @@ void ContactWorld::place(Robot& r, double h) {
     world_->set_twist(r.parts.bodies[i], r.V_WL[i]);
   }
   for (std::size_t i = 0; i < r.n; ++i) r.acceleration[i] = h_before_ > 0 ? (r.dq[i] - r.dq_before[i]) / h_before_ : 0;
-  if (std::all_of(r.tau_J.begin(), r.tau_J.end(), [](double tau) { return tau == 0; })) {
+  if (actuation_ == Actuation::kPrescribed) {
     carry(r);
   } else {
     drive(r, h);
@@ -360,8 +370,7 @@ void ContactWorld::place(Robot& r, double h) {
   r.dq_before = r.dq;
 }
 
-/// Links that nobody drives but that are moved nevertheless, say by a recording: what drove them besides the contacts in the
-/// last step, (2a), goes on.
+/// actuation=prescribed: what drove the links besides the contacts in the last step, (2a), goes on.
 void ContactWorld::carry(Robot& r) {
   robot::inverse_dynamics(*r.mechanism, *r.data, r.vector(r.q), r.vector(r.dq), r.vector(r.acceleration),
                           Eigen::Map<Eigen::VectorXd>(r.tau.data(), static_cast<Eigen::Index>(r.n)));

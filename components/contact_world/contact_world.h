@@ -18,13 +18,17 @@ namespace cotwin::contact_world {
 ///   link=inside    the drive train integrates (2a) and gives q, q̇; before each step the links are placed there. They take the
 ///                  step by (1), as they will in the drive train, and the τ_e = Jᵀ F that they meet goes to its same step
 ///   link=outside   the links move here by (1), and q, q̇ go to the drive train
-/// Either way τ_J drives the links and follows the gear within the step, τ_J + K (θ̇ s − Δq), taken implicitly: so light links
+/// What moves the links between two exchanges is configuration, never a value of τ_J:
+///   actuation=torque       τ_J drives them
+///   actuation=prescribed   with link=inside: q, q̇ are prescribed, say by a recording, and no torque is known; what drove the
+///                          links besides the contacts in the last step, (2a), goes on. No tau_J, dtheta, K, D and B then
+/// With torques, τ_J drives the links and follows the gear within the step, τ_J + K (θ̇ s − Δq), taken implicitly: so light links
 /// on stiff gears stay stable at 1 ms. The wiring is the same but for `q` and `dq`, which are inputs in the former case and
 /// outputs in the latter, just the other way round than the drive train's.
 ///
 /// Settings: scene (a name in models/scenes, a path to an SDF file, or none); robot (one, without a prefix) or
-/// robots=left:lwr4,right:panda.urdf (each one's variables begin with its name and a dot); link; base=fixed|floating; method=
-/// tree|pgs|dantzig; contacts, the number of points that a step takes without allocating; points, how many of them are outputs.
+/// robots=left:lwr4,right:panda.urdf (each one's variables begin with its name and a dot); link; actuation; base=fixed|floating;
+/// method=tree|pgs|dantzig; contacts, the number of points that a step takes without allocating; points, how many of them are outputs.
 ///
 /// A step whose points exceed `contacts` allocates once and tells so in `grown`.
 class ContactWorld final : public Unit {
@@ -43,6 +47,7 @@ class ContactWorld final : public Unit {
   struct Robot;
   struct Body;
   enum class Link { kInside, kOutside };
+  enum class Actuation { kTorque, kPrescribed };
 
   void check_names() const;
   void declare_robot(Variables& v, Robot& robot);
@@ -62,6 +67,7 @@ class ContactWorld final : public Unit {
   std::string place_;  // for messages
   scene::Cell cell_;
   Link link_;
+  Actuation actuation_;
   bool floating_;
   Options options_;
   std::size_t shown_;  // contact points that are outputs

@@ -143,7 +143,7 @@ void DriveTrain::declare(Variables& v) {
   v.output("energy_kinetic", kinetic_, "J", flexible ? "of motors and, inside, links" : "of links and motors");
   v.output("energy_potential", potential_, "J", "of the links in gravity, inside");
   v.output("energy_elastic", elastic_, "J", "in gears, bristles and stops");
-  v.output("energy_dissipated", dissipated_, "J", "lost in friction, damping and stops since the start");
+  v.output("energy_dissipated", dissipated_, "J", "lost in friction, damping and stops since the start; without work_0");
   v.output("work_m", work_m_, "J", "done by tau_m since the start");
   v.output("work_e", work_e_, "J",
            inside ? "done by tau_e since the start" : "done by the links on the drive, -tau_J dq, since the start");
@@ -177,6 +177,9 @@ void DriveTrain::declare(Variables& v) {
     v.state("log_impact", log.modes.impact, "rad/s", "impact there");
     v.state("log_steps", log.steps, "1", "lengths and inputs of the steps in the solver's history");
   }
+  v.output("work_0", work_0_, "J",
+           "taken up since the start by the constant parts of friction (tau_0, link_tau_0, the link's sigmoid at rest), which "
+           "give it back on the way back");
 }
 
 void DriveTrain::check_inputs(Time now) const {
@@ -243,7 +246,7 @@ void DriveTrain::initialise(Time start) {
   q_before_ = q_in_;
   dq_before_ = dq_in_;
   proposal_ = 0;
-  dissipated_ = work_m_ = work_e_ = error_ = 0;
+  dissipated_ = work_m_ = work_e_ = work_0_ = error_ = 0;
   substeps_ = forced_ = events_ = 0;
   warning_.clear();
   warning_.reserve(std::string_view(kFarOffWarning).size());  // a step allocates nothing
@@ -342,6 +345,7 @@ StepResult DriveTrain::step(Time now, Duration duration) {
   work_m_ += account.work_m;
   work_e_ += account.work_e;
   dissipated_ += account.dissipated;
+  work_0_ += equations_.work_of_constant_friction(x_before_step_.data(), x_.data());
   error_ = account.error;
   if (error_ > kFarOff) warning_ = kFarOffWarning;
   substeps_ = account.substeps;

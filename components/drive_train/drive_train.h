@@ -79,6 +79,7 @@ class DriveTrain final : public Unit {
 
   std::vector<double> ddq_, tau_J_, tau_f_;  // outputs
   double kinetic_ = 0, potential_ = 0, elastic_ = 0, dissipated_ = 0, work_m_ = 0, work_e_ = 0, power_m_ = 0, power_e_ = 0;
+  double work_0_ = 0;
   double error_ = 0;
   std::int32_t substeps_ = 0, forced_ = 0, events_ = 0;
   std::string warning_;

@@ -356,19 +356,30 @@ double Equations::dissipation(const double* x, const Point& p) const {
   double power = 0;
   for (std::size_t i = 0; i < n_; ++i) {
     const double w = flexible() ? dtheta[i] : dq[i];
-    power += p.tau_f[i] * w - parameters_.sigma0[i] * z[i] * p.dz[i];  // what the bristle stores is not lost
+    // What the bristle stores and what the constant part takes up is not lost.
+    power += (p.tau_f[i] - (stuck(i) ? 0 : parameters_.tau_0[i])) * w - parameters_.sigma0[i] * z[i] * p.dz[i];
     if (flexible()) power += parameters_.D[i] * (w - dq[i]) * (w - dq[i]);
     if (!inside()) continue;
-    power += (link_friction_[i].sigma2 * dq[i] + link_friction_[i].tau_0) * dq[i];
+    power += link_friction_[i].sigma2 * dq[i] * dq[i];
     if (has_link_coulomb_)
       power += (link_friction_[i].at(dq[i]).torque - link_friction_[i].sigma2 * dq[i] - link_friction_[i].tau_0) * dq[i];
-    if (has_link_sigmoid_) power += link_sigmoid_[i].at(dq[i]).torque * dq[i];
+    if (has_link_sigmoid_) power += (link_sigmoid_[i].at(dq[i]).torque - link_sigmoid_[i].at(0).torque) * dq[i];
     if (has_stops_ && modes_.stop[i] != 0) {
       const auto s = stop(i, q[i], dq[i]);
       power += (s.torque - stop_spring(i, q[i])) * modes_.stop[i] * dq[i];
     }
   }
   return power;
+}
+
+double Equations::work_of_constant_friction(const double* from, const double* to) const {
+  double work = 0;
+  for (std::size_t i = 0; i < n_; ++i) {
+    const double dq = to[i] - from[i], motor = flexible() ? to[2 * n_ + i] - from[2 * n_ + i] : dq;
+    work += parameters_.tau_0[i] * motor;
+    if (inside()) work += (link_friction_[i].tau_0 + link_sigmoid_[i].at(0).torque) * dq;
+  }
+  return work;
 }
 
 double Equations::stop_spring(std::size_t i, double q) const {

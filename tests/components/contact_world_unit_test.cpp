@@ -250,7 +250,7 @@ TEST(ContactWorld, CountsTheTurnsOfAJointFromItsStart) {
 
 // A link that is moved without a torque to be seen, as by a recording, presses as far as it goes into what is soft.
 TEST(ContactWorld, ALinkThatIsMovedWhateverItMeetsPressesWithTheSpringItIsPressedInto) {
-  Subject world("unit:contact_world?scene=" + kData + "sponge.sdf&robot=" + kPusher);
+  Subject world("unit:contact_world?actuation=prescribed&scene=" + kData + "sponge.sdf&robot=" + kPusher);
   const double q1 = -0.4;
   const auto elbow = [&](double depth) { return -std::asin((0.48 + depth + 0.4 * std::sin(q1)) / 0.35) - q1; };
   world.set("q", {q1, elbow(-1e-3)}).initialise();
@@ -269,14 +269,13 @@ TEST(ContactWorld, ALinkThatIsMovedWhateverItMeetsPressesWithTheSpringItIsPresse
 
 /// A recording without torques of q1 that speeds up evenly, at the ends of the steps given: how far the world's forecasts of q̇
 /// are from the recording, the worst one after the second step.
-double worst_forecast(const Values& steps, double motor_speed) {
-  Subject world("unit:contact_world?scene=none&robot=" + kPusher);
+double worst_forecast(const Values& steps) {
+  Subject world("unit:contact_world?actuation=prescribed&scene=none&robot=" + kPusher);
   world.set("q", {0.3, -0.5}).initialise();
   const double acceleration = 5;
   double t = 0, worst = 0;
   for (std::size_t i = 0; i < steps.size(); ++i) {
     world.set("q", {0.3 + acceleration / 2 * t * t, -0.5}).set("dq", {acceleration * t, 0});
-    world.fill("dtheta", motor_speed);
     world.step(steps[i]);
     t += steps[i];
     if (i > 1) worst = std::max(worst, std::abs(world["dq_link"][0] - acceleration * t));
@@ -284,13 +283,45 @@ double worst_forecast(const Values& steps, double motor_speed) {
   return worst;
 }
 
-TEST(ContactWorld, ARecordingGoesOnWithItsAccelerationWhateverTheStepsAndTheMotorsSpeeds) {
+TEST(ContactWorld, ARecordingGoesOnWithItsAccelerationWhateverTheSteps) {
   const double h = 1e-3;
-  EXPECT_LT(worst_forecast(Values(20, h), 0), 1e-5) << "5e-3 rad/s a step";
+  EXPECT_LT(worst_forecast(Values(20, h)), 1e-5) << "5e-3 rad/s a step";
   Values steps(20, h);
   steps[8] = h / 10;
-  EXPECT_LT(worst_forecast(steps, 0), 1e-5) << "a shortened step";
-  EXPECT_LT(worst_forecast(Values(20, h), 3), 1e-5) << "motor speeds without torques";
+  EXPECT_LT(worst_forecast(steps), 1e-5) << "a shortened step";
+}
+
+// What moves the links is a setting: a torque that passes through zero is a torque like any other.
+TEST(ContactWorld, ATorqueOfExactlyZeroIsATorque) {
+  const auto forecast = [](double tau_J) {
+    Subject world("unit:contact_world?link=inside&scene=none&robot=" + kPusher);
+    world.set("q", {0.3, -0.5}).set("K", {0, 0}).initialise();
+    world.set("tau_J", {tau_J, tau_J});
+    world.step(1e-3);
+    world.step(1e-3);
+    return Values{world["dq_link"][0], world["dq_link"][1]};
+  };
+  const Values none = forecast(0), hardly_any = forecast(1e-12);
+  for (std::size_t i = 0; i < 2; ++i) EXPECT_NEAR(none[i], hardly_any[i], 1e-12) << i;
+  EXPECT_GT(std::abs(none[0]), 1e-3);  // gravity alone moves it
+}
+
+TEST(ContactWorld, PrescribedLinksHaveNoPortsOfTorques) {
+  Subject world("unit:contact_world?actuation=prescribed&scene=none&robot=" + kPusher);
+  for (const char* name : {"tau_J", "dtheta", "K", "D", "B"}) EXPECT_EQ(world.variables().find(name), nullptr) << name;
+}
+
+TEST(ContactWorld, TheLwrFloatsFreelyAndKeepsItsMomentum) {
+  // No gravity, no torque: the centre of mass of base and links goes on in a straight line while the arm swings.
+  Subject world("unit:contact_world?link=outside&base=floating&scene=none&robot=lwr4");
+  world.set("gravity", {0, 0, 0}).fill("dq0", 1).initialise();
+  const Values start(world["base_p"].begin(), world["base_p"].end());
+  const double energy = world["energy"][0];
+  for (int i = 0; i < 500; ++i) world.step(1e-3);
+  double moved = 0;
+  for (std::size_t i = 0; i < 3; ++i) moved += std::abs(world["base_p"][i] - start[i]);
+  EXPECT_GT(moved, 1e-2);  // 2 kg under 16 kg of arm
+  EXPECT_NEAR(world["energy"][0], energy, 1e-3 * energy);
 }
 
 // A motor behind a rigid gear is an inertia of the link's, (2a) + (2b): what strikes without restitution does not come back,
@@ -646,6 +677,8 @@ TEST(ContactWorld, SaysWhatIsWrongWithItsSettingsAndInputs) {
   EXPECT_THAT(error_of([] { Subject("unit:contact_world?robots=a-b:" + kPusher + ",a_b:" + kPusher); }),
               HasSubstr("robot 'a-b' and robot 'a_b'"));
   EXPECT_THAT(error_of([] { Subject("unit:contact_world?base=floating&robot=" + kPusher); }), HasSubstr("link=outside"));
+  EXPECT_THAT(error_of([] { Subject("unit:contact_world?actuation=prescribed&link=outside&robot=" + kPusher); }),
+              HasSubstr("expected link=inside"));
   Subject world("unit:contact_world?scene=" + kFloor);
   world.set("cube.quat0", {1, 1, 0, 0});
   EXPECT_THAT(error_of([&] { world.initialise(); }), HasSubstr("cube.quat0"));

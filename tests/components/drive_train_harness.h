@@ -56,7 +56,8 @@ class Drive {
   double energy() { return (*this)["energy_kinetic"][0] + (*this)["energy_potential"][0] + (*this)["energy_elastic"][0]; }
   /// What is left of the energy's balance: 0 if no joule is lost or made.
   double unbalanced(double energy_at_start) {
-    return energy() - energy_at_start - (*this)["work_m"][0] - (*this)["work_e"][0] + (*this)["energy_dissipated"][0];
+    return energy() - energy_at_start - (*this)["work_m"][0] - (*this)["work_e"][0] + (*this)["energy_dissipated"][0] +
+           (*this)["work_0"][0];
   }
   Instance& instance() { return instance_; }
   const Variables& variables() const { return instance_.variables; }

@@ -134,6 +134,31 @@ TEST_P(DriveTrainPhysics, AccountsForEveryJouleWithFrictionDampingAndBothTorques
   }
 }
 
+TEST_P(DriveTrainPhysics, ConstantFrictionIsWorkThatComesBackAndNoLoss) {
+  // A torque that is there at rest as well takes up its torque times the way, whichever way is taken; only what opposes the
+  // motion is lost, and that never becomes less.
+  Drive drive(with("robot=lwr4"));
+  drive.tolerances(1e-9, 1e-10, 1e-8).set("max_substeps", 100000);
+  drive.set("tau_C", 0).set("tau_S", 0).set("sigma2", 0).set("D", 0);
+  drive.set("tau_0", 3).set("link_tau_0", -2).set("link_A", 0.6).set("link_alpha", 30).set("link_k", 0.7);
+  drive.initialise();
+  const double start = drive.energy();
+  const std::vector<double> theta(drive["theta"].begin(), drive["theta"].end()), q(drive["q"].begin(), drive["q"].end());
+  double lost = 0;
+  for (int n = 0; n < 300; ++n) {
+    for (std::size_t i = 0; i < 7; ++i) drive["tau_m"][i] = excitation(n, i);
+    drive.step(1e-3);
+    ASSERT_GE(drive["energy_dissipated"][0], lost - 1e-12) << n;
+    lost = drive["energy_dissipated"][0];
+    double work = 0;
+    // the sigmoid at rest: k + A/2 = 1 N.m
+    for (std::size_t i = 0; i < 7; ++i) work += 3 * (drive["theta"][i] - theta[i]) + (-2 + 1) * (drive["q"][i] - q[i]);
+    ASSERT_NEAR(drive["work_0"][0], work, 1e-9) << n;
+  }
+  EXPECT_GT(lost, 0);
+  EXPECT_NEAR(drive.unbalanced(start), 0, 2e-4 * std::abs(drive["work_m"][0]) + 1e-4);
+}
+
 TEST_P(DriveTrainPhysics, WithRigidJointsMovesAsMotorsAndLinksInOne) {
   Drive drive(with("robot=lwr4&transmission=rigid"));
   drive.tolerances(1e-11, 1e-12, 1e-10).set("max_substeps", 100000).set("tau_C", 0).set("tau_S", 0).set("sigma2", 4);
@@ -375,6 +400,7 @@ TEST(DriveTrain, NamesTheParameterThatIsUnphysical) {
   }
   EXPECT_THAT(message("sigma0", 0), HasSubstr("tau_C[3]: is 5, expected 0 where no bristle carries it"));
   EXPECT_THAT(message("tau_S", 1), HasSubstr("tau_S[3]: is 1, expected at least tau_C = 5 N.m"));
+  EXPECT_THAT(message("tau_C", 0), HasSubstr("expected 0 where tau_C is 0"));
   EXPECT_THAT(message("q_min", 9), HasSubstr("q_min[3]: is 9, expected below q_max"));
   EXPECT_THAT(message("q0", NAN), HasSubstr("q0[3]: is nan, expected a finite value"));
 }

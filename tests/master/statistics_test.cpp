@@ -68,6 +68,39 @@ TEST(Statistics, EnergyIsTheIntegralOfEffortTimesFlow) {
   EXPECT_THAT(s.warnings, ElementsAre(HasSubstr("power bond 'wrong' leaks")));
 }
 
+TEST(Statistics, WorkOfAnOscillatorIsPositiveOnTheWayInAndNegativeOnTheWayOut) {
+  // The spring torque on mass b is a cosine, its speed a sine: each quarter of the swing gives or takes the same energy.
+  Build b;
+  b.unit("a", "oscillator_a").unit("b", "oscillator_b", 1).connect("b.q", "a.q").connect("a.tau", "b.tau").until(0.3);
+  b.scenario.tick = Duration{10'000};
+  b.scenario.reports.push_back({"work", "energy", "b.tau", "b.dq", ""});
+  const Work w = run(b).works.at(0);
+  EXPECT_GT(w.positive, 0);
+  EXPECT_LT(w.negative, -0.2 * w.positive);
+  EXPECT_DOUBLE_EQ(w.value, w.positive + w.negative);
+}
+
+TEST(Statistics, JointsThatDriveAndBrakeAtTheSameTimeAreNotSetOffAgainstEachOther) {
+  // 6 W and −6 W over 10 ms.
+  Build b;
+  b.unit("arm", "joints").with("tau_in", 2.0).with("dq_in[1]", 3.0).with("dq_in[2]", -3.0);
+  b.scenario.reports.push_back({"work", "energy", "arm.tau", "arm.dq", ""});
+  const Work w = run(b).works.at(0);
+  EXPECT_NEAR(w.positive, 0.06, 1e-15);
+  EXPECT_NEAR(w.negative, -0.06, 1e-15);
+  EXPECT_EQ(w.value, 0);
+}
+
+TEST(Statistics, APowerThatChangesItsSignWithinATickCountsOnBothSides) {
+  // Joint 1 goes from 6 to −2 W between 5 and 6 ms: triangles of 6 W · 0.75 ms / 2 and −2 W · 0.25 ms / 2.
+  Build b;
+  b.unit("arm", "joints").with("tau_in", 1.0).with("dq_in[1]", 6.0).event(0.005, "arm.dq_in[1]", "-2");
+  b.scenario.reports.push_back({"work", "energy", "arm.tau", "arm.dq", ""});
+  const Work w = run(b).works.at(0);
+  EXPECT_NEAR(w.positive, 6 * 0.005 + 0.5 * 6 * 0.75e-3, 1e-15);
+  EXPECT_NEAR(w.negative, -2 * 0.004 - 0.5 * 2 * 0.25e-3, 1e-15);
+}
+
 TEST(Statistics, ComparesTwoSignalsOverAllAndInSegments) {
   // a − b is 0 up to 2 ms, then 1, from 6 ms on −2; five segments of 2 ms hold the samples at [0,2), [2,4), …, [8,10] ms.
   Build b;

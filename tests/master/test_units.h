@@ -310,6 +310,29 @@ class Brief final : public Unit {
   std::string warning_;
 };
 
+/// Two joints whose torques and speeds are what their inputs were.
+class Joints final : public Unit {
+ public:
+  void declare(Variables& v) override {
+    v.input("tau_in", tau_in_, "N.m", "torques");
+    v.input("dq_in", dq_in_, "rad/s", "speeds");
+    v.output("tau", tau_, "N.m", "the torques");
+    v.output("dq", dq_, "rad/s", "the speeds");
+  }
+  void initialise(Time) override { pass(); }
+  StepResult step(Time, Duration) override {
+    pass();
+    return StepResult::kDone;
+  }
+
+ private:
+  void pass() {
+    tau_ = tau_in_;
+    dq_ = dq_in_;
+  }
+  std::array<double, 2> tau_in_{}, dq_in_{}, tau_{}, dq_{};
+};
+
 inline std::span<const UnitType> test_types() {
   static const UnitType kTypes[] = {
       {"gain", "y = gain u + bias",
@@ -328,6 +351,7 @@ inline std::span<const UnitType> test_types() {
        [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<Picky>(s.boolean("restorable", true)); }},
       {"faulty", "gives NaN", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Faulty>(); }},
       {"brief", "ends early", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Brief>(); }},
+      {"joints", "torques and speeds", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Joints>(); }},
       {"heavy", "costs time", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Heavy>(); }},
   };
   return kTypes;

@@ -1,0 +1,55 @@
+// What a signal does between two exchanges is declared with the output: the same for the unit that writes it and for the one
+// that reads it.
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <vector>
+
+#include "components/unit/unit_table.h"
+#include "master/master.h"
+#include "master/members.h"
+#include "master/scenario.h"
+
+namespace cotwin::master {
+namespace {
+
+// A digital controller holds its torque until its next step. The work of a held torque is torque times way; a torque that went
+// along a ramp would be off by half of its change times the way.
+TEST(HeldSignals, TheMotorsGetTheTorqueThatTheControllerHolds) {
+  Scenario scenario = load_scenario(std::filesystem::path(COTWIN_SOURCE_DIR) / "examples/02_free_motion_lwr4/twin.ssd");
+  scenario.recording.clear();
+  MasterOptions options;
+  options.types = unit_types();
+  options.folders = {std::filesystem::path(COTWIN_SOURCE_DIR) / "models"};
+  Master master(scenario, std::move(options));
+  master.initialise();
+  const auto signal = [&](const char* name) { return find_signal(master.members(), name, "").reals(); };
+  const auto tau_m = signal("compliance.tau_m"), theta = signal("drive.theta"), work = signal("drive.work_m");
+  std::vector<double> theta_before(theta.begin(), theta.end()), tau_before(tau_m.begin(), tau_m.end());
+  double largest_change = 0;
+  for (int n = 0; n < 3000; ++n) {
+    const double work_before = work[0];
+    ASSERT_TRUE(master.step_tick());
+    double held = 0;
+    for (std::size_t i = 0; i < theta.size(); ++i) {
+      held += tau_m[i] * (theta[i] - theta_before[i]);
+      largest_change = std::max(largest_change, std::abs(tau_m[i] - tau_before[i]));
+    }
+    ASSERT_NEAR(work[0] - work_before, held, 1e-9 + 1e-9 * std::abs(held)) << n;
+    theta_before.assign(theta.begin(), theta.end());
+    tau_before.assign(tau_m.begin(), tau_m.end());
+  }
+  EXPECT_GT(largest_change, 0.1);  // N.m in a tick: a ramp would show
+}
+
+TEST(HeldSignals, ATorqueIsDeclaredAsHeldAndAMotionIsNot) {
+  const std::vector<std::filesystem::path> folders{std::filesystem::path(COTWIN_SOURCE_DIR) / "models"};
+  const Instance controller = make_unit("unit:compliance?robot=lwr4", {}, folders, unit_types());
+  EXPECT_TRUE(controller.variables.at("tau_m").discrete);
+  EXPECT_FALSE(controller.variables.at("q_c").discrete);
+  const Instance drive = make_unit("unit:drive_train?robot=lwr4", {}, folders, unit_types());
+  EXPECT_FALSE(drive.variables.at("q").discrete);
+}
+
+}  // namespace
+}  // namespace cotwin::master
