@@ -136,8 +136,6 @@ void Compliance::check() {
     if (!(wanted_.M_a[i] > 0)) refuse("M_a", i, wanted_.M_a[i], "> 0 kg.m2");
     if (!(wanted_.shaping[i] >= 1)) refuse("shaping", i, wanted_.shaping[i], ">= 1");
     if (!(K_[i] >= 0)) refuse("K", i, K_[i], ">= 0 N.m/rad");
-    if (sigma0_[i] > 0 && wanted_.tau_C[i] == 0 && wanted_.tau_S[i] > 0)
-      refuse("tau_S", i, wanted_.tau_S[i], "0 N.m where tau_C is 0: a bristle slides against tau_C > 0");
     if (!(wanted_.v_S[i] > 0)) refuse("v_S", i, wanted_.v_S[i], "> 0 rad/s");
     if (!(wanted_.v_R[i] > 0)) refuse("v_R", i, wanted_.v_R[i], "> 0 rad/s");
     if (!(wanted_.link_v_R[i] > 0)) refuse("link_v_R", i, wanted_.link_v_R[i], "> 0 rad/s");

@@ -102,10 +102,8 @@ void DriveTrain::check_parameters() const {
     if (equations_.friction() != Friction::kCoulomb && p.sigma0[i] == 0 && p.tau_C[i] > 0)
       fail("tau_C", i, p.tau_C[i], "0 where no bristle carries it (sigma0 = 0), or friction=coulomb");
     if (p.tau_S[i] < p.tau_C[i]) fail("tau_S", i, p.tau_S[i], "at least tau_C = " + text::to_text(p.tau_C[i]) + " N.m");
-    if (equations_.friction() != Friction::kCoulomb && p.tau_C[i] == 0 && p.tau_S[i] > 0) {
-      fail("tau_S", i, p.tau_S[i],
-           "0 where tau_C is 0: a bristle slides against tau_C > 0 (friction=coulomb takes a breakaway torque alone)");
-    }
+    if (equations_.friction() != Friction::kCoulomb && p.sigma0[i] == 0 && p.tau_S[i] > 0)
+      fail("tau_S", i, p.tau_S[i], "0 where no bristle carries it (sigma0 = 0), or friction=coulomb");
     if (!(p.breakaway[i] >= 0 && p.breakaway[i] < 1)) fail("breakaway", i, p.breakaway[i], "0 to below 1");
     not_negative("link_tau_C", p.link_tau_C);
     not_negative("link_sigma2", p.link_sigma2);

@@ -99,7 +99,7 @@ identification::JointDrive without_stribeck(identification::JointDrive drive, do
 void add_motor(Parameters& set, std::size_t j, const identification::JointDrive& drive) {
   constexpr double kDeflection = 1e-3;  // rad, of the sliding bristle
   const double breakaway = std::max(drive.tau_S, drive.tau_C);
-  const double sigma0 = drive.tau_C / kDeflection;
+  const double sigma0 = (drive.tau_C > 0 ? drive.tau_C : breakaway) / kDeflection;
   // Barabanov and Ortega: passive for σ1 ≤ σ2 τ_C / (τ_S − τ_C); and no more than critical for 1 kg·m².
   const double passive =
       breakaway > drive.tau_C ? drive.sigma2 * drive.tau_C / (breakaway - drive.tau_C) : 2 * std::sqrt(sigma0);

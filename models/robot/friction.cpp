@@ -59,13 +59,14 @@ Sigmoid Sigmoid::without_torque_at_rest(double phi1, double phi2, double phi3) {
 }
 
 TorqueAndSlope Bristle::stribeck(double v) const {
-  const double rise = tau_S - tau_C;
+  const double rise = tau_S - tau_C, least = kLeastSliding * tau_S;
   if (rise == 0) return {tau_C, 0};
   const double u = std::abs(v) / v_S;
   const double power = delta == 2 ? u * u : delta == 1 ? u : std::pow(u, delta);
   const double e = rise * std::exp(-power);
   // d/dv e^{−u^δ} = −δ u^{δ−1} e^{−u^δ} / v_S; at rest 0, which holds for δ > 1 and stands for the kink of δ ≤ 1.
   const double slope = u > 0 ? -sign(v) * delta * power / u * e / v_S : 0;
+  if (tau_C + e < least) return {least, 0};
   return {tau_C + e, slope};
 }
 
@@ -76,7 +77,10 @@ double Bristle::steady_torque(double v) const {
 
 double Bristle::steady_deflection(double v) const { return v == 0 || !present() ? 0 : sign(v) * stribeck(v).torque / sigma0; }
 
-bool Bristle::passive() const { return !present() || sigma2 * tau_C >= sigma1 * (tau_S - tau_C); }
+bool Bristle::passive() const {
+  const double sliding = std::max(tau_C, kLeastSliding * tau_S);
+  return !present() || sigma2 * sliding >= sigma1 * (tau_S - sliding);
+}
 
 BristleRates lugre(const Bristle& p, double v, double z) {
   if (!p.present()) return viscous_only(p, v);

@@ -43,16 +43,19 @@ struct Sigmoid {
 ///   g(v) = τ_C + (τ_S − τ_C) e^{−|v / v_S|^δ}         what σ0 |z| tends to in sliding (Stribeck)
 /// The two laws for ż are lugre() and elasto_plastic().
 struct Bristle {
-  double sigma0 = 0;       // N.m/rad, stiffness of the bristle
-  double sigma1 = 0;       // N.m.s/rad, its damping
-  double sigma2 = 0;       // N.m.s/rad, viscous friction
-  double tau_C = 0;        // N.m, Coulomb friction; 0 together with tau_S: no bristle, only σ2 v
-  double tau_S = 0;        // N.m, breakaway torque ≥ τ_C
-  double v_S = 0.1;        // rad/s, Stribeck speed
-  double delta = 2;        // Stribeck exponent, 0.5 to 2 in the literature
+  double sigma0 = 0;  // N.m/rad, stiffness of the bristle
+  double sigma1 = 0;  // N.m.s/rad, its damping
+  double sigma2 = 0;  // N.m.s/rad, viscous friction
+  double tau_C = 0;   // N.m, Coulomb friction; below kLeastSliding · tau_S that counts: a bristle slides against something
+  double tau_S = 0;   // N.m, breakaway torque ≥ τ_C; 0: no bristle, only σ2 v
+  double v_S = 0.1;   // rad/s, Stribeck speed
+  double delta = 2;   // Stribeck exponent, 0.5 to 2 in the literature
   double breakaway = 0.7;  // z_ba / z_max in [0, 1): below this share of g(v)/σ0 the elasto-plastic bristle is purely elastic
 
-  bool present() const { return sigma0 > 0 && tau_C > 0; }
+  /// ż divides by g(v), which would tend to 0 where τ_C = 0.
+  static constexpr double kLeastSliding = 1e-3;
+
+  bool present() const { return sigma0 > 0 && (tau_C > 0 || tau_S > 0); }
   /// g and dg/dv.
   TorqueAndSlope stribeck(double v) const;
   /// Torque of steady sliding, g(v) sign(v) + σ2 v.

@@ -163,6 +163,18 @@ TEST(Lugre, WithoutCoulombFrictionIsViscousAlone) {
   }
 }
 
+TEST(Bristles, WithABreakawayTorqueAloneStickAndThenSlideAgainstNextToNothing) {
+  const Bristle p{.sigma0 = 5000, .sigma1 = 0, .sigma2 = 3, .tau_C = 0, .tau_S = 7, .v_S = 0.1};
+  EXPECT_TRUE(p.present());
+  for (const Law law : {lugre, elasto_plastic}) {
+    EXPECT_EQ(law(p, 0, 1e-3).torque, 5000 * 1e-3) << "a spring at rest";
+    // At 20 v_S nothing is left of τ_S but the share that keeps ż finite.
+    const double z = integrate(
+        law, p, [](double) { return 2.0; }, 1e-3, 2e-5, 1e-9);
+    EXPECT_NEAR(law(p, 2, z).torque, 3 * 2 + Bristle::kLeastSliding * 7, 1e-6);
+  }
+}
+
 // Dissipated power: τ_f v less what the bristle stores, σ0 z ż.
 double dissipated(Law law, const Bristle& p, double v, double z) {
   const BristleRates r = law(p, v, z);
