@@ -46,7 +46,16 @@ ForeignVariablesOptions variables_options(const ModelDescription& d, InterfaceKi
   return {options.locals, options.structural, ramps_of(d, kind), options.si, clocks, options.slopes};
 }
 
-void StateKeeper::save(ForeignInstance& instance, std::string_view extra, std::string& bytes) {
+bool can_go_back(const Interface& interface, const UnitOptions& options) {
+  return interface.can_get_and_set_state && (interface.can_serialise_state || options.rollback);
+}
+
+Time StateKeeper::time_of(const std::string& bytes) {
+  if (bytes.empty()) throw Error("the snapshot has no state of this FMU");
+  return {ByteReader(as_bytes(bytes), "state of the FMU").value<std::int64_t>()};
+}
+
+void StateKeeper::save(ForeignInstance& instance, Time time, std::string_view extra, std::string& bytes) {
   std::string state;
   if (serialises_) {
     Kept& kept = kept_.front();
@@ -59,6 +68,7 @@ void StateKeeper::save(ForeignInstance& instance, std::string_view extra, std::s
     kept.number = next_++;
   }
   ByteWriter out;
+  out.value(time.ns);
   out.value(static_cast<std::uint8_t>(serialises_));
   out.text(std::string(extra));
   if (serialises_) {
@@ -72,6 +82,7 @@ void StateKeeper::save(ForeignInstance& instance, std::string_view extra, std::s
 std::string StateKeeper::restore(ForeignInstance& instance, const std::string& bytes) {
   if (bytes.empty()) throw Error("the snapshot has no state of this FMU");
   ByteReader in(as_bytes(bytes), "state of the FMU");
+  static_cast<void>(in.value<std::int64_t>());  // time_of()
   if (in.value<std::uint8_t>() != static_cast<std::uint8_t>(serialises_)) in.fail("is that of another FMU");
   const std::string extra = in.text();
   if (serialises_) {
@@ -117,26 +128,16 @@ ForeignUnit::~ForeignUnit() {
   instance_.reset();  // before its files go
 }
 
-/// An instance as if it had just been made, the one that is there if it can.
-void ForeignUnit::start_afresh() {
-  if (instance_) {
-    states_.clear(*instance_);
-    if (instance_->reset()) return;
-    instance_.reset();  // first: it may be one of those that a process can have only once
-  }
-  instance_ = make();
-}
-
-/// By a new instance.
 void ForeignUnit::replace() {
-  states_.clear(*instance_);
-  instance_.reset();  // as above
+  if (instance_) states_.clear(*instance_);
+  instance_.reset();  // first: it may be one of those that a process can have only once
   instance_ = make();
+  promised_ = -kForever;
 }
 
-/// What an instance is good for after an error is known to nobody: the next attempt begins with a new one.
+/// After an error the instance's state is unspecified: the next attempt begins with a new one.
 void ForeignUnit::drop() {
-  healthy_ = fresh_ = false;
+  healthy_ = fresh_ = in_mode_ = false;
   choose_pace();
   if (!instance_) return;
   states_.clear(*instance_);
@@ -148,50 +149,119 @@ void ForeignUnit::note(const EventOutcome& events) {
   finished_ = finished_ || events.terminate;
 }
 
-void ForeignUnit::initialise(Time time) {
-  // After an error nobody knows what the variables were written by: the start values given before stay.
-  if (healthy_ || !initialised_) variables_.adopt_starts(healthy_ ? instance_.get() : nullptr);
-  if (!fresh_) start_afresh();
-  healthy_ = fresh_ = false;
-  initialised_ = true;
+/// After an error in `call` there is no instance.
+template <class Call>
+void ForeignUnit::attempt(Call call) {
   try {
-    start(time);
-    while (variables_.refuses_a_slope(*instance_)) {  // what an instance is good for after an error is known to nobody
-      replace();
-      start(time);
-    }
-    if (!options_.structural.empty()) {  // parameters of other sizes than the description has start values for
-      variables_.receive(*instance_, Exchange::kFixed);
-      variables_.receive(*instance_, Exchange::kTunable);
-    }
-    variables_.receive(*instance_, Exchange::kConstant);
-    variables_.receive(*instance_, Exchange::kResult);
-    variables_.clear_slopes();  // an FMU tells them after a step
+    call();
   } catch (...) {
     drop();
     throw;
   }
-  variables_.settle(Exchange::kTunable);  // the FMU has them as start values
-  healthy_ = true;
-  choose_pace();
 }
 
-/// From a fresh instance to one that can make its first step.
-void ForeignUnit::start(Time time) {
+/// An instance that was not touched yet, and the start values that are to be given to it.
+void ForeignUnit::begin_anew() {
+  // After an error it is not known who wrote the variables: the start values given before stay.
+  if (healthy_ || !initialised_) variables_.adopt_starts(healthy_ ? instance_.get() : nullptr);
+  healthy_ = in_mode_ = false;
+  initialised_ = true;
+  if (!std::exchange(fresh_, false)) replace();
+}
+
+void ForeignUnit::initialise(Time time) {
+  begin_anew();
+  attempt([&] {
+    enter(time);
+    leave();
+  });
+}
+
+void ForeignUnit::enter_initialisation(Time time) {
+  if (!reads_in_mode_) return initialise(time);
+  begin_anew();
+  attempt([&] { enter(time); });
+  read_outputs();
+}
+
+void ForeignUnit::update_initialisation() {
+  if (!in_mode_) return initialise(start_);
+  const bool parameters = variables_.changed(Exchange::kFixed) || variables_.changed(Exchange::kTunable);
+  if (parameters) return enter_initialisation(start_);
+  attempt([&] {
+    variables_.send(*instance_, Exchange::kContinuousInput);
+    variables_.send(*instance_, Exchange::kDiscreteInput);
+  });
+  read_outputs();
+}
+
+void ForeignUnit::exit_initialisation() {
+  if (in_mode_) attempt([&] { leave(); });
+}
+
+/// In Initialization Mode. An FMU that refuses is not asked again.
+void ForeignUnit::read_outputs() {
+  try {
+    variables_.receive_outputs(*instance_);
+    return;
+  } catch (const Error&) {
+    reads_in_mode_ = false;
+  }
+  drop();
+  initialise(start_);
+}
+
+/// From a new instance to Initialization Mode.
+void ForeignUnit::enter(Time time) {
+  start_ = time;
   finished_ = false;
   next_event_.reset();
   variables_.forget();
+  variables_.note_step(time, {});
   variables_.set_starts(*instance_);
+  variables_.settle(Exchange::kFixed);
+  variables_.settle(Exchange::kTunable);
   const std::optional<DefaultExperiment>& experiment = description().default_experiment;
   const std::optional<double> tolerance = options_.tolerance ? options_.tolerance
                                           : experiment       ? experiment->tolerance
                                                              : std::nullopt;
   instance_->enter_initialisation(time.seconds(), options_.stop, tolerance);
+  in_mode_ = true;
   variables_.send(*instance_, Exchange::kContinuousInput);
   variables_.send(*instance_, Exchange::kDiscreteInput);
   prepare(time);
-  instance_->exit_initialisation();
-  begin(time);
+}
+
+/// From Initialization Mode to where the first step can be made.
+void ForeignUnit::leave() {
+  const auto complete = [&] {
+    instance_->exit_initialisation();
+    in_mode_ = false;
+    begin(start_);
+  };
+  complete();
+  while (variables_.refuses_a_slope(*instance_)) {  // an error, after which the instance's state is unspecified
+    replace();
+    enter(start_);
+    complete();
+  }
+  if (!options_.structural.empty()) {  // parameters of other sizes than the description has start values for
+    variables_.receive(*instance_, Exchange::kFixed);
+    variables_.receive(*instance_, Exchange::kTunable);
+  }
+  variables_.receive(*instance_, Exchange::kConstant);
+  variables_.receive(*instance_, Exchange::kResult);
+  variables_.clear_slopes();              // an FMU tells them after a step
+  variables_.settle(Exchange::kTunable);  // the FMU has them as start values
+  healthy_ = true;
+  choose_pace();
+}
+
+/// Whether that time is before one that the FMU was told not to be taken behind.
+bool ForeignUnit::breaks_a_promise(Time time) const {
+  if (options_.rollback) return false;
+  const double promised = std::max(promised_, variables_.stepped_from().seconds());
+  return time.seconds() < promised;
 }
 
 StepResult ForeignUnit::step(Time now, Duration h) {
@@ -199,9 +269,11 @@ StepResult ForeignUnit::step(Time now, Duration h) {
   if (finished_) throw Error("the FMU has ended its simulation and makes no further step");
   try {
     if (!advance(now, h)) {
+      variables_.note_step(now, {});
       choose_pace();
       return StepResult::kDiscard;
     }
+    variables_.note_step(now, h);
     variables_.receive(*instance_, Exchange::kResult);
     variables_.receive_slopes(*instance_, h.seconds());
   } catch (...) {
@@ -222,11 +294,13 @@ void ForeignUnit::save_memory(std::string& bytes) {
   for (const Exchange e : kSent) extra.value(static_cast<std::uint8_t>(variables_.changed(e)));
   for (const bool known : variables_.rates_known()) extra.value(static_cast<std::uint8_t>(known));
   write_memory(extra);
-  states_.save(*instance_, extra.bytes(), bytes);
+  const Time time = variables_.stepped_from() + variables_.stepped_by();
+  states_.save(*instance_, time, extra.bytes(), bytes);
 }
 
 void ForeignUnit::restore_memory(const std::string& bytes) {
-  if (!instance_) instance_ = make();
+  const Time time = StateKeeper::time_of(bytes);
+  if (!instance_ || breaks_a_promise(time)) replace();
   const std::string extra = states_.restore(*instance_, bytes);
   ByteReader in(as_bytes(extra), "state of the FMU");
   const bool has_next = in.value<std::uint8_t>() != 0;
@@ -240,8 +314,9 @@ void ForeignUnit::restore_memory(const std::string& bytes) {
   for (std::size_t i = 0; i < variables_.rates_known().size(); ++i) variables_.rates_known()[i] = in.value<std::uint8_t>() != 0;
   read_memory(in);
   variables_.restart_slopes();
+  variables_.note_step(time, {});
   healthy_ = initialised_ = true;
-  fresh_ = false;
+  fresh_ = in_mode_ = false;
   choose_pace();
 }
 
@@ -266,11 +341,29 @@ std::unique_ptr<ForeignInstance> FmuUnit::make() {
   options.instance_name = options_.instance_name;
   options.event_mode = event_mode_;
   options.output_derivatives = variables_.asks_for_slopes();
+  options.goes_back = options_.rollback;
   if (ramps_by_updates_) {
     options.intermediate_inputs = variables_.continuous_inputs();
     options.set_intermediate_inputs = [this](double t) { variables_.send_ramped(*instance_, t - step_begin_); };
   }
-  return make_foreign(*fmu_, std::move(options));
+  if (!event_mode_) return make_foreign(*fmu_, std::move(options));
+  std::string refusal;
+  try {
+    return make_foreign(*fmu_, options);
+  } catch (const Error& error) {
+    if (!clocks_.empty()) throw;  // they tick in event mode alone
+    refusal = error.what();
+  }
+  options.event_mode = false;
+  std::unique_ptr<ForeignInstance> instance;
+  try {
+    instance = make_foreign(*fmu_, std::move(options));
+  } catch (const Error&) {
+    throw Error(refusal);
+  }
+  event_mode_ = false;
+  variables_.warn("the FMU declares an event mode and refuses it: it is used without (" + refusal + ")");
+  return instance;
 }
 
 void FmuUnit::prepare(Time start) {
@@ -378,6 +471,7 @@ bool FmuUnit::advance(Time now, Duration h) {
     const std::optional<double> stop = event_mode_ && interface_.variable_step ? next_stop() : std::nullopt;
     if (stop && *stop > t && *stop < end) target = *stop;
     const bool whole = t == begin && target == end;
+    promise(t);
     const StepOutcome out =
         std::exchange(begun, false) ? variables_.outcome() : instance_->do_step(t, whole ? h.seconds() : target - t);
     if (out.discarded) {

@@ -1,5 +1,7 @@
 #pragma once
+#include <algorithm>
 #include <array>
+#include <limits>
 #include <map>
 #include <memory>
 #include <optional>
@@ -7,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "components/unit/staged_initialisation.h"
 #include "components/unit/unit.h"
 #include "fmu/bytes.h"
 #include "fmu/foreign.h"
@@ -24,11 +27,15 @@ struct UnitOptions {
   std::optional<double> tolerance;  // relative; none: that of the FMU's default experiment
   bool si = true;                   // see ForeignVariablesOptions
   bool slopes = false;              // likewise
+  bool rollback = false;            // the FMU is told that its run may go back; see ForeignUnit
 };
 
 struct LoadOptions;
 /// Those of load.h.
 UnitOptions unit_options(const LoadOptions& options);
+
+/// Whether that FMU can be taken back to an earlier instant.
+bool can_go_back(const Interface& interface, const UnitOptions& options);
 
 /// Whether continuous inputs of that FMU may be ramped.
 bool ramps_of(const ModelDescription& description, InterfaceKind kind);
@@ -43,8 +50,10 @@ class StateKeeper {
   static constexpr std::size_t kKept = 16;
   explicit StateKeeper(const Interface& interface) : serialises_(interface.can_serialise_state) {}
 
-  /// Writes `extra` and the state.
-  void save(ForeignInstance& instance, std::string_view extra, std::string& bytes);
+  /// Writes `extra` and the state, which is that at `time`.
+  void save(ForeignInstance& instance, Time time, std::string_view extra, std::string& bytes);
+  /// Of the state. Throws Error for no bytes.
+  static Time time_of(const std::string& bytes);
   /// Gives `extra` back. Throws Error for bytes of another FMU's kind and for a state that is no longer kept.
   std::string restore(ForeignInstance& instance, const std::string& bytes);
   /// Before the instance goes.
@@ -63,14 +72,24 @@ class StateKeeper {
 
 /// What Co-Simulation and Model Exchange have in common: the FMU's variables as the unit's, and its life,
 ///   instantiate · start values · enter initialisation · inputs · exit initialisation · … · terminate · free
-/// initialise() that repeats resets the FMU, or makes a new instance where it cannot.
-class ForeignUnit : public cotwin::Unit {
+/// initialise() that repeats makes a new instance: FMUs are never reset, which many cannot bear.
+///
+/// Going back: with `rollback` the FMU is told in every step that earlier states may be restored
+/// (noSetFMUStatePriorToCurrentPoint = false), and they are. Else it is told that they are not (true), and restore_memory() of
+/// a state before the last communication point does not break that promise: a new instance takes the serialised state. An FMU
+/// that cannot serialise its states is restorable() with `rollback` alone.
+class ForeignUnit : public cotwin::Unit, public StagedInitialisation {
  public:
   ~ForeignUnit() override;
   void declare(Variables& variables) final { variables_.declare(variables); }
   void initialise(Time start) final;
+  /// In Initialization Mode inputs are set and outputs are got. An FMU whose outputs cannot be read there completes its
+  /// initialisation at once; it, and one whose parameters change, begins anew in an update.
+  void enter_initialisation(Time start) final;
+  void update_initialisation() final;
+  void exit_initialisation() final;
   StepResult step(Time now, Duration h) override;
-  bool restorable() const final { return interface_.can_get_and_set_state; }
+  bool restorable() const final { return can_go_back(interface_, options_); }
   void save_memory(std::string& bytes) final;
   void restore_memory(const std::string& bytes) final;
   const std::vector<std::string>& warnings() const { return variables_.warnings(); }
@@ -78,6 +97,7 @@ class ForeignUnit : public cotwin::Unit {
  protected:
   /// How a step may be made: whether FmuUnit's simple one will do, or will if the inputs do not ask for more.
   enum class Pace : std::uint8_t { kCareful, kByInputs, kSimple };
+  static constexpr double kForever = std::numeric_limits<double>::infinity();
 
   ForeignUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions options, InterfaceKind kind);
 
@@ -92,6 +112,8 @@ class ForeignUnit : public cotwin::Unit {
   virtual void write_memory(ByteWriter&) {}
   virtual void read_memory(ByteReader&) {}
   void note(const EventOutcome& events);
+  /// The FMU was told at `t` that nothing before will be restored.
+  void promise(double t) { promised_ = std::max(promised_, t); }
   /// The pace of a unit that is healthy, has not finished and awaits no event.
   virtual Pace pace() const { return Pace::kCareful; }
 
@@ -111,13 +133,22 @@ class ForeignUnit : public cotwin::Unit {
   StateKeeper states_;
 
  private:
-  void start_afresh();
   void replace();
-  void start(Time time);
+  void begin_anew();
+  void enter(Time time);
+  void leave();
+  void read_outputs();
+  template <class Call>
+  void attempt(Call call);
+  bool breaks_a_promise(Time time) const;
   void choose_pace() { pace_ = healthy_ && !finished_ && !next_event_ ? pace() : Pace::kCareful; }
 
-  bool fresh_ = true;         // the instance was made or reset and not touched since
-  bool initialised_ = false;  // once, at least
+  bool fresh_ = true;            // the instance was made and not touched since
+  bool initialised_ = false;     // once, at least
+  bool in_mode_ = false;         // Initialization Mode
+  bool reads_in_mode_ = true;    // its outputs can be read there, as far as is known
+  Time start_;                   // of the initialisation
+  double promised_ = -kForever;  // s; see promise()
 };
 
 /// A foreign FMU for Co-Simulation as a unit: here the words of FMI end. Most steps need nothing but the continuous inputs that

@@ -53,6 +53,7 @@ struct ForeignOptions {
   std::vector<std::uint32_t> intermediate_inputs;       // FMI 3 Co-Simulation: to be set in intermediate updates
   std::function<void(double)> set_intermediate_inputs;  // at that time
   bool output_derivatives = false;                      // will be asked for: the function must be there
+  bool goes_back = false;  // states of earlier instants may be restored: noSetFMUStatePriorToCurrentPoint is false
 };
 
 struct StepOutcome {
@@ -89,8 +90,6 @@ class ForeignInstance {
 
   virtual void enter_initialisation(double start, std::optional<double> stop, std::optional<double> tolerance) = 0;
   virtual void exit_initialisation() = 0;
-  /// False if the FMU cannot: then another instance has to be made.
-  virtual bool reset() = 0;
 
   /// Values of variables of one type, as the C interface has them (double*, const char**, …; booleans are int in FMI 2 and bool
   /// in FMI 3). `n`: number of elements together; `sizes`: of binaries, else nullptr.

@@ -220,6 +220,16 @@ void ForeignVariables::receive(ForeignInstance& instance, Exchange exchange) {
   for (Group& group : groups_[static_cast<std::size_t>(exchange)]) get(instance, group);
 }
 
+void ForeignVariables::receive_outputs(ForeignInstance& instance) {
+  if (outputs_.empty()) {
+    for (const Item& item : items_) {
+      const Item* alone = &item;
+      if (item.role == Role::kOutput && item.exchange == Exchange::kResult) outputs_.push_back(make_group({&alone, 1}));
+    }
+  }
+  for (Group& group : outputs_) get(instance, group);
+}
+
 bool ForeignVariables::needs_care() const {
   if (changed(Exchange::kDiscreteInput) || changed(Exchange::kTunable)) return true;
   return any_rate() || std::find(rate_known_.begin(), rate_known_.end(), true) != rate_known_.end();

@@ -28,7 +28,6 @@ struct Functions {
   decltype(fmi2EnterInitializationMode)* enter_initialisation;
   decltype(fmi2ExitInitializationMode)* exit_initialisation;
   decltype(fmi2Terminate)* terminate;
-  decltype(fmi2Reset)* reset;
   decltype(fmi2GetInteger)* get_integer;
   decltype(fmi2GetBoolean)* get_boolean;
   decltype(fmi2GetString)* get_string;
@@ -69,7 +68,6 @@ Functions bind(Library& library, const ForeignOptions& options, const Interface&
   library.bind(f.enter_initialisation, "fmi2EnterInitializationMode");
   library.bind(f.exit_initialisation, "fmi2ExitInitializationMode");
   library.bind(f.terminate, "fmi2Terminate");
-  library.bind(f.reset, "fmi2Reset", false);
   library.bind(f.get_real, "fmi2GetReal");
   library.bind(f.get_integer, "fmi2GetInteger");
   library.bind(f.get_boolean, "fmi2GetBoolean");
@@ -132,7 +130,7 @@ class Foreign2 final : public ForeignInstance {
         states_(fmu.description.structure.derivatives.size()),
         library_(library_file(fmu.folder, Version::k2, interface_.model_identifier)) {
     f_ = bind(library_, options, interface_);
-    no_set_back_ = interface_.can_get_and_set_state ? fmi2False : fmi2True;  // if the state can be set back, it may be
+    no_set_back_ = options.goes_back ? fmi2False : fmi2True;
     const std::string resources = uri_from_path(std::filesystem::absolute(fmu.folder / "resources"));
     component_ = f_.instantiate(options.instance_name.c_str(), co_ ? fmi2CoSimulation : fmi2ModelExchange,
                                 fmu.description.token.c_str(), resources.c_str(), &host_->callbacks, fmi2False, fmi2True);
@@ -163,13 +161,6 @@ class Foreign2 final : public ForeignInstance {
   void exit_initialisation() override {
     check(f_.exit_initialisation(component_), "fmi2ExitInitializationMode");
     running_ = true;
-  }
-  bool reset() override {
-    if (fatal_ || f_.reset == nullptr) return false;
-    running_ = false;
-    const fmi2Status status = f_.reset(component_);
-    if (status == fmi2Fatal) fatal_ = true;
-    return status == fmi2OK || status == fmi2Warning;
   }
 
   void get(Type type, std::span<const std::uint32_t> references, void* values, std::size_t, std::size_t*) override {
@@ -305,8 +296,7 @@ class Foreign2 final : public ForeignInstance {
   Completed completed_step() override {
     if (!interface_.needs_completed_integrator_step) return {};
     fmi2Boolean event = fmi2False, terminate = fmi2False;
-    check(f_.completed_integrator_step(component_, interface_.can_get_and_set_state ? fmi2False : fmi2True, &event, &terminate),
-          "fmi2CompletedIntegratorStep");
+    check(f_.completed_integrator_step(component_, no_set_back_, &event, &terminate), "fmi2CompletedIntegratorStep");
     return {event != fmi2False, terminate != fmi2False};
   }
   bool try_derivatives(double t, std::span<const double> x, std::span<double> dx) override {

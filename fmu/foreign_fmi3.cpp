@@ -19,7 +19,6 @@ struct Functions {
   decltype(fmi3ExitInitializationMode)* exit_initialisation;
   decltype(fmi3EnterEventMode)* enter_event_mode;
   decltype(fmi3Terminate)* terminate;
-  decltype(fmi3Reset)* reset;
   decltype(fmi3GetFloat32)* get_float32;
   decltype(fmi3GetFloat64)* get_float64;
   decltype(fmi3GetInt8)* get_int8;
@@ -95,7 +94,6 @@ Functions bind(Library& library, const ForeignOptions& options, const ModelDescr
   library.bind(f.exit_initialisation, "fmi3ExitInitializationMode");
   library.bind(f.enter_event_mode, "fmi3EnterEventMode", me || options.event_mode);
   library.bind(f.terminate, "fmi3Terminate");
-  library.bind(f.reset, "fmi3Reset", false);
   library.bind(f.get_float32, "fmi3GetFloat32", has(Type::kFloat32));
   library.bind(f.get_float64, "fmi3GetFloat64", has(Type::kFloat64));
   library.bind(f.get_int8, "fmi3GetInt8", has(Type::kInt8));
@@ -209,13 +207,6 @@ class Foreign3 final : public ForeignInstance {
   void exit_initialisation() override {
     check(f_.exit_initialisation(instance_), "fmi3ExitInitializationMode");
     running_ = true;
-  }
-  bool reset() override {
-    if (fatal_ || f_.reset == nullptr) return false;
-    running_ = false;
-    const fmi3Status status = f_.reset(instance_);
-    if (status == fmi3Fatal) fatal_ = true;
-    return status == fmi3OK || status == fmi3Warning;
   }
 
   void get(Type type, std::span<const std::uint32_t> references, void* values, std::size_t n, std::size_t* sizes) override {
@@ -333,8 +324,7 @@ class Foreign3 final : public ForeignInstance {
     bool event = false, terminate = false, early = false;
     double reached = now + h;
     StepOutcome out;
-    const fmi3Status status =
-        f_.do_step(instance_, now, h, !interface_.can_get_and_set_state, &event, &terminate, &early, &reached);
+    const fmi3Status status = f_.do_step(instance_, now, h, !options_.goes_back, &event, &terminate, &early, &reached);
     if (host_->refused) {
       host_->refused = false;
       if (status == fmi3Fatal) check(status, "fmi3DoStep");
@@ -412,7 +402,7 @@ class Foreign3 final : public ForeignInstance {
   Completed completed_step() override {
     if (!interface_.needs_completed_integrator_step) return {};
     Completed out;
-    check(f_.completed_integrator_step(instance_, !interface_.can_get_and_set_state, &out.event, &out.terminate),
+    check(f_.completed_integrator_step(instance_, !options_.goes_back, &out.event, &out.terminate),
           "fmi3CompletedIntegratorStep");
     return out;
   }

@@ -13,7 +13,7 @@ namespace cotwin::fmu {
 
 namespace {
 
-constexpr std::uint64_t kMagic = 0x314e474645525443u;  // the bytes "CTREFGN1": the format and its version
+constexpr std::uint64_t kMagic = 0x324e474645525443u;  // the bytes "CTREFGN2": the format and its version
 
 // The fields of each structure, once, for writing and for reading.
 template <class T, class Structure>
@@ -62,7 +62,7 @@ void fields(Is<ModelDescription> auto& d, auto each) {
        d.scheduled_execution, d.units, d.types, d.log_categories, d.default_experiment, d.variables, d.structure);
 }
 void fields(Is<LoadOptions> auto& o, auto each) {
-  each(o.instance_name, o.kind, o.locals, o.structural, o.stop, o.tolerance, o.si, o.slopes);
+  each(o.instance_name, o.kind, o.locals, o.structural, o.stop, o.tolerance, o.si, o.slopes, o.rollback);
 }
 void fields(Is<ForeignPackage> auto& p, auto each) { each(p.name, p.folder, p.options, p.description); }
 
@@ -249,6 +249,8 @@ bool holds_fmus(const std::string& platform) { return platform.ends_with("-linux
 
 Instance make_instance(ForeignPackage package, const std::filesystem::path& resources) {
 #if defined(COTWIN_HOLDS_FMUS)
+  // A host may restore any state of an exported scenario: one that cannot leave the FMU must be restored in it.
+  if (!package.interface().can_serialise_state) package.options.rollback = true;
   auto fmu = std::make_shared<ForeignFmu>();
   fmu->name = package.name;
   fmu->folder = resources / package.folder;

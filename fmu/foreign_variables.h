@@ -73,6 +73,8 @@ class ForeignVariables {
   /// The FMU knows what the variables say: it is not sent again.
   void settle(Exchange exchange);
   void receive(ForeignInstance& instance, Exchange exchange);
+  /// Of the results those alone that may be read in Initialization Mode.
+  void receive_outputs(ForeignInstance& instance);
   /// Whether "der(y)" are wanted that the FMU is asked for.
   bool asks_for_slopes() const { return !groups_[static_cast<std::size_t>(Exchange::kSlope)].empty(); }
   /// Asks an FMU that could make its first step for the slopes, one by one, until one is refused: true, and that one is asked
@@ -94,7 +96,13 @@ class ForeignVariables {
   /// Sends the continuous inputs that changed, lets the FMU step, and receives the results, with as few calls as that takes.
   /// False: see ForeignInstance::step().
   bool step(ForeignInstance& instance, Time now, Duration h);
-  /// The last step(), and what came of it if it returned false.
+  /// The last step is this one, whoever made it.
+  void note_step(Time now, Duration h) {
+    plain_now_ = now;
+    plain_h_ = h;
+    plain_.h = h.seconds();
+  }
+  /// The last step, and what came of step() if it returned false.
   Time stepped_from() const { return plain_now_; }
   Duration stepped_by() const { return plain_h_; }
   const StepOutcome& outcome() const { return plain_.outcome; }
@@ -118,6 +126,7 @@ class ForeignVariables {
   std::vector<std::uint32_t> continuous_inputs() const;
   /// What there is to be told to the user, once.
   const std::vector<std::string>& warnings() const { return warnings_; }
+  void warn(std::string warning) { warnings_.push_back(std::move(warning)); }
 
  private:
   /// A declared variable: one of the FMU's, or several as a vector.
@@ -203,6 +212,7 @@ class ForeignVariables {
   const ModelDescription& description_;
   std::vector<Item> items_;
   std::array<std::vector<Group>, kExchanges> groups_;
+  std::vector<Group> outputs_;  // of the results, for receive_outputs()
   Store<std::int32_t> integers_;
   Store<bool> booleans_;
   Store<std::string> strings_;

@@ -31,7 +31,7 @@ Instance make_in_own_process(std::shared_ptr<const ForeignFmu> fmu, const LoadOp
   if (interface.needs_execution_tool) instance.warnings.push_back("the FMU needs its tool to be installed");
   instance.unit =
       make_named<ProcessUnit>(fmu->name, instance.warnings, in_child, fmu, variables_options(fmu->description, kind, chosen),
-                              interface.can_get_and_set_state, options.timeout);
+                              can_go_back(interface, chosen), options.timeout);
   for (std::string& warning : instance.warnings) warning = fmu->name + ": " + warning;
   instance.unit->declare(instance.variables);
   return instance;
@@ -115,18 +115,21 @@ LoadOptions read_query(std::string_view query, LoadOptions options) {
       options.tolerance = positive();
     } else if (key == "stop") {
       options.stop = number();
-    } else if (key == "locals" || key == "si" || key == "slopes") {
+    } else if (key == "locals" || key == "si" || key == "slopes" || key == "rollback") {
       const std::optional<bool> read = text::parse_boolean(value);
       if (!read) throw Error(std::string(setting), "expected true or false");
-      (key == "si" ? options.si : key == "slopes" ? options.slopes : options.locals) = *read;
+      (key == "si"         ? options.si
+       : key == "slopes"   ? options.slopes
+       : key == "rollback" ? options.rollback
+                           : options.locals) = *read;
     } else if (key.rfind(kStructural, 0) == 0) {
       const auto read = text::parse_integer(value);
       if (!read || *read < 0) throw Error(std::string(setting), "expected an integer that is not negative");
       options.structural[key.substr(kStructural.size())] = static_cast<std::uint64_t>(*read);
     } else {
-      throw Error(
-          "'" + key + "'",
-          "no setting of an FMU, expected kind, process, timeout, tolerance, stop, locals, si, slopes or structural.<name>");
+      throw Error("'" + key + "'",
+                  "no setting of an FMU, expected kind, process, timeout, tolerance, stop, locals, si, slopes, rollback or "
+                  "structural.<name>");
     }
   }
   return options;

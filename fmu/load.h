@@ -23,6 +23,7 @@ struct LoadOptions {
   std::optional<double> stop, tolerance;            // s; relative
   bool si = true;                                   // values in SI; false: as the FMU has them, without a measure
   bool slopes = false;                              // also the time derivatives of outputs that the FMU can tell, "der(y)"
+  bool rollback = false;                            // the FMU is told that the run may go back (ForeignUnit)
 };
 
 /// The unit of an archive (.fmu) or of an unpacked folder with modelDescription.xml, with its variables and their start values.

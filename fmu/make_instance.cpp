@@ -9,7 +9,7 @@ namespace cotwin::fmu {
 
 UnitOptions unit_options(const LoadOptions& options) {
   return {options.instance_name, options.locals, options.structural, options.stop,
-          options.tolerance,     options.si,     options.slopes};
+          options.tolerance,     options.si,     options.slopes,     options.rollback};
 }
 
 Instance make_instance(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options) {

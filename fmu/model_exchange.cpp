@@ -165,6 +165,7 @@ std::unique_ptr<ForeignInstance> ModelExchangeUnit::make() {
   ForeignOptions options;
   options.kind = InterfaceKind::kModelExchange;
   options.instance_name = options_.instance_name;
+  options.goes_back = options_.rollback;
   return make_foreign(*fmu_, std::move(options));
 }
 
@@ -294,6 +295,7 @@ bool ModelExchangeUnit::advance(Time now, Duration h) {
     instance_->set_time(t);
     instance_->set_states(solver_->states());
     const ForeignInstance::Completed completed = instance_->completed_step();
+    promise(t);
     if (completed.terminate) finished_ = true;
     const bool time_event = next_event_ && *next_event_ <= t;
     events_here = t > from ? 0 : events_here + 1;

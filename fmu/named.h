@@ -4,6 +4,7 @@
 #include <utility>
 #include <vector>
 
+#include "components/unit/staged_initialisation.h"
 #include "components/unit/unit.h"
 #include "models/text/error.h"
 
@@ -11,7 +12,7 @@ namespace cotwin::fmu {
 
 /// The errors of a unit, with the FMU's name in front.
 template <class Made>
-class Named final : public cotwin::Unit {
+class Named final : public cotwin::Unit, public StagedInitialisation {
   template <class Call>
   auto named(Call call) {
     try {
@@ -30,6 +31,15 @@ class Named final : public cotwin::Unit {
   void declare(Variables& v) override { unit_.declare(v); }
   void initialise(Time start) override {
     named([&] { unit_.initialise(start); });
+  }
+  void enter_initialisation(Time start) override {
+    named([&] { unit_.enter_initialisation(start); });
+  }
+  void update_initialisation() override {
+    named([&] { unit_.update_initialisation(); });
+  }
+  void exit_initialisation() override {
+    named([&] { unit_.exit_initialisation(); });
   }
   StepResult step(Time now, Duration h) override {
     return named([&] { return unit_.step(now, h); });

@@ -17,7 +17,7 @@ namespace cotwin::fmu {
 /// both share, numbers and booleans in a fixed place each, texts behind one another. A call is one word that the other side
 /// waits for: it looks a while (where there is more than one core), then sleeps on it (futex). The child notices the end of its
 /// parent on a pipe.
-class ProcessUnit final : public cotwin::Unit {
+class ProcessUnit final : public cotwin::Unit, public StagedInitialisation {
  public:
   /// `make` is called in the child. `timeout`: of one call, s.
   ProcessUnit(std::function<std::unique_ptr<ForeignUnit>()> make, std::shared_ptr<const ForeignFmu> fmu,
@@ -26,6 +26,9 @@ class ProcessUnit final : public cotwin::Unit {
 
   void declare(Variables& variables) override;
   void initialise(Time start) override;
+  void enter_initialisation(Time start) override { initialise(start_ = start); }
+  void update_initialisation() override { initialise(start_); }
+  void exit_initialisation() override {}
   StepResult step(Time now, Duration h) override;
   bool restorable() const override { return restorable_; }
   void save_memory(std::string& bytes) override;
@@ -46,6 +49,7 @@ class ProcessUnit final : public cotwin::Unit {
   Variables declared_;
   bool restorable_;
   double timeout_;
+  Time start_;
   std::unique_ptr<Channel> channel_;
 };
 

@@ -3,7 +3,9 @@
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 
+#include "components/unit/staged_initialisation.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
 
@@ -84,54 +86,140 @@ class StrongComponents {
 class Initialiser {
  public:
   Initialiser(std::span<Member> members, const Schedule& schedule, const std::vector<Link>& links, Wiring& wiring, Time start)
-      : members_(members), schedule_(schedule), wiring_(wiring), start_(start), edges_(schedule.slots.size()) {
+      : members_(members),
+        schedule_(schedule),
+        links_(links),
+        wiring_(wiring),
+        start_(start),
+        edges_(schedule.slots.size()),
+        stages_(schedule.slots.size()) {
     for (const Link& link : links) edges_[schedule.slot_of[link.from.member]].push_back(schedule.slot_of[link.to.member]);
     for (auto& targets : edges_) {
       std::sort(targets.begin(), targets.end());
       targets.erase(std::unique(targets.begin(), targets.end()), targets.end());
     }
-    for (const auto& component : strong_components(edges_)) order_.insert(order_.end(), component.begin(), component.end());
   }
 
   Initialisation run() {
-    for (const std::size_t slot : order_) {
-      wiring_.settle(slot);
-      initialise(slot);
+    for (const auto& component : strong_components(edges_)) {
+      const std::size_t first = component.front();
+      if (component.size() > 1 || std::binary_search(edges_[first].begin(), edges_[first].end(), first)) {
+        initialise_circle(component);
+      } else {
+        wiring_.settle(first);
+        initialise(first);
+      }
     }
-    result_.rounds = 1;
-    // News travels along at least one connection a round.
-    std::vector<std::size_t> restless = settle_all(order_, order_.size() + 1);
-    if (restless.empty()) return result_;
-
-    const std::vector<std::size_t> loop = loop_among(restless);
-    if (!loop.empty()) {
-      for (const std::size_t slot : loop) result_.loop.push_back(name(slot));
-      solve(loop);
-    }
-    std::vector<std::size_t> rest;
-    for (const std::size_t slot : order_) {
-      if (!std::binary_search(loop.begin(), loop.end(), slot)) rest.push_back(slot);
-    }
-    restless = settle_all(rest, rest.size() + 1);
-    if (!restless.empty()) throw Error("initialisation", "the inputs of '" + name(restless.front()) + "' do not come to rest");
     return result_;
   }
 
  private:
   const std::string& name(std::size_t slot) const { return members_[schedule_.slots[slot].member].name(); }
 
-  void initialise(std::size_t slot) {
+  template <class Call>
+  void at_component(std::size_t slot, Call call) {
     try {
-      schedule_.slots[slot].unit->initialise(start_);
+      call();
     } catch (const Error& error) {
       const ComponentSpec& spec = members_[schedule_.slots[slot].member].spec;
       fail(spec.place, "component '" + spec.name + "': " + error.what());
     }
   }
 
+  /// For the first time or, in a circle, again, with the inputs as they are.
+  void initialise(std::size_t slot) {
+    at_component(slot, [&] {
+      if (stages_[slot] != nullptr) {
+        stages_[slot]->update_initialisation();
+      } else {
+        schedule_.slots[slot].unit->initialise(start_);
+      }
+    });
+  }
+
+  /// Units that lead back to themselves. Those that can be kept in their initialisation (StagedInitialisation) leave it when
+  /// the circle has come to rest. If that changes an output that the circle follows, it has to come to rest once more, with
+  /// complete initialisations.
+  void initialise_circle(const std::vector<std::size_t>& slots) {
+    bool staged = false;
+    for (const std::size_t slot : slots) {
+      wiring_.settle(slot);
+      auto* stages = dynamic_cast<StagedInitialisation*>(schedule_.slots[slot].unit);
+      if (stages == nullptr) {
+        initialise(slot);
+      } else {
+        at_component(slot, [&] { stages->enter_initialisation(start_); });
+        stages_[slot] = stages;
+        staged = true;
+      }
+    }
+    come_to_rest(slots);
+    if (!staged) return;
+    const auto sources = sources_within(slots);
+    const auto before = values_of(sources);
+    for (const std::size_t slot : slots) {
+      if (stages_[slot] == nullptr) continue;
+      at_component(slot, [&] { stages_[slot]->exit_initialisation(); });
+      stages_[slot] = nullptr;
+    }
+    if (values_of(sources) != before) come_to_rest(slots);
+  }
+
+  /// The variables that connections among `slots` begin at, each once.
+  std::vector<const Variable*> sources_within(const std::vector<std::size_t>& slots) const {
+    const auto within = [&](const Signal& signal) {
+      return std::binary_search(slots.begin(), slots.end(), schedule_.slot_of[signal.member]);
+    };
+    std::vector<const Variable*> sources;
+    for (const Link& link : links_) {
+      if (within(link.from) && within(link.to)) sources.push_back(link.from.variable);
+    }
+    std::sort(sources.begin(), sources.end());
+    sources.erase(std::unique(sources.begin(), sources.end()), sources.end());
+    return sources;
+  }
+
+  /// Their bits: a NaN equals itself.
+  static std::vector<std::string> values_of(const std::vector<const Variable*>& variables) {
+    std::vector<std::string> values;
+    for (const Variable* variable : variables) {
+      std::visit(
+          [&](auto span) {
+            if constexpr (std::is_same_v<typename decltype(span)::value_type, std::string>) {
+              values.insert(values.end(), span.begin(), span.end());
+            } else {
+              values.emplace_back(reinterpret_cast<const char*>(span.data()), span.size_bytes());
+            }
+          },
+          variable->storage);
+    }
+    return values;
+  }
+
+  void come_to_rest(const std::vector<std::size_t>& slots) {
+    // News travels along at least one connection a round.
+    std::vector<std::size_t> restless = settle_all(slots, slots.size() + 1);
+    if (restless.empty()) return;
+    const std::vector<std::size_t> loop = loop_among(restless);
+    if (!loop.empty()) {
+      for (const std::size_t slot : loop) {
+        const bool known = std::find(result_.loop.begin(), result_.loop.end(), name(slot)) != result_.loop.end();
+        if (!known) result_.loop.push_back(name(slot));
+      }
+      solve(loop);
+    }
+    std::vector<std::size_t> rest;
+    for (const std::size_t slot : slots) {
+      if (!std::binary_search(loop.begin(), loop.end(), slot)) rest.push_back(slot);
+    }
+    restless = settle_all(rest, rest.size() + 1);
+    if (!restless.empty()) throw Error("initialisation", "the inputs of '" + name(restless.front()) + "' do not come to rest");
+  }
+
   /// Sweeps over `slots` until no input changes, at most `rounds` times. Returns the slots that changed in the last round.
   std::vector<std::size_t> settle_all(const std::vector<std::size_t>& slots, std::size_t rounds) {
     std::vector<std::size_t> restless;
+    int made = 1;  // the one that brought the slots here
     for (std::size_t round = 0; round < rounds; ++round) {
       restless.clear();
       for (const std::size_t slot : slots) {
@@ -139,9 +227,10 @@ class Initialiser {
         restless.push_back(slot);
         initialise(slot);
       }
-      ++result_.rounds;
+      ++made;
       if (restless.empty()) break;
     }
+    result_.rounds = std::max(result_.rounds, made);
     return restless;
   }
 
@@ -182,7 +271,8 @@ class Initialiser {
     double worst = 0;
     std::string worst_slot;
     Eigen::Index columns = 0;
-    for (result_.iterations = 1; result_.iterations <= kMaxIterations; ++result_.iterations) {
+    for (int iteration = 1; iteration <= kMaxIterations; ++iteration) {
+      ++result_.iterations;
       for (Eigen::Index i = 0; i < n; ++i) *inputs[static_cast<std::size_t>(i)] = x[i];
       for (const std::size_t slot : loop) initialise(slot);
       bool changed = false;
@@ -196,8 +286,8 @@ class Initialiser {
         for (const std::size_t slot : loop) initialise(slot);
         return;
       }
-      if (result_.iterations > 1) {
-        const Eigen::Index at = (result_.iterations - 2) % std::max<Eigen::Index>(depth, 1);
+      if (iteration > 1) {
+        const Eigen::Index at = (iteration - 2) % std::max<Eigen::Index>(depth, 1);
         df.col(at) = f - last_f;
         dg.col(at) = g - last_g;
         columns = std::min(columns + 1, depth);
@@ -219,11 +309,12 @@ class Initialiser {
 
   std::span<Member> members_;
   const Schedule& schedule_;
+  const std::vector<Link>& links_;
   Wiring& wiring_;
   Time start_;
   Graph edges_;
-  std::vector<std::size_t> order_;
-  Initialisation result_;
+  std::vector<StagedInitialisation*> stages_;  // of the slots that are being initialised in stages
+  Initialisation result_{.rounds = 1, .loop = {}, .iterations = 0};
 };
 
 }  // namespace

@@ -295,8 +295,13 @@ void Master::Loop::step_in_smaller_parts(std::size_t who) {
     return "'" + engine_.name(who) + "' discarded its step at t = " + text::to_text(now().seconds()) + " s";
   };
   count_discard(who);
-  if (not_restorable_)
-    throw Error(blame() + ", which cannot be repeated: '" + not_restorable_->name() + "' cannot be taken back");
+  if (not_restorable_) {
+    const char* hint =
+        is_unit(not_restorable_->spec)
+            ? ""
+            : "; if the FMU can get and set its state, but not serialise it, rollback=true in its source lets it";
+    throw Error(blame() + ", which cannot be repeated: '" + not_restorable_->name() + "' cannot be taken back" + hint);
+  }
   if (checkpoint_.tick() < tick_) {
     checkpoint_.restore(members_, engine_.schedule, engine_.events);
     for (std::int64_t tick = checkpoint_.tick(); tick < tick_; ++tick) {

@@ -74,6 +74,7 @@ FmuSource fmu_source(const ComponentSpec& spec, const Scenario& scenario) {
   options.instance_name = spec.name;
   options.kind = spec.implementation == "CoSimulation" ? "cs" : spec.implementation == "ModelExchange" ? "me" : "any";
   options.process = spec.process;
+  options.rollback = scenario.tolerance > 0;  // every tick is made at least twice
   if (question != std::string::npos) options = fmu::read_query(std::string_view(spec.source).substr(question + 1), options);
   return {scenario.folder / spec.source.substr(0, question), options};
 }

@@ -549,7 +549,8 @@ TEST_F(Import, EndsWhereAnFmi3FmuTerminates) {
 
 // This FMU cannot serialise its states: they stay in it, and snapshots know them by number.
 TEST_F(Import, RestoresStatesThatStayInTheFmuAsLongAsTheyAreKept) {
-  Instance instance = load3(kDiscards3);
+  Instance instance = load3(kDiscards3, read_query("rollback=true", {}));
+  EXPECT_FALSE(load3(kDiscards3).unit->restorable()) << "it was promised that nothing is restored";
   instance.unit->initialise({});
   real(instance, "u") = 1;
   Snapshot early, late;

@@ -37,6 +37,7 @@ class ModelExchange : public ::testing::TestWithParam<const char*> {
   Instance load_ball(const Edits& edits = {}) {
     LoadOptions options;
     options.tolerance = kTolerance;
+    options.rollback = true;  // its states stay in it
     return load(make_fmu(GetParam(), folder_.path(), edits), options);
   }
   TemporaryFolder folder_;
