@@ -249,8 +249,6 @@ bool holds_fmus(const std::string& platform) { return platform.ends_with("-linux
 
 Instance make_instance(ForeignPackage package, const std::filesystem::path& resources) {
 #if defined(COTWIN_HOLDS_FMUS)
-  // A host may restore any state of an exported scenario: one that cannot leave the FMU must be restored in it.
-  if (!package.interface().can_serialise_state) package.options.rollback = true;
   auto fmu = std::make_shared<ForeignFmu>();
   fmu->name = package.name;
   fmu->folder = resources / package.folder;
