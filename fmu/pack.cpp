@@ -179,7 +179,20 @@ std::string packed_query(const Settings& settings) {
   return query;
 }
 
+/// Throws Error for a unit that a host could not initialise as it would be packed. Its own instance leaves no trace in another.
+void try_initialisation(const PackRequest& request) {
+  Instance trial = make_unit(request.source, request.defaults, request.folders, request.types);
+  for (const ParameterSet& values : request.values) apply(values, trial.variables);
+  try {
+    trial.unit->initialise({});
+  } catch (const Error& error) {
+    throw Error(request.source, std::string("as an FMU it could not be initialised: ") + error.what() +
+                                    "; --set NAME=VALUE gives a start value");
+  }
+}
+
 std::vector<std::string> pack_unit(const PackRequest& request, const fs::path& out) {
+  if (request.alone) try_initialisation(request);
   const UnitSource source = parse_unit_source(request.source);
   Settings settings(source.unit, source.query, request.defaults, request.folders);
   Instance instance = make_unit(settings, request.types);

@@ -30,13 +30,14 @@ struct PackRequest {
   /// one.
   std::vector<std::string> platforms;
   std::filesystem::path libraries;  // a folder that is looked into before library_folder() and cross_folder()
+  bool alone = true;                // a host must be able to initialise the FMU as it is; false: other FMUs may give it values
 };
 
 /// Writes the FMU: model description, the library of each platform, in resources/ the package that the unit is built from
 /// (package.h) and every file that a parameter names, and documentation. The token is a hash of all that the host or the unit
 /// reads, so equal requests give equal FMUs; so are the archives, byte by byte, but for generationDateAndTime, which is the
 /// environment's SOURCE_DATE_EPOCH where there is one. Returns the warnings of the unit. Throws Error for what make_unit() and
-/// the unit refuse, and for a library that was not built.
+/// the unit refuse (its initialisation, too, of one that is `alone`), and for a library that was not built.
 std::vector<std::string> pack_unit(const PackRequest& request, const std::filesystem::path& out);
 
 /// A unit that somebody has built, with the start values in its variables.

@@ -112,6 +112,7 @@ class Packer {
     request.version = options_.version;
     request.experiment = {scenario_.start.seconds(), scenario_.stop.seconds(), std::nullopt,
                           static_cast<double>(member.spec.period) * scenario_.tick.seconds()};
+    request.alone = false;
     request.platforms = options_.platforms;
     request.libraries = options_.libraries;
     const std::string name = names_.make(member.name(), ".fmu");

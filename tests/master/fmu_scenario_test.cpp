@@ -476,6 +476,23 @@ TEST_F(FmuScenario, TheProgramPacksInspectsAndRunsAnFmu) {
   EXPECT_EQ(program("run not.fmu").first, 2);
 }
 
+TEST_F(FmuScenario, PacksNoUnitThatNoHostCouldInitialise) {
+  for (const char* set : {"", "--set file=elsewhere.csv"}) {
+    const auto [code, said] = program("pack unit:io -o io.fmu " + std::string(set));
+    EXPECT_EQ(code, 2);
+    EXPECT_THAT(said, AllOf(HasSubstr("unit:io: as an FMU it could not be initialised"), HasSubstr("--set NAME=VALUE")));
+    EXPECT_FALSE(fs::exists(folder_ / "io.fmu"));
+  }
+  EXPECT_EQ(program("pack 'unit:io?link=sensors' -o sensors.fmu").first, 0);
+  std::string log = "t,q1,tau1\n";
+  for (int i = 0; i < 100; ++i) log += std::to_string(i * 0.01) + ",0.1,1\n";
+  write("log.csv", log);
+  EXPECT_EQ(program("pack unit:io --set file=log.csv -o io.fmu"), std::pair(0, std::string()));
+  fs::remove(folder_ / "log.csv");  // the FMU has it
+  const auto [code, said] = program("run io.fmu --stop-time 0.05 --output-interval 0.01 --output-variable q");
+  EXPECT_EQ(code, 0) << said;
+}
+
 // rogue3 makes no step beyond 11 ms (mode 5), rogue2 none beyond `longest_step`: a tick of 100 ms becomes 16 parts. Both give
 // ∫u.
 TEST_F(FmuScenario, HalvesATickThatAForeignFmuDiscardsAndTellsWhoItWas) {
