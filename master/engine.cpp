@@ -115,9 +115,29 @@ std::size_t Engine::advance(std::int64_t tick, Time begin, Time end, int parts, 
   if (parts > 1) {
     for (std::size_t i = 0; i < schedule.slots.size(); ++i) interval_begin_[i] = schedule.slots[i].time;
   }
-  for (part_ = 0; part_ < parts && finished_by_ == kNobody; ++part_) {
-    const Time from = part_ == 0 ? begin : cut(begin, end_, part_ - 1, parts);
-    events.apply(from, cut(begin, end_, part_, parts) - from);
+  for (StageRun& run : runs_) {
+    if (!on_trial_ && run.balance && tick >= run.balance->next_trial()) {
+      on_trial_ = run.balance.get();
+      on_trial_->begin_trial();
+    }
+  }
+  return on_trial_ && !sampled && parts == 1 ? step_on_trial(begin) : step_stages(begin);
+}
+
+/// As step_stages(), measured.
+std::size_t Engine::step_on_trial(Time begin) {
+  const auto start = Clock::now();
+  const std::size_t who = step_stages(begin);
+  if (who != kNobody) return who;
+  on_trial_->trial_tick(tick_, seconds_between(start, Clock::now()));
+  if (!on_trial_->on_trial()) on_trial_ = nullptr;
+  return who;
+}
+
+std::size_t Engine::step_stages(Time begin) {
+  for (part_ = 0; part_ < parts_ && finished_by_ == kNobody; ++part_) {
+    const Time from = part_ == 0 ? begin : cut(begin, end_, part_ - 1, parts_);
+    events.apply(from, cut(begin, end_, part_, parts_) - from);
     for (std::size_t s = 0; s < schedule.stages.size(); ++s) {
       const Stage& stage = schedule.stages[s];
       StageRun& run = runs_[s];
@@ -139,11 +159,14 @@ std::size_t Engine::advance(std::int64_t tick, Time begin, Time end, int parts, 
 }
 
 std::int64_t Engine::plain_until(std::int64_t tick) const {
+  std::int64_t until = std::min(schedule.ticks() - 1, schedule.first_tick_from(events.next_time()));
   for (std::size_t s = 0; s < runs_.size(); ++s) {
-    const bool spread = runs_[s].balance && runs_[s].balance->parallel();
+    const Balance* balance = runs_[s].balance.get();
+    const bool spread = balance && (balance->parallel() || balance->on_trial());
     if (!schedule.stages[s].every_tick || runs_[s].ramps || spread) return tick;
+    if (balance) until = std::min(until, balance->next_trial());
   }
-  return std::min(schedule.ticks() - 1, schedule.first_tick_from(events.next_time()));
+  return until;
 }
 
 void Engine::exchange(const Stage& stage, bool ramps) {
@@ -190,13 +213,11 @@ std::size_t Engine::step_on_threads(const Stage& stage, StageRun& run) {
 }
 
 void Engine::step_sampled(const Stage& stage, StageRun& run, std::size_t* who) {
-  const auto begin = Clock::now();
   *who = run.balance->parallel() ? step_on_threads(stage, run) : step_in_turn(stage);
-  const double seconds = seconds_between(begin, Clock::now());
   for (std::size_t i = stage.first; i < stage.last; ++i) {
     run.unit_seconds[i - stage.first] = due(schedule.slots[i]) ? seconds_[i] : 0;
   }
-  run.balance->sampled(run.unit_seconds, seconds);
+  run.balance->sampled(run.unit_seconds);
 }
 
 void Engine::tell_who(std::size_t i, const Error& error) const {

@@ -124,6 +124,8 @@ class Engine {
   std::size_t step_in_turn(const Stage& stage);
   std::size_t step_on_threads(const Stage& stage, StageRun& run);
   void step_sampled(const Stage& stage, StageRun& run, std::size_t* who);
+  std::size_t step_stages(Time begin);
+  std::size_t step_on_trial(Time begin);
   template <bool kTimed, bool kPlain>
   std::size_t step_range(std::span<Slot> slots, Time end);
   StepResult step(Slot& slot, Time end) {
@@ -148,6 +150,7 @@ class Engine {
   std::vector<const double*> watched_alone_;  // … and what stands in short ones
   std::unique_ptr<Workers> workers_;
   bool spread_ever_ = false;
+  Balance* on_trial_ = nullptr;  // of one stage at a time
 
   // The part of the tick that is being stepped.
   std::int64_t tick_ = 0;

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <limits>
 #include <numeric>
 #include <system_error>
 
@@ -95,28 +97,46 @@ Balance::Balance(std::vector<bool> movable, int threads, double barrier_seconds,
   assign();
 }
 
-void Balance::sampled(std::span<const double> unit_seconds, double stage_seconds) {
-  if (load_.size() < 2) return;
+void Balance::sampled(std::span<const double> unit_seconds) {
   for (std::size_t i = 0; i < cost_.size(); ++i) cost_[i] += (unit_seconds[i] - cost_[i]) / (samples_ == 0 ? 1 : kWindow);
-  double& mean = parallel_ ? spread_ : serial_;
-  mean += (stage_seconds - mean) / (mean == 0 ? 1 : kWindow);
   ++samples_;
-  if (always_ || --hold_ > 0) return;
+}
 
-  hold_ = kWindow;
-  if (!parallel_) {
-    assign();
-    const double saved = std::accumulate(cost_.begin(), cost_.end(), 0.0) - longest_thread();
-    parallel_ = saved > 2 * barrier_;
-    spread_ = 0;
-  } else if (spread_ < serial_) {
-    hold_ = 64 * kWindow;
-  } else {  // on this machine, at this moment, it did not pay
-    parallel_ = false;
-    patience_ = std::min(2 * patience_, 4096);
-    hold_ = patience_;
-    serial_ = 0;
-  }
+std::int64_t Balance::next_trial() const {
+  constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
+  if (always_ || load_.size() < 2 || samples_ < kWindow) return kNever;
+  if (parallel_) return next_trial_;
+  // What spreading saves at the very best has to be more than two barriers.
+  const double all = std::accumulate(cost_.begin(), cost_.end(), 0.0);
+  const double best = std::max(*std::max_element(cost_.begin(), cost_.end()), all / static_cast<double>(load_.size()));
+  return all - best > 2 * barrier_ ? next_trial_ : kNever;
+}
+
+void Balance::begin_trial() {
+  assign();
+  on_trial_ = true;
+  trial_parallel_ = parallel_;
+  block_ = in_block_ = 0;
+  block_seconds_ = 0;
+}
+
+void Balance::trial_tick(std::int64_t tick, double seconds) {
+  if (in_block_++ >= kSettle) block_seconds_ += seconds;
+  if (in_block_ < kBlock) return;
+  (trial_parallel_ ? together_ : alone_)[static_cast<std::size_t>(block_ / 2)] = block_seconds_;
+  in_block_ = 0;
+  block_seconds_ = 0;
+  trial_parallel_ = !trial_parallel_;
+  if (++block_ < 2 * kBlocks) return;
+  // Blocks that somebody delayed, or between which the costs changed, are at the ends of the sorted ratios.
+  std::array<double, kBlocks> ratios;
+  for (std::size_t i = 0; i < ratios.size(); ++i) ratios[i] = std::log((together_[i] + 1e-9) / (alone_[i] + 1e-9));
+  std::sort(ratios.begin(), ratios.end());
+  constexpr int kQuarter = kBlocks / 4;
+  const double ratio = std::accumulate(ratios.begin() + kQuarter, ratios.end() - kQuarter, 0.0) / (kBlocks - 2 * kQuarter);
+  parallel_ = parallel_ ? ratio < kClear : ratio < -kClear;
+  on_trial_ = false;
+  next_trial_ = tick + kHold * 2 * kBlocks * kBlock;
 }
 
 /// Longest first onto the least loaded thread.

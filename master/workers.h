@@ -39,21 +39,38 @@ class Workers {
   std::atomic<bool> quit_{false};
 };
 
-/// Spreads a stage's units over threads, where that is quicker than one after the other. The decision rests on measured times
-/// and is looked at again as the run goes on; results do not depend on it.
+/// Spreads a stage's units over threads, where that is quicker than one after the other. Costs of the units, from sampled
+/// ticks, tell which thread each belongs on and whether a trial is worth it; a trial decides. In it both ways take turns, a
+/// block of ticks each, and the medians of the blocks' times are compared: of whole ticks, for threads that wait awake slow
+/// down what runs beside them. Trials repeat, since load and costs change; they take about 2 % of the ticks. Results do not
+/// depend on any of it.
 class Balance {
  public:
+  static constexpr int kBlock = 16;       // ticks
+  static constexpr int kSettle = 2;       // of them, the first ones, which are not measured: threads wake up, caches fill
+  static constexpr int kBlocks = 20;      // of each way, in a trial
+  static constexpr int kHold = 50;        // trials' length between two trials
+  static constexpr double kClear = 0.02;  // the other way has to be better by this share
+
   /// `movable[i]`: unit i may run on any thread. `always`: use the threads whether or not it pays (for tests).
   Balance(std::vector<bool> movable, int threads, double barrier_seconds, bool always);
 
-  bool parallel() const { return parallel_; }
+  /// How the next tick is to be made.
+  bool parallel() const { return on_trial_ ? trial_parallel_ : parallel_; }
   std::span<const std::uint8_t> thread_of() const { return thread_of_; }
 
-  /// Measured seconds of each unit and of the whole stage in one sampled tick.
-  void sampled(std::span<const double> unit_seconds, double stage_seconds);
+  /// Measured seconds of each unit in one sampled tick.
+  void sampled(std::span<const double> unit_seconds);
+
+  /// The tick from which on a trial is due; the end of time if none promises anything.
+  std::int64_t next_trial() const;
+  void begin_trial();
+  bool on_trial() const { return on_trial_; }
+  /// Measured seconds of a whole tick of the trial. The one that ends the trial decides how ticks are made from then on.
+  void trial_tick(std::int64_t tick, double seconds);
 
  private:
-  static constexpr int kWindow = 8;  // samples before a decision
+  static constexpr int kWindow = 8;  // samples before the first trial
 
   void assign();
   double longest_thread() const;
@@ -67,9 +84,12 @@ class Balance {
   bool always_;
   bool parallel_ = false;
   int samples_ = 0;
-  int hold_ = kWindow;              // samples until the next look
-  int patience_ = kWindow;          // doubles after each trial that did not pay
-  double serial_ = 0, spread_ = 0;  // mean seconds of the stage, one after the other and spread
+
+  bool on_trial_ = false, trial_parallel_ = false;
+  int block_ = 0, in_block_ = 0;
+  double block_seconds_ = 0;
+  std::array<double, kBlocks> alone_{}, together_{};  // seconds of the blocks
+  std::int64_t next_trial_ = 0;
 };
 
 }  // namespace cotwin::master
