@@ -1,21 +1,22 @@
 #!/bin/sh
 # Tunes real robots to their measured torques: run.sh [panda] [ur10] [kr300] (default: all).
-# COTWIN: the program (default: cotwin in the PATH); DATA: folder with models/ and measurements/; OUT: folder for the results.
+# OUT: folder for the results; see ../common.sh for COTWIN and DATA.
 set -eu
 here=$(cd "$(dirname "$0")" && pwd)
-cotwin=${COTWIN:-cotwin}
-data=${DATA:-$here/../../../shared/data}
+. "$here/../common.sh"
 out=${OUT:-results/06_real_robots}
 
 # Joint torque sensors behind the gears: no motors in the torques. Settings are chosen on the training part.
 panda() {
-  "$cotwin" tune --robot "$data/models/panda_franka_ros.urdf" --data "$data/measurements/panda_unisa.csv" \
+  need models/panda_franka_ros.urdf measurements/panda_unisa.csv
+  "$COTWIN" tune --robot "$data/models/panda_franka_ros.urdf" --data "$data/measurements/panda_unisa.csv" \
     --torques joint --cross-validate --out "$out/panda" "$@"
 }
 
 # Efforts of the motors behind the gears.
 ur10() {
-  "$cotwin" tune --robot "$data/models/ur10.urdf" --data "$data/measurements/ur10_unisa.csv" \
+  need models/ur10.urdf measurements/ur10_unisa.csv
+  "$COTWIN" tune --robot "$data/models/ur10.urdf" --data "$data/measurements/ur10_unisa.csv" \
     --cross-validate --out "$out/ur10" "$@"
 }
 
@@ -23,7 +24,8 @@ ur10() {
 # encoders, all motors behind the gears; positions count from A2 = -90, A3 = 90 degrees. The robot stands for a second at both
 # ends, where friction is anything that holds it. Trained on one motion, another one predicted.
 kr300() {
-  "$cotwin" tune --robot "$here/../../models/robots/kr300_r2500/robot.urdf" \
+  need measurements/kr300_A.csv measurements/kr300_B.csv
+  "$COTWIN" tune --robot "$here/../../models/robots/kr300_r2500/robot.urdf" \
     --data "$data/measurements/kr300_A.csv" --held-out "$data/measurements/kr300_B.csv" \
     --q-columns q1,q2,q3,qmot4,qmot5,qmot6 --dq-columns none --motor-columns 'qmot{}' \
     --q-offset 0,-1.5707963267948966,1.5707963267948966,0,0,0 \

@@ -11,6 +11,7 @@
 //     ]
 //   }
 // where … is one or several of "is" with "within", "below", "above".
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <stdlib.h>
 #include <sys/wait.h>
@@ -225,6 +226,47 @@ TEST(OwnRobot, TheTorquesOfAnotherTwinsLogAreFoundFromItsMotion) {
   }
   EXPECT_GT(told.at("signals").at(0).at("total_rms"), 10.0);  // N.m: there was something to find
 }
+
+/// A script of the examples, started in a folder of its own with nothing but `environment`.
+Ran run_script(const std::string& environment, const std::string& script, const TemporaryFolder& folder) {
+  const fs::path log = folder.path() / "log.txt";
+  const std::string command = "cd '" + folder.path().string() + "' && env -i PATH=/usr/bin:/bin " + environment + " '" +
+                              (fs::path(COTWIN_SOURCE_DIR) / "examples" / script).string() + "' panda > log.txt 2>&1";
+  const int status = std::system(command.c_str());
+  std::ostringstream output;
+  output << std::ifstream(log).rdbuf();
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, output.str()};
+}
+
+class Script : public ::testing::TestWithParam<std::string> {};
+
+TEST_P(Script, SaysWhereTheProgramAndThePublicDataAreExpected) {
+  const TemporaryFolder folder;
+  const Ran no_program = run_script("COTWIN=/nowhere/cotwin", GetParam(), folder);
+  EXPECT_EQ(no_program.exit_code, 2);
+  EXPECT_THAT(no_program.output, ::testing::HasSubstr("no program '/nowhere/cotwin', expected it in"));
+  const Ran no_data = run_script("COTWIN=" COTWIN_PROGRAM " DATA=/nowhere", GetParam(), folder);
+  EXPECT_EQ(no_data.exit_code, 2);
+  EXPECT_THAT(no_data.output,
+              ::testing::HasSubstr("not in /nowhere: models/panda_franka_ros.urdf measurements/panda_unisa.csv"));
+  EXPECT_THAT(no_data.output, ::testing::HasSubstr("examples/public_data.md"));
+}
+
+TEST_P(Script, RunsInAFolderWithABlankInItsName) {
+  const TemporaryFolder folder;
+  fs::create_directories(folder.path() / "my data/models");
+  fs::create_directories(folder.path() / "my data/measurements");
+  std::ofstream(folder.path() / "my data/models/panda_franka_ros.urdf") << "x";
+  std::ofstream(folder.path() / "my data/measurements/panda_unisa.csv") << "x";
+  std::ofstream(folder.path() / "program") << "#!/bin/sh\nfor word; do echo \"<$word>\"; done\n";
+  fs::permissions(folder.path() / "program", fs::perms::owner_all);
+  const Ran run = run_script("COTWIN=./program DATA='my data'", GetParam(), folder);
+  EXPECT_EQ(run.exit_code, 0) << run.output;
+  EXPECT_THAT(run.output, ::testing::HasSubstr("my data/models/panda_franka_ros.urdf>"));
+}
+
+INSTANTIATE_TEST_SUITE_P(Examples, Script, testing::Values("03_dynamics_capture/run.sh", "06_real_robots/run.sh"),
+                         [](const auto& script) { return script.param.substr(3, script.param.find('/') - 3); });
 
 std::string name_of(const testing::TestParamInfo<std::string>& file) {
   std::string name = fs::path(file.param).parent_path().filename().string() + "_" + fs::path(file.param).filename().string();
