@@ -2,10 +2,13 @@
 // that reads it.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <filesystem>
+#include <string_view>
 #include <vector>
 
 #include "components/unit/unit_table.h"
+#include "fmu/describe.h"
 #include "master/master.h"
 #include "master/members.h"
 #include "master/scenario.h"
@@ -47,6 +50,23 @@ TEST(HeldSignals, ATorqueIsDeclaredAsHeldAndAMotionIsNot) {
   const Instance controller = make_unit("unit:compliance?robot=lwr4", {}, folders, unit_types());
   EXPECT_TRUE(controller.variables.at("tau_m").discrete);
   EXPECT_FALSE(controller.variables.at("q_c").discrete);
+  for (const fmu::Version version : {fmu::Version::k2, fmu::Version::k3}) {  // and its FMUs say so, too
+    const auto type = std::find_if(unit_types().begin(), unit_types().end(),
+                                   [](const UnitType& t) { return std::string_view(t.name) == "compliance"; });
+    const fmu::ModelDescription description = fmu::describe(*type, *controller.unit, controller.variables, version);
+    int found = 0;
+    for (const fmu::Variable& v : description.variables) {
+      if (v.name == "tau_m" || v.name == "tau_m[1]") {
+        EXPECT_EQ(v.variability, fmu::Variability::kDiscrete);
+        ++found;
+      }
+      if (v.name == "q_c" || v.name == "q_c[1]") {
+        EXPECT_EQ(v.variability, fmu::Variability::kContinuous);
+        ++found;
+      }
+    }
+    EXPECT_EQ(found, 2);
+  }
   const Instance drive = make_unit("unit:drive_train?robot=lwr4", {}, folders, unit_types());
   EXPECT_FALSE(drive.variables.at("q").discrete);
 }
