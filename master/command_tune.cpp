@@ -96,6 +96,7 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
       tuning::write_table(std::cout, data, result);
       std::cout << "\nresults: " << run.out.string()
                 << " (report.md, robot.urdf, drive_train.ssv, torques.csv, figures.json)\n";
+      if (result.evaluation.replay) std::cout << "the tuned twin: cotwin run " << (run.out / "twin.ssd").string() << '\n';
     }
     if (!std::cout.flush()) throw Error("stdout", "cannot be written");
     if (!result.interrupted) return kExitDone;

@@ -45,10 +45,16 @@ Compliance::Compliance(Settings& settings) {
   n_ = static_cast<std::size_t>(robot.n());
   dynamics_ = std::make_unique<Dynamics>(robot);
   for (Joints* input : {&q_d_, &dq_d_, &ddq_d_, &q_, &dq_, &theta_, &dtheta_, &tau_e_, &tau_e_rate_}) input->resize(n_);
-  for (Joints* drive : {&K_, &tau_max_, &sigma0_, &sigma1_, &link_A_, &link_alpha_, &link_s_, &link_k_}) drive->resize(n_);
-  for (Joints* state : {&tau_fl_before_, &tau_fm_before_, &Delta_, &dDelta_, &ddq_d_before_, &tau_w_, &dtau_w_, &z_, &theta_c_, &dtheta_c_}) state->resize(n_);
+  for (Joints* drive :
+       {&K_, &tau_max_, &sigma0_, &sigma1_, &link_A_, &link_alpha_, &link_s_, &link_k_, &link_tau_S_, &link_load_})
+    drive->resize(n_);
+  for (Joints* springs : {&spring_sin_, &spring_cos_}) springs->resize(n_ * robot::Harmonics::kMost);
+  for (Joints* state :
+       {&tau_fl_before_, &tau_fm_before_, &Delta_, &dDelta_, &ddq_d_before_, &tau_w_, &dtau_w_, &z_, &theta_c_, &dtheta_c_})
+    state->resize(n_);
   for (Joints* output : {&q_c_, &dq_c_, &ddq_c_, &tau_m_, &tau_id_, &tau_f_, &tau_excess_}) output->resize(n_);
-  for (Joints* scratch : {&e_, &de_, &a_q_, &a_theta_, &tau_fl_, &tau_fm_, &tau_fl_mean_, &tau_fm_mean_, &tau_unwound_}) scratch->resize(n_);
+  for (Joints* scratch : {&e_, &de_, &a_q_, &a_theta_, &tau_fl_, &tau_fm_, &tau_fl_mean_, &tau_fm_mean_, &tau_unwound_, &load_})
+    scratch->resize(n_);
   for (std::size_t i = 0; i < n_; ++i) {
     const double limit = robot.joints[i].tau_max;
     tau_max_[i] = std::isfinite(limit) ? limit : 0.0;
@@ -56,6 +62,9 @@ Compliance::Compliance(Settings& settings) {
   // A drive of which nothing is known, as the drive train takes it: an elastic joint that is held for a rigid one is unstable.
   K_.assign(n_, 1e4);
   delta_.assign(n_, 2.0);
+  link_v_S_.assign(n_, 0.1);
+  link_delta_.assign(n_, 2.0);
+  link_v_load_.assign(n_, 0.01);
   for (Joints* one : wanted_.all()) one->assign(n_, 0.0);
   wanted_.passivity.assign(1, 0.0);
   const auto fill = [](Joints& values, double value) { std::ranges::fill(values, value); };
@@ -160,7 +169,9 @@ void Compliance::move_compliantly(double h) {
 double Compliance::motor_friction(std::size_t i, double h) {
   const double v = dtheta_c_[i];
   const Tunables& p = in_force_;
-  if (sigma0_[i] == 0) return robot::CoulombViscous{p.tau_C[i], p.sigma2[i], p.tau_0[i], p.v_R[i]}.at(v).torque;
+  if (sigma0_[i] == 0) {
+    return robot::CoulombViscous{p.tau_C[i], p.sigma2[i], p.tau_0[i], p.v_R[i], p.tau_S[i], p.v_S[i], delta_[i]}.at(v).torque;
+  }
   const robot::Bristle bristle{sigma0_[i], sigma1_[i], p.sigma2[i], p.tau_C[i], std::max(p.tau_C[i], p.tau_S[i]),
                                p.v_S[i],   delta_[i]};
   if (h > 0) z_[i] = robot::lugre_after(bristle, v, z_[i], h);
@@ -169,13 +180,28 @@ double Compliance::motor_friction(std::size_t i, double h) {
 
 double Compliance::link_friction(std::size_t i) const {
   const Tunables& p = in_force_;
-  const robot::CoulombViscous sliding{p.link_tau_C[i], p.link_sigma2[i], p.link_tau_0[i], p.link_v_R[i]};
+  const robot::CoulombViscous sliding{p.link_tau_C[i], p.link_sigma2[i], p.link_tau_0[i], p.link_v_R[i],
+                                      link_tau_S_[i],  link_v_S_[i],     link_delta_[i]};
   const robot::Sigmoid sigmoid{link_A_[i], link_alpha_[i], link_s_[i], link_k_[i]};
-  return sliding.at(dq_c_[i]).torque + sigmoid.at(dq_c_[i]).torque;
+  const robot::CoulombViscous loaded{.tau_C = load_[i], .v_R = link_v_load_[i]};
+  robot::Harmonics springs;
+  for (std::size_t k = 0; k < robot::Harmonics::kMost; ++k) {
+    springs.a[k] = spring_sin_[i * robot::Harmonics::kMost + k];
+    springs.b[k] = spring_cos_[i * robot::Harmonics::kMost + k];
+  }
+  return sliding.at(dq_c_[i]).torque + sigmoid.at(dq_c_[i]).torque + loaded.at(dq_c_[i]).torque + springs.at(q_c_[i]).torque;
+}
+
+void Compliance::take_loads() {
+  std::ranges::fill(load_, 0.0);
+  if (std::ranges::all_of(link_load_, [](double load) { return load == 0; })) return;
+  robot::gravity(dynamics_->mechanism, dynamics_->data, map(q_c_), dynamics_->s);
+  for (std::size_t i = 0; i < n_; ++i) load_[i] = link_load_[i] * std::abs(dynamics_->s[static_cast<Eigen::Index>(i)]);
 }
 
 void Compliance::refer_to_motors(double h) {
   robot::inverse_dynamics(dynamics_->mechanism, dynamics_->data, map(q_c_), map(dq_c_), map(ddq_c_), map(tau_id_));
+  take_loads();
   for (std::size_t i = 0; i < n_; ++i) {
     tau_fl_[i] = link_friction(i);
     double tau_Jc = tau_id_[i] + tau_fl_[i];  // (2a)

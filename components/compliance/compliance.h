@@ -75,6 +75,7 @@ class Compliance final : public Unit {
   void wind_up(std::size_t i, double tau_Jc, double h);
   double motor_friction(std::size_t i, double h);
   double link_friction(std::size_t i) const;
+  void take_loads();
 
   std::size_t n_ = 0;
   std::unique_ptr<Dynamics> dynamics_;  // the robot and scratch
@@ -85,6 +86,9 @@ class Compliance final : public Unit {
   Joints K_, tau_max_;
   Joints sigma0_, sigma1_, delta_;                // bristle of the motor side's friction
   Joints link_A_, link_alpha_, link_s_, link_k_;  // sigmoid friction of the link side
+  Joints link_tau_S_, link_v_S_, link_delta_;     // its Stribeck effect
+  Joints link_load_, link_v_load_;                // its friction that grows with the load
+  Joints spring_sin_, spring_cos_;                // springs, robot::Harmonics::kMost per joint
   bool tau_e_acts_on_robot_ = true;
   double transition_ = 0.05;        // s
   double elastic_bandwidth_ = 500;  // rad/s
@@ -101,12 +105,13 @@ class Compliance final : public Unit {
   bool saturated_ = false;
   std::string warning_;
   // Handed from one phase of a step to the next.
-  Joints e_, de_;           // tracking error at the beginning of the step
-  Joints tau_fl_, tau_fm_;                // friction of the link and the motor side at the step's end
+  Joints e_, de_;                         // tracking error at the beginning of the step
+  Joints tau_fl_, tau_fm_;                // friction of the link (with its springs) and the motor side at the step's end
   Joints tau_fl_before_, tau_fm_before_;  // state: the same at its beginning
   Joints tau_fl_mean_, tau_fm_mean_;      // the mean of both, which the torque held over the step has to overcome
-  Joints tau_unwound_;      // τ_J,c − tau_w
-  Joints a_q_, a_theta_;    // mean of q̈_c and θ̈_c over the step
+  Joints load_;                           // N.m: link_load |g(q_c)|
+  Joints tau_unwound_;                    // τ_J,c − tau_w
+  Joints a_q_, a_theta_;                  // mean of q̈_c and θ̈_c over the step
 };
 
 }  // namespace cotwin::compliance

@@ -40,9 +40,10 @@ void Compliance::declare(Variables& v) {
   v.parameter("sigma0", sigma0_, "N.m/rad", "stiffness of a LuGre bristle, which then stands for tau_C tanh(..); 0: none")
       .range(0, kAny);
   v.parameter("sigma1", sigma1_, "N.m.s/rad", "damping of the bristle").range(0, kAny);
-  v.tunable("tau_S", wanted_.tau_S, "N.m", "breakaway torque of the bristle; at least tau_C is taken").range(0, kAny);
-  v.tunable("v_S", wanted_.v_S, "rad/s", "Stribeck speed of the bristle").range(1e-9, kAny);
-  v.parameter("delta", delta_, "1", "Stribeck exponent of the bristle").range(0.1, 10);
+  v.tunable("tau_S", wanted_.tau_S, "N.m", "breakaway torque of the motor side; up to tau_C: no Stribeck effect")
+      .range(0, kAny);
+  v.tunable("v_S", wanted_.v_S, "rad/s", "Stribeck speed of the motor side").range(1e-9, kAny);
+  v.parameter("delta", delta_, "1", "Stribeck exponent of the motor side").range(0.1, 10);
   v.tunable("tau_0", wanted_.tau_0, "N.m", "offset of the motor side's friction");
   v.tunable("link_tau_C", wanted_.link_tau_C, "N.m", "Coulomb friction of the link side, which a joint torque sensor feels")
       .range(0, kAny);
@@ -53,6 +54,17 @@ void Compliance::declare(Variables& v) {
   v.parameter("link_alpha", link_alpha_, "s/rad", "steepness of sigmoid friction");
   v.parameter("link_s", link_s_, "rad/s", "shift of sigmoid friction");
   v.parameter("link_k", link_k_, "N.m", "offset of sigmoid friction");
+  v.parameter("link_tau_S", link_tau_S_, "N.m", "breakaway torque of the link side; up to link_tau_C: no Stribeck effect")
+      .range(0, kAny);
+  v.parameter("link_v_S", link_v_S_, "rad/s", "Stribeck speed of the link side").range(1e-9, kAny);
+  v.parameter("link_delta", link_delta_, "1", "Stribeck exponent of the link side").range(0.1, 10);
+  v.parameter("link_load", link_load_, "1",
+              "friction of the link side per torque of gravity: adds link_load |g(q_c)| tanh(dq_c / link_v_load)")
+      .range(0, kAny);
+  v.parameter("link_v_load", link_v_load_, "rad/s", "speed over which that friction changes its sign").range(1e-9, kAny);
+  v.parameter("spring_sin", spring_sin_, "N.m",
+              "springs and counterbalances of the link: for each joint the amplitudes of sin q, sin 2q, sin 3q, sin 4q");
+  v.parameter("spring_cos", spring_cos_, "N.m", "likewise of cos q, cos 2q, cos 3q, cos 4q");
   v.parameter("tau_e_acts_on_robot", tau_e_acts_on_robot_,
               "tau_e also pushes the robot that is tracked, so that tau_m has to carry it");
   v.parameter("transition", transition_, "s", "time constant with which parameters in force follow the tunables; 0: at once")

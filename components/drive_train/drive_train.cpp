@@ -35,8 +35,11 @@ struct DriveTrain::Kind {
     link = s.choice("link", {"inside", "outside"}) == "inside" ? Link::kInside : Link::kOutside;
     transmission =
         s.choice("transmission", {"flexible", "rigid"}) == "flexible" ? Transmission::kFlexible : Transmission::kRigid;
-    const std::string f = s.choice("friction", {"lugre", "elasto_plastic", "coulomb"});
-    friction = f == "lugre" ? Friction::kLugre : f == "coulomb" ? Friction::kCoulomb : Friction::kElastoPlastic;
+    const std::string f = s.choice("friction", {"lugre", "elasto_plastic", "coulomb", "smooth"});
+    friction = f == "lugre"     ? Friction::kLugre
+               : f == "coulomb" ? Friction::kCoulomb
+               : f == "smooth"  ? Friction::kSmooth
+                                : Friction::kElastoPlastic;
     const std::string m = s.choice("method", {"rosenbrock", "cvode", "arkode"});
     if (m != "rosenbrock") sundials = m == "cvode" ? SundialsSolver::Method::kCvode : SundialsSolver::Method::kArkode;
     if (transmission == Transmission::kRigid && link == Link::kOutside) {
@@ -106,6 +109,10 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
   fill(p.delta, 2);
   fill(p.breakaway, 0.7);
   fill(p.link_v_R, 0.01);
+  fill(p.v_R, 0.01);
+  fill(p.link_v_S, 0.1);
+  fill(p.link_delta, 2);
+  fill(p.link_v_load, 0.01);
   fill(p.stop_restitution, 0.5);
   fill(p.q_min, -kInfinity);
   fill(p.q_max, kInfinity);
@@ -142,7 +149,7 @@ void DriveTrain::declare(Variables& v) {
   v.output("tau_f", tau_f_, "N.m", "friction torque of the motor in (2b)");
   v.output("energy_kinetic", kinetic_, "J", flexible ? "of motors and, inside, links" : "of links and motors");
   v.output("energy_potential", potential_, "J", "of the links in gravity, inside");
-  v.output("energy_elastic", elastic_, "J", "in gears, bristles and stops");
+  v.output("energy_elastic", elastic_, "J", "in gears, bristles, springs and stops");
   v.output("energy_dissipated", dissipated_, "J", "lost in friction, damping and stops since the start; without work_0");
   v.output("work_m", work_m_, "J", "done by tau_m since the start");
   v.output("work_e", work_e_, "J",
@@ -261,7 +268,7 @@ void DriveTrain::initialise(Time start) {
   for (std::size_t i = 0; i < n_; ++i) {
     theta[i] = q[i];
     dtheta[i] = dq[i];
-    if (equations_.friction() != Friction::kCoulomb) z[i] = equations_.bristle(i).steady_deflection(dq[i]);
+    if (equations_.has_bristles()) z[i] = equations_.bristle(i).steady_deflection(dq[i]);
   }
   settle_modes(equations_, q, true);
   Point p(n_);

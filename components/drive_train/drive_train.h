@@ -20,15 +20,18 @@ namespace cotwin::drive_train {
 ///   B θ̈ + τ_J = τ_m − τ_f                                          (2b)
 ///   τ_J = K d(θ − q) + D (θ̇ − q̇)                                   (2c)
 /// Beyond the paper: D, joint damping; d, the gear's backlash (d(φ) = φ without); τ_l, friction behind the torque sensor; τ_s,
-/// hard stops. τ_f is LuGre friction, an elasto-plastic bristle, or Coulomb friction that sticks exactly
-/// (models/robot/friction.h). transmission=rigid sets θ = q and adds (2b) to (2a); τ_J is what (2b) leaves for the link. Not in
-/// here: motor currents, temperature, load-dependent friction.
+/// hard stops and springs beside the link (spring_sin, spring_cos). τ_f is LuGre friction, an elasto-plastic bristle, Coulomb
+/// friction that sticks exactly, or the static curve that `cotwin tune` identifies (smooth: no presliding, no sticking; all in
+/// models/robot/friction.h). Friction of the link may grow with the load: link_load times the torque of gravity.
+/// transmission=rigid sets θ = q and adds (2b) to (2a); τ_J is what (2b) leaves for the link. Not in here: motor currents,
+/// temperature.
 ///
 /// The bodies, B and friction (but for the bristle's stiffness, damping and shape) may be changed while the robot moves
 /// (method=rosenbrock); what is in force follows smoothly, so nothing jumps.
 ///
 /// Settings: robot (link=outside: or joints); link=inside|outside; transmission=flexible|rigid;
-/// friction=lugre|elasto_plastic|coulomb; method=rosenbrock|cvode|arkode; unphysical=error|warn, of the robot's inertias.
+/// friction=lugre|elasto_plastic|coulomb|smooth; method=rosenbrock|cvode|arkode; unphysical=error|warn, of the robot's
+/// inertias.
 class DriveTrain final : public Unit {
  public:
   explicit DriveTrain(Settings& settings);

@@ -41,6 +41,14 @@ Parameters::Parameters(std::size_t n)
       link_alpha(n),
       link_s(n),
       link_k(n),
+      v_R(n),
+      link_tau_S(n),
+      link_v_S(n),
+      link_delta(n),
+      link_load(n),
+      link_v_load(n),
+      spring_sin(n * robot::Harmonics::kMost),
+      spring_cos(n * robot::Harmonics::kMost),
       q_min(n),
       q_max(n),
       stop_stiffness(n),
@@ -69,14 +77,18 @@ Point::Point(std::size_t n)
       z_z(n),
       d_l(n),
       k_l(n),
+      load(n),
       M(n * n),
       h(n) {}
 
 struct Equations::Dynamics {
-  explicit Dynamics(const robot::RobotModel& robot) : mechanism(robot), data(mechanism), bodies(robot) {}
+  explicit Dynamics(const robot::RobotModel& robot)
+      : mechanism(robot), data(mechanism), bodies(robot), gravity(Eigen::VectorXd::Zero(robot.n())), rest(gravity) {}
   robot::Mechanism mechanism;
   robot::Data data;
   robot::BodyParameters bodies;
+  Eigen::VectorXd gravity;  // scratch
+  Eigen::VectorXd rest;     // zeros
 };
 
 robot::BodyParameters& Equations::bodies() { return dynamics_->bodies; }
@@ -96,7 +108,9 @@ Equations::Equations(const robot::RobotModel* robot, std::size_t n, Link link, T
       course_(n),
       torsion_(n),
       bristle_(n),
+      motor_friction_(n),
       link_friction_(n),
+      spring_(n),
       link_sigmoid_(n),
       stop_damping_(n),
       z_most_(n),
@@ -116,7 +130,7 @@ Equations::~Equations() = default;
 
 void Equations::adopt_parameters() {
   const Parameters& p = parameters_;
-  has_stops_ = has_link_sigmoid_ = has_link_coulomb_ = false;
+  has_stops_ = has_link_sigmoid_ = has_link_coulomb_ = has_load_ = has_springs_ = false;
   for (std::size_t i = 0; i < n_; ++i) {
     torsion_[i] = {.K = p.K[i], .backlash = p.backlash[i]};
     bristle_[i] = {.sigma0 = p.sigma0[i],
@@ -127,13 +141,32 @@ void Equations::adopt_parameters() {
                    .v_S = p.v_S[i],
                    .delta = p.delta[i],
                    .breakaway = p.breakaway[i]};
-    link_friction_[i] = {.tau_C = p.link_tau_C[i], .sigma2 = p.link_sigma2[i], .tau_0 = p.link_tau_0[i], .v_R = p.link_v_R[i]};
+    motor_friction_[i] = {.tau_C = p.tau_C[i],
+                          .sigma2 = p.sigma2[i],
+                          .tau_0 = p.tau_0[i],
+                          .v_R = p.v_R[i],
+                          .tau_S = p.tau_S[i],
+                          .v_S = p.v_S[i],
+                          .delta = p.delta[i]};
+    link_friction_[i] = {.tau_C = p.link_tau_C[i],
+                         .sigma2 = p.link_sigma2[i],
+                         .tau_0 = p.link_tau_0[i],
+                         .v_R = p.link_v_R[i],
+                         .tau_S = p.link_tau_S[i],
+                         .v_S = p.link_v_S[i],
+                         .delta = p.link_delta[i]};
+    for (std::size_t k = 0; k < robot::Harmonics::kMost; ++k) {
+      spring_[i].a[k] = p.spring_sin[i * robot::Harmonics::kMost + k];
+      spring_[i].b[k] = p.spring_cos[i * robot::Harmonics::kMost + k];
+    }
     link_sigmoid_[i] = {.A = p.link_A[i], .alpha = p.link_alpha[i], .s = p.link_s[i], .k = p.link_k[i]};
     z_most_[i] = bristle_[i].present() ? p.tau_S[i] / p.sigma0[i] : 0;
     stop_damping_[i] = robot::stop_damping(p.stop_restitution[i]);
     has_stops_ |= inside() && p.stop_stiffness[i] > 0;
     has_link_sigmoid_ |= p.link_A[i] != 0 || p.link_k[i] != 0;
-    has_link_coulomb_ |= p.link_tau_C[i] != 0;
+    has_link_coulomb_ |= p.link_tau_C[i] != 0 || p.link_tau_S[i] != 0;
+    has_load_ |= inside() && p.link_load[i] != 0;
+    has_springs_ |= inside() && spring_[i].present();
   }
 }
 
@@ -173,6 +206,10 @@ void Equations::evaluate_joints(const double* x, Point& p) const {
         tau_f = slipping.torque + parameters_.tau_0[i];
         p.f_w[i] = slipping.slope;
       }
+    } else if (friction_ == Friction::kSmooth) {
+      const auto f = motor_friction_[i].at(w);
+      tau_f = f.torque;
+      p.f_w[i] = f.slope;
     } else {
       const auto f =
           friction_ == Friction::kLugre ? robot::lugre(bristle_[i], w, z[i]) : robot::elasto_plastic(bristle_[i], w, z[i]);
@@ -222,6 +259,40 @@ void Equations::evaluate_joints(const double* x, Point& p) const {
       p.d_l[i] += s.by_speed;
       p.k_l[i] = s.by_depth;
     }
+  }
+  if (has_springs_) {
+    for (std::size_t i = 0; i < n_; ++i) {
+      const auto spring = spring_[i].at(q[i]);
+      p.force[i] -= spring.torque;
+      p.k_l[i] += spring.slope;
+    }
+  }
+  if (has_load_) {
+    Dynamics& d = *dynamics_;
+    robot::gravity(d.mechanism, d.data, ConstMap(q, index(n_)), d.gravity);
+    for (std::size_t i = 0; i < n_; ++i) {
+      const robot::CoulombViscous loaded = load_friction(i, d.gravity[index(i)]);
+      const auto f = loaded.at(dq[i]);
+      p.load[i] = loaded.tau_C;
+      p.force[i] -= f.torque;
+      p.d_l[i] += f.slope;
+    }
+  }
+}
+
+robot::CoulombViscous Equations::load_friction(std::size_t i, double gravity) const {
+  return {.tau_C = parameters_.link_load[i] * std::abs(gravity), .v_R = parameters_.link_v_load[i]};
+}
+
+void Equations::load_derivatives(const double* x, const Point& p, double* by_q, double* scratch) {
+  Dynamics& d = *dynamics_;
+  robot::inverse_dynamics_derivatives(d.mechanism, d.data, ConstMap(x, index(n_)), d.rest, d.rest,
+                                      MatrixMap(by_q, index(n_), index(n_)), MatrixMap(scratch, index(n_), index(n_)));
+  robot::gravity(d.mechanism, d.data, ConstMap(x, index(n_)), d.gravity);
+  for (std::size_t i = 0; i < n_; ++i) {
+    const double sign = d.gravity[index(i)] < 0 ? -1 : 1;
+    const double slope = sign * parameters_.link_load[i] * std::tanh(x[n_ + i] / parameters_.link_v_load[i]);
+    for (std::size_t j = 0; j < n_; ++j) by_q[j * n_ + i] *= p.load[i] > 0 ? slope : 0.0;
   }
 }
 
@@ -290,10 +361,10 @@ void Equations::factorise(const Point& p, double gamma) {
   for (std::size_t i = 0; i < n_; ++i) {
     z_inverse_[i] = 1 / (1 - gamma * std::min(p.z_z[i], 0.0));
     const double d_f = std::max(p.f_w[i] + gamma * p.f_z[i] * p.z_w[i] * z_inverse_[i], 0.0);
-    const double rest = gamma * (p.d_l[i] + gamma * p.k_l[i]);
+    const double k_l = std::max(p.k_l[i], 0.0), rest = gamma * (std::max(p.d_l[i], 0.0) + gamma * k_l);
     f_z_[i] = p.f_z[i];
     z_w_[i] = p.z_w[i];
-    k_l_[i] = p.k_l[i];
+    k_l_[i] = k_l;
     kappa_[i] = p.kappa[i];
     if (flexible()) {
       const double coupling = gamma * (parameters_.D[i] + gamma * p.kappa[i]);  // γ e
@@ -364,6 +435,7 @@ double Equations::dissipation(const double* x, const Point& p) const {
     if (has_link_coulomb_)
       power += (link_friction_[i].at(dq[i]).torque - link_friction_[i].sigma2 * dq[i] - link_friction_[i].tau_0) * dq[i];
     if (has_link_sigmoid_) power += (link_sigmoid_[i].at(dq[i]).torque - link_sigmoid_[i].at(0).torque) * dq[i];
+    if (has_load_) power += p.load[i] * std::tanh(dq[i] / parameters_.link_v_load[i]) * dq[i];
     if (has_stops_ && modes_.stop[i] != 0) {
       const auto s = stop(i, q[i], dq[i]);
       power += (s.torque - stop_spring(i, q[i])) * modes_.stop[i] * dq[i];
@@ -402,6 +474,7 @@ Energies Equations::energies(const double* x, const Point& p) {
       e.elastic += torsion_[i].energy(theta[i] - q[i]);
     }
     e.elastic += 0.5 * parameters_.sigma0[i] * z[i] * z[i];
+    if (has_springs_) e.elastic += spring_[i].energy(q[i]);
     if (has_stops_ && modes_.stop[i] != 0) {
       const double spring = stop_spring(i, q[i]);
       e.elastic += 0.5 * spring * spring / parameters_.stop_stiffness[i];

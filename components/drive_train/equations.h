@@ -18,7 +18,7 @@ enum class Link : std::uint8_t { kInside, kOutside };
 /// kRigid: θ = q, (2a) and (2b) summed.
 enum class Transmission : std::uint8_t { kFlexible, kRigid };
 /// The motor's friction τ_f in (2b).
-enum class Friction : std::uint8_t { kLugre, kElastoPlastic, kCoulomb };
+enum class Friction : std::uint8_t { kLugre, kElastoPlastic, kCoulomb, kSmooth };
 
 /// Per joint; names, meaning and units of measure as declared by the unit.
 struct Parameters {
@@ -26,6 +26,8 @@ struct Parameters {
   std::vector<double> K, B, D, backlash;
   std::vector<double> sigma0, sigma1, sigma2, tau_C, tau_S, v_S, delta, breakaway, tau_0;
   std::vector<double> link_tau_C, link_sigma2, link_tau_0, link_v_R, link_A, link_alpha, link_s, link_k;
+  std::vector<double> v_R, link_tau_S, link_v_S, link_delta, link_load, link_v_load;
+  std::vector<double> spring_sin, spring_cos;  // robot::Harmonics::kMost per joint
   std::vector<double> q_min, q_max, stop_stiffness, stop_restitution;
 };
 
@@ -56,7 +58,8 @@ struct Point {
   std::vector<double> dz;            // ż
   std::vector<double> kappa;         // ∂τ_J/∂θ
   std::vector<double> f_w, f_z, z_w, z_z;  // ∂τ_f/∂θ̇, ∂τ_f/∂z, ∂ż/∂θ̇, ∂ż/∂z
-  std::vector<double> d_l, k_l;            // −∂force/∂q̇, −∂force/∂q of link friction and stop
+  std::vector<double> d_l, k_l;            // −∂force/∂q̇, −∂force/∂q of link friction, springs and stop
+  std::vector<double> load;                // N.m: link_load |g|, height of the friction that grows with the load
   std::vector<double> M, h;                // M(q) of (2a), with B on its diagonal if rigid; C q̇ + g
 };
 
@@ -77,6 +80,7 @@ class Equations {
   bool inside() const { return link_ == Link::kInside; }
   bool flexible() const { return transmission_ == Transmission::kFlexible; }
   Friction friction() const { return friction_; }
+  bool has_bristles() const { return friction_ == Friction::kLugre || friction_ == Friction::kElastoPlastic; }
 
   /// The unit writes here; the per-joint models are made of them by adopt_parameters().
   Parameters& parameters() { return parameters_; }
@@ -89,6 +93,7 @@ class Equations {
   const Course& course() const { return course_; }
   const Modes& modes() const { return modes_; }
   bool has_stops() const { return has_stops_; }
+  bool has_load() const { return has_load_; }
   /// The links' inertial parameters; link inside. follow_bodies() tells whether anything changed.
   robot::BodyParameters& bodies();
   void take_bodies(const std::string& place);
@@ -136,12 +141,17 @@ class Equations {
   /// with the link inside link_tau_0 and the sigmoid's torque at rest. It comes back on the way back, so it is no loss.
   double work_of_constant_friction(const double* from, const double* to) const;
   Energies energies(const double* x, const Point& p);
+  /// ∂(friction that grows with the load)/∂q of all links at x (n x n, by columns); `scratch`: n x n. Link inside.
+  void load_derivatives(const double* x, const Point& p, double* by_q, double* scratch);
+  /// Torque of joint i's springs, N.m.
+  double spring_torque(std::size_t i, double q) const { return has_springs_ ? spring_[i].at(q).torque : 0; }
   /// k δ of joint i's stop, N.m; 0 outside of it.
   double stop_spring(std::size_t i, double q) const;
 
  private:
   robot::StopTorque stop(std::size_t i, double q, double dq) const;
   double link_drive(std::size_t i, double t) const;
+  robot::CoulombViscous load_friction(std::size_t i, double gravity) const;
 
   std::size_t n_;
   Link link_;
@@ -153,9 +163,12 @@ class Equations {
   bool has_stops_ = false;
   bool has_link_sigmoid_ = false;
   bool has_link_coulomb_ = false;
+  bool has_load_ = false;
+  bool has_springs_ = false;
   std::vector<robot::Torsion> torsion_;
   std::vector<robot::Bristle> bristle_;
-  std::vector<robot::CoulombViscous> link_friction_;
+  std::vector<robot::CoulombViscous> motor_friction_, link_friction_;
+  std::vector<robot::Harmonics> spring_;
   std::vector<robot::Sigmoid> link_sigmoid_;
   std::vector<double> stop_damping_, z_most_;
 

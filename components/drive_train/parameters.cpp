@@ -61,6 +61,18 @@ void DriveTrain::declare_parameters(Variables& v) {
       .range(-1, 1);
   v.parameter("transition", transition_, "s", "time constant with which what is in force follows the tunables; 0: at once")
       .range(0, 1e6);
+  v.parameter("v_R", p.v_R, "rad/s", "friction=smooth: speed over which the motor's friction changes its sign").range(0, most);
+  v.parameter("link_tau_S", p.link_tau_S, "N.m", "breakaway torque of the link; up to link_tau_C: no Stribeck effect")
+      .range(0, most);
+  v.parameter("link_v_S", p.link_v_S, "rad/s", "Stribeck speed of the link").range(0, most);
+  v.parameter("link_delta", p.link_delta, "1", "Stribeck exponent of the link").range(0.1, 10);
+  v.parameter("link_load", p.link_load, "1",
+              "friction of the link per torque of gravity: adds link_load |g(q)| tanh(dq / link_v_load)")
+      .range(0, most);
+  v.parameter("link_v_load", p.link_v_load, "rad/s", "speed over which that friction changes its sign").range(0, most);
+  v.parameter("spring_sin", p.spring_sin, "N.m",
+              "springs and counterbalances of the link: for each joint the amplitudes of sin q, sin 2q, sin 3q, sin 4q");
+  v.parameter("spring_cos", p.spring_cos, "N.m", "likewise of cos q, cos 2q, cos 3q, cos 4q");
   if (!uses_sundials())
     v.state("drives", drives_, "1", "in force of each joint: B, sigma2, tau_C … link_v_R, in the order above");
   if (!equations_.inside()) return;
@@ -99,16 +111,22 @@ void DriveTrain::check_parameters() const {
     positive("v_S", p.v_S);
     positive("delta", p.delta);
     finite("tau_0", p.tau_0);
-    if (equations_.friction() != Friction::kCoulomb && p.sigma0[i] == 0 && p.tau_C[i] > 0)
-      fail("tau_C", i, p.tau_C[i], "0 where no bristle carries it (sigma0 = 0), or friction=coulomb");
+    if (equations_.has_bristles() && p.sigma0[i] == 0 && p.tau_C[i] > 0)
+      fail("tau_C", i, p.tau_C[i], "0 where no bristle carries it (sigma0 = 0), or friction=coulomb or smooth");
     if (p.tau_S[i] < p.tau_C[i]) fail("tau_S", i, p.tau_S[i], "at least tau_C = " + text::to_text(p.tau_C[i]) + " N.m");
-    if (equations_.friction() != Friction::kCoulomb && p.sigma0[i] == 0 && p.tau_S[i] > 0)
-      fail("tau_S", i, p.tau_S[i], "0 where no bristle carries it (sigma0 = 0), or friction=coulomb");
+    if (equations_.has_bristles() && p.sigma0[i] == 0 && p.tau_S[i] > 0)
+      fail("tau_S", i, p.tau_S[i], "0 where no bristle carries it (sigma0 = 0), or friction=coulomb or smooth");
     if (!(p.breakaway[i] >= 0 && p.breakaway[i] < 1)) fail("breakaway", i, p.breakaway[i], "0 to below 1");
     not_negative("link_tau_C", p.link_tau_C);
     not_negative("link_sigma2", p.link_sigma2);
     finite("link_tau_0", p.link_tau_0);
     positive("link_v_R", p.link_v_R);
+    positive("v_R", p.v_R);
+    not_negative("link_tau_S", p.link_tau_S);
+    positive("link_v_S", p.link_v_S);
+    positive("link_delta", p.link_delta);
+    not_negative("link_load", p.link_load);
+    positive("link_v_load", p.link_v_load);
     if (!equations_.inside()) continue;
     finite("q0", q0_);
     finite("dq0", dq0_);
@@ -116,6 +134,10 @@ void DriveTrain::check_parameters() const {
     finite("link_alpha", p.link_alpha);
     finite("link_s", p.link_s);
     finite("link_k", p.link_k);
+    for (std::size_t k = i * robot::Harmonics::kMost; k < (i + 1) * robot::Harmonics::kMost; ++k) {
+      if (!std::isfinite(p.spring_sin[k])) fail("spring_sin", k, p.spring_sin[k], "a finite value");
+      if (!std::isfinite(p.spring_cos[k])) fail("spring_cos", k, p.spring_cos[k], "a finite value");
+    }
     not_negative("stop_stiffness", p.stop_stiffness);
     if (!(p.stop_restitution[i] > 0 && p.stop_restitution[i] <= 1))
       fail("stop_restitution", i, p.stop_restitution[i], "above 0 to 1");

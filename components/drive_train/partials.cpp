@@ -13,7 +13,16 @@ bool is_scalar(std::string_view unknown) { return unknown.rfind("energy_", 0) ==
 }  // namespace
 
 Partials::Partials(const Equations& e)
-    : n_(e.n()), x_(e.size()), point_(n_), factors_(n_ * n_), by_q_(n_ * n_), by_dq_(n_ * n_), ddq_(n_), column_(n_) {
+    : n_(e.n()),
+      x_(e.size()),
+      point_(n_),
+      factors_(n_ * n_),
+      by_q_(n_ * n_),
+      by_dq_(n_ * n_),
+      ddq_(n_),
+      column_(n_),
+      load_by_q_(n_ * n_),
+      scratch_(n_ * n_) {
   const auto add = [this](const char* unknown, std::initializer_list<const char*> knowns, bool elementwise) {
     for (const char* known : knowns) list_.push_back({unknown, known, elementwise});
   };
@@ -102,6 +111,7 @@ void Partials::accelerations(Equations& e, std::span<const double> tau_m, std::s
   solve_ldlt(factors_.data(), n_, ddq_.data());
   e.inverse_dynamics_derivatives(x_.data(), ddq_.data(), by_q_.data(), by_dq_.data());
 
+  if (e.has_load()) e.load_derivatives(x_.data(), p, load_by_q_.data(), scratch_.data());
   const Parameters& k = e.parameters();
   const char* knowns[] = {"tau_e", "tau_m", "q", "dq", "theta", "dtheta", "z"};
   for (std::size_t c = 0; c < std::size(knowns); ++c) {
@@ -119,6 +129,7 @@ void Partials::accelerations(Equations& e, std::span<const double> tau_m, std::s
         case 2:
           for (std::size_t i = 0; i < n_; ++i) column_[i] = -by_q_[j * n_ + i];
           column_[j] -= p.k_l[j] + (e.flexible() ? p.kappa[j] : 0);
+          for (std::size_t i = 0; i < n_ && e.has_load(); ++i) column_[i] -= load_by_q_[j * n_ + i];
           break;
         case 3:
           for (std::size_t i = 0; i < n_; ++i) column_[i] = -by_dq_[j * n_ + i];
@@ -195,7 +206,7 @@ void Partials::energies(Equations& e, std::span<double> values) {
   for (std::size_t i = 0; i < n_; ++i) {
     by_dtheta.add(0, i, k.B[i] * dtheta[i]);
     elastic_z.add(0, i, k.sigma0[i] * z[i]);
-    elastic_q.add(0, i, e.modes().stop[i] * e.stop_spring(i, q[i]));
+    elastic_q.add(0, i, e.modes().stop[i] * e.stop_spring(i, q[i]) + e.spring_torque(i, q[i]));
     if (!e.flexible()) continue;
     const double spring = e.torsion(i).at(theta[i] - q[i]).torque;
     elastic_q.add(0, i, -spring);

@@ -14,8 +14,9 @@ namespace cotwin::drive_train {
 ///   ∂q̈/∂q = −M⁻¹ (∂τ_id/∂q + κ + k_l)   ∂q̈/∂q̇ = −M⁻¹ (∂τ_id/∂q̇ + D + d_l)
 ///   ∂τ_J/∂θ = −∂τ_J/∂q = κ   ∂τ_J/∂θ̇ = −∂τ_J/∂q̇ = D                                (2c)
 ///   ∂τ_f/∂θ̇, ∂τ_f/∂z   of the friction model; of a motor that Coulomb friction holds τ_f = τ_m − τ_J   (2b)
-/// Rigid: q̈ follows τ_m, τ_f and τ_e alike, and τ_J = τ_m − τ_f − B q̈. Energies and powers by their definitions. At a kink
-/// (friction at rest, the edge of a backlash or a stop) the slope is that of the model's side, as in the solver.
+/// Rigid: q̈ follows τ_m, τ_f and τ_e alike, and τ_J = τ_m − τ_f − B q̈. Friction that grows with the load adds its ∂/∂q to
+/// ∂τ_id/∂q. Energies and powers by their definitions. At a kink (friction at rest, the edge of a backlash or a stop) the slope
+/// is that of the model's side, as in the solver.
 class Partials {
  public:
   explicit Partials(const Equations& equations);
@@ -48,6 +49,7 @@ class Partials {
   std::vector<double> x_;
   Point point_;
   std::vector<double> factors_, by_q_, by_dq_, ddq_, column_;  // n x n by columns; n
+  std::vector<double> load_by_q_, scratch_;                    // n x n
 };
 
 }  // namespace cotwin::drive_train

@@ -26,6 +26,7 @@ struct CompressedPart {
 /// A robot and its log, checked and compressed.
 struct Data {
   robot::RobotModel robot;
+  robot::RobotModel load_robot;  // whose gravity is the load of friction: with ModelOptions::load, near to what will be found
   measurement::Survey survey;
   measurement::Smoothing smoothing;
   std::size_t split = 0;  // samples on the grid of the log that are trained on

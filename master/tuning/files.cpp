@@ -8,6 +8,7 @@
 #include <system_error>
 
 #include "models/identification/motor_inertia.h"
+#include "models/robot/friction.h"
 #include "models/robot/urdf_update.h"
 #include "models/text/error.h"
 
@@ -66,36 +67,31 @@ void add_link(Parameters& set, std::size_t j, const identification::JointDrive& 
     set.add("link_alpha", j, 2 / drive.v_R, "s/rad");
     set.add("link_s", j, drive.s, "rad/s");
     set.add("link_k", j, drive.tau_0 - drive.tau_C, "N.m");
-  } else {
-    set.add("link_tau_C", j, drive.tau_C, "N.m");
-    set.add("link_v_R", j, drive.v_R, "rad/s");
-    set.add("link_tau_0", j, drive.tau_0, "N.m");
+    return;
+  }
+  set.add("link_tau_C", j, drive.tau_C, "N.m");
+  set.add("link_v_R", j, drive.v_R, "rad/s");
+  set.add("link_tau_0", j, drive.tau_0, "N.m");
+  if (law != FrictionLaw::kStribeck) return;
+  set.add("link_tau_S", j, drive.tau_S, "N.m");
+  set.add("link_v_S", j, drive.v_S, "rad/s");
+  set.add("link_delta", j, drive.delta, "1");
+}
+
+/// What the torque has beyond friction over the speed: friction that grows with the load, springs.
+void add_rest(Parameters& set, std::size_t j, const identification::JointDrive& drive,
+              const identification::ModelOptions& model) {
+  if (model.load) {
+    set.add("link_load", j, drive.load, "1");
+    set.add("link_v_load", j, drive.v_load, "rad/s");
+  }
+  for (std::size_t k = 0; 2 * k + 1 < drive.harmonics.size(); ++k) {
+    set.add("spring_sin", robot::Harmonics::kMost * j + k, drive.harmonics[2 * k], "N.m");
+    set.add("spring_cos", robot::Harmonics::kMost * j + k, drive.harmonics[2 * k + 1], "N.m");
   }
 }
 
-/// Behind the gear there is no Stribeck effect: the Coulomb and viscous friction that come nearest to the curve, up to the
-/// joint's greatest speed and beyond where it changes its sign.
-identification::JointDrive without_stribeck(identification::JointDrive drive, double speed) {
-  constexpr int kPoints = 200;
-  const double first = std::min(3 * drive.v_R, speed);  // tanh 3 = 0.995
-  double cc = 0, cv = 0, vv = 0, ch = 0, vh = 0;
-  for (int i = 0; i < kPoints; ++i) {
-    const double v = first + (speed - first) * i / (kPoints - 1);
-    const double c = std::tanh(v / drive.v_R), h = drive.friction(v) - drive.tau_0;
-    cc += c * c;
-    cv += c * v;
-    vv += v * v;
-    ch += c * h;
-    vh += v * h;
-  }
-  const double determinant = cc * vv - cv * cv;
-  drive.tau_C = determinant > 0 ? std::max(0.0, (vv * ch - cv * vh) / determinant) : drive.tau_C;
-  drive.sigma2 = vv > 0 ? std::max(0.0, (vh - cv * drive.tau_C) / vv) : drive.sigma2;
-  drive.tau_S = drive.tau_C;
-  return drive;
-}
-
-/// Friction of the motor: Coulomb or Stribeck with a bristle.
+/// Friction of the motor: Coulomb or Stribeck, by its static curve (friction=smooth) and with a bristle (the others).
 void add_motor(Parameters& set, std::size_t j, const identification::JointDrive& drive) {
   constexpr double kDeflection = 1e-3;  // rad, of the sliding bristle
   const double breakaway = std::max(drive.tau_S, drive.tau_C);
@@ -108,6 +104,7 @@ void add_motor(Parameters& set, std::size_t j, const identification::JointDrive&
   set.add("v_S", j, drive.v_S, "rad/s");
   set.add("delta", j, drive.delta, "1");
   set.add("tau_0", j, drive.tau_0, "N.m");
+  set.add("v_R", j, drive.v_R, "rad/s");
   set.add("sigma0", j, sigma0, "N.m/rad");
   set.add("sigma1", j, std::min(passive, 2 * std::sqrt(sigma0)), "N.m.s/rad");
 }
@@ -115,8 +112,7 @@ void add_motor(Parameters& set, std::size_t j, const identification::JointDrive&
 }  // namespace
 
 ParameterSet drive_parameters(const std::string& name, const robot::RobotModel& robot, const identification::Estimate& estimate,
-                              const Settings& settings, const measurement::Survey& survey,
-                              const std::vector<identification::Torsion>& torsion) {
+                              const Settings& settings, const std::vector<identification::Torsion>& torsion) {
   ParameterSet set;
   set.name = name;
   Parameters parameters(set);
@@ -124,9 +120,7 @@ ParameterSet drive_parameters(const std::string& name, const robot::RobotModel& 
   const bool motor = settings.model.motor_inertia;
   const std::vector<double> least = identification::least_motor_inertia(robot);
   for (std::size_t j = 0; j < estimate.drive.size(); ++j) {
-    const bool flat = !motor && law == FrictionLaw::kStribeck;
-    const identification::JointDrive drive =
-        flat ? without_stribeck(estimate.drive[j], survey.joints[j].speed_max) : estimate.drive[j];
+    const identification::JointDrive& drive = estimate.drive[j];
     if (j < torsion.size() && torsion[j].K > 0) parameters.add("K", j, torsion[j].K, "N.m/rad");
     if (motor) parameters.add("B", j, std::max(drive.B, least[j]), "kg.m2");
     parameters.add(motor ? "sigma2" : "link_sigma2", j, drive.sigma2, "N.m.s/rad");
@@ -135,6 +129,7 @@ ParameterSet drive_parameters(const std::string& name, const robot::RobotModel& 
     } else {
       add_link(parameters, j, drive, law);
     }
+    add_rest(parameters, j, drive, settings.model);
   }
   return set;
 }

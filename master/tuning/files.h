@@ -27,15 +27,13 @@ class AtomicFile {
 void write_file(const std::filesystem::path& place, const std::string& content);
 
 /// Where the drive train has the friction that was identified.
-///   link    measured behind the gear, by a joint torque sensor: link_tau_C … or, sigmoid, link_A …; no motor; a Stribeck
-///   curve,
-///           which the link has not, by the nearest line
-///   motor   measured at the motor: B, sigma2, tau_C … of the motor; a sigmoid, which its bristle cannot be, as the link's
-/// `robot`: the prior, whose inertia says which B is none: the drive train needs one. Bristles (sigma0, sigma1) are chosen, not
-/// identified: 1 mrad of sliding deflection, damped to stay passive.
+///   link    measured behind the gear, by a joint torque sensor: link_tau_C … or, sigmoid, link_A …; no motor
+///   motor   measured at the motor: B, sigma2, tau_C … of the motor; a sigmoid, which its laws have not, as the link's
+///   both    link_load (friction that grows with the load), spring_sin, spring_cos (harmonics of the joint's position)
+/// `robot`: the prior, whose inertia says which B is none: the drive train needs one. Bristles (sigma0, sigma1; not used by
+/// friction=smooth) are chosen, not identified: 1 mrad of sliding deflection, damped to stay passive.
 ParameterSet drive_parameters(const std::string& name, const robot::RobotModel& robot, const identification::Estimate& estimate,
-                              const Settings& settings, const measurement::Survey& survey,
-                              const std::vector<identification::Torsion>& torsion);
+                              const Settings& settings, const std::vector<identification::Torsion>& torsion);
 
 /// The tuned robot: bodies of the estimate with an entry each in the history, <dynamics> from its friction.
 robot::RobotModel tuned_robot(const robot::RobotModel& robot, const identification::Estimate& estimate,

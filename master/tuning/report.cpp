@@ -148,7 +148,7 @@ void write_settings(std::ostream& out, const Settings& settings, const Result& r
         << settings.rounds << ")\n";
   }
   out << "* friction " << identification::to_text(model.friction) << (model.viscous ? ", viscous" : "")
-      << (model.offset ? ", offset" : "") << (model.load ? ", with the load (μ of the prior's gravity)" : "")
+      << (model.offset ? ", offset" : "") << (model.load ? ", with the load (μ of the tuned robot's gravity)" : "")
       << "; motor inertia "
       << (model.motor_inertia ? "sought (torques of the motors)" : "not sought (torques behind the gears)") << '\n';
   if (!settings.chosen.empty()) {
@@ -237,6 +237,24 @@ void write_excitation(std::ostream& out, const Result& result) {
          "them).\n\n";
 }
 
+void write_twin(std::ostream& out, const Data& data, const Result& result) {
+  if (!result.evaluation.replay) return;
+  const Replay& replay = *result.evaluation.replay;
+  out << "## The twin\n\n`cotwin run twin.ssd` in this folder moves the tuned twin as the robot moved in `motion.csv` and "
+         "compares its "
+         "torques with the measured ones (smoothed). These errors are to be expected, RMS in N·m:\n\n";
+  Table table({"joint", "training", "torque", "held out", "torque"});
+  for (std::size_t j = 0; j < data.robot.joints.size(); ++j) {
+    std::vector<std::string> row = {data.robot.joints[j].name};
+    for (const Replay::Errors* errors : {&replay.training, &replay.held_out}) {
+      row.push_back(errors->samples > 0 ? number(at(errors->rms, j)) : "");
+      row.push_back(errors->samples > 0 ? number(at(errors->torque, j)) : "");
+    }
+    table.row(row);
+  }
+  table.write_markdown(out);
+}
+
 json part_json(const PartErrors& part, const Result& result) {
   const auto list = [](const VectorXd& v) { return std::vector<double>(v.data(), v.data() + v.size()); };
   json object;
@@ -285,6 +303,7 @@ std::string report_markdown(const Settings& settings, const Data& data, const Re
   }
   if (result.evaluation.every > 1)
     out << "`torques.csv` has every " << result.evaluation.every << "th sample; errors are of all.\n\n";
+  write_twin(out, data, result);
   write_data(out, settings, data);
   write_settings(out, settings, result);
   write_parameters(out, data, result);
@@ -301,6 +320,15 @@ std::string figures_json(const Settings& settings, const Data& data, const Resul
   object["rate"] = data.survey.rate();
   object["training"] = part_json(result.evaluation.training, result);
   if (result.evaluation.held_out) object["held_out"] = part_json(*result.evaluation.held_out, result);
+  if (result.evaluation.replay) {
+    const Replay& replay = *result.evaluation.replay;
+    object["twin"]["duration"] = static_cast<double>(replay.end - 1 - replay.begin) * replay.step;
+    for (const auto& [name, errors] : {std::pair{"training", &replay.training}, std::pair{"held_out", &replay.held_out}}) {
+      if (errors->samples == 0) continue;
+      object["twin"][name]["rms"] = std::vector<double>(errors->rms.begin(), errors->rms.end());
+      object["twin"][name]["torque"] = std::vector<double>(errors->torque.begin(), errors->torque.end());
+    }
+  }
   object["weighted_rms"]["prior"] = result.prior_rms;
   if (result.swarm) object["weighted_rms"]["swarm"] = result.swarm_rms;
   if (result.feasible_rms > 0) object["weighted_rms"]["feasible"] = result.feasible_rms;

@@ -6,6 +6,7 @@
 
 #include "master/tuning/files.h"
 #include "master/tuning/report.h"
+#include "master/tuning/scenario.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
 
@@ -70,9 +71,11 @@ void write_files(const Settings& settings, const Data& data, const Run& run, con
   if (settings.method != Method::kLeastSquares)
     write_file(run.out / "robot.urdf", tuned_urdf(settings.robot, result.robot, how));
   std::ostringstream ssv;
-  write_parameter_set(ssv, drive_parameters("drive_train_" + data.robot.name, data.robot, tuned.estimate, settings, data.survey,
-                                            result.evaluation.torsion));
+  write_parameter_set(
+      ssv, drive_parameters("drive_train_" + data.robot.name, data.robot, tuned.estimate, settings, result.evaluation.torsion));
   write_file(run.out / "drive_train.ssv", ssv.str());
+  if (result.evaluation.replay)
+    write_file(run.out / "twin.ssd", twin_scenario(data.robot.name, settings, *result.evaluation.replay));
   write_file(run.out / "figures.json", figures_json(settings, data, result));
   write_file(run.out / "report.md", report_markdown(settings, data, result));
 }
@@ -121,7 +124,7 @@ Result tune(const Settings& settings, const Run& run, const Hooks& hooks, const 
   result.evaluation = evaluate(data, result.candidates);
   if (!result.interrupted) {
     try {
-      predict(settings, data, hooks, result.candidates, result.tuned, run.out / "torques.csv", result.evaluation);
+      predict(settings, data, hooks, result.candidates, result.tuned, result.robot, run.out, result.evaluation);
     } catch (const Stopped&) {
       result.interrupted = true;
       result.evaluation = evaluate(data, result.candidates);

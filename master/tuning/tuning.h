@@ -40,10 +40,10 @@ struct Run {
   std::optional<Resume> resume;  // goes on from there
 };
 
-/// The whole run: reads, tunes, writes robot.urdf, drive_train.ssv, torques.csv, report.md, figures.json and resume.json into
-/// run.out. When hooks.stop says so in a search, the best so far is written (without torques.csv; beside a swarm, without the
-/// feasible reference) and the result is `interrupted`; before, Stopped is thrown and nothing is written. Resumed, the swarm
-/// goes on where it was; feasible least squares begins anew. Throws Error.
+/// The whole run: reads, tunes, writes robot.urdf, drive_train.ssv, torques.csv, motion.csv, twin.ssd, report.md, figures.json
+/// and resume.json into run.out. When hooks.stop says so in a search, the best so far is written (without torques.csv,
+/// motion.csv and twin.ssd; beside a swarm, without the feasible reference) and the result is `interrupted`; before, Stopped is
+/// thrown and nothing is written. Resumed, the swarm goes on where it was; feasible least squares begins anew. Throws Error.
 Result tune(const Settings& settings, const Run& run, const Hooks& hooks, const Data& data);
 
 }  // namespace cotwin::master::tuning

@@ -123,7 +123,7 @@ class Surveyor {
                                number(gap_of(log_, result_.step)) + " s; the log is taken in parts");
     }
     file_ = reader.file();
-    result_.segments.push_back({sample.place(), 0, 0});
+    result_.segments.push_back({sample.place(), file_, 0, 0});
     t_begin_ = sample.t();
   }
 

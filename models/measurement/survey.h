@@ -12,6 +12,7 @@ namespace cotwin::measurement {
 /// A stretch of the log without a gap.
 struct Segment {
   std::string begin;        // "log.csv:2"
+  std::size_t file = 0;     // of the log's
   std::size_t samples = 0;  // as measured
   double duration = 0;      // s, from the first sample to the last
 };

@@ -46,7 +46,40 @@ BristleRates viscous_only(const Bristle& p, double v) { return {.torque = p.sigm
 
 TorqueAndSlope CoulombViscous::at(double v) const {
   const double t = std::tanh(v / v_R);
-  return {tau_C * t + sigma2 * v + tau_0, tau_C * (1 - t * t) / v_R + sigma2};
+  TorqueAndSlope f{tau_C * t + sigma2 * v + tau_0, tau_C * (1 - t * t) / v_R + sigma2};
+  if (tau_S > tau_C) {
+    const double ratio = std::abs(v / v_S), power = std::pow(ratio, delta);
+    const double rise = (tau_S - tau_C) * std::exp(-power);
+    f.torque += rise * t;
+    f.slope += rise * (1 - t * t) / v_R;
+    if (ratio > 0) f.slope -= rise * delta * power / std::abs(v) * std::abs(t);
+  }
+  return f;
+}
+
+bool Harmonics::present() const {
+  return std::any_of(a, a + kMost, [](double x) { return x != 0; }) ||
+         std::any_of(b, b + kMost, [](double x) { return x != 0; });
+}
+
+TorqueAndSlope Harmonics::at(double q) const {
+  TorqueAndSlope sum;
+  for (int i = 0; i < kMost; ++i) {
+    const int k = i + 1;
+    const double sine = std::sin(k * q), cosine = std::cos(k * q);
+    sum.torque += a[i] * sine + b[i] * cosine;
+    sum.slope += k * (a[i] * cosine - b[i] * sine);
+  }
+  return sum;
+}
+
+double Harmonics::energy(double q) const {
+  double sum = 0;
+  for (int i = 0; i < kMost; ++i) {
+    const int k = i + 1;
+    sum += (b[i] * std::sin(k * q) - a[i] * std::cos(k * q)) / k;
+  }
+  return sum;
 }
 
 TorqueAndSlope Sigmoid::at(double v) const {

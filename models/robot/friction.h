@@ -13,15 +13,29 @@ struct TorqueAndSlope {
 };
 
 /// Coulomb and viscous friction with an offset, in which a robot's friction comes out asymmetric:
-///   τ_f(v) = τ_C tanh(v / v_R) + σ2 v + τ_0
-/// tanh regularises sign(v): within ±v_R the joint creeps instead of sticking, a load τ < τ_C moves it at v_R artanh(τ / τ_C).
-/// Where sticking matters, use exact stick–slip (StickSlip) or a bristle (Bristle).
+///   τ_f(v) = h(v) tanh(v / v_R) + σ2 v + τ_0,   h(v) = τ_C + max(τ_S − τ_C, 0) e^{−|v / v_S|^δ}
+/// h is τ_C without a Stribeck effect (τ_S ≤ τ_C). tanh regularises sign(v): within ±v_R the joint creeps instead of sticking,
+/// a load τ < τ_C moves it at v_R artanh(τ / τ_C). Where sticking matters, use exact stick–slip (StickSlip) or a bristle
+/// (Bristle).
 struct CoulombViscous {
   double tau_C = 0;   // N.m, ≥ 0
   double sigma2 = 0;  // N.m.s/rad, ≥ 0
   double tau_0 = 0;   // N.m
   double v_R = 1e-2;  // rad/s, > 0
+  double tau_S = 0;   // N.m, breakaway torque; up to τ_C: no Stribeck effect
+  double v_S = 0.1;   // rad/s, > 0, Stribeck speed
+  double delta = 2;   // Stribeck exponent
   TorqueAndSlope at(double v) const;
+};
+
+/// The torque of springs and counterbalances of a joint, Σ_k a_k sin(k q) + b_k cos(k q) for k = 1 … kMost, its slope
+/// by q, and the energy ∫ τ dq that it stores, J.
+struct Harmonics {
+  static constexpr int kMost = 4;
+  double a[kMost] = {}, b[kMost] = {};  // N.m
+  bool present() const;
+  TorqueAndSlope at(double q) const;
+  double energy(double q) const;
 };
 
 /// Sigmoid friction of Gaz, Flacco, De Luca (ICRA 2014), as identified for the LWR 4+ and, in the second form, for the Panda:
