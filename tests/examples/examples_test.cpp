@@ -11,6 +11,9 @@
 //     ]
 //   }
 // where … is one or several of "is" with "within", "below", "above".
+//
+// To find bounds, COTWIN_PRINT_FIGURES=1 prints the least and the largest value of each figure, and COTWIN_EXAMPLE_SET=a.b=c
+// changes the scenario a little (scripts/sensitivity.sh).
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <stdlib.h>
@@ -147,7 +150,12 @@ std::vector<double> values_of(const json& figure, const json& summary, const Tab
 void check(const json& figure, const json& summary, const Table& table) {
   SCOPED_TRACE(figure.dump());
   ASSERT_TRUE(figure.contains("is") || figure.contains("below") || figure.contains("above")) << "a figure that expects nothing";
-  for (const double value : values_of(figure, summary, table)) {
+  const std::vector<double> values = values_of(figure, summary, table);
+  if (getenv("COTWIN_PRINT_FIGURES") != nullptr && !values.empty()) {
+    const auto [least, most] = std::minmax_element(values.begin(), values.end());
+    std::printf("figure\t%s\t%.9g\t%.9g\n", figure.at("what").get<std::string>().c_str(), *least, *most);
+  }
+  for (const double value : values) {
     ASSERT_TRUE(std::isfinite(value));
     if (figure.contains("is")) {
       ASSERT_NEAR(value, figure.at("is").get<double>(), figure.at("within").get<double>());
@@ -177,6 +185,7 @@ TEST_P(Example, RunsAndGivesTheExpectedFigures) {
   const fs::path summary = results.path() / "summary.json";
   std::vector<std::string> command = {COTWIN_PROGRAM, "run", scenario, "--quiet", "--out", results.path(), "--json", summary};
   for (const std::string& option : expected.value("options", std::vector<std::string>{})) command.push_back(option);
+  if (const char* set = getenv("COTWIN_EXAMPLE_SET")) command.insert(command.end(), {"--set", set});
   const Ran ran = run(command);
   ASSERT_EQ(ran.exit_code, 0) << ran.output;
 
