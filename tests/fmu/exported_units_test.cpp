@@ -11,8 +11,10 @@
 #include "components/unit/unit_table.h"
 #include "fmu/pack.h"
 #include "tests/fmu/driver.h"
+#include "tests/fmu/foreign.h"
 #include "tests/fmu/old_glibc.h"
 #include "tests/fmu/subjects.h"
+#include "tests/support/standard_validator.h"
 
 namespace cotwin::fmu {
 namespace {
@@ -157,6 +159,12 @@ std::string output_of(const std::string& command) {
   while (pipe != nullptr && fgets(buffer, sizeof buffer, pipe) != nullptr) text += buffer;
   const int status = pipe != nullptr ? pclose(pipe) : 1;
   return status == 0 ? text : "failed: " + text;
+}
+
+TEST_P(ExportedUnits, DescribesItselfAsTheStandardWantsIt) {
+  const auto standard = request_.version == Version::k2 ? cotwin::testing::Standard::kFmi2 : cotwin::testing::Standard::kFmi3;
+  const std::string xml = testing::read_text(fmu_->folder() / "modelDescription.xml");
+  EXPECT_THAT(cotwin::testing::faults(xml, standard), ::testing::IsEmpty());
 }
 
 TEST_P(ExportedUnits, DescribesItselfAsTheSchemaWantsIt) {

@@ -13,6 +13,7 @@
 #include "fmu/uri.h"
 #include "models/robot/urdf.h"
 #include "models/text/error.h"
+#include "tests/support/standard_validator.h"
 
 namespace cotwin::fmu {
 namespace {
@@ -200,6 +201,11 @@ std::string to_xml(const ModelDescription& d) {
 }
 
 class Description : public ::testing::TestWithParam<Version> {};
+
+TEST_P(Description, FollowsTheStandardWithEverythingThatCanBeSaid) {
+  const auto standard = GetParam() == Version::k2 ? cotwin::testing::Standard::kFmi2 : cotwin::testing::Standard::kFmi3;
+  EXPECT_THAT(cotwin::testing::schema_faults(to_xml(full(GetParam())), standard), ::testing::IsEmpty());
+}
 
 TEST_P(Description, ValidatesWithEverythingThatCanBeSaid) {
   const bool two = GetParam() == Version::k2;

@@ -15,8 +15,10 @@
 #include "master/twin_package.h"
 #include "models/text/error.h"
 #include "tests/fmu/driver.h"
+#include "tests/fmu/foreign.h"
 #include "tests/fmu/old_glibc.h"
 #include "tests/support/allocations.h"
+#include "tests/support/standard_validator.h"
 
 namespace cotwin::master {
 namespace {
@@ -165,6 +167,12 @@ class TwinFmu : public ::testing::TestWithParam<Version> {
   fs::path archive_;
   std::unique_ptr<LoadedFmu> fmu_;
 };
+
+TEST_P(TwinFmu, DescribesItselfAsTheStandardWantsIt) {
+  const auto standard = GetParam() == Version::k2 ? cotwin::testing::Standard::kFmi2 : cotwin::testing::Standard::kFmi3;
+  const std::string xml = fmu::testing::read_text(fmu_->folder() / "modelDescription.xml");
+  EXPECT_THAT(cotwin::testing::faults(xml, standard), ::testing::IsEmpty());
+}
 
 TEST_P(TwinFmu, DescribesItselfAsTheSchemaWantsIt) {
   const fs::path schema = fs::path(COTWIN_SHARED_DIR) / "data/schemas" /

@@ -21,6 +21,7 @@
 #include "models/text/error.h"
 #include "tests/fmu/driver.h"
 #include "tests/fmu/foreign.h"
+#include "tests/support/standard_validator.h"
 
 namespace cotwin::master {
 namespace {
@@ -283,6 +284,14 @@ TEST_P(TwinOfFmus, SaysOfItselfWhatItsFmusAskFor) {
   EXPECT_TRUE(said_with("rogue2", {}).can_get_and_set_state) << "it serialises its state";
   EXPECT_TRUE(said_with("ball3", {{plain, plain + "canBeInstantiatedOnlyOncePerProcess=\"true\" "}}).only_once_per_process);
   EXPECT_TRUE(said_with("ball3", {{plain, plain + "needsExecutionTool=\"true\" "}}).needs_execution_tool);
+}
+
+TEST_P(TwinOfFmus, IsDescribedAsTheStandardWantsIt) {
+  const LoadedFmu loaded(pack(with_strangers(folder_.path(), other()), GetParam(), folder_.path() / "twin.fmu"), "twin",
+                         GetParam());
+  const auto standard = GetParam() == Version::k2 ? cotwin::testing::Standard::kFmi2 : cotwin::testing::Standard::kFmi3;
+  const std::string xml = fmu::testing::read_text(loaded.folder() / "modelDescription.xml");
+  EXPECT_THAT(cotwin::testing::faults(xml, standard), ::testing::IsEmpty());
 }
 
 TEST_P(TwinOfFmus, IsDescribedAsTheSchemaWantsIt) {

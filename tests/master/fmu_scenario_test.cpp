@@ -18,6 +18,7 @@
 #include "models/text/csv.h"
 #include "models/text/error.h"
 #include "tests/fmu/foreign.h"
+#include "tests/support/standard_validator.h"
 
 namespace cotwin::master {
 namespace {
@@ -308,6 +309,28 @@ TEST_F(FmuScenario, UnitsAndForeignFmusOfBothVersionsMixAndArePackedTogether) {
   Scenario scenario = load_scenario(file);
   scenario.reports.push_back({"power", "energy", "low.h", "low.v", ""});
   EXPECT_EQ(recorded(std::move(scenario)) == loose, true);
+}
+
+TEST_F(FmuScenario, ThePackagesFilesFollowTheStandards) {
+  using cotwin::testing::faults;
+  using cotwin::testing::Standard;
+  for (const fmu::Version version : {fmu::Version::k2, fmu::Version::k3}) {
+    const fmu::TemporaryFolder unpacked = fmu::unpack_archive(pack(example(), version));
+    int files = 0;
+    for (const auto& entry : fs::recursive_directory_iterator(unpacked.path())) {
+      const std::string ending = entry.path().extension();
+      if (ending == ".ssd" || ending == ".ssv") {
+        EXPECT_THAT(faults(content(entry.path()), ending == ".ssd" ? Standard::kSsd : Standard::kSsv), IsEmpty())
+            << entry.path();
+        ++files;
+      } else if (ending == ".fmu") {
+        const std::string xml = fmu::read_archive_file(entry.path(), "modelDescription.xml");
+        EXPECT_THAT(faults(xml, version == fmu::Version::k2 ? Standard::kFmi2 : Standard::kFmi3), IsEmpty()) << entry.path();
+        ++files;
+      }
+    }
+    EXPECT_GE(files, 6) << "the system, three FMUs, and values of two of them at least";
+  }
 }
 
 TEST_F(FmuScenario, ThePackagesFilesAreValid) {

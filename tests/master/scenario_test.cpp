@@ -12,6 +12,7 @@
 #include "fmu/archive.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
+#include "tests/support/standard_validator.h"
 
 namespace cotwin::master {
 namespace {
@@ -211,6 +212,23 @@ TEST(ForeignSystemStructure, WarnsOfParametersThatNobodyHas) {
               ElementsAre(HasSubstr("SystemStructure.ssd:35: 'nobody.cares' is not a parameter of 'Root'")));
 }
 
+TEST(Scenarios, OfThisRepositoryFollowTheStandard) {
+  using cotwin::testing::schema_faults;
+  using cotwin::testing::Standard;
+  int files = 0;
+  for (const char* folder : {"examples", "models", "tests/master/data"}) {
+    for (const auto& entry : fs::recursive_directory_iterator(fs::path(COTWIN_SOURCE_DIR) / folder)) {
+      const std::string ending = entry.path().extension();
+      if (ending != ".ssd" && ending != ".ssv") continue;
+      std::ifstream in(entry.path());
+      const std::string text((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+      EXPECT_THAT(schema_faults(text, ending == ".ssd" ? Standard::kSsd : Standard::kSsv), IsEmpty()) << entry.path();
+      ++files;
+    }
+  }
+  EXPECT_GE(files, 15);
+}
+
 TEST(ForeignSystemStructure, OfThisTestIsValidSsp) {
   const fs::path schemas = fs::path(COTWIN_SHARED_DIR) / "data/schemas/ssp1";
   if (!fs::exists(schemas) || std::system("xmllint --version >/dev/null 2>&1") != 0) GTEST_SKIP() << "no schemas or no xmllint";
@@ -259,6 +277,7 @@ TEST(Documentation, ShowsAScenarioThatIsReadAndValid) {
   EXPECT_FALSE(s.ignore_unknown_parameters);
   EXPECT_THAT(s.warnings, IsEmpty());
 
+  EXPECT_THAT(cotwin::testing::schema_faults(page.substr(begin, end - begin), cotwin::testing::Standard::kSsd), IsEmpty());
   const fs::path schema = fs::path(COTWIN_SHARED_DIR) / "data/schemas/ssp1/SystemStructureDescription.xsd";
   if (!fs::exists(schema) || std::system("xmllint --version >/dev/null 2>&1") != 0) GTEST_SKIP() << "no schema or no xmllint";
   EXPECT_EQ(std::system(("xmllint --noout --schema '" + schema.string() + "' '" + file.string() + "' 2>/dev/null").c_str()), 0);

@@ -13,6 +13,7 @@
 
 #include "models/text/error.h"
 #include "models/text/xml.h"
+#include "tests/support/standard_validator.h"
 
 namespace cotwin {
 namespace {
@@ -88,6 +89,12 @@ TEST(ParameterSetFile, ReadsBackWhatWasWrittenBitForBit) {
 
 TEST(ParameterSetFile, IsWrittenTheSameEveryTime) {
   EXPECT_EQ(written(demanding_set()), written(parse_parameter_set(written(demanding_set()), "x")));
+}
+
+TEST(ParameterSetFile, FollowsTheStandard) {
+  for (const ParameterSet& set : {demanding_set(), ParameterSet{"empty", {}, {}}}) {
+    EXPECT_THAT(cotwin::testing::schema_faults(written(set), cotwin::testing::Standard::kSsv), ::testing::IsEmpty());
+  }
 }
 
 TEST(ParameterSetFile, ValidatesAgainstTheSchema) {
