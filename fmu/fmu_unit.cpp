@@ -119,11 +119,15 @@ void StateKeeper::clear(ForeignInstance& instance) noexcept {
 ForeignUnit::ForeignUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions options, InterfaceKind kind)
     : fmu_(std::move(fmu)),
       options_(std::move(options)),
+      place_{fmu_->name.c_str(), options_.instance_name.c_str()},
       interface_(interface_of(fmu_->description, kind)),
       variables_(fmu_->description, variables_options(fmu_->description, kind, options_)),
-      states_(interface_) {}
+      states_(interface_) {
+  set_call_place(place_, 0);
+}
 
 ForeignUnit::~ForeignUnit() {
+  set_call_place(place_, under_way.ns);
   if (instance_) states_.clear(*instance_);
   instance_.reset();  // before its files go
 }
@@ -170,6 +174,7 @@ void ForeignUnit::begin_anew() {
 }
 
 void ForeignUnit::initialise(Time time) {
+  set_call_place(place_, time.ns);
   begin_anew();
   attempt([&] {
     enter(time);
@@ -179,6 +184,7 @@ void ForeignUnit::initialise(Time time) {
 
 void ForeignUnit::enter_initialisation(Time time) {
   if (!reads_in_mode_) return initialise(time);
+  set_call_place(place_, time.ns);
   begin_anew();
   attempt([&] { enter(time); });
   read_outputs();
@@ -186,6 +192,7 @@ void ForeignUnit::enter_initialisation(Time time) {
 
 void ForeignUnit::update_initialisation() {
   if (!in_mode_) return initialise(start_);
+  set_call_place(place_, start_.ns);
   const bool parameters = variables_.changed(Exchange::kFixed) || variables_.changed(Exchange::kTunable);
   if (parameters) return enter_initialisation(start_);
   attempt([&] {
@@ -196,6 +203,7 @@ void ForeignUnit::update_initialisation() {
 }
 
 void ForeignUnit::exit_initialisation() {
+  set_call_place(place_, start_.ns);
   if (in_mode_) attempt([&] { leave(); });
 }
 
@@ -265,6 +273,7 @@ bool ForeignUnit::breaks_a_promise(Time time) const {
 }
 
 StepResult ForeignUnit::step(Time now, Duration h) {
+  set_call_place(place_, now.ns);
   if (!healthy_) throw Error("the FMU has failed, or was not initialised");
   if (finished_) throw Error("the FMU has ended its simulation and makes no further step");
   try {
@@ -287,6 +296,7 @@ StepResult ForeignUnit::step(Time now, Duration h) {
 void ForeignUnit::save_memory(std::string& bytes) {
   bytes.clear();
   if (!restorable() || !healthy_) return;
+  set_call_place(place_, under_way.ns);
   ByteWriter extra;
   extra.value(static_cast<std::uint8_t>(next_event_.has_value()));
   extra.value(next_event_.value_or(0));
@@ -299,6 +309,7 @@ void ForeignUnit::save_memory(std::string& bytes) {
 }
 
 void ForeignUnit::restore_memory(const std::string& bytes) {
+  set_call_place(place_, under_way.ns);
   const Time time = StateKeeper::time_of(bytes);
   if (!instance_ || breaks_a_promise(time)) replace();
   const std::string extra = states_.restore(*instance_, bytes);

@@ -15,6 +15,7 @@
 #include "fmu/foreign.h"
 #include "fmu/foreign_clocks.h"
 #include "fmu/foreign_variables.h"
+#include "fmu/under_way.h"
 
 namespace cotwin::fmu {
 
@@ -128,6 +129,7 @@ class ForeignUnit : public cotwin::Unit, public StagedInitialisation {
   std::optional<double> next_event_;  // s
   std::shared_ptr<const ForeignFmu> fmu_;
   UnitOptions options_;
+  CallPlace place_;  // of every call into the FMU
   const Interface& interface_;
   ForeignVariables variables_;
   StateKeeper states_;
@@ -207,6 +209,7 @@ inline StepResult FmuUnit::step(Time now, Duration h) {
 }
 
 inline StepResult FmuUnit::step_simply(Time now, Duration h) {
+  set_call_place(place_, now.ns);
   try {
     if (variables_.step(*instance_, now, h)) [[likely]]
       return StepResult::kDone;

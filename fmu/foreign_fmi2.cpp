@@ -17,46 +17,46 @@ namespace {
 
 struct Functions {
   // Of every step, side by side
-  decltype(fmi2SetReal)* set_real;
-  decltype(fmi2DoStep)* do_step;
-  decltype(fmi2GetReal)* get_real;
+  Function<decltype(fmi2SetReal)> set_real;
+  Function<decltype(fmi2DoStep)> do_step;
+  Function<decltype(fmi2GetReal)> get_real;
 
-  decltype(fmi2SetDebugLogging)* set_debug_logging;
-  decltype(fmi2Instantiate)* instantiate;
-  decltype(fmi2FreeInstance)* free_instance;
-  decltype(fmi2SetupExperiment)* setup_experiment;
-  decltype(fmi2EnterInitializationMode)* enter_initialisation;
-  decltype(fmi2ExitInitializationMode)* exit_initialisation;
-  decltype(fmi2Terminate)* terminate;
-  decltype(fmi2GetInteger)* get_integer;
-  decltype(fmi2GetBoolean)* get_boolean;
-  decltype(fmi2GetString)* get_string;
-  decltype(fmi2SetInteger)* set_integer;
-  decltype(fmi2SetBoolean)* set_boolean;
-  decltype(fmi2SetString)* set_string;
-  decltype(fmi2GetFMUstate)* get_state;
-  decltype(fmi2SetFMUstate)* set_state;
-  decltype(fmi2FreeFMUstate)* free_state;
-  decltype(fmi2SerializedFMUstateSize)* serialised_size;
-  decltype(fmi2SerializeFMUstate)* serialise;
-  decltype(fmi2DeSerializeFMUstate)* deserialise;
+  Function<decltype(fmi2SetDebugLogging)> set_debug_logging;
+  Function<decltype(fmi2Instantiate)> instantiate;
+  Function<decltype(fmi2FreeInstance)> free_instance;
+  Function<decltype(fmi2SetupExperiment)> setup_experiment;
+  Function<decltype(fmi2EnterInitializationMode)> enter_initialisation;
+  Function<decltype(fmi2ExitInitializationMode)> exit_initialisation;
+  Function<decltype(fmi2Terminate)> terminate;
+  Function<decltype(fmi2GetInteger)> get_integer;
+  Function<decltype(fmi2GetBoolean)> get_boolean;
+  Function<decltype(fmi2GetString)> get_string;
+  Function<decltype(fmi2SetInteger)> set_integer;
+  Function<decltype(fmi2SetBoolean)> set_boolean;
+  Function<decltype(fmi2SetString)> set_string;
+  Function<decltype(fmi2GetFMUstate)> get_state;
+  Function<decltype(fmi2SetFMUstate)> set_state;
+  Function<decltype(fmi2FreeFMUstate)> free_state;
+  Function<decltype(fmi2SerializedFMUstateSize)> serialised_size;
+  Function<decltype(fmi2SerializeFMUstate)> serialise;
+  Function<decltype(fmi2DeSerializeFMUstate)> deserialise;
   // Co-Simulation
-  decltype(fmi2SetRealInputDerivatives)* set_input_derivatives;
-  decltype(fmi2GetRealOutputDerivatives)* get_output_derivatives;
-  decltype(fmi2GetStatus)* get_status;
-  decltype(fmi2GetRealStatus)* get_real_status;
-  decltype(fmi2GetBooleanStatus)* get_boolean_status;
+  Function<decltype(fmi2SetRealInputDerivatives)> set_input_derivatives;
+  Function<decltype(fmi2GetRealOutputDerivatives)> get_output_derivatives;
+  Function<decltype(fmi2GetStatus)> get_status;
+  Function<decltype(fmi2GetRealStatus)> get_real_status;
+  Function<decltype(fmi2GetBooleanStatus)> get_boolean_status;
   // Model Exchange
-  decltype(fmi2EnterEventMode)* enter_event_mode;
-  decltype(fmi2NewDiscreteStates)* new_discrete_states;
-  decltype(fmi2EnterContinuousTimeMode)* enter_continuous_time_mode;
-  decltype(fmi2CompletedIntegratorStep)* completed_integrator_step;
-  decltype(fmi2SetTime)* set_time;
-  decltype(fmi2SetContinuousStates)* set_continuous_states;
-  decltype(fmi2GetDerivatives)* get_derivatives;
-  decltype(fmi2GetEventIndicators)* get_event_indicators;
-  decltype(fmi2GetContinuousStates)* get_continuous_states;
-  decltype(fmi2GetNominalsOfContinuousStates)* get_nominals;
+  Function<decltype(fmi2EnterEventMode)> enter_event_mode;
+  Function<decltype(fmi2NewDiscreteStates)> new_discrete_states;
+  Function<decltype(fmi2EnterContinuousTimeMode)> enter_continuous_time_mode;
+  Function<decltype(fmi2CompletedIntegratorStep)> completed_integrator_step;
+  Function<decltype(fmi2SetTime)> set_time;
+  Function<decltype(fmi2SetContinuousStates)> set_continuous_states;
+  Function<decltype(fmi2GetDerivatives)> get_derivatives;
+  Function<decltype(fmi2GetEventIndicators)> get_event_indicators;
+  Function<decltype(fmi2GetContinuousStates)> get_continuous_states;
+  Function<decltype(fmi2GetNominalsOfContinuousStates)> get_nominals;
 };
 
 Functions bind(Library& library, const ForeignOptions& options, const Interface& interface) {
@@ -148,8 +148,8 @@ class Foreign2 final : public ForeignInstance {
       static_cast<void>(host_.release());
       return;
     }
-    if (running_) f_.terminate(component_);
-    if (component_ != nullptr) f_.free_instance(component_);
+    if (running_) f_.terminate.call_quietly(component_);
+    if (component_ != nullptr) f_.free_instance.call_quietly(component_);
   }
 
   void enter_initialisation(double start, std::optional<double> stop, std::optional<double> tolerance) override {
@@ -209,7 +209,7 @@ class Foreign2 final : public ForeignInstance {
     running_ = true;
   }
   void free(void*& state) noexcept override {
-    if (!fatal_ && state != nullptr) f_.free_state(component_, &state);
+    if (!fatal_ && state != nullptr) f_.free_state.call_quietly(component_, &state);
     state = nullptr;
   }
   void serialise(void* state, std::string& bytes) override {

@@ -11,69 +11,69 @@ namespace cotwin::fmu {
 namespace {
 
 struct Functions {
-  decltype(fmi3SetDebugLogging)* set_debug_logging;
-  decltype(fmi3InstantiateCoSimulation)* instantiate_co_simulation;
-  decltype(fmi3InstantiateModelExchange)* instantiate_model_exchange;
-  decltype(fmi3FreeInstance)* free_instance;
-  decltype(fmi3EnterInitializationMode)* enter_initialisation;
-  decltype(fmi3ExitInitializationMode)* exit_initialisation;
-  decltype(fmi3EnterEventMode)* enter_event_mode;
-  decltype(fmi3Terminate)* terminate;
-  decltype(fmi3GetFloat32)* get_float32;
-  decltype(fmi3GetFloat64)* get_float64;
-  decltype(fmi3GetInt8)* get_int8;
-  decltype(fmi3GetUInt8)* get_uint8;
-  decltype(fmi3GetInt16)* get_int16;
-  decltype(fmi3GetUInt16)* get_uint16;
-  decltype(fmi3GetInt32)* get_int32;
-  decltype(fmi3GetUInt32)* get_uint32;
-  decltype(fmi3GetInt64)* get_int64;
-  decltype(fmi3GetUInt64)* get_uint64;
-  decltype(fmi3GetBoolean)* get_boolean;
-  decltype(fmi3GetString)* get_string;
-  decltype(fmi3GetBinary)* get_binary;
-  decltype(fmi3SetFloat32)* set_float32;
-  decltype(fmi3SetFloat64)* set_float64;
-  decltype(fmi3SetInt8)* set_int8;
-  decltype(fmi3SetUInt8)* set_uint8;
-  decltype(fmi3SetInt16)* set_int16;
-  decltype(fmi3SetUInt16)* set_uint16;
-  decltype(fmi3SetInt32)* set_int32;
-  decltype(fmi3SetUInt32)* set_uint32;
-  decltype(fmi3SetInt64)* set_int64;
-  decltype(fmi3SetUInt64)* set_uint64;
-  decltype(fmi3SetBoolean)* set_boolean;
-  decltype(fmi3SetString)* set_string;
-  decltype(fmi3SetBinary)* set_binary;
-  decltype(fmi3GetFMUState)* get_state;
-  decltype(fmi3SetFMUState)* set_state;
-  decltype(fmi3FreeFMUState)* free_state;
-  decltype(fmi3SerializedFMUStateSize)* serialised_size;
-  decltype(fmi3SerializeFMUState)* serialise;
-  decltype(fmi3DeserializeFMUState)* deserialise;
-  decltype(fmi3EnterConfigurationMode)* enter_configuration_mode;
-  decltype(fmi3ExitConfigurationMode)* exit_configuration_mode;
-  decltype(fmi3UpdateDiscreteStates)* update_discrete_states;
+  Function<decltype(fmi3SetDebugLogging)> set_debug_logging;
+  Function<decltype(fmi3InstantiateCoSimulation)> instantiate_co_simulation;
+  Function<decltype(fmi3InstantiateModelExchange)> instantiate_model_exchange;
+  Function<decltype(fmi3FreeInstance)> free_instance;
+  Function<decltype(fmi3EnterInitializationMode)> enter_initialisation;
+  Function<decltype(fmi3ExitInitializationMode)> exit_initialisation;
+  Function<decltype(fmi3EnterEventMode)> enter_event_mode;
+  Function<decltype(fmi3Terminate)> terminate;
+  Function<decltype(fmi3GetFloat32)> get_float32;
+  Function<decltype(fmi3GetFloat64)> get_float64;
+  Function<decltype(fmi3GetInt8)> get_int8;
+  Function<decltype(fmi3GetUInt8)> get_uint8;
+  Function<decltype(fmi3GetInt16)> get_int16;
+  Function<decltype(fmi3GetUInt16)> get_uint16;
+  Function<decltype(fmi3GetInt32)> get_int32;
+  Function<decltype(fmi3GetUInt32)> get_uint32;
+  Function<decltype(fmi3GetInt64)> get_int64;
+  Function<decltype(fmi3GetUInt64)> get_uint64;
+  Function<decltype(fmi3GetBoolean)> get_boolean;
+  Function<decltype(fmi3GetString)> get_string;
+  Function<decltype(fmi3GetBinary)> get_binary;
+  Function<decltype(fmi3SetFloat32)> set_float32;
+  Function<decltype(fmi3SetFloat64)> set_float64;
+  Function<decltype(fmi3SetInt8)> set_int8;
+  Function<decltype(fmi3SetUInt8)> set_uint8;
+  Function<decltype(fmi3SetInt16)> set_int16;
+  Function<decltype(fmi3SetUInt16)> set_uint16;
+  Function<decltype(fmi3SetInt32)> set_int32;
+  Function<decltype(fmi3SetUInt32)> set_uint32;
+  Function<decltype(fmi3SetInt64)> set_int64;
+  Function<decltype(fmi3SetUInt64)> set_uint64;
+  Function<decltype(fmi3SetBoolean)> set_boolean;
+  Function<decltype(fmi3SetString)> set_string;
+  Function<decltype(fmi3SetBinary)> set_binary;
+  Function<decltype(fmi3GetFMUState)> get_state;
+  Function<decltype(fmi3SetFMUState)> set_state;
+  Function<decltype(fmi3FreeFMUState)> free_state;
+  Function<decltype(fmi3SerializedFMUStateSize)> serialised_size;
+  Function<decltype(fmi3SerializeFMUState)> serialise;
+  Function<decltype(fmi3DeserializeFMUState)> deserialise;
+  Function<decltype(fmi3EnterConfigurationMode)> enter_configuration_mode;
+  Function<decltype(fmi3ExitConfigurationMode)> exit_configuration_mode;
+  Function<decltype(fmi3UpdateDiscreteStates)> update_discrete_states;
   // Co-Simulation
-  decltype(fmi3EnterStepMode)* enter_step_mode;
-  decltype(fmi3DoStep)* do_step;
-  decltype(fmi3GetOutputDerivatives)* get_output_derivatives;
-  decltype(fmi3SetClock)* set_clock;
-  decltype(fmi3GetClock)* get_clock;
-  decltype(fmi3GetIntervalDecimal)* get_interval;
-  decltype(fmi3SetIntervalDecimal)* set_interval;
-  decltype(fmi3GetShiftDecimal)* get_shift;
+  Function<decltype(fmi3EnterStepMode)> enter_step_mode;
+  Function<decltype(fmi3DoStep)> do_step;
+  Function<decltype(fmi3GetOutputDerivatives)> get_output_derivatives;
+  Function<decltype(fmi3SetClock)> set_clock;
+  Function<decltype(fmi3GetClock)> get_clock;
+  Function<decltype(fmi3GetIntervalDecimal)> get_interval;
+  Function<decltype(fmi3SetIntervalDecimal)> set_interval;
+  Function<decltype(fmi3GetShiftDecimal)> get_shift;
   // Model Exchange
-  decltype(fmi3EnterContinuousTimeMode)* enter_continuous_time_mode;
-  decltype(fmi3CompletedIntegratorStep)* completed_integrator_step;
-  decltype(fmi3SetTime)* set_time;
-  decltype(fmi3SetContinuousStates)* set_continuous_states;
-  decltype(fmi3GetContinuousStateDerivatives)* get_derivatives;
-  decltype(fmi3GetEventIndicators)* get_event_indicators;
-  decltype(fmi3GetContinuousStates)* get_continuous_states;
-  decltype(fmi3GetNominalsOfContinuousStates)* get_nominals;
-  decltype(fmi3GetNumberOfEventIndicators)* number_of_event_indicators;
-  decltype(fmi3GetNumberOfContinuousStates)* number_of_continuous_states;
+  Function<decltype(fmi3EnterContinuousTimeMode)> enter_continuous_time_mode;
+  Function<decltype(fmi3CompletedIntegratorStep)> completed_integrator_step;
+  Function<decltype(fmi3SetTime)> set_time;
+  Function<decltype(fmi3SetContinuousStates)> set_continuous_states;
+  Function<decltype(fmi3GetContinuousStateDerivatives)> get_derivatives;
+  Function<decltype(fmi3GetEventIndicators)> get_event_indicators;
+  Function<decltype(fmi3GetContinuousStates)> get_continuous_states;
+  Function<decltype(fmi3GetNominalsOfContinuousStates)> get_nominals;
+  Function<decltype(fmi3GetNumberOfEventIndicators)> number_of_event_indicators;
+  Function<decltype(fmi3GetNumberOfContinuousStates)> number_of_continuous_states;
 };
 
 /// Getters and setters are bound for the types that the FMU has.
@@ -195,8 +195,8 @@ class Foreign3 final : public ForeignInstance {
       static_cast<void>(host_.release());
       return;
     }
-    if (running_) f_.terminate(instance_);
-    if (instance_ != nullptr) f_.free_instance(instance_);
+    if (running_) f_.terminate.call_quietly(instance_);
+    if (instance_ != nullptr) f_.free_instance.call_quietly(instance_);
   }
 
   void enter_initialisation(double start, std::optional<double> stop, std::optional<double> tolerance) override {
@@ -303,7 +303,7 @@ class Foreign3 final : public ForeignInstance {
     running_ = true;
   }
   void free(void*& state) noexcept override {
-    if (!fatal_ && state != nullptr) f_.free_state(instance_, &state);
+    if (!fatal_ && state != nullptr) f_.free_state.call_quietly(instance_, &state);
     state = nullptr;
   }
   void serialise(void* state, std::string& bytes) override {

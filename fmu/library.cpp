@@ -85,6 +85,7 @@ fs::path library_file(const fs::path& folder, Version version, const std::string
 
 Library::Library(const fs::path& file) : file_(fs::absolute(file)) {
   check_loadable(file_);
+  const CallUnderWay call("the loading of its library");
   handle_ = dlopen(file_.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (handle_ == nullptr) {
     const char* why = dlerror();
@@ -93,6 +94,7 @@ Library::Library(const fs::path& file) : file_(fs::absolute(file)) {
 }
 
 Library::~Library() {
+  const CallUnderWay call("the unloading of its library");
   if (handle_ != nullptr) dlclose(handle_);
 }
 

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "fmu/model_description.h"
+#include "fmu/under_way.h"
 
 namespace cotwin::fmu {
 
@@ -27,9 +28,9 @@ class Library {
   Library& operator=(const Library&) = delete;
 
   /// Looks a function up; one that is not there is remembered for check() if it is required, and stays nullptr.
-  template <class Function>
-  void bind(Function*& function, const char* name, bool required = true) {
-    function = reinterpret_cast<Function*>(address(name, required));
+  template <class Signature>
+  void bind(Function<Signature>& function, const char* name, bool required = true) {
+    function = {reinterpret_cast<typename Function<Signature>::Pointer>(address(name, required)), name};
   }
   /// Throws Error that names every required function that was not there.
   void check() const;

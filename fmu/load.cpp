@@ -3,9 +3,7 @@
 #include <cmath>
 
 #include "fmu/archive.h"
-#include "fmu/fmu_unit.h"
 #include "fmu/model_description_read.h"
-#include "fmu/model_exchange.h"
 #include "fmu/named.h"
 #include "fmu/process.h"
 #include "models/text/error.h"
@@ -20,18 +18,10 @@ namespace fs = std::filesystem;
 /// As make_instance, in a process of its own.
 Instance make_in_own_process(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options) {
   const InterfaceKind kind = chosen_kind(fmu->description, options.kind);
-  const Interface& interface = interface_of(fmu->description, kind);
-  const bool co = kind == InterfaceKind::kCoSimulation;
-  const UnitOptions chosen = unit_options(options);
-  const auto in_child = [fmu, co, chosen]() -> std::unique_ptr<ForeignUnit> {
-    if (co) return std::make_unique<FmuUnit>(fmu, chosen);
-    return std::make_unique<ModelExchangeUnit>(fmu, chosen);
-  };
   Instance instance;
-  if (interface.needs_execution_tool) instance.warnings.push_back("the FMU needs its tool to be installed");
-  instance.unit =
-      make_named<ProcessUnit>(fmu->name, instance.warnings, in_child, fmu, variables_options(fmu->description, kind, chosen),
-                              can_go_back(interface, chosen), options.timeout);
+  if (interface_of(fmu->description, kind).needs_execution_tool)
+    instance.warnings.push_back("the FMU needs its tool to be installed");
+  instance.unit = make_named<ProcessUnit>(fmu->name, instance.warnings, fmu, options);
   for (std::string& warning : instance.warnings) warning = fmu->name + ": " + warning;
   instance.unit->declare(instance.variables);
   return instance;
@@ -85,7 +75,8 @@ Instance load(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options)
   const std::string name = fmu->name;
   return named(name, [&] {
     if (options.process == "own") return make_in_own_process(std::move(fmu), options);
-    if (options.process != "shared") throw Error("process '" + options.process + "', expected shared or own");
+    if (options.process != "shared" && options.process != "auto")
+      throw Error("process '" + options.process + "', expected auto, shared or own");
     return make_instance(std::move(fmu), options);
   });
 }
@@ -111,6 +102,8 @@ LoadOptions read_query(std::string_view query, LoadOptions options) {
       options.process = value;
     } else if (key == "timeout") {
       options.timeout = positive();
+    } else if (key == "memory") {
+      options.memory = positive();
     } else if (key == "tolerance") {
       options.tolerance = positive();
     } else if (key == "stop") {
@@ -128,7 +121,7 @@ LoadOptions read_query(std::string_view query, LoadOptions options) {
       options.structural[key.substr(kStructural.size())] = static_cast<std::uint64_t>(*read);
     } else {
       throw Error("'" + key + "'",
-                  "no setting of an FMU, expected kind, process, timeout, tolerance, stop, locals, si, slopes, rollback or "
+                  "no setting of an FMU, expected kind, process, timeout, memory, tolerance, stop, locals, si, slopes, rollback or "
                   "structural.<name>");
     }
   }

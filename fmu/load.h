@@ -16,8 +16,9 @@ namespace cotwin::fmu {
 struct LoadOptions {
   std::string instance_name = "fmu";                // the component's name
   std::string kind = "any";                         // "cs", "me"; "any": Co-Simulation where the FMU offers it
-  std::string process = "shared";                   // "own": in a process of its own, so that a crash or a hang is an Error
-  double timeout = 60;                              // s, of one call in a process of its own
+  std::string process = "auto";                     // "shared", "own": see load()
+  double timeout = 60;                              // s, of a call in a process of its own; ten times that to initialise
+  double memory = 4e9;                              // bytes, of a process of its own
   bool locals = true;                               // also the FMU's local variables
   std::map<std::string, std::uint64_t> structural;  // of type UInt64, which give the sizes of arrays
   std::optional<double> stop, tolerance;            // s; relative
@@ -34,7 +35,8 @@ Instance load(const std::filesystem::path& path, const LoadOptions& options = {}
 /// The archive unpacked, or the folder, and its description read. Throws Error as load().
 std::shared_ptr<const ForeignFmu> open_fmu(const std::filesystem::path& path);
 
-/// As load(), of an FMU that has been opened.
+/// As load(), of an FMU that has been opened. process "own": in a process of its own (process.h), where a crash, a hang, an
+/// exit() and what exceeds a limit of time or memory is an Error; "shared": in this one; "auto": shared.
 Instance load(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options);
 
 /// As load(), of an FMU that has been unpacked and read, without XML and archives, and always in this process.

@@ -1,395 +1,424 @@
 #include "fmu/process.h"
 
 #include <fcntl.h>
-#include <linux/futex.h>
-#include <poll.h>
 #include <signal.h>
-#include <sys/mman.h>
-#include <sys/syscall.h>
+#include <spawn.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
-#include <time.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <atomic>
 #include <cerrno>
-#include <chrono>
+#include <cstdlib>
 #include <cstring>
+#include <iostream>
 #include <system_error>
 #include <thread>
+#include <utility>
 
+#include "fmu/foreign_package.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
+
+extern char** environ;
 
 namespace cotwin::fmu {
 
 namespace {
 
-using Steady = std::chrono::steady_clock;
+namespace fs = std::filesystem;
 
-constexpr std::size_t kTextBytes = 256u << 20;  // reserved, not used: a page costs memory when it is written
-constexpr std::size_t kMessageBytes = 8192;
-constexpr int kLooks = 400;                             // before a wait sleeps: 5 to 20 µs
-constexpr auto kSlice = std::chrono::milliseconds(20);  // between two looks at whether the child lives
-constexpr auto kGrace = std::chrono::seconds(2);        // for the end of a child that was asked to
+constexpr std::uint32_t kLooks = 400;                       // before a wait sleeps: 5 to 20 µs
+constexpr auto kSlice = std::chrono::milliseconds(20);      // between two looks after the process while a call lasts
+constexpr auto kShortSlice = std::chrono::milliseconds(1);  // while the FMU writes a lot
+constexpr std::uint32_t kCallsBetweenLooks = 256;           // at memory and output, while calls are short
+constexpr double kStartFactor = 10;      // of the time limit: instantiation and initialisation may take longer
+constexpr double kNearlyAll = 0.8;       // of the limit of memory: then a crash is probably due to it
+constexpr std::size_t kTailBytes = 400;  // of the output, for messages
+constexpr int kFirstDescriptor = 10;     // of ours: those that the process gets are below
+constexpr int kPipeBytes = 1 << 20;
 
-enum class Verb : std::uint32_t { kMake, kInitialise, kStep, kSave, kRestore, kEnd };
-enum class Reply : std::uint32_t { kDone, kDiscard, kFinished, kError };
-
-/// In the shared memory, in front of the values.
-struct Header {
-  std::atomic<std::uint32_t> asked{0}, answered{0};  // calls so far; futexes
-  Verb verb = Verb::kEnd;
-  Reply reply = Reply::kDone;
-  std::int64_t now_ns = 0, h_ns = 0;
-  std::uint64_t text_bytes = 0;  // of texts and of a state
-  char message[kMessageBytes] = "";
-};
-static_assert(std::atomic<std::uint32_t>::is_always_lock_free);
-
-void wake(std::atomic<std::uint32_t>& word) { syscall(SYS_futex, &word, FUTEX_WAKE, 1, nullptr, nullptr, 0); }
-
-void sleep_on(std::atomic<std::uint32_t>& word, std::uint32_t while_it_is, std::chrono::nanoseconds at_most) {
-  timespec time{};
-  time.tv_sec = static_cast<time_t>(at_most.count() / 1'000'000'000);
-  time.tv_nsec = static_cast<long>(at_most.count() % 1'000'000'000);
-  syscall(SYS_futex, &word, FUTEX_WAIT, while_it_is, &time, nullptr, 0);
-}
-
-bool look_for(const std::atomic<std::uint32_t>& word, std::uint32_t wanted) {
-  static const bool alone = std::thread::hardware_concurrency() < 2;
-  for (int i = 0; i < (alone ? 1 : kLooks); ++i) {
-    if (word.load(std::memory_order_acquire) == wanted) return true;
-#if defined(__x86_64__) || defined(__i386__)
-    __builtin_ia32_pause();
-#endif
-  }
-  return false;
-}
-
-bool goes_in(Role role) { return role == Role::kInput || role == Role::kTunable; }
-bool comes_out(Role role) { return role == Role::kOutput || role == Role::kState; }
-bool every(Role) { return true; }
-
-/// The bytes of a variable that is no text.
-template <class Call>
-void each_number(const cotwin::Variable& v, Call call) {
-  std::visit(
-      [&](auto values) {
-        if constexpr (!std::is_same_v<typename decltype(values)::value_type, std::string>)
-          call(values.data(), values.size_bytes());
-      },
-      v.storage);
-  call(v.rate.data(), v.rate.size_bytes());
-}
+std::atomic<int> processes{0}, ends_unclean{0};
 
 std::string name_of_signal(int number) {
   const char* name = sigdescr_np(number);
   return "signal " + std::to_string(number) + (name != nullptr ? std::string(" (") + name + ")" : "");
 }
 
-}  // namespace
+std::string system_error(int number) { return std::generic_category().message(number); }
 
-/// The memory that both processes see, and what each knows of the other.
-struct ProcessUnit::Channel {
-  explicit Channel(const Variables& list) {
-    for (const cotwin::Variable& v : list) each_number(v, [&](void*, std::size_t n) { numbers += n; });
-    numbers = (numbers + 63) / 64 * 64;
-    bytes = sizeof(Header) + numbers + kTextBytes;
-    void* memory = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
-    if (memory == MAP_FAILED) throw Error("no memory to share with another process: " + std::generic_category().message(errno));
-    header = new (memory) Header;
-    values = static_cast<char*>(memory) + sizeof(Header);
-    texts = values + numbers;
-  }
-  ~Channel() {
-    if (lifeline >= 0) close(lifeline);
-    munmap(header, bytes);
-  }
-  Channel(const Channel&) = delete;
-  Channel& operator=(const Channel&) = delete;
+/// A descriptor that nobody else inherits and that no number of the child's is equal to.
+int move_up(int descriptor) {
+  const int moved = fcntl(descriptor, F_DUPFD_CLOEXEC, kFirstDescriptor);
+  const int error = errno;
+  close(descriptor);
+  if (moved < 0) throw Error("no file descriptor for another process: " + system_error(error));
+  return moved;
+}
 
-  /// Writes those variables whose role `wanted` accepts; texts from `text` on, which is moved behind them.
-  void write(const Variables& list, bool (*wanted)(Role), std::size_t& text) {
-    char* out = values;
-    for (const cotwin::Variable& v : list) {
-      const bool skip = !wanted(v.role);
-      each_number(v, [&](const void* at, std::size_t n) {
-        if (!skip && n > 0) std::memcpy(out, at, n);
-        out += n;
-      });
-      if (v.kind() == Kind::kString && !skip) {
-        for (const std::string& s : v.strings()) append(s, text);
-      }
-    }
-    header->text_bytes = text;
+struct Pipe {
+  Pipe() {
+    std::array<int, 2> ends{};
+    if (pipe2(ends.data(), O_CLOEXEC) != 0) throw Error("no pipe to another process: " + system_error(errno));
+    read = ends[0];
+    write = ends[1];
+    read = move_up(std::exchange(read, -1));
+    write = move_up(std::exchange(write, -1));
   }
-  void read(const Variables& list, bool (*wanted)(Role), std::size_t& text) const {
-    const char* in = values;
-    for (const cotwin::Variable& v : list) {
-      const bool skip = !wanted(v.role);
-      each_number(v, [&](void* at, std::size_t n) {
-        if (!skip && n > 0) std::memcpy(at, in, n);
-        in += n;
-      });
-      if (v.kind() == Kind::kString && !skip) {
-        for (std::string& s : v.strings()) take(s, text);
-      }
-    }
+  ~Pipe() {
+    if (read >= 0) close(read);
+    if (write >= 0) close(write);
   }
-  /// What the child does until it is told to end.
-  [[noreturn]] void serve(const std::function<std::unique_ptr<ForeignUnit>()>& make, int pipe);
-  void answer(const std::function<std::unique_ptr<ForeignUnit>()>& make);
-
-  void append(const std::string& s, std::size_t& at) {
-    const std::uint64_t n = s.size();
-    if (at + sizeof n + n > kTextBytes)
-      throw Error("texts of more than " + std::to_string(kTextBytes) + " bytes do not fit between two processes");
-    std::memcpy(texts + at, &n, sizeof n);
-    std::memcpy(texts + at + sizeof n, s.data(), s.size());
-    at += sizeof n + s.size();
-  }
-  void take(std::string& s, std::size_t& at) const {
-    std::uint64_t n = 0;
-    if (at + sizeof n > header->text_bytes) throw Error("a text of the FMU's process is missing");
-    std::memcpy(&n, texts + at, sizeof n);
-    if (n > header->text_bytes - at - sizeof n) throw Error("a text of the FMU's process is cut short");
-    s.assign(texts + at + sizeof n, n);
-    at += sizeof n + n;
-  }
-
-  Header* header = nullptr;
-  char* values = nullptr;
-  char* texts = nullptr;
-  std::size_t numbers = 0, bytes = 0;
-  std::uint32_t calls = 0;
-  pid_t child = -1;
-  int lifeline = -1;  // the parent's end of a pipe that nobody writes to
-
-  // The child's.
-  std::unique_ptr<ForeignUnit> unit;
-  Variables variables;
-  std::string state;
+  Pipe(const Pipe&) = delete;
+  Pipe& operator=(const Pipe&) = delete;
+  int read = -1, write = -1;
 };
 
-void ProcessUnit::Channel::serve(const std::function<std::unique_ptr<ForeignUnit>()>& make, int pipe) {
-  // What belongs to the program and came along: signal handlers, files, sockets.
-  for (const int signal : {SIGTERM, SIGHUP, SIGPIPE, SIGUSR1, SIGUSR2, SIGALRM, SIGCHLD}) ::signal(signal, SIG_DFL);
-  ::signal(SIGINT, SIG_IGN);  // Ctrl-C reaches the whole group: the parent ends the run, and then this
-  sigset_t none;
-  sigemptyset(&none);
-  sigprocmask(SIG_SETMASK, &none, nullptr);
-  if (pipe > 3) close_range(3, static_cast<unsigned>(pipe) - 1, 0);
-  close_range(static_cast<unsigned>(pipe) + 1, ~0u, 0);
-  std::thread([pipe] {
-    pollfd parent{pipe, POLLIN, 0};
-    while (poll(&parent, 1, -1) < 0 && errno == EINTR) {
-    }
-    _exit(0);  // the parent is gone, whatever the FMU is doing
-  }).detach();
-  for (std::uint32_t n = 1;; ++n) {
-    while (!look_for(header->asked, n)) sleep_on(header->asked, n - 1, std::chrono::seconds(10));
-    const bool ends = header->verb == Verb::kEnd;
-    header->reply = Reply::kDone;
+/// What the process is told to start with.
+class SpawnSettings {
+ public:
+  SpawnSettings() {
+    posix_spawn_file_actions_init(&actions_);
+    posix_spawnattr_init(&attributes_);
+    sigset_t none, all;
+    sigemptyset(&none);
+    sigfillset(&all);
+    posix_spawnattr_setsigmask(&attributes_, &none);
+    posix_spawnattr_setsigdefault(&attributes_, &all);
+    posix_spawnattr_setpgroup(&attributes_, 0);  // Ctrl-C reaches this program, which ends the run and then the process
+    posix_spawnattr_setflags(&attributes_, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
+  }
+  ~SpawnSettings() {
+    posix_spawn_file_actions_destroy(&actions_);
+    posix_spawnattr_destroy(&attributes_);
+  }
+  SpawnSettings(const SpawnSettings&) = delete;
+  SpawnSettings& operator=(const SpawnSettings&) = delete;
+
+  void give(int descriptor, int as) { posix_spawn_file_actions_adddup2(&actions_, descriptor, as); }
+  void give_nothing(int as) { posix_spawn_file_actions_addopen(&actions_, as, "/dev/null", O_RDONLY, 0); }
+  pid_t spawn(const fs::path& program, const std::string& name) {
+    std::string path = program.string(), fmu = name;
+    std::array<char*, 3> arguments = {path.data(), fmu.data(), nullptr};
+    pid_t child = -1;
+    const int error = posix_spawn(&child, path.c_str(), &actions_, &attributes_, arguments.data(), environ);
+    if (error != 0) throw Error(path, "cannot be started: " + system_error(error));
+    return child;
+  }
+
+ private:
+  posix_spawn_file_actions_t actions_;
+  posix_spawnattr_t attributes_;
+};
+
+std::string megabytes(double bytes) { return text::to_text(bytes / 1e6, 6) + " MB"; }
+
+}  // namespace
+
+fs::path host_program() {
+  if (const char* chosen = std::getenv("COTWIN_FMU_HOST")) return chosen;
+  std::error_code none;
+  const fs::path here = fs::read_symlink("/proc/self/exe", none).parent_path();
+  for (const fs::path& folder : {here, here.parent_path() / "bin"}) {
+    if (fs::is_regular_file(folder / kHostProgram, none)) return folder / kHostProgram;
+  }
+  return {};
+}
+
+int unclean_ends() { return ends_unclean; }
+
+HostProcess::HostProcess(const Variables& variables, std::string name, double timeout, double memory)
+    : channel_(variables), name_(std::move(name)), timeout_(timeout), memory_(memory) {
+  channel_.header().memory_limit = static_cast<std::uint64_t>(std::min(memory_, 1e18));
+  start();
+}
+
+void HostProcess::start() {
+  const fs::path program = host_program();
+  if (program.empty()) {
+    throw Error(std::string(kHostProgram) +
+                " is missing, expected it beside this program or in COTWIN_FMU_HOST; "
+                "with process=shared the FMU runs without it");
+  }
+  Pipe lifeline, output;
+  static_cast<void>(fcntl(output.write, F_SETPIPE_SZ, kPipeBytes));  // else it has what pipes usually have
+  fcntl(output.read, F_SETFL, O_NONBLOCK);
+  const int shared = fcntl(channel_.descriptor(), F_DUPFD_CLOEXEC, kFirstDescriptor);
+  if (shared < 0) throw Error("no file descriptor for another process: " + system_error(errno));
+  SpawnSettings settings;
+  settings.give_nothing(STDIN_FILENO);
+  settings.give(output.write, STDOUT_FILENO);
+  settings.give(output.write, STDERR_FILENO);
+  settings.give(shared, kMemoryDescriptor);
+  settings.give(lifeline.read, kLifelineDescriptor);
+  try {
+    child_ = settings.spawn(program, name_);
+  } catch (...) {
+    close(shared);
+    throw;
+  }
+  close(shared);
+  lifeline_ = std::exchange(lifeline.write, -1);
+  output_ = std::exchange(output.read, -1);
+  statistics_ = ::open(("/proc/" + std::to_string(child_) + "/statm").c_str(), O_RDONLY | O_CLOEXEC);
+  ++processes;
+}
+
+/// The process ends by itself within the time of a call, or is killed.
+HostProcess::~HostProcess() {
+  if (child_ > 0 && channel_.header().answered.load(std::memory_order_acquire) == calls_) {
     try {
-      answer(make);
+      call(Verb::kEnd);
+      const Clock::time_point limit = Clock::now() + std::chrono::seconds(2);
+      std::string how;
+      while (child_ > 0 && !ended(how)) {
+        if (Clock::now() > limit) throw Error("the FMU's own process did not end after its instance was freed");
+        drain();
+        std::this_thread::sleep_for(std::chrono::microseconds(200));
+      }
+      drain();
     } catch (const std::exception& error) {
-      header->reply = Reply::kError;
-      std::strncpy(header->message, error.what(), kMessageBytes - 1);
-    } catch (...) {
-      header->reply = Reply::kError;
-      std::strncpy(header->message, "the FMU threw something that is no exception", kMessageBytes - 1);
+      ++ends_unclean;
+      std::cerr << "cotwin: " << name_ << ": " << error.what() << '\n';
     }
-    header->answered.store(n, std::memory_order_release);
-    wake(header->answered);
-    if (ends) _exit(0);  // not exit(): what the program does at its end is not to be done here
+  }
+  kill();
+  for (const int descriptor : {lifeline_, output_, statistics_}) {
+    if (descriptor >= 0) close(descriptor);
   }
 }
 
-void ProcessUnit::Channel::answer(const std::function<std::unique_ptr<ForeignUnit>()>& make) {
-  std::size_t in = 0, out = 0;
-  switch (header->verb) {
-    case Verb::kMake:
-      unit = make();
-      unit->declare(variables);
-      return;
-    case Verb::kInitialise:
-      read(variables, every, in);
-      unit->initialise({header->now_ns});
-      write(variables, every, out);
-      return;
-    case Verb::kStep: {
-      read(variables, goes_in, in);
-      const StepResult result = unit->step({header->now_ns}, {header->h_ns});
-      write(variables, comes_out, out);
-      header->reply = result == StepResult::kDone      ? Reply::kDone
-                      : result == StepResult::kDiscard ? Reply::kDiscard
-                                                       : Reply::kFinished;
-      return;
-    }
-    case Verb::kSave:
-      read(variables, goes_in, in);  // what was set since the last step is what the FMU does not know yet
-      unit->save_memory(state);
-      append(state, out);
-      header->text_bytes = out;
-      return;
-    case Verb::kRestore:
-      take(state, in);
-      read(variables, every, in);
-      unit->restore_memory(state);
-      return;
-    case Verb::kEnd:
-      unit.reset();
-      return;
+void HostProcess::call(Verb verb) {
+  ChannelHeader& header = channel_.header();
+  if (!alive()) throw Error("the FMU's own process has ended: it must be initialised again");
+  static const std::uint32_t cores = std::max(1u, std::thread::hardware_concurrency());
+  const std::uint32_t looks = static_cast<std::uint32_t>(processes.load(std::memory_order_relaxed)) < cores ? kLooks : 0;
+  header.verb = verb;
+  header.looks = looks;
+  const std::uint32_t n = ++calls_;
+  post(header.asked, n, header.host_sleeps);
+  if (!look_for(header.answered, n, looks)) {
+    const bool starts = verb != Verb::kStep && verb != Verb::kSave && verb != Verb::kRestore && verb != Verb::kTell && verb != Verb::kEnd;
+    wait_for_answer(starts ? kStartFactor * timeout_ : timeout_);
+  } else if (n % kCallsBetweenLooks == 0) {
+    look_after();
+  }
+  if (header.reply == Reply::kError) {
+    const char* message = header.message;
+    throw Error(std::string(message, strnlen(message, ChannelHeader::kMessageBytes)));
   }
 }
 
-ProcessUnit::ProcessUnit(std::function<std::unique_ptr<ForeignUnit>()> make, std::shared_ptr<const ForeignFmu> fmu,
-                         const ForeignVariablesOptions& variables, bool restorable, double timeout)
-    : make_(std::move(make)),
-      fmu_(std::move(fmu)),
-      variables_(fmu_->description, variables),
-      restorable_(restorable),
-      timeout_(timeout) {
+void HostProcess::wait_for_answer(double seconds) {
+  ChannelHeader& header = channel_.header();
+  const Clock::time_point begin = Clock::now();
+  const auto limit = std::chrono::duration<double>(seconds);
+  auto slice = kSlice;
+  while (!sleep_for(header.answered, calls_, header.program_sleeps, slice)) {
+    std::string how;
+    if (ended(how)) {
+      if (header.answered.load(std::memory_order_acquire) == calls_) return;
+      lost(how);
+    }
+    const std::uint64_t before = written_;
+    look_after();
+    slice = written_ > before ? kShortSlice : kSlice;
+    if (Clock::now() - begin > limit)
+      lost("gave no answer for " + text::to_text(seconds) + " s" + in_function() + " and was ended");
+  }
+}
+
+/// The limit of memory, and what the FMU has written.
+void HostProcess::look_after() {
+  drain();
+  const double used = memory_used();
+  if (used > memory_)
+    lost("used " + megabytes(used) + " of memory" + in_function() + ", more than " + megabytes(memory_) + ", and was ended");
+}
+
+/// Bytes that are resident and neither files nor the channel.
+double HostProcess::memory_used() const {
+  std::array<char, 128> text{};
+  if (statistics_ < 0 || pread(statistics_, text.data(), text.size() - 1, 0) <= 0) return 0;
+  static const auto page = static_cast<double>(sysconf(_SC_PAGESIZE));
+  char* rest = nullptr;
+  std::strtoull(text.data(), &rest, 10);  // all that is mapped
+  const auto resident = static_cast<double>(std::strtoull(rest, &rest, 10));
+  const auto shared = static_cast<double>(std::strtoull(rest, nullptr, 10));
+  return page * (resident - shared);
+}
+
+/// Passes on what the FMU wrote, up to kShownBytes; the rest is dropped.
+void HostProcess::drain() {
+  std::array<char, 1 << 16> bytes;
+  for (int reads = 0; reads < 64; ++reads) {  // an FMU may write faster than this reads
+    const ssize_t n = read(output_, bytes.data(), bytes.size());
+    if (n <= 0) return;
+    const auto count = static_cast<std::size_t>(n);
+    const std::size_t shown = written_ < kShownBytes ? std::min<std::size_t>(count, kShownBytes - written_) : 0;
+    if (shown > 0) {
+      std::cerr.write(bytes.data(), static_cast<std::streamsize>(shown));
+      std::cerr.flush();
+    }
+    written_ += count;
+    if (written_ > kShownBytes && !std::exchange(cut_, true)) {
+      std::cerr << "\ncotwin: " << name_ << " wrote more than " << kShownBytes / 1024
+                << " KiB to stdout and stderr; the rest is not shown\n";
+    }
+    tail_.append(bytes.data() + count - std::min(count, kTailBytes), std::min(count, kTailBytes));
+    if (tail_.size() > kTailBytes) tail_.erase(0, tail_.size() - kTailBytes);
+  }
+}
+
+bool HostProcess::ended(std::string& how) {
+  int status = 0;
+  rusage usage{};
+  const pid_t ended = wait4(child_, &status, WNOHANG, &usage);
+  if (ended == 0 || (ended < 0 && errno == EINTR)) return false;
+  child_ = -1;
+  --processes;
+  how = ended < 0             ? "ended"  // somebody else waited for it
+        : WIFSIGNALED(status) ? "was ended by " + name_of_signal(WTERMSIG(status))
+                              : "exited with status " + std::to_string(WEXITSTATUS(status));
+  how += in_function();
+  const double most = 1024.0 * static_cast<double>(usage.ru_maxrss);
+  if (most > kNearlyAll * memory_)
+    how += ", when it had used " + megabytes(most) + " of memory of at most " + megabytes(memory_);
+  return true;
+}
+
+std::string HostProcess::in_function() const {
+  const char* function = channel_.header().function;
+  const std::string name(function, strnlen(function, UnderWay::kMirrorBytes));
+  return name.empty() ? "" : " in " + name;
+}
+
+/// The last line that the FMU wrote.
+std::string HostProcess::last_words() const {
+  std::string_view words = tail_;
+  const auto blank = [](char c) { return c == '\n' || c == '\r' || c == ' ' || c == '\0'; };
+  while (!words.empty() && blank(words.back())) words.remove_suffix(1);
+  const std::size_t line = words.rfind('\n');
+  if (line != std::string_view::npos) words.remove_prefix(line + 1);
+  constexpr std::size_t kMost = 200;
+  std::string told;
+  for (const char c : words.substr(0, kMost)) told += static_cast<unsigned char>(c) < ' ' ? ' ' : c;
+  return told.empty() ? "" : "; its last output was '" + told + "'";
+}
+
+void HostProcess::lost(const std::string& how) {
+  kill();
+  drain();
+  throw Error("the FMU's own process " + how + last_words());
+}
+
+/// With what it has started itself.
+void HostProcess::kill() noexcept {
+  if (child_ <= 0) return;
+  ::kill(-child_, SIGKILL);
+  ::kill(child_, SIGKILL);
+  while (waitpid(child_, nullptr, 0) < 0 && errno == EINTR) {
+  }
+  child_ = -1;
+  --processes;
+}
+
+ProcessUnit::ProcessUnit(std::shared_ptr<const ForeignFmu> fmu, LoadOptions options)
+    : fmu_(std::move(fmu)),
+      options_(std::move(options)),
+      variables_(fmu_->description,
+                 variables_options(fmu_->description, chosen_kind(fmu_->description, options_.kind), unit_options(options_))),
+      restorable_(can_go_back(interface_of(fmu_->description, chosen_kind(fmu_->description, options_.kind)), unit_options(options_))) {
   variables_.declare(declared_);
   begin();
 }
 
-ProcessUnit::~ProcessUnit() { end(); }
+ProcessUnit::~ProcessUnit() = default;
 
 void ProcessUnit::declare(Variables& variables) { variables_.declare(variables); }
 
 void ProcessUnit::begin() {
-  auto channel = std::make_unique<Channel>(declared_);
-  int ends[2];
-  if (pipe2(ends, O_CLOEXEC) != 0) throw Error("no pipe to another process: " + std::generic_category().message(errno));
-  const pid_t child = fork();
-  if (child < 0) {
-    close(ends[0]);
-    close(ends[1]);
-    throw Error("no other process can be made: " + std::generic_category().message(errno));
-  }
-  if (child == 0) {
-    close(ends[1]);
-    channel->serve(make_, ends[0]);
-  }
-  close(ends[0]);
-  channel->lifeline = ends[1];
-  channel->child = child;
-  channel_ = std::move(channel);
-  channel_->header->verb = Verb::kMake;
+  host_.reset();  // first: its FMU may be one that allows a single instance per machine
+  host_ = std::make_unique<HostProcess>(declared_, options_.instance_name + " (" + fmu_->name + ")", options_.timeout,
+                                        options_.memory);
+  std::size_t text = 0;
+  channel().append(serialise(ForeignPackage{fmu_->name, "fmu", options_, fmu_->description, {}}), text);
+  channel().append(fs::absolute(fmu_->folder).string(), text);
   try {
-    call();
+    host_->call(Verb::kMake);
   } catch (...) {
-    end();
+    host_.reset();
     throw;
   }
 }
 
-/// Asks the child to do header->verb, and waits for it. Throws Error for what the child threw, and where it is no more.
-void ProcessUnit::call() {
-  Channel& c = *channel_;
-  const std::uint32_t n = ++c.calls;
-  c.header->asked.store(n, std::memory_order_release);
-  wake(c.header->asked);
-  if (!look_for(c.header->answered, n)) {
-    const Steady::time_point limit =
-        Steady::now() + std::chrono::duration_cast<Steady::duration>(std::chrono::duration<double>(timeout_));
-    while (c.header->answered.load(std::memory_order_acquire) != n) {
-      sleep_on(c.header->answered, n - 1, kSlice);
-      if (c.header->answered.load(std::memory_order_acquire) == n) break;
-      int status = 0;
-      const pid_t ended = waitpid(c.child, &status, WNOHANG);
-      if (ended == c.child || (ended < 0 && errno == ECHILD)) {
-        c.child = -1;
-        if (ended < 0) lost("ended");
-        lost(WIFSIGNALED(status) ? "was ended by " + name_of_signal(WTERMSIG(status))
-                                 : "exited with status " + std::to_string(WEXITSTATUS(status)));
-      }
-      if (Steady::now() > limit) lost("gave no answer for " + text::to_text(timeout_) + " s and was ended");
-    }
-  }
-  if (c.header->reply == Reply::kError) throw Error(c.header->message);
-}
-
-void ProcessUnit::lost(const std::string& how) {
-  end();
-  throw Error("the FMU's own process " + how);
-}
-
-/// A child that does not answer within kGrace is killed; one that gave no answer before is not asked.
-void ProcessUnit::end() noexcept {
-  if (!channel_) return;
-  Channel& c = *channel_;
-  if (c.child > 0) {
-    const bool answers = c.header->answered.load(std::memory_order_acquire) == c.calls;
-    if (answers) {
-      c.header->verb = Verb::kEnd;
-      c.header->asked.store(++c.calls, std::memory_order_release);
-      wake(c.header->asked);
-    }
-    const Steady::time_point limit = Steady::now() + (answers ? Steady::duration(kGrace) : Steady::duration::zero());
-    pid_t ended = 0;
-    while ((ended = waitpid(c.child, nullptr, WNOHANG)) == 0 && Steady::now() < limit) {
-      const std::uint32_t answered = c.header->answered.load(std::memory_order_acquire);
-      if (answered == c.calls) {
-        std::this_thread::yield();  // about to exit
-      } else {
-        sleep_on(c.header->answered, answered, kSlice);
-      }
-    }
-    if (ended == 0) {
-      kill(c.child, SIGKILL);
-      while (waitpid(c.child, nullptr, 0) < 0 && errno == EINTR) {
-      }
-    }
-  }
-  channel_.reset();
-}
-
 void ProcessUnit::initialise(Time start) {
-  if (!channel_) begin();
+  if (!host_ || !host_->alive()) begin();
+  exchange_all(Verb::kInitialise, start);
+}
+
+void ProcessUnit::enter_initialisation(Time start) {
+  if (!host_ || !host_->alive()) begin();
+  exchange_all(Verb::kEnter, start_ = start);
+}
+
+void ProcessUnit::update_initialisation() { exchange_all(Verb::kUpdate, start_); }
+
+void ProcessUnit::exit_initialisation() { exchange_all(Verb::kExit, start_); }
+
+void ProcessUnit::exchange_all(Verb verb, Time start) {
   std::size_t text = 0;
-  channel_->write(declared_, every, text);
-  channel_->header->verb = Verb::kInitialise;
-  channel_->header->now_ns = start.ns;
-  call();
+  channel().write(declared_, Channel::every, text);
+  channel().header().now_ns = start.ns;
+  host_->call(verb);
   text = 0;
-  channel_->read(declared_, every, text);
+  channel().read(declared_, Channel::every, text);
 }
 
 StepResult ProcessUnit::step(Time now, Duration h) {
-  if (!channel_) throw Error("the FMU's own process has ended: it must be initialised again");
   std::size_t text = 0;
-  channel_->write(declared_, goes_in, text);
-  Header& header = *channel_->header;
-  header.verb = Verb::kStep;
+  ChannelHeader& header = channel().header();
+  channel().write(declared_, Channel::goes_in, text);
   header.now_ns = now.ns;
   header.h_ns = h.ns;
-  call();
+  host_->call(Verb::kStep);
   if (header.reply == Reply::kDiscard) return StepResult::kDiscard;
   text = 0;
-  channel_->read(declared_, comes_out, text);
+  channel().read(declared_, Channel::comes_out, text);
   return header.reply == Reply::kFinished ? StepResult::kFinished : StepResult::kDone;
 }
 
 void ProcessUnit::save_memory(std::string& bytes) {
   bytes.clear();
-  if (!restorable_ || !channel_) return;
+  if (!restorable_ || !host_ || !host_->alive()) return;
   std::size_t text = 0;
-  channel_->write(declared_, goes_in, text);
-  channel_->header->verb = Verb::kSave;
-  call();
+  channel().write(declared_, Channel::goes_in, text);
+  host_->call(Verb::kSave);
   text = 0;
-  channel_->take(bytes, text);
+  channel().take(bytes, text);
 }
 
 void ProcessUnit::restore_memory(const std::string& bytes) {
-  if (!channel_) begin();
+  if (!host_ || !host_->alive()) begin();
   std::size_t text = 0;
-  channel_->append(bytes, text);
-  channel_->write(declared_, every, text);
-  channel_->header->verb = Verb::kRestore;
-  call();
+  channel().append(bytes, text);
+  channel().write(declared_, Channel::every, text);
+  host_->call(Verb::kRestore);
+}
+
+void ProcessUnit::tell(std::vector<std::string>& notes) const {
+  if (host_ && host_->bytes_written() > 0)
+    notes.push_back("wrote " + std::to_string(host_->bytes_written()) + " bytes to stdout and stderr");
+  if (!host_ || !host_->alive()) return;
+  try {
+    host_->call(Verb::kTell);
+    std::size_t text = 0;
+    while (text < host_->channel().header().text_bytes) host_->channel().take(notes.emplace_back(), text);
+  } catch (const Error& error) {
+    notes.emplace_back(error.what());
+  }
 }
 
 }  // namespace cotwin::fmu

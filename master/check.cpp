@@ -139,7 +139,7 @@ void write_info(std::ostream& out, const Scenario& scenario) {
     out << "  component   " << c.name << "  " << c.source;
     if (c.stage != 0) out << ", stage " << c.stage;
     if (c.period != 1) out << ", every " << c.period << " ticks";
-    if (c.process != "shared") out << ", process " << c.process;
+    if (c.process != "auto") out << ", process " << c.process;
     out << '\n';
   }
   for (const ConnectionSpec& c : scenario.connections) {

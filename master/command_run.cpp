@@ -218,6 +218,15 @@ void add_run(CLI::App& app, Chosen& chosen) {
   add(run_command->add_option("--interface-type", fmu.interface_type, "cs or me; default: cs where the FMU offers it")
           ->check(CLI::IsMember({"cs", "me"})),
       "TYPE");
+  add(run_command
+          ->add_option("--process", fmu.process,
+                       "own: its crash, hang or exit is an error (see docs/scenario.md); shared: with cotwin; default: auto")
+          ->check(CLI::IsMember({"auto", "own", "shared"})),
+      "WHERE");
+  add(run_command->add_option("--timeout", fmu.timeout,
+                              "Of one call in a process of its own; initialisation ten times that (default: 60)"),
+      "SECONDS");
+  add(run_command->add_option("--memory", fmu.memory, "That a process of its own may use (default: 4e9)"), "BYTES");
   of_fmu.push_back(run_command->add_flag("--set-stop-time", fmu.set_stop_time, "Tell the FMU the stop time")->group(group));
 
   std::vector<CLI::Option*> of_scenario;

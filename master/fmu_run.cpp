@@ -6,6 +6,8 @@
 
 #include "fmu/archive.h"
 #include "fmu/model_description_read.h"
+#include "fmu/process.h"
+#include "fmu/rate.h"
 #include "models/text/csv.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
@@ -54,8 +56,19 @@ Scenario scenario_of(const FmuRunOptions& options, const fmu::ModelDescription& 
   ComponentSpec component;
   component.name = kName;
   component.source = options.file.string() + "?si=false";
+  component.process = options.process;
+  if (options.process == "auto" && description.generation_tool != fmu::kGenerationTool) {
+    if (!fmu::host_program().empty()) {
+      component.process = "own";
+    } else {
+      scenario.warnings.push_back(std::string("there is no ") + fmu::kHostProgram +
+                                  " beside this program: the FMU runs in this process");
+    }
+  }
   if (options.set_stop_time) component.source += "&stop=" + text::to_text(stop);
   if (options.tolerance) component.source += "&tolerance=" + text::to_text(*options.tolerance);
+  if (options.timeout) component.source += "&timeout=" + text::to_text(*options.timeout);
+  if (options.memory) component.source += "&memory=" + text::to_text(*options.memory);
   if (!options.interface_type.empty())
     component.implementation = options.interface_type == "me" ? "ModelExchange" : "CoSimulation";
   for (const auto& [name, value] : options.start_values) {
@@ -208,14 +221,13 @@ Signal FmuRun::find(const std::string& name, const std::string& place) {
 void FmuRun::initialise() {
   if (inputs_) inputs_->apply(master_.now(), {});
   master_.initialise();
-  out_.open(options_.output_file);
-  if (!out_) throw Error(options_.output_file.string(), "cannot be written");
+  out_.emplace(options_.output_file);
   line_ = "\"time\"";
   for (const Output& output : outputs_) {
     line_ += ',';
     append_quoted(line_, output.name);
   }
-  out_ << line_ << '\n';
+  out_->write(line_ += '\n');
   write_row();
 }
 
@@ -247,16 +259,13 @@ void FmuRun::write_row() {
     }
   }
   line_ += '\n';
-  if (!out_.write(line_.data(), static_cast<std::streamsize>(line_.size())))
-    throw Error(options_.output_file.string(), "cannot be written");
+  out_->write(line_);
   ++rows_;
 }
 
 void FmuRun::finish() {
   master_.finish();
-  if (!out_.is_open()) return;
-  out_.close();
-  if (!out_) throw Error(options_.output_file.string(), "cannot be written");
+  if (out_) out_->close();
 }
 
 Summary FmuRun::summary() const {

@@ -1,7 +1,6 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
 #include <optional>
 #include <string>
 #include <utility>
@@ -9,6 +8,7 @@
 
 #include "fmu/model_description.h"
 #include "master/master.h"
+#include "master/row_file.h"
 
 /// One FMU by itself, with the options and the files of the Reference FMUs' fmusim.
 namespace cotwin::master {
@@ -19,6 +19,9 @@ struct FmuRunOptions {
   std::optional<double> start, stop;  // s; else of the FMU's default experiment, else 0 and one second later
   std::optional<double> interval;     // s; else its step size, else a 500th of the time
   std::optional<double> tolerance;    // relative; else its own
+  std::string process = "auto";       // "shared", "own" (fmu/load.h); auto: its own, if the FMU is not one of ours
+  std::optional<double> timeout;      // s, of a call in a process of its own
+  std::optional<double> memory;       // bytes, likewise
   bool set_stop_time = false;         // whether the FMU is told when the run ends
   std::vector<std::pair<std::string, std::string>> start_values;  // in the FMU's own units of measure
   std::vector<std::string> output_variables;                      // empty: all outputs
@@ -81,7 +84,7 @@ class FmuRun {
   Master master_;
   std::vector<Output> outputs_;
   std::optional<InputTable> inputs_;
-  std::ofstream out_;
+  std::optional<RowFile> out_;
   std::string line_;
   std::int64_t rows_ = 0;
 };

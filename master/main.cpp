@@ -8,7 +8,9 @@
 
 #include "fmu/archive.h"
 #include "fmu/file_kind.h"
+#include "fmu/process.h"
 #include "master/commands.h"
+#include "master/crash.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
 
@@ -60,7 +62,9 @@ bool is_fmu(const fs::path& path) {
 
 }  // namespace cotwin::master
 
-int main(int argc, char** argv) {
+namespace {
+
+int run(int argc, char** argv) {
   using namespace cotwin::master;
   CLI::App app{"Cotwin: a value-driven digital twin of robot manipulators, as co-simulation units and a small master."};
   app.set_version_flag("--version", std::string("cotwin ") + COTWIN_VERSION);
@@ -102,4 +106,14 @@ int main(int argc, char** argv) {
     std::cerr << "cotwin: " << error.what() << '\n';
     return kExitBadInput;
   }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  using namespace cotwin;
+  master::catch_crashes(master::kExitRunFailed);
+  const int code = run(argc, argv);
+  master::main_ends();
+  return code == master::kExitDone && fmu::unclean_ends() > 0 ? master::kExitRunFailed : code;
 }

@@ -1,6 +1,8 @@
 #include "master/recorder.h"
 
 #include <fcntl.h>
+#include <pthread.h>
+#include <time.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -138,6 +140,7 @@ class Recorder::Writer {
       }
     }
     flush();
+    recorder_.ended_.store(true, std::memory_order_release);
   }
 
   void write_text(std::string_view text) {
@@ -254,9 +257,11 @@ Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Opti
   writer_->write_text(heading);
   if (failure_ != 0) tell_failure();
   thread_ = std::thread([this] { writer_->run(); });
+  saved_.emplace(save, this, file_.string());
 }
 
 Recorder::~Recorder() {
+  saved_.reset();
   if (!thread_.joinable()) return;
   closing_ = true;
   thread_.join();
@@ -296,11 +301,21 @@ void Recorder::copy_row(Time now, double* row) const {
 }
 
 void Recorder::close() {
+  saved_.reset();
   if (!thread_.joinable()) return;
   closing_.store(true, std::memory_order_release);
   thread_.join();
   writer_->close();
   if (failure_ != 0) tell_failure();
+}
+
+/// In a signal handler: the writing thread goes on running, and has a few seconds.
+void Recorder::save(void* self) noexcept {
+  auto& recorder = *static_cast<Recorder*>(self);
+  if (pthread_equal(pthread_self(), recorder.thread_.native_handle()) != 0) return;
+  recorder.closing_.store(true, std::memory_order_release);
+  constexpr timespec kNap{0, 2'000'000};
+  for (int i = 0; i < 5'000 && !recorder.ended_.load(std::memory_order_acquire); ++i) nanosleep(&kNap, nullptr);
 }
 
 void Recorder::tell_failure() {

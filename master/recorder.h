@@ -3,12 +3,14 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <thread>
 #include <vector>
 
 #include "components/unit/time.h"
+#include "master/crash.h"
 #include "master/members.h"
 
 /// Chosen variables over time, as CSV.
@@ -65,6 +67,7 @@ class Recorder {
   void add(std::span<const T> values, std::vector<Source<T>>& sources);
   void copy_row(Time now, double* row) const;
   [[noreturn]] void tell_failure();
+  static void save(void* self) noexcept;
 
   std::vector<Source<double>> reals_;
   std::vector<Source<std::int32_t>> integers_;
@@ -83,6 +86,8 @@ class Recorder {
   std::uint64_t room_until_ = 0;  // head up to which the ring is known to have room
   std::unique_ptr<Writer> writer_;
   std::thread thread_;
+  std::atomic<bool> ended_{false};  // the writer has written everything
+  std::optional<SavedOnCrash> saved_;
 };
 
 }  // namespace cotwin::master

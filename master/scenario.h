@@ -36,7 +36,7 @@ struct ComponentSpec {
   int period = 1;                            // in ticks
   bool threads = true;                       // false: never on a worker thread
   std::string implementation = "any";        // of an FMU that has several: "any", "CoSimulation", "ModelExchange"
-  std::string process = "shared";            // of an FMU: "shared" with the master, or its "own"
+  std::string process = "auto";              // of an FMU: "shared" with the master, its "own", or "auto" (fmu/load.h)
 };
 
 /// One end of a connection: a component's variable, whole or one element.

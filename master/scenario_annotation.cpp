@@ -96,7 +96,7 @@ void read_component(const xml::Element& e, Scenario& scenario, std::vector<std::
   found->stage = bounded(e, "stage", 0, 0, 1'000'000);
   found->period = bounded(e, "period", 1, 1, 1'000'000'000);
   found->threads = xml::boolean(e, "threads", true);
-  found->process = xml::choice(e, "process", {"shared", "own"}, "shared");
+  found->process = xml::choice(e, "process", {"auto", "shared", "own"}, "auto");
   if (found->process == "own" && found->source.rfind("unit:", 0) == 0) {
     throw Error(e.place, "component '" + name + "' with process=\"own\" is a unit of this program, expected an FMU");
   }

@@ -201,7 +201,7 @@ class Writer {
           .with("stage", member.spec.stage)
           .with("period", member.spec.period)
           .with_if(!member.spec.threads, "threads", "false")
-          .with_if(member.spec.process != "shared", "process", member.spec.process)
+          .with_if(member.spec.process != "auto", "process", member.spec.process)
           .end();
     }
     for (const EventSpec& e : scenario_.events) {

@@ -7,8 +7,10 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <string_view>
 #include <thread>
 
+#include "fmu/process.h"
 #include "models/text/error.h"
 #include "tests/fmu/foreign.h"
 
@@ -21,6 +23,9 @@ using ::testing::HasSubstr;
 using ::testing::ThrowsMessage;
 
 enum { kPolite, kError, kCrash, kHang };
+
+// A sanitizer's handler makes an exit of a signal.
+constexpr bool kSanitized = std::string_view(COTWIN_SANITIZERS) != "";
 
 class OwnProcess : public ::testing::Test {
  protected:
@@ -171,6 +176,157 @@ TEST_F(OwnProcess, EndsWithItsParent) {
   }
   EXPECT_EQ(left, 0u);
   close(ends[0]);
+}
+
+// A program that has threads may be in the middle of anything in them, an allocation, say.
+TEST_F(OwnProcess, BeginsWhateverOtherThreadsAreDoing) {
+  std::atomic<bool> stop{false};
+  std::thread busy([&] {
+    while (!stop) std::string(100'000, 'x').shrink_to_fit();
+  });
+  for (int i = 0; i < 10; ++i) {
+    Instance instance = load_rogue(kPolite);
+    instance.unit->initialise({});
+    EXPECT_EQ(step(instance, 0, 1), StepResult::kDone);
+  }
+  stop = true;
+  busy.join();
+}
+
+TEST_F(OwnProcess, SaysWhichProgramItIsWithout) {
+  setenv("COTWIN_FMU_HOST", "/nowhere/host", 1);
+  EXPECT_THAT([&] { load_rogue(kPolite); }, ThrowsMessage<Error>(HasSubstr("/nowhere/host: cannot be started: No such file")));
+  unsetenv("COTWIN_FMU_HOST");
+}
+
+/// What harm2 does, in which function, and what is told of it.
+struct Harm {
+  const char *what, *where, *told;
+};
+void PrintTo(const Harm& harm, std::ostream* out) { *out << harm.what << " in " << harm.where; }
+
+class HarmfulFmu : public OwnProcess {
+ protected:
+  ~HarmfulFmu() override {
+    unsetenv("COTWIN_HARM");
+    unsetenv("COTWIN_HARM_AT");
+  }
+  static void choose(const Harm& harm) {
+    setenv("COTWIN_HARM", harm.what, 1);
+    setenv("COTWIN_HARM_AT", harm.where, 1);
+  }
+  Instance load_harm() {
+    LoadOptions options;
+    options.process = "own";
+    options.timeout = 0.5;
+    options.memory = 200e6;
+    return load(make_fmu("harm2", folder_.path()), options);
+  }
+};
+class AnyHarm : public HarmfulFmu, public ::testing::WithParamInterface<Harm> {};
+
+TEST_P(AnyHarm, IsAnErrorThatSaysHowAndInWhichFunctionAndTheNextAttemptBeginsAfresh) {
+  if (kSanitized && std::string_view(GetParam().what) == "reserve") GTEST_SKIP() << "a sanitizer reserves memory itself";
+  choose(GetParam());
+  Instance instance;
+  std::string told;
+  double reached = 0;
+  try {
+    instance = load_harm();
+    instance.unit->initialise({});
+    for (int i = 0; i < 10; ++i) {
+      ASSERT_EQ(step(instance, i * 0.1, 0.1), StepResult::kDone);
+      reached = real(instance, "y");
+    }
+  } catch (const Error& error) {
+    told = error.what();
+  }
+  EXPECT_THAT(told, ::testing::StartsWith("harm2.fmu: "));
+  const bool signalled = std::string_view(GetParam().told).find("signal") != std::string_view::npos;
+  if (!kSanitized || !signalled) {
+    EXPECT_THAT(told, HasSubstr(GetParam().told));
+  }
+  EXPECT_THAT(told, HasSubstr(GetParam().where == std::string("load") ? "the loading of its library" : GetParam().where));
+  if (GetParam().where == std::string("fmi2DoStep")) {
+    EXPECT_NEAR(reached, 0.5, 1e-12);  // what was known before stays known
+  }
+  const bool lives = told.find("threw an exception") != std::string::npos;  // then the process is as good as before
+  EXPECT_EQ(has_children(), lives && instance.unit);
+
+  choose({"nothing", "nowhere", ""});
+  if (lives || !instance.unit) instance = load_harm();
+  instance.unit->initialise({});
+  EXPECT_EQ(run(instance, 0, 1, 0.1), StepResult::kDone);
+}
+
+const Harm kHarms[] = {
+    {"exit", "fmi2DoStep", "exited with status 0 in fmi2DoStep"},
+    {"exit-3", "fmi2DoStep", "exited with status 3 in fmi2DoStep"},
+    {"_exit", "fmi2DoStep", "exited with status 0 in fmi2DoStep"},
+    {"quick_exit", "fmi2DoStep", "exited with status 0 in fmi2DoStep"},
+    {"thread-exit", "fmi2DoStep", "exited with status 0 in fmi2DoStep"},
+    {"abort", "fmi2DoStep", "signal 6 (Aborted) in fmi2DoStep"},
+    {"segv", "fmi2DoStep", "signal 11 (Segmentation fault) in fmi2DoStep"},
+    {"bus", "fmi2DoStep", "signal 7 (Bus error) in fmi2DoStep"},
+    {"fpe", "fmi2DoStep", "signal 8 (Floating point exception) in fmi2DoStep"},
+    {"ill", "fmi2DoStep", "signal 4 (Illegal instruction) in fmi2DoStep"},
+    {"kill", "fmi2DoStep", "signal 9 (Killed) in fmi2DoStep"},
+    {"overflow", "fmi2DoStep", "signal 11 (Segmentation fault) in fmi2DoStep"},
+    {"closed", "fmi2DoStep", "signal 11 (Segmentation fault) in fmi2DoStep"},
+    {"throw", "fmi2DoStep", "fmi2DoStep threw an exception (the pump is dry), expected a status"},
+    {"throw-int", "fmi2DoStep", "fmi2DoStep threw an exception, expected a status"},
+    {"hang", "fmi2DoStep", "gave no answer for 0.5 s in fmi2DoStep and was ended"},
+    {"child", "fmi2DoStep", "gave no answer for 0.5 s in fmi2DoStep and was ended"},
+    {"flood", "fmi2DoStep", "gave no answer for 0.5 s in fmi2DoStep and was ended; its last output was 'the valve is open'"},
+    {"memory", "fmi2DoStep", "of memory"},
+    {"reserve", "fmi2DoStep", "signal 6 (Aborted) in fmi2DoStep"},
+    {"last words", "fmi2DoStep", "in fmi2DoStep; its last output was 'assertion failed: p > 0'"},
+    {"exit", "load", "exited with status 0 in the loading of its library"},
+    {"abort", "fmi2Instantiate", "signal 6 (Aborted) in fmi2Instantiate"},
+    {"exit", "fmi2Instantiate", "exited with status 0 in fmi2Instantiate"},
+    {"throw", "fmi2Instantiate", "fmi2Instantiate threw an exception (the pump is dry)"},
+    {"segv", "fmi2EnterInitializationMode", "signal 11 (Segmentation fault) in fmi2EnterInitializationMode"},
+    {"hang", "fmi2EnterInitializationMode", "gave no answer for 5 s in fmi2EnterInitializationMode"},
+};
+INSTANTIATE_TEST_SUITE_P(Harms, AnyHarm, ::testing::ValuesIn(kHarms), [](const auto& harm) {
+  std::string name = std::string(harm.param.what) + "_" + harm.param.where;
+  std::erase_if(name, [](char c) { return c == ' ' || c == '-'; });
+  return name;
+});
+
+TEST_F(HarmfulFmu, TellsACrashAtItsEndWhenNobodyCanCatchIt) {
+  for (const auto& [what, where, told] :
+       {Harm{"abort", "fmi2Terminate", "fmi2Terminate"}, Harm{"exit", "fmi2FreeInstance", "fmi2FreeInstance"},
+        Harm{"hang", "fmi2FreeInstance", "fmi2FreeInstance"}, Harm{"segv", "unload", "the unloading of its library"}}) {
+    choose({what, where, told});
+    const int before = unclean_ends();
+    ::testing::internal::CaptureStderr();
+    {
+      Instance instance = load_harm();
+      instance.unit->initialise({});
+      EXPECT_EQ(run(instance, 0, 1, 0.1), StepResult::kDone);
+    }
+    EXPECT_THAT(::testing::internal::GetCapturedStderr(),
+                ::testing::AllOf(HasSubstr("cotwin: fmu (harm2.fmu): the FMU's own process"), HasSubstr(told)))
+        << what;
+    EXPECT_EQ(unclean_ends(), before + 1) << what;
+    EXPECT_FALSE(has_children());
+  }
+}
+
+TEST_F(HarmfulFmu, MayWriteWhatItLikesOfWhichTheBeginningIsShown) {
+  choose({"stdout", "fmi2DoStep", ""});
+  Instance instance = load_harm();
+  instance.unit->initialise({});
+  ::testing::internal::CaptureStderr();
+  for (int i = 0; i < 6; ++i) ASSERT_EQ(step(instance, i * 0.1, 0.1), StepResult::kDone);
+  std::vector<std::string> notes;
+  instance.unit->tell(notes);
+  const std::string shown = ::testing::internal::GetCapturedStderr();
+  EXPECT_THAT(shown, ::testing::StartsWith("line 0 of a hundred thousand\nline 1 "));
+  EXPECT_THAT(shown, HasSubstr("wrote more than 64 KiB to stdout and stderr; the rest is not shown"));
+  EXPECT_LT(shown.size(), HostProcess::kShownBytes + 1000);
+  EXPECT_THAT(notes, ::testing::ElementsAre(HasSubstr("bytes to stdout and stderr")));
 }
 
 }  // namespace

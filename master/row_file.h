@@ -1,0 +1,32 @@
+#pragma once
+#include <array>
+#include <cstddef>
+#include <filesystem>
+#include <string_view>
+
+#include "master/crash.h"
+
+namespace cotwin::master {
+
+/// A text file that is written row by row, through a buffer that is saved when the program crashes.
+class RowFile {
+ public:
+  /// Throws Error if the file cannot be written, as all of these do.
+  explicit RowFile(std::filesystem::path file);
+  ~RowFile();
+  void write(std::string_view row);
+  void close();
+
+ private:
+  void flush();
+  [[noreturn]] void fail(int error) const;
+  static void save(void* self) noexcept;
+
+  std::filesystem::path file_;
+  int descriptor_ = -1;
+  std::size_t used_ = 0;
+  std::array<char, 1 << 16> buffer_;
+  SavedOnCrash saved_;
+};
+
+}  // namespace cotwin::master

@@ -1,0 +1,190 @@
+// What the program makes of FMUs that crash, exit, hang, allocate and write without end: fmu/fmus/harm2.cpp.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "tests/fmu/foreign.h"
+
+namespace cotwin::master {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::AllOf;
+using ::testing::EndsWith;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+constexpr bool kSanitized = std::string_view(COTWIN_SANITIZERS) != "";
+
+std::string content(const fs::path& file) {
+  std::ifstream in(file);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+struct Result {
+  int code = -1;
+  std::string out, err;
+};
+
+class HarmfulFmu : public ::testing::Test {
+ protected:
+  HarmfulFmu() {
+    fs::create_directories(folder_);
+    fmu::testing::make_fmu("harm2", folder_);
+  }
+  ~HarmfulFmu() override { fs::remove_all(folder_); }
+
+  Result program(const std::string& arguments, const std::string& harm, const std::string& where,
+                 const std::string& more = "") {
+    const std::string command = "cd '" + folder_.string() + "' && " + more + " COTWIN_HARM='" + harm + "' COTWIN_HARM_AT='" +
+                                where + "' timeout 60 '" COTWIN_PROGRAM "' " + arguments + " > out.txt 2> err.txt";
+    const int status = std::system(command.c_str());
+    return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, content(folder_ / "out.txt"), content(folder_ / "err.txt")};
+  }
+  Result run_fmu(const std::string& process, const std::string& harm, const std::string& where) {
+    return program("run harm2.fmu --quiet --timeout 0.5 --memory 200e6 --process " + process, harm, where);
+  }
+  /// 'pump' is the FMU.
+  std::string scenario(const std::string& process) {
+    std::ofstream(folder_ / "plant.ssd") << R"(<?xml version="1.0" encoding="UTF-8"?>
+<ssd:SystemStructureDescription version="1.0" name="plant"
+    xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">
+  <ssd:System name="plant">
+    <ssd:Elements>
+      <ssd:Component name="motion" source="unit:motion?robot=lwr4" type="application/x-cotwin-unit"/>
+      <ssd:Component name="pump" source="harm2.fmu?timeout=0.5&amp;memory=200e6" type="application/x-fmu-sharedlibrary"/>
+    </ssd:Elements>
+  </ssd:System>
+  <ssd:DefaultExperiment startTime="0" stopTime="1">
+    <ssd:Annotations><ssc:Annotation type="cotwin.master">
+      <cotwin:Master xmlns:cotwin="urn:cotwin:master:1" tick="0.01"><cotwin:Component name="pump" process=")"
+                                         << process << R"("/></cotwin:Master>
+    </ssc:Annotation></ssd:Annotations>
+  </ssd:DefaultExperiment>
+</ssd:SystemStructureDescription>
+)";
+    return "run plant.ssd --quiet";
+  }
+  /// Rows without the heading, of which every one is whole.
+  static std::size_t whole_rows(const std::string& csv) {
+    std::size_t rows = 0;
+    std::istringstream in(csv);
+    std::string line;
+    std::getline(in, line);
+    const auto columns = std::count(line.begin(), line.end(), ',');
+    while (std::getline(in, line)) {
+      if (std::count(line.begin(), line.end(), ',') == columns) ++rows;
+    }
+    return csv.ends_with('\n') ? rows : 0;
+  }
+  std::string recording() const {
+    const fs::path file = folder_ / "results/plant/signals.csv";
+    return content(fs::exists(file) ? file : fs::path(file.string() + ".part"));
+  }
+
+  const fs::path folder_ = fs::temp_directory_path() / ("cotwin_harm_" + std::to_string(::getpid()));
+};
+
+const char* const kEnds[] = {"exit", "exit-3", "quick_exit", "thread-exit", "abort",     "segv",    "bus",
+                             "fpe",  "ill",    "null",       "throw",       "throw-int", "overflow"};
+
+TEST_F(HarmfulFmu, EndsTheRunWithAMessageAndTheRowsUpToThenInTheSharedProcess) {
+  for (const std::string harm : kEnds) {
+    const Result ran = run_fmu("shared", harm, "fmi2DoStep");
+    EXPECT_EQ(ran.code, 1) << harm;
+    EXPECT_THAT(ran.err, AllOf(HasSubstr("fmu"), HasSubstr("at t = 0.5 s: harm2.fmu: fmi2DoStep"))) << harm;
+    EXPECT_EQ(whole_rows(content(folder_ / "harm2_out.csv")), 51u) << harm;
+    fs::remove(folder_ / "harm2_out.csv");
+
+    const Result twin = program(scenario("shared"), harm, "fmi2DoStep");
+    EXPECT_EQ(twin.code, 1) << harm;
+    EXPECT_THAT(twin.err, AllOf(HasSubstr("pump"), HasSubstr("at t = 0.5 s: harm2.fmu: fmi2DoStep"))) << harm;
+    EXPECT_EQ(whole_rows(recording()), 51u) << harm;
+    fs::remove_all(folder_ / "results");
+  }
+}
+
+TEST_F(HarmfulFmu, EndsTheRunWithAMessageAndTheRowsUpToThenInItsOwnProcess) {
+  std::vector<std::string> harms(std::begin(kEnds), std::end(kEnds));
+  harms.insert(harms.end(), {"_exit", "kill", "hang", "memory", "flood"});
+  for (const std::string& harm : harms) {
+    const Result ran = run_fmu("own", harm, "fmi2DoStep");
+    EXPECT_EQ(ran.code, 1) << harm;
+    EXPECT_THAT(ran.err, AllOf(HasSubstr("fmu at t = 0.5 s: harm2.fmu: "), HasSubstr("fmi2DoStep"))) << harm;
+    EXPECT_EQ(whole_rows(content(folder_ / "harm2_out.csv")), 51u) << harm;
+    fs::remove(folder_ / "harm2_out.csv");
+
+    const Result twin = program(scenario("own"), harm, "fmi2DoStep");
+    EXPECT_EQ(twin.code, 1) << harm;
+    EXPECT_THAT(twin.err, AllOf(HasSubstr("pump at t = 0.5 s: harm2.fmu: "), HasSubstr("fmi2DoStep"))) << harm;
+    EXPECT_EQ(whole_rows(recording()), 51u) << harm;
+    fs::remove_all(folder_ / "results");
+  }
+}
+
+TEST_F(HarmfulFmu, IsNamedWhateverFunctionItIsIn) {
+  for (const std::string process : {"shared", "own"}) {
+    for (const std::string harm : {"exit", "abort", "segv"}) {
+      for (const std::string where :
+           {"load", "fmi2Instantiate", "fmi2EnterInitializationMode", "fmi2Terminate", "fmi2FreeInstance", "unload"}) {
+        const Result ran = run_fmu(process, harm, where);
+        EXPECT_NE(ran.code, 0) << process << ' ' << harm << ' ' << where;
+        const std::string named = where == "load"     ? "the loading of its library"
+                                  : where == "unload" ? "the unloading of its library"
+                                                      : where;
+        EXPECT_THAT(ran.err, AllOf(HasSubstr("harm2.fmu"), HasSubstr(named))) << process << ' ' << harm << ' ' << where;
+        const bool late = where == "fmi2Terminate" || where == "fmi2FreeInstance" || where == "unload";
+        EXPECT_EQ(whole_rows(content(folder_ / "harm2_out.csv")), late ? 101u : 0u) << process << ' ' << harm << ' ' << where;
+        fs::remove(folder_ / "harm2_out.csv");
+      }
+    }
+  }
+}
+
+TEST_F(HarmfulFmu, HasAProcessOfItsOwnUnlessItIsOursOrOneSaysOtherwise) {
+  EXPECT_THAT(run_fmu("auto", "_exit", "fmi2DoStep").err,
+              HasSubstr("the FMU's own process exited with status 0 in fmi2DoStep"));
+  ASSERT_EQ(program("pack 'unit:motion?robot=lwr4' --fmi 2 -o motion.fmu", "", "").code, 0);
+  const std::string without_host = "COTWIN_FMU_HOST=/nowhere";
+  EXPECT_EQ(program("run motion.fmu --quiet", "", "", without_host).code, 0);
+  EXPECT_THAT(program("run harm2.fmu --quiet", "", "", without_host).err, HasSubstr("/nowhere: cannot be started"));
+  EXPECT_EQ(program("run harm2.fmu --quiet --process shared", "", "", without_host).code, 0);
+}
+
+TEST_F(HarmfulFmu, IsCheckedInAProcessOfItsOwn) {
+  for (const std::string harm : {"exit", "_exit", "abort", "throw"}) {
+    const Result checked = program("check harm2.fmu", harm, "fmi2EnterInitializationMode");
+    EXPECT_EQ(checked.code, 2) << harm;
+    EXPECT_THAT(checked.out, AllOf(HasSubstr("error: Co-Simulation: harm2.fmu: "), HasSubstr("fmi2EnterInitializationMode")))
+        << harm;
+  }
+}
+
+TEST_F(HarmfulFmu, WritesWhatItLikesToStdoutWithoutSpoilingOurs) {
+  const Result ran = program("run harm2.fmu --json - --process own", "stdout", "fmi2DoStep");
+  EXPECT_EQ(ran.code, 0);
+  EXPECT_THAT(ran.out, AllOf(::testing::StartsWith("{"), Not(HasSubstr("of a hundred thousand")), HasSubstr("\"done\"")));
+  EXPECT_THAT(ran.err, HasSubstr("line 0 of a hundred thousand"));
+  EXPECT_LT(ran.err.size(), 70'000u);
+}
+
+TEST_F(HarmfulFmu, GivesTheSameResultsInItsOwnProcess) {
+  EXPECT_EQ(run_fmu("shared", "", "").code, 0);
+  const std::string here = content(folder_ / "harm2_out.csv");
+  EXPECT_EQ(run_fmu("own", "", "").code, 0);
+  EXPECT_EQ(content(folder_ / "harm2_out.csv"), here);
+  EXPECT_EQ(whole_rows(here), 101u);
+}
+
+}  // namespace
+}  // namespace cotwin::master
