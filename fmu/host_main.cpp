@@ -28,7 +28,7 @@ class Host {
 
   [[noreturn]] void serve() {
     for (std::uint32_t n = 1;; ++n) {
-      if (!look_for(header_.asked, n, header_.looks)) {
+      if (!lookout_.sees(header_.asked, n, header_.may_wait_awake != 0)) {
         while (!sleep_for(header_.asked, n, header_.host_sleeps, std::chrono::seconds(10))) {
         }
       }
@@ -57,6 +57,7 @@ class Host {
 
   Channel channel_;
   ChannelHeader& header_;
+  Lookout lookout_;
   std::unique_ptr<ForeignUnit> unit_;
   Variables variables_;
   std::string state_;
@@ -79,6 +80,9 @@ void Host::make() {
   }
   unit_->declare(variables_);
   channel_.check_layout(variables_);
+  std::size_t out = 0;
+  channel_.clear_texts();
+  for (const std::string& warning : unit_->warnings()) channel_.append(warning, out);
 }
 
 void Host::answer() {
@@ -128,7 +132,7 @@ void Host::answer() {
     case Verb::kTell: {
       std::vector<std::string> notes;
       unit_->tell(notes);
-      header_.text_bytes = 0;
+      channel_.clear_texts();
       for (const std::string& note : notes) channel_.append(note, out);
       return;
     }

@@ -120,9 +120,10 @@ LoadOptions read_query(std::string_view query, LoadOptions options) {
       if (!read || *read < 0) throw Error(std::string(setting), "expected an integer that is not negative");
       options.structural[key.substr(kStructural.size())] = static_cast<std::uint64_t>(*read);
     } else {
-      throw Error("'" + key + "'",
-                  "no setting of an FMU, expected kind, process, timeout, memory, tolerance, stop, locals, si, slopes, rollback or "
-                  "structural.<name>");
+      throw Error(
+          "'" + key + "'",
+          "no setting of an FMU, expected kind, process, timeout, memory, tolerance, stop, locals, si, slopes, rollback or "
+          "structural.<name>");
     }
   }
   return options;

@@ -30,7 +30,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::uint32_t kLooks = 400;                       // before a wait sleeps: 5 to 20 µs
 constexpr auto kSlice = std::chrono::milliseconds(20);      // between two looks after the process while a call lasts
 constexpr auto kShortSlice = std::chrono::milliseconds(1);  // while the FMU writes a lot
 constexpr std::uint32_t kCallsBetweenLooks = 256;           // at memory and output, while calls are short
@@ -194,13 +193,13 @@ void HostProcess::call(Verb verb) {
   ChannelHeader& header = channel_.header();
   if (!alive()) throw Error("the FMU's own process has ended: it must be initialised again");
   static const std::uint32_t cores = std::max(1u, std::thread::hardware_concurrency());
-  const std::uint32_t looks = static_cast<std::uint32_t>(processes.load(std::memory_order_relaxed)) < cores ? kLooks : 0;
+  const bool may_wait_awake = static_cast<std::uint32_t>(processes.load(std::memory_order_relaxed)) < cores;
   header.verb = verb;
-  header.looks = looks;
+  header.may_wait_awake = may_wait_awake ? 1 : 0;
   const std::uint32_t n = ++calls_;
   post(header.asked, n, header.host_sleeps);
-  if (!look_for(header.answered, n, looks)) {
-    const bool starts = verb != Verb::kStep && verb != Verb::kSave && verb != Verb::kRestore && verb != Verb::kTell && verb != Verb::kEnd;
+  if (!lookout_.sees(header.answered, n, may_wait_awake)) {
+    const bool starts = verb <= Verb::kExit;
     wait_for_answer(starts ? kStartFactor * timeout_ : timeout_);
   } else if (n % kCallsBetweenLooks == 0) {
     look_after();
@@ -330,7 +329,8 @@ ProcessUnit::ProcessUnit(std::shared_ptr<const ForeignFmu> fmu, LoadOptions opti
       options_(std::move(options)),
       variables_(fmu_->description,
                  variables_options(fmu_->description, chosen_kind(fmu_->description, options_.kind), unit_options(options_))),
-      restorable_(can_go_back(interface_of(fmu_->description, chosen_kind(fmu_->description, options_.kind)), unit_options(options_))) {
+      restorable_(
+          can_go_back(interface_of(fmu_->description, chosen_kind(fmu_->description, options_.kind)), unit_options(options_))) {
   variables_.declare(declared_);
   begin();
 }
@@ -348,6 +348,9 @@ void ProcessUnit::begin() {
   channel().append(fs::absolute(fmu_->folder).string(), text);
   try {
     host_->call(Verb::kMake);
+    text = 0;
+    warnings_.clear();
+    while (text < channel().header().text_bytes) channel().take(warnings_.emplace_back(), text);
   } catch (...) {
     host_.reset();
     throw;

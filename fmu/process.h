@@ -59,6 +59,7 @@ class HostProcess {
   std::string name_;
   double timeout_, memory_;
   std::uint32_t calls_ = 0;
+  Lookout lookout_;
   int child_ = -1;       // process
   int lifeline_ = -1;    // our end of a pipe that nobody writes to
   int output_ = -1;      // of the FMU
@@ -84,7 +85,7 @@ class ProcessUnit final : public cotwin::Unit, public StagedInitialisation {
   void save_memory(std::string& bytes) override;
   void restore_memory(const std::string& bytes) override;
   void tell(std::vector<std::string>& notes) const override;
-  const std::vector<std::string>& warnings() const { return variables_.warnings(); }
+  const std::vector<std::string>& warnings() const { return warnings_; }
 
  private:
   void begin();
@@ -97,6 +98,7 @@ class ProcessUnit final : public cotwin::Unit, public StagedInitialisation {
   Variables declared_;
   bool restorable_;
   Time start_;
+  std::vector<std::string> warnings_;  // of the unit in the process
   std::unique_ptr<HostProcess> host_;
 };
 

@@ -51,13 +51,19 @@ void post(std::atomic<std::uint32_t>& word, std::uint32_t value, std::atomic<std
   if (sleeps.load(std::memory_order_seq_cst) != 0) syscall(SYS_futex, &word, FUTEX_WAKE, 1, nullptr, nullptr, 0);
 }
 
-bool look_for(const std::atomic<std::uint32_t>& word, std::uint32_t wanted, std::uint32_t looks) {
+bool Lookout::sees(const std::atomic<std::uint32_t>& word, std::uint32_t wanted, bool may_wait) {
+  if (++calls_ % kRetry == 0) looks_ = std::max(looks_, kMost / 4);
+  const std::uint32_t looks = may_wait ? looks_ : 0;
   for (std::uint32_t i = 0; i <= looks; ++i) {
-    if (word.load(std::memory_order_acquire) == wanted) return true;
+    if (word.load(std::memory_order_acquire) == wanted) {
+      looks_ = std::min(kMost, 2 * looks_ + 16);
+      return true;
+    }
 #if defined(__x86_64__) || defined(__i386__)
     __builtin_ia32_pause();
 #endif
   }
+  looks_ /= 2;
   return false;
 }
 

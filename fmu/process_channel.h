@@ -19,6 +19,7 @@ inline constexpr int kLifelineDescriptor = 4;  // a pipe that nobody writes to: 
 inline constexpr const char* kHostProgram = "cotwin-fmu-host";
 inline constexpr std::uint64_t kChannelVersion = 0x3130656c49575443u;  // both programs must be of the same build
 
+// Those up to kExit may take longer than others.
 enum class Verb : std::uint32_t { kMake, kInitialise, kEnter, kUpdate, kExit, kStep, kSave, kRestore, kTell, kEnd };
 enum class Reply : std::uint32_t { kDone, kDiscard, kFinished, kError };
 
@@ -30,7 +31,7 @@ struct ChannelHeader {
   std::uint64_t memory_limit = 0;             // bytes of the process
   std::atomic<std::uint32_t> asked{0};        // calls so far; futexes
   std::atomic<std::uint32_t> host_sleeps{0};  // and has to be woken
-  std::uint32_t looks = 0;                    // at a word before a wait sleeps: more than 1 where a core is free for that
+  std::uint32_t may_wait_awake = 0;           // at a word before a wait sleeps: more than 1 where a core is free for that
   Verb verb = Verb::kEnd;
   std::int64_t now_ns = 0, h_ns = 0;
   std::uint64_t text_bytes = 0;  // of texts and of a state
@@ -44,8 +45,17 @@ static_assert(std::atomic<std::uint32_t>::is_always_lock_free);
 
 /// Stores `value` and wakes who sleeps on the word.
 void post(std::atomic<std::uint32_t>& word, std::uint32_t value, std::atomic<std::uint32_t>& sleeps);
-/// Whether the word became `wanted` while it was looked at so many times.
-bool look_for(const std::atomic<std::uint32_t>& word, std::uint32_t wanted, std::uint32_t looks);
+/// Looks at a word for a while before its waiter sleeps: shorter where that was in vain the last times, as it is on a busy
+/// machine.
+class Lookout {
+ public:
+  /// Whether the word became `wanted`; `may_wait`: there is a core that would otherwise be idle.
+  bool sees(const std::atomic<std::uint32_t>& word, std::uint32_t wanted, bool may_wait);
+
+ private:
+  static constexpr std::uint32_t kMost = 400, kRetry = 64;  // looks: 5 to 20 µs; calls
+  std::uint32_t looks_ = kMost, calls_ = 0;
+};
 /// Sleeps until the word is `wanted`, a signal comes or the time is over. Returns whether it is.
 bool sleep_for(std::atomic<std::uint32_t>& word, std::uint32_t wanted, std::atomic<std::uint32_t>& sleeps,
                std::chrono::nanoseconds at_most);
@@ -72,6 +82,7 @@ class Channel {
   /// Writes those variables whose role `wanted` accepts; texts from `text` on, which is moved behind them.
   void write(const Variables& variables, bool (*wanted)(Role), std::size_t& text);
   void read(const Variables& variables, bool (*wanted)(Role), std::size_t& text) const;
+  void clear_texts() { header_->text_bytes = 0; }
   void append(const std::string& s, std::size_t& at);
   void take(std::string& s, std::size_t& at) const;
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <ostream>
 
+#include "fmu/process.h"
 #include "master/events.h"
 #include "master/recorder.h"
 #include "master/schedule.h"
@@ -51,7 +52,9 @@ class Checker {
   void check_component(const ComponentSpec& spec, const Scenario& scenario) {
     std::optional<Member> loaded;
     std::vector<std::string> used;
-    if (!attempt([&] { loaded = load_member(spec, scenario, types_, folders_, &used); })) return;
+    ComponentSpec checked = spec;
+    if (!is_unit(spec) && spec.process == "auto" && !fmu::host_program().empty()) checked.process = "own";
+    if (!attempt([&] { loaded = load_member(checked, scenario, types_, folders_, &used); })) return;
     if (!is_unit(spec)) check_description(spec, scenario);
     Member& member = *loaded;
     settings_used_.insert(settings_used_.end(), used.begin(), used.end());

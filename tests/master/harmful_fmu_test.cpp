@@ -166,6 +166,10 @@ TEST_F(HarmfulFmu, HasAProcessOfItsOwnUnlessItIsOursOrOneSaysOtherwise) {
 
 TEST_F(HarmfulFmu, IsCheckedInAProcessOfItsOwn) {
   for (const std::string harm : {"exit", "_exit", "abort", "throw"}) {
+    scenario("auto", harm);
+    const Result plant = program("check plant.ssd", harm, "fmi2Instantiate");
+    EXPECT_EQ(plant.code, 2) << harm;
+    EXPECT_THAT(plant.out, AllOf(HasSubstr("component 'pump': harm2.fmu: "), HasSubstr("fmi2Instantiate"))) << harm;
     const Result checked = program("check harm2.fmu", harm, "fmi2EnterInitializationMode");
     EXPECT_EQ(checked.code, 2) << harm;
     EXPECT_THAT(checked.out, AllOf(HasSubstr("error: Co-Simulation: harm2.fmu: "), HasSubstr("fmi2EnterInitializationMode")))
