@@ -174,10 +174,10 @@ HostProcess::~HostProcess() {
       std::string how;
       while (child_ > 0 && !ended(how)) {
         if (Clock::now() > limit) throw Error("the FMU's own process did not end after its instance was freed");
-        drain();
+        pass_on_output();
         std::this_thread::sleep_for(std::chrono::microseconds(200));
       }
-      drain();
+      pass_on_output();
     } catch (const std::exception& error) {
       ++ends_unclean;
       std::cerr << "cotwin: " << name_ << ": " << error.what() << '\n';
@@ -205,6 +205,7 @@ void HostProcess::call(Verb verb) {
     look_after();
   }
   if (header.reply == Reply::kError) {
+    pass_on_output();
     const char* message = header.message;
     throw Error(std::string(message, strnlen(message, ChannelHeader::kMessageBytes)));
   }
@@ -231,7 +232,7 @@ void HostProcess::wait_for_answer(double seconds) {
 
 /// The limit of memory, and what the FMU has written.
 void HostProcess::look_after() {
-  drain();
+  pass_on_output();
   const double used = memory_used();
   if (used > memory_)
     lost("used " + megabytes(used) + " of memory" + in_function() + ", more than " + megabytes(memory_) + ", and was ended");
@@ -249,12 +250,12 @@ double HostProcess::memory_used() const {
   return page * (resident - shared);
 }
 
-/// Passes on what the FMU wrote, up to kShownBytes; the rest is dropped.
-void HostProcess::drain() {
+/// Up to kShownBytes; the rest is dropped.
+std::uint64_t HostProcess::pass_on_output() {
   std::array<char, 1 << 16> bytes;
   for (int reads = 0; reads < 64; ++reads) {  // an FMU may write faster than this reads
     const ssize_t n = read(output_, bytes.data(), bytes.size());
-    if (n <= 0) return;
+    if (n <= 0) break;
     const auto count = static_cast<std::size_t>(n);
     const std::size_t shown = written_ < kShownBytes ? std::min<std::size_t>(count, kShownBytes - written_) : 0;
     if (shown > 0) {
@@ -269,6 +270,7 @@ void HostProcess::drain() {
     tail_.append(bytes.data() + count - std::min(count, kTailBytes), std::min(count, kTailBytes));
     if (tail_.size() > kTailBytes) tail_.erase(0, tail_.size() - kTailBytes);
   }
+  return written_;
 }
 
 bool HostProcess::ended(std::string& how) {
@@ -309,7 +311,7 @@ std::string HostProcess::last_words() const {
 
 void HostProcess::lost(const std::string& how) {
   kill();
-  drain();
+  pass_on_output();
   throw Error("the FMU's own process " + how + last_words());
 }
 
@@ -412,9 +414,10 @@ void ProcessUnit::restore_memory(const std::string& bytes) {
 }
 
 void ProcessUnit::tell(std::vector<std::string>& notes) const {
-  if (host_ && host_->bytes_written() > 0)
-    notes.push_back("wrote " + std::to_string(host_->bytes_written()) + " bytes to stdout and stderr");
-  if (!host_ || !host_->alive()) return;
+  if (!host_) return;
+  if (const std::uint64_t bytes = host_->pass_on_output(); bytes > 0)
+    notes.push_back("wrote " + std::to_string(bytes) + " bytes to stdout and stderr");
+  if (!host_->alive()) return;
   try {
     host_->call(Verb::kTell);
     std::size_t text = 0;

@@ -39,7 +39,8 @@ class HostProcess {
   /// because it exceeded a limit, the Error says how, and in which function of the FMU; then it is no longer alive().
   void call(Verb verb);
   bool alive() const { return child_ > 0; }
-  std::uint64_t bytes_written() const { return written_; }
+  /// Passes on what the FMU wrote since the last time; returns the bytes of all that it wrote.
+  std::uint64_t pass_on_output();
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -47,7 +48,6 @@ class HostProcess {
   void start();
   void wait_for_answer(double seconds);
   void look_after();
-  void drain();
   double memory_used() const;
   bool ended(std::string& how);
   void kill() noexcept;

@@ -181,7 +181,7 @@ TEST_F(HarmfulFmu, WritesWhatItLikesToStdoutWithoutSpoilingOurs) {
   const Result ran = program("run harm2.fmu --json - --process own", "stdout", "fmi2DoStep");
   EXPECT_EQ(ran.code, 0);
   EXPECT_THAT(ran.out, AllOf(::testing::StartsWith("{"), Not(HasSubstr("of five thousand")), HasSubstr("\"done\"")));
-  EXPECT_THAT(ran.err, HasSubstr("line 0 of five thousand"));
+  EXPECT_THAT(ran.err.substr(0, 100), ::testing::StartsWith("line 0 of five thousand"));
   EXPECT_LT(ran.err.size(), 70'000u);
 }
 
