@@ -67,11 +67,6 @@ std::uint64_t Messages::count() const {
   return count_;
 }
 
-std::unique_ptr<ForeignInstance> make_foreign(const ForeignFmu& fmu, ForeignOptions options) {
-  return fmu.description.version == Version::k2 ? make_foreign_fmi2(fmu, std::move(options))
-                                                : make_foreign_fmi3(fmu, std::move(options));
-}
-
 const Interface& interface_of(const ModelDescription& description, InterfaceKind kind) {
   const std::optional<Interface>& found =
       kind == InterfaceKind::kCoSimulation ? description.co_simulation : description.model_exchange;

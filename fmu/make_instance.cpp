@@ -7,6 +7,11 @@
 
 namespace cotwin::fmu {
 
+std::unique_ptr<ForeignInstance> make_foreign(const ForeignFmu& fmu, ForeignOptions options) {
+  return fmu.description.version == Version::k2 ? make_foreign_fmi2(fmu, std::move(options))
+                                                : make_foreign_fmi3(fmu, std::move(options));
+}
+
 UnitOptions unit_options(const LoadOptions& options) {
   return {options.instance_name, options.locals, options.structural, options.stop,
           options.tolerance,     options.si,     options.slopes,     options.rollback};
