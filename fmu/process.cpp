@@ -170,10 +170,11 @@ HostProcess::~HostProcess() {
   if (child_ > 0 && channel_.header().answered.load(std::memory_order_acquire) == calls_) {
     try {
       call(Verb::kEnd);
-      const Clock::time_point limit = Clock::now() + std::chrono::seconds(2);
+      const Clock::time_point begin = Clock::now();
       std::string how;
       while (child_ > 0 && !ended(how)) {
-        if (Clock::now() > limit) throw Error("the FMU's own process did not end after its instance was freed");
+        if (Clock::now() - begin > std::chrono::duration<double>(timeout_))
+          throw Error("the FMU's own process did not end after its instance was freed");
         pass_on_output();
         std::this_thread::sleep_for(std::chrono::microseconds(200));
       }
