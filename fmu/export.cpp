@@ -105,7 +105,7 @@ void Exported::build() {
   settings.set_robot(package_.robot);
   settings.set_cell(package_.cell);
   drop();  // first: it may be, or hold, one of those that a process can have only once
-  unit_ = exported_unit().make(settings);
+  unit_ = construct(exported_unit(), settings);
   unit_->declare(variables_);
   package_.start.write(variables_);
   warnings_ = settings.warnings();

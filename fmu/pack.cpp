@@ -197,8 +197,7 @@ std::vector<std::string> pack_unit(const PackRequest& request, const fs::path& o
   Settings settings(source.unit, source.query, request.defaults, request.folders);
   Instance instance = make_unit(settings, request.types);
   for (const ParameterSet& values : request.values) apply(values, instance.variables);
-  const UnitType& type =
-      *std::find_if(request.types.begin(), request.types.end(), [&](const UnitType& t) { return t.name == source.unit; });
+  const UnitType& type = find_type(source.unit, request.types);
 
   std::set<std::string> names = {kPackageFile};
   std::vector<ArchiveFile> resources = take_files(settings, instance.variables, names);

@@ -61,7 +61,10 @@ class Checker {
     for (const ConnectorSpec& connector : spec.connectors) attempt([&] { check_connector(connector, member, scenario); });
     const ParameterSet values = start_values(scenario, member, &member.instance.warnings);
     for (const ParameterValue& value : values.values) {
-      attempt([&] { apply(ParameterSet{values.name, {value}, values.units}, member.variables()); });
+      attempt([&] {
+        check_name(value, member);
+        apply(ParameterSet{values.name, {value}, values.units}, member.variables());
+      });
     }
     attempt([&] { member.variables().check_ranges(); }, spec.place + ": component '" + spec.name + "': ");
     members_.push_back(std::move(member));

@@ -13,17 +13,24 @@ namespace {
 
 namespace fs = std::filesystem;
 
-Instance make(const std::string& source, const std::map<std::string, std::string>& defaults) {
-  return make_unit(source, defaults, model_folders({}), unit_types());
+Described describe_unit(const std::string& source, const std::map<std::string, std::string>& defaults) {
+  const UnitSource parts = parse_unit_source(source);
+  Described unit{source, Settings(parts.unit, parts.query, defaults, model_folders({})), {}, ""};
+  try {
+    unit.instance = make_unit(unit.settings, unit_types());
+  } catch (const MissingSetting& error) {
+    unit.missing = error.what();
+  }
+  return unit;
 }
 
 int describe_source(std::string source, bool json) {
   if (source.rfind("unit:", 0) != 0) source = "unit:" + source;
-  const Instance instance = make(source, {});
+  const Described unit = describe_unit(source, {});
   if (json) {
-    describe_json(std::cout, source, instance);
+    describe_json(std::cout, unit);
   } else {
-    describe(std::cout, source, instance);
+    describe(std::cout, unit);
   }
   return kExitDone;
 }
@@ -33,10 +40,10 @@ int write_reference(const fs::path& folder, const std::string& robot) {
   std::ofstream index(folder / "README.md");
   index << "# Units\n\nWritten by `cotwin reference` from the units' declarations.\n\n";
   for (const UnitType& type : unit_types()) {
-    const Instance instance = make(std::string("unit:") + type.name, {{"robot", robot}});
+    const Described unit = describe_unit(std::string("unit:") + type.name, {{"robot", robot}});
     const fs::path file = folder / (std::string(type.name) + ".md");
     std::ofstream page(file);
-    describe_markdown(page, type, instance, "`robot=" + robot + "`");
+    describe_markdown(page, type, unit, "`robot=" + robot + "`");
     index << "- [`" << type.name << "`](" << type.name << ".md): " << type.summary << '\n';
     if (!page.flush()) throw Error(file.string(), "cannot be written");
   }
@@ -64,7 +71,7 @@ void add_catalogue(CLI::App& app, Chosen& chosen) {
   const auto all = std::make_shared<Arguments>();
   CLI::App* units_command = app.add_subcommand("units", "List the units that a scenario may use");
 
-  CLI::App* describe_command = app.add_subcommand("describe", "Show the variables of a unit");
+  CLI::App* describe_command = app.add_subcommand("describe", "Show the settings and variables of a unit");
   describe_command->add_option("UNIT", all->source, "A scenario's source, e.g. 'unit:drive_train?robot=lwr4'")
       ->type_name("SOURCE")
       ->required();

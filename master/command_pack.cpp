@@ -27,13 +27,19 @@ struct PackArguments {
   fmu::Version version() const { return fmi == 2 ? fmu::Version::k2 : fmu::Version::k3; }
 };
 
-/// `--set NAME=VALUE` of a unit: start values of its variables.
+/// `--set NAME=VALUE` of a unit: its settings, and start values of its variables.
 void give_values(const PackArguments& arguments, fmu::PackRequest& request) {
   ParameterSet values{"--set", {}, {}};
   for (const std::string& assignment : arguments.set) {
     const std::size_t equals = assignment.find('=');
-    if (equals == std::string::npos || equals == 0) throw Error("--set " + assignment, "expected variable=value");
-    values.values.push_back({assignment.substr(0, equals), assignment.substr(equals + 1), "", "--set " + assignment});
+    if (equals == std::string::npos || equals == 0)
+      throw Error("--set " + assignment, "expected variable=value or setting=value");
+    const std::string name = assignment.substr(0, equals);
+    if (has_setting(request.source, name, request.types)) {
+      request.source = with_setting(request.source, name, assignment.substr(equals + 1));
+      continue;
+    }
+    values.values.push_back({name, assignment.substr(equals + 1), "", "--set " + assignment});
   }
   request.values.push_back(std::move(values));
 }
@@ -52,7 +58,7 @@ std::vector<std::string> pack_unit(const PackArguments& arguments) {
 
 std::vector<std::string> pack_scenario(const PackArguments& arguments) {
   Scenario scenario = load_scenario(arguments.source);
-  for (const std::string& assignment : arguments.set) assign(scenario, assignment);
+  for (const std::string& assignment : arguments.set) assign(scenario, assignment, unit_types());
   PackageOptions options;
   options.types = unit_types();
   options.folders = model_folders(scenario.folder);
@@ -89,7 +95,7 @@ void add_pack(CLI::App& app, Chosen& chosen) {
       ->type_name("2|3")
       ->capture_default_str();
   command->add_flag("--as-fmu", all->as_fmu, "A scenario as one FMU with the master inside: the robot, not its parts");
-  command->add_option("--set", all->set, "variable=value of a unit; as for run of a scenario; may be repeated")
+  command->add_option("--set", all->set, "variable=value or setting=value of a unit; of a scenario as for run; may be repeated")
       ->type_name("NAME=VALUE")
       ->allow_extra_args(false);
   command

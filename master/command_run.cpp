@@ -83,7 +83,7 @@ void save_json(const fs::path& file, const Summary& summary, const Outcome& outc
 
 Scenario read_scenario(const RunArguments& arguments) {
   Scenario scenario = load_scenario(arguments.file);
-  for (const std::string& assignment : arguments.set) assign(scenario, assignment);
+  for (const std::string& assignment : arguments.set) assign(scenario, assignment, unit_types());
   if (arguments.stop) {
     constexpr double kMaxSeconds = 9e9;  // 2^63 ns is 9.22e9 s
     if (!(std::abs(*arguments.stop) <= kMaxSeconds))
@@ -177,7 +177,9 @@ void add_run(CLI::App& app, Chosen& chosen) {
   run_command->add_option("--stop,--stop-time", arguments.stop, "Stop time in seconds, instead of the file's")
       ->type_name("SECONDS");
   run_command
-      ->add_option("--set", arguments.set, "unit.variable=value, unit.variable[i]=value or setting=value; may be repeated")
+      ->add_option(
+          "--set", arguments.set,
+          "unit.variable=value, unit.variable[i]=value, unit.setting=value, or setting=value for all units; may be repeated")
       ->type_name("NAME=VALUE")
       ->allow_extra_args(false);
   run_command

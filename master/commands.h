@@ -21,6 +21,7 @@ void add_catalogue(CLI::App& app, Chosen& chosen);   // units, describe, referen
 void add_tune(CLI::App& app, Chosen& chosen);
 void add_excite(CLI::App& app, Chosen& chosen);
 void add_perturb(CLI::App& app, Chosen& chosen);
+void add_completion(CLI::App& app, Chosen& chosen);
 
 /// Where units look up named data, in this order; `scenario_folder` may be empty.
 std::vector<std::filesystem::path> model_folders(const std::filesystem::path& scenario_folder);

@@ -85,16 +85,17 @@ int run(int argc, char** argv) {
   add_tune(app, chosen);
   add_excite(app, chosen);
   add_perturb(app, chosen);
+  add_completion(app, chosen);
 
   try {
     // CLI11 would only say that there is no command.
     const auto commands = app.get_subcommands([](const CLI::App*) { return true; });
     const auto is_asked = [&](const CLI::App* command) { return command->check_name(argv[1]); };
     if (argc > 1 && argv[1][0] != '-' && std::none_of(commands.begin(), commands.end(), is_asked)) {
-      throw CLI::ExtrasError(
-          std::string("'") + argv[1] +
-              "' is no command, expected run, pack, info, check, units, describe, reference, tune, excite or perturb",
-          CLI::ExitCodes::ExtrasError);
+      throw CLI::ExtrasError(std::string("'") + argv[1] +
+                                 "' is no command, expected run, pack, info, check, units, describe, reference, tune, excite, "
+                                 "perturb or completion",
+                             CLI::ExitCodes::ExtrasError);
     }
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

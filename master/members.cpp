@@ -68,6 +68,22 @@ void number_items(Member& member, const fmu::ModelDescription& description) {
 
 }  // namespace
 
+void check_name(const ParameterValue& value, const Member& member) {
+  if (find_element(member.variables(), value.name).variable != nullptr) return;
+  const std::string name = value.name.substr(0, value.name.find('['));
+  if (member.variables().find(name) != nullptr) return;  // the element is malformed, which apply() reports
+  if (const Setting* setting = member.settings.find(name)) {
+    fail(value.place, in_quotes(name) + " is a setting of " + member.spec.source.substr(0, member.spec.source.find('?')) +
+                          " and no variable, expected it in the source of the component, …?" + name + "=" +
+                          (setting->choices.empty() ? "…" : setting->choices.front()) + ", or as --set " + member.name() + "." +
+                          name + "=…");
+  }
+  std::vector<std::string> names = names_of(member.variables());
+  for (const std::string& known : member.settings.names()) names.push_back(known);
+  fail(value.place, member.name() + ": no variable " + (member.settings.all().empty() ? "" : "and no setting ") +
+                        in_quotes(value.name) + suggestion(name, names));
+}
+
 FmuSource fmu_source(const ComponentSpec& spec, const Scenario& scenario) {
   const std::size_t question = spec.source.rfind('?');
   fmu::LoadOptions options;
@@ -126,6 +142,7 @@ Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::spa
   try {
     if (is_unit(spec)) {
       member.instance = make_unit(spec.source, scenario.settings, folders, types, settings_used);
+      member.settings = settings_of(find_type(parse_unit_source(spec.source).unit, types));
     } else {
       const FmuSource source = fmu_source(spec, scenario);
       foreign = fmu::open_fmu(source.path);
@@ -143,8 +160,18 @@ void check_settings(const Scenario& scenario, std::span<Member> members, const s
     if (std::find(used.begin(), used.end(), key) != used.end()) continue;
     const std::string setting = "setting " + in_quotes(key) + " = " + in_quotes(value);
     const auto sealed = std::find_if(members.begin(), members.end(), [](const Member& m) { return !is_unit(m.spec); });
-    if (sealed == members.end())
-      fail(scenario.file.filename().string(), setting + ": no unit of this scenario has it" + suggestion(key, used));
+    if (sealed == members.end()) {
+      std::vector<std::string> names;
+      for (const Member& m : members) {
+        if (m.settings.find(key) != nullptr) {
+          fail(scenario.file.filename().string(), setting + " has no effect: " + in_quotes(m.name()) +
+                                                      " has its own value or does not read it with its other settings (" +
+                                                      m.spec.source + "), expected --set " + m.name() + "." + key + "=…");
+        }
+        for (const std::string& name : m.settings.names()) names.push_back(name);
+      }
+      fail(scenario.file.filename().string(), setting + ": no unit of this scenario has it" + suggestion(key, names));
+    }
     sealed->instance.warnings.push_back(setting + " does not reach an FMU");
   }
 }
@@ -159,8 +186,9 @@ std::vector<Member> load_members(const Scenario& scenario, std::span<const UnitT
     used.insert(used.end(), asked.begin(), asked.end());
     Member& member = members.back();
     for (const ConnectorSpec& connector : spec.connectors) check_connector(connector, member, scenario);
-    // A value's own place is told by apply.
-    apply(start_values(scenario, member, &member.instance.warnings), member.variables());
+    const ParameterSet values = start_values(scenario, member, &member.instance.warnings);
+    for (const ParameterValue& value : values.values) check_name(value, member);
+    apply(values, member.variables());  // an error names the value's place
   }
   check_settings(scenario, members, used);
   return members;

@@ -16,6 +16,7 @@ namespace cotwin::master {
 struct Member {
   ComponentSpec spec;
   Instance instance;
+  SettingList settings{};  // that a unit has; of an FMU none
 
   const std::string& name() const { return spec.name; }
   const Variables& variables() const { return instance.variables; }
@@ -56,6 +57,9 @@ std::string element_name(const std::string& member, const Variable& variable, st
 /// The start values that the scenario gives a component. What its unit does not have is left out where the scenario allows
 /// that, and told in `unknown`.
 ParameterSet start_values(const Scenario& scenario, const Member& member, std::vector<std::string>* unknown = nullptr);
+
+/// Throws Error for a start value whose name is no variable of the member; it may be the name of a setting.
+void check_name(const ParameterValue& value, const Member& member);
 
 /// What the scenario says of a component that is an FMU: its file or folder, and how it is loaded. Throws Error for a query
 /// that is none.

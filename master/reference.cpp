@@ -80,10 +80,49 @@ std::string cell(std::string text) {
   return text;
 }
 
+void describe_settings(std::ostream& out, const Settings& settings) {
+  if (settings.list().all().empty()) return;
+  std::size_t name_width = 0;
+  for (const Setting& s : settings.list()) name_width = std::max(name_width, s.name.size());
+  out << "\nSettings (unit:name?setting=value, or --set component.setting=value)\n";
+  for (const Setting& s : settings.list()) {
+    std::string name = s.name, kind(name_of(s.kind));
+    name.resize(name_width, ' ');
+    kind.resize(std::max<std::size_t>(kind.size(), 7), ' ');
+    const std::string values = allowed_values(s);
+    out << "  " << name << "  " << kind << "  " << s.description;
+    if (!values.empty()) out << "; " << values;
+    out << (s.fallback ? "; default: " : "; ") << default_value(s);
+    if (const auto given = settings.given(s.name)) out << "; here: " << *given;
+    out << '\n';
+  }
+}
+
+nlohmann::ordered_json json_of(const Setting& s, const std::optional<std::string>& given) {
+  nlohmann::ordered_json item = {{"name", s.name}, {"kind", name_of(s.kind)}, {"description", s.description}};
+  if (s.kind == Setting::Kind::kChoice) item["choices"] = s.choices;
+  if (s.kind == Setting::Kind::kInteger) {
+    item["min"] = s.min;
+    item["max"] = s.max;
+  }
+  item["required"] = !s.fallback.has_value();
+  if (!s.fallback_rule.empty()) {
+    item["default_rule"] = s.fallback_rule;
+  } else if (s.fallback) {
+    item["default"] = *s.fallback;
+  }
+  if (given) item["value"] = *given;
+  return item;
+}
+
 }  // namespace
 
-void describe(std::ostream& out, const std::string& source, const Instance& instance) {
-  out << source << '\n';
+void describe(std::ostream& out, const Described& unit) {
+  const Instance& instance = unit.instance;
+  out << unit.source << '\n';
+  describe_settings(out, unit.settings);
+  if (!unit.missing.empty())
+    out << "\nVariables are shown once the setting is given that they depend on:\n  " << unit.missing << '\n';
   std::size_t name_width = 0, measure_width = 0;
   for (const Variable& v : instance.variables) {
     name_width = std::max(name_width, v.name.size() + (v.size() == 1 ? 0 : 2 + std::to_string(v.size()).size()));
@@ -106,9 +145,13 @@ void describe(std::ostream& out, const std::string& source, const Instance& inst
   for (const std::string& warning : instance.warnings) out << "\nwarning: " << warning << '\n';
 }
 
-void describe_json(std::ostream& out, const std::string& source, const Instance& instance) {
+void describe_json(std::ostream& out, const Described& unit) {
+  const Instance& instance = unit.instance;
   nlohmann::ordered_json j;
-  j["source"] = source;
+  j["source"] = unit.source;
+  j["settings"] = nlohmann::ordered_json::array();
+  for (const Setting& s : unit.settings.list()) j["settings"].push_back(json_of(s, unit.settings.given(s.name)));
+  if (!unit.missing.empty()) j["missing"] = unit.missing;
   j["variables"] = nlohmann::ordered_json::array();
   for (const Variable& v : instance.variables) {
     nlohmann::ordered_json item = {
@@ -124,10 +167,19 @@ void describe_json(std::ostream& out, const std::string& source, const Instance&
   out << j.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) << '\n';
 }
 
-void describe_markdown(std::ostream& out, const UnitType& type, const Instance& instance, const std::string& settings) {
+void describe_markdown(std::ostream& out, const UnitType& type, const Described& unit, const std::string& given_settings) {
+  const Instance& instance = unit.instance;
   out << "# `unit:" << type.name << "`\n\n"
-      << type.summary << "\n\nWritten by `cotwin reference` from the unit's declarations, with " << settings
-      << ": sizes and start values are that robot's.\n";
+      << type.summary << "\n\nWritten by `cotwin reference` from the unit's declarations, with " << given_settings
+      << ": sizes and start values are that robot's.\n\n## Settings\n\n"
+      << "Chosen before the unit has variables: in its source, `unit:" << type.name
+      << "?setting=value`, or by `--set component.setting=value`.\n\n| name | values | default | meaning "
+         "|\n|---|---|---|---|\n";
+  for (const Setting& s : unit.settings.list()) {
+    const std::string values = allowed_values(s);
+    out << "| `" << s.name << "` | " << cell(values.empty() ? std::string(name_of(s.kind)) : values) << " | "
+        << cell(default_value(s)) << " | " << cell(s.description) << " |\n";
+  }
   for_each_role(instance.variables, [&](Role role, const std::vector<const Variable*>& list) {
     const bool given = role != Role::kOutput && role != Role::kState;
     out << "\n## " << title(role) << "\n\n| name | size | measure | meaning |" << (given ? " start value | range |" : "")

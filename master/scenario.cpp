@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "components/unit/settings.h"
 #include "fmu/archive.h"
 #include "fmu/file_kind.h"
 #include "master/scenario_annotation.h"
@@ -80,6 +81,19 @@ std::string from_working_directory(const std::string& value) {
   return error ? value : absolute.lexically_normal().string();
 }
 
+/// `component?setting`, with the setting's value.
+void assign_setting(Scenario& scenario, const std::string& component, const std::string& key, const std::string& value,
+                    const std::string& place) {
+  std::vector<std::string> names;
+  for (ComponentSpec& c : scenario.components) {
+    names.push_back(c.name);
+    if (c.name != component) continue;
+    c.source = with_setting(c.source, key, value);
+    return;
+  }
+  throw Error(place, xml::unknown("a component", component, names));
+}
+
 /// `text` with the name of the package in the place of the folder that it was unpacked to.
 std::string renamed(std::string text, const std::string& folder, const std::string& package) {
   for (std::size_t at = 0; (at = text.find(folder, at)) != std::string::npos; at += package.size()) {
@@ -136,6 +150,27 @@ Scenario parse_scenario(std::string_view xml, const std::string& place, const st
   return read(xml, place, folder, {});
 }
 
+std::string with_setting(const std::string& source, const std::string& key, const std::string& value) {
+  const bool of_unit = source.rfind("unit:", 0) == 0;
+  const std::size_t question = of_unit ? source.find('?') : source.rfind('?');
+  std::string query;
+  if (question != std::string::npos && question + 1 < source.size()) {
+    for (const std::string_view pair : text::split(std::string_view(source).substr(question + 1), '&')) {
+      if (pair.substr(0, pair.find('=')) == key) continue;
+      query += (query.empty() ? "" : "&") + std::string(pair);
+    }
+  }
+  return source.substr(0, question) + "?" + query + (query.empty() ? "" : "&") + key + "=" +
+         (of_unit ? escape_setting(value) : value);
+}
+
+bool has_setting(const std::string& source, const std::string& key, std::span<const UnitType> types) {
+  if (source.rfind("unit:", 0) != 0) return false;
+  const std::string unit = parse_unit_source(source).unit;
+  const auto type = std::find_if(types.begin(), types.end(), [&](const UnitType& t) { return t.name == unit; });
+  return type != types.end() && settings_of(*type).find(key) != nullptr;
+}
+
 std::optional<Port> split_name(const Scenario& scenario, std::string_view name) {
   const ComponentSpec* best = nullptr;
   for (const ComponentSpec& c : scenario.components) {
@@ -147,14 +182,20 @@ std::optional<Port> split_name(const Scenario& scenario, std::string_view name) 
   return Port{best->name, std::string(name.substr(best->name.size() + 1)), ""};
 }
 
-void assign(Scenario& scenario, std::string_view assignment) {
+void assign(Scenario& scenario, std::string_view assignment, std::span<const UnitType> types) {
   const std::string place = "--set " + std::string(assignment);
   const std::size_t equals = assignment.find('=');
   const std::string name(text::trim(assignment.substr(0, equals)));
   if (equals == std::string_view::npos || name.empty()) {
-    throw Error(place, "expected component.variable=value, component.variable[2]=value or setting=value");
+    throw Error(place,
+                "expected component.variable=value, component.variable[2]=value, component.setting=value or setting=value");
   }
   const std::string value = from_working_directory(std::string(assignment.substr(equals + 1)));
+  if (const std::size_t question = name.find('?'); question != std::string::npos) {
+    const std::string key = name.substr(question + 1);
+    if (key.empty()) throw Error(place, "expected component?setting=value");
+    return assign_setting(scenario, name.substr(0, question), key, value, place);
+  }
   if (name.find('.') == std::string::npos) {
     scenario.settings[name] = value;
     return;
@@ -167,8 +208,13 @@ void assign(Scenario& scenario, std::string_view assignment) {
     throw Error(place, xml::unknown("a variable of a component", name, candidates));
   }
   for (ComponentSpec& c : scenario.components) {
+    if (c.name != port->component) continue;
+    if (has_setting(c.source, port->variable, types)) {
+      c.source = with_setting(c.source, port->variable, value);
+      continue;
+    }
     // As text: the unit reads it as the variable's kind, one value for all elements or one for each.
-    if (c.name == port->component) c.start_values.push_back({port->variable, value, "", place});
+    c.start_values.push_back({port->variable, value, "", place});
   }
 }
 

@@ -3,12 +3,14 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "components/unit/si.h"
 #include "components/unit/time.h"
+#include "components/unit/unit_table.h"
 #include "models/text/parameter_set.h"
 
 /// A scenario: what differs between two runs. Read from an SSP 1.0 system structure (.ssd) and our annotation in it; a plain
@@ -130,8 +132,17 @@ Scenario parse_scenario(std::string_view xml, const std::string& place, const st
 /// name. The variable itself is not looked up. Nothing if there is no such component.
 std::optional<Port> split_name(const Scenario& scenario, std::string_view name);
 
-/// Applies `--set NAME=VALUE`: "component.variable=value" becomes its last start value, "setting=value" a setting. A relative
-/// path given this way is relative to the working directory. Throws Error for a malformed assignment or an unknown component.
-void assign(Scenario& scenario, std::string_view assignment);
+/// The source of a component, "unit:drive_train?robot=lwr4" or "plant.fmu?timeout=5", with the setting `key` at `value`.
+std::string with_setting(const std::string& source, const std::string& key, const std::string& value);
+/// Whether the source names a unit of `types` that has the setting.
+bool has_setting(const std::string& source, const std::string& key, std::span<const UnitType> types);
+
+/// Applies `--set NAME=VALUE`. A relative path given this way is relative to the working directory.
+///   setting=value               a default for all units that have the setting
+///   component.setting=value     a setting of one unit, where its type in `types` has a setting of this name
+///   component.variable=value    else: the last start value of a variable
+///   component?setting=value     a setting in any case, also of an FMU (fmu::LoadOptions)
+/// Throws Error for a malformed assignment or an unknown component.
+void assign(Scenario& scenario, std::string_view assignment, std::span<const UnitType> types = {});
 
 }  // namespace cotwin::master

@@ -153,7 +153,7 @@ Instance build_unit(const fmu::Package& unit, const std::filesystem::path& resou
   settings.set_robot(unit.robot);
   settings.set_cell(unit.cell);
   Instance instance;
-  instance.unit = type->make(settings);
+  instance.unit = construct(*type, settings);
   instance.unit->declare(instance.variables);
   unit.start.write(instance.variables);
   instance.warnings = settings.warnings();

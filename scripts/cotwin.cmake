@@ -80,8 +80,8 @@ function(cotwin_left_out out)
 endfunction()
 
 # cotwin_unit(CLASS DriveTrain SUMMARY "…"): the current folder's library holds a unit; its name is the folder's, its header is
-# <folder>/<folder>.h and its class cotwin::<folder>::<CLASS>, constructible from Settings&. From this line it becomes a scenario
-# source `unit:<folder>`, a reference page and a subject of the property tests.
+# <folder>/<folder>.h and its class cotwin::<folder>::<CLASS>, constructible from Settings&, with a static member
+# declare_settings(SettingList&). From this line it becomes a scenario source `unit:<folder>`, a reference page and a subject of the property tests.
 function(cotwin_unit)
   cmake_parse_arguments(arg "" "CLASS;SUMMARY" "" ${ARGN})
   cmake_path(GET CMAKE_CURRENT_SOURCE_DIR FILENAME name)
@@ -106,7 +106,7 @@ function(cotwin_unit_table)
     get_property(class GLOBAL PROPERTY COTWIN_UNIT_${unit}_CLASS)
     get_property(summary GLOBAL PROPERTY COTWIN_UNIT_${unit}_SUMMARY)
     string(APPEND includes "#include \"components/${unit}/${unit}.h\"\n")
-    string(APPEND rows "    {\"${unit}\", \"${summary}\",\n     [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<${unit}::${class}>(s); }},\n")
+    string(APPEND rows "    {\"${unit}\", \"${summary}\",\n     [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<${unit}::${class}>(s); },\n     &${unit}::${class}::declare_settings},\n")
     list(APPEND libraries cotwin::${unit})
   endforeach()
   configure_file(${PROJECT_SOURCE_DIR}/components/unit/unit_table.cpp.in ${CMAKE_BINARY_DIR}/generated/unit_table.cpp @ONLY)

@@ -40,6 +40,10 @@ struct Compliance::Dynamics {
   Eigen::VectorXd q, dq, v, s, tau;
 };
 
+void Compliance::declare_settings(SettingList& s) {
+  s.robot("a name in models/robots, or a path to a URDF file", true).required();
+}
+
 Compliance::Compliance(Settings& settings) {
   const robot::RobotModel robot = settings.robot();
   n_ = static_cast<std::size_t>(robot.n());

@@ -29,7 +29,8 @@ namespace cotwin::compliance {
 /// force follow the tunables smoothly, so nothing jumps when they are changed.
 class Compliance final : public Unit {
  public:
-  /// Settings: those of Settings::robot().
+  /// What may be chosen by the source of the unit; cotwin describe shows it.
+  static void declare_settings(SettingList& s);
   explicit Compliance(Settings& settings);
   ~Compliance() override;
 

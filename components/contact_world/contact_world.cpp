@@ -101,17 +101,29 @@ struct ContactWorld::Body {
   Values p{0, 0, 0}, quat{1, 0, 0, 0}, v{0, 0, 0}, w{0, 0, 0}, f_c{0, 0, 0}, m_c{0, 0, 0};  // outputs
 };
 
+void ContactWorld::declare_settings(SettingList& s) {
+  s.cell();
+  s.choice("link", {"inside", "outside"},
+           "where the links of the robots move: in the drive train, whose q is an input here, or in this unit, which gives q");
+  s.choice("actuation", {"torque", "prescribed"},
+           "with link=inside: the links are driven by tau_J, or move as q and dq prescribe");
+  s.choice("base", {"fixed", "floating"}, "whether the bases of the robots stand still or move, with link=outside");
+  s.choice("method", {"tree", "pgs", "dantzig"},
+           "solver of (1): joint trees solved exactly and contacts swept, projected Gauss-Seidel, or Dantzig's pivoting");
+  s.integer("contacts", 256, 1, 1000000, "number of contact points that a step takes without allocating memory");
+  s.integer("points", 8, 0, 1000, "number of contact points that are outputs");
+}
+
 ContactWorld::ContactWorld(Settings& settings)
     : place_(settings.unit()),
       cell_(settings.cell()),
-      link_(settings.choice("link", {"inside", "outside"}) == "inside" ? Link::kInside : Link::kOutside),
-      actuation_(settings.choice("actuation", {"torque", "prescribed"}) == "torque" ? Actuation::kTorque
-                                                                                    : Actuation::kPrescribed),
-      floating_(settings.choice("base", {"fixed", "floating"}) == "floating") {
-  const std::string method = settings.choice("method", {"tree", "pgs", "dantzig"});
+      link_(settings.choice("link") == "inside" ? Link::kInside : Link::kOutside),
+      actuation_(settings.choice("actuation") == "torque" ? Actuation::kTorque : Actuation::kPrescribed),
+      floating_(settings.choice("base") == "floating") {
+  const std::string method = settings.choice("method");
   options_.method = method == "tree" ? Method::kTree : method == "pgs" ? Method::kPgs : Method::kDantzig;
-  options_.contacts = static_cast<std::size_t>(settings.integer("contacts", 256, 1, 1000000));
-  shown_ = static_cast<std::size_t>(settings.integer("points", 8, 0, 1000));
+  options_.contacts = static_cast<std::size_t>(settings.integer("contacts"));
+  shown_ = static_cast<std::size_t>(settings.integer("points"));
   iterations_ = options_.iterations;
   tolerance_ = options_.tolerance;
   if (floating_ && link_ == Link::kInside) {

@@ -26,13 +26,11 @@ namespace cotwin::contact_world {
 /// on stiff gears stay stable at 1 ms. The wiring is the same but for `q` and `dq`, which are inputs in the former case and
 /// outputs in the latter, just the other way round than the drive train's.
 ///
-/// Settings: scene (a name in models/scenes, a path to an SDF file, or none); robot (one, without a prefix) or
-/// robots=left:lwr4,right:panda.urdf (each one's variables begin with its name and a dot); link; actuation; base=fixed|floating;
-/// method=tree|pgs|dantzig; contacts, the number of points that a step takes without allocating; points, how many of them are outputs.
-///
 /// A step whose points exceed `contacts` allocates once and tells so in `grown`.
 class ContactWorld final : public Unit {
  public:
+  /// What may be chosen by the source of the unit; cotwin describe shows it.
+  static void declare_settings(SettingList& s);
   explicit ContactWorld(Settings& settings);
   ~ContactWorld() override;
 

@@ -29,18 +29,28 @@ constexpr std::array kFollowed = {
 
 }  // namespace
 
+void DriveTrain::declare_settings(SettingList& s) {
+  s.robot("a name in models/robots, or a path to a URDF file; with link=outside it may be left out", true);
+  s.integer("joints", 1, 1, 1000, "number of joints where there is no robot, with link=outside");
+  s.choice("link", {"inside", "outside"}, "where the link side (2a) is integrated: in this unit, or in another that gives q");
+  s.choice("transmission", {"flexible", "rigid"}, "joints with the stiffness K of (2c), or rigid ones: theta = q");
+  s.choice("friction", {"lugre", "elasto_plastic", "coulomb", "smooth"},
+           "friction of the motors: LuGre, an elasto-plastic bristle, Coulomb friction that sticks exactly, or one without "
+           "sticking, smooth in the speed");
+  s.choice("method", {"rosenbrock", "cvode", "arkode"}, "solver of the differential equations; cvode and arkode are SUNDIALS");
+}
+
 // What the settings say.
 struct DriveTrain::Kind {
   explicit Kind(Settings& s) {
-    link = s.choice("link", {"inside", "outside"}) == "inside" ? Link::kInside : Link::kOutside;
-    transmission =
-        s.choice("transmission", {"flexible", "rigid"}) == "flexible" ? Transmission::kFlexible : Transmission::kRigid;
-    const std::string f = s.choice("friction", {"lugre", "elasto_plastic", "coulomb", "smooth"});
+    link = s.choice("link") == "inside" ? Link::kInside : Link::kOutside;
+    transmission = s.choice("transmission") == "flexible" ? Transmission::kFlexible : Transmission::kRigid;
+    const std::string f = s.choice("friction");
     friction = f == "lugre"     ? Friction::kLugre
                : f == "coulomb" ? Friction::kCoulomb
                : f == "smooth"  ? Friction::kSmooth
                                 : Friction::kElastoPlastic;
-    const std::string m = s.choice("method", {"rosenbrock", "cvode", "arkode"});
+    const std::string m = s.choice("method");
     if (m != "rosenbrock") sundials = m == "cvode" ? SundialsSolver::Method::kCvode : SundialsSolver::Method::kArkode;
     if (transmission == Transmission::kRigid && link == Link::kOutside) {
       throw Error(s.unit(), "transmission=rigid with link=outside leaves nothing to move, expected one of them");
@@ -50,12 +60,12 @@ struct DriveTrain::Kind {
                   "friction=coulomb sticks exactly only in front of an elastic gear, expected friction=lugre or elasto_plastic "
                   "with transmission=rigid");
     }
-    if (link == Link::kInside || !s.text("robot", "").empty()) {
+    if (link == Link::kInside || !s.text("robot").empty()) {
       robot = s.robot();
       joints = static_cast<std::size_t>(robot->n());
       if (joints == 0) throw Error(s.unit(), "robot '" + robot->name + "' has no movable joint, expected at least one");
     } else {
-      joints = static_cast<std::size_t>(s.integer("joints", 1, 1, 1000));
+      joints = static_cast<std::size_t>(s.integer("joints"));
     }
   }
   Link link;

@@ -28,12 +28,10 @@ namespace cotwin::drive_train {
 ///
 /// The bodies, B and friction (but for the bristle's stiffness, damping and shape) may be changed while the robot moves
 /// (method=rosenbrock); what is in force follows smoothly, so nothing jumps.
-///
-/// Settings: robot (link=outside: or joints); link=inside|outside; transmission=flexible|rigid;
-/// friction=lugre|elasto_plastic|coulomb|smooth; method=rosenbrock|cvode|arkode; unphysical=error|warn, of the robot's
-/// inertias.
 class DriveTrain final : public Unit {
  public:
+  /// What may be chosen by the source of the unit; cotwin describe shows it.
+  static void declare_settings(SettingList& s);
   explicit DriveTrain(Settings& settings);
   ~DriveTrain() override;
   void declare(Variables& variables) override;

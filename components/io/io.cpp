@@ -10,23 +10,27 @@ namespace cotwin::io {
 namespace {
 
 std::vector<trajectory::Axis> axes_of(Settings& settings) {
-  if (settings.text("robot", "").empty()) {
-    return trajectory::free_axes(static_cast<std::size_t>(settings.integer("joints", 1, 1, 1000)));
-  }
+  if (settings.text("robot").empty()) return trajectory::free_axes(static_cast<std::size_t>(settings.integer("joints", 1)));
   std::vector<trajectory::Axis> axes = trajectory::axes_of(settings.robot(Settings::Masses::kUnused));
   const long long n = static_cast<long long>(axes.size());
-  if (const long long joints = settings.integer("joints", n, 1, 1000); joints != n) {
+  if (const long long joints = settings.integer("joints", n); joints != n) {
     throw Error("unit:io", "joints=" + std::to_string(joints) + ", but the robot has " + std::to_string(n));
   }
   return axes;
 }
 
 std::unique_ptr<Link> make_link(Settings& settings, std::vector<trajectory::Axis> joints) {
-  if (settings.choice("link", {"recording", "sensors"}) == "sensors") return std::make_unique<SensorLink>(joints.size());
+  if (settings.choice("link") == "sensors") return std::make_unique<SensorLink>(joints.size());
   return std::make_unique<RecordingLink>(settings, std::move(joints));
 }
 
 }  // namespace
+
+void Io::declare_settings(SettingList& s) {
+  s.robot("a name in models/robots, or a path to a URDF file, for the number of joints, their names and their limits", false);
+  s.integer("joints", 1, 1, 1000, "number of joints").fallback_rule("the robot's, else 1");
+  s.choice("link", {"recording", "sensors"}, "what is behind the ports: a recording, or the sensors of an emulated robot");
+}
 
 Io::Io(Settings& settings) : Io(axes_of(settings), settings) {}
 

@@ -13,7 +13,8 @@ namespace cotwin::io {
 /// (sensor_link.h).
 class Io final : public Unit {
  public:
-  /// Settings: `robot`, or `joints` = n where there is no URDF; `link` = recording|sensors.
+  /// What may be chosen by the source of the unit; cotwin describe shows it.
+  static void declare_settings(SettingList& s);
   explicit Io(Settings& settings);
 
   void declare(Variables& v) override;

@@ -13,25 +13,30 @@ namespace cotwin::motion {
 namespace {
 
 std::vector<trajectory::Axis> axes_of(Settings& settings) {
-  if (settings.text("robot", "").empty()) {
-    return trajectory::free_axes(static_cast<std::size_t>(settings.integer("joints", 1, 1, 1000)));
-  }
+  if (settings.text("robot").empty()) return trajectory::free_axes(static_cast<std::size_t>(settings.integer("joints", 1)));
   std::vector<trajectory::Axis> axes = trajectory::axes_of(settings.robot(Settings::Masses::kUnused));
   const long long n = static_cast<long long>(axes.size());
-  if (const long long joints = settings.integer("joints", n, 1, 1000); joints != n) {
+  if (const long long joints = settings.integer("joints", n); joints != n) {
     throw Error("unit:motion", "joints=" + std::to_string(joints) + ", but the robot has " + std::to_string(n));
   }
   return axes;
 }
 
 AnySource make_source(Settings& settings, const std::vector<trajectory::Axis>& axes) {
-  const std::string kind = settings.choice("kind", {"waypoints", "polynomial", "csv"});
+  const std::string kind = settings.choice("kind");
   if (kind == "polynomial") return PolynomialSource(settings, axes);
   if (kind == "csv") return RecordingSource(settings, axes);
   return WaypointSource(settings, axes);
 }
 
 }  // namespace
+
+void Motion::declare_settings(SettingList& s) {
+  s.robot("a name in models/robots, or a path to a URDF file, for the number of joints, their names and their limits", false);
+  s.integer("joints", 1, 1, 1000, "number of joints").fallback_rule("the robot's, else 1");
+  s.choice("kind", {"waypoints", "polynomial", "csv"}, "where the motion comes from; csv: a recording");
+  declare_source_settings(s);
+}
 
 Motion::Motion(Settings& settings) : Motion(settings, axes_of(settings)) {}
 

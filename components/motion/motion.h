@@ -17,7 +17,8 @@ namespace cotwin::motion {
 /// stretching.
 class Motion final : public Unit {
  public:
-  /// Settings: `robot`, or `joints` = n where there is no URDF; `kind` = waypoints | polynomial | csv, and those of sources.h.
+  /// What may be chosen by the source of the unit; cotwin describe shows it.
+  static void declare_settings(SettingList& s);
   explicit Motion(Settings& settings);
 
   void declare(Variables& v) override;

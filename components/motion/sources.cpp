@@ -25,11 +25,17 @@ constexpr const char* kAngle = "unit of the positions of revolute joints in the 
 
 }  // namespace
 
+void declare_source_settings(SettingList& s) {
+  s.integer("points", 2, 2, 100000, "kind=waypoints: number of waypoints in the parameters");
+  s.boolean("jerk", false, "kind=polynomial: the jerks at both ends are prescribed, too");
+  s.integer("degree", 5, 5, trajectory::bernstein::kMaxDegree,
+            "kind=waypoints or polynomial: degree of the polynomials; above the least, there are redundant coefficients c_r")
+      .fallback_rule("5, with jerk=true 7");
+}
+
 WaypointSource::WaypointSource(Settings& settings, std::vector<trajectory::Axis> axes)
-    : settings_(settings),
-      axes_(std::move(axes)),
-      degree_(static_cast<int>(settings.integer("degree", 5, 5, trajectory::bernstein::kMaxDegree))) {
-  const std::size_t N = static_cast<std::size_t>(settings.integer("points", 2, 2, 100000));
+    : settings_(settings), axes_(std::move(axes)), degree_(static_cast<int>(settings.integer("degree"))) {
+  const std::size_t N = static_cast<std::size_t>(settings.integer("points"));
   t_.resize(N);
   for (std::size_t k = 0; k < N; ++k) t_[k] = static_cast<double>(k);
   q_.resize(N * axes_.size());
@@ -68,9 +74,11 @@ trajectory::Path WaypointSource::path() {
 }
 
 PolynomialSource::PolynomialSource(Settings& settings, std::vector<trajectory::Axis> axes)
-    : n_(axes.size()),
-      jerk_(settings.boolean("jerk", false)),
-      degree_(static_cast<int>(settings.integer("degree", jerk_ ? 7 : 5, jerk_ ? 7 : 5, trajectory::bernstein::kMaxDegree))) {
+    : n_(axes.size()), jerk_(settings.boolean("jerk")), degree_(static_cast<int>(settings.integer("degree", jerk_ ? 7 : 5))) {
+  if (jerk_ && degree_ < 7) {
+    throw Error("unit:motion", "degree=" + std::to_string(degree_) + " with jerk=true, expected 7 to " +
+                                   std::to_string(trajectory::bernstein::kMaxDegree));
+  }
   for (End* end : {&start_, &end_}) {
     for (std::vector<double>* x : {&end->q, &end->dq, &end->ddq, &end->dddq}) x->resize(n_);
   }

@@ -14,10 +14,12 @@
 /// Where a desired motion comes from: each kind declares its parameters, and makes a path of their values.
 namespace cotwin::motion {
 
+/// The settings of all kinds.
+void declare_source_settings(SettingList& s);
+
 /// Waypoints, from parameters or a file; rest to rest or through them; with redundant coefficients for each leg.
 class WaypointSource {
  public:
-  /// Settings: `points` = N in the parameters, `degree` of the polynomials.
   WaypointSource(Settings& settings, std::vector<trajectory::Axis> axes);
   void declare(Variables& v);
   trajectory::Path path();
@@ -35,7 +37,6 @@ class WaypointSource {
 /// One polynomial with boundary conditions at both ends and redundant coefficients.
 class PolynomialSource {
  public:
-  /// Settings: `degree`, `jerk` = true where the jerks at both ends are prescribed, too.
   PolynomialSource(Settings& settings, std::vector<trajectory::Axis> axes);
   void declare(Variables& v);
   trajectory::Path path();

@@ -45,14 +45,24 @@ void expect_within(const char* place, double value, double least, double greates
 
 }  // namespace
 
+void Tuner::declare_settings(SettingList& s) {
+  s.robot("the prior: a name in models/robots, or a path to a URDF file", true).required();
+  s.choice("friction", {"none", "coulomb", "sigmoid", "stribeck"}, "friction law that is identified");
+  s.boolean("viscous", false, "whether viscous friction is identified").fallback_rule("true unless friction=none");
+  s.boolean("offset", true, "whether a constant torque per joint is identified");
+  s.boolean("motor_inertia", false, "whether the reflected inertia of the motors is identified");
+  s.boolean("wait", true,
+            "a step waits for a tuning that is due; false: it is adopted when it is ready, so results depend on the machine");
+}
+
 Tuner::Tuner(Settings& settings)
     : prior_(settings.robot()), n_(static_cast<std::size_t>(prior_.n())), filter_(n_, 1), sample_(4 * n_) {
   if (n_ == 0) throw Error(settings.unit(), "robot '" + prior_.name + "' has no movable joint, expected at least one");
-  model_.friction = identification::friction_law(settings.choice("friction", {"none", "coulomb", "sigmoid", "stribeck"}));
+  model_.friction = identification::friction_law(settings.choice("friction"));
   model_.viscous = settings.boolean("viscous", model_.friction != identification::FrictionLaw::kNone);
-  model_.offset = settings.boolean("offset", true);
-  model_.motor_inertia = settings.boolean("motor_inertia", false);
-  wait_ = settings.boolean("wait", true);
+  model_.offset = settings.boolean("offset");
+  model_.motor_inertia = settings.boolean("motor_inertia");
+  wait_ = settings.boolean("wait");
   for (Values* v :
        {&q_, &dq_, &tau_, &mass_, &tau_C_, &tau_S_, &v_S_, &v_R_, &sigma2_, &tau_0_, &B_, &rms_, &rms_prior_, &rms_floor_}) {
     v->assign(n_, 0.0);

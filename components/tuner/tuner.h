@@ -23,10 +23,10 @@ namespace cotwin::tuner {
 /// it seeks with: a finding is a function of these, so a restored tuner seeks once more and finds the same bits. Only with
 /// wait=false the machine's speed decides when a finding is adopted, so that such a tuner cannot be taken back; its texts are
 /// empty.
-///
-/// Settings: robot; friction=none|coulomb|sigmoid|stribeck; viscous, offset, motor_inertia (true or false); wait.
 class Tuner final : public Unit {
  public:
+  /// What may be chosen by the source of the unit; cotwin describe shows it.
+  static void declare_settings(SettingList& s);
   explicit Tuner(Settings& settings);
   ~Tuner() override;
 

@@ -16,7 +16,7 @@ namespace fs = std::filesystem;
 scene::Cell Settings::cell() {
   scene::Cell cell;
   std::vector<std::string> found;
-  if (const std::string name = text("scene", "none"); name != "none" && !name.empty()) {
+  if (const std::string name = text("scene"); name != "none" && !name.empty()) {
     const bool is_path = name.find('/') != std::string::npos || fs::path(name).has_extension();
     const fs::path path = file(is_path ? name : "scenes/" + name + "/scene.sdf", " (another scene: --set scene=PATH.sdf)");
     cell.scene = scene::load(path, &found);
@@ -25,7 +25,7 @@ scene::Cell Settings::cell() {
   }
 
   robot::UrdfOptions options;
-  if (choice("unphysical", {"error", "warn"}) == "warn") options.unphysical = robot::Unphysical::kWarn;
+  if (choice("unphysical") == "warn") options.unphysical = robot::Unphysical::kWarn;
   const auto place = [&](const std::string& name, const fs::path& urdf) {
     scene::PlacedRobot robot{name, robot::load_urdf(urdf, options, &found), {}};
     robot.shapes = scene::shapes_of_urdf(urdf, robot.model, &found);
@@ -37,7 +37,7 @@ scene::Cell Settings::cell() {
     throw Error("unit:" + unit_,
                 "robot=" + text("robot") + " and robots=" + text("robots") + ", expected one of the two settings");
   }
-  const std::string several = one_given ? "" : text("robots", ""), one = text("robot", "");
+  const std::string several = one_given ? "" : text("robots"), one = text("robot");
   if (!several.empty()) {
     std::set<std::string> names;
     for (const std::string_view entry : text::split(several, ',')) {

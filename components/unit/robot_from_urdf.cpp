@@ -8,8 +8,7 @@ namespace cotwin {
 robot::RobotModel Settings::robot(Masses masses) {
   robot::UrdfOptions options;
   std::vector<std::string> found;
-  if (masses == Masses::kUnused || choice("unphysical", {"error", "warn"}) == "warn")
-    options.unphysical = robot::Unphysical::kWarn;
+  if (masses == Masses::kUnused || choice("unphysical") == "warn") options.unphysical = robot::Unphysical::kWarn;
   robot_ = std::make_shared<const robot::RobotModel>(robot::load_urdf(robot_file(), options, &found));
   if (masses == Masses::kUsed) {
     for (std::string& warning : found) warn(std::move(warning));

@@ -79,43 +79,87 @@ const std::string* Settings::lookup(const std::string& key) {
   return nullptr;
 }
 
-std::string Settings::text(const std::string& key, const std::string& fallback) {
-  const std::string* found = lookup(key);
-  return found != nullptr ? *found : fallback;
-}
-
-std::string Settings::text(const std::string& key) {
-  if (const std::string* found = lookup(key)) return *found;
-  throw Error("unit:" + unit_,
-              "needs the setting '" + key + "', as in unit:" + unit_ + "?" + key + "=… (or --set " + key + "=…)");
-}
-
-long long Settings::integer(const std::string& key, long long fallback, long long min, long long max) {
-  const std::string* found = lookup(key);
-  if (found == nullptr) return fallback;
-  const auto value = text::parse_integer(*found);
-  if (!value || *value < min || *value > max) {
-    throw Error("unit:" + unit_,
-                key + "=" + *found + ", expected an integer from " + std::to_string(min) + " to " + std::to_string(max));
+void Settings::declare(SettingList list) {
+  list_ = std::move(list);
+  const std::vector<std::string> names = list_.names();
+  for (const auto& [key, value] : query_) {
+    if (list_.find(key) != nullptr) continue;
+    const std::string closest = text::closest(key, names);
+    throw Error("unit:" + unit_, "no setting '" + key + "'" + (closest.empty() ? "" : "; did you mean '" + closest + "'?") +
+                                     (names.empty() ? "; there is none" : "; there are " + joined(names)));
   }
-  return *value;
+}
+
+const Setting& Settings::declared(const std::string& key, Setting::Kind kind) const {
+  const Setting* setting = list_.find(key);
+  if (setting == nullptr || setting->kind != kind) {
+    throw Error("unit:" + unit_,
+                "reads '" + key + "', which it does not declare as a setting of kind " + std::string(name_of(kind)));
+  }
+  return *setting;
+}
+
+std::optional<std::string> Settings::given(const std::string& key) const {
+  if (const auto found = query_.find(key); found != query_.end()) return found->second;
+  if (const auto found = defaults_.find(key); found != defaults_.end()) return found->second;
+  return std::nullopt;
+}
+
+std::string Settings::value(const std::string& key, Setting::Kind kind, const std::string* fallback) {
+  const Setting& setting = declared(key, kind);
+  if (const std::string* found = lookup(key)) return *found;
+  if (fallback != nullptr) return *fallback;
+  if (setting.fallback) return *setting.fallback;
+  fail_missing(key);
+}
+
+void Settings::fail_missing(const std::string& key) const {
+  throw MissingSetting("unit:" + unit_,
+                       "needs the setting '" + key + "', as in unit:" + unit_ + "?" + key + "=… (or --set " + key + "=…)");
+}
+
+void Settings::refuse(const std::string& key, const std::string& value, const std::string& expected) const {
+  const bool for_all = !query_.contains(key);
+  throw Error("unit:" + unit_,
+              key + "=" + value + ", expected " + expected +
+                  (for_all ? "; the value is given for all units, for one: --set COMPONENT." + key + "=…" : std::string()));
+}
+
+std::string Settings::text(const std::string& key) { return value(key, Setting::Kind::kText); }
+
+long long Settings::integer(const std::string& key) {
+  return integer(key, text::parse_integer(declared(key, Setting::Kind::kInteger).fallback.value_or("")).value_or(0));
+}
+
+long long Settings::integer(const std::string& key, long long fallback) {
+  const Setting& setting = declared(key, Setting::Kind::kInteger);
+  const std::string otherwise = std::to_string(fallback);
+  const std::string found = value(key, Setting::Kind::kInteger, setting.fallback ? &otherwise : nullptr);
+  const auto number = text::parse_integer(found);
+  if (!number || *number < setting.min || *number > setting.max)
+    refuse(key, found, "an integer from " + allowed_values(setting));
+  return *number;
+}
+
+bool Settings::boolean(const std::string& key) {
+  return boolean(key, declared(key, Setting::Kind::kBoolean).fallback == "true");
 }
 
 bool Settings::boolean(const std::string& key, bool fallback) {
-  const std::string* found = lookup(key);
-  if (found == nullptr) return fallback;
-  const auto value = text::parse_boolean(*found);
-  if (!value) throw Error("unit:" + unit_, key + "=" + *found + ", expected true or false");
-  return *value;
+  const Setting& setting = declared(key, Setting::Kind::kBoolean);
+  const std::string otherwise = fallback ? "true" : "false";
+  const std::string found = value(key, Setting::Kind::kBoolean, setting.fallback ? &otherwise : nullptr);
+  const auto truth = text::parse_boolean(found);
+  if (!truth) refuse(key, found, "true or false");
+  return *truth;
 }
 
-std::string Settings::choice(const std::string& key, const std::vector<std::string>& choices) {
-  const std::string* found = lookup(key);
-  if (found == nullptr) return choices.front();
-  if (std::find(choices.begin(), choices.end(), *found) == choices.end()) {
-    throw Error("unit:" + unit_, key + "=" + *found + ", expected one of " + joined(choices));
-  }
-  return *found;
+std::string Settings::choice(const std::string& key) {
+  const Setting& setting = declared(key, Setting::Kind::kChoice);
+  std::string found = value(key, Setting::Kind::kChoice);
+  if (std::find(setting.choices.begin(), setting.choices.end(), found) != setting.choices.end()) return found;
+  const std::string closest = text::closest(found, setting.choices);
+  refuse(key, found, "one of " + allowed_values(setting) + (closest.empty() ? "" : "; did you mean '" + closest + "'?"));
 }
 
 fs::path Settings::file(const std::string& name, const std::string& hint) const {
@@ -136,7 +180,9 @@ fs::path Settings::file(const std::string& name, const std::string& hint) const 
 }
 
 fs::path Settings::robot_file(const std::string& key) {
-  return robot_file(text(key), " (another robot: --set " + key + "=PATH.urdf)");
+  const std::string robot = text(key);
+  if (robot.empty()) fail_missing(key);
+  return robot_file(robot, " (another robot: --set " + key + "=PATH.urdf)");
 }
 
 fs::path Settings::robot_file(const std::string& robot, const std::string& hint) {
@@ -157,9 +203,13 @@ std::string Settings::query() const {
 void Settings::check_all_used() const {
   for (const auto& [key, value] : query_) {
     if (std::find(asked_.begin(), asked_.end(), key) != asked_.end()) continue;
-    const std::string closest = text::closest(key, asked_);
-    throw Error("unit:" + unit_, "no setting '" + key + "'" + (closest.empty() ? "" : "; did you mean '" + closest + "'?") +
-                                     (asked_.empty() ? "; there is none" : "; there are " + joined(asked_)));
+    std::string others;
+    for (const auto& [name, text] : query_) {
+      if (name != key) others += (others.empty() ? "" : ", ") + name + "=" + text;
+    }
+    throw Error("unit:" + unit_, "the setting " + key + "=" + value + " has no effect with " +
+                                     (others.empty() ? "the defaults of the other settings" : others) +
+                                     ", expected it to be left out");
   }
 }
 

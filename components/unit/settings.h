@@ -2,9 +2,13 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
+
+#include "components/unit/setting_list.h"
+#include "models/text/error.h"
 
 namespace cotwin::robot {
 struct RobotModel;
@@ -15,7 +19,13 @@ struct Cell;
 
 namespace cotwin {
 
-/// What a unit is built from before it has variables: the query of its source, `unit:drive_train?robot=lwr4&joints=7`, the
+/// A setting that the unit needs is not given.
+class MissingSetting : public Error {
+ public:
+  using Error::Error;
+};
+
+/// What a unit is built from before it has variables: the settings that its source gives, `unit:drive_train?robot=lwr4`, the
 /// scenario's defaults for settings that several units share, and the folders where named data lie. Settings decide the layout
 /// (how many joints) and the method; whatever can be a parameter is one.
 class Settings {
@@ -25,13 +35,22 @@ class Settings {
   Settings(std::string unit, std::string_view query, std::map<std::string, std::string> defaults,
            std::vector<std::filesystem::path> folders);
 
-  /// The value of `key`: from the query, else the scenario's default, else `fallback`.
-  std::string text(const std::string& key, const std::string& fallback);
-  std::string text(const std::string& key);  // without fallback: Error if it is missing
-  long long integer(const std::string& key, long long fallback, long long min, long long max);
+  /// The settings that the unit has. To be called before a value is read; construct() does it. Throws Error if the query has
+  /// another one, naming the closest.
+  void declare(SettingList list);
+  const SettingList& list() const { return list_; }
+
+  /// The value of the setting `key`: from the query, else the scenario's default for all units, else the declared default.
+  /// Throws Error for a value that is not allowed, one that is required and missing, and a setting that was not declared.
+  std::string text(const std::string& key);
+  long long integer(const std::string& key);
+  bool boolean(const std::string& key);
+  std::string choice(const std::string& key);
+  /// The same of settings with a fallback_rule: `fallback` is what the rule gives.
+  long long integer(const std::string& key, long long fallback);
   bool boolean(const std::string& key, bool fallback);
-  /// One of `choices`, the first of which is the fallback.
-  std::string choice(const std::string& key, const std::vector<std::string>& choices);
+  /// The value of the setting as the query or the scenario gives it.
+  std::optional<std::string> given(const std::string& key) const;
 
   /// Whether a unit uses the masses of its robot, or only its names and limits.
   enum class Masses { kUsed, kUnused };
@@ -71,13 +90,18 @@ class Settings {
   const std::vector<std::filesystem::path>& robot_files() const { return robot_files_; }
   /// Keys of the defaults that text() was asked for.
   const std::vector<std::string>& defaults_used() const { return defaults_used_; }
-  /// Throws Error if the query has a key that nobody asked for.
+  /// Throws Error if the query has a setting that the unit did not read because of another setting.
   void check_all_used() const;
 
  private:
+  const Setting& declared(const std::string& key, Setting::Kind kind) const;
   const std::string* lookup(const std::string& key);
+  std::string value(const std::string& key, Setting::Kind kind, const std::string* fallback = nullptr);
+  [[noreturn]] void fail_missing(const std::string& key) const;
+  [[noreturn]] void refuse(const std::string& key, const std::string& value, const std::string& expected) const;
 
   std::string unit_;
+  SettingList list_;
   std::map<std::string, std::string> query_;
   std::map<std::string, std::string> defaults_;
   std::vector<std::filesystem::path> folders_;

@@ -12,19 +12,6 @@ namespace {
 
 constexpr std::string_view kScheme = "unit:";
 
-const UnitType& find_type(std::string_view name, std::span<const UnitType> types) {
-  std::vector<std::string> names;
-  for (const UnitType& type : types) {
-    if (type.name == name) return type;
-    names.emplace_back(type.name);
-  }
-  std::string all;
-  for (const std::string& n : names) all += (all.empty() ? "" : ", ") + n;
-  const std::string closest = text::closest(name, names);
-  throw Error("unit:" + std::string(name),
-              "no such unit" + (closest.empty() ? "" : "; did you mean '" + closest + "'?") + " There are " + all);
-}
-
 /// `value`, given in `unit` (one that the set defines, or a common one), in the measure of `variable`.
 double in_measure_of(const Variable& variable, double value, const ParameterValue& given, const ParameterSet& set) {
   if (given.unit.empty() || variable.si.empty()) return value;
@@ -38,6 +25,19 @@ double in_measure_of(const Variable& variable, double value, const ParameterValu
 }
 
 }  // namespace
+
+const UnitType& find_type(std::string_view name, std::span<const UnitType> types) {
+  std::vector<std::string> names;
+  for (const UnitType& type : types) {
+    if (type.name == name) return type;
+    names.emplace_back(type.name);
+  }
+  std::string all;
+  for (const std::string& n : names) all += (all.empty() ? "" : ", ") + n;
+  const std::string closest = text::closest(name, names);
+  throw Error("unit:" + std::string(name),
+              "no such unit" + (closest.empty() ? "" : "; did you mean '" + closest + "'?") + " There are " + all);
+}
 
 UnitSource parse_unit_source(const std::string& source) {
   if (source.rfind(kScheme, 0) != 0) throw Error(source, "expected unit:<name> or unit:<name>?<setting>=<value>&…");
@@ -58,7 +58,7 @@ Instance make_unit(const std::string& source, const std::map<std::string, std::s
 
 Instance make_unit(Settings& settings, std::span<const UnitType> types) {
   Instance instance;
-  instance.unit = find_type(settings.unit(), types).make(settings);
+  instance.unit = construct(find_type(settings.unit(), types), settings);
   settings.check_all_used();
   instance.unit->declare(instance.variables);
   for (const std::filesystem::path& robot : settings.robot_files()) {

@@ -4,6 +4,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "components/unit/settings.h"
@@ -17,7 +18,22 @@ struct UnitType {
   const char* name;     // "drive_train"
   const char* summary;  // one sentence
   std::unique_ptr<Unit> (*make)(Settings&);
+  void (*declare_settings)(SettingList&) = nullptr;  // nullptr: it has none
 };
+
+/// The settings that units of this type have.
+inline SettingList settings_of(const UnitType& type) {
+  SettingList list;
+  if (type.declare_settings != nullptr) type.declare_settings(list);
+  return list;
+}
+/// The row of the unit `name`. Throws Error that names the closest.
+const UnitType& find_type(std::string_view name, std::span<const UnitType> types);
+/// Declares the settings of `type` to `settings` and constructs the unit. Its variables are not declared yet.
+inline std::unique_ptr<Unit> construct(const UnitType& type, Settings& settings) {
+  settings.declare(settings_of(type));
+  return type.make(settings);
+}
 
 /// All units of this build, in the order of components/CMakeLists.txt. Defined in the generated unit_table.cpp.
 std::span<const UnitType> unit_types();

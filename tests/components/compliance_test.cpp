@@ -22,10 +22,18 @@ using Eigen::VectorXd;
 constexpr Duration kMillisecond{1'000'000};
 const std::filesystem::path kModels = std::filesystem::path(COTWIN_SOURCE_DIR) / "models";
 
+Settings planar_settings() {
+  Settings settings("compliance", "robot=planar2", {}, {kModels});
+  SettingList list;
+  Compliance::declare_settings(list);
+  settings.declare(std::move(list));
+  return settings;
+}
+
 /// The unit with its variables by name. planar2 without its drive data: rigid and frictionless unless a test says otherwise.
 class Controller {
  public:
-  Controller() : settings_("compliance", "robot=planar2", {}, {kModels}), unit_(settings_) {
+  Controller() : settings_(planar_settings()), unit_(settings_) {
     unit_.declare(variables_);
     for (const char* name : {"K", "B"}) (*this)[name].setZero();
   }
@@ -152,7 +160,7 @@ TEST(Compliance, OneStepOfATenthOfASecondEqualsAHundredOfAMillisecond) {
 }
 
 TEST(Compliance, FollowsARampedTorqueExactly) {
-  Settings settings("compliance", "robot=planar2", {}, {kModels});
+  Settings settings = planar_settings();
   Compliance unit(settings);
   Variables variables;
   unit.declare(variables);

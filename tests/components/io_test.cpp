@@ -41,7 +41,8 @@ class File {
 class Subject {
  public:
   explicit Subject(const std::string& query, const Values& values) {
-    const UnitType type{"io", "", [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<io::Io>(s); }};
+    const UnitType type{"io", "", [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<io::Io>(s); },
+                        &io::Io::declare_settings};
     instance_ = make_unit("unit:io?" + query, {}, {std::filesystem::path(COTWIN_SOURCE_DIR) / "models"}, {&type, 1});
     for (const auto& [name, value] : values) set(name, value);
   }

@@ -26,7 +26,8 @@ constexpr Duration kTick{1'000'000};
 class Subject {
  public:
   explicit Subject(const std::string& query, const std::vector<std::pair<std::string, std::string>>& values = {}) {
-    const UnitType type{"motion", "", [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<motion::Motion>(s); }};
+    const UnitType type{"motion", "", [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<motion::Motion>(s); },
+                        &motion::Motion::declare_settings};
     instance_ = make_unit("unit:motion?" + query, {}, {std::filesystem::path(COTWIN_SOURCE_DIR) / "models"}, {&type, 1});
     for (const auto& [name, value] : values) set(name, value);
   }

@@ -18,8 +18,13 @@ using ::testing::ThrowsMessage;
 /// A unit whose length is a setting.
 class Line final : public Unit {
  public:
-  explicit Line(Settings& settings) : x_(static_cast<std::size_t>(settings.integer("length", 3, 1, 100))) {
-    if (settings.boolean("loud", false)) settings.warn("loud");
+  static void declare_settings(SettingList& s) {
+    s.integer("length", 3, 1, 100, "number of places");
+    s.boolean("loud", false, "whether it warns");
+    s.integer("volume", 1, 1, 9, "with loud=true: how much");
+  }
+  explicit Line(Settings& settings) : x_(static_cast<std::size_t>(settings.integer("length"))) {
+    if (settings.boolean("loud")) settings.warn("loud " + std::to_string(settings.integer("volume")));
   }
   void declare(Variables& v) override {
     v.parameter("x", x_, "m", "places along the line");
@@ -32,31 +37,62 @@ class Line final : public Unit {
   std::vector<double> x_;
 };
 
-const UnitType kTypes[] = {
-    {"line", "places along a line", [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<Line>(s); }}};
+const UnitType kTypes[] = {{"line", "places along a line",
+                            [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<Line>(s); },
+                            &Line::declare_settings}};
+
+/// Settings of a unit "line" with the settings a, b, c, d (texts), n, on, colour, robot.
+Settings settings(std::string_view query, std::map<std::string, std::string> defaults = {},
+                  std::vector<std::filesystem::path> folders = {}) {
+  SettingList list;
+  for (const char* name : {"a", "b", "c", "d"}) list.text(name, "0", "a text");
+  list.integer("n", 1, 0, 9, "a number");
+  list.boolean("on", true, "a switch");
+  list.choice("colour", {"red", "blue"}, "a colour");
+  list.robot("a robot", true).required();
+  Settings s("line", query, std::move(defaults), std::move(folders));
+  s.declare(std::move(list));
+  return s;
+}
 
 TEST(Settings, TakeTheQueryBeforeTheDefaultsBeforeTheFallback) {
-  Settings s("line", "a=1&b=x%20y", {{"a", "2"}, {"c", "3"}}, {});
-  EXPECT_EQ(s.text("a", "0"), "1");
-  EXPECT_EQ(s.text("b", "0"), "x y");
-  EXPECT_EQ(s.text("c", "0"), "3");
-  EXPECT_EQ(s.text("d", "0"), "0");
+  Settings s = settings("a=1&b=x%20y", {{"a", "2"}, {"c", "3"}});
+  EXPECT_EQ(s.text("a"), "1");
+  EXPECT_EQ(s.text("b"), "x y");
+  EXPECT_EQ(s.text("c"), "3");
+  EXPECT_EQ(s.text("d"), "0");
   EXPECT_THAT(s.defaults_used(), ::testing::ElementsAre("c"));
 }
 
 TEST(Settings, SayWhatIsWrongWithAValue) {
-  Settings s("line", "n=7x&on=maybe&colour=blau", {}, {});
-  EXPECT_THAT([&] { s.integer("n", 1, 0, 9); }, ThrowsMessage<Error>(HasSubstr("n=7x, expected an integer from 0 to 9")));
-  EXPECT_THAT([&] { s.boolean("on", true); }, ThrowsMessage<Error>(HasSubstr("expected true or false")));
-  EXPECT_THAT([&] { s.choice("colour", {"red", "blue"}); }, ThrowsMessage<Error>(HasSubstr("expected one of red, blue")));
+  Settings s = settings("n=7x&on=maybe&colour=blau");
+  EXPECT_THAT([&] { s.integer("n"); }, ThrowsMessage<Error>(HasSubstr("n=7x, expected an integer from 0 to 9")));
+  EXPECT_THAT([&] { s.boolean("on"); }, ThrowsMessage<Error>(HasSubstr("expected true or false")));
+  EXPECT_THAT([&] { s.choice("colour"); }, ThrowsMessage<Error>(HasSubstr("expected one of red, blue; did you mean 'blue'?")));
   EXPECT_THAT([&] { s.text("robot"); }, ThrowsMessage<Error>(HasSubstr("needs the setting 'robot'")));
   EXPECT_THROW(Settings("line", "n", {}, {}), Error);
   EXPECT_THROW(Settings("line", "n=1&n=2", {}, {}), Error);
 }
 
+TEST(Settings, SayForHowManyUnitsAWrongValueWasGiven) {
+  Settings s = settings("", {{"colour", "green"}});
+  EXPECT_THAT([&] { s.choice("colour"); },
+              ThrowsMessage<Error>(HasSubstr("the value is given for all units, for one: --set COMPONENT.colour=")));
+}
+
+TEST(Settings, AreReadOnlyAsTheyAreDeclared) {
+  Settings s = settings("n=2");
+  EXPECT_THAT([&] { s.text("n"); }, ThrowsMessage<Error>(HasSubstr("does not declare as a setting of kind text")));
+  EXPECT_THAT([&] { s.text("z"); }, ThrowsMessage<Error>(HasSubstr("does not declare")));
+  SettingList list;
+  list.boolean("on", true, "a switch");
+  EXPECT_THROW(list.boolean("on", true, "again"), Error);
+  EXPECT_THROW(list.boolean("off", true, ""), Error);
+}
+
 TEST(Settings, ListTheFoldersInWhichAFileWasNotFound) {
   const std::filesystem::path here = COTWIN_SOURCE_DIR;
-  Settings s("line", "robot=lwr4", {}, {here / "tests", here / "models"});
+  Settings s = settings("robot=lwr4", {}, {here / "tests", here / "models"});
   EXPECT_EQ(s.robot_file(), here / "models/robots/lwr4/robot.urdf");
   EXPECT_THAT([&] { (void)s.file("no.csv"); }, ThrowsMessage<Error>(AllOf(HasSubstr((here / "tests/no.csv").string()),
                                                                           HasSubstr((here / "models/no.csv").string()))));
@@ -66,7 +102,7 @@ TEST(MakeUnit, BuildsDeclaresAndWarns) {
   std::vector<std::string> used;
   const Instance line = make_unit("unit:line?loud=true", {{"length", "5"}, {"robot", "lwr4"}}, {}, kTypes, &used);
   EXPECT_EQ(line.variables.at("x").size(), 5u);
-  EXPECT_THAT(line.warnings, ::testing::ElementsAre("loud"));
+  EXPECT_THAT(line.warnings, ::testing::ElementsAre("loud 1"));
   EXPECT_THAT(used, ::testing::ElementsAre("length"));
 }
 
@@ -74,6 +110,9 @@ TEST(MakeUnit, NamesWhatItDoesNotKnow) {
   EXPECT_THAT([] { make_unit("unit:lime", {}, {}, kTypes); }, ThrowsMessage<Error>(HasSubstr("did you mean 'line'?")));
   EXPECT_THAT([] { make_unit("unit:line?lenght=2", {}, {}, kTypes); },
               ThrowsMessage<Error>(HasSubstr("did you mean 'length'?")));
+  EXPECT_THAT([] { make_unit("unit:line?volume=2", {}, {}, kTypes); },
+              ThrowsMessage<Error>(HasSubstr("the setting volume=2 has no effect with the defaults of the other settings")));
+  EXPECT_EQ(make_unit("unit:line?volume=2&loud=true", {}, {}, kTypes).warnings.front(), "loud 2");
   EXPECT_THAT([] { make_unit("line", {}, {}, kTypes); }, ThrowsMessage<Error>(HasSubstr("expected unit:<name>")));
 }
 

@@ -116,6 +116,15 @@ TEST_P(UnitProperties, DeclaresEachVariableCompletely) {
   EXPECT_NO_THROW(instance.variables.check_ranges()) << "start values lie within their ranges";
 }
 
+TEST_P(UnitProperties, HasNoSettingWithTheNameOfAVariableThatCanBeGiven) {
+  // Else --set component.name=value would be ambiguous.
+  const Instance instance = make(GetParam());
+  for (const Setting& setting : settings_of(find_type(parse_unit_source(GetParam()).unit, unit_types()))) {
+    const Variable* variable = instance.variables.find(setting.name);
+    EXPECT_TRUE(variable == nullptr || (variable->role == Role::kOutput && !variable->has_start)) << setting.name;
+  }
+}
+
 TEST_P(UnitProperties, KeepsItsStorageInPlace) {
   Instance instance = start();
   Variables again;
@@ -226,6 +235,38 @@ TEST(UnitTable, NamesEachUnitOnce) {
   for (const UnitType& type : unit_types()) {
     EXPECT_TRUE(names.insert(type.name).second) << type.name;
     EXPECT_GT(std::strlen(type.summary), 10u) << type.name;
+  }
+}
+
+TEST(UnitTable, DeclaresEverySettingCompletely) {
+  for (const UnitType& type : unit_types()) {
+    const SettingList settings = settings_of(type);
+    EXPECT_GT(settings.all().size(), 0u) << type.name;
+    for (const Setting& s : settings) {
+      EXPECT_GT(s.description.size(), 10u) << type.name << ' ' << s.name;
+      EXPECT_LT(s.min, s.max) << type.name << ' ' << s.name;
+      EXPECT_TRUE(s.kind != Setting::Kind::kChoice || s.choices.size() > 1) << type.name << ' ' << s.name;
+    }
+  }
+}
+
+TEST(UnitTable, TakesEveryChoiceOfEverySetting) {
+  // Each by itself; what a unit refuses must name the setting that it contradicts.
+  const std::vector<fs::path> folders = {properties_folder(), fs::path(COTWIN_SOURCE_DIR) / "models"};
+  for (const UnitType& type : unit_types()) {
+    for (const Setting& s : settings_of(type)) {
+      const std::vector<std::string> values = s.kind == Setting::Kind::kChoice    ? s.choices
+                                              : s.kind == Setting::Kind::kBoolean ? std::vector<std::string>{"true", "false"}
+                                                                                  : std::vector<std::string>{};
+      for (const std::string& value : values) {
+        const std::string source = std::string("unit:") + type.name + "?" + s.name + "=" + value;
+        try {
+          (void)make_unit(source, {{"robot", "planar2"}}, folders, unit_types());
+        } catch (const Error& error) {
+          EXPECT_NE(std::string(error.what()).find(s.name + "=" + value), std::string::npos) << source << ": " << error.what();
+        }
+      }
+    }
   }
 }
 

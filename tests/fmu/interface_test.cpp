@@ -32,7 +32,8 @@ using testing::references;
 constexpr int kOk = 0, kWarning = 1, kDiscardStatus = 2, kErrorStatus = 3;
 
 const UnitType kProbe{"probe", "shows what is done with a unit",
-                      [](Settings& s) -> std::unique_ptr<cotwin::Unit> { return std::make_unique<probe::Probe>(s); }};
+                      [](Settings& s) -> std::unique_ptr<cotwin::Unit> { return std::make_unique<probe::Probe>(s); },
+                      &probe::Probe::declare_settings};
 
 class Interface : public ::testing::TestWithParam<Version> {
  protected:
@@ -51,7 +52,7 @@ class Interface : public ::testing::TestWithParam<Version> {
     loaded_.push_back(std::make_unique<LoadedFmu>(archives.path() / name, "probe", GetParam()));
     fmu_ = loaded_.back().get();
     Settings settings("probe", source.find('?') == std::string::npos ? "" : source.substr(source.find('?') + 1), {}, {});
-    unit_ = kProbe.make(settings);
+    unit_ = construct(kProbe, settings);
     variables_ = {};
     unit_->declare(variables_);
   }

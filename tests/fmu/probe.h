@@ -16,8 +16,12 @@ namespace cotwin::probe {
 
 class Probe final : public Unit {
  public:
-  explicit Probe(Settings& settings) : n_(static_cast<std::size_t>(settings.integer("size", 3, 1, 100))) {
-    if (settings.boolean("warn", false)) settings.warn("made to warn");
+  static void declare_settings(SettingList& s) {
+    s.integer("size", 3, 1, 100, "number of elements");
+    s.boolean("warn", false, "whether it warns when it is built");
+  }
+  explicit Probe(Settings& settings) : n_(static_cast<std::size_t>(settings.integer("size"))) {
+    if (settings.boolean("warn")) settings.warn("made to warn");
     u_.resize(n_);
     rate_.resize(n_);
     gain_.resize(n_, 2);

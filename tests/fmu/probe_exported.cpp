@@ -4,9 +4,10 @@
 namespace cotwin::fmu {
 
 const UnitType& exported_unit() {
-  static constexpr UnitType kType{"probe", "shows what is done with a unit", [](Settings& s) -> std::unique_ptr<cotwin::Unit> {
-                                    return std::make_unique<probe::Probe>(s);
-                                  }};
+  static constexpr UnitType kType{
+      "probe", "shows what is done with a unit",
+      [](Settings& s) -> std::unique_ptr<cotwin::Unit> { return std::make_unique<probe::Probe>(s); },
+      &probe::Probe::declare_settings};
   return kType;
 }
 

@@ -79,7 +79,7 @@ class Subject {
     Settings settings(package.unit, package.query, {}, {});
     settings.set_robot(package.robot);
     settings.set_cell(package.cell);
-    const std::unique_ptr<Unit> unit = exported->make(settings);
+    const std::unique_ptr<Unit> unit = construct(*exported, settings);
     Variables variables;
     unit->declare(variables);
     package.start.take(variables);

@@ -204,14 +204,73 @@ TEST_F(Program, CtrlCWhileTheClockIsWaitedForStepsNoFurther) {
   EXPECT_EQ(rows(), 3);  // heading, start, first tick
 }
 
+TEST_F(Program, DescribesSettingsBeforeTheOneIsGivenThatVariablesDependOn) {
+  const Result told = run({"describe", "tuner"});
+  EXPECT_EQ(told.code, 0) << told.err;
+  EXPECT_THAT(told.out, HasSubstr("none, coulomb, sigmoid, stribeck; default: none"));
+  EXPECT_THAT(told.out, HasSubstr("needs the setting 'robot'"));
+  const auto json = nlohmann::json::parse(run({"describe", "tuner?friction=coulomb", "--json"}).out);
+  EXPECT_EQ(json["settings"][0]["name"], "robot");
+  EXPECT_EQ(json["settings"][0]["required"], true);
+  EXPECT_THAT(json["missing"].get<std::string>(), HasSubstr("robot"));
+  EXPECT_EQ(run({"describe", "tuner?robto=lwr4"}).code, 2);  // a slip is no missing setting
+}
+
+TEST_F(Program, SetsASettingOfOneUnit) {
+  std::string text = content(folder_ / scenario());
+  const std::string one = R"(<ssd:Component name="motion" source="unit:motion?robot=lwr4" type="application/x-cotwin-unit"/>)";
+  text.replace(text.find(one), one.size(), one + R"(<ssd:Component name="drive" source="unit:drive_train?robot=planar2"/>
+<ssd:Component name="world" source="unit:contact_world?scene=stack"/>)");
+  std::ofstream(folder_ / "two.ssd") << text;
+  const auto ran = [&](std::vector<std::string> more) {
+    std::vector<std::string> all = {"run", "two.ssd", "--stop", "0.002", "--quiet"};
+    all.insert(all.end(), more.begin(), more.end());
+    return run(all);
+  };
+  const Result both = ran({"--set", "drive.method=cvode", "--set", "world.method=dantzig"});
+  EXPECT_EQ(both.code, 0) << both.err;
+  const Result wrong = ran({"--set", "world.method=cvode"});
+  EXPECT_EQ(wrong.code, 2);
+  EXPECT_THAT(wrong.err, HasSubstr("component 'world': unit:contact_world: method=cvode, expected one of tree, pgs, dantzig"));
+  const Result shared = ran({"--set", "method=cvode"});
+  EXPECT_EQ(shared.code, 2);
+  EXPECT_THAT(shared.err, HasSubstr("for one: --set COMPONENT.method="));
+  const Result slip = ran({"--set", "world.methd=pgs"});
+  EXPECT_EQ(slip.code, 2);
+  EXPECT_THAT(slip.err, HasSubstr("world: no variable and no setting 'methd'; did you mean 'method'?"));
+  const Result output = ran({"--set", "world.contacts=7"});  // a setting and an output of the same name
+  EXPECT_EQ(output.code, 0) << output.err;
+}
+
+TEST_F(Program, CompletesCommandsOptionsUnitsAndSettings) {
+  EXPECT_THAT(run({"completion", "bash"}).out, HasSubstr("complete -o default -F _cotwin cotwin"));
+  EXPECT_EQ(run({"completion", "fish"}).code, 2);
+  const auto completed = [&](const std::string& line) {
+    const Result result = run({"completion", "candidates", line});
+    EXPECT_EQ(result.code, 0) << result.err;
+    return result.out;
+  };
+  EXPECT_THAT(completed("cotwin "), HasSubstr("describe\n"));
+  EXPECT_THAT(completed("cotwin run " + scenario() + " --"), HasSubstr("--record\n"));
+  EXPECT_THAT(completed("cotwin describe "), HasSubstr("unit:tuner\n"));
+  EXPECT_THAT(completed("cotwin describe tuner?robot=lwr4&"), HasSubstr("tuner?robot=lwr4&friction=stribeck\n"));
+  const std::string set = completed("cotwin run " + scenario() + " --set motion.");
+  EXPECT_THAT(set, HasSubstr("\nmotion.kind=polynomial\n"));
+  EXPECT_THAT(set, HasSubstr("\nmotion.waypoint_q=\n"));
+  EXPECT_EQ(set.find("motion.q_d="), std::string::npos);  // an output
+}
+
 TEST_F(Program, DescribesAUnitAndWritesItsReference) {
   EXPECT_THAT(run({"describe", "unit:drive_train?robot=lwr4"}).out, HasSubstr("tau_m[7]"));
   const auto json = nlohmann::json::parse(run({"describe", "drive_train?robot=lwr4", "--json"}).out);
   EXPECT_EQ(json["source"], "unit:drive_train?robot=lwr4");
   EXPECT_GT(json["variables"].size(), 5u);
+  EXPECT_THAT(run({"describe", "drive_train?robot=lwr4&method=cvode"}).out,
+              HasSubstr("rosenbrock, cvode, arkode; default: rosenbrock; here: cvode"));
   const Result reference = run({"reference", "pages"});
   EXPECT_EQ(reference.code, 0) << reference.err;
   EXPECT_THAT(content(folder_ / "pages/drive_train.md"), HasSubstr("| `tau_m` | 7 | N.m |"));
+  EXPECT_THAT(content(folder_ / "pages/drive_train.md"), HasSubstr("| `method` | rosenbrock, cvode, arkode | rosenbrock |"));
   EXPECT_THAT(content(folder_ / "pages/README.md"), HasSubstr("[`drive_train`](drive_train.md)"));
 }
 

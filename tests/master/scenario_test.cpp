@@ -398,6 +398,34 @@ TEST(Assignment, BecomesTheLastStartValueOrASetting) {
   EXPECT_EQ(s.components[0].start_values.back().place, "--set a.K[2]=7");
 }
 
+TEST(Assignment, OfASettingOfOneUnitChangesItsSourceAlone) {
+  static const UnitType kTypes[] = {{"solver", "has a method", nullptr, [](SettingList& s) {
+                                       s.choice("method", {"exact", "fast"}, "of solution");
+                                       s.text("label", "", "any text");
+                                     }}};
+  Scenario s =
+      parse(ssd("<d:Elements><d:Component name='a' source='unit:solver?method=exact&amp;robot=lwr4'/>"
+                "<d:Component name='cell.b' source='unit:solver'/><d:Component name='c' source='c.fmu'/></d:Elements>"));
+  assign(s, "a.method=fast", kTypes);
+  assign(s, "cell.b.method=fast", kTypes);
+  assign(s, "cell.b.label=50 % & more=less", kTypes);
+  assign(s, "cell.b.other=1", kTypes);
+  assign(s, "c.method=2", kTypes);  // variables of an FMU may have any name
+  assign(s, "c?timeout=5", kTypes);
+  assign(s, "c?tolerance=1e-6", kTypes);
+  assign(s, "c?timeout=6", kTypes);
+  EXPECT_EQ(s.components[0].source, "unit:solver?robot=lwr4&method=fast");
+  EXPECT_EQ(s.components[1].source, "unit:solver?method=fast&label=50 %25 %26 more%3Dless");
+  EXPECT_EQ(s.components[2].source, "c.fmu?tolerance=1e-6&timeout=6");
+  EXPECT_THAT(values_of(s, "a"), ElementsAre());
+  EXPECT_THAT(values_of(s, "cell.b"), ElementsAre("other = '1'"));
+  EXPECT_THAT(values_of(s, "c"), ElementsAre("method = '2'"));
+  EXPECT_THROW(assign(s, "b?method=fast", kTypes), Error);
+  EXPECT_THROW(assign(s, "a?=fast", kTypes), Error);
+  assign(s, "a.method=exact");  // without types: a start value
+  EXPECT_THAT(values_of(s, "a"), ElementsAre("method = 'exact'"));
+}
+
 TEST(Assignment, OfAFileThatIsThereMeansTheOneThatTheShellWouldOpen) {
   const Folder folder;
   folder.write("logs/run.csv", "t\n");

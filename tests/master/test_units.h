@@ -336,9 +336,8 @@ class Joints final : public Unit {
 inline std::span<const UnitType> test_types() {
   static const UnitType kTypes[] = {
       {"gain", "y = gain u + bias",
-       [](Settings& s) -> std::unique_ptr<Unit> {
-         return std::make_unique<Gain>(static_cast<std::size_t>(s.integer("n", 1, 1, 1000)));
-       }},
+       [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<Gain>(static_cast<std::size_t>(s.integer("n"))); },
+       [](SettingList& s) { s.integer("n", 1, 1, 1000, "number of elements"); }},
       {"integrator", "y = ∫u", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Integrator>(); }},
       {"telling_integrator", "y = ∫u, dy = u",
        [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Integrator>(true); }},
@@ -348,7 +347,8 @@ inline std::span<const UnitType> test_types() {
       {"probe", "tells its steps", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Probe>(); }},
       {"mixed", "all kinds", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Mixed>(); }},
       {"picky", "discards",
-       [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<Picky>(s.boolean("restorable", true)); }},
+       [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<Picky>(s.boolean("restorable")); },
+       [](SettingList& s) { s.boolean("restorable", true, "whether steps can be taken back"); }},
       {"faulty", "gives NaN", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Faulty>(); }},
       {"brief", "ends early", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Brief>(); }},
       {"joints", "torques and speeds", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Joints>(); }},

@@ -146,7 +146,25 @@ TEST(Wiring, TellsSettingsThatNoUnitKnows) {
   Build b;
   b.unit("a", "gain");
   b.scenario.settings["nn"] = "3";
-  EXPECT_THAT(error_of([&] { b.load(); }), HasSubstr("setting 'nn' = '3': no unit of this scenario has it"));
+  EXPECT_THAT(error_of([&] { b.load(); }), HasSubstr("setting 'nn' = '3': no unit of this scenario has it; did you mean 'n'?"));
+}
+
+TEST(Wiring, TellsASharedSettingThatEveryUnitOverrides) {
+  Build b;
+  b.unit("a", "gain?n=2");
+  b.scenario.settings["n"] = "3";
+  EXPECT_THAT(error_of([&] { b.load(); }), HasSubstr("setting 'n' = '3' has no effect: 'a' has its own value"));
+}
+
+TEST(Wiring, SaysThatANameIsASettingAndNoVariable) {
+  Build b;
+  b.unit("a", "gain").with("n", std::int64_t{2});
+  EXPECT_THAT(error_of([&] { b.load(); }),
+              HasSubstr("test.ssd:50: 'n' is a setting of unit:gain and no variable, expected it in the source"));
+  Build other;
+  other.unit("a", "picky").with("restoreable", true);
+  EXPECT_THAT(error_of([&] { other.load(); }),
+              HasSubstr("a: no variable and no setting 'restoreable'; did you mean 'restorable'?"));
 }
 
 TEST(Wiring, RampsAnInputToTheValueThatAnEarlierStageHasReached) {
