@@ -5,6 +5,7 @@
 
 #include "fmu/process.h"
 #include "master/events.h"
+#include "master/omissions.h"
 #include "master/recorder.h"
 #include "master/schedule.h"
 #include "master/statistics.h"
@@ -86,7 +87,10 @@ class Checker {
       one.connections = {connection};
       right = attempt([&] { fed_.push_back(resolve_links(one, members_).front().to); }) && right;
     }
-    if (right) attempt([&] { (void)resolve_links(scenario, members_); });
+    if (!right) return;
+    attempt([&] {
+      for (const std::string& omission : find_omissions(scenario, members_, resolve_links(scenario, members_))) warn(omission);
+    });
   }
 
   /// `look` at scenarios that have but one item of a list.

@@ -7,6 +7,7 @@
 #include <fstream>
 #include <iostream>
 #include <memory>
+#include <set>
 
 #include "master/commands.h"
 #include "master/fmu_run.h"
@@ -121,15 +122,38 @@ Outcome run_to_the_end(Run& run, const Master& master, bool progress_wanted) {
   return outcome;
 }
 
-int tell(const RunArguments& arguments, const Summary& summary, const Outcome& outcome) {
+/// Warnings go to stderr as soon as they are known, each once.
+class Warnings {
+ public:
+  void tell(const std::vector<std::string>& warnings) {
+    for (const std::string& warning : warnings) {
+      if (told_.insert(warning).second) std::cerr << "cotwin: warning: " << warning << '\n';
+    }
+  }
+  /// Those that were not told yet.
+  std::vector<std::string> rest(std::vector<std::string> warnings) const {
+    std::erase_if(warnings, [&](const std::string& warning) { return told_.contains(warning); });
+    return warnings;
+  }
+
+ private:
+  std::set<std::string> told_;
+};
+
+int tell(const RunArguments& arguments, const Summary& summary, const Outcome& outcome, Warnings& warnings) {
   if (outcome.state == "failed") std::cerr << "cotwin: " << outcome.message << '\n';
   const bool json_to_stdout = arguments.json == "-";
   // The file first: whoever reads stdout may go away (| head).
   if (!arguments.json.empty() && !json_to_stdout) save_json(arguments.json, summary, outcome);
   if (json_to_stdout) {
     write_json(std::cout, summary, outcome);
+    warnings.tell(summary.warnings);
   } else if (!arguments.quiet) {
-    write_report(std::cout, summary, outcome);
+    Summary shown = summary;
+    shown.warnings = warnings.rest(summary.warnings);
+    write_report(std::cout, shown, outcome);
+  } else {
+    warnings.tell(summary.warnings);
   }
   if (!std::cout.flush()) throw Error("stdout", "cannot be written");
   if (outcome.state == "failed") return kExitRunFailed;
@@ -144,18 +168,23 @@ int run_scenario(const RunArguments& arguments) {
   options.results = arguments.out.empty() ? fs::path("results") / file_name_of(scenario.name) : arguments.out;
   options.threads = arguments.threads;
   Master master(std::move(scenario), std::move(options));
+  Warnings warnings;
+  warnings.tell(master.warnings());
   catch_signals();
   master.initialise();
+  warnings.tell(master.warnings());
   const Outcome outcome = run_to_the_end(master, master, !arguments.quiet);
-  return tell(arguments, master.summary(), outcome);
+  return tell(arguments, master.summary(), outcome, warnings);
 }
 
 int run_fmu(const RunArguments& arguments) {
   FmuRun run(arguments.fmu);
   catch_signals();
   run.initialise();
+  Warnings warnings;
+  warnings.tell(run.master().warnings());
   const Outcome outcome = run_to_the_end(run, run.master(), !arguments.quiet);
-  return tell(arguments, run.summary(), outcome);
+  return tell(arguments, run.summary(), outcome, warnings);
 }
 
 /// Options that only a scenario has, or only an FMU.

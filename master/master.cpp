@@ -5,10 +5,12 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <set>
 #include <utility>
 #include <variant>
 
 #include "master/engine.h"
+#include "master/omissions.h"
 #include "master/recorder.h"
 #include "master/step_control.h"
 #include "models/text/error.h"
@@ -100,6 +102,7 @@ class Master::Loop {
   bool step_tick();
   void finish();
   Summary summary() const;
+  std::vector<std::string> warnings() const;
   Time now() const { return engine_.schedule.time(tick_); }
   std::int64_t ticks() const { return engine_.schedule.ticks(); }
 
@@ -125,6 +128,7 @@ class Master::Loop {
   bool sampled() const { return tick_ == next_sample_ || engine_.schedule.ticks() < kSampleAll; }
 
   Engine engine_;
+  std::vector<std::string> omissions_;
   std::vector<Column> columns_;
   Statistics statistics_;
   bool has_statistics_;
@@ -155,6 +159,7 @@ Master::Loop::Loop(Scenario scenario, MasterOptions options)
     : scenario_(std::move(scenario)),
       members_(load_members(scenario_, options.types, options.folders)),
       engine_(scenario_, members_, options.threads.value_or(scenario_.threads), options.always_threads),
+      omissions_(find_omissions(scenario_, members_, engine_.links)),
       columns_(choose_columns(scenario_, members_)),
       statistics_(scenario_, members_, signals_of(columns_)),
       has_statistics_(!statistics_.empty()),
@@ -384,6 +389,21 @@ void Master::Loop::finish() {
   ended_ = std::chrono::steady_clock::now();
 }
 
+/// Each once, as a unit may say the same when it is built and after its initialisation.
+std::vector<std::string> Master::Loop::warnings() const {
+  std::vector<std::string> all;
+  std::set<std::string> told;
+  const auto tell = [&](const std::string& warning) {
+    if (told.insert(warning).second) all.push_back(warning);
+  };
+  for (const std::string& warning : scenario_.warnings) tell(warning);
+  for (const std::string& warning : omissions_) tell(warning);
+  for (const Member& member : members_) {
+    for (const std::string& warning : warnings_of(member)) tell(member.name() + ": " + warning);
+  }
+  return all;
+}
+
 Summary Master::Loop::summary() const {
   Summary s;
   s.scenario = scenario_.name;
@@ -408,7 +428,7 @@ Summary Master::Loop::summary() const {
   s.exchange_share = all > 0 ? exchange / all : 0;
   s.check_share = all > 0 ? check / all : 0;
   s.observe_share = all > 0 ? observe / all : 0;
-  s.warnings = scenario_.warnings;
+  s.warnings = warnings();
   if (engine_.finished_by() != Engine::kNobody) {
     s.warnings.push_back("'" + engine_.name(engine_.finished_by()) +
                          "' asked for the end of the run at t = " + text::to_text(s.reached) + " s");
@@ -416,10 +436,6 @@ Summary Master::Loop::summary() const {
   for (std::size_t m = 0; m < members_.size(); ++m) {
     const Engine::Cost cost = engine_.cost(m, tick_);
     s.units.push_back({members_[m].name(), cost.seconds_per_step, all > 0 ? cost.seconds() / all : 0, cost.samples});
-    for (const std::string& warning : warnings_of(members_[m])) {
-      const std::string told = members_[m].name() + ": " + warning;
-      if (std::find(s.warnings.begin(), s.warnings.end(), told) == s.warnings.end()) s.warnings.push_back(told);
-    }
     std::vector<std::string> notes;
     members_[m].instance.unit->tell(notes);
     for (const std::string& note : notes) s.notes.push_back(members_[m].name() + ": " + note);
@@ -469,6 +485,7 @@ std::int64_t Master::tick() const { return loop_->tick_; }
 std::int64_t Master::ticks() const { return loop_->ticks(); }
 const Scenario& Master::scenario() const { return loop_->scenario_; }
 std::span<Member> Master::members() { return loop_->members_; }
+std::vector<std::string> Master::warnings() const { return loop_->warnings(); }
 Summary Master::summary() const { return loop_->summary(); }
 
 }  // namespace cotwin::master

@@ -76,6 +76,8 @@ class Master {
   /// nothing. Throws Error for a NaN, a discarded step that cannot be repeated, a unit or a recording that fails; then only
   /// finish() and summary() make sense.
   bool step_tick();
+  /// What the user should know so far: of the scenario, what it probably forgot, and of its units. More may come.
+  std::vector<std::string> warnings() const;
   /// Writes everything to the end and closes the files. May be called at any time, and again.
   void finish();
 

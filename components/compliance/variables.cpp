@@ -1,4 +1,5 @@
 // The unit's variables: names, meaning, what values they may have.
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <string>
@@ -19,12 +20,14 @@ namespace {
 
 void Compliance::declare(Variables& v) {
   constexpr double kAny = 1e12;  // a bound that no robot reaches
-  v.input("q_d", q_d_, "rad", "desired joint position at the end of the step");
+  const bool any_elastic = std::any_of(K_.begin(), K_.end(), [](double K) { return K > 0; });
+  v.input("q_d", q_d_, "rad", "desired joint position at the end of the step").essential();
   v.input("dq_d", dq_d_, "rad/s", "desired joint velocity at the end of the step");
   v.input("ddq_d", ddq_d_, "rad/s2", "desired joint acceleration at the end of the step");
-  v.input("q", q_, "rad", "measured link-side joint position");
+  v.input("q", q_, "rad", "measured link-side joint position").essential();
   v.input("dq", dq_, "rad/s", "measured link-side joint velocity");
-  v.input("theta", theta_, "rad", "measured motor position behind the gear; used where K > 0");
+  auto theta = v.input("theta", theta_, "rad", "measured motor position behind the gear; used where K > 0");
+  if (any_elastic) theta.essential();
   v.input("dtheta", dtheta_, "rad/s", "measured motor velocity behind the gear; used where K > 0");
   v.input("tau_e", tau_e_, "N.m", "external joint torque as in (2a)").rate(tau_e_rate_);
 

@@ -180,13 +180,15 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
     v.output(x + "q", r.q, "rad", "link-side joint position " + of + " at the end of the step, for the drive train's (2c)");
     v.output(x + "dq", r.dq, "rad/s", "link-side joint speed");
   } else {
-    v.input(x + "q", r.q, "rad", "link-side joint position " + of + " as the drive train's (2a) has it");
+    v.input(x + "q", r.q, "rad", "link-side joint position " + of + " as the drive train's (2a) has it").essential();
     v.input(x + "dq", r.dq, "rad/s", "link-side joint speed, the derivative of q");
   }
   const bool torque = actuation_ == Actuation::kTorque;
   if (torque) {
-    v.input(x + "tau_J", r.tau_J, "N.m", "joint torque of (2a) that drives the links");
-    v.input(x + "dtheta", r.dtheta, "rad/s", "motor speed behind the gear, by which tau_J follows (2c) within the step");
+    v.input(x + "tau_J", r.tau_J, "N.m", "joint torque of (2a) that drives the links").essential();
+    auto dtheta =
+        v.input(x + "dtheta", r.dtheta, "rad/s", "motor speed behind the gear, by which tau_J follows (2c) within the step");
+    if (std::any_of(r.K.begin(), r.K.end(), [](double K) { return K > 0; })) dtheta.essential();
   }
   v.output(x + "tau_e", r.tau_e, "N.m", "external joint torque J^T F of the contacts in (2a), mean over the step").discrete();
   v.output(x + "q_link", r.q_link, "rad", "joint position of the links in the world at the end of the step, with either link");
@@ -195,7 +197,8 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
   v.output(x + "f_c", r.f_c, "N", "sum of the contact forces on the links, in W, mean over the step").discrete();
   v.parameter(x + "base_p0", r.base_p0, "m", "where the base stands in W at the start");
   v.parameter(x + "base_quat0", r.base_quat0, "1", "orientation of the base in W at the start, unit quaternion (w, x, y, z)");
-  v.parameter(x + "q0", r.q0, "rad", "joint position at the start; link=outside");
+  auto q0 = v.parameter(x + "q0", r.q0, "rad", "joint position at the start; link=outside");
+  if (outside) q0.essential();
   v.parameter(x + "dq0", r.dq0, "rad/s", "joint speed at the start; link=outside");
   if (torque) {
     v.parameter(x + "K", r.K, "N.m/rad",

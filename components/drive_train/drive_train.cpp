@@ -142,14 +142,14 @@ DriveTrain::~DriveTrain() = default;
 void DriveTrain::declare(Variables& v) {
   const bool inside = equations_.inside(), flexible = equations_.flexible();
   const auto part = [&](std::size_t k) { return std::span(x_.data() + k * n_, n_); };
-  v.input("tau_m", tau_m_, "N.m", "motor torque in (2b)").rate(dtau_m_);
+  v.input("tau_m", tau_m_, "N.m", "motor torque in (2b)").rate(dtau_m_).essential();
   if (inside) {
     v.input("tau_e", tau_e_, "N.m", "external joint torque in (2a)").rate(dtau_e_);
     v.output("q", part(0), "rad", "link-side joint position in (2a)");
     v.output("dq", part(1), "rad/s", "link-side joint speed").derivative_of("q");
     v.output("ddq", ddq_, "rad/s2", "link-side joint acceleration, of (2a)").derivative_of("dq");
   } else {
-    v.input("q", q_in_, "rad", "link-side joint position in (2c)");
+    v.input("q", q_in_, "rad", "link-side joint position in (2c)").essential();
     v.input("dq", dq_in_, "rad/s", "link-side joint speed, the derivative of q");
     v.input("tau_e", tau_e_, "N.m", "external joint torque: unused, for it acts on the links, and those are elsewhere");
   }

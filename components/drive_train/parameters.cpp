@@ -15,7 +15,8 @@ void DriveTrain::declare_parameters(Variables& v) {
   const auto declare = [&](const char* name, std::vector<double>& values, const char* si, const char* description) {
     return uses_sundials() ? v.parameter(name, values, si, description) : v.tunable(name, values, si, description);
   };
-  v.parameter("q0", q0_, "rad", "link-side joint position at the start, inside");
+  auto q0 = v.parameter("q0", q0_, "rad", "link-side joint position at the start, inside");
+  if (equations_.inside()) q0.essential();
   v.parameter("dq0", dq0_, "rad/s", "link-side and motor speed at the start, inside");
   v.parameter("K", p.K, "N.m/rad", "joint stiffness, diagonal of K in (2c)").range(0, most);
   declare("B", p.B, "kg.m2", "motor inertia behind the gear, diagonal of B in (2b)").range(0, most);

@@ -37,7 +37,7 @@ RecordingLink::RecordingLink(const Settings& settings, std::vector<trajectory::A
       scratch_(axes_.size()) {}
 
 void RecordingLink::declare(Variables& v) {
-  v.parameter("file", file_, "CSV with the recording: named columns, one row a sample");
+  v.parameter("file", file_, "CSV with the recording: named columns, one row a sample").essential();
   v.parameter("separator", separator_, "of the cells: comma, semicolon or tab; empty: found");
   v.parameter("t_column", t_column_, "column of time; empty: t, time or timestamp");
   v.parameter("t_unit", t_unit_, "unit of the column of time: s, ms, us or ns");

@@ -27,7 +27,7 @@ SensorLink::SensorLink(std::size_t joints) {
 }
 
 void SensorLink::declare(Variables& v) {
-  v.input("q_true", q_true_, "rad", "true joint position that the sensor sees");
+  v.input("q_true", q_true_, "rad", "true joint position that the sensor sees").essential();
   v.input("dq_true", dq_true_, "rad/s", "true joint speed");
   v.input("tau_true", tau_true_, "N.m", "true joint torque");
   v.input("tau_e_true", tau_e_true_, "N.m", "true external joint torque");

@@ -51,7 +51,8 @@ void WaypointSource::declare(Variables& v) {
   v.parameter("passing", passing_,
               "rest: the joints stop at every waypoint; through: they pass those without dwell with the least jerk");
   v.parameter("waypoint_t", t_, "s", "instants at which the waypoints are reached");
-  v.parameter("waypoint_q", q_, "rad", "joint positions, all joints of the first waypoint, then of the next");
+  auto q = v.parameter("waypoint_q", q_, "rad", "joint positions, all joints of the first waypoint, then of the next");
+  if (file_.empty()) q.essential();
   v.parameter("waypoint_dwell", dwell_, "s", "rest after the arrival at each waypoint").range(0, 1e9);
   if (!c_r_.empty()) {
     v.parameter("c_r", c_r_, "rad",
@@ -90,7 +91,7 @@ void PolynomialSource::declare(Variables& v) {
   v.parameter("q_start", start_.q, "rad", "joint position at the start");
   v.parameter("dq_start", start_.dq, "rad/s", "joint velocity at the start");
   v.parameter("ddq_start", start_.ddq, "rad/s2", "joint acceleration at the start");
-  v.parameter("q_end", end_.q, "rad", "joint position at the end");
+  v.parameter("q_end", end_.q, "rad", "joint position at the end").essential();
   v.parameter("dq_end", end_.dq, "rad/s", "joint velocity at the end");
   v.parameter("ddq_end", end_.ddq, "rad/s2", "joint acceleration at the end");
   if (jerk_) {
@@ -121,7 +122,7 @@ RecordingSource::RecordingSource(Settings& settings, std::vector<trajectory::Axi
     : settings_(settings), axes_(std::move(axes)) {}
 
 void RecordingSource::declare(Variables& v) {
-  v.parameter("file", file_, "CSV with the motion: named columns, one row a sample");
+  v.parameter("file", file_, "CSV with the motion: named columns, one row a sample").essential();
   v.parameter("t_column", t_column_, "column of time; empty: t, time or timestamp");
   v.parameter("t_unit", t_unit_, "unit of the column of time: s, ms, us or ns");
   v.parameter("rate", rate_, "Hz", "sampling rate of a file without a column of time; 0: there is one").range(0, 1e6);

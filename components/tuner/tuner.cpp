@@ -77,9 +77,9 @@ Tuner::Tuner(Settings& settings)
 Tuner::~Tuner() = default;
 
 void Tuner::declare(Variables& v) {
-  v.input("q", q_, "rad", "measured joint position");
+  v.input("q", q_, "rad", "measured joint position").essential();
   v.input("dq", dq_, "rad/s", "measured joint speed");
-  v.input("tau", tau_, "N.m", "measured joint torque, gravity's included");
+  v.input("tau", tau_, "N.m", "measured joint torque, gravity's included").essential();
   v.input("enabled", enabled_, "whether samples are taken and tunings made; without a connection: true");
 
   v.output("mass", mass_, "kg", "mass of each body, the prior's before the first tuning");

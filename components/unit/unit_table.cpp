@@ -63,8 +63,10 @@ Instance make_unit(Settings& settings, std::span<const UnitType> types) {
   instance.unit->declare(instance.variables);
   for (const std::filesystem::path& robot : settings.robot_files()) {
     const std::filesystem::path values = robot.parent_path() / (settings.unit() + ".ssv");
-    if (robot.filename() == "robot.urdf" && std::filesystem::exists(values))
-      apply(load_parameter_set(values), instance.variables);
+    if (robot.filename() != "robot.urdf" || !std::filesystem::exists(values)) continue;
+    const ParameterSet set = load_parameter_set(values);
+    apply(set, instance.variables);
+    for (const ParameterValue& value : set.values) instance.given.push_back(value.name);
   }
   instance.warnings = settings.warnings();
   return instance;

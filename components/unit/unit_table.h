@@ -43,6 +43,7 @@ struct Instance {
   std::unique_ptr<Unit> unit;
   Variables variables;
   std::vector<std::string> warnings;
+  std::vector<std::string> given;  // names of the variables whose start values a file beside the robot gives
 };
 
 /// Builds the unit that `source` names, "unit:drive_train?robot=lwr4": constructs it, declares its variables, and gives them
