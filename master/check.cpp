@@ -145,6 +145,8 @@ void write_info(std::ostream& out, const Scenario& scenario) {
   out << scenario.name << ": system structure (SSP 1.0), " << seconds(scenario.start.ns) << " s to "
       << seconds(scenario.stop.ns) << " s in ticks of " << seconds(scenario.tick.ns) << " s\n";
   for (const auto& [name, value] : scenario.settings) out << "  setting     " << name << " = " << value << '\n';
+  for (const NestedSetting& s : scenario.nested_settings)
+    out << "  setting     " << s.name << " = " << s.value << " in " << s.scope << '\n';
   for (const ComponentSpec& c : scenario.components) {
     out << "  component   " << c.name << "  " << c.source;
     if (c.stage != 0) out << ", stage " << c.stage;

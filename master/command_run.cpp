@@ -95,6 +95,7 @@ Scenario read_scenario(const RunArguments& arguments) {
   if (arguments.real_time) scenario.clock = "real-time";
   if (!arguments.record.empty()) {
     scenario.recording.clear();
+    scenario.all_outputs = false;
     for (const std::string& pattern : arguments.record) scenario.recording.push_back({pattern, "--record"});
   }
   return scenario;

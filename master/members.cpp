@@ -141,7 +141,7 @@ Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::spa
   std::shared_ptr<const fmu::ForeignFmu> foreign;
   try {
     if (is_unit(spec)) {
-      member.instance = make_unit(spec.source, scenario.settings, folders, types, settings_used);
+      member.instance = make_unit(spec.source, settings_for(scenario, spec.name), folders, types, settings_used);
       member.settings = settings_of(find_type(parse_unit_source(spec.source).unit, types));
     } else {
       const FmuSource source = fmu_source(spec, scenario);
@@ -156,6 +156,20 @@ Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::spa
 }
 
 void check_settings(const Scenario& scenario, std::span<Member> members, const std::vector<std::string>& used) {
+  for (const NestedSetting& nested : scenario.nested_settings) {
+    const std::string prefix = nested.scope + ".";
+    std::vector<std::string> names;
+    bool known = false;
+    for (const Member& m : members) {
+      if (m.name().rfind(prefix, 0) != 0) continue;
+      known = known || m.settings.find(nested.name) != nullptr;
+      for (const std::string& name : m.settings.names()) names.push_back(name);
+    }
+    if (known) continue;
+    fail(nested.place, "setting " + in_quotes(nested.name) + " = " + in_quotes(nested.value) +
+                           ": no unit of the nested scenario " + in_quotes(nested.scope) + " has it" +
+                           suggestion(nested.name, names));
+  }
   for (const auto& [key, value] : scenario.settings) {
     if (std::find(used.begin(), used.end(), key) != used.end()) continue;
     const std::string setting = "setting " + in_quotes(key) + " = " + in_quotes(value);

@@ -209,10 +209,11 @@ class Finder {
                            ", or a value");
   }
 
-  /// b.y → a.y, and a returns tau_e, which b could take.
+  /// b.q → a.q, and a returns tau_e, which b could take.
   void find_reaction(const Link& link) {
     const Member &a = members_[link.to.member], &b = members_[link.from.member];
     if (!is_unit(b.spec) || link.to.member == link.from.member) return;
+    if (last_part(link.from.variable->name) != last_part(link.to.variable->name)) return;  // as of a sensor: q → q_true
     const std::string returned_prefix = prefix_of(link.to.variable->name), taken_prefix = prefix_of(link.from.variable->name);
     for (std::size_t i = first_port_[link.from.member]; i < first_port_[link.from.member + 1]; ++i) {
       const Port& port = ports_[i];

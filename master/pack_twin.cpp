@@ -82,7 +82,7 @@ class Packer {
   void add_unit(Member& member) {
     // Once more, from settings that tell afterwards what of them was used.
     const UnitSource source = parse_unit_source(member.spec.source);
-    Settings settings(source.unit, source.query, scenario_.settings, options_.folders);
+    Settings settings(source.unit, source.query, settings_for(scenario_, member.name()), options_.folders);
     member.instance = {};  // first, as in add_fmu()
     member.instance = make_unit(settings, options_.types);
     apply(start_values(scenario_, member), member.variables());

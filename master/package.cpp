@@ -105,7 +105,7 @@ class Packer {
   std::string make(const Member& member) {
     fmu::PackRequest request;
     request.source = member.spec.source;
-    request.defaults = scenario_.settings;
+    request.defaults = settings_for(scenario_, member.name());
     request.folders = options_.folders;
     request.types = options_.types;
     request.values = {start_values(scenario_, member)};

@@ -75,8 +75,10 @@ std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Mem
     for (const Variable& variable : members[m].variables()) {
       const std::string whole = members[m].name() + "." + variable.name;
       const std::size_t n = variable.size();
-      const bool by_default = scenario.recording.empty() && variable.role == Role::kOutput && variable.kind() != Kind::kString;
-      if (by_default || take(whole, variable)) {
+      const bool by_default = (scenario.recording.empty() || scenario.all_outputs) && variable.role == Role::kOutput &&
+                              variable.kind() != Kind::kString;
+      if (take(whole, variable) || by_default) {
+        for (std::size_t i = 0; i < n && scenario.all_outputs; ++i) take(whole + "[" + std::to_string(i + 1) + "]", variable);
         Column column{{}, {m, &variable, 0, n, whole}};
         for (std::size_t i = 0; i < n; ++i) column.names.push_back(element_name(members[m].name(), variable, i));
         columns.push_back(std::move(column));

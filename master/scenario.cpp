@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "components/unit/settings.h"
 #include "fmu/archive.h"
@@ -38,6 +39,12 @@ void read_experiment(const xml::Element& document, const xml::Complaint& complai
   scenario.stop = Time::from_seconds(stop);
 }
 
+/// The annotations of nested documents, outer before inner ones.
+void collect_nested(const ssp::Element& element, std::vector<const ssp::Element*>& found) {
+  if (element.annotation) found.push_back(&element);
+  for (const ssp::Element& e : element.elements) collect_nested(e, found);
+}
+
 Scenario read(std::string_view text, const std::string& place, const std::filesystem::path& folder,
               const std::filesystem::path& file) {
   const xml::Element document = xml::parse(text, place);
@@ -67,7 +74,23 @@ Scenario read(std::string_view text, const std::string& place, const std::filesy
   ssp::flatten(root, units, scenario.ignore_unknown_parameters ? xml::Complaint(note) : complain, scenario);
   scenario.units = units.definitions();
   read_experiment(document, complain, scenario);
+
+  std::vector<const ssp::Element*> nested;
+  collect_nested(root, nested);
+  std::vector<Scenario> alone;
+  for (const ssp::Element* e : nested) alone.push_back(read_nested_annotation(*e->annotation, e->path, e->folder, scenario));
+  const std::vector<RecordSpec> recorded = std::exchange(scenario.recording, {});
   if (annotation != nullptr) read_annotation(*annotation, scenario);
+  if (scenario.recording.empty() && !recorded.empty()) scenario.all_outputs = true;
+  scenario.recording.insert(scenario.recording.end(), recorded.begin(), recorded.end());
+  std::stable_sort(scenario.events.begin(), scenario.events.end(),
+                   [](const EventSpec& a, const EventSpec& b) { return a.time < b.time; });
+  for (std::size_t i = 0; i < nested.size(); ++i) {
+    const std::string unused = unused_of_nested(*nested[i]->annotation, alone[i], scenario);
+    if (unused.empty()) continue;
+    note(nested[i]->annotation->place, unused + " of the nested scenario '" + nested[i]->path +
+                                           "' has no effect: the outer scenario's holds for the whole run");
+  }
   return scenario;
 }
 
@@ -119,6 +142,7 @@ void for_each_text(Scenario& scenario, Change change) {
   change_all(scenario.comparisons);
   change_all(scenario.bonds);
   change_all(scenario.reports);
+  change_all(scenario.nested_settings);
   for (std::string& warning : scenario.warnings) change(warning);
 }
 
@@ -171,6 +195,16 @@ bool has_setting(const std::string& source, const std::string& key, std::span<co
   return type != types.end() && settings_of(*type).find(key) != nullptr;
 }
 
+std::map<std::string, std::string> settings_for(const Scenario& scenario, std::string_view component) {
+  std::map<std::string, std::string> settings = scenario.settings;
+  for (const NestedSetting& nested : scenario.nested_settings) {
+    if (component.size() > nested.scope.size() && component.substr(0, nested.scope.size()) == nested.scope &&
+        component[nested.scope.size()] == '.')
+      settings[nested.name] = nested.value;
+  }
+  return settings;
+}
+
 std::optional<Port> split_name(const Scenario& scenario, std::string_view name) {
   const ComponentSpec* best = nullptr;
   for (const ComponentSpec& c : scenario.components) {
@@ -198,6 +232,7 @@ void assign(Scenario& scenario, std::string_view assignment, std::span<const Uni
   }
   if (name.find('.') == std::string::npos) {
     scenario.settings[name] = value;
+    std::erase_if(scenario.nested_settings, [&](const NestedSetting& s) { return s.name == name; });
     return;
   }
   const std::optional<Port> port = split_name(scenario, name);

@@ -69,6 +69,12 @@ struct RecordSpec {
   std::string place;
 };
 
+/// A setting of a nested scenario: a default for the units below the component `scope`.
+struct NestedSetting {
+  std::string scope, name, value;
+  std::string place;
+};
+
 /// Two signals of a run held against each other: Table I and Fig. 10.
 struct ComparisonSpec {
   std::string name;  // "joint torque"
@@ -108,10 +114,12 @@ struct Scenario {
   int threads = 0;                              // 0: as many as pay
   double tolerance = 0;                         // > 0: adaptive communication step (relative)
   std::map<std::string, std::string> settings;  // defaults that units share: robot=lwr4
+  std::vector<NestedSetting> nested_settings;   // outer before inner ones, which win
   std::vector<ComponentSpec> components;        // in the order of the file
   std::vector<ConnectionSpec> connections;
   std::vector<EventSpec> events;      // by time
   std::vector<RecordSpec> recording;  // empty: every output
+  bool all_outputs = false;           // every output is recorded beside them
   int decimation = 1;                 // every so many ticks
   std::vector<ComparisonSpec> comparisons;
   std::vector<BondSpec> bonds;
@@ -137,8 +145,11 @@ std::string with_setting(const std::string& source, const std::string& key, cons
 /// Whether the source names a unit of `types` that has the setting.
 bool has_setting(const std::string& source, const std::string& key, std::span<const UnitType> types);
 
+/// The defaults of settings for the component of this name: the scenario's, and those of the nested scenarios that it is in.
+std::map<std::string, std::string> settings_for(const Scenario& scenario, std::string_view component);
+
 /// Applies `--set NAME=VALUE`. A relative path given this way is relative to the working directory.
-///   setting=value               a default for all units that have the setting
+///   setting=value               a default for all units that have the setting, those of nested scenarios, too
 ///   component.setting=value     a setting of one unit, where its type in `types` has a setting of this name
 ///   component.variable=value    else: the last start value of a variable
 ///   component?setting=value     a setting in any case, also of an FMU (fmu::LoadOptions)

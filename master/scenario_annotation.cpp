@@ -93,10 +93,10 @@ void read_component(const xml::Element& e, Scenario& scenario, std::vector<std::
   if (std::find(seen.begin(), seen.end(), name) != seen.end())
     throw Error(e.place, "a second 'Component' of the name '" + name + "'");
   seen.push_back(name);
-  found->stage = bounded(e, "stage", 0, 0, 1'000'000);
-  found->period = bounded(e, "period", 1, 1, 1'000'000'000);
-  found->threads = xml::boolean(e, "threads", true);
-  found->process = xml::choice(e, "process", {"auto", "shared", "own"}, "auto");
+  found->stage = bounded(e, "stage", found->stage, 0, 1'000'000);
+  found->period = bounded(e, "period", found->period, 1, 1'000'000'000);
+  found->threads = xml::boolean(e, "threads", found->threads);
+  found->process = xml::choice(e, "process", {"auto", "shared", "own"}, found->process);
   if (found->process == "own" && found->source.rfind("unit:", 0) == 0) {
     throw Error(e.place, "component '" + name + "' with process=\"own\" is a unit of this program, expected an FMU");
   }
@@ -117,7 +117,7 @@ void read_event(const xml::Element& e, Scenario& scenario) {
 }
 
 void read_recording(const xml::Element& e, Scenario& scenario) {
-  xml::check_attributes(e, {"decimation"});
+  xml::check_attributes(e, {"decimation", "outputs"});
   xml::check_children(e, kAnnotationSpace, {"Record"});
   scenario.decimation = bounded(e, "decimation", 1, 1, 1'000'000'000);
   for (const xml::Element& record : e.children) {
@@ -134,6 +134,7 @@ void read_recording(const xml::Element& e, Scenario& scenario) {
     }
     if (count == 0) throw Error(record.place, "'Record' without variables, expected e.g. 'drive.q drive.tau_J' or 'drive.*'");
   }
+  scenario.all_outputs = xml::boolean(e, "outputs", false);
 }
 
 void read_comparison(const xml::Element& e, Scenario& scenario) {
@@ -234,6 +235,80 @@ void read_annotation(const xml::Element& master, Scenario& scenario) {
   }
   std::stable_sort(scenario.events.begin(), scenario.events.end(),
                    [](const EventSpec& a, const EventSpec& b) { return a.time < b.time; });
+}
+
+Scenario read_nested_annotation(const xml::Element& annotation, const std::string& scope, const std::filesystem::path& folder,
+                                Scenario& scenario) {
+  const std::string prefix = scope + ".";
+  Scenario nested;
+  nested.start = scenario.start;
+  nested.stop = scenario.stop;
+  std::vector<std::size_t> original;  // of nested.components
+  for (std::size_t i = 0; i < scenario.components.size(); ++i) {
+    if (scenario.components[i].name.rfind(prefix, 0) != 0) continue;
+    original.push_back(i);
+    nested.components.push_back(scenario.components[i]);
+    nested.components.back().name.erase(0, prefix.size());
+  }
+  read_annotation(annotation, nested);
+
+  for (std::size_t i = 0; i < original.size(); ++i) {
+    const ComponentSpec& from = nested.components[i];
+    ComponentSpec& to = scenario.components[original[i]];
+    to.stage = from.stage;
+    to.period = from.period;
+    to.threads = from.threads;
+    to.process = from.process;
+  }
+  for (const auto& [name, value] : nested.settings) {
+    std::error_code none;
+    const bool is_file = !value.empty() && std::filesystem::is_regular_file(folder / value, none);
+    const std::string found = is_file ? std::filesystem::absolute(folder / value).lexically_normal().string() : value;
+    scenario.nested_settings.push_back({scope, name, found, annotation.place});
+  }
+  for (EventSpec e : nested.events) {
+    e.variable = prefix + e.variable;
+    scenario.events.push_back(std::move(e));
+  }
+  for (RecordSpec r : nested.recording) {
+    r.variables = prefix + r.variables;
+    scenario.recording.push_back(std::move(r));
+  }
+  const auto name_of = [&](const std::string& name) { return name.empty() ? name : scope + ": " + name; };
+  for (ComparisonSpec c : nested.comparisons) {
+    c.name = name_of(c.name);
+    for (std::string* signal : {&c.a, &c.b}) *signal = prefix + *signal;
+    scenario.comparisons.push_back(std::move(c));
+  }
+  for (BondSpec b : nested.bonds) {
+    b.name = name_of(b.name);
+    for (std::string* signal : {&b.effort_a, &b.flow_a, &b.effort_b, &b.flow_b}) *signal = prefix + *signal;
+    scenario.bonds.push_back(std::move(b));
+  }
+  for (ReportSpec r : nested.reports) {
+    r.name = name_of(r.name);
+    r.a = prefix + r.a;
+    if (!r.b.empty()) r.b = prefix + r.b;
+    scenario.reports.push_back(std::move(r));
+  }
+  return nested;
+}
+
+std::string unused_of_nested(const xml::Element& annotation, const Scenario& nested, const Scenario& scenario) {
+  std::string unused;
+  const auto compare = [&](const char* name, bool given, bool same) {
+    if (given && !same) unused += (unused.empty() ? "" : ", ") + std::string(name);
+  };
+  const auto given = [&](const char* name) { return xml::find(annotation, name) != nullptr; };
+  compare("tick", given("tick"), nested.tick == scenario.tick);
+  compare("stop", given("stop"), nested.stop == scenario.stop);
+  compare("clock", given("clock"), nested.clock == scenario.clock);
+  compare("threads", given("threads"), nested.threads == scenario.threads);
+  compare("tolerance", given("tolerance"), nested.tolerance == scenario.tolerance);
+  compare("unknownParameters", given("unknownParameters"),
+          nested.ignore_unknown_parameters == scenario.ignore_unknown_parameters);
+  compare("decimation", nested.decimation != 1, nested.decimation == scenario.decimation);
+  return unused;
 }
 
 }  // namespace cotwin::master

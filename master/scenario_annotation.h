@@ -17,4 +17,13 @@ const xml::Element* find_annotation(const xml::Element& document);
 /// components and for values out of range.
 void read_annotation(const xml::Element& annotation, Scenario& scenario);
 
+/// The annotation of a document that the scenario has as its component `scope`. What it says of its components, its events,
+/// recording, comparisons, bonds and reports become the scenario's, with names that begin with `scope`; its settings hold in
+/// its components alone. Relative files are looked up in `folder`. To be read before the scenario's own annotation, which wins.
+/// Returns it as it would be by itself.
+Scenario read_nested_annotation(const xml::Element& annotation, const std::string& scope, const std::filesystem::path& folder,
+                                Scenario& scenario);
+/// What of a nested annotation belongs to the run, and differs from the scenario's: "tick, clock"; empty if nothing.
+std::string unused_of_nested(const xml::Element& annotation, const Scenario& nested, const Scenario& scenario);
+
 }  // namespace cotwin::master

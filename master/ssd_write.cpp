@@ -212,7 +212,10 @@ class Writer {
           .with("ramp", e.ramp.seconds())
           .end();
     }
-    Tag(out_, 4, "cotwin:Recording").with("decimation", scenario_.decimation).open();
+    Tag(out_, 4, "cotwin:Recording")
+        .with("decimation", scenario_.decimation)
+        .with_if(scenario_.all_outputs && !scenario_.recording.empty(), "outputs", "true")
+        .open();
     for (const RecordSpec& r : scenario_.recording) Tag(out_, 5, "cotwin:Record").with("variables", r.variables).end();
     close(out_, 4, "cotwin:Recording");
     for (const ComparisonSpec& c : scenario_.comparisons) {

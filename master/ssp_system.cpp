@@ -4,6 +4,7 @@
 #include <cmath>
 #include <set>
 
+#include "master/scenario_annotation.h"
 #include "master/ssp_uri.h"
 #include "models/text/error.h"
 #include "models/text/parameter_set_xml.h"
@@ -173,8 +174,10 @@ Element Reader::referenced_system(const xml::Element& source, const Element& com
       throw Error(source.place, "no 'System' with the id '" + component.source.substr(1) + "' in this file");
     e = system(*target->second, document, component.path);
   } else {
-    e = read_root(xml::parse(read_text_file(file, "a system structure (.ssd)"), file.string()), file.parent_path(),
-                  component.path);
+    const xml::Element root = xml::parse(read_text_file(file, "a system structure (.ssd)"), file.string());
+    e = read_root(root, file.parent_path(), component.path);
+    e.folder = file.parent_path();
+    if (const xml::Element* ours = find_annotation(root)) e.annotation = std::make_shared<const xml::Element>(*ours);
   }
   open_.pop_back();
   e.name = component.name;

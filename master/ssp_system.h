@@ -1,6 +1,7 @@
 #pragma once
 #include <filesystem>
 #include <map>
+#include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -62,7 +63,9 @@ struct Element {
   std::vector<Element> elements;             // of a system
   std::vector<Connection> connections;
   std::vector<Dictionary> dictionaries;
-  std::string dictionary;  // of a reference
+  std::string dictionary;                          // of a reference
+  std::shared_ptr<const xml::Element> annotation;  // cotwin:Master of a system that is another document, which has one
+  std::filesystem::path folder;                    // of that document
 
   const Connector* find(std::string_view connector) const;
 };

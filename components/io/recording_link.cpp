@@ -13,18 +13,6 @@ namespace {
 
 enum class Limits { kWarn, kError, kIgnore };
 
-constexpr double kSlowestLog = 0.1;  // s between samples: robots are logged at 10 Hz at least
-
-/// The median step between instants, s.
-double median_step(const std::vector<double>& t) {
-  std::vector<double> steps;
-  for (std::size_t i = 1; i < t.size(); ++i) steps.push_back(t[i] - t[i - 1]);
-  if (steps.empty()) return 0;
-  const auto middle = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2);
-  std::nth_element(steps.begin(), middle, steps.end());
-  return *middle;
-}
-
 }  // namespace
 
 RecordingLink::RecordingLink(const Settings& settings, std::vector<trajectory::Axis> axes)
@@ -111,7 +99,7 @@ void RecordingLink::load(const Source& source) {
   }
   tau_ = smoothed(recording.tau, source.tau_cutoff);
   tau_e_ = smoothed(recording.tau_e, source.tau_cutoff);
-  spacing_ = median_step(instants_);
+  doubt_ = trajectory::doubt_about_times(instants_);
   loaded_ = source;
 }
 
@@ -141,11 +129,7 @@ void RecordingLink::initialise(Time start, Measured& measured) {
     measured.warning += (measured.warning.empty() ? loaded_->file.string() + ": " : "; ") +
                         "no columns of joint torques were found, tau is 0; name them by tau_columns, or none";
   }
-  if (spacing_ > kSlowestLog) {
-    measured.warning += (measured.warning.empty() ? loaded_->file.string() + ": " : "; ") + "its samples are " +
-                        text::to_text(spacing_, 4) + " s apart, expected at most " + text::to_text(kSlowestLog) +
-                        " s; are its times in another unit (t_unit)?";
-  }
+  if (!doubt_.empty()) measured.warning += (measured.warning.empty() ? loaded_->file.string() + ": " : "; ") + doubt_;
   // Composed here, because a step allocates nothing.
   ended_ = (measured.warning.empty() ? loaded_->file.string() + ": " : "; ") + "the recording ended at " +
            text::to_text(last_ - start_, 9) + " s, after which the robot is taken to rest";

@@ -66,7 +66,7 @@ class RecordingLink final : public Link {
   trajectory::Series tau_, tau_e_;  // empty where there are none
   std::vector<double> instants_;    // of the samples
   double last_ = 0;                 // s, of the recording: where playing ends
-  double spacing_ = 0;              // s, median step between samples
+  std::string doubt_;               // about its times
   std::string ended_;               // what is told when the recording has ended
   std::vector<double> scratch_;
 };

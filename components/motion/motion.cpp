@@ -76,6 +76,7 @@ void Motion::declare(Variables& v) {
 void Motion::initialise(Time start) {
   warning_.clear();
   path_ = std::visit([](auto& source) { return source.path(); }, source_);
+  if (const auto* recording = std::get_if<RecordingSource>(&source_)) warning_ = recording->doubt();
   looping_ = text::choose<Loop>("motion: loop", loop_,
                                 {{"no", Loop::kNo}, {"repeat", Loop::kRepeat}, {"there_and_back", Loop::kThereAndBack}});
   prepare_phase();
@@ -113,7 +114,7 @@ void Motion::prepare_phase() {
   const std::string violation = trajectory::limit_violation(path_, phase_, axes);
   if (violation.empty()) return;
   if (reaction != Reaction::kWarn) throw Error("motion", violation);
-  warning_ = "motion: " + violation;
+  warning_ += (warning_.empty() ? "motion: " : "; motion: ") + violation;
 }
 
 // A loop must not jump: q and q̇ at its seam, to within what a rounded recording may differ.

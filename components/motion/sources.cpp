@@ -160,6 +160,8 @@ trajectory::Path RecordingSource::path() {
   if (loaded_ != wanted) {
     loaded_.reset();
     const trajectory::Series q = trajectory::load_recording(wanted.file, axes_, wanted.format).q;
+    doubt_ = trajectory::doubt_about_times(q.t);
+    if (!doubt_.empty()) doubt_ = wanted.file.string() + ": " + doubt_;
     whole_ = trajectory::interpolate(wanted.cutoff > 0 ? trajectory::smooth(q, wanted.cutoff, wanted.filter_order) : q);
     loaded_ = wanted;
   }

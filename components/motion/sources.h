@@ -60,6 +60,8 @@ class RecordingSource {
   RecordingSource(Settings& settings, std::vector<trajectory::Axis> axes);
   void declare(Variables& v);
   trajectory::Path path();
+  /// What the user should know of the file after path().
+  const std::string& doubt() const { return doubt_; }
 
  private:
   /// All that decides what is loaded; the file is read again only if one of them changed.
@@ -80,6 +82,7 @@ class RecordingSource {
   std::int32_t filter_order_ = 2;
   std::optional<Source> loaded_;
   trajectory::Path whole_;
+  std::string doubt_;
 };
 
 using AnySource = std::variant<WaypointSource, PolynomialSource, RecordingSource>;

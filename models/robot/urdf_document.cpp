@@ -15,7 +15,7 @@
 
 namespace cotwin::robot {
 
-const double kNoLimit = std::numeric_limits<double>::max();
+const double kNoLimit = 1e15;
 
 bool is_urdf_name(std::string_view name) {
   const bool has_control = std::any_of(name.begin(), name.end(), [](char c) { return static_cast<unsigned char>(c) < 0x20; });
@@ -151,9 +151,10 @@ std::vector<double> Reader::reals(XMLElement& element, const char* attribute, st
   std::string spelled;
   for (const std::string_view part : parts) {
     values.push_back(number(part, element, attribute));
-    if (std::isinf(values.back())) {
+    if (std::abs(values.back()) >= kNoLimit) {  // products of larger ones may overflow
       fail(element.GetLineNum(),
-           std::string(attribute) + " '" + std::string(part) + "' of <" + element.Name() + ">, expected a finite number");
+           std::string(attribute) + " '" + std::string(part) + "' of <" + element.Name() + ">, expected " +
+               (std::isinf(values.back()) ? "a finite number" : "a magnitude below " + text::to_text(kNoLimit)));
     }
     if (!spelled.empty()) spelled += ' ';
     spelled += text::to_text(values.back());
@@ -191,7 +192,7 @@ Pose Reader::origin(XMLElement& parent) const {
   return X;
 }
 
-/// <limit>: ±inf, which is no limit, is spelled ±kNoLimit.
+/// <limit>: values beyond ±kNoLimit, which are no limit, are spelled ±kNoLimit.
 void Reader::limits(XMLElement& joint, const std::string& type) const {
   XMLElement* const limit = child(joint, "limit");
   if (limit == nullptr) {

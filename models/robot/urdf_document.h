@@ -37,7 +37,8 @@ struct UrdfDocument {
   std::string at(int line) const { return place + ":" + std::to_string(line); }
 };
 
-/// How a URDF spells "no limit": its readers, urdfdom among them, know no infinity.
+/// Limits of this magnitude or more are no limits: readers of URDF, urdfdom among them, know no infinity, and files have
+/// 1e16, 3.4e38 or 1.8e308 instead. No other number may be as large: products of such numbers may overflow.
 extern const double kNoLimit;
 
 /// Whether a link or joint can have this name: some text of at most 1000 bytes in UTF-8 without control characters.

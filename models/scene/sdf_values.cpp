@@ -24,6 +24,8 @@ const xml::Element& needed(const xml::Element& element, const char* name, const 
   throw Error(element.place, "<" + element.name + "> without <" + name + ">");
 }
 
+constexpr double kLargest = 1e20;  // products of larger numbers may overflow; 1e16 is SDF's word for no limit
+
 std::vector<double> numbers(const xml::Element& element, std::size_t count) {
   std::vector<double> found;
   std::string blanks_alike = element.content;
@@ -33,8 +35,12 @@ std::vector<double> numbers(const xml::Element& element, std::size_t count) {
   for (const std::string_view word : text::split(blanks_alike, ' ')) {
     if (word.empty()) continue;
     const std::optional<double> value = text::parse_real(word);
-    if (!value || !std::isfinite(*value))
-      throw Error(element.place, "<" + element.name + ">: '" + std::string(word) + "', expected a finite number");
+    if (!value || !(std::abs(*value) <= kLargest)) {
+      const bool large = value && std::isfinite(*value);
+      throw Error(element.place,
+                  "<" + element.name + ">: '" + std::string(word) + "', expected " +
+                      (large ? "a magnitude of " + text::to_text(kLargest) + " at most" : std::string("a finite number")));
+    }
     found.push_back(*value);
   }
   if (found.size() != count) {

@@ -15,6 +15,8 @@ namespace fs = std::filesystem;
 
 namespace {
 
+constexpr double kLargest = 1e15;  // products of larger numbers may overflow
+
 using Eigen::Vector3d;
 using tinyxml2::XMLElement;
 
@@ -47,8 +49,10 @@ Vector3d Reader::vector(const XMLElement& element, const char* attribute, const 
   for (const std::string_view word : text::split(text, ' ')) {
     if (text::trim(word).empty()) continue;
     const std::optional<double> x = text::parse_real(word);
-    if (!x || !std::isfinite(*x))
-      throw Error(at(element), std::string(attribute) + "=\"" + text + "\", expected three numbers");
+    if (!x || !(std::abs(*x) < kLargest)) {
+      throw Error(at(element), std::string(attribute) + "=\"" + text + "\", expected three numbers of magnitude below " +
+                                   text::to_text(kLargest));
+    }
     numbers.push_back(*x);
   }
   if (numbers.size() != 3) throw Error(at(element), std::string(attribute) + "=\"" + text + "\", expected three numbers");
@@ -58,9 +62,9 @@ Vector3d Reader::vector(const XMLElement& element, const char* attribute, const 
 double Reader::length(const XMLElement& element, const char* attribute) const {
   const char* const text = element.Attribute(attribute);
   const std::optional<double> x = text != nullptr ? text::parse_real(text) : std::nullopt;
-  if (!x || !(*x > 0) || !std::isfinite(*x)) {
+  if (!x || !(*x > 0 && *x < kLargest)) {
     throw Error(at(element), std::string("<") + element.Name() + "> with " + attribute + "=\"" + (text != nullptr ? text : "") +
-                                 "\", expected a length > 0");
+                                 "\", expected a length > 0 and below " + text::to_text(kLargest) + " m");
   }
   return *x;
 }

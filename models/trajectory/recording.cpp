@@ -95,4 +95,13 @@ Recording load_recording(const std::filesystem::path& file, std::span<const Axis
   return recording;
 }
 
+std::string doubt_about_times(const std::vector<double>& t) {
+  constexpr double kSlowest = 0.1, kFastest = 1e-5;  // s: robots are logged at 10 Hz to 100 kHz
+  const double step = t.size() < 2 ? kSlowest : median_step(t);
+  if (step >= kFastest && step <= kSlowest) return "";
+  const bool slow = step > kSlowest;
+  return "its samples are " + text::to_text(step, 4) + " s apart, expected at " + (slow ? "most " : "least ") +
+         text::to_text(slow ? kSlowest : kFastest) + " s; are its times in another unit (t_unit)?";
+}
+
 }  // namespace cotwin::trajectory

@@ -305,5 +305,19 @@ TEST(Motion, WordsThatMeanNothingAreErrorsThatListTheOthers) {
               HasSubstr("expected a part of the 2 s of"));
 }
 
+TEST(Motion, DoubtsTimesThatNoRobotIsLoggedWith) {
+  const File file("t,q1\n0,0\n1,0.001\n2,0.002\n3,0.004\n4,0.005\n");  // milliseconds
+  Subject seconds("kind=csv", {{"file", file.path()}});
+  seconds.initialise();
+  EXPECT_THAT(seconds.text("warning"),
+              HasSubstr("its samples are 1 s apart, expected at most 0.1 s; are its times in another unit"));
+  Subject milliseconds("kind=csv", {{"file", file.path()}, {"t_unit", "ms"}});
+  milliseconds.initialise();
+  EXPECT_EQ(milliseconds.text("warning"), "");
+  Subject nanoseconds("kind=csv", {{"file", file.path()}, {"t_unit", "ns"}, {"max_speed", "1e9"}});
+  nanoseconds.initialise();
+  EXPECT_THAT(nanoseconds.text("warning"), HasSubstr("its samples are 1e-09 s apart, expected at least 1e-05 s"));
+}
+
 }  // namespace
 }  // namespace cotwin

@@ -110,7 +110,8 @@ TEST_F(Program, TakesAnFmuForOneInAnyCaseOfLetters) {
 }
 
 TEST_F(Program, RunsAScenarioAndSaysWhereTheResultsAre) {
-  const Result result = run({"run", scenario(), "--stop", "0.05", "--json", "summary.json"});
+  const Result result =
+      run({"run", scenario(), "--stop", "0.05", "--json", "summary.json", "--set", "motion.waypoint_q=0"});
   EXPECT_EQ(result.code, 0) << result.err;
   EXPECT_EQ(result.err, "");  // no progress bar where stderr is no terminal
   EXPECT_THAT(result.out, HasSubstr("just motion: 0.05 s in 50 ticks of 1 ms"));
@@ -240,6 +241,25 @@ TEST_F(Program, SetsASettingOfOneUnit) {
   EXPECT_THAT(slip.err, HasSubstr("world: no variable and no setting 'methd'; did you mean 'method'?"));
   const Result output = ran({"--set", "world.contacts=7"});  // a setting and an output of the same name
   EXPECT_EQ(output.code, 0) << output.err;
+}
+
+TEST_F(Program, TellsBeforeARunWhatTheScenarioForgot) {
+  const std::string file = scenario();  // no waypoints
+  const std::string expected = "motion.waypoint_q (joint positions";
+  const Result checked = run({"check", file});
+  EXPECT_EQ(checked.code, 0) << checked.err;
+  EXPECT_THAT(checked.out, HasSubstr(expected));
+  const Result ran = run({"run", file, "--stop", "0.01", "--json", "summary.json"});
+  EXPECT_EQ(ran.code, 0);
+  EXPECT_THAT(ran.err, StartsWith("cotwin: warning: motion.ssd:7: " + expected));
+  EXPECT_EQ(ran.err.find(expected), ran.err.rfind(expected)) << "once";
+  EXPECT_EQ(ran.out.find(expected), std::string::npos);
+  const auto json = nlohmann::json::parse(content(folder_ / "summary.json"));
+  ASSERT_EQ(json["warnings"].size(), 1u);
+  EXPECT_THAT(json["warnings"][0].get<std::string>(), HasSubstr(expected));
+  const Result given = run({"run", file, "--stop", "0.01", "--set", "motion.waypoint_q=0"});
+  EXPECT_EQ(given.code, 0);
+  EXPECT_EQ(given.err, "");
 }
 
 TEST_F(Program, CompletesCommandsOptionsUnitsAndSettings) {

@@ -510,6 +510,8 @@ TEST(Sdf, RefusesWhatWouldBeAnotherScene) {
       {world(model("m", link("a") + link("a"))), "the name 'a' twice"},
       {world(model("m", "<link name=\"l\"><pose>1 2 3</pose></link>")), "<pose> of 3 numbers, expected 6"},
       {world(model("m", "<link name=\"l\"><pose>1 2 3 a b c</pose></link>")), "'a', expected a finite number"},
+      {world(model("m", "<link name=\"l\"><pose>1 2 1e308 0 0 0</pose></link>")),
+       "'1e308', expected a magnitude of 1e+20 at most"},
       {world(model("m", "<link name=\"l\"><pose relative_to=\"ll\"/>" + kMass + "</link>")), "did you mean 'l'?"},
       {world(model("m", link("a", "<pose relative_to=\"b\"/>") + link("b", "<pose relative_to=\"a\"/>"))), "hangs on itself"},
       {world(model(

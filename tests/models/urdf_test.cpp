@@ -117,6 +117,8 @@ TEST(Urdf, GivesTypesLimitsAndFriction) {
   EXPECT_EQ(rail.joints[0].friction, 0.25);
   EXPECT_EQ(parsed(arm_but("revolute", "prismatic")).joints[0].type, JointType::kPrismatic);
   EXPECT_EQ(parsed(arm_but("upper=\"2\"", "upper=\"inf\"")).joints[0].q_max, kInfinity);
+  for (const char* none : {"1e15", "1e16", "3.4e38", "1e308"})
+    EXPECT_EQ(parsed(arm_but("upper=\"2\"", "upper=\"" + std::string(none) + "\"")).joints[0].q_max, kInfinity) << none;
 }
 
 TEST(Urdf, AxesAreUnitVectors) {
@@ -352,6 +354,10 @@ TEST(Urdf, ErrorsNameFileLineElementAndExpectation) {
   EXPECT_EQ(refusal_of(mass("heavy")), "arm.urdf:3: link 'arm': value 'heavy' of <mass>, expected a number");
   EXPECT_EQ(refusal_of(mass("nan")), "arm.urdf:3: link 'arm': value 'nan' of <mass>, expected a number");
   EXPECT_EQ(refusal_of(mass("inf")), "arm.urdf:3: link 'arm': value 'inf' of <mass>, expected a finite number");
+  for (const char* large : {"1e308", "-1e200", "1e15"}) {  // their products overflow
+    EXPECT_EQ(refusal_of(mass(large)),
+              std::string("arm.urdf:3: link 'arm': value '") + large + "' of <mass>, expected a magnitude below 1e+15");
+  }
   EXPECT_EQ(refusal_of(mass("1,5")), "arm.urdf:3: link 'arm': value '1,5' of <mass>, expected a number");
   EXPECT_EQ(refusal_of(mass("")), "arm.urdf:3: link 'arm': value of <mass> has 0 numbers, expected 1");
   EXPECT_EQ(refusal_of(mass("${m}")), "arm.urdf:3: link 'arm': '${m}' is an expression of xacro; run xacro first");
