@@ -398,6 +398,10 @@ std::vector<std::string> Master::Loop::warnings() const {
   };
   for (const std::string& warning : scenario_.warnings) tell(warning);
   for (const std::string& warning : omissions_) tell(warning);
+  if (engine_.finished_by() != Engine::kNobody) {
+    tell("'" + engine_.name(engine_.finished_by()) + "' asked for the end of the run at t = " + text::to_text(now().seconds()) +
+         " s");
+  }
   for (const Member& member : members_) {
     for (const std::string& warning : warnings_of(member)) tell(member.name() + ": " + warning);
   }
@@ -429,10 +433,6 @@ Summary Master::Loop::summary() const {
   s.check_share = all > 0 ? check / all : 0;
   s.observe_share = all > 0 ? observe / all : 0;
   s.warnings = warnings();
-  if (engine_.finished_by() != Engine::kNobody) {
-    s.warnings.push_back("'" + engine_.name(engine_.finished_by()) +
-                         "' asked for the end of the run at t = " + text::to_text(s.reached) + " s");
-  }
   for (std::size_t m = 0; m < members_.size(); ++m) {
     const Engine::Cost cost = engine_.cost(m, tick_);
     s.units.push_back({members_[m].name(), cost.seconds_per_step, all > 0 ? cost.seconds() / all : 0, cost.samples});
