@@ -55,7 +55,7 @@ class Checker {
     std::vector<std::string> used;
     ComponentSpec checked = spec;
     if (!is_unit(spec) && spec.process == "auto" && !fmu::host_program().empty()) checked.process = "own";
-    if (!attempt([&] { loaded = load_member(checked, scenario, types_, folders_, &used); })) return;
+    if (!attempt([&] { loaded = load_member(checked, scenario, types_, folders_, fmus_, &used); })) return;
     if (!is_unit(spec)) check_description(spec, scenario);
     Member& member = *loaded;
     settings_used_.insert(settings_used_.end(), used.begin(), used.end());
@@ -127,6 +127,7 @@ class Checker {
 
   std::span<const UnitType> types_;
   const std::vector<std::filesystem::path>& folders_;
+  fmu::FmuStore fmus_;
   std::vector<Member> members_;
   std::vector<std::string> settings_used_;
   std::vector<Signal> fed_;

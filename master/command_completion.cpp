@@ -53,6 +53,7 @@ std::vector<std::string> assignments(const fs::path& file) {
   const Scenario scenario = load_scenario(file);
   const std::vector<fs::path> folders = model_folders(scenario.folder);
   std::vector<std::string> found;
+  fmu::FmuStore fmus;
   for (const ComponentSpec& spec : scenario.components) {
     if (is_unit(spec)) {
       const std::string unit = parse_unit_source(spec.source).unit;
@@ -62,7 +63,7 @@ std::vector<std::string> assignments(const fs::path& file) {
       }
     }
     try {
-      const Member member = load_member(spec, scenario, unit_types(), folders);
+      const Member member = load_member(spec, scenario, unit_types(), folders, fmus);
       for (const Variable& v : member.variables()) {
         if (v.role != Role::kOutput || v.has_start) found.push_back(spec.name + "." + v.name + "=");
       }

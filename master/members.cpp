@@ -136,7 +136,8 @@ void check_connector(const ConnectorSpec& connector, const Member& member, const
 }
 
 Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::span<const UnitType> types,
-                   const std::vector<std::filesystem::path>& folders, std::vector<std::string>* settings_used) {
+                   const std::vector<std::filesystem::path>& folders, fmu::FmuStore& fmus,
+                   std::vector<std::string>* settings_used) {
   Member member{spec, {}};
   std::shared_ptr<const fmu::ForeignFmu> foreign;
   try {
@@ -145,7 +146,7 @@ Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::spa
       member.settings = settings_of(find_type(parse_unit_source(spec.source).unit, types));
     } else {
       const FmuSource source = fmu_source(spec, scenario);
-      foreign = fmu::open_fmu(source.path);
+      foreign = fmus.open(source.path, source.options);
       member.instance = fmu::load(foreign, source.options);
     }
   } catch (const Error& error) {
@@ -194,9 +195,10 @@ std::vector<Member> load_members(const Scenario& scenario, std::span<const UnitT
                                  const std::vector<std::filesystem::path>& folders) {
   std::vector<Member> members;
   std::vector<std::string> used;
+  fmu::FmuStore fmus;
   for (const ComponentSpec& spec : scenario.components) {
     std::vector<std::string> asked;
-    members.push_back(load_member(spec, scenario, types, folders, &asked));
+    members.push_back(load_member(spec, scenario, types, folders, fmus, &asked));
     used.insert(used.end(), asked.begin(), asked.end());
     Member& member = members.back();
     for (const ConnectorSpec& connector : spec.connectors) check_connector(connector, member, scenario);

@@ -7,6 +7,7 @@
 
 #include "components/unit/si.h"
 #include "components/unit/unit_table.h"
+#include "fmu/fmu_store.h"
 #include "fmu/load.h"
 #include "master/scenario.h"
 
@@ -39,9 +40,10 @@ std::vector<Member> load_members(const Scenario& scenario, std::span<const UnitT
                                  const std::vector<std::filesystem::path>& folders);
 
 /// The parts of load_members: a component's unit or FMU, without its start values; a connector held against the variable that
-/// it means; settings held against those that units asked for.
+/// it means; settings held against those that units asked for. `fmus`: of all components of the scenario.
 Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::span<const UnitType> types,
-                   const std::vector<std::filesystem::path>& folders, std::vector<std::string>* settings_used = nullptr);
+                   const std::vector<std::filesystem::path>& folders, fmu::FmuStore& fmus,
+                   std::vector<std::string>* settings_used = nullptr);
 void check_connector(const ConnectorSpec& connector, const Member& member, const Scenario& scenario);
 void check_settings(const Scenario& scenario, std::span<Member> members, const std::vector<std::string>& used);
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <fstream>
+#include <map>
 #include <sstream>
 
 #include "fmu/foreign_package.h"
@@ -100,16 +101,9 @@ class Packer {
   /// Its files travel unpacked, so that the library needs neither archives nor a place on the host's disk.
   void add_fmu(Member& member) {
     const FmuSource source = fmu_source(member.spec, scenario_);
-    const std::shared_ptr<const fmu::ForeignFmu> held = fmu::open_fmu(source.path);
+    const std::shared_ptr<const fmu::ForeignFmu> held = fmus_.open(source.path, source.options);
     check_platforms(member, source, *held);
-    fmu::ForeignPackage package{held->name, folder_for(held->name), source.options, held->description, {}};
-    std::vector<fs::path> files;
-    collect_files(held->folder, {}, files);
-    std::sort(files.begin(), files.end());
-    for (const fs::path& file : files) {
-      const std::string name = file.lexically_relative(held->folder).generic_string();
-      resources_.push_back({"resources/" + package.folder + "/" + name, read(file)});
-    }
+    fmu::ForeignPackage package{held->name, packed_folder(*held), source.options, held->description, {}};
     const fmu::Interface& interface = package.interface();
     states_leave_ = states_leave_ && interface.can_serialise_state;
     only_once_ = only_once_ || interface.only_once_per_process;
@@ -138,6 +132,21 @@ class Packer {
     }
   }
 
+  /// The folder below resources/ that holds the FMU's files, which are added unless another component has brought them.
+  std::string packed_folder(const fmu::ForeignFmu& held) {
+    std::string& folder = packed_[&held];
+    if (!folder.empty()) return folder;
+    folder = folder_for(held.name);
+    std::vector<fs::path> files;
+    collect_files(held.folder, {}, files);
+    std::sort(files.begin(), files.end());
+    for (const fs::path& file : files) {
+      const std::string name = file.lexically_relative(held.folder).generic_string();
+      resources_.push_back({"resources/" + folder + "/" + name, read(file)});
+    }
+    return folder;
+  }
+
   std::string folder_for(const std::string& name) {
     std::string folder = name;
     for (int i = 2; !names_.insert(folder).second; ++i) folder = std::to_string(i) + "_" + name;
@@ -150,6 +159,8 @@ class Packer {
   TwinPackage package_;
   std::set<std::string> names_ = {fmu::kPackageFile, kTwinFile};  // taken in resources/
   std::vector<fmu::ArchiveFile> resources_;
+  fmu::FmuStore fmus_;
+  std::map<const fmu::ForeignFmu*, std::string> packed_;
   std::vector<std::string> parts_, warnings_;
   bool only_once_ = false, needs_tool_ = false, states_leave_ = true;
 };

@@ -3,6 +3,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <set>
 #include <sstream>
 #include <stdexcept>
 #include <string>
@@ -70,6 +71,17 @@ inline std::size_t temporary_folders() {
     if (entry.path().filename().string().rfind("cotwin-", 0) == 0) ++n;
   }
   return n;
+}
+
+/// How many different files of that name are loaded as libraries.
+inline std::size_t mapped_libraries(const std::string& name) {
+  std::ifstream maps("/proc/self/maps");
+  std::set<std::string> files;
+  for (std::string line; std::getline(maps, line);) {
+    const std::size_t begin = line.find('/');
+    if (begin != std::string::npos && line.find("/" + name) != std::string::npos) files.insert(line.substr(begin));
+  }
+  return files.size();
 }
 
 inline double& real(Instance& instance, const char* name, std::size_t element = 0) {

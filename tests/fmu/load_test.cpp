@@ -18,6 +18,7 @@
 
 #include "fmu/check.h"
 #include "fmu/elf.h"
+#include "fmu/fmu_store.h"
 #include "models/text/error.h"
 #include "tests/fmu/foreign.h"
 
@@ -121,6 +122,57 @@ TEST_F(Load, LeavesOutLocalsWhereTheyAreNotWanted) {
   const Instance instance = load(make_fmu("rogue2", folder_.path()), options);
   EXPECT_EQ(instance.variables.find("y in mm"), nullptr);
   EXPECT_NE(instance.variables.find("reversed"), nullptr);
+}
+
+constexpr const char* kKind = "<CoSimulation ";
+constexpr const char* kOnlyOnce = "<CoSimulation canBeInstantiatedOnlyOncePerProcess=\"true\" ";
+
+TEST_F(Load, LoadsTheLibraryOfAHundredInstancesOnce) {
+  const fs::path fmu = make_fmu("rogue2", folder_.path());
+  fs::create_symlink(fmu, folder_.path() / "link.fmu");
+  const std::size_t folders = temporary_folders();
+  FmuStore store;
+  std::vector<Instance> instances;
+  for (int i = 0; i < 100; ++i)
+    instances.push_back(load(store.open(i % 2 == 0 ? fmu : folder_.path() / "link.fmu", {}), LoadOptions{}));
+  EXPECT_EQ(mapped_libraries("rogue.so"), 1u);
+  EXPECT_EQ(temporary_folders(), folders + 1);
+  for (Instance& instance : instances) instance.unit->initialise({});
+  for (std::size_t i = 0; i < instances.size(); ++i) {
+    real(instances[i], "u") = static_cast<double>(i);
+    ASSERT_EQ(step(instances[i], 0, 0.1), StepResult::kDone);
+  }
+  for (std::size_t i = 0; i < instances.size(); ++i)
+    EXPECT_NEAR(real(instances[i], "der(position of \"it\").y"), 0.1 * static_cast<double>(i), 1e-10);
+  instances.erase(instances.begin(), instances.begin() + 99);  // the last one keeps library and files
+  EXPECT_EQ(mapped_libraries("rogue.so"), 1u);
+  ASSERT_EQ(step(instances.front(), 0.1, 0.1), StepResult::kDone);
+  instances.clear();
+  EXPECT_EQ(mapped_libraries("rogue.so"), 0u);
+}
+
+TEST_F(Load, GivesEachInstanceALibraryOfItsOwnWhereAProcessMayHoldOneOnly) {
+  const fs::path fmu = make_fmu("rogue2", folder_.path(), {{kKind, kOnlyOnce}});
+  const TemporaryFolder unpacked = unpack_archive(fmu);
+  for (const fs::path& path : {fmu, unpacked.path()}) {
+    const std::size_t folders = temporary_folders();
+    {
+      FmuStore store;
+      std::vector<Instance> instances;
+      for (int i = 0; i < 3; ++i) {
+        instances.push_back(load(store.open(path, {}), LoadOptions{}));
+        instances.back().unit->initialise({});
+      }
+      EXPECT_EQ(mapped_libraries("rogue.so"), 3u) << path;
+    }
+    EXPECT_EQ(mapped_libraries("rogue.so"), 0u);
+    EXPECT_EQ(temporary_folders(), folders);
+    EXPECT_TRUE(fs::exists(unpacked.path() / "modelDescription.xml"));
+  }
+  LoadOptions own;
+  own.process = "own";
+  FmuStore store;
+  EXPECT_EQ(store.open(fmu, own), store.open(fmu, own)) << "each process loads the files by itself";
 }
 
 TEST_F(Load, SweepsWhatKilledProgramsLeftAndNothingElse) {

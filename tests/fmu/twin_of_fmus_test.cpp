@@ -266,6 +266,30 @@ TEST_P(TwinOfFmus, HoldsAnotherTwin) {
   EXPECT_TRUE(std::equal(q.begin(), q.end(), expected.begin(), expected.end()));
 }
 
+TEST_P(TwinOfFmus, HoldsTheFilesOfSeveralInstancesOnceUnlessAProcessMayHoldOneOnly) {
+  const std::string plain = "<ModelExchange ";
+  const auto held = [&](const fmu::testing::Edits& edits) {
+    make_fmu("ball3", folder_.path(), edits);
+    Scenario scenario;
+    scenario.name = "x";
+    scenario.folder = folder_.path();
+    scenario.stop = Time::from_seconds(1);
+    for (const char* name : {"a", "b", "c"}) scenario.components.push_back(component(name, "ball3.fmu"));
+    scenario.components[1].start_values.push_back({"h", 2.0, "", ""});
+    const LoadedFmu loaded(pack(scenario, GetParam(), folder_.path() / "x.fmu"), "twin", GetParam());
+    const std::size_t before = fmu::testing::mapped_libraries("ball.so");
+    Driver d(loaded);
+    EXPECT_TRUE(d.alive()) << d.last_message();
+    d.initialise();
+    std::size_t packed = 0;
+    for (const fmu::ArchiveEntry& entry : fmu::list_archive(loaded.archive())) packed += entry.name.ends_with("/ball.so");
+    EXPECT_EQ(fmu::testing::mapped_libraries("ball.so"), before + packed);
+    return packed;
+  };
+  EXPECT_EQ(held({}), 1u);
+  EXPECT_EQ(held({{plain, plain + "canBeInstantiatedOnlyOncePerProcess=\"true\" "}}), 3u);
+}
+
 TEST_P(TwinOfFmus, SaysOfItselfWhatItsFmusAskFor) {
   const auto said_with = [&](const std::string& name, const fmu::testing::Edits& edits) {
     make_fmu(name, folder_.path(), edits);
