@@ -7,11 +7,12 @@
 #include <thread>
 
 #include "master/commands.h"
-#include "master/tuning/files.h"
+#include "master/interrupt.h"
 #include "master/tuning/progress.h"
 #include "models/excitation/design.h"
 #include "models/numerics/threads.h"
 #include "models/robot/urdf.h"
+#include "models/text/atomic_file.h"
 #include "models/text/choice.h"
 #include "models/text/csv.h"
 #include "models/text/error.h"
@@ -41,7 +42,7 @@ std::vector<std::string> column_names(std::size_t n) {
 }
 
 void write_motion(const fs::path& place, const excitation::FourierSeries& series, double rate, int periods) {
-  tuning::AtomicFile file(place);
+  AtomicFile file(place);
   csv::Writer writer(file.stream(), column_names(series.joints));
   const auto samples = static_cast<std::size_t>(std::llround(series.period * rate));
   std::vector<double> row(1 + 3 * series.joints);
@@ -93,14 +94,19 @@ int excite(ExciteArguments& a) {
   const fs::path out = a.out.empty() ? fs::path(file_name_of("excitation_" + robot.name) + ".csv") : a.out;
   for (const std::string& warning : warnings) std::cerr << "warning: " << warning << '\n';
 
+  note_signals();
   numerics::Threads threads(a.threads);
   tuning::ProgressLine line(!a.quiet);
   const excitation::Design design = excitation::design_excitation(robot, a.design, &threads, [&](int round) {
     line.update("round " + std::to_string(round), static_cast<double>(round) / a.design.rounds);
-    return true;
+    return stop_signal() == 0;
   });
   line.clear();
-  if (out.has_parent_path()) fs::create_directories(out.parent_path());
+  if (stop_signal() != 0) {
+    std::cerr << "cotwin: stopped by " << name_of_signal(stop_signal()) << "; nothing was written\n";
+    return kExitSignalled + stop_signal();
+  }
+  make_folder(out.parent_path());
   write_motion(out, design.series, a.rate, a.periods);
   if (!a.quiet) {
     write_design(std::cout, robot, design);

@@ -12,6 +12,7 @@
 #include "models/robot/perturbed.h"
 #include "models/robot/urdf.h"
 #include "models/robot/urdf_update.h"
+#include "models/text/atomic_file.h"
 #include "models/text/error.h"
 #include "models/text/parameter_set.h"
 #include "models/text/text.h"
@@ -39,9 +40,7 @@ std::string read(const fs::path& file) {
 }
 
 void write(const fs::path& file, const std::string& text) {
-  std::ofstream out(file, std::ios::binary);
-  out << text;
-  if (!out.flush()) throw Error(file.string(), "cannot be written");
+  write_file(file, text);
   std::cout << file.string() << '\n';
 }
 
@@ -83,7 +82,7 @@ int perturb(const Arguments& a) {
   const robot::RobotModel robot = robot::load_urdf(file, {}, &warnings);
   const robot::RobotModel other = robot::perturbed(robot, a.inertia, a.seed);
   for (const std::string& warning : warnings) std::cerr << "warning: " << warning << '\n';
-  fs::create_directories(a.out);
+  make_folder(a.out);
   std::vector<fs::path> sources = a.sets;
   sources.push_back(file);
   std::set<fs::path> names;

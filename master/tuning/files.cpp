@@ -1,11 +1,9 @@
 #include "master/tuning/files.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <cmath>
+#include <fstream>
 #include <sstream>
-#include <system_error>
 
 #include "models/identification/motor_inertia.h"
 #include "models/robot/friction.h"
@@ -15,35 +13,6 @@
 namespace cotwin::master::tuning {
 
 namespace fs = std::filesystem;
-
-AtomicFile::AtomicFile(fs::path place) : place_(std::move(place)) {
-  beside_ = place_;
-  beside_ += ".part" + std::to_string(::getpid());
-  out_.open(beside_, std::ios::binary | std::ios::trunc);
-  if (!out_) throw Error(place_.string(), "cannot be written");
-}
-
-AtomicFile::~AtomicFile() {
-  if (done_) return;
-  out_.close();
-  std::error_code ignored;
-  fs::remove(beside_, ignored);
-}
-
-void AtomicFile::commit() {
-  out_.close();
-  if (!out_) throw Error(place_.string(), "cannot be written");
-  std::error_code error;
-  fs::rename(beside_, place_, error);
-  if (error) throw Error(place_.string(), "cannot be written: " + error.message());
-  done_ = true;
-}
-
-void write_file(const fs::path& place, const std::string& content) {
-  AtomicFile file(place);
-  file.stream() << content;
-  file.commit();
-}
 
 namespace {
 

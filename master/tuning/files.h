@@ -1,30 +1,12 @@
 #pragma once
 #include <filesystem>
-#include <fstream>
 #include <string>
 
 #include "master/tuning/evaluation.h"
+#include "models/text/atomic_file.h"
 #include "models/text/parameter_set.h"
 
 namespace cotwin::master::tuning {
-
-/// A file that is there as a whole or not at all: written beside its place and renamed by commit(). Throws Error where that
-/// cannot be done; without commit() nothing stays.
-class AtomicFile {
- public:
-  explicit AtomicFile(std::filesystem::path place);
-  ~AtomicFile();
-  AtomicFile(const AtomicFile&) = delete;
-  AtomicFile& operator=(const AtomicFile&) = delete;
-  std::ofstream& stream() { return out_; }
-  void commit();
-
- private:
-  std::filesystem::path place_, beside_;
-  std::ofstream out_;
-  bool done_ = false;
-};
-void write_file(const std::filesystem::path& place, const std::string& content);
 
 /// Where the drive train has the friction that was identified.
 ///   link    measured behind the gear, by a joint torque sensor: link_tau_C … or, sigmoid, link_A …; no motor

@@ -1,0 +1,14 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <string>
+
+namespace cotwin {
+
+/// 64 bits of a file's contents: tells changes from each other, protects against nobody. Throws Error if it cannot be read.
+std::uint64_t hash_of_file(const std::filesystem::path& file);
+
+/// 16 hexadecimal digits.
+std::string hexadecimal(std::uint64_t hash);
+
+}  // namespace cotwin
