@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <pthread.h>
+#include <sys/stat.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -10,9 +11,10 @@
 #include <cerrno>
 #include <charconv>
 #include <chrono>
+#include <cstdio>
 #include <cstring>
-#include <system_error>
 
+#include "models/text/atomic_file.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
 
@@ -103,9 +105,11 @@ std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Mem
 /// Turns rows into text and writes it, on its own thread.
 class Recorder::Writer {
  public:
-  Writer(Recorder& recorder, int descriptor, const std::vector<bool>& integral)
+  /// `written`: bytes that the file has already.
+  Writer(Recorder& recorder, int descriptor, std::uint64_t written, const std::vector<bool>& integral)
       : recorder_(recorder),
         descriptor_(descriptor),
+        written_(written),
         integral_(integral),
         known_(std::bit_ceil(std::clamp<std::size_t>(4 * recorder.width_, 256, 65536))),
         known_shift_(64 - std::countr_zero(known_.size())),
@@ -121,6 +125,13 @@ class Recorder::Writer {
       const bool closing = recorder_.closing_.load(std::memory_order_acquire);  // before head: nothing sampled before is missed
       const std::uint64_t head = recorder_.head_.load(std::memory_order_acquire);
       std::uint64_t tail = recorder_.tail_.load(std::memory_order_relaxed);
+      const std::uint64_t mark = recorder_.mark_.load(std::memory_order_acquire);
+      if (tail == mark) {
+        flush();
+        recorder_.mark_.store(kNoMark, std::memory_order_relaxed);
+        recorder_.marked_bytes_.store(written_, std::memory_order_release);
+        continue;
+      }
       if (tail == head) {
         if (closing) break;
         if (Clock::now() - flushed >= kFlush) {
@@ -131,7 +142,8 @@ class Recorder::Writer {
         continue;
       }
       // Hands room back now and then, so that a waiting loop goes on while we write.
-      const std::uint64_t until = std::min(head, tail + std::max<std::uint64_t>(1, recorder_.capacity_ / 8));
+      std::uint64_t until = std::min(head, tail + std::max<std::uint64_t>(1, recorder_.capacity_ / 8));
+      if (mark > tail) until = std::min(until, mark);
       for (; tail < until; ++tail)
         write_row(recorder_.ring_.get() + (tail & (recorder_.capacity_ - 1)) * (recorder_.width_ + 1));
       recorder_.tail_.store(tail, std::memory_order_release);
@@ -164,6 +176,8 @@ class Recorder::Writer {
     descriptor_ = -1;
     if (::close(descriptor) != 0 && recorder_.failure_ == 0) recorder_.failure_ = errno;  // a network file system tells it here
   }
+  /// On any thread, before close().
+  bool sync() const { return ::fdatasync(descriptor_) == 0 || errno == EINVAL || errno == ENOTSUP; }
 
  private:
   /// A value and its text.
@@ -213,12 +227,12 @@ class Recorder::Writer {
 
   Recorder& recorder_;
   int descriptor_;
+  std::uint64_t written_;  // bytes in the file, whole rows
   std::vector<bool> integral_;
   std::vector<Known> known_;  // by hash: a signal rests, and an input repeats what an output has just been
   int known_shift_;
   std::vector<char> buffer_;
   std::size_t used_ = 0;
-  std::size_t written_ = 0;  // bytes in the file, whole rows
 };
 
 Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Options options)
@@ -251,15 +265,57 @@ Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Opti
   ring_ = std::make_unique<double[]>(capacity_ * (width_ + 1));  // zeroed: the loop does not meet fresh pages
   room_until_ = capacity_;
 
-  std::error_code ignored;
-  if (file_.has_parent_path()) std::filesystem::create_directories(file_.parent_path(), ignored);  // open() tells what is wrong
-  const int descriptor = ::open(file_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
-  if (descriptor < 0) throw Error(file_.string(), std::string("cannot be written: ") + std::generic_category().message(errno));
-  writer_ = std::make_unique<Writer>(*this, descriptor, integral);
-  writer_->write_text(heading);
+  const int descriptor = open_file(heading, options.kept);
+  if (options.kept) {
+    sampled_ = options.kept->rows;
+    dropped_ = options.kept->dropped;
+  }
+  writer_ = std::make_unique<Writer>(*this, descriptor, options.kept ? options.kept->bytes : 0, integral);
+  if (!options.kept) writer_->write_text(heading);
   if (failure_ != 0) tell_failure();
   thread_ = std::thread([this] { writer_->run(); });
   saved_.emplace(save, this, file_.string());
+}
+
+int Recorder::open_file(const std::string& heading, const std::optional<Kept>& kept) {
+  make_folder(file_.parent_path());
+  struct stat status {};
+  const bool regular = ::stat(file_.c_str(), &status) != 0 || S_ISREG(status.st_mode);
+  written_to_ = file_;
+  if (regular) written_to_ += ".part";
+  if (kept) return open_again(heading, *kept);
+  const int descriptor = ::open(written_to_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+  if (descriptor < 0) throw Error(file_.string(), "cannot be written: " + system_reason(errno));
+  return descriptor;
+}
+
+/// The recording is <file>.part after a kill, and <file> after an orderly end.
+int Recorder::open_again(const std::string& heading, const Kept& kept) {
+  const auto refuse = [&](const std::string& what) { throw Error(file_.string(), "cannot be gone on with: " + what); };
+  int descriptor = ::open(written_to_.c_str(), O_RDWR | O_CLOEXEC);
+  const bool complete = descriptor < 0 && errno == ENOENT;
+  if (complete) descriptor = ::open(file_.c_str(), O_RDWR | O_CLOEXEC);
+  if (descriptor < 0) refuse(system_reason(errno));
+  try {
+    struct stat status {};
+    if (::fstat(descriptor, &status) != 0) refuse(system_reason(errno));
+    const auto size = static_cast<std::uint64_t>(status.st_size);
+    if (!S_ISREG(status.st_mode) || size < kept.bytes || kept.bytes < heading.size())
+      refuse("it has " + std::to_string(size) + " bytes, the checkpoint was made after " + std::to_string(kept.bytes));
+    std::string there(heading.size(), '\0');
+    char last = 0;
+    const bool read = ::pread(descriptor, there.data(), there.size(), 0) == static_cast<ssize_t>(there.size()) &&
+                      ::pread(descriptor, &last, 1, static_cast<off_t>(kept.bytes) - 1) == 1;
+    if (!read || there != heading) refuse("its columns are not those of the run");
+    if (last != '\n') refuse("no row ends at byte " + std::to_string(kept.bytes));
+    if (complete && ::rename(file_.c_str(), written_to_.c_str()) != 0) refuse(system_reason(errno));
+    const auto end = static_cast<off_t>(kept.bytes);
+    if (::ftruncate(descriptor, end) != 0 || ::lseek(descriptor, end, SEEK_SET) != end) refuse(system_reason(errno));
+  } catch (...) {
+    ::close(descriptor);
+    throw;
+  }
+  return descriptor;
 }
 
 Recorder::~Recorder() {
@@ -308,6 +364,7 @@ void Recorder::close() {
   closing_.store(true, std::memory_order_release);
   thread_.join();
   writer_->close();
+  if (written_to_ != file_ && ::rename(written_to_.c_str(), file_.c_str()) != 0 && failure_ == 0) failure_ = errno;
   if (failure_ != 0) tell_failure();
 }
 
@@ -318,11 +375,21 @@ void Recorder::save(void* self) noexcept {
   recorder.closing_.store(true, std::memory_order_release);
   constexpr timespec kNap{0, 2'000'000};
   for (int i = 0; i < 5'000 && !recorder.ended_.load(std::memory_order_acquire); ++i) nanosleep(&kNap, nullptr);
+  if (recorder.ended_ && recorder.written_to_ != recorder.file_)
+    static_cast<void>(std::rename(recorder.written_to_.c_str(), recorder.file_.c_str()));
+}
+
+std::optional<std::uint64_t> Recorder::sync_to_mark() const {
+  for (;;) {
+    if (failure_.load(std::memory_order_acquire) != 0) return std::nullopt;
+    const std::uint64_t bytes = marked_bytes_.load(std::memory_order_acquire);
+    if (bytes != kNoMark) return writer_->sync() ? std::optional(bytes) : std::nullopt;
+    std::this_thread::sleep_for(kIdle);
+  }
 }
 
 void Recorder::tell_failure() {
-  throw Error(file_.string(),
-              "cannot be written: " + std::generic_category().message(failure_) + "; the recording is incomplete");
+  throw Error(file_.string(), "cannot be written: " + system_reason(failure_) + "; the recording is incomplete");
 }
 
 }  // namespace cotwin::master

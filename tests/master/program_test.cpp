@@ -131,8 +131,8 @@ TEST_F(Program, RecordsWhatItIsToldWhereItIsTold) {
 TEST_F(Program, CtrlCEndsARunCleanlyWithEverythingOnDisk) {
   for (const int signal : {SIGINT, SIGTERM}) {
     const pid_t child = start({"run", scenario(), "--real-time"});
-    const fs::path file = folder_ / "results/just_motion/signals.csv";
-    for (int i = 0; i < 1000 && (!fs::exists(file) || fs::file_size(file) < 2000); ++i)
+    const fs::path file = folder_ / "results/just_motion/signals.csv", growing = file.string() + ".part";
+    for (int i = 0; i < 1000 && (!fs::exists(growing) || fs::file_size(growing) < 2000); ++i)
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
     kill(child, signal);
     const Result result = wait(child);
@@ -192,9 +192,9 @@ TEST_F(Program, CtrlCWhileTheClockIsWaitedForStepsNoFurther) {
           end);
   std::ofstream(folder_ / "slow.ssd") << text;
   const pid_t child = start({"run", "slow.ssd", "--real-time"});
-  const fs::path file = folder_ / "results/just_motion/signals.csv";
+  const fs::path file = folder_ / "results/just_motion/signals.csv", growing = file.string() + ".part";
   const auto rows = [&] {
-    const std::string csv = content(file);
+    const std::string csv = content(fs::exists(growing) ? growing : file);
     return std::count(csv.begin(), csv.end(), '\n');
   };
   for (int i = 0; i < 1000 && rows() < 3; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(10));

@@ -224,9 +224,9 @@ TEST_F(Recording, IsOnDiskSoonAlsoWithoutClosing) {
   variable.storage = std::span<double>(&x, 1);
   Recorder recorder(column_of(variable), folder_ / "soon.csv", {});
   recorder.sample(Time{5});
-  for (int i = 0; i < 500 && lines(folder_ / "soon.csv").size() < 2; ++i)
+  for (int i = 0; i < 500 && lines(folder_ / "soon.csv.part").size() < 2; ++i)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  EXPECT_THAT(lines(folder_ / "soon.csv"), ElementsAre("time,u.x", "0.000000005,1"));
+  EXPECT_THAT(lines(folder_ / "soon.csv.part"), ElementsAre("time,u.x", "0.000000005,1"));
 }
 
 TEST_F(Recording, TellsADiskThatIsFull) {
@@ -256,10 +256,10 @@ TEST_F(Recording, TellsADiskThatFillsUpWhileItRunsAndKeepsWhatWasWritten) {
   setrlimit(RLIMIT_FSIZE, &before);
   std::signal(SIGXFSZ, old_handler);
   EXPECT_THAT(message, HasSubstr("limited.csv: cannot be written: File too large; the recording is incomplete"));
-  const auto size = std::filesystem::file_size(folder_ / "limited.csv");
+  const auto size = std::filesystem::file_size(folder_ / "limited.csv.part");
   EXPECT_LE(size, 300'000u);
   EXPECT_GT(size, 300'000u - 64);
-  std::ifstream in(folder_ / "limited.csv");
+  std::ifstream in(folder_ / "limited.csv.part");
   const std::string text{std::istreambuf_iterator<char>(in), {}};
   EXPECT_EQ(text.back(), '\n');  // whole rows only
 }
