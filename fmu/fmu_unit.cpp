@@ -109,6 +109,11 @@ std::string StateKeeper::restore(ForeignInstance& instance, const std::string& b
   return extra;
 }
 
+bool holds_state(std::string_view saved) {
+  constexpr std::size_t kFlag = sizeof(std::int64_t);  // behind the time
+  return saved.size() > kFlag && saved[kFlag] == 1;
+}
+
 void StateKeeper::clear(ForeignInstance& instance) noexcept {
   for (Kept& kept : kept_) {
     instance.free(kept.state);

@@ -71,6 +71,9 @@ class StateKeeper {
   std::string scratch_;
 };
 
+/// Whether bytes of StateKeeper hold the FMU's state itself, so that an instance in another process can take it.
+bool holds_state(std::string_view saved);
+
 /// What Co-Simulation and Model Exchange have in common: the FMU's variables as the unit's, and its life,
 ///   instantiate · start values · enter initialisation · inputs · exit initialisation · … · terminate · free
 /// initialise() that repeats makes a new instance: FMUs are never reset, which many cannot bear.

@@ -158,6 +158,16 @@ void Events::mark(Bookmark& bookmark) const {
   bookmark.active = active_;
 }
 
+bool Events::fits(const Bookmark& bookmark) const {
+  if (bookmark.next > changes_.size() || bookmark.begins.size() != changes_.size() || bookmark.active.size() != changes_.size())
+    return false;
+  for (std::size_t i = 0; i < changes_.size(); ++i) {
+    const bool can_be_active = i < bookmark.next && changes_[i].value != nullptr && changes_[i].ramp.ns > 0;
+    if (bookmark.active[i] > (can_be_active ? 1 : 0)) return false;
+  }
+  return true;
+}
+
 void Events::back_to(const Bookmark& bookmark) {
   next_ = bookmark.next;
   begins_ = bookmark.begins;

@@ -36,6 +36,8 @@ class Events {
 
   void mark(Bookmark& bookmark) const;
   void back_to(const Bookmark& bookmark);
+  /// Whether the bookmark can be one of these events.
+  bool fits(const Bookmark& bookmark) const;
 
  private:
   /// One element of a real variable, or a whole variable of another kind.

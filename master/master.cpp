@@ -4,11 +4,14 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <set>
 #include <utility>
 #include <variant>
 
+#include "fmu/bytes.h"
+#include "fmu/fmu_unit.h"
 #include "master/engine.h"
 #include "master/omissions.h"
 #include "master/recorder.h"
@@ -106,6 +109,13 @@ class Master::Loop {
   Time now() const { return engine_.schedule.time(tick_); }
   std::int64_t ticks() const { return engine_.schedule.ticks(); }
 
+  void save(std::function<void(RunState)> take);
+  const std::string& unsavable() const { return unsavable_; }
+  std::optional<std::uint64_t> sync_recording() const {
+    return recorder_ ? recorder_->sync_to_mark() : std::optional(std::uint64_t{0});
+  }
+  std::span<const Column> columns() const { return columns_; }
+
   const Scenario scenario_;
   std::vector<Member> members_;
   std::int64_t tick_ = 0;
@@ -116,6 +126,12 @@ class Master::Loop {
   void step_in_smaller_parts(std::size_t who);
   void step_to_tolerance();
   void take_checkpoint();
+  void hand_over();
+  std::uint64_t beginning() const;
+  std::string why_unsavable();
+  std::string state() const;
+  void go_on_from(const RunState& state);
+  double wall_seconds() const;
   void count_discard(std::size_t who);
   void observe(Time now);
   void record(Time now);
@@ -153,6 +169,15 @@ class Master::Loop {
   std::int64_t sampled_ticks_ = 0, next_sample_ = 1;
   std::chrono::steady_clock::time_point begun_, ended_;
   bool running_ = false, finished_ = false;
+
+  // Of saving the run for another process.
+  std::function<void()> before_results_;
+  std::optional<RunState> resume_;
+  std::function<void(RunState)> saved_to_;  // empty unless a state is asked for
+  bool saves_anywhere_ = true;              // saving a unit changes nothing of what it does next
+  std::string unsavable_;
+  std::uint64_t beginning_ = 0;
+  double earlier_seconds_ = 0;  // of processes before this one
 };
 
 Master::Loop::Loop(Scenario scenario, MasterOptions options)
@@ -164,7 +189,9 @@ Master::Loop::Loop(Scenario scenario, MasterOptions options)
       statistics_(scenario_, members_, signals_of(columns_)),
       has_statistics_(!statistics_.empty()),
       clock_(options.clock ? std::move(options.clock) : make_clock(scenario_.clock)),
-      discarded_by_(members_.size()) {
+      discarded_by_(members_.size()),
+      before_results_(std::move(options.before_results)),
+      resume_(std::move(options.resume)) {
   for (const Member& member : members_) {
     if (!not_restorable_ && !member.instance.unit->restorable()) not_restorable_ = &member;
   }
@@ -195,14 +222,130 @@ void Master::Loop::initialise() {
   engine_.check_numbers(scenario_.start);
   take_checkpoint();  // makes the room that later ones need
   if (output_error_) output_error_->remember();
+  beginning_ = beginning();
+  unsavable_ = why_unsavable();
+  if (resume_) go_on_from(*resume_);
+  if (before_results_) before_results_();
   if (!recording_.empty()) {
-    recorder_ = std::make_unique<Recorder>(columns_, recording_, Recorder::Options{!clock_->real_time()});
-    next_row_ = tick_;
+    Recorder::Options options{!clock_->real_time(), Recorder::Options{}.ring_bytes, {}};
+    if (resume_) options.kept = resume_->recording;
+    recorder_ = std::make_unique<Recorder>(columns_, recording_, options);
+    if (!resume_) next_row_ = tick_;
   }
-  observe(now());
+  if (!resume_) observe(now());
+  resume_.reset();
   begun_ = std::chrono::steady_clock::now();
   running_ = true;
-  clock_->start(scenario_.start);
+  clock_->start(now());
+}
+
+/// A hash of every number of every unit, bit by bit.
+std::uint64_t Master::Loop::beginning() const {
+  std::uint64_t hash = fmu::hash_of("");
+  const auto add = [&hash](const auto& values) {
+    for (const auto& value : values) {
+      std::uint64_t bits = 0;
+      std::memcpy(&bits, &value, sizeof value);
+      hash = (hash ^ bits) * 0x100000001b3u;
+      hash ^= hash >> 29;  // high bits would never reach low ones
+    }
+  };
+  for (const Member& member : members_) {
+    add(std::array{member.variables().fingerprint()});
+    for (const Variable& v : member.variables()) {
+      if (v.kind() == Kind::kReal) add(v.reals());
+      if (v.kind() == Kind::kInteger) add(v.integers());
+      if (v.kind() == Kind::kBoolean) add(v.booleans());
+    }
+  }
+  return hash;
+}
+
+std::string Master::Loop::why_unsavable() {
+  if (not_restorable_) return "'" + not_restorable_->name() + "' cannot be saved";
+  for (const Member& member : members_) {
+    if (is_unit(member.spec)) continue;
+    saves_anywhere_ = false;  // a solver of Model Exchange begins afresh where it is saved
+    std::string memory;
+    member.instance.unit->save_memory(memory);
+    if (!fmu::holds_state(memory)) return "the states of the FMU '" + member.name() + "' cannot leave its process";
+  }
+  return "";
+}
+
+void Master::Loop::save(std::function<void(RunState)> take) {
+  if (!unsavable_.empty()) throw Error(unsavable_);
+  saved_to_ = std::move(take);
+  if (!saves_anywhere_ || tick_ >= engine_.schedule.ticks() || engine_.finished_by() != Engine::kNobody) return;
+  take_checkpoint();
+  hand_over();
+}
+
+/// After take_checkpoint() in the same tick.
+void Master::Loop::hand_over() {
+  if (!saved_to_) return;
+  RunState run;
+  run.beginning = beginning_;
+  run.wall_seconds = wall_seconds();
+  run.bytes = state();
+  if (recorder_) {
+    run.recording = {0, recorder_->rows(), recorder_->dropped()};
+    recorder_->mark();
+  }
+  std::exchange(saved_to_, nullptr)(std::move(run));
+}
+
+std::string Master::Loop::state() const {
+  fmu::ByteWriter out;
+  checkpoint_.write(out);
+  statistics_.write(out);
+  out.value(next_row_);
+  out.value(careful_until_);
+  out.value(discarded_);
+  out.value(static_cast<std::uint64_t>(discarded_by_.size()));
+  for (const std::int64_t count : discarded_by_) out.value(count);
+  out.value(static_cast<std::int32_t>(parts_));
+  out.value(static_cast<std::int32_t>(most_parts_));
+  out.value(parts_sum_);
+  out.value(tolerance_missed_);
+  out.value(static_cast<std::uint8_t>(output_error_.has_value()));
+  if (output_error_) output_error_->write(out);
+  return out.bytes();
+}
+
+void Master::Loop::go_on_from(const RunState& run) {
+  const std::string place = "checkpoint";
+  if (run.beginning != beginning_)
+    throw Error(place, "the run it is of began with other values, expected the same scenario and the same files");
+  fmu::ByteReader in(fmu::as_bytes(run.bytes), place);
+  checkpoint_.read(in, members_, engine_.schedule, engine_.events);
+  statistics_.read(in);
+  next_row_ = in.value<std::int64_t>();
+  careful_until_ = in.value<std::int64_t>();
+  discarded_ = in.value<std::int64_t>();
+  if (in.count(sizeof(std::int64_t)) != discarded_by_.size()) in.fail("has the states of other units");
+  for (std::int64_t& count : discarded_by_) count = in.value<std::int64_t>();
+  parts_ = in.value<std::int32_t>();
+  most_parts_ = in.value<std::int32_t>();
+  parts_sum_ = in.value<std::int64_t>();
+  tolerance_missed_ = in.value<std::int64_t>();
+  if ((in.value<std::uint8_t>() != 0) != output_error_.has_value()) in.fail("is of another tolerance");
+  if (output_error_) output_error_->read(in);
+  in.expect_end();
+  tick_ = checkpoint_.tick();
+  const bool plausible = next_row_ > tick_ && parts_ >= 1 && parts_ <= kMostParts && most_parts_ >= 1;
+  if (!plausible || run.recording.has_value() != !recording_.empty()) in.fail("is damaged");
+  checkpoint_.restore(members_, engine_.schedule, engine_.events);
+  engine_.check_numbers(now());
+  earlier_seconds_ = run.wall_seconds;
+  next_checkpoint_ = tick_ < careful_until_ ? tick_ + 1 : tick_ + kCheckpointEvery;
+  next_sample_ = tick_ + 1;
+}
+
+double Master::Loop::wall_seconds() const {
+  if (!running_) return earlier_seconds_;
+  const auto end = finished_ ? ended_ : std::chrono::steady_clock::now();
+  return earlier_seconds_ + std::chrono::duration<double>(end - begun_).count();
 }
 
 inline bool Master::Loop::step_tick() {
@@ -282,7 +425,10 @@ void Master::Loop::advance() {
 }
 
 void Master::Loop::step_plainly() {
-  if (tick_ >= next_checkpoint_ && !not_restorable_) take_checkpoint();
+  if (tick_ >= next_checkpoint_ && !not_restorable_) {
+    take_checkpoint();
+    hand_over();
+  }
   const std::size_t who = engine_.advance(tick_, 1, sampled());
   if (who != Engine::kNobody) step_in_smaller_parts(who);
 }
@@ -334,6 +480,7 @@ void Master::Loop::step_in_smaller_parts(std::size_t who) {
 /// square, two parts make the difference: a quarter, with a margin).
 void Master::Loop::step_to_tolerance() {
   take_checkpoint();
+  hand_over();
   std::size_t who = Engine::kNobody;
   const auto make = [&](int parts, bool timed) {
     who = engine_.advance(tick_, parts, timed);
@@ -416,10 +563,7 @@ Summary Master::Loop::summary() const {
   s.stop = engine_.schedule.stop().seconds();
   s.tick = scenario_.tick.seconds();
   s.ticks = tick_;
-  if (running_) {
-    const auto end = finished_ ? ended_ : std::chrono::steady_clock::now();
-    s.wall_seconds = std::chrono::duration<double>(end - begun_).count();
-  }
+  s.wall_seconds = wall_seconds();
   s.real_time_factor = s.wall_seconds > 0 ? (s.reached - s.start) / s.wall_seconds : 0;
   s.threads = engine_.threads_used();
   s.initialisation = initialisation_;
@@ -486,6 +630,10 @@ std::int64_t Master::ticks() const { return loop_->ticks(); }
 const Scenario& Master::scenario() const { return loop_->scenario_; }
 std::span<Member> Master::members() { return loop_->members_; }
 std::vector<std::string> Master::warnings() const { return loop_->warnings(); }
+const std::string& Master::unsavable() const { return loop_->unsavable(); }
+void Master::save(std::function<void(RunState)> take) { loop_->save(std::move(take)); }
+std::optional<std::uint64_t> Master::sync_recording() const { return loop_->sync_recording(); }
+std::span<const Column> Master::columns() const { return loop_->columns(); }
 Summary Master::summary() const { return loop_->summary(); }
 
 }  // namespace cotwin::master

@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -10,11 +11,20 @@
 #include "master/clock.h"
 #include "master/initialisation.h"
 #include "master/members.h"
+#include "master/recorder.h"
 #include "master/scenario.h"
 #include "master/statistics.h"
 
 /// The master: makes the units of a scenario step together. A library: no globals, no signal handlers, nothing printed.
 namespace cotwin::master {
+
+/// All that a run needs to go on in another process: units, events, figures of the summary, and where in the recording it is.
+struct RunState {
+  std::uint64_t beginning = 0;              // a hash of all numbers at the start time: other values, another run
+  std::optional<Recorder::Kept> recording;  // its bytes are known when Master::sync_recording() has returned
+  double wall_seconds = 0;                  // so far
+  std::string bytes;
+};
 
 struct MasterOptions {
   std::span<const UnitType> types;             // units that sources may name
@@ -23,6 +33,8 @@ struct MasterOptions {
   std::optional<int> threads;                  // instead of the scenario's
   bool always_threads = false;                 // use the threads even where they do not pay
   std::unique_ptr<Clock> clock;                // instead of the scenario's
+  std::function<void()> before_results;        // called when all units agree, before a file of results is touched
+  std::optional<RunState> resume;              // goes on from there
 };
 
 /// What a run was like.
@@ -81,12 +93,24 @@ class Master {
   /// Writes everything to the end and closes the files. May be called at any time, and again.
   void finish();
 
+  /// Why no other process could go on with this run, "'io' cannot be saved"; empty if it could. After initialise().
+  const std::string& unsavable() const;
+  /// Hands the state of the run to `take` as soon as that changes no bit of what follows: at once where all units are this
+  /// program's, else at the next tick at which the loop saves them anyway (every 256 ticks). Between two calls of step_tick(),
+  /// and again only after `take` was called and sync_recording() returned. Throws Error if the run is unsavable.
+  void save(std::function<void(RunState)> take);
+  /// From another thread, before finish(): waits until the recording is on the disk up to the last save, and returns its length
+  /// there in bytes; nothing if it cannot be written.
+  std::optional<std::uint64_t> sync_recording() const;
+
   /// Where the run is.
   Time now() const;
   std::int64_t tick() const;
   std::int64_t ticks() const;
   const Scenario& scenario() const;
   std::span<Member> members();
+  /// What is recorded.
+  std::span<const Column> columns() const;
   Summary summary() const;
 
  private:

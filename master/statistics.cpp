@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <type_traits>
 
 #include "models/text/error.h"
 #include "models/text/text.h"
@@ -189,6 +190,56 @@ void Statistics::sample_others(Time now) {
     c.all.add(c.difference, now);
     c.segments[static_cast<std::size_t>(segment)].add(c.difference, now);
   }
+}
+
+template <class Self, class Each>
+void Statistics::each_number(Self& self, Each each) {
+  const auto sum = [&](auto& s) {
+    each(s.squares);
+    each(s.max);
+    each(s.time_of_max.ns);
+  };
+  const auto sums = [&](auto& s) {
+    each(s.count);
+    for (auto& e : s.elements) sum(e);
+  };
+  const auto power = [&](auto& p) {
+    each(p.last);
+    each(p.energy);
+  };
+  each(self.samples_);
+  each(self.last_.ns);
+  for (auto& t : self.tallied_) sum(t.sum);
+  for (auto& c : self.comparisons_) {
+    sums(c.all);
+    for (auto& s : c.segments) sums(s);
+  }
+  for (auto& w : self.works_) {
+    for (auto& effort : w.last_effort) each(effort);
+    for (auto& flow : w.last_flow) each(flow);
+    each(w.positive);
+    each(w.negative);
+  }
+  for (auto& b : self.bonds_) {
+    power(b.a);
+    power(b.b);
+  }
+}
+
+void Statistics::write(fmu::ByteWriter& out) const {
+  std::uint64_t numbers = 0;
+  each_number(*this, [&](const auto&) { ++numbers; });
+  out.value(static_cast<std::uint8_t>(started_));
+  out.value(numbers);
+  each_number(*this, [&](const auto& number) { out.value(number); });
+}
+
+void Statistics::read(fmu::ByteReader& in) {
+  std::size_t numbers = 0;
+  each_number(*this, [&](const auto&) { ++numbers; });
+  started_ = in.value<std::uint8_t>() != 0;
+  if (in.count(sizeof(double)) != numbers) in.fail("has the figures of other signals");
+  each_number(*this, [&](auto& number) { number = in.value<std::remove_reference_t<decltype(number)>>(); });
 }
 
 std::vector<Tally> Statistics::tallies() const {

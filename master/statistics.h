@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "fmu/bytes.h"
 #include "master/members.h"
 
 /// Figures of merit that are computed while the scenario runs, at every tick.
@@ -57,6 +58,10 @@ class Statistics {
     if (more_than_tallies_) [[unlikely]]
       sample_others(now);
   }
+  /// The sums so far, for another process that goes on.
+  void write(fmu::ByteWriter& out) const;
+  /// Throws Error for those of other signals.
+  void read(fmu::ByteReader& in);
   bool empty() const { return tallies_.empty() && !more_than_tallies_; }
 
   std::vector<Tally> tallies() const;
@@ -131,6 +136,9 @@ class Statistics {
   static Power make_power(const Signal& effort, const Signal& flow, const std::string& place);
 
   void add_tally(Difference difference);
+  /// Every number that a sample changes, in a fixed order.
+  template <class Self, class Each>
+  static void each_number(Self& self, Each each);
   void sample_others(Time now);
 
   std::vector<Tallied> tallied_;  // the elements of all tallies, one tally after the other

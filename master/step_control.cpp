@@ -23,6 +23,47 @@ void Checkpoint::restore(std::span<const Member> members, Schedule& schedule, Ev
   events.back_to(events_);
 }
 
+void Checkpoint::write(fmu::ByteWriter& out) const {
+  out.value(tick_);
+  out.value(static_cast<std::uint64_t>(snapshots_.size()));
+  for (const Snapshot& snapshot : snapshots_) {
+    const std::vector<std::byte> bytes = snapshot.serialise();
+    out.text(std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
+  }
+  out.value(static_cast<std::uint64_t>(progress_.size()));
+  for (const Progress& p : progress_) {
+    out.value(p.time.ns);
+    out.value(p.last_step.ns);
+  }
+  out.value(static_cast<std::uint64_t>(events_.next));
+  out.value(static_cast<std::uint64_t>(events_.begins.size()));
+  for (const double begin : events_.begins) out.value(begin);
+  for (const std::uint8_t active : events_.active) out.value(active);
+}
+
+void Checkpoint::read(fmu::ByteReader& in, std::span<const Member> members, const Schedule& schedule, const Events& events) {
+  tick_ = in.value<std::int64_t>();
+  if (tick_ < 0 || tick_ > schedule.ticks()) in.fail("is at tick " + std::to_string(tick_) + " of another run");
+  if (in.count(sizeof(std::uint64_t)) != members.size()) in.fail("has the states of other units");
+  snapshots_.clear();
+  for (std::size_t m = 0; m < members.size(); ++m) snapshots_.push_back(Snapshot::deserialise(fmu::as_bytes(in.text())));
+  if (in.count(2 * sizeof(std::int64_t)) != schedule.slots.size()) in.fail("has the states of other units");
+  progress_.clear();
+  for (std::size_t i = 0; i < schedule.slots.size(); ++i) {
+    const Time time{in.value<std::int64_t>()};
+    const Duration last{in.value<std::int64_t>()};
+    if (time < schedule.time(0) || time > schedule.time(tick_) || last.ns < 0) in.fail("has impossible times of steps");
+    progress_.push_back({time, last});
+  }
+  events_.next = static_cast<std::size_t>(in.value<std::uint64_t>());
+  const std::size_t n = in.count(sizeof(double) + 1);
+  events_.begins.resize(n);
+  events_.active.resize(n);
+  for (double& begin : events_.begins) begin = in.value<double>();
+  for (std::uint8_t& active : events_.active) active = in.value<std::uint8_t>();
+  if (!events.fits(events_)) in.fail("is amid other events");
+}
+
 OutputError::OutputError(std::span<const Member> members, double tolerance) : tolerance_(tolerance) {
   std::size_t size = 0;
   for (const Member& member : members) {
@@ -51,6 +92,16 @@ double OutputError::against_remembered() {
     worst = std::max(worst, difference / (tolerance_ * o.scale));
   }
   return worst;
+}
+
+void OutputError::write(fmu::ByteWriter& out) const {
+  out.value(static_cast<std::uint64_t>(outputs_.size()));
+  for (const Output& o : outputs_) out.value(o.scale);
+}
+
+void OutputError::read(fmu::ByteReader& in) {
+  if (in.count(sizeof(double)) != outputs_.size()) in.fail("has the scales of other outputs");
+  for (Output& o : outputs_) o.scale = in.value<double>();
 }
 
 }  // namespace cotwin::master

@@ -2,6 +2,7 @@
 #include <vector>
 
 #include "components/unit/snapshot.h"
+#include "fmu/bytes.h"
 #include "master/events.h"
 #include "master/schedule.h"
 
@@ -20,6 +21,11 @@ class Checkpoint {
   void restore(std::span<const Member> members, Schedule& schedule, Events& events) const;
   /// The tick that was about to begin; −1: nothing taken yet.
   std::int64_t tick() const { return tick_; }
+
+  /// As bytes that another process can read, without a state that a foreign FMU only keeps itself.
+  void write(fmu::ByteWriter& out) const;
+  /// Throws Error for bytes that are cut short or damaged, or of another scenario.
+  void read(fmu::ByteReader& in, std::span<const Member> members, const Schedule& schedule, const Events& events);
 
  private:
   struct Progress {
@@ -41,6 +47,9 @@ class OutputError {
   void remember();
   /// The largest difference between what was remembered and what is now, 1 being just within tolerance.
   double against_remembered();
+
+  void write(fmu::ByteWriter& out) const;
+  void read(fmu::ByteReader& in);
 
   static constexpr double kFloor = 1e-3;  // in the output's own SI measure
 

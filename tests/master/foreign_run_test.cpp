@@ -4,6 +4,7 @@
 
 #include <cstdlib>
 #include <filesystem>
+#include <optional>
 
 #include "tests/fmu/foreign.h"
 #include "tests/master/test_units.h"
@@ -58,6 +59,50 @@ class ForeignRun : public ::testing::TestWithParam<std::string> {
   fmu::TemporaryFolder folder_;
   const std::filesystem::path calls_ = folder_.path() / "calls.txt";
 };
+
+// Going on in another process
+
+TEST_P(ForeignRun, IsSavedWhereTheLoopSavesItAnywayAndGoesOnToTheSameBits) {
+  for (const char* process : {"", "?process=own"}) {
+    Build b;
+    b.until(0.4);
+    fmu(b, "a", process);
+    b.with("u", 1.0);
+    Master straight = b.load();
+    run(straight);
+    std::optional<RunState> state;
+    {
+      Master first = b.load();
+      first.initialise();
+      while (first.tick() < 100 && first.step_tick()) {
+      }
+      first.save([&](RunState saved) { state = std::move(saved); });
+      EXPECT_FALSE(state);
+      while (!state && first.step_tick()) {
+      }
+    }
+    ASSERT_TRUE(state);
+    MasterOptions options;
+    options.types = test_types();
+    options.resume = std::move(state);
+    Master resumed(b.scenario, std::move(options));
+    resumed.initialise();
+    EXPECT_EQ(resumed.tick(), 256);
+    while (resumed.step_tick()) {
+    }
+    for (const char* name : {"a.x", "a.y"}) EXPECT_EQ(value(resumed, name), value(straight, name)) << name << process;
+  }
+}
+
+TEST_P(ForeignRun, WhoseStatesCannotLeaveTheirProcessSaysSo) {
+  for (const char* query : {"", "?rollback=true"}) {
+    Build b = second();
+    fmu(b, "a", query, without_serialisation());
+    Master master = b.load();
+    master.initialise();
+    EXPECT_THAT(master.unsavable(), AllOf(HasSubstr("'a'"), HasSubstr("cannot")));
+  }
+}
 
 // Going back
 
