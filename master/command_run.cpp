@@ -2,18 +2,28 @@
 #include <sys/ioctl.h>
 #include <unistd.h>
 
+#include <array>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
-#include <fstream>
+#include <csignal>
 #include <iostream>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <set>
+#include <sstream>
 
 #include "master/commands.h"
 #include "master/fmu_run.h"
+#include "master/identity.h"
 #include "master/interrupt.h"
 #include "master/master.h"
 #include "master/report.h"
+#include "master/results_folder.h"
+#include "master/run_checkpoint.h"
+#include "master/run_record.h"
+#include "models/robot/kernels.h"
+#include "models/text/atomic_file.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
 
@@ -66,20 +76,49 @@ class Progress {
   Clock::time_point begin_ = Clock::now(), last_ = begin_;
 };
 
+constexpr const char* kRecord = "run.json";
+constexpr const char* kCheckpoint = "run.checkpoint";
+
 struct RunArguments {
-  fs::path file, out;
+  fs::path file, out, resume;
   std::vector<std::string> set, record;
   std::string json;
   std::optional<double> stop;
-  bool real_time = false, quiet = false;
+  bool real_time = false, quiet = false, overwrite = false;
+  double checkpoint = 10;  // s of wall time; 0: none
   std::optional<int> threads;
   FmuRunOptions fmu;  // of an FMU alone
 };
 
 void save_json(const fs::path& file, const Summary& summary, const Outcome& outcome) {
-  std::ofstream out(file);
+  std::ostringstream out;
   write_json(out, summary, outcome);
-  if (!out.flush()) throw Error(file.string(), "cannot be written");
+  write_file(file, out.str());
+}
+
+/// The options that decide a run, as they go into its checkpoints.
+std::string options_of(const RunArguments& a) {
+  nlohmann::ordered_json j;
+  j["file"] = a.file.string();
+  j["set"] = a.set;
+  j["record"] = a.record;
+  if (a.stop) j["stop"] = *a.stop;
+  j["real_time"] = a.real_time;
+  return j.dump();
+}
+
+/// Throws Error for text that is not options_of() of something.
+void take_options(const std::string& text, const std::string& place, RunArguments& a) {
+  try {
+    const auto j = nlohmann::json::parse(text);
+    a.file = j.at("file").get<std::string>();
+    a.set = j.at("set").get<std::vector<std::string>>();
+    a.record = j.at("record").get<std::vector<std::string>>();
+    if (j.contains("stop")) a.stop = j["stop"].get<double>();
+    a.real_time = j.at("real_time").get<bool>();
+  } catch (const nlohmann::json::exception&) {
+    throw Error(place, "is damaged: its options cannot be read");
+  }
 }
 
 Scenario read_scenario(const RunArguments& arguments) {
@@ -101,19 +140,56 @@ Scenario read_scenario(const RunArguments& arguments) {
   return scenario;
 }
 
-/// The loop of a Master or an FmuRun; what goes wrong in it is the outcome.
+/// Takes the checkpoints of a run that can be saved.
+class Checkpoints {
+ public:
+  Checkpoints(Master& master, CheckpointWriter::Options options)
+      : master_(master), file_(options.file), writer_(std::move(options)) {}
+
+  void take() {
+    master_.save([this](RunState state) { writer_.write(std::move(state)); });
+  }
+  /// The last one, of where the run was stopped; what has not been handed over by now is not.
+  void end(bool take_last) {
+    writer_.wait_until_idle();
+    if (take_last) take();
+    writer_.end();
+  }
+  /// Whether a run could go on from the disk.
+  bool any() const {
+    std::error_code none;
+    return fs::exists(file_, none);
+  }
+  std::string failure() const { return writer_.failure(); }
+
+ private:
+  Master& master_;
+  fs::path file_;
+  CheckpointWriter writer_;
+};
+
+/// The loop of a Master or an FmuRun; what goes wrong in it is the outcome. `checkpoints` may be nullptr.
 template <class Run>
-Outcome run_to_the_end(Run& run, const Master& master, bool progress_wanted) {
+Outcome run_to_the_end(Run& run, const Master& master, bool progress_wanted, Checkpoints* checkpoints) {
   Outcome outcome;
   try {
     Progress progress(master, progress_wanted);
-    while (stop_signal == 0 && run.step_tick()) {
+    for (;;) {
+      if (attention.load(std::memory_order_relaxed) != 0) [[unlikely]] {
+        if (stop_signal() != 0) break;
+        attention &= ~kCheckpointDue;
+        if (checkpoints != nullptr) checkpoints->take();
+      }
+      if (!run.step_tick()) break;
       if (master.tick() % 64 == 0) progress.update();
     }
-    if (stop_signal != 0 && master.tick() < master.ticks()) outcome.state = "interrupted";
+    if (stop_signal() != 0 && master.tick() < master.ticks())
+      outcome = {"interrupted", std::string("stopped by ") + name_of_signal(stop_signal())};
+    if (checkpoints != nullptr) checkpoints->end(outcome.state == "interrupted");
     run.finish();
   } catch (const std::exception& error) {
     outcome = {"failed", error.what()};
+    if (checkpoints != nullptr) checkpoints->end(false);
     try {
       run.finish();
     } catch (const Error& closing) {
@@ -143,6 +219,8 @@ class Warnings {
 
 int tell(const RunArguments& arguments, const Summary& summary, const Outcome& outcome, Warnings& warnings) {
   if (outcome.state == "failed") std::cerr << "cotwin: " << outcome.message << '\n';
+  if (outcome.state == "interrupted")
+    std::cerr << "cotwin: " << outcome.message << " at t = " << text::to_text(summary.reached) << " s\n";
   const bool json_to_stdout = arguments.json == "-";
   // The file first: whoever reads stdout may go away (| head).
   if (!arguments.json.empty() && !json_to_stdout) save_json(arguments.json, summary, outcome);
@@ -156,35 +234,108 @@ int tell(const RunArguments& arguments, const Summary& summary, const Outcome& o
   } else {
     warnings.tell(summary.warnings);
   }
-  if (!std::cout.flush()) throw Error("stdout", "cannot be written");
+  if (!std::cout.flush()) {
+    if (errno == EPIPE) return kExitSignalled + SIGPIPE;  // | head: what the reader did not want to see
+    throw Error("stdout", "cannot be written: " + system_reason(errno));
+  }
   if (outcome.state == "failed") return kExitRunFailed;
-  return outcome.state == "interrupted" ? kExitSignalled + stop_signal : kExitDone;
+  return outcome.state == "interrupted" ? kExitSignalled + stop_signal() : kExitDone;
 }
 
-int run_scenario(const RunArguments& arguments) {
+/// The checkpoint that the command line names, and the options of its run instead of the command line's. Changes to the working
+/// directory of that run.
+RunCheckpoint resume(RunArguments& arguments, const Build& build) {
+  const fs::path folder = fs::absolute(arguments.resume);
+  const std::string place = (arguments.resume / kCheckpoint).string();
+  RunCheckpoint checkpoint = load_checkpoint(arguments.resume / kCheckpoint);
+  if (checkpoint.build.version != build.version || checkpoint.build.file != build.file)
+    throw Error(place, "was written by cotwin " + checkpoint.build.version + " (build " + hexadecimal(checkpoint.build.file) +
+                           "), expected the same program, which is cotwin " + build.version + " (build " +
+                           hexadecimal(build.file) + ") here");
+  if (checkpoint.build.cpu != build.cpu)
+    throw Error(place, "was written on the instruction set " + checkpoint.build.cpu + ", here it is " + build.cpu +
+                           ": the bits would differ (COTWIN_CPU chooses a lower one)");
+  take_options(checkpoint.command, place, arguments);
+  if (!arguments.json.empty() && arguments.json != "-") arguments.json = fs::absolute(arguments.json).string();
+  std::error_code error;
+  fs::current_path(checkpoint.folder, error);
+  if (error) throw Error(place, "began in " + checkpoint.folder + ", which cannot be entered: " + error.message());
+  arguments.out = folder.lexically_proximate(checkpoint.folder);
+  return checkpoint;
+}
+
+int run_scenario(RunArguments arguments) {
+  end_on_signals(" while loading and initialising; no results were written\n");
+  const Build build = this_build();
+  std::optional<RunCheckpoint> earlier;
+  if (!arguments.resume.empty()) earlier = resume(arguments, build);
   Scenario scenario = read_scenario(arguments);
+  const std::uint64_t hash = hash_of(scenario);
+  if (earlier && earlier->scenario != hash)
+    throw Error((arguments.out / kCheckpoint).string(), "is of another scenario: " + arguments.file.string() +
+                                                            " or a file that it names has changed since, expected the same");
   MasterOptions options;
   options.types = unit_types();
   options.folders = model_folders(scenario.folder);
   options.results = arguments.out.empty() ? fs::path("results") / file_name_of(scenario.name) : arguments.out;
   options.threads = arguments.threads;
-  Master master(std::move(scenario), std::move(options));
+  const fs::path out = options.results;
+  ResultsFolder results(out);
+  fs::path kept;
+  std::optional<RunRecord> record;
+  std::optional<Master> master;
+  options.before_results = [&] {
+    note_signals();
+    results.open();
+    const std::array<std::string, 4> names = {"signals.csv", "signals.csv.part", kRecord, kCheckpoint};
+    if (!earlier && !arguments.overwrite) kept = results.keep_earlier(names);
+    if (!earlier && arguments.overwrite) fs::remove(out / kCheckpoint);
+    RunRecord::Given given{out / kRecord, build, hash, arguments.set, {}, {}};
+    if (!master->columns().empty()) given.results = out / "signals.csv";
+    if (earlier) given.resumed_at = master->now().seconds();
+    record.emplace(std::move(given), *master);
+  };
+  if (earlier) options.resume = earlier->state;
+  master.emplace(std::move(scenario), std::move(options));
   Warnings warnings;
-  warnings.tell(master.warnings());
-  catch_signals();
-  master.initialise();
-  warnings.tell(master.warnings());
-  const Outcome outcome = run_to_the_end(master, master, !arguments.quiet);
-  return tell(arguments, master.summary(), outcome, warnings);
+  warnings.tell(master->warnings());
+  master->initialise();
+  warnings.tell(master->warnings());
+  if (!kept.empty() && !arguments.quiet) std::cout << "earlier results: moved to " << kept.string() << '\n';
+  std::optional<Checkpoints> checkpoints;
+  if (arguments.checkpoint > 0 && master->unsavable().empty()) {
+    CheckpointWriter::Options writing;
+    writing.file = out / kCheckpoint;
+    writing.every = std::chrono::duration<double>(arguments.checkpoint);
+    writing.head = {build, hash, options_of(arguments), fs::current_path().string(), {}};
+    writing.sync_recording = [&] { return master->sync_recording(); };
+    writing.due = [] { attention |= kCheckpointDue; };
+    checkpoints.emplace(*master, std::move(writing));
+  }
+  const Outcome outcome = run_to_the_end(*master, *master, !arguments.quiet, checkpoints ? &*checkpoints : nullptr);
+  Summary summary = master->summary();
+  if (checkpoints && !checkpoints->failure().empty()) summary.warnings.push_back("no checkpoint: " + checkpoints->failure());
+  if (arguments.checkpoint > 0 && summary.wall_seconds > arguments.checkpoint && !master->unsavable().empty())
+    summary.warnings.push_back("no checkpoint: " + master->unsavable());
+  if (outcome.state == "done") {
+    std::error_code none;
+    fs::remove(out / kCheckpoint, none);
+  }
+  record->close(summary, outcome);
+  const int code = tell(arguments, summary, outcome, warnings);
+  if (outcome.state != "done" && checkpoints && checkpoints->any())
+    std::cerr << "cotwin: go on with: cotwin run --resume " << out.string() << '\n';
+  return code;
 }
 
 int run_fmu(const RunArguments& arguments) {
+  end_on_signals(" while loading; no results were written\n");
   FmuRun run(arguments.fmu);
-  catch_signals();
   run.initialise();
+  note_signals();
   Warnings warnings;
   warnings.tell(run.master().warnings());
-  const Outcome outcome = run_to_the_end(run, run.master(), !arguments.quiet);
+  const Outcome outcome = run_to_the_end(run, run.master(), !arguments.quiet, nullptr);
   return tell(arguments, run.summary(), outcome, warnings);
 }
 
@@ -197,13 +348,13 @@ void refuse(const std::vector<CLI::Option*>& options, const std::string& what) {
 
 }  // namespace
 
+Build this_build() { return {COTWIN_VERSION, hash_of_file("/proc/self/exe"), robot::kernel_isa()}; }
+
 void add_run(CLI::App& app, Chosen& chosen) {
   const auto all = std::make_shared<RunArguments>();
   RunArguments& arguments = *all;
   CLI::App* run_command = app.add_subcommand("run", "Run a scenario or an FMU");
-  run_command->add_option("FILE", arguments.file, "System structure (.ssd), package (.ssp) or FMU (.fmu)")
-      ->type_name("FILE")
-      ->required();
+  run_command->add_option("FILE", arguments.file, "System structure (.ssd), package (.ssp) or FMU (.fmu)")->type_name("FILE");
   run_command->add_option("--stop,--stop-time", arguments.stop, "Stop time in seconds, instead of the file's")
       ->type_name("SECONDS");
   run_command
@@ -220,6 +371,18 @@ void add_run(CLI::App& app, Chosen& chosen) {
                    "Variables to record instead of the scenario's choice, e.g. 'drive.*'; may be repeated")
       ->type_name("GLOB")
       ->allow_extra_args(false);
+  run_command
+      ->add_option("--checkpoint", arguments.checkpoint,
+                   "Seconds of wall time between two checkpoints, from which an interrupted run can go on; 0: none")
+      ->capture_default_str()
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("SECONDS");
+  run_command
+      ->add_option("--resume", arguments.resume,
+                   "Go on with the interrupted run whose results are in FOLDER, from its last checkpoint (without FILE)")
+      ->type_name("FOLDER");
+  run_command->add_flag("--overwrite", arguments.overwrite,
+                        "Overwrite earlier results (default: they are moved to earlier-1, earlier-2 … in the folder)");
   run_command->add_option("--threads", arguments.threads, "At most so many threads (default: as many as pay)")
       ->check(CLI::Range(1, 255))
       ->type_name("N");
@@ -262,11 +425,23 @@ void add_run(CLI::App& app, Chosen& chosen) {
   of_fmu.push_back(run_command->add_flag("--set-stop-time", fmu.set_stop_time, "Tell the FMU the stop time")->group(group));
 
   std::vector<CLI::Option*> of_scenario;
-  for (const char* name : {"--set", "--out", "--record", "--threads", "--real-time"}) {
+  for (const char* name : {"--set", "--out", "--record", "--threads", "--real-time", "--checkpoint", "--overwrite"}) {
     of_scenario.push_back(run_command->get_option(name));
   }
-  run_command->callback([all, of_fmu, of_scenario, &chosen] {
-    chosen = [all, of_fmu, of_scenario] {
+  std::vector<CLI::Option*> decided = of_fmu;
+  for (const char* name : {"FILE", "--stop", "--set", "--out", "--record", "--real-time", "--overwrite"})
+    decided.push_back(run_command->get_option(name));
+  run_command->callback([all, of_fmu, of_scenario, decided, &chosen] {
+    chosen = [all, of_fmu, of_scenario, decided] {
+      if (!all->resume.empty()) {
+        for (const CLI::Option* option : decided) {
+          if (option->count() > 0)
+            throw Error(option->get_name(),
+                        "is decided by the run that is resumed, expected only --threads, --json, --checkpoint or --quiet");
+        }
+        return run_scenario(*all);
+      }
+      if (all->file.empty()) throw Error("FILE", "is missing, expected a scenario, a package or an FMU");
       if (!is_fmu(all->file)) {
         refuse(of_fmu, "a scenario, expected with an FMU (.fmu)");
         return run_scenario(*all);

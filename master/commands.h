@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "master/identity.h"
+
 /// The subcommands of the program `cotwin`, a file each.
 namespace cotwin::master {
 
@@ -23,6 +25,8 @@ void add_excite(CLI::App& app, Chosen& chosen);
 void add_perturb(CLI::App& app, Chosen& chosen);
 void add_completion(CLI::App& app, Chosen& chosen);
 
+/// This program on this machine.
+Build this_build();
 /// Where units look up named data, in this order; `scenario_folder` may be empty.
 std::vector<std::filesystem::path> model_folders(const std::filesystem::path& scenario_folder);
 /// The URDF that is meant by its path or by the name of a robot in the model folders. Throws Error.

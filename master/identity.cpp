@@ -84,6 +84,12 @@ std::uint64_t hash_of(const Scenario& s) {
     text.add(name);
     text.add_with_file(value);
   }
+  for (const NestedSetting& setting : s.nested_settings) {
+    text.add(setting.scope);
+    text.add(setting.name);
+    text.add_with_file(setting.value);
+  }
+  text.add(static_cast<std::int64_t>(s.all_outputs));
   for (const ComponentSpec& c : s.components) {
     text.add(c.name);
     text.add(c.source);

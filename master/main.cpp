@@ -11,6 +11,7 @@
 #include "fmu/process.h"
 #include "master/commands.h"
 #include "master/crash.h"
+#include "master/interrupt.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
 
@@ -66,6 +67,7 @@ namespace {
 
 int run(int argc, char** argv) {
   using namespace cotwin::master;
+  ignore_signals_of_writing();
   CLI::App app{"Cotwin: a value-driven digital twin of robot manipulators, as co-simulation units and a small master."};
   app.set_version_flag("--version", std::string("cotwin ") + COTWIN_VERSION);
   app.require_subcommand(1);
@@ -75,7 +77,10 @@ int run(int argc, char** argv) {
   app.footer(
       "Exit codes: 0 done; 1 the run failed (a NaN, a step that nobody could make, a full disk); 2 bad input (command line, "
       "scenario,\n"
-      "parameters, files); 130 or 143 ended by Ctrl-C or SIGTERM, with everything up to then in the files.");
+      "parameters, files); 128 + the number of the signal that ended it (130: Ctrl-C, 143: SIGTERM), with everything up to "
+      "then "
+      "in\n"
+      "the files.");
 
   Chosen chosen;
   add_run(app, chosen);
