@@ -1,6 +1,7 @@
 // cotwin tune: from a log of a real robot to a physically consistent model and its drives.
 
 #include <algorithm>
+#include <array>
 #include <iostream>
 #include <memory>
 #include <numbers>
@@ -8,7 +9,9 @@
 #include <thread>
 
 #include "master/commands.h"
+#include "master/identity.h"
 #include "master/interrupt.h"
+#include "master/results_folder.h"
 #include "master/tuning/cross_validation.h"
 #include "master/tuning/report.h"
 #include "master/tuning/tuning.h"
@@ -31,8 +34,13 @@ struct TuneArguments {
   std::string method = "swarm", friction = "sigmoid", torques = "motor", time_unit = "s", angle_unit = "rad";
   std::vector<double> q_offset_in_angle_unit;
   std::optional<int> rounds, threads;
-  bool no_offset = false, no_viscous = false, quiet = false, cross_validate = false;
+  bool no_offset = false, no_viscous = false, quiet = false, cross_validate = false, overwrite = false;
+  double checkpoint = 10;  // s
 };
+
+/// What a tuning leaves in its folder.
+const std::array<std::string, 7> kResults = {"robot.urdf",   "drive_train.ssv", "twin.ssd",   "torques.csv",
+                                             "figures.json", "report.md",       "resume.json"};
 
 tuning::Settings settings_of(const TuneArguments& a) {
   tuning::Settings s = a.settings;
@@ -58,13 +66,22 @@ tuning::Settings settings_of(const TuneArguments& a) {
 
 int tune_command(const TuneArguments& arguments, const std::vector<std::string>& given) {
   tuning::Run run;
+  const Build build = this_build();
+  run.program = build.version + " (build " + hexadecimal(build.file) + ", " + build.cpu + ")";
+  run.checkpoint = arguments.checkpoint;
   tuning::Settings settings;
   if (!arguments.resume.empty()) {
     for (const std::string& option : given) {
-      if (option != "--resume" && option != "--rounds" && option != "--threads" && option != "--out" && option != "--quiet")
-        throw Error(option, "is decided by what is resumed, expected only --rounds, --threads, --out or --quiet with --resume");
+      if (option != "--resume" && option != "--rounds" && option != "--threads" && option != "--out" && option != "--quiet" &&
+          option != "--checkpoint" && option != "--overwrite")
+        throw Error(option,
+                    "is decided by what is resumed, expected only --rounds, --threads, --out, --checkpoint, --overwrite or "
+                    "--quiet with --resume");
     }
     run.resume = tuning::load_resume(arguments.resume / "resume.json");
+    if (run.resume->program != run.program)
+      throw Error((arguments.resume / "resume.json").string(),
+                  "was written by cotwin " + run.resume->program + ", expected the same program, which is " + run.program);
     settings = run.resume->settings;
     if (arguments.rounds) settings.rounds = *arguments.rounds;
     tuning::check(settings);
@@ -76,12 +93,13 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
             : !arguments.resume.empty() ? arguments.resume
                                         : fs::path("results") / file_name_of("tune_" + settings.data.front().stem().string());
   const int cores = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  ResultsFolder results(run.out);
   run.threads = arguments.threads.value_or(std::min(cores, 8));
 
-  catch_signals();
+  note_signals();
   tuning::ProgressLine line(!arguments.quiet);
   const tuning::Hooks hooks{[&](const std::string& what, double share) { line.update(what, share); },
-                            [] { return stop_signal != 0; }};
+                            [] { return stop_signal() != 0; }};
   try {
     if (arguments.cross_validate) {
       const auto is_given = [&](const char* option) { return std::find(given.begin(), given.end(), option) != given.end(); };
@@ -89,7 +107,15 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
           settings, {!is_given("--cutoff"), !is_given("--load-friction"), !is_given("--prior-weight")}, run.threads, hooks);
     }
     const tuning::Data data = tuning::load_data(settings, hooks);
-    fs::create_directories(run.out);
+    results.open();
+    if (run.out != arguments.resume && !arguments.overwrite) {
+      std::vector<fs::path> inputs = {settings.robot};
+      inputs.insert(inputs.end(), settings.data.begin(), settings.data.end());
+      inputs.insert(inputs.end(), settings.held_out.begin(), settings.held_out.end());
+      const fs::path kept = results.keep_earlier(kResults, inputs);
+      line.clear();
+      if (!kept.empty() && !arguments.quiet) std::cout << "earlier results: moved to " << kept.string() << '\n';
+    }
     const tuning::Result result = tuning::tune(settings, run, hooks, data);
     line.clear();
     if (!arguments.quiet) {
@@ -100,16 +126,16 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
     }
     if (!std::cout.flush()) throw Error("stdout", "cannot be written");
     if (!result.interrupted) return kExitDone;
-    std::cerr << "cotwin: stopped";
+    std::cerr << "cotwin: stopped by " << name_of_signal(stop_signal());
     if (result.swarm) std::cerr << " after round " << result.swarm->progress.round;
     if (settings.method != tuning::Method::kLeastSquares)
       std::cerr << "; go on with: cotwin tune --resume " << run.out.string();
     std::cerr << '\n';
   } catch (const tuning::Stopped&) {
     line.clear();
-    std::cerr << "cotwin: stopped before the search; nothing was written\n";
+    std::cerr << "cotwin: stopped by " << name_of_signal(stop_signal()) << " before the search; nothing was written\n";
   }
-  return kExitSignalled + stop_signal;
+  return kExitSignalled + stop_signal();
 }
 
 }  // namespace
@@ -169,6 +195,14 @@ void add_tune(CLI::App& app, Chosen& chosen) {
   in(search,
      command->add_option("--threads", a.threads, "Threads; the result does not depend on them")->check(CLI::Range(1, 255)),
      "N");
+  in(search,
+     command
+         ->add_option(
+             "--checkpoint", a.checkpoint,
+             "Seconds between two writings of resume.json, from which a killed tuning can go on; 0: none during the search")
+         ->check(CLI::NonNegativeNumber),
+     "SECONDS")
+      ->capture_default_str();
   in(search, command->add_option("--resume", a.resume, "Go on with what a stopped tuning left in FOLDER"), "FOLDER");
 
   const std::string log = "The log";
@@ -203,6 +237,8 @@ void add_tune(CLI::App& app, Chosen& chosen) {
       ->capture_default_str();
   in(log, command->add_flag("--accept-data", s.accept_data, "Warn of implausible data instead of refusing them"), "");
   command->add_flag("--quiet", a.quiet, "No progress bar and no table");
+  command->add_flag("--overwrite", a.overwrite,
+                    "Overwrite earlier results (default: they are moved to earlier-1, earlier-2 … in the folder)");
 
   command->callback([all, command, &chosen] {
     chosen = [all, command] {

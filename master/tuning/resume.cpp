@@ -1,5 +1,6 @@
 #include "master/tuning/resume.h"
 
+#include <cerrno>
 #include <fstream>
 #include <iterator>
 #include <nlohmann/json.hpp>
@@ -7,6 +8,7 @@
 
 #include "master/tuning/files.h"
 #include "models/text/error.h"
+#include "models/text/file_hash.h"
 
 namespace cotwin::master::tuning {
 
@@ -15,7 +17,7 @@ using nlohmann::json;
 
 namespace {
 
-constexpr const char* kFormat = "cotwin tuning 1";
+constexpr const char* kFormat = "cotwin tuning 2";
 
 std::string to_hex(const std::vector<unsigned char>& bytes) {
   constexpr const char* kDigits = "0123456789abcdef";
@@ -48,6 +50,8 @@ std::string to_text(const Resume& resume) {
   object["format"] = kFormat;
   object["settings"] = to_json(resume.settings);
   object["file_sizes"] = resume.file_sizes;
+  object["program"] = resume.program;
+  object["hashes"] = resume.hashes;
   object["swarm"] = to_hex(resume.swarm);
   return object.dump(1) + "\n";
 }
@@ -68,6 +72,14 @@ Resume parse_resume(std::string_view text, const std::string& place) {
       throw Error(place, "'file_sizes' holds " + std::string(size.type_name()) + ", expected sizes in bytes");
     resume.file_sizes.push_back(size.get<std::uintmax_t>());
   }
+  if (!object.contains("program") || !object["program"].is_string() || !object.contains("hashes") ||
+      !object["hashes"].is_array())
+    throw Error(place, "lacks 'program' or 'hashes'");
+  resume.program = object["program"].get<std::string>();
+  for (const json& hash : object["hashes"]) {
+    if (!hash.is_string()) throw Error(place, "'hashes' holds " + std::string(hash.type_name()) + ", expected text");
+    resume.hashes.push_back(hash.get<std::string>());
+  }
   resume.swarm = from_hex(object["swarm"].get<std::string>(), place);
   return resume;
 }
@@ -85,15 +97,26 @@ std::vector<std::uintmax_t> file_sizes(const Settings& settings) {
   return sizes;
 }
 
+std::vector<std::string> file_hashes(const Settings& settings) {
+  std::vector<std::string> hashes = {hexadecimal(hash_of_file(settings.robot))};
+  for (const auto* files : {&settings.data, &settings.held_out}) {
+    for (const fs::path& file : *files) hashes.push_back(hexadecimal(hash_of_file(file)));
+  }
+  return hashes;
+}
+
 void save_resume(const fs::path& file, const Resume& resume) { write_file(file, to_text(resume)); }
 
 Resume load_resume(const fs::path& file) {
   std::ifstream in(file, std::ios::binary);
-  if (!in) throw Error(file.string(), "cannot be opened, expected what a stopped tuning left there");
+  if (!in)
+    throw Error(file.string(), "cannot be opened: " + system_reason(errno) + ", expected what a stopped tuning left there");
   const std::string text((std::istreambuf_iterator<char>(in)), {});
   Resume resume = parse_resume(text, file.string());
   if (file_sizes(resume.settings) != resume.file_sizes)
     throw Error(file.string(), "the log has changed since the tuning stopped, expected the same files");
+  if (file_hashes(resume.settings) != resume.hashes)
+    throw Error(file.string(), "the robot or the log has changed since the tuning stopped, expected the same files");
   return resume;
 }
 

@@ -14,6 +14,8 @@ struct Resume {
   Settings settings;
   std::vector<std::uintmax_t> file_sizes;  // bytes, of data and held_out: another log is another problem
   std::vector<unsigned char> swarm;
+  std::string program = {};              // that wrote it: another one has other bits
+  std::vector<std::string> hashes = {};  // of the robot, data and held_out
 };
 
 std::string to_text(const Resume& resume);
@@ -21,8 +23,9 @@ std::string to_text(const Resume& resume);
 Resume parse_resume(std::string_view text, const std::string& place);
 
 void save_resume(const std::filesystem::path& file, const Resume& resume);
-/// Throws Error also where a file of the log has another size now.
+/// Throws Error also where the robot or the log are others now.
 Resume load_resume(const std::filesystem::path& file);
 std::vector<std::uintmax_t> file_sizes(const Settings& settings);
+std::vector<std::string> file_hashes(const Settings& settings);
 
 }  // namespace cotwin::master::tuning

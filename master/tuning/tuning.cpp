@@ -26,8 +26,8 @@ identification::TuningOptions swarm_options(const Settings& settings) {
   return options;
 }
 
-Resume resume_of(const Settings& settings, const identification::Tuning& tuning) {
-  return {settings, file_sizes(settings), tuning.save()};
+Resume resume_of(const Settings& settings, const Run& run, std::vector<unsigned char> swarm) {
+  return {settings, file_sizes(settings), std::move(swarm), run.program, file_hashes(settings)};
 }
 
 /// Feasible least squares until it is done or the user stops it.
@@ -40,12 +40,19 @@ identification::FeasibleResult run_feasible(const Settings& settings, const Hook
   return identification::solve_feasible(problem, options);
 }
 
-/// Rounds of the swarm until it is done or the user stops it; its state goes to disk every ten seconds and at the end.
+/// Rounds of the swarm until it is done or the user stops it; its state goes to the disk at the beginning, every run.checkpoint
+/// seconds and at the end.
 SwarmRun run_swarm(const Settings& settings, const Run& run, const Hooks& hooks, identification::Tuning& tuning) {
   numerics::Threads threads(run.threads);
   const fs::path file = run.out / "resume.json";
   const Clock::time_point begin = Clock::now();
   Clock::time_point saved = begin;
+  Resume resume = resume_of(settings, run, tuning.save());
+  const auto save = [&] {
+    resume.swarm = tuning.save();
+    save_resume(file, resume);
+  };
+  save();
   SwarmRun result;
   result.progress = tuning.progress();
   while (result.progress.status == numerics::SwarmStatus::kRunning && !hooks.stopped()) {
@@ -53,12 +60,12 @@ SwarmRun run_swarm(const Settings& settings, const Run& run, const Hooks& hooks,
     hooks.tell("round " + std::to_string(result.progress.round) + " of " + std::to_string(settings.rounds) + ", RMS " +
                    text::to_text(result.progress.weighted_rms, 5) + " of the floor",
                static_cast<double>(result.progress.round) / settings.rounds);
-    if (Clock::now() - saved > std::chrono::seconds(10)) {
+    if (run.checkpoint > 0 && Clock::now() - saved > std::chrono::duration<double>(run.checkpoint)) {
+      save();
       saved = Clock::now();
-      save_resume(file, resume_of(settings, tuning));
     }
   }
-  save_resume(file, resume_of(settings, tuning));
+  save();
   result.history = tuning.history();
   result.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
   return result;
@@ -102,11 +109,11 @@ Result tune(const Settings& settings, const Run& run, const Hooks& hooks, const 
     result.candidates.push_back({"swarm", tuning.estimate()});
     result.swarm_rms = problem.weighted_rms(result.candidates.back().estimate);
   }
-  if (settings.method == Method::kFeasible) save_resume(run.out / "resume.json", {settings, file_sizes(settings), {}});
+  if (settings.method == Method::kFeasible) save_resume(run.out / "resume.json", resume_of(settings, run, {}));
   if (settings.method != Method::kLeastSquares && !result.interrupted) {
     const identification::FeasibleResult feasible = run_feasible(settings, hooks, problem);
     result.interrupted = feasible.interrupted;
-    // Half a reference is none; half a result is the best so far.
+    // An interrupted reference solution is discarded; an interrupted result is the best so far.
     if (!feasible.interrupted || settings.method == Method::kFeasible) {
       result.candidates.push_back({"feasible", feasible.estimate});
       result.feasible_rms = feasible.weighted_rms;

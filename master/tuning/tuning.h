@@ -38,6 +38,8 @@ struct Run {
   std::filesystem::path out;  // exists
   int threads = 1;
   std::optional<Resume> resume;  // goes on from there
+  std::string program = {};      // for resume.json: which program this is
+  double checkpoint = 10;        // s of wall time between two writings of resume.json; 0: none during the search
 };
 
 /// The whole run: reads, tunes, writes robot.urdf, drive_train.ssv, torques.csv, motion.csv, twin.ssd, report.md, figures.json

@@ -47,7 +47,9 @@ class TunedRobot {
   master::tuning::Result tune(const master::tuning::Settings& settings, const std::string& out, int threads = 1,
                               const master::tuning::Hooks& hooks = {}, bool resume = false) const {
     std::filesystem::create_directories(folder / out);
-    master::tuning::Run run{folder / out, threads, {}};
+    master::tuning::Run run;
+    run.out = folder / out;
+    run.threads = threads;
     if (resume) run.resume = master::tuning::load_resume(folder / out / "resume.json");
     return master::tuning::tune(settings, run, hooks, master::tuning::load_data(settings, hooks));
   }

@@ -344,10 +344,12 @@ TEST(Tune, SettingsSurviveTheResumeFile) {
   settings.format.theta_columns = "motor{}";
   settings.model.harmonics = {0, 2, 0, 0, 0, 0, 0};
   settings.seed = 1234567890123456789u;
-  const Resume resume{settings, {1, 2}, {0, 255, 16}};
+  const Resume resume{settings, {1, 2}, {0, 255, 16}, "cotwin 1.2", {"0123", "4567"}};
   const Resume read = parse_resume(to_text(resume), "resume.json");
   EXPECT_EQ(to_text(read), to_text(resume));
   EXPECT_EQ(read.swarm, resume.swarm);
+  EXPECT_EQ(read.program, resume.program);
+  EXPECT_EQ(read.hashes, resume.hashes);
   EXPECT_EQ(read.settings.model, settings.model);
   EXPECT_EQ(read.settings.format, settings.format);
 }
@@ -369,7 +371,7 @@ TEST(Tune, AResumeFileThatIsNoneIsAnErrorThatNamesIt) {
   ASSERT_EQ(error_of(good), "");
   EXPECT_THAT(error_of(""), HasSubstr("resume.json: is no JSON object"));
   EXPECT_THAT(error_of("[1]"), HasSubstr("is no JSON object"));
-  EXPECT_THAT(error_of(with("tuning 1", "tuning 9")), HasSubstr("another format"));
+  EXPECT_THAT(error_of(with("tuning 2", "tuning 9")), HasSubstr("another format"));
   EXPECT_THAT(error_of(with("\"rounds\": 60", "\"rounds\": -1")), HasSubstr("expected 1 to"));
   EXPECT_THAT(error_of(with("\"rounds\": 60", "\"rounds\": \"x\"")),
               AllOf(HasSubstr("'rounds'"), HasSubstr("expected another type")));
@@ -521,6 +523,61 @@ TEST(TuneProgram, CtrlCLeavesTheBestSoFarAndResumeGoesOnToTheSameRobot) {
   ASSERT_EQ(program.run(straight), 0) << program.err;
   for (const char* file : kFiles)
     EXPECT_EQ(content(robot().folder / "ctrl_c" / file), content(robot().folder / "no_ctrl_c" / file)) << file;
+}
+
+TEST(TuneProgram, KilledAtAnyTimeItGoesOnToTheSameRobot) {
+  Program program;
+  const std::vector<std::string> command = {"tune",     "--robot",  "prior.urdf",  "--data",       "log.csv",
+                                            "--cutoff", "5",        "--particles", "32",           "--threads",
+                                            "1",        "--rounds", "60",          "--checkpoint", "1e-6"};
+  const auto into = [&](const std::string& out) {
+    auto all = command;
+    all.insert(all.end(), {"--out", out});
+    return all;
+  };
+  const fs::path resume = robot().folder / "killed/resume.json";
+  pid_t child = program.start(into("killed"));
+  const auto wait_for_a_checkpoint = [&] {
+    const std::string before = content(resume);
+    for (int i = 0; i < 60000 && content(resume) == before; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  };
+  // At the first checkpoint, before the first round, and at later ones.
+  for (int times = 0; times < 3; ++times) {
+    wait_for_a_checkpoint();
+    ASSERT_TRUE(fs::exists(resume));
+    kill(child, SIGKILL);
+    if (program.wait(child) == 0) break;
+    child = program.start({"tune", "--resume", "killed", "--checkpoint", "1e-6", "--threads", "1"});
+  }
+  ASSERT_EQ(program.wait(child), 0) << program.err;
+  ASSERT_EQ(program.run(into("not_killed")), 0) << program.err;
+  for (const char* file : kFiles)
+    EXPECT_EQ(content(robot().folder / "killed" / file), content(robot().folder / "not_killed" / file)) << file;
+}
+
+TEST(TuneProgram, OfTwoTuningsIntoOneFolderTheSecondIsRefusedAndEarlierResultsAreKept) {
+  Program program;
+  const std::vector<std::string> command = {"tune",     "--robot", "prior.urdf", "--data", "log.csv", "--cutoff", "5",
+                                            "--method", "swarm",   "--rounds",   "3",      "--out",   "common"};
+  ASSERT_EQ(program.run(command), 0) << program.err;
+  const std::string first = content(robot().folder / "common/report.md");
+  auto endless = command;
+  endless[10] = "1000000";
+  const pid_t child = program.start(endless);
+  const auto begun = [&] { return fs::exists(robot().folder / "common/earlier-1/report.md"); };
+  for (int i = 0; i < 60000 && !begun(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  EXPECT_EQ(content(robot().folder / "common/earlier-1/report.md"), first);
+  Program other;
+  EXPECT_EQ(other.run(command), 2);
+  EXPECT_THAT(other.err, HasSubstr("common: process " + std::to_string(child)));
+  kill(child, SIGTERM);
+  EXPECT_EQ(program.wait(child), 143);
+  EXPECT_THAT(program.err, HasSubstr("cotwin: stopped by SIGTERM"));
+  // The robot may come from the folder that its successor goes to: it is copied, not moved.
+  auto in_place = command;
+  in_place[2] = "common/robot.urdf";
+  EXPECT_EQ(program.run(in_place), 0) << program.err;
+  EXPECT_TRUE(fs::exists(robot().folder / "common/earlier-2/robot.urdf"));
 }
 
 TEST(TuneProgram, NeedsNoMoreMemoryForALongerLog) {
