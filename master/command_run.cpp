@@ -331,6 +331,9 @@ int run_scenario(RunArguments arguments) {
 int run_fmu(const RunArguments& arguments) {
   end_on_signals(" while loading; no results were written\n");
   FmuRun run(arguments.fmu);
+  const fs::path out = run.output_file();
+  FileLock lock;
+  if (!fs::exists(out) || fs::is_regular_file(out)) lock = FileLock(out.string() + ".lock", out.string());
   run.initialise();
   note_signals();
   Warnings warnings;

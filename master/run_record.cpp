@@ -134,13 +134,25 @@ RunRecord::RunRecord(Given given, const Master& master) : file_(std::move(given.
     j["recording"]["columns"] = columns(master.columns());
   }
   const std::string text = dump(j);
+  ordered_json crashed = j;
+  crashed["state"] = "failed";
+  crashed["reason"] = "the program crashed, or an FMU in its process did";
+  crashed_ = dump(crashed);
   write_file(file_, text);
   reserve(file_, text.size());
+  saved_.emplace(save, this, "");
+}
+
+/// In a signal handler.
+void RunRecord::save(void* self) noexcept {
+  const RunRecord& record = *static_cast<RunRecord*>(self);
+  static_cast<void>(write_over(record.file_, record.crashed_));
 }
 
 RunRecord::~RunRecord() = default;
 
 void RunRecord::close(const Summary& summary, const Outcome& outcome) {
+  saved_.reset();
   ordered_json& j = content_->json;
   j["state"] = outcome.state == "done" ? "complete" : outcome.state == "interrupted" ? "stopped" : "failed";
   if (!outcome.message.empty()) j["reason"] = outcome.message;

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "master/crash.h"
 #include "master/identity.h"
 #include "master/report.h"
 
@@ -33,8 +34,12 @@ class RunRecord {
 
  private:
   struct Content;
+  static void save(void* self) noexcept;
+
   std::filesystem::path file_;
   std::unique_ptr<Content> content_;
+  std::string crashed_;  // the text where the program crashes
+  std::optional<SavedOnCrash> saved_;
 };
 
 }  // namespace cotwin::master
