@@ -285,8 +285,11 @@ bool HostProcess::ended(std::string& how) {
         : WIFSIGNALED(status) ? "was ended by " + name_of_signal(WTERMSIG(status))
                               : "exited with status " + std::to_string(WEXITSTATUS(status));
   how += in_function();
+  rusage own{};
+  getrusage(RUSAGE_SELF, &own);
   const double most = 1024.0 * static_cast<double>(usage.ru_maxrss);
-  if (most > kNearlyAll * memory_)
+  // The process inherits the maximum of this program as it starts: only a larger one is its own.
+  if (usage.ru_maxrss > own.ru_maxrss && most > kNearlyAll * memory_)
     how += ", when it had used " + megabytes(most) + " of memory of at most " + megabytes(memory_);
   return true;
 }
