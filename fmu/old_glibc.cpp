@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include <cstdint>
+#include <cstdlib>
 
 extern "C" {
 
@@ -29,6 +30,14 @@ int fstatat64(int folder, const char* path, struct stat64* out, int flags) noexc
 int stat64(const char* path, struct stat64* out) noexcept { return fstatat64(AT_FDCWD, path, out, 0); }
 int lstat64(const char* path, struct stat64* out) noexcept { return fstatat64(AT_FDCWD, path, out, AT_SYMLINK_NOFOLLOW); }
 int fstat64(int file, struct stat64* out) noexcept { return static_cast<int>(syscall(SYS_fstat, file, out)); }
+
+/// Since 2.36; std::random_device of Debian's cross compiler for ARM calls it.
+std::uint32_t arc4random() noexcept {
+  std::uint32_t value = 0;
+  while (syscall(SYS_getrandom, &value, sizeof value, 0) != sizeof value) {
+  }
+  return value;
+}
 
 #if __GLIBC_PREREQ(2, 35)
 
