@@ -5,10 +5,13 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <functional>
 #include <memory>
 #include <stdexcept>
+#include <string>
 #include <vector>
 
 #include "components/unit/unit_table.h"
@@ -190,7 +193,7 @@ constexpr const char* kTrivial = R"(<?xml version="1.0" encoding="UTF-8"?>
 </fmiModelDescription>
 )";
 
-/// A chain in which each FMU feeds the next. Every FMU is loaded from an archive of its own, as a scenario's components are.
+/// A chain in which each FMU feeds the next; all of them are instances of one archive.
 master::Scenario chain_of(int count, const fs::path& folder, const std::string& query = "") {
   const std::vector<fmu::ArchiveFile> files = {{"modelDescription.xml", std::string(kTrivial)},
                                                {"binaries/linux64/trivial.so", fs::path(COTWIN_TRIVIAL_FMU)}};
@@ -217,25 +220,22 @@ void chain(int count, const fs::path& folder) {
   master::Master ours(chain_of(count, folder), {});
   ours.initialise();
 
-  struct Bare {
-    LoadedFmu loaded;
-    Driver driver{loaded};
-    void* instance = driver.instance();
-    decltype(&fmi2DoStep) step = loaded.function<decltype(&fmi2DoStep)>("fmi2DoStep");
-    decltype(&fmi2SetReal) set = loaded.function<decltype(&fmi2SetReal)>("fmi2SetReal");
-    decltype(&fmi2GetReal) get = loaded.function<decltype(&fmi2GetReal)>("fmi2GetReal");
-    explicit Bare(const fs::path& archive) : loaded(archive, "trivial", Version::k2) { driver.initialise(); }
-  };
-  std::vector<std::unique_ptr<Bare>> fmus;
-  for (int i = 0; i < count; ++i) fmus.push_back(std::make_unique<Bare>(folder / "trivial.fmu"));
   struct Calls {
     void* instance;
     decltype(&fmi2DoStep) step;
     decltype(&fmi2SetReal) set;
     decltype(&fmi2GetReal) get;
   };
+  const LoadedFmu loaded(folder / "trivial.fmu", "trivial", Version::k2);
+  std::vector<std::unique_ptr<Driver>> drivers;
   std::vector<Calls> instances;
-  for (const auto& f : fmus) instances.push_back({f->instance, f->step, f->set, f->get});
+  for (int i = 0; i < count; ++i) {
+    drivers.push_back(std::make_unique<Driver>(loaded));
+    drivers.back()->initialise();
+    instances.push_back({drivers.back()->instance(), loaded.function<decltype(&fmi2DoStep)>("fmi2DoStep"),
+                         loaded.function<decltype(&fmi2SetReal)>("fmi2SetReal"),
+                         loaded.function<decltype(&fmi2GetReal)>("fmi2GetReal")});
+  }
   std::vector<double> y(instances.size()), next(instances.size());
   const fmi2ValueReference u_reference = 1, y_reference = 2;
   std::int64_t n = 0;
@@ -261,6 +261,60 @@ void chain(int count, const fs::path& folder) {
   const double per = 1e9 / kSteps / count;
   benchmark::print({"chain of " + std::to_string(count) + " trivial FMUs in the master, per FMU and step", "ns",
                     figures.ours * per, "bare loop over the same FMUs", figures.peer * per, 2, true});
+}
+
+/// The same chain as a file that other masters read, too.
+void write_ssd(int count, const fs::path& folder) {
+  chain_of(count, folder);
+  std::ofstream out(folder / "SystemStructure.ssd");
+  out << R"(<?xml version="1.0" encoding="UTF-8"?>
+<ssd:SystemStructureDescription name="chain" version="1.0" xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
+    xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">
+  <ssd:System name="chain"><ssd:Elements>)";
+  for (int i = 0; i < count; ++i) {
+    out << "<ssd:Component name='u" << i << "' source='trivial.fmu'><ssd:Connectors>"
+        << "<ssd:Connector name='u' kind='input'><ssc:Real/></ssd:Connector>"
+        << "<ssd:Connector name='y' kind='output'><ssc:Real/></ssd:Connector></ssd:Connectors></ssd:Component>\n";
+  }
+  out << "</ssd:Elements><ssd:Connections>";
+  for (int i = 1; i < count; ++i) {
+    out << "<ssd:Connection startElement='u" << i - 1 << "' startConnector='y' endElement='u" << i << "' endConnector='u'/>\n";
+  }
+  out << R"(</ssd:Connections></ssd:System>
+  <ssd:Annotations><ssc:Annotation type="cotwin.master">
+    <cotwin:Master xmlns:cotwin="urn:cotwin:master:1" tick="1 ms"><cotwin:Recording decimation="1000000000"/></cotwin:Master>
+  </ssc:Annotation></ssd:Annotations>
+</ssd:SystemStructureDescription>
+)";
+}
+
+double seconds_of(const std::string& command) {
+  const auto begin = std::chrono::steady_clock::now();
+  if (std::system((command + " >/dev/null 2>&1").c_str()) != 0) throw std::runtime_error("failed: " + command);
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+}
+
+/// Whole programs over the same SSP, in turn: ours, and ecos (COTWIN_ECOS: its command-line program), which records nothing.
+/// What a step costs is the difference of a long run and a short one.
+void chain_beside_ecos(int count, const fs::path& folder, const std::string& ecos) {
+  write_ssd(count, folder);
+  const double few = std::ceil(2e5 / count) * kStep, many = std::ceil(1e7 / count) * kStep;  // s
+  const std::string ours = "'" COTWIN_PROGRAM "' run '" + (folder / "SystemStructure.ssd").string() + "' --quiet --out '" +
+                           (folder / "results").string() + "' --stop ",
+                    peer = "cd '" + folder.string() + "' && '" + ecos + "' simulate --noCsv --path '" + folder.string() +
+                           "' --stepSize " + std::to_string(kStep) + " --stopTime ";
+  std::vector<double> a, b;
+  for (int i = 0; i < 7; ++i) {
+    a.push_back(seconds_of(ours + std::to_string(many)) - seconds_of(ours + std::to_string(few)));
+    b.push_back(seconds_of(peer + std::to_string(many)) - seconds_of(peer + std::to_string(few)));
+  }
+  const auto median = [](std::vector<double> all) {
+    std::sort(all.begin(), all.end());
+    return all[all.size() / 2];
+  };
+  const double per = 1e9 * kStep / (many - few) / count;
+  benchmark::print({"chain of " + std::to_string(count) + " trivial FMUs, cotwin run, per FMU and step", "ns", median(a) * per,
+                    "ecos simulate --noCsv", median(b) * per, count == 1 ? 1.2 : 0.7, true});
 }
 
 /// Seconds of wall and of all threads.
@@ -331,6 +385,9 @@ int main() {
   for (const Version version : {Version::k2, Version::k3}) drive_train(version, folder.path());
   for (const Version version : {Version::k2, Version::k3}) whole_twin(version, folder.path());
   for (const int count : {1, 10, 100}) chain(count, folder.path());
+  if (const char* ecos = std::getenv("COTWIN_ECOS")) {
+    for (const int count : {1, 10, 100}) chain_beside_ecos(count, folder.path(), ecos);
+  }
   for (const int count : {10, 100}) recorded_chain(count, folder.path());
   own_process(folder.path());
 }
