@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <map>
 #include <ostream>
 #include <set>
@@ -75,6 +76,10 @@ std::vector<Finding> check_description(const ModelDescription& d) {
     }
     if (const auto* start = std::get_if<std::vector<double>>(&v.start)) {
       for (const double value : *start) {
+        if (!std::isfinite(value)) {
+          add(Level::kWarning, name + " starts at " + text::to_text(value) + ", expected a finite number");
+          break;
+        }
         if ((numeric.min && value < *numeric.min) || (numeric.max && value > *numeric.max)) {
           add(Level::kWarning, name + " starts outside of its range: " + text::to_text(value));
           break;

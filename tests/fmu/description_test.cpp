@@ -226,6 +226,10 @@ TEST(CheckDescription, FindsWhatTheStandardForbids) {
               Contains(HasSubstr("must not have a start value")));
   EXPECT_THAT(texts(fmi3("<Float64 name='a' valueReference='1' causality='input' start='1' min='2'/>")),
               Contains(HasSubstr("starts outside of its range: 1")));
+  for (const std::string number : {"nan", "inf"}) {
+    EXPECT_THAT(texts(fmi3("<Float64 name='a' valueReference='1' causality='input' start='" + number + "'/>")),
+                Contains(HasSubstr("starts at " + number + ", expected a finite number")));
+  }
   EXPECT_THAT(texts(fmi3("<Float64 name='a' valueReference='1'/>", "<Output valueReference='1'/><Output valueReference='1'/>")),
               ::testing::AllOf(Contains(HasSubstr("listed as an output, but is none")), Contains(HasSubstr("stands twice"))));
 }
