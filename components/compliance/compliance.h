@@ -5,24 +5,18 @@
 #include <string>
 #include <vector>
 
+#include "components/compliance/admittance.h"
+#include "components/compliance/tracking.h"
 #include "components/unit/settings.h"
 #include "components/unit/unit.h"
 
 namespace cotwin::compliance {
 
-/// Compliant motion of the joints and its tracking (IV-A3). Joint admittance, per joint like (3a):
-///   M_a Δ̈ + D Δ̇ + S_a Δ = τ_e,   Δ = q_c − q_d,   D = D_a + 2 zeta_a √(S_a M_a)
-/// Tracking of q_c by computed torque (passivity = 0) or in the passivity-based form of Slotine and Li (passivity = 1):
-///   τ_m = M (q̈_c + 2ζω ė + ω² e) + B (θ̈_c + 2ζω ė + ω² e) + C q̇ + g − τ_e + τ_f
-///   τ_m = M q̈_r + B θ̈_r + C q̇_r + g − τ_e + τ_f + K_s s,   q̇_r = q̇ + s,   s = ė + Λ e,   q̈_r = q̈_c + Λ ė
-/// with Ṁ − 2C skew-symmetric. The error e is taken at the motor, θ_c − θ, where the joint is elastic:
-///   θ_c = q_c + τ_J,c / K,   τ_J,c = M q̈_c + C q̇_c + g − τ_e  at q_c                           (2a), (2c)
-/// and at the link, q_c − q, where it is rigid (K = 0): feedback of an elastic joint's link side alone is unstable from small
-/// gains on, that of its motor is not, whatever the gains, in continuous time; with a torque that is held for h, computed
-/// torque needs ζ ω h (M_ii + B)/B < 1 of an elastic joint. Links may still vibrate against motors that the feedback holds; a
-/// feedback of τ_J = K (θ − q) on top, which lets a motor appear as light as B / shaping, damps them (Ott, Albu-Schäffer, Kugi,
-/// Hirzinger: IEEE T-RO 24(2), 2008; passive in continuous time, sampled only for motor frequencies √(K shaping/B) well below
-/// 1/h). Not in here: Cartesian impedance (3a), (3b).
+/// Compliant motion of the joints and its tracking (IV-A3):
+///   admittance.h   the joint admittance M_a Δ̈ + D Δ̇ + S_a Δ = τ_e, Δ = q_c − q_d, like (3a), passive also while S_a rises
+///   limits.h       limits of position and speed as one-sided walls on q_c
+///   tracking.h     the motor torques that make links and motors follow q_c, of rigid and elastic joints
+/// Friction of both sides is fed forward as the compliant motion meets it. Not in here: Cartesian impedance (3a), (3b).
 ///
 /// The desired motion is expected for the end of a step (its source steps first), measurements for its beginning: as a robot's
 /// controller, which knows where it wants to be next and where it has just been. Admittance, gains, bodies, B and friction in
@@ -41,12 +35,13 @@ class Compliance final : public Unit {
   void restored() override;
 
  private:
-  using Joints = std::vector<double>;  // one value a joint
+  explicit Compliance(const robot::RobotModel& robot);
   struct Dynamics;
 
   /// What may be changed while the robot moves.
   struct Tunables {
-    Joints M_a, D_a, zeta_a, S_a;              // admittance
+    Joints M_a, S_a;                           // admittance, as far as the tank pays for them
+    Joints D_a, zeta_a, omega_free;            // admittance
     Joints omega, zeta;                        // computed torque
     Joints Lambda, K_s;                        // passivity-based tracking
     Joints shaping;                            // of the motor inertia
@@ -56,24 +51,39 @@ class Compliance final : public Unit {
     Joints link_tau_C, link_v_R, link_sigma2;  // and of the link side
     Joints tau_0, link_tau_0;                  // which alone may be negative
 
-    static constexpr std::array kNames = {"M_a",   "D_a",     "zeta_a",     "S_a",      "omega",       "zeta",  "Lambda",
-                                          "K_s",   "shaping", "passivity",  "B",        "tau_C",       "v_R",   "sigma2",
-                                          "tau_S", "v_S",     "link_tau_C", "link_v_R", "link_sigma2", "tau_0", "link_tau_0"};
+    static constexpr std::array kNames = {"M_a",      "S_a",         "D_a",    "zeta_a",    "omega_free", "omega",
+                                          "zeta",     "Lambda",      "K_s",    "shaping",   "passivity",  "B",
+                                          "tau_C",    "v_R",         "sigma2", "tau_S",     "v_S",        "link_tau_C",
+                                          "link_v_R", "link_sigma2", "tau_0",  "link_tau_0"};
+    static constexpr std::size_t kPaid = 2;    // at the beginning
     static constexpr std::size_t kSigned = 2;  // at the end
     std::array<Joints*, kNames.size()> all() {
-      return {&M_a,   &D_a, &zeta_a, &S_a,   &omega, &zeta,       &Lambda,   &K_s,         &shaping, &passivity, &B,
-              &tau_C, &v_R, &sigma2, &tau_S, &v_S,   &link_tau_C, &link_v_R, &link_sigma2, &tau_0,   &link_tau_0};
+      return {&M_a, &S_a,   &D_a, &zeta_a, &omega_free, &omega, &zeta,       &Lambda,   &K_s,         &shaping, &passivity,
+              &B,   &tau_C, &v_R, &sigma2, &tau_S,      &v_S,   &link_tau_C, &link_v_R, &link_sigma2, &tau_0,   &link_tau_0};
     }
   };
 
+  /// What a run's summary names, as bits of `met`.
+  enum Met : std::int32_t { kTorque = 1, kPosition = 2, kSpeed = 4, kDesired = 8, kTank = 16 };
+
   void declare_bodies(Variables& v);
   void check();
-  void take_error();
   void follow_tunables(double h);
   void move_compliantly(double h);
-  void refer_to_motors(double h);
-  void track(double h);
-  void wind_up(std::size_t i, double tau_Jc, double h);
+  void add_load(double h);
+  void finish_torques(double h);
+  void note(std::size_t i, Met what);
+  void write_warning();
+  Limits limits(std::size_t i) const { return {q_min_[i], q_max_[i], dq_max_[i], braking_[i]}; }
+  Reference reference() const { return {q_c_, dq_c_, ddq_c_, a_q_}; }
+  Load load() const { return {load_mean_, load_end_}; }
+  Drives drives() const { return {K_, in_force_.B}; }
+  Springs springs() const { return {spring_sin_, spring_cos_}; }
+  Measured measured() const { return {q_, dq_, theta_, dtheta_}; }
+  Gains gains() const {
+    const Tunables& p = in_force_;
+    return {p.omega, p.zeta, p.Lambda, p.K_s, p.shaping, p.passivity[0]};
+  }
   double motor_friction(std::size_t i, double h);
   double link_friction(std::size_t i) const;
   void take_loads();
@@ -85,6 +95,9 @@ class Compliance final : public Unit {
   Joints q_d_, dq_d_, ddq_d_, q_, dq_, theta_, dtheta_, tau_e_, tau_e_rate_;
   // Parameters.
   Joints K_, tau_max_;
+  Joints q_min_, q_max_, dq_max_, braking_;  // limits of the compliant motion
+  Joints tau_wind_up_;
+  Joints tank_start_, tank_max_;                  // J
   Joints sigma0_, sigma1_, delta_;                // bristle of the motor side's friction
   Joints link_A_, link_alpha_, link_s_, link_k_;  // sigmoid friction of the link side
   Joints link_tau_S_, link_v_S_, link_delta_;     // its Stribeck effect
@@ -96,23 +109,23 @@ class Compliance final : public Unit {
   Tunables wanted_;
   // States.
   Tunables in_force_;
-  Joints Delta_, dDelta_;      // q_c − q_d
-  Joints ddq_d_before_;        // at the beginning of the step
-  Joints tau_w_, dtau_w_;      // smoothed τ_J,c, which winds up the elastic joints
-  Joints z_;                   // bristle
-  Joints theta_c_, dtheta_c_;  // where the motors should be
+  Joints Delta_, dDelta_;                 // q_c − q_d
+  Joints ddq_d_before_;                   // at the beginning of the step
+  Joints z_;                              // bristle
+  Joints tau_fl_before_, tau_fm_before_;  // friction of the link and the motor side at the beginning of the step
+  Joints tank_;                           // J
+  std::vector<std::int32_t> met_;
+  Tracking tracking_;  // with states of its own
   // Outputs.
   Joints q_c_, dq_c_, ddq_c_, tau_m_, tau_id_, tau_f_, tau_excess_;
   bool saturated_ = false;
   std::string warning_;
+  std::vector<std::int32_t> limit_;
   // Handed from one phase of a step to the next.
-  Joints e_, de_;                         // tracking error at the beginning of the step
-  Joints tau_fl_, tau_fm_;                // friction of the link (with its springs) and the motor side at the step's end
-  Joints tau_fl_before_, tau_fm_before_;  // state: the same at its beginning
-  Joints tau_fl_mean_, tau_fm_mean_;      // the mean of both, which the torque held over the step has to overcome
-  Joints load_;                           // N.m: link_load |g(q_c)|
-  Joints tau_unwound_;                    // τ_J,c − tau_w
-  Joints a_q_, a_theta_;                  // mean of q̈_c and θ̈_c over the step
+  Joints tau_fl_, tau_fm_;       // friction of the link (with its springs) and the motor side at the end of the step
+  Joints loaded_;                // N.m: link_load |g(q_c)|
+  Joints load_mean_, load_end_;  // link friction less τ_e, over the step and at its end
+  Joints a_q_;                   // mean of q̈_c over the step
 };
 
 }  // namespace cotwin::compliance

@@ -92,10 +92,10 @@ void Compliance::declare(Variables& v) {
   v.tunable("passivity", wanted_.passivity, "1", "tracking: 0 computed torque, 1 passivity-based (Slotine and Li), or a blend")
       .range(0, 1);
 
-  v.state("M_a_in_force", in_force_.M_a, "kg.m2", "M_a on its way to the tunable");
+  v.state("M_a_in_force", in_force_.M_a, "kg.m2", "M_a on its way to the tunable, as far as the tank pays for it");
   v.state("D_a_in_force", in_force_.D_a, "N.m.s/rad", "D_a on its way to the tunable");
   v.state("zeta_a_in_force", in_force_.zeta_a, "1", "zeta_a on its way to the tunable");
-  v.state("S_a_in_force", in_force_.S_a, "N.m/rad", "S_a on its way to the tunable");
+  v.state("S_a_in_force", in_force_.S_a, "N.m/rad", "S_a on its way to the tunable, as far as the tank pays for it");
   v.state("omega_in_force", in_force_.omega, "rad/s", "omega on its way to the tunable");
   v.state("zeta_in_force", in_force_.zeta, "1", "zeta on its way to the tunable");
   v.state("Lambda_in_force", in_force_.Lambda, "1/s", "Lambda on its way to the tunable");
@@ -116,11 +116,11 @@ void Compliance::declare(Variables& v) {
   v.state("Delta", Delta_, "rad", "compliant deviation q_c - q_d");
   v.state("dDelta", dDelta_, "rad/s", "rate of the compliant deviation");
   v.state("ddq_d_before", ddq_d_before_, "rad/s2", "desired joint acceleration at the beginning of the next step");
-  v.state("tau_w", tau_w_, "N.m", "joint torque of the compliant motion, smoothed, that winds up elastic joints");
-  v.state("dtau_w", dtau_w_, "N.m/s", "rate of tau_w");
+  v.state("tau_w", tracking_.tau_w, "N.m", "joint torque of the compliant motion, smoothed, that winds up elastic joints");
+  v.state("dtau_w", tracking_.dtau_w, "N.m/s", "rate of tau_w");
   v.state("z", z_, "rad", "deflection of the bristle as the compliant motion bends it");
-  v.state("theta_c", theta_c_, "rad", "motor position of the compliant motion; q_c where the joint is rigid");
-  v.state("dtheta_c", dtheta_c_, "rad/s", "motor velocity of the compliant motion");
+  v.state("theta_c", tracking_.theta_c, "rad", "motor position of the compliant motion; q_c where the joint is rigid");
+  v.state("dtheta_c", tracking_.dtheta_c, "rad/s", "motor velocity of the compliant motion");
 
   v.output("q_c", q_c_, "rad", "compliant joint position");
   v.output("dq_c", dq_c_, "rad/s", "compliant joint velocity").derivative_of("q_c");
@@ -134,6 +134,30 @@ void Compliance::declare(Variables& v) {
   declare_bodies(v);
   v.state("tau_fl_before", tau_fl_before_, "N.m", "friction of the link side at the end of the last step");
   v.state("tau_fm_before", tau_fm_before_, "N.m", "friction of the motor side at the end of the last step");
+
+  v.parameter("q_min", q_min_, "rad", "lower limit of the compliant motion, from the URDF; q_min >= q_max: none")
+      .range(-kAny, kAny);
+  v.parameter("q_max", q_max_, "rad", "upper limit of the compliant motion, from the URDF").range(-kAny, kAny);
+  v.parameter("dq_max", dq_max_, "rad/s", "limit of the compliant motion's speed, from the URDF; 0: none").range(0, kAny);
+  v.parameter("braking", braking_, "rad/s2", "deceleration with which the compliant motion stops at q_min and q_max")
+      .range(1e-6, kAny);
+  v.parameter(
+       "tau_wind_up", tau_wind_up_, "N.m",
+       "what the motor of an elastic joint may need at most to wind up its spring after a jump of the torque; 0: no bound")
+      .range(0, kAny);
+  v.parameter(
+       "tank_start", tank_start_, "J",
+       "energy at the start that a rise of S_a or M_a of a moving or deflected joint may give out, beside what was dissipated")
+      .range(0, kAny);
+  v.parameter("tank_max", tank_max_, "J", "most energy that is kept for that").range(0, kAny);
+  v.tunable("omega_free", wanted_.omega_free, "rad/s", "damping is at least 2 zeta_a M_a omega_free, also for S_a = 0")
+      .range(0, kAny);
+  v.state("omega_free_in_force", in_force_.omega_free, "rad/s", "omega_free on its way to the tunable");
+  v.state("tank", tank_, "J", "energy kept for a rise of S_a or M_a");
+  v.state("limits_met", met_,
+          "what happened since the start, summed: 1 torque cut, 2 stopped at a limit of position, 4 held at dq_max, 8 desired "
+          "motion outside its limits, 16 a rise of S_a or M_a waited for energy");
+  v.output("limit", limit_, "limit that acts on the compliant motion: 0 none, 1 position, 2 speed");
 }
 
 void Compliance::check() {
@@ -150,6 +174,7 @@ void Compliance::check() {
   for (std::size_t i = 0; i < n_; ++i) {
     if (!(wanted_.M_a[i] > 0)) refuse("M_a", i, wanted_.M_a[i], "> 0 kg.m2");
     if (!(wanted_.shaping[i] >= 1)) refuse("shaping", i, wanted_.shaping[i], ">= 1");
+    if (!(braking_[i] > 0)) refuse("braking", i, braking_[i], "> 0 rad/s2");
     if (!(K_[i] >= 0)) refuse("K", i, K_[i], ">= 0 N.m/rad");
     if (!(wanted_.v_S[i] > 0)) refuse("v_S", i, wanted_.v_S[i], "> 0 rad/s");
     if (!(wanted_.v_R[i] > 0)) refuse("v_R", i, wanted_.v_R[i], "> 0 rad/s");

@@ -1,0 +1,201 @@
+#include "components/compliance/tracking.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace cotwin::compliance {
+namespace {
+
+Eigen::Map<const Eigen::VectorXd> map(const Joints& v) { return {v.data(), static_cast<Eigen::Index>(v.size())}; }
+Eigen::Map<Eigen::VectorXd> map(Joints& v) { return {v.data(), static_cast<Eigen::Index>(v.size())}; }
+
+struct Followed {
+  double x, dx;
+};
+
+/// x after h seconds on its way to `target`: ẍ = w² (target − x) − 2 w ẋ, exactly, as long as |ẍ| ≤ `most`. Beyond, ẋ goes to
+/// √(1.5 most |target − x|), which 3/4 of `most` can brake, so x does not overshoot. `left` is e^(−w h).
+Followed follow(const Followed& from, double target, double w, double most, double h, double left) {
+  const double d = target - from.x;
+  const double v = left * (from.dx * (1 - w * h) + w * w * h * d);
+  if (std::abs(d) * w * w <= 6 * most && std::abs(v - from.dx) <= most * h) {
+    return {target - left * (d * (1 + w * h) - h * from.dx), v};
+  }
+  const double towards = std::copysign(std::min(w / 2 * std::abs(d), std::sqrt(1.5 * most * std::abs(d))), d);
+  const double change = std::clamp((towards - from.dx) * (1 - left * left), -most * h, most * h);
+  return {from.x + h * (from.dx + change / 2), from.dx + change};
+}
+
+}  // namespace
+
+Tracking::Tracking(const robot::RobotModel& robot)
+    : n_(static_cast<std::size_t>(robot.n())),
+      M_(robot.n(), robot.n()),
+      C_(robot.n(), robot.n()),
+      q_(robot.n()),
+      dq_(robot.n()),
+      v_(robot.n()),
+      s_(robot.n()),
+      tau_(robot.n()),
+      g_(robot.n()),
+      g_c_(robot.n()) {
+  for (Joints* one : {&theta_c, &dtheta_c, &tau_w, &dtau_w, &tau_c, &e_, &de_, &tau_w_before_, &tau_w_mean_, &a_theta_})
+    one->resize(n_);
+}
+
+void Tracking::start(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
+                     const Drives& drives) {
+  refer(mechanism, data, reference, load, drives, {0, tau_w}, 0);
+}
+
+void Tracking::refer(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
+                     const Drives& drives, const WindingUp& winding_up, double h) {
+  const auto q_c = map(reference.q_c), dq_c = map(reference.dq_c), a = map(reference.mean_ddq_c);
+  robot::inverse_dynamics(mechanism, data, q_c, dq_c, map(reference.ddq_c), map(tau_c));
+  map(tau_c) += map(load.end);
+  theta_c = reference.q_c;
+  dtheta_c = reference.dq_c;
+  a_theta_ = reference.mean_ddq_c;
+  elastic_ = std::ranges::any_of(drives.K, [](double K) { return K > 0; });
+  if (!elastic_) return;
+
+  // What the reference needs in the middle of the step is the mean of what it needs over the step.
+  q_ = q_c - h / 2 * dq_c + h * h / 8 * a;
+  dq_ = dq_c - h / 2 * a;
+  robot::inverse_dynamics(mechanism, data, q_, dq_, a, tau_);
+  robot::mass_matrix(mechanism, data, q_, M_);
+  tau_ += map(load.mean);
+  M_.diagonal() += map(drives.B);
+  const double left = std::exp(-winding_up.bandwidth * h);
+  for (std::size_t i = 0; i < n_; ++i) wind_up(i, tau_[static_cast<Eigen::Index>(i)], drives, winding_up, h, left);
+}
+
+void Tracking::wind_up(std::size_t i, double tau, const Drives& drives, const WindingUp& winding_up, double h, double left) {
+  const double K = drives.K[i], B = drives.B[i];
+  tau_w_mean_[i] = tau;
+  if (K == 0) return;
+  // θ_c needs two derivatives of τ_J,c, which jumps when τ_e or q̈_c does, and to wind up a spring in no time takes any torque:
+  // B τ̈_w/K of the motor is bounded.
+  if (h == 0) {
+    tau_w[i] = tau;
+    dtau_w[i] = 0;
+  }
+  tau_w_before_[i] = tau_w[i];
+  if (h > 0) {
+    const double most =
+        winding_up.torque[i] > 0 && B > 0 ? winding_up.torque[i] * K / B : std::numeric_limits<double>::infinity();
+    const Followed at = follow({tau_w[i], dtau_w[i]}, tau, winding_up.bandwidth, most, h, left);
+    a_theta_[i] += (at.dx - dtau_w[i]) / (h * K);
+    tau_w[i] = at.x;
+    dtau_w[i] = at.dx;
+  }
+  tau_w_mean_[i] = (tau_w_before_[i] + tau_w[i]) / 2;
+  theta_c[i] += tau_w[i] / K;  // (2c)
+  dtheta_c[i] += dtau_w[i] / K;
+}
+
+void Tracking::take_error(const Measured& measured, const Drives& drives) {
+  for (std::size_t i = 0; i < n_; ++i) {
+    const bool elastic = drives.K[i] > 0;
+    e_[i] = theta_c[i] - (elastic ? measured.theta[i] : measured.q[i]);
+    de_[i] = dtheta_c[i] - (elastic ? measured.dtheta[i] : measured.dq[i]);
+  }
+}
+
+void Tracking::torque(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
+                      const Drives& drives, const Springs& springs, const Measured& measured, const Gains& gains, double h,
+                      Joints& tau_m) {
+  if (elastic_) {
+    torque_of_elastic(mechanism, data, drives, springs, measured, gains, tau_m);
+  } else {
+    torque_of_rigid(mechanism, data, reference, load, drives, measured, gains, h, tau_m);
+  }
+}
+
+void Tracking::torque_of_rigid(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference,
+                               const Load& load, const Drives& drives, const Measured& measured, const Gains& gains, double h,
+                               Joints& tau_m) {
+  const double p = gains.passivity;
+  for (std::size_t i = 0; i < n_; ++i) {
+    // The acceleration that the feedback adds to the reference's.
+    const double computed_torque = 2 * gains.zeta[i] * gains.omega[i] * de_[i] + gains.omega[i] * gains.omega[i] * e_[i];
+    const double feedback = computed_torque + p * (gains.Lambda[i] * de_[i] - computed_torque);
+    v_[static_cast<Eigen::Index>(i)] = reference.mean_ddq_c[i] + feedback;
+  }
+  // The torque is held over the step: the dynamics of its middle are the mean of those it has to follow.
+  dq_ = map(measured.dq) + h / 2 * v_;
+  q_ = map(measured.q) + h / 2 * map(measured.dq);
+  robot::inverse_dynamics(mechanism, data, q_, dq_, v_, tau_);  // M q̈_r + C q̇ + g
+  if (p > 0) {
+    s_ = map(de_) + map(gains.Lambda).cwiseProduct(map(e_));
+    robot::coriolis_matrix(mechanism, data, q_, dq_, C_);
+    tau_.noalias() += p * (C_ * s_);  // C q̇_r = C q̇ + C s
+    tau_ += p * map(gains.K_s).cwiseProduct(s_);
+  }
+  map(tau_m) = tau_ + map(drives.B).cwiseProduct(v_) + map(load.mean);
+}
+
+robot::Harmonics harmonics(const Springs& springs, std::size_t joint) {
+  constexpr std::size_t kMost = robot::Harmonics::kMost;
+  robot::Harmonics h;
+  std::copy_n(&springs.sin[joint * kMost], kMost, h.a);
+  std::copy_n(&springs.cos[joint * kMost], kMost, h.b);
+  return h;
+}
+
+void Tracking::torque_of_elastic(const robot::Mechanism& mechanism, robot::Data& data, const Drives& drives,
+                                 const Springs& springs, const Measured& measured, const Gains& gains, Joints& tau_m) {
+  // g(q̄) − g(q_c), with K (θ − q̄) = τ_w + g(q̄) − g(q_c). Feedback of g at the measured links would not be symmetric, and g at
+  // q_c would need gains that outweigh gravity. q̄ by one correction of twice the size of a fixed-point iteration's: what
+  // remains is then of the sign that holds, for any gains.
+  const auto e = map(e_), de = map(de_);
+  const bool sprung = std::ranges::any_of(springs.sin, [](double a) { return a != 0; }) ||
+                      std::ranges::any_of(springs.cos, [](double b) { return b != 0; });
+  const auto g = [&](const Eigen::VectorXd& at, Eigen::VectorXd& torque) {
+    robot::gravity(mechanism, data, at, torque);
+    if (!sprung) return;
+    for (std::size_t i = 0; i < n_; ++i) {
+      const auto k = static_cast<Eigen::Index>(i);
+      torque[k] += harmonics(springs, i).at(at[k]).torque;
+    }
+  };
+  v_ = q_ - e;  // q_: the reference in the middle of the step, by refer()
+  g(q_, g_c_);
+  g(v_, g_);
+  for (std::size_t i = 0; i < n_; ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    if (drives.K[i] > 0) v_[k] -= 2 * (g_[k] - g_c_[k]) / drives.K[i];
+  }
+  g(v_, g_);
+  tau_ = g_ - g_c_;
+
+  // K_P e + K_D ė
+  const double p = gains.passivity;
+  if (p < 1) {
+    const auto omega = map(gains.omega).array(), zeta = map(gains.zeta).array();
+    s_ = (omega * e.array()).matrix();
+    v_.noalias() = M_ * s_;
+    tau_.array() += (1 - p) * omega * v_.array();
+    s_ = ((omega * zeta).sqrt() * de.array()).matrix();
+    v_.noalias() = M_ * s_;
+    tau_.array() += (1 - p) * 2 * (omega * zeta).sqrt() * v_.array();
+  }
+  if (p > 0) {
+    const auto Lambda = map(gains.Lambda).array(), K_s = map(gains.K_s).array();
+    s_ = (Lambda.sqrt() * de.array()).matrix();
+    v_.noalias() = M_ * s_;
+    tau_.array() += p * (Lambda.sqrt() * v_.array() + K_s * (de.array() + Lambda * e.array()));
+  }
+
+  for (std::size_t i = 0; i < n_; ++i) {
+    const double feedback = tau_[static_cast<Eigen::Index>(i)];
+    tau_m[i] = drives.B[i] * a_theta_[i] + tau_w_mean_[i] + feedback;
+    if (drives.K[i] == 0) continue;
+    // r u − (r − 1) τ_J, with what is measured at the beginning of the step held against the reference of that instant.
+    const double tau_J = drives.K[i] * (measured.theta[i] - measured.q[i]);
+    tau_m[i] += (gains.shaping[i] - 1) * (feedback + tau_w_before_[i] - tau_J);
+  }
+}
+
+}  // namespace cotwin::compliance
