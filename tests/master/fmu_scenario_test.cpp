@@ -99,6 +99,7 @@ class FmuScenario : public ::testing::Test {
     PackageOptions options;
     options.types = unit_types();
     options.folders = kFolders;
+    options.folders.insert(options.folders.begin(), scenario.folder);
     options.version = version;
     pack_scenario(scenario, options, folder_ / "twin.ssp");
     return folder_ / "twin.ssp";
@@ -314,23 +315,29 @@ TEST_F(FmuScenario, UnitsAndForeignFmusOfBothVersionsMixAndArePackedTogether) {
 TEST_F(FmuScenario, ThePackagesFilesFollowTheStandards) {
   using cotwin::testing::faults;
   using cotwin::testing::Standard;
-  for (const fmu::Version version : {fmu::Version::k2, fmu::Version::k3}) {
-    const fmu::TemporaryFolder unpacked = fmu::unpack_archive(pack(example(), version));
-    int files = 0;
+  const auto check = [&](const Scenario& scenario, fmu::Version version) {
+    const fmu::TemporaryFolder unpacked = fmu::unpack_archive(pack(scenario, version));
+    std::size_t fmus = 0, others = 0;
     for (const auto& entry : fs::recursive_directory_iterator(unpacked.path())) {
       const std::string ending = entry.path().extension();
       if (ending == ".ssd" || ending == ".ssv") {
         EXPECT_THAT(faults(content(entry.path()), ending == ".ssd" ? Standard::kSsd : Standard::kSsv), IsEmpty())
             << entry.path();
-        ++files;
+        ++others;
       } else if (ending == ".fmu") {
         const std::string xml = fmu::read_archive_file(entry.path(), "modelDescription.xml");
         EXPECT_THAT(faults(xml, version == fmu::Version::k2 ? Standard::kFmi2 : Standard::kFmi3), IsEmpty()) << entry.path();
-        ++files;
+        ++fmus;
       }
     }
-    EXPECT_GE(files, 6) << "the system, three FMUs, and values of two of them at least";
+    EXPECT_EQ(fmus, scenario.components.size());
+    EXPECT_GE(others, 2U) << "the system, and values of a component at least";
+  };
+  for (const char* name : {"01_joint_admittance/arm.ssd", "04_peg_in_hole/twin.ssd", "05_maturation/twin.ssd"}) {
+    const Scenario scenario = load_scenario(fs::path(COTWIN_SOURCE_DIR) / "examples" / name);
+    for (const fmu::Version version : {fmu::Version::k2, fmu::Version::k3}) check(scenario, version);
   }
+  for (const fmu::Version version : {fmu::Version::k2, fmu::Version::k3}) check(example(), version);
 }
 
 TEST_F(FmuScenario, ThePackagesFilesAreValid) {
