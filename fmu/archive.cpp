@@ -18,7 +18,9 @@
 #include <system_error>
 #include <utility>
 
+#include "fmu/file_kind.h"
 #include "models/text/error.h"
+#include "models/text/file.h"
 
 namespace cotwin::fmu {
 
@@ -28,8 +30,7 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kFolderPrefix = "cotwin-";  // of temporary folders
 constexpr time_t kSweepAge = 60;                       // s
-constexpr std::uint64_t kMebibyte = 1u << 20;
-constexpr zip_uint16_t kDosDate = (1 << 5) | 1;  // 1980-01-01, where DOS time begins
+constexpr zip_uint16_t kDosDate = (1 << 5) | 1;        // 1980-01-01, where DOS time begins
 
 struct Discard {
   void operator()(zip_t* archive) const { zip_discard(archive); }
@@ -41,16 +42,29 @@ struct CloseFile {
 };
 using File = std::unique_ptr<zip_file_t, CloseFile>;
 
-Archive open(const fs::path& path, int flags) {
+Archive create(const fs::path& path) {
   int code = 0;
-  Archive archive(zip_open(path.c_str(), flags, &code));
+  Archive archive(zip_open(path.c_str(), ZIP_CREATE | ZIP_TRUNCATE, &code));
   if (archive) return archive;
   zip_error_t error;
   zip_error_init_with_code(&error, code);
   const std::string message = zip_error_strerror(&error);
   zip_error_fini(&error);
-  throw Error(path.string(),
-              message + ", expected " + ((flags & ZIP_CREATE) != 0 ? "a place for an archive" : "a zip archive"));
+  throw Error(path.string(), message + ", expected a place for an archive");
+}
+
+Archive open(const fs::path& path) {
+  text::File file = text::open_file(path, "a zip archive");
+  zip_error_t error;
+  zip_error_init(&error);
+  zip_source_t* const source = zip_source_filep_create(file.get(), 0, -1, &error);
+  if (source != nullptr) static_cast<void>(file.release());  // the source closes it
+  Archive archive(source == nullptr ? nullptr : zip_open_from_source(source, ZIP_RDONLY, &error));
+  const std::string message = archive ? "" : zip_error_strerror(&error);
+  if (!archive && source != nullptr) zip_source_free(source);
+  zip_error_fini(&error);
+  if (!archive) throw Error(path.string(), message + ", expected a zip archive");
+  return archive;
 }
 
 [[noreturn]] void refuse(const fs::path& archive, const std::string& entry, const std::string& what) {
@@ -58,11 +72,14 @@ Archive open(const fs::path& path, int flags) {
 }
 
 /// The name with '/' between folders; refused if it could mean a place outside the folder it is unpacked to.
-std::string checked_name(const fs::path& archive, const std::string& raw) {
-  std::string name = raw;
+std::string checked_name(const fs::path& archive, const std::string& raw, const ArchiveLimits& limits) {
+  std::string name = raw.substr(0, limits.name_bytes + 1);
   std::replace(name.begin(), name.end(), '\\', '/');
-  if (name.empty() || name.size() > 1000) refuse(archive, raw, "is no name of a file");
+  if (name.empty() || name.size() > limits.name_bytes)
+    refuse(archive, raw.substr(0, 60), "is no name of a file, expected 1 to " + std::to_string(limits.name_bytes) + " bytes");
   if (name.front() == '/' || name.find(':') != std::string::npos) refuse(archive, raw, "is absolute, expected a relative name");
+  if (static_cast<std::uint64_t>(std::count(name.begin(), name.end(), '/')) > limits.depth)
+    refuse(archive, raw, "lies in more than " + std::to_string(limits.depth) + " folders");
   for (std::size_t begin = 0; begin < name.size();) {
     const std::size_t end = std::min(name.find('/', begin), name.size());
     const std::string part = name.substr(begin, end - begin);
@@ -89,6 +106,28 @@ bool plain(zip_uint8_t system, zip_uint32_t attributes) {
   return format == 0 || format == S_IFREG || format == S_IFDIR;
 }
 
+/// Whether a file is one of those that are read as a whole.
+bool is_text(const std::string& name) {
+  for (const char* ending : {".xml", ".ssd", ".ssv", ".ssm", ".ssb"}) {
+    if (has_ending(name, ending)) return true;
+  }
+  return false;
+}
+
+/// What the archive unpacks to, held against its own size: entries may share what they are packed in.
+void check_total(const fs::path& archive, std::uint64_t total, const ArchiveLimits& limits) {
+  if (total > limits.total_bytes) {
+    throw Error(archive.string(),
+                "unpacks to " + std::to_string(total) + " bytes, expected at most " + std::to_string(limits.total_bytes));
+  }
+  std::error_code none;
+  const std::uintmax_t size = fs::file_size(archive, none);
+  if (!none && total > limits.expansion_from && total / limits.expansion > size) {
+    throw Error(archive.string(), std::to_string(size) + " bytes unpack to " + std::to_string(total) + ", expected at most " +
+                                      std::to_string(limits.expansion) + " times as many");
+  }
+}
+
 std::vector<Entry> checked_entries(zip_t* zip, const fs::path& archive, const ArchiveLimits& limits) {
   const zip_int64_t n = zip_get_num_entries(zip, 0);
   if (n < 0 || static_cast<std::uint64_t>(n) > limits.entries) {
@@ -105,27 +144,30 @@ std::vector<Entry> checked_entries(zip_t* zip, const fs::path& archive, const Ar
     }
     Entry entry;
     entry.index = i;
-    entry.told.name = checked_name(archive, stat.name);
+    entry.told.name = checked_name(archive, stat.name, limits);
     entry.told.size = stat.size;
     entry.told.packed = stat.comp_size;
     const std::string& name = entry.told.name;
     if ((stat.valid & ZIP_STAT_ENCRYPTION_METHOD) != 0 && stat.encryption_method != ZIP_EM_NONE) {
       refuse(archive, name, "is encrypted");
     }
+    if ((stat.valid & ZIP_STAT_COMP_METHOD) != 0 && stat.comp_method != ZIP_CM_STORE && stat.comp_method != ZIP_CM_DEFLATE)
+      refuse(archive, name, "is packed by method " + std::to_string(stat.comp_method) + ", expected 8 (deflate) or 0 (none)");
     zip_uint8_t system = 0;
     zip_uint32_t attributes = 0;
     if (zip_file_get_external_attributes(zip, i, 0, &system, &attributes) == 0) {
       if (!plain(system, attributes)) refuse(archive, name, "is a link or a device, expected a file");
       entry.executable = system == ZIP_OPSYS_UNIX && ((attributes >> 16) & S_IXUSR) != 0;
     }
-    if (stat.size > limits.file_bytes) refuse(archive, name, "unpacks to " + std::to_string(stat.size) + " bytes");
-    if (stat.size > kMebibyte && stat.size / limits.expansion > stat.comp_size) {
-      refuse(archive, name, "unpacks " + std::to_string(stat.comp_size) + " bytes to " + std::to_string(stat.size));
+    const std::uint64_t most = is_text(name) ? std::min(limits.text_bytes, limits.file_bytes) : limits.file_bytes;
+    if (stat.size > most)
+      refuse(archive, name, "unpacks to " + std::to_string(stat.size) + " bytes, expected at most " + std::to_string(most));
+    if (stat.size > limits.expansion_from && stat.size / limits.expansion > stat.comp_size) {
+      refuse(archive, name,
+             "unpacks " + std::to_string(stat.comp_size) + " bytes to " + std::to_string(stat.size) + ", expected at most " +
+                 std::to_string(limits.expansion) + " times as many");
     }
-    total += stat.size;
-    if (total > limits.total_bytes) {
-      throw Error(archive.string(), "unpacks to more than " + std::to_string(limits.total_bytes) + " bytes");
-    }
+    total += std::min(stat.size, limits.total_bytes + 1);  // 20 000 times that does not overflow
     const bool folder = name.back() == '/';
     const std::string bare = folder ? name.substr(0, name.size() - 1) : name;
     if (!folder) {
@@ -139,6 +181,11 @@ std::vector<Entry> checked_entries(zip_t* zip, const fs::path& archive, const Ar
       folders.insert(bare.substr(0, slash));
     }
     entries.push_back(std::move(entry));
+  }
+  check_total(archive, total, limits);
+  if (folders.size() + files.size() > limits.entries) {
+    throw Error(archive.string(), std::to_string(folders.size() + files.size()) + " files and folders, expected at most " +
+                                      std::to_string(limits.entries));
   }
   for (const auto& [file, sum] : files) {
     if (folders.count(file) != 0) refuse(archive, file, "is both a file and a folder");
@@ -164,8 +211,18 @@ void inflate(zip_t* zip, const fs::path& archive, const Entry& entry,
   if (got != entry.told.size) refuse(archive, entry.told.name, "does not have the size that the archive tells");
 }
 
+void check_room(const fs::path& archive, const fs::path& folder, const std::vector<Entry>& entries) {
+  std::uint64_t total = 0;
+  for (const Entry& entry : entries) total += entry.told.size;
+  std::error_code unknown;
+  const fs::space_info space = fs::space(folder, unknown);
+  if (unknown || total <= space.available) return;
+  throw Error(archive.string(), "unpacks to " + std::to_string(total) + " bytes, but " + folder.parent_path().string() +
+                                    " has " + std::to_string(space.available) + " left");
+}
+
 void add(zip_t* zip, const fs::path& archive, const ArchiveFile& file) {
-  const std::string name = checked_name(archive, file.name);
+  const std::string name = checked_name(archive, file.name, {});
   zip_source_t* source = nullptr;
   if (const auto* bytes = std::get_if<std::string>(&file.content)) {
     source = zip_source_buffer(zip, bytes->data(), bytes->size(), 0);
@@ -189,21 +246,21 @@ void add(zip_t* zip, const fs::path& archive, const ArchiveFile& file) {
 }  // namespace
 
 void write_archive(const fs::path& archive, std::span<const ArchiveFile> files) {
-  Archive zip = open(archive, ZIP_CREATE | ZIP_TRUNCATE);
+  Archive zip = create(archive);
   for (const ArchiveFile& file : files) add(zip.get(), archive, file);
   if (zip_close(zip.get()) != 0) throw Error(archive.string(), std::string("cannot be written: ") + zip_strerror(zip.get()));
   static_cast<void>(zip.release());  // zip_close has freed it
 }
 
 std::vector<ArchiveEntry> list_archive(const fs::path& archive, const ArchiveLimits& limits) {
-  const Archive zip = open(archive, ZIP_RDONLY);
+  const Archive zip = open(archive);
   std::vector<ArchiveEntry> list;
   for (Entry& entry : checked_entries(zip.get(), archive, limits)) list.push_back(std::move(entry.told));
   return list;
 }
 
 std::string read_archive_file(const fs::path& archive, const std::string& name, const ArchiveLimits& limits) {
-  const Archive zip = open(archive, ZIP_RDONLY);
+  const Archive zip = open(archive);
   for (const Entry& entry : checked_entries(zip.get(), archive, limits)) {
     if (entry.told.name != name) continue;
     std::string content;
@@ -254,9 +311,10 @@ void sweep_temporary_folders() {
 }
 
 TemporaryFolder unpack_archive(const fs::path& archive, const ArchiveLimits& limits) {
-  const Archive zip = open(archive, ZIP_RDONLY);
+  const Archive zip = open(archive);
   const std::vector<Entry> entries = checked_entries(zip.get(), archive, limits);
   TemporaryFolder folder;
+  check_room(archive, folder.path(), entries);
   for (const Entry& entry : entries) {
     const fs::path path = folder.path() / entry.told.name;
     if (entry.told.name.back() == '/') {

@@ -20,12 +20,17 @@ struct ArchiveFile {
 /// read access below would refuse.
 void write_archive(const std::filesystem::path& archive, std::span<const ArchiveFile> files);
 
-/// What an archive may ask for.
+/// What an archive may ask for. Everything is held against what the archive declares before anything is unpacked, and the sizes
+/// again while it is unpacked.
 struct ArchiveLimits {
-  std::uint64_t entries = 20'000;
-  std::uint64_t file_bytes = 2ull << 30;   // of one file, unpacked
-  std::uint64_t total_bytes = 4ull << 30;  // of all of them
-  std::uint64_t expansion = 2'000;         // unpacked : packed of a file beyond 1 MiB (deflate ends near 1032)
+  std::uint64_t entries = 20'000;            // files, and folders whether they are listed or not
+  std::uint64_t name_bytes = 1'000;          // of a name with its folders; 255 of each part
+  std::uint64_t depth = 32;                  // folders inside each other
+  std::uint64_t file_bytes = 2ull << 30;     // of one file, unpacked
+  std::uint64_t text_bytes = 256ull << 20;   // of one that is read as a whole: .xml, .ssd, .ssv, .ssm, .ssb
+  std::uint64_t total_bytes = 4ull << 30;    // of all files; no more than the disk has room for either
+  std::uint64_t expansion = 200;             // unpacked : packed, of a file and of the archive,
+  std::uint64_t expansion_from = 64u << 20;  // beyond so many bytes unpacked
 };
 
 struct ArchiveEntry {

@@ -42,8 +42,7 @@ std::vector<Finding> check_description(const ModelDescription& d) {
   const auto add = [&](Level level, std::string text) { out.push_back({level, std::move(text)}); };
   const bool two = d.version == Version::k2;
   if (d.token.empty()) add(Level::kError, two ? "guid is empty" : "instantiationToken is empty");
-  std::set<std::string> units;
-  for (const Unit& u : d.units) units.insert(u.name);
+  const DescriptionIndex index(d);
   std::set<std::size_t> outputs;
   for (const Unknown& u : d.structure.outputs) outputs.insert(u.variable);
   for (std::size_t i = 0; i < d.variables.size(); ++i) {
@@ -70,8 +69,8 @@ std::vector<Finding> check_description(const ModelDescription& d) {
       add(Level::kError,
           name + " is an " + std::string(name_of(v.causality)) + " and cannot be " + std::string(name_of(v.variability)));
     }
-    const Numeric numeric = effective(d, v);
-    if (is_number(v.type) && !numeric.unit.empty() && units.count(numeric.unit) == 0) {
+    const Numeric numeric = index.effective(v);
+    if (is_number(v.type) && !numeric.unit.empty() && index.unit(numeric.unit) == nullptr) {
       add(Level::kWarning, name + " has the unit '" + numeric.unit + "', which is not defined");
     }
     if (const auto* start = std::get_if<std::vector<double>>(&v.start)) {
@@ -200,13 +199,14 @@ void write_info(std::ostream& out, const fs::path& path) {
   std::vector<std::string> parts;
   for (const auto& [causality, n] : counts) parts.push_back(std::to_string(n) + " " + std::string(name_of(causality)));
   line("Variables", std::to_string(d.variables.size()) + " (" + joined(parts) + ")");
+  const DescriptionIndex index(d);
   for (const Causality causality :
        {Causality::kInput, Causality::kOutput, Causality::kParameter, Causality::kStructuralParameter}) {
     for (const Variable& v : d.variables) {
       if (v.causality != causality) continue;
       std::string size;
-      if (!v.dimensions.empty()) size = "[" + std::to_string(elements(d, v)) + "]";
-      const std::string unit = effective(d, v).unit;
+      if (!v.dimensions.empty()) size = "[" + std::to_string(index.elements(v)) + "]";
+      const std::string unit = index.effective(v).unit;
       out << "  " << name_of(causality) << "  " << v.name << size << "  " << name_of(v.type)
           << (unit.empty() ? "" : "  " + unit) << (v.description.empty() ? "" : "  " + v.description) << '\n';
     }

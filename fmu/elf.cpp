@@ -4,10 +4,9 @@
 
 #include <algorithm>
 #include <cstring>
-#include <fstream>
-#include <sstream>
 
 #include "models/text/error.h"
+#include "models/text/file.h"
 #include "models/text/text.h"
 
 namespace cotwin::fmu {
@@ -31,6 +30,7 @@ struct Elf32 {
   using NeedEntry = Elf32_Vernaux;
 };
 
+constexpr std::uint64_t kMostLibraryBytes = std::uint64_t{512} << 20;
 constexpr std::string_view kGlibc = "GLIBC_";
 
 /// The glibc that first had the version: "2.4" of GLIBC_2.4; GLIBC_ABI_… names abilities of the loader.
@@ -157,11 +157,10 @@ bool older_version(const std::string& a, const std::string& b) {
 }
 
 ElfLibrary read_elf(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::ostringstream stream;
-  stream << in.rdbuf();
-  const std::string bytes = std::move(stream).str();
-  const std::string place = file.filename().string();
+  return parse_elf(text::read_file(file, "a shared library", kMostLibraryBytes), file.filename().string());
+}
+
+ElfLibrary parse_elf(const std::string& bytes, const std::string& place) {
   if (bytes.size() < EI_NIDENT || bytes.compare(0, SELFMAG, ELFMAG) != 0) throw Error(place, "is no ELF file");
   if (bytes[EI_DATA] != ELFDATA2LSB) throw Error(place, "is not for a little-endian machine");
   if (bytes[EI_CLASS] == ELFCLASS64) return Reader<Elf64>(bytes, place).read();

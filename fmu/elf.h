@@ -24,5 +24,7 @@ bool older_version(const std::string& a, const std::string& b);
 
 /// Throws Error for a file that is no 64- or 32-bit little-endian ELF shared library, or is damaged.
 ElfLibrary read_elf(const std::filesystem::path& file);
+/// The same from the bytes of a file; `place` stands in messages where its name would.
+ElfLibrary parse_elf(const std::string& bytes, const std::string& place);
 
 }  // namespace cotwin::fmu

@@ -2,16 +2,21 @@
 
 #include <algorithm>
 #include <array>
-#include <fstream>
 #include <string>
+
+#include "models/text/error.h"
+#include "models/text/file.h"
 
 namespace cotwin::fmu {
 
 bool is_archive(const std::filesystem::path& file) {
-  std::error_code none;
-  if (!std::filesystem::is_regular_file(file, none)) return false;  // a pipe is read only once
   std::array<char, 4> begin{};
-  std::ifstream(file, std::ios::binary).read(begin.data(), begin.size());
+  try {
+    const text::File in = text::open_file(file, "an archive");
+    if (std::fread(begin.data(), 1, begin.size(), in.get()) != begin.size()) return false;
+  } catch (const Error&) {  // whoever reads it says what it is
+    return false;
+  }
   return std::string_view(begin.data(), begin.size()) == "PK\x03\x04";
 }
 

@@ -149,11 +149,11 @@ ForeignVariables::ForeignVariables(const ModelDescription& description, const Fo
 }
 
 void ForeignVariables::collect(const ForeignVariablesOptions& options) {
+  const DescriptionIndex index(description_);
   std::map<std::uint32_t, std::uint64_t> chosen;
   for (const auto& [name, value] : options.structural) {
-    const auto found = std::find_if(description_.variables.begin(), description_.variables.end(),
-                                    [&, wanted = name](const Variable& v) { return v.name == wanted; });
-    if (found == description_.variables.end() || found->causality != Causality::kStructuralParameter) {
+    const Variable* const found = index.variable(name);
+    if (found == nullptr || found->causality != Causality::kStructuralParameter) {
       throw Error("'" + name + "'", "the FMU has no structural parameter of that name");
     }
     if (found->type != Type::kUInt64) {
@@ -164,7 +164,6 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
     structural_references_.push_back(found->reference);
     structural_values_.push_back(value);
   }
-  std::set<std::string> unknown_units;
   const std::map<std::size_t, std::size_t> rates = rate_inputs(description_);
   std::map<std::string, std::uint32_t> rate_of;  // name of an input → value reference of its slope
   std::set<const Variable*> slopes;
@@ -174,6 +173,7 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
   }
   bool clocks = false;
   std::uint64_t total = 0;
+  items_.reserve(description_.variables.size());
   for (const Variable& v : description_.variables) {
     clocks = clocks || (v.type == Type::kClock && v.causality == Causality::kInput);
     if ((v.type == Type::kClock && !options.clocks) || v.causality == Causality::kIndependent) continue;
@@ -181,7 +181,7 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
     if (slopes.count(&v) != 0) continue;
     Item item;
     item.name = v.name;
-    item.description = v.description.empty() ? v.name : v.description;
+    item.description = v.description.empty() ? &v.name : &v.description;
     item.role = is_time_based(v) ? Role::kState : role_of(v);
     item.kind = kind_of(v.type);
     item.exchange = exchange_of(v, item.role, options.clocks);
@@ -192,13 +192,13 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
     item.interpolated = v.interpolated && (rates.empty() || rate_of.count(v.name) != 0);
     if (const auto rate = rate_of.find(v.name); rate != rate_of.end()) item.rate_reference = rate->second;
     item.references = {v.reference};
-    item.size = elements(description_, v, chosen);
+    item.size = index.elements(v, chosen);
     item.start = v.start;
     if (item.size == 0) continue;
     total += item.size;
     if (total > kMaxElements)
       throw Error("the variables have more than " + std::to_string(kMaxElements) + " elements together");
-    const Numeric numeric = effective(description_, v);
+    const Numeric numeric = index.effective(v);
     item.min = numeric.min.value_or(-kInfinity);
     item.max = numeric.max.value_or(kInfinity);
     if (is_short(v.type)) {
@@ -206,7 +206,7 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
       item.min = std::max(item.min, static_cast<double>(range.min));
       item.max = std::min(item.max, static_cast<double>(range.max));
     }
-    if (item.kind == Kind::kReal && is_float(v.type)) measure(item, numeric);
+    if (item.kind == Kind::kReal && is_float(v.type)) measure(item, numeric, index);
     const bool starts = v.initial == Initial::kExact || v.initial == Initial::kApprox;
     item.settable = v.variability != Variability::kConstant && v.type != Type::kClock &&
                     (item.role == Role::kInput || item.role == Role::kParameter || item.role == Role::kTunable || starts);
@@ -221,7 +221,7 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
     if (item.role != Role::kOutput && item.role != Role::kState) continue;
     for (const Alias& alias : v.aliases) {
       item.name = alias.name;
-      item.description = alias.description.empty() ? "alias of " + v.name : alias.description;
+      item.description = alias.description.empty() ? keep("alias of " + v.name) : &alias.description;
       item.role = Role::kState;
       item.settable = false;
       items_.push_back(item);
@@ -238,28 +238,35 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
 /// Scalars "q[1]" … "q[n]" that are alike become the vector "q" in place of the first.
 void ForeignVariables::collect_vectors(std::vector<Item>& items) const {
   struct Family {
+    std::size_t count = 0;
     std::vector<std::size_t> members;  // by index, 0 for "[1]"; npos: missing
     bool whole = true;
   };
   constexpr std::size_t kNone = static_cast<std::size_t>(-1);
   std::unordered_map<std::string, Family> families;
-  std::set<std::string> names;
-  for (std::size_t i = 0; i < items.size(); ++i) {
-    names.insert(items[i].name);
-    const std::string& name = items[i].name;
-    const std::size_t bracket = name.rfind('[');
-    if (name.back() != ']' || bracket == std::string::npos || bracket == 0) continue;
-    const auto index = text::parse_integer(std::string_view(name).substr(bracket + 1, name.size() - bracket - 2));
-    if (!index || *index < 1 || static_cast<std::size_t>(*index) > items.size()) continue;
-    Family& family = families[name.substr(0, bracket)];
-    const auto at = static_cast<std::size_t>(*index - 1);
-    if (family.members.size() <= at) family.members.resize(at + 1, kNone);
-    family.whole = family.whole && family.members[at] == kNone;
-    family.members[at] = i;
+  /// Calls `take` with each item "name[index]", its family and the index from 0.
+  const auto for_each_element = [&](const auto& take) {
+    for (std::size_t i = 0; i < items.size(); ++i) {
+      const std::string& name = items[i].name;
+      const std::size_t bracket = name.rfind('[');
+      if (name.back() != ']' || bracket == std::string::npos || bracket == 0) continue;
+      const auto index = text::parse_integer(std::string_view(name).substr(bracket + 1, name.size() - bracket - 2));
+      if (index && *index >= 1) take(i, families[name.substr(0, bracket)], static_cast<std::size_t>(*index - 1));
+    }
+  };
+  for_each_element([](std::size_t, Family& family, std::size_t) { ++family.count; });
+  for_each_element([&](std::size_t i, Family& family, std::size_t at) {
+    family.members.resize(family.count, kNone);
+    family.whole = family.whole && at < family.count && family.members[at] == kNone;
+    if (family.whole) family.members[at] = i;
+  });
+  for (const Item& item : items) {
+    const auto same = families.find(item.name);
+    if (same != families.end()) same->second.whole = false;
   }
   std::vector<bool> absorbed(items.size(), false);
   for (const auto& [base, family] : families) {
-    if (!family.whole || family.members.size() < 2 || names.count(base) != 0) continue;
+    if (!family.whole || family.members.size() < 2) continue;
     if (std::find(family.members.begin(), family.members.end(), kNone) != family.members.end()) continue;
     const Item& first = items[family.members.front()];
     const bool alike = std::all_of(family.members.begin(), family.members.end(), [&](std::size_t m) {
@@ -307,17 +314,20 @@ void ForeignVariables::collect_slopes() {
     return;
   }
   std::set<std::string> names;
-  for (const Item& item : items_) names.insert(item.name);
+  std::set<std::vector<std::uint32_t>> with_derivative;
+  for (const Item& item : items_) {
+    names.insert(item.name);
+    with_derivative.insert(item.derivative_of);
+  }
   std::vector<Item> slopes;
   for (const Item& of : items_) {
-    const bool known =
-        std::any_of(items_.begin(), items_.end(), [&](const Item& i) { return i.derivative_of == of.references; });
+    const bool known = with_derivative.contains(of.references);
     const bool told =
         of.role == Role::kOutput && of.exchange == Exchange::kResult && of.type == Type::kFloat64 && of.continuous;
     if (!told || known || !names.insert(rate_name(of.name)).second) continue;
     Item slope;
     slope.name = rate_name(of.name);
-    slope.description = "slope of " + of.name + " at the end of the last step; 0 before the first one";
+    slope.description = keep("slope of " + of.name + " at the end of the last step; 0 before the first one");
     slope.role = Role::kState;
     slope.exchange = Exchange::kSlope;
     slope.references = of.references;
@@ -334,10 +344,9 @@ void ForeignVariables::collect_slopes() {
 }
 
 /// Finds what makes SI of the FMU's values.
-void ForeignVariables::measure(Item& item, const Numeric& numeric) {
+void ForeignVariables::measure(Item& item, const Numeric& numeric, const DescriptionIndex& index) {
   if (numeric.unit.empty() || !si_) return;
-  const auto defined =
-      std::find_if(description_.units.begin(), description_.units.end(), [&](const Unit& u) { return u.name == numeric.unit; });
+  const Unit* const defined = index.unit(numeric.unit);
   si::Measure m;
   bool readable = true;
   si::Measure by_name;
@@ -346,13 +355,13 @@ void ForeignVariables::measure(Item& item, const Numeric& numeric) {
   } catch (const Error&) {
     readable = false;
   }
-  if (defined != description_.units.end() && defined->definition) {
+  if (defined != nullptr && defined->definition) {
     m = si::from(*defined->definition);
   } else if (readable) {
     m = by_name;
   } else {
-    const std::string warning = "unit '" + numeric.unit + "' is not defined: its values are taken as they are";
-    if (std::find(warnings_.begin(), warnings_.end(), warning) == warnings_.end()) warnings_.push_back(warning);
+    if (unknown_units_.insert(numeric.unit).second)
+      warnings_.push_back("unit '" + numeric.unit + "' is not defined: its values are taken as they are");
     return;
   }
   if (numeric.relative_quantity) m.offset = 0;
@@ -435,6 +444,7 @@ void ForeignVariables::lay_out() {
         store.values[item.first + i] = store.starts[item.first + i] = store.given[item.first + i] = value;
       }
     });
+    item.start = {};  // of a million variables that is a lot of memory
   }
   if (ramps_) {
     for (const Group& group : groups_[static_cast<std::size_t>(Exchange::kContinuousInput)]) {
@@ -480,18 +490,24 @@ ForeignVariables::Group ForeignVariables::make_group(std::span<const Item* const
 }
 
 /// What `item` is the time derivative of, if that is declared before it as a variable of the same kind, size and measure.
-const ForeignVariables::Item* ForeignVariables::antiderivative(const Item& item) const {
+const ForeignVariables::Item* ForeignVariables::antiderivative(const Item& item, const FirstOfReference& first) const {
   if (item.derivative_of.empty() || item.kind != Kind::kReal || item.si.empty()) return nullptr;
-  const auto found =
-      std::find_if(items_.begin(), items_.end(), [&](const Item& i) { return i.references == item.derivative_of; });
-  if (found == items_.end() || &*found >= &item || found->size != item.size || found->si.empty()) return nullptr;
-  si::Measure expected = si::parse(found->si);
+  const auto found = first.find(item.derivative_of.front());
+  if (found == first.end()) return nullptr;
+  const Item& of = *found->second;
+  if (of.references != item.derivative_of || &of >= &item || of.size != item.size || of.si.empty()) return nullptr;
+  si::Measure expected = si::parse(of.si);
   expected.exponents[2] -= 1;  // per second
-  return si::convertible(expected, si::parse(item.si)) ? &*found : nullptr;
+  return si::convertible(expected, si::parse(item.si)) ? &of : nullptr;
 }
 
 void ForeignVariables::declare(Variables& variables) {
   variables.foreign();
+  FirstOfReference first;
+  const bool any = std::any_of(items_.begin(), items_.end(), [](const Item& i) { return !i.derivative_of.empty(); });
+  for (const Item& item : items_) {
+    if (any) first.emplace(item.references.front(), &item);
+  }
   std::size_t rate = 0;
   for (Item& item : items_) {
     with_store(item.kind, [&](auto& store) {
@@ -499,22 +515,22 @@ void ForeignVariables::declare(Variables& variables) {
       const auto add = [&]() {
         switch (item.role) {
           case Role::kInput:
-            return variables.input(item.name, values, item.si, item.description);
+            return variables.input(item.name, values, item.si, *item.description);
           case Role::kOutput:
-            return variables.output(item.name, values, item.si, item.description);
+            return variables.output(item.name, values, item.si, *item.description);
           case Role::kParameter:
-            return variables.parameter(item.name, values, item.si, item.description);
+            return variables.parameter(item.name, values, item.si, *item.description);
           case Role::kTunable:
-            return variables.tunable(item.name, values, item.si, item.description);
+            return variables.tunable(item.name, values, item.si, *item.description);
           default:
-            return variables.state(item.name, values, item.si, item.description);
+            return variables.state(item.name, values, item.si, *item.description);
         }
       };
       Variables::Declared declared = add();
       declared.range(item.min, item.max);
       if (item.role == Role::kOutput && item.settable) declared.start();
       if (item.role == Role::kOutput && item.kind == Kind::kReal && !item.continuous) declared.discrete();
-      if (const Item* of = antiderivative(item)) declared.derivative_of(of->name);
+      if (const Item* of = antiderivative(item, first)) declared.derivative_of(of->name);
       if (!item.slope_of.empty()) declared.derivative_of(item.slope_of);
       if (!rates_.empty() && item.exchange == Exchange::kContinuousInput && item.type == Type::kFloat64) {
         rate = item.first - groups_[static_cast<std::size_t>(Exchange::kContinuousInput)].back().first;

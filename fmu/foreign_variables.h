@@ -2,10 +2,13 @@
 #include <array>
 #include <bit>
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <memory>
+#include <set>
 #include <span>
 #include <string>
+#include <unordered_map>
 #include <vector>
 
 #include "components/unit/time.h"
@@ -131,7 +134,8 @@ class ForeignVariables {
  private:
   /// A declared variable: one of the FMU's, or several as a vector.
   struct Item {
-    std::string name, description, si;
+    std::string name, si;
+    const std::string* description = nullptr;  // of the model description, or one that was made here
     Role role = Role::kOutput;
     Kind kind = Kind::kReal;
     Exchange exchange = Exchange::kResult;
@@ -180,8 +184,10 @@ class ForeignVariables {
   void collect_vectors(std::vector<Item>& items) const;
   void collect_slopes();
   void ask_for_told_slopes();
-  void measure(Item& item, const Numeric& numeric);
-  const Item* antiderivative(const Item& item) const;
+  void measure(Item& item, const Numeric& numeric, const DescriptionIndex& index);
+  using FirstOfReference = std::unordered_map<std::uint32_t, const Item*>;  // the first item with that value reference in front
+  const Item* antiderivative(const Item& item, const FirstOfReference& first) const;
+  const std::string* keep(std::string text) { return &texts_.emplace_back(std::move(text)); }
   void lay_out();
   Group make_group(std::span<const Item* const> items) const;
   template <class Call>
@@ -233,6 +239,8 @@ class ForeignVariables {
   std::vector<std::uint64_t> structural_values_;
   bool ramps_ = false, si_ = true;
   std::vector<std::string> warnings_;
+  std::deque<std::string> texts_;        // that were made for items
+  std::set<std::string> unknown_units_;  // that the warnings name
 };
 
 /// Whether the plain inputs changed since they were last sent, which they are taken to be from now on.

@@ -48,17 +48,18 @@ auto named(const fs::path& path, Call call) {
 std::shared_ptr<const ForeignFmu> unpack_and_read(const fs::path& path) {
   auto fmu = std::make_shared<ForeignFmu>();
   fmu->name = name_of(path);
-  if (fs::is_directory(path)) {
+  std::error_code none;
+  if (fs::is_directory(path, none)) {
     fmu->folder = fs::absolute(path).lexically_normal();
   } else {
-    if (!fs::exists(path)) throw Error("no such file, expected an FMU");
+    if (!fs::exists(path, none)) throw Error("no such file, expected an FMU");
     sweep_temporary_folders();
     const auto unpacked = std::make_shared<const TemporaryFolder>(unpack_archive(path));
     fmu->folder = unpacked->path();
     fmu->unpacked = unpacked;
   }
   const fs::path description = fmu->folder / "modelDescription.xml";
-  if (!fs::exists(description)) throw Error("has no modelDescription.xml");
+  if (!fs::exists(description, none)) throw Error("has no modelDescription.xml");
   fmu->description = load_model_description(description);
   return fmu;
 }

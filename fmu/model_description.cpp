@@ -56,14 +56,18 @@ const Variable* find(const ModelDescription& description, std::uint32_t referenc
   return found == description.variables.end() ? nullptr : &*found;
 }
 
-std::size_t elements(const ModelDescription& description, const Variable& variable,
-                     const std::map<std::uint32_t, std::uint64_t>& chosen) {
+namespace {
+
+/// `find_reference`: the variable of a value reference, nullptr if there is none.
+template <class Find>
+std::size_t count_elements(const Variable& variable, const std::map<std::uint32_t, std::uint64_t>& chosen,
+                           const Find& find_reference) {
   std::uint64_t n = 1;
   for (const Dimension& dimension : variable.dimensions) {
     std::uint64_t extent = dimension.size.value_or(0);
     if (dimension.reference) {
       const auto said = chosen.find(*dimension.reference);
-      const Variable* parameter = find(description, *dimension.reference);
+      const Variable* parameter = said != chosen.end() ? nullptr : find_reference(*dimension.reference);
       const auto* start = parameter == nullptr ? nullptr : std::get_if<std::vector<std::uint64_t>>(&parameter->start);
       if (said != chosen.end()) {
         extent = said->second;
@@ -81,12 +85,9 @@ std::size_t elements(const ModelDescription& description, const Variable& variab
   return static_cast<std::size_t>(n);
 }
 
-Numeric effective(const ModelDescription& description, const Variable& variable) {
+Numeric with_type(const Variable& variable, const TypeDefinition* type) {
   Numeric n = variable.numeric;
-  if (variable.declared_type.empty()) return n;
-  const auto type = std::find_if(description.types.begin(), description.types.end(),
-                                 [&](const TypeDefinition& t) { return t.name == variable.declared_type; });
-  if (type == description.types.end()) return n;
+  if (type == nullptr) return n;
   const auto inherit = [](auto& own, const auto& declared) {
     if (!own) own = declared;
   };
@@ -98,6 +99,53 @@ Numeric effective(const ModelDescription& description, const Variable& variable)
   inherit(n.max, type->numeric.max);
   inherit(n.nominal, type->numeric.nominal);
   return n;
+}
+
+template <class Key, class Map>
+auto found_in(const Map& map, const Key& key) -> typename Map::mapped_type {
+  const auto found = map.find(key);
+  return found == map.end() ? nullptr : found->second;
+}
+
+}  // namespace
+
+std::size_t elements(const ModelDescription& description, const Variable& variable,
+                     const std::map<std::uint32_t, std::uint64_t>& chosen) {
+  return count_elements(variable, chosen, [&](std::uint32_t reference) { return find(description, reference); });
+}
+
+Numeric effective(const ModelDescription& description, const Variable& variable) {
+  if (variable.declared_type.empty()) return variable.numeric;
+  const auto type = std::find_if(description.types.begin(), description.types.end(),
+                                 [&](const TypeDefinition& t) { return t.name == variable.declared_type; });
+  return with_type(variable, type == description.types.end() ? nullptr : &*type);
+}
+
+DescriptionIndex::DescriptionIndex(const ModelDescription& description) : description_(description) {
+  for (const TypeDefinition& type : description.types) types_.emplace(type.name, &type);
+  for (const Unit& unit : description.units) units_.emplace(unit.name, &unit);
+  for (const Variable& v : description.variables) {
+    if (v.type == Type::kUInt64 && v.dimensions.empty()) extents_.emplace(v.reference, &v);
+  }
+}
+
+const Variable* DescriptionIndex::variable(std::string_view name) const {
+  if (variables_.empty()) {
+    variables_.reserve(description_.variables.size());
+    for (const Variable& v : description_.variables) variables_.emplace(v.name, &v);
+  }
+  return found_in(variables_, name);
+}
+
+const TypeDefinition* DescriptionIndex::type(std::string_view name) const { return found_in(types_, name); }
+const Unit* DescriptionIndex::unit(std::string_view name) const { return found_in(units_, name); }
+
+Numeric DescriptionIndex::effective(const Variable& variable) const {
+  return with_type(variable, variable.declared_type.empty() ? nullptr : type(variable.declared_type));
+}
+
+std::size_t DescriptionIndex::elements(const Variable& variable, const std::map<std::uint32_t, std::uint64_t>& chosen) const {
+  return count_elements(variable, chosen, [&](std::uint32_t reference) { return found_in(extents_, reference); });
 }
 
 }  // namespace cotwin::fmu

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <unordered_map>
 #include <variant>
 #include <vector>
 
@@ -237,6 +238,27 @@ const Variable* find(const ModelDescription& description, std::uint32_t referenc
 
 /// Limits, unit and nominal value of a variable: its own, and where it does not say, those of its declared type.
 Numeric effective(const ModelDescription& description, const Variable& variable);
+
+/// The same questions for many variables of one description, which must not change meanwhile.
+class DescriptionIndex {
+ public:
+  explicit DescriptionIndex(const ModelDescription& description);
+
+  /// nullptr if there is none of that name.
+  const Variable* variable(std::string_view name) const;
+  const TypeDefinition* type(std::string_view name) const;
+  const Unit* unit(std::string_view name) const;
+  Numeric effective(const Variable& variable) const;
+  /// As the function of that name, with the start values of the structural parameters where `chosen` does not say.
+  std::size_t elements(const Variable& variable, const std::map<std::uint32_t, std::uint64_t>& chosen = {}) const;
+
+ private:
+  const ModelDescription& description_;
+  std::unordered_map<std::string_view, const TypeDefinition*> types_;
+  std::unordered_map<std::string_view, const Unit*> units_;
+  std::unordered_map<std::uint32_t, const Variable*> extents_;  // what can give the size of an array, by value reference
+  mutable std::unordered_map<std::string_view, const Variable*> variables_;  // made when first asked for
+};
 
 /// Writes modelDescription.xml for `description.version`. Throws Error for what that version cannot say (an array in FMI 2) and
 /// for text that XML cannot carry.

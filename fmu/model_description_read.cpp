@@ -2,15 +2,16 @@
 
 #include <algorithm>
 #include <cmath>
-#include <fstream>
 #include <functional>
+#include <limits>
 #include <set>
-#include <sstream>
+#include <span>
 #include <unordered_map>
 #include <unordered_set>
 
 #include "fmu/model_description_values.h"
 #include "models/text/error.h"
+#include "models/text/file.h"
 #include "models/text/text.h"
 #include "models/text/xml.h"
 
@@ -18,42 +19,78 @@ namespace cotwin::fmu {
 
 namespace {
 
-constexpr std::uintmax_t kMaxFileBytes = 256u << 20;
+constexpr std::size_t kMaxVariables = 2'000'000;
 
+/// Variables and the structure, of which there may be a million, are read as they come and not kept; all else is read at the
+/// end.
 class Reader {
  public:
-  Reader(const xml::Element& root, ModelDescription& description) : root_(root), d_(description) {}
+  explicit Reader(ModelDescription& description) : d_(description) {}
 
-  void read() {
-    if (root_.name != "fmiModelDescription") throw Error(root_.place, "<" + root_.name + ">, expected <fmiModelDescription>");
-    d_.fmi_version = xml::text(root_, "fmiVersion");
-    if (d_.fmi_version == "1.0") throw Error(root_.place, "FMI 1.0 is not supported, expected FMI 2.0 or 3.0");
+  void read(std::string_view xml, const std::string& place) {
+    const xml::Element root =
+        xml::parse(xml, place, [&](std::span<const xml::Element> around, xml::Element& e) { return !take(around, e); });
+    begin(root);
+    read_all(root);
+  }
+
+ private:
+  /// Whether the element has been read here.
+  bool take(std::span<const xml::Element> around, const xml::Element& e) {
+    begin(around[0]);
+    if (around.size() == 1) {
+      has_variables_ = has_variables_ || e.name == "ModelVariables";
+      if (e.name == "UnitDefinitions") units(e);
+      if (e.name == "TypeDefinitions") types(e);
+      return e.name == "UnitDefinitions" || e.name == "TypeDefinitions";
+    }
+    if (around[1].name == "ModelVariables") {
+      if (around.size() > 2) return false;  // a part of a variable
+      if (has_variables_) throw Error(e.place, "a second ModelVariables");
+      read_variable(e);
+      return true;
+    }
+    // The structure may stand before the variables, where the schema does not have it: then it is kept.
+    if (around[1].name != "ModelStructure" || !has_variables_) return false;
+    end_variables();
+    if (two_) return around.size() == 3 && structure2(around[2].name, e);
+    return around.size() == 2 && structure3(e);
+  }
+
+  /// What the root element says.
+  void begin(const xml::Element& root) {
+    if (begun_) return;
+    begun_ = true;
+    if (root.name != "fmiModelDescription") throw Error(root.place, "<" + root.name + ">, expected <fmiModelDescription>");
+    d_.fmi_version = xml::text(root, "fmiVersion");
+    if (d_.fmi_version == "1.0") throw Error(root.place, "FMI 1.0 is not supported, expected FMI 2.0 or 3.0");
     const std::optional<Version> version = version_of(d_.fmi_version);
-    if (!version) throw Error(root_.place, "FMI '" + d_.fmi_version + "' is not supported, expected FMI 2.0 or 3.0");
+    if (!version) throw Error(root.place, "FMI '" + d_.fmi_version + "' is not supported, expected FMI 2.0 or 3.0");
     d_.version = *version;
     two_ = d_.version == Version::k2;
-    d_.model_name = xml::text(root_, "modelName");
-    d_.token = xml::text(root_, two_ ? "guid" : "instantiationToken");
-    d_.description = xml::text(root_, "description", "");
-    d_.author = xml::text(root_, "author", "");
-    d_.model_version = xml::text(root_, "version", "");
-    d_.copyright = xml::text(root_, "copyright", "");
-    d_.license = xml::text(root_, "license", "");
-    d_.generation_tool = xml::text(root_, "generationTool", "");
-    d_.generation_date = xml::text(root_, "generationDateAndTime", "");
-    d_.structured_names = xml::text(root_, "variableNamingConvention", "flat") == "structured";
-    if (const auto n = optional_unsigned(root_, "numberOfEventIndicators")) {
-      at(root_.place, [&] { check_event_indicators(*n); });
+    d_.model_name = xml::text(root, "modelName");
+    d_.token = xml::text(root, two_ ? "guid" : "instantiationToken");
+    d_.description = xml::text(root, "description", "");
+    d_.author = xml::text(root, "author", "");
+    d_.model_version = xml::text(root, "version", "");
+    d_.copyright = xml::text(root, "copyright", "");
+    d_.license = xml::text(root, "license", "");
+    d_.generation_tool = xml::text(root, "generationTool", "");
+    d_.generation_date = xml::text(root, "generationDateAndTime", "");
+    d_.structured_names = xml::text(root, "variableNamingConvention", "flat") == "structured";
+    if (const auto n = optional_unsigned(root, "numberOfEventIndicators")) {
+      at(root.place, [&] { check_event_indicators(*n); });
       d_.event_indicators = static_cast<unsigned>(*n);
     }
+  }
+
+  void read_all(const xml::Element& root) {
     const xml::Element* variables = nullptr;
     const xml::Element* structure = nullptr;
-    for (const xml::Element& e : root_.children) {
+    for (const xml::Element& e : root.children) {
       if (e.name == "ModelExchange") interface(e, d_.model_exchange);
       if (e.name == "CoSimulation") interface(e, d_.co_simulation);
       if (e.name == "ScheduledExecution" && !two_) interface(e, d_.scheduled_execution);
-      if (e.name == "UnitDefinitions") units(e);
-      if (e.name == "TypeDefinitions") types(e);
       if (e.name == "LogCategories") {
         for (const xml::Element& c : e.children) {
           if (c.name == "Category") d_.log_categories.push_back({xml::text(c, "name"), xml::text(c, "description", "")});
@@ -64,15 +101,19 @@ class Reader {
       if (e.name == "ModelStructure") structure = &e;
     }
     if (!d_.model_exchange && !d_.co_simulation && !d_.scheduled_execution) {
-      throw Error(root_.place, "neither ModelExchange nor CoSimulation, expected one of them");
+      throw Error(root.place, "neither ModelExchange nor CoSimulation, expected one of them");
     }
-    if (variables == nullptr) throw Error(root_.place, "no ModelVariables");
-    read_variables(*variables);
-    if (structure == nullptr) throw Error(root_.place, "no ModelStructure");
-    two_ ? structure2(*structure) : structure3(*structure);
+    if (variables == nullptr) throw Error(root.place, "no ModelVariables");
+    end_variables();
+    if (structure == nullptr) throw Error(root.place, "no ModelStructure");
+    for (const xml::Element& e : structure->children) {  // those that could not be read as they came
+      if (!two_) structure3(e);
+      for (const xml::Element& unknown : e.children) {
+        if (two_) structure2(e.name, unknown);
+      }
+    }
   }
 
- private:
   void interface(const xml::Element& e, std::optional<Interface>& out) {
     if (out) throw Error(e.place, e.name + " stands twice");
     Interface i;
@@ -194,40 +235,49 @@ class Reader {
     d_.default_experiment = x;
   }
 
-  void read_variables(const xml::Element& list) {
-    std::unordered_map<std::string, std::string> places;  // of names
-    const auto name_once = [&](const std::string& name, const std::string& place) {
-      const auto [at, fresh] = places.emplace(name, place);
-      if (!fresh) throw Error(place, "variable '" + name + "' stands also at " + at->second);
-    };
+  void read_variable(const xml::Element& e) {
+    const xml::Element* content = &e;
+    if (two_) {
+      if (e.name != "ScalarVariable") throw Error(e.place, "<" + e.name + ">, expected <ScalarVariable>");
+      content = nullptr;
+      for (const xml::Element& c : e.children) {
+        if (type_of(c.name, false)) content = &c;
+      }
+      if (content == nullptr) throw Error(e.place, "a variable without Real, Integer, Boolean, String or Enumeration");
+    }
+    const std::optional<Type> type = type_of(content->name, false);
+    if (!type) throw Error(e.place, "<" + content->name + ">, expected the type of a variable");
+    if (d_.variables.size() == kMaxVariables) throw Error(e.place, "more than " + std::to_string(kMaxVariables) + " variables");
+    d_.variables.push_back(variable(e, *content, *type));
+    places_.push_back(content->place);
+    if (const std::string* of = xml::find(*content, "derivative")) derivatives_.emplace_back(d_.variables.size() - 1, *of);
+  }
+
+  /// What needs all variables: names and references that stand once, derivatives, start values.
+  void end_variables() {
+    if (check_) return;
+    std::unordered_map<std::string_view, std::size_t> names;  // where the name stands
     std::unordered_set<std::uint32_t> references;
-    std::vector<const xml::Element*> elements_of;
-    for (const xml::Element& e : list.children) {
-      const xml::Element* content = &e;
-      if (two_) {
-        if (e.name != "ScalarVariable") throw Error(e.place, "<" + e.name + ">, expected <ScalarVariable>");
-        content = nullptr;
-        for (const xml::Element& c : e.children) {
-          if (type_of(c.name, false)) content = &c;
-        }
-        if (content == nullptr) throw Error(e.place, "a variable without Real, Integer, Boolean, String or Enumeration");
-      }
-      const std::optional<Type> type = type_of(content->name, false);
-      if (!type) throw Error(e.place, "<" + content->name + ">, expected the type of a variable");
-      d_.variables.push_back(variable(e, *content, *type));
-      elements_of.push_back(content);
-      name_once(d_.variables.back().name, e.place);
-      for (const Alias& alias : d_.variables.back().aliases) name_once(alias.name, e.place);
-      const bool fresh = references.insert(d_.variables.back().reference).second;
-      if (!fresh && !two_) {
-        throw Error(e.place, "value reference " + std::to_string(d_.variables.back().reference) + " stands twice");
-      }
+    names.reserve(d_.variables.size());
+    references.reserve(d_.variables.size());
+    for (std::size_t i = 0; i < d_.variables.size(); ++i) {
+      const Variable& v = d_.variables[i];
+      const auto name_once = [&](const std::string& name) {
+        const auto [first, fresh] = names.emplace(name, i);
+        if (!fresh) throw Error(places_[i], "variable '" + name + "' stands also at " + places_[first->second].text());
+      };
+      name_once(v.name);
+      for (const Alias& alias : v.aliases) name_once(alias.name);
+      if (!references.insert(v.reference).second && !two_)
+        throw Error(places_[i], "value reference " + std::to_string(v.reference) + " stands twice");
     }
     check_.emplace(d_);
+    for (const auto& [i, of] : derivatives_) d_.variables[i].derivative = derivative(places_[i], of);
     for (std::size_t i = 0; i < d_.variables.size(); ++i) {
-      read_derivative(*elements_of[i], d_.variables[i]);
-      at(elements_of[i]->place, [&] { check_->variable(d_.variables[i]); });
+      at(places_[i], [&] { check_->variable(d_.variables[i]); });
     }
+    places_ = {};
+    derivatives_ = {};
   }
 
   /// What our annotation says of an input of FMI 2.
@@ -293,16 +343,19 @@ class Reader {
     return v;
   }
 
-  void read_derivative(const xml::Element& content, Variable& v) {
-    const std::string* of = xml::find(content, "derivative");
-    if (of == nullptr) return;
-    if (!two_) {
-      v.derivative = index_of(content, "derivative", *of);
-      return;
+  /// The variable that the attribute means: an index from 1 (FMI 2) or a value reference.
+  std::size_t derivative(const xml::Place& place, const std::string& of) const {
+    const std::optional<std::uint64_t> number = read_unsigned(of);
+    const auto fail = [&](const char* expected) { throw Error(place, "derivative '" + of + "', expected " + expected); };
+    if (two_) {
+      if (!number || *number < 1 || *number > d_.variables.size()) fail("the index of a variable");
+      return static_cast<std::size_t>(*number - 1);
     }
-    const std::optional<std::uint64_t> number = read_unsigned(*of);
-    if (!number || *number < 1 || *number > d_.variables.size()) bad(content, "derivative", *of, "the index of a variable");
-    v.derivative = static_cast<std::size_t>(*number - 1);
+    const auto found = number && *number <= std::numeric_limits<std::uint32_t>::max()
+                           ? check_->index_of(static_cast<std::uint32_t>(*number))
+                           : std::nullopt;
+    if (!found) fail("the value reference of a variable");
+    return *found;
   }
 
   std::size_t index_of(const xml::Element& e, std::string_view attribute, std::string_view word) const {
@@ -331,69 +384,57 @@ class Reader {
     return u;
   }
 
-  void structure2(const xml::Element& structure) {
-    for (const xml::Element& list : structure.children) {
-      std::vector<Unknown>* out = list.name == "Outputs"           ? &d_.structure.outputs
-                                  : list.name == "Derivatives"     ? &d_.structure.derivatives
-                                  : list.name == "InitialUnknowns" ? &d_.structure.initial_unknowns
-                                                                   : nullptr;
-      if (out == nullptr) continue;
-      for (const xml::Element& e : list.children) {
-        if (e.name != "Unknown") continue;
-        const auto index = [&](const char* attribute, std::string_view word) {
-          const std::optional<std::uint64_t> number = read_unsigned(word);
-          if (!number || *number < 1 || *number > d_.variables.size()) {
-            bad(e, attribute, word, "the index of a variable, 1 to " + std::to_string(d_.variables.size()));
-          }
-          return static_cast<std::size_t>(*number - 1);
-        };
-        out->push_back(
-            unknown(e, index("index", xml::text(e, "index")), [&](std::string_view w) { return index("dependencies", w); }));
-        if (out == &d_.structure.derivatives) at(e.place, [&] { check_->derivative(out->back()); });
+  /// Whether the element is one of this list.
+  bool structure2(std::string_view list, const xml::Element& e) {
+    std::vector<Unknown>* out = list == "Outputs"           ? &d_.structure.outputs
+                                : list == "Derivatives"     ? &d_.structure.derivatives
+                                : list == "InitialUnknowns" ? &d_.structure.initial_unknowns
+                                                            : nullptr;
+    if (out == nullptr || e.name != "Unknown") return false;
+    const auto index = [&](const char* attribute, std::string_view word) {
+      const std::optional<std::uint64_t> number = read_unsigned(word);
+      if (!number || *number < 1 || *number > d_.variables.size()) {
+        bad(e, attribute, word, "the index of a variable, 1 to " + std::to_string(d_.variables.size()));
       }
-    }
+      return static_cast<std::size_t>(*number - 1);
+    };
+    out->push_back(
+        unknown(e, index("index", xml::text(e, "index")), [&](std::string_view w) { return index("dependencies", w); }));
+    if (out == &d_.structure.derivatives) at(e.place, [&] { check_->derivative(out->back()); });
+    return true;
   }
 
-  void structure3(const xml::Element& structure) {
-    for (const xml::Element& e : structure.children) {
-      std::vector<Unknown>* out = e.name == "Output"                      ? &d_.structure.outputs
-                                  : e.name == "ContinuousStateDerivative" ? &d_.structure.derivatives
-                                  : e.name == "ClockedState"              ? &d_.structure.clocked_states
-                                  : e.name == "InitialUnknown"            ? &d_.structure.initial_unknowns
-                                  : e.name == "EventIndicator"            ? &d_.structure.event_indicators
-                                                                          : nullptr;
-      if (out == nullptr) continue;
-      out->push_back(unknown(e, index_of(e, "valueReference", xml::text(e, "valueReference")),
-                             [&](std::string_view w) { return index_of(e, "dependencies", w); }));
-      if (out == &d_.structure.derivatives) at(e.place, [&] { check_->derivative(out->back()); });
-    }
+  bool structure3(const xml::Element& e) {
+    std::vector<Unknown>* out = e.name == "Output"                      ? &d_.structure.outputs
+                                : e.name == "ContinuousStateDerivative" ? &d_.structure.derivatives
+                                : e.name == "ClockedState"              ? &d_.structure.clocked_states
+                                : e.name == "InitialUnknown"            ? &d_.structure.initial_unknowns
+                                : e.name == "EventIndicator"            ? &d_.structure.event_indicators
+                                                                        : nullptr;
+    if (out == nullptr) return false;
+    out->push_back(unknown(e, index_of(e, "valueReference", xml::text(e, "valueReference")),
+                           [&](std::string_view w) { return index_of(e, "dependencies", w); }));
+    if (out == &d_.structure.derivatives) at(e.place, [&] { check_->derivative(out->back()); });
+    return true;
   }
 
-  const xml::Element& root_;
   ModelDescription& d_;
-  bool two_ = false;
+  bool begun_ = false, has_variables_ = false, two_ = false;
+  std::vector<xml::Place> places_;                                // of the variables
+  std::vector<std::pair<std::size_t, std::string>> derivatives_;  // variable, and what it is the derivative of
   std::optional<DescriptionCheck> check_;
 };
 
 }  // namespace
 
 ModelDescription parse_model_description(std::string_view xml, const std::string& place) {
-  const xml::Element root = xml::parse(xml, place);
   ModelDescription description;
-  Reader(root, description).read();
+  Reader(description).read(xml, place);
   return description;
 }
 
 ModelDescription load_model_description(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::error_code none;
-  const std::uintmax_t size = std::filesystem::file_size(file, none);
-  if (!in || none) throw Error(file.string(), "cannot be read, expected modelDescription.xml");
-  if (size > kMaxFileBytes)
-    throw Error(file.string(), std::to_string(size) + " bytes, expected at most " + std::to_string(kMaxFileBytes));
-  std::ostringstream bytes;
-  bytes << in.rdbuf();
-  return parse_model_description(std::move(bytes).str(), "modelDescription.xml");
+  return parse_model_description(text::read_file(file, "modelDescription.xml"), "modelDescription.xml");
 }
 
 }  // namespace cotwin::fmu

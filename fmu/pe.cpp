@@ -4,12 +4,11 @@
 #include <cctype>
 #include <cstdint>
 #include <cstring>
-#include <fstream>
 #include <set>
-#include <sstream>
 #include <string_view>
 
 #include "models/text/error.h"
+#include "models/text/file.h"
 
 namespace cotwin::fmu {
 
@@ -111,12 +110,11 @@ class Reader {
 }  // namespace
 
 PeLibrary read_pe(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::ostringstream stream;
-  stream << in.rdbuf();
-  const std::string bytes = std::move(stream).str();
-  return Reader(bytes, file.filename().string()).read();
+  constexpr std::uint64_t kMostBytes = std::uint64_t{512} << 20;
+  return parse_pe(text::read_file(file, "a shared library", kMostBytes), file.filename().string());
 }
+
+PeLibrary parse_pe(const std::string& bytes, const std::string& place) { return Reader(bytes, place).read(); }
 
 bool is_part_of_windows(const std::string& library) {
   std::string name = library;

@@ -14,6 +14,8 @@ struct PeLibrary {
 
 /// Throws Error for a file that is no PE shared library for 32 or 64 bits, or is damaged.
 PeLibrary read_pe(const std::filesystem::path& file);
+/// The same from the bytes of a file; `place` stands in messages where its name would.
+PeLibrary parse_pe(const std::string& bytes, const std::string& place);
 
 /// Whether a library of that name comes with every Windows (10 and later): then an FMU may need it without bringing it along.
 /// The run-time libraries of compilers (VCRUNTIME140.dll, libstdc++-6.dll) do not.

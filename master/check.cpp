@@ -42,7 +42,7 @@ class Checker {
     }
     attempt([&] { (void)Schedule(scenario, members_); });
     check_connections(scenario);
-    each(scenario, &Scenario::events, [&](const Scenario& one) { Events(one, members_, fed_); });
+    Events(scenario, members_, fed_, [&](const Error& error) { add(error.what()); });
     each(scenario, &Scenario::recording, [&](const Scenario& one) { (void)choose_columns(one, members_); });
     const auto statistics = [&](const Scenario& one) { Statistics(one, members_, {}); };
     each(scenario, &Scenario::reports, statistics);
@@ -60,12 +60,21 @@ class Checker {
     Member& member = *loaded;
     settings_used_.insert(settings_used_.end(), used.begin(), used.end());
     for (const ConnectorSpec& connector : spec.connectors) attempt([&] { check_connector(connector, member, scenario); });
-    const ParameterSet values = start_values(scenario, member, &member.instance.warnings);
-    for (const ParameterValue& value : values.values) {
-      attempt([&] {
-        check_name(value, member);
-        apply(ParameterSet{values.name, {value}, values.units}, member.variables());
-      });
+    ParameterSet values = start_values(scenario, member, &member.instance.warnings);
+    const auto apply_all = [&] {
+      for (const ParameterValue& value : values.values) check_name(value, member);
+      apply(values, member.variables());
+    };
+    if (!succeeds(apply_all)) {
+      ParameterSet one{values.name, {{}}, values.units};
+      for (ParameterValue& value : values.values) {
+        one.values.front() = std::move(value);
+        attempt([&] {
+          check_name(one.values.front(), member);
+          apply(one, member.variables());
+        });
+        if (errors_ > kMostErrors) break;
+      }
     }
     attempt([&] { member.variables().check_ranges(); }, spec.place + ": component '" + spec.name + "': ");
     members_.push_back(std::move(member));
@@ -79,24 +88,24 @@ class Checker {
     }
   }
 
-  /// Each connection by itself; if all are right, that no input is fed twice.
   void check_connections(const Scenario& scenario) {
-    bool right = true;
-    for (const ConnectionSpec& connection : scenario.connections) {
-      Scenario one = only(scenario);
-      one.connections = {connection};
-      right = attempt([&] { fed_.push_back(resolve_links(one, members_).front().to); }) && right;
-    }
-    if (!right) return;
+    const std::size_t errors_before = errors_;
+    const std::vector<Link> links = resolve_links(scenario, members_, [&](const Error& error) { add(error.what()); });
+    for (const Link& link : links) fed_.push_back(link.to);
+    if (errors_ > errors_before) return;
     attempt([&] {
-      for (const std::string& omission : find_omissions(scenario, members_, resolve_links(scenario, members_))) warn(omission);
+      for (const std::string& omission : find_omissions(scenario, members_, links)) warn(omission);
     });
   }
 
-  /// `look` at scenarios that have but one item of a list.
+  /// `look` at a scenario that has nothing but the list; if that is not right, at scenarios with one item of it each.
   template <class List, class Look>
   void each(const Scenario& scenario, List Scenario::*list, Look look) {
+    Scenario all = only(scenario);
+    all.*list = scenario.*list;
+    if (succeeds([&] { look(all); })) return;
     for (const auto& item : scenario.*list) {
+      if (errors_ > kMostErrors) return;
       Scenario one = only(scenario);
       (one.*list) = {item};
       attempt([&] { look(one); });
@@ -119,9 +128,22 @@ class Checker {
       call();
       return true;
     } catch (const Error& error) {
-      findings_.push_back({Finding::Level::kError, place + error.what()});
+      add(place + error.what());
       return false;
     }
+  }
+  template <class Call>
+  static bool succeeds(Call call) {
+    try {
+      call();
+      return true;
+    } catch (const Error&) {
+      return false;
+    }
+  }
+  void add(const std::string& error) {
+    if (++errors_ < kMostErrors) findings_.push_back({Finding::Level::kError, error});
+    if (errors_ == kMostErrors) findings_.push_back({Finding::Level::kError, "there are more errors than these"});
   }
   void warn(const std::string& what) { findings_.push_back({Finding::Level::kWarning, what}); }
 
@@ -132,6 +154,8 @@ class Checker {
   std::vector<std::string> settings_used_;
   std::vector<Signal> fed_;
   std::vector<Finding> findings_;
+  static constexpr std::size_t kMostErrors = 1000;
+  std::size_t errors_ = 0;
 };
 
 }  // namespace

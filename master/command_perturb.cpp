@@ -14,6 +14,7 @@
 #include "models/robot/urdf_update.h"
 #include "models/text/atomic_file.h"
 #include "models/text/error.h"
+#include "models/text/file.h"
 #include "models/text/parameter_set.h"
 #include "models/text/text.h"
 
@@ -30,14 +31,6 @@ struct Arguments {
   std::vector<fs::path> sets;
   fs::path out;
 };
-
-std::string read(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  if (!in) throw Error(file.string(), "cannot be read");
-  return text.str();
-}
 
 void write(const fs::path& file, const std::string& text) {
   write_file(file, text);
@@ -93,10 +86,15 @@ int perturb(const Arguments& a) {
     }
     if (!names.insert(target).second) throw Error(target.string(), "would be written twice, expected sets of different names");
   }
-  write(a.out / "robot.urdf", robot::updated_urdf(read(file), file.string(), other));
+  write(a.out / "robot.urdf", robot::updated_urdf(text::read_file(file, "a URDF"), file.string(), other));
   for (const fs::path& set : a.sets) {
     std::ostringstream xml;
-    write_parameter_set(xml, perturbed(load_parameter_set(set), a.values, a.seed));
+    const ParameterSet values = load_parameter_set(set);
+    try {
+      write_parameter_set(xml, perturbed(values, a.values, a.seed));
+    } catch (const Error& error) {
+      throw Error(set.string(), error.what());
+    }
     write(a.out / set.filename(), xml.str());
   }
   return kExitDone;

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <limits>
+#include <set>
+#include <unordered_map>
+#include <utility>
 
-#include "models/text/error.h"
 #include "models/text/text.h"
 
 namespace cotwin::master {
@@ -31,29 +33,55 @@ void check_range(const Variable& variable, double value, const EventSpec& spec) 
 
 }  // namespace
 
-Events::Events(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> fed) {
-  for (const EventSpec& spec : scenario.events) {
-    const Signal signal = find_signal(members, spec.variable, spec.place);
+Events::Events(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> fed,
+               const Complain& complain) {
+  const SignalIndex index(members);
+  std::set<std::pair<const Variable*, std::size_t>> fed_elements;
+  for (const Signal& signal : fed) {
+    for (std::size_t e = signal.first; e < signal.first + signal.count; ++e) fed_elements.emplace(signal.variable, e);
+  }
+  const auto is_fed = [&](const Signal& signal) {
+    const auto next = fed_elements.lower_bound({signal.variable, signal.first});
+    return next != fed_elements.end() && next->first == signal.variable && next->second < signal.first + signal.count;
+  };
+  const auto read = [&](const EventSpec& spec) {
+    const Signal signal = index.find(spec.variable, spec.place);
     const Variable& variable = *signal.variable;
     if (variable.role != Role::kInput && variable.role != Role::kTunable) {
       fail(spec.place,
            "event on '" + spec.variable + "', " + with_article(variable.role) + ", expected an input or a tunable parameter");
     }
-    for (const Signal& other : fed) {
-      if (other.variable == signal.variable && other.first < signal.first + signal.count &&
-          signal.first < other.first + other.count) {
-        fail(spec.place, "event on '" + spec.variable + "', which a connection feeds");
-      }
-    }
+    if (is_fed(signal)) fail(spec.place, "event on '" + spec.variable + "', which a connection feeds");
     if (spec.ramp.ns < 0 || (spec.ramp.ns > 0 && variable.kind() != Kind::kReal)) {
       fail(spec.place, "event on '" + spec.variable + "': a ramp needs a real variable and a positive duration");
     }
     add(spec, signal);
+  };
+  for (const EventSpec& spec : scenario.events) {
+    try {
+      read(spec);
+    } catch (const Error& error) {
+      if (!complain) throw;
+      complain(error);
+    }
   }
   std::stable_sort(changes_.begin(), changes_.end(), [](const Change& a, const Change& b) { return a.time < b.time; });
-  active_.resize(changes_.size());
-  begins_.resize(changes_.size());
+  link_changes();
   find_next_time();
+}
+
+/// Finds the change before each of the same value, and makes room for all ramps.
+void Events::link_changes() {
+  std::unordered_map<const double*, std::size_t> last;
+  std::size_t ramps = 0;
+  for (std::size_t i = 0; i < changes_.size(); ++i) {
+    if (changes_[i].value == nullptr) continue;
+    const auto [at, first] = last.emplace(changes_[i].value, i);
+    if (!first) changes_[i].before = std::exchange(at->second, i);
+    if (changes_[i].ramp.ns > 0) ++ramps;
+  }
+  active_.resize(changes_.size());
+  ramps_.reserve(ramps);
 }
 
 void Events::add(const EventSpec& spec, const Signal& signal) {
@@ -97,16 +125,13 @@ void Events::add(const EventSpec& spec, const Signal& signal) {
 
 void Events::apply_due(Time now, Duration h) {
   while (next_ < changes_.size() && changes_[next_].time <= now) begin(next_++);
-  for (std::size_t i = 0; i < next_; ++i) {
-    if (active_[i]) follow(i, now, h);
-  }
+  std::erase_if(ramps_, [&](const Ramp& ramp) { return active_[ramp.change] == 0 || !follow(ramp, now, h); });
   find_next_time();
 }
 
 void Events::find_next_time() {
   using Limits = std::numeric_limits<std::int64_t>;
-  const bool any_active = std::find(active_.begin(), active_.end(), 1) != active_.end();
-  next_time_ = any_active ? Time{Limits::min()} : next_ < changes_.size() ? changes_[next_].time : Time{Limits::max()};
+  next_time_ = !ramps_.empty() ? Time{Limits::min()} : next_ < changes_.size() ? changes_[next_].time : Time{Limits::max()};
 }
 
 void Events::begin(std::size_t index) {
@@ -128,51 +153,53 @@ void Events::begin(std::size_t index) {
     }
     return;
   }
-  for (std::size_t i = 0; i < index; ++i) {
-    if (changes_[i].value == change.value) active_[i] = 0;
-  }
+  // Ramps that an earlier change of this value ended are over already.
+  if (change.before != kNone) active_[change.before] = 0;
   if (change.rate) *change.rate = 0;
   if (change.ramp.ns > 0) {
-    begins_[index] = *change.value;
+    ramps_.push_back({index, *change.value});
     active_[index] = 1;
   } else {
     *change.value = change.target;
   }
 }
 
-void Events::follow(std::size_t index, Time now, Duration h) {
-  const Change& change = changes_[index];
+/// Whether the ramp goes on.
+bool Events::follow(const Ramp& ramp, Time now, Duration h) {
+  const Change& change = changes_[ramp.change];
   const auto share = [&](Time t) {
     const std::int64_t elapsed = std::clamp((t - change.time).ns, std::int64_t{0}, change.ramp.ns);
     return static_cast<double>(elapsed) / static_cast<double>(change.ramp.ns);
   };
-  const double at_begin = share(now), at_end = share(now + h), rise = change.target - begins_[index];
-  *change.value = at_begin == 1 ? change.target : begins_[index] + rise * at_begin;
+  const double at_begin = share(now), at_end = share(now + h), rise = change.target - ramp.begin;
+  *change.value = at_begin == 1 ? change.target : ramp.begin + rise * at_begin;
   if (change.rate) *change.rate = rise * (at_end - at_begin) / h.seconds();
-  if (at_begin == 1) active_[index] = 0;
+  if (at_begin == 1) active_[ramp.change] = 0;
+  return at_begin != 1;
 }
 
 void Events::mark(Bookmark& bookmark) const {
   bookmark.next = next_;
-  bookmark.begins = begins_;
-  bookmark.active = active_;
-}
-
-bool Events::fits(const Bookmark& bookmark) const {
-  if (bookmark.next > changes_.size() || bookmark.begins.size() != changes_.size() || bookmark.active.size() != changes_.size())
-    return false;
-  for (std::size_t i = 0; i < changes_.size(); ++i) {
-    const bool can_be_active = i < bookmark.next && changes_[i].value != nullptr && changes_[i].ramp.ns > 0;
-    if (bookmark.active[i] > (can_be_active ? 1 : 0)) return false;
-  }
-  return true;
+  bookmark.ramps = ramps_;
 }
 
 void Events::back_to(const Bookmark& bookmark) {
   next_ = bookmark.next;
-  begins_ = bookmark.begins;
-  active_ = bookmark.active;
+  for (const Ramp& ramp : ramps_) active_[ramp.change] = 0;
+  ramps_ = bookmark.ramps;
+  for (const Ramp& ramp : ramps_) active_[ramp.change] = 1;
   find_next_time();
+}
+
+bool Events::fits(const Bookmark& bookmark) const {
+  if (bookmark.next > changes_.size()) return false;
+  std::size_t least = 0;  // ramps begin in the order of the changes
+  for (const Ramp& ramp : bookmark.ramps) {
+    if (ramp.change < least || ramp.change >= bookmark.next || changes_[ramp.change].ramp.ns <= 0) return false;
+    if (changes_[ramp.change].value == nullptr) return false;
+    least = ramp.change + 1;
+  }
+  return true;
 }
 
 }  // namespace cotwin::master

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <unordered_map>
 
 #include "fmu/archive.h"
 #include "fmu/model_description_read.h"
@@ -25,8 +26,9 @@ constexpr double kLeastInterval = 1e-9;    // s
 
 fmu::ModelDescription read_description(const fs::path& file) {
   constexpr const char* kDescription = "modelDescription.xml";
-  if (fs::is_directory(file)) return fmu::load_model_description(file / kDescription);
-  if (!fs::exists(file)) throw Error(file.string(), "no such file, expected an FMU");
+  std::error_code none;
+  if (fs::is_directory(file, none)) return fmu::load_model_description(file / kDescription);
+  if (!fs::exists(file, none)) throw Error(file.string(), "no such file, expected an FMU");
   return fmu::parse_model_description(fmu::read_archive_file(file, kDescription), file.string() + "/" + kDescription);
 }
 
@@ -79,16 +81,29 @@ Scenario scenario_of(const FmuRunOptions& options, const fmu::ModelDescription& 
 }
 
 /// The FMU's own variable of that name. FMI 2 calls each element of an array, FMI 3 the whole; either name finds the other's.
-const fmu::Variable* find_variable(const fmu::ModelDescription& description, const std::string& name) {
-  const fmu::Variable* first_element = nullptr;
-  const fmu::Variable* whole = nullptr;
-  for (const fmu::Variable& v : description.variables) {
-    if (v.name == name) return &v;
-    if (first_element == nullptr && v.name.starts_with(name + "[")) first_element = &v;
-    if (name.starts_with(v.name + "[")) whole = &v;
+class VariableFinder {
+ public:
+  explicit VariableFinder(const fmu::ModelDescription& description) : index_(description) {
+    for (const fmu::Variable& v : description.variables) {
+      if (const std::size_t bracket = v.name.find('['); bracket != std::string::npos)
+        first_element_.emplace(std::string_view(v.name).substr(0, bracket), &v);
+    }
   }
-  return whole != nullptr ? whole : first_element;
-}
+
+  const fmu::Variable* find(const std::string& name) const {
+    if (const fmu::Variable* same = index_.variable(name)) return same;
+    for (std::size_t bracket = name.rfind('['); bracket != std::string::npos && bracket > 0;
+         bracket = name.rfind('[', bracket - 1)) {
+      if (const fmu::Variable* whole = index_.variable(std::string_view(name).substr(0, bracket))) return whole;
+    }
+    const auto found = first_element_.find(name);
+    return found == first_element_.end() ? nullptr : found->second;
+  }
+
+ private:
+  fmu::DescriptionIndex index_;
+  std::unordered_map<std::string_view, const fmu::Variable*> first_element_;  // by what stands before its first bracket
+};
 
 /// Seconds, as near as a double is: n · 1e-9 would not be.
 double exact_seconds(Time time) { return static_cast<double>(time.ns) / 1e9; }
@@ -107,12 +122,15 @@ void append_quoted(std::string& line, const std::string& text) {
 InputTable::InputTable(const fs::path& file, std::span<const Member> members, const fmu::ModelDescription& description) {
   csv::Reader reader(file);
   const std::vector<std::string>& names = reader.names();
+  const SignalIndex signals(members);
+  const VariableFinder variables(description);
+  columns_.reserve(names.size());
   for (std::size_t c = 1; c < names.size(); ++c) {
     const std::string place = file.string() + ": column '" + names[c] + "'";
-    Column column{find_signal(members, std::string(kName) + "." + names[c], place), false, {}, {}};
+    Column column{signals.find(std::string(kName) + "." + names[c], place), false, {}, {}};
     const Role role = column.signal.variable->role;
     if (role != Role::kInput && role != Role::kTunable) fail(place, "is " + with_article(role) + ", expected an input");
-    const fmu::Variable* variable = find_variable(description, names[c]);
+    const fmu::Variable* variable = variables.find(names[c]);
     column.continuous = column.signal.variable->kind() == Kind::kReal && variable != nullptr &&
                         variable->variability == fmu::Variability::kContinuous;
     columns_.push_back(std::move(column));
@@ -124,12 +142,13 @@ InputTable::InputTable(const fs::path& file, std::span<const Member> members, co
     const Time time = Time::from_seconds(seconds);
     if (!times_.empty() && time < times_.back()) throw Error(reader.place(0), "time runs backwards, expected rows by time");
     times_.push_back(time);
-    for (std::size_t c = 1; c < names.size(); ++c) read_cell(columns_[c - 1], reader.text(c), reader.place(c));
+    for (std::size_t c = 1; c < names.size(); ++c) read_cell(columns_[c - 1], reader, c);
   }
   if (times_.empty()) throw Error(file.string(), "no row, expected values over time");
 }
 
-void InputTable::read_cell(Column& column, std::string_view cell, const std::string& place) const {
+void InputTable::read_cell(Column& column, const csv::Reader& reader, std::size_t c) const {
+  const std::string_view cell = reader.text(c);
   const Kind kind = column.signal.variable->kind();
   if (kind == Kind::kString) {
     column.texts.emplace_back(cell);
@@ -144,12 +163,12 @@ void InputTable::read_cell(Column& column, std::string_view cell, const std::str
                                  (kind == Kind::kInteger && text::parse_integer(part) &&
                                   *number >= std::numeric_limits<std::int32_t>::min() &&
                                   *number <= std::numeric_limits<std::int32_t>::max()));
-    if (!fits) throw Error(place, "'" + std::string(part) + "', expected " + std::string(name_of(kind)));
+    if (!fits) throw Error(reader.place(c), "'" + std::string(part) + "', expected " + std::string(name_of(kind)));
     column.numbers.push_back(*number);
     ++count;
   }
   if (count != column.signal.count) {
-    throw Error(place, std::to_string(count) + " values, expected " + std::to_string(column.signal.count));
+    throw Error(reader.place(c), std::to_string(count) + " values, expected " + std::to_string(column.signal.count));
   }
 }
 
@@ -199,8 +218,9 @@ FmuRun::FmuRun(const FmuRunOptions& options)
       if (v.causality == fmu::Causality::kOutput && v.type != fmu::Type::kClock) chosen.emplace_back(v.name, &v);
     }
   }
+  const VariableFinder variables(description_);
   for (const std::string& name : options_.output_variables) {
-    const fmu::Variable* variable = find_variable(description_, name);
+    const fmu::Variable* variable = variables.find(name);
     if (variable == nullptr) (void)find(name, "--output-variable");  // says what there is
     if (variable != nullptr) chosen.emplace_back(name, variable);
   }

@@ -9,6 +9,7 @@
 #include "fmu/model_description.h"
 #include "master/master.h"
 #include "master/row_file.h"
+#include "models/text/csv.h"
 
 /// One FMU by itself, with the options and the files of the Reference FMUs' fmusim.
 namespace cotwin::master {
@@ -49,7 +50,7 @@ class InputTable {
     std::vector<double> numbers;     // rows · elements
     std::vector<std::string> texts;  // of a string
   };
-  void read_cell(Column& column, std::string_view cell, const std::string& place) const;
+  void read_cell(Column& column, const csv::Reader& reader, std::size_t c) const;
   double at(const Column& column, std::size_t element, Time time, bool before) const;
 
   std::vector<Time> times_;

@@ -236,9 +236,9 @@ class Initialiser {
 
   /// The restless slots that lie on a circle of restless slots, ascending; the others only listen.
   std::vector<std::size_t> loop_among(const std::vector<std::size_t>& restless) const {
-    const auto is_restless = [&](std::size_t slot) {
-      return std::find(restless.begin(), restless.end(), slot) != restless.end();
-    };
+    std::vector<bool> among_restless(edges_.size());
+    for (const std::size_t slot : restless) among_restless[slot] = true;
+    const auto is_restless = [&](std::size_t slot) { return static_cast<bool>(among_restless[slot]); };
     Graph among(edges_.size());
     for (const std::size_t slot : restless)
       std::copy_if(edges_[slot].begin(), edges_[slot].end(), std::back_inserter(among[slot]), is_restless);

@@ -41,17 +41,17 @@ std::vector<std::string> names_of(const Variables& variables) {
 
 /// SSP gives the value of an enumeration by the name of its item, of which the FMU's own type knows the number.
 void number_items(Member& member, const fmu::ModelDescription& description) {
+  const fmu::DescriptionIndex index(description);
   for (ParameterValue& value : member.spec.start_values) {
     const auto* item_name = std::get_if<std::string>(&value.value);
     const Variable* variable = item_name != nullptr ? find_element(member.variables(), value.name).variable : nullptr;
     if (variable == nullptr || variable->kind() != Kind::kInteger) continue;
-    const auto declared = std::find_if(description.variables.begin(), description.variables.end(), [&](const fmu::Variable& v) {
-      return v.name == value.name || v.name == variable->name || v.name == variable->name + "[1]";
-    });
-    if (declared == description.variables.end() || declared->type != fmu::Type::kEnumeration) continue;
-    const auto type = std::find_if(description.types.begin(), description.types.end(),
-                                   [&](const fmu::TypeDefinition& t) { return t.name == declared->declared_type; });
-    if (type == description.types.end()) continue;
+    const fmu::Variable* declared = index.variable(value.name);
+    if (declared == nullptr) declared = index.variable(variable->name);
+    if (declared == nullptr) declared = index.variable(variable->name + "[1]");
+    if (declared == nullptr || declared->type != fmu::Type::kEnumeration) continue;
+    const fmu::TypeDefinition* const type = index.type(declared->declared_type);
+    if (type == nullptr) continue;
     const auto item = std::find_if(type->items.begin(), type->items.end(),
                                    [&](const fmu::EnumerationItem& i) { return i.name == *item_name; });
     if (item != type->items.end()) {

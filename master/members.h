@@ -3,6 +3,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <unordered_map>
 #include <vector>
 
 #include "components/unit/si.h"
@@ -46,6 +47,18 @@ Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::spa
                    std::vector<std::string>* settings_used = nullptr);
 void check_connector(const ConnectorSpec& connector, const Member& member, const Scenario& scenario);
 void check_settings(const Scenario& scenario, std::span<Member> members, const std::vector<std::string>& used);
+
+/// Finds signals by name, many of them; the members must not change meanwhile.
+class SignalIndex {
+ public:
+  explicit SignalIndex(std::span<const Member> members);
+  /// As find_signal below.
+  Signal find(std::string_view name, const std::string& place) const;
+
+ private:
+  std::span<const Member> members_;
+  std::unordered_map<std::string_view, std::size_t> by_name_;
+};
 
 /// The signal "component.variable" or "component.variable[element]". Throws Error at `place` if there is none, naming the
 /// closest.

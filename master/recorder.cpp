@@ -13,6 +13,8 @@
 #include <chrono>
 #include <cstdio>
 #include <cstring>
+#include <system_error>
+#include <unordered_map>
 
 #include "models/text/atomic_file.h"
 #include "models/text/error.h"
@@ -31,8 +33,8 @@ constexpr std::size_t kRoom = 28;                      // that a number needs
 
 bool has_wildcard(const std::string& pattern) { return pattern.find_first_of("*?") != std::string::npos; }
 
+/// Whether a pattern with a wildcard means the variable.
 bool wanted(const std::string& pattern, const std::string& name, const Variable& variable) {
-  if (!has_wildcard(pattern)) return pattern == name;
   return variable.role != Role::kParameter && variable.kind() != Kind::kString && glob(pattern, name);
 }
 
@@ -62,14 +64,23 @@ char* write_time(char* to, std::int64_t ns) {
 
 std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Member> members) {
   std::vector<bool> found(scenario.recording.size());
+  std::unordered_map<std::string_view, std::vector<std::size_t>> plain;  // without a wildcard, by name
+  std::vector<std::size_t> patterns;
+  for (std::size_t r = 0; r < scenario.recording.size(); ++r) {
+    const std::string& variables = scenario.recording[r].variables;
+    (has_wildcard(variables) ? patterns : plain[variables]).push_back(r);
+  }
   std::vector<Column> columns;
   const auto take = [&](const std::string& name, const Variable& variable) {
     bool any = false;
-    for (std::size_t r = 0; r < scenario.recording.size(); ++r) {
-      if (!wanted(scenario.recording[r].variables, name, variable)) continue;
+    const auto accept = [&](std::size_t r) {
       if (variable.kind() == Kind::kString)
         fail(scenario.recording[r].place, "'" + name + "' is a String, which cannot be recorded");
       found[r] = any = true;
+    };
+    if (const auto same = plain.find(name); same != plain.end()) std::ranges::for_each(same->second, accept);
+    for (const std::size_t r : patterns) {
+      if (wanted(scenario.recording[r].variables, name, variable)) accept(r);
     }
     return any;
   };

@@ -5,11 +5,13 @@
 #include <utility>
 
 #include "components/unit/settings.h"
+#include "components/unit/unit_table.h"
 #include "fmu/archive.h"
 #include "fmu/file_kind.h"
 #include "master/scenario_annotation.h"
 #include "master/ssp_flatten.h"
 #include "master/ssp_system.h"
+#include "master/ssp_uri.h"
 #include "models/text/error.h"
 #include "models/text/parameter_set_xml.h"
 #include "models/text/text.h"
@@ -45,8 +47,51 @@ void collect_nested(const ssp::Element& element, std::vector<const ssp::Element*
   for (const ssp::Element& e : element.elements) collect_nested(e, found);
 }
 
+/// The parts of a setting's or parameter's text that can be names of files: of a list `left:lwr4,right:panda.urdf` each.
+std::vector<std::string_view> possible_files(std::string_view text) {
+  std::vector<std::string_view> parts{text};
+  for (const std::string_view item : text::split(text, ',')) {
+    parts.push_back(text::trim(item));
+    if (const std::size_t colon = item.find(':'); colon != std::string_view::npos)
+      parts.push_back(text::trim(item.substr(colon + 1)));
+  }
+  return parts;
+}
+
+/// What a package says to units of this program must not name files outside of it.
+void check_inside(std::string_view text, const std::string& what, const std::string& place) {
+  for (const std::string_view part : possible_files(text)) {
+    const std::filesystem::path path = std::filesystem::path(part).lexically_normal();
+    if (path.is_absolute() || (!path.empty() && *path.begin() == ".."))
+      throw Error(place, what + ": '" + std::string(part) + "' leaves the package, expected a file in it");
+  }
+}
+
+void check_inside(const Scenario& scenario) {
+  for (const auto& [key, value] : scenario.settings) check_inside(value, "setting '" + key + "'", scenario.file.string());
+  for (const NestedSetting& nested : scenario.nested_settings) {
+    // What names a file beside a nested document is its absolute path already.
+    const std::filesystem::path path = std::filesystem::path(nested.value).lexically_relative(scenario.folder);
+    if (path.empty() || *path.begin() == "..") check_inside(nested.value, "setting '" + nested.name + "'", nested.place);
+  }
+  for (const ComponentSpec& component : scenario.components) {
+    if (ssp::scheme_of(component.source) != "unit") continue;
+    const std::string what = "component '" + component.name + "'";
+    const std::string query = parse_unit_source(component.source).query;
+    for (const std::string_view setting : text::split(query, '&')) {
+      const std::size_t value = std::min(setting.find('='), setting.size() - 1) + 1;
+      check_inside(ssp::percent_decoded(std::string(setting.substr(value)), component.place), what, component.place);
+    }
+    for (const ParameterValue& value : component.start_values) {
+      if (const auto* text = std::get_if<std::string>(&value.value))
+        check_inside(*text, what + ", parameter '" + value.name + "'", value.place);
+    }
+  }
+}
+
+/// `confined`: it came in a package, which `folder` is the root of.
 Scenario read(std::string_view text, const std::string& place, const std::filesystem::path& folder,
-              const std::filesystem::path& file) {
+              const std::filesystem::path& file, bool confined = false) {
   const xml::Element document = xml::parse(text, place);
   Scenario scenario;
   scenario.file = file;
@@ -70,7 +115,7 @@ Scenario read(std::string_view text, const std::string& place, const std::filesy
 
   ssp::UnitTable units;
   for (const UnitDefinition& d : read_unit_definitions(document, complain)) units.add(d);
-  const ssp::Element root = ssp::Reader(units, complain).read(document, folder, file);
+  const ssp::Element root = ssp::Reader(units, complain).read(document, folder, file, confined);
   ssp::flatten(root, units, scenario.ignore_unknown_parameters ? xml::Complaint(note) : complain, scenario);
   scenario.units = units.definitions();
   read_experiment(document, complain, scenario);
@@ -91,6 +136,7 @@ Scenario read(std::string_view text, const std::string& place, const std::filesy
     note(nested[i]->annotation->place, unused + " of the nested scenario '" + nested[i]->path +
                                            "' has no effect: the outer scenario's holds for the whole run");
   }
+  if (confined) check_inside(scenario);
   return scenario;
 }
 
@@ -153,7 +199,7 @@ Scenario load_package(const std::filesystem::path& package) {
   try {
     const std::filesystem::path file = unpacked->path() / "SystemStructure.ssd";
     if (!std::filesystem::is_regular_file(file)) throw Error(package.string(), "no SystemStructure.ssd in it, expected an SSP");
-    Scenario scenario = read(read_text_file(file, "a system structure (.ssd)"), file.string(), unpacked->path(), file);
+    Scenario scenario = read(read_text_file(file, "a system structure (.ssd)"), file.string(), unpacked->path(), file, true);
     for_each_text(scenario, name);
     scenario.file = package;
     scenario.unpacked = unpacked;
@@ -203,6 +249,22 @@ std::map<std::string, std::string> settings_for(const Scenario& scenario, std::s
       settings[nested.name] = nested.value;
   }
   return settings;
+}
+
+ComponentIndex::ComponentIndex(const Scenario& scenario) {
+  for (std::size_t i = 0; i < scenario.components.size(); ++i) by_name_.emplace(scenario.components[i].name, i);
+}
+
+std::optional<std::size_t> ComponentIndex::find(std::string_view name) const {
+  const auto found = by_name_.find(name);
+  return found == by_name_.end() ? std::nullopt : std::optional(found->second);
+}
+
+bool ComponentIndex::has_owner(std::string_view name) const {
+  for (std::size_t dot = name.find('.'); dot != std::string_view::npos; dot = name.find('.', dot + 1)) {
+    if (dot + 1 < name.size() && by_name_.contains(name.substr(0, dot))) return true;
+  }
+  return false;
 }
 
 std::optional<Port> split_name(const Scenario& scenario, std::string_view name) {

@@ -6,6 +6,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <unordered_map>
 #include <vector>
 
 #include "components/unit/si.h"
@@ -139,6 +140,18 @@ Scenario parse_scenario(std::string_view xml, const std::string& place, const st
 /// "cell.robot.drive.K[2]" as component and variable: of all components that the name starts with, the one with the longest
 /// name. The variable itself is not looked up. Nothing if there is no such component.
 std::optional<Port> split_name(const Scenario& scenario, std::string_view name);
+
+/// Finds components by name, many of them; their names must not change meanwhile.
+class ComponentIndex {
+ public:
+  explicit ComponentIndex(const Scenario& scenario);
+  std::optional<std::size_t> find(std::string_view name) const;
+  /// Whether split_name() of this name gives anything.
+  bool has_owner(std::string_view name) const;
+
+ private:
+  std::unordered_map<std::string_view, std::size_t> by_name_;
+};
 
 /// The source of a component, "unit:drive_train?robot=lwr4" or "plant.fmu?timeout=5", with the setting `key` at `value`.
 std::string with_setting(const std::string& source, const std::string& key, const std::string& value);

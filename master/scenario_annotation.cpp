@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 #include <utility>
 
 #include "master/ssp_system.h"
@@ -69,9 +70,9 @@ double not_negative(const xml::Element& e, const char* name, double fallback) {
 }
 
 /// The name of a variable of one of the components, as it stands.
-std::string variable(const xml::Element& e, const char* name, const Scenario& scenario) {
+std::string variable(const xml::Element& e, const char* name, const Scenario& scenario, const ComponentIndex& index) {
   const std::string& value = xml::text(e, name);
-  if (!split_name(scenario, value)) {
+  if (!index.has_owner(value)) {
     std::vector<std::string> candidates;
     const std::string tail = value.substr(value.rfind('.') + 1);
     for (const ComponentSpec& c : scenario.components) candidates.push_back(c.name + "." + tail);
@@ -80,19 +81,17 @@ std::string variable(const xml::Element& e, const char* name, const Scenario& sc
   return value;
 }
 
-void read_component(const xml::Element& e, Scenario& scenario, std::vector<std::string>& seen) {
+void read_component(const xml::Element& e, Scenario& scenario, const ComponentIndex& index, std::set<std::string>& seen) {
   xml::check_attributes(e, {"name", "stage", "period", "threads", "process"});
   const std::string& name = xml::text(e, "name");
-  const auto found =
-      std::find_if(scenario.components.begin(), scenario.components.end(), [&](const auto& c) { return c.name == name; });
-  if (found == scenario.components.end()) {
+  const std::optional<std::size_t> at = index.find(name);
+  if (!at) {
     std::vector<std::string> names;
     for (const ComponentSpec& c : scenario.components) names.push_back(c.name);
     throw Error(e.place, xml::unknown("a component", name, names));
   }
-  if (std::find(seen.begin(), seen.end(), name) != seen.end())
-    throw Error(e.place, "a second 'Component' of the name '" + name + "'");
-  seen.push_back(name);
+  if (!seen.insert(name).second) throw Error(e.place, "a second 'Component' of the name '" + name + "'");
+  ComponentSpec* const found = &scenario.components[*at];
   found->stage = bounded(e, "stage", found->stage, 0, 1'000'000);
   found->period = bounded(e, "period", found->period, 1, 1'000'000'000);
   found->threads = xml::boolean(e, "threads", found->threads);
@@ -109,11 +108,11 @@ void read_setting(const xml::Element& e, Scenario& scenario) {
   if (!scenario.settings.emplace(name, xml::text(e, "value")).second) throw Error(e.place, "a second setting '" + name + "'");
 }
 
-void read_event(const xml::Element& e, Scenario& scenario) {
+void read_event(const xml::Element& e, Scenario& scenario, const ComponentIndex& index) {
   xml::check_attributes(e, {"time", "variable", "value", "ramp"});
   const Duration ramp{xml::find(e, "ramp") != nullptr ? nanoseconds(e, "ramp", 0) : 0};
-  scenario.events.push_back(
-      {Time{nanoseconds(e, "time", -kMaxSeconds)}, variable(e, "variable", scenario), xml::text(e, "value"), ramp, e.place});
+  scenario.events.push_back({Time{nanoseconds(e, "time", -kMaxSeconds)}, variable(e, "variable", scenario, index),
+                             xml::text(e, "value"), ramp, e.place});
 }
 
 void read_recording(const xml::Element& e, Scenario& scenario) {
@@ -137,11 +136,11 @@ void read_recording(const xml::Element& e, Scenario& scenario) {
   scenario.all_outputs = xml::boolean(e, "outputs", false);
 }
 
-void read_comparison(const xml::Element& e, Scenario& scenario) {
+void read_comparison(const xml::Element& e, Scenario& scenario, const ComponentIndex& index) {
   xml::check_attributes(e, {"name", "a", "b", "segments", "from", "to"});
   ComparisonSpec c{xml::text(e, "name"),
-                   variable(e, "a", scenario),
-                   variable(e, "b", scenario),
+                   variable(e, "a", scenario, index),
+                   variable(e, "b", scenario, index),
                    bounded(e, "segments", 8, 1, 1'000),
                    std::nullopt,
                    std::nullopt,
@@ -152,19 +151,19 @@ void read_comparison(const xml::Element& e, Scenario& scenario) {
   scenario.comparisons.push_back(std::move(c));
 }
 
-void read_bond(const xml::Element& e, Scenario& scenario) {
+void read_bond(const xml::Element& e, Scenario& scenario, const ComponentIndex& index) {
   xml::check_attributes(e, {"name", "effortA", "flowA", "effortB", "flowB", "tolerance"});
-  scenario.bonds.push_back({xml::text(e, "name"), variable(e, "effortA", scenario), variable(e, "flowA", scenario),
-                            variable(e, "effortB", scenario), variable(e, "flowB", scenario), not_negative(e, "tolerance", 0),
-                            e.place});
+  scenario.bonds.push_back({xml::text(e, "name"), variable(e, "effortA", scenario, index),
+                            variable(e, "flowA", scenario, index), variable(e, "effortB", scenario, index),
+                            variable(e, "flowB", scenario, index), not_negative(e, "tolerance", 0), e.place});
 }
 
-void read_report(const xml::Element& e, Scenario& scenario) {
+void read_report(const xml::Element& e, Scenario& scenario, const ComponentIndex& index) {
   xml::check_attributes(e, {"name", "kind", "a", "b"});
   ReportSpec r{xml::text(e, "name", ""), xml::choice(e, "kind", {"signal", "difference", "energy"}, "signal"),
-               variable(e, "a", scenario), "", e.place};
+               variable(e, "a", scenario, index), "", e.place};
   if (r.kind != "signal") {
-    r.b = variable(e, "b", scenario);
+    r.b = variable(e, "b", scenario, index);
   } else if (xml::find(e, "b") != nullptr) {
     throw Error(e.place, "a report of kind 'signal' has no 'b'");
   }
@@ -219,15 +218,16 @@ void read_annotation(const xml::Element& master, Scenario& scenario) {
   scenario.tolerance = not_negative(master, "tolerance", 0);
   scenario.ignore_unknown_parameters = xml::choice(master, "unknownParameters", {"error", "ignore"}, "error") == "ignore";
 
-  std::vector<std::string> components;
+  const ComponentIndex index(scenario);
+  std::set<std::string> components;
   bool recording = false;
   for (const xml::Element& c : master.children) {
     if (c.name == "Setting") read_setting(c, scenario);
-    if (c.name == "Component") read_component(c, scenario, components);
-    if (c.name == "Event") read_event(c, scenario);
-    if (c.name == "Comparison") read_comparison(c, scenario);
-    if (c.name == "Report") read_report(c, scenario);
-    if (c.name == "Bond") read_bond(c, scenario);
+    if (c.name == "Component") read_component(c, scenario, index, components);
+    if (c.name == "Event") read_event(c, scenario, index);
+    if (c.name == "Comparison") read_comparison(c, scenario, index);
+    if (c.name == "Report") read_report(c, scenario, index);
+    if (c.name == "Bond") read_bond(c, scenario, index);
     if (c.name == "Recording") {
       if (std::exchange(recording, true)) throw Error(c.place, "a second 'Recording'");
       read_recording(c, scenario);

@@ -37,28 +37,32 @@ std::string element_name(const std::string& member, const Variable& variable, st
   return variable.size() == 1 ? name : name + "[" + std::to_string(element + 1) + "]";
 }
 
-Signal find_signal(std::span<const Member> members, std::string_view name, const std::string& place) {
+namespace {
+
+/// `member_called`: the index of the member of a name, or the number of members.
+template <class MemberCalled>
+Signal find_with(std::span<const Member> members, std::string_view name, const std::string& place,
+                 const MemberCalled& member_called) {
   // Names of nested components contain dots, and so may those of foreign variables: every dot may be the one between them.
   const Member* with_name = nullptr;
   for (std::size_t dot = name.find('.'); dot != std::string_view::npos; dot = name.find('.', dot + 1)) {
-    for (std::size_t m = 0; m < members.size(); ++m) {
-      if (members[m].name() != name.substr(0, dot)) continue;
-      with_name = &members[m];
-      FoundElement found;
-      try {
-        found = find_element(with_name->variables(), name.substr(dot + 1));
-      } catch (const Error& error) {
-        fail(place, error.what());
-      }
-      if (!found.variable) continue;
-      if (found.element < 0) return {m, found.variable, 0, found.variable->size(), std::string(name)};
-      const auto element = static_cast<std::size_t>(found.element);
-      if (element >= found.variable->size()) {
-        fail(place,
-             in_quotes(name) + ": " + found.variable->name + " has " + std::to_string(found.variable->size()) + " elements");
-      }
-      return {m, found.variable, element, 1, std::string(name)};
+    const std::size_t m = member_called(name.substr(0, dot));
+    if (m == members.size()) continue;
+    with_name = &members[m];
+    FoundElement found;
+    try {
+      found = find_element(with_name->variables(), name.substr(dot + 1));
+    } catch (const Error& error) {
+      fail(place, error.what());
     }
+    if (!found.variable) continue;
+    if (found.element < 0) return {m, found.variable, 0, found.variable->size(), std::string(name)};
+    const auto element = static_cast<std::size_t>(found.element);
+    if (element >= found.variable->size()) {
+      fail(place,
+           in_quotes(name) + ": " + found.variable->name + " has " + std::to_string(found.variable->size()) + " elements");
+    }
+    return {m, found.variable, element, 1, std::string(name)};
   }
   std::vector<std::string> candidates;
   for (const Member& member : members) {
@@ -67,6 +71,26 @@ Signal find_signal(std::span<const Member> members, std::string_view name, const
   fail(place,
        (with_name ? "component " + in_quotes(with_name->name()) + " has no variable " : std::string("there is no variable ")) +
            in_quotes(name) + suggestion(name, candidates));
+}
+
+}  // namespace
+
+SignalIndex::SignalIndex(std::span<const Member> members) : members_(members) {
+  for (std::size_t m = 0; m < members.size(); ++m) by_name_.emplace(members[m].name(), m);
+}
+
+Signal SignalIndex::find(std::string_view name, const std::string& place) const {
+  return find_with(members_, name, place, [&](std::string_view member) {
+    const auto found = by_name_.find(member);
+    return found == by_name_.end() ? members_.size() : found->second;
+  });
+}
+
+Signal find_signal(std::span<const Member> members, std::string_view name, const std::string& place) {
+  return find_with(members, name, place, [&](std::string_view member) {
+    const auto found = std::ranges::find(members, member, [](const Member& m) -> const std::string& { return m.name(); });
+    return static_cast<std::size_t>(found - members.begin());
+  });
 }
 
 Signal find_real_signal(std::span<const Member> members, std::string_view name, const std::string& place) {

@@ -71,7 +71,8 @@ void Reader::bindings(Element& element, const xml::Element& list, const Document
         throw Error(inlined->place, "'ParameterValues' without 'ParameterSet' of '" + std::string(kSsv) + "'");
       set = read_parameter_set(*root, complain_);
       // Inside a system structure its definitions hold as well.
-      set.units.insert(set.units.end(), document.units.begin(), document.units.end());
+      const std::vector<UnitDefinition>& outer = document.units.list();
+      set.units.insert(set.units.end(), outer.begin(), outer.end());
     } else {
       const std::filesystem::path file = resolve(binding, source, document);
       set = read_parameter_set(xml::parse(read_text_file(file, "a parameter set (.ssv)"), file.string()), complain_);
@@ -89,11 +90,12 @@ std::vector<Assignment> Reader::mapped(const ParameterSet& set, const std::strin
                                        const Document& document) {
   std::vector<Assignment> values;
   std::map<std::string, std::size_t> by_name;
+  const UnitDefinitions units(set.units);
   for (const ParameterValue& v : set.values) {
     by_name.emplace(prefix + v.name, values.size());
     values.push_back({v, {}});
     values.back().value.name = prefix + v.name;
-    if (!v.unit.empty()) values.back().value.unit = units_.intern(set.units, v.unit, v.place);
+    if (!v.unit.empty()) values.back().value.unit = units_.intern(units, v.unit, v.place);
   }
   if (mapping == nullptr) return values;
 

@@ -79,9 +79,8 @@ class Flattener {
       inside.pass(t, own->unit, false, a.value.place);
       for (const auto& [port, way] : graph_.fed_by(e, own->name, inside)) store(port.component, port.variable, a, way);
     }
-    for (const Element& c : e.elements) {
-      const bool within = name.size() > c.name.size() && name.substr(0, c.name.size()) == c.name && name[c.name.size()] == '.';
-      if (within) found += assign(c, name.substr(c.name.size() + 1), a, path, t);
+    for (std::size_t dot = name.find('.'); dot != std::string_view::npos; dot = name.find('.', dot + 1)) {
+      if (const Element* c = e.element(name.substr(0, dot))) found += assign(*c, name.substr(dot + 1), a, path, t);
     }
     return found;
   }

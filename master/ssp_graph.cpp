@@ -102,12 +102,12 @@ std::size_t Graph::node(const End& e, Flow use, const std::vector<const Element*
 // have another unit of measure.
 std::size_t Graph::dictionary_node(const End& e, Flow use, const std::vector<const Element*>& scopes) {
   const auto [holder, dictionary] = find_dictionary(*e.owner, scopes);
-  const auto entry = std::find_if(dictionary->entries.begin(), dictionary->entries.end(),
-                                  [&](const Connector& c) { return c.name == e.name; });
-  if (entry == dictionary->entries.end()) {
+  const auto found = dictionary->index.find(e.name);
+  if (found == dictionary->index.end()) {
     throw Error(e.connector->place, xml::unknown("an entry of signal dictionary '" + dictionary->name + "'", e.name,
                                                  names_of(dictionary->entries)));
   }
+  const Connector* const entry = &dictionary->entries[found->second];
   const std::string path = joined(holder->path, dictionary->name);
   const auto [shared, shared_is_new] = make_node("dictionary " + path, e.name, joined(path, e.name));
   if (shared_is_new) nodes_[shared].unit = entry->unit;

@@ -49,9 +49,13 @@ void check_version(const xml::Element& root, const std::string& format, const xm
 }
 
 const Connector* Element::find(std::string_view connector) const {
-  const auto found =
-      std::find_if(connectors.begin(), connectors.end(), [&](const Connector& c) { return c.name == connector; });
-  return found == connectors.end() ? nullptr : &*found;
+  const auto found = connector_index.find(connector);
+  return found == connector_index.end() ? nullptr : &connectors[found->second];
+}
+
+const Element* Element::element(std::string_view wanted) const {
+  const auto found = element_index.find(wanted);
+  return found == element_index.end() ? nullptr : &elements[found->second];
 }
 
 Transformation read_transformation(const xml::Element& element, const xml::Complaint& complain) {
@@ -73,8 +77,10 @@ Transformation read_transformation(const xml::Element& element, const xml::Compl
   return t;
 }
 
-Element Reader::read(const xml::Element& document, const std::filesystem::path& folder, const std::filesystem::path& file) {
+Element Reader::read(const xml::Element& document, const std::filesystem::path& folder, const std::filesystem::path& file,
+                     bool confined) {
   folder_ = folder;
+  confined_ = confined;
   if (!file.empty()) open_.push_back(std::filesystem::weakly_canonical(file).string());
   Element root = read_root(document, folder, "");
   if (!file.empty()) open_.pop_back();
@@ -91,7 +97,7 @@ Element Reader::read_root(const xml::Element& root, const std::filesystem::path&
   xml::check_children(root, kSsd, {"System", "Enumerations", "Units", "DefaultExperiment", "Annotations"}, complain_);
   const xml::Element* top = xml::child(root, kSsd, "System");
   if (top == nullptr) throw Error(root.place, "'SystemStructureDescription' without 'System'");
-  Document document{&root, folder, read_unit_definitions(root, complain_), {}};
+  Document document{&root, folder, UnitDefinitions(read_unit_definitions(root, complain_)), {}};
   collect_ids(root, document.ids);
   return system(*top, document, path);
 }
@@ -113,7 +119,6 @@ Element Reader::system(const xml::Element& source, const Document& document, con
   if (const xml::Element* list = xml::child(source, kSsd, "SignalDictionaries")) e.dictionaries = dictionaries(*list, document);
   if (const xml::Element* list = xml::child(source, kSsd, "Elements")) {
     xml::check_children(*list, kSsd, {"Component", "System", "SignalDictionaryReference"}, complain_);
-    std::set<std::string> names;
     for (const xml::Element& c : list->children) {
       if (c.space != kSsd) continue;
       const std::string child_path = joined(path, xml::text(c, "name"));
@@ -127,7 +132,8 @@ Element Reader::system(const xml::Element& source, const Document& document, con
         continue;
       }
       const std::string& name = e.elements.back().name;
-      if (!names.insert(name).second) throw Error(c.place, "a second element '" + name + "' in system '" + e.name + "'");
+      if (!e.element_index.emplace(name, e.elements.size() - 1).second)
+        throw Error(c.place, "a second element '" + name + "' in system '" + e.name + "'");
     }
   }
   if (const xml::Element* list = xml::child(source, kSsd, "Connections")) e.connections = connections(*list);
@@ -151,6 +157,7 @@ Element Reader::component(const xml::Element& source, const Document& document, 
   }
   if (scheme_of(e.source) != "unit") {
     const std::filesystem::path file = uri_path(e.source, e.place);
+    check_inside(file.is_absolute() ? file : document.folder / file, e.source, e.place);
     e.source =
         (file.is_absolute() ? file : (document.folder.lexically_relative(folder_) / file).lexically_normal()).generic_string();
   }
@@ -206,6 +213,7 @@ void Reader::read_common(Element& e, const xml::Element& source, const Document&
   if (const xml::Element* list = xml::child(source, kSsd, "Connectors")) {
     xml::check_children(*list, kSsd, {"Connector"}, complain_);
     e.connectors = connectors(*list, "Connector", kSsd, document);
+    for (std::size_t i = 0; i < e.connectors.size(); ++i) e.connector_index.emplace(e.connectors[i].name, i);
   }
   if (const xml::Element* list = xml::child(source, kSsd, "ParameterBindings")) bindings(e, *list, document);
 }
@@ -263,11 +271,12 @@ std::vector<Connection> Reader::connections(const xml::Element& list) {
 
 std::vector<Dictionary> Reader::dictionaries(const xml::Element& list, const Document& document) {
   std::vector<Dictionary> result;
+  std::set<std::string> names;
   xml::check_children(list, kSsd, {"SignalDictionary"}, complain_);
   for (const xml::Element& c : list.children) {
     if (c.space != kSsd || c.name != "SignalDictionary") continue;
     xml::check_attributes(c, with_base({"name", "type", "source"}), complain_);
-    Dictionary d{xml::text(c, "name"), {}, c.place};
+    Dictionary d{xml::text(c, "name"), {}, c.place, {}};
     const std::string source = xml::text(c, "source", "");
     xml::Element loaded;
     const xml::Element* root = xml::child(c, kSsb, "SignalDictionary");
@@ -282,11 +291,11 @@ std::vector<Dictionary> Reader::dictionaries(const xml::Element& list, const Doc
     }
     check_version(*root, "SSB", complain_);
     xml::check_children(*root, kSsb, {"DictionaryEntry", "Enumerations", "Units", "Annotations"}, complain_);
-    const Document own{root, document.folder, source.empty() ? document.units : read_unit_definitions(*root, complain_), {}};
+    const Document own{
+        root, document.folder, source.empty() ? document.units : UnitDefinitions(read_unit_definitions(*root, complain_)), {}};
     d.entries = connectors(*root, "DictionaryEntry", kSsb, own);
-    for (const Dictionary& other : result) {
-      if (other.name == d.name) throw Error(c.place, "a second signal dictionary '" + d.name + "'");
-    }
+    for (std::size_t i = 0; i < d.entries.size(); ++i) d.index.emplace(d.entries[i].name, i);
+    if (!names.insert(d.name).second) throw Error(c.place, "a second signal dictionary '" + d.name + "'");
     result.push_back(std::move(d));
   }
   return result;
@@ -298,10 +307,19 @@ std::filesystem::path Reader::resolve(const xml::Element& element, const std::st
                 "'" + source + "' lies inside the component (sourceBase), expected a file beside the system structure");
   }
   const std::filesystem::path path = document.folder / uri_path(source, element.place);
+  check_inside(path, source, element.place);
   std::error_code ignored;
   if (!std::filesystem::is_regular_file(path, ignored))
     throw Error(element.place, "'" + source + "' is not a file: looked for " + path.string());
   return path.lexically_normal();
+}
+
+// An unpacked archive has no links, so that the names alone decide.
+void Reader::check_inside(const std::filesystem::path& path, const std::string& source, const std::string& place) const {
+  if (!confined_) return;
+  const std::filesystem::path from_root = path.lexically_normal().lexically_relative(folder_.lexically_normal());
+  if (from_root.empty() || *from_root.begin() == "..")
+    throw Error(place, "'" + source + "' leaves the package, expected a file in it");
 }
 
 }  // namespace cotwin::master::ssp

@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <string>
@@ -49,6 +50,7 @@ struct Dictionary {
   std::string name;
   std::vector<Connector> entries;
   std::string place;
+  std::map<std::string, std::size_t, std::less<>> index;  // of the entries, by name
 };
 
 struct Element {
@@ -66,8 +68,10 @@ struct Element {
   std::string dictionary;                          // of a reference
   std::shared_ptr<const xml::Element> annotation;  // cotwin:Master of a system that is another document, which has one
   std::filesystem::path folder;                    // of that document
+  std::map<std::string, std::size_t, std::less<>> connector_index, element_index;  // by name
 
   const Connector* find(std::string_view connector) const;
+  const Element* element(std::string_view name) const;
 };
 
 /// Reads SSD documents into trees. One reader serves one scenario with all the files it refers to.
@@ -76,15 +80,16 @@ class Reader {
   Reader(UnitTable& units, xml::Complaint complain) : units_(units), complain_(std::move(complain)) {}
 
   /// The root system of a document whose relative references start in `folder`; `file`, if not empty, is where it was read
-  /// from. Throws Error for a document that is not SSD 1.x, doubled names, references to missing files, files that contain
-  /// themselves.
-  Element read(const xml::Element& document, const std::filesystem::path& folder, const std::filesystem::path& file);
+  /// from. Where it is `confined`, as what came in a package is, nothing that it refers to may lie outside of `folder`. Throws
+  /// Error for a document that is not SSD 1.x, doubled names, references to missing files, files that contain themselves.
+  Element read(const xml::Element& document, const std::filesystem::path& folder, const std::filesystem::path& file,
+               bool confined = false);
 
  private:
   struct Document {
     const xml::Element* root;
     std::filesystem::path folder;
-    std::vector<UnitDefinition> units;
+    UnitDefinitions units;
     std::map<std::string, const xml::Element*> ids;  // of its systems
   };
 
@@ -103,11 +108,13 @@ class Reader {
                                  const Document& document);
   std::vector<Dictionary> dictionaries(const xml::Element& list, const Document& document);
   std::filesystem::path resolve(const xml::Element& element, const std::string& source, const Document& document) const;
+  void check_inside(const std::filesystem::path& path, const std::string& source, const std::string& place) const;
   void count(const std::string& place);
 
   UnitTable& units_;
   xml::Complaint complain_;
-  std::filesystem::path folder_;   // of the root document: sources of components are relative to it
+  std::filesystem::path folder_;  // of the root document: sources of components are relative to it
+  bool confined_ = false;
   std::vector<std::string> open_;  // files and embedded systems being read, to find one that contains itself
   std::size_t elements_ = 0, assignments_ = 0;
 };

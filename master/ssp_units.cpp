@@ -19,12 +19,19 @@ bool means_otherwise(const UnitDefinition& definition) {
 
 }  // namespace
 
-std::string UnitTable::intern(const std::vector<UnitDefinition>& local, const std::string& name, const std::string& place) {
-  const auto named = [&](const std::string& n) { return [&n](const UnitDefinition& d) { return d.name == n; }; };
-  const auto definition = std::find_if(local.begin(), local.end(), named(name));
-  const auto known = std::find_if(definitions_.begin(), definitions_.end(), named(name));
-  if (definition == local.end()) {
-    if (known != definitions_.end()) return name;
+void UnitTable::keep(const UnitDefinition& definition) {
+  definitions_.add(definition);
+  if (definition.offset == 0) return;
+  const si::Measure measure = si::from(definition);
+  if (std::none_of(with_offset_.begin(), with_offset_.end(), [&](const si::Measure& m) { return si::convertible(m, measure); }))
+    with_offset_.push_back(measure);
+}
+
+std::string UnitTable::intern(const UnitDefinitions& local, const std::string& name, const std::string& place) {
+  const UnitDefinition* const definition = local.find(name);
+  const UnitDefinition* const known = definitions_.find(name);
+  if (definition == nullptr) {
+    if (known != nullptr) return name;
     try {
       si::parse(name);
     } catch (const Error& error) {
@@ -32,29 +39,27 @@ std::string UnitTable::intern(const std::vector<UnitDefinition>& local, const st
     }
     return name;
   }
-  if (known != definitions_.end() && si::from(*known) == si::from(*definition)) return name;
-  if (known == definitions_.end() && !means_otherwise(*definition)) {
-    definitions_.push_back(*definition);
+  if (known != nullptr && si::from(*known) == si::from(*definition)) return name;
+  if (known == nullptr && !means_otherwise(*definition)) {
+    keep(*definition);
     return name;
   }
   UnitDefinition own = *definition;
   own.name += " (" + place.substr(0, place.rfind(':')) + ")";
-  if (std::none_of(definitions_.begin(), definitions_.end(), named(own.name))) definitions_.push_back(own);
+  keep(own);
   return own.name;
 }
 
 si::Measure UnitTable::measure(const std::string& name) const {
-  for (const UnitDefinition& d : definitions_) {
-    if (d.name == name) return si::from(d);
-  }
-  return si::parse(name);
+  const UnitDefinition* const definition = definitions_.find(name);
+  return definition != nullptr ? si::from(*definition) : si::parse(name);
 }
 
 bool UnitTable::has_offsets(const std::string& name) const {
   const si::Measure m = measure(name);
   return si::convertible(m, si::parse("degC")) ||
-         std::any_of(definitions_.begin(), definitions_.end(),
-                     [&](const UnitDefinition& d) { return d.offset != 0 && si::convertible(m, si::from(d)); });
+         std::any_of(with_offset_.begin(), with_offset_.end(),
+                     [&](const si::Measure& other) { return si::convertible(m, other); });
 }
 
 }  // namespace cotwin::master::ssp

@@ -18,6 +18,25 @@ std::string scheme_of(const std::string& reference) {
   return std::all_of(scheme.begin(), scheme.end(), valid) ? scheme : "";
 }
 
+std::string percent_decoded(const std::string& text, const std::string& place) {
+  std::string out;
+  for (std::size_t i = 0; i < text.size(); ++i) {
+    if (text[i] != '%') {
+      out += text[i];
+      continue;
+    }
+    unsigned code = 0;
+    const char* begin = text.data() + i + 1;
+    const char* end = text.data() + std::min(i + 3, text.size());
+    if (std::from_chars(begin, end, code, 16).ptr != begin + 2 || code == 0) {
+      throw Error(place, "'" + text + "': malformed escape '%'");
+    }
+    out += static_cast<char>(code);
+    i += 2;
+  }
+  return out;
+}
+
 std::filesystem::path uri_path(const std::string& reference, const std::string& place) {
   const std::string scheme = scheme_of(reference);
   std::string rest = reference;
@@ -34,21 +53,7 @@ std::filesystem::path uri_path(const std::string& reference, const std::string& 
   } else if (!scheme.empty()) {
     throw Error(place, "'" + reference + "': scheme '" + scheme + "' is not supported, expected a path");
   }
-  std::string path;
-  for (std::size_t i = 0; i < rest.size(); ++i) {
-    if (rest[i] != '%') {
-      path += rest[i];
-      continue;
-    }
-    unsigned code = 0;
-    const char* begin = rest.data() + i + 1;
-    const char* end = rest.data() + std::min(i + 3, rest.size());
-    if (std::from_chars(begin, end, code, 16).ptr != begin + 2 || code == 0) {
-      throw Error(place, "'" + reference + "': malformed escape '%'");
-    }
-    path += static_cast<char>(code);
-    i += 2;
-  }
+  std::string path = percent_decoded(rest, place);
   if (path.empty()) throw Error(place, "'" + reference + "' names no file");
   return path;
 }

@@ -36,9 +36,11 @@ void Checkpoint::write(fmu::ByteWriter& out) const {
     out.value(p.last_step.ns);
   }
   out.value(static_cast<std::uint64_t>(events_.next));
-  out.value(static_cast<std::uint64_t>(events_.begins.size()));
-  for (const double begin : events_.begins) out.value(begin);
-  for (const std::uint8_t active : events_.active) out.value(active);
+  out.value(static_cast<std::uint64_t>(events_.ramps.size()));
+  for (const Events::Ramp& ramp : events_.ramps) {
+    out.value(static_cast<std::uint64_t>(ramp.change));
+    out.value(ramp.begin);
+  }
 }
 
 void Checkpoint::read(fmu::ByteReader& in, std::span<const Member> members, const Schedule& schedule, const Events& events) {
@@ -56,11 +58,12 @@ void Checkpoint::read(fmu::ByteReader& in, std::span<const Member> members, cons
     progress_.push_back({time, last});
   }
   events_.next = static_cast<std::size_t>(in.value<std::uint64_t>());
-  const std::size_t n = in.count(sizeof(double) + 1);
-  events_.begins.resize(n);
-  events_.active.resize(n);
-  for (double& begin : events_.begins) begin = in.value<double>();
-  for (std::uint8_t& active : events_.active) active = in.value<std::uint8_t>();
+  const std::size_t n = in.count(16);
+  events_.ramps.resize(n);
+  for (Events::Ramp& ramp : events_.ramps) {
+    ramp.change = static_cast<std::size_t>(in.value<std::uint64_t>());
+    ramp.begin = in.value<double>();
+  }
   if (!events.fits(events_)) in.fail("is amid other events");
 }
 

@@ -198,8 +198,11 @@ void Twin::save_memory(std::string& bytes) {
   Events::Bookmark events;
   engine_->events.mark(events);
   out.value(static_cast<std::uint64_t>(events.next));
-  for (const double begin : events.begins) out.value(begin);
-  for (const std::uint8_t active : events.active) out.value(active);
+  out.value(static_cast<std::uint64_t>(events.ramps.size()));
+  for (const Events::Ramp& ramp : events.ramps) {
+    out.value(static_cast<std::uint64_t>(ramp.change));
+    out.value(ramp.begin);
+  }
   for (const Member& member : members_) {
     std::string memory;
     member.instance.unit->save_memory(memory);
@@ -216,12 +219,13 @@ void Twin::restore_memory(const std::string& bytes) {
     slot.last_step.ns = in.value<std::int64_t>();
   }
   Events::Bookmark events;
-  engine_->events.mark(events);  // as long as they must be
-  const auto next = in.value<std::uint64_t>();
-  if (next > events.begins.size()) in.fail("is damaged: it has more events than the scenario");
-  events.next = static_cast<std::size_t>(next);
-  for (double& begin : events.begins) begin = in.value<double>();
-  for (std::uint8_t& active : events.active) active = in.value<std::uint8_t>();
+  events.next = static_cast<std::size_t>(in.value<std::uint64_t>());
+  events.ramps.resize(in.count(sizeof(std::uint64_t) + sizeof(double)));
+  for (Events::Ramp& ramp : events.ramps) {
+    ramp.change = static_cast<std::size_t>(in.value<std::uint64_t>());
+    ramp.begin = in.value<double>();
+  }
+  if (!engine_->events.fits(events)) in.fail("is damaged: its events are not those of the scenario");
   for (const Member& member : members_) member.instance.unit->restore_memory(in.text());
   in.expect_end();
   engine_->events.back_to(events);

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <bit>
 #include <map>
-
-#include "models/text/error.h"
+#include <optional>
+#include <unordered_map>
 
 namespace cotwin::master {
 
@@ -14,37 +14,73 @@ si::Conversion then(const si::Conversion& first, const si::Conversion& second) {
   return {second.factor * first.factor, second.factor * first.offset + second.offset};
 }
 
-/// From values in `from` to values in `to`, names of measures; "" means unknown, and then nothing is converted.
-si::Conversion convert(const Scenario& scenario, const std::string& from, const std::string& to, const std::string& place,
-                       const std::string& what) {
-  if (from.empty() || to.empty() || from == to) return {};
-  const si::Measure a = measure(scenario, from), b = measure(scenario, to);
-  if (!si::convertible(a, b)) fail(place, what + ": " + from + " cannot feed " + to);
-  return si::conversion(a, b);
-}
+/// What many connections are resolved with.
+class Resolver {
+ public:
+  Resolver(const Scenario& scenario, std::span<const Member> members) : members_(members), signals_(members) {
+    for (const UnitDefinition& unit : scenario.units) units_.emplace(unit.name, &unit);
+    derivatives_.resize(members.size());
+  }
+
+  Link resolve(const ConnectionSpec& connection);
+
+ private:
+  si::Measure measure(const std::string& name) const {
+    const auto found = units_.find(name);
+    return found != units_.end() ? si::from(*found->second) : si::parse(name);
+  }
+
+  /// From values in `from` to values in `to`, names of measures; "" means unknown, and then nothing is converted.
+  si::Conversion convert(const std::string& from, const std::string& to, const std::string& place,
+                         const std::string& what) const {
+    if (from.empty() || to.empty() || from == to) return {};
+    const si::Measure a = measure(from), b = measure(to);
+    if (!si::convertible(a, b)) fail(place, what + ": " + from + " cannot feed " + to);
+    return si::conversion(a, b);
+  }
+
+  /// The variable of the same member that is the time derivative of `signal`, nullptr if there is none.
+  const Variable* derivative_of(const Signal& signal) {
+    std::optional<ByName>& known = derivatives_[signal.member];
+    if (!known) {
+      known.emplace();
+      for (const Variable& v : members_[signal.member].variables()) {
+        if (!v.derivative_of.empty()) known->insert_or_assign(v.derivative_of, &v);
+      }
+    }
+    const auto found = known->find(signal.variable->name);
+    return found == known->end() ? nullptr : found->second;
+  }
+
+  using ByName = std::unordered_map<std::string_view, const Variable*>;
+  std::span<const Member> members_;
+  SignalIndex signals_;
+  std::unordered_map<std::string_view, const UnitDefinition*> units_;
+  std::vector<std::optional<ByName>>
+      derivatives_;  // of each member, what is the derivative of a name; made when first asked for
+};
 
 std::string measure_at(const Port& port, const Variable& variable) { return port.unit.empty() ? variable.si : port.unit; }
 
-Link resolve(const ConnectionSpec& connection, const Scenario& scenario, std::span<const Member> members) {
+Link Resolver::resolve(const ConnectionSpec& connection) {
   const std::string from_name = connection.from.component + "." + connection.from.variable;
   const std::string to_name = connection.to.component + "." + connection.to.variable;
   const std::string what = from_name + " -> " + to_name;
   const std::string& place = connection.place;
 
-  Link link{find_signal(members, from_name, place), find_signal(members, to_name, place), 1, 0, false, {}};
+  Link link{signals_.find(from_name, place), signals_.find(to_name, place), 1, 0, false, {}};
   const Variable &from = *link.from.variable, &to = *link.to.variable;
   const bool plain = connection.factor == 1 && connection.offset == 0;
   if (plain && from.role == Role::kInput && to.role == Role::kOutput) {
     // A connection joins two connectors. Where the system does not list them, the components say which of them is the source.
     ConnectionSpec other = connection;
     std::swap(other.from, other.to);
-    return resolve(other, scenario, members);
+    return resolve(other);
   }
   if (from.role != Role::kOutput)
     fail(place, what + ": " + from_name + " is " + with_article(from.role) + ", expected an output");
-  for (const Variable& v : members[link.from.member].variables()) {
-    if (v.derivative_of == from.name) link.derivative = v.reals().subspan(link.from.first, link.from.count);
-  }
+  if (const Variable* slope = derivative_of(link.from))
+    link.derivative = slope->reals().subspan(link.from.first, link.from.count);
   link.initial = to.role == Role::kParameter;
   if (to.role != Role::kInput && to.role != Role::kTunable && !link.initial) {
     fail(place, what + ": " + to_name + " is " + with_article(to.role) + ", expected an input or a parameter");
@@ -58,10 +94,10 @@ Link resolve(const ConnectionSpec& connection, const Scenario& scenario, std::sp
 
   if (to.kind() == Kind::kReal) {
     const std::string from_si = measure_at(connection.from, from), to_si = measure_at(connection.to, to);
-    si::Conversion total = convert(scenario, from.si, from_si, place, what);
-    if (!connection.suppress_unit_conversion) total = then(total, convert(scenario, from_si, to_si, place, what));
+    si::Conversion total = convert(from.si, from_si, place, what);
+    if (!connection.suppress_unit_conversion) total = then(total, convert(from_si, to_si, place, what));
     total = then(total, {connection.factor, connection.offset});
-    total = then(total, convert(scenario, to_si, to.si, place, what));
+    total = then(total, convert(to_si, to.si, place, what));
     link.factor = total.factor;
     link.offset = total.offset;
   } else if (connection.factor != 1 || connection.offset != 0) {
@@ -85,19 +121,29 @@ bool same_bits(double a, double b) { return std::bit_cast<std::uint64_t>(a) == s
 
 }  // namespace
 
-std::vector<Link> resolve_links(const Scenario& scenario, std::span<const Member> members) {
+std::vector<Link> resolve_links(const Scenario& scenario, std::span<const Member> members, const ComplainOfLink& complain) {
+  Resolver resolver(scenario, members);
   std::vector<Link> links;
-  std::map<std::pair<const Variable*, std::size_t>, std::size_t> fed;  // by the connection of that index
+  links.reserve(scenario.connections.size());
+  std::vector<const ConnectionSpec*> specs;                            // of the links
+  std::map<std::pair<const Variable*, std::size_t>, std::size_t> fed;  // by the link of that index
   for (const ConnectionSpec& connection : scenario.connections) {
-    links.push_back(resolve(connection, scenario, members));
-    const Signal& to = links.back().to;
-    for (std::size_t e = to.first; e < to.first + to.count; ++e) {
-      const auto [earlier, is_first] = fed.emplace(std::pair{to.variable, e}, links.size() - 1);
-      if (is_first) continue;
-      const std::string& place = scenario.connections[earlier->second].place;
-      fail(connection.place, links.back().from.name + " -> " + to.name + ": the input " +
-                                 element_name(members[to.member].name(), *to.variable, e) + " is already fed by " +
-                                 links[earlier->second].from.name + (place.empty() ? "" : " (" + place + ")"));
+    try {
+      Link link = resolver.resolve(connection);
+      const Signal& to = link.to;
+      for (std::size_t e = to.first; e < to.first + to.count; ++e) {
+        const auto [earlier, is_first] = fed.emplace(std::pair{to.variable, e}, links.size());
+        if (is_first || earlier->second == links.size()) continue;
+        const std::string& place = specs[earlier->second]->place;
+        fail(connection.place, link.from.name + " -> " + to.name + ": the input " +
+                                   element_name(members[to.member].name(), *to.variable, e) + " is already fed by " +
+                                   links[earlier->second].from.name + (place.empty() ? "" : " (" + place + ")"));
+      }
+      links.push_back(std::move(link));
+      specs.push_back(&connection);
+    } catch (const Error& error) {
+      if (!complain) throw;
+      complain(error);
     }
   }
   return links;

@@ -1,11 +1,13 @@
 #pragma once
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "master/members.h"
 #include "master/schedule.h"
+#include "models/text/error.h"
 
 /// Connections as flat lists of copies: to = factor · from + offset.
 namespace cotwin::master {
@@ -24,7 +26,10 @@ struct Link {
 
 /// Resolves the connections. Throws Error `a.x -> b.u: …` for roles other than output → input or parameter, kinds, sizes and
 /// measures that do not fit, and for an input that is fed twice.
-std::vector<Link> resolve_links(const Scenario& scenario, std::span<const Member> members);
+/// With `complain` every connection that is not right is told there, and left out.
+using ComplainOfLink = std::function<void(const Error&)>;
+std::vector<Link> resolve_links(const Scenario& scenario, std::span<const Member> members,
+                                const ComplainOfLink& complain = nullptr);
 
 class Wiring {
  public:

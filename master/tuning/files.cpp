@@ -4,11 +4,13 @@
 #include <cmath>
 #include <fstream>
 #include <sstream>
+#include <system_error>
 
 #include "models/identification/motor_inertia.h"
 #include "models/robot/friction.h"
 #include "models/robot/urdf_update.h"
 #include "models/text/error.h"
+#include "models/text/file.h"
 
 namespace cotwin::master::tuning {
 
@@ -119,11 +121,7 @@ std::string tuned_urdf(const std::filesystem::path& file, const robot::RobotMode
     if (c == '-' && !text.empty() && text.back() == '-') text += ' ';
     text += c;
   }
-  std::ifstream in(file, std::ios::binary);
-  std::ostringstream xml;
-  xml << in.rdbuf();
-  if (!in) throw Error(file.string(), "cannot be read");
-  std::string urdf = robot::updated_urdf(xml.str(), file.string(), robot);
+  std::string urdf = robot::updated_urdf(text::read_file(file, "a URDF"), file.string(), robot);
   const std::size_t head = urdf.starts_with("<?xml") ? urdf.find('\n') + 1 : 0;
   return urdf.insert(head, "<!-- " + text + " -->\n");
 }

@@ -1,7 +1,5 @@
 #include "master/tuning/resume.h"
 
-#include <cerrno>
-#include <fstream>
 #include <iterator>
 #include <nlohmann/json.hpp>
 #include <system_error>
@@ -9,6 +7,7 @@
 #include "master/tuning/files.h"
 #include "models/text/error.h"
 #include "models/text/file_hash.h"
+#include "models/text/file.h"
 
 namespace cotwin::master::tuning {
 
@@ -108,11 +107,7 @@ std::vector<std::string> file_hashes(const Settings& settings) {
 void save_resume(const fs::path& file, const Resume& resume) { write_file(file, to_text(resume)); }
 
 Resume load_resume(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  if (!in)
-    throw Error(file.string(), "cannot be opened: " + system_reason(errno) + ", expected what a stopped tuning left there");
-  const std::string text((std::istreambuf_iterator<char>(in)), {});
-  Resume resume = parse_resume(text, file.string());
+  Resume resume = parse_resume(text::read_file(file, "what a stopped tuning left there"), file.string());
   if (file_sizes(resume.settings) != resume.file_sizes)
     throw Error(file.string(), "the log has changed since the tuning stopped, expected the same files");
   if (file_hashes(resume.settings) != resume.hashes)

@@ -5,15 +5,14 @@
 #include <urdf_parser/urdf_parser.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <fstream>
 #include <limits>
 #include <mutex>
 #include <thread>
 
 #include "models/robot/urdf_document.h"
 #include "models/text/error.h"
+#include "models/text/file.h"
 #include "models/text/text.h"
 
 namespace cotwin::robot {
@@ -251,16 +250,8 @@ RobotModel parse_urdf(std::string_view xml, const std::string& place, const Urdf
 }
 
 RobotModel load_urdf(const std::filesystem::path& file, const UrdfOptions& options, std::vector<std::string>* warnings) {
-  constexpr std::size_t kLargest = 100'000'000;  // bytes: far more than any robot, and a device may have no end
-  std::ifstream in(file, std::ios::binary);
-  std::string xml;
-  std::array<char, 65536> block;
-  while (in.read(block.data(), block.size()), in.gcount() > 0) {
-    xml.append(block.data(), static_cast<std::size_t>(in.gcount()));
-    if (xml.size() > kLargest) throw Error(file.string(), "larger than 100 MB, expected a URDF");
-  }
-  if (!in.is_open() || in.bad()) throw Error(file.string(), "cannot be read");
-  return parse_urdf(xml, file.string(), options, warnings);
+  constexpr std::uint64_t kLargest = 16'000'000;  // bytes: far more than any robot
+  return parse_urdf(text::read_file(file, "a URDF", kLargest), file.string(), options, warnings);
 }
 
 }  // namespace cotwin::robot

@@ -1,15 +1,14 @@
 #include "models/scene/mesh.h"
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cstdint>
-#include <fstream>
 #include <string>
 #include <string_view>
 
 #include "models/scene/hull.h"
 #include "models/text/error.h"
+#include "models/text/file.h"
 #include "models/text/text.h"
 
 namespace cotwin::scene {
@@ -18,20 +17,9 @@ namespace {
 
 using Eigen::Vector3d;
 
-std::string read(const std::filesystem::path& file) {
-  constexpr std::size_t kLargest = 500'000'000;  // bytes
-  std::ifstream in(file, std::ios::binary);
-  std::string bytes;
-  std::array<char, 65536> block;
-  while (in.read(block.data(), block.size()), in.gcount() > 0) {
-    bytes.append(block.data(), static_cast<std::size_t>(in.gcount()));
-    if (bytes.size() > kLargest) throw Error(file.string(), "larger than 500 MB, expected a mesh");
-  }
-  if (!in.is_open() || in.bad()) throw Error(file.string(), "cannot be read");
-  return bytes;
-}
+constexpr std::size_t kMostPoints = 20'000'000;
 
-float little_endian(const std::string& bytes, std::size_t at) {
+float little_endian(std::string_view bytes, std::size_t at) {
   std::uint32_t word = 0;
   for (std::size_t i = 4; i-- > 0;) word = word << 8 | static_cast<unsigned char>(bytes[at + i]);
   return std::bit_cast<float>(word);
@@ -39,15 +27,16 @@ float little_endian(const std::string& bytes, std::size_t at) {
 
 constexpr std::size_t kHeader = 84, kTriangle = 50;  // bytes of binary STL
 
-bool is_binary_stl(const std::string& bytes) {
+bool is_binary_stl(std::string_view bytes) {
   if (bytes.size() < kHeader) return false;
   std::size_t count = 0;
   for (std::size_t i = 4; i-- > 0;) count = count << 8 | static_cast<unsigned char>(bytes[80 + i]);
   return bytes.size() == kHeader + kTriangle * count;
 }
 
-std::vector<Vector3d> binary_stl(const std::string& bytes) {
+std::vector<Vector3d> binary_stl(std::string_view bytes) {
   std::vector<Vector3d> points;
+  points.reserve((bytes.size() - kHeader) / kTriangle * 3);
   for (std::size_t at = kHeader; at < bytes.size(); at += kTriangle) {
     for (std::size_t corner = 0; corner < 3; ++corner) {  // after the normal
       const std::size_t p = at + 12 + 12 * corner;
@@ -59,23 +48,34 @@ std::vector<Vector3d> binary_stl(const std::string& bytes) {
 
 /// Lines `<keyword> x y z …`: `vertex` in text STL, `v` in OBJ.
 std::vector<Vector3d> lines(std::string_view bytes, std::string_view keyword, const std::string& place) {
+  constexpr std::string_view kBlanks = " \t\r";
   std::vector<Vector3d> points;
   std::size_t number = 0;
-  for (const std::string_view line : text::split(bytes, '\n')) {
+  while (!bytes.empty()) {
     ++number;
-    std::vector<std::string_view> words;
-    for (const std::string_view word : text::split(text::trim(line), ' ')) {
-      if (const std::string_view bare = text::trim(word); !bare.empty()) words.push_back(bare);
-    }
-    if (words.empty() || words[0] != keyword) continue;
-    if (words.size() < 4)
-      throw Error(place + ":" + std::to_string(number), "'" + std::string(text::trim(line)) + "', expected three coordinates");
+    std::string_view line = bytes.substr(0, bytes.find('\n'));
+    bytes.remove_prefix(std::min(line.size() + 1, bytes.size()));
+    line = text::trim(line);
+    std::string_view rest = line;
+    const auto next_word = [&] {
+      rest.remove_prefix(std::min(rest.find_first_not_of(kBlanks), rest.size()));
+      const std::string_view word = rest.substr(0, rest.find_first_of(kBlanks));
+      rest.remove_prefix(word.size());
+      return word;
+    };
+    if (next_word() != keyword) continue;
+    const auto fail = [&](std::string_view what, const char* expected) {
+      throw Error(place + ":" + std::to_string(number), "'" + std::string(what.substr(0, 60)) + "', expected " + expected);
+    };
     Vector3d p;
-    for (std::size_t i = 0; i < 3; ++i) {
-      const std::optional<double> x = text::parse_real(words[i + 1]);
-      if (!x) throw Error(place + ":" + std::to_string(number), "'" + std::string(words[i + 1]) + "', expected a coordinate");
-      p[static_cast<Eigen::Index>(i)] = *x;
+    for (Eigen::Index i = 0; i < 3; ++i) {
+      const std::string_view word = next_word();
+      if (word.empty()) fail(line, "three coordinates");
+      const std::optional<double> x = text::parse_real(word);
+      if (!x) fail(word, "a coordinate");
+      p[i] = *x;
     }
+    if (points.size() == kMostPoints) fail(keyword, "fewer points");
     points.push_back(p);
   }
   return points;
@@ -88,15 +88,19 @@ std::vector<Vector3d> load_hull(const std::filesystem::path& file, const Vector3
   std::transform(extension.begin(), extension.end(), extension.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   if (extension != ".stl" && extension != ".obj") throw Error(file.string(), "a mesh of this kind, expected .stl or .obj");
-  const std::string bytes = read(file);
-  std::vector<Vector3d> points = extension == ".obj"    ? lines(bytes, "v", file.string())
-                                 : is_binary_stl(bytes) ? binary_stl(bytes)
-                                                        : lines(bytes, "vertex", file.string());
+  const std::string bytes = text::read_file(file, "a mesh");
+  return parse_hull(bytes, extension == ".obj" ? MeshFormat::kObj : MeshFormat::kStl, file.string(), scale);
+}
+
+std::vector<Vector3d> parse_hull(std::string_view bytes, MeshFormat format, const std::string& place, const Vector3d& scale) {
+  std::vector<Vector3d> points = format == MeshFormat::kObj ? lines(bytes, "v", place)
+                                 : is_binary_stl(bytes)     ? binary_stl(bytes)
+                                                            : lines(bytes, "vertex", place);
   for (Vector3d& p : points) p = p.cwiseProduct(scale);
   try {
     return convex_hull(points).vertices;
   } catch (const Error& e) {
-    throw Error(file.string(), e.what());
+    throw Error(place, e.what());
   }
 }
 

@@ -1,6 +1,8 @@
 #pragma once
 #include <Eigen/Core>
 #include <filesystem>
+#include <string>
+#include <string_view>
 #include <vector>
 
 namespace cotwin::scene {
@@ -9,5 +11,10 @@ namespace cotwin::scene {
 /// `file: …` (OBJ and text STL: `file:line: …`).
 std::vector<Eigen::Vector3d> load_hull(const std::filesystem::path& file,
                                        const Eigen::Vector3d& scale = Eigen::Vector3d::Ones());
+
+enum class MeshFormat { kStl, kObj };
+/// The same from the bytes of a file; `place` stands in messages where its name would.
+std::vector<Eigen::Vector3d> parse_hull(std::string_view bytes, MeshFormat format, const std::string& place,
+                                        const Eigen::Vector3d& scale = Eigen::Vector3d::Ones());
 
 }  // namespace cotwin::scene

@@ -1,8 +1,6 @@
 #include "models/scene/sdf.h"
 
 #include <algorithm>
-#include <array>
-#include <fstream>
 #include <map>
 #include <memory>
 #include <utility>
@@ -10,6 +8,7 @@
 #include "models/scene/sdf_link.h"
 #include "models/scene/sdf_values.h"
 #include "models/text/error.h"
+#include "models/text/file.h"
 #include "models/text/text.h"
 
 namespace cotwin::scene {
@@ -22,6 +21,8 @@ using sdf::only;
 using xml::Element;
 
 constexpr int kNoBody = -2, kWorld = -1;
+
+std::string read_sdf(const fs::path& file) { return text::read_file(file, "an SDF file", 16'000'000); }
 
 /// A model's or a world's own names: frames whose poses may hang on each other.
 struct Scope {
@@ -232,9 +233,7 @@ void Reader::read_include(const Element& include, Scope& scope, const Inherited&
     throw Error(include.place, "includes within each other more than " + std::to_string(kDeepest) + " deep");
   sdf::check_children(include, {"uri", "name", "pose", "static"}, {}, {}, warn());
   const fs::path file = sdf::find_file(sdf::needed(include, "uri"), from.folder);
-  std::ifstream in(file, std::ios::binary);
-  const std::string text{std::istreambuf_iterator<char>(in), {}};
-  if (!in) throw Error(file.string(), "cannot be read");
+  const std::string text = read_sdf(file);
   const Document document = open(text, file);
   const Element* model = only(document.root, "model");
   const Element& content = model != nullptr ? *model : sdf::needed(document.root, "world");
@@ -344,17 +343,6 @@ Scene parse_sdf(std::string_view xml, const fs::path& place, std::vector<std::st
   return Reader(warnings).read(xml, place);
 }
 
-Scene load(const fs::path& file, std::vector<std::string>* warnings) {
-  constexpr std::size_t kLargest = 100'000'000;  // bytes: a device may have no end
-  std::ifstream in(file, std::ios::binary);
-  std::string text;
-  std::array<char, 65536> block;
-  while (in.read(block.data(), block.size()), in.gcount() > 0) {
-    text.append(block.data(), static_cast<std::size_t>(in.gcount()));
-    if (text.size() > kLargest) throw Error(file.string(), "larger than 100 MB, expected an SDF file");
-  }
-  if (!in.is_open() || in.bad()) throw Error(file.string(), "cannot be read");
-  return parse_sdf(text, file, warnings);
-}
+Scene load(const fs::path& file, std::vector<std::string>* warnings) { return parse_sdf(read_sdf(file), file, warnings); }
 
 }  // namespace cotwin::scene

@@ -7,6 +7,7 @@
 
 #include "models/scene/mesh.h"
 #include "models/text/error.h"
+#include "models/text/file.h"
 #include "models/text/text.h"
 
 namespace cotwin::scene {
@@ -127,7 +128,8 @@ bool Reader::read_geometry(const XMLElement& collision, Shape& shape) const {
 
 std::vector<std::vector<Shape>> Reader::read() {
   tinyxml2::XMLDocument document;
-  if (document.LoadFile(file_.string().c_str()) != tinyxml2::XML_SUCCESS) {
+  const std::string xml = text::read_file(file_, "a URDF", 16'000'000);
+  if (document.Parse(xml.data(), xml.size()) != tinyxml2::XML_SUCCESS) {
     throw Error(file_.string(), std::string("cannot be read as XML (") + document.ErrorName() + ")");
   }
   const XMLElement* const root = document.RootElement();

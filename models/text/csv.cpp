@@ -4,10 +4,14 @@
 #include <array>
 #include <charconv>
 #include <cstring>
+#include <ext/stdio_filebuf.h>
 #include <numeric>
-#include <set>
+#include <unordered_map>
+#include <unordered_set>
+#include <utility>
 
 #include "models/text/error.h"
+#include "models/text/file.h"
 #include "models/text/text.h"
 
 namespace cotwin::csv {
@@ -15,7 +19,8 @@ namespace cotwin::csv {
 namespace {
 
 constexpr std::size_t kChunk = std::size_t{1} << 20;    // bytes read at once
-constexpr std::size_t kLongest = std::size_t{1} << 24;  // bytes of a line; what is longer is no table of text
+constexpr std::size_t kLongest = std::size_t{1} << 26;  // bytes of a line; what is longer is no table of text
+constexpr std::size_t kMostColumns = 4'000'000;
 
 const char* name_of(char separator) { return separator == ';' ? "semicolon" : separator == '\t' ? "tab" : "comma"; }
 
@@ -60,11 +65,22 @@ std::string no_such_column(std::string_view name, const std::vector<std::string>
   return message;
 }
 
+/// A stream of an opened file.
+class FileStream final : public std::ifstream {
+ public:
+  explicit FileStream(text::File file) : file_(std::move(file)), buffer_(file_.get(), std::ios::in | std::ios::binary) {
+    std::ios::rdbuf(&buffer_);
+  }
+
+ private:
+  text::File file_;
+  __gnu_cxx::stdio_filebuf<char> buffer_;
+};
+
 }  // namespace
 
 Reader::Reader(const std::filesystem::path& file, const Options& options)
-    : file_(file.string()), stream_(std::make_unique<std::ifstream>(file, std::ios::binary)) {
-  if (!*stream_ || std::filesystem::is_directory(file)) throw Error(file_, "cannot be opened, expected a table (CSV)");
+    : file_(file.string()), stream_(std::make_unique<FileStream>(text::open_file(file, "a table (CSV)"))) {
   buffer_.resize(kChunk);
   begin_ = end_ = buffer_.data();
   read_header(options);
@@ -90,7 +106,7 @@ bool Reader::refill() {
   if (!stream_) return false;
   const std::size_t left = static_cast<std::size_t>(end_ - begin_);
   if (left > kLongest)
-    throw Error(file_ + ":" + std::to_string(line_ + 1), "line of more than 16 MiB, expected a table of text");
+    throw Error(file_ + ":" + std::to_string(line_ + 1), "line of more than 64 MiB, expected a table of text");
   std::memmove(buffer_.data(), begin_, left);
   if (buffer_.size() < left + kChunk) buffer_.resize(2 * (left + kChunk));
   stream_->read(buffer_.data() + left, static_cast<std::streamsize>(buffer_.size() - left));
@@ -166,7 +182,8 @@ void Reader::read_header(const Options& options) {
   } else {
     for (const std::string_view cell : cells_) names_.emplace_back(cell);
   }
-  std::set<std::string_view> seen;
+  std::unordered_set<std::string_view> seen;
+  seen.reserve(names_.size());
   for (const std::string& name : names_) {
     if (!name.empty() && !seen.insert(name).second)
       throw Error(place(), "column " + shown(name) + " stands twice, expected different names");
@@ -200,6 +217,10 @@ bool Reader::next() {
 // Splits `current_` into `cells_`. Cells look into the line, or into `unquoted_` where quotes were taken away.
 void Reader::split_line() {
   cells_.clear();
+  const auto add_cell = [this](std::string_view cell) {
+    if (cells_.size() == kMostColumns) throw Error(place(), "more than " + std::to_string(kMostColumns) + " cells in a row");
+    cells_.push_back(cell);
+  };
   const char* at = current_.data();
   const char* const stop = at + current_.size();
   if (current_.find('"') == std::string_view::npos) {
@@ -209,7 +230,7 @@ void Reader::split_line() {
       const char* last = end;
       while (at != last && (*at == ' ' || *at == '\t')) ++at;
       while (at != last && (last[-1] == ' ' || last[-1] == '\t')) --last;
-      cells_.emplace_back(at, static_cast<std::size_t>(last - at));
+      add_cell({at, static_cast<std::size_t>(last - at)});
       if (!found) return;
       at = end + 1;
     }
@@ -234,11 +255,11 @@ void Reader::split_line() {
         if (*at != ' ' && *at != '\t')
           throw Error(place(), "text follows the end of a quoted cell, expected a " + std::string(name_of(separator_)));
       }
-      cells_.emplace_back(unquoted_.data() + start, unquoted_.size() - start);
+      add_cell({unquoted_.data() + start, unquoted_.size() - start});
     } else {
       const char* const begin = at;
       while (at != stop && *at != separator_) ++at;
-      cells_.push_back(text::trim(std::string_view(begin, static_cast<std::size_t>(at - begin))));
+      add_cell(text::trim(std::string_view(begin, static_cast<std::size_t>(at - begin))));
     }
     if (at == stop) return;
     ++at;
@@ -278,8 +299,12 @@ Table read_all(Reader& reader, const std::string& file, const std::vector<std::s
   if (columns.empty()) {
     std::iota(chosen.begin(), chosen.end(), std::size_t{0});
   } else {
-    std::transform(columns.begin(), columns.end(), chosen.begin(),
-                   [&](const std::string& name) { return reader.column(name); });
+    std::unordered_map<std::string_view, std::size_t> index;  // column() looks through all of them
+    for (std::size_t c = 0; c < reader.names().size(); ++c) index.emplace(reader.names()[c], c);
+    std::transform(columns.begin(), columns.end(), chosen.begin(), [&](const std::string& name) {
+      const auto found = index.find(name);
+      return found == index.end() ? reader.column(name) : found->second;  // which says what there is
+    });
   }
   table.columns.resize(chosen.size());
   while (reader.next()) {

@@ -1,13 +1,13 @@
 #include "models/text/parameter_set.h"
 
 #include <cmath>
-#include <fstream>
-#include <iterator>
 #include <limits>
 #include <ostream>
+#include <set>
 #include <unordered_map>
 
 #include "models/text/error.h"
+#include "models/text/file.h"
 #include "models/text/parameter_set_xml.h"
 #include "models/text/text.h"
 
@@ -106,9 +106,10 @@ void write_value(std::ostream& out, const ParameterValue& p) {
 std::vector<UnitDefinition> read_unit_definitions(const xml::Element& root, const xml::Complaint& complain) {
   std::vector<UnitDefinition> units;
   // The list belongs to the file's own namespace, what is in it to the common one.
-  const xml::Element* list = xml::child(root, root.space, "Units");
+  const xml::Element* list = xml::child(root, root.space.text(), "Units");
   if (list == nullptr) return units;
   xml::check_children(*list, kSsc, {"Unit"}, complain);
+  std::set<std::string> names;
   for (const xml::Element& unit : list->children) {
     if (unit.space != kSsc || unit.name != "Unit") continue;
     xml::check_attributes(unit, {"name", "id", "description"}, complain);
@@ -127,9 +128,7 @@ std::vector<UnitDefinition> read_unit_definitions(const xml::Element& root, cons
       throw Error(base->place, "unit of measure '" + d.name + "': factor " + text::to_text(d.factor) + ", offset " +
                                    text::to_text(d.offset) + ", expected finite numbers, the factor not 0");
     }
-    for (const UnitDefinition& other : units) {
-      if (other.name == d.name) throw Error(unit.place, "unit of measure '" + d.name + "' is defined twice");
-    }
+    if (!names.insert(d.name).second) throw Error(unit.place, "unit of measure '" + d.name + "' is defined twice");
     units.push_back(std::move(d));
   }
   return units;
@@ -164,11 +163,7 @@ ParameterSet read_parameter_set(const xml::Element& root, const xml::Complaint& 
 }
 
 std::string read_text_file(const std::filesystem::path& file, const std::string& expected) {
-  std::error_code ignored;
-  std::ifstream in(file, std::ios::binary);
-  if (!in || !std::filesystem::is_regular_file(file, ignored))
-    throw Error(file.string(), "cannot be read, expected " + expected);
-  return std::string(std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>());
+  return text::read_file(file, expected);
 }
 
 ParameterSet load_parameter_set(const std::filesystem::path& file) {

@@ -1,20 +1,20 @@
 #include "models/text/xml.h"
 
-#include <tinyxml2.h>
+#include <expat.h>
 
 #include <algorithm>
+#include <exception>
 #include <limits>
 #include <map>
+#include <new>
+#include <set>
 
 #include "models/text/error.h"
 #include "models/text/text.h"
-#include "models/text/xml_reason.h"
 
 namespace cotwin::xml {
 
 namespace {
-
-using Prefixes = std::map<std::string, std::string>;  // prefix → namespace URI
 
 /// The length of the UTF-8 sequence at the head of `s` if it is a character that XML 1.0 allows (its clause 2.2), else 0.
 std::size_t character_length(std::string_view s) {
@@ -45,75 +45,221 @@ std::size_t first_not_allowed(std::string_view s) {
 }
 
 struct Name {
-  std::string prefix, local;
+  std::string_view prefix, local;
 };
 
-Name split_name(const std::string& qualified, const std::string& place) {
+Name split_name(std::string_view qualified, const Place& place) {
   const std::size_t colon = qualified.find(':');
-  if (colon == std::string::npos) return {"", qualified};
-  if (colon == 0 || colon + 1 == qualified.size() || qualified.find(':', colon + 1) != std::string::npos) {
-    throw Error(place, "malformed name '" + qualified + "'");
+  if (colon == std::string_view::npos) return {"", qualified};
+  if (colon == 0 || colon + 1 == qualified.size() || qualified.find(':', colon + 1) != std::string_view::npos) {
+    throw Error(place, "malformed name '" + std::string(qualified) + "'");
   }
   return {qualified.substr(0, colon), qualified.substr(colon + 1)};
 }
 
-const std::string& space_of(const Name& name, const Prefixes& prefixes, const std::string& place) {
-  const auto found = prefixes.find(name.prefix);
-  if (found == prefixes.end())
-    throw Error(place, "the prefix '" + name.prefix + "' has no namespace, expected xmlns:" + name.prefix + "=\"…\"");
-  return found->second;
+/// The prefix that an attribute declares a namespace for, "" for the usual one.
+std::optional<std::string_view> declared_prefix(std::string_view attribute) {
+  if (attribute == "xmlns") return "";
+  if (attribute.starts_with("xmlns:")) return attribute.substr(6);
+  return std::nullopt;
 }
 
-/// `prefixes` with what the xmlns attributes of `source` add.
-Prefixes declared(const tinyxml2::XMLElement& source, Prefixes prefixes) {
-  for (const tinyxml2::XMLAttribute* a = source.FirstAttribute(); a != nullptr; a = a->Next()) {
-    const std::string name = a->Name();
-    if (name == "xmlns") {
-      prefixes[""] = a->Value();
-    } else if (name.rfind("xmlns:", 0) == 0) {
-      prefixes[name.substr(6)] = a->Value();
-    }
+/// Why expat does not go on, for people.
+std::string reason(XML_Error error) {
+  switch (error) {
+    case XML_ERROR_NO_ELEMENTS:
+      return "there is no element in it";
+    case XML_ERROR_INVALID_TOKEN:
+      return "a character that cannot stand there";
+    case XML_ERROR_UNCLOSED_TOKEN:
+      return "a tag or a reference is not finished";
+    case XML_ERROR_TAG_MISMATCH:
+      return "an element is closed by another name, or not at all";
+    case XML_ERROR_DUPLICATE_ATTRIBUTE:
+      return "an attribute is given twice";
+    case XML_ERROR_UNCLOSED_CDATA_SECTION:
+      return "a CDATA section is not closed by ]]>";
+    case XML_ERROR_UNDEFINED_ENTITY:
+      return "an entity beyond the five of XML";
+    case XML_ERROR_MISPLACED_XML_PI:
+      return "a declaration <?xml … ?> that is not at the beginning";
+    default:
+      return XML_ErrorString(error);
   }
-  return prefixes;
 }
 
-// tinyxml2 bounds the nesting (TINYXML2_MAX_ELEMENT_DEPTH), and with it this recursion.
-Element converted(const tinyxml2::XMLElement& source, const Prefixes& outer, const std::string& place) {
-  bool declares = false;
-  for (const tinyxml2::XMLAttribute* a = source.FirstAttribute(); a != nullptr; a = a->Next()) {
-    declares = declares || std::string_view(a->Name()).substr(0, 5) == "xmlns";
+/// Builds the tree from what expat reports.
+class Builder {
+ public:
+  Builder(std::string_view text, const std::string& place, const Take& take)
+      : text_(text), place_(place), file_(place), take_(take) {
+    namespaces_[""].emplace_back();
+    namespaces_["xml"].emplace_back("http://www.w3.org/XML/1998/namespace");
+    namespaces_["xmlns"];
+    constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
+    if (text_.starts_with(kByteOrderMark)) text_.remove_prefix(kByteOrderMark.size());
+    // A declaration after blanks is malformed, but harmless.
+    const std::size_t blanks = std::min(text_.find_first_not_of(" \t\r\n"), text_.size());
+    lines_before_ =
+        static_cast<std::uint64_t>(std::count(text_.begin(), text_.begin() + static_cast<std::ptrdiff_t>(blanks), '\n'));
+    text_.remove_prefix(blanks);
   }
-  const Prefixes inner = declares ? declared(source, outer) : Prefixes{};
-  const Prefixes& prefixes = declares ? inner : outer;
 
-  Element element;
-  element.place = place + ":" + std::to_string(source.GetLineNum());
-  const Name name = split_name(source.Name(), element.place);
-  element.space = space_of(name, prefixes, element.place);
-  element.name = name.local;
-  for (const tinyxml2::XMLAttribute* a = source.FirstAttribute(); a != nullptr; a = a->Next()) {
-    const std::string qualified = a->Name();
-    if (qualified == "xmlns" || qualified.rfind("xmlns:", 0) == 0) continue;
-    const Name split = split_name(qualified, element.place);
-    Attribute attribute{split.prefix.empty() ? "" : space_of(split, prefixes, element.place), split.local, a->Value()};
-    if (!is_xml_text(attribute.value))
-      throw Error(element.place, "attribute '" + qualified + "': a character that XML does not allow");
-    for (const Attribute& other : element.attributes) {
-      if (other.space == attribute.space && other.name == attribute.name)
-        throw Error(element.place, "attribute '" + qualified + "' is given twice");
+  Element build() {
+    const std::unique_ptr<XML_ParserStruct, decltype(&XML_ParserFree)> parser(XML_ParserCreate("UTF-8"), XML_ParserFree);
+    if (parser == nullptr) throw std::bad_alloc();
+    parser_ = parser.get();
+    XML_SetUserData(parser_, this);
+    XML_SetElementHandler(
+        parser_,
+        [](void* self, const char* name, const char** attributes) {
+          static_cast<Builder*>(self)->guarded([&](Builder& b) { b.open(name, attributes); });
+        },
+        [](void* self, const char*) { static_cast<Builder*>(self)->guarded([](Builder& b) { b.close(); }); });
+    XML_SetCharacterDataHandler(parser_, [](void* self, const char* data, int n) {
+      static_cast<Builder*>(self)->guarded([&](Builder& b) { b.add_text({data, static_cast<std::size_t>(n)}); });
+    });
+    XML_SetStartDoctypeDeclHandler(parser_, [](void* self, const char*, const char*, const char*, int has_internal_subset) {
+      static_cast<Builder*>(self)->guarded([&](Builder& b) {
+        if (has_internal_subset != 0) throw Error(b.here(), "malformed XML: a document type with declarations, expected none");
+      });
+    });
+    XML_SetSkippedEntityHandler(parser_, [](void* self, const char* name, int) {
+      static_cast<Builder*>(self)->guarded([&](Builder& b) {
+        throw Error(b.here(), "malformed XML: '&" + std::string(name) + ";', an entity beyond the five of XML");
+      });
+    });
+    constexpr std::size_t kPart = std::size_t{1} << 20;  // expat counts bytes in an int, and copies what it is given
+    do {
+      const std::string_view part = text_.substr(0, kPart);
+      text_.remove_prefix(part.size());
+      if (XML_Parse(parser_, part.data(), static_cast<int>(part.size()), text_.empty() ? 1 : 0) != XML_STATUS_OK) fail();
+    } while (!text_.empty());
+    return std::move(root_);
+  }
+
+ private:
+  using Declared = std::vector<std::string>;  // prefixes
+
+  /// No exception may pass through expat, which is C.
+  template <class Call>
+  void guarded(Call call) {
+    if (failure_) return;  // expat may report a little more after it was stopped
+    try {
+      call(*this);
+    } catch (...) {
+      failure_ = std::current_exception();
+      XML_StopParser(parser_, XML_FALSE);
     }
-    element.attributes.push_back(std::move(attribute));
   }
-  for (const tinyxml2::XMLElement* c = source.FirstChildElement(); c != nullptr; c = c->NextSiblingElement()) {
-    element.children.push_back(converted(*c, prefixes, place));
+
+  Place here() const { return {file_, lines_before_ + XML_GetCurrentLineNumber(parser_)}; }
+
+  [[noreturn]] void fail() {
+    if (failure_) std::rethrow_exception(failure_);
+    const XML_Error error = XML_GetErrorCode(parser_);
+    if (error == XML_ERROR_JUNK_AFTER_DOC_ELEMENT)
+      throw Error(here(), "a second root element, or text, after the end of the first");
+    if (error == XML_ERROR_NO_ELEMENTS && open_.empty() && XML_GetCurrentByteCount(parser_) == 0 && !any_)
+      throw Error(place_, "malformed XML: " + reason(error));
+    const bool not_closed = error == XML_ERROR_TAG_MISMATCH || error == XML_ERROR_NO_ELEMENTS;
+    if (not_closed && !open_.empty()) throw Error(open_.back().place, "malformed XML: " + reason(XML_ERROR_TAG_MISMATCH));
+    throw Error(here(), "malformed XML: " + reason(error));
   }
-  if (const char* text = source.GetText(); text != nullptr && element.children.empty()) {
-    element.content = text::trim(text);
+
+  const Shared& space_of(const Name& name, const Place& place) const {
+    const auto found = namespaces_.find(name.prefix);
+    if (found == namespaces_.end() || found->second.empty()) {
+      const std::string prefix(name.prefix);
+      throw Error(place, "the prefix '" + prefix + "' has no namespace, expected xmlns:" + prefix + "=\"…\"");
+    }
+    return found->second.back();
+  }
+
+  void open(std::string_view name, const char** attributes) {
+    any_ = true;
+    Element element;
+    element.place = here();
+    if (open_.size() >= kDeepest) throw Error(element.place, "malformed XML: its elements are nested too deeply");
+    Declared declared;
+    for (const char** a = attributes; *a != nullptr; a += 2) {
+      const std::optional<std::string_view> prefix = declared_prefix(a[0]);
+      if (!prefix) continue;
+      namespaces_[std::string(*prefix)].emplace_back(std::string(a[1]));
+      declared.emplace_back(*prefix);
+    }
+    const Name split = split_name(name, element.place);
+    element.space = space_of(split, element.place);
+    element.name = split.local;
+    read_attributes(attributes, element);
+    if (!open_.empty()) {
+      has_children_.back() = true;
+      open_.back().content.clear();
+    }
+    open_.push_back(std::move(element));
+    has_children_.push_back(false);
+    declared_.push_back(std::move(declared));
+  }
+
+  void read_attributes(const char** attributes, Element& element) {
+    std::set<std::pair<std::string_view, std::string_view>> prefixed;  // namespace and name
+    for (const char** a = attributes; *a != nullptr; a += 2) {
+      if (declared_prefix(a[0])) continue;
+      const Name split = split_name(a[0], element.place);
+      const Shared space = split.prefix.empty() ? Shared() : space_of(split, element.place);
+      Attribute attribute{space, std::string(split.local), a[1]};
+      if (!is_xml_text(attribute.value))
+        throw Error(element.place, "attribute '" + std::string(a[0]) + "': a character that XML does not allow");
+      // Of names without a prefix expat has seen to it.
+      if (!split.prefix.empty() && !prefixed.emplace(space.text(), split.local).second)
+        throw Error(element.place, "attribute '" + std::string(a[0]) + "' is given twice");
+      element.attributes.push_back(std::move(attribute));
+    }
+  }
+
+  void add_text(std::string_view text) {
+    if (!open_.empty() && !has_children_.back()) open_.back().content += text;
+  }
+
+  void close() {
+    Element element = std::move(open_.back());
+    open_.pop_back();
+    const std::string_view content = text::trim(element.content);
+    if (content.size() != element.content.size()) element.content = std::string(content);
     if (!is_xml_text(element.content))
       throw Error(element.place, "'" + element.name + "': a character that XML does not allow");
+    for (const std::string& prefix : declared_.back()) namespaces_.find(prefix)->second.pop_back();
+    declared_.pop_back();
+    has_children_.pop_back();
+    if (open_.empty()) {
+      root_ = std::move(element);
+    } else if (!take_ || take_(open_, element)) {
+      kept_ += sizeof(Element) + element.attributes.size() * sizeof(Attribute) + element.content.size();
+      for (const Attribute& a : element.attributes) kept_ += a.value.size();
+      if (kept_ > kMostKept)
+        throw Error(element.place, "the document's tree takes more than " + std::to_string(kMostKept) + " bytes");
+      open_.back().children.push_back(std::move(element));
+    }
   }
-  return element;
-}
+
+  static constexpr std::size_t kDeepest = 100;
+  static constexpr std::size_t kMostKept = std::size_t{640} << 20;
+
+  std::string_view text_;
+  const std::string& place_;
+  const Shared file_;
+  const Take& take_;
+  std::uint64_t lines_before_ = 0;
+  XML_Parser parser_ = nullptr;
+  std::exception_ptr failure_;
+  bool any_ = false;
+  std::size_t kept_ = 0;       // bytes
+  std::vector<Element> open_;  // from the root to the one at hand
+  std::vector<bool> has_children_;
+  std::vector<Declared> declared_;
+  std::map<std::string, std::vector<Shared>, std::less<>> namespaces_;  // of a prefix, the innermost at the end
+  Element root_;
+};
 
 std::string quoted_list(std::initializer_list<const char*> choices) {
   std::string list;
@@ -129,23 +275,17 @@ std::string quoted_list(std::initializer_list<const char*> choices) {
 
 }  // namespace
 
-Element parse(std::string_view text, const std::string& place) {
+const std::string& Shared::text() const {
+  static const std::string kEmpty;
+  return text_ == nullptr ? kEmpty : *text_;
+}
+
+Element parse(std::string_view text, const std::string& place, const Take& take) {
   if (const std::size_t bad = first_not_allowed(text); bad != std::string_view::npos) {
     const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(bad), '\n');
     throw Error(place + ":" + std::to_string(line), "a byte that is not UTF-8 text, expected XML in UTF-8");
   }
-  tinyxml2::XMLDocument document;
-  if (document.Parse(text.data(), text.size()) != tinyxml2::XML_SUCCESS) {
-    const int line = document.ErrorLineNum();
-    throw Error(line > 0 ? place + ":" + std::to_string(line) : place, "malformed XML: " + reason(document));
-  }
-  const tinyxml2::XMLElement* root = document.RootElement();
-  if (root == nullptr) throw Error(place, "no XML element");
-  if (const tinyxml2::XMLElement* second = root->NextSiblingElement()) {
-    throw Error(place + ":" + std::to_string(second->GetLineNum()),
-                "a second root element '" + std::string(second->Name()) + "'");
-  }
-  return converted(*root, {{"", ""}, {"xml", "http://www.w3.org/XML/1998/namespace"}}, place);
+  return Builder(text, place, take).build();
 }
 
 bool is_xml_text(std::string_view text) { return first_not_allowed(text) == std::string_view::npos; }

@@ -2,7 +2,9 @@
 #include <cstdint>
 #include <functional>
 #include <initializer_list>
+#include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -10,25 +12,63 @@
 /// XML as a tree of plain values: namespaces resolved, every element with its place in the file.
 namespace cotwin::xml {
 
+/// A text that many elements have in common: a file's name, a namespace.
+class Shared {
+ public:
+  Shared() = default;
+  explicit Shared(std::string text) : text_(text.empty() ? nullptr : std::make_shared<const std::string>(std::move(text))) {}
+  bool empty() const { return text_ == nullptr; }
+  const std::string& text() const;
+  operator const std::string&() const { return text(); }  // NOLINT: used as the text that it is
+
+  friend bool operator==(const Shared& a, const Shared& b) { return a.text_ == b.text_ || a.text() == b.text(); }
+  friend bool operator==(const Shared& a, std::string_view b) { return a.text() == b; }
+
+ private:
+  std::shared_ptr<const std::string> text_;  // nullptr: ""
+};
+
+inline std::string operator+(std::string left, const Shared& right) { return std::move(left) += right.text(); }
+
+/// Where an element stands: "twin.ssd:17".
+class Place {
+ public:
+  Place() = default;
+  Place(Shared file, std::uint64_t line) : file_(std::move(file)), line_(line) {}
+  std::string text() const { return file_.text() + ":" + std::to_string(line_); }
+  operator std::string() const { return text(); }  // NOLINT: used as the text that it is
+  std::uint64_t line() const { return line_; }
+
+ private:
+  Shared file_;
+  std::uint64_t line_ = 0;
+};
+inline std::string operator+(const Place& place, std::string_view more) { return place.text() += more; }
+
 struct Attribute {
-  std::string space;  // namespace URI, "" for the usual attribute without prefix
+  Shared space;  // namespace URI, "" for the usual attribute without prefix
   std::string name;
   std::string value;
 };
 
 struct Element {
-  std::string space;  // namespace URI, "" for none
-  std::string name;   // without prefix
-  std::string place;  // "twin.ssd:17"
+  Shared space;      // namespace URI, "" for none
+  std::string name;  // without prefix
+  Place place;
   std::vector<Attribute> attributes;
   std::vector<Element> children;
   std::string content;  // of an element without children: its character data, without the blanks around it
 };
 
+/// Hears of every element at its end: `around` are the elements that it lies in, the root first, each with its attributes and
+/// the children kept so far. Returns whether the element is kept as a child of the last of them.
+using Take = std::function<bool(std::span<const Element> around, Element& element)>;
+
 /// Reads a document of UTF-8 text; character data between elements is left out. Throws Error `place:line: …` for malformed XML,
 /// unbound prefixes, doubled attributes, bytes that are not UTF-8, and nesting deeper than 100 elements. No entity but the five
-/// of XML and character references is expanded, and nothing outside `text` is read.
-Element parse(std::string_view text, const std::string& place);
+/// of XML and character references is expanded, none may be declared, and nothing outside `text` is read. With `take` a
+/// document can be read that is too large for a tree.
+Element parse(std::string_view text, const std::string& place, const Take& take = nullptr);
 
 /// Whether `text` is UTF-8 made of characters that XML 1.0 allows.
 bool is_xml_text(std::string_view text);

@@ -234,5 +234,76 @@ TEST(CheckDescription, FindsWhatTheStandardForbids) {
               ::testing::AllOf(Contains(HasSubstr("listed as an output, but is none")), Contains(HasSubstr("stands twice"))));
 }
 
+/// `n` variables, each with a type, a unit of measure and a place in the structure; in pairs of a state and its derivative.
+std::string many(std::size_t n, bool two) {
+  std::string units, types, variables, structure;
+  const std::string reference = two ? "index" : "valueReference";
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::string k = std::to_string(i), name = "model.part" + k + ".value";
+    if (i % 10 == 0) {
+      units += "<Unit name='u" + k + "'><BaseUnit m='1' factor='" + std::to_string(i + 2) + "'/></Unit>";
+      const std::string unit = " unit='u" + k + "'";
+      types += two ? "<SimpleType name='T" + k + "'><Real" + unit + "/></SimpleType>"
+                   : "<Float64Type name='T" + k + "'" + unit + "/>";
+    }
+    const std::string type = " declaredType='T" + std::to_string(i - i % 10) + "'";
+    const std::string slope = i % 2 == 1 ? " derivative='" + std::to_string(two ? i : i - 1) + "'" : "";
+    if (two) {
+      variables += "<ScalarVariable name='" + name + "' valueReference='" + k + "' causality='output'><Real" + type + slope +
+                   "/></ScalarVariable>";
+      structure += "<Unknown index='" + std::to_string(i + 1) + "'/>";
+    } else {
+      variables += "<Float64 name='" + name + "' valueReference='" + k + "' causality='output'" + type + slope + ">" +
+                   (i % 4 == 0 ? "<Dimension valueReference='" + std::to_string(n) + "'/>" : "") + "</Float64>";
+      structure += "<Output valueReference='" + k + "'/>";
+    }
+  }
+  if (!two)
+    variables += "<UInt64 name='size' valueReference='" + std::to_string(n) + "' causality='structuralParameter' start='2'/>";
+  return std::string("<fmiModelDescription modelName='m' ") +
+         (two ? "fmiVersion='2.0' guid='g'" : "fmiVersion='3.0' instantiationToken='g'") +
+         "><CoSimulation modelIdentifier='m'/><UnitDefinitions>" + units + "</UnitDefinitions><TypeDefinitions>" + types +
+         "</TypeDefinitions><ModelVariables>" + variables + "</ModelVariables><ModelStructure>" +
+         (two ? "<Outputs>" + structure + "</Outputs>" : structure) + "</ModelStructure></fmiModelDescription>";
+}
+
+// Were variables, types, units or derivatives looked for one by one, this would take hours.
+TEST(ReadDescription, TheTimeItTakesGrowsWithTheVariablesAndNotWithTheirSquare) {
+  constexpr std::size_t kMany = 100'000;
+  for (const bool two : {true, false}) {
+    const ModelDescription d = parse(many(kMany, two));
+    EXPECT_EQ(d.structure.outputs.size(), kMany);
+    EXPECT_EQ(*d.variables[kMany - 1].derivative, kMany - 2);
+    EXPECT_TRUE(check_description(d).empty());
+    ForeignVariablesOptions options;
+    options.slopes = true;
+    ForeignVariables foreign(d, options);
+    Variables variables;
+    foreign.declare(variables);
+    const cotwin::Variable* const last = variables.find("model.part" + std::to_string(kMany - 1) + ".value");
+    ASSERT_NE(last, nullptr);
+    EXPECT_EQ(last->si, "m");
+    EXPECT_EQ(variables.at("model.part0.value").size(), two ? 1u : 2u);
+  }
+}
+
+TEST(ReadDescription, MoreVariablesThanAnyFmuHasAreRefused) {
+  std::string variables;
+  for (int i = 0; i < 2'000'001; ++i)
+    variables += "<Int8 name='" + std::to_string(i) + "' valueReference='" + std::to_string(i) + "'/>";
+  EXPECT_THAT([&] { parse(fmi3(variables)); }, ThrowsMessage<Error>(HasSubstr("more than 2000000 variables")));
+}
+
+TEST(ReadDescription, TheStructureMayStandBeforeTheVariables) {
+  for (const bool two : {true, false}) {
+    const std::string xml = many(10, two);
+    const std::size_t a = xml.find("<ModelVariables>"), b = xml.find("<ModelStructure>"),
+                      c = xml.find("</fmiModelDescription>");
+    const ModelDescription moved = parse(xml.substr(0, a) + xml.substr(b, c - b) + xml.substr(a, b - a) + xml.substr(c));
+    EXPECT_EQ(moved.structure, parse(xml).structure);
+    EXPECT_EQ(moved.variables, parse(xml).variables);
+  }
+}
+
 }  // namespace
 }  // namespace cotwin::fmu

@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
+#include <unistd.h>
 #include <zip.h>
 
 #include <fstream>
@@ -360,7 +361,9 @@ TEST_F(Archives, AreRefusedWhenTheyUnpackToTooMuch) {
   EXPECT_THROW(unpack_archive(archive_, {.entries = 1}), Error);
   EXPECT_THROW(unpack_archive(archive_, {.file_bytes = 2'500'000}), Error);
   EXPECT_THROW(unpack_archive(archive_, {.total_bytes = 4'000'000}), Error);
-  EXPECT_THROW(unpack_archive(archive_, {.expansion = 100}), Error);
+  EXPECT_THROW(unpack_archive(archive_, {.expansion = 100, .expansion_from = 1u << 20}), Error);
+  // Each by itself expands less, both together more than the archive may.
+  EXPECT_THROW(unpack_archive(archive_, {.expansion = 100, .expansion_from = 4'000'000}), Error);
   EXPECT_EQ(temporary_folders(), 0u);
 }
 
@@ -452,6 +455,40 @@ TEST(Package, IsRefusedWithAnyByteDamagedOrMissing) {
     EXPECT_THROW(deserialise_package(damaged, "unit.bin"), Error) << i;
     EXPECT_THROW(deserialise_package(bytes.substr(0, i), "unit.bin"), Error) << i;
   }
+}
+
+TEST_F(Archives, AreRefusedForWhatTheyDeclareBeforeAnythingIsUnpacked) {
+  // The text of a gigabyte that is read as a whole, as a megabyte of archive.
+  const fs::path zeros = archive_.parent_path() / "zeros";
+  std::ofstream(zeros) << ' ';
+  fs::resize_file(zeros, 300u << 20);
+  write_archive(archive_, std::vector<ArchiveFile>{{"modelDescription.xml", zeros}});
+  const auto refused = [&](const std::string& why) {
+    EXPECT_THAT([&] { unpack_archive(archive_); }, ThrowsMessage<Error>(HasSubstr(why)));
+    EXPECT_THAT([&] { read_archive_file(archive_, "modelDescription.xml"); }, ThrowsMessage<Error>(HasSubstr(why)));
+    EXPECT_THAT([&] { list_archive(archive_); }, ThrowsMessage<Error>(HasSubstr(why)));
+    EXPECT_EQ(temporary_folders(), 0u);
+  };
+  refused("'modelDescription.xml': unpacks to 314572800 bytes, expected at most 268435456");
+  write_archive(archive_, std::vector<ArchiveFile>{{"modelDescription.xml", "<a/>"s}, {"resources/table.bin", zeros}});
+  refused("to 314572800, expected at most 200 times as many");
+  fs::remove(zeros);
+
+  std::string deep;
+  for (int i = 0; i < 40; ++i) deep += "d/";
+  write_raw(archive_, {{"modelDescription.xml", "<a/>"}, {deep + "f", ""}});
+  refused("lies in more than 32 folders");
+  write_raw(archive_, {{"modelDescription.xml", "<a/>"}, {std::string(2000, 'n'), ""}});
+  refused("is no name of a file, expected 1 to 1000 bytes");
+}
+
+TEST_F(Archives, ThatAreNoFilesAreNotWaitedFor) {
+  fs::remove(archive_);
+  ASSERT_EQ(mkfifo(archive_.c_str(), 0600), 0);
+  alarm(60);
+  EXPECT_THAT([&] { unpack_archive(archive_); }, ThrowsMessage<Error>(HasSubstr("is a FIFO, expected a zip archive")));
+  EXPECT_THAT([] { list_archive("/dev/zero"); }, ThrowsMessage<Error>(HasSubstr("is a device, expected a zip archive")));
+  alarm(0);
 }
 
 }  // namespace

@@ -22,6 +22,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   limits.entries = 100;
   limits.file_bytes = 1 << 20;
   limits.total_bytes = 4 << 20;
+  limits.expansion_from = 1 << 16;
   fs::path unpacked;
   try {
     const fmu::TemporaryFolder folder = fmu::unpack_archive(archive, limits);

@@ -76,5 +76,28 @@ TEST(Events, AreRefusedWhereTheyCannotBe) {
   EXPECT_THAT(refusal("a.uu", "1"), HasSubstr("did you mean"));
 }
 
+// Were events looked through for each other, for connections or for components, this would take hours.
+TEST(Events, TheTimeTheyTakeGrowsWithTheirNumberAndNotWithItsSquare) {
+  constexpr int kEvents = 100'000, kUnits = 1000;
+  Build b;
+  for (int i = 0; i < kUnits; ++i) b.unit("a" + std::to_string(i), "gain").unit("b" + std::to_string(i), "gain");
+  for (int i = 0; i < kUnits; ++i) b.connect("b" + std::to_string(i) + ".y", "b" + std::to_string((i + 1) % kUnits) + ".u");
+  for (int i = 0; i < kEvents; ++i) {
+    const double time = 0.009 * i / kEvents;
+    b.event(time, "a" + std::to_string(i % kUnits) + ".u", std::to_string(i), i % 3 == 0 ? 1.0 : 0.0);
+  }
+  EXPECT_EQ(follow(b, "a" + std::to_string(kUnits - 2) + ".u").back(), kEvents - 2);
+}
+
+TEST(Events, ARampThatALaterOneEndedStaysOver) {
+  Build b;
+  b.unit("a", "gain")
+      .event(0.0, "a.u", "8", 0.008)
+      .event(0.002, "a.u", "100", 0.004)
+      .event(0.004, "a.u", "1")
+      .event(0.004, "a.gain", "2");
+  EXPECT_EQ(follow(b, "a.u"), (std::vector<double>{0, 1, 1, 25.75, 1, 1, 1, 1, 1, 1}));
+}
+
 }  // namespace
 }  // namespace cotwin::master

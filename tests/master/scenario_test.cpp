@@ -803,5 +803,70 @@ TEST(SystemStructure, ThatIsNotThereIsNamed) {
   EXPECT_THAT([] { load_scenario("no/such.ssd"); }, ::testing::ThrowsMessage<Error>(StartsWith("no/such.ssd: cannot be read")));
 }
 
+class InPackage : public ::testing::TestWithParam<std::string> {};
+
+TEST_P(InPackage, WhatLeavesThePackageIsRefused) {
+  const Folder folder;
+  folder.write("outside.ssd", ssd(elements(component("only"))));
+  folder.write("outside.ssv",
+               "<ParameterSet xmlns='http://ssp-standard.org/SSP1/SystemStructureParameterValues' version='1.0' "
+               "name='d'><Parameters/></ParameterSet>");
+  const std::string document = ssd(elements(GetParam()));
+  fmu::write_archive(folder.path() / "p.ssp", std::vector<fmu::ArchiveFile>{{"SystemStructure.ssd", document}});
+  EXPECT_THAT([&] { load_scenario(folder.path() / "p.ssp"); },
+              ::testing::ThrowsMessage<Error>(::testing::AllOf(HasSubstr("p.ssp/SystemStructure.ssd:2: "),
+                                                               HasSubstr("leaves the package, expected a file in it"))));
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Sources, InPackage,
+    ::testing::Values("<d:Component name='a' source='../x.fmu'/>", "<d:Component name='a' source='/tmp/x.fmu'/>",
+                      "<d:Component name='a' source='file:///tmp/x.fmu'/>", "<d:Component name='a' source='b/../../x.fmu'/>",
+                      "<d:Component name='a' source='%2e%2e/x.fmu'/>",
+                      "<d:Component name='a' type='application/x-ssp-definition' source='../outside.ssd'/>",
+                      "<d:Component name='a' source='unit:motion?robot=/etc/passwd'/>",
+                      "<d:Component name='a' source='unit:motion?robot=%2Fetc%2Fpasswd'/>",
+                      "<d:Component name='a' source='unit:contact_world?robots=l:lwr4,r:../r.urdf'/>",
+                      component("a", "", "<d:ParameterBinding source='../outside.ssv'/>"),
+                      component("a", "", "<d:ParameterBinding source='/etc/passwd'/>"),
+                      component("a", "",
+                                inline_set("<v:Parameter name='file'><v:String value='../../etc/passwd'/></v:Parameter>"))));
+
+TEST(References, OfTheUsersOwnTreeMayLeadAnywhere) {
+  const Folder folder;
+  fs::create_directories(folder.path() / "sub");
+  folder.write("other.ssd", ssd(elements(component("only"))));
+  const fs::path own = folder.write(
+      "sub/own.ssd", ssd(elements("<d:Component name='a' type='application/x-ssp-definition' source='../other.ssd'/>"
+                                  "<d:Component name='b' source='/tmp/x.fmu'/>")));
+  EXPECT_EQ(load_scenario(own).components.size(), 2u);
+}
+
+// Were components, connectors or units of measure looked for one by one, this would take hours.
+TEST(SystemStructure, TheTimeToReadItGrowsWithItsSizeAndNotWithItsSquare) {
+  constexpr int kMany = 50'000;
+  std::string units, ports, annotation, components, connections, values;
+  for (int i = 0; i < kMany; ++i) {
+    const std::string k = std::to_string(i);
+    units += "<c:Unit name='u" + k + "'><c:BaseUnit m='1' factor='" + k + "1'/></c:Unit>";
+    ports += connector("y" + k, "output", "u" + k) + connector("u" + k, "input", "u" + k);
+    if (i % 2 == 0) components += "<d:Component name='c" + k + "' source='unit:x'/>";
+    connections += "<d:Connection startElement='a' startConnector='y" + k + "' endElement='b' endConnector='u" + k + "'/>";
+    values +=
+        "<v:Parameter name='c" + std::to_string(i - i % 2) + ".p" + k + "'><v:Real value='1' unit='u" + k + "'/></v:Parameter>";
+    annotation += "<t:Event time='0.5' variable='c" + std::to_string(i - i % 2) + ".e' value='1'/>";
+    if (i % 2 == 0) annotation += "<t:Component name='c" + k + "' stage='1'/>";
+  }
+  const std::string system =
+      "<d:ParameterBindings>" + inline_set(values) + "</d:ParameterBindings>" +
+      elements(component("a", ports) + component("b", ports) + components) + "<d:Connections>" + connections +
+      "</d:Connections><d:Annotations><c:Annotation type='cotwin.master'><t:Master xmlns:t='urn:cotwin:master:1'>" +
+      annotation + "</t:Master></c:Annotation></d:Annotations>";
+  const Scenario scenario = parse(ssd(system, "<d:Units>" + units + "</d:Units>"));
+  EXPECT_EQ(scenario.connections.size(), static_cast<std::size_t>(kMany));
+  EXPECT_EQ(scenario.events.size(), static_cast<std::size_t>(kMany));
+  EXPECT_EQ(scenario.components.back().stage, 1);
+}
+
 }  // namespace
 }  // namespace cotwin::master

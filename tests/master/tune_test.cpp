@@ -483,7 +483,7 @@ TEST(TuneProgram, BadInputIsExitCodeTwoWithPlaceFactAndExpectation) {
   EXPECT_EQ(program.run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--harmonics", "0,5,0,0,0,0,0"}), 2);
   EXPECT_THAT(program.err, HasSubstr("--harmonics: 5, expected 0 to 4"));
   EXPECT_EQ(program.run({"tune", "--resume", "nowhere"}), 2);
-  EXPECT_THAT(program.err, HasSubstr("nowhere/resume.json: cannot be opened"));
+  EXPECT_THAT(program.err, HasSubstr("nowhere/resume.json: cannot be read"));
   EXPECT_FALSE(fs::exists(robot().folder / "results"));
 }
 

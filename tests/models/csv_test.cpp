@@ -183,13 +183,13 @@ TEST(Csv, ALineWithoutEndIsRefusedBeforeItFillsTheMemory) {
   {
     std::ofstream out(file.path(), std::ios::binary);
     const std::string block(1 << 20, '\1');
-    for (int i = 0; i < 20; ++i) out << block;
+    for (int i = 0; i < 70; ++i) out << block;
   }
   try {
     csv::Reader reader(file.path());
     FAIL();
   } catch (const Error& e) {
-    EXPECT_THAT(e.what(), HasSubstr("line of more than 16 MiB, expected a table of text"));
+    EXPECT_THAT(e.what(), HasSubstr("line of more than 64 MiB, expected a table of text"));
   }
 }
 
@@ -202,6 +202,34 @@ TEST(Csv, RealMeasurementsAreReadWhole) {
   EXPECT_EQ(panda.column("tau7")[0], 0.06056813);
   EXPECT_EQ(csv::load(folder / "ur10_unisa.csv").rows(), 3441u);
   EXPECT_EQ(csv::load(folder / "kr300_A.csv").rows(), 2501u);
+}
+
+// Were a name looked for among all columns, this would take minutes.
+TEST(Csv, TheTimeToReadATableGrowsWithItsColumnsAndNotWithTheirSquare) {
+  constexpr std::size_t kColumns = 200'000;
+  std::string text;
+  std::vector<std::string> names;
+  for (std::size_t c = 0; c < kColumns; ++c) {
+    names.push_back("column_" + std::to_string(c));
+    text += names.back() + ',';
+  }
+  text.back() = '\n';
+  for (std::size_t c = 0; c < kColumns; ++c) text += std::to_string(c) + ',';
+  text.back() = '\n';
+  std::reverse(names.begin(), names.end());
+  const csv::Table table = csv::parse(text, "wide.csv", names);
+  EXPECT_EQ(table.columns.front(), std::vector<double>{kColumns - 1});
+  EXPECT_EQ(table.columns.back(), std::vector<double>{0});
+}
+
+TEST(Csv, MoreColumnsThanAnyTableHasAreRefused) {
+  const std::string text = "a" + std::string(5'000'000, ',') + "\n";
+  try {
+    csv::parse(text, "f.csv");
+    FAIL();
+  } catch (const Error& e) {
+    EXPECT_THAT(e.what(), HasSubstr("f.csv:1: more than 4000000 cells in a row"));
+  }
 }
 
 }  // namespace

@@ -257,5 +257,59 @@ TEST(Xml, KnowsNamespacesByTheirScope) {
   EXPECT_NE(xml::child(root, "v", "e"), nullptr);
 }
 
+TEST(Xml, HandsElementsOverAsTheyEnd) {
+  std::vector<std::string> seen;
+  const xml::Element root = xml::parse("<a x='1'><b><c/>text</b><b>more</b><d/></a>", "m",
+                                       [&](std::span<const xml::Element> around, xml::Element& e) {
+                                         std::string path;
+                                         for (const xml::Element& outer : around) path += outer.name + "/";
+                                         seen.push_back(path + e.name + "=" + e.content);
+                                         return e.name != "b";
+                                       });
+  EXPECT_THAT(seen, ::testing::ElementsAre("a/b/c=", "a/b=", "a/b=more", "a/d="));
+  ASSERT_EQ(root.children.size(), 1u);
+  EXPECT_EQ(root.children[0].name, "d");
+}
+
+TEST(Xml, DeclaresNoEntities) {
+  // Ten to the nine words from a few lines, and a file from elsewhere.
+  const std::string laughs = "<!DOCTYPE a [<!ENTITY b 'ha'><!ENTITY c '&b;&b;'>]><a>&c;</a>";
+  const auto error = [](const std::string& xml) {
+    try {
+      xml::parse(xml, "m");
+    } catch (const Error& e) {
+      return std::string(e.what());
+    }
+    return std::string("none");
+  };
+  EXPECT_THAT(error(laughs), ::testing::HasSubstr("m:1: malformed XML: a document type with declarations, expected none"));
+  EXPECT_THAT(error("<!DOCTYPE a SYSTEM 'file:///etc/passwd'><a>&b;</a>"), ::testing::HasSubstr("an entity beyond the five"));
+  EXPECT_THAT(error("<a>&b;</a>"), ::testing::HasSubstr("an entity beyond the five"));
+  EXPECT_EQ(xml::parse("<!DOCTYPE a><a>&lt;&#228;</a>", "m").content, "<ä");
+  EXPECT_EQ(xml::parse("\n\n<?xml version='1.0'?>\n<a/>", "m").place.text(), "m:4");
+}
+
+TEST(Xml, KeepsNoMoreThanTheMemoryHasRoomFor) {
+  // 30 MB of text would be a tree of more than 1 GB.
+  std::string text = "<a>";
+  for (int i = 0; i < 6'000'000; ++i) text += "<b/>\n";
+  EXPECT_THAT([&] { xml::parse(text + "</a>", "m"); },
+              ::testing::ThrowsMessage<Error>(::testing::HasSubstr("tree takes more than")));
+}
+
+// Were earlier prefixes or attributes looked through for each new one, this would take minutes.
+TEST(Xml, TheTimeToReadGrowsWithTheTextAndNotWithItsSquare) {
+  constexpr int kMany = 100'000;
+  std::string text = "<a";
+  for (int i = 0; i < kMany; ++i) text += " xmlns:p" + std::to_string(i) + "='u" + std::to_string(i) + "'";
+  text += "><b";
+  for (int i = 0; i < kMany; ++i) text += " p" + std::to_string(i) + ":x='1'";
+  text += "/>";
+  for (int i = 0; i < kMany; ++i) text += "<c xmlns:q='v'/>";
+  const xml::Element root = xml::parse(text + "</a>", "m");
+  EXPECT_EQ(root.children.size(), kMany + 1u);
+  EXPECT_EQ(root.children[0].attributes.size(), static_cast<std::size_t>(kMany));
+}
+
 }  // namespace
 }  // namespace cotwin

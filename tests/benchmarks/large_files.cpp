@@ -1,0 +1,147 @@
+// Files as large as any that is meant to be read, a million of each thing: large_files measures what the program takes to read
+// them; large_files FOLDER [N] writes them, to try commands on.
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <iostream>
+#include <string>
+#include <vector>
+
+#include "fmu/archive.h"
+#include "tests/benchmarks/measure.h"
+
+namespace {
+
+namespace fs = std::filesystem;
+using namespace cotwin;
+
+/// The bouncing ball of tests/fmu with n more variables, all of them its height under other names.
+void write_fmu(const fs::path& folder, std::size_t n) {
+  std::ifstream in(std::string(COTWIN_SOURCE_DIR) + "/tests/fmu/fmus/ball2.xml");
+  std::string xml{std::istreambuf_iterator<char>(in), {}}, more;
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::string k = std::to_string(i);
+    more += "<ScalarVariable name=\"plant.part" + k +
+            ".height\" valueReference=\"1\" causality=\"output\" variability=\"continuous\" "
+            "description=\"height of part " +
+            k + "\"><Real unit=\"m\"/></ScalarVariable>\n";
+  }
+  std::string outputs;
+  for (std::size_t i = 0; i < n; ++i) outputs += "<Unknown index=\"" + std::to_string(15 + i) + "\"/>";
+  xml.insert(xml.find("</ModelVariables>"), more);
+  xml.insert(xml.find("</Outputs>"), outputs);
+  xml.insert(xml.find("<ModelVariables>"), "<UnitDefinitions><Unit name=\"m\"><BaseUnit m=\"1\"/></Unit></UnitDefinitions>");
+  fmu::write_archive(
+      folder / "variables.fmu",
+      std::vector<fmu::ArchiveFile>{{"modelDescription.xml", xml},
+                                    {"binaries/linux64/ball.so", fs::path(COTWIN_FOREIGN_LIBRARIES) / "ball2.so"}});
+}
+
+void write_events(const fs::path& folder, std::size_t n) {
+  std::ofstream out(folder / "events.ssd");
+  out << R"(<?xml version="1.0" encoding="UTF-8"?>
+<ssd:SystemStructureDescription version="1.0" name="events" xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
+    xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">
+  <ssd:System name="events">
+    <ssd:Elements><ssd:Component name="drive" source="unit:drive_train?robot=planar2" type="application/x-cotwin-unit"/></ssd:Elements>
+    <ssd:Annotations><ssc:Annotation type="cotwin.master"><c:Master xmlns:c="urn:cotwin:master:1" tick="0.001">
+)";
+  for (std::size_t i = 0; i < n; ++i) {
+    out << "      <c:Event time=\"" << static_cast<double>(i) / static_cast<double>(n) << "\" variable=\"drive.tau_m["
+        << 1 + i % 2 << "]\" value=\"" << i % 10 << '"' << (i % 4 == 0 ? " ramp=\"1 ms\"" : "") << "/>\n";
+  }
+  out << "    </c:Master></ssc:Annotation></ssd:Annotations>\n  </ssd:System>\n</ssd:SystemStructureDescription>\n";
+}
+
+/// A log of planar2 among n other columns.
+void write_columns(const fs::path& folder, std::size_t n) {
+  std::ofstream csv(folder / "columns.csv");
+  csv << "t,q1,q2";
+  for (std::size_t c = 0; c < n; ++c) csv << ",signal" << c;
+  csv << '\n';
+  for (int row = 0; row < 5; ++row) {
+    csv << 0.1 * row << "," << 0.01 * row << ",0";
+    for (std::size_t c = 0; c < n; ++c) csv << ',' << c % 100;
+    csv << '\n';
+  }
+  std::ofstream(folder / "columns.ssd") << R"(<?xml version="1.0" encoding="UTF-8"?>
+<ssd:SystemStructureDescription version="1.0" name="columns" xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
+    xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues">
+  <ssd:System name="columns"><ssd:Elements>
+    <ssd:Component name="recording" source="unit:io?robot=planar2" type="application/x-cotwin-unit"><ssd:ParameterBindings><ssd:ParameterBinding>
+      <ssd:ParameterValues><ssv:ParameterSet version="1.0" name="p"><ssv:Parameters>
+        <ssv:Parameter name="file"><ssv:String value="columns.csv"/></ssv:Parameter>
+      </ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues>
+    </ssd:ParameterBinding></ssd:ParameterBindings></ssd:Component>
+  </ssd:Elements></ssd:System>
+</ssd:SystemStructureDescription>
+)";
+}
+
+struct Cost {
+  double seconds = 0;  // of the processor
+  double megabytes = 0;
+  bool done = false;
+};
+
+Cost run(const fs::path& folder, std::vector<std::string> arguments) {
+  const pid_t child = fork();
+  if (child == 0) {
+    if (chdir(folder.c_str()) != 0 || std::freopen("/dev/null", "w", stdout) == nullptr) _exit(99);
+    arguments.insert(arguments.begin(), COTWIN_BENCHMARKED);
+    std::vector<char*> argv;
+    for (std::string& a : arguments) argv.push_back(a.data());
+    argv.push_back(nullptr);
+    execv(COTWIN_BENCHMARKED, argv.data());
+    _exit(99);
+  }
+  int status = 0;
+  rusage usage{};
+  if (child < 0 || wait4(child, &status, 0, &usage) != child) return {};
+  const auto seconds = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec); };
+  return {seconds(usage.ru_utime) + seconds(usage.ru_stime), static_cast<double>(usage.ru_maxrss) / 1024,
+          WIFEXITED(status) && WEXITSTATUS(status) == 0};
+}
+
+/// Whether the program read it.
+bool report(const fs::path& folder, const std::string& name, const std::vector<std::string>& arguments, double seconds,
+            double megabytes) {
+  const Cost cost = run(folder, arguments);
+  benchmark::print({name, "s", cost.seconds, "", 0, seconds, false});
+  benchmark::print({name + ", peak memory", "MB", cost.megabytes, "", 0, megabytes, false});
+  return cost.done;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc > 3) {
+    std::cerr << "large_files [FOLDER [N]]: without FOLDER measures what a million of each takes\n";
+    return 2;
+  }
+  const bool measures = argc < 2;
+  const fs::path folder = measures ? fs::temp_directory_path() / ("cotwin_large_files_" + std::to_string(getpid())) : argv[1];
+  const std::size_t n = argc == 3 ? std::strtoull(argv[2], nullptr, 10) : 1'000'000;
+  fs::create_directories(folder);
+  write_fmu(folder, n);
+  write_events(folder, n);
+  write_columns(folder, n);
+  if (!measures) return 0;
+  bool done = report(folder, "FMU of 1e6 variables, cotwin info", {"info", "variables.fmu"}, 3, 1500);
+  done = report(folder, "FMU of 1e6 variables, cotwin check", {"check", "variables.fmu"}, 0, 1500) && done;
+  done = report(folder, "FMU of 1e6 variables, cotwin run, 1 step",
+                {"run", "variables.fmu", "--stop-time", "0.001", "--output-interval", "0.001", "--output-variable", "h",
+                 "--quiet"},
+                0, 1500) &&
+         done;
+  done = report(folder, "1e6 events, cotwin check", {"check", "events.ssd"}, 3, 1000) && done;
+  done = report(folder, "1e6 events, cotwin run, 1000 ticks", {"run", "events.ssd", "--quiet"}, 0, 1000) && done;
+  done = report(folder, "1e6 CSV columns, cotwin run, 1 tick", {"run", "columns.ssd", "--stop", "0.001", "--quiet"}, 5, 1000) &&
+         done;
+  fs::remove_all(folder);
+  return done ? 0 : 1;
+}

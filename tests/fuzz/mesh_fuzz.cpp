@@ -1,0 +1,24 @@
+// Any bytes are a mesh, STL or OBJ, the hull of which is a body with volume, or an Error.
+#include <cstdint>
+#include <cstdlib>
+#include <string_view>
+
+#include "models/scene/mesh.h"
+#include "models/text/error.h"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  using namespace cotwin;
+  const std::string_view bytes(reinterpret_cast<const char*>(data), size);
+  for (const scene::MeshFormat format : {scene::MeshFormat::kStl, scene::MeshFormat::kObj}) {
+    try {
+      const std::vector<Eigen::Vector3d> hull = scene::parse_hull(bytes, format, "mesh");
+      if (hull.size() < 4) std::abort();
+      for (const Eigen::Vector3d& vertex : hull) {
+        if (!vertex.allFinite()) std::abort();
+      }
+    } catch (const Error& error) {
+      if (!std::string_view(error.what()).starts_with("mesh")) std::abort();
+    }
+  }
+  return 0;
+}
