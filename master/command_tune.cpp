@@ -34,7 +34,7 @@ struct TuneArguments {
   std::string method = "swarm", friction = "sigmoid", torques = "motor", time_unit = "s", angle_unit = "rad";
   std::vector<double> q_offset_in_angle_unit;
   std::optional<int> rounds, threads;
-  bool no_offset = false, no_viscous = false, quiet = false, cross_validate = false, overwrite = false;
+  bool accept_result = false, no_offset = false, no_viscous = false, quiet = false, cross_validate = false, overwrite = false;
   double checkpoint = 10;  // s
 };
 
@@ -73,10 +73,10 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
   if (!arguments.resume.empty()) {
     for (const std::string& option : given) {
       if (option != "--resume" && option != "--rounds" && option != "--threads" && option != "--out" && option != "--quiet" &&
-          option != "--checkpoint" && option != "--overwrite")
+          option != "--checkpoint" && option != "--overwrite" && option != "--accept-result")
         throw Error(option,
-                    "is decided by what is resumed, expected only --rounds, --threads, --out, --checkpoint, --overwrite or "
-                    "--quiet with --resume");
+                    "is decided by what is resumed, expected only --rounds, --threads, --out, --checkpoint, --overwrite, "
+                    "--accept-result or --quiet with --resume");
     }
     run.resume = tuning::load_resume(arguments.resume / "resume.json");
     if (run.resume->program != run.program)
@@ -125,7 +125,13 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
       if (result.evaluation.replay) std::cout << "the tuned twin: cotwin run " << (run.out / "twin.ssd").string() << '\n';
     }
     if (!std::cout.flush()) throw Error("stdout", "cannot be written");
-    if (!result.interrupted) return kExitDone;
+    if (!result.interrupted) {
+      for (const std::string& alarm : result.alarms) std::cerr << "cotwin: " << alarm << '\n';
+      if (result.alarms.empty() || arguments.accept_result) return kExitDone;
+      std::cerr << "cotwin: the result is worse than no model or the prior on held-out data (--accept-result takes it as it "
+                   "is)\n";
+      return kExitRunFailed;
+    }
     std::cerr << "cotwin: stopped by " << name_of_signal(stop_signal());
     if (result.swarm) std::cerr << " after round " << result.swarm->progress.round;
     if (settings.method != tuning::Method::kLeastSquares)
@@ -236,6 +242,8 @@ void add_tune(CLI::App& app, Chosen& chosen) {
   in(log, command->add_option("--max-gap", s.format.max_gap, "Steps longer than so many medians are gaps"), "N")
       ->capture_default_str();
   in(log, command->add_flag("--accept-data", s.accept_data, "Warn of implausible data instead of refusing them"), "");
+  command->add_flag("--accept-result", a.accept_result,
+                    "Exit code 0 also where held-out torques are predicted worse than by no model or by the prior");
   command->add_flag("--quiet", a.quiet, "No progress bar and no table");
   command->add_flag("--overwrite", a.overwrite,
                     "Overwrite earlier results (default: they are moved to earlier-1, earlier-2 … in the folder)");

@@ -41,10 +41,11 @@ class Trials {
     // The slowest filter looks as far as 1/cutoff beyond a sample.
     const auto reach = static_cast<std::size_t>(std::ceil(1 / (cutoffs_.front() * data_.smoothing.step)));
     const std::size_t all = data_.split > reach ? data_.split - reach : 0, n = data_.robot.joints.size();
-    Folds folds(kFolds, TorqueData(data_.robot, settings.model));
+    Folds folds(kFolds, TorqueData(data_.robot, model_of(settings, data_.survey)));
     std::size_t before = 0;
     for_each_block(settings, data_, hooks_, "cross-validation", [&](const measurement::Block& block, Part) {
       for (std::size_t k = 0; k < block.count && before < all; ++k, ++before) {
+        if (!block.measured[k]) continue;
         const std::size_t row = k * n;
         const bool motors = !block.theta.empty();
         folds[before * kFolds / all].add(&block.q[row], &block.dq[row], &block.ddq[row], &block.tau_measured[row],
@@ -61,7 +62,7 @@ class Trials {
     options.prior_weight = settings.prior_weight;
     std::vector<VectorXd> of_fold(kFolds);
     threads_.run(kFolds, [&](std::size_t k) {
-      TorqueData others(data_.robot, settings.model);
+      TorqueData others(data_.robot, model_of(settings, data_.survey));
       for (std::size_t i = 0; i < kFolds; ++i)
         if (i != k) others.merge(folds[i]);
       const identification::Problem problem(others, data_.robot, options);

@@ -33,6 +33,12 @@ std::size_t grid_points(const measurement::Survey& survey, const measurement::Sm
 
 }  // namespace
 
+identification::ModelOptions model_of(const Settings& settings, const measurement::Survey& survey) {
+  identification::ModelOptions model = settings.model;
+  for (std::size_t j = 0; j < survey.joints.size(); ++j) model.still.push_back(survey.moves(j) ? 0 : 1);
+  return model;
+}
+
 measurement::Smoothing smoothing_of(const Settings& settings, const measurement::Survey& survey) {
   measurement::Smoothing smoothing;
   smoothing.step = survey.step;
@@ -64,7 +70,7 @@ void for_each_block(const Settings& settings, const Data& data, const Hooks& hoo
   for (const bool held_out : {false, true}) {
     const measurement::Log log = log_of(settings, held_out);
     if (log.files.empty()) continue;
-    measurement::SmoothedLog smoothed(log, axes, data.smoothing, measurement::gap_of(log, data.smoothing.step));
+    measurement::SmoothedLog smoothed(log, axes, data.smoothing, data.survey.gap);
     while (const measurement::Block* block = smoothed.next()) {
       take(*block, held_out ? Part::kHeldOut : Part::kTraining);
       done += block->count;
@@ -93,11 +99,13 @@ namespace {
 /// Compresses the log, its torques through the low-pass.
 void compress(const Settings& settings, Data& data, const Hooks& hooks) {
   const std::size_t n = data.robot.joints.size();
-  CompressedPart empty{identification::TorqueData(data.load_robot, settings.model), 0, Eigen::VectorXd::Zero(data.robot.n())};
+  CompressedPart empty{identification::TorqueData(data.load_robot, model_of(settings, data.survey)), 0,
+                       Eigen::VectorXd::Zero(data.robot.n())};
   CompressedPart training = empty, held_out = empty;
   std::size_t before = 0;
   for_each_block(settings, data, hooks, "compressing the log", [&](const measurement::Block& block, Part of_file) {
     for (std::size_t k = 0; k < block.count; ++k, ++before) {
+      if (!block.measured[k]) continue;
       const bool train = of_file == Part::kTraining && before < data.split;
       CompressedPart& part = train ? training : held_out;
       const std::size_t row = k * n;

@@ -39,6 +39,8 @@ struct Stopped {};
 
 /// Reads the robot and looks through the log: robot, survey and warnings of the result.
 Data survey_log(const Settings& settings, const Hooks& hooks);
+/// settings.model, with the joints of the log that stand still.
+identification::ModelOptions model_of(const Settings& settings, const measurement::Survey& survey);
 measurement::Smoothing smoothing_of(const Settings& settings, const measurement::Survey& survey);
 /// Decides with data.smoothing which samples are trained on: data.split, and warnings of segments that give none.
 void split(const Settings& settings, Data& data);
@@ -46,8 +48,9 @@ void split(const Settings& settings, Data& data);
 /// Reads robot and log: survey, smoothing, compression. Throws Error for what is wrong with either; Stopped.
 Data load_data(const Settings& settings, const Hooks& hooks);
 
-/// Calls `take` for every smoothed block of the log, in order: those of settings.data as kTraining (of which the first
-/// data.split samples are), then those of settings.held_out. `what` is told as progress. Throws Stopped.
+/// Calls `take` for every smoothed block of the log, in order (points that are not block.measured are there to be counted):
+/// those of settings.data as kTraining (of which the first data.split samples are), then those of settings.held_out. `what` is
+/// told as progress. Throws Stopped.
 void for_each_block(const Settings& settings, const Data& data, const Hooks& hooks, const char* what,
                     const std::function<void(const measurement::Block&, Part)>& take);
 

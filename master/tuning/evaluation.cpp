@@ -149,6 +149,8 @@ void predict(const Settings& settings, const Data& data, const Hooks& hooks, con
     for (std::size_t c = 0; c < candidates.size(); ++c)
       tau[c] = identification::torques(exists && c == tuned ? robot : data.load_robot, candidates[c].estimate, samples);
     for (std::size_t k = 0; k < block.count; ++k, ++before) {
+      if (replay) replay->add(before, &block.q[k * n], &block.tau[k * n], &tau[tuned][k * n]);
+      if (!block.measured[k]) continue;
       const bool train = of_file == Part::kTraining && before < data.split;
       const bool of_gears = !block.theta.empty() && train;
       if (of_gears && settings.model.motor_inertia && settings.model.load)
@@ -164,7 +166,6 @@ void predict(const Settings& settings, const Data& data, const Hooks& hooks, con
           torsion[j].add(tau_J, block.dq[at], block.theta[at] - block.q[at]);
         }
       }
-      if (replay) replay->add(before, &block.q[k * n], &block.tau[k * n], &tau[tuned][k * n]);
       if (before % evaluation.every != 0) continue;
       writer.cell(block.t[k]);
       writer.cell(train ? "training" : "held_out");

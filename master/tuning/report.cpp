@@ -211,6 +211,13 @@ void write_excitation(std::ostream& out, const Result& result) {
       << " of the regressor with columns of unit length.\n\n";
   for (const std::string& warning : excitation.warnings) out << "* " << warning << '\n';
   if (!excitation.warnings.empty()) out << '\n';
+  Table joints({"joint", "σ, N·m (its weight is 1/σ²)", "rank", "of unknowns"});
+  for (std::size_t j = 0; j < result.floor.joint_rank.size(); ++j) {
+    joints.row({result.robot.joints[j].name, number(at(result.floor.sigma, j)), std::to_string(result.floor.joint_rank[j]),
+                std::to_string(result.floor.joint_unknowns[j])});
+  }
+  joints.write_markdown(out);
+  out << "σ is the residual of unconstrained least squares; the rank is that of the joint's own torque.\n\n";
   std::vector<std::string> lost, weak;
   Table table({"unknown", "value", "standard deviation", "relative, %"});
   for (const identification::Determination& unknown : excitation.unknown) {
@@ -279,6 +286,7 @@ void write_table(std::ostream& out, const Data& data, const Result& result) {
   if (result.swarm) out << "swarm: " << swarm_sentence(*result.swarm) << ", " << number(result.swarm->seconds, 3) << " s\n";
   out << weighted_sentence(result) << "\n\ntraining, RMS in N.m\n";
   errors_table(data, result, result.evaluation.training).write_plain(out);
+  if (!result.chosen.empty()) out << "\nnote: " << result.chosen << '\n';
   if (!result.evaluation.held_out) return;
   out << "\nheld out (" << samples_of(data, result.evaluation.held_out->samples) << "), RMS in N.m\n";
   errors_table(data, result, *result.evaluation.held_out).write_plain(out);
@@ -289,6 +297,12 @@ std::string report_markdown(const Settings& settings, const Data& data, const Re
   out << "# Tuning of " << data.robot.name << "\n\n";
   if (result.interrupted)
     out << "**Interrupted**: the best parameters so far. `cotwin tune --resume` with this folder goes on.\n\n";
+  if (!result.alarms.empty()) {
+    out << "**Alarm**: held-out torques are predicted worse than by no model or by the prior.\n\n";
+    for (const std::string& alarm : result.alarms) out << "* " << alarm << '\n';
+    out << '\n';
+  }
+  if (!result.chosen.empty()) out << "Note: " << result.chosen << ".\n\n";
   out << weighted_sentence(result) << ".\n\n## Torque errors, training ("
       << samples_of(data, result.evaluation.training.samples)
       << ")\n\nRMS in N·m; the floor is unconstrained least squares: in the weighted sum over the joints nothing falls below "
@@ -316,6 +330,8 @@ std::string figures_json(const Settings& settings, const Data& data, const Resul
   object["state"] = result.interrupted ? "interrupted" : "done";
   object["settings"] = to_json(settings);
   for (const robot::Joint& joint : data.robot.joints) object["joints"].push_back(joint.name);
+  object["tuned"] = result.candidates[result.tuned].name;
+  object["alarms"] = result.alarms;
   object["cutoff"] = data.smoothing.cutoff;
   object["rate"] = data.survey.rate();
   object["training"] = part_json(result.evaluation.training, result);
@@ -338,6 +354,9 @@ std::string figures_json(const Settings& settings, const Data& data, const Resul
     object["swarm"]["reconfigurations"] = result.swarm->progress.reconfigurations;
     object["swarm"]["history"] = result.swarm->history;
   }
+  object["sigma"] = std::vector<double>(result.floor.sigma.begin(), result.floor.sigma.end());
+  object["joint_rank"] = result.floor.joint_rank;
+  object["joint_unknowns"] = result.floor.joint_unknowns;
   object["rank"] = result.excitation.rank;
   object["unknowns"] = result.excitation.unknowns;
   object["condition"] = result.excitation.condition;

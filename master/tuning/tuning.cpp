@@ -71,6 +71,45 @@ SwarmRun run_swarm(const Settings& settings, const Run& run, const Hooks& hooks,
   return result;
 }
 
+/// Held-out errors of a candidate that are above those of no model at all (the torques themselves) or of the prior, by more
+/// than rounding and chance explain. Joints that stand still have no errors to speak of.
+std::vector<std::string> alarms_of(const Data& data, const Evaluation& evaluation, std::size_t candidate) {
+  constexpr double kWorse = 1.02;
+  std::vector<std::string> alarms;
+  if (!evaluation.held_out) return alarms;
+  const PartErrors& part = *evaluation.held_out;
+  for (std::size_t j = 0; j < data.robot.joints.size(); ++j) {
+    if (!data.survey.moves(j)) continue;
+    const auto i = static_cast<Eigen::Index>(j);
+    const double error = part.of[candidate].rms[i], prior = part.of.front().rms[i], torque = part.torque_rms[i];
+    const bool than_none = error > kWorse * torque, than_prior = error > kWorse * prior;
+    if (!than_none && !than_prior) continue;
+    alarms.push_back(data.robot.joints[j].name + ": held-out error " + text::to_text(error, 3) + " N.m, expected below " +
+                     (than_none ? "the torque itself, " + text::to_text(torque, 3) + " N.m"
+                                : "that of the prior, " + text::to_text(prior, 3) + " N.m"));
+  }
+  return alarms;
+}
+
+/// Which candidate becomes the tuned robot: the method's own; instead of the swarm's that of feasible least squares where the
+/// swarm has not come near it, or predicts held-out torques so badly that it is an alarm and the other one does not.
+void choose_tuned(const Settings& settings, const Data& data, Result& result) {
+  constexpr double kNear = 1.02;  // of the weighted RMS on the training part
+  result.tuned = 1;               // the method's own stands behind the prior
+  result.alarms = alarms_of(data, result.evaluation, 1);
+  if (settings.method != Method::kSwarm || !(result.feasible_rms > 0)) return;
+  const std::vector<std::string> others = alarms_of(data, result.evaluation, 2);
+  const bool unfinished = result.swarm_rms > kNear * result.feasible_rms;
+  if (unfinished ? others.size() > result.alarms.size() : others.size() >= result.alarms.size()) return;
+  result.tuned = 2;
+  result.alarms = others;
+  result.chosen = unfinished ? "feasible least squares fits the training data better (weighted RMS " +
+                                   text::to_text(result.feasible_rms, 5) + ", the swarm's " +
+                                   text::to_text(result.swarm_rms, 5) + "): it is the robot that is written"
+                             : "feasible least squares predicts held-out torques with fewer alarms: it is the robot that is "
+                               "written";
+}
+
 void write_files(const Settings& settings, const Data& data, const Run& run, const Result& result) {
   const Candidate& tuned = result.candidates[result.tuned];
   const std::string how = "cotwin tune: " + tuned.name + ", seed " + std::to_string(settings.seed) + ", " +
@@ -122,13 +161,13 @@ Result tune(const Settings& settings, const Run& run, const Hooks& hooks, const 
   result.candidates.push_back({"floor", problem.floor_estimate()});
   result.floor_rms = problem.weighted_rms(result.candidates.back().estimate);
   result.prior_rms = problem.weighted_rms(result.candidates.front().estimate);
-  result.tuned = 1;  // the method's own stands behind the prior
+  result.evaluation = evaluate(data, result.candidates);
+  choose_tuned(settings, data, result);
 
   const identification::Estimate& tuned = result.candidates[result.tuned].estimate;
   result.robot = settings.method == Method::kLeastSquares
                      ? data.robot
-                     : tuned_robot(data.robot, tuned, std::string("cotwin tune, ") + to_text(settings.method));
-  result.evaluation = evaluate(data, result.candidates);
+                     : tuned_robot(data.robot, tuned, "cotwin tune, " + result.candidates[result.tuned].name);
   if (!result.interrupted) {
     try {
       predict(settings, data, hooks, result.candidates, result.tuned, result.robot, run.out, result.evaluation);

@@ -31,7 +31,10 @@ struct Result {
   double deviation_factor = 1;  // of `excitation`: filtered errors are not independent of one another
   double prior_rms = 0, swarm_rms = 0, feasible_rms = 0, floor_rms = 0;  // weighted, on the training part
   std::optional<SwarmRun> swarm;
-  robot::RobotModel robot;  // tuned; as it was for Method::kLeastSquares, whose bodies are none
+  std::vector<std::string> alarms;  // sentences: joints of which the held-out torques are predicted worse than by no model or
+                                    // by the prior
+  std::string chosen;               // why the robot that is written is not the swarm's; empty where it is
+  robot::RobotModel robot;          // tuned; as it was for Method::kLeastSquares, whose bodies are none
 };
 
 struct Run {

@@ -7,6 +7,7 @@
 #include "models/identification/compass.h"
 #include "models/identification/problem_impl.h"
 #include "models/numerics/triangle.h"
+#include "models/robot/dynamics.h"
 #include "models/text/error.h"
 #include "models/text/text.h"
 
@@ -72,12 +73,15 @@ Solution solve(const MatrixXd& A, const VectorXd& b, bool alone = false) {
   return solution;
 }
 
-/// The joint's triangle with its drive's columns multiplied by C.
-MatrixXd reduced(const TorqueData& data, int j, const MatrixXd& C) {
-  const TorqueData::Columns& c = data.columns(j);
-  const Eigen::Map<const RowMajor> R(data.triangle(j).R(), c.size(), c.size());
+/// The joint's triangle with its drive's columns multiplied by C, without silent base parameters: scaled to unit length, what
+/// is noise in them would count like motion.
+MatrixXd reduced(const Problem::Impl& problem, int j, const MatrixXd& C) {
+  const TorqueData::Columns& c = problem.data.columns(j);
+  const Eigen::Map<const RowMajor> R(problem.data.triangle(j).R(), c.size(), c.size());
   MatrixXd result(c.size(), C.cols() + c.size() - c.drive);
   result << R.leftCols(c.drive) * C, R.rightCols(c.size() - c.drive);
+  for (std::size_t i = 0; i < c.base.size(); ++i)
+    if (problem.silent[static_cast<std::size_t>(c.base[i])]) result.col(C.cols() + static_cast<Index>(i)).setZero();
   return result;
 }
 
@@ -123,9 +127,9 @@ class Together {
     VectorXd line(all);
     for (int j = 0; j < p_.n(); ++j) {
       const auto k = static_cast<std::size_t>(j);
-      const MatrixXd R = reduced(p_.data, j, C[k]) / p_.sigma[j];
+      const MatrixXd R = reduced(p_, j, C[k]) / p_.sigma[j];
       MatrixXd slope(R.rows(), 0);
-      if (!slopes.empty()) slope = reduced(p_.data, j, slopes[k]).leftCols(slopes[k].cols()) / p_.sigma[j];
+      if (!slopes.empty()) slope = reduced(p_, j, slopes[k]).leftCols(slopes[k].cols()) / p_.sigma[j];
       const Index drive = C[k].cols();
       for (Index r = 0; r < R.rows(); ++r) {
         line.setZero();
@@ -210,7 +214,37 @@ class Together {
 
 }  // namespace
 
+/// A base parameter is silent where ten times what the prior's bodies beyond its joint have (mass, first moment, inertia about
+/// the joint's axis at q = 0) changes no joint's torque by a thousandth of its RMS: joints that stand still move by the noise
+/// of their encoders.
+void Problem::Impl::find_silent() {
+  constexpr double kMost = 10, kShown = 1e-3, kLeastRadius = 0.05;  // m
+  const robot::Mechanism mechanism(prior);
+  robot::Data scratch(mechanism);
+  MatrixXd inertia(n(), n());
+  robot::mass_matrix(mechanism, scratch, VectorXd::Zero(n()), inertia);
+  std::vector<double> mass(static_cast<std::size_t>(n()));
+  for (int i = n() - 1; i >= 0; --i) {
+    const auto k = static_cast<std::size_t>(i);
+    mass[k] += prior.bodies[k].inertia.mass;
+    if (const int parent = prior.joints[k].parent; parent >= 0) mass[static_cast<std::size_t>(parent)] += mass[k];
+  }
+  silent.assign(static_cast<std::size_t>(base_count()), 1);
+  for (int j = 0; j < n(); ++j) {
+    const TorqueData::Columns& c = data.columns(j);
+    const Eigen::Map<const RowMajor> R(data.triangle(j).R(), c.size(), c.size());
+    const double shown = kShown * R.col(c.size() - 1).norm();
+    for (std::size_t i = 0; i < c.base.size(); ++i) {
+      const int column = data.base().columns[static_cast<std::size_t>(c.base[i])], body = column / 10, kind = column % 10;
+      const double kg = mass[static_cast<std::size_t>(body)], I = inertia(body, body) + kg * kLeastRadius * kLeastRadius;
+      const double value = kMost * (kind == 0 ? kg : kind < 4 ? std::sqrt(kg * I) : I);
+      if (value * R.col(c.drive + static_cast<Index>(i)).norm() >= shown) silent[static_cast<std::size_t>(c.base[i])] = 0;
+    }
+  }
+}
+
 void Problem::Impl::solve_floor() {
+  find_silent();
   const int b = base_count(), joints = n();
   const double N = data.weight();
   Together all(*this);
@@ -227,7 +261,7 @@ void Problem::Impl::solve_floor() {
     const int at = first_nonlinear(j), count = terms[k].nonlinear();
     const auto residual = [&](const VectorXd& e) {
       all.set_shape(j, e);
-      return own_residual(reduced(data, j, all.C[k]));
+      return own_residual(reduced(*this, j, all.C[k]));
     };
     VectorXd best = VectorXd::Zero(count);
     if (count > 0) {
@@ -238,11 +272,14 @@ void Problem::Impl::solve_floor() {
     const int last = data.columns(j).size() - 1;
     const Eigen::Map<const RowMajor> R(data.triangle(j).R(), last + 1, last + 1);
     tau_rms[j] = R.col(last).norm() / std::sqrt(N);
-    if (!(tau_rms[j] > 0))
+    const std::vector<char>& still = data.options().still;
+    if (!(tau_rms[j] > 0) && (still.empty() || !still[k]))
       throw Error("torque of joint " + std::to_string(j + 1) + " (" + prior.joints[k].name + ")",
                   "is zero in all samples, expected a measured one");
   }
-  const VectorXd least = kLeastSigma * tau_rms;
+  // A joint that stands still may be explained to rounding: its weight stays finite.
+  constexpr double kLeastTorque = 1e-3;  // of the largest joint's
+  const VectorXd least = kLeastSigma * tau_rms.cwiseMax(kLeastTorque * tau_rms.maxCoeff());
   const bool given = options.sigma.size() != 0;
   if (given && (options.sigma.size() != joints || !(options.sigma.array() > 0).all()))
     throw Error("sigma", "of " + std::to_string(options.sigma.size()) + " joints, expected " + std::to_string(joints) +
@@ -273,13 +310,13 @@ void Problem::Impl::solve_floor() {
       if (count > 0 && pass < 3) {
         const auto residual = [&](const VectorXd& e) {
           all.set_shape(j, e);
-          MatrixXd R = reduced(data, j, all.C[k]), alone(R.rows(), drive + 1);
+          MatrixXd R = reduced(*this, j, all.C[k]), alone(R.rows(), drive + 1);
           alone << R.leftCols(drive), rest(R);
           return own_residual(alone);
         };
         residual(compass(all.eta[k], lower.segment(at, count), upper.segment(at, count), 0.02, 5e-4, residual));
       }
-      const MatrixXd R = reduced(data, j, all.C[k]);
+      const MatrixXd R = reduced(*this, j, all.C[k]);
       rms[j] = (R.leftCols(drive) * solution.x.segment(first[k], drive) - rest(R)).norm() / std::sqrt(N);
     }
     if (pass == 3 || (given && !shaped)) break;
@@ -287,6 +324,11 @@ void Problem::Impl::solve_floor() {
     if (!given) sigma = (freedom * rms).cwiseMax(least);
   }
 
+  for (int j = 0; j < joints; ++j) {
+    const MatrixXd R = reduced(*this, j, all.C[static_cast<std::size_t>(j)]);
+    floor.joint_unknowns.push_back(static_cast<int>(R.cols()) - 1);
+    floor.joint_rank.push_back(solve(R.leftCols(R.cols() - 1), R.col(R.cols() - 1), true).rank);
+  }
   floor.beta = solution.x.tail(b);
   floor.rank = solution.rank;
   floor.unknowns = unknowns;

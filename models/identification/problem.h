@@ -36,8 +36,9 @@ struct Floor {
   Eigen::VectorXd rms;            // n: root of the mean square of the residuals, N.m
   int rank = 0;                   // of the weighted regressor, of `unknowns` columns
   int unknowns = 0;
-  double condition = 0;  // of its columns scaled to unit length, without those beyond the rank
-  double cost = 0;       // Σ_j rms_j² / (n σ_j²)
+  double condition = 0;                         // of its columns scaled to unit length, without those beyond the rank
+  double cost = 0;                              // Σ_j rms_j² / (n σ_j²)
+  std::vector<int> joint_rank, joint_unknowns;  // n: of the unknowns that the joint's torque depends on, by this torque alone
 };
 
 /// How well the data determine one unknown of the floor.

@@ -25,6 +25,7 @@ struct Problem::Impl {
   std::vector<JointDrive> shapes;  // n: nonlinear friction parameters of the prior
   Eigen::VectorXd lower, upper;
   Eigen::VectorXd sigma, weights;  // n: 1 / (σ √(n N))
+  std::vector<char> silent;        // of the base parameters: no plausible value of it would show in any torque
   Floor floor;
   Excitation excitation;
   double lambda = 0, lambda_shape = 0;  // of the pull to the prior: bodies, friction's shape
@@ -52,6 +53,7 @@ struct Problem::Impl {
 
   RowMajor reachable(int joint, const RowMajor& R) const;
   void set_bounds();
+  void find_silent();
   void solve_floor();
   void assemble();
   void judge();

@@ -85,8 +85,9 @@ struct TorqueData::Impl {
     check();
     for (int j = 0; j < robot.n(); ++j) {
       const bool curve = options.friction == FrictionLaw::kSigmoid || options.friction == FrictionLaw::kStribeck;
-      nodes.push_back(curve ? speed_grid(options.speed_nodes, greatest_speed(robot.joints[static_cast<std::size_t>(j)]))
-                            : std::vector<double>{});
+      nodes.push_back(curve && !is_still(j)
+                          ? speed_grid(options.speed_nodes, greatest_speed(robot.joints[static_cast<std::size_t>(j)]))
+                          : std::vector<double>{});
       columns.push_back(columns_of(j));
       triangles.emplace_back(static_cast<std::size_t>(columns.back().size()), forgetting);
     }
@@ -109,11 +110,15 @@ struct TorqueData::Impl {
       throw Error("harmonics", std::to_string(options.harmonics.size()) + " numbers, expected " + std::to_string(n));
     for (const int k : options.harmonics)
       if (k < 0 || k > 4) throw Error("harmonics", std::to_string(k) + " of a joint, expected 0 to 4");
+    if (!options.still.empty() && options.still.size() != n)
+      throw Error("still", std::to_string(options.still.size()) + " joints, expected " + std::to_string(n));
     if (!(options.v_R > 0)) throw Error("v_R", std::to_string(options.v_R) + " rad/s, expected above 0");
     if (!(options.delta > 0)) throw Error("delta", std::to_string(options.delta) + ", expected above 0");
     if (options.speed_nodes < 8 || options.speed_nodes % 2 != 0)
       throw Error("speed_nodes", std::to_string(options.speed_nodes) + ", expected an even number of at least 8");
   }
+
+  bool is_still(int j) const { return !options.still.empty() && options.still[static_cast<std::size_t>(j)] != 0; }
 
   bool in_subtree(int body, int root) const {
     for (; body > root; body = robot.joints[static_cast<std::size_t>(body)].parent) {
@@ -125,12 +130,13 @@ struct TorqueData::Impl {
     Columns c;
     c.nodes = static_cast<int>(nodes[static_cast<std::size_t>(j)].size());
     c.drive = c.nodes;
-    if (options.friction == FrictionLaw::kCoulomb) c.coulomb = c.drive++;
-    if (options.load) c.load = c.drive++;
-    if (options.viscous) c.viscous = c.drive++;
+    const bool moves = !is_still(j);
+    if (moves && options.friction == FrictionLaw::kCoulomb) c.coulomb = c.drive++;
+    if (moves && options.load) c.load = c.drive++;
+    if (moves && options.viscous) c.viscous = c.drive++;
     if (options.offset) c.offset = c.drive++;
-    if (options.motor_inertia) c.motor_inertia = c.drive++;
-    if (const int k = options.harmonics.empty() ? 0 : options.harmonics[static_cast<std::size_t>(j)]; k > 0) {
+    if (moves && options.motor_inertia) c.motor_inertia = c.drive++;
+    if (const int k = options.harmonics.empty() || !moves ? 0 : options.harmonics[static_cast<std::size_t>(j)]; k > 0) {
       c.harmonics = c.drive;
       c.drive += 2 * k;
     }

@@ -36,6 +36,7 @@ struct ModelOptions {
   double v_R = 0.02;           // rad/s
   double delta = 2;            // Stribeck exponent
   std::vector<int> harmonics;  // n, or empty: none; how many harmonics of q_j are sought for joint j
+  std::vector<char> still;     // n, or empty: joints that stand still; of their drives nothing but an offset is sought
   int speed_nodes = 40;        // kSigmoid, kStribeck: nodes of the speed grid, see TorqueData; even, at least 8
   friend bool operator==(const ModelOptions&, const ModelOptions&) = default;
 };

@@ -12,7 +12,7 @@ LogReader::LogReader(const Log& log, std::span<const trajectory::Axis> axes, dou
 bool LogReader::open(std::size_t file) {
   if (file >= log_.files.size()) return false;
   file_ = file;
-  reader_ = std::make_unique<trajectory::RecordingReader>(log_.files[file], axes_, log_.format);
+  reader_ = std::make_unique<trajectory::RecordingReader>(log_.files[file], axes_, log_.format, true);
   if (!reader_->tau().present()) {
     throw Error(log_.files[file].string(),
                 "has no columns of measured torques, expected 'tau1', 'tau2', … or their names in tau_columns");
@@ -22,8 +22,14 @@ bool LogReader::open(std::size_t file) {
 }
 
 bool LogReader::next() {
-  while (!reader_->next()) {
-    if (!open(file_ + 1)) return false;
+  for (;;) {
+    if (!reader_->next()) {
+      if (!open(file_ + 1)) return false;
+    } else if (!fresh_ && reader_->t() == t_before_) {
+      ++repeated_;
+    } else {
+      break;
+    }
   }
   begins_ = fresh_ || reader_->t() - t_before_ > gap_;
   fresh_ = false;

@@ -17,7 +17,7 @@ struct Log {
 };
 
 /// Reads all files of a log one after another, in memory for one sample. A gap in time, or the next file, begins a new segment:
-/// nothing is interpolated or filtered across it.
+/// nothing is interpolated or filtered across it. Of rows with the same time the first one counts.
 class LogReader {
  public:
   /// `gap`: s; a longer step begins a segment. Throws Error, as RecordingReader does, and for files without torques.
@@ -28,6 +28,7 @@ class LogReader {
   /// Whether the current sample is the first one of a segment.
   bool begins() const { return begins_; }
   std::size_t file() const { return file_; }
+  std::size_t repeated() const { return repeated_; }  // rows so far that had the time of the row before
   const trajectory::RecordingReader& sample() const { return *reader_; }
 
  private:
@@ -36,7 +37,7 @@ class LogReader {
   const Log& log_;
   std::span<const trajectory::Axis> axes_;
   double gap_;
-  std::size_t file_ = 0;
+  std::size_t file_ = 0, repeated_ = 0;
   std::unique_ptr<trajectory::RecordingReader> reader_;
   bool begins_ = false, fresh_ = true;
   double t_before_ = 0;

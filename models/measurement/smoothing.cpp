@@ -31,6 +31,7 @@ SmoothedLog::SmoothedLog(const Log& log, std::span<const trajectory::Axis> axes,
                          std::size_t block)
     : reader_(log, axes, gap),
       n_(axes.size()),
+      gap_(gap),
       smoothing_(smoothing),
       filter_(smoothing.cutoff, 1 / smoothing.step, smoothing.order),
       block_(std::max(block, 2 * filter_.memory())),
@@ -100,6 +101,9 @@ void SmoothedLog::put_on_grid(std::size_t k_begin, std::size_t count) {
   q_.t.resize(count);
   for (std::size_t i = 0; i < count; ++i) q_.t[i] = t_first_ + static_cast<double>(k_begin + i) * h;
   tau_.t = theta_.t = q_.t;
+  measured_.assign(count, 1);
+  const bool complete = regular || is_complete();
+  if (!complete) mark_measured(k_begin, count);
   for (auto [raw, even] : {std::pair{&q_raw_, &q_}, std::pair{&theta_raw_, &theta_}, std::pair{&tau_raw_, &tau_}}) {
     if (raw->t.empty()) continue;
     even->x.resize(count * n_);
@@ -108,10 +112,86 @@ void SmoothedLog::put_on_grid(std::size_t k_begin, std::size_t count) {
       std::copy_n(from, count * n_, even->x.begin());
       continue;
     }
+    if (!complete) {
+      fill_missing(*raw, k_begin, *even);
+      continue;
+    }
     const trajectory::Path path = trajectory::interpolate(*raw);
     std::vector<double> dx(n_), ddx(n_);
     for (std::size_t i = 0; i < count; ++i)
       path.at(std::min(even->t[i], raw->t.back()), std::span(even->x).subspan(i * n_, n_), dx, ddx);
+  }
+}
+
+bool SmoothedLog::is_complete() const {
+  for (std::size_t i = 1; i < q_raw_.size(); ++i)
+    if (q_raw_.t[i] - q_raw_.t[i - 1] > 1.5 * smoothing_.step) return false;
+  return true;
+}
+
+void SmoothedLog::mark_measured(std::size_t k_begin, std::size_t count) {
+  measured_.assign(count, 0);
+  for (const double t : q_raw_.t) {
+    const double k = std::round((t - t_first_) / smoothing_.step) - static_cast<double>(k_begin);
+    if (k >= 0 && k < static_cast<double>(count)) measured_[static_cast<std::size_t>(k)] = 1;
+  }
+  // Beside a gap of more than half of 1/cutoff the filter has no support on one side.
+  const double beside = 0.25 / smoothing_.cutoff;
+  for (std::size_t i = 1; i < q_raw_.size(); ++i) {
+    if (q_raw_.t[i] - q_raw_.t[i - 1] < 2 * beside) continue;
+    for (std::size_t k = 0; k < count; ++k)
+      if (q_.t[k] > q_raw_.t[i - 1] - beside && q_.t[k] < q_raw_.t[i] + beside) measured_[k] = 0;
+  }
+}
+
+void SmoothedLog::fill_missing(const trajectory::Series& raw, std::size_t k_begin, trajectory::Series& even) const {
+  constexpr int kMost = 400;
+  constexpr double kNear = 1e-9;  // of the signal's range, that a repetition changes
+  const std::size_t count = even.t.size();
+  struct Place {
+    std::size_t sample, k;  // the grid point next to a sample,
+    double offset;          // and how far behind it that was taken, in steps
+  };
+  std::vector<Place> places;
+  std::vector<double> samples_at(count);
+  for (std::size_t s = 0; s < raw.size(); ++s) {
+    const double at = (raw.t[s] - t_first_) / smoothing_.step - static_cast<double>(k_begin), k = std::round(at);
+    if (!(k >= 0 && k < static_cast<double>(count))) continue;
+    places.push_back({s, static_cast<std::size_t>(k), at - k});
+    samples_at[places.back().k] += 1;
+  }
+  std::vector<double> z(count), y(count), sum(count);
+  for (std::size_t c = 0; c < n_; ++c) {
+    double low = raw.x[c], high = low;
+    for (std::size_t s = 0; s < raw.size(); ++s) {
+      low = std::min(low, raw.x[s * n_ + c]);
+      high = std::max(high, raw.x[s * n_ + c]);
+    }
+    for (std::size_t k = 0, s = 0; k < count; ++k) {  // straight lines between the samples
+      while (s + 1 < raw.size() && raw.t[s + 1] < even.t[k]) ++s;
+      const std::size_t next = std::min(s + 1, raw.size() - 1);
+      const double span = raw.t[next] - raw.t[s];
+      const double share = span > 0 ? std::clamp((even.t[k] - raw.t[s]) / span, 0.0, 1.0) : 0.0;
+      z[k] = (1 - share) * raw.x[s * n_ + c] + share * raw.x[next * n_ + c];
+    }
+    for (int repetition = 0; repetition < kMost; ++repetition) {
+      y = z;
+      filter_.apply(y);
+      std::fill(sum.begin(), sum.end(), 0.0);
+      for (const Place& p : places) {
+        const double before = y[p.k > 0 ? p.k - 1 : 0], here = y[p.k], after = y[std::min(p.k + 1, count - 1)];
+        const double away = p.offset * (0.5 * (after - before) + 0.5 * p.offset * (after - 2 * here + before));
+        sum[p.k] += raw.x[p.sample * n_ + c] - away;
+      }
+      double change = 0;
+      for (std::size_t k = 0; k < count; ++k) {
+        const double next = samples_at[k] > 0 ? sum[k] / samples_at[k] : y[k];
+        change = std::max(change, std::abs(next - z[k]));
+        z[k] = next;
+      }
+      if (change <= kNear * (high - low)) break;
+    }
+    for (std::size_t k = 0; k < count; ++k) even.x[k * n_ + c] = z[k];
   }
 }
 
@@ -143,6 +223,8 @@ void SmoothedLog::deliver(std::size_t k_begin, std::size_t count) {
   result_.segment = segments_ - 1;
   result_.count = count;
   cut(q_.t, result_.t, 1);
+  const auto first = measured_.begin() + static_cast<std::ptrdiff_t>(k_next_ - k_begin);
+  result_.measured.assign(first, first + static_cast<std::ptrdiff_t>(count));
   differentiate(q_, result_.q, result_.dq, result_.ddq);
   if (has_theta_) differentiate(theta_, result_.theta, result_.dtheta, result_.ddtheta);
   cut(tau_.x, result_.tau_measured, n_);
@@ -177,7 +259,7 @@ const Block* SmoothedLog::next() {
     deliver(k_begin, count);
     k_next_ += count;
     const double keep = static_cast<double>(k_next_) - static_cast<double>(overlap_ + kSplineReach);
-    forget_before(t_first_ + (keep - 0.5) * h);
+    forget_before(t_first_ + (keep - 0.5) * h - gap_);
     return &result_;
   }
 }

@@ -38,7 +38,7 @@ struct Sums {
   double slope() const { return var_x() > 0 ? (xy / n - x / n * (y / n)) / var_x() : 0; }
 };
 
-/// The median step of the first samples of a log's file.
+/// The step of the first samples of a log's file.
 double first_step(const Log& log, std::size_t file, std::span<const trajectory::Axis> axes) {
   constexpr std::size_t kSteps = 4095;
   Log one{{log.files[file]}, log.format};
@@ -48,16 +48,22 @@ double first_step(const Log& log, std::size_t file, std::span<const trajectory::
   if (t.size() < 2) {
     throw Error(log.files[file].string(), "holds " + std::to_string(t.size()) + " samples, expected at least two");
   }
-  return trajectory::median_step(t);
+  return typical_step(t);
 }
+
+/// A gap up to this long is bridged, s: the filter continues the motion smoothly, and what is beside a long gap is left out
+/// (Block::measured). A gap that splits the log costs the margins of a segment at both sides.
+constexpr double kBridged = 1;
 
 /// One pass over the log.
 class Surveyor {
  public:
-  Surveyor(const Log& log, const robot::RobotModel& robot, const SurveyOptions& options)
+  /// `bridged`: s, steps up to which are no gaps.
+  Surveyor(const Log& log, const robot::RobotModel& robot, const SurveyOptions& options, double bridged)
       : log_(log),
         robot_(robot),
         options_(options),
+        bridged_(bridged),
         axes_(trajectory::axes_of(robot)),
         n_(axes_.size()),
         mechanism_(robot),
@@ -71,19 +77,35 @@ class Surveyor {
 
   Survey run() {
     result_.step = step();
+    result_.gap = std::max(log_.format.max_gap * result_.step, bridged_);
     result_.joints.resize(n_);
     for (JointSurvey& joint : result_.joints) {
       joint.q_min = joint.tau_min = kInfinity;
       joint.q_max = joint.tau_max = -kInfinity;
     }
     MotionSpectrum spectrum(n_, result_.rate());
-    LogReader reader(log_, axes_, gap_of(log_, result_.step));
+    LogReader reader(log_, axes_, result_.gap);
+    std::vector<double> between(n_);
     while (reader.next()) {
       const trajectory::RecordingReader& sample = reader.sample();
       if (reader.begins()) begin_segment(reader);
+      // Lost rows are put back on straight lines: the spectrum is that of positions at a constant rate.
+      if (!reader.begins()) {
+        const double steps = (sample.t() - t_before_) / result_.step;
+        const auto lost = static_cast<std::size_t>(std::max(1.0, std::round(steps - ahead_))) - 1;
+        ahead_ =
+            std::max(0.0, 0.98 * (ahead_ + 1 - steps));  // of the clock: of samples that are stamped in bunches none is lost
+        for (std::size_t k = 1; k <= lost; ++k) {
+          const double share = static_cast<double>(k) / static_cast<double>(lost + 1);
+          for (std::size_t j = 0; j < n_; ++j) between[j] = before_[j] + share * (sample.q().value[j] - before_[j]);
+          spectrum.add(between, false);
+        }
+        lost_ += lost;
+      }
       look_at(sample, reader.begins());
       spectrum.add(sample.q().value, reader.begins());
     }
+    repeated_ = reader.repeated();
     finish();
     const std::vector<double> frequency = spectrum.frequency_of_share(0.95);
     for (std::size_t j = 0; j < n_; ++j) result_.joints[j].frequency = frequency[j];
@@ -119,8 +141,8 @@ class Surveyor {
     const trajectory::RecordingReader& sample = reader.sample();
     const bool gap = !result_.segments.empty() && reader.file() == file_;
     if (gap && ++gaps_ <= 3) {
-      warn(sample.place(), "a gap of " + number(sample.t() - t_before_) + " s, expected at most " +
-                               number(gap_of(log_, result_.step)) + " s; the log is taken in parts");
+      warn(sample.place(), "a gap of " + number(sample.t() - t_before_) + " s, expected at most " + number(result_.gap) +
+                               " s; the log is taken in parts");
     }
     file_ = reader.file();
     result_.segments.push_back({sample.place(), file_, 0, 0});
@@ -203,6 +225,22 @@ class Surveyor {
   }
 
   void finish() {
+    if (lost_ > 0) {
+      const double share = static_cast<double>(lost_) / static_cast<double>(lost_ + result_.samples);
+      warn(log_.files[0].string(), number(100 * share) + " % of the rows are missing (" + std::to_string(lost_) + " at " +
+                                       number(result_.rate()) + " Hz, in steps up to " + number(result_.gap) +
+                                       " s), expected a constant rate; nothing is made up for them");
+    }
+    if (repeated_ > result_.samples) {
+      throw Error(log_.files[0].string() + ": column of time", "stands still in " + std::to_string(repeated_) + " of " +
+                                                                   std::to_string(repeated_ + result_.samples) +
+                                                                   " rows, expected increasing time; --rate takes none");
+    }
+    if (repeated_ > 0) {
+      warn(log_.files[0].string() + ": column of time", std::to_string(repeated_) +
+                                                            " rows have the time of the row before, expected increasing time; "
+                                                            "they are left out");
+    }
     if (gaps_ > 3) warn(log_.files[0].string(), std::to_string(gaps_) + " gaps in all");
     for (const Segment& segment : result_.segments) result_.duration += segment.duration;
     constexpr std::size_t kLeast = 100;  // samples
@@ -219,7 +257,7 @@ class Surveyor {
     result_.warnings = std::move(warnings_);
   }
 
-  bool moves(std::size_t j) const { return result_.joints[j].q_max - result_.joints[j].q_min > 1e-3; }
+  bool moves(std::size_t j) const { return result_.moves(j); }
 
   void finish_joint(std::size_t j) {
     JointSurvey& joint = result_.joints[j];
@@ -229,14 +267,14 @@ class Surveyor {
     joint.tau_rms = std::sqrt(sums.yy / sums.n);
     joint.gravity_rms = std::sqrt(sums.xx / sums.n);
     joint.gravity_correlation = sums.correlation();
-    if (joint.tau_max == joint.tau_min) {
+    if (joint.tau_max == joint.tau_min && moves(j)) {
       throw Error(tau_place, "is " + number(joint.tau_min) + " in every row, expected the measured torque of " + axes_[j].name);
     }
     if (!moves(j)) {
       warn(q_place, axes_[j].name + " moves by " + number(joint.q_max - joint.q_min) + (axes_[j].revolute ? " rad" : " m") +
                         ", expected a motion: what only shows when it moves stays as in the URDF");
     }
-    check_gravity(j, tau_place);
+    if (joint.tau_max > joint.tau_min) check_gravity(j, tau_place);
     if (result_.has_speeds && moves(j)) check_velocities(j);
   }
 
@@ -283,14 +321,15 @@ class Surveyor {
   const Log& log_;
   const robot::RobotModel& robot_;
   SurveyOptions options_;
+  double bridged_;
   std::vector<trajectory::Axis> axes_;
   std::size_t n_;
   robot::Mechanism mechanism_;
   robot::Data data_;
   Eigen::VectorXd g_;
   std::vector<double> before_;
-  double t_before_ = 0, t_begin_ = 0;
-  std::size_t file_ = 0, gaps_ = 0, told_far_ = 0, told_fast_ = 0;
+  double t_before_ = 0, t_begin_ = 0, ahead_ = 0;
+  std::size_t file_ = 0, gaps_ = 0, told_far_ = 0, told_fast_ = 0, lost_ = 0, repeated_ = 0;
   std::vector<Sums> gravity_, speed_;             // n
   std::vector<std::size_t> beyond_, too_strong_;  // n, samples
   mutable std::vector<std::string> warnings_;
@@ -311,9 +350,47 @@ double Survey::cutoff() const {
 }
 
 Survey survey(const Log& log, const robot::RobotModel& robot, const SurveyOptions& options) {
-  return Surveyor(log, robot, options).run();
+  Survey found = Surveyor(log, robot, options, kBridged).run();
+  // What the motion is slow enough for is bridged too: a gap of 1/cutoff is a tenth of the period of its fast part.
+  const double slow = std::min(2.0, 1 / found.cutoff());
+  if (found.segments.size() > log.files.size() && slow > found.gap) return Surveyor(log, robot, options, slow).run();
+  return found;
 }
 
-double gap_of(const Log& log, double step) { return log.format.max_gap * step; }
+double typical_step(std::span<const double> t) {
+  std::vector<double> steps(t.size() - 1);
+  for (std::size_t k = 0; k < steps.size(); ++k) steps[k] = t[k + 1] - t[k];
+  std::sort(steps.begin(), steps.end());
+  const double median = steps[steps.size() / 2], duration = t.back() - t.front();
+  if (steps.back() <= 1.5 * median) return median;
+  constexpr double kMostLost = 8, kNear = 0.25, kShare = 0.8;  // multiples; of a step; of steps, and of time in pauses
+  for (const std::size_t percent : {50, 25, 10, 5, 2}) {
+    const double tried = steps[steps.size() * percent / 100];
+    if (!(tried > 0)) break;
+    double time = 0, count = 0, near = 0, pauses = 0;
+    for (const double step : steps) {
+      const double multiple = std::round(step / tried);
+      if (multiple > kMostLost) {
+        pauses += step;
+        near += 1;
+      } else if (multiple >= 1 && std::abs(step / tried - multiple) <= kNear) {
+        near += 1;
+        time += step;
+        count += multiple;
+      }
+    }
+    // Stamps of samples that were written in bunches lie close together: nearly all time would be pauses.
+    if (count == 0 || near < kShare * static_cast<double>(steps.size()) || pauses > kShare * duration) continue;
+    return percent == 50 && steps[steps.size() * 9 / 10] <= 1.5 * median ? median : time / count;
+  }
+  double time = 0, count = 0;
+  const double mean = duration / static_cast<double>(steps.size());
+  for (const double step : steps) {
+    if (step > 10 * mean) continue;
+    time += step;
+    count += 1;
+  }
+  return time / count;
+}
 
 }  // namespace cotwin::measurement

@@ -30,13 +30,15 @@ struct JointSurvey {
 /// What one look at a whole log told.
 struct Survey {
   std::size_t samples = 0;
-  double step = 0;  // s, median of the first samples
+  double step = 0;  // s, see typical_step
+  double gap = 0;   // s; a longer step begins a segment
   double duration = 0;
   bool has_speeds = false;
   std::vector<Segment> segments;
   std::vector<JointSurvey> joints;  // n
   std::vector<std::string> warnings;
   double rate() const { return 1 / step; }
+  bool moves(std::size_t joint) const { return joints[joint].q_max - joints[joint].q_min > 1e-3; }  // rad or m
   /// 10 times the median over the moving joints of their `frequency`, within 0.2 Hz and a fifth of the sampling rate.
   double cutoff() const;
 };
@@ -54,7 +56,9 @@ struct SurveyOptions {
 /// derivatives of its positions.
 Survey survey(const Log& log, const robot::RobotModel& robot, const SurveyOptions& options = {});
 
-/// The time after which a step is a gap: format.max_gap median steps.
-double gap_of(const Log& log, double step);
+/// The sampling step of a log from the times of some samples, in s: the median step where hardly a row is missing; else the
+/// largest step of which nearly all are whole multiples, as where rows were lost; else, where time stamps say little about when
+/// a sample was taken, the mean step between pauses.
+double typical_step(std::span<const double> t);
 
 }  // namespace cotwin::measurement

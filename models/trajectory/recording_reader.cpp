@@ -19,8 +19,13 @@ std::vector<double> or_all(const std::vector<double>& given, std::size_t n, doub
 
 }  // namespace
 
-RecordingReader::RecordingReader(const std::filesystem::path& file, std::span<const Axis> axes, const RecordingFormat& format)
-    : file_(file.string()), csv_(file, {format.separator}), t_unit_(format.t_unit), rate_(format.rate) {
+RecordingReader::RecordingReader(const std::filesystem::path& file, std::span<const Axis> axes, const RecordingFormat& format,
+                                 bool equal_times)
+    : file_(file.string()),
+      csv_(file, {format.separator}),
+      t_unit_(format.t_unit),
+      rate_(format.rate),
+      equal_times_(equal_times) {
   const std::size_t n = axes.size();
   const auto q_scale = or_all(format.q_scale, n, 1, "q_scale"), q_offset = or_all(format.q_offset, n, 0, "q_offset");
   const std::vector<double> zero(n, 0.0);
@@ -62,7 +67,7 @@ double RecordingReader::read_time() {
   if (count_++ == 0) first_ = raw;
   // The difference is taken before the conversion: epochs in nanoseconds keep what their digits hold.
   const double t = (raw - first_) * t_unit_;
-  if (count_ > 1 && !(t > t_)) {
+  if (count_ > 1 && !(t > t_) && !(equal_times_ && t == t_)) {
     const std::string before = std::to_string(line_before_);
     throw Error(csv_.place(t_column_),
                 t == t_ ? text::to_text(raw) + ", the same time as on line " + before + ", expected a later one"

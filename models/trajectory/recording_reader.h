@@ -15,8 +15,10 @@ namespace cotwin::trajectory {
 /// backwards.
 class RecordingReader {
  public:
-  /// Opens the file and finds its columns. Throws Error for columns that are missing or not as many as joints.
-  RecordingReader(const std::filesystem::path& file, std::span<const Axis> axes, const RecordingFormat& format);
+  /// Opens the file and finds its columns. Throws Error for columns that are missing or not as many as joints. `equal_times`:
+  /// a time may be that of the row before.
+  RecordingReader(const std::filesystem::path& file, std::span<const Axis> axes, const RecordingFormat& format,
+                  bool equal_times = false);
 
   /// Goes to the next sample; false at the end.
   bool next();
@@ -50,6 +52,7 @@ class RecordingReader {
   std::string file_;
   csv::Reader csv_;
   double t_unit_, rate_;
+  bool equal_times_;
   std::size_t t_column_ = 0;
   std::size_t count_ = 0, line_before_ = 0;
   double t_ = 0, first_ = 0;

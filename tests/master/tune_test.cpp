@@ -121,7 +121,7 @@ TEST(Tune, TheUrdfAndTheCsvTellTheSameTorquesAsTheFigures) {
     EXPECT_EQ(tuned.joints[i].X_PJ, robot().truth.joints[i].X_PJ);
   }
   EXPECT_EQ(result.robot.history.size(), 7u);
-  EXPECT_THAT(content(robot().folder / "files/robot.urdf"), HasSubstr("<!-- cotwin tune: swarm, seed 1, 2772 samples"));
+  EXPECT_THAT(content(robot().folder / "files/robot.urdf"), HasSubstr("<!-- cotwin tune: feasible, seed 1, 2772 samples"));
 
   const csv::Table table = csv::load(robot().folder / "files/torques.csv", {"tau_smooth[3]", "tau_tuned[3]", "tau_prior[3]"});
   const nlohmann::json figures = robot().figures("files");
@@ -135,9 +135,9 @@ TEST(Tune, TheUrdfAndTheCsvTellTheSameTorquesAsTheFigures) {
   }
   const double N = static_cast<double>(training);
   // By Newton and Euler sample by sample, and by the compressed triangles, where friction's curve is linear between 40 nodes.
-  EXPECT_NEAR(std::sqrt(tuned_squares / N), figures["training"]["rms"]["swarm"][2].get<double>(), 2e-3);
+  EXPECT_NEAR(std::sqrt(tuned_squares / N), figures["training"]["rms"]["feasible"][2].get<double>(), 2e-3);
   EXPECT_NEAR(std::sqrt(prior_squares / N), figures["training"]["rms"]["prior"][2].get<double>(), 1e-6);
-  EXPECT_NEAR(most, figures["training"]["max"]["swarm"][2].get<double>(), 1e-12);
+  EXPECT_NEAR(most, figures["training"]["max"]["feasible"][2].get<double>(), 1e-12);
 }
 
 TEST(Tune, TheReportNamesDataSeedConditioningAndTheReferences) {
@@ -428,7 +428,7 @@ TEST(TuneProgram, PrintsATablePerJointAndWhereTheFilesAre) {
       << program.err;
   EXPECT_EQ(program.err, "");  // no progress bar where stderr is no terminal
   EXPECT_THAT(program.out, AllOf(HasSubstr("prior"), HasSubstr("swarm"), HasSubstr("feasible"), HasSubstr("floor"),
-                                 HasSubstr("max, swarm")));
+                                 HasSubstr("max, feasible")));
   EXPECT_THAT(program.out, AllOf(HasSubstr("held out"), HasSubstr("joint_7"), HasSubstr("results: table")));
   for (const char* file : kFiles) EXPECT_TRUE(fs::exists(robot().folder / "table" / file)) << file;
   for (const fs::directory_entry& entry : fs::directory_iterator(robot().folder / "table"))

@@ -5,6 +5,7 @@
 #include "models/measurement/smoothing.h"
 #include "models/measurement/spectrum.h"
 #include "models/measurement/survey.h"
+#include "models/numerics/random.h"
 #include "models/text/error.h"
 #include "tests/support/synthetic_log.h"
 
@@ -75,13 +76,37 @@ TEST_F(LogSurvey, TimeThatRunsBackwardsIsAnErrorThatNamesBothLines) {
 
 TEST_F(LogSurvey, AGapIsAWarningAndCutsTheLogIntoSegments) {
   write([](std::size_t row, std::vector<double>& cells) {
-    if (row >= 1000) cells[0] += 0.5;
+    if (row >= 1000) cells[0] += 2;
   });
   const Survey result = survey(log(), robot_);
   EXPECT_EQ(result.segments.size(), 2u);
   EXPECT_EQ(result.segments[0].samples, 1000u);
   EXPECT_THAT(result.warnings,
-              Contains(AllOf(HasSubstr("log.csv:1002"), HasSubstr("a gap of 0.505 s"), HasSubstr("expected at most 0.025 s"))));
+              Contains(AllOf(HasSubstr("log.csv:1002"), HasSubstr("a gap of 2.005 s"), HasSubstr("expected at most 1 s"))));
+}
+
+TEST_F(LogSurvey, MissingRowsAreToldAndLeaveTheLogWhole) {
+  write([](std::size_t row, std::vector<double>& cells) {
+    if (row >= 1000) cells[0] += 0.5;
+  });
+  const Survey result = survey(log(), robot_);
+  EXPECT_EQ(result.segments.size(), 1u);
+  EXPECT_THAT(result.warnings, Contains(AllOf(HasSubstr("100 at 200 Hz"), HasSubstr("rows are missing"))));
+}
+
+TEST(TypicalStep, IsTheSamplingStepAlsoWhereRowsAreLostAndStampsJitter) {
+  std::vector<double> all, half, jittered, bunched;
+  for (int k = 0; k < 2000; ++k) {
+    const double t = 0.008 * k, u = numerics::uniform(numerics::Key{1, 0, static_cast<std::uint32_t>(k), 0, 0});
+    all.push_back(t);
+    if (u < 0.4) half.push_back(t);
+    jittered.push_back(t + 0.006 * (u - 0.5));
+    bunched.push_back(0.008 * (k - k % 5) + 1e-4 * (k % 5));
+  }
+  EXPECT_EQ(typical_step(all), trajectory::median_step(all));
+  EXPECT_NEAR(typical_step(half), 0.008, 1e-5);
+  EXPECT_NEAR(typical_step(jittered), 0.008, 4e-4);
+  EXPECT_NEAR(typical_step(bunched), 0.008, 4e-4);
 }
 
 TEST_F(LogSurvey, AnotherNumberOfJointsIsAnErrorThatNamesTheFile) {

@@ -27,11 +27,14 @@ struct SyntheticLog {
   double K = 0;        // N.m/rad, of every joint; above 0: motors' positions θ = q + τ_J/K stand in the log, as theta1 …
   bool joint = false;  // the torques are those behind the gears, τ_J, which friction of the link belongs to and B does not
   unsigned seed = 1;
+  std::size_t moving = 99;  // joints from this one on stand still
+  double q_noise = 0;       // rad, standard deviation of the positions' noise
 
   std::size_t samples() const { return static_cast<std::size_t>(std::lround(rate * duration)) + 1; }
   /// Position, speed, acceleration of joint j at t. Rest at neither end.
   Eigen::Vector3d motion(std::size_t j, double t) const {
     Eigen::Vector3d x(0.3 * std::sin(static_cast<double>(j) + seed), 0, 0);
+    if (j >= moving) return x;
     for (int l = 1; l <= 3; ++l) {
       const double w = 2 * std::numbers::pi * (0.07 * l + 0.013 * static_cast<double>(j) + 0.05);
       const double a = amplitude / l, phase = 1.7 * l * static_cast<double>(j + seed) + 0.3;
@@ -69,7 +72,7 @@ struct SyntheticLog {
       cells[0] = t;
       for (std::size_t j = 0; j < n; ++j) {
         const Eigen::Index i = static_cast<Eigen::Index>(j);
-        cells[1 + j] = q[i];
+        cells[1 + j] = q_noise > 0 ? q[i] + q_noise / noise * normal(random) : q[i];
         const double friction = (tau_C + load * std::abs(g[i])) * std::tanh(dq[i] / v_R) + sigma2 * dq[i] + tau_0;
         cells[1 + n + j] = tau[i] + friction + (joint ? 0 : B) * ddq[i] + normal(random);
         if (K > 0) cells[1 + 2 * n + j] = q[i] + (joint ? tau[i] + friction : tau[i]) / K;
