@@ -35,6 +35,8 @@ class Quickhull {
   };
 
   void start();
+  bool try_with(double coarser);
+  bool closed() const;
   Index add(Index a, Index b, Index c);
   void claim(const std::vector<Index>& points, const std::vector<Index>& triangles);
   void grow(Index over);
@@ -48,10 +50,43 @@ class Quickhull {
 };
 
 Quickhull::Quickhull(std::span<const Vector3d> points) : points_(points) {
+  // Where points stand so near to each other or to planes that rounding breaks the surface, a coarser rounding leaves some out.
+  for (const double coarser : {1.0, 1e2, 1e4}) {
+    if (try_with(coarser)) return;
+  }
+  throw Error("hull", std::to_string(points_.size()) +
+                          " points nearly on a line or in planes, of which rounding makes no closed "
+                          "surface, expected a body with clear faces");
+}
+
+bool Quickhull::try_with(double coarser) {
+  triangles_.clear();
   start();
+  rounding_ *= coarser;
+  std::vector<Index> all(points_.size());
+  for (Index i = 0; i < all.size(); ++i) all[i] = i;
+  claim(all, {0, 1, 2, 3});
   for (Index i = 0; i < triangles_.size(); ++i) {  // grows while we walk
     if (!triangles_[i].gone && !triangles_[i].outside.empty()) grow(i);
   }
+  return closed();
+}
+
+/// Whether the triangles are a closed surface without holes and handles: neighbours name each other, and F = 2 V − 4.
+bool Quickhull::closed() const {
+  std::vector<bool> used(points_.size());
+  std::size_t faces = 0;
+  for (Index i = 0; i < triangles_.size(); ++i) {
+    const Triangle& t = triangles_[i];
+    if (t.gone) continue;
+    ++faces;
+    for (std::size_t e = 0; e < 3; ++e) {
+      used[t.v[e]] = true;
+      const Triangle& next = triangles_[t.beyond[e]];
+      if (next.gone || std::find(next.beyond.begin(), next.beyond.end(), i) == next.beyond.end()) return false;
+    }
+  }
+  return faces == 2 * static_cast<std::size_t>(std::count(used.begin(), used.end(), true)) - 4;
 }
 
 Index Quickhull::add(Index a, Index b, Index c) {
@@ -122,9 +157,6 @@ void Quickhull::start() {
   triangles_[1].beyond = {0, 3, 2};
   triangles_[2].beyond = {0, 1, 3};
   triangles_[3].beyond = {0, 2, 1};
-  std::vector<Index> all(count);
-  for (Index i = 0; i < count; ++i) all[i] = i;
-  claim(all, {0, 1, 2, 3});
 }
 
 /// Takes the farthest point above the triangle into the hull: all triangles that it sees go, a fan from it to the horizon
@@ -176,6 +208,7 @@ void Quickhull::grow(Index over) {
       if (triangles_[u].v[1] == triangles_[t].v[0]) triangles_[t].beyond[2] = u;  // across (top, from)
     }
   }
+  std::erase(orphans, top);  // it is in the hull now: rounding must not put it above what it made
   claim(orphans, fan);
 }
 

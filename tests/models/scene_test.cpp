@@ -150,6 +150,17 @@ TEST(Hull, HoldsAllPointsAndKeepsTheOuterOnes) {
   EXPECT_TRUE(ball.second_moment().isApprox(0.4 * 4 * M_PI / 3 * Eigen::Matrix3d::Identity(), 0.02));
 }
 
+TEST(Hull, OfPointsOnACurveEndsAndHoldsThemAll) {
+  // (sin t, cos 2t, sin 3t) is a cubic curve in sin t, with points as near to each other as 1e-5: rounding breaks the surface.
+  std::vector<Eigen::Vector3d> points;
+  for (int i = 0; i < 200; ++i) points.emplace_back(std::sin(i), std::cos(2 * i), std::sin(3 * i));
+  const Polytope hull = convex_hull(points);
+  EXPECT_GT(hull.faces.size(), 50u);
+  for (const Polytope::Face& face : hull.faces) {
+    for (const Eigen::Vector3d& p : points) ASSERT_LT(face.n.dot(p) - face.d, 1e-6);
+  }
+}
+
 TEST(Hull, SurvivesPointsThatAreAllButAlike) {
   std::vector<Vector3d> points = sphere_points(60);
   for (int i = 0; i < 60; ++i) points.push_back(points[static_cast<std::size_t>(i)] + Vector3d(1e-15, -1e-15, 1e-16));
