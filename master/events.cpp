@@ -6,6 +6,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include "fmu/bytes.h"
 #include "models/text/text.h"
 
 namespace cotwin::master {
@@ -179,7 +180,9 @@ bool Events::follow(const Ramp& ramp, Time now, Duration h) {
 }
 
 void Events::mark(Bookmark& bookmark) const {
+  bookmark.changes = changes_.size();
   bookmark.next = next_;
+  bookmark.ramps.reserve(ramps_.capacity());  // once: a later mark allocates nothing
   bookmark.ramps = ramps_;
 }
 
@@ -192,7 +195,7 @@ void Events::back_to(const Bookmark& bookmark) {
 }
 
 bool Events::fits(const Bookmark& bookmark) const {
-  if (bookmark.next > changes_.size()) return false;
+  if (bookmark.changes != changes_.size() || bookmark.next > changes_.size()) return false;
   std::size_t least = 0;  // ramps begin in the order of the changes
   for (const Ramp& ramp : bookmark.ramps) {
     if (ramp.change < least || ramp.change >= bookmark.next || changes_[ramp.change].ramp.ns <= 0) return false;
@@ -200,6 +203,26 @@ bool Events::fits(const Bookmark& bookmark) const {
     least = ramp.change + 1;
   }
   return true;
+}
+
+void Events::Bookmark::write(fmu::ByteWriter& out) const {
+  out.value(static_cast<std::uint64_t>(changes));
+  out.value(static_cast<std::uint64_t>(next));
+  out.value(static_cast<std::uint64_t>(ramps.size()));
+  for (const Ramp& ramp : ramps) {
+    out.value(static_cast<std::uint64_t>(ramp.change));
+    out.value(ramp.begin);
+  }
+}
+
+void Events::Bookmark::read(fmu::ByteReader& in) {
+  changes = static_cast<std::size_t>(in.value<std::uint64_t>());
+  next = static_cast<std::size_t>(in.value<std::uint64_t>());
+  ramps.resize(in.count(sizeof(std::uint64_t) + sizeof(double)));
+  for (Ramp& ramp : ramps) {
+    ramp.change = static_cast<std::size_t>(in.value<std::uint64_t>());
+    ramp.begin = in.value<double>();
+  }
 }
 
 }  // namespace cotwin::master

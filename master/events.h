@@ -10,6 +10,11 @@
 #include "master/members.h"
 #include "models/text/error.h"
 
+namespace cotwin::fmu {
+class ByteReader;
+class ByteWriter;
+}  // namespace cotwin::fmu
+
 /// What the scenario changes while it runs: what-ifs, overrides, disturbances.
 namespace cotwin::master {
 
@@ -25,8 +30,13 @@ class Events {
   };
   /// What must be kept to come back to an instant.
   struct Bookmark {
-    std::size_t next = 0;
+    std::size_t changes = 0;  // that there are in all
+    std::size_t next = 0;     // the first that is still to come
     std::vector<Ramp> ramps;
+
+    void write(fmu::ByteWriter& out) const;
+    /// What was read has to be held against the events, by fits().
+    void read(fmu::ByteReader& in);
   };
   /// Hears of an event that is not right, in the place of an exception.
   using Complain = std::function<void(const Error&)>;

@@ -35,12 +35,7 @@ void Checkpoint::write(fmu::ByteWriter& out) const {
     out.value(p.time.ns);
     out.value(p.last_step.ns);
   }
-  out.value(static_cast<std::uint64_t>(events_.next));
-  out.value(static_cast<std::uint64_t>(events_.ramps.size()));
-  for (const Events::Ramp& ramp : events_.ramps) {
-    out.value(static_cast<std::uint64_t>(ramp.change));
-    out.value(ramp.begin);
-  }
+  events_.write(out);
 }
 
 void Checkpoint::read(fmu::ByteReader& in, std::span<const Member> members, const Schedule& schedule, const Events& events) {
@@ -57,13 +52,7 @@ void Checkpoint::read(fmu::ByteReader& in, std::span<const Member> members, cons
     if (time < schedule.time(0) || time > schedule.time(tick_) || last.ns < 0) in.fail("has impossible times of steps");
     progress_.push_back({time, last});
   }
-  events_.next = static_cast<std::size_t>(in.value<std::uint64_t>());
-  const std::size_t n = in.count(16);
-  events_.ramps.resize(n);
-  for (Events::Ramp& ramp : events_.ramps) {
-    ramp.change = static_cast<std::size_t>(in.value<std::uint64_t>());
-    ramp.begin = in.value<double>();
-  }
+  events_.read(in);
   if (!events.fits(events_)) in.fail("is amid other events");
 }
 

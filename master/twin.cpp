@@ -197,12 +197,7 @@ void Twin::save_memory(std::string& bytes) {
   }
   Events::Bookmark events;
   engine_->events.mark(events);
-  out.value(static_cast<std::uint64_t>(events.next));
-  out.value(static_cast<std::uint64_t>(events.ramps.size()));
-  for (const Events::Ramp& ramp : events.ramps) {
-    out.value(static_cast<std::uint64_t>(ramp.change));
-    out.value(ramp.begin);
-  }
+  events.write(out);
   for (const Member& member : members_) {
     std::string memory;
     member.instance.unit->save_memory(memory);
@@ -219,12 +214,7 @@ void Twin::restore_memory(const std::string& bytes) {
     slot.last_step.ns = in.value<std::int64_t>();
   }
   Events::Bookmark events;
-  events.next = static_cast<std::size_t>(in.value<std::uint64_t>());
-  events.ramps.resize(in.count(sizeof(std::uint64_t) + sizeof(double)));
-  for (Events::Ramp& ramp : events.ramps) {
-    ramp.change = static_cast<std::size_t>(in.value<std::uint64_t>());
-    ramp.begin = in.value<double>();
-  }
+  events.read(in);
   if (!engine_->events.fits(events)) in.fail("is damaged: its events are not those of the scenario");
   for (const Member& member : members_) member.instance.unit->restore_memory(in.text());
   in.expect_end();
