@@ -131,7 +131,8 @@ void write_figures(std::ostream& out, const Summary& s) {
     table.print(out);
   }
   if (!s.works.empty()) {
-    out << '\n' << left("energy [J]", 32) << right("net", kCell) << right("positive", kCell) << right("negative", kCell) << '\n';
+    out << '\n'
+        << left("energy [J]", 32) << right("net", kCell) << right("positive", kCell) << right("negative", kCell) << '\n';
   } else if (!s.bonds.empty()) {
     out << "\nenergy [J]\n";
   }
@@ -236,7 +237,12 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
   }
   j["energy"] = ordered_json::array();
   for (const Work& w : s.works)
-    j["energy"].push_back({{"name", w.name}, {"what", w.what}, {"unit", w.si}, {"value", finite(w.value)}, {"positive", finite(w.positive)}, {"negative", finite(w.negative)}});
+    j["energy"].push_back({{"name", w.name},
+                           {"what", w.what},
+                           {"unit", w.si},
+                           {"value", finite(w.value)},
+                           {"positive", finite(w.positive)},
+                           {"negative", finite(w.negative)}});
   j["bonds"] = ordered_json::array();
   for (const Bonded& b : s.bonds) {
     j["bonds"].push_back({{"name", b.name},

@@ -4,7 +4,7 @@
 
 namespace cotwin::compliance {
 
-/// What is asked of the compliance of one joint: M_a Δ̈ + D Δ̇ + S_a Δ = τ_e, Δ = q_c − q_d, like (3a), with
+/// What is asked of the compliance of one joint (IV-A3): M_a Δ̈ + D Δ̇ + S_a Δ = τ_e, Δ = q_c − q_d, like (3a), with
 ///   D = max(D_a + 2 zeta_a √(S_a M_a), 2 zeta_a M_a omega_free)
 /// The second bound keeps a joint damped that is guided freely (S_a = 0).
 struct Admittance {

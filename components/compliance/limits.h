@@ -5,7 +5,7 @@
 
 namespace cotwin::compliance {
 
-/// What a joint may do, as its URDF says.
+/// What a joint may do in its compliant motion (IV-A3), as its URDF says.
 struct Limits {
   double q_min = 0, q_max = 0;  // rad; q_min >= q_max: no limit
   double dq_max = 0;            // rad/s; 0: no limit

@@ -48,7 +48,7 @@ struct Gains {
   double passivity = 0;        // the weight of the latter, 0 … 1
 };
 
-/// The motor torques with which a robot tracks a reference.
+/// The motor torques with which a robot tracks a reference (IV-A3).
 ///
 /// A robot without elastic joints, e = q_c − q (passivity p = 0 and 1):
 ///   τ_m = M (q̈_c + 2ζω ė + ω² e) + B (θ̈_c + 2ζω ė + ω² e) + C q̇ + g − τ_e

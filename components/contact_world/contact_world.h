@@ -22,9 +22,9 @@ namespace cotwin::contact_world {
 ///   actuation=torque       τ_J drives them
 ///   actuation=prescribed   with link=inside: q, q̇ are prescribed, say by a recording, and no torque is known; what drove the
 ///                          links besides the contacts in the last step, (2a), goes on. No tau_J, dtheta, K, D and B then
-/// With torques, τ_J drives the links and follows the gear within the step, τ_J + K (θ̇ s − Δq), taken implicitly: so light links
-/// on stiff gears stay stable at 1 ms. The wiring is the same but for `q` and `dq`, which are inputs in the former case and
-/// outputs in the latter, just the other way round than the drive train's.
+/// With torques, τ_J drives the links and follows the gear within the step, τ_J + K (θ̇ s − Δq), taken implicitly: so light
+/// links on stiff gears stay stable at 1 ms. The wiring is the same but for `q` and `dq`, which are inputs in the former case
+/// and outputs in the latter, just the other way round than the drive train's.
 ///
 /// A step whose points exceed `contacts` allocates once and tells so in `grown`.
 class ContactWorld final : public Unit {

@@ -134,8 +134,8 @@ class Equations {
   void solve(const double* b, double* k) const;
   /// y = M x (n) for a Point's M.
   void times_M(const double* M, const double* x, double* y) const;
-  /// Power lost in friction, damping and stops, W. Never negative for friction that opposes the motion: constant torques are not
-  /// in here.
+  /// Power lost in friction, damping and stops, W. Never negative for friction that opposes the motion: constant torques are
+  /// not in here.
   double dissipation(const double* x, const Point& p) const;
   /// Work, J, that the constant part of friction takes up on the way between two states (q | q̇ | θ | …): τ_0 of the motors, and
   /// with the link inside link_tau_0 and the sigmoid's torque at rest. It comes back on the way back, so it is no loss.

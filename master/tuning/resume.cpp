@@ -6,8 +6,8 @@
 
 #include "master/tuning/files.h"
 #include "models/text/error.h"
-#include "models/text/file_hash.h"
 #include "models/text/file.h"
+#include "models/text/file_hash.h"
 
 namespace cotwin::master::tuning {
 

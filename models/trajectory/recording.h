@@ -46,8 +46,8 @@ struct Recording {
 /// for radians; and that names the file for columns that are missing or not as many as joints, or fewer than two samples.
 Recording load_recording(const std::filesystem::path& file, std::span<const Axis> axes, const RecordingFormat& format = {});
 
-/// What makes the unit of measure of a robot's times `t` doubtful: samples that are more than 0.1 s or less than 10 us apart, as
-/// where milliseconds are read as seconds. Empty: nothing.
+/// What makes the unit of measure of a robot's times `t` doubtful: samples that are more than 0.1 s or less than 10 us apart,
+/// as where milliseconds are read as seconds. Empty: nothing.
 std::string doubt_about_times(const std::vector<double>& t);
 
 }  // namespace cotwin::trajectory

@@ -110,8 +110,7 @@ TEST_F(Program, TakesAnFmuForOneInAnyCaseOfLetters) {
 }
 
 TEST_F(Program, RunsAScenarioAndSaysWhereTheResultsAre) {
-  const Result result =
-      run({"run", scenario(), "--stop", "0.05", "--json", "summary.json", "--set", "motion.waypoint_q=0"});
+  const Result result = run({"run", scenario(), "--stop", "0.05", "--json", "summary.json", "--set", "motion.waypoint_q=0"});
   EXPECT_EQ(result.code, 0) << result.err;
   EXPECT_EQ(result.err, "");  // no progress bar where stderr is no terminal
   EXPECT_THAT(result.out, HasSubstr("just motion: 0.05 s in 50 ticks of 1 ms"));
