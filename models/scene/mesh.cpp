@@ -49,6 +49,8 @@ std::vector<Vector3d> binary_stl(std::string_view bytes) {
 /// Lines `<keyword> x y z …`: `vertex` in text STL, `v` in OBJ.
 std::vector<Vector3d> lines(std::string_view bytes, std::string_view keyword, const std::string& place) {
   constexpr std::string_view kBlanks = " \t\r";
+  if (bytes.starts_with("\xFF\xFE") || bytes.starts_with("\xFE\xFF"))
+    throw Error(place, "begins as UTF-16 text, expected ASCII or UTF-8");
   std::vector<Vector3d> points;
   std::size_t number = 0;
   while (!bytes.empty()) {
