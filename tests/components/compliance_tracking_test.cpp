@@ -208,7 +208,7 @@ Eigen::VectorXcd eigenvalues_of(const Linear& l) {
 TEST(Tracking, OfElasticRobotsIsStableForTenThousandDesignsOfAnyGains) {
   // Coupled arms, light motors, soft and stiff springs, gains over three decades and unequal: stiffness and damping of the
   // closed loop are symmetric, the stiffness is positive definite, the damping is not negative, and no eigenvalue is on the
-  // right. With K_P = (M + B) Ω² instead of Ω (M + B) Ω, a third of the designs has one there.
+  // right.
   Draw draw(20261120);
   for (int round = 0; round < 10'000; ++round) {
     ClosedLoop c(draw, 1 + round % 6, round % 2 == 0, {1.5, 5, -3, 1, -0.5, 2.5, 0.15});
