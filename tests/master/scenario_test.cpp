@@ -820,9 +820,9 @@ TEST_P(InPackage, WhatLeavesThePackageIsRefused) {
 
 INSTANTIATE_TEST_SUITE_P(
     Sources, InPackage,
-    ::testing::Values("<d:Component name='a' source='../x.fmu'/>", "<d:Component name='a' source='/tmp/x.fmu'/>",
-                      "<d:Component name='a' source='file:///tmp/x.fmu'/>", "<d:Component name='a' source='b/../../x.fmu'/>",
-                      "<d:Component name='a' source='%2e%2e/x.fmu'/>",
+    ::testing::Values("<d:Component name='a' source='../x.fmu'/>", "<d:Component name='a' source='/elsewhere/x.fmu'/>",
+                      "<d:Component name='a' source='file:///elsewhere/x.fmu'/>",
+                      "<d:Component name='a' source='b/../../x.fmu'/>", "<d:Component name='a' source='%2e%2e/x.fmu'/>",
                       "<d:Component name='a' type='application/x-ssp-definition' source='../outside.ssd'/>",
                       "<d:Component name='a' source='unit:motion?robot=/etc/passwd'/>",
                       "<d:Component name='a' source='unit:motion?robot=%2Fetc%2Fpasswd'/>",
@@ -838,7 +838,7 @@ TEST(References, OfTheUsersOwnTreeMayLeadAnywhere) {
   folder.write("other.ssd", ssd(elements(component("only"))));
   const fs::path own = folder.write(
       "sub/own.ssd", ssd(elements("<d:Component name='a' type='application/x-ssp-definition' source='../other.ssd'/>"
-                                  "<d:Component name='b' source='/tmp/x.fmu'/>")));
+                                  "<d:Component name='b' source='/elsewhere/x.fmu'/>")));
   EXPECT_EQ(load_scenario(own).components.size(), 2u);
 }
 
