@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Builds the fuzz targets with clang, address and undefined sanitizers, and runs each for SECONDS: scripts/fuzz.sh [SECONDS [NAME…]]
 # Starts from tests/fuzz/corpus/<name>; what it finds new stays below build/fuzz. FUZZ_SEED, of the random numbers; 0 or none: another one each time.
-# With FUZZ_RUNS each target reads so many inputs instead, or as many as fit into 90 s: mutations of its corpus alone, the same ones each time.
+# With FUZZ_RUNS each target reads so many inputs instead, or as many as fit into 45 s: mutations of its corpus alone, the same ones each time.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export FUZZ_RUNS=${FUZZ_RUNS:-0}
@@ -17,7 +17,7 @@ fuzz_one() {
   if ((FUZZ_RUNS > 0)); then
     corpus=$(mktemp -d)
     seed=${FUZZ_SEED:-1}
-    limit=(-runs="$FUZZ_RUNS" -max_total_time=90)
+    limit=(-runs="$FUZZ_RUNS" -max_total_time=45)
   fi
   mkdir -p "$corpus" "tests/fuzz/corpus/$name"
   if ! "build/fuzz/fuzz/${name}_fuzz" "${limit[@]}" -seed="$seed" -rss_limit_mb=2048 -timeout=10 -artifact_prefix="build/fuzz/" \
