@@ -115,13 +115,14 @@ function(cotwin_unit_table)
   target_link_libraries(cotwin_units PUBLIC cotwin_settings cotwin::unit PRIVATE ${libraries})
 endfunction()
 
-# cotwin_test(name SOURCES … LINK … [THREADS] [LONG]): one GoogleTest program; every TEST in it is a CTest test of its own. THREADS: also
+# cotwin_test(name SOURCES … LINK … [THREADS] [LONG] [SERIAL]): one GoogleTest program; every TEST in it is a CTest test of its own. THREADS: also
 # run under the thread sanitizer (CTest label `threads`). LONG: not run under sanitizers, whose faults shorter tests of the same code find.
+# SERIAL: no other test runs beside it.
 function(cotwin_test name)
   if(NOT COTWIN_TESTS)
     return()
   endif()
-  cmake_parse_arguments(arg "THREADS;LONG" "" "SOURCES;LINK" ${ARGN})
+  cmake_parse_arguments(arg "THREADS;LONG;SERIAL" "" "SOURCES;LINK" ${ARGN})
   if((COTWIN_SANITIZE STREQUAL "thread" AND NOT arg_THREADS) OR (COTWIN_SANITIZE AND arg_LONG))
     return()
   endif()
@@ -133,7 +134,7 @@ function(cotwin_test name)
   target_compile_definitions(${name} PRIVATE COTWIN_SOURCE_DIR="${PROJECT_SOURCE_DIR}" COTWIN_SHARED_DIR="${PROJECT_SOURCE_DIR}/../shared"
     COTWIN_PROGRAM="${CMAKE_BINARY_DIR}/bin/cotwin")
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
-  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 120 PROPERTIES TIMEOUT 600 LABELS "$<$<BOOL:${arg_THREADS}>:threads>")
+  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 120 PROPERTIES TIMEOUT 600 RUN_SERIAL ${arg_SERIAL} LABELS "$<$<BOOL:${arg_THREADS}>:threads>")
 endfunction()
 
 # cotwin_benchmark(name SOURCES … LINK …): a program that prints one JSON object per line (tests/benchmarks/measure.h).
