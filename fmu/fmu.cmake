@@ -1,7 +1,7 @@
 # COTWIN_FMU_PLATFORM: this platform in the words of FMI 3; COTWIN_FMU_FOLDER: where pack_unit looks for the libraries of units.
 string(TOLOWER ${CMAKE_SYSTEM_PROCESSOR}-${CMAKE_SYSTEM_NAME} COTWIN_FMU_PLATFORM)
 set(COTWIN_FMU_FOLDER ${CMAKE_BINARY_DIR}/lib/cotwin/fmu CACHE PATH "where the libraries of FMUs go: <folder>/<platform>/<unit>.so")
-set(COTWIN_FMU_SYMBOLS ${CMAKE_CURRENT_LIST_DIR}/exported_symbols.map)
+set(COTWIN_FMU_SYMBOLS ${CMAKE_CURRENT_LIST_DIR}/export/exported_symbols.map)
 set(COTWIN_FMU_GLIBC 2.28 CACHE STRING "the oldest glibc that exported units have to load with (2.28: RHEL 8, Debian 10); empty: that of this machine")
 set(cotwin_old_glibc OFF)
 if(CMAKE_SYSTEM_NAME STREQUAL Linux AND COTWIN_FMU_GLIBC AND NOT COTWIN_SANITIZE)
@@ -10,11 +10,11 @@ endif()
 
 # The target cotwin_fmu_old_glibc: objects of what COTWIN_FMU_GLIBC lacks, and the C library of that version to be linked against.
 function(cotwin_old_glibc)
-  set(script ${PROJECT_SOURCE_DIR}/fmu/old_glibc.sh)
+  set(script ${PROJECT_SOURCE_DIR}/fmu/export/old_glibc.sh)
   set(folder ${CMAKE_BINARY_DIR}/old_glibc)
   add_custom_command(OUTPUT ${folder}/libc.so DEPENDS ${script} VERBATIM
     COMMAND ${script} ${COTWIN_FMU_GLIBC} ${CMAKE_C_COMPILER} ${CMAKE_READELF} ${folder})
-  add_library(cotwin_fmu_old_glibc OBJECT old_glibc.cpp ${folder}/libc.so)
+  add_library(cotwin_fmu_old_glibc OBJECT ${PROJECT_SOURCE_DIR}/fmu/export/old_glibc.cpp ${folder}/libc.so)
   target_link_libraries(cotwin_fmu_old_glibc PRIVATE cotwin_settings)
 endfunction()
 
@@ -46,7 +46,7 @@ endfunction()
 function(cotwin_fmu_library unit)
   get_property(class GLOBAL PROPERTY COTWIN_UNIT_${unit}_CLASS)
   get_property(summary GLOBAL PROPERTY COTWIN_UNIT_${unit}_SUMMARY)
-  configure_file(${PROJECT_SOURCE_DIR}/fmu/exported_unit.cpp.in ${CMAKE_BINARY_DIR}/generated/exported_${unit}.cpp @ONLY)
+  configure_file(${PROJECT_SOURCE_DIR}/fmu/export/exported_unit.cpp.in ${CMAKE_BINARY_DIR}/generated/exported_${unit}.cpp @ONLY)
   set(target cotwin_fmu_${unit})
   add_library(${target} MODULE ${CMAKE_BINARY_DIR}/generated/exported_${unit}.cpp $<TARGET_OBJECTS:cotwin_fmu_export>)
   target_link_libraries(${target} PRIVATE cotwin_settings cotwin::fmu cotwin::${unit})

@@ -108,4 +108,30 @@ TEST(Names, OfTypesStandOnceInTheHeadersOfAFolder) {
   EXPECT_GT(places.size(), 100u);
 }
 
+/// Below `folder`, files may include their own room and the rooms before it; files beside the rooms stand below all of them.
+void expect_rooms_in_order(const std::string& folder, const std::vector<std::string>& rooms) {
+  const auto room_of = [&](const std::string& path) -> std::ptrdiff_t {
+    for (std::size_t i = 0; i < rooms.size(); ++i) {
+      if (path.starts_with(folder + "/" + rooms[i] + "/")) return static_cast<std::ptrdiff_t>(i);
+    }
+    EXPECT_EQ(path.find('/', folder.size() + 1), std::string::npos) << path << " lies in a room that is not listed";
+    return -1;
+  };
+  for (const Include& i : includes_below(folder)) {
+    if (!i.to.starts_with(folder + "/")) continue;
+    if (i.from == "fmu/import/load.cpp" && i.to == "fmu/process/process.h") continue;  // it chooses where an FMU runs
+    EXPECT_GE(room_of(i.from), room_of(i.to)) << i.place << " includes " << i.to;
+  }
+}
+
+TEST(Layers, RoomsOfAFolderIncludeThoseBelowThem) {
+  expect_rooms_in_order("fmu", {"archive", "description", "import", "process", "check", "export"});
+  expect_rooms_in_order("master", {"ssp", "run", "twin", "program"});
+}
+
+TEST(Layers, TheEngineOfTheContactWorldKnowsNoUnit) {
+  for (const Include& i : includes_below("components/contact_world/engine"))
+    EXPECT_TRUE(starts_with_any(i.to, {"models/", "components/contact_world/engine/"})) << i.place << " includes " << i.to;
+}
+
 }  // namespace

@@ -9,8 +9,8 @@
 #include "components/contact_world/assemble.h"
 #include "components/contact_world/robot_links.h"
 #include "models/robot/dynamics.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::contact_world {
 namespace {

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "components/contact_world/world.h"
+#include "components/contact_world/engine/world.h"
 #include "components/unit/settings.h"
 #include "components/unit/unit.h"
 #include "models/scene/cell.h"

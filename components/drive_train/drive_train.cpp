@@ -9,8 +9,8 @@
 
 #include "components/drive_train/events.h"
 #include "models/robot/robot_model.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::drive_train {
 namespace {

@@ -2,8 +2,8 @@
 #include <cmath>
 
 #include "components/drive_train/drive_train.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::drive_train {
 

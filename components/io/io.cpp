@@ -3,7 +3,7 @@
 #include "components/io/recording_link.h"
 #include "components/io/sensor_link.h"
 #include "models/robot/robot_model.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::io {
 

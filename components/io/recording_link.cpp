@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <numbers>
 
-#include "models/text/choice.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/choice.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::io {
 

@@ -4,9 +4,9 @@
 #include <cmath>
 
 #include "models/robot/robot_model.h"
-#include "models/text/choice.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/choice.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::motion {
 

@@ -4,9 +4,9 @@
 #include <numbers>
 #include <span>
 
-#include "models/text/choice.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/choice.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 #include "models/trajectory/bernstein.h"
 #include "models/trajectory/polynomial.h"
 #include "models/trajectory/series.h"

@@ -3,7 +3,7 @@
 #include <bit>
 #include <cstdint>
 
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::tuner {
 

@@ -9,8 +9,8 @@
 #include "components/tuner/memory.h"
 #include "components/tuner/worker.h"
 #include "models/identification/motor_inertia.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::tuner {
 

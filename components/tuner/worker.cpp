@@ -4,7 +4,7 @@
 #include <cstring>
 #include <exception>
 
-#include "models/text/text.h"
+#include "models/support/text.h"
 
 namespace cotwin::tuner {
 

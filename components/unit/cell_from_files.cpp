@@ -6,8 +6,8 @@
 #include "models/scene/cell.h"
 #include "models/scene/sdf.h"
 #include "models/scene/urdf_shapes.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin {
 

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin {
 

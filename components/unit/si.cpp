@@ -6,8 +6,8 @@
 #include <limits>
 #include <numbers>
 
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::si {
 

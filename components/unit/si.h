@@ -3,7 +3,7 @@
 #include <string>
 #include <string_view>
 
-#include "models/text/parameter_set.h"
+#include "models/support/parameter_set.h"
 
 /// Units of measure (never called "units": that word is taken).
 namespace cotwin::si {

@@ -4,7 +4,7 @@
 #include <cstring>
 #include <limits>
 
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin {
 

@@ -3,8 +3,8 @@
 #include <algorithm>
 
 #include "components/unit/si.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin {
 

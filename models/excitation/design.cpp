@@ -9,8 +9,8 @@
 #include "models/identification/torque_data.h"
 #include "models/numerics/swarm.h"
 #include "models/robot/dynamics.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::excitation {
 

@@ -6,8 +6,8 @@
 
 #include "models/identification/torque_data.h"
 #include "models/numerics/random.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::identification {
 namespace {

@@ -8,8 +8,8 @@
 #include "models/identification/problem_impl.h"
 #include "models/numerics/triangle.h"
 #include "models/robot/dynamics.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::identification {
 

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::identification {
 namespace {

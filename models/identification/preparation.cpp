@@ -5,8 +5,8 @@
 #include <numbers>
 #include <string>
 
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::identification {
 

@@ -6,7 +6,7 @@
 
 #include "models/identification/problem_impl.h"
 #include "models/numerics/triangle.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::identification {
 

@@ -4,8 +4,8 @@
 #include <cmath>
 
 #include "models/identification/problem.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 #include "models/trajectory/series.h"
 
 namespace cotwin::identification {

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::identification {
 namespace {

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "models/robot/attachment.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::identification {
 

@@ -8,7 +8,7 @@
 #include "models/identification/problem_impl.h"
 #include "models/numerics/batch.h"
 #include "models/numerics/bytes.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::identification {
 namespace {

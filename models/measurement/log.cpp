@@ -1,6 +1,6 @@
 #include "models/measurement/log.h"
 
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::measurement {
 

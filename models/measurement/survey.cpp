@@ -6,8 +6,8 @@
 
 #include "models/measurement/spectrum.h"
 #include "models/robot/dynamics.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::measurement {
 

@@ -3,7 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <limits>
 
-#include "models/text/text.h"
+#include "models/support/text.h"
 
 namespace cotwin {
 

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "models/numerics/kernels.h"
+#include "models/numerics/kernels/kernels.h"
 
 namespace cotwin::numerics {
 

@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 /// Numbers as little-endian bytes and back, for states that go into files.
 namespace cotwin::numerics {

@@ -6,10 +6,10 @@
 #include <numeric>
 #include <string>
 
-#include "models/numerics/kernels.h"
+#include "models/numerics/kernels/kernels.h"
 #include "models/numerics/random.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::numerics {
 namespace {

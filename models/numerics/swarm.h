@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "models/numerics/threads.h"
+#include "models/support/threads.h"
 
 namespace cotwin::numerics {
 

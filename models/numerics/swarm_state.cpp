@@ -2,7 +2,7 @@
 
 #include "models/numerics/bytes.h"
 #include "models/numerics/swarm.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::numerics {
 namespace {

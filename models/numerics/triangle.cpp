@@ -4,8 +4,8 @@
 #include <cmath>
 #include <string>
 
-#include "models/numerics/kernels.h"
-#include "models/text/error.h"
+#include "models/numerics/kernels/kernels.h"
+#include "models/support/error.h"
 
 namespace cotwin::numerics {
 

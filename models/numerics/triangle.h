@@ -9,7 +9,7 @@ namespace cotwin::numerics {
 /// block] (Golub and Van Loan, Matrix Computations, 4th ed., 5.2 and 6.5; backward stable, unlike sums of squares), so that
 /// memory and cost per row do not depend on N. With A = [X | y], the last column of R gives every least-squares figure:
 /// ‖X b − y‖² = ‖R [b; −1]‖².
-/// Kernels for several instruction sets are chosen at run time (COTWIN_CPU, see models/robot/kernels.h): they agree to
+/// Kernels for several instruction sets are chosen at run time (COTWIN_CPU, see models/robot/kernels/kernels.h): they agree to
 /// rounding, and each gives the same bits for the same rows.
 class Triangle {
  public:

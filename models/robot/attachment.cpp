@@ -2,8 +2,8 @@
 
 #include <algorithm>
 
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::robot {
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::robot {
 

@@ -6,7 +6,7 @@
 #include <new>
 #include <vector>
 
-#include "models/robot/kernels.h"
+#include "models/robot/kernels/kernels.h"
 
 namespace cotwin::robot {
 namespace {

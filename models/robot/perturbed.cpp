@@ -4,8 +4,8 @@
 
 #include "models/numerics/random.h"
 #include "models/robot/attachment.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::robot {
 

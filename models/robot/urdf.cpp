@@ -11,9 +11,9 @@
 #include <thread>
 
 #include "models/robot/urdf_document.h"
-#include "models/text/error.h"
-#include "models/text/file.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/file.h"
+#include "models/support/text.h"
 
 namespace cotwin::robot {
 

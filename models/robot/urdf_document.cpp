@@ -8,10 +8,10 @@
 #include <limits>
 #include <set>
 
-#include "models/text/error.h"
-#include "models/text/text.h"
-#include "models/text/xml.h"
-#include "models/text/xml_reason.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+#include "models/support/xml.h"
+#include "models/support/xml_reason.h"
 
 namespace cotwin::robot {
 

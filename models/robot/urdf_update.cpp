@@ -5,8 +5,8 @@
 #include <map>
 
 #include "models/robot/urdf.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::robot {
 

@@ -7,8 +7,8 @@
 
 #include "models/robot/urdf.h"
 #include "models/robot/urdf_document.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::robot {
 

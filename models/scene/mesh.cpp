@@ -7,9 +7,9 @@
 #include <string_view>
 
 #include "models/scene/hull.h"
-#include "models/text/error.h"
-#include "models/text/file.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/file.h"
+#include "models/support/text.h"
 
 namespace cotwin::scene {
 

@@ -5,8 +5,8 @@
 
 #include "models/scene/mesh.h"
 #include "models/scene/shapes.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::scene::sdf {
 

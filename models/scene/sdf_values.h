@@ -7,7 +7,7 @@
 
 #include "models/mechanics/pose.h"
 #include "models/scene/scene.h"
-#include "models/text/xml.h"
+#include "models/support/xml.h"
 
 /// What the readers of SDF's elements share.
 namespace cotwin::scene::sdf {

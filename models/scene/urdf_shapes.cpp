@@ -6,9 +6,9 @@
 #include <cmath>
 
 #include "models/scene/mesh.h"
-#include "models/text/error.h"
-#include "models/text/file.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/file.h"
+#include "models/support/text.h"
 
 namespace cotwin::scene {
 

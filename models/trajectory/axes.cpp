@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "models/robot/robot_model.h"
-#include "models/text/text.h"
+#include "models/support/text.h"
 
 namespace cotwin::trajectory {
 

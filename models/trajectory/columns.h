@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "models/text/csv.h"
+#include "models/support/csv.h"
 #include "models/trajectory/axes.h"
 
 namespace cotwin::trajectory {

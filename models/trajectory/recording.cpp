@@ -4,8 +4,8 @@
 #include <array>
 #include <cmath>
 
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 #include "models/trajectory/recording_reader.h"
 
 namespace cotwin::trajectory {

@@ -8,7 +8,7 @@
 
 namespace cotwin::trajectory {
 
-/// How a CSV (models/text/csv.h) tells of a motion of n joints.
+/// How a CSV (models/support/csv.h) tells of a motion of n joints.
 ///
 /// Columns are named by
 ///   a list        "J1 act,J2 act,…": as many as joints

@@ -2,8 +2,8 @@
 
 #include <cmath>
 
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 #include "models/trajectory/columns.h"
 
 namespace cotwin::trajectory {

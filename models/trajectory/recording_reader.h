@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "models/text/csv.h"
+#include "models/support/csv.h"
 #include "models/trajectory/recording.h"
 
 namespace cotwin::trajectory {

@@ -24,7 +24,7 @@ enum class Passing {
   kThrough  // they move through points without dwell, on the spline of least jerk (C⁴)
 };
 
-/// Reads waypoints from a CSV (models/text/csv.h), a row a point: a column t (or time), positions in columns named as in a
+/// Reads waypoints from a CSV (models/support/csv.h), a row a point: a column t (or time), positions in columns named as in a
 /// recording (recording.h: `q_columns`), in `angle_unit` rad for revolute joints, and perhaps a column dwell. Times need not
 /// begin at 0. Throws Error `points.csv:3: …`.
 Waypoints load_waypoints(const std::filesystem::path& file, std::span<const Axis> axes, const std::string& q_columns = {},

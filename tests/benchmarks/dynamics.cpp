@@ -10,9 +10,9 @@
 #include <vector>
 
 #include "models/robot/dynamics.h"
-#include "models/robot/kernels.h"
+#include "models/robot/kernels/kernels.h"
 #include "models/robot/urdf.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 #include "tests/benchmarks/measure.h"
 
 namespace {

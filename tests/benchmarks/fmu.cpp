@@ -15,9 +15,9 @@
 #include <vector>
 
 #include "components/unit/unit_table.h"
-#include "fmu/pack.h"
-#include "master/master.h"
-#include "master/pack_twin.h"
+#include "fmu/export/pack.h"
+#include "master/run/master.h"
+#include "master/twin/pack_twin.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/fmu/driver.h"
 

@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "fmu/archive.h"
+#include "fmu/archive/archive.h"
 #include "tests/benchmarks/measure.h"
 
 namespace {

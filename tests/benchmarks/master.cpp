@@ -4,7 +4,7 @@
 #include <memory>
 #include <vector>
 
-#include "master/master.h"
+#include "master/run/master.h"
 #include "tests/benchmarks/measure.h"
 
 namespace {

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "components/unit/unit_table.h"
-#include "master/master.h"
+#include "master/run/master.h"
 #include "tests/benchmarks/measure.h"
 
 namespace {

@@ -11,7 +11,7 @@
 
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::compliance {
 namespace {

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "components/contact_world/world.h"
-#include "models/text/error.h"
+#include "components/contact_world/engine/world.h"
+#include "models/support/error.h"
 #include "tests/support/allocations.h"
 #include "tests/support/contact_scenes.h"
 

@@ -1,4 +1,4 @@
-#include "components/contact_world/dantzig.h"
+#include "components/contact_world/engine/dantzig.h"
 
 #include <gtest/gtest.h>
 

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "components/contact_world/world.h"
+#include "components/contact_world/engine/world.h"
 #include "tests/support/allocations.h"
 #include "tests/support/contact_scenes.h"
 #include "tests/support/random_scene.h"

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "components/contact_world/assemble.h"
-#include "components/contact_world/world.h"
+#include "components/contact_world/engine/world.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf.h"
 #include "tests/models/random_robots.h"

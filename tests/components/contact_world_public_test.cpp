@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "components/contact_world/world.h"
+#include "components/contact_world/engine/world.h"
 #include "tests/support/contact_scenes.h"
 
 namespace cotwin::contact_world {

@@ -17,7 +17,7 @@
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
 #include "models/robot/urdf.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 #include "tests/support/allocations.h"
 
 namespace cotwin {

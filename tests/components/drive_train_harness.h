@@ -10,7 +10,7 @@
 #include "components/drive_train/drive_train.h"
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 /// A drive train to be tested: made from its settings, its variables by name.
 namespace cotwin::testing {

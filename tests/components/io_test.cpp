@@ -10,8 +10,8 @@
 
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 #include "tests/support/allocations.h"
 
 namespace cotwin {

@@ -11,8 +11,8 @@
 #include "components/unit/unit_table.h"
 #include "models/robot/robot_model.h"
 #include "models/robot/urdf.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 #include "tests/support/allocations.h"
 
 namespace cotwin {

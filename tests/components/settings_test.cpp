@@ -6,7 +6,7 @@
 #include <filesystem>
 
 #include "components/unit/unit_table.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin {
 namespace {

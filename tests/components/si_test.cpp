@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::si {
 namespace {

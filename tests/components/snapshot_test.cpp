@@ -5,7 +5,7 @@
 
 #include <random>
 
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin {
 namespace {

@@ -20,7 +20,7 @@
 #include "models/robot/dynamics.h"
 #include "models/robot/perturbed.h"
 #include "models/robot/urdf.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 #include "tests/support/allocations.h"
 
 namespace cotwin {

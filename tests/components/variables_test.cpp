@@ -9,7 +9,7 @@
 #include <limits>
 #include <vector>
 
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin {
 namespace {

@@ -7,9 +7,9 @@
 
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
-#include "fmu/load.h"
-#include "fmu/pack.h"
-#include "models/text/error.h"
+#include "fmu/export/pack.h"
+#include "fmu/import/load.h"
+#include "models/support/error.h"
 #include "tests/fmu/foreign.h"
 #include "tests/support/unit_sources.h"
 

@@ -4,10 +4,10 @@
 
 #include <sstream>
 
-#include "fmu/check.h"
-#include "fmu/foreign_variables.h"
-#include "fmu/model_description_read.h"
-#include "models/text/error.h"
+#include "fmu/check/check.h"
+#include "fmu/description/read.h"
+#include "fmu/import/variables.h"
+#include "models/support/error.h"
 #include "tests/fmu/foreign.h"
 
 namespace cotwin::fmu {

@@ -13,11 +13,11 @@
 #include <vector>
 
 #include "components/unit/variables.h"
-#include "fmu/archive.h"
+#include "fmu/archive/archive.h"
+#include "fmu/archive/uri.h"
+#include "fmu/description/model_description.h"
 #include "fmu/fmi2.h"
 #include "fmu/fmi3.h"
-#include "fmu/model_description.h"
-#include "fmu/uri.h"
 
 /// A host of FMUs as small as can be: it unpacks, loads and calls, and knows nothing of how ours are made.
 namespace cotwin::fmu::testing {

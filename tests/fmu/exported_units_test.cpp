@@ -9,7 +9,7 @@
 #include <thread>
 
 #include "components/unit/unit_table.h"
-#include "fmu/pack.h"
+#include "fmu/export/pack.h"
 #include "tests/fmu/driver.h"
 #include "tests/fmu/foreign.h"
 #include "tests/fmu/old_glibc.h"

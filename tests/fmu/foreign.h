@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "components/unit/snapshot.h"
-#include "fmu/archive.h"
-#include "fmu/load.h"
+#include "fmu/archive/archive.h"
+#include "fmu/import/load.h"
 
 /// Archives of the FMUs in fmus/, as they are or spoilt.
 namespace cotwin::fmu::testing {

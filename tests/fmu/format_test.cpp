@@ -8,12 +8,12 @@
 #include <fstream>
 #include <sstream>
 
-#include "fmu/archive.h"
-#include "fmu/model_description.h"
-#include "fmu/package.h"
-#include "fmu/uri.h"
+#include "fmu/archive/archive.h"
+#include "fmu/archive/uri.h"
+#include "fmu/description/model_description.h"
+#include "fmu/export/package.h"
 #include "models/robot/urdf.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 #include "tests/support/standard_validator.h"
 
 namespace cotwin::fmu {

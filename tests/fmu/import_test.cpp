@@ -8,8 +8,8 @@
 
 #include <cmath>
 
-#include "fmu/foreign.h"
-#include "models/text/error.h"
+#include "fmu/import/foreign.h"
+#include "models/support/error.h"
 #include "tests/fmu/foreign.h"
 #include "tests/support/allocations.h"
 

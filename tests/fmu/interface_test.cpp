@@ -11,9 +11,9 @@
 #include <fstream>
 #include <thread>
 
-#include "fmu/bytes.h"
-#include "fmu/pack.h"
-#include "models/text/error.h"
+#include "fmu/export/pack.h"
+#include "models/support/bytes.h"
+#include "models/support/error.h"
 #include "tests/fmu/driver.h"
 #include "tests/fmu/probe.h"
 

@@ -16,10 +16,10 @@
 #include <sstream>
 #include <thread>
 
-#include "fmu/check.h"
-#include "fmu/elf.h"
-#include "fmu/fmu_store.h"
-#include "models/text/error.h"
+#include "fmu/check/check.h"
+#include "fmu/check/elf.h"
+#include "fmu/import/fmu_store.h"
+#include "models/support/error.h"
 #include "tests/fmu/foreign.h"
 
 namespace cotwin::fmu {

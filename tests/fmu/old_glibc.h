@@ -6,7 +6,7 @@
 #include <sstream>
 #include <string>
 
-#include "fmu/elf.h"
+#include "fmu/check/elf.h"
 
 namespace cotwin::fmu::testing {
 

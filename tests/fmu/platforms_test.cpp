@@ -15,15 +15,15 @@
 #include <set>
 #include <sstream>
 
-#include "fmu/archive.h"
-#include "fmu/check.h"
-#include "fmu/library.h"
-#include "fmu/model_description_read.h"
-#include "fmu/pack.h"
-#include "fmu/pe.h"
-#include "fmu/uri.h"
-#include "master/pack_twin.h"
-#include "models/text/error.h"
+#include "fmu/archive/archive.h"
+#include "fmu/archive/uri.h"
+#include "fmu/check/check.h"
+#include "fmu/check/pe.h"
+#include "fmu/description/read.h"
+#include "fmu/export/pack.h"
+#include "fmu/import/library.h"
+#include "master/twin/pack_twin.h"
+#include "models/support/error.h"
 #include "tests/fmu/subjects.h"
 
 namespace cotwin::fmu {

@@ -1,4 +1,4 @@
-#include "fmu/export.h"
+#include "fmu/export/export.h"
 #include "tests/fmu/probe.h"
 
 namespace cotwin::fmu {

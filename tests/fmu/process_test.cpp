@@ -10,8 +10,8 @@
 #include <string_view>
 #include <thread>
 
-#include "fmu/process.h"
-#include "models/text/error.h"
+#include "fmu/process/process.h"
+#include "models/support/error.h"
 #include "tests/fmu/foreign.h"
 
 namespace cotwin::fmu {

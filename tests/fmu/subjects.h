@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "components/unit/unit_table.h"
-#include "fmu/pack.h"
+#include "fmu/export/pack.h"
 #include "tests/support/unit_sources.h"
 
 /// The exported units that tests walk through: all of the generated table, with settings and start values from

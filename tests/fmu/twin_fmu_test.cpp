@@ -9,11 +9,11 @@
 #include <thread>
 
 #include "components/unit/unit_table.h"
-#include "master/master.h"
-#include "master/pack_twin.h"
-#include "master/recorder.h"
-#include "master/twin_package.h"
-#include "models/text/error.h"
+#include "master/run/master.h"
+#include "master/run/recorder.h"
+#include "master/twin/pack_twin.h"
+#include "master/twin/twin_package.h"
+#include "models/support/error.h"
 #include "tests/fmu/driver.h"
 #include "tests/fmu/foreign.h"
 #include "tests/fmu/old_glibc.h"

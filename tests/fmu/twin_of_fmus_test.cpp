@@ -8,17 +8,17 @@
 #include <thread>
 
 #include "components/unit/unit_table.h"
-#include "fmu/bytes.h"
-#include "fmu/fmu_unit.h"
-#include "fmu/foreign_package.h"
-#include "fmu/foreign_variables.h"
-#include "fmu/model_description_read.h"
-#include "fmu/pack.h"
-#include "master/master.h"
-#include "master/pack_twin.h"
-#include "master/recorder.h"
-#include "master/twin.h"
-#include "models/text/error.h"
+#include "fmu/description/read.h"
+#include "fmu/export/pack.h"
+#include "fmu/import/fmu_unit.h"
+#include "fmu/import/package.h"
+#include "fmu/import/variables.h"
+#include "master/run/master.h"
+#include "master/run/recorder.h"
+#include "master/twin/pack_twin.h"
+#include "master/twin/twin.h"
+#include "models/support/bytes.h"
+#include "models/support/error.h"
 #include "tests/fmu/driver.h"
 #include "tests/fmu/foreign.h"
 #include "tests/support/standard_validator.h"
@@ -490,7 +490,7 @@ fmu::ForeignPackage package_of(const std::string& name) {
 /// 8 bytes of kind and version, 8 of hash, and what this hash is of: so that it is not the hash that refuses damaged bytes.
 constexpr std::size_t kHead = 2 * sizeof(std::uint64_t);
 std::string with_fresh_hash(std::string bytes) {
-  const std::uint64_t hash = fmu::hash_of(std::string_view(bytes).substr(kHead));
+  const std::uint64_t hash = hash_of(std::string_view(bytes).substr(kHead));
   std::memcpy(bytes.data() + kHead / 2, &hash, sizeof hash);
   return bytes;
 }
@@ -500,7 +500,7 @@ std::string with_number(std::string bytes, std::size_t at, std::uint64_t number)
 }
 /// The first text `from` with its length, as `to`.
 std::string with_text(const std::string& bytes, const std::string& from, const std::string& to) {
-  fmu::ByteWriter before, after;
+  ByteWriter before, after;
   before.text(from);
   after.text(to);
   return with_fresh_hash(fmu::testing::replaced(bytes, before.bytes(), after.bytes()));

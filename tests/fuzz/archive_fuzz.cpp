@@ -7,10 +7,10 @@
 #include <filesystem>
 #include <fstream>
 
-#include "fmu/archive.h"
-#include "fmu/elf.h"
-#include "fmu/pe.h"
-#include "models/text/error.h"
+#include "fmu/archive/archive.h"
+#include "fmu/check/elf.h"
+#include "fmu/check/pe.h"
+#include "models/support/error.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   namespace fs = std::filesystem;

@@ -4,7 +4,7 @@
 #include <cstdlib>
 #include <span>
 
-#include "components/contact_world/world.h"
+#include "components/contact_world/engine/world.h"
 #include "tests/support/random_scene.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

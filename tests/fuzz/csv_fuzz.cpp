@@ -6,8 +6,8 @@
 #include <sstream>
 #include <string_view>
 
-#include "models/text/csv.h"
-#include "models/text/error.h"
+#include "models/support/csv.h"
+#include "models/support/error.h"
 
 namespace {
 

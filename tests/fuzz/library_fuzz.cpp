@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "fmu/elf.h"
-#include "fmu/pe.h"
-#include "models/text/error.h"
+#include "fmu/check/elf.h"
+#include "fmu/check/pe.h"
+#include "models/support/error.h"
 #include "tests/fuzz/edits.h"
 
 namespace {

@@ -4,7 +4,7 @@
 #include <string_view>
 
 #include "models/scene/mesh.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace cotwin;

@@ -7,16 +7,16 @@
 #include <iterator>
 #include <memory>
 
-#include "fmu/bytes.h"
-#include "fmu/fmu_unit.h"
-#include "fmu/foreign_package.h"
-#include "fmu/foreign_variables.h"
-#include "fmu/model_description_read.h"
-#include "fmu/package.h"
-#include "master/twin_package.h"
+#include "fmu/description/read.h"
+#include "fmu/export/package.h"
+#include "fmu/import/fmu_unit.h"
+#include "fmu/import/package.h"
+#include "fmu/import/variables.h"
+#include "master/twin/twin_package.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf.h"
-#include "models/text/error.h"
+#include "models/support/bytes.h"
+#include "models/support/error.h"
 #include "tests/fuzz/edits.h"
 
 namespace {
@@ -122,8 +122,8 @@ std::string good_scenario() {
 
 /// Both formats: 8 bytes of kind and version, 8 of hash, and what this hash is of.
 std::string with_hash(const std::string& kind, const std::string& body) {
-  fmu::ByteWriter head;
-  head.value(fmu::hash_of(body));
+  ByteWriter head;
+  head.value(hash_of(body));
   return kind + head.bytes() + body;
 }
 

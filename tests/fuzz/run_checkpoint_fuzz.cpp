@@ -6,8 +6,8 @@
 #include <string_view>
 
 #include "components/unit/unit_table.h"
-#include "master/run_checkpoint.h"
-#include "models/text/error.h"
+#include "master/run/checkpoint.h"
+#include "models/support/error.h"
 #include "tests/fuzz/edits.h"
 
 namespace {

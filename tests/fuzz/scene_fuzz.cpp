@@ -4,9 +4,9 @@
 #include <cstdlib>
 #include <string_view>
 
-#include "components/contact_world/collision.h"
+#include "components/contact_world/engine/collision.h"
 #include "models/scene/sdf.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 /// An SDF that is read is a scene that collision can be asked about: any number of points, none of them without numbers.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

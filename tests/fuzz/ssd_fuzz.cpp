@@ -5,8 +5,8 @@
 #include <cstdlib>
 #include <string_view>
 
-#include "master/scenario.h"
-#include "models/text/error.h"
+#include "master/ssp/scenario.h"
+#include "models/support/error.h"
 
 namespace {
 

@@ -5,8 +5,8 @@
 #include <string_view>
 
 #include "components/unit/si.h"
-#include "models/text/error.h"
-#include "models/text/parameter_set.h"
+#include "models/support/error.h"
+#include "models/support/parameter_set.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);

@@ -8,15 +8,15 @@
 #include <memory>
 
 #include "components/unit/unit_table.h"
-#include "fmu/archive.h"
-#include "fmu/bytes.h"
-#include "fmu/export.h"
-#include "fmu/package.h"
+#include "fmu/archive/archive.h"
+#include "fmu/export/export.h"
+#include "fmu/export/package.h"
 #include "models/robot/urdf.h"
 #include "models/scene/cell.h"
 #include "models/scene/sdf.h"
 #include "models/scene/urdf_shapes.h"
-#include "models/text/error.h"
+#include "models/support/bytes.h"
+#include "models/support/error.h"
 #include "tests/fuzz/edits.h"
 
 namespace {
@@ -97,14 +97,14 @@ class Subject {
     fmu::Exported& unit = *instance_;
     void* state = nullptr;
     try {
-      state = unit.deserialise(fmu::as_bytes(bytes));
+      state = unit.deserialise(as_bytes(bytes));
     } catch (const Error&) {
       return;
     }
     try {
       // Written again it says the same; a truth value may have been any byte.
       const std::string again = unit.serialise(state);
-      void* second = unit.deserialise(fmu::as_bytes(again));
+      void* second = unit.deserialise(as_bytes(again));
       if (unit.serialise(second) != again) std::abort();
       unit.free(&second);
       unit.restore(state);
@@ -137,8 +137,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   subject->use(std::string(reinterpret_cast<const char*>(data), size));
   // The state is 8 bytes of kind and version, 8 of hash, and what this hash is of.
   const std::string body = fuzz::edited(subject->good().substr(16), data + 1, size - 1);
-  fmu::ByteWriter head;
-  head.value(fmu::hash_of(body));
+  ByteWriter head;
+  head.value(hash_of(body));
   subject->use(subject->good().substr(0, 8) + head.bytes() + body);
   return 0;
 }

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "models/numerics/swarm.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace cotwin::numerics;

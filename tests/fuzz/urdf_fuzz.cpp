@@ -8,7 +8,7 @@
 #include <string_view>
 
 #include "models/robot/urdf.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace {
 

@@ -14,7 +14,7 @@
 #include <iterator>
 #include <sstream>
 
-#include "fmu/archive.h"
+#include "fmu/archive/archive.h"
 #include "tests/hostile/hostile_files.h"
 
 namespace cotwin::hostile {

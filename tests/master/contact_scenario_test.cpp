@@ -8,9 +8,9 @@
 #include <string>
 
 #include "components/unit/unit_table.h"
-#include "master/members.h"
-#include "master/scenario.h"
-#include "master/twin.h"
+#include "master/run/members.h"
+#include "master/ssp/scenario.h"
+#include "master/twin/twin.h"
 #include "tests/support/synthetic_log.h"
 
 namespace cotwin::master {

@@ -20,8 +20,8 @@
 #include <sstream>
 #include <thread>
 
-#include "master/run_checkpoint.h"
-#include "models/text/atomic_file.h"
+#include "master/run/checkpoint.h"
+#include "models/support/atomic_file.h"
 
 namespace {
 

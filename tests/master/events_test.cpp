@@ -1,4 +1,4 @@
-#include "master/events.h"
+#include "master/run/events.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -9,14 +9,14 @@
 #include <fstream>
 #include <sstream>
 
-#include "fmu/archive.h"
-#include "fmu/pack.h"
-#include "master/check.h"
-#include "master/fmu_run.h"
-#include "master/master.h"
-#include "master/package.h"
-#include "models/text/csv.h"
-#include "models/text/error.h"
+#include "fmu/archive/archive.h"
+#include "fmu/export/pack.h"
+#include "master/program/check.h"
+#include "master/program/fmu_run.h"
+#include "master/run/master.h"
+#include "master/twin/package.h"
+#include "models/support/csv.h"
+#include "models/support/error.h"
 #include "tests/fmu/foreign.h"
 #include "tests/support/standard_validator.h"
 

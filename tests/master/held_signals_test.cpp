@@ -8,10 +8,10 @@
 #include <vector>
 
 #include "components/unit/unit_table.h"
-#include "fmu/describe.h"
-#include "master/master.h"
-#include "master/members.h"
-#include "master/scenario.h"
+#include "fmu/description/describe.h"
+#include "master/run/master.h"
+#include "master/run/members.h"
+#include "master/ssp/scenario.h"
 
 namespace cotwin::master {
 namespace {

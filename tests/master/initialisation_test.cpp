@@ -1,4 +1,4 @@
-#include "master/initialisation.h"
+#include "master/run/initialisation.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

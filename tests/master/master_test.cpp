@@ -1,4 +1,4 @@
-#include "master/master.h"
+#include "master/run/master.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "master/report.h"
+#include "master/program/report.h"
 #include "tests/master/test_units.h"
 #include "tests/support/allocations.h"
 

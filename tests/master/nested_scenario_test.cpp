@@ -7,9 +7,9 @@
 #include <fstream>
 #include <sstream>
 
-#include "master/check.h"
-#include "master/master.h"
-#include "models/text/error.h"
+#include "master/program/check.h"
+#include "master/run/master.h"
+#include "models/support/error.h"
 
 namespace cotwin::master {
 namespace {

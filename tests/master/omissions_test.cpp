@@ -1,10 +1,10 @@
 // What check and run say of things that a scenario forgot. The units are the program's own.
-#include "master/omissions.h"
+#include "master/run/omissions.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "master/check.h"
+#include "master/program/check.h"
 #include "tests/master/test_units.h"
 
 namespace cotwin::master {

@@ -1,4 +1,4 @@
-#include "master/recorder.h"
+#include "master/run/recorder.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -13,7 +13,7 @@
 #include <random>
 #include <sstream>
 
-#include "models/text/text.h"
+#include "models/support/text.h"
 #include "tests/master/test_units.h"
 
 namespace cotwin::master {

@@ -1,5 +1,5 @@
 // A run that is saved, lost, and gone on with has the bits of one that was never interrupted.
-#include "master/run_checkpoint.h"
+#include "master/run/checkpoint.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,9 +9,9 @@
 #include <random>
 #include <sstream>
 
-#include "fmu/bytes.h"
-#include "master/report.h"
-#include "models/text/atomic_file.h"
+#include "master/program/report.h"
+#include "models/support/atomic_file.h"
+#include "models/support/bytes.h"
 #include "tests/master/test_units.h"
 
 namespace cotwin::master {

@@ -1,4 +1,4 @@
-#include "master/scenario.h"
+#include "master/ssp/scenario.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,9 +9,9 @@
 #include <sstream>
 
 #include "components/unit/si.h"
-#include "fmu/archive.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "fmu/archive/archive.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 #include "tests/support/standard_validator.h"
 
 namespace cotwin::master {

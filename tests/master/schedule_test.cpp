@@ -1,4 +1,4 @@
-#include "master/schedule.h"
+#include "master/run/schedule.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

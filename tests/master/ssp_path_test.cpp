@@ -1,5 +1,5 @@
 // Composed paths against the same path walked one connection after the other.
-#include "master/ssp_path.h"
+#include "master/ssp/path.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::master::ssp {
 namespace {

@@ -1,4 +1,4 @@
-#include "master/statistics.h"
+#include "master/run/statistics.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

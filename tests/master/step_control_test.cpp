@@ -1,9 +1,9 @@
-#include "master/step_control.h"
+#include "master/run/step_control.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "master/twin.h"
+#include "master/twin/twin.h"
 #include "tests/master/test_units.h"
 
 namespace cotwin::master {

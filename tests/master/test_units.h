@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "components/unit/unit_table.h"
-#include "master/master.h"
-#include "models/text/error.h"
+#include "master/run/master.h"
+#include "models/support/error.h"
 
 /// Small units whose behaviour is known in closed form, and helpers that put them together.
 namespace cotwin::testing {

@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "master/tuning/tuning.h"
+#include "master/program/tuning/tuning.h"
 #include "models/robot/attachment.h"
 #include "models/robot/urdf.h"
 #include "tests/support/synthetic_log.h"

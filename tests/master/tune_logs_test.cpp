@@ -8,7 +8,7 @@
 #include <sstream>
 
 #include "models/numerics/random.h"
-#include "models/text/text.h"
+#include "models/support/text.h"
 #include "tests/master/tune_fixture.h"
 
 namespace cotwin::master::tuning {

@@ -12,10 +12,10 @@
 #include <limits>
 #include <thread>
 
-#include "master/tuning/cross_validation.h"
-#include "models/text/csv.h"
-#include "models/text/error.h"
-#include "models/text/parameter_set.h"
+#include "master/program/tuning/cross_validation.h"
+#include "models/support/csv.h"
+#include "models/support/error.h"
+#include "models/support/parameter_set.h"
 #include "tests/master/tune_fixture.h"
 
 namespace cotwin::master::tuning {

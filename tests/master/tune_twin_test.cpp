@@ -2,8 +2,8 @@
 #include <gtest/gtest.h>
 
 #include "components/unit/unit_table.h"
-#include "master/master.h"
-#include "models/text/csv.h"
+#include "master/run/master.h"
+#include "models/support/csv.h"
 #include "tests/master/tune_fixture.h"
 
 namespace cotwin::master::tuning {

@@ -6,12 +6,12 @@
 
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
-#include "master/members.h"
-#include "master/scenario.h"
-#include "master/twin.h"
+#include "master/run/members.h"
+#include "master/ssp/scenario.h"
+#include "master/twin/twin.h"
 #include "models/identification/motor_inertia.h"
 #include "models/identification/torque_model.h"
-#include "models/text/csv.h"
+#include "models/support/csv.h"
 #include "tests/master/tune_fixture.h"
 
 namespace cotwin::master::tuning {

@@ -1,4 +1,4 @@
-#include "master/wiring.h"
+#include "master/run/wiring.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "master/workers.h"
+#include "master/run/workers.h"
 
 #include <gtest/gtest.h>
 

@@ -7,7 +7,7 @@
 #include <random>
 
 #include "models/robot/urdf.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::robot {
 namespace {

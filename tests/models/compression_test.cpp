@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "models/numerics/batch.h"
-#include "models/numerics/kernels.h"
+#include "models/numerics/kernels/kernels.h"
 #include "models/numerics/random.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 #include "tests/support/allocations.h"
 
 namespace cotwin::numerics {

@@ -1,4 +1,4 @@
-#include "models/text/csv.h"
+#include "models/support/csv.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -12,8 +12,8 @@
 #include <random>
 #include <sstream>
 
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin {
 namespace {

@@ -8,7 +8,7 @@
 
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf.h"
-#include "models/text/csv.h"
+#include "models/support/csv.h"
 
 namespace cotwin::robot {
 namespace {

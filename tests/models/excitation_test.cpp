@@ -7,10 +7,10 @@
 #include <cmath>
 #include <numbers>
 
-#include "models/numerics/threads.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
+#include "models/support/threads.h"
 
 namespace cotwin::excitation {
 namespace {

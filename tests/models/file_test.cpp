@@ -13,10 +13,10 @@
 #include "models/robot/urdf.h"
 #include "models/scene/mesh.h"
 #include "models/scene/sdf.h"
-#include "models/text/csv.h"
-#include "models/text/error.h"
-#include "models/text/file.h"
-#include "models/text/parameter_set.h"
+#include "models/support/csv.h"
+#include "models/support/error.h"
+#include "models/support/file.h"
+#include "models/support/parameter_set.h"
 
 namespace cotwin::text {
 namespace {

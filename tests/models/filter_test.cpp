@@ -8,7 +8,7 @@
 #include <random>
 #include <vector>
 
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::trajectory {
 namespace {

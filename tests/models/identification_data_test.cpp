@@ -9,7 +9,7 @@
 
 #include "models/identification/identification.h"
 #include "models/robot/urdf.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 #include "models/trajectory/recording.h"
 #include "tests/support/allocations.h"
 

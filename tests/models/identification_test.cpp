@@ -8,7 +8,7 @@
 
 #include "models/identification/drive_terms.h"
 #include "models/robot/urdf.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 #include "tests/models/identification_samples.h"
 #include "tests/models/random_robots.h"
 #include "tests/support/allocations.h"

@@ -1,6 +1,6 @@
 # Run by CTest: the kernels' object files share no inline code with others, that is, they have no weak symbols. OBJECTS: the library's
 # objects; NM: the tool.
-list(FILTER OBJECTS INCLUDE REGEX "kernels_v[0-9]")
+list(FILTER OBJECTS INCLUDE REGEX "kernels/v[0-9]")
 list(LENGTH OBJECTS count)
 if(count EQUAL 0)
   message(FATAL_ERROR "no kernels among the objects")

@@ -5,7 +5,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "models/text/error.h"
+#include "models/support/error.h"
 #include "tests/models/random_robots.h"
 
 namespace cotwin::identification {

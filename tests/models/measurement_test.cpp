@@ -6,7 +6,7 @@
 #include "models/measurement/spectrum.h"
 #include "models/measurement/survey.h"
 #include "models/numerics/random.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 #include "tests/support/synthetic_log.h"
 
 namespace cotwin::measurement {

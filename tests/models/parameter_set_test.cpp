@@ -1,4 +1,4 @@
-#include "models/text/parameter_set.h"
+#include "models/support/parameter_set.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -11,8 +11,8 @@
 #include <random>
 #include <sstream>
 
-#include "models/text/error.h"
-#include "models/text/xml.h"
+#include "models/support/error.h"
+#include "models/support/xml.h"
 #include "tests/support/standard_validator.h"
 
 namespace cotwin {

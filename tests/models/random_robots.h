@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "models/robot/kernels.h"
+#include "models/robot/kernels/kernels.h"
 #include "models/robot/robot_model.h"
 
 /// Robots and states drawn at random for the tests of dynamics: any axes, any frames, physical inertias.

@@ -9,8 +9,8 @@
 #include <numbers>
 #include <sstream>
 
-#include "models/text/csv.h"
-#include "models/text/error.h"
+#include "models/support/csv.h"
+#include "models/support/error.h"
 
 namespace cotwin::trajectory {
 namespace {

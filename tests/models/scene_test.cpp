@@ -14,7 +14,7 @@
 #include "models/scene/sdf.h"
 #include "models/scene/shapes.h"
 #include "models/scene/urdf_shapes.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::scene {
 namespace {

@@ -6,7 +6,7 @@
 #include <numbers>
 #include <random>
 
-#include "models/text/error.h"
+#include "models/support/error.h"
 #include "models/trajectory/filter.h"
 #include "models/trajectory/spline.h"
 

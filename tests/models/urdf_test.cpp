@@ -14,8 +14,8 @@
 #include <thread>
 
 #include "models/robot/attachment.h"
-#include "models/text/error.h"
-#include "models/text/text.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::robot {
 namespace {

@@ -7,7 +7,7 @@
 #include "models/robot/attachment.h"
 #include "models/robot/perturbed.h"
 #include "models/robot/urdf.h"
-#include "models/text/error.h"
+#include "models/support/error.h"
 
 namespace cotwin::robot {
 namespace {

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "components/unit/unit_table.h"
-#include "master/master.h"
+#include "master/run/master.h"
 
 namespace cotwin::master {
 namespace {

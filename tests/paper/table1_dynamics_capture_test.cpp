@@ -9,9 +9,9 @@
 #include <vector>
 
 #include "components/unit/unit_table.h"
-#include "master/master.h"
+#include "master/run/master.h"
 #include "models/numerics/random.h"
-#include "models/text/csv.h"
+#include "models/support/csv.h"
 #include "tests/support/synthetic_log.h"
 
 namespace cotwin::master {

@@ -4,7 +4,7 @@
 #include <random>
 #include <span>
 
-#include "components/contact_world/world.h"
+#include "components/contact_world/engine/world.h"
 #include "models/scene/scene.h"
 #include "tests/support/contact_scenes.h"
 

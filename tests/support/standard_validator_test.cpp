@@ -13,7 +13,7 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "fmu/archive.h"
+#include "fmu/archive/archive.h"
 #include "tests/fmu/foreign.h"
 
 namespace cotwin::testing {

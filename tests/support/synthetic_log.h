@@ -12,7 +12,7 @@
 
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf.h"
-#include "models/text/csv.h"
+#include "models/support/csv.h"
 
 /// Logs of robots that do not exist: multi-sine motions, torques by the equations of motion, friction, motors and noise.
 namespace cotwin::testing {

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "components/contact_world/world.h"
+#include "components/contact_world/engine/world.h"
 #include "models/mechanics/pose.h"
 #include "models/scene/scene.h"
 

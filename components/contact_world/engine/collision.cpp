@@ -1,0 +1,187 @@
+#include "components/contact_world/engine/collision.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "components/contact_world/engine/convex.h"
+#include "components/contact_world/engine/pair.h"
+
+namespace cotwin::contact_world {
+
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+
+/// What bounds a piece along the world's axes.
+Vector3d reach(const Convex& c, const Matrix3d& R) {
+  Vector3d half = Vector3d::Constant(c.round);
+  switch (c.core) {
+    case Core::kPlane:
+      return Vector3d::Constant(std::numeric_limits<double>::infinity());
+    case Core::kPoint:
+      return half;
+    case Core::kSegment:
+      return half + R.col(2).cwiseAbs() * c.half;
+    case Core::kCylinder: {
+      const Vector3d z = R.col(2);
+      return half + z.cwiseAbs() * c.half + c.radius * (Vector3d::Ones() - z.cwiseAbs2()).cwiseMax(0).cwiseSqrt();
+    }
+    case Core::kPolytope:
+      return half + R.cwiseAbs() * c.extent;
+  }
+  return half;
+}
+
+}  // namespace
+
+struct Collision::Impl {
+  struct Piece {
+    Convex convex;
+    int body = 0, shape = 0;
+    bool moves = false;
+  };
+  struct Bounds {
+    Vector3d low, high;
+    std::uint32_t piece;
+  };
+  struct Candidate {
+    std::uint64_t bodies, pieces;  // each: the smaller index above the larger
+    friend auto operator<=>(const Candidate&, const Candidate&) = default;
+  };
+
+  explicit Impl(const scene::Scene& scene);
+  void detect(std::span<const Pose> X_WB, double margin);
+  void place(std::span<const Pose> X_WB);
+  void sweep(double margin);
+  void propose(std::uint32_t i, std::uint32_t j);
+  void meet(const Candidate& candidate, double margin);
+
+  std::vector<Piece> pieces;
+  std::vector<std::uint32_t> planes;                             // pieces
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> ignored;  // bodies, sorted
+
+  std::vector<Placed> placed;  // in the world
+  std::vector<Bounds> bounds;  // of all but planes, sorted along the sweep
+  std::vector<Candidate> candidates;
+  Pair pair;
+  std::vector<Touch> touches;
+  std::vector<ContactPoint> points;
+};
+
+Collision::Impl::Impl(const scene::Scene& scene) {
+  std::size_t corners = kDiscCorners;
+  for (std::size_t b = 0; b < scene.bodies.size(); ++b) {
+    const scene::Body& body = scene.bodies[b];
+    for (std::size_t s = 0; s < body.shapes.size(); ++s) {
+      Piece piece{make_convex(body.shapes[s]), static_cast<int>(b), static_cast<int>(s), body.motion != scene::Motion::kStatic};
+      if (piece.convex.core == Core::kPlane) planes.push_back(static_cast<std::uint32_t>(pieces.size()));
+      for (const auto& face : piece.convex.polytope.faces) corners = std::max<std::size_t>(corners, face.count);
+      pieces.push_back(std::move(piece));
+    }
+  }
+  for (std::size_t first = 0; first < pieces.size();) {
+    std::size_t last = first;
+    std::vector<Convex> own;
+    for (; last < pieces.size() && pieces[last].body == pieces[first].body; ++last)
+      own.push_back(std::move(pieces[last].convex));
+    find_covered_faces(own);
+    for (Convex& convex : own) pieces[first++].convex = std::move(convex);
+  }
+  const auto ignore = [&](int a, int b) {
+    if (a >= 0 && b >= 0 && a != b)
+      ignored.emplace_back(static_cast<std::uint32_t>(std::min(a, b)), static_cast<std::uint32_t>(std::max(a, b)));
+  };
+  for (const auto& [a, b] : scene.no_contact) ignore(a, b);
+  for (const scene::Joint& joint : scene.joints) ignore(joint.parent, joint.child);
+  std::sort(ignored.begin(), ignored.end());
+  placed.resize(pieces.size());
+  for (std::size_t i = 0; i < pieces.size(); ++i) placed[i].convex = &pieces[i].convex;
+  bounds.reserve(pieces.size());
+  pair.reserve(corners);
+  touches.reserve(8);
+}
+
+void Collision::Impl::place(std::span<const Pose> X_WB) {
+  bounds.clear();
+  for (std::uint32_t i = 0; i < pieces.size(); ++i) {
+    const Piece& piece = pieces[i];
+    const Pose& X = X_WB[static_cast<std::size_t>(piece.body)];
+    placed[i].R.noalias() = X.R * piece.convex.X_BC.R;
+    placed[i].p = X * piece.convex.X_BC.p;
+    if (piece.convex.core == Core::kPlane) continue;
+    const Vector3d half = reach(piece.convex, placed[i].R);
+    const Bounds box{placed[i].p - half, placed[i].p + half, i};
+    if (box.low.allFinite() && box.high.allFinite()) bounds.push_back(box);
+  }
+}
+
+void Collision::Impl::propose(std::uint32_t i, std::uint32_t j) {
+  const Piece *a = &pieces[i], *b = &pieces[j];
+  if (a->body == b->body || (!a->moves && !b->moves)) return;
+  if (i > j) std::swap(i, j), std::swap(a, b);
+  const auto body_a = static_cast<std::uint32_t>(a->body), body_b = static_cast<std::uint32_t>(b->body);
+  if (std::binary_search(ignored.begin(), ignored.end(), std::pair(body_a, body_b))) return;
+  candidates.push_back({std::uint64_t{body_a} << 32 | body_b, std::uint64_t{i} << 32 | j});
+}
+
+/// Sweep and prune along x; planes against all.
+void Collision::Impl::sweep(double margin) {
+  candidates.clear();
+  std::sort(bounds.begin(), bounds.end(), [](const Bounds& a, const Bounds& b) {
+    return a.low.x() != b.low.x() ? a.low.x() < b.low.x() : a.piece < b.piece;
+  });
+  for (std::size_t i = 0; i < bounds.size(); ++i) {
+    const Bounds& a = bounds[i];
+    const Vector3d low = a.low.array() - margin, high = a.high.array() + margin;
+    for (std::size_t j = i + 1; j < bounds.size() && bounds[j].low.x() < high.x(); ++j) {
+      const Bounds& b = bounds[j];
+      const bool along_y = (b.low.y() < high.y()) & (b.high.y() > low.y());  // no jumps: their outcome is a matter of luck
+      const bool along_z = (b.low.z() < high.z()) & (b.high.z() > low.z());
+      if (along_y & along_z) propose(a.piece, b.piece);
+    }
+  }
+  for (const std::uint32_t plane : planes) {
+    const Vector3d n = placed[plane].R.col(2);
+    for (const Bounds& b : bounds) {
+      const double lowest = n.dot(b.low + b.high) / 2 - n.cwiseAbs().dot(b.high - b.low) / 2 - n.dot(placed[plane].p);
+      if (lowest < margin) propose(plane, b.piece);
+    }
+  }
+  std::sort(candidates.begin(), candidates.end());
+}
+
+void Collision::Impl::meet(const Candidate& candidate, double margin) {
+  const auto i = static_cast<std::uint32_t>(candidate.pieces >> 32), j = static_cast<std::uint32_t>(candidate.pieces);
+  const Vector3d origin = placed[i].convex->core == Core::kPlane ? placed[j].p : placed[i].p;
+  const Placed a{placed[i].convex, placed[i].R, placed[i].p - origin}, b{placed[j].convex, placed[j].R, placed[j].p - origin};
+  const Vector3d n = pair.find(a, b, margin, touches);
+  std::sort(touches.begin(), touches.end(), [](const Touch& s, const Touch& t) { return s.id < t.id; });
+  for (const Touch& t : touches) {
+    points.push_back({pieces[i].body, pieces[j].body, pieces[i].shape, pieces[j].shape, origin + t.p, n, t.gap, t.id});
+  }
+}
+
+void Collision::Impl::detect(std::span<const Pose> X_WB, double margin) {
+  points.clear();
+  place(X_WB);
+  sweep(margin);
+  for (const Candidate& candidate : candidates) meet(candidate, margin);
+}
+
+Collision::Collision(const scene::Scene& scene) : impl_(std::make_unique<Impl>(scene)) {}
+Collision::~Collision() = default;
+Collision::Collision(Collision&&) noexcept = default;
+Collision& Collision::operator=(Collision&&) noexcept = default;
+
+void Collision::detect(std::span<const Pose> X_WB, double margin) { impl_->detect(X_WB, margin); }
+std::span<const ContactPoint> Collision::points() const { return impl_->points; }
+void Collision::reserve(std::size_t points) {
+  impl_->points.reserve(points);
+  impl_->candidates.reserve(points);
+}
+
+}  // namespace cotwin::contact_world

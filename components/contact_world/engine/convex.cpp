@@ -1,0 +1,270 @@
+#include "components/contact_world/engine/convex.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+namespace cotwin::contact_world {
+
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+using Index = std::uint32_t;
+
+Convex polytope_of(scene::Polytope polytope, const Pose& X_BS) {
+  Convex convex;
+  convex.core = Core::kPolytope;
+  Vector3d low = polytope.vertices[0], high = low;
+  for (const Vector3d& v : polytope.vertices) low = low.cwiseMin(v), high = high.cwiseMax(v);
+  const Vector3d middle = (low + high) / 2;
+  for (Vector3d& v : polytope.vertices) v -= middle;
+  for (scene::Polytope::Face& face : polytope.faces) face.d -= face.n.dot(middle);
+  convex.extent = (high - low) / 2;
+  convex.polytope = std::move(polytope);
+  convex.X_BC = X_BS * Pose{Eigen::Matrix3d::Identity(), middle};
+  return convex;
+}
+
+/// Where on the circle of a cylinder d points, in C. A direction along the axis has no such place; the small push along C's x
+/// chooses one, and lets the choice turn steadily instead of jump: the gap of a rim's lowest point is off by less than
+/// kPush × radius.
+Vector2d around(const Vector3d& d_C) {
+  constexpr double kPush = 1e-9;
+  const Vector2d u(d_C.x() + kPush, d_C.y());
+  const double length = u.norm();
+  return length > 0 ? Vector2d(u / length) : Vector2d::UnitX();
+}
+
+void disc(const Placed& piece, const Vector3d& d_C, Feature& feature) {
+  static const auto circle = [] {
+    std::array<Vector2d, kDiscCorners> points;
+    for (int k = 0; k < kDiscCorners; ++k) {
+      const double angle = 2 * M_PI * k / kDiscCorners;
+      points[static_cast<std::size_t>(k)] = {std::cos(angle), std::sin(angle)};
+    }
+    return points;
+  }();
+  const Convex& c = *piece.convex;
+  const double side = d_C.z() < 0 ? -1 : 1;
+  const Vector2d u = around(d_C);
+  const Vector3d x = piece.R * Vector3d(c.radius * u.x(), c.radius * u.y(), 0);
+  const Vector3d y =
+      piece.R * Vector3d(-c.radius * u.y() * side, c.radius * u.x() * side, 0);  // counter-clockwise from outside
+  const Vector3d centre = piece.p + piece.R.col(2) * (side * c.half);
+  const Index first = side < 0 ? 0 : kDiscCorners;
+  for (Index k = 0; k < kDiscCorners; ++k) {
+    feature.corners.push_back({centre + circle[k].x() * x + circle[k].y() * y, first + k, first + k});
+  }
+  feature.n = piece.R.col(2) * side;
+  feature.face = side < 0 ? 0 : 1;
+}
+
+/// Two corners: the line on a cylinder's side, or the segment itself.
+void line(const Placed& piece, const Vector3d& middle, Feature& feature) {
+  const Vector3d half = piece.R.col(2) * piece.convex->half;
+  constexpr Index kLine = 2 * kDiscCorners;
+  feature.corners.push_back({middle - half, kLine, kLine});
+  feature.corners.push_back({middle + half, kLine + 1, kLine});
+}
+
+Index farthest_vertex(const scene::Polytope& polytope, const Vector3d& d_C) {
+  Index best = 0;
+  double most = polytope.vertices[0].dot(d_C);
+  for (Index v = 1; v < polytope.vertices.size(); ++v) {
+    const double x = polytope.vertices[v].dot(d_C);
+    if (x > most) most = x, best = v;
+  }
+  return best;
+}
+
+/// Of the faces that hold all that is farthest along d the one that faces it most.
+Index facing(const Convex& c, const Vector3d& d_C) {
+  if (c.box) {
+    Eigen::Index axis = 0;
+    d_C.cwiseAbs().maxCoeff(&axis);
+    return static_cast<Index>(2 * axis + (d_C[axis] > 0 ? 1 : 0));
+  }
+  const scene::Polytope& polytope = c.polytope;
+  constexpr double kSame = 1e-9;  // of the extent
+  const double top = polytope.vertices[farthest_vertex(polytope, d_C)].dot(d_C) - kSame * c.extent.maxCoeff() * d_C.norm();
+  Index best = 0, held = 0;
+  double most = 0;
+  for (Index f = 0; f < polytope.faces.size(); ++f) {
+    const scene::Polytope::Face& face = polytope.faces[f];
+    Index holds = 0;
+    for (Index k = face.begin; k < face.begin + face.count; ++k) {
+      holds += polytope.vertices[polytope.corners[k]].dot(d_C) >= top ? 1 : 0;
+    }
+    const double x = face.n.dot(d_C);
+    if (holds > held || (holds == held && holds > 0 && x > most)) held = holds, most = x, best = f;
+  }
+  return best;
+}
+
+/// A knife's edge or a needle's tip has no face that looks along d: its edge, or only the tip.
+void sharp(const Placed& piece, const Vector3d& d_C, Feature& feature) {
+  const scene::Polytope& polytope = piece.convex->polytope;
+  const Index tip = farthest_vertex(polytope, d_C);
+  Index best = 0;
+  double least = 0.1;  // sine: steeper edges leave the tip alone
+  bool found = false;
+  for (Index e = 0; e < polytope.edges.size(); ++e) {
+    const auto& [from, to] = polytope.edges[e].vertices;
+    if (from != tip && to != tip) continue;
+    const double slope = std::abs((polytope.vertices[to] - polytope.vertices[from]).stableNormalized().dot(d_C));
+    if (slope < least) least = slope, best = e, found = true;
+  }
+  const auto place = [&](Index v) { return Vector3d(piece.p + piece.R * polytope.vertices[v]); };
+  if (!found) {
+    feature.corners.push_back({place(tip), tip, 0});
+    return;
+  }
+  for (const Index v : polytope.edges[best].vertices) feature.corners.push_back({place(v), v, best});
+}
+
+}  // namespace
+
+Convex make_convex(const scene::Shape& shape) {
+  Convex convex;
+  switch (shape.type) {
+    case scene::ShapeType::kPlane:
+      convex.core = Core::kPlane;
+      break;
+    case scene::ShapeType::kSphere:
+      convex.round = shape.size.x();
+      break;
+    case scene::ShapeType::kCapsule:
+      convex.core = Core::kSegment;
+      convex.round = shape.size.x();
+      convex.half = shape.size.y() / 2;
+      convex.extent = {0, 0, convex.half};
+      break;
+    case scene::ShapeType::kCylinder:
+      convex.core = Core::kCylinder;
+      convex.radius = shape.size.x();
+      convex.half = shape.size.y() / 2;
+      convex.extent = {convex.radius, convex.radius, convex.half};
+      break;
+    case scene::ShapeType::kBox:
+      convex = polytope_of(scene::box_polytope(shape.size), shape.X_BS);
+      convex.box = true;
+      return convex;
+    case scene::ShapeType::kHull:
+      return polytope_of(scene::convex_hull(shape.vertices), shape.X_BS);
+  }
+  convex.X_BC = shape.X_BS;
+  return convex;
+}
+
+void find_covered_faces(std::span<Convex> pieces) {
+  constexpr double kTogether = 1e-9;  // of the size of the smaller piece
+  const auto covers = [](const Convex& own, const scene::Polytope::Face& face, const Convex& other, double near) {
+    const Pose X = other.X_BC.inverse() * own.X_BC;
+    for (const scene::Polytope::Face& over : other.polytope.faces) {
+      if (over.n.dot(X.R * face.n) > -1 + 1e-12) continue;
+      bool on = true;
+      for (Index k = face.begin; k < face.begin + face.count && on; ++k) {
+        const Vector3d p = X * own.polytope.vertices[own.polytope.corners[k]];
+        on = std::abs(over.n.dot(p) - over.d) <= near;
+        for (const scene::Polytope::Face& bound : other.polytope.faces) on = on && bound.n.dot(p) <= bound.d + near;
+      }
+      if (on) return true;
+    }
+    return false;
+  };
+  for (Convex& own : pieces) {
+    if (own.core != Core::kPolytope) continue;
+    for (const Convex& other : pieces) {
+      if (&own == &other || other.core != Core::kPolytope) continue;
+      if ((own.X_BC.p - other.X_BC.p).norm() > 1.001 * (own.extent.norm() + other.extent.norm())) continue;
+      const double near = kTogether * std::min(own.extent.norm(), other.extent.norm());
+      for (std::size_t f = 0; f < own.polytope.faces.size(); ++f) {
+        if (!covers(own, own.polytope.faces[f], other, near)) continue;
+        own.covered.resize(own.polytope.faces.size());
+        own.covered[f] = 1;
+      }
+    }
+  }
+}
+
+bool leans_into_covered(const Placed& piece, const Vector3d& d) {
+  const Convex& c = *piece.convex;
+  if (c.covered.empty()) return false;
+  const Vector3d d_C = piece.R.transpose() * d;
+  const std::vector<Vector3d>& vertices = c.polytope.vertices;
+  constexpr double kSame = 1e-9;  // of the extent
+  const double top = vertices[farthest_vertex(c.polytope, d_C)].dot(d_C) - kSame * c.extent.maxCoeff();
+  const auto farthest = std::count_if(vertices.begin(), vertices.end(), [&](const Vector3d& v) { return v.dot(d_C) >= top; });
+  constexpr double kLean = 0.05;  // sine
+  for (std::size_t f = 0; f < c.covered.size(); ++f) {
+    const scene::Polytope::Face& face = c.polytope.faces[f];
+    if (c.covered[f] == 0 || face.n.dot(d_C) <= kLean) continue;
+    const auto begin = c.polytope.corners.begin() + face.begin;
+    if (std::count_if(begin, begin + face.count, [&](Index v) { return vertices[v].dot(d_C) >= top; }) == farthest) return true;
+  }
+  return false;
+}
+
+Vector3d support(const Placed& piece, const Vector3d& d) {
+  const Convex& c = *piece.convex;
+  const Vector3d d_C = piece.R.transpose() * d;
+  switch (c.core) {
+    case Core::kPlane:
+    case Core::kPoint:
+      return piece.p;
+    case Core::kSegment:
+      return piece.p + piece.R.col(2) * std::copysign(c.half, d_C.z());
+    case Core::kCylinder: {
+      const double length = std::hypot(d_C.x(), d_C.y());
+      const double scale = length > 0 ? c.radius / length : 0;
+      return piece.p + piece.R * Vector3d(scale * d_C.x(), scale * d_C.y(), std::copysign(c.half, d_C.z()));
+    }
+    case Core::kPolytope:
+      if (c.box) return piece.p + piece.R * Vector3d(d_C.array().sign() * c.extent.array());
+      return piece.p + piece.R * c.polytope.vertices[farthest_vertex(c.polytope, d_C)];
+  }
+  return piece.p;
+}
+
+void supporting_feature(const Placed& piece, const Vector3d& d, Feature& feature) {
+  feature.corners.clear();
+  const Convex& c = *piece.convex;
+  const Vector3d d_C = piece.R.transpose() * d;
+  switch (c.core) {
+    case Core::kPlane:
+    case Core::kPoint:
+      feature.corners.push_back({piece.p, 0, 0});
+      return;
+    case Core::kSegment:
+      line(piece, piece.p, feature);
+      return;
+    case Core::kCylinder:
+      if (d_C.z() * d_C.z() >= 0.5 * d_C.squaredNorm()) {
+        disc(piece, d_C, feature);
+      } else {
+        const Vector2d u = c.radius * around(d_C);
+        line(piece, piece.p + piece.R * Vector3d(u.x(), u.y(), 0), feature);
+      }
+      return;
+    case Core::kPolytope: {
+      const Index f = facing(c, d_C);
+      const scene::Polytope::Face& face = c.polytope.faces[f];
+      constexpr double kSteep = 0.2;  // cosine: faces beyond 78° say little about what lies along d
+      if (face.n.dot(d_C) < kSteep * d_C.norm()) {
+        sharp(piece, d_C, feature);
+        return;
+      }
+      for (Index k = face.begin; k < face.begin + face.count; ++k) {
+        const Index v = c.polytope.corners[k];
+        feature.corners.push_back({piece.p + piece.R * c.polytope.vertices[v], v, c.polytope.corner_edges[k]});
+      }
+      feature.n = piece.R * face.n;
+      feature.face = f;
+      return;
+    }
+  }
+}
+
+}  // namespace cotwin::contact_world

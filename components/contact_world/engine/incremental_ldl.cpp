@@ -1,0 +1,149 @@
+#include "components/contact_world/engine/incremental_ldl.h"
+
+#include <algorithm>
+
+namespace cotwin::contact_world {
+namespace {
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+// Two numbers at a time in two partial sums, which the compiler may not do by itself. Rows start anywhere.
+using Two [[gnu::vector_size(16)]] = double;
+using Pair [[gnu::aligned(8), gnu::may_alias]] = Two;
+
+double dot(const double* a, const double* b, int n) {
+  Two s = {0, 0}, t = {0, 0};
+  int i = 0;
+  for (; i + 4 <= n; i += 4) {
+    s += *reinterpret_cast<const Pair*>(a + i) * *reinterpret_cast<const Pair*>(b + i);
+    t += *reinterpret_cast<const Pair*>(a + i + 2) * *reinterpret_cast<const Pair*>(b + i + 2);
+  }
+  s += t;
+  double sum = s[0] + s[1];
+  for (; i < n; ++i) sum += a[i] * b[i];
+  return sum;
+}
+
+}  // namespace
+
+void IncrementalLdl::reserve(int n) {
+  const std::size_t size = at(n);
+  if (size <= stride_) return;
+  stride_ = size;
+  L_.resize((size + 1) * size);  // the candidate has a slot of its own
+  d_.resize(size);
+  d_inverse_.resize(size);
+  p_.resize(size);
+  beta_.resize(size);
+  first_.resize(size);
+  row_.resize(size);
+  position_.resize(size);
+  slot_.resize(size + 1);
+  clear(0);
+}
+
+void IncrementalLdl::clear(int n) {
+  reserve(n);
+  m_ = ascending_ = 0;
+  candidate_ = -1;
+  std::fill_n(position_.begin(), n, -1);
+  for (std::size_t i = 0; i <= at(n) && i < slot_.size(); ++i) slot_[i] = i;  // the candidate has one, too
+}
+
+double IncrementalLdl::pivot(int i, const double* a, double diagonal, RowProfile profile) {
+  // L D l = A_Fi by rows; y = D l stands in l meanwhile, from its first number that is not zero.
+  double* l = L(m_);
+  int first = m_;
+  const auto rows = row_.begin();
+  for (auto k = static_cast<int>(std::lower_bound(rows, rows + ascending_, profile.begin) - rows); k < m_; ++k) {
+    const int j = row_[at(k)];
+    l[k] = j >= profile.begin && j < profile.end ? a[j] : 0;
+    if (first == m_ && l[k] != 0) first = k;
+  }
+  double d = diagonal;
+  for (int k = first; k < m_; ++k) {
+    const int begin = std::max(first, first_[at(k)]);
+    if (begin < k) l[k] -= dot(L(k) + begin, l + begin, k - begin);
+  }
+  for (int k = first; k < m_; ++k) {
+    const double y = l[k];
+    l[k] = y * d_inverse_[at(k)];
+    d -= y * l[k];
+  }
+  candidate_ = i;
+  candidate_first_ = first;
+  candidate_d_ = d;
+  return d;
+}
+
+void IncrementalLdl::column(double* z) const {
+  std::fill(z, z + candidate_first_, 0.0);
+  std::copy(L(m_) + candidate_first_, L(m_) + m_, z + candidate_first_);
+  for (int k = m_ - 1; k > 0; --k) {  // Lᵀ z = l
+    const double* row = L(k);
+    const double zk = z[k];
+    if (zk == 0) continue;
+    for (int j = first_[at(k)]; j < k; ++j) z[j] -= row[j] * zk;
+  }
+}
+
+void IncrementalLdl::append() {
+  if (ascending_ == m_ && (m_ == 0 || row_[at(m_ - 1)] < candidate_)) ++ascending_;
+  first_[at(m_)] = candidate_first_;
+  d_[at(m_)] = candidate_d_;
+  d_inverse_[at(m_)] = 1 / candidate_d_;
+  row_[at(m_)] = candidate_;
+  position_[at(candidate_)] = m_;
+  ++m_;
+}
+
+void IncrementalLdl::remove(int i) {
+  // With row and column k gone, the rows below keep their part left of k; right of it
+  //   L' D' L'ᵀ = L D Lᵀ + d_k l lᵀ,  l = L(·, k)
+  // [Gill, Golub, Murray, Saunders 1974, method C1], here row by row.
+  const int k = position_[at(i)];
+  double alpha = d_[at(k)];
+  for (int r = k + 1; r < m_; ++r) {
+    double* row = L(r);
+    double w = 0;
+    int first = first_[at(r)];
+    if (first <= k) w = row[k];
+    for (int j = std::max(first, k + 1); j < r; ++j) {
+      w -= p_[at(j)] * row[j];
+      row[j - 1] = row[j] + beta_[at(j)] * w;
+    }
+    if (first > k) --first;
+    const double d = d_[at(r)], d_new = d + alpha * w * w;
+    p_[at(r)] = w;
+    beta_[at(r)] = alpha * w / d_new;
+    alpha *= d / d_new;
+    d_[at(r - 1)] = d_new;
+    d_inverse_[at(r - 1)] = 1 / d_new;
+    first_[at(r - 1)] = first;
+    row_[at(r - 1)] = row_[at(r)];
+    position_[at(row_[at(r)])] = r - 1;
+  }
+  const std::size_t freed = slot_[at(k)];
+  std::copy(slot_.begin() + k + 1, slot_.begin() + m_ + 1, slot_.begin() + k);  // the candidate's slot moves along
+  slot_[at(m_)] = freed;
+  position_[at(i)] = -1;
+  candidate_ = -1;
+  if (k < ascending_) --ascending_;
+  --m_;
+}
+
+void IncrementalLdl::solve(double* v) const {
+  for (int k = 1; k < m_; ++k) {
+    const int begin = first_[at(k)];
+    if (begin < k) v[k] -= dot(L(k) + begin, v + begin, k - begin);
+  }
+  for (int k = 0; k < m_; ++k) v[k] *= d_inverse_[at(k)];
+  for (int k = m_ - 1; k > 0; --k) {
+    const double* row = L(k);
+    const double vk = v[k];
+    if (vk == 0) continue;
+    for (int j = first_[at(k)]; j < k; ++j) v[j] -= row[j] * vk;
+  }
+}
+
+}  // namespace cotwin::contact_world

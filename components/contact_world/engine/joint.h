@@ -1,0 +1,57 @@
+#pragma once
+#include <Eigen/Core>
+#include <span>
+
+#include "components/contact_world/engine/body.h"
+#include "models/scene/scene.h"
+
+namespace cotwin::contact_world {
+
+/// A small displacement or a relative twist of two bodies at a point.
+struct Motion6 {
+  Vector3d linear = Vector3d::Zero();
+  Vector3d angular = Vector3d::Zero();
+};
+
+/// A joint between two rigid bodies: where it stands on both, and how far they are from satisfying it. Joint frames are turned
+/// so that the axis is their z.
+class Joint {
+ public:
+  /// Throws Error if the bodies do not exist or are one and the same, the axis is no unit vector, or a frame is no rotation.
+  Joint(const scene::Joint& joint, std::span<const RigidBody> bodies);
+
+  bool has_axis() const { return type == scene::JointType::kRevolute || type == scene::JointType::kPrismatic; }
+
+  /// Anchors and axes of the bodies' present poses; −1 as a body is the world. Then q, which is continued from its last value,
+  /// so that it counts turns.
+  void place(std::span<const RigidBody> bodies);
+  void measure();
+  /// q̇ of the bodies' present twists.
+  double speed(std::span<const RigidBody> bodies) const;
+
+  /// How far the child is from where the joint wants it, at the parent's anchor; the angle as its sine. What the joint leaves
+  /// free is zero. Bodies that start far apart are brought together by a part of their distance a step: what is left for the
+  /// next ones is no error of this one.
+  Motion6 error() const;
+  void begin_step();
+  double gap() const;  // m, of the anchors
+
+  scene::JointType type;
+  int parent, child;
+  double q_min, q_max, friction, damping;
+
+  Vector3d p_parent, p_child;  // anchors in W
+  Matrix3d R_parent, R_child;  // joint frames in W
+  double q = 0;
+
+  Vector3d axis() const { return R_parent.col(2); }  // in W
+
+ private:
+  Motion6 distance() const;
+
+  bool far_ = false;
+  Motion6 left_;      // of the error, for later steps; in the joint's frame on the parent
+  Pose X_PJ_, X_CJ_;  // joint frames on the bodies' frames P
+};
+
+}  // namespace cotwin::contact_world

@@ -1,0 +1,315 @@
+#include "components/contact_world/engine/manifold.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace cotwin::contact_world {
+
+namespace {
+
+using Eigen::Vector2d;
+using Eigen::Vector3d;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+/// Corners so little outside of an outline (of the smaller one's size) are on it. It decides whether a corner or an edge names
+/// the point, so corners that lie on each other do not change names with each rounding.
+constexpr double kOn = 1e-7;
+
+double cross(const Vector2d& a, const Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); }
+
+/// Where the polygon's plane is at u, along n.
+class Plane {
+ public:
+  Plane(const Feature& feature, const Vector3d& n, const Vector3d& t1, const Vector3d& t2) {
+    const double scale = 1 / feature.n.dot(n);
+    slope_ = -scale * Vector2d(feature.n.dot(t1), feature.n.dot(t2));
+    const Vector3d& p = feature.corners[0].p;
+    height_ = n.dot(p) - slope_.x() * t1.dot(p) - slope_.y() * t2.dot(p);
+  }
+  double at(const Vector2d& u) const { return height_ + slope_.dot(u); }
+
+ private:
+  Vector2d slope_;
+  double height_;
+};
+
+/// Radius across n of what has this feature as a line: 0 for an edge.
+double curvature(const Placed& piece) {
+  return piece.convex->core == Core::kCylinder ? piece.convex->radius : piece.convex->round;
+}
+
+}  // namespace
+
+void Manifold::reserve(std::size_t corners) {
+  corners = std::max<std::size_t>(corners, kDiscCorners);
+  a_.corners.reserve(corners);
+  b_.corners.reserve(corners);
+  sides_.reserve(corners);
+  points_.reserve(3 * corners);  // each side may cut off one corner and leave two
+  kept_.reserve(3 * corners);
+  found_.reserve(3 * corners);
+}
+
+void Manifold::outline(const Feature& feature, bool clockwise) {
+  sides_.clear();
+  const std::size_t count = feature.corners.size();
+  for (std::size_t k = 0; k < count; ++k) {
+    const std::size_t i = clockwise ? count - 1 - k : k;
+    const std::size_t next = clockwise ? (i + count - 1) % count : (i + 1) % count;
+    const Vector2d u = across(feature.corners[i].p), along = across(feature.corners[next].p) - u;
+    const double length = along.norm();
+    if (length == 0) continue;
+    sides_.push_back(
+        {u, Vector2d(-along.y(), along.x()) / length, feature.corners[i].vertex, feature.corners[clockwise ? next : i].edge});
+  }
+}
+
+/// Sutherland and Hodgman 1974: cuts the polygon of points_ by one side after the other.
+void Manifold::clip(std::uint32_t own_face) {
+  double own = 0, other = 0;
+  for (const Point& p : points_) own = std::max(own, (p.u - points_[0].u).squaredNorm());
+  for (const Side& s : sides_) other = std::max(other, (s.u - sides_[0].u).squaredNorm());
+  const double on = on_ = kOn * std::sqrt(std::min(own, other));
+  for (std::size_t s = 0; s < sides_.size() && !points_.empty(); ++s) {
+    const Side& side = sides_[s];
+    const std::uint32_t before = sides_[(s + sides_.size() - 1) % sides_.size()].edge;
+    const std::uint32_t after = sides_[(s + 1) % sides_.size()].vertex;
+    const auto height = [&](const Point& p) { return side.inward.dot(p.u - side.u); };
+    kept_.clear();
+    double h = height(points_[0]);
+    for (std::size_t k = 0; k < points_.size(); ++k) {
+      const Point& p = points_[k];
+      const Point& next = points_[(k + 1) % points_.size()];
+      const double h_next = height(next);
+      const bool inside = h >= -on, inside_next = h_next >= -on;
+      if (inside) kept_.push_back(p);
+      if (inside != inside_next) {
+        const double of_kept = inside ? h : h_next;
+        if (of_kept > on) {
+          Point cut;
+          cut.u = p.u + h / (h - h_next) * (next.u - p.u);
+          const bool at_start = (cut.u - side.u).squaredNorm() <= on * on;
+          const bool at_end = (cut.u - sides_[(s + 1) % sides_.size()].u).squaredNorm() <= on * on;
+          if (p.on_other || at_start || at_end) {  // the other's corner, above our face
+            const bool start = p.on_other ? p.edge == before : at_start;
+            cut.part_own = static_cast<std::uint32_t>(Part::kFace);
+            cut.part_other = static_cast<std::uint32_t>(Part::kVertex) | (start ? side.vertex : after);
+          } else {
+            cut.part_own = static_cast<std::uint32_t>(Part::kEdge) | p.edge;
+            cut.part_other = static_cast<std::uint32_t>(Part::kEdge) | side.edge;
+          }
+          cut.edge = p.edge;
+          cut.on_other = p.on_other;
+          kept_.push_back(cut);
+        }
+        if (inside) {
+          kept_.back().edge = side.edge;
+          kept_.back().on_other = true;
+        }
+      }
+      h = h_next;
+    }
+    std::swap(points_, kept_);
+  }
+  for (Point& p : points_) {
+    if (p.part_own == static_cast<std::uint32_t>(Part::kFace)) p.part_own |= own_face;
+  }
+}
+
+void Manifold::polygons(const Vector3d& n, double round_a, double round_b) {
+  constexpr double kClearly = 1e-4;  // parallel faces do not change roles with each rounding
+  const bool clip_a = -b_.n.dot(n) > a_.n.dot(n) + kClearly;
+  const Feature& own = clip_a ? a_ : b_;
+  const Feature& other = clip_a ? b_ : a_;
+  points_.clear();
+  const std::size_t count = own.corners.size();
+  for (std::size_t k = 0; k < count; ++k) {  // counter-clockwise seen against n, both
+    const std::size_t i = clip_a ? k : count - 1 - k;
+    Point p;
+    p.u = across(own.corners[i].p);
+    p.part_own = static_cast<std::uint32_t>(Part::kVertex) | own.corners[i].vertex;
+    p.part_other = static_cast<std::uint32_t>(Part::kFace) | other.face;
+    p.edge = own.corners[clip_a ? i : (i + count - 1) % count].edge;
+    points_.push_back(p);
+  }
+  outline(other, clip_a);
+  clip(own.face);
+  double extent = 0;  // where corners only graze each other, the points have no names that last
+  for (const Point& p : points_) extent = std::max(extent, (p.u - points_[0].u).squaredNorm());
+  if (extent <= on_ * on_) return;
+  const Plane plane_a(a_, n, t1_, t2_), plane_b(b_, n, t1_, t2_);
+  double smallest = kInfinity;
+  for (const Point& p : points_) {
+    const double h_a = plane_a.at(p.u) + round_a, h_b = plane_b.at(p.u) - round_b;
+    const std::uint64_t a = clip_a ? p.part_own : p.part_other, b = clip_a ? p.part_other : p.part_own;
+    found_.push_back({t1_ * p.u.x() + t2_ * p.u.y() + n * ((h_a + h_b) / 2), h_b - h_a, a << 32 | b});
+    if (!(h_b - h_a < smallest)) continue;
+    smallest = h_b - h_a;
+    room_ = p.part_own < static_cast<std::uint32_t>(Part::kEdge) ? kInfinity : 0;
+    for (const Side& side : sides_) room_ = std::min(room_, side.inward.dot(p.u - side.u));
+  }
+}
+
+/// The part of a segment (or of a point) above a polygon. Swapped: the segment is b's.
+void Manifold::segment_on_polygon(const Feature& segment, const Feature& polygon, bool swapped, const Vector3d& n,
+                                  double round_a, double round_b) {
+  outline(polygon, !swapped);
+  const Corner& first = segment.corners.front();
+  const Corner& last = segment.corners.back();
+  const Vector2d u = across(first.p), along = across(last.p) - u;
+  double size = 0;
+  for (const Side& s : sides_) size = std::max(size, (s.u - sides_[0].u).norm());
+  const double on = kOn * std::max(std::min(size, along.norm()), 1e-3 * size);
+  double from = 0, to = 1;
+  Part part_from = Part::kVertex, part_to = Part::kVertex;
+  std::uint32_t side_from = 0, side_to = 0;
+  for (const Side& side : sides_) {
+    const double h0 = side.inward.dot(u - side.u), h1 = h0 + side.inward.dot(along);
+    if (h0 < -on && h1 < -on) return;
+    const double cut = h0 == h1 ? 0 : h0 / (h0 - h1);
+    if (h0 < -on && cut > from) from = cut, part_from = Part::kEdge, side_from = side.edge;
+    if (h1 < -on && cut < to) to = cut, part_to = Part::kEdge, side_to = side.edge;
+  }
+  if (from > to) return;
+  // Past a corner that it only grazes, the point has no name of its own on the outline.
+  if (segment.corners.size() > 1 && (to - from) * along.norm() <= on) return;
+  const Plane plane(polygon, n, t1_, t2_);
+  const auto push = [&](double t, Part part, std::uint32_t side, const Corner& corner) {
+    const Vector2d at = u + t * along;
+    const double h_segment = n.dot(first.p) + t * n.dot(last.p - first.p);
+    const double h_a = (swapped ? plane.at(at) : h_segment) + round_a, h_b = (swapped ? h_segment : plane.at(at)) - round_b;
+    Part other = part == Part::kVertex ? Part::kFace : Part::kEdge;
+    std::uint32_t other_index = part == Part::kVertex ? polygon.face : side;
+    for (const Side& s : sides_) {
+      if (part == Part::kEdge && (at - s.u).norm() <= on) other = Part::kVertex, other_index = s.vertex;
+    }
+    const std::uint32_t own_index = part == Part::kVertex ? corner.vertex : first.edge;
+    const std::uint64_t id =
+        swapped ? touch_id(other, other_index, part, own_index) : touch_id(part, own_index, other, other_index);
+    found_.push_back({t1_ * at.x() + t2_ * at.y() + n * ((h_a + h_b) / 2), h_b - h_a, id});
+  };
+  push(from, part_from, side_from, first);
+  if (segment.corners.size() > 1 && to > from) push(to, part_to, side_to, last);
+}
+
+/// Two segments: where they cross, or, nearly parallel, the two ends of what they share.
+void Manifold::segments(const Vector3d& n, double round_a, double round_b) {
+  const Vector3d a = a_.corners[0].p, along_a = a_.corners[1].p - a, b = b_.corners[0].p, along_b = b_.corners[1].p - b;
+  const Vector2d u = across(along_a), v = across(along_b), w = across(b - a);
+  const double uu = u.squaredNorm(), turned = cross(u, v), radius = curved_;
+  const auto push = [&](double t, double s, std::uint64_t id) {
+    const Vector3d p_a = a + t * along_a, p_b = b + s * along_b;
+    const double h_a = n.dot(p_a) + round_a, h_b = n.dot(p_b) - round_b;
+    const double sideways = across(p_b - p_a).norm();
+    const double gap = radius > 0 ? std::hypot(h_b - h_a + radius, sideways) - radius : h_b - h_a;
+    const Vector3d middle = (p_a + p_b) / 2;
+    found_.push_back({middle + n * ((h_a + h_b) / 2 - n.dot(middle)), gap, id});
+  };
+  const double parallel = radius > 0 ? 0.05 : 1e-3;  // sine
+  if (std::abs(turned) > parallel * std::sqrt(uu) * v.norm()) {
+    const double t = cross(w, v) / turned, s = cross(w, u) / turned;
+    if (t < -kOn || t > 1 + kOn || s < -kOn || s > 1 + kOn) return;
+    push(std::clamp(t, 0.0, 1.0), std::clamp(s, 0.0, 1.0),
+         touch_id(Part::kEdge, a_.corners[0].edge, Part::kEdge, b_.corners[0].edge));
+    return;
+  }
+  const double vv = v.squaredNorm();
+  if (uu == 0 || vv == 0) return;
+  const double b0 = u.dot(w) / uu, b1 = u.dot(w + v) / uu;  // b's ends on a
+  const double from = std::max(0.0, std::min(b0, b1)), to = std::min(1.0, std::max(b0, b1));
+  if (from > to + kOn) return;
+  for (const double t : {from, to}) {
+    const double s = std::clamp(v.dot(t * u - w) / vv, 0.0, 1.0);
+    const bool end_of_a = t == 0 || t == 1;
+    const std::uint32_t va = a_.corners[t == 0 ? 0 : 1].vertex, vb = b_.corners[(t == b0) ? 0 : 1].vertex;
+    push(t, s,
+         end_of_a ? touch_id(Part::kVertex, va, Part::kEdge, b_.corners[0].edge)
+                  : touch_id(Part::kEdge, a_.corners[0].edge, Part::kVertex, vb));
+    if (to <= from) return;
+  }
+}
+
+double Manifold::find(const Placed& a, const Placed& b, const Vector3d& n, double margin, std::vector<Touch>& touches) {
+  supporting_feature(a, n, a_);
+  supporting_feature(b, -n, b_);
+  Eigen::Index smallest = 0;
+  n.cwiseAbs().minCoeff(&smallest);
+  t1_ = n.cross(Vector3d::Unit(smallest)).normalized();
+  t2_ = n.cross(t1_);
+  found_.clear();
+  room_ = 0;
+  const std::size_t count_a = a_.corners.size(), count_b = b_.corners.size();
+  const double round_a = a.convex->round, round_b = b.convex->round;
+  if (count_a > 2 && count_b > 2) {
+    polygons(n, round_a, round_b);
+  } else if (count_b > 2) {
+    segment_on_polygon(a_, b_, false, n, round_a, round_b);
+  } else if (count_a > 2) {
+    segment_on_polygon(b_, a_, true, n, round_a, round_b);
+  } else if (count_a == 2 && count_b == 2) {
+    curved_ = curvature(a) + curvature(b);
+    segments(n, round_a, round_b);
+  }
+  return choose(margin, touches);
+}
+
+void Manifold::on_plane(const Placed& plane, const Placed& b, const Vector3d& n, double margin, std::vector<Touch>& touches) {
+  supporting_feature(b, -n, b_);
+  t1_ = n.unitOrthogonal();
+  t2_ = n.cross(t1_);
+  found_.clear();
+  const std::size_t step = b.convex->core == Core::kCylinder && b_.corners.size() > 2 ? kDiscCorners / 4 : 1;
+  for (std::size_t k = 0; k < b_.corners.size(); k += step) {
+    const Vector3d& p = b_.corners[k].p;
+    const double gap = n.dot(p - plane.p) - b.convex->round;
+    found_.push_back(
+        {p - n * (b.convex->round + gap / 2), gap, touch_id(Part::kWhole, 0, Part::kVertex, b_.corners[k].vertex)});
+  }
+  choose(margin, touches);
+}
+
+/// Four of the points that hold a body best: the deepest, the one farthest from it, and the two that enclose most area with
+/// these, one to each side. Among (nearly) equals the first in the order of ids, so that rounding does not choose.
+double Manifold::choose(double margin, std::vector<Touch>& touches) {
+  double smallest = kInfinity;
+  for (const Touch& t : found_) smallest = std::min(smallest, t.gap);
+  std::erase_if(found_, [&](const Touch& t) { return !(t.gap < margin); });
+  std::sort(found_.begin(), found_.end(),
+            [](const Touch& a, const Touch& b) { return a.id != b.id ? a.id < b.id : a.gap < b.gap; });
+  found_.erase(std::unique(found_.begin(), found_.end(), [](const Touch& a, const Touch& b) { return a.id == b.id; }),
+               found_.end());
+  if (found_.size() <= 4) {
+    touches.insert(touches.end(), found_.begin(), found_.end());
+    return smallest;
+  }
+  const auto best_of = [&](auto&& value, double slack) {
+    std::size_t best = 0;
+    double most = -kInfinity;
+    for (std::size_t k = 0; k < found_.size(); ++k) {
+      const double x = value(found_[k]);
+      if (x > most + slack) most = x, best = k;
+    }
+    return best;
+  };
+  const auto place = [&](const Touch& t) { return across(t.p); };
+  const std::size_t i = best_of([](const Touch& t) { return -t.gap; }, 1e-9);  // m
+  const Vector2d p = place(found_[i]);
+  double size = 0;
+  for (const Touch& t : found_) size = std::max(size, (place(t) - p).squaredNorm());
+  const double slack = 1e-6 * size;  // m²
+  const std::size_t j = best_of([&](const Touch& t) { return (place(t) - p).squaredNorm(); }, slack);
+  const Vector2d along = place(found_[j]) - p;
+  const std::size_t left = best_of([&](const Touch& t) { return cross(along, place(t) - p); }, slack);
+  const std::size_t right = best_of([&](const Touch& t) { return -cross(along, place(t) - p); }, slack);
+  std::array<std::size_t, 4> chosen{i, j, left, right};
+  std::sort(chosen.begin(), chosen.end());
+  for (std::size_t k = 0; k < 4; ++k) {
+    if (k == 0 || chosen[k] != chosen[k - 1]) touches.push_back(found_[chosen[k]]);
+  }
+  return smallest;
+}
+
+}  // namespace cotwin::contact_world

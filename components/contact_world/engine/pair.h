@@ -1,0 +1,29 @@
+#pragma once
+#include <Eigen/Core>
+#include <vector>
+
+#include "components/contact_world/engine/convex.h"
+#include "components/contact_world/engine/manifold.h"
+#include "components/contact_world/engine/separation.h"
+
+namespace cotwin::contact_world {
+
+/// Contact points of two placed pieces.
+class Pair {
+ public:
+  void reserve(std::size_t corners);
+
+  /// Replaces `touches` by the points whose gap is below `margin`, and returns their common normal from a to b.
+  Eigen::Vector3d find(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches);
+
+ private:
+  Eigen::Vector3d ordered(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches);
+  Eigen::Vector3d along_uncovered(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches);
+  Separation improve(const Placed& a, const Placed& b, const Separation& start, bool& certain);
+  bool complete(const Placed& a, const Placed& b, const Separation& s, double margin, std::vector<Touch>& touches);
+
+  Manifold manifold_;
+  Feature scratch_;
+};
+
+}  // namespace cotwin::contact_world

@@ -1,0 +1,250 @@
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "components/contact_world/engine/rows.h"
+
+namespace cotwin::contact_world {
+namespace {
+
+/// An island of more rows than this is swept: A is dense, and a pivot costs the square of its size.
+constexpr std::size_t kRowsToPivot = 600;
+
+std::size_t index(int i) { return static_cast<std::size_t>(i); }
+
+/// Tangents that joints let move along one direction alone get as softness this share of what they can move: across it
+/// rounding alone would drive friction to its cone.
+constexpr double kAcross = 1e-9;
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+double dot(const double* a, const double* b, int n) {
+  double sum = 0;
+  for (int i = 0; i < n; ++i) sum += a[i] * b[i];
+  return sum;
+}
+
+using Two [[gnu::vector_size(16)]] = double;
+using AlignedPair [[gnu::may_alias]] = Two;
+using Pair [[gnu::aligned(8), gnu::may_alias]] = Two;
+
+/// A (3 x 3, rows `stride` apart) += the products of three rows of six numbers in a with three in b, which are sides.
+void add_products_of_six(const double* a, const double* b, double* A, std::size_t stride) {
+  const auto* B = reinterpret_cast<const AlignedPair*>(b);
+  for (int i = 0; i < 3; ++i) {
+    const auto* row = reinterpret_cast<const AlignedPair*>(a + 6 * i);
+    const Two a0 = row[0], a1 = row[1], a2 = row[2];
+    const Two s0 = a0 * B[0] + a1 * B[1] + a2 * B[2];
+    const Two s1 = a0 * B[3] + a1 * B[4] + a2 * B[5];
+    const Two s2 = a0 * B[6] + a1 * B[7] + a2 * B[8];
+    Pair* sums = reinterpret_cast<Pair*>(A);  // auto would drop its alignment
+    *sums += Two{s0[0], s1[0]} + Two{s0[1], s1[1]};
+    A[2] += s2[0] + s2[1];
+    A += stride;
+  }
+}
+
+}  // namespace
+
+void Rows::reserve_pivoting(std::size_t cones, std::size_t boxes) {
+  const std::size_t n = std::min(3 * cones + boxes, kRowsToPivot);
+  dantzig_.reserve(static_cast<int>(n), static_cast<int>(n / 3));
+  A_.reserve(n * n);
+  for (std::vector<double>* v : {&x_, &b_, &lo_, &hi_, &w_, &diagonal_}) v->reserve(n);
+  friction_.reserve(n / 3);
+  profile_.reserve(n);
+  pairs_.reserve(n);
+  before_.reserve(2 * n);
+}
+
+Rows::Outcome Rows::pivot(int iterations, double tolerance) {
+  Outcome all;
+  for (const Island& island : islands_) {
+    const std::size_t n = island.end_box - island.first_box + 3 * (island.end_cone - island.first_cone);
+    all.add(n > kRowsToPivot ? sweep(island, iterations, tolerance) : pivot(island, iterations, tolerance));
+  }
+  return all;
+}
+
+// A = Y Yᵀ of the island's rows, a block for each two boxes or cones that have a body (or tree) in common.
+void Rows::assemble(const Island& island) {
+  if (assembled_) return;
+  assembled_ = islands_.size() == 1;
+  ++version_;
+  const std::size_t boxes = island.end_box - island.first_box, items = boxes + island.end_cone - island.first_cone;
+  const auto rows_of = [&](std::size_t item) { return item < boxes ? 1 : 3; };
+  const auto first_row = [&](std::size_t item) { return item < boxes ? item : boxes + 3 * (item - boxes); };
+  const auto sides_of = [&](std::size_t item) {
+    return std::span(item < boxes ? boxes_[island.first_box + item].side : cores_[island.first_cone + item - boxes].side);
+  };
+  const std::size_t n = first_row(items);
+  if (A_.size() < n * n) A_.resize(n * n);
+  profile_.resize(n);
+  before_.resize(2 * items);
+  for (std::size_t item = 0; item < items; ++item) {
+    const auto begin = static_cast<int>(first_row(item));
+    for (const Side& side : sides_of(item)) {
+      if (side.size == 0) continue;
+      RowProfile& users = users_[index(side.offset)];
+      users = {users.end == 0 ? begin : users.begin, begin + rows_of(item)};
+    }
+  }
+  for (std::size_t item = 0; item < items; ++item) {
+    const std::size_t i = first_row(item);
+    RowProfile own{static_cast<int>(i), static_cast<int>(i) + rows_of(item)};
+    for (const Side& side : sides_of(item)) {
+      if (side.size == 0) continue;
+      const RowProfile& users = users_[index(side.offset)];
+      own = {std::min(own.begin, users.begin), std::max(own.end, users.end)};
+    }
+    for (std::size_t k = i; k < i + index(rows_of(item)); ++k) {
+      profile_[k] = own;
+      std::fill(A_.data() + k * n + own.begin, A_.data() + k * n + own.end, 0.0);
+    }
+    for (std::size_t s = 0; s < 2; ++s) {
+      const Side& side = sides_of(item)[s];
+      if (side.size == 0) continue;
+      before_[2 * item + s] = std::exchange(latest_[index(side.offset)], static_cast<int>(2 * item + s));
+      for (int other = latest_[index(side.offset)]; other >= 0; other = before_[index(other)]) {
+        const std::size_t partner = index(other) / 2;
+        add_block(side, rows_of(item), sides_of(partner)[index(other) % 2], rows_of(partner),
+                  A_.data() + i * n + first_row(partner), n);
+      }
+    }
+  }
+  for (std::size_t item = 0; item < items; ++item) {
+    for (const Side& side : sides_of(item)) {
+      if (side.size == 0) continue;
+      users_[index(side.offset)] = {0, 0};
+      latest_[index(side.offset)] = -1;
+    }
+  }
+  diagonal_.resize(n);
+  for (std::size_t i = 0; i < n; ++i) {  // so far only blocks left of the diagonal and on it
+    for (std::size_t j = index(profile_[i].begin); j < i; ++j) A_[j * n + i] = A_[i * n + j];
+    diagonal_[i] = A_[i * n + i];
+  }
+}
+
+/// `A` points at the block's first element.
+void Rows::add_block(const Side& left, int rows, const Side& right, int columns, double* A, std::size_t stride) const {
+  const double *a = y_.data() + left.y, *b = y_.data() + right.y;
+  if (left.size == 6 && rows == 3 && columns == 3) return add_products_of_six(a, b, A, stride);
+  for (int i = 0; i < rows; ++i) {
+    for (int j = 0; j < columns; ++j) {
+      A[index(i) * stride + index(j)] += dot(a + index(i * left.size), b + index(j * right.size), left.size);
+    }
+  }
+}
+
+// Whether two bodies without any load between them would close several of their contacts.
+bool Rows::newly_loaded(const Island& island) const {
+  for (std::size_t i = island.first_cone, next = i; i < island.end_cone; i = next) {
+    const ConeRow& first = cones_[cores_[i].row];
+    int closing = 0;
+    bool loaded = false;
+    for (; next < island.end_cone; ++next) {
+      const ConeRow& row = cones_[cores_[next].row];
+      if (row.a != first.a || row.b != first.b) break;
+      loaded = loaded || row.x[0] > 0;
+      closing += cores_[next].b[0] < 0;
+    }
+    if (!loaded && closing > 1) return true;
+  }
+  return false;
+}
+
+// The island as a boxed problem. Pivoting would give a new load to as few of the contacts as can carry it, and rest on a box's
+// diagonal, where rounding tips it. Sweeps give it to all, and where it is inside of their cones it stays.
+Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance) {
+  int sweeps = 0;
+  if (newly_loaded(island)) {
+    sweeps = sweep(island, iterations, tolerance).iterations;
+    for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
+      const Slice& slice = slices_[index(island_slices_[s])];
+      std::fill_n(z_.begin() + slice.offset, slice.size, 0.0);
+    }
+  }
+  const std::size_t boxes = island.end_box - island.first_box, cones = island.end_cone - island.first_cone;
+  const std::size_t n = boxes + 3 * cones;
+  assemble(island);
+  for (std::vector<double>* v : {&x_, &b_, &lo_, &hi_}) v->resize(n);
+  friction_.resize(cones);
+  pairs_.assign(n, -1);
+  bool changed = false;
+  const auto set_diagonal = [&](std::size_t i, double softness) {
+    const double now = diagonal_[i] + softness;
+    changed = std::exchange(A_[i * (n + 1)], now) != now || changed;
+  };
+  // b = u − target − A x_applied, so that w = A x + b is the velocity against the target.
+  for (std::size_t i = 0; i < boxes; ++i) {
+    const BoxRow& row = boxes_[island.first_box + i];
+    set_diagonal(i, row.softness);
+    x_[i] = row.applied;
+    b_[i] = row.u - row.target + row.softness * row.applied;
+    lo_[i] = row.lo;
+    hi_[i] = row.hi;
+  }
+  int pair = -1;
+  const ConeRow* before = nullptr;
+  for (std::size_t c = 0; c < cones; ++c) {
+    const Core& core = cores_[island.first_cone + c];
+    const ConeRow& row = cones_[core.row];
+    const std::size_t i = boxes + 3 * c;
+    set_diagonal(i, core.softness);
+    const double across = core.one_way ? kAcross * (core.A_11 + core.A_22) : 0;
+    for (const std::size_t t : {i + 1, i + 2}) set_diagonal(t, across);
+    for (std::size_t k = 0; k < 3; ++k) {
+      x_[i + k] = row.applied[k];
+      b_[i + k] = core.b[k];
+      lo_[i + k] = -kInfinity;
+      hi_[i + k] = kInfinity;
+    }
+    b_[i] += core.softness * row.applied[0];
+    for (const std::size_t k : {1u, 2u}) b_[i + k] += across * row.applied[k];
+    lo_[i] = 0;
+    const auto normal = static_cast<int>(i);
+    const bool same = before != nullptr && row.a == before->a && row.b == before->b;
+    if (!same) ++pair;
+    before = &row;
+    std::fill_n(pairs_.begin() + normal, 3, pair);
+    if (core.softness > 0) pairs_[i] = -1;
+    friction_[c] = {normal, normal + 1, normal + 2, row.mu};
+  }
+  if (changed) ++version_;
+  for (std::size_t j = 0; j < n; ++j) {
+    if (x_[j] == 0) continue;
+    for (std::size_t i = index(profile_[j].begin); i < index(profile_[j].end); ++i) b_[i] -= A_[j * n + i] * x_[j];
+  }
+  for (std::size_t i = 0; i < boxes; ++i) x_[i] = boxes_[island.first_box + i].x;
+  for (std::size_t c = 0; c < cones; ++c) {
+    for (std::size_t k = 0; k < 3; ++k) x_[boxes + 3 * c + k] = cones_[cores_[island.first_cone + c].row].x[k];
+  }
+  w_.assign(n, 0.0);
+  const BoxedProblem problem{static_cast<int>(n), A_.data(), b_.data(), lo_.data(), hi_.data(),
+                             friction_,           profile_,  pairs_,    version_};
+  const Dantzig::Result result = dantzig_.solve(problem, x_, w_);
+
+  for (std::size_t i = 0; i < boxes; ++i) {
+    BoxRow& row = boxes_[island.first_box + i];
+    row.x = x_[i];
+    for (const Side& side : row.side) push(y_.data() + side.y, side, row.x - row.applied);
+  }
+  for (std::size_t c = 0; c < cones; ++c) {
+    const Core& core = cores_[island.first_cone + c];
+    ConeRow& row = cones_[core.row];
+    double gained[3];
+    for (std::size_t k = 0; k < 3; ++k) {
+      row.x[k] = x_[boxes + 3 * c + k];
+      gained[k] = row.x[k] - row.applied[k];
+    }
+    push(core, gained);
+  }
+  Outcome outcome;
+  outcome.iterations = sweeps + result.pivots;
+  outcome.residual = result.residual;
+  outcome.degenerate = result.redundant + result.contradicting;
+  return outcome;
+}
+
+}  // namespace cotwin::contact_world

@@ -1,0 +1,321 @@
+#include "components/contact_world/engine/pivoting.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace cotwin::contact_world {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
+
+constexpr double kFarthest =
+    1e8;  // may a row's √A_ii x_i go in one step, of the largest |b_j| / √A_jj: mass ratios beyond are none
+constexpr double kTrust = 1e-6;     // of a row's w may be left by the step that should make it 0
+constexpr int kFreedomsOfPair = 6;  // of two bodies against each other: further rows between them depend on those
+constexpr int kChanges = 40;        // of the basis, after which it is factored anew
+
+// Two numbers at a time in two partial sums, which the compiler may not do by itself. Rows start anywhere.
+using Two [[gnu::vector_size(16)]] = double;
+using Pair [[gnu::aligned(8), gnu::may_alias]] = Two;
+
+std::size_t at(int i) { return static_cast<std::size_t>(i); }
+
+}  // namespace
+
+void Pivoting::reserve(int n) {
+  const std::size_t size = at(n);
+  for (std::vector<double>* v : {&x, &lo, &hi, &w, &zero_, &scale_, &dx_}) v->reserve(size);
+  state_.reserve(size);
+  in_basis_.reserve(size);
+  factored_.reserve(size);
+  ldl_.reserve(n);  // empties it where it grows
+  version_ = 0;
+}
+
+void Pivoting::begin(int n, double tolerance, double pivot_tolerance) {
+  n_ = n;
+  for (std::vector<double>* v : {&x, &lo, &hi, &w, &zero_, &scale_, &dx_}) v->resize(at(n));
+  state_.resize(at(n));
+  tolerance_ = tolerance;
+  pivot_tolerance_ = pivot_tolerance;
+  pivots_ = 0;
+}
+
+bool Pivoting::solve(const BoxedSystem& system, int limit) {
+  system_ = system;
+  limit_ = limit;
+  stalls_ = 0;
+  find_basis();
+  evaluate();
+  if (!settle()) return false;
+  for (int refinement = 0; refinement < 3; ++refinement) {
+    const int pivots = pivots_;
+    for (int i = next(); i >= 0; i = next()) {
+      if (!enter(i)) return false;
+    }
+    if (pivots_ == pivots) break;
+    evaluate();  // without the rounding of the pivots
+    if (!settle()) return false;
+    for (State& state : state_) {
+      if (state == State::kContradicting && refinement == 0) state = State::kParked;  // what blocks may have changed
+    }
+  }
+  return true;
+}
+
+// What depends on A's diagonal alone.
+void Pivoting::measure() {
+  double largest = 0;
+  for (int i = 0; i < n_; ++i) largest = std::max(largest, row(i)[i]);
+  noise_ = 4 * kEpsilon * largest;  // of sums of products that should be 0
+  for (int i = 0; i < n_; ++i) {
+    scale_[at(i)] = 1 / std::sqrt(std::max({row(i)[i], noise_, std::numeric_limits<double>::min()}));
+  }
+}
+
+void Pivoting::find_basis() {
+  for (int i = 0; i < n_; ++i) {
+    const std::size_t k = at(i);
+    x[k] = std::clamp(x[k], lo[k], hi[k]);
+    if (lo[k] == hi[k]) {
+      state_[k] = State::kFixed;
+    } else if (x[k] == lo[k]) {
+      state_[k] = State::kLow;
+    } else if (x[k] == hi[k]) {
+      state_[k] = State::kHigh;
+    } else {
+      state_[k] = State::kFree;
+    }
+  }
+  const auto is_free = [](State state) { return state == State::kFree; };
+  const bool same = system_.version != 0 && system_.version == version_;
+  if (!same) measure();
+  if (same && std::equal(state_.begin(), state_.end(), factored_.begin(), factored_.end(),
+                         [&](State now, State then) { return is_free(now) == is_free(then); })) {
+    for (int i = 0; i < n_; ++i) {
+      if (is_free(state_[at(i)]) && !ldl_.contains(i)) state_[at(i)] = State::kParked;
+    }
+    return;
+  }
+  factored_ = state_;
+  factor();
+  version_ = system_.version;
+}
+
+// Those of the free rows that do not depend on others are the basis; the others are parked.
+void Pivoting::factor() {
+  ldl_.clear(n_);
+  changes_ = 0;
+  version_ = 0;
+  in_basis_.assign(at(n_), 0);
+  for (int i = 0; i < n_; ++i) {
+    if (state_[at(i)] != State::kFree) continue;
+    const int pair = system_.pairs.empty() ? -1 : system_.pairs[at(i)];
+    const bool full = pair >= 0 && in_basis_[at(pair)] == kFreedomsOfPair;
+    if (!full && pivot(i) > least_pivot(i)) {
+      ldl_.append();
+      if (pair >= 0) ++in_basis_[at(pair)];
+    } else {
+      state_[at(i)] = State::kParked;
+    }
+  }
+}
+
+void Pivoting::evaluate() {
+  double x_scale = 0;
+  b_scale_ = 0;
+  for (int i = 0; i < n_; ++i) {
+    const double* a = row(i);
+    Two s01{system_.b[i], 0}, s23{0, 0};  // by rows and with zeros, so that no NaN of A goes unseen
+    const int end = system_.profile[i].end;
+    int j = system_.profile[i].begin;
+    for (; j + 4 <= end; j += 4) {
+      s01 += *reinterpret_cast<const Pair*>(a + j) * *reinterpret_cast<const Pair*>(x.data() + j);
+      s23 += *reinterpret_cast<const Pair*>(a + j + 2) * *reinterpret_cast<const Pair*>(x.data() + j + 2);
+    }
+    s01 += s23;
+    double sum = s01[0] + s01[1];
+    for (; j < end; ++j) sum += a[j] * x[at(j)];
+    w[at(i)] = sum;
+    b_scale_ = std::max(b_scale_, std::abs(system_.b[i]) * scale_[at(i)]);
+    x_scale += std::abs(x[at(i)]) / scale_[at(i)];
+  }
+  // |A_ij| ≤ √(A_ii A_jj) bounds the rounding of the sums.
+  for (int i = 0; i < n_; ++i) zero_[at(i)] = (tolerance_ * b_scale_ + 4 * kEpsilon * x_scale) / scale_[at(i)];
+}
+
+double Pivoting::violation(int i) const {
+  const double w_i = w[at(i)];
+  switch (state_[at(i)]) {
+    case State::kLow:
+      return std::max(0.0, -w_i);
+    case State::kHigh:
+      return std::max(0.0, w_i);
+    case State::kFixed:
+      return 0;
+    default:
+      return std::abs(w_i);
+  }
+}
+
+int Pivoting::next() const {
+  const bool lowest_index = stalls_ > n_;
+  int worst = -1;
+  double most = 0;
+  for (int i = 0; i < n_; ++i) {
+    if (state_[at(i)] == State::kFree || state_[at(i)] == State::kContradicting) continue;
+    const double v = violation(i);
+    if (v > zero_[at(i)] && v * scale_[at(i)] > most) {
+      if (lowest_index) return i;
+      worst = i;
+      most = v * scale_[at(i)];
+    }
+  }
+  return worst;
+}
+
+// The position of the basis that reaches its bound first on the way `dx` (by position), if it does so within `length`, which is
+// shortened to that; else −1.
+int Pivoting::blocking(const double* dx, double& length) const {
+  const bool lowest_index = stalls_ > n_;
+  int first = -1;
+  for (int p = 0; p < ldl_.size(); ++p) {
+    const std::size_t j = at(ldl_.row(p));
+    if (std::abs(dx[p]) <= 0) continue;
+    const double t = std::max(0.0, ((dx[p] > 0 ? hi[j] : lo[j]) - x[j]) / dx[p]);
+    if (t > length || t == kInfinity) continue;
+    if (t == length && first >= 0) {  // of equals the one with the largest pivot, or the lowest index
+      const std::size_t f = at(ldl_.row(first));
+      if (lowest_index ? f < j : std::abs(dx[first]) * scale_[j] >= std::abs(dx[p]) * scale_[f]) continue;
+    }
+    length = t;
+    first = p;
+  }
+  return first;
+}
+
+// w += dx A_j
+void Pivoting::add_column(int j, double dx) {
+  const double* a = row(j);
+  double* const y = w.data();
+  for (int i = system_.profile[j].begin; i < system_.profile[j].end; ++i) y[i] += dx * a[i];
+}
+
+// w += Σ dx_p A_p over the basis, and x alike.
+void Pivoting::add_columns(const double* dx) {
+  const int m = ldl_.size();
+  double* const y = w.data();
+  int p = 0;
+  while (p < m) {
+    const int j0 = ldl_.row(p);
+    const auto [begin, end] = system_.profile[j0];
+    const auto alike = [&, first = begin, last = end](int position) {
+      const RowProfile& other = system_.profile[ldl_.row(position)];
+      return other.begin == first && other.end == last;
+    };
+    if (p + 3 < m && alike(p + 1) && alike(p + 2) && alike(p + 3)) {
+      const double *a0 = row(j0), *a1 = row(ldl_.row(p + 1)), *a2 = row(ldl_.row(p + 2)), *a3 = row(ldl_.row(p + 3));
+      const double s0 = dx[p], s1 = dx[p + 1], s2 = dx[p + 2], s3 = dx[p + 3];
+      for (int i = begin; i < end; ++i) y[i] += (s0 * a0[i] + s1 * a1[i]) + (s2 * a2[i] + s3 * a3[i]);
+      p += 4;
+    } else {
+      add_column(j0, dx[p]);
+      ++p;
+    }
+  }
+  for (p = 0; p < m; ++p) {
+    const std::size_t j = at(ldl_.row(p));
+    x[j] = std::clamp(x[j] + dx[p], lo[j], hi[j]);
+  }
+}
+
+void Pivoting::to_bound(int i, bool high) {
+  x[at(i)] = high ? hi[at(i)] : lo[at(i)];
+  state_[at(i)] = high ? State::kHigh : State::kLow;
+}
+
+// Brings w of the basis to 0; rows that reach a bound on the way leave it.
+bool Pivoting::settle() {
+  while (ldl_.size() > 0) {
+    const int m = ldl_.size();
+    for (int p = 0; p < m; ++p) dx_[at(p)] = -w[at(ldl_.row(p))];
+    ldl_.solve(dx_.data());
+    double length = 1;
+    const int first = blocking(dx_.data(), length);
+    const bool high = first >= 0 && dx_[at(first)] > 0;
+    for (int p = 0; p < m; ++p) dx_[at(p)] *= length;
+    add_columns(dx_.data());
+    if (first < 0) return true;
+    const int leaving = ldl_.row(first);
+    to_bound(leaving, high);
+    leave(leaving);
+    if (++pivots_ >= limit_) return false;
+  }
+  return true;
+}
+
+// Drives w_i to 0 by moving x_i inwards, the basis following such that its w stays 0.
+bool Pivoting::enter(int i) {
+  const std::size_t k = at(i);
+  const double sign = w[k] < 0 ? 1 : -1;
+  for (;;) {
+    if (++pivots_ > limit_) {
+      if (x[k] > lo[k] && x[k] < hi[k]) state_[k] = State::kParked;
+      return false;
+    }
+    const double d = pivot(i);
+    const bool dependent = !(d > least_pivot(i));
+    const int m = ldl_.size();
+    ldl_.column(dx_.data());
+    for (int p = 0; p < m; ++p) {
+      double& dx = dx_[at(p)];
+      dx *= -sign;
+      // Of a null direction the components that are rounding must not be taken for blocking ones.
+      if (dependent && std::abs(dx) * scale_[k] < 1e-6 * scale_[at(ldl_.row(p))]) dx = 0;
+    }
+    const double own = sign > 0 ? hi[k] - x[k] : x[k] - lo[k], full = dependent ? kInfinity : std::abs(w[k]) / d;
+    double length = std::min(own, full);
+    const int first = blocking(dx_.data(), length);
+    if (!(length <= kFarthest * b_scale_ * scale_[k])) {  // without end, or to where only rounding would lead
+      state_[k] = State::kContradicting;
+      return true;
+    }
+    stalls_ = length * std::abs(w[k]) > 0 ? 0 : stalls_ + 1;
+
+    const bool high = first >= 0 && dx_[at(first)] > 0;
+    for (int p = 0; p < m; ++p) dx_[at(p)] *= length;
+    add_columns(dx_.data());
+    add_column(i, length * sign);
+    x[k] += length * sign;
+    if (first >= 0) {
+      const int leaving = ldl_.row(first);
+      to_bound(leaving, high);
+      leave(leaving);
+      ++changes_;
+      if (sign * w[k] >= -zero_[k]) {
+        state_[k] = State::kParked;
+        return true;
+      }
+    } else if (own <= full) {
+      to_bound(i, sign > 0);
+      return true;
+    } else {
+      state_[k] = State::kFree;
+      if (std::abs(w[k]) > kTrust * full * d || ++changes_ > kChanges) {  // updates have worn the factors
+        factor();
+        evaluate();
+        return settle();
+      }
+      ldl_.append();
+      version_ = 0;
+      w[k] = 0;
+      return true;
+    }
+  }
+}
+
+int Pivoting::count(State state) const { return static_cast<int>(std::count(state_.begin(), state_.end(), state)); }
+
+}  // namespace cotwin::contact_world

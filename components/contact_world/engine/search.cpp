@@ -1,0 +1,130 @@
+// The searches of separation.h that need Bullet: its GJK and EPA are templates in headers, so nothing of it must be linked.
+#include <BulletCollision/NarrowPhaseCollision/btGjkEpa3.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "components/contact_world/engine/separation.h"
+
+namespace cotwin::contact_world {
+
+namespace {
+
+using Eigen::Vector3d;
+
+btVector3 to_bullet(const Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+Vector3d from_bullet(const btVector3& v) { return {v.x(), v.y(), v.z()}; }
+
+/// What Bullet's templates ask of a convex set. The core is moved and magnified: their tolerances are lengths of 10⁻⁴, as built
+/// in as 10⁻⁴ of the distance, and the caller chooses the working point where neither matters.
+class Magnified {
+ public:
+  Magnified(const Placed& piece, const Vector3d& shift, double scale) : piece_(piece), shift_(shift), scale_(scale) {}
+  btVector3 getLocalSupportWithMargin(const btVector3& d) const {
+    return to_bullet((support(piece_, from_bullet(d)) + shift_) * scale_);
+  }
+
+ private:
+  const Placed& piece_;
+  const Vector3d shift_;
+  const double scale_;
+};
+
+/// A less B, whose distance to the origin is theirs. (btGjkEpaSolver3_Distance would make one itself, but leave a flag of it
+/// undefined.)
+MinkowskiDiff<Magnified> difference(const Magnified& A, const Magnified& B) {
+  MinkowskiDiff<Magnified> difference(A, B);
+  difference.EnableMargin(false);
+  difference.m_toshape0.setIdentity();
+  difference.m_toshape1.setIdentity();
+  return difference;
+}
+
+double size_of(const Placed& a, const Placed& b) { return a.convex->extent.norm() + b.convex->extent.norm(); }
+
+}  // namespace
+
+double gap_along(const Placed& a, const Placed& b, const Vector3d& n) { return n.dot(support(b, -n) - support(a, n)); }
+
+Separation best_guess(const Placed& a, const Placed& b, double margin) {
+  Separation best;
+  best.gap = -std::numeric_limits<double>::infinity();
+  const auto offer = [&](const Vector3d& direction) {
+    const double length = direction.norm();
+    if (!(length > 1e-9) || best.gap > margin) return;
+    const Vector3d n = direction / length;
+    const double gap = gap_along(a, b, n);
+    if (gap > best.gap) best.n = n, best.gap = gap;
+  };
+  const Vector3d way = b.p - a.p;
+  const auto offer_own = [&](const Placed& piece, double sign) {
+    const Convex& c = *piece.convex;
+    for (const scene::Polytope::Face& face : c.polytope.faces) offer(sign * (piece.R * face.n));
+    if (c.core != Core::kPolytope) {
+      const Vector3d axis = piece.R.col(2);
+      if (c.core == Core::kCylinder) offer(axis * std::copysign(1.0, axis.dot(way)));
+      offer((way - axis * axis.dot(way)) / std::max(way.norm(), 1e-300));
+    }
+  };
+  offer_own(a, 1);
+  offer_own(b, -1);
+  if (a.convex->core != Core::kPolytope && b.convex->core != Core::kPolytope) {
+    const Vector3d across = a.R.col(2).cross(b.R.col(2));
+    offer(across * std::copysign(1.0, across.dot(way)));
+  }
+  offer(way / std::max(way.norm(), 1e-300));
+  if (std::isinf(best.gap)) offer(Vector3d::UnitZ());
+  best.p_b = support(b, -best.n);
+  return best;
+}
+
+Separation climb(const Placed& a, const Placed& b, const Separation& start) {
+  // Moved to a distance of 10⁻⁵ of the size, which is 1 for Bullet, its relative error of 10⁻⁴ is 10⁻⁹ of the size, and as the
+  // distance is stationary in the direction, that of the gap along it is less. What is apart is first measured where it is.
+  const double size = size_of(a, b), apart = 1e-5 * size;
+  constexpr int kRounds = 8;
+  constexpr double kSame = 1e-12, kNear = 1e-10;  // of the size
+  Separation best = start, now = start;
+  best.p_b = support(b, -start.n);
+  for (int round = 0; round < kRounds; ++round) {
+    const bool as_it_is = round == 0 && now.gap > apart;
+    const double moved = as_it_is ? 0 : apart - now.gap, scale = 1 / (now.gap + moved);
+    const Magnified A(a, Vector3d::Zero(), scale), B(b, now.n * moved, scale);
+    const MinkowskiDiff<Magnified> shape = difference(A, B);
+    GJK<Magnified> gjk(A, B);
+    if (gjk.Evaluate(shape, to_bullet(-now.n)) != eGjkValid) break;
+    Vector3d p_a = Vector3d::Zero(), p_b = Vector3d::Zero();
+    for (U i = 0; i < gjk.m_simplex->rank; ++i) {
+      p_a += gjk.m_simplex->p[i] * from_bullet(shape.Support(gjk.m_simplex->c[i]->d, 0));
+      p_b += gjk.m_simplex->p[i] * from_bullet(shape.Support(-gjk.m_simplex->c[i]->d, 1));
+    }
+    const double length = (p_b - p_a).norm();
+    if (!(length > 1e-3)) break;  // it was moved to be 1 or more
+    const Vector3d n = (p_b - p_a) / length;
+    const double before = now.gap;
+    now = {n, 0, p_b / scale - now.n * moved};
+    now.gap = gap_along(a, b, now.n);
+    if (now.gap >= best.gap - kNear * size) best.p_b = now.p_b;
+    if (now.gap > best.gap) best = now;
+    if (std::abs(now.gap - before) <= kSame * size) break;
+  }
+  return best;
+}
+
+Separation expand(const Placed& a, const Placed& b, const Separation& start) {
+  const double scale = 1e3 / size_of(a, b);  // EPA's 10⁻⁴ are 10⁻⁷ of the size
+  const Magnified A(a, Vector3d::Zero(), scale), B(b, Vector3d::Zero(), scale);
+  GJK<Magnified> gjk(A, B);
+  if (gjk.Evaluate(difference(A, B), to_bullet(-start.n)) != eGjkInside) return start;
+  EPA<Magnified> epa;
+  if (epa.Evaluate(gjk, to_bullet(-start.n)) == eEpaFailed) return start;
+  const Vector3d n = from_bullet(epa.m_normal);
+  if (!(std::abs(n.squaredNorm() - 1) < 1e-6)) return start;
+  const double gap = gap_along(a, b, n);
+  if (!(gap > start.gap)) return start;
+  return {n.normalized(), gap, support(b, -n)};
+}
+
+}  // namespace cotwin::contact_world

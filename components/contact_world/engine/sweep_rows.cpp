@@ -1,0 +1,338 @@
+// The sweeps over rows.h's rows, and what follows them.
+#include <algorithm>
+#include <cmath>
+
+#include "components/contact_world/engine/rows.h"
+
+namespace cotwin::contact_world {
+namespace {
+
+/// A tangents' impulse so near to the cone slips; ways so near to each other are one; following goes so far at most.
+constexpr double kRounding = 1e-12, kParallel = 1e-10, kFarthestShare = 100;
+
+/// Of zᵀz: a change of z whose square is below it is followed only where that square, an energy, is of no account (J).
+constexpr double kResolved = 1e-16, kNoAccount = 1e-13;
+
+/// N.s: friction below it is none, and its shift would leave the range of numbers.
+constexpr double kNoImpulse = 1e-100;
+
+std::size_t index(int i) { return static_cast<std::size_t>(i); }
+
+double dot(const double* a, const double* b, int n) {
+  double sum = 0;
+  for (int i = 0; i < n; ++i) sum += a[i] * b[i];
+  return sum;
+}
+
+/// All arrays that are read by pairs begin where a pair may, and every side and slice in them has an even number of numbers.
+using Pair = double __attribute__((vector_size(16), may_alias));
+static_assert(__STDCPP_DEFAULT_NEW_ALIGNMENT__ >= alignof(Pair));
+
+double sum(const Pair& parts) { return parts[0] + parts[1]; }
+
+/// Sums of three rows, each in two parts.
+struct Sums {
+  Pair n{}, s{}, t{};
+};
+
+/// sums += (three rows of y) z for one side of `kSize` coordinates, 6 or none.
+template <int kSize>
+void add_velocity(const double* y, const double* z, Sums& sums) {
+  if constexpr (kSize == 6) {
+    const auto* Y = reinterpret_cast<const Pair*>(y);
+    const auto* Z = reinterpret_cast<const Pair*>(z);
+    const Pair z0 = Z[0], z1 = Z[1], z2 = Z[2];
+    sums.n += Y[0] * z0 + Y[1] * z1 + Y[2] * z2;
+    sums.s += Y[3] * z0 + Y[4] * z1 + Y[5] * z2;
+    sums.t += Y[6] * z0 + Y[7] * z1 + Y[8] * z2;
+  }
+}
+
+template <int kSize>
+void add_impulse(const double* y, double n, double s, double t, double* z) {
+  if constexpr (kSize == 6) {
+    const auto* Y = reinterpret_cast<const Pair*>(y);
+    auto* Z = reinterpret_cast<Pair*>(z);
+    for (int i = 0; i < 3; ++i) Z[i] += n * Y[i] + s * Y[3 + i] + t * Y[6 + i];
+  }
+}
+
+}  // namespace
+
+double Rows::velocity(const double* y, const Side& side) const { return dot(y, z_.data() + side.offset, side.size); }
+
+void Rows::push(const double* y, const Side& side, double x) {
+  double* z = z_.data() + side.offset;
+  for (int i = 0; i < side.size; ++i) z[i] += x * y[i];
+}
+
+void Rows::push(const Core& core, const double* change) {
+  for (const Side& side : core.side) {
+    if (side.size == 6) {
+      add_impulse<6>(y_.data() + side.y, change[0], change[1], change[2], z_.data() + side.offset);
+    } else {
+      for (int k = 0; k < 3; ++k) push(y_.data() + side.y + index(k * side.size), side, change[k]);
+    }
+  }
+}
+
+/// The change of velocity that the row asked for.
+double Rows::solve(BoxRow& row) {
+  double u = row.u + row.softness * row.x - row.target;
+  for (const Side& side : row.side) u += velocity(y_.data() + side.y, side);
+  const double x = std::clamp(row.x - u * row.inverse_A, row.lo, row.hi);
+  const double change = x - row.x;
+  if (change == 0) return 0;
+  row.x = x;
+  for (const Side& side : row.side) push(y_.data() + side.y, side, change);
+  return std::abs(change) * row.A;
+}
+
+// The normal first, then the tangents with what the normal's change does to them, exactly: inside the circle where it lets
+// them, else (A_t + shift) x_t = −b on the circle, by one step of Newton's iteration for the shift from where it was last.
+template <int kSizeA, int kSizeB>
+double Rows::solve(Core& core) {
+  double w[3] = {core.b[0], core.b[1], core.b[2]};
+  const double *y_a = y_.data() + core.side[0].y, *y_b = y_.data() + core.side[1].y;
+  double *z_a = z_.data() + core.side[0].offset, *z_b = z_.data() + core.side[1].offset;
+  if constexpr (kSizeA < 0) {
+    for (const Side& side : core.side) {
+      for (int k = 0; k < 3; ++k) w[k] += velocity(y_.data() + side.y + index(k * side.size), side);
+    }
+  } else {
+    Sums sums;
+    add_velocity<kSizeA>(y_a, z_a, sums);
+    add_velocity<kSizeB>(y_b, z_b, sums);
+    w[0] += sum(sums.n);
+    w[1] += sum(sums.s);
+    w[2] += sum(sums.t);
+  }
+
+  const double x_n = std::max(core.lo, core.x[0] - (w[0] + core.softness * core.x[0]) * core.inverse_nn);
+  const double change_n = x_n - core.x[0];
+  const double radius = core.mu * std::max(x_n, 0.0);
+  double x1 = 0, x2 = 0;
+  Hold hold = x_n > core.lo ? Hold::kSticks : Hold::kOpen;
+  if (radius > kNoImpulse) {
+    const double w1 = w[1] + core.A_n1 * change_n, w2 = w[2] + core.A_n2 * change_n;
+    x1 = core.x[1] - (core.inverse_11 * w1 + core.inverse_12 * w2);
+    x2 = core.x[2] - (core.inverse_12 * w1 + core.inverse_22 * w2);
+    double square = x1 * x1 + x2 * x2;
+    if (square > radius * radius) {
+      const double b1 = w1 - core.A_11 * core.x[1] - core.A_12 * core.x[2];
+      const double b2 = w2 - core.A_12 * core.x[1] - core.A_22 * core.x[2];
+      double a11 = core.A_11, a22 = core.A_22, inverse = 1 / (a11 * a22 - core.A_12 * core.A_12);
+      for (int k = 0; k < 2; ++k) {
+        if (k == 1 || core.shift > 0) {
+          a11 = core.A_11 + core.shift;
+          a22 = core.A_22 + core.shift;
+          inverse = 1 / (a11 * a22 - core.A_12 * core.A_12);
+          x1 = (core.A_12 * b2 - a22 * b1) * inverse;
+          x2 = (core.A_12 * b1 - a11 * b2) * inverse;
+          square = x1 * x1 + x2 * x2;
+        }
+        // d|x|²/dshift = −2 xᵀ (A + shift)⁻¹ x; Newton on 1/|x| = 1/radius.
+        const double slope = (a22 * x1 * x1 - 2 * core.A_12 * x1 * x2 + a11 * x2 * x2) * inverse;
+        if (k == 0 && slope > 0) core.shift = std::max(0.0, core.shift + (std::sqrt(square) / radius - 1) * square / slope);
+      }
+      const double scale = radius / std::sqrt(square);
+      x1 *= scale;
+      x2 *= scale;
+      hold = Hold::kSlips;
+    } else {
+      core.shift = 0;
+    }
+  }
+  const double change_1 = x1 - core.x[1], change_2 = x2 - core.x[2];
+  core.x[0] = x_n;
+  core.x[1] = x1;
+  core.x[2] = x2;
+  core.change[0] = change_n;
+  core.change[1] = change_1;
+  core.change[2] = change_2;
+  linear_ = linear_ && hold == core.hold && hold != Hold::kSlips;
+  core.hold = hold;
+
+  if constexpr (kSizeA < 0) {
+    push(core, core.change);
+  } else {
+    add_impulse<kSizeA>(y_a, change_n, change_1, change_2, z_a);
+    add_impulse<kSizeB>(y_b, change_n, change_1, change_2, z_b);
+  }
+  const double tangents = std::max(std::abs(change_1) * core.A_11, std::abs(change_2) * core.A_22);
+  return std::max(std::abs(change_n) * core.A_nn, tangents);
+}
+
+/// The change of velocity that the contact asked for.
+double Rows::solve_any(Core& core) {
+  const int a = core.side[0].size, b = core.side[1].size;
+  if (a == 6 && b == 6) return solve<6, 6>(core);
+  if (a == 0 && b == 6) return solve<0, 6>(core);
+  if (a == 6 && b == 0) return solve<6, 0>(core);
+  return solve<-1, -1>(core);
+}
+
+/// Brings what x has gained before the sweeps to the coordinates.
+void Rows::start(const Island& island) {
+  for (std::size_t i = island.first_box; i < island.end_box; ++i) {
+    const BoxRow& row = boxes_[i];
+    const double gained = row.x - row.applied;
+    if (gained == 0) continue;
+    for (const Side& side : row.side) push(y_.data() + side.y, side, gained);
+  }
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    Core& core = cores_[i];
+    const ConeRow& row = cones_[core.row];
+    double gained[3];
+    for (int k = 0; k < 3; ++k) {
+      core.x[k] = row.x[k];
+      gained[k] = row.x[k] - row.applied[k];
+    }
+    push(core, gained);
+  }
+}
+
+void Rows::begin_following(const Island& island) {
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    Core& core = cores_[i];
+    std::fill_n(core.change, 4, 0.0);
+    std::fill_n(core.way, 4, 0.0);
+    core.x[3] = core.b[3] = 0;
+    const double radius = core.mu * core.x[0], square = core.x[1] * core.x[1] + core.x[2] * core.x[2];
+    const bool sticks = core.x[0] > core.lo && (square == 0 || square < radius * radius * (1 - kRounding));
+    core.hold = sticks ? Hold::kSticks : core.x[0] > core.lo ? Hold::kSlips : Hold::kOpen;
+  }
+  for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
+    const Slice& slice = slices_[index(island_slices_[s])];
+    std::copy_n(z_.begin() + slice.offset, slice.size, z_before_.begin() + slice.offset);
+    std::fill_n(z_way_.begin() + slice.offset, slice.size, 0.0);
+  }
+}
+
+double Rows::square_of_changes(const Island& island) const {
+  Pair squares[2] = {};  // side by side, for sums wait for each other
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    const auto* change = reinterpret_cast<const Pair*>(cores_[i].change);
+    for (int k = 0; k < 2; ++k) squares[k] += change[k] * change[k];
+  }
+  return sum(squares[0] + squares[1]);
+}
+
+/// How much further along the last sweep's change d and the way p the least of ½ xᵀAx + bᵀx is, xᵀAx being zᵀz and the
+/// softness': of a plane, where no contact changes its state. Not farther than to where a contact opens, for along redundant
+/// contacts there may be no least.
+Rows::Shares Rows::best_shares(const Island& island) const {
+  Pair dd{}, dp{}, pp{}, zz{}, along_d{}, along_p{};  // products of d, p, z and the gradient
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    const Core& core = cores_[i];
+    const auto *b = reinterpret_cast<const Pair*>(core.b), *d = reinterpret_cast<const Pair*>(core.change),
+               *p = reinterpret_cast<const Pair*>(core.way);
+    along_d += b[0] * d[0] + b[1] * d[1];
+    along_p += b[0] * p[0] + b[1] * p[1];
+    if (core.softness == 0) continue;
+    const double soft_d = core.softness * core.change[0], soft_p = core.softness * core.way[0];
+    along_d[0] += core.x[0] * soft_d;
+    along_p[0] += core.x[0] * soft_p;
+    dd[0] += core.change[0] * soft_d;
+    dp[0] += core.change[0] * soft_p;
+    pp[0] += core.way[0] * soft_p;
+  }
+  for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
+    const Slice& slice = slices_[index(island_slices_[s])];
+    for (int i = slice.offset; i < slice.offset + slice.size; i += 2) {
+      const Pair z = *reinterpret_cast<const Pair*>(&z_[index(i)]), p = *reinterpret_cast<const Pair*>(&z_way_[index(i)]);
+      const Pair d = z - *reinterpret_cast<const Pair*>(&z_before_[index(i)]);
+      dd += d * d;
+      dp += d * p;
+      pp += p * p;
+      zz += z * z;
+      along_d += z * d;
+      along_p += z * p;
+    }
+  }
+  const double D = sum(dd), M = sum(dp), P = sum(pp), d = sum(along_d), p = sum(along_p);
+  Shares shares;
+  const double determinant = D * P - M * M, least = D > kNoAccount ? kResolved * sum(zz) : 0;
+  if (determinant > std::max(kParallel * D, least) * P) {
+    shares = {(p * M - d * P) / determinant, (d * M - p * D) / determinant};
+  } else if (D > least) {
+    shares.of_change = -d / D;
+  }
+  if (!(std::abs(shares.of_change) < kFarthestShare)) return {};
+  double part = 1;
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    const Core& core = cores_[i];
+    const double step = shares.of_change * core.change[0] + shares.of_way * core.way[0];
+    if (core.x[0] + part * step < core.lo) part = (core.lo - core.x[0]) / step;
+  }
+  return {part * shares.of_change, part * shares.of_way};
+}
+
+/// Lets x and z go on by shares of the last sweep's change and of their way before it.
+void Rows::follow(const Island& island, Shares shares) {
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    Core& core = cores_[i];
+    auto *x = reinterpret_cast<Pair*>(core.x), *way = reinterpret_cast<Pair*>(core.way);
+    const auto* change = reinterpret_cast<const Pair*>(core.change);
+    for (int k = 0; k < 2; ++k) {
+      const Pair step = shares.of_change * change[k] + shares.of_way * way[k];
+      x[k] += step;
+      way[k] = step + change[k];
+    }
+  }
+  for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
+    const Slice& slice = slices_[index(island_slices_[s])];
+    for (int i = slice.offset; i < slice.offset + slice.size; i += 2) {
+      auto *z = reinterpret_cast<Pair*>(&z_[index(i)]), *way = reinterpret_cast<Pair*>(&z_way_[index(i)]);
+      auto* before = reinterpret_cast<Pair*>(&z_before_[index(i)]);
+      const Pair change = *z - *before, step = shares.of_change * change + shares.of_way * *way;
+      *z += step;
+      *way = step + change;
+      *before = *z;
+    }
+  }
+}
+
+// Where contacts are all there is, the sweeps are the gradient of a conjugate gradient method: load finds its way through a
+// pile in far fewer of them. Where no contact opens, closes or slips it is a linear one, and each sweep is followed to the best
+// place in the plane of its change and the way before; else a nonlinear one [Silcowitz, Niebe, Erleben 2010], which starts anew
+// where the changes grow. The last sweep is not followed, so that x is within its bounds.
+Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance) {
+  start(island);
+  const bool follows = island.first_box == island.end_box && island.end_cone - island.first_cone > 1;
+  double square_before = 0;
+  if (follows) begin_following(island);
+  Outcome outcome;
+  for (std::size_t i = island.first_box; i < island.end_box; ++i) outcome.degenerate += boxes_[i].redundant;
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) outcome.degenerate += cores_[i].redundant;
+  for (int k = 0; k < iterations; ++k) {
+    double residual = 0;
+    linear_ = true;
+    if (k % 2 == 0) {
+      for (std::size_t i = island.first_box; i < island.end_box; ++i) residual = std::max(residual, solve(boxes_[i]));
+      for (std::size_t i = island.first_cone; i < island.end_cone; ++i) residual = std::max(residual, solve_any(cores_[i]));
+    } else {
+      for (std::size_t i = island.end_cone; i > island.first_cone; --i) residual = std::max(residual, solve_any(cores_[i - 1]));
+      for (std::size_t i = island.end_box; i > island.first_box; --i) residual = std::max(residual, solve(boxes_[i - 1]));
+    }
+    outcome.iterations = k + 1;
+    outcome.residual = residual;
+    if (residual <= tolerance) break;
+    if (!follows || k + 1 == iterations) continue;
+    const double square = linear_ ? 0 : square_of_changes(island);
+    follow(island, linear_ ? best_shares(island) : Shares{0, square < square_before ? square / square_before : 0});
+    square_before = square;
+  }
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    std::copy(cores_[i].x, cores_[i].x + 3, cones_[cores_[i].row].x);
+  }
+  return outcome;
+}
+
+Rows::Outcome Rows::sweep(int iterations, double tolerance) {
+  Outcome all;
+  for (const Island& island : islands_) all.add(sweep(island, iterations, tolerance));
+  return all;
+}
+
+}  // namespace cotwin::contact_world

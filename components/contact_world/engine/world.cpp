@@ -1,0 +1,274 @@
+#include "components/contact_world/engine/world.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <utility>
+
+#include "components/contact_world/engine/world_impl.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::contact_world {
+namespace {
+
+std::size_t index(int i) { return static_cast<std::size_t>(i); }
+
+std::vector<RigidBody> rigid_bodies(const scene::Scene& scene) {
+  std::vector<RigidBody> bodies;
+  bodies.reserve(scene.bodies.size());
+  for (const scene::Body& body : scene.bodies) bodies.emplace_back(body);
+  return bodies;
+}
+
+std::vector<Joint> joints_of(const scene::Scene& scene, std::span<const RigidBody> bodies) {
+  std::vector<Joint> joints;
+  joints.reserve(scene.joints.size());
+  for (const scene::Joint& joint : scene.joints) joints.emplace_back(joint, bodies);
+  return joints;
+}
+
+constexpr std::size_t kNumbersPerBody = 16, kNumbersPerJoint = 4 + kJointRows, kNumbersPerNode = 18, kNumbersPerTouch = 12;
+
+}  // namespace
+
+World::Impl::Impl(scene::Scene the_scene, Options the_options)
+    : scene(std::move(the_scene)),
+      options(the_options),
+      bodies(rigid_bodies(scene)),
+      joints(joints_of(scene, bodies)),
+      axes(joints.size()),
+      forest(options.method == Method::kPgs ? Forest::none(bodies.size(), joints.size()) : Forest(bodies, joints)),
+      rows(bodies, forest),
+      collision(scene),
+      joint_x(joints.size()),
+      applied(bodies.size(), Wrench::Zero()),
+      poses(bodies.size()),
+      twists(bodies.size()),
+      q(joints.size()),
+      dq(joints.size()) {
+  const auto is_dynamic = [&](int body) { return body >= 0 && bodies[index(body)].dynamic(); };
+  std::vector<char> is_linked(bodies.size(), 0);
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    const Joint& joint = joints[j];
+    joint_x[j].fill(0);
+    if (!is_dynamic(joint.parent) && !is_dynamic(joint.child)) continue;
+    for (const int body : {joint.parent, joint.child}) {
+      if (body >= 0 && bodies[index(body)].motion != scene::Motion::kStatic) is_linked[index(body)] = 1;
+    }
+    const bool whole = options.method == Method::kPgs || forest.closes_loop(static_cast<int>(j));
+    if (whole || options.method == Method::kDantzig) loose.push_back({static_cast<int>(j), whole});
+  }
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    if (is_linked[b]) linked.push_back(static_cast<int>(b));
+  }
+  places.resize(linked.size());
+  row_origin.reserve(loose.size() * kJointRows);
+  laws.reserve(joints.size());
+  drives.resize(joints.size());
+  for (const scene::Body& body : scene.bodies) {
+    materials.emplace_back();
+    for (const scene::Shape& shape : body.shapes) materials.back().push_back(&shape.material);
+  }
+  collision.reserve(options.contacts);
+  reserve(options.contacts);
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    poses[b] = bodies[b].pose();
+    twists[b] = bodies[b].twist();
+  }
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    q[j] = joints[j].q;
+    dq[j] = joints[j].has_axis() ? joints[j].speed(bodies) : 0;
+  }
+}
+
+World::World(scene::Scene scene, Options options) : impl_(std::make_unique<Impl>(std::move(scene), options)) {}
+World::~World() = default;
+World::World(World&&) noexcept = default;
+World& World::operator=(World&&) noexcept = default;
+
+void World::step(double h) { impl_->step(h); }
+
+const scene::Scene& World::scene() const { return impl_->scene; }
+std::span<const Pose> World::poses() const { return impl_->poses; }
+std::span<const Twist> World::twists() const { return impl_->twists; }
+std::span<const double> World::q() const { return impl_->q; }
+std::span<const double> World::dq() const { return impl_->dq; }
+std::span<const ContactPoint> World::contacts() const { return impl_->points; }
+std::span<const Eigen::Vector3d> World::forces() const { return impl_->forces; }
+const Status& World::status() const { return impl_->status; }
+
+// What is set to what it is keeps its bits.
+void World::set_pose(std::size_t body, const Pose& X_WB) {
+  Impl& w = *impl_;
+  if (w.poses[body] == X_WB) return;
+  w.bodies[body].set_pose(X_WB);
+  w.poses[body] = w.bodies[body].pose();
+  w.stale = true;
+  w.restored = false;
+  for (std::size_t j = 0; j < w.joints.size(); ++j) {
+    Joint& joint = w.joints[j];
+    if (joint.parent != static_cast<int>(body) && joint.child != static_cast<int>(body)) continue;
+    joint.place(w.bodies);
+    joint.measure();
+    w.q[j] = joint.q;
+  }
+}
+
+void World::set_twist(std::size_t body, const Twist& V_WB) {
+  Impl& w = *impl_;
+  if (w.twists[body] == V_WB) return;
+  w.bodies[body].set_twist(V_WB);
+  w.twists[body] = w.bodies[body].twist();
+}
+
+void World::apply(std::size_t body, const Wrench& F_B_W) { impl_->applied[body] = F_B_W; }
+
+void World::set_tau(std::size_t joint, double tau, double stiffness, double damping, double rate) {
+  Axis& axis = impl_->axes[joint];
+  axis.tau = tau;
+  axis.stiffness = stiffness;
+  axis.damping = damping;
+  axis.rate = rate;
+}
+
+void World::set_inertia(std::size_t joint, double inertia) { impl_->axes[joint].inertia = inertia; }
+
+void World::set_motor(std::size_t joint, double dq, double tau_max) {
+  impl_->axes[joint].motor_speed = dq;
+  impl_->axes[joint].motor_torque = tau_max;
+}
+
+double World::energy() const {
+  double energy = 0;
+  for (const RigidBody& body : impl_->bodies) {
+    if (body.dynamic()) energy += body.kinetic_energy() - body.mass * impl_->scene.gravity.dot(body.p);
+  }
+  return energy;
+}
+
+double World::largest_gap() const {
+  double gap = 0;
+  for (const Joint& joint : impl_->joints) gap = std::max(gap, joint.gap());
+  return gap;
+}
+
+std::size_t World::state_size() const {
+  const Impl& w = *impl_;
+  return 4 + kNumbersPerBody * w.bodies.size() + kNumbersPerJoint * w.joints.size() +
+         kNumbersPerNode * w.forest.nodes().size() + kNumbersPerTouch * w.options.contacts;
+}
+
+void World::save(std::vector<double>& state) const {
+  const Impl& w = *impl_;
+  state.resize(state_size());
+  double* to = state.data();
+  const auto put = [&](const auto&... values) { ((*to++ = static_cast<double>(values)), ...); };
+  const auto put_all = [&](const auto& vector) {
+    for (const double value : vector) put(value);
+  };
+  const std::size_t kept = std::min(w.touches.size(), w.options.contacts);
+  put(w.stale && !w.restored, w.margin, kept, 0);
+  for (const RigidBody& body : w.bodies) {
+    put_all(body.p);
+    put_all(body.Q);
+    put_all(body.v);
+    put_all(body.w);
+    put_all(body.L);
+  }
+  for (std::size_t j = 0; j < w.joints.size(); ++j) {
+    const Axis& axis = w.axes[j];
+    put(w.joints[j].q, axis.lock, axis.motor_speed, axis.motor_torque);
+    put_all(w.joint_x[j]);
+  }
+  for (const Forest::Node& node : w.forest.nodes()) {
+    for (const Spatial& curve : node.curve) put_all(curve);
+  }
+  for (std::size_t t = 0; t < kept; ++t) {
+    const ContactPoint& point = w.touches[t].point;
+    put(point.body_a, point.body_b, point.shape_a, point.shape_b, point.id >> 32U, point.id & 0xffffffffU);
+    put_all(point.p_W);
+    put_all(w.touches[t].impulse);
+  }
+  std::fill(to, state.data() + state.size(), 0.0);
+}
+
+void World::restore(std::span<const double> state) {
+  Impl& w = *impl_;
+  const double* from = state.data();
+  const auto get = [&] { return *from++; };
+  const auto get_all = [&](auto& vector) {
+    for (double& value : vector) value = get();
+  };
+  const double points = state[2];
+  if (!(points >= 0 && points <= static_cast<double>(w.options.contacts))) {
+    throw Error("contact world", "a state with " + text::to_text(points) + " contact points, expected 0 to " +
+                                     std::to_string(w.options.contacts));
+  }
+  for (const double value : state) {
+    if (!(std::abs(value) < 1e18)) throw Error("contact world", "a state with the value " + text::to_text(value));
+  }
+  const auto expect_whole = [&](std::size_t at, double least, double most) {
+    if (!(state[at] >= least && state[at] <= most)) {
+      throw Error("contact world", "a state with the number " + text::to_text(state[at]) + ", expected " +
+                                       text::to_text(least) + " to " + text::to_text(most));
+    }
+  };
+  constexpr double kMost = std::numeric_limits<std::int32_t>::max(), kHalf = std::numeric_limits<std::uint32_t>::max();
+  std::size_t at = 4 + kNumbersPerBody * w.bodies.size();
+  for (std::size_t j = 0; j < w.joints.size(); ++j, at += kNumbersPerJoint) expect_whole(at + 1, -kMost, kMost);
+  at += kNumbersPerNode * w.forest.nodes().size();
+  for (std::size_t t = 0; t < static_cast<std::size_t>(points); ++t, at += kNumbersPerTouch) {
+    for (std::size_t k = 0; k < 4; ++k) expect_whole(at + k, -kMost, kMost);
+    for (std::size_t k = 4; k < 6; ++k) expect_whole(at + k, 0, kHalf);
+  }
+  const bool was_stale = get() != 0;
+  w.margin = get();
+  const auto kept = static_cast<std::size_t>(get());
+  get();
+  for (std::size_t b = 0; b < w.bodies.size(); ++b) {
+    RigidBody& body = w.bodies[b];
+    get_all(body.p);
+    get_all(body.Q);
+    get_all(body.v);
+    get_all(body.w);
+    get_all(body.L);
+    body.place();
+    w.poses[b] = body.pose();
+    w.twists[b] = body.twist();
+  }
+  for (std::size_t j = 0; j < w.joints.size(); ++j) {
+    Axis& axis = w.axes[j];
+    w.joints[j].q = get();
+    axis.lock = static_cast<std::int32_t>(get());
+    axis.motor_speed = get();
+    axis.motor_torque = get();
+    get_all(w.joint_x[j]);
+    w.joints[j].place(w.bodies);
+    w.q[j] = w.joints[j].q;
+    w.dq[j] = w.joints[j].has_axis() ? w.joints[j].speed(w.bodies) : 0;
+  }
+  for (Forest::Node& node : w.forest.nodes()) {
+    for (Spatial& curve : node.curve) get_all(curve);
+  }
+  w.touches.resize(kept);
+  for (Impl::Touch& touch : w.touches) {
+    touch = {};
+    ContactPoint& point = touch.point;
+    point.body_a = static_cast<int>(get());
+    point.body_b = static_cast<int>(get());
+    point.shape_a = static_cast<int>(get());
+    point.shape_b = static_cast<int>(get());
+    point.id = static_cast<std::uint64_t>(get()) << 32U;
+    point.id |= static_cast<std::uint64_t>(get());
+    get_all(point.p_W);
+    get_all(touch.impulse);
+  }
+  w.points.clear();
+  w.forces.clear();
+  w.stale = true;
+  w.restored = !was_stale;
+}
+
+}  // namespace cotwin::contact_world

@@ -1,0 +1,108 @@
+#pragma once
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "components/contact_world/engine/axes.h"
+#include "components/contact_world/engine/body.h"
+#include "components/contact_world/engine/collision.h"
+#include "components/contact_world/engine/forest.h"
+#include "components/contact_world/engine/joint.h"
+#include "components/contact_world/engine/rows.h"
+#include "components/contact_world/engine/world.h"
+
+namespace cotwin::contact_world {
+
+/// The rows of a joint that no tree holds, and their warm start.
+struct LooseJoint {
+  int joint = -1;
+  bool whole = true;  // false: a tree holds the joint, and only what bounds its axis are rows
+};
+
+constexpr std::size_t kJointRows = 11;  // 6 of the joint; spring, lower limit, upper limit, friction, motor
+
+struct World::Impl {
+  /// A contact point with what the surfaces make of it and what it carried.
+  struct Touch {
+    ContactPoint point;
+    double mu = 0, restitution = 0, stiffness = 0, damping = 0;
+    double approach = 0;                  // normal velocity at the step's start, for restitution
+    Vector3d impulse = Vector3d::Zero();  // on b, of the last solution: where the next one starts
+    Vector3d sum = Vector3d::Zero();      // of the step
+    bool matched = false;                 // with a point of the other list
+    bool bounced = false;                 // in this solution
+  };
+
+  Impl(scene::Scene the_scene, Options the_options);
+
+  // A step's phases, in order
+  void step(double h);
+  void refresh(double h);  // everything that depends on poses alone
+  void kick(double half);
+  void solve(Stage stage, double h);
+  void drift(double h);
+  void publish(double h);
+
+  // Of solve()
+  void begin_inertias();
+  void drive_loose_joints(Stage stage, double h);
+  void begin_axes(Stage stage, double h);
+  bool solve_trees();
+  bool settle(Forest::Tree& tree);
+  void collect_rows(Stage stage, double h);
+  void collect_joint(const LooseJoint& one, Stage stage, double h);
+  void collect_contact(std::size_t t, Stage stage, double h);
+  void solve_rows(double h);
+  void reach_joints(double h);
+  void keep_impulses();
+  void keep_springs(double h);
+
+  void reserve(std::size_t contacts);
+  void detect();
+  void set_margin(double h);
+  void match();
+  double normal_velocity(const Touch& touch) const;
+
+  scene::Scene scene;
+  Options options;
+  std::vector<RigidBody> bodies;
+  std::vector<Joint> joints;
+  std::vector<Axis> axes;  // one a joint
+  Forest forest;
+  Rows rows;
+  Collision collision;
+  std::vector<LooseJoint> loose;
+  std::vector<std::array<double, kJointRows>> joint_x;  // impulses of the joints' rows in the last solution
+  struct RowOrigin {
+    int joint;
+    int row;
+  };
+  std::vector<RowOrigin> row_origin;  // of the box rows, in the order in which they were collected
+  std::vector<AxisLaw> laws;          // of the freedoms' joints, in this stage
+  std::vector<double> drives;         // constant impulse along each joint's axis, in this stage
+  struct Place {
+    Vector3d p;
+    Eigen::Vector4d Q;
+    Matrix3d R;
+    Vector3d v, w, L;
+  };
+  std::vector<int> linked;    // bodies that joints hold
+  std::vector<Place> places;  // where they were
+  std::vector<std::vector<const scene::Material*>> materials;
+
+  std::vector<Touch> touches, touches_before;
+  std::vector<ContactPoint> points;
+  std::vector<Vector3d> forces;
+  std::vector<Wrench> applied;
+  std::vector<Pose> poses;
+  std::vector<Twist> twists;
+  std::vector<double> q, dq;
+  Status status;
+  std::size_t capacity = 0;  // points that fit without allocating
+  double margin = 0;
+  bool prepared = false;  // the rows are, for these poses and factors
+  bool stale = true;      // poses changed since refresh()
+  bool restored = false;  // the margin is that of the state
+};
+
+}  // namespace cotwin::contact_world

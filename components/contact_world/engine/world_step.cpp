@@ -1,0 +1,540 @@
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <tuple>
+#include <utility>
+
+#include "components/contact_world/engine/world_impl.h"
+
+namespace cotwin::contact_world {
+namespace {
+
+std::size_t index(int i) { return static_cast<std::size_t>(i); }
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+/// The position stage repeats until joints are this close at the step's end, at most so often.
+constexpr double kJointTolerance = 2e-10;  // m, rad
+constexpr int kPasses = 12;
+constexpr double kDiverging = 4;   // times the first error
+constexpr double kReached = 1e-5;  // m, rad: what the next steps may expect the like of
+constexpr int kPassesOfLooseJoints = 2;
+
+/// Of a penetration beyond the slop, what one step takes back, and how fast at most.
+constexpr double kReturn = 0.2;
+constexpr double kSlop = 5e-6;          // m
+constexpr double kFastestReturn = 0.1;  // m/s
+
+/// A gap below it is none: what poses and detection round by is less, and must not set what rests in motion.
+constexpr double kTouching = 1e-12;  // m
+
+/// Rounds of finding out which axes are held, and of that with the contacts' impulses.
+constexpr int kLockRounds = 60, kSimultaneousRounds = 8, kContactRounds = 6;
+
+/// Two points of a pair in successive steps are one, whatever their features, if they are nearer than this share of its size.
+constexpr double kSamePlace = 0.02;
+
+/// Contacts are looked for as far as bodies come in a step, and not farther than this.
+constexpr double kWidestMargin = 0.05;  // m
+
+}  // namespace
+
+// ---- The phases of a step
+
+void World::Impl::step(double h) {
+  status.iterations = 0;
+  status.residual = 0;
+  status.degenerate = 0;
+  if (stale) {
+    for (Joint& joint : joints) joint.place(bodies);
+    refresh(h);
+  }
+
+  for (Touch& touch : touches) {
+    touch.sum.setZero();
+    if (touch.restitution > 0) touch.approach = normal_velocity(touch);
+  }
+  begin_inertias();
+  kick(h / 2);
+  solve(Stage::kPosition, h);
+  drift(h);
+  refresh(h);
+  begin_inertias();
+  kick(h / 2);
+  solve(Stage::kVelocity, h);
+  publish(h);
+
+  for (Wrench& F : applied) F.setZero();
+  for (Axis& axis : axes) axis.tau = axis.stiffness = axis.damping = axis.rate = axis.spring = 0;
+}
+
+void World::Impl::refresh(double h) {
+  for (Forest::Tree& tree : forest.trees()) forest.place(tree, bodies, joints);
+  if (!restored) set_margin(h);
+  detect();
+  prepared = false;
+  stale = restored = false;
+}
+
+void World::Impl::kick(double half) {
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    RigidBody& body = bodies[b];
+    if (!body.dynamic()) continue;
+    body.v += half * scene.gravity;
+    const Wrench& F = applied[b];
+    if (F.isZero(0)) continue;
+    const Vector3d moment = F.tail<3>() + (body.R * body.X_PB.p).cross(F.head<3>());
+    body.push(half * F.head<3>(), half * moment);
+  }
+}
+
+void World::Impl::drift(double h) {
+  // Bodies that joints hold are there already.
+  std::size_t next = 0;
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    if (next < linked.size() && index(linked[next]) == b) {
+      ++next;
+    } else {
+      bodies[b].drift(h);
+    }
+  }
+}
+
+void World::Impl::publish(double h) {
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    if (bodies[b].motion == scene::Motion::kStatic) continue;
+    twists[b] = bodies[b].twist();
+  }
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    if (!joints[j].has_axis()) continue;
+    joints[j].measure();
+    q[j] = joints[j].q;
+    dq[j] = joints[j].speed(bodies);
+  }
+  points.clear();
+  forces.clear();
+  for (std::size_t t = 0; t < touches.size(); ++t) {
+    points.push_back(touches[t].point);
+    forces.push_back(touches[t].sum / h);
+    if (t >= options.contacts) touches[t].impulse.setZero();
+  }
+}
+
+// ---- Contacts
+
+void World::Impl::set_margin(double h) {
+  double fastest = 0;
+  for (const RigidBody& body : bodies) {
+    if (body.motion != scene::Motion::kStatic) fastest = std::max(fastest, body.v.norm() + body.radius * body.w.norm());
+  }
+  margin = std::min(1.5 * h * fastest + 2 * h * h * scene.gravity.norm() + 1e-5, kWidestMargin);
+}
+
+void World::Impl::reserve(std::size_t contacts) {
+  capacity = contacts;
+  rows.reserve(contacts, loose.size() * kJointRows, options.method == Method::kDantzig);
+  touches.reserve(contacts);
+  touches_before.reserve(contacts);
+  points.reserve(contacts);
+  forces.reserve(contacts);
+}
+
+void World::Impl::detect() {
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    if (bodies[b].motion != scene::Motion::kStatic) poses[b] = bodies[b].pose();
+  }
+  collision.detect(poses, margin);
+  std::swap(touches, touches_before);
+  touches.clear();
+  if (collision.points().size() > capacity) {
+    reserve(std::max(2 * capacity, collision.points().size()));
+    ++status.grown;
+  }
+  for (const ContactPoint& point : collision.points()) {
+    if (!bodies[index(point.body_a)].dynamic() && !bodies[index(point.body_b)].dynamic()) continue;
+    const scene::Material& a = *materials[index(point.body_a)][index(point.shape_a)];
+    const scene::Material& b = *materials[index(point.body_b)][index(point.shape_b)];
+    Touch touch;
+    touch.point = point;
+    touch.mu = a.mu == b.mu ? a.mu : std::sqrt(a.mu * b.mu);
+    touch.restitution = std::max(a.restitution, b.restitution);
+    touch.stiffness = 1 / (1 / a.stiffness + 1 / b.stiffness);  // in series
+    if (a.stiffness == kInfinity) {
+      touch.damping = b.damping;
+    } else if (b.stiffness == kInfinity) {
+      touch.damping = a.damping;
+    } else {
+      touch.damping = a.damping > 0 && b.damping > 0 ? 1 / (1 / a.damping + 1 / b.damping) : 0;
+    }
+    touches.push_back(touch);
+  }
+  status.contacts = touches.size();
+  match();
+}
+
+// Both lists are sorted by pair. Of a pair, points are the same if their features are; where features swap, as those of aligned
+// faces do, the nearest point that is left.
+void World::Impl::match() {
+  const auto pair = [](const Touch& t) {
+    return std::make_tuple(t.point.body_a, t.point.body_b, t.point.shape_a, t.point.shape_b);
+  };
+  const auto take = [](Touch& touch, Touch& before) {
+    touch.impulse = before.impulse;
+    touch.sum = before.sum;
+    touch.matched = before.matched = true;
+  };
+  std::size_t begin = 0, first = 0;
+  while (first < touches.size()) {
+    const auto key = pair(touches[first]);
+    std::size_t end = first + 1;
+    while (end < touches.size() && pair(touches[end]) == key) ++end;
+    while (begin < touches_before.size() && pair(touches_before[begin]) < key) ++begin;
+    std::size_t end_before = begin;
+    while (end_before < touches_before.size() && pair(touches_before[end_before]) == key) ++end_before;
+    for (std::size_t t = begin; t < end_before; ++t) touches_before[t].matched = false;
+
+    std::size_t left = end_before - begin;
+    for (std::size_t i = first; i < end && left > 0; ++i) {
+      for (std::size_t t = begin; t < end_before; ++t) {
+        if (touches_before[t].matched || touches_before[t].point.id != touches[i].point.id) continue;
+        take(touches[i], touches_before[t]);
+        --left;
+        break;
+      }
+    }
+    const double reach =
+        kSamePlace * (bodies[index(touches[first].point.body_a)].radius + bodies[index(touches[first].point.body_b)].radius);
+    for (std::size_t i = first; i < end && left > 0; ++i) {
+      if (touches[i].matched) continue;
+      Touch* nearest = nullptr;
+      double distance = reach * reach;
+      for (std::size_t t = begin; t < end_before; ++t) {
+        if (touches_before[t].matched) continue;
+        const double d = (touches_before[t].point.p_W - touches[i].point.p_W).squaredNorm();
+        if (d >= distance) continue;
+        distance = d;
+        nearest = &touches_before[t];
+      }
+      if (nearest == nullptr) continue;
+      take(touches[i], *nearest);
+      --left;
+    }
+    first = end;
+    begin = end_before;
+  }
+}
+
+double World::Impl::normal_velocity(const Touch& touch) const {
+  const RigidBody& a = bodies[index(touch.point.body_a)];
+  const RigidBody& b = bodies[index(touch.point.body_b)];
+  const Vector3d& p = touch.point.p_W;
+  return touch.point.n_W.dot(b.v + b.w.cross(p - b.p) - a.v - a.w.cross(p - a.p));
+}
+
+// ---- The two solutions of a step
+
+void World::Impl::solve(Stage stage, double h) {
+  if (stage == Stage::kPosition) {
+    for (Joint& joint : joints) joint.begin_step();
+  }
+  drive_loose_joints(stage, h);
+  for (const Forest::Tree& tree : forest.trees()) {
+    forest.load_momenta(tree, bodies);
+    if (stage == Stage::kPosition) {
+      forest.expect(tree, joints, h);
+    } else {
+      forest.straighten(tree);
+    }
+  }
+  begin_axes(stage, h);
+  solve_trees();
+  collect_rows(stage, h);
+  if (prepared) prepared = rows.update(h);
+  solve_rows(h);
+  if (stage == Stage::kPosition) reach_joints(h);
+  keep_impulses();
+  if (stage == Stage::kPosition) keep_springs(h);
+}
+
+/// What turns with an axis and is no body's has its momentum from the speed before anything acts.
+void World::Impl::begin_inertias() {
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    axes[j].momentum = axes[j].inertia > 0 ? axes[j].inertia * joints[j].speed(bodies) : 0;
+  }
+}
+
+/// What drives the axis of a joint that no tree holds are impulses on both bodies.
+void World::Impl::drive_loose_joints(Stage stage, double h) {
+  const auto push = [&](int body, const Vector3d& impulse, const Vector3d& moment, const Vector3d& p) {
+    if (body < 0 || !bodies[index(body)].dynamic()) return;
+    RigidBody& b = bodies[index(body)];
+    b.push(impulse, moment + (p - b.p).cross(impulse));
+  };
+  for (const LooseJoint& one : loose) {
+    const Joint& joint = joints[index(one.joint)];
+    if (!one.whole || !joint.has_axis()) continue;
+    const double tau = AxisDrive(joint, axes[index(one.joint)], stage, h).tau;
+    if (tau == 0) continue;
+    const bool turns = joint.type == scene::JointType::kRevolute;
+    const Vector3d impulse = turns ? Vector3d::Zero() : Vector3d(tau * joint.axis());
+    const Vector3d moment = turns ? Vector3d(tau * joint.axis()) : Vector3d::Zero();
+    push(joint.child, impulse, moment, joint.p_child);
+    push(joint.parent, -impulse, -moment, joint.p_child);
+  }
+}
+
+void World::Impl::begin_axes(Stage stage, double h) {
+  laws.clear();
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    laws.emplace_back();
+    const int f = forest.freedom_of(static_cast<int>(j));
+    if (f < 0) continue;
+    Forest::Freedom& freedom = forest.freedoms()[index(f)];
+    const AxisDrive drive(joints[j], axes[j], stage, h);
+    const bool was_locked = freedom.locked;
+    const double softness = freedom.softness;
+    freedom.softness = drive.softness;
+    freedom.locked = false;
+    freedom.tau = drive.tau;
+    drives[j] = drive.tau;
+    if (options.method == Method::kTree) {
+      laws[j] = AxisLaw(joints[j], axes[j], stage, h);
+      if (!laws[j].empty()) laws[j].begin(axes[j], freedom, drive.tau);
+    }
+    if (freedom.locked == was_locked && freedom.softness == softness) continue;
+    Forest::Tree& tree = forest.trees()[index(
+        forest.tree_of(joints[j].child >= 0 && forest.tree_of(joints[j].child) >= 0 ? joints[j].child : joints[j].parent))];
+    tree.factored = false;
+  }
+}
+
+/// Solves a tree and finds out which of its axes are held. Returns whether that has changed.
+bool World::Impl::settle(Forest::Tree& tree) {
+  bool changed = false;
+  for (int round = 0; round < kLockRounds; ++round) {
+    if (!tree.factored) {
+      forest.factor(tree);
+      prepared = false;
+    }
+    forest.solve(tree, bodies);
+    bool moved = false;
+    for (int n = tree.first; n < tree.end; ++n) {
+      const Forest::Node& node = forest.nodes()[index(n)];
+      if (node.joint < 0 || laws[index(node.joint)].empty()) continue;
+      Forest::Freedom& freedom = forest.freedoms()[index(node.first)];
+      if (!laws[index(node.joint)].move(axes[index(node.joint)], freedom, drives[index(node.joint)])) continue;
+      moved = true;
+      if (round >= kSimultaneousRounds) break;  // one at a time, the lowest first: this cannot cycle [Murty 1974]
+    }
+    if (!moved) break;
+    tree.factored = false;
+    changed = true;
+  }
+  forest.store(tree, bodies);
+  return changed;
+}
+
+bool World::Impl::solve_trees() {
+  bool changed = false;
+  for (Forest::Tree& tree : forest.trees()) changed = settle(tree) || changed;
+  return changed;
+}
+
+void World::Impl::collect_rows(Stage stage, double h) {
+  rows.clear();
+  row_origin.clear();
+  for (const LooseJoint& one : loose) collect_joint(one, stage, h);
+  for (std::size_t t = 0; t < touches.size(); ++t) collect_contact(t, stage, h);
+}
+
+void World::Impl::collect_joint(const LooseJoint& one, Stage stage, double h) {
+  const Joint& joint = joints[index(one.joint)];
+  const Axis& axis = axes[index(one.joint)];
+  const std::array<double, kJointRows>& x = joint_x[index(one.joint)];
+  const auto add = [&](int row, const Vector3d& d, const Vector3d& m, double target, double lo, double hi, double softness) {
+    BoxRow made;
+    made.a = joint.parent >= 0 && bodies[index(joint.parent)].motion != scene::Motion::kStatic ? joint.parent : -1;
+    made.b = joint.child >= 0 && bodies[index(joint.child)].motion != scene::Motion::kStatic ? joint.child : -1;
+    made.d = d;
+    made.m = m;
+    made.p = joint.p_child;
+    made.target = target;
+    made.lo = lo;
+    made.hi = hi;
+    made.softness = softness;
+    made.x = std::clamp(x[index(row)], lo, hi);
+    row_origin.push_back({one.joint, row});
+    rows.add(made);
+  };
+  const Vector3d zero = Vector3d::Zero();
+  if (one.whole) {
+    const Motion6 e = joint.error();
+    const double rate = stage == Stage::kPosition ? -1 / h : 0;
+    const bool slides = joint.type == scene::JointType::kPrismatic;
+    for (int k = 0; k < (slides ? 2 : 3); ++k) {
+      const Vector3d d = slides ? Vector3d(joint.R_parent.col(k)) : Vector3d(Vector3d::Unit(k));
+      add(k, d, zero, rate * d.dot(e.linear), -kInfinity, kInfinity, 0);
+    }
+    const int turns = joint.type == scene::JointType::kSpherical ? 0 : joint.type == scene::JointType::kRevolute ? 2 : 3;
+    for (int k = 0; k < turns; ++k) {
+      const Vector3d m = joint.R_parent.col(k);
+      add(3 + k, zero, m, rate * m.dot(e.angular), -kInfinity, kInfinity, 0);
+    }
+  }
+  if (!joint.has_axis()) return;
+  const bool turns = joint.type == scene::JointType::kRevolute;
+  const Vector3d d = turns ? zero : joint.axis(), m = turns ? joint.axis() : zero;
+  const AxisDrive drive(joint, axis, stage, h);
+  if (one.whole && drive.softness > 0) add(6, d, m, 0, -kInfinity, kInfinity, 1 / drive.softness);
+  const LimitSpeeds limits(joint, stage, h);
+  if (limits.lower > -kInfinity) add(7, d, m, limits.lower, 0, kInfinity, 0);
+  if (limits.upper < kInfinity) add(8, d, m, limits.upper, -kInfinity, 0, 0);
+  if (joint.friction > 0) add(9, d, m, 0, -joint.friction * h / 2, joint.friction * h / 2, 0);
+  if (axis.motor_torque > 0) add(10, d, m, axis.motor_speed, -axis.motor_torque * h / 2, axis.motor_torque * h / 2, 0);
+}
+
+void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
+  Touch& touch = touches[t];
+  const double gap = std::abs(touch.point.gap) > kTouching ? touch.point.gap : 0;
+  const Vector3d& n = touch.point.n_W;
+  ConeRow row;
+  if (touch.stiffness < kInfinity) {
+    if (gap > 0) return;
+    row.soft = true;
+    row.stiffness = touch.stiffness;
+    row.damping = touch.damping;
+  } else {
+    row.target = -gap / h;
+    if (gap <= 0) {
+      // What is pushed out in the position stage is stopped in the velocity stage, as far as the whole step's impulse pushes.
+      row.target = stage == Stage::kVelocity ? 0 : std::min(kReturn * std::max(-gap - kSlop, 0.0) / h, kFastestReturn);
+      if (stage == Stage::kVelocity && options.method != Method::kDantzig) row.lo = std::min(0.0, -n.dot(touch.sum));
+    }
+    // A bounce is made where the body is when it would go through, by the velocity at the step's start: energy is kept there.
+    if (touch.restitution > 0) {
+      const double slow = -2 * h * scene.gravity.norm();
+      const double u = normal_velocity(touch);
+      if (stage == Stage::kVelocity && u < slow) return;
+      if (stage == Stage::kPosition && touch.approach < slow && gap + h * u <= 0) {
+        row.target = u - (1 + touch.restitution) * touch.approach;
+        touch.bounced = true;
+      }
+    }
+  }
+  row.a = bodies[index(touch.point.body_a)].motion == scene::Motion::kStatic ? -1 : touch.point.body_a;
+  row.b = bodies[index(touch.point.body_b)].motion == scene::Motion::kStatic ? -1 : touch.point.body_b;
+  Eigen::Index least = 0;
+  n.cwiseAbs().minCoeff(&least);
+  const Vector3d t1 = n.cross(Vector3d::Unit(least)).normalized();
+  row.d << n, t1, n.cross(t1);
+  row.p = touch.point.p_W;
+  row.gap = gap;
+  row.mu = touch.mu;
+  row.point = static_cast<int>(t);
+  Eigen::Map<Vector3d>(row.x) = row.d.transpose() * touch.impulse;
+  row.x[0] = std::max(row.x[0], row.lo);
+  rows.add(row);
+}
+
+/// The rows with the trees around them: contacts see which axes are held, and change it.
+void World::Impl::solve_rows(double h) {
+  if (rows.empty()) return;
+  for (int round = 0; round < kContactRounds; ++round) {
+    if (!prepared) rows.prepare(bodies, forest, h);
+    prepared = true;
+    rows.measure(bodies);
+    const Rows::Outcome outcome = options.method == Method::kDantzig ? rows.pivot(options.iterations, options.tolerance)
+                                                                     : rows.sweep(options.iterations, options.tolerance);
+    status.iterations = std::max(status.iterations, outcome.iterations);
+    status.residual = round == 0 ? std::max(status.residual, outcome.residual) : outcome.residual;
+    status.degenerate = std::max(status.degenerate, outcome.degenerate);
+    rows.apply(bodies, forest);
+    if (!solve_trees()) break;
+    prepared = false;
+  }
+}
+
+/// Drifts the bodies that joints hold, and again with other impulses until the joints are satisfied where they arrive (chord
+/// iteration: directions and inertias are those of the step's start).
+void World::Impl::reach_joints(double h) {
+  const auto each = [&](const auto& f) {
+    for (std::size_t i = 0; i < linked.size(); ++i) f(places[i], bodies[index(linked[i])]);
+  };
+  each([](Place& place, const RigidBody& body) { place = {body.p, body.Q, body.R, body.v, body.w, body.L}; });
+  const int passes = options.method == Method::kPgs ? kPassesOfLooseJoints : kPasses;
+  double first = 0, largest = 0;
+  for (int pass = 1;; ++pass) {
+    each([&](Place&, RigidBody& body) { body.drift(h); });
+    largest = 0;
+    for (Joint& joint : joints) {
+      joint.place(bodies);
+      const Motion6 e = joint.error();
+      largest = std::max({largest, e.linear.cwiseAbs().maxCoeff(), e.angular.cwiseAbs().maxCoeff()});
+    }
+    if (!(largest > kJointTolerance) || pass == passes) break;
+    if (pass == 1) first = largest;
+    const bool diverges = !(largest <= kDiverging * first + kDiverging * kJointTolerance);
+
+    each([](const Place& place, RigidBody& body) {
+      body.p = place.p;
+      body.Q = place.Q;
+      body.R = place.R;
+      body.v = place.v;
+      body.w = place.w;
+      body.L = place.L;
+    });
+    if (diverges) {  // too fast for the step: as far as the directions at its start lead
+      for (const Forest::Tree& tree : forest.trees()) forest.start(tree);
+      pass = passes - 1;
+    } else {
+      for (const Forest::Tree& tree : forest.trees()) forest.bend(tree, joints, -1 / h);
+    }
+    for (BoxRow& row : rows.boxes()) {
+      const RowOrigin& origin = row_origin[index(row.origin)];
+      if (origin.row >= 6) continue;
+      const Motion6 e = joints[index(origin.joint)].error();
+      row.target -= (row.d.dot(e.linear) + row.m.dot(e.angular)) / h;
+    }
+    if (solve_trees()) prepared = false;
+    solve_rows(h);
+    each([](Place& place, const RigidBody& body) {
+      place.v = body.v;
+      place.w = body.w;
+      place.L = body.L;
+    });
+  }
+  for (const Forest::Tree& tree : forest.trees()) {
+    if (largest <= kReached) {
+      forest.remember(tree, joints, h);
+    } else {
+      forest.forget(tree);
+    }
+  }
+}
+
+void World::Impl::keep_impulses() {
+  for (Touch& touch : touches) touch.impulse.setZero();
+  for (const ConeRow& row : rows.cones()) {
+    Touch& touch = touches[index(row.point)];
+    touch.impulse = row.d * Vector3d(row.x[0], row.x[1], row.x[2]);
+    touch.sum += touch.impulse;
+    if (std::exchange(touch.bounced, false)) touch.impulse.setZero();  // the next solution has no such impulse
+  }
+  for (const LooseJoint& one : loose) joint_x[index(one.joint)].fill(0);
+  for (const BoxRow& row : rows.boxes()) {
+    const RowOrigin& origin = row_origin[index(row.origin)];
+    joint_x[index(origin.joint)][index(origin.row)] = row.x;
+  }
+}
+
+void World::Impl::keep_springs(double h) {
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    Axis& axis = axes[j];
+    if (axis.stiffness == 0) continue;
+    const int f = forest.freedom_of(static_cast<int>(j));
+    const double s = f >= 0 ? forest.freedoms()[index(f)].s : joints[j].speed(bodies);
+    axis.spring = axis.stiffness * h / 2 * (axis.rate - s);
+  }
+}
+
+}  // namespace cotwin::contact_world

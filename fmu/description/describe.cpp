@@ -1,0 +1,252 @@
+#include "fmu/description/describe.h"
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numbers>
+#include <span>
+
+#include "components/unit/si.h"
+#include "fmu/description/categories.h"
+#include "fmu/description/rate.h"
+
+namespace cotwin::fmu {
+
+namespace {
+
+constexpr double kDegrees = 180 / std::numbers::pi;  // in a radian
+
+/// Types that importers know by these names, and what people like to read them in.
+struct Quantity {
+  const char* si;
+  const char* name;
+  const char* display;
+  double factor;  // display = factor · value
+};
+constexpr Quantity kQuantities[] = {
+    {"rad", "Angle", "deg", kDegrees},
+    {"rad/s", "AngularVelocity", "deg/s", kDegrees},
+    {"rad/s2", "AngularAcceleration", "deg/s2", kDegrees},
+    {"N.m", "Torque", nullptr, 1},
+    {"N.m/rad", "RotationalSpringConstant", nullptr, 1},
+    {"N.m.s/rad", "RotationalDampingConstant", nullptr, 1},
+    {"kg.m2", "MomentOfInertia", nullptr, 1},
+    {"s", "Time", "ms", 1e3},
+    {"Hz", "Frequency", nullptr, 1},
+    {"m", "Length", "mm", 1e3},
+    {"m/s", "Velocity", nullptr, 1},
+    {"m/s2", "Acceleration", nullptr, 1},
+    {"N", "Force", nullptr, 1},
+    {"kg", "Mass", nullptr, 1},
+    {"J", "Energy", nullptr, 1},
+    {"W", "Power", nullptr, 1},
+};
+
+const Quantity* quantity_of(const std::string& si) {
+  const auto* found =
+      std::find_if(std::begin(kQuantities), std::end(kQuantities), [&](const Quantity& q) { return si == q.si; });
+  return found == std::end(kQuantities) ? nullptr : found;
+}
+
+Unit describe_measure(const std::string& si) {
+  const si::Measure m = si::parse(si);
+  Unit unit;
+  unit.name = si;
+  UnitDefinition base;
+  base.name = si;
+  int* const exponents[] = {&base.kg, &base.m, &base.s, &base.A, &base.K, &base.mol, &base.cd, &base.rad};
+  for (std::size_t i = 0; i < m.exponents.size(); ++i) *exponents[i] = m.exponents[i];
+  base.factor = m.factor;
+  base.offset = m.offset;
+  unit.definition = base;
+  if (const Quantity* q = quantity_of(si); q != nullptr && q->display != nullptr) {
+    unit.display_units.push_back({q->display, q->factor, 0, false});
+  }
+  return unit;
+}
+
+Type type_of(Kind kind) {
+  switch (kind) {
+    case Kind::kReal:
+      return Type::kFloat64;
+    case Kind::kInteger:
+      return Type::kInt32;
+    case Kind::kBoolean:
+      return Type::kBoolean;
+    case Kind::kString:
+      return Type::kString;
+  }
+  return Type::kFloat64;
+}
+
+StartValues start_of(const cotwin::Variable& v, std::size_t first, std::size_t count) {
+  return std::visit(
+      [&](auto all) -> StartValues {
+        const auto part = all.subspan(first, count);
+        using Element = typename decltype(all)::value_type;
+        if constexpr (std::is_same_v<Element, std::int32_t>) {
+          return std::vector<std::int64_t>(part.begin(), part.end());
+        } else {
+          return std::vector<Element>(part.begin(), part.end());
+        }
+      },
+      v.storage);
+}
+
+/// `count` elements of `v` from `first` on as a variable of FMI.
+Variable make_variable(const cotwin::Variable& v, std::size_t first, std::size_t count) {
+  Variable out;
+  out.name = count == v.size() ? v.name : v.name + "[" + std::to_string(first + 1) + "]";
+  out.type = type_of(v.kind());
+  out.description = v.description;
+  out.variability = v.kind() == Kind::kReal && !v.discrete ? Variability::kContinuous : Variability::kDiscrete;
+  switch (v.role) {
+    case Role::kInput:
+      out.causality = Causality::kInput;
+      break;
+    case Role::kOutput:
+      out.causality = Causality::kOutput;
+      break;
+    case Role::kState:
+      out.causality = Causality::kLocal;
+      break;
+    case Role::kParameter:
+      out.causality = Causality::kParameter;
+      out.variability = Variability::kFixed;
+      break;
+    case Role::kTunable:
+      out.causality = Causality::kParameter;
+      out.variability = Variability::kTunable;
+      break;
+  }
+  switch (v.role) {
+    case Role::kInput:
+      break;  // its start value is what it is, and the attribute is not allowed in FMI 2
+    case Role::kOutput:
+      out.initial = Initial::kCalculated;
+      break;
+    case Role::kState:
+      out.initial = Initial::kApprox;
+      break;
+    case Role::kParameter:
+    case Role::kTunable:
+      out.initial = Initial::kExact;
+      break;
+  }
+  if (v.role != Role::kOutput) out.start = start_of(v, first, count);
+  if (v.kind() == Kind::kReal) {
+    out.numeric.unit = v.si;
+    if (const Quantity* q = quantity_of(v.si)) out.declared_type = q->name;
+  }
+  if (v.kind() == Kind::kReal || v.kind() == Kind::kInteger) {
+    if (std::isfinite(v.min)) out.numeric.min = v.min;
+    if (std::isfinite(v.max)) out.numeric.max = v.max;
+  }
+  return out;
+}
+
+/// Which inputs an output follows at once, as the blocks of the unit's Jacobian have it.
+void add_dependencies(ModelDescription& d, const cotwin::Unit& unit, const Variables& variables,
+                      const std::map<std::string, std::size_t, std::less<>>& first_of) {
+  const bool scalars = d.version == Version::k2;
+  for (const Partial& p : unit.partials()) {
+    const cotwin::Variable &unknown = variables.at(p.unknown), &known = variables.at(p.known);
+    if (known.role != Role::kInput) continue;
+    const std::size_t rows = scalars ? unknown.size() : 1, columns = scalars ? known.size() : 1;
+    const std::size_t row = first_of.find(unknown.name)->second, column = first_of.find(known.name)->second;
+    for (Unknown& output : d.structure.outputs) {
+      if (output.variable < row || output.variable >= row + rows) continue;
+      for (std::size_t j = 0; j < columns; ++j) {
+        if (!p.elementwise || columns == 1 || j == output.variable - row) output.dependencies->push_back(column + j);
+      }
+    }
+  }
+  for (Unknown& output : d.structure.outputs) std::sort(output.dependencies->begin(), output.dependencies->end());
+}
+
+}  // namespace
+
+ModelDescription describe(const UnitType& type, const cotwin::Unit& unit, const Variables& variables, Version version) {
+  const bool scalars = version == Version::k2;
+  ModelDescription d;
+  d.version = version;
+  d.model_name = type.name;
+  d.description = type.summary;
+  d.author = "Cotwin";
+  d.generation_tool = kGenerationTool;
+  d.license = "Apache-2.0, with parts under licenses of their own: see documentation/licenses";
+  d.structured_names = true;
+  d.default_experiment = DefaultExperiment{0.0, 1.0, std::nullopt, 1e-3};
+  for (const LogCategoryText& c : kLogCategoryTexts) d.log_categories.push_back({c.name, c.description});
+
+  Interface co;
+  co.model_identifier = type.name;
+  co.can_get_and_set_state = co.can_serialise_state = unit.restorable();
+  co.variable_step = true;
+  co.can_not_use_memory_functions = true;
+  co.provides_directional_derivatives = !unit.partials().empty();
+  co.provides_adjoint_derivatives = !scalars && co.provides_directional_derivatives;
+  const bool derivatives =
+      std::any_of(variables.begin(), variables.end(), [](const auto& v) { return !v.derivative_of.empty(); });
+  co.max_output_derivative_order = derivatives ? 1 : 0;
+  co.can_interpolate_inputs = std::any_of(variables.begin(), variables.end(), [](const auto& v) { return !v.rate.empty(); });
+  d.co_simulation = co;
+
+  Variable time;
+  time.name = "time";
+  time.description = "independent variable";
+  time.causality = Causality::kIndependent;
+  time.numeric.unit = "s";
+  time.declared_type = "Time";
+  d.variables.push_back(time);
+
+  std::vector<std::string> measures = {"s"};
+  std::map<std::string, std::size_t, std::less<>> first_of;  // index of a variable's first part
+  for (const cotwin::Variable& v : variables) {
+    if (v.kind() == Kind::kReal && !v.si.empty() && std::find(measures.begin(), measures.end(), v.si) == measures.end())
+      measures.push_back(v.si);
+    const std::size_t parts = scalars ? v.size() : 1;
+    first_of[v.name] = d.variables.size();
+    for (std::size_t part = 0; part < parts; ++part) {
+      Variable out = make_variable(v, part, v.size() / parts);
+      out.reference = static_cast<std::uint32_t>(d.variables.size());
+      const bool held = v.role == Role::kInput && v.kind() == Kind::kReal && v.rate.empty();
+      out.interpolated = !(scalars && co.can_interpolate_inputs && held);
+      if (!scalars && v.size() > 1) out.dimensions.push_back({v.size(), std::nullopt});
+      if (!v.derivative_of.empty()) out.derivative = first_of.at(v.derivative_of) + part;
+      if (v.role == Role::kOutput) {
+        // Outputs hold at the end of a step and do not change with what is set afterwards, unless the unit says otherwise
+        // (add_dependencies); those of the initialisation may.
+        d.structure.outputs.push_back({d.variables.size(), std::vector<std::size_t>{}, {}});
+        d.structure.initial_unknowns.push_back({d.variables.size(), std::nullopt, {}});
+      }
+      d.variables.push_back(std::move(out));
+    }
+  }
+  for (const cotwin::Variable& v : variables) {
+    if (scalars || v.rate.empty()) continue;
+    const cotwin::Variable rate = rate_variable(v);
+    if (std::find(measures.begin(), measures.end(), rate.si) == measures.end()) measures.push_back(rate.si);
+    Variable out = make_variable(rate, 0, rate.size());
+    out.reference = static_cast<std::uint32_t>(d.variables.size());
+    if (rate.size() > 1) out.dimensions.push_back({rate.size(), std::nullopt});
+    out.derivative = first_of.at(v.name);
+    d.variables.push_back(std::move(out));
+  }
+  add_dependencies(d, unit, variables, first_of);
+  std::sort(measures.begin(), measures.end());
+  for (const std::string& si : measures) {
+    d.units.push_back(describe_measure(si));
+    if (const Quantity* q = quantity_of(si)) {
+      TypeDefinition definition;
+      definition.name = q->name;
+      definition.numeric.quantity = q->name;
+      definition.numeric.unit = si;
+      if (q->display != nullptr) definition.numeric.display_unit = q->display;
+      d.types.push_back(std::move(definition));
+    }
+  }
+  return d;
+}
+
+}  // namespace cotwin::fmu

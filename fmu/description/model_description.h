@@ -1,0 +1,267 @@
+#pragma once
+#include <cstddef>
+#include <cstdint>
+#include <iosfwd>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <unordered_map>
+#include <variant>
+#include <vector>
+
+#include "models/support/parameter_set.h"
+
+/// What modelDescription.xml says, for FMI 2 and FMI 3 alike, as plain values. Whatever refers to a variable does so by its
+/// index in ModelDescription::variables, counted from 0, which FMI 2 writes as an index from 1 and FMI 3 as a value reference.
+namespace cotwin::fmu {
+
+enum class Version : std::uint8_t { k2 = 2, k3 = 3 };
+
+/// FMI 2's Real and Integer are kFloat64 and kInt32.
+enum class Type : std::uint8_t {
+  kFloat32,
+  kFloat64,
+  kInt8,
+  kUInt8,
+  kInt16,
+  kUInt16,
+  kInt32,
+  kUInt32,
+  kInt64,
+  kUInt64,
+  kBoolean,
+  kString,
+  kBinary,
+  kEnumeration,
+  kClock
+};
+enum class Causality : std::uint8_t {
+  kParameter,
+  kCalculatedParameter,
+  kInput,
+  kOutput,
+  kLocal,
+  kIndependent,
+  kStructuralParameter
+};
+enum class Variability : std::uint8_t { kConstant, kFixed, kTunable, kDiscrete, kContinuous };
+enum class Initial : std::uint8_t { kExact, kApprox, kCalculated };
+enum class DependencyKind : std::uint8_t { kDependent, kConstant, kFixed, kTunable, kDiscrete };
+enum class IntervalVariability : std::uint8_t { kConstant, kFixed, kTunable, kChanging, kCountdown, kTriggered };
+
+/// The words of the standard: "Float64" (FMI 3), "calculatedParameter", …
+std::string_view name_of(Type);
+std::string_view name_of(Causality);
+std::string_view name_of(Variability);
+std::string_view name_of(Initial);
+std::string_view name_of(DependencyKind);
+std::string_view name_of(IntervalVariability);
+
+/// The start values of a variable, one per element; monostate where there are none. Floats are doubles; signed integers,
+/// enumerations and unsigned integers below 64 bits are int64.
+using StartValues = std::variant<std::monostate, std::vector<double>, std::vector<std::int64_t>, std::vector<std::uint64_t>,
+                                 std::vector<bool>, std::vector<std::string>, std::vector<std::vector<std::uint8_t>>>;
+
+/// What a variable of numbers says of itself or of its declared type; limits of integers beyond 2^53 are rounded.
+struct Numeric {
+  std::string quantity, unit, display_unit;
+  bool relative_quantity = false;
+  bool unbounded = false;
+  std::optional<double> min, max, nominal;
+  friend bool operator==(const Numeric&, const Numeric&) = default;
+};
+
+struct Clock {
+  bool can_be_deactivated = false;
+  std::optional<std::uint32_t> priority;
+  IntervalVariability interval_variability = IntervalVariability::kTriggered;
+  std::optional<double> interval;  // s
+  double shift = 0;                // s
+  bool supports_fraction = false;
+  std::optional<std::uint64_t> resolution, interval_counter;
+  std::uint64_t shift_counter = 0;
+  friend bool operator==(const Clock&, const Clock&) = default;
+};
+
+/// The extent of one dimension of an array: a number, or the value of a structural parameter.
+struct Dimension {
+  std::optional<std::uint64_t> size;
+  std::optional<std::uint32_t> reference;  // value reference
+  friend bool operator==(const Dimension&, const Dimension&) = default;
+};
+
+/// Another name of the same variable (FMI 3; in FMI 2 an alias is a variable with the same value reference).
+struct Alias {
+  std::string name, description, display_unit;
+  friend bool operator==(const Alias&, const Alias&) = default;
+};
+
+struct Variable {
+  std::string name;
+  std::uint32_t reference = 0;  // value reference
+  Type type = Type::kFloat64;
+  std::string description;
+  Causality causality = Causality::kLocal;
+  Variability variability = Variability::kContinuous;
+  std::optional<Initial> initial;
+  std::optional<bool> can_handle_multiple_set;
+  std::vector<std::uint32_t> clocks;  // value references
+  std::vector<Dimension> dimensions;  // none: a scalar
+  bool intermediate_update = false;
+  std::optional<std::uint32_t> previous;  // value reference
+  std::string declared_type;
+  Numeric numeric;
+  StartValues start;
+  std::optional<std::size_t> derivative;  // index of the variable whose time derivative this is
+  bool reinit = false;
+  std::string mime_type;  // kBinary
+  std::optional<std::uint64_t> max_size;
+  Clock clock;  // kClock
+  std::vector<Alias> aliases;
+  /// FMI 2, of an input: false in an annotation of ours where canInterpolateInputs is not meant for this one.
+  bool interpolated = true;
+  friend bool operator==(const Variable&, const Variable&) = default;
+};
+
+struct EnumerationItem {
+  std::string name;
+  std::int64_t value = 0;
+  std::string description;
+  friend bool operator==(const EnumerationItem&, const EnumerationItem&) = default;
+};
+
+/// A type that variables refer to by `declared_type`.
+struct TypeDefinition {
+  std::string name;
+  Type type = Type::kFloat64;
+  std::string description;
+  Numeric numeric;
+  std::vector<EnumerationItem> items;  // kEnumeration
+  std::string mime_type;               // kBinary
+  std::optional<std::uint64_t> max_size;
+  Clock clock;  // kClock
+  friend bool operator==(const TypeDefinition&, const TypeDefinition&) = default;
+};
+
+struct DisplayUnit {
+  std::string name;
+  double factor = 1, offset = 0;
+  bool inverse = false;
+  friend bool operator==(const DisplayUnit&, const DisplayUnit&) = default;
+};
+
+/// A unit of measure; without a definition it has a name only.
+struct Unit {
+  std::string name;
+  std::optional<UnitDefinition> definition;
+  std::vector<DisplayUnit> display_units;
+};
+
+struct Unknown {
+  std::size_t variable = 0;
+  std::optional<std::vector<std::size_t>> dependencies;  // none: on everything that it may depend on
+  std::vector<DependencyKind> kinds;                     // empty, or one per dependency
+  friend bool operator==(const Unknown&, const Unknown&) = default;
+};
+
+struct ModelStructure {
+  std::vector<Unknown> outputs, derivatives, clocked_states, initial_unknowns, event_indicators;
+  friend bool operator==(const ModelStructure&, const ModelStructure&) = default;
+};
+
+/// What an FMU offers to be used by, and can do.
+struct Interface {
+  std::string model_identifier;  // name of the shared library without its ending
+  bool needs_execution_tool = false;
+  bool only_once_per_process = false;
+  bool can_get_and_set_state = false;
+  bool can_serialise_state = false;
+  bool provides_directional_derivatives = false;
+  bool provides_adjoint_derivatives = false;
+  bool provides_per_element_dependencies = false;
+  // Co-Simulation
+  bool variable_step = false;
+  std::optional<double> fixed_internal_step;  // s
+  unsigned max_output_derivative_order = 0;
+  int recommended_input_smoothness = 0;
+  bool provides_intermediate_update = false;
+  bool might_return_early = false;
+  bool can_return_early_after_intermediate_update = false;
+  bool has_event_mode = false;
+  bool provides_evaluate_discrete_states = false;
+  bool can_interpolate_inputs = false;  // FMI 2
+  bool can_run_asynchronously = false;  // FMI 2
+  // Model Exchange
+  bool needs_completed_integrator_step = true;
+  // FMI 2
+  bool can_not_use_memory_functions = false;
+  std::vector<std::string> source_files;
+  friend bool operator==(const Interface&, const Interface&) = default;
+};
+
+struct DefaultExperiment {
+  std::optional<double> start, stop, tolerance, step;
+  friend bool operator==(const DefaultExperiment&, const DefaultExperiment&) = default;
+};
+
+struct LogCategory {
+  std::string name, description;
+  friend bool operator==(const LogCategory&, const LogCategory&) = default;
+};
+
+struct ModelDescription {
+  Version version = Version::k3;
+  std::string fmi_version;  // as written, "2.0", "3.0", "3.0-beta.1"; empty: that of `version`
+  std::string model_name, token, description, author, model_version, copyright, license, generation_tool, generation_date;
+  bool structured_names = false;
+  unsigned event_indicators = 0;  // FMI 2
+  std::optional<Interface> model_exchange, co_simulation, scheduled_execution;
+  std::vector<Unit> units;
+  std::vector<TypeDefinition> types;
+  std::vector<LogCategory> log_categories;
+  std::optional<DefaultExperiment> default_experiment;
+  std::vector<Variable> variables;
+  ModelStructure structure;
+};
+
+/// The largest array and the largest FMU, in elements, that this importer takes.
+inline constexpr std::uint64_t kMaxElements = 10'000'000;
+
+/// The number of elements of a variable: the product of its dimensions, where structural parameters have their start values or
+/// what `chosen` says of them (by value reference). Throws Error past kMaxElements and for an extent that cannot be found.
+std::size_t elements(const ModelDescription& description, const Variable& variable,
+                     const std::map<std::uint32_t, std::uint64_t>& chosen = {});
+
+/// The variable of that value reference, the first of them in FMI 2 where several share it; nullptr if there is none.
+const Variable* find(const ModelDescription& description, std::uint32_t reference);
+
+/// Limits, unit and nominal value of a variable: its own, and where it does not say, those of its declared type.
+Numeric effective(const ModelDescription& description, const Variable& variable);
+
+/// The same questions for many variables of one description, which must not change meanwhile.
+class DescriptionIndex {
+ public:
+  explicit DescriptionIndex(const ModelDescription& description);
+
+  /// nullptr if there is none of that name.
+  const Variable* variable(std::string_view name) const;
+  const TypeDefinition* type(std::string_view name) const;
+  const Unit* unit(std::string_view name) const;
+  Numeric effective(const Variable& variable) const;
+  /// As the function of that name, with the start values of the structural parameters where `chosen` does not say.
+  std::size_t elements(const Variable& variable, const std::map<std::uint32_t, std::uint64_t>& chosen = {}) const;
+
+ private:
+  const ModelDescription& description_;
+  std::unordered_map<std::string_view, const TypeDefinition*> types_;
+  std::unordered_map<std::string_view, const Unit*> units_;
+  std::unordered_map<std::uint32_t, const Variable*> extents_;  // what can give the size of an array, by value reference
+  mutable std::unordered_map<std::string_view, const Variable*> variables_;  // made when first asked for
+};
+
+/// Writes modelDescription.xml for `description.version`. Throws Error for what that version cannot say (an array in FMI 2) and
+/// for text that XML cannot carry.
+void write(std::ostream& out, const ModelDescription& description);
+
+}  // namespace cotwin::fmu

@@ -1,0 +1,614 @@
+#include "fmu/export/export.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <limits>
+#include <sstream>
+#include <type_traits>
+
+#include "fmu/description/categories.h"
+#include "fmu/description/rate.h"
+#include "fmu/export/own_library.h"
+#include "models/support/bytes.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::fmu {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::uint64_t kStateMagic = 0x31415453544f4343u;  // the bytes "CCOTSTA1": the format of a saved state and its version
+constexpr double kNanoseconds = 1e9;                        // in a second
+constexpr double kLatest = 9e9;                             // s: what 64 bits of nanoseconds hold
+
+/// The folder resources/ of the unpacked archive that this library lies in, as <archive>/binaries/<platform>/<library>.
+fs::path own_resources() {
+  const fs::path library = own_library();
+  return library.empty() ? library : library.parent_path().parent_path().parent_path() / "resources";
+}
+
+/// The first of the candidates that holds a package.
+fs::path find_resources(const std::optional<fs::path>& given) {
+  std::error_code ignored;
+  const fs::path own = own_resources();
+  if (given && fs::is_regular_file(*given / kPackageFile, ignored)) return *given;
+  if (!own.empty() && fs::is_regular_file(own / kPackageFile, ignored)) return own;
+  throw Error((given ? "no " + (*given / kPackageFile).string() : "the host gave no folder of resources") +
+              ", and there is no " + (own / kPackageFile).string() + " beside the library");
+}
+
+std::string read(const fs::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::ostringstream content;
+  content << in.rdbuf();
+  if (!in) throw Error(path.string(), "cannot be read");
+  return content.str();
+}
+
+double seconds(std::int64_t ns) { return static_cast<double>(ns) / kNanoseconds; }
+
+std::int64_t nanoseconds(double s, const char* what) {
+  if (!(std::abs(s) < kLatest)) throw Error(std::string(what) + " = " + text::to_text(s) + " s, expected a time below 9e9 s");
+  return static_cast<std::int64_t>(std::llround(s * kNanoseconds));
+}
+
+/// The distance to the next double, s.
+double ulp(double s) { return std::nextafter(std::abs(s), std::numeric_limits<double>::infinity()) - std::abs(s); }
+
+template <class Element>
+constexpr const char* kind_name() {
+  if constexpr (std::is_same_v<Element, double>) return "real";
+  if constexpr (std::is_same_v<Element, std::int32_t>) return "integer";
+  if constexpr (std::is_same_v<Element, bool>) return "boolean";
+  return "string";
+}
+
+}  // namespace
+
+const char* name_of(State state) {
+  switch (state) {
+    case kInstantiated:
+      return "before Initialization Mode";
+    case kInitialising:
+      return "in Initialization Mode";
+    case kStepping:
+      return "while stepping";
+    case kStepDiscarded:
+      return "after a discarded step; restore a state or reset";
+    case kTerminated:
+      return "after Terminate";
+    case kFailed:
+      return "after a failure; restore a state or reset";
+  }
+  return "";
+}
+
+Exported::Exported(References references, const std::string& token, const std::optional<fs::path>& resources)
+    : references_(references), resources_(find_resources(resources)) {
+  const fs::path file = resources_ / kPackageFile;
+  package_ = deserialise_package(read(file), file.string());
+  if (package_.unit != exported_unit().name) {
+    throw Error(file.string(), "is of the unit " + package_.unit + ", expected " + exported_unit().name);
+  }
+  if (package_.token != token) {
+    throw Error("the instantiation token is '" + token + "', expected that of modelDescription.xml, '" + package_.token + "'");
+  }
+  build();
+}
+
+void Exported::build() {
+  Settings settings(package_.unit, package_.query, {}, {resources_});
+  settings.set_robot(package_.robot);
+  settings.set_cell(package_.cell);
+  drop();  // first: it may be, or hold, one of those that a process can have only once
+  unit_ = construct(exported_unit(), settings);
+  unit_->declare(variables_);
+  package_.start.write(variables_);
+  warnings_ = settings.warnings();
+
+  for (const Variable& variable : variables_) {
+    const bool computed = variable.role == Role::kOutput || variable.role == Role::kState;
+    if (computed && variable.kind() == Kind::kReal) computed_.push_back(variable.reals());
+    if (references_ == References::kVariables) {
+      slots_.push_back({&variable, 0, variable.size()});
+    } else {
+      for (std::size_t i = 0; i < variable.size(); ++i) slots_.push_back({&variable, i, 1});
+    }
+  }
+  if (references_ == References::kVariables) {
+    for (const Variable& variable : variables_) {
+      if (!variable.rate.empty()) rates_.push_back(rate_variable(variable));
+    }
+    for (const Variable& rate : rates_) slots_.push_back({&rate, 0, rate.size()});
+  }
+  find_partials();
+  memory_ = {};
+}
+
+/// The unit, and all that refers to it; time stays.
+void Exported::drop() {
+  blocks_.clear();
+  partials_.clear();
+  computed_.clear();
+  slots_.assign(1, {});
+  rates_.clear();
+  variables_ = {};
+  unit_.reset();
+}
+
+cotwin::Unit& Exported::unit() const {
+  if (unit_ == nullptr) throw Error("there is no unit, since the last reset failed; reset again or free the instance");
+  return *unit_;
+}
+
+void Exported::find_partials() {
+  std::size_t size = 0;
+  for (const Partial& p : unit_->partials()) {
+    const Variable &unknown = variables_.at(p.unknown), &known = variables_.at(p.known);
+    blocks_.push_back({&unknown, &known, p.elementwise, size});
+    size += p.elementwise ? unknown.size() : unknown.size() * known.size();
+  }
+  partials_.assign(size, 0.0);
+}
+
+template <class Call>
+void Exported::in_unit(Call call) {
+  try {
+    call();
+  } catch (...) {
+    memory_.state = kFailed;
+    throw;
+  }
+}
+
+void Exported::check_finite() const {
+  bool finite = true;  // without a branch, so that it costs little in every step
+  for (const std::span<const double> values : computed_) {
+    for (const double value : values) finite &= std::abs(value) <= std::numeric_limits<double>::max();
+  }
+  if (finite) return;
+  if (const std::string name = variables_.first_not_finite(); !name.empty()) {
+    throw Error(name + " is not a number any more at " + text::to_text(seconds(memory_.time_ns)) + " s");
+  }
+}
+
+// Life
+
+void Exported::setup(double start, std::optional<double> stop) {
+  const std::int64_t start_ns = nanoseconds(start, "startTime");
+  const std::int64_t stop_ns = stop ? nanoseconds(*stop, "stopTime") : 0;
+  if (stop && stop_ns < start_ns) {
+    throw Error("stopTime = " + text::to_text(*stop) + " s, expected at least startTime = " + text::to_text(start) + " s");
+  }
+  memory_.start_ns = memory_.time_ns = start_ns;
+  memory_.host_time = start;
+  memory_.has_stop = stop.has_value();
+  memory_.stop_ns = stop_ns;
+}
+
+void Exported::enter_initialisation() {
+  memory_.state = kInitialising;
+  memory_.initialised = false;
+}
+
+void Exported::initialise() {
+  if (memory_.initialised) return;
+  variables_.check_ranges();
+  in_unit([&] {
+    unit_->initialise(Time{memory_.start_ns});
+    check_finite();
+  });
+  memory_.initialised = true;
+  ++initialisation_;
+}
+
+void Exported::exit_initialisation() {
+  initialise();
+  memory_.state = kStepping;
+}
+
+void Exported::terminate() {
+  memory_.state = kTerminated;
+  if (unit_ == nullptr) return;
+  std::vector<std::string> notes;
+  unit_->tell(notes);
+  for (const std::string& note : notes) report(Status::kWarning, note);
+}
+
+Status Exported::step(double now, double h) {
+  if (!(h > 0) || !(std::abs(now) + h < kLatest)) {
+    throw Error("a step of " + text::to_text(h) + " s at " + text::to_text(now) + " s, expected one that goes forward");
+  }
+  if (memory_.finished) throw Error("the unit has ended the run at " + text::to_text(memory_.host_time) + " s");
+  // A host that adds up its steps is off by half an ulp of its time for each; one that asks for thirds of a second is off by
+  // our rounding.
+  const double end = now + h;
+  const double slack_ns = 1 + static_cast<double>(memory_.steps + 1) * ulp(end) * kNanoseconds;
+  if (std::abs(now * kNanoseconds - static_cast<double>(memory_.time_ns)) > slack_ns) {
+    throw Error("currentCommunicationPoint = " + text::to_text(now) + " s, expected " + text::to_text(memory_.host_time) +
+                " s, where the last step ended");
+  }
+  // A step meant as whole nanoseconds is taken as such, whatever rounding did to it, so that time is an exact multiple of it.
+  // Others end at the nanosecond next to the host's time, so that their rounding does not add up.
+  const double h_ns = h * kNanoseconds;
+  const double whole_ns = std::round(h_ns);
+  const bool whole = std::abs(h_ns - whole_ns) <= std::min(0.25, 2 * ulp(end) * kNanoseconds + 1e-15 * h_ns);
+  const std::int64_t end_ns = whole ? memory_.time_ns + static_cast<std::int64_t>(whole_ns) : std::llround(end * kNanoseconds);
+  if (memory_.has_stop && static_cast<double>(end_ns - memory_.stop_ns) > slack_ns) {
+    throw Error("a step to " + text::to_text(end) +
+                " s, expected none beyond stopTime = " + text::to_text(seconds(memory_.stop_ns)) + " s");
+  }
+  StepResult result = StepResult::kDone;
+  if (end_ns > memory_.time_ns) {  // else the host's last step is a mere rounding error, in which nothing happens
+    in_unit([&] { result = unit_->step(Time{memory_.time_ns}, Duration{end_ns - memory_.time_ns}); });
+  }
+  if (result == StepResult::kDiscard) {
+    memory_.state = kStepDiscarded;
+    return Status::kDiscard;
+  }
+  memory_.time_ns = std::max(end_ns, memory_.time_ns);
+  memory_.host_time = end;
+  ++memory_.steps;
+  memory_.finished = result == StepResult::kFinished;
+  in_unit([&] { check_finite(); });
+  return Status::kOk;
+}
+
+void Exported::reset() {
+  in_unit([&] { build(); });
+}
+
+// Values
+
+const Exported::Slot& Exported::slot(unsigned reference) const {
+  if (reference < slots_.size()) return slots_[reference];
+  throw Error("no variable has the value reference " + std::to_string(reference) + ", expected 0 to " +
+              std::to_string(slots_.size() - 1));
+}
+
+std::string Exported::name_of(const Slot& slot) const {
+  if (slot.variable == nullptr) return "time";
+  if (slot.count == slot.variable->size()) return slot.variable->name;
+  return slot.variable->name + "[" + std::to_string(slot.first + 1) + "]";
+}
+
+template <class Element>
+std::span<Element> Exported::elements(unsigned reference, const Slot& slot) const {
+  if (slot.variable != nullptr) {
+    if (const auto* all = std::get_if<std::span<Element>>(&slot.variable->storage)) return all->subspan(slot.first, slot.count);
+  }
+  throw Error("value reference " + std::to_string(reference) + " is the " +
+              std::string(slot.variable != nullptr ? cotwin::name_of(slot.variable->kind()) : "real") + " variable " +
+              name_of(slot) + ", expected a " + kind_name<Element>() + " one");
+}
+
+template <class Element, class Host>
+void Exported::get(std::span<const unsigned> references, std::span<Host> values) {
+  std::size_t n = 0;
+  const auto room_for = [&](std::size_t more) {
+    if (more > values.size() - n) {
+      throw Error("room for " + std::to_string(values.size()) + " values, expected more for as many variables");
+    }
+  };
+  for (const unsigned reference : references) {
+    const Slot& s = slot(reference);
+    if constexpr (std::is_same_v<Element, double>) {
+      if (s.variable == nullptr) {
+        room_for(1);
+        values[n++] = memory_.host_time;
+        continue;
+      }
+    }
+    const std::span<Element> from = elements<Element>(reference, s);
+    const bool computed = s.variable->role == Role::kOutput || s.variable->role == Role::kState;
+    if (computed && memory_.state == kInitialising) initialise();
+    room_for(from.size());
+    for (const Element& value : from) {
+      if constexpr (std::is_same_v<Element, std::string>) {
+        values[n++] = value.c_str();
+      } else {
+        values[n++] = static_cast<Host>(value);
+      }
+    }
+  }
+  if (n != values.size()) {
+    throw Error("room for " + std::to_string(values.size()) + " values, expected " + std::to_string(n) +
+                " for these variables");
+  }
+}
+
+void Exported::check_writable(const Slot& slot) const {
+  const bool before = (memory_.state & (kInstantiated | kInitialising)) != 0;
+  if (slot.variable != nullptr) {
+    switch (slot.variable->role) {
+      case Role::kInput:
+      case Role::kTunable:
+        return;
+      case Role::kParameter:
+        if (before) return;
+        throw Error(name_of(slot), "is a fixed parameter, expected to be set before the end of Initialization Mode");
+      case Role::kState:
+        if (before) return;
+        throw Error(name_of(slot), "is a state, of which only the start value can be set");
+      case Role::kOutput:
+        break;
+    }
+  }
+  throw Error(name_of(slot), "cannot be set");
+}
+
+template <class Element, class Host>
+void Exported::set(std::span<const unsigned> references, std::span<const Host> values) {
+  std::size_t n = 0;
+  for (const unsigned reference : references) {  // nothing is written before everything is known to be right
+    const Slot& s = slot(reference);
+    if (s.variable == nullptr) check_writable(s);
+    const std::span<Element> to = elements<Element>(reference, s);
+    check_writable(s);
+    if (to.size() > values.size() - n) {
+      throw Error(std::to_string(values.size()) + " values, expected more for as many variables");
+    }
+    const Variable& variable = *s.variable;
+    for (std::size_t i = 0; i < to.size(); ++i, ++n) {
+      if constexpr (std::is_same_v<Element, std::string>) {
+        if (values[n] == nullptr) throw Error(name_of(s), "a NULL string");
+      } else if constexpr (!std::is_same_v<Element, bool>) {
+        const auto value = static_cast<double>(values[n]);
+        const bool knob = variable.role == Role::kParameter || variable.role == Role::kTunable;
+        if (knob && !(value >= variable.min && value <= variable.max)) {
+          throw Error(name_of({&variable, s.first + i, 1}) + " = " + text::to_text(value) +
+                      (variable.si.empty() ? "" : " " + variable.si) + ", expected " + allowed_values(variable));
+        }
+      }
+    }
+  }
+  if (n != values.size()) {
+    throw Error(std::to_string(values.size()) + " values, expected " + std::to_string(n) + " for these variables");
+  }
+  n = 0;
+  for (const unsigned reference : references) {
+    for (Element& to : elements<Element>(reference, slots_[reference])) {
+      if constexpr (std::is_same_v<Element, bool>) {
+        to = values[n++] != 0;
+      } else {
+        to = values[n++];
+      }
+    }
+  }
+  if (!references.empty() && memory_.state == kInitialising) memory_.initialised = false;
+}
+
+template void Exported::get<double, double>(std::span<const unsigned>, std::span<double>);
+template void Exported::get<std::int32_t, std::int32_t>(std::span<const unsigned>, std::span<std::int32_t>);
+template void Exported::get<bool, int>(std::span<const unsigned>, std::span<int>);
+template void Exported::get<bool, bool>(std::span<const unsigned>, std::span<bool>);
+template void Exported::get<std::string, const char*>(std::span<const unsigned>, std::span<const char*>);
+template void Exported::set<double, double>(std::span<const unsigned>, std::span<const double>);
+template void Exported::set<std::int32_t, std::int32_t>(std::span<const unsigned>, std::span<const std::int32_t>);
+template void Exported::set<bool, int>(std::span<const unsigned>, std::span<const int>);
+template void Exported::set<bool, bool>(std::span<const unsigned>, std::span<const bool>);
+template void Exported::set<std::string, const char*>(std::span<const unsigned>, std::span<const char* const>);
+
+Status Exported::set_rates(std::span<const unsigned> references, std::span<const int> orders, std::span<const double> values) {
+  for (std::size_t i = 0; i < references.size(); ++i) {
+    const Slot& s = slot(references[i]);
+    const bool input = s.variable != nullptr && s.variable->role == Role::kInput && s.variable->kind() == Kind::kReal;
+    if (!input) throw Error(name_of(s), "expected a real input");
+    if (orders[i] < 1) throw Error(name_of(s), "derivative of order " + std::to_string(orders[i]) + ", expected 1");
+  }
+  std::string held;
+  for (std::size_t i = 0; i < references.size(); ++i) {
+    const Slot& s = slots_[references[i]];
+    if (orders[i] == 1 && !s.variable->rate.empty()) {
+      s.variable->rate[s.first] = values[i];
+    } else if (held.empty() && values[i] != 0) {
+      held = orders[i] == 1
+                 ? name_of(s) + " is held over a step: its derivative is left out"
+                 : name_of(s) + " is followed linearly: its derivative of order " + std::to_string(orders[i]) + " is left out";
+    }
+  }
+  if (held.empty()) return Status::kOk;
+  if (!told_of_held_inputs_) report(Status::kWarning, held);
+  told_of_held_inputs_ = true;
+  return Status::kWarning;
+}
+
+void Exported::output_derivatives(std::span<const unsigned> references, std::span<const int> orders, std::span<double> values) {
+  std::size_t n = 0;
+  for (std::size_t i = 0; i < references.size(); ++i) {
+    const Slot& s = slot(references[i]);
+    if (orders[i] != 1) throw Error(name_of(s), "derivative of order " + std::to_string(orders[i]) + ", expected the first");
+    const auto derivative = std::find_if(variables_.begin(), variables_.end(), [&](const Variable& v) {
+      return s.variable != nullptr && v.derivative_of == s.variable->name;
+    });
+    if (derivative == variables_.end()) throw Error(name_of(s), "no derivative of it is known");
+    if (s.count > values.size() - n) throw Error("room for " + std::to_string(values.size()) + " values, expected more");
+    for (const double value : derivative->reals().subspan(s.first, s.count)) values[n++] = value;
+  }
+  if (n != values.size()) throw Error("room for " + std::to_string(values.size()) + " values, expected " + std::to_string(n));
+}
+
+/// The number of their elements together.
+std::size_t Exported::check_reals(std::span<const unsigned> references) const {
+  std::size_t n = 0;
+  for (const unsigned reference : references) n += elements<double>(reference, slot(reference)).size();
+  return n;
+}
+
+void Exported::directional(std::span<const unsigned> unknowns, std::span<const unsigned> knowns, std::span<const double> seed,
+                           std::span<double> sensitivity, bool adjoint) {
+  const std::size_t rows = check_reals(unknowns), columns = check_reals(knowns);
+  const std::size_t in = adjoint ? rows : columns, out = adjoint ? columns : rows;
+  if (seed.size() != in || sensitivity.size() != out) {
+    throw Error("a seed of " + std::to_string(seed.size()) + " and a sensitivity of " + std::to_string(sensitivity.size()) +
+                " values, expected " + std::to_string(in) + " and " + std::to_string(out));
+  }
+  for (const unsigned reference : unknowns) {
+    const Slot& s = slots_[reference];
+    if (s.variable->role != Role::kOutput) throw Error(name_of(s), "is no output, expected one as an unknown");
+  }
+  for (const unsigned reference : knowns) {
+    const Slot& s = slots_[reference];
+    const bool of_a_block = std::any_of(blocks_.begin(), blocks_.end(), [&](const Block& b) { return b.known == s.variable; });
+    if (s.variable->role != Role::kInput && !of_a_block) throw Error(name_of(s), "is neither input nor state, expected one");
+  }
+  if (memory_.state == kInitialising) initialise();
+  in_unit([&] { unit().evaluate_partials(partials_); });
+  std::fill(sensitivity.begin(), sensitivity.end(), 0.0);
+  std::size_t row = 0;
+  for (const unsigned u : unknowns) {
+    const Slot& unknown = slots_[u];
+    std::size_t column = 0;
+    for (const unsigned k : knowns) {
+      const Slot& known = slots_[k];
+      for (const Block& b : blocks_) {
+        if (b.unknown != unknown.variable || b.known != known.variable) continue;
+        for (std::size_t i = 0; i < unknown.count; ++i) {
+          for (std::size_t j = 0; j < known.count; ++j) {
+            const std::size_t at_i = unknown.first + i, at_j = known.first + j;
+            if (b.elementwise && at_i != at_j) continue;
+            const double slope = partials_[b.first + (b.elementwise ? at_i : at_i * known.variable->size() + at_j)];
+            if (adjoint) {
+              sensitivity[column + j] += slope * seed[row + i];
+            } else {
+              sensitivity[row + i] += slope * seed[column + j];
+            }
+          }
+        }
+      }
+      column += known.count;
+    }
+    row += unknown.count;
+  }
+}
+
+// Saved states
+
+const Exported::Saved& Exported::find(const void* saved) const {
+  const auto found = saved_.find(saved);
+  if (found == saved_.end()) throw Error("this is no state that the instance has given");
+  return *found->second;
+}
+
+void* Exported::save(void* reuse) {
+  if (!unit().restorable()) throw Error("the unit reaches outside: its state cannot be taken back");
+  const auto found = saved_.find(reuse);
+  std::unique_ptr<Saved> fresh = found == saved_.end() ? std::make_unique<Saved>() : nullptr;
+  Saved& saved = fresh ? *fresh : *found->second;
+  saved.snapshot.take(variables_, *unit_);
+  saved.memory = memory_;
+  saved.initialisation = memory_.initialised ? initialisation_ : 0;
+  if (fresh) saved_.emplace(&saved, std::move(fresh));
+  return &saved;
+}
+
+void Exported::restore(const void* handle) {
+  const Saved& saved = find(handle);
+  static_cast<void>(unit());  // there must be one
+  in_unit([&] {
+    const bool same = saved.initialisation == initialisation_ && memory_.initialised && memory_.state != kFailed;
+    if (saved.memory.initialised && same) {
+      saved.snapshot.restore(variables_, *unit_);
+    } else {
+      saved.snapshot.write(variables_);
+      if (saved.memory.initialised) {  // fixed parameters and buffers first, then the states
+        unit_->initialise(Time{saved.memory.start_ns});
+        ++initialisation_;
+        saved.snapshot.restore(variables_, *unit_);
+      }
+    }
+  });
+  memory_ = saved.memory;
+}
+
+void Exported::free(void** saved) {
+  if (saved == nullptr || saved_.erase(saved) != 0) return;  // fmusim 0.0.39 gives the state itself instead of its address
+  if (*saved == nullptr) return;
+  if (saved_.erase(*saved) == 0) throw Error("this is no state that the instance has given");
+  *saved = nullptr;
+}
+
+std::string Exported::serialise(const void* handle) const {
+  const Saved& saved = find(handle);
+  const Memory& m = saved.memory;
+  ByteWriter body;
+  body.value(hash_of(package_.token));
+  body.value(static_cast<std::uint32_t>(m.state));
+  body.value(static_cast<std::uint8_t>(m.initialised));
+  body.value(m.start_ns);
+  body.value(m.time_ns);
+  body.value(static_cast<std::uint8_t>(m.has_stop));
+  body.value(m.stop_ns);
+  body.value(m.steps);
+  body.value(m.host_time);
+  body.value(static_cast<std::uint8_t>(m.finished));
+  const std::vector<std::byte> snapshot = saved.snapshot.serialise();
+  body.text({reinterpret_cast<const char*>(snapshot.data()), snapshot.size()});
+  ByteWriter out;
+  out.value(kStateMagic);
+  out.value(hash_of(body.bytes()));
+  return out.bytes() + body.bytes();
+}
+
+void* Exported::deserialise(std::span<const std::byte> bytes) {
+  ByteReader in(bytes, "serialised state");
+  if (in.value<std::uint64_t>() != kStateMagic) in.fail("is not of this kind and version");
+  const auto hash = in.value<std::uint64_t>();
+  const std::span<const std::byte> body = in.rest();
+  if (hash != hash_of({reinterpret_cast<const char*>(body.data()), body.size()})) in.fail("is damaged");
+  if (in.value<std::uint64_t>() != hash_of(package_.token)) in.fail("is of another FMU");
+  auto saved = std::make_unique<Saved>();
+  Memory& m = saved->memory;
+  m.state = static_cast<State>(in.value<std::uint32_t>());
+  m.initialised = in.value<std::uint8_t>() != 0;
+  m.start_ns = in.value<std::int64_t>();
+  m.time_ns = in.value<std::int64_t>();
+  m.has_stop = in.value<std::uint8_t>() != 0;
+  m.stop_ns = in.value<std::int64_t>();
+  m.steps = in.value<std::uint64_t>();
+  m.host_time = in.value<double>();
+  m.finished = in.value<std::uint8_t>() != 0;
+  const bool known = m.state == kInstantiated || m.state == kInitialising || m.state == kStepping ||
+                     m.state == kStepDiscarded || m.state == kTerminated || m.state == kFailed;
+  constexpr auto kLatestNs = static_cast<std::int64_t>(kLatest * kNanoseconds);
+  const auto is_time = [](std::int64_t ns) { return ns >= -kLatestNs && ns <= kLatestNs; };
+  if (!known || !is_time(m.start_ns) || !is_time(m.time_ns) || !is_time(m.stop_ns) || !(std::abs(m.host_time) <= kLatest)) {
+    in.fail("has a state or a time that there is not");
+  }
+  if ((m.state == kStepping || m.state == kStepDiscarded) && !m.initialised) in.fail("steps without being initialised");
+  const std::string snapshot = in.text();
+  in.expect_end();
+  saved->snapshot = Snapshot::deserialise(as_bytes(snapshot));
+  Saved* handle = saved.get();
+  saved_.emplace(handle, std::move(saved));
+  return handle;
+}
+
+// Logging
+
+void Exported::report(Status status, const std::string& message) const {
+  const auto category = static_cast<unsigned>(status) - static_cast<unsigned>(Status::kWarning);
+  if (logging && log && (logged_categories & (1u << category)) != 0) log(status, kLogCategoryTexts[category].name, message);
+}
+
+void Exported::choose_categories(bool on, std::span<const char* const> categories) {
+  unsigned chosen = categories.empty() ? ~0u : 0u;
+  for (const char* category : categories) {
+    const auto* known = std::find_if(std::begin(kLogCategoryTexts), std::end(kLogCategoryTexts), [&](const LogCategoryText& c) {
+      return category != nullptr && std::strcmp(c.name, category) == 0;
+    });
+    if (known == std::end(kLogCategoryTexts)) {
+      throw Error("no log category '" + std::string(category != nullptr ? category : "") +
+                  "', expected logStatusWarning, logStatusDiscard or logStatusError");
+    }
+    chosen |= 1u << (known - std::begin(kLogCategoryTexts));
+  }
+  logging = on;
+  logged_categories = chosen;
+}
+
+}  // namespace cotwin::fmu

@@ -1,0 +1,267 @@
+#include "fmu/export/package.h"
+
+#include "models/support/bytes.h"
+
+namespace cotwin::fmu {
+
+namespace {
+
+constexpr std::uint64_t kMagic = 0x32554d4657544f43u;  // the bytes "COTWFMU2": the format and its version
+
+template <class Matrix>
+void put(ByteWriter& out, const Matrix& m) {
+  for (Eigen::Index i = 0; i < m.size(); ++i) out.value(m.data()[i]);
+}
+template <class Matrix>
+void get(ByteReader& in, Matrix& m) {
+  for (Eigen::Index i = 0; i < m.size(); ++i) m.data()[i] = in.value<double>();
+}
+
+void put(ByteWriter& out, const Pose& X) {
+  put(out, X.R);
+  put(out, X.p);
+}
+void get(ByteReader& in, Pose& X) {
+  get(in, X.R);
+  get(in, X.p);
+}
+
+void put(ByteWriter& out, const robot::Body& body) {
+  out.text(body.name);
+  out.value(body.inertia.mass);
+  put(out, body.inertia.p_LC);
+  put(out, body.inertia.I_CC);
+}
+void get(ByteReader& in, robot::Body& body) {
+  body.name = in.text();
+  body.inertia.mass = in.value<double>();
+  get(in, body.inertia.p_LC);
+  get(in, body.inertia.I_CC);
+}
+
+void put(ByteWriter& out, const robot::Joint& joint) {
+  out.text(joint.name);
+  out.value(static_cast<std::int32_t>(joint.type));
+  out.value(static_cast<std::int32_t>(joint.parent));
+  put(out, joint.X_PJ);
+  put(out, joint.axis);
+  for (const double limit : {joint.q_min, joint.q_max, joint.dq_max, joint.tau_max, joint.damping, joint.friction})
+    out.value(limit);
+}
+void get(ByteReader& in, robot::Joint& joint) {
+  joint.name = in.text();
+  joint.type = static_cast<robot::JointType>(in.value<std::int32_t>());
+  if (joint.type != robot::JointType::kRevolute && joint.type != robot::JointType::kPrismatic) in.fail("has an unknown joint");
+  joint.parent = in.value<std::int32_t>();
+  get(in, joint.X_PJ);
+  get(in, joint.axis);
+  for (double* limit : {&joint.q_min, &joint.q_max, &joint.dq_max, &joint.tau_max, &joint.damping, &joint.friction}) {
+    *limit = in.value<double>();
+  }
+}
+
+void put(ByteWriter& out, const robot::RobotModel& robot) {
+  out.text(robot.name);
+  out.value(static_cast<std::uint64_t>(robot.joints.size()));
+  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
+    put(out, robot.joints[i]);
+    put(out, robot.bodies[i]);
+  }
+  put(out, robot.base);
+  out.value(static_cast<std::uint64_t>(robot.frames.size()));
+  for (const robot::Frame& frame : robot.frames) {
+    out.text(frame.name);
+    out.value(static_cast<std::int32_t>(frame.body));
+    put(out, frame.X_BF);
+  }
+  put(out, robot.gravity);
+}
+void get(ByteReader& in, robot::RobotModel& robot) {
+  robot.name = in.text();
+  robot.joints.resize(in.count(100));
+  robot.bodies.resize(robot.joints.size());
+  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
+    get(in, robot.joints[i]);
+    get(in, robot.bodies[i]);
+    const int parent = robot.joints[i].parent;
+    if (parent < -1 || parent >= static_cast<int>(i)) in.fail("has a joint before its parent");
+  }
+  get(in, robot.base);
+  robot.frames.resize(in.count(100));
+  for (robot::Frame& frame : robot.frames) {
+    frame.name = in.text();
+    frame.body = in.value<std::int32_t>();
+    if (frame.body < -1 || frame.body >= robot.n()) in.fail("has a frame on no body");
+    get(in, frame.X_BF);
+  }
+  get(in, robot.gravity);
+}
+
+/// A value of an enumeration that goes from 0 to `last`.
+template <class Enum>
+Enum choice(ByteReader& in, int last) {
+  const auto value = in.value<std::int32_t>();
+  if (value < 0 || value > last) in.fail("has a kind of thing that there is none of");
+  return static_cast<Enum>(value);
+}
+
+void put(ByteWriter& out, const scene::Shape& shape) {
+  out.text(shape.name);
+  out.value(static_cast<std::int32_t>(shape.type));
+  put(out, shape.size);
+  out.value(static_cast<std::uint64_t>(shape.vertices.size()));
+  for (const Eigen::Vector3d& vertex : shape.vertices) put(out, vertex);
+  put(out, shape.X_BS);
+  const scene::Material& m = shape.material;
+  for (const double value : {m.mu, m.restitution, m.stiffness, m.damping}) out.value(value);
+}
+void get(ByteReader& in, scene::Shape& shape) {
+  shape.name = in.text();
+  shape.type = choice<scene::ShapeType>(in, static_cast<int>(scene::ShapeType::kPlane));
+  get(in, shape.size);
+  shape.vertices.resize(in.count(sizeof(Eigen::Vector3d)));
+  for (Eigen::Vector3d& vertex : shape.vertices) get(in, vertex);
+  get(in, shape.X_BS);
+  scene::Material& m = shape.material;
+  for (double* value : {&m.mu, &m.restitution, &m.stiffness, &m.damping}) *value = in.value<double>();
+}
+
+void put(ByteWriter& out, const std::vector<scene::Shape>& shapes) {
+  out.value(static_cast<std::uint64_t>(shapes.size()));
+  for (const scene::Shape& shape : shapes) put(out, shape);
+}
+void get(ByteReader& in, std::vector<scene::Shape>& shapes) {
+  shapes.resize(in.count(100));
+  for (scene::Shape& shape : shapes) get(in, shape);
+}
+
+void put(ByteWriter& out, const scene::Body& body) {
+  out.text(body.name);
+  out.value(static_cast<std::int32_t>(body.motion));
+  put(out, body.X_WB);
+  put(out, body.V_WB);
+  out.value(body.inertia.mass);
+  put(out, body.inertia.p_LC);
+  put(out, body.inertia.I_CC);
+  put(out, body.shapes);
+}
+void get(ByteReader& in, scene::Body& body) {
+  body.name = in.text();
+  body.motion = choice<scene::Motion>(in, static_cast<int>(scene::Motion::kDynamic));
+  get(in, body.X_WB);
+  get(in, body.V_WB);
+  body.inertia.mass = in.value<double>();
+  get(in, body.inertia.p_LC);
+  get(in, body.inertia.I_CC);
+  get(in, body.shapes);
+}
+
+void put(ByteWriter& out, const scene::Joint& joint) {
+  out.text(joint.name);
+  for (const int value : {static_cast<int>(joint.type), joint.parent, joint.child}) out.value(static_cast<std::int32_t>(value));
+  put(out, joint.X_PJ);
+  put(out, joint.X_CJ);
+  put(out, joint.axis);
+  for (const double value : {joint.q, joint.q_min, joint.q_max, joint.friction, joint.damping}) out.value(value);
+}
+void get(ByteReader& in, scene::Joint& joint) {
+  joint.name = in.text();
+  joint.type = choice<scene::JointType>(in, static_cast<int>(scene::JointType::kFixed));
+  joint.parent = in.value<std::int32_t>();
+  joint.child = in.value<std::int32_t>();
+  get(in, joint.X_PJ);
+  get(in, joint.X_CJ);
+  get(in, joint.axis);
+  for (double* value : {&joint.q, &joint.q_min, &joint.q_max, &joint.friction, &joint.damping}) *value = in.value<double>();
+}
+
+void put(ByteWriter& out, const scene::Cell& cell) {
+  const scene::Scene& scene = cell.scene;
+  out.text(scene.name);
+  put(out, scene.gravity);
+  out.value(static_cast<std::uint64_t>(scene.bodies.size()));
+  for (const scene::Body& body : scene.bodies) put(out, body);
+  out.value(static_cast<std::uint64_t>(scene.joints.size()));
+  for (const scene::Joint& joint : scene.joints) put(out, joint);
+  out.value(static_cast<std::uint64_t>(scene.no_contact.size()));
+  for (const auto& [a, b] : scene.no_contact) {
+    out.value(static_cast<std::int32_t>(a));
+    out.value(static_cast<std::int32_t>(b));
+  }
+  out.value(static_cast<std::uint64_t>(cell.robots.size()));
+  for (const scene::PlacedRobot& robot : cell.robots) {
+    out.text(robot.name);
+    put(out, robot.model);
+    out.value(static_cast<std::uint64_t>(robot.shapes.size()));
+    for (const std::vector<scene::Shape>& shapes : robot.shapes) put(out, shapes);
+  }
+}
+void get(ByteReader& in, scene::Cell& cell) {
+  scene::Scene& scene = cell.scene;
+  scene.name = in.text();
+  get(in, scene.gravity);
+  scene.bodies.resize(in.count(100));
+  for (scene::Body& body : scene.bodies) get(in, body);
+  scene.joints.resize(in.count(100));
+  for (scene::Joint& joint : scene.joints) get(in, joint);
+  scene.no_contact.resize(in.count(8));
+  for (auto& [a, b] : scene.no_contact) {
+    a = in.value<std::int32_t>();
+    b = in.value<std::int32_t>();
+  }
+  cell.robots.resize(in.count(100));
+  for (scene::PlacedRobot& robot : cell.robots) {
+    robot.name = in.text();
+    get(in, robot.model);
+    robot.shapes.resize(in.count(8));
+    if (robot.shapes.size() > robot.model.joints.size() + 1) in.fail("has shapes of bodies that there are none of");
+    for (std::vector<scene::Shape>& shapes : robot.shapes) get(in, shapes);
+  }
+  scene::check(scene);
+}
+
+}  // namespace
+
+std::string serialise(const Package& package) {
+  ByteWriter out;
+  out.text(package.token);
+  out.text(package.unit);
+  out.text(package.query);
+  out.value(static_cast<std::uint8_t>(package.robot != nullptr));
+  if (package.robot != nullptr) put(out, *package.robot);
+  out.value(static_cast<std::uint8_t>(package.cell != nullptr));
+  if (package.cell != nullptr) put(out, *package.cell);
+  const std::vector<std::byte> start = package.start.serialise();
+  out.text({reinterpret_cast<const char*>(start.data()), start.size()});
+
+  ByteWriter head;
+  head.value(kMagic);
+  head.value(hash_of(out.bytes()));
+  return head.bytes() + out.bytes();
+}
+
+Package deserialise_package(std::string_view bytes, const std::string& place) {
+  ByteReader in(as_bytes(bytes), place);
+  if (bytes.size() < sizeof kMagic || in.value<std::uint64_t>() != kMagic)
+    in.fail("is not what a unit of this version is built from");
+  if (in.value<std::uint64_t>() != hash_of(bytes.substr(2 * sizeof(std::uint64_t)))) in.fail("is damaged");
+  Package package;
+  package.token = in.text();
+  package.unit = in.text();
+  package.query = in.text();
+  if (in.value<std::uint8_t>() != 0) {
+    auto robot = std::make_shared<robot::RobotModel>();
+    get(in, *robot);
+    package.robot = std::move(robot);
+  }
+  if (in.value<std::uint8_t>() != 0) {
+    auto cell = std::make_shared<scene::Cell>();
+    get(in, *cell);
+    package.cell = std::move(cell);
+  }
+  package.start = Snapshot::deserialise(as_bytes(in.text()));
+  in.expect_end();
+  return package;
+}
+
+}  // namespace cotwin::fmu

@@ -1,0 +1,19 @@
+// The robot and the cell of an exported unit, in place of components/unit/robot_from_urdf.cpp and cell_from_files.cpp.
+#include "components/unit/settings.h"
+#include "models/robot/robot_model.h"
+#include "models/scene/cell.h"
+#include "models/support/error.h"
+
+namespace cotwin {
+
+robot::RobotModel Settings::robot(Masses) {
+  if (robot_ == nullptr) throw Error("unit:" + unit_, "needs a robot, but none was packed with it");
+  return *robot_;
+}
+
+scene::Cell Settings::cell() {
+  if (cell_ == nullptr) throw Error("unit:" + unit_, "needs a scene, but none was packed with it");
+  return *cell_;
+}
+
+}  // namespace cotwin

@@ -1,0 +1,114 @@
+#include "fmu/import/library.h"
+
+#include <dlfcn.h>
+#include <link.h>
+#include <sys/utsname.h>
+
+#include <algorithm>
+#include <cstring>
+#include <fstream>
+
+#include "models/support/error.h"
+
+namespace cotwin::fmu {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+#if defined(__x86_64__)
+constexpr unsigned kOwnMachine = EM_X86_64;
+#elif defined(__aarch64__)
+constexpr unsigned kOwnMachine = EM_AARCH64;
+#else
+constexpr unsigned kOwnMachine = EM_NONE;
+#endif
+
+/// The loader maps what the file says that it has, and where the file has been cut short, touching that ends the program; of
+/// a library for another machine it says that there is no such file.
+void check_loadable(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  ElfW(Ehdr) header{};
+  in.read(reinterpret_cast<char*>(&header), sizeof header);
+  constexpr unsigned char kOwnClass = sizeof(void*) == 8 ? ELFCLASS64 : ELFCLASS32;
+  const bool ours = in && std::memcmp(header.e_ident, ELFMAG, SELFMAG) == 0 && header.e_ident[EI_CLASS] == kOwnClass;
+  if (!ours) return;  // the loader says what it is instead
+  const std::string name = file.filename().string();
+  if (kOwnMachine != EM_NONE && header.e_machine != kOwnMachine)
+    throw Error(name, "is for another machine, expected " + platform_folders(Version::k3).front());
+  const std::uintmax_t size = fs::file_size(file);
+  for (unsigned i = 0; i < header.e_phnum; ++i) {
+    ElfW(Phdr) segment{};
+    in.seekg(static_cast<std::streamoff>(header.e_phoff + std::uint64_t{i} * header.e_phentsize));
+    in.read(reinterpret_cast<char*>(&segment), sizeof segment);
+    const bool there = segment.p_filesz <= size && segment.p_offset <= size - segment.p_filesz;
+    if (!in || (segment.p_type == PT_LOAD && !there))
+      throw Error(name, "is cut short: it has " + std::to_string(size) + " bytes, expected more");
+  }
+}
+
+}  // namespace
+
+std::vector<std::string> platform_folders(Version version) {
+#if defined(__x86_64__)
+  const std::string architecture = "x86_64", fmi2 = "linux64";
+#elif defined(__i386__)
+  const std::string architecture = "x86", fmi2 = "linux32";
+#elif defined(__aarch64__)
+  const std::string architecture = "aarch64", fmi2 = "";
+#else
+  utsname machine{};
+  uname(&machine);
+  const std::string architecture = machine.machine, fmi2 = "";
+#endif
+  // FMI 2 has no word for machines but those of Intel's kind; what tools use instead is that of FMI 3.
+  if (version == Version::k2 && !fmi2.empty()) return {fmi2};
+  return {architecture + "-linux"};
+}
+
+fs::path library_file(const fs::path& folder, Version version, const std::string& identifier) {
+  const fs::path binaries = folder / "binaries";
+  for (const std::string& platform : platform_folders(version)) {
+    const fs::path file = binaries / platform / (identifier + ".so");
+    if (fs::is_regular_file(file)) return file;
+  }
+  std::vector<std::string> there;
+  std::error_code none;
+  for (const auto& entry : fs::directory_iterator(binaries, none)) there.push_back(entry.path().filename().string());
+  std::sort(there.begin(), there.end());
+  std::string list;
+  for (const std::string& platform : there) list += (list.empty() ? "" : ", ") + platform;
+  const bool sources = fs::is_directory(folder / "sources");
+  throw Error("no library for this platform, expected binaries/" + platform_folders(version).front() + "/" + identifier +
+              ".so; the FMU has binaries for " + (list.empty() ? "no platform" : list) + (sources ? ", and sources" : ""));
+}
+
+Library::Library(const fs::path& file) : file_(fs::absolute(file)) {
+  check_loadable(file_);
+  const CallUnderWay call("the loading of its library");
+  handle_ = dlopen(file_.c_str(), RTLD_NOW | RTLD_LOCAL);
+  if (handle_ == nullptr) {
+    const char* why = dlerror();
+    throw Error(file_.filename().string(), std::string("cannot be loaded: ") + (why != nullptr ? why : "for no reason told"));
+  }
+}
+
+Library::~Library() {
+  const CallUnderWay call("the unloading of its library");
+  if (handle_ != nullptr) dlclose(handle_);
+}
+
+void* Library::address(const char* name, bool required) {
+  void* found = dlsym(handle_, name);
+  if (found == nullptr && required) missing_.emplace_back(name);
+  return found;
+}
+
+void Library::check() const {
+  if (missing_.empty()) return;
+  std::string list;
+  for (const std::string& name : missing_) list += (list.empty() ? "" : ", ") + name;
+  throw Error(file_.filename().string(), "does not have " + list);
+}
+
+}  // namespace cotwin::fmu

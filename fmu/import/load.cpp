@@ -1,0 +1,133 @@
+#include "fmu/import/load.h"
+
+#include <cmath>
+
+#include "fmu/archive/archive.h"
+#include "fmu/description/read.h"
+#include "fmu/import/named.h"
+#include "fmu/process/process.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::fmu {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+/// As make_instance, in a process of its own.
+Instance make_in_own_process(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options) {
+  const InterfaceKind kind = chosen_kind(fmu->description, options.kind);
+  Instance instance;
+  if (interface_of(fmu->description, kind).needs_execution_tool)
+    instance.warnings.push_back("the FMU needs its tool to be installed");
+  instance.unit = make_named<ProcessUnit>(fmu->name, instance.warnings, fmu, options);
+  for (std::string& warning : instance.warnings) warning = fmu->name + ": " + warning;
+  instance.unit->declare(instance.variables);
+  return instance;
+}
+
+std::string name_of(const fs::path& path) {
+  return path.filename().empty() ? path.parent_path().filename().string() : path.filename().string();
+}
+
+/// What `call` makes of it; its errors with the FMU's name in front.
+template <class Call>
+auto named(const fs::path& path, Call call) {
+  try {
+    return call();
+  } catch (const Error& error) {
+    const std::string what = error.what();
+    if (what.rfind(path.string(), 0) == 0) throw;
+    throw Error(name_of(path), what);
+  } catch (const fs::filesystem_error& error) {
+    throw Error(name_of(path), error.what());
+  }
+}
+
+std::shared_ptr<const ForeignFmu> unpack_and_read(const fs::path& path) {
+  auto fmu = std::make_shared<ForeignFmu>();
+  fmu->name = name_of(path);
+  std::error_code none;
+  if (fs::is_directory(path, none)) {
+    fmu->folder = fs::absolute(path).lexically_normal();
+  } else {
+    if (!fs::exists(path, none)) throw Error("no such file, expected an FMU");
+    sweep_temporary_folders();
+    const auto unpacked = std::make_shared<const TemporaryFolder>(unpack_archive(path));
+    fmu->folder = unpacked->path();
+    fmu->unpacked = unpacked;
+  }
+  const fs::path description = fmu->folder / "modelDescription.xml";
+  if (!fs::exists(description, none)) throw Error("has no modelDescription.xml");
+  fmu->description = load_model_description(description);
+  return fmu;
+}
+
+}  // namespace
+
+std::shared_ptr<const ForeignFmu> open_fmu(const fs::path& path) {
+  return named(path, [&] { return unpack_and_read(path); });
+}
+
+Instance load(const fs::path& path, const LoadOptions& options) { return load(open_fmu(path), options); }
+
+Instance load(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options) {
+  const std::string name = fmu->name;
+  return named(name, [&] {
+    if (options.process == "own") return make_in_own_process(std::move(fmu), options);
+    if (options.process != "shared" && options.process != "auto")
+      throw Error("process '" + options.process + "', expected auto, shared or own");
+    return make_instance(std::move(fmu), options);
+  });
+}
+
+LoadOptions read_query(std::string_view query, LoadOptions options) {
+  constexpr std::string_view kStructural = "structural.";
+  for (const std::string_view setting : text::split(query, '&')) {
+    if (setting.empty()) continue;
+    const std::size_t equals = setting.find('=');
+    const std::string key(setting.substr(0, equals)), value(equals == std::string_view::npos ? "" : setting.substr(equals + 1));
+    const auto number = [&] {
+      const std::optional<double> read = text::parse_real(value);
+      if (!read || !std::isfinite(*read)) throw Error(std::string(setting), "expected a number");
+      return *read;
+    };
+    const auto positive = [&] {
+      if (number() <= 0) throw Error(std::string(setting), "expected a number greater than 0");
+      return number();
+    };
+    if (key == "kind") {
+      options.kind = value;
+    } else if (key == "process") {
+      options.process = value;
+    } else if (key == "timeout") {
+      options.timeout = positive();
+    } else if (key == "memory") {
+      options.memory = positive();
+    } else if (key == "tolerance") {
+      options.tolerance = positive();
+    } else if (key == "stop") {
+      options.stop = number();
+    } else if (key == "locals" || key == "si" || key == "slopes" || key == "rollback") {
+      const std::optional<bool> read = text::parse_boolean(value);
+      if (!read) throw Error(std::string(setting), "expected true or false");
+      (key == "si"         ? options.si
+       : key == "slopes"   ? options.slopes
+       : key == "rollback" ? options.rollback
+                           : options.locals) = *read;
+    } else if (key.rfind(kStructural, 0) == 0) {
+      const auto read = text::parse_integer(value);
+      if (!read || *read < 0) throw Error(std::string(setting), "expected an integer that is not negative");
+      options.structural[key.substr(kStructural.size())] = static_cast<std::uint64_t>(*read);
+    } else {
+      throw Error(
+          "'" + key + "'",
+          "no setting of an FMU, expected kind, process, timeout, memory, tolerance, stop, locals, si, slopes, rollback or "
+          "structural.<name>");
+    }
+  }
+  return options;
+}
+
+}  // namespace cotwin::fmu

@@ -1,0 +1,35 @@
+// Of fmu/import/load.h what an exported scenario needs as well: it holds its FMUs unpacked, and their descriptions read.
+#include "fmu/import/fmu_unit.h"
+#include "fmu/import/load.h"
+#include "fmu/import/model_exchange.h"
+#include "fmu/import/named.h"
+#include "models/support/error.h"
+
+namespace cotwin::fmu {
+
+std::unique_ptr<ForeignInstance> make_foreign(const ForeignFmu& fmu, ForeignOptions options) {
+  return fmu.description.version == Version::k2 ? make_foreign_fmi2(fmu, std::move(options))
+                                                : make_foreign_fmi3(fmu, std::move(options));
+}
+
+UnitOptions unit_options(const LoadOptions& options) {
+  return {options.instance_name, options.locals, options.structural, options.stop,
+          options.tolerance,     options.si,     options.slopes,     options.rollback};
+}
+
+Instance make_instance(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options) {
+  const InterfaceKind kind = chosen_kind(fmu->description, options.kind);
+  Instance instance;
+  if (interface_of(fmu->description, kind).needs_execution_tool)
+    instance.warnings.push_back("the FMU needs its tool to be installed");
+  if (kind == InterfaceKind::kCoSimulation) {
+    instance.unit = make_named<FmuUnit>(fmu->name, instance.warnings, fmu, unit_options(options));
+  } else {
+    instance.unit = make_named<ModelExchangeUnit>(fmu->name, instance.warnings, fmu, unit_options(options));
+  }
+  for (std::string& warning : instance.warnings) warning = fmu->name + ": " + warning;
+  instance.unit->declare(instance.variables);
+  return instance;
+}
+
+}  // namespace cotwin::fmu

@@ -1,0 +1,70 @@
+#pragma once
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "components/unit/staged_initialisation.h"
+#include "components/unit/unit.h"
+#include "models/support/error.h"
+
+namespace cotwin::fmu {
+
+/// The errors of a unit, with the FMU's name in front.
+template <class Made>
+class Named final : public cotwin::Unit, public StagedInitialisation {
+  template <class Call>
+  auto named(Call call) {
+    try {
+      return call();
+    } catch (const Error& error) {
+      throw Error(name_, error.what());
+    }
+  }
+
+ public:
+  template <class... Arguments>
+  explicit Named(std::string name, Arguments&&... arguments)
+      : unit_(std::forward<Arguments>(arguments)...), name_(std::move(name)) {}
+  const std::vector<std::string>& warnings() const { return unit_.warnings(); }
+
+  void declare(Variables& v) override { unit_.declare(v); }
+  void initialise(Time start) override {
+    named([&] { unit_.initialise(start); });
+  }
+  void enter_initialisation(Time start) override {
+    named([&] { unit_.enter_initialisation(start); });
+  }
+  void update_initialisation() override {
+    named([&] { unit_.update_initialisation(); });
+  }
+  void exit_initialisation() override {
+    named([&] { unit_.exit_initialisation(); });
+  }
+  StepResult step(Time now, Duration h) override {
+    return named([&] { return unit_.step(now, h); });
+  }
+  void restored() override { unit_.restored(); }
+  void save_memory(std::string& bytes) override {
+    named([&] { unit_.save_memory(bytes); });
+  }
+  void restore_memory(const std::string& bytes) override {
+    named([&] { unit_.restore_memory(bytes); });
+  }
+  bool restorable() const override { return unit_.restorable(); }
+  void tell(std::vector<std::string>& notes) const override { unit_.tell(notes); }
+
+ private:
+  Made unit_;
+  std::string name_;
+};
+
+template <class Made, class... Arguments>
+std::unique_ptr<cotwin::Unit> make_named(const std::string& name, std::vector<std::string>& warnings,
+                                         Arguments&&... arguments) {
+  auto unit = std::make_unique<Named<Made>>(name, std::forward<Arguments>(arguments)...);
+  warnings.insert(warnings.end(), unit->warnings().begin(), unit->warnings().end());
+  return unit;
+}
+
+}  // namespace cotwin::fmu

@@ -1,0 +1,33 @@
+#include "fmu/import/under_way.h"
+
+#include <cxxabi.h>
+
+#include <cstring>
+#include <exception>
+#include <string>
+
+#include "models/support/error.h"
+
+namespace cotwin::fmu {
+
+constinit thread_local UnderWay under_way;
+
+void mirror_function(const char* function) noexcept {
+  std::strncpy(under_way.mirror, function != nullptr ? function : "", UnderWay::kMirrorBytes - 1);
+}
+
+void rethrow_from(const char* function) {
+  try {
+    throw;
+  } catch (const abi::__forced_unwind&) {  // the thread is being ended (pthread_exit)
+    throw;
+  } catch (const Error&) {
+    throw;
+  } catch (const std::exception& error) {
+    throw Error(std::string(function) + " threw an exception (" + error.what() + "), expected a status");
+  } catch (...) {
+    throw Error(std::string(function) + " threw an exception, expected a status");
+  }
+}
+
+}  // namespace cotwin::fmu

@@ -1,0 +1,184 @@
+// The program cotwin-fmu-host: one FMU in a process of its own, for the program that started it (process.h).
+#include <poll.h>
+#include <signal.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstdio>
+#include <cstring>
+#include <filesystem>
+#include <memory>
+#include <thread>
+
+#include "fmu/import/fmu_unit.h"
+#include "fmu/import/model_exchange.h"
+#include "fmu/import/package.h"
+#include "fmu/process/channel.h"
+#include "models/support/error.h"
+
+namespace cotwin::fmu {
+
+namespace {
+
+/// The FMU's unit, and what it is asked to do.
+class Host {
+ public:
+  explicit Host(Channel channel) : channel_(std::move(channel)), header_(channel_.header()) {}
+
+  [[noreturn]] void serve() {
+    for (std::uint32_t n = 1;; ++n) {
+      if (!lookout_.sees(header_.asked, n, header_.may_wait_awake != 0)) {
+        while (!sleep_for(header_.asked, n, header_.host_sleeps, std::chrono::seconds(10))) {
+        }
+      }
+      const bool ends = header_.verb == Verb::kEnd;
+      header_.reply = Reply::kDone;
+      try {
+        answer();
+      } catch (const std::exception& error) {
+        refuse(error.what());
+      } catch (...) {
+        refuse("the FMU threw an exception, expected a status");
+      }
+      if (ends) std::fflush(nullptr);
+      post(header_.answered, n, header_.program_sleeps);
+      if (ends) _exit(0);  // the FMU's library is unloaded: nothing of it is left to be done at exit
+    }
+  }
+
+ private:
+  void refuse(const char* why) {
+    header_.reply = Reply::kError;
+    std::strncpy(header_.message, why, ChannelHeader::kMessageBytes - 1);
+  }
+  void answer();
+  void make();
+
+  Channel channel_;
+  ChannelHeader& header_;
+  Lookout lookout_;
+  std::unique_ptr<ForeignUnit> unit_;
+  Variables variables_;
+  std::string state_;
+};
+
+void Host::make() {
+  std::size_t in = 0;
+  std::string bytes, folder;
+  channel_.take(bytes, in);
+  channel_.take(folder, in);
+  ForeignPackage package = deserialise_foreign(bytes, "the FMU's description");
+  auto fmu = std::make_shared<ForeignFmu>();
+  fmu->name = package.name;
+  fmu->folder = folder;
+  fmu->description = std::move(package.description);
+  if (chosen_kind(fmu->description, package.options.kind) == InterfaceKind::kCoSimulation) {
+    unit_ = std::make_unique<FmuUnit>(std::move(fmu), unit_options(package.options));
+  } else {
+    unit_ = std::make_unique<ModelExchangeUnit>(std::move(fmu), unit_options(package.options));
+  }
+  unit_->declare(variables_);
+  channel_.check_layout(variables_);
+  std::size_t out = 0;
+  channel_.clear_texts();
+  for (const std::string& warning : unit_->warnings()) channel_.append(warning, out);
+}
+
+void Host::answer() {
+  std::size_t in = 0, out = 0;
+  switch (header_.verb) {
+    case Verb::kMake:
+      return make();
+    case Verb::kInitialise:
+      channel_.read(variables_, Channel::every, in);
+      unit_->initialise({header_.now_ns});
+      channel_.write(variables_, Channel::every, out);
+      return;
+    case Verb::kEnter:
+      channel_.read(variables_, Channel::every, in);
+      unit_->enter_initialisation({header_.now_ns});
+      channel_.write(variables_, Channel::every, out);
+      return;
+    case Verb::kUpdate:
+      channel_.read(variables_, Channel::every, in);
+      unit_->update_initialisation();
+      channel_.write(variables_, Channel::every, out);
+      return;
+    case Verb::kExit:
+      channel_.read(variables_, Channel::every, in);
+      unit_->exit_initialisation();
+      channel_.write(variables_, Channel::every, out);
+      return;
+    case Verb::kStep: {
+      channel_.read(variables_, Channel::goes_in, in);
+      const StepResult result = unit_->step({header_.now_ns}, {header_.h_ns});
+      channel_.write(variables_, Channel::comes_out, out);
+      header_.reply = result == StepResult::kDone      ? Reply::kDone
+                      : result == StepResult::kDiscard ? Reply::kDiscard
+                                                       : Reply::kFinished;
+      return;
+    }
+    case Verb::kSave:
+      channel_.read(variables_, Channel::goes_in, in);  // what was set since the last step is what the FMU does not know yet
+      unit_->save_memory(state_);
+      channel_.append(state_, out);
+      return;
+    case Verb::kRestore:
+      channel_.take(state_, in);
+      channel_.read(variables_, Channel::every, in);
+      unit_->restore_memory(state_);
+      return;
+    case Verb::kTell: {
+      std::vector<std::string> notes;
+      unit_->tell(notes);
+      channel_.clear_texts();
+      for (const std::string& note : notes) channel_.append(note, out);
+      return;
+    }
+    case Verb::kEnd:
+      unit_.reset();
+      return;
+  }
+}
+
+/// Ends this process, and what the FMU has started, as soon as the program is gone, whatever the FMU is doing.
+void watch_program() {
+  std::thread([] {
+    pollfd program{kLifelineDescriptor, POLLIN, 0};
+    while (poll(&program, 1, -1) < 0 && errno == EINTR) {
+    }
+    if (getpgrp() == getpid()) kill(0, SIGKILL);
+    _exit(1);
+  }).detach();
+}
+
+/// An allocation beyond it fails. Not where a sanitizer reserves more for itself; there the program looks at what is resident.
+void limit_memory([[maybe_unused]] std::uint64_t bytes) {
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+  constexpr std::uint64_t kOwn = 64u << 20;  // of this program itself
+  rlimit limit{bytes + kOwn, bytes + kOwn};
+  setrlimit(RLIMIT_DATA, &limit);
+#endif
+}
+
+int run() {
+  try {
+    Channel channel = Channel::open(kMemoryDescriptor);
+    close_range(static_cast<unsigned>(kLifelineDescriptor) + 1, ~0u, 0);
+    std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // what was written is seen although the FMU crashes
+    watch_program();
+    limit_memory(channel.header().memory_limit);
+    under_way.mirror = channel.header().function;
+    Host(std::move(channel)).serve();
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "%s: %s; it is started by cotwin alone, for an FMU\n", kHostProgram, error.what());
+    return 2;
+  }
+}
+
+}  // namespace
+
+}  // namespace cotwin::fmu
+
+int main() { return cotwin::fmu::run(); }

@@ -1,0 +1,434 @@
+#include "fmu/process/process.h"
+
+#include <fcntl.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <iostream>
+#include <system_error>
+#include <thread>
+#include <utility>
+
+#include "fmu/import/package.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+extern char** environ;
+
+namespace cotwin::fmu {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr auto kSlice = std::chrono::milliseconds(20);      // between two looks after the process while a call lasts
+constexpr auto kShortSlice = std::chrono::milliseconds(1);  // while the FMU writes a lot
+constexpr std::uint32_t kCallsBetweenLooks = 256;           // at memory and output, while calls are short
+constexpr double kStartFactor = 10;      // of the time limit: instantiation and initialisation may take longer
+constexpr double kNearlyAll = 0.8;       // of the limit of memory: then a crash is probably due to it
+constexpr std::size_t kTailBytes = 400;  // of the output, for messages
+constexpr int kFirstDescriptor = 10;     // of ours: those that the process gets are below
+constexpr int kPipeBytes = 1 << 20;
+
+std::atomic<int> processes{0}, ends_unclean{0};
+
+std::string name_of_signal(int number) {
+  const char* name = sigdescr_np(number);
+  return "signal " + std::to_string(number) + (name != nullptr ? std::string(" (") + name + ")" : "");
+}
+
+std::string system_error(int number) { return std::generic_category().message(number); }
+
+/// A descriptor that nobody else inherits and that no number of the child's is equal to.
+int move_up(int descriptor) {
+  const int moved = fcntl(descriptor, F_DUPFD_CLOEXEC, kFirstDescriptor);
+  const int error = errno;
+  close(descriptor);
+  if (moved < 0) throw Error("no file descriptor for another process: " + system_error(error));
+  return moved;
+}
+
+struct Pipe {
+  Pipe() {
+    std::array<int, 2> ends{};
+    if (pipe2(ends.data(), O_CLOEXEC) != 0) throw Error("no pipe to another process: " + system_error(errno));
+    read = ends[0];
+    write = ends[1];
+    read = move_up(std::exchange(read, -1));
+    write = move_up(std::exchange(write, -1));
+  }
+  ~Pipe() {
+    if (read >= 0) close(read);
+    if (write >= 0) close(write);
+  }
+  Pipe(const Pipe&) = delete;
+  Pipe& operator=(const Pipe&) = delete;
+  int read = -1, write = -1;
+};
+
+/// What the process is told to start with.
+class SpawnSettings {
+ public:
+  SpawnSettings() {
+    posix_spawn_file_actions_init(&actions_);
+    posix_spawnattr_init(&attributes_);
+    sigset_t none, all;
+    sigemptyset(&none);
+    sigfillset(&all);
+    posix_spawnattr_setsigmask(&attributes_, &none);
+    posix_spawnattr_setsigdefault(&attributes_, &all);
+    posix_spawnattr_setpgroup(&attributes_, 0);  // Ctrl-C reaches this program, which ends the run and then the process
+    posix_spawnattr_setflags(&attributes_, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
+  }
+  ~SpawnSettings() {
+    posix_spawn_file_actions_destroy(&actions_);
+    posix_spawnattr_destroy(&attributes_);
+  }
+  SpawnSettings(const SpawnSettings&) = delete;
+  SpawnSettings& operator=(const SpawnSettings&) = delete;
+
+  void give(int descriptor, int as) { posix_spawn_file_actions_adddup2(&actions_, descriptor, as); }
+  void give_nothing(int as) { posix_spawn_file_actions_addopen(&actions_, as, "/dev/null", O_RDONLY, 0); }
+  pid_t spawn(const fs::path& program, const std::string& name) {
+    std::string path = program.string(), fmu = name;
+    std::array<char*, 3> arguments = {path.data(), fmu.data(), nullptr};
+    pid_t child = -1;
+    const int error = posix_spawn(&child, path.c_str(), &actions_, &attributes_, arguments.data(), environ);
+    if (error != 0) throw Error(path, "cannot be started: " + system_error(error));
+    return child;
+  }
+
+ private:
+  posix_spawn_file_actions_t actions_;
+  posix_spawnattr_t attributes_;
+};
+
+std::string megabytes(double bytes) { return text::to_text(bytes / 1e6, 6) + " MB"; }
+
+}  // namespace
+
+fs::path host_program() {
+  if (const char* chosen = std::getenv("COTWIN_FMU_HOST")) return chosen;
+  std::error_code none;
+  const fs::path here = fs::read_symlink("/proc/self/exe", none).parent_path();
+  for (const fs::path& folder : {here, here.parent_path() / "bin"}) {
+    if (fs::is_regular_file(folder / kHostProgram, none)) return folder / kHostProgram;
+  }
+  return {};
+}
+
+int unclean_ends() { return ends_unclean; }
+
+HostProcess::HostProcess(const Variables& variables, std::string name, double timeout, double memory)
+    : channel_(variables), name_(std::move(name)), timeout_(timeout), memory_(memory) {
+  channel_.header().memory_limit = static_cast<std::uint64_t>(std::min(memory_, 1e18));
+  start();
+}
+
+void HostProcess::start() {
+  const fs::path program = host_program();
+  if (program.empty()) {
+    throw Error(std::string(kHostProgram) +
+                " is missing, expected it beside this program or in COTWIN_FMU_HOST; "
+                "with process=shared the FMU runs without it");
+  }
+  Pipe lifeline, output;
+  static_cast<void>(fcntl(output.write, F_SETPIPE_SZ, kPipeBytes));  // else it has what pipes usually have
+  fcntl(output.read, F_SETFL, O_NONBLOCK);
+  const int shared = fcntl(channel_.descriptor(), F_DUPFD_CLOEXEC, kFirstDescriptor);
+  if (shared < 0) throw Error("no file descriptor for another process: " + system_error(errno));
+  SpawnSettings settings;
+  settings.give_nothing(STDIN_FILENO);
+  settings.give(output.write, STDOUT_FILENO);
+  settings.give(output.write, STDERR_FILENO);
+  settings.give(shared, kMemoryDescriptor);
+  settings.give(lifeline.read, kLifelineDescriptor);
+  try {
+    child_ = settings.spawn(program, name_);
+  } catch (...) {
+    close(shared);
+    throw;
+  }
+  close(shared);
+  lifeline_ = std::exchange(lifeline.write, -1);
+  output_ = std::exchange(output.read, -1);
+  statistics_ = ::open(("/proc/" + std::to_string(child_) + "/statm").c_str(), O_RDONLY | O_CLOEXEC);
+  ++processes;
+}
+
+/// The process ends by itself within the time of a call, or is killed.
+HostProcess::~HostProcess() {
+  if (child_ > 0 && channel_.header().answered.load(std::memory_order_acquire) == calls_) {
+    try {
+      call(Verb::kEnd);
+      const Clock::time_point begin = Clock::now();
+      std::string how;
+      while (child_ > 0 && !ended(how)) {
+        if (Clock::now() - begin > std::chrono::duration<double>(timeout_))
+          throw Error("the FMU's own process did not end after its instance was freed");
+        pass_on_output();
+        std::this_thread::sleep_for(std::chrono::microseconds(200));
+      }
+      pass_on_output();
+    } catch (const std::exception& error) {
+      ++ends_unclean;
+      std::cerr << "cotwin: " << name_ << ": " << error.what() << '\n';
+    }
+  }
+  kill();
+  for (const int descriptor : {lifeline_, output_, statistics_}) {
+    if (descriptor >= 0) close(descriptor);
+  }
+}
+
+void HostProcess::call(Verb verb) {
+  ChannelHeader& header = channel_.header();
+  if (!alive()) throw Error("the FMU's own process has ended: it must be initialised again");
+  static const std::uint32_t cores = std::max(1u, std::thread::hardware_concurrency());
+  const bool may_wait_awake = static_cast<std::uint32_t>(processes.load(std::memory_order_relaxed)) < cores;
+  header.verb = verb;
+  header.may_wait_awake = may_wait_awake ? 1 : 0;
+  const std::uint32_t n = ++calls_;
+  post(header.asked, n, header.host_sleeps);
+  if (!lookout_.sees(header.answered, n, may_wait_awake)) {
+    const bool starts = verb <= Verb::kExit;
+    wait_for_answer(starts ? kStartFactor * timeout_ : timeout_);
+  } else if (n % kCallsBetweenLooks == 0) {
+    look_after();
+  }
+  if (header.reply == Reply::kError) {
+    pass_on_output();
+    const char* message = header.message;
+    throw Error(std::string(message, strnlen(message, ChannelHeader::kMessageBytes)));
+  }
+}
+
+void HostProcess::wait_for_answer(double seconds) {
+  ChannelHeader& header = channel_.header();
+  const Clock::time_point begin = Clock::now();
+  const auto limit = std::chrono::duration<double>(seconds);
+  auto slice = kSlice;
+  while (!sleep_for(header.answered, calls_, header.program_sleeps, slice)) {
+    std::string how;
+    if (ended(how)) {
+      if (header.answered.load(std::memory_order_acquire) == calls_) return;
+      lost(how);
+    }
+    const std::uint64_t before = written_;
+    look_after();
+    slice = written_ > before ? kShortSlice : kSlice;
+    if (Clock::now() - begin > limit)
+      lost("gave no answer for " + text::to_text(seconds) + " s" + in_function() + " and was ended");
+  }
+}
+
+/// The limit of memory, and what the FMU has written.
+void HostProcess::look_after() {
+  pass_on_output();
+  const double used = memory_used();
+  if (used > memory_)
+    lost("used " + megabytes(used) + " of memory" + in_function() + ", more than " + megabytes(memory_) + ", and was ended");
+}
+
+/// Bytes that are resident and neither files nor the channel.
+double HostProcess::memory_used() const {
+  std::array<char, 128> text{};
+  if (statistics_ < 0 || pread(statistics_, text.data(), text.size() - 1, 0) <= 0) return 0;
+  static const auto page = static_cast<double>(sysconf(_SC_PAGESIZE));
+  char* rest = nullptr;
+  std::strtoull(text.data(), &rest, 10);  // all that is mapped
+  const auto resident = static_cast<double>(std::strtoull(rest, &rest, 10));
+  const auto shared = static_cast<double>(std::strtoull(rest, nullptr, 10));
+  return page * (resident - shared);
+}
+
+/// Up to kShownBytes; the rest is dropped.
+std::uint64_t HostProcess::pass_on_output() {
+  std::array<char, 1 << 16> bytes;
+  for (int reads = 0; reads < 64; ++reads) {  // an FMU may write faster than this reads
+    const ssize_t n = read(output_, bytes.data(), bytes.size());
+    if (n <= 0) break;
+    const auto count = static_cast<std::size_t>(n);
+    const std::size_t shown = written_ < kShownBytes ? std::min<std::size_t>(count, kShownBytes - written_) : 0;
+    if (shown > 0) {
+      std::cerr.write(bytes.data(), static_cast<std::streamsize>(shown));
+      std::cerr.flush();
+    }
+    written_ += count;
+    if (written_ > kShownBytes && !std::exchange(cut_, true)) {
+      std::cerr << "\ncotwin: " << name_ << " wrote more than " << kShownBytes / 1024
+                << " KiB to stdout and stderr; the rest is not shown\n";
+    }
+    tail_.append(bytes.data() + count - std::min(count, kTailBytes), std::min(count, kTailBytes));
+    if (tail_.size() > kTailBytes) tail_.erase(0, tail_.size() - kTailBytes);
+  }
+  return written_;
+}
+
+bool HostProcess::ended(std::string& how) {
+  int status = 0;
+  rusage usage{};
+  const pid_t ended = wait4(child_, &status, WNOHANG, &usage);
+  if (ended == 0 || (ended < 0 && errno == EINTR)) return false;
+  child_ = -1;
+  --processes;
+  how = ended < 0             ? "ended"  // somebody else waited for it
+        : WIFSIGNALED(status) ? "was ended by " + name_of_signal(WTERMSIG(status))
+                              : "exited with status " + std::to_string(WEXITSTATUS(status));
+  how += in_function();
+  rusage own{};
+  getrusage(RUSAGE_SELF, &own);
+  const double most = 1024.0 * static_cast<double>(usage.ru_maxrss);
+  // The process inherits the maximum of this program as it starts: only a larger one is its own.
+  if (usage.ru_maxrss > own.ru_maxrss && most > kNearlyAll * memory_)
+    how += ", when it had used " + megabytes(most) + " of memory of at most " + megabytes(memory_);
+  return true;
+}
+
+std::string HostProcess::in_function() const {
+  const char* function = channel_.header().function;
+  const std::string name(function, strnlen(function, UnderWay::kMirrorBytes));
+  return name.empty() ? "" : " in " + name;
+}
+
+/// The last line that the FMU wrote.
+std::string HostProcess::last_words() const {
+  std::string_view words = tail_;
+  const auto blank = [](char c) { return c == '\n' || c == '\r' || c == ' ' || c == '\0'; };
+  while (!words.empty() && blank(words.back())) words.remove_suffix(1);
+  const std::size_t line = words.rfind('\n');
+  if (line != std::string_view::npos) words.remove_prefix(line + 1);
+  constexpr std::size_t kMost = 200;
+  std::string told;
+  for (const char c : words.substr(0, kMost)) told += static_cast<unsigned char>(c) < ' ' ? ' ' : c;
+  return told.empty() ? "" : "; its last output was '" + told + "'";
+}
+
+void HostProcess::lost(const std::string& how) {
+  kill();
+  pass_on_output();
+  throw Error("the FMU's own process " + how + last_words());
+}
+
+/// With what it has started itself.
+void HostProcess::kill() noexcept {
+  if (child_ <= 0) return;
+  ::kill(-child_, SIGKILL);
+  ::kill(child_, SIGKILL);
+  while (waitpid(child_, nullptr, 0) < 0 && errno == EINTR) {
+  }
+  child_ = -1;
+  --processes;
+}
+
+ProcessUnit::ProcessUnit(std::shared_ptr<const ForeignFmu> fmu, LoadOptions options)
+    : fmu_(std::move(fmu)),
+      options_(std::move(options)),
+      variables_(fmu_->description,
+                 variables_options(fmu_->description, chosen_kind(fmu_->description, options_.kind), unit_options(options_))),
+      restorable_(
+          can_go_back(interface_of(fmu_->description, chosen_kind(fmu_->description, options_.kind)), unit_options(options_))) {
+  variables_.declare(declared_);
+  begin();
+}
+
+ProcessUnit::~ProcessUnit() = default;
+
+void ProcessUnit::declare(Variables& variables) { variables_.declare(variables); }
+
+void ProcessUnit::begin() {
+  host_.reset();  // first: its FMU may be one that allows a single instance per machine
+  host_ = std::make_unique<HostProcess>(declared_, options_.instance_name + " (" + fmu_->name + ")", options_.timeout,
+                                        options_.memory);
+  std::size_t text = 0;
+  channel().append(serialise(ForeignPackage{fmu_->name, "fmu", options_, fmu_->description, {}}), text);
+  channel().append(fs::absolute(fmu_->folder).string(), text);
+  try {
+    host_->call(Verb::kMake);
+    text = 0;
+    warnings_.clear();
+    while (text < channel().header().text_bytes) channel().take(warnings_.emplace_back(), text);
+  } catch (...) {
+    host_.reset();
+    throw;
+  }
+}
+
+void ProcessUnit::initialise(Time start) {
+  if (!host_ || !host_->alive()) begin();
+  exchange_all(Verb::kInitialise, start);
+}
+
+void ProcessUnit::enter_initialisation(Time start) {
+  if (!host_ || !host_->alive()) begin();
+  exchange_all(Verb::kEnter, start_ = start);
+}
+
+void ProcessUnit::update_initialisation() { exchange_all(Verb::kUpdate, start_); }
+
+void ProcessUnit::exit_initialisation() { exchange_all(Verb::kExit, start_); }
+
+void ProcessUnit::exchange_all(Verb verb, Time start) {
+  std::size_t text = 0;
+  channel().write(declared_, Channel::every, text);
+  channel().header().now_ns = start.ns;
+  host_->call(verb);
+  text = 0;
+  channel().read(declared_, Channel::every, text);
+}
+
+StepResult ProcessUnit::step(Time now, Duration h) {
+  std::size_t text = 0;
+  ChannelHeader& header = channel().header();
+  channel().write(declared_, Channel::goes_in, text);
+  header.now_ns = now.ns;
+  header.h_ns = h.ns;
+  host_->call(Verb::kStep);
+  if (header.reply == Reply::kDiscard) return StepResult::kDiscard;
+  text = 0;
+  channel().read(declared_, Channel::comes_out, text);
+  return header.reply == Reply::kFinished ? StepResult::kFinished : StepResult::kDone;
+}
+
+void ProcessUnit::save_memory(std::string& bytes) {
+  bytes.clear();
+  if (!restorable_ || !host_ || !host_->alive()) return;
+  std::size_t text = 0;
+  channel().write(declared_, Channel::goes_in, text);
+  host_->call(Verb::kSave);
+  text = 0;
+  channel().take(bytes, text);
+}
+
+void ProcessUnit::restore_memory(const std::string& bytes) {
+  if (!host_ || !host_->alive()) begin();
+  std::size_t text = 0;
+  channel().append(bytes, text);
+  channel().write(declared_, Channel::every, text);
+  host_->call(Verb::kRestore);
+}
+
+void ProcessUnit::tell(std::vector<std::string>& notes) const {
+  if (!host_) return;
+  if (const std::uint64_t bytes = host_->pass_on_output(); bytes > 0)
+    notes.push_back("wrote " + std::to_string(bytes) + " bytes to stdout and stderr");
+  if (!host_->alive()) return;
+  try {
+    host_->call(Verb::kTell);
+    std::size_t text = 0;
+    while (text < host_->channel().header().text_bytes) host_->channel().take(notes.emplace_back(), text);
+  } catch (const Error& error) {
+    notes.emplace_back(error.what());
+  }
+}
+
+}  // namespace cotwin::fmu

@@ -1,0 +1,91 @@
+// cotwin units, describe, reference: what a scenario may use.
+#include <fstream>
+#include <iostream>
+#include <memory>
+
+#include "master/program/commands.h"
+#include "master/program/reference.h"
+#include "models/support/error.h"
+
+namespace cotwin::master {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+Described describe_unit(const std::string& source, const std::map<std::string, std::string>& defaults) {
+  const UnitSource parts = parse_unit_source(source);
+  Described unit{source, Settings(parts.unit, parts.query, defaults, model_folders({})), {}, ""};
+  try {
+    unit.instance = make_unit(unit.settings, unit_types());
+  } catch (const MissingSetting& error) {
+    unit.missing = error.what();
+  }
+  return unit;
+}
+
+int describe_source(std::string source, bool json) {
+  if (source.rfind("unit:", 0) != 0) source = "unit:" + source;
+  const Described unit = describe_unit(source, {});
+  if (json) {
+    describe_json(std::cout, unit);
+  } else {
+    describe(std::cout, unit);
+  }
+  return kExitDone;
+}
+
+int write_reference(const fs::path& folder, const std::string& robot) {
+  fs::create_directories(folder);
+  std::ofstream index(folder / "README.md");
+  index << "# Units\n\nWritten by `cotwin reference` from the units' declarations.\n\n";
+  for (const UnitType& type : unit_types()) {
+    const Described unit = describe_unit(std::string("unit:") + type.name, {{"robot", robot}});
+    const fs::path file = folder / (std::string(type.name) + ".md");
+    std::ofstream page(file);
+    describe_markdown(page, type, unit, "`robot=" + robot + "`");
+    index << "- [`" << type.name << "`](" << type.name << ".md): " << type.summary << '\n';
+    if (!page.flush()) throw Error(file.string(), "cannot be written");
+  }
+  if (!index.flush()) throw Error((folder / "README.md").string(), "cannot be written");
+  return kExitDone;
+}
+
+int list_units() {
+  for (const UnitType& type : unit_types()) {
+    std::string name = type.name;
+    name.resize(std::max<std::size_t>(name.size(), 14), ' ');
+    std::cout << name << "  " << type.summary << '\n';
+  }
+  return kExitDone;
+}
+
+}  // namespace
+
+void add_catalogue(CLI::App& app, Chosen& chosen) {
+  struct Arguments {
+    std::string source, robot = "lwr4";
+    fs::path folder;
+    bool json = false;
+  };
+  const auto all = std::make_shared<Arguments>();
+  CLI::App* units_command = app.add_subcommand("units", "List the units that a scenario may use");
+
+  CLI::App* describe_command = app.add_subcommand("describe", "Show the settings and variables of a unit");
+  describe_command->add_option("UNIT", all->source, "A scenario's source, e.g. 'unit:drive_train?robot=lwr4'")
+      ->type_name("SOURCE")
+      ->required();
+  describe_command->add_flag("--json", all->json, "As JSON");
+
+  CLI::App* reference_command = app.add_subcommand("reference", "Write one page of Markdown per unit");
+  reference_command->add_option("DIR", all->folder, "Folder for the pages")->type_name("FOLDER")->required();
+  reference_command->add_option("--robot", all->robot, "Robot whose sizes and start values are shown")
+      ->type_name("NAME")
+      ->capture_default_str();
+
+  units_command->callback([&chosen] { chosen = list_units; });
+  describe_command->callback([all, &chosen] { chosen = [all] { return describe_source(all->source, all->json); }; });
+  reference_command->callback([all, &chosen] { chosen = [all] { return write_reference(all->folder, all->robot); }; });
+}
+
+}  // namespace cotwin::master

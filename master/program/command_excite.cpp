@@ -1,0 +1,157 @@
+// cotwin excite: a motion that shows a robot's parameters, ready to be driven and recorded.
+#include <algorithm>
+#include <cmath>
+#include <iostream>
+#include <memory>
+#include <numbers>
+#include <thread>
+
+#include "master/program/commands.h"
+#include "master/program/interrupt.h"
+#include "master/program/tuning/progress.h"
+#include "models/excitation/design.h"
+#include "models/robot/urdf.h"
+#include "models/support/atomic_file.h"
+#include "models/support/choice.h"
+#include "models/support/csv.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+#include "models/support/threads.h"
+
+namespace cotwin::master {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct ExciteArguments {
+  std::string robot, criterion = "condition";
+  fs::path out;
+  excitation::DesignOptions design;
+  double rate = 250;  // Hz
+  int periods = 1, threads = 1;
+  bool quiet = false;
+};
+
+std::vector<std::string> column_names(std::size_t n) {
+  std::vector<std::string> names = {"t"};
+  for (const char* what : {"q", "dq", "ddq"}) {
+    for (std::size_t j = 0; j < n; ++j) names.push_back(what + std::to_string(j + 1));
+  }
+  return names;
+}
+
+void write_motion(const fs::path& place, const excitation::FourierSeries& series, double rate, int periods) {
+  AtomicFile file(place);
+  csv::Writer writer(file.stream(), column_names(series.joints));
+  const auto samples = static_cast<std::size_t>(std::llround(series.period * rate));
+  std::vector<double> row(1 + 3 * series.joints);
+  for (std::size_t k = 0; k <= samples * static_cast<std::size_t>(periods); ++k) {
+    row[0] = static_cast<double>(k) / rate;
+    // The same bits in every period.
+    const double t = series.period * static_cast<double>(k % samples) / static_cast<double>(samples);
+    for (std::size_t j = 0; j < series.joints; ++j) {
+      const excitation::FourierSeries::State at = series.at(j, t);
+      row[1 + j] = at.q;
+      row[1 + series.joints + j] = at.dq;
+      row[1 + 2 * series.joints + j] = at.ddq;
+    }
+    writer.row(row);
+  }
+  file.commit();
+}
+
+void write_design(std::ostream& out, const robot::RobotModel& robot, const excitation::Design& design) {
+  out << robot.name << ": " << design.rank << " of " << design.base << " base parameters excited, condition number "
+      << text::to_text(design.condition, 4) << " (columns of unit length)\n\n";
+  const auto percent = [](double share) { return share > 0 ? text::to_text(100 * share, 3) + " %" : std::string("0 %"); };
+  out << "of the limits of        position  speed  acceleration  torque\n";
+  for (std::size_t j = 0; j < robot.joints.size(); ++j) {
+    const excitation::Margins& m = design.margins[j];
+    std::string line = robot.joints[j].name;
+    const auto column = [&](const std::string& cell, std::size_t end) {
+      line += std::string(line.size() + cell.size() < end ? end - line.size() - cell.size() : 2, ' ') + cell;
+    };
+    column(percent(m.q), 32);
+    column(percent(m.dq), 39);
+    column(percent(m.ddq), 53);
+    column(percent(m.tau), 61);
+    out << line << '\n';
+  }
+}
+
+int excite(ExciteArguments& a) {
+  std::vector<std::string> warnings;
+  const robot::RobotModel robot = robot::load_urdf(urdf_of(a.robot), {robot::Unphysical::kWarn, ""}, &warnings);
+  a.design.criterion = text::choose<excitation::Criterion>(
+      "--criterion", a.criterion,
+      {{"condition", excitation::Criterion::kCondition}, {"determinant", excitation::Criterion::kDeterminant}});
+  const double samples = a.design.period * a.rate;
+  if (!(a.rate > 0) || !(samples >= 10 && samples <= 1e8) || std::abs(samples - std::round(samples)) > 1e-6 * samples) {
+    throw Error("--rate " + text::to_text(a.rate),
+                "gives " + text::to_text(samples, 6) + " samples a period, expected a whole number of at least 10");
+  }
+  const fs::path out = a.out.empty() ? fs::path(file_name_of("excitation_" + robot.name) + ".csv") : a.out;
+  for (const std::string& warning : warnings) std::cerr << "warning: " << warning << '\n';
+
+  note_signals();
+  numerics::Threads threads(a.threads);
+  tuning::ProgressLine line(!a.quiet);
+  const excitation::Design design = excitation::design_excitation(robot, a.design, &threads, [&](int round) {
+    line.update("round " + std::to_string(round), static_cast<double>(round) / a.design.rounds);
+    return stop_signal() == 0;
+  });
+  line.clear();
+  if (stop_signal() != 0) {
+    std::cerr << "cotwin: stopped by " << name_of_signal(stop_signal()) << "; nothing was written\n";
+    return kExitSignalled + stop_signal();
+  }
+  make_folder(out.parent_path());
+  write_motion(out, design.series, a.rate, a.periods);
+  if (!a.quiet) {
+    write_design(std::cout, robot, design);
+    std::cout << "\nmotion: " << out.string() << ", " << a.periods << " x " << text::to_text(a.design.period) << " s at "
+              << text::to_text(a.rate) << " Hz; collisions were not looked at\n";
+  }
+  return kExitDone;
+}
+
+}  // namespace
+
+void add_excite(CLI::App& app, Chosen& chosen) {
+  const auto all = std::make_shared<ExciteArguments>();
+  ExciteArguments& a = *all;
+  a.threads = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1u, 8u));
+  CLI::App* command = app.add_subcommand("excite", "Design a motion that shows a robot's dynamics parameters (Fourier series)");
+  command->add_option("--robot", a.robot, "URDF, or name of a robot in models/robots")->required()->type_name("URDF");
+  command->add_option("--out", a.out, "Motion (CSV): t, q1 …, dq1 …, ddq1 … (default: excitation_<robot>.csv)")
+      ->type_name("CSV");
+  command->add_option("--period", a.design.period, "Seconds")->capture_default_str()->type_name("SECONDS");
+  command->add_option("--periods", a.periods, "How often")->capture_default_str()->check(CLI::Range(1, 10000))->type_name("N");
+  command->add_option("--harmonics", a.design.harmonics, "Of the base frequency 1/period")
+      ->capture_default_str()
+      ->type_name("N");
+  command->add_option("--rate", a.rate, "Samples per second")->capture_default_str()->type_name("HZ");
+  command->add_option("--share", a.design.share, "Of every limit that the motion may use")
+      ->capture_default_str()
+      ->type_name("SHARE");
+  command->add_option("--max-acceleration", a.design.ddq_max, "rad/s2, of every joint; the URDF has none")
+      ->capture_default_str()
+      ->type_name("RAD/S2");
+  command->add_option("--max-speed", a.design.dq_max, "rad/s, of every joint, besides the URDF's limits")->type_name("RAD/S");
+  command->add_option("--q-min", a.design.q_min, "Per joint: narrower than the URDF's limits, rad")
+      ->delimiter(',')
+      ->type_name("X,…");
+  command->add_option("--q-max", a.design.q_max, "Per joint: narrower than the URDF's limits, rad")
+      ->delimiter(',')
+      ->type_name("X,…");
+  command->add_option("--criterion", a.criterion, "condition (least) or determinant (greatest)")->capture_default_str();
+  command->add_option("--seed", a.design.seed, "Same seed, same bits")->capture_default_str()->type_name("N");
+  command->add_option("--rounds", a.design.rounds, "Of the swarm")->capture_default_str()->type_name("N");
+  command->add_option("--particles", a.design.particles, "Of the swarm")->capture_default_str()->type_name("N");
+  command->add_option("--threads", a.threads, "The result does not depend on them")->check(CLI::Range(1, 255))->type_name("N");
+  command->add_flag("--quiet", a.quiet, "No progress bar and no table");
+  command->callback([all, &chosen] { chosen = [all] { return excite(*all); }; });
+}
+
+}  // namespace cotwin::master

@@ -1,0 +1,460 @@
+// cotwin run: a scenario, a package, or one FMU with the option names of the Reference FMUs' fmusim.
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <iostream>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <sstream>
+
+#include "master/program/commands.h"
+#include "master/program/fmu_run.h"
+#include "master/program/interrupt.h"
+#include "master/program/report.h"
+#include "master/program/results_folder.h"
+#include "master/program/run_record.h"
+#include "master/run/checkpoint.h"
+#include "master/run/identity.h"
+#include "master/run/master.h"
+#include "models/robot/kernels/kernels.h"
+#include "models/support/atomic_file.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A line on the terminal that overwrites itself; nothing where stderr is a file.
+class Progress {
+ public:
+  Progress(const Master& master, bool wanted) : master_(master), shown_(wanted && isatty(STDERR_FILENO)) {}
+  ~Progress() {
+    if (drawn_) std::cerr << "\r\x1b[K" << std::flush;
+  }
+  void update() {
+    if (!shown_) return;
+    const auto now = Clock::now();
+    if (now - last_ < std::chrono::milliseconds(100)) return;
+    last_ = now;
+    drawn_ = true;
+    const double wall = std::chrono::duration<double>(now - begin_).count();
+    const double simulated = (master_.now() - master_.scenario().start).seconds();
+    const std::string figures =
+        text::to_text(simulated, 4) + " s, " + text::to_text(wall > 0 ? simulated / wall : 0, 3) + " times real time";
+    std::cerr << "\r\x1b[K" << bar(columns(), figures.size()) << figures << std::flush;
+  }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  static std::size_t columns() {
+    winsize size{};
+    const bool known = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
+    return known ? size.ws_col : 80;
+  }
+  /// What fits before the figures; a line that wraps could not overwrite itself.
+  std::string bar(std::size_t columns, std::size_t taken) const {
+    constexpr std::size_t kMost = 40, kLeast = 4, kFrame = 4;  // "[", "] " and the last column, which stays free
+    if (columns < taken + kFrame + kLeast) return "";
+    const std::size_t width = std::min(kMost, columns - taken - kFrame);
+    const double share = static_cast<double>(master_.tick()) / static_cast<double>(master_.ticks());
+    const auto full = static_cast<std::size_t>(share * static_cast<double>(width));
+    return "[" + std::string(full, '#') + std::string(width - full, '.') + "] ";
+  }
+
+  const Master& master_;
+  bool shown_, drawn_ = false;
+  Clock::time_point begin_ = Clock::now(), last_ = begin_;
+};
+
+constexpr const char* kRecord = "run.json";
+constexpr const char* kCheckpoint = "run.checkpoint";
+
+struct RunArguments {
+  fs::path file, out, resume;
+  std::vector<std::string> set, record;
+  std::string json;
+  std::optional<double> stop;
+  bool real_time = false, quiet = false, overwrite = false;
+  double checkpoint = 10;  // s of wall time; 0: none
+  std::optional<int> threads;
+  FmuRunOptions fmu;  // of an FMU alone
+};
+
+void save_json(const fs::path& file, const Summary& summary, const Outcome& outcome) {
+  std::ostringstream out;
+  write_json(out, summary, outcome);
+  write_file(file, out.str());
+}
+
+/// The options that decide a run, as they go into its checkpoints.
+std::string options_of(const RunArguments& a) {
+  nlohmann::ordered_json j;
+  j["file"] = a.file.string();
+  j["set"] = a.set;
+  j["record"] = a.record;
+  if (a.stop) j["stop"] = *a.stop;
+  j["real_time"] = a.real_time;
+  return j.dump();
+}
+
+/// Throws Error for text that is not options_of() of something.
+void take_options(const std::string& text, const std::string& place, RunArguments& a) {
+  try {
+    const auto j = nlohmann::json::parse(text);
+    a.file = j.at("file").get<std::string>();
+    a.set = j.at("set").get<std::vector<std::string>>();
+    a.record = j.at("record").get<std::vector<std::string>>();
+    if (j.contains("stop")) a.stop = j["stop"].get<double>();
+    a.real_time = j.at("real_time").get<bool>();
+  } catch (const nlohmann::json::exception&) {
+    throw Error(place, "is damaged: its options cannot be read");
+  }
+}
+
+Scenario read_scenario(const RunArguments& arguments) {
+  Scenario scenario = load_scenario(arguments.file);
+  for (const std::string& assignment : arguments.set) assign(scenario, assignment, unit_types());
+  if (arguments.stop) {
+    constexpr double kMaxSeconds = 9e9;  // 2^63 ns is 9.22e9 s
+    if (!(std::abs(*arguments.stop) <= kMaxSeconds))
+      throw Error("--stop " + text::to_text(*arguments.stop),
+                  "expected a time in seconds, " + text::to_text(kMaxSeconds) + " at most");
+    scenario.stop = Time::from_seconds(*arguments.stop);
+  }
+  if (arguments.real_time) scenario.clock = "real-time";
+  if (!arguments.record.empty()) {
+    scenario.recording.clear();
+    scenario.all_outputs = false;
+    for (const std::string& pattern : arguments.record) scenario.recording.push_back({pattern, "--record"});
+  }
+  return scenario;
+}
+
+/// Takes the checkpoints of a run that can be saved.
+class Checkpoints {
+ public:
+  Checkpoints(Master& master, CheckpointWriter::Options options)
+      : master_(master), file_(options.file), writer_(std::move(options)) {}
+
+  void take() {
+    master_.save([this](RunState state) { writer_.write(std::move(state)); });
+  }
+  /// The last one, of where the run was stopped; what has not been handed over by now is not.
+  void end(bool take_last) {
+    writer_.wait_until_idle();
+    if (take_last) take();
+    writer_.end();
+  }
+  /// Whether a run could go on from the disk.
+  bool any() const {
+    std::error_code none;
+    return fs::exists(file_, none);
+  }
+  std::string failure() const { return writer_.failure(); }
+
+ private:
+  Master& master_;
+  fs::path file_;
+  CheckpointWriter writer_;
+};
+
+/// The loop of a Master or an FmuRun; what goes wrong in it is the outcome. `checkpoints` may be nullptr.
+template <class Run>
+Outcome run_to_the_end(Run& run, const Master& master, bool progress_wanted, Checkpoints* checkpoints) {
+  Outcome outcome;
+  try {
+    Progress progress(master, progress_wanted);
+    for (;;) {
+      if (attention.load(std::memory_order_relaxed) != 0) [[unlikely]] {
+        if (stop_signal() != 0) break;
+        attention &= ~kCheckpointDue;
+        if (checkpoints != nullptr) checkpoints->take();
+      }
+      if (!run.step_tick()) break;
+      if (master.tick() % 64 == 0) progress.update();
+    }
+    if (stop_signal() != 0 && master.tick() < master.ticks())
+      outcome = {"interrupted", std::string("stopped by ") + name_of_signal(stop_signal())};
+    if (checkpoints != nullptr) checkpoints->end(outcome.state == "interrupted");
+    run.finish();
+  } catch (const std::exception& error) {
+    outcome = {"failed", error.what()};
+    if (checkpoints != nullptr) checkpoints->end(false);
+    try {
+      run.finish();
+    } catch (const Error& closing) {
+      if (outcome.message != closing.what()) outcome.message += std::string("; ") + closing.what();
+    }
+  }
+  return outcome;
+}
+
+/// Warnings go to stderr as soon as they are known, each once.
+class Warnings {
+ public:
+  void tell(const std::vector<std::string>& warnings) {
+    for (const std::string& warning : warnings) {
+      if (told_.insert(warning).second) std::cerr << "cotwin: warning: " << warning << '\n';
+    }
+  }
+  /// Those that were not told yet.
+  std::vector<std::string> rest(std::vector<std::string> warnings) const {
+    std::erase_if(warnings, [&](const std::string& warning) { return told_.contains(warning); });
+    return warnings;
+  }
+
+ private:
+  std::set<std::string> told_;
+};
+
+int tell(const RunArguments& arguments, const Summary& summary, const Outcome& outcome, Warnings& warnings) {
+  if (outcome.state == "failed") std::cerr << "cotwin: " << outcome.message << '\n';
+  if (outcome.state == "interrupted")
+    std::cerr << "cotwin: " << outcome.message << " at t = " << text::to_text(summary.reached) << " s\n";
+  const bool json_to_stdout = arguments.json == "-";
+  // The file first: whoever reads stdout may go away (| head).
+  if (!arguments.json.empty() && !json_to_stdout) save_json(arguments.json, summary, outcome);
+  if (json_to_stdout) {
+    write_json(std::cout, summary, outcome);
+    warnings.tell(summary.warnings);
+  } else if (!arguments.quiet) {
+    Summary shown = summary;
+    shown.warnings = warnings.rest(summary.warnings);
+    write_report(std::cout, shown, outcome);
+  } else {
+    warnings.tell(summary.warnings);
+  }
+  if (!std::cout.flush()) {
+    if (errno == EPIPE) return kExitSignalled + SIGPIPE;  // | head: what the reader did not want to see
+    throw Error("stdout", "cannot be written: " + system_reason(errno));
+  }
+  if (outcome.state == "failed") return kExitRunFailed;
+  return outcome.state == "interrupted" ? kExitSignalled + stop_signal() : kExitDone;
+}
+
+/// The checkpoint that the command line names, and the options of its run instead of the command line's. Changes to the working
+/// directory of that run.
+RunCheckpoint resume(RunArguments& arguments, const Build& build) {
+  const fs::path folder = fs::absolute(arguments.resume);
+  const std::string place = (arguments.resume / kCheckpoint).string();
+  RunCheckpoint checkpoint = load_checkpoint(arguments.resume / kCheckpoint);
+  if (checkpoint.build.version != build.version || checkpoint.build.file != build.file)
+    throw Error(place, "was written by cotwin " + checkpoint.build.version + " (build " + hexadecimal(checkpoint.build.file) +
+                           "), expected the same program, which is cotwin " + build.version + " (build " +
+                           hexadecimal(build.file) + ") here");
+  if (checkpoint.build.cpu != build.cpu)
+    throw Error(place, "was written on the instruction set " + checkpoint.build.cpu + ", here it is " + build.cpu +
+                           ": the bits would differ (COTWIN_CPU chooses a lower one)");
+  take_options(checkpoint.command, place, arguments);
+  if (!arguments.json.empty() && arguments.json != "-") arguments.json = fs::absolute(arguments.json).string();
+  std::error_code error;
+  fs::current_path(checkpoint.folder, error);
+  if (error) throw Error(place, "began in " + checkpoint.folder + ", which cannot be entered: " + error.message());
+  arguments.out = folder.lexically_proximate(checkpoint.folder);
+  return checkpoint;
+}
+
+int run_scenario(RunArguments arguments) {
+  end_on_signals(" while loading and initialising; no results were written\n");
+  const Build build = this_build();
+  std::optional<RunCheckpoint> earlier;
+  if (!arguments.resume.empty()) earlier = resume(arguments, build);
+  Scenario scenario = read_scenario(arguments);
+  const std::uint64_t hash = hash_of(scenario);
+  if (earlier && earlier->scenario != hash)
+    throw Error((arguments.out / kCheckpoint).string(), "is of another scenario: " + arguments.file.string() +
+                                                            " or a file that it names has changed since, expected the same");
+  MasterOptions options;
+  options.types = unit_types();
+  options.folders = model_folders(scenario.folder);
+  options.results = arguments.out.empty() ? fs::path("results") / file_name_of(scenario.name) : arguments.out;
+  options.threads = arguments.threads;
+  const fs::path out = options.results;
+  ResultsFolder results(out);
+  fs::path kept;
+  std::optional<RunRecord> record;
+  std::optional<Master> master;
+  options.before_results = [&] {
+    note_signals();
+    results.open();
+    const std::array<std::string, 4> names = {"signals.csv", "signals.csv.part", kRecord, kCheckpoint};
+    if (!earlier && !arguments.overwrite) kept = results.keep_earlier(names);
+    if (!earlier && arguments.overwrite) fs::remove(out / kCheckpoint);
+    RunRecord::Given given{out / kRecord, build, hash, arguments.set, {}, {}};
+    if (!master->columns().empty()) given.results = out / "signals.csv";
+    if (earlier) given.resumed_at = master->now().seconds();
+    record.emplace(std::move(given), *master);
+  };
+  if (earlier) options.resume = earlier->state;
+  master.emplace(std::move(scenario), std::move(options));
+  Warnings warnings;
+  warnings.tell(master->warnings());
+  master->initialise();
+  warnings.tell(master->warnings());
+  if (!kept.empty() && !arguments.quiet) std::cout << "earlier results: moved to " << kept.string() << '\n';
+  std::optional<Checkpoints> checkpoints;
+  if (arguments.checkpoint > 0 && master->unsavable().empty()) {
+    CheckpointWriter::Options writing;
+    writing.file = out / kCheckpoint;
+    writing.every = std::chrono::duration<double>(arguments.checkpoint);
+    writing.head = {build, hash, options_of(arguments), fs::current_path().string(), {}};
+    writing.sync_recording = [&] { return master->sync_recording(); };
+    writing.due = [] { attention |= kCheckpointDue; };
+    checkpoints.emplace(*master, std::move(writing));
+  }
+  const Outcome outcome = run_to_the_end(*master, *master, !arguments.quiet, checkpoints ? &*checkpoints : nullptr);
+  Summary summary = master->summary();
+  if (checkpoints && !checkpoints->failure().empty()) summary.warnings.push_back("no checkpoint: " + checkpoints->failure());
+  if (arguments.checkpoint > 0 && summary.wall_seconds > arguments.checkpoint && !master->unsavable().empty())
+    summary.warnings.push_back("no checkpoint: " + master->unsavable());
+  if (outcome.state == "done") {
+    std::error_code none;
+    fs::remove(out / kCheckpoint, none);
+  }
+  record->close(summary, outcome);
+  const int code = tell(arguments, summary, outcome, warnings);
+  if (outcome.state != "done" && checkpoints && checkpoints->any())
+    std::cerr << "cotwin: go on with: cotwin run --resume " << out.string() << '\n';
+  return code;
+}
+
+int run_fmu(const RunArguments& arguments) {
+  end_on_signals(" while loading; no results were written\n");
+  FmuRun run(arguments.fmu);
+  const fs::path out = run.output_file();
+  FileLock lock;
+  if (!fs::exists(out) || fs::is_regular_file(out)) lock = FileLock(out.string() + ".lock", out.string());
+  run.initialise();
+  note_signals();
+  Warnings warnings;
+  warnings.tell(run.master().warnings());
+  const Outcome outcome = run_to_the_end(run, run.master(), !arguments.quiet, nullptr);
+  return tell(arguments, run.summary(), outcome, warnings);
+}
+
+/// Options that only a scenario has, or only an FMU.
+void refuse(const std::vector<CLI::Option*>& options, const std::string& what) {
+  for (const CLI::Option* option : options) {
+    if (option->count() > 0) throw Error(option->get_name(), "is not for " + what);
+  }
+}
+
+}  // namespace
+
+Build this_build() { return {COTWIN_VERSION, hash_of_file("/proc/self/exe"), robot::kernel_isa()}; }
+
+void add_run(CLI::App& app, Chosen& chosen) {
+  const auto all = std::make_shared<RunArguments>();
+  RunArguments& arguments = *all;
+  CLI::App* run_command = app.add_subcommand("run", "Run a scenario or an FMU");
+  run_command->add_option("FILE", arguments.file, "System structure (.ssd), package (.ssp) or FMU (.fmu)")->type_name("FILE");
+  run_command->add_option("--stop,--stop-time", arguments.stop, "Stop time in seconds, instead of the file's")
+      ->type_name("SECONDS");
+  run_command
+      ->add_option(
+          "--set", arguments.set,
+          "unit.variable=value, unit.variable[i]=value, unit.setting=value, or setting=value for all units; may be repeated")
+      ->type_name("NAME=VALUE")
+      ->allow_extra_args(false);
+  run_command
+      ->add_option("--out", arguments.out, "Folder for the results (default: results/<scenario> in the working directory)")
+      ->type_name("FOLDER");
+  run_command
+      ->add_option("--record", arguments.record,
+                   "Variables to record instead of the scenario's choice, e.g. 'drive.*'; may be repeated")
+      ->type_name("GLOB")
+      ->allow_extra_args(false);
+  run_command
+      ->add_option("--checkpoint", arguments.checkpoint,
+                   "Seconds of wall time between two checkpoints, from which an interrupted run can go on; 0: none")
+      ->capture_default_str()
+      ->check(CLI::NonNegativeNumber)
+      ->type_name("SECONDS");
+  run_command
+      ->add_option("--resume", arguments.resume,
+                   "Go on with the interrupted run whose results are in FOLDER, from its last checkpoint (without FILE)")
+      ->type_name("FOLDER");
+  run_command->add_flag("--overwrite", arguments.overwrite,
+                        "Overwrite earlier results (default: they are moved to earlier-1, earlier-2 … in the folder)");
+  run_command->add_option("--threads", arguments.threads, "At most so many threads (default: as many as pay)")
+      ->check(CLI::Range(1, 255))
+      ->type_name("N");
+  run_command->add_option("--json", arguments.json, "Write the summary as JSON, to stdout with -")->type_name("FILE|-");
+  run_command->add_flag("--real-time", arguments.real_time, "A second of the scenario takes a second");
+  run_command->add_flag("--quiet", arguments.quiet, "No progress bar and no table");
+
+  FmuRunOptions& fmu = arguments.fmu;
+  const std::string group = "For an FMU (as in fmusim)";
+  std::vector<CLI::Option*> of_fmu;
+  const auto add = [&](CLI::Option* option, const char* type) {
+    of_fmu.push_back(option->group(group)->type_name(type));
+    return option;
+  };
+  add(run_command->add_option("--start-time", fmu.start, "Start time in seconds"), "SECONDS");
+  add(run_command->add_option("--output-interval", fmu.interval, "Communication step, and between two rows of the output"),
+      "SECONDS");
+  add(run_command->add_option("--start-value", fmu.start_values, "Start value, in the FMU's own unit of measure; repeatable"),
+      "NAME VALUE");
+  add(run_command->add_option("--input-file", fmu.input_file,
+                              "CSV, time first: continuous reals along lines, all else held from row to row"),
+      "FILE");
+  add(run_command->add_option("--output-file", fmu.output_file, "CSV for the results (default: <FMU>_out.csv)"), "FILE");
+  add(run_command->add_option("--output-variable", fmu.output_variables, "Record this instead of all outputs; repeatable"),
+      "NAME")
+      ->allow_extra_args(false);
+  add(run_command->add_option("--tolerance", fmu.tolerance, "Relative tolerance told to the FMU"), "NUMBER");
+  add(run_command->add_option("--interface-type", fmu.interface_type, "cs or me; default: cs where the FMU offers it")
+          ->check(CLI::IsMember({"cs", "me"})),
+      "TYPE");
+  add(run_command
+          ->add_option("--process", fmu.process,
+                       "own: its crash, hang or exit is an error (see docs/scenario.md); shared: with cotwin; default: auto")
+          ->check(CLI::IsMember({"auto", "own", "shared"})),
+      "WHERE");
+  add(run_command->add_option("--timeout", fmu.timeout,
+                              "Of one call in a process of its own; initialisation ten times that (default: 60)"),
+      "SECONDS");
+  add(run_command->add_option("--memory", fmu.memory, "That a process of its own may use (default: 4e9)"), "BYTES");
+  of_fmu.push_back(run_command->add_flag("--set-stop-time", fmu.set_stop_time, "Tell the FMU the stop time")->group(group));
+
+  std::vector<CLI::Option*> of_scenario;
+  for (const char* name : {"--set", "--out", "--record", "--threads", "--real-time", "--checkpoint", "--overwrite"}) {
+    of_scenario.push_back(run_command->get_option(name));
+  }
+  std::vector<CLI::Option*> decided = of_fmu;
+  for (const char* name : {"FILE", "--stop", "--set", "--out", "--record", "--real-time", "--overwrite"})
+    decided.push_back(run_command->get_option(name));
+  run_command->callback([all, of_fmu, of_scenario, decided, &chosen] {
+    chosen = [all, of_fmu, of_scenario, decided] {
+      if (!all->resume.empty()) {
+        for (const CLI::Option* option : decided) {
+          if (option->count() > 0)
+            throw Error(option->get_name(),
+                        "is decided by the run that is resumed, expected only --threads, --json, --checkpoint or --quiet");
+        }
+        return run_scenario(*all);
+      }
+      if (all->file.empty()) throw Error("FILE", "is missing, expected a scenario, a package or an FMU");
+      if (!is_fmu(all->file)) {
+        refuse(of_fmu, "a scenario, expected with an FMU (.fmu)");
+        return run_scenario(*all);
+      }
+      refuse(of_scenario, "an FMU, expected with a scenario (.ssd, .ssp)");
+      all->fmu.file = all->file;
+      all->fmu.stop = all->stop;
+      return run_fmu(*all);
+    };
+  });
+}
+
+}  // namespace cotwin::master

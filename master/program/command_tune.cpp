@@ -1,0 +1,262 @@
+// cotwin tune: from a log of a real robot to a physically consistent model and its drives.
+
+#include <algorithm>
+#include <array>
+#include <iostream>
+#include <memory>
+#include <numbers>
+#include <optional>
+#include <thread>
+
+#include "master/program/commands.h"
+#include "master/program/interrupt.h"
+#include "master/program/results_folder.h"
+#include "master/program/tuning/cross_validation.h"
+#include "master/program/tuning/report.h"
+#include "master/program/tuning/tuning.h"
+#include "master/run/identity.h"
+#include "models/robot/urdf.h"
+#include "models/support/choice.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+#include "models/trajectory/axes.h"
+
+namespace cotwin::master {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct TuneArguments {
+  tuning::Settings settings;
+  std::string robot;
+  fs::path out, resume;
+  std::string method = "swarm", friction = "sigmoid", torques = "motor", time_unit = "s", angle_unit = "rad";
+  std::vector<double> q_offset_in_angle_unit;
+  std::optional<int> rounds, threads;
+  bool accept_result = false, no_offset = false, no_viscous = false, quiet = false, cross_validate = false, overwrite = false;
+  double checkpoint = 10;  // s
+};
+
+/// What a tuning leaves in its folder.
+const std::array<std::string, 7> kResults = {"robot.urdf",   "drive_train.ssv", "twin.ssd",   "torques.csv",
+                                             "figures.json", "report.md",       "resume.json"};
+
+tuning::Settings settings_of(const TuneArguments& a) {
+  tuning::Settings s = a.settings;
+  s.robot = urdf_of(a.robot);
+  s.method = tuning::method_of(a.method);
+  s.model.friction = identification::friction_law(a.friction);
+  s.model.motor_inertia = text::choose<bool>("--torques", a.torques, {{"motor", true}, {"joint", false}});
+  s.model.offset = !a.no_offset;
+  s.model.viscous = !a.no_viscous;
+  s.format.t_unit = text::choose<double>("--time-unit", a.time_unit, {{"s", 1}, {"ms", 1e-3}, {"us", 1e-6}, {"ns", 1e-9}});
+  s.format.angle_unit = text::choose<double>("--angle-unit", a.angle_unit, {{"rad", 1}, {"deg", std::numbers::pi / 180}});
+  s.format.q_offset = a.q_offset_in_angle_unit;
+  if (s.format.angle_unit != 1 && !s.format.q_offset.empty()) {
+    const std::vector<trajectory::Axis> axes = trajectory::axes_of(robot::load_urdf(s.robot));
+    for (std::size_t j = 0; j < std::min(axes.size(), s.format.q_offset.size()); ++j) {
+      if (axes[j].revolute) s.format.q_offset[j] *= s.format.angle_unit;
+    }
+  }
+  if (a.rounds) s.rounds = *a.rounds;
+  tuning::check(s);
+  return s;
+}
+
+int tune_command(const TuneArguments& arguments, const std::vector<std::string>& given) {
+  tuning::Run run;
+  const Build build = this_build();
+  run.program = build.version + " (build " + hexadecimal(build.file) + ", " + build.cpu + ")";
+  run.checkpoint = arguments.checkpoint;
+  tuning::Settings settings;
+  if (!arguments.resume.empty()) {
+    for (const std::string& option : given) {
+      if (option != "--resume" && option != "--rounds" && option != "--threads" && option != "--out" && option != "--quiet" &&
+          option != "--checkpoint" && option != "--overwrite" && option != "--accept-result")
+        throw Error(option,
+                    "is decided by what is resumed, expected only --rounds, --threads, --out, --checkpoint, --overwrite, "
+                    "--accept-result or --quiet with --resume");
+    }
+    run.resume = tuning::load_resume(arguments.resume / "resume.json");
+    if (run.resume->program != run.program)
+      throw Error((arguments.resume / "resume.json").string(),
+                  "was written by cotwin " + run.resume->program + ", expected the same program, which is " + run.program);
+    settings = run.resume->settings;
+    if (arguments.rounds) settings.rounds = *arguments.rounds;
+    tuning::check(settings);
+  } else {
+    if (arguments.robot.empty()) throw Error("--robot", "is missing, expected a robot's name or URDF");
+    settings = settings_of(arguments);
+  }
+  run.out = !arguments.out.empty()      ? arguments.out
+            : !arguments.resume.empty() ? arguments.resume
+                                        : fs::path("results") / file_name_of("tune_" + settings.data.front().stem().string());
+  const int cores = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  ResultsFolder results(run.out);
+  run.threads = arguments.threads.value_or(std::min(cores, 8));
+
+  note_signals();
+  tuning::ProgressLine line(!arguments.quiet);
+  const tuning::Hooks hooks{[&](const std::string& what, double share) { line.update(what, share); },
+                            [] { return stop_signal() != 0; }};
+  try {
+    if (arguments.cross_validate) {
+      const auto is_given = [&](const char* option) { return std::find(given.begin(), given.end(), option) != given.end(); };
+      settings = tuning::cross_validate(
+          settings, {!is_given("--cutoff"), !is_given("--load-friction"), !is_given("--prior-weight")}, run.threads, hooks);
+    }
+    const tuning::Data data = tuning::load_data(settings, hooks);
+    results.open();
+    if (run.out != arguments.resume && !arguments.overwrite) {
+      std::vector<fs::path> inputs = {settings.robot};
+      inputs.insert(inputs.end(), settings.data.begin(), settings.data.end());
+      inputs.insert(inputs.end(), settings.held_out.begin(), settings.held_out.end());
+      const fs::path kept = results.keep_earlier(kResults, inputs);
+      line.clear();
+      if (!kept.empty() && !arguments.quiet) std::cout << "earlier results: moved to " << kept.string() << '\n';
+    }
+    const tuning::Result result = tuning::tune(settings, run, hooks, data);
+    line.clear();
+    if (!arguments.quiet) {
+      tuning::write_table(std::cout, data, result);
+      std::cout << "\nresults: " << run.out.string()
+                << " (report.md, robot.urdf, drive_train.ssv, torques.csv, figures.json)\n";
+      if (result.evaluation.replay) std::cout << "the tuned twin: cotwin run " << (run.out / "twin.ssd").string() << '\n';
+    }
+    if (!std::cout.flush()) throw Error("stdout", "cannot be written");
+    if (!result.interrupted) {
+      for (const std::string& alarm : result.alarms) std::cerr << "cotwin: " << alarm << '\n';
+      if (result.alarms.empty() || arguments.accept_result) return kExitDone;
+      std::cerr << "cotwin: the result is worse than no model or the prior on held-out data (--accept-result takes it as it "
+                   "is)\n";
+      return kExitRunFailed;
+    }
+    std::cerr << "cotwin: stopped by " << name_of_signal(stop_signal());
+    if (result.swarm) std::cerr << " after round " << result.swarm->progress.round;
+    if (settings.method != tuning::Method::kLeastSquares)
+      std::cerr << "; go on with: cotwin tune --resume " << run.out.string();
+    std::cerr << '\n';
+  } catch (const tuning::Stopped&) {
+    line.clear();
+    std::cerr << "cotwin: stopped by " << name_of_signal(stop_signal()) << " before the search; nothing was written\n";
+  }
+  return kExitSignalled + stop_signal();
+}
+
+}  // namespace
+
+void add_tune(CLI::App& app, Chosen& chosen) {
+  const auto all = std::make_shared<TuneArguments>();
+  TuneArguments& a = *all;
+  tuning::Settings& s = a.settings;
+  CLI::App* command =
+      app.add_subcommand("tune", "Tune a robot's dynamics, friction and motors to torques that a real one measured");
+  command->add_option("--robot", a.robot, "URDF, or name of a robot in models/robots")->type_name("URDF");
+  command
+      ->add_option("--data", s.data,
+                   "Log (CSV): columns t, q1 …, tau1 … in SI, behind the gears; further files are further logs of the robot")
+      ->type_name("CSV");
+  command->add_option("--out", a.out, "Folder for the results (default: results/tune_<data>)")->type_name("FOLDER");
+  command->add_option("--split", s.split, "Share of the data, from the first on, to train on; the rest is held out")
+      ->capture_default_str()
+      ->type_name("SHARE");
+  command->add_option("--held-out", s.held_out, "Logs that are only predicted, instead of --split")->type_name("CSV");
+
+  const std::string search = "Search";
+  const auto in = [](const std::string& group, CLI::Option* option, const char* type) {
+    option->group(group);
+    if (*type != '\0') option->type_name(type);
+    return option;
+  };
+  in(search, command->add_option("--method", a.method, "swarm, feasible (least squares) or least-squares (not physical)"), "")
+      ->capture_default_str();
+  in(search, command->add_option("--friction", a.friction, "none, coulomb, sigmoid or stribeck"), "")->capture_default_str();
+  in(search,
+     command->add_option("--torques", a.torques,
+                         "motor: measured at the motors, times the gear ratio; joint: by sensors behind the gears"),
+     "")
+      ->capture_default_str();
+  in(search, command->add_option("--v-r", s.model.v_R, "Speed in rad/s over which Coulomb friction changes its sign"), "RAD/S")
+      ->capture_default_str();
+  in(search,
+     command
+         ->add_option("--harmonics", s.model.harmonics,
+                      "Per joint: harmonics of its own position, for springs and counterbalances")
+         ->delimiter(','),
+     "N,…");
+  in(search, command->add_flag("--no-offset", a.no_offset, "No constant friction torque"), "");
+  in(search, command->add_flag("--load-friction", s.model.load, "Friction also grows with the torque of gravity"), "");
+  in(search, command->add_flag("--no-viscous", a.no_viscous, "No viscous friction"), "");
+  in(search, command->add_option("--prior-weight", s.prior_weight, "Pull to the URDF where the data say little"), "W")
+      ->capture_default_str();
+  in(search,
+     command->add_flag("--cross-validate", a.cross_validate,
+                       "Choose --cutoff, --load-friction and --prior-weight, where not given, within the training part"),
+     "");
+  in(search, command->add_option("--seed", s.seed, "Same seed, same bits"), "N")->capture_default_str();
+  in(search, command->add_option("--rounds", a.rounds, "Rounds of the swarm at most (default: 500)"), "N");
+  in(search, command->add_option("--particles", s.particles, "Particles of the swarm"), "N")->capture_default_str();
+  in(search, command->add_option("--threshold", s.threshold, "Cost at which the swarm stops"), "COST")->capture_default_str();
+  in(search,
+     command->add_option("--threads", a.threads, "Threads; the result does not depend on them")->check(CLI::Range(1, 255)),
+     "N");
+  in(search,
+     command
+         ->add_option(
+             "--checkpoint", a.checkpoint,
+             "Seconds between two writings of resume.json, from which a killed tuning can go on; 0: none during the search")
+         ->check(CLI::NonNegativeNumber),
+     "SECONDS")
+      ->capture_default_str();
+  in(search, command->add_option("--resume", a.resume, "Go on with what a stopped tuning left in FOLDER"), "FOLDER");
+
+  const std::string log = "The log";
+  in(log, command->add_option("--cutoff", s.cutoff, "Zero-phase low-pass in Hz (default: chosen from the motion)"), "HZ");
+  in(log, command->add_option("--order", s.order, "Order of one of its two passes"), "N")->capture_default_str();
+  in(log, command->add_option("--margin", s.margin, "Seconds left out at both ends (default: 1/cutoff)"), "SECONDS");
+  in(log, command->add_option("--q-columns", s.format.q_columns, "Names or pattern of the position columns, e.g. 'pos_{}'"),
+     "NAMES");
+  in(log, command->add_option("--dq-columns", s.format.dq_columns, "Of velocities, which only check the positions"), "NAMES");
+  in(log, command->add_option("--tau-columns", s.format.tau_columns, "Of the torques"), "NAMES");
+  in(log,
+     command->add_option("--motor-columns", s.format.theta_columns,
+                         "Of the motors' positions behind the gears: friction at the motors' speeds, and joint stiffness"),
+     "NAMES");
+  in(log, command->add_option("--t-column", s.format.t_column, "Of time"), "NAME");
+  in(log, command->add_option("--time-unit", a.time_unit, "s, ms, us or ns"), "")->capture_default_str();
+  in(log, command->add_option("--rate", s.format.rate, "Sampling rate where there is no column of time"), "HZ");
+  in(log, command->add_option("--angle-unit", a.angle_unit, "rad or deg"), "")->capture_default_str();
+  in(log, command->add_option("--q-scale", s.format.q_scale, "Per joint: sign or gear ratio of the positions")->delimiter(','),
+     "X,…");
+  in(log,
+     command
+         ->add_option("--q-offset", a.q_offset_in_angle_unit,
+                      "Per joint: added to the positions, in --angle-unit; m of sliding joints")
+         ->delimiter(','),
+     "X,…");
+  in(log,
+     command->add_option("--tau-scale", s.format.tau_scale, "Per joint: sign, gear ratio or torque constant of the torques")
+         ->delimiter(','),
+     "X,…");
+  in(log, command->add_option("--max-gap", s.format.max_gap, "Steps longer than so many medians are gaps"), "N")
+      ->capture_default_str();
+  in(log, command->add_flag("--accept-data", s.accept_data, "Warn of implausible data instead of refusing them"), "");
+  command->add_flag("--accept-result", a.accept_result,
+                    "Exit code 0 also where held-out torques are predicted worse than by no model or by the prior");
+  command->add_flag("--quiet", a.quiet, "No progress bar and no table");
+  command->add_flag("--overwrite", a.overwrite,
+                    "Overwrite earlier results (default: they are moved to earlier-1, earlier-2 … in the folder)");
+
+  command->callback([all, command, &chosen] {
+    chosen = [all, command] {
+      std::vector<std::string> given;
+      for (const CLI::Option* option : command->get_options()) {
+        if (option->count() > 0) given.push_back(option->get_name());
+      }
+      return tune_command(*all, given);
+    };
+  });
+}
+
+}  // namespace cotwin::master

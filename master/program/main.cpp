@@ -1,0 +1,125 @@
+// The program `cotwin`: what the library in this folder does, from the command line.
+#include <algorithm>
+#include <cctype>
+#include <cstdlib>
+#include <iostream>
+#include <string_view>
+#include <system_error>
+
+#include "fmu/archive/archive.h"
+#include "fmu/archive/file_kind.h"
+#include "fmu/process/process.h"
+#include "master/program/commands.h"
+#include "master/program/interrupt.h"
+#include "master/run/crash.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::master {
+
+namespace fs = std::filesystem;
+
+std::vector<fs::path> model_folders(const fs::path& scenario_folder) {
+  std::vector<fs::path> folders;
+  if (!scenario_folder.empty()) folders.push_back(fs::absolute(scenario_folder));
+  folders.push_back(fs::current_path());
+  if (const char* listed = std::getenv("COTWIN_MODELS")) {
+    for (const std::string_view folder : text::split(listed, ':')) {
+      if (!folder.empty()) folders.emplace_back(folder);
+    }
+  }
+  std::error_code none;
+  const fs::path program = fs::read_symlink("/proc/self/exe", none);
+  if (!none) folders.push_back((program.parent_path() / ".." / "share" / "cotwin" / "models").lexically_normal());
+  folders.emplace_back(COTWIN_SOURCE_MODELS);
+  return folders;
+}
+
+fs::path urdf_of(const std::string& robot) {
+  std::error_code none;
+  if (fs::is_regular_file(robot, none)) return robot;
+  for (const fs::path& folder : model_folders({})) {
+    const fs::path file = folder / "robots" / robot / "robot.urdf";
+    if (fs::is_regular_file(file, none)) return file;
+  }
+  throw Error("robot '" + robot + "'", "is no file and no robot's name, expected a URDF");
+}
+
+std::string file_name_of(const std::string& wanted) {
+  std::string name = wanted.empty() ? "run" : wanted;
+  for (char& c : name) {
+    const bool plain = std::isalnum(static_cast<unsigned char>(c)) || c == '-' || c == '_' || c == '.' || (c & 0x80);
+    if (!plain) c = '_';
+  }
+  return name == "." || name == ".." ? "run" : name;
+}
+
+bool is_fmu(const fs::path& path) {
+  std::error_code none;
+  if (fmu::has_ending(path, ".fmu") || fs::is_regular_file(path / "modelDescription.xml", none)) return true;
+  if (fmu::has_ending(path, ".ssp") || !fmu::is_archive(path)) return false;
+  return std::ranges::any_of(fmu::list_archive(path), [](const auto& entry) { return entry.name == "modelDescription.xml"; });
+}
+
+}  // namespace cotwin::master
+
+namespace {
+
+int run(int argc, char** argv) {
+  using namespace cotwin::master;
+  ignore_signals_of_writing();
+  CLI::App app{"Cotwin: a value-driven digital twin of robot manipulators, as co-simulation units and a small master."};
+  app.set_version_flag("--version", std::string("cotwin ") + COTWIN_VERSION);
+  app.require_subcommand(1);
+  app.failure_message([](const CLI::App*, const CLI::Error& error) {
+    return std::string("cotwin: ") + error.what() + "\nRun with --help for more information.\n";
+  });
+  app.footer(
+      "Exit codes: 0 done; 1 the run failed (a NaN, a step that nobody could make, a full disk); 2 bad input (command line, "
+      "scenario,\n"
+      "parameters, files); 128 + the number of the signal that ended it (130: Ctrl-C, 143: SIGTERM), with everything up to "
+      "then "
+      "in\n"
+      "the files.");
+
+  Chosen chosen;
+  add_run(app, chosen);
+  add_pack(app, chosen);
+  add_inspection(app, chosen);
+  add_catalogue(app, chosen);
+  add_tune(app, chosen);
+  add_excite(app, chosen);
+  add_perturb(app, chosen);
+  add_completion(app, chosen);
+
+  try {
+    // CLI11 would only say that there is no command.
+    const auto commands = app.get_subcommands([](const CLI::App*) { return true; });
+    const auto is_asked = [&](const CLI::App* command) { return command->check_name(argv[1]); };
+    if (argc > 1 && argv[1][0] != '-' && std::none_of(commands.begin(), commands.end(), is_asked)) {
+      throw CLI::ExtrasError(std::string("'") + argv[1] +
+                                 "' is no command, expected run, pack, info, check, units, describe, reference, tune, excite, "
+                                 "perturb or completion",
+                             CLI::ExitCodes::ExtrasError);
+    }
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? kExitDone : kExitBadInput;
+  }
+  try {
+    return chosen();
+  } catch (const std::exception& error) {
+    std::cerr << "cotwin: " << error.what() << '\n';
+    return kExitBadInput;
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  using namespace cotwin;
+  master::catch_crashes(master::kExitRunFailed);
+  const int code = run(argc, argv);
+  master::main_ends();
+  return code == master::kExitDone && fmu::unclean_ends() > 0 ? master::kExitRunFailed : code;
+}

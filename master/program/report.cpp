@@ -1,0 +1,272 @@
+#include "master/program/report.h"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numeric>
+#include <ostream>
+
+#include "models/support/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+constexpr std::size_t kLabel = 20, kCell = 10, kPerLine = 8;
+constexpr std::size_t kMostUnits = 20;  // with a line each in the table of time
+
+std::string number(double value, int digits = 4) { return std::isnan(value) ? "-" : text::to_text(value, digits); }
+
+/// Characters on the screen, of UTF-8 text.
+std::size_t width(const std::string& s) {
+  return static_cast<std::size_t>(std::count_if(s.begin(), s.end(), [](char c) { return (c & 0xC0) != 0x80; }));
+}
+
+std::string left(const std::string& s, std::size_t columns) {
+  return s + std::string(columns > width(s) ? columns - width(s) : 1, ' ');
+}
+std::string right(const std::string& s, std::size_t columns) {
+  return std::string(columns > width(s) ? columns - width(s) : 1, ' ') + s;
+}
+
+/// A duration for people: "3.2 us", "41 ms", "12 s".
+std::string duration(double seconds) {
+  if (seconds < 1e-6) return text::to_text(seconds * 1e9, 3) + " ns";
+  if (seconds < 1e-3) return text::to_text(seconds * 1e6, 3) + " us";
+  if (seconds < 1) return text::to_text(seconds * 1e3, 3) + " ms";
+  return text::to_text(seconds, 4) + " s";
+}
+
+/// Rows of a value per element and, in the last column, one for all; wide vectors in several blocks.
+class ElementTable {
+ public:
+  explicit ElementTable(std::size_t elements) : elements_(elements) {}
+  void row(std::string label, std::vector<double> values, double all) {
+    rows_.push_back({std::move(label), std::move(values), all});
+  }
+  void print(std::ostream& out) const {
+    for (std::size_t begin = 0; begin < elements_; begin += kPerLine) {
+      const std::size_t end = std::min(elements_, begin + kPerLine);
+      const bool last = end == elements_;
+      if (elements_ > 1) {
+        out << left("", kLabel);
+        for (std::size_t i = begin; i < end; ++i) out << right("[" + std::to_string(i + 1) + "]", kCell);
+        out << (last ? right("all", kCell) : "") << '\n';
+      }
+      for (const Row& r : rows_) {
+        out << left("  " + r.label, kLabel);
+        for (std::size_t i = begin; i < end; ++i) out << right(number(r.values[i]), kCell);
+        out << (last && elements_ > 1 ? right(number(r.all), kCell) : "") << '\n';
+      }
+    }
+  }
+
+ private:
+  struct Row {
+    std::string label;
+    std::vector<double> values;
+    double all;
+  };
+  std::size_t elements_;
+  std::vector<Row> rows_;
+};
+
+double largest(const std::vector<double>& values) {
+  double most = 0;
+  for (const double v : values) most = std::max(most, v);
+  return most;
+}
+
+/// RMS over all elements, of the RMS of each (which are over equally many samples).
+double joined(const std::vector<double>& rms) {
+  double squares = 0;
+  for (const double r : rms) squares += r * r;
+  return std::sqrt(squares / static_cast<double>(rms.size()));
+}
+
+std::string heading(const std::string& name, const std::string& si, const std::string& what) {
+  return name + (si.empty() || si == "1" ? "" : " [" + si + "]") + (name == what ? "" : ": " + what);
+}
+
+void write_head(std::ostream& out, const Summary& s, const Outcome& outcome) {
+  out << s.scenario << ": ";
+  if (outcome.state == "interrupted") out << "interrupted at t = " << number(s.reached, 9) << " s; ";
+  if (outcome.state == "failed") out << "failed at t = " << number(s.reached, 9) << " s; ";
+  out << number(s.reached - s.start, 9) << " s in " << s.ticks << " ticks of " << duration(s.tick) << ", run in "
+      << duration(s.wall_seconds);
+  if (s.ticks > 0) out << ": " << number(s.real_time_factor, 3) << " times real time";
+  out << (s.threads > 1 ? " on " + std::to_string(s.threads) + " threads" : "") << '\n';
+  if (s.overruns > 0) out << s.overruns << " ticks began late, by " << duration(s.worst_delay) << " at most\n";
+  if (!s.initialisation.loop.empty()) {
+    out << "algebraic loop at initialisation solved in " << s.initialisation.iterations << " iterations:";
+    for (const std::string& member : s.initialisation.loop) out << ' ' << member;
+    out << '\n';
+  }
+  if (s.discarded > 0) {
+    out << s.discarded << " steps were discarded and made in up to " << s.most_parts << " parts, asked for by";
+    for (const auto& [name, count] : s.discarded_by) out << ' ' << name << " (" << count << ")";
+    out << '\n';
+  }
+  if (s.mean_parts > 1)
+    out << "ticks were cut into " << number(s.mean_parts, 3) << " parts on average, " << s.most_parts << " at most\n";
+}
+
+void write_figures(std::ostream& out, const Summary& s) {
+  for (const Tally& t : s.tallies) {
+    out << '\n' << heading(t.name, t.si, t.what) << '\n';
+    ElementTable table(t.rms.size());
+    table.row("RMS", t.rms, t.total_rms);
+    table.row("max", t.max, t.total_max);
+    table.print(out);
+  }
+  for (const Compared& c : s.comparisons) {
+    out << '\n' << heading(c.name, c.si, c.what) << ", t = " << number(c.from, 6) << " to " << number(c.to, 6) << " s\n";
+    ElementTable table(c.max.size());
+    table.row("max |a - b|", c.max, largest(c.max));
+    table.row("at t [s]", c.time_of_max, std::numeric_limits<double>::quiet_NaN());
+    for (std::size_t k = 0; k < c.segment_rms.size(); ++k) {
+      table.row("RMS, part " + std::to_string(k + 1), c.segment_rms[k], joined(c.segment_rms[k]));
+    }
+    table.row("RMS", c.rms, joined(c.rms));
+    table.print(out);
+  }
+  if (!s.works.empty()) {
+    out << '\n'
+        << left("energy [J]", 32) << right("net", kCell) << right("positive", kCell) << right("negative", kCell) << '\n';
+  } else if (!s.bonds.empty()) {
+    out << "\nenergy [J]\n";
+  }
+  for (const Work& w : s.works) {
+    out << "  " << left(w.name, 30) << right(number(w.value), kCell) << right(number(w.positive), kCell)
+        << right(number(w.negative), kCell) << (w.name == w.what ? "" : "   " + w.what) << '\n';
+  }
+  for (const Bonded& b : s.bonds) {
+    out << "  " << left(b.name, 30) << right(number(b.energy_a), kCell) << " given, " << number(b.energy_b) << " taken, leak "
+        << number(b.leak, 3) << '\n';
+  }
+}
+
+void write_time(std::ostream& out, const Summary& s) {
+  // Of many units those that take most, in the order of the scenario.
+  std::vector<std::size_t> shown(s.units.size());
+  std::iota(shown.begin(), shown.end(), std::size_t{0});
+  std::stable_sort(shown.begin(), shown.end(),
+                   [&](std::size_t x, std::size_t y) { return s.units[x].share > s.units[y].share; });
+  double others = 0;
+  for (std::size_t k = kMostUnits; k < shown.size(); ++k) others += s.units[shown[k]].share;
+  const std::size_t hidden = shown.size() > kMostUnits ? shown.size() - kMostUnits : 0;
+  shown.resize(shown.size() - hidden);
+  std::sort(shown.begin(), shown.end());
+  std::size_t label = kLabel;
+  for (const std::size_t u : shown) label = std::max(label, width(s.units[u].name) + 2);
+
+  const auto row = [&](const std::string& name, const std::string& per_step, double share) {
+    out << left("  " + name, label) << right(per_step, kCell) << right(number(100 * share, 3) + " %", kCell) << '\n';
+  };
+  out << '\n' << left("time", label) << right("per step", kCell) << right("share", kCell) << '\n';
+  for (const std::size_t u : shown) row(s.units[u].name, duration(s.units[u].seconds_per_step), s.units[u].share);
+  if (hidden > 0) row(std::to_string(hidden) + " others", "", others);
+  row("master: exchange", "", s.exchange_share);
+  row("master: checks", "", s.check_share);
+  row("master: recording", "", s.observe_share);
+}
+
+/// null for what JSON cannot say.
+nlohmann::ordered_json finite(double value) {
+  return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
+}
+nlohmann::ordered_json finite(const std::vector<double>& values) {
+  nlohmann::ordered_json list = nlohmann::ordered_json::array();
+  for (const double v : values) list.push_back(finite(v));
+  return list;
+}
+
+}  // namespace
+
+void write_report(std::ostream& out, const Summary& s, const Outcome& outcome) {
+  write_head(out, s, outcome);
+  write_figures(out, s);
+  write_time(out, s);
+  if (!s.notes.empty()) out << '\n';
+  for (const std::string& note : s.notes) out << note << '\n';
+  if (!s.warnings.empty()) out << '\n';
+  for (const std::string& warning : s.warnings) out << "warning: " << warning << '\n';
+  if (!s.recording.empty()) out << "\nresults: " << s.recording.string() << " (" << s.rows << " rows)\n";
+}
+
+void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
+  using nlohmann::ordered_json;
+  ordered_json j;
+  j["scenario"] = s.scenario;
+  j["state"] = outcome.state;
+  if (!outcome.message.empty()) j["message"] = outcome.message;
+  j["start"] = s.start;
+  j["reached"] = s.reached;
+  j["stop"] = s.stop;
+  j["tick"] = s.tick;
+  j["ticks"] = s.ticks;
+  j["wall_seconds"] = s.wall_seconds;
+  j["real_time_factor"] = finite(s.real_time_factor);
+  j["threads"] = s.threads;
+  j["initialisation"] = {
+      {"rounds", s.initialisation.rounds}, {"loop", s.initialisation.loop}, {"iterations", s.initialisation.iterations}};
+  j["signals"] = ordered_json::array();
+  for (const Tally& t : s.tallies) {
+    j["signals"].push_back({{"name", t.name},
+                            {"what", t.what},
+                            {"unit", t.si},
+                            {"rms", finite(t.rms)},
+                            {"max", finite(t.max)},
+                            {"time_of_max", finite(t.time_of_max)},
+                            {"total_rms", finite(t.total_rms)},
+                            {"total_max", finite(t.total_max)}});
+  }
+  j["comparisons"] = ordered_json::array();
+  for (const Compared& c : s.comparisons) {
+    ordered_json segments = ordered_json::array();
+    for (const auto& rms : c.segment_rms) segments.push_back(finite(rms));
+    j["comparisons"].push_back({{"name", c.name},
+                                {"what", c.what},
+                                {"unit", c.si},
+                                {"from", c.from},
+                                {"to", c.to},
+                                {"max", finite(c.max)},
+                                {"time_of_max", finite(c.time_of_max)},
+                                {"segment_rms", segments},
+                                {"rms", finite(c.rms)}});
+  }
+  j["energy"] = ordered_json::array();
+  for (const Work& w : s.works)
+    j["energy"].push_back({{"name", w.name},
+                           {"what", w.what},
+                           {"unit", w.si},
+                           {"value", finite(w.value)},
+                           {"positive", finite(w.positive)},
+                           {"negative", finite(w.negative)}});
+  j["bonds"] = ordered_json::array();
+  for (const Bonded& b : s.bonds) {
+    j["bonds"].push_back({{"name", b.name},
+                          {"energy_a", finite(b.energy_a)},
+                          {"energy_b", finite(b.energy_b)},
+                          {"leak", finite(b.leak)},
+                          {"tolerance", b.tolerance}});
+  }
+  j["units"] = ordered_json::array();
+  for (const Summary::Share& u : s.units)
+    j["units"].push_back({{"name", u.name}, {"seconds_per_step", u.seconds_per_step}, {"share", u.share}});
+  j["master"] = {{"exchange", s.exchange_share}, {"checks", s.check_share}, {"recording", s.observe_share}};
+  j["discarded"] = s.discarded;
+  j["discarded_by"] = ordered_json::object();
+  for (const auto& [name, count] : s.discarded_by) j["discarded_by"][name] = count;
+  j["parts"] = {{"most", s.most_parts}, {"mean", s.mean_parts}};
+  j["overruns"] = s.overruns;
+  j["worst_delay"] = s.worst_delay;
+  j["recording"] = s.recording.string();
+  j["rows"] = s.rows;
+  j["dropped_rows"] = s.dropped_rows;
+  j["notes"] = s.notes;
+  j["warnings"] = s.warnings;
+  out << j.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) << '\n';
+}
+
+}  // namespace cotwin::master

@@ -1,0 +1,31 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "master/program/tuning/settings.h"
+
+namespace cotwin::master::tuning {
+
+/// Where a tuning stopped: its settings, and all that its swarm remembers (identification::Tuning::save).
+struct Resume {
+  Settings settings;
+  std::vector<std::uintmax_t> file_sizes;  // bytes, of data and held_out: another log is another problem
+  std::vector<unsigned char> swarm;
+  std::string program = {};              // that wrote it: another one has other bits
+  std::vector<std::string> hashes = {};  // of the robot, data and held_out
+};
+
+std::string to_text(const Resume& resume);
+/// Throws Error `place: …` for text that is none of ours.
+Resume parse_resume(std::string_view text, const std::string& place);
+
+void save_resume(const std::filesystem::path& file, const Resume& resume);
+/// Throws Error also where the robot or the log are others now.
+Resume load_resume(const std::filesystem::path& file);
+std::vector<std::uintmax_t> file_sizes(const Settings& settings);
+std::vector<std::string> file_hashes(const Settings& settings);
+
+}  // namespace cotwin::master::tuning

@@ -1,0 +1,179 @@
+#include "master/run/crash.h"
+
+#include <signal.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <charconv>
+#include <cstdlib>
+#include <cstring>
+#include <string_view>
+#include <utility>
+
+#include "fmu/import/under_way.h"
+
+namespace cotwin::master {
+
+namespace {
+
+constexpr std::array kSignals = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
+constexpr std::size_t kStackBytes = 64 << 10;  // for the handler: a crash may be that of a full stack
+
+std::array<std::atomic<SavedOnCrash*>, 16> saved;
+std::array<struct sigaction, kSignals.size()> before;
+std::atomic<bool> main_has_ended{false};
+std::atomic_flag ending = ATOMIC_FLAG_INIT;
+const fmu::UnderWay* of_main_thread = nullptr;
+int exit_code = 1;
+alignas(16) std::array<char, kStackBytes> stack;
+
+/// A text in fixed room; what does not fit is left out.
+class Text {
+ public:
+  Text& operator<<(std::string_view s) {
+    const std::size_t n = std::min(s.size(), room_.size() - used_);
+    std::memcpy(room_.data() + used_, s.data(), n);
+    used_ += n;
+    return *this;
+  }
+  Text& operator<<(std::int64_t value) {
+    std::array<char, 24> digits{};
+    const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr;
+    return *this << std::string_view(digits.data(), static_cast<std::size_t>(end - digits.data()));
+  }
+  Text& seconds(std::int64_t ns) {
+    if (ns < 0) *this << "-";
+    const std::int64_t magnitude = ns < 0 ? -ns : ns;
+    *this << magnitude / 1'000'000'000;
+    std::int64_t fraction = magnitude % 1'000'000'000;
+    if (fraction == 0) return *this;
+    *this << ".";
+    for (std::int64_t digit = 100'000'000; fraction > 0; fraction %= digit, digit /= 10) *this << fraction / digit;
+    return *this;
+  }
+  void write() const {
+    for (std::size_t done = 0; done < used_;) {
+      const ssize_t n = ::write(STDERR_FILENO, room_.data() + done, used_ - done);
+      if (n <= 0) return;
+      done += static_cast<std::size_t>(n);
+    }
+  }
+
+ private:
+  std::array<char, 2048> room_;
+  std::size_t used_ = 0;
+};
+
+/// Behind a progress bar on a line of its own.
+void begin(Text& text) { text << (isatty(STDERR_FILENO) != 0 ? "\ncotwin: " : "cotwin: "); }
+
+/// The FMU that this thread is in, or the main thread where this one is none of ours.
+const fmu::UnderWay* call_under_way() {
+  if (fmu::under_way.function != nullptr) return &fmu::under_way;
+  return of_main_thread != nullptr && of_main_thread->function != nullptr ? of_main_thread : nullptr;
+}
+
+void name_call(Text& text, const fmu::UnderWay& call) {
+  text << "component '" << call.place->instance << "' at t = ";
+  text.seconds(call.ns) << " s: " << call.place->fmu << ": " << call.function;
+}
+
+}  // namespace
+
+struct CrashHandler {
+  static void save(Text& text) {
+    for (std::atomic<SavedOnCrash*>& slot : saved) {
+      SavedOnCrash* const one = slot.exchange(nullptr);
+      if (one == nullptr) continue;
+      one->save_(one->object_);
+      if (!one->file_.empty()) text << "; the rows up to then are in " << one->file_;
+    }
+  }
+
+  static void take(SavedOnCrash* one) {
+    for (std::atomic<SavedOnCrash*>& slot : saved) {
+      SavedOnCrash* none = nullptr;
+      if (slot.compare_exchange_strong(none, one)) return;
+    }
+  }
+  static void forget(SavedOnCrash* one) {
+    for (std::atomic<SavedOnCrash*>& slot : saved) {
+      SavedOnCrash* expected = one;
+      if (slot.compare_exchange_strong(expected, nullptr)) return;
+    }
+  }
+  /// Of threads that crash at the same time one ends the program.
+  static void enter() {
+    if (!ending.test_and_set()) return;
+    for (;;) pause();
+  }
+
+  static void on_signal(int number) {
+    enter();
+    const fmu::UnderWay* const call = call_under_way();
+    const char* description = sigdescr_np(number);
+    Text text;
+    begin(text);
+    if (call != nullptr) {
+      name_call(text, *call);
+      text << " was ended by ";
+    } else {
+      text << "ended by ";
+    }
+    text << "signal " << std::int64_t{number} << " (" << (description != nullptr ? description : "unknown") << ")";
+    save(text);
+    text << "\n";
+    text.write();
+    if (call != nullptr) _exit(exit_code);
+    for (std::size_t i = 0; i < kSignals.size(); ++i) {
+      if (kSignals[i] == number) sigaction(number, &before[i], nullptr);
+    }
+    raise(number);  // comes when this returns
+  }
+
+  static void on_exit(int status, void*) {
+    if (main_has_ended) return;
+    enter();
+    Text text;
+    begin(text);
+    if (const fmu::UnderWay* const call = call_under_way()) {
+      name_call(text, *call);
+      text << " called ";
+    } else {
+      text << "the run was ended by ";
+    }
+    text << "exit(" << std::int64_t{status} << ")";
+    save(text);
+    text << "\n";
+    text.write();
+    _exit(exit_code);
+  }
+};
+
+SavedOnCrash::SavedOnCrash(Save save, void* object, std::string file) : save_(save), object_(object), file_(std::move(file)) {
+  CrashHandler::take(this);
+}
+
+SavedOnCrash::~SavedOnCrash() { CrashHandler::forget(this); }
+
+void catch_crashes(int code) {
+  exit_code = code;
+  of_main_thread = &fmu::under_way;
+  stack_t alternative{};
+  alternative.ss_sp = stack.data();
+  alternative.ss_size = stack.size();
+  sigaltstack(&alternative, nullptr);
+  struct sigaction action = {};
+  action.sa_handler = CrashHandler::on_signal;
+  action.sa_flags = SA_ONSTACK;
+  for (const int number : kSignals) sigaddset(&action.sa_mask, number);
+  for (std::size_t i = 0; i < kSignals.size(); ++i) sigaction(kSignals[i], &action, &before[i]);
+  ::on_exit(CrashHandler::on_exit, nullptr);
+  std::at_quick_exit([] { CrashHandler::on_exit(0, nullptr); });
+}
+
+void main_ends() { main_has_ended = true; }
+
+}  // namespace cotwin::master

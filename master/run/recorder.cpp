@@ -1,0 +1,406 @@
+#include "master/run/recorder.h"
+
+#include <fcntl.h>
+#include <pthread.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <bit>
+#include <cerrno>
+#include <charconv>
+#include <chrono>
+#include <cstdio>
+#include <cstring>
+#include <system_error>
+#include <unordered_map>
+
+#include "models/support/atomic_file.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto kIdle = 2ms;     // the writer's nap when the ring is empty: waking it from the loop would cost a system call
+constexpr auto kFlush = 200ms;  // how old a row in memory may grow
+constexpr std::size_t kBuffer = std::size_t{1} << 18;  // bytes of text per write
+constexpr std::size_t kRoom = 28;                      // that a number needs
+
+bool has_wildcard(const std::string& pattern) { return pattern.find_first_of("*?") != std::string::npos; }
+
+/// Whether a pattern with a wildcard means the variable.
+bool wanted(const std::string& pattern, const std::string& name, const Variable& variable) {
+  return variable.role != Role::kParameter && variable.kind() != Kind::kString && glob(pattern, name);
+}
+
+/// RFC 4180.
+std::string csv_field(const std::string& name) {
+  if (name.find_first_of(",\"\n\r") == std::string::npos) return name;
+  std::string field = "\"";
+  for (const char c : name) field += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return field + '"';
+}
+
+/// Seconds with as many of the nine digits after the point as are needed: exact, unlike n · 1e-9.
+char* write_time(char* to, std::int64_t ns) {
+  if (ns < 0) *to++ = '-';
+  const auto magnitude = static_cast<std::uint64_t>(ns < 0 ? -ns : ns);
+  to = std::to_chars(to, to + 24, magnitude / 1'000'000'000).ptr;
+  std::uint64_t fraction = magnitude % 1'000'000'000;
+  if (fraction == 0) return to;
+  *to++ = '.';
+  int digits = 9;
+  for (; fraction % 10 == 0; fraction /= 10) --digits;
+  for (int i = digits - 1; i >= 0; --i, fraction /= 10) to[i] = static_cast<char>('0' + fraction % 10);
+  return to + digits;
+}
+
+}  // namespace
+
+std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Member> members) {
+  std::vector<bool> found(scenario.recording.size());
+  std::unordered_map<std::string_view, std::vector<std::size_t>> plain;  // without a wildcard, by name
+  std::vector<std::size_t> patterns;
+  for (std::size_t r = 0; r < scenario.recording.size(); ++r) {
+    const std::string& variables = scenario.recording[r].variables;
+    (has_wildcard(variables) ? patterns : plain[variables]).push_back(r);
+  }
+  std::vector<Column> columns;
+  const auto take = [&](const std::string& name, const Variable& variable) {
+    bool any = false;
+    const auto accept = [&](std::size_t r) {
+      if (variable.kind() == Kind::kString)
+        fail(scenario.recording[r].place, "'" + name + "' is a String, which cannot be recorded");
+      found[r] = any = true;
+    };
+    if (const auto same = plain.find(name); same != plain.end()) std::ranges::for_each(same->second, accept);
+    for (const std::size_t r : patterns) {
+      if (wanted(scenario.recording[r].variables, name, variable)) accept(r);
+    }
+    return any;
+  };
+  for (std::size_t m = 0; m < members.size(); ++m) {
+    for (const Variable& variable : members[m].variables()) {
+      const std::string whole = members[m].name() + "." + variable.name;
+      const std::size_t n = variable.size();
+      const bool by_default = (scenario.recording.empty() || scenario.all_outputs) && variable.role == Role::kOutput &&
+                              variable.kind() != Kind::kString;
+      if (take(whole, variable) || by_default) {
+        for (std::size_t i = 0; i < n && scenario.all_outputs; ++i) take(whole + "[" + std::to_string(i + 1) + "]", variable);
+        Column column{{}, {m, &variable, 0, n, whole}};
+        for (std::size_t i = 0; i < n; ++i) column.names.push_back(element_name(members[m].name(), variable, i));
+        columns.push_back(std::move(column));
+        continue;
+      }
+      for (std::size_t i = 0; i < n; ++i) {
+        const std::string element = whole + "[" + std::to_string(i + 1) + "]";
+        if (take(element, variable))
+          columns.push_back({{element_name(members[m].name(), variable, i)}, {m, &variable, i, 1, element}});
+      }
+    }
+  }
+  for (std::size_t r = 0; r < found.size(); ++r) {
+    const RecordSpec& spec = scenario.recording[r];
+    if (found[r]) continue;
+    if (!has_wildcard(spec.variables)) (void)find_signal(members, spec.variables, spec.place);  // says it better
+    fail(spec.place, "nothing to record is called '" + spec.variables + "'");
+  }
+  return columns;
+}
+
+/// Turns rows into text and writes it, on its own thread.
+class Recorder::Writer {
+ public:
+  /// `written`: bytes that the file has already.
+  Writer(Recorder& recorder, int descriptor, std::uint64_t written, const std::vector<bool>& integral)
+      : recorder_(recorder),
+        descriptor_(descriptor),
+        written_(written),
+        integral_(integral),
+        known_(std::bit_ceil(std::clamp<std::size_t>(4 * recorder.width_, 256, 65536))),
+        known_shift_(64 - std::countr_zero(known_.size())),
+        buffer_(kBuffer + 2 * kRoom + 32 * recorder.width_) {}
+  ~Writer() {
+    if (descriptor_ >= 0) ::close(descriptor_);
+  }
+
+  void run() {
+    using Clock = std::chrono::steady_clock;
+    auto flushed = Clock::now();
+    for (;;) {
+      const bool closing = recorder_.closing_.load(std::memory_order_acquire);  // before head: nothing sampled before is missed
+      const std::uint64_t head = recorder_.head_.load(std::memory_order_acquire);
+      std::uint64_t tail = recorder_.tail_.load(std::memory_order_relaxed);
+      const std::uint64_t mark = recorder_.mark_.load(std::memory_order_acquire);
+      if (tail == mark) {
+        flush();
+        recorder_.mark_.store(kNoMark, std::memory_order_relaxed);
+        recorder_.marked_bytes_.store(written_, std::memory_order_release);
+        continue;
+      }
+      if (tail == head) {
+        if (closing) break;
+        if (Clock::now() - flushed >= kFlush) {
+          flush();
+          flushed = Clock::now();
+        }
+        std::this_thread::sleep_for(kIdle);
+        continue;
+      }
+      // Hands room back now and then, so that a waiting loop goes on while we write.
+      std::uint64_t until = std::min(head, tail + std::max<std::uint64_t>(1, recorder_.capacity_ / 8));
+      if (mark > tail) until = std::min(until, mark);
+      for (; tail < until; ++tail)
+        write_row(recorder_.ring_.get() + (tail & (recorder_.capacity_ - 1)) * (recorder_.width_ + 1));
+      recorder_.tail_.store(tail, std::memory_order_release);
+      recorder_.tail_.notify_one();
+      if (Clock::now() - flushed >= kFlush) {
+        flush();
+        flushed = Clock::now();
+      }
+    }
+    flush();
+    recorder_.ended_.store(true, std::memory_order_release);
+  }
+
+  void write_text(std::string_view text) {
+    for (std::size_t done = 0; done < text.size();) {
+      const ssize_t n = ::write(descriptor_, text.data() + done, text.size() - done);
+      if (n < 0 && errno == EINTR) continue;
+      if (n <= 0) {
+        recorder_.failure_.store(n < 0 ? errno : EIO, std::memory_order_release);
+        end_with_a_row(text.substr(0, done));
+        return;
+      }
+      done += static_cast<std::size_t>(n);
+    }
+    written_ += text.size();
+  }
+
+  void close() {
+    const int descriptor = descriptor_;
+    descriptor_ = -1;
+    if (::close(descriptor) != 0 && recorder_.failure_ == 0) recorder_.failure_ = errno;  // a network file system tells it here
+  }
+  /// On any thread, before close().
+  bool sync() const { return ::fdatasync(descriptor_) == 0 || errno == EINVAL || errno == ENOTSUP; }
+
+ private:
+  /// A value and its text.
+  struct Known {
+    std::uint64_t bits = 0x7ff8dead0000beefu;  // a NaN that nothing computes
+    std::uint32_t length = 0;
+    char text[kRoom];
+  };
+
+  void write_row(const double* row) {
+    char* to = write_time(buffer_.data() + used_, std::bit_cast<std::int64_t>(row[0]));
+    for (std::size_t i = 0; i < integral_.size(); ++i) {
+      *to++ = ',';
+      const double value = row[i + 1];
+      to = integral_[i] ? std::to_chars(to, to + kRoom, static_cast<std::int32_t>(value)).ptr : write_real(to, value);
+    }
+    *to++ = '\n';
+    used_ = static_cast<std::size_t>(to - buffer_.data());
+    if (used_ >= kBuffer) flush();
+  }
+
+  char* write_real(char* to, double value) {
+    const auto bits = std::bit_cast<std::uint64_t>(value);
+    Known& known = known_[(bits * 0x9e3779b97f4a7c15u) >> known_shift_];
+    if (bits == known.bits) {
+      std::memcpy(to, known.text, sizeof known.text);  // a fixed length is quicker; what comes next overwrites the rest
+      return to + known.length;
+    }
+    char* const end = std::to_chars(to, to + kRoom, value).ptr;
+    known.bits = bits;
+    known.length = static_cast<std::uint32_t>(end - to);
+    std::memcpy(known.text, to, sizeof known.text);
+    return end;
+  }
+
+  /// Takes back the part of a row that a full disk left behind. `last`: what was written of the last text.
+  void end_with_a_row(std::string_view last) {
+    const std::size_t row_end = last.rfind('\n');
+    const std::size_t whole = row_end == std::string_view::npos ? 0 : row_end + 1;
+    if (::ftruncate(descriptor_, static_cast<off_t>(written_ + whole)) != 0) return;  // a pipe: there is nothing to take back
+  }
+
+  void flush() {
+    if (recorder_.failure_.load(std::memory_order_relaxed) == 0) write_text({buffer_.data(), used_});
+    used_ = 0;
+  }
+
+  Recorder& recorder_;
+  int descriptor_;
+  std::uint64_t written_;  // bytes in the file, whole rows
+  std::vector<bool> integral_;
+  std::vector<Known> known_;  // by hash: a signal rests, and an input repeats what an output has just been
+  int known_shift_;
+  std::vector<char> buffer_;
+  std::size_t used_ = 0;
+};
+
+Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Options options)
+    : file_(std::move(file)), may_wait_(options.may_wait) {
+  std::string heading = "time";
+  std::vector<bool> integral;
+  for (const Column& column : columns) {
+    const Signal& s = column.signal;
+    const Variable& v = *s.variable;
+    const auto part = [&s](auto all) { return all.subspan(s.first, s.count); };
+    switch (v.kind()) {
+      case Kind::kReal:
+        add<double>(part(v.reals()), reals_);
+        break;
+      case Kind::kInteger:
+        add<std::int32_t>(part(v.integers()), integers_);
+        break;
+      case Kind::kBoolean:
+        add<bool>(part(v.booleans()), booleans_);
+        break;
+      case Kind::kString:
+        throw Error("'" + s.name + "' is a String, which cannot be recorded");
+    }
+    integral.insert(integral.end(), s.count, v.kind() != Kind::kReal);
+    for (const std::string& name : column.names) heading += "," + csv_field(name);
+  }
+  heading += '\n';
+  const std::size_t rows = std::max<std::size_t>(64, options.ring_bytes / sizeof(double) / (width_ + 1));
+  capacity_ = std::bit_floor(rows);
+  ring_ = std::make_unique<double[]>(capacity_ * (width_ + 1));  // zeroed: the loop does not meet fresh pages
+  room_until_ = capacity_;
+
+  const int descriptor = open_file(heading, options.kept);
+  if (options.kept) {
+    sampled_ = options.kept->rows;
+    dropped_ = options.kept->dropped;
+  }
+  writer_ = std::make_unique<Writer>(*this, descriptor, options.kept ? options.kept->bytes : 0, integral);
+  if (!options.kept) writer_->write_text(heading);
+  if (failure_ != 0) tell_failure();
+  thread_ = std::thread([this] { writer_->run(); });
+  saved_.emplace(save, this, file_.string());
+}
+
+int Recorder::open_file(const std::string& heading, const std::optional<Kept>& kept) {
+  make_folder(file_.parent_path());
+  struct stat status {};
+  const bool regular = ::stat(file_.c_str(), &status) != 0 || S_ISREG(status.st_mode);
+  written_to_ = file_;
+  if (regular) written_to_ += ".part";
+  if (kept) return open_again(heading, *kept);
+  const int descriptor = ::open(written_to_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+  if (descriptor < 0) throw Error(file_.string(), "cannot be written: " + system_reason(errno));
+  return descriptor;
+}
+
+/// The recording is <file>.part after a kill, and <file> after an orderly end.
+int Recorder::open_again(const std::string& heading, const Kept& kept) {
+  const auto refuse = [&](const std::string& what) { throw Error(file_.string(), "cannot be gone on with: " + what); };
+  int descriptor = ::open(written_to_.c_str(), O_RDWR | O_CLOEXEC);
+  const bool complete = descriptor < 0 && errno == ENOENT;
+  if (complete) descriptor = ::open(file_.c_str(), O_RDWR | O_CLOEXEC);
+  if (descriptor < 0) refuse(system_reason(errno));
+  try {
+    struct stat status {};
+    if (::fstat(descriptor, &status) != 0) refuse(system_reason(errno));
+    const auto size = static_cast<std::uint64_t>(status.st_size);
+    if (!S_ISREG(status.st_mode) || size < kept.bytes || kept.bytes < heading.size())
+      refuse("it has " + std::to_string(size) + " bytes, the checkpoint was made after " + std::to_string(kept.bytes));
+    std::string there(heading.size(), '\0');
+    char last = 0;
+    const bool read = ::pread(descriptor, there.data(), there.size(), 0) == static_cast<ssize_t>(there.size()) &&
+                      ::pread(descriptor, &last, 1, static_cast<off_t>(kept.bytes) - 1) == 1;
+    if (!read || there != heading) refuse("its columns are not those of the run");
+    if (last != '\n') refuse("no row ends at byte " + std::to_string(kept.bytes));
+    if (complete && ::rename(file_.c_str(), written_to_.c_str()) != 0) refuse(system_reason(errno));
+    const auto end = static_cast<off_t>(kept.bytes);
+    if (::ftruncate(descriptor, end) != 0 || ::lseek(descriptor, end, SEEK_SET) != end) refuse(system_reason(errno));
+  } catch (...) {
+    ::close(descriptor);
+    throw;
+  }
+  return descriptor;
+}
+
+Recorder::~Recorder() {
+  saved_.reset();
+  if (!thread_.joinable()) return;
+  closing_ = true;
+  thread_.join();
+}
+
+void Recorder::sample(Time now) {
+  const std::uint64_t head = head_.load(std::memory_order_relaxed);
+  if (head == room_until_) {
+    std::uint64_t tail = tail_.load(std::memory_order_acquire);
+    while (tail + capacity_ == head) {
+      if (!may_wait_) {
+        ++dropped_;
+        return;
+      }
+      tail_.wait(tail, std::memory_order_acquire);
+      tail = tail_.load(std::memory_order_acquire);
+    }
+    room_until_ = tail + capacity_;
+  }
+  if (failure_.load(std::memory_order_relaxed) != 0) tell_failure();
+  copy_row(now, ring_.get() + (head & (capacity_ - 1)) * (width_ + 1));
+  head_.store(head + 1, std::memory_order_release);
+  ++sampled_;
+}
+
+/// The next columns.
+template <class T>
+void Recorder::add(std::span<const T> values, std::vector<Source<T>>& sources) {
+  for (const T& value : values) sources.push_back({&value, width_++});
+}
+
+void Recorder::copy_row(Time now, double* row) const {
+  *row++ = std::bit_cast<double>(now.ns);
+  for (const auto& [from, column] : reals_) row[column] = *from;
+  for (const auto& [from, column] : integers_) row[column] = *from;
+  for (const auto& [from, column] : booleans_) row[column] = *from ? 1 : 0;
+}
+
+void Recorder::close() {
+  saved_.reset();
+  if (!thread_.joinable()) return;
+  closing_.store(true, std::memory_order_release);
+  thread_.join();
+  writer_->close();
+  if (written_to_ != file_ && ::rename(written_to_.c_str(), file_.c_str()) != 0 && failure_ == 0) failure_ = errno;
+  if (failure_ != 0) tell_failure();
+}
+
+/// In a signal handler: the writing thread goes on running, and has a few seconds.
+void Recorder::save(void* self) noexcept {
+  auto& recorder = *static_cast<Recorder*>(self);
+  if (pthread_equal(pthread_self(), recorder.thread_.native_handle()) != 0) return;
+  recorder.closing_.store(true, std::memory_order_release);
+  constexpr timespec kNap{0, 2'000'000};
+  for (int i = 0; i < 5'000 && !recorder.ended_.load(std::memory_order_acquire); ++i) nanosleep(&kNap, nullptr);
+  if (recorder.ended_ && recorder.written_to_ != recorder.file_)
+    static_cast<void>(std::rename(recorder.written_to_.c_str(), recorder.file_.c_str()));
+}
+
+std::optional<std::uint64_t> Recorder::sync_to_mark() const {
+  for (;;) {
+    if (failure_.load(std::memory_order_acquire) != 0) return std::nullopt;
+    const std::uint64_t bytes = marked_bytes_.load(std::memory_order_acquire);
+    if (bytes != kNoMark) return writer_->sync() ? std::optional(bytes) : std::nullopt;
+    std::this_thread::sleep_for(kIdle);
+  }
+}
+
+void Recorder::tell_failure() {
+  throw Error(file_.string(), "cannot be written: " + system_reason(failure_) + "; the recording is incomplete");
+}
+
+}  // namespace cotwin::master

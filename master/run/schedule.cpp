@@ -1,0 +1,45 @@
+#include "master/run/schedule.h"
+
+#include <algorithm>
+#include <numeric>
+
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::master {
+
+Schedule::Schedule(const Scenario& scenario, std::span<const Member> members)
+    : start_(scenario.start), stop_(scenario.stop), tick_(scenario.tick) {
+  const std::string place = scenario.file.filename().string();
+  if (tick_.ns <= 0) fail(place, "tick " + text::to_text(tick_.seconds()) + " s, expected > 0");
+  if (stop_ <= start_) {
+    fail(place, "the run would stop at " + text::to_text(stop_.seconds()) + " s, expected a stop time after " +
+                    text::to_text(start_.seconds()) + " s: give --stop SECONDS");
+  }
+  ticks_ = ((stop_ - start_).ns + tick_.ns - 1) / tick_.ns;
+
+  std::vector<std::size_t> order(members.size());
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return members[a].spec.stage < members[b].spec.stage; });
+  slot_of.resize(members.size());
+  for (const std::size_t m : order) {
+    const ComponentSpec& spec = members[m].spec;
+    if (spec.period < 1)
+      fail(spec.place, "component '" + spec.name + "': period " + std::to_string(spec.period) + ", expected >= 1 ticks");
+    const bool opens_stage = slots.empty() || members[slots.back().member].spec.stage != spec.stage;
+    if (opens_stage) stages.push_back({slots.size(), slots.size(), true});
+    slot_of[m] = slots.size();
+    slots.push_back({members[m].instance.unit.get(), m, spec.period, spec.threads, start_, {}});
+    stages.back().last = slots.size();
+    stages.back().every_tick = stages.back().every_tick && spec.period == 1;
+  }
+}
+
+std::int64_t Schedule::first_tick_from(Time time) const {
+  if (time <= start_) return 0;
+  if (time > stop_) return ticks_;
+  return ((time - start_).ns + tick_.ns - 1) / tick_.ns;
+}
+
+}  // namespace cotwin::master

@@ -1,0 +1,291 @@
+#include "master/run/statistics.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <type_traits>
+
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+constexpr std::size_t kDefaultTallies = 12;  // of recorded vectors, where the scenario asks for no report
+constexpr int kMaxSegments = 1000;           // keeps nanoseconds · segments within 64 bits for runs of three months
+
+/// Measure of a power: kg.m2/s3, with or without the rad of an angular flow (N.m · rad/s, N · m/s).
+bool is_power(const si::Measure& effort, const si::Measure& flow) {
+  std::array<int, 8> sum{};
+  for (std::size_t i = 0; i < sum.size(); ++i) sum[i] = effort.exponents[i] + flow.exponents[i];
+  sum[7] = 0;
+  return sum == std::array<int, 8>{1, 2, -3, 0, 0, 0, 0, 0} && effort.offset == 0 && flow.offset == 0;
+}
+
+double root_mean(double squares, std::int64_t count) {
+  return count > 0 ? std::sqrt(squares / static_cast<double>(count)) : std::numeric_limits<double>::quiet_NaN();
+}
+
+}  // namespace
+
+Statistics::Difference Statistics::make_difference(const Signal& a, const Signal* b, std::string name,
+                                                   const std::string& place) {
+  Difference d{std::move(name), a.name, a.variable->si, a.reals(), {}, 1, 0};
+  if (b) {
+    d.what = a.name + " - " + b->name;
+    if (a.count != b->count) {
+      fail(place, d.what + ": " + std::to_string(a.count) + " elements cannot be held against " + std::to_string(b->count));
+    }
+    if (!a.variable->si.empty() && !b->variable->si.empty()) {
+      const si::Measure to = si::parse(a.variable->si), from = si::parse(b->variable->si);
+      if (!si::convertible(from, to))
+        fail(place, d.what + ": " + a.variable->si + " cannot be held against " + b->variable->si);
+      const si::Conversion conversion = si::conversion(from, to);
+      d.factor = conversion.factor;
+      d.offset = conversion.offset;
+    }
+    d.b = b->reals();
+  }
+  if (d.name.empty()) d.name = d.what;
+  return d;
+}
+
+Statistics::Power Statistics::make_power(const Signal& effort, const Signal& flow, const std::string& place) {
+  if (effort.count != flow.count) {
+    fail(place, effort.name + " * " + flow.name + ": " + std::to_string(effort.count) + " elements of effort, " +
+                    std::to_string(flow.count) + " of flow");
+  }
+  if (effort.variable->si.empty() || flow.variable->si.empty()) {
+    return {effort.reals(), flow.reals(), 1, effort.variable->discrete, 0, 0};  // nobody told
+  }
+  const si::Measure e = si::parse(effort.variable->si), f = si::parse(flow.variable->si);
+  if (!is_power(e, f)) {
+    fail(place, effort.name + " * " + flow.name + ": " + effort.variable->si + " times " + flow.variable->si + " is no power");
+  }
+  return {effort.reals(), flow.reals(), e.factor * f.factor, effort.variable->discrete, 0, 0};
+}
+
+Statistics::Statistics(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> recorded) {
+  for (const ReportSpec& spec : scenario.reports) {
+    const Signal a = find_real_signal(members, spec.a, spec.place);
+    if (spec.kind == "signal") {
+      add_tally(make_difference(a, nullptr, spec.name, spec.place));
+      continue;
+    }
+    const Signal b = find_real_signal(members, spec.b, spec.place);
+    if (spec.kind == "difference") {
+      add_tally(make_difference(a, &b, spec.name, spec.place));
+    } else if (spec.kind == "energy") {
+      const std::string what = a.name + " * " + b.name;
+      works_.emplace_back(spec.name.empty() ? what : spec.name, what, make_power(a, b, spec.place));
+    } else {
+      fail(spec.place, "report of kind '" + spec.kind + "', expected signal, difference or energy");
+    }
+  }
+  if (scenario.reports.empty()) {
+    for (const Signal& signal : recorded) {
+      if (signal.variable->kind() != Kind::kReal || tallies_.size() == kDefaultTallies) continue;
+      add_tally(make_difference(signal, nullptr, "", ""));
+    }
+  }
+  for (const ComparisonSpec& spec : scenario.comparisons) {
+    const Signal a = find_real_signal(members, spec.a, spec.place), b = find_real_signal(members, spec.b, spec.place);
+    const Time from = spec.from.value_or(scenario.start), to = spec.to.value_or(scenario.stop);
+    if (spec.segments < 1 || spec.segments > kMaxSegments) {
+      fail(spec.place, "comparison '" + spec.name + "': " + std::to_string(spec.segments) + " segments, expected 1 to " +
+                           std::to_string(kMaxSegments));
+    }
+    if (to <= from) {
+      fail(spec.place, "comparison '" + spec.name + "' would last from " + text::to_text(from.seconds(), 12) + " s to " +
+                           text::to_text(to.seconds(), 12) + " s, expected an end after its beginning");
+    }
+    comparisons_.push_back({make_difference(a, &b, spec.name, spec.place), from, to, Sums(a.count),
+                            std::vector<Sums>(static_cast<std::size_t>(spec.segments), Sums(a.count))});
+  }
+  for (const BondSpec& spec : scenario.bonds) {
+    const auto side = [&](const std::string& effort, const std::string& flow) {
+      return make_power(find_real_signal(members, effort, spec.place), find_real_signal(members, flow, spec.place), spec.place);
+    };
+    bonds_.push_back({spec.name, side(spec.effort_a, spec.flow_a), side(spec.effort_b, spec.flow_b), spec.tolerance});
+  }
+  more_than_tallies_ = !comparisons_.empty() || !works_.empty() || !bonds_.empty();
+}
+
+void Statistics::add_tally(Difference difference) {
+  for (std::size_t i = 0; i < difference.a.size(); ++i) {
+    const double* b = difference.b.empty() ? nullptr : &difference.b[i];
+    tallied_.push_back({&difference.a[i], b, difference.factor, difference.offset, {}});
+  }
+  tallies_.push_back(std::move(difference));
+}
+
+/// Of a comparison, the difference of two.
+void Statistics::Sums::add(const Difference& difference, Time now) {
+  ++count;
+  const double *a = difference.a.data(), *b = difference.b.data();
+  for (Sum& e : elements) e.add(*a++ - (difference.factor * *b++ + difference.offset), now);
+}
+
+std::vector<double> Statistics::Sums::rms() const {
+  std::vector<double> all;
+  for (const Sum& e : elements) all.push_back(root_mean(e.squares, count));
+  return all;
+}
+
+double Statistics::Power::now() const {
+  double sum = 0;
+  for (std::size_t i = 0; i < effort.size(); ++i) sum += effort[i] * flow[i];
+  return factor * sum;
+}
+
+void Statistics::Power::add(double h) {
+  const double power = now();
+  energy += 0.5 * h * (last + power);
+  last = power;
+}
+
+Statistics::WorkState::WorkState(std::string name_of, std::string signals, const Power& power)
+    : name(std::move(name_of)),
+      what(std::move(signals)),
+      effort(power.effort),
+      flow(power.flow),
+      factor(power.factor),
+      held(power.held),
+      last_effort(power.effort.size()),
+      last_flow(power.effort.size()) {}
+
+void Statistics::WorkState::add(double h) {
+  for (std::size_t i = 0; i < effort.size(); ++i) {
+    const double begin = factor * (held ? effort[i] : last_effort[i]) * last_flow[i], end = factor * effort[i] * flow[i];
+    last_effort[i] = effort[i];
+    last_flow[i] = flow[i];
+    if (begin >= 0 && end >= 0) {
+      positive += 0.5 * h * (begin + end);
+    } else if (begin <= 0 && end <= 0) {
+      negative += 0.5 * h * (begin + end);
+    } else {  // the line crosses zero: two triangles
+      const double above = std::max(begin, end), below = std::min(begin, end), range = above - below;
+      positive += 0.5 * h * above * (above / range);
+      negative += 0.5 * h * below * (-below / range);
+    }
+  }
+}
+
+void Statistics::sample_others(Time now) {
+  if (!works_.empty() || !bonds_.empty()) {
+    const double h = started_ ? (now - last_).seconds() : 0;
+    started_ = true;
+    last_ = now;
+    for (WorkState& w : works_) w.add(h);
+    for (BondState& b : bonds_) {
+      b.a.add(h);
+      b.b.add(h);
+    }
+  }
+  for (ComparisonState& c : comparisons_) {
+    if (now < c.from || now > c.to) continue;
+    const auto segments = static_cast<std::int64_t>(c.segments.size());
+    const std::int64_t segment = std::min(segments - 1, (now - c.from).ns * segments / (c.to - c.from).ns);
+    c.all.add(c.difference, now);
+    c.segments[static_cast<std::size_t>(segment)].add(c.difference, now);
+  }
+}
+
+template <class Self, class Each>
+void Statistics::each_number(Self& self, Each each) {
+  const auto sum = [&](auto& s) {
+    each(s.squares);
+    each(s.max);
+    each(s.time_of_max.ns);
+  };
+  const auto sums = [&](auto& s) {
+    each(s.count);
+    for (auto& e : s.elements) sum(e);
+  };
+  const auto power = [&](auto& p) {
+    each(p.last);
+    each(p.energy);
+  };
+  each(self.samples_);
+  each(self.last_.ns);
+  for (auto& t : self.tallied_) sum(t.sum);
+  for (auto& c : self.comparisons_) {
+    sums(c.all);
+    for (auto& s : c.segments) sums(s);
+  }
+  for (auto& w : self.works_) {
+    for (auto& effort : w.last_effort) each(effort);
+    for (auto& flow : w.last_flow) each(flow);
+    each(w.positive);
+    each(w.negative);
+  }
+  for (auto& b : self.bonds_) {
+    power(b.a);
+    power(b.b);
+  }
+}
+
+void Statistics::write(ByteWriter& out) const {
+  std::uint64_t numbers = 0;
+  each_number(*this, [&](const auto&) { ++numbers; });
+  out.value(static_cast<std::uint8_t>(started_));
+  out.value(numbers);
+  each_number(*this, [&](const auto& number) { out.value(number); });
+}
+
+void Statistics::read(ByteReader& in) {
+  std::size_t numbers = 0;
+  each_number(*this, [&](const auto&) { ++numbers; });
+  started_ = in.value<std::uint8_t>() != 0;
+  if (in.count(sizeof(double)) != numbers) in.fail("has the figures of other signals");
+  each_number(*this, [&](auto& number) { number = in.value<std::remove_reference_t<decltype(number)>>(); });
+}
+
+std::vector<Tally> Statistics::tallies() const {
+  std::vector<Tally> result;
+  std::size_t first = 0;
+  for (const Difference& d : tallies_) {
+    Tally& tally = result.emplace_back(Tally{d.name, d.what, d.si, {}, {}, {}, 0, 0});
+    double squares = 0;
+    for (const Tallied& t : std::span(tallied_).subspan(first, d.a.size())) {
+      tally.rms.push_back(root_mean(t.sum.squares, samples_));
+      tally.max.push_back(t.sum.max);
+      tally.time_of_max.push_back(t.sum.time_of_max.seconds());
+      squares += t.sum.squares;
+      tally.total_max = std::max(tally.total_max, t.sum.max);
+    }
+    tally.total_rms = root_mean(squares, samples_ * static_cast<std::int64_t>(d.a.size()));
+    first += d.a.size();
+  }
+  return result;
+}
+
+std::vector<Work> Statistics::works() const {
+  std::vector<Work> result;
+  for (const WorkState& w : works_) result.push_back({w.name, w.what, "J", w.positive + w.negative, w.positive, w.negative});
+  return result;
+}
+
+std::vector<Compared> Statistics::comparisons() const {
+  std::vector<Compared> result;
+  for (const ComparisonState& c : comparisons_) {
+    const Difference& d = c.difference;
+    Compared& compared = result.emplace_back(Compared{d.name, d.what, d.si, c.from.seconds(), c.to.seconds(), {}, {}, {}, {}});
+    for (const Sum& e : c.all.elements) {
+      compared.max.push_back(e.max);
+      compared.time_of_max.push_back(e.time_of_max.seconds());
+    }
+    compared.rms = c.all.rms();
+    for (const Sums& s : c.segments) compared.segment_rms.push_back(s.rms());
+  }
+  return result;
+}
+
+std::vector<Bonded> Statistics::bonds() const {
+  std::vector<Bonded> result;
+  for (const BondState& b : bonds_) result.push_back({b.name, b.a.energy, b.b.energy, b.a.energy - b.b.energy, b.tolerance});
+  return result;
+}
+
+}  // namespace cotwin::master

@@ -1,0 +1,156 @@
+#pragma once
+#include <cmath>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "master/run/members.h"
+#include "models/support/bytes.h"
+
+/// Figures of merit that are computed while the scenario runs, at every tick.
+namespace cotwin::master {
+
+/// RMS and largest magnitude of a signal or of a difference of two, element by element.
+struct Tally {
+  std::string name;  // "joint torque"
+  std::string what;  // "drive.tau_J", "drive.q - motion.q_d"
+  std::string si;
+  std::vector<double> rms, max;         // per element
+  std::vector<double> time_of_max;      // s
+  double total_rms = 0, total_max = 0;  // over all elements
+};
+
+/// ∫ Σ effort · flow dt, and what of it is positive and negative element by element: a joint that brakes while another one
+/// drives shows in both. value = positive + negative.
+struct Work {
+  std::string name, what, si;
+  double value = 0, positive = 0, negative = 0;
+};
+
+/// Two signals held against each other: the rows of Table I (largest discrepancy) and of Fig. 10 (RMS per segment).
+struct Compared {
+  std::string name, what, si;
+  double from = 0, to = 0;                       // s
+  std::vector<double> max;                       // per element
+  std::vector<double> time_of_max;               // s
+  std::vector<std::vector<double>> segment_rms;  // [segment][element]; NaN where the run did not get there
+  std::vector<double> rms;                       // per element, over all
+};
+
+/// What entered a power bond on side a and left it on side b.
+struct Bonded {
+  std::string name;
+  double energy_a = 0, energy_b = 0, leak = 0;  // J; leak = a − b
+  double tolerance = 0;
+};
+
+class Statistics {
+ public:
+  /// Throws Error at the entry's place for signals that do not exist, are not real, or differ in size or measure.
+  /// `recorded`: what is told when the scenario asks for no report.
+  Statistics(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> recorded);
+
+  /// Takes in what holds at `now`. Allocates nothing.
+  void sample(Time now) {
+    ++samples_;
+    for (Tallied& t : tallied_) t.sum.add(t.b == nullptr ? *t.a : *t.a - (t.factor * *t.b + t.offset), now);
+    if (more_than_tallies_) [[unlikely]]
+      sample_others(now);
+  }
+  /// The sums so far, for another process that goes on.
+  void write(ByteWriter& out) const;
+  /// Throws Error for those of other signals.
+  void read(ByteReader& in);
+  bool empty() const { return tallies_.empty() && !more_than_tallies_; }
+
+  std::vector<Tally> tallies() const;
+  std::vector<Work> works() const;
+  std::vector<Compared> comparisons() const;
+  std::vector<Bonded> bonds() const;
+
+ private:
+  /// a − (factor · b + offset), or a alone.
+  struct Difference {
+    std::string name, what, si;
+    std::span<const double> a, b;
+    double factor = 1, offset = 0;
+  };
+  struct Sum {
+    double squares = 0, max = 0;
+    Time time_of_max;
+    void add(double d, Time now) {
+      squares += d * d;
+      if (std::abs(d) > max) {
+        max = std::abs(d);
+        time_of_max = now;
+      }
+    }
+  };
+  struct Sums {
+    std::vector<Sum> elements;
+    std::int64_t count = 0;
+    explicit Sums(std::size_t n) : elements(n) {}
+    void add(const Difference& difference, Time now);
+    std::vector<double> rms() const;  // per element
+  };
+  /// One element of a tally, with all that a sample of it takes.
+  struct Tallied {
+    const double *a, *b;  // b: nullptr if the signal is tallied alone
+    double factor, offset;
+    Sum sum;
+  };
+  struct ComparisonState {
+    Difference difference;
+    Time from, to;
+    Sums all;
+    std::vector<Sums> segments;
+  };
+  /// Trapezoidal rule over the ticks.
+  struct Power {
+    std::span<const double> effort, flow;
+    double factor = 1;  // into SI base measures
+    bool held = false;  // the effort is discrete: what it is at a step's end it was all over the step
+    double last = 0, energy = 0;
+    double now() const;
+    void add(double h);
+  };
+  /// The same by element and sign. Between two ticks the power of an element goes along a line.
+  struct WorkState {
+    WorkState(std::string name_of, std::string signals, const Power& power);
+    void add(double h);
+    std::string name, what;
+    std::span<const double> effort, flow;
+    double factor;
+    bool held;
+    std::vector<double> last_effort, last_flow;  // of each element at the last tick
+    double positive = 0, negative = 0;
+  };
+  struct BondState {
+    std::string name;
+    Power a, b;
+    double tolerance;
+  };
+
+  static Difference make_difference(const Signal& a, const Signal* b, std::string name, const std::string& place);
+  static Power make_power(const Signal& effort, const Signal& flow, const std::string& place);
+
+  void add_tally(Difference difference);
+  /// Every number that a sample changes, in a fixed order.
+  template <class Self, class Each>
+  static void each_number(Self& self, Each each);
+  void sample_others(Time now);
+
+  std::vector<Tallied> tallied_;  // the elements of all tallies, one tally after the other
+  std::int64_t samples_ = 0;
+  bool more_than_tallies_ = false;
+
+  std::vector<Difference> tallies_;
+  std::vector<ComparisonState> comparisons_;
+  std::vector<WorkState> works_;
+  std::vector<BondState> bonds_;
+  bool started_ = false;
+  Time last_;
+};
+
+}  // namespace cotwin::master

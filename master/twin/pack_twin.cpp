@@ -1,0 +1,175 @@
+#include "master/twin/pack_twin.h"
+
+#include <algorithm>
+#include <fstream>
+#include <map>
+#include <sstream>
+
+#include "fmu/export/package.h"
+#include "fmu/import/package.h"
+#include "master/run/recorder.h"
+#include "master/twin/twin_package.h"
+#include "models/support/error.h"
+
+namespace cotwin::master {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+void check(const Scenario& scenario) {
+  if (scenario.tolerance > 0) {
+    fail(scenario.file.filename().string(),
+         "the communication step adapts to a tolerance, expected a fixed one: as one FMU the scenario steps as its host asks");
+  }
+}
+
+std::string read(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  std::ostringstream content;
+  content << in.rdbuf();
+  if (!in) throw Error(file.string(), "cannot be read");
+  return std::move(content).str();
+}
+
+/// The files below a folder, through links too; `above`: the folders that it lies in, as they are without links.
+void collect_files(const fs::path& folder, std::vector<fs::path> above, std::vector<fs::path>& files) {
+  above.push_back(fs::canonical(folder));
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    if (entry.is_regular_file()) {
+      files.push_back(entry.path());
+      continue;
+    }
+    if (!entry.is_directory()) throw Error(entry.path().string(), "is neither a file nor a folder, which an FMU cannot hold");
+    if (std::find(above.begin(), above.end(), fs::canonical(entry.path())) != above.end())
+      throw Error(entry.path().string(), "is a link to a folder that it lies in");
+    collect_files(entry.path(), above, files);
+  }
+}
+
+class Packer {
+ public:
+  Packer(const Scenario& scenario, const PackageOptions& options)
+      : scenario_(scenario), options_(options), members_(load_members(scenario, options.types, options.folders)) {
+    package_.scenario = scenario;
+    for (const Column& column : choose_columns(scenario, members_)) {
+      package_.outputs.insert(members_[column.signal.member].name() + "." + column.signal.variable->name);
+    }
+  }
+
+  std::vector<std::string> pack(const fs::path& out) {
+    for (Member& member : members_) {
+      for (const std::string& warning : member.instance.warnings) warnings_.push_back(member.name() + ": " + warning);
+      is_unit(member.spec) ? add_unit(member) : add_fmu(member);
+    }
+    resources_.push_back({"resources/" + std::string(kTwinFile), serialise(package_)});
+
+    Twin twin(scenario_, std::move(members_), package_.outputs, states_leave_);
+    Variables variables;
+    twin.declare(variables);
+    const UnitType type{kTwinName, kTwinSummary, nullptr};
+    fmu::PackRequest request;
+    request.version = options_.version;
+    request.name = scenario_.name;
+    request.experiment = {scenario_.start.seconds(), scenario_.stop.seconds(), std::nullopt, scenario_.tick.seconds()};
+    request.platforms = options_.platforms;
+    request.libraries = options_.libraries;
+    fmu::pack({type, twin, variables, "", nullptr, nullptr, std::move(resources_), std::move(parts_), only_once_, needs_tool_},
+              request, out);
+    return std::move(warnings_);
+  }
+
+ private:
+  void add_unit(Member& member) {
+    // Once more, from settings that tell afterwards what of them was used.
+    const UnitSource source = parse_unit_source(member.spec.source);
+    Settings settings(source.unit, source.query, settings_for(scenario_, member.name()), options_.folders);
+    member.instance = {};  // first, as in add_fmu()
+    member.instance = make_unit(settings, options_.types);
+    apply(start_values(scenario_, member), member.variables());
+    for (fmu::ArchiveFile& file : fmu::take_files(settings, member.variables(), names_)) resources_.push_back(std::move(file));
+    fmu::Package unit;
+    unit.unit = source.unit;
+    unit.query = fmu::packed_query(settings);
+    unit.robot = settings.robot_used();
+    unit.cell = settings.cell_used();
+    unit.start.take(member.variables());
+    package_.packages.push_back(fmu::serialise(unit));
+    parts_.push_back(source.unit);
+  }
+
+  /// Its files travel unpacked, so that the library needs neither archives nor a place on the host's disk.
+  void add_fmu(Member& member) {
+    const FmuSource source = fmu_source(member.spec, scenario_);
+    const std::shared_ptr<const fmu::ForeignFmu> held = fmus_.open(source.path, source.options);
+    check_platforms(member, source, *held);
+    fmu::ForeignPackage package{held->name, packed_folder(*held), source.options, held->description, {}};
+    const fmu::Interface& interface = package.interface();
+    states_leave_ = states_leave_ && interface.can_serialise_state;
+    only_once_ = only_once_ || interface.only_once_per_process;
+    needs_tool_ = needs_tool_ || interface.needs_execution_tool;
+
+    member.instance = {};  // first: it may be one of those that a process can have only once
+    member.instance = fmu::make_instance(held, package.options);  // as the library will make it
+    apply(start_values(scenario_, member), member.variables());
+    package.start.take(member.variables());
+    package_.packages.push_back(fmu::serialise(package));
+  }
+
+  void check_platforms(const Member& member, const FmuSource& source, const fmu::ForeignFmu& held) const {
+    const auto refuse = [&](const std::string& what) {
+      fail(member.spec.place, "component '" + member.name() + "': " + held.name + " " + what);
+    };
+    if (source.options.process == "own")
+      refuse("is to run in a process of its own, expected it to be in that of the host, as all of a scenario as one FMU is");
+    const fmu::Version version = held.description.version;
+    const std::string& identifier =
+        fmu::interface_of(held.description, fmu::chosen_kind(held.description, source.options.kind)).model_identifier;
+    for (const std::string& platform : fmu::platforms_of(options_.platforms)) {
+      if (!fmu::holds_fmus(platform)) refuse("is an FMU, which a scenario as one FMU cannot hold on " + platform);
+      const std::string library = fmu::library_name(platform, version, identifier);
+      if (!fs::is_regular_file(held.folder / library)) refuse("has no " + library + ", as platform " + platform + " needs");
+    }
+  }
+
+  /// The folder below resources/ that holds the FMU's files, which are added unless another component has brought them.
+  std::string packed_folder(const fmu::ForeignFmu& held) {
+    std::string& folder = packed_[&held];
+    if (!folder.empty()) return folder;
+    folder = folder_for(held.name);
+    std::vector<fs::path> files;
+    collect_files(held.folder, {}, files);
+    std::sort(files.begin(), files.end());
+    for (const fs::path& file : files) {
+      const std::string name = file.lexically_relative(held.folder).generic_string();
+      resources_.push_back({"resources/" + folder + "/" + name, read(file)});
+    }
+    return folder;
+  }
+
+  std::string folder_for(const std::string& name) {
+    std::string folder = name;
+    for (int i = 2; !names_.insert(folder).second; ++i) folder = std::to_string(i) + "_" + name;
+    return folder;
+  }
+
+  const Scenario& scenario_;
+  const PackageOptions& options_;
+  std::vector<Member> members_;
+  TwinPackage package_;
+  std::set<std::string> names_ = {fmu::kPackageFile, kTwinFile};  // taken in resources/
+  std::vector<fmu::ArchiveFile> resources_;
+  fmu::FmuStore fmus_;
+  std::map<const fmu::ForeignFmu*, std::string> packed_;
+  std::vector<std::string> parts_, warnings_;
+  bool only_once_ = false, needs_tool_ = false, states_leave_ = true;
+};
+
+}  // namespace
+
+std::vector<std::string> pack_twin(const Scenario& scenario, const PackageOptions& options, const fs::path& out) {
+  check(scenario);
+  return Packer(scenario, options).pack(out);
+}
+
+}  // namespace cotwin::master

@@ -1,0 +1,152 @@
+#include "master/twin/package.h"
+
+#include <algorithm>
+#include <cctype>
+#include <set>
+#include <sstream>
+
+#include "fmu/archive/archive.h"
+#include "master/run/recorder.h"
+#include "master/twin/ssd_write.h"
+#include "models/support/error.h"
+
+namespace cotwin::master {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Names of files that need no escapes in a URI, each once.
+class FileNames {
+ public:
+  std::string make(const std::string& wanted, const std::string& ending) {
+    std::string stem = wanted;
+    for (char& c : stem) {
+      const auto code = static_cast<unsigned char>(c);
+      if (code >= 128 || (std::isalnum(code) == 0 && c != '_' && c != '-' && c != '.')) c = '_';
+    }
+    std::string name = stem + ending;
+    for (int i = 2; !taken_.insert(name).second; ++i) name = stem + "_" + std::to_string(i) + ending;
+    return "resources/" + name;
+  }
+
+ private:
+  std::set<std::string> taken_;
+};
+
+/// The start values that the scenario gives a unit, each as what it became: numbers in the variable's own unit of measure,
+/// element by element.
+ParameterSet values_of_unit(const Member& member) {
+  std::set<const Variable*> given;
+  for (const ParameterValue& value : member.spec.start_values) {
+    given.insert(find_element(member.variables(), value.name).variable);
+  }
+  ParameterSet set{member.name(), {}, {}};
+  for (const Variable& v : member.variables()) {
+    if (given.count(&v) == 0 || v.kind() == Kind::kString) continue;
+    for (std::size_t i = 0; i < v.size(); ++i) {
+      ParameterValue value{v.size() == 1 ? v.name : v.name + "[" + std::to_string(i + 1) + "]", 0.0, v.si, ""};
+      if (v.kind() == Kind::kReal) value.value = v.reals()[i];
+      if (v.kind() == Kind::kInteger) value.value = std::int64_t{v.integers()[i]};
+      if (v.kind() == Kind::kBoolean) value.value = static_cast<bool>(v.booleans()[i]);
+      set.values.push_back(std::move(value));
+    }
+  }
+  si::define_units(set);
+  return set;
+}
+
+/// Those of a foreign FMU are given on as they are, the last of each name.
+ParameterSet values_of_foreign(const Member& member, const Scenario& scenario) {
+  ParameterSet set{member.name(), {}, {}};
+  std::set<std::string> names;
+  for (auto value = member.spec.start_values.rbegin(); value != member.spec.start_values.rend(); ++value) {
+    if (find_element(member.variables(), value->name).variable != nullptr && names.insert(value->name).second)
+      set.values.push_back(*value);
+  }
+  std::reverse(set.values.begin(), set.values.end());
+  for (const UnitDefinition& unit : scenario.units) {
+    const bool used = std::any_of(set.values.begin(), set.values.end(), [&](const auto& v) { return v.unit == unit.name; });
+    if (used) set.units.push_back(unit);
+  }
+  si::define_units(set);
+  return set;
+}
+
+class Packer {
+ public:
+  Packer(const Scenario& scenario, const PackageOptions& options)
+      : scenario_(scenario), options_(options), members_(load_members(scenario, options.types, options.folders)) {}
+
+  std::vector<std::string> pack(const fs::path& out) {
+    const std::vector<Link> links = resolve_links(scenario_, members_);
+    (void)choose_columns(scenario_, members_);  // what is wrong with the recording is told here, not to whom the package goes
+    std::vector<PackedComponent> components;
+    for (const Member& member : members_) components.push_back(add(member));
+    const bool scalars = options_.version == fmu::Version::k2;
+    files_.insert(files_.begin(), {"SystemStructure.ssd", to_ssd(scenario_, members_, links, components, scalars)});
+    fmu::write_archive(out, files_);
+    return std::move(warnings_);
+  }
+
+ private:
+  PackedComponent add(const Member& member) {
+    const bool foreign = !is_unit(member.spec);
+    PackedComponent packed{foreign ? copy(member) : make(member), "", foreign};
+    const ParameterSet values = foreign ? values_of_foreign(member, scenario_) : values_of_unit(member);
+    if (values.values.empty()) return packed;
+    packed.values = names_.make(member.name(), ".ssv");
+    std::ostringstream text;
+    write_parameter_set(text, values);
+    files_.push_back({packed.values, text.str()});
+    return packed;
+  }
+
+  std::string make(const Member& member) {
+    fmu::PackRequest request;
+    request.source = member.spec.source;
+    request.defaults = settings_for(scenario_, member.name());
+    request.folders = options_.folders;
+    request.types = options_.types;
+    request.values = {start_values(scenario_, member)};
+    request.version = options_.version;
+    request.experiment = {scenario_.start.seconds(), scenario_.stop.seconds(), std::nullopt,
+                          static_cast<double>(member.spec.period) * scenario_.tick.seconds()};
+    request.alone = false;
+    request.platforms = options_.platforms;
+    request.libraries = options_.libraries;
+    const std::string name = names_.make(member.name(), ".fmu");
+    const fs::path file = scratch_.path() / fs::path(name).filename();
+    for (const std::string& warning : fmu::pack_unit(request, file)) warnings_.push_back(member.name() + ": " + warning);
+    files_.push_back({name, file});
+    return name;
+  }
+
+  std::string copy(const Member& member) {
+    const std::size_t question = member.spec.source.rfind('?');
+    const fs::path file = scenario_.folder / member.spec.source.substr(0, question);
+    if (!fs::is_regular_file(file)) {
+      fail(member.spec.place,
+           "component '" + member.name() + "': " + file.string() + " is a folder, expected an archive (.fmu) for a package");
+    }
+    const std::string name = names_.make(file.stem().string(), ".fmu");
+    files_.push_back({name, file});
+    return question == std::string::npos ? name : name + member.spec.source.substr(question);
+  }
+
+  const Scenario& scenario_;
+  const PackageOptions& options_;
+  std::vector<Member> members_;
+  fmu::TemporaryFolder scratch_;
+  FileNames names_;
+  std::vector<fmu::ArchiveFile> files_;
+  std::vector<std::string> warnings_;
+};
+
+}  // namespace
+
+std::vector<std::string> pack_scenario(const Scenario& scenario, const PackageOptions& options, const fs::path& out) {
+  return Packer(scenario, options).pack(out);
+}
+
+}  // namespace cotwin::master

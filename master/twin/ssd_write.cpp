@@ -1,0 +1,267 @@
+#include "master/twin/ssd_write.h"
+
+#include <algorithm>
+#include <set>
+#include <sstream>
+
+#include "master/ssp/annotation.h"
+#include "master/ssp/system.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+/// A start tag, attribute by attribute.
+class Tag {
+ public:
+  Tag(std::ostream& out, int depth, const char* name) : out_(out) {
+    out_ << std::string(2 * static_cast<std::size_t>(depth), ' ') << '<' << name;
+  }
+  Tag& with(const char* name, const std::string& value) {
+    out_ << ' ' << name << "=\"" << xml::escaped(value) << '"';
+    return *this;
+  }
+  Tag& with(const char* name, double value) { return with(name, text::to_text(value)); }
+  Tag& with(const char* name, int value) { return with(name, std::to_string(value)); }
+  Tag& with_if(bool wanted, const char* name, const std::string& value) { return wanted ? with(name, value) : *this; }
+  void open() { out_ << ">\n"; }
+  void end() { out_ << "/>\n"; }
+
+ private:
+  std::ostream& out_;
+};
+
+void close(std::ostream& out, int depth, const char* name) {
+  out << std::string(2 * static_cast<std::size_t>(depth), ' ') << "</" << name << ">\n";
+}
+
+const char* connector_kind(Role role) {
+  switch (role) {
+    case Role::kInput:
+      return "input";
+    case Role::kOutput:
+      return "output";
+    default:
+      return "parameter";
+  }
+}
+
+const char* connector_type(Kind kind) {
+  switch (kind) {
+    case Kind::kReal:
+      return "ssc:Real";
+    case Kind::kInteger:
+      return "ssc:Integer";
+    case Kind::kBoolean:
+      return "ssc:Boolean";
+    case Kind::kString:
+      return "ssc:String";
+  }
+  return "";
+}
+
+/// Names of the connectors that a variable is, or that an element or the whole of it is.
+std::vector<std::string> connectors_of(const Variable& variable, std::size_t first, std::size_t count, bool scalars) {
+  if (count == variable.size() && (count == 1 || !scalars)) return {variable.name};
+  std::vector<std::string> names;
+  for (std::size_t i = first; i < first + count; ++i) names.push_back(variable.name + "[" + std::to_string(i + 1) + "]");
+  return names;
+}
+
+class Writer {
+ public:
+  Writer(const Scenario& scenario, const std::vector<Member>& members, const std::vector<Link>& links,
+         const std::vector<PackedComponent>& components, bool scalars)
+      : scenario_(scenario), members_(members), links_(links), components_(components), scalars_(scalars) {}
+
+  std::string write() {
+    out_ << "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n";
+    Tag(out_, 0, "ssd:SystemStructureDescription")
+        .with("xmlns:ssd", ssp::kSsd)
+        .with("xmlns:ssc", ssp::kSsc)
+        .with("version", "1.0")
+        .with("name", scenario_.name)
+        .with("generationTool", "cotwin")
+        .open();
+    Tag(out_, 1, "ssd:System").with("name", scenario_.name.empty() ? "system" : scenario_.name).open();
+    if (!members_.empty()) {
+      Tag(out_, 2, "ssd:Elements").open();
+      for (std::size_t m = 0; m < members_.size(); ++m) write_component(m);
+      close(out_, 2, "ssd:Elements");
+    }
+    if (!links_.empty()) {
+      Tag(out_, 2, "ssd:Connections").open();
+      for (std::size_t i = 0; i < links_.size(); ++i) write_connections(links_[i], scenario_.connections[i]);
+      close(out_, 2, "ssd:Connections");
+    }
+    close(out_, 1, "ssd:System");
+    write_measures();
+    Tag(out_, 1, "ssd:DefaultExperiment")
+        .with("startTime", scenario_.start.seconds())
+        .with("stopTime", scenario_.stop.seconds())
+        .end();
+    write_annotation();
+    close(out_, 0, "ssd:SystemStructureDescription");
+    return out_.str();
+  }
+
+ private:
+  void write_component(std::size_t m) {
+    const Member& member = members_[m];
+    Tag(out_, 3, "ssd:Component")
+        .with("name", member.name())
+        .with("type", "application/x-fmu-sharedlibrary")
+        .with("source", components_[m].source)
+        .with_if(member.spec.implementation != "any", "implementation", member.spec.implementation)
+        .open();
+    Tag(out_, 4, "ssd:Connectors").open();
+    for (const Variable& v : member.variables()) {
+      if (v.role == Role::kState) continue;
+      if (v.kind() == Kind::kString && !linked(v)) continue;  // FMPy's SSP runner stops at a connector that is no number
+      if (components_[m].foreign && v.role != Role::kInput && v.role != Role::kOutput && !linked(v)) continue;
+      for (const std::string& name : connectors_of(v, 0, v.size(), scalars_)) {
+        write_connector(name, v, components_[m].foreign ? "" : v.si);
+      }
+    }
+    close(out_, 4, "ssd:Connectors");
+    if (!components_[m].values.empty()) {
+      Tag(out_, 4, "ssd:ParameterBindings").open();
+      Tag(out_, 5, "ssd:ParameterBinding").with("source", components_[m].values).end();
+      close(out_, 4, "ssd:ParameterBindings");
+    }
+    close(out_, 3, "ssd:Component");
+  }
+
+  bool linked(const Variable& variable) const {
+    return std::any_of(links_.begin(), links_.end(),
+                       [&](const Link& l) { return l.from.variable == &variable || l.to.variable == &variable; });
+  }
+
+  void write_connector(const std::string& name, const Variable& variable, const std::string& measure) {
+    Tag(out_, 5, "ssd:Connector").with("name", name).with("kind", connector_kind(variable.role)).open();
+    Tag(out_, 6, connector_type(variable.kind())).with_if(!measure.empty(), "unit", measure).end();
+    close(out_, 5, "ssd:Connector");
+    if (!measure.empty()) measures_.insert(measure);
+  }
+
+  void write_connections(const Link& link, const ConnectionSpec& spec) {
+    const auto from = connectors_of(*link.from.variable, link.from.first, link.from.count, scalars_);
+    const auto to = connectors_of(*link.to.variable, link.to.first, link.to.count, scalars_);
+    const bool affine = link.factor != 1 || link.offset != 0;
+    for (std::size_t i = 0; i < from.size(); ++i) {
+      Tag tag(out_, 3, "ssd:Connection");
+      tag.with("startElement", members_[link.from.member].name()).with("startConnector", from[i]);
+      tag.with("endElement", members_[link.to.member].name()).with("endConnector", to[i]);
+      tag.with_if(affine || spec.suppress_unit_conversion, "suppressUnitConversion", "true");
+      if (!affine) {
+        tag.end();
+        continue;
+      }
+      tag.open();
+      Tag(out_, 4, "ssc:LinearTransformation").with("factor", link.factor).with("offset", link.offset).end();
+      close(out_, 3, "ssd:Connection");
+    }
+  }
+
+  void write_measures() {
+    if (measures_.empty()) return;
+    static constexpr const char* kBases[] = {"kg", "m", "s", "A", "K", "mol", "cd", "rad"};
+    Tag(out_, 1, "ssd:Units").open();
+    for (const std::string& name : measures_) {
+      const si::Measure measure = si::parse(name);
+      Tag(out_, 2, "ssc:Unit").with("name", name).open();
+      Tag base(out_, 3, "ssc:BaseUnit");
+      for (std::size_t i = 0; i < measure.exponents.size(); ++i) {
+        if (measure.exponents[i] != 0) base.with(kBases[i], measure.exponents[i]);
+      }
+      if (measure.factor != 1) base.with("factor", measure.factor);
+      if (measure.offset != 0) base.with("offset", measure.offset);
+      base.end();
+      close(out_, 2, "ssc:Unit");
+    }
+    close(out_, 1, "ssd:Units");
+  }
+
+  void write_annotation() {
+    Tag(out_, 1, "ssd:Annotations").open();
+    Tag(out_, 2, "ssc:Annotation").with("type", kAnnotationType).open();
+    Tag(out_, 3, "cotwin:Master")
+        .with("xmlns:cotwin", kAnnotationSpace)
+        .with("tick", scenario_.tick.seconds())
+        .with("clock", scenario_.clock)
+        .with("threads", scenario_.threads)
+        .with("tolerance", scenario_.tolerance)
+        .with("unknownParameters", scenario_.ignore_unknown_parameters ? "ignore" : "error")
+        .open();
+    for (const Member& member : members_) {
+      Tag(out_, 4, "cotwin:Component")
+          .with("name", member.name())
+          .with("stage", member.spec.stage)
+          .with("period", member.spec.period)
+          .with_if(!member.spec.threads, "threads", "false")
+          .with_if(member.spec.process != "auto", "process", member.spec.process)
+          .end();
+    }
+    for (const EventSpec& e : scenario_.events) {
+      Tag(out_, 4, "cotwin:Event")
+          .with("time", e.time.seconds())
+          .with("variable", e.variable)
+          .with("value", e.value)
+          .with("ramp", e.ramp.seconds())
+          .end();
+    }
+    Tag(out_, 4, "cotwin:Recording")
+        .with("decimation", scenario_.decimation)
+        .with_if(scenario_.all_outputs && !scenario_.recording.empty(), "outputs", "true")
+        .open();
+    for (const RecordSpec& r : scenario_.recording) Tag(out_, 5, "cotwin:Record").with("variables", r.variables).end();
+    close(out_, 4, "cotwin:Recording");
+    for (const ComparisonSpec& c : scenario_.comparisons) {
+      Tag tag(out_, 4, "cotwin:Comparison");
+      tag.with("name", c.name).with("a", c.a).with("b", c.b).with("segments", c.segments);
+      if (c.from) tag.with("from", c.from->seconds());
+      if (c.to) tag.with("to", c.to->seconds());
+      tag.end();
+    }
+    for (const ReportSpec& r : scenario_.reports) {
+      Tag(out_, 4, "cotwin:Report")
+          .with("name", r.name)
+          .with("kind", r.kind)
+          .with("a", r.a)
+          .with_if(!r.b.empty(), "b", r.b)
+          .end();
+    }
+    for (const BondSpec& b : scenario_.bonds) {
+      Tag(out_, 4, "cotwin:Bond")
+          .with("name", b.name)
+          .with("effortA", b.effort_a)
+          .with("flowA", b.flow_a)
+          .with("effortB", b.effort_b)
+          .with("flowB", b.flow_b)
+          .with("tolerance", b.tolerance)
+          .end();
+    }
+    close(out_, 3, "cotwin:Master");
+    close(out_, 2, "ssc:Annotation");
+    close(out_, 1, "ssd:Annotations");
+  }
+
+  const Scenario& scenario_;
+  const std::vector<Member>& members_;
+  const std::vector<Link>& links_;
+  const std::vector<PackedComponent>& components_;
+  bool scalars_;
+  std::set<std::string> measures_;  // of the connectors
+  std::ostringstream out_;
+};
+
+}  // namespace
+
+std::string to_ssd(const Scenario& scenario, const std::vector<Member>& members, const std::vector<Link>& links,
+                   const std::vector<PackedComponent>& components, bool scalars) {
+  return Writer(scenario, members, links, components, scalars).write();
+}
+
+}  // namespace cotwin::master

@@ -1,0 +1,205 @@
+#include "master/twin/twin_package.h"
+
+#include <algorithm>
+#include <array>
+#include <optional>
+
+#include "fmu/export/package.h"
+#include "fmu/import/package.h"
+#include "models/support/bytes.h"
+#include "models/support/error.h"
+
+namespace cotwin::master {
+
+namespace {
+
+constexpr std::uint64_t kMagic = 0x314e495754544f43u;  // the bytes "COTTWIN1": the format and its version
+
+// Each pair writes and reads the same, in the same order.
+void put(ByteWriter& out, const Port& port) {
+  for (const std::string* text : {&port.component, &port.variable, &port.unit}) out.text(*text);
+}
+void get(ByteReader& in, Port& port) {
+  for (std::string* text : {&port.component, &port.variable, &port.unit}) *text = in.text();
+}
+
+void put(ByteWriter& out, const ComponentSpec& component) {
+  out.text(component.name);
+  out.value(static_cast<std::int32_t>(component.stage));
+  out.value(static_cast<std::int32_t>(component.period));
+}
+void get(ByteReader& in, ComponentSpec& component) {
+  component.name = in.text();
+  component.stage = in.value<std::int32_t>();
+  component.period = in.value<std::int32_t>();
+}
+
+void put(ByteWriter& out, const ConnectionSpec& connection) {
+  put(out, connection.from);
+  put(out, connection.to);
+  out.value(connection.factor);
+  out.value(connection.offset);
+  out.value(static_cast<std::uint8_t>(connection.suppress_unit_conversion));
+}
+void get(ByteReader& in, ConnectionSpec& connection) {
+  get(in, connection.from);
+  get(in, connection.to);
+  connection.factor = in.value<double>();
+  connection.offset = in.value<double>();
+  connection.suppress_unit_conversion = in.value<std::uint8_t>() != 0;
+}
+
+void put(ByteWriter& out, const EventSpec& event) {
+  out.value(event.time.ns);
+  out.text(event.variable);
+  out.text(event.value);
+  out.value(event.ramp.ns);
+}
+void get(ByteReader& in, EventSpec& event) {
+  event.time.ns = in.value<std::int64_t>();
+  event.variable = in.text();
+  event.value = in.text();
+  event.ramp.ns = in.value<std::int64_t>();
+}
+
+template <class Unit>
+auto exponents(Unit& unit) {
+  return std::array{&unit.kg, &unit.m, &unit.s, &unit.A, &unit.K, &unit.mol, &unit.cd, &unit.rad};
+}
+void put(ByteWriter& out, const UnitDefinition& unit) {
+  out.text(unit.name);
+  for (const int* exponent : exponents(unit)) out.value(static_cast<std::int32_t>(*exponent));
+  out.value(unit.factor);
+  out.value(unit.offset);
+}
+void get(ByteReader& in, UnitDefinition& unit) {
+  unit.name = in.text();
+  for (int* exponent : exponents(unit)) *exponent = in.value<std::int32_t>();
+  unit.factor = in.value<double>();
+  unit.offset = in.value<double>();
+}
+
+void put(ByteWriter& out, const std::string& text) { out.text(text); }
+void get(ByteReader& in, std::string& text) { text = in.text(); }
+
+template <class T>
+void put(ByteWriter& out, const std::vector<T>& list) {
+  out.value(static_cast<std::uint64_t>(list.size()));
+  for (const T& item : list) put(out, item);
+}
+template <class T>
+void get(ByteReader& in, std::vector<T>& list) {
+  list.resize(in.count(sizeof(std::uint64_t)));
+  for (T& item : list) get(in, item);
+}
+
+}  // namespace
+
+std::string serialise(const TwinPackage& package) {
+  const Scenario& s = package.scenario;
+  ByteWriter out;
+  out.text(s.name);
+  out.value(s.start.ns);
+  out.value(s.stop.ns);
+  out.value(s.tick.ns);
+  put(out, s.components);
+  put(out, s.connections);
+  put(out, s.events);
+  put(out, s.units);
+  put(out, package.packages);
+  put(out, std::vector<std::string>(package.outputs.begin(), package.outputs.end()));
+  ByteWriter head;
+  head.value(kMagic);
+  head.value(hash_of(out.bytes()));
+  return head.bytes() + out.bytes();
+}
+
+TwinPackage deserialise_twin(std::string_view bytes, const std::string& place) {
+  ByteReader in(as_bytes(bytes), place);
+  if (bytes.size() < sizeof kMagic || in.value<std::uint64_t>() != kMagic) in.fail("is no scenario of this version");
+  if (in.value<std::uint64_t>() != hash_of(bytes.substr(2 * sizeof(std::uint64_t)))) in.fail("is damaged");
+  TwinPackage package;
+  Scenario& s = package.scenario;
+  s.name = in.text();
+  s.start.ns = in.value<std::int64_t>();
+  s.stop.ns = in.value<std::int64_t>();
+  s.tick.ns = in.value<std::int64_t>();
+  get(in, s.components);
+  get(in, s.connections);
+  get(in, s.events);
+  get(in, s.units);
+  get(in, package.packages);
+  if (package.packages.size() != s.components.size()) in.fail("has not as many units as components");
+  if (s.tick.ns < 1 || s.stop < s.start) in.fail("has times that no scenario has");
+  for (const ComponentSpec& c : s.components) {
+    if (c.period < 1) in.fail("has a component that never steps");
+  }
+  std::vector<std::string> outputs;
+  get(in, outputs);
+  package.outputs.insert(outputs.begin(), outputs.end());
+  in.expect_end();
+  return package;
+}
+
+namespace {
+
+Instance build_unit(const fmu::Package& unit, const std::filesystem::path& resources, std::span<const UnitType> types) {
+  const auto type = std::find_if(types.begin(), types.end(), [&](const UnitType& t) { return t.name == unit.unit; });
+  if (type == types.end()) throw Error("there is no unit " + unit.unit + " in this library");
+  Settings settings(unit.unit, unit.query, {}, {resources});
+  settings.set_robot(unit.robot);
+  settings.set_cell(unit.cell);
+  Instance instance;
+  instance.unit = construct(*type, settings);
+  instance.unit->declare(instance.variables);
+  unit.start.write(instance.variables);
+  instance.warnings = settings.warnings();
+  return instance;
+}
+
+Instance build_fmu(fmu::ForeignPackage package, const std::filesystem::path& resources) {
+  const std::string name = package.name, folder = package.folder;
+  try {
+    if (!std::filesystem::is_directory(resources / folder))
+      throw Error("there is no folder resources/" + folder + ", which holds it unpacked");
+    return fmu::make_instance(std::move(package), resources);
+  } catch (const Error& error) {
+    const std::string what = error.what();
+    if (what.rfind(name + ": ", 0) == 0) throw;
+    throw Error(name, what);
+  }
+}
+
+}  // namespace
+
+std::unique_ptr<Twin> build_twin(const TwinPackage& package, const std::filesystem::path& resources,
+                                 std::span<const UnitType> types, std::vector<std::string>* warnings) {
+  std::vector<Member> members;
+  bool states_leave = true;
+  for (std::size_t i = 0; i < package.packages.size(); ++i) {
+    const ComponentSpec& spec = package.scenario.components[i];
+    const std::string &bytes = package.packages[i], place = "component '" + spec.name + "'";
+    Member member{spec, {}};
+    // What reads the bytes names the place itself.
+    std::optional<fmu::ForeignPackage> held;
+    std::optional<fmu::Package> unit;
+    if (fmu::is_foreign_package(bytes)) {
+      held = fmu::deserialise_foreign(bytes, place);
+    } else {
+      unit = fmu::deserialise_package(bytes, place);
+    }
+    try {
+      states_leave = states_leave && (!held || held->interface().can_serialise_state);
+      member.instance = held ? build_fmu(std::move(*held), resources) : build_unit(*unit, resources, types);
+    } catch (const Error& error) {
+      throw Error(place, error.what());
+    }
+    if (warnings != nullptr) {
+      for (const std::string& warning : member.instance.warnings) warnings->push_back(spec.name + ": " + warning);
+    }
+    members.push_back(std::move(member));
+  }
+  return std::make_unique<Twin>(package.scenario, std::move(members), package.outputs, states_leave);
+}
+
+}  // namespace cotwin::master

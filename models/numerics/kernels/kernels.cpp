@@ -1,0 +1,24 @@
+#include "models/numerics/kernels/kernels.h"
+
+#include "models/support/instruction_set.h"
+
+namespace cotwin::numerics {
+namespace {
+
+const NumericsKernels& of_level(int level) {
+#if defined(__x86_64__)
+  if (level == 4) return kernels_v4;
+  if (level == 3) return kernels_v3;
+#else
+  static_cast<void>(level);
+#endif
+  return kernels_v2;
+}
+
+}  // namespace
+
+const NumericsKernels& kernels(const char* isa) { return of_level(instruction_set_level(isa)); }
+
+const NumericsKernels& kernels() { return of_level(instruction_set_level()); }
+
+}  // namespace cotwin::numerics

@@ -1,0 +1,43 @@
+#pragma once
+#include <stddef.h>
+#include <stdint.h>
+
+/// The border between this folder and its kernels, which are compiled from kernels.inc once per instruction set and share no
+/// inline code with other files (cf. models/robot/kernels/kernels.h, also for COTWIN_CPU).
+namespace cotwin::numerics {
+
+/// What a block of kSwarmBlock particles is moved by; arrays by coordinate with `stride`, see SwarmState.
+struct Move {
+  size_t dimensions, stride, first;  // `first`: particle of the block's first lane
+  uint64_t seed;
+  uint32_t round;
+  double inertia, cognitive, social;
+  const double *lower, *upper, *best_x;
+  const uint32_t* informant;
+  double *x, *v;
+};
+
+struct NumericsKernels {
+  const char* isa;
+  /// [R; block] → [R'; 0] by Householder reflections: R p x p row-major, block 64 x p by column (destroyed).
+  void (*absorb)(size_t p, double* R, double* block);
+  /// y = A x in eight lanes: A packed by eight rows (element (r, c) at [((r / 8) · columns + c) · 8 + r % 8]), of which columns
+  /// before first[r / 8] are zero; x: coordinate c at [c · stride]; y: row r at [8 r], rows rounded up to eight.
+  void (*times)(size_t rows, size_t columns, const double* A, const size_t* first, const double* x, size_t stride, double* y);
+  void (*move)(const Move&);
+};
+
+extern const NumericsKernels kernels_v2;
+#if defined(__x86_64__)
+extern const NumericsKernels kernels_v3, kernels_v4;
+#endif
+
+/// The best that the machine has, or that COTWIN_CPU asks for.
+const NumericsKernels& kernels();
+/// Of one instruction set ("x86-64-v3"), or the best where the machine lacks it: for tests.
+const NumericsKernels& kernels(const char* isa);
+
+/// Streams of random numbers, one per purpose (Key::stream); `move` draws from the first.
+enum Stream : uint32_t { kMoves, kStart, kReconfiguration, kTrials };
+
+}  // namespace cotwin::numerics

@@ -1,0 +1,8 @@
+// Also the generic variant of other processors.
+#define COTWIN_VARIANT kernels_v2
+#if defined(__x86_64__)
+#define COTWIN_ISA "x86-64-v2"
+#else
+#define COTWIN_ISA "generic"
+#endif
+#include "models/numerics/kernels/kernels.inc"

@@ -1,0 +1,3 @@
+#define COTWIN_VARIANT kernels_v3
+#define COTWIN_ISA "x86-64-v3"
+#include "models/numerics/kernels/kernels.inc"
