@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/places.h"
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -24,7 +26,7 @@ struct Row {
 };
 
 std::vector<Row> rows() {
-  std::ifstream in(fs::path(COTWIN_SOURCE_DIR) / "docs/equations.md");
+  std::ifstream in(fs::path(cotwin::places::source()) / "docs/equations.md");
   const std::regex pattern(R"(^\| ([^|]+?) \|.*\| `([^`]+)` \| `([^`]+)` \|$)");
   std::vector<Row> found;
   for (std::string line; std::getline(in, line);) {
@@ -36,7 +38,7 @@ std::vector<Row> rows() {
 
 std::string all_tests() {
   std::string text;
-  for (const auto& entry : fs::recursive_directory_iterator(fs::path(COTWIN_SOURCE_DIR) / "tests")) {
+  for (const auto& entry : fs::recursive_directory_iterator(fs::path(cotwin::places::source()) / "tests")) {
     if (entry.path().extension() == ".cpp") text += read(entry.path());
   }
   return text;
@@ -45,7 +47,7 @@ std::string all_tests() {
 TEST(Equations, AreAllCitedWhereTheMapSays) {
   ASSERT_GT(rows().size(), 10u);
   for (const Row& row : rows()) {
-    EXPECT_NE(read(fs::path(COTWIN_SOURCE_DIR) / row.file).find(row.number), std::string::npos)
+    EXPECT_NE(read(fs::path(cotwin::places::source()) / row.file).find(row.number), std::string::npos)
         << row.file << " does not cite " << row.number;
   }
 }

@@ -8,6 +8,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/places.h"
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -18,7 +20,7 @@ struct Include {
 
 std::vector<Include> includes_below(const std::string& folder) {
   std::vector<Include> found;
-  const fs::path root = COTWIN_SOURCE_DIR;
+  const fs::path root = cotwin::places::source();
   const std::regex pattern(R"(^\s*#\s*include\s+\"([^\"]+)\")");
   for (const auto& entry : fs::recursive_directory_iterator(root / folder)) {
     const std::string extension = entry.path().extension().string();
@@ -79,7 +81,7 @@ TEST(Layers, FmuAndMasterReachUnitsOnlyThroughTheTable) {
 }
 
 TEST(Layers, IncludesStartAtTheRootOfTheRepository) {
-  const fs::path root = COTWIN_SOURCE_DIR;
+  const fs::path root = cotwin::places::source();
   for (const char* folder : {"models", "components", "fmu", "master", "tests"}) {
     for (const Include& i : includes_below(folder)) EXPECT_TRUE(fs::exists(root / i.to)) << i.place << " includes " << i.to;
   }
@@ -88,7 +90,7 @@ TEST(Layers, IncludesStartAtTheRootOfTheRepository) {
 // Two types of one name in one namespace, a folder's, are one to the linker: which of their containers' functions it takes is
 // luck, and memory of the wrong size.
 TEST(Names, OfTypesStandOnceInTheHeadersOfAFolder) {
-  const fs::path root = COTWIN_SOURCE_DIR;
+  const fs::path root = cotwin::places::source();
   const std::regex pattern(R"(^(?:struct|class) (\w+)(?: final)?(?: : .*)? \{)");
   std::map<std::string, std::string> places;  // by folder and name
   for (const char* folder : {"models", "components", "fmu", "master"}) {

@@ -8,6 +8,8 @@
 #include <sstream>
 #include <string>
 
+#include "tests/support/places.h"
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -26,9 +28,10 @@ std::map<std::string, std::string> pages(const fs::path& folder) {
 TEST(Reference, IsWrittenFromTheUnitsDeclarations) {
   const fs::path folder = fs::temp_directory_path() / ("cotwin_reference_" + std::to_string(std::rand()));
   fs::remove_all(folder);
-  const std::string command = std::string("'") + COTWIN_PROGRAM + "' reference '" + folder.string() + "' > /dev/null";
+  const std::string command =
+      std::string("'") + cotwin::places::program() + "' reference '" + folder.string() + "' > /dev/null";
   ASSERT_EQ(std::system(command.c_str()), 0);
-  const auto written = pages(folder), kept = pages(fs::path(COTWIN_SOURCE_DIR) / "docs/reference");
+  const auto written = pages(folder), kept = pages(fs::path(cotwin::places::source()) / "docs/reference");
   fs::remove_all(folder);
   ASSERT_FALSE(written.empty());
   for (const auto& [name, text] : written) {

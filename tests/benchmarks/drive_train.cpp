@@ -23,13 +23,14 @@
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf.h"
 #include "tests/benchmarks/measure.h"
+#include "tests/support/places.h"
 
 namespace cotwin {
 namespace {
 
 constexpr int kJoints = 7, kSteps = 2000;
 constexpr Duration kTick{1'000'000};
-const std::filesystem::path kModels = std::filesystem::path(COTWIN_SOURCE_DIR) / "models";
+const std::filesystem::path kModels = std::filesystem::path(cotwin::places::source()) / "models";
 
 struct Desired {
   Eigen::VectorXd q{kJoints}, dq{kJoints}, ddq{kJoints};

@@ -14,6 +14,7 @@
 #include "models/robot/urdf.h"
 #include "models/support/error.h"
 #include "tests/benchmarks/measure.h"
+#include "tests/support/places.h"
 
 namespace {
 
@@ -76,7 +77,7 @@ struct States {
 }  // namespace
 
 int main(int argc, char** argv) {
-  const std::string file = argc > 1 ? argv[1] : std::string(COTWIN_SOURCE_DIR) + "/models/robots/lwr4/robot.urdf";
+  const std::string file = argc > 1 ? argv[1] : cotwin::places::source() + "/models/robots/lwr4/robot.urdf";
   const RobotModel robot = load_urdf(file);
   const int n = robot.n();
   const States states(n);

@@ -20,6 +20,7 @@
 #include "master/twin/pack_twin.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/fmu/driver.h"
+#include "tests/support/places.h"
 
 namespace {
 
@@ -41,7 +42,7 @@ benchmark::Figures measure_in_step(const std::function<void()>& ours, const std:
 }
 
 const std::vector<fs::path>& folders() {
-  static const std::vector<fs::path> all = {fs::path(COTWIN_SOURCE_DIR) / "models"};
+  static const std::vector<fs::path> all = {fs::path(cotwin::places::source()) / "models"};
   return all;
 }
 
@@ -151,7 +152,8 @@ void drive_train(Version version, const fs::path& folder) {
 
 /// Both go along the example's motion, with nothing recorded.
 void whole_twin(Version version, const fs::path& folder) {
-  master::Scenario scenario = master::load_scenario(fs::path(COTWIN_SOURCE_DIR) / "examples/02_free_motion_lwr4/twin.ssd");
+  master::Scenario scenario =
+      master::load_scenario(fs::path(cotwin::places::source()) / "examples/02_free_motion_lwr4/twin.ssd");
   scenario.stop = Time{1'000'000 * kTick.ns};  // further than any measurement
   const fs::path archive = folder / "twin.fmu";
   master::PackageOptions options;
@@ -299,8 +301,8 @@ double seconds_of(const std::string& command) {
 void chain_beside_ecos(int count, const fs::path& folder, const std::string& ecos) {
   write_ssd(count, folder);
   const double few = std::ceil(2e5 / count) * kStep, many = std::ceil(1e7 / count) * kStep;  // s
-  const std::string ours = "'" COTWIN_PROGRAM "' run '" + (folder / "SystemStructure.ssd").string() + "' --quiet --out '" +
-                           (folder / "results").string() + "' --stop ",
+  const std::string ours = "'" + cotwin::places::program() + "' run '" + (folder / "SystemStructure.ssd").string() +
+                           "' --quiet --out '" + (folder / "results").string() + "' --stop ",
                     peer = "cd '" + folder.string() + "' && '" + ecos + "' simulate --noCsv --path '" + folder.string() +
                            "' --stepSize " + std::to_string(kStep) + " --stopTime ";
   std::vector<double> a, b;

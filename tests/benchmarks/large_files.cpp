@@ -13,6 +13,7 @@
 
 #include "fmu/archive/archive.h"
 #include "tests/benchmarks/measure.h"
+#include "tests/support/places.h"
 
 namespace {
 
@@ -21,7 +22,7 @@ using namespace cotwin;
 
 /// The bouncing ball of tests/fmu with n more variables, all of them its height under other names.
 void write_fmu(const fs::path& folder, std::size_t n) {
-  std::ifstream in(std::string(COTWIN_SOURCE_DIR) + "/tests/fmu/fmus/ball2.xml");
+  std::ifstream in(cotwin::places::source() + "/tests/fmu/fmus/ball2.xml");
   std::string xml{std::istreambuf_iterator<char>(in), {}}, more;
   for (std::size_t i = 0; i < n; ++i) {
     const std::string k = std::to_string(i);
@@ -38,7 +39,7 @@ void write_fmu(const fs::path& folder, std::size_t n) {
   fmu::write_archive(
       folder / "variables.fmu",
       std::vector<fmu::ArchiveFile>{{"modelDescription.xml", xml},
-                                    {"binaries/linux64/ball.so", fs::path(COTWIN_FOREIGN_LIBRARIES) / "ball2.so"}});
+                                    {"binaries/linux64/ball.so", fs::path(cotwin::places::foreign_libraries()) / "ball2.so"}});
 }
 
 void write_events(const fs::path& folder, std::size_t n) {

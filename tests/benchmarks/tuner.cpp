@@ -12,6 +12,7 @@
 #include "models/robot/urdf.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/models/identification_samples.h"
+#include "tests/support/places.h"
 
 namespace {
 
@@ -60,7 +61,7 @@ double direct_evaluation(const robot::RobotModel& robot, const Samples& samples)
 }  // namespace
 
 int main() {
-  const robot::RobotModel robot = robot::load_urdf(COTWIN_SOURCE_DIR "/models/robots/lwr4/robot.urdf");
+  const robot::RobotModel robot = robot::load_urdf(cotwin::places::source() + "/models/robots/lwr4/robot.urdf");
   const robot::RobotModel prior = identification::testing::perturbed(robot, 0.3);
   constexpr std::size_t kPart = 100000, kWhole = 1000000;
   const Samples samples = identification::testing::simulate(robot, identification::testing::truth_of(robot), kPart, 0.1);

@@ -10,6 +10,7 @@
 #include "components/unit/unit_table.h"
 #include "master/run/master.h"
 #include "tests/benchmarks/measure.h"
+#include "tests/support/places.h"
 
 namespace {
 
@@ -21,10 +22,10 @@ constexpr double kRealTime = 1000;  // us per simulated ms
 master::Summary run_once(const fs::path& results) {
   master::MasterOptions options;
   options.types = unit_types();
-  options.folders = {fs::path(COTWIN_SOURCE_DIR) / "models"};
+  options.folders = {fs::path(cotwin::places::source()) / "models"};
   options.results = results;
   options.threads = 1;
-  master::Master master(master::load_scenario(fs::path(COTWIN_SOURCE_DIR) / "examples/02_free_motion_lwr4/twin.ssd"),
+  master::Master master(master::load_scenario(fs::path(cotwin::places::source()) / "examples/02_free_motion_lwr4/twin.ssd"),
                         std::move(options));
   master.initialise();
   while (master.step_tick()) {

@@ -7,6 +7,7 @@
 #include <tuple>
 
 #include "components/unit/unit_table.h"
+#include "tests/support/places.h"
 
 namespace cotwin {
 namespace {
@@ -48,7 +49,7 @@ class Loop {
 
  private:
   static Instance make(const std::string& unit, const std::string& robot) {
-    return make_unit("unit:" + unit, {{"robot", robot}}, {std::filesystem::path(COTWIN_SOURCE_DIR) / "models"}, unit_types());
+    return make_unit("unit:" + unit, {{"robot", robot}}, {std::filesystem::path(places::source()) / "models"}, unit_types());
   }
   static Eigen::Map<VectorXd> values(Instance& instance, const char* name) {
     const std::span<double> reals = instance.variables.at(name).reals();
@@ -94,7 +95,7 @@ TEST(ComplianceWithDriveTrain, TracksWithinATenthOfAMilliradianInBothModesWhenIt
 }
 
 TEST(ComplianceWithDriveTrain, TracksARobotOfWhoseDrivesNothingIsKnownBecauseBothUnitsTakeTheSame) {
-  Loop loop(std::string(COTWIN_SOURCE_DIR) + "/tests/components/data/rotor.urdf");  // no drive data lie beside it
+  Loop loop(places::source() + "/tests/components/data/rotor.urdf");  // no drive data lie beside it
   for (const char* name : {"K", "B"}) EXPECT_EQ(VectorXd(loop.controller(name)), VectorXd(loop.drive(name))) << name;
   EXPECT_LT(worst_error(loop, VectorXd::Zero(1), 6), 1e-4);
 }
@@ -135,7 +136,7 @@ TEST(ComplianceWithDriveTrain, HoldsTheMotorOfAnElasticJointUpToTheGainsThatSamp
   // On a soft spring, a held torque moves the motor alone: θ̇ ← θ̇ − h 2ζω (M + B)/B θ̇, which grows beyond ζ ω h (M + B)/B = 1.
   const double M = 0.2, zeta = 1, omega = 30, h = 1e-3;
   for (const double share : {0.8, 0.95, 1.05, 1.25}) {
-    Loop loop(std::string(COTWIN_SOURCE_DIR) + "/tests/components/data/rotor.urdf");
+    Loop loop(places::source() + "/tests/components/data/rotor.urdf");
     const double B = M / (share / (zeta * omega * h) - 1);
     for (const auto& [name, value] : {std::pair{"K", 50.0}, {"B", B}}) {
       loop.controller(name).setConstant(value);

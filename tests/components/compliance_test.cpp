@@ -12,6 +12,7 @@
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf.h"
 #include "models/support/error.h"
+#include "tests/support/places.h"
 
 namespace cotwin::compliance {
 namespace {
@@ -20,7 +21,7 @@ using Eigen::Vector2d;
 using Eigen::VectorXd;
 
 constexpr Duration kMillisecond{1'000'000};
-const std::filesystem::path kModels = std::filesystem::path(COTWIN_SOURCE_DIR) / "models";
+const std::filesystem::path kModels = std::filesystem::path(places::source()) / "models";
 
 Settings planar_settings() {
   Settings settings("compliance", "robot=planar2", {}, {kModels});

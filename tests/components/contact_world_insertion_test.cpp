@@ -15,6 +15,7 @@
 #include "components/contact_world/robot_links.h"
 #include "components/unit/unit_table.h"
 #include "models/robot/urdf.h"
+#include "tests/support/places.h"
 
 namespace cotwin {
 namespace {
@@ -23,8 +24,8 @@ using Eigen::Matrix;
 using Eigen::Vector3d;
 using Vector7 = Matrix<double, 7, 1>;
 
-const std::string kExample = std::string(COTWIN_SOURCE_DIR) + "/examples/04_peg_in_hole/";
-const std::string kModels = std::string(COTWIN_SOURCE_DIR) + "/models/";
+const std::string kExample = places::source() + "/examples/04_peg_in_hole/";
+const std::string kModels = places::source() + "/models/";
 constexpr double kTip = 0.178;             // m from link_7 to the peg's end along z, lwr4_peg.urdf
 constexpr double kMouth = -0.05;           // m, height of the hole's mouth
 constexpr int kLower = 3000, kEnd = 4000;  // ms

@@ -13,6 +13,7 @@
 #include "models/robot/urdf.h"
 #include "tests/models/random_robots.h"
 #include "tests/support/contact_scenes.h"
+#include "tests/support/places.h"
 
 namespace cotwin::contact_world {
 namespace {
@@ -198,7 +199,7 @@ double difference(const robot::RobotModel& model, const VectorXd& q0, const Vect
 }
 
 TEST(ContactWorldKeystone, Lwr4MovesAsInReducedCoordinatesWithErrorOfSecondOrder) {
-  const robot::RobotModel model = robot::load_urdf(std::string(COTWIN_SOURCE_DIR) + "/models/robots/lwr4/robot.urdf");
+  const robot::RobotModel model = robot::load_urdf(places::source() + "/models/robots/lwr4/robot.urdf");
   VectorXd q(7), dq(7), tau(7);
   q << 0.3, 0.5, -0.2, 1.2, 0.4, -0.6, 0.2;
   dq << 0.5, -1, 0.8, 1, -0.7, 0.6, 1;

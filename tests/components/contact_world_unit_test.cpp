@@ -19,6 +19,7 @@
 #include "models/robot/urdf.h"
 #include "models/support/error.h"
 #include "tests/support/allocations.h"
+#include "tests/support/places.h"
 
 namespace cotwin {
 namespace {
@@ -27,7 +28,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using Values = std::vector<double>;
 
-const std::string kData = std::string(COTWIN_SOURCE_DIR) + "/tests/components/data/";
+const std::string kData = places::source() + "/tests/components/data/";
 const std::string kPusher = kData + "pusher.urdf";
 const std::string kFloor = kData + "floor.sdf";
 constexpr double kGravity = 9.81;
@@ -36,7 +37,7 @@ constexpr double kGravity = 9.81;
 class Subject {
  public:
   explicit Subject(const std::string& source)
-      : instance_(make_unit(source, {}, {std::filesystem::path(COTWIN_SOURCE_DIR) / "models"}, unit_types())) {}
+      : instance_(make_unit(source, {}, {std::filesystem::path(places::source()) / "models"}, unit_types())) {}
 
   std::span<double> operator[](const std::string& name) { return instance_.variables.at(name).reals(); }
   Values values(const std::string& name) { return {(*this)[name].begin(), (*this)[name].end()}; }

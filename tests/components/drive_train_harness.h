@@ -11,19 +11,20 @@
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
 #include "models/support/error.h"
+#include "tests/support/places.h"
 
 /// A drive train to be tested: made from its settings, its variables by name.
 namespace cotwin::testing {
 
 /// One link about a vertical axis: gravity does nothing, and M is its inertia.
-inline const std::string kRotor = std::string(COTWIN_SOURCE_DIR) + "/tests/components/data/rotor.urdf";
+inline const std::string kRotor = places::source() + "/tests/components/data/rotor.urdf";
 constexpr double kRotorInertia = 0.2;  // kg.m²
 
 class Drive {
  public:
   explicit Drive(const std::string& query)
       : instance_(
-            make_unit("unit:drive_train?" + query, {}, {std::filesystem::path(COTWIN_SOURCE_DIR) / "models"}, unit_types())) {}
+            make_unit("unit:drive_train?" + query, {}, {std::filesystem::path(places::source()) / "models"}, unit_types())) {}
 
   std::span<double> operator[](const std::string& name) { return instance_.variables.at(name).reals(); }
   std::int32_t integer(const std::string& name, std::size_t i = 0) { return instance_.variables.at(name).integers()[i]; }

@@ -7,6 +7,7 @@
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf.h"
 #include "tests/components/drive_train_harness.h"
+#include "tests/support/places.h"
 
 namespace cotwin::testing {
 namespace {
@@ -179,7 +180,7 @@ TEST_P(DriveTrainPhysics, WithRigidJointsMovesAsMotorsAndLinksInOne) {
   drive.tolerances(1e-11, 1e-12, 1e-10).set("max_substeps", 100000).set("tau_C", 0).set("tau_S", 0).set("sigma2", 4);
   drive.initialise();
   // (M + B) q̈ + C q̇ + g + σ2 q̇ = τ_m by classical Runge–Kutta
-  const robot::RobotModel model = robot::load_urdf(std::filesystem::path(COTWIN_SOURCE_DIR) / "models/robots/lwr4/robot.urdf");
+  const robot::RobotModel model = robot::load_urdf(std::filesystem::path(places::source()) / "models/robots/lwr4/robot.urdf");
   const robot::Mechanism mechanism(model);
   robot::Data data(mechanism);
   Eigen::VectorXd q = Eigen::VectorXd::Zero(7), dq = q, tau(7), h(7);
@@ -358,7 +359,7 @@ TEST(DriveTrain, CarriesTheWeightThroughLinkFrictionAndExternalTorqueAtTheStart)
   Drive drive("robot=lwr4");
   drive.set("link_tau_0", 0.5).set("tau_e", 0.25);
   drive.initialise();
-  const robot::RobotModel model = robot::load_urdf(std::filesystem::path(COTWIN_SOURCE_DIR) / "models/robots/lwr4/robot.urdf");
+  const robot::RobotModel model = robot::load_urdf(std::filesystem::path(places::source()) / "models/robots/lwr4/robot.urdf");
   const robot::Mechanism mechanism(model);
   robot::Data data(mechanism);
   Eigen::VectorXd g(7);

@@ -13,6 +13,7 @@
 #include "models/support/error.h"
 #include "models/support/text.h"
 #include "tests/support/allocations.h"
+#include "tests/support/places.h"
 
 namespace cotwin {
 namespace {
@@ -43,7 +44,7 @@ class Subject {
   explicit Subject(const std::string& query, const Values& values) {
     const UnitType type{"io", "", [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<io::Io>(s); },
                         &io::Io::declare_settings};
-    instance_ = make_unit("unit:io?" + query, {}, {std::filesystem::path(COTWIN_SOURCE_DIR) / "models"}, {&type, 1});
+    instance_ = make_unit("unit:io?" + query, {}, {std::filesystem::path(places::source()) / "models"}, {&type, 1});
     for (const auto& [name, value] : values) set(name, value);
   }
   void set(const std::string& name, const std::string& value) { assign_text(variables().at(name), value); }
@@ -298,7 +299,7 @@ class RealRobot : public ::testing::Test {
   }
   std::string file(const char* name) const { return (data_ / "measurements" / name).string(); }
   std::string urdf(const char* name) const { return (data_ / "models" / name).string(); }
-  const std::filesystem::path data_ = std::filesystem::path(COTWIN_SHARED_DIR) / "data";
+  const std::filesystem::path data_ = std::filesystem::path(places::shared()) / "data";
 };
 
 TEST_F(RealRobot, ThePandaRecordingPlaysWithItsUrdfAndNoFurtherParameter) {

@@ -14,6 +14,7 @@
 #include "models/support/error.h"
 #include "models/support/text.h"
 #include "tests/support/allocations.h"
+#include "tests/support/places.h"
 
 namespace cotwin {
 namespace {
@@ -28,7 +29,7 @@ class Subject {
   explicit Subject(const std::string& query, const std::vector<std::pair<std::string, std::string>>& values = {}) {
     const UnitType type{"motion", "", [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<motion::Motion>(s); },
                         &motion::Motion::declare_settings};
-    instance_ = make_unit("unit:motion?" + query, {}, {std::filesystem::path(COTWIN_SOURCE_DIR) / "models"}, {&type, 1});
+    instance_ = make_unit("unit:motion?" + query, {}, {std::filesystem::path(places::source()) / "models"}, {&type, 1});
     for (const auto& [name, value] : values) set(name, value);
   }
   void set(const std::string& name, const std::string& value) { assign_text(instance_.variables.at(name), value); }
@@ -70,8 +71,7 @@ class File {
 
 std::vector<std::string> joint_names() {
   std::vector<std::string> names;
-  for (const auto& joint :
-       robot::load_urdf(std::filesystem::path(COTWIN_SOURCE_DIR) / "models/robots/lwr4/robot.urdf").joints) {
+  for (const auto& joint : robot::load_urdf(std::filesystem::path(places::source()) / "models/robots/lwr4/robot.urdf").joints) {
     names.push_back(joint.name);
   }
   return names;

@@ -7,6 +7,7 @@
 
 #include "components/unit/unit_table.h"
 #include "models/support/error.h"
+#include "tests/support/places.h"
 
 namespace cotwin {
 namespace {
@@ -91,7 +92,7 @@ TEST(Settings, AreReadOnlyAsTheyAreDeclared) {
 }
 
 TEST(Settings, ListTheFoldersInWhichAFileWasNotFound) {
-  const std::filesystem::path here = COTWIN_SOURCE_DIR;
+  const std::filesystem::path here = places::source();
   Settings s = settings("robot=lwr4", {}, {here / "tests", here / "models"});
   EXPECT_EQ(s.robot_file(), here / "models/robots/lwr4/robot.urdf");
   EXPECT_THAT([&] { (void)s.file("no.csv"); }, ThrowsMessage<Error>(AllOf(HasSubstr((here / "tests/no.csv").string()),

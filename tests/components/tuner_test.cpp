@@ -22,6 +22,7 @@
 #include "models/robot/urdf.h"
 #include "models/support/error.h"
 #include "tests/support/allocations.h"
+#include "tests/support/places.h"
 
 namespace cotwin {
 namespace {
@@ -29,7 +30,7 @@ namespace {
 using Eigen::VectorXd;
 using ::testing::HasSubstr;
 
-const std::filesystem::path kModels = std::filesystem::path(COTWIN_SOURCE_DIR) / "models";
+const std::filesystem::path kModels = std::filesystem::path(places::source()) / "models";
 constexpr Duration kTick{1'000'000};
 
 robot::RobotModel planar() { return robot::load_urdf(kModels / "robots/planar2/robot.urdf"); }

@@ -15,6 +15,7 @@
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
 #include "tests/support/allocations.h"
+#include "tests/support/places.h"
 #include "tests/support/unit_sources.h"
 
 namespace cotwin {
@@ -35,7 +36,7 @@ std::vector<std::string> sources() {
 }
 
 Instance make(const std::string& source) {
-  const std::vector<fs::path> folders = {properties_folder(), fs::path(COTWIN_SOURCE_DIR) / "models"};
+  const std::vector<fs::path> folders = {properties_folder(), fs::path(places::source()) / "models"};
   Instance instance = make_unit(source, {{"robot", "lwr4"}}, folders, unit_types());
   for (const ParameterSet& values : testing::start_values(source)) apply(values, instance.variables);
   for (const Variable& v : instance.variables) {
@@ -252,7 +253,7 @@ TEST(UnitTable, DeclaresEverySettingCompletely) {
 
 TEST(UnitTable, TakesEveryChoiceOfEverySetting) {
   // Each by itself; what a unit refuses must name the setting that it contradicts.
-  const std::vector<fs::path> folders = {properties_folder(), fs::path(COTWIN_SOURCE_DIR) / "models"};
+  const std::vector<fs::path> folders = {properties_folder(), fs::path(places::source()) / "models"};
   for (const UnitType& type : unit_types()) {
     for (const Setting& s : settings_of(type)) {
       const std::vector<std::string> values = s.kind == Setting::Kind::kChoice    ? s.choices

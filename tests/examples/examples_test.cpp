@@ -31,6 +31,8 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/places.h"
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -38,9 +40,10 @@ using nlohmann::json;
 
 std::vector<std::string> expectations() {
   std::vector<std::string> found;
-  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(fs::path(COTWIN_SOURCE_DIR) / "examples")) {
+  for (const fs::directory_entry& entry : fs::recursive_directory_iterator(fs::path(cotwin::places::source()) / "examples")) {
     const std::string name = entry.path().string();
-    if (name.ends_with(".expected.json")) found.push_back(fs::relative(entry.path(), COTWIN_SOURCE_DIR).generic_string());
+    if (name.ends_with(".expected.json"))
+      found.push_back(fs::relative(entry.path(), cotwin::places::source()).generic_string());
   }
   std::sort(found.begin(), found.end());
 #if defined(__SANITIZE_ADDRESS__)
@@ -172,7 +175,7 @@ void check(const json& figure, const json& summary, const Table& table) {
 class Example : public testing::TestWithParam<std::string> {};
 
 TEST_P(Example, RunsAndGivesTheExpectedFigures) {
-  const fs::path file = fs::path(COTWIN_SOURCE_DIR) / GetParam();
+  const fs::path file = fs::path(cotwin::places::source()) / GetParam();
   const json expected = json::parse(std::ifstream(file));
   for (const std::string& need : expected.value("needs", std::vector<std::string>{})) {
     if (!fs::exists(file.parent_path() / need)) GTEST_SKIP() << "needs " << need;
@@ -183,7 +186,8 @@ TEST_P(Example, RunsAndGivesTheExpectedFigures) {
 
   const TemporaryFolder results;
   const fs::path summary = results.path() / "summary.json";
-  std::vector<std::string> command = {COTWIN_PROGRAM, "run", scenario, "--quiet", "--out", results.path(), "--json", summary};
+  std::vector<std::string> command = {
+      cotwin::places::program(), "run", scenario, "--quiet", "--out", results.path(), "--json", summary};
   for (const std::string& option : expected.value("options", std::vector<std::string>{})) command.push_back(option);
   if (const char* set = getenv("COTWIN_EXAMPLE_SET")) command.insert(command.end(), {"--set", set});
   const Ran ran = run(command);
@@ -199,11 +203,11 @@ TEST_P(Example, RunsAndGivesTheExpectedFigures) {
 // not jump, the scenario for anybody's robot finds the joint torques of that log again: from its motion alone.
 TEST(OwnRobot, TheTorquesOfAnotherTwinsLogAreFoundFromItsMotion) {
   const TemporaryFolder folder;
-  const fs::path examples = fs::path(COTWIN_SOURCE_DIR) / "examples", summary = folder.path() / "summary.json";
-  const Ran robot = run({COTWIN_PROGRAM, "run", examples / "01_joint_admittance/arm.ssd", "--quiet", "--out",
+  const fs::path examples = fs::path(cotwin::places::source()) / "examples", summary = folder.path() / "summary.json";
+  const Ran robot = run({cotwin::places::program(), "run", examples / "01_joint_admittance/arm.ssd", "--quiet", "--out",
                          folder.path() / "log", "--record", "drive.q", "--record", "drive.tau_J", "--record", "drive.tau_e"});
   ASSERT_EQ(robot.exit_code, 0) << robot.output;
-  const Ran twin = run({COTWIN_PROGRAM,
+  const Ran twin = run({cotwin::places::program(),
                         "run",
                         examples / "03_dynamics_capture/own_robot.ssd",
                         "--quiet",
@@ -240,7 +244,7 @@ TEST(OwnRobot, TheTorquesOfAnotherTwinsLogAreFoundFromItsMotion) {
 Ran run_script(const std::string& environment, const std::string& script, const TemporaryFolder& folder) {
   const fs::path log = folder.path() / "log.txt";
   const std::string command = "cd '" + folder.path().string() + "' && env -i PATH=/usr/bin:/bin " + environment + " '" +
-                              (fs::path(COTWIN_SOURCE_DIR) / "examples" / script).string() + "' panda > log.txt 2>&1";
+                              (fs::path(cotwin::places::source()) / "examples" / script).string() + "' panda > log.txt 2>&1";
   const int status = std::system(command.c_str());
   std::ostringstream output;
   output << std::ifstream(log).rdbuf();
@@ -254,7 +258,7 @@ TEST_P(Script, SaysWhereTheProgramAndThePublicDataAreExpected) {
   const Ran no_program = run_script("COTWIN=/nowhere/cotwin", GetParam(), folder);
   EXPECT_EQ(no_program.exit_code, 2);
   EXPECT_THAT(no_program.output, ::testing::HasSubstr("no program '/nowhere/cotwin', expected it in"));
-  const Ran no_data = run_script("COTWIN=" COTWIN_PROGRAM " DATA=/nowhere", GetParam(), folder);
+  const Ran no_data = run_script("COTWIN=" + cotwin::places::program() + " DATA=/nowhere", GetParam(), folder);
   EXPECT_EQ(no_data.exit_code, 2);
   EXPECT_THAT(no_data.output,
               ::testing::HasSubstr("not in /nowhere: models/panda_franka_ros.urdf measurements/panda_unisa.csv"));

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "models/robot/urdf.h"
+#include "tests/support/places.h"
 #include "tests/support/synthetic_log.h"
 
 namespace {
@@ -17,15 +18,15 @@ using nlohmann::json;
 class RealRobots : public ::testing::TestWithParam<std::string> {};
 
 TEST_P(RealRobots, ArePredictedAsWellAsTheExampleSays) {
-  const fs::path example = fs::path(COTWIN_SOURCE_DIR) / "examples/06_real_robots";
+  const fs::path example = fs::path(cotwin::places::source()) / "examples/06_real_robots";
   const json expected = json::parse(std::ifstream(example / "expected.json")).at(GetParam());
   for (const std::string& need : expected.at("needs").get<std::vector<std::string>>()) {
-    if (!fs::exists(fs::path(COTWIN_SHARED_DIR) / "data" / need)) GTEST_SKIP() << "needs " << need;
+    if (!fs::exists(fs::path(cotwin::places::shared()) / "data" / need)) GTEST_SKIP() << "needs " << need;
   }
   const cotwin::testing::TemporaryFolder out("real_robots");
-  const std::string command = "COTWIN='" COTWIN_PROGRAM "' DATA='" COTWIN_SHARED_DIR "/data' OUT='" + out.path().string() +
-                              "' '" + (example / "run.sh").string() + "' " + GetParam() + " > '" + (out / "log.txt").string() +
-                              "' 2>&1";
+  const std::string command = "COTWIN='" + cotwin::places::program() + "' DATA='" + cotwin::places::shared() + "/data' OUT='" +
+                              out.path().string() + "' '" + (example / "run.sh").string() + "' " + GetParam() + " > '" +
+                              (out / "log.txt").string() + "' 2>&1";
   ASSERT_EQ(std::system(command.c_str()), 0) << std::ifstream(out / "log.txt").rdbuf();
 
   const json figures = json::parse(std::ifstream(out / GetParam() / "figures.json"));

@@ -11,6 +11,7 @@
 #include "fmu/import/load.h"
 #include "models/support/error.h"
 #include "tests/fmu/foreign.h"
+#include "tests/support/places.h"
 #include "tests/support/unit_sources.h"
 
 namespace cotwin::fmu {
@@ -49,7 +50,7 @@ class BothWays : public ::testing::TestWithParam<Subject> {
     PackRequest request;
     request.source = GetParam().source;
     request.defaults = {{"robot", "lwr4"}};
-    request.folders = {properties_folder(), fs::path(COTWIN_SOURCE_DIR) / "models"};
+    request.folders = {properties_folder(), fs::path(places::source()) / "models"};
     request.types = unit_types();
     request.version = GetParam().version;
     request.values = cotwin::testing::start_values(request.source);

@@ -14,6 +14,7 @@
 #include "tests/fmu/foreign.h"
 #include "tests/fmu/old_glibc.h"
 #include "tests/fmu/subjects.h"
+#include "tests/support/places.h"
 #include "tests/support/standard_validator.h"
 
 namespace cotwin::fmu {
@@ -169,7 +170,7 @@ TEST_P(ExportedUnits, DescribesItselfAsTheStandardWantsIt) {
 
 TEST_P(ExportedUnits, DescribesItselfAsTheSchemaWantsIt) {
   const bool two = request_.version == Version::k2;
-  const fs::path schema = fs::path(COTWIN_SHARED_DIR) / "data/schemas" /
+  const fs::path schema = fs::path(places::shared()) / "data/schemas" /
                           (two ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
   if (!fs::exists(schema)) GTEST_SKIP() << "no schema " << schema;
   const std::string file = (fmu_->folder() / "modelDescription.xml").string();
@@ -423,7 +424,7 @@ TEST_P(ExportedLibraries, LeaveNothingOfThisMachineInTheArchive) {
   for (const ArchiveEntry& entry : list_archive(archive_)) {
     if (entry.name.ends_with(".so") || entry.name.starts_with("documentation/licenses/")) continue;
     const std::string content = read_archive_file(archive_, entry.name);
-    EXPECT_EQ(content.find(COTWIN_SOURCE_DIR), std::string::npos) << entry.name;
+    EXPECT_EQ(content.find(places::source()), std::string::npos) << entry.name;
   }
 }
 

@@ -13,6 +13,7 @@
 #include "components/unit/snapshot.h"
 #include "fmu/archive/archive.h"
 #include "fmu/import/load.h"
+#include "tests/support/places.h"
 
 /// Archives of the FMUs in fmus/, as they are or spoilt.
 namespace cotwin::fmu::testing {
@@ -26,7 +27,7 @@ inline std::string read_text(const std::filesystem::path& file) {
 }
 
 inline std::string description_of(const std::string& name) {
-  return read_text(std::filesystem::path(COTWIN_SOURCE_DIR) / "tests/fmu/fmus" / (name + ".xml"));
+  return read_text(std::filesystem::path(places::source()) / "tests/fmu/fmus" / (name + ".xml"));
 }
 
 /// `text` with the first `from` replaced.
@@ -36,7 +37,6 @@ inline std::string replaced(std::string text, const std::string& from, const std
   return text.replace(at, from.size(), to);
 }
 
-#ifdef COTWIN_FOREIGN_LIBRARIES
 using Edits = std::vector<std::pair<std::string, std::string>>;
 
 /// "rogue2" → <folder>/rogue2.fmu, with `edits` made to its description.
@@ -46,12 +46,11 @@ inline std::filesystem::path make_fmu(const std::string& name, const std::filesy
   const std::string platform = name.back() == '2' ? "linux64" : "x86_64-linux", identifier = name.substr(0, name.size() - 1);
   const std::vector<ArchiveFile> files = {
       {"modelDescription.xml", xml},
-      {"binaries/" + platform + "/" + identifier + ".so", std::filesystem::path(COTWIN_FOREIGN_LIBRARIES) / (name + ".so")}};
+      {"binaries/" + platform + "/" + identifier + ".so", std::filesystem::path(places::foreign_libraries()) / (name + ".so")}};
   const std::filesystem::path archive = folder / (name + ".fmu");
   write_archive(archive, files);
   return archive;
 }
-#endif
 
 /// A folder for temporary folders that other programs do not use at the same time.
 class PrivateTemporaries {

@@ -14,6 +14,7 @@
 #include "fmu/export/package.h"
 #include "models/robot/urdf.h"
 #include "models/support/error.h"
+#include "tests/support/places.h"
 #include "tests/support/standard_validator.h"
 
 namespace cotwin::fmu {
@@ -210,7 +211,7 @@ TEST_P(Description, FollowsTheStandardWithEverythingThatCanBeSaid) {
 
 TEST_P(Description, ValidatesWithEverythingThatCanBeSaid) {
   const bool two = GetParam() == Version::k2;
-  const fs::path schema = fs::path(COTWIN_SHARED_DIR) / "data/schemas" /
+  const fs::path schema = fs::path(places::shared()) / "data/schemas" /
                           (two ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
   if (!fs::exists(schema)) GTEST_SKIP() << "no schema " << schema;
   TemporaryFolder folder;
@@ -425,7 +426,7 @@ TEST(Package, CarriesARobotToTheLastBit) {
   package.token = "{1}";
   package.unit = "drive_train";
   package.query = "robot=lwr4";
-  auto robot = robot::load_urdf(fs::path(COTWIN_SOURCE_DIR) / "models/robots/lwr4/robot.urdf");
+  auto robot = robot::load_urdf(fs::path(places::source()) / "models/robots/lwr4/robot.urdf");
   package.robot = std::make_shared<const robot::RobotModel>(robot);
   double x = 0.1;
   Variables variables;

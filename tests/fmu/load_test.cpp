@@ -21,6 +21,7 @@
 #include "fmu/import/fmu_store.h"
 #include "models/support/error.h"
 #include "tests/fmu/foreign.h"
+#include "tests/support/places.h"
 
 namespace cotwin::fmu {
 namespace {
@@ -91,7 +92,7 @@ TEST_F(Load, RefusesFmi1AndKindsThatAreNotThere) {
 TEST_F(Load, NamesTheFunctionsThatALibraryLacks) {
   const fs::path path =
       raw_archive({{"modelDescription.xml", replaced(description_of("rogue2"), "CoSimulation model", "ModelExchange model")},
-                   {"binaries/linux64/rogue.so", read_text(fs::path(COTWIN_FOREIGN_LIBRARIES) / "rogue2.so")}});
+                   {"binaries/linux64/rogue.so", read_text(fs::path(places::foreign_libraries()) / "rogue2.so")}});
   expect_refusal(path, "rogue.so: does not have fmi2EnterEventMode, fmi2NewDiscreteStates, fmi2EnterContinuousTimeMode");
 }
 
@@ -253,7 +254,7 @@ TEST_F(Load, WorksFromSeveralThreadsAtOnce) {
 // The loader of the system would end the program by SIGBUS, or say that there is no such file.
 TEST_F(Load, RefusesALibraryThatIsCutShortOrForAnotherMachine) {
   const std::string xml = description_of("rogue2");
-  const std::string library = read_text(fs::path(COTWIN_FOREIGN_LIBRARIES) / "rogue2.so");
+  const std::string library = read_text(fs::path(places::foreign_libraries()) / "rogue2.so");
   const auto with = [&](const std::string& bytes) {
     return raw_archive({{"modelDescription.xml", xml}, {"binaries/linux64/rogue.so", bytes}});
   };
@@ -301,7 +302,7 @@ TEST_F(Load, TellsWhatAnFmuIs) {
 }
 
 TEST(Elf, TellsWhatALibraryShowsAndNeeds) {
-  const ElfLibrary elf = read_elf(fs::path(COTWIN_FOREIGN_LIBRARIES) / "ball2.so");
+  const ElfLibrary elf = read_elf(fs::path(places::foreign_libraries()) / "ball2.so");
   EXPECT_EQ(elf.machine, "x86_64");
   EXPECT_THAT(elf.exported, Contains("fmi2GetDerivatives"));
   EXPECT_THAT(elf.exported, Not(Contains("model_event")));
@@ -337,7 +338,7 @@ TEST(Elf, TellsTheGreatestVersionOfEachNameAsObjdumpDoes) {
 TEST(Elf, RefusesWhatIsCutShortOrDamaged) {
   const TemporaryFolder folder;
   const fs::path file = folder.path() / "x.so";
-  std::string bytes = read_text(fs::path(COTWIN_FOREIGN_LIBRARIES) / "ball2.so");
+  std::string bytes = read_text(fs::path(places::foreign_libraries()) / "ball2.so");
   std::uint32_t random = 1;
   for (int i = 0; i < 300; ++i) {
     std::string damaged = bytes;

@@ -25,6 +25,7 @@
 #include "master/twin/pack_twin.h"
 #include "models/support/error.h"
 #include "tests/fmu/subjects.h"
+#include "tests/support/places.h"
 
 namespace cotwin::fmu {
 
@@ -314,10 +315,10 @@ TEST_P(Played, GivesWhatItGivesHereToRounding) {
     all.push_back(piece("a scenario", [&](const std::vector<std::string>& both, const fs::path& out) {
       master::PackageOptions options;
       options.types = unit_types();
-      options.folders = {testing::properties_folder(), fs::path(COTWIN_SOURCE_DIR) / "models"};
+      options.folders = {testing::properties_folder(), fs::path(places::source()) / "models"};
       options.version = version();
       options.platforms = both;
-      master::Scenario scenario = master::load_scenario(fs::path(COTWIN_SOURCE_DIR) / "examples/02_free_motion_lwr4/twin.ssd");
+      master::Scenario scenario = master::load_scenario(fs::path(places::source()) / "examples/02_free_motion_lwr4/twin.ssd");
       scenario.start = Time{};
       master::pack_twin(scenario, options, out);
     }));
@@ -452,11 +453,10 @@ TEST_F(PackedForPlatforms, RepeatsWhyAUnitWasLeftOut) {
   put("x86_64-windows/twin.dll", "library");  // has no unit compliance inside
   master::PackageOptions options;
   options.types = unit_types();
-  options.folders = {testing::properties_folder(), fs::path(COTWIN_SOURCE_DIR) / "models"};
+  options.folders = {testing::properties_folder(), fs::path(places::source()) / "models"};
   options.platforms = {"win64"};
   options.libraries = libraries();
-  const master::Scenario scenario =
-      master::load_scenario(fs::path(COTWIN_SOURCE_DIR) / "examples/02_free_motion_lwr4/twin.ssd");
+  const master::Scenario scenario = master::load_scenario(fs::path(places::source()) / "examples/02_free_motion_lwr4/twin.ssd");
   EXPECT_THAT(message_of([&] { master::pack_twin(scenario, options, folder_.path() / "twin.fmu"); }),
               ::testing::HasSubstr("the unit compliance is left out"));
 }

@@ -11,6 +11,7 @@
 
 #include "components/unit/unit_table.h"
 #include "fmu/export/pack.h"
+#include "tests/support/places.h"
 #include "tests/support/unit_sources.h"
 
 /// The exported units that tests walk through: all of the generated table, with settings and start values from
@@ -46,7 +47,7 @@ inline PackRequest request_for(const Subject& subject) {
   PackRequest request;
   request.source = subject.source;
   request.defaults = {{"robot", "lwr4"}};
-  request.folders = {properties_folder(), std::filesystem::path(COTWIN_SOURCE_DIR) / "models"};
+  request.folders = {properties_folder(), std::filesystem::path(places::source()) / "models"};
   request.types = unit_types();
   request.version = subject.version;
   request.values = cotwin::testing::start_values(subject.source);

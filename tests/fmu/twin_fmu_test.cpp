@@ -18,6 +18,7 @@
 #include "tests/fmu/foreign.h"
 #include "tests/fmu/old_glibc.h"
 #include "tests/support/allocations.h"
+#include "tests/support/places.h"
 #include "tests/support/standard_validator.h"
 
 namespace cotwin::master {
@@ -33,13 +34,13 @@ constexpr std::int64_t kTick = 1'000'000;  // ns
 constexpr double kMillisecond = 1e-3;      // s
 
 const std::vector<fs::path>& folders() {
-  static const std::vector<fs::path> all = {fs::path(COTWIN_SOURCE_DIR) / "tests/components/properties",
-                                            fs::path(COTWIN_SOURCE_DIR) / "models"};
+  static const std::vector<fs::path> all = {fs::path(places::source()) / "tests/components/properties",
+                                            fs::path(places::source()) / "models"};
   return all;
 }
 
 Scenario example() {
-  Scenario scenario = load_scenario(fs::path(COTWIN_SOURCE_DIR) / "examples/02_free_motion_lwr4/twin.ssd");
+  Scenario scenario = load_scenario(fs::path(places::source()) / "examples/02_free_motion_lwr4/twin.ssd");
   scenario.start = Time{};
   scenario.stop = Time{900 * kTick};  // the motion begins at 0.5 s
   scenario.events.push_back({Time{200 * kTick}, "drive.tau_e[2]", "3", Duration{500 * kTick}, ""});
@@ -175,7 +176,7 @@ TEST_P(TwinFmu, DescribesItselfAsTheStandardWantsIt) {
 }
 
 TEST_P(TwinFmu, DescribesItselfAsTheSchemaWantsIt) {
-  const fs::path schema = fs::path(COTWIN_SHARED_DIR) / "data/schemas" /
+  const fs::path schema = fs::path(places::shared()) / "data/schemas" /
                           (GetParam() == Version::k2 ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
   if (!fs::exists(schema)) GTEST_SKIP() << "no schema " << schema;
   const std::string file = (fmu_->folder() / "modelDescription.xml").string();
@@ -437,7 +438,7 @@ TEST(TwinArchive, StandsAloneAndLoadsWhereverGlibcIs228OrNewer) {
   EXPECT_GT(seen, 100);
   for (const fmu::ArchiveEntry& entry : fmu::list_archive(loaded.archive())) {
     if (!entry.name.starts_with("resources/")) continue;
-    EXPECT_THAT(fmu::read_archive_file(loaded.archive(), entry.name), ::testing::Not(::testing::HasSubstr(COTWIN_SOURCE_DIR)))
+    EXPECT_THAT(fmu::read_archive_file(loaded.archive(), entry.name), ::testing::Not(::testing::HasSubstr(places::source())))
         << entry.name;
   }
   if (std::string(COTWIN_SANITIZERS).size() > 0) GTEST_SKIP() << "sanitizers need their library";
@@ -446,8 +447,8 @@ TEST(TwinArchive, StandsAloneAndLoadsWhereverGlibcIs228OrNewer) {
 
 TEST(TwinArchive, IsWrittenByTheProgram) {
   const fmu::TemporaryFolder folder;
-  const std::string scenario = std::string(COTWIN_SOURCE_DIR) + "/examples/02_free_motion_lwr4/twin.ssd";
-  const std::string command = std::string(COTWIN_PROGRAM) + " pack '" + scenario + "' --as-fmu --fmi 3 -o ";
+  const std::string scenario = places::source() + "/examples/02_free_motion_lwr4/twin.ssd";
+  const std::string command = places::program() + " pack '" + scenario + "' --as-fmu --fmi 3 -o ";
   const fs::path out = folder.path() / "x.fmu";
   EXPECT_EQ(output_of(command + "'" + out.string() + "'"), "");
   const LoadedFmu loaded(out, "twin", Version::k3);

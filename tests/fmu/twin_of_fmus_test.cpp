@@ -21,6 +21,7 @@
 #include "models/support/error.h"
 #include "tests/fmu/driver.h"
 #include "tests/fmu/foreign.h"
+#include "tests/support/places.h"
 #include "tests/support/standard_validator.h"
 
 namespace cotwin::master {
@@ -36,7 +37,7 @@ using ::testing::HasSubstr;
 constexpr double kMillisecond = 1e-3;  // s
 
 const std::vector<fs::path>& folders() {
-  static const std::vector<fs::path> all = {fs::path(COTWIN_SOURCE_DIR) / "models"};
+  static const std::vector<fs::path> all = {fs::path(places::source()) / "models"};
   return all;
 }
 
@@ -69,7 +70,7 @@ ComponentSpec component(const std::string& name, const std::string& source) {
 
 /// Example 02 with its drive as an FMU, in the folder that the FMU lies in.
 Scenario with_our_fmu(const fs::path& folder, Version version) {
-  Scenario scenario = load_scenario(fs::path(COTWIN_SOURCE_DIR) / "examples/02_free_motion_lwr4/twin.ssd");
+  Scenario scenario = load_scenario(fs::path(places::source()) / "examples/02_free_motion_lwr4/twin.ssd");
   pack_drive_train(version, folder / "drive.fmu");
   scenario.stop = Time::from_seconds(0.7);  // the motion begins at 0.5 s
   for (ComponentSpec& spec : scenario.components) {
@@ -319,7 +320,7 @@ TEST_P(TwinOfFmus, IsDescribedAsTheStandardWantsIt) {
 }
 
 TEST_P(TwinOfFmus, IsDescribedAsTheSchemaWantsIt) {
-  const fs::path schema = fs::path(COTWIN_SHARED_DIR) / "data/schemas" /
+  const fs::path schema = fs::path(places::shared()) / "data/schemas" /
                           (GetParam() == Version::k2 ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
   if (!fs::exists(schema)) GTEST_SKIP() << "no schema " << schema;
   const LoadedFmu loaded(pack(with_strangers(folder_.path(), other()), GetParam(), folder_.path() / "twin.fmu"), "twin",

@@ -18,6 +18,7 @@
 #include "models/support/bytes.h"
 #include "models/support/error.h"
 #include "tests/fuzz/edits.h"
+#include "tests/support/places.h"
 
 namespace {
 
@@ -49,7 +50,7 @@ std::string good_unit() {
   package.unit = "drive_train";
   package.query = "link=inside&robot=arm";
   package.robot = std::make_shared<robot::RobotModel>(
-      robot::load_urdf(std::string(COTWIN_SOURCE_DIR) + "/tests/fuzz/corpus/urdf/arm.urdf", {robot::Unphysical::kWarn, ""}));
+      robot::load_urdf(cotwin::places::source() + "/tests/fuzz/corpus/urdf/arm.urdf", {robot::Unphysical::kWarn, ""}));
   Integrator unit;
   Variables variables;
   unit.declare(variables);
@@ -68,7 +69,7 @@ std::string good_fmu(const std::string& name) {
   fmu::ForeignPackage package;
   package.name = package.folder = name;
   package.description =
-      fmu::load_model_description(std::string(COTWIN_SOURCE_DIR) + "/tests/fuzz/corpus/model_description/" + name + ".xml");
+      fmu::load_model_description(cotwin::places::source() + "/tests/fuzz/corpus/model_description/" + name + ".xml");
   const std::unique_ptr<fmu::ForeignVariables> values = variables_of(package);
   Variables variables;
   values->declare(variables);

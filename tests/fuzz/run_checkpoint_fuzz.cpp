@@ -9,6 +9,7 @@
 #include "master/run/checkpoint.h"
 #include "models/support/error.h"
 #include "tests/fuzz/edits.h"
+#include "tests/support/places.h"
 
 namespace {
 
@@ -31,10 +32,10 @@ constexpr const char* kScenario = R"(<?xml version="1.0" encoding="UTF-8"?>
 </ssd:SystemStructureDescription>)";
 
 Master make(std::optional<RunState> resume) {
-  static const Scenario scenario = parse_scenario(kScenario, "fuzz.ssd", COTWIN_SOURCE_DIR);
+  static const Scenario scenario = parse_scenario(kScenario, "fuzz.ssd", cotwin::places::source());
   MasterOptions options;
   options.types = unit_types();
-  options.folders = {COTWIN_SOURCE_DIR "/models"};
+  options.folders = {cotwin::places::source() + "/models"};
   options.threads = 1;
   options.resume = std::move(resume);
   return Master(scenario, std::move(options));

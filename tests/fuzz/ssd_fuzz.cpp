@@ -7,6 +7,7 @@
 
 #include "master/ssp/scenario.h"
 #include "models/support/error.h"
+#include "tests/support/places.h"
 
 namespace {
 
@@ -19,7 +20,8 @@ bool known(const cotwin::master::Scenario& s, const std::string& component) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);
   try {
-    cotwin::master::Scenario s = cotwin::master::parse_scenario(text, "input", COTWIN_SOURCE_DIR "/tests/master/data/vehicle");
+    cotwin::master::Scenario s =
+        cotwin::master::parse_scenario(text, "input", cotwin::places::source() + "/tests/master/data/vehicle");
     for (const auto& c : s.connections) {
       if (!known(s, c.from.component) || !known(s, c.to.component)) std::abort();
     }

@@ -18,13 +18,14 @@
 #include "models/support/bytes.h"
 #include "models/support/error.h"
 #include "tests/fuzz/edits.h"
+#include "tests/support/places.h"
 
 namespace {
 
 using namespace cotwin;
 
 constexpr const char* kToken = "{fuzz}";
-constexpr const char* kModels = COTWIN_SOURCE_DIR "/models/";
+const std::string kModels = cotwin::places::source() + "/models/";
 
 /// A unit with the settings that its package has, and what goes into it besides.
 struct Choice {

@@ -16,6 +16,7 @@
 
 #include "fmu/archive/archive.h"
 #include "tests/hostile/hostile_files.h"
+#include "tests/support/places.h"
 
 namespace cotwin::hostile {
 namespace {
@@ -49,7 +50,7 @@ class Hostile : public ::testing::Test {
   }
   ~Hostile() override { fs::remove_all(folder_); }
 
-  static fs::path source(const std::string& name) { return fs::path(COTWIN_SOURCE_DIR) / name; }
+  static fs::path source(const std::string& name) { return fs::path(places::source()) / name; }
   void write(const std::string& name, const std::string& bytes) const {
     fs::create_directories((folder_ / name).parent_path());
     std::ofstream(folder_ / name, std::ios::binary) << bytes;
@@ -69,11 +70,11 @@ class Hostile : public ::testing::Test {
       setrlimit(RLIMIT_CPU, &cpu);
       setrlimit(RLIMIT_CORE, &core);
       alarm(kWallSeconds);
-      arguments.insert(arguments.begin(), COTWIN_PROGRAM);
+      arguments.insert(arguments.begin(), places::program());
       std::vector<char*> argv;
       for (std::string& a : arguments) argv.push_back(a.data());
       argv.push_back(nullptr);
-      execv(COTWIN_PROGRAM, argv.data());
+      execv(places::program().c_str(), argv.data());
       _exit(99);
     }
     int status = 0;
@@ -325,7 +326,7 @@ std::vector<Arguments> fmu_commands(const std::string& file) {
 }
 
 TEST_F(Hostile, FmusEndWithAMessage) {
-  const fs::path library = fs::path(COTWIN_FOREIGN_LIBRARIES) / "ball2.so";
+  const fs::path library = fs::path(places::foreign_libraries()) / "ball2.so";
   const std::string description = content(source("tests/fmu/fmus/ball2.xml"));
   const auto pack = [&](const std::string& xml) {
     return archive(folder_ / "packed", {{"modelDescription.xml", xml}, {"binaries/linux64/ball.so", library}});

@@ -11,6 +11,7 @@
 #include "master/run/members.h"
 #include "master/ssp/scenario.h"
 #include "master/twin/twin.h"
+#include "tests/support/places.h"
 #include "tests/support/synthetic_log.h"
 
 namespace cotwin::master {
@@ -18,7 +19,7 @@ namespace {
 
 /// An arm of two links, its tip a ball of 20 mm, falls on a floor without restitution; `tick` with its unit.
 std::string scenario(const std::string& tick) {
-  const std::string data = COTWIN_SOURCE_DIR "/tests/components/data/",
+  const std::string data = places::source() + "/tests/components/data/",
                     pusher = "robot=" + data + "pusher.urdf&amp;link=inside";
   const auto connection = [](const std::string& from, const std::string& to, const std::string& port) {
     return "<ssd:Connection startElement=\"" + from + "\" startConnector=\"" + port + "\" endElement=\"" + to +

@@ -22,6 +22,7 @@
 
 #include "master/run/checkpoint.h"
 #include "models/support/atomic_file.h"
+#include "tests/support/places.h"
 
 namespace {
 
@@ -99,7 +100,7 @@ class Durable : public ::testing::Test {
 
   /// `prepare` is called in the child, which must not allocate much.
   pid_t start(std::vector<std::string> arguments, const std::function<bool()>& prepare = {}) {
-    arguments.insert(arguments.begin(), COTWIN_PROGRAM);
+    arguments.insert(arguments.begin(), cotwin::places::program());
     std::vector<char*> argv;
     for (std::string& a : arguments) argv.push_back(a.data());
     argv.push_back(nullptr);
@@ -111,7 +112,7 @@ class Durable : public ::testing::Test {
     const int out = open((folder_ / "out.txt").c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666);
     const int err = open((folder_ / "err.txt").c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666);
     if (chdir(folder_.c_str()) != 0 || dup2(out, 1) < 0 || dup2(err, 2) < 0 || (prepare && !prepare())) _exit(99);
-    execv(COTWIN_PROGRAM, argv.data());
+    execv(cotwin::places::program().c_str(), argv.data());
     _exit(98);
   }
   Result wait(pid_t child) {

@@ -18,6 +18,7 @@
 #include "models/support/csv.h"
 #include "models/support/error.h"
 #include "tests/fmu/foreign.h"
+#include "tests/support/places.h"
 #include "tests/support/standard_validator.h"
 
 namespace cotwin::master {
@@ -30,8 +31,8 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::StartsWith;
 
-const fs::path kExample = fs::path(COTWIN_SOURCE_DIR) / "examples/02_free_motion_lwr4/twin.ssd";
-const std::vector<fs::path> kFolders = {fs::path(COTWIN_SOURCE_DIR) / "models"};
+const fs::path kExample = fs::path(places::source()) / "examples/02_free_motion_lwr4/twin.ssd";
+const std::vector<fs::path> kFolders = {fs::path(places::source()) / "models"};
 
 std::string content(const fs::path& file) {
   std::ifstream in(file, std::ios::binary);
@@ -122,7 +123,8 @@ class FmuScenario : public ::testing::Test {
 
   /// A run of the program: exit code, and what it says.
   std::pair<int, std::string> program(const std::string& arguments) {
-    const std::string command = "cd '" + folder_.string() + "' && '" COTWIN_PROGRAM "' " + arguments + " > said.txt 2>&1";
+    const std::string command =
+        "cd '" + folder_.string() + "' && '" + places::program() + "' " + arguments + " > said.txt 2>&1";
     const int status = std::system(command.c_str());
     return {WEXITSTATUS(status), content(folder_ / "said.txt")};
   }
@@ -334,14 +336,14 @@ TEST_F(FmuScenario, ThePackagesFilesFollowTheStandards) {
     EXPECT_GE(others, 2U) << "the system, and values of a component at least";
   };
   for (const char* name : {"01_joint_admittance/arm.ssd", "04_peg_in_hole/twin.ssd", "05_maturation/twin.ssd"}) {
-    const Scenario scenario = load_scenario(fs::path(COTWIN_SOURCE_DIR) / "examples" / name);
+    const Scenario scenario = load_scenario(fs::path(places::source()) / "examples" / name);
     for (const fmu::Version version : {fmu::Version::k2, fmu::Version::k3}) check(scenario, version);
   }
   for (const fmu::Version version : {fmu::Version::k2, fmu::Version::k3}) check(example(), version);
 }
 
 TEST_F(FmuScenario, ThePackagesFilesAreValid) {
-  const fs::path schemas = fs::path(COTWIN_SHARED_DIR) / "data/schemas/ssp1";
+  const fs::path schemas = fs::path(places::shared()) / "data/schemas/ssp1";
   if (!fs::exists(schemas)) GTEST_SKIP() << "no schemas in " << schemas;
   const fmu::TemporaryFolder unpacked = fmu::unpack_archive(pack(example()));
   const auto valid = [&](const char* schema, const char* file) {

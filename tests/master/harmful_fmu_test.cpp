@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "tests/fmu/foreign.h"
+#include "tests/support/places.h"
 
 namespace cotwin::master {
 namespace {
@@ -47,7 +48,7 @@ class HarmfulFmu : public ::testing::Test {
   Result program(const std::string& arguments, const std::string& harm, const std::string& where,
                  const std::string& more = "") {
     const std::string command = "cd '" + folder_.string() + "' && " + more + " COTWIN_HARM='" + harm + "' COTWIN_HARM_AT='" +
-                                where + "' timeout 60 '" COTWIN_PROGRAM "' " + arguments + " > out.txt 2> err.txt";
+                                where + "' timeout 60 '" + places::program() + "' " + arguments + " > out.txt 2> err.txt";
     const int status = std::system(command.c_str());
     return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, content(folder_ / "out.txt"), content(folder_ / "err.txt")};
   }

@@ -12,6 +12,7 @@
 #include "master/run/master.h"
 #include "master/run/members.h"
 #include "master/ssp/scenario.h"
+#include "tests/support/places.h"
 
 namespace cotwin::master {
 namespace {
@@ -19,11 +20,11 @@ namespace {
 // A digital controller holds its torque until its next step. The work of a held torque is torque times way; a torque that went
 // along a ramp would be off by half of its change times the way.
 TEST(HeldSignals, TheMotorsGetTheTorqueThatTheControllerHolds) {
-  Scenario scenario = load_scenario(std::filesystem::path(COTWIN_SOURCE_DIR) / "examples/02_free_motion_lwr4/twin.ssd");
+  Scenario scenario = load_scenario(std::filesystem::path(places::source()) / "examples/02_free_motion_lwr4/twin.ssd");
   scenario.recording.clear();
   MasterOptions options;
   options.types = unit_types();
-  options.folders = {std::filesystem::path(COTWIN_SOURCE_DIR) / "models"};
+  options.folders = {std::filesystem::path(places::source()) / "models"};
   Master master(scenario, std::move(options));
   master.initialise();
   const auto signal = [&](const char* name) { return find_signal(master.members(), name, "").reals(); };
@@ -46,7 +47,7 @@ TEST(HeldSignals, TheMotorsGetTheTorqueThatTheControllerHolds) {
 }
 
 TEST(HeldSignals, ATorqueIsDeclaredAsHeldAndAMotionIsNot) {
-  const std::vector<std::filesystem::path> folders{std::filesystem::path(COTWIN_SOURCE_DIR) / "models"};
+  const std::vector<std::filesystem::path> folders{std::filesystem::path(places::source()) / "models"};
   const Instance controller = make_unit("unit:compliance?robot=lwr4", {}, folders, unit_types());
   EXPECT_TRUE(controller.variables.at("tau_m").discrete);
   EXPECT_FALSE(controller.variables.at("q_c").discrete);

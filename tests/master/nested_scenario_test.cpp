@@ -10,6 +10,7 @@
 #include "master/program/check.h"
 #include "master/run/master.h"
 #include "models/support/error.h"
+#include "tests/support/places.h"
 
 namespace cotwin::master {
 namespace {
@@ -84,7 +85,7 @@ class Nested : public ::testing::Test {
   static MasterOptions options(const fs::path& file) {
     MasterOptions o;
     o.types = unit_types();
-    o.folders = {file.parent_path(), fs::path(COTWIN_SOURCE_DIR) / "models"};
+    o.folders = {file.parent_path(), fs::path(places::source()) / "models"};
     return o;
   }
   /// The recording of a run.
@@ -153,7 +154,7 @@ TEST_F(Nested, EachScenarioHasItsOwnRobot) {
 
 TEST_F(Nested, ARobotFileIsLookedUpBesideTheNestedScenario) {
   fs::create_directories(folder_ / "arms");
-  fs::copy_file(fs::path(COTWIN_SOURCE_DIR) / "models/robots/planar2/robot.urdf", folder_ / "arms/mine.urdf");
+  fs::copy_file(fs::path(places::source()) / "models/robots/planar2/robot.urdf", folder_ / "arms/mine.urdf");
   write("arms/arm.ssd", ssd("arm", kArm, "<cotwin:Master><cotwin:Setting name='robot' value='mine.urdf'/></cotwin:Master>"));
   const fs::path cell = write("cell.ssd", ssd("cell", "<ssd:Elements>" + nested("a", "arms/arm.ssd") + "</ssd:Elements>", ""));
   EXPECT_EQ(error_of(cell), "");

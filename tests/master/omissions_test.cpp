@@ -6,6 +6,7 @@
 
 #include "master/program/check.h"
 #include "tests/master/test_units.h"
+#include "tests/support/places.h"
 
 namespace cotwin::master {
 namespace {
@@ -20,7 +21,7 @@ using ::testing::IsEmpty;
 std::vector<std::string> warnings_of(const Scenario& scenario) {
   MasterOptions options;
   options.types = unit_types();
-  options.folders = {fs::path(COTWIN_SOURCE_DIR) / "models"};
+  options.folders = {fs::path(places::source()) / "models"};
   return Master(scenario, std::move(options)).warnings();
 }
 std::vector<std::string> warnings_of(const Build& build) { return warnings_of(build.scenario); }
@@ -172,10 +173,10 @@ TEST(Omissions, UnitsThatStandAloneTellWhatTheyNeed) {
 TEST(Omissions, ExamplesForgetNothing) {
   for (const char* example :
        {"01_joint_admittance/arm.ssd", "02_free_motion_lwr4/twin.ssd", "04_peg_in_hole/twin.ssd", "05_maturation/twin.ssd"}) {
-    const fs::path file = fs::path(COTWIN_SOURCE_DIR) / "examples" / example;
+    const fs::path file = fs::path(places::source()) / "examples" / example;
     MasterOptions options;
     options.types = unit_types();
-    options.folders = {file.parent_path(), fs::path(COTWIN_SOURCE_DIR) / "models"};
+    options.folders = {file.parent_path(), fs::path(places::source()) / "models"};
     EXPECT_THAT(Master(load_scenario(file), std::move(options)).warnings(), IsEmpty()) << example;
   }
 }

@@ -13,6 +13,8 @@
 #include <sstream>
 #include <thread>
 
+#include "tests/support/places.h"
+
 namespace {
 
 namespace fs = std::filesystem;
@@ -41,11 +43,11 @@ class Program : public ::testing::Test {
     const pid_t child = fork();
     if (child != 0) return child;
     if (chdir(folder_.c_str()) != 0 || !std::freopen(out, "w", stdout) || !std::freopen("err.txt", "w", stderr)) _exit(99);
-    arguments.insert(arguments.begin(), COTWIN_PROGRAM);
+    arguments.insert(arguments.begin(), cotwin::places::program());
     std::vector<char*> argv;
     for (std::string& a : arguments) argv.push_back(a.data());
     argv.push_back(nullptr);
-    execv(COTWIN_PROGRAM, argv.data());
+    execv(cotwin::places::program().c_str(), argv.data());
     _exit(99);
   }
   Result wait(pid_t child) {

@@ -12,6 +12,7 @@
 #include "fmu/archive/archive.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
+#include "tests/support/places.h"
 #include "tests/support/standard_validator.h"
 
 namespace cotwin::master {
@@ -23,7 +24,7 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::StartsWith;
 
-const fs::path kVehicle = fs::path(COTWIN_SOURCE_DIR) / "tests/master/data/vehicle/SystemStructure.ssd";
+const fs::path kVehicle = fs::path(places::source()) / "tests/master/data/vehicle/SystemStructure.ssd";
 
 constexpr const char* kHead =
     "<d:SystemStructureDescription version='1.0' name='n' xmlns:d='http://ssp-standard.org/SSP1/SystemStructureDescription' "
@@ -217,7 +218,7 @@ TEST(Scenarios, OfThisRepositoryFollowTheStandard) {
   using cotwin::testing::Standard;
   int files = 0;
   for (const char* folder : {"examples", "models", "tests/master/data"}) {
-    for (const auto& entry : fs::recursive_directory_iterator(fs::path(COTWIN_SOURCE_DIR) / folder)) {
+    for (const auto& entry : fs::recursive_directory_iterator(fs::path(places::source()) / folder)) {
       const std::string ending = entry.path().extension();
       if (ending != ".ssd" && ending != ".ssv") continue;
       std::ifstream in(entry.path());
@@ -230,7 +231,7 @@ TEST(Scenarios, OfThisRepositoryFollowTheStandard) {
 }
 
 TEST(ForeignSystemStructure, OfThisTestIsValidSsp) {
-  const fs::path schemas = fs::path(COTWIN_SHARED_DIR) / "data/schemas/ssp1";
+  const fs::path schemas = fs::path(places::shared()) / "data/schemas/ssp1";
   if (!fs::exists(schemas) || std::system("xmllint --version >/dev/null 2>&1") != 0) GTEST_SKIP() << "no schemas or no xmllint";
   const std::map<std::string, std::string> schema_of = {{".ssd", "SystemStructureDescription.xsd"},
                                                         {".ssv", "SystemStructureParameterValues.xsd"},
@@ -249,7 +250,7 @@ TEST(ForeignSystemStructure, OfThisTestIsValidSsp) {
 }
 
 TEST(Documentation, ShowsAScenarioThatIsReadAndValid) {
-  std::ifstream in(fs::path(COTWIN_SOURCE_DIR) / "docs/scenario.md");
+  std::ifstream in(fs::path(places::source()) / "docs/scenario.md");
   const std::string page((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
   const std::size_t begin = page.find("<?xml"), end = page.find("```", begin);
   ASSERT_NE(end, std::string::npos);
@@ -278,7 +279,7 @@ TEST(Documentation, ShowsAScenarioThatIsReadAndValid) {
   EXPECT_THAT(s.warnings, IsEmpty());
 
   EXPECT_THAT(cotwin::testing::schema_faults(page.substr(begin, end - begin), cotwin::testing::Standard::kSsd), IsEmpty());
-  const fs::path schema = fs::path(COTWIN_SHARED_DIR) / "data/schemas/ssp1/SystemStructureDescription.xsd";
+  const fs::path schema = fs::path(places::shared()) / "data/schemas/ssp1/SystemStructureDescription.xsd";
   if (!fs::exists(schema) || std::system("xmllint --version >/dev/null 2>&1") != 0) GTEST_SKIP() << "no schema or no xmllint";
   EXPECT_EQ(std::system(("xmllint --noout --schema '" + schema.string() + "' '" + file.string() + "' 2>/dev/null").c_str()), 0);
 }

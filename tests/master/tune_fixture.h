@@ -8,6 +8,7 @@
 #include "master/program/tuning/tuning.h"
 #include "models/robot/attachment.h"
 #include "models/robot/urdf.h"
+#include "tests/support/places.h"
 #include "tests/support/synthetic_log.h"
 
 namespace cotwin::testing {
@@ -21,7 +22,7 @@ inline std::string content(const std::filesystem::path& file) {
 class TunedRobot {
  public:
   TunedRobot() {
-    truth = robot::load_urdf(COTWIN_SOURCE_DIR "/models/robots/lwr4/robot.urdf");
+    truth = robot::load_urdf(places::source() + "/models/robots/lwr4/robot.urdf");
     robot::RobotModel prior = truth;
     for (int i = 0; i < prior.n(); ++i) {
       Inertia inertia = prior.bodies[static_cast<std::size_t>(i)].inertia;

@@ -10,6 +10,7 @@
 #include "models/numerics/random.h"
 #include "models/support/text.h"
 #include "tests/master/tune_fixture.h"
+#include "tests/support/places.h"
 
 namespace cotwin::master::tuning {
 namespace {
@@ -101,7 +102,7 @@ TEST(TuneLogs, LostRowsNeitherMoveTheCutoffNorSpoilTheResult) {
 }
 
 TEST(TuneLogs, LostRowsDoNoHarmToRealRobots) {
-  const fs::path data = fs::path(COTWIN_SHARED_DIR) / "data";
+  const fs::path data = fs::path(places::shared()) / "data";
   if (!fs::exists(data / "measurements/ur10_unisa.csv")) GTEST_SKIP() << "needs the measurements beside the checkout";
   Settings settings;
   settings.robot = data / "models/ur10.urdf";
@@ -155,8 +156,8 @@ TEST(TuneLogs, JointsThatStandStillLeaveTheOthersTheirWeights) {
 }
 
 int run(const std::string& arguments) {
-  const std::string command =
-      "cd '" + robot().folder.path().string() + "' && timeout 300 '" COTWIN_PROGRAM "' " + arguments + " > out.txt 2> err.txt";
+  const std::string command = "cd '" + robot().folder.path().string() + "' && timeout 300 '" + places::program() + "' " +
+                              arguments + " > out.txt 2> err.txt";
   const int status = std::system(command.c_str());
   return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
 }

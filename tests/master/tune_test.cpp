@@ -17,6 +17,7 @@
 #include "models/support/error.h"
 #include "models/support/parameter_set.h"
 #include "tests/master/tune_fixture.h"
+#include "tests/support/places.h"
 
 namespace cotwin::master::tuning {
 namespace {
@@ -230,7 +231,7 @@ TEST(Tune, LogsOfTheirOwnCanBeHeldOut) {
 Settings of_planar_arm(const std::string& file, const cotwin::testing::SyntheticLog& log,
                        const std::function<void(std::size_t, std::vector<double>&)>& spoil = {}) {
   Settings settings;
-  settings.robot = COTWIN_SOURCE_DIR "/models/robots/planar2/robot.urdf";
+  settings.robot = places::source() + "/models/robots/planar2/robot.urdf";
   log.write(robot().folder / file, robot::load_urdf(settings.robot), spoil);
   settings.data = {robot().folder / file};
   settings.model.friction = identification::FrictionLaw::kCoulomb;
@@ -301,7 +302,7 @@ std::vector<double> stiffness_found(double load, bool joint) {
   Settings settings = robot().settings();
   log.write(robot().folder / "motors.csv", robot().truth);
   settings.data = {robot().folder / "motors.csv"};
-  settings.robot = COTWIN_SOURCE_DIR "/models/robots/lwr4/robot.urdf";
+  settings.robot = places::source() + "/models/robots/lwr4/robot.urdf";
   settings.method = Method::kFeasible;
   settings.model.friction = identification::FrictionLaw::kCoulomb;
   settings.model.v_R = log.v_R;
@@ -399,11 +400,11 @@ class Program {
     if (child != 0) return child;
     if (chdir(folder_.c_str()) != 0 || !std::freopen("out.txt", "w", stdout) || !std::freopen("err.txt", "w", stderr))
       _exit(99);
-    arguments.insert(arguments.begin(), COTWIN_PROGRAM);
+    arguments.insert(arguments.begin(), places::program());
     std::vector<char*> argv;
     for (std::string& a : arguments) argv.push_back(a.data());
     argv.push_back(nullptr);
-    execv(COTWIN_PROGRAM, argv.data());
+    execv(places::program().c_str(), argv.data());
     _exit(99);
   }
   int wait(pid_t child) {
@@ -490,9 +491,9 @@ TEST(TuneProgram, BadInputIsExitCodeTwoWithPlaceFactAndExpectation) {
 TEST(TuneProgram, TheAngleUnitIsNoneOfSlidingJoints) {
   Program program;
   cotwin::testing::SyntheticLog log = robot().log;
-  log.write(robot().folder / "gantry.csv", robot::load_urdf(COTWIN_SOURCE_DIR "/tests/components/data/gantry.urdf"));
+  log.write(robot().folder / "gantry.csv", robot::load_urdf(places::source() + "/tests/components/data/gantry.urdf"));
   for (const char* unit : {"rad", "deg"}) {
-    ASSERT_EQ(program.run({"tune", "--robot", COTWIN_SOURCE_DIR "/tests/components/data/gantry.urdf", "--data", "gantry.csv",
+    ASSERT_EQ(program.run({"tune", "--robot", places::source() + "/tests/components/data/gantry.urdf", "--data", "gantry.csv",
                            "--method", "feasible", "--q-offset", "0.1,-0.2", "--angle-unit", unit, "--out", unit, "--quiet"}),
               0)
         << program.err;
@@ -584,7 +585,7 @@ TEST(TuneProgram, NeedsNoMoreMemoryForALongerLog) {
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
   GTEST_SKIP() << "the sanitizers keep what was freed";
 #endif
-  const robot::RobotModel two = robot::load_urdf(COTWIN_SOURCE_DIR "/models/robots/planar2/robot.urdf");
+  const robot::RobotModel two = robot::load_urdf(places::source() + "/models/robots/planar2/robot.urdf");
   std::vector<double> MiB;
   for (const double duration : {100.0, 300.0}) {  // 100 000 and 300 000 samples: from some 50 000 on the blocks are full
     cotwin::testing::SyntheticLog log;

@@ -5,6 +5,7 @@
 #include "master/run/master.h"
 #include "models/support/csv.h"
 #include "tests/master/tune_fixture.h"
+#include "tests/support/places.h"
 
 namespace cotwin::master::tuning {
 namespace {
@@ -16,7 +17,7 @@ using identification::FrictionLaw;
 std::vector<Compared> run_twin(const fs::path& folder) {
   MasterOptions options;
   options.types = unit_types();
-  options.folders = {folder, fs::path(COTWIN_SOURCE_DIR) / "models"};
+  options.folders = {folder, fs::path(places::source()) / "models"};
   Master master(load_scenario(folder / "twin.ssd"), std::move(options));
   master.initialise();
   while (master.step_tick()) {
@@ -129,7 +130,7 @@ struct RealLog {
 };
 
 TEST(TunedTwin, DoesWhatTuneHasPromisedOfRealRobots) {
-  const fs::path data = fs::path(COTWIN_SHARED_DIR) / "data";
+  const fs::path data = fs::path(places::shared()) / "data";
   if (!fs::exists(data / "measurements")) GTEST_SKIP() << "needs the measurements beside the checkout";
   const cotwin::testing::TemporaryFolder folder("real_twins");
   for (const RealLog& log : {RealLog{"panda", "panda_franka_ros.urdf", "panda_unisa.csv", false, false, 1.17, 10},

@@ -13,6 +13,7 @@
 #include "models/identification/torque_model.h"
 #include "models/support/csv.h"
 #include "tests/master/tune_fixture.h"
+#include "tests/support/places.h"
 
 namespace cotwin::master::tuning {
 namespace {
@@ -84,10 +85,11 @@ TEST(TuneUnits, AMotorWithoutInertiaHasNextToNoneInTheDriveTrain) {
 TEST(TuneUnits, TheMotionUnitMovesAsAnExcitingMotionSays) {
   const cotwin::testing::TemporaryFolder folder("excite");
   const std::string file = (folder / "motion.csv").string();
-  const std::string command = "'" COTWIN_PROGRAM "' excite --robot lwr4 --rounds 5 --particles 8 --quiet --out '" + file + "'";
+  const std::string command =
+      "'" + places::program() + "' excite --robot lwr4 --rounds 5 --particles 8 --quiet --out '" + file + "'";
   ASSERT_EQ(std::system(command.c_str()), 0);
   const Instance motion =
-      make_unit("unit:motion?robot=lwr4&kind=csv", {}, {std::filesystem::path(COTWIN_SOURCE_DIR) / "models"}, unit_types());
+      make_unit("unit:motion?robot=lwr4&kind=csv", {}, {std::filesystem::path(places::source()) / "models"}, unit_types());
   motion.variables.at("file").strings()[0] = file;
   motion.unit->initialise(Time{});
   const csv::Table table = csv::load(file);
@@ -105,7 +107,7 @@ TEST(TuneUnits, TheMotionUnitMovesAsAnExcitingMotionSays) {
 
 // Example 05, in which robot and twin run beside a tuner, as one unit: saved while the tuner seeks, gone on with elsewhere.
 TEST(TuneUnits, ATwinThatMaturesGoesOnToTheSameBitsWhereItIsRestored) {
-  Scenario scenario = load_scenario(COTWIN_SOURCE_DIR "/examples/05_maturation/twin.ssd");
+  Scenario scenario = load_scenario(places::source() + "/examples/05_maturation/twin.ssd");
   for (ComponentSpec& component : scenario.components) {
     if (component.name != "tuner") continue;
     component.start_values.push_back({"interval", 1.0, "s", "test"});
@@ -114,7 +116,8 @@ TEST(TuneUnits, ATwinThatMaturesGoesOnToTheSameBitsWhereItIsRestored) {
     component.start_values.push_back({"least_samples", std::int64_t{100}, "", "test"});
     component.start_values.push_back({"rounds", std::int64_t{50}, "", "test"});
   }
-  const std::vector<std::filesystem::path> folders = {COTWIN_SOURCE_DIR "/examples/05_maturation", COTWIN_SOURCE_DIR "/models"};
+  const std::vector<std::filesystem::path> folders = {places::source() + "/examples/05_maturation",
+                                                      places::source() + "/models"};
   struct Running {
     Running(const Scenario& scenario, const std::vector<std::filesystem::path>& folders)
         : twin(scenario, load_members(scenario, unit_types(), folders), {"twin.tau_J", "tuner.tunings"}) {

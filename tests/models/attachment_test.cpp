@@ -8,6 +8,7 @@
 
 #include "models/robot/urdf.h"
 #include "models/support/error.h"
+#include "tests/support/places.h"
 
 namespace cotwin::robot {
 namespace {
@@ -16,7 +17,7 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using ::testing::HasSubstr;
 
-RobotModel lwr4() { return load_urdf(std::string(COTWIN_SOURCE_DIR) + "/models/robots/lwr4/robot.urdf"); }
+RobotModel lwr4() { return load_urdf(places::source() + "/models/robots/lwr4/robot.urdf"); }
 
 Inertia box(double mass, double a, double b, double c) {
   Inertia body{mass, Vector3d::Zero(), Matrix3d::Zero()};

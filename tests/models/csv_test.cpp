@@ -14,6 +14,7 @@
 
 #include "models/support/error.h"
 #include "models/support/text.h"
+#include "tests/support/places.h"
 
 namespace cotwin {
 namespace {
@@ -194,7 +195,7 @@ TEST(Csv, ALineWithoutEndIsRefusedBeforeItFillsTheMemory) {
 }
 
 TEST(Csv, RealMeasurementsAreReadWhole) {
-  const std::filesystem::path folder = std::filesystem::path(COTWIN_SHARED_DIR) / "data/measurements";
+  const std::filesystem::path folder = std::filesystem::path(places::shared()) / "data/measurements";
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << "needs " << folder;
   const csv::Table panda = csv::load(folder / "panda_unisa.csv");
   EXPECT_EQ(panda.rows(), 727u);

@@ -9,16 +9,17 @@
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf.h"
 #include "models/support/csv.h"
+#include "tests/support/places.h"
 
 namespace cotwin::robot {
 namespace {
 
 TEST(Lwr4, MassMatrixAndGravityAreThePublishedOnesToTheFitsError) {
-  RobotModel robot = load_urdf(std::string(COTWIN_SOURCE_DIR) + "/models/robots/lwr4/robot.urdf");
+  RobotModel robot = load_urdf(places::source() + "/models/robots/lwr4/robot.urdf");
   robot.gravity = {0, 0, -9.80665};  // the samples' own
   const Mechanism mechanism(robot);
   Data data(mechanism);
-  csv::Reader samples(std::string(COTWIN_SOURCE_DIR) + "/tests/models/data/lwr4_M_g_samples.csv");
+  csv::Reader samples(places::source() + "/tests/models/data/lwr4_M_g_samples.csv");
   Eigen::VectorXd q(7), g(7);
   Eigen::MatrixXd M(7, 7);
   double g_squares = 0, M_squares = 0, M_worst = 0;

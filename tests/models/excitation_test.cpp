@@ -11,11 +11,12 @@
 #include "models/robot/urdf.h"
 #include "models/support/error.h"
 #include "models/support/threads.h"
+#include "tests/support/places.h"
 
 namespace cotwin::excitation {
 namespace {
 
-robot::RobotModel lwr4() { return robot::load_urdf(COTWIN_SOURCE_DIR "/models/robots/lwr4/robot.urdf"); }
+robot::RobotModel lwr4() { return robot::load_urdf(places::source() + "/models/robots/lwr4/robot.urdf"); }
 
 DesignOptions quick() {
   DesignOptions options;

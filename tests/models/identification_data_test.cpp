@@ -12,6 +12,7 @@
 #include "models/support/error.h"
 #include "models/trajectory/recording.h"
 #include "tests/support/allocations.h"
+#include "tests/support/places.h"
 
 namespace cotwin::identification {
 namespace {
@@ -116,7 +117,7 @@ struct RealRobot {
 };
 
 RealRobot load(const std::string& urdf, const std::string& csv, double cutoff) {
-  const std::filesystem::path shared = std::filesystem::path(COTWIN_SHARED_DIR) / "data";
+  const std::filesystem::path shared = std::filesystem::path(places::shared()) / "data";
   RealRobot real;
   real.robot = robot::load_urdf(shared / "models" / urdf);
   const trajectory::Recording recording =
@@ -130,7 +131,7 @@ RealRobot load(const std::string& urdf, const std::string& csv, double cutoff) {
   return real;
 }
 
-bool absent() { return !std::filesystem::exists(std::filesystem::path(COTWIN_SHARED_DIR) / "data/measurements"); }
+bool absent() { return !std::filesystem::exists(std::filesystem::path(places::shared()) / "data/measurements"); }
 
 struct Figures {
   VectorXd floor, feasible_train, swarm_train, feasible_test, swarm_test;

@@ -12,6 +12,7 @@
 #include "tests/models/identification_samples.h"
 #include "tests/models/random_robots.h"
 #include "tests/support/allocations.h"
+#include "tests/support/places.h"
 
 namespace cotwin::identification {
 namespace {
@@ -23,11 +24,11 @@ using Eigen::VectorXd;
 using ::testing::HasSubstr;
 
 const robot::RobotModel& lwr() {
-  static const robot::RobotModel robot = robot::load_urdf(COTWIN_SOURCE_DIR "/models/robots/lwr4/robot.urdf");
+  static const robot::RobotModel robot = robot::load_urdf(places::source() + "/models/robots/lwr4/robot.urdf");
   return robot;
 }
 const robot::RobotModel& planar() {
-  static const robot::RobotModel robot = robot::load_urdf(COTWIN_SOURCE_DIR "/models/robots/planar2/robot.urdf");
+  static const robot::RobotModel robot = robot::load_urdf(places::source() + "/models/robots/planar2/robot.urdf");
   return robot;
 }
 
@@ -503,7 +504,7 @@ TEST(Tuning, ComesWithinTwoPercentOfFeasibleLeastSquaresAndFiveFromADistantPrior
 // 3 kN.m at the base and a noise of half a per cent at the hand: a few of the axes draw the swarm at first, and it must not be
 // carried off along the others.
 TEST(Tuning, ComesHomeFromADistantPriorOfAHeavyRobot) {
-  const robot::RobotModel heavy = robot::load_urdf(COTWIN_SOURCE_DIR "/models/robots/kr300_r2500/robot.urdf");
+  const robot::RobotModel heavy = robot::load_urdf(places::source() + "/models/robots/kr300_r2500/robot.urdf");
   Samples samples = simulate(heavy, truth_of(heavy), 2000, 0);
   VectorXd rms = VectorXd::Zero(6);
   for (std::size_t i = 0; i < samples.tau.size(); ++i) rms[static_cast<Index>(i % 6)] += samples.tau[i] * samples.tau[i] / 2000;

@@ -7,6 +7,7 @@
 #include "models/measurement/survey.h"
 #include "models/numerics/random.h"
 #include "models/support/error.h"
+#include "tests/support/places.h"
 #include "tests/support/synthetic_log.h"
 
 namespace cotwin::measurement {
@@ -19,7 +20,7 @@ using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-robot::RobotModel lwr4() { return robot::load_urdf(COTWIN_SOURCE_DIR "/models/robots/lwr4/robot.urdf"); }
+robot::RobotModel lwr4() { return robot::load_urdf(places::source() + "/models/robots/lwr4/robot.urdf"); }
 
 std::string error_of(const std::function<void()>& action) {
   try {
@@ -110,7 +111,7 @@ TEST(TypicalStep, IsTheSamplingStepAlsoWhereRowsAreLostAndStampsJitter) {
 }
 
 TEST_F(LogSurvey, AnotherNumberOfJointsIsAnErrorThatNamesTheFile) {
-  const robot::RobotModel two = robot::load_urdf(COTWIN_SOURCE_DIR "/models/robots/planar2/robot.urdf");
+  const robot::RobotModel two = robot::load_urdf(places::source() + "/models/robots/planar2/robot.urdf");
   SyntheticLog().write(folder_ / "log.csv", two);
   EXPECT_THAT(error(), AllOf(HasSubstr("log.csv"), HasSubstr("7"), HasSubstr("expected")));
 }
@@ -194,7 +195,7 @@ TEST_F(LogSurvey, VelocitiesThatAreNotThoseOfThePositionsAreWarnings) {
     }
     return text.str();
   }();
-  const robot::RobotModel two = robot::load_urdf(COTWIN_SOURCE_DIR "/models/robots/planar2/robot.urdf");
+  const robot::RobotModel two = robot::load_urdf(places::source() + "/models/robots/planar2/robot.urdf");
   const std::vector<std::string> warnings = survey(log(), two, {.accept = true}).warnings;
   EXPECT_THAT(warnings, Contains(AllOf(HasSubstr("is 57"), HasSubstr("times the derivative of column 'q1'"))));
   EXPECT_THAT(warnings, Contains(HasSubstr("is not the derivative of column 'q2' (correlation -1)")));

@@ -13,6 +13,7 @@
 
 #include "models/support/error.h"
 #include "models/support/xml.h"
+#include "tests/support/places.h"
 #include "tests/support/standard_validator.h"
 
 namespace cotwin {
@@ -98,7 +99,7 @@ TEST(ParameterSetFile, FollowsTheStandard) {
 }
 
 TEST(ParameterSetFile, ValidatesAgainstTheSchema) {
-  const fs::path schema = fs::path(COTWIN_SHARED_DIR) / "data/schemas/ssp1/SystemStructureParameterValues.xsd";
+  const fs::path schema = fs::path(places::shared()) / "data/schemas/ssp1/SystemStructureParameterValues.xsd";
   if (!fs::exists(schema) || std::system("xmllint --version >/dev/null 2>&1") != 0) GTEST_SKIP() << "no schema or no xmllint";
   const fs::path file = fs::path(::testing::TempDir()) / "cotwin_parameter_set_test.ssv";
   for (const ParameterSet& set : {demanding_set(), ParameterSet{"empty", {}, {}}}) {

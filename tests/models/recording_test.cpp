@@ -11,6 +11,7 @@
 
 #include "models/support/csv.h"
 #include "models/support/error.h"
+#include "tests/support/places.h"
 
 namespace cotwin::trajectory {
 namespace {
@@ -191,7 +192,7 @@ class RealRecording : public ::testing::Test {
     for (std::size_t j = 0; j < n; ++j) mismatch[j] = std::sqrt(mismatch[j] / size[j]);
     return mismatch;
   }
-  const std::filesystem::path folder_ = std::filesystem::path(COTWIN_SHARED_DIR) / "data/measurements";
+  const std::filesystem::path folder_ = std::filesystem::path(places::shared()) / "data/measurements";
 };
 
 TEST_F(RealRecording, Ur10VelocitiesAreTheDerivativesOfItsPositions) {

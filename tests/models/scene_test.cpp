@@ -15,6 +15,7 @@
 #include "models/scene/shapes.h"
 #include "models/scene/urdf_shapes.h"
 #include "models/support/error.h"
+#include "tests/support/places.h"
 
 namespace cotwin::scene {
 namespace {
@@ -643,7 +644,7 @@ class EveryScene : public ::testing::TestWithParam<std::string> {};
 
 std::vector<std::string> shipped() {
   std::vector<std::string> names;
-  for (const auto& entry : fs::directory_iterator(fs::path(COTWIN_SOURCE_DIR) / "models/scenes")) {
+  for (const auto& entry : fs::directory_iterator(fs::path(places::source()) / "models/scenes")) {
     if (fs::exists(entry.path() / "scene.sdf")) names.push_back(entry.path().filename());
   }
   std::sort(names.begin(), names.end());
@@ -654,7 +655,7 @@ INSTANTIATE_TEST_SUITE_P(Shipped, EveryScene, ::testing::ValuesIn(shipped()), []
 
 TEST_P(EveryScene, LoadsWithoutAWarning) {
   std::vector<std::string> warnings;
-  const Scene scene = load(fs::path(COTWIN_SOURCE_DIR) / "models/scenes" / GetParam() / "scene.sdf", &warnings);
+  const Scene scene = load(fs::path(places::source()) / "models/scenes" / GetParam() / "scene.sdf", &warnings);
   EXPECT_THAT(warnings, ElementsAre());
   EXPECT_EQ(scene.name, GetParam());
   EXPECT_FALSE(scene.bodies.empty());
@@ -662,7 +663,7 @@ TEST_P(EveryScene, LoadsWithoutAWarning) {
 
 TEST(Scenes, ThePegHasTheClearanceThatItsFolderSays) {
   for (const auto& [name, clearance] : {std::pair("peg_in_hole", 0.5e-3), std::pair("peg_in_hole_tight", 0.1e-3)}) {
-    const Scene scene = load(fs::path(COTWIN_SOURCE_DIR) / "models/scenes" / name / "scene.sdf");
+    const Scene scene = load(fs::path(places::source()) / "models/scenes" / name / "scene.sdf");
     double nearest = 1;
     const Body& plate = scene.bodies[0];
     for (const Shape& piece : plate.shapes) {

@@ -16,6 +16,7 @@
 #include "models/robot/attachment.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
+#include "tests/support/places.h"
 
 namespace cotwin::robot {
 namespace {
@@ -85,7 +86,7 @@ std::vector<std::string> joint_names(const RobotModel& robot) {
 }
 
 TEST(Urdf, OfTheLwr4IsAChainOfSevenJoints) {
-  const RobotModel robot = load_urdf(std::string(COTWIN_SOURCE_DIR) + "/models/robots/lwr4/robot.urdf");
+  const RobotModel robot = load_urdf(places::source() + "/models/robots/lwr4/robot.urdf");
   EXPECT_EQ(robot.name, "lwr4_published_fit");
   ASSERT_EQ(robot.n(), 7);
   for (int i = 0; i < 7; ++i) {
@@ -185,7 +186,7 @@ TEST(Urdf, TipChoosesTheChainToItAndTellsWhatItLeavesOut) {
 }
 
 TEST(Urdf, MassesAreConservedByMerging) {
-  const fs::path models = fs::path(COTWIN_SHARED_DIR) / "data" / "models";
+  const fs::path models = fs::path(places::shared()) / "data" / "models";
   if (!fs::exists(models)) GTEST_SKIP() << models << " is not here";
   // Sums of the <mass> elements; whether the root's side is fixed follows from the robot.
   const std::vector<std::pair<std::string, int>> robots = {{"drake_dual_iiwa14_polytope_collision", 14},
@@ -281,7 +282,7 @@ TEST(Urdf, BodiesOfARandomTreeAreTheSumsOfTheirLinks) {
 }
 
 TEST(Urdf, OfTwoArmsHasBothAndTheTipChoosesOne) {
-  const fs::path file = fs::path(COTWIN_SHARED_DIR) / "data" / "models" / "drake_dual_iiwa14_polytope_collision.urdf";
+  const fs::path file = fs::path(places::shared()) / "data" / "models" / "drake_dual_iiwa14_polytope_collision.urdf";
   if (!fs::exists(file)) GTEST_SKIP() << file << " is not here";
   const RobotModel both = load_urdf(file);
   EXPECT_EQ(both.joints[7].parent, -1);
@@ -296,7 +297,7 @@ TEST(Urdf, OfTwoArmsHasBothAndTheTipChoosesOne) {
 }
 
 TEST(Urdf, WrittenAndReadAgainIsTheSameToTheLastBit) {
-  RobotModel robot = load_urdf(std::string(COTWIN_SOURCE_DIR) + "/models/robots/lwr4/robot.urdf");
+  RobotModel robot = load_urdf(places::source() + "/models/robots/lwr4/robot.urdf");
   for (int i = 0; i < 50; ++i) {  // rotations that no three angles give to the last bit, some where pitch is ±90°
     const double pitch = i % 5 == 0 ? std::copysign(1.5707963267948966, i - 25) : 0.1 * i;
     const Pose X = Pose{rotation_from_rpy(0.3 * i, pitch, 0.7 * i), {0.1 * i, 1.0 / 3, -0.0}} *
@@ -323,7 +324,7 @@ TEST(Urdf, WrittenAndReadAgainIsTheSameToTheLastBit) {
 }
 
 TEST(Urdf, CannotCarryEveryModel) {
-  const RobotModel robot = load_urdf(std::string(COTWIN_SOURCE_DIR) + "/models/robots/lwr4/robot.urdf");
+  const RobotModel robot = load_urdf(places::source() + "/models/robots/lwr4/robot.urdf");
   const auto refusal = [&](const std::function<void(RobotModel&)>& change) {
     RobotModel changed = robot;
     change(changed);
@@ -433,7 +434,7 @@ TEST(Urdf, ThatIsSomethingElseIsRefused) {
   EXPECT_EQ(refusal_of(arm_with("<xacro:include filename=\"x\"/>")),
             "arm.urdf:5: an element of xacro, expected a URDF; run xacro first");
   EXPECT_THROW(load_urdf("no/such/file.urdf"), Error);
-  EXPECT_THROW(load_urdf(COTWIN_SOURCE_DIR), Error);  // a folder
+  EXPECT_THROW(load_urdf(places::source()), Error);  // a folder
 }
 
 TEST(Urdf, ThatXacroHasExpandedIsRead) {

@@ -8,6 +8,7 @@
 #include "models/robot/perturbed.h"
 #include "models/robot/urdf.h"
 #include "models/support/error.h"
+#include "tests/support/places.h"
 
 namespace cotwin::robot {
 namespace {
@@ -65,7 +66,7 @@ TEST(UrdfUpdate, RefusesTheFileOfAnotherRobot) {
 }
 
 TEST(Perturbed, IsAPhysicalRobotWithinItsBound) {
-  const RobotModel lwr = load_urdf(std::string(COTWIN_SOURCE_DIR) + "/models/robots/lwr4/robot.urdf");
+  const RobotModel lwr = load_urdf(places::source() + "/models/robots/lwr4/robot.urdf");
   for (std::uint64_t seed = 0; seed < 200; ++seed) {
     const RobotModel other = perturbed(lwr, 0.3, seed);
     for (std::size_t i = 0; i < lwr.bodies.size(); ++i) {

@@ -11,11 +11,12 @@
 
 #include "components/unit/unit_table.h"
 #include "master/run/master.h"
+#include "tests/support/places.h"
 
 namespace cotwin::master {
 namespace {
 
-const std::filesystem::path kExample = std::filesystem::path(COTWIN_SOURCE_DIR) / "examples/01_joint_admittance";
+const std::filesystem::path kExample = std::filesystem::path(places::source()) / "examples/01_joint_admittance";
 
 /// What holds between two switchings, as in the example's events.
 struct Phase {
@@ -49,7 +50,7 @@ Deviations run(const std::vector<std::string>& assignments) {
   for (const std::string& assignment : assignments) assign(scenario, assignment);
   MasterOptions options;
   options.types = unit_types();
-  options.folders = {kExample, std::filesystem::path(COTWIN_SOURCE_DIR) / "models"};
+  options.folders = {kExample, std::filesystem::path(places::source()) / "models"};
   Master master(std::move(scenario), std::move(options));
   master.initialise();
   const auto signal = [&](const char* name) { return find_real_signal(master.members(), name, "test").reals(); };

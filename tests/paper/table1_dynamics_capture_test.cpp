@@ -12,21 +12,22 @@
 #include "master/run/master.h"
 #include "models/numerics/random.h"
 #include "models/support/csv.h"
+#include "tests/support/places.h"
 #include "tests/support/synthetic_log.h"
 
 namespace cotwin::master {
 namespace {
 
-const std::filesystem::path kExample = std::filesystem::path(COTWIN_SOURCE_DIR) / "examples/03_dynamics_capture";
+const std::filesystem::path kExample = std::filesystem::path(places::source()) / "examples/03_dynamics_capture";
 
-bool measurements_are_here() { return std::filesystem::exists(std::filesystem::path(COTWIN_SHARED_DIR) / "data/measurements"); }
+bool measurements_are_here() { return std::filesystem::exists(std::filesystem::path(places::shared()) / "data/measurements"); }
 
 std::vector<Compared> compare(const std::filesystem::path& scenario_file, const std::vector<std::string>& assignments = {}) {
   Scenario scenario = load_scenario(kExample / scenario_file);
   for (const std::string& assignment : assignments) assign(scenario, assignment);
   MasterOptions options;
   options.types = unit_types();
-  options.folders = {(kExample / scenario_file).parent_path(), std::filesystem::path(COTWIN_SOURCE_DIR) / "models"};
+  options.folders = {(kExample / scenario_file).parent_path(), std::filesystem::path(places::source()) / "models"};
   Master master(std::move(scenario), std::move(options));
   master.initialise();
   while (master.step_tick()) {
@@ -68,7 +69,7 @@ TEST(Table1, ATwinTunedToAnotherSpecimenCapturesItsTorques) {
   const cotwin::testing::TemporaryFolder folder("specimen");
   const auto run = [&](const std::string& arguments) {
     const std::string command =
-        "cd '" + folder.path().string() + "' && timeout 200 '" COTWIN_PROGRAM "' " + arguments + " > log.txt 2>&1";
+        "cd '" + folder.path().string() + "' && timeout 200 '" + places::program() + "' " + arguments + " > log.txt 2>&1";
     return std::system(command.c_str());
   };
   ASSERT_EQ(run("excite --robot lwr4 --out motion.csv --rounds 5 --particles 8 --periods 2 --quiet"), 0);

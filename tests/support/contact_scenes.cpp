@@ -9,6 +9,7 @@
 #include "components/contact_world/assemble.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf.h"
+#include "tests/support/places.h"
 
 namespace cotwin::testing {
 namespace {
@@ -51,7 +52,7 @@ scene::Body static_box(const std::string& name, const Vector3d& edges, const Vec
   return body;
 }
 
-robot::RobotModel lwr4() { return robot::load_urdf(std::string(COTWIN_SOURCE_DIR) + "/models/robots/lwr4/robot.urdf"); }
+robot::RobotModel lwr4() { return robot::load_urdf(places::source() + "/models/robots/lwr4/robot.urdf"); }
 
 scene::Scene arm(const robot::RobotModel& model, contact_world::Base base, std::span<const double> q,
                  std::span<const double> dq) {

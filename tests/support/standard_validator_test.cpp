@@ -15,6 +15,7 @@
 
 #include "fmu/archive/archive.h"
 #include "tests/fmu/foreign.h"
+#include "tests/support/places.h"
 
 namespace cotwin::testing {
 namespace {
@@ -411,7 +412,7 @@ std::string mutated(const std::string& text, std::mt19937& random) {
 }
 
 TEST(StandardValidator, AgreesWithTheSchemasOnMutatedDocuments) {
-  const fs::path schemas = fs::path(COTWIN_SHARED_DIR) / "data/schemas";
+  const fs::path schemas = fs::path(places::shared()) / "data/schemas";
   if (!fs::exists(schemas) || std::system("xmllint --version >/dev/null 2>&1") != 0) GTEST_SKIP() << "no schemas or no xmllint";
   static constexpr const char* kSchemas[] = {"fmi2/fmi2ModelDescription.xsd", "fmi3-3.0.2/fmi3ModelDescription.xsd",
                                              "ssp1/SystemStructureDescription.xsd", "ssp1/SystemStructureParameterValues.xsd"};

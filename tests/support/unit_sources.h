@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "components/unit/unit_table.h"
+#include "tests/support/places.h"
 
 /// The units that tests walk through without naming them. Settings and start values that a unit needs to be run at all stand in
 /// tests/components/properties/<unit>.sources (a line a variant: the query of its source) and <unit>.ssv, which is the first
@@ -12,7 +13,7 @@
 namespace cotwin::testing {
 
 inline std::filesystem::path properties_folder() {
-  return std::filesystem::path(COTWIN_SOURCE_DIR) / "tests/components/properties";
+  return std::filesystem::path(places::source()) / "tests/components/properties";
 }
 
 /// The sources of a unit in all its variants, one at least.
