@@ -9,12 +9,12 @@ Assembled assemble(scene::Scene& scene, const robot::RobotModel& robot, const Po
                    std::span<const double> dq, const std::string& prefix) {
   const auto n = static_cast<std::size_t>(robot.n());
   if (q.size() != n || dq.size() != n) {
-    throw Error("robot " + robot.name, "start has " + std::to_string(q.size()) + " positions and " + std::to_string(dq.size()) +
-                                           " speeds, expected " + std::to_string(n) + " of each");
+    throw Error("robot " + robot.name, "start values: " + std::to_string(q.size()) + " positions and " +
+                                           std::to_string(dq.size()) + " speeds, expected " + std::to_string(n) + " of each");
   }
   if (base == Base::kFloating) {
     const std::string why = robot.base.inertia.unphysical();
-    if (!why.empty()) throw Error("robot " + robot.name, "its base '" + robot.base.name + "' cannot float: " + why);
+    if (!why.empty()) throw Error("robot " + robot.name, "base '" + robot.base.name + "' cannot float: " + why);
   }
 
   std::vector<Pose> X_WL(n);

@@ -17,28 +17,28 @@ namespace {
 
 using Values = std::vector<double>;
 
-/// (h ω)² of a gear and its link from which a step no longer resolves how they swing against each other.
-constexpr double kResolved = 0.3;
+/// (h ω)² of a gear and its link above which a step does not resolve their oscillation.
+constexpr double kLargestResolved = 0.3;
 
 Eigen::Map<Eigen::Vector3d> vector3(Values& v) { return Eigen::Map<Eigen::Vector3d>(v.data()); }
 
-/// The pose that a place and a quaternion (w, x, y, z) give. Throws Error for a quaternion that is none.
+/// Pose from position and quaternion (w, x, y, z). Throws Error unless the quaternion has length 1.
 Pose pose_of(const std::string& place, const Values& p, const Values& quat) {
   const Eigen::Quaterniond Q(quat[0], quat[1], quat[2], quat[3]);
   if (!(std::abs(Q.norm() - 1) < 1e-6)) {
-    throw Error(place, "the quaternion (w, x, y, z) has the length " + text::to_text(Q.norm()) + ", expected 1");
+    throw Error(place, "the quaternion (w, x, y, z) has length " + text::to_text(Q.norm()) + ", expected 1");
   }
   return {Q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
 }
 
-/// As (w, x, y, z), of the two the one with w ≥ 0.
+/// Quaternion (w, x, y, z) of R with w ≥ 0.
 void put_quaternion(const Eigen::Matrix3d& R, Values& quat) {
   Eigen::Quaterniond Q(R);
   if (Q.w() < 0) Q.coeffs() = -Q.coeffs();
   quat = {Q.w(), Q.x(), Q.y(), Q.z()};
 }
 
-/// A name as variables have it: what is no letter, digit, dot or underscore becomes one.
+/// Valid variable name: replaces every character other than a letter, digit, dot or underscore by an underscore.
 std::string identifier(const std::string& name) {
   std::string id = name;
   for (char& c : id) {
@@ -73,9 +73,9 @@ struct ContactWorld::Robot {
   const scene::PlacedRobot* placed;
   std::string prefix;
   std::size_t n;
-  Assembled parts;  // which bodies and joints of the world are its own
+  Assembled parts;  // its bodies and joints in the world
   Pose X_WB;
-  std::unique_ptr<robot::Mechanism> mechanism;  // its base turned as it stands
+  std::unique_ptr<robot::Mechanism> mechanism;  // with gravity in the base's frame
   std::unique_ptr<robot::Data> data;
 
   Values base_p0{0, 0, 0}, base_quat0{1, 0, 0, 0}, q0, dq0, K, D, B;  // parameters
@@ -104,12 +104,12 @@ struct ContactWorld::Body {
 void ContactWorld::declare_settings(SettingList& s) {
   s.cell();
   s.choice("link", {"inside", "outside"},
-           "where the links of the robots move: in the drive train, whose q is an input here, or in this unit, which gives q");
+           "which unit integrates the links of the robots: the drive train (q is an input) or this unit (q is an output)");
   s.choice("actuation", {"torque", "prescribed"},
-           "with link=inside: the links are driven by tau_J, or move as q and dq prescribe");
-  s.choice("base", {"fixed", "floating"}, "whether the bases of the robots stand still or move, with link=outside");
+           "with link=inside: tau_J drives the links, or q and dq prescribe their motion");
+  s.choice("base", {"fixed", "floating"}, "with link=outside: the bases of the robots are fixed or move freely");
   s.choice("method", {"tree", "pgs", "dantzig"},
-           "solver of (1): joint trees solved exactly and contacts swept, projected Gauss-Seidel, or Dantzig's pivoting");
+           "solver of (1): joint trees exactly and contacts by sweeps, projected Gauss-Seidel, or Dantzig's pivoting");
   s.integer("contacts", 256, 1, 1000000, "number of contact points that a step takes without allocating memory");
   s.integer("points", 8, 0, 1000, "number of contact points that are outputs");
 }
@@ -128,10 +128,10 @@ ContactWorld::ContactWorld(Settings& settings)
   tolerance_ = options_.tolerance;
   if (floating_ && link_ == Link::kInside) {
     throw Error(place_,
-                "base=floating with link=inside: a drive train's links stand on a base that rests, expected link=outside");
+                "base=floating with link=inside: the links in the drive train need a fixed base, expected link=outside");
   }
   if (actuation_ == Actuation::kPrescribed && link_ == Link::kOutside) {
-    throw Error(place_, "actuation=prescribed with link=outside: the links would move by no torque, expected link=inside");
+    throw Error(place_, "actuation=prescribed with link=outside: no torque would drive the links, expected link=inside");
   }
   gravity_ = {cell_.scene.gravity.x(), cell_.scene.gravity.y(), cell_.scene.gravity.z()};
   for (const scene::PlacedRobot& placed : cell_.robots) robots_.push_back(std::make_unique<Robot>(placed));
@@ -157,14 +157,14 @@ ContactWorld::ContactWorld(Settings& settings)
 
 ContactWorld::~ContactWorld() = default;
 
-/// Every robot and body owns the variables that begin with its name.
+/// Throws Error if two robots or bodies have the same prefix of variable names.
 void ContactWorld::check_names() const {
   std::map<std::string, std::string> owners;
   const auto take = [&](const std::string& prefix, const std::string& owner) {
     const auto [other, is_new] = owners.emplace(prefix, owner);
     if (is_new) return;
-    throw Error(place_, other->second + " and " + owner + " would both name their variables " + prefix +
-                            "…, expected names that differ in letters or digits");
+    throw Error(place_, other->second + " and " + owner + " have the same variable prefix " + prefix +
+                            ", expected names that differ in letters or digits");
   };
   for (const auto& robot : robots_) {
     if (!robot->prefix.empty()) take(robot->prefix, "robot '" + robot->placed->name + "'");
@@ -177,45 +177,46 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
   const bool outside = link_ == Link::kOutside;
   const std::string of = r.placed->name.empty() ? "of the robot" : "of robot " + r.placed->name;
   if (outside) {
-    v.output(x + "q", r.q, "rad", "link-side joint position " + of + " at the end of the step, for the drive train's (2c)");
+    v.output(x + "q", r.q, "rad",
+             "link-side joint position " + of + " at the end of the step, input of the drive train's (2c)");
     v.output(x + "dq", r.dq, "rad/s", "link-side joint speed");
   } else {
-    v.input(x + "q", r.q, "rad", "link-side joint position " + of + " as the drive train's (2a) has it").essential();
+    v.input(x + "q", r.q, "rad", "link-side joint position " + of + ", output of the drive train's (2a)").essential();
     v.input(x + "dq", r.dq, "rad/s", "link-side joint speed, the derivative of q");
   }
   const bool torque = actuation_ == Actuation::kTorque;
   if (torque) {
     v.input(x + "tau_J", r.tau_J, "N.m", "joint torque of (2a) that drives the links").essential();
     auto dtheta =
-        v.input(x + "dtheta", r.dtheta, "rad/s", "motor speed behind the gear, by which tau_J follows (2c) within the step");
+        v.input(x + "dtheta", r.dtheta, "rad/s", "motor speed behind the gear; tau_J changes with it by (2c) within the step");
     if (std::any_of(r.K.begin(), r.K.end(), [](double K) { return K > 0; })) dtheta.essential();
   }
   v.output(x + "tau_e", r.tau_e, "N.m", "external joint torque J^T F of the contacts in (2a), mean over the step").discrete();
-  v.output(x + "q_link", r.q_link, "rad", "joint position of the links in the world at the end of the step, with either link");
+  v.output(x + "q_link", r.q_link, "rad",
+           "joint position of the links in the world at the end of the step, for either value of link");
   v.output(x + "dq_link", r.dq_link, "rad/s", "joint speed of the links in the world");
   v.output(x + "ddq_link", r.ddq, "rad/s2", "mean joint acceleration of the links over the step");
   v.output(x + "f_c", r.f_c, "N", "sum of the contact forces on the links, in W, mean over the step").discrete();
-  v.parameter(x + "base_p0", r.base_p0, "m", "where the base stands in W at the start");
+  v.parameter(x + "base_p0", r.base_p0, "m", "position of the base in W at the start");
   v.parameter(x + "base_quat0", r.base_quat0, "1", "orientation of the base in W at the start, unit quaternion (w, x, y, z)");
   auto q0 = v.parameter(x + "q0", r.q0, "rad", "joint position at the start; link=outside");
   if (outside) q0.essential();
   v.parameter(x + "dq0", r.dq0, "rad/s", "joint speed at the start; link=outside");
   if (torque) {
-    v.parameter(x + "K", r.K, "N.m/rad",
-                "joint stiffness of (2c), by which tau_J follows the gear within a step; 0: tau_J is held")
+    v.parameter(x + "K", r.K, "N.m/rad", "joint stiffness of (2c) for the change of tau_J within a step; 0: tau_J is constant")
         .range(0, 1e9);
-    v.parameter(x + "D", r.D, "N.m.s/rad", "joint damping of the gear, likewise").range(0, 1e9);
+    v.parameter(x + "D", r.D, "N.m.s/rad", "joint damping of the gear for the change of tau_J within a step").range(0, 1e9);
   }
   if (torque && !outside) {
     v.parameter(x + "B", r.B, "kg.m2",
-                "motor inertia behind the gear where the drive train's transmission is rigid; 0: it is behind K")
+                "motor inertia behind the gear if the drive train's transmission is rigid; 0: elastic transmission")
         .range(0, 1e9);
   }
   v.state(x + "dq_before", r.dq_before, "rad/s", "link=inside: dq at the start of the last step");
   v.output(x + "base_f_c", r.base_f_c, "N", "sum of the contact forces on the base, in W, mean over the step").discrete();
   v.output(x + "base_m_c", r.base_m_c, "N.m", "their moment about the base's origin, in W").discrete();
   if (!floating_) return;
-  v.output(x + "base_p", r.base_p, "m", "place of the floating base in W");
+  v.output(x + "base_p", r.base_p, "m", "position of the floating base in W");
   v.output(x + "base_quat", r.base_quat, "1", "its orientation in W, unit quaternion (w, x, y, z)");
   v.output(x + "base_v", r.base_v, "m/s", "velocity of its origin in W");
   v.output(x + "base_w", r.base_w, "rad/s", "its angular velocity in W");
@@ -223,7 +224,7 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
 
 void ContactWorld::declare_body(Variables& v, Body& b) {
   const std::string& x = b.prefix;
-  v.parameter(x + "p0", b.p0, "m", "place of body " + b.name + " in W at the start");
+  v.parameter(x + "p0", b.p0, "m", "position of body " + b.name + " in W at the start");
   v.parameter(x + "quat0", b.quat0, "1", "orientation of body " + b.name + " in W at the start, unit quaternion (w, x, y, z)");
   v.output(x + "f_c", b.f_c, "N", "sum of the contact forces on the body, in W, mean over the step").discrete();
   v.output(x + "m_c", b.m_c, "N.m", "their moment about the body's origin, in W").discrete();
@@ -232,10 +233,10 @@ void ContactWorld::declare_body(Variables& v, Body& b) {
     v.input(x + "f", b.f, "N", "external force on the body at its origin, in W");
     v.input(x + "m", b.m, "N.m", "external moment on the body, in W");
   } else {
-    v.input(x + "v_d", b.v_d, "m/s", "velocity of the body's origin, in W, that it is driven with");
-    v.input(x + "w_d", b.w_d, "rad/s", "angular velocity, in W, that it is driven with");
+    v.input(x + "v_d", b.v_d, "m/s", "prescribed velocity of the body's origin, in W");
+    v.input(x + "w_d", b.w_d, "rad/s", "prescribed angular velocity of the body, in W");
   }
-  v.output(x + "p", b.p, "m", "place of the body in W");
+  v.output(x + "p", b.p, "m", "position of the body in W");
   v.output(x + "quat", b.quat, "1", "orientation of the body in W, unit quaternion (w, x, y, z) with w >= 0");
   v.output(x + "v", b.v, "m/s", "velocity of the body's origin, in W");
   v.output(x + "w", b.w, "rad/s", "angular velocity of the body, in W");
@@ -247,25 +248,24 @@ void ContactWorld::declare(Variables& v) {
   v.output("contacts", contacts_, "contact points in the step");
   v.output("penetration", penetration_, "m", "deepest interpenetration of two shapes");
   v.output("force", largest_force_, "N", "largest force at one contact point, mean over the step");
-  v.output("joint_gap", joint_gap_, "m", "how far the anchors of a joint have come apart, the largest");
-  v.output("energy", energy_, "J", "kinetic and potential energy of all bodies that move");
-  v.output("iterations", used_iterations_, "sweeps and pivots that the solver made");
-  v.output("residual", residual_, "m/s", "largest violation of the complementarity conditions that it left");
-  v.output("degenerate", degenerate_, "constraints that were redundant or contradicted each other, and were relaxed");
-  v.output("grown", grown_, "times that more contacts came than the setting `contacts` says, and memory was allocated");
+  v.output("joint_gap", joint_gap_, "m", "largest distance between the two anchors of a joint");
+  v.output("energy", energy_, "J", "kinetic and potential energy of all moving bodies");
+  v.output("iterations", used_iterations_, "sweeps or pivots of the solver in the step");
+  v.output("residual", residual_, "m/s", "largest remaining violation of the complementarity conditions");
+  v.output("degenerate", degenerate_, "redundant or contradicting constraints that were relaxed");
+  v.output("grown", grown_, "number of steps with more contacts than the setting `contacts`, each of which allocated memory");
   v.parameter("gravity", gravity_, "m/s2", "gravity in W");
-  v.parameter("max_iterations", iterations_, "sweeps of the solver at most, in a step").range(1, 100000);
-  v.parameter("tolerance", tolerance_, "m/s", "residual below which the sweeps end; 0: all are made").range(0, 1);
+  v.parameter("max_iterations", iterations_, "largest number of sweeps of the solver in a step").range(1, 100000);
+  v.parameter("tolerance", tolerance_, "m/s", "residual below which the sweeps end; 0: always max_iterations").range(0, 1);
   if (shown_ > 0) {
-    v.output("contact_p", contact_p_, "m",
-             "place in W of each contact point, the first `points` of them; (x, y, z) after (x, y, z)");
-    v.output("contact_f", contact_f_, "N", "force in W at each of them, on the second body");
-    v.output("contact_gap", contact_gap_, "m", "their gaps; negative: interpenetration");
+    v.output("contact_p", contact_p_, "m", "position in W of the first `points` contact points, x, y, z of each");
+    v.output("contact_f", contact_f_, "N", "force in W on the second body at each of these points");
+    v.output("contact_gap", contact_gap_, "m", "gap at each of these points; negative: interpenetration");
     v.output("contact_bodies", contact_bodies_,
-             "their two bodies, counted from 1 through those of the scene, then each robot's base and links; 0: none");
+             "the two bodies of each of these points: bodies of the scene from 1, then base and links of each robot; 0: none");
   }
   v.state("world", state_, "1", "poses, twists and the solver's warm start");
-  v.state("h_before", h_before_, "s", "duration of the last step; 0: there was none");
+  v.state("h_before", h_before_, "s", "duration of the last step; 0: no step yet");
 }
 
 void ContactWorld::build() {
@@ -285,7 +285,7 @@ void ContactWorld::build() {
     r.mechanism = std::make_unique<robot::Mechanism>(turned);
     r.data = std::make_unique<robot::Data>(*r.mechanism);
     if (link_ == Link::kOutside) continue;
-    for (const std::size_t joint : r.parts.joints) {  // the drive train's to keep
+    for (const std::size_t joint : r.parts.joints) {  // limits belong to the drive train
       scene.joints[joint].q_min = -scene::kInfinity;
       scene.joints[joint].q_max = scene::kInfinity;
     }
@@ -296,7 +296,7 @@ void ContactWorld::build() {
   built_from_ = layout();
 }
 
-/// All parameters that build() reads, but for start values of states.
+/// All parameters that build() reads, except start values of states.
 std::vector<double> ContactWorld::layout() const {
   Values all = gravity_;
   const auto add = [&](const Values& v) { all.insert(all.end(), v.begin(), v.end()); };
@@ -367,10 +367,10 @@ void ContactWorld::initialise(Time start) {
   write_outputs(0);
 }
 
-/// The links are put where the drive train has them at the step's start, and go through the step by (1) as they will go there
-/// by (2a): under τ_J and the contacts, whose mean is the τ_e of that very step. This forecast is what makes stiff contacts
-/// stable; the next step begins where the drive train came to instead.
-void ContactWorld::place(Robot& r, double h) {
+/// Sets the links to the drive train's q, q̇ at the start of the step. The world then predicts their motion by (1) under τ_J and
+/// the contacts, and the mean contact torque is the τ_e of the same step of the drive train. The prediction makes stiff
+/// contacts stable. The next step starts from the drive train's result, not from the prediction.
+void ContactWorld::set_links(Robot& r, double h) {
   place_links(r.placed->model, r.X_WB, r.q, r.dq, r.X_WL, r.V_WL);
   for (std::size_t i = 0; i < r.n; ++i) {
     world_->set_pose(r.parts.bodies[i], r.X_WL[i]);
@@ -378,15 +378,15 @@ void ContactWorld::place(Robot& r, double h) {
   }
   for (std::size_t i = 0; i < r.n; ++i) r.acceleration[i] = h_before_ > 0 ? (r.dq[i] - r.dq_before[i]) / h_before_ : 0;
   if (actuation_ == Actuation::kPrescribed) {
-    carry(r);
+    apply_last_torque(r);
   } else {
     drive(r, h);
   }
   r.dq_before = r.dq;
 }
 
-/// actuation=prescribed: what drove the links besides the contacts in the last step, (2a), goes on.
-void ContactWorld::carry(Robot& r) {
+/// actuation=prescribed: applies the torque that explains the last step by (2a), without the contacts.
+void ContactWorld::apply_last_torque(Robot& r) {
   robot::inverse_dynamics(*r.mechanism, *r.data, r.vector(r.q), r.vector(r.dq), r.vector(r.acceleration),
                           Eigen::Map<Eigen::VectorXd>(r.tau.data(), static_cast<Eigen::Index>(r.n)));
   for (std::size_t i = 0; i < r.n; ++i) {
@@ -395,23 +395,23 @@ void ContactWorld::carry(Robot& r) {
   }
 }
 
-/// τ_J at the step's start, which has K (θ − q) + D (θ̇ − q̇) in it, goes on as the gear gives it while the link moves. Where the
-/// step is too long to follow how link and gear swing against each other, they are damped as backward differences would: the
-/// two units see different phases of such a motion, and without damping each would drive the other. It bounds the swing where
-/// motions are free; in contact a gear that is stiff and undamped still makes the force alternate from step to step.
+/// τ_J at the start of the step contains K (θ − q) + D (θ̇ − q̇); its change within the step follows the motion of the link.
+/// Where the step does not resolve the oscillation of link and gear, numerical damping like that of backward differences is
+/// added: the two units see different phases of the oscillation and would otherwise excite each other. The damping bounds free
+/// oscillations; in contact, a stiff undamped gear still makes the force alternate from step to step.
 void ContactWorld::drive(Robot& r, double h) {
-  if (std::any_of(r.K.begin(), r.K.end(), [](double K) { return K > 0; })) weigh(r);
+  if (std::any_of(r.K.begin(), r.K.end(), [](double K) { return K > 0; })) compute_mobility(r);
   for (std::size_t i = 0; i < r.n; ++i) {
     const double damper = r.D[i] * (r.dtheta[i] - r.dq[i]);
     const double swing = h * h * r.K[i] * r.mobility[i];  // (h ω)²
-    const double numerical = swing > kResolved ? h / 2 * r.K[i] * (1 - kResolved / swing) : 0;
+    const double numerical = swing > kLargestResolved ? h / 2 * r.K[i] * (1 - kLargestResolved / swing) : 0;
     world_->set_inertia(r.parts.joints[i], r.B[i]);
-    const double tau = r.tau_J[i] + r.B[i] * r.acceleration[i];  // (2b): what motor and friction give, as in the last step
+    const double tau = r.tau_J[i] + r.B[i] * r.acceleration[i];  // (2b): motor and friction torque of the last step
     world_->set_tau(r.parts.joints[i], tau - damper, r.K[i], std::max(r.D[i], numerical), r.dtheta[i]);
   }
 }
 
-void ContactWorld::weigh(Robot& r) {
+void ContactWorld::compute_mobility(Robot& r) {
   robot::mass_matrix(*r.mechanism, *r.data, r.vector(r.q), r.M);
   r.root.compute(r.M);
   r.inverse_root.setIdentity();
@@ -424,7 +424,7 @@ StepResult ContactWorld::step(Time now, Duration duration) {
   const double h = duration.seconds();
   for (const auto& robot : robots_) {
     if (link_ == Link::kInside) {
-      place(*robot, h);
+      set_links(*robot, h);
     } else {
       drive(*robot, h);
     }

@@ -11,31 +11,32 @@
 
 namespace cotwin::contact_world {
 
-/// The physical environment of robots and the bodies that they handle, in maximal coordinates:
+/// Robots and the bodies that they handle, in maximal coordinates:
 ///   M ν̇ = f + f_c                                                                     (1)
-/// with joints, limits and contacts as constraints f_c (world.h). A robot's links are held in one of two ways, the same words
-/// as the drive train's setting `link`, so that one shared setting chooses for both:
-///   link=inside    the drive train integrates (2a) and gives q, q̇; before each step the links are placed there. They take the
-///                  step by (1), as they will in the drive train, and the τ_e = Jᵀ F that they meet goes to its same step
-///   link=outside   the links move here by (1), and q, q̇ go to the drive train
-/// What moves the links between two exchanges is configuration, never a value of τ_J:
-///   actuation=torque       τ_J drives them
-///   actuation=prescribed   with link=inside: q, q̇ are prescribed, say by a recording, and no torque is known; what drove the
-///                          links besides the contacts in the last step, (2a), goes on. No tau_J, dtheta, K, D and B then
-/// With torques, τ_J drives the links and follows the gear within the step, τ_J + K (θ̇ s − Δq), taken implicitly: so light
-/// links on stiff gears stay stable at 1 ms. The wiring is the same but for `q` and `dq`, which are inputs in the former case
-/// and outputs in the latter, just the other way round than the drive train's.
+/// with joints, limits and contacts as constraints f_c (world.h). The setting `link` has the same values as the drive train's,
+/// so that one shared setting configures both:
+///   link=inside    the drive train integrates (2a) and outputs q, q̇. Each step sets the links to q, q̇, predicts their motion
+///                  by (1) and outputs the mean τ_e = Jᵀ F, which the drive train uses in the same step
+///   link=outside   this unit integrates the links by (1) and outputs q, q̇
+/// The setting `actuation` chooses what drives the links between two exchanges:
+///   actuation=torque       τ_J
+///   actuation=prescribed   with link=inside: q, q̇ are prescribed, for example by a recording, and no torque is known. The
+///                          torque that explains the last step by (2a), without the contacts, is applied again. There are no
+///                          variables tau_J, dtheta, K, D and B
+/// With torques, the gear's change within the step, τ_J + K (θ̇ s − Δq), is integrated implicitly, so that light links on stiff
+/// gears are stable at 1 ms. `q` and `dq` are inputs with link=inside and outputs with link=outside, the opposite of the drive
+/// train, so both cases have the same connections.
 ///
-/// A step whose points exceed `contacts` allocates once and tells so in `grown`.
+/// A step with more points than `contacts` allocates once and counts this in `grown`.
 class ContactWorld final : public Unit {
  public:
-  /// What may be chosen by the source of the unit; cotwin describe shows it.
+  /// Declares the settings of the unit.
   static void declare_settings(SettingList& s);
   explicit ContactWorld(Settings& settings);
   ~ContactWorld() override;
 
   void declare(Variables& v) override;
-  /// Throws Error for start values without meaning.
+  /// Throws Error for invalid start values.
   void initialise(Time start) override;
   /// Throws Error if an input is not finite.
   StepResult step(Time now, Duration h) override;
@@ -54,21 +55,21 @@ class ContactWorld final : public Unit {
   std::vector<double> layout() const;
   void check_parameters() const;
   void check_inputs(Time now) const;
-  void place(Robot& robot, double h);
-  void carry(Robot& robot);
+  void set_links(Robot& robot, double h);
+  void apply_last_torque(Robot& robot);
   void drive(Robot& robot, double h);
-  void weigh(Robot& robot);
+  void compute_mobility(Robot& robot);
   void write_outputs(double h);
   void write_robot(Robot& robot, double h);
   void add_contact(int body, const Eigen::Vector3d& p_W, const Eigen::Vector3d& f_W);
 
-  std::string place_;  // for messages
+  std::string place_;  // name of the unit, for messages
   scene::Cell cell_;
   Link link_;
   Actuation actuation_;
   bool floating_;
   Options options_;
-  std::size_t shown_;  // contact points that are outputs
+  std::size_t shown_;  // number of contact points that are outputs
   std::vector<std::unique_ptr<Robot>> robots_;
   std::vector<std::unique_ptr<Body>> bodies_;
   std::unique_ptr<World> world_;

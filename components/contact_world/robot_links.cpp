@@ -35,7 +35,7 @@ void add_joint_torques(const robot::RobotModel& robot, std::span<const Pose> X_W
   for (int i = body; i >= 0; i = robot.joints[static_cast<std::size_t>(i)].parent) {
     const auto k = static_cast<std::size_t>(i);
     const robot::Joint& joint = robot.joints[k];
-    const Eigen::Vector3d axis_W = X_WL[k].R * joint.axis;  // the joint's own motion leaves its axis where it is
+    const Eigen::Vector3d axis_W = X_WL[k].R * joint.axis;  // invariant under the joint's own motion
     tau[k] += joint.type == robot::JointType::kRevolute ? axis_W.dot((p_W - X_WL[k].p).cross(f_W)) : axis_W.dot(f_W);
   }
 }

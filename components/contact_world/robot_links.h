@@ -5,10 +5,10 @@
 #include "models/mechanics/pose.h"
 #include "models/robot/robot_model.h"
 
-/// A robot's links where its joints put them: between the drive train's coordinates and those of the world.
+/// Forward kinematics of a robot's links and the joint torques of forces on them.
 namespace cotwin::contact_world {
 
-/// Poses and twists (of the frame's origin, expressed in W) of every body of `robot`, whose base stands at X_WB and rests.
+/// Poses and twists (of the frame's origin, expressed in W) of every body of `robot`, whose base rests at X_WB.
 void place_links(const robot::RobotModel& robot, const Pose& X_WB, std::span<const double> q, std::span<const double> dq,
                  std::span<Pose> X_WL, std::span<Twist> V_WL);
 

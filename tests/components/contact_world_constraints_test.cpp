@@ -277,7 +277,7 @@ TEST(ContactWorldErrors, SayWhichBodyOrJointIsWrong) {
   EXPECT_EQ(message(nobody), "joint axle: body 3 does not exist, expected -1 to 0");
   scene::Scene itself = wheel();
   itself.joints[0].parent = 0;
-  EXPECT_EQ(message(itself), "joint axle: joins a body to itself, expected two bodies");
+  EXPECT_EQ(message(itself), "joint axle: parent and child are the same body, expected two bodies");
   scene::Scene axis = wheel();
   axis.joints[0].axis *= 2;
   EXPECT_EQ(message(axis), "joint axle: the axis is no unit vector");

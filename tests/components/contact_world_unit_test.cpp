@@ -674,7 +674,7 @@ TEST(ContactWorld, SaysWhatIsWrongWithItsSettingsAndInputs) {
   EXPECT_THAT(error_of([] { Subject("unit:contact_world?robot=" + kPusher + "&robots=a:" + kPusher); }),
               HasSubstr("expected one of the two settings"));
   EXPECT_THAT(error_of([] { Subject("unit:contact_world?scene=" + kFloor + "&robots=cube:" + kPusher); }),
-              HasSubstr("robot 'cube' and body 'cube' would both name their variables cube."));
+              HasSubstr("robot 'cube' and body 'cube' have the same variable prefix cube."));
   EXPECT_THAT(error_of([] { Subject("unit:contact_world?robots=a-b:" + kPusher + ",a_b:" + kPusher); }),
               HasSubstr("robot 'a-b' and robot 'a_b'"));
   EXPECT_THAT(error_of([] { Subject("unit:contact_world?base=floating&robot=" + kPusher); }), HasSubstr("link=outside"));

@@ -8,19 +8,19 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// Of a limit's violation, what one step takes back: all at once would throw light links.
+/// Share of a limit violation that one step corrects; a larger share would accelerate light links too much.
 constexpr double kReturn = 0.2;
 
 }  // namespace
 
 LimitSpeeds::LimitSpeeds(const Joint& joint, Stage stage, double h) {
-  const auto speed = [&](double room) {  // ≥ 0 inside
+  const auto speed = [&](double room) {  // room ≥ 0 inside the limit
     if (room >= 0) return -room / h;
     return stage == Stage::kPosition ? -kReturn * room / h : 0.0;
   };
   if (joint.q_min > -kInfinity) lower = speed(joint.q - joint.q_min);
   if (joint.q_max < kInfinity) upper = -speed(joint.q_max - joint.q);
-  if (lower > upper) lower = upper = (lower + upper) / 2;  // no room at all
+  if (lower > upper) lower = upper = (lower + upper) / 2;  // contradicting limits
 }
 
 AxisDrive::AxisDrive(const Joint& joint, const Axis& axis, Stage stage, double h) {
@@ -53,7 +53,7 @@ double AxisLaw::impulse_in(int region) const {
   return sum;
 }
 
-// Where the torque has no bound, no speed between two corners can be: the next corner holds.
+// Unbounded torque leaves no speed between two corners: the next corner holds.
 void AxisLaw::release(Axis& axis, Forest::Freedom& freedom, double tau, int region) {
   const double impulse = impulse_in(region);
   if (!(std::abs(impulse) < kInfinity))

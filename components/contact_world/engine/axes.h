@@ -8,25 +8,26 @@
 
 namespace cotwin::contact_world {
 
-/// What acts along the axis of a joint besides inertia: drive, motor, friction, limits.
+/// Loads along the axis of a joint besides the inertia of its bodies: drive, motor, friction, limits.
 struct Axis {
-  double tau = 0, stiffness = 0, damping = 0, rate = 0;  // of the next step, World::set_tau
+  double tau = 0, stiffness = 0, damping = 0, rate = 0;  // for the next step, World::set_tau
   double inertia = 0, momentum = 0;                      // World::set_inertia; its momentum before the stage
   double motor_speed = 0, motor_torque = 0;              // World::set_motor
-  double spring = 0;                                     // torque of the spring in the step's middle
-  std::int32_t lock = 0;                                 // what holds the joint, as in AxisLaw::Corner; 0: nothing
+  double spring = 0;                                     // torque of the spring in the middle of the step
+  std::int32_t lock = 0;                                 // AxisLaw::Corner::id of the corner that holds the joint; 0: free
 };
 
-/// The two solutions of a step: for x_{n+1} at x_n, and for v_{n+1} at x_{n+1}.
+/// The two solutions of a step: the position stage finds x_{n+1} from x_n, the velocity stage v_{n+1} at x_{n+1}.
 enum class Stage { kPosition, kVelocity };
 
-/// Torque along an axis against its speed: constants between corners, where the speed is held by any torque between those of
-/// both sides. Limits, a motor of bounded torque and Coulomb friction are one corner each; the sum is monotone.
+/// Torque along an axis as a function of its speed: piecewise constant, with jumps at corners. At a corner the speed is held by
+/// any torque between the values of both sides. Limits, a motor of bounded torque and Coulomb friction are one corner each; the
+/// sum decreases monotonically.
 class AxisLaw {
  public:
   struct Corner {
     double speed = 0;
-    double below = 0, above = 0;  // impulse at lower and at higher speeds
+    double below = 0, above = 0;  // impulse at lower and at higher speed
     std::int32_t id = 0;          // 1 lower limit, 2 friction, 3 motor, 4 upper limit
   };
 
@@ -36,9 +37,9 @@ class AxisLaw {
   bool empty() const { return count_ == 0; }
   std::span<const Corner> corners() const { return {corners_, static_cast<std::size_t>(count_)}; }
 
-  /// Puts a freedom where it was held last, or else where its speed is.
+  /// Initialises a freedom: held at the corner of the last step, otherwise released in the region of its speed.
   void begin(const Axis& axis, Forest::Freedom& freedom, double tau);
-  /// Moves a freedom to where its solution belongs; false if it belongs where it is.
+  /// Holds or releases a freedom as its solution requires. Returns false if nothing changed.
   bool move(Axis& axis, Forest::Freedom& freedom, double tau);
 
  private:
@@ -48,19 +49,19 @@ class AxisLaw {
 
   Corner corners_[4];
   int count_ = 0;
-  int region_ = 0;  // where released
+  int region_ = 0;  // region, where released
   int held_ = -1;   // corner; −1: released
 };
 
-/// Speeds at which an axis reaches its limits: `lower` ≤ s ≤ `upper`. Beyond a limit the position stage brings it back.
+/// Speeds at which an axis reaches its limits: `lower` ≤ s ≤ `upper`. The position stage corrects a violated limit.
 struct LimitSpeeds {
   LimitSpeeds(const Joint& joint, Stage stage, double h);
   double lower = -std::numeric_limits<double>::infinity(), upper = std::numeric_limits<double>::infinity();
 };
 
-/// Softness and constant impulse along an axis of damper and drive, in half a step. In the position stage the spring's torque
-/// is that of the step's middle, s · h/2 on; the velocity stage gives it once more. An inertia takes what its change of speed
-/// needs.
+/// Softness and constant impulse of damper and drive along an axis, over half a step. The position stage computes the spring's
+/// torque in the middle of the step, at s · h/2; the velocity stage applies the same torque again. An inertia contributes
+/// the impulse of its change of speed.
 struct AxisDrive {
   AxisDrive(const Joint& joint, const Axis& axis, Stage stage, double h);
   double softness = 0, tau = 0;

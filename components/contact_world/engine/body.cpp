@@ -12,7 +12,7 @@ namespace {
 
 using Eigen::Vector4d;
 
-/// cos x and sin x / x of x², by their series where it is exact to the last bit.
+/// cos x and sin x / x from x²; the series is used where it is exact to the last bit.
 struct Rotor {
   explicit Rotor(double x2) {
     if (x2 < 0.02) {
@@ -43,7 +43,7 @@ Vector4d rotation(const Vector3d& a) {
 
 Matrix3d matrix(const Vector4d& Q) { return Eigen::Quaterniond(Q[0], Q[1], Q[2], Q[3]).toRotationMatrix(); }
 
-/// Turns a body by rate · L_k · h about its own axis k, where L_P is the angular momentum in its axes: the exact flow of
+/// Rotates a body by rate · L_k · h about its own axis k, where L_P is the angular momentum in its axes: the exact flow of
 /// ½ rate L_k².
 void turn_about(int k, double rate, double h, Vector4d& Q, Vector3d& L_P) {
   const double half = rate * L_P[k] * h / 2;
@@ -101,7 +101,7 @@ RigidBody::RigidBody(const scene::Body& body) : motion(body.motion) {
       if (axes.determinant() < 0) axes.col(0) = -axes.col(0);
       moments = principal.eigenvalues().cwiseMax(0.0);
     }
-    // A rotation from a unit quaternion, so that R_WP of set_pose() and that of Q are the same.
+    // Computes the rotation from the unit quaternion, so that R_WP of set_pose() equals that of Q.
     const Eigen::Quaterniond Q_BP = Eigen::Quaterniond(axes).normalized();
     X_BP = {Q_BP.toRotationMatrix(), body.inertia.p_LC};
     mass = body.inertia.mass;
@@ -173,9 +173,9 @@ void RigidBody::drift(double h) {
   if (!w.isZero(0)) turn(h);
 }
 
-// The energy ½ Σ L_k²/I_k is that of a sphere with the middle moment I_r, whose motion is a plain rotation that commutes with
-// everything, and two terms of one body axis each, composed symmetrically. Symplectic, reversible, of second order; |L| in the
-// body is kept exactly, as L in space; exact for bodies with two equal moments.
+// Splits the energy ½ Σ L_k²/I_k into that of a sphere with the middle moment I_r, whose flow is a rotation that commutes with
+// the others, and one term for each of the other two body axes, composed symmetrically. Symplectic, reversible, second order;
+// keeps |L| in the body and L in space exactly; exact for bodies with two equal moments.
 void RigidBody::turn(double h) {
   const int r = reference_axis_, a = (r + 1) % 3, b = (r + 2) % 3;
   const double rate_a = inverse_moments[a] - inverse_moments[r], rate_b = inverse_moments[b] - inverse_moments[r];

@@ -9,7 +9,7 @@ namespace cotwin::contact_world {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-/// A body as the solver sees it: frame P stands in the centre of mass and lies along the principal axes. Of a body that is not
+/// A rigid body in the solver: frame P has its origin in the centre of mass and the principal axes. For a body that is not
 /// dynamic, P is its own frame B.
 struct RigidBody {
   /// Throws Error if a dynamic body has no physical inertia.
@@ -20,29 +20,30 @@ struct RigidBody {
   Twist twist() const;  // V_WB of B's origin
   void set_pose(const Pose& X_WB);
   void set_twist(const Twist& V_WB);
-  void place();  // R := that of Q
+  void place();  // updates R from Q
 
-  /// Adds an impulse along v's and an angular one along L's axes, of a dynamic body.
+  /// Adds an impulse and an angular impulse about P's origin, in W, to a dynamic body.
   void push(const Vector3d& impulse, const Vector3d& moment);
   void set_spin(const Vector3d& w_W);
   double kinetic_energy() const;
 
-  /// To t + h with constant velocity of the centre and constant angular momentum; w follows. A driven body keeps its twist.
+  /// Moves the body from t to t + h with constant velocity of P and constant angular momentum; updates w. A driven body keeps
+  /// its twist.
   void drift(double h);
 
   scene::Motion motion;
   double mass = 0, inverse_mass = 0, inverse_root_mass = 0;
   Vector3d moments = Vector3d::Zero();          // principal
-  Vector3d inverse_moments = Vector3d::Zero();  // 0 where the moment is
+  Vector3d inverse_moments = Vector3d::Zero();  // 0 where the moment is 0
   Vector3d root_moments = Vector3d::Zero(), inverse_root_moments = Vector3d::Zero();
   Pose X_BP, X_PB;
-  double radius = 0;  // of the sphere about P's origin that holds all shapes; 0 without any
+  double radius = 0;  // of the sphere about P's origin that contains all shapes; 0 without shapes
 
   Vector3d p = Vector3d::Zero();                        // p_WP
   Eigen::Vector4d Q{1, 0, 0, 0};                        // unit quaternion of R_WP, (w, x, y, z)
   Matrix3d R = Matrix3d::Identity();                    // R_WP, that of Q
   Vector3d v = Vector3d::Zero(), w = Vector3d::Zero();  // of P, expressed in W
-  Vector3d L = Vector3d::Zero();                        // angular momentum about P in W: kept to the bit where nothing acts
+  Vector3d L = Vector3d::Zero();                        // angular momentum about P in W: constant to the bit without moments
 
  private:
   void turn(double h);

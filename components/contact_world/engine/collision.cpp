@@ -16,8 +16,8 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-/// What bounds a piece along the world's axes.
-Vector3d reach(const Convex& c, const Matrix3d& R) {
+/// Half sizes of a piece's bounding box along the world's axes.
+Vector3d half_sizes(const Convex& c, const Matrix3d& R) {
   Vector3d half = Vector3d::Constant(c.round);
   switch (c.core) {
     case Core::kPlane:
@@ -49,7 +49,7 @@ struct Collision::Impl {
     std::uint32_t piece;
   };
   struct Candidate {
-    std::uint64_t bodies, pieces;  // each: the smaller index above the larger
+    std::uint64_t bodies, pieces;  // in each: the smaller index in the upper half
     friend auto operator<=>(const Candidate&, const Candidate&) = default;
   };
 
@@ -57,15 +57,15 @@ struct Collision::Impl {
   void detect(std::span<const Pose> X_WB, double margin);
   void place(std::span<const Pose> X_WB);
   void sweep(double margin);
-  void propose(std::uint32_t i, std::uint32_t j);
-  void meet(const Candidate& candidate, double margin);
+  void add_candidate(std::uint32_t i, std::uint32_t j);
+  void add_points(const Candidate& candidate, double margin);
 
   std::vector<Piece> pieces;
   std::vector<std::uint32_t> planes;                             // pieces
   std::vector<std::pair<std::uint32_t, std::uint32_t>> ignored;  // bodies, sorted
 
   std::vector<Placed> placed;  // in the world
-  std::vector<Bounds> bounds;  // of all but planes, sorted along the sweep
+  std::vector<Bounds> bounds;  // of all pieces but planes, sorted along the sweep
   std::vector<Candidate> candidates;
   Pair pair;
   std::vector<Touch> touches;
@@ -113,13 +113,13 @@ void Collision::Impl::place(std::span<const Pose> X_WB) {
     placed[i].R.noalias() = X.R * piece.convex.X_BC.R;
     placed[i].p = X * piece.convex.X_BC.p;
     if (piece.convex.core == Core::kPlane) continue;
-    const Vector3d half = reach(piece.convex, placed[i].R);
+    const Vector3d half = half_sizes(piece.convex, placed[i].R);
     const Bounds box{placed[i].p - half, placed[i].p + half, i};
     if (box.low.allFinite() && box.high.allFinite()) bounds.push_back(box);
   }
 }
 
-void Collision::Impl::propose(std::uint32_t i, std::uint32_t j) {
+void Collision::Impl::add_candidate(std::uint32_t i, std::uint32_t j) {
   const Piece *a = &pieces[i], *b = &pieces[j];
   if (a->body == b->body || (!a->moves && !b->moves)) return;
   if (i > j) std::swap(i, j), std::swap(a, b);
@@ -128,7 +128,7 @@ void Collision::Impl::propose(std::uint32_t i, std::uint32_t j) {
   candidates.push_back({std::uint64_t{body_a} << 32 | body_b, std::uint64_t{i} << 32 | j});
 }
 
-/// Sweep and prune along x; planes against all.
+/// Sweep and prune along x; planes are tested against all pieces.
 void Collision::Impl::sweep(double margin) {
   candidates.clear();
   std::sort(bounds.begin(), bounds.end(), [](const Bounds& a, const Bounds& b) {
@@ -139,22 +139,22 @@ void Collision::Impl::sweep(double margin) {
     const Vector3d low = a.low.array() - margin, high = a.high.array() + margin;
     for (std::size_t j = i + 1; j < bounds.size() && bounds[j].low.x() < high.x(); ++j) {
       const Bounds& b = bounds[j];
-      const bool along_y = (b.low.y() < high.y()) & (b.high.y() > low.y());  // no jumps: their outcome is a matter of luck
+      const bool along_y = (b.low.y() < high.y()) & (b.high.y() > low.y());  // no branches: they are unpredictable
       const bool along_z = (b.low.z() < high.z()) & (b.high.z() > low.z());
-      if (along_y & along_z) propose(a.piece, b.piece);
+      if (along_y & along_z) add_candidate(a.piece, b.piece);
     }
   }
   for (const std::uint32_t plane : planes) {
     const Vector3d n = placed[plane].R.col(2);
     for (const Bounds& b : bounds) {
       const double lowest = n.dot(b.low + b.high) / 2 - n.cwiseAbs().dot(b.high - b.low) / 2 - n.dot(placed[plane].p);
-      if (lowest < margin) propose(plane, b.piece);
+      if (lowest < margin) add_candidate(plane, b.piece);
     }
   }
   std::sort(candidates.begin(), candidates.end());
 }
 
-void Collision::Impl::meet(const Candidate& candidate, double margin) {
+void Collision::Impl::add_points(const Candidate& candidate, double margin) {
   const auto i = static_cast<std::uint32_t>(candidate.pieces >> 32), j = static_cast<std::uint32_t>(candidate.pieces);
   const Vector3d origin = placed[i].convex->core == Core::kPlane ? placed[j].p : placed[i].p;
   const Placed a{placed[i].convex, placed[i].R, placed[i].p - origin}, b{placed[j].convex, placed[j].R, placed[j].p - origin};
@@ -169,7 +169,7 @@ void Collision::Impl::detect(std::span<const Pose> X_WB, double margin) {
   points.clear();
   place(X_WB);
   sweep(margin);
-  for (const Candidate& candidate : candidates) meet(candidate, margin);
+  for (const Candidate& candidate : candidates) add_points(candidate, margin);
 }
 
 Collision::Collision(const scene::Scene& scene) : impl_(std::make_unique<Impl>(scene)) {}

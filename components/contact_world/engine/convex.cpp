@@ -27,17 +27,16 @@ Convex polytope_of(scene::Polytope polytope, const Pose& X_BS) {
   return convex;
 }
 
-/// Where on the circle of a cylinder d points, in C. A direction along the axis has no such place; the small push along C's x
-/// chooses one, and lets the choice turn steadily instead of jump: the gap of a rim's lowest point is off by less than
-/// kPush × radius.
-Vector2d around(const Vector3d& d_C) {
-  constexpr double kPush = 1e-9;
-  const Vector2d u(d_C.x() + kPush, d_C.y());
+/// Unit direction of d on the circle of a cylinder, in C. For d along the axis the direction is undefined; the small offset
+/// along x selects one and makes it vary continuously. Error of the gap of the rim's lowest point: below kOffset × radius.
+Vector2d radial_direction(const Vector3d& d_C) {
+  constexpr double kOffset = 1e-9;
+  const Vector2d u(d_C.x() + kOffset, d_C.y());
   const double length = u.norm();
   return length > 0 ? Vector2d(u / length) : Vector2d::UnitX();
 }
 
-void disc(const Placed& piece, const Vector3d& d_C, Feature& feature) {
+void add_disc(const Placed& piece, const Vector3d& d_C, Feature& feature) {
   static const auto circle = [] {
     std::array<Vector2d, kDiscCorners> points;
     for (int k = 0; k < kDiscCorners; ++k) {
@@ -48,7 +47,7 @@ void disc(const Placed& piece, const Vector3d& d_C, Feature& feature) {
   }();
   const Convex& c = *piece.convex;
   const double side = d_C.z() < 0 ? -1 : 1;
-  const Vector2d u = around(d_C);
+  const Vector2d u = radial_direction(d_C);
   const Vector3d x = piece.R * Vector3d(c.radius * u.x(), c.radius * u.y(), 0);
   const Vector3d y =
       piece.R * Vector3d(-c.radius * u.y() * side, c.radius * u.x() * side, 0);  // counter-clockwise from outside
@@ -61,8 +60,8 @@ void disc(const Placed& piece, const Vector3d& d_C, Feature& feature) {
   feature.face = side < 0 ? 0 : 1;
 }
 
-/// Two corners: the line on a cylinder's side, or the segment itself.
-void line(const Placed& piece, const Vector3d& middle, Feature& feature) {
+/// Adds two corners: a line on a cylinder's side, or the segment itself.
+void add_line(const Placed& piece, const Vector3d& middle, Feature& feature) {
   const Vector3d half = piece.R.col(2) * piece.convex->half;
   constexpr Index kLine = 2 * kDiscCorners;
   feature.corners.push_back({middle - half, kLine, kLine});
@@ -79,8 +78,8 @@ Index farthest_vertex(const scene::Polytope& polytope, const Vector3d& d_C) {
   return best;
 }
 
-/// Of the faces that hold all that is farthest along d the one that faces it most.
-Index facing(const Convex& c, const Vector3d& d_C) {
+/// Among the faces with the most vertices that are farthest along d, the one that faces d best.
+Index best_face(const Convex& c, const Vector3d& d_C) {
   if (c.box) {
     Eigen::Index axis = 0;
     d_C.cwiseAbs().maxCoeff(&axis);
@@ -103,12 +102,12 @@ Index facing(const Convex& c, const Vector3d& d_C) {
   return best;
 }
 
-/// A knife's edge or a needle's tip has no face that looks along d: its edge, or only the tip.
-void sharp(const Placed& piece, const Vector3d& d_C, Feature& feature) {
+/// For edges and vertices without a face that faces d: adds the edge perpendicular to d, or the vertex alone.
+void add_edge_or_vertex(const Placed& piece, const Vector3d& d_C, Feature& feature) {
   const scene::Polytope& polytope = piece.convex->polytope;
   const Index tip = farthest_vertex(polytope, d_C);
   Index best = 0;
-  double least = 0.1;  // sine: steeper edges leave the tip alone
+  double least = 0.1;  // sine; steeper edges are ignored
   bool found = false;
   for (Index e = 0; e < polytope.edges.size(); ++e) {
     const auto& [from, to] = polytope.edges[e].vertices;
@@ -159,7 +158,7 @@ Convex make_convex(const scene::Shape& shape) {
 }
 
 void find_covered_faces(std::span<Convex> pieces) {
-  constexpr double kTogether = 1e-9;  // of the size of the smaller piece
+  constexpr double kCoincident = 1e-9;  // of the size of the smaller piece
   const auto covers = [](const Convex& own, const scene::Polytope::Face& face, const Convex& other, double near) {
     const Pose X = other.X_BC.inverse() * own.X_BC;
     for (const scene::Polytope::Face& over : other.polytope.faces) {
@@ -179,7 +178,7 @@ void find_covered_faces(std::span<Convex> pieces) {
     for (const Convex& other : pieces) {
       if (&own == &other || other.core != Core::kPolytope) continue;
       if ((own.X_BC.p - other.X_BC.p).norm() > 1.001 * (own.extent.norm() + other.extent.norm())) continue;
-      const double near = kTogether * std::min(own.extent.norm(), other.extent.norm());
+      const double near = kCoincident * std::min(own.extent.norm(), other.extent.norm());
       for (std::size_t f = 0; f < own.polytope.faces.size(); ++f) {
         if (!covers(own, own.polytope.faces[f], other, near)) continue;
         own.covered.resize(own.polytope.faces.size());
@@ -189,7 +188,7 @@ void find_covered_faces(std::span<Convex> pieces) {
   }
 }
 
-bool leans_into_covered(const Placed& piece, const Vector3d& d) {
+bool points_out_of_covered(const Placed& piece, const Vector3d& d) {
   const Convex& c = *piece.convex;
   if (c.covered.empty()) return false;
   const Vector3d d_C = piece.R.transpose() * d;
@@ -238,22 +237,22 @@ void supporting_feature(const Placed& piece, const Vector3d& d, Feature& feature
       feature.corners.push_back({piece.p, 0, 0});
       return;
     case Core::kSegment:
-      line(piece, piece.p, feature);
+      add_line(piece, piece.p, feature);
       return;
     case Core::kCylinder:
       if (d_C.z() * d_C.z() >= 0.5 * d_C.squaredNorm()) {
-        disc(piece, d_C, feature);
+        add_disc(piece, d_C, feature);
       } else {
-        const Vector2d u = c.radius * around(d_C);
-        line(piece, piece.p + piece.R * Vector3d(u.x(), u.y(), 0), feature);
+        const Vector2d u = c.radius * radial_direction(d_C);
+        add_line(piece, piece.p + piece.R * Vector3d(u.x(), u.y(), 0), feature);
       }
       return;
     case Core::kPolytope: {
-      const Index f = facing(c, d_C);
+      const Index f = best_face(c, d_C);
       const scene::Polytope::Face& face = c.polytope.faces[f];
-      constexpr double kSteep = 0.2;  // cosine: faces beyond 78° say little about what lies along d
+      constexpr double kSteep = 0.2;  // cosine: faces beyond 78° do not represent the part farthest along d
       if (face.n.dot(d_C) < kSteep * d_C.norm()) {
-        sharp(piece, d_C, feature);
+        add_edge_or_vertex(piece, d_C, feature);
         return;
       }
       for (Index k = face.begin; k < face.begin + face.count; ++k) {

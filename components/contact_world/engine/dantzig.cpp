@@ -9,11 +9,11 @@
 namespace cotwin::contact_world {
 namespace {
 
-constexpr double kStiffestCurvature = 1e3;  // of A_tt; above it turning alone converges as fast
+constexpr double kLargestCurvature = 1e3;  // of A_tt; above it rotation alone converges as fast
 constexpr int kTurnsOfContradictions = 4;
 constexpr double kNoGrowth = 1e3;
-constexpr double kSteepest = 100;  // friction may raise the largest normal to so much; where it jams, there is no end to it
-constexpr double kLeastCurvature = 0.01;  // of A_tt: where redundant contacts stick at the cone, load must not wander along it
+constexpr double kLargestGrowth = 100;  // largest factor between predicted and present normals; jamming has no finite solution
+constexpr double kLeastCurvature = 0.01;  // of A_tt; keeps x from drifting along redundant contacts that stick at the cone
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
@@ -21,7 +21,7 @@ double length_of(double x, double y) { return std::sqrt(x * x + y * y); }
 
 double finite(double v) { return std::isfinite(v) ? v : 0; }
 
-// Solves M y = y (m x m, row-major, destroyed) by elimination with row exchanges; false where M is singular.
+// Solves M x = y in place (m x m, row-major, M is destroyed) by elimination with pivoting; returns false if M is singular.
 bool solve_dense(double* M, double* y, std::size_t m) {
   for (std::size_t k = 0; k < m; ++k) {
     std::size_t pivot = k;
@@ -56,7 +56,7 @@ void Dantzig::reserve(int n, int cones) {
   for (std::vector<double>* v : {&b_, &column_}) v->reserve(rows);
   in_cone_.reserve(rows);
   profile_.reserve(rows);
-  turned_.reserve(count);
+  rotated_.reserve(count);
   bound_.reserve(count);
   sides_.reserve(2 * count);
   change_.reserve(2 * count);
@@ -106,25 +106,25 @@ bool Dantzig::solve_box(const BoxedProblem& problem, int limit) {
       {A_now_, b_now_, profile_.data(), turned ? std::span<const int>() : problem.pairs, turned ? 0 : problem.version}, limit);
 }
 
-// w_i of the problem, by its own profile: profile_ is the turned copy's.
+// w_i of the unrotated problem with its own profile; profile_ belongs to the rotated copy.
 double Dantzig::velocity(const BoxedProblem& problem, int i, const double* x) const {
   const auto [begin, end] = problem.profile.empty() ? RowProfile{0, problem.n} : problem.profile[at(i)];
   return std::inner_product(x + begin, x + end, problem.A + at(i) * n_ + begin, problem.b[i]);
 }
 
-// x and bounds into the box; the cones' bounds from the normals at the start.
+// Initialises the box from x and the bounds; the cones' bounds follow from the start normals.
 void Dantzig::start(const BoxedProblem& problem, std::span<const double> x) {
   box_.begin(problem.n, options_.tolerance, options_.pivot_tolerance);
   std::copy_n(problem.lo, n_, box_.lo.begin());
   std::copy_n(problem.hi, n_, box_.hi.begin());
   std::transform(x.begin(), x.end(), box_.x.begin(), finite);
-  turned_.assign(problem.cones.size(), {});
+  rotated_.assign(problem.cones.size(), {});
   bound_.resize(problem.cones.size());
-  for (std::size_t k = 0; k < turned_.size(); ++k) {
+  for (std::size_t k = 0; k < rotated_.size(); ++k) {
     const FrictionCone& cone = problem.cones[k];
     const std::size_t normal = at(cone.normal);
     const double r = cone.mu * std::clamp(box_.x[normal], box_.lo[normal], box_.hi[normal]);
-    turned_[k].r = r;
+    rotated_[k].r = r;
     for (const int t : {cone.t1, cone.t2}) {
       if (t < 0) continue;
       box_.lo[at(t)] = -r;
@@ -135,12 +135,12 @@ void Dantzig::start(const BoxedProblem& problem, std::span<const double> x) {
   b_now_ = problem.b;
 
   highest_ = 0;
-  // Where it slips at the start, the axes are turned already; where it sticks at its cone nothing is to be gained.
+  // Contacts that slip at the start get rotated axes at once; for contacts that stick at the cone this has no benefit.
   constexpr double kCone = 1e-6, kRests = 1e-9;  // of the friction impulse, and of the velocity that it could change
   bool slips = false;
-  for (std::size_t k = 0; k < turned_.size(); ++k) {
+  for (std::size_t k = 0; k < rotated_.size(); ++k) {
     const FrictionCone& cone = problem.cones[k];
-    bound_[k] = turned_[k].r;
+    bound_[k] = rotated_[k].r;
     box_.w[at(cone.t1)] = 0;
     if (cone.t2 < 0) continue;
     const bool here = bound_[k] > 0 && length_of(box_.x[at(cone.t1)], box_.x[at(cone.t2)]) > bound_[k] * (1 - kCone);
@@ -150,22 +150,22 @@ void Dantzig::start(const BoxedProblem& problem, std::span<const double> x) {
     const double slip = length_of(box_.w[at(cone.t1)], box_.w[at(cone.t2)]);
     slips = slips || slip > kRests * bound_[k] * std::max(diagonal(cone.t1), diagonal(cone.t2));
   }
-  if (slips) turn(problem);
+  if (slips) rotate_cones(problem);
 }
 
 Dantzig::Result Dantzig::solve(const BoxedProblem& problem, std::span<double> x, std::span<double> w) {
   Result result;
   n_ = at(std::max(0, problem.n));
-  if (!valid(problem, x.size(), w.size())) return refuse(problem, x, w);
+  if (!valid(problem, x.size(), w.size())) return reject(problem, x, w);
   start(problem, x);
   const int limit = options_.pivots > 0 ? options_.pivots : 10 * problem.n + 100;
   if (problem.cones.empty()) {
     if (!solve_box(problem, limit)) result.status = Status::kPivotLimit;
-    unturn(problem, x, w);
+    rotate_back(problem, x, w);
   } else {
     solve_cones(problem, limit, result, x, w);
   }
-  if (!std::all_of(w.begin(), w.end(), [](double v) { return std::isfinite(v); })) return refuse(problem, x, w);
+  if (!std::all_of(w.begin(), w.end(), [](double v) { return std::isfinite(v); })) return reject(problem, x, w);
   result.pivots = box_.pivots();
   result.redundant = box_.count(Pivoting::State::kParked);
   result.contradicting = box_.count(Pivoting::State::kContradicting);
@@ -176,7 +176,7 @@ Dantzig::Result Dantzig::solve(const BoxedProblem& problem, std::span<double> x,
   return result;
 }
 
-Dantzig::Result Dantzig::refuse(const BoxedProblem& problem, std::span<double> x, std::span<double> w) {
+Dantzig::Result Dantzig::reject(const BoxedProblem& problem, std::span<double> x, std::span<double> w) {
   Result result;
   result.status = Status::kBadInput;
   std::fill(w.begin(), w.end(), 0.0);
@@ -196,11 +196,11 @@ Dantzig::Result Dantzig::refuse(const BoxedProblem& problem, std::span<double> x
 void Dantzig::solve_cones(const BoxedProblem& problem, int limit, Result& result, std::span<double> x, std::span<double> w) {
   for (;; ++result.turns) {
     const bool solved = solve_box(problem, limit);
-    double worst = 0;  // as a multiple of what counts as zero, but for rows that contradict others
+    double worst = 0;  // as a multiple of the zero threshold, without rows that contradict others
     double residual = 0;
     bool contradicts = false;
-    for (std::size_t k = 0; k < turned_.size(); ++k) {
-      const double e = excess(friction(problem.cones[k], turned_[k]));
+    for (std::size_t k = 0; k < rotated_.size(); ++k) {
+      const double e = coulomb_violation(friction(problem.cones[k], rotated_[k]));
       residual = std::max(residual, e);
       worst = std::max(worst, e / (2 * box_.zero(problem.cones[k].t1) + std::numeric_limits<double>::min()));
     }
@@ -215,11 +215,11 @@ void Dantzig::solve_cones(const BoxedProblem& problem, int limit, Result& result
       }
     }
     const bool progress = residual < 0.9 * result.residual;
-    // A multiple of what counts as zero means nothing where that has grown with x.
+    // The zero threshold grows with x; a multiple of it is not meaningful if the residual has grown as well.
     const bool good = worst <= 1 && (result.turns == 0 || residual <= kNoGrowth * result.residual);
     if (good || result.turns == 0 || residual < result.residual) {
       result.residual = residual;
-      unturn(problem, x, w);
+      rotate_back(problem, x, w);
     }
     const int turns = contradicts ? std::min(options_.turns, kTurnsOfContradictions) : options_.turns;
     if (good || !solved || result.turns >= turns) {
@@ -227,13 +227,13 @@ void Dantzig::solve_cones(const BoxedProblem& problem, int limit, Result& result
       break;
     }
     predict_bounds(problem);
-    if (result.turns >= 6 && !progress) {  // Newton's iteration circles
-      for (std::size_t k = 0; k < bound_.size(); ++k) bound_[k] = 0.5 * (bound_[k] + turned_[k].r);
+    if (result.turns >= 6 && !progress) {  // Newton's iteration cycles
+      for (std::size_t k = 0; k < bound_.size(); ++k) bound_[k] = 0.5 * (bound_[k] + rotated_[k].r);
     }
-    turn(problem);
+    rotate_cones(problem);
   }
   if (result.status == Status::kSolved) return;
-  for (const FrictionCone& cone : problem.cones) {  // the best, brought within the cones
+  for (const FrictionCone& cone : problem.cones) {  // scale the best solution into the cones
     double none = 0;
     double &x1 = x[at(cone.t1)], &x2 = cone.t2 < 0 ? none : x[at(cone.t2)];
     const double r = cone.mu * x[at(cone.normal)], length = length_of(x1, x2);
@@ -244,7 +244,7 @@ void Dantzig::solve_cones(const BoxedProblem& problem, int limit, Result& result
   for (int i = 0; i < problem.n; ++i) w[at(i)] = velocity(problem, i, x.data());
 }
 
-Dantzig::Friction Dantzig::friction(const FrictionCone& cone, const Turned& turned) const {
+Dantzig::Friction Dantzig::friction(const FrictionCone& cone, const Rotated& rotated) const {
   Friction f;
   const std::size_t t1 = at(cone.t1);
   f.r = cone.mu * box_.x[at(cone.normal)];
@@ -253,27 +253,27 @@ Dantzig::Friction Dantzig::friction(const FrictionCone& cone, const Turned& turn
   double stiffest = diagonal(cone.t1);
   if (cone.t2 >= 0) {
     f.x2 = box_.x[at(cone.t2)];
-    f.w2 = box_.w[at(cone.t2)] - turned.curvature * f.x2;
-    stiffest = std::max(stiffest, diagonal(cone.t2) - turned.curvature);
+    f.w2 = box_.w[at(cone.t2)] - rotated.curvature * f.x2;
+    stiffest = std::max(stiffest, diagonal(cone.t2) - rotated.curvature);
   }
   f.rho = stiffest > 0 ? 1 / stiffest : 0;
   return f;
 }
 
-// How far friction is from Coulomb's law, in w's measure: |x_t − P(x_t − ρ w_t)| / ρ with the projection P on the disc of
+// Violation of Coulomb's law in the measure of w: |x_t − P(x_t − ρ w_t)| / ρ with the projection P onto the disc of
 // radius μ x_normal.
-double Dantzig::excess(const Friction& f) {
+double Dantzig::coulomb_violation(const Friction& f) {
   if (f.rho == 0) return 0;
   const double y1 = f.x1 - f.rho * f.w1, y2 = f.x2 - f.rho * f.w2, length = length_of(y1, y2);
   const double shrink = length > f.r ? f.r / length : 1;
   return length_of(f.x1 - shrink * y1, f.x2 - shrink * y2) / f.rho;
 }
 
-// bound_ := μ x_normal as it will be when the rows now at their bounds are moved to their new bounds: with G the change of the
-// normals per change of the sides at their bounds, (I − S μ G) Δx = S μ x_normal − x.
+// bound_ := μ x_normal predicted for the case that the rows at their bounds move to their new bounds: with G the change of the
+// normals per change of these rows, (I − S μ G) Δx = S μ x_normal − x.
 void Dantzig::predict_bounds(const BoxedProblem& problem) {
   const IncrementalLdl& basis = box_.basis();
-  const std::size_t m_cones = turned_.size();
+  const std::size_t m_cones = rotated_.size();
   sides_.clear();
   double largest = 0;
   for (std::size_t k = 0; k < m_cones; ++k) {
@@ -281,7 +281,7 @@ void Dantzig::predict_bounds(const BoxedProblem& problem) {
     const double x_normal = box_.x[at(cone.normal)];
     largest = std::max(largest, x_normal);
     bound_[k] = x_normal;
-    if (turned_[k].r <= 0) continue;
+    if (rotated_[k].r <= 0) continue;
     for (const int t : {cone.t1, cone.t2}) {
       if (t < 0) continue;
       const Pivoting::State state = box_.state(t);
@@ -290,7 +290,7 @@ void Dantzig::predict_bounds(const BoxedProblem& problem) {
       }
     }
   }
-  if (highest_ == 0) highest_ = kSteepest * largest;
+  if (highest_ == 0) highest_ = kLargestGrowth * largest;
   const std::size_t m = sides_.size();
   response_.resize(m_cones * m);
   system_.resize(m * m);
@@ -323,11 +323,11 @@ void Dantzig::predict_bounds(const BoxedProblem& problem) {
   for (std::size_t k = 0; k < m_cones; ++k) bound_[k] = problem.cones[k].mu * std::clamp(bound_[k], 0.0, highest_);
 }
 
-// Sets the box of the next pass: sides μ x_normal, the first one across the direction of x_t − ρ w_t where that is outside.
-void Dantzig::turn(const BoxedProblem& problem) {
-  for (std::size_t k = 0; k < turned_.size(); ++k) {
+// Sets the box of the next pass: bounds μ x_normal, first axis along x_t − ρ w_t where that is outside the cone.
+void Dantzig::rotate_cones(const BoxedProblem& problem) {
+  for (std::size_t k = 0; k < rotated_.size(); ++k) {
     const FrictionCone& cone = problem.cones[k];
-    Turned& now = turned_[k];
+    Rotated& now = rotated_[k];
     const Friction f = friction(cone, now);
     const double r = now.r = bound_[k], y1 = f.x1 - f.rho * f.w1, y2 = f.x2 - f.rho * f.w2, length = length_of(y1, y2);
     const std::size_t t1 = at(cone.t1);
@@ -346,11 +346,11 @@ void Dantzig::turn(const BoxedProblem& problem) {
       now.curvature = 0;
     }
     if (!slips || length == 0) continue;
-    turn_axes(problem, cone, now, y1 / length, y2 / length);
+    rotate_axes(problem, cone, now, y1 / length, y2 / length);
     box_.x[t1] = r;
     box_.x[t2] = 0;
     const double curvature = r > 0 ? std::max(length_of(f.w1, f.w2) / r, kLeastCurvature / f.rho) : 0;
-    if (curvature * f.rho < kStiffestCurvature) {
+    if (curvature * f.rho < kLargestCurvature) {
       A_[t2 * (n_ + 1)] += now.curvature = curvature;
     } else {
       box_.lo[t2] = box_.hi[t2] = 0;
@@ -358,15 +358,15 @@ void Dantzig::turn(const BoxedProblem& problem) {
   }
 }
 
-// The turned copy's row i reaches from `begin` to `end` too.
-void Dantzig::widen(int i, int begin, int end) {
+// Extends row i of the rotated copy to the columns `begin` to `end`.
+void Dantzig::extend_profile(int i, int begin, int end) {
   RowProfile& now = profile_[at(i)];
   double* a = A_.data() + at(i) * n_;
   if (begin < now.begin) std::fill(a + begin, a + std::exchange(now.begin, begin), 0.0);
   if (end > now.end) std::fill(a + std::exchange(now.end, end), a + end, 0.0);
 }
 
-void Dantzig::turn_axes(const BoxedProblem& problem, const FrictionCone& cone, Turned& now, double c, double s) {
+void Dantzig::rotate_axes(const BoxedProblem& problem, const FrictionCone& cone, Rotated& now, double c, double s) {
   if (A_now_ == problem.A) {
     A_.resize(n_ * n_);
     for (std::size_t i = 0; i < n_; ++i) {
@@ -384,11 +384,11 @@ void Dantzig::turn_axes(const BoxedProblem& problem, const FrictionCone& cone, T
   };
   const std::size_t t1 = at(cone.t1), t2 = at(cone.t2);
   const RowProfile both{std::min(profile_[t1].begin, profile_[t2].begin), std::max(profile_[t1].end, profile_[t2].end)};
-  for (const int t : {cone.t1, cone.t2}) widen(t, both.begin, both.end);
+  for (const int t : {cone.t1, cone.t2}) extend_profile(t, both.begin, both.end);
   double *row1 = A_.data() + t1 * n_, *row2 = A_.data() + t2 * n_;
   for (std::size_t j = at(both.begin); j < at(both.end); ++j) rotate(row1[j], row2[j]);
   for (int i = both.begin; i < both.end; ++i) {
-    widen(i, std::min(cone.t1, cone.t2), std::max(cone.t1, cone.t2) + 1);
+    extend_profile(i, std::min(cone.t1, cone.t2), std::max(cone.t1, cone.t2) + 1);
     rotate(A_[at(i) * n_ + t1], A_[at(i) * n_ + t2]);
   }
   rotate(b_[at(cone.t1)], b_[at(cone.t2)]);
@@ -397,14 +397,14 @@ void Dantzig::turn_axes(const BoxedProblem& problem, const FrictionCone& cone, T
   now.s = now.s * c + c_now * s;
 }
 
-// The box's x and w in the problem's axes.
-void Dantzig::unturn(const BoxedProblem& problem, std::span<double> x, std::span<double> w) const {
+// Rotates the box's x and w back into the problem's axes.
+void Dantzig::rotate_back(const BoxedProblem& problem, std::span<double> x, std::span<double> w) const {
   std::copy(box_.x.begin(), box_.x.end(), x.begin());
   std::copy(box_.w.begin(), box_.w.end(), w.begin());
-  for (std::size_t k = 0; k < turned_.size(); ++k) {
+  for (std::size_t k = 0; k < rotated_.size(); ++k) {
     const FrictionCone& cone = problem.cones[k];
     if (cone.t2 < 0) continue;
-    const Turned& now = turned_[k];
+    const Rotated& now = rotated_[k];
     const Friction f = friction(cone, now);
     x[at(cone.t1)] = now.c * f.x1 - now.s * f.x2;
     x[at(cone.t2)] = now.s * f.x1 + now.c * f.x2;

@@ -32,7 +32,7 @@ Spatial spatial(const Vector3d& linear, const Vector3d& angular) {
   return {linear[0], linear[1], linear[2], angular[0], angular[1], angular[2]};
 }
 
-/// How far a joint is from what it wants, in its frame on the parent. What the joint leaves free is exactly zero.
+/// Error of a joint in its frame on the parent. Exactly zero in free directions.
 Spatial local_error(const Joint& joint) {
   const Motion6 e = joint.error();
   const Vector3d linear = joint.R_parent.transpose() * e.linear, angular = joint.R_parent.transpose() * e.angular;
@@ -46,7 +46,7 @@ void set_beta(const Vector3d& O, Forest::Node& node) {
   const Spatial& c = node.local;
   const Vector3d linear = node.R * Vector3d(c[0], c[1], c[2]), angular = node.R * Vector3d(c[3], c[4], c[5]);
   node.beta = spatial(linear + (node.p - O).cross(angular), angular);
-  node.bent = c != Spatial{};
+  node.has_beta = c != Spatial{};
 }
 
 int freedoms_of(JointType type) {
@@ -92,7 +92,7 @@ Forest::Forest(std::span<const RigidBody> bodies, std::span<const Joint> joints)
     node_of_[index(body)] = static_cast<int>(nodes_.size());
     nodes_.push_back(node);
   };
-  // Depth first, so that a tree's nodes lie together, parents before children.
+  // Depth first, so that the nodes of a tree are contiguous, parents before children.
   const auto grow = [&](const auto& self, int body) -> void {
     for (std::size_t j = 0; j < joints.size(); ++j) {
       if (used[j]) continue;
@@ -116,7 +116,7 @@ Forest::Forest(std::span<const RigidBody> bodies, std::span<const Joint> joints)
     trees_.push_back(tree);
   };
 
-  for (std::size_t j = 0; j < joints.size(); ++j) {  // trees that are carried
+  for (std::size_t j = 0; j < joints.size(); ++j) {  // trees on a carrier
     const Joint& joint = joints[j];
     const bool child_moves = is_dynamic(joint.child), parent_moves = is_dynamic(joint.parent);
     if (child_moves == parent_moves) continue;
@@ -127,7 +127,7 @@ Forest::Forest(std::span<const RigidBody> bodies, std::span<const Joint> joints)
     grow(grow, body);
     end_tree(tree);
   }
-  for (std::size_t b = 0; b < bodies.size(); ++b) {  // and those that float
+  for (std::size_t b = 0; b < bodies.size(); ++b) {  // floating trees
     const int body = static_cast<int>(b);
     if (!is_dynamic(body) || tree_of_[b] >= 0) continue;
     bool joined = false;
@@ -228,7 +228,7 @@ void Forest::factor(Tree& tree) {
       freedom.D = inertia + freedom.softness;
       freedom.inverse_D = freedom.inverse_root_D = 0;
       if (freedom.locked) continue;
-      double scale = freedom.softness;  // what is left of it by rounding is no inertia
+      double scale = freedom.softness;  // rounding of this size is not an inertia
       for (std::size_t i = 0; i < 6; ++i) scale += freedom.S[i] * freedom.S[i] * diagonal[i];
       if (!(freedom.D > 1e-13 * scale)) {
         ++tree.degenerate;
@@ -276,7 +276,7 @@ void Forest::solve(const Tree& tree, std::span<const RigidBody> bodies) {
     if (node.parent < 0) continue;
     Spatial& onto = nodes_[static_cast<std::size_t>(node.parent)].pending;
     add(onto, 1, F);
-    if (!node.bent) continue;
+    if (!node.has_beta) continue;
     Spatial bent;
     multiply(node.IA, node.beta, bent);
     add(onto, -1, bent);
@@ -291,7 +291,7 @@ void Forest::solve(const Tree& tree, std::span<const RigidBody> bodies) {
     } else {
       node.V = {};
     }
-    if (node.bent) add(node.V, 1, node.beta);
+    if (node.has_beta) add(node.V, 1, node.beta);
     for (int k = node.first; k < node.first + node.count; ++k) {
       Freedom& freedom = freedoms_[static_cast<std::size_t>(k)];
       const double carried = dot(freedom.U, node.V);
@@ -315,7 +315,7 @@ void Forest::store(const Tree& tree, std::span<RigidBody> bodies) const {
   }
 }
 
-void Forest::bend(const Tree& tree, std::span<const Joint> joints, double rate) {
+void Forest::correct_beta(const Tree& tree, std::span<const Joint> joints, double rate) {
   for (int n = tree.first; n < tree.end; ++n) {
     Node& node = nodes_[static_cast<std::size_t>(n)];
     if (node.joint < 0) continue;
@@ -324,28 +324,28 @@ void Forest::bend(const Tree& tree, std::span<const Joint> joints, double rate) 
   }
 }
 
-void Forest::straighten(const Tree& tree) {
+void Forest::clear_beta(const Tree& tree) {
   for (int n = tree.first; n < tree.end; ++n) {
     nodes_[static_cast<std::size_t>(n)].beta = {};
-    nodes_[static_cast<std::size_t>(n)].bent = false;
+    nodes_[static_cast<std::size_t>(n)].has_beta = false;
   }
 }
 
-void Forest::expect(const Tree& tree, std::span<const Joint> joints, double h) {
+void Forest::predict_beta(const Tree& tree, std::span<const Joint> joints, double h) {
   for (int n = tree.first; n < tree.end; ++n) {
     Node& node = nodes_[static_cast<std::size_t>(n)];
     if (node.joint < 0) continue;
     node.start = {};
     add(node.start, -node.sign / h, local_error(joints[static_cast<std::size_t>(node.joint)]));
     node.local = node.start;
-    add(node.local, 3, node.curve[0]);  // a parabola's next place
+    add(node.local, 3, node.curve[0]);  // extrapolation by a parabola
     add(node.local, -3, node.curve[1]);
     add(node.local, 1, node.curve[2]);
     set_beta(tree.O, node);
   }
 }
 
-void Forest::start(const Tree& tree) {
+void Forest::restart_beta(const Tree& tree) {
   for (int n = tree.first; n < tree.end; ++n) {
     Node& node = nodes_[static_cast<std::size_t>(n)];
     if (node.joint < 0) continue;
@@ -354,7 +354,7 @@ void Forest::start(const Tree& tree) {
   }
 }
 
-void Forest::remember(const Tree& tree, std::span<const Joint> joints, double h) {
+void Forest::store_beta(const Tree& tree, std::span<const Joint> joints, double h) {
   for (int n = tree.first; n < tree.end; ++n) {
     Node& node = nodes_[static_cast<std::size_t>(n)];
     if (node.joint < 0) continue;
@@ -366,7 +366,7 @@ void Forest::remember(const Tree& tree, std::span<const Joint> joints, double h)
   }
 }
 
-void Forest::forget(const Tree& tree) {
+void Forest::clear_history(const Tree& tree) {
   for (int n = tree.first; n < tree.end; ++n) {
     Node& node = nodes_[static_cast<std::size_t>(n)];
     std::fill(std::begin(node.curve), std::end(node.curve), Spatial{});
@@ -377,7 +377,7 @@ void Forest::push(const Tree& tree, Node& node, const Vector3d& impulse, const V
   add(node.F, 1, spatial(impulse, moment + (p - tree.O).cross(impulse)));
 }
 
-void Forest::respond(const Tree& tree, int node, Spatial f, double sign, double* y) const {
+void Forest::add_response(const Tree& tree, int node, Spatial f, double sign, double* y) const {
   while (node >= 0) {
     const Node& at = nodes_[static_cast<std::size_t>(node)];
     for (int k = at.first + at.count - 1; k >= at.first; --k) {

@@ -10,49 +10,49 @@
 
 namespace cotwin::contact_world {
 
-/// A spatial vector at a tree's origin O, linear first: the twist of a body's point at O, or a force or impulse with its moment
-/// about O.
+/// A spatial vector at a tree's origin O, linear part first: a twist (velocity of the point at O), or a force or impulse with
+/// its moment about O.
 using Spatial = std::array<double, 6>;
 
-/// Bodies that joints hang together without loops, solved exactly in O(n). Of all velocities that the joints permit, the
-/// solution is the one nearest to the free velocities in the measure of the kinetic energy:
+/// Open trees of bodies and joints, solved exactly in O(n). Among the velocities that the joints permit, the solution is
+/// closest to the free velocities ν* in kinetic energy:
 ///   min ½ (ν − ν*)ᵀ M (ν − ν*)   with   V_i = V_parent + β_i + Σ_k S_k s_k
-/// by articulated inertias (Featherstone), leaf to root and back, in maximal coordinates: impulses of the joints are equal and
-/// opposite at one point, so momentum is kept to rounding whatever β.
+/// Uses articulated-body inertias (Featherstone), from leaf to root and back, in maximal coordinates. Joint impulses are equal
+/// and opposite at one point, so momentum is conserved to rounding for any β.
 class Forest {
  public:
-  /// One direction in which a joint, or a tree's free root, lets its body move against its parent.
+  /// One direction in which a joint, or a tree's free root, lets its body move relative to its parent.
   struct Freedom {
     Spatial S{};          // unit twist
-    double softness = 0;  // N.m.s.s/rad …: impulse against the motion per speed, of dampers and springs
+    double softness = 0;  // impulse against the motion per speed, of dampers and springs; for example N.m.s.s/rad
     double tau = 0;       // impulse along S
-    bool locked = false;  // moves at `target` whatever it takes
+    bool locked = false;  // moves at `target` for any impulse
     double target = 0;
     double s = 0;                                     // result: speed along S
-    double impulse = 0;                               // result where locked: what it took
+    double impulse = 0;                               // result if locked: the impulse along S
     Spatial U{};                                      // I^A S
     double D = 0, inverse_D = 0, inverse_root_D = 0;  // 0 where locked or without inertia
   };
 
   struct Node {
     int body = -1;
-    int parent = -1;   // node; −1: the carrier below, or nothing
-    int carrier = -1;  // body that is not dynamic and carries the root by a joint; −1: the world, or nothing at a free root
-    int joint = -1;    // −1: a free root
-    double sign = 1;   // −1 where the joint's parent is the node's body
+    int parent = -1;           // node; −1: the carrier below, or nothing
+    int carrier = -1;          // body that is not dynamic and carries the root through a joint; −1: the world, or a free root
+    int joint = -1;            // −1: free root
+    double sign = 1;           // −1 where the joint's parent is the node's body
     int first = 0, count = 0;  // its freedoms
-    bool bent = false;         // β is not zero
+    bool has_beta = false;     // β ≠ 0
     Spatial beta{};
-    Matrix3d R = Matrix3d::Identity();  // R_WP' of the joint's frame on its parent, when placed
-    Vector3d p = Vector3d::Zero();      // and where the child's anchor was
-    Spatial local{};                    // β seen from there
-    Spatial start{};                    // of it, what makes up for the error at the step's start
-    Spatial curve[3]{};                 // and the rest in the last steps, the latest first
-    Spatial F{};                        // momentum of the free motion and all impulses on the body
+    Matrix3d R = Matrix3d::Identity();  // R_WP' of the joint's frame on its parent, at the last place()
+    Vector3d p = Vector3d::Zero();      // the child's anchor, at the last place()
+    Spatial local{};                    // β in the joint's frame
+    Spatial start{};                    // part of `local` that corrects the error at the start of the step
+    Spatial curve[3]{};                 // remaining part in the last three steps, latest first
+    Spatial F{};                        // momentum of the free motion plus all impulses on the body
     Spatial V{};                        // result
     std::array<double, 36> inertia{};   // of the body at O
-    std::array<double, 36> IA{};        // articulated, without what its freedoms let go
-    Spatial pending{};                  // of F, what the node hands on to its parent
+    std::array<double, 36> IA{};        // articulated-body inertia, without the directions of its freedoms
+    Spatial pending{};                  // part of F that the node passes to its parent
   };
 
   struct Tree {
@@ -63,10 +63,10 @@ class Forest {
     int degenerate = 0;  // freedoms without inertia
   };
 
-  /// Takes all joints between dynamic bodies, or a dynamic one and the rest, that close no loop. Each tree is rooted where it
-  /// is carried, if it is; else at its first body.
+  /// Builds trees from all joints that have a dynamic body and close no loop. The root of a tree is a body that a static or
+  /// driven body or the world carries, otherwise its first body.
   Forest(std::span<const RigidBody> bodies, std::span<const Joint> joints);
-  static Forest none(std::size_t bodies, std::size_t joints);  // without a tree
+  static Forest none(std::size_t bodies, std::size_t joints);  // empty forest
 
   std::span<Tree> trees() { return trees_; }
   std::span<const Tree> trees() const { return trees_; }
@@ -78,33 +78,34 @@ class Forest {
   int freedom_of(int joint) const { return freedom_of_[static_cast<std::size_t>(joint)]; }  // of a joint with an axis; −1: none
   bool closes_loop(int joint) const { return closing_[static_cast<std::size_t>(joint)]; }
 
-  /// Inertias and directions at the bodies' present poses and the joints' places.
+  /// Computes inertias and directions for the bodies' present poses and the joints' frames.
   void place(Tree& tree, std::span<const RigidBody> bodies, std::span<const Joint> joints);
-  /// For the present locks and softnesses.
+  /// Factorises for the present locks and softnesses.
   void factor(Tree& tree);
-  /// F := momentum of the bodies' present twists.
+  /// Sets F to the momentum of the bodies' present twists.
   void load_momenta(const Tree& tree, std::span<const RigidBody> bodies);
-  /// V, s and impulses from F, τ, β, targets.
+  /// Computes V, s and impulses from F, τ, β and targets.
   void solve(const Tree& tree, std::span<const RigidBody> bodies);
-  /// The bodies' twists := V.
+  /// Sets the bodies' twists to V.
   void store(const Tree& tree, std::span<RigidBody> bodies) const;
 
-  /// β += rate · the joints' present errors.
-  void bend(const Tree& tree, std::span<const Joint> joints, double rate);
-  void straighten(const Tree& tree);
-  /// β := what the last three steps suggest, and what makes up for the joints' present errors, in a step h.
-  void expect(const Tree& tree, std::span<const Joint> joints, double h);
-  /// β := what makes up for the joints' errors at the step's start.
-  void start(const Tree& tree);
-  /// Keeps β for the next steps; the joints are where it brought them.
-  void remember(const Tree& tree, std::span<const Joint> joints, double h);
-  void forget(const Tree& tree);
-  /// F of a node += an impulse and an angular impulse at p, all in W.
+  /// β += rate · present errors of the joints.
+  void correct_beta(const Tree& tree, std::span<const Joint> joints, double rate);
+  void clear_beta(const Tree& tree);
+  /// Sets β to its extrapolation from the last three steps plus the correction of the joints' present errors in a step h.
+  void predict_beta(const Tree& tree, std::span<const Joint> joints, double h);
+  /// Sets β to the correction of the joints' errors at the start of the step.
+  void restart_beta(const Tree& tree);
+  /// Stores β for the next steps; the joints are in their final positions.
+  void store_beta(const Tree& tree, std::span<const Joint> joints, double h);
+  void clear_history(const Tree& tree);
+  /// Adds an impulse and an angular impulse at p, in W, to F of a node.
   void push(const Tree& tree, Node& node, const Vector3d& impulse, const Vector3d& moment, const Vector3d& p);
 
-  /// y += sign · what a unit impulse f (at O) on a node does to the tree's freedoms, in coordinates in which its inertia is the
-  /// unit matrix: for two rows, y_a · y_b is their entry of J M⁻¹ Jᵀ, joints eliminated. y has one number a freedom.
-  void respond(const Tree& tree, int node, Spatial f, double sign, double* y) const;
+  /// Adds sign · response of the tree's freedoms to a unit impulse f (at O) on a node to y, in coordinates in which the inertia
+  /// is the unit matrix: for two rows, y_a · y_b is their element of J M⁻¹ Jᵀ with the joints eliminated. y: one element per
+  /// freedom.
+  void add_response(const Tree& tree, int node, Spatial f, double sign, double* y) const;
 
  private:
   Forest(std::size_t bodies, std::size_t joints);

@@ -7,7 +7,7 @@ namespace {
 
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
-// Two numbers at a time in two partial sums, which the compiler may not do by itself. Rows start anywhere.
+// Two elements at a time in two partial sums, a reordering that the compiler may not do. Rows have no alignment.
 using Two [[gnu::vector_size(16)]] = double;
 using Pair [[gnu::aligned(8), gnu::may_alias]] = Two;
 
@@ -30,7 +30,7 @@ void IncrementalLdl::reserve(int n) {
   const std::size_t size = at(n);
   if (size <= stride_) return;
   stride_ = size;
-  L_.resize((size + 1) * size);  // the candidate has a slot of its own
+  L_.resize((size + 1) * size);  // one more slot for the candidate
   d_.resize(size);
   d_inverse_.resize(size);
   p_.resize(size);
@@ -47,11 +47,11 @@ void IncrementalLdl::clear(int n) {
   m_ = ascending_ = 0;
   candidate_ = -1;
   std::fill_n(position_.begin(), n, -1);
-  for (std::size_t i = 0; i <= at(n) && i < slot_.size(); ++i) slot_[i] = i;  // the candidate has one, too
+  for (std::size_t i = 0; i <= at(n) && i < slot_.size(); ++i) slot_[i] = i;  // including the candidate's
 }
 
 double IncrementalLdl::pivot(int i, const double* a, double diagonal, RowProfile profile) {
-  // L D l = A_Fi by rows; y = D l stands in l meanwhile, from its first number that is not zero.
+  // Solves L D l = A_Fi by rows; l stores y = D l meanwhile, from its first nonzero element.
   double* l = L(m_);
   int first = m_;
   const auto rows = row_.begin();
@@ -98,7 +98,7 @@ void IncrementalLdl::append() {
 }
 
 void IncrementalLdl::remove(int i) {
-  // With row and column k gone, the rows below keep their part left of k; right of it
+  // Without row and column k, the rows below keep their part left of k; right of it
   //   L' D' L'ᵀ = L D Lᵀ + d_k l lᵀ,  l = L(·, k)
   // [Gill, Golub, Murray, Saunders 1974, method C1], here row by row.
   const int k = position_[at(i)];
@@ -124,7 +124,7 @@ void IncrementalLdl::remove(int i) {
     position_[at(row_[at(r)])] = r - 1;
   }
   const std::size_t freed = slot_[at(k)];
-  std::copy(slot_.begin() + k + 1, slot_.begin() + m_ + 1, slot_.begin() + k);  // the candidate's slot moves along
+  std::copy(slot_.begin() + k + 1, slot_.begin() + m_ + 1, slot_.begin() + k);  // also moves the candidate's slot
   slot_[at(m_)] = freed;
   position_[at(i)] = -1;
   candidate_ = -1;

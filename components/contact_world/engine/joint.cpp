@@ -11,7 +11,7 @@ namespace {
 
 using scene::JointType;
 
-/// What one step brings together, m or rad.
+/// Largest distance that one step corrects, m or rad.
 constexpr double kAtOnce = 2e-3;
 
 int body_index(const scene::Joint& joint, int body, std::span<const RigidBody> bodies) {
@@ -35,14 +35,14 @@ Joint::Joint(const scene::Joint& joint, std::span<const RigidBody> bodies)
       friction(joint.friction),
       damping(joint.damping) {
   const std::string where = "joint " + joint.name;
-  if (parent == child) throw Error(where, "joins a body to itself, expected two bodies");
-  if (!is_rotation(joint.X_PJ.R) || !is_rotation(joint.X_CJ.R)) throw Error(where, "a frame's matrix is no rotation");
-  if (!joint.X_PJ.p.allFinite() || !joint.X_CJ.p.allFinite()) throw Error(where, "a frame's place is not finite");
+  if (parent == child) throw Error(where, "parent and child are the same body, expected two bodies");
+  if (!is_rotation(joint.X_PJ.R) || !is_rotation(joint.X_CJ.R)) throw Error(where, "the matrix of a frame is no rotation");
+  if (!joint.X_PJ.p.allFinite() || !joint.X_CJ.p.allFinite()) throw Error(where, "the position of a frame is not finite");
   Pose X_JZ;
   if (has_axis()) {
     if (!(std::abs(joint.axis.norm() - 1) < 1e-9)) throw Error(where, "the axis is no unit vector");
     X_JZ.R = Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), joint.axis).toRotationMatrix();
-    if (!(q_min <= q_max)) throw Error(where, "its lower limit is above the upper one");
+    if (!(q_min <= q_max)) throw Error(where, "the lower limit is above the upper limit");
     if (!(friction >= 0) || !(damping >= 0)) throw Error(where, "friction or damping is negative, expected >= 0");
   }
   X_PJ_ = on_body(parent, joint.X_PJ * X_JZ, bodies);
@@ -92,7 +92,7 @@ double Joint::speed(std::span<const RigidBody> bodies) const {
   if (type != JointType::kPrismatic) return 0;
   Vector3d v = Vector3d::Zero();
   if (b != nullptr) v += b->v + b->w.cross(p_child - b->p);
-  if (a != nullptr) v -= a->v + a->w.cross(p_child - a->p);  // of the parent's point under the child's anchor
+  if (a != nullptr) v -= a->v + a->w.cross(p_child - a->p);  // velocity of the parent's point at the child's anchor
   return axis().dot(v);
 }
 

@@ -13,25 +13,24 @@ struct Motion6 {
   Vector3d angular = Vector3d::Zero();
 };
 
-/// A joint between two rigid bodies: where it stands on both, and how far they are from satisfying it. Joint frames are turned
-/// so that the axis is their z.
+/// A joint between two rigid bodies: its frames on both bodies and its error. The z axis of both frames is the joint's axis.
 class Joint {
  public:
-  /// Throws Error if the bodies do not exist or are one and the same, the axis is no unit vector, or a frame is no rotation.
+  /// Throws Error if the bodies do not exist or are the same, the axis is no unit vector, or a frame is no rotation.
   Joint(const scene::Joint& joint, std::span<const RigidBody> bodies);
 
   bool has_axis() const { return type == scene::JointType::kRevolute || type == scene::JointType::kPrismatic; }
 
-  /// Anchors and axes of the bodies' present poses; −1 as a body is the world. Then q, which is continued from its last value,
-  /// so that it counts turns.
+  /// Computes anchors and axes from the bodies' present poses (body −1 is the world), then q. A revolute q continues from its
+  /// last value and thus counts turns.
   void place(std::span<const RigidBody> bodies);
   void measure();
   /// q̇ of the bodies' present twists.
   double speed(std::span<const RigidBody> bodies) const;
 
-  /// How far the child is from where the joint wants it, at the parent's anchor; the angle as its sine. What the joint leaves
-  /// free is zero. Bodies that start far apart are brought together by a part of their distance a step: what is left for the
-  /// next ones is no error of this one.
+  /// Displacement of the child from its position in the joint, at the parent's anchor; the angle as its sine. Free directions
+  /// are zero. Bodies that start far apart approach each other by a limited distance per step; the rest is not part of the
+  /// error.
   Motion6 error() const;
   void begin_step();
   double gap() const;  // m, of the anchors
@@ -50,7 +49,7 @@ class Joint {
   Motion6 distance() const;
 
   bool far_ = false;
-  Motion6 left_;      // of the error, for later steps; in the joint's frame on the parent
+  Motion6 left_;      // part of the error left to later steps; in the joint's frame on the parent
   Pose X_PJ_, X_CJ_;  // joint frames on the bodies' frames P
 };
 

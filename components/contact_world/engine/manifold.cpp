@@ -14,13 +14,13 @@ using Eigen::Vector3d;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// Corners so little outside of an outline (of the smaller one's size) are on it. It decides whether a corner or an edge names
-/// the point, so corners that lie on each other do not change names with each rounding.
+/// Corners up to this distance outside of an outline (relative to the smaller size) are on it. The tolerance keeps the ids of
+/// coincident corners independent of rounding.
 constexpr double kOn = 1e-7;
 
 double cross(const Vector2d& a, const Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); }
 
-/// Where the polygon's plane is at u, along n.
+/// Height along n of a polygon's plane at u.
 class Plane {
  public:
   Plane(const Feature& feature, const Vector3d& n, const Vector3d& t1, const Vector3d& t2) {
@@ -36,7 +36,7 @@ class Plane {
   double height_;
 };
 
-/// Radius across n of what has this feature as a line: 0 for an edge.
+/// Radius across n of a core's line: 0 for an edge.
 double curvature(const Placed& piece) {
   return piece.convex->core == Core::kCylinder ? piece.convex->radius : piece.convex->round;
 }
@@ -48,7 +48,7 @@ void Manifold::reserve(std::size_t corners) {
   a_.corners.reserve(corners);
   b_.corners.reserve(corners);
   sides_.reserve(corners);
-  points_.reserve(3 * corners);  // each side may cut off one corner and leave two
+  points_.reserve(3 * corners);  // clipping by a side replaces one corner by up to two
   kept_.reserve(3 * corners);
   found_.reserve(3 * corners);
 }
@@ -67,7 +67,7 @@ void Manifold::outline(const Feature& feature, bool clockwise) {
   }
 }
 
-/// Sutherland and Hodgman 1974: cuts the polygon of points_ by one side after the other.
+/// Clips the polygon of points_ by one side after the other (Sutherland and Hodgman 1974).
 void Manifold::clip(std::uint32_t own_face) {
   double own = 0, other = 0;
   for (const Point& p : points_) own = std::max(own, (p.u - points_[0].u).squaredNorm());
@@ -93,7 +93,7 @@ void Manifold::clip(std::uint32_t own_face) {
           cut.u = p.u + h / (h - h_next) * (next.u - p.u);
           const bool at_start = (cut.u - side.u).squaredNorm() <= on * on;
           const bool at_end = (cut.u - sides_[(s + 1) % sides_.size()].u).squaredNorm() <= on * on;
-          if (p.on_other || at_start || at_end) {  // the other's corner, above our face
+          if (p.on_other || at_start || at_end) {  // the other's corner, above this face
             const bool start = p.on_other ? p.edge == before : at_start;
             cut.part_own = static_cast<std::uint32_t>(Part::kFace);
             cut.part_other = static_cast<std::uint32_t>(Part::kVertex) | (start ? side.vertex : after);
@@ -120,13 +120,13 @@ void Manifold::clip(std::uint32_t own_face) {
 }
 
 void Manifold::polygons(const Vector3d& n, double round_a, double round_b) {
-  constexpr double kClearly = 1e-4;  // parallel faces do not change roles with each rounding
+  constexpr double kClearly = 1e-4;  // parallel faces keep their roles despite rounding
   const bool clip_a = -b_.n.dot(n) > a_.n.dot(n) + kClearly;
   const Feature& own = clip_a ? a_ : b_;
   const Feature& other = clip_a ? b_ : a_;
   points_.clear();
   const std::size_t count = own.corners.size();
-  for (std::size_t k = 0; k < count; ++k) {  // counter-clockwise seen against n, both
+  for (std::size_t k = 0; k < count; ++k) {  // both counter-clockwise seen against n
     const std::size_t i = clip_a ? k : count - 1 - k;
     Point p;
     p.u = across(own.corners[i].p);
@@ -137,7 +137,7 @@ void Manifold::polygons(const Vector3d& n, double round_a, double round_b) {
   }
   outline(other, clip_a);
   clip(own.face);
-  double extent = 0;  // where corners only graze each other, the points have no names that last
+  double extent = 0;  // points of outlines that only touch at corners have no stable ids
   for (const Point& p : points_) extent = std::max(extent, (p.u - points_[0].u).squaredNorm());
   if (extent <= on_ * on_) return;
   const Plane plane_a(a_, n, t1_, t2_), plane_b(b_, n, t1_, t2_);
@@ -153,7 +153,7 @@ void Manifold::polygons(const Vector3d& n, double round_a, double round_b) {
   }
 }
 
-/// The part of a segment (or of a point) above a polygon. Swapped: the segment is b's.
+/// Adds the part of a segment (or of a point) above a polygon. Swapped: the segment belongs to b.
 void Manifold::segment_on_polygon(const Feature& segment, const Feature& polygon, bool swapped, const Vector3d& n,
                                   double round_a, double round_b) {
   outline(polygon, !swapped);
@@ -174,7 +174,7 @@ void Manifold::segment_on_polygon(const Feature& segment, const Feature& polygon
     if (h1 < -on && cut < to) to = cut, part_to = Part::kEdge, side_to = side.edge;
   }
   if (from > to) return;
-  // Past a corner that it only grazes, the point has no name of its own on the outline.
+  // A segment that only touches a corner of the outline has no stable id there.
   if (segment.corners.size() > 1 && (to - from) * along.norm() <= on) return;
   const Plane plane(polygon, n, t1_, t2_);
   const auto push = [&](double t, Part part, std::uint32_t side, const Corner& corner) {
@@ -195,7 +195,7 @@ void Manifold::segment_on_polygon(const Feature& segment, const Feature& polygon
   if (segment.corners.size() > 1 && to > from) push(to, part_to, side_to, last);
 }
 
-/// Two segments: where they cross, or, nearly parallel, the two ends of what they share.
+/// Adds the crossing of two segments, or both ends of their common part if they are nearly parallel.
 void Manifold::segments(const Vector3d& n, double round_a, double round_b) {
   const Vector3d a = a_.corners[0].p, along_a = a_.corners[1].p - a, b = b_.corners[0].p, along_b = b_.corners[1].p - b;
   const Vector2d u = across(along_a), v = across(along_b), w = across(b - a);
@@ -218,7 +218,7 @@ void Manifold::segments(const Vector3d& n, double round_a, double round_b) {
   }
   const double vv = v.squaredNorm();
   if (uu == 0 || vv == 0) return;
-  const double b0 = u.dot(w) / uu, b1 = u.dot(w + v) / uu;  // b's ends on a
+  const double b0 = u.dot(w) / uu, b1 = u.dot(w + v) / uu;  // b's ends along a
   const double from = std::max(0.0, std::min(b0, b1)), to = std::min(1.0, std::max(b0, b1));
   if (from > to + kOn) return;
   for (const double t : {from, to}) {
@@ -271,8 +271,8 @@ void Manifold::on_plane(const Placed& plane, const Placed& b, const Vector3d& n,
   choose(margin, touches);
 }
 
-/// Four of the points that hold a body best: the deepest, the one farthest from it, and the two that enclose most area with
-/// these, one to each side. Among (nearly) equals the first in the order of ids, so that rounding does not choose.
+/// Selects four of the points: the deepest, the one farthest from it, and on each side of these two the one that encloses the
+/// largest area. Among (nearly) equal points the lowest id, so that rounding does not decide.
 double Manifold::choose(double margin, std::vector<Touch>& touches) {
   double smallest = kInfinity;
   for (const Touch& t : found_) smallest = std::min(smallest, t.gap);

@@ -15,36 +15,37 @@ struct Touch {
   std::uint64_t id = 0;
 };
 
-/// Features of a and of b as one number: which kind, which one.
+/// Features of a and b encoded in one number: kind and index of each.
 enum class Part : std::uint32_t { kVertex = 0, kEdge = 1u << 30, kFace = 2u << 30, kWhole = 3u << 30 };
 inline std::uint64_t touch_id(Part part_a, std::uint32_t a, Part part_b, std::uint32_t b) {
   return std::uint64_t{static_cast<std::uint32_t>(part_a) | a} << 32 | (static_cast<std::uint32_t>(part_b) | b);
 }
 
-/// Contact points between two features along the common normal n (from a to b): where their outlines, seen along n, bound what
-/// they share.
+/// Contact points between two features along the common normal n (from a to b): corners of the intersection of their outlines
+/// projected along n.
 class Manifold {
  public:
-  /// For features of at most so many corners: no allocation below.
+  /// Allocates for features of up to this number of corners.
   void reserve(std::size_t corners);
 
-  /// Finds `a` and `b` facing each other along n, and appends to `touches` the points whose gap is at most `margin`: at most
-  /// four. Returns the smallest gap of all points before that choice; infinity if the features, seen along n, do not meet.
+  /// Finds the features of `a` and `b` that face each other along n and appends at most four points with a gap of at most
+  /// `margin` to `touches`. Returns the smallest gap of all points before that selection; infinity if the projected features
+  /// are disjoint.
   double find(const Placed& a, const Placed& b, const Eigen::Vector3d& n, double margin, std::vector<Touch>& touches);
 
-  /// Of the deepest point of the last find(): how far across n the other's face reaches around it, if it is a corner above a
-  /// face; else 0.
+  /// For the deepest point of the last find(): the distance across n from a corner to the border of the face above it; 0 if the
+  /// point is not a corner at a face.
   double room() const { return room_; }
 
-  /// The same against a half-space that ends at the plane through `a.p` with normal n.
+  /// As find() for a half-space bounded by the plane through `a.p` with normal n.
   void on_plane(const Placed& plane, const Placed& b, const Eigen::Vector3d& n, double margin, std::vector<Touch>& touches);
 
  private:
   struct Point {
     Eigen::Vector2d u;             // in the plane across n
-    std::uint32_t part_own = 0;    // of the outline that is clipped: its vertex or the edge that the point is on
-    std::uint32_t part_other = 0;  // of the clipping outline: its face, an edge, a vertex
-    std::uint32_t edge = 0;        // from here to the next point; of the other outline if `on_other`
+    std::uint32_t part_own = 0;    // on the clipped outline: its vertex or the edge of the point
+    std::uint32_t part_other = 0;  // on the clipping outline: its face, an edge, a vertex
+    std::uint32_t edge = 0;        // from here to the next point; an edge of the clipping outline if `on_other`
     bool on_other = false;
   };
   struct Side {  // of the clipping outline
@@ -62,13 +63,13 @@ class Manifold {
   Eigen::Vector2d across(const Eigen::Vector3d& p) const { return {t1_.dot(p), t2_.dot(p)}; }
 
   Feature a_, b_;
-  double curved_ = 0;        // sum of the radii of two lines that meet
-  Eigen::Vector3d t1_, t2_;  // complete n to a right-handed frame
+  double curved_ = 0;        // sum of the radii of two lines in contact
+  Eigen::Vector3d t1_, t2_;  // right-handed frame with n
   std::vector<Point> points_, kept_;
   std::vector<Side> sides_;
   std::vector<Touch> found_;
   double room_ = 0;
-  double on_ = 0;  // m: so far from an outline is on it
+  double on_ = 0;  // m; points this close to an outline are on it
 };
 
 }  // namespace cotwin::contact_world

@@ -12,9 +12,9 @@ namespace {
 
 using Eigen::Vector3d;
 
-/// The point of a pair that can have only one, or where features do not meet; p_b is on the core of b. Takes the place of the
-/// nearest of four.
-void touch_once(const Separation& s, double round_a, double round_b, double margin, std::vector<Touch>& touches) {
+/// Adds the single point of a pair whose features give none; p_b is on the core of b. If there are four points already, it
+/// replaces the nearest.
+void add_single_point(const Separation& s, double round_a, double round_b, double margin, std::vector<Touch>& touches) {
   const double gap = s.gap - round_a - round_b;
   if (!(gap < margin)) return;
   const Touch touch{s.p_b - s.n * (round_b + gap / 2), gap, touch_id(Part::kWhole, 0, Part::kWhole, 0)};
@@ -41,13 +41,13 @@ Vector3d Pair::find(const Placed& a, const Placed& b, double margin, std::vector
     for (Touch& t : touches) t.id = t.id << 32 | t.id >> 32;
     return n;
   }
-  const Vector3d n = ordered(a, b, margin, touches);
-  const bool inside = !touches.empty() && (leans_into_covered(a, n) || leans_into_covered(b, -n));
-  return inside ? along_uncovered(a, b, margin, touches) : n;
+  const Vector3d n = find_ordered(a, b, margin, touches);
+  const bool inside = !touches.empty() && (points_out_of_covered(a, n) || points_out_of_covered(b, -n));
+  return inside ? find_on_uncovered(a, b, margin, touches) : n;
 }
 
-/// For a piece that touches others of its body: only its outer faces push, and only what lies on them.
-Vector3d Pair::along_uncovered(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches) {
+/// For shapes that share faces with others of their body: uses the normals of uncovered faces only.
+Vector3d Pair::find_on_uncovered(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches) {
   touches.clear();
   Separation best;
   best.gap = -std::numeric_limits<double>::infinity();
@@ -64,8 +64,8 @@ Vector3d Pair::along_uncovered(const Placed& a, const Placed& b, double margin, 
   return best.n;
 }
 
-/// The pairs from the simplest core of a to the richest.
-Vector3d Pair::ordered(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches) {
+/// Finds the points of a pair whose cores are in ascending order.
+Vector3d Pair::find_ordered(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches) {
   const double round_a = a.convex->round, round_b = b.convex->round;
   if (a.convex->core == Core::kPlane) {
     const Vector3d n = a.R.col(2);
@@ -76,34 +76,34 @@ Vector3d Pair::ordered(const Placed& a, const Placed& b, double margin, std::vec
     Separation s = of_point(b, a.p);
     s.p_b = a.p - s.n * s.gap;
     s.n = -s.n;
-    touch_once(s, round_a, round_b, margin, touches);
+    add_single_point(s, round_a, round_b, margin, touches);
     return s.n;
   }
   const double core_margin = margin + round_a + round_b;
   if (b.convex->core == Core::kSegment) {
     const Separation s = between_segments(a.p, a.R.col(2), a.convex->half, b.p, b.R.col(2), b.convex->half);
-    if (s.gap < core_margin) complete(a, b, s, margin, touches);
+    if (s.gap < core_margin) add_points(a, b, s, margin, touches);
     return s.n;
   }
   const std::size_t pairs_of_edges = a.convex->polytope.edges.size() * b.convex->polytope.edges.size();
   constexpr std::size_t kMany = 4000;
   if (a.convex->core == Core::kPolytope && pairs_of_edges < kMany) {
     Separation s = along_axes(a, b, margin);
-    if (!(s.gap < margin) || complete(a, b, s, margin, touches)) return s.n;
+    if (!(s.gap < margin) || add_points(a, b, s, margin, touches)) return s.n;
     bool certain = false;
     s = improve(a, b, s, certain);
     touches.clear();
-    if (s.gap < margin) complete(a, b, s, margin, touches);
+    if (s.gap < margin) add_points(a, b, s, margin, touches);
     return s.n;
   }
-  // Along the best guess first. If two points meet there at the gap, nothing is better for what is apart; for what
-  // interpenetrates nothing is that tilts it by less than 90 degrees if a face reaches farther around the deepest corner than
-  // that is deep.
+  // Start with the best guess. If two points have that gap, the guess is optimal for separated shapes. For interpenetrating
+  // shapes it is better than all directions within 90 degrees if the face around the deepest corner extends farther than the
+  // penetration is deep.
   const Separation guess = best_guess(a, b, core_margin);
   if (!(guess.gap < core_margin)) return guess.n;
   const double size = std::min(a.convex->extent.norm(), b.convex->extent.norm());
   constexpr double kDeep = 1e-2;  // of the smaller one's size
-  bool certain = guess.gap > -kDeep * size && complete(a, b, guess, margin, touches);
+  bool certain = guess.gap > -kDeep * size && add_points(a, b, guess, margin, touches);
   if (certain && manifold_.room() >= -guess.gap) return guess.n;
   Separation s = improve(a, b, guess, certain);
   if (s.gap < -kDeep * size) {  // the best direction may be anywhere
@@ -111,24 +111,24 @@ Vector3d Pair::ordered(const Placed& a, const Placed& b, double margin, std::vec
     s = improve(a, b, expand(a, b, s), certain);
   }
   touches.clear();
-  if (s.gap < core_margin) complete(a, b, s, margin, touches);
+  if (s.gap < core_margin) add_points(a, b, s, margin, touches);
   return s.n;
 }
 
-/// Uphill from `start`: by features, and if they leave doubt by Bullet and then by features.
+/// Improves `start` by refine(); if the result is not certain, by climb() and refine() again.
 Separation Pair::improve(const Placed& a, const Placed& b, const Separation& start, bool& certain) {
   Separation s = refine(a, b, start, certain, scratch_);
   if (!certain) s = refine(a, b, climb(a, b, s), certain, scratch_);
   return s;
 }
 
-/// The points of the features along s.n, and the nearest ones themselves unless they are among these. Returns whether they are.
-bool Pair::complete(const Placed& a, const Placed& b, const Separation& s, double margin, std::vector<Touch>& touches) {
+/// Adds the features' points along s.n, and the nearest points unless these are among them. Returns whether they are.
+bool Pair::add_points(const Placed& a, const Placed& b, const Separation& s, double margin, std::vector<Touch>& touches) {
   const double round_a = a.convex->round, round_b = b.convex->round;
   const double deepest = manifold_.find(a, b, s.n, margin, touches);
   const double kRounding = 1e-9 * std::min(a.convex->extent.norm(), b.convex->extent.norm());
   const bool held = deepest <= s.gap - round_a - round_b + kRounding;
-  if (!held) touch_once(s, round_a, round_b, margin, touches);
+  if (!held) add_single_point(s, round_a, round_b, margin, touches);
   return held;
 }
 

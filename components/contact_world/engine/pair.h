@@ -8,19 +8,19 @@
 
 namespace cotwin::contact_world {
 
-/// Contact points of two placed pieces.
+/// Contact points of two placed shapes.
 class Pair {
  public:
   void reserve(std::size_t corners);
 
-  /// Replaces `touches` by the points whose gap is below `margin`, and returns their common normal from a to b.
+  /// Replaces `touches` by the points with a gap below `margin`; returns their common normal from a to b.
   Eigen::Vector3d find(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches);
 
  private:
-  Eigen::Vector3d ordered(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches);
-  Eigen::Vector3d along_uncovered(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches);
+  Eigen::Vector3d find_ordered(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches);
+  Eigen::Vector3d find_on_uncovered(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches);
   Separation improve(const Placed& a, const Placed& b, const Separation& start, bool& certain);
-  bool complete(const Placed& a, const Placed& b, const Separation& s, double margin, std::vector<Touch>& touches);
+  bool add_points(const Placed& a, const Placed& b, const Separation& s, double margin, std::vector<Touch>& touches);
 
   Manifold manifold_;
   Feature scratch_;

@@ -7,13 +7,13 @@
 namespace cotwin::contact_world {
 namespace {
 
-/// An island of more rows than this is swept: A is dense, and a pivot costs the square of its size.
+/// Larger islands use sweeps: A is dense, and a pivot costs the square of its size.
 constexpr std::size_t kRowsToPivot = 600;
 
 std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
-/// Tangents that joints let move along one direction alone get as softness this share of what they can move: across it
-/// rounding alone would drive friction to its cone.
+/// Softness, relative to their mobility, of tangents that joints allow to move along one direction only: across it, rounding
+/// would drive friction to its cone.
 constexpr double kAcross = 1e-9;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
@@ -28,7 +28,7 @@ using Two [[gnu::vector_size(16)]] = double;
 using AlignedPair [[gnu::may_alias]] = Two;
 using Pair [[gnu::aligned(8), gnu::may_alias]] = Two;
 
-/// A (3 x 3, rows `stride` apart) += the products of three rows of six numbers in a with three in b, which are sides.
+/// A (3 x 3, rows `stride` apart) += a bᵀ for sides a and b of three rows with six elements each.
 void add_products_of_six(const double* a, const double* b, double* A, std::size_t stride) {
   const auto* B = reinterpret_cast<const AlignedPair*>(b);
   for (int i = 0; i < 3; ++i) {
@@ -66,7 +66,7 @@ Rows::Outcome Rows::pivot(int iterations, double tolerance) {
   return all;
 }
 
-// A = Y Yᵀ of the island's rows, a block for each two boxes or cones that have a body (or tree) in common.
+// A = Y Yᵀ of the island's rows: one block for each two boxes or cones with a common body or tree.
 void Rows::assemble(const Island& island) {
   if (assembled_) return;
   assembled_ = islands_.size() == 1;
@@ -120,7 +120,7 @@ void Rows::assemble(const Island& island) {
     }
   }
   diagonal_.resize(n);
-  for (std::size_t i = 0; i < n; ++i) {  // so far only blocks left of the diagonal and on it
+  for (std::size_t i = 0; i < n; ++i) {  // mirror the blocks left of the diagonal
     for (std::size_t j = index(profile_[i].begin); j < i; ++j) A_[j * n + i] = A_[i * n + j];
     diagonal_[i] = A_[i * n + i];
   }
@@ -137,7 +137,7 @@ void Rows::add_block(const Side& left, int rows, const Side& right, int columns,
   }
 }
 
-// Whether two bodies without any load between them would close several of their contacts.
+// Returns whether two bodies without impulses between them would close several of their contacts.
 bool Rows::newly_loaded(const Island& island) const {
   for (std::size_t i = island.first_cone, next = i; i < island.end_cone; i = next) {
     const ConeRow& first = cones_[cores_[i].row];
@@ -154,8 +154,8 @@ bool Rows::newly_loaded(const Island& island) const {
   return false;
 }
 
-// The island as a boxed problem. Pivoting would give a new load to as few of the contacts as can carry it, and rest on a box's
-// diagonal, where rounding tips it. Sweeps give it to all, and where it is inside of their cones it stays.
+// Solves the island as a boxed problem. From zero, pivoting would load as few contacts as possible, for example two opposite
+// corners of a box, where rounding tips it. Sweeps first distribute a new load over all contacts.
 Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance) {
   int sweeps = 0;
   if (newly_loaded(island)) {

@@ -10,13 +10,13 @@ namespace {
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 
-constexpr double kFarthest =
-    1e8;  // may a row's √A_ii x_i go in one step, of the largest |b_j| / √A_jj: mass ratios beyond are none
-constexpr double kTrust = 1e-6;     // of a row's w may be left by the step that should make it 0
-constexpr int kFreedomsOfPair = 6;  // of two bodies against each other: further rows between them depend on those
-constexpr int kChanges = 40;        // of the basis, after which it is factored anew
+// Longest step of √A_ii x_i, relative to the largest |b_j| / √A_jj; longer steps result from rounding.
+constexpr double kFarthest = 1e8;
+constexpr double kTrust = 1e-6;     // of |w_i|: larger remainders after the step to w_i = 0 trigger a new factorisation
+constexpr int kFreedomsOfPair = 6;  // between two bodies; further rows of the pair are dependent
+constexpr int kChanges = 40;        // of the basis before a new factorisation
 
-// Two numbers at a time in two partial sums, which the compiler may not do by itself. Rows start anywhere.
+// Two elements at a time in two partial sums, a reordering that the compiler may not do. Rows have no alignment.
 using Two [[gnu::vector_size(16)]] = double;
 using Pair [[gnu::aligned(8), gnu::may_alias]] = Two;
 
@@ -30,7 +30,7 @@ void Pivoting::reserve(int n) {
   state_.reserve(size);
   in_basis_.reserve(size);
   factored_.reserve(size);
-  ldl_.reserve(n);  // empties it where it grows
+  ldl_.reserve(n);  // becomes empty if it grows
   version_ = 0;
 }
 
@@ -59,17 +59,17 @@ bool Pivoting::solve(const BoxedSystem& system, int limit) {
     evaluate();  // without the rounding of the pivots
     if (!settle()) return false;
     for (State& state : state_) {
-      if (state == State::kContradicting && refinement == 0) state = State::kParked;  // what blocks may have changed
+      if (state == State::kContradicting && refinement == 0) state = State::kParked;  // the blocking rows may have changed
     }
   }
   return true;
 }
 
-// What depends on A's diagonal alone.
+// Computes the scales that depend on A's diagonal alone.
 void Pivoting::measure() {
   double largest = 0;
   for (int i = 0; i < n_; ++i) largest = std::max(largest, row(i)[i]);
-  noise_ = 4 * kEpsilon * largest;  // of sums of products that should be 0
+  noise_ = 4 * kEpsilon * largest;  // rounding of sums of products
   for (int i = 0; i < n_; ++i) {
     scale_[at(i)] = 1 / std::sqrt(std::max({row(i)[i], noise_, std::numeric_limits<double>::min()}));
   }
@@ -104,7 +104,7 @@ void Pivoting::find_basis() {
   version_ = system_.version;
 }
 
-// Those of the free rows that do not depend on others are the basis; the others are parked.
+// Factorises the independent free rows as the basis; parks the others.
 void Pivoting::factor() {
   ldl_.clear(n_);
   changes_ = 0;
@@ -128,7 +128,7 @@ void Pivoting::evaluate() {
   b_scale_ = 0;
   for (int i = 0; i < n_; ++i) {
     const double* a = row(i);
-    Two s01{system_.b[i], 0}, s23{0, 0};  // by rows and with zeros, so that no NaN of A goes unseen
+    Two s01{system_.b[i], 0}, s23{0, 0};  // over whole rows including zeros, so that every NaN of A is found
     const int end = system_.profile[i].end;
     int j = system_.profile[i].begin;
     for (; j + 4 <= end; j += 4) {
@@ -176,8 +176,8 @@ int Pivoting::next() const {
   return worst;
 }
 
-// The position of the basis that reaches its bound first on the way `dx` (by position), if it does so within `length`, which is
-// shortened to that; else −1.
+// Returns the position of the basis row that reaches its bound first along `dx` (by position) within `length`, and shortens
+// `length` to that; −1 if there is none.
 int Pivoting::blocking(const double* dx, double& length) const {
   const bool lowest_index = stalls_ > n_;
   int first = -1;
@@ -186,7 +186,7 @@ int Pivoting::blocking(const double* dx, double& length) const {
     if (std::abs(dx[p]) <= 0) continue;
     const double t = std::max(0.0, ((dx[p] > 0 ? hi[j] : lo[j]) - x[j]) / dx[p]);
     if (t > length || t == kInfinity) continue;
-    if (t == length && first >= 0) {  // of equals the one with the largest pivot, or the lowest index
+    if (t == length && first >= 0) {  // ties: the largest pivot, or the lowest index
       const std::size_t f = at(ldl_.row(first));
       if (lowest_index ? f < j : std::abs(dx[first]) * scale_[j] >= std::abs(dx[p]) * scale_[f]) continue;
     }
@@ -203,7 +203,7 @@ void Pivoting::add_column(int j, double dx) {
   for (int i = system_.profile[j].begin; i < system_.profile[j].end; ++i) y[i] += dx * a[i];
 }
 
-// w += Σ dx_p A_p over the basis, and x alike.
+// w += Σ dx_p A_p and x += dx over the basis.
 void Pivoting::add_columns(const double* dx) {
   const int m = ldl_.size();
   double* const y = w.data();
@@ -236,7 +236,7 @@ void Pivoting::to_bound(int i, bool high) {
   state_[at(i)] = high ? State::kHigh : State::kLow;
 }
 
-// Brings w of the basis to 0; rows that reach a bound on the way leave it.
+// Brings w of the basis to 0; rows that reach a bound leave the basis.
 bool Pivoting::settle() {
   while (ldl_.size() > 0) {
     const int m = ldl_.size();
@@ -256,7 +256,7 @@ bool Pivoting::settle() {
   return true;
 }
 
-// Drives w_i to 0 by moving x_i inwards, the basis following such that its w stays 0.
+// Drives w_i to 0 by moving x_i inwards; the basis follows so that its w stays 0.
 bool Pivoting::enter(int i) {
   const std::size_t k = at(i);
   const double sign = w[k] < 0 ? 1 : -1;
@@ -272,13 +272,13 @@ bool Pivoting::enter(int i) {
     for (int p = 0; p < m; ++p) {
       double& dx = dx_[at(p)];
       dx *= -sign;
-      // Of a null direction the components that are rounding must not be taken for blocking ones.
+      // Components of a null direction that are rounding must not block.
       if (dependent && std::abs(dx) * scale_[k] < 1e-6 * scale_[at(ldl_.row(p))]) dx = 0;
     }
     const double own = sign > 0 ? hi[k] - x[k] : x[k] - lo[k], full = dependent ? kInfinity : std::abs(w[k]) / d;
     double length = std::min(own, full);
     const int first = blocking(dx_.data(), length);
-    if (!(length <= kFarthest * b_scale_ * scale_[k])) {  // without end, or to where only rounding would lead
+    if (!(length <= kFarthest * b_scale_ * scale_[k])) {  // unbounded, or beyond the accuracy of A
       state_[k] = State::kContradicting;
       return true;
     }
@@ -303,7 +303,7 @@ bool Pivoting::enter(int i) {
       return true;
     } else {
       state_[k] = State::kFree;
-      if (std::abs(w[k]) > kTrust * full * d || ++changes_ > kChanges) {  // updates have worn the factors
+      if (std::abs(w[k]) > kTrust * full * d || ++changes_ > kChanges) {  // updates have degraded the factors
         factor();
         evaluate();
         return settle();

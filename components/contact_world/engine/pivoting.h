@@ -8,7 +8,7 @@
 
 namespace cotwin::contact_world {
 
-/// A and b of a boxed problem as BoxedProblem has them, with a profile of each row.
+/// A and b of a BoxedProblem with a profile for each row.
 struct BoxedSystem {
   const double* A = nullptr;
   const double* b = nullptr;
@@ -18,25 +18,25 @@ struct BoxedSystem {
 };
 
 /// Dantzig's pivoting for constant bounds:  w = A x + b,  lo ≤ x ≤ hi;  w_i ≥ 0 where x_i = lo_i, ≤ 0 where x_i = hi_i, 0
-/// between. The friction cones around it are dantzig.h's. Use: begin(), fill x, lo and hi, solve().
+/// between. Friction cones: dantzig.h. Usage: begin(), set x, lo and hi, solve().
 class Pivoting {
  public:
   void reserve(int n);
-  /// A new problem of n rows; x, lo, hi and w have n elements of unknown value. tolerance, pivot_tolerance: Dantzig::Options.
+  /// Starts a problem of n rows; x, lo, hi and w have n unspecified elements. tolerance, pivot_tolerance: Dantzig::Options.
   void begin(int n, double tolerance, double pivot_tolerance);
 
   std::vector<double> x, lo, hi;  // n; lo ≤ hi
   std::vector<double> w;          // n; after solve()
 
-  /// With x as start, brought within its bounds; what is strictly inside them is the first basis. Returns false at `limit`
-  /// pivots since begin(); x is then the best so far. May be called again with changed A, b, x, lo, hi.
+  /// Starts from x clamped to its bounds; the rows strictly inside them form the first basis. Returns false after `limit`
+  /// pivots since begin(), with the best x so far. May be called again with changed A, b, x, lo, hi.
   bool solve(const BoxedSystem& system, int limit);
 
   enum class State : char { kFree, kLow, kHigh, kFixed, kParked, kContradicting };
   State state(int i) const { return state_[static_cast<std::size_t>(i)]; }
-  /// By how much w_i violates its condition, in w's measure.
+  /// Violation of row i's condition, in the measure of w.
   double violation(int i) const;
-  /// What counts as zero of w_i.
+  /// Largest |w_i| that counts as zero.
   double zero(int i) const { return zero_[static_cast<std::size_t>(i)]; }
   int pivots() const { return pivots_; }
   int count(State state) const;
@@ -66,10 +66,10 @@ class Pivoting {
   BoxedSystem system_;
   double tolerance_ = 0, pivot_tolerance_ = 0, noise_ = 0, b_scale_ = 0;
   std::vector<double> zero_, scale_, dx_;
-  std::vector<int> in_basis_;  // rows of each pair
+  std::vector<int> in_basis_;  // rows in the basis per pair of bodies
   std::vector<State> state_;
-  std::vector<State> factored_;  // state_ when ldl_ was made,
-  std::uint64_t version_ = 0;    // and of which A; 0: unknown, or rows have entered or left since
+  std::vector<State> factored_;  // state_ at the time of the factorisation
+  std::uint64_t version_ = 0;    // of A at that time; 0: unknown, or rows have entered or left since
   IncrementalLdl ldl_;
 };
 

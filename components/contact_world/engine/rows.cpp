@@ -8,8 +8,8 @@
 namespace cotwin::contact_world {
 namespace {
 
-/// Rows that others imply, or that held axes leave next to nothing to move, get as softness this share of what they could move
-/// if nothing held their bodies; the others none.
+/// Softness of redundant rows, relative to the mobility that their bodies would have without constraints. Also used for rows
+/// whose mobility held axes reduce to almost nothing; other rows have no such softness.
 constexpr double kRegular = 1e-9;
 
 double regular(double A, double free) { return std::max(0.0, kRegular * free - 1e-3 * A); }
@@ -22,7 +22,7 @@ double dot(const double* a, const double* b, int n) {
   return sum;
 }
 
-/// J M⁻¹ Jᵀ of a row if its bodies were free: never less than what joints leave of it.
+/// J M⁻¹ Jᵀ of a row for free bodies: an upper bound of its value with joints.
 double free_inverse_inertia(std::span<const RigidBody> bodies, int a, int b, const Vector3d& d, const Vector3d& m,
                             const Vector3d& p) {
   double sum = 0;
@@ -35,7 +35,7 @@ double free_inverse_inertia(std::span<const RigidBody> bodies, int a, int b, con
   return sum;
 }
 
-/// Of a row, velocity of b against a; bodies below 0 stand still.
+/// Velocity of b relative to a in a row; bodies below 0 are at rest.
 struct Relative {
   Relative(std::span<const RigidBody> bodies, int a, int b, const Vector3d& p) {
     if (b >= 0) {
@@ -52,8 +52,8 @@ struct Relative {
   Vector3d v = Vector3d::Zero(), w = Vector3d::Zero();
 };
 
-/// A spring and a damper over half a step: x = −h/2 (k (gap + θ h u) + d u). With θ = 0 Verlet's, which keeps energy but needs
-/// h ω < 2; the stiffer the contact against the inertia behind it, the more implicit.
+/// Spring and damper over half a step: x = −h/2 (k (gap + θ h u) + d u). θ = 0 is Verlet's scheme, which conserves energy but
+/// requires h ω < 2; θ grows with the stiffness relative to the inertia behind the contact.
 void soften(ConeRow& row, double A_nn, double h) {
   const double stiffness = h * h * row.stiffness * A_nn;  // (h ω)²
   const double theta = std::max(0.0, 1 - 0.5 / stiffness);
@@ -68,7 +68,7 @@ Rows::Rows(std::span<const RigidBody> bodies, const Forest& forest) : slice_of_b
   int offset = 0;
   const auto add_slice = [&](int size) {
     slices_.push_back({offset, size});
-    offset += size + size % 2;  // pairs stay aligned
+    offset += size + size % 2;  // keeps pairs aligned
   };
   for (const Forest::Tree& tree : forest.trees()) add_slice(tree.end_freedom - tree.first_freedom);
   for (std::size_t b = 0; b < bodies.size(); ++b) {
@@ -77,7 +77,7 @@ Rows::Rows(std::span<const RigidBody> bodies, const Forest& forest) : slice_of_b
     slice_of_body_[b] = tree >= 0 ? tree : static_cast<int>(slices_.size());
     if (tree < 0) add_slice(6);
   }
-  for (std::vector<double>* z : {&z_, &z_before_, &z_way_}) z->resize(index(offset));
+  for (std::vector<double>* z : {&z_, &z_before_, &z_path_}) z->resize(index(offset));
   latest_.resize(index(offset), -1);
   users_.resize(index(offset), {0, 0});
   parent_.resize(slices_.size());
@@ -104,7 +104,7 @@ void Rows::Outcome::add(const Outcome& other) {
 }
 
 void Rows::clear() {
-  std::swap(boxes_, sorted_boxes_);  // update() may take from them what it needs
+  std::swap(boxes_, sorted_boxes_);  // input of update()
   boxes_.clear();
   cones_.clear();
 }
@@ -124,7 +124,7 @@ void Rows::join(int body_a, int body_b) {
   parent_[index(std::max(x, y))] = std::min(x, y);
 }
 
-// Islands in the order of their lowest slice, rows in the order in which they came: a function of the rows alone.
+// Islands in the order of their lowest slice, rows in the order of addition: depends on the rows alone.
 void Rows::find_islands() {
   for (std::size_t i = 0; i < parent_.size(); ++i) parent_[i] = static_cast<int>(i);
   for (const BoxRow& row : boxes_) join(row.a, row.b);
@@ -174,7 +174,7 @@ void Rows::make_side(std::span<const RigidBody> bodies, const Forest& forest, in
   if (t >= 0) {
     const Forest::Tree& tree = forest.trees()[index(t)];
     const Vector3d moment = m + (p - tree.O).cross(d);
-    forest.respond(tree, forest.node_of(body), {d[0], d[1], d[2], moment[0], moment[1], moment[2]}, sign, y);
+    forest.add_response(tree, forest.node_of(body), {d[0], d[1], d[2], moment[0], moment[1], moment[2]}, sign, y);
     return;
   }
   const RigidBody& b = bodies[index(body)];
@@ -199,7 +199,7 @@ void Rows::make_sides(int a, int b, std::size_t rows, Side* sides) {
   }
 }
 
-/// Of a cone whose bodies no joint holds: both sides and A at once. The columns of d are orthonormal.
+/// Computes both sides and A of a cone between bodies without joints. The columns of d are orthonormal.
 void Rows::make_free_sides(std::span<const RigidBody> bodies, const ConeRow& row, Core& core) {
   double inverse_mass = 0;
   Matrix3d A = Matrix3d::Zero();
@@ -274,14 +274,14 @@ void Rows::make_sides(std::span<const RigidBody> bodies, const Forest& forest, c
   core.moves = A[0] + A[3] + A[5] > 0;
 }
 
-/// What a cone takes from its row.
-void Rows::load(Core& core, double h) {
+/// Copies the row of a cone into its core and derives softness and bounds.
+void Rows::load_row(Core& core, double h) {
   ConeRow& row = cones_[core.row];
   if (row.soft) soften(row, core.A_nn, h);
   core.target = row.target;
   core.softness = row.softness + core.regular;
   core.inverse_nn = 1 / (core.A_nn + core.softness);
-  core.mu = core.moves ? row.mu : 0;  // where nothing can move, nothing rubs
+  core.mu = core.moves ? row.mu : 0;  // no friction without mobility
   core.lo = row.lo;
   core.shift = 0;
   std::copy(row.x, row.x + 3, core.x);
@@ -315,17 +315,17 @@ void Rows::prepare(std::span<const RigidBody> bodies, const Forest& forest, doub
     } else {
       make_free_sides(bodies, row, core);
     }
-    const double ridge = 1e-12 * (core.A_11 + core.A_22);  // their block may have rank one
+    const double ridge = 1e-12 * (core.A_11 + core.A_22);  // the tangents' block may have rank one
     core.A_11 += ridge;
     core.A_22 += ridge;
     const double trace = core.A_11 + core.A_22, determinant = core.A_11 * core.A_22 - core.A_12 * core.A_12;
-    // Across the only way that joints leave, rounding would be pushed against up to the cone: there the impulse stays.
+    // Across the only mobile direction, rounding would drive the impulse to the cone: it keeps its value there.
     core.one_way = determinant < kRegular * trace * trace;
     const double inverse = 1 / (core.one_way ? trace * trace : determinant);
     core.inverse_11 = (core.one_way ? core.A_11 : core.A_22) * inverse;
     core.inverse_12 = (core.one_way ? core.A_12 : -core.A_12) * inverse;
     core.inverse_22 = (core.one_way ? core.A_22 : core.A_11) * inverse;
-    load(core, h);
+    load_row(core, h);
   }
 }
 
@@ -349,7 +349,7 @@ bool Rows::update(double h) {
     row.inverse_A = 1 / (row.A + row.softness);
   }
   std::swap(boxes_, sorted_boxes_);
-  for (Core& core : cores_) load(core, h);
+  for (Core& core : cores_) load_row(core, h);
   return true;
 }
 

@@ -12,13 +12,13 @@
 
 namespace cotwin::contact_world {
 
-/// One body's part in a row: `y` numbers of its slice of coordinates, in which inertia is the unit matrix.
+/// One body's part of a row: `y` are coefficients in its slice of coordinates, in which the inertia is the unit matrix.
 struct Side {
-  int offset = 0, size = 0;  // of the slice; size 0: the body has none
-  std::size_t y = 0;         // where in the arena
+  int offset = 0, size = 0;  // of the slice; size 0: no slice
+  std::size_t y = 0;         // index in the array of all coefficients
 };
 
-/// One direction in which two bodies may be kept from moving against each other, with bounds on the impulse x:
+/// One direction of relative motion of two bodies, constrained with bounds on the impulse x:
 ///   u + softness · x = target   where lo < x < hi;   ≥ target where x = lo;   ≤ target where x = hi
 /// u = d · (velocity of b − velocity of a, at p) + m · (angular velocity of b − that of a).
 struct BoxRow {
@@ -27,38 +27,38 @@ struct BoxRow {
   double target = 0, softness = 0;
   double lo = -std::numeric_limits<double>::infinity(), hi = std::numeric_limits<double>::infinity();
   double x = 0;
-  double applied = 0;  // of x, what the bodies' velocities have already
-  double u = 0;        // at the coordinates' origin
+  double applied = 0;  // part of x that the bodies' velocities contain already
+  double u = 0;        // velocity at z = 0
   double A = 0, inverse_A = 0;
-  double regular = 0;  // of the softness
+  double regular = 0;  // regularisation, part of the softness
   bool redundant = false;
   Side side[2];
-  int origin = 0;  // how many had been added before it
+  int origin = 0;  // index in the order of addition
   int island = 0;
 };
 
-/// One contact point: impulse x along the normal (from a to b) and two tangents, in Coulomb's cone:
-///   u_n + softness · x_n ≥ target ⟂ x_n ≥ lo,   |x_t| ≤ μ x_n,   u_t against x_t where that is reached
+/// One contact point: impulses x along the normal (from a to b) and two tangents, in Coulomb's cone:
+///   u_n + softness · x_n ≥ target ⟂ x_n ≥ lo,   |x_t| ≤ μ x_n,   u_t opposite to x_t if |x_t| = μ x_n
 struct ConeRow {
   int a = -1, b = -1;
   Matrix3d d;  // columns n, t1, t2 in W
   Vector3d p;
   double gap = 0;
-  bool soft = false;  // by stiffness and damping, N/m and N.s/m; target and softness follow in prepare()
+  bool soft = false;  // with stiffness and damping, N/m and N.s/m; prepare() computes target and softness from them
   double stiffness = 0, damping = 0;
   double target = 0, softness = 0, mu = 0;
-  double lo = 0;  // ≤ 0; Dantzig takes 0
+  double lo = 0;  // ≤ 0; Dantzig uses 0
   double x[3] = {}, applied[3] = {};
-  int point = 0;  // which contact of the step
+  int point = 0;  // index of the step's contact
   int island = 0;
 };
 
-/// The rows of one solution of a step, and their solvers.
+/// The constraint rows of one stage of a step, and their solvers.
 class Rows {
  public:
   Rows(std::span<const RigidBody> bodies, const Forest& forest);
 
-  /// Allocates for so many contact points and box rows now.
+  /// Allocates for this number of contact points and box rows.
   void reserve(std::size_t cones, std::size_t boxes, bool pivoting);
 
   void clear();
@@ -71,12 +71,12 @@ class Rows {
   std::span<BoxRow> boxes() { return boxes_; }
   std::span<ConeRow> cones() { return cones_; }
 
-  /// Sorts the rows by islands and computes what depends on poses and on the trees' factors.
+  /// Sorts the rows by islands and computes all that depends on poses and on the trees' factors.
   void prepare(std::span<const RigidBody> bodies, const Forest& forest, double h);
-  /// The same with what prepare() computed last, where poses and the trees' factors are those of then. False if the rows lie
-  /// elsewhere: nothing has changed.
+  /// As prepare(), but reuses its last results for equal poses and factors. Returns false and changes nothing if the rows
+  /// differ in bodies, directions or points.
   bool update(double h);
-  /// u of every row from the bodies' present twists.
+  /// Computes u of every row from the bodies' present twists.
   void measure(std::span<const RigidBody> bodies);
 
   struct Outcome {
@@ -88,8 +88,7 @@ class Rows {
   Outcome sweep(int iterations, double tolerance);
   Outcome pivot(int iterations, double tolerance);
 
-  /// Adds what x has gained since it was applied last to the bodies' velocities: free bodies directly, those of trees as
-  /// impulses in F.
+  /// Applies the changes of x since the last call: to the velocities of free bodies, and as impulses in F to bodies of trees.
   void apply(std::span<RigidBody> bodies, Forest& forest);
 
  private:
@@ -100,21 +99,21 @@ class Rows {
     int offset = 0, size = 0;
   };
   enum class Hold : char { kOpen, kSticks, kSlips };
-  /// What the sweeps read and write of a cone, in the order of the sweeps.
+  /// Data of a cone that the sweeps read and write, in the order of the sweeps.
   struct Core {
-    alignas(16) double x[4], change[4],
-        way[4];               // x; what the last sweep changed of it; how far it came with what followed. [3] is 0
-    alignas(16) double b[4];  // u at the coordinates' origin, less the target; [3] is 0
+    // Impulse, its change in the last sweep, and its change over the sweeps including extrapolation; element 3 is 0.
+    alignas(16) double x[4], change[4], path[4];
+    alignas(16) double b[4];  // velocity at z = 0 minus the target; [3] is 0
     double target, softness, mu, lo;
     double A_nn, A_n1, A_n2, A_11, A_12, A_22;  // of J M⁻¹ Jᵀ
     double inverse_11, inverse_12, inverse_22;  // of the tangents' block
-    double inverse_nn, shift;                   // shift: what keeps the tangents' impulse on the cone, last time
-    double regular;                             // of the softness
-    bool redundant, moves, one_way;             // moves: it can at all; one_way: its tangents do along one direction alone
-    Hold hold;                                  // after the last sweep
+    double inverse_nn, shift;        // shift: multiplier that keeps the tangential impulse on the cone, from the last solution
+    double regular;                  // regularisation, part of the softness
+    bool redundant, moves, one_way;  // moves: has a mobility; one_way: its tangents move along one direction only
+    Hold hold;                       // after the last sweep
     Side side[2];
     std::size_t row;  // in cones_
-    int point;        // that row's, when prepare() was called
+    int point;        // of the row at the time of prepare()
   };
 
   int slice_of(int body) const { return body < 0 ? -1 : slice_of_body_[static_cast<std::size_t>(body)]; }
@@ -126,7 +125,7 @@ class Rows {
   void make_sides(int a, int b, std::size_t rows, Side* sides);
   void make_free_sides(std::span<const RigidBody> bodies, const ConeRow& row, Core& core);
   void make_sides(std::span<const RigidBody> bodies, const Forest& forest, const ConeRow& row, Core& core);
-  void load(Core& core, double h);
+  void load_row(Core& core, double h);
   void push(const Core& core, const double* change);
   double velocity(const double* y, const Side& side) const;
   void push(const double* y, const Side& side, double x);
@@ -134,14 +133,14 @@ class Rows {
   template <int kSizeA, int kSizeB>
   double solve(Core& core);
   double solve_any(Core& core);
-  void start(const Island& island);
-  void begin_following(const Island& island);
+  void apply_start(const Island& island);
+  void begin_acceleration(const Island& island);
   struct Shares {
-    double of_change = 0, of_way = 0;
+    double of_change = 0, of_path = 0;
   };
-  double square_of_changes(const Island& island) const;
-  Shares best_shares(const Island& island) const;
-  void follow(const Island& island, Shares shares);
+  double squared_change(const Island& island) const;
+  Shares optimal_shares(const Island& island) const;
+  void extrapolate(const Island& island, Shares shares);
   Outcome sweep(const Island& island, int iterations, double tolerance);
   Outcome pivot(const Island& island, int iterations, double tolerance);
   bool newly_loaded(const Island& island) const;
@@ -151,10 +150,10 @@ class Rows {
 
   std::vector<Slice> slices_;
   std::vector<int> slice_of_body_, parent_;
-  std::vector<double> z_;                 // gained since measure()
-  std::vector<double> z_before_, z_way_;  // before the last sweep, and over the sweeps
+  std::vector<double> z_;                  // change of the coordinates since measure()
+  std::vector<double> z_before_, z_path_;  // z_ before the last sweep, and its change over the sweeps
   std::vector<double> y_;
-  std::vector<BoxRow> boxes_, sorted_boxes_;  // sorted by islands; while rows are added, as they were prepared last
+  std::vector<BoxRow> boxes_, sorted_boxes_;  // sorted by islands; while rows are added: those of the last prepare()
   std::vector<ConeRow> cones_;
   std::vector<Core> cores_;  // sorted by islands
   std::vector<Island> islands_;
@@ -163,14 +162,14 @@ class Rows {
   Dantzig dantzig_;
   std::vector<double> A_, b_, lo_, hi_, x_, w_;
   std::vector<RowProfile> profile_;  // of A_
-  std::vector<int> pairs_;           // of bodies, of its rows
+  std::vector<int> pairs_;           // pair of bodies of each row of A_
   std::uint64_t version_ = 0;        // of A_
   std::vector<double> diagonal_;     // of A_ without softness
-  bool linear_ = false;              // in the last sweep no contact opened, closed or slipped, nor began to stick
-  bool assembled_ = false;           // A_ is that of the only island, as it was prepared
+  bool linear_ = false;              // no contact opened, closed, slipped or began to stick in the last sweep
+  bool assembled_ = false;           // A_ belongs to the only island, as prepared
   std::vector<FrictionCone> friction_;
-  std::vector<RowProfile> users_;     // of assemble(): the rows of each slice, from the first to the last
-  std::vector<int> latest_, before_;  // the last side in each slice, and the one before each side, or −1
+  std::vector<RowProfile> users_;     // work array of assemble(): first and last row of each slice
+  std::vector<int> latest_, before_;  // last side in each slice, and the previous side of each side, or −1
 };
 
 }  // namespace cotwin::contact_world

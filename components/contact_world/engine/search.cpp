@@ -1,4 +1,4 @@
-// The searches of separation.h that need Bullet: its GJK and EPA are templates in headers, so nothing of it must be linked.
+// The searches of separation.h that use Bullet. Its GJK and EPA are header-only templates; no library is linked.
 #include <BulletCollision/NarrowPhaseCollision/btGjkEpa3.h>
 
 #include <Eigen/Geometry>
@@ -17,8 +17,8 @@ using Eigen::Vector3d;
 btVector3 to_bullet(const Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 Vector3d from_bullet(const btVector3& v) { return {v.x(), v.y(), v.z()}; }
 
-/// What Bullet's templates ask of a convex set. The core is moved and magnified: their tolerances are lengths of 10⁻⁴, as built
-/// in as 10⁻⁴ of the distance, and the caller chooses the working point where neither matters.
+/// Convex set in the form that Bullet's templates expect: the core, translated and scaled. Bullet's tolerances are 10⁻⁴,
+/// absolute and relative to the distance; the caller chooses translation and scale so that neither matters.
 class Magnified {
  public:
   Magnified(const Placed& piece, const Vector3d& shift, double scale) : piece_(piece), shift_(shift), scale_(scale) {}
@@ -32,8 +32,8 @@ class Magnified {
   const double scale_;
 };
 
-/// A less B, whose distance to the origin is theirs. (btGjkEpaSolver3_Distance would make one itself, but leave a flag of it
-/// undefined.)
+/// The Minkowski difference of A and B. (btGjkEpaSolver3_Distance would create one itself, but leaves one of its flags
+/// uninitialised.)
 MinkowskiDiff<Magnified> difference(const Magnified& A, const Magnified& B) {
   MinkowskiDiff<Magnified> difference(A, B);
   difference.EnableMargin(false);
@@ -51,7 +51,7 @@ double gap_along(const Placed& a, const Placed& b, const Vector3d& n) { return n
 Separation best_guess(const Placed& a, const Placed& b, double margin) {
   Separation best;
   best.gap = -std::numeric_limits<double>::infinity();
-  const auto offer = [&](const Vector3d& direction) {
+  const auto try_direction = [&](const Vector3d& direction) {
     const double length = direction.norm();
     if (!(length > 1e-9) || best.gap > margin) return;
     const Vector3d n = direction / length;
@@ -59,30 +59,31 @@ Separation best_guess(const Placed& a, const Placed& b, double margin) {
     if (gap > best.gap) best.n = n, best.gap = gap;
   };
   const Vector3d way = b.p - a.p;
-  const auto offer_own = [&](const Placed& piece, double sign) {
+  const auto try_axes_of = [&](const Placed& piece, double sign) {
     const Convex& c = *piece.convex;
-    for (const scene::Polytope::Face& face : c.polytope.faces) offer(sign * (piece.R * face.n));
+    for (const scene::Polytope::Face& face : c.polytope.faces) try_direction(sign * (piece.R * face.n));
     if (c.core != Core::kPolytope) {
       const Vector3d axis = piece.R.col(2);
-      if (c.core == Core::kCylinder) offer(axis * std::copysign(1.0, axis.dot(way)));
-      offer((way - axis * axis.dot(way)) / std::max(way.norm(), 1e-300));
+      if (c.core == Core::kCylinder) try_direction(axis * std::copysign(1.0, axis.dot(way)));
+      try_direction((way - axis * axis.dot(way)) / std::max(way.norm(), 1e-300));
     }
   };
-  offer_own(a, 1);
-  offer_own(b, -1);
+  try_axes_of(a, 1);
+  try_axes_of(b, -1);
   if (a.convex->core != Core::kPolytope && b.convex->core != Core::kPolytope) {
     const Vector3d across = a.R.col(2).cross(b.R.col(2));
-    offer(across * std::copysign(1.0, across.dot(way)));
+    try_direction(across * std::copysign(1.0, across.dot(way)));
   }
-  offer(way / std::max(way.norm(), 1e-300));
-  if (std::isinf(best.gap)) offer(Vector3d::UnitZ());
+  try_direction(way / std::max(way.norm(), 1e-300));
+  if (std::isinf(best.gap)) try_direction(Vector3d::UnitZ());
   best.p_b = support(b, -best.n);
   return best;
 }
 
 Separation climb(const Placed& a, const Placed& b, const Separation& start) {
-  // Moved to a distance of 10⁻⁵ of the size, which is 1 for Bullet, its relative error of 10⁻⁴ is 10⁻⁹ of the size, and as the
-  // distance is stationary in the direction, that of the gap along it is less. What is apart is first measured where it is.
+  // The cores are moved to a distance of 10⁻⁵ of their size, which is scaled to 1. Bullet's relative error of 10⁻⁴ is then 10⁻⁹
+  // of the size; the error of the gap is smaller still, because the distance is stationary in n. The first round measures
+  // separated cores where they are.
   const double size = size_of(a, b), apart = 1e-5 * size;
   constexpr int kRounds = 8;
   constexpr double kSame = 1e-12, kNear = 1e-10;  // of the size
@@ -101,7 +102,7 @@ Separation climb(const Placed& a, const Placed& b, const Separation& start) {
       p_b += gjk.m_simplex->p[i] * from_bullet(shape.Support(-gjk.m_simplex->c[i]->d, 1));
     }
     const double length = (p_b - p_a).norm();
-    if (!(length > 1e-3)) break;  // it was moved to be 1 or more
+    if (!(length > 1e-3)) break;  // the scaled distance is at least 1
     const Vector3d n = (p_b - p_a) / length;
     const double before = now.gap;
     now = {n, 0, p_b / scale - now.n * moved};
@@ -114,7 +115,7 @@ Separation climb(const Placed& a, const Placed& b, const Separation& start) {
 }
 
 Separation expand(const Placed& a, const Placed& b, const Separation& start) {
-  const double scale = 1e3 / size_of(a, b);  // EPA's 10⁻⁴ are 10⁻⁷ of the size
+  const double scale = 1e3 / size_of(a, b);  // EPA's tolerance of 10⁻⁴ is then 10⁻⁷ of the size
   const Magnified A(a, Vector3d::Zero(), scale), B(b, Vector3d::Zero(), scale);
   GJK<Magnified> gjk(A, B);
   if (gjk.Evaluate(difference(A, B), to_bullet(-start.n)) != eGjkInside) return start;

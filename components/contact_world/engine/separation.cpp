@@ -14,7 +14,7 @@ using Eigen::Vector3d;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// v / ‖v‖, or `fallback` for (nearly) nothing.
+/// v / ‖v‖, or `fallback` for very small v.
 Vector3d unit(const Vector3d& v, const Vector3d& fallback) {
   const double length = v.stableNorm();
   return length > 1e-150 ? Vector3d(v / length) : fallback;
@@ -60,7 +60,7 @@ Separation from_polytope(const scene::Polytope& polytope, const Vector3d& p) {
   }
   if (best.gap <= 0) return best;
   double least = kInfinity;
-  for (const scene::Polytope::Face& face : polytope.faces) {  // straight above a face
+  for (const scene::Polytope::Face& face : polytope.faces) {  // points above a face
     const double height = face.n.dot(p) - face.d;
     if (height <= 0 || height >= least) continue;
     bool above = true;
@@ -78,7 +78,7 @@ Separation from_polytope(const scene::Polytope& polytope, const Vector3d& p) {
   return best;
 }
 
-/// Axes of two boxes seen in A: C = R_AB, t = the way to B's centre.
+/// Separating axes of two boxes in frame A: C = R_AB, t = position of B's centre.
 Separation between_boxes(const Placed& a, const Placed& b, double margin) {
   const Vector3d& half_a = a.convex->extent;
   const Vector3d& half_b = b.convex->extent;
@@ -100,7 +100,7 @@ Separation between_boxes(const Placed& a, const Placed& b, double margin) {
     for (j = 0; j < 3; ++j) {
       const Eigen::Index j1 = (j + 1) % 3, j2 = (j + 2) % 3;
       const double square = C(i1, j) * C(i1, j) + C(i2, j) * C(i2, j);  // ‖aᵢ × bⱼ‖²
-      if (square < 1e-12) continue;                                     // parallel: the faces have seen it
+      if (square < 1e-12) continue;                                     // parallel: covered by the faces
       const double way = t[i2] * C(i1, j) - t[i1] * C(i2, j);           // t · (aᵢ × bⱼ)
       const double reach = half_a[i1] * absolute(i2, j) + half_a[i2] * absolute(i1, j) + half_b[j1] * absolute(i, j2) +
                            half_b[j2] * absolute(i, j1);
@@ -112,12 +112,12 @@ Separation between_boxes(const Placed& a, const Placed& b, double margin) {
   return best;
 }
 
-/// Largest gap over the faces of `own`, seen in its frame; `vertices`: the other's, there.
+/// Largest gap over the faces of `own`, in its frame; `vertices`: those of the other polytope in its own frame.
 Separation over_faces(const scene::Polytope& own, const std::vector<Vector3d>& vertices, const Matrix3d& R, const Vector3d& t,
                       double margin) {
   Separation best{Vector3d::UnitZ(), -kInfinity, Vector3d::Zero()};
   for (const scene::Polytope::Face& face : own.faces) {
-    const Vector3d n = R.transpose() * face.n;  // in the other's frame
+    const Vector3d n = R.transpose() * face.n;  // in the other polytope's frame
     double least = kInfinity;
     for (const Vector3d& v : vertices) least = std::min(least, n.dot(v));
     const double gap = least + face.n.dot(t) - face.d;
@@ -127,7 +127,7 @@ Separation over_faces(const scene::Polytope& own, const std::vector<Vector3d>& v
   return best;
 }
 
-/// Pairs of edges whose arcs on the sphere of normals cross: only they are edges of the Minkowski difference.
+/// Considers pairs of edges whose arcs on the Gauss sphere cross; only these are edges of the Minkowski difference.
 Separation over_edges(const scene::Polytope& a, const scene::Polytope& b, const Matrix3d& R_AB, const Vector3d& t,
                       double margin) {
   Separation best{Vector3d::UnitZ(), -kInfinity, Vector3d::Zero()};
@@ -140,7 +140,7 @@ Separation over_edges(const scene::Polytope& a, const scene::Polytope& b, const 
       const Vector3d& o = a.faces[edge_a.faces[1]].n;
       const Vector3d& p = a.vertices[edge_a.vertices[0]];
       const Vector3d along_a = a.vertices[edge_a.vertices[1]] - p;
-      // along_a ∥ m × o and along_b ∥ c × d: the arc m–o and the arc c–d cross within one hemisphere.
+      // along_a ∥ m × o and along_b ∥ c × d: the arcs m–o and c–d cross within one hemisphere.
       const double c_side = along_a.dot(c), d_side = along_a.dot(d), m_side = along_b.dot(m), o_side = along_b.dot(o);
       if (c_side * d_side >= 0 || m_side * o_side >= 0) continue;
       Vector3d n = along_a.cross(along_b);
@@ -148,7 +148,7 @@ Separation over_edges(const scene::Polytope& a, const scene::Polytope& b, const 
       if (length < 1e-6 * along_a.norm() * along_b.norm()) continue;
       n /= length;
       if (n.dot(m) + n.dot(o) < 0) n = -n;
-      if (n.dot(c) + n.dot(d) <= 0) continue;  // crosses on the far side
+      if (n.dot(c) + n.dot(d) <= 0) continue;  // crosses on the opposite hemisphere
       const double gap = n.dot(q - p);
       if (gap > best.gap) best.n = n, best.gap = gap;
       if (gap > margin) return best;
@@ -204,7 +204,7 @@ Separation along_axes(const Placed& a, const Placed& b, double margin) {
 
 Separation between_segments(const Vector3d& p_a, const Vector3d& d_a, double half_a, const Vector3d& p_b, const Vector3d& d_b,
                             double half_b) {
-  // ‖w + s d_b − t d_a‖² least over |t| ≤ half_a, |s| ≤ half_b.
+  // Minimises ‖w + s d_b − t d_a‖² over |t| ≤ half_a, |s| ≤ half_b.
   const Vector3d w = p_b - p_a;
   const double turn = d_a.dot(d_b), wa = w.dot(d_a), wb = w.dot(d_b);
   const Vector3d across = d_a.cross(d_b);

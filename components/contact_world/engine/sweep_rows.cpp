@@ -1,4 +1,4 @@
-// The sweeps over rows.h's rows, and what follows them.
+// Sweeps over the rows of rows.h and their acceleration.
 #include <algorithm>
 #include <cmath>
 
@@ -7,14 +7,14 @@
 namespace cotwin::contact_world {
 namespace {
 
-/// A tangents' impulse so near to the cone slips; ways so near to each other are one; following goes so far at most.
+/// Relative distance from the cone below which a tangent impulse slips; parallel directions; largest extrapolation.
 constexpr double kRounding = 1e-12, kParallel = 1e-10, kFarthestShare = 100;
 
-/// Of zᵀz: a change of z whose square is below it is followed only where that square, an energy, is of no account (J).
-constexpr double kResolved = 1e-16, kNoAccount = 1e-13;
+/// Changes of z with a smaller square, relative to zᵀz, are extrapolated only if that square is a negligible energy (J).
+constexpr double kResolved = 1e-16, kNegligible = 1e-13;
 
-/// N.s: friction below it is none, and its shift would leave the range of numbers.
-constexpr double kNoImpulse = 1e-100;
+/// N.s: smaller friction counts as zero; its shift would overflow.
+constexpr double kZeroImpulse = 1e-100;
 
 std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
@@ -24,18 +24,18 @@ double dot(const double* a, const double* b, int n) {
   return sum;
 }
 
-/// All arrays that are read by pairs begin where a pair may, and every side and slice in them has an even number of numbers.
+/// Arrays that are read by pairs are aligned for pairs; each side and slice has an even number of elements.
 using Pair = double __attribute__((vector_size(16), may_alias));
 static_assert(__STDCPP_DEFAULT_NEW_ALIGNMENT__ >= alignof(Pair));
 
 double sum(const Pair& parts) { return parts[0] + parts[1]; }
 
-/// Sums of three rows, each in two parts.
+/// Velocities of three rows, each in two partial sums.
 struct Sums {
   Pair n{}, s{}, t{};
 };
 
-/// sums += (three rows of y) z for one side of `kSize` coordinates, 6 or none.
+/// sums += (three rows of y) z for one side of `kSize` coordinates, 6 or 0.
 template <int kSize>
 void add_velocity(const double* y, const double* z, Sums& sums) {
   if constexpr (kSize == 6) {
@@ -76,7 +76,7 @@ void Rows::push(const Core& core, const double* change) {
   }
 }
 
-/// The change of velocity that the row asked for.
+/// Solves one row; returns the change of velocity that it required.
 double Rows::solve(BoxRow& row) {
   double u = row.u + row.softness * row.x - row.target;
   for (const Side& side : row.side) u += velocity(y_.data() + side.y, side);
@@ -88,8 +88,8 @@ double Rows::solve(BoxRow& row) {
   return std::abs(change) * row.A;
 }
 
-// The normal first, then the tangents with what the normal's change does to them, exactly: inside the circle where it lets
-// them, else (A_t + shift) x_t = −b on the circle, by one step of Newton's iteration for the shift from where it was last.
+// Solves the normal first, then the tangents exactly for the new normal impulse: inside the circle if possible, otherwise
+// (A_t + shift) x_t = −b on the circle, with one Newton step for the shift from its last value.
 template <int kSizeA, int kSizeB>
 double Rows::solve(Core& core) {
   double w[3] = {core.b[0], core.b[1], core.b[2]};
@@ -113,7 +113,7 @@ double Rows::solve(Core& core) {
   const double radius = core.mu * std::max(x_n, 0.0);
   double x1 = 0, x2 = 0;
   Hold hold = x_n > core.lo ? Hold::kSticks : Hold::kOpen;
-  if (radius > kNoImpulse) {
+  if (radius > kZeroImpulse) {
     const double w1 = w[1] + core.A_n1 * change_n, w2 = w[2] + core.A_n2 * change_n;
     x1 = core.x[1] - (core.inverse_11 * w1 + core.inverse_12 * w2);
     x2 = core.x[2] - (core.inverse_12 * w1 + core.inverse_22 * w2);
@@ -163,7 +163,7 @@ double Rows::solve(Core& core) {
   return std::max(std::abs(change_n) * core.A_nn, tangents);
 }
 
-/// The change of velocity that the contact asked for.
+/// Returns the change of velocity that the contact required.
 double Rows::solve_any(Core& core) {
   const int a = core.side[0].size, b = core.side[1].size;
   if (a == 6 && b == 6) return solve<6, 6>(core);
@@ -172,8 +172,8 @@ double Rows::solve_any(Core& core) {
   return solve<-1, -1>(core);
 }
 
-/// Brings what x has gained before the sweeps to the coordinates.
-void Rows::start(const Island& island) {
+/// Applies the changes of x before the sweeps to the coordinates.
+void Rows::apply_start(const Island& island) {
   for (std::size_t i = island.first_box; i < island.end_box; ++i) {
     const BoxRow& row = boxes_[i];
     const double gained = row.x - row.applied;
@@ -192,11 +192,11 @@ void Rows::start(const Island& island) {
   }
 }
 
-void Rows::begin_following(const Island& island) {
+void Rows::begin_acceleration(const Island& island) {
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     Core& core = cores_[i];
     std::fill_n(core.change, 4, 0.0);
-    std::fill_n(core.way, 4, 0.0);
+    std::fill_n(core.path, 4, 0.0);
     core.x[3] = core.b[3] = 0;
     const double radius = core.mu * core.x[0], square = core.x[1] * core.x[1] + core.x[2] * core.x[2];
     const bool sticks = core.x[0] > core.lo && (square == 0 || square < radius * radius * (1 - kRounding));
@@ -205,12 +205,12 @@ void Rows::begin_following(const Island& island) {
   for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
     const Slice& slice = slices_[index(island_slices_[s])];
     std::copy_n(z_.begin() + slice.offset, slice.size, z_before_.begin() + slice.offset);
-    std::fill_n(z_way_.begin() + slice.offset, slice.size, 0.0);
+    std::fill_n(z_path_.begin() + slice.offset, slice.size, 0.0);
   }
 }
 
-double Rows::square_of_changes(const Island& island) const {
-  Pair squares[2] = {};  // side by side, for sums wait for each other
+double Rows::squared_change(const Island& island) const {
+  Pair squares[2] = {};  // independent sums shorten the dependency chain
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     const auto* change = reinterpret_cast<const Pair*>(cores_[i].change);
     for (int k = 0; k < 2; ++k) squares[k] += change[k] * change[k];
@@ -218,29 +218,29 @@ double Rows::square_of_changes(const Island& island) const {
   return sum(squares[0] + squares[1]);
 }
 
-/// How much further along the last sweep's change d and the way p the least of ½ xᵀAx + bᵀx is, xᵀAx being zᵀz and the
-/// softness': of a plane, where no contact changes its state. Not farther than to where a contact opens, for along redundant
-/// contacts there may be no least.
-Rows::Shares Rows::best_shares(const Island& island) const {
+/// Steps along the last sweep's change d and the previous path p that minimise ½ xᵀAx + bᵀx, with xᵀAx from zᵀz and the
+/// softness, while no contact changes its state. Bounded by the first contact that opens, because there may be no minimum along
+/// redundant contacts.
+Rows::Shares Rows::optimal_shares(const Island& island) const {
   Pair dd{}, dp{}, pp{}, zz{}, along_d{}, along_p{};  // products of d, p, z and the gradient
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     const Core& core = cores_[i];
     const auto *b = reinterpret_cast<const Pair*>(core.b), *d = reinterpret_cast<const Pair*>(core.change),
-               *p = reinterpret_cast<const Pair*>(core.way);
+               *p = reinterpret_cast<const Pair*>(core.path);
     along_d += b[0] * d[0] + b[1] * d[1];
     along_p += b[0] * p[0] + b[1] * p[1];
     if (core.softness == 0) continue;
-    const double soft_d = core.softness * core.change[0], soft_p = core.softness * core.way[0];
+    const double soft_d = core.softness * core.change[0], soft_p = core.softness * core.path[0];
     along_d[0] += core.x[0] * soft_d;
     along_p[0] += core.x[0] * soft_p;
     dd[0] += core.change[0] * soft_d;
     dp[0] += core.change[0] * soft_p;
-    pp[0] += core.way[0] * soft_p;
+    pp[0] += core.path[0] * soft_p;
   }
   for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
     const Slice& slice = slices_[index(island_slices_[s])];
     for (int i = slice.offset; i < slice.offset + slice.size; i += 2) {
-      const Pair z = *reinterpret_cast<const Pair*>(&z_[index(i)]), p = *reinterpret_cast<const Pair*>(&z_way_[index(i)]);
+      const Pair z = *reinterpret_cast<const Pair*>(&z_[index(i)]), p = *reinterpret_cast<const Pair*>(&z_path_[index(i)]);
       const Pair d = z - *reinterpret_cast<const Pair*>(&z_before_[index(i)]);
       dd += d * d;
       dp += d * p;
@@ -252,7 +252,7 @@ Rows::Shares Rows::best_shares(const Island& island) const {
   }
   const double D = sum(dd), M = sum(dp), P = sum(pp), d = sum(along_d), p = sum(along_p);
   Shares shares;
-  const double determinant = D * P - M * M, least = D > kNoAccount ? kResolved * sum(zz) : 0;
+  const double determinant = D * P - M * M, least = D > kNegligible ? kResolved * sum(zz) : 0;
   if (determinant > std::max(kParallel * D, least) * P) {
     shares = {(p * M - d * P) / determinant, (d * M - p * D) / determinant};
   } else if (D > least) {
@@ -262,46 +262,46 @@ Rows::Shares Rows::best_shares(const Island& island) const {
   double part = 1;
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     const Core& core = cores_[i];
-    const double step = shares.of_change * core.change[0] + shares.of_way * core.way[0];
+    const double step = shares.of_change * core.change[0] + shares.of_path * core.path[0];
     if (core.x[0] + part * step < core.lo) part = (core.lo - core.x[0]) / step;
   }
-  return {part * shares.of_change, part * shares.of_way};
+  return {part * shares.of_change, part * shares.of_path};
 }
 
-/// Lets x and z go on by shares of the last sweep's change and of their way before it.
-void Rows::follow(const Island& island, Shares shares) {
+/// Extrapolates x and z by shares of the last sweep's change and of the previous path.
+void Rows::extrapolate(const Island& island, Shares shares) {
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     Core& core = cores_[i];
-    auto *x = reinterpret_cast<Pair*>(core.x), *way = reinterpret_cast<Pair*>(core.way);
+    auto *x = reinterpret_cast<Pair*>(core.x), *path = reinterpret_cast<Pair*>(core.path);
     const auto* change = reinterpret_cast<const Pair*>(core.change);
     for (int k = 0; k < 2; ++k) {
-      const Pair step = shares.of_change * change[k] + shares.of_way * way[k];
+      const Pair step = shares.of_change * change[k] + shares.of_path * path[k];
       x[k] += step;
-      way[k] = step + change[k];
+      path[k] = step + change[k];
     }
   }
   for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
     const Slice& slice = slices_[index(island_slices_[s])];
     for (int i = slice.offset; i < slice.offset + slice.size; i += 2) {
-      auto *z = reinterpret_cast<Pair*>(&z_[index(i)]), *way = reinterpret_cast<Pair*>(&z_way_[index(i)]);
+      auto *z = reinterpret_cast<Pair*>(&z_[index(i)]), *path = reinterpret_cast<Pair*>(&z_path_[index(i)]);
       auto* before = reinterpret_cast<Pair*>(&z_before_[index(i)]);
-      const Pair change = *z - *before, step = shares.of_change * change + shares.of_way * *way;
+      const Pair change = *z - *before, step = shares.of_change * change + shares.of_path * *path;
       *z += step;
-      *way = step + change;
+      *path = step + change;
       *before = *z;
     }
   }
 }
 
-// Where contacts are all there is, the sweeps are the gradient of a conjugate gradient method: load finds its way through a
-// pile in far fewer of them. Where no contact opens, closes or slips it is a linear one, and each sweep is followed to the best
-// place in the plane of its change and the way before; else a nonlinear one [Silcowitz, Niebe, Erleben 2010], which starts anew
-// where the changes grow. The last sweep is not followed, so that x is within its bounds.
+// If the island has contacts only, the sweeps are the gradient of a conjugate gradient method, which distributes load through a
+// pile in far fewer sweeps. While no contact opens, closes or slips, it is linear: each sweep is followed by the optimal step
+// in the plane of its change and the previous path. Otherwise it is nonlinear [Silcowitz, Niebe, Erleben 2010] and restarts
+// when the changes grow. The last sweep is not extrapolated, so that x stays within its bounds.
 Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance) {
-  start(island);
-  const bool follows = island.first_box == island.end_box && island.end_cone - island.first_cone > 1;
+  apply_start(island);
+  const bool accelerate = island.first_box == island.end_box && island.end_cone - island.first_cone > 1;
   double square_before = 0;
-  if (follows) begin_following(island);
+  if (accelerate) begin_acceleration(island);
   Outcome outcome;
   for (std::size_t i = island.first_box; i < island.end_box; ++i) outcome.degenerate += boxes_[i].redundant;
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) outcome.degenerate += cores_[i].redundant;
@@ -318,9 +318,9 @@ Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance
     outcome.iterations = k + 1;
     outcome.residual = residual;
     if (residual <= tolerance) break;
-    if (!follows || k + 1 == iterations) continue;
-    const double square = linear_ ? 0 : square_of_changes(island);
-    follow(island, linear_ ? best_shares(island) : Shares{0, square < square_before ? square / square_before : 0});
+    if (!accelerate || k + 1 == iterations) continue;
+    const double square = linear_ ? 0 : squared_change(island);
+    extrapolate(island, linear_ ? optimal_shares(island) : Shares{0, square < square_before ? square / square_before : 0});
     square_before = square;
   }
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {

@@ -99,7 +99,7 @@ std::span<const ContactPoint> World::contacts() const { return impl_->points; }
 std::span<const Eigen::Vector3d> World::forces() const { return impl_->forces; }
 const Status& World::status() const { return impl_->status; }
 
-// What is set to what it is keeps its bits.
+// Setting the present value changes no bits.
 void World::set_pose(std::size_t body, const Pose& X_WB) {
   Impl& w = *impl_;
   if (w.poses[body] == X_WB) return;
@@ -203,16 +203,17 @@ void World::restore(std::span<const double> state) {
   };
   const double points = state[2];
   if (!(points >= 0 && points <= static_cast<double>(w.options.contacts))) {
-    throw Error("contact world", "a state with " + text::to_text(points) + " contact points, expected 0 to " +
+    throw Error("contact world", "invalid state: " + text::to_text(points) + " contact points, expected 0 to " +
                                      std::to_string(w.options.contacts));
   }
   for (const double value : state) {
-    if (!(std::abs(value) < 1e18)) throw Error("contact world", "a state with the value " + text::to_text(value));
+    if (!(std::abs(value) < 1e18))
+      throw Error("contact world", "invalid state: value " + text::to_text(value) + ", expected a magnitude below 1e18");
   }
   const auto expect_whole = [&](std::size_t at, double least, double most) {
     if (!(state[at] >= least && state[at] <= most)) {
-      throw Error("contact world", "a state with the number " + text::to_text(state[at]) + ", expected " +
-                                       text::to_text(least) + " to " + text::to_text(most));
+      throw Error("contact world", "invalid state: number " + text::to_text(state[at]) + ", expected " + text::to_text(least) +
+                                       " to " + text::to_text(most));
     }
   };
   constexpr double kMost = std::numeric_limits<std::int32_t>::max(), kHalf = std::numeric_limits<std::uint32_t>::max();

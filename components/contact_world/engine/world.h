@@ -13,35 +13,34 @@
 namespace cotwin::contact_world {
 
 enum class Method {
-  kPgs,      // projected Gauss–Seidel over joints, limits and contacts alike (the paper's)
+  kPgs,      // projected Gauss–Seidel for joints, limits and contacts alike (the paper's)
   kDantzig,  // limits, motors and contacts by Dantzig's pivoting, exact for the boxed problem; joints eliminated exactly
   kTree      // joint trees with their limits, motors and friction exactly in O(n), contacts iteratively
 };
 
 struct Options {
   Method method = Method::kTree;
-  int iterations = 20;         // sweeps at most, in each of the two solutions of a step
-  double tolerance = 1e-9;     // of the residual, m/s; sweeps end below it; 0: all sweeps are made
-  std::size_t contacts = 256;  // points that a step takes without allocating
+  int iterations = 20;         // largest number of sweeps in each of the two stages of a step
+  double tolerance = 1e-9;     // sweeps end at a smaller residual, m/s; 0: always `iterations` sweeps
+  std::size_t contacts = 256;  // number of points that a step takes without allocating
 };
 
-/// What the solver thinks of its last step.
+/// The solver's result of the last step.
 struct Status {
-  int iterations = 0;        // sweeps or pivots made, the most of any island
+  int iterations = 0;        // sweeps or pivots; the largest number of any island
   double residual = 0;       // largest violation of the complementarity conditions, m/s
   std::size_t contacts = 0;  // points in the step
-  std::size_t grown = 0;     // times that the capacity was exceeded and grew, since construction
-  int degenerate = 0;        // rows that were redundant or contradicted each other and were relaxed
+  std::size_t grown = 0;     // number of times that the capacity was exceeded, since construction
+  int degenerate = 0;        // redundant or contradicting rows that were relaxed
 };
 
-/// Bodies in maximal coordinates, (1): M ν̇ = f + f_c. Copyable state, no clock, no files; the unit around it is
-/// contact_world.h.
+/// Bodies in maximal coordinates, (1): M ν̇ = f + f_c. contact_world.h is the unit around it.
 ///
 /// A step from t_n to t_n + h is RATTLE with contacts:
-///   1. half a kick by the forces at x_n, and impulses by which x_{n+1} satisfies the joints and closes no gap
-///   2. drift with the velocity of the step's middle; angular momentum is kept, rotations are of second order
-///   3. half a kick by the forces at x_{n+1}, and impulses by which v_{n+1} satisfies joints and contacts
-/// Second order and symplectic where nothing strikes; momentum is kept exactly.
+///   1. half a kick by the forces at x_n, and impulses such that x_{n+1} satisfies the joints and no gap becomes negative
+///   2. drift with the velocity of the step's middle; rotations conserve angular momentum and are of second order
+///   3. half a kick by the forces at x_{n+1}, and impulses such that v_{n+1} satisfies joints and contacts
+/// Second order and symplectic without impacts; momentum is conserved exactly.
 class World {
  public:
   /// Throws Error if a dynamic body has no physical inertia, a joint's bodies do not exist, or an axis is no unit vector.
@@ -50,39 +49,38 @@ class World {
   World(World&&) noexcept;
   World& operator=(World&&) noexcept;
 
-  /// Moves every body from t to t + h.
+  /// Advances every body from t to t + h.
   void step(double h);
 
   const scene::Scene& scene() const;
-  std::span<const Pose> poses() const;    // X_WB, one a body of the scene
+  std::span<const Pose> poses() const;    // X_WB, one per body of the scene
   std::span<const Twist> twists() const;  // V_WB of the frame's origin, expressed in W
   void set_pose(std::size_t body, const Pose& X_WB);
   void set_twist(std::size_t body, const Twist& V_WB);
-  /// A wrench on the body's origin, expressed in W, held over the next step.
+  /// Applies a wrench at the body's origin, expressed in W, constant over the next step.
   void apply(std::size_t body, const Wrench& F_B_W);
 
   std::span<const double> q() const;  // of each revolute or prismatic joint of the scene (0 for the others), rad or m
   std::span<const double> dq() const;
-  /// N.m or N between child and parent over the next step, as a spring and a damper would give it while the joint moves:
+  /// Sets the torque or force (N.m, N) between child and parent over the next step, with a spring and a damper on the joint:
   ///   τ(s) = tau + stiffness · (rate · s − (q(s) − q(0))) + damping · (rate − q̇(s))
-  /// s after the step's start. The spring is taken by the implicit midpoint rule, so any stiffness is stable and keeps energy;
-  /// the damper implicitly in each half of the step.
+  /// s after the start of the step. The implicit midpoint rule integrates the spring: any stiffness is stable and conserves
+  /// energy. The damper is implicit in each half of the step.
   void set_tau(std::size_t joint, double tau, double stiffness = 0, double damping = 0, double rate = 0);
-  /// An inertia of kg.m2 or kg that moves with the joint's q̇ and is no body's, as a motor's behind a rigid gear; until it is
-  /// set again.
+  /// Sets an inertia (kg.m2, kg) that moves with the joint's q̇ but belongs to no body, such as a motor behind a rigid gear. It
+  /// remains until the next call.
   void set_inertia(std::size_t joint, double inertia);
-  /// A motor that holds the joint at dq with at most `tau_max` (infinity: whatever it takes), until it is set again; 0 takes it
-  /// away.
+  /// Sets a motor that holds the joint at dq with at most `tau_max` (may be infinite) until the next call; 0 removes it.
   void set_motor(std::size_t joint, double dq, double tau_max);
 
   std::span<const ContactPoint> contacts() const;   // of the last step
   std::span<const Eigen::Vector3d> forces() const;  // on body b at each of these points, expressed in W, N; mean over the step
   const Status& status() const;
   double energy() const;       // kinetic and potential, J
-  double largest_gap() const;  // of all joints: how far the anchors have come apart, m
+  double largest_gap() const;  // largest distance of the anchors of a joint, m
 
-  /// The whole state as numbers, and back: poses, twists, warm start. A restored world steps to the same bits. Warm starts are
-  /// kept for the first `Options::contacts` points, in the scheme as in the state.
+  /// Saves and restores the whole state: poses, twists, warm start. A restored world steps to the same bits. Only the first
+  /// `Options::contacts` points have a warm start, with and without restoring.
   std::size_t state_size() const;  // constant
   void save(std::vector<double>& state) const;
   void restore(std::span<const double> state);

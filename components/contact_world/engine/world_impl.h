@@ -13,31 +13,31 @@
 
 namespace cotwin::contact_world {
 
-/// The rows of a joint that no tree holds, and their warm start.
+/// A joint outside the trees that is solved by rows with a warm start.
 struct LooseJoint {
   int joint = -1;
-  bool whole = true;  // false: a tree holds the joint, and only what bounds its axis are rows
+  bool whole = true;  // false: a tree holds the joint; rows only bound its axis
 };
 
 constexpr std::size_t kJointRows = 11;  // 6 of the joint; spring, lower limit, upper limit, friction, motor
 
 struct World::Impl {
-  /// A contact point with what the surfaces make of it and what it carried.
+  /// A contact point with its material parameters and impulses.
   struct Touch {
     ContactPoint point;
     double mu = 0, restitution = 0, stiffness = 0, damping = 0;
     double approach = 0;                  // normal velocity at the step's start, for restitution
-    Vector3d impulse = Vector3d::Zero();  // on b, of the last solution: where the next one starts
-    Vector3d sum = Vector3d::Zero();      // of the step
+    Vector3d impulse = Vector3d::Zero();  // on b, from the last solution: start of the next one
+    Vector3d sum = Vector3d::Zero();      // of both stages of the step
     bool matched = false;                 // with a point of the other list
-    bool bounced = false;                 // in this solution
+    bool bounced = false;                 // in this stage
   };
 
   Impl(scene::Scene the_scene, Options the_options);
 
-  // A step's phases, in order
+  // Phases of a step, in order
   void step(double h);
-  void refresh(double h);  // everything that depends on poses alone
+  void refresh(double h);  // updates all that depends on poses alone
   void kick(double half);
   void solve(Stage stage, double h);
   void drift(double h);
@@ -77,7 +77,7 @@ struct World::Impl {
     int joint;
     int row;
   };
-  std::vector<RowOrigin> row_origin;  // of the box rows, in the order in which they were collected
+  std::vector<RowOrigin> row_origin;  // of the box rows, in the order of collection
   std::vector<AxisLaw> laws;          // of the freedoms' joints, in this stage
   std::vector<double> drives;         // constant impulse along each joint's axis, in this stage
   struct Place {
@@ -86,8 +86,8 @@ struct World::Impl {
     Matrix3d R;
     Vector3d v, w, L;
   };
-  std::vector<int> linked;    // bodies that joints hold
-  std::vector<Place> places;  // where they were
+  std::vector<int> linked;    // bodies with joints
+  std::vector<Place> places;  // their states at the start of the step
   std::vector<std::vector<const scene::Material*>> materials;
 
   std::vector<Touch> touches, touches_before;
@@ -98,11 +98,11 @@ struct World::Impl {
   std::vector<Twist> twists;
   std::vector<double> q, dq;
   Status status;
-  std::size_t capacity = 0;  // points that fit without allocating
+  std::size_t capacity = 0;  // number of points without allocation
   double margin = 0;
-  bool prepared = false;  // the rows are, for these poses and factors
+  bool prepared = false;  // the rows match these poses and factors
   bool stale = true;      // poses changed since refresh()
-  bool restored = false;  // the margin is that of the state
+  bool restored = false;  // the margin is that of the restored state
 };
 
 }  // namespace cotwin::contact_world

@@ -13,28 +13,28 @@ std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// The position stage repeats until joints are this close at the step's end, at most so often.
+/// The position stage repeats until the joints' errors at the end of the step are below the tolerance, at most kPasses times.
 constexpr double kJointTolerance = 2e-10;  // m, rad
 constexpr int kPasses = 12;
 constexpr double kDiverging = 4;   // times the first error
-constexpr double kReached = 1e-5;  // m, rad: what the next steps may expect the like of
+constexpr double kReached = 1e-5;  // m, rad: errors below are used to predict those of the next steps
 constexpr int kPassesOfLooseJoints = 2;
 
-/// Of a penetration beyond the slop, what one step takes back, and how fast at most.
+/// Share of a penetration beyond the slop that one step corrects, and the largest speed of the correction.
 constexpr double kReturn = 0.2;
 constexpr double kSlop = 5e-6;          // m
 constexpr double kFastestReturn = 0.1;  // m/s
 
-/// A gap below it is none: what poses and detection round by is less, and must not set what rests in motion.
+/// Gaps below this value are rounding noise and are treated as zero, so that resting bodies stay at rest.
 constexpr double kTouching = 1e-12;  // m
 
-/// Rounds of finding out which axes are held, and of that with the contacts' impulses.
+/// Largest numbers of iterations for held axes: in total, of these with simultaneous changes, and with contact impulses.
 constexpr int kLockRounds = 60, kSimultaneousRounds = 8, kContactRounds = 6;
 
-/// Two points of a pair in successive steps are one, whatever their features, if they are nearer than this share of its size.
+/// Points of successive steps within this distance, relative to the pair's size, are the same, whatever their features.
 constexpr double kSamePlace = 0.02;
 
-/// Contacts are looked for as far as bodies come in a step, and not farther than this.
+/// Upper bound of the contact margin, which is the distance that bodies move in a step.
 constexpr double kWidestMargin = 0.05;  // m
 
 }  // namespace
@@ -89,7 +89,7 @@ void World::Impl::kick(double half) {
 }
 
 void World::Impl::drift(double h) {
-  // Bodies that joints hold are there already.
+  // Bodies with joints have been moved by reach_joints().
   std::size_t next = 0;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     if (next < linked.size() && index(linked[next]) == b) {
@@ -172,8 +172,8 @@ void World::Impl::detect() {
   match();
 }
 
-// Both lists are sorted by pair. Of a pair, points are the same if their features are; where features swap, as those of aligned
-// faces do, the nearest point that is left.
+// Matches the points of two steps; both lists are sorted by pair. Points with equal features are the same; if features swap, as
+// for aligned faces, the nearest unmatched point is taken.
 void World::Impl::match() {
   const auto pair = [](const Touch& t) {
     return std::make_tuple(t.point.body_a, t.point.body_b, t.point.shape_a, t.point.shape_b);
@@ -241,9 +241,9 @@ void World::Impl::solve(Stage stage, double h) {
   for (const Forest::Tree& tree : forest.trees()) {
     forest.load_momenta(tree, bodies);
     if (stage == Stage::kPosition) {
-      forest.expect(tree, joints, h);
+      forest.predict_beta(tree, joints, h);
     } else {
-      forest.straighten(tree);
+      forest.clear_beta(tree);
     }
   }
   begin_axes(stage, h);
@@ -256,14 +256,14 @@ void World::Impl::solve(Stage stage, double h) {
   if (stage == Stage::kPosition) keep_springs(h);
 }
 
-/// What turns with an axis and is no body's has its momentum from the speed before anything acts.
+/// Sets the momentum of the axes' inertias from the joint speed at the start of the stage.
 void World::Impl::begin_inertias() {
   for (std::size_t j = 0; j < joints.size(); ++j) {
     axes[j].momentum = axes[j].inertia > 0 ? axes[j].inertia * joints[j].speed(bodies) : 0;
   }
 }
 
-/// What drives the axis of a joint that no tree holds are impulses on both bodies.
+/// Applies the drive of joints outside the trees as impulses on both bodies.
 void World::Impl::drive_loose_joints(Stage stage, double h) {
   const auto push = [&](int body, const Vector3d& impulse, const Vector3d& moment, const Vector3d& p) {
     if (body < 0 || !bodies[index(body)].dynamic()) return;
@@ -308,7 +308,7 @@ void World::Impl::begin_axes(Stage stage, double h) {
   }
 }
 
-/// Solves a tree and finds out which of its axes are held. Returns whether that has changed.
+/// Solves a tree and determines which axes are held. Returns whether that has changed.
 bool World::Impl::settle(Forest::Tree& tree) {
   bool changed = false;
   for (int round = 0; round < kLockRounds; ++round) {
@@ -324,7 +324,7 @@ bool World::Impl::settle(Forest::Tree& tree) {
       Forest::Freedom& freedom = forest.freedoms()[index(node.first)];
       if (!laws[index(node.joint)].move(axes[index(node.joint)], freedom, drives[index(node.joint)])) continue;
       moved = true;
-      if (round >= kSimultaneousRounds) break;  // one at a time, the lowest first: this cannot cycle [Murty 1974]
+      if (round >= kSimultaneousRounds) break;  // one at a time, the lowest first, cannot cycle [Murty 1974]
     }
     if (!moved) break;
     tree.factored = false;
@@ -406,11 +406,11 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
   } else {
     row.target = -gap / h;
     if (gap <= 0) {
-      // What is pushed out in the position stage is stopped in the velocity stage, as far as the whole step's impulse pushes.
+      // The velocity stage removes the velocity of the position stage's correction, limited by the impulse of the whole step.
       row.target = stage == Stage::kVelocity ? 0 : std::min(kReturn * std::max(-gap - kSlop, 0.0) / h, kFastestReturn);
       if (stage == Stage::kVelocity && options.method != Method::kDantzig) row.lo = std::min(0.0, -n.dot(touch.sum));
     }
-    // A bounce is made where the body is when it would go through, by the velocity at the step's start: energy is kept there.
+    // A bounce occurs where the body would penetrate, with the velocity at the start of the step: this conserves energy.
     if (touch.restitution > 0) {
       const double slow = -2 * h * scene.gravity.norm();
       const double u = normal_velocity(touch);
@@ -436,7 +436,7 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
   rows.add(row);
 }
 
-/// The rows with the trees around them: contacts see which axes are held, and change it.
+/// Solves rows and trees alternately: contact impulses depend on the held axes and change them.
 void World::Impl::solve_rows(double h) {
   if (rows.empty()) return;
   for (int round = 0; round < kContactRounds; ++round) {
@@ -454,8 +454,8 @@ void World::Impl::solve_rows(double h) {
   }
 }
 
-/// Drifts the bodies that joints hold, and again with other impulses until the joints are satisfied where they arrive (chord
-/// iteration: directions and inertias are those of the step's start).
+/// Drifts the bodies with joints and repeats with corrected impulses until the joints are satisfied at the new poses (chord
+/// iteration: directions and inertias of the start of the step).
 void World::Impl::reach_joints(double h) {
   const auto each = [&](const auto& f) {
     for (std::size_t i = 0; i < linked.size(); ++i) f(places[i], bodies[index(linked[i])]);
@@ -483,11 +483,11 @@ void World::Impl::reach_joints(double h) {
       body.w = place.w;
       body.L = place.L;
     });
-    if (diverges) {  // too fast for the step: as far as the directions at its start lead
-      for (const Forest::Tree& tree : forest.trees()) forest.start(tree);
+    if (diverges) {  // too fast for this step size: use the directions at the start of the step only
+      for (const Forest::Tree& tree : forest.trees()) forest.restart_beta(tree);
       pass = passes - 1;
     } else {
-      for (const Forest::Tree& tree : forest.trees()) forest.bend(tree, joints, -1 / h);
+      for (const Forest::Tree& tree : forest.trees()) forest.correct_beta(tree, joints, -1 / h);
     }
     for (BoxRow& row : rows.boxes()) {
       const RowOrigin& origin = row_origin[index(row.origin)];
@@ -505,9 +505,9 @@ void World::Impl::reach_joints(double h) {
   }
   for (const Forest::Tree& tree : forest.trees()) {
     if (largest <= kReached) {
-      forest.remember(tree, joints, h);
+      forest.store_beta(tree, joints, h);
     } else {
-      forest.forget(tree);
+      forest.clear_history(tree);
     }
   }
 }
@@ -518,7 +518,7 @@ void World::Impl::keep_impulses() {
     Touch& touch = touches[index(row.point)];
     touch.impulse = row.d * Vector3d(row.x[0], row.x[1], row.x[2]);
     touch.sum += touch.impulse;
-    if (std::exchange(touch.bounced, false)) touch.impulse.setZero();  // the next solution has no such impulse
+    if (std::exchange(touch.bounced, false)) touch.impulse.setZero();  // not a warm start for the next solution
   }
   for (const LooseJoint& one : loose) joint_x[index(one.joint)].fill(0);
   for (const BoxRow& row : rows.boxes()) {
