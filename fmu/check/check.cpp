@@ -46,7 +46,7 @@ std::vector<Finding> check_description(const ModelDescription& d) {
   std::set<std::size_t> outputs;
   for (const Unknown& u : d.structure.outputs) outputs.insert(u.variable);
   for (std::size_t i = 0; i < d.variables.size(); ++i) {
-    const Variable& v = d.variables[i];
+    const ModelVariable& v = d.variables[i];
     const std::string name = "variable '" + v.name + "'";
     const bool starts = !std::holds_alternative<std::monostate>(v.start);
     const bool parameter = v.causality == Causality::kParameter || v.causality == Causality::kStructuralParameter;
@@ -195,14 +195,14 @@ void write_info(std::ostream& out, const fs::path& path) {
     line("Experiment", joined(parts));
   }
   std::map<Causality, std::size_t> counts;
-  for (const Variable& v : d.variables) ++counts[v.causality];
+  for (const ModelVariable& v : d.variables) ++counts[v.causality];
   std::vector<std::string> parts;
   for (const auto& [causality, n] : counts) parts.push_back(std::to_string(n) + " " + std::string(name_of(causality)));
   line("Variables", std::to_string(d.variables.size()) + " (" + joined(parts) + ")");
   const DescriptionIndex index(d);
   for (const Causality causality :
        {Causality::kInput, Causality::kOutput, Causality::kParameter, Causality::kStructuralParameter}) {
-    for (const Variable& v : d.variables) {
+    for (const ModelVariable& v : d.variables) {
       if (v.causality != causality) continue;
       std::string size;
       if (!v.dimensions.empty()) size = "[" + std::to_string(index.elements(v)) + "]";

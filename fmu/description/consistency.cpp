@@ -26,7 +26,7 @@ bool holds(const StartValues& start) {
 }
 
 /// Whether the start values, if any, are what StartValues says of the variable's type.
-bool start_has_type(const Variable& v) {
+bool start_has_type(const ModelVariable& v) {
   if (std::holds_alternative<std::monostate>(v.start)) return true;
   switch (v.type) {
     case Type::kFloat32:
@@ -51,7 +51,7 @@ bool start_has_type(const Variable& v) {
   return std::all_of(list->begin(), list->end(), [&](std::int64_t n) { return n >= range.min && n <= range.max; });
 }
 
-bool is_of_fmi2(const Variable& v) {
+bool is_of_fmi2(const ModelVariable& v) {
   const bool type = v.type == Type::kFloat64 || v.type == Type::kInt32 || v.type == Type::kBoolean || v.type == Type::kString ||
                     v.type == Type::kEnumeration;
   return type && v.causality != Causality::kStructuralParameter && v.dimensions.empty() && v.clocks.empty() &&
@@ -70,7 +70,7 @@ void check_names(const ModelDescription& d) {
     if (!is_variable_name(name)) throw Error("a variable's name is empty, too long or has control characters");
     if (!names.insert(name).second) throw Error("variable " + shown(name) + " stands twice");
   };
-  for (const Variable& v : d.variables) {
+  for (const ModelVariable& v : d.variables) {
     name_once(v.name);
     for (const Alias& alias : v.aliases) name_once(alias.name);
     if (!references.insert(v.reference).second && d.version != Version::k2)
@@ -82,7 +82,7 @@ void check_names(const ModelDescription& d) {
     check_range(t.numeric);
   }
   names.clear();
-  for (const Unit& unit : d.units) {
+  for (const MeasurementUnit& unit : d.units) {
     if (!names.insert(unit.name).second) throw Error("unit " + shown(unit.name) + " is defined twice");
     if (unit.definition) check_unit(*unit.definition);
   }
@@ -155,7 +155,7 @@ std::optional<std::size_t> DescriptionCheck::index_of(std::uint32_t reference) c
   return found == index_.end() ? std::nullopt : std::optional(found->second);
 }
 
-void DescriptionCheck::variable(const Variable& v) {
+void DescriptionCheck::variable(const ModelVariable& v) {
   const std::string name = "variable '" + v.name + "'";
   check_range(v.numeric);
   if (!v.declared_type.empty()) {
@@ -168,7 +168,7 @@ void DescriptionCheck::variable(const Variable& v) {
   }
   if (v.derivative) {
     check_index(*v.derivative, d_.variables.size(), name + ": derivative");
-    const Variable& of = d_.variables[*v.derivative];
+    const ModelVariable& of = d_.variables[*v.derivative];
     if (!is_float(of.type)) throw Error(name + ": derivative of '" + of.name + "', expected a variable of floats");
   }
   for (const std::uint32_t clock : v.clocks) {
@@ -198,14 +198,14 @@ void DescriptionCheck::variable(const Variable& v) {
     throw Error("structural parameter '" + v.name + "' has no start value, expected one");
 }
 
-std::size_t DescriptionCheck::elements(const Variable& v) const {
+std::size_t DescriptionCheck::elements(const ModelVariable& v) const {
   std::uint64_t n = 1;
   for (const Dimension& dimension : v.dimensions) {
     check_dimension(dimension);
     std::uint64_t extent = dimension.size.value_or(0);
     if (dimension.reference) {
       const std::optional<std::size_t> found = index_of(*dimension.reference);
-      const Variable* parameter = found ? &d_.variables[*found] : nullptr;
+      const ModelVariable* parameter = found ? &d_.variables[*found] : nullptr;
       const auto* start = parameter == nullptr ? nullptr : std::get_if<std::vector<std::uint64_t>>(&parameter->start);
       const bool fits = parameter != nullptr && (parameter->causality == Causality::kStructuralParameter ||
                                                  parameter->variability == Variability::kConstant);
@@ -224,7 +224,7 @@ std::size_t DescriptionCheck::elements(const Variable& v) const {
 }
 
 void DescriptionCheck::derivative(const Unknown& unknown) const {
-  const Variable& v = d_.variables[unknown.variable];
+  const ModelVariable& v = d_.variables[unknown.variable];
   if (!is_float(v.type) || !v.derivative) throw Error("'" + v.name + "' is not the derivative of a variable");
   if (v.type != Type::kFloat64 || d_.variables[*v.derivative].type != Type::kFloat64)
     throw Error("'" + v.name + "': continuous states are of type Float64");
@@ -243,7 +243,7 @@ void check_all(const ModelDescription& d) {
   }
   check_names(d);
   DescriptionCheck check(d);
-  for (const Variable& v : d.variables) {
+  for (const ModelVariable& v : d.variables) {
     if (d.version == Version::k2 && !is_of_fmi2(v)) throw Error("variable '" + v.name + "' is none of FMI 2.0");
     if (!start_has_type(v))
       throw Error("variable '" + v.name + "': start values that are not of type " + std::string(name_of(v.type)));

@@ -56,12 +56,12 @@ class DescriptionCheck {
   /// The variable of a value reference, the first of them in FMI 2.
   std::optional<std::size_t> index_of(std::uint32_t reference) const;
   /// What a variable refers to, the number of its elements (of all variables so far together, too) and its start values.
-  void variable(const Variable& v);
+  void variable(const ModelVariable& v);
   /// What a continuous state's derivative is the derivative of.
   void derivative(const Unknown& unknown) const;
 
  private:
-  std::size_t elements(const Variable& v) const;
+  std::size_t elements(const ModelVariable& v) const;
 
   const ModelDescription& d_;
   std::unordered_map<std::uint32_t, std::size_t> index_;  // value reference → first variable

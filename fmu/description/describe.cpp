@@ -48,9 +48,9 @@ const Quantity* quantity_of(const std::string& si) {
   return found == std::end(kQuantities) ? nullptr : found;
 }
 
-Unit describe_measure(const std::string& si) {
+MeasurementUnit describe_measure(const std::string& si) {
   const si::Measure m = si::parse(si);
-  Unit unit;
+  MeasurementUnit unit;
   unit.name = si;
   UnitDefinition base;
   base.name = si;
@@ -79,7 +79,7 @@ Type type_of(Kind kind) {
   return Type::kFloat64;
 }
 
-StartValues start_of(const cotwin::Variable& v, std::size_t first, std::size_t count) {
+StartValues start_of(const Variable& v, std::size_t first, std::size_t count) {
   return std::visit(
       [&](auto all) -> StartValues {
         const auto part = all.subspan(first, count);
@@ -94,8 +94,8 @@ StartValues start_of(const cotwin::Variable& v, std::size_t first, std::size_t c
 }
 
 /// `count` elements of `v` from `first` on as a variable of FMI.
-Variable make_variable(const cotwin::Variable& v, std::size_t first, std::size_t count) {
-  Variable out;
+ModelVariable make_variable(const Variable& v, std::size_t first, std::size_t count) {
+  ModelVariable out;
   out.name = count == v.size() ? v.name : v.name + "[" + std::to_string(first + 1) + "]";
   out.type = type_of(v.kind());
   out.description = v.description;
@@ -146,11 +146,11 @@ Variable make_variable(const cotwin::Variable& v, std::size_t first, std::size_t
 }
 
 /// Which inputs an output follows at once, as the blocks of the unit's Jacobian have it.
-void add_dependencies(ModelDescription& d, const cotwin::Unit& unit, const Variables& variables,
+void add_dependencies(ModelDescription& d, const Unit& unit, const Variables& variables,
                       const std::map<std::string, std::size_t, std::less<>>& first_of) {
   const bool scalars = d.version == Version::k2;
   for (const Partial& p : unit.partials()) {
-    const cotwin::Variable &unknown = variables.at(p.unknown), &known = variables.at(p.known);
+    const Variable &unknown = variables.at(p.unknown), &known = variables.at(p.known);
     if (known.role != Role::kInput) continue;
     const std::size_t rows = scalars ? unknown.size() : 1, columns = scalars ? known.size() : 1;
     const std::size_t row = first_of.find(unknown.name)->second, column = first_of.find(known.name)->second;
@@ -166,7 +166,7 @@ void add_dependencies(ModelDescription& d, const cotwin::Unit& unit, const Varia
 
 }  // namespace
 
-ModelDescription describe(const UnitType& type, const cotwin::Unit& unit, const Variables& variables, Version version) {
+ModelDescription describe(const UnitType& type, const Unit& unit, const Variables& variables, Version version) {
   const bool scalars = version == Version::k2;
   ModelDescription d;
   d.version = version;
@@ -192,7 +192,7 @@ ModelDescription describe(const UnitType& type, const cotwin::Unit& unit, const 
   co.can_interpolate_inputs = std::any_of(variables.begin(), variables.end(), [](const auto& v) { return !v.rate.empty(); });
   d.co_simulation = co;
 
-  Variable time;
+  ModelVariable time;
   time.name = "time";
   time.description = "independent variable";
   time.causality = Causality::kIndependent;
@@ -202,13 +202,13 @@ ModelDescription describe(const UnitType& type, const cotwin::Unit& unit, const 
 
   std::vector<std::string> measures = {"s"};
   std::map<std::string, std::size_t, std::less<>> first_of;  // index of a variable's first part
-  for (const cotwin::Variable& v : variables) {
+  for (const Variable& v : variables) {
     if (v.kind() == Kind::kReal && !v.si.empty() && std::find(measures.begin(), measures.end(), v.si) == measures.end())
       measures.push_back(v.si);
     const std::size_t parts = scalars ? v.size() : 1;
     first_of[v.name] = d.variables.size();
     for (std::size_t part = 0; part < parts; ++part) {
-      Variable out = make_variable(v, part, v.size() / parts);
+      ModelVariable out = make_variable(v, part, v.size() / parts);
       out.reference = static_cast<std::uint32_t>(d.variables.size());
       const bool held = v.role == Role::kInput && v.kind() == Kind::kReal && v.rate.empty();
       out.interpolated = !(scalars && co.can_interpolate_inputs && held);
@@ -223,11 +223,11 @@ ModelDescription describe(const UnitType& type, const cotwin::Unit& unit, const 
       d.variables.push_back(std::move(out));
     }
   }
-  for (const cotwin::Variable& v : variables) {
+  for (const Variable& v : variables) {
     if (scalars || v.rate.empty()) continue;
-    const cotwin::Variable rate = rate_variable(v);
+    const Variable rate = rate_variable(v);
     if (std::find(measures.begin(), measures.end(), rate.si) == measures.end()) measures.push_back(rate.si);
-    Variable out = make_variable(rate, 0, rate.size());
+    ModelVariable out = make_variable(rate, 0, rate.size());
     out.reference = static_cast<std::uint32_t>(d.variables.size());
     if (rate.size() > 1) out.dimensions.push_back({rate.size(), std::nullopt});
     out.derivative = first_of.at(v.name);

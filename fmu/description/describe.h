@@ -11,6 +11,6 @@ namespace cotwin::fmu {
 ///   input → input, output → output, parameter → fixed, tunable → tunable parameter, state → local with an approximate start
 ///   value
 /// Reals are continuous but for outputs that say they are discrete.
-ModelDescription describe(const UnitType& type, const cotwin::Unit& unit, const Variables& variables, Version version);
+ModelDescription describe(const UnitType& type, const Unit& unit, const Variables& variables, Version version);
 
 }  // namespace cotwin::fmu

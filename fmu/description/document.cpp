@@ -24,7 +24,7 @@ std::string document(const ModelDescription& d, const std::string& settings) {
   html +=
       "<table border=\"1\">\n<tr><th>variable</th><th>size</th><th>causality</th><th>variability</th><th>unit</th>"
       "<th>range</th><th>meaning</th></tr>\n";
-  for (const Variable& v : d.variables) {
+  for (const ModelVariable& v : d.variables) {
     std::string size;
     for (const Dimension& dimension : v.dimensions) {
       if (dimension.size) size += (size.empty() ? "" : " × ") + std::to_string(*dimension.size);

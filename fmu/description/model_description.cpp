@@ -50,9 +50,9 @@ std::string_view name_of(IntervalVariability variability) {
   return word(kWords, variability);
 }
 
-const Variable* find(const ModelDescription& description, std::uint32_t reference) {
+const ModelVariable* find(const ModelDescription& description, std::uint32_t reference) {
   const auto found = std::find_if(description.variables.begin(), description.variables.end(),
-                                  [&](const Variable& v) { return v.reference == reference; });
+                                  [&](const ModelVariable& v) { return v.reference == reference; });
   return found == description.variables.end() ? nullptr : &*found;
 }
 
@@ -60,14 +60,14 @@ namespace {
 
 /// `find_reference`: the variable of a value reference, nullptr if there is none.
 template <class Find>
-std::size_t count_elements(const Variable& variable, const std::map<std::uint32_t, std::uint64_t>& chosen,
+std::size_t count_elements(const ModelVariable& variable, const std::map<std::uint32_t, std::uint64_t>& chosen,
                            const Find& find_reference) {
   std::uint64_t n = 1;
   for (const Dimension& dimension : variable.dimensions) {
     std::uint64_t extent = dimension.size.value_or(0);
     if (dimension.reference) {
       const auto said = chosen.find(*dimension.reference);
-      const Variable* parameter = said != chosen.end() ? nullptr : find_reference(*dimension.reference);
+      const ModelVariable* parameter = said != chosen.end() ? nullptr : find_reference(*dimension.reference);
       const auto* start = parameter == nullptr ? nullptr : std::get_if<std::vector<std::uint64_t>>(&parameter->start);
       if (said != chosen.end()) {
         extent = said->second;
@@ -85,7 +85,7 @@ std::size_t count_elements(const Variable& variable, const std::map<std::uint32_
   return static_cast<std::size_t>(n);
 }
 
-Numeric with_type(const Variable& variable, const TypeDefinition* type) {
+Numeric with_type(const ModelVariable& variable, const TypeDefinition* type) {
   Numeric n = variable.numeric;
   if (type == nullptr) return n;
   const auto inherit = [](auto& own, const auto& declared) {
@@ -109,12 +109,12 @@ auto found_in(const Map& map, const Key& key) -> typename Map::mapped_type {
 
 }  // namespace
 
-std::size_t elements(const ModelDescription& description, const Variable& variable,
+std::size_t elements(const ModelDescription& description, const ModelVariable& variable,
                      const std::map<std::uint32_t, std::uint64_t>& chosen) {
   return count_elements(variable, chosen, [&](std::uint32_t reference) { return find(description, reference); });
 }
 
-Numeric effective(const ModelDescription& description, const Variable& variable) {
+Numeric effective(const ModelDescription& description, const ModelVariable& variable) {
   if (variable.declared_type.empty()) return variable.numeric;
   const auto type = std::find_if(description.types.begin(), description.types.end(),
                                  [&](const TypeDefinition& t) { return t.name == variable.declared_type; });
@@ -123,28 +123,29 @@ Numeric effective(const ModelDescription& description, const Variable& variable)
 
 DescriptionIndex::DescriptionIndex(const ModelDescription& description) : description_(description) {
   for (const TypeDefinition& type : description.types) types_.emplace(type.name, &type);
-  for (const Unit& unit : description.units) units_.emplace(unit.name, &unit);
-  for (const Variable& v : description.variables) {
+  for (const MeasurementUnit& unit : description.units) units_.emplace(unit.name, &unit);
+  for (const ModelVariable& v : description.variables) {
     if (v.type == Type::kUInt64 && v.dimensions.empty()) extents_.emplace(v.reference, &v);
   }
 }
 
-const Variable* DescriptionIndex::variable(std::string_view name) const {
+const ModelVariable* DescriptionIndex::variable(std::string_view name) const {
   if (variables_.empty()) {
     variables_.reserve(description_.variables.size());
-    for (const Variable& v : description_.variables) variables_.emplace(v.name, &v);
+    for (const ModelVariable& v : description_.variables) variables_.emplace(v.name, &v);
   }
   return found_in(variables_, name);
 }
 
 const TypeDefinition* DescriptionIndex::type(std::string_view name) const { return found_in(types_, name); }
-const Unit* DescriptionIndex::unit(std::string_view name) const { return found_in(units_, name); }
+const MeasurementUnit* DescriptionIndex::unit(std::string_view name) const { return found_in(units_, name); }
 
-Numeric DescriptionIndex::effective(const Variable& variable) const {
+Numeric DescriptionIndex::effective(const ModelVariable& variable) const {
   return with_type(variable, variable.declared_type.empty() ? nullptr : type(variable.declared_type));
 }
 
-std::size_t DescriptionIndex::elements(const Variable& variable, const std::map<std::uint32_t, std::uint64_t>& chosen) const {
+std::size_t DescriptionIndex::elements(const ModelVariable& variable,
+                                       const std::map<std::uint32_t, std::uint64_t>& chosen) const {
   return count_elements(variable, chosen, [&](std::uint32_t reference) { return found_in(extents_, reference); });
 }
 

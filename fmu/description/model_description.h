@@ -97,7 +97,7 @@ struct Alias {
   friend bool operator==(const Alias&, const Alias&) = default;
 };
 
-struct Variable {
+struct ModelVariable {
   std::string name;
   std::uint32_t reference = 0;  // value reference
   Type type = Type::kFloat64;
@@ -121,7 +121,7 @@ struct Variable {
   std::vector<Alias> aliases;
   /// FMI 2, of an input: false in an annotation of ours where canInterpolateInputs is not meant for this one.
   bool interpolated = true;
-  friend bool operator==(const Variable&, const Variable&) = default;
+  friend bool operator==(const ModelVariable&, const ModelVariable&) = default;
 };
 
 struct EnumerationItem {
@@ -152,7 +152,7 @@ struct DisplayUnit {
 };
 
 /// A unit of measure; without a definition it has a name only.
-struct Unit {
+struct MeasurementUnit {
   std::string name;
   std::optional<UnitDefinition> definition;
   std::vector<DisplayUnit> display_units;
@@ -217,11 +217,11 @@ struct ModelDescription {
   bool structured_names = false;
   unsigned event_indicators = 0;  // FMI 2
   std::optional<Interface> model_exchange, co_simulation, scheduled_execution;
-  std::vector<Unit> units;
+  std::vector<MeasurementUnit> units;
   std::vector<TypeDefinition> types;
   std::vector<LogCategory> log_categories;
   std::optional<DefaultExperiment> default_experiment;
-  std::vector<Variable> variables;
+  std::vector<ModelVariable> variables;
   ModelStructure structure;
 };
 
@@ -230,14 +230,14 @@ inline constexpr std::uint64_t kMaxElements = 10'000'000;
 
 /// The number of elements of a variable: the product of its dimensions, where structural parameters have their start values or
 /// what `chosen` says of them (by value reference). Throws Error past kMaxElements and for an extent that cannot be found.
-std::size_t elements(const ModelDescription& description, const Variable& variable,
+std::size_t elements(const ModelDescription& description, const ModelVariable& variable,
                      const std::map<std::uint32_t, std::uint64_t>& chosen = {});
 
 /// The variable of that value reference, the first of them in FMI 2 where several share it; nullptr if there is none.
-const Variable* find(const ModelDescription& description, std::uint32_t reference);
+const ModelVariable* find(const ModelDescription& description, std::uint32_t reference);
 
 /// Limits, unit and nominal value of a variable: its own, and where it does not say, those of its declared type.
-Numeric effective(const ModelDescription& description, const Variable& variable);
+Numeric effective(const ModelDescription& description, const ModelVariable& variable);
 
 /// The same questions for many variables of one description, which must not change meanwhile.
 class DescriptionIndex {
@@ -245,19 +245,19 @@ class DescriptionIndex {
   explicit DescriptionIndex(const ModelDescription& description);
 
   /// nullptr if there is none of that name.
-  const Variable* variable(std::string_view name) const;
+  const ModelVariable* variable(std::string_view name) const;
   const TypeDefinition* type(std::string_view name) const;
-  const Unit* unit(std::string_view name) const;
-  Numeric effective(const Variable& variable) const;
+  const MeasurementUnit* unit(std::string_view name) const;
+  Numeric effective(const ModelVariable& variable) const;
   /// As the function of that name, with the start values of the structural parameters where `chosen` does not say.
-  std::size_t elements(const Variable& variable, const std::map<std::uint32_t, std::uint64_t>& chosen = {}) const;
+  std::size_t elements(const ModelVariable& variable, const std::map<std::uint32_t, std::uint64_t>& chosen = {}) const;
 
  private:
   const ModelDescription& description_;
   std::unordered_map<std::string_view, const TypeDefinition*> types_;
-  std::unordered_map<std::string_view, const Unit*> units_;
-  std::unordered_map<std::uint32_t, const Variable*> extents_;  // what can give the size of an array, by value reference
-  mutable std::unordered_map<std::string_view, const Variable*> variables_;  // made when first asked for
+  std::unordered_map<std::string_view, const MeasurementUnit*> units_;
+  std::unordered_map<std::uint32_t, const ModelVariable*> extents_;  // what can give the size of an array, by value reference
+  mutable std::unordered_map<std::string_view, const ModelVariable*> variables_;  // made when first asked for
 };
 
 /// Writes modelDescription.xml for `description.version`. Throws Error for what that version cannot say (an array in FMI 2) and

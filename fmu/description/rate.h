@@ -23,8 +23,8 @@ inline std::string rate_measure(const std::string& si) {
 }
 
 /// The variable "der(u)" of an input that has a rate.
-inline cotwin::Variable rate_variable(const cotwin::Variable& input) {
-  cotwin::Variable rate;
+inline Variable rate_variable(const Variable& input) {
+  Variable rate;
   rate.name = rate_name(input.name);
   rate.role = Role::kInput;
   rate.storage = input.rate;

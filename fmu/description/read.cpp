@@ -157,7 +157,7 @@ class Reader {
     std::set<std::string> names;
     for (const xml::Element& e : list.children) {
       if (e.name != "Unit") continue;
-      Unit unit;
+      MeasurementUnit unit;
       unit.name = xml::text(e, "name");
       if (!names.insert(unit.name).second) throw Error(e.place, "unit '" + unit.name + "' is defined twice");
       for (const xml::Element& c : e.children) {
@@ -261,7 +261,7 @@ class Reader {
     names.reserve(d_.variables.size());
     references.reserve(d_.variables.size());
     for (std::size_t i = 0; i < d_.variables.size(); ++i) {
-      const Variable& v = d_.variables[i];
+      const ModelVariable& v = d_.variables[i];
       const auto name_once = [&](const std::string& name) {
         const auto [first, fresh] = names.emplace(name, i);
         if (!fresh) throw Error(places_[i], "variable '" + name + "' stands also at " + places_[first->second].text());
@@ -291,8 +291,8 @@ class Reader {
     return true;
   }
 
-  Variable variable(const xml::Element& e, const xml::Element& content, Type type) {
-    Variable v;
+  ModelVariable variable(const xml::Element& e, const xml::Element& content, Type type) {
+    ModelVariable v;
     v.name = xml::text(e, "name");
     if (!is_variable_name(v.name)) throw Error(e.place, "a variable's name is empty, too long or has control characters");
     v.reference = reference_from(e, "valueReference", xml::text(e, "valueReference"));

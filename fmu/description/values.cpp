@@ -98,7 +98,7 @@ std::uint32_t reference_from(const xml::Element& e, std::string_view attribute, 
   return static_cast<std::uint32_t>(*number);
 }
 
-StartValues read_start(const xml::Element& e, const Variable& v, Version version) {
+StartValues read_start(const xml::Element& e, const ModelVariable& v, Version version) {
   const std::string* start = xml::find(e, "start");
   const bool scalar2 = version == Version::k2;
   if (v.type == Type::kString || v.type == Type::kBinary) {

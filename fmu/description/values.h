@@ -52,7 +52,7 @@ std::optional<std::uint64_t> optional_unsigned(const xml::Element& e, std::strin
 std::uint32_t reference_from(const xml::Element& e, std::string_view attribute, std::string_view word);
 
 /// The start values that the attribute `start`, or for strings and binaries of FMI 3 the children <Start>, give.
-StartValues read_start(const xml::Element& e, const Variable& v, Version version);
+StartValues read_start(const xml::Element& e, const ModelVariable& v, Version version);
 void read_numeric(const xml::Element& e, Numeric& n);
 void read_clock(const xml::Element& e, Clock& c);
 

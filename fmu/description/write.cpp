@@ -116,7 +116,7 @@ class Writer {
     }
     {
       Tag variables = root.child("ModelVariables");
-      for (const Variable& v : d_.variables) {
+      for (const ModelVariable& v : d_.variables) {
         if (fmi2_) {
           scalar(variables, v);
         } else {
@@ -187,7 +187,7 @@ class Writer {
   void units(Tag& root) {
     if (d_.units.empty()) return;
     Tag all = root.child("UnitDefinitions");
-    for (const Unit& u : d_.units) {
+    for (const MeasurementUnit& u : d_.units) {
       Tag tag = all.child("Unit");
       tag.set("name", u.name);
       if (u.definition) {
@@ -284,14 +284,14 @@ class Writer {
   }
 
   /// What both versions say of a variable in the same words.
-  void variable_head(Tag& tag, const Variable& v) {
+  void variable_head(Tag& tag, const ModelVariable& v) {
     tag.set("name", v.name).set("valueReference", std::to_string(v.reference)).set_if("description", v.description);
     tag.set("causality", name_of(v.causality));
     if (v.type != Type::kClock) tag.set("variability", name_of(v.variability));
     if (v.can_handle_multiple_set) tag.set("canHandleMultipleSetPerTimeInstant", to_xml(*v.can_handle_multiple_set));
   }
 
-  void scalar(Tag& all, const Variable& v) {
+  void scalar(Tag& all, const ModelVariable& v) {
     if (v.causality == Causality::kStructuralParameter || !v.dimensions.empty() || !v.clocks.empty() || !v.aliases.empty() ||
         v.previous || v.intermediate_update) {
       throw Error(v.name, "has what FMI 2 does not have: dimensions, clocks, aliases, intermediate updates");
@@ -304,7 +304,7 @@ class Writer {
       outer.child("Annotations").child("Tool").set("name", "cotwin").child("Input").set("interpolated", "false");
   }
 
-  void content2(Tag& outer, const Variable& v) {
+  void content2(Tag& outer, const ModelVariable& v) {
     Tag tag = outer.child(name2(v.type, v.name));
     tag.set_if("declaredType", v.declared_type);
     if (is_float(v.type) || is_integer(v.type) || v.type == Type::kEnumeration) numeric(tag, v.numeric, v.type);
@@ -330,7 +330,7 @@ class Writer {
     tag.flag("reinit", v.reinit);
   }
 
-  void variable(Tag& all, const Variable& v) {
+  void variable(Tag& all, const ModelVariable& v) {
     Tag tag = all.child(name_of(v.type));
     variable_head(tag, v);
     const auto number = [](auto value) { return std::to_string(value); };
@@ -379,7 +379,7 @@ class Writer {
     return text;
   }
 
-  void aliases(Tag& tag, const Variable& v) {
+  void aliases(Tag& tag, const ModelVariable& v) {
     for (const Alias& a : v.aliases) {
       tag.child("Alias").set("name", a.name).set_if("description", a.description).set_if("displayUnit", a.display_unit);
     }

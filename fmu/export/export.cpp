@@ -140,7 +140,7 @@ void Exported::drop() {
   unit_.reset();
 }
 
-cotwin::Unit& Exported::unit() const {
+Unit& Exported::unit() const {
   if (unit_ == nullptr) throw Error("there is no unit, since the last reset failed; reset again or free the instance");
   return *unit_;
 }

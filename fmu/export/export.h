@@ -124,7 +124,7 @@ class Exported {
 
   void build();
   void drop();
-  cotwin::Unit& unit() const;
+  Unit& unit() const;
   template <class Call>
   void in_unit(Call call);
   void initialise();
@@ -141,7 +141,7 @@ class Exported {
   References references_;
   Package package_;
   std::filesystem::path resources_;
-  std::unique_ptr<cotwin::Unit> unit_;  // nullptr after a reset that failed
+  std::unique_ptr<Unit> unit_;  // nullptr after a reset that failed
   Variables variables_;
   std::vector<Slot> slots_;
   std::vector<Variable> rates_;                    // FMI 3: the slopes of inputs as inputs (rate.h)

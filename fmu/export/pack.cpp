@@ -133,7 +133,7 @@ void add_libraries(const PackContent& content, const PackRequest& request, std::
 
 std::vector<ArchiveFile> take_files(const Settings& settings, const Variables& variables, std::set<std::string>& names) {
   std::vector<ArchiveFile> files;
-  for (const cotwin::Variable& v : variables) {
+  for (const Variable& v : variables) {
     if (v.kind() != Kind::kString || (v.role != Role::kParameter && v.role != Role::kTunable)) continue;
     for (std::string& value : v.strings()) {
       if (!fs::path(value).has_extension()) continue;

@@ -43,7 +43,7 @@ std::vector<std::string> pack_unit(const PackRequest& request, const std::filesy
 /// A unit that somebody has built, with the start values in its variables.
 struct PackContent {
   const UnitType& type;  // by whose name the library is called
-  const cotwin::Unit& unit;
+  const Unit& unit;
   const Variables& variables;
   std::string query;                               // its settings, as packed_query()
   std::shared_ptr<const robot::RobotModel> robot;  // nullptr if it has none

@@ -19,7 +19,7 @@ bool reached(double t, double when) { return t >= when - 1e-14 * std::max(1.0, s
 }  // namespace
 
 ForeignClocks::ForeignClocks(const ModelDescription& description, ForeignVariables& variables) : variables_(variables) {
-  for (const Variable& v : description.variables) {
+  for (const ModelVariable& v : description.variables) {
     if (v.type != Type::kClock) continue;
     const std::span<bool> ticked = variables.clock(v.reference);
     const bool input = v.causality == Causality::kInput;

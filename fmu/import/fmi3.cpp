@@ -79,7 +79,7 @@ struct Functions {
 /// Getters and setters are bound for the types that the FMU has.
 Functions bind(Library& library, const ForeignOptions& options, const ModelDescription& d, const Interface& interface) {
   const auto has = [&](Type type) {
-    for (const Variable& v : d.variables) {
+    for (const ModelVariable& v : d.variables) {
       if (v.type == type) return true;
     }
     return false;

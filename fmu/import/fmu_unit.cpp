@@ -30,7 +30,7 @@ bool ramps_of(const ModelDescription& d, InterfaceKind kind) {
   if (!rate_inputs(d).empty()) return true;
   // FMI 3: all continuous inputs go through one call in an intermediate update, so all of them must be allowed there.
   bool any = false, all = true;
-  for (const Variable& v : d.variables) {
+  for (const ModelVariable& v : d.variables) {
     if (v.causality != Causality::kInput || v.type != Type::kFloat64 || v.variability != Variability::kContinuous) continue;
     any = true;
     all = all && v.intermediate_update;

@@ -82,7 +82,7 @@ bool holds_state(std::string_view saved);
 /// (noSetFMUStatePriorToCurrentPoint = false), and they are. Else it is told that they are not (true), and restore_memory() of
 /// a state before the last communication point does not break that promise: a new instance takes the serialised state. An FMU
 /// that cannot serialise its states is restorable() with `rollback` alone.
-class ForeignUnit : public cotwin::Unit, public StagedInitialisation {
+class ForeignUnit : public Unit, public StagedInitialisation {
  public:
   ~ForeignUnit() override;
   void declare(Variables& variables) final { variables_.declare(variables); }

@@ -12,7 +12,7 @@ namespace cotwin::fmu {
 
 /// The errors of a unit, with the FMU's name in front.
 template <class Made>
-class Named final : public cotwin::Unit, public StagedInitialisation {
+class Named final : public Unit, public StagedInitialisation {
   template <class Call>
   auto named(Call call) {
     try {
@@ -60,8 +60,7 @@ class Named final : public cotwin::Unit, public StagedInitialisation {
 };
 
 template <class Made, class... Arguments>
-std::unique_ptr<cotwin::Unit> make_named(const std::string& name, std::vector<std::string>& warnings,
-                                         Arguments&&... arguments) {
+std::unique_ptr<Unit> make_named(const std::string& name, std::vector<std::string>& warnings, Arguments&&... arguments) {
   auto unit = std::make_unique<Named<Made>>(name, std::forward<Arguments>(arguments)...);
   warnings.insert(warnings.end(), unit->warnings().begin(), unit->warnings().end());
   return unit;

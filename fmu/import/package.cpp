@@ -28,7 +28,7 @@ void fields(Is<Clock> auto& c, auto each) {
 }
 void fields(Is<Dimension> auto& d, auto each) { each(d.size, d.reference); }
 void fields(Is<Alias> auto& a, auto each) { each(a.name, a.description, a.display_unit); }
-void fields(Is<Variable> auto& v, auto each) {
+void fields(Is<ModelVariable> auto& v, auto each) {
   each(v.name, v.reference, v.type, v.description, v.causality, v.variability, v.initial, v.can_handle_multiple_set, v.clocks,
        v.dimensions, v.intermediate_update, v.previous, v.declared_type, v.numeric, v.start, v.derivative, v.reinit,
        v.mime_type, v.max_size, v.clock, v.aliases, v.interpolated);
@@ -41,7 +41,7 @@ void fields(Is<DisplayUnit> auto& u, auto each) { each(u.name, u.factor, u.offse
 void fields(Is<UnitDefinition> auto& u, auto each) {
   each(u.name, u.kg, u.m, u.s, u.A, u.K, u.mol, u.cd, u.rad, u.factor, u.offset);
 }
-void fields(Is<Unit> auto& u, auto each) { each(u.name, u.definition, u.display_units); }
+void fields(Is<MeasurementUnit> auto& u, auto each) { each(u.name, u.definition, u.display_units); }
 void fields(Is<Unknown> auto& u, auto each) { each(u.variable, u.dependencies, u.kinds); }
 void fields(Is<ModelStructure> auto& s, auto each) {
   each(s.outputs, s.derivatives, s.clocked_states, s.initial_unknowns, s.event_indicators);

@@ -46,7 +46,7 @@ Kind kind_of(Type type) {
   }
 }
 
-Role role_of(const Variable& v) {
+Role role_of(const ModelVariable& v) {
   switch (v.causality) {
     case Causality::kInput:
       return Role::kInput;
@@ -64,11 +64,11 @@ Role role_of(const Variable& v) {
 }
 
 /// Clocks that the importer activates at their times; they are no inputs of the unit.
-bool is_time_based(const Variable& v) {
+bool is_time_based(const ModelVariable& v) {
   return v.type == Type::kClock && v.clock.interval_variability != IntervalVariability::kTriggered;
 }
 
-Exchange exchange_of(const Variable& v, Role role, bool clocks) {
+Exchange exchange_of(const ModelVariable& v, Role role, bool clocks) {
   if (v.variability == Variability::kConstant) return Exchange::kConstant;
   if (v.type == Type::kClock) return Exchange::kClock;
   if (clocks && !v.clocks.empty() && role == Role::kInput) return Exchange::kClockedInput;
@@ -130,13 +130,13 @@ T start_element(const StartValues& start, std::size_t i, T fallback) {
 std::map<std::size_t, std::size_t> rate_inputs(const ModelDescription& description) {
   std::map<std::size_t, std::size_t> found;
   if (description.version != Version::k3 || description.generation_tool != kGenerationTool) return found;
-  const auto is_continuous_input = [](const Variable& v) {
+  const auto is_continuous_input = [](const ModelVariable& v) {
     return v.causality == Causality::kInput && v.type == Type::kFloat64 && v.variability == Variability::kContinuous;
   };
   for (std::size_t i = 0; i < description.variables.size(); ++i) {
-    const Variable& v = description.variables[i];
+    const ModelVariable& v = description.variables[i];
     if (!v.derivative || !is_continuous_input(v)) continue;
-    const Variable& of = description.variables[*v.derivative];
+    const ModelVariable& of = description.variables[*v.derivative];
     if (is_continuous_input(of) && v.name == rate_name(of.name) && v.dimensions == of.dimensions) found[i] = *v.derivative;
   }
   return found;
@@ -152,7 +152,7 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
   const DescriptionIndex index(description_);
   std::map<std::uint32_t, std::uint64_t> chosen;
   for (const auto& [name, value] : options.structural) {
-    const Variable* const found = index.variable(name);
+    const ModelVariable* const found = index.variable(name);
     if (found == nullptr || found->causality != Causality::kStructuralParameter) {
       throw Error("'" + name + "'", "the FMU has no structural parameter of that name");
     }
@@ -166,7 +166,7 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
   }
   const std::map<std::size_t, std::size_t> rates = rate_inputs(description_);
   std::map<std::string, std::uint32_t> rate_of;  // name of an input → value reference of its slope
-  std::set<const Variable*> slopes;
+  std::set<const ModelVariable*> slopes;
   for (const auto& [slope, input] : rates) {
     rate_of[description_.variables[input].name] = description_.variables[slope].reference;
     slopes.insert(&description_.variables[slope]);
@@ -174,7 +174,7 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
   bool clocks = false;
   std::uint64_t total = 0;
   items_.reserve(description_.variables.size());
-  for (const Variable& v : description_.variables) {
+  for (const ModelVariable& v : description_.variables) {
     clocks = clocks || (v.type == Type::kClock && v.causality == Causality::kInput);
     if ((v.type == Type::kClock && !options.clocks) || v.causality == Causality::kIndependent) continue;
     if (v.causality == Causality::kLocal && !options.locals) continue;
@@ -346,7 +346,7 @@ void ForeignVariables::collect_slopes() {
 /// Finds what makes SI of the FMU's values.
 void ForeignVariables::measure(Item& item, const Numeric& numeric, const DescriptionIndex& index) {
   if (numeric.unit.empty() || !si_) return;
-  const Unit* const defined = index.unit(numeric.unit);
+  const MeasurementUnit* const defined = index.unit(numeric.unit);
   si::Measure m;
   bool readable = true;
   si::Measure by_name;

@@ -26,7 +26,7 @@ constexpr std::size_t kTextBytes = 256u << 20;  // reserved: a page costs memory
 
 /// The bytes of a variable that is no text.
 template <class Call>
-void each_number(const cotwin::Variable& v, Call call) {
+void each_number(const Variable& v, Call call) {
   std::visit(
       [&](auto values) {
         if constexpr (!std::is_same_v<typename decltype(values)::value_type, std::string>)
@@ -38,7 +38,7 @@ void each_number(const cotwin::Variable& v, Call call) {
 
 std::size_t bytes_of(const Variables& variables) {
   std::size_t bytes = 0;
-  for (const cotwin::Variable& v : variables) each_number(v, [&](const void*, std::size_t n) { bytes += n; });
+  for (const Variable& v : variables) each_number(v, [&](const void*, std::size_t n) { bytes += n; });
   return (bytes + 63) / 64 * 64;
 }
 
@@ -134,7 +134,7 @@ void Channel::check_layout(const Variables& variables) const {
 
 void Channel::write(const Variables& variables, bool (*wanted)(Role), std::size_t& text) {
   char* out = values_;
-  for (const cotwin::Variable& v : variables) {
+  for (const Variable& v : variables) {
     const bool skip = !wanted(v.role);
     each_number(v, [&](const void* at, std::size_t n) {
       if (!skip && n > 0) std::memcpy(out, at, n);
@@ -149,7 +149,7 @@ void Channel::write(const Variables& variables, bool (*wanted)(Role), std::size_
 
 void Channel::read(const Variables& variables, bool (*wanted)(Role), std::size_t& text) const {
   const char* in = values_;
-  for (const cotwin::Variable& v : variables) {
+  for (const Variable& v : variables) {
     const bool skip = !wanted(v.role);
     each_number(v, [&](void* at, std::size_t n) {
       if (!skip && n > 0) std::memcpy(at, in, n);

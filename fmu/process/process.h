@@ -70,7 +70,7 @@ class HostProcess {
 };
 
 /// A foreign unit in a process of its own: its crash, its hang, its exit and what exceeds a limit are Errors here.
-class ProcessUnit final : public cotwin::Unit, public StagedInitialisation {
+class ProcessUnit final : public Unit, public StagedInitialisation {
  public:
   ProcessUnit(std::shared_ptr<const ForeignFmu> fmu, LoadOptions options);
   ~ProcessUnit() override;

@@ -84,17 +84,17 @@ Scenario scenario_of(const FmuRunOptions& options, const fmu::ModelDescription& 
 class VariableFinder {
  public:
   explicit VariableFinder(const fmu::ModelDescription& description) : index_(description) {
-    for (const fmu::Variable& v : description.variables) {
+    for (const fmu::ModelVariable& v : description.variables) {
       if (const std::size_t bracket = v.name.find('['); bracket != std::string::npos)
         first_element_.emplace(std::string_view(v.name).substr(0, bracket), &v);
     }
   }
 
-  const fmu::Variable* find(const std::string& name) const {
-    if (const fmu::Variable* same = index_.variable(name)) return same;
+  const fmu::ModelVariable* find(const std::string& name) const {
+    if (const fmu::ModelVariable* same = index_.variable(name)) return same;
     for (std::size_t bracket = name.rfind('['); bracket != std::string::npos && bracket > 0;
          bracket = name.rfind('[', bracket - 1)) {
-      if (const fmu::Variable* whole = index_.variable(std::string_view(name).substr(0, bracket))) return whole;
+      if (const fmu::ModelVariable* whole = index_.variable(std::string_view(name).substr(0, bracket))) return whole;
     }
     const auto found = first_element_.find(name);
     return found == first_element_.end() ? nullptr : found->second;
@@ -102,7 +102,7 @@ class VariableFinder {
 
  private:
   fmu::DescriptionIndex index_;
-  std::unordered_map<std::string_view, const fmu::Variable*> first_element_;  // by what stands before its first bracket
+  std::unordered_map<std::string_view, const fmu::ModelVariable*> first_element_;  // by what stands before its first bracket
 };
 
 /// Seconds, as near as a double is: n · 1e-9 would not be.
@@ -130,7 +130,7 @@ InputTable::InputTable(const fs::path& file, std::span<const Member> members, co
     Column column{signals.find(std::string(kName) + "." + names[c], place), false, {}, {}};
     const Role role = column.signal.variable->role;
     if (role != Role::kInput && role != Role::kTunable) fail(place, "is " + with_article(role) + ", expected an input");
-    const fmu::Variable* variable = variables.find(names[c]);
+    const fmu::ModelVariable* variable = variables.find(names[c]);
     column.continuous = column.signal.variable->kind() == Kind::kReal && variable != nullptr &&
                         variable->variability == fmu::Variability::kContinuous;
     columns_.push_back(std::move(column));
@@ -212,21 +212,21 @@ FmuRun::FmuRun(const FmuRunOptions& options)
   fs::path file = options_.file;
   if (file.filename().empty()) file = file.parent_path();
   if (options_.output_file.empty()) options_.output_file = file.stem().string() + "_out.csv";
-  std::vector<std::pair<std::string, const fmu::Variable*>> chosen;
+  std::vector<std::pair<std::string, const fmu::ModelVariable*>> chosen;
   if (options_.output_variables.empty()) {
-    for (const fmu::Variable& v : description_.variables) {
+    for (const fmu::ModelVariable& v : description_.variables) {
       if (v.causality == fmu::Causality::kOutput && v.type != fmu::Type::kClock) chosen.emplace_back(v.name, &v);
     }
   }
   const VariableFinder variables(description_);
   for (const std::string& name : options_.output_variables) {
-    const fmu::Variable* variable = variables.find(name);
+    const fmu::ModelVariable* variable = variables.find(name);
     if (variable == nullptr) (void)find(name, "--output-variable");  // says what there is
     if (variable != nullptr) chosen.emplace_back(name, variable);
   }
   // fmusim has enumerations among the integers that carry them.
   const fmu::Type carrier = description_.version == fmu::Version::k2 ? fmu::Type::kInt32 : fmu::Type::kInt64;
-  const auto group = [&](const fmu::Variable* v) { return v->type == fmu::Type::kEnumeration ? carrier : v->type; };
+  const auto group = [&](const fmu::ModelVariable* v) { return v->type == fmu::Type::kEnumeration ? carrier : v->type; };
   std::stable_sort(chosen.begin(), chosen.end(),
                    [&](const auto& a, const auto& b) { return group(a.second) < group(b.second); });
   for (const auto& [name, variable] : chosen)

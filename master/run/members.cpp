@@ -46,7 +46,7 @@ void number_items(Member& member, const fmu::ModelDescription& description) {
     const auto* item_name = std::get_if<std::string>(&value.value);
     const Variable* variable = item_name != nullptr ? find_element(member.variables(), value.name).variable : nullptr;
     if (variable == nullptr || variable->kind() != Kind::kInteger) continue;
-    const fmu::Variable* declared = index.variable(value.name);
+    const fmu::ModelVariable* declared = index.variable(value.name);
     if (declared == nullptr) declared = index.variable(variable->name);
     if (declared == nullptr) declared = index.variable(variable->name + "[1]");
     if (declared == nullptr || declared->type != fmu::Type::kEnumeration) continue;

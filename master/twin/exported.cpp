@@ -10,7 +10,7 @@ namespace cotwin::fmu {
 
 namespace {
 
-std::unique_ptr<cotwin::Unit> make_twin(Settings& settings) {
+std::unique_ptr<Unit> make_twin(Settings& settings) {
   const std::filesystem::path file = settings.file(master::kTwinFile);
   std::ifstream in(file, std::ios::binary);
   std::ostringstream content;

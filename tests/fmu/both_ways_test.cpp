@@ -67,7 +67,7 @@ class BothWays : public ::testing::TestWithParam<Subject> {
   }
   void excite(Instance& instance, int number) const {
     std::size_t channel = 0;
-    for (const cotwin::Variable& v : instance.variables) {
+    for (const Variable& v : instance.variables) {
       if (v.role != Role::kInput || v.kind() != Kind::kReal) continue;
       for (double& value : v.reals())
         value = std::min(std::max(0.1 * std::sin(0.013 * number + 0.7 * static_cast<double>(channel++)), v.min), v.max);
@@ -77,7 +77,7 @@ class BothWays : public ::testing::TestWithParam<Subject> {
   static std::string values(const Instance& instance) {
     std::ostringstream text;
     text << std::hexfloat;
-    for (const cotwin::Variable& v : instance.variables) {
+    for (const Variable& v : instance.variables) {
       text << v.name << ':';
       std::visit(
           [&](auto all) {
@@ -96,7 +96,7 @@ class BothWays : public ::testing::TestWithParam<Subject> {
 TEST_P(BothWays, TheVariablesAreTheSame) {
   ASSERT_EQ(fmu_.variables.size(), unit_.variables.size());
   for (std::size_t i = 0; i < unit_.variables.size(); ++i) {
-    const cotwin::Variable &a = unit_.variables.all()[i], &b = fmu_.variables.all()[i];
+    const Variable &a = unit_.variables.all()[i], &b = fmu_.variables.all()[i];
     EXPECT_EQ(a.name, b.name);
     EXPECT_EQ(a.role, b.role) << a.name;
     EXPECT_EQ(a.kind(), b.kind()) << a.name;
@@ -111,8 +111,8 @@ TEST_P(BothWays, NothingIsAskedForThatIsNotDeclared) {
   LoadOptions options;
   options.process = GetParam().process;
   options.slopes = true;
-  const bool tells = std::any_of(unit_.variables.begin(), unit_.variables.end(),
-                                 [](const cotwin::Variable& v) { return !v.derivative_of.empty(); });
+  const bool tells =
+      std::any_of(unit_.variables.begin(), unit_.variables.end(), [](const Variable& v) { return !v.derivative_of.empty(); });
   if (!tells) {
     EXPECT_THAT([&] { load(archive_, options); },
                 ::testing::ThrowsMessage<Error>(::testing::HasSubstr("the FMU tells no derivatives of outputs, expected")));

@@ -166,7 +166,7 @@ TEST(ForeignVectors, ArePutTogetherFromScalarsThatAreAlike) {
   Variables v;
   foreign.declare(v);
   std::vector<std::string> names;
-  for (const cotwin::Variable& variable : v) names.push_back(variable.name);
+  for (const Variable& variable : v) names.push_back(variable.name);
   EXPECT_THAT(names, ElementsAre("q", "u", "A[1,1]", "x[0]", "x[1]", "y[1]", "y[2]", "z[1]", "z[3]", "w[1]"));
   EXPECT_THAT(v.at("q").reals(), ElementsAre(10, 20, 30));
   EXPECT_EQ(find_element(v, "q[2]").element, 1);
@@ -280,7 +280,7 @@ TEST(ReadDescription, TheTimeItTakesGrowsWithTheVariablesAndNotWithTheirSquare) 
     ForeignVariables foreign(d, options);
     Variables variables;
     foreign.declare(variables);
-    const cotwin::Variable* const last = variables.find("model.part" + std::to_string(kMany - 1) + ".value");
+    const Variable* const last = variables.find("model.part" + std::to_string(kMany - 1) + ".value");
     ASSERT_NE(last, nullptr);
     EXPECT_EQ(last->si, "m");
     EXPECT_EQ(variables.at("model.part0.value").size(), two ? 1u : 2u);

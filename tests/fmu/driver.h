@@ -295,7 +295,7 @@ class Driver {
 /// The value references by which an exported unit's variable is known: one for each element (FMI 2), or one (FMI 3).
 inline std::vector<unsigned> references(const Variables& variables, std::string_view name, Version version) {
   unsigned next = 1;  // 0 is time
-  for (const cotwin::Variable& v : variables) {
+  for (const Variable& v : variables) {
     const auto count = static_cast<unsigned>(version == Version::k2 ? v.size() : 1);
     if (v.name == name) {
       std::vector<unsigned> all;

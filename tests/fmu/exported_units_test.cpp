@@ -48,7 +48,7 @@ class ExportedUnits : public ::testing::TestWithParam<Subject> {
 
   void excite(Driver& d, int number) const {
     std::size_t channel = 0;
-    for (const cotwin::Variable& v : reference_.variables) {
+    for (const Variable& v : reference_.variables) {
       if (v.role != Role::kInput || v.kind() != Kind::kReal) continue;
       const std::vector<double> values = excitation(v, channel, number);
       ASSERT_EQ(d.set(references(reference_.variables, v.name, request_.version), std::span<const double>(values)), 0)
@@ -58,7 +58,7 @@ class ExportedUnits : public ::testing::TestWithParam<Subject> {
   }
   void excite(Instance& instance, int number) const {
     std::size_t channel = 0;
-    for (const cotwin::Variable& v : instance.variables) {
+    for (const Variable& v : instance.variables) {
       if (v.role != Role::kInput || v.kind() != Kind::kReal) continue;
       const std::vector<double> values = excitation(v, channel, number);
       std::copy(values.begin(), values.end(), v.reals().begin());
@@ -76,7 +76,7 @@ class ExportedUnits : public ::testing::TestWithParam<Subject> {
     }
     text += ';';
   }
-  static std::string bits(const cotwin::Variable& v) {
+  static std::string bits(const Variable& v) {
     std::string text;
     std::visit(
         [&](auto all) {
@@ -85,7 +85,7 @@ class ExportedUnits : public ::testing::TestWithParam<Subject> {
         v.storage);
     return text;
   }
-  std::string bits(Driver& d, const cotwin::Variable& v) const {
+  std::string bits(Driver& d, const Variable& v) const {
     std::string text;
     const std::vector<unsigned> refs = references(reference_.variables, v.name, request_.version);
     const auto read = [&](auto& values) {
@@ -128,7 +128,7 @@ class ExportedUnits : public ::testing::TestWithParam<Subject> {
       EXPECT_EQ(d.step(static_cast<double>(now) * 1e-9, static_cast<double>(length(i)) * 1e-9), 0) << d.last_message();
       now += length(i);
       std::string all;
-      for (const cotwin::Variable& v : reference_.variables) {
+      for (const Variable& v : reference_.variables) {
         if (v.role == Role::kOutput || v.role == Role::kState) all += bits(d, v);
       }
       trace.push_back(std::move(all));
@@ -182,7 +182,7 @@ TEST_P(ExportedUnits, GivesTheBitsOfTheUnitInProcess) {
   Driver d(*fmu_);
   ASSERT_TRUE(d.alive()) << d.last_message();
   Instance alone = in_process(request_);
-  for (const cotwin::Variable& v : alone.variables) {  // a packed file has another name, which the unit finds all the same
+  for (const Variable& v : alone.variables) {  // a packed file has another name, which the unit finds all the same
     if (v.kind() != Kind::kString && v.role != Role::kOutput) {
       EXPECT_EQ(bits(d, v), bits(v)) << v.name << " starts differently";
     }
@@ -198,7 +198,7 @@ TEST_P(ExportedUnits, GivesTheBitsOfTheUnitInProcess) {
     excite(d, i);
     ASSERT_EQ(d.step(static_cast<double>(now) * 1e-9, static_cast<double>(length(i)) * 1e-9), 0) << d.last_message();
     now += length(i);
-    for (const cotwin::Variable& v : alone.variables) {
+    for (const Variable& v : alone.variables) {
       if (v.role != Role::kOutput && v.role != Role::kState) continue;
       if (v.name == "warning") continue;  // names files, which lie elsewhere
       ASSERT_EQ(bits(d, v), bits(v)) << v.name << " differs after step " << i;
@@ -257,7 +257,7 @@ TEST_P(ExportedUnits, GivesTheDerivativesOfOutputsThatTheUnitDeclares) {
   Driver d(*fmu_);
   run(d, 20);
   int known = 0;
-  for (const cotwin::Variable& v : reference_.variables) {
+  for (const Variable& v : reference_.variables) {
     if (v.derivative_of.empty()) continue;
     const std::vector<unsigned> of = references(reference_.variables, v.derivative_of, request_.version);
     std::vector<int> orders(of.size(), 1);
@@ -301,11 +301,11 @@ TEST_P(ExportedUnits, GivesTheDirectionalDerivativesOfTheUnit) {
   }
   // All unknowns by all knowns: J from the blocks
   const Variables& variables = reference_.variables;
-  std::vector<const cotwin::Variable*> unknowns, knowns;
+  std::vector<const Variable*> unknowns, knowns;
   std::vector<unsigned> unknown_references, known_references;
   std::size_t rows = 0, columns = 0, size = 0;
   const auto add = [&](const char* name, auto& to, std::vector<unsigned>& refs, std::size_t& n) {
-    const cotwin::Variable* v = &variables.at(name);
+    const Variable* v = &variables.at(name);
     if (std::find(to.begin(), to.end(), v) != to.end()) return;
     to.push_back(v);
     for (const unsigned r : references(variables, name, request_.version)) refs.push_back(r);

@@ -82,11 +82,11 @@ ModelDescription full(Version version) {
   d.log_categories = {{"logEvents", "what happens"}};
   d.default_experiment = DefaultExperiment{0.0, 2.0, 1e-4, 1e-3};
 
-  const auto add = [&](Variable v) {
+  const auto add = [&](ModelVariable v) {
     v.reference = static_cast<std::uint32_t>(d.variables.size()) + 10;
     d.variables.push_back(std::move(v));
   };
-  Variable v;
+  ModelVariable v;
   v.name = "time";
   v.causality = Causality::kIndependent;
   add(v);

@@ -114,7 +114,7 @@ TEST_F(Import, AsksForTheSlopesOfOutputsIfItIsTold) {
     LoadOptions options = slopes;
     options.process = process;
     Instance instance = load2(kPolite2, options, kSlopes2);
-    const cotwin::Variable& slope = instance.variables.at(name);
+    const Variable& slope = instance.variables.at(name);
     EXPECT_EQ(slope.role, Role::kState);
     EXPECT_EQ(slope.si, "m/s");
     EXPECT_EQ(slope.derivative_of, kPosition);
@@ -133,7 +133,7 @@ TEST_F(Import, AsksForTheSlopesOfOutputsIfItIsTold) {
 
 TEST_F(Import, AsksForTheSlopesOfArraysInFmi3) {
   Instance instance = load3(kPolite3, read_query("slopes=true&structural.n=2", {}), kSlopes3);
-  const cotwin::Variable& slope = instance.variables.at("der(y)");
+  const Variable& slope = instance.variables.at("der(y)");
   ASSERT_EQ(slope.size(), 2u);
   EXPECT_EQ(slope.derivative_of, "y");
   instance.unit->initialise({});
@@ -160,8 +160,7 @@ TEST_F(Import, TakesTheSlopeOfTheLastStepWhereAnFmuRefusesToTellIt) {
   for (const char* process : {"shared", "own"}) {
     options.process = process;
     Instance instance = load2(kPolite2, options, kSlopesOfSome2);
-    const cotwin::Variable &z = instance.variables.at("der(z)"),
-                           &y = instance.variables.at("der(" + std::string(kPosition) + ")");
+    const Variable &z = instance.variables.at("der(z)"), &y = instance.variables.at("der(" + std::string(kPosition) + ")");
     EXPECT_EQ(z.derivative_of, "z");
     const auto expect_step = [&](double from, double u, double du, const char* when) {
       real(instance, "u") = u;

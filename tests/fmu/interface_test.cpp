@@ -32,7 +32,7 @@ using testing::references;
 constexpr int kOk = 0, kWarning = 1, kDiscardStatus = 2, kErrorStatus = 3;
 
 const UnitType kProbe{"probe", "shows what is done with a unit",
-                      [](Settings& s) -> std::unique_ptr<cotwin::Unit> { return std::make_unique<probe::Probe>(s); },
+                      [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<probe::Probe>(s); },
                       &probe::Probe::declare_settings};
 
 class Interface : public ::testing::TestWithParam<Version> {
@@ -78,7 +78,7 @@ class Interface : public ::testing::TestWithParam<Version> {
   TemporaryFolder folder_;
   std::vector<std::unique_ptr<LoadedFmu>> loaded_;  // all of them, since drivers of an earlier one may be alive
   LoadedFmu* fmu_ = nullptr;                        // the last
-  std::unique_ptr<cotwin::Unit> unit_;
+  std::unique_ptr<Unit> unit_;
   Variables variables_;
 };
 

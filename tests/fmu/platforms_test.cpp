@@ -101,7 +101,7 @@ bool was_built(const Platform& platform, const std::string& name) {
 /// What the tuner's swarm finds differs from platform to platform: it goes on by comparisons, and a tenth of a second of smooth
 /// motion leaves so much open (condition 2e7) that inputs changed by 1e-16 move its masses as much on one machine. Compared is
 /// what the samples alone determine, and when the tunings were told.
-bool is_compared(const std::string& source, const Variable& v) {
+bool is_compared(const std::string& source, const ModelVariable& v) {
   static const std::set<std::string> determined = {"rms_prior", "rms_floor", "rank",    "samples",
                                                    "tunings",   "late",      "skipped", "warning"};
   return !source.starts_with("unit:tuner") || determined.contains(v.name.substr(0, v.name.find('[')));
@@ -128,11 +128,11 @@ struct Piece {
   std::string source;
   fs::path folder;
   ModelDescription description;
-  std::vector<const Variable*> inputs, reals, others;  // reals: outputs and locals; others: outputs of other types
+  std::vector<const ModelVariable*> inputs, reals, others;  // reals: outputs and locals; others: outputs of other types
 
-  std::size_t count(const std::vector<const Variable*>& variables) const {
+  std::size_t count(const std::vector<const ModelVariable*>& variables) const {
     std::size_t n = 0;
-    for (const Variable* v : variables) n += elements(description, *v);
+    for (const ModelVariable* v : variables) n += elements(description, *v);
     return n;
   }
 };
@@ -159,7 +159,7 @@ class Played : public ::testing::TestWithParam<std::tuple<Platform, Version>> {
     Piece piece{source, folder_.path() / ("Größe " + std::to_string(pieces_++) + " µ — 手"), {}, {}, {}, {}};
     fs::copy(unpack_archive(archive).path(), piece.folder, fs::copy_options::recursive);
     piece.description = load_model_description(piece.folder / "modelDescription.xml");
-    for (const Variable& v : piece.description.variables) {
+    for (const ModelVariable& v : piece.description.variables) {
       const bool output = v.causality == Causality::kOutput;
       if (v.type == Type::kFloat64 && v.causality == Causality::kInput) piece.inputs.push_back(&v);
       if (!is_compared(source, v)) continue;
@@ -200,9 +200,9 @@ class Played : public ::testing::TestWithParam<std::tuple<Platform, Version>> {
   int pieces_ = 0;
 };
 
-void append_references(std::ostream& out, const std::vector<const Variable*>& variables) {
+void append_references(std::ostream& out, const std::vector<const ModelVariable*>& variables) {
   out << ' ' << variables.size();
-  for (const Variable* v : variables) out << ' ' << v->reference;
+  for (const ModelVariable* v : variables) out << ' ' << v->reference;
 }
 
 /// Inputs as smooth and small as those of the other tests, in bits.
@@ -212,7 +212,7 @@ void append_excitation(std::ostream& out, const Piece& piece, int number) {
   append_references(out, piece.inputs);
   out << ' ' << piece.count(piece.inputs);
   std::size_t channel = 0;
-  for (const Variable* v : piece.inputs) {
+  for (const ModelVariable* v : piece.inputs) {
     const Numeric limits = effective(piece.description, *v);
     for (std::size_t i = 0; i < elements(piece.description, *v); ++i, ++channel) {
       const double wave = 0.1 * std::sin(0.013 * number + 0.7 * static_cast<double>(channel));
@@ -251,7 +251,7 @@ std::string script_of(const Piece& piece, const Platform& where) {
   append_steps(out, piece, 0, kSaved);
   if (interface.can_serialise_state) out << "save\n";
   append_steps(out, piece, kSaved, kSteps);
-  for (const Variable* v : piece.others) {
+  for (const ModelVariable* v : piece.others) {
     out << (v->type == Type::kBoolean ? "boolean" : v->type == Type::kInt32 ? "integer" : "text");
     append_references(out, {v});
     out << ' ' << elements(piece.description, *v) << '\n';

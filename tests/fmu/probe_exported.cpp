@@ -4,10 +4,9 @@
 namespace cotwin::fmu {
 
 const UnitType& exported_unit() {
-  static constexpr UnitType kType{
-      "probe", "shows what is done with a unit",
-      [](Settings& s) -> std::unique_ptr<cotwin::Unit> { return std::make_unique<probe::Probe>(s); },
-      &probe::Probe::declare_settings};
+  static constexpr UnitType kType{"probe", "shows what is done with a unit",
+                                  [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<probe::Probe>(s); },
+                                  &probe::Probe::declare_settings};
   return kType;
 }
 

@@ -61,7 +61,7 @@ inline Instance in_process(const PackRequest& request) {
 }
 
 /// Inputs of step `number`: smooth, small, different for each element, within the declared range.
-inline std::vector<double> excitation(const cotwin::Variable& v, std::size_t channel, int number) {
+inline std::vector<double> excitation(const Variable& v, std::size_t channel, int number) {
   std::vector<double> values(v.size());
   for (std::size_t i = 0; i < values.size(); ++i) {
     const double wave = 0.1 * std::sin(0.013 * number + 0.7 * static_cast<double>(channel + i));

@@ -93,7 +93,7 @@ void append(std::string& text, const Values& values) {
     text += ';';
   }
 }
-std::string bits(const cotwin::Variable& v) {
+std::string bits(const Variable& v) {
   std::string text;
   std::visit([&](auto values) { append(text, values); }, v.storage);
   return text;
@@ -119,7 +119,7 @@ class TwinFmu : public ::testing::TestWithParam<Version> {
 
   std::vector<unsigned> of(const std::string& name) const { return references(layout_.variables, name, GetParam()); }
 
-  std::string bits(Driver& d, const cotwin::Variable& v) const {
+  std::string bits(Driver& d, const Variable& v) const {
     std::string text;
     const std::vector<unsigned> refs = of(v.name);
     const auto read = [&](auto&& values) {
@@ -146,12 +146,12 @@ class TwinFmu : public ::testing::TestWithParam<Version> {
   }
   std::string all_bits(Driver& d) const {
     std::string all;
-    for (const cotwin::Variable& v : layout_.variables) all += v.name + "=" + bits(d, v);
+    for (const Variable& v : layout_.variables) all += v.name + "=" + bits(d, v);
     return all;
   }
   void expect_same(Driver& d, Master& master, const std::string& when) const {
     for (const Member& member : master.members()) {
-      for (const cotwin::Variable& v : member.variables()) {
+      for (const Variable& v : member.variables()) {
         if (v.kind() == Kind::kString) continue;
         const std::string name = member.name() + "." + v.name;
         ASSERT_EQ(bits(d, layout_.variables.at(name)), master::bits(v)) << name << " differs " << when;

@@ -124,10 +124,10 @@ class Pair {
   /// All numbers and booleans of the FMU, as bits.
   std::string bits(Driver& d) const {
     std::string text;
-    for (const cotwin::Variable& v : variables_) text += bits(d, v);
+    for (const Variable& v : variables_) text += bits(d, v);
     return text;
   }
-  std::string bits(Driver& d, const cotwin::Variable& v) const {
+  std::string bits(Driver& d, const Variable& v) const {
     const std::vector<unsigned> references = fmu::testing::references(variables_, v.name, fmu_.version());
     std::string text = v.name + "=";
     const auto read = [&](auto values) {
@@ -145,8 +145,8 @@ class Pair {
   void expect_same(Driver& d, const std::string& when) {
     auto of_fmu = variables_.begin();
     for (const Member& member : master_.members()) {
-      for (const cotwin::Variable& v : member.variables()) {
-        const cotwin::Variable& same = *of_fmu++;
+      for (const Variable& v : member.variables()) {
+        const Variable& same = *of_fmu++;
         if (v.kind() == Kind::kString) continue;
         std::string expected = same.name + "=";
         std::visit(
@@ -614,7 +614,7 @@ TEST(ForeignPackage, RefusesWhatNoDescriptionSays) {
   EXPECT_EQ(refusal(with_fresh_hash(damaged)), "here: has the value 7, expected one of an enumeration up to 6");
 
   ForeignPackage other = package;
-  fmu::Variable& v = other.description.variables.emplace_back();
+  fmu::ModelVariable& v = other.description.variables.emplace_back();
   v.name = "rate";
   v.reference = 4'000'000'000;
   v.derivative = other.description.variables.size() - 1;

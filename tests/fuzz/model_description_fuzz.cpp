@@ -20,7 +20,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   }
   static_cast<void>(fmu::check_description(description));
   std::size_t elements = 0;
-  for (const fmu::Variable& v : description.variables) elements += fmu::elements(description, v);
+  for (const fmu::ModelVariable& v : description.variables) elements += fmu::elements(description, v);
   if (elements < 100'000) {
     try {
       fmu::ForeignVariables foreign(description, {true, {}, true});

@@ -56,7 +56,7 @@ TEST(HeldSignals, ATorqueIsDeclaredAsHeldAndAMotionIsNot) {
                                    [](const UnitType& t) { return std::string_view(t.name) == "compliance"; });
     const fmu::ModelDescription description = fmu::describe(*type, *controller.unit, controller.variables, version);
     int found = 0;
-    for (const fmu::Variable& v : description.variables) {
+    for (const fmu::ModelVariable& v : description.variables) {
       if (v.name == "tau_m" || v.name == "tau_m[1]") {
         EXPECT_EQ(v.variability, fmu::Variability::kDiscrete);
         ++found;
