@@ -9,6 +9,7 @@
 #include <string>
 
 #include "tests/support/places.h"
+#include "tests/support/run_program.h"
 
 namespace {
 
@@ -28,9 +29,8 @@ std::map<std::string, std::string> pages(const fs::path& folder) {
 TEST(Reference, IsWrittenFromTheUnitsDeclarations) {
   const fs::path folder = fs::temp_directory_path() / ("cotwin_reference_" + std::to_string(std::rand()));
   fs::remove_all(folder);
-  const std::string command =
-      std::string("'") + cotwin::places::program() + "' reference '" + folder.string() + "' > /dev/null";
-  ASSERT_EQ(std::system(command.c_str()), 0);
+  const auto ran = cotwin::testing::run_program({"reference", folder});
+  ASSERT_EQ(ran.code, 0) << ran.err;
   const auto written = pages(folder), kept = pages(fs::path(cotwin::places::source()) / "docs/reference");
   fs::remove_all(folder);
   ASSERT_FALSE(written.empty());

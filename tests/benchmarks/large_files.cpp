@@ -1,7 +1,5 @@
 // Files as large as any that is meant to be read, a million of each thing: large_files measures what the program takes to read
 // them; large_files FOLDER [N] writes them, to try commands on.
-#include <sys/resource.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cstdlib>
@@ -14,6 +12,7 @@
 #include "fmu/archive/archive.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/support/places.h"
+#include "tests/support/run_program.h"
 
 namespace {
 
@@ -89,23 +88,9 @@ struct Cost {
   bool done = false;
 };
 
-Cost run(const fs::path& folder, std::vector<std::string> arguments) {
-  const pid_t child = fork();
-  if (child == 0) {
-    if (chdir(folder.c_str()) != 0 || std::freopen("/dev/null", "w", stdout) == nullptr) _exit(99);
-    arguments.insert(arguments.begin(), COTWIN_BENCHMARKED);
-    std::vector<char*> argv;
-    for (std::string& a : arguments) argv.push_back(a.data());
-    argv.push_back(nullptr);
-    execv(COTWIN_BENCHMARKED, argv.data());
-    _exit(99);
-  }
-  int status = 0;
-  rusage usage{};
-  if (child < 0 || wait4(child, &status, 0, &usage) != child) return {};
-  const auto seconds = [](const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec); };
-  return {seconds(usage.ru_utime) + seconds(usage.ru_stime), static_cast<double>(usage.ru_maxrss) / 1024,
-          WIFEXITED(status) && WEXITSTATUS(status) == 0};
+Cost run(const fs::path& folder, const std::vector<std::string>& arguments) {
+  const auto ran = testing::run_program(arguments, {.folder = folder, .out = "/dev/null", .limit = std::chrono::seconds(600)});
+  return {ran.cpu, static_cast<double>(ran.memory) / 1024, ran.code == 0};
 }
 
 /// Whether the program read it.

@@ -17,11 +17,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <stdlib.h>
-#include <sys/wait.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -32,10 +30,15 @@
 #include <vector>
 
 #include "tests/support/places.h"
+#include "tests/support/run_program.h"
+#include "tests/support/temporary_folder.h"
 
 namespace {
 
 namespace fs = std::filesystem;
+using cotwin::testing::run_program;
+using cotwin::testing::RunResult;
+using cotwin::testing::TemporaryFolder;
 using nlohmann::json;
 
 std::vector<std::string> expectations() {
@@ -53,44 +56,6 @@ std::vector<std::string> expectations() {
               found.end());
 #endif
   return found;
-}
-
-/// A folder that is gone with its owner.
-class TemporaryFolder {
- public:
-  TemporaryFolder() {
-    std::string pattern = (fs::temp_directory_path() / "cotwin_example_XXXXXX").string();
-    if (mkdtemp(pattern.data()) == nullptr) throw std::runtime_error("no temporary folder");
-    path_ = pattern;
-  }
-  ~TemporaryFolder() {
-    std::error_code ignored;
-    fs::remove_all(path_, ignored);
-  }
-  const fs::path& path() const { return path_; }
-
- private:
-  fs::path path_;
-};
-
-std::string quoted(const std::string& word) { return "'" + word + "'"; }
-
-struct Ran {
-  int exit_code = -1;
-  std::string output;
-};
-
-Ran run(const std::vector<std::string>& words) {
-  std::string command;
-  for (const std::string& word : words) command += quoted(word) + " ";
-  FILE* pipe = popen((command + "2>&1").c_str(), "r");
-  if (pipe == nullptr) return {};
-  Ran ran;
-  char buffer[4096];
-  for (std::size_t n; (n = fread(buffer, 1, sizeof buffer, pipe)) > 0;) ran.output.append(buffer, n);
-  const int status = pclose(pipe);
-  ran.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : -1;
-  return ran;
 }
 
 /// A recording: time and columns by name.
@@ -184,14 +149,13 @@ TEST_P(Example, RunsAndGivesTheExpectedFigures) {
   scenario.replace(scenario.size() - std::string(".expected.json").size(), std::string::npos, ".ssd");
   if (expected.contains("scenario")) scenario = file.parent_path() / expected.at("scenario").get<std::string>();
 
-  const TemporaryFolder results;
+  const TemporaryFolder results("example");
   const fs::path summary = results.path() / "summary.json";
-  std::vector<std::string> command = {
-      cotwin::places::program(), "run", scenario, "--quiet", "--out", results.path(), "--json", summary};
+  std::vector<std::string> command = {"run", scenario, "--quiet", "--out", results.path(), "--json", summary};
   for (const std::string& option : expected.value("options", std::vector<std::string>{})) command.push_back(option);
   if (const char* set = getenv("COTWIN_EXAMPLE_SET")) command.insert(command.end(), {"--set", set});
-  const Ran ran = run(command);
-  ASSERT_EQ(ran.exit_code, 0) << ran.output;
+  const RunResult ran = run_program(command);
+  ASSERT_EQ(ran.code, 0) << ran.err;
 
   const json told = json::parse(std::ifstream(summary));
   const Table table = read_table(results.path() / "signals.csv");
@@ -202,34 +166,34 @@ TEST_P(Example, RunsAndGivesTheExpectedFigures) {
 // The twin of example 01 is the unknown robot and its recording the log, with the external torques that it felt. Where they do
 // not jump, the scenario for anybody's robot finds the joint torques of that log again: from its motion alone.
 TEST(OwnRobot, TheTorquesOfAnotherTwinsLogAreFoundFromItsMotion) {
-  const TemporaryFolder folder;
+  const TemporaryFolder folder("example");
   const fs::path examples = fs::path(cotwin::places::source()) / "examples", summary = folder.path() / "summary.json";
-  const Ran robot = run({cotwin::places::program(), "run", examples / "01_joint_admittance/arm.ssd", "--quiet", "--out",
-                         folder.path() / "log", "--record", "drive.q", "--record", "drive.tau_J", "--record", "drive.tau_e"});
-  ASSERT_EQ(robot.exit_code, 0) << robot.output;
-  const Ran twin = run({cotwin::places::program(),
-                        "run",
-                        examples / "03_dynamics_capture/own_robot.ssd",
-                        "--quiet",
-                        "--out",
-                        folder.path() / "twin",
-                        "--json",
-                        summary,
-                        "--stop",
-                        "27.9",
-                        "--set",
-                        "robot=planar2",
-                        "--set",
-                        "recording.file=" + (folder.path() / "log/signals.csv").string(),
-                        "--set",
-                        "recording.q_cutoff=20",
-                        "--set",
-                        "recording.q_columns=drive.q[{}]",
-                        "--set",
-                        "recording.tau_columns=drive.tau_J[{}]",
-                        "--set",
-                        "recording.tau_e_columns=drive.tau_e[{}]"});
-  ASSERT_EQ(twin.exit_code, 0) << twin.output;
+  const RunResult robot =
+      run_program({"run", examples / "01_joint_admittance/arm.ssd", "--quiet", "--out", folder.path() / "log", "--record",
+                   "drive.q", "--record", "drive.tau_J", "--record", "drive.tau_e"});
+  ASSERT_EQ(robot.code, 0) << robot.err;
+  const RunResult twin = run_program({"run",
+                                      examples / "03_dynamics_capture/own_robot.ssd",
+                                      "--quiet",
+                                      "--out",
+                                      folder.path() / "twin",
+                                      "--json",
+                                      summary,
+                                      "--stop",
+                                      "27.9",
+                                      "--set",
+                                      "robot=planar2",
+                                      "--set",
+                                      "recording.file=" + (folder.path() / "log/signals.csv").string(),
+                                      "--set",
+                                      "recording.q_cutoff=20",
+                                      "--set",
+                                      "recording.q_columns=drive.q[{}]",
+                                      "--set",
+                                      "recording.tau_columns=drive.tau_J[{}]",
+                                      "--set",
+                                      "recording.tau_e_columns=drive.tau_e[{}]"});
+  ASSERT_EQ(twin.code, 0) << twin.err;
   const json told = json::parse(std::ifstream(summary));
   for (const json& comparison : told.at("comparisons")) {
     for (const int part : {2, 5, 7}) {  // no jump within, nor just before
@@ -240,42 +204,38 @@ TEST(OwnRobot, TheTorquesOfAnotherTwinsLogAreFoundFromItsMotion) {
   EXPECT_GT(told.at("signals").at(0).at("total_rms"), 10.0);  // N.m: there was something to find
 }
 
-/// A script of the examples, started in a folder of its own with nothing but `environment`.
-Ran run_script(const std::string& environment, const std::string& script, const TemporaryFolder& folder) {
-  const fs::path log = folder.path() / "log.txt";
-  const std::string command = "cd '" + folder.path().string() + "' && env -i PATH=/usr/bin:/bin " + environment + " '" +
-                              (fs::path(cotwin::places::source()) / "examples" / script).string() + "' panda > log.txt 2>&1";
-  const int status = std::system(command.c_str());
-  std::ostringstream output;
-  output << std::ifstream(log).rdbuf();
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, output.str()};
+/// Runs a script of the examples in `folder` with `environment` and nothing else.
+RunResult run_script(std::vector<std::string> environment, const std::string& script, const TemporaryFolder& folder) {
+  environment.push_back("PATH=/usr/bin:/bin");
+  return cotwin::testing::run_command(
+      {fs::path(cotwin::places::source()) / "examples" / script, "panda"},
+      {.folder = folder.path(), .environment = environment, .only_this_environment = true, .merge = true});
 }
 
 class Script : public ::testing::TestWithParam<std::string> {};
 
 TEST_P(Script, SaysWhereTheProgramAndThePublicDataAreExpected) {
-  const TemporaryFolder folder;
-  const Ran no_program = run_script("COTWIN=/nowhere/cotwin", GetParam(), folder);
-  EXPECT_EQ(no_program.exit_code, 2);
-  EXPECT_THAT(no_program.output, ::testing::HasSubstr("no program '/nowhere/cotwin', expected it in"));
-  const Ran no_data = run_script("COTWIN=" + cotwin::places::program() + " DATA=/nowhere", GetParam(), folder);
-  EXPECT_EQ(no_data.exit_code, 2);
-  EXPECT_THAT(no_data.output,
-              ::testing::HasSubstr("not in /nowhere: models/panda_franka_ros.urdf measurements/panda_unisa.csv"));
-  EXPECT_THAT(no_data.output, ::testing::HasSubstr("examples/public_data.md"));
+  const TemporaryFolder folder("example");
+  const RunResult no_program = run_script({"COTWIN=/nowhere/cotwin"}, GetParam(), folder);
+  EXPECT_EQ(no_program.code, 2);
+  EXPECT_THAT(no_program.out, ::testing::HasSubstr("no program '/nowhere/cotwin', expected it in"));
+  const RunResult no_data = run_script({"COTWIN=" + cotwin::places::program(), "DATA=/nowhere"}, GetParam(), folder);
+  EXPECT_EQ(no_data.code, 2);
+  EXPECT_THAT(no_data.out, ::testing::HasSubstr("not in /nowhere: models/panda_franka_ros.urdf measurements/panda_unisa.csv"));
+  EXPECT_THAT(no_data.out, ::testing::HasSubstr("examples/public_data.md"));
 }
 
 TEST_P(Script, RunsInAFolderWithABlankInItsName) {
-  const TemporaryFolder folder;
+  const TemporaryFolder folder("example");
   fs::create_directories(folder.path() / "my data/models");
   fs::create_directories(folder.path() / "my data/measurements");
   std::ofstream(folder.path() / "my data/models/panda_franka_ros.urdf") << "x";
   std::ofstream(folder.path() / "my data/measurements/panda_unisa.csv") << "x";
   std::ofstream(folder.path() / "program") << "#!/bin/sh\nfor word; do echo \"<$word>\"; done\n";
   fs::permissions(folder.path() / "program", fs::perms::owner_all);
-  const Ran run = run_script("COTWIN=./program DATA='my data'", GetParam(), folder);
-  EXPECT_EQ(run.exit_code, 0) << run.output;
-  EXPECT_THAT(run.output, ::testing::HasSubstr("my data/models/panda_franka_ros.urdf>"));
+  const RunResult run = run_script({"COTWIN=./program", "DATA=my data"}, GetParam(), folder);
+  EXPECT_EQ(run.code, 0) << run.out;
+  EXPECT_THAT(run.out, ::testing::HasSubstr("my data/models/panda_franka_ros.urdf>"));
 }
 
 INSTANTIATE_TEST_SUITE_P(Examples, Script, testing::Values("03_dynamics_capture/run.sh", "06_real_robots/run.sh"),

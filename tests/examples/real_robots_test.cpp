@@ -1,14 +1,13 @@
 // examples/06_real_robots with the built program: the errors that its README prints, on data that no solver has seen.
 #include <gtest/gtest.h>
-#include <sys/wait.h>
 
-#include <cstdlib>
 #include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "models/robot/urdf.h"
 #include "tests/support/places.h"
-#include "tests/support/synthetic_log.h"
+#include "tests/support/run_program.h"
+#include "tests/support/temporary_folder.h"
 
 namespace {
 
@@ -24,10 +23,13 @@ TEST_P(RealRobots, ArePredictedAsWellAsTheExampleSays) {
     if (!fs::exists(fs::path(cotwin::places::shared()) / "data" / need)) GTEST_SKIP() << "needs " << need;
   }
   const cotwin::testing::TemporaryFolder out("real_robots");
-  const std::string command = "COTWIN='" + cotwin::places::program() + "' DATA='" + cotwin::places::shared() + "/data' OUT='" +
-                              out.path().string() + "' '" + (example / "run.sh").string() + "' " + GetParam() + " > '" +
-                              (out / "log.txt").string() + "' 2>&1";
-  ASSERT_EQ(std::system(command.c_str()), 0) << std::ifstream(out / "log.txt").rdbuf();
+  const auto ran =
+      cotwin::testing::run_command({example / "run.sh", GetParam()},
+                                   {.environment = {"COTWIN=" + cotwin::places::program(),
+                                                    "DATA=" + cotwin::places::shared() + "/data", "OUT=" + out.path().string()},
+                                    .merge = true,
+                                    .limit = std::chrono::seconds(600)});
+  ASSERT_EQ(ran.code, 0) << ran.out;
 
   const json figures = json::parse(std::ifstream(out / GetParam() / "figures.json"));
   const auto rms = [&](const char* part, const char* of) {

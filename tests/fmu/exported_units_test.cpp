@@ -15,12 +15,14 @@
 #include "tests/fmu/old_glibc.h"
 #include "tests/fmu/subjects.h"
 #include "tests/support/places.h"
+#include "tests/support/run_program.h"
 #include "tests/support/standard_validator.h"
 
 namespace cotwin::fmu {
 namespace {
 
 namespace fs = std::filesystem;
+using cotwin::testing::run_command;
 using testing::Driver;
 using testing::excitation;
 using testing::in_process;
@@ -153,15 +155,6 @@ class ExportedUnits : public ::testing::TestWithParam<Subject> {
 /// What depends on the unit and not on its settings.
 class ExportedLibraries : public ExportedUnits {};
 
-std::string output_of(const std::string& command) {
-  std::string text;
-  FILE* pipe = popen((command + " 2>&1").c_str(), "r");
-  char buffer[4096];
-  while (pipe != nullptr && fgets(buffer, sizeof buffer, pipe) != nullptr) text += buffer;
-  const int status = pipe != nullptr ? pclose(pipe) : 1;
-  return status == 0 ? text : "failed: " + text;
-}
-
 TEST_P(ExportedUnits, DescribesItselfAsTheStandardWantsIt) {
   const auto standard = request_.version == Version::k2 ? cotwin::testing::Standard::kFmi2 : cotwin::testing::Standard::kFmi3;
   const std::string xml = testing::read_text(fmu_->folder() / "modelDescription.xml");
@@ -173,9 +166,8 @@ TEST_P(ExportedUnits, DescribesItselfAsTheSchemaWantsIt) {
   const fs::path schema = fs::path(places::shared()) / "data/schemas" /
                           (two ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
   if (!fs::exists(schema)) GTEST_SKIP() << "no schema " << schema;
-  const std::string file = (fmu_->folder() / "modelDescription.xml").string();
-  const std::string said = output_of("xmllint --noout --schema '" + schema.string() + "' '" + file + "'");
-  EXPECT_THAT(said, ::testing::HasSubstr("validates"));
+  const auto checked = run_command({"xmllint", "--noout", "--schema", schema, fmu_->folder() / "modelDescription.xml"});
+  EXPECT_EQ(checked.code, 0) << checked.err;
 }
 
 TEST_P(ExportedUnits, GivesTheBitsOfTheUnitInProcess) {
@@ -402,8 +394,7 @@ TEST_P(ExportedLibraries, PackToTheSameBytesAgain) {
 }
 
 TEST_P(ExportedLibraries, StandAlone) {
-  const std::string library = "'" + fmu_->library().string() + "'";
-  const std::string symbols = output_of("nm -D --defined-only " + library);
+  const std::string symbols = run_command({"nm", "-D", "--defined-only", fmu_->library()}).out;
   EXPECT_THAT(symbols, ::testing::HasSubstr(" T fmi2DoStep"));
   EXPECT_THAT(symbols, ::testing::HasSubstr(" T fmi3DoStep"));
   std::istringstream lines(symbols);
@@ -412,12 +403,13 @@ TEST_P(ExportedLibraries, StandAlone) {
     EXPECT_TRUE(name.starts_with("fmi2") || name.starts_with("fmi3")) << name;
   }
   if (std::string(COTWIN_SANITIZERS).size() > 0) GTEST_SKIP() << "sanitizers need their library";
-  EXPECT_THAT(output_of("readelf --wide --syms " + library), ::testing::Not(::testing::HasSubstr("UNIQUE")));
+  EXPECT_THAT(run_command({"readelf", "--wide", "--syms", fmu_->library()}).out,
+              ::testing::Not(::testing::HasSubstr("UNIQUE")));
 }
 
 TEST_P(ExportedLibraries, LoadWhereverGlibcIs228OrNewer) {
   if (std::string(COTWIN_SANITIZERS).size() > 0) GTEST_SKIP() << "sanitizers need their library";
-  testing::expect_loads_with_old_glibc(fmu_->library(), output_of("objdump -T '" + fmu_->library().string() + "'"));
+  testing::expect_loads_with_old_glibc(fmu_->library(), run_command({"objdump", "-T", fmu_->library()}).out);
 }
 
 TEST_P(ExportedLibraries, LeaveNothingOfThisMachineInTheArchive) {
@@ -438,9 +430,10 @@ TEST(OldGlibc, LacksWhatIsNewer) {
     std::ofstream(sources.path() / "x.c") << "#include <math.h>\n#include <stdlib.h>\ndouble f(double x) { return " << call
                                           << "; }\n";
     const fs::path library = sources.path() / "x.so";
-    const std::string said = output_of(COTWIN_C_COMPILER " -fPIC -shared -Wl,--no-undefined -L'" + folder + "' -o '" +
-                                       library.string() + "' '" + (sources.path() / "x.c").string() + "' -lm");
-    return said.empty() ? "needs glibc " + read_elf(library).oldest_glibc : said;
+    const std::string errors = run_command({COTWIN_C_COMPILER, "-fPIC", "-shared", "-Wl,--no-undefined", "-L" + folder, "-o",
+                                            library, sources.path() / "x.c", "-lm"})
+                                   .err;
+    return errors.empty() ? "needs glibc " + read_elf(library).oldest_glibc : errors;
   };
   // hypot has a version of glibc 2.35, too; the oldest one is that of the machine's first glibc.
   EXPECT_THAT(link("hypot(x, 1)"), ::testing::AnyOf("needs glibc 2.2.5", "needs glibc 2.17"));

@@ -22,6 +22,7 @@
 #include "models/support/error.h"
 #include "tests/fmu/foreign.h"
 #include "tests/support/places.h"
+#include "tests/support/run_program.h"
 
 namespace cotwin::fmu {
 namespace {
@@ -315,10 +316,10 @@ TEST(Elf, TellsTheGreatestVersionOfEachNameAsObjdumpDoes) {
   const fs::path program = fs::read_symlink("/proc/self/exe");
   const ElfLibrary elf = read_elf(program);
   std::map<std::string, std::string> greatest;  // "GLIBCXX": "3.4.30"
-  FILE* pipe = popen(("objdump -T '" + program.string() + "'").c_str(), "r");
-  char word[4096];
-  while (std::fscanf(pipe, "%4095s", word) == 1) {
-    const std::string version = word[0] == '(' ? std::string(word + 1, std::strlen(word) - 2) : word;
+  const auto listed = cotwin::testing::run_command({"objdump", "-T", program});
+  ASSERT_EQ(listed.code, 0) << listed.err;
+  for (const std::string& word : cotwin::testing::words(listed.out)) {
+    const std::string version = word[0] == '(' ? word.substr(1, word.size() - 2) : word;
     const std::size_t number = version.rfind('_') + 1;
     if (number < 2 || !std::isdigit(static_cast<unsigned char>(version[number])) ||
         !std::isupper(static_cast<unsigned char>(version[0])))
@@ -326,7 +327,6 @@ TEST(Elf, TellsTheGreatestVersionOfEachNameAsObjdumpDoes) {
     std::string& known = greatest[version.substr(0, number - 1)];
     if (known.empty() || older_version(known, version.substr(number))) known = version.substr(number);
   }
-  ASSERT_EQ(pclose(pipe), 0);
   EXPECT_EQ(elf.oldest_glibc, greatest.at("GLIBC"));
   EXPECT_THAT(elf.other_versions.at("libstdc++.so.6"), Contains("GLIBCXX_" + greatest.at("GLIBCXX")));
   EXPECT_THAT(elf.other_versions.at("libstdc++.so.6"), Contains("CXXABI_" + greatest.at("CXXABI")));

@@ -5,8 +5,6 @@
 
 #include <bit>
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -26,6 +24,7 @@
 #include "models/support/error.h"
 #include "tests/fmu/subjects.h"
 #include "tests/support/places.h"
+#include "tests/support/run_program.h"
 
 namespace cotwin::fmu {
 
@@ -84,7 +83,7 @@ std::string obstacle(const Platform& platform) {
       return entry.path().string() + " is newer than " + built.string() + ": run scripts/cross.sh " + platform.name + " again";
   }
   const std::string emulator = platform.command.substr(0, platform.command.find(' '));
-  if (std::system(("command -v " + emulator + " >/dev/null").c_str()) != 0) return "no " + emulator;
+  if (cotwin::testing::run_command({emulator, "--version"}).code != 0) return "no " + emulator;
   return "";
 }
 
@@ -106,8 +105,6 @@ bool is_compared(const std::string& source, const ModelVariable& v) {
                                                    "tunings",   "late",      "skipped", "warning"};
   return !source.starts_with("unit:tuner") || determined.contains(v.name.substr(0, v.name.find('[')));
 }
-
-std::string in_quotes(const fs::path& path) { return "'" + path.string() + "'"; }
 
 /// The path as programs of the platform know it: wine shows this machine's files as its drive Z.
 std::string native(const Platform& platform, const fs::path& path) {
@@ -176,22 +173,15 @@ class Played : public ::testing::TestWithParam<std::tuple<Platform, Version>> {
     const fs::path file = folder_.path() / (where.name + ".txt");
     std::ofstream(file) << script;
     // One process at a time in wine's folder, which is made by the first.
-    const std::string environment =
-        "LC_ALL=C.UTF-8 WINEDEBUG=-all WINEPREFIX=" + in_quotes(fs::path(COTWIN_WINE_FOLDER)) +
-        (where.command == "wine" ? " flock " + in_quotes(std::string(COTWIN_WINE_FOLDER) + ".lock") : "");
-    const std::string errors = folder_.path() / "errors.txt";
-    const std::string command = environment + " " + where.command + " " + in_quotes(player(where)) + " " +
-                                in_quotes(native(where, file)) + " 2>" + in_quotes(errors);
-    FILE* pipe = popen(command.c_str(), "r");
-    std::string text;
-    std::vector<char> buffer(1 << 20);
-    while (pipe != nullptr && std::fgets(buffer.data(), static_cast<int>(buffer.size()), pipe) != nullptr)
-      text += buffer.data();
-    const int status = pipe != nullptr ? pclose(pipe) : -1;
-    std::ifstream in(errors);
-    EXPECT_EQ(status, 0) << where.name << ": " << std::string(std::istreambuf_iterator<char>(in), {});
+    std::vector<std::string> command = cotwin::testing::words(where.command);
+    if (where.command == "wine") command.insert(command.begin(), {"flock", std::string(COTWIN_WINE_FOLDER) + ".lock"});
+    command.insert(command.end(), {player(where), native(where, file)});
+    const std::string wine_folder = std::string("WINEPREFIX=") + COTWIN_WINE_FOLDER;
+    const auto played =
+        cotwin::testing::run_command(command, {.environment = {"LC_ALL=C.UTF-8", "WINEDEBUG=-all", wine_folder}});
+    EXPECT_EQ(played.code, 0) << where.name << ": " << played.err;
     std::vector<std::string> lines;
-    std::istringstream stream(text);
+    std::istringstream stream(played.out);
     for (std::string line; std::getline(stream, line);) lines.push_back(line);
     return lines;
   }

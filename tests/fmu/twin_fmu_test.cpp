@@ -19,12 +19,15 @@
 #include "tests/fmu/old_glibc.h"
 #include "tests/support/allocations.h"
 #include "tests/support/places.h"
+#include "tests/support/run_program.h"
 #include "tests/support/standard_validator.h"
 
 namespace cotwin::master {
 namespace {
 
 namespace fs = std::filesystem;
+using cotwin::testing::run_command;
+using cotwin::testing::RunResult;
 using fmu::Version;
 using fmu::testing::Driver;
 using fmu::testing::LoadedFmu;
@@ -99,15 +102,6 @@ std::string bits(const Variable& v) {
   return text;
 }
 
-std::string output_of(const std::string& command) {
-  std::string text;
-  FILE* pipe = popen((command + " 2>&1").c_str(), "r");
-  char buffer[4096];
-  while (pipe != nullptr && fgets(buffer, sizeof buffer, pipe) != nullptr) text += buffer;
-  const int status = pipe != nullptr ? pclose(pipe) : 1;
-  return status == 0 ? text : "failed: " + text;
-}
-
 class TwinFmu : public ::testing::TestWithParam<Version> {
  protected:
   void SetUp() override {
@@ -179,9 +173,8 @@ TEST_P(TwinFmu, DescribesItselfAsTheSchemaWantsIt) {
   const fs::path schema = fs::path(places::shared()) / "data/schemas" /
                           (GetParam() == Version::k2 ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
   if (!fs::exists(schema)) GTEST_SKIP() << "no schema " << schema;
-  const std::string file = (fmu_->folder() / "modelDescription.xml").string();
-  const std::string said = output_of("xmllint --noout --schema '" + schema.string() + "' '" + file + "'");
-  EXPECT_THAT(said, ::testing::HasSubstr("validates"));
+  const auto checked = run_command({"xmllint", "--noout", "--schema", schema, fmu_->folder() / "modelDescription.xml"});
+  EXPECT_EQ(checked.code, 0) << checked.err;
 }
 
 TEST_P(TwinFmu, GivesTheBitsOfTheRun) {
@@ -429,8 +422,7 @@ TEST(TwinArchive, CarriesTheFilesThatItsUnitsRead) {
 TEST(TwinArchive, StandsAloneAndLoadsWhereverGlibcIs228OrNewer) {
   const fmu::TemporaryFolder folder;
   const LoadedFmu loaded(pack(example(), Version::k2, folder.path() / "x.fmu"), "twin", Version::k2);
-  const std::string library = "'" + loaded.library().string() + "'";
-  std::istringstream symbols(output_of("nm -D --defined-only " + library));
+  std::istringstream symbols(run_command({"nm", "-D", "--defined-only", loaded.library()}).out);
   int seen = 0;
   for (std::string address, kind, name; symbols >> address >> kind >> name; ++seen) {
     EXPECT_TRUE(kind == "T" && (name.starts_with("fmi2") || name.starts_with("fmi3"))) << kind << " " << name;
@@ -442,21 +434,24 @@ TEST(TwinArchive, StandsAloneAndLoadsWhereverGlibcIs228OrNewer) {
         << entry.name;
   }
   if (std::string(COTWIN_SANITIZERS).size() > 0) GTEST_SKIP() << "sanitizers need their library";
-  fmu::testing::expect_loads_with_old_glibc(loaded.library(), output_of("objdump -T " + library));
+  fmu::testing::expect_loads_with_old_glibc(loaded.library(), run_command({"objdump", "-T", loaded.library()}).out);
 }
 
 TEST(TwinArchive, IsWrittenByTheProgram) {
   const fmu::TemporaryFolder folder;
   const std::string scenario = places::source() + "/examples/02_free_motion_lwr4/twin.ssd";
-  const std::string command = places::program() + " pack '" + scenario + "' --as-fmu --fmi 3 -o ";
+  const auto pack_as = [&](const fs::path& file) {
+    return cotwin::testing::run_program({"pack", scenario, "--as-fmu", "--fmi", "3", "-o", file}, {.merge = true});
+  };
   const fs::path out = folder.path() / "x.fmu";
-  EXPECT_EQ(output_of(command + "'" + out.string() + "'"), "");
+  const RunResult packed = pack_as(out);
+  EXPECT_EQ(packed.code, 0);
+  EXPECT_EQ(packed.out, "");
   const LoadedFmu loaded(out, "twin", Version::k3);
   Driver d(loaded);
   EXPECT_TRUE(d.alive()) << d.last_message();
   EXPECT_THAT(fmu::read_archive_file(out, "modelDescription.xml"), ::testing::HasSubstr("modelName=\"free_motion_lwr4\""));
-  EXPECT_THAT(output_of(command + "'" + (folder.path() / "x.ssp").string() + "'"),
-              ::testing::HasSubstr("expected a name that ends in .fmu"));
+  EXPECT_THAT(pack_as(folder.path() / "x.ssp").out, ::testing::HasSubstr("expected a name that ends in .fmu"));
 }
 
 }  // namespace

@@ -2,10 +2,8 @@
 // which file is not as it should be.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <signal.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cmath>
@@ -17,29 +15,26 @@
 #include "fmu/archive/archive.h"
 #include "tests/hostile/hostile_files.h"
 #include "tests/support/places.h"
+#include "tests/support/run_program.h"
 
 namespace cotwin::hostile {
 namespace {
 
 namespace fs = std::filesystem;
+using cotwin::testing::RunOptions;
+using cotwin::testing::RunResult;
 using ::testing::HasSubstr;
 using Arguments = std::vector<std::string>;
 
 constexpr rlim_t kCpuSeconds = 10;
-constexpr unsigned kWallSeconds = 300;  // of a machine that is busy with other things
-constexpr long kMemory = 1l << 20;      // KiB
+constexpr std::chrono::seconds kWallTime{300};  // the machine may be busy with other things
+constexpr long kMemory = 1l << 20;              // KiB
 const bool kSanitized = std::string(COTWIN_SANITIZERS) != "";
 
 std::string content(const fs::path& file) {
   std::ifstream in(file, std::ios::binary);
   return {std::istreambuf_iterator<char>(in), {}};
 }
-
-struct Result {
-  int code = -1;    // exit code, or −signal
-  long memory = 0;  // KiB at most
-  std::string said;
-};
 
 class Hostile : public ::testing::Test {
  protected:
@@ -56,49 +51,36 @@ class Hostile : public ::testing::Test {
     std::ofstream(folder_ / name, std::ios::binary) << bytes;
   }
 
-  Result run(Arguments arguments) const {
-    const pid_t child = fork();
-    if (child == 0) {
-      const bool ready = chdir(folder_.c_str()) == 0 && std::freopen("said.txt", "w", stdout) != nullptr &&
-                         dup2(STDOUT_FILENO, STDERR_FILENO) >= 0;
-      if (!ready) _exit(99);
-      setenv("TMPDIR", (folder_ / "temporary").c_str(), 1);
-      setenv("ASAN_OPTIONS", "exitcode=98:detect_leaks=0", 1);
-      setenv("UBSAN_OPTIONS", "exitcode=98", 1);
+  RunResult run(Arguments arguments) const {
+    RunOptions options{.folder = folder_,
+                       .environment = {"TMPDIR=" + (folder_ / "temporary").string(), "ASAN_OPTIONS=exitcode=98:detect_leaks=0",
+                                       "UBSAN_OPTIONS=exitcode=98"},
+                       .merge = true,
+                       .limit = kWallTime};
+    options.prepare = [] {
       const rlim_t seconds = kSanitized ? 10 * kCpuSeconds : kCpuSeconds;
       const rlimit cpu{seconds, seconds + 1}, core{0, 0};
-      setrlimit(RLIMIT_CPU, &cpu);
-      setrlimit(RLIMIT_CORE, &core);
-      alarm(kWallSeconds);
-      arguments.insert(arguments.begin(), places::program());
-      std::vector<char*> argv;
-      for (std::string& a : arguments) argv.push_back(a.data());
-      argv.push_back(nullptr);
-      execv(places::program().c_str(), argv.data());
-      _exit(99);
-    }
-    int status = 0;
-    rusage usage{};
-    wait4(child, &status, 0, &usage);
-    return {WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status), usage.ru_maxrss, content(folder_ / "said.txt")};
+      return setrlimit(RLIMIT_CPU, &cpu) == 0 && setrlimit(RLIMIT_CORE, &core) == 0;
+    };
+    return cotwin::testing::run_program(std::move(arguments), options);
   }
 
   /// What every end of the program is like; `name`: of the file, which a refusal names.
   void expect_orderly(const Arguments& arguments, const std::string& name, bool never_good, const std::string& what) const {
-    const Result r = run(arguments);
+    const RunResult r = run(arguments);
     std::string command;
     for (const std::string& a : arguments) command += " " + a;
-    SCOPED_TRACE("cotwin" + command + " (" + what + "), which said:\n" + r.said.substr(0, 1000));
+    SCOPED_TRACE("cotwin" + command + " (" + what + "), which said:\n" + r.out.substr(0, 1000));
     EXPECT_TRUE(r.code == 0 || r.code == 1 || r.code == 2) << "it ended with " << r.code;
     if (never_good) {
       EXPECT_NE(r.code, 0);
     }
     // `check` lists what it finds in the one file that it was given; a value can be found wrong where a scenario uses it.
     if (r.code == 2 && arguments[0] != "check" && (never_good || arguments[0] != "tune")) {
-      EXPECT_THAT(r.said, ::testing::AnyOf(HasSubstr(name), HasSubstr(".ssd:")));
+      EXPECT_THAT(r.out, ::testing::AnyOf(HasSubstr(name), HasSubstr(".ssd:")));
     }
     if (r.code != 0) {
-      EXPECT_FALSE(r.said.empty());
+      EXPECT_FALSE(r.out.empty());
     }
     if (!kSanitized) {
       EXPECT_LE(r.memory, kMemory);
@@ -112,8 +94,8 @@ class Hostile : public ::testing::Test {
                     bool is_text, Commands commands) const {
     write("good" + ending, good);
     for (const Arguments& arguments : commands("good" + ending)) {
-      const Result r = run(arguments);
-      ASSERT_EQ(r.code, 0) << arguments[0] << " of what is right: " << r.said;
+      const RunResult r = run(arguments);
+      ASSERT_EQ(r.code, 0) << arguments[0] << " of what is right: " << r.out;
     }
     const std::vector<File> files = variants(good, count, seed, part_is_bad, is_text);
     for (std::size_t i = 0; i < files.size(); ++i) {
@@ -363,9 +345,9 @@ TEST_F(Hostile, FmusThatUnpackToMoreThanTheyMayAreRefusedBeforehand) {
   }
   for (const Arguments& arguments : all) {
     SCOPED_TRACE(arguments[0] + " " + arguments[1]);
-    const Result r = run(arguments);
-    EXPECT_EQ(r.code, 2) << r.said;
-    EXPECT_THAT(r.said, HasSubstr("expected at most"));
+    const RunResult r = run(arguments);
+    EXPECT_EQ(r.code, 2) << r.out;
+    EXPECT_THAT(r.out, HasSubstr("expected at most"));
     if (!kSanitized) {
       EXPECT_LE(r.memory, 200l << 10);
     }

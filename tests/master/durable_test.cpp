@@ -1,5 +1,4 @@
 // What the program leaves on the disk when it is ended, killed, refused or out of room.
-#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <grp.h>
 #include <gtest/gtest.h>
@@ -7,8 +6,6 @@
 #include <signal.h>
 #include <sys/mount.h>
 #include <sys/resource.h>
-#include <sys/stat.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -22,11 +19,14 @@
 
 #include "master/run/checkpoint.h"
 #include "models/support/atomic_file.h"
-#include "tests/support/places.h"
+#include "tests/support/run_program.h"
 
 namespace {
 
 namespace fs = std::filesystem;
+using cotwin::testing::Process;
+using cotwin::testing::RunOptions;
+using cotwin::testing::RunResult;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
@@ -38,11 +38,6 @@ std::string content(const fs::path& file) {
   text << in.rdbuf();
   return text.str();
 }
-
-struct Result {
-  int code = -1;  // exit code, or −signal
-  std::string out, err;
-};
 
 constexpr std::chrono::seconds kPatience(120);  // for what must come, however busy the machine is
 
@@ -90,50 +85,23 @@ class Durable : public ::testing::Test {
     fs::create_directories(folder_);
     std::ofstream(folder_ / "arm.ssd") << scenario_text("2");
   }
-  ~Durable() override {
-    for (const pid_t child : running_) {
-      kill(child, SIGKILL);
-      waitpid(child, nullptr, 0);
-    }
-    fs::remove_all(folder_);
-  }
+  ~Durable() override { fs::remove_all(folder_); }
 
-  /// `prepare` is called in the child, which must not allocate much.
-  pid_t start(std::vector<std::string> arguments, const std::function<bool()>& prepare = {}) {
-    arguments.insert(arguments.begin(), cotwin::places::program());
-    std::vector<char*> argv;
-    for (std::string& a : arguments) argv.push_back(a.data());
-    argv.push_back(nullptr);
-    const pid_t child = fork();
-    if (child != 0) {
-      running_.push_back(child);
-      return child;
-    }
-    const int out = open((folder_ / "out.txt").c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666);
-    const int err = open((folder_ / "err.txt").c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0666);
-    if (chdir(folder_.c_str()) != 0 || dup2(out, 1) < 0 || dup2(err, 2) < 0 || (prepare && !prepare())) _exit(99);
-    execv(cotwin::places::program().c_str(), argv.data());
-    _exit(98);
+  Process start(std::vector<std::string> arguments, const std::function<bool()>& prepare = {}) {
+    RunOptions options{.folder = folder_, .limit = kPatience};
+    options.prepare = prepare;
+    return cotwin::testing::start_program(std::move(arguments), options);
   }
-  Result wait(pid_t child) {
-    int status = 0;
-    const bool ended = wait_for([&] { return waitpid(child, &status, WNOHANG) == child; });
-    EXPECT_TRUE(ended) << "the program does not end";
-    if (!ended) return {};
-    running_.erase(std::find(running_.begin(), running_.end(), child));
-    return {WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status), content(folder_ / "out.txt"),
-            content(folder_ / "err.txt")};
-  }
-  Result run(std::vector<std::string> arguments, const std::function<bool()>& prepare = {}) {
-    return wait(start(std::move(arguments), prepare));
+  RunResult run(std::vector<std::string> arguments, const std::function<bool()>& prepare = {}) {
+    return start(std::move(arguments), prepare).wait();
   }
   nlohmann::json record(const fs::path& results) const {
     return nlohmann::json::parse(content(folder_ / results / "run.json"));
   }
   bool has(const fs::path& file) const { return fs::exists(folder_ / file); }
   /// A run on the clock, two seconds long, that has left a checkpoint.
-  pid_t start_and_wait_for_a_checkpoint(const std::string& out) {
-    const pid_t child = start({"run", "arm.ssd", "--real-time", "--out", out, "--checkpoint", "0.001"});
+  Process start_and_wait_for_a_checkpoint(const std::string& out) {
+    Process child = start({"run", "arm.ssd", "--real-time", "--out", out, "--checkpoint", "0.001"});
     EXPECT_TRUE(wait_for([&] { return has(fs::path(out) / "run.checkpoint"); }));
     return child;
   }
@@ -160,18 +128,16 @@ class Durable : public ::testing::Test {
 
   const fs::path folder_ = fs::temp_directory_path() / ("cotwin_durable_" + std::to_string(::getpid()) + "_" +
                                                         ::testing::UnitTest::GetInstance()->current_test_info()->name());
-  std::vector<pid_t> running_;
 };
 
 TEST_F(Durable, TheSecondRunIntoAFolderIsRefusedAndNamesTheFirst) {
-  const pid_t first = start_and_wait_for_a_checkpoint("shared");
-  const std::string out = content(folder_ / "out.txt");
-  const Result second = run({"run", "arm.ssd", "--out", "shared"});
+  Process first = start_and_wait_for_a_checkpoint("shared");
+  const RunResult second = run({"run", "arm.ssd", "--out", "shared"});
   EXPECT_EQ(second.code, 2);
-  EXPECT_THAT(second.err, AllOf(StartsWith("cotwin: shared: process " + std::to_string(first) + " on "),
+  EXPECT_THAT(second.err, AllOf(StartsWith("cotwin: shared: process " + std::to_string(first.id()) + " on "),
                                 HasSubstr("is writing there, expected another place")));
   EXPECT_EQ(run({"run", "--resume", "shared"}).code, 2);
-  const Result ended = wait(first);
+  const RunResult ended = first.wait();
   EXPECT_EQ(ended.code, 0);
   EXPECT_FALSE(has("shared/cotwin.lock"));
   EXPECT_FALSE(has("shared/signals.csv.part"));
@@ -212,7 +178,7 @@ TEST_F(Durable, RunJsonSaysWhatTheResultsCameFrom) {
 TEST_F(Durable, EarlierResultsAreKeptUnlessTheyMayBeOverwritten) {
   EXPECT_EQ(run({"run", "arm.ssd", "--stop", "0.01"}).code, 0);
   const std::string first = content(folder_ / "results/arm/signals.csv");
-  const Result second = run({"run", "arm.ssd", "--stop", "0.02"});
+  const RunResult second = run({"run", "arm.ssd", "--stop", "0.02"});
   EXPECT_THAT(second.out, HasSubstr("earlier results: moved to results/arm/earlier-1"));
   EXPECT_EQ(content(folder_ / "results/arm/earlier-1/signals.csv"), first);
   EXPECT_EQ(record("results/arm/earlier-1")["reached"], 0.01);
@@ -223,12 +189,12 @@ TEST_F(Durable, EarlierResultsAreKeptUnlessTheyMayBeOverwritten) {
 }
 
 TEST_F(Durable, AKilledRunGoesOnToTheSameBits) {
-  const pid_t child = start_and_wait_for_a_checkpoint("killed");
-  kill(child, SIGKILL);
-  EXPECT_EQ(wait(child).code, -SIGKILL);
+  Process child = start_and_wait_for_a_checkpoint("killed");
+  child.signal(SIGKILL);
+  EXPECT_EQ(child.wait().code, -SIGKILL);
   EXPECT_EQ(record("killed")["state"], "running");
   EXPECT_FALSE(has("killed/signals.csv"));
-  const Result resumed = run({"run", "--resume", "killed", "--json", "killed.json"});
+  const RunResult resumed = run({"run", "--resume", "killed", "--json", "killed.json"});
   EXPECT_EQ(resumed.code, 0) << resumed.err;
   const auto [csv, figures_of_it] = straight();
   EXPECT_EQ(content(folder_ / "killed/signals.csv"), csv);
@@ -240,31 +206,31 @@ TEST_F(Durable, AKilledRunGoesOnToTheSameBits) {
 }
 
 TEST_F(Durable, ARunThatIsKilledAgainAndAgainGoesOnToTheSameBits) {
-  pid_t child = start_and_wait_for_a_checkpoint("killed");
+  Process child = start_and_wait_for_a_checkpoint("killed");
   for (int times = 0; times < 5; ++times) {
-    kill(child, SIGKILL);
-    if (wait(child).code != -SIGKILL) break;  // it was done before
+    child.signal(SIGKILL);
+    if (child.wait().code != -SIGKILL) break;  // it was done before
     const auto before = fs::last_write_time(folder_ / "killed/run.checkpoint");
     child = start({"run", "--resume", "killed", "--checkpoint", "0.001", "--json", "killed.json"});
     wait_for([&] { return !has("killed/run.checkpoint") || fs::last_write_time(folder_ / "killed/run.checkpoint") != before; });
   }
-  EXPECT_EQ(wait(child).code, 0);
+  EXPECT_EQ(child.wait().code, 0);
   EXPECT_EQ(content(folder_ / "killed/signals.csv"), straight().first);
 }
 
 TEST_F(Durable, AStoppedRunGoesOnFromWhereItWasStopped) {
   for (const int signal : {SIGINT, SIGTERM, SIGHUP, SIGXCPU}) {
     const std::string out = "stopped" + std::to_string(signal);
-    const pid_t child = start_and_wait_for_a_checkpoint(out);
-    kill(child, signal);
-    const Result stopped = wait(child);
+    Process child = start_and_wait_for_a_checkpoint(out);
+    child.signal(signal);
+    const RunResult stopped = child.wait();
     ASSERT_EQ(stopped.code, 128 + signal) << stopped.err;
     EXPECT_THAT(stopped.err, AllOf(HasSubstr("cotwin: stopped by SIG"), HasSubstr("cotwin run --resume " + out)));
     EXPECT_EQ(record(out)["state"], "stopped");
     EXPECT_THAT(record(out)["reason"].get<std::string>(), HasSubstr("stopped by SIG"));
     const std::string rows = content(folder_ / out / "signals.csv");
     EXPECT_TRUE(whole_lines(rows));
-    const Result resumed = run({"run", "--resume", out, "--json", "resumed.json"});
+    const RunResult resumed = run({"run", "--resume", out, "--json", "resumed.json"});
     EXPECT_EQ(resumed.code, 0) << resumed.err;
     const auto [csv, figures_of_it] = straight();
     EXPECT_THAT(csv, StartsWith(rows));
@@ -275,19 +241,19 @@ TEST_F(Durable, AStoppedRunGoesOnFromWhereItWasStopped) {
 }
 
 TEST_F(Durable, ASignalThatWasIgnoredStaysIgnored) {
-  const pid_t child = start({"run", "arm.ssd", "--real-time", "--out", "nohup", "--checkpoint", "0.001"},
-                            [] { return signal(SIGHUP, SIG_IGN) != SIG_ERR; });
+  Process child = start({"run", "arm.ssd", "--real-time", "--out", "nohup", "--checkpoint", "0.001"},
+                        [] { return signal(SIGHUP, SIG_IGN) != SIG_ERR; });
   EXPECT_TRUE(wait_for([&] { return has("nohup/run.checkpoint"); }));
-  kill(child, SIGHUP);
-  EXPECT_EQ(wait(child).code, 0);
+  child.signal(SIGHUP);
+  EXPECT_EQ(child.wait().code, 0);
 }
 
 TEST_F(Durable, RefusesToGoOnWithAnotherScenarioProgramOrMachine) {
-  const pid_t child = start_and_wait_for_a_checkpoint("killed");
-  kill(child, SIGKILL);
-  wait(child);
+  Process child = start_and_wait_for_a_checkpoint("killed");
+  child.signal(SIGKILL);
+  child.wait();
   const auto expect_refused = [&](const std::string& what) {
-    const Result result = run({"run", "--resume", "killed"});
+    const RunResult result = run({"run", "--resume", "killed"});
     EXPECT_EQ(result.code, 2);
     EXPECT_THAT(result.err, AllOf(HasSubstr("run.checkpoint"), HasSubstr(what)));
     EXPECT_EQ(std::count(result.err.begin(), result.err.end(), '\n'), 1) << result.err;
@@ -328,17 +294,17 @@ TEST_F(Durable, SigtermWhileInitialisingEndsTheProgramAndIsTold) {
   text.insert(text.find("</ssd:Elements>"), more);
   std::ofstream(folder_ / "many.ssd") << text;
   for (const int signal : {SIGTERM, SIGHUP}) {
-    const pid_t child = start({"run", "many.ssd", "--out", "many"});
+    Process child = start({"run", "many.ssd", "--out", "many"});
     const auto caught = [&] {
-      std::ifstream status("/proc/" + std::to_string(child) + "/status");
+      std::ifstream status("/proc/" + std::to_string(child.id()) + "/status");
       for (std::string line; std::getline(status, line);) {
         if (line.starts_with("SigCgt:")) return (std::stoull(line.substr(7), nullptr, 16) >> (signal - 1) & 1) != 0;
       }
       return false;
     };
     ASSERT_TRUE(wait_for(caught));
-    kill(child, signal);
-    const Result result = wait(child);
+    child.signal(signal);
+    const RunResult result = child.wait();
     EXPECT_EQ(result.code, 128 + signal);
     EXPECT_THAT(result.err, HasSubstr("while loading and initialising; no results were written"));
     EXPECT_FALSE(has("many"));
@@ -346,7 +312,7 @@ TEST_F(Durable, SigtermWhileInitialisingEndsTheProgramAndIsTold) {
 }
 
 TEST_F(Durable, BeyondTheLimitOfAFilesSizeTheRowsSoFarAreWholeAndItIsTold) {
-  const Result result = run({"run", "arm.ssd", "--out", "limited"}, [] {
+  const RunResult result = run({"run", "arm.ssd", "--out", "limited"}, [] {
     const rlimit limit{100'000, 100'000};
     return setrlimit(RLIMIT_FSIZE, &limit) == 0;
   });
@@ -365,7 +331,7 @@ TEST_F(Durable, OnAFullDiskTheRowsSoFarAreWholeAndRunJsonSaysFailed) {
   if (unshare(CLONE_NEWNS) != 0 || mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
       mount("tmpfs", (folder_ / "small").c_str(), "tmpfs", 0, "size=400k") != 0)
     GTEST_SKIP() << "no file system may be mounted here";
-  const Result result = run({"run", "arm.ssd", "--out", "small/results", "--checkpoint", "0.001"});
+  const RunResult result = run({"run", "arm.ssd", "--out", "small/results", "--checkpoint", "0.001"});
   EXPECT_EQ(result.code, 1) << result.err;
   EXPECT_THAT(result.err, HasSubstr("signals.csv: cannot be written: No space left on device"));
   EXPECT_EQ(record("small/results")["state"], "failed");
@@ -389,7 +355,7 @@ TEST_F(Durable, AFolderThatMayNotBeWrittenIsNamedWithTheSystemsReason) {
   const auto as_nobody = [] {
     return getuid() != 0 || (setgroups(0, nullptr) == 0 && setgid(65534) == 0 && setuid(65534) == 0);
   };
-  const Result result = run({"run", "arm.ssd", "--out", "closed/results", "--stop", "0.01"}, as_nobody);
+  const RunResult result = run({"run", "arm.ssd", "--out", "closed/results", "--stop", "0.01"}, as_nobody);
   EXPECT_EQ(result.code, 2);
   EXPECT_THAT(result.err,
               AllOf(HasSubstr("closed/results: cannot be created: Permission denied"), Not(HasSubstr("No such file"))));

@@ -1,7 +1,6 @@
 // Scenarios with FMUs: the same bits as with units, packages, one FMU by itself, and what is wrong with a file.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cstdlib>
@@ -19,6 +18,7 @@
 #include "models/support/error.h"
 #include "tests/fmu/foreign.h"
 #include "tests/support/places.h"
+#include "tests/support/run_program.h"
 #include "tests/support/standard_validator.h"
 
 namespace cotwin::master {
@@ -121,12 +121,10 @@ class FmuScenario : public ::testing::Test {
     return folder_ / name;
   }
 
-  /// A run of the program: exit code, and what it says.
+  /// Runs the program: exit code and output.
   std::pair<int, std::string> program(const std::string& arguments) {
-    const std::string command =
-        "cd '" + folder_.string() + "' && '" + places::program() + "' " + arguments + " > said.txt 2>&1";
-    const int status = std::system(command.c_str());
-    return {WEXITSTATUS(status), content(folder_ / "said.txt")};
+    const testing::RunResult ran = testing::run_program(testing::words(arguments), {.folder = folder_, .merge = true});
+    return {ran.code, ran.out};
   }
 
   const fs::path folder_ = fs::temp_directory_path() / ("cotwin_fmu_scenario_" + std::to_string(::getpid()));
@@ -346,14 +344,14 @@ TEST_F(FmuScenario, ThePackagesFilesAreValid) {
   const fs::path schemas = fs::path(places::shared()) / "data/schemas/ssp1";
   if (!fs::exists(schemas)) GTEST_SKIP() << "no schemas in " << schemas;
   const fmu::TemporaryFolder unpacked = fmu::unpack_archive(pack(example()));
-  const auto valid = [&](const char* schema, const char* file) {
-    const std::string command = "xmllint --noout --nonet --schema '" + (schemas / schema).string() + "' '" +
-                                (unpacked.path() / file).string() + "' > '" + (folder_ / "xmllint.txt").string() + "' 2>&1";
-    return std::system(command.c_str()) == 0;
+  const auto faults = [&](const char* schema, const char* file) {
+    const testing::RunResult checked =
+        testing::run_command({"xmllint", "--noout", "--nonet", "--schema", schemas / schema, unpacked.path() / file});
+    return checked.code == 0 ? "" : checked.err;
   };
-  EXPECT_TRUE(valid("SystemStructureDescription.xsd", "SystemStructure.ssd")) << content(folder_ / "xmllint.txt");
-  EXPECT_TRUE(valid("SystemStructureParameterValues.xsd", "resources/drive.ssv")) << content(folder_ / "xmllint.txt");
-  EXPECT_FALSE(valid("SystemStructureDescription.xsd", "resources/drive.ssv"));
+  EXPECT_EQ(faults("SystemStructureDescription.xsd", "SystemStructure.ssd"), "");
+  EXPECT_EQ(faults("SystemStructureParameterValues.xsd", "resources/drive.ssv"), "");
+  EXPECT_NE(faults("SystemStructureDescription.xsd", "resources/drive.ssv"), "");
 }
 
 TEST_F(FmuScenario, APackageThatIsNoneSaysWhatIsWrongAndLeavesNothing) {
@@ -493,8 +491,8 @@ TEST_F(FmuScenario, CheckFindsEverythingInOneGo) {
 }
 
 TEST_F(FmuScenario, TheProgramPacksInspectsAndRunsAnFmu) {
-  EXPECT_EQ(program("pack 'unit:motion?robot=lwr4' -o motion.ssp").first, 2);
-  ASSERT_EQ(program("pack 'unit:motion?robot=lwr4' --fmi 3 -o motion.fmu"), std::pair(0, std::string()));
+  EXPECT_EQ(program("pack unit:motion?robot=lwr4 -o motion.ssp").first, 2);
+  ASSERT_EQ(program("pack unit:motion?robot=lwr4 --fmi 3 -o motion.fmu"), std::pair(0, std::string()));
   EXPECT_EQ(program("check motion.fmu").first, 0);
   EXPECT_THAT(program("info motion.fmu").second, HasSubstr("motion"));
   const auto [code, said] = program("run motion.fmu --stop-time 0.05 --output-interval 0.01 --output-variable q_d");
@@ -502,7 +500,7 @@ TEST_F(FmuScenario, TheProgramPacksInspectsAndRunsAnFmu) {
   EXPECT_THAT(content(folder_ / "motion_out.csv"), StartsWith("\"time\",\"q_d\"\n0,0 0 0 0 0 0 0\n0.01,"));
   EXPECT_EQ(program("run motion.fmu --out somewhere").first, 2);
   EXPECT_EQ(program("run motion.fmu --start-value nonsense 1").first, 2);
-  EXPECT_EQ(program("run '" + kExample.string() + "' --output-file x.csv").first, 2);
+  EXPECT_EQ(program("run " + kExample.string() + " --output-file x.csv").first, 2);
   write("not.fmu", "no archive");
   EXPECT_EQ(program("check not.fmu").first, 2);
   EXPECT_EQ(program("run not.fmu").first, 2);
@@ -515,7 +513,7 @@ TEST_F(FmuScenario, PacksNoUnitThatNoHostCouldInitialise) {
     EXPECT_THAT(said, AllOf(HasSubstr("unit:io: as an FMU it could not be initialised"), HasSubstr("--set NAME=VALUE")));
     EXPECT_FALSE(fs::exists(folder_ / "io.fmu"));
   }
-  EXPECT_EQ(program("pack 'unit:io?link=sensors' -o sensors.fmu").first, 0);
+  EXPECT_EQ(program("pack unit:io?link=sensors -o sensors.fmu").first, 0);
   std::string log = "t,q1,tau1\n";
   for (int i = 0; i < 100; ++i) log += std::to_string(i * 0.01) + ",0.1,1\n";
   write("log.csv", log);

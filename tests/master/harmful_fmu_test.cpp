@@ -1,10 +1,9 @@
 // What the program makes of FMUs that crash, exit, hang, allocate and write without end: fmu/fmus/harm2.cpp.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
-#include <cstdlib>
+#include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -12,12 +11,14 @@
 #include <vector>
 
 #include "tests/fmu/foreign.h"
-#include "tests/support/places.h"
+#include "tests/support/run_program.h"
 
 namespace cotwin::master {
 namespace {
 
 namespace fs = std::filesystem;
+using cotwin::testing::RunResult;
+using cotwin::testing::words;
 using ::testing::AllOf;
 using ::testing::EndsWith;
 using ::testing::HasSubstr;
@@ -32,11 +33,6 @@ std::string content(const fs::path& file) {
   return text.str();
 }
 
-struct Result {
-  int code = -1;
-  std::string out, err;
-};
-
 class HarmfulFmu : public ::testing::Test {
  protected:
   HarmfulFmu() {
@@ -45,19 +41,19 @@ class HarmfulFmu : public ::testing::Test {
   }
   ~HarmfulFmu() override { fs::remove_all(folder_); }
 
-  Result program(const std::string& arguments, const std::string& harm, const std::string& where,
-                 const std::string& more = "") {
-    const std::string command = "cd '" + folder_.string() + "' && " + more + " COTWIN_HARM='" + harm + "' COTWIN_HARM_AT='" +
-                                where + "' timeout 60 '" + places::program() + "' " + arguments + " > out.txt 2> err.txt";
-    const int status = std::system(command.c_str());
-    return {WIFEXITED(status) ? WEXITSTATUS(status) : -1, content(folder_ / "out.txt"), content(folder_ / "err.txt")};
+  /// Runs the program while the FMU does `harm` in the function `where`.
+  RunResult program(const std::vector<std::string>& arguments, const std::string& harm, const std::string& where,
+                    const std::vector<std::string>& environment = {}) {
+    testing::RunOptions options{.folder = folder_, .environment = environment, .limit = std::chrono::seconds(60)};
+    options.environment.insert(options.environment.end(), {"COTWIN_HARM=" + harm, "COTWIN_HARM_AT=" + where});
+    return testing::run_program(arguments, options);
   }
-  Result run_fmu(const std::string& process, const std::string& harm, const std::string& where) {
+  RunResult run_fmu(const std::string& process, const std::string& harm, const std::string& where) {
     const std::string timeout = harm == "hang" || harm == "flood" ? "1" : "60";
-    return program("run harm2.fmu --quiet --timeout " + timeout + " --memory 200e6 --process " + process, harm, where);
+    return program(words("run harm2.fmu --quiet --timeout " + timeout + " --memory 200e6 --process " + process), harm, where);
   }
   /// 'pump' is the FMU.
-  std::string scenario(const std::string& process, const std::string& harm) {
+  std::vector<std::string> scenario(const std::string& process, const std::string& harm) {
     std::ofstream(folder_ / "plant.ssd") << R"(<?xml version="1.0" encoding="UTF-8"?>
 <ssd:SystemStructureDescription version="1.0" name="plant"
     xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon">
@@ -77,7 +73,7 @@ class HarmfulFmu : public ::testing::Test {
   </ssd:DefaultExperiment>
 </ssd:SystemStructureDescription>
 )";
-    return "run plant.ssd --quiet";
+    return {"run", "plant.ssd", "--quiet"};
   }
   /// Rows without the heading, of which every one is whole.
   static std::size_t whole_rows(const std::string& csv) {
@@ -104,13 +100,13 @@ const char* const kEnds[] = {"exit", "exit-3", "quick_exit", "thread-exit", "abo
 
 TEST_F(HarmfulFmu, EndsTheRunWithAMessageAndTheRowsUpToThenInTheSharedProcess) {
   for (const std::string harm : kEnds) {
-    const Result ran = run_fmu("shared", harm, "fmi2DoStep");
+    const RunResult ran = run_fmu("shared", harm, "fmi2DoStep");
     EXPECT_EQ(ran.code, 1) << harm;
     EXPECT_THAT(ran.err, AllOf(HasSubstr("fmu"), HasSubstr("at t = 0.5 s: harm2.fmu: fmi2DoStep"))) << harm;
     EXPECT_EQ(whole_rows(content(folder_ / "harm2_out.csv")), 51u) << harm;
     fs::remove(folder_ / "harm2_out.csv");
 
-    const Result twin = program(scenario("shared", harm), harm, "fmi2DoStep");
+    const RunResult twin = program(scenario("shared", harm), harm, "fmi2DoStep");
     EXPECT_EQ(twin.code, 1) << harm;
     EXPECT_THAT(twin.err, AllOf(HasSubstr("pump"), HasSubstr("at t = 0.5 s: harm2.fmu: fmi2DoStep"))) << harm;
     EXPECT_EQ(whole_rows(recording()), 51u) << harm;
@@ -122,13 +118,13 @@ TEST_F(HarmfulFmu, EndsTheRunWithAMessageAndTheRowsUpToThenInItsOwnProcess) {
   std::vector<std::string> harms(std::begin(kEnds), std::end(kEnds));
   harms.insert(harms.end(), {"_exit", "kill", "hang", "memory", "flood"});
   for (const std::string& harm : harms) {
-    const Result ran = run_fmu("own", harm, "fmi2DoStep");
+    const RunResult ran = run_fmu("own", harm, "fmi2DoStep");
     EXPECT_EQ(ran.code, 1) << harm;
     EXPECT_THAT(ran.err, AllOf(HasSubstr("fmu at t = 0.5 s: harm2.fmu: "), HasSubstr("fmi2DoStep"))) << harm;
     EXPECT_EQ(whole_rows(content(folder_ / "harm2_out.csv")), 51u) << harm;
     fs::remove(folder_ / "harm2_out.csv");
 
-    const Result twin = program(scenario("own", harm), harm, "fmi2DoStep");
+    const RunResult twin = program(scenario("own", harm), harm, "fmi2DoStep");
     EXPECT_EQ(twin.code, 1) << harm;
     EXPECT_THAT(twin.err, AllOf(HasSubstr("pump at t = 0.5 s: harm2.fmu: "), HasSubstr("fmi2DoStep"))) << harm;
     EXPECT_EQ(whole_rows(recording()), 51u) << harm;
@@ -141,7 +137,7 @@ TEST_F(HarmfulFmu, IsNamedWhateverFunctionItIsIn) {
     for (const std::string harm : {"exit", "abort", "segv"}) {
       for (const std::string where :
            {"load", "fmi2Instantiate", "fmi2EnterInitializationMode", "fmi2Terminate", "fmi2FreeInstance", "unload"}) {
-        const Result ran = run_fmu(process, harm, where);
+        const RunResult ran = run_fmu(process, harm, where);
         EXPECT_NE(ran.code, 0) << process << ' ' << harm << ' ' << where;
         const std::string named = where == "load"     ? "the loading of its library"
                                   : where == "unload" ? "the unloading of its library"
@@ -158,20 +154,20 @@ TEST_F(HarmfulFmu, IsNamedWhateverFunctionItIsIn) {
 TEST_F(HarmfulFmu, HasAProcessOfItsOwnUnlessItIsOursOrOneSaysOtherwise) {
   EXPECT_THAT(run_fmu("auto", "_exit", "fmi2DoStep").err,
               HasSubstr("the FMU's own process exited with status 0 in fmi2DoStep"));
-  ASSERT_EQ(program("pack 'unit:motion?robot=lwr4' --fmi 2 -o motion.fmu", "", "").code, 0);
-  const std::string without_host = "COTWIN_FMU_HOST=/nowhere";
-  EXPECT_EQ(program("run motion.fmu --quiet", "", "", without_host).code, 0);
-  EXPECT_THAT(program("run harm2.fmu --quiet", "", "", without_host).err, HasSubstr("/nowhere: cannot be started"));
-  EXPECT_EQ(program("run harm2.fmu --quiet --process shared", "", "", without_host).code, 0);
+  ASSERT_EQ(program(words("pack unit:motion?robot=lwr4 --fmi 2 -o motion.fmu"), "", "").code, 0);
+  const std::vector<std::string> without_host = {"COTWIN_FMU_HOST=/nowhere"};
+  EXPECT_EQ(program(words("run motion.fmu --quiet"), "", "", without_host).code, 0);
+  EXPECT_THAT(program(words("run harm2.fmu --quiet"), "", "", without_host).err, HasSubstr("/nowhere: cannot be started"));
+  EXPECT_EQ(program(words("run harm2.fmu --quiet --process shared"), "", "", without_host).code, 0);
 }
 
 TEST_F(HarmfulFmu, IsCheckedInAProcessOfItsOwn) {
   for (const std::string harm : {"exit", "_exit", "abort", "throw"}) {
     scenario("auto", harm);
-    const Result plant = program("check plant.ssd", harm, "fmi2Instantiate");
+    const RunResult plant = program(words("check plant.ssd"), harm, "fmi2Instantiate");
     EXPECT_EQ(plant.code, 2) << harm;
     EXPECT_THAT(plant.out, AllOf(HasSubstr("component 'pump': harm2.fmu: "), HasSubstr("fmi2Instantiate"))) << harm;
-    const Result checked = program("check harm2.fmu", harm, "fmi2EnterInitializationMode");
+    const RunResult checked = program(words("check harm2.fmu"), harm, "fmi2EnterInitializationMode");
     EXPECT_EQ(checked.code, 2) << harm;
     EXPECT_THAT(checked.out, AllOf(HasSubstr("error: Co-Simulation: harm2.fmu: "), HasSubstr("fmi2EnterInitializationMode")))
         << harm;
@@ -179,7 +175,7 @@ TEST_F(HarmfulFmu, IsCheckedInAProcessOfItsOwn) {
 }
 
 TEST_F(HarmfulFmu, WritesWhatItLikesToStdoutWithoutSpoilingOurs) {
-  const Result ran = program("run harm2.fmu --json - --process own", "stdout", "fmi2DoStep");
+  const RunResult ran = program(words("run harm2.fmu --json - --process own"), "stdout", "fmi2DoStep");
   EXPECT_EQ(ran.code, 0);
   EXPECT_THAT(ran.out, AllOf(::testing::StartsWith("{"), Not(HasSubstr("of five thousand")), HasSubstr("\"done\"")));
   EXPECT_THAT(ran.err.substr(0, 100), ::testing::StartsWith("line 0 of five thousand"));

@@ -2,7 +2,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -13,11 +12,13 @@
 #include <sstream>
 #include <thread>
 
-#include "tests/support/places.h"
+#include "tests/support/run_program.h"
 
 namespace {
 
 namespace fs = std::filesystem;
+using cotwin::testing::Process;
+using cotwin::testing::RunResult;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
@@ -28,35 +29,16 @@ std::string content(const fs::path& file) {
   return text.str();
 }
 
-struct Result {
-  int code = -1;  // exit code, or −signal
-  std::string out, err;
-};
-
 /// Runs the program in a folder of its own.
 class Program : public ::testing::Test {
  protected:
   Program() { fs::create_directories(folder_); }
   ~Program() override { fs::remove_all(folder_); }
 
-  pid_t start(std::vector<std::string> arguments, const char* out = "out.txt") {
-    const pid_t child = fork();
-    if (child != 0) return child;
-    if (chdir(folder_.c_str()) != 0 || !std::freopen(out, "w", stdout) || !std::freopen("err.txt", "w", stderr)) _exit(99);
-    arguments.insert(arguments.begin(), cotwin::places::program());
-    std::vector<char*> argv;
-    for (std::string& a : arguments) argv.push_back(a.data());
-    argv.push_back(nullptr);
-    execv(cotwin::places::program().c_str(), argv.data());
-    _exit(99);
+  Process start(std::vector<std::string> arguments) {
+    return cotwin::testing::start_program(std::move(arguments), {.folder = folder_});
   }
-  Result wait(pid_t child) {
-    int status = 0;
-    waitpid(child, &status, 0);
-    const int code = WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
-    return {code, content(folder_ / "out.txt"), content(folder_ / "err.txt")};
-  }
-  Result run(std::vector<std::string> arguments) { return wait(start(std::move(arguments))); }
+  RunResult run(std::vector<std::string> arguments) { return start(std::move(arguments)).wait(); }
 
   /// A scenario of one unit: the desired motion of the LWR 4+, for an hour.
   std::string scenario() {
@@ -82,7 +64,7 @@ class Program : public ::testing::Test {
 TEST_F(Program, KnowsItsVersionItsHelpAndItsUnits) {
   EXPECT_THAT(run({"--version"}).out, StartsWith("cotwin "));
   EXPECT_THAT(run({"run", "--help"}).out, HasSubstr("--set NAME=VALUE"));
-  const Result units = run({"units"});
+  const RunResult units = run({"units"});
   EXPECT_EQ(units.code, 0);
   for (const char* unit : {"motion", "io", "compliance", "drive_train"}) EXPECT_THAT(units.out, HasSubstr(unit));
 }
@@ -91,10 +73,10 @@ TEST_F(Program, BadInputIsExitCodeTwoWithAMessageAndNoFiles) {
   EXPECT_EQ(run({}).code, 2);
   EXPECT_EQ(run({"walk"}).code, 2);
   EXPECT_EQ(run({"run", "x.ssd", "--threads", "0"}).code, 2);
-  const Result missing = run({"run", "nowhere.ssd"});
+  const RunResult missing = run({"run", "nowhere.ssd"});
   EXPECT_EQ(missing.code, 2);
   EXPECT_THAT(missing.err, StartsWith("cotwin: nowhere.ssd"));
-  const Result wrong = run({"run", scenario(), "--set", "motion.speed_of_light=1"});
+  const RunResult wrong = run({"run", scenario(), "--set", "motion.speed_of_light=1"});
   EXPECT_EQ(wrong.code, 2);
   EXPECT_THAT(wrong.err, HasSubstr("speed_of_light"));
   EXPECT_EQ(run({"run", scenario(), "--record", "nothing.*"}).code, 2);
@@ -105,14 +87,14 @@ TEST_F(Program, BadInputIsExitCodeTwoWithAMessageAndNoFiles) {
 TEST_F(Program, TakesAnFmuForOneInAnyCaseOfLetters) {
   for (const char* name : {"plant.fmu", "PLANT.FMU"}) {
     std::ofstream(folder_ / name) << "no archive";
-    const Result checked = run({"check", name}), ran = run({"run", name, "--output-file", "out.csv"});
+    const RunResult checked = run({"check", name}), ran = run({"run", name, "--output-file", "out.csv"});
     EXPECT_THAT(checked.out, HasSubstr("expected a zip archive")) << name;
     EXPECT_THAT(ran.err, HasSubstr("expected a zip archive")) << name;
   }
 }
 
 TEST_F(Program, RunsAScenarioAndSaysWhereTheResultsAre) {
-  const Result result = run({"run", scenario(), "--stop", "0.05", "--json", "summary.json", "--set", "motion.waypoint_q=0"});
+  const RunResult result = run({"run", scenario(), "--stop", "0.05", "--json", "summary.json", "--set", "motion.waypoint_q=0"});
   EXPECT_EQ(result.code, 0) << result.err;
   EXPECT_EQ(result.err, "");  // no progress bar where stderr is no terminal
   EXPECT_THAT(result.out, HasSubstr("just motion: 0.05 s in 50 ticks of 1 ms"));
@@ -122,7 +104,7 @@ TEST_F(Program, RunsAScenarioAndSaysWhereTheResultsAre) {
 }
 
 TEST_F(Program, RecordsWhatItIsToldWhereItIsTold) {
-  const Result result =
+  const RunResult result =
       run({"run", "--record", "motion.q_d[2]", "--out", "there", "--quiet", "--json", "-", "--stop", "0.002", scenario()});
   EXPECT_EQ(result.code, 0) << result.err;
   EXPECT_EQ(nlohmann::json::parse(result.out)["rows"], 3);
@@ -131,12 +113,12 @@ TEST_F(Program, RecordsWhatItIsToldWhereItIsTold) {
 
 TEST_F(Program, CtrlCEndsARunCleanlyWithEverythingOnDisk) {
   for (const int signal : {SIGINT, SIGTERM}) {
-    const pid_t child = start({"run", scenario(), "--real-time"});
+    Process child = start({"run", scenario(), "--real-time"});
     const fs::path file = folder_ / "results/just_motion/signals.csv", growing = file.string() + ".part";
     for (int i = 0; i < 1000 && (!fs::exists(growing) || fs::file_size(growing) < 2000); ++i)
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
-    kill(child, signal);
-    const Result result = wait(child);
+    child.signal(signal);
+    const RunResult result = child.wait();
     EXPECT_EQ(result.code, 128 + signal) << result.err;
     EXPECT_THAT(result.out, HasSubstr("just motion: interrupted at t = "));
     const std::string csv = content(file);
@@ -152,7 +134,7 @@ TEST_F(Program, CtrlCEndsARunCleanlyWithEverythingOnDisk) {
 TEST_F(Program, WhatFailsBeforeTheStartLeavesEarlierResultsAsTheyAre) {
   EXPECT_EQ(run({"run", scenario(), "--stop", "0.01"}).code, 0);
   const std::string before = content(folder_ / "results/just_motion/signals.csv");
-  const Result wrong = run({"run", scenario(), "--stop", "0.01", "--set", "motion.time_scale=-1"});
+  const RunResult wrong = run({"run", scenario(), "--stop", "0.01", "--set", "motion.time_scale=-1"});
   EXPECT_EQ(wrong.code, 2);
   EXPECT_EQ(content(folder_ / "results/just_motion/signals.csv"), before);
 }
@@ -160,11 +142,11 @@ TEST_F(Program, WhatFailsBeforeTheStartLeavesEarlierResultsAsTheyAre) {
 TEST_F(Program, OutputThatCannotBeWrittenIsAnError) {
   if (!fs::exists("/dev/full")) GTEST_SKIP() << "needs /dev/full";
   fs::create_symlink("/dev/full", folder_ / "full.json");
-  const Result file = run({"run", scenario(), "--stop", "0.01", "--json", "full.json"});
+  const RunResult file = run({"run", scenario(), "--stop", "0.01", "--json", "full.json"});
   EXPECT_EQ(file.code, 2);
   EXPECT_THAT(file.err, HasSubstr("full.json: cannot be written"));
-  const pid_t child = start({"run", scenario(), "--stop", "0.01"}, "/dev/full");
-  const Result printed = wait(child);
+  const RunResult printed =
+      cotwin::testing::run_program({"run", scenario(), "--stop", "0.01"}, {.folder = folder_, .out = "/dev/full"});
   EXPECT_EQ(printed.code, 2);
   EXPECT_THAT(printed.err, HasSubstr("stdout: cannot be written"));
 }
@@ -173,11 +155,11 @@ TEST_F(Program, NamesWhatItCannotUnderstand) {
   EXPECT_THAT(run({"walk"}).err, StartsWith("cotwin: 'walk' is no command, expected run"));
   EXPECT_THAT(run({"run", scenario(), "--threads", "many"}).err, StartsWith("cotwin: "));
   for (const char* stop : {"nan", "inf", "1e12"}) {
-    const Result result = run({"run", scenario(), "--stop", stop});
+    const RunResult result = run({"run", scenario(), "--stop", stop});
     EXPECT_EQ(result.code, 2) << stop;
     EXPECT_THAT(result.err, HasSubstr("expected a time in seconds")) << stop;
   }
-  const Result robot = run({"describe", "motion?robot=nobody"});
+  const RunResult robot = run({"describe", "motion?robot=nobody"});
   EXPECT_EQ(robot.code, 2);
   EXPECT_THAT(robot.err, HasSubstr("no file robots/nobody/robot.urdf (another robot: --set robot=PATH.urdf); looked for"));
 }
@@ -192,22 +174,22 @@ TEST_F(Program, CtrlCWhileTheClockIsWaitedForStepsNoFurther) {
 </ssc:Annotation></ssd:Annotations>)" +
           end);
   std::ofstream(folder_ / "slow.ssd") << text;
-  const pid_t child = start({"run", "slow.ssd", "--real-time"});
+  Process child = start({"run", "slow.ssd", "--real-time"});
   const fs::path file = folder_ / "results/just_motion/signals.csv", growing = file.string() + ".part";
   const auto rows = [&] {
     const std::string csv = content(fs::exists(growing) ? growing : file);
     return std::count(csv.begin(), csv.end(), '\n');
   };
   for (int i = 0; i < 1000 && rows() < 3; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  kill(child, SIGINT);
-  const Result result = wait(child);
+  child.signal(SIGINT);
+  const RunResult result = child.wait();
   EXPECT_EQ(result.code, 130) << result.err;
   EXPECT_THAT(result.out, HasSubstr("interrupted at t = 600 s; 600 s in 1 ticks of 600 s"));
   EXPECT_EQ(rows(), 3);  // heading, start, first tick
 }
 
 TEST_F(Program, DescribesSettingsBeforeTheOneIsGivenThatVariablesDependOn) {
-  const Result told = run({"describe", "tuner"});
+  const RunResult told = run({"describe", "tuner"});
   EXPECT_EQ(told.code, 0) << told.err;
   EXPECT_THAT(told.out, HasSubstr("none, coulomb, sigmoid, stribeck; default: none"));
   EXPECT_THAT(told.out, HasSubstr("needs the setting 'robot'"));
@@ -229,28 +211,28 @@ TEST_F(Program, SetsASettingOfOneUnit) {
     all.insert(all.end(), more.begin(), more.end());
     return run(all);
   };
-  const Result both = ran({"--set", "drive.method=cvode", "--set", "world.method=dantzig"});
+  const RunResult both = ran({"--set", "drive.method=cvode", "--set", "world.method=dantzig"});
   EXPECT_EQ(both.code, 0) << both.err;
-  const Result wrong = ran({"--set", "world.method=cvode"});
+  const RunResult wrong = ran({"--set", "world.method=cvode"});
   EXPECT_EQ(wrong.code, 2);
   EXPECT_THAT(wrong.err, HasSubstr("component 'world': unit:contact_world: method=cvode, expected one of tree, pgs, dantzig"));
-  const Result shared = ran({"--set", "method=cvode"});
+  const RunResult shared = ran({"--set", "method=cvode"});
   EXPECT_EQ(shared.code, 2);
   EXPECT_THAT(shared.err, HasSubstr("for one: --set COMPONENT.method="));
-  const Result slip = ran({"--set", "world.methd=pgs"});
+  const RunResult slip = ran({"--set", "world.methd=pgs"});
   EXPECT_EQ(slip.code, 2);
   EXPECT_THAT(slip.err, HasSubstr("world: no variable and no setting 'methd'; did you mean 'method'?"));
-  const Result output = ran({"--set", "world.contacts=7"});  // a setting and an output of the same name
+  const RunResult output = ran({"--set", "world.contacts=7"});  // a setting and an output of the same name
   EXPECT_EQ(output.code, 0) << output.err;
 }
 
 TEST_F(Program, TellsBeforeARunWhatTheScenarioForgot) {
   const std::string file = scenario();  // no waypoints
   const std::string expected = "motion.waypoint_q (joint positions";
-  const Result checked = run({"check", file});
+  const RunResult checked = run({"check", file});
   EXPECT_EQ(checked.code, 0) << checked.err;
   EXPECT_THAT(checked.out, HasSubstr(expected));
-  const Result ran = run({"run", file, "--stop", "0.01", "--json", "summary.json"});
+  const RunResult ran = run({"run", file, "--stop", "0.01", "--json", "summary.json"});
   EXPECT_EQ(ran.code, 0);
   EXPECT_THAT(ran.err, StartsWith("cotwin: warning: motion.ssd:7: " + expected));
   EXPECT_EQ(ran.err.find(expected), ran.err.rfind(expected)) << "once";
@@ -258,7 +240,7 @@ TEST_F(Program, TellsBeforeARunWhatTheScenarioForgot) {
   const auto json = nlohmann::json::parse(content(folder_ / "summary.json"));
   ASSERT_EQ(json["warnings"].size(), 1u);
   EXPECT_THAT(json["warnings"][0].get<std::string>(), HasSubstr(expected));
-  const Result given = run({"run", file, "--stop", "0.01", "--set", "motion.waypoint_q=0"});
+  const RunResult given = run({"run", file, "--stop", "0.01", "--set", "motion.waypoint_q=0"});
   EXPECT_EQ(given.code, 0);
   EXPECT_EQ(given.err, "");
 }
@@ -267,7 +249,7 @@ TEST_F(Program, CompletesCommandsOptionsUnitsAndSettings) {
   EXPECT_THAT(run({"completion", "bash"}).out, HasSubstr("complete -o default -F _cotwin cotwin"));
   EXPECT_EQ(run({"completion", "fish"}).code, 2);
   const auto completed = [&](const std::string& line) {
-    const Result result = run({"completion", "candidates", line});
+    const RunResult result = run({"completion", "candidates", line});
     EXPECT_EQ(result.code, 0) << result.err;
     return result.out;
   };
@@ -288,7 +270,7 @@ TEST_F(Program, DescribesAUnitAndWritesItsReference) {
   EXPECT_GT(json["variables"].size(), 5u);
   EXPECT_THAT(run({"describe", "drive_train?robot=lwr4&method=cvode"}).out,
               HasSubstr("rosenbrock, cvode, arkode; default: rosenbrock; here: cvode"));
-  const Result reference = run({"reference", "pages"});
+  const RunResult reference = run({"reference", "pages"});
   EXPECT_EQ(reference.code, 0) << reference.err;
   EXPECT_THAT(content(folder_ / "pages/drive_train.md"), HasSubstr("| `tau_m` | 7 | N.m |"));
   EXPECT_THAT(content(folder_ / "pages/drive_train.md"), HasSubstr("| `method` | rosenbrock, cvode, arkode | rosenbrock |"));

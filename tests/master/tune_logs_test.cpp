@@ -1,22 +1,22 @@
 // cotwin tune on logs as they come: rows lost, time stamps that jitter, joints that stand still; and results that are no good.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/wait.h>
 
 #include <algorithm>
-#include <cstdlib>
 #include <sstream>
 
 #include "models/numerics/random.h"
 #include "models/support/text.h"
 #include "tests/master/tune_fixture.h"
 #include "tests/support/places.h"
+#include "tests/support/run_program.h"
 
 namespace cotwin::master::tuning {
 namespace {
 
 namespace fs = std::filesystem;
 using cotwin::testing::content;
+using cotwin::testing::RunResult;
 using cotwin::testing::TunedRobot;
 using ::testing::HasSubstr;
 using Values = std::vector<double>;
@@ -155,11 +155,8 @@ TEST(TuneLogs, JointsThatStandStillLeaveTheOthersTheirWeights) {
   EXPECT_THAT(content(robot().folder / "still/report.md"), HasSubstr("expected a motion"));
 }
 
-int run(const std::string& arguments) {
-  const std::string command = "cd '" + robot().folder.path().string() + "' && timeout 300 '" + places::program() + "' " +
-                              arguments + " > out.txt 2> err.txt";
-  const int status = std::system(command.c_str());
-  return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+RunResult run(const std::string& arguments) {
+  return cotwin::testing::run_program(cotwin::testing::words(arguments), {.folder = robot().folder.path()});
 }
 
 TEST(TuneAlarm, AResultThatIsWorseThanNoModelIsAnAlarmUnlessItIsAccepted) {
@@ -170,13 +167,14 @@ TEST(TuneAlarm, AResultThatIsWorseThanNoModelIsAnAlarmUnlessItIsAccepted) {
   robot().log.write(robot().folder / "other_way.csv", robot().truth, spoil);
   const std::string tune =
       "tune --robot prior.urdf --data other_way.csv --method feasible --cutoff 5 --accept-data --out alarm --quiet";
-  EXPECT_EQ(run(tune), 1);
-  EXPECT_THAT(content(robot().folder / "err.txt"), HasSubstr("joint_7: held-out error"));
-  EXPECT_THAT(content(robot().folder / "err.txt"), HasSubstr("expected below the torque itself"));
+  const RunResult alarmed = run(tune);
+  EXPECT_EQ(alarmed.code, 1);
+  EXPECT_THAT(alarmed.err, HasSubstr("joint_7: held-out error"));
+  EXPECT_THAT(alarmed.err, HasSubstr("expected below the torque itself"));
   EXPECT_THAT(content(robot().folder / "alarm/report.md"), HasSubstr("**Alarm**"));
   EXPECT_EQ(robot().figures("alarm")["alarms"].size(), 1u);
-  EXPECT_EQ(run(tune + " --accept-result"), 0);
-  EXPECT_EQ(run("tune --robot prior.urdf --data log.csv --method feasible --cutoff 5 --out fine --quiet"), 0);
+  EXPECT_EQ(run(tune + " --accept-result").code, 0);
+  EXPECT_EQ(run("tune --robot prior.urdf --data log.csv --method feasible --cutoff 5 --out fine --quiet").code, 0);
   EXPECT_EQ(robot().figures("fine")["alarms"].size(), 0u);
 }
 

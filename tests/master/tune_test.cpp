@@ -2,12 +2,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
-#include <sys/resource.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <chrono>
-#include <cstdlib>
 #include <functional>
 #include <limits>
 #include <thread>
@@ -18,12 +14,15 @@
 #include "models/support/parameter_set.h"
 #include "tests/master/tune_fixture.h"
 #include "tests/support/places.h"
+#include "tests/support/run_program.h"
 
 namespace cotwin::master::tuning {
 namespace {
 
 namespace fs = std::filesystem;
 using cotwin::testing::content;
+using cotwin::testing::Process;
+using cotwin::testing::RunResult;
 using cotwin::testing::TunedRobot;
 using ::testing::AllOf;
 using ::testing::Each;
@@ -391,46 +390,22 @@ TEST(Tune, ResumingWithAnotherLogIsAnError) {
   EXPECT_THROW(load_resume(robot().folder / "changing/resume.json"), Error);
 }
 
-/// The program, in the folder of the robot.
-class Program {
- public:
-  Program() : folder_(robot().folder.path()) {}
-  pid_t start(std::vector<std::string> arguments) const {
-    const pid_t child = fork();
-    if (child != 0) return child;
-    if (chdir(folder_.c_str()) != 0 || !std::freopen("out.txt", "w", stdout) || !std::freopen("err.txt", "w", stderr))
-      _exit(99);
-    arguments.insert(arguments.begin(), places::program());
-    std::vector<char*> argv;
-    for (std::string& a : arguments) argv.push_back(a.data());
-    argv.push_back(nullptr);
-    execv(places::program().c_str(), argv.data());
-    _exit(99);
-  }
-  int wait(pid_t child) {
-    int status = 0;
-    waitpid(child, &status, 0);
-    out = content(folder_ / "out.txt");
-    err = content(folder_ / "err.txt");
-    return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
-  }
-  int run(const std::vector<std::string>& arguments) { return wait(start(arguments)); }
-  std::string out, err;
-
- private:
-  fs::path folder_;  // made before any child is
-};
+/// Starts the program in the folder of the robot.
+cotwin::testing::Process start(std::vector<std::string> arguments) {
+  return cotwin::testing::start_program(std::move(arguments), {.folder = robot().folder.path()});
+}
+RunResult run(std::vector<std::string> arguments, const std::vector<std::string>& environment = {}) {
+  return cotwin::testing::run_program(std::move(arguments), {.folder = robot().folder.path(), .environment = environment});
+}
 
 TEST(TuneProgram, PrintsATablePerJointAndWhereTheFilesAre) {
-  Program program;
-  ASSERT_EQ(
-      program.run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--out", "table", "--rounds", "5", "--cutoff", "5"}),
-      0)
-      << program.err;
-  EXPECT_EQ(program.err, "");  // no progress bar where stderr is no terminal
-  EXPECT_THAT(program.out, AllOf(HasSubstr("prior"), HasSubstr("swarm"), HasSubstr("feasible"), HasSubstr("floor"),
-                                 HasSubstr("max, feasible")));
-  EXPECT_THAT(program.out, AllOf(HasSubstr("held out"), HasSubstr("joint_7"), HasSubstr("results: table")));
+  const RunResult tuned =
+      run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--out", "table", "--rounds", "5", "--cutoff", "5"});
+  ASSERT_EQ(tuned.code, 0) << tuned.err;
+  EXPECT_EQ(tuned.err, "");  // no progress bar where stderr is no terminal
+  EXPECT_THAT(tuned.out, AllOf(HasSubstr("prior"), HasSubstr("swarm"), HasSubstr("feasible"), HasSubstr("floor"),
+                               HasSubstr("max, feasible")));
+  EXPECT_THAT(tuned.out, AllOf(HasSubstr("held out"), HasSubstr("joint_7"), HasSubstr("results: table")));
   for (const char* file : kFiles) EXPECT_TRUE(fs::exists(robot().folder / "table" / file)) << file;
   for (const fs::directory_entry& entry : fs::directory_iterator(robot().folder / "table"))
     EXPECT_THAT(entry.path().string(), ::testing::Not(HasSubstr(".part")));  // nothing half-written stays
@@ -438,18 +413,16 @@ TEST(TuneProgram, PrintsATablePerJointAndWhereTheFilesAre) {
 
 // Kernels differ by rounding, and so may the robot: what the data leave open is decided by the prior, not by noise of 1e-16.
 TEST(TuneProgram, FindsTheSameRobotOnEveryInstructionSet) {
-  Program program;
   std::vector<std::vector<double>> masses;
   std::vector<nlohmann::json> figures;
   for (const char* isa : {"x86-64-v2", "x86-64-v3", "x86-64-v4"}) {
-    ASSERT_EQ(setenv("COTWIN_CPU", isa, 1), 0);
-    const int code = program.run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--out", isa, "--method", "feasible",
-                                  "--cutoff", "5", "--quiet"});
-    unsetenv("COTWIN_CPU");
-    ASSERT_EQ(code, 0) << program.err;
+    const RunResult tuned = run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--out", isa, "--method", "feasible",
+                                 "--cutoff", "5", "--quiet"},
+                                {std::string("COTWIN_CPU=") + isa});
+    ASSERT_EQ(tuned.code, 0) << tuned.err;
     masses.emplace_back();
-    const robot::RobotModel tuned = robot::load_urdf(robot().folder / isa / "robot.urdf");
-    for (const robot::Body& body : tuned.bodies) {
+    const robot::RobotModel found = robot::load_urdf(robot().folder / isa / "robot.urdf");
+    for (const robot::Body& body : found.bodies) {
       const auto pi = body.inertia.parameters();
       masses.back().insert(masses.back().end(), pi.data(), pi.data() + 10);
     }
@@ -468,66 +441,66 @@ TEST(TuneProgram, FindsTheSameRobotOnEveryInstructionSet) {
 }
 
 TEST(TuneProgram, BadInputIsExitCodeTwoWithPlaceFactAndExpectation) {
-  Program program;
-  EXPECT_EQ(program.run({"tune", "--robot", "prior.urdf"}), 2);
-  EXPECT_THAT(program.err, HasSubstr("--data: no file, expected at least one"));
-  EXPECT_EQ(program.run({"tune", "--robot", "nobody", "--data", "log.csv"}), 2);
-  EXPECT_THAT(program.err, HasSubstr("robot 'nobody'"));
-  EXPECT_EQ(program.run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--split", "2"}), 2);
-  EXPECT_THAT(program.err, HasSubstr("--split: 2, expected 0.05 to 1"));
-  EXPECT_EQ(program.run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--method", "magic"}), 2);
-  EXPECT_THAT(program.err, HasSubstr("expected one of swarm, feasible, least-squares"));
-  EXPECT_EQ(program.run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--angle-unit", "deg", "--time-unit", "ms"}), 2);
-  EXPECT_THAT(program.err, AllOf(HasSubstr("log.csv"), HasSubstr("expected")));
-  EXPECT_EQ(program.run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--cutoff", "0.01"}), 2);
-  EXPECT_THAT(program.err, HasSubstr("log.csv: the longest segment without a gap is 40 s, expected more than 200 s"));
-  EXPECT_EQ(program.run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--harmonics", "0,5,0,0,0,0,0"}), 2);
-  EXPECT_THAT(program.err, HasSubstr("--harmonics: 5, expected 0 to 4"));
-  EXPECT_EQ(program.run({"tune", "--resume", "nowhere"}), 2);
-  EXPECT_THAT(program.err, HasSubstr("nowhere/resume.json: cannot be read"));
+  const auto expect_refused = [](const std::vector<std::string>& arguments, const std::vector<std::string>& parts) {
+    const RunResult ran = run(arguments);
+    EXPECT_EQ(ran.code, 2) << ran.err;
+    for (const std::string& part : parts) EXPECT_THAT(ran.err, HasSubstr(part));
+  };
+  expect_refused({"tune", "--robot", "prior.urdf"}, {"--data: no file, expected at least one"});
+  expect_refused({"tune", "--robot", "nobody", "--data", "log.csv"}, {"robot 'nobody'"});
+  expect_refused({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--split", "2"}, {"--split: 2, expected 0.05 to 1"});
+  expect_refused({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--method", "magic"},
+                 {"expected one of swarm, feasible, least-squares"});
+  expect_refused({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--angle-unit", "deg", "--time-unit", "ms"},
+                 {"log.csv", "expected"});
+  expect_refused({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--cutoff", "0.01"},
+                 {"log.csv: the longest segment without a gap is 40 s, expected more than 200 s"});
+  expect_refused({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--harmonics", "0,5,0,0,0,0,0"},
+                 {"--harmonics: 5, expected 0 to 4"});
+  expect_refused({"tune", "--resume", "nowhere"}, {"nowhere/resume.json: cannot be read"});
   EXPECT_FALSE(fs::exists(robot().folder / "results"));
 }
 
 TEST(TuneProgram, TheAngleUnitIsNoneOfSlidingJoints) {
-  Program program;
   cotwin::testing::SyntheticLog log = robot().log;
   log.write(robot().folder / "gantry.csv", robot::load_urdf(places::source() + "/tests/components/data/gantry.urdf"));
   for (const char* unit : {"rad", "deg"}) {
-    ASSERT_EQ(program.run({"tune", "--robot", places::source() + "/tests/components/data/gantry.urdf", "--data", "gantry.csv",
-                           "--method", "feasible", "--q-offset", "0.1,-0.2", "--angle-unit", unit, "--out", unit, "--quiet"}),
-              0)
-        << program.err;
+    const RunResult tuned =
+        run({"tune", "--robot", places::source() + "/tests/components/data/gantry.urdf", "--data", "gantry.csv", "--method",
+             "feasible", "--q-offset", "0.1,-0.2", "--angle-unit", unit, "--out", unit, "--quiet"});
+    ASSERT_EQ(tuned.code, 0) << tuned.err;
   }
   EXPECT_EQ(content(robot().folder / "deg/torques.csv"), content(robot().folder / "rad/torques.csv"));
   EXPECT_EQ(content(robot().folder / "deg/robot.urdf"), content(robot().folder / "rad/robot.urdf"));
 }
 
 TEST(TuneProgram, CtrlCLeavesTheBestSoFarAndResumeGoesOnToTheSameRobot) {
-  Program program;
   const std::vector<std::string> command = {"tune", "--robot",     "prior.urdf", "--data",    "log.csv", "--cutoff",
                                             "5",    "--particles", "32",         "--threads", "2"};
   auto endless = command;
   endless.insert(endless.end(), {"--rounds", "1000000", "--out", "ctrl_c"});
-  const pid_t child = program.start(endless);
+  Process child = start(endless);
   using namespace std::chrono_literals;
   for (int i = 0; i < 600 && !fs::exists(robot().folder / "ctrl_c"); ++i) std::this_thread::sleep_for(50ms);  // the log is read
   std::this_thread::sleep_for(1s);
-  kill(child, SIGINT);
-  ASSERT_EQ(program.wait(child), 130) << program.err;
-  EXPECT_THAT(program.err, HasSubstr("go on with: cotwin tune --resume ctrl_c"));
+  child.signal(SIGINT);
+  const RunResult stopped = child.wait();
+  ASSERT_EQ(stopped.code, 130) << stopped.err;
+  EXPECT_THAT(stopped.err, HasSubstr("go on with: cotwin tune --resume ctrl_c"));
   EXPECT_NO_THROW(robot::load_urdf(robot().folder / "ctrl_c/robot.urdf"));
 
   const int rounds = robot().figures("ctrl_c")["swarm"]["rounds"].get<int>() + 3;
-  ASSERT_EQ(program.run({"tune", "--resume", "ctrl_c", "--rounds", std::to_string(rounds)}), 0) << program.err;
+  const RunResult resumed = run({"tune", "--resume", "ctrl_c", "--rounds", std::to_string(rounds)});
+  ASSERT_EQ(resumed.code, 0) << resumed.err;
   auto straight = command;
   straight.insert(straight.end(), {"--rounds", std::to_string(rounds), "--out", "no_ctrl_c"});
-  ASSERT_EQ(program.run(straight), 0) << program.err;
+  const RunResult uninterrupted = run(straight);
+  ASSERT_EQ(uninterrupted.code, 0) << uninterrupted.err;
   for (const char* file : kFiles)
     EXPECT_EQ(content(robot().folder / "ctrl_c" / file), content(robot().folder / "no_ctrl_c" / file)) << file;
 }
 
 TEST(TuneProgram, KilledAtAnyTimeItGoesOnToTheSameRobot) {
-  Program program;
   const std::vector<std::string> command = {"tune",     "--robot",  "prior.urdf",  "--data",       "log.csv",
                                             "--cutoff", "5",        "--particles", "32",           "--threads",
                                             "1",        "--rounds", "60",          "--checkpoint", "1e-6"};
@@ -537,7 +510,7 @@ TEST(TuneProgram, KilledAtAnyTimeItGoesOnToTheSameRobot) {
     return all;
   };
   const fs::path resume = robot().folder / "killed/resume.json";
-  pid_t child = program.start(into("killed"));
+  Process child = start(into("killed"));
   const auto wait_for_a_checkpoint = [&] {
     const std::string before = content(resume);
     for (int i = 0; i < 60000 && content(resume) == before; ++i) std::this_thread::sleep_for(std::chrono::milliseconds(1));
@@ -546,38 +519,41 @@ TEST(TuneProgram, KilledAtAnyTimeItGoesOnToTheSameRobot) {
   for (int times = 0; times < 3; ++times) {
     wait_for_a_checkpoint();
     ASSERT_TRUE(fs::exists(resume));
-    kill(child, SIGKILL);
-    if (program.wait(child) == 0) break;
-    child = program.start({"tune", "--resume", "killed", "--checkpoint", "1e-6", "--threads", "1"});
+    child.signal(SIGKILL);
+    if (child.wait().code == 0) break;
+    child = start({"tune", "--resume", "killed", "--checkpoint", "1e-6", "--threads", "1"});
   }
-  ASSERT_EQ(program.wait(child), 0) << program.err;
-  ASSERT_EQ(program.run(into("not_killed")), 0) << program.err;
+  const RunResult resumed = child.wait(), not_killed = run(into("not_killed"));
+  ASSERT_EQ(resumed.code, 0) << resumed.err;
+  ASSERT_EQ(not_killed.code, 0) << not_killed.err;
   for (const char* file : kFiles)
     EXPECT_EQ(content(robot().folder / "killed" / file), content(robot().folder / "not_killed" / file)) << file;
 }
 
 TEST(TuneProgram, OfTwoTuningsIntoOneFolderTheSecondIsRefusedAndEarlierResultsAreKept) {
-  Program program;
   const std::vector<std::string> command = {"tune",     "--robot", "prior.urdf", "--data", "log.csv", "--cutoff", "5",
                                             "--method", "swarm",   "--rounds",   "3",      "--out",   "common"};
-  ASSERT_EQ(program.run(command), 0) << program.err;
+  const RunResult earlier = run(command);
+  ASSERT_EQ(earlier.code, 0) << earlier.err;
   const std::string first = content(robot().folder / "common/report.md");
   auto endless = command;
   endless[10] = "1000000";
-  const pid_t child = program.start(endless);
+  Process child = start(endless);
   const auto begun = [&] { return fs::exists(robot().folder / "common/earlier-1/report.md"); };
   for (int i = 0; i < 60000 && !begun(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   EXPECT_EQ(content(robot().folder / "common/earlier-1/report.md"), first);
-  Program other;
-  EXPECT_EQ(other.run(command), 2);
-  EXPECT_THAT(other.err, HasSubstr("common: process " + std::to_string(child)));
-  kill(child, SIGTERM);
-  EXPECT_EQ(program.wait(child), 143);
-  EXPECT_THAT(program.err, HasSubstr("cotwin: stopped by SIGTERM"));
+  const RunResult second = run(command);
+  EXPECT_EQ(second.code, 2);
+  EXPECT_THAT(second.err, HasSubstr("common: process " + std::to_string(child.id())));
+  child.signal(SIGTERM);
+  const RunResult stopped = child.wait();
+  EXPECT_EQ(stopped.code, 143);
+  EXPECT_THAT(stopped.err, HasSubstr("cotwin: stopped by SIGTERM"));
   // The robot may come from the folder that its successor goes to: it is copied, not moved.
   auto in_place = command;
   in_place[2] = "common/robot.urdf";
-  EXPECT_EQ(program.run(in_place), 0) << program.err;
+  const RunResult third = run(in_place);
+  EXPECT_EQ(third.code, 0) << third.err;
   EXPECT_TRUE(fs::exists(robot().folder / "common/earlier-2/robot.urdf"));
 }
 
@@ -592,25 +568,20 @@ TEST(TuneProgram, NeedsNoMoreMemoryForALongerLog) {
     log.rate = 1000;
     log.duration = duration;
     log.write(robot().folder / "long.csv", two);
-    Program program;
-    const pid_t child = program.start({"tune", "--robot", "planar2", "--data", "long.csv", "--out", "long", "--cutoff", "10",
-                                       "--method", "feasible", "--accept-data"});
-    rusage usage{};
-    int status = 0;
-    ASSERT_EQ(wait4(child, &status, 0, &usage), child);
-    ASSERT_EQ(status, 0) << content(robot().folder / "err.txt");
-    MiB.push_back(static_cast<double>(usage.ru_maxrss) / 1024);
+    const RunResult tuned = run({"tune", "--robot", "planar2", "--data", "long.csv", "--out", "long", "--cutoff", "10",
+                                 "--method", "feasible", "--accept-data"});
+    ASSERT_EQ(tuned.code, 0) << tuned.err;
+    MiB.push_back(static_cast<double>(tuned.memory) / 1024);
   }
   EXPECT_LT(MiB[1], MiB[0] + 2) << MiB[0];  // the longer log has 12 MiB of numbers as doubles, and 20 MiB of text
 }
 
 TEST(ExciteProgram, WritesAMotionThatBeginsAndEndsAtRestAndPrintsConditionAndMargins) {
-  Program program;
-  ASSERT_EQ(program.run({"excite", "--robot", "prior.urdf", "--out", "motion.csv", "--rounds", "5", "--particles", "8",
-                         "--periods", "2"}),
-            0)
-      << program.err;
-  EXPECT_THAT(program.out,
+  std::vector<std::string> excite = {"excite", "--robot",     "prior.urdf", "--out",     "motion.csv", "--rounds",
+                                     "5",      "--particles", "8",          "--periods", "2"};
+  const RunResult excited = run(excite);
+  ASSERT_EQ(excited.code, 0) << excited.err;
+  EXPECT_THAT(excited.out,
               AllOf(HasSubstr("43 of 43 base parameters excited, condition number"), HasSubstr("torque"), HasSubstr(" %")));
   const csv::Table table = csv::load(robot().folder / "motion.csv");
   ASSERT_EQ(table.rows(), 5001u);
@@ -622,9 +593,8 @@ TEST(ExciteProgram, WritesAMotionThatBeginsAndEndsAtRestAndPrintsConditionAndMar
     }
   }
   const std::string first = content(robot().folder / "motion.csv");
-  ASSERT_EQ(program.run({"excite", "--robot", "prior.urdf", "--out", "motion.csv", "--rounds", "5", "--particles", "8",
-                         "--periods", "2", "--threads", "3"}),
-            0);
+  excite.insert(excite.end(), {"--threads", "3"});
+  ASSERT_EQ(run(excite).code, 0);
   EXPECT_EQ(content(robot().folder / "motion.csv"), first);
 }
 

@@ -2,7 +2,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <cstdlib>
 
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
@@ -14,6 +13,7 @@
 #include "models/support/csv.h"
 #include "tests/master/tune_fixture.h"
 #include "tests/support/places.h"
+#include "tests/support/run_program.h"
 
 namespace cotwin::master::tuning {
 namespace {
@@ -85,9 +85,9 @@ TEST(TuneUnits, AMotorWithoutInertiaHasNextToNoneInTheDriveTrain) {
 TEST(TuneUnits, TheMotionUnitMovesAsAnExcitingMotionSays) {
   const cotwin::testing::TemporaryFolder folder("excite");
   const std::string file = (folder / "motion.csv").string();
-  const std::string command =
-      "'" + places::program() + "' excite --robot lwr4 --rounds 5 --particles 8 --quiet --out '" + file + "'";
-  ASSERT_EQ(std::system(command.c_str()), 0);
+  const auto excited = cotwin::testing::run_program(
+      {"excite", "--robot", "lwr4", "--rounds", "5", "--particles", "8", "--quiet", "--out", file});
+  ASSERT_EQ(excited.code, 0) << excited.err;
   const Instance motion =
       make_unit("unit:motion?robot=lwr4&kind=csv", {}, {std::filesystem::path(places::source()) / "models"}, unit_types());
   motion.variables.at("file").strings()[0] = file;

@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstdlib>
 #include <fstream>
 #include <string>
 #include <vector>
@@ -13,7 +12,8 @@
 #include "models/numerics/random.h"
 #include "models/support/csv.h"
 #include "tests/support/places.h"
-#include "tests/support/synthetic_log.h"
+#include "tests/support/run_program.h"
+#include "tests/support/temporary_folder.h"
 
 namespace cotwin::master {
 namespace {
@@ -67,25 +67,26 @@ void add_noise(const std::filesystem::path& signals, const std::filesystem::path
 // and whose friction nobody has told of. Its log is that of its own twin on an exciting motion, with noise.
 TEST(Table1, ATwinTunedToAnotherSpecimenCapturesItsTorques) {
   const cotwin::testing::TemporaryFolder folder("specimen");
-  const auto run = [&](const std::string& arguments) {
-    const std::string command =
-        "cd '" + folder.path().string() + "' && timeout 200 '" + places::program() + "' " + arguments + " > log.txt 2>&1";
-    return std::system(command.c_str());
+  const auto run = [&](std::vector<std::string> arguments) {
+    return cotwin::testing::run_program(std::move(arguments), {.folder = folder.path()}).code;
   };
-  ASSERT_EQ(run("excite --robot lwr4 --out motion.csv --rounds 5 --particles 8 --periods 2 --quiet"), 0);
-  ASSERT_EQ(run("perturb --robot lwr4 --inertia 0.2 --seed 3 --out specimen"), 0);
-  std::string friction;
-  for (const char* unit : {"compliance", "drive"}) {
+  using cotwin::testing::words;
+  ASSERT_EQ(run(words("excite --robot lwr4 --out motion.csv --rounds 5 --particles 8 --periods 2 --quiet")), 0);
+  ASSERT_EQ(run(words("perturb --robot lwr4 --inertia 0.2 --seed 3 --out specimen")), 0);
+  std::vector<std::string> record = {"run",   kExample / "own_robot.ssd",
+                                     "--set", "robot=specimen/robot.urdf",
+                                     "--set", "recording.file=" + (folder / "motion.csv").string()};
+  for (const std::string unit : {"compliance", "drive"}) {
     for (const char* value : {"link_tau_C=3", "link_sigma2=2", "link_v_R=0.05"})
-      friction += std::string(" --set ") + unit + "." + value;
+      record.insert(record.end(), {"--set", unit + "." + value});
   }
-  ASSERT_EQ(run("run '" + (kExample / "own_robot.ssd").string() + "' --set robot=specimen/robot.urdf --set recording.file='" +
-                (folder / "motion.csv").string() + "'" + friction + " --stop 20 --out recorded"),
-            0);
+  record.insert(record.end(), {"--stop", "20", "--out", "recorded"});
+  ASSERT_EQ(run(record), 0);
   add_noise(folder / "recorded/signals.csv", folder / "log.csv");
-  ASSERT_EQ(run("tune --robot lwr4 --data log.csv --t-column time --q-columns 'drive.q[{}]' --dq-columns none --tau-columns "
-                "'compliance.tau_m[{}]' --method feasible --out tuned --quiet"),
-            0);
+  ASSERT_EQ(
+      run(words("tune --robot lwr4 --data log.csv --t-column time --q-columns drive.q[{}] --dq-columns none --tau-columns "
+                "compliance.tau_m[{}] --method feasible --out tuned --quiet")),
+      0);
   const std::vector<Compared> compared = compare(folder / "tuned/twin.ssd");
   ASSERT_EQ(compared.size(), 2u);  // training, held out
   for (const Compared& c : compared) {

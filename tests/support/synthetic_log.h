@@ -13,6 +13,7 @@
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf.h"
 #include "models/support/csv.h"
+#include "tests/support/temporary_folder.h"
 
 /// Logs of robots that do not exist: multi-sine motions, torques by the equations of motion, friction, motors and noise.
 namespace cotwin::testing {
@@ -81,26 +82,6 @@ struct SyntheticLog {
       writer.row(cells);
     }
   }
-};
-
-/// A folder of its own that is gone with its owner.
-class TemporaryFolder {
- public:
-  explicit TemporaryFolder(const std::string& name)
-      : path_(std::filesystem::temp_directory_path() / ("cotwin_" + name + "_" + std::to_string(std::random_device{}()))) {
-    std::filesystem::create_directories(path_);
-  }
-  ~TemporaryFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  std::filesystem::path operator/(const std::string& name) const { return path_ / name; }
-  const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
 };
 
 }  // namespace cotwin::testing
