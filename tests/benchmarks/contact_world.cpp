@@ -1,6 +1,6 @@
-// The contact world beside the Open Dynamics Engine and Bullet: the same bodies, masses, friction and step in each. A row is
-// held against the best figure of any peer, whichever that is. Usage: contact_world [table]; `table` prints all engines'
-// figures in Markdown instead.
+// Compares the contact world with the Open Dynamics Engine and Bullet: the same bodies, masses, friction and step in each. A
+// row is compared with the best figure of any peer. Usage: contact_world [table]; `table` prints the figures of all engines in
+// Markdown.
 
 #include <algorithm>
 #include <cmath>
@@ -25,7 +25,7 @@ const std::vector<EngineKind> kEngines{
     {"Bullet MLCP Dantzig", make_bullet_dantzig, false, true},
 };
 
-// One engine after the other in each round, so that drift of the machine's speed hits all alike.
+// One engine after the other in each round, so that changes of the machine's speed affect all alike.
 std::vector<std::vector<Figure>> run(const Case& what, const std::string& engine) {
   std::vector<std::vector<Figure>> figures(kEngines.size());
   for (int round = 0; round < what.rounds; ++round) {

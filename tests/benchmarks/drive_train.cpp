@@ -1,6 +1,6 @@
-// The drive train of the LWR 4+ (7 joints, elastic gears, LuGre friction) following a motion, torques held for 1 ms: time per
-// simulated millisecond and largest error of q and θ over the run, for each method, against CVODE as it is used by hand: dense
-// matrix, 35 states. The reference is the structured CVODE at rtol 1e-10. "Stiff": σ0 x 100, σ1 x 10.
+// The drive train of the LWR 4+ (7 joints, elastic gears, LuGre friction) follows a motion, with torques that are constant for
+// 1 ms: time per simulated millisecond and largest error of q and θ over the run, for each method. The peer is CVODE in its
+// simplest form: dense matrix, 35 states. The reference is the structured CVODE at rtol 1e-10. "Stiff": σ0 x 100, σ1 x 10.
 #include <cvode/cvode.h>
 #include <nvector/nvector_serial.h>
 #include <sunlinsol/sunlinsol_dense.h>
@@ -36,7 +36,7 @@ struct Desired {
   Eigen::VectorXd q{kJoints}, dq{kJoints}, ddq{kJoints};
 };
 
-// Every joint swings with an amplitude of 0.1 to 0.5 rad at its own frequency of 0.3 to 0.9 Hz, and turns round several times.
+// Every joint oscillates with an amplitude of 0.1 to 0.5 rad at its own frequency of 0.3 to 0.9 Hz, and reverses several times.
 Desired desired(double t) {
   Desired d;
   for (int i = 0; i < kJoints; ++i) {
@@ -69,9 +69,9 @@ class Controller {
   Eigen::VectorXd id_{kJoints};
 };
 
-constexpr int kChunk = 40;  // steps that are timed together: well below a scheduler's time slice
+constexpr int kChunk = 40;  // steps that are timed together: much less than a scheduler's time slice
 
-// Seconds between the marks at the multiples of kChunk.
+// Seconds between multiples of kChunk steps.
 class Stopwatch {
  public:
   explicit Stopwatch(std::vector<double>& laps) : laps_(laps) { laps_.reserve(kSteps / kChunk); }
@@ -111,7 +111,7 @@ Instance make(const std::string& query, const Values& values, bool stiff) {
   return drive;
 }
 
-// With `torques`: those. Without: those of the controller.
+// With `torques`: applies them. Without: applies those of the controller.
 Outcome run(const std::string& query, const Values& values, bool stiff, const std::vector<double>* torques) {
   Instance drive = make(query, values, stiff);
   const Variables& v = drive.variables;
@@ -146,7 +146,7 @@ double error(const Outcome& a, const Outcome& b) {
   return most;
 }
 
-// The peer: the same equations and the same CVODE, with its dense direct solver, which is what one writes first.
+// The peer: the same equations with CVODE and its dense direct solver.
 class Dense {
  public:
   Dense(bool stiff, bool own_jacobian)
@@ -270,7 +270,7 @@ class Dense {
   void* cvode_ = nullptr;
 };
 
-// Mean time of a step: of each chunk the median over the repetitions.
+// Mean time of a step: for each chunk the median over the repetitions.
 double seconds_per_step(const std::vector<std::vector<double>>& repetitions) {
   double sum = 0;
   for (std::size_t chunk = 0; chunk < repetitions[0].size(); ++chunk) {
@@ -323,14 +323,14 @@ void table(bool stiff, int repetitions) {
                       error(run(m.query, {}, stiff, nullptr), reference), peer_name, peer_error, m.goal_rad_in_loop, false});
     benchmark::print({m.name + suffix + ", sub-steps per ms", "1", m.last.substeps, "", 0, 0, false});
   }
-  // The reference against another method at its tightest: how far it can be trusted.
+  // Compares the reference with another method at its tightest tolerance, as an estimate of its error.
   const Outcome other =
       run("", {{"rtol", "0"}, {"atol", "1e-13"}, {"atol_speed", "1"}, {"max_substeps", "100000"}}, stiff, &reference.torques);
   benchmark::print(
       {"reference against rosenbrock with 1e-13 rad" + suffix, "rad", error(other, reference), "", 0, 1e-7, false});
 }
 
-// One method alone, for a profiler or to choose tolerances: drive_train one SOFT|STIFF QUERY [NAME VALUE]…
+// Runs one method alone, for a profiler or to choose tolerances: drive_train one SOFT|STIFF QUERY [NAME VALUE]…
 void one(int argc, char** argv) {
   Values values;
   for (int i = 4; i + 1 < argc; i += 2) values.emplace_back(argv[i], argv[i + 1]);

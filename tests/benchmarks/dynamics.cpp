@@ -1,4 +1,4 @@
-// Reduced dynamics of a 7-joint arm against Orocos KDL's recursive Newton–Euler, which is the unit of every row. Instruction
+// Reduced dynamics of a 7-joint arm. The unit of every row is the recursive Newton–Euler algorithm of Orocos KDL. Instruction
 // sets that the machine lacks are left out. Usage: dynamics [robot.urdf]
 
 #include <Eigen/Core>
@@ -21,7 +21,7 @@ namespace {
 using namespace cotwin;
 using namespace cotwin::robot;
 
-constexpr int kStates = 256;  // one after the other, so that nothing is learnt from one state
+constexpr int kStates = 256;  // several states in turn, so that branch prediction cannot learn a single one
 
 KDL::Vector kdl(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 KDL::Frame kdl(const Pose& X) {
@@ -29,7 +29,7 @@ KDL::Frame kdl(const Pose& X) {
           kdl(X.p)};
 }
 
-/// The same robot as a KDL chain. A KDL segment's frame is at its tip, which is where its joint stands at q = 0.
+/// The same robot as a KDL chain. The frame of a KDL segment is at its tip, where the next joint is at q = 0.
 KDL::Chain kdl_chain(const RobotModel& robot) {
   KDL::Chain chain;
   for (std::size_t i = 0; i < robot.joints.size(); ++i) {
@@ -104,7 +104,7 @@ int main(int argc, char** argv) {
     Eigen::MatrixXd M(n, n), A(n, n), J(6, n), Y(n, 10 * n), taus(kStates, n);
     Eigen::Matrix<double, 6, 6> Lambda;
 
-    for (std::size_t s = 0; s < kStates; ++s) {  // the peer is the same robot
+    for (std::size_t s = 0; s < kStates; ++s) {  // check that the peer has the same robot
       peer.CartToJnt(states.kdl_q[s], states.kdl_dq[s], states.kdl_ddq[s], no_wrenches, kdl_tau);
       inverse_dynamics(mechanism, data, states.q[s], states.dq[s], states.ddq[s], out);
       if ((out - kdl_tau.data).norm() > 1e-9 * (1 + out.norm())) throw Error(file, "KDL's torque differs from ours");

@@ -1,5 +1,5 @@
-// What the C interfaces of FMI cost: our drive train as an FMU against the same unit in process, a whole scenario as one FMU
-// against the run of the scenario, and a chain of trivial FMUs in our master against a bare loop over the same FMUs.
+// The cost of the C interfaces of FMI: Cotwin's drive train as an FMU and as a unit in process, a scenario as one FMU and as a
+// run, and a chain of trivial FMUs in the master and in a bare loop.
 #include <time.h>
 
 #include <algorithm>
@@ -33,9 +33,9 @@ namespace fs = std::filesystem;
 
 constexpr double kStep = 1e-3;  // s
 constexpr Duration kTick{1'000'000};
-constexpr int kSteps = 100;  // per call that is measured
+constexpr int kSteps = 100;  // per measured call
 
-/// Both sides in step with each other, a call of each in turn: what a step costs depends on what the arm is doing.
+/// Calls both sides in turn, so that the arm is in the same state on both: the cost of a step depends on its motion.
 benchmark::Figures measure_in_step(const std::function<void()>& ours, const std::function<void()>& peer) {
   constexpr int kBatches = 150;
   return benchmark::measure(ours, peer, kBatches, 0);
@@ -48,7 +48,7 @@ const std::vector<fs::path>& folders() {
 
 std::string name_of(Version version) { return version == Version::k2 ? "FMI 2" : "FMI 3"; }
 
-/// An instance with the calls of one step looked up beforehand, as a host does.
+/// An instance whose functions for one step were looked up beforehand, as a host does.
 class Stepped {
  public:
   Stepped(const LoadedFmu& fmu, const Driver& driver) : instance_(driver.instance()), two_(fmu.version() == Version::k2) {
@@ -93,14 +93,14 @@ void expect_ok(int status) {
   if (status != 0) throw std::runtime_error("an FMU refused a call");
 }
 
-/// Motor torques that keep the arm moving, in step `n`.
+/// Motor torques in step `n` that keep the arm moving.
 void excite(std::vector<double>& tau_m, std::int64_t n) {
   for (std::size_t i = 0; i < tau_m.size(); ++i) {
     tau_m[i] = 2 * std::sin(0.013 * static_cast<double>(n) + 0.7 * static_cast<double>(i));
   }
 }
 
-/// Per step: the torque in, the step, two outputs out.
+/// One step: sets the torque, steps, gets two outputs.
 void drive_train(Version version, const fs::path& folder) {
   const std::string source = "unit:drive_train?robot=lwr4";
   fmu::PackRequest request;
@@ -150,11 +150,11 @@ void drive_train(Version version, const fs::path& folder) {
                     "the unit in process", figures.peer * 1e6 / kSteps, 1.1, true});
 }
 
-/// Both go along the example's motion, with nothing recorded.
+/// Both run the example's motion, without recording.
 void whole_twin(Version version, const fs::path& folder) {
   master::Scenario scenario =
       master::load_scenario(fs::path(cotwin::places::source()) / "examples/02_free_motion_lwr4/twin.ssd");
-  scenario.stop = Time{1'000'000 * kTick.ns};  // further than any measurement
+  scenario.stop = Time{1'000'000 * kTick.ns};  // longer than any measurement
   const fs::path archive = folder / "twin.fmu";
   master::PackageOptions options;
   options.types = unit_types();
@@ -195,7 +195,7 @@ constexpr const char* kTrivial = R"(<?xml version="1.0" encoding="UTF-8"?>
 </fmiModelDescription>
 )";
 
-/// A chain in which each FMU feeds the next; all of them are instances of one archive.
+/// A chain in which each FMU feeds the next. All are instances of one archive.
 master::Scenario chain_of(int count, const fs::path& folder, const std::string& query = "") {
   const std::vector<fmu::ArchiveFile> files = {{"modelDescription.xml", std::string(kTrivial)},
                                                {"binaries/linux64/trivial.so", fs::path(COTWIN_TRIVIAL_FMU)}};
@@ -203,7 +203,7 @@ master::Scenario chain_of(int count, const fs::path& folder, const std::string& 
   master::Scenario scenario;
   scenario.name = "chain";
   scenario.folder = folder;
-  scenario.stop = Time{1'000'000'000 * kTick.ns};  // further than any measurement
+  scenario.stop = Time{1'000'000'000 * kTick.ns};  // longer than any measurement
   scenario.threads = 1;
   scenario.recording.push_back({"*", ""});
   scenario.reports.push_back({"", "signal", "u0.y", "", ""});
@@ -217,7 +217,7 @@ master::Scenario chain_of(int count, const fs::path& folder, const std::string& 
   return scenario;
 }
 
-/// Both loops move the outputs on to the next FMU's input and step all of them.
+/// Both loops copy each output to the input of the next FMU and step all FMUs.
 void chain(int count, const fs::path& folder) {
   master::Master ours(chain_of(count, folder), {});
   ours.initialise();
@@ -265,7 +265,7 @@ void chain(int count, const fs::path& folder) {
                     figures.ours * per, "bare loop over the same FMUs", figures.peer * per, 2, true});
 }
 
-/// The same chain as a file that other masters read, too.
+/// The same chain as a file, so that other masters can read it.
 void write_ssd(int count, const fs::path& folder) {
   chain_of(count, folder);
   std::ofstream out(folder / "SystemStructure.ssd");
@@ -296,8 +296,8 @@ double seconds_of(const std::string& command) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
 }
 
-/// Whole programs over the same SSP, in turn: ours, and ecos (COTWIN_ECOS: its command-line program), which records nothing.
-/// What a step costs is the difference of a long run and a short one.
+/// Runs whole programs on the same SSP in turn: Cotwin, and ecos (COTWIN_ECOS: its command-line program) without recording. The
+/// cost of a step is the difference between a long and a short run.
 void chain_beside_ecos(int count, const fs::path& folder, const std::string& ecos) {
   write_ssd(count, folder);
   const double few = std::ceil(2e5 / count) * kStep, many = std::ceil(1e7 / count) * kStep;  // s
@@ -319,7 +319,7 @@ void chain_beside_ecos(int count, const fs::path& folder, const std::string& eco
                     "ecos simulate --noCsv", median(b) * per, count == 1 ? 1.2 : 0.7, true});
 }
 
-/// Seconds of wall and of all threads.
+/// Seconds of wall time, and of all threads.
 struct Spent {
   double wall = 0, cpu = 0;
 };
@@ -330,8 +330,8 @@ double cpu_seconds() {
   return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
 }
 
-/// Runs of the same chain with and without a recording, long enough that the writer's pace, not the ring's size, decides. The
-/// writer is a thread beside the loop: where it has a core of its own, only the wall time that it is behind is paid for.
+/// Runs of the same chain with and without recording, long enough that the speed of the writer decides, not the size of the
+/// ring. The writer is a thread beside the loop. If it has its own core, only the time by which it is behind counts.
 void recorded_chain(int count, const fs::path& folder) {
   const int ticks = 2'000'000 / count;
   const auto run = [&](bool record) {
@@ -364,7 +364,7 @@ void recorded_chain(int count, const fs::path& folder) {
   print("CPU time of both threads", &Spent::cpu, 0);
 }
 
-/// What a step pays for an FMU that cannot harm the run.
+/// The cost per step of an FMU in a process of its own.
 void own_process(const fs::path& folder) {
   master::Master own(chain_of(1, folder, "?process=own"), {}), shared(chain_of(1, folder), {});
   own.initialise();

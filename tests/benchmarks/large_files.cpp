@@ -1,5 +1,5 @@
-// Files as large as any that is meant to be read, a million of each thing: large_files measures what the program takes to read
-// them; large_files FOLDER [N] writes them, to try commands on.
+// Files with a million elements of each kind. `large_files` measures the time and memory that the program takes to read them;
+// `large_files FOLDER [N]` writes them, so that commands can be tried on them.
 #include <unistd.h>
 
 #include <cstdlib>
@@ -19,7 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 using namespace cotwin;
 
-/// The bouncing ball of tests/fmu with n more variables, all of them its height under other names.
+/// The bouncing ball of tests/fmu with n more variables, which are all aliases of its height.
 void write_fmu(const fs::path& folder, std::size_t n) {
   std::ifstream in(cotwin::places::source() + "/tests/fmu/fmus/ball2.xml");
   std::string xml{std::istreambuf_iterator<char>(in), {}}, more;
@@ -83,7 +83,7 @@ void write_columns(const fs::path& folder, std::size_t n) {
 }
 
 struct Cost {
-  double seconds = 0;  // of the processor
+  double seconds = 0;  // CPU time
   double megabytes = 0;
   bool done = false;
 };
@@ -93,7 +93,7 @@ Cost run(const fs::path& folder, const std::vector<std::string>& arguments) {
   return {ran.cpu, static_cast<double>(ran.memory) / 1024, ran.code == 0};
 }
 
-/// Whether the program read it.
+/// Measures a command. Returns whether it succeeded.
 bool report(const fs::path& folder, const std::string& name, const std::vector<std::string>& arguments, double seconds,
             double megabytes) {
   const Cost cost = run(folder, arguments);

@@ -1,5 +1,5 @@
-// The master's own cost: a chain of empty units in our loop against a bare loop that calls step() on the same units, and what
-// recording every variable adds.
+// The master's own cost: a chain of empty units in the master and in a bare loop that calls step() on the same units, and the
+// additional cost of recording every variable.
 #include <filesystem>
 #include <memory>
 #include <vector>
@@ -12,7 +12,7 @@ namespace {
 using namespace cotwin;
 using namespace cotwin::master;
 
-/// Does next to nothing, but changes its output in every step, to a number with many digits.
+/// Changes its output in every step to a number with many digits, and does nothing else.
 class Empty final : public Unit {
  public:
   void declare(Variables& v) override {
@@ -35,8 +35,8 @@ const UnitType kTypes[] = {
 Master chain(int units, const std::filesystem::path& results) {
   Scenario scenario;
   scenario.name = "chain";
-  scenario.stop = Time{std::int64_t{4'000'000'000} * 1'000'000};  // further than any measurement
-  scenario.threads = 0;                                           // as many as pay: none here
+  scenario.stop = Time{std::int64_t{4'000'000'000} * 1'000'000};  // longer than any measurement
+  scenario.threads = 0;                                           // as many as are useful: one here
   for (int i = 0; i < units; ++i) {
     ComponentSpec spec;
     spec.name = "u" + std::to_string(i);
@@ -83,10 +83,10 @@ void own_cost(int count) {
                     (figures.ours - figures.peer) * per, "bare loop over step()", figures.peer * per, 25, false});
 }
 
-/// What a step of a trivial FMU costs in a bare loop: recording a value should cost no more.
+/// The cost of a step of a trivial FMU in a bare loop: recording a value should cost no more.
 constexpr double kTrivialFmu = 62;  // ns
 
-/// Runs long enough that the writer's pace, not the ring's size, decides.
+/// Runs long enough that the speed of the writer decides, not the size of the ring.
 void recording(int count, const std::filesystem::path& folder) {
   constexpr int kTicks = 200'000;
   const auto seconds = [&](bool record) {

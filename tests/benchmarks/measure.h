@@ -6,11 +6,11 @@
 #include <string>
 #include <vector>
 
-/// What every benchmark here uses: ours and a peer's figure, measured in turn in the same run, printed as one JSON object per
-/// line.
+/// Common code of the benchmarks: figures of Cotwin and a peer, measured in turn in the same run, printed as one JSON object
+/// per line.
 namespace cotwin::benchmark {
 
-/// Keeps the compiler from dropping a value that nobody reads.
+/// Keeps the compiler from removing a value that is not used.
 template <class T>
 inline void keep(const T& value) {
   asm volatile("" : : "g"(&value) : "memory");
@@ -21,8 +21,8 @@ struct Figures {
   double peer = 0;
 };
 
-/// Median seconds per call of two functions, in alternating batches of at least `batch_seconds`, so that drift of the machine's
-/// speed hits both alike.
+/// Median seconds per call of two functions, in alternating batches of at least `batch_seconds`, so that changes of the
+/// machine's speed affect both alike.
 inline Figures measure(const std::function<void()>& ours, const std::function<void()>& peer, int batches = 31,
                        double batch_seconds = 2e-3) {
   using Clock = std::chrono::steady_clock;
@@ -54,10 +54,10 @@ struct Row {
   std::string name;  // "mass matrix, 7 joints"
   std::string unit;  // "ns"
   double ours = 0;
-  std::string peer;  // what it is held against: "KDL inverse dynamics"
+  std::string peer;  // the peer: "KDL inverse dynamics"
   double peer_value = 0;
-  double goal = 0;            // upper bound; 0: no goal, for orientation
-  bool goal_is_ratio = true;  // of ours / peer_value, or of ours itself
+  double goal = 0;            // upper bound; 0: no goal, for information
+  bool goal_is_ratio = true;  // whether the goal is for ours / peer_value or for ours
 };
 
 inline void print(const Row& row) {

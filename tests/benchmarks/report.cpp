@@ -1,6 +1,5 @@
-// report FOLDER OUT.json [FILTER]: runs the benchmarks in FOLDER whose names contain FILTER, or, if there is none, all of them
-// for the rows whose names contain it; prints a table and writes the rows as a JSON list. Exit code 1 if a benchmark fails to
-// run.
+// report FOLDER OUT.json [FILTER]: runs the benchmarks in FOLDER whose names contain FILTER; if there is none, runs all of them
+// for the rows whose names contain it. Prints a table and writes the rows as a JSON list. Exit code 1 if a benchmark fails.
 #include <sys/wait.h>
 
 #include <algorithm>
@@ -38,7 +37,7 @@ std::string quoted(const std::string& path) {
   return q + "'";
 }
 
-/// The rows that a program prints; false if it fails.
+/// Reads the rows that a program prints. Returns false if the program fails.
 bool run(const fs::path& program, std::vector<Row>& rows) {
   FILE* pipe = popen(quoted(program.string()).c_str(), "r");
   if (pipe == nullptr) return false;

@@ -1,6 +1,6 @@
-// The tuner's mathematics: how long 500 rounds of 200 particles take on compressed torques, beside the same swarm of which each
-// particle is judged by the inverse dynamics of all samples; how long the compression takes; what it remembers. LWR 4+, seven
-// joints, 43 base parameters, four drive parameters per joint.
+// The tuner's mathematics: time of 500 rounds of 200 particles with compressed torques, and with the same swarm where each
+// particle is evaluated by the inverse dynamics of all samples; time and memory of the compression. LWR 4+, seven joints, 43
+// base parameters, four drive parameters per joint.
 #include <algorithm>
 #include <ctime>
 #include <functional>
@@ -20,21 +20,21 @@ using namespace cotwin;
 using namespace cotwin::identification;
 using cotwin::benchmark::keep;
 
-/// Of this process on its one core, however busy the machine is.
+/// CPU time of this process, which does not depend on the load of the machine.
 double seconds(const std::function<void()>& f) {
   const std::clock_t begin = std::clock();
   f();
   return static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC;
 }
 
-/// Least of several runs: the machine's other work only adds to it.
+/// The minimum of several runs, because other processes only add to it.
 double least_seconds(int runs, const std::function<void()>& f) {
   double least = seconds(f);
   for (int i = 1; i < runs; ++i) least = std::min(least, seconds(f));
   return least;
 }
 
-/// Σ (τ − τ_measured)² of one particle on all samples, by the SIMD batch of inverse dynamics, without friction.
+/// Σ (τ − τ_measured)² of one particle over all samples, by the SIMD batch of inverse dynamics, without friction.
 double direct_evaluation(const robot::RobotModel& robot, const Samples& samples) {
   const robot::Mechanism mechanism(robot);
   robot::Data scratch(mechanism);
@@ -100,7 +100,7 @@ int main() {
       keep(tuning.run().cost);
     });
   };
-  // The peer's time is one particle's, taken 500 · 200 times: to run it would take minutes to hours.
+  // The time of the peer is that of one particle times 500 · 200, because the whole run would take minutes to hours.
   constexpr double kEvaluations = 500.0 * 200;
   for (const std::size_t count : {std::size_t{1000}, kPart}) {
     TorqueData part(robot);

@@ -1,5 +1,5 @@
-// The whole twin of example 02 (20 s at 1 ms, recorded as its scenario says) on one thread: its cost per simulated millisecond
-// against real time, and where that time goes.
+// The whole twin of example 02 (20 s at 1 ms, recorded as its scenario says) on one thread: its cost per simulated millisecond,
+// and the share of each part.
 #include <algorithm>
 #include <cstdio>
 #include <exception>

@@ -20,7 +20,7 @@ std::uint64_t allocations() { return count; }
 
 #ifdef COTWIN_SANITIZER_HEAP
 
-// The sanitizer owns malloc; it calls back after each allocation.
+// The sanitizer replaces malloc; it calls this hook after each allocation.
 extern "C" int __sanitizer_install_malloc_and_free_hooks(void (*on_malloc)(const volatile void*, std::size_t),
                                                          void (*on_free)(const volatile void*));
 namespace {
@@ -30,7 +30,7 @@ namespace {
 
 #else
 
-// Takes the place of the C library's functions in this program; operator new ends here too.
+// These replace the functions of the C library in this program; operator new calls them, too.
 extern "C" {
 void* __libc_malloc(std::size_t);
 void* __libc_calloc(std::size_t, std::size_t);

@@ -1,8 +1,8 @@
 #pragma once
 #include <string>
 
-/// Where tests, benchmarks and fuzz targets find files. These paths are compiled into one source file, so that a compiler cache
-/// serves every checkout and build folder.
+/// Folders and files that tests, benchmarks and fuzz targets need. These paths are compiled into one source file, so that a
+/// compiler cache serves every checkout and build folder.
 namespace cotwin::places {
 
 /// The root of the source tree.

@@ -16,7 +16,7 @@ RandomScene::RandomScene(std::span<const std::uint8_t> bytes) : bytes_(bytes), f
 
 std::uint64_t RandomScene::next() {
   if (!from_bytes_) return engine_();
-  std::uint64_t value = 0;  // two bytes a draw, spread over the whole range
+  std::uint64_t value = 0;  // two bytes per number, spread over the whole range
   const std::size_t count = std::min<std::size_t>(2, bytes_.size());
   for (std::size_t i = 0; i < count; ++i) value = value << 8 | bytes_[i];
   bytes_ = bytes_.subspan(count);
@@ -93,7 +93,7 @@ scene::Shape RandomScene::shape() {
   return s;
 }
 
-// Where the last body is, or right upon it, or anywhere.
+// At the last body, directly above it, or anywhere.
 Pose RandomScene::place() {
   Pose X{rotation(), vector(0.4) + Vector3d(0, 0, 0.5)};
   if (scene_.bodies.size() < 2 || one_in(3)) return X;
@@ -129,7 +129,7 @@ void RandomScene::add_joint(int parent, int child) {
   joint.X_CJ = {rotation(), vector(0.1)};
   const Pose X_WP = parent < 0 ? Pose{} : scene_.bodies[static_cast<std::size_t>(parent)].X_WB;
   joint.X_PJ = X_WP.inverse() * scene_.bodies[static_cast<std::size_t>(child)].X_WB * joint.X_CJ;
-  if (one_in(5)) joint.X_PJ.p += vector(0.02);  // torn apart
+  if (one_in(5)) joint.X_PJ.p += vector(0.02);  // pulled apart
   joint.axis = Vector3d::Unit(index(3));
   if (one_in(3)) {
     joint.q_min = -number(0, 1);

@@ -10,16 +10,16 @@
 
 namespace cotwin::testing {
 
-/// A scene that nobody would build, valid but for sense: bodies inside each other, in exact stacks, flat as paper, of mass
-/// ratios up to 1e8, fast, soft or bouncing, joined in chains and loops, some with joints torn apart. Drawn from a seed, or
-/// from bytes (what a fuzzer gives).
+/// An unusual but valid scene: bodies inside each other, in exact stacks, very thin, with mass ratios up to 1e8, fast, soft or
+/// bouncing, joined in chains and loops, some with joints that are pulled apart. Drawn from a seed, or from the bytes of a
+/// fuzzer.
 class RandomScene {
  public:
   explicit RandomScene(std::uint64_t seed);
   explicit RandomScene(std::span<const std::uint8_t> bytes);
 
   const scene::Scene& scene() const { return scene_; }
-  /// Pushes bodies, drives joints, moves what is driven; now and then.
+  /// Pushes bodies, drives joints, moves driven bodies; now and then.
   void disturb(contact_world::World& world);
 
  private:

@@ -17,13 +17,13 @@ struct RunOptions {
   bool only_this_environment = false;         // the child does not inherit the environment of the test
   bool merge = false;                         // stderr is written to RunResult::out, too
   std::filesystem::path out = {};             // file for stdout, e.g. /dev/full; empty: RunResult::out
-  std::chrono::seconds limit{300};            // of wall time; then the process is killed
+  std::chrono::seconds limit{300};            // of wall time, after which the process is killed
   std::function<bool()> prepare = {};  // called in the child before the program starts; must not allocate. false: exit code 99
 };
 
 struct RunResult {
   int code = -1;         // exit code; −signal if a signal ended the process
-  std::string out, err;  // what it wrote
+  std::string out, err;  // its output
   long memory = 0;       // KiB, peak of resident memory
   double cpu = 0;        // s, user and system time
 };
@@ -49,7 +49,7 @@ class Process {
   std::chrono::seconds limit_{0};
 };
 
-/// The words of a text without quotes: "run x.fmu --quiet".
+/// The words of a text that has no quotes: "run x.fmu --quiet".
 std::vector<std::string> words(std::string_view text);
 
 RunResult run_command(std::vector<std::string> command, const RunOptions& options = {});

@@ -1,11 +1,11 @@
 #pragma once
 
-/// The elements of the standards, one each line or more:
+/// The elements of the standards, one or more lines each:
 ///   Type "(" attributes ")" "{" content "}"
-/// An attribute is name:type, with "!" behind it where it is required; "@any" permits every other one. A type is one of those
-/// of standard_validator.cpp, with "*" a list of them, or words with "|" between them. Content is a regular expression of
-/// elements with ? * + | and parentheses; an element is Name, or Name=Type where the type has another name; "any" is whatever
-/// there is, checked no further, "text" is text and whatever. An element without "{…}" is empty.
+/// An attribute is name:type, followed by "!" if it is required; "@any" permits all others. A type is one of
+/// standard_validator.cpp; "*" after it means a list, words are separated by "|". Content is a regular expression of elements
+/// with ? * + | and parentheses. An element is Name, or Name=Type if the type has another name; "any" is any content, not
+/// checked further, "text" is text and any content. An element without "{…}" is empty.
 namespace cotwin::testing {
 
 /// FMI 2.0.4, clauses 2.2, 3.3 and 4.3.
@@ -145,14 +145,14 @@ ModelStructure() { Output=Unknown* ContinuousStateDerivative=Unknown* ClockedSta
 Unknown(valueReference:uint! dependencies:uint* dependenciesKind:dependent|constant|fixed|tunable|discrete*) { Annotations? }
 )";
 
-/// What stands for VARIABLE, INITIAL and NAMED above.
+/// Replacements for VARIABLE, INITIAL and NAMED above.
 inline constexpr const char* kFmi3Named = R"( name:string! valueReference:uint! description:string
     causality:parameter|calculatedParameter|input|output|local|independent|structuralParameter
     variability:constant|fixed|tunable|discrete|continuous canHandleMultipleSetPerTimeInstant:bool clocks:uint* )";
 inline constexpr const char* kFmi3Variable = R"( NAMED intermediateUpdate:bool previous:uint )";
 inline constexpr const char* kFmi3Initial = R"( initial:exact|approx|calculated )";
 
-/// SSP 1.0, clause 5.2: what all of its documents may have.
+/// SSP 1.0, clause 5.2: common elements of all its documents.
 inline constexpr const char* kSspCommonGrammar = R"(
 Enumerations() { Enumeration=EnumerationType+ }
 EnumerationType(BASE name:string!) { Item+ Annotations? }

@@ -1,4 +1,4 @@
-// What the texts of FMI 2.0.4, FMI 3.0.2 and SSP 1.0 say beyond their schemas.
+// Rules in the texts of FMI 2.0.4, FMI 3.0.2 and SSP 1.0 that are not in their schemas.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
@@ -51,7 +51,7 @@ class Meaning {
 /// A variable of either version.
 struct ModelVariable {
   const Node* node = nullptr;   // with name and value reference
-  const Node* typed = nullptr;  // with type, start and measure: a child in FMI 2, the same in FMI 3
+  const Node* typed = nullptr;  // the element with type, start and unit: a child in FMI 2, the same element in FMI 3
   std::string type, causality, variability, initial;
   bool has_start = false;
 };
@@ -174,7 +174,7 @@ class FmiMeaning : public Meaning {
     for (const Node& category : categories->children) must_be_new(category, names, category.text("name"), "log category");
   }
 
-  /// FMI 2.0.4, 2.2.7, and FMI 3.0.2, 2.4.7.4: which variabilities a causality may have.
+  /// FMI 2.0.4, 2.2.7, and FMI 3.0.2, 2.4.7.4: the variabilities that a causality may have.
   void check_combination(const ModelVariable& v) {
     static const std::map<std::string, Names> kAllowed = {
         {"parameter", {"fixed", "tunable"}},
@@ -190,7 +190,7 @@ class FmiMeaning : public Meaning {
     const bool real = v.type == "Real" || v.type == "Float64" || v.type == "Float32";
     if (v.variability == "continuous" && !real) fault(*v.node, "variability continuous of " + v.type);
   }
-  /// The default of `initial`, and what it may be.
+  /// The default of `initial`, and the values that it may have.
   std::string initial_of(const ModelVariable& v) {
     const bool parameter = v.causality == "parameter" || v.causality == "structuralParameter";
     if (parameter || v.variability == "constant") return "exact";
@@ -435,7 +435,7 @@ class SspMeaning : public Meaning {
     if (connections == nullptr) return;
     Names fed;
     for (const Node& connection : connections->children) {
-      // Either end may be the one that gives: 1 gives, -1 takes, 0 may do both or is not there.
+      // The direction of an end: 1 is a source, -1 a sink, 0 may be both or does not exist.
       const auto end = [&](const char* element, const char* connector) {
         const auto found = elements.find(connection.text(element));
         if (found == elements.end() || (connection.find(element) != nullptr && connection.text(element).empty())) {
@@ -448,7 +448,7 @@ class SspMeaning : public Meaning {
           return 0;
         }
         if (port->second == "inout") return 0;
-        // Seen from inside, a system's own input is where signals come from.
+        // Seen from inside, a system's own input is a source.
         const bool own = found->first.empty(), out = port->second == "output" || port->second == "calculatedParameter";
         return out != own ? 1 : -1;
       };

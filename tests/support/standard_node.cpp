@@ -10,7 +10,7 @@ namespace {
 
 using Spaces = std::map<std::string, std::string>;
 
-/// "prefix:name" as namespace and name; nothing for a prefix that is not bound.
+/// "prefix:name" as namespace and name; empty for an unbound prefix.
 std::optional<std::pair<std::string, std::string>> resolved(const std::string& name, const Spaces& spaces, bool by_default) {
   const std::size_t colon = name.find(':');
   const std::string prefix = colon == std::string::npos ? "" : name.substr(0, colon);

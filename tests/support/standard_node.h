@@ -40,7 +40,7 @@ std::string place(const Node& node);
 enum class Standard;
 std::vector<std::string> schema_faults(const Node& root, Standard standard);
 
-/// Nothing for what is not well-formed.
+/// Empty for text that is not well-formed.
 std::optional<Node> parse_node(std::string_view xml);
 
 }  // namespace cotwin::testing

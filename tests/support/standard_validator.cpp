@@ -47,10 +47,10 @@ bool is_hex(const std::string& text) {
   return text.size() % 2 == 0 && text.find_first_not_of("0123456789abcdefABCDEF") == std::string::npos;
 }
 
-/// Of decimal digits without leading zeros: a <= b.
+/// Whether a <= b, for decimal digits without leading zeros.
 bool digits_at_most(const std::string& a, const std::string& b) { return a.size() != b.size() ? a.size() < b.size() : a <= b; }
 
-/// `most`, `least`: digits of the largest number and of the smallest one without its sign; nullptr: there is no such bound.
+/// `most`, `least`: digits of the maximum and of the minimum without its sign; nullptr: no bound.
 bool is_integer(const std::string& value, const char* most, const char* least, bool sign) {
   if (!matches(value, sign ? "[+-]?[0-9]+" : "[0-9]+")) return false;
   const bool negative = value[0] == '-';
@@ -99,7 +99,7 @@ const std::map<std::string, Check>& types() {
   return all;
 }
 
-/// Types whose blanks count.
+/// Types whose blanks are significant.
 const std::map<std::string, Check>& texts() {
   static const std::map<std::string, Check> all = {
       {"string", [](const std::string&) { return true; }},
@@ -147,7 +147,7 @@ struct Expression {
 
 using Positions = std::set<std::size_t>;
 
-/// Where the expression may end that begins at each of `from`.
+/// The positions where the expression may end if it begins at one of `from`.
 Positions after(const Expression& e, const std::vector<Node>& children, const Positions& from) {
   Positions ends;
   switch (e.kind) {

@@ -1,5 +1,5 @@
-// The validator of the standards: what it accepts, what it refuses rule by rule, and that it agrees with the standards'
-// schemas.
+// The validator of the standards: what it accepts, what it refuses, rule by rule, and that it agrees with the schemas of the
+// standards.
 #include "tests/support/standard_validator.h"
 
 #include <gmock/gmock.h>
@@ -180,7 +180,7 @@ TEST(StandardValidator, AcceptsWhatTheStandardsAllow) {
   for (const Standard standard : kAll) EXPECT_THAT(faults(document(standard), standard), IsEmpty());
 }
 
-/// A change that breaks one rule, and what is said of it.
+/// A change that breaks one rule, and the expected fault.
 struct Breach {
   Standard standard;
   const char *from, *to, *said;
@@ -330,9 +330,9 @@ TEST(StandardValidator, RefusesAnFmuThatOffersNothing) {
   EXPECT_THAT(faults(broken, Standard::kFmi2), Contains(HasSubstr("offers no interface")));
 }
 
-// Agreement with the schemas themselves, where they are.
+// Agreement with the schemas themselves, if they are present.
 
-/// One random change to a document: an attribute's value, an attribute or an element taken away, doubled, renamed or moved.
+/// One random change to a document: an attribute's value; an attribute or an element removed, repeated, renamed or moved.
 std::string mutated(const std::string& text, std::mt19937& random) {
   const auto below = [&](std::size_t n) { return std::uniform_int_distribution<std::size_t>(0, n - 1)(random); };
   struct Span {
@@ -400,11 +400,11 @@ std::string mutated(const std::string& text, std::mt19937& random) {
       return replace(tag, "");
     case 5:
       return replace(tag, text.substr(tag.begin, tag.end - tag.begin) + text.substr(tag.begin, tag.end - tag.begin));
-    case 6: {  // an element of the document somewhere else
+    case 6: {  // moves an element of the document
       const Span other = tags[below(tags.size())];
       return std::string(text).insert(other.begin, text.substr(tag.begin, tag.end - tag.begin));
     }
-    default: {  // an empty element with another's name
+    default: {  // inserts an empty element with the name of another
       const Span renamed{tag.begin + 1, text.find_first_of(" /", tag.begin)};
       return replace(renamed, text.substr(name.begin, name.end - name.begin));
     }
@@ -429,7 +429,7 @@ TEST(StandardValidator, AgreesWithTheSchemasOnMutatedDocuments) {
     }
     const std::string command = "cd '" + folder.path().string() + "' && ls *.xml | xargs xmllint --noout --nonet --schema '" +
                                 (schemas / kSchemas[static_cast<std::size_t>(standard)]).string() + "' > said.txt 2>&1";
-    static_cast<void>(std::system(command.c_str()));  // fails where a document does
+    static_cast<void>(std::system(command.c_str()));  // fails if a document is invalid
     const std::string said = "\n" + fmu::testing::read_text(folder.path() / "said.txt");
     int valid = 0, differing = 0;
     for (int i = 0; i < kMutants && differing < 10; ++i) {

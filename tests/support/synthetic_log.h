@@ -15,24 +15,24 @@
 #include "models/support/csv.h"
 #include "tests/support/temporary_folder.h"
 
-/// Logs of robots that do not exist: multi-sine motions, torques by the equations of motion, friction, motors and noise.
+/// Synthetic logs of robots: multi-sine motions, torques by the equations of motion, friction, motors and noise.
 namespace cotwin::testing {
 
 struct SyntheticLog {
   double rate = 200;                                                 // Hz
   double duration = 20;                                              // s
-  double amplitude = 0.35;                                           // rad, of the largest of the sines
-  double noise = 0.02;                                               // N.m, standard deviation of the torques' noise
+  double amplitude = 0.35;                                           // rad, of the largest sine
+  double noise = 0.02;                                               // N.m, standard deviation of the torque noise
   double tau_C = 1.5, v_R = 0.03, sigma2 = 2, tau_0 = 0.2, B = 0.4;  // of every joint
-  double load = 0;                                                   // friction per torque of gravity
-  double K = 0;        // N.m/rad, of every joint; above 0: motors' positions θ = q + τ_J/K stand in the log, as theta1 …
-  bool joint = false;  // the torques are those behind the gears, τ_J, which friction of the link belongs to and B does not
+  double load = 0;                                                   // friction per gravity torque
+  double K = 0;        // N.m/rad, of every joint; above 0: the log has motor positions θ = q + τ_J/K as theta1 …
+  bool joint = false;  // the torques are those behind the gears, τ_J, which include friction of the link but not B
   unsigned seed = 1;
   std::size_t moving = 99;  // joints from this one on stand still
-  double q_noise = 0;       // rad, standard deviation of the positions' noise
+  double q_noise = 0;       // rad, standard deviation of the position noise
 
   std::size_t samples() const { return static_cast<std::size_t>(std::lround(rate * duration)) + 1; }
-  /// Position, speed, acceleration of joint j at t. Rest at neither end.
+  /// Position, speed, acceleration of joint j at t. Both ends are in motion.
   Eigen::Vector3d motion(std::size_t j, double t) const {
     Eigen::Vector3d x(0.3 * std::sin(static_cast<double>(j) + seed), 0, 0);
     if (j >= moving) return x;
@@ -43,8 +43,8 @@ struct SyntheticLog {
     }
     return x;
   }
-  /// Torques by `robot`; `spoil` may change a row [t, q…, tau…, theta…] before it is written. Friction and B are taken at the
-  /// link's speed, which the motor's differs from by far less than v_R where the gears are stiff.
+  /// Torques by `robot`; `spoil` may change a row [t, q…, tau…, theta…] before it is written. Friction and B are evaluated at
+  /// the link's speed, which differs from the motor's by far less than v_R if the gears are stiff.
   void write(const std::filesystem::path& file, const robot::RobotModel& robot,
              const std::function<void(std::size_t row, std::vector<double>& cells)>& spoil = {}) const {
     const std::size_t n = robot.joints.size();

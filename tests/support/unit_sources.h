@@ -7,16 +7,16 @@
 #include "components/unit/unit_table.h"
 #include "tests/support/places.h"
 
-/// The units that tests walk through without naming them. Settings and start values that a unit needs to be run at all stand in
-/// tests/components/properties/<unit>.sources (a line a variant: the query of its source) and <unit>.ssv, which is the first
-/// variant's.
+/// All units for tests that do not name them. Settings and start values that a unit needs are in
+/// tests/components/properties/<unit>.sources (one line per variant: the query of its source) and <unit>.ssv, which applies to
+/// the first variant.
 namespace cotwin::testing {
 
 inline std::filesystem::path properties_folder() {
   return std::filesystem::path(places::source()) / "tests/components/properties";
 }
 
-/// The sources of a unit in all its variants, one at least.
+/// The sources of all variants of a unit, at least one.
 inline std::vector<std::string> unit_sources(const UnitType& type) {
   const std::string source = std::string("unit:") + type.name;
   std::ifstream queries(properties_folder() / (std::string(type.name) + ".sources"));

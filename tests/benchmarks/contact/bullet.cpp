@@ -100,7 +100,7 @@ class Bullet final : public Engine {
     btRigidBody::btRigidBodyConstructionInfo info(dynamic ? body.inertia.mass : 0, nullptr, shape,
                                                   to_bullet(frames_.back().moments));
     info.m_startWorldTransform = to_bullet(X_WP);
-    info.m_friction = std::sqrt(material.mu);  // of two bodies the product counts
+    info.m_friction = std::sqrt(material.mu);  // the product of both bodies' values counts
     info.m_restitution = material.restitution;
     auto b = std::make_unique<btRigidBody>(info);
     const Eigen::Vector3d w = body.V_WB.tail<3>(), v = body.V_WB.head<3>() + w.cross(X_WP.p - body.X_WB.p);
@@ -133,7 +133,7 @@ class Bullet final : public Engine {
   void add(const scene::Joint& joint) {
     const Pose X_P = hinge_frame(X_PJ(joint.parent, joint.X_PJ), joint.axis);
     const Pose X_C = hinge_frame(X_PJ(joint.child, joint.X_CJ), joint.axis);
-    // The second body turns about z of the first one's frame.
+    // The second body rotates about z of the first one's frame.
     joints_.push_back(
         std::make_unique<btHingeConstraint>(body(joint.child), body(joint.parent), to_bullet(X_C), to_bullet(X_P)));
     world_->addConstraint(joints_.back().get(), true);

@@ -11,19 +11,19 @@ namespace cotwin::benchmark {
 struct Figure {
   std::string name, unit;
   double value = 0;
-  double goal = 0;  // upper bound for ours; 0: none
+  double goal = 0;  // upper bound for Cotwin; 0: none
 };
 
 struct Case {
   std::string name;
   std::vector<Figure> (*run)(const EngineKind& engine);  // the first figure is the time of a step
-  int rounds = 1;                                        // of which the fastest counts; all other figures are the same in each
-  bool many_contacts = false;                            // not for engines that pivot all contacts of a heap at once
+  int rounds = 1;                                        // the fastest run counts; all other figures are the same in each
+  bool many_contacts = false;                            // false for engines that pivot all contacts of a pile at once
 };
 
-/// The scenes of the contact world's issue, and one that shows how the time grows with the bodies.
+/// The scenes of the contact world's issue, and one that shows how the time grows with the number of bodies.
 std::vector<Case> scene_cases();
-/// The public tests by which contact engines are judged.
+/// The public tests that are used to compare contact engines.
 std::vector<Case> public_cases();
 
 }  // namespace cotwin::benchmark

@@ -7,7 +7,7 @@
 namespace cotwin::benchmark {
 namespace {
 
-constexpr int kSweeps = 10;  // in each of the two solutions of a step: 20 together, as ODE's quickstep makes here
+constexpr int kSweeps = 10;  // in each of the two solutions of a step: 20 together, as ODE's quickstep has here
 
 class Ours final : public Engine {
  public:

@@ -11,12 +11,12 @@
 
 namespace cotwin::benchmark {
 
-/// One scene in one engine: what the benchmark asks of ours and of its peers alike.
+/// One scene in one engine: the interface that the benchmark uses for Cotwin and its peers.
 class Engine {
  public:
   virtual ~Engine() = default;
   virtual void step(double h) = 0;
-  /// X_WB and V_WB (of B's origin, expressed in W), one a body of the scene.
+  /// X_WB and V_WB (of B's origin, expressed in W), one per body of the scene.
   virtual void read(std::span<Pose> X_WB, std::span<Twist> V_WB) const = 0;
   virtual void set_tau(std::size_t joint, double tau) = 0;  // over the next step, N.m
   virtual void set_motor(std::size_t joint, double dq, double tau_max) = 0;
@@ -27,29 +27,31 @@ struct EngineKind {
   std::string name;
   std::unique_ptr<Engine> (*make)(const scene::Scene& scene, double h);
   bool ours = false;
-  bool exact = false;  // pivots: cost grows with the cube of the contacts
+  bool exact = false;  // pivots: the cost grows with the cube of the number of contacts
 };
 
-/// Ours, with 20 sweeps a step, as many as ODE's quickstep.
+/// Cotwin, with 20 sweeps per step, as many as ODE's quickstep.
 std::unique_ptr<Engine> make_tree(const scene::Scene& scene, double h);
 std::unique_ptr<Engine> make_pgs(const scene::Scene& scene, double h);
 std::unique_ptr<Engine> make_dantzig(const scene::Scene& scene, double h);
-/// Open Dynamics Engine: dWorldQuickStep with 20 iterations, dWorldStep. Else its defaults; eight contacts a pair, friction
-/// pyramid scaled by the normal force.
+/// Open Dynamics Engine: dWorldQuickStep with 20 iterations, or dWorldStep. Other settings are defaults, except: eight contacts
+/// per pair, friction pyramid scaled by the normal force.
 std::unique_ptr<Engine> make_ode_quick(const scene::Scene& scene, double h);
 std::unique_ptr<Engine> make_ode_dantzig(const scene::Scene& scene, double h);
-/// Bullet in double precision: sequential impulses with 10 iterations, MLCP with Dantzig's solver. Else its defaults, but no
-/// body falls asleep and collision margins are 1 mm.
+/// Bullet in double precision: sequential impulses with 10 iterations, or MLCP with Dantzig's solver. Other settings are
+/// defaults, except: no body falls asleep, and collision margins are 1 mm.
 std::unique_ptr<Engine> make_bullet_si(const scene::Scene& scene, double h);
 std::unique_ptr<Engine> make_bullet_dantzig(const scene::Scene& scene, double h);
 
-/// The body's frame of principal axes P in its centre of mass, and the principal moments: for engines that know no other.
+/// The frame of principal axes P at the body's centre of mass, and the principal moments: for engines that support no other
+/// frame.
 struct Principal {
   Pose X_BP;
   Eigen::Vector3d moments = Eigen::Vector3d::Zero();
 };
 Principal principal(const Inertia& inertia);
-/// Whether the engines that have no such list must leave out the contacts of two bodies: joined or named by the scene.
+/// Whether contacts between two bodies are left out because they are joined or the scene excludes the pair: for engines that
+/// have no such list.
 bool ignored(const scene::Scene& scene, int a, int b);
 
 }  // namespace cotwin::benchmark

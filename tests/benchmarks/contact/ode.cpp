@@ -12,7 +12,7 @@ namespace {
 
 constexpr int kIterations = 20, kContactsPerPair = 8;
 
-void silent(int, const char*, va_list) {}  // its Dantzig tells every failed pivot
+void silent(int, const char*, va_list) {}  // ODE's Dantzig prints every failed pivot
 
 void to_ode(const Eigen::Matrix3d& R, dMatrix3 out) {
   for (int i = 0; i < 3; ++i) {
@@ -37,7 +37,7 @@ class Ode final : public Engine {
       dSetMessageHandler(silent);
       return dAllocateODEDataForThread(dAllocateMaskAll) != 0;
     }();
-    dRandSetSeed(0);  // of the order of quickstep's rows: each run alike
+    dRandSetSeed(0);  // order of quickstep's rows: equal in each run
     world_ = dWorldCreate();
     space_ = dHashSpaceCreate(nullptr);
     contacts_ = dJointGroupCreate(0);

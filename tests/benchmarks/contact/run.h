@@ -11,7 +11,7 @@
 
 namespace cotwin::benchmark {
 
-/// A scene in an engine, step by step: poses and twists after each, and the time that the steps took.
+/// Steps a scene in an engine: poses and twists after each step, and the times of the steps.
 class Run {
  public:
   Run(const EngineKind& kind, scene::Scene scene, double h)
@@ -34,14 +34,14 @@ class Run {
   Engine& engine() { return *engine_; }
   const scene::Scene& scene() const { return scene_; }
   double h() const { return h_; }
-  /// Of a step, where all are alike: others on the same machine hardly disturb the median.
+  /// Time of a step if all steps are alike. The median is hardly affected by other processes.
   double median_microseconds() const {
     std::vector<double> sorted = wall_;
     const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
     std::nth_element(sorted.begin(), middle, sorted.end());
     return 1e6 * *middle;
   }
-  /// Of a step, where they are not alike, by the thread's own clock; without the first steps.
+  /// Time of a step if the steps differ, by the thread's own clock; without the first steps.
   double mean_microseconds(std::size_t without = 0) const {
     const double sum = std::accumulate(cpu_.begin() + static_cast<std::ptrdiff_t>(without), cpu_.end(), 0.0);
     return 1e6 * sum / static_cast<double>(cpu_.size() - without);

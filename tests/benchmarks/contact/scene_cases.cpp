@@ -40,7 +40,7 @@ std::vector<Figure> held_by_motors(const EngineKind& kind) {
           {"joint gap", "um", 1e6 * gap, 1}};
 }
 
-// The same while contacts are solved: five cubes are stacked beside it.
+// The same while other contacts are solved: five cubes are stacked beside the arm.
 std::vector<Figure> held_beside_a_stack(const EngineKind& kind) {
   scene::Scene scene = testing::arm(kStart);
   const scene::Scene stack = testing::stack(5);
@@ -58,7 +58,8 @@ std::vector<Figure> held_beside_a_stack(const EngineKind& kind) {
           {"joint gap", "um", 1e6 * gap, 1}};
 }
 
-// (2a) at rest: what holds it is known exactly, so all motion is the engine's. The pose is an unstable equilibrium.
+// (2a) at rest: the holding torques are known exactly, so all motion is an error of the engine. The pose is an unstable
+// equilibrium.
 std::vector<Figure> held_by_torques(const EngineKind& kind) {
   std::array<double, 7> tau{};
   testing::gravity_torques(kStart, tau);
@@ -106,7 +107,7 @@ std::vector<Figure> stack(const EngineKind& kind) {
           {"drift in 5 s", "mm", 1e3 * drift, 0.1}};
 }
 
-// Pushed down and sideways, and tilted until it touches both walls, it slides to the floor and stays.
+// The peg is pushed down and sideways and tilted until it touches both walls. It slides to the floor and comes to rest.
 std::vector<Figure> slot(const EngineKind& kind) {
   constexpr double kClearance = 0.5e-3;
   Run run(kind, testing::slot(kClearance), kStep);
@@ -131,7 +132,7 @@ std::vector<Figure> slot(const EngineKind& kind) {
           {"jitter at rest", "mm/s", 1e3 * jitter, 0.01}};
 }
 
-// The depths are those of our collision detection at the end, for every engine.
+// The depths at the end, measured with Cotwin's collision detection for every engine.
 std::vector<Figure> pile(const EngineKind& kind, int boxes, int steps, double goal_us) {
   Run run(kind, testing::pile(boxes, 1), kStepOfPiles);
   for (int k = 0; k < steps; ++k) run.step();
@@ -145,7 +146,8 @@ std::vector<Figure> pile(const EngineKind& kind, int boxes, int steps, double go
 std::vector<Figure> pile_of_100(const EngineKind& kind) { return pile(kind, 100, 1000, 0); }
 std::vector<Figure> pile_of_1000(const EngineKind& kind) { return pile(kind, 1000, 600, 6000); }
 
-// Cubes dropped in four layers into a pen that is as wide as they are many: whatever their number, they come to lie alike.
+// Cubes are dropped in four layers into a square pen whose width grows with their number, so that the pile is similar for any
+// number.
 scene::Scene pen(int across) {
   constexpr int kLayers = 4;
   constexpr double kPitch = 0.19, kWall = 0.1, kHeight = 1;
@@ -172,7 +174,7 @@ scene::Scene pen(int across) {
   return scene;
 }
 
-// The time of a box in a step after all have settled.
+// The time per box and step after all boxes have come to rest.
 std::vector<Figure> growing_pens(const EngineKind& kind) {
   constexpr int kSettled = 400, kMeasured = 200;
   std::vector<Figure> figures(1);
