@@ -1,4 +1,4 @@
-// The exact solution of the second-order relation behind the joint admittance, against closed forms.
+// The exact solution of the second-order relation of the joint admittance, compared with closed forms.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -76,7 +76,7 @@ TEST(SecondOrder, ManyShortStepsAgreeWithOneLongStepForAnyRelation) {
       largest = std::max(largest, std::abs(many.x));
       fastest = std::max(fastest, std::abs(many.dx));
     }
-    // A last bit of the mass's elongation is worth √(S/M) as a speed.
+    // A rounding error of the elongation corresponds to √(S/M) times this speed.
     const double w = std::sqrt(system.S / system.M);
     ASSERT_NEAR(once.x, many.x, 1e-11 * (largest + fastest * steps * h))
         << "M D S " << system.M << " " << system.D << " " << system.S;
@@ -86,7 +86,7 @@ TEST(SecondOrder, ManyShortStepsAgreeWithOneLongStepForAnyRelation) {
 }
 
 TEST(SecondOrder, NoStepIsTooLongForAStiffRelation) {
-  // S/M = 1e12 1/s2 over 10 s: it has settled long ago, and stays finite on the way.
+  // S/M = 1e12 1/s2 over 10 s: the solution has settled and stays finite.
   const Deviation d = advance({1e-6, 2.0, 1e6}, {1, 1e3}, 5, 0, 10);
   EXPECT_NEAR(d.x, 5e-6, 1e-18);
   EXPECT_NEAR(d.dx, 0, 1e-12);

@@ -1,4 +1,5 @@
-// The compliance unit in closed loop with the drive train: elastic joints with LuGre friction, torques held for a millisecond.
+// The compliance unit in closed loop with the drive train: elastic joints with LuGre friction, torques constant for a
+// millisecond.
 #include <gtest/gtest.h>
 
 #include <Eigen/Core>
@@ -15,7 +16,7 @@ namespace {
 using Eigen::VectorXd;
 constexpr Duration kMillisecond{1'000'000};
 
-/// A controller and a robot that it moves.
+/// A controller and the robot that it moves.
 class Loop {
  public:
   explicit Loop(const std::string& robot) : controller_(make("compliance", robot)), drive_(make("drive_train", robot)) {}
@@ -39,9 +40,9 @@ class Loop {
     if (pushed_.size() > 0) drive("tau_e") += pushed_;
     ASSERT_EQ(drive_.unit->step({}, kMillisecond), StepResult::kDone);
   }
-  /// A torque on every motor beside the controller's.
+  /// A torque on every motor in addition to the controller's.
   void push_motor(double tau) { push_ = tau; }
-  /// A torque on the links of which the controller is not told.
+  /// A torque on the links that the controller does not measure.
   void push_links(const VectorXd& tau) { pushed_ = tau; }
   std::string warning() { return controller_.variables.at("warning").strings()[0]; }
   std::int32_t limit(std::size_t i) { return controller_.variables.at("limit").integers()[i]; }
@@ -95,7 +96,7 @@ TEST(ComplianceWithDriveTrain, TracksWithinATenthOfAMilliradianInBothModesWhenIt
 }
 
 TEST(ComplianceWithDriveTrain, TracksARobotOfWhoseDrivesNothingIsKnownBecauseBothUnitsTakeTheSame) {
-  Loop loop(places::source() + "/tests/components/data/rotor.urdf");  // no drive data lie beside it
+  Loop loop(places::source() + "/tests/components/data/rotor.urdf");  // so that no drive data are beside it
   for (const char* name : {"K", "B"}) EXPECT_EQ(VectorXd(loop.controller(name)), VectorXd(loop.drive(name))) << name;
   EXPECT_LT(worst_error(loop, VectorXd::Zero(1), 6), 1e-4);
 }
@@ -104,7 +105,7 @@ TEST(ComplianceWithDriveTrain, FrictionThatTheControllerDoesNotKnowLeavesAnError
   const VectorXd q0 = (VectorXd(7) << 0, 0.3, 0, -1.2, 0, 0.9, 0).finished();
   Loop loop("lwr4");
   for (const char* name : {"sigma0", "sigma1", "sigma2", "tau_C", "tau_S"}) loop.controller(name).setZero();
-  // At most (tau_S + sigma2 |q̇|) / ((M + B) ω²), and the same again while the sign changes.
+  // At most (tau_S + sigma2 |q̇|) / ((M + B) ω²), and the same once more while the sign changes.
   double bound = 0;
   for (Eigen::Index i = 0; i < 7; ++i) {
     const double omega = loop.controller("omega")[i];
@@ -113,7 +114,7 @@ TEST(ComplianceWithDriveTrain, FrictionThatTheControllerDoesNotKnowLeavesAnError
   }
   const double worst = worst_error(loop, q0, 6);
   EXPECT_LT(worst, 2 * bound);
-  EXPECT_GT(worst, 1e-3);  // and it does matter
+  EXPECT_GT(worst, 1e-3);  // and the friction has an effect
 }
 
 TEST(ComplianceWithDriveTrain, ErrorsAfterAJumpOfTheExternalTorqueDieOutInBothModes) {
@@ -127,13 +128,14 @@ TEST(ComplianceWithDriveTrain, ErrorsAfterAJumpOfTheExternalTorqueDieOutInBothMo
       loop.step();
       worst = std::max(worst, loop.error().lpNorm<Eigen::Infinity>());
     }
-    EXPECT_LT(worst, 3e-3) << passivity;  // the springs' own 20 N.m over 10 000 N.m/rad
+    EXPECT_LT(worst, 3e-3) << passivity;  // deflection of the springs: 20 N.m over 10 000 N.m/rad
     EXPECT_LT(loop.error().lpNorm<Eigen::Infinity>(), 1e-5) << passivity;
   }
 }
 
 TEST(ComplianceWithDriveTrain, HoldsTheMotorOfAnElasticJointUpToTheGainsThatSamplingAllows) {
-  // On a soft spring, a held torque moves the motor alone: θ̇ ← θ̇ − h 2ζω (M + B)/B θ̇, which grows beyond ζ ω h (M + B)/B = 1.
+  // On a soft spring, a constant torque moves the motor alone: θ̇ ← θ̇ − h 2ζω (M + B)/B θ̇, which diverges beyond ζ ω h (M +
+  // B)/B = 1.
   const double M = 0.2, zeta = 1, omega = 30, h = 1e-3;
   for (const double share : {0.8, 0.95, 1.05, 1.25}) {
     Loop loop(places::source() + "/tests/components/data/rotor.urdf");
@@ -148,7 +150,7 @@ TEST(ComplianceWithDriveTrain, HoldsTheMotorOfAnElasticJointUpToTheGainsThatSamp
     loop.start(VectorXd::Zero(1));
     double first = 0, last = 0;
     for (int n = 0; n < 600; ++n) {
-      loop.push_motor(n == 0 ? 5 : 0);  // for a step: the motor is what is disturbed, not the link
+      loop.push_motor(n == 0 ? 5 : 0);  // for one step: this disturbs the motor, not the link
       loop.step();
       double& most = n < 300 ? first : last;
       most = std::max(most, std::abs(loop.drive("dtheta")[0] - loop.controller("dtheta_c")[0]));
@@ -162,11 +164,11 @@ TEST(ComplianceWithDriveTrain, HoldsTheMotorOfAnElasticJointUpToTheGainsThatSamp
 }
 
 TEST(ComplianceWithDriveTrain, TorqueFeedbackDampsLinksThatVibrateOnTheirSprings) {
-  // Error 0.2 to 0.4 s after a jump: with shaping the links have come to rest by then.
+  // Error 0.2 to 0.4 s after a jump: with shaping the links are at rest by then.
   const auto ringing = [](double shaping) {
     Loop loop("planar2");
     loop.controller("shaping").setConstant(shaping);
-    for (const char* name : {"sigma0", "sigma1", "tau_C", "tau_S"}) {  // friction damps as well
+    for (const char* name : {"sigma0", "sigma1", "tau_C", "tau_S"}) {  // friction also damps
       loop.controller(name).setZero();
       loop.drive(name).setZero();
     }
@@ -176,7 +178,7 @@ TEST(ComplianceWithDriveTrain, TorqueFeedbackDampsLinksThatVibrateOnTheirSprings
     VectorXd before = loop.error();
     for (int n = 0; n < 400; ++n) {
       loop.step();
-      if (n >= 200) sum += (loop.error() - before).squaredNorm();  // velocity: a slow tail does not count
+      if (n >= 200) sum += (loop.error() - before).squaredNorm();  // velocity: slow creep has little effect
       before = loop.error();
     }
     return std::sqrt(sum);
@@ -195,14 +197,14 @@ TEST(ComplianceWithDriveTrain, IsGuidedFreelyByAnExternalTorqueAndStaysWhereItIs
   loop.controller("tau_e").setZero();
   for (int n = 0; n < 3000; ++n) loop.step();
   const VectorXd left = loop.drive("q");
-  EXPECT_NEAR(left[0] - q0[0], 6.0 / 20 * 2, 1e-3);  // τ_e/D for 2 s, what is lost in starting comes back in stopping
+  EXPECT_NEAR(left[0] - q0[0], 6.0 / 20 * 2, 1e-3);  // τ_e/D for 2 s; the way lost at the start is made up when stopping
   EXPECT_NEAR(left[1] - q0[1], 3.0 / 20 * 2, 1e-3);
   for (int n = 0; n < 1000; ++n) loop.step();
   EXPECT_LT((loop.drive("q") - left).norm(), 1e-5);
 }
 
 TEST(ComplianceWithDriveTrain, UnequalGainsBringAMilliradianToRestInBothModes) {
-  // Gains that differ by 40 between the joints of one arm: with K_P = (M + B) Ω² a milliradian grew to 29 rad.
+  // Gains that differ by a factor of 40 between the joints of one arm: with K_P = (M + B) Ω² an error of 1 mrad grew to 29 rad.
   for (const double passivity : {0.0, 1.0}) {
     Loop loop("planar2");
     for (const char* name : {"sigma0", "sigma1", "sigma2", "tau_C", "tau_S"}) {
@@ -235,7 +237,8 @@ TEST(ComplianceWithDriveTrain, UnequalGainsBringAMilliradianToRestInBothModes) {
 }
 
 TEST(ComplianceWithDriveTrain, AJumpOfTheExternalTorqueAsksTheMotorsForNoMoreThanWindingUpTheSpringsMay) {
-  // The springs carry 20 N.m more after it. The motors were asked for 400 N.m for some milliseconds, of which 150 were given.
+  // The springs carry 20 N.m more after the jump. Earlier versions asked the motors for 400 N.m for some milliseconds, of which
+  // 150 were given.
   for (const double passivity : {0.0, 1.0}) {
     Loop loop("planar2");
     loop.controller("passivity").setConstant(passivity);
@@ -279,7 +282,7 @@ TEST(ComplianceWithDriveTrain, IsPushedToALimitOfItsJointStopsThereAndTheRunSays
   EXPECT_EQ(loop.limit(1), 0);
   EXPECT_NE(loop.warning().find("compliant motion of joints 1 was stopped at a limit of position"), std::string::npos)
       << loop.warning();
-  // Pulled back, it leaves the wall at once.
+  // Pulled back, it leaves the limit at once.
   loop.controller("tau_e") << -8, 0;
   loop.step();
   EXPECT_LT(loop.controller("dq_c")[0], 0);
@@ -287,7 +290,7 @@ TEST(ComplianceWithDriveTrain, IsPushedToALimitOfItsJointStopsThereAndTheRunSays
 }
 
 TEST(ComplianceWithDriveTrain, MotorsThatCannotHoldAPushWindNothingUpAndComeBackWithoutASwing) {
-  // The links are pushed by more than the motors can give, and the controller is not told; then they are let go.
+  // The links are pushed with more than the motors can give, which the controller does not measure; then they are released.
   Loop loop("planar2");
   const Eigen::Vector2d q0(0.5, -0.8);
   loop.controller("tau_max") << 60, 30;

@@ -1,4 +1,4 @@
-// The joint admittance at its limits, freely guided, and while its stiffness and inertia change: what moves and what energy.
+// The joint admittance at its limits, during manual guidance, and while its stiffness and inertia change: motion and energy.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -39,7 +39,7 @@ TEST(Limits, StopTheCompliantMotionWithTheBrakingDecelerationAndDoNotThrowItBack
   EXPECT_TRUE(reached);
   EXPECT_NEAR(at.x, 1, 1e-6);
   EXPECT_NEAR(at.dx, 0, 1e-9);
-  // Nothing was wound up: a torque the other way moves it at once.
+  // No windup: a torque in the other direction moves it at once.
   const Compliant back = advance(a, at, -30, 0, limits, {}, 1e-3, tank);
   EXPECT_EQ(back.limit, Limit::kNone);
   EXPECT_NEAR(back.Delta.dx, -15e-3, 1e-4);
@@ -93,7 +93,7 @@ TEST(Admittance, FreelyGuidedIsDamped) {
   Tank tank;
   for (int n = 0; n < 1000; ++n) at = advance(a, at, 0, 0, {}, {}, 1e-3, tank).Delta;
   EXPECT_NEAR(at.dx, std::exp(-2 * 2 * 1.0), 1e-9);  // M v̇ = −2 M omega_free v
-  // With a stiffness above M omega_free², the damping ratio is the one asked for.
+  // With a stiffness above M omega_free², the damping ratio is zeta_a.
   EXPECT_EQ(relation({.M_a = 3, .zeta_a = 1, .S_a = 27, .omega_free = 2}).D, 2 * std::sqrt(81.0));
 }
 
@@ -143,8 +143,8 @@ TEST(Admittance, StiffnessThatIsRaisedWhileDeflectedAndLoweredInTheMiddleDoesNot
 }
 
 TEST(Admittance, RaisesItsStiffnessWithTheEnergyThatItsOwnDampingTookOut) {
-  // A step of 20 N.m at S = 100 N.m/rad stores 2 J and loses 2 J to damping; a rise to 225 asks for 2.5 J at once. With an
-  // empty tank it takes what damping left and the rest on the way back; nothing hangs, and the end is τ_e/S.
+  // A step of 20 N.m at S = 100 N.m/rad stores 2 J and loses 2 J to damping; a rise to 225 needs 2.5 J at once. With an empty
+  // tank the stiffness rises with the energy that damping provides, and the rest on the way back; the final deviation is τ_e/S.
   Admittance now{.M_a = 6.25, .zeta_a = 1, .S_a = 100};
   Deviation at;
   Tank tank{0, 10};

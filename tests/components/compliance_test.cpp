@@ -1,4 +1,4 @@
-// The compliance unit against closed forms, a Lyapunov function and a rigid plant (2a) that the test integrates itself.
+// The compliance unit compared with closed forms, a Lyapunov function and a rigid plant (2a) that the test integrates itself.
 #include "components/compliance/compliance.h"
 
 #include <gtest/gtest.h>
@@ -31,7 +31,8 @@ Settings planar_settings() {
   return settings;
 }
 
-/// The unit with its variables by name. planar2 without its drive data: rigid and frictionless unless a test says otherwise.
+/// The unit with its variables by name. planar2 without its drive data: rigid and without friction unless a test says
+/// otherwise.
 class Controller {
  public:
   Controller() : settings_(planar_settings()), unit_(settings_) {
@@ -60,8 +61,8 @@ class Controller {
   Variables variables_;
 };
 
-/// (2a) with rigid joints: (M + B) q̈ + C q̇ + g = τ_m + τ_e, torques held over a step, integrated by the classical Runge–Kutta
-/// method.
+/// (2a) with rigid joints: (M + B) q̈ + C q̇ + g = τ_m + τ_e, torques constant over a step, integrated by the classical
+/// Runge–Kutta method.
 class RigidRobot {
  public:
   RigidRobot() : model(robot::load_urdf(kModels / "robots/planar2/robot.urdf")), mechanism(model), data(mechanism) {}
@@ -101,7 +102,7 @@ void desire(Controller& c, double t) {
   }
 }
 
-/// Runs the closed loop from time 0, where unit and robot are, and shows every instant to `watch`.
+/// Runs the closed loop from time 0 and the current state of unit and robot; calls `watch` at every instant.
 void close_loop(Controller& c, RigidRobot& robot, double h, int steps, const std::function<void(double)>& watch) {
   for (int n = 0; n < steps; ++n) {
     desire(c, (n + 1) * h);
@@ -119,7 +120,7 @@ TEST(Compliance, DeviatesByTorqueOverStiffnessAtRestAndInTheTorquesDirection) {
   c.stand_at({0.2, -0.4});
   c["tau_e"] << 10, -5;
   for (int n = 0; n < 20'000; ++n) c.step();
-  // (3a) at rest: S Δ = τ_e, with Δ = q_c − q_d. Rounding of the last steps only.
+  // (3a) at rest: S Δ = τ_e, with Δ = q_c − q_d. The tolerance is rounding of the last steps only.
   EXPECT_NEAR(c["q_c"][0] - 0.2, 10.0 / 40, 1e-13);
   EXPECT_NEAR(c["q_c"][1] + 0.4, -5.0 / 250, 1e-13);
   EXPECT_NEAR(c["dq_c"].norm(), 0, 1e-13);
@@ -136,7 +137,7 @@ TEST(Compliance, ApproachesAperiodicallyWithDampingRatioOne) {
     c.step();
     for (Eigen::Index i = 0; i < 2; ++i) {
       const double S = c["S_a"][i], w = std::sqrt(S / c["M_a"][i]), t = n * 1e-3;
-      EXPECT_NEAR(c["q_c"][i], 9 / S * (1 - (1 + w * t) * std::exp(-w * t)), 1e-13);  // aperiodic limit, closed form
+      EXPECT_NEAR(c["q_c"][i], 9 / S * (1 - (1 + w * t) * std::exp(-w * t)), 1e-13);  // critical damping, closed form
       EXPECT_GE(c["q_c"][i], before[i] - 1e-15);
     }
     before = c["q_c"];
@@ -186,7 +187,7 @@ TEST(Compliance, WithoutStiffnessIsGuidedFreelyAndStaysWhereItIsLeft) {
   EXPECT_NEAR(c["dq_c"][0], 2.0 / 8, 1e-12);  // D Δ̇ = τ_e
   c["tau_e"].setZero();
   for (int n = 0; n < 5000; ++n) c.step();
-  // Let go at speed v = τ/D, it glides on for M v / D. Up to then: v (t − T), T = M/D.
+  // Released at speed v = τ/D, it continues for M v / D. Until then: v (t − T), T = M/D.
   const double v = 2.0 / 8, T = 1.0 / 8;
   EXPECT_NEAR(c["q_c"][0], 0.1 + v * (5 - T) + T * v, 1e-10);
   EXPECT_NEAR(c["q_c"][1], 0.1, 1e-15);
@@ -223,11 +224,11 @@ TEST(Compliance, InverseDynamicsAloneIsThatOfTheCompliantMotionWithFrictionAndEx
   const VectorXd dq = c["dq_c"];
   expected[0] += 1.5 * std::tanh(dq[0] / 0.01) + 2 * dq[0] + 0.8 / (1 + std::exp(-20 * dq[0]));
   expected[1] += 0.5 * std::tanh(dq[1] / 0.01) + dq[1];
-  EXPECT_NEAR((c["tau_id"] - (expected - c["tau_e"])).norm(), 0, 1e-12);  // (2a) read for τ_J
+  EXPECT_NEAR((c["tau_id"] - (expected - c["tau_e"])).norm(), 0, 1e-12);  // (2a) solved for τ_J
 }
 
 TEST(Compliance, ComputedTorqueLeavesALinearDecoupledErrorOfEachJoint) {
-  // ë + 2ζω ė + ω² e = 0, from e(0) in the first joint alone. What remains is the sampling, of order h.
+  // ë + 2ζω ė + ω² e = 0, from e(0) in the first joint alone. The remaining error is due to sampling, of order h.
   const double h = 2e-5, e0 = 0.05, omega = 8;
   Controller c;
   RigidRobot robot;
@@ -249,7 +250,8 @@ TEST(Compliance, ComputedTorqueLeavesALinearDecoupledErrorOfEachJoint) {
 }
 
 TEST(Compliance, PassivityBasedTrackingDecreasesItsLyapunovFunction) {
-  // V = ½ sᵀ M s + eᵀ Λ K_s e with V̇ = −ėᵀ K_s ė − eᵀ Λ K_s Λ e (Slotine and Li, IJRR 6(3), 1987): needs Ṁ − 2C skew-symmetric.
+  // V = ½ sᵀ M s + eᵀ Λ K_s e with V̇ = −ėᵀ K_s ė − eᵀ Λ K_s Λ e (Slotine and Li, IJRR 6(3), 1987). Requires that Ṁ − 2C is
+  // skew-symmetric.
   const double h = 2e-5;
   const Vector2d Lambda(6, 9), K_s(5, 3);
   Controller c;
@@ -272,7 +274,7 @@ TEST(Compliance, PassivityBasedTrackingDecreasesItsLyapunovFunction) {
     const double V = 0.5 * s.dot(M * s) + e.dot(Lambda.cwiseProduct(K_s).cwiseProduct(e));
     const double rate = -de.dot(K_s.cwiseProduct(de)) - e.dot(Lambda.cwiseProduct(K_s).cwiseProduct(Lambda).cwiseProduct(e));
     if (t > 1.5 * h) {
-      // The balance holds up to the sampling of the controller.
+      // The balance holds except for the sampling of the controller.
       ASSERT_NEAR((V - V_before) / h, (rate + rate_before) / 2, 5e-3 * V_start) << t;
       ASSERT_TRUE(V < V_before || V < 1e-6 * V_start) << t;
     } else {
@@ -297,7 +299,7 @@ TEST(Compliance, TracksAtAMillisecondInBothModes) {
     c.initialise();
     double worst = 0;
     close_loop(c, robot, 1e-3, 4000, [&](double) { worst = std::max(worst, (c["q_c"] - robot.q).lpNorm<Eigen::Infinity>()); });
-    EXPECT_LT(worst, 2e-5) << "passivity " << passivity;  // what holding the torque for 1 ms leaves, of second order in it
+    EXPECT_LT(worst, 2e-5) << "passivity " << passivity;  // error of the torque that is constant for 1 ms, of second order
   }
 }
 
@@ -317,7 +319,7 @@ TEST(Compliance, LinkStaysOnTheCompliantMotionWhileAnExternalTorquePushesIt) {
 }
 
 TEST(Compliance, NothingJumpsWhenModeGainsOrStiffnessAreSwitched) {
-  // Inputs stand still with an error and a deviation, so every change of τ_m is the switching's.
+  // Inputs are constant with an error and a deviation, so every change of τ_m is caused by switching.
   const std::vector<std::pair<const char*, double>> switches = {
       {"passivity", 1}, {"omega", 60},  {"zeta", 3},         {"Lambda", 90},   {"K_s", 200},  {"S_a", 600},
       {"D_a", 50},      {"zeta_a", 4},  {"M_a", 3},          {"B", 3},         {"tau_0", -4}, {"link_tau_0", 5},
@@ -326,7 +328,7 @@ TEST(Compliance, NothingJumpsWhenModeGainsOrStiffnessAreSwitched) {
   for (const auto& [name, value] : switches) {
     Controller c;
     c.stand_at({0.3, 0.4});
-    c["passivity"].setConstant(0.5);  // so that the gains of both modes count
+    c["passivity"].setConstant(0.5);  // so that the gains of both modes have an effect
     c["tau_e"] << 5, 5;
     for (int n = 0; n < 200; ++n) c.step();  // still moving
     c["q"] << 0.31, 0.41;
@@ -344,7 +346,8 @@ TEST(Compliance, NothingJumpsWhenModeGainsOrStiffnessAreSwitched) {
       EXPECT_LT((c["q_c"] - q_c).norm(), 2e-3) << name;
       tau = c["tau_m"], q_c = c["q_c"];
     }
-    // With 50 ms, a millisecond brings at most 1 − e^(−1/50) = 2 % of the whole way: no jump, but the way is gone.
+    // With 50 ms, one millisecond changes the gains by at most 1 − e^(−1/50) = 2 % of the difference: no jump, but the
+    // transition completes.
     EXPECT_LT(largest, 0.06 * total + unswitched) << name;
     EXPECT_GT(total, 0.01) << name;
   }
@@ -394,7 +397,7 @@ TEST(Compliance, ElasticJointsAreHeldWhereTheSpringCarriesTheLoad) {
 }
 
 TEST(Compliance, LeavesTheExternalTorqueOutWhereItDoesNotActOnTheTrackedRobot) {
-  // Manual guidance of a stiff robot by its twin (VI-C): the torque moves q_c, but the robot that follows does not feel it.
+  // Manual guidance of a stiff robot by its twin (VI-C): the torque moves q_c, but the robot that follows does not measure it.
   Controller pushed, spared;
   std::get<std::span<bool>>(spared.variable("tau_e_acts_on_robot").storage)[0] = false;
   for (Controller* c : {&pushed, &spared}) {
@@ -419,7 +422,7 @@ TEST(Compliance, FeedsForwardTheFrictionOfABristleThatKeepsItsTorqueAtRest) {
   EXPECT_EQ(c["tau_f"].norm(), 0);
   c["dq_d"] << 0.4, -0.4;
   for (int n = 0; n < 200; ++n) c.step();
-  // Steady sliding: Stribeck has died out (e^−64), the bristle carries ±τ_C.
+  // Steady sliding: the Stribeck term is negligible (e^−64), the bristle carries ±τ_C.
   EXPECT_NEAR(c["tau_f"][0], 2 + 0.4, 1e-9);
   EXPECT_NEAR(c["tau_f"][1], -1 - 0.4, 1e-9);
   c["dq_d"].setZero();

@@ -1,4 +1,4 @@
-// Tracking with elastic joints: the closed loop of robots, drives and gains drawn at random, linearised and in motion.
+// Tracking with elastic joints: the closed loop of random robots, drives and gains, linearised and simulated.
 #include "components/compliance/tracking.h"
 
 #include <gtest/gtest.h>
@@ -24,7 +24,7 @@ Joints joints(const VectorXd& v) { return {v.data(), v.data() + v.size()}; }
 
 double decades(Draw& draw, double low, double high) { return std::pow(10.0, draw.number(low, high)); }
 
-/// A robot on its drives, with a controller whose reference rests at q_c.
+/// A robot with drives and a controller whose reference is constant at q_c.
 class ClosedLoop {
  public:
   struct Ranges {
@@ -51,7 +51,7 @@ class ClosedLoop {
     fill(K_s, r.omega_low, r.omega_high);
     fill(shaping, 0, 1.2);
     passivity = draw.integer(0, 2) == 0 ? draw.number(0, 1) : draw.integer(0, 1);
-    // K > −2 ∂g/∂q, which the proof asks for.
+    // K > −2 ∂g/∂q, which the proof assumes.
     for (double& k : K) k += 2.1 * steepest_gravity(draw);
     for (std::size_t i = 1; i < K.size(); ++i) {
       if (draw.number(0, 1) < r.rigid) K[i] = 0;
@@ -76,7 +76,7 @@ class ClosedLoop {
     return Eigen::Map<VectorXd>(tau_m.data(), n);
   }
 
-  /// M(q) with the motors of rigid joints, then the motors of all joints (those of rigid ones are not used).
+  /// M(q) including the motors of rigid joints, then the motors of all joints (those of rigid joints are not used).
   VectorXd acceleration(const VectorXd& q, const VectorXd& dq, const VectorXd& theta, const VectorXd& dtheta) {
     const VectorXd tau = torque(q, dq, theta, dtheta);
     MatrixXd M(n, n);
@@ -127,7 +127,7 @@ class ClosedLoop {
     if (!gravity) robot.gravity.setZero();
     return robot;
   }
-  /// A bound of ‖∂g/∂q‖ by directions in a neighbourhood.
+  /// A bound of ‖∂g/∂q‖ in a neighbourhood, sampled in several directions.
   double steepest_gravity(Draw& draw) {
     double steepest = 0;
     VectorXd low(n), high(n);
@@ -206,15 +206,15 @@ Eigen::VectorXcd eigenvalues_of(const Linear& l) {
 }
 
 TEST(Tracking, OfElasticRobotsIsStableForTenThousandDesignsOfAnyGains) {
-  // Coupled arms, light motors, soft and stiff springs, gains over three decades and unequal: stiffness and damping of the
-  // closed loop are symmetric, the stiffness is positive definite, the damping is not negative, and no eigenvalue is on the
-  // right.
+  // Coupled arms, light motors, soft and stiff springs, unequal gains over three decades: stiffness and damping matrix of the
+  // closed loop are symmetric, the stiffness is positive definite, the damping is not negative, and no eigenvalue has a
+  // positive real part.
   Draw draw(20261120);
   for (int round = 0; round < 10'000; ++round) {
     ClosedLoop c(draw, 1 + round % 6, round % 2 == 0, {1.5, 5, -3, 1, -0.5, 2.5, 0.15});
     const Linear l = linearised(c);
     const double scale = l.K.cwiseAbs().maxCoeff(), damping = l.D.cwiseAbs().maxCoeff();
-    // What differences of 1e-4 leave: third derivatives of g, and rounding of shaping K (θ − q).
+    // Error of differences with 1e-4: third derivatives of g, and rounding of shaping K (θ − q).
     ASSERT_LT((l.K - l.K.transpose()).cwiseAbs().maxCoeff(), 1e-7 * scale) << round;
     ASSERT_LT((l.D - l.D.transpose()).cwiseAbs().maxCoeff(), 1e-7 * damping) << round;
     const MatrixXd K = (l.K + l.K.transpose()) / 2, D = (l.D + l.D.transpose()) / 2;
@@ -227,7 +227,7 @@ TEST(Tracking, OfElasticRobotsIsStableForTenThousandDesignsOfAnyGains) {
   }
 }
 
-/// By the classical Runge–Kutta method, the controller being continuous too. y = (q, θ, q̇, θ̇).
+/// By the classical Runge–Kutta method, with a continuous controller. y = (q, θ, q̇, θ̇).
 void integrate(ClosedLoop& c, VectorXd& y, double h, double seconds, const std::function<void(const VectorXd&)>& watch) {
   const int n = c.n;
   const auto rate = [&](const VectorXd& at) {
@@ -243,7 +243,7 @@ void integrate(ClosedLoop& c, VectorXd& y, double h, double seconds, const std::
   }
 }
 
-/// A step that resolves the fastest eigenvalue, 0 where it is too fast for a test.
+/// A step that resolves the fastest eigenvalue; 0 if that is too fast for a test.
 double resolving_step(ClosedLoop& c) {
   const double h = 0.1 / eigenvalues_of(linearised(c)).cwiseAbs().maxCoeff();
   return h > 1e-5 ? std::min(h, 1e-3) : 0.0;
@@ -271,7 +271,7 @@ TEST(Tracking, OfElasticRobotsLosesEnergyFromAnyStartWithUnequalGains) {
     double before = start;
     integrate(c, y, h, 0.5, [&](const VectorXd& at) {
       const double now = energy(at);
-      ASSERT_LT(now, before + 1e-7 * start) << moved;  // what the integration leaves
+      ASSERT_LT(now, before + 1e-7 * start) << moved;  // error of the integration
       before = now;
     });
     EXPECT_LT(before, 0.9 * start) << moved;
@@ -279,7 +279,7 @@ TEST(Tracking, OfElasticRobotsLosesEnergyFromAnyStartWithUnequalGains) {
 }
 
 TEST(Tracking, OfElasticRobotsHoldsThemUpInAnyPostureWithWeakUnequalGains) {
-  // Gains below gravity's gradient, from a disturbed start: nothing falls.
+  // Gains below the gradient of gravity, from a disturbed start: the arm does not fall.
   Draw draw(11);
   for (int moved = 0; moved < 30;) {
     ClosedLoop c(draw, 2 + moved % 2, true, {3, 4, -0.5, 0.5, -0.5, 1, 0.2});

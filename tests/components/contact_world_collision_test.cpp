@@ -15,9 +15,9 @@ namespace cotwin::contact_world::testing {
 namespace {
 
 constexpr double kExact = 1e-9;  // m, of shapes of 0.1 m
-// Curved bodies half in each other: Bullet's EPA approaches their Minkowski difference by 64 points.
+// Curved bodies deep inside each other: Bullet's EPA approximates their Minkowski difference by 64 points.
 constexpr double kDeep = 0.01, kDeepError = 1e-5;  // m
-constexpr double kFar = 1;                         // m: a margin that everything is within
+constexpr double kFar = 1;                         // m: a margin that contains all pairs
 
 std::vector<ContactPoint> points_of(const scene::Scene& scene, const std::vector<Pose>& X, double margin) {
   Collision collision(scene);
@@ -25,10 +25,10 @@ std::vector<ContactPoint> points_of(const scene::Scene& scene, const std::vector
   return {collision.points().begin(), collision.points().end()};
 }
 
-/// The points lie where they say: the surfaces of a and b are half a gap away along n.
+/// The points are on the surfaces: the surfaces of a and b are half a gap away along n.
 void expect_on_surfaces(const Shape& a, const Pose& X_a, const Shape& b, const Pose& X_b, const ContactPoint& p) {
   EXPECT_NEAR(p.n_W.norm(), 1, 1e-12);
-  // Tangent there: the shape reaches no farther along n than the point.
+  // Tangent plane: the shape extends no farther along n than the point.
   EXPECT_NEAR(p.n_W.dot(farthest(a, X_a, p.n_W)), p.n_W.dot(p.p_W) - p.gap / 2, kExact);
   EXPECT_NEAR(p.n_W.dot(farthest(b, X_b, -p.n_W)), p.n_W.dot(p.p_W) + p.gap / 2, kExact);
 }
@@ -51,7 +51,8 @@ double outside(const Shape& shape, const Pose& X, const Vector3d& p_W) {
     case ShapeType::kHull:
       break;
   }
-  // The hull: the largest gap of the point over all planes through three vertices that have the others on one side.
+  // For a hull: the largest gap between the point and all planes through three vertices that have the other vertices on one
+  // side.
   double most = -std::numeric_limits<double>::infinity();
   const std::vector<Vector3d>& v = shape.vertices;
   for (std::size_t i = 0; i < v.size(); ++i) {
@@ -86,9 +87,9 @@ std::vector<Case> all_pairs() {
 INSTANTIATE_TEST_SUITE_P(Shapes, EveryPair, ::testing::ValuesIn(all_pairs()),
                          [](const auto& test) { return name_of(test.param.a) + "_" + name_of(test.param.b); });
 
-/// Weak duality: the gap along any n is at most the signed distance. A direction along which two points of the surfaces face
-/// each other at that gap is therefore the best one for bodies apart, and for interpenetrating ones if no other direction has
-/// more.
+/// Weak duality: the gap along any n is at most the signed distance. If two points of the surfaces face each other along a
+/// direction at that gap, this direction is the best one for separated bodies, and for interpenetrating bodies if no other
+/// direction has more.
 TEST_P(EveryPair, HasItsExactDistanceAtRandomPoses) {
   Random random(7);
   for (int i = 0; i < 150; ++i) {
@@ -109,9 +110,9 @@ TEST_P(EveryPair, HasItsExactDistanceAtRandomPoses) {
     expect_on_surfaces(a, X_a, b, X_b, p);
     const Vector3d p_a = p.p_W - p.n_W * (p.gap / 2), p_b = p.p_W + p.n_W * (p.gap / 2);
     EXPECT_NEAR(outside(a, X_a, p_a), 0,
-                2e-8);  // where surfaces are curved the point may be off sideways by the root of kExact
+                2e-8);  // on curved surfaces the point may be off sideways by the root of kExact
     EXPECT_NEAR(outside(b, X_b, p_b), 0, 2e-8);
-    // Cylinders that are in something by less than 1 % of its size come out along a locally best way, polytopes along the best.
+    // For cylinders with a penetration below 1 % of the size the direction is locally the best, for polytopes globally.
     const bool local = p.gap < 0 && p.gap > -0.003 && (a.type == ShapeType::kCylinder || b.type == ShapeType::kCylinder);
     EXPECT_LE(best_gap(a, X_a, b, X_b, random), p.gap + (local ? -0.2 * p.gap : kExact));
   }
@@ -148,7 +149,7 @@ TEST_P(EveryPair, MovesWithTheWorld) {
   }
 }
 
-/// A point of contact keeps its name while the bodies creep, and creeps with them.
+/// A contact point keeps its id while the bodies move slowly, and moves with them.
 TEST_P(EveryPair, KeepsItsPointsUnderSmallMotions) {
   Random random(17);
   constexpr double kMotion = 1e-7;  // m, rad
@@ -168,13 +169,13 @@ TEST_P(EveryPair, KeepsItsPointsUnderSmallMotions) {
       ++all;
       if (same == after.end()) continue;
       const double moved = (same->p_W - p.p_W).norm();
-      if (moved > 2e-4) continue;  // where rims and edges cross flat: up to 1e3 times the motion
+      if (moved > 2e-4) continue;  // where rims and edges cross at a small angle: up to 1e3 times the motion
       ++kept;
       EXPECT_NEAR(same->gap, p.gap, moved + 20 * kMotion) << "case " << i;
     }
   }
   EXPECT_GT(all, 90);
-  EXPECT_GE(kept, all - all / 25);  // random poses are now and then at a change of features
+  EXPECT_GE(kept, all - all / 25);  // random poses are sometimes at a change of features
 }
 
 TEST_P(EveryPair, IsFiniteWhereThereIsNoBestDirection) {
@@ -195,7 +196,7 @@ TEST_P(EveryPair, IsFiniteWhereThereIsNoBestDirection) {
       EXPECT_TRUE(p.p_W.allFinite() && p.n_W.allFinite() && std::isfinite(p.gap));
       EXPECT_NEAR(p.n_W.norm(), 1, 1e-9);
     }
-    const double gap = best_gap(a, X_a, b, X_b, random);  // a hull need not hold its frame's origin
+    const double gap = best_gap(a, X_a, b, X_b, random);  // a hull need not contain the origin of its frame
     EXPECT_EQ(points.empty(), gap > 0.001);
     if (points.empty()) continue;
     EXPECT_LT(deepest(points).gap, std::max(0.0, gap + kExact));
@@ -263,7 +264,7 @@ TEST(Collision, TwoCubesTurnedAgainstEachOtherMeetInFourOfEightPoints) {
   const Shape cube = make(ShapeType::kBox, {0.1, 0.1, 0.1});
   const auto points = points_of(scene_of({cube, cube}), {at({0, 0, 0}), at({0, 0, 0.1}, turned(M_PI / 4, {0, 0, 1}))}, 0.001);
   ASSERT_EQ(points.size(), 4u);
-  // The octagon's corners are at this distance from its middle, and four of them hold the cube as long as they surround it.
+  // The corners of the octagon are at this distance from its centre. Four of them support the cube while they surround it.
   const double corner = 0.05 / std::cos(M_PI / 8);
   Vector3d sum = Vector3d::Zero();
   for (const ContactPoint& p : points) {
@@ -274,7 +275,7 @@ TEST(Collision, TwoCubesTurnedAgainstEachOtherMeetInFourOfEightPoints) {
 }
 
 TEST(Collision, AlignedCubesKeepTheirPointsHoweverTheyCreep) {
-  // Corner on corner: which of both names the point must not depend on rounding.
+  // Corner on corner: which of the two gives the id of the point must not depend on rounding.
   Random random(3);
   const Shape cube = make(ShapeType::kBox, {0.1, 0.1, 0.1});
   const scene::Scene scene = scene_of({cube, cube});
@@ -293,7 +294,8 @@ TEST(Collision, AlignedCubesKeepTheirPointsHoweverTheyCreep) {
 }
 
 TEST(Collision, CrossedEdgesTouchInOnePoint) {
-  // Two cubes on their edges, crossed: the upper's lowest edge along y meets the lower's highest along x.
+  // Two cubes standing on their edges, crossed: the lowest edge of the upper cube along y meets the highest edge of the lower
+  // cube along x.
   const Shape cube = make(ShapeType::kBox, {0.1, 0.1, 0.1});
   const double edge = 0.05 * std::sqrt(2);
   for (const double gap : {-0.001, 0.0005}) {
@@ -341,7 +343,7 @@ TEST(Collision, ATiltedCylinderTouchesWithItsLowestRimPoint) {
     const Vector3d axis(random.real(-1, 1), random.real(-1, 1), 0);
     const auto points = points_of(scene_of({make(ShapeType::kPlane, Vector3d::Zero()), cylinder}),
                                   {at({0, 0, 0}), at({0, 0, 0.05}, turned(tilt, axis))}, 0.1);
-    // Half height, down at the tilt; the rim, down by its sine.
+    // Half the height, times the cosine of the tilt; the rim, lower by its sine.
     EXPECT_NEAR(deepest(points).gap, 0.05 - 0.05 * std::cos(tilt) - 0.03 * std::sin(tilt), kExact) << tilt;
   }
 }
@@ -385,8 +387,8 @@ TEST(Collision, ParallelCylindersTouchAlongTheirLine) {
   EXPECT_NEAR(std::abs(points[0].p_W.z() - points[1].p_W.z()), 0.06, 1e-12);
 }
 
-/// A peg on the axis of a bore is as far from every facet as it has clearance; moved aside, the facet ahead is nearer by so
-/// much.
+/// A peg on the axis of a bore has the clearance as distance to every facet; moved sideways, the facet ahead is nearer by the
+/// motion.
 TEST(Collision, APegInABoreIsHeldAllAround) {
   scene::RoundHole hole;
   hole.radius = 0.01505;
@@ -411,14 +413,15 @@ TEST(Collision, APegInABoreIsHeldAllAround) {
     EXPECT_NEAR(deepest(moved).gap, 0.5e-4 - aside, kExact);  // facet 0 is ahead on x
     EXPECT_NEAR(deepest(moved).n_W.x(), 1, 1e-9);
   }
-  // Above the plate, on its axis and wider than the hole: the rim meets the chamfers' upper edges.
+  // Above the plate, on its axis and wider than the hole: the rim touches the upper edges of the chamfers.
   scene.bodies[0].shapes[0].size.x() = 0.0169;
   const auto above = points_of(scene, {at({0, 0, 0.0495}), at({0, 0, 0})}, 1e-3);
   ASSERT_FALSE(above.empty());
   for (const ContactPoint& p : above) EXPECT_LT(p.n_W.z(), 0);
 }
 
-/// Pieces of one body that touch each other have no surface between them: what slides over the seam meets no wall.
+/// Pieces of one body that touch each other have no surface between them: a body that slides over the seam does not collide
+/// with it.
 TEST(Collision, ABoxSlidesOverTheSeamsOfAPlate) {
   scene::RoundHole hole;
   hole.radius = 0.01;
@@ -443,7 +446,7 @@ TEST(Collision, ABoxSlidesOverTheSeamsOfAPlate) {
   }
 }
 
-/// Hulls with so many edges that not all pairs of them are tried.
+/// Hulls with so many edges that not all pairs of edges are tried.
 TEST(Collision, HullsOfManyFacesHaveTheirExactDistance) {
   Random random(59);
   for (int i = 0; i < 60; ++i) {
@@ -575,11 +578,11 @@ TEST(Collision, LeavesOutWhatTheSceneLeavesOut) {
   joint.child = 0;
   scene.joints = {joint};
   EXPECT_TRUE(points_of(scene, X, 0.01).empty());
-  scene.joints[0].parent = -1;  // a joint to the world joins no bodies
+  scene.joints[0].parent = -1;  // a joint to the world connects no bodies
   EXPECT_EQ(points_of(scene, X, 0.01).size(), 1u);
   scene.bodies[0].motion = scene::Motion::kStatic;
   EXPECT_EQ(points_of(scene, X, 0.01).size(), 1u);
-  scene.bodies[1].motion = scene::Motion::kDriven;  // whose contact forces are read
+  scene.bodies[1].motion = scene::Motion::kDriven;  // whose contact forces are outputs
   EXPECT_EQ(points_of(scene, X, 0.01).size(), 1u);
   scene.bodies[1].motion = scene::Motion::kStatic;
   EXPECT_TRUE(points_of(scene, X, 0.01).empty());

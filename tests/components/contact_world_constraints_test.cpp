@@ -1,4 +1,4 @@
-// The contact world where something is in the way: motors, limits, friction, loops, contacts; and its state.
+// The contact world with constraints: motors, limits, friction, loops, contacts; and its state.
 
 #include <gtest/gtest.h>
 
@@ -33,7 +33,7 @@ class Constraints : public ::testing::TestWithParam<Method> {
   }
 };
 
-/// A wheel of 0.1 kg m² about a fixed horizontal axis, with an arm that weighs 5 N.m when level; q = 0: level.
+/// A wheel of 0.1 kg m² about a fixed horizontal axis, with an arm that has a weight torque of 5 N.m when level; q = 0: level.
 scene::Scene wheel() {
   scene::Scene scene;
   scene::Body body;
@@ -115,7 +115,7 @@ TEST_P(Constraints, LimitStopsAJointAndCarriesIt) {
   EXPECT_NEAR(w.dq()[0], 0, 1e-9);
 }
 
-/// Four bars that close a parallelogram in the plane across y, hung up at both ends.
+/// Four bars that form a parallelogram in the plane perpendicular to y, suspended at both ends.
 scene::Scene four_bars(bool doubled) {
   scene::Scene scene;
   const auto bar = [&](const Vector3d& p, const Vector3d& half) {
@@ -149,13 +149,13 @@ scene::Scene four_bars(bool doubled) {
 }
 
 TEST_P(Constraints, ClosedLoopKeepsClosedAlsoWithEveryJointTwice) {
-  // A planar loop of revolute joints is over-determined in space already: rows that depend on others must do no harm.
+  // A planar loop of revolute joints is over-determined in space: dependent rows must not disturb the solution.
   for (const bool doubled : {false, true}) {
     World w = world(four_bars(doubled), 500);
     const double before = w.energy();
     for (int k = 0; k < 1000; ++k) w.step(kStep);
     EXPECT_LT(w.largest_gap(), 1e-5) << doubled;
-    EXPECT_NEAR(w.energy(), before, 5e-2) << doubled;  // of a fall of 3 J; rows that others imply are soft
+    EXPECT_NEAR(w.energy(), before, 5e-2) << doubled;  // of a fall of 3 J; dependent rows are soft
     // Bars 0 and 2 stay parallel, bar 1 level.
     EXPECT_LT((w.poses()[0].R - w.poses()[2].R).norm(), 1e-4) << doubled;
     EXPECT_LT((w.poses()[1].R - Eigen::Matrix3d::Identity()).norm(), 1e-4) << doubled;
@@ -200,7 +200,7 @@ TEST_P(Constraints, HeavyBoxRestsOnALightOne) {
 }
 
 TEST_P(Constraints, ArmThatPushesOnTheGroundFeelsTheForceThatItsTorqueMakes) {
-  // The wheel's arm rests with its tip, a ball of 0.05 m at 1 m, on the ground: N · 1 m = 5 N.m + drive.
+  // The tip of the wheel's arm, a ball of 0.05 m at 1 m, rests on the ground: N · 1 m = 5 N.m + drive.
   scene::Scene scene = wheel();
   scene.bodies[0].shapes = testing::ball("tip", 0.05, 1, {0, 0, 0}, 0).shapes;
   scene.bodies[0].shapes[0].X_BS.p = {1, 0, 0};
@@ -240,7 +240,7 @@ TEST_P(Constraints, RestoredWorldStepsToTheSameBits) {
   EXPECT_EQ(state.size(), w.state_size());
   for (int k = 0; k < 20; ++k) w.step(kStep);
   w.save(a);
-  for (int k = 0; k < 3; ++k) other.step(2 * kStep);  // anything else before
+  for (int k = 0; k < 3; ++k) other.step(2 * kStep);  // a different problem before
   other.restore(state);
   for (int k = 0; k < 20; ++k) other.step(kStep);
   other.save(b);

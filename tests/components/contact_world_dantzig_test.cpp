@@ -67,9 +67,9 @@ bool is_friction(const Problem& problem, int i) {
   return false;
 }
 
-// Largest violation of the conditions of the box and of Coulomb's law, written down independently of the solver: sign
-// conditions by distance from the bounds, friction by |x_t| ≤ μ x_n and x_t = −μ x_n w_t / |w_t|, as an
-// error of the force (where it slips) or of the slip (where it hardly does).
+// Largest violation of the bounds and of Coulomb's law, formulated independently of the solver: sign conditions by distance
+// from the bounds, friction by |x_t| ≤ μ x_n and x_t = −μ x_n w_t / |w_t|, as an error of the force (if it slips) or of the
+// slip (if it hardly slips).
 double kkt(const Problem& problem, const VectorXd& x) {
   const VectorXd w = problem.A * x + problem.b;
   double worst = 0;
@@ -91,7 +91,7 @@ double kkt(const Problem& problem, const VectorXd& x) {
   return worst;
 }
 
-// Every one of the 3ⁿ ways to put each row at its lower bound, its upper bound or between.
+// Every one of the 3ⁿ assignments of each row to its lower bound, its upper bound or between.
 double lowest_objective(const Problem& problem) {
   const int n = problem.n();
   int sets = 1;
@@ -154,8 +154,8 @@ Problem random_problem(Random& random, int n, int rank) {
   return problem;
 }
 
-// Boxes of edge `a` and 1 kg on one another, the lowest on the ground, held against gravity for 1 ms: four contacts a pair,
-// normals up. Rows: normal, x, y of each. Offsets tilt nothing but move the boxes sideways.
+// Stacked boxes of edge `a` and 1 kg, the lowest on the ground, held against gravity for 1 ms: four contacts per pair, normals
+// up. Rows: normal, x, y of each. Offsets do not tilt the boxes but move them sideways.
 Problem stack(int boxes, double mu, double a, bool cones, const Eigen::Vector3d& push) {
   const int n = 12 * boxes;
   MatrixXd J = MatrixXd::Zero(n, 6 * boxes);
@@ -280,7 +280,7 @@ TEST(Dantzig, SatisfiesTheConditionsOfDegenerateAndRedundantProblemsOfAnySize) {
 
 TEST(Dantzig, EndsSoonWhereLeastIndexPivotingTakesExponentiallyMany) {
   // Fathi 1979 [Math. Programming 17]: A = L Lᵀ with ones on and twos below the diagonal of L, b = −1; Murty's least-index
-  // method takes 2ⁿ − 1 pivots. All rows alike are violated at first.
+  // method takes 2ⁿ − 1 pivots. All rows are violated equally at the start.
   const int n = 40;
   Problem problem(n);
   MatrixXd L = MatrixXd::Zero(n, n);
@@ -297,7 +297,7 @@ TEST(Dantzig, EndsSoonWhereLeastIndexPivotingTakesExponentiallyMany) {
 }
 
 TEST(Dantzig, DoesNotCycleWhereAllPivotsTie) {
-  // A body on many legs of the same place and size, without load and with it: each pivot ties with all others.
+  // A body on many equal legs at the same place, with and without load: each pivot is a tie between all others.
   for (const double load : {0.0, 1.0}) {
     for (int legs = 1; legs < 80; ++legs) {
       Problem problem(3 * legs);
@@ -323,8 +323,8 @@ TEST(Dantzig, LeavesContradictingRowsAndSatisfiesTheOthers) {
   EXPECT_EQ(s.result.status, Dantzig::Status::kContradiction);
   EXPECT_EQ(s.result.contradicting, 1);
   EXPECT_NEAR(s.x(2), 2, 1e-12);
-  EXPECT_NEAR(s.x(0) + s.x(1), 1, 1e-12);      // the first one holds,
-  EXPECT_NEAR(s.result.residual, 1.5, 1e-12);  // the second one cannot
+  EXPECT_NEAR(s.x(0) + s.x(1), 1, 1e-12);      // the first one is satisfied,
+  EXPECT_NEAR(s.result.residual, 1.5, 1e-12);  // the second one cannot be
 }
 
 TEST(Dantzig, CarriesAStackOfBoxesOnFourCoplanarContactsEach) {
@@ -333,7 +333,7 @@ TEST(Dantzig, CarriesAStackOfBoxesOnFourCoplanarContactsEach) {
     const Solution s = solve(problem);
     ASSERT_EQ(s.result.status, Dantzig::Status::kSolved);
     EXPECT_LT(kkt(problem, s.x), 1e-13);
-    for (int k = 0; k < 10; ++k) {  // each layer carries what stands on it
+    for (int k = 0; k < 10; ++k) {  // each layer carries the layers above
       double load = 0;
       for (int c = 0; c < 4; ++c) load += s.x(12 * k + 3 * c);
       EXPECT_NEAR(load, (10 - k) * 9.81e-3, 1e-12);
@@ -357,11 +357,11 @@ TEST(Dantzig, TopplesSlidesOrHoldsAPushedStack) {
       ASSERT_LT(kkt(problem, s.x), 1e-11) << "round " << round;
     }
   }
-  EXPECT_LE(unsolved, 5);  // Newton's iteration around the pivoting has no guarantee; the status says so
+  EXPECT_LE(unsolved, 5);  // Newton's iteration around the pivoting is not guaranteed to converge; the status reports it
 }
 
-// What the contact world knows of its rows besides. Every other contact's profile reaches a box further, as profiles do whose
-// rows share bodies with different others: they need not be symmetric.
+// The additional knowledge of the contact world about its rows. The profile of every other contact extends by one box, as for
+// rows that share bodies with different rows: profiles need not be symmetric.
 struct KnownRows {
   std::vector<RowProfile> profile;
   std::vector<int> pairs;
@@ -370,7 +370,7 @@ struct KnownRows {
 KnownRows known_rows(Problem& stack) {
   KnownRows known;
   for (int i = 0; i < stack.n(); ++i) {
-    const int box = i / 12, more = i / 3 % 2;  // shares bodies with the ones below and above
+    const int box = i / 12, more = i / 3 % 2;  // shares bodies with the rows below and above
     known.profile.push_back({std::max(0, 12 * (box - 1 - more)), std::min(stack.n(), 12 * (box + 2 + more))});
     known.pairs.push_back(box);
     stack.A.row(i).head(known.profile.back().begin).setConstant(std::numeric_limits<double>::quiet_NaN());
@@ -409,7 +409,7 @@ TEST(Dantzig, ReadsNothingOutsideOfTheProfileAndSolvesAsManyProblems) {
     }
   }
   EXPECT_GT(unsolved, 100) << "with one turn few are solved, and their w is examined all the same";
-  EXPECT_GT(solved, 270);  // friction that jams has no guarantee; the order of sums may decide
+  EXPECT_GT(solved, 270);  // jamming friction has no guarantee; the order of sums may decide
   EXPECT_NEAR(solved, solved_full, 6);
 }
 
@@ -418,7 +418,7 @@ TEST(Dantzig, GivesTheSameBitsWhetherItKnowsThatTheMatrixHasNotChanged) {
   Dantzig knows;
   VectorXd x = VectorXd::Zero(72), start = x;
   for (int round = 0; round < 100; ++round) {
-    if (round % 4 == 0) start.setZero();  // else from the last solution
+    if (round % 4 == 0) start.setZero();  // otherwise from the last solution
     const Eigen::Vector3d push(random(-0.004, 0.004), random(-0.004, 0.004), 0);
     const Problem problem = stack(6, 0.5, 0.1, true, push);
     BoxedProblem boxed = problem;
@@ -445,7 +445,8 @@ TEST(Dantzig, AsksNothingOfFactorsThatRoomForMoreRowsHasEmptied) {
   Dantzig solver;
   VectorXd x = VectorXd::Zero(problem.n()), w = x;
   solver.solve(boxed, {x.data(), n}, {w.data(), n});
-  const Dantzig::Result before = solver.solve(boxed, {x.data(), n}, {w.data(), n});  // no pivot: the factors are the matrix's
+  const Dantzig::Result before =
+      solver.solve(boxed, {x.data(), n}, {w.data(), n});  // no pivot: the factors are those of the matrix
   ASSERT_EQ(before.pivots, 0);
   solver.reserve(2 * problem.n(), 0);
   const Dantzig::Result after = solver.solve(boxed, {x.data(), n}, {w.data(), n});
@@ -465,7 +466,7 @@ TEST(Dantzig, NeedsNoPivotFromTheSolutionItself) {
 }
 
 TEST(Dantzig, SlidesAgainstTheDirectionOfMotionWhateverTheAxes) {
-  // A mass point of 2 kg on the ground with v_t = 0.1 m/s: the friction impulse is μ m g h against v, or stops it.
+  // A point mass of 2 kg on the ground with v_t = 0.1 m/s: the friction impulse is μ m g h against v, or stops it.
   Random random{std::mt19937_64(5)};
   for (int round = 0; round < 1000; ++round) {
     const double m = 2, mu = random(0.01, 1), g_h = 9.81e-3, angle = random(-3.2, 3.2), speed = random(0, 0.02);
@@ -518,12 +519,12 @@ TEST(Dantzig, ObeysCoulombsLawWithNormalsAndFrictionCoupled) {
     }
     ASSERT_LT(kkt(problem, s.x), 1e-9) << "round " << round;
   }
-  // With strong coupling Coulomb's law need not have a solution (Painlevé); then the status says so.
+  // With strong coupling Coulomb's law may have no solution (Painlevé); then the status reports it.
   EXPECT_LT(unsolved, rounds / 50);
 }
 
 TEST(Dantzig, ReturnsSomethingSaneWhereContactsContradictEachOther) {
-  // Bodies inside each other: contacts from all sides ask for speeds that no motion has, and friction jams what is left.
+  // Bodies inside each other: contacts from all sides demand speeds that are impossible together, and friction jams the rest.
   Random random{std::mt19937_64(8)};
   Dantzig solver;
   for (int round = 0; round < 100; ++round) {
@@ -638,7 +639,7 @@ TEST(Dantzig, ReturnsTheBestWithinItsBoundOfPivots) {
     Dantzig solver(options);
     const Solution s = solve(solver, problem, VectorXd::Zero(problem.n()));
     EXPECT_EQ(s.result.status, pivots == 1000 ? Dantzig::Status::kSolved : Dantzig::Status::kPivotLimit);
-    EXPECT_LE(problem.objective(s.x), last);  // it falls with every pivot
+    EXPECT_LE(problem.objective(s.x), last);  // it decreases with every pivot
     last = problem.objective(s.x);
   }
 }

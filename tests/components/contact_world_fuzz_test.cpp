@@ -1,5 +1,4 @@
-// Scenes that nobody would build: thousands of short runs in which bodies start anywhere, also inside each other, with any
-// speed and any mass.
+// Unusual scenes: thousands of short runs in which bodies start anywhere, also inside each other, with any speed and any mass.
 
 #include <gtest/gtest.h>
 
@@ -86,7 +85,7 @@ TEST_P(Fuzz, GivesTheSameBitsFromARestoredState) {
     world.save(state);
     for (int k = 0; k < 5; ++k) world.step(kStep);
     world.save(after);
-    other.step(kStep);  // somewhere else before
+    other.step(kStep);  // a different state before
     other.restore(state);
     for (int k = 0; k < 5; ++k) other.step(kStep);
     other.save(after_restoring);

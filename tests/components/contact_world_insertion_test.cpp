@@ -1,5 +1,6 @@
-// VI-A in short: an LWR 4+ under joint admittance lowers its peg into a hole that stands beside where the robot believes it to
-// be, its links held in either way (DESIGN.md). Robot, gains and sensors' low-pass as in examples/04_peg_in_hole, in 4 s.
+// A short version of VI-A: an LWR 4+ under joint admittance lowers its peg into a hole that is beside the expected place, with
+// the links integrated by either unit (link=inside or outside). Robot, gains and the low-pass of the sensors as in
+// examples/04_peg_in_hole, in 4 s.
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
@@ -38,7 +39,7 @@ Vector3d tip(const robot::RobotModel& model, std::span<const double> q, std::vec
   return X_WL[6] * Vector3d(0, 0, kTip);
 }
 
-/// The posture next to q that holds the peg upright over (0.5, 0.05) with its tip at z, by Newton's method.
+/// The posture near q that holds the peg upright over (0.5, 0.05) with its tip at z, by Newton's method.
 Vector7 posture(const robot::RobotModel& model, double z, Vector7 q) {
   std::vector<Pose> X_WL(7);
   for (int round = 0; round < 20; ++round) {
@@ -57,7 +58,7 @@ Vector7 posture(const robot::RobotModel& model, double z, Vector7 q) {
   return q;
 }
 
-/// The desired motion, a sample a millisecond: 45 mm down from 10 mm above the mouth, at rest at both ends.
+/// The desired motion, one sample per millisecond: 45 mm down from 10 mm above the mouth, at rest at both ends.
 struct Motion {
   Motion() {
     const robot::RobotModel model = robot::load_urdf(kExample + "lwr4_peg.urdf");
@@ -81,10 +82,10 @@ struct Motion {
 
 struct Case {
   std::string link, plate;
-  double x = 0, y = 0;  // mm that the hole stands beside where the robot believes it to be
+  double x = 0, y = 0;  // mm, offset of the hole from the place that the robot expects
   std::string method = "tree";
-  double damping = 1;  // share of the gears' that they have
-  int parts = 1;       // steps of robot and world a millisecond
+  double damping = 1;  // share of the gears' stiffness
+  int parts = 1;       // steps of robot and world per millisecond
 };
 
 struct Outcome {
@@ -94,7 +95,7 @@ struct Outcome {
   double shake = 0;                                // N, its standard deviation there
   double penetration = 0;                          // m
   double energy = 0;                               // J, largest kinetic energy of the motors and, with link=inside, links
-  bool inserted() const { return depth > 0.032; }  // of 35 mm that the controller wants
+  bool inserted() const { return depth > 0.032; }  // of 35 mm that the controller commands
 };
 
 class Insertion {
@@ -118,7 +119,7 @@ class Insertion {
     const std::vector<double> start(q.data(), q.data() + 7);
     put(controller_, "q_d", start);
     if (outside_) {
-      // The motors hold what the links weigh, which the drive train of an inside robot knows.
+      // The motors hold the weight of the links, which the drive train of an inside robot includes.
       Instance inside = make("drive_train", "?link=inside&robot=" + kExample + "real/robot.urdf");
       put(inside, "q0", start);
       inside.unit->initialise({});
@@ -176,7 +177,7 @@ class Insertion {
     std::copy(values.begin(), values.end(), to.variables.at(in).reals().begin());
   }
   static void run(Instance& unit, Duration h) { ASSERT_EQ(unit.unit->step({}, h), StepResult::kDone); }
-  Instance& links() { return outside_ ? world_ : drive_; }  // who moves them
+  Instance& links() { return outside_ ? world_ : drive_; }  // which unit moves them
 
   /// One tick: controller, then world, then drive.
   void step(int i) {
@@ -222,7 +223,7 @@ std::ostream& operator<<(std::ostream& out, const Case& c) {
   return out << c.plate << " link=" << c.link << " " << c.method << " hole at (" << c.x << ", " << c.y << ") mm";
 }
 
-/// What both ways to hold the robot make of a case.
+/// Runs a case with either link.
 struct Both {
   explicit Both(Case c) {
     c.link = "inside";
@@ -233,7 +234,7 @@ struct Both {
   Outcome inside, outside;
 };
 
-// Where a peg rests within the friction cones depends a little on how it came there.
+// The place where a peg rests within the friction cones depends slightly on its path.
 void expect_alike(const Both& both, double relative, double least) {
   const double scale = both.outside.steady.norm();
   EXPECT_LT((both.inside.steady - both.outside.steady).norm(), relative * scale + least)
@@ -242,8 +243,8 @@ void expect_alike(const Both& both, double relative, double least) {
   EXPECT_NEAR(both.inside.depth, both.outside.depth, 2e-5 + 0.01 * both.outside.depth);
 }
 
-// Nowhere does the robot come to more force than its admittance makes of the way to the hole's middle, nor to more motion; and
-// then it rests. Under 28 mm/s the dampers D = 2 ζ_a √(S_a M_a) alone give some 100 N, half a metre from the axes.
+// The force never exceeds what the admittance gives for the distance to the middle of the hole, nor does the motion; then the
+// peg is at rest. At 28 mm/s the dampers D = 2 ζ_a √(S_a M_a) alone give about 100 N, half a metre from the axes.
 void expect_insertion(const Outcome& o) {
   EXPECT_TRUE(o.inserted()) << o.depth;
   EXPECT_LT(o.largest, 60) << "45 N seen";
@@ -265,9 +266,9 @@ TEST(Insertion, ThePegGoesInWhereverTheHoleStandsWithinItsClearance) {
   }
 }
 
-// On the chamfer's other side the same arm gives way across when it is pushed up, against the slope: it stays on the chamfer
-// and presses, as the robot would. Farther off in the tight hole the peg tilts and wedges. Bounded forces at rest, the same
-// with either link; with a quarter of the step, too.
+// On the other side of the chamfer the same arm yields sideways when it is pushed up, against the slope: it stays on the
+// chamfer and presses, as the robot would. With a larger offset in the tight hole the peg tilts and wedges. The forces at rest
+// are bounded and the same with either link, also with a quarter of the step.
 TEST(Insertion, WhereItCannotSlideInThePegJamsAndPressesAlikeWithEitherLink) {
   for (const Case& one : {Case{"", "plate", -0.8, 0.5}, {"", "plate_tight", -0.8, 0.5}, {"", "plate_tight", 1.5, 0}}) {
     SCOPED_TRACE(::testing::Message() << one);
@@ -302,7 +303,7 @@ TEST(Insertion, AllSolversAndShorterStepsFindTheSameForces) {
   }
 }
 
-// Undamped gears and links swing against each other with up to 500 Hz, which no step of a millisecond sees.
+// Undamped gears and links oscillate against each other with up to 500 Hz, which a step of a millisecond cannot resolve.
 TEST(Insertion, UndampedGearsStayCalm) {
   for (const char* plate : {"plate", "plate_tight"}) {
     const Both damped({"", plate, 0.8, -0.5}), undamped({"", plate, 0.8, -0.5, "tree", 0});

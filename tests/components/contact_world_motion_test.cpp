@@ -1,4 +1,4 @@
-// The contact world where nothing touches: free bodies, joints, and whole robots beside their reduced coordinates (2a).
+// The contact world without contacts: free bodies, joints, and whole robots compared with reduced coordinates (2a).
 
 #include <gtest/gtest.h>
 
@@ -57,7 +57,7 @@ scene::Scene pendulum(double angle) {
 }
 
 TEST(ContactWorldMotion, SymmetricTopPrecessesAsItsClosedFormSays) {
-  // Torque-free: the axis of symmetry turns about L at L / I₁, the body about its axis at (1/I₃ − 1/I₁) L₃ besides.
+  // Torque-free: the axis of symmetry turns about L with L / I₁, the body about its axis with (1/I₃ − 1/I₁) L₃ in addition.
   scene::Body body = rod(1, {0.02, 0.02, 0.03});
   const Vector3d w(3, 0, 20);
   body.V_WB << 0, 0, 0, w;
@@ -69,12 +69,12 @@ TEST(ContactWorldMotion, SymmetricTopPrecessesAsItsClosedFormSays) {
   const double t = h * steps;
   const Eigen::Matrix3d R = Eigen::AngleAxisd(L.norm() / 0.02 * t, L.normalized()).toRotationMatrix() *
                             Eigen::AngleAxisd((1 / 0.03 - 1 / 0.02) * L.z() * t, Vector3d::UnitZ()).toRotationMatrix();
-  EXPECT_LT((world.poses()[0].R - R).norm(), 1e-10);  // exact but for the rounding of 5000 steps
+  EXPECT_LT((world.poses()[0].R - R).norm(), 1e-10);  // exact except for the rounding of 5000 steps
 }
 
 TEST(ContactWorldMotion, BodyAboutItsMiddleAxisTurnsOverInTheTimeOfItsEllipticIntegral) {
-  // I₁ < I₂ < I₃ and rotation near axis 2. With 2E and L², ω₂ returns to itself after 4 K(m) / p (Landau, Lifshitz I, § 37),
-  // and K(m) = π / 2 agm(1, √(1 − m)).
+  // I₁ < I₂ < I₃ and rotation near axis 2. With 2E and L², ω₂ is periodic with 4 K(m) / p (Landau, Lifshitz I, § 37), and K(m)
+  // = π / 2 agm(1, √(1 − m)).
   const Vector3d I(0.01, 0.02, 0.028), w0(0.05, 4, 0.02);
   scene::Body body = rod(1, I);
   body.V_WB << 0, 0, 0, w0;
@@ -140,7 +140,7 @@ TEST(ContactWorldMotion, PendulumKeepsItsEnergyOverManySwings) {
     world.step(1e-3);
     worst = std::max(worst, std::abs(world.energy() - before));
   }
-  EXPECT_LT(worst, 2e-4);  // of 35 J, over 30 swings: no drift, O(h²) up and down
+  EXPECT_LT(worst, 2e-4);  // of 35 J, over 30 swings: no drift, oscillation of O(h²)
   EXPECT_LT(world.largest_gap(), 1e-9);
 }
 
@@ -150,7 +150,7 @@ robot::RobotModel random_robot(Draw& draw, int n) {
   return model;
 }
 
-/// The largest difference of q between the contact world and (2a) by a fine Runge–Kutta, after 0.3 s of free fall.
+/// The largest difference of q between the contact world and (2a) with a fine Runge–Kutta step, after 0.3 s of free fall.
 double difference(const robot::RobotModel& model, const VectorXd& q0, const VectorXd& dq0, const VectorXd& tau, double h,
                   Method method) {
   scene::Scene scene;
@@ -252,8 +252,8 @@ TEST(ContactWorldMotion, ArmHeldByGravityTorquesDoesNotCreepWhileBoxesCollideBes
 }
 
 TEST(ContactWorldMotion, SpringOnAnAxisSwingsAtItsFrequencyHoweverStiff) {
-  // (2c) on the link side: τ(s) = τ + K (θ̇ s − Δq), renewed each step, is a spring to where θ stands. By the implicit midpoint
-  // rule its phase is 2 atan(ω h / 2) a step, and its energy is kept.
+  // (2c) on the link side: τ(s) = τ + K (θ̇ s − Δq), renewed each step, is a spring to θ. With the implicit midpoint rule its
+  // phase is 2 atan(ω h / 2) per step, and its energy is conserved.
   for (const double stiffness : {1e3, 1e7}) {
     scene::Scene scene = pendulum(0.01);
     scene.gravity.setZero();
@@ -266,7 +266,7 @@ TEST(ContactWorldMotion, SpringOnAnAxisSwingsAtItsFrequencyHoweverStiff) {
       const double energy = inertia * world.dq()[0] * world.dq()[0] / 2 + stiffness * world.q()[0] * world.q()[0] / 2;
       highest = std::max(highest, std::abs(energy / (stiffness * 1e-4 / 2) - 1));
     }
-    EXPECT_LT(highest, 1e-4) << stiffness;  // what the joint's tolerance leaves after 20 000 steps
+    EXPECT_LT(highest, 1e-4) << stiffness;  // error due to the joint's tolerance after 20 000 steps
   }
 }
 

@@ -1,5 +1,5 @@
-// The public tests by which contact engines are judged, for every method. The same scenes are measured beside other engines in
-// tests/benchmarks/contact_world.cpp.
+// The public tests that are used to compare contact engines, for every method. tests/benchmarks/contact_world.cpp measures the
+// same scenes in other engines.
 
 #include <gtest/gtest.h>
 
@@ -42,7 +42,7 @@ TEST_P(PublicTest, BallPushedObliquelySlipsAlongAParabolaAndThenRolls) {
     path = std::max(path, (w.poses()[1].p - p_WB).norm());
     velocity = (w.twists()[1] - V_WB).norm();
   }
-  EXPECT_LT(velocity, 4e-7);  // the best published error of engines with a cone; pyramids are off by 1e-2 and more
+  EXPECT_LT(velocity, 4e-7);  // the best published error of engines with a cone; pyramids have errors of 1e-2 and more
   EXPECT_LT(path, 2e-6);      // half of the step in which it begins to roll: μ g h² / 2
 }
 
@@ -55,10 +55,11 @@ TEST_P(PublicTest, ElasticBallBouncesToItsHeightAgain) {
     if (k > 9000) highest = std::max(highest, w.poses()[1].p.z());
   }
   EXPECT_LT(std::abs(energy(w) - before), 1e-9 * kGravity);  // the fall is 1 m of 1 kg
-  EXPECT_NEAR(highest, 1.1, 1e-5);                           // m; h² g / 8 is the most between two samples
+  EXPECT_NEAR(highest, 1.1, 1e-5);                           // m; h² g / 8 is the largest error between two samples
 }
 
-// Four corners strike at once, and one of them is redundant: sweeps that follow rounding along it throw the box up.
+// Four corners strike at once, and one of them is redundant: sweeps that follow rounding errors along it would throw the box
+// up.
 TEST_P(PublicTest, BoxThatFallsFlatTakesNoMoreEnergyThanItBrings) {
   std::mt19937_64 engine(1);
   const auto draw = [&](double low, double high) { return low + (high - low) * static_cast<double>(engine() >> 11) * 0x1p-53; };
@@ -128,7 +129,7 @@ TEST_P(PublicTest, FloatingArmKeepsMomentumAndEnergy) {
   }
   EXPECT_LT((momentum(w) - P).norm() / P.norm(), 1e-12);
   EXPECT_LT(lost, 1e-3);                                                 // symplectic: bounded, of order h²
-  EXPECT_LT(w.largest_gap(), GetParam() == Method::kPgs ? 1e-5 : 1e-9);  // m; 20 sweeps over the joints leave some
+  EXPECT_LT(w.largest_gap(), GetParam() == Method::kPgs ? 1e-5 : 1e-9);  // m; 20 sweeps over the joints leave an error
 }
 
 TEST_P(PublicTest, BodyTurningAboutItsMiddleAxisKeepsMomentumAndEnergy) {
@@ -143,7 +144,7 @@ TEST_P(PublicTest, BodyTurningAboutItsMiddleAxisKeepsMomentumAndEnergy) {
   }
   EXPECT_LT((momentum(w) - P).norm() / P.norm(), 1e-12);
   EXPECT_LT(lost, 1e-4);
-  EXPECT_GT(most, 1);  // it does tumble: the middle axis is unstable
+  EXPECT_GT(most, 1);  // it does tumble: the rotation about the middle axis is unstable
 }
 
 TEST_P(PublicTest, TossedBoxComesToRest) {
@@ -166,7 +167,7 @@ TEST_P(PublicTest, StackOfTenStaysWhereItIs) {
   EXPECT_LT(drift, 1e-4);  // m
 }
 
-// Pivoting alone would rest each box on two of its corners, and sweeps alone leave a slow sway of the tower.
+// With pivoting alone each box would rest on two of its corners; with sweeps alone the tower would sway slowly.
 TEST_P(PublicTest, StackOfTenLoadsAllItsCornersAndIsSolvedFromTheLastStep) {
   Options options;
   options.method = GetParam();

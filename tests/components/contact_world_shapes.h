@@ -10,7 +10,7 @@
 
 #include "components/contact_world/engine/collision.h"
 
-/// Random convex shapes, and an oracle of their distance that shares nothing with the code under test: support functions and
+/// Random convex shapes, and an oracle of their distance that shares no code with the code under test: support functions and
 /// surfaces from the definition of each shape.
 namespace cotwin::contact_world::testing {
 
@@ -80,7 +80,7 @@ inline Shape random_shape(ShapeType type, Random& random) {
   return shape;
 }
 
-/// The shape's point farthest along d, by definition.
+/// The point of the shape farthest along d, by definition.
 inline Vector3d farthest(const Shape& shape, const Pose& X, const Vector3d& d) {
   const Vector3d u = X.R.transpose() * d;
   const double r = shape.size.x(), half = shape.size.y() / 2;
@@ -116,7 +116,7 @@ inline double gap_along(const Shape& a, const Pose& X_a, const Shape& b, const P
   return n.dot(farthest(b, X_b, -n) - farthest(a, X_a, n));
 }
 
-/// The largest gap over directions spread evenly, improved from the best of them.
+/// The largest gap over evenly spread directions, improved from the best of them.
 inline double best_gap(const Shape& a, const Pose& X_a, const Shape& b, const Pose& X_b, Random& random,
                        Vector3d* best_n = nullptr) {
   constexpr int kDirections = 2000;

@@ -1,4 +1,4 @@
-// The contact world as a unit: its ports, and the two ways to hold a robot, with the drive train beside it.
+// The contact world as a unit: its ports, and both kinds of link (inside, outside), together with the drive train.
 #include "components/contact_world/contact_world.h"
 
 #include <gmock/gmock.h>
@@ -72,7 +72,7 @@ void copy(Subject& from, const std::string& out, Subject& to, const std::string&
   std::copy(from[out].begin(), from[out].end(), to[in].begin());
 }
 
-/// A robot whose motors hold a posture, τ_m = τ_0 + k (θ_d − θ) − d θ̇, in a world; its links held in one of the two ways.
+/// A robot whose motors hold a posture, τ_m = τ_0 + k (θ_d − θ) − d θ̇, in a world, with either kind of link.
 class Held {
  public:
   Held(const std::string& link, const std::string& world, const Values& q, const std::string& robot = kPusher)
@@ -167,7 +167,7 @@ TEST(ContactWorld, ARobotThatTouchesNothingFeelsNothing) {
   robot.initialise({0, 0});
   for (int i = 0; i < 20; ++i) robot.step(1e-3);
   EXPECT_THAT(robot.world().values("tau_e"), ElementsAre(0, 0));
-  // The world foresees where (2a) takes the links in the step that the drive train makes after it.
+  // The world predicts the step that (2a) makes in the drive train afterwards.
   EXPECT_GT(std::abs(robot.drive()["dq"][0]), 1e-2);
   for (std::size_t j = 0; j < 2; ++j) EXPECT_NEAR(robot.world()["q_link"][j], robot.drive()["q"][j], 2e-7);
 }
@@ -180,14 +180,15 @@ TEST(ContactWorld, ExternalTorquesAreTheContactForceTimesItsLevers) {
   Subject& w = robot.world();
   const double q1 = w["q_link"][0], q2 = w["q_link"][1], F = w["f_c"][2], T = w["f_c"][0];
   ASSERT_GT(F, 5) << "it must lie on the floor to say something";
-  // The ball's lowest point; lever arms about the two axes, which point along −y.
+  // The lowest point of the ball; lever arms about the two axes, which point along −y.
   const double x = 0.4 * std::cos(q1) + 0.35 * std::cos(q1 + q2), x2 = 0.35 * std::cos(q1 + q2);
   const double z2 = -0.5 - 0.4 * std::sin(q1);
   EXPECT_NEAR(w["tau_e"][0], x * F + 0.5 * T, 1e-3 * F);
   EXPECT_NEAR(w["tau_e"][1], x2 * F - z2 * T, 1e-3 * F);
 }
 
-// Across the plane in which an arm moves there is nothing that friction could stop: none comes of rounding.
+// Perpendicular to the plane in which the arm moves there is no motion for friction to stop, so rounding must not create a
+// force.
 TEST(ContactWorld, APlanarArmRubsWithinItsPlaneAlone) {
   for (const std::string link : {"inside", "outside"}) {
     for (const std::string method : {"tree", "pgs", "dantzig"}) {
@@ -206,13 +207,13 @@ TEST(ContactWorld, APlanarArmRubsWithinItsPlaneAlone) {
 
 TEST(ContactWorld, BothWaysToHoldARobotGiveTheSameSteadyContactForce) {
   const Values q = {-0.4, -0.6};
-  // Without friction, for what sticks depends on how it came there.
+  // Without friction, because with friction the place of rest depends on the path.
   Held inside("inside", "&scene=" + kData + "ice.sdf", q), outside("outside", "&scene=" + kData + "ice.sdf", q);
   for (Held* robot : {&inside, &outside}) {
     robot->initialise({5, 2});
     for (int i = 0; i < 4000; ++i) robot->step(1e-3);
   }
-  // 13 µm of penetration at 10⁶ N/m against a motor stiffness of some 10³ N/m at the tip: 1 ‰ of the force
+  // 13 µm of penetration at 10⁶ N/m with a motor stiffness of about 10³ N/m at the tip: 1 ‰ of the force
   const double F = inside.world()["f_c"][2];
   ASSERT_GT(F, 5);
   EXPECT_NEAR(outside.world()["f_c"][2], F, 2e-3 * F);
@@ -223,7 +224,7 @@ TEST(ContactWorld, BothWaysToHoldARobotGiveTheSameSteadyContactForce) {
   }
 }
 
-// A soft wall gives the force of its spring, however the link is held and whatever its mass; and both ways the same.
+// A soft wall gives the force of its spring, with either kind of link and any mass; both kinds give the same.
 TEST(ContactWorld, ASoftWallPushesWithItsSpring) {
   const Values q = {-0.4, -0.6};
   std::vector<double> force;
@@ -249,7 +250,7 @@ TEST(ContactWorld, CountsTheTurnsOfAJointFromItsStart) {
   EXPECT_NEAR(world["q"][1], -7, 1e-9);
 }
 
-// A link that is moved without a torque to be seen, as by a recording, presses as far as it goes into what is soft.
+// A link that is moved without a torque, as by a recording, presses on a soft body with the force of its penetration.
 TEST(ContactWorld, ALinkThatIsMovedWhateverItMeetsPressesWithTheSpringItIsPressedInto) {
   Subject world("unit:contact_world?actuation=prescribed&scene=" + kData + "sponge.sdf&robot=" + kPusher);
   const double q1 = -0.4;
@@ -268,8 +269,8 @@ TEST(ContactWorld, ALinkThatIsMovedWhateverItMeetsPressesWithTheSpringItIsPresse
   EXPECT_NEAR(world["tau_e"][1], 0.35 * std::cos(q1 + elbow(depth)) * world["f_c"][2], 1e-6);
 }
 
-/// A recording without torques of q1 that speeds up evenly, at the ends of the steps given: how far the world's forecasts of q̇
-/// are from the recording, the worst one after the second step.
+/// A recording of q1 without torques, with constant acceleration, at the ends of the given steps: largest error of the world's
+/// predicted q̇ after the second step.
 double worst_forecast(const Values& steps) {
   Subject world("unit:contact_world?actuation=prescribed&scene=none&robot=" + kPusher);
   world.set("q", {0.3, -0.5}).initialise();
@@ -292,7 +293,7 @@ TEST(ContactWorld, ARecordingGoesOnWithItsAccelerationWhateverTheSteps) {
   EXPECT_LT(worst_forecast(steps), 1e-5) << "a shortened step";
 }
 
-// What moves the links is a setting: a torque that passes through zero is a torque like any other.
+// A setting decides what moves the links: a torque that passes through zero is a normal torque.
 TEST(ContactWorld, ATorqueOfExactlyZeroIsATorque) {
   const auto forecast = [](double tau_J) {
     Subject world("unit:contact_world?link=inside&scene=none&robot=" + kPusher);
@@ -304,7 +305,7 @@ TEST(ContactWorld, ATorqueOfExactlyZeroIsATorque) {
   };
   const Values none = forecast(0), hardly_any = forecast(1e-12);
   for (std::size_t i = 0; i < 2; ++i) EXPECT_NEAR(none[i], hardly_any[i], 1e-12) << i;
-  EXPECT_GT(std::abs(none[0]), 1e-3);  // gravity alone moves it
+  EXPECT_GT(std::abs(none[0]), 1e-3);  // only gravity moves it
 }
 
 TEST(ContactWorld, PrescribedLinksHaveNoPortsOfTorques) {
@@ -313,7 +314,8 @@ TEST(ContactWorld, PrescribedLinksHaveNoPortsOfTorques) {
 }
 
 TEST(ContactWorld, TheLwrFloatsFreelyAndKeepsItsMomentum) {
-  // No gravity, no torque: the centre of mass of base and links goes on in a straight line while the arm swings.
+  // No gravity, no torque: the centre of mass of base and links moves on a straight line at constant speed while the arm
+  // swings.
   Subject world("unit:contact_world?link=outside&base=floating&scene=none&robot=lwr4");
   world.set("gravity", {0, 0, 0}).fill("dq0", 1).initialise();
   const Values start(world["base_p"].begin(), world["base_p"].end());
@@ -325,8 +327,8 @@ TEST(ContactWorld, TheLwrFloatsFreelyAndKeepsItsMomentum) {
   EXPECT_NEAR(world["energy"][0], energy, 1e-3 * energy);
 }
 
-// A motor behind a rigid gear is an inertia of the link's, (2a) + (2b): what strikes without restitution does not come back,
-// and free motion is foreseen with the motors' share of τ_J. A world that does not know of the motors throws the link back.
+// A motor behind a rigid gear adds inertia to the link, (2a) + (2b): an impact without restitution does not bounce, and free
+// motion is predicted with the motors' share of τ_J. Without knowledge of the motors the world would throw the link back.
 TEST(ContactWorld, LinksBehindRigidGearsAreForeseenWithTheirMotors) {
   for (const double B : {0.5, 0.0}) {
     Subject world("unit:contact_world?link=inside&scene=" + kData + "ice.sdf&robot=" + kPusher);
@@ -336,7 +338,7 @@ TEST(ContactWorld, LinksBehindRigidGearsAreForeseenWithTheirMotors) {
     drive.initialise();
     copy(drive, "tau_J", world, "tau_J");
     world.initialise();
-    double free = 0, lowest = 1, back = 0;  // largest error of q̇, rad/s; how far the ball comes back, m
+    double free = 0, lowest = 1, back = 0;  // largest error of q̇, rad/s; distance that the ball bounces, m
     bool struck = false;
     for (int i = 0; i < 500; ++i) {
       for (const char* name : {"tau_J", "dtheta", "q", "dq"}) copy(drive, name, world, name);
@@ -362,8 +364,8 @@ TEST(ContactWorld, LinksBehindRigidGearsAreForeseenWithTheirMotors) {
   }
 }
 
-// Where a base stands and which way it looks is nothing to gravity and a floor. Without friction, which keeps what rounding
-// made of an impact.
+// Position and heading of a base have no influence on gravity and a floor. Without friction, which keeps rounding errors of an
+// impact.
 TEST(ContactWorld, ARobotWhoseBaseIsTurnedPressesTheSameWay) {
   const double angle = 2;
   for (const std::string link : {"inside", "outside"}) {
@@ -376,7 +378,7 @@ TEST(ContactWorld, ARobotWhoseBaseIsTurnedPressesTheSameWay) {
     const auto f = straight.world()["f_c"], g = turned.world()["f_c"];
     EXPECT_GT(f[2], 5) << link;
     for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(g[k], f[k], 1e-6) << link;
-    // The ball touches under its centre, which is 0.4 cos q1 + 0.35 cos (q1 + q2) from the base, the way that it looks.
+    // The ball touches the floor below its centre, which is 0.4 cos q1 + 0.35 cos (q1 + q2) from the base, in its heading.
     const double q1 = turned.world()["q_link"][0], q2 = turned.world()["q_link"][1];
     const double reach = 0.4 * std::cos(q1) + 0.35 * std::cos(q1 + q2);
     EXPECT_NEAR(turned.world()["contact_p"][0], -0.7 + reach * std::cos(angle), 1e-6) << link;
@@ -472,7 +474,7 @@ TEST(ContactWorld, TwoRobotsInOneWorldMoveAsEachWouldAlone) {
       left.step(1e-3);
       right.step(1e-3);
     }
-    // The islands are solved apart, but with one tolerance: 1e-9 m/s.
+    // The islands are solved separately, but with one tolerance: 1e-9 m/s.
     for (const auto& [name, alone] : {std::pair{"left.", &left}, {"right.", &right}}) {
       EXPECT_GT(alone->world()["f_c"][2], 5) << link;
       EXPECT_NEAR(two.world()[std::string(name) + "f_c"][2], alone->world()["f_c"][2], 1e-6) << link << " " << name;
@@ -483,7 +485,7 @@ TEST(ContactWorld, TwoRobotsInOneWorldMoveAsEachWouldAlone) {
   }
 }
 
-// The left arm's ball lies on the right one's: action is reaction, with links that are placed as with links that move.
+// The ball of the left arm is on the right arm: action equals reaction, for links that are placed and for links that move.
 TEST(ContactWorld, TwoRobotsThatMeetFeelTheSameForce) {
   std::vector<double> lifted;
   for (const std::string link : {"inside", "outside"}) {
@@ -533,7 +535,7 @@ TEST(ContactWorld, WhatLeansOnARobotsBaseIsToldThere) {
   EXPECT_THAT(world.values("f_c"), ElementsAre(0, 0, 0)) << "no link is touched";
 }
 
-// More points than the setting says: they are all there, the first `points` of them in the outputs; memory grows once.
+// More points than the setting: all are computed, and the outputs contain the first `points` of them; memory grows once.
 TEST(ContactWorld, GrowsOnceWhereMorePointsComeThanItHasRoomFor) {
   Subject small("unit:contact_world?contacts=2&points=2&scene=" + kFloor), large("unit:contact_world?scene=" + kFloor);
   for (Subject* world : {&small, &large}) world->initialise();
@@ -554,8 +556,8 @@ TEST(ContactWorld, GrowsOnceWhereMorePointsComeThanItHasRoomFor) {
   EXPECT_NEAR(small["cube.p"][2], large["cube.p"][2], 1e-7) << "only the warm start of the points beyond is missing";
 }
 
-// The keystone, with elastic joints: links in reduced coordinates (2a) and in maximal coordinates (1) move alike, and the less
-// differently the shorter the steps.
+// Keystone test with elastic joints: links in reduced coordinates (2a) and in maximal coordinates (1) move alike, and the
+// difference decreases with the step.
 TEST(ContactWorld, LinksInTheWorldMoveAsLinksInTheDriveTrain) {
   const auto difference = [](double h) {
     Held inside("inside", "", {0.5, -0.9}), outside("outside", "", {0.5, -0.9});
@@ -573,7 +575,7 @@ TEST(ContactWorld, LinksInTheWorldMoveAsLinksInTheDriveTrain) {
   EXPECT_LT(fine, 0.4 * coarse);
 }
 
-// Light links on stiff gears: explicit exchange of τ_J and q would explode at 1 ms (K h² / M = 2).
+// Light links on stiff gears: explicit exchange of τ_J and q would diverge at 1 ms (K h² / M = 2).
 TEST(ContactWorld, LightLinksOnStiffGearsStayStableAtAMillisecond) {
   const Values rest(7, 0.0);
   Held robot("outside", "", rest, "lwr4");
@@ -601,7 +603,7 @@ TEST(ContactWorld, AnArmOnStiffGearsLosesLittleEnergyBetweenTheTwoUnits) {
   EXPECT_NEAR(energy(), start, 0.1) << "of 40 J that go back and forth";
 }
 
-// Nothing acts from outside: the centre of mass of base and links stays where it is.
+// No external forces: the centre of mass of base and links stays at rest.
 TEST(ContactWorld, AFloatingRobotMovesItsBaseButNotItsCentreOfMass) {
   const robot::RobotModel satellite = robot::load_urdf(kData + "satellite.urdf");
   Subject world("unit:contact_world?link=outside&base=floating&robot=" + kData + "satellite.urdf");
@@ -702,7 +704,7 @@ TEST(ContactWorld, RefusesAStateThatIsDamaged) {
     world["world"][2] = kept;
   }
   const std::size_t contact =
-      4 + 16 * 2;  // the first one, behind the bodies: theirs and their shapes' indices, its id's halves
+      4 + 16 * 2;  // the first one, after the bodies: indices of bodies and shapes, both halves of its id
   for (std::size_t i = 0; i < 6; ++i) {
     const double kept = std::exchange(world["world"][contact + i], -3e10);
     EXPECT_THROW(world.unit().restored(), Error) << i;

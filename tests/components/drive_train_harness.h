@@ -13,10 +13,10 @@
 #include "models/support/error.h"
 #include "tests/support/places.h"
 
-/// A drive train to be tested: made from its settings, its variables by name.
+/// A drive train under test: built from its settings, with its variables by name.
 namespace cotwin::testing {
 
-/// One link about a vertical axis: gravity does nothing, and M is its inertia.
+/// One link about a vertical axis: gravity has no effect, and M is its inertia.
 inline const std::string kRotor = places::source() + "/tests/components/data/rotor.urdf";
 constexpr double kRotorInertia = 0.2;  // kg.m²
 
@@ -55,7 +55,7 @@ class Drive {
   }
   double now() const { return now_.seconds(); }
   double energy() { return (*this)["energy_kinetic"][0] + (*this)["energy_potential"][0] + (*this)["energy_elastic"][0]; }
-  /// What is left of the energy's balance: 0 if no joule is lost or made.
+  /// The error of the energy balance: 0 if no energy is lost or created.
   double unbalanced(double energy_at_start) {
     return energy() - energy_at_start - (*this)["work_m"][0] - (*this)["work_e"][0] + (*this)["energy_dissipated"][0] +
            (*this)["work_0"][0];
@@ -69,7 +69,7 @@ class Drive {
   Time now_;
 };
 
-/// Torques that move the LWR 4+ about: held for each step, with jumps, never the same twice.
+/// Torques that move the LWR 4+: constant in each step, with jumps, never the same twice.
 inline double excitation(int step, std::size_t joint) {
   const double size = joint < 2 ? 20 : joint < 4 ? 12 : 3;
   return size * std::sin(0.011 * step * (1 + 0.3 * static_cast<double>(joint)) + static_cast<double>(joint));

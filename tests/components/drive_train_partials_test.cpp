@@ -1,5 +1,5 @@
-// The analytic Jacobian against differences of the unit's own steps: steps of 1 ns and 2 ns from a state that was moved a
-// little to either side lead, by extrapolation to 0 ns, to the outputs that belong to it.
+// Compares the analytic Jacobian with differences of the unit's own steps. Steps of 1 ns and 2 ns from a state that is changed
+// slightly in both directions are extrapolated to 0 ns and give the outputs of that state.
 #include <gtest/gtest.h>
 
 #include <map>
@@ -12,7 +12,7 @@ namespace {
 
 class DriveTrainPartials : public ::testing::TestWithParam<std::string> {
  protected:
-  /// A robot on its way, with everything in it that has a slope.
+  /// A moving robot with all elements that have a derivative.
   static Drive moving(const std::string& query) {
     Drive drive(query);
     drive.set("D", 1).set("link_sigma2", 3).set("link_tau_C", 1.5).set("link_A", 2).set("link_alpha", 5).set("link_s", 0.1);
@@ -35,7 +35,7 @@ class DriveTrainPartials : public ::testing::TestWithParam<std::string> {
     return drive;
   }
 
-  /// The real outputs `ns` after `snapshot` with element `j` of `known` moved by `by`.
+  /// The real outputs `ns` after `snapshot`, with element `j` of `known` changed by `by`.
   static std::map<std::string, std::vector<double>> outputs(Drive& drive, const Snapshot& snapshot, const std::string& known,
                                                             std::size_t j, double by, int ns) {
     snapshot.restore(drive.variables(), *drive.instance().unit);
@@ -69,13 +69,14 @@ TEST_P(DriveTrainPartials, AreTheSlopesOfTheOutputsAndCompleteAtThat) {
   EXPECT_EQ(allocations(), before);
   Snapshot after;
   after.take(drive.variables());
-  EXPECT_EQ(after, snapshot);  // nothing moved
+  EXPECT_EQ(after, snapshot);  // nothing changed
 
   int checked = 0;
   for (const char* known : {"tau_m", "tau_e", "q", "dq", "theta", "dtheta", "z"}) {
     if (drive.variables().find(known) == nullptr) continue;
     const bool rigid = GetParam().find("rigid") != std::string::npos;
-    if (rigid && (known == std::string("theta") || known == std::string("dtheta"))) continue;  // are q and dq there
+    if (rigid && (known == std::string("theta") || known == std::string("dtheta")))
+      continue;  // where the snapshot has q and dq
     const bool stick = GetParam().find("coulomb") != std::string::npos;
     for (std::size_t j = 0; j < drive[known].size(); ++j) {
       snapshot.restore(drive.variables(), *drive.instance().unit);
@@ -104,7 +105,7 @@ TEST_P(DriveTrainPartials, AreTheSlopesOfTheOutputsAndCompleteAtThat) {
           if (block != nullptr && !block->elementwise) expected = values[at + i * drive[known].size() + j];
           if (block != nullptr && block->elementwise && i == j) expected = values[at + i];
           const double rounding = 1e-13 * std::max({std::abs(high[i]), std::abs(low[i]), 1.0}) / delta;
-          // A bristle that slips steadily is where the elasto-plastic law's second derivative jumps: differences are of first
+          // At steady slip of the bristle the second derivative of the elasto-plastic law jumps, so differences are of first
           // order there.
           EXPECT_NEAR(slope, expected, (bristle ? 5e-4 : 1e-6) * largest + rounding + (bristle ? 1e-3 : 1e-6))
               << "d " << unknown << "[" << i + 1 << "] / d " << known << "[" << j + 1 << "]";
@@ -116,13 +117,13 @@ TEST_P(DriveTrainPartials, AreTheSlopesOfTheOutputsAndCompleteAtThat) {
   EXPECT_GT(checked, 500);
 }
 
-// (2a), in numbers: the acceleration that one newton metre makes on a robot at rest is a column of M⁻¹.
+// (2a) in numbers: the acceleration of a robot at rest due to one newton metre is a column of M⁻¹.
 TEST(DriveTrainPartialsOfARotor, AreOneOverTheInertiaAndTheStiffness) {
   Drive drive("robot=" + kRotor);
   drive.set("K", 5000).set("D", 3).set("B", 0.5);
   drive.initialise();
   const std::span<const Partial> list = drive.instance().unit->partials();
-  std::vector<double> values(list.size());  // one joint: one value a block
+  std::vector<double> values(list.size());  // one joint: one value per block
   drive.instance().unit->evaluate_partials(values);
   const auto value = [&](const std::string& unknown, const std::string& known) {
     for (std::size_t i = 0; i < list.size(); ++i) {

@@ -33,7 +33,7 @@ double distance(const Trajectory& a, const Trajectory& b) {
   return most;
 }
 
-// LuGre friction on elastic joints, and what makes it hard: the same with σ0 x 100 and σ1 x 10.
+// LuGre friction on elastic joints, and a stiff variant with σ0 x 100 and σ1 x 10.
 Drive lwr(const std::string& query, bool stiff) {
   Drive drive("robot=lwr4" + query);
   for (double& s : drive["sigma0"]) s *= stiff ? 100 : 1;
@@ -42,7 +42,7 @@ Drive lwr(const std::string& query, bool stiff) {
 }
 
 TEST(DriveTrainRosenbrock, IsOfOrderTwo) {
-  // Smooth: viscous friction, elastic joints, the sigmoid of the links; torques held for 5 ms.
+  // Smooth: viscous friction, elastic joints, the sigmoid of the links; torques constant for 5 ms.
   const auto make = [](const std::string& query) {
     Drive drive("robot=lwr4" + query);
     drive.set("tau_C", 0).set("tau_S", 0).set("link_A", 0.6).set("link_alpha", 5);
@@ -98,8 +98,7 @@ TEST(DriveTrainRosenbrock, WithLugreAgreesWithATightCvodeAsCloselyAsItsTolerance
       Drive drive = lwr("", stiff);
       drive.tolerances(0, atol, 1).set("max_substeps", 100000);
       const double error = distance(run(drive, 500, 1e-3), reference);
-      EXPECT_LT(error, 2e4 * atol) << stiff << " "
-                                   << atol;  // 500 steps of several sub-steps each, and what the arm makes of them
+      EXPECT_LT(error, 2e4 * atol) << stiff << " " << atol;  // 500 steps of several sub-steps each, amplified by the arm
       EXPECT_LT(error, last) << stiff << " " << atol;
       last = error;
     }
@@ -129,8 +128,8 @@ TEST(DriveTrainRosenbrock, TakesNoMoreThanTheAllowedSubstepsAndSaysSo) {
 }
 
 TEST(DriveTrainRosenbrock, WarnsWhereForcedSubstepsMissTheToleranceByFar) {
-  // Motors of 1e-5 kg.m² in bristles of 5000 N.m/rad are too fast for 64 sub-steps where the torque jumps; those of the robot
-  // are not.
+  // Motors of 1e-5 kg.m² with bristles of 5000 N.m/rad are too fast for 64 sub-steps after a jump of the torque; the robot's
+  // own motors are not.
   for (const bool light : {false, true}) {
     Drive drive("robot=lwr4");
     if (light) drive.set("B", 1e-5);
@@ -150,7 +149,7 @@ TEST(DriveTrainRosenbrock, WarnsWhereForcedSubstepsMissTheToleranceByFar) {
 }
 
 TEST(DriveTrainRosenbrock, StaysBoundedInSubstepsForcedAgainstTheTolerance) {
-  // One sub-step a step, bristles up to a million times stiffer. Unconfined, z leaves the finite numbers in most of these runs.
+  // One sub-step per step, bristles up to a million times stiffer. Without its bound, z would overflow in most of these runs.
   for (const double h : {1e-3, 10e-3}) {
     for (const double factor : {1.0, 1e2, 1e4, 1e6}) {
       Drive drive("robot=lwr4");
@@ -258,7 +257,7 @@ std::vector<std::uint64_t> bits(const Variables& variables) {
   return all;
 }
 
-// Torques that are sometimes held, sometimes jump, and move the robot's links into their stops; a link outside swings.
+// Torques that are constant or jump, and move the robot's links into their stops; an outside link oscillates.
 void drive_about(Drive& drive, int n) {
   excite(drive, n / 7 * 7, n < 60 ? 1 : 4);
   if (drive.variables().at("q").role != Role::kInput) return;
@@ -287,7 +286,7 @@ TEST_P(DriveTrainSolvers, StepFromASnapshotExactlyAsTheyWouldHaveStepped) {
       drive_about(drive, n);
       drive.step(h);
       const auto once = bits(drive.variables());
-      if (n % 3 == 0) {  // into another instance, with another past
+      if (n % 3 == 0) {  // into another instance with another history
         Snapshot::deserialise(snapshot.serialise()).restore(fresh.variables(), *fresh.instance().unit);
         drive_about(fresh, n);
         fresh.step(h);
@@ -335,7 +334,7 @@ TEST_P(DriveTrainSolvers, StartAfreshWhenInitialisedAgain) {
 
 TEST_P(DriveTrainSolvers, KeepNothingOfStopsThatParametersHaveTakenAway) {
   Drive drive = prepared(GetParam(), 0), fresh = prepared(GetParam(), 0);
-  if (drive.variables().at("q").role == Role::kInput) return;  // stops are the business of the links' owner
+  if (drive.variables().at("q").role == Role::kInput) return;  // stops belong to the unit that integrates the links
   bool in_stop = false;
   for (int n = 0; n < 300 && !in_stop; ++n) {
     drive_about(drive, n);

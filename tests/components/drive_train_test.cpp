@@ -14,7 +14,7 @@ namespace {
 
 constexpr double kPi = std::numbers::pi;
 
-// Every method, at tolerances that make it better than what the test asks for.
+// Every method, with tolerances tighter than the test needs.
 class DriveTrainPhysics : public ::testing::TestWithParam<std::string> {
  protected:
   std::string with(const std::string& query) const { return query + "&method=" + GetParam(); }
@@ -64,7 +64,7 @@ TEST_P(DriveTrainPhysics, StaysWhereItIsWhenTheMotorsHoldTheWeight) {
 TEST_P(DriveTrainPhysics, OfOneJointSwingsAsTheTwoMassOscillatorDoes) {
   const double B = 0.8, I = kRotorInertia, K = 2000, twist = 0.01;
   Drive drive(with("robot=" + kRotor));
-  tight(drive).set("K", K).set("B", B).set("tau_e", -K * twist);  // held twisted at first
+  tight(drive).set("K", K).set("B", B).set("tau_e", -K * twist);  // twisted and at rest at first
   drive.initialise();
   EXPECT_NEAR(drive["theta"][0] - drive["q"][0], twist, 1e-15);
   drive.set("tau_e", 0);
@@ -101,7 +101,7 @@ TEST_P(DriveTrainPhysics, KeepsItsEnergyWithoutFriction) {
   drive.initialise();
   const double start = drive.energy();
   double most = 0;
-  for (int n = 0; n < 100; ++n) {  // the arm falls, its motors free: some ten joules are exchanged
+  for (int n = 0; n < 100; ++n) {  // the arm falls with free motors: about ten joules are exchanged
     drive.step(1e-3);
     most = std::max(most, drive["energy_kinetic"][0]);
     ASSERT_EQ(drive["energy_dissipated"][0], 0);
@@ -136,8 +136,8 @@ TEST_P(DriveTrainPhysics, AccountsForEveryJouleWithFrictionDampingAndBothTorques
 }
 
 TEST_P(DriveTrainPhysics, ConstantFrictionIsWorkThatComesBackAndNoLoss) {
-  // A torque that is there at rest as well takes up its torque times the way, whichever way is taken; only what opposes the
-  // motion is lost, and that never becomes less.
+  // A torque that also acts at rest takes up the torque times the way in either direction; only friction opposite to the motion
+  // is lost, and this loss never decreases.
   Drive drive(with("robot=lwr4"));
   drive.tolerances(1e-9, 1e-10, 1e-8).set("max_substeps", 100000);
   drive.set("tau_C", 0).set("tau_S", 0).set("sigma2", 0).set("D", 0);
@@ -222,7 +222,7 @@ TEST_P(DriveTrainPhysics, TendsToRigidJointsAsTheStiffnessGrows) {
     Drive drive(with("robot=lwr4"));
     drive.tolerances(1e-9, 1e-9, 1e-6).set("max_substeps", 1000);
     for (double& K : drive["K"]) K *= factor;
-    for (double& D : drive["D"]) D *= 10;  // so that what is seen is the static deviation, τ_J / K
+    for (double& D : drive["D"]) D *= 10;  // so that the test sees the static deviation, τ_J / K
     drive.initialise();
     if (factor > 1) rigid.initialise();
     for (int n = 0; n < 150; ++n) {
@@ -275,8 +275,8 @@ TEST_P(DriveTrainPhysics, WithCoulombFrictionComesToRestWhenAndWhereTheClosedFor
   EXPECT_EQ(events, 1);
 }
 
-// A block on a belt: the link moves steadily and drags the motor through a soft gear. It sticks to the housing, breaks away at
-// τ_S, slips to rest.
+// A block on a belt: the link moves steadily and drags the motor through a soft gear. The motor sticks to the housing, breaks
+// away at τ_S, slips, and comes to rest.
 TEST_P(DriveTrainPhysics, DraggedThroughASpringSticksAndSlipsInTurn) {
   const double K = 100, B = 0.1, v = 0.1, tau_C = 5, tau_S = 7;
   Drive drive(with("link=outside&joints=1&friction=coulomb"));
@@ -296,7 +296,7 @@ TEST_P(DriveTrainPhysics, DraggedThroughASpringSticksAndSlipsInTurn) {
   ASSERT_GE(breakaways.size(), 4u);
   // Sticks until the spring carries τ_S: K v t = τ_S for the first time
   EXPECT_NEAR(breakaways[0], tau_S / (K * v), 1.1e-3);
-  // Slipping under τ_C (τ_S − τ_C is gone at once, v_S being tiny) from φ₀ = τ_S/K at θ̇ = 0: with u = φ − τ_C/K, u̇ = v:
+  // Slipping under τ_C (τ_S − τ_C vanishes at once, because v_S is tiny) from φ₀ = τ_S/K at θ̇ = 0: with u = φ − τ_C/K, u̇ = v:
   // u = u₀ cos ωt + (v/ω) sin ωt until θ̇ = v − u̇ = 0 again; then it sticks, and the spring is wound by v t up to τ_S.
   const double omega = std::sqrt(K / B), u0 = (tau_S - tau_C) / K;
   const double slip_time = 2 * (kPi - std::atan(u0 * omega / v)) / omega;
@@ -315,12 +315,12 @@ TEST_P(DriveTrainPhysics, ReturnsFromAHardStopWithTheRestitution) {
     for (int n = 0; n < 400; ++n) {
       drive.step(1e-3);
       events += drive.integer("events");
-      ASSERT_LT(drive["q"][0], 0.5 + 2 * std::sqrt(1.2 / 1e6));  // no deeper than the undamped stop
+      ASSERT_LT(drive["q"][0], 0.5 + 2 * std::sqrt(1.2 / 1e6));  // not deeper than with the undamped stop
     }
     EXPECT_NEAR(drive["dq"][0], -2 * e, 2e-4 * e) << e;
     EXPECT_EQ(events, 2);  // in and out
     for (int n = 0; n < 3000; ++n) drive.step(1e-3);
-    EXPECT_LT(std::abs(drive["dq"][0]), 2 * e * e * 1.001);  // it has been at the other end
+    EXPECT_LT(std::abs(drive["dq"][0]), 2 * e * e * 1.001);  // it was at the other end
   }
 }
 
@@ -343,7 +343,7 @@ TEST_P(DriveTrainPhysics, PutOutsideMovesItsMotorsAsInsideWhenGivenTheSameLinks)
     std::copy(inside["dq"].begin(), inside["dq"].end(), outside["dq"].begin());
     outside.step(1e-4);
     for (std::size_t i = 0; i < 7; ++i) {
-      // Hermite's cubic over 0.1 ms through a link that may swing at 5 krad/s with some µrad
+      // Cubic Hermite interpolation over 0.1 ms of a link that may oscillate at 5 krad/s with some µrad
       ASSERT_NEAR(outside["theta"][i], inside["theta"][i], 2e-8) << n << " " << i;
       ASSERT_NEAR(outside["tau_J"][i], inside["tau_J"][i], 2e-3) << n << " " << i;
     }
@@ -420,7 +420,7 @@ TEST(DriveTrain, NamesTheParameterThatIsUnphysical) {
   EXPECT_THAT(message("q0", NAN), HasSubstr("q0[3]: is nan, expected a finite value"));
 }
 
-// Of a drive that turns steadily: 4 N.m against viscous friction of the link, then against Coulomb friction as well.
+// A drive that turns steadily: 4 N.m against viscous friction of the link, then also against Coulomb friction.
 TEST(DriveTrainTunables, FrictionIsFollowedWithoutAJumpToTheSpeedThatItLeaves) {
   const auto turning = [](Drive& drive) {
     drive.set("K", 5000).set("D", 5).set("B", 0.5).set("link_sigma2", 2).set("transition", 0.1).set("dq0", 2).set("tau_m", 4);
@@ -439,7 +439,7 @@ TEST(DriveTrainTunables, FrictionIsFollowedWithoutAJumpToTheSpeedThatItLeaves) {
     largest = std::max(largest, std::abs(drive["tau_J"][0] - last));
     way += std::abs(drive["tau_J"][0] - last);
     last = drive["tau_J"][0];
-    if (n != 50) continue;  // in the middle of the way: a fresh instance goes on as this one
+    if (n != 50) continue;  // during the transition: a fresh instance continues like this one
     Snapshot snapshot;
     snapshot.take(drive.variables());
     snapshot.restore(other.variables(), *other.instance().unit);
@@ -450,7 +450,7 @@ TEST(DriveTrainTunables, FrictionIsFollowedWithoutAJumpToTheSpeedThatItLeaves) {
   EXPECT_EQ(drive["drives"][6], 1.5);
   EXPECT_NEAR(drive["dq"][0], (4.0 - 1.5) / 2, 1e-6);
   EXPECT_GT(way, 0.3);
-  EXPECT_LT(largest, 0.02 * 1.5);  // a millisecond of 100 ms brings a hundredth of the way
+  EXPECT_LT(largest, 0.02 * 1.5);  // one of 100 ms changes it by a hundredth of the difference
 }
 
 TEST(DriveTrainTunables, AMotorBreaksAwayWhenTheFrictionThatHoldsItHasFallenBelowItsTorque) {
@@ -497,7 +497,7 @@ TEST(DriveTrainTunables, AreRefusedWithTheirNameWhereTheyAreUnphysicalAndTheDriv
   EXPECT_EQ(drive["q"][3], undisturbed["q"][3]);
 }
 
-// Their history is replayed after a snapshot, so nothing in it may change.
+// The history of CVODE and ARKODE is replayed after a snapshot, so their parameters must not change.
 TEST(DriveTrainTunables, AreFixedWithSundials) {
   for (const char* name : {"B", "tau_C", "link_sigma2", "mass"}) {
     EXPECT_EQ(Drive("robot=lwr4").variables().at(name).role, Role::kTunable) << name;

@@ -38,7 +38,7 @@ class File {
   std::filesystem::path path_;
 };
 
-/// An io unit with a recording behind it, as the master sees it.
+/// An io unit with a recording, used like the master does.
 class Subject {
  public:
   explicit Subject(const std::string& query, const Values& values) {
@@ -73,9 +73,9 @@ class Subject {
 };
 
 double q_of(double t) { return 0.4 * std::sin(kTurn * 0.5 * t); }
-double tau_of(int k) { return k % 2 == 0 ? 3.0 : -1.0; }  // as rough as can be
+double tau_of(int k) { return k % 2 == 0 ? 3.0 : -1.0; }  // large noise
 
-/// Two joints at 50 Hz for 4 s: q, −q; torques that no interpolation but straight lines keeps.
+/// Two joints at 50 Hz for 4 s: q, −q; torques that only linear interpolation reproduces.
 std::string recording(bool torques, double angle = 1) {
   std::string content = torques ? "t,q1,q2,qd1,qd2,tau1,tau2\n" : "t,q1,q2\n";
   for (int k = 0; k <= 200; ++k) {
@@ -122,7 +122,7 @@ TEST(Io, MeasuredTorquesAreLeftAloneUnlessAFilterIsAskedFor) {
   s.set("tau_cutoff", "5");
   s.initialise();
   s.to(2);
-  EXPECT_NEAR(s.real("tau", 0), 1, 1e-3);  // the mean of 3 and −1: the rest lies at the Nyquist frequency
+  EXPECT_NEAR(s.real("tau", 0), 1, 1e-3);  // the mean of 3 and −1: the rest is at the Nyquist frequency
 }
 
 TEST(Io, VelocitiesAreDerivedFromPositionsOrTakenFromTheirColumns) {
@@ -179,7 +179,7 @@ TEST(Io, SmoothingIsThatOfTheDocumentedFilter) {
   Subject s("joints=2", {{"file", file.path()}, {"q_cutoff", "0.5"}, {"filter_order", "2"}});
   s.initialise();
   s.to(2.5);
-  // Only four seconds of a filter of half a hertz: the ends still show.
+  // Only four seconds with a filter of half a hertz: the ends still have an influence.
   EXPECT_NEAR(s.real("q"), q_of(2.5) * std::sqrt(0.5), 0.15 * 0.4);
   s.set("q_cutoff", "12");
   s.initialise();
@@ -390,7 +390,7 @@ TEST(Sensors, HaveNoiseOfTheGivenDeviationThatIsTheSameForTheSameSeed) {
   EXPECT_NE(noise("2"), one);
 }
 
-// (1 − e^(−2π f t)) of a step, whatever the step length.
+// (1 − e^(−2π f t)) of a step, for any step length.
 TEST(Sensors, TellTheExternalTorqueBehindItsLowPass) {
   Subject io("joints=1&link=sensors", {{"tau_e_cutoff", "5"}});
   io.initialise();

@@ -23,7 +23,7 @@ using ::testing::HasSubstr;
 
 constexpr Duration kTick{1'000'000};
 
-/// A motion unit with named values, as the master sees it.
+/// A motion unit with its variables by name, used like the master does.
 class Subject {
  public:
   explicit Subject(const std::string& query, const std::vector<std::pair<std::string, std::string>>& values = {}) {
@@ -121,7 +121,7 @@ TEST(Motion, RedundantCoefficientsKeepBothEndsAndPrescribedJerks) {
   EXPECT_NEAR(s.real("dq_d"), -0.2, 1e-14);
   EXPECT_NEAR(s.real("ddq_d"), 0.3, 1e-12);
   s.to(1e-6);
-  EXPECT_NEAR((s.real("ddq_d") - 0.3) / 1e-6, 2, 0.1);  // the jerk of the start, and its change within a microsecond
+  EXPECT_NEAR((s.real("ddq_d") - 0.3) / 1e-6, 2, 0.1);  // the jerk at the start, and its change within a microsecond
   s.to(0.8);
   EXPECT_EQ(s.real("q_d"), 1);
   EXPECT_NEAR(s.real("dq_d"), 0.4, 1e-13);
@@ -148,7 +148,7 @@ TEST(Motion, AMotionBeginsAtItsStartAndRestsBefore) {
 }
 
 TEST(Motion, WaypointsComeFromAFileWithTheRobotsJointNamesInDegrees) {
-  // The header of the LWR's joint names, in another order than the robot's.
+  // A header with the LWR's joint names, in another order than the robot's.
   std::string header = "dwell", first, second, third;
   const auto names = joint_names();
   for (std::size_t j = names.size(); j-- > 0;) {
@@ -191,7 +191,7 @@ TEST(Motion, LimitsOfTheRobotAreErrorsThatNameJointTimeValueAndLimit) {
   fast.to(fast.real("duration") / 2);
   EXPECT_NEAR(fast.real("dq_d"), limit, 2e-3);
   far.set("limits", "stretch");
-  EXPECT_THAT(far.error_of_initialise(), HasSubstr("is at 3.1 rad"));  // no stretching helps
+  EXPECT_THAT(far.error_of_initialise(), HasSubstr("is at 3.1 rad"));  // stretching cannot help
 }
 
 TEST(Motion, LimitsMayBeTighterThanTheRobots) {
@@ -241,7 +241,7 @@ TEST(Motion, ASoftStartEntersARecordingFromRestWithoutAJump) {
   double q = s.real("q_d"), dq = s.real("dq_d"), ddq = s.real("ddq_d");
   for (int k = 1; k <= 2500; ++k) {
     s.to(k * 0.001);
-    // The mean of both ends over a millisecond: h²/12 times the next but one derivative, here up to some 10³ and 10⁵.
+    // The mean of both ends over a millisecond: h²/12 times the second derivative, here up to about 10³ and 10⁵.
     ASSERT_NEAR(s.real("q_d") - q, 0.5e-3 * (dq + s.real("dq_d")), 1e-7) << k;
     ASSERT_NEAR(s.real("dq_d") - dq, 0.5e-3 * (ddq + s.real("ddq_d")), 1e-5) << k;
     q = s.real("q_d"), dq = s.real("dq_d"), ddq = s.real("ddq_d");

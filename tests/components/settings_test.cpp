@@ -16,7 +16,7 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::ThrowsMessage;
 
-/// A unit whose length is a setting.
+/// A unit whose number of elements is a setting.
 class Line final : public Unit {
  public:
   static void declare_settings(SettingList& s) {

@@ -28,7 +28,7 @@ class Spelling : public ::testing::TestWithParam<Case> {};
 TEST_P(Spelling, IsReadExactly) {
   const Measure read = parse(GetParam().text);
   EXPECT_EQ(read.exponents, GetParam().expected.exponents) << GetParam().text;
-  EXPECT_EQ(read.factor, GetParam().expected.factor) << GetParam().text;  // the double nearest to the factor, not one beside it
+  EXPECT_EQ(read.factor, GetParam().expected.factor) << GetParam().text;  // the double nearest to the factor
   EXPECT_EQ(read.offset, GetParam().expected.offset) << GetParam().text;
 }
 
@@ -69,7 +69,7 @@ INSTANTIATE_TEST_SUITE_P(Temperatures, Spelling,
                          ::testing::Values(Case{"degC", m({0, 0, 0, 0, 1}, 1, 273.15)},
                                            Case{"°C", m({0, 0, 0, 0, 1}, 1, 273.15)},
                                            Case{"degF", m({0, 0, 0, 0, 1}, 5.0 / 9, 459.67 * 5 / 9)},
-                                           // In a product a degree is a difference: no offset.
+                                           // In a product a degree is a temperature difference: no offset.
                                            Case{"degC/s", m({0, 0, -1, 0, 1})}, Case{"J/(kg.degC)", m({0, 2, -2, 0, -1})},
                                            Case{"W/degC", m({1, 2, -3, 0, -1})}, Case{"degC2", m({0, 0, 0, 0, 2})}));
 
@@ -94,7 +94,7 @@ INSTANTIATE_TEST_SUITE_P(AsToolsWriteThem, Spellings,
                                            Same{{"N.m.s/rad", "Nms/rad", "N.m/(rad/s)", "Nm/(rad.s-1)", "Nm.s/rad"}},
                                            Same{{"rpm", "rev/min", "r/min", "min-1.rev"}}, Same{{"1/s", "s-1", "s^-1", "Hz"}},
                                            Same{{"kN.m", "kNm", "kN m", "kJ"}},
-                                           // One '/' divides by all that follows it.
+                                           // One '/' divides by all factors after it.
                                            Same{{"W/m2.K", "W/(m2.K)", "W.m-2.K-1"}}));
 
 TEST(Measures, AreRefusedWithTheWordThatIsWrong) {
@@ -176,11 +176,11 @@ TEST(Conversion, ThereAndBackIsTheIdentityToOneUlp) {
       const double x = std::ldexp(mantissa(random), exponent(random));
       const double y = back.factor * (there.factor * x);
       const double ulp = std::nextafter(std::abs(x), INFINITY) - std::abs(x);
-      // Two factors and two products are rounded, each by half an ulp at most; powers of ten that are whole are exact.
+      // Two factors and two products are rounded, each by half an ulp at most; positive powers of ten are exact.
       EXPECT_LE(std::abs(y - x), 2 * ulp) << a << " " << b << " " << x;
     }
   }
-  // Where one of the two factors is a whole number there is less to round.
+  // If one of the two factors is an integer, there are fewer rounding errors.
   const Conversion to_m = conversion(parse("mm"), parse("m")), to_mm = conversion(parse("m"), parse("mm"));
   EXPECT_EQ(to_mm.factor, 1000);
   for (int i = 0; i < 10'000; ++i) {
@@ -208,7 +208,7 @@ TEST(Conversion, OfTemperaturesMeetsTheFixedPoints) {
   EXPECT_EQ(convert(0, "K", "degC"), -273.15);
   EXPECT_NEAR(convert(0, "degC", "degF"), 32, kTolerance);
   EXPECT_NEAR(convert(100, "degC", "degF"), 212, kTolerance);
-  EXPECT_NEAR(convert(-40, "degF", "degC"), -40, kTolerance);  // where both scales agree
+  EXPECT_NEAR(convert(-40, "degF", "degC"), -40, kTolerance);  // where both scales have the same number
   EXPECT_NEAR(convert(0, "K", "degF"), -459.67, kTolerance);
   EXPECT_NEAR(convert(1, "degF/s", "degC/s"), 5.0 / 9, 1e-15);
 }

@@ -10,7 +10,7 @@
 namespace cotwin {
 namespace {
 
-/// Counts its steps; remembers a word.
+/// Counts its steps; stores a word.
 class Counter final : public Unit {
  public:
   explicit Counter(std::size_t n = 2) : values(n) {}
@@ -103,7 +103,7 @@ TEST(Snapshot, RefusesBytesThatAreCutShortOrDamaged) {
       Counter fresh;
       Variables of_fresh;
       fresh.declare(of_fresh);
-      read.restore(of_fresh, fresh);  // values may differ; the layout may not
+      read.restore(of_fresh, fresh);  // values may differ, the layout may not
     } catch (const Error&) {
     }
   }

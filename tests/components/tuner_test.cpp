@@ -1,4 +1,4 @@
-// The tuner as a unit in a running twin, and those who take over what it finds.
+// The tuner as a unit in a running twin, and the units that use its results.
 #include "components/tuner/tuner.h"
 
 #include <gmock/gmock.h>
@@ -54,7 +54,7 @@ class Subject {
     }
     return all;
   }
-  /// Every variable that it writes, in figures that tell every bit.
+  /// All results of the tuner as text with all bits.
   std::vector<std::string> everything() {
     std::vector<std::string> all;
     for (const Variable& v : instance_.variables) {
@@ -86,7 +86,7 @@ class Subject {
   Time now_;
 };
 
-/// A motion that excites both joints, and the torques that it takes of a robot.
+/// A motion that excites both joints, and the torques that a robot needs for it.
 class Measured {
  public:
   explicit Measured(const robot::RobotModel& robot) : mechanism_(robot), data_(mechanism_), q_(2), dq_(2), ddq_(2), tau_(2) {}
@@ -144,7 +144,7 @@ TEST(Tuner, FindsTheRobotBehindTheTorques) {
   Subject tuner = tuner_of_planar2();
   run(tuner, measured, 0, 5);
   ASSERT_EQ(tuner.integer("tunings"), 1) << tuner.text("warning");
-  // No robot is below the floor of both joints' errors together; a single joint may be, at the cost of the other.
+  // No robot is below the floor of the errors of both joints together. A single joint may be, at the cost of the other.
   double over_floor = 0;
   for (std::size_t j = 0; j < 2; ++j) {
     EXPECT_LT(tuner["rms"][j], 0.05 * tuner["rms_prior"][j]) << j;
@@ -153,7 +153,7 @@ TEST(Tuner, FindsTheRobotBehindTheTorques) {
   EXPECT_GE(over_floor, 1 - 1e-6);
   EXPECT_THAT(tuner.text("log"), HasSubstr("tuned at 4 s"));
 
-  // What it found predicts a motion that it has not seen.
+  // The result predicts a motion that was not used for tuning.
   robot::RobotModel found = planar();
   for (std::size_t i = 0; i < 2; ++i) {
     Eigen::Matrix<double, 10, 1> pi;
@@ -180,7 +180,7 @@ TEST(Tuner, HasThePriorInItsOutputsBeforeItHasFoundAnything) {
   EXPECT_NEAR(tuner["first_moment"][0], 6 * 0.2, 1e-15);
 }
 
-// The drive train divides by B: the torques of a robot without motors make none of it that could not be taken over.
+// The drive train divides by B: torques of a robot without motors must not give a B that the drive train refuses.
 TEST(Tuner, TellsMotorInertiaThatADriveTrainCanTake) {
   const robot::RobotModel real = robot::perturbed(planar(), 0.3, 5);
   Measured measured(real);
@@ -225,14 +225,14 @@ TEST(Tuner, NeverWaitsWhereItMustNot) {
   tuner.set("threshold", "0");
   run(tuner, measured, 0, 4.01);
   EXPECT_EQ(tuner.integer("tunings"), 0) << "100 000 rounds are not made in 10 ms";
-}  // and the thread ends with its unit, in the middle of them
+}  // and the thread ends with its unit, during the search
 
 TEST(Tuner, TakesALateResultWhenItIsThereAndCountsIt) {
   Measured measured(robot::perturbed(planar(), 0.2, 2));
   Subject tuner = tuner_of_planar2("&wait=false");
   tuner.set("latency", "0");
   tuner.set("rounds", "2000");
-  run(tuner, measured, 0, 4.002);  // due after 4 s, which 2000 rounds do not keep
+  run(tuner, measured, 0, 4.002);  // due after 4 s, which 2000 rounds do not meet
   for (int i = 0; i < 100000 && tuner.integer("tunings") == 0; ++i) {
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
     tuner.step();
@@ -252,7 +252,7 @@ TEST(Tuner, TakesSamplesAlsoWhileItSeeks) {
   EXPECT_EQ(tuner.integer("skipped"), 0);
 }
 
-/// Everything that a tuner says and remembers after each of the steps from one instant to another.
+/// All outputs and states of a tuner after each of the steps from one instant to another.
 std::vector<std::vector<std::string>> trace(Subject& tuner, Measured& robot, double from, double to) {
   std::vector<std::vector<std::string>> all;
   for (int i = static_cast<int>(from * 1000 + 0.5); i < static_cast<int>(to * 1000 + 0.5); ++i) {
@@ -265,8 +265,8 @@ std::vector<std::vector<std::string>> trace(Subject& tuner, Measured& robot, dou
   return all;
 }
 
-// Before the first tuning, in the middle of a block of samples; while the thread seeks; in the step before a result is due and
-// behind it; while the second tuning is under way.
+// Before the first tuning, within a block of samples; during the search; in the step before a result is due and after it;
+// during the second tuning.
 TEST(Tuner, GoesOnToTheSameBitsInAFreshInstanceWhereverItWasSaved) {
   Measured measured(robot::perturbed(planar(), 0.2, 2));
   for (const double when : {0.3, 2.013, 4.2, 4.499, 4.5, 6.37, 8.25}) {
@@ -293,12 +293,12 @@ TEST(Tuner, TakesItsStepsBack) {
   Subject tuner = tuner_of_planar2();
   run(tuner, measured, 0, 4.2);
   const Snapshot seeking = tuner.save();
-  const auto once = trace(tuner, measured, 4.2, 4.4);  // the same search is still under way
+  const auto once = trace(tuner, measured, 4.2, 4.4);  // the same search is still running
   tuner.restore(seeking, 4.2);
   EXPECT_EQ(trace(tuner, measured, 4.2, 4.4), once);
   const auto adopted = trace(tuner, measured, 4.4, 4.6);
   const Snapshot behind = tuner.save();
-  tuner.restore(seeking, 4.2);  // over the adoption
+  tuner.restore(seeking, 4.2);  // until after the adoption
   EXPECT_EQ(tuner.integer("tunings"), 0);
   (void)trace(tuner, measured, 4.2, 4.4);
   EXPECT_EQ(trace(tuner, measured, 4.4, 4.6), adopted);
@@ -306,7 +306,7 @@ TEST(Tuner, TakesItsStepsBack) {
   EXPECT_EQ(tuner.integer("tunings"), 2);
   tuner.restore(behind, 4.6);
   EXPECT_EQ(trace(tuner, measured, 4.6, 8.7), later);
-  // From the search to where nothing was sought: the thread is told to give up.
+  // From the search to a state without search: the thread must stop.
   tuner.restore(seeking, 4.2);
   tuner.restore(behind, 4.6);
   EXPECT_EQ(trace(tuner, measured, 4.6, 8.7), later);
@@ -383,8 +383,8 @@ TEST(Tuner, RefusesStatesInWhichNumbersCannotBe) {
   EXPECT_THAT(error_of(integer("particles", 2147483647)), HasSubstr("particles: 2147483647, expected 8 to"));
 }
 
-// What a host saved before initialisation has no texts yet; a state that was tampered with may have none behind it, too. The
-// steps behind allocate nothing, whether the unit was initialised or not.
+// A state that a host saved before initialisation has no texts, and a state that was changed may have none, too. The steps
+// afterwards allocate nothing, whether the unit was initialised or not.
 TEST(Tuner, GoesOnFromAStateWithoutTextsAsFromNoSamples) {
   Measured measured(robot::perturbed(planar(), 0.2, 3));
   const Snapshot unborn = tuner_of_planar2().save();
@@ -398,7 +398,7 @@ TEST(Tuner, GoesOnFromAStateWithoutTextsAsFromNoSamples) {
     for (int i = 0; i < 4700; ++i) {
       measured.at(i * 1e-3);
       measured.feed(tuner);
-      if (i == 700) tuner["q"][0] = std::numeric_limits<double>::infinity();  // that writes a warning
+      if (i == 700) tuner["q"][0] = std::numeric_limits<double>::infinity();  // this writes a warning
       const auto before = testing::allocations();
       tuner.step();
       allocated += testing::allocations() - before;
@@ -455,7 +455,7 @@ TEST(Tuner, KeepsAHistoryOfWhatItFound) {
   ASSERT_EQ(tuner.robot().history.size(), 4u);  // two bodies, two tunings
   EXPECT_THAT(tuner.robot().history.back().reason, HasSubstr("tuned at 8 s"));
   EXPECT_EQ(tuner.robot().bodies[0].inertia.mass, subject["mass"][0]);
-  subject.restore(subject.save(), 9);  // begins with the last tuning
+  subject.restore(subject.save(), 9);  // starts with the last tuning
   ASSERT_EQ(tuner.robot().history.size(), 2u);
   EXPECT_THAT(tuner.robot().history.back().reason, HasSubstr("tuned at 8 s"));
   EXPECT_EQ(tuner.robot().bodies[0].inertia.mass, subject["mass"][0]);
@@ -474,7 +474,7 @@ TEST(Tuner, LeavesOutSamplesThatAreNoNumbersAndSaysSo) {
   EXPECT_THAT(tuner.text("warning"), HasSubstr("not finite"));
 }
 
-// Two speeds that are finite each, but not their difference.
+// Two speeds that are finite, but their difference is not.
 TEST(Tuner, LeavesOutSamplesThatTheFilterCannotFollow) {
   Measured measured(planar());
   Subject tuner = tuner_of_planar2("&friction=sigmoid");
@@ -490,7 +490,7 @@ TEST(Tuner, LeavesOutSamplesThatTheFilterCannotFollow) {
   for (const double x : tuner["filter"]) EXPECT_TRUE(std::isfinite(x));
 }
 
-// The filter begins anew behind a gap: the jump over it is no acceleration.
+// The filter restarts after a gap: the jump across it is not an acceleration.
 TEST(Tuner, LearnsNothingFalseFromGaps) {
   Measured measured(robot::perturbed(planar(), 0.2, 2));
   Subject tuner = tuner_of_planar2();
@@ -531,7 +531,7 @@ TEST(Tuner, AllocatesNothingInItsStepsWhileItTunes) {
   EXPECT_EQ(allocated, 0u);
 }
 
-// A heavier forearm: inverse dynamics of the controller goes over to it without a jump, and ends where it belongs.
+// A heavier forearm: the controller's inverse dynamics changes to it without a jump and ends at the right values.
 TEST(BodyTunables, AreFollowedByTheControllerWithoutAJump) {
   Subject compliance("unit:compliance?robot=planar2");
   compliance["q_d"][0] = 0.3;
@@ -539,7 +539,7 @@ TEST(BodyTunables, AreFollowedByTheControllerWithoutAJump) {
   compliance.set("transition", "0.1");
   compliance.initialise();
   compliance.step();
-  const auto torque = [&] { return compliance["tau_id"][1] - compliance["tau_f"][1]; };  // without the bristles that it bends
+  const auto torque = [&] { return compliance["tau_id"][1] - compliance["tau_f"][1]; };  // without the deflection of bristles
   const double before = torque();
   compliance["mass"][1] = 5;
   compliance["first_moment"][3] = 5 * 0.175;

@@ -1,6 +1,5 @@
-// What every unit passes without writing it. The units come from the generated table. Settings and start values that a unit
-// needs to be run at all stand in tests/components/properties/<unit>.sources (a line a variant: the query of its source) and
-// <unit>.ssv.
+// Property tests of every unit of the generated table. Settings and start values that a unit needs are in
+// tests/components/properties/<unit>.sources (one line per variant: the query of its source) and <unit>.ssv.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -62,7 +61,7 @@ void excite(const Variables& variables, int number) {
   }
 }
 
-/// Every output and state, bit by bit.
+/// All bits of every output and state.
 std::vector<std::uint64_t> bits(const Variables& variables) {
   std::vector<std::uint64_t> all;
   for (const Variable& v : variables) {
@@ -84,12 +83,12 @@ std::vector<std::uint64_t> bits(const Variables& variables) {
   return all;
 }
 
-/// Steps from step number `begin` to `end`; returns the bits after each.
+/// Steps from step number `begin` to `end`. Returns the bits after each.
 std::vector<std::vector<std::uint64_t>> run(Instance& instance, int begin, int end) {
   std::vector<std::vector<std::uint64_t>> trace;
   for (int i = begin; i < end; ++i) {
     excite(instance.variables, i);
-    const Duration h = i % 3 == 2 ? Duration{kStep.ns / 2} : kStep;  // a step may differ from the last one
+    const Duration h = i % 3 == 2 ? Duration{kStep.ns / 2} : kStep;  // the length of the last step may differ
     EXPECT_EQ(instance.unit->step(Time{i * kStep.ns}, h), StepResult::kDone);
     trace.push_back(bits(instance.variables));
   }
@@ -118,7 +117,7 @@ TEST_P(UnitProperties, DeclaresEachVariableCompletely) {
 }
 
 TEST_P(UnitProperties, HasNoSettingWithTheNameOfAVariableThatCanBeGiven) {
-  // Else --set component.name=value would be ambiguous.
+  // Otherwise --set component.name=value would be ambiguous.
   const Instance instance = make(GetParam());
   for (const Setting& setting : settings_of(find_type(parse_unit_source(GetParam()).unit, unit_types()))) {
     const Variable* variable = instance.variables.find(setting.name);
@@ -130,7 +129,7 @@ TEST_P(UnitProperties, KeepsItsStorageInPlace) {
   Instance instance = start();
   Variables again;
   run(instance, 0, 3);
-  instance.unit->declare(again);  // binds the same members once more
+  instance.unit->declare(again);  // binds the same members again
   ASSERT_EQ(again.size(), instance.variables.size());
   for (std::size_t i = 0; i < again.size(); ++i) {
     const Variable &a = again.all()[i], &b = instance.variables.all()[i];
@@ -252,7 +251,7 @@ TEST(UnitTable, DeclaresEverySettingCompletely) {
 }
 
 TEST(UnitTable, TakesEveryChoiceOfEverySetting) {
-  // Each by itself; what a unit refuses must name the setting that it contradicts.
+  // Each setting alone. If the unit refuses it, the message must name the setting that it contradicts.
   const std::vector<fs::path> folders = {properties_folder(), fs::path(places::source()) / "models"};
   for (const UnitType& type : unit_types()) {
     for (const Setting& s : settings_of(type)) {

@@ -111,7 +111,7 @@ TEST(Variables, FindTheFirstOutputThatIsNotFinite) {
   Members m;
   const Variables v = declare(m);
   EXPECT_EQ(v.first_not_finite(), "");
-  m.q[0] = INFINITY;  // an input is its source's business
+  m.q[0] = INFINITY;  // the source of an input is responsible for its values
   EXPECT_EQ(v.first_not_finite(), "");
   m.tau[2] = NAN;
   EXPECT_EQ(v.first_not_finite(), "tau[3]");
