@@ -1,5 +1,5 @@
-// An FMU is a unit, and a unit is an FMU: what fmu/ exports and imports again is what it was, bit for bit, for every unit of
-// the generated table, so that a scenario changes one attribute.
+// Exports every unit of the generated table as an FMU and imports it again: the same bits, so that a scenario can replace a
+// unit by its FMU in one attribute.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 

@@ -1,4 +1,5 @@
-// Clocks in Co-Simulation: fmus/clocks3.c knows when each of its clocks has to tick, and refuses any other time.
+// Clocks in Co-Simulation: fmus/clocks3.c checks that each of its clocks ticks at the right time, and returns an error
+// otherwise.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -103,7 +104,7 @@ TEST_F(Clocks, AreTriggeredByABooleanInput) {
   EXPECT_EQ(counts(instance)[5], 2);
 }
 
-// The new period counts from the event in which it was set: 0, 0.2 s, then 0.3 + 0.05 k.
+// The new interval starts at the event in which it was set: 0, 0.2 s, then 0.3 + 0.05 k.
 TEST_F(Clocks, GoOnWithANewIntervalOfATunableOne) {
   Instance instance = load_clocks();
   instance.unit->initialise({});
@@ -116,7 +117,7 @@ TEST_F(Clocks, GoOnWithANewIntervalOfATunableOne) {
 
 TEST_F(Clocks, RefuseAnIntervalThatGoesBack) {
   Instance instance = load_clocks();
-  real(instance, "longest_interval") = 0.2;  // then the FMU says −1 s
+  real(instance, "longest_interval") = 0.2;  // then the FMU returns −1 s
   instance.unit->initialise({});
   EXPECT_EQ(run(instance, 0, 0.2, 0.1), StepResult::kDone);
   EXPECT_THAT([&] { (void)step(instance, 0.2, 0.1); },
@@ -127,7 +128,7 @@ TEST_F(Clocks, ContinueInAFreshInstanceFromASnapshotsBytes) {
   Instance one = load_clocks(), other = load_clocks();
   one.unit->initialise({});
   real(one, "u") = 1;
-  ASSERT_EQ(run(one, 0, 0.36, 0.01), StepResult::kDone);  // in the middle of the countdown and of every interval
+  ASSERT_EQ(run(one, 0, 0.36, 0.01), StepResult::kDone);  // during the countdown and every interval
   Snapshot snapshot;
   snapshot.take(one.variables, *one.unit);
   Snapshot::deserialise(snapshot.serialise()).restore(other.variables, *other.unit);

@@ -1,4 +1,4 @@
-// modelDescription.xml of others: read as it is meant, or an Error that names the line.
+// Foreign modelDescription.xml files: read correctly, or an Error with the line.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -132,7 +132,7 @@ TEST(ReadDescription, RefusesWhatCannotBeMeantAndNamesTheLine) {
   }
 }
 
-// The writer and the reader are each other's oracle.
+// Writer and reader check each other.
 TEST(ReadDescription, GivesBackWhatWasWritten) {
   for (const char* name : {"rogue2", "rogue3", "ball2", "ball3"}) {
     const ModelDescription first = parse(description_of(name));
@@ -234,7 +234,7 @@ TEST(CheckDescription, FindsWhatTheStandardForbids) {
               ::testing::AllOf(Contains(HasSubstr("listed as an output, but is none")), Contains(HasSubstr("stands twice"))));
 }
 
-/// `n` variables, each with a type, a unit of measure and a place in the structure; in pairs of a state and its derivative.
+/// `n` variables, each with a type, a unit of measure and an entry in the structure; in pairs of a state and its derivative.
 std::string many(std::size_t n, bool two) {
   std::string units, types, variables, structure;
   const std::string reference = two ? "index" : "valueReference";
@@ -267,7 +267,7 @@ std::string many(std::size_t n, bool two) {
          (two ? "<Outputs>" + structure + "</Outputs>" : structure) + "</ModelStructure></fmiModelDescription>";
 }
 
-// Were variables, types, units or derivatives looked for one by one, this would take hours.
+// With a linear search for variables, types, units or derivatives this would take hours.
 TEST(ReadDescription, TheTimeItTakesGrowsWithTheVariablesAndNotWithTheirSquare) {
   constexpr std::size_t kMany = 100'000;
   for (const bool two : {true, false}) {

@@ -19,7 +19,7 @@
 #include "fmu/fmi2.h"
 #include "fmu/fmi3.h"
 
-/// A host of FMUs as small as can be: it unpacks, loads and calls, and knows nothing of how ours are made.
+/// A minimal host for FMUs: it unpacks, loads and calls, and shares no code with the export.
 namespace cotwin::fmu::testing {
 
 /// An unpacked FMU with its library loaded.
@@ -50,7 +50,7 @@ class LoadedFmu {
   const std::filesystem::path& folder() const { return folder_.path(); }
   const std::filesystem::path& library() const { return library_; }
   const std::filesystem::path& archive() const { return archive_; }
-  /// The folder of resources as this version of FMI passes it.
+  /// The resource folder as this version of FMI passes it.
   std::string resources() const {
     const std::filesystem::path path = folder_.path() / "resources";
     return version_ == Version::k2 ? uri_from_path(path) : path.string() + "/";
@@ -74,8 +74,8 @@ struct Message {
 class Driver {
  public:
   struct Options {
-    std::optional<std::string> token;      // none: the right one
-    std::optional<std::string> resources;  // none: the right ones
+    std::optional<std::string> token;      // none: the right token
+    std::optional<std::string> resources;  // none: the right resources
     bool null_resources = false;
     bool logging = true;
   };
@@ -132,9 +132,9 @@ class Driver {
     terminated_ = true;
     const int status =
         fmu_.function<decltype(&fmi3DoStep)>("fmi3DoStep")(instance_, now, h, true, &event, &terminated_, &early, &reached_);
-    return status + (event || early ? 100 : 0);  // neither is asked for
+    return status + (event || early ? 100 : 0);  // neither is requested
   }
-  /// The last successful time as the FMU tells it.
+  /// The last successful time that the FMU reports.
   double reached() {
     if (!two()) return reached_;
     double value = -1;
@@ -271,7 +271,7 @@ class Driver {
     return fmu_.function<int (*)(void*, State)>(two() ? in2 : in3)(instance_, state);
   }
 
-  // The message is a printf format in FMI 2; ours is "%s" and the text.
+  // The message is a printf format in FMI 2; Cotwin passes "%s" and the text.
   static void log2(void* environment, fmi2String, fmi2Status status, fmi2String category, fmi2String format, ...) {
     va_list arguments;
     va_start(arguments, format);
@@ -292,7 +292,7 @@ class Driver {
   bool terminated_ = false;
 };
 
-/// The value references by which an exported unit's variable is known: one for each element (FMI 2), or one (FMI 3).
+/// The value references of an exported unit's variable: one per element (FMI 2), or one (FMI 3).
 inline std::vector<unsigned> references(const Variables& variables, std::string_view name, Version version) {
   unsigned next = 1;  // 0 is time
   for (const Variable& v : variables) {

@@ -1,4 +1,4 @@
-// What every exported unit passes without writing it, in both versions of FMI (subjects.h).
+// Tests of every exported unit in both versions of FMI (subjects.h).
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -68,7 +68,7 @@ class ExportedUnits : public ::testing::TestWithParam<Subject> {
     }
   }
 
-  /// The value of a variable as text that tells every bit.
+  /// The value of a variable as text with all bits.
   template <class T>
   static void append(std::string& text, const T& value) {
     if constexpr (std::is_same_v<T, std::string>) {
@@ -122,7 +122,7 @@ class ExportedUnits : public ::testing::TestWithParam<Subject> {
 
   static std::int64_t length(int number) { return number % 3 == 2 ? kStep / 2 : kStep; }
 
-  /// Steps from step `begin` to `end`, beginning at `now` ns, which it moves; returns every output and state after each.
+  /// Steps from step `begin` to `end`, starting at `now` ns, which it advances. Returns every output and state after each step.
   std::vector<std::string> run(Driver& d, int begin, int end, std::int64_t& now) const {
     std::vector<std::string> trace;
     for (int i = begin; i < end; ++i) {
@@ -174,7 +174,7 @@ TEST_P(ExportedUnits, GivesTheBitsOfTheUnitInProcess) {
   Driver d(*fmu_);
   ASSERT_TRUE(d.alive()) << d.last_message();
   Instance alone = in_process(request_);
-  for (const Variable& v : alone.variables) {  // a packed file has another name, which the unit finds all the same
+  for (const Variable& v : alone.variables) {  // a packed file has another name, and the unit still finds it
     if (v.kind() != Kind::kString && v.role != Role::kOutput) {
       EXPECT_EQ(bits(d, v), bits(v)) << v.name << " starts differently";
     }
@@ -192,7 +192,7 @@ TEST_P(ExportedUnits, GivesTheBitsOfTheUnitInProcess) {
     now += length(i);
     for (const Variable& v : alone.variables) {
       if (v.role != Role::kOutput && v.role != Role::kState) continue;
-      if (v.name == "warning") continue;  // names files, which lie elsewhere
+      if (v.name == "warning") continue;  // names files that are elsewhere
       ASSERT_EQ(bits(d, v), bits(v)) << v.name << " differs after step " << i;
     }
   }
@@ -268,7 +268,7 @@ TEST_P(ExportedUnits, GivesTheDerivativesOfOutputsThatTheUnitDeclares) {
   EXPECT_EQ(xml.find(" derivative=\"") != std::string::npos, known > 0);
 }
 
-// Against the blocks that the unit itself gives, which its own tests hold against differences.
+// Compares with the blocks of the unit itself, which its own tests compare with differences.
 TEST_P(ExportedUnits, GivesTheDirectionalDerivativesOfTheUnit) {
   Driver d(*fmu_);
   const std::span<const Partial> list = reference_.unit->partials();
@@ -341,7 +341,7 @@ TEST_P(ExportedUnits, GivesTheDirectionalDerivativesOfTheUnit) {
   }
   ASSERT_EQ(d.directional(unknown_references, known_references, seed, sensitivity), 0) << d.last_message();
   for (std::size_t i = 0; i < rows; ++i) EXPECT_NEAR(sensitivity[i], expected[i], 1e-12 * size_of_sums) << i;
-  // In Initialization Mode, too
+  // Also in Initialization Mode
   Driver initialising(*fmu_);
   excite(initialising, 0);
   ASSERT_EQ(initialising.enter_initialisation(), 0);
@@ -367,7 +367,7 @@ TEST_P(ExportedLibraries, RunAsHundredsOfInstancesInSeveralThreads) {
   std::vector<std::unique_ptr<Driver>> drivers(kInstances);
   std::vector<std::size_t> wrong(kThreads);
   std::vector<std::thread> threads;
-  for (std::size_t k = 0; k < kThreads; ++k) {  // all live at the same time
+  for (std::size_t k = 0; k < kThreads; ++k) {  // all exist at the same time
     threads.emplace_back([&, k] {
       for (std::size_t i = k; i < kInstances; i += kThreads) {
         drivers[i] = std::make_unique<Driver>(*fmu_);
@@ -420,8 +420,7 @@ TEST_P(ExportedLibraries, LeaveNothingOfThisMachineInTheArchive) {
   }
 }
 
-// A symbol that old systems lack is found while a unit is linked: here arc4random, of glibc 2.36.
-// glibc 2.36.
+// A symbol that old systems lack is an error when a unit is linked: here arc4random, of glibc 2.36.
 TEST(OldGlibc, LacksWhatIsNewer) {
   const std::string folder = COTWIN_OLD_GLIBC;
   if (folder.empty()) GTEST_SKIP() << "exported units are linked against this machine's glibc";
@@ -435,7 +434,7 @@ TEST(OldGlibc, LacksWhatIsNewer) {
                                    .err;
     return errors.empty() ? "needs glibc " + read_elf(library).oldest_glibc : errors;
   };
-  // hypot has a version of glibc 2.35, too; the oldest one is that of the machine's first glibc.
+  // hypot also has a version of glibc 2.35; the oldest version is that of the first glibc for this architecture.
   EXPECT_THAT(link("hypot(x, 1)"), ::testing::AnyOf("needs glibc 2.2.5", "needs glibc 2.17"));
   EXPECT_THAT(link("arc4random()"), ::testing::HasSubstr("undefined reference to `arc4random'"));
 }

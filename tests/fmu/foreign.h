@@ -15,7 +15,7 @@
 #include "fmu/import/load.h"
 #include "tests/support/places.h"
 
-/// Archives of the FMUs in fmus/, as they are or spoilt.
+/// Archives of the FMUs in fmus/, unchanged or with defects.
 namespace cotwin::fmu::testing {
 
 inline std::string read_text(const std::filesystem::path& file) {
@@ -39,7 +39,7 @@ inline std::string replaced(std::string text, const std::string& from, const std
 
 using Edits = std::vector<std::pair<std::string, std::string>>;
 
-/// "rogue2" → <folder>/rogue2.fmu, with `edits` made to its description.
+/// Writes <folder>/rogue2.fmu for "rogue2", with `edits` made to its description.
 inline std::filesystem::path make_fmu(const std::string& name, const std::filesystem::path& folder, const Edits& edits = {}) {
   std::string xml = description_of(name);
   for (const auto& [from, to] : edits) xml = replaced(xml, from, to);
@@ -63,7 +63,7 @@ class PrivateTemporaries {
 };
 inline const PrivateTemporaries private_temporaries;
 
-/// How many temporary folders there are.
+/// The number of temporary folders.
 inline std::size_t temporary_folders() {
   std::size_t n = 0;
   for (const auto& entry : std::filesystem::directory_iterator(std::filesystem::temp_directory_path())) {
@@ -72,7 +72,7 @@ inline std::size_t temporary_folders() {
   return n;
 }
 
-/// How many different files of that name are loaded as libraries.
+/// The number of different files of that name that are loaded as libraries.
 inline std::size_t mapped_libraries(const std::string& name) {
   std::ifstream maps("/proc/self/maps");
   std::set<std::string> files;
@@ -92,7 +92,7 @@ inline StepResult step(Instance& instance, double from, double h) {
   return instance.unit->step(Time::from_seconds(from), Time::from_seconds(from + h) - Time::from_seconds(from));
 }
 
-/// Steps of `h` from `from` to `to`, as n · h.
+/// Steps of `h` from `from` to `to`, at n · h.
 inline StepResult run(Instance& instance, double from, double to, double h) {
   const int n = static_cast<int>((to - from) / h + 0.5);
   StepResult result = StepResult::kDone;

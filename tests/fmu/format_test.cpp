@@ -1,4 +1,4 @@
-// What is written for others to read: model descriptions, archives, file URIs, and the package a unit is built from.
+// Files that are written for other tools: model descriptions, archives, file URIs, and the package of an exported unit.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
@@ -28,7 +28,7 @@ using ::testing::ThrowsMessage;
 
 // Model descriptions
 
-/// One that says everything that can be said in its version.
+/// A model description with every element of its version.
 ModelDescription full(Version version) {
   const bool three = version == Version::k3;
   ModelDescription d;
@@ -257,7 +257,7 @@ struct RawEntry {
   zip_uint32_t mode = S_IFREG | 0644;
 };
 
-/// An archive as anybody may write it.
+/// An archive with any contents.
 void write_raw(const fs::path& path, const std::vector<RawEntry>& entries) {
   int code = 0;
   zip_t* zip = zip_open(path.c_str(), ZIP_CREATE | ZIP_TRUNCATE, &code);
@@ -288,7 +288,7 @@ std::size_t temporary_folders() {
 
 class Archives : public ::testing::Test {
  protected:
-  /// Temporary files of this test alone, so that what is left over can be counted.
+  /// Temporary files of this test alone, so that files that are left over can be counted.
   void SetUp() override { setenv("TMPDIR", own_.path().c_str(), 1); }
   void TearDown() override { unsetenv("TMPDIR"); }
   TemporaryFolder own_;
@@ -340,7 +340,7 @@ TEST_F(Archives, AreRefusedWhenTheyReachOutOfTheirFolder) {
   EXPECT_EQ(temporary_folders(), 0u) << "nothing is left on the disk";
 }
 
-// The Reference FMUs' own build packs a folder of Roberts.fmu twice.
+// The build of the Reference FMUs packs a folder of Roberts.fmu twice.
 TEST_F(Archives, MayHoldAFileTwiceIfItIsTheSame) {
   for (const char* second : {"one", "two"}) {
     write_raw(archive_, {{"file.txt", "one"}, {"copy.txt", second}});
@@ -363,7 +363,7 @@ TEST_F(Archives, AreRefusedWhenTheyUnpackToTooMuch) {
   EXPECT_THROW(unpack_archive(archive_, {.file_bytes = 2'500'000}), Error);
   EXPECT_THROW(unpack_archive(archive_, {.total_bytes = 4'000'000}), Error);
   EXPECT_THROW(unpack_archive(archive_, {.expansion = 100, .expansion_from = 1u << 20}), Error);
-  // Each by itself expands less, both together more than the archive may.
+  // Each file is below the limit of expansion, both together are above it.
   EXPECT_THROW(unpack_archive(archive_, {.expansion = 100, .expansion_from = 4'000'000}), Error);
   EXPECT_EQ(temporary_folders(), 0u);
 }
@@ -378,7 +378,7 @@ TEST_F(Archives, AreRefusedWhenTheyAreDamagedAndNothingIsLeft) {
     damaged[i] = static_cast<char>(damaged[i] ^ 0x40);
     std::ofstream(archive_, std::ios::binary) << damaged;
     try {
-      unpack_archive(archive_);  // some bytes tell nothing that matters, such as the time
+      unpack_archive(archive_);  // some bytes have no effect, such as the time
     } catch (const Error&) {
       ++refused;
     }
@@ -459,7 +459,7 @@ TEST(Package, IsRefusedWithAnyByteDamagedOrMissing) {
 }
 
 TEST_F(Archives, AreRefusedForWhatTheyDeclareBeforeAnythingIsUnpacked) {
-  // The text of a gigabyte that is read as a whole, as a megabyte of archive.
+  // A file of 1 GB of text, which is read at once, from 1 MB of archive.
   const fs::path zeros = archive_.parent_path() / "zeros";
   std::ofstream(zeros) << ' ';
   fs::resize_file(zeros, 300u << 20);

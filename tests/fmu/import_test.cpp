@@ -1,4 +1,4 @@
-// Co-Simulation of FMUs that do what ours never do; their sources and models are in fmus/rogue2.c and rogue3.c.
+// Co-Simulation of FMUs with unusual behaviour; their sources and models are in fmus/rogue2.c and rogue3.c.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -97,7 +97,7 @@ TEST_F(Import, PassesRatesOnAsInputDerivatives) {
   instance.variables.at("u").rate[0] = 4;
   EXPECT_EQ(step(instance, 0, 0.5), StepResult::kDone);
   EXPECT_DOUBLE_EQ(real(instance, kPosition), 1 * 0.5 + 4 * 0.125);
-  // The FMU has moved its input on to 3 by itself: 1 must be told again.
+  // The FMU has changed its input to 3 by itself, so 1 must be set again.
   instance.variables.at("u").rate[0] = 0;
   EXPECT_EQ(step(instance, 0.5, 0.5), StepResult::kDone);
   EXPECT_DOUBLE_EQ(real(instance, kPosition), 1.0 + 0.5);
@@ -139,12 +139,12 @@ TEST_F(Import, AsksForTheSlopesOfArraysInFmi3) {
   instance.unit->initialise({});
   real(instance, "u", 0) = 4;
   real(instance, "u", 1) = 5;
-  EXPECT_EQ(run(instance, 0, 0.4, 0.1), StepResult::kDone);  // with an event on the way
+  EXPECT_EQ(run(instance, 0, 0.4, 0.1), StepResult::kDone);  // with an event during the step
   EXPECT_EQ(slope.reals()[0], 4);
   EXPECT_EQ(slope.reals()[1], 5);
 }
 
-// z in front of the others, so that what is asked for after the refusal is asked of another instance.
+// z is first, so that calls after the refusal go to another instance.
 const Edits kSlopesOfSome2 = {
     kSlopes2.front(),
     {"<ModelVariables>",
@@ -267,7 +267,7 @@ TEST_F(Import, TellsWhyInitialisationFails) {
   EXPECT_EQ(step(instance, 0, 0.1), StepResult::kDone);
 }
 
-// fmi2FreeInstance of rogue2.c aborts in this case. What the FMU had allocated is lost, which a sanitizer would report.
+// fmi2FreeInstance of rogue2.c aborts in this case. The memory of the FMU is lost, which a sanitizer would report.
 TEST_F(Import, CallsNothingAfterAFatalError) {
 #ifdef __SANITIZE_ADDRESS__
   const __lsan::ScopedDisabler lost;
@@ -283,7 +283,7 @@ TEST_F(Import, EndsTheRunWhereTheFmuWantsIt) {
   EXPECT_EQ(run(instance, 0, 0.9, 0.1), StepResult::kDone);
   real(instance, "u") = 1;
   EXPECT_EQ(step(instance, 0.9, 0.1), StepResult::kFinished);
-  EXPECT_NEAR(real(instance, kPosition), 0.1, 1e-12);  // what was reached is there
+  EXPECT_NEAR(real(instance, kPosition), 0.1, 1e-12);  // the time that was reached is kept
   EXPECT_THAT([&] { (void)step(instance, 1, 0.1); }, ThrowsMessage<Error>(HasSubstr("ended its simulation")));
 }
 
@@ -321,12 +321,12 @@ TEST_F(Import, BeginsAfreshWithResetOrWithAnotherInstance) {
 }
 
 TEST_F(Import, ContinuesInAFreshInstanceFromASnapshotsBytes) {
-  for (const double u : {0.7, 0.0}) {  // 0 is what a fresh instance has been sent, but not the one whose state it takes
+  for (const double u : {0.7, 0.0}) {  // 0 was already set in a fresh instance, but not in the instance that provides the state
     Instance one = load2(), other = load2();
     one.unit->initialise({});
     real(one, "u") = 0.3;
     ASSERT_EQ(run(one, 0, 0.5, 0.1), StepResult::kDone);
-    real(one, "u") = u;  // set, but not yet seen by the FMU
+    real(one, "u") = u;  // set, but not yet passed to the FMU
     Snapshot snapshot;
     snapshot.take(one.variables, *one.unit);
     const std::vector<std::byte> bytes = snapshot.serialise();
@@ -419,7 +419,7 @@ TEST_F(Import, ShortIntegersHaveTheRangeOfTheirTypeAndNeverWrap) {
   EXPECT_THAT([&] { instance.variables.check_ranges(); }, ThrowsMessage<Error>(HasSubstr("expected -128 to 127")));
 }
 
-// As Roberts of the Reference FMUs has one: it changes the structure and no size.
+// As in Roberts of the Reference FMUs: it changes the structure and no size.
 TEST_F(Import, SetsStructuralParametersThatAreNoSizesInTheConfigurationMode) {
   for (const bool mirrored : {false, true}) {
     LoadOptions options;
@@ -436,7 +436,7 @@ TEST_F(Import, SetsStructuralParametersThatAreNoSizesInTheConfigurationMode) {
   EXPECT_THAT([&] { load3(kPolite3, options); }, ThrowsMessage<Error>(HasSubstr("'mirrored': is Boolean and gives no size")));
 }
 
-// Every step of 10 ms is cut in two, and at 0.3, 0.6 and 0.9 s there is an event.
+// Every step of 10 ms is divided into two, and at 0.3, 0.6 and 0.9 s there is an event.
 TEST_F(Import, ContinuesAfterEarlyReturnsAndHandlesEventsOnTheWay) {
   Instance instance = load3();
   instance.unit->initialise({});
@@ -458,7 +458,7 @@ TEST_F(Import, SetsDiscreteInputsInEventMode) {
   EXPECT_EQ(step(instance, 0.1, 0.01), StepResult::kDone);
 }
 
-// The FMU integrates by the midpoint, where it asks for its inputs: exact for a ramp.
+// The FMU integrates by the midpoint rule and gets its inputs there: exact for a ramp.
 TEST_F(Import, RampsInputsInIntermediateUpdates) {
   Instance instance = load3();
   instance.unit->initialise({});
@@ -477,7 +477,7 @@ TEST_F(Import, AsksForAnEarlyReturnWhereAnIntermediateUpdateIsRefused) {
   Instance instance = load(make_fmu("rogue3", folder_.path(), edits));
   integer(instance, "mode") = kRefusesUpdates3;
   instance.unit->initialise({});
-  EXPECT_EQ(step(instance, 0, 0.1), StepResult::kDone);  // nothing to be set in between
+  EXPECT_EQ(step(instance, 0, 0.1), StepResult::kDone);  // nothing to set in between
   instance.variables.at("u").rate[0] = 1;
   EXPECT_THAT([&] { (void)step(instance, 0.1, 0.1); },
               ThrowsMessage<Error>(::testing::AllOf(HasSubstr("an intermediate update of the step from 0.1 s on failed"),
@@ -546,7 +546,7 @@ TEST_F(Import, EndsWhereAnFmi3FmuTerminates) {
   EXPECT_EQ(run(instance, 0, 2, 0.1), StepResult::kFinished);
 }
 
-// This FMU cannot serialise its states: they stay in it, and snapshots know them by number.
+// This FMU cannot serialise its states: they stay in it, and snapshots refer to them by number.
 TEST_F(Import, RestoresStatesThatStayInTheFmuAsLongAsTheyAreKept) {
   Instance instance = load3(kDiscards3, read_query("rollback=true", {}));
   EXPECT_FALSE(load3(kDiscards3).unit->restorable()) << "it was promised that nothing is restored";
@@ -564,7 +564,7 @@ TEST_F(Import, RestoresStatesThatStayInTheFmuAsLongAsTheyAreKept) {
 }
 
 TEST_F(Import, KeepsStartValuesThatNobodyChangedWhereItBeginsAfresh) {
-  // `y` of rogue2 with a start value: exact, and moved by the steps.
+  // `y` of rogue2 with a start value: exact, and changed by the steps.
   Instance instance =
       load2(kPolite2, {}, {{"initial=\"calculated\"><Real unit=\"m\"/>", "initial=\"approx\"><Real start=\"0\" unit=\"m\"/>"}});
   EXPECT_TRUE(instance.variables.at(kPosition).has_start);
@@ -572,7 +572,7 @@ TEST_F(Import, KeepsStartValuesThatNobodyChangedWhereItBeginsAfresh) {
   instance.unit->initialise({});
   EXPECT_EQ(run(instance, 0, 1, 0.1), StepResult::kDone);
   EXPECT_NEAR(real(instance, kPosition), 1, 1e-12);
-  instance.unit->initialise({});  // would be refused by fmi2SetReal if 1 were taken for a start value
+  instance.unit->initialise({});  // fmi2SetReal would refuse it if 1 were taken for a start value
   EXPECT_EQ(real(instance, kPosition), 0);
 }
 

@@ -1,5 +1,4 @@
-// What a host may do with an exported unit, rightly or wrongly, in both versions of FMI: shown with a unit made for the purpose
-// (probe.h).
+// Correct and incorrect calls of a host to an exported unit, in both versions of FMI, with a unit for this test (probe.h).
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <malloc.h>
@@ -76,7 +75,7 @@ class Interface : public ::testing::TestWithParam<Version> {
   }
 
   TemporaryFolder folder_;
-  std::vector<std::unique_ptr<LoadedFmu>> loaded_;  // all of them, since drivers of an earlier one may be alive
+  std::vector<std::unique_ptr<LoadedFmu>> loaded_;  // all of them, because drivers of an earlier one may still exist
   LoadedFmu* fmu_ = nullptr;                        // the last
   std::unique_ptr<Unit> unit_;
   Variables variables_;
@@ -372,7 +371,7 @@ TEST_P(Interface, TellsThatTheUnitAsksForTheEndOfTheRun) {
   EXPECT_EQ(d.step(0, 0.5), kOk);
   EXPECT_FALSE(d.terminated());
   EXPECT_EQ(set<std::int32_t>(d, "demand", {5}), kOk);
-  EXPECT_EQ(d.step(0.5, 0.5), GetParam() == Version::k2 ? kDiscardStatus : kOk);  // FMI 2 has no other way to say it
+  EXPECT_EQ(d.step(0.5, 0.5), GetParam() == Version::k2 ? kDiscardStatus : kOk);  // FMI 2 cannot express it otherwise
   EXPECT_TRUE(d.terminated());
   EXPECT_EQ(d.reached(), 1.0);
   EXPECT_THAT(get<std::int32_t>(d, "steps"), ElementsAre(2)) << "this step was made";
@@ -393,7 +392,7 @@ TEST_P(Interface, KeepsExactTimeForAHostThatAddsUpItsSteps) {
   Driver d(*fmu_);
   d.initialise();
   double t = 0;
-  for (int i = 0; i < 100'000; ++i) {  // t is 1.3e-9 s off in the end
+  for (int i = 0; i < 100'000; ++i) {  // the sum is 1.3e-9 s off at the end
     ASSERT_EQ(d.step(t, 1e-3), kOk) << d.last_message();
     ASSERT_THAT(get<std::int32_t>(d, "h"), ElementsAre(1'000'000)) << "step " << i;
     t += 1e-3;
@@ -447,7 +446,7 @@ TEST_P(Interface, RefusesStepsThatGoNowhereOrStartElsewhereOrPassTheEnd) {
   EXPECT_EQ(backwards.enter_initialisation(2, 1.0), kErrorStatus);
 }
 
-/// What only FMI 2 has.
+/// FMI 2 only.
 class InterfaceOfFmi2 : public Interface {};
 
 TEST_P(InterfaceOfFmi2, FollowsInputDerivatives) {
@@ -479,11 +478,11 @@ TEST_P(InterfaceOfFmi2, LeavesOutInputDerivativesThatItCannotFollowAndSaysSoOnce
   EXPECT_THAT(get<double>(d, "x"), ElementsAre(2, 4, 6));  // ½ slope · t², the slope of order 1
 }
 
-/// What only FMI 3 has.
+/// FMI 3 only.
 class InterfaceOfFmi3 : public Interface {};
 
 TEST_P(InterfaceOfFmi3, FollowsAnInputWhoseSlopeIsAnInput) {
-  const unsigned slope = static_cast<unsigned>(variables_.size()) + 1;  // behind all others, of which the first is time
+  const unsigned slope = static_cast<unsigned>(variables_.size()) + 1;  // after all others, of which the first is time
   std::ifstream in(fmu_->folder() / "modelDescription.xml");
   const std::string description(std::istreambuf_iterator<char>(in), {});
   EXPECT_THAT(description, HasSubstr("name=\"der(u)\" valueReference=\"" + std::to_string(slope) + "\""));
@@ -497,7 +496,7 @@ TEST_P(InterfaceOfFmi3, FollowsAnInputWhoseSlopeIsAnInput) {
   EXPECT_EQ(d.save(&state), kOk);
   EXPECT_EQ(d.set(std::vector<unsigned>{slope}, std::span<const double>(std::vector<double>(3, 0.0))), kOk);
   EXPECT_EQ(d.restore(state), kOk);
-  EXPECT_EQ(d.step(2, 2), kOk);  // from u again, as it is still 0, with the slope that the state has
+  EXPECT_EQ(d.step(2, 2), kOk);  // continues from u, which is still 0, with the slope of the state
   EXPECT_THAT(get<double>(d, "x"), ElementsAre(4, 8, 12));
 }
 
@@ -541,7 +540,7 @@ TEST_P(Interface, HandsAStateOnToAFreshInstanceAsBytes) {
   ASSERT_FALSE(bytes.empty());
   EXPECT_EQ(d.step(1, 1), kOk);
 
-  Driver fresh(*fmu_);  // in which limit is still 1, and whatever the unit derives from it
+  Driver fresh(*fmu_);  // in which limit is still 1, and all values that the unit derives from it
   void* taken = nullptr;
   ASSERT_EQ(fresh.deserialise(bytes, &taken), kOk) << fresh.last_message();
   ASSERT_EQ(fresh.restore(taken), kOk) << fresh.last_message();
@@ -559,7 +558,7 @@ TEST_P(Interface, HandsAStateOnToAFreshInstanceAsBytes) {
   EXPECT_EQ(d.step(0, 1), kOk);
 }
 
-// With a hash that is right: of a unit that never was initialised nothing agrees with its variables.
+// With a correct hash: the state of a unit that was never initialised, whose values do not agree with its variables.
 TEST_P(Interface, RefusesAStateThatStepsWithoutBeingInitialised) {
   constexpr std::size_t kHash = 8, kBody = 16, kInitialised = 28;
   Driver d(*fmu_);
@@ -627,14 +626,14 @@ TEST_P(Interface, GivesHundredsOfInstancesThatShareNothing) {
 TEST_P(Interface, GivesEverythingBackWhenItIsUnloaded) {
   if (std::string(COTWIN_SANITIZERS).size() > 0) GTEST_SKIP() << "the sanitizer's heap tells nothing";
   const std::filesystem::path archive = fmu_->archive();
-  loaded_.clear();  // a library is unloaded when nobody uses it any more
+  loaded_.clear();  // a library is unloaded when it is no longer used
   const auto load = [&] {
     LoadedFmu fmu(archive, "probe", GetParam());
     Driver d(fmu);
     d.initialise();
     void* state = nullptr;
     static_cast<void>(d.step(0, 1));
-    static_cast<void>(d.step(0, 1));  // an error, for which an exception is thrown inside
+    static_cast<void>(d.step(0, 1));  // an error that is thrown as an exception inside
     static_cast<void>(d.save(&state));
   };
   load();

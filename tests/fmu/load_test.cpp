@@ -1,4 +1,4 @@
-// What is loaded: hostile archives, what an FMU lacks, and that nothing is left behind.
+// Loading: hostile archives, missing parts of FMUs, and no files left behind.
 #include <dirent.h>
 #include <fcntl.h>
 #include <gmock/gmock.h>
@@ -105,7 +105,7 @@ TEST_F(Load, TakesAnUnpackedFolderToo) {
 }
 
 TEST_F(Load, ReadsItsSettingsFromAQuery) {
-  EXPECT_EQ(read_query("stop=-1", {}).stop, -1);  // of a run that begins before 0
+  EXPECT_EQ(read_query("stop=-1", {}).stop, -1);  // of a run that starts before 0
   const LoadOptions o = read_query("kind=me&process=own&timeout=2.5&tolerance=1e-4&locals=false&structural.n=4", {});
   EXPECT_EQ(o.kind, "me");
   EXPECT_EQ(o.process, "own");
@@ -215,7 +215,7 @@ TEST_F(Load, LeaksNeitherMemoryNorFilesNorFoldersInAThousandLoads) {
   refused.instance_name = "refused";
   const auto round = [&] {
     for (const fs::path& path : {rogue, ball}) {
-      Instance instance = load(path, read_query("rollback=true", {}));  // the ball's states stay in it
+      Instance instance = load(path, read_query("rollback=true", {}));  // the states of the ball stay in it
       instance.unit->initialise({});
       Snapshot snapshot;
       snapshot.take(instance.variables, *instance.unit);
@@ -230,7 +230,7 @@ TEST_F(Load, LeaksNeitherMemoryNorFilesNorFoldersInAThousandLoads) {
   for (int i = 0; i < rounds; ++i) round();
   EXPECT_EQ(open_files(), files);
   EXPECT_EQ(temporary_folders(), folders);
-  EXPECT_LT(mallinfo2().uordblks, heap + 20'000);  // a load that loses a byte per variable would lose more
+  EXPECT_LT(mallinfo2().uordblks, heap + 20'000);  // a leak of one byte per variable would exceed it
 }
 
 TEST_F(Load, WorksFromSeveralThreadsAtOnce) {
@@ -252,7 +252,7 @@ TEST_F(Load, WorksFromSeveralThreadsAtOnce) {
   for (std::size_t t = 0; t < results.size(); ++t) EXPECT_NEAR(results[t], static_cast<double>(t), 1e-10);
 }
 
-// The loader of the system would end the program by SIGBUS, or say that there is no such file.
+// The dynamic loader would end the program with SIGBUS, or report a missing file.
 TEST_F(Load, RefusesALibraryThatIsCutShortOrForAnotherMachine) {
   const std::string xml = description_of("rogue2");
   const std::string library = read_text(fs::path(places::foreign_libraries()) / "rogue2.so");
@@ -311,7 +311,7 @@ TEST(Elf, TellsWhatALibraryShowsAndNeeds) {
   EXPECT_THAT(elf.oldest_glibc, ::testing::StartsWith("2."));
 }
 
-// This program needs the C++ run-time library, and glibc as new as the machine it was linked on.
+// This program needs the C++ run-time library, and the glibc of the machine on which it was linked.
 TEST(Elf, TellsTheGreatestVersionOfEachNameAsObjdumpDoes) {
   const fs::path program = fs::read_symlink("/proc/self/exe");
   const ElfLibrary elf = read_elf(program);

@@ -1,4 +1,4 @@
-// The model of fmus/ball.h, integrated by us, in both versions of FMI; its solutions are closed forms.
+// The model of fmus/ball.h, integrated by Cotwin, in both versions of FMI; its solutions are closed forms.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -17,7 +17,7 @@ using ::testing::ThrowsMessage;
 
 constexpr double kTolerance = 1e-8;
 
-/// Height of a ball dropped from 1 m at time t, and the number of bounces up to then.
+/// Height at time t of a ball dropped from 1 m, and the number of bounces before.
 std::pair<double, int> ball(double t, double g, double e) {
   double bounce = std::sqrt(2 / g), v = std::sqrt(2 * g);  // first impact, and its speed
   if (t < bounce) return {1 - 0.5 * g * t * t, 0};
@@ -37,7 +37,7 @@ class ModelExchange : public ::testing::TestWithParam<const char*> {
   Instance load_ball(const Edits& edits = {}) {
     LoadOptions options;
     options.tolerance = kTolerance;
-    options.rollback = true;  // its states stay in it
+    options.rollback = true;  // the states stay in the FMU
     return load(make_fmu(GetParam(), folder_.path(), edits), options);
   }
   TemporaryFolder folder_;
@@ -51,7 +51,7 @@ TEST_P(ModelExchange, FindsTheImpactsOfABall) {
   for (int i = 0; i < 40; ++i) {
     ASSERT_EQ(step(instance, i * 0.05, 0.05), StepResult::kDone);
     const auto [h, bounces] = ball((i + 1) * 0.05, 9.81, 0.7);
-    EXPECT_NEAR(real(instance, "h"), h, 1e-5) << i;  // an impact found late by δ costs v δ
+    EXPECT_NEAR(real(instance, "h"), h, 1e-5) << i;  // an impact that is detected late by δ has an error of v δ
     EXPECT_EQ(integer(instance, "bounces"), bounces) << i;
   }
   EXPECT_GE(integer(instance, "bounces"), 3);

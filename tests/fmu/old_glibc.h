@@ -10,8 +10,8 @@
 
 namespace cotwin::fmu::testing {
 
-/// That a library which `cotwin pack` puts into an FMU loads wherever glibc is 2.28 or newer, and needs nothing beside glibc.
-/// `symbols`: what `objdump -T` says of it, the second reader.
+/// Checks that a library which `cotwin pack` puts into an FMU loads with glibc 2.28 or newer and needs no other library.
+/// `symbols`: output of `objdump -T`, as a second reader.
 inline void expect_loads_with_old_glibc(const std::filesystem::path& library, const std::string& symbols) {
   constexpr const char* kOldest = "2.28";
   const ElfLibrary elf = read_elf(library);
@@ -26,7 +26,7 @@ inline void expect_loads_with_old_glibc(const std::filesystem::path& library, co
   for (std::string word; words >> word;) {
     const std::string name = "GLIBC_";
     const std::size_t at = word.find(name);
-    if (at > 1) continue;  // "GLIBC_2.4" or, of another library's, "(GLIBC_2.4)"
+    if (at > 1) continue;  // "GLIBC_2.4" or, for another library, "(GLIBC_2.4)"
     const std::string version = word.substr(at + name.size(), word.find(')') - at - name.size());
     if (older_version(greatest, version)) greatest = version;
   }

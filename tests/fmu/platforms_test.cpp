@@ -1,4 +1,4 @@
-// The FMUs for Windows and for ARM, as scripts/cross.sh builds them, played there (wine, qemu) and here by the same script
+// Runs the FMUs for Windows and ARM, as built by scripts/cross.sh, there (wine, qemu) and here with the same script
 // (player/player.c): every unit with all of its variants, and a scenario as one FMU.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -36,19 +36,19 @@ namespace fs = std::filesystem;
 using testing::Subject;
 
 constexpr int kSteps = 100;
-constexpr int kSaved = 40;      // the step before which the state is saved
+constexpr int kSaved = 40;      // the state is saved before this step
 constexpr double kStep = 1e-3;  // s
 
-/// What differs from platform to platform is the C library (sin, exp, pow … to an ulp or two) and the kernels' fused
-/// multiply-add. An adaptive method may take other steps for it, with other errors: below 1e-9 was seen, in accelerations,
-/// where 3e-10 rad and 2e-7 rad/s are allowed.
+/// Platforms differ in the C library (sin, exp, pow … by an ulp or two) and in the kernels' fused multiply-add. An adaptive
+/// method may choose other steps, with other errors: up to 1e-9 was measured in accelerations, where 3e-10 rad and 2e-7 rad/s
+/// are allowed.
 constexpr double kRounding = 1e-8;
 
 struct Platform {
-  std::string name;     // as cross.sh and FMI 2 name it
-  std::string tuple;    // as FMI 3 does
+  std::string name;     // name in cross.sh and FMI 2
+  std::string tuple;    // name in FMI 3
   std::string player;   // below the folder of the cross builds
-  std::string command;  // that runs a program of this platform here
+  std::string command;  // runs a program of this platform here
 };
 
 void PrintTo(const Platform& platform, std::ostream* out) { *out << platform.name; }
@@ -72,7 +72,7 @@ fs::path player(const Platform& platform) {
   return platform.name == here().name ? fs::path(COTWIN_PLAYER) : cross() / platform.player;
 }
 
-/// Why the platform cannot be tried, "" if it can.
+/// The reason why the platform cannot be tested; "" if it can.
 std::string obstacle(const Platform& platform) {
   if (platform.tuple == own_platform()) return "is this machine's own";
   if (std::string(COTWIN_SANITIZERS).size() > 0) return "the player is built without sanitizers, this build with them";
@@ -87,7 +87,7 @@ std::string obstacle(const Platform& platform) {
   return "";
 }
 
-/// Whether the cross build made the library of that name: it may have been asked for some only.
+/// Whether the cross build made the library of that name: it may have been restricted to some.
 bool was_built(const Platform& platform, const std::string& name) {
   std::ifstream in(cross() / platform.name / "built");
   std::set<std::string> names;
@@ -97,16 +97,16 @@ bool was_built(const Platform& platform, const std::string& name) {
   return names.empty() || names.contains(name);
 }
 
-/// What the tuner's swarm finds differs from platform to platform: it goes on by comparisons, and a tenth of a second of smooth
-/// motion leaves so much open (condition 2e7) that inputs changed by 1e-16 move its masses as much on one machine. Compared is
-/// what the samples alone determine, and when the tunings were told.
+/// The result of the tuner's swarm differs between platforms: it depends on comparisons, and a tenth of a second of smooth
+/// motion leaves so much undetermined (condition 2e7) that inputs changed by 1e-16 change its masses as much on one machine.
+/// Compared are the values that the samples alone determine, and the times of the results.
 bool is_compared(const std::string& source, const ModelVariable& v) {
   static const std::set<std::string> determined = {"rms_prior", "rms_floor", "rank",    "samples",
                                                    "tunings",   "late",      "skipped", "warning"};
   return !source.starts_with("unit:tuner") || determined.contains(v.name.substr(0, v.name.find('[')));
 }
 
-/// The path as programs of the platform know it: wine shows this machine's files as its drive Z.
+/// The path as programs of the platform see it: wine shows this machine's files as drive Z.
 std::string native(const Platform& platform, const fs::path& path) {
   if (platform.name != "win64") return path.string();
   std::string text = "Z:" + path.string();
@@ -120,7 +120,7 @@ std::string bits(double value) {
   return digits;
 }
 
-/// One FMU, unpacked, and what is read of it.
+/// One unpacked FMU, and the variables that are read.
 struct Piece {
   std::string source;
   fs::path folder;
@@ -142,14 +142,14 @@ class Played : public ::testing::TestWithParam<std::tuple<Platform, Version>> {
   void SetUp() override {
     const std::string why = obstacle(platform());
     if (why.empty()) return;
-    // Where libraries were built to be tried (.ci/run), a skip would hide that they were not.
+    // Where libraries were built for this test (.ci/run), skipping it would hide that they are missing.
     const bool required = std::getenv("COTWIN_REQUIRE_PLATFORMS") != nullptr && platform().tuple != own_platform() &&
                           std::string(COTWIN_SANITIZERS).empty();
     if (required) FAIL() << why;
     GTEST_SKIP() << why;
   }
 
-  /// Packs for this machine and for the platform, and unpacks into a folder whose name no code page can spell.
+  /// Packs for this machine and for the platform, and unpacks into a folder whose name cannot be written in any code page.
   Piece piece(const std::string& source, const std::function<void(const std::vector<std::string>&, const fs::path&)>& pack) {
     const fs::path archive = folder_.path() / (std::to_string(pieces_) + ".fmu");
     pack({here().name, platform().name}, archive);
@@ -161,18 +161,18 @@ class Played : public ::testing::TestWithParam<std::tuple<Platform, Version>> {
       if (v.type == Type::kFloat64 && v.causality == Causality::kInput) piece.inputs.push_back(&v);
       if (!is_compared(source, v)) continue;
       if (v.type == Type::kFloat64 && (output || v.causality == Causality::kLocal)) piece.reals.push_back(&v);
-      // Most integers count what a solver did, which rounding may change.
+      // Most integers count solver steps, which rounding may change.
       const bool counts_samples = v.type == Type::kInt32 && source.starts_with("unit:tuner");
       if ((v.type == Type::kBoolean || v.type == Type::kString || counts_samples) && output) piece.others.push_back(&v);
     }
     return piece;
   }
 
-  /// Plays the script and gives the lines of what it reads.
+  /// Plays the script and returns the lines of its output.
   std::vector<std::string> play(const Platform& where, const std::string& script) const {
     const fs::path file = folder_.path() / (where.name + ".txt");
     std::ofstream(file) << script;
-    // One process at a time in wine's folder, which is made by the first.
+    // One process at a time in wine's folder, which the first one creates.
     std::vector<std::string> command = cotwin::testing::words(where.command);
     if (where.command == "wine") command.insert(command.begin(), {"flock", std::string(COTWIN_WINE_FOLDER) + ".lock"});
     command.insert(command.end(), {player(where), native(where, file)});
@@ -195,7 +195,7 @@ void append_references(std::ostream& out, const std::vector<const ModelVariable*
   for (const ModelVariable* v : variables) out << ' ' << v->reference;
 }
 
-/// Inputs as smooth and small as those of the other tests, in bits.
+/// Inputs as smooth and small as those of the other tests, as bits.
 void append_excitation(std::ostream& out, const Piece& piece, int number) {
   if (piece.inputs.empty()) return;
   out << "set";
@@ -221,8 +221,8 @@ void append_steps(std::ostream& out, const Piece& piece, int begin, int end) {
   }
 }
 
-/// An instance that must find its resources by itself; then a run with the state saved on its way; then the rest of it once
-/// more, in a fresh instance from the state's bytes.
+/// An instance without a resource path; then a run that saves its state; then the rest of the run in a fresh instance from the
+/// bytes of the state.
 std::string script_of(const Piece& piece, const Platform& where) {
   const bool two = piece.description.version == Version::k2;
   std::ostringstream out;
@@ -261,10 +261,10 @@ std::vector<double> reals(const std::string& line) {
   return values;
 }
 
-/// Below this (of its SI measure) a variable is what a solver leaves over, and its digits are noise.
+/// Below this value (in its SI unit) a variable is an error of the solver, and its digits are noise.
 constexpr double kNoise = 1e-3;
 
-/// The largest difference of any real variable over the run, in units of the variable's largest value in it, or of kNoise.
+/// The largest difference of any real variable over the run, relative to the variable's largest value in the run or kNoise.
 struct Difference {
   double value = 0;
   std::string variable;
@@ -326,7 +326,7 @@ TEST_P(Played, GivesWhatItGivesHereToRounding) {
     SCOPED_TRACE(p.source);
     const bool resumed = p.description.co_simulation->can_serialise_state;
     const std::size_t length = kSteps + p.others.size() + (resumed ? kSteps - kSaved : 0);
-    if (std::min(seen.size(), expected.size()) < line + length) break;  // it stopped here: see what it said
+    if (std::min(seen.size(), expected.size()) < line + length) break;  // it stopped here: see its output
     const std::span a = std::span(expected).subspan(line), b = std::span(seen).subspan(line);
     const Difference found = difference(p, a, b);
     EXPECT_LT(found.value, kRounding) << found.variable;
@@ -350,7 +350,7 @@ INSTANTIATE_TEST_SUITE_P(Platforms, Played,
                          ::testing::Combine(::testing::ValuesIn(platforms()), ::testing::Values(Version::k2, Version::k3)),
                          name_of_play);
 
-// What packing does for other platforms, whether or not there are libraries for them here.
+// Packing for other platforms, whether or not there are libraries for them here.
 
 class PackedForPlatforms : public ::testing::Test {
  protected:
@@ -381,7 +381,7 @@ TEST_F(PackedForPlatforms, CallsTheirFoldersAsTheVersionOfFmiDoes) {
     put(file, "library");
   const std::vector<std::string> fmi2 = {"linux64", "win64", "aarch64-linux"},
                                  fmi3 = {"x86_64-linux", "x86_64-windows", "aarch64-linux"};
-  for (const auto& asked : {fmi2, fmi3}) {  // in the words of either
+  for (const auto& asked : {fmi2, fmi3}) {  // in the terms of either
     EXPECT_THAT(names(request(Version::k2, asked)),
                 ::testing::IsSupersetOf({"binaries/linux64/compliance.so", "binaries/win64/compliance.dll",
                                          "binaries/aarch64-linux/compliance.so"}));  // FMI 2.0.4, clause 2.3
@@ -451,20 +451,20 @@ TEST_F(PackedForPlatforms, RepeatsWhyAUnitWasLeftOut) {
               ::testing::HasSubstr("the unit compliance is left out"));
 }
 
-/// A DLL with the import and the export table alone, written by Microsoft's "PE Format": one section, whose addresses are its
-/// offsets in the file plus 0x1000.
+/// A DLL that has only an import and an export table, written according to Microsoft's "PE Format": one section, whose
+/// addresses are its offsets in the file plus 0x1000.
 class Dll {
  public:
   explicit Dll(std::uint16_t machine = 0x8664) : bytes_(0x400, '\0') {
     put<std::uint16_t>(0, 0x5a4d);     // "MZ"
-    put<std::uint32_t>(0x3c, 0x80);    // the signature's place
+    put<std::uint32_t>(0x3c, 0x80);    // offset of the signature
     put<std::uint32_t>(0x80, 0x4550);  // "PE"
     put<std::uint16_t>(0x84, machine);
     put<std::uint16_t>(0x86, 1);             // sections
-    put<std::uint16_t>(0x94, 240);           // optional header, bytes
+    put<std::uint16_t>(0x94, 240);           // bytes of the optional header
     put<std::uint16_t>(0x96, 0x2022);        // a DLL
     put<std::uint16_t>(0x98, 0x20b);         // 64 bits
-    put<std::uint32_t>(0x98 + 108, 16);      // directories
+    put<std::uint32_t>(0x98 + 108, 16);      // number of directories
     put<std::uint32_t>(0x98 + 112, 0x1200);  // exports
     put<std::uint32_t>(0x98 + 120, 0x1280);  // imports
     put<std::uint32_t>(0x188 + 12, 0x1000);  // the section: address, size, place

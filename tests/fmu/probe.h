@@ -10,8 +10,7 @@
 #include "components/unit/settings.h"
 #include "components/unit/unit.h"
 
-/// A unit that shows what the FMI layer does with one: it has a variable of every kind and role, and does on demand what others
-/// do in need.
+/// A unit for tests of the FMI layer: it has a variable of every kind and role, and fails on demand.
 namespace cotwin::probe {
 
 class Probe final : public Unit {
@@ -82,7 +81,7 @@ class Probe final : public Unit {
   bool on_ = true, moved_ = false;
   std::string word_ = "start", echo_, name_ = "probe";
   double held_ = 0;
-  double limit_ = 1, cached_limit_ = 0;  // the latter is what a unit derives from its fixed parameters
+  double limit_ = 1, cached_limit_ = 0;  // derived from fixed parameters
 };
 
 }  // namespace cotwin::probe

@@ -24,7 +24,7 @@ using ::testing::ThrowsMessage;
 
 enum { kPolite, kError, kCrash, kHang };
 
-// A sanitizer's handler makes an exit of a signal.
+// A sanitizer's handler turns a signal into an exit.
 constexpr bool kSanitized = std::string_view(COTWIN_SANITIZERS) != "";
 
 class OwnProcess : public ::testing::Test {
@@ -92,7 +92,7 @@ TEST_F(OwnProcess, TurnsACrashIntoAnErrorAndCanBeginAfresh) {
       [&] { (void)step(instance, 0.9, 0.1); },
       ThrowsMessage<Error>(AnyOf(HasSubstr("rogue2.fmu: the FMU's own process was ended by signal 11 (Segmentation fault)"),
                                  HasSubstr("exited with status"))));  // the latter by a sanitizer's handler
-  EXPECT_NEAR(real(instance, kPosition), 0.9, 1e-12);                 // what was known before stays known
+  EXPECT_NEAR(real(instance, kPosition), 0.9, 1e-12);                 // known values stay known
   EXPECT_THAT([&] { (void)step(instance, 0.9, 0.1); }, ThrowsMessage<Error>(HasSubstr("has ended")));
   integer(instance, "mode") = kPolite;
   instance.unit->initialise({});
@@ -141,13 +141,13 @@ TEST_F(OwnProcess, LeavesNoProcessFileOrFolderBehind) {
   EXPECT_FALSE(has_children());
 }
 
-// The hanging FMU of a program that is killed ends with it.
+// If a program is killed, its hanging FMU ends, too.
 TEST_F(OwnProcess, EndsWithItsParent) {
   int ends[2];
   ASSERT_EQ(pipe(ends), 0);
   const pid_t parent = fork();
   if (parent == 0) {
-    close(ends[0]);  // the other end stays open here, and in no child of this
+    close(ends[0]);  // the other end stays open here, and in no child of this process
     Instance instance = load_rogue(kHang, 1000);
     instance.unit->initialise({});
     std::thread([] { std::this_thread::sleep_for(std::chrono::milliseconds(300)), kill(getpid(), SIGKILL); }).detach();
@@ -159,7 +159,7 @@ TEST_F(OwnProcess, EndsWithItsParent) {
   ASSERT_EQ(waitpid(parent, &status, 0), parent);
   EXPECT_TRUE(WIFSIGNALED(status));
   std::size_t left = 1;
-  for (int i = 0; i < 100 && left > 0; ++i) {  // the child notices on its own time
+  for (int i = 0; i < 100 && left > 0; ++i) {  // the child notices it after some time
     left = 0;
     for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
       const std::string name = entry.path().filename().string();
@@ -178,7 +178,7 @@ TEST_F(OwnProcess, EndsWithItsParent) {
   close(ends[0]);
 }
 
-// A program that has threads may be in the middle of anything in them, an allocation, say.
+// When a program with threads forks, another thread may hold a lock, for example during an allocation.
 TEST_F(OwnProcess, BeginsWhateverOtherThreadsAreDoing) {
   std::atomic<bool> stop{false};
   std::thread busy([&] {
@@ -199,7 +199,7 @@ TEST_F(OwnProcess, SaysWhichProgramItIsWithout) {
   unsetenv("COTWIN_FMU_HOST");
 }
 
-/// What harm2 does, in which function, and what is told of it.
+/// The fault of harm2, the function, and the expected message.
 struct Harm {
   const char *what, *where, *told;
 };
@@ -249,9 +249,9 @@ TEST_P(AnyHarm, IsAnErrorThatSaysHowAndInWhichFunctionAndTheNextAttemptBeginsAfr
   }
   EXPECT_THAT(told, HasSubstr(GetParam().where == std::string("load") ? "the loading of its library" : GetParam().where));
   if (GetParam().where == std::string("fmi2DoStep")) {
-    EXPECT_NEAR(reached, 0.5, 1e-12);  // what was known before stays known
+    EXPECT_NEAR(reached, 0.5, 1e-12);  // known values stay known
   }
-  const bool lives = told.find("threw an exception") != std::string::npos;  // then the process is as good as before
+  const bool lives = told.find("threw an exception") != std::string::npos;  // then the process is usable as before
   EXPECT_EQ(has_children(), lives && instance.unit);
 
   choose({"nothing", "nowhere", ""});

@@ -14,8 +14,8 @@
 #include "tests/support/places.h"
 #include "tests/support/unit_sources.h"
 
-/// The exported units that tests walk through: all of the generated table, with settings and start values from
-/// tests/components/properties, as in unit_properties_test.cpp.
+/// The exported units under test: all of the generated table, with settings and start values from tests/components/properties,
+/// as in unit_properties_test.cpp.
 namespace cotwin::fmu::testing {
 
 using cotwin::testing::properties_folder;

@@ -1,4 +1,4 @@
-// A whole scenario as one FMU, held against the run of the scenario in the master: example 02, shortened, with an event.
+// A whole scenario as one FMU, compared with the run of the scenario in the master: example 02, shortened, with an event.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -59,7 +59,7 @@ Master master_of(const Scenario& scenario) {
   return Master(scenario, std::move(options));
 }
 
-/// The unit that an FMU of the scenario holds, built without packing.
+/// The unit inside the FMU of a scenario, built without packing.
 struct InProcess {
   std::unique_ptr<Twin> unit;
   Variables variables;
@@ -190,7 +190,7 @@ TEST_P(TwinFmu, GivesTheBitsOfTheRun) {
     if (i % 50 == 0 || i > 880) expect_same(d, master, "after tick " + std::to_string(i));
   }
   EXPECT_FALSE(master.step_tick());
-  step(d, 900, 910);  // the scenario's end is not the FMU's
+  step(d, 900, 910);  // the scenario's stop time is not that of the FMU
 }
 
 TEST_P(TwinFmu, TakesInputsAndTunablesFromOutside) {
@@ -216,7 +216,7 @@ TEST_P(TwinFmu, TakesInputsAndTunablesFromOutside) {
 }
 
 TEST_P(TwinFmu, GoesOnFromASavedStateHereAndInAFreshInstance) {
-  for (const int at : {100, 400}) {  // before the scenario's event, and while its ramp is under way
+  for (const int at : {100, 400}) {  // before the scenario's event, and during its ramp
     Driver d(*fmu_);
     d.initialise();
     step(d, 0, at);
@@ -305,7 +305,7 @@ TEST(TwinUnit, HasAsOutputsWhatTheScenarioRecordsAndAsInputsWhatNothingFeeds) {
   EXPECT_EQ(role("drive.tau_J"), Role::kOutput);  // recorded
   EXPECT_EQ(role("drive.dq"), Role::kState);      // an output that is not
   EXPECT_EQ(role("drive.tau_e"), Role::kInput);   // open
-  EXPECT_EQ(role("drive.tau_m"), Role::kState);   // fed
+  EXPECT_EQ(role("drive.tau_m"), Role::kState);   // connected
   EXPECT_EQ(role("drive.K"), Role::kParameter);
   EXPECT_EQ(role("compliance.omega"), Role::kTunable);
   EXPECT_EQ(twin.variables.at("drive.tau_J").si, "N.m");
@@ -323,7 +323,7 @@ TEST(TwinUnit, AllocatesNothingInAStep) {
 
 TEST(TwinUnit, MakesItsEventsAtTheTimesOfAHostThatStartsElsewhere) {
   Scenario later = example();
-  later.start = Time{230 * kTick};  // one event is past, the other to come
+  later.start = Time{230 * kTick};  // after the first event and before the second
   Master master = master_of(later);
   master.initialise();
   InProcess twin(example());
@@ -382,14 +382,14 @@ TEST(TwinPackage, KeepsWhatTheScenarioSaysAndRefusesDamagedBytes) {
   }
 }
 
-/// A recording that says what the robot did, seen by a compliance.
+/// A recording that contains the motion of the robot, connected to a compliance.
 Scenario with_a_file() {
   Scenario scenario;
   scenario.name = "recorded";
   scenario.stop = Time{100 * kTick};
   scenario.settings = {{"robot", "lwr4"}};
   ComponentSpec recording;
-  recording.name = "the recording";  // blanks are not for names of variables
+  recording.name = "the recording";  // names of variables have no blanks
   recording.source = "unit:io";
   for (const ParameterValue& value : load_parameter_set(folders()[0] / "io.ssv").values) {
     recording.start_values.push_back(value);

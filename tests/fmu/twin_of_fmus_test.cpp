@@ -1,4 +1,5 @@
-// A scenario whose components are FMUs, ours and strangers', as one FMU: held against the run of the scenario in the master.
+// A scenario whose components are FMUs of Cotwin and foreign FMUs, as one FMU: compared with the run of the scenario in the
+// master.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -68,20 +69,20 @@ ComponentSpec component(const std::string& name, const std::string& source) {
   return spec;
 }
 
-/// Example 02 with its drive as an FMU, in the folder that the FMU lies in.
+/// Example 02 with its drive as an FMU, in the folder of this FMU.
 Scenario with_our_fmu(const fs::path& folder, Version version) {
   Scenario scenario = load_scenario(fs::path(places::source()) / "examples/02_free_motion_lwr4/twin.ssd");
   pack_drive_train(version, folder / "drive.fmu");
   scenario.stop = Time::from_seconds(0.7);  // the motion begins at 0.5 s
   for (ComponentSpec& spec : scenario.components) {
-    // The other sources are settings and names; files of the scenario's folder are not among them.
+    // The other sources are settings and names, not files of the scenario's folder.
     if (spec.name == "drive") spec.source = "drive.fmu";
   }
   scenario.folder = folder;
   return scenario;
 }
 
-/// The same with strangers beside it: FMI 2 Co-Simulation with the names and measures that ours never have, FMI 3
+/// The same with foreign FMUs: FMI 2 Co-Simulation with names and units of measure that Cotwin never exports, FMI 3
 /// Co-Simulation with event mode, and FMI 3 Model Exchange, one of them twice.
 Scenario with_strangers(const fs::path& folder, Version version) {
   Scenario scenario = with_our_fmu(folder, version);
@@ -97,7 +98,7 @@ Scenario with_strangers(const fs::path& folder, Version version) {
   return scenario;
 }
 
-/// All variables of a scenario's FMU in the order of its components' variables, and a master beside it.
+/// All variables of a scenario's FMU in the order of its components' variables, and a master for comparison.
 class Pair {
  public:
   Pair(const Scenario& scenario, Version version, const fs::path& archive)
@@ -398,7 +399,7 @@ TEST(TwinOfFmusArchive, TellsTheHostWhichFmuIsMissing) {
   EXPECT_THAT(without.last_message(), HasSubstr("component 'a': rogue2.fmu: there is no folder resources/rogue2.fmu"));
 }
 
-/// rogue2 as a folder, whose instances called "only one" refuse to be two.
+/// rogue2 as a folder. It refuses a second instance called "only one".
 Scenario with_only_one(const fs::path& folder) {
   const fmu::TemporaryFolder unpacked = fmu::unpack_archive(make_fmu("rogue2", folder));
   fs::create_directories(folder / "unpacked");
@@ -488,7 +489,8 @@ fmu::ForeignPackage package_of(const std::string& name) {
   return package;
 }
 
-/// 8 bytes of kind and version, 8 of hash, and what this hash is of: so that it is not the hash that refuses damaged bytes.
+/// 8 bytes of kind and version, 8 of hash, and the data of this hash: so that damaged bytes are not refused because of the
+/// hash.
 constexpr std::size_t kHead = 2 * sizeof(std::uint64_t);
 std::string with_fresh_hash(std::string bytes) {
   const std::uint64_t hash = hash_of(std::string_view(bytes).substr(kHead));
@@ -499,14 +501,14 @@ std::string with_number(std::string bytes, std::size_t at, std::uint64_t number)
   std::memcpy(bytes.data() + at, &number, std::min(sizeof number, bytes.size() - at));
   return with_fresh_hash(std::move(bytes));
 }
-/// The first text `from` with its length, as `to`.
+/// `to` replaces the first text `from`, including its length.
 std::string with_text(const std::string& bytes, const std::string& from, const std::string& to) {
   ByteWriter before, after;
   before.text(from);
   after.text(to);
   return with_fresh_hash(fmu::testing::replaced(bytes, before.bytes(), after.bytes()));
 }
-/// Where the bytes of a package begin to differ when `change` is made to it.
+/// The first byte of a package that differs after `change`.
 template <class Change>
 std::size_t place_of(const fmu::ForeignPackage& package, Change change) {
   fmu::ForeignPackage other = package;
@@ -573,7 +575,7 @@ TEST(ForeignPackage, WithADamageBehindItsHashIsRefusedOrCanBeBuilt) {
       Variables declared;
       variables.declare(declared);
       ++built;
-    } catch (const Error&) {  // a measure that is none, an extent beyond the options
+    } catch (const Error&) {  // an unknown unit of measure, an extent beyond the options
     }
   };
   for (const char* name : kStrangers) {
@@ -594,7 +596,7 @@ TEST(ForeignPackage, RefusesWhatNoDescriptionSays) {
   using fmu::Causality;
   using fmu::ForeignPackage;
   ForeignPackage package = package_of("rogue3");
-  package.description.model_name = "a model";  // as its library is called, too
+  package.description.model_name = "a model";  // also the name of its library
   const std::string bytes = serialise(package);
   for (const char* folder : {"..", ".", "", "../../inner", "/inner", "a/b", "a\\b"})
     EXPECT_EQ(refusal(with_text(bytes, "folder", folder)),

@@ -1,5 +1,5 @@
-// Any bytes are an archive that unpacks into its own folder or an Error, and leave nothing behind; in the libraries inside, and
-// in the bytes themselves, the readers of ELF and PE find what is there or throw.
+// Any bytes are an archive that unpacks into its own folder, or an Error; nothing is left behind. The readers of ELF and PE
+// read the libraries inside and the bytes themselves, or throw.
 #include <unistd.h>
 
 #include <cstdint>

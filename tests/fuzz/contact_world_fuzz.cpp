@@ -1,4 +1,4 @@
-// A scene drawn from the input's bytes, stepped by each method while it is disturbed: nothing may become NaN, crash or not end.
+// A scene drawn from the input's bytes, stepped by each method with disturbances: no NaN, no crash, no endless loop.
 
 #include <cmath>
 #include <cstdlib>

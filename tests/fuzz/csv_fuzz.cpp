@@ -1,5 +1,4 @@
-// Any bytes are a table or an Error with its place; never a crash, and what was read is written so that it reads back to the
-// same.
+// Any bytes are a table or an Error with its place. A table that was read and written again is read as the same table.
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
@@ -40,7 +39,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   }
   try {
     const cotwin::csv::Table table = cotwin::csv::parse(text, "fuzz.csv");
-    if (ends_in_empty_name(table)) return 0;  // an empty last name cannot be told from a separator at the end
+    if (ends_in_empty_name(table)) return 0;  // an empty last name looks like a separator at the end
     std::ostringstream out;
     cotwin::csv::Writer writer(out, table.names);
     for (std::size_t r = 0; r < table.rows(); ++r) {

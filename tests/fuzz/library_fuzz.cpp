@@ -1,5 +1,5 @@
-// Any bytes are a shared library for Linux or Windows whose names are found, or an Error. Random bytes get no further than the
-// magic number, so that the input is also read as edits of a library that is right.
+// Any bytes are a shared library for Linux or Windows whose names can be read, or an Error. Random bytes pass only the check of
+// the magic number, so the input is also taken as edits of a valid library.
 #include <elf.h>
 
 #include <cstdint>

@@ -1,4 +1,4 @@
-// Any bytes are a mesh, STL or OBJ, the hull of which is a body with volume, or an Error.
+// Any bytes are a mesh (STL or OBJ) whose hull has a volume, or an Error.
 #include <cstdint>
 #include <cstdlib>
 #include <string_view>

@@ -1,4 +1,4 @@
-// Any bytes are a model description or an Error; what one describes can be declared as variables, written and read again.
+// Any bytes are a model description or an Error. Its variables can be declared, and it can be written and read again.
 #include <cstdint>
 #include <cstdlib>
 #include <sstream>
@@ -33,7 +33,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   std::ostringstream xml;
   try {
     fmu::write(xml, description);
-  } catch (const Error&) {  // more than its version can say
+  } catch (const Error&) {  // more than its version can express
     return 0;
   }
   const fmu::ModelDescription again = fmu::parse_model_description(xml.str(), "again");

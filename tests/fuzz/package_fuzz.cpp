@@ -1,6 +1,6 @@
-// Any bytes are what a unit, a scenario or an FMU in it is built from (unit.bin, scenario.bin) or an Error; what was read says
-// the same when it is written again, a robot read has a mechanism, an FMU's variables can be declared, and a scenario read can
-// be built and stepped, or says why not.
+// Any bytes are the package of an exported unit or scenario (unit.bin, scenario.bin) or an Error. A package that was read is
+// equal after writing and reading it again, its robot has a mechanism, an FMU's variables can be declared, and a scenario can
+// be built and stepped, or throws Error.
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
@@ -121,7 +121,7 @@ std::string good_scenario() {
   return master::serialise(twin);
 }
 
-/// Both formats: 8 bytes of kind and version, 8 of hash, and what this hash is of.
+/// Both formats: 8 bytes of kind and version, 8 of hash, and the data of this hash.
 std::string with_hash(const std::string& kind, const std::string& body) {
   ByteWriter head;
   head.value(hash_of(body));
@@ -135,7 +135,7 @@ void read_unit(const std::string& bytes) {
   } catch (const Error&) {
     return;
   }
-  const std::string again = fmu::serialise(package);  // a truth value may have been any byte
+  const std::string again = fmu::serialise(package);  // any byte may have been a boolean
   if (fmu::serialise(fmu::deserialise_package(again, "again")) != again) std::abort();
   if (package.robot == nullptr || package.robot->n() > 100) return;
   const robot::Mechanism mechanism(*package.robot);
@@ -194,7 +194,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   } else {
     read_fmu(bytes);
     if (!fmu::is_foreign_package(bytes)) std::abort();
-    read_scenario(scenario_of(bytes));  // ends where the FMU's library is looked for, at the latest
+    read_scenario(scenario_of(bytes));  // ends at the latest where the FMU's library is loaded
   }
   return 0;
 }

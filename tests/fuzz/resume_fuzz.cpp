@@ -1,4 +1,4 @@
-// What a stopped tuning left on disk, from anybody: an Error or settings that are written and read again alike.
+// The file of a stopped tuning, with any contents: an Error, or settings that are equal after writing and reading them again.
 #include <cstdint>
 #include <cstdlib>
 #include <string_view>

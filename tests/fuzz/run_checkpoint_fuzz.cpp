@@ -1,5 +1,5 @@
-// A checkpoint of a run from a file: any bytes are an Error or a checkpoint that is written and read again alike, and one whose
-// hash fits is an Error or a run that can go on.
+// A checkpoint file of a run: any bytes are an Error or a checkpoint that is equal after writing and reading it again. With a
+// correct hash it is an Error or a run that can continue.
 #include <cstdint>
 #include <cstdlib>
 #include <optional>

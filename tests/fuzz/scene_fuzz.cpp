@@ -8,7 +8,7 @@
 #include "models/scene/sdf.h"
 #include "models/support/error.h"
 
-/// An SDF that is read is a scene that collision can be asked about: any number of points, none of them without numbers.
+/// An SDF file that can be read gives a scene for collision detection: any number of points, without NaN.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace cotwin;
   scene::Scene scene;

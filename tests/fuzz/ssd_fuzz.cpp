@@ -1,5 +1,5 @@
-// Any bytes are a scenario or an Error; in a scenario every name leads to a component. References reach the files of a test's
-// structure.
+// Any bytes are a scenario or an Error; in a scenario every name refers to a component. References are resolved to files of the
+// test.
 #include <algorithm>
 #include <cstdint>
 #include <cstdlib>
@@ -29,7 +29,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
       if (!cotwin::master::split_name(s, e.variable)) std::abort();
     }
     if (s.tick.ns < 1 || s.stop < s.start) std::abort();
-    // A later part of the input as what --set would be given.
+    // A later part of the input is used as an argument of --set.
     cotwin::master::assign(s, text.substr(size - std::min<std::size_t>(size, 16)));
   } catch (const cotwin::Error&) {
   }

@@ -1,4 +1,4 @@
-// Any bytes are a parameter set or an Error; what was read is written so that it reads back to the same text.
+// Any bytes are a parameter set or an Error. A set that was read and written is read and written as the same text.
 #include <cstdint>
 #include <cstdlib>
 #include <sstream>

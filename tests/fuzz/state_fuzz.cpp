@@ -1,5 +1,5 @@
-// Any bytes are a serialised state of an exported FMU or an Error, and one that is taken can be stepped from, or says why not.
-// The first byte says of which unit; a drive train with a history of steps (method=cvode) holds as much as a state can.
+// Any bytes are a serialised state of an exported FMU or an Error; an accepted state can be stepped from, or throws Error. The
+// first byte selects the unit. A drive train with a history of steps (method=cvode) has the largest state.
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -27,7 +27,7 @@ using namespace cotwin;
 constexpr const char* kToken = "{fuzz}";
 const std::string kModels = cotwin::places::source() + "/models/";
 
-/// A unit with the settings that its package has, and what goes into it besides.
+/// A unit with the settings of its package, and its other contents.
 struct Choice {
   const char* unit;
   const char* query;
@@ -53,9 +53,9 @@ const UnitType& type_of(const Choice& choice) {
   std::abort();
 }
 
-const UnitType* exported = nullptr;  // of the instance that is being made
+const UnitType* exported = nullptr;  // of the instance that is being created
 
-/// An instance, and the state that it has after a few steps.
+/// An instance, and its state after some steps.
 class Subject {
  public:
   explicit Subject(const Choice& choice) {
@@ -103,7 +103,7 @@ class Subject {
       return;
     }
     try {
-      // Written again it says the same; a truth value may have been any byte.
+      // The state is equal after writing it again; any byte may have been a boolean.
       const std::string again = unit.serialise(state);
       void* second = unit.deserialise(as_bytes(again));
       if (unit.serialise(second) != again) std::abort();
@@ -136,7 +136,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   std::unique_ptr<Subject>& subject = subjects[chosen];
   if (!subject) subject = std::make_unique<Subject>(kChoices[chosen]);
   subject->use(std::string(reinterpret_cast<const char*>(data), size));
-  // The state is 8 bytes of kind and version, 8 of hash, and what this hash is of.
+  // The state is 8 bytes of kind and version, 8 of hash, and the data of this hash.
   const std::string body = fuzz::edited(subject->good().substr(16), data + 1, size - 1);
   ByteWriter head;
   head.value(hash_of(body));

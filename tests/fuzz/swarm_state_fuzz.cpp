@@ -1,5 +1,5 @@
-// A saved swarm from a file: whatever the bytes, an Error or a state that gives the same bytes again and that a swarm can go on
-// from.
+// A file with a saved swarm: any bytes are an Error, or a state that gives the same bits again and from which a swarm can
+// continue.
 #include <algorithm>
 #include <cstdint>
 #include <cstdlib>

@@ -1,5 +1,4 @@
-// Whatever the bytes: either one Error with a place, or a model that keeps its promises and survives being written and read
-// again.
+// Any bytes are one Error with a place, or a valid model that can be written and read again.
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>

@@ -12,7 +12,7 @@ class Maker {
  public:
   Maker(const std::string& good, std::uint64_t seed) : good_(good), random_(seed) {}
 
-  /// 0 to n − 1; the library's distributions differ from one to the next.
+  /// 0 to n − 1. Not std's distributions, which differ between libraries.
   std::size_t below(std::size_t n) { return static_cast<std::size_t>(random_() % std::max<std::size_t>(n, 1)); }
 
   std::string flipped() {
@@ -37,7 +37,7 @@ class Maker {
     const std::size_t a = below(good_.size()), b = a + below(good_.size() - a);
     return good_.substr(0, a) + good_.substr(b) + good_.substr(a, b - a);
   }
-  /// Some number replaced by one that nobody expects.
+  /// Replaces a number by an unexpected one.
   std::string with_number() {
     static constexpr std::array kNumbers = {"1e308",  "-1e308",     "nan", "inf",  "-1",  "0",   "99999999999999999999",
                                             "1e-320", "2147483648", "",    "0x10", "1,5", "--1", "4294967295",
@@ -54,7 +54,7 @@ class Maker {
     }
     return bytes;
   }
-  /// Some word replaced by another one of the file.
+  /// Replaces a word by another word of the file.
   std::string with_word() {
     const auto word = [&]() -> std::pair<std::size_t, std::size_t> {
       std::size_t begin = below(good_.size());

@@ -1,5 +1,5 @@
-// The program on files that are damaged or were written to do harm: it ends by itself, soon, within bounded memory, and says
-// which file is not as it should be.
+// Runs the program on damaged and malicious files: it ends by itself within limits of time and memory, and names the faulty
+// file.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
@@ -27,7 +27,7 @@ using ::testing::HasSubstr;
 using Arguments = std::vector<std::string>;
 
 constexpr rlim_t kCpuSeconds = 10;
-constexpr std::chrono::seconds kWallTime{300};  // the machine may be busy with other things
+constexpr std::chrono::seconds kWallTime{300};  // the machine may be busy with other processes
 constexpr long kMemory = 1l << 20;              // KiB
 const bool kSanitized = std::string(COTWIN_SANITIZERS) != "";
 
@@ -65,7 +65,7 @@ class Hostile : public ::testing::Test {
     return cotwin::testing::run_program(std::move(arguments), options);
   }
 
-  /// What every end of the program is like; `name`: of the file, which a refusal names.
+  /// Checks how the program ended; `name`: of the file, which a message must contain.
   void expect_orderly(const Arguments& arguments, const std::string& name, bool never_good, const std::string& what) const {
     const RunResult r = run(arguments);
     std::string command;
@@ -75,7 +75,7 @@ class Hostile : public ::testing::Test {
     if (never_good) {
       EXPECT_NE(r.code, 0);
     }
-    // `check` lists what it finds in the one file that it was given; a value can be found wrong where a scenario uses it.
+    // `check` lists what it finds in its one file; a wrong value may be detected in the scenario that uses it.
     if (r.code == 2 && arguments[0] != "check" && (never_good || arguments[0] != "tune")) {
       EXPECT_THAT(r.out, ::testing::AnyOf(HasSubstr(name), HasSubstr(".ssd:")));
     }
@@ -88,7 +88,7 @@ class Hostile : public ::testing::Test {
     EXPECT_TRUE(fs::is_empty(folder_ / "temporary"));
   }
 
-  /// Each variant under a name of its own, as the file of each of the commands.
+  /// Runs all commands on each variant, under a name of its own.
   template <class Commands>
   void try_variants(const std::string& good, const std::string& ending, std::size_t count, std::uint64_t seed, bool part_is_bad,
                     bool is_text, Commands commands) const {
@@ -109,7 +109,7 @@ class Hostile : public ::testing::Test {
     }
   }
 
-  /// What is no file at all.
+  /// Runs all commands on things that are not regular files.
   template <class Commands>
   void try_no_files(const std::string& ending, Commands commands) const {
     const std::string fifo = "fifo" + ending, folder = "folder" + ending, device = "device" + ending, none = "none" + ending,
@@ -136,7 +136,7 @@ std::string ssd(const std::string& elements, const std::string& more = "") {
          "</ssd:System>\n</ssd:SystemStructureDescription>\n";
 }
 
-/// A component of this program with one parameter, a text.
+/// A component with one text parameter.
 std::string component(const std::string& name, const std::string& source, const std::string& parameter = "",
                       const std::string& value = "") {
   std::string bindings;
@@ -314,7 +314,7 @@ TEST_F(Hostile, FmusEndWithAMessage) {
     return archive(folder_ / "packed", {{"modelDescription.xml", xml}, {"binaries/linux64/ball.so", library}});
   };
   try_variants(pack(description), ".fmu", 20, 9, true, false, fmu_commands);
-  // What is in the archive is as hostile as the archive.
+  // The contents of the archive are as hostile as the archive.
   const std::vector<File> descriptions = variants(description, 40, 10, true, true);
   for (std::size_t i = 0; i < descriptions.size(); ++i) {
     const std::string name = "inside" + std::to_string(i) + ".fmu";

@@ -1,5 +1,5 @@
-// An FMU for Co-Simulation (FMI 2.0) that does harm: x' = 1, y = x, and in the function that COTWIN_HARM_AT names ("load": when
-// its library is loaded), of a step from 0.5 s on, what COTWIN_HARM says.
+// A faulty FMU for Co-Simulation (FMI 2.0): x' = 1, y = x. It does what COTWIN_HARM says, in the function that COTWIN_HARM_AT
+// names ("load": when its library is loaded), in steps from 0.5 s on.
 #include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
@@ -72,7 +72,7 @@ void do_harm(const std::string& harm) {
         &thread, nullptr, [](void*) -> void* { exit(0); }, nullptr);
     for (;;) usleep(1000);
   }
-  if (harm == "child") {  // that outlives nobody
+  if (harm == "child") {  // ends by itself
     if (fork() == 0) {
       for (;;) usleep(1000);
     }
