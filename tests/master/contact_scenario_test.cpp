@@ -1,5 +1,4 @@
-// The contact world and the drive train as the master couples them: what the unit tests copy by hand goes through connections
-// here.
+// Contact world and drive train coupled by the master: the connections do what the unit tests copy by hand.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -17,7 +16,7 @@
 namespace cotwin::master {
 namespace {
 
-/// An arm of two links, its tip a ball of 20 mm, falls on a floor without restitution; `tick` with its unit.
+/// An arm of two links, whose tip is a ball of 20 mm, falls on a floor without restitution; `tick` with its unit.
 std::string scenario(const std::string& tick) {
   const std::string data = places::source() + "/tests/components/data/",
                     pusher = "robot=" + data + "pusher.urdf&amp;link=inside";
@@ -57,8 +56,9 @@ std::string scenario(const std::string& tick) {
 }
 
 struct Fall {
-  double before = 0, after = 0;  // m/s, of the tip along z: when it strikes, and the fastest upwards in the 20 ms thereafter
-  double rest = 0;               // N, vertical contact force at the end, mean of 0.1 s
+  double before = 0,
+         after = 0;  // m/s, speed of the tip along z at the impact, and the largest upward speed in the 20 ms afterwards
+  double rest = 0;   // N, vertical contact force at the end, mean of 0.1 s
 };
 
 Fall fall(const std::string& tick, double h) {
@@ -90,8 +90,8 @@ Fall fall(const std::string& tick, double h) {
   return out;
 }
 
-// The torque of a contact is a mean over the very step that the drive train makes with it. Followed as a ramp from the last
-// one, half of it would be missing: half of the speed would be left, and the tip would bounce with 0.5.
+// The torque of a contact is a mean over the same step of the drive train. As a ramp from the last value, half of it would be
+// missing: half of the speed would remain, and the tip would bounce with 0.5.
 TEST(ContactScenario, AnInelasticFallDoesNotBounceWhateverTheTick) {
   for (const auto& [tick, h] : {std::pair{"1 ms", 1e-3}, {"0.1 ms", 1e-4}}) {
     SCOPED_TRACE(tick);

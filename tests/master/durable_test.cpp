@@ -1,4 +1,4 @@
-// What the program leaves on the disk when it is ended, killed, refused or out of room.
+// The files of a program that is stopped, killed, refused or out of disk space.
 #include <gmock/gmock.h>
 #include <grp.h>
 #include <gtest/gtest.h>
@@ -39,7 +39,7 @@ std::string content(const fs::path& file) {
   return text.str();
 }
 
-constexpr std::chrono::seconds kPatience(120);  // for what must come, however busy the machine is
+constexpr std::chrono::seconds kPatience(120);  // time limit for events that must happen, also on a busy machine
 
 bool wait_for(const std::function<bool()>& condition) {
   const auto end = std::chrono::steady_clock::now() + kPatience;
@@ -50,7 +50,7 @@ bool wait_for(const std::function<bool()>& condition) {
   return true;
 }
 
-/// A motion with a drive behind it, a ramp and figures; `seconds` long.
+/// A motion and a drive, with a ramp and figures; `seconds` long.
 std::string scenario_text(const std::string& seconds) {
   return R"(<?xml version="1.0" encoding="UTF-8"?>
 <ssd:SystemStructureDescription version="1.0" name="arm"
@@ -99,7 +99,7 @@ class Durable : public ::testing::Test {
     return nlohmann::json::parse(content(folder_ / results / "run.json"));
   }
   bool has(const fs::path& file) const { return fs::exists(folder_ / file); }
-  /// A run on the clock, two seconds long, that has left a checkpoint.
+  /// Starts a run in real time, two seconds long, and waits for its first checkpoint.
   Process start_and_wait_for_a_checkpoint(const std::string& out) {
     Process child = start({"run", "arm.ssd", "--real-time", "--out", out, "--checkpoint", "0.001"});
     EXPECT_TRUE(wait_for([&] { return has(fs::path(out) / "run.checkpoint"); }));
@@ -168,7 +168,7 @@ TEST_F(Durable, RunJsonSaysWhatTheResultsCameFrom) {
     }
   }
   EXPECT_THAT(content(folder_ / "one/signals.csv"), StartsWith(names + "\n"));
-  // The hash is that of what is run: the same for the same, another for another value.
+  // The hash identifies the scenario with its values: equal for equal runs, different for another value.
   EXPECT_EQ(run({"run", "arm.ssd", "--out", "two", "--set", "drive.K=9000", "--stop", "0.5"}).code, 0);
   EXPECT_EQ(run({"run", "arm.ssd", "--out", "three", "--set", "drive.K=9001", "--stop", "0.5"}).code, 0);
   EXPECT_EQ(record("two")["scenario"]["hash"], one["scenario"]["hash"]);
@@ -209,7 +209,7 @@ TEST_F(Durable, ARunThatIsKilledAgainAndAgainGoesOnToTheSameBits) {
   Process child = start_and_wait_for_a_checkpoint("killed");
   for (int times = 0; times < 5; ++times) {
     child.signal(SIGKILL);
-    if (child.wait().code != -SIGKILL) break;  // it was done before
+    if (child.wait().code != -SIGKILL) break;  // it had already ended
     const auto before = fs::last_write_time(folder_ / "killed/run.checkpoint");
     child = start({"run", "--resume", "killed", "--checkpoint", "0.001", "--json", "killed.json"});
     wait_for([&] { return !has("killed/run.checkpoint") || fs::last_write_time(folder_ / "killed/run.checkpoint") != before; });
@@ -286,7 +286,7 @@ TEST_F(Durable, RefusesToGoOnWithAnotherScenarioProgramOrMachine) {
 }
 
 TEST_F(Durable, SigtermWhileInitialisingEndsTheProgramAndIsTold) {
-  // Many robots, so that loading takes longer than it takes to look; the signal is sent as soon as it would be caught.
+  // Many robots, so that loading takes long enough; the signal is sent as soon as the program has a handler for it.
   std::string text = scenario_text("2"), more;
   for (int i = 0; i < 4000; ++i)
     more += "<ssd:Component name=\"m" + std::to_string(i) +
@@ -336,7 +336,7 @@ TEST_F(Durable, OnAFullDiskTheRowsSoFarAreWholeAndRunJsonSaysFailed) {
   EXPECT_THAT(result.err, HasSubstr("signals.csv: cannot be written: No space left on device"));
   EXPECT_EQ(record("small/results")["state"], "failed");
   EXPECT_TRUE(whole_lines(content(folder_ / "small/results/signals.csv")));
-  // With more room it goes on, where it came as far as a checkpoint.
+  // With more space it continues, if it came as far as a checkpoint.
   ASSERT_EQ(mount("tmpfs", (folder_ / "small").c_str(), "tmpfs", MS_REMOUNT, "size=40m"), 0);
   if (has("small/results/run.checkpoint")) {
     EXPECT_EQ(run({"run", "--resume", "small/results"}).code, 0);

@@ -76,7 +76,7 @@ TEST(Events, AreRefusedWhereTheyCannotBe) {
   EXPECT_THAT(refusal("a.uu", "1"), HasSubstr("did you mean"));
 }
 
-// Were events looked through for each other, for connections or for components, this would take hours.
+// With a linear search over events, connections or components this would take hours.
 TEST(Events, TheTimeTheyTakeGrowsWithTheirNumberAndNotWithItsSquare) {
   constexpr int kEvents = 100'000, kUnits = 1000;
   Build b;

@@ -1,4 +1,4 @@
-// Scenarios with FMUs: the same bits as with units, packages, one FMU by itself, and what is wrong with a file.
+// Scenarios with FMUs: the same bits as with units, packages, single FMUs, and errors in files.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -51,8 +51,7 @@ std::string message(Call call) {
   return "no error";
 }
 
-/// Every test has a folder of its own, and temporary files in another, which is empty again at the end.
-/// What `cotwin check` finds to complain of; with sanitizers the errors alone, since then our libraries need the sanitizers'.
+/// The findings of `cotwin check`; with sanitizers only errors, because then Cotwin's libraries need those of the sanitizers.
 std::vector<std::string> complaints(const fs::path& file) {
   const bool sanitized = !std::string(COTWIN_SANITIZERS).empty();
   std::vector<std::string> texts;
@@ -74,7 +73,7 @@ class FmuScenario : public ::testing::Test {
     fs::remove_all(folder_);
   }
 
-  /// Example 02, a part of a second of it.
+  /// A fraction of a second of example 02.
   static Scenario example() {
     Scenario scenario = load_scenario(kExample);
     scenario.stop = Time::from_seconds(0.6);  // the motion begins at 0.5 s
@@ -143,7 +142,7 @@ TEST_F(FmuScenario, OneAttributeTurnsAUnitIntoItsFmuInBothVersions) {
     Scenario scenario = example();
     scenario.components[0].source = pack_unit("unit:motion?kind=waypoints&points=7&robot=lwr4", version, "motion.fmu").string();
     EXPECT_EQ(recorded(std::move(scenario)) == units, true) << "motion, FMI " << static_cast<int>(version);
-    scenario = example();  // its drive train follows tau_m over a step
+    scenario = example();  // its drive train ramps tau_m over a step
     scenario.components[2].source = pack_unit("unit:drive_train?robot=lwr4", version, "drive.fmu").string();
     EXPECT_EQ(recorded(std::move(scenario)) == units, true) << "drive train, FMI " << static_cast<int>(version);
   }
@@ -241,7 +240,7 @@ TEST_F(FmuScenario, ThePackageOfAPackageHasTheSameSystem) {
 TEST_F(FmuScenario, InputsThatRunAheadTakeTheSlopesThatAnFmuTellsIfTheScenarioAsks) {
   fmu::testing::make_fmu("rogue2", folder_, {{"canInterpolateInputs", "maxOutputDerivativeOrder=\"1\" canInterpolateInputs"}});
   fmu::testing::make_fmu("ball3", folder_);
-  // Both in one stage: the ball's input goes on from y with a slope. y'' = u' = 2 m/s2, so that the slope of the last step,
+  // Both in one stage: the ball's input is extrapolated from y with a slope. y'' = u' = 2 m/s2, so the slope of the last step,
   // which is the alternative, lags by h.
   const auto last_slope = [&](const std::string& query) {
     Scenario scenario;
@@ -264,7 +263,7 @@ TEST_F(FmuScenario, InputsThatRunAheadTakeTheSlopesThatAnFmuTellsIfTheScenarioAs
     }
     return find_signal(master.members(), "ball.u", "").variable->rate[0];
   };
-  // The last step goes from 0.499 s on, where u = y' = 0.998 m/s; over the step before it y rose by its mean, at 0.4985 s.
+  // The last step starts at 0.499 s, where u = y' = 0.998 m/s; over the step before, y rose with its mean, at 0.4985 s.
   EXPECT_NEAR(last_slope("?slopes=true"), 0.998, 1e-9);
   EXPECT_NEAR(last_slope(""), 0.997, 1e-9);
 }
@@ -306,7 +305,7 @@ TEST_F(FmuScenario, UnitsAndForeignFmusOfBothVersionsMixAndArePackedTogether) {
   const fs::path package = pack(load_scenario(file));
   EXPECT_EQ(recorded(load_scenario(package)) == loose, true);
   EXPECT_THAT(complaints(package), IsEmpty());
-  // Without units of measure nothing can be wrong about them: a power is what the product of the numbers is.
+  // Without units of measure none can be wrong: a power is the product of the numbers.
   Scenario scenario = load_scenario(file);
   scenario.reports.push_back({"power", "energy", "low.h", "low.v", ""});
   EXPECT_EQ(recorded(std::move(scenario)) == loose, true);
@@ -364,7 +363,7 @@ TEST_F(FmuScenario, APackageThatIsNoneSaysWhatIsWrongAndLeavesNothing) {
   EXPECT_THAT(message([&] { load_scenario(folder_ / "broken.ssp"); }),
               StartsWith((folder_ / "broken.ssp").string() + "/SystemStructure.ssd:1"));
 
-  // Cut off anywhere, and with any byte changed: an error or a scenario, never more than that.
+  // Cut off anywhere, and with any byte changed: an error or a scenario, nothing else.
   const std::string good = content(pack(example()));
   for (std::size_t size = 0; size < good.size(); size += good.size() / 7 + 1) {
     EXPECT_NE(message([&] { load_scenario(write("cut.ssp", good.substr(0, size))); }), "no error") << size;
@@ -383,13 +382,14 @@ TEST_F(FmuScenario, AStepSizeThatIsNoneIsNotTakenFromTheFmu) {
         fmu::testing::make_fmu("rogue2", folder_,
                                {{"<ModelVariables>", "<DefaultExperiment startTime=\"0\" stopTime=\"1\" stepSize=\"" +
                                                          std::string(step) + "\"/><ModelVariables>"}});
-    const Duration expected = Duration::from_seconds(step == std::string("0.25") ? 0.25 : 0.002);  // else a 500th of the run
+    const Duration expected =
+        Duration::from_seconds(step == std::string("0.25") ? 0.25 : 0.002);  // otherwise a 500th of the run
     EXPECT_EQ(FmuRun(options).master().scenario().tick, expected) << step;
   }
 }
 
 TEST_F(FmuScenario, InputsFollowTheFileAlongLinesAndHoldBeforeAndAfterIt) {
-  // Without external torques the compliant motion is the desired one: after a step q_c is what q_d was at its beginning.
+  // Without external torques the compliant motion is the desired one: after a step q_c is q_d of its beginning.
   FmuRunOptions options;
   options.file = pack_unit("unit:compliance?robot=lwr4", fmu::Version::k2, "compliance.fmu");
   options.input_file = write("in.csv", "time,q_d[1]\n0.1,0.2\n0.3,0.6\n0.3,-0.5\n0.5,-0.1\n");
@@ -518,13 +518,13 @@ TEST_F(FmuScenario, PacksNoUnitThatNoHostCouldInitialise) {
   for (int i = 0; i < 100; ++i) log += std::to_string(i * 0.01) + ",0.1,1\n";
   write("log.csv", log);
   EXPECT_EQ(program("pack unit:io --set file=log.csv -o io.fmu"), std::pair(0, std::string()));
-  fs::remove(folder_ / "log.csv");  // the FMU has it
+  fs::remove(folder_ / "log.csv");  // the FMU contains it
   const auto [code, said] = program("run io.fmu --stop-time 0.05 --output-interval 0.01 --output-variable q");
   EXPECT_EQ(code, 0) << said;
 }
 
-// rogue3 makes no step beyond 11 ms (mode 5), rogue2 none beyond `longest_step`: a tick of 100 ms becomes 16 parts. Both give
-// ∫u.
+// rogue3 makes no step beyond 11 ms (mode 5), rogue2 none beyond `longest_step`: a tick of 100 ms is divided into 16 parts.
+// Both return ∫u.
 TEST_F(FmuScenario, HalvesATickThatAForeignFmuDiscardsAndTellsWhoItWas) {
   namespace foreign = fmu::testing;
   Scenario scenario;
@@ -554,7 +554,7 @@ TEST_F(FmuScenario, HalvesATickThatAForeignFmuDiscardsAndTellsWhoItWas) {
   EXPECT_NEAR(value("two.y in mm"), 1e-3, 1e-15);
   const Summary s = master.summary();
   EXPECT_EQ(s.discarded, 10);
-  EXPECT_THAT(s.discarded_by, ElementsAre(::testing::Pair("three", 10)));  // asked first; at 1/16 both are content
+  EXPECT_THAT(s.discarded_by, ElementsAre(::testing::Pair("three", 10)));  // steps first; with 1/16 both succeed
   EXPECT_EQ(s.most_parts, 16);
   EXPECT_THAT(s.notes, ::testing::Contains(HasSubstr("three: ")));
 }

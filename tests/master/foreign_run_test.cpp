@@ -1,4 +1,4 @@
-// Runs with FMUs that take FMI at its word (tests/fmu/fmus/strict.h): going back, and agreeing at the start.
+// Runs with FMUs that insist on the rules of FMI (tests/fmu/fmus/strict.h): going back, and loops at the start.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -44,7 +44,7 @@ class ForeignRun : public ::testing::TestWithParam<std::string> {
     }
     master.finish();
   }
-  /// Those of all instances so far.
+  /// The counts of all instances so far.
   std::string calls() const { return std::filesystem::exists(calls_) ? fmu::testing::read_text(calls_) : ""; }
   std::size_t count(const std::string& call) const {
     const std::string all = calls();
@@ -60,7 +60,7 @@ class ForeignRun : public ::testing::TestWithParam<std::string> {
   const std::filesystem::path calls_ = folder_.path() / "calls.txt";
 };
 
-// Going on in another process
+// Continuing in another process
 
 TEST_P(ForeignRun, IsSavedWhereTheLoopSavesItAnywayAndGoesOnToTheSameBits) {
   for (const char* process : {"", "?process=own"}) {
@@ -169,7 +169,7 @@ TEST_P(ForeignRun, SaysHowAnFmuThatKeepsItsStatesToItselfCanGoBack) {
   EXPECT_THAT(error_of([&] { run(promised); }),
               AllOf(HasSubstr("'picky' discarded its step at t = 0.5 s"), HasSubstr("rollback=true in its source lets it")));
   Master told = discarding("?rollback=true").load();
-  run(told);  // every step could have been taken back, so this FMU completed none
+  run(told);  // every step may be taken back, so this FMU completed none
   EXPECT_EQ(told.summary().discarded, 5);
 }
 
@@ -184,7 +184,7 @@ TEST_P(ForeignRun, RestoresAStateOfAnEarlierInstantInANewInstance) {
     early.take(instance.variables, *instance.unit);
     EXPECT_EQ(fmu::testing::run(instance, 0, 0.3, 0.1), StepResult::kDone);
     late.take(instance.variables, *instance.unit);
-    late.restore(instance.variables, *instance.unit);  // the last point: nothing was promised of it
+    late.restore(instance.variables, *instance.unit);  // at the last point nothing was promised
     EXPECT_EQ(fmu::testing::run(instance, 0.3, 0.5, 0.1), StepResult::kDone);
     early.restore(instance.variables, *instance.unit);
     EXPECT_EQ(fmu::testing::run(instance, 0, 0.5, 0.1), StepResult::kDone);
@@ -208,7 +208,7 @@ TEST_P(ForeignRun, InitialisesTheFmusOfAChainOnce) {
   EXPECT_EQ(calls(), "instantiate instantiate instantiate enter exit enter exit enter exit ");
 }
 
-// y_a = y_b / 2 + 1, y_b = −3 y_a + 2 through a gain of ours: y_a = 2 / 2.5
+// y_a = y_b / 2 + 1, y_b = −3 y_a + 2 through a gain unit: y_a = 2 / 2.5
 void close_loop(Build& b) {
   b.with("gain", 0.5).with("bias", 1.0);
   b.unit("b", "gain").with("gain", -3.0).with("bias", 2.0);
@@ -246,7 +246,7 @@ TEST_P(ForeignRun, IteratesALoopOfFmusAlone) {
 }
 
 TEST_P(ForeignRun, InitialisesAnewWhatCannotBeIteratedInInitializationMode) {
-  for (const std::int64_t mode : {1, 2}) {  // outputs that cannot be read there, or follow only behind it
+  for (const std::int64_t mode : {1, 2}) {  // outputs that cannot be read in that mode, or are updated only after it
     Build b;
     fmu(b, "a");
     b.with("mode", mode);

@@ -1,4 +1,4 @@
-// What the program makes of FMUs that crash, exit, hang, allocate and write without end: fmu/fmus/harm2.cpp.
+// The program with FMUs that crash, exit, hang, allocate or write without end: fmu/fmus/harm2.cpp.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -75,7 +75,7 @@ class HarmfulFmu : public ::testing::Test {
 )";
     return {"run", "plant.ssd", "--quiet"};
   }
-  /// Rows without the heading, of which every one is whole.
+  /// The number of complete rows without the header; 0 if the last row is incomplete.
   static std::size_t whole_rows(const std::string& csv) {
     std::size_t rows = 0;
     std::istringstream in(csv);

@@ -1,5 +1,5 @@
-// What a signal does between two exchanges is declared with the output: the same for the unit that writes it and for the one
-// that reads it.
+// The course of a signal between two exchanges is declared with the output, and applies to the unit that writes it and to the
+// unit that reads it.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -17,8 +17,8 @@
 namespace cotwin::master {
 namespace {
 
-// A digital controller holds its torque until its next step. The work of a held torque is torque times way; a torque that went
-// along a ramp would be off by half of its change times the way.
+// A digital controller keeps its torque constant until its next step. The work of a constant torque is torque times way. With a
+// ramped torque it would be off by half of the change times the way.
 TEST(HeldSignals, TheMotorsGetTheTorqueThatTheControllerHolds) {
   Scenario scenario = load_scenario(std::filesystem::path(places::source()) / "examples/02_free_motion_lwr4/twin.ssd");
   scenario.recording.clear();
@@ -43,7 +43,7 @@ TEST(HeldSignals, TheMotorsGetTheTorqueThatTheControllerHolds) {
     theta_before.assign(theta.begin(), theta.end());
     tau_before.assign(tau_m.begin(), tau_m.end());
   }
-  EXPECT_GT(largest_change, 0.1);  // N.m in a tick: a ramp would show
+  EXPECT_GT(largest_change, 0.1);  // N.m in a tick: a ramp would be visible
 }
 
 TEST(HeldSignals, ATorqueIsDeclaredAsHeldAndAMotionIsNot) {
@@ -51,7 +51,7 @@ TEST(HeldSignals, ATorqueIsDeclaredAsHeldAndAMotionIsNot) {
   const Instance controller = make_unit("unit:compliance?robot=lwr4", {}, folders, unit_types());
   EXPECT_TRUE(controller.variables.at("tau_m").discrete);
   EXPECT_FALSE(controller.variables.at("q_c").discrete);
-  for (const fmu::Version version : {fmu::Version::k2, fmu::Version::k3}) {  // and its FMUs say so, too
+  for (const fmu::Version version : {fmu::Version::k2, fmu::Version::k3}) {  // and its FMUs declare it, too
     const auto type = std::find_if(unit_types().begin(), unit_types().end(),
                                    [](const UnitType& t) { return std::string_view(t.name) == "compliance"; });
     const fmu::ModelDescription description = fmu::describe(*type, *controller.unit, controller.variables, version);

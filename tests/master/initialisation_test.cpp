@@ -36,7 +36,7 @@ TEST(Initialisation, ACircleWithMemoryIsNoAlgebraicLoop) {
   EXPECT_THAT(master.summary().initialisation.loop, IsEmpty());
 }
 
-/// x = gain_a · gain_b · x + …: a circle of two gains, and a listener.
+/// x = gain_a · gain_b · x + …: a loop of two gains, and a unit after it.
 Build circle(double gain_a, double gain_b) {
   Build b;
   b.unit("listener", "gain");

@@ -22,7 +22,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-/// A bit of everything that the loop does.
+/// A scenario that uses everything that the loop does.
 Build busy() {
   Build b;
   b.unit("i", "integrator").with("u", 1.0).unit("r", "ramped", 1).unit("g", "gain?n=7", 1, 3).unit("m", "mixed");
@@ -69,7 +69,7 @@ TEST(Master, TheLoopAllocatesNothingWithDiscardedStepsAndWithATolerance) {
   }
 }
 
-// In a run of fewer than 1024 ticks every tick is timed and none is a plain one; in a longer one most are.
+// In a run of fewer than 1024 ticks every tick is timed and none is a plain one; in a longer one most are plain.
 TEST(Master, PlainTicksGiveTheBitsOfThoseThatAreLookedAt) {
   const auto after_900_ticks = [](double until) {
     Build b;
@@ -143,7 +143,7 @@ TEST(Master, SeveralRunSideBySide) {
 }
 
 TEST(Master, ANanEndsTheRunAndNamesWhereItCameFrom) {
-  // In stage order the faulty unit is first, although its victim stands before it in the file.
+  // In stage order the faulty unit is first, although the unit that reads from it is before it in the file.
   Build b;
   b.unit("victim", "gain", 1).unit("f", "faulty").with("after", 0.004).connect("f.y[3]", "victim.u").as_it_is();
   const auto message = [&] {
@@ -178,7 +178,7 @@ TEST(Master, EndsWhereAUnitAsksForItAndShowsItsWarning) {
   while (master.step_tick()) {
   }
   EXPECT_EQ(master.tick(), 3);
-  EXPECT_EQ(value(master, "p.steps"), 3);  // the tick is finished by everyone
+  EXPECT_EQ(value(master, "p.steps"), 3);  // every unit completes the tick
   EXPECT_THAT(master.summary().warnings, ElementsAre("test.ssd:3: something was read leniently",
                                                      "'b' asked for the end of the run at t = 0.003 s", "b: three steps only"));
 }
@@ -190,7 +190,7 @@ TEST(Master, AStartThatIsNoNumberIsAnError) {
   EXPECT_THAT(error_of([&] { master.initialise(); }), HasSubstr("i.y is inf at t = 0 s"));
 }
 
-/// Deadlines asked for; never waits.
+/// Records the deadlines; never waits.
 class FakeClock final : public Clock {
  public:
   explicit FakeClock(std::vector<std::int64_t>& asked) : asked_(asked) {}
@@ -227,10 +227,10 @@ TEST(RealTimeClock, KeepsAbsoluteDeadlinesAndCountsLateTicks) {
   EXPECT_GE(Steady::now() - begin, std::chrono::milliseconds(20));
   std::this_thread::sleep_for(std::chrono::milliseconds(30));
   const std::int64_t before = clock.overruns();
-  clock.wait(Time{500 + 21'000'000});  // long past: no wait, counted
+  clock.wait(Time{500 + 21'000'000});  // already past: no wait, but counted
   EXPECT_EQ(clock.overruns(), before + 1);
   EXPECT_GE(clock.worst_delay().ns, 25'000'000);
-  clock.wait(Time{500 + 80'000'000});  // and the next deadline stands where it stood
+  clock.wait(Time{500 + 80'000'000});  // and the next deadline is unchanged
   EXPECT_GE(Steady::now() - begin, std::chrono::milliseconds(80));
 }
 

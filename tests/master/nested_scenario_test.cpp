@@ -1,4 +1,4 @@
-// A scenario as a component of another one: what its annotation says is kept.
+// A scenario as a component of another one: its annotation is kept.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -128,7 +128,7 @@ TEST_F(Nested, AScenarioRunsToTheSameBitsAsByItself) {
   Scenario alone = load_scenario(arm), inside = load_scenario(cell);
   EXPECT_THAT(inside.warnings, IsEmpty());
   EXPECT_EQ(inside.events.size(), 3u);
-  inside.recording.erase(inside.recording.begin());  // the outer one's own
+  inside.recording.erase(inside.recording.begin());  // of the outer scenario itself
   const std::string expected = recorded(alone);
   EXPECT_THAT(expected, StartsWith("time,controller.S_a"));
   EXPECT_EQ(without(recorded(inside), "left."), expected);
@@ -147,7 +147,7 @@ TEST_F(Nested, EachScenarioHasItsOwnRobot) {
     EXPECT_EQ(find_signal(master.members(), "right.drive.q", "").count, 7u);
     EXPECT_EQ(master.members()[1].spec.stage, 1);
   }
-  assign(scenario, "robot=planar2");  // the user's word holds for all
+  assign(scenario, "robot=planar2");  // the user's value applies to all
   EXPECT_EQ(settings_for(scenario, "right.drive").at("robot"), "planar2");
   EXPECT_EQ(settings_for(scenario, "left.drive").at("robot"), "planar2");
 }

@@ -1,4 +1,4 @@
-// What check and run say of things that a scenario forgot. The units are the program's own.
+// Warnings of check and run about things that a scenario forgot. The units are those of the program.
 #include "master/run/omissions.h"
 
 #include <gmock/gmock.h>
@@ -26,7 +26,7 @@ std::vector<std::string> warnings_of(const Scenario& scenario) {
 }
 std::vector<std::string> warnings_of(const Build& build) { return warnings_of(build.scenario); }
 
-/// motion → controller → drive of planar2, as a robot is usually wired.
+/// motion → controller → drive of planar2, with the usual wiring.
 struct Robot : Build {
   explicit Robot(const std::string& forgotten = "", const std::string& more = "") {
     until(1);
@@ -68,7 +68,7 @@ TEST(Omissions, SayWhereWhatAndWhatIsExpected) {
 
 TEST(Omissions, AStartPostureIsMissed) {
   EXPECT_THAT(warnings_of(Robot("q0")), ElementsAre(HasSubstr("test.ssd:12: drive.q0 (link-side joint position at the start")));
-  Robot connected("q0");  // as where a recording gives it
+  Robot connected("q0");  // as if a recording gave it
   connected.connect("motion.q_d", "drive.q0");
   EXPECT_THAT(warnings_of(connected), IsEmpty());
 }
@@ -102,7 +102,7 @@ TEST(Omissions, APushOnOneOfTwoConnectedUnitsIsTold) {
   one.event(0.2, "drive.tau_e", "20 9");
   EXPECT_THAT(warnings_of(one), ElementsAre(AllOf(HasSubstr("the event at 0.2 s gives drive.tau_e the value 20 9"),
                                                   HasSubstr("controller.tau_e of the connected unit does not get it"))));
-  one.event(0.2, "controller.tau_e", "20,9.0");  // written otherwise
+  one.event(0.2, "controller.tau_e", "20,9.0");  // the same in another notation
   EXPECT_THAT(warnings_of(one), IsEmpty());
   one.event(0.4, "controller.tau_e[2]", "0");
   EXPECT_THAT(warnings_of(one), ElementsAre(HasSubstr("the event at 0.4 s gives controller.tau_e[2] the value 0")));

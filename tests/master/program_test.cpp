@@ -1,4 +1,4 @@
-// The program `cotwin` as its users call it: exit codes, files, messages.
+// The program `cotwin` as users call it: exit codes, files, messages.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -96,7 +96,7 @@ TEST_F(Program, TakesAnFmuForOneInAnyCaseOfLetters) {
 TEST_F(Program, RunsAScenarioAndSaysWhereTheResultsAre) {
   const RunResult result = run({"run", scenario(), "--stop", "0.05", "--json", "summary.json", "--set", "motion.waypoint_q=0"});
   EXPECT_EQ(result.code, 0) << result.err;
-  EXPECT_EQ(result.err, "");  // no progress bar where stderr is no terminal
+  EXPECT_EQ(result.err, "");  // no progress bar if stderr is no terminal
   EXPECT_THAT(result.out, HasSubstr("just motion: 0.05 s in 50 ticks of 1 ms"));
   EXPECT_THAT(result.out, HasSubstr("results: results/just_motion/signals.csv (51 rows)"));
   EXPECT_THAT(content(folder_ / "results/just_motion/signals.csv"), StartsWith("time,motion.q_d[1],motion.q_d[2]"));
@@ -165,7 +165,7 @@ TEST_F(Program, NamesWhatItCannotUnderstand) {
 }
 
 TEST_F(Program, CtrlCWhileTheClockIsWaitedForStepsNoFurther) {
-  // A tick of ten minutes: the first is made at once, the second may not be before its time.
+  // A tick of ten minutes: the first one runs at once, the second one not before its time.
   std::string text = content(folder_ / scenario());
   const std::string end = "</ssd:SystemStructureDescription>";
   text.replace(
@@ -185,7 +185,7 @@ TEST_F(Program, CtrlCWhileTheClockIsWaitedForStepsNoFurther) {
   const RunResult result = child.wait();
   EXPECT_EQ(result.code, 130) << result.err;
   EXPECT_THAT(result.out, HasSubstr("interrupted at t = 600 s; 600 s in 1 ticks of 600 s"));
-  EXPECT_EQ(rows(), 3);  // heading, start, first tick
+  EXPECT_EQ(rows(), 3);  // header, start, first tick
 }
 
 TEST_F(Program, DescribesSettingsBeforeTheOneIsGivenThatVariablesDependOn) {
@@ -197,7 +197,7 @@ TEST_F(Program, DescribesSettingsBeforeTheOneIsGivenThatVariablesDependOn) {
   EXPECT_EQ(json["settings"][0]["name"], "robot");
   EXPECT_EQ(json["settings"][0]["required"], true);
   EXPECT_THAT(json["missing"].get<std::string>(), HasSubstr("robot"));
-  EXPECT_EQ(run({"describe", "tuner?robto=lwr4"}).code, 2);  // a slip is no missing setting
+  EXPECT_EQ(run({"describe", "tuner?robto=lwr4"}).code, 2);  // a misspelt setting is not a missing setting
 }
 
 TEST_F(Program, SetsASettingOfOneUnit) {

@@ -24,7 +24,7 @@ using ::cotwin::testing::error_of;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
-/// A folder of this test alone, gone afterwards.
+/// A folder of this test, removed at the end.
 class Recording : public ::testing::Test {
  protected:
   Recording() { std::filesystem::create_directories(folder_); }
@@ -95,9 +95,9 @@ TEST_F(Recording, ReadsBackToTheSameBits) {
         v = std::bit_cast<double>(random());
       } while (!std::isfinite(v));
     }
-    if (row % 3 == 0) values[1] = 0.1;  // at rest, mostly
+    if (row % 3 == 0) values[1] = 0.1;  // mostly at rest
     if (row % 5 == 0) values[2] = row % 2 == 0 ? 0.0 : -0.0;
-    if (row % 2 == 1) values[3] = written.back()[0];  // as an input repeats what an output was
+    if (row % 2 == 1) values[3] = written.back()[0];  // an input that repeats an output
     if (row % 7 == 0) values[4] = values[0];
     written.push_back(values);
     recorder.sample(Time{row * std::int64_t{1'234'567}});
@@ -239,7 +239,7 @@ TEST_F(Recording, TellsADiskThatIsFull) {
 }
 
 TEST_F(Recording, TellsADiskThatFillsUpWhileItRunsAndKeepsWhatWasWritten) {
-  // A limit on the file's size stands for the end of the disk.
+  // A limit on the file's size stands for a full disk.
   rlimit before{};
   getrlimit(RLIMIT_FSIZE, &before);
   const auto old_handler = std::signal(SIGXFSZ, SIG_IGN);
@@ -261,7 +261,7 @@ TEST_F(Recording, TellsADiskThatFillsUpWhileItRunsAndKeepsWhatWasWritten) {
   EXPECT_GT(size, 300'000u - 64);
   std::ifstream in(folder_ / "limited.csv.part");
   const std::string text{std::istreambuf_iterator<char>(in), {}};
-  EXPECT_EQ(text.back(), '\n');  // whole rows only
+  EXPECT_EQ(text.back(), '\n');  // complete rows only
 }
 
 TEST_F(Recording, TellsAFileThatCannotBeOpened) {
@@ -285,7 +285,7 @@ TEST_F(Recording, KeepsWhatWasSampledBeforeAFailure) {
             }),
             "f.y[3] is nan at t = 0.006 s, expected a finite output");
   master.finish();
-  EXPECT_EQ(lines(folder_ / "signals.csv").size(), 7u);  // heading, t = 0 … 5 ms
+  EXPECT_EQ(lines(folder_ / "signals.csv").size(), 7u);  // header, t = 0 … 5 ms
 }
 
 }  // namespace

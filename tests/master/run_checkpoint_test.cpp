@@ -1,4 +1,4 @@
-// A run that is saved, lost, and gone on with has the bits of one that was never interrupted.
+// A run that is saved, killed and resumed has the same bits as an uninterrupted run.
 #include "master/run/checkpoint.h"
 
 #include <gmock/gmock.h>
@@ -42,7 +42,7 @@ class Saved : public ::testing::Test {
     options.resume = std::move(resume);
     return Master(scenario, std::move(options));
   }
-  /// What depends on the scenario alone.
+  /// The figures that depend on the scenario alone.
   static std::string figures(const Master& master) {
     Summary s = master.summary();
     s.wall_seconds = s.real_time_factor = s.exchange_share = s.check_share = s.observe_share = 0;
@@ -61,7 +61,7 @@ class Saved : public ::testing::Test {
     master.finish();
     return {content(results / "signals.csv"), figures(master)};
   }
-  /// The state when `ticks` have been made; then the run goes on for `lost` ticks and ends without a word.
+  /// The state after `ticks`; then the run continues for `lost` ticks and is abandoned.
   RunState save_and_lose(const Scenario& scenario, const fs::path& results, std::int64_t ticks, std::int64_t lost) {
     Master master = make(scenario, results);
     master.initialise();
@@ -69,7 +69,7 @@ class Saved : public ::testing::Test {
     }
     std::optional<RunState> state;
     master.save([&](RunState s) { state = std::move(s); });
-    EXPECT_TRUE(state.has_value());  // all units are ours: at once
+    EXPECT_TRUE(state.has_value());  // all units are Cotwin's: at once
     if (state->recording) state->recording->bytes = master.sync_recording().value();
     for (std::int64_t i = 0; i < lost && master.step_tick(); ++i) {
     }
@@ -91,7 +91,7 @@ class Saved : public ::testing::Test {
       EXPECT_FALSE(fs::exists(results / "signals.csv.part"));
     }
   }
-  /// Ramps under way, jumps, periods, stages, a loop, all kinds of values and all figures of the summary.
+  /// Active ramps, jumps, periods, stages, a loop, all kinds of values and all figures of the summary.
   static Scenario rich() {
     Build b;
     b.unit("h", "heavy").unit("slow", "integrator", 0, 7).unit("r", "ramped", 1).unit("m", "mixed").unit("p", "probe", 0, 3);
@@ -159,7 +159,7 @@ TEST_F(Saved, RefusesTheStateOfAnotherRun) {
   other.stop = Time::from_seconds(0.05);
   EXPECT_THAT(refused(other, state, folder_ / "one"), HasSubstr("another run"));
   EXPECT_THAT(refused(scenario, state, folder_ / "nowhere"), HasSubstr("No such file"));
-  // Another recording: fewer columns, or fewer rows than the state goes on from.
+  // Another recording: fewer columns, or fewer rows than the state expects.
   other = scenario;
   other.recording = {{"h.*", ""}};
   EXPECT_THAT(refused(other, state, folder_ / "one"), HasSubstr("its columns are not those of the run"));
@@ -204,7 +204,7 @@ TEST_F(Saved, FileThatIsCutOrDamagedIsAnError) {
 }
 
 TEST_F(Saved, StateThatIsDamagedBehindTheHashIsAnErrorOrARun) {
-  // The file's hash finds accidents; this is what stands behind it.
+  // The hash of the file detects accidental changes; these checks come after it.
   const Scenario scenario = rich();
   const RunState good = save_and_lose(scenario, {}, 300, 0);
   std::mt19937_64 random(5);
@@ -241,7 +241,7 @@ TEST_F(Saved, TheWriterKeepsTheEarlierFileWhereItCannotWriteAnother) {
   EXPECT_EQ(load_checkpoint(folder_ / "run.checkpoint").state.bytes, "first");
   EXPECT_EQ(writer.failure(), "");
   fs::remove(folder_ / "run.checkpoint");
-  fs::create_directory(folder_ / "run.checkpoint");  // what no file can replace
+  fs::create_directory(folder_ / "run.checkpoint");  // this cannot come from a file
   writer.write({1, {}, 2.5, "second"});
   writer.end();
   EXPECT_THAT(writer.failure(), HasSubstr("run.checkpoint: cannot be written: Is a directory"));

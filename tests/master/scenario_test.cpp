@@ -32,12 +32,12 @@ constexpr const char* kHead =
     "xmlns:v='http://ssp-standard.org/SSP1/SystemStructureParameterValues' "
     "xmlns:m='http://ssp-standard.org/SSP1/SystemStructureParameterMapping'>";
 
-/// A document: line 1 is its root, `system` begins on line 2 inside the root system, `after` follows the system.
+/// A document: line 1 is its root, `system` starts on line 2 inside the root system, `after` follows the system.
 std::string ssd(const std::string& system, const std::string& after = "") {
   return std::string(kHead) + "<d:System name='root'>\n" + system + "\n</d:System>" + after + "</d:SystemStructureDescription>";
 }
 
-/// The same with components a and b and our annotation: line 2 is the cotwin:Master tag, its content begins on line 3.
+/// The same with components a and b and the Cotwin annotation: line 2 is the cotwin:Master tag, its content starts on line 3.
 std::string annotated(const std::string& attributes, const std::string& content) {
   return ssd(
       "<d:Elements><d:Component name='a' source='unit:a'/><d:Component name='b' source='unit:b'/></d:Elements>"
@@ -100,7 +100,7 @@ std::vector<std::string> connections_of(const Scenario& s) {
   return list;
 }
 
-/// A folder of its own that is gone afterwards.
+/// A folder of this test, removed at the end.
 class Folder {
  public:
   Folder()
@@ -128,7 +128,7 @@ TEST(ForeignSystemStructure, IsDissolvedIntoComponentsWithTheirFiles) {
   EXPECT_THAT(names_of(s), ElementsAre("controller", "drive.motor", "drive.body.chassis", "drive.body.left.tyre",
                                        "drive.body.right.tyre", "drive.body.spare.tyre", "display", "cabin.radio"));
   EXPECT_EQ(s.components[0].source, "resources/My Controller.fmu");    // %20
-  EXPECT_EQ(s.components[2].source, "sub/resources/Chassis.fmu");      // relative to the outer file, as everything is
+  EXPECT_EQ(s.components[2].source, "sub/resources/Chassis.fmu");      // relative to the outer file, like all references
   EXPECT_EQ(s.components[0].type, "application/x-fmu-sharedlibrary");  // the default of the schema
   EXPECT_EQ(s.components[0].implementation, "CoSimulation");
   EXPECT_EQ(s.components[1].implementation, "any");
@@ -162,25 +162,25 @@ TEST(ForeignSystemStructure, RunsWithDefaults) {
 TEST(ForeignSystemStructure, LeavesComposedConnections) {
   EXPECT_THAT(connections_of(load_scenario(kVehicle)),
               ElementsAre(
-                  // through the connector of a referenced file and of an embedded system; right and spare are fed by nobody
+                  // through the connector of a referenced file and of an embedded system; right and spare are not connected
                   "drive.motor.w [rad/s] -> drive.body.left.tyre.w [rad/s]: 1, 0",
                   "drive.motor.w [rad/s] -> drive.body.chassis.w [rad/s]: 1, 0",
                   // mV to V, then 2·V + 0.5 V within the drive
                   "controller.u [mV] -> drive.motor.u [V]: 2, 0.5",
-                  // through a signal dictionary whose one reference is in V and whose other is in kV
+                  // through a signal dictionary that one reference uses in V and another in kV
                   "controller.u [mV] -> cabin.radio.supply [V]: 1, 0",
-                  // written backwards inside the drive; +10 1/min outside
+                  // written in the other direction inside the drive; +10 1/min outside
                   "drive.motor.w [rad/s] -> display.n [rev/min]: 1, 10", "drive.motor.T [degC] -> display.T [degF]: 1, 0",
-                  // °C becomes K at the border of the drive, and the number of K is halved: 0.5·(x + 273.15)
+                  // °C becomes K at the border of the drive, and the number in K is halved: 0.5·(x + 273.15)
                   "drive.motor.T [degC] -> display.T_raw [degF]: 0.5, 136.575, numbers",
-                  // the display does not say its unit: values arrive in mV
+                  // the display has no unit: values arrive in mV
                   "controller.u [mV] -> display.u [mV]: 1, 0"));
 }
 
 TEST(ForeignSystemStructure, AppliesOuterBindingsLast) {
   const Scenario s = load_scenario(kVehicle);
   // Inline at the motor; the drive's file with prefix; the root's mapping (2 as a bare number, and 2·2 poles); the root's
-  // what-if, and the drive's connector "ratio", which feeds −ratio to the motor.
+  // what-if; and the drive's connector "ratio", which feeds −ratio to the motor.
   EXPECT_THAT(values_of(s, "drive.motor"), ElementsAre("R = 1 Ohm", "poles = int 4", "R = 0.25 Ohm", "L = 3 mH", "R = 2 Ohm",
                                                        "poles = int 4", "R = 500 mOhm", "i = -9"));
   EXPECT_THAT(values_of(s, "controller"), ElementsAre("comfort = false", "mode = 'on'", "gear = int -1", "speed_ref = 10 m/s"));
@@ -189,7 +189,7 @@ TEST(ForeignSystemStructure, AppliesOuterBindingsLast) {
 
 TEST(ForeignSystemStructure, KeepsEveryFilesUnitsOfMeasureApart) {
   const Scenario s = load_scenario(kVehicle);
-  // body.ssd calls 1016.0469088 kg a t, the outer file 1000 kg: 1500 kg + 0.08 t of the inner kind.
+  // In body.ssd t is 1016.0469088 kg, in the outer file 1000 kg: 1500 kg + 0.08 t of the inner file.
   const std::string inner = "t (" + (kVehicle.parent_path() / "sub/body.ssd").string() + ")";
   const std::vector<ParameterValue>& values = s.components[2].start_values;
   ASSERT_EQ(values.size(),
@@ -307,7 +307,7 @@ TEST(Annotation, IsReadWhole) {
   EXPECT_EQ(s.components[1].stage, 3);
   EXPECT_EQ(s.components[1].period, 10);
   EXPECT_FALSE(s.components[1].threads);
-  ASSERT_EQ(s.events.size(), 3U);  // by time, those of one time in the order of the file
+  ASSERT_EQ(s.events.size(), 3U);  // by time, those of equal time in the order of the file
   EXPECT_EQ(s.events[0].variable, "b.y");
   EXPECT_EQ(s.events[1].value, "1 2");
   EXPECT_EQ(s.events[1].ramp, Duration{250'000'000});
@@ -363,7 +363,7 @@ TEST(Connections, FromAnInputOfTheRootSystemLeaveTheStartValue) {
 }
 
 TEST(ParameterNames, MeanAllVariablesThatHaveThem) {
-  // SSP calls it punning: component "b.c" with variable d, and system "b" with component "c" with d.
+  // A dot is ambiguous in SSP: component "b.c" with variable d, and system "b" with component "c" with d.
   EXPECT_THROW(parse(ssd(elements(component("b.c") + "<d:System name='b'>" + elements(component("c")) + "</d:System>"))),
                Error);
   const Scenario s =
@@ -439,7 +439,7 @@ TEST(Assignment, OfAFileThatIsThereMeansTheOneThatTheShellWouldOpen) {
   assign(s, "a.file=../logs/none.csv");
   assign(s, "a.file=../logs");
   fs::current_path(folder.path());
-  assign(s, "a.x=1.5");  // a number, though a file has that name
+  assign(s, "a.x=1.5");  // a number, although a file has that name
   assign(s, "robot=logs/run.csv");
   fs::current_path(before);
   EXPECT_THAT(values_of(s, "a"), ElementsAre("file = '" + fs::canonical(folder.path() / "logs/run.csv").string() + "'",
@@ -497,7 +497,7 @@ TEST(References, ThatMultiplyWithoutEndAreBounded) {
 }
 
 TEST(References, InsideOneAnotherAreBounded) {
-  // Each system instantiates the next one: read one inside the other, 5000 deep.
+  // Each system instantiates the next one: nested 5000 deep.
   std::string systems;
   for (int i = 0; i < 5000; ++i) {
     systems +=
@@ -511,7 +511,7 @@ TEST(References, InsideOneAnotherAreBounded) {
 }
 
 TEST(UnitsOfMeasure, OfOneFileDoNotLeakIntoAnother) {
-  // The set's t is another one; the structure, which defines none, means 1000 kg.
+  // The parameter set defines another t; the structure, which defines none, means 1000 kg.
   const Folder folder;
   folder.write(
       "long.ssv",
@@ -745,7 +745,7 @@ INSTANTIATE_TEST_SUITE_P(
             "f.ssd:2: an annotation 'cotwin.master', expected it once"},
         Bad{"Empty", ssd("<d:Annotations><c:Annotation type='cotwin.master'/></d:Annotations>"),
             "f.ssd:2: annotation 'cotwin.master', expected one element 'Master'"},
-        // Our annotation makes the reader strict about the rest of the file.
+        // With the Cotwin annotation the rest of the file is read strictly.
         Bad{"StrictStructure",
             ssd("<d:Annotations><c:Annotation type='cotwin.master'><Master "
                 "xmlns='urn:cotwin:master:1'/></c:Annotation></d:Annotations>\n<d:Conections/>"),
@@ -843,7 +843,7 @@ TEST(References, OfTheUsersOwnTreeMayLeadAnywhere) {
   EXPECT_EQ(load_scenario(own).components.size(), 2u);
 }
 
-// Were components, connectors or units of measure looked for one by one, this would take hours.
+// With a linear search for components, connectors or units of measure this would take hours.
 TEST(SystemStructure, TheTimeToReadItGrowsWithItsSizeAndNotWithItsSquare) {
   constexpr int kMany = 50'000;
   std::string units, ports, annotation, components, connections, values;

@@ -14,7 +14,7 @@ using ::cotwin::testing::value;
 using ::testing::HasSubstr;
 
 TEST(Schedule, StagesInOneTickAreGaussSeidelAndOneStageIsJacobi) {
-  // A chain of three gains with u = 1: in one stage the news takes a tick per unit, in three stages it arrives in the first
+  // A chain of three gains with u = 1: in one stage a change takes one tick per unit, in three stages it arrives in the first
   // tick.
   for (const bool stages : {false, true}) {
     Build b;
@@ -39,7 +39,7 @@ TEST(Schedule, AUnitWithAPeriodStepsAtItsEndOverAllOfIt) {
   master.initialise();
   for (int tick = 1; tick <= 10; ++tick) {
     ASSERT_TRUE(master.step_tick());
-    const int last_end = tick == 10 ? 10 : tick / 4 * 4;  // the last tick ends everyone's step
+    const int last_end = tick == 10 ? 10 : tick / 4 * 4;  // the last tick ends the step of every unit
     EXPECT_DOUBLE_EQ(value(master, "p.t"), 1e-3 * last_end);
     EXPECT_EQ(value(master, "p.steps"), tick == 10 ? 3 : tick / 4);
   }
@@ -94,7 +94,7 @@ TEST(Schedule, CutsAnIntervalIntoPartsThatMeet) {
   EXPECT_EQ(cut(a, b, 1, 2), b);
 }
 
-/// Energy after 2 s over energy at the start, of two masses and a spring between them (frictionless: 1 is right).
+/// Energy after 2 s over energy at the start, of two masses and a spring between them (no friction: 1 is exact).
 double energy_ratio(std::int64_t tick_ns, int stage_of_b) {
   Build b;
   b.unit("a", "oscillator_a", 0).unit("b", "oscillator_b", stage_of_b);
@@ -113,7 +113,7 @@ double energy_ratio(std::int64_t tick_ns, int stage_of_b) {
 }
 
 TEST(Schedule, RampedInputsInTwoStagesKeepTheEnergyOfAStiffPair) {
-  // What is left is the first step, which knows no slope of q yet.
+  // The remaining error is that of the first step, where the slope of q is not known yet.
   EXPECT_NEAR(energy_ratio(100'000, 1), 1, 1e-3);
   EXPECT_NEAR(energy_ratio(10'000, 1), 1, 1e-5);
 }

@@ -1,4 +1,4 @@
-// Composed paths against the same path walked one connection after the other.
+// Compares composed paths with the same path evaluated connection by connection.
 #include "master/ssp/path.h"
 
 #include <gtest/gtest.h>
@@ -20,7 +20,7 @@ struct Hop {
 };
 
 struct Walk {
-  std::string start_own, start_given;  // the variable's own unit of measure, and what the file says
+  std::string start_own, start_given;  // the variable's own unit of measure, and that of the file
   std::vector<Hop> hops;
   std::string end_own;
 };
@@ -30,9 +30,9 @@ double converted(double x, const std::string& from, const std::string& to) {
   return c.factor * x + c.offset;
 }
 
-/// SSP, one connection at a time: convert where both ends have a unit of measure and it is not suppressed, then transform. A
-/// system's connector without a unit has that of what arrives, or none where conversion was suppressed; a component's variable
-/// has its own.
+/// SSP, one connection at a time: convert if both ends have a unit of measure and conversion is not suppressed, then transform.
+/// A system's connector without a unit has that of the arriving value, or none if conversion was suppressed; a component's
+/// variable has its own.
 double walked(const Walk& w, double x) {
   std::string unit = w.start_own;
   if (!w.start_given.empty()) {
@@ -54,7 +54,7 @@ double walked(const Walk& w, double x) {
   return unit.empty() ? x : converted(x, unit, w.end_own);
 }
 
-/// What the wiring makes of a composed path: the variable's unit to the given one, factor and offset, the given one to the
+/// The result of the wiring for a composed path: the variable's unit to the given one, factor and offset, the given one to the
 /// variable's.
 double composed(const Walk& w, const Path::Result& r, double x) {
   const std::string from = r.from_unit.empty() ? w.start_own : r.from_unit, to = r.to_unit.empty() ? w.end_own : r.to_unit;
@@ -93,7 +93,7 @@ TEST(Path, GivesWhatTheConnectionsGiveOneByOne) {
     }
     const bool none_given =
         w.start_given.empty() && std::all_of(w.hops.begin(), w.hops.end(), [](const Hop& h) { return h.unit.empty(); });
-    if (none_given) w.end_own = w.start_own;  // then the file cannot tell in which of two measures a transformation holds
+    if (none_given) w.end_own = w.start_own;  // then the file does not determine in which of two units a transformation applies
     try {
       Path path(units, Path::Start::kVariable, w.start_given);
       for (std::size_t i = 0; i < w.hops.size(); ++i)
@@ -101,7 +101,7 @@ TEST(Path, GivesWhatTheConnectionsGiveOneByOne) {
       const Path::Result r = path.result("here");
       for (const double x : {0.0, 1.0, -40.0, 300.0}) {
         const double expected = walked(w, x);
-        // Every hop multiplies by at most 4 · 1000 and adds at most 500 K; 1e-12 of the largest number on the way.
+        // Every connection multiplies by at most 4 · 1000 and adds at most 500 K; 1e-12 of the largest number on the way.
         EXPECT_NEAR(composed(w, r, x), expected, 1e-12 * std::pow(4000.0, static_cast<double>(w.hops.size())))
             << describe(w) << ", x = " << x;
       }

@@ -64,12 +64,12 @@ TEST(Statistics, EnergyIsTheIntegralOfEffortTimesFlow) {
   const double amplitude = 0.5 * cotwin::testing::OscillatorA::kK * 1e-4;  // J: the energy at the start
   EXPECT_NEAR(s.works.at(0).value, 0.5 * v * v, 1e-4 * amplitude);
   EXPECT_NEAR(s.bonds.at(0).leak, 0, 1e-6 * amplitude);
-  EXPECT_GT(std::abs(s.bonds.at(1).leak), 1e-3);  // a's own speed is not what flows through the far end of the spring
+  EXPECT_GT(std::abs(s.bonds.at(1).leak), 1e-3);  // the speed of a is not the speed at the far end of the spring
   EXPECT_THAT(s.warnings, ElementsAre(HasSubstr("power bond 'wrong' leaks")));
 }
 
 TEST(Statistics, WorkOfAnOscillatorIsPositiveOnTheWayInAndNegativeOnTheWayOut) {
-  // The spring torque on mass b is a cosine, its speed a sine: each quarter of the swing gives or takes the same energy.
+  // The spring torque on mass b is a cosine, its speed a sine: each quarter of the oscillation gives or takes the same energy.
   Build b;
   b.unit("a", "oscillator_a").unit("b", "oscillator_b", 1).connect("b.q", "a.q").connect("a.tau", "b.tau").until(0.3);
   b.scenario.tick = Duration{10'000};
@@ -92,7 +92,7 @@ TEST(Statistics, JointsThatDriveAndBrakeAtTheSameTimeAreNotSetOffAgainstEachOthe
 }
 
 TEST(Statistics, APowerThatChangesItsSignWithinATickCountsOnBothSides) {
-  // Joint 1 goes from 6 to −2 W between 5 and 6 ms: triangles of 6 W · 0.75 ms / 2 and −2 W · 0.25 ms / 2.
+  // Joint 1 changes from 6 to −2 W between 5 and 6 ms: triangles of 6 W · 0.75 ms / 2 and −2 W · 0.25 ms / 2.
   Build b;
   b.unit("arm", "joints").with("tau_in", 1.0).with("dq_in[1]", 6.0).event(0.005, "arm.dq_in[1]", "-2");
   b.scenario.reports.push_back({"work", "energy", "arm.tau", "arm.dq", ""});
@@ -102,7 +102,7 @@ TEST(Statistics, APowerThatChangesItsSignWithinATickCountsOnBothSides) {
 }
 
 TEST(Statistics, ComparesTwoSignalsOverAllAndInSegments) {
-  // a − b is 0 up to 2 ms, then 1, from 6 ms on −2; five segments of 2 ms hold the samples at [0,2), [2,4), …, [8,10] ms.
+  // a − b is 0 until 2 ms, then 1, from 6 ms on −2; five segments of 2 ms contain the samples at [0,2), [2,4), …, [8,10] ms.
   Build b;
   b.unit("a", "gain").unit("b", "gain").event(0.002, "a.u", "1").event(0.006, "a.u", "-2");
   b.scenario.comparisons.push_back({"torque", "a.y", "b.y", 5, {}, {}, ""});

@@ -23,7 +23,7 @@ void to_the_end(Master& master) {
 }
 
 TEST(StepControl, ADiscardedStepIsMadeInPartsAndSoIsEveryoneElses) {
-  // ẋ = −50 x by explicit Euler in steps of 0.25 ms from t = 5 ms on: 5 steps of 1 ms, then 4 a ms.
+  // ẋ = −50 x by explicit Euler in steps of 0.25 ms from t = 5 ms on: 5 steps of 1 ms, then 4 per ms.
   Build b;
   b.unit("before", "probe").unit("p", "picky").with("longest", 0.3e-3).with("from", 0.005).unit("after", "probe").until(0.01);
   Master master = b.load();
@@ -38,8 +38,8 @@ TEST(StepControl, ADiscardedStepIsMadeInPartsAndSoIsEveryoneElses) {
   EXPECT_EQ(s.most_parts, 4);
 }
 
-// The same scenario as one unit, with an input that its host moves between the ticks: the ticks since the last checkpoint are
-// made again with what the host had written before each of them.
+// The same scenario as one unit, with an input that its host changes between the ticks: the ticks since the last checkpoint are
+// repeated with the values that the host had written before each of them.
 TEST(StepControl, OfAScenarioAsOneUnitIsThatOfTheMaster) {
   Build b;
   b.unit("i", "integrator").unit("p", "picky").with("longest", 0.3e-3).with("from", 0.045).until(1);
@@ -58,7 +58,7 @@ TEST(StepControl, OfAScenarioAsOneUnitIsThatOfTheMaster) {
     ASSERT_EQ(twin.step(Time{n * 1'000'000}, Duration{1'000'000}), StepResult::kDone);
     ASSERT_EQ(v.at("p.y").reals()[0], value(master, "p.y")) << n;
   }
-  // ∫u of the host's steps, whatever was made twice; the master of a run has nobody who writes between its ticks.
+  // ∫u of the host's steps, also with repeated ticks; the master of a run has no host that writes between its ticks.
   double expected = 0;
   for (int n = 0; n < 100; ++n) expected += 1e-3 * std::sin(0.1 * n);
   EXPECT_NEAR(v.at("i.y").reals()[0], expected, 1e-15);
@@ -80,7 +80,7 @@ TEST(StepControl, OfAScenarioAsOneUnitGivesUpWhereNoPartIsShortEnough) {
 }
 
 TEST(StepControl, ComesBackFromFarBehindTheLastCheckpoint) {
-  // 700 ticks without trouble, with an event and a ramp on the way; only the master's replay knows the way back.
+  // 700 ticks without discarded steps, with an event and a ramp; only the master's replay can go back.
   Build b;
   b.unit("i", "integrator").with("u", 1.0).unit("p", "picky").with("longest", 0.6e-3).with("from", 0.7);
   b.event(0.1, "i.u", "-3").event(0.6, "i.u", "5", 0.2).until(1);
@@ -92,7 +92,8 @@ TEST(StepControl, ComesBackFromFarBehindTheLastCheckpoint) {
   reference.initialise();
   while (master.step_tick()) {
     reference.step_tick();
-    // The ramp is sampled at the parts of a tick: until 0.7 s bit for bit, then within the ramp's rise in half a tick.
+    // The ramp is sampled at the parts of a tick: equal until 0.7 s bit for bit, then within the rise of the ramp in half a
+    // tick.
     if (master.now().seconds() <= 0.7) {
       ASSERT_EQ(value(master, "i.y"), value(reference, "i.y"));
     } else {
@@ -118,7 +119,7 @@ TEST(StepControl, GivesUpWhenNoPartIsSmallEnough) {
 }
 
 TEST(StepControl, ATickIsCutUntilTheToleranceIsKept) {
-  // A circle of two units in one stage: ẋ = u, u = −30 x a tick late. The exact solution is e^(−30 t); Jacobi's error falls
+  // A loop of two units in one stage: ẋ = u, u = −30 x one tick late. The exact solution is e^(−30 t); Jacobi's error decreases
   // with the length of the parts.
   const auto error_with = [](double tolerance) {
     Build b;
@@ -145,7 +146,7 @@ TEST(StepControl, PartsGrowAgainWhenNothingHappens) {
   Master master = b.load();
   to_the_end(master);
   EXPECT_GT(master.summary().most_parts, 8);
-  EXPECT_LT(master.summary().mean_parts, 4);  // x has died away after a hundredth of the run; two parts are the least
+  EXPECT_LT(master.summary().mean_parts, 4);  // x has decayed after a hundredth of the run; two parts are the minimum
 }
 
 TEST(StepControl, AToleranceNeedsUnitsThatCanBeTakenBack) {

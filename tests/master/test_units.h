@@ -12,10 +12,10 @@
 #include "master/run/master.h"
 #include "models/support/error.h"
 
-/// Small units whose behaviour is known in closed form, and helpers that put them together.
+/// Small units with closed-form behaviour, and helpers that connect them.
 namespace cotwin::testing {
 
-/// y = gain · u + bias, at once: also at initialisation.
+/// y = gain · u + bias without delay, also at initialisation.
 class Gain final : public Unit {
  public:
   explicit Gain(std::size_t n) : u_(n), y_(n) {}
@@ -39,7 +39,7 @@ class Gain final : public Unit {
   double gain_ = 1, bias_ = 0;
 };
 
-/// ẋ = u held over a step, y = x. `telling`: says that dy is the derivative of y.
+/// ẋ = u, constant over a step, y = x. `telling`: declares dy as the derivative of y.
 class Integrator final : public Unit {
  public:
   explicit Integrator(bool telling = false) : telling_(telling) {}
@@ -66,7 +66,7 @@ class Integrator final : public Unit {
   double u_ = 0, y_ = 0, x_ = 0, dy_ = 0, start_ = 0;
 };
 
-/// ẋ = a(t) with a following its input linearly over a step (Variable::rate): x is exact if the input is linear.
+/// ẋ = a(t), where a follows its input linearly over a step (Variable::rate): x is exact if the input is linear.
 class RampedIntegrator final : public Unit {
  public:
   void declare(Variables& v) override {
@@ -90,8 +90,8 @@ class RampedIntegrator final : public Unit {
   double u_ = 0, du_ = 0, y_ = 0, x_ = 0, u_seen_ = 0, du_seen_ = 0;
 };
 
-/// One mass of two that a spring of stiffness k joins. side=a integrates B θ̈ = −k(θ − q) with q ramped and gives tau = k(θ −
-/// q); side=b integrates q̈ = tau with tau ramped. Both exactly for a linear input.
+/// One of two masses that are connected by a spring of stiffness k. side=a integrates B θ̈ = −k(θ − q) with q ramped and
+/// outputs tau = k(θ − q); side=b integrates q̈ = tau with tau ramped. Both are exact for a linear input.
 class OscillatorA final : public Unit {
  public:
   void declare(Variables& v) override {
@@ -152,7 +152,7 @@ class OscillatorB final : public Unit {
   double tau_ = 0, dtau_ = 0, q_ = 0, dq_ = 0, q_out_ = 0, dq_out_ = 0;
 };
 
-/// Tells what it was called with.
+/// Records the calls that it gets.
 class Probe final : public Unit {
  public:
   void declare(Variables& v) override {
@@ -231,7 +231,7 @@ class Picky final : public Unit {
   void initialise(Time) override { x_ = y_ = start_; }
   StepResult step(Time now, Duration h) override {
     if (now.seconds() >= from_ && h.seconds() > longest_) {
-      x_ = -777;  // the master restores, not we
+      x_ = -777;  // the master restores the state, not the unit
       return StepResult::kDiscard;
     }
     x_ += h.seconds() * (-50 * x_ + u_);
@@ -246,7 +246,7 @@ class Picky final : public Unit {
   double u_ = 0, y_ = 0, h_ = 0, longest_ = 1e9, from_ = 0, start_ = 1, x_ = 0;
 };
 
-/// Gives NaN (or throws) after `after`.
+/// Outputs NaN (or throws) after `after`.
 class Faulty final : public Unit {
  public:
   void declare(Variables& v) override {
@@ -269,7 +269,7 @@ class Faulty final : public Unit {
   bool throws_ = false;
 };
 
-/// A chaotic map that costs some microseconds a step: any difference in order or time shows.
+/// A chaotic map that takes some microseconds per step: any difference in order or time is visible.
 class Heavy final : public Unit {
  public:
   void declare(Variables& v) override {
@@ -292,7 +292,7 @@ class Heavy final : public Unit {
   std::int32_t rounds_ = 100;
 };
 
-/// Asks for the end of the run after three steps.
+/// Requests the end of the run after three steps.
 class Brief final : public Unit {
  public:
   void declare(Variables& v) override {
@@ -310,7 +310,7 @@ class Brief final : public Unit {
   std::string warning_;
 };
 
-/// Two joints whose torques and speeds are what their inputs were.
+/// Two joints whose torques and speeds are copies of the inputs.
 class Joints final : public Unit {
  public:
   void declare(Variables& v) override {
@@ -357,7 +357,7 @@ inline std::span<const UnitType> test_types() {
   return kTypes;
 }
 
-/// Builds scenarios by hand.
+/// Builds scenarios in code.
 struct Build {
   master::Scenario scenario;
 
@@ -391,7 +391,7 @@ struct Build {
     scenario.connections.push_back({port(from), port(to), factor, offset, false, "test.ssd:41"});
     return *this;
   }
-  /// The connection added last takes the number as it is, whatever the measures.
+  /// The last added connection passes the number unchanged, whatever the units of measure.
   Build& as_it_is() {
     scenario.connections.back().suppress_unit_conversion = true;
     return *this;

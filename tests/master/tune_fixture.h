@@ -18,7 +18,7 @@ inline std::string content(const std::filesystem::path& file) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
-/// A robot that is known, logs of it, and a prior that is wrong by about 30 %.
+/// A known robot, logs of it, and a prior that is wrong by about 30 %.
 class TunedRobot {
  public:
   TunedRobot() {

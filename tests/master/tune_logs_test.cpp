@@ -1,4 +1,4 @@
-// cotwin tune on logs as they come: rows lost, time stamps that jitter, joints that stand still; and results that are no good.
+// cotwin tune with realistic logs: lost rows, jitter of time stamps, joints that stand still; and results that are not usable.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -28,12 +28,12 @@ const TunedRobot& robot() {
 
 double random(std::uint32_t row, std::uint32_t use) { return numerics::uniform(numerics::Key{25, 0, row, use, 0}); }
 
-/// Whether a row is lost: a share of them, one by one or `burst` rows in a row.
+/// Whether a row is lost: a share of the rows, single or in bursts of `burst` rows.
 bool lost(std::size_t row, double share, std::size_t burst) {
   return random(static_cast<std::uint32_t>(row / burst), static_cast<std::uint32_t>(burst)) < share;
 }
 
-/// `from` without the rows that `drop` names, the time of each row changed by `time`.
+/// `from` without the rows that `drop` selects, with the time of each row changed by `time`.
 void copy_log(const fs::path& from, const fs::path& to, const std::function<bool(std::size_t)>& drop,
               const std::function<double(std::size_t, double)>& time = {}) {
   std::istringstream in(content(from));
@@ -61,8 +61,8 @@ Outcome tune_log(Settings settings, const fs::path& csv) {
   return {robot().figures("logs")["cutoff"].get<double>(), result.evaluation.held_out->of[result.tuned].rms};
 }
 
-/// Losses of every kind change the automatic cutoff by no more than 10 % and no held-out error by more than a tenth. Held out
-/// is the last third, in which nothing is lost: errors are those of the same samples. `itself`: losses there too.
+/// Lost rows of any kind change the automatic cutoff by at most 10 % and each held-out error by at most a tenth. The last
+/// third, without lost rows, is held out, so that errors are those of the same samples. `itself`: rows are lost there, too.
 void expect_losses_to_do_no_harm(Settings settings, const fs::path& csv, std::size_t rows, std::size_t burst, bool itself,
                                  std::initializer_list<double> shares = {0.05, 0.2, 0.5}) {
   const std::size_t split = rows * 2 / 3;
@@ -77,7 +77,7 @@ void expect_losses_to_do_no_harm(Settings settings, const fs::path& csv, std::si
     if (itself) copy_log(csv, rest, [&](std::size_t row) { return row < split || lost(row, share, burst); });
     const Outcome some = tune_log(settings, part);
     EXPECT_NEAR(some.cutoff, whole.cutoff, 0.1 * whole.cutoff);
-    // Bursts take whole reversals away, by chance more of one joint than of another: the mean of the joints counts.
+    // Bursts remove whole reversals, by chance more of one joint than of another: the mean of the joints counts.
     if (burst > 1) {
       EXPECT_LT(some.held_out.cwiseQuotient(whole.held_out).mean(), 1.1);
       continue;
@@ -87,7 +87,7 @@ void expect_losses_to_do_no_harm(Settings settings, const fs::path& csv, std::si
   }
 }
 
-/// A log that the model does not quite fit, as real ones: friction changes its sign over another speed.
+/// A log that the model does not fit exactly, like real logs: friction changes its sign over another range of speed.
 Settings of_misfit() {
   Settings settings = robot().settings();
   settings.model.friction = identification::FrictionLaw::kCoulomb;
@@ -124,7 +124,7 @@ TEST(TuneLogs, TimeStampsThatJitterAreTakenAsTheyAre) {
     for (Eigen::Index j = 0; j < whole.held_out.size(); ++j)
       EXPECT_LT(jittered.held_out[j], factor * whole.held_out[j]) << "joint " << j + 1;
   };
-  // Wrong time stamps are errors of the data (10 ms at 1 rad/s are 10 mrad); they must not be more than that.
+  // Wrong time stamps are errors of the data (10 ms at 1 rad/s are 10 mrad); the errors must not be larger than that.
   expect("2 ms of 10", 1.1, {},
          [](std::size_t row, double t) { return t + 4e-3 * (random(static_cast<std::uint32_t>(row), 77) - 0.5); });
   expect("written five at a time", 2, {}, [](std::size_t row, double t) { return t - 0.95e-2 * static_cast<double>(row % 5); });
@@ -160,7 +160,7 @@ RunResult run(const std::string& arguments) {
 }
 
 TEST(TuneAlarm, AResultThatIsWorseThanNoModelIsAnAlarmUnlessItIsAccepted) {
-  // In the held-out part joint 7 is driven the other way round: no model of the first part can be right about it.
+  // In the held-out part the torque of joint 7 has the opposite sign: no model of the first part can predict it.
   const auto spoil = [](std::size_t, std::vector<double>& cells) {
     if (cells[0] > 0.7 * 40) cells[14] = -cells[14];
   };

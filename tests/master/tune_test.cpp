@@ -1,4 +1,4 @@
-// cotwin tune on a robot that is known: what it finds, what it writes, and that nothing but the settings decides about it.
+// cotwin tune on a known robot: its results, its files, and that only the settings determine them.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -39,7 +39,7 @@ const TunedRobot& robot() {
 TEST(Tune, FindsTheTorquesOfTheRobotAlsoWhereItHasNotLooked) {
   const Result result = robot().tune(robot().settings(), "finds");
   const nlohmann::json figures = robot().figures("finds");
-  // Noise of 0.02 N.m at 100 Hz, of which a low-pass at 5 Hz leaves a third.
+  // Noise of 0.02 N.m at 100 Hz; a third of it passes a low-pass at 5 Hz.
   EXPECT_THAT(figures["held_out"]["rms"]["floor"].get<Values>(), Each(Lt(0.03)));
   EXPECT_THAT(figures["held_out"]["rms"]["feasible"].get<Values>(), Each(Lt(0.05)));
   EXPECT_THAT(figures["held_out"]["rms"]["swarm"].get<Values>(), Each(Lt(0.3)));  // after 60 rounds of 64 particles
@@ -64,8 +64,8 @@ TEST(Tune, FindsFrictionAndMotorInertia) {
     EXPECT_NEAR(drive.tau_0, 0.2, 0.05);
   }
   for (std::size_t j = 2; j < 7; ++j) EXPECT_NEAR(found.drive[j].B, 0.4, 0.01) << j;  // standard deviations of 0.0004
-  // Neither motion nor noise can tell the first two motors from the links that turn with them: link 2 turns about its own axis
-  // by q̇_2 alone. Their sum is determined; the parts are the nearest ones to the prior.
+  // Motion and noise cannot separate the first two motors from the links that turn with them: link 2 rotates about its own axis
+  // with q̇_2 alone. Their sum is determined; the parts are those nearest to the prior.
   const identification::BaseParameters base = identification::base_parameters(robot().truth);
   const Eigen::VectorXd beta = base.G * found.pi, truth = base.G * identification::estimate_of(robot().truth).pi;
   for (const int joint : {1, 2}) {
@@ -134,7 +134,7 @@ TEST(Tune, TheUrdfAndTheCsvTellTheSameTorquesAsTheFigures) {
     most = std::max(most, std::abs(table.columns[0][k] - table.columns[1][k]));
   }
   const double N = static_cast<double>(training);
-  // By Newton and Euler sample by sample, and by the compressed triangles, where friction's curve is linear between 40 nodes.
+  // By Newton and Euler sample by sample, and by the compressed triangles, where the friction curve is linear between 40 nodes.
   EXPECT_NEAR(std::sqrt(tuned_squares / N), figures["training"]["rms"]["feasible"][2].get<double>(), 2e-3);
   EXPECT_NEAR(std::sqrt(prior_squares / N), figures["training"]["rms"]["prior"][2].get<double>(), 1e-6);
   EXPECT_NEAR(most, figures["training"]["max"]["feasible"][2].get<double>(), 1e-12);
@@ -189,7 +189,7 @@ TEST(Tune, InterruptedInFeasibleLeastSquaresKeepsWhatItHasAndGoesOnToTheSameByte
                              [&] { return solving && ++asked > 5; }};
     const Result stopped = robot().tune(settings, "half", 1, stop_after_5);
     EXPECT_TRUE(stopped.interrupted);
-    EXPECT_LT(asked, 10);  // it ends when it is told
+    EXPECT_LT(asked, 10);  // it stops on request
     EXPECT_EQ(robot().figures("half")["state"], "interrupted");
     EXPECT_EQ(robot().figures("half")["weighted_rms"].contains("feasible"), method == Method::kFeasible);
     EXPECT_LE(method == Method::kSwarm ? stopped.swarm_rms : stopped.feasible_rms, stopped.prior_rms);
@@ -226,7 +226,7 @@ TEST(Tune, LogsOfTheirOwnCanBeHeldOut) {
   EXPECT_THAT(figures["held_out"]["rms"]["feasible"].get<Values>(), Each(Lt(0.1)));
 }
 
-/// A log of the planar arm, of its own file, and settings that leave everything open but the shape of friction.
+/// A log of the planar arm in a file of its own, and settings that fix only the shape of friction.
 Settings of_planar_arm(const std::string& file, const cotwin::testing::SyntheticLog& log,
                        const std::function<void(std::size_t, std::vector<double>&)>& spoil = {}) {
   Settings settings;
@@ -235,7 +235,7 @@ Settings of_planar_arm(const std::string& file, const cotwin::testing::Synthetic
   settings.data = {robot().folder / file};
   settings.model.friction = identification::FrictionLaw::kCoulomb;
   settings.model.v_R = log.v_R;
-  settings.accept_data = true;  // gravity is small beside friction
+  settings.accept_data = true;  // gravity is small compared with friction
   return settings;
 }
 
@@ -253,7 +253,7 @@ TEST(CrossValidation, TakesFrictionWithTheLoadWhereTheGearsHaveIt) {
   }
 }
 
-// What comes behind the training part may be anything.
+// Changes after the training part have no influence.
 TEST(CrossValidation, DoesNotSeeTheHeldOutPart) {
   const cotwin::testing::SyntheticLog& log = robot().log;
   const Settings chosen = cross_validate(of_planar_arm("seen.csv", log), {}, 2, {});
@@ -281,7 +281,7 @@ TEST(CrossValidation, LeavesWhatWasGivenAndEndsUpInTheReport) {
   EXPECT_THROW(cross_validate(settings, {}, 1, Hooks{{}, [] { return true; }}), Stopped);
 }
 
-// A cutoff of 0 means the rule's: given, it is no open question.
+// A cutoff of 0 means the default cutoff: as a given value, it is not chosen by cross-validation.
 TEST(CrossValidation, TakesTheRulesCutoffWhereItWasGivenAsZero) {
   Settings settings = of_planar_arm("rule.csv", robot().log);
   settings.cutoff = 0;
@@ -292,7 +292,8 @@ TEST(CrossValidation, TakesTheRulesCutoffWhereItWasGivenAsZero) {
   EXPECT_GT(cross_validate(settings, {true, false, false}, 1, {}).chosen.size(), 5u);
 }
 
-/// Stiffness that `cotwin tune` finds of gears of 1e4 N.m/rad, on logs whose friction is as great as what moves the links.
+/// Stiffness that `cotwin tune` identifies for gears of 1e4 N.m/rad, from logs whose friction is as large as the torques of the
+/// motion.
 std::vector<double> stiffness_found(double load, bool joint) {
   cotwin::testing::SyntheticLog log = robot().log;
   log.load = load;
@@ -402,16 +403,17 @@ TEST(TuneProgram, PrintsATablePerJointAndWhereTheFilesAre) {
   const RunResult tuned =
       run({"tune", "--robot", "prior.urdf", "--data", "log.csv", "--out", "table", "--rounds", "5", "--cutoff", "5"});
   ASSERT_EQ(tuned.code, 0) << tuned.err;
-  EXPECT_EQ(tuned.err, "");  // no progress bar where stderr is no terminal
+  EXPECT_EQ(tuned.err, "");  // no progress bar if stderr is no terminal
   EXPECT_THAT(tuned.out, AllOf(HasSubstr("prior"), HasSubstr("swarm"), HasSubstr("feasible"), HasSubstr("floor"),
                                HasSubstr("max, feasible")));
   EXPECT_THAT(tuned.out, AllOf(HasSubstr("held out"), HasSubstr("joint_7"), HasSubstr("results: table")));
   for (const char* file : kFiles) EXPECT_TRUE(fs::exists(robot().folder / "table" / file)) << file;
   for (const fs::directory_entry& entry : fs::directory_iterator(robot().folder / "table"))
-    EXPECT_THAT(entry.path().string(), ::testing::Not(HasSubstr(".part")));  // nothing half-written stays
+    EXPECT_THAT(entry.path().string(), ::testing::Not(HasSubstr(".part")));  // no incomplete files remain
 }
 
-// Kernels differ by rounding, and so may the robot: what the data leave open is decided by the prior, not by noise of 1e-16.
+// Kernels differ by rounding, and so may the robot: what the data do not determine is decided by the prior, not by noise of
+// 1e-16.
 TEST(TuneProgram, FindsTheSameRobotOnEveryInstructionSet) {
   std::vector<std::vector<double>> masses;
   std::vector<nlohmann::json> figures;
@@ -481,7 +483,8 @@ TEST(TuneProgram, CtrlCLeavesTheBestSoFarAndResumeGoesOnToTheSameRobot) {
   endless.insert(endless.end(), {"--rounds", "1000000", "--out", "ctrl_c"});
   Process child = start(endless);
   using namespace std::chrono_literals;
-  for (int i = 0; i < 600 && !fs::exists(robot().folder / "ctrl_c"); ++i) std::this_thread::sleep_for(50ms);  // the log is read
+  for (int i = 0; i < 600 && !fs::exists(robot().folder / "ctrl_c"); ++i)
+    std::this_thread::sleep_for(50ms);  // the log has been read
   std::this_thread::sleep_for(1s);
   child.signal(SIGINT);
   const RunResult stopped = child.wait();
@@ -549,7 +552,7 @@ TEST(TuneProgram, OfTwoTuningsIntoOneFolderTheSecondIsRefusedAndEarlierResultsAr
   const RunResult stopped = child.wait();
   EXPECT_EQ(stopped.code, 143);
   EXPECT_THAT(stopped.err, HasSubstr("cotwin: stopped by SIGTERM"));
-  // The robot may come from the folder that its successor goes to: it is copied, not moved.
+  // The robot may be in the results folder of an earlier tuning: it is copied, not moved.
   auto in_place = command;
   in_place[2] = "common/robot.urdf";
   const RunResult third = run(in_place);
@@ -563,7 +566,7 @@ TEST(TuneProgram, NeedsNoMoreMemoryForALongerLog) {
 #endif
   const robot::RobotModel two = robot::load_urdf(places::source() + "/models/robots/planar2/robot.urdf");
   std::vector<double> MiB;
-  for (const double duration : {100.0, 300.0}) {  // 100 000 and 300 000 samples: from some 50 000 on the blocks are full
+  for (const double duration : {100.0, 300.0}) {  // 100 000 and 300 000 samples: from about 50 000 on the blocks are full
     cotwin::testing::SyntheticLog log;
     log.rate = 1000;
     log.duration = duration;

@@ -1,4 +1,4 @@
-// What cotwin tune promises and what the twin does that it writes: twin.ssd run as it is.
+// Compares the errors that cotwin tune reports with those of the twin that it writes: twin.ssd is run unchanged.
 #include <gtest/gtest.h>
 
 #include "components/unit/unit_table.h"
@@ -26,8 +26,8 @@ std::vector<Compared> run_twin(const fs::path& folder) {
   return master.summary().comparisons;
 }
 
-/// Every part that was promised is compared, and the twin's errors are the promised ones to 1 % per joint. What is added is the
-/// rounding of errors far below the torques: half a tick of 0.5 ms of a motion below 1 Hz.
+/// The twin compares every reported part, and its errors are the reported ones to 1 % per joint. The additional tolerance
+/// covers errors far below the torques: half a tick of 0.5 ms of a motion below 1 Hz.
 void expect_promise(const fs::path& folder, const Replay& promise) {
   const std::vector<Compared> compared = run_twin(folder);
   std::size_t parts = 0;

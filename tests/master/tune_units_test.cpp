@@ -1,4 +1,4 @@
-// What cotwin tune writes, taken by the units: the drive train finds robot.urdf and the drive_train.ssv beside it.
+// The units read the files of cotwin tune: the drive train finds robot.urdf and the drive_train.ssv beside it.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -40,7 +40,7 @@ TEST(TuneUnits, TheDriveTrainTakesEveryKindOfFrictionAndSteps) {
         if (motor && found[j].B > 0) {
           EXPECT_EQ(value("B", j), found[j].B);
         }
-        // What the unit makes of its parameters is the friction that was found, at speeds beyond presliding.
+        // At speeds beyond presliding, the unit's friction for these parameters is the identified friction.
         const double v = 0.4, A = value("link_A", j);
         const double link =
             A / (1 + std::exp(-value("link_alpha", j) * (v + value("link_s", j)))) + value("link_k", j) +
@@ -59,7 +59,7 @@ TEST(TuneUnits, TheDriveTrainTakesEveryKindOfFrictionAndSteps) {
   }
 }
 
-// Noise decides whether a motor without inertia is found to have none; then the unit's default would be 1 kg·m² too much.
+// Noise decides whether a motor without inertia is identified as 0; then the unit's default would be 1 kg·m² too much.
 TEST(TuneUnits, AMotorWithoutInertiaHasNextToNoneInTheDriveTrain) {
   const TunedRobot robot;
   cotwin::testing::SyntheticLog log = robot.log;
@@ -105,7 +105,7 @@ TEST(TuneUnits, TheMotionUnitMovesAsAnExcitingMotionSays) {
   }
 }
 
-// Example 05, in which robot and twin run beside a tuner, as one unit: saved while the tuner seeks, gone on with elsewhere.
+// Example 05, where robot and twin run beside a tuner, as one unit: saved during the search and continued in another unit.
 TEST(TuneUnits, ATwinThatMaturesGoesOnToTheSameBitsWhereItIsRestored) {
   Scenario scenario = load_scenario(places::source() + "/examples/05_maturation/twin.ssd");
   for (ComponentSpec& component : scenario.components) {

@@ -89,7 +89,7 @@ TEST(Wiring, LeavesUnconnectedInputsAtTheirStartValues) {
 }
 
 TEST(Wiring, AParameterFollowsAnOutputOnlyWhileTheSystemIsInitialised) {
-  // The integrator starts where the gain's output is then; later changes of it do not reach the parameter.
+  // The integrator starts at the initial output of the gain; later changes do not reach the parameter.
   Build b;
   b.unit("i", "integrator").unit("g", "gain").with("bias", 2.5).connect("g.y", "i.start").event(0, "g.u", "7");
   Master master = b.load();
@@ -180,8 +180,8 @@ TEST(Wiring, RampsAnInputToTheValueThatAnEarlierStageHasReached) {
 }
 
 TEST(Wiring, ExtrapolatesAnInputWhoseSourceStepsLater) {
-  // The same with b first: from the second step on the slope is that of the step before, which for y = 2t is exact again; only
-  // the first step, which knows no slope, loses h².
+  // The same with b first: from the second step on the slope is that of the step before, which is exact for y = 2t; only the
+  // first step, without a known slope, has an error of h².
   Build b;
   b.unit("b", "ramped", 0).unit("a", "integrator", 1).with("u", 2.0);
   b.connect("a.y", "b.u").as_it_is();
@@ -192,7 +192,7 @@ TEST(Wiring, ExtrapolatesAnInputWhoseSourceStepsLater) {
 }
 
 TEST(Wiring, ExtrapolatesWithTheDerivativeThatTheSourceKnows) {
-  // As before, with dy/dt = 2 as an output of its own: the first step knows it, too.
+  // As before, with dy/dt = 2 as an output of its own: the first step knows the slope, too.
   Build b;
   b.unit("b", "ramped", 0).unit("a", "telling_integrator", 1).with("u", 2.0);
   b.connect("a.y", "b.u").as_it_is();

@@ -22,7 +22,7 @@ TEST(Workers, DoEveryTaskOnceOnItsThread) {
     std::vector<std::uint8_t> thread_of(50);
     for (std::size_t i = 0; i < thread_of.size(); ++i)
       thread_of[i] = static_cast<std::uint8_t>(i % static_cast<std::size_t>(threads));
-    std::vector<int> done(thread_of.size());  // not atomic: the thread sanitizer would see two threads at one
+    std::vector<int> done(thread_of.size());  // not atomic: the thread sanitizer would report access by two threads
     std::vector<std::thread::id> ids(thread_of.size());
     struct Context {
       std::vector<int>& done;
@@ -51,7 +51,7 @@ TEST(Workers, EndAlsoWhileTheySleep) {
 }
 
 /// Runs `ticks` ticks of four units of 50 us each, whose times are `alone(tick)` and `together(tick)`. Returns the share of
-/// ticks that were spread in the second half of the run.
+/// ticks in the second half of the run that used several threads.
 template <class Alone, class Together>
 double share_spread(int ticks, Alone alone, Together together) {
   Balance balance({true, true, true, true}, 2, 5e-6, false);
@@ -73,8 +73,8 @@ TEST(Balance, TakesTheBetterWayWhereItIsFivePerCentBetter) {
 }
 
 TEST(Balance, IsNotMisledByNoiseAndByTicksThatCostMore) {
-  // Ticks that cost three times as much for a while (a contact), a third more or less by chance, and every 50th tick one that
-  // somebody else's process delays by 2 ms.
+  // Ticks that cost three times as much for a while (a contact), random variation by a third, and a delay of 2 ms by another
+  // process in every 50th tick.
   for (const bool pays : {false, true}) {
     std::mt19937 random(7);
     const auto noisy = [&](double seconds) {
@@ -94,7 +94,7 @@ TEST(Balance, IsNotMisledByNoiseAndByTicksThatCostMore) {
 }
 
 TEST(Balance, ChangesItsMindWhenTheMachineDoes) {
-  const auto together = [](int tick) { return tick < 50'000 ? 120e-6 : 300e-6; };  // then the second core is taken
+  const auto together = [](int tick) { return tick < 50'000 ? 120e-6 : 300e-6; };  // then the second core is occupied
   EXPECT_LT(share_spread(
                 300'000, [](int) { return 200e-6; }, together),
             0.05);
@@ -117,8 +117,8 @@ TEST(Balance, PutsTheLongestFirstAndKeepsWhatMustNotMove) {
   EXPECT_EQ(balance.thread_of()[0], 0);
 }
 
-/// All outputs at the end of a run of coupled chaotic maps in two stages: a difference in the last bit anywhere grows to one
-/// here.
+/// All outputs at the end of a run of coupled chaotic maps in two stages: a difference in the last bit anywhere grows to order
+/// 1.
 std::vector<double> chaos(int threads, bool always) {
   Build b;
   constexpr int kUnits = 12;
