@@ -100,7 +100,7 @@ TEST(Attachment, TakenOffABodySetByHandIsSubtractedFromIt) {
   camera.parent = "link_7";
   attach(robot, camera);
   const Inertia by_hand = robot.bodies[6].inertia + box(0.1, 0.1, 0.1, 0.1);
-  robot.bodies[6].inertia = by_hand;  // a plain value: nobody logged it
+  robot.bodies[6].inertia = by_hand;  // a plain value: not logged
   detach(robot, "ft_sensor");
   const auto without_sensor = (by_hand.parameters() - sensor().inertia.seen_from(kOnTop).parameters()).eval();
   EXPECT_TRUE(robot.bodies[6].inertia.parameters().isApprox(without_sensor, 1e-13));

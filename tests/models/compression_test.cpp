@@ -58,8 +58,8 @@ TEST(Triangle, HasTheGramMatrixOfAllRowsWhateverTheirNumber) {
     }
 }
 
-// Columns that span eight orders of magnitude and depend on one another to 1e-6: sums of squares would have lost all digits of
-// the smallest directions, reflections lose none. ‖X b − y‖² from R against all rows in extended precision.
+// Columns that span eight orders of magnitude and are dependent to 1e-6: sums of squares would have lost all digits of the
+// smallest directions, reflections lose none. Compares ‖X b − y‖² from R with all rows in extended precision.
 TEST(Triangle, GivesSquaredErrorsToTwelveDigitsWhereSumsOfSquaresFail) {
   const Index rows = 20000, columns = 30;
   MatrixXd A = random_matrix(rows, columns + 1);
@@ -79,7 +79,7 @@ TEST(Triangle, GivesSquaredErrorsToTwelveDigitsWhereSumsOfSquaresFail) {
     return static_cast<double>(sum);
   };
   VectorXd b(columns + 1);
-  for (const double factor : {0.0, 0.5, 0.999, 1.5}) {  // far from the optimum and near to it
+  for (const double factor : {0.0, 0.5, 0.999, 1.5}) {  // far from the optimum and near it
     b << factor * truth, -1;
     const double expected = squares(b.head(columns));
     EXPECT_NEAR((R * b).squaredNorm(), expected, 1e-12 * expected) << factor;
@@ -121,7 +121,7 @@ TEST(Triangle, MergesPartsAsIfTheyHadBeenOne) {
   }
 }
 
-// Rows that are pending are the owner's to keep: with them the stored triangle is the whole again, to the bit.
+// Pending rows must be stored by the owner, too: with them the stored triangle is restored to the bit.
 TEST(Triangle, GoesOnFromWhatWasStored) {
   const MatrixXd A = random_matrix(500, 13);
   for (const double forgetting : {1.0, 0.99}) {
@@ -252,7 +252,7 @@ TEST(BatchMatrix, MultipliesEightColumnsAtOnce) {
       RowMajor A = random_matrix(rows, columns);
       for (Index r = 0; r < rows; ++r) A.row(r).head(std::min(r, columns)).setZero();
       const BatchMatrix batch(static_cast<std::size_t>(rows), static_cast<std::size_t>(columns), A.data());
-      const RowMajor x = random_matrix(columns, 11, 5);  // a stride of 11, of which the first eight are multiplied
+      const RowMajor x = random_matrix(columns, 11, 5);  // a stride of 11; the first eight columns are multiplied
       std::vector<double> y(batch.room());
       batch.times(x.data(), 11, y.data());
       const MatrixXd expected = A * x.leftCols(8);

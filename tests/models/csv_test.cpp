@@ -143,7 +143,7 @@ TEST(Csv, AWriterRefusesRowsOfAnotherWidthThanItsHeader) {
 }
 
 TEST(Csv, FilesLargerThanTheReadersBufferReadLikeTextInMemory) {
-  // Rows of all lengths, so that they end everywhere relative to the chunks of 1 MiB, and one row longer than a chunk.
+  // Rows of all lengths, so that they end anywhere relative to the chunks of 1 MiB, and one row longer than a chunk.
   TemporaryFile file("cotwin_csv_large");
   std::string text = "t,comment\n";
   std::mt19937 random(2);
@@ -164,9 +164,8 @@ TEST(Csv, FilesLargerThanTheReadersBufferReadLikeTextInMemory) {
 }
 
 TEST(Csv, ReadingTakesTimeInProportionToTheFile) {
-  // 16 MB take a tenth of a second. If the work per row grew with what is left of the file, or with the rows before it (half
-  // a million rows times 8 MB moved or looked at: minutes), the bound, for a slow and busy machine with sanitizers, would not
-  // hold.
+  // 16 MB take a tenth of a second. The bound allows for a slow and busy machine with sanitizers. It would fail if the work per
+  // row grew with the rest of the file or with the rows before it (half a million rows times 8 MB: minutes).
   TemporaryFile file("cotwin_csv_many_rows");
   constexpr int kRows = 600000;
   {
@@ -205,7 +204,7 @@ TEST(Csv, RealMeasurementsAreReadWhole) {
   EXPECT_EQ(csv::load(folder / "kr300_A.csv").rows(), 2501u);
 }
 
-// Were a name looked for among all columns, this would take minutes.
+// With a linear search for names among all columns this would take minutes.
 TEST(Csv, TheTimeToReadATableGrowsWithItsColumnsAndNotWithTheirSquare) {
   constexpr std::size_t kColumns = 200'000;
   std::string text;

@@ -1,5 +1,5 @@
-// What the kernels owe beside correctness: their own sine and cosine, agreement of instruction sets, of batch and single state,
-// the same bits whatever the alignment and the thread, and no allocation.
+// Properties of the kernels besides correctness: their own sine and cosine, agreement of instruction sets, of batch and single
+// state, the same bits for any alignment and thread, and no allocation.
 
 #include <gtest/gtest.h>
 
@@ -14,7 +14,7 @@
 #include "tests/models/random_robots.h"
 
 namespace {
-thread_local long allocations = 0;  // by operator new and, where no sanitizer owns it, by malloc
+thread_local long allocations = 0;  // by operator new and, without sanitizers, by malloc
 }
 
 __attribute__((noinline)) void* operator new(std::size_t size) {
@@ -56,7 +56,7 @@ TEST(Kernels, SineAndCosineAreWithinTwoUnitsInTheLastPlace) {
     for (int i = 0; i < 262144; ++i) {
       double q[11], sine[11], cosine[11];
       for (double& x : q) {
-        const double scale = std::exp2(draw.number(-40, 24));  // crosses the limit of our own reduction, 1.6e6
+        const double scale = std::exp2(draw.number(-40, 24));  // beyond the limit of the kernels' own reduction, 1.6e6
         x = draw.integer(0, 3) ? scale * draw.number(-1, 1)
                                : std::nextafter(draw.integer(-2000000, 2000000) * std::acos(0.0), 0.0);
       }
@@ -74,7 +74,7 @@ TEST(Kernels, SineAndCosineOfUnusualAnglesAreTheLibrarys) {
   const double inf = std::numeric_limits<double>::infinity(), nan = std::numeric_limits<double>::quiet_NaN();
   for (const char* isa : isas())
     for (const double x : {0.0, -0.0, 5e-324, -1e-310, 1e-20, 1.6e6, 1.6000001e6, -1e9, 1e22, 1.7e308, inf, -inf, nan}) {
-      double q[3] = {x, 0.3, x}, sine[3], cosine[3];  // beside an ordinary angle
+      double q[3] = {x, 0.3, x}, sine[3], cosine[3];  // together with an ordinary angle
       choose_kernels(1, true, isa).sine_cosine(3, q, sine, cosine);
       for (int k = 0; k < 3; ++k) {
         EXPECT_LE(ulps(sine[k], std::sin(q[k])), 2) << isa << ", q = " << q[k];
@@ -161,7 +161,7 @@ TEST(Kernels, InstructionSetsAgreeToRounding) {
       results.compute(mechanism, data, on_body(robot.frames.back()), q, dq, ddq, states);
       all.push_back(results.all());
     }
-    // Fused multiply-add changes roundings only; forward dynamics and Λ⁻¹ multiply them by M's condition.
+    // Fused multiply-add changes rounding only; forward dynamics and Λ⁻¹ amplify it by M's condition number.
     for (const VectorXd& other : all)
       for (Eigen::Index i = 0; i < other.size(); ++i)
         EXPECT_NEAR(other[i], all[0][i], 1e-9 * (1 + all[0].cwiseAbs().maxCoeff()));
@@ -180,7 +180,7 @@ TEST(Kernels, BatchAgreesWithSingleStatesForEveryCount) {
           const MatrixXd q = draw.numbers(static_cast<int>(count) * n, -3, 3).reshaped(count, n);
           const MatrixXd dq = draw.numbers(static_cast<int>(count) * n, -2, 2).reshaped(count, n);
           const MatrixXd ddq = draw.numbers(static_cast<int>(count) * n, -4, 4).reshaped(count, n);
-          VectorXd guarded = VectorXd::Constant(count * n + 16, 12345.0);  // nothing is written around the result
+          VectorXd guarded = VectorXd::Constant(count * n + 16, 12345.0);  // nothing is written beyond the result
           inverse_dynamics_batch(mechanism, data, static_cast<std::size_t>(count), q.data(), dq.data(), ddq.data(),
                                  guarded.data() + 8);
           EXPECT_TRUE((guarded.head(8).array() == 12345.0).all() && (guarded.tail(8).array() == 12345.0).all());
@@ -285,7 +285,7 @@ TEST(Kernels, NothingAllocates) {
   });
   const long before = allocations;
   const Data counted(Mechanism(RobotModel{}));
-  EXPECT_GT(allocations, before);  // the counter counts
+  EXPECT_GT(allocations, before);  // check of the counter
 }
 
 TEST(Kernels, AskingForAnUnknownInstructionSetGivesTheBest) {

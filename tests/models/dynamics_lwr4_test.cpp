@@ -1,5 +1,5 @@
-// The LWR 4+ of models/robots/lwr4 against 150 samples of KUKA's own M and g as published (Gaz, Flacco, De Luca, ICRA 2014);
-// the robot's inertial parameters were fitted to the same coefficients.
+// The LWR 4+ of models/robots/lwr4 compared with 150 samples of KUKA's own M and g as published (Gaz, Flacco, De Luca, ICRA
+// 2014); the robot's inertial parameters were fitted to the same coefficients.
 
 #include <gtest/gtest.h>
 
@@ -16,7 +16,7 @@ namespace {
 
 TEST(Lwr4, MassMatrixAndGravityAreThePublishedOnesToTheFitsError) {
   RobotModel robot = load_urdf(places::source() + "/models/robots/lwr4/robot.urdf");
-  robot.gravity = {0, 0, -9.80665};  // the samples' own
+  robot.gravity = {0, 0, -9.80665};  // of the samples themselves
   const Mechanism mechanism(robot);
   Data data(mechanism);
   csv::Reader samples(places::source() + "/tests/models/data/lwr4_M_g_samples.csv");
@@ -39,7 +39,7 @@ TEST(Lwr4, MassMatrixAndGravityAreThePublishedOnesToTheFitsError) {
     }
   }
   ASSERT_EQ(rows, 150);
-  EXPECT_LE(std::sqrt(g_squares / (7 * rows)), 0.008);    // N.m, as documented of the fit
+  EXPECT_LE(std::sqrt(g_squares / (7 * rows)), 0.008);    // N.m, documented error of the fit
   EXPECT_LE(std::sqrt(M_squares / (49 * rows)), 0.0055);  // kg m²: 0.005 rounded
   EXPECT_LE(M_worst, 0.045);                              // 0.04 rounded
 }

@@ -18,7 +18,7 @@ using namespace testing;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-// Rounding of sums over at most 14 bodies of up to 5 kg and 8 m reach, some 1e3 in size, with room for cancellation.
+// Rounding of sums over at most 14 bodies of up to 5 kg and 8 m reach, about 1e3 in size, with an allowance for cancellation.
 constexpr double kRounding = 1e-11;
 // Central differences with kStep: curvature of order 1e3 · kStep² and rounding 1e-13 / kStep.
 constexpr double kStep = 1e-5;
@@ -26,7 +26,7 @@ constexpr double kDifference = 1e-6;
 
 double relative(const MatrixXd& a, const MatrixXd& b) { return (a - b).cwiseAbs().maxCoeff() / (1 + b.cwiseAbs().maxCoeff()); }
 
-/// One robot in one state, on one instruction set; says which in every failure.
+/// One robot in one state on one instruction set; all three are in every failure message.
 struct Case {
   RobotModel robot;
   Mechanism mechanism;
@@ -64,7 +64,7 @@ struct Case {
   FrameOnBody frame(int body) const { return on_body(robot.frames[static_cast<std::size_t>(body)]); }
 };
 
-/// f for `count` random robots of every kind and size, 1 to 14 joints, on every instruction set.
+/// Calls f for `count` random robots of every kind and size, 1 to 14 joints, on every instruction set.
 template <class F>
 void sweep(int count, std::uint64_t seed, F f) {
   for (const char* isa : isas()) {
@@ -151,7 +151,7 @@ TEST(Dynamics, ForwardDynamicsUndoesInverseDynamics) {
 }
 
 TEST(Dynamics, ForwardDynamicsHoldsWhereTheArmIsStretched) {
-  for (const char* isa : isas()) {  // a kinematic singularity is none of M
+  for (const char* isa : isas()) {  // a kinematic singularity is not a singularity of M
     Draw draw(7);
     for (int n = 1; n <= 12; ++n) {
       RobotModel arm = draw.robot(Kind::kChain, n);
@@ -358,7 +358,7 @@ TEST(Dynamics, ADoublePendulumMovesByItsTextbookEquations) {
 }
 
 TEST(Dynamics, EnergyOfAFreeArmIsKeptToTheOrderOfTheIntegrator) {
-  // Kutta's method of order 4 loses energy as h⁴ (its trajectory error), h⁵ where the error happens to be a pure phase.
+  // Kutta's method of order 4 loses energy of order h⁴ (its trajectory error), h⁵ if the error is a pure phase error.
   for (const char* isa : isas()) {
     Draw draw(19);
     for (const int n : {2, 3, 6, 7}) {
@@ -413,7 +413,7 @@ TEST(Dynamics, ATurnOfTheWholeRobotWithGravityChangesNoTorque) {
 }
 
 TEST(Dynamics, NearlyParallelAxesAreNoSpecialCase) {
-  // Calibrated robots have axes parallel to 1e-4 … 1e-9 rad, whose common normal lies far away: no frame may be put there.
+  // Calibrated robots have axes parallel to 1e-4 … 1e-9 rad, whose common normal is far away: a frame must not be placed there.
   for (const char* isa : isas()) {
     Draw draw(21);
     for (const double tilt : {1e-3, 1e-5, 1e-8, 1e-12, 1e-16, 0.0}) {

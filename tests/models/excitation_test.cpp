@@ -1,4 +1,4 @@
-// Exciting motions: at rest at their ends, within limits, better conditioned than chance, the same for the same seed.
+// Exciting motions: at rest at their ends, within limits, better conditioned than random ones, the same for the same seed.
 #include "models/excitation/design.h"
 
 #include <gmock/gmock.h>
@@ -45,7 +45,7 @@ TEST(FourierSeries, RestsWhereItBeginsAndEndsAfterBringToRest) {
     EXPECT_NEAR(at.ddq, 0, 1e-12);
   }
   const std::vector<double> a = series.a, b = series.b;
-  bring_to_rest(series.a, series.b);  // what rests is left alone
+  bring_to_rest(series.a, series.b);  // joints at rest stay at rest
   for (std::size_t l = 0; l < 5; ++l) {
     EXPECT_NEAR(series.a[l], a[l], 1e-15);
     EXPECT_NEAR(series.b[l], b[l], 1e-15);
@@ -61,7 +61,7 @@ TEST(Excitation, StaysWithinItsShareOfEveryLimitBetweenSamplesToo) {
   const robot::Mechanism mechanism(robot);
   robot::Data data(mechanism);
   Eigen::VectorXd q(7), dq(7), ddq(7), tau(7);
-  for (int k = 0; k <= 20011; ++k) {  // a grid that shares no sample with the design's
+  for (int k = 0; k <= 20011; ++k) {  // a grid that has no sample in common with the design's
     const double t = 10.0 * k / 20011;
     for (int j = 0; j < 7; ++j) {
       const auto at = design.series.at(static_cast<std::size_t>(j), t);
@@ -83,11 +83,11 @@ TEST(Excitation, StaysWithinItsShareOfEveryLimitBetweenSamplesToo) {
 
 TEST(Excitation, ExcitesEveryBaseParameterAndGetsBetterByTheRounds) {
   const Design design = design_excitation(lwr4(), quick());
-  EXPECT_EQ(design.base, 43);  // of an arm of seven joints on a base that stands
+  EXPECT_EQ(design.base, 43);  // of an arm of seven joints on a fixed base
   EXPECT_EQ(design.rank, 43);
   EXPECT_LT(design.condition, 200);
   EXPECT_LT(design.cost_history.back(), design.cost_history.front() - 0.05);         // decades
-  EXPECT_NEAR(design.cost_history.back() - 20, std::log10(design.condition), 0.01);  // judged on a finer grid in the end
+  EXPECT_NEAR(design.cost_history.back() - 20, std::log10(design.condition), 0.01);  // evaluated on a finer grid at the end
 }
 
 TEST(Excitation, TheDeterminantCriterionGivesTheGreaterDeterminant) {
@@ -137,7 +137,7 @@ TEST(Excitation, NarrowerPositionLimitsAreKeptAndLimitsWithoutRoomAreAnError) {
 
 TEST(Excitation, TorquesThatTheRobotDoesNotHaveAreAnError) {
   robot::RobotModel weak = lwr4();
-  weak.joints[1].tau_max = 1;  // its own weight takes 47 N.m
+  weak.joints[1].tau_max = 1;  // its own weight needs 47 N.m
   EXPECT_THROW(design_excitation(weak, quick()), Error);
 }
 

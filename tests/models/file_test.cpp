@@ -1,4 +1,4 @@
-// Files are regular files: whatever else is given is refused at once.
+// Only regular files are read: everything else is refused at once.
 #include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -31,7 +31,7 @@ class Files : public ::testing::Test {
   Files() {
     fs::remove_all(folder_);
     fs::create_directories(folder_);
-    alarm(60);  // a FIFO that is waited for ends the test
+    alarm(60);  // if a FIFO were waited for, this would end the test
   }
   ~Files() override {
     alarm(0);
@@ -62,13 +62,13 @@ TEST_F(Files, AreReadToTheirEnd) {
   EXPECT_EQ(read_file(file, "bytes", bytes.size()), bytes);
   std::ofstream(folder_ / "empty");
   EXPECT_EQ(read_file(folder_ / "empty", "bytes"), "");
-  EXPECT_FALSE(read_file("/proc/self/status", "bytes").empty());  // it says that it has no bytes
+  EXPECT_FALSE(read_file("/proc/self/status", "bytes").empty());  // it reports a size of 0
 }
 
 TEST_F(Files, OfTooManyBytesAreRefusedBeforeTheyAreRead) {
   const fs::path file = folder_ / "sparse";
   std::ofstream(file) << "x";
-  fs::resize_file(file, std::uintmax_t{1} << 40);  // no memory could hold it
+  fs::resize_file(file, std::uintmax_t{1} << 40);  // larger than any memory
   EXPECT_THAT(error_of([&] { read_file(file, "a text"); }),
               AllOf(StartsWith(file.string()), HasSubstr("1099511627776 bytes, expected a text of at most 268435456")));
 }

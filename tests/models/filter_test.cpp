@@ -22,7 +22,7 @@ std::vector<double> sine(double frequency, std::size_t samples) {
   return x;
 }
 
-/// Amplitude and phase of what a filter makes of a sine, far from the ends, over whole periods.
+/// Amplitude and phase of a filtered sine, far from the ends, over whole periods.
 struct Response {
   double gain, phase;
 };
@@ -53,7 +53,7 @@ TEST(ZeroPhaseLowPass, GainIsTheDocumentedFunctionAndPhaseIsZero) {
     const ZeroPhaseLowPass filter(8, kRate, order);
     for (const double frequency : {0.5, 2.0, 5.0, 8.0, 11.0, 20.0}) {
       const Response r = response(filter, frequency);
-      // G = 1/(1 + (√2 − 1) r^(2N)), written here from the text of the header
+      // G = 1/(1 + (√2 − 1) r^(2N)), written independently from the header's text
       const double ratio = std::tan(std::numbers::pi * frequency / kRate) / std::tan(std::numbers::pi * 8 / kRate);
       const double gain = 1 / (1 + (std::numbers::sqrt2 - 1) * std::pow(ratio, 2 * order));
       EXPECT_NEAR(r.gain, gain, 1e-9) << order << ", " << frequency;
@@ -86,7 +86,7 @@ TEST(ZeroPhaseLowPass, ARecordingRunBackwardsIsFilteredAlike) {
   filter.apply(forwards);
   filter.apply(backwards);
   std::reverse(backwards.begin(), backwards.end());
-  // The ends differ by what the filter remembers beyond its padding.
+  // The ends differ because the filter's memory is longer than its padding.
   for (std::size_t k = 0; k < x.size(); ++k) ASSERT_NEAR(forwards[k], backwards[k], 1e-6) << k;
 }
 

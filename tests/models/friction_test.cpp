@@ -63,7 +63,7 @@ TEST(Sigmoid, OfThePandaHasTheTwoPublishedFormsOfOneCurve) {
 }
 
 TEST(Sigmoid, OfTheLwrTendsToItsLimitsWithoutOverflow) {
-  // Joint 1 of the LWR 4+ (A, α, s, k): k for −∞, k + A for +∞, also where e^{−α (v + s)} is beyond the largest double.
+  // Joint 1 of the LWR 4+ (A, α, s, k): k for −∞, k + A for +∞, also where e^{−α (v + s)} overflows.
   const Sigmoid f{.A = 1.367, .alpha = 195.8, .s = -0.0157, .k = -0.456};
   EXPECT_DOUBLE_EQ(f.at(-100).torque, -0.456);
   EXPECT_DOUBLE_EQ(f.at(100).torque, -0.456 + 1.367);
@@ -106,7 +106,7 @@ TEST(Bristles, PartialDerivativesAreThoseOfTheRates) {
       const Bristle p = joint();
       const double v = v_of(random), z = z_of(random);
       const double share = p.sigma0 * std::abs(z) / p.stribeck(v).torque;
-      // differences make no sense across the kinks at v = 0 and where the plastic part begins and ends
+      // differences are meaningless across the kinks at v = 0 and at both ends of the plastic part
       if (std::abs(v) < 1e-4 || std::abs(share - p.breakaway) < 0.02 || std::abs(share - 1) < 0.02) continue;
       const BristleRates r = law(p, v, z);
       const double hv = 1e-6, hz = 1e-7;
@@ -130,7 +130,7 @@ TEST(LugreUpdate, IsTheExactSolutionForConstantSpeed) {
       const double expected = integrate(
           lugre, p, [v](double) { return v; }, z, h, h / 20000);
       EXPECT_NEAR(lugre_after(p, v, z, h), expected, 1e-14) << v << " " << z;
-      // two halves are a whole
+      // two half steps equal a whole step
       EXPECT_NEAR(lugre_after(p, v, lugre_after(p, v, z, h / 2), h / 2), lugre_after(p, v, z, h), 1e-18);
     }
   }
@@ -147,7 +147,7 @@ TEST(LugreUpdate, IsStableForAnyStiffnessSpeedAndStep) {
     const double z = 3 * unit(random) * bound;
     const double after = lugre_after(p, v, z, h);
     ASSERT_LE(std::abs(after), std::max(std::abs(z), bound) * (1 + 1e-15)) << p.sigma0 << " " << v << " " << h << " " << z;
-    // and on its way to the steady deflection, never past it
+    // it approaches the steady deflection and never passes it
     const double goal = p.steady_deflection(v);
     ASSERT_GE((after - goal) * (z - goal), -1e-15 * std::abs(goal) * std::abs(z - goal))
         << p.sigma0 << " " << v << " " << h << " " << z;
@@ -168,7 +168,7 @@ TEST(Bristles, WithABreakawayTorqueAloneStickAndThenSlideAgainstNextToNothing) {
   EXPECT_TRUE(p.present());
   for (const Law law : {lugre, elasto_plastic}) {
     EXPECT_EQ(law(p, 0, 1e-3).torque, 5000 * 1e-3) << "a spring at rest";
-    // At 20 v_S nothing is left of τ_S but the share that keeps ż finite.
+    // At 20 v_S the only remaining part of τ_S is the share that keeps ż finite.
     const double z = integrate(
         law, p, [](double) { return 2.0; }, 1e-3, 2e-5, 1e-9);
     EXPECT_NEAR(law(p, 2, z).torque, 3 * 2 + Bristle::kLeastSliding * 7, 1e-6);
@@ -207,8 +207,8 @@ TEST(ElastoPlastic, SlidesLikeLugreAndIsASpringBelowBreakaway) {
   }
 }
 
-// A mass of 1 kg.m² under a constant load and a small oscillating one, both together below breakaway: where it stands after T,
-// by symplectic Euler in steps small enough for the bristle.
+// A mass of 1 kg.m² under a constant load and a small oscillating one, together below breakaway: its position after T, by
+// symplectic Euler in steps that resolve the bristle.
 double drift(Law law, double T) {
   Bristle p = joint();
   p.sigma1 = 140;  // critically damped against σ0
@@ -239,7 +239,7 @@ TEST(ElastoPlastic, ReturnsFromAPreslidingCycleToWhereItWas) {
     return 4e-4 * 2 * std::numbers::pi * std::cos(2 * std::numbers::pi * t);
   };  // ±0.4 mrad of 1 mrad
   EXPECT_NEAR(integrate(elasto_plastic, p, v, 0, 1, 1e-4), 0, 1e-15);
-  EXPECT_GT(std::abs(integrate(lugre, p, v, 0, 1, 1e-4)), 1e-5);  // plain LuGre slips a little all the way
+  EXPECT_GT(std::abs(integrate(lugre, p, v, 0, 1, 1e-4)), 1e-5);  // plain LuGre creeps
 }
 
 TEST(StickSlip, HoldsUpToTheBreakawayTorqueAndThenYieldsToTheLoad) {

@@ -1,4 +1,4 @@
-// Preparation of samples, and real robots.
+// Preparation of samples, and data of real robots.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -34,7 +34,7 @@ TEST(Preparation, GivesTheDerivativesOfAKnownMotion) {
     }
   }
   const Samples s = prepare(q, {}, tau);
-  EXPECT_EQ(s.count(), 960u);  // 2 % off each end
+  EXPECT_EQ(s.count(), 960u);  // 2 % are removed at each end
   for (std::size_t k = 0; k < s.count(); ++k)
     for (std::size_t j = 0; j < 2; ++j) {
       const double w = j == 0 ? 2.0 : 3.0, t = s.t[k];
@@ -50,7 +50,7 @@ TEST(Preparation, GivesTheDerivativesOfAKnownMotion) {
 }
 
 // ω²/(iν + ω)² for a sine of circular frequency ν, in gain and phase, on irregular steps; the acceleration is the derivative of
-// the filtered speed, so it has the filter's gain times ν.
+// the filtered speed, so its gain is the filter's times ν.
 TEST(CausalFilter, HasTheResponseOfItsTransferFunction) {
   const double cutoff = 5, nu = 2 * pi * 3, omega = 2 * pi * cutoff;
   CausalFilter filter(1, cutoff);
@@ -67,7 +67,7 @@ TEST(CausalFilter, HasTheResponseOfItsTransferFunction) {
     const double u = signal(t), tau = 7 * u;
     filter.step(h, {&u, 1}, {&u, 1}, {&tau, 1});
     if (t < 2) continue;  // the transient, e^(−ω t)
-    // inputs are straight between samples: (ν h)²/8 of their size
+    // inputs are linear between samples: (ν h)²/8 of their size
     ASSERT_NEAR(filter.q()[0], response(t), 1e-4);
     ASSERT_NEAR(filter.dq()[0], response(t), 1e-4);
     ASSERT_NEAR(filter.ddq()[0], slope(t), 2e-3);
@@ -110,7 +110,7 @@ TEST(CausalFilter, GoesOnFromItsStateAndAllocatesNothing) {
   EXPECT_THROW(CausalFilter(2, 0), Error);
 }
 
-/// A real robot, trained on the first 70 %, tested on the rest.
+/// Data of a real robot: trained on the first 70 %, tested on the rest.
 struct RealRobot {
   robot::RobotModel robot;
   Samples train, test;
@@ -162,8 +162,8 @@ VectorXd list(std::initializer_list<double> values) {
   return Eigen::Map<const VectorXd>(std::data(values), static_cast<Index>(values.size()));
 }
 
-// The anchors of ../shared/data/README.md: least squares with friction terms by other code, with a filter of its own, to two
-// digits.
+// Reference values of ../shared/data/README.md: least squares with friction terms by independent code with its own filter, to
+// two digits.
 TEST(RealRobots, PandaIsExplainedAsWellAsByOthersLeastSquares) {
   if (absent()) GTEST_SKIP() << "no ../shared/data/measurements";
   ModelOptions options;
@@ -187,7 +187,7 @@ TEST(RealRobots, Ur10IsExplainedBetterThanByOthersLeastSquares) {
   EXPECT_GE(f.swarm_over_floor, 1);
   EXPECT_LE(f.feasible_test.norm(), 1.01 * test.norm());
 
-  // Its friction rises over speeds of some 0.1 rad/s: with the slope in the search a third of the error goes.
+  // Its friction rises over a speed of about 0.1 rad/s: with the slope in the search the error is a third smaller.
   ModelOptions sigmoid;
   sigmoid.friction = FrictionLaw::kSigmoid;
   const Figures s = identify(real, sigmoid);

@@ -5,7 +5,7 @@
 #include "models/identification/torque_model.h"
 #include "models/numerics/random.h"
 
-/// Samples of robots that are known.
+/// Samples of known robots.
 namespace cotwin::identification::testing {
 
 /// A multi-sine motion of `count` samples at 100 Hz with the torques of `truth`, and normal noise on them.
@@ -54,7 +54,7 @@ inline Estimate truth_of(const robot::RobotModel& robot, bool motor_inertia = tr
   return truth;
 }
 
-/// The robot with masses, inertias and centres of mass off by `share`, each up or down by chance.
+/// The robot with masses, inertias and centres of mass changed by `share`, each randomly up or down.
 inline robot::RobotModel perturbed(const robot::RobotModel& robot, double share, std::uint32_t stream = 0) {
   robot::RobotModel result = robot;
   for (std::size_t i = 0; i < result.bodies.size(); ++i) {

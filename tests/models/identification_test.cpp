@@ -45,7 +45,7 @@ VectorXd random_xi(const Problem& problem, double reach, std::uint32_t stream) {
   return xi.cwiseMax(problem.lower()).cwiseMin(problem.upper());
 }
 
-/// All rows [F C | Y_b | τ] / σ of the samples, uncompressed: the second formulation.
+/// All rows [F C | Y_b | τ] / σ of the samples without compression: the second formulation.
 MatrixXd all_rows(const TorqueData& data, const Samples& s, const VectorXd& sigma) {
   const robot::RobotModel& robot = data.robot();
   const robot::Mechanism mechanism(robot);
@@ -104,7 +104,7 @@ TEST(BaseParameters, ReproduceTheTorquesOfAnyRobotAndAreIndependent) {
   }
 }
 
-// Gautier and Khalil's count for arms of seven revolute joints of which neighbours are perpendicular: 43 with gravity.
+// Gautier and Khalil's number for arms of seven revolute joints with perpendicular neighbours: 43 with gravity.
 TEST(BaseParameters, AreFortyThreeForTheLwr) { EXPECT_EQ(base_parameters(lwr()).columns.size(), 43u); }
 
 // Two parallel joints under gravity in the plane (closed form): with p = m_2 and the first link's length l,
@@ -130,7 +130,7 @@ TEST(TorqueData, GivesEveryEstimatesErrorsWithoutTheSamples) {
     const VectorXd direct = discrepancy(samples, torques(lwr(), estimate, samples)).rms;
     EXPECT_LT((data.rms(estimate) - direct).cwiseQuotient(direct).cwiseAbs().maxCoeff(), 1e-9);
   }
-  EXPECT_NEAR(data.rms(truth).mean(), 0.05, 0.002);  // the noise that was put in
+  EXPECT_NEAR(data.rms(truth).mean(), 0.05, 0.002);  // the noise that was added
 }
 
 TEST(TorqueData, KeepsTheCurveOfFrictionWhateverSpeedTheUrdfAllows) {
@@ -176,7 +176,7 @@ TEST(TorqueData, TakesSamplesWithoutAllocating) {
   }
 }
 
-// Without noise unconstrained least squares must find the robot itself: its base parameters and its friction.
+// Without noise, unconstrained least squares must find the robot itself: its base parameters and its friction.
 TEST(Floor, RecoversAKnownRobotExactly) {
   ModelOptions options;
   options.motor_inertia = false;  // B_1 and Izz_1 are one parameter
@@ -209,13 +209,13 @@ TEST(Floor, IsTheLeastSquaresSolutionOfAllSamples) {
   EXPECT_LT((problem.floor().beta - x.tail(43)).norm(), 1e-9 * x.norm());
   const double least = (A.leftCols(p) * x - A.col(p)).squaredNorm() / (7.0 * 1500);
   EXPECT_NEAR(problem.floor().cost, least, 1e-12 * least);
-  // standard deviations: σ² (AᵀA)⁻¹ with the weights as they were given
+  // standard deviations: σ² (AᵀA)⁻¹ with the given weights
   const VectorXd deviation = (A.leftCols(p).transpose() * A.leftCols(p)).inverse().diagonal().cwiseSqrt();
   for (Index i = 0; i < p; ++i)
     EXPECT_NEAR(problem.excitation().unknown[static_cast<std::size_t>(i)].deviation, deviation[i], 1e-6 * deviation[i]) << i;
 }
 
-// Also where friction's shape is sought: the floor's is the best of all joints together, not of one after the other.
+// Also if the shape of friction is sought: the floor is the best for all joints together, not for one after the other.
 TEST(Floor, IsNotAboveFeasibleLeastSquaresWithNonlinearFriction) {
   for (const FrictionLaw law : {FrictionLaw::kSigmoid, FrictionLaw::kStribeck}) {
     for (const auto* robot : {&planar(), &lwr()}) {
@@ -291,8 +291,8 @@ TEST(Problem, CostInLanesIsTheSumOfSquaredResiduals) {
       for (std::size_t k = 0; k < 8; ++k) {
         VectorXd r;
         problem.residuals(points[k], r);
-        ASSERT_NEAR(costs[k], r.squaredNorm(), 1e-10 * costs[k]) << to_text(law);  // two codes
-        // by the other road: the estimate's errors, and the pull to the prior
+        ASSERT_NEAR(costs[k], r.squaredNorm(), 1e-10 * costs[k]) << to_text(law);  // two implementations
+        // independently: the errors of the estimate, and the pull to the prior
         const double w = problem.weighted_rms(problem.estimate(points[k]));
         // nonlinear friction: by its basis of few directions, exact to 1e-7 of its torque
         ASSERT_NEAR(costs[k], w * w + problem.prior_cost(points[k]), 1e-6 * costs[k]) << to_text(law);
@@ -343,7 +343,7 @@ TEST(Excitation, NamesWhatAStandingJointLeavesOpen) {
   EXPECT_THAT(problem.excitation().warnings.front(), HasSubstr("the others are left to the prior"));
 }
 
-// All 2^k choices of what is held at zero: the best one that is not negative.
+// All 2^k choices of coefficients that are fixed at zero: the best one that is not negative.
 TEST(NonnegativeLeastSquares, FindsWhatTryingEverySetFinds) {
   robot::testing::Draw draw(9);
   int held = 0;
@@ -399,13 +399,13 @@ TEST(Feasible, FindsTheTorquesOfAKnownRobotFromAPriorThatIsThirtyPercentOff) {
   const Problem problem(compressed(lwr(), samples), perturbed(lwr(), 0.3));
   const FeasibleResult result = solve_feasible(problem);
   expect_physical(lwr(), result.estimate);
-  // The truth is a physical robot with the noise as its error: the best one is at most so far from the floor.
+  // The truth is a physical robot whose error is the noise: the best robot is at most that far from the floor.
   EXPECT_LT(result.weighted_rms, 1.01);
   EXPECT_GE(result.weighted_rms, std::sqrt(problem.floor().cost) * (1 - 1e-12));
 }
 
-// A convex problem has one minimum: from wherever Levenberg–Marquardt starts, it comes to the place that the barrier found, and
-// no step from there goes down.
+// A convex problem has one minimum: from any start, Levenberg–Marquardt ends at the minimum that the barrier method found, and
+// no step from there decreases the cost.
 TEST(Feasible, ConvexOptimumIsWhereEveryDescentEnds) {
   // noise so strong that the unconstrained robot is far from physical
   const Samples samples = simulate(lwr(), truth_of(lwr()), 600, 3);
@@ -426,7 +426,7 @@ TEST(Feasible, ConvexOptimumIsWhereEveryDescentEnds) {
   expect_physical(lwr(), convex.estimate);
 }
 
-// The data leave B_1 and B_2 open, and others nearly so: the pull to the prior decides about them, not rounding.
+// The data do not determine B_1 and B_2, and others hardly: the pull to the prior determines them, not rounding.
 TEST(Feasible, FindsTheSameRobotFromTorquesThatDifferByRounding) {
   for (const FrictionLaw law : {FrictionLaw::kCoulomb, FrictionLaw::kSigmoid, FrictionLaw::kStribeck}) {
     Samples samples = simulate(lwr(), truth_of(lwr()), 1500, 0.1);
@@ -444,7 +444,7 @@ TEST(Feasible, FindsTheSameRobotFromTorquesThatDifferByRounding) {
   }
 }
 
-// The optimum without the box has bodies far outside of it: the one within is on the faces, and descents find nothing lower.
+// The optimum without the box has bodies far outside of it: the optimum within is on the faces, and descents find no lower one.
 TEST(Feasible, KeepsToABoxThatIsNarrow) {
   const Samples samples = simulate(lwr(), truth_of(lwr()), 1500, 0.1);
   ProblemOptions narrow;
@@ -501,8 +501,8 @@ TEST(Tuning, ComesWithinTwoPercentOfFeasibleLeastSquaresAndFiveFromADistantPrior
   }
 }
 
-// 3 kN.m at the base and a noise of half a per cent at the hand: a few of the axes draw the swarm at first, and it must not be
-// carried off along the others.
+// 3 kN.m at the base and a noise of half a per cent at the hand: a few of the axes attract the swarm at first, and it must not
+// drift along the others.
 TEST(Tuning, ComesHomeFromADistantPriorOfAHeavyRobot) {
   const robot::RobotModel heavy = robot::load_urdf(places::source() + "/models/robots/kr300_r2500/robot.urdf");
   Samples samples = simulate(heavy, truth_of(heavy), 2000, 0);
@@ -608,7 +608,7 @@ TEST(Tuning, FindsTheSlopeAndShiftOfSigmoidFriction) {
     EXPECT_NEAR(d.tau_C, 2, 0.02);
     EXPECT_NEAR(d.sigma2, 1, 0.02);
   }
-  EXPECT_LT(result.excess, 1.05);  // interpolation of the curve between nodes included
+  EXPECT_LT(result.excess, 1.05);  // including the interpolation of the curve between nodes
 }
 
 TEST(Tuning, FindsTheStribeckSpeed) {
@@ -628,7 +628,7 @@ TEST(Tuning, FindsTheStribeckSpeed) {
   EXPECT_LT(result.excess, 1.05);
 }
 
-// A spring over joint 2, say a counterbalance, is no rigid body: harmonics take it up.
+// A spring over joint 2, such as a counterbalance, is not a rigid body: harmonics represent it.
 TEST(Harmonics, ExplainASpringThatNoBodyCan) {
   Estimate truth = truth_of(lwr());
   truth.drive[1].harmonics = {3, -1, 0.5, 2};
@@ -667,15 +667,14 @@ TEST(Stiffness, IsFoundFromTheMotorsAlone) {
   EXPECT_NEAR(result.K[0], K[0], 0.05 * K[0]);
   EXPECT_NEAR(result.K[1], K[1], 0.05 * K[1]);
   EXPECT_LT(result.cost, 0.5 * result.rigid_cost);
-  EXPECT_LT(result.rms.maxCoeff(), 0.012);  // the noise is left
+  EXPECT_LT(result.rms.maxCoeff(), 0.012);  // the noise remains
 }
 
-// Where both sides are measured a straight line has it, also if the link's encoder is read 3 ms later and counts from
-// elsewhere.
+// If both sides are measured, a linear fit finds it, also if the link's encoder is delayed by 3 ms and has an offset.
 TEST(Torsion, GivesTheStiffnessBesideTheLagOfTheRecord) {
   constexpr double K = 5e6, lag = 3e-3, offset = 1e-3;
   TorsionFit fit, noisy, unrelated;
-  double xx = 0, xy = 0;  // of a line through torque and torsion alone
+  double xx = 0, xy = 0;  // of a linear fit of torsion over torque alone
   for (std::uint32_t k = 0; k < 2500; ++k) {
     const double t = 0.004 * k;
     const double q = std::sin(1.3 * t) + 0.3 * std::sin(3.1 * t), dq = 1.3 * std::cos(1.3 * t) + 0.93 * std::cos(3.1 * t);
@@ -695,13 +694,13 @@ TEST(Torsion, GivesTheStiffnessBesideTheLagOfTheRecord) {
   const Torsion found = noisy.solve(2500);
   EXPECT_NEAR(found.K, K, 3 * found.deviation);
   EXPECT_LT(found.deviation, 0.02 * K);
-  EXPECT_GT(noisy.solve(100).deviation, 4 * found.deviation);  // fewer samples that are new
+  EXPECT_GT(noisy.solve(100).deviation, 4 * found.deviation);  // fewer independent samples
   EXPECT_EQ(unrelated.solve(2500).K, 0);
   EXPECT_EQ(TorsionFit().solve(10).K, 0);
   EXPECT_GT(std::abs(xy / xx - 1 / K), 0.5 / K);  // and without the lag it would be wrong by half
 }
 
-// A tool of 2 kg is taken up half-way: what forgets sees the robot as it is now.
+// A tool of 2 kg is mounted half-way: with forgetting, the result is the robot with the tool.
 TEST(TorqueData, ForgettingFollowsARobotThatChanges) {
   robot::RobotModel loaded = lwr();
   loaded.bodies[6].inertia.mass += 2;

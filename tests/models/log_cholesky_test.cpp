@@ -18,7 +18,7 @@ using robot::testing::Draw;
 Vector10d random_xi(Draw& draw, double reach) { return draw.numbers(10, -reach, reach); }
 
 TEST(PseudoInertia, IsTheSecondMomentOfTheMassInHomogeneousCoordinates) {
-  // ∫ [r; 1] [r; 1]ᵀ dm of point masses, summed by hand, against the body that they make.
+  // ∫ [r; 1] [r; 1]ᵀ dm of point masses, summed directly, compared with the body that they form.
   Draw draw(3);
   Matrix4d P = Matrix4d::Zero();
   Inertia body;
@@ -67,7 +67,7 @@ TEST(LogCholesky, ReachesEveryPhysicalBodyAndFindsItsCoordinates) {
   }
 }
 
-// e^(2α) scales the mass alone of all that has a mass; t moves the centre of mass by standard deviations.
+// e^(2α) scales mass and moments alike; t moves the centre of mass by standard deviations.
 TEST(LogCholesky, CoordinatesMeanWhatTheyAreSaidToMean) {
   Inertia prior;
   prior.mass = 2;
@@ -144,7 +144,7 @@ TEST(Consistent, LeavesPhysicalBodiesAndRepairsOthers) {
   const Inertia good = draw.inertia();
   EXPECT_EQ(consistent(good), good);
 
-  Inertia point;  // of a drawing: mass without extent
+  Inertia point;  // mass without extent, as in a drawing
   point.mass = 3;
   point.p_LC = {0.1, 0, 0};
   Inertia flat;  // principal moments that violate the triangle inequality

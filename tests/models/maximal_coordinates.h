@@ -4,8 +4,8 @@
 
 #include "models/robot/robot_model.h"
 
-/// The second formulation for the tests of dynamics: M = J_mcᵀ M*_mc J_mc and g of (2a) as they are written, from poses and
-/// body Jacobians of the RobotModel alone, without recursion over forces.
+/// The second formulation for tests of dynamics: M = J_mcᵀ M*_mc J_mc and g of (2a) by definition, from poses and body
+/// Jacobians of the RobotModel alone, without recursion over forces.
 namespace cotwin::robot::testing {
 
 /// X_BL of a body's URDF frame.

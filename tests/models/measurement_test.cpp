@@ -1,4 +1,4 @@
-// The log of a robot: what is wrong with it, where its power lies, and smoothing in blocks.
+// Logs of robots: errors in them, their power spectrum, and smoothing in blocks.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -230,7 +230,7 @@ TEST(MotionSpectrum, FindsTheFrequencyOfASineAtAnyRate) {
       spectrum.add(q, k == 0);
     }
     const std::vector<double> frequency = spectrum.frequency_of_share(0.95);
-    EXPECT_NEAR(frequency[0], 0.8, 0.05) << rate;  // Hann spreads a line over two bins of 1/60 s
+    EXPECT_NEAR(frequency[0], 0.8, 0.05) << rate;  // the Hann window spreads a line over two bins of 1/60 s
     EXPECT_EQ(frequency[1], 0) << rate;
   }
 }
@@ -261,7 +261,7 @@ TEST(SmoothedLog, InBlocksIsWhatTheWholeWouldGive) {
   synthetic.rate = 100;
   synthetic.duration = 60;
   synthetic.noise = 0.5;
-  for (const double jitter : {0.0, 0.2}) {  // of the step; with it, samples go through a spline onto the grid
+  for (const double jitter : {0.0, 0.2}) {  // share of the step; then samples are interpolated onto the grid by a spline
     synthetic.write(folder / "log.csv", robot, [&](std::size_t row, std::vector<double>& cells) {
       if (row % 3 == 1) cells[0] += jitter * 0.01;
     });
@@ -293,7 +293,8 @@ TEST(SmoothedLog, GivesTheMotionAndItsDerivativesWithoutDelay) {
       ddq = std::max(ddq, std::abs(smoothed.ddq[7 * k + j] - x[2]));
     }
   }
-  // The motion lies below 0.5 Hz, where the filter's gain misses 1 by 0.41 · 20⁻⁸; what is left are its ends, 5 periods away.
+  // The motion is below 0.5 Hz, where the filter's gain differs from 1 by 0.41 · 20⁻⁸; the remaining error is due to the ends,
+  // 5 periods away.
   EXPECT_LT(q, 1e-4);
   EXPECT_LT(dq, 1e-3);
   EXPECT_LT(ddq, 2e-2);

@@ -83,7 +83,7 @@ void expect_near(const Inertia& a, const Inertia& b, double tolerance) {
   EXPECT_LE((a.I_CC - b.I_CC).cwiseAbs().maxCoeff(), tolerance * b.mass) << a.I_CC << "\nand\n" << b.I_CC;
 }
 
-// Each of the sums below has some ten terms of order 1 (m, kg·m² per kg).
+// Each of the sums below has about ten terms of order 1 (m, kg·m² per kg).
 constexpr double kRounding = 100 * kUlp;
 
 TEST(Pose, RollPitchYawTurnsAboutFixedAxesInThatOrder) {
@@ -183,13 +183,13 @@ TEST(Inertia, StaysSymmetricToTheLastBit) {
 
 TEST(Inertia, OfAnyBodyOfPointMassesIsPhysical) {
   for (int i = 0; i < 10000; ++i) {
-    const Inertia body = summed(random_points(4)).seen_from(random_pose());  // four points span space almost surely
+    const Inertia body = summed(random_points(4)).seen_from(random_pose());  // four random points span space almost surely
     EXPECT_EQ(body.unphysical(), "") << body.I_CC;
   }
 }
 
 TEST(Inertia, OfALaminaRoundedToThreeDigitsIsPhysical) {
-  // A lamina stands on the border: J₁ + J₂ = J₃.
+  // A lamina is on the border: J₁ + J₂ = J₃.
   EXPECT_EQ(with_moments(1, {0.0124, 0.0234, 0.0358}, random_rotation()).unphysical(), "");
   EXPECT_EQ(with_moments(1, {0.0124, 0.0234, 0.03585}).unphysical(), "");
 }
@@ -215,7 +215,7 @@ TEST(Inertia, ViolatingTheTriangleInequalityIsFoundInAnyOrientationAndScale) {
     const double scale = std::pow(10, uniform(-12, 12));
     const double J1 = uniform(0.01, 1), J2 = uniform(0.01, 1);
     const Matrix3d R = random_rotation();
-    // 0.2 % beyond the border is a violation, 0.1 % is what rounding to three digits does.
+    // 0.2 % beyond the border is a violation, 0.1 % is rounding to three digits.
     EXPECT_NE(with_moments(1, scale * Vector3d(J1, J2, 1.002 * (J1 + J2)), R).unphysical(), "");
     EXPECT_EQ(with_moments(1, scale * Vector3d(J1, J2, 1.001 * (J1 + J2)), R).unphysical(), "");
   }

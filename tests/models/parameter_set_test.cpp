@@ -61,7 +61,7 @@ void expect_same(const ParameterSet& a, const ParameterSet& b) {
   }
 }
 
-/// Everything that a set can hold, among it what is hard to write.
+/// Every kind of content of a set, including what is difficult to write.
 ParameterSet demanding_set() {
   ParameterSet set;
   set.name = "drive & <\"data\"> 'of' µ";
@@ -111,7 +111,8 @@ TEST(ParameterSetFile, ValidatesAgainstTheSchema) {
 }
 
 TEST(ParameterSetFile, IsReadAsOtherToolsWriteIt) {
-  // Default namespace, byte order mark, comments, CDATA, foreign annotations and extensions, XML Schema's spellings of numbers.
+  // Default namespace, byte order mark, comments, CDATA, foreign annotations and extensions, notations of numbers in XML
+  // Schema.
   const ParameterSet set = parse_parameter_set(
       "\xEF\xBB\xBF<?xml version='1.0' encoding='utf-8'?><!-- by hand -->\n"
       "<ParameterSet xmlns='http://ssp-standard.org/SSP1/SystemStructureParameterValues' xmlns:x='urn:other' version='1.0' "
@@ -147,7 +148,7 @@ TEST(ParameterSetFile, IsReadAsOtherToolsWriteIt) {
 struct Bad {
   const char* name;
   std::string xml;
-  const char* message;  // begins with the place
+  const char* message;  // starts with the place
 };
 void PrintTo(const Bad& bad, std::ostream* out) { *out << bad.name; }
 class BadParameterSet : public ::testing::TestWithParam<Bad> {};
@@ -273,7 +274,7 @@ TEST(Xml, HandsElementsOverAsTheyEnd) {
 }
 
 TEST(Xml, DeclaresNoEntities) {
-  // Ten to the nine words from a few lines, and a file from elsewhere.
+  // 10⁹ words from a few lines, and an external file.
   const std::string laughs = "<!DOCTYPE a [<!ENTITY b 'ha'><!ENTITY c '&b;&b;'>]><a>&c;</a>";
   const auto error = [](const std::string& xml) {
     try {
@@ -298,7 +299,7 @@ TEST(Xml, KeepsNoMoreThanTheMemoryHasRoomFor) {
               ::testing::ThrowsMessage<Error>(::testing::HasSubstr("tree takes more than")));
 }
 
-// Were earlier prefixes or attributes looked through for each new one, this would take minutes.
+// With a linear search over earlier prefixes or attributes this would take minutes.
 TEST(Xml, TheTimeToReadGrowsWithTheTextAndNotWithItsSquare) {
   constexpr int kMany = 100'000;
   std::string text = "<a";

@@ -63,7 +63,7 @@ TEST(Polynomial, DerivativesAreThoseOfTheValues) {
     for (double s = 0.1; s < 0.95; s += 0.05) {
       const auto p = bernstein::evaluate(b, s), before = bernstein::evaluate(b, s - h), after = bernstein::evaluate(b, s + h);
       for (std::size_t k = 0; k < 3; ++k) {
-        // Central difference: h²/6 times the third derivative of what is differentiated, at most about d⁵·2 here.
+        // Central difference: h²/6 times the third derivative of the differentiated function, at most about d⁵·2 here.
         EXPECT_NEAR((after[k] - before[k]) / (2 * h), p[k + 1], 1e-8 * std::pow(d, static_cast<double>(k) + 3));
       }
     }
@@ -79,7 +79,7 @@ TEST(Polynomial, ElevationKeepsThePolynomial) {
   }
 }
 
-// A state that was damaged may hold any numbers: looking for the largest value ends.
+// A damaged state may contain any numbers: the search for the largest value must end.
 TEST(Polynomial, ExtremesOfWhatIsNotFiniteAreSoughtNoFurther) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity(), kNone = std::numeric_limits<double>::quiet_NaN();
   for (const double odd : {kInfinity, -kInfinity, kNone, 1e308}) {

@@ -8,7 +8,7 @@
 #include "models/robot/kernels/kernels.h"
 #include "models/robot/robot_model.h"
 
-/// Robots and states drawn at random for the tests of dynamics: any axes, any frames, physical inertias.
+/// Random robots and states for tests of dynamics: any axes, any frames, physical inertias.
 namespace cotwin::robot::testing {
 
 /// The instruction sets of this machine, best first.
@@ -40,7 +40,7 @@ class Draw {
       if (v.norm() > 0.1 && v.norm() < 1) return v.normalized();
     }
   }
-  /// Any orientation, or, one time in three, one with right angles only, as robots have.
+  /// Any orientation; in one of three cases with right angles only, as robots have.
   Eigen::Matrix3d rotation() {
     if (integer(0, 2) == 0) {
       const double quarter = std::acos(-1.0) / 2;
@@ -49,7 +49,7 @@ class Draw {
     return Eigen::AngleAxisd(number(-3.1, 3.1), direction()).toRotationMatrix();
   }
   Pose pose(double reach) { return {rotation(), numbers(3, -reach, reach)}; }
-  /// A box with its centre of mass off the frame's origin.
+  /// A box whose centre of mass is not at the frame's origin.
   Inertia inertia() {
     Inertia body;
     body.mass = number(0.2, 5);

@@ -11,7 +11,7 @@ namespace {
 
 using Words = std::array<std::uint32_t, 4>;
 
-// The known answers that Salmon et al. publish with their generator (Random123, kat_vectors, philox4x32-10).
+// The known answers published by Salmon et al. with their generator (Random123, kat_vectors, philox4x32-10).
 TEST(Philox, GivesThePublishedWords) {
   EXPECT_EQ(philox({0, 0, 0, 0}, {0, 0}), (Words{0x6627e8d5, 0xe169c58d, 0xbc57ac4c, 0x9b00dbd8}));
   EXPECT_EQ(philox({0xffffffff, 0xffffffff, 0xffffffff, 0xffffffff}, {0xffffffff, 0xffffffff}),
@@ -98,7 +98,7 @@ TEST(Random, EveryPartOfTheKeyMatters) {
     values.insert(uniform(other));
   }
   EXPECT_EQ(values.size(), 7u);
-  EXPECT_EQ(uniform(key), uniform(Key(key)));  // and nothing else does
+  EXPECT_EQ(uniform(key), uniform(Key(key)));  // and no other key does
 }
 
 }  // namespace

@@ -19,7 +19,7 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
-/// A file that is gone after the test.
+/// A file that is removed at the end of the test.
 class File {
  public:
   explicit File(const std::string& text) {
@@ -147,7 +147,7 @@ TEST(Recording, ColumnsThatAreNotOnePerJointAreErrors) {
 }
 
 TEST(Recording, DegreesTakenForRadiansAreNoticed) {
-  // ±40° at 0.5 Hz: 126°/s. In radians that is faster than a joint can be.
+  // ±40° at 0.5 Hz: 126°/s. In radians this is faster than a joint can be.
   std::ostringstream fast, slow;
   fast << "t,q1\n";
   slow << "t,q1\n";
@@ -159,7 +159,7 @@ TEST(Recording, DegreesTakenForRadiansAreNoticed) {
   std::vector<Axis> axes = free_axes(1);
   EXPECT_THAT(error_of(fast.str(), axes), HasSubstr("file.csv:3: column 'q1': joint 1 would have moved with 125.6"));
   EXPECT_THAT(error_of(fast.str(), axes), HasSubstr("are these degrees? Then angle = deg"));
-  EXPECT_EQ(error_of(slow.str(), axes), "no error");  // nothing is known of the joint
+  EXPECT_EQ(error_of(slow.str(), axes), "no error");  // the joint has no known limits
   axes[0].q_min = -2.9;
   axes[0].q_max = 2.9;
   EXPECT_EQ(
@@ -171,13 +171,13 @@ TEST(Recording, DegreesTakenForRadiansAreNoticed) {
   EXPECT_EQ(error_of(slow.str(), axes, degrees), "no error");
 }
 
-// Real robots. What is asserted are properties that follow from the measurements themselves.
+// Data of real robots. The assertions are properties that follow from the measurements themselves.
 class RealRecording : public ::testing::Test {
  protected:
   void SetUp() override {
     if (!std::filesystem::exists(folder_)) GTEST_SKIP() << "needs " << folder_;
   }
-  /// RMS of the measured minus the derived velocity, over RMS of the measured one, joint by joint.
+  /// RMS of measured minus derived velocity, over RMS of the measured one, per joint.
   std::vector<double> velocity_mismatch(const Recording& r, const Series& q) const {
     const Path path = interpolate(q);
     const std::size_t n = q.width;

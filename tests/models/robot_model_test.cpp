@@ -8,7 +8,7 @@
 namespace cotwin::robot {
 namespace {
 
-/// Bodies hang on the parents given; each has a frame named like its index, and the base has "base".
+/// Bodies with the given parents; the frame of each is named like its index, that of the base "base".
 RobotModel tree(const std::vector<int>& parents) {
   RobotModel robot;
   robot.name = "tree";

@@ -36,7 +36,7 @@ std::string error_of(F&& f) {
   return "";
 }
 
-/// A folder for one test, gone after it.
+/// A folder for one test, removed at its end.
 class Folder {
  public:
   Folder()
@@ -152,7 +152,7 @@ TEST(Hull, HoldsAllPointsAndKeepsTheOuterOnes) {
 }
 
 TEST(Hull, OfPointsOnACurveEndsAndHoldsThemAll) {
-  // (sin t, cos 2t, sin 3t) is a cubic curve in sin t, with points as near to each other as 1e-5: rounding breaks the surface.
+  // (sin t, cos 2t, sin 3t) is a cubic curve in sin t, with points as close together as 1e-5: rounding would break the surface.
   std::vector<Eigen::Vector3d> points;
   for (int i = 0; i < 200; ++i) points.emplace_back(std::sin(i), std::cos(2 * i), std::sin(3 * i));
   const Polytope hull = convex_hull(points);
@@ -166,7 +166,7 @@ TEST(Hull, SurvivesPointsThatAreAllButAlike) {
   std::vector<Vector3d> points = sphere_points(60);
   for (int i = 0; i < 60; ++i) points.push_back(points[static_cast<std::size_t>(i)] + Vector3d(1e-15, -1e-15, 1e-16));
   expect_sound(convex_hull(points));
-  std::vector<Vector3d> prism;  // caps of 64 corners whose planes are only nearly planes
+  std::vector<Vector3d> prism;  // caps of 64 corners whose planes are only approximately planar
   for (int i = 0; i < 64; ++i) {
     const double a = 2 * M_PI * i / 64;
     for (const double z : {-0.5, 0.5}) prism.emplace_back(std::cos(a), std::sin(a), z + 1e-12 * (i % 7));
@@ -254,7 +254,8 @@ TEST(RoundHole, IsRoundToWhatItSays) {
   }
   EXPECT_NEAR(nearest, hole.radius, 1e-15);
   EXPECT_NEAR(corner - hole.radius, deviation_from_round(hole), 1e-15);
-  // Plate less the polygon's prism less the chamfer's frustum, whose areas are those of the inscribed circles times one factor.
+  // Plate minus the polygon's prism minus the chamfer's frustum, whose areas are those of the inscribed circles times one
+  // factor.
   const double f = 64 * std::tan(M_PI / 64), r = hole.radius, R = r + hole.chamfer, c = hole.chamfer;
   EXPECT_NEAR(volume, 0.1 * 0.14 * 0.04 - f * (r * r * (0.04 - c) + c * (r * r + r * R + R * R) / 3), 1e-15);
 }
@@ -379,7 +380,7 @@ TEST(Sdf, ReadsABodyWithItsShapesAndSurface) {
   EXPECT_TRUE(body.X_WB.p.isApprox(Vector3d(1, 2.1, 3), 1e-14));
   EXPECT_EQ(body.inertia.mass, 2);
   EXPECT_EQ(body.inertia.p_LC, Vector3d(0.01, 0, 0));
-  // Turned by 90 degrees about z: x and y change places, ixy its sign.
+  // Rotated by 90 degrees about z: x and y are exchanged, ixy changes its sign.
   EXPECT_NEAR(body.inertia.I_CC(0, 0), 0.2, 1e-15);
   EXPECT_NEAR(body.inertia.I_CC(1, 1), 0.1, 1e-15);
   EXPECT_NEAR(body.inertia.I_CC(0, 1), -0.01, 1e-15);
@@ -434,7 +435,7 @@ TEST(Sdf, ReadsJoints) {
   EXPECT_EQ(hinge.parent, 0);
   EXPECT_EQ(hinge.child, 1);
   EXPECT_TRUE(hinge.X_CJ.p.isApprox(Vector3d(0, 0.5, 0), 1e-15));
-  EXPECT_TRUE(hinge.X_PJ.p.isApprox(Vector3d(0.5, 0, 0), 1e-15));  // b is turned by 90 degrees
+  EXPECT_TRUE(hinge.X_PJ.p.isApprox(Vector3d(0.5, 0, 0), 1e-15));  // b is rotated by 90 degrees
   EXPECT_TRUE(hinge.axis.isApprox(Vector3d(0, -1, 0), 1e-15));
   EXPECT_EQ(hinge.q_min, -1);
   EXPECT_EQ(hinge.q_max, 2);
@@ -611,7 +612,7 @@ TEST(UrdfShapes, StandInTheFramesOfTheBodiesThatCarryThem) {
   const robot::RobotModel robot = robot::load_urdf(file);
   std::vector<std::string> warnings;
   const auto shapes = shapes_of_urdf(file, robot, &warnings);
-  ASSERT_EQ(shapes.size(), 2u);  // the base and the arm, on which the tool is rigid
+  ASSERT_EQ(shapes.size(), 2u);  // the base and the arm, to which the tool is fixed
   ASSERT_EQ(shapes[0].size(), 1u);
   EXPECT_EQ(shapes[0][0].type, ShapeType::kBox);
   ASSERT_EQ(shapes[1].size(), 3u);
@@ -638,7 +639,7 @@ TEST(UrdfShapes, OfNonsenseAreErrors) {
   EXPECT_THAT(with("<geometry/>"), HasSubstr("<collision> without a geometry"));
 }
 
-// What the house ships ------------------------------------------------------------------------------------------------------
+// Scenes of the repository --------------------------------------------------------------------------------------------------
 
 class EveryScene : public ::testing::TestWithParam<std::string> {};
 
@@ -669,7 +670,7 @@ TEST(Scenes, ThePegHasTheClearanceThatItsFolderSays) {
     for (const Shape& piece : plate.shapes) {
       const Polytope hull = convex_hull(piece.vertices);
       for (const Polytope::Face& face : hull.faces) {
-        if (std::abs(face.n.z()) < 1e-9 && face.d < -1e-6) nearest = std::min(nearest, -face.d);  // what looks at the axis
+        if (std::abs(face.n.z()) < 1e-9 && face.d < -1e-6) nearest = std::min(nearest, -face.d);  // pieces that face the axis
       }
     }
     EXPECT_NEAR(2 * (nearest - scene.bodies[1].shapes[0].size.x()), clearance, 1e-12);

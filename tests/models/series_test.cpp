@@ -15,7 +15,7 @@ namespace {
 
 constexpr double kTurn = 2 * std::numbers::pi;
 
-/// Instants that are irregular by a third of the step.
+/// Times that are irregular by a third of the step.
 std::vector<double> irregular(std::size_t samples, double step, unsigned seed) {
   std::mt19937 random(seed);
   std::uniform_real_distribution<double> jitter(-step / 3, step / 3);
@@ -97,7 +97,7 @@ TEST(Series, DerivativesConvergeWithTheFourthOrderOrBetter) {
   };
   const Values coarse = errors(1 / 30.0), fine = errors(1 / 60.0);
   EXPECT_LT(coarse.q, 1e-7);
-  EXPECT_LT(coarse.dq, 1e-4 * w);  // the ends are the worst; rates below are orders
+  EXPECT_LT(coarse.dq, 1e-4 * w);  // the ends have the largest errors; rates below are orders
   EXPECT_LT(coarse.ddq, 1e-3 * w * w);
   EXPECT_GT(std::log2(coarse.q / fine.q), 5.5);
   EXPECT_GT(std::log2(coarse.dq / fine.dq), 4.5);
@@ -105,7 +105,7 @@ TEST(Series, DerivativesConvergeWithTheFourthOrderOrBetter) {
 }
 
 TEST(Series, DifferentiationAddsNoPhase) {
-  // The derivative of a sine on a regular grid is a cosine of some amplitude: nothing remains in quadrature to it.
+  // The derivative of a sine on a regular grid is a cosine of some amplitude: its quadrature component is 0.
   const double step = 0.01, f = 12;  // eight samples a period
   std::vector<double> t(2001);
   for (std::size_t k = 0; k < t.size(); ++k) t[k] = static_cast<double>(k) * step;
@@ -123,8 +123,8 @@ TEST(Series, PositionVelocityAndAccelerationBelongToOneAnotherEvenBetweenNoisySa
   std::mt19937 random(3);
   std::normal_distribution<double> noise(0, 1e-3);
   const Path path = interpolate(sample(irregular(200, 0.03, 8), [&](double t) { return std::sin(t) + noise(random); }));
-  // Simpson's rule over intervals that do not cross a knot: exact for q̇ up to degree three, h⁵ times its fourth derivative
-  // else.
+  // Simpson's rule over intervals that do not cross a knot: exact for q̇ up to degree three, otherwise h⁵ times its fourth
+  // derivative.
   for (std::size_t k = 0; k + 1 < path.times().size(); ++k) {
     const double a = path.times()[k], b = path.times()[k + 1], h = (b - a) / 8;
     double dq = 0, ddq = 0;
@@ -152,7 +152,7 @@ TEST(Series, SmoothingAnIrregularRecordingActsAsTheFilterOnTheSignal) {
     const double t = smoothed.t[k];
     const double expected =
         filter.gain(slow) * std::sin(kTurn * slow * t) + 0.1 * filter.gain(fast) * std::sin(kTurn * fast * t);
-    // Resampling a sine of eight samples a period through irregular instants is exact to some per mille of its 0.1.
+    // Resampling a sine of eight samples per period at irregular times is exact to some per mille of its 0.1.
     EXPECT_NEAR(smoothed.x[k], expected, 2e-3 * 0.1);
   }
 }
@@ -169,7 +169,8 @@ TEST(Series, SmoothingBeforeDifferentiationRecoversTheDerivativesOfANoisyMotion)
     error += std::pow(at(path, t).ddq + 0.7 * w * w * std::sin(w * t), 2);
     before += std::pow(at(noisy, t).ddq + 0.7 * w * w * std::sin(w * t), 2);
   }
-  // White noise σ at the rate f_s, through G(f) of two passes and (2πf)²: ∫ ≈ σ² · 2/f_s ∫ (2πf)⁴ G² df, some 0.05 rad/s² here.
+  // White noise σ at the rate f_s, through G(f) of two passes and (2πf)²: ∫ ≈ σ² · 2/f_s ∫ (2πf)⁴ G² df, about 0.05 rad/s²
+  // here.
   EXPECT_LT(std::sqrt(error / count), 0.1);
   EXPECT_GT(std::sqrt(before / count), 10);
 }
@@ -203,8 +204,8 @@ TEST(Series, ACutPathIsThePathItself) {
 }
 
 TEST(Series, ACutPathIsThePathItselfWhereTheCutAllButMeetsAKnot) {
-  // As with a recording cut at 0.7 s, whose sample there came out as 0.7000000000000002 s: over such a sliver of a segment, a
-  // quintic's derivatives would be rounding, divided by its length and its length squared.
+  // As with a recording that was cut at 0.7 s, where the last time is 0.7000000000000002 s: over such a short segment, the
+  // derivatives of a quintic would be rounding errors, divided by its length and its length squared.
   const std::vector<double> knots = irregular(50, 0.1, 9);
   const Path whole = interpolate(sample(knots, [](double t) { return std::cos(3 * t); }));
   for (const double sliver : {0.0, 4e-16, 1e-13, 1e-9, 1e-6, 1e-4, 1e-3}) {
@@ -218,7 +219,7 @@ TEST(Series, ACutPathIsThePathItselfWhereTheCutAllButMeetsAKnot) {
         EXPECT_NEAR(at(part, x).ddq, at(whole, x).ddq, 1e-6) << sliver << " " << x;
       }
     }
-    EXPECT_LT(part.range(0, 2).largest().value, 9.1) << sliver;  // 9 cos 3t: what limits are held against
+    EXPECT_LT(part.range(0, 2).largest().value, 9.1) << sliver;  // 9 cos 3t: limits are compared with it
   }
 }
 

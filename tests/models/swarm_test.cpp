@@ -43,7 +43,7 @@ double rastrigin(const std::vector<double>& x) {
   for (const double v : x) f += 10 + v * v - 10 * std::cos(2 * std::numbers::pi * v);
   return f;
 }
-/// Its least value in the box of the test is on a face.
+/// Its minimum in the box of the test is on a face.
 double slope(const std::vector<double>& x) { return x[0] + 10 * (x[1] - 0.25) * (x[1] - 0.25) + 1; }
 
 std::vector<double> all(std::size_t n, double x) { return std::vector<double>(n, x); }
@@ -67,13 +67,13 @@ TEST(Swarm, FollowsTheCurvedValleyOfRosenbrock) {
   options.threshold = 1e-5;
   options.stagnation_rounds = 0;
   Swarm swarm(all(5, -3), all(5, 3), cost_of(rosenbrock, 5), options);
-  EXPECT_EQ(swarm.run(), SwarmStatus::kThreshold);  // the least value is 0, at (1, …, 1)
+  EXPECT_EQ(swarm.run(), SwarmStatus::kThreshold);  // the minimum is 0, at (1, …, 1)
   EXPECT_LE(swarm.best_cost(), 1e-5);
   EXPECT_LT(swarm.state().round, 3000u);
 }
 
-// Rastrigin in six dimensions has 11⁶ local minima in the box; a swarm that has settled in one of them only leaves it by being
-// reconfigured.
+// Rastrigin's function in six dimensions has 11⁶ local minima in the box; a swarm that has converged to one of them leaves it
+// only by reconfiguration.
 TEST(Swarm, ThatStagnatesLeavesALocalMinimumOnceItIsReconfigured) {
   int better = 0, worse = 0;
   for (std::uint64_t seed = 1; seed <= 12; ++seed) {
@@ -131,7 +131,7 @@ TEST(Swarm, BeginsWithAParticleAtTheStart) {
   EXPECT_NEAR(std::sqrt(variance), 0.01, 0.0025);  // five standard errors of 199 samples
 }
 
-// (3) of Kennedy and Eberhart with r1, r2 from random.h, by a second hand: what the kernels do in lanes.
+// (3) of Kennedy and Eberhart with r1, r2 from random.h, implemented independently: what the kernels compute in lanes.
 TEST(Swarm, MovesByThePublishedRule) {
   SwarmOptions options;
   options.particles = 16;
@@ -239,7 +239,7 @@ TEST(Swarm, TakesACostThatIsNoNumberForTheWorst) {
   EXPECT_NEAR(swarm.best_cost(), 1, 1e-6);
 }
 
-// A rotation leaves distances, so a sphere's costs in new coordinates must go on where they were.
+// A rotation keeps distances, so the costs of a sphere in new coordinates must continue at the same values.
 TEST(Swarm, KeepsItsPlaceWhenCoordinatesChange) {
   SwarmOptions options;
   options.rounds = 60;
@@ -308,7 +308,7 @@ TEST(SwarmState, RefusesBytesThatAreNone) {
   Swarm swarm(all(2, -1), all(2, 1), cost_of(sphere, 2), options);
   swarm.run();
   const std::vector<unsigned char> good = swarm.state().bytes();
-  for (std::size_t length = 0; length < good.size(); length += 13)  // every truncation is seen
+  for (std::size_t length = 0; length < good.size(); length += 13)  // every truncation is detected
     EXPECT_THROW(SwarmState::from_bytes(std::span(good).first(length)), Error) << length;
   std::vector<unsigned char> longer = good;
   longer.push_back(0);

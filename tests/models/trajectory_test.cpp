@@ -61,7 +61,7 @@ TEST(Waypoints, ThroughThePointsMeansContinuousUpToSnap) {
       const double snap_before = (here[3] - before[3]) / h, snap_after = (after[3] - here[3]) / h;
       const double scale = 1 + std::abs(here[3]) + std::abs(snap_after);
       EXPECT_NEAR(before[3], after[3], 3 * h * scale);
-      EXPECT_NEAR(snap_before, snap_after, 0.02 * scale);  // the fifth derivative jumps: h times it remains
+      EXPECT_NEAR(snap_before, snap_after, 0.02 * scale);  // the fifth derivative jumps: h times the jump remains
     }
     for (const double t : {points.t.front(), points.t.back()}) {
       EXPECT_NEAR(at(path, t, j)[1], 0, 1e-14);
@@ -74,7 +74,7 @@ TEST(Waypoints, NoOtherVelocitiesAndAccelerationsAtThePointsHaveLessJerk) {
   const Waypoints points = three_points();
   const Path best = make_path(points, Passing::kThrough);
   const auto jerk = [](const Path& path) {
-    double sum = 0;  // midpoints, fine enough to tell the optimum from its neighbours
+    double sum = 0;  // midpoints, fine enough to distinguish the optimum from its neighbours
     constexpr int N = 3000;
     for (int i = 0; i < N; ++i) {
       const double t = path.begin() + (path.end() - path.begin()) * (i + 0.5) / N;
@@ -130,7 +130,8 @@ TEST(TimeScaling, ThePhasesDerivativesAreThoseOfItsValue) {
     const auto s = phase.at(t), before = phase.at(t - h), after = phase.at(t + h);
     EXPECT_NEAR((after.s - before.s) / (2 * h), s.ds, 1e-8);
     EXPECT_NEAR((after.ds - before.ds) / (2 * h), s.dds, 1e-7);
-    EXPECT_NEAR((after.dds - before.dds) / (2 * h), s.ddds, 1e-3);  // jerk of the phase bends where the ramps meet the cruise
+    EXPECT_NEAR((after.dds - before.dds) / (2 * h), s.ddds,
+                1e-3);  // the jerk of the phase has a kink where the ramps meet the cruise
     EXPECT_GT(s.s, last);
     last = s.s;
     const auto most = phase.largest();
@@ -176,7 +177,7 @@ TEST(TimeScaling, StretchingMeetsTheTightestLimitExactly) {
 }
 
 TEST(TimeScaling, SoftEndsKeepTheirBoundsAndEnterFromRest) {
-  // A motion that begins and ends with velocity: q = (s, −2s) at constant rate.
+  // A motion that starts and ends with velocity: q = (s, −2s) at constant rate.
   const Path path(2, {0, 2}, {0, 0, 2, -4}, {1, -2, 1, -2}, {0, 0, 0, 0});
   const Phase phase(2, 1, 0.5, 0.5);
   std::vector<double> q(2), dq(2), ddq(2), dddq(2), before(2);

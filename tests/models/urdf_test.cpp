@@ -49,7 +49,7 @@ std::string rigid_on(const std::string& parent, const std::string& name, const s
          "</inertial></link><joint name=\"to_" + name + "\" type=\"fixed\"><parent link=\"" + parent + "\"/><child link=\"" +
          name + "\"/>" + origin + "</joint>";
 }
-/// The arm with the `from` of its text replaced.
+/// The arm with `from` replaced in its text.
 std::string arm_but(const std::string& from, const std::string& to) {
   std::string xml = arm_with("");
   const std::size_t at = xml.find(from);
@@ -94,7 +94,7 @@ TEST(Urdf, OfTheLwr4IsAChainOfSevenJoints) {
     EXPECT_EQ(robot.joints[static_cast<std::size_t>(i)].name, "joint_" + std::to_string(i + 1));
     EXPECT_EQ(robot.bodies[static_cast<std::size_t>(i)].name, "link_" + std::to_string(i + 1));
   }
-  EXPECT_NEAR(moving_mass(robot), 16.37, 0.005);  // 16.4 kg: facts/robots.md
+  EXPECT_NEAR(moving_mass(robot), 16.37, 0.005);  // 16.4 kg: sum of the published masses
   EXPECT_EQ(robot.joints[3].X_PJ.p, Vector3d(0, 0, 0.4));
   EXPECT_EQ(robot.joints[1].q_max, 2.094);
   EXPECT_EQ(robot.joints[6].tau_max, 38);
@@ -130,7 +130,7 @@ TEST(Urdf, AxesAreUnitVectors) {
 }
 
 TEST(Urdf, LinksOnFixedJointsBecomeOneBodyWithTheirParent) {
-  // Two cubes of 0.2 m, 3 kg each, side by side along the arm's x, the second turned by a quarter turn on its joint and given
+  // Two cubes of 0.2 m, 3 kg each, side by side along the arm's x, the second rotated by a quarter turn on its joint and given
   // in a frame of its own; together a box of 0.4 x 0.2 x 0.2 m with its centre 0.1 m out: m/12 (b² + c²) and so on.
   const auto cube = [](const std::string& name, const std::string& origin) {
     return "<link name=\"" + name + "\"><inertial>" + origin +
@@ -166,7 +166,7 @@ TEST(Urdf, JointsComeDepthFirstInTheOrderOfTheFile) {
   const auto joint = [](const std::string& name, const std::string& parent) {
     return rigid_on(parent, name, "").replace(rigid_on(parent, name, "").find("fixed"), 5, "continuous");
   };
-  // The file says 'right' first, but its branch last; the alphabet says otherwise.
+  // The file names 'right' first, but its branch last; the alphabetical order is different.
   const RobotModel robot = parsed(kHead + std::string(kBase) + joint("right", "base") + joint("left", "base") +
                                   joint("b", "left") + joint("a", "left") + joint("z", "right") + "</robot>");
   EXPECT_THAT(joint_names(robot), ElementsAre("to_right", "to_z", "to_left", "to_b", "to_a"));
@@ -229,8 +229,8 @@ TEST(Urdf, BodiesOfARandomTreeAreTheSumsOfTheirLinks) {
     const int links = 2 + round % 20;
     std::string xml = "<robot name=\"tree\">";
     std::vector<Pose> X_WL(1);       // in the root link's frame, all joints at 0
-    std::vector<int> carrier = {0};  // the link whose body this one belongs to
-    std::map<int, Parameters> sums;  // by carrier, about the root link's origin
+    std::vector<int> carrier = {0};  // the link to which this body belongs
+    std::map<int, Parameters> sums;  // by carrying body, about the root link's origin
     for (int i = 0; i < links; ++i) {
       const Vector3d p = three(1), rpy = three(3), half = three(0.5).cwiseAbs() + Vector3d::Constant(0.1);
       const double mass = uniform(0.1, 5);
@@ -298,7 +298,7 @@ TEST(Urdf, OfTwoArmsHasBothAndTheTipChoosesOne) {
 
 TEST(Urdf, WrittenAndReadAgainIsTheSameToTheLastBit) {
   RobotModel robot = load_urdf(places::source() + "/models/robots/lwr4/robot.urdf");
-  for (int i = 0; i < 50; ++i) {  // rotations that no three angles give to the last bit, some where pitch is ±90°
+  for (int i = 0; i < 50; ++i) {  // rotations that no three angles represent exactly, some with a pitch of ±90°
     const double pitch = i % 5 == 0 ? std::copysign(1.5707963267948966, i - 25) : 0.1 * i;
     const Pose X = Pose{rotation_from_rpy(0.3 * i, pitch, 0.7 * i), {0.1 * i, 1.0 / 3, -0.0}} *
                    Pose{rotation_from_rpy(i, 1, 2), Vector3d::Zero()};
@@ -445,7 +445,7 @@ TEST(Urdf, ThatIsMuchTooDeepOrLongIsRefused) {
   std::string deep = kHead;
   for (int i = 0; i < 100000; ++i) deep += "<a>";
   EXPECT_THAT(refusal_of(deep), HasSubstr("not well-formed XML"));
-  // The root comes last in the alphabet: whoever frees the links in that order frees the whole chain with the root, by
+  // The root comes last in alphabetical order: freeing the links in that order would free the whole chain with the root, by
   // recursion.
   const auto name = [](int i) { return "\"link_" + std::to_string(9000 - i) + "\""; };
   std::string chain = kHead + ("<link name=" + name(0) + "/>");

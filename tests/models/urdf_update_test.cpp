@@ -1,4 +1,4 @@
-// A robot's values written into the URDF that it came from, and other specimens of it.
+// Writes a robot's values into the URDF from which it was read, and perturbs robots.
 #include "models/robot/urdf_update.h"
 
 #include <gmock/gmock.h>
