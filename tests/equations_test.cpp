@@ -1,4 +1,4 @@
-// docs/equations.md maps each equation of the paper to a file that cites its number and a test that exists.
+// docs/equations.md maps each equation of the paper to a file that cites its number and to a test that exists.
 #include <gtest/gtest.h>
 
 #include <filesystem>

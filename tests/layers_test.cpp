@@ -1,4 +1,4 @@
-// Arrows point down only (docs/architecture.md): tests, examples → master → fmu → the units → unit, bus → models.
+// Includes point down only (docs/architecture.md): tests, examples → master → fmu → the units → unit, bus → models.
 #include <gtest/gtest.h>
 
 #include <filesystem>
@@ -43,7 +43,7 @@ bool starts_with_any(const std::string& text, const std::vector<std::string>& pr
   return false;
 }
 
-/// The folder of a component that a path lies in: "components/drive_train/"; "" if it lies in none.
+/// The folder of a component that contains a path: "components/drive_train/"; "" if there is none.
 std::string component_of(const std::string& path) {
   if (path.rfind("components/", 0) != 0) return "";
   const std::size_t end = path.find('/', std::string("components/").size());
@@ -87,8 +87,8 @@ TEST(Layers, IncludesStartAtTheRootOfTheRepository) {
   }
 }
 
-// Two types of one name in one namespace, a folder's, are one to the linker: which of their containers' functions it takes is
-// luck, and memory of the wrong size.
+// Two types with the same name in the namespace of a folder are the same type for the linker. It then takes the functions of
+// either, with the wrong size of memory.
 TEST(Names, OfTypesStandOnceInTheHeadersOfAFolder) {
   const fs::path root = cotwin::places::source();
   const std::regex pattern(R"(^(?:struct|class) (\w+)(?: final)?(?: : .*)? \{)");
@@ -110,7 +110,7 @@ TEST(Names, OfTypesStandOnceInTheHeadersOfAFolder) {
   EXPECT_GT(places.size(), 100u);
 }
 
-/// Below `folder`, files may include their own room and the rooms before it; files beside the rooms stand below all of them.
+/// Below `folder`, files may include their own room and the rooms before it; files beside the rooms are below all of them.
 void expect_rooms_in_order(const std::string& folder, const std::vector<std::string>& rooms) {
   const auto room_of = [&](const std::string& path) -> std::ptrdiff_t {
     for (std::size_t i = 0; i < rooms.size(); ++i) {

@@ -1,4 +1,4 @@
-// docs/reference/ is what `cotwin reference docs/reference` writes, no more and no less.
+// docs/reference/ is exactly the output of `cotwin reference docs/reference`.
 #include <gtest/gtest.h>
 
 #include <cstdlib>

@@ -1,19 +1,19 @@
-// Runs every example that has expected figures with the built program, as a user does, and holds the results against them. A
-// file examples/<folder>/<scenario>.expected.json is a test:
+// Runs every example that has expected figures with the built program and compares the results with these figures. A file
+// examples/<folder>/<scenario>.expected.json is a test:
 //   {
 //     "needs": ["../../../shared/…"],              files, relative to the folder, without which the test is skipped
-//     "scenario": "twin.ssd",                      where it is not <scenario>.ssd
+//     "scenario": "twin.ssd",                      if it is not <scenario>.ssd
 //     "options": ["--set", "a.b=1"],               of cotwin run
 //     "figures": [
 //       {"what": "…", "summary": "/ticks", …},                                     a JSON pointer into the summary
 //       {"what": "…", "signal": "a.x[1]", "minus": "b.x[1]", "at": 2.5, …},        the recorded sample nearest to an instant
-//       {"what": "…", "signal": "a.x[1]", "from": 0, "to": 3, …}                   all samples within a span
+//       {"what": "…", "signal": "a.x[1]", "from": 0, "to": 3, …}                   all samples within an interval
 //     ]
 //   }
 // where … is one or several of "is" with "within", "below", "above".
 //
-// To find bounds, COTWIN_PRINT_FIGURES=1 prints the least and the largest value of each figure, and COTWIN_EXAMPLE_SET=a.b=c
-// changes the scenario a little (scripts/sensitivity.sh).
+// To find bounds: COTWIN_PRINT_FIGURES=1 prints the minimum and the maximum of each figure, and COTWIN_EXAMPLE_SET=a.b=c
+// changes the scenario slightly (scripts/sensitivity.sh).
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <stdlib.h>
@@ -83,7 +83,7 @@ Table read_table(const fs::path& file) {
   return table;
 }
 
-/// The values that a figure speaks of; nothing, with a failure, if there are none.
+/// The values that a figure refers to. Empty, with a test failure, if there are none.
 std::vector<double> values_of(const json& figure, const json& summary, const Table& table) {
   if (figure.contains("summary")) {
     const json::json_pointer pointer(figure.at("summary").get<std::string>());
@@ -163,8 +163,8 @@ TEST_P(Example, RunsAndGivesTheExpectedFigures) {
   for (const json& figure : expected.at("figures")) check(figure, told, table);
 }
 
-// The twin of example 01 is the unknown robot and its recording the log, with the external torques that it felt. Where they do
-// not jump, the scenario for anybody's robot finds the joint torques of that log again: from its motion alone.
+// The twin of example 01 is used as an unknown robot and its recording as the log, with the measured external torques. Except
+// at jumps, own_robot.ssd computes the joint torques of that log from the motion alone.
 TEST(OwnRobot, TheTorquesOfAnotherTwinsLogAreFoundFromItsMotion) {
   const TemporaryFolder folder("example");
   const fs::path examples = fs::path(cotwin::places::source()) / "examples", summary = folder.path() / "summary.json";
@@ -201,7 +201,7 @@ TEST(OwnRobot, TheTorquesOfAnotherTwinsLogAreFoundFromItsMotion) {
     }
     for (const json& rms : comparison.at("rms")) EXPECT_LT(rms.get<double>(), 0.5) << comparison.at("name");
   }
-  EXPECT_GT(told.at("signals").at(0).at("total_rms"), 10.0);  // N.m: there was something to find
+  EXPECT_GT(told.at("signals").at(0).at("total_rms"), 10.0);  // N.m: the torques are not small
 }
 
 /// Runs a script of the examples in `folder` with `environment` and nothing else.

@@ -1,4 +1,4 @@
-// examples/06_real_robots with the built program: the errors that its README prints, on data that no solver has seen.
+// Runs examples/06_real_robots with the built program: the errors that its README lists, on held-out data.
 #include <gtest/gtest.h>
 
 #include <fstream>
@@ -42,16 +42,16 @@ TEST_P(RealRobots, ArePredictedAsWellAsTheExampleSays) {
     EXPECT_LT(held_out[j], below[j]) << "joint " << j + 1;
     EXPECT_LT(held_out[j], prior[j]) << "joint " << j + 1;
   }
-  // The swarm beside its references on the data that it was trained on, in floors.
+  // The weighted errors of the swarm and its references on the training data, relative to the floor.
   const json& weighted = figures.at("weighted_rms");
   EXPECT_GE(weighted.at("swarm").get<double>(), 0.999 * weighted.at("floor").get<double>());
   EXPECT_LT(weighted.at("swarm").get<double>(), 1.02 * weighted.at("feasible").get<double>());
-  // Stiffness where another source has published it; 0 there: not found, and here neither.
+  // Stiffness, where another source has published it; 0: not found there, and not expected here.
   for (std::size_t j = 0; expected.contains("stiffness") && j < below.size(); ++j) {
     const double published = expected.at("stiffness").at(j).get<double>();
     EXPECT_NEAR(figures.at("stiffness").at(j).get<double>(), published, 0.3 * published) << "joint " << j + 1;
   }
-  // A robot that can exist: the loader would refuse any other.
+  // A physically possible robot: otherwise the loader refuses it.
   EXPECT_NO_THROW(cotwin::robot::load_urdf(out / GetParam() / "robot.urdf"));
 }
 

@@ -1,7 +1,7 @@
 // VI-B, Fig. 11: joints of a two-DoF arm under admittance, with abruptly changing external torques and changing targeted
 // stiffness and damping. "The transient phase (time ≈ 2.5 s) was overshoot-free and the desired stiffness values were
-// accurately rendered for both joints at the steady state." The figure's numbers are not in the text; those of
-// examples/01_joint_admittance are ours.
+// accurately rendered for both joints at the steady state." The numbers of the figure are not in the text; those of
+// examples/01_joint_admittance are our choice.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -18,7 +18,7 @@ namespace {
 
 const std::filesystem::path kExample = std::filesystem::path(places::source()) / "examples/01_joint_admittance";
 
-/// What holds between two switchings, as in the example's events.
+/// The constant values between two switchings, as in the example's events.
 struct Phase {
   double from, to;                    // s
   std::array<double, 2> tau_e, M, S;  // of both joints; D = 2 √(S M)
@@ -31,7 +31,7 @@ const std::vector<Phase> kPhases = {{0, 1, {0, 0}, kM, {100, 36}},
                                     {16, 21, {-18, -8.1}, kM, {56.25, 20.25}},
                                     {21, 28, {0, 0}, kM, {56.25, 20.25}}};
 
-/// The aperiodic limit from Δ(0) = x, Δ̇(0) = v: Δ = f + (x − f + (v + w (x − f)) t) e^(−wt), f = τ_e/S, w = √(S/M).
+/// Critical damping from Δ(0) = x, Δ̇(0) = v: Δ = f + (x − f + (v + w (x − f)) t) e^(−wt), f = τ_e/S, w = √(S/M).
 struct Closed {
   double x, v;
 };

@@ -1,5 +1,5 @@
-// VI-A in free space, Table I and Fig. 10: joint torques of a twin held against those that a real robot measured. The paper's
-// robot is a KUKA LWR; the measurements here are of a Franka Panda and of a UR10 (examples/03_dynamics_capture says which).
+// VI-A in free space, Table I and Fig. 10: joint torques of a twin compared with those measured on a real robot. The paper's
+// robot is a KUKA LWR; the measurements here are of a Franka Panda and a UR10 (sources: examples/03_dynamics_capture).
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -44,7 +44,7 @@ double worst_segment(const Compared& compared) {
   return worst;
 }
 
-/// The signals of a run as a log: noise on positions and torques, seeded.
+/// The signals of a run as a log, with seeded noise on positions and torques.
 void add_noise(const std::filesystem::path& signals, const std::filesystem::path& log) {
   const csv::Table table = csv::load(signals);
   std::ofstream out(log);
@@ -63,8 +63,8 @@ void add_noise(const std::filesystem::path& signals, const std::filesystem::path
   }
 }
 
-// Without any data from outside: the robot is another specimen of the LWR 4+, whose masses and moments differ by up to 20 %
-// and whose friction nobody has told of. Its log is that of its own twin on an exciting motion, with noise.
+// Without external data: the robot is a perturbed LWR 4+ with masses and moments that differ by up to 20 %, and with unknown
+// friction. Its log is that of its own twin on an exciting motion, with noise.
 TEST(Table1, ATwinTunedToAnotherSpecimenCapturesItsTorques) {
   const cotwin::testing::TemporaryFolder folder("specimen");
   const auto run = [&](std::vector<std::string> arguments) {
@@ -92,8 +92,8 @@ TEST(Table1, ATwinTunedToAnotherSpecimenCapturesItsTorques) {
   for (const Compared& c : compared) {
     ASSERT_EQ(c.rms.size(), 7u);
     for (std::size_t i = 0; i < 7; ++i) {
-      // Fig. 10: R_i <= 1.52 N.m in all segments, < 1.13 N.m in most. Table I: at most 4.32 N.m at any time. Torques here are
-      // 4 to 21 N.m RMS.
+      // Fig. 10: R_i <= 1.52 N.m in all segments, < 1.13 N.m in most. Table I: at most 4.32 N.m at any time. Torques here are 4
+      // to 21 N.m RMS.
       EXPECT_LT(c.rms[i], 0.5) << c.name << ", joint " << i + 1;
       EXPECT_LT(c.max[i], 4.32) << c.name << ", joint " << i + 1;
     }
@@ -103,10 +103,10 @@ TEST(Table1, ATwinTunedToAnotherSpecimenCapturesItsTorques) {
 
 TEST(Table1, PandaIsCapturedWithinThePublishedValidationOfItsParameters) {
   if (!measurements_are_here()) GTEST_SKIP() << "needs the measurements beside the checkout";
-  // RMS errors with which Gaz et al. (RA-L 2019) validate these parameters on trajectories of their own, N.m. Theirs is another
+  // RMS errors of the validation of these parameters by Gaz et al. (RA-L 2019) on their trajectories, N.m. Theirs is another
   // Panda: 1.1 of their error is allowed, which joints 4 and 6 need.
   const std::vector<double> published = {0.64, 1.01, 0.77, 0.65, 0.42, 0.20, 0.16};
-  // Unconstrained least squares on the same data leaves this: better would be a bug.
+  // The error of unconstrained least squares on the same data: a smaller one would be a bug.
   const std::vector<double> floor = {0.27, 0.17, 0.24, 0.22, 0.07, 0.06, 0.05};
   const std::vector<Compared> compared = compare("panda.ssd");
   ASSERT_EQ(compared.size(), 2u);
@@ -125,7 +125,7 @@ TEST(Table1, PandaIsCapturedWithinThePublishedValidationOfItsParameters) {
 
 TEST(Table1, TwinAndInverseDynamicsAgreeWhereTheTwinTracksWell) {
   if (!measurements_are_here()) GTEST_SKIP() << "needs the measurements beside the checkout";
-  // Two ways to the same torque: K (θ − q) of the controlled elastic arm, and (2a) evaluated on the recorded motion.
+  // Two ways to compute the same torque: K (θ − q) of the controlled elastic arm, and (2a) evaluated on the recorded motion.
   const std::vector<Compared> compared = compare("panda.ssd");
   for (std::size_t i = 0; i < 7; ++i) EXPECT_NEAR(compared[0].rms[i], compared[1].rms[i], 0.01) << "joint " << i + 1;
 }
@@ -134,7 +134,7 @@ TEST(Table1, LinkFrictionOfThePandaIsPartOfWhatItsSensorsMeasure) {
   if (!measurements_are_here()) GTEST_SKIP() << "needs the measurements beside the checkout";
   const std::vector<Compared> with = compare("panda.ssd"),
                               without = compare("panda.ssd", {"compliance.link_A=0", "compliance.link_k=0"});
-  // Joints 5 to 7 carry little but friction.
+  // The torques of joints 5 to 7 are mostly friction.
   for (const std::size_t i : {4, 5, 6}) EXPECT_LT(with[1].rms[i], 0.8 * without[1].rms[i]) << "joint " << i + 1;
 }
 
@@ -142,8 +142,8 @@ TEST(Table1, Ur10IsCapturedWithTheFrictionOfItsNearestRelative) {
   if (!measurements_are_here()) GTEST_SKIP() << "needs the measurements beside the checkout";
   const std::vector<Compared> compared = compare("ur10.ssd");
   ASSERT_EQ(compared.size(), 2u);
-  // Nothing here was identified on this robot. Unconstrained least squares on the same data leaves 2.8 1.8 1.7 0.40 0.38 1.9
-  // N.m.
+  // No parameter was identified on this robot. Unconstrained least squares on the same data has errors of 2.8 1.8 1.7 0.40 0.38
+  // 1.9 N.m.
   const std::vector<double> expected = {3.27, 3.75, 2.82, 1.11, 1.11, 1.90};
   for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(compared[0].rms[i], expected[i], 0.05 * expected[i]) << "joint " << i + 1;
 }
