@@ -116,7 +116,7 @@ void expect_rooms_in_order(const std::string& folder, const std::vector<std::str
     for (std::size_t i = 0; i < rooms.size(); ++i) {
       if (path.starts_with(folder + "/" + rooms[i] + "/")) return static_cast<std::ptrdiff_t>(i);
     }
-    EXPECT_EQ(path.find('/', folder.size() + 1), std::string::npos) << path << " lies in a room that is not listed";
+    EXPECT_EQ(path.find('/', folder.size() + 1), std::string::npos) << path << " is in a room that is not listed";
     return -1;
   };
   for (const Include& i : includes_below(folder)) {

@@ -36,9 +36,10 @@ TEST(Reference, IsWrittenFromTheUnitsDeclarations) {
   ASSERT_FALSE(written.empty());
   for (const auto& [name, text] : written) {
     ASSERT_TRUE(kept.contains(name)) << "no page " << name << "; run: cotwin reference docs/reference";
-    EXPECT_EQ(kept.at(name), text) << name << " is not what the units declare; run: cotwin reference docs/reference";
+    EXPECT_EQ(kept.at(name), text) << name
+                                   << " differs from the declarations of the units; run: cotwin reference docs/reference";
   }
-  EXPECT_EQ(kept.size(), written.size()) << "docs/reference has pages of no unit";
+  EXPECT_EQ(kept.size(), written.size()) << "docs/reference has pages without a unit";
 }
 
 }  // namespace

@@ -106,7 +106,7 @@ bool report(const fs::path& folder, const std::string& name, const std::vector<s
 
 int main(int argc, char** argv) {
   if (argc > 3) {
-    std::cerr << "large_files [FOLDER [N]]: without FOLDER measures what a million of each takes\n";
+    std::cerr << "large_files [FOLDER [N]]: without FOLDER, measures the cost of a million elements of each kind\n";
     return 2;
   }
   const bool measures = argc < 2;

@@ -1,4 +1,4 @@
-/* An FMU for Co-Simulation (FMI 2.0) that does next to nothing: y += 1e-3 + 1e-6 u in every step. u is 1, y is 2. */
+/* An FMU for Co-Simulation (FMI 2.0) with the least possible work: y += 1e-3 + 1e-6 u in every step. u is 1, y is 2. */
 #include <stdlib.h>
 
 #include "fmu/fmi2.h"

@@ -373,7 +373,7 @@ TEST(Compliance, GivesNoMoreThanTheRobotsTorqueAndSaysSo) {
   c["q"] << -3, 0;
   c.step();
   EXPECT_TRUE(c.saturated());
-  EXPECT_NE(c.variable("warning").strings()[0], "") << "a run that ends well but was cut says so";
+  EXPECT_NE(c.variable("warning").strings()[0], "") << "a complete run that was cut reports it";
   EXPECT_EQ(c["tau_m"][0], 150);  // effort of the URDF
   EXPECT_GT(c["tau_excess"][0], 0);
   c["tau_max"].setZero();  // no limit

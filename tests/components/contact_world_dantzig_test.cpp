@@ -408,7 +408,7 @@ TEST(Dantzig, ReadsNothingOutsideOfTheProfileAndSolvesAsManyProblems) {
       solved += turns > 1;
     }
   }
-  EXPECT_GT(unsolved, 100) << "with one turn few are solved, and their w is examined all the same";
+  EXPECT_GT(unsolved, 100) << "with one iteration few are solved, and their w is checked as well";
   EXPECT_GT(solved, 270);  // jamming friction has no guarantee; the order of sums may decide
   EXPECT_NEAR(solved, solved_full, 6);
 }
@@ -451,7 +451,7 @@ TEST(Dantzig, AsksNothingOfFactorsThatRoomForMoreRowsHasEmptied) {
   solver.reserve(2 * problem.n(), 0);
   const Dantzig::Result after = solver.solve(boxed, {x.data(), n}, {w.data(), n});
   EXPECT_EQ(after.status, Dantzig::Status::kSolved);
-  EXPECT_EQ(after.redundant, before.redundant) << "rows that are in no basis count as dependent";
+  EXPECT_EQ(after.redundant, before.redundant) << "rows outside of every basis count as dependent";
 }
 
 TEST(Dantzig, NeedsNoPivotFromTheSolutionItself) {

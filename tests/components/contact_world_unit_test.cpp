@@ -179,7 +179,7 @@ TEST(ContactWorld, ExternalTorquesAreTheContactForceTimesItsLevers) {
   for (int i = 0; i < 3000; ++i) robot.step(1e-3);
   Subject& w = robot.world();
   const double q1 = w["q_link"][0], q2 = w["q_link"][1], F = w["f_c"][2], T = w["f_c"][0];
-  ASSERT_GT(F, 5) << "it must lie on the floor to say something";
+  ASSERT_GT(F, 5) << "the test needs it to lie on the floor";
   // The lowest point of the ball; lever arms about the two axes, which point along −y.
   const double x = 0.4 * std::cos(q1) + 0.35 * std::cos(q1 + q2), x2 = 0.35 * std::cos(q1 + q2);
   const double z2 = -0.5 - 0.4 * std::sin(q1);
@@ -200,7 +200,8 @@ TEST(ContactWorld, APlanarArmRubsWithinItsPlaneAlone) {
         across = std::max(across, std::abs(robot.world()["f_c"][1]));
       }
       EXPECT_GT(robot.world()["f_c"][2], 5) << link << ' ' << method;
-      EXPECT_LT(across, 0.3) << link << ' ' << method << ", N: a degree or so of its friction, in the step in which it sticks";
+      EXPECT_LT(across, 0.3) << link << ' ' << method
+                             << ", N: about one degree of the direction of friction, in the step in which it sticks";
     }
   }
 }

@@ -186,7 +186,7 @@ TEST(Tuner, TellsMotorInertiaThatADriveTrainCanTake) {
   Measured measured(real);
   Subject tuner = tuner_of_planar2("&motor_inertia=true");
   tuner.initialise();
-  for (std::size_t j = 0; j < 2; ++j) EXPECT_EQ(tuner["B"][j], 1) << "the drive train's own before anything is known";
+  for (std::size_t j = 0; j < 2; ++j) EXPECT_EQ(tuner["B"][j], 1) << "the value of the drive train before the first result";
   Subject drive("unit:drive_train?robot=planar2");
   run(tuner, measured, 0, 5);
   ASSERT_EQ(tuner.integer("tunings"), 1) << tuner.text("warning");
@@ -224,7 +224,7 @@ TEST(Tuner, NeverWaitsWhereItMustNot) {
   tuner.set("rounds", "100000");
   tuner.set("threshold", "0");
   run(tuner, measured, 0, 4.01);
-  EXPECT_EQ(tuner.integer("tunings"), 0) << "100 000 rounds are not made in 10 ms";
+  EXPECT_EQ(tuner.integer("tunings"), 0) << "100 000 rounds take longer than 10 ms";
 }  // and the thread ends with its unit, during the search
 
 TEST(Tuner, TakesALateResultWhenItIsThereAndCountsIt) {

@@ -110,7 +110,7 @@ TEST_P(UnitProperties, DeclaresEachVariableCompletely) {
   EXPECT_GT(instance.variables.size(), 0u);
   for (const Variable& v : instance.variables) {
     EXPECT_GT(v.size(), 0u) << v.name;
-    EXPECT_GT(v.description.size(), 4u) << v.name << " deserves more words";
+    EXPECT_GT(v.description.size(), 4u) << v.name << " needs a longer description";
     EXPECT_LT(v.min, v.max) << v.name;
   }
   EXPECT_NO_THROW(instance.variables.check_ranges()) << "start values lie within their ranges";
@@ -161,7 +161,7 @@ TEST_P(UnitProperties, StartsAfreshWhenInitialisedAgain) {
 
 TEST_P(UnitProperties, StepsAlikeAfterASnapshotIsRestored) {
   Instance instance = start();
-  if (!instance.unit->restorable()) GTEST_SKIP() << "reaches outside: its steps cannot be taken back";
+  if (!instance.unit->restorable()) GTEST_SKIP() << "has effects outside: its steps cannot be taken back";
   run(instance, 0, 37);
   Snapshot snapshot;
   snapshot.take(instance.variables);
@@ -172,7 +172,7 @@ TEST_P(UnitProperties, StepsAlikeAfterASnapshotIsRestored) {
 
 TEST_P(UnitProperties, StepsAlikeWhenAFreshInstanceTakesOverItsSnapshot) {
   Instance instance = start();
-  if (!instance.unit->restorable()) GTEST_SKIP() << "reaches outside: its steps cannot be taken back";
+  if (!instance.unit->restorable()) GTEST_SKIP() << "has effects outside: its steps cannot be taken back";
   run(instance, 0, 37);
   Snapshot snapshot;
   snapshot.take(instance.variables);

@@ -117,7 +117,8 @@ std::vector<double> values_of(const json& figure, const json& summary, const Tab
 
 void check(const json& figure, const json& summary, const Table& table) {
   SCOPED_TRACE(figure.dump());
-  ASSERT_TRUE(figure.contains("is") || figure.contains("below") || figure.contains("above")) << "a figure that expects nothing";
+  ASSERT_TRUE(figure.contains("is") || figure.contains("below") || figure.contains("above"))
+      << "a figure without an expectation";
   const std::vector<double> values = values_of(figure, summary, table);
   if (getenv("COTWIN_PRINT_FIGURES") != nullptr && !values.empty()) {
     const auto [least, most] = std::minmax_element(values.begin(), values.end());

@@ -145,7 +145,7 @@ TEST_P(BothWays, TheStepsAreTheSameBitForBit) {
 }
 
 TEST_P(BothWays, AFreshInstanceGoesOnFromASnapshotAsTheUnitDoes) {
-  if (!unit_.unit->restorable()) GTEST_SKIP() << "reaches outside";
+  if (!unit_.unit->restorable()) GTEST_SKIP() << "has effects outside";
   fmu_.unit->initialise({});
   for (int n = 0; n < kSteps / 2; ++n) {
     excite(fmu_, n);

@@ -206,7 +206,7 @@ TEST_P(ExportedUnits, GivesTheSameTrajectoryAfterAReset) {
 }
 
 TEST_P(ExportedUnits, GoesOnFromASavedStateHereAndInAFreshInstance) {
-  if (!reference_.unit->restorable()) GTEST_SKIP() << "reaches outside: its steps cannot be taken back";
+  if (!reference_.unit->restorable()) GTEST_SKIP() << "has effects outside: its steps cannot be taken back";
   Driver d(*fmu_);
   run(d, 37);
   std::int64_t now = 0;

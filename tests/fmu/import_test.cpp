@@ -120,7 +120,7 @@ TEST_F(Import, AsksForTheSlopesOfOutputsIfItIsTold) {
     EXPECT_EQ(slope.derivative_of, kPosition);
     for (int run = 0; run < 2; ++run) {
       instance.unit->initialise({});
-      EXPECT_EQ(slope.reals()[0], 0) << "an FMU tells it after a step";
+      EXPECT_EQ(slope.reals()[0], 0) << "an FMU reports it after a step";
       real(instance, "u") = 2;
       EXPECT_EQ(step(instance, 0, 0.5), StepResult::kDone);
       EXPECT_EQ(slope.reals()[0], 2);  // y' = u
@@ -167,7 +167,7 @@ TEST_F(Import, TakesTheSlopeOfTheLastStepWhereAnFmuRefusesToTellIt) {
       instance.variables.at("u").rate[0] = du;
       ASSERT_EQ(step(instance, from, 0.5), StepResult::kDone) << when;
       EXPECT_NEAR(z.reals()[0], 2 * (u + 0.25 * du), 1e-12) << when << ": the mean of z' = 2 u over the step";
-      EXPECT_NEAR(y.reals()[0], u + 0.5 * du, 1e-12) << when << ": y' = u at its end, as the FMU tells it";
+      EXPECT_NEAR(y.reals()[0], u + 0.5 * du, 1e-12) << when << ": y' = u at its end, as the FMU reports it";
     };
     for (int run = 0; run < 2; ++run) {
       instance.unit->initialise({});
@@ -549,7 +549,7 @@ TEST_F(Import, EndsWhereAnFmi3FmuTerminates) {
 // This FMU cannot serialise its states: they stay in it, and snapshots refer to them by number.
 TEST_F(Import, RestoresStatesThatStayInTheFmuAsLongAsTheyAreKept) {
   Instance instance = load3(kDiscards3, read_query("rollback=true", {}));
-  EXPECT_FALSE(load3(kDiscards3).unit->restorable()) << "it was promised that nothing is restored";
+  EXPECT_FALSE(load3(kDiscards3).unit->restorable()) << "the FMU was promised that no state is restored";
   instance.unit->initialise({});
   real(instance, "u") = 1;
   Snapshot early, late;

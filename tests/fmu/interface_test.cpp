@@ -134,7 +134,7 @@ TEST_P(Interface, TakesTunablesAndInputsBetweenStepsButNoFixedParameters) {
   EXPECT_THAT(d.last_message(), AllOf(HasSubstr("limit"), HasSubstr("fixed parameter")));
   EXPECT_EQ(set<double>(d, "x", {0, 0, 0}), kErrorStatus);
   EXPECT_EQ(set<double>(d, "y", {0, 0, 0}), kErrorStatus);
-  EXPECT_EQ(d.step(0, 1), kOk) << "a wrong call harms nothing";
+  EXPECT_EQ(d.step(0, 1), kOk) << "a wrong call has no effect";
   EXPECT_THAT(get<double>(d, "y"), ElementsAre(1, 1, 1));
 }
 
@@ -155,7 +155,7 @@ TEST_P(Interface, RefusesReferencesTypesAndSizesThatDoNotFit) {
   EXPECT_EQ(d.get(refs("limit"), std::span(&integer, 1)), kErrorStatus);
   EXPECT_THAT(d.last_message(), AllOf(HasSubstr("real variable limit"), HasSubstr("integer")));
   EXPECT_EQ(d.get(refs("demand"), std::span(&real, 1)), kErrorStatus);
-  EXPECT_EQ(d.set(std::vector<unsigned>{0}, std::span<const double>(&real, 1)), kErrorStatus) << "time is not ours to be set";
+  EXPECT_EQ(d.set(std::vector<unsigned>{0}, std::span<const double>(&real, 1)), kErrorStatus) << "time cannot be set";
   if (GetParam() == Version::k3) {
     std::vector<double> two(2), four(4);
     EXPECT_EQ(d.get(refs("u"), std::span(two)), kErrorStatus);
@@ -195,7 +195,7 @@ TEST_P(Interface, AnswersEveryCallOutOfOrderWithAnErrorAndAMessage) {
   EXPECT_EQ(d.step(0, 1), kErrorStatus);
   EXPECT_EQ(d.exit_initialisation(), kOk);
   EXPECT_EQ(d.exit_initialisation(), kErrorStatus);
-  EXPECT_EQ(d.step(0, 1), kOk) << "none of this has harmed the instance";
+  EXPECT_EQ(d.step(0, 1), kOk) << "none of these calls has changed the instance";
   EXPECT_EQ(d.terminate(), kOk);
   EXPECT_EQ(d.step(1, 1), kErrorStatus);
   EXPECT_EQ(set<double>(d, "u", {1, 1, 1}), kErrorStatus);
@@ -338,7 +338,7 @@ TEST_P(Interface, DiscardsAStepThatTheUnitDiscards) {
   EXPECT_EQ(d.step(0.25, 0.5), kDiscardStatus);
   EXPECT_EQ(d.log().back().category, "logStatusDiscard");
   EXPECT_EQ(d.reached(), 0.25);
-  EXPECT_EQ(d.step(0.25, 0.25), kErrorStatus) << "first a state must be restored";
+  EXPECT_EQ(d.step(0.25, 0.25), kErrorStatus) << "a state must be restored first";
   EXPECT_EQ(d.restore(before), kOk);
   EXPECT_EQ(d.step(0.25, 0.25), kOk);
   EXPECT_EQ(d.reached(), 0.5);
@@ -509,7 +509,7 @@ TEST_P(Interface, RestoresASavedStateInTheMiddleOfARun) {
   EXPECT_EQ(d.save(&state), kOk);
   void* const address = state;
   EXPECT_EQ(d.save(&state), kOk);
-  EXPECT_EQ(state, address) << "the state given is used again";
+  EXPECT_EQ(state, address) << "the given state is reused";
   EXPECT_EQ(d.step(1, 1), kOk);
   EXPECT_EQ(set<double>(d, "gain", {0, 0, 0}), kOk);
   EXPECT_EQ(d.restore(state), kOk);
@@ -518,7 +518,7 @@ TEST_P(Interface, RestoresASavedStateInTheMiddleOfARun) {
   EXPECT_THAT(get<double>(d, "x"), ElementsAre(3, 6, 9));
   EXPECT_EQ(d.free_state(&state), kOk);
   EXPECT_EQ(state, nullptr);
-  EXPECT_EQ(d.free_state(&state), kOk) << "NULL is nothing to be freed";
+  EXPECT_EQ(d.free_state(&state), kOk) << "freeing NULL has no effect";
   EXPECT_EQ(d.save(&state), kOk);
   EXPECT_EQ(d.free_state(static_cast<void**>(state)), kOk) << "as fmusim 0.0.39 calls it";
   EXPECT_EQ(d.restore(state), kErrorStatus);
@@ -552,7 +552,7 @@ TEST_P(Interface, HandsAStateOnToAFreshInstanceAsBytes) {
   void* early = nullptr;
   ASSERT_EQ(instantiated.save(&early), kOk);
   ASSERT_EQ(d.deserialise(instantiated.serialise(early), &taken), kOk);
-  EXPECT_EQ(d.restore(taken), kOk) << "a state from before the initialisation is one, too";
+  EXPECT_EQ(d.restore(taken), kOk) << "a state from before the initialisation is valid, too";
   EXPECT_EQ(d.step(2, 1), kErrorStatus);
   d.initialise();
   EXPECT_EQ(d.step(0, 1), kOk);
@@ -624,7 +624,7 @@ TEST_P(Interface, GivesHundredsOfInstancesThatShareNothing) {
 }
 
 TEST_P(Interface, GivesEverythingBackWhenItIsUnloaded) {
-  if (std::string(COTWIN_SANITIZERS).size() > 0) GTEST_SKIP() << "the sanitizer's heap tells nothing";
+  if (std::string(COTWIN_SANITIZERS).size() > 0) GTEST_SKIP() << "the heap of the sanitizer cannot be measured";
   const std::filesystem::path archive = fmu_->archive();
   loaded_.clear();  // a library is unloaded when it is no longer used
   const auto load = [&] {
@@ -639,7 +639,7 @@ TEST_P(Interface, GivesEverythingBackWhenItIsUnloaded) {
   load();
   const std::size_t before = mallinfo2().uordblks;
   for (int i = 0; i < 50; ++i) load();
-  EXPECT_LT(mallinfo2().uordblks, before + 50 * 256) << "bytes stay behind with every load";
+  EXPECT_LT(mallinfo2().uordblks, before + 50 * 256) << "bytes are lost with every load";
 }
 
 TEST_P(Interface, RunsInSeveralThreadsAtOnce) {

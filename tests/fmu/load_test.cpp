@@ -174,7 +174,7 @@ TEST_F(Load, GivesEachInstanceALibraryOfItsOwnWhereAProcessMayHoldOneOnly) {
   LoadOptions own;
   own.process = "own";
   FmuStore store;
-  EXPECT_EQ(store.open(fmu, own), store.open(fmu, own)) << "each process loads the files by itself";
+  EXPECT_EQ(store.open(fmu, own), store.open(fmu, own)) << "each process loads the files itself";
 }
 
 TEST_F(Load, SweepsWhatKilledProgramsLeftAndNothingElse) {

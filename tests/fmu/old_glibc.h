@@ -30,7 +30,7 @@ inline void expect_loads_with_old_glibc(const std::filesystem::path& library, co
     const std::string version = word.substr(at + name.size(), word.find(')') - at - name.size());
     if (older_version(greatest, version)) greatest = version;
   }
-  EXPECT_EQ(greatest, elf.oldest_glibc) << "by objdump and by our own reader";
+  EXPECT_EQ(greatest, elf.oldest_glibc) << "by objdump and by the reader of this project";
 }
 
 }  // namespace cotwin::fmu::testing

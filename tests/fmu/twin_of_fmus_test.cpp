@@ -195,7 +195,7 @@ TEST_P(TwinOfFmus, GivesTheBitsOfTheRun) {
     EXPECT_EQ(fmu::testing::temporary_folders(), before) << "the FMU unpacks nothing";
   }
   const double bounces = find_signal(pair.master().members(), "ball.bounces", "").variable->integers()[0];
-  EXPECT_GT(bounces, 0) << "the ball's events were not met";
+  EXPECT_GT(bounces, 0) << "the ball had no events";
 }
 
 TEST_P(TwinOfFmus, GoesOnFromASavedStateInAFreshInstanceAndAfterAReset) {
@@ -306,7 +306,7 @@ TEST_P(TwinOfFmus, SaysOfItselfWhatItsFmusAskFor) {
   const std::string plain = "<ModelExchange ";
   const fmu::Interface ball = said_with("ball3", {});
   EXPECT_FALSE(ball.only_once_per_process || ball.needs_execution_tool);
-  EXPECT_FALSE(ball.can_get_and_set_state) << "it has a state that no other instance can take";
+  EXPECT_FALSE(ball.can_get_and_set_state) << "no other instance can restore its state";
   EXPECT_TRUE(said_with("rogue2", {}).can_get_and_set_state) << "it serialises its state";
   EXPECT_TRUE(said_with("ball3", {{plain, plain + "canBeInstantiatedOnlyOncePerProcess=\"true\" "}}).only_once_per_process);
   EXPECT_TRUE(said_with("ball3", {{plain, plain + "needsExecutionTool=\"true\" "}}).needs_execution_tool);
@@ -348,7 +348,7 @@ TEST(TwinOfFmusArchive, KeepsTheNamesOfAStrangersVariablesApart) {
   const Pair pair(scenario, Version::k3, folder.path() / "x.fmu");
   EXPECT_EQ(pair.variables().at("a_b.y_in_mm").kind(), Kind::kReal);
   EXPECT_EQ(pair.variables().at("a_b.y_in_mm_").kind(), Kind::kBoolean);
-  EXPECT_EQ(pair.variables().at("a_b.longest_step").si, "") << "nobody knows what a furlong is";
+  EXPECT_EQ(pair.variables().at("a_b.longest_step").si, "") << "furlong is not a known unit of measure";
 }
 
 TEST(TwinOfFmusArchive, RefusesWhatAnFmuInsideCannotBe) {
@@ -418,7 +418,7 @@ TEST(TwinOfFmusArchive, HoldsOneInstanceOfAnFmuAtATime) {
     const LoadedFmu loaded(pack(with_only_one(folder.path()), version, folder.path() / "x.fmu"), "twin", version);
     Driver d(loaded);
     ASSERT_TRUE(d.alive()) << d.last_message();
-    EXPECT_FALSE(Driver(loaded).alive()) << "two at once, which the FMU must notice";
+    EXPECT_FALSE(Driver(loaded).alive()) << "two at once, which the FMU must detect";
     for (int run = 0; run < 3; ++run) {
       d.initialise();
       for (int i = 0; i < 10; ++i) ASSERT_EQ(d.step(i * kMillisecond, kMillisecond), 0) << d.last_message();
@@ -428,7 +428,7 @@ TEST(TwinOfFmusArchive, HoldsOneInstanceOfAnFmuAtATime) {
     EXPECT_EQ(d.reset(), 3);
     EXPECT_THAT(d.last_message(), HasSubstr("there is no folder resources/rogue2.fmu"));
     void* state = nullptr;
-    EXPECT_EQ(d.save(&state), 3) << "there is no unit any more";
+    EXPECT_EQ(d.save(&state), 3) << "the unit no longer exists";
     EXPECT_EQ(d.reset(), 3);
   }
 }
@@ -589,7 +589,7 @@ TEST(ForeignPackage, WithADamageBehindItsHashIsRefusedOrCanBeBuilt) {
     }
   }
   EXPECT_GT(refused, 1000);
-  EXPECT_GT(built, 1000) << "what is behind the parser was not reached";
+  EXPECT_GT(built, 1000) << "the code after the parser was not reached";
 }
 
 TEST(ForeignPackage, RefusesWhatNoDescriptionSays) {
@@ -629,7 +629,7 @@ TEST(ForeignPackage, RefusesWhatNoDescriptionSays) {
   EXPECT_EQ(refusal(with_number(large, count, std::uint64_t{64} << 20)), "here: is damaged or cut short");
 
   other.description.variables.back().derivative = std::size_t{1} << 40;
-  EXPECT_THROW(static_cast<void>(serialise(other)), Error) << "what cannot be read is not written";
+  EXPECT_THROW(static_cast<void>(serialise(other)), Error) << "a file that cannot be read is not written";
 }
 
 }  // namespace

@@ -95,7 +95,7 @@ class Hostile : public ::testing::Test {
     write("good" + ending, good);
     for (const Arguments& arguments : commands("good" + ending)) {
       const RunResult r = run(arguments);
-      ASSERT_EQ(r.code, 0) << arguments[0] << " of what is right: " << r.out;
+      ASSERT_EQ(r.code, 0) << arguments[0] << " of a valid file: " << r.out;
     }
     const std::vector<File> files = variants(good, count, seed, part_is_bad, is_text);
     for (std::size_t i = 0; i < files.size(); ++i) {

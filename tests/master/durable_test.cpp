@@ -330,7 +330,7 @@ TEST_F(Durable, OnAFullDiskTheRowsSoFarAreWholeAndRunJsonSaysFailed) {
   fs::create_directory(folder_ / "small");
   if (unshare(CLONE_NEWNS) != 0 || mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
       mount("tmpfs", (folder_ / "small").c_str(), "tmpfs", 0, "size=400k") != 0)
-    GTEST_SKIP() << "no file system may be mounted here";
+    GTEST_SKIP() << "file systems cannot be mounted here";
   const RunResult result = run({"run", "arm.ssd", "--out", "small/results", "--checkpoint", "0.001"});
   EXPECT_EQ(result.code, 1) << result.err;
   EXPECT_THAT(result.err, HasSubstr("signals.csv: cannot be written: No space left on device"));

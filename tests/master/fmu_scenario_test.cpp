@@ -330,7 +330,7 @@ TEST_F(FmuScenario, ThePackagesFilesFollowTheStandards) {
       }
     }
     EXPECT_EQ(fmus, scenario.components.size());
-    EXPECT_GE(others, 2U) << "the system, and values of a component at least";
+    EXPECT_GE(others, 2U) << "at least the system, and values of a component";
   };
   for (const char* name : {"01_joint_admittance/arm.ssd", "04_peg_in_hole/twin.ssd", "05_maturation/twin.ssd"}) {
     const Scenario scenario = load_scenario(fs::path(places::source()) / "examples" / name);

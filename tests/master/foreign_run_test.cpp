@@ -124,7 +124,7 @@ TEST_P(ForeignRun, TellsTheFmuThatItsRunMayGoBackWhereItDoesInEveryTick) {
   b.scenario.tolerance = 0.5;
   Master master = b.load();
   run(master);  // the FMU would refuse to be set back if it had been promised otherwise
-  EXPECT_LT(value(master, "a.x"), 1e-6) << "it was told so and keeps its state";
+  EXPECT_LT(value(master, "a.x"), 1e-6) << "it was told and keeps its state";
   EXPECT_EQ(count("instantiate"), 1u);
 }
 
@@ -190,7 +190,7 @@ TEST_P(ForeignRun, RestoresAStateOfAnEarlierInstantInANewInstance) {
     EXPECT_EQ(fmu::testing::run(instance, 0, 0.5, 0.1), StepResult::kDone);
     EXPECT_NEAR(fmu::testing::real(instance, "x"), 0.5, 1e-12) << process;
   }
-  EXPECT_EQ(count("instantiate"), 4u) << "one more for each process, for the state of t = 0 alone";
+  EXPECT_EQ(count("instantiate"), 4u) << "one more for each process, only for the state of t = 0";
 }
 
 // The start

@@ -87,7 +87,7 @@ TEST(Master, PlainTicksGiveTheBitsOfThoseThatAreLookedAt) {
   };
   const std::vector<double> looked_at = after_900_ticks(0.9), plain = after_900_ticks(5);
   EXPECT_EQ(looked_at, plain);
-  EXPECT_EQ(plain[4], 200) << "of the ticks from 0.7 s on, each is discarded";
+  EXPECT_EQ(plain[4], 200) << "each tick from 0.7 s on is discarded";
 }
 
 TEST(Master, TimesTheStepsOfEveryPeriodAsOftenAsTheyAreDue) {

@@ -103,7 +103,7 @@ TEST(TuneLogs, LostRowsNeitherMoveTheCutoffNorSpoilTheResult) {
 
 TEST(TuneLogs, LostRowsDoNoHarmToRealRobots) {
   const fs::path data = fs::path(places::shared()) / "data";
-  if (!fs::exists(data / "measurements/ur10_unisa.csv")) GTEST_SKIP() << "needs the measurements beside the checkout";
+  if (!fs::exists(data / "measurements/ur10_unisa.csv")) GTEST_SKIP() << "needs ../shared/data/measurements";
   Settings settings;
   settings.robot = data / "models/ur10.urdf";
   settings.prior_weight = 1;

@@ -562,7 +562,7 @@ TEST(TuneProgram, OfTwoTuningsIntoOneFolderTheSecondIsRefusedAndEarlierResultsAr
 
 TEST(TuneProgram, NeedsNoMoreMemoryForALongerLog) {
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-  GTEST_SKIP() << "the sanitizers keep what was freed";
+  GTEST_SKIP() << "sanitizers do not reuse freed memory";
 #endif
   const robot::RobotModel two = robot::load_urdf(places::source() + "/models/robots/planar2/robot.urdf");
   std::vector<double> MiB;

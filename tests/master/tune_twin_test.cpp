@@ -131,7 +131,7 @@ struct RealLog {
 
 TEST(TunedTwin, DoesWhatTuneHasPromisedOfRealRobots) {
   const fs::path data = fs::path(places::shared()) / "data";
-  if (!fs::exists(data / "measurements")) GTEST_SKIP() << "needs the measurements beside the checkout";
+  if (!fs::exists(data / "measurements")) GTEST_SKIP() << "needs ../shared/data/measurements";
   const cotwin::testing::TemporaryFolder folder("real_twins");
   for (const RealLog& log : {RealLog{"panda", "panda_franka_ros.urdf", "panda_unisa.csv", false, false, 1.17, 10},
                              RealLog{"ur10", "ur10.urdf", "ur10_unisa.csv", true, true, 2.1, 1}}) {

@@ -475,7 +475,7 @@ TEST(Feasible, StopsWhenItIsToldAndIsNeverWorseThanThePrior) {
       options.stop = [&] { return ++asked > most; };
       const FeasibleResult result = solve_feasible(problem, options);
       EXPECT_TRUE(result.interrupted) << most;
-      EXPECT_LE(asked, most + 2) << "went on after it was told";
+      EXPECT_LE(asked, most + 2) << "continued after the request to stop";
       EXPECT_LE(result.cost, prior);
       expect_physical(lwr(), result.estimate);
     }

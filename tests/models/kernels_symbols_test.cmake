@@ -1,5 +1,5 @@
-# Run by CTest: the kernels' object files share no inline code with others, that is, they have no weak symbols. OBJECTS: the library's
-# objects; NM: the tool.
+# Run by CTest: checks that the kernels' object files have no weak symbols, so that they share no inline code with other files.
+# OBJECTS: the object files of the library; NM: the program nm.
 list(FILTER OBJECTS INCLUDE REGEX "kernels/v[0-9]")
 list(LENGTH OBJECTS count)
 if(count EQUAL 0)

@@ -548,7 +548,7 @@ TEST(Sdf, RefusesWhatWouldBeAnotherScene) {
   };
   for (const auto& [text, message] : cases) EXPECT_THAT(refusal(text), HasSubstr(message)) << text;
   const std::string missing = refusal(shape("<mesh><uri>none.stl</uri></mesh>"));
-  EXPECT_EQ(missing.find("test.sdf:"), missing.rfind("test.sdf:")) << "the place once";
+  EXPECT_EQ(missing.find("test.sdf:"), missing.rfind("test.sdf:")) << "the place must appear once";
 }
 
 // Meshes --------------------------------------------------------------------------------------------------------------------

@@ -102,7 +102,7 @@ TEST(Table1, ATwinTunedToAnotherSpecimenCapturesItsTorques) {
 }
 
 TEST(Table1, PandaIsCapturedWithinThePublishedValidationOfItsParameters) {
-  if (!measurements_are_here()) GTEST_SKIP() << "needs the measurements beside the checkout";
+  if (!measurements_are_here()) GTEST_SKIP() << "needs ../shared/data/measurements";
   // RMS errors of the validation of these parameters by Gaz et al. (RA-L 2019) on their trajectories, N.m. Theirs is another
   // Panda: 1.1 of their error is allowed, which joints 4 and 6 need.
   const std::vector<double> published = {0.64, 1.01, 0.77, 0.65, 0.42, 0.20, 0.16};
@@ -124,14 +124,14 @@ TEST(Table1, PandaIsCapturedWithinThePublishedValidationOfItsParameters) {
 }
 
 TEST(Table1, TwinAndInverseDynamicsAgreeWhereTheTwinTracksWell) {
-  if (!measurements_are_here()) GTEST_SKIP() << "needs the measurements beside the checkout";
+  if (!measurements_are_here()) GTEST_SKIP() << "needs ../shared/data/measurements";
   // Two ways to compute the same torque: K (θ − q) of the controlled elastic arm, and (2a) evaluated on the recorded motion.
   const std::vector<Compared> compared = compare("panda.ssd");
   for (std::size_t i = 0; i < 7; ++i) EXPECT_NEAR(compared[0].rms[i], compared[1].rms[i], 0.01) << "joint " << i + 1;
 }
 
 TEST(Table1, LinkFrictionOfThePandaIsPartOfWhatItsSensorsMeasure) {
-  if (!measurements_are_here()) GTEST_SKIP() << "needs the measurements beside the checkout";
+  if (!measurements_are_here()) GTEST_SKIP() << "needs ../shared/data/measurements";
   const std::vector<Compared> with = compare("panda.ssd"),
                               without = compare("panda.ssd", {"compliance.link_A=0", "compliance.link_k=0"});
   // The torques of joints 5 to 7 are mostly friction.
@@ -139,7 +139,7 @@ TEST(Table1, LinkFrictionOfThePandaIsPartOfWhatItsSensorsMeasure) {
 }
 
 TEST(Table1, Ur10IsCapturedWithTheFrictionOfItsNearestRelative) {
-  if (!measurements_are_here()) GTEST_SKIP() << "needs the measurements beside the checkout";
+  if (!measurements_are_here()) GTEST_SKIP() << "needs ../shared/data/measurements";
   const std::vector<Compared> compared = compare("ur10.ssd");
   ASSERT_EQ(compared.size(), 2u);
   // No parameter was identified on this robot. Unconstrained least squares on the same data has errors of 2.8 1.8 1.7 0.40 0.38

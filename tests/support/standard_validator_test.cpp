@@ -446,8 +446,8 @@ TEST(StandardValidator, AgreesWithTheSchemasOnMutatedDocuments) {
       ADD_FAILURE() << "mutant " << i << " of " << kSchemas[static_cast<std::size_t>(standard)] << "\nthe schema: " << of_schema
                     << "the validator: " << (found.empty() ? "valid" : found.front());
     }
-    EXPECT_GT(valid, kMutants / 50) << "the mutants are all wrong";
-    EXPECT_LT(valid, kMutants * 49 / 50) << "the mutants are all right";
+    EXPECT_GT(valid, kMutants / 50) << "all mutants are invalid";
+    EXPECT_LT(valid, kMutants * 49 / 50) << "all mutants are valid";
   }
 }
 

@@ -1,8 +1,8 @@
-/* A Model Exchange model with everything that makes events, the same behind both versions of FMI:
+/* A Model Exchange model with all kinds of events, for both versions of FMI:
  *   h' = v,  v' = -g          a ball that bounces with the factor e (state event, indicator h)
  *   x' = k (u - x)            a low-pass, with a nominal value of 1e3
  *   ticks                     counts time events, every 0.25 s
- *   asked                     counts the step events that it asks for when the ball is seen to rise after it fell */
+ *   asked                     counts the step events that it requests when the ball starts to rise */
 #ifndef COTWIN_TESTS_BALL_H
 #define COTWIN_TESTS_BALL_H
 #include <stdbool.h>

@@ -1,9 +1,9 @@
-/* An FMU for Co-Simulation (FMI 3.0) with one clock of each kind. It knows when each has to tick and refuses everything else:
+/* An FMU for Co-Simulation (FMI 3.0) with one clock of each kind. It checks that each clock ticks at the right time:
  *   sample   constant   0.05 s, 0.15 s, …: adds `u` to `sum`
- *   fixed    fixed      0, 0.25 s, 0.5 s, …, once the importer has said so in the initialisation mode
- *   tuned    tunable    0, `period`, …; a new `period` counts from the event in which it was set
- *   growing  changing   0.1 s, then 0.2 s, 0.3 s, … later, as long as that is not more than `longest_interval`
- *   alarm    countdown  20 ms after every third sample; not known before
+ *   fixed    fixed      0, 0.25 s, 0.5 s, …, set by the importer in initialization mode
+ *   tuned    tunable    0, `period`, …; a new `period` starts at the event in which it was set
+ *   growing  changing   0.1 s, then 0.2 s, 0.3 s, … later, up to `longest_interval`
+ *   alarm    countdown  20 ms after every third sample; otherwise inactive
  *   kick     triggered  adds `push` to `pushed`
  *   full     triggered  output: with every fourth sample; `full_at` is its time
  * `counts`: ticks of sample, fixed, tuned, growing, alarm, kick. */

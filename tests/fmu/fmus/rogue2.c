@@ -1,7 +1,7 @@
-/* An FMU for Co-Simulation (FMI 2.0) that does what well-behaved ones do not, as its parameter `mode` says.
+/* An FMU for Co-Simulation (FMI 2.0) with unusual behaviour, chosen by its parameter `mode`.
  *   x' = u (ramped by its input derivative), y = x, and z = 2 x, if the description has it.
- * It tells the derivative of y alone; asked for another one, it makes no further step. An instance called "only one" is the
- * only one of the process or is refused. */
+ * It gives only the derivative of y; a request for another one makes the next step fail. A second instance called "only one"
+ * in a process is refused. */
 #include <math.h>
 #include <signal.h>
 #include <stdio.h>
@@ -62,7 +62,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
 }
 void fmi2FreeInstance(fmi2Component c) {
   Instance* i = c;
-  if (i->m.mode == kFatal && i->m.time >= 1) abort(); /* nobody may call this after a fatal error */
+  if (i->m.mode == kFatal && i->m.time >= 1) abort(); /* must not be called after a fatal error */
   if (is_only_one(i->name)) --only_ones;
   i->callbacks->freeMemory(i);
 }

@@ -1,6 +1,6 @@
 /* An FMU for Co-Simulation (FMI 3.0) with arrays, binaries, event mode, early return and intermediate update.
- *   x' = u for n elements, integrated by midpoints of `u` as the intermediate update gives it; y = x, or -x if `mirrored`
- * Every 0.3 s there is an event, which `events` counts; `d` may change only in event mode; `echo` gives `bytes` and their
+ *   x' = u for n elements, integrated by the midpoint rule with `u` from the intermediate update; y = x, or -x if `mirrored`
+ * Every 0.3 s there is an event, which `events` counts; `d` may change only in event mode; `echo` returns `bytes` and their
  * number. */
 #include <math.h>
 #include <stdlib.h>
@@ -284,7 +284,7 @@ fmi3Status fmi3DoStep(fmi3Instance c, double now, double h, bool no_set_back, bo
   }
   if (m->mode == kNeedsCallback && i->update == NULL) return refuse(i, "there is no callback for intermediate updates");
   double end = now + h;
-  if (i->early && h > 0.006) end = now + 0.5 * h; /* as if something had come between */
+  if (i->early && h > 0.006) end = now + 0.5 * h; /* as if there were an event */
   if (i->event_mode && end > m->next) end = m->next;
   if (i->update != NULL) {
     bool early_requested = false;

@@ -1,9 +1,9 @@
-/* What strict2.c and strict3.c have in common: a model that takes FMI at its word.
+/* The common part of strict2.c and strict3.c: a model that insists on the rules of FMI.
  *   x' = u,  y = gain u + bias + x
- * A step after which it may be set back is not completed: it starts from the last state that is there to stay, and keeps that.
- * An instance that was promised not to be set back before an instant refuses to be. A reset frees what the instance lives on,
- * after which it gives nothing but rubbish. Every call that begins or ends something is written to the file that the
- * environment variable STRICT_CALLS names. */
+ * A step after which the importer may set the state back is not completed: it starts from the last completed state and keeps
+ * it. If the importer has promised not to set the state back before an instant, the instance refuses it. A reset frees the
+ * memory of the instance; afterwards its values are invalid. Calls that begin or end something are written to the file that
+ * the environment variable STRICT_CALLS names. */
 #ifndef COTWIN_TESTS_STRICT_H
 #define COTWIN_TESTS_STRICT_H
 #include <stdbool.h>
@@ -12,12 +12,12 @@
 #include <string.h>
 
 enum { kU = 1, kY = 2, kX = 3, kGain = 4, kBias = 5, kLongestStep = 6, kFrom = 7, kMode = 10 };
-/* kSilent: outputs cannot be read in Initialization Mode. kLate: they follow the inputs only when it is left. */
+/* kSilent: outputs cannot be read in Initialization Mode. kLate: they are updated only when this mode is left. */
 enum { kPolite = 0, kSilent = 1, kLate = 2 };
 
 typedef struct {
-  double u, gain, bias, longest_step, from; /* from: when steps longer than longest_step are discarded */
-  double x, kept_x, time, kept_time;        /* kept: there to stay */
+  double u, gain, bias, longest_step, from; /* from this time on, steps longer than longest_step are discarded */
+  double x, kept_x, time, kept_time;        /* kept: last completed state */
   double y;                                 /* kLate */
   int mode, initialising;
 } Memory;

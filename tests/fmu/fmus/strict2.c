@@ -1,4 +1,4 @@
-/* strict.h behind FMI 2.0, Co-Simulation. */
+/* The model of strict.h for Co-Simulation in FMI 2.0. */
 #include "tests/fmu/fmus/strict.h"
 
 #include "fmu/fmi2.h"

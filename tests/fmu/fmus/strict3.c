@@ -1,4 +1,4 @@
-/* strict.h behind FMI 3.0, Co-Simulation. Event mode is refused. */
+/* The model of strict.h for Co-Simulation in FMI 3.0, without event mode. */
 #include "tests/fmu/fmus/strict.h"
 
 #include "fmu/fmi3.h"

@@ -1,21 +1,21 @@
-/* player FILE: plays an FMU's library by a script, on whatever system this was compiled for, and prints the values it reads, a
- * line for each reading: reals as their 64 bits in hexadecimal, so that not one bit is lost. One command a line; a text is the
- * rest of its line:
+/* player FILE: calls an FMU's library as a script says, on the system for which it was compiled. Prints a line for each reading
+ * command, with reals as their 64 bits in hexadecimal, so that no bit is lost. One command per line; a text is the rest of its
+ * line:
  *
- *   fmi 2|3           the version, first of all
+ *   fmi 2|3           the version, the first command
  *   library TEXT      its file, in UTF-8; loaded at once
  *   token TEXT        GUID or instantiation token
- *   resources TEXT    as this version passes them; until it is given NULL is passed
- *   new               frees the instance, if there is one, and makes the next
+ *   resources TEXT    as this version passes them; NULL before this command
+ *   new               frees the instance, if there is one, and creates the next
  *   initialise T
  *   set N vr… M bits… writes M reals to N variables
- *   step T H          T and H as bits, like all reals here
+ *   step T H          T and H as bits, like all reals
  *   real N vr… M      reads; likewise integer, boolean, text
- *   save              takes the state and serialises it
- *   restore           gives it back, from the bytes
+ *   save              gets the state and serialises it
+ *   restore           deserialises the bytes and sets the state
  *   unload            frees the instance, unloads the library and forgets the resources
  *
- * Ends with 0, or says on stderr what failed and ends with 1. */
+ * Exit code 0, or 1 with a message on stderr. */
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdbool.h>
@@ -94,7 +94,7 @@ static Address function(const char* name) {
   if (found == NULL) fail(name);
   return found;
 }
-/* A function of the library by its name; of two that take and give the same, that of the version in use. */
+/* Looks up a function of the library by name; of two with equal parameters, that of the version in use. */
 #define FMI(name) ((__typeof__(&name))(void (*)(void))function(#name))
 #define EITHER(type, name2, name3) ((type)(void (*)(void))function(version == 2 ? #name2 : #name3))
 
