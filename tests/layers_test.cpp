@@ -50,7 +50,7 @@ std::string component_of(const std::string& path) {
   return end == std::string::npos ? "" : path.substr(0, end + 1);
 }
 
-TEST(Layers, ModelsKnowNoUnit) {
+TEST(Layers, ModelsIncludeNoUnit) {
   for (const Include& i : includes_below("models"))
     EXPECT_TRUE(starts_with_any(i.to, {"models/"})) << i.place << " includes " << i.to;
 }
@@ -62,7 +62,7 @@ TEST(Layers, UnitsIncludeModelsUnitAndBusButNeverOneAnother) {
   }
 }
 
-TEST(Layers, UnitAndBusKnowNoConcreteUnit) {
+TEST(Layers, UnitAndBusIncludeNoConcreteUnit) {
   for (const char* folder : {"components/unit", "components/bus"}) {
     for (const Include& i : includes_below(folder)) {
       EXPECT_TRUE(starts_with_any(i.to, {"models/", "components/unit/", "components/bus/"})) << i.place << " includes " << i.to;
@@ -70,7 +70,7 @@ TEST(Layers, UnitAndBusKnowNoConcreteUnit) {
   }
 }
 
-TEST(Layers, FmuAndMasterReachUnitsOnlyThroughTheTable) {
+TEST(Layers, FmuAndMasterIncludeNoConcreteUnit) {
   for (const char* folder : {"fmu", "master"}) {
     for (const Include& i : includes_below(folder)) {
       const bool allowed = starts_with_any(i.to, {"models/", "components/unit/", "components/bus/", "fmu/"}) ||
@@ -89,7 +89,7 @@ TEST(Layers, IncludesStartAtTheRootOfTheRepository) {
 
 // Two types with the same name in the namespace of a folder are the same type for the linker. It then takes the functions of
 // either, with the wrong size of memory.
-TEST(Names, OfTypesStandOnceInTheHeadersOfAFolder) {
+TEST(Names, OfTypesAreUniqueInTheHeadersOfAFolder) {
   const fs::path root = cotwin::places::source();
   const std::regex pattern(R"(^(?:struct|class) (\w+)(?: final)?(?: : .*)? \{)");
   std::map<std::string, std::string> places;  // by folder and name
@@ -131,7 +131,7 @@ TEST(Layers, RoomsOfAFolderIncludeThoseBelowThem) {
   expect_rooms_in_order("master", {"ssp", "run", "twin", "program"});
 }
 
-TEST(Layers, TheEngineOfTheContactWorldKnowsNoUnit) {
+TEST(Layers, TheEngineOfTheContactWorldIncludesNoUnit) {
   for (const Include& i : includes_below("components/contact_world/engine"))
     EXPECT_TRUE(starts_with_any(i.to, {"models/", "components/contact_world/engine/"})) << i.place << " includes " << i.to;
 }

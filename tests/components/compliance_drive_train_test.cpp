@@ -95,13 +95,13 @@ TEST(ComplianceWithDriveTrain, TracksWithinATenthOfAMilliradianInBothModesWhenIt
   }
 }
 
-TEST(ComplianceWithDriveTrain, TracksARobotOfWhoseDrivesNothingIsKnownBecauseBothUnitsTakeTheSame) {
+TEST(ComplianceWithDriveTrain, TracksARobotWithDefaultDriveDataBecauseBothUnitsHaveTheSameDefaults) {
   Loop loop(places::source() + "/tests/components/data/rotor.urdf");  // so that no drive data are beside it
   for (const char* name : {"K", "B"}) EXPECT_EQ(VectorXd(loop.controller(name)), VectorXd(loop.drive(name))) << name;
   EXPECT_LT(worst_error(loop, VectorXd::Zero(1), 6), 1e-4);
 }
 
-TEST(ComplianceWithDriveTrain, FrictionThatTheControllerDoesNotKnowLeavesAnErrorThatTheGainsBound) {
+TEST(ComplianceWithDriveTrain, UnmodelledFrictionCausesAnErrorBoundedByTheGains) {
   const VectorXd q0 = (VectorXd(7) << 0, 0.3, 0, -1.2, 0, 0.9, 0).finished();
   Loop loop("lwr4");
   for (const char* name : {"sigma0", "sigma1", "sigma2", "tau_C", "tau_S"}) loop.controller(name).setZero();
@@ -133,7 +133,7 @@ TEST(ComplianceWithDriveTrain, ErrorsAfterAJumpOfTheExternalTorqueDieOutInBothMo
   }
 }
 
-TEST(ComplianceWithDriveTrain, HoldsTheMotorOfAnElasticJointUpToTheGainsThatSamplingAllows) {
+TEST(ComplianceWithDriveTrain, StabilisesAnElasticJointUpToTheLimitOfSampling) {
   // On a soft spring, a constant torque moves the motor alone: θ̇ ← θ̇ − h 2ζω (M + B)/B θ̇, which diverges beyond ζ ω h (M +
   // B)/B = 1.
   const double M = 0.2, zeta = 1, omega = 30, h = 1e-3;
@@ -203,7 +203,7 @@ TEST(ComplianceWithDriveTrain, IsGuidedFreelyByAnExternalTorqueAndStaysWhereItIs
   EXPECT_LT((loop.drive("q") - left).norm(), 1e-5);
 }
 
-TEST(ComplianceWithDriveTrain, UnequalGainsBringAMilliradianToRestInBothModes) {
+TEST(ComplianceWithDriveTrain, UnequalGainsReduceAnErrorOfAMilliradianInBothModes) {
   // Gains that differ by a factor of 40 between the joints of one arm: with K_P = (M + B) Ω² an error of 1 mrad grew to 29 rad.
   for (const double passivity : {0.0, 1.0}) {
     Loop loop("planar2");
@@ -236,7 +236,7 @@ TEST(ComplianceWithDriveTrain, UnequalGainsBringAMilliradianToRestInBothModes) {
   }
 }
 
-TEST(ComplianceWithDriveTrain, AJumpOfTheExternalTorqueAsksTheMotorsForNoMoreThanWindingUpTheSpringsMay) {
+TEST(ComplianceWithDriveTrain, AJumpOfTheExternalTorqueAsksTheMotorsForAtMostTauWindUp) {
   // The springs carry 20 N.m more after the jump. Earlier versions asked the motors for 400 N.m for some milliseconds, of which
   // 150 were given.
   for (const double passivity : {0.0, 1.0}) {
@@ -262,7 +262,7 @@ TEST(ComplianceWithDriveTrain, AJumpOfTheExternalTorqueAsksTheMotorsForNoMoreTha
   }
 }
 
-TEST(ComplianceWithDriveTrain, IsPushedToALimitOfItsJointStopsThereAndTheRunSaysSo) {
+TEST(ComplianceWithDriveTrain, StopsAtAJointLimitWhenPushedAndTheRunReportsIt) {
   Loop loop("planar2");
   loop.controller("S_a").setZero();
   loop.start(Eigen::Vector2d(2.0, 0));
@@ -289,7 +289,7 @@ TEST(ComplianceWithDriveTrain, IsPushedToALimitOfItsJointStopsThereAndTheRunSays
   EXPECT_EQ(loop.limit(0), 0);
 }
 
-TEST(ComplianceWithDriveTrain, MotorsThatCannotHoldAPushWindNothingUpAndComeBackWithoutASwing) {
+TEST(ComplianceWithDriveTrain, SaturatedMotorsDoNotWindUpAndReturnWithoutOvershoot) {
   // The links are pushed with more than the motors can give, which the controller does not measure; then they are released.
   Loop loop("planar2");
   const Eigen::Vector2d q0(0.5, -0.8);

@@ -87,7 +87,7 @@ TEST(Limits, DoNotHinderADesiredMotionThatIsOutsideThem) {
   EXPECT_FALSE(outside({}, {100, 100}));
 }
 
-TEST(Admittance, FreelyGuidedIsDamped) {
+TEST(Admittance, IsDampedWhenGuidedFreely) {
   const Admittance a{.M_a = 3, .zeta_a = 1, .S_a = 0, .omega_free = 2};
   Deviation at{0, 1};
   Tank tank;
@@ -97,7 +97,7 @@ TEST(Admittance, FreelyGuidedIsDamped) {
   EXPECT_EQ(relation({.M_a = 3, .zeta_a = 1, .S_a = 27, .omega_free = 2}).D, 2 * std::sqrt(81.0));
 }
 
-TEST(Admittance, GivesNoEnergyThatItWasNotGivenWhateverStiffnessInertiaTorqueAndLimitsDo) {
+TEST(Admittance, IsPassiveForAnyStiffnessInertiaTorqueAndLimits) {
   // E + T ≤ E(0) + T(0) + ∫ τ_e Δ̇ dt in every step.
   Random draw(17);
   for (int round = 0; round < 3000; ++round) {
@@ -127,7 +127,7 @@ TEST(Admittance, GivesNoEnergyThatItWasNotGivenWhateverStiffnessInertiaTorqueAnd
   }
 }
 
-TEST(Admittance, StiffnessThatIsRaisedWhileDeflectedAndLoweredInTheMiddleDoesNotPump) {
+TEST(Admittance, DoesNotGainEnergyFromPeriodicChangesOfStiffness) {
   // The classical pump: stiff on the way in, soft on the way out. Undamped, it would gain a factor of 4 in each half swing.
   Admittance now{.M_a = 1, .zeta_a = 0, .S_a = 100};
   Deviation at{0.1, 0};
@@ -142,7 +142,7 @@ TEST(Admittance, StiffnessThatIsRaisedWhileDeflectedAndLoweredInTheMiddleDoesNot
   }
 }
 
-TEST(Admittance, RaisesItsStiffnessWithTheEnergyThatItsOwnDampingTookOut) {
+TEST(Admittance, RaisesItsStiffnessWithTheEnergyOfItsDamping) {
   // A step of 20 N.m at S = 100 N.m/rad stores 2 J and loses 2 J to damping; a rise to 225 needs 2.5 J at once. With an empty
   // tank the stiffness rises with the energy that damping provides, and the rest on the way back; the final deviation is τ_e/S.
   Admittance now{.M_a = 6.25, .zeta_a = 1, .S_a = 100};

@@ -365,7 +365,7 @@ TEST(Compliance, ParametersInForceReachTheTunables) {
   EXPECT_EQ(c["S_a_in_force"][1], 100);
 }
 
-TEST(Compliance, GivesNoMoreThanTheRobotsTorqueAndSaysSo) {
+TEST(Compliance, LimitsItsTorqueToTheRobotsAndReportsIt) {
   Controller c;
   c.stand_at({0, 0});
   EXPECT_FALSE(c.saturated());
@@ -396,7 +396,7 @@ TEST(Compliance, ElasticJointsAreHeldWhereTheSpringCarriesTheLoad) {
   EXPECT_NEAR((c["tau_m"] - g).norm(), 0, 1e-9);
 }
 
-TEST(Compliance, LeavesTheExternalTorqueOutWhereItDoesNotActOnTheTrackedRobot) {
+TEST(Compliance, OmitsAnExternalTorqueThatDoesNotActOnTheTrackedRobot) {
   // Manual guidance of a stiff robot by its twin (VI-C): the torque moves q_c, but the robot that follows does not measure it.
   Controller pushed, spared;
   std::get<std::span<bool>>(spared.variable("tau_e_acts_on_robot").storage)[0] = false;

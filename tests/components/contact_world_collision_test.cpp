@@ -274,7 +274,7 @@ TEST(Collision, TwoCubesTurnedAgainstEachOtherMeetInFourOfEightPoints) {
   EXPECT_LT(std::hypot(sum.x(), sum.y()), 0.05);
 }
 
-TEST(Collision, AlignedCubesKeepTheirPointsHoweverTheyCreep) {
+TEST(Collision, AlignedCubesKeepTheirPointsDuringSmallMotions) {
   // Corner on corner: which of the two gives the id of the point must not depend on rounding.
   Random random(3);
   const Shape cube = make(ShapeType::kBox, {0.1, 0.1, 0.1});
@@ -309,7 +309,7 @@ TEST(Collision, CrossedEdgesTouchInOnePoint) {
   }
 }
 
-TEST(Collision, CornersOfCubesApartAreAsFarAsTheyAre) {
+TEST(Collision, CornersOfSeparatedCubesHaveTheirExactDistance) {
   const Shape cube = make(ShapeType::kBox, {0.1, 0.1, 0.1});
   const auto points = points_of(scene_of({cube, cube}), {at({0, 0, 0}), at({0.101, 0.102, 0.102})}, 0.01);
   ASSERT_EQ(points.size(), 1u);
@@ -505,7 +505,7 @@ TEST(Collision, IsAFunctionOfThePosesAlone) {
   EXPECT_TRUE(same_bits(points_of(scene, poses, 0.01), first));
 }
 
-TEST(Collision, FindsWhatEachPairAloneHas) {
+TEST(Collision, FindsTheContactsOfEachPair) {
   Random random(37);
   constexpr int kCount = 30;
   for (int i = 0; i < 5; ++i) {
@@ -539,7 +539,7 @@ TEST(Collision, SortsItsPointsByPairAndFeature) {
   }
 }
 
-TEST(Collision, AllocatesNothingOnceWarm) {
+TEST(Collision, AllocatesNothingAfterTheFirstSteps) {
   Random random(43);
   constexpr int kCount = 60;
   Collision collision(random_scene(random, kCount));
@@ -553,7 +553,7 @@ TEST(Collision, AllocatesNothingOnceWarm) {
   EXPECT_EQ(cotwin::testing::allocations(), before);
 }
 
-TEST(Collision, ReserveTakesTheFirstStepsAllocations) {
+TEST(Collision, ReserveAvoidsAllocationsInTheFirstStep) {
   Random random(47);
   constexpr int kCount = 60;
   Collision collision(random_scene(random, kCount));
@@ -565,7 +565,7 @@ TEST(Collision, ReserveTakesTheFirstStepsAllocations) {
   EXPECT_GT(collision.points().size(), 0u);
 }
 
-TEST(Collision, LeavesOutWhatTheSceneLeavesOut) {
+TEST(Collision, LeavesOutPairsThatTheSceneExcludes) {
   const Shape ball = make(ShapeType::kSphere, {0.1, 0, 0});
   const std::vector<Pose> X(2);
   scene::Scene scene = scene_of({ball, ball});
@@ -591,7 +591,7 @@ TEST(Collision, LeavesOutWhatTheSceneLeavesOut) {
   EXPECT_TRUE(points_of(one, {Pose{}}, 0.01).empty());
 }
 
-TEST(Collision, LetsPosesThatAreNotNumbersTouchNothing) {
+TEST(Collision, FindsNoContactForPosesWithNaN) {
   Random random(53);
   constexpr int kCount = 30;
   const scene::Scene scene = random_scene(random, kCount);

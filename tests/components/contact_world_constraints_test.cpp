@@ -148,7 +148,7 @@ scene::Scene four_bars(bool doubled) {
   return scene;
 }
 
-TEST_P(Constraints, ClosedLoopKeepsClosedAlsoWithEveryJointTwice) {
+TEST_P(Constraints, ClosedLoopStaysClosedAlsoWithEveryJointTwice) {
   // A planar loop of revolute joints is over-determined in space: dependent rows must not disturb the solution.
   for (const bool doubled : {false, true}) {
     World w = world(four_bars(doubled), 500);
@@ -199,7 +199,7 @@ TEST_P(Constraints, HeavyBoxRestsOnALightOne) {
   EXPECT_NEAR(weight, 1001 * kGravity, 1e-3 * 1001 * kGravity);
 }
 
-TEST_P(Constraints, ArmThatPushesOnTheGroundFeelsTheForceThatItsTorqueMakes) {
+TEST_P(Constraints, ContactForceOfAPushingArmFollowsFromItsTorque) {
   // The tip of the wheel's arm, a ball of 0.05 m at 1 m, rests on the ground: N · 1 m = 5 N.m + drive.
   scene::Scene scene = wheel();
   scene.bodies[0].shapes = testing::ball("tip", 0.05, 1, {0, 0, 0}, 0).shapes;
@@ -260,7 +260,7 @@ INSTANTIATE_TEST_SUITE_P(Methods, Constraints, ::testing::Values(Method::kTree, 
                            return method.param == Method::kTree ? "tree" : method.param == Method::kPgs ? "pgs" : "dantzig";
                          });
 
-TEST(ContactWorldErrors, SayWhichBodyOrJointIsWrong) {
+TEST(ContactWorldErrors, NameTheBodyOrJoint) {
   const auto message = [](const scene::Scene& scene) {
     try {
       World world(scene, {});

@@ -278,7 +278,7 @@ TEST(Dantzig, SatisfiesTheConditionsOfDegenerateAndRedundantProblemsOfAnySize) {
   }
 }
 
-TEST(Dantzig, EndsSoonWhereLeastIndexPivotingTakesExponentiallyMany) {
+TEST(Dantzig, NeedsFewPivotsWhereLeastIndexPivotingNeedsExponentiallyMany) {
   // Fathi 1979 [Math. Programming 17]: A = L Lᵀ with ones on and twos below the diagonal of L, b = −1; Murty's least-index
   // method takes 2ⁿ − 1 pivots. All rows are violated equally at the start.
   const int n = 40;
@@ -413,7 +413,7 @@ TEST(Dantzig, ReadsNothingOutsideOfTheProfileAndSolvesAsManyProblems) {
   EXPECT_NEAR(solved, solved_full, 6);
 }
 
-TEST(Dantzig, GivesTheSameBitsWhetherItKnowsThatTheMatrixHasNotChanged) {
+TEST(Dantzig, GivesTheSameBitsWithAndWithoutKeptFactors) {
   Random random{std::mt19937_64(10)};
   Dantzig knows;
   VectorXd x = VectorXd::Zero(72), start = x;
@@ -435,7 +435,7 @@ TEST(Dantzig, GivesTheSameBitsWhetherItKnowsThatTheMatrixHasNotChanged) {
   }
 }
 
-TEST(Dantzig, AsksNothingOfFactorsThatRoomForMoreRowsHasEmptied) {
+TEST(Dantzig, DoesNotUseFactorsThatReserveHasCleared) {
   Problem problem(3);
   problem.A << 3, 1, 0, 1, 3, 1, 0, 1, 3;
   problem.b.setConstant(-1);  // x = (2, 1, 2) / 7: all rows are free
@@ -523,7 +523,7 @@ TEST(Dantzig, ObeysCoulombsLawWithNormalsAndFrictionCoupled) {
   EXPECT_LT(unsolved, rounds / 50);
 }
 
-TEST(Dantzig, ReturnsSomethingSaneWhereContactsContradictEachOther) {
+TEST(Dantzig, ReturnsABoundedSolutionForContradictoryContacts) {
   // Bodies inside each other: contacts from all sides demand speeds that are impossible together, and friction jams the rest.
   Random random{std::mt19937_64(8)};
   Dantzig solver;
@@ -574,7 +574,7 @@ TEST(Dantzig, GivesTheSameBitsWhateverWasSolvedBefore) {
   }
 }
 
-TEST(Dantzig, RefusesWhatIsNoProblem) {
+TEST(Dantzig, RefusesInvalidProblems) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   const auto status = [](const auto& spoil) {
     Problem problem = stack(1, 0.5, 0.1, true, Eigen::Vector3d::Zero());

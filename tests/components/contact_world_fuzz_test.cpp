@@ -55,7 +55,7 @@ TEST_P(Fuzz, SurvivesWhateverSceneItIsGiven) {
   }
 }
 
-TEST_P(Fuzz, AllocatesOnlyWhereItSaysThatItGrew) {
+TEST_P(Fuzz, AllocatesOnlyWhenItReportsGrowth) {
   constexpr std::uint64_t kRuns = 200;
   for (std::uint64_t seed = 0; seed < kRuns; ++seed) {
     Options options;

@@ -269,7 +269,7 @@ TEST(Insertion, ThePegGoesInWhereverTheHoleStandsWithinItsClearance) {
 // On the other side of the chamfer the same arm yields sideways when it is pushed up, against the slope: it stays on the
 // chamfer and presses, as the robot would. With a larger offset in the tight hole the peg tilts and wedges. The forces at rest
 // are bounded and the same with either link, also with a quarter of the step.
-TEST(Insertion, WhereItCannotSlideInThePegJamsAndPressesAlikeWithEitherLink) {
+TEST(Insertion, APegThatJamsPressesWithTheSameForceWithEitherLink) {
   for (const Case& one : {Case{"", "plate", -0.8, 0.5}, {"", "plate_tight", -0.8, 0.5}, {"", "plate_tight", 1.5, 0}}) {
     SCOPED_TRACE(::testing::Message() << one);
     const Both both(one);
@@ -304,7 +304,7 @@ TEST(Insertion, AllSolversAndShorterStepsFindTheSameForces) {
 }
 
 // Undamped gears and links oscillate against each other with up to 500 Hz, which a step of a millisecond cannot resolve.
-TEST(Insertion, UndampedGearsStayCalm) {
+TEST(Insertion, UndampedGearsDoNotOscillate) {
   for (const char* plate : {"plate", "plate_tight"}) {
     const Both damped({"", plate, 0.8, -0.5}), undamped({"", plate, 0.8, -0.5, "tree", 0});
     for (const auto& [with, without] : {std::pair{damped.inside, undamped.inside}, {damped.outside, undamped.outside}}) {

@@ -162,7 +162,7 @@ TEST(ContactWorld, ACubeThatIsPulledSticksBelowTheConeAndSlidesAboveItAsCoulombS
   EXPECT_NEAR(world["cube.v"][0], 0.5 * limit / 2, 1e-3 * 0.5 * limit / 2);
 }
 
-TEST(ContactWorld, ARobotThatTouchesNothingFeelsNothing) {
+TEST(ContactWorld, ARobotWithoutContactHasNoExternalTorque) {
   Held robot("inside", "&scene=" + kFloor, {0.3, 0.2});
   robot.initialise({0, 0});
   for (int i = 0; i < 20; ++i) robot.step(1e-3);
@@ -189,7 +189,7 @@ TEST(ContactWorld, ExternalTorquesAreTheContactForceTimesItsLevers) {
 
 // Perpendicular to the plane in which the arm moves there is no motion for friction to stop, so rounding must not create a
 // force.
-TEST(ContactWorld, APlanarArmRubsWithinItsPlaneAlone) {
+TEST(ContactWorld, FrictionOnAPlanarArmActsOnlyWithinItsPlane) {
   for (const std::string link : {"inside", "outside"}) {
     for (const std::string method : {"tree", "pgs", "dantzig"}) {
       Held robot(link, "&scene=" + kFloor + "&method=" + method, {-0.4, -0.6});
@@ -252,7 +252,7 @@ TEST(ContactWorld, CountsTheTurnsOfAJointFromItsStart) {
 }
 
 // A link that is moved without a torque, as by a recording, presses on a soft body with the force of its penetration.
-TEST(ContactWorld, ALinkThatIsMovedWhateverItMeetsPressesWithTheSpringItIsPressedInto) {
+TEST(ContactWorld, ALinkWithPrescribedMotionPressesWithTheForceOfASoftContact) {
   Subject world("unit:contact_world?actuation=prescribed&scene=" + kData + "sponge.sdf&robot=" + kPusher);
   const double q1 = -0.4;
   const auto elbow = [&](double depth) { return -std::asin((0.48 + depth + 0.4 * std::sin(q1)) / 0.35) - q1; };
@@ -309,7 +309,7 @@ TEST(ContactWorld, ATorqueOfExactlyZeroIsATorque) {
   EXPECT_GT(std::abs(none[0]), 1e-3);  // only gravity moves it
 }
 
-TEST(ContactWorld, PrescribedLinksHaveNoPortsOfTorques) {
+TEST(ContactWorld, PrescribedLinksHaveNoTorquePorts) {
   Subject world("unit:contact_world?actuation=prescribed&scene=none&robot=" + kPusher);
   for (const char* name : {"tau_J", "dtheta", "K", "D", "B"}) EXPECT_EQ(world.variables().find(name), nullptr) << name;
 }
@@ -330,7 +330,7 @@ TEST(ContactWorld, TheLwrFloatsFreelyAndKeepsItsMomentum) {
 
 // A motor behind a rigid gear adds inertia to the link, (2a) + (2b): an impact without restitution does not bounce, and free
 // motion is predicted with the motors' share of τ_J. Without knowledge of the motors the world would throw the link back.
-TEST(ContactWorld, LinksBehindRigidGearsAreForeseenWithTheirMotors) {
+TEST(ContactWorld, LinksBehindRigidGearsArePredictedWithTheirMotors) {
   for (const double B : {0.5, 0.0}) {
     Subject world("unit:contact_world?link=inside&scene=" + kData + "ice.sdf&robot=" + kPusher);
     Subject drive("unit:drive_train?link=inside&transmission=rigid&robot=" + kPusher);
@@ -487,7 +487,7 @@ TEST(ContactWorld, TwoRobotsInOneWorldMoveAsEachWouldAlone) {
 }
 
 // The ball of the left arm is on the right arm: action equals reaction, for links that are placed and for links that move.
-TEST(ContactWorld, TwoRobotsThatMeetFeelTheSameForce) {
+TEST(ContactWorld, TwoRobotsInContactHaveEqualForces) {
   std::vector<double> lifted;
   for (const std::string link : {"inside", "outside"}) {
     Pair two(link, "&scene=none");
@@ -523,7 +523,7 @@ TEST(ContactWorld, ARobotThatIsRestoredInContactGoesOnToTheSameBits) {
   }
 }
 
-TEST(ContactWorld, WhatLeansOnARobotsBaseIsToldThere) {
+TEST(ContactWorld, ForcesOnARobotsBaseAreReported) {
   Subject world("unit:contact_world?link=outside&scene=" + kFloor + "&robot=" + kData + "gantry.urdf");
   world.set("base_p0", {0, 0.3, 0}).set("cube.p0", {0.02, 0.3, 0.15}).set("tau_J", {0, 1.5 * kGravity});
   world.initialise();
@@ -537,7 +537,7 @@ TEST(ContactWorld, WhatLeansOnARobotsBaseIsToldThere) {
 }
 
 // More points than the setting: all are computed, and the outputs contain the first `points` of them; memory grows once.
-TEST(ContactWorld, GrowsOnceWhereMorePointsComeThanItHasRoomFor) {
+TEST(ContactWorld, AllocatesOnceIfThereAreMorePointsThanExpected) {
   Subject small("unit:contact_world?contacts=2&points=2&scene=" + kFloor), large("unit:contact_world?scene=" + kFloor);
   for (Subject* world : {&small, &large}) world->initialise();
   EXPECT_EQ(small.integer("grown"), 0);
@@ -635,7 +635,7 @@ TEST(ContactWorld, AFloatingRobotMovesItsBaseButNotItsCentreOfMass) {
   EXPECT_LT((centre() - start).norm(), 1e-8);
 }
 
-TEST(ContactWorld, DrivesABodyAsItIsTold) {
+TEST(ContactWorld, MovesADrivenBodyAtItsInputSpeed) {
   Subject world("unit:contact_world?scene=" + kData + "driven.sdf");
   world.initialise();
   world.set("plate.v_d", {0.1, 0, 0});
@@ -662,7 +662,7 @@ TEST(ContactWorld, AStepAllocatesNothingAndGoesOnFromARestoredSnapshotToTheSameB
   EXPECT_EQ(world.values("world"), other.values("world"));
 }
 
-TEST(ContactWorld, SaysWhatIsWrongWithItsSettingsAndInputs) {
+TEST(ContactWorld, ReportsErrorsInItsSettingsAndInputs) {
   const auto error_of = [](auto&& what) -> std::string {
     try {
       what();

@@ -52,7 +52,7 @@ class DriveTrainPartials : public ::testing::TestWithParam<std::string> {
   }
 };
 
-TEST_P(DriveTrainPartials, AreTheSlopesOfTheOutputsAndCompleteAtThat) {
+TEST_P(DriveTrainPartials, AreTheCompleteDerivativesOfTheOutputs) {
   Drive drive = moving(GetParam());
   Snapshot snapshot;
   snapshot.take(drive.variables());

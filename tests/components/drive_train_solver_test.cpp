@@ -200,7 +200,7 @@ TEST(DriveTrainSundials, KeepsItsHistoryWhereInputsAreContinuousAndNeedsFewerSte
   }
 }
 
-TEST(DriveTrainInputs, WithRatesFollowThemAsTheRampToTheSameValueDoes) {
+TEST(DriveTrainInputs, WithRatesEqualARampToTheSameValue) {
   for (const char* method : {"rosenbrock", "cvode", "arkode"}) {
     Drive ramped(std::string("robot=lwr4&method=") + method), rated(std::string("robot=lwr4&method=") + method);
     ramped.set("input_order", 1);
@@ -332,7 +332,7 @@ TEST_P(DriveTrainSolvers, StartAfreshWhenInitialisedAgain) {
   EXPECT_EQ(bits(drive.variables()), start);
 }
 
-TEST_P(DriveTrainSolvers, KeepNothingOfStopsThatParametersHaveTakenAway) {
+TEST_P(DriveTrainSolvers, ForgetStopsThatParametersHaveRemoved) {
   Drive drive = prepared(GetParam(), 0), fresh = prepared(GetParam(), 0);
   if (drive.variables().at("q").role == Role::kInput) return;  // stops belong to the unit that integrates the links
   bool in_stop = false;

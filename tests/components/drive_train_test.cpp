@@ -110,7 +110,7 @@ TEST_P(DriveTrainPhysics, KeepsItsEnergyWithoutFriction) {
   EXPECT_GT(most, 0.2);
 }
 
-TEST_P(DriveTrainPhysics, AccountsForEveryJouleWithFrictionDampingAndBothTorques) {
+TEST_P(DriveTrainPhysics, BalancesItsEnergyWithFrictionDampingAndBothTorques) {
   for (const char* friction : {"lugre", "elasto_plastic", "coulomb"}) {
     Drive drive(with(std::string("robot=lwr4&friction=") + friction));
     drive.tolerances(1e-9, 1e-10, 1e-8).set("max_substeps", 100000);
@@ -135,7 +135,7 @@ TEST_P(DriveTrainPhysics, AccountsForEveryJouleWithFrictionDampingAndBothTorques
   }
 }
 
-TEST_P(DriveTrainPhysics, ConstantFrictionIsWorkThatComesBackAndNoLoss) {
+TEST_P(DriveTrainPhysics, ConstantFrictionIsReversibleWorkAndNotALoss) {
   // A torque that also acts at rest takes up the torque times the way in either direction; only friction opposite to the motion
   // is lost, and this loss never decreases.
   Drive drive(with("robot=lwr4"));
@@ -324,7 +324,7 @@ TEST_P(DriveTrainPhysics, ReturnsFromAHardStopWithTheRestitution) {
   }
 }
 
-TEST_P(DriveTrainPhysics, PutOutsideMovesItsMotorsAsInsideWhenGivenTheSameLinks) {
+TEST_P(DriveTrainPhysics, WithLinksOutsideMovesItsMotorsAsWithLinksInside) {
   Drive inside(with("robot=lwr4")), outside(with("link=outside&robot=lwr4"));
   for (Drive* drive : {&inside, &outside})
     drive->tolerances(1e-10, 1e-11, 1e-9).set("input_order", 1).set("max_substeps", 100000);
@@ -421,7 +421,7 @@ TEST(DriveTrain, NamesTheParameterThatIsUnphysical) {
 }
 
 // A drive that turns steadily: 4 N.m against viscous friction of the link, then also against Coulomb friction.
-TEST(DriveTrainTunables, FrictionIsFollowedWithoutAJumpToTheSpeedThatItLeaves) {
+TEST(DriveTrainTunables, FrictionChangesWithoutAJumpToTheNewSteadySpeed) {
   const auto turning = [](Drive& drive) {
     drive.set("K", 5000).set("D", 5).set("B", 0.5).set("link_sigma2", 2).set("transition", 0.1).set("dq0", 2).set("tau_m", 4);
     drive.initialise();
@@ -466,7 +466,7 @@ TEST(DriveTrainTunables, AMotorBreaksAwayWhenTheFrictionThatHoldsItHasFallenBelo
   EXPECT_NEAR(drive.now() - begin, 0.1 * std::log(2.0), 1.001e-3);  // 3 + 2 e^(−t/0.1) = 4
 }
 
-TEST(DriveTrainTunables, TheMotorsInertiaIsWhatItsTorqueMeets) {
+TEST(DriveTrainTunables, TheMotorsAccelerationFollowsItsInertia) {
   Drive drive("link=outside&joints=1");
   drive.set("K", 1e-9).set("B", 0.5).set("transition", 0);
   drive.initialise();
@@ -505,7 +505,7 @@ TEST(DriveTrainTunables, AreFixedWithSundials) {
   }
 }
 
-TEST(DriveTrain, NamesTheInputThatIsNotFiniteAndEndsTheRun) {
+TEST(DriveTrain, EndsTheRunAtAnInputThatIsNotFiniteAndNamesIt) {
   Drive drive("robot=lwr4");
   drive.initialise();
   drive.step(1e-3);

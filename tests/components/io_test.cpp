@@ -228,7 +228,7 @@ TEST(Io, ARepeatedInitialisationReadsTheFileAgainOnlyIfItChanged) {
   EXPECT_FALSE(s.boolean("has_tau"));
 }
 
-TEST(Io, WhatIsWrongWithARecordingIsToldWithFileAndLine) {
+TEST(Io, ErrorsInARecordingHaveFileAndLine) {
   const auto error = [](const std::string& content, Values values = {}) {
     const File file(content);
     values.push_back({"file", file.path()});
@@ -265,7 +265,7 @@ TEST(Io, LeavingTheRobotsLimitsIsAWarningAnErrorOrNothing) {
   EXPECT_THAT(s.error_of_initialise(), HasSubstr(" is at 3.2 rad at 5 s, expected -2.9"));
 }
 
-TEST(Io, ARecordingWithoutTorquesSaysSoUnlessNoneAreWanted) {
+TEST(Io, ARecordingWithoutTorquesIsAWarningUnlessTorquesAreDisabled) {
   const File file("t,q1,torque\n0,0,5\n0.1,0,5\n");
   Subject s("joints=1", {{"file", file.path()}});
   s.initialise();
@@ -322,7 +322,7 @@ TEST_F(RealRobot, TheUr10AndKr300RecordingsPlayWithNoFurtherParameter) {
   EXPECT_EQ(kr300.real("q", 0), 0.001041595);
 }
 
-TEST(Io, TellsWhenTheRecordingHasEnded) {
+TEST(Io, ReportsTheEndOfTheRecording) {
   const File file("t,q1\n0,0\n0.01,0.001\n0.02,0.002\n0.03,0.003\n");
   Subject s("joints=1&robot=", {{"file", file.path()}});
   s.initialise();
@@ -339,7 +339,7 @@ TEST(Io, TellsWhenTheRecordingHasEnded) {
   EXPECT_EQ(s.text("warning"), told);  // once
 }
 
-TEST(Io, DoubtsTimesThatLookLikeMillisecondsTakenForSeconds) {
+TEST(Io, WarnsOfTimesThatLookLikeMillisecondsReadAsSeconds) {
   const File file("t,q1\n0,0\n4,0.001\n8,0.002\n12,0.003\n");
   Subject seconds("joints=1&robot=", {{"file", file.path()}});
   seconds.initialise();
@@ -350,7 +350,7 @@ TEST(Io, DoubtsTimesThatLookLikeMillisecondsTakenForSeconds) {
   EXPECT_THAT(milliseconds.text("warning"), ::testing::Not(HasSubstr("apart")));
 }
 
-TEST(Sensors, TellTheTruthWithGainOffsetAndResolution) {
+TEST(Sensors, MeasureWithGainOffsetAndResolution) {
   Subject io("joints=2&link=sensors", {{"q_true", "0.1234 -0.5"}, {"tau_true", "10 -4"}, {"tau_e_true", "1 2"}});
   io.set("q_resolution", "0.01");
   io.set("tau_gain", "1.5 1");
@@ -391,7 +391,7 @@ TEST(Sensors, HaveNoiseOfTheGivenDeviationThatIsTheSameForTheSameSeed) {
 }
 
 // (1 − e^(−2π f t)) of a step, for any step length.
-TEST(Sensors, TellTheExternalTorqueBehindItsLowPass) {
+TEST(Sensors, MeasureTheExternalTorqueThroughTheLowPass) {
   Subject io("joints=1&link=sensors", {{"tau_e_cutoff", "5"}});
   io.initialise();
   io.set("tau_e_true", "3");

@@ -292,7 +292,7 @@ TEST(Motion, OutputsDependOnTimeAloneAndStepsAllocateNothing) {
   }
 }
 
-TEST(Motion, WordsThatMeanNothingAreErrorsThatListTheOthers) {
+TEST(Motion, UnknownWordsAreErrorsThatListTheValidOnes) {
   EXPECT_EQ(Subject("", {{"loop", "always"}}).error_of_initialise(),
             "motion: loop: 'always', expected one of no, repeat, there_and_back");
   EXPECT_THAT(Subject("", {{"limits", "x"}}).error_of_initialise(), HasSubstr("expected one of error, warn, stretch, ignore"));
@@ -305,7 +305,7 @@ TEST(Motion, WordsThatMeanNothingAreErrorsThatListTheOthers) {
               HasSubstr("expected a part of the 2 s of"));
 }
 
-TEST(Motion, DoubtsTimesThatNoRobotIsLoggedWith) {
+TEST(Motion, WarnsOfImplausibleSamplingTimes) {
   const File file("t,q1\n0,0\n1,0.001\n2,0.002\n3,0.004\n4,0.005\n");  // milliseconds
   Subject seconds("kind=csv", {{"file", file.path()}});
   seconds.initialise();

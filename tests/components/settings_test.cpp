@@ -65,7 +65,7 @@ TEST(Settings, TakeTheQueryBeforeTheDefaultsBeforeTheFallback) {
   EXPECT_THAT(s.defaults_used(), ::testing::ElementsAre("c"));
 }
 
-TEST(Settings, SayWhatIsWrongWithAValue) {
+TEST(Settings, ReportInvalidValues) {
   Settings s = settings("n=7x&on=maybe&colour=blau");
   EXPECT_THAT([&] { s.integer("n"); }, ThrowsMessage<Error>(HasSubstr("n=7x, expected an integer from 0 to 9")));
   EXPECT_THAT([&] { s.boolean("on"); }, ThrowsMessage<Error>(HasSubstr("expected true or false")));
@@ -75,7 +75,7 @@ TEST(Settings, SayWhatIsWrongWithAValue) {
   EXPECT_THROW(Settings("line", "n=1&n=2", {}, {}), Error);
 }
 
-TEST(Settings, SayForHowManyUnitsAWrongValueWasGiven) {
+TEST(Settings, ReportForHowManyUnitsAWrongValueWasGiven) {
   Settings s = settings("", {{"colour", "green"}});
   EXPECT_THAT([&] { s.choice("colour"); },
               ThrowsMessage<Error>(HasSubstr("the value is given for all units, for one: --set COMPONENT.colour=")));
@@ -107,7 +107,7 @@ TEST(MakeUnit, BuildsDeclaresAndWarns) {
   EXPECT_THAT(used, ::testing::ElementsAre("length"));
 }
 
-TEST(MakeUnit, NamesWhatItDoesNotKnow) {
+TEST(MakeUnit, NamesUnknownUnitsAndSettings) {
   EXPECT_THAT([] { make_unit("unit:lime", {}, {}, kTypes); }, ThrowsMessage<Error>(HasSubstr("did you mean 'line'?")));
   EXPECT_THAT([] { make_unit("unit:line?lenght=2", {}, {}, kTypes); },
               ThrowsMessage<Error>(HasSubstr("did you mean 'length'?")));
@@ -125,7 +125,7 @@ TEST(Apply, WritesAParameterSetAndConvertsItsMeasures) {
   EXPECT_THAT(line.variables.at("x").reals(), ::testing::ElementsAre(1.0, 0.25, 4.0));
 }
 
-TEST(Apply, NamesThePlaceOfWhatDoesNotFit) {
+TEST(Apply, NamesThePlaceOfAnInvalidValue) {
   const Instance line = make_unit("unit:line", {}, {}, kTypes);
   const auto applying = [&](ParameterValue value) {
     return [&line, value] { apply(ParameterSet{"", {value}, {}}, line.variables); };

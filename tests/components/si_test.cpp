@@ -133,7 +133,7 @@ TEST(Measures, AreRefusedWithTheWordThatIsWrong) {
   EXPECT_THROW(parse(std::string(100'000, 'm')), Error);
 }
 
-TEST(Measures, OfRandomTextAreReadOrRefusedButNothingElse) {
+TEST(Measures, OfRandomTextAreReadOrRefused) {
   const std::string alphabet = "Nmsradkg1290-+^*./() %°µ²⁻";
   std::mt19937 random(20261120);
   int read = 0;
@@ -150,7 +150,7 @@ TEST(Measures, OfRandomTextAreReadOrRefusedButNothingElse) {
   EXPECT_GT(read, 1000);
 }
 
-TEST(Conversion, OfEveryPrefixIsThePowerOfTenItself) {
+TEST(Conversion, OfEveryPrefixIsExactlyAPowerOfTen) {
   const std::pair<const char*, double> prefixes[] = {
       {"Y", 1e24}, {"Z", 1e21}, {"E", 1e18},  {"P", 1e15},  {"T", 1e12},  {"G", 1e9},   {"M", 1e6},
       {"k", 1e3},  {"h", 1e2},  {"da", 1e1},  {"d", 1e-1},  {"c", 1e-2},  {"m", 1e-3},  {"u", 1e-6},
@@ -222,7 +222,7 @@ TEST(Convertible, HoldsForTheSameExponentsAndTheRadianCounts) {
   EXPECT_FALSE(convertible(parse("Hz"), parse("rad/s")));
 }
 
-TEST(Definitions, OfAFileMeanWhatTheySay) {
+TEST(Definitions, OfAFileAreUsed) {
   UnitDefinition d;
   d.name = "Grad Celsius";
   d.K = 1;

@@ -172,7 +172,7 @@ TEST(Tuner, FindsTheRobotBehindTheTorques) {
   EXPECT_LT(std::sqrt(error / error_of_prior), 0.05);
 }
 
-TEST(Tuner, HasThePriorInItsOutputsBeforeItHasFoundAnything) {
+TEST(Tuner, OutputsThePriorBeforeTheFirstResult) {
   Subject tuner = tuner_of_planar2();
   tuner.initialise();
   EXPECT_EQ(tuner["mass"][0], 6);
@@ -181,7 +181,7 @@ TEST(Tuner, HasThePriorInItsOutputsBeforeItHasFoundAnything) {
 }
 
 // The drive train divides by B: torques of a robot without motors must not give a B that the drive train refuses.
-TEST(Tuner, TellsMotorInertiaThatADriveTrainCanTake) {
+TEST(Tuner, OutputsMotorInertiaThatADriveTrainAccepts) {
   const robot::RobotModel real = robot::perturbed(planar(), 0.3, 5);
   Measured measured(real);
   Subject tuner = tuner_of_planar2("&motor_inertia=true");
@@ -198,7 +198,7 @@ TEST(Tuner, TellsMotorInertiaThatADriveTrainCanTake) {
   ASSERT_NO_THROW(drive.initialise());
 }
 
-TEST(Tuner, AdoptsAResultJustWhenItsLatencyIsOver) {
+TEST(Tuner, OutputsAResultExactlyAfterItsLatency) {
   Measured measured(robot::perturbed(planar(), 0.2, 1));
   Subject tuner = tuner_of_planar2();
   run(tuner, measured, 0, 4.498);
@@ -227,7 +227,7 @@ TEST(Tuner, NeverWaitsWhereItMustNot) {
   EXPECT_EQ(tuner.integer("tunings"), 0) << "100 000 rounds take longer than 10 ms";
 }  // and the thread ends with its unit, during the search
 
-TEST(Tuner, TakesALateResultWhenItIsThereAndCountsIt) {
+TEST(Tuner, UsesALateResultOnArrivalAndCountsIt) {
   Measured measured(robot::perturbed(planar(), 0.2, 2));
   Subject tuner = tuner_of_planar2("&wait=false");
   tuner.set("latency", "0");
@@ -312,12 +312,12 @@ TEST(Tuner, TakesItsStepsBack) {
   EXPECT_EQ(trace(tuner, measured, 4.6, 8.7), later);
 }
 
-TEST(Tuner, OnAClockCannotBeTakenBackForItsResultsComeWhenTheyAreThere) {
+TEST(Tuner, InRealTimeCannotBeRestoredBecauseResultsComeAtAnyTime) {
   EXPECT_TRUE(tuner_of_planar2().unit().restorable());
   EXPECT_FALSE(tuner_of_planar2("&wait=false").unit().restorable());
 }
 
-TEST(Tuner, RefusesMemoriesThatNoTunerWrote) {
+TEST(Tuner, RefusesInvalidMemories) {
   Measured measured(planar());
   const auto error_of = [&](const std::string& name, const std::function<void(std::string&)>& spoil) -> std::string {
     Subject tuner = tuner_of_planar2();
@@ -336,7 +336,7 @@ TEST(Tuner, RefusesMemoriesThatNoTunerWrote) {
   EXPECT_THAT(error_of("sought", [](std::string& text) { text[10] = 'o'; }), HasSubstr("sought: has characters"));
 }
 
-TEST(Tuner, RefusesStatesInWhichNumbersCannotBe) {
+TEST(Tuner, RefusesStatesWithInvalidNumbers) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   Measured measured(planar());
   Subject source = tuner_of_planar2();
@@ -385,7 +385,7 @@ TEST(Tuner, RefusesStatesInWhichNumbersCannotBe) {
 
 // A state that a host saved before initialisation has no texts, and a state that was changed may have none, too. The steps
 // afterwards allocate nothing, whether the unit was initialised or not.
-TEST(Tuner, GoesOnFromAStateWithoutTextsAsFromNoSamples) {
+TEST(Tuner, ContinuesFromAStateWithoutTextsAsWithoutSamples) {
   Measured measured(robot::perturbed(planar(), 0.2, 3));
   const Snapshot unborn = tuner_of_planar2().save();
   for (const bool initialised : {false, true}) {
@@ -413,7 +413,7 @@ TEST(Tuner, GoesOnFromAStateWithoutTextsAsFromNoSamples) {
   }
 }
 
-TEST(Tuner, OnAClockWritesNoTextsThatNobodyCanTake) {
+TEST(Tuner, InRealTimeWritesNoStateTexts) {
   Measured measured(robot::perturbed(planar(), 0.2, 2));
   Subject tuner = tuner_of_planar2("&wait=false");
   tuner.set("rounds", "10");
@@ -461,7 +461,7 @@ TEST(Tuner, KeepsAHistoryOfWhatItFound) {
   EXPECT_EQ(tuner.robot().bodies[0].inertia.mass, subject["mass"][0]);
 }
 
-TEST(Tuner, LeavesOutSamplesThatAreNoNumbersAndSaysSo) {
+TEST(Tuner, IgnoresSamplesWithNaNAndReportsIt) {
   Measured measured(planar());
   Subject tuner = tuner_of_planar2();
   run(tuner, measured, 0, 1);
@@ -491,7 +491,7 @@ TEST(Tuner, LeavesOutSamplesThatTheFilterCannotFollow) {
 }
 
 // The filter restarts after a gap: the jump across it is not an acceleration.
-TEST(Tuner, LearnsNothingFalseFromGaps) {
+TEST(Tuner, IsNotMisledByGaps) {
   Measured measured(robot::perturbed(planar(), 0.2, 2));
   Subject tuner = tuner_of_planar2();
   tuner.set("settle", "0.1");
@@ -556,7 +556,7 @@ TEST(BodyTunables, AreFollowedByTheControllerWithoutAJump) {
   EXPECT_LT(largest, 0.02 * expected);
 }
 
-TEST(BodyTunables, AreFollowedByTheDriveTrainAndItsEnergyKnows) {
+TEST(BodyTunables, AreFollowedByTheDriveTrainAndItsEnergy) {
   Subject drive("unit:drive_train?robot=planar2");
   drive.initialise();
   const double before = drive["energy_potential"][0];
@@ -569,7 +569,7 @@ TEST(BodyTunables, AreFollowedByTheDriveTrainAndItsEnergyKnows) {
   EXPECT_NEAR(drive["energy_potential"][0] - before, 9.81 * 0.5, 1e-3);  // a kilogram at the height of the shoulder
 }
 
-TEST(BodyTunables, RefuseABodyThatCannotBe) {
+TEST(BodyTunables, RefuseAnUnphysicalBody) {
   Subject drive("unit:drive_train?robot=planar2");
   drive.initialise();
   drive["inertia"][3] = -1;

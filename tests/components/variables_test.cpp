@@ -70,14 +70,14 @@ TEST(Variables, RefuseAnEssentialOutput) {
   EXPECT_TRUE(v.at("u").essential);
 }
 
-TEST(Variables, NameTheClosestOneForASlip) {
+TEST(Variables, SuggestTheClosestNameForAMisspeltOne) {
   Members m;
   const Variables v = declare(m);
   EXPECT_EQ(v.find("taw"), nullptr);
   EXPECT_THAT([&] { (void)v.at("taw"); }, ThrowsMessage<Error>(HasSubstr("did you mean 'tau'?")));
 }
 
-TEST(Variables, NameElementValueAndRangeOfWhatLiesOutside) {
+TEST(Variables, NameElementValueAndRangeOfAValueOutside) {
   Members m;
   const Variables v = declare(m);
   EXPECT_NO_THROW(v.check_ranges());
@@ -93,7 +93,7 @@ TEST(Variables, NameElementValueAndRangeOfWhatLiesOutside) {
   EXPECT_THAT([&] { v.check_ranges(); }, ThrowsMessage<Error>(HasSubstr("q[2] = nan rad, expected a number")));
 }
 
-TEST(Variables, SayWhatANumberMayBe) {
+TEST(Variables, DescribeTheirRange) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   double x = 0;
   Variables v;

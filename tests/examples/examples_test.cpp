@@ -215,7 +215,7 @@ RunResult run_script(std::vector<std::string> environment, const std::string& sc
 
 class Script : public ::testing::TestWithParam<std::string> {};
 
-TEST_P(Script, SaysWhereTheProgramAndThePublicDataAreExpected) {
+TEST_P(Script, ReportsAMissingProgramAndMissingPublicData) {
   const TemporaryFolder folder("example");
   const RunResult no_program = run_script({"COTWIN=/nowhere/cotwin"}, GetParam(), folder);
   EXPECT_EQ(no_program.code, 2);

@@ -107,7 +107,7 @@ TEST_P(BothWays, TheVariablesAreTheSame) {
   }
 }
 
-TEST_P(BothWays, NothingIsAskedForThatIsNotDeclared) {
+TEST_P(BothWays, OnlyDeclaredCapabilitiesAreUsed) {
   LoadOptions options;
   options.process = GetParam().process;
   options.slopes = true;

@@ -58,7 +58,7 @@ TEST_F(Clocks, TickAtTheirTimesWhateverTheStep) {
   }
 }
 
-TEST_F(Clocks, TellWhichOfThemTickedInTheLastStep) {
+TEST_F(Clocks, ReportWhichTickedInTheLastStep) {
   Instance instance = load_clocks();
   instance.unit->initialise({});
   EXPECT_TRUE(ticked(instance, "fixed"));
@@ -71,7 +71,7 @@ TEST_F(Clocks, TellWhichOfThemTickedInTheLastStep) {
   EXPECT_TRUE(ticked(instance, "growing"));
 }
 
-TEST_F(Clocks, ExchangeWhatBelongsToThemWhenTheyTick) {
+TEST_F(Clocks, ExchangeTheirVariablesWhenTheyTick) {
   Instance instance = load_clocks();
   instance.unit->initialise({});
   double expected = 0;
@@ -105,7 +105,7 @@ TEST_F(Clocks, AreTriggeredByABooleanInput) {
 }
 
 // The new interval starts at the event in which it was set: 0, 0.2 s, then 0.3 + 0.05 k.
-TEST_F(Clocks, GoOnWithANewIntervalOfATunableOne) {
+TEST_F(Clocks, ContinueWithANewIntervalOfATunableClock) {
   Instance instance = load_clocks();
   instance.unit->initialise({});
   EXPECT_EQ(run(instance, 0, 0.3, 0.1), StepResult::kDone);
@@ -149,7 +149,7 @@ TEST_F(Clocks, TickInAProcessOfTheirOwn) {
   EXPECT_FALSE(ticked(instance, "sample") && ticked(instance, "alarm"));
 }
 
-TEST_F(Clocks, AreToldAfterTheRun) {
+TEST_F(Clocks, AreReportedAfterTheRun) {
   Instance instance = load_clocks();
   instance.unit->initialise({});
   EXPECT_EQ(run(instance, 0, 1, 0.1), StepResult::kDone);
@@ -158,7 +158,7 @@ TEST_F(Clocks, AreToldAfterTheRun) {
   EXPECT_THAT(notes, Contains("28 ticks of its input clocks"));
 }
 
-TEST_F(Clocks, StandStillAndSaySoWithoutEventMode) {
+TEST_F(Clocks, DoNotTickWithoutEventModeAndReportIt) {
   const Instance instance = load_clocks({}, {{" hasEventMode=\"true\"", ""}});
   EXPECT_THAT(instance.warnings, Contains(HasSubstr("tick in co-simulation with event mode alone")));
 }
@@ -172,7 +172,7 @@ TEST_F(Clocks, AllocateNothingInAStep) {
   EXPECT_EQ(cotwin::testing::allocations(), before);
 }
 
-TEST_F(Clocks, OfScheduledExecutionAloneAreAClearError) {
+TEST_F(Clocks, OfScheduledExecutionOnlyAreAnError) {
   const Edits edits = {
       {"<CoSimulation modelIdentifier=\"clocks\" canHandleVariableCommunicationStepSize=\"true\" "
        "canGetAndSetFMUState=\"true\" canSerializeFMUState=\"true\" hasEventMode=\"true\" "

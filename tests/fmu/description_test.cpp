@@ -74,7 +74,7 @@ TEST(ReadDescription, ReadsArraysAliasesTypesAndSpecialNumbers) {
   EXPECT_THROW(static_cast<void>(elements(d, d.variables[1], {{1, 1ull << 40}})), Error);
 }
 
-TEST(ReadDescription, RefusesWhatCannotBeMeantAndNamesTheLine) {
+TEST(ReadDescription, RefusesInvalidDescriptionsAndNamesTheLine) {
   const std::string a = "<Float64 name='a' valueReference='1'/>";
   const std::pair<std::string, const char*> wrong[] = {
       {"", "md.xml"},
@@ -133,7 +133,7 @@ TEST(ReadDescription, RefusesWhatCannotBeMeantAndNamesTheLine) {
 }
 
 // Writer and reader check each other.
-TEST(ReadDescription, GivesBackWhatWasWritten) {
+TEST(ReadDescription, ReadsWhatWasWritten) {
   for (const char* name : {"rogue2", "rogue3", "ball2", "ball3"}) {
     const ModelDescription first = parse(description_of(name));
     std::ostringstream xml;
@@ -156,7 +156,7 @@ std::string scalar(const std::string& name, int reference, const std::string& co
          "'>" + content + "</ScalarVariable>";
 }
 
-TEST(ForeignVectors, ArePutTogetherFromScalarsThatAreAlike) {
+TEST(ForeignVectors, AreBuiltFromScalarsWithEqualAttributes) {
   const ModelDescription d = parse(
       fmi2(scalar("q[2]", 2, "<Real start='20' unit='rad'/>") + scalar("u", 9) +
            scalar("q[1]", 1, "<Real start='10' unit='rad'/>") + scalar("q[3]", 3, "<Real start='30' unit='rad'/>") +
@@ -175,7 +175,7 @@ TEST(ForeignVectors, ArePutTogetherFromScalarsThatAreAlike) {
   EXPECT_EQ(find_element(v, "q[0]").variable, nullptr);
 }
 
-TEST(ForeignUnits, AreReadByDefinitionThenByNameAndElseLeftAsTheyAre) {
+TEST(ForeignUnits, AreReadByDefinitionThenByNameAndOtherwiseKept) {
   const std::string xml =
       replaced(fmi2(scalar("a", 1, "<Real start='90' unit='deg'/>") + scalar("b", 2, "<Real start='1' unit='mm'/>") +
                     scalar("c", 3, "<Real start='1' unit='K'/>") + scalar("d", 4, "<Real start='20' unit='degC'/>") +
@@ -206,7 +206,7 @@ TEST(ForeignUnits, AreReadByDefinitionThenByNameAndElseLeftAsTheyAre) {
   EXPECT_THAT(foreign.warnings(), ElementsAre(HasSubstr("unit 'foo'")));
 }
 
-TEST(CheckDescription, FindsNothingInGoodOnes) {
+TEST(CheckDescription, FindsNothingInValidDescriptions) {
   for (const char* name : {"rogue3", "ball2", "ball3"}) {
     for (const Finding& finding : check_description(parse(description_of(name)))) ADD_FAILURE() << name << ": " << finding.text;
   }
@@ -294,7 +294,7 @@ TEST(ReadDescription, MoreVariablesThanAnyFmuHasAreRefused) {
   EXPECT_THAT([&] { parse(fmi3(variables)); }, ThrowsMessage<Error>(HasSubstr("more than 2000000 variables")));
 }
 
-TEST(ReadDescription, TheStructureMayStandBeforeTheVariables) {
+TEST(ReadDescription, TheStructureMayPrecedeTheVariables) {
   for (const bool two : {true, false}) {
     const std::string xml = many(10, two);
     const std::size_t a = xml.find("<ModelVariables>"), b = xml.find("<ModelStructure>"),

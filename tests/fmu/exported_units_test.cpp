@@ -155,13 +155,13 @@ class ExportedUnits : public ::testing::TestWithParam<Subject> {
 /// What depends on the unit and not on its settings.
 class ExportedLibraries : public ExportedUnits {};
 
-TEST_P(ExportedUnits, DescribesItselfAsTheStandardWantsIt) {
+TEST_P(ExportedUnits, HasADescriptionThatFollowsTheStandard) {
   const auto standard = request_.version == Version::k2 ? cotwin::testing::Standard::kFmi2 : cotwin::testing::Standard::kFmi3;
   const std::string xml = testing::read_text(fmu_->folder() / "modelDescription.xml");
   EXPECT_THAT(cotwin::testing::faults(xml, standard), ::testing::IsEmpty());
 }
 
-TEST_P(ExportedUnits, DescribesItselfAsTheSchemaWantsIt) {
+TEST_P(ExportedUnits, HasADescriptionThatTheSchemaAccepts) {
   const bool two = request_.version == Version::k2;
   const fs::path schema = fs::path(places::shared()) / "data/schemas" /
                           (two ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
@@ -412,7 +412,7 @@ TEST_P(ExportedLibraries, LoadWhereverGlibcIs228OrNewer) {
   testing::expect_loads_with_old_glibc(fmu_->library(), run_command({"objdump", "-T", fmu_->library()}).out);
 }
 
-TEST_P(ExportedLibraries, LeaveNothingOfThisMachineInTheArchive) {
+TEST_P(ExportedLibraries, HaveNoPathsOfThisMachineInTheArchive) {
   for (const ArchiveEntry& entry : list_archive(archive_)) {
     if (entry.name.ends_with(".so") || entry.name.starts_with("documentation/licenses/")) continue;
     const std::string content = read_archive_file(archive_, entry.name);
@@ -421,7 +421,7 @@ TEST_P(ExportedLibraries, LeaveNothingOfThisMachineInTheArchive) {
 }
 
 // A symbol that old systems lack is an error when a unit is linked: here arc4random, of glibc 2.36.
-TEST(OldGlibc, LacksWhatIsNewer) {
+TEST(OldGlibc, LacksNewerSymbols) {
   const std::string folder = COTWIN_OLD_GLIBC;
   if (folder.empty()) GTEST_SKIP() << "exported units are linked against this machine's glibc";
   const TemporaryFolder sources;

@@ -204,12 +204,12 @@ std::string to_xml(const ModelDescription& d) {
 
 class Description : public ::testing::TestWithParam<Version> {};
 
-TEST_P(Description, FollowsTheStandardWithEverythingThatCanBeSaid) {
+TEST_P(Description, FollowsTheStandardWithEveryElement) {
   const auto standard = GetParam() == Version::k2 ? cotwin::testing::Standard::kFmi2 : cotwin::testing::Standard::kFmi3;
   EXPECT_THAT(cotwin::testing::schema_faults(to_xml(full(GetParam())), standard), ::testing::IsEmpty());
 }
 
-TEST_P(Description, ValidatesWithEverythingThatCanBeSaid) {
+TEST_P(Description, ValidatesWithEveryElement) {
   const bool two = GetParam() == Version::k2;
   const fs::path schema = fs::path(places::shared()) / "data/schemas" /
                           (two ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
@@ -234,7 +234,7 @@ TEST(Description, RefersByIndexInFmi2AndByReferenceInFmi3) {
   EXPECT_THAT(to_xml(full(Version::k3)), HasSubstr("<Start value=\"00ff\"/>"));
 }
 
-TEST(Description, RefusesToSayInFmi2WhatOnlyFmi3Has) {
+TEST(Description, RefusesInFmi2WhatOnlyFmi3Has) {
   ModelDescription d = full(Version::k2);
   d.variables[1].dimensions = {{3, {}}};
   EXPECT_THAT([&] { to_xml(d); }, ThrowsMessage<Error>(HasSubstr("FMI 2 does not have")));
@@ -243,7 +243,7 @@ TEST(Description, RefusesToSayInFmi2WhatOnlyFmi3Has) {
   EXPECT_THAT([&] { to_xml(d); }, ThrowsMessage<Error>(HasSubstr("Int64")));
 }
 
-TEST(Description, WritesNumbersThatAreNoneAsXmlSchemaDoes) {
+TEST(Description, WritesNaNAndInfinityAsXmlSchemaDoes) {
   ModelDescription d = full(Version::k3);
   d.variables[1].start = std::vector<double>{-HUGE_VAL, HUGE_VAL, std::nan("")};
   d.variables[1].dimensions = {{3, {}}};
@@ -295,7 +295,7 @@ class Archives : public ::testing::Test {
   fs::path archive_ = own_.path() / "x.fmu";
 };
 
-TEST_F(Archives, ComeBackAsTheyWereWritten) {
+TEST_F(Archives, AreReadAsTheyWereWritten) {
   const fs::path file = own_.path() / "source.bin";
   const std::string big(3'000'000, 'x');
   std::ofstream(file, std::ios::binary) << big;
@@ -324,7 +324,7 @@ TEST_F(Archives, AreTheSameBytesForTheSameFiles) {
   EXPECT_EQ(read(archive_), first);
 }
 
-TEST_F(Archives, AreRefusedWhenTheyReachOutOfTheirFolder) {
+TEST_F(Archives, AreRefusedWhenNamesLeaveTheirFolder) {
   for (const char* name : {"../evil", "a/../../evil", "/etc/passwd", "C:/evil", "a\\..\\..\\evil", "a//b", "./a", "a\nb"}) {
     write_raw(archive_, {{"modelDescription.xml", "<x/>"}, {name, "evil"}});
     EXPECT_THROW(unpack_archive(archive_), Error) << name;
@@ -412,7 +412,7 @@ TEST(FileUri, ReadsEveryFormThatHostsWrite) {
   }
 }
 
-TEST(FileUri, ComesBackAsThePathItWasMadeOf) {
+TEST(FileUri, ConvertsBackToThePath) {
   for (const char* path : {"/data/a b", "/data/100% sure?", "/data/größer#1", "/data/a+b&c=d"}) {
     EXPECT_EQ(path_from_uri(uri_from_path(path)), fs::path(path));
   }
@@ -483,7 +483,7 @@ TEST_F(Archives, AreRefusedForWhatTheyDeclareBeforeAnythingIsUnpacked) {
   refused("is no name of a file, expected 1 to 1000 bytes");
 }
 
-TEST_F(Archives, ThatAreNoFilesAreNotWaitedFor) {
+TEST_F(Archives, OpeningAFifoDoesNotBlock) {
   fs::remove(archive_);
   ASSERT_EQ(mkfifo(archive_.c_str(), 0600), 0);
   alarm(60);

@@ -106,7 +106,7 @@ TEST_F(Import, PassesRatesOnAsInputDerivatives) {
 const Edits kSlopes2 = {{"canInterpolateInputs", "maxOutputDerivativeOrder=\"1\" canInterpolateInputs"}};
 const Edits kSlopes3 = {{"hasEventMode", "maxOutputDerivativeOrder=\"1\" hasEventMode"}};
 
-TEST_F(Import, AsksForTheSlopesOfOutputsIfItIsTold) {
+TEST_F(Import, GetsTheSlopesOfOutputsOnRequest) {
   const LoadOptions slopes = read_query("slopes=true", {});
   const std::string name = "der(" + std::string(kPosition) + ")";
   EXPECT_EQ(load2(kPolite2, {}, kSlopes2).variables.find(name), nullptr) << "nobody asked";
@@ -155,7 +155,7 @@ const Edits kSlopesOfSome2 = {
     {"<InitialUnknowns><Unknown index=\"2\"/><Unknown index=\"7\"/><Unknown index=\"9\"/>",
      "<InitialUnknowns><Unknown index=\"1\"/><Unknown index=\"3\"/><Unknown index=\"8\"/><Unknown index=\"10\"/>"}};
 
-TEST_F(Import, TakesTheSlopeOfTheLastStepWhereAnFmuRefusesToTellIt) {
+TEST_F(Import, UsesTheSlopeOfTheLastStepIfAnFmuRefusesToProvideIt) {
   LoadOptions options = read_query("slopes=true", {});
   for (const char* process : {"shared", "own"}) {
     options.process = process;
@@ -190,7 +190,7 @@ TEST_F(Import, TakesTheSlopeOfTheLastStepWhereAnFmuRefusesToTellIt) {
   }
 }
 
-TEST_F(Import, RefusesSlopesThatAnFmuDoesNotTell) {
+TEST_F(Import, RefusesSlopesThatAnFmuDoesNotProvide) {
   const LoadOptions slopes = read_query("slopes=true", {});
   EXPECT_THAT([&] { load2(kPolite2, slopes); },
               ThrowsMessage<Error>(HasSubstr("rogue2.fmu: slopes=true: the FMU tells no derivatives of outputs, expected")));
@@ -229,7 +229,7 @@ TEST_F(Import, GivesADiscardedStepBackToTheMaster) {
   EXPECT_DOUBLE_EQ(real(instance, kPosition), 0.02);
 }
 
-TEST_F(Import, TellsWhatTheFmuLoggedWithItsError) {
+TEST_F(Import, ReportsTheLogOfTheFmuWithItsError) {
   Instance instance = load2(kError2);
   instance.unit->initialise({});
   EXPECT_EQ(run(instance, 0, 0.9, 0.1), StepResult::kDone);
@@ -244,7 +244,7 @@ TEST_F(Import, TellsWhatTheFmuLoggedWithItsError) {
   EXPECT_NEAR(real(instance, kPosition), 1, 1e-12);
 }
 
-TEST_F(Import, TellsWhyAnFmuRefusesToBeInstantiatedAndLeavesNothingBehind) {
+TEST_F(Import, ReportsWhyInstantiationFailsAndLeavesNoFiles) {
   const std::size_t before = temporary_folders();
   LoadOptions options;
   options.instance_name = "refused";
@@ -259,7 +259,7 @@ TEST_F(Import, TellsWhyAnFmuRefusesToBeInstantiatedAndLeavesNothingBehind) {
       ThrowsMessage<Error>(HasSubstr("no instance")));
 }
 
-TEST_F(Import, TellsWhyInitialisationFails) {
+TEST_F(Import, ReportsWhyInitialisationFails) {
   Instance instance = load2(kNoInitialisation2);
   EXPECT_THAT([&] { instance.unit->initialise({}); }, ThrowsMessage<Error>(HasSubstr("no initial values can be found")));
   integer(instance, "mode") = kPolite2;
@@ -277,7 +277,7 @@ TEST_F(Import, CallsNothingAfterAFatalError) {
   EXPECT_THAT([&] { (void)step(instance, 0, 1); }, ThrowsMessage<Error>(HasSubstr("returned fatal; the FMU says: [fatal")));
 }
 
-TEST_F(Import, EndsTheRunWhereTheFmuWantsIt) {
+TEST_F(Import, EndsTheRunWhenTheFmuRequestsIt) {
   Instance instance = load2(kTerminate2);
   instance.unit->initialise({});
   EXPECT_EQ(run(instance, 0, 0.9, 0.1), StepResult::kDone);
@@ -295,7 +295,7 @@ TEST_F(Import, WaitsForAStepThatIsPending) {
   EXPECT_NEAR(real(instance, kPosition), 1, 1e-12);
 }
 
-TEST_F(Import, StepsAnFmuEquallyThatDemandsIt) {
+TEST_F(Import, UsesAConstantStepIfTheFmuRequiresIt) {
   Instance instance = load2(
       kPolite2, {}, {{"canHandleVariableCommunicationStepSize=\"true\"", "canHandleVariableCommunicationStepSize=\"false\""}});
   instance.unit->initialise({});
@@ -304,7 +304,7 @@ TEST_F(Import, StepsAnFmuEquallyThatDemandsIt) {
               ThrowsMessage<Error>(HasSubstr("equal communication steps, got 0.05 s after 0.1 s")));
 }
 
-TEST_F(Import, BeginsAfreshWithResetOrWithAnotherInstance) {
+TEST_F(Import, StartsAgainWithAnotherInstance) {
   for (const char* name : {"any", "no reset"}) {
     LoadOptions options;
     options.instance_name = name;
@@ -355,13 +355,13 @@ TEST_F(Import, RefusesASnapshotWithoutTheFmusState) {
               ThrowsMessage<Error>(HasSubstr("no state of this FMU")));
 }
 
-TEST_F(Import, IsNotDrownedByAFloodOfMessages) {
+TEST_F(Import, LimitsAFloodOfMessages) {
   Instance instance = load2(kFlood2);
   instance.unit->initialise({});
   EXPECT_EQ(run(instance, 0, 0.2, 1e-3), StepResult::kDone);  // 200 000 messages of 3000 characters
 }
 
-TEST(ForeignMessages, StayFewAndShortAndLeaveTheTerminalAlone) {
+TEST(ForeignMessages, AreLimitedInNumberAndLengthAndHaveNoControlCharacters) {
   Messages messages;
   for (int i = 0; i < 10'000; ++i) messages.add("warning", "all", std::to_string(i) + std::string(100'000, 'x'));
   messages.add("error", "", "\x1b[2Jlast\n");
@@ -485,7 +485,7 @@ TEST_F(Import, AsksForAnEarlyReturnWhereAnIntermediateUpdateIsRefused) {
                                                     HasSubstr("returns early as it was asked to"))));
 }
 
-TEST_F(Import, GivesTheCallbackToAnFmuThatNeedsItEvenIfNoInputIsSetThere) {
+TEST_F(Import, PassesTheCallbackToAnFmuThatNeedsItEvenIfNoInputIsSetInIt) {
   Instance instance = load(make_fmu("rogue3", folder_.path(), {{" intermediateUpdate=\"true\"", ""}}));
   integer(instance, "mode") = kNeedsCallback3;
   instance.unit->initialise({});
@@ -493,7 +493,7 @@ TEST_F(Import, GivesTheCallbackToAnFmuThatNeedsItEvenIfNoInputIsSetThere) {
   EXPECT_EQ(step(instance, 0, 0.1), StepResult::kDone);
 }
 
-TEST_F(Import, TellsAfterwardsWhatTheFmuAskedFor) {
+TEST_F(Import, ReportsTheRequestsOfTheFmuAfterwards) {
   Instance polite = load3(), discards = load3(kDiscards3);
   polite.unit->initialise({});
   EXPECT_EQ(run(polite, 0, 1, 0.01), StepResult::kDone);
@@ -529,7 +529,7 @@ TEST_F(Import, CarriesBinariesAsHexadecimalDigitsAndLargeIntegersAsReals) {
   EXPECT_THAT([&] { (void)step(instance, 0.01, 0.01); }, ThrowsMessage<Error>(HasSubstr("hexadecimal")));
 }
 
-TEST_F(Import, DoesNotFollowAnFmuThatStandsStillOrLeavesTime) {
+TEST_F(Import, RefusesAnFmuThatDoesNotAdvanceOrPassesTheEndOfItsStep) {
   Instance still = load3(kStandsStill3);
   still.unit->initialise({});
   EXPECT_THAT([&] { (void)step(still, 0, 0.01); }, ThrowsMessage<Error>(HasSubstr("again and again, at 0 s, before 0.01 s")));
@@ -563,7 +563,7 @@ TEST_F(Import, RestoresStatesThatStayInTheFmuAsLongAsTheyAreKept) {
   EXPECT_THAT([&] { early.restore(instance.variables, *instance.unit); }, ThrowsMessage<Error>(HasSubstr("no longer kept")));
 }
 
-TEST_F(Import, KeepsStartValuesThatNobodyChangedWhereItBeginsAfresh) {
+TEST_F(Import, KeepsUnchangedStartValuesInANewInstance) {
   // `y` of rogue2 with a start value: exact, and changed by the steps.
   Instance instance =
       load2(kPolite2, {}, {{"initial=\"calculated\"><Real unit=\"m\"/>", "initial=\"approx\"><Real start=\"0\" unit=\"m\"/>"}});

@@ -90,7 +90,7 @@ TEST_P(Interface, NamesItsVersion) {
   }
 }
 
-TEST_P(Interface, CarriesValuesOfEveryKindBothWays) {
+TEST_P(Interface, SetsAndGetsValuesOfEveryKind) {
   Driver d(*fmu_);
   ASSERT_TRUE(d.alive()) << d.last_message();
   EXPECT_EQ(set<double>(d, "u", {1, 2, 3}), kOk);
@@ -221,7 +221,7 @@ TEST_P(Interface, AnswersCallsWithoutAnInstance) {
   fmu_->function<void (*)(void*)>(GetParam() == Version::k2 ? "fmi2FreeInstance" : "fmi3FreeInstance")(nullptr);
 }
 
-TEST_P(Interface, SaysOfWhatItDoesNotOfferThatItDoesNot) {
+TEST_P(Interface, ReportsFunctionsThatItDoesNotSupport) {
   Driver d(*fmu_);
   d.initialise();
   double x = 0;
@@ -258,7 +258,7 @@ TEST_P(Interface, RefusesAWrongToken) {
   EXPECT_THAT(d.last_message(), HasSubstr("token"));
 }
 
-TEST_P(Interface, FindsItsResourcesHoweverTheHostWritesTheirPlace) {
+TEST_P(Interface, FindsItsResourcesForEveryFormOfPath) {
   const std::string path = (fmu_->folder() / "resources").string();
   std::vector<std::string> places;
   if (GetParam() == Version::k2) {
@@ -278,7 +278,7 @@ TEST_P(Interface, FindsItsResourcesHoweverTheHostWritesTheirPlace) {
   }
 }
 
-TEST_P(Interface, FindsItsResourcesBesideTheLibraryIfTheHostGivesNone) {
+TEST_P(Interface, FindsItsResourcesBesideTheLibraryIfTheHostPassesNoPath) {
   Driver::Options options;
   options.null_resources = true;
   EXPECT_TRUE(Driver(*fmu_, options).alive());
@@ -320,7 +320,7 @@ TEST_P(Interface, LogsOnlyDeclaredCategoriesAndOnlyWhenAskedTo) {
   EXPECT_EQ(d.log().size(), 2u);
 }
 
-TEST_P(Interface, TellsTheUnitsWarningsOnce) {
+TEST_P(Interface, LogsTheUnitsWarningsOnce) {
   pack("unit:probe?warn=true");
   Driver d(*fmu_);
   ASSERT_EQ(d.log().size(), 1u);
@@ -365,7 +365,7 @@ TEST_P(Interface, TurnsWhatTheUnitThrowsIntoAnError) {
   EXPECT_THAT(d.last_message(), HasSubstr("not to my liking"));
 }
 
-TEST_P(Interface, TellsThatTheUnitAsksForTheEndOfTheRun) {
+TEST_P(Interface, ReportsThatTheUnitRequestsTheEndOfTheRun) {
   Driver d(*fmu_);
   d.initialise();
   EXPECT_EQ(d.step(0, 0.5), kOk);
@@ -380,7 +380,7 @@ TEST_P(Interface, TellsThatTheUnitAsksForTheEndOfTheRun) {
   EXPECT_EQ(d.terminate(), kOk);
 }
 
-TEST_P(Interface, NamesTheOutputThatIsNoNumberAnyMore) {
+TEST_P(Interface, NamesTheOutputThatBecameNaN) {
   Driver d(*fmu_);
   d.initialise();
   EXPECT_EQ(set<std::int32_t>(d, "demand", {3}), kOk);
@@ -421,7 +421,7 @@ TEST_P(Interface, LosesNoTimeInStepsThatAreNoWholeNanoseconds) {
   EXPECT_EQ(sum, 1'000'000'000);
 }
 
-TEST_P(Interface, TakesALastStepOfAFewUlpsAsNothing) {
+TEST_P(Interface, TreatsALastStepOfAFewUlpsAsZero) {
   Driver d(*fmu_);
   ASSERT_EQ(d.enter_initialisation(0, 0.3), kOk);
   ASSERT_EQ(d.exit_initialisation(), kOk);
@@ -431,7 +431,7 @@ TEST_P(Interface, TakesALastStepOfAFewUlpsAsNothing) {
   EXPECT_THAT(get<std::int32_t>(d, "steps"), ElementsAre(2));
 }
 
-TEST_P(Interface, RefusesStepsThatGoNowhereOrStartElsewhereOrPassTheEnd) {
+TEST_P(Interface, RefusesStepsOfZeroLengthFromAnotherTimeOrBeyondTheEnd) {
   Driver d(*fmu_);
   ASSERT_EQ(d.enter_initialisation(0, 1.0), kOk);
   ASSERT_EQ(d.exit_initialisation(), kOk);
@@ -463,7 +463,7 @@ TEST_P(InterfaceOfFmi2, FollowsInputDerivatives) {
   EXPECT_EQ(d.set_rates(refs("u"), none, slopes), kErrorStatus);
 }
 
-TEST_P(InterfaceOfFmi2, LeavesOutInputDerivativesThatItCannotFollowAndSaysSoOnce) {
+TEST_P(InterfaceOfFmi2, IgnoresUnsupportedInputDerivativesAndLogsItOnce) {
   Driver d(*fmu_);
   d.initialise();
   const std::vector<int> first(3, 1), second(3, 2), one(1, 1);
@@ -527,7 +527,7 @@ TEST_P(Interface, RestoresASavedStateInTheMiddleOfARun) {
   EXPECT_EQ(d.restore(&stranger), kErrorStatus);
 }
 
-TEST_P(Interface, HandsAStateOnToAFreshInstanceAsBytes) {
+TEST_P(Interface, RestoresASerialisedStateInAFreshInstance) {
   Driver d(*fmu_);
   EXPECT_EQ(set<double>(d, "u", {1, 2, 3}), kOk);
   EXPECT_EQ(set<double>(d, "limit", {3}), kOk);
@@ -574,7 +574,7 @@ TEST_P(Interface, RefusesAStateThatStepsWithoutBeingInitialised) {
   EXPECT_THAT(d.last_message(), HasSubstr("steps without being initialised"));
 }
 
-TEST_P(Interface, RefusesBytesThatAreNoStateOfIts) {
+TEST_P(Interface, RefusesInvalidStates) {
   Driver d(*fmu_);
   void *state = nullptr, *taken = nullptr;
   EXPECT_EQ(d.save(&state), kOk);
@@ -623,7 +623,7 @@ TEST_P(Interface, GivesHundredsOfInstancesThatShareNothing) {
   for (int i = 0; i < 300; ++i) ASSERT_EQ(get<double>(*drivers[static_cast<std::size_t>(i)], "x")[0], i);
 }
 
-TEST_P(Interface, GivesEverythingBackWhenItIsUnloaded) {
+TEST_P(Interface, FreesEverythingWhenItIsUnloaded) {
   if (std::string(COTWIN_SANITIZERS).size() > 0) GTEST_SKIP() << "the heap of the sanitizer cannot be measured";
   const std::filesystem::path archive = fmu_->archive();
   loaded_.clear();  // a library is unloaded when it is no longer used

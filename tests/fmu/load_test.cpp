@@ -177,7 +177,7 @@ TEST_F(Load, GivesEachInstanceALibraryOfItsOwnWhereAProcessMayHoldOneOnly) {
   EXPECT_EQ(store.open(fmu, own), store.open(fmu, own)) << "each process loads the files itself";
 }
 
-TEST_F(Load, SweepsWhatKilledProgramsLeftAndNothingElse) {
+TEST_F(Load, RemovesFilesOfKilledProgramsAndNothingElse) {
   const fs::path root = fs::temp_directory_path();
   const auto make = [&](const char* name, bool old) {
     fs::create_directories(root / name / "binaries");
@@ -266,7 +266,7 @@ TEST_F(Load, RefusesALibraryThatIsCutShortOrForAnotherMachine) {
   expect_refusal(with(other), "raw.fmu: rogue.so: is for another machine, expected x86_64-linux");
 }
 
-TEST_F(Load, ChecksAnFmuByLookingAndByTryingIt) {
+TEST_F(Load, ChecksAnFmuWithAndWithoutLoadingIt) {
   const auto texts = [](const std::vector<Finding>& findings, Finding::Level level) {
     std::vector<std::string> all;
     for (const Finding& f : findings) {
@@ -293,7 +293,7 @@ TEST_F(Load, ChecksAnFmuByLookingAndByTryingIt) {
   EXPECT_THAT(out.str(), HasSubstr("1 errors, 0 warnings"));
 }
 
-TEST_F(Load, TellsWhatAnFmuIs) {
+TEST_F(Load, ReportsTheKindOfAnFmu) {
   std::ostringstream out;
   write_info(out, make_fmu("rogue3", folder_.path()));
   EXPECT_THAT(out.str(),
@@ -302,7 +302,7 @@ TEST_F(Load, TellsWhatAnFmuIs) {
                     HasSubstr("Platforms         x86_64-linux"), HasSubstr("  output  y[3]  Float64")));
 }
 
-TEST(Elf, TellsWhatALibraryShowsAndNeeds) {
+TEST(Elf, FindsExportedSymbolsAndNeededLibraries) {
   const ElfLibrary elf = read_elf(fs::path(places::foreign_libraries()) / "ball2.so");
   EXPECT_EQ(elf.machine, "x86_64");
   EXPECT_THAT(elf.exported, Contains("fmi2GetDerivatives"));
@@ -312,7 +312,7 @@ TEST(Elf, TellsWhatALibraryShowsAndNeeds) {
 }
 
 // This program needs the C++ run-time library, and the glibc of the machine on which it was linked.
-TEST(Elf, TellsTheGreatestVersionOfEachNameAsObjdumpDoes) {
+TEST(Elf, FindsTheNewestVersionOfEachNameAsObjdumpDoes) {
   const fs::path program = fs::read_symlink("/proc/self/exe");
   const ElfLibrary elf = read_elf(program);
   std::map<std::string, std::string> greatest;  // "GLIBCXX": "3.4.30"
@@ -335,7 +335,7 @@ TEST(Elf, TellsTheGreatestVersionOfEachNameAsObjdumpDoes) {
   EXPECT_TRUE(older_version("2.3", "2.3.4"));
 }
 
-TEST(Elf, RefusesWhatIsCutShortOrDamaged) {
+TEST(Elf, RefusesTruncatedAndDamagedFiles) {
   const TemporaryFolder folder;
   const fs::path file = folder.path() / "x.so";
   std::string bytes = read_text(fs::path(places::foreign_libraries()) / "ball2.so");

@@ -99,7 +99,7 @@ TEST_P(ModelExchange, TakesStartValuesAndParametersAndBeginsAfresh) {
   EXPECT_EQ(real(instance, "h"), 0.8);
 }
 
-TEST_P(ModelExchange, GoesOnTheSameWayAfterASnapshotAsAfterItsRestoration) {
+TEST_P(ModelExchange, ContinuesEquallyAfterTakingAndRestoringASnapshot) {
   Instance instance = load_ball();
   instance.unit->initialise({});
   real(instance, "u") = 1;
@@ -153,7 +153,7 @@ TEST_P(ModelExchange, AllocatesNothingInAStep) {
 INSTANTIATE_TEST_SUITE_P(Versions, ModelExchange, ::testing::Values("ball2", "ball3"),
                          [](const auto& subject) { return subject.param; });
 
-TEST(ModelExchangeOfFmi3, DoesNotBelieveAnyNumberOfStates) {
+TEST(ModelExchangeOfFmi3, RefusesTooManyStates) {
   TemporaryFolder folder;
   Instance instance = load(make_fmu("ball3", folder.path()));
   integer(instance, "mode") = 3;

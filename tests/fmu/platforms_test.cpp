@@ -291,7 +291,7 @@ Difference difference(const Piece& piece, std::span<const std::string> a, std::s
   return found;
 }
 
-TEST_P(Played, GivesWhatItGivesHereToRounding) {
+TEST_P(Played, GivesTheSameResultsAsHereToRounding) {
   std::vector<Piece> all;
   for (const Subject& subject : testing::subjects(true)) {
     if (subject.version != version() || !was_built(platform(), parse_unit_source(subject.source).unit)) continue;
@@ -376,7 +376,7 @@ class PackedForPlatforms : public ::testing::Test {
   TemporaryFolder folder_;
 };
 
-TEST_F(PackedForPlatforms, CallsTheirFoldersAsTheVersionOfFmiDoes) {
+TEST_F(PackedForPlatforms, UsesTheFolderNamesOfTheFmiVersion) {
   for (const char* file : {"x86_64-linux/compliance.so", "x86_64-windows/compliance.dll", "aarch64-linux/compliance.so"})
     put(file, "library");
   const std::vector<std::string> fmi2 = {"linux64", "win64", "aarch64-linux"},
@@ -497,7 +497,7 @@ class Dll {
   std::string bytes_;
 };
 
-TEST(Pe, TellsWhatALibraryShowsAndNeeds) {
+TEST(Pe, FindsExportedSymbolsAndNeededLibraries) {
   const TemporaryFolder folder;
   const PeLibrary pe = read_pe(Dll().write(folder.path() / "x.dll"));
   EXPECT_EQ(pe.machine, "x86_64");
@@ -509,7 +509,7 @@ TEST(Pe, TellsWhatALibraryShowsAndNeeds) {
   EXPECT_FALSE(is_part_of_windows("VCRUNTIME140.dll"));
 }
 
-TEST(Pe, RefusesWhatIsCutShortOrDamaged) {
+TEST(Pe, RefusesTruncatedAndDamagedFiles) {
   const TemporaryFolder folder;
   const fs::path file = folder.path() / "x.dll";
   const std::string whole = Dll().bytes();
@@ -532,7 +532,7 @@ TEST(Pe, RefusesWhatIsCutShortOrDamaged) {
   }
 }
 
-TEST(Check, TellsWhatEachPlatformsLibraryNeedsAndWhatIsWrongWithIt) {
+TEST(Check, ListsTheNeedsAndErrorsOfEachPlatformsLibrary) {
   const TemporaryFolder folder;
   const fs::path fmu = folder.path() / "fmu";
   const fs::path libraries = folder.path() / "libraries";

@@ -74,7 +74,7 @@ TEST_F(OwnProcess, GivesTheSameBitsAsInThisOne) {
   }
 }
 
-TEST_F(OwnProcess, CarriesErrorsAndGoesOnAfterThem) {
+TEST_F(OwnProcess, PassesErrorsOnAndContinuesAfterThem) {
   Instance instance = load_rogue(kError);
   instance.unit->initialise({});
   EXPECT_THAT([&] { (void)step(instance, 0, 1); }, ThrowsMessage<Error>(HasSubstr("the sum does not converge")));
@@ -107,14 +107,14 @@ TEST_F(OwnProcess, TurnsAHangIntoAnErrorWithinItsTime) {
   EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(10));
 }
 
-TEST_F(OwnProcess, TellsAtOnceWhatCannotBeLoaded) {
+TEST_F(OwnProcess, ReportsLoadingErrorsAtOnce) {
   LoadOptions options;
   options.process = "own";
   options.instance_name = "refused";
   EXPECT_THAT([&] { load(make_fmu("rogue2", folder_.path()), options); }, ThrowsMessage<Error>(HasSubstr("100% sure")));
 }
 
-TEST_F(OwnProcess, CarriesStatesFromOneProcessToAnother) {
+TEST_F(OwnProcess, PassesStatesFromOneProcessToAnother) {
   Instance one = load_rogue(kPolite), other = load_rogue(kPolite);
   one.unit->initialise({});
   real(one, "u") = 0.3;
@@ -179,7 +179,7 @@ TEST_F(OwnProcess, EndsWithItsParent) {
 }
 
 // When a program with threads forks, another thread may hold a lock, for example during an allocation.
-TEST_F(OwnProcess, BeginsWhateverOtherThreadsAreDoing) {
+TEST_F(OwnProcess, StartsBesideOtherThreads) {
   std::atomic<bool> stop{false};
   std::thread busy([&] {
     while (!stop) std::string(100'000, 'x').shrink_to_fit();
@@ -193,7 +193,7 @@ TEST_F(OwnProcess, BeginsWhateverOtherThreadsAreDoing) {
   busy.join();
 }
 
-TEST_F(OwnProcess, SaysWhichProgramItIsWithout) {
+TEST_F(OwnProcess, ReportsAMissingHostProgram) {
   setenv("COTWIN_FMU_HOST", "/nowhere/host", 1);
   EXPECT_THAT([&] { load_rogue(kPolite); }, ThrowsMessage<Error>(HasSubstr("/nowhere/host: cannot be started: No such file")));
   unsetenv("COTWIN_FMU_HOST");
@@ -225,7 +225,7 @@ class HarmfulFmu : public OwnProcess {
 };
 class AnyHarm : public HarmfulFmu, public ::testing::WithParamInterface<Harm> {};
 
-TEST_P(AnyHarm, IsAnErrorThatSaysHowAndInWhichFunctionAndTheNextAttemptBeginsAfresh) {
+TEST_P(AnyHarm, IsAnErrorWithKindAndFunctionAndTheNextAttemptStartsAfresh) {
   if (kSanitized && std::string_view(GetParam().what) == "reserve") GTEST_SKIP() << "a sanitizer reserves memory itself";
   choose(GetParam());
   const bool lasts = std::string_view(GetParam().told).find("no answer") != std::string_view::npos;
@@ -295,7 +295,7 @@ INSTANTIATE_TEST_SUITE_P(Harms, AnyHarm, ::testing::ValuesIn(kHarms), [](const a
   return name;
 });
 
-TEST_F(HarmfulFmu, TellsACrashAtItsEndWhenNobodyCanCatchIt) {
+TEST_F(HarmfulFmu, CrashingWhileItIsFreedIsReported) {
   for (const auto& [what, where, told] :
        {Harm{"abort", "fmi2Terminate", "fmi2Terminate"}, Harm{"exit", "fmi2FreeInstance", "fmi2FreeInstance"},
         Harm{"hang", "fmi2FreeInstance", "fmi2FreeInstance"}, Harm{"segv", "unload", "the unloading of its library"}}) {
@@ -315,7 +315,7 @@ TEST_F(HarmfulFmu, TellsACrashAtItsEndWhenNobodyCanCatchIt) {
   }
 }
 
-TEST_F(HarmfulFmu, MayWriteWhatItLikesOfWhichTheBeginningIsShown) {
+TEST_F(HarmfulFmu, MayWriteAnythingAndTheBeginningIsShown) {
   choose({"stdout", "fmi2DoStep", ""});
   Instance instance = load_harm();
   instance.unit->initialise({});

@@ -163,13 +163,13 @@ class TwinFmu : public ::testing::TestWithParam<Version> {
   std::unique_ptr<LoadedFmu> fmu_;
 };
 
-TEST_P(TwinFmu, DescribesItselfAsTheStandardWantsIt) {
+TEST_P(TwinFmu, HasADescriptionThatFollowsTheStandard) {
   const auto standard = GetParam() == Version::k2 ? cotwin::testing::Standard::kFmi2 : cotwin::testing::Standard::kFmi3;
   const std::string xml = fmu::testing::read_text(fmu_->folder() / "modelDescription.xml");
   EXPECT_THAT(cotwin::testing::faults(xml, standard), ::testing::IsEmpty());
 }
 
-TEST_P(TwinFmu, DescribesItselfAsTheSchemaWantsIt) {
+TEST_P(TwinFmu, HasADescriptionThatTheSchemaAccepts) {
   const fs::path schema = fs::path(places::shared()) / "data/schemas" /
                           (GetParam() == Version::k2 ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
   if (!fs::exists(schema)) GTEST_SKIP() << "no schema " << schema;
@@ -282,7 +282,7 @@ TEST_P(TwinFmu, StepsSeveralTicksAtOnceToTheSameBits) {
   EXPECT_TRUE(all_bits(single) == all_bits(coarse));
 }
 
-TEST_P(TwinFmu, CutsAnOtherStepIntoTheFewestEqualTicks) {
+TEST_P(TwinFmu, DividesAnyStepIntoTheFewestEqualTicks) {
   Scenario finer = scenario_;
   finer.tick = Duration{750'000};
   Master master = master_of(finer);
@@ -299,7 +299,7 @@ TEST_P(TwinFmu, CutsAnOtherStepIntoTheFewestEqualTicks) {
 INSTANTIATE_TEST_SUITE_P(BothVersions, TwinFmu, ::testing::Values(Version::k2, Version::k3),
                          [](const auto& version) { return version.param == Version::k2 ? "Fmi2" : "Fmi3"; });
 
-TEST(TwinUnit, HasAsOutputsWhatTheScenarioRecordsAndAsInputsWhatNothingFeeds) {
+TEST(TwinUnit, HasRecordedVariablesAsOutputsAndUnconnectedInputsAsInputs) {
   const InProcess twin(example());
   const auto role = [&](const char* name) { return twin.variables.at(name).role; };
   EXPECT_EQ(role("drive.tau_J"), Role::kOutput);  // recorded
@@ -345,7 +345,7 @@ TEST(TwinUnit, RefusesAStateThatIsCutShort) {
   EXPECT_THROW(twin.unit->restore_memory(memory.substr(0, memory.size() - 1)), Error);
 }
 
-TEST(TwinPackage, KeepsWhatTheScenarioSaysAndRefusesDamagedBytes) {
+TEST(TwinPackage, KeepsTheScenarioAndRefusesDamagedBytes) {
   TwinPackage package;
   Scenario& s = package.scenario;
   s.name = "x";

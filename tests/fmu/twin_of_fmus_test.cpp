@@ -243,7 +243,7 @@ TEST_P(TwinOfFmus, SharesNothingBetweenInstancesAndThreads) {
   for (std::size_t k = 0; k < seen.size(); ++k) EXPECT_TRUE(seen[k] == (k % 2 == 0 ? one : two)) << k;
 }
 
-TEST_P(TwinOfFmus, HoldsAnotherTwin) {
+TEST_P(TwinOfFmus, ContainsAnotherTwin) {
   Scenario inner = with_our_fmu(folder_.path(), other());
   pack(inner, other(), folder_.path() / "inner.fmu");
   Scenario outer;
@@ -292,7 +292,7 @@ TEST_P(TwinOfFmus, HoldsTheFilesOfSeveralInstancesOnceUnlessAProcessMayHoldOneOn
   EXPECT_EQ(held({{plain, plain + "canBeInstantiatedOnlyOncePerProcess=\"true\" "}}), 3u);
 }
 
-TEST_P(TwinOfFmus, SaysOfItselfWhatItsFmusAskFor) {
+TEST_P(TwinOfFmus, DeclaresTheRequirementsOfItsFmus) {
   const auto said_with = [&](const std::string& name, const fmu::testing::Edits& edits) {
     make_fmu(name, folder_.path(), edits);
     Scenario scenario;
@@ -312,7 +312,7 @@ TEST_P(TwinOfFmus, SaysOfItselfWhatItsFmusAskFor) {
   EXPECT_TRUE(said_with("ball3", {{plain, plain + "needsExecutionTool=\"true\" "}}).needs_execution_tool);
 }
 
-TEST_P(TwinOfFmus, IsDescribedAsTheStandardWantsIt) {
+TEST_P(TwinOfFmus, HasADescriptionThatFollowsTheStandard) {
   const LoadedFmu loaded(pack(with_strangers(folder_.path(), other()), GetParam(), folder_.path() / "twin.fmu"), "twin",
                          GetParam());
   const auto standard = GetParam() == Version::k2 ? cotwin::testing::Standard::kFmi2 : cotwin::testing::Standard::kFmi3;
@@ -320,7 +320,7 @@ TEST_P(TwinOfFmus, IsDescribedAsTheStandardWantsIt) {
   EXPECT_THAT(cotwin::testing::faults(xml, standard), ::testing::IsEmpty());
 }
 
-TEST_P(TwinOfFmus, IsDescribedAsTheSchemaWantsIt) {
+TEST_P(TwinOfFmus, HasADescriptionThatTheSchemaAccepts) {
   const fs::path schema = fs::path(places::shared()) / "data/schemas" /
                           (GetParam() == Version::k2 ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
   if (!fs::exists(schema)) GTEST_SKIP() << "no schema " << schema;
@@ -337,7 +337,7 @@ TEST_P(TwinOfFmus, IsDescribedAsTheSchemaWantsIt) {
 INSTANTIATE_TEST_SUITE_P(BothVersions, TwinOfFmus, ::testing::Values(Version::k2, Version::k3),
                          [](const auto& version) { return version.param == Version::k2 ? "Fmi2" : "Fmi3"; });
 
-TEST(TwinOfFmusArchive, KeepsTheNamesOfAStrangersVariablesApart) {
+TEST(TwinOfFmusArchive, KeepsTheNamesOfForeignVariablesApart) {
   const fmu::TemporaryFolder folder;
   make_fmu("rogue2", folder.path(), {{"name=\"on\"", "name=\"y_in_mm\""}});  // and there is "y in mm"
   Scenario scenario;
@@ -351,7 +351,7 @@ TEST(TwinOfFmusArchive, KeepsTheNamesOfAStrangersVariablesApart) {
   EXPECT_EQ(pair.variables().at("a_b.longest_step").si, "") << "furlong is not a known unit of measure";
 }
 
-TEST(TwinOfFmusArchive, RefusesWhatAnFmuInsideCannotBe) {
+TEST(TwinOfFmusArchive, RefusesFmusThatCannotBePacked) {
   const fmu::TemporaryFolder folder;
   make_fmu("rogue2", folder.path());
   Scenario scenario;
@@ -379,7 +379,7 @@ TEST(TwinOfFmusArchive, RefusesWhatAnFmuInsideCannotBe) {
   EXPECT_FALSE(fs::exists(folder.path() / "x.fmu"));
 }
 
-TEST(TwinOfFmusArchive, TellsTheHostWhichFmuIsMissing) {
+TEST(TwinOfFmusArchive, ReportsAMissingFmuToTheHost) {
   const fmu::TemporaryFolder folder;
   make_fmu("rogue2", folder.path());
   Scenario scenario;
@@ -433,7 +433,7 @@ TEST(TwinOfFmusArchive, HoldsOneInstanceOfAnFmuAtATime) {
   }
 }
 
-TEST(TwinOfFmusArchive, TellsTheHostWhatItsFmusWarnOf) {
+TEST(TwinOfFmusArchive, PassesTheWarningsOfItsFmusToTheHost) {
   for (const Version version : {Version::k2, Version::k3}) {
     const fmu::TemporaryFolder folder;
     const LoadedFmu loaded(pack(with_only_one(folder.path()), version, folder.path() / "x.fmu"), "twin", version);
@@ -446,7 +446,7 @@ TEST(TwinOfFmusArchive, TellsTheHostWhatItsFmusWarnOf) {
   }
 }
 
-TEST(TwinOfFmusArchive, TakesAlongWhatAnFmusFolderLinksTo) {
+TEST(TwinOfFmusArchive, PacksTheTargetsOfLinksInAnFmusFolder) {
   const fmu::TemporaryFolder folder;
   const Scenario scenario = with_only_one(folder.path());
   const fs::path fmu = folder.path() / "unpacked/rogue2.fmu";
@@ -528,7 +528,7 @@ std::string refusal(const std::string& bytes) {
   return "no error";
 }
 
-TEST(ForeignPackage, KeepsAllThatADescriptionSaysAndRefusesDamagedBytes) {
+TEST(ForeignPackage, KeepsTheWholeDescriptionAndRefusesDamagedBytes) {
   for (const char* name : kStrangers) {
     fmu::ForeignPackage package = package_of(name);
     package.options.structural = {{"n", 4}, {"m", 5}};
@@ -556,7 +556,7 @@ TEST(ForeignPackage, KeepsAllThatADescriptionSaysAndRefusesDamagedBytes) {
   }
 }
 
-TEST(ForeignPackage, WithADamageBehindItsHashIsRefusedOrCanBeBuilt) {
+TEST(ForeignPackage, WithDamageAndACorrectHashIsRefusedOrCanBeBuilt) {
   int refused = 0, built = 0;
   const auto take = [&](const std::string& bytes) {
     fmu::ForeignPackage package;
@@ -592,7 +592,7 @@ TEST(ForeignPackage, WithADamageBehindItsHashIsRefusedOrCanBeBuilt) {
   EXPECT_GT(built, 1000) << "the code after the parser was not reached";
 }
 
-TEST(ForeignPackage, RefusesWhatNoDescriptionSays) {
+TEST(ForeignPackage, RefusesInvalidDescriptions) {
   using fmu::Causality;
   using fmu::ForeignPackage;
   ForeignPackage package = package_of("rogue3");

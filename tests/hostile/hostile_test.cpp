@@ -326,7 +326,7 @@ TEST_F(Hostile, FmusEndWithAMessage) {
   try_no_files(".fmu", fmu_commands);
 }
 
-TEST_F(Hostile, FmusThatUnpackToMoreThanTheyMayAreRefusedBeforehand) {
+TEST_F(Hostile, FmusAboveTheLimitOfExpansionAreRefusedBeforeUnpacking) {
   // 2 GB of modelDescription.xml from 2 MB of archive.
   write("blanks", " ");
   fs::resize_file(folder_ / "blanks", std::uintmax_t{2} << 30);

@@ -144,7 +144,7 @@ TEST_F(Durable, TheSecondRunIntoAFolderIsRefusedAndNamesTheFirst) {
   EXPECT_EQ(content(folder_ / "shared/signals.csv"), straight().first);
 }
 
-TEST_F(Durable, RunJsonSaysWhatTheResultsCameFrom) {
+TEST_F(Durable, RunJsonContainsTheOriginOfTheResults) {
   EXPECT_EQ(run({"run", "arm.ssd", "--out", "one", "--set", "drive.K=9000", "--stop", "0.5"}).code, 0);
   const nlohmann::json one = record("one");
   EXPECT_EQ(one["state"], "complete");
@@ -285,7 +285,7 @@ TEST_F(Durable, RefusesToGoOnWithAnotherScenarioProgramOrMachine) {
   EXPECT_EQ(run({"run", "--resume", "killed"}).code, 0);
 }
 
-TEST_F(Durable, SigtermWhileInitialisingEndsTheProgramAndIsTold) {
+TEST_F(Durable, SigtermDuringInitialisationEndsTheProgramWithAMessage) {
   // Many robots, so that loading takes long enough; the signal is sent as soon as the program has a handler for it.
   std::string text = scenario_text("2"), more;
   for (int i = 0; i < 4000; ++i)
@@ -311,7 +311,7 @@ TEST_F(Durable, SigtermWhileInitialisingEndsTheProgramAndIsTold) {
   }
 }
 
-TEST_F(Durable, BeyondTheLimitOfAFilesSizeTheRowsSoFarAreWholeAndItIsTold) {
+TEST_F(Durable, AtTheFileSizeLimitTheRowsAreCompleteAndTheErrorIsReported) {
   const RunResult result = run({"run", "arm.ssd", "--out", "limited"}, [] {
     const rlimit limit{100'000, 100'000};
     return setrlimit(RLIMIT_FSIZE, &limit) == 0;
@@ -326,7 +326,7 @@ TEST_F(Durable, BeyondTheLimitOfAFilesSizeTheRowsSoFarAreWholeAndItIsTold) {
   EXPECT_TRUE(whole_lines(csv));
 }
 
-TEST_F(Durable, OnAFullDiskTheRowsSoFarAreWholeAndRunJsonSaysFailed) {
+TEST_F(Durable, OnAFullDiskTheRowsAreCompleteAndRunJsonHasTheStateFailed) {
   fs::create_directory(folder_ / "small");
   if (unshare(CLONE_NEWNS) != 0 || mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0 ||
       mount("tmpfs", (folder_ / "small").c_str(), "tmpfs", 0, "size=400k") != 0)

@@ -60,7 +60,7 @@ TEST(Events, ReachEveryKind) {
   EXPECT_EQ(find_signal(master.members(), "m.string_out", "").variable->strings()[0], "on, and on");
 }
 
-TEST(Events, AreRefusedWhereTheyCannotBe) {
+TEST(Events, AreRefusedForVariablesThatCannotChange) {
   const auto refusal = [](const std::string& variable, const std::string& value, double ramp = 0) {
     Build b;
     b.unit("a", "gain?n=3").unit("b", "gain?n=3").unit("m", "mixed").connect("a.y", "b.u").event(0.1, variable, value, ramp);
@@ -89,7 +89,7 @@ TEST(Events, TheTimeTheyTakeGrowsWithTheirNumberAndNotWithItsSquare) {
   EXPECT_EQ(follow(b, "a" + std::to_string(kUnits - 2) + ".u").back(), kEvents - 2);
 }
 
-TEST(Events, ARampThatALaterOneEndedStaysOver) {
+TEST(Events, ARampThatALaterOneReplacedDoesNotResume) {
   Build b;
   b.unit("a", "gain")
       .event(0.0, "a.u", "8", 0.008)

@@ -183,7 +183,7 @@ TEST_F(FmuScenario, OnlyAnFmuHasAProcessOfItsOwn) {
               HasSubstr("is a unit of this program, expected an FMU"));
 }
 
-TEST_F(FmuScenario, AnFmuThatIsNotThereOrIsAskedForNonsenseIsAnErrorAtItsPlace) {
+TEST_F(FmuScenario, AMissingFmuOrAnInvalidOptionIsAnErrorWithItsPlace) {
   const auto loaded = [&](const std::string& source) {
     return message([&] { load_members(parse_scenario(with_process(source), "one.ssd", folder_), unit_types(), kFolders); });
   };
@@ -237,7 +237,7 @@ TEST_F(FmuScenario, ThePackageOfAPackageHasTheSameSystem) {
   EXPECT_EQ(recorded(a) == recorded(b), true);
 }
 
-TEST_F(FmuScenario, InputsThatRunAheadTakeTheSlopesThatAnFmuTellsIfTheScenarioAsks) {
+TEST_F(FmuScenario, ExtrapolatedInputsUseTheSlopesOfAnFmuOnRequest) {
   fmu::testing::make_fmu("rogue2", folder_, {{"canInterpolateInputs", "maxOutputDerivativeOrder=\"1\" canInterpolateInputs"}});
   fmu::testing::make_fmu("ball3", folder_);
   // Both in one stage: the ball's input is extrapolated from y with a slope. y'' = u' = 2 m/s2, so the slope of the last step,
@@ -353,7 +353,7 @@ TEST_F(FmuScenario, ThePackagesFilesAreValid) {
   EXPECT_NE(faults("SystemStructureDescription.xsd", "resources/drive.ssv"), "");
 }
 
-TEST_F(FmuScenario, APackageThatIsNoneSaysWhatIsWrongAndLeavesNothing) {
+TEST_F(FmuScenario, AnInvalidPackageIsAnErrorAndLeavesNoFiles) {
   EXPECT_THAT(message([&] { load_scenario(folder_ / "none.ssp"); }), HasSubstr("none.ssp"));
   EXPECT_THAT(message([&] { load_scenario(write("text.ssp", "no archive")); }), HasSubstr("text.ssp"));
   fmu::write_archive(folder_ / "empty.ssp", std::vector<fmu::ArchiveFile>{{"readme.txt", std::string("nothing")}});
@@ -375,7 +375,7 @@ TEST_F(FmuScenario, APackageThatIsNoneSaysWhatIsWrongAndLeavesNothing) {
   }
 }
 
-TEST_F(FmuScenario, AStepSizeThatIsNoneIsNotTakenFromTheFmu) {
+TEST_F(FmuScenario, AnInvalidStepSizeOfTheFmuIsNotUsed) {
   for (const char* step : {"0", "-0.01", "1e-12", "0.25"}) {
     FmuRunOptions options;
     options.file =
@@ -388,7 +388,7 @@ TEST_F(FmuScenario, AStepSizeThatIsNoneIsNotTakenFromTheFmu) {
   }
 }
 
-TEST_F(FmuScenario, InputsFollowTheFileAlongLinesAndHoldBeforeAndAfterIt) {
+TEST_F(FmuScenario, InputsInterpolateTheFileAndAreConstantBeforeAndAfterIt) {
   // Without external torques the compliant motion is the desired one: after a step q_c is q_d of its beginning.
   FmuRunOptions options;
   options.file = pack_unit("unit:compliance?robot=lwr4", fmu::Version::k2, "compliance.fmu");
@@ -525,7 +525,7 @@ TEST_F(FmuScenario, PacksNoUnitThatNoHostCouldInitialise) {
 
 // rogue3 makes no step beyond 11 ms (mode 5), rogue2 none beyond `longest_step`: a tick of 100 ms is divided into 16 parts.
 // Both return ∫u.
-TEST_F(FmuScenario, HalvesATickThatAForeignFmuDiscardsAndTellsWhoItWas) {
+TEST_F(FmuScenario, HalvesATickThatAForeignFmuDiscardsAndNamesIt) {
   namespace foreign = fmu::testing;
   Scenario scenario;
   scenario.name = "two of others";

@@ -62,7 +62,7 @@ class ForeignRun : public ::testing::TestWithParam<std::string> {
 
 // Continuing in another process
 
-TEST_P(ForeignRun, IsSavedWhereTheLoopSavesItAnywayAndGoesOnToTheSameBits) {
+TEST_P(ForeignRun, IsSavedAtCheckpointsOfTheLoopAndResumesToTheSameBits) {
   for (const char* process : {"", "?process=own"}) {
     Build b;
     b.until(0.4);
@@ -94,7 +94,7 @@ TEST_P(ForeignRun, IsSavedWhereTheLoopSavesItAnywayAndGoesOnToTheSameBits) {
   }
 }
 
-TEST_P(ForeignRun, WhoseStatesCannotLeaveTheirProcessSaysSo) {
+TEST_P(ForeignRun, ReportsStatesThatCannotBeSaved) {
   for (const char* query : {"", "?rollback=true"}) {
     Build b = second();
     fmu(b, "a", query, without_serialisation());
@@ -117,7 +117,7 @@ TEST_P(ForeignRun, AdvancesAnFmuThatKeepsAStateForAPossibleReturn) {
   }
 }
 
-TEST_P(ForeignRun, TellsTheFmuThatItsRunMayGoBackWhereItDoesInEveryTick) {
+TEST_P(ForeignRun, AnnouncesRollbackToTheFmuIfEveryTickIsRepeated) {
   Build b = second();
   fmu(b, "a");
   b.with("u", 1.0);
@@ -158,7 +158,7 @@ TEST_P(ForeignRun, RepeatsADiscardedTickWithoutBreakingItsPromise) {
   EXPECT_EQ(count("reset"), 0u);
 }
 
-TEST_P(ForeignRun, SaysHowAnFmuThatKeepsItsStatesToItselfCanGoBack) {
+TEST_P(ForeignRun, ReportsHowAnFmuWithoutSerialisationCanGoBack) {
   const auto discarding = [&](const char* query) {
     Build b = second();
     fmu(b, "picky", query, without_serialisation());
@@ -292,7 +292,7 @@ INSTANTIATE_TEST_SUITE_P(Versions, ForeignRun, ::testing::Values("strict2", "str
 
 const Edits kEventMode = {{"canGetAndSetFMUState", "hasEventMode=\"true\" canGetAndSetFMUState"}};
 
-TEST(EventMode, IsDoneWithoutWhereAnFmuDeclaresItAndRefusesIt) {
+TEST(EventMode, IsNotUsedIfAnFmuDeclaresButRefusesIt) {
   const fmu::TemporaryFolder folder;
   Instance instance = fmu::load(fmu::testing::make_fmu("strict3", folder.path(), kEventMode));
   EXPECT_THAT(instance.warnings, ElementsAre(AllOf(HasSubstr("declares an event mode and refuses it: it is used without"),

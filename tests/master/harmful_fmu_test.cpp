@@ -98,7 +98,7 @@ class HarmfulFmu : public ::testing::Test {
 const char* const kEnds[] = {"exit", "exit-3", "quick_exit", "thread-exit", "abort",     "segv",    "bus",
                              "fpe",  "ill",    "null",       "throw",       "throw-int", "overflow"};
 
-TEST_F(HarmfulFmu, EndsTheRunWithAMessageAndTheRowsUpToThenInTheSharedProcess) {
+TEST_F(HarmfulFmu, EndsTheRunWithAMessageAndKeepsTheRowsInTheSharedProcess) {
   for (const std::string harm : kEnds) {
     const RunResult ran = run_fmu("shared", harm, "fmi2DoStep");
     EXPECT_EQ(ran.code, 1) << harm;
@@ -114,7 +114,7 @@ TEST_F(HarmfulFmu, EndsTheRunWithAMessageAndTheRowsUpToThenInTheSharedProcess) {
   }
 }
 
-TEST_F(HarmfulFmu, EndsTheRunWithAMessageAndTheRowsUpToThenInItsOwnProcess) {
+TEST_F(HarmfulFmu, EndsTheRunWithAMessageAndKeepsTheRowsInItsOwnProcess) {
   std::vector<std::string> harms(std::begin(kEnds), std::end(kEnds));
   harms.insert(harms.end(), {"_exit", "kill", "hang", "memory", "flood"});
   for (const std::string& harm : harms) {
@@ -132,7 +132,7 @@ TEST_F(HarmfulFmu, EndsTheRunWithAMessageAndTheRowsUpToThenInItsOwnProcess) {
   }
 }
 
-TEST_F(HarmfulFmu, IsNamedWhateverFunctionItIsIn) {
+TEST_F(HarmfulFmu, IsNamedForAnyFunction) {
   for (const std::string process : {"shared", "own"}) {
     for (const std::string harm : {"exit", "abort", "segv"}) {
       for (const std::string where :
@@ -151,7 +151,7 @@ TEST_F(HarmfulFmu, IsNamedWhateverFunctionItIsIn) {
   }
 }
 
-TEST_F(HarmfulFmu, HasAProcessOfItsOwnUnlessItIsOursOrOneSaysOtherwise) {
+TEST_F(HarmfulFmu, RunsInItsOwnProcessUnlessItIsOfCotwinOrAnOptionSaysOtherwise) {
   EXPECT_THAT(run_fmu("auto", "_exit", "fmi2DoStep").err,
               HasSubstr("the FMU's own process exited with status 0 in fmi2DoStep"));
   ASSERT_EQ(program(words("pack unit:motion?robot=lwr4 --fmi 2 -o motion.fmu"), "", "").code, 0);
@@ -174,7 +174,7 @@ TEST_F(HarmfulFmu, IsCheckedInAProcessOfItsOwn) {
   }
 }
 
-TEST_F(HarmfulFmu, WritesWhatItLikesToStdoutWithoutSpoilingOurs) {
+TEST_F(HarmfulFmu, CannotDisturbTheOutputOfTheProgram) {
   const RunResult ran = program(words("run harm2.fmu --json - --process own"), "stdout", "fmi2DoStep");
   EXPECT_EQ(ran.code, 0);
   EXPECT_THAT(ran.out, AllOf(::testing::StartsWith("{"), Not(HasSubstr("of five thousand")), HasSubstr("\"done\"")));

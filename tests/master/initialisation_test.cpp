@@ -15,7 +15,7 @@ using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-TEST(Initialisation, LetsNewsTravelAlongAChainInWhateverOrderItStands) {
+TEST(Initialisation, PropagatesValuesAlongAChainInAnyFileOrder) {
   Build b;
   b.unit("d", "gain").unit("c", "gain").unit("b", "gain").unit("a", "gain").with("bias", 3.0);
   b.connect("a.y", "b.u").connect("b.y", "c.u").connect("c.y", "d.u");
@@ -26,7 +26,7 @@ TEST(Initialisation, LetsNewsTravelAlongAChainInWhateverOrderItStands) {
   EXPECT_THAT(master.summary().initialisation.loop, IsEmpty());
 }
 
-TEST(Initialisation, ACircleWithMemoryIsNoAlgebraicLoop) {
+TEST(Initialisation, ALoopWithAStateIsNotAlgebraic) {
   Build b;
   b.unit("g", "gain").with("gain", -4.0).unit("i", "integrator").with("start", 2.0);
   b.connect("i.y", "g.u").connect("g.y", "i.u").as_it_is();
@@ -57,7 +57,7 @@ TEST(Initialisation, SolvesAContractingLoopAndNamesItsMembers) {
   EXPECT_LT(master.summary().initialisation.iterations, 20);
 }
 
-TEST(Initialisation, SolvesALoopThatPlainIterationWouldBlowUp) {
+TEST(Initialisation, SolvesALoopWherePlainIterationDiverges) {
   Master master = circle(-3, 2).load();
   master.initialise();
   // y_a = −3 y_b + 1, y_b = 2 y_a + 2

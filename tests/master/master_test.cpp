@@ -70,7 +70,7 @@ TEST(Master, TheLoopAllocatesNothingWithDiscardedStepsAndWithATolerance) {
 }
 
 // In a run of fewer than 1024 ticks every tick is timed and none is a plain one; in a longer one most are plain.
-TEST(Master, PlainTicksGiveTheBitsOfThoseThatAreLookedAt) {
+TEST(Master, PlainTicksGiveTheSameBitsAsOthers) {
   const auto after_900_ticks = [](double until) {
     Build b;
     b.unit("i", "integrator").unit("g", "gain").unit("p", "picky").with("longest", 0.3e-3).with("from", 0.7);
@@ -111,7 +111,7 @@ TEST(Master, TimesTheStepsOfEveryPeriodAsOftenAsTheyAreDue) {
   }
 }
 
-TEST(Master, PlainTicksTellOfANanOfAnErrorAndOfTheEndAsOthersDo) {
+TEST(Master, PlainTicksReportNanErrorsAndTheEndAsOthersDo) {
   for (const bool throws : {false, true}) {
     Build b;
     b.unit("f", "faulty").with("after", 2.3456).with("throws", throws).until(5);
@@ -142,7 +142,7 @@ TEST(Master, SeveralRunSideBySide) {
   EXPECT_EQ(value(one, "i.y"), value(two, "i.y"));
 }
 
-TEST(Master, ANanEndsTheRunAndNamesWhereItCameFrom) {
+TEST(Master, ANanEndsTheRunAndNamesItsSource) {
   // In stage order the faulty unit is first, although the unit that reads from it is before it in the file.
   Build b;
   b.unit("victim", "gain", 1).unit("f", "faulty").with("after", 0.004).connect("f.y[3]", "victim.u").as_it_is();
@@ -169,7 +169,7 @@ TEST(Master, AUnitThatThrowsIsNamedWithItsTime) {
             "f at t = 0.004 s: the gear has broken");
 }
 
-TEST(Master, EndsWhereAUnitAsksForItAndShowsItsWarning) {
+TEST(Master, EndsWhenAUnitRequestsItAndShowsItsWarning) {
   Build b;
   b.unit("b", "brief").unit("p", "probe", 1).until(1);
   b.scenario.warnings.push_back("test.ssd:3: something was read leniently");
@@ -183,7 +183,7 @@ TEST(Master, EndsWhereAUnitAsksForItAndShowsItsWarning) {
                                                      "'b' asked for the end of the run at t = 0.003 s", "b: three steps only"));
 }
 
-TEST(Master, AStartThatIsNoNumberIsAnError) {
+TEST(Master, ANanAtTheStartIsAnError) {
   Build b;
   b.unit("i", "integrator").with("start", std::numeric_limits<double>::infinity());
   Master master = b.load();
@@ -204,7 +204,7 @@ class FakeClock final : public Clock {
   std::vector<std::int64_t>& asked_;
 };
 
-TEST(Master, AsksTheClockBeforeEveryTick) {
+TEST(Master, WaitsForTheClockBeforeEveryTick) {
   Build b;
   b.unit("p", "probe").until(0.003);
   std::vector<std::int64_t> asked;
@@ -234,7 +234,7 @@ TEST(RealTimeClock, KeepsAbsoluteDeadlinesAndCountsLateTicks) {
   EXPECT_GE(Steady::now() - begin, std::chrono::milliseconds(80));
 }
 
-TEST(Report, TellsPeopleAndProgramsTheSame) {
+TEST(Report, HasTheSameContentsAsTextAndJson) {
   Build b = busy();
   b.scenario.name = "a \"busy\" one";
   Master master = b.load();
@@ -273,7 +273,7 @@ TEST(Report, TellsPeopleAndProgramsTheSame) {
   EXPECT_THAT(table.str(), Not(HasSubstr("nan")));
 }
 
-TEST(Report, GivesNotMoreThanTwentyUnitsALineInTheTableOfTime) {
+TEST(Report, ListsAtMostTwentyUnitsInTheTableOfTime) {
   Summary s;
   for (int i = 0; i < 200; ++i)
     s.units.push_back({"unit_with_a_long_name_" + std::to_string(i), 1e-6, i == 150 ? 0.801 : 0.001});
@@ -286,7 +286,7 @@ TEST(Report, GivesNotMoreThanTwentyUnitsALineInTheTableOfTime) {
   EXPECT_LT(std::count(text.begin(), text.end(), '\n'), 30);
 }
 
-TEST(Report, ShowsWhatARunDidNotReachAsUnknown) {
+TEST(Report, ShowsValuesThatARunDidNotReachAsUnknown) {
   Build b;
   b.unit("a", "gain").unit("b", "gain").until(1);
   b.scenario.comparisons.push_back({"c", "a.y", "b.y", 4, {}, {}, ""});

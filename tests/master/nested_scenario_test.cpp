@@ -169,7 +169,7 @@ TEST_F(Nested, RecordsEveryOutputBesideWhatTheNestedScenarioChooses) {
     EXPECT_THAT(heading, HasSubstr(name));
 }
 
-TEST_F(Nested, TheOuterScenarioHasTheLastWord) {
+TEST_F(Nested, TheOuterScenarioHasPriority) {
   write("arm.ssd",
         ssd("arm", kArm, "<cotwin:Master tick='2 ms' clock='free' tolerance='0.1'>" + kArmMaster + "</cotwin:Master>"));
   write("middle.ssd", ssd("middle", "<ssd:Elements>" + nested("arm", "arm.ssd") + "</ssd:Elements>",
@@ -190,7 +190,7 @@ TEST_F(Nested, TheOuterScenarioHasTheLastWord) {
   EXPECT_EQ(settings_for(s, "m.arm.drive"), (std::map<std::string, std::string>{{"method", "cvode"}, {"robot", "planar2"}}));
 }
 
-TEST_F(Nested, WhatIsWrongInItIsAnErrorWithItsPlace) {
+TEST_F(Nested, ErrorsInItHaveTheirPlace) {
   write("arm.ssd", ssd("arm", kArm, "<cotwin:Master><cotwin:Setting name='robto' value='planar2'/></cotwin:Master>"));
   const std::string outer = ssd("cell", "<ssd:Elements>" + nested("a", "arm.ssd") + "</ssd:Elements>",
                                 "<cotwin:Master><cotwin:Setting name='robot' value='planar2'/></cotwin:Master>");
@@ -205,7 +205,7 @@ TEST_F(Nested, WhatIsWrongInItIsAnErrorWithItsPlace) {
   EXPECT_THAT(error_of(cell), HasSubstr("'Record'"));
 }
 
-TEST_F(Nested, WhatItForgotIsTold) {
+TEST_F(Nested, OmissionsInItAreReported) {
   std::string arm = kArm;
   const std::string q_d =
       "<ssd:Connection startElement='motion' startConnector='q_d' endElement='controller' endConnector='q_d'/>";

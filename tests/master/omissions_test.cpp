@@ -50,14 +50,14 @@ struct Robot : Build {
 
 TEST(Omissions, ARobotThatIsWiredCompletelyGetsNoWarning) { EXPECT_THAT(warnings_of(Robot()), IsEmpty()); }
 
-TEST(Omissions, EveryConnectionThatARobotNeedsIsMissed) {
+TEST(Omissions, EveryMissingConnectionOfARobotIsReported) {
   for (const std::string name : {"controller.q_d", "controller.dq_d", "controller.ddq_d", "controller.q", "controller.dq",
                                  "controller.theta", "controller.dtheta", "drive.tau_m"}) {
     EXPECT_THAT(warnings_of(Robot(name)), ElementsAre(HasSubstr(name + " ("))) << name;
   }
 }
 
-TEST(Omissions, SayWhereWhatAndWhatIsExpected) {
+TEST(Omissions, HavePlaceFactAndExpectation) {
   EXPECT_THAT(
       warnings_of(Robot("controller.q_d")),
       ElementsAre("test.ssd:11: controller.q_d (desired joint position at the end of the step) is not connected and has "
@@ -66,14 +66,14 @@ TEST(Omissions, SayWhereWhatAndWhatIsExpected) {
               ElementsAre(AllOf(HasSubstr("controller.q follows drive.q"), HasSubstr("a connection from drive.dq"))));
 }
 
-TEST(Omissions, AStartPostureIsMissed) {
+TEST(Omissions, AMissingStartPostureIsReported) {
   EXPECT_THAT(warnings_of(Robot("q0")), ElementsAre(HasSubstr("test.ssd:12: drive.q0 (link-side joint position at the start")));
   Robot connected("q0");  // as if a recording gave it
   connected.connect("motion.q_d", "drive.q0");
   EXPECT_THAT(warnings_of(connected), IsEmpty());
 }
 
-TEST(Omissions, AValueSaysThatZeroIsMeant) {
+TEST(Omissions, AGivenZeroIsNotReported) {
   Robot robot("drive.tau_m");
   robot.with("tau_m", std::string("0"));
   EXPECT_THAT(warnings_of(robot), IsEmpty());
@@ -82,7 +82,7 @@ TEST(Omissions, AValueSaysThatZeroIsMeant) {
   EXPECT_THAT(warnings_of(later), IsEmpty());
 }
 
-TEST(Omissions, OneElementThatIsMissedIsNamed) {
+TEST(Omissions, AMissingElementIsNamed) {
   Robot robot("controller.q_d");
   robot.connect("motion.q_d[1]", "controller.q_d[1]");
   EXPECT_THAT(warnings_of(robot), ElementsAre(HasSubstr("controller.q_d[2] (desired")));
@@ -97,7 +97,7 @@ TEST(Omissions, ARigidRobotNeedsNoMotorPositions) {
   EXPECT_THAT(warnings_of(robot), IsEmpty());
 }
 
-TEST(Omissions, APushOnOneOfTwoConnectedUnitsIsTold) {
+TEST(Omissions, APushOnOneOfTwoConnectedUnitsIsReported) {
   Robot one;
   one.event(0.2, "drive.tau_e", "20 9");
   EXPECT_THAT(warnings_of(one), ElementsAre(AllOf(HasSubstr("the event at 0.2 s gives drive.tau_e the value 20 9"),
@@ -115,7 +115,7 @@ TEST(Omissions, APushOnOneOfTwoConnectedUnitsIsTold) {
   EXPECT_THAT(warnings_of(nothing), IsEmpty());
 }
 
-TEST(Omissions, APushThatAControllerMeasuresIsNoPushOnOneUnit) {
+TEST(Omissions, APushThatAControllerMeasuresIsNotReported) {
   Robot robot;
   robot.unit("sensors", "io?link=sensors&robot=planar2");
   robot.connect("drive.q", "sensors.q_true").connect("drive.dq", "sensors.dq_true");
@@ -124,7 +124,7 @@ TEST(Omissions, APushThatAControllerMeasuresIsNoPushOnOneUnit) {
   EXPECT_THAT(warnings_of(robot), IsEmpty());
 }
 
-TEST(Omissions, ContactForcesThatDoNotReachTheRobotAreMissed) {
+TEST(Omissions, ContactForcesThatDoNotReachTheRobotAreReported) {
   Robot robot;
   robot.unit("world", "contact_world?scene=table&robot=planar2");
   robot.connect("drive.q", "world.q").connect("drive.dq", "world.dq");
@@ -135,7 +135,7 @@ TEST(Omissions, ContactForcesThatDoNotReachTheRobotAreMissed) {
   EXPECT_THAT(warnings_of(robot), IsEmpty());
 }
 
-TEST(Omissions, EventsThatComeTooLateAreTold) {
+TEST(Omissions, EventsAfterTheEndAreReported) {
   Robot robot;
   robot.event(0.999, "controller.S_a", "100").event(1, "controller.S_a", "200");
   EXPECT_THAT(warnings_of(robot),
@@ -145,7 +145,7 @@ TEST(Omissions, EventsThatComeTooLateAreTold) {
   EXPECT_THAT(warnings_of(robot), ElementsAre(HasSubstr("and 1 more have no effect")));
 }
 
-TEST(Omissions, ManyEventsAreLookedAtOnce) {
+TEST(Omissions, ManyEventsAreCheckedInLinearTime) {
   Robot robot;
   for (int i = 0; i < 50000; ++i) {
     robot.scenario.events.push_back({Time{i}, "controller.tau_e", std::to_string(i), {}, ""});
@@ -154,7 +154,7 @@ TEST(Omissions, ManyEventsAreLookedAtOnce) {
   EXPECT_THAT(warnings_of(robot), IsEmpty());
 }
 
-TEST(Omissions, UnitsThatStandAloneTellWhatTheyNeed) {
+TEST(Omissions, UnconnectedUnitsReportTheirNeeds) {
   const auto alone = [](const std::string& source) {
     Build b;
     b.unit("a", source);
@@ -170,7 +170,7 @@ TEST(Omissions, UnitsThatStandAloneTellWhatTheyNeed) {
   EXPECT_THAT(alone("contact_world?scene=stack"), IsEmpty());
 }
 
-TEST(Omissions, ExamplesForgetNothing) {
+TEST(Omissions, ExamplesHaveNone) {
   for (const char* example :
        {"01_joint_admittance/arm.ssd", "02_free_motion_lwr4/twin.ssd", "04_peg_in_hole/twin.ssd", "05_maturation/twin.ssd"}) {
     const fs::path file = fs::path(places::source()) / "examples" / example;

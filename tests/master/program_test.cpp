@@ -61,7 +61,7 @@ class Program : public ::testing::Test {
                                                         ::testing::UnitTest::GetInstance()->current_test_info()->name());
 };
 
-TEST_F(Program, KnowsItsVersionItsHelpAndItsUnits) {
+TEST_F(Program, PrintsItsVersionItsHelpAndItsUnits) {
   EXPECT_THAT(run({"--version"}).out, StartsWith("cotwin "));
   EXPECT_THAT(run({"run", "--help"}).out, HasSubstr("--set NAME=VALUE"));
   const RunResult units = run({"units"});
@@ -84,7 +84,7 @@ TEST_F(Program, BadInputIsExitCodeTwoWithAMessageAndNoFiles) {
   EXPECT_FALSE(fs::exists(folder_ / "results"));
 }
 
-TEST_F(Program, TakesAnFmuForOneInAnyCaseOfLetters) {
+TEST_F(Program, RecognisesFmusByTheirNameInAnyCase) {
   for (const char* name : {"plant.fmu", "PLANT.FMU"}) {
     std::ofstream(folder_ / name) << "no archive";
     const RunResult checked = run({"check", name}), ran = run({"run", name, "--output-file", "out.csv"});
@@ -103,7 +103,7 @@ TEST_F(Program, RunsAScenarioAndSaysWhereTheResultsAre) {
   EXPECT_EQ(nlohmann::json::parse(content(folder_ / "summary.json"))["state"], "done");
 }
 
-TEST_F(Program, RecordsWhatItIsToldWhereItIsTold) {
+TEST_F(Program, RecordsTheChosenVariablesIntoTheChosenFolder) {
   const RunResult result =
       run({"run", "--record", "motion.q_d[2]", "--out", "there", "--quiet", "--json", "-", "--stop", "0.002", scenario()});
   EXPECT_EQ(result.code, 0) << result.err;
@@ -131,7 +131,7 @@ TEST_F(Program, CtrlCEndsARunCleanlyWithEverythingOnDisk) {
   }
 }
 
-TEST_F(Program, WhatFailsBeforeTheStartLeavesEarlierResultsAsTheyAre) {
+TEST_F(Program, AFailureBeforeTheStartKeepsEarlierResults) {
   EXPECT_EQ(run({"run", scenario(), "--stop", "0.01"}).code, 0);
   const std::string before = content(folder_ / "results/just_motion/signals.csv");
   const RunResult wrong = run({"run", scenario(), "--stop", "0.01", "--set", "motion.time_scale=-1"});
@@ -151,7 +151,7 @@ TEST_F(Program, OutputThatCannotBeWrittenIsAnError) {
   EXPECT_THAT(printed.err, HasSubstr("stdout: cannot be written"));
 }
 
-TEST_F(Program, NamesWhatItCannotUnderstand) {
+TEST_F(Program, NamesInvalidArguments) {
   EXPECT_THAT(run({"walk"}).err, StartsWith("cotwin: 'walk' is no command, expected run"));
   EXPECT_THAT(run({"run", scenario(), "--threads", "many"}).err, StartsWith("cotwin: "));
   for (const char* stop : {"nan", "inf", "1e12"}) {
@@ -226,7 +226,7 @@ TEST_F(Program, SetsASettingOfOneUnit) {
   EXPECT_EQ(output.code, 0) << output.err;
 }
 
-TEST_F(Program, TellsBeforeARunWhatTheScenarioForgot) {
+TEST_F(Program, WarnsBeforeARunOfOmissionsInTheScenario) {
   const std::string file = scenario();  // no waypoints
   const std::string expected = "motion.waypoint_q (joint positions";
   const RunResult checked = run({"check", file});

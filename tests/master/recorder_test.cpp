@@ -114,7 +114,7 @@ TEST_F(Recording, ReadsBackToTheSameBits) {
   }
 }
 
-TEST_F(Recording, TellsAnIntegerFromTheRealOfTheSameValue) {
+TEST_F(Recording, DistinguishesAnIntegerFromTheRealOfTheSameValue) {
   std::array<double, 1> real{1e9};
   std::array<std::int32_t, 1> integer{1'000'000'000};
   Variable x, n;
@@ -151,7 +151,7 @@ TEST_F(Recording, WritesTimesExactly) {
               ElementsAre("time,u.x", "0,1", "0.000000001,1", "0.007,1", "-1.5,1", "12,1", "99999999.999999999,1"));
 }
 
-TEST_F(Recording, ChoosesByGlobInTheOrderOfTheUnitsAndRefusesWhatIsNotThere) {
+TEST_F(Recording, ChoosesByGlobInTheOrderOfTheUnitsAndRefusesUnknownNames) {
   Build b;
   b.unit("a", "gain?n=2").unit("cell.b", "gain?n=2").unit("m", "mixed");
   const auto columns = [&](const std::vector<std::string>& patterns) {
@@ -183,7 +183,7 @@ TEST_F(Recording, QuotesNamesThatWouldBreakTheTable) {
   EXPECT_THAT(lines(folder_ / "q.csv"), ElementsAre("time,\"a,\"\"b\"\".x\""));
 }
 
-TEST_F(Recording, WaitsForTheWriterWhereItMayAndLosesNothing) {
+TEST_F(Recording, WaitsForTheWriterIfAllowedAndLosesNothing) {
   std::array<double, 8> values{};
   Variable variable;
   variable.name = "x";
@@ -200,7 +200,7 @@ TEST_F(Recording, WaitsForTheWriterWhereItMayAndLosesNothing) {
   for (std::size_t r = 1; r < rows.size(); ++r) ASSERT_EQ(numbers(rows[r])[8], static_cast<double>(r - 1) + 0.125);
 }
 
-TEST_F(Recording, DropsAndCountsWhereItMayNotWait) {
+TEST_F(Recording, DropsAndCountsRowsIfItMustNotWait) {
   std::array<double, 8> values{};
   Variable variable;
   variable.name = "x";
@@ -229,7 +229,7 @@ TEST_F(Recording, IsOnDiskSoonAlsoWithoutClosing) {
   EXPECT_THAT(lines(folder_ / "soon.csv.part"), ElementsAre("time,u.x", "0.000000005,1"));
 }
 
-TEST_F(Recording, TellsADiskThatIsFull) {
+TEST_F(Recording, ReportsAFullDisk) {
   double x = 0;
   Variable variable;
   variable.name = "x";
@@ -238,7 +238,7 @@ TEST_F(Recording, TellsADiskThatIsFull) {
               HasSubstr("/dev/full: cannot be written: No space left"));
 }
 
-TEST_F(Recording, TellsADiskThatFillsUpWhileItRunsAndKeepsWhatWasWritten) {
+TEST_F(Recording, ReportsADiskThatBecomesFullAndKeepsTheRows) {
   // A limit on the file's size stands for a full disk.
   rlimit before{};
   getrlimit(RLIMIT_FSIZE, &before);
@@ -264,7 +264,7 @@ TEST_F(Recording, TellsADiskThatFillsUpWhileItRunsAndKeepsWhatWasWritten) {
   EXPECT_EQ(text.back(), '\n');  // complete rows only
 }
 
-TEST_F(Recording, TellsAFileThatCannotBeOpened) {
+TEST_F(Recording, ReportsAFileThatCannotBeOpened) {
   std::ofstream(folder_ / "file") << "in the way";
   double x = 0;
   Variable variable;

@@ -127,7 +127,7 @@ TEST_F(Saved, GoesOnToTheSameBitsWithAToleranceAndWithDiscardedSteps) {
   expect_same_bits(tolerant.scenario, {1, 29, 31, 150});
 }
 
-TEST_F(Saved, GoesOnWithoutARecordingAndOfAnEndedRunNothingIsHandedOver) {
+TEST_F(Saved, ResumesWithoutARecordingAndAnEndedRunIsNotSaved) {
   Build b;
   b.unit("h", "heavy").until(0.1);
   const RunState state = save_and_lose(b.scenario, {}, 40, 0);
@@ -167,7 +167,7 @@ TEST_F(Saved, RefusesTheStateOfAnotherRun) {
   EXPECT_THAT(refused(scenario, state, folder_ / "one"), HasSubstr("has 2000 bytes"));
 }
 
-TEST_F(Saved, SaysWhichUnitCannotBeSaved) {
+TEST_F(Saved, NamesTheUnitThatCannotBeSaved) {
   Build b;
   b.unit("h", "heavy").unit("bus", "picky?restorable=false");
   Master master = make(b.scenario, {});
@@ -180,7 +180,7 @@ RunCheckpoint checkpoint_with(RunState state) {
   return {{"1.2", 0x1234, "x86-64-v3"}, 77, "{\"file\":\"a.ssd\"}", "/somewhere", std::move(state)};
 }
 
-TEST_F(Saved, SurvivesTheFileByteForByte) {
+TEST_F(Saved, IsWrittenAndReadByteForByte) {
   const RunCheckpoint made = checkpoint_with(save_and_lose(rich(), folder_ / "one", 300, 0));
   write_file(folder_ / "file", to_bytes(made));
   const RunCheckpoint read = load_checkpoint(folder_ / "file");
@@ -203,7 +203,7 @@ TEST_F(Saved, FileThatIsCutOrDamagedIsAnError) {
   }
 }
 
-TEST_F(Saved, StateThatIsDamagedBehindTheHashIsAnErrorOrARun) {
+TEST_F(Saved, StateWithDamageAndACorrectHashIsAnErrorOrARun) {
   // The hash of the file detects accidental changes; these checks come after it.
   const Scenario scenario = rich();
   const RunState good = save_and_lose(scenario, {}, 300, 0);

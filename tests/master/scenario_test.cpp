@@ -121,7 +121,7 @@ class Folder {
   fs::path path_;
 };
 
-TEST(ForeignSystemStructure, IsDissolvedIntoComponentsWithTheirFiles) {
+TEST(ForeignSystemStructure, IsFlattenedIntoComponentsWithTheirFiles) {
   const Scenario s = load_scenario(kVehicle);
   EXPECT_EQ(s.name, "vehicle");
   EXPECT_EQ(s.file, kVehicle);
@@ -159,7 +159,7 @@ TEST(ForeignSystemStructure, RunsWithDefaults) {
   EXPECT_EQ(bare.stop, Time{1'000'000'000});
 }
 
-TEST(ForeignSystemStructure, LeavesComposedConnections) {
+TEST(ForeignSystemStructure, HasComposedConnections) {
   EXPECT_THAT(connections_of(load_scenario(kVehicle)),
               ElementsAre(
                   // through the connector of a referenced file and of an embedded system; right and spare are not connected
@@ -207,7 +207,7 @@ TEST(ForeignSystemStructure, KeepsEveryFilesUnitsOfMeasureApart) {
   EXPECT_EQ(inner_t, 1016.0469088);
 }
 
-TEST(ForeignSystemStructure, WarnsOfParametersThatNobodyHas) {
+TEST(ForeignSystemStructure, WarnsOfUnknownParameters) {
   // SSP: a parameter value whose name matches nothing is ignored.
   EXPECT_THAT(load_scenario(kVehicle).warnings,
               ElementsAre(HasSubstr("SystemStructure.ssd:35: 'nobody.cares' is not a parameter of 'Root'")));
@@ -284,7 +284,7 @@ TEST(Documentation, ShowsAScenarioThatIsReadAndValid) {
   EXPECT_EQ(std::system(("xmllint --noout --schema '" + schema.string() + "' '" + file.string() + "' 2>/dev/null").c_str()), 0);
 }
 
-TEST(Annotation, IsReadWhole) {
+TEST(Annotation, IsReadCompletely) {
   const Scenario s = parse(annotated(
       "tick='250 us' stop='2 s' clock='real-time' threads='4' tolerance='1e-4' unknownParameters='ignore'",
       "<t:Setting name='robot' value='lwr4'/><t:Setting name='joints' value='7'/>"
@@ -362,7 +362,7 @@ TEST(Connections, FromAnInputOfTheRootSystemLeaveTheStartValue) {
   EXPECT_THAT(values_of(s, "a"), ElementsAre("x = 1.01 m"));
 }
 
-TEST(ParameterNames, MeanAllVariablesThatHaveThem) {
+TEST(ParameterNames, ApplyToAllVariablesOfThatName) {
   // A dot is ambiguous in SSP: component "b.c" with variable d, and system "b" with component "c" with d.
   EXPECT_THROW(parse(ssd(elements(component("b.c") + "<d:System name='b'>" + elements(component("c")) + "</d:System>"))),
                Error);
@@ -427,7 +427,7 @@ TEST(Assignment, OfASettingOfOneUnitChangesItsSourceAlone) {
   EXPECT_THAT(values_of(s, "a"), ElementsAre("method = 'exact'"));
 }
 
-TEST(Assignment, OfAFileThatIsThereMeansTheOneThatTheShellWouldOpen) {
+TEST(Assignment, OfAnExistingFileIsRelativeToTheWorkingDirectory) {
   const Folder folder;
   folder.write("logs/run.csv", "t\n");
   folder.write("1.5", "");
@@ -447,7 +447,7 @@ TEST(Assignment, OfAFileThatIsThereMeansTheOneThatTheShellWouldOpen) {
   EXPECT_EQ(s.settings.at("robot"), fs::canonical(folder.path() / "logs/run.csv").string());
 }
 
-TEST(Assignment, ThatCannotBeIsRefused) {
+TEST(Assignment, RefusesInvalidAssignments) {
   Scenario s = parse(ssd(elements(component("drive"))));
   const auto message = [&](const std::string& text) -> std::string {
     try {
@@ -529,7 +529,7 @@ TEST(UnitsOfMeasure, OfOneFileDoNotLeakIntoAnother) {
   EXPECT_EQ(s.units[0].factor, 1016);
 }
 
-TEST(SystemStructure, OfFiveThousandComponentsInAChainIsReadWhole) {
+TEST(SystemStructure, OfFiveThousandComponentsInAChainIsReadCompletely) {
   std::string list, connections = "<d:Connections>";
   constexpr int kCount = 5000;
   for (int i = 0; i < kCount; ++i) {
@@ -752,7 +752,7 @@ INSTANTIATE_TEST_SUITE_P(
             "f.ssd:3: 'Conections' is not an element of 'System', did you mean 'Connections'?"}),
     [](const auto& p) { return p.param.name; });
 
-TEST(SystemStructure, WithoutOurAnnotationIsReadLeniently) {
+TEST(SystemStructure, WithoutTheCotwinAnnotationIsReadLeniently) {
   const Scenario s = parse(ssd(
       "<d:Conections/>" +
       elements(component("a", "<d:Connector name='x' kind='input' flavour='salty'><c:Real unit='furlong'/></d:Connector>"))));
@@ -763,7 +763,7 @@ TEST(SystemStructure, WithoutOurAnnotationIsReadLeniently) {
   EXPECT_EQ(s.components[0].connectors[0].unit, "");
 }
 
-TEST(SystemStructure, WithoutOurAnnotationMayLackWhatCanBeGuessed) {
+TEST(SystemStructure, WithoutTheCotwinAnnotationMayOmitDefaults) {
   const Scenario s = parse(
       "<SystemStructureDescription xmlns='http://ssp-standard.org/SSP1/SystemStructureDescription'><System "
       "name='r'><Elements>\n"
@@ -775,7 +775,7 @@ TEST(SystemStructure, WithoutOurAnnotationMayLackWhatCanBeGuessed) {
               ElementsAre(HasSubstr("without the attribute 'version'"), HasSubstr("f.ssd:2: a binding without values")));
 }
 
-TEST(SystemStructure, WithOurAnnotationRefusesParametersThatNobodyHas) {
+TEST(SystemStructure, WithTheCotwinAnnotationRefusesUnknownParameters) {
   const std::string binding = "<d:ParameterBindings>" +
                               inline_set("<v:Parameter name='drvie.K'><v:Real value='1'/></v:Parameter>") +
                               "</d:ParameterBindings>";
@@ -800,13 +800,13 @@ TEST(SystemStructure, IsReadFromAPackageWhateverItsNameIs) {
   }
 }
 
-TEST(SystemStructure, ThatIsNotThereIsNamed) {
+TEST(SystemStructure, ThatIsMissingIsNamed) {
   EXPECT_THAT([] { load_scenario("no/such.ssd"); }, ::testing::ThrowsMessage<Error>(StartsWith("no/such.ssd: cannot be read")));
 }
 
 class InPackage : public ::testing::TestWithParam<std::string> {};
 
-TEST_P(InPackage, WhatLeavesThePackageIsRefused) {
+TEST_P(InPackage, ReferencesThatLeaveThePackageAreRefused) {
   const Folder folder;
   folder.write("outside.ssd", ssd(elements(component("only"))));
   folder.write("outside.ssv",
@@ -833,7 +833,7 @@ INSTANTIATE_TEST_SUITE_P(
                       component("a", "",
                                 inline_set("<v:Parameter name='file'><v:String value='../../etc/passwd'/></v:Parameter>"))));
 
-TEST(References, OfTheUsersOwnTreeMayLeadAnywhere) {
+TEST(References, OfUnpackedFilesMayPointAnywhere) {
   const Folder folder;
   fs::create_directories(folder.path() / "sub");
   folder.write("other.ssd", ssd(elements(component("only"))));

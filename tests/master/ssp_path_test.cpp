@@ -72,7 +72,7 @@ std::string describe(const Walk& w) {
   return text + " " + w.end_own;
 }
 
-TEST(Path, GivesWhatTheConnectionsGiveOneByOne) {
+TEST(Path, EqualsTheConnectionsOneByOne) {
   UnitTable units;
   const std::vector<std::string> measures = {"K", "degC", "degF", "mK"};  // scales with and without offset
   std::mt19937 random(42);

@@ -80,7 +80,7 @@ TEST(Statistics, WorkOfAnOscillatorIsPositiveOnTheWayInAndNegativeOnTheWayOut) {
   EXPECT_DOUBLE_EQ(w.value, w.positive + w.negative);
 }
 
-TEST(Statistics, JointsThatDriveAndBrakeAtTheSameTimeAreNotSetOffAgainstEachOther) {
+TEST(Statistics, PowerOfDrivingAndBrakingJointsIsCountedSeparately) {
   // 6 W and −6 W over 10 ms.
   Build b;
   b.unit("arm", "joints").with("tau_in", 2.0).with("dq_in[1]", 3.0).with("dq_in[2]", -3.0);
@@ -128,7 +128,7 @@ TEST(Statistics, AComparisonMayBeginLateAndEndEarly) {
   EXPECT_EQ(c.rms[0], 1);
 }
 
-TEST(Statistics, RefusesWhatCannotBeHeldAgainstEachOther) {
+TEST(Statistics, RefusesSignalsThatCannotBeCompared) {
   const auto refusal = [](const std::function<void(Scenario&)>& change) {
     Build b;
     b.unit("a", "gain?n=3").unit("b", "gain?n=2").unit("m", "mixed").unit("o", "oscillator_a");

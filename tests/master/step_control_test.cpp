@@ -22,7 +22,7 @@ void to_the_end(Master& master) {
   }
 }
 
-TEST(StepControl, ADiscardedStepIsMadeInPartsAndSoIsEveryoneElses) {
+TEST(StepControl, ADiscardedStepIsDividedForAllUnits) {
   // ẋ = −50 x by explicit Euler in steps of 0.25 ms from t = 5 ms on: 5 steps of 1 ms, then 4 per ms.
   Build b;
   b.unit("before", "probe").unit("p", "picky").with("longest", 0.3e-3).with("from", 0.005).unit("after", "probe").until(0.01);
@@ -137,7 +137,7 @@ TEST(StepControl, ATickIsCutUntilTheToleranceIsKept) {
   EXPECT_LT(tight, loose / 3);
 }
 
-TEST(StepControl, PartsGrowAgainWhenNothingHappens) {
+TEST(StepControl, PartsGrowAgainAfterSuccessfulSteps) {
   Build b;
   b.unit("i", "integrator").with("start", 1.0).unit("g", "gain").with("gain", -30.0);
   b.connect("i.y", "g.u").connect("g.y", "i.u").as_it_is().until(20);
@@ -156,7 +156,7 @@ TEST(StepControl, AToleranceNeedsUnitsThatCanBeTakenBack) {
   EXPECT_THAT(error_of([&] { b.load(); }), HasSubstr("component 'robot' cannot be taken back"));
 }
 
-TEST(StepControl, ARunWithoutDiscardsKnowsNothingOfIt) {
+TEST(StepControl, ARunWithoutDiscardedStepsIsNotChangedByIt) {
   Build b;
   b.unit("p", "picky").until(2);
   Master master = b.load();

@@ -96,12 +96,12 @@ Settings of_misfit() {
   return settings;
 }
 
-TEST(TuneLogs, LostRowsNeitherMoveTheCutoffNorSpoilTheResult) {
+TEST(TuneLogs, LostRowsHardlyChangeTheCutoffAndTheResult) {
   expect_losses_to_do_no_harm(of_misfit(), robot().folder / "log.csv", robot().log.samples(), 1, true);
   expect_losses_to_do_no_harm(of_misfit(), robot().folder / "log.csv", robot().log.samples(), 10, false, {0.05, 0.2});
 }
 
-TEST(TuneLogs, LostRowsDoNoHarmToRealRobots) {
+TEST(TuneLogs, LostRowsHardlyChangeTheResultsOfRealRobots) {
   const fs::path data = fs::path(places::shared()) / "data";
   if (!fs::exists(data / "measurements/ur10_unisa.csv")) GTEST_SKIP() << "needs ../shared/data/measurements";
   Settings settings;
@@ -178,7 +178,7 @@ TEST(TuneAlarm, AResultThatIsWorseThanNoModelIsAnAlarmUnlessItIsAccepted) {
   EXPECT_EQ(robot().figures("fine")["alarms"].size(), 0u);
 }
 
-TEST(TuneAlarm, TheFeasibleRobotIsWrittenWhereTheSwarmIsFarFromIt) {
+TEST(TuneAlarm, TheFeasibleRobotIsWrittenIfTheSwarmIsFarFromIt) {
   Settings settings = robot().settings();
   settings.rounds = 2;
   const Result result = robot().tune(settings, "unfinished");

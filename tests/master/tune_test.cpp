@@ -36,7 +36,7 @@ const TunedRobot& robot() {
   return robot;
 }
 
-TEST(Tune, FindsTheTorquesOfTheRobotAlsoWhereItHasNotLooked) {
+TEST(Tune, PredictsHeldOutTorques) {
   const Result result = robot().tune(robot().settings(), "finds");
   const nlohmann::json figures = robot().figures("finds");
   // Noise of 0.02 N.m at 100 Hz; a third of it passes a low-pass at 5 Hz.
@@ -91,7 +91,7 @@ TEST(Tune, FindsFrictionAndMotorInertia) {
       HasSubstr("Not determined, or only in sums with one another; the pull to the prior decides about them: `B_1` `B_2`"));
 }
 
-TEST(Tune, FindsFrictionThatGrowsWithTheLoadAndNoneWhereNothingHangs) {
+TEST(Tune, FindsLoadFrictionAndNoneWithoutLoad) {
   std::ofstream(robot().folder / "truth.urdf") << robot::to_urdf(robot().truth);
   cotwin::testing::SyntheticLog log = robot().log;
   log.load = 0.08;
@@ -111,7 +111,7 @@ TEST(Tune, FindsFrictionThatGrowsWithTheLoadAndNoneWhereNothingHangs) {
   EXPECT_THAT(robot().figures("load")["held_out"]["max"]["feasible"].get<Values>(), Each(Lt(0.5)));
 }
 
-TEST(Tune, TheUrdfAndTheCsvTellTheSameTorquesAsTheFigures) {
+TEST(Tune, TheUrdfAndTheCsvHaveTheSameTorquesAsTheFigures) {
   const Result result = robot().tune(robot().settings(), "files");
   const robot::RobotModel tuned = robot::load_urdf(robot().folder / "files/robot.urdf");  // an Error if a body were unphysical
   ASSERT_EQ(tuned.n(), 7);
@@ -177,7 +177,7 @@ TEST(Tune, InterruptedLeavesTheBestSoFarAndGoesOnToTheSameBytes) {
     EXPECT_EQ(content(robot().folder / "straight" / file), content(robot().folder / "stopped" / file)) << file;
 }
 
-TEST(Tune, InterruptedInFeasibleLeastSquaresKeepsWhatItHasAndGoesOnToTheSameBytes) {
+TEST(Tune, InterruptedInFeasibleLeastSquaresKeepsItsResultAndResumesToTheSameBytes) {
   for (const Method method : {Method::kSwarm, Method::kFeasible}) {
     SCOPED_TRACE(to_text(method));
     Settings settings = robot().settings();
@@ -212,7 +212,7 @@ TEST(Tune, AnotherSeedFindsAnotherWay) {
   EXPECT_NE(one.swarm->history, two.swarm->history);
 }
 
-TEST(Tune, LogsOfTheirOwnCanBeHeldOut) {
+TEST(Tune, SeparateLogsCanBeHeldOut) {
   cotwin::testing::SyntheticLog other = robot().log;
   other.seed = 7;
   other.write(robot().folder / "other.csv", robot().truth);
@@ -239,7 +239,7 @@ Settings of_planar_arm(const std::string& file, const cotwin::testing::Synthetic
   return settings;
 }
 
-TEST(CrossValidation, TakesFrictionWithTheLoadWhereTheGearsHaveIt) {
+TEST(CrossValidation, ChoosesLoadFrictionIfTheGearsHaveIt) {
   for (const double load : {0.0, 0.08}) {
     SCOPED_TRACE(load);
     cotwin::testing::SyntheticLog log = robot().log;
@@ -254,7 +254,7 @@ TEST(CrossValidation, TakesFrictionWithTheLoadWhereTheGearsHaveIt) {
 }
 
 // Changes after the training part have no influence.
-TEST(CrossValidation, DoesNotSeeTheHeldOutPart) {
+TEST(CrossValidation, DoesNotUseTheHeldOutPart) {
   const cotwin::testing::SyntheticLog& log = robot().log;
   const Settings chosen = cross_validate(of_planar_arm("seen.csv", log), {}, 2, {});
   const auto spoil = [&](std::size_t, std::vector<double>& cells) {
@@ -263,7 +263,7 @@ TEST(CrossValidation, DoesNotSeeTheHeldOutPart) {
   EXPECT_EQ(cross_validate(of_planar_arm("seen.csv", log, spoil), {}, 2, {}).chosen, chosen.chosen);
 }
 
-TEST(CrossValidation, LeavesWhatWasGivenAndEndsUpInTheReport) {
+TEST(CrossValidation, KeepsGivenSettingsAndIsInTheReport) {
   Settings settings = of_planar_arm("given.csv", robot().log);
   settings.method = Method::kFeasible;
   settings.cutoff = 5;
@@ -282,7 +282,7 @@ TEST(CrossValidation, LeavesWhatWasGivenAndEndsUpInTheReport) {
 }
 
 // A cutoff of 0 means the default cutoff: as a given value, it is not chosen by cross-validation.
-TEST(CrossValidation, TakesTheRulesCutoffWhereItWasGivenAsZero) {
+TEST(CrossValidation, UsesTheDefaultCutoffIfItIsGivenAsZero) {
   Settings settings = of_planar_arm("rule.csv", robot().log);
   settings.cutoff = 0;
   const double rule = survey_log(settings, {}).survey.cutoff();
@@ -324,13 +324,13 @@ TEST(Stiffness, IsThatOfTheGearsAlsoWhereFrictionGrowsWithTheLoad) {
   }
 }
 
-TEST(Stiffness, OfTorquesBehindTheGearsTakesNoFrictionAway) {
+TEST(Stiffness, OfTorquesBehindTheGearsSubtractsNoFriction) {
   const std::vector<double> K = stiffness_found(0, true);
   ASSERT_EQ(K.size(), 7u);
   for (const std::size_t j : {0u, 1u, 2u, 3u, 4u}) EXPECT_NEAR(K[j], 1e4, 100) << j;
 }
 
-TEST(Tune, LeastSquaresAloneWritesNoRobotThatCannotExist) {
+TEST(Tune, LeastSquaresWritesNoUnphysicalRobot) {
   Settings settings = robot().settings();
   settings.method = Method::kLeastSquares;
   const Result result = robot().tune(settings, "floor");
@@ -355,7 +355,7 @@ TEST(Tune, SettingsSurviveTheResumeFile) {
   EXPECT_EQ(read.settings.format, settings.format);
 }
 
-TEST(Tune, AResumeFileThatIsNoneIsAnErrorThatNamesIt) {
+TEST(Tune, AnInvalidResumeFileIsAnErrorThatNamesIt) {
   const std::string good = to_text(Resume{robot().settings(), {1}, {1, 2, 3}});
   const auto error_of = [](const std::string& text) -> std::string {
     try {
@@ -463,7 +463,7 @@ TEST(TuneProgram, BadInputIsExitCodeTwoWithPlaceFactAndExpectation) {
   EXPECT_FALSE(fs::exists(robot().folder / "results"));
 }
 
-TEST(TuneProgram, TheAngleUnitIsNoneOfSlidingJoints) {
+TEST(TuneProgram, TheAngleUnitDoesNotApplyToPrismaticJoints) {
   cotwin::testing::SyntheticLog log = robot().log;
   log.write(robot().folder / "gantry.csv", robot::load_urdf(places::source() + "/tests/components/data/gantry.urdf"));
   for (const char* unit : {"rad", "deg"}) {

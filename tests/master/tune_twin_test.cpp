@@ -45,7 +45,7 @@ void expect_promise(const fs::path& folder, const Replay& promise) {
   EXPECT_EQ(parts, compared.size());
 }
 
-TEST(TunedTwin, DoesWhatTuneHasPromisedForEveryFormOfFrictionOnBothSidesOfTheGears) {
+TEST(TunedTwin, HasTheReportedErrorsForEveryFormOfFrictionOnBothSidesOfTheGears) {
   const TunedRobot robot;
   for (const FrictionLaw law : {FrictionLaw::kNone, FrictionLaw::kCoulomb, FrictionLaw::kSigmoid, FrictionLaw::kStribeck}) {
     for (const bool motor : {true, false}) {
@@ -90,7 +90,7 @@ TEST(TunedTwin, HasTheSpringsOfItsRobot) {
   expect_promise(robot.folder / "springs", *result.evaluation.replay);
 }
 
-TEST(TunedTwin, IsToldOfMotorsThatWereMeasuredBesideTheLinks) {
+TEST(TunedTwin, UsesMotorsThatWereMeasuredBesideTheLinks) {
   const TunedRobot robot;
   cotwin::testing::SyntheticLog log = robot.log;
   log.duration = 16;
@@ -105,7 +105,7 @@ TEST(TunedTwin, IsToldOfMotorsThatWereMeasuredBesideTheLinks) {
   expect_promise(robot.folder / "motors", *result.evaluation.replay);
 }
 
-TEST(TunedTwin, ReplaysALogThatWasHeldOutAsAWhole) {
+TEST(TunedTwin, ReplaysAHeldOutLog) {
   const TunedRobot robot;
   cotwin::testing::SyntheticLog other = robot.log;
   other.duration = 16;
@@ -129,7 +129,7 @@ struct RealLog {
   double cutoff, prior_weight;
 };
 
-TEST(TunedTwin, DoesWhatTuneHasPromisedOfRealRobots) {
+TEST(TunedTwin, HasTheReportedErrorsOfRealRobots) {
   const fs::path data = fs::path(places::shared()) / "data";
   if (!fs::exists(data / "measurements")) GTEST_SKIP() << "needs ../shared/data/measurements";
   const cotwin::testing::TemporaryFolder folder("real_twins");

@@ -60,7 +60,7 @@ TEST(TuneUnits, TheDriveTrainTakesEveryKindOfFrictionAndSteps) {
 }
 
 // Noise decides whether a motor without inertia is identified as 0; then the unit's default would be 1 kg·m² too much.
-TEST(TuneUnits, AMotorWithoutInertiaHasNextToNoneInTheDriveTrain) {
+TEST(TuneUnits, AMotorWithoutInertiaHasASmallOneInTheDriveTrain) {
   const TunedRobot robot;
   cotwin::testing::SyntheticLog log = robot.log;
   log.B = 0;
@@ -106,7 +106,7 @@ TEST(TuneUnits, TheMotionUnitMovesAsAnExcitingMotionSays) {
 }
 
 // Example 05, where robot and twin run beside a tuner, as one unit: saved during the search and continued in another unit.
-TEST(TuneUnits, ATwinThatMaturesGoesOnToTheSameBitsWhereItIsRestored) {
+TEST(TuneUnits, ATwinWithATunerContinuesToTheSameBitsAfterRestoring) {
   Scenario scenario = load_scenario(places::source() + "/examples/05_maturation/twin.ssd");
   for (ComponentSpec& component : scenario.components) {
     if (component.name != "tuner") continue;

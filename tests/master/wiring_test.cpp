@@ -50,7 +50,7 @@ TEST(Wiring, ConvertsTheMeasuresThatTheConnectorsState) {
   EXPECT_NEAR(value(master, "b.u"), 8 + 10 * std::acos(-1.0) / 180, 1e-14);
 }
 
-TEST(Wiring, KnowsMeasuresThatTheScenarioDefines) {
+TEST(Wiring, UsesUnitsOfMeasureThatTheScenarioDefines) {
   Build b;
   b.unit("a", "gain").with("bias", 4.0).unit("b", "gain", 1).connect("a.y", "b.u");
   UnitDefinition turn;
@@ -65,7 +65,7 @@ TEST(Wiring, KnowsMeasuresThatTheScenarioDefines) {
   EXPECT_NEAR(value(master, "b.u"), 4 / (2 * std::acos(-1.0)), 1e-15);
 }
 
-TEST(Wiring, CarriesEveryKindAndWidensIntegersToReals) {
+TEST(Wiring, CopiesEveryKindAndConvertsIntegersToReals) {
   Build b;
   b.unit("a", "mixed").with("integer", std::int64_t{7}).with("boolean", true).with("string", std::string("hello"));
   b.unit("b", "mixed", 1);
@@ -99,7 +99,7 @@ TEST(Wiring, AParameterFollowsAnOutputOnlyWhileTheSystemIsInitialised) {
   EXPECT_EQ(value(master, "i.start"), 2.5);
 }
 
-TEST(Wiring, RefusesWhatCannotBeConnectedAndSaysWhere) {
+TEST(Wiring, RefusesInvalidConnectionsWithTheirPlace) {
   const auto refusal = [](const std::string& from, const std::string& to) {
     Build b;
     b.unit("a", "gain?n=3").unit("i", "integrator").unit("m", "mixed").unit("b", "gain?n=2").connect(from, to);
@@ -116,7 +116,7 @@ TEST(Wiring, RefusesWhatCannotBeConnectedAndSaysWhere) {
   EXPECT_THAT(refusal("x.y", "b.u[1]"), HasSubstr("there is no variable 'x.y'"));
 }
 
-TEST(Wiring, RefusesAnInputThatIsFedTwiceAlsoInOneElement) {
+TEST(Wiring, RefusesAnInputWithTwoSourcesAlsoForOneElement) {
   Build b;
   b.unit("a", "gain?n=3").unit("b", "gain?n=3").connect("a.y", "b.u").connect("a.y[1]", "b.u[3]");
   EXPECT_EQ(error_of([&] { b.load(); }), "test.ssd:41: a.y[1] -> b.u[3]: the input b.u[3] is already fed by a.y (test.ssd:41)");
@@ -142,21 +142,21 @@ TEST(Wiring, RefusesConnectorsThatTheUnitDoesNotHave) {
   EXPECT_THAT(refusal({"y", "output", "Real", "N.m", ""}), HasSubstr("N.m is not a measure of a variable in rad"));
 }
 
-TEST(Wiring, TellsSettingsThatNoUnitKnows) {
+TEST(Wiring, ReportsSettingsThatNoUnitHas) {
   Build b;
   b.unit("a", "gain");
   b.scenario.settings["nn"] = "3";
   EXPECT_THAT(error_of([&] { b.load(); }), HasSubstr("setting 'nn' = '3': no unit of this scenario has it; did you mean 'n'?"));
 }
 
-TEST(Wiring, TellsASharedSettingThatEveryUnitOverrides) {
+TEST(Wiring, ReportsASharedSettingThatEveryUnitOverrides) {
   Build b;
   b.unit("a", "gain?n=2");
   b.scenario.settings["n"] = "3";
   EXPECT_THAT(error_of([&] { b.load(); }), HasSubstr("setting 'n' = '3' has no effect: 'a' has its own value"));
 }
 
-TEST(Wiring, SaysThatANameIsASettingAndNoVariable) {
+TEST(Wiring, ReportsANameThatIsASettingAndNotAVariable) {
   Build b;
   b.unit("a", "gain").with("n", std::int64_t{2});
   EXPECT_THAT(error_of([&] { b.load(); }),
@@ -191,7 +191,7 @@ TEST(Wiring, ExtrapolatesAnInputWhoseSourceStepsLater) {
   EXPECT_NEAR(value(master, "b.y"), 0.01 - 1e-6, 1e-15);
 }
 
-TEST(Wiring, ExtrapolatesWithTheDerivativeThatTheSourceKnows) {
+TEST(Wiring, ExtrapolatesWithTheDeclaredDerivativeOfTheSource) {
   // As before, with dy/dt = 2 as an output of its own: the first step knows the slope, too.
   Build b;
   b.unit("b", "ramped", 0).unit("a", "telling_integrator", 1).with("u", 2.0);

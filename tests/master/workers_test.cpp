@@ -66,13 +66,13 @@ double share_spread(int ticks, Alone alone, Together together) {
   return spread / (ticks / 2.0);
 }
 
-TEST(Balance, TakesTheBetterWayWhereItIsFivePerCentBetter) {
+TEST(Balance, ChoosesTheFasterWayIfItIsFivePerCentFaster) {
   const auto constant = [](double seconds) { return [seconds](int) { return seconds; }; };
   EXPECT_GT(share_spread(100'000, constant(200e-6), constant(190e-6)), 0.97);
   EXPECT_LT(share_spread(100'000, constant(200e-6), constant(210e-6)), 0.03);
 }
 
-TEST(Balance, IsNotMisledByNoiseAndByTicksThatCostMore) {
+TEST(Balance, IsRobustAgainstNoiseAndExpensiveTicks) {
   // Ticks that cost three times as much for a while (a contact), random variation by a third, and a delay of 2 ms by another
   // process in every 50th tick.
   for (const bool pays : {false, true}) {
@@ -93,14 +93,14 @@ TEST(Balance, IsNotMisledByNoiseAndByTicksThatCostMore) {
   }
 }
 
-TEST(Balance, ChangesItsMindWhenTheMachineDoes) {
+TEST(Balance, AdaptsWhenTheMachineChanges) {
   const auto together = [](int tick) { return tick < 50'000 ? 120e-6 : 300e-6; };  // then the second core is occupied
   EXPECT_LT(share_spread(
                 300'000, [](int) { return 200e-6; }, together),
             0.05);
 }
 
-TEST(Balance, TriesNothingWhereThreadsCannotPay) {
+TEST(Balance, MakesNoTrialsWhereThreadsCannotHelp) {
   Balance light({true, true, true, true}, 2, 5e-6, false), single({true, true}, 1, 5e-6, false);
   for (int i = 0; i < 100; ++i) {
     light.sampled(std::vector<double>(4, 50e-9));
@@ -110,7 +110,7 @@ TEST(Balance, TriesNothingWhereThreadsCannotPay) {
   EXPECT_EQ(single.next_trial(), std::numeric_limits<std::int64_t>::max());
 }
 
-TEST(Balance, PutsTheLongestFirstAndKeepsWhatMustNotMove) {
+TEST(Balance, AssignsTheLongestFirstAndKeepsPinnedUnits) {
   Balance balance({false, true, true, true}, 3, 1e-6, true);
   for (int i = 0; i < 10; ++i) balance.sampled(std::vector<double>{10e-6, 90e-6, 50e-6, 45e-6});
   EXPECT_TRUE(balance.parallel());
@@ -149,7 +149,7 @@ TEST(Threads, DoNotChangeABit) {
   EXPECT_EQ(chaos(0, false), alone);
 }
 
-TEST(Threads, TellTheFirstFaultInTheOrderOfTheScenario) {
+TEST(Threads, ReportTheFirstFaultInTheOrderOfTheScenario) {
   for (const bool always : {false, true}) {
     Build b;
     for (int i = 0; i < 6; ++i) b.unit("u" + std::to_string(i), "faulty").with("after", 0.002).with("throws", i == 1 || i == 4);

@@ -49,7 +49,7 @@ TEST(Attachment, MakesTheCarryingBodyTheCompositeBody) {
   EXPECT_EQ(robot.frame("ft_sensor").X_BF, kOnTop);  // link_7's frame is that of body 6
 }
 
-TEST(Attachment, OnAnAttachmentStandsWhereTheChainOfPosesEnds) {
+TEST(Attachment, OnAnAttachmentIsAtTheEndOfTheChainOfPoses) {
   RobotModel robot = lwr4();
   attach(robot, sensor());
   attach(robot, gripper());
@@ -143,7 +143,7 @@ TEST(Attachment, OnTheBaseMovesNothing) {
   EXPECT_EQ(robot.base.inertia, Inertia{});
 }
 
-TEST(Attachment, ThatCannotBeIsRefusedAndChangesNothing) {
+TEST(Attachment, ThatIsInvalidIsRefusedAndChangesNothing) {
   RobotModel robot = lwr4();
   robot.base.inertia = {};
   attach(robot, sensor());

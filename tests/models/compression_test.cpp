@@ -106,7 +106,7 @@ TEST(Triangle, ForgetsExponentially) {
   EXPECT_NEAR(triangle.weight(), weight, 1e-12 * weight);
 }
 
-TEST(Triangle, MergesPartsAsIfTheyHadBeenOne) {
+TEST(Triangle, MergedPartsEqualTheWhole) {
   const MatrixXd A = random_matrix(500, 9), older = random_matrix(171, 9, 1);
   for (const double factor : {1.0, 0.99}) {
     Triangle both = compressed(A, factor);
@@ -150,7 +150,7 @@ TEST(Triangle, GoesOnFromWhatWasStored) {
   }
 }
 
-TEST(Triangle, RefusesNumbersThatNoTriangleStoredAndStaysAsItWas) {
+TEST(Triangle, RefusesInvalidNumbersAndIsUnchanged) {
   const double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
   const Triangle before = compressed(random_matrix(100, 3));
   std::vector<double> stored(before.stored_doubles());
@@ -176,7 +176,7 @@ TEST(Triangle, RefusesNumbersThatNoTriangleStoredAndStaysAsItWas) {
   EXPECT_EQ(error_of(stored.size() - 1, -infinity), "triangle: number 8 of a triangle is not finite");
 }
 
-TEST(Triangle, ReducesWhatDependsToZero) {
+TEST(Triangle, ReducesDependentColumnsToZero) {
   MatrixXd A = random_matrix(300, 6);
   A.col(3) = A.col(0) - 2 * A.col(2);
   A.col(5).setZero();
@@ -193,7 +193,7 @@ TEST(Triangle, TakingRowsAllocatesNothing) {
   EXPECT_EQ(testing::allocations(), before);
 }
 
-TEST(Triangle, RefusesWhatIsNoFactor) {
+TEST(Triangle, RefusesInvalidForgettingFactors) {
   EXPECT_THROW(Triangle(0), Error);
   EXPECT_THROW(Triangle(3, 0), Error);
   EXPECT_THROW(Triangle(3, 1.01), Error);

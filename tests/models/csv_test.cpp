@@ -62,13 +62,13 @@ TEST(Csv, SeparatorsQuotesByteOrderMarkLineEndsAndCommentsAreUnderstood) {
   }
 }
 
-TEST(Csv, RowsKnowTheirLinesInTheFile) {
+TEST(Csv, RowsHaveTheirLineNumbers) {
   const csv::Table table = csv::parse("# first\nt,q\n\n0,1\n# remark\r\n1,2\n", "file.csv");
   EXPECT_THAT(table.lines, ElementsAre(4, 6));
   EXPECT_EQ(table.place(1, 1), "file.csv:6: column 'q'");
 }
 
-TEST(Csv, ColumnsThatNobodyAskedForMayHoldAnything) {
+TEST(Csv, UnusedColumnsMayContainAnything) {
   const csv::Table table = csv::parse("t,mode,q\n0,\"auto, fast\",1\n1,,2\n", "file.csv", {"q", "t"});
   EXPECT_THAT(table.names, ElementsAre("q", "t"));
   EXPECT_THAT(table.columns[0], ElementsAre(1, 2));
@@ -82,7 +82,7 @@ TEST(Csv, QuotedCellsKeepSeparatorsAndDoubledQuotes) {
   EXPECT_EQ(reader.real(1), 1);
 }
 
-TEST(Csv, WhatIsWrongIsToldWithLineColumnFactAndExpectation) {
+TEST(Csv, ErrorsHaveLineColumnFactAndExpectation) {
   EXPECT_EQ(error_of("t,tau3\n0,1\n1,abc\n"), "file.csv:3: column 'tau3': 'abc', expected a number");
   EXPECT_EQ(error_of("t,tau3\n0,\n"), "file.csv:2: column 'tau3': empty, expected a number");
   EXPECT_EQ(error_of("t,q\n0,1e999\n"), "file.csv:2: column 'q': '1e999', expected a number that fits a double");
@@ -101,7 +101,7 @@ TEST(Csv, WhatIsWrongIsToldWithLineColumnFactAndExpectation) {
   EXPECT_EQ(error_of("t,q\n0,1\n", {'|'}), "file.csv: separator '|', expected a comma, a semicolon or a tab");
 }
 
-TEST(Csv, AMissingColumnNamesTheOneThatMayBeMeant) {
+TEST(Csv, AMissingColumnSuggestsTheClosestName) {
   const csv::Table table = csv::parse("time,q1\n0,1\n", "file.csv");
   try {
     table.column("tine");
@@ -193,7 +193,7 @@ TEST(Csv, ALineWithoutEndIsRefusedBeforeItFillsTheMemory) {
   }
 }
 
-TEST(Csv, RealMeasurementsAreReadWhole) {
+TEST(Csv, RealMeasurementsAreReadCompletely) {
   const std::filesystem::path folder = std::filesystem::path(places::shared()) / "data/measurements";
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << "needs " << folder;
   const csv::Table panda = csv::load(folder / "panda_unisa.csv");

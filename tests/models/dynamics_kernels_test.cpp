@@ -288,7 +288,7 @@ TEST(Kernels, NothingAllocates) {
   EXPECT_GT(allocations, before);  // check of the counter
 }
 
-TEST(Kernels, AskingForAnUnknownInstructionSetGivesTheBest) {
+TEST(Kernels, AnUnknownInstructionSetSelectsTheBest) {
   EXPECT_STREQ(choose_kernels(7, true, "x86-64-v9").isa, isas().front());
   EXPECT_STREQ(choose_kernels(7, true, "").isa, isas().front());
   EXPECT_STREQ(choose_kernels(7, true, isas().back()).isa, isas().back());

@@ -73,7 +73,7 @@ TEST_F(Files, OfTooManyBytesAreRefusedBeforeTheyAreRead) {
               AllOf(StartsWith(file.string()), HasSubstr("1099511627776 bytes, expected a text of at most 268435456")));
 }
 
-TEST_F(Files, ThatAreNoneAreRefusedAtOnce) {
+TEST_F(Files, ThatAreNotRegularAreRefusedAtOnce) {
   const auto error = [&](const fs::path& file) { return error_of([&] { open_file(file, "a table"); }); };
   EXPECT_THAT(error(fifo("pipe")), AllOf(StartsWith((folder_ / "pipe").string()), HasSubstr("is a FIFO, expected a table")));
   EXPECT_THAT(error(folder_), HasSubstr("is a folder, expected a table"));
@@ -92,7 +92,7 @@ TEST_F(Files, ThatAreNoneAreRefusedAtOnce) {
   close(socket);
 }
 
-TEST_F(Files, OfEveryKindAreNotWaitedForWhereTheyAreFifos) {
+TEST_F(Files, OpeningAFifoNeverBlocks) {
   EXPECT_THAT(error_of([&] { csv::load(fifo("a.csv")); }), HasSubstr("is a FIFO"));
   EXPECT_THAT(error_of([&] { load_parameter_set(fifo("a.ssv")); }), HasSubstr("is a FIFO"));
   EXPECT_THAT(error_of([&] { robot::load_urdf(fifo("a.urdf")); }), HasSubstr("is a FIFO"));

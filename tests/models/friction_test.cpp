@@ -163,7 +163,7 @@ TEST(Lugre, WithoutCoulombFrictionIsViscousAlone) {
   }
 }
 
-TEST(Bristles, WithABreakawayTorqueAloneStickAndThenSlideAgainstNextToNothing) {
+TEST(Bristles, WithOnlyABreakawayTorqueStickAndThenSlideAgainstASmallTorque) {
   const Bristle p{.sigma0 = 5000, .sigma1 = 0, .sigma2 = 3, .tau_C = 0, .tau_S = 7, .v_S = 0.1};
   EXPECT_TRUE(p.present());
   for (const Law law : {lugre, elasto_plastic}) {

@@ -164,7 +164,7 @@ VectorXd list(std::initializer_list<double> values) {
 
 // Reference values of ../shared/data/README.md: least squares with friction terms by independent code with its own filter, to
 // two digits.
-TEST(RealRobots, PandaIsExplainedAsWellAsByOthersLeastSquares) {
+TEST(RealRobots, PandaErrorIsAtMostThatOfIndependentLeastSquares) {
   if (absent()) GTEST_SKIP() << "no ../shared/data/measurements";
   ModelOptions options;
   options.motor_inertia = false;  // torque sensors behind the gears
@@ -177,7 +177,7 @@ TEST(RealRobots, PandaIsExplainedAsWellAsByOthersLeastSquares) {
   EXPECT_LE(f.swarm_test.norm(), test.norm());
 }
 
-TEST(RealRobots, Ur10IsExplainedBetterThanByOthersLeastSquares) {
+TEST(RealRobots, Ur10ErrorIsBelowThatOfIndependentLeastSquares) {
   if (absent()) GTEST_SKIP() << "no ../shared/data/measurements";
   const RealRobot real = load("ur10.urdf", "ur10_unisa.csv", 10);
   const VectorXd train = list({2.8, 1.8, 1.7, .40, .38, 1.9}), test = list({3.1, 3.3, 2.1, .76, .31, 1.1});

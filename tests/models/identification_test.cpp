@@ -120,7 +120,7 @@ TEST(BaseParameters, OfThePlanarArmAreTheTextbooksSix) {
   EXPECT_THAT(names, HasSubstr("m_2"));
 }
 
-TEST(TorqueData, GivesEveryEstimatesErrorsWithoutTheSamples) {
+TEST(TorqueData, GivesTheErrorsOfAnyEstimateWithoutTheSamples) {
   const Estimate truth = truth_of(lwr());
   const Samples samples = simulate(lwr(), truth, 3000, 0.05);
   const TorqueData data = compressed(lwr(), samples);
@@ -242,7 +242,7 @@ TEST(Floor, IsNotAboveFeasibleLeastSquaresWithNonlinearFriction) {
   }
 }
 
-TEST(Floor, WeightsJointsByWhatTheyLeaveUnexplained) {
+TEST(Floor, WeightsJointsByTheirResiduals) {
   Samples samples = simulate(lwr(), truth_of(lwr()), 4000, 0);
   const VectorXd noise = VectorXd::LinSpaced(7, 0.7, 0.1);
   for (std::size_t i = 0; i < samples.tau.size(); ++i)
@@ -326,7 +326,7 @@ TEST(Problem, NoPhysicalRobotIsBelowTheFloor) {
     ASSERT_GE(problem.cost(random_xi(problem, 0.02 * k, k)), problem.floor().cost * (1 - 1e-12));
 }
 
-TEST(Excitation, NamesWhatAStandingJointLeavesOpen) {
+TEST(Excitation, NamesTheParametersThatAFixedJointDoesNotExcite) {
   Samples samples = simulate(lwr(), truth_of(lwr()), 1500, 0);
   for (std::size_t k = 0; k < samples.count(); ++k) samples.dq[7 * k + 6] = samples.ddq[7 * k + 6] = samples.q[7 * k + 6] = 0;
   samples.tau = torques(lwr(), truth_of(lwr()), samples);
@@ -344,7 +344,7 @@ TEST(Excitation, NamesWhatAStandingJointLeavesOpen) {
 }
 
 // All 2^k choices of coefficients that are fixed at zero: the best one that is not negative.
-TEST(NonnegativeLeastSquares, FindsWhatTryingEverySetFinds) {
+TEST(NonnegativeLeastSquares, FindsTheSolutionOfAnExhaustiveSearch) {
   robot::testing::Draw draw(9);
   int held = 0;
   for (int trial = 0; trial < 4000; ++trial) {
@@ -445,7 +445,7 @@ TEST(Feasible, FindsTheSameRobotFromTorquesThatDifferByRounding) {
 }
 
 // The optimum without the box has bodies far outside of it: the optimum within is on the faces, and descents find no lower one.
-TEST(Feasible, KeepsToABoxThatIsNarrow) {
+TEST(Feasible, StaysWithinANarrowBox) {
   const Samples samples = simulate(lwr(), truth_of(lwr()), 1500, 0.1);
   ProblemOptions narrow;
   narrow.bounds.mass_factor = 1.2;
@@ -461,7 +461,7 @@ TEST(Feasible, KeepsToABoxThatIsNarrow) {
   EXPECT_GE(descents.cost, result.cost * (1 - 1e-6));
 }
 
-TEST(Feasible, StopsWhenItIsToldAndIsNeverWorseThanThePrior) {
+TEST(Feasible, StopsOnRequestAndIsNeverWorseThanThePrior) {
   ModelOptions model;
   model.friction = FrictionLaw::kSigmoid;
   const Problem problem(compressed(lwr(), simulate(lwr(), truth_of(lwr()), 800, 0.1), model), perturbed(lwr(), 0.3));
@@ -503,7 +503,7 @@ TEST(Tuning, ComesWithinTwoPercentOfFeasibleLeastSquaresAndFiveFromADistantPrior
 
 // 3 kN.m at the base and a noise of half a per cent at the hand: a few of the axes attract the swarm at first, and it must not
 // drift along the others.
-TEST(Tuning, ComesHomeFromADistantPriorOfAHeavyRobot) {
+TEST(Tuning, ConvergesFromADistantPriorOfAHeavyRobot) {
   const robot::RobotModel heavy = robot::load_urdf(places::source() + "/models/robots/kr300_r2500/robot.urdf");
   Samples samples = simulate(heavy, truth_of(heavy), 2000, 0);
   VectorXd rms = VectorXd::Zero(6);
@@ -629,7 +629,7 @@ TEST(Tuning, FindsTheStribeckSpeed) {
 }
 
 // A spring over joint 2, such as a counterbalance, is not a rigid body: harmonics represent it.
-TEST(Harmonics, ExplainASpringThatNoBodyCan) {
+TEST(Harmonics, RepresentASpring) {
   Estimate truth = truth_of(lwr());
   truth.drive[1].harmonics = {3, -1, 0.5, 2};
   const Samples samples = simulate(lwr(), truth, 2000, 0.02);

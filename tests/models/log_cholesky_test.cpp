@@ -68,7 +68,7 @@ TEST(LogCholesky, ReachesEveryPhysicalBodyAndFindsItsCoordinates) {
 }
 
 // e^(2α) scales mass and moments alike; t moves the centre of mass by standard deviations.
-TEST(LogCholesky, CoordinatesMeanWhatTheyAreSaidToMean) {
+TEST(LogCholesky, CoordinatesHaveTheirDocumentedMeaning) {
   Inertia prior;
   prior.mass = 2;
   prior.p_LC = {0.1, 0.2, 0.3};

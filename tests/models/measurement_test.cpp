@@ -48,7 +48,7 @@ class LogSurvey : public ::testing::Test {
   SyntheticLog synthetic_;
 };
 
-TEST_F(LogSurvey, OfACleanLogTellsRateRangeAndGravityAndWarnsOfNothing) {
+TEST_F(LogSurvey, OfACleanLogReportsRateRangeAndGravityWithoutWarnings) {
   write();
   const Survey result = survey(log(), robot_);
   EXPECT_THAT(result.warnings, IsEmpty());
@@ -86,7 +86,7 @@ TEST_F(LogSurvey, AGapIsAWarningAndCutsTheLogIntoSegments) {
               Contains(AllOf(HasSubstr("log.csv:1002"), HasSubstr("a gap of 2.005 s"), HasSubstr("expected at most 1 s"))));
 }
 
-TEST_F(LogSurvey, MissingRowsAreToldAndLeaveTheLogWhole) {
+TEST_F(LogSurvey, MissingRowsAreReportedAndDoNotDivideTheLog) {
   write([](std::size_t row, std::vector<double>& cells) {
     if (row >= 1000) cells[0] += 0.5;
   });
@@ -116,7 +116,7 @@ TEST_F(LogSurvey, AnotherNumberOfJointsIsAnErrorThatNamesTheFile) {
   EXPECT_THAT(error(), AllOf(HasSubstr("log.csv"), HasSubstr("7"), HasSubstr("expected")));
 }
 
-TEST_F(LogSurvey, DegreesForRadiansAreAnErrorThatSaysSo) {
+TEST_F(LogSurvey, DegreesReadAsRadiansAreAnError) {
   write([](std::size_t, std::vector<double>& cells) {
     for (std::size_t j = 1; j <= 7; ++j) cells[j] *= 180 / std::numbers::pi;
   });
@@ -126,7 +126,7 @@ TEST_F(LogSurvey, DegreesForRadiansAreAnErrorThatSaysSo) {
   EXPECT_THAT(survey(in_degrees, robot_).warnings, IsEmpty());
 }
 
-TEST_F(LogSurvey, MillisecondsForSecondsAreAnErrorThatSaysSo) {
+TEST_F(LogSurvey, MillisecondsReadAsSecondsAreAnError) {
   write([](std::size_t, std::vector<double>& cells) { cells[0] *= 1000; });
   EXPECT_THAT(error(), AllOf(HasSubstr("median step is 5 s"), HasSubstr("milliseconds? Then --time-unit ms")));
   Log in_ms = log();
@@ -152,12 +152,12 @@ TEST_F(LogSurvey, AJointThatStandsStillIsAWarning) {
   EXPECT_THAT(survey(log(), robot_).warnings, Contains(AllOf(HasSubstr("column 'q4'"), HasSubstr("joint_4 moves by 0 rad"))));
 }
 
-TEST_F(LogSurvey, ALogInWhichNothingMovesIsAnError) {
+TEST_F(LogSurvey, ALogWithoutMotionIsAnError) {
   write([](std::size_t, std::vector<double>& cells) { std::fill(cells.begin() + 1, cells.begin() + 8, 0.5); });
   EXPECT_THAT(error(), HasSubstr("no joint moves"));
 }
 
-TEST_F(LogSurvey, TorquesAgainstGravityAreAnErrorThatSaysSoAndAcceptedOnDemand) {
+TEST_F(LogSurvey, TorquesAgainstGravityAreAnErrorUnlessAccepted) {
   write([](std::size_t, std::vector<double>& cells) { cells[kTau + 1] *= -1; });
   EXPECT_THAT(error(),
               AllOf(HasSubstr("column 'tau2'"), HasSubstr("goes against the URDF's gravity"), HasSubstr("--tau-scale -1")));

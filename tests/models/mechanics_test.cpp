@@ -163,7 +163,7 @@ TEST(Inertia, OfBoxesGluedTogetherIsThatOfTheWholeBox) {
   expect_near(cube.seen_from(at(-0.1)) + cube.seen_from(at(0.1)), box(6, 0.4, 0.2, 0.2), kRounding);
 }
 
-TEST(Inertia, OfNothingAddedChangesNoBit) {
+TEST(Inertia, OfNothingAddedChangesNothing) {
   const Inertia body = summed(random_points(5));
   const Inertia frame = Inertia{}.seen_from(random_pose());
   EXPECT_EQ(body + frame, body);
@@ -194,7 +194,7 @@ TEST(Inertia, OfALaminaRoundedToThreeDigitsIsPhysical) {
   EXPECT_EQ(with_moments(1, {0.0124, 0.0234, 0.03585}).unphysical(), "");
 }
 
-TEST(Inertia, ThatNoBodyCanHaveIsNamed) {
+TEST(Inertia, ThatIsUnphysicalIsReported) {
   const auto why = [](const Inertia& body) { return body.unphysical(); };
   EXPECT_EQ(why(Inertia{}), "mass 0 kg, expected > 0");
   EXPECT_EQ(why(with_moments(-1, {1, 1, 1})), "mass -1 kg, expected > 0");

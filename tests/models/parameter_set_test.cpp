@@ -225,19 +225,19 @@ INSTANTIATE_TEST_SUITE_P(
             "f.ssv:4: attribute 'm' of 'BaseUnit': '1.5'"}),
     [](const auto& p) { return p.param.name; });
 
-TEST(ParameterSetFile, ThatIsNotThereIsNamed) {
+TEST(ParameterSetFile, ThatIsMissingIsNamed) {
   EXPECT_THAT([] { load_parameter_set("no/such.ssv"); },
               ::testing::ThrowsMessage<Error>(::testing::StartsWith("no/such.ssv: cannot be read")));
   EXPECT_THROW(load_parameter_set(::testing::TempDir()), Error);  // a folder
 }
 
-TEST(ParameterSetFile, IsNotWrittenWithWhatItCannotHold) {
+TEST(ParameterSetFile, IsNotWrittenWithInvalidValues) {
   EXPECT_THROW(written({"s", {{"i", std::int64_t{1} << 40, "", ""}}, {}}), Error);
   EXPECT_THROW(written({"s", {{"i", std::string("\x01"), "", ""}}, {}}), Error);
   EXPECT_THROW(written({"s", {{"i", std::string("\xC3\x28"), "", ""}}, {}}), Error);
 }
 
-TEST(XmlText, IsUtf8OfAllowedCharactersAndNothingElse) {
+TEST(XmlText, IsUtf8OfAllowedCharactersOnly) {
   for (const char* good : {"", "abc \t\r\n", "ü", "€", "\xF0\x9F\x98\x80", "\xEF\xBF\xBD"})
     EXPECT_TRUE(xml::is_xml_text(good)) << good;
   for (const char* bad :
@@ -247,7 +247,7 @@ TEST(XmlText, IsUtf8OfAllowedCharactersAndNothingElse) {
   }
 }
 
-TEST(Xml, KnowsNamespacesByTheirScope) {
+TEST(Xml, ResolvesNamespacesByTheirScope) {
   const xml::Element root =
       xml::parse("<a xmlns='u' xmlns:p='v'><b xmlns='w' xmlns:p='x'><p:c p:d='1' d='2'/></b><p:e/></a>", "m");
   EXPECT_EQ(root.space, "u");
@@ -259,7 +259,7 @@ TEST(Xml, KnowsNamespacesByTheirScope) {
   EXPECT_NE(xml::child(root, "v", "e"), nullptr);
 }
 
-TEST(Xml, HandsElementsOverAsTheyEnd) {
+TEST(Xml, PassesElementsOnAsTheyEnd) {
   std::vector<std::string> seen;
   const xml::Element root = xml::parse("<a x='1'><b><c/>text</b><b>more</b><d/></a>", "m",
                                        [&](std::span<const xml::Element> around, xml::Element& e) {
@@ -291,7 +291,7 @@ TEST(Xml, DeclaresNoEntities) {
   EXPECT_EQ(xml::parse("\n\n<?xml version='1.0'?>\n<a/>", "m").place.text(), "m:4");
 }
 
-TEST(Xml, KeepsNoMoreThanTheMemoryHasRoomFor) {
+TEST(Xml, LimitsItsMemory) {
   // 30 MB of text would be a tree of more than 1 GB.
   std::string text = "<a>";
   for (int i = 0; i < 6'000'000; ++i) text += "<b/>\n";

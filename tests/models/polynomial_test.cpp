@@ -80,7 +80,7 @@ TEST(Polynomial, ElevationKeepsThePolynomial) {
 }
 
 // A damaged state may contain any numbers: the search for the largest value must end.
-TEST(Polynomial, ExtremesOfWhatIsNotFiniteAreSoughtNoFurther) {
+TEST(Polynomial, ExtremesOfNonFiniteValuesAreNotSearched) {
   constexpr double kInfinity = std::numeric_limits<double>::infinity(), kNone = std::numeric_limits<double>::quiet_NaN();
   for (const double odd : {kInfinity, -kInfinity, kNone, 1e308}) {
     for (std::size_t at = 0; at < 8; ++at) {

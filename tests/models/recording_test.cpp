@@ -107,7 +107,7 @@ TEST(Recording, EpochsInNanosecondsKeepTheirDifferences) {
   EXPECT_NEAR(r.q.t[2], 0.002, 3e-7);  // a double holds 1.7e18 to 256 ns
 }
 
-TEST(Recording, WhatIsWrongInARowNamesItsLineAndColumn) {
+TEST(Recording, ErrorsInARowNameItsLineAndColumn) {
   const auto axes = free_axes(1);
   EXPECT_EQ(error_of("t,q1\n0,0\n1,nan\n", axes), "file.csv:3: column 'q1': nan, expected a finite number");
   EXPECT_EQ(error_of("t,q1\n0,0\n1,\n", axes), "file.csv:3: column 'q1': empty, expected a number");

@@ -140,7 +140,7 @@ TEST(Hull, OfABoxIsTheBox) {
   EXPECT_EQ(convex_hull(box.vertices).faces.size(), 6u);
 }
 
-TEST(Hull, HoldsAllPointsAndKeepsTheOuterOnes) {
+TEST(Hull, ContainsAllPointsAndKeepsTheOuterOnes) {
   for (const int count : {4, 5, 20, 100, 1000}) {
     const Polytope ball = convex_hull(sphere_points(count));
     expect_sound(ball);
@@ -151,7 +151,7 @@ TEST(Hull, HoldsAllPointsAndKeepsTheOuterOnes) {
   EXPECT_TRUE(ball.second_moment().isApprox(0.4 * 4 * M_PI / 3 * Eigen::Matrix3d::Identity(), 0.02));
 }
 
-TEST(Hull, OfPointsOnACurveEndsAndHoldsThemAll) {
+TEST(Hull, OfPointsOnACurveContainsAllPoints) {
   // (sin t, cos 2t, sin 3t) is a cubic curve in sin t, with points as close together as 1e-5: rounding would break the surface.
   std::vector<Eigen::Vector3d> points;
   for (int i = 0; i < 200; ++i) points.emplace_back(std::sin(i), std::cos(2 * i), std::sin(3 * i));
@@ -162,7 +162,7 @@ TEST(Hull, OfPointsOnACurveEndsAndHoldsThemAll) {
   }
 }
 
-TEST(Hull, SurvivesPointsThatAreAllButAlike) {
+TEST(Hull, WorksForNearlyEqualPoints) {
   std::vector<Vector3d> points = sphere_points(60);
   for (int i = 0; i < 60; ++i) points.push_back(points[static_cast<std::size_t>(i)] + Vector3d(1e-15, -1e-15, 1e-16));
   expect_sound(convex_hull(points));
@@ -176,7 +176,7 @@ TEST(Hull, SurvivesPointsThatAreAllButAlike) {
   EXPECT_EQ(hull.faces.size(), 66u);
 }
 
-TEST(Hull, OfFlatOrFewPointsIsAnErrorThatSaysSo) {
+TEST(Hull, OfFlatOrFewPointsIsAnError) {
   EXPECT_THAT(error_of([] { convex_hull(std::vector<Vector3d>(3, Vector3d::Zero())); }),
               HasSubstr("3 points, expected at least 4"));
   EXPECT_THAT(error_of([] { convex_hull(std::vector<Vector3d>(10, Vector3d::Zero())); }),
@@ -227,7 +227,7 @@ TEST(SolidInertia, AgreesWithThatOfTheHull) {
   EXPECT_TRUE(solid_inertia(hull, 900).I_CC.isApprox(solid_inertia(box, 900).I_CC, 1e-12));
 }
 
-TEST(RoundHole, IsRoundToWhatItSays) {
+TEST(RoundHole, HasTheDocumentedRoundness) {
   RoundHole hole;
   hole.radius = 0.015;
   hole.depth = 0.04;
@@ -405,7 +405,7 @@ TEST(Sdf, MakesInertiaFromDensity) {
   EXPECT_NEAR(scene.bodies[0].inertia.p_LC.x(), 4.0 / 3, 1e-12);
 }
 
-TEST(Sdf, HangsPosesOnOtherFrames) {
+TEST(Sdf, ResolvesPosesRelativeToOtherFrames) {
   const Scene scene = parse(world(
       "<frame name=\"corner\"><pose>10 0 0 0 0 1.5707963267948966</pose></frame>"
       "<model name=\"m\"><pose relative_to=\"corner\">1 0 0 0 0 0</pose>"
@@ -453,7 +453,7 @@ TEST(Sdf, LinksOfAModelTouchEachOtherOnlyIfItSaysSo) {
   EXPECT_THAT(parse(world(model("m", link("a")) + model("n", link("a")))).no_contact, ElementsAre());
 }
 
-TEST(Sdf, KnowsStaticAndDrivenBodies) {
+TEST(Sdf, ReadsStaticAndDrivenBodies) {
   const Scene scene = parse(world(model("s", "<static>true</static><link name=\"l\">" + kBall + "</link>") +
                                   model("d", "<link name=\"l\"><kinematic>true</kinematic>" + kBall + "</link>")));
   EXPECT_EQ(scene.bodies[0].motion, Motion::kStatic);
@@ -493,7 +493,7 @@ TEST(Sdf, JointsReachIntoNestedModels) {
   EXPECT_EQ(scene.joints[0].X_PJ.p, Vector3d(0, 0, 2));
 }
 
-TEST(Sdf, WarnsOfWhatItLeavesOut) {
+TEST(Sdf, WarnsOfIgnoredElements) {
   EXPECT_THAT(
       warnings_of(world("<physics name=\"p\" type=\"ode\"/>" + model("m", link("a", "<gravity>false</gravity>")))),
       ElementsAre(HasSubstr("test.sdf:2: <physics> in <world> is left out"), HasSubstr("<gravity> in <link> is left out")));
@@ -507,7 +507,7 @@ TEST(Sdf, WarnsOfWhatItLeavesOut) {
               ElementsAre(HasSubstr("<slip1> in <ode>"), HasSubstr("<mu2> differs from <mu>")));
 }
 
-TEST(Sdf, RefusesWhatWouldBeAnotherScene) {
+TEST(Sdf, RefusesInvalidAndUnsupportedElements) {
   const auto joint = [](const std::string& type, const std::string& inside) {
     return world(model("m", link("a") + link("b") + "<joint name=\"j\" type=\"" + type + "\">" + inside + "</joint>"));
   };
@@ -593,7 +593,7 @@ TEST(Mesh, ReadsObjAndBothKindsOfStlAlike) {
 
 // Shapes of robots ----------------------------------------------------------------------------------------------------------
 
-TEST(UrdfShapes, StandInTheFramesOfTheBodiesThatCarryThem) {
+TEST(UrdfShapes, AreInTheFramesOfTheirBodies) {
   const Folder folder;
   folder.write("meshes/tool.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n");
   const std::string inertia =
@@ -626,7 +626,7 @@ TEST(UrdfShapes, StandInTheFramesOfTheBodiesThatCarryThem) {
   EXPECT_THAT(warnings, ElementsAre(HasSubstr("the mesh 'package://r/meshes/none.stl' is not there; the shape is left out")));
 }
 
-TEST(UrdfShapes, OfNonsenseAreErrors) {
+TEST(UrdfShapes, OfInvalidElementsAreErrors) {
   const Folder folder;
   const auto with = [&](const std::string& geometry) {
     const fs::path file = folder.write(
@@ -662,7 +662,7 @@ TEST_P(EveryScene, LoadsWithoutAWarning) {
   EXPECT_FALSE(scene.bodies.empty());
 }
 
-TEST(Scenes, ThePegHasTheClearanceThatItsFolderSays) {
+TEST(Scenes, ThePegHasTheDocumentedClearance) {
   for (const auto& [name, clearance] : {std::pair("peg_in_hole", 0.5e-3), std::pair("peg_in_hole_tight", 0.1e-3)}) {
     const Scene scene = load(fs::path(places::source()) / "models/scenes" / name / "scene.sdf");
     double nearest = 1;

@@ -203,7 +203,7 @@ TEST(Series, ACutPathIsThePathItself) {
   EXPECT_EQ(at(part, 0.5).dq, 0);
 }
 
-TEST(Series, ACutPathIsThePathItselfWhereTheCutAllButMeetsAKnot) {
+TEST(Series, ACutPathIsThePathItselfIfTheCutIsCloseToAKnot) {
   // As with a recording that was cut at 0.7 s, where the last time is 0.7000000000000002 s: over such a short segment, the
   // derivatives of a quintic would be rounding errors, divided by its length and its length squared.
   const std::vector<double> knots = irregular(50, 0.1, 9);

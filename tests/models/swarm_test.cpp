@@ -226,7 +226,7 @@ TEST(Swarm, ARoundAllocatesNothing) {
   EXPECT_GT(swarm.state().reconfigurations, 0u);
 }
 
-TEST(Swarm, TakesACostThatIsNoNumberForTheWorst) {
+TEST(Swarm, TreatsACostOfNaNAsTheWorst) {
   SwarmOptions options;
   options.rounds = 100;
   Swarm swarm(
@@ -265,7 +265,7 @@ std::string message(const std::function<void()>& f) {
   return "no error";
 }
 
-TEST(Swarm, RefusesWhatIsNoProblemAndSaysWhy) {
+TEST(Swarm, RefusesInvalidProblemsWithAReason) {
   const auto cost = cost_of(sphere, 2);
   EXPECT_EQ(message([&] { Swarm(std::vector<double>{}, {}, cost); }),
             "swarm: 0 lower and 0 upper bounds, expected as many of both, at least 1");
@@ -282,7 +282,7 @@ TEST(Swarm, RefusesWhatIsNoProblemAndSaysWhy) {
   EXPECT_EQ(message([&] { Swarm({0, 0}, {1, 1}, cost, options); }), "swarm: 0 particles, expected at least 1");
 }
 
-TEST(Swarm, RefusesAStateThatDoesNotBelongTogether) {
+TEST(Swarm, RefusesAnInconsistentState) {
   SwarmOptions options;
   options.rounds = 5;
   Swarm swarm(all(2, -1), all(2, 1), cost_of(sphere, 2), options);
@@ -302,7 +302,7 @@ TEST(Swarm, RefusesAStateThatDoesNotBelongTogether) {
             "swarm: a personal best in its state costs NaN, expected a number");
 }
 
-TEST(SwarmState, RefusesBytesThatAreNone) {
+TEST(SwarmState, RefusesInvalidBytes) {
   SwarmOptions options;
   options.rounds = 3;
   Swarm swarm(all(2, -1), all(2, 1), cost_of(sphere, 2), options);

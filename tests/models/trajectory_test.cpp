@@ -90,7 +90,7 @@ TEST(Waypoints, NoOtherVelocitiesAndAccelerationsAtThePointsHaveLessJerk) {
   }
 }
 
-TEST(Waypoints, RedundantCoefficientsBendTheLegsAndLeaveThePoints) {
+TEST(Waypoints, RedundantCoefficientsChangeTheLegsAndKeepThePoints) {
   Waypoints points = three_points();
   points.dwell = {0, 0.5, 0};
   for (const Passing passing : {Passing::kRest, Passing::kThrough}) {

@@ -173,7 +173,7 @@ TEST(Urdf, JointsComeDepthFirstInTheOrderOfTheFile) {
   EXPECT_EQ(robot.joints[4].parent, 2);
 }
 
-TEST(Urdf, TipChoosesTheChainToItAndTellsWhatItLeavesOut) {
+TEST(Urdf, TipSelectsTheChainToItAndReportsOmittedLinks) {
   const std::string xml =
       arm_with(rigid_on("arm", "flange", "") + rigid_on("flange", "hand", "") + rigid_on("arm", "tool0", ""));
   std::vector<std::string> warnings;
@@ -281,7 +281,7 @@ TEST(Urdf, BodiesOfARandomTreeAreTheSumsOfTheirLinks) {
   }
 }
 
-TEST(Urdf, OfTwoArmsHasBothAndTheTipChoosesOne) {
+TEST(Urdf, OfTwoArmsContainsBothAndTheTipSelectsOne) {
   const fs::path file = fs::path(places::shared()) / "data" / "models" / "drake_dual_iiwa14_polytope_collision.urdf";
   if (!fs::exists(file)) GTEST_SKIP() << file << " is not here";
   const RobotModel both = load_urdf(file);
@@ -403,7 +403,7 @@ TEST(Urdf, ErrorsNameFileLineElementAndExpectation) {
             "arm.urdf:4: joint 'turn': R of <origin> is not a rotation matrix");
 }
 
-TEST(Urdf, ThatIsNoTreeIsRefused) {
+TEST(Urdf, ThatIsNotATreeIsRefused) {
   EXPECT_EQ(refusal_of(arm_with(kArm)), "arm.urdf:5: link 'arm': already defined in line 3");
   EXPECT_EQ(refusal_of(arm_with(kTurn)), "arm.urdf:5: joint 'turn': already defined in line 4");
   EXPECT_EQ(refusal_of(arm_with("<link name=\"island\"/>")),
@@ -421,7 +421,7 @@ TEST(Urdf, ThatIsNoTreeIsRefused) {
   EXPECT_THAT(refusal_of(arm_with(fixed("weld", "arm", "arm"))), HasSubstr("link 'arm' already hangs"));
 }
 
-TEST(Urdf, ThatIsSomethingElseIsRefused) {
+TEST(Urdf, OtherDocumentsAreRefused) {
   EXPECT_EQ(refusal_of(""), "arm.urdf: empty, expected a URDF");
   EXPECT_EQ(refusal_of(" \n"), "arm.urdf: empty, expected a URDF");
   EXPECT_EQ(refusal_of(std::string("<robot\0/>", 9)), "arm.urdf: not a text in UTF-8, expected a URDF");
@@ -457,7 +457,7 @@ TEST(Urdf, ThatIsMuchTooDeepOrLongIsRefused) {
   EXPECT_THAT(refusal_of(chain + "<link name=\"one too many\"/></robot>"), HasSubstr("more than 2000 links"));
 }
 
-TEST(Urdf, UnphysicalInertiasAreKeptAndToldOfWhereTheUserSaysSo) {
+TEST(Urdf, UnphysicalInertiasAreAWarningOnRequest) {
   const UrdfOptions warn{Unphysical::kWarn, ""};
   EXPECT_THAT(warnings_of(arm_but("mass value=\"2\"", "mass value=\"-2\"")),
               ElementsAre("arm.urdf:3: link 'arm': mass -2 kg, expected > 0; kept as it is"));
@@ -477,7 +477,7 @@ TEST(Urdf, BodiesThatMoveNeedMassButMassesNeedNotBeOnEveryLink) {
   EXPECT_EQ(parsed(arm_with(frame)).bodies[0], parsed(arm_with("")).bodies[0]);
 }
 
-TEST(Urdf, UnphysicalInertiaOfTheBaseIsOnlyToldOf) {
+TEST(Urdf, UnphysicalInertiaOfTheBaseIsAWarning) {
   const std::string xml =
       arm_but(kBase,
               "<link name=\"base\"><inertial><mass value=\"0\"/><inertia ixx=\"1\" ixy=\"0\" ixz=\"0\" iyy=\"1\" "
@@ -486,7 +486,7 @@ TEST(Urdf, UnphysicalInertiaOfTheBaseIsOnlyToldOf) {
               ElementsAre("arm.urdf:2: link 'base': mass 0 kg, expected > 0; it does not move, so no torque depends on it"));
 }
 
-TEST(Urdf, LimitsAndAxesThatCannotBeMeantAreToldOf) {
+TEST(Urdf, ImplausibleLimitsAndAxesAreReported) {
   EXPECT_THAT(warnings_of(arm_but("0 0 1", "0 0 2")), ElementsAre("arm.urdf:4: joint 'turn': axis of length 2 is normalised"));
   EXPECT_THAT(warnings_of(arm_but("effort=\"4\"", "effort=\"0\"")),
               ElementsAre("arm.urdf:4: joint 'turn': effort limit 0 is read as no limit"));
@@ -525,7 +525,7 @@ TEST(Urdf, ReadsNumbersAlikeInEveryLocale) {
   EXPECT_EQ(written, to_urdf(here));
 }
 
-TEST(Urdf, NothingIsPrintedAndTheHostsHandlerStaysInPlace) {
+TEST(Urdf, NothingIsPrintedAndTheHostsHandlerIsKept) {
   console_bridge::OutputHandler* const before = console_bridge::getOutputHandler();
   testing::internal::CaptureStderr();
   testing::internal::CaptureStdout();

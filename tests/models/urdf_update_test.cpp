@@ -36,7 +36,7 @@ constexpr const char* kArm = R"(<?xml version="1.0"?>
 </robot>
 )";
 
-TEST(UrdfUpdate, ReadsBackToTheRobotAndKeepsWhateverElseTheFileHolds) {
+TEST(UrdfUpdate, ReadsBackAsTheRobotAndKeepsOtherElements) {
   RobotModel arm = parse_urdf(kArm, "arm.urdf");
   set_inertia(arm, 0, {2.7, {0.01, -0.02, 0.13}, Eigen::Vector3d(0.031, 0.04, 0.015).asDiagonal()}, "tuned");
   arm.joints[0].damping = 0.25;
@@ -50,7 +50,7 @@ TEST(UrdfUpdate, ReadsBackToTheRobotAndKeepsWhateverElseTheFileHolds) {
   }
 }
 
-TEST(UrdfUpdate, LeavesABodyAsItWasWrittenThatIsNoOther) {
+TEST(UrdfUpdate, KeepsTheTextOfUnchangedBodies) {
   EXPECT_THAT(updated_urdf(kArm, "arm.urdf", parse_urdf(kArm, "arm.urdf")), HasSubstr("rpy=\"0.3 0 0\""));
 }
 
@@ -78,7 +78,7 @@ TEST(Perturbed, IsAPhysicalRobotWithinItsBound) {
   }
 }
 
-TEST(Perturbed, IsTheSameForTheSameSeedAndTheRobotItselfForABoundOfNothing) {
+TEST(Perturbed, IsTheSameForTheSameSeedAndTheRobotItselfForABoundOfZero) {
   const RobotModel arm = parse_urdf(kArm, "arm.urdf");
   EXPECT_EQ(perturbed(arm, 0.2, 7).bodies, perturbed(arm, 0.2, 7).bodies);
   EXPECT_NE(perturbed(arm, 0.2, 7).bodies, perturbed(arm, 0.2, 8).bodies);

@@ -324,7 +324,7 @@ TEST(StandardValidator, RefusesWhatTheTextsRefuseRuleByRule) {
   }
 }
 
-TEST(StandardValidator, RefusesAnFmuThatOffersNothing) {
+TEST(StandardValidator, RefusesAnFmuWithoutAnInterfaceType) {
   std::string broken = kFmi2;
   broken.erase(broken.find("<ModelExchange"), broken.find("<UnitDefinitions>") - broken.find("<ModelExchange"));
   EXPECT_THAT(faults(broken, Standard::kFmi2), Contains(HasSubstr("offers no interface")));
