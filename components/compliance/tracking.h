@@ -59,7 +59,7 @@ struct Gains {
 /// A robot with elastic joints: feedback of a link behind a spring is unstable from small gains on, so the motors are fed back,
 /// e = θ_c − θ (in rigid joints e = q_c − q), around
 ///   θ_c = q_c + τ_w/K,   τ_w: τ_J,c smoothed,   τ_J,c = M q̈_c + C q̇_c + g − τ_e  at q_c                 (2a), (2c)
-/// by
+/// with the control law
 ///   u = (B/r) θ̈_c + τ_w + K_P e + K_D ė + g(q̄) − g(q_c)
 ///   τ_m = r u − (r − 1) τ_J,   τ_J = K (θ − q)                       so that (B/r) θ̈ + τ_J = u by (2b)
 ///   K_P = (1 − p) Ω (M + B) Ω + p K_s Λ                      Ω = diag ω, Z = diag ζ, M = M(q_c)

@@ -12,12 +12,12 @@
 namespace cotwin::io {
 
 /// Plays a robot's measurements back: a CSV (models/trajectory/recording.h). Its instant `start` is the scenario's time 0.
-///   q, q̇, q̈   the interpolating quintic spline (C⁴) through the positions, after a zero-phase low-pass if q_cutoff > 0, and
-///   its derivatives;
+///   q, q̇, q̈   the interpolating quintic spline (C⁴) through the positions and its derivatives, after a zero-phase low-pass if
+///             q_cutoff > 0;
 ///             with derivative = columns, q̇ is the spline through the velocity columns and q̈ its derivative
-///   τ, τ_e    straight lines between the samples, unfiltered unless tau_cutoff > 0: at a sample's instant the sample itself
-/// From `end` on the joints rest where they are and the torques stay. Commands are ignored. Outputs are functions of time
-/// alone: there is nothing to remember, and every step can be taken back.
+///   τ, τ_e    linear interpolation between the samples, unfiltered unless tau_cutoff > 0: exact at the samples
+/// From `end` on, positions and torques keep their last values and the speed is 0. Commands are ignored. Outputs are functions of
+/// time alone, so there is no state and every step can be taken back.
 class RecordingLink final : public Link {
  public:
   /// `settings` finds the file.

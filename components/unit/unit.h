@@ -11,9 +11,9 @@ namespace cotwin {
 
 enum class [[nodiscard]] StepResult : std::uint8_t{
     kDone,     // outputs hold at now + h
-    kDiscard,  // the step could not be made with this h; the unit's variables are as they were before it, or the master
+    kDiscard,  // the step is impossible with this h; the unit's variables are as they were before it, or the master
                // restores them
-    kFinished  // as kDone, and the unit asks for an orderly end of the run; it makes no further step
+    kFinished  // as kDone; the unit requests the end of the run and makes no further step
 };
 
 /// A block of a unit's Jacobian: how a real output follows a real input, output or state at one instant, all else being held.
@@ -24,12 +24,12 @@ struct Partial {
 };
 
 /// A co-simulation unit: its variables and three verbs. The call order is
-///   1. declare      once; names every variable, bound to the member that holds it
+///   1. declare      once; names every variable and binds it to the member that holds it
 ///   2.   parameters, inputs and start values are written into the variables
-///   3. initialise   states and outputs agree with parameters and inputs; may repeat (2 and 3), also after steps, to start
-///   afresh
+///   3. initialise   makes states and outputs agree with parameters and inputs; 2 and 3 may repeat, also after steps, for a
+///                   new start
 ///   4.   inputs and tunables are written
-///   5. step         from now to now + h; 4 and 5 repeat; `now` is where the last step ended
+///   5. step         from now to now + h; 4 and 5 repeat; `now` is the end of the last step
 ///   6. restored     after a snapshot was written into the variables; then 4
 /// A unit is used by one thread at a time, not always the same one. Two units share nothing that either writes.
 class Unit {

@@ -30,7 +30,7 @@ struct Shape {
   std::string name;
   ShapeType type = ShapeType::kSphere;
   Eigen::Vector3d size = Eigen::Vector3d::Zero();  // m; box: edge lengths; sphere: (radius, –, –); cylinder, capsule about
-                                                   // S's z: (radius, length without the caps, –); plane z = 0 of S, solid below
+      // S's z: (radius, length without the caps, –); plane z = 0 of S, solid below
   std::vector<Eigen::Vector3d> vertices;  // hull: in S, m
   Pose X_BS;                              // in the body's frame
   Material material;

@@ -8,15 +8,15 @@
 
 namespace cotwin::trajectory {
 
-/// How a CSV (models/support/csv.h) tells of a motion of n joints.
+/// How a CSV (models/support/csv.h) holds the motion of n joints.
 ///
-/// Columns are named by
+/// Columns are chosen by
 ///   a list        "J1 act,J2 act,…": as many as joints
 ///   a pattern     "q{}" counts the joints from 1, "q{0}" from 0, "{name}_pos" stands for the joints' names in the URDF
 ///   "none"        not read
-///   ""            found: of q, dq (qd, qdot, velocity), tau (effort, torque), tau_e (tau_ext) whatever the file has, bare or
-///   as q_1, q[1], counted from
-///                 0 or 1; UR's actual_q_0; the URDF's joint names, also as position_<name>, <name>_position
+///   ""            found by name: q, dq (qd, qdot, velocity), tau (effort, torque), tau_e (tau_ext), bare or as q_1, q[1],
+///                 counted from 0 or 1; UR's actual_q_0; the URDF's joint names, also as position_<name>,
+///                 <name>_position
 struct RecordingFormat {
   std::string t_column;  // "": t, time or timestamp
   double t_unit = 1;     // s per unit of that column
