@@ -20,6 +20,7 @@
 
 #include "fmu/import/package.h"
 #include "models/support/error.h"
+#include "models/support/installation.h"
 #include "models/support/text.h"
 
 extern char** environ;
@@ -119,11 +120,8 @@ std::string megabytes(double bytes) { return text::to_text(bytes / 1e6, 6) + " M
 fs::path host_program() {
   if (const char* chosen = std::getenv("COTWIN_FMU_HOST")) return chosen;
   std::error_code none;
-  const fs::path here = fs::read_symlink("/proc/self/exe", none).parent_path();
-  for (const fs::path& folder : {here, here.parent_path() / "bin"}) {
-    if (fs::is_regular_file(folder / kHostProgram, none)) return folder / kHostProgram;
-  }
-  return {};
+  const fs::path host = installation() / "bin" / kHostProgram;
+  return fs::is_regular_file(host, none) ? host : fs::path();
 }
 
 int unclean_ends() { return ends_unclean; }

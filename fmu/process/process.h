@@ -13,8 +13,8 @@
 
 namespace cotwin::fmu {
 
-/// The program that runs an FMU in a process of its own: COTWIN_FMU_HOST of the environment, or cotwin-fmu-host in the folder
-/// of this program or in ../bin from there. "" if there is none.
+/// The program that runs an FMU in a process of its own: COTWIN_FMU_HOST of the environment, else bin/cotwin-fmu-host in
+/// installation(). "" if there is none.
 std::filesystem::path host_program();
 
 /// How many processes of FMUs did not end as they were asked to (a crash in fmi2FreeInstance, say). Each was reported on
