@@ -1,37 +1,39 @@
-# COTWIN_FMU_PLATFORM: this platform in the words of FMI 3; COTWIN_FMU_FOLDER: where pack_unit looks for the libraries of units.
+# COTWIN_FMU_PLATFORM: the name of this platform in FMI 3. COTWIN_FMU_FOLDER: the folder in which pack_unit looks for the libraries of units.
 string(TOLOWER ${CMAKE_SYSTEM_PROCESSOR}-${CMAKE_SYSTEM_NAME} COTWIN_FMU_PLATFORM)
-set(COTWIN_FMU_FOLDER ${CMAKE_BINARY_DIR}/lib/cotwin/fmu CACHE PATH "where the libraries of FMUs go: <folder>/<platform>/<unit>.so")
-set(COTWIN_FMU_SYMBOLS ${CMAKE_CURRENT_LIST_DIR}/export/exported_symbols.map)
-set(COTWIN_FMU_GLIBC 2.28 CACHE STRING "the oldest glibc that exported units have to load with (2.28: RHEL 8, Debian 10); empty: that of this machine")
+set(COTWIN_FMU_FOLDER ${CMAKE_BINARY_DIR}/lib/cotwin/fmu CACHE PATH "folder for the libraries of FMUs, <folder>/<platform>/<unit>.so")
+set(COTWIN_FMU_EXPORT ${CMAKE_CURRENT_LIST_DIR}/export)
+set(COTWIN_FMU_SYMBOLS ${COTWIN_FMU_EXPORT}/exported_symbols.map)
+set(COTWIN_FMU_GLIBC 2.28 CACHE STRING "oldest glibc that exported units load with (2.28: RHEL 8, Debian 10); empty: the glibc of this machine")
 set(cotwin_old_glibc OFF)
 if(CMAKE_SYSTEM_NAME STREQUAL Linux AND COTWIN_FMU_GLIBC AND NOT COTWIN_SANITIZE)
   set(cotwin_old_glibc ON)
 endif()
 
-# The target cotwin_fmu_old_glibc: objects of what COTWIN_FMU_GLIBC lacks, and the C library of that version to be linked against.
+# The target cotwin_fmu_old_glibc: objects with the functions that COTWIN_FMU_GLIBC lacks, and a C library of that version to link against.
 function(cotwin_old_glibc)
-  set(script ${PROJECT_SOURCE_DIR}/fmu/export/old_glibc.sh)
+  set(script ${COTWIN_FMU_EXPORT}/old_glibc.sh)
   set(folder ${CMAKE_BINARY_DIR}/old_glibc)
   add_custom_command(OUTPUT ${folder}/libc.so DEPENDS ${script} VERBATIM
     COMMAND ${script} ${COTWIN_FMU_GLIBC} ${CMAKE_C_COMPILER} ${CMAKE_READELF} ${folder})
-  add_library(cotwin_fmu_old_glibc OBJECT ${PROJECT_SOURCE_DIR}/fmu/export/old_glibc.cpp ${folder}/libc.so)
-  target_link_libraries(cotwin_fmu_old_glibc PRIVATE cotwin_settings)
+  add_library(cotwin_fmu_old_glibc OBJECT ${COTWIN_FMU_EXPORT}/old_glibc.cpp ${folder}/libc.so)
+  target_link_libraries(cotwin_fmu_old_glibc PRIVATE cotwin::settings)
+  set_target_properties(cotwin_fmu_old_glibc PROPERTIES POSITION_INDEPENDENT_CODE ON CXX_VISIBILITY_PRESET hidden)
 endfunction()
 
-# cotwin_fmu_link(target): makes a module of what an exported unit's library is. It shows nothing but fmi2* and fmi3*, needs nothing but the
-# C library (Windows: what comes with Windows), and carries the C++ runtime inside.
+# cotwin_fmu_link(target): link options of an exported unit's library. It exports only fmi2* and fmi3*, needs only the C library (on Windows:
+# the libraries of Windows), and contains the C++ run-time library.
 function(cotwin_fmu_link target)
-  if(WIN32)   # what is shown is what fmi2.h and fmi3.h declare as dllexport
+  if(WIN32)   # fmi2.h and fmi3.h declare the exported functions as dllexport
     set_target_properties(${target} PROPERTIES PREFIX "")
-    target_sources(${target} PRIVATE $<TARGET_OBJECTS:cotwin_fmu_unload>)
+    target_sources(${target} PRIVATE $<TARGET_OBJECTS:cotwin::fmu_unload>)
     target_link_options(${target} PRIVATE -static -s LINKER:--gc-sections LINKER:--no-insert-timestamp)
     return()
   endif()
   set_target_properties(${target} PROPERTIES PREFIX "" NO_SONAME ON LINK_DEPENDS ${COTWIN_FMU_SYMBOLS})
   target_link_options(${target} PRIVATE LINKER:--version-script=${COTWIN_FMU_SYMBOLS} LINKER:--exclude-libs,ALL
     LINKER:--as-needed LINKER:--gc-sections LINKER:-Bsymbolic LINKER:-z,relro)
-  if(NOT COTWIN_SANITIZE)   # a sanitizer's run-time library comes with the program that loads this one
-    target_sources(${target} PRIVATE $<TARGET_OBJECTS:cotwin_fmu_unload>)
+  if(NOT COTWIN_SANITIZE)   # the program that loads this library has the sanitizer's run-time library
+    target_sources(${target} PRIVATE $<TARGET_OBJECTS:cotwin::fmu_unload>)
     target_link_options(${target} PRIVATE -static-libstdc++ -static-libgcc LINKER:--no-undefined $<$<CONFIG:Release>:-s>)
   endif()
   if(cotwin_old_glibc)
@@ -41,21 +43,37 @@ function(cotwin_fmu_link target)
   endif()
 endfunction()
 
-# cotwin_fmu_library(unit): the shared library by which the unit of that name (cotwin_unit) is exported, for FMI 2 and FMI 3 at once:
-# ${COTWIN_FMU_FOLDER}/<platform>/<unit>.so.
-function(cotwin_fmu_library unit)
+# cotwin_unit_row(out unit): the unit's row of a table of UnitType, as C++ text.
+function(cotwin_unit_row out unit)
   get_property(class GLOBAL PROPERTY COTWIN_UNIT_${unit}_CLASS)
   get_property(summary GLOBAL PROPERTY COTWIN_UNIT_${unit}_SUMMARY)
-  configure_file(${PROJECT_SOURCE_DIR}/fmu/export/exported_unit.cpp.in ${CMAKE_BINARY_DIR}/generated/exported_${unit}.cpp @ONLY)
-  set(target cotwin_fmu_${unit})
-  add_library(${target} MODULE ${CMAKE_BINARY_DIR}/generated/exported_${unit}.cpp $<TARGET_OBJECTS:cotwin_fmu_export>)
-  target_link_libraries(${target} PRIVATE cotwin_settings cotwin::fmu cotwin::${unit})
-  cotwin_fmu_link(${target})
-  set_target_properties(${target} PROPERTIES OUTPUT_NAME ${unit} LIBRARY_OUTPUT_DIRECTORY ${COTWIN_FMU_FOLDER}/${COTWIN_FMU_PLATFORM})
-  install(TARGETS ${target} LIBRARY DESTINATION lib/cotwin/fmu/${COTWIN_FMU_PLATFORM})
+  set(row "\"${unit}\", \"${summary}\",\n     [](cotwin::Settings& s) -> std::unique_ptr<cotwin::Unit> { return std::make_unique<${class}>(s); },\n     &${class}::declare_settings")
+  set(${out} "${row}" PARENT_SCOPE)
 endfunction()
 
-# What the licenses of the libraries inside ask to go along with them: pack_unit puts all of them into documentation/licenses/.
+# cotwin_unit_source(template file unit): writes the file from the template, with the unit's name, header and row.
+function(cotwin_unit_source template file unit)
+  get_property(header GLOBAL PROPERTY COTWIN_UNIT_${unit}_HEADER)
+  cotwin_unit_row(row ${unit})
+  configure_file(${template} ${file} @ONLY)
+endfunction()
+
+# cotwin_fmu_library(unit [destination]): the shared library by which the unit of that name (cotwin_unit) is exported, for FMI 2 and FMI 3 at
+# once: ${COTWIN_FMU_FOLDER}/<platform>/<unit>.so, installed as <destination>/<platform>/<unit>.so (default: lib/cotwin/fmu).
+function(cotwin_fmu_library unit)
+  set(destination lib/cotwin/fmu ${ARGN})
+  list(GET destination -1 destination)
+  cotwin_unit_source(${COTWIN_FMU_EXPORT}/exported_unit.cpp.in ${CMAKE_BINARY_DIR}/generated/exported_${unit}.cpp ${unit})
+  set(target cotwin_fmu_${unit})
+  add_library(${target} MODULE ${CMAKE_BINARY_DIR}/generated/exported_${unit}.cpp $<TARGET_OBJECTS:cotwin::fmu_export>)
+  target_link_libraries(${target} PRIVATE cotwin::settings cotwin::fmu cotwin::${unit})
+  cotwin_fmu_link(${target})
+  set_target_properties(${target} PROPERTIES OUTPUT_NAME ${unit} LIBRARY_OUTPUT_DIRECTORY ${COTWIN_FMU_FOLDER}/${COTWIN_FMU_PLATFORM}
+    CXX_VISIBILITY_PRESET hidden)
+  install(TARGETS ${target} LIBRARY DESTINATION ${destination}/${COTWIN_FMU_PLATFORM})
+endfunction()
+
+# Licences of the code inside the libraries: pack_unit puts them into documentation/licenses/ of each FMU.
 function(cotwin_fmu_licenses)
   set(folder ${COTWIN_FMU_FOLDER}/${COTWIN_FMU_PLATFORM}/licenses)
   configure_file(${PROJECT_SOURCE_DIR}/LICENSE ${folder}/license.txt COPYONLY)
@@ -75,7 +93,7 @@ function(cotwin_fmu_licenses)
   install(DIRECTORY ${folder} DESTINATION lib/cotwin/fmu/${COTWIN_FMU_PLATFORM})
 endfunction()
 
-# Units that cannot be built for this platform (cotwin_left_out): instead of its library, <unit>.txt says why. pack_unit repeats it.
+# For a unit that cannot be built for this platform (cotwin_left_out), <unit>.txt has the reason instead of its library. pack_unit repeats it.
 function(cotwin_fmu_left_out)
   get_property(units GLOBAL PROPERTY COTWIN_UNITS)
   foreach(unit IN LISTS units)
@@ -85,6 +103,6 @@ function(cotwin_fmu_left_out)
   foreach(unit IN LISTS left_out)
     get_property(why GLOBAL PROPERTY COTWIN_LEFT_OUT_cotwin::${unit})
     file(REMOVE ${COTWIN_FMU_FOLDER}/${COTWIN_FMU_PLATFORM}/${unit}${CMAKE_SHARED_MODULE_SUFFIX})
-    file(WRITE ${COTWIN_FMU_FOLDER}/${COTWIN_FMU_PLATFORM}/${unit}.txt "the unit ${unit} is left out: ${why} is not there for this platform")
+    file(WRITE ${COTWIN_FMU_FOLDER}/${COTWIN_FMU_PLATFORM}/${unit}.txt "the unit ${unit} is left out: ${why} is missing for this platform")
   endforeach()
 endfunction()

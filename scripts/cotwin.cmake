@@ -1,5 +1,5 @@
-# What every folder's CMakeLists.txt uses. A folder is one target, cotwin_<path with underscores>, with the alias
-# cotwin::<last folder name>.
+# Functions for the CMakeLists.txt of each folder. A folder is one target, cotwin_<path with underscores>, with the alias
+# cotwin::<name of the folder>.
 
 set(CMAKE_CXX_STANDARD 20)
 set(CMAKE_CXX_STANDARD_REQUIRED ON)
@@ -14,13 +14,16 @@ if(NOT CMAKE_BUILD_TYPE)
 endif()
 
 add_library(cotwin_settings INTERFACE)
-target_include_directories(cotwin_settings INTERFACE ${PROJECT_SOURCE_DIR})
-target_compile_options(cotwin_settings INTERFACE -Wall -Wextra -Wconversion -Wshadow $<$<BOOL:${COTWIN_WERROR}>:-Werror>)
-if(NOT CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")  # with fused multiply-add in the instruction set: only kernels may (models/robot)
+add_library(cotwin::settings ALIAS cotwin_settings)
+set_target_properties(cotwin_settings PROPERTIES EXPORT_NAME settings)
+target_include_directories(cotwin_settings INTERFACE $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}> $<INSTALL_INTERFACE:include/cotwin>)
+target_compile_features(cotwin_settings INTERFACE cxx_std_20)
+target_compile_options(cotwin_settings INTERFACE $<BUILD_INTERFACE:-Wall;-Wextra;-Wconversion;-Wshadow;$<$<BOOL:${COTWIN_WERROR}>:-Werror>>)
+if(NOT CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")   # fused multiply-add changes bits: only the kernels (models/robot) use it
   target_compile_options(cotwin_settings INTERFACE -ffp-contract=off)
 endif()
-# GCC 12 sees overlapping copies in "literal" + std::string where there are none (its bug 105651).
-target_compile_options(cotwin_settings INTERFACE $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict>)
+# GCC 12 warns of overlapping copies in "literal" + std::string without reason (GCC bug 105651).
+target_compile_options(cotwin_settings INTERFACE $<BUILD_INTERFACE:$<$<CXX_COMPILER_ID:GNU>:-Wno-restrict>>)
 if(COTWIN_SANITIZE)
   add_compile_options(-fsanitize=${COTWIN_SANITIZE} -fno-sanitize-recover=all -fno-omit-frame-pointer)
   if(COTWIN_SANITIZE_NOT)
@@ -31,12 +34,12 @@ if(COTWIN_SANITIZE)
 endif()
 
 if(COTWIN_FUZZ)
-  add_compile_options(-fsanitize=fuzzer-no-link)  # the fuzzer sees the branches of the libraries, too
+  add_compile_options(-fsanitize=fuzzer-no-link)  # the libraries report their branches to the fuzzer, too
 endif()
 
 # cotwin_library(SOURCES a.cpp … [HOST b.cpp … targets…] [PUBLIC targets…] [PRIVATE targets…]): the library of the current folder. HOST:
-# sources, and libraries for them, that the program `cotwin` needs and exported units do not; with COTWIN_FMUS_ONLY they are left out, and
-# so is what links a library that is not there (cotwin_left_out).
+# sources and their libraries that the program `cotwin` needs and exported units do not. COTWIN_FMUS_ONLY leaves them out, and also
+# libraries that link a missing library (cotwin_left_out).
 function(cotwin_library)
   cmake_parse_arguments(arg "" "" "SOURCES;HOST;PUBLIC;PRIVATE" ${ARGN})
   file(RELATIVE_PATH path ${PROJECT_SOURCE_DIR} ${CMAKE_CURRENT_SOURCE_DIR})
@@ -61,10 +64,14 @@ function(cotwin_library)
   endif()
   add_library(cotwin_${name} STATIC ${arg_SOURCES})
   add_library(cotwin::${short} ALIAS cotwin_${name})
+  set_target_properties(cotwin_${name} PROPERTIES EXPORT_NAME ${short})
+  if(path MATCHES "^(models/|components/unit|fmu)")   # what units are built with, inside and outside of this tree
+    set_property(GLOBAL APPEND PROPERTY COTWIN_LIBRARIES_FOR_UNITS cotwin_${name})
+  endif()
   target_link_libraries(cotwin_${name} PUBLIC cotwin_settings ${arg_PUBLIC} PRIVATE ${arg_PRIVATE})
 endfunction()
 
-# cotwin_left_out(out targets…): the first of the targets that is not there, or that one of them is left out for; "" if there is none.
+# cotwin_left_out(out targets…): sets `out` to the first target that is missing, or for which one of the targets is left out; else to "".
 function(cotwin_left_out out)
   set(${out} "" PARENT_SCOPE)
   foreach(target IN LISTS ARGN)
@@ -79,34 +86,35 @@ function(cotwin_left_out out)
   endforeach()
 endfunction()
 
-# cotwin_unit(CLASS DriveTrain SUMMARY "…"): the current folder's library holds a unit; its name is the folder's, its header is
+# cotwin_unit(CLASS DriveTrain SUMMARY "…"): the current folder's library holds a unit. Its name is the folder's, its header is
 # <folder>/<folder>.h and its class cotwin::<folder>::<CLASS>, constructible from Settings&, with a static member
-# declare_settings(SettingList&). From this line it becomes a scenario source `unit:<folder>`, a reference page and a subject of the property tests.
+# declare_settings(SettingList&). This line makes it a scenario source `unit:<folder>`, an FMU, a reference page and a case of the property tests.
 function(cotwin_unit)
   cmake_parse_arguments(arg "" "CLASS;SUMMARY" "" ${ARGN})
   cmake_path(GET CMAKE_CURRENT_SOURCE_DIR FILENAME name)
   get_property(why GLOBAL PROPERTY COTWIN_LEFT_OUT_cotwin::${name})
   if(why)
-    message(WARNING "unit ${name} is left out: ${why} is not there for this platform")
+    message(WARNING "unit ${name} is left out: ${why} is missing for this platform")
     set_property(GLOBAL APPEND PROPERTY COTWIN_UNITS_LEFT_OUT ${name})
     return()
   endif()
   set_property(GLOBAL APPEND PROPERTY COTWIN_UNITS ${name})
-  set_property(GLOBAL PROPERTY COTWIN_UNIT_${name}_CLASS ${arg_CLASS})
+  set_property(GLOBAL PROPERTY COTWIN_UNIT_${name}_HEADER components/${name}/${name}.h)
+  set_property(GLOBAL PROPERTY COTWIN_UNIT_${name}_CLASS cotwin::${name}::${arg_CLASS})
   set_property(GLOBAL PROPERTY COTWIN_UNIT_${name}_SUMMARY ${arg_SUMMARY})
 endfunction()
 
-# Writes the table of all units and makes it the library cotwin::units.
+# Writes the table of all units, the library cotwin::units.
 function(cotwin_unit_table)
   get_property(units GLOBAL PROPERTY COTWIN_UNITS)
   set(includes "")
   set(rows "")
   set(libraries "")
   foreach(unit IN LISTS units)
-    get_property(class GLOBAL PROPERTY COTWIN_UNIT_${unit}_CLASS)
-    get_property(summary GLOBAL PROPERTY COTWIN_UNIT_${unit}_SUMMARY)
-    string(APPEND includes "#include \"components/${unit}/${unit}.h\"\n")
-    string(APPEND rows "    {\"${unit}\", \"${summary}\",\n     [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<${unit}::${class}>(s); },\n     &${unit}::${class}::declare_settings},\n")
+    get_property(header GLOBAL PROPERTY COTWIN_UNIT_${unit}_HEADER)
+    cotwin_unit_row(row ${unit})
+    string(APPEND includes "#include \"${header}\"\n")
+    string(APPEND rows "    {${row}},\n")
     list(APPEND libraries cotwin::${unit})
   endforeach()
   configure_file(${PROJECT_SOURCE_DIR}/components/unit/unit_table.cpp.in ${CMAKE_BINARY_DIR}/generated/unit_table.cpp @ONLY)

@@ -16,6 +16,7 @@
 #include "fmu/export/package.h"
 #include "models/support/bytes.h"
 #include "models/support/error.h"
+#include "models/support/installation.h"
 #include "models/support/text.h"
 
 namespace cotwin::fmu {
@@ -101,6 +102,7 @@ void check_left_out(const fs::path& folder, const std::string& tuple, const std:
 fs::path find_library(const PackRequest& request, const std::string& tuple, const std::string& unit) {
   const std::string name = unit + library_ending(tuple);
   std::vector<fs::path> folders = {library_folder() / tuple, cross_folder() / tuple};
+  for (const fs::path& folder : request.libraries_of_modules) folders.push_back(folder / tuple);
   if (!request.libraries.empty()) folders.insert(folders.begin(), request.libraries / tuple);
   std::string looked;
   for (const fs::path& folder : folders) {
@@ -248,10 +250,9 @@ std::string library_name(const std::string& platform, Version version, const std
 }
 
 fs::path library_folder() {
-  std::error_code error;
-  const fs::path program = fs::read_symlink("/proc/self/exe", error);
-  if (error) throw Error("/proc/self/exe", "cannot be read: where is the running program?");
-  return (program.parent_path().parent_path() / "lib/cotwin/fmu").lexically_normal();
+  const fs::path prefix = installation();
+  if (prefix.empty()) throw Error("/proc/self/exe", "cannot be read, expected the path of the running program");
+  return prefix / "lib/cotwin/fmu";
 }
 
 fs::path cross_folder() { return (library_folder() / "../../../../cross/fmu").lexically_normal(); }

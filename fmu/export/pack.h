@@ -30,7 +30,8 @@ struct PackRequest {
   /// one.
   std::vector<std::string> platforms;
   std::filesystem::path libraries;  // a folder that is looked into before library_folder() and cross_folder()
-  bool alone = true;                // a host must be able to initialise the FMU as it is; false: other FMUs may give it values
+  std::vector<std::filesystem::path> libraries_of_modules = {};  // folders for units from outside (unit_module.h)
+  bool alone = true;  // a host must be able to initialise the FMU as it is; false: other FMUs may give it values
 };
 
 /// Writes the FMU: model description, the library of each platform, in resources/ the package that the unit is built from

@@ -17,7 +17,7 @@ Described describe_unit(const std::string& source, const std::map<std::string, s
   const UnitSource parts = parse_unit_source(source);
   Described unit{source, Settings(parts.unit, parts.query, defaults, model_folders({})), {}, ""};
   try {
-    unit.instance = make_unit(unit.settings, unit_types());
+    unit.instance = make_unit(unit.settings, units());
   } catch (const MissingSetting& error) {
     unit.missing = error.what();
   }
@@ -39,7 +39,7 @@ int write_reference(const fs::path& folder, const std::string& robot) {
   fs::create_directories(folder);
   std::ofstream index(folder / "README.md");
   index << "# Units\n\nWritten by `cotwin reference` from the units' declarations.\n\n";
-  for (const UnitType& type : unit_types()) {
+  for (const UnitType& type : units()) {
     const Described unit = describe_unit(std::string("unit:") + type.name, {{"robot", robot}});
     const fs::path file = folder / (std::string(type.name) + ".md");
     std::ofstream page(file);
@@ -52,7 +52,7 @@ int write_reference(const fs::path& folder, const std::string& robot) {
 }
 
 int list_units() {
-  for (const UnitType& type : unit_types()) {
+  for (const UnitType& type : units()) {
     std::string name = type.name;
     name.resize(std::max<std::size_t>(name.size(), 14), ' ');
     std::cout << name << "  " << type.summary << '\n';

@@ -57,13 +57,13 @@ std::vector<std::string> assignments(const fs::path& file) {
   for (const ComponentSpec& spec : scenario.components) {
     if (is_unit(spec)) {
       const std::string unit = parse_unit_source(spec.source).unit;
-      for (const Setting& setting : settings_of(find_type(unit, unit_types()))) {
+      for (const Setting& setting : settings_of(find_type(unit, units()))) {
         add_setting(found, spec.name + "." + setting.name, setting);
         add_setting(found, setting.name, setting);
       }
     }
     try {
-      const Member member = load_member(spec, scenario, unit_types(), folders, fmus);
+      const Member member = load_member(spec, scenario, units(), folders, fmus);
       for (const Variable& v : member.variables()) {
         if (v.role != Role::kOutput || v.has_start) found.push_back(spec.name + "." + v.name + "=");
       }
@@ -80,7 +80,7 @@ std::vector<std::string> assignments(const fs::path& file) {
 std::vector<std::string> sources(const std::string& word) {
   std::vector<std::string> found;
   const std::size_t question = word.find('?');
-  for (const UnitType& type : unit_types()) {
+  for (const UnitType& type : units()) {
     for (const std::string prefix : {"", "unit:"}) {
       const std::string source = prefix + type.name;
       if (question == std::string::npos) {

@@ -25,7 +25,7 @@ int info(const fs::path& file) {
 
 int check(const fs::path& file) {
   const auto findings =
-      is_fmu(file) ? fmu::check_fmu(file, true) : check_scenario(file, unit_types(), model_folders(file.parent_path()));
+      is_fmu(file) ? fmu::check_fmu(file, true) : check_scenario(file, units(), model_folders(file.parent_path()));
   return fmu::write_findings(std::cout, findings) ? kExitDone : kExitBadInput;
 }
 

@@ -48,23 +48,25 @@ std::vector<std::string> pack_unit(const PackArguments& arguments) {
   fmu::PackRequest request;
   request.source = arguments.source;
   request.folders = model_folders({});
-  request.types = unit_types();
+  request.types = units();
   request.version = arguments.version();
   request.platforms = arguments.platforms;
   request.libraries = arguments.libraries;
+  request.libraries_of_modules = libraries_of_modules();
   give_values(arguments, request);
   return fmu::pack_unit(request, arguments.out);
 }
 
 std::vector<std::string> pack_scenario(const PackArguments& arguments) {
   Scenario scenario = load_scenario(arguments.source);
-  for (const std::string& assignment : arguments.set) assign(scenario, assignment, unit_types());
+  for (const std::string& assignment : arguments.set) assign(scenario, assignment, units());
   PackageOptions options;
-  options.types = unit_types();
+  options.types = units();
   options.folders = model_folders(scenario.folder);
   options.version = arguments.version();
   options.platforms = arguments.platforms;
   options.libraries = arguments.libraries;
+  options.libraries_of_modules = libraries_of_modules();
   return arguments.as_fmu ? pack_twin(scenario, options, arguments.out) : pack_scenario(scenario, options, arguments.out);
 }
 

@@ -123,7 +123,7 @@ void take_options(const std::string& text, const std::string& place, RunArgument
 
 Scenario read_scenario(const RunArguments& arguments) {
   Scenario scenario = load_scenario(arguments.file);
-  for (const std::string& assignment : arguments.set) assign(scenario, assignment, unit_types());
+  for (const std::string& assignment : arguments.set) assign(scenario, assignment, units());
   if (arguments.stop) {
     constexpr double kMaxSeconds = 9e9;  // 2^63 ns is 9.22e9 s
     if (!(std::abs(*arguments.stop) <= kMaxSeconds))
@@ -275,7 +275,7 @@ int run_scenario(RunArguments arguments) {
     throw Error((arguments.out / kCheckpoint).string(), "is of another scenario: " + arguments.file.string() +
                                                             " or a file that it names has changed since, expected the same");
   MasterOptions options;
-  options.types = unit_types();
+  options.types = units();
   options.folders = model_folders(scenario.folder);
   options.results = arguments.out.empty() ? fs::path("results") / file_name_of(scenario.name) : arguments.out;
   options.threads = arguments.threads;
@@ -350,8 +350,6 @@ void refuse(const std::vector<CLI::Option*>& options, const std::string& what) {
 }
 
 }  // namespace
-
-Build this_build() { return {COTWIN_VERSION, hash_of_file("/proc/self/exe"), robot::kernel_isa()}; }
 
 void add_run(CLI::App& app, Chosen& chosen) {
   const auto all = std::make_shared<RunArguments>();

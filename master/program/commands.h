@@ -2,9 +2,12 @@
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <functional>
+#include <span>
 #include <string>
 #include <vector>
 
+#include "components/unit/unit_table.h"
+#include "master/program/folders.h"
 #include "master/run/identity.h"
 
 /// The subcommands of the program `cotwin`, a file each.
@@ -25,12 +28,16 @@ void add_excite(CLI::App& app, Chosen& chosen);
 void add_perturb(CLI::App& app, Chosen& chosen);
 void add_completion(CLI::App& app, Chosen& chosen);
 
-/// This program on this machine.
+/// The units of this program, of the modules that COTWIN_UNITS lists (separated by ':') and of those that --units names. Loaded
+/// at the first call. Throws Error.
+std::span<const UnitType> units();
+/// Where the FMU libraries of their units are.
+std::vector<std::filesystem::path> libraries_of_modules();
+/// Adds the option --units to a command.
+void add_units_option(CLI::App& command);
+
+/// This program, with the modules that it has loaded, on this machine.
 Build this_build();
-/// Where units look up named data, in this order; `scenario_folder` may be empty.
-std::vector<std::filesystem::path> model_folders(const std::filesystem::path& scenario_folder);
-/// The URDF that is meant by its path or by the name of a robot in the model folders. Throws Error.
-std::filesystem::path urdf_of(const std::string& robot);
 /// `name` as that of a file or folder.
 std::string file_name_of(const std::string& name);
 /// Whether a path means an FMU: an archive (.fmu) or a folder with a modelDescription.xml.

@@ -6,12 +6,14 @@
 #include <string_view>
 #include <system_error>
 
+#include "components/unit/unit_module.h"
 #include "fmu/archive/archive.h"
 #include "fmu/archive/file_kind.h"
 #include "fmu/process/process.h"
 #include "master/program/commands.h"
 #include "master/program/interrupt.h"
 #include "master/run/crash.h"
+#include "models/robot/kernels/kernels.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -19,30 +21,50 @@ namespace cotwin::master {
 
 namespace fs = std::filesystem;
 
-std::vector<fs::path> model_folders(const fs::path& scenario_folder) {
-  std::vector<fs::path> folders;
-  if (!scenario_folder.empty()) folders.push_back(fs::absolute(scenario_folder));
-  folders.push_back(fs::current_path());
-  if (const char* listed = std::getenv("COTWIN_MODELS")) {
-    for (const std::string_view folder : text::split(listed, ':')) {
-      if (!folder.empty()) folders.emplace_back(folder);
+namespace {
+
+std::vector<fs::path>& modules_of_command_line() {
+  static std::vector<fs::path> modules;
+  return modules;
+}
+
+const UnitCatalogue& catalogue() {
+  static const UnitCatalogue all = [] {
+    std::vector<fs::path> modules;
+    if (const char* listed = std::getenv("COTWIN_UNITS")) {
+      for (const std::string_view path : text::split(listed, ':')) {
+        if (!path.empty()) modules.emplace_back(path);
+      }
     }
-  }
-  std::error_code none;
-  const fs::path program = fs::read_symlink("/proc/self/exe", none);
-  if (!none) folders.push_back((program.parent_path() / ".." / "share" / "cotwin" / "models").lexically_normal());
-  folders.emplace_back(COTWIN_SOURCE_MODELS);
+    const std::vector<fs::path>& named = modules_of_command_line();
+    modules.insert(modules.end(), named.begin(), named.end());
+    return load_units(unit_types(), modules);
+  }();
+  return all;
+}
+
+}  // namespace
+
+void add_units_option(CLI::App& command) {
+  command
+      .add_option("--units", modules_of_command_line(),
+                  "Module with further units (.so, made by cotwin_unit() in CMake), or a folder of them; may be repeated")
+      ->type_name("PATH")
+      ->allow_extra_args(false);
+}
+
+std::span<const UnitType> units() { return catalogue().types; }
+
+std::vector<fs::path> libraries_of_modules() {
+  std::vector<fs::path> folders;
+  for (const fs::path& module : catalogue().modules) folders.push_back(module.parent_path() / "fmu");
   return folders;
 }
 
-fs::path urdf_of(const std::string& robot) {
-  std::error_code none;
-  if (fs::is_regular_file(robot, none)) return robot;
-  for (const fs::path& folder : model_folders({})) {
-    const fs::path file = folder / "robots" / robot / "robot.urdf";
-    if (fs::is_regular_file(file, none)) return file;
-  }
-  throw Error("robot '" + robot + "'", "is no file and no robot's name, expected a URDF");
+Build this_build() {
+  std::uint64_t file = hash_of_file("/proc/self/exe");
+  for (const fs::path& module : catalogue().modules) file = file * 0x100000001b3u ^ hash_of_file(module);
+  return {COTWIN_VERSION, file, robot::kernel_isa()};
 }
 
 std::string file_name_of(const std::string& wanted) {
@@ -91,6 +113,8 @@ int run(int argc, char** argv) {
   add_excite(app, chosen);
   add_perturb(app, chosen);
   add_completion(app, chosen);
+  for (const char* name : {"run", "pack", "check", "units", "describe", "reference"})
+    add_units_option(*app.get_subcommand(name));
 
   try {
     // CLI11 would only say that there is no command.

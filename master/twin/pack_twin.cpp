@@ -83,6 +83,12 @@ class Packer {
   void add_unit(Member& member) {
     // Once more, from settings that tell afterwards what of them was used.
     const UnitSource source = parse_unit_source(member.spec.source);
+    for (const std::filesystem::path& folder : options_.libraries_of_modules) {
+      if (!std::filesystem::exists(folder / fmu::own_platform() / (source.unit + ".so"))) continue;
+      fail(member.spec.place, "'" + member.name() +
+                                  "' is a unit of a module, expected one of cotwin's own: pack it with `cotwin pack " +
+                                  member.spec.source + "` and use that FMU in the scenario");
+    }
     Settings settings(source.unit, source.query, settings_for(scenario_, member.name()), options_.folders);
     member.instance = {};  // first, as in add_fmu()
     member.instance = make_unit(settings, options_.types);

@@ -115,6 +115,7 @@ class Packer {
     request.alone = false;
     request.platforms = options_.platforms;
     request.libraries = options_.libraries;
+    request.libraries_of_modules = options_.libraries_of_modules;
     const std::string name = names_.make(member.name(), ".fmu");
     const fs::path file = scratch_.path() / fs::path(name).filename();
     for (const std::string& warning : fmu::pack_unit(request, file)) warnings_.push_back(member.name() + ": " + warning);

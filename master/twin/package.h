@@ -16,6 +16,7 @@ struct PackageOptions {
   fmu::Version version = fmu::Version::k2;     // of the FMUs that units become
   std::vector<std::string> platforms;          // as in fmu::PackRequest
   std::filesystem::path libraries;
+  std::vector<std::filesystem::path> libraries_of_modules = {};
 };
 
 /// Writes a scenario as an SSP 1.0 package (.ssp) that stands alone: SystemStructure.ssd, and in resources/ an FMU for each
