@@ -109,6 +109,7 @@ class Master::Loop {
   Time now() const { return engine_.schedule.time(tick_); }
   std::int64_t ticks() const { return engine_.schedule.ticks(); }
 
+  void values_changed() { plain_until_ = next_checkpoint_ = 0; }
   void save(std::function<void(RunState)> take);
   const std::string& unsavable() const { return unsavable_; }
   std::optional<std::uint64_t> sync_recording() const {
@@ -622,6 +623,7 @@ Master::Master(Master&&) noexcept = default;
 Master::~Master() = default;
 
 void Master::initialise() { loop_->initialise(); }
+void Master::values_changed() { loop_->values_changed(); }
 bool Master::step_tick() { return loop_->step_tick(); }
 void Master::finish() { loop_->finish(); }
 Time Master::now() const { return loop_->now(); }

@@ -83,11 +83,12 @@ class Master {
   /// Makes all units agree at the start time, opens the recording and takes the first sample. What fails before that leaves the
   /// results of an earlier run as they are.
   void initialise();
-  /// Goes on by one tick (to the stop time at most), or by none where a signal came while it waited for the clock. False if the
-  /// stop time is reached. After initialise() it allocates
-  /// nothing. Throws Error for a NaN, a discarded step that cannot be repeated, a unit or a recording that fails; then only
-  /// finish() and summary() make sense.
+  /// Steps by one tick (to the stop time at most), or by none if a signal came while it waited for the clock. Returns false if
+  /// the stop time is reached. Allocates nothing after initialise(). Throws Error for a NaN, a discarded step that cannot be
+  /// repeated, a unit or a recording that fails; then only finish() and summary() may be called.
   bool step_tick();
+  /// To be called after the values of members were changed between two ticks: a tick that must be repeated begins with them.
+  void values_changed();
   /// What the user should know so far: of the scenario, what it probably forgot, and of its units. More may come.
   std::vector<std::string> warnings() const;
   /// Writes everything to the end and closes the files. May be called at any time, and again.

@@ -1,0 +1,253 @@
+#pragma once
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "models/support/error.h"
+
+/// \file
+/// The public interface of Cotwin, installed as `cotwin/cotwin.h`: run a scenario, evaluate the dynamics of a robot, tune a
+/// robot to measured torques. It is stable by promise: within a major version (before 1.0: within a minor version) it is only
+/// extended. Other headers below `cotwin/` may change at any time.
+///
+/// Conventions: SI (m, kg, s, rad, N, N.m) everywhere; vectors of n elements in the order of the robot's joints (URDF,
+/// depth-first); the base frame B is the URDF's root link. Every function throws cotwin::Error for what a caller or a file has
+/// wrong, with place, fact and expectation in its message. An object is used by one thread at a time; different objects are
+/// independent.
+///
+/// \class cotwin::Error
+/// The type of all exceptions of this library (`models/support/error.h`), a std::runtime_error.
+
+#define COTWIN_API __attribute__((visibility("default")))
+
+namespace cotwin {
+
+/// The version of the library that is loaded, "0.1.0" (SemVer).
+COTWIN_API std::string version();
+
+// ---- Dynamics of a robot ---------------------------------------------------------------------------------------------------
+
+/// A matrix by rows.
+struct Matrix {
+  std::size_t rows = 0;        ///< number of rows
+  std::size_t columns = 0;     ///< number of columns
+  std::vector<double> values;  ///< rows x columns; element (i, j) at [i * columns + j]
+
+  /// Element of row i and column j, both counted from 0; not checked.
+  double operator()(std::size_t i, std::size_t j) const { return values[i * columns + j]; }
+};
+
+/// Where a frame F stands in the base frame B.
+struct FramePose {
+  std::array<double, 9> R{};  ///< rotation R_BF by rows; its columns are the axes of F in B
+  std::array<double, 3> p{};  ///< position p_BF of F's origin in B, m
+};
+
+/// A joint of one degree of freedom.
+struct JointInfo {
+  std::string name;        ///< of the URDF's joint
+  bool prismatic = false;  ///< true: q in m, tau in N; false (revolute): q in rad, tau in N.m
+  double q_min = 0;        ///< lower limit of q, rad or m; -infinity if there is none
+  double q_max = 0;        ///< upper limit of q, rad or m; +infinity if there is none
+  double dq_max = 0;       ///< largest speed, rad/s or m/s; +infinity if there is none
+  double tau_max = 0;      ///< largest torque or force, N.m or N; +infinity if there is none
+};
+
+/// Kinematics and dynamics of a robot with rigid joints: M(q) ddq + C(q, dq) dq + g(q) = tau. Arguments are vectors of n()
+/// elements; any other length is an Error. Results are new vectors.
+class COTWIN_API Robot {
+ public:
+  /// Loads a URDF with revolute, continuous, prismatic and fixed joints. \param urdf a file, or the name of a robot that comes
+  /// with Cotwin ("lwr4"). Throws Error for what is wrong with the file, with its line.
+  explicit Robot(const std::string& urdf);
+  ~Robot();
+  /// Moves; the source may only be destroyed or assigned afterwards.
+  Robot(Robot&&) noexcept;
+  /// Moves; the source may only be destroyed or assigned afterwards.
+  Robot& operator=(Robot&&) noexcept;
+
+  /// Number of joints.
+  std::size_t n() const;
+  /// The n joints.
+  std::vector<JointInfo> joints() const;
+  /// Names of all frames: the URDF's links.
+  std::vector<std::string> frames() const;
+
+  /// M(q), n x n, symmetric; kg.m^2 between revolute joints, kg between prismatic ones, kg.m between one of each.
+  /// \param q n, rad or m
+  Matrix mass_matrix(std::span<const double> q);
+  /// g(q), n, N.m or N. \param q n, rad or m
+  std::vector<double> gravity(std::span<const double> q);
+  /// C(q, dq) dq + g(q), n, N.m or N. \param q n, rad or m \param dq n, rad/s or m/s
+  std::vector<double> bias(std::span<const double> q, std::span<const double> dq);
+  /// tau = M ddq + C dq + g, n, N.m or N. \param q n, rad or m \param dq n, rad/s or m/s \param ddq n, rad/s^2 or m/s^2
+  std::vector<double> inverse_dynamics(std::span<const double> q, std::span<const double> dq, std::span<const double> ddq);
+  /// ddq = M^-1 (tau - C dq - g), n, rad/s^2 or m/s^2; not finite where a joint moves no mass. \param q n, rad or m
+  /// \param dq n, rad/s or m/s \param tau n, N.m or N
+  std::vector<double> forward_dynamics(std::span<const double> q, std::span<const double> dq, std::span<const double> tau);
+  /// Pose of a frame in B. \param q n, rad or m \param frame a name of frames(); "": the end of the longest chain. Throws Error
+  /// for an unknown frame.
+  FramePose forward_kinematics(std::span<const double> q, const std::string& frame = "");
+  /// J, 6 x n, with [v; w] = J dq: velocity v of the frame's origin (m/s) in rows 0 to 2 and angular velocity w (rad/s) in rows
+  /// 3 to 5, both relative to B and expressed in B. Parameters and errors as forward_kinematics().
+  Matrix jacobian(std::span<const double> q, const std::string& frame = "");
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// ---- Scenarios -------------------------------------------------------------------------------------------------------------
+
+/// How a scenario is loaded.
+struct SimulationOptions {
+  /// Changes of the scenario as `cotwin run --set` takes them: "drive.K=2e4", "drive.friction=lugre", "robot=arm.urdf".
+  std::vector<std::string> set;
+  std::optional<double> stop;                  ///< stop time instead of the scenario's, s
+  std::filesystem::path results;               ///< folder for signals.csv, made if missing; empty: nothing is recorded
+  std::vector<std::filesystem::path> units;    ///< modules with further units, as `cotwin run --units` takes them
+  std::vector<std::filesystem::path> folders;  ///< where robots and scenes are looked up before the default folders
+  std::optional<int> threads;                  ///< at most so many; results do not depend on them
+};
+
+/// A variable of a component.
+struct VariableInfo {
+  std::string name;         ///< "drive.tau_J"
+  std::string role;         ///< "input", "output", "parameter", "tunable" or "state"
+  std::string kind;         ///< "real", "integer", "boolean" or "string"
+  std::string si;           ///< unit of measure of a real variable, "N.m"
+  std::size_t size = 0;     ///< number of elements
+  std::string description;  ///< meaning, in a sentence
+};
+
+/// RMS and largest magnitude of a signal, over all ticks of a run.
+struct Figure {
+  std::string name;         ///< of the scenario's report, "joint torque"
+  std::string signal;       ///< "drive.tau_J", "drive.q - motion.q_d"
+  std::string si;           ///< unit of measure of the figures
+  std::vector<double> rms;  ///< per element
+  std::vector<double> max;  ///< largest magnitude per element
+  double total_rms = 0;     ///< over all elements
+  double total_max = 0;     ///< over all elements
+};
+
+/// What a run was like.
+struct RunResult {
+  double start = 0;                   ///< start time, s
+  double reached = 0;                 ///< time at which the run ended, s
+  double stop = 0;                    ///< stop time of the scenario, s
+  std::int64_t ticks = 0;             ///< steps of the master
+  double wall_seconds = 0;            ///< duration of the run, s
+  std::vector<Figure> figures;        ///< what the scenario reports
+  std::vector<std::string> warnings;  ///< sentences, each once
+  std::filesystem::path recording;    ///< signals.csv; empty if nothing is recorded
+  std::int64_t rows = 0;              ///< of the recording
+};
+
+/// A run of a scenario. Steps are deterministic: equal scenarios and equal values set at equal times give equal bits.
+class COTWIN_API Simulation {
+ public:
+  /// Loads a scenario (.ssd or .ssp) with its units and FMUs. Throws Error for what is wrong with the scenario, with the line.
+  explicit Simulation(const std::filesystem::path& scenario, const SimulationOptions& options = {});
+  ~Simulation();
+  /// Moves; the source may only be destroyed or assigned afterwards.
+  Simulation(Simulation&&) noexcept;
+  /// Moves; the source may only be destroyed or assigned afterwards.
+  Simulation& operator=(Simulation&&) noexcept;
+
+  /// All variables of all components.
+  std::vector<VariableInfo> variables() const;
+
+  /// Sets a real, integer or boolean (0, 1) variable: "drive.tau_e", or one element, "drive.tau_e[2]", counted from 1.
+  /// Before start(): a parameter, a tunable, an input or a state that has a start value. Later: a tunable or an input that no
+  /// connection feeds; the value holds from the next step on. \param name of the variable \param values one for each element,
+  /// in the variable's unit of measure. Throws Error for an unknown name, another size or kind, a value out of range, and a
+  /// variable that must not be set now; then nothing is changed.
+  void set(std::string_view name, std::span<const double> values);
+  /// Sets a variable, or an element, of size 1. As above. \param name of the variable \param value in its unit of measure
+  void set(std::string_view name, double value);
+  /// Sets a string parameter before start(). \param name of the variable \param value new value. Throws Error as above.
+  void set_text(std::string_view name, const std::string& value);
+  /// Values of a real, integer or boolean variable, or of one element, in its unit of measure; outputs are valid after start().
+  /// \param name of the variable. Throws Error for an unknown name and for a string.
+  std::vector<double> get(std::string_view name) const;
+  /// The value of a string variable of size 1. \param name of the variable. Throws Error for an unknown name and other kinds.
+  std::string get_text(std::string_view name) const;
+
+  /// Initialises all components at the start time and opens the recording. step(), run_to() and run() do it if need be. Throws
+  /// Error if the components cannot agree on their start values, and if it was called before.
+  void start();
+  /// Present time, s.
+  double time() const;
+  /// Steps the scenario by one tick. Returns false, and does nothing, at the stop time and after a component has ended the run.
+  /// Throws Error for values that are not finite and steps that fail; then only result() may be called.
+  bool step();
+  /// Steps until time() is `t` or, between two ticks, the next tick after it. Returns false if the run ended before.
+  /// \param t s. Throws Error as step() does.
+  bool run_to(double t);
+  /// Steps to the stop time, closes the recording and returns result(). Throws Error as step() does, and if the recording
+  /// cannot be written.
+  RunResult run();
+  /// The run so far.
+  RunResult result() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+// ---- Tuning ----------------------------------------------------------------------------------------------------------------
+
+/// What is tuned to which log: the options of `cotwin tune`, which docs/tuning.md explains.
+struct TuneOptions {
+  std::string robot;                            ///< URDF, or the name of a robot that comes with Cotwin
+  std::vector<std::filesystem::path> data;      ///< logs (CSV): t, q1…, tau1…, behind the gears, in SI
+  std::vector<std::filesystem::path> held_out;  ///< logs that are only predicted; empty: the end of `data`
+  std::filesystem::path out;                    ///< folder for the results, made if missing; files there are overwritten
+  std::string method = "swarm";                 ///< "swarm", "feasible" or "least-squares"
+  std::string friction = "sigmoid";             ///< "none", "coulomb", "sigmoid" or "stribeck"
+  bool motor_torques = true;    ///< true: torques of the motors behind the gears; false: of joint torque sensors
+  bool cross_validate = false;  ///< choose cutoff, load friction and prior weight within the training part
+  double split = 0.7;           ///< share of the data, from the first sample on, to train on, in (0, 1]
+  double cutoff = 0;            ///< low-pass, Hz; 0: chosen from the motion
+  double prior_weight = 1e-3;   ///< pull to the URDF, dimensionless
+  std::uint64_t seed = 1;       ///< equal seeds give equal bits
+  int rounds = 500;             ///< of the swarm, at most
+  int threads = 1;              ///< the result does not depend on them
+  std::string q_columns;        ///< pattern of the position columns, "pos_{}"; "": q1, q2, …
+  std::string dq_columns;       ///< of the velocities, "none" for none; "": dq1, dq2, … where there are any
+  std::string tau_columns;      ///< of the torques; "": tau1, tau2, …
+};
+
+/// A parameter of unit:drive_train.
+struct TunedParameter {
+  std::string name;  ///< with the joint, counted from 1: "tau_C[2]"
+  double value = 0;  ///< in `si`
+  std::string si;    ///< unit of measure, "N.m"
+};
+
+/// What a tuning found.
+struct TuneResult {
+  std::filesystem::path robot;             ///< URDF with physically consistent inertias
+  std::filesystem::path drive_train;       ///< .ssv with `parameters`
+  std::filesystem::path report;            ///< report.md
+  std::vector<TunedParameter> parameters;  ///< of the drives
+  std::vector<double> training_rms;        ///< n, N.m or N: error of the predicted torques on the training part
+  std::vector<double> held_out_rms;        ///< n, N.m or N: on the held-out part; empty if there is none
+  std::vector<double> prior_held_out_rms;  ///< n, N.m or N: of the URDF as it was given
+  std::vector<std::string> warnings;       ///< of robot and logs
+  std::vector<std::string> alarms;         ///< joints that are predicted worse than by no model or by the prior
+};
+
+/// Tunes a robot's inertias, friction and motors to measured torques. Writes the files of `cotwin tune` into options.out.
+/// \param options robot, logs and method. Throws Error for what is wrong with options, robot or logs.
+COTWIN_API TuneResult tune(const TuneOptions& options);
+
+}  // namespace cotwin

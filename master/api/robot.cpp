@@ -1,0 +1,118 @@
+#include <algorithm>
+
+#include "master/api/cotwin.h"
+#include "master/program/folders.h"
+#include "models/robot/dynamics.h"
+#include "models/robot/urdf.h"
+
+namespace cotwin {
+
+struct Robot::Impl {
+  explicit Impl(const std::filesystem::path& file) : model(robot::load_urdf(file)), mechanism(model), data(mechanism) {}
+
+  Eigen::Map<const Eigen::VectorXd> in(std::span<const double> values, const char* name) const {
+    if (values.size() != model.joints.size()) {
+      throw Error(std::string(name) + " of " + model.name, "has " + std::to_string(values.size()) + " elements, expected " +
+                                                               std::to_string(model.joints.size()) + ", one per joint");
+    }
+    return {values.data(), model.n()};
+  }
+  robot::FrameOnBody frame(const std::string& name) const {
+    return robot::on_body(name.empty() ? model.end_effector() : model.frame(name));
+  }
+
+  robot::RobotModel model;
+  robot::Mechanism mechanism;
+  robot::Data data;
+};
+
+namespace {
+
+/// A vector of n elements that `compute` fills.
+template <class Compute>
+std::vector<double> vector_of(int n, Compute compute) {
+  std::vector<double> values(static_cast<std::size_t>(n));
+  compute(Eigen::Map<Eigen::VectorXd>(values.data(), n));
+  return values;
+}
+
+template <class Compute>
+Matrix matrix_of(Eigen::Index rows, Eigen::Index columns, Compute compute) {
+  Eigen::MatrixXd by_columns(rows, columns);
+  compute(by_columns);
+  Matrix m{static_cast<std::size_t>(rows), static_cast<std::size_t>(columns), {}};
+  m.values.resize(m.rows * m.columns);
+  Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(m.values.data(), rows, columns) =
+      by_columns;
+  return m;
+}
+
+}  // namespace
+
+std::string version() { return COTWIN_VERSION; }
+
+Robot::Robot(const std::string& urdf) : impl_(std::make_unique<Impl>(master::urdf_of(urdf))) {}
+Robot::~Robot() = default;
+Robot::Robot(Robot&&) noexcept = default;
+Robot& Robot::operator=(Robot&&) noexcept = default;
+
+std::size_t Robot::n() const { return impl_->model.joints.size(); }
+
+std::vector<JointInfo> Robot::joints() const {
+  std::vector<JointInfo> all;
+  for (const robot::Joint& j : impl_->model.joints)
+    all.push_back({j.name, j.type == robot::JointType::kPrismatic, j.q_min, j.q_max, j.dq_max, j.tau_max});
+  return all;
+}
+
+std::vector<std::string> Robot::frames() const {
+  std::vector<std::string> names;
+  for (const robot::Frame& frame : impl_->model.frames) names.push_back(frame.name);
+  return names;
+}
+
+Matrix Robot::mass_matrix(std::span<const double> q) {
+  const auto in = impl_->in(q, "q");
+  return matrix_of(in.size(), in.size(), [&](Eigen::MatrixXd& M) { robot::mass_matrix(impl_->mechanism, impl_->data, in, M); });
+}
+
+std::vector<double> Robot::gravity(std::span<const double> q) {
+  const auto in = impl_->in(q, "q");
+  return vector_of(impl_->model.n(), [&](auto g) { robot::gravity(impl_->mechanism, impl_->data, in, g); });
+}
+
+std::vector<double> Robot::bias(std::span<const double> q, std::span<const double> dq) {
+  const auto position = impl_->in(q, "q"), speed = impl_->in(dq, "dq");
+  return vector_of(impl_->model.n(), [&](auto h) { robot::bias(impl_->mechanism, impl_->data, position, speed, h); });
+}
+
+std::vector<double> Robot::inverse_dynamics(std::span<const double> q, std::span<const double> dq,
+                                            std::span<const double> ddq) {
+  const auto position = impl_->in(q, "q"), speed = impl_->in(dq, "dq"), acceleration = impl_->in(ddq, "ddq");
+  return vector_of(impl_->model.n(), [&](auto tau) {
+    robot::inverse_dynamics(impl_->mechanism, impl_->data, position, speed, acceleration, tau);
+  });
+}
+
+std::vector<double> Robot::forward_dynamics(std::span<const double> q, std::span<const double> dq,
+                                            std::span<const double> tau) {
+  const auto position = impl_->in(q, "q"), speed = impl_->in(dq, "dq"), torque = impl_->in(tau, "tau");
+  return vector_of(impl_->model.n(),
+                   [&](auto ddq) { robot::forward_dynamics(impl_->mechanism, impl_->data, position, speed, torque, ddq); });
+}
+
+FramePose Robot::forward_kinematics(std::span<const double> q, const std::string& frame) {
+  const Pose X_BF = robot::forward_kinematics(impl_->mechanism, impl_->data, impl_->in(q, "q"), impl_->frame(frame));
+  FramePose pose;
+  Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(pose.R.data()) = X_BF.R;
+  Eigen::Map<Eigen::Vector3d>(pose.p.data()) = X_BF.p;
+  return pose;
+}
+
+Matrix Robot::jacobian(std::span<const double> q, const std::string& frame) {
+  const auto in = impl_->in(q, "q");
+  return matrix_of(6, in.size(),
+                   [&](Eigen::MatrixXd& J) { robot::jacobian(impl_->mechanism, impl_->data, in, impl_->frame(frame), J); });
+}
+
+}  // namespace cotwin
