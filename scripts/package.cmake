@@ -1,0 +1,85 @@
+# What `cmake --install` puts in place, and the Debian packages that `cpack` makes. Everything is relative to the prefix; an installed
+# program finds its files relative to itself (models/support/installation.h).
+#   component cotwin      the program, the shared library, robots, scenes, libraries of FMUs, examples, licences
+#   component cotwin-dev  headers, static libraries and cotwinConfig.cmake, for find_package(cotwin)
+set(CMAKE_INSTALL_DEFAULT_COMPONENT_NAME cotwin)
+set(cmake_folder lib/cmake/cotwin)
+
+# The same layout in the build tree: robots and scenes beside bin/ and lib/.
+file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/share/cotwin)
+file(CREATE_LINK ${PROJECT_SOURCE_DIR}/models ${CMAKE_BINARY_DIR}/share/cotwin/models SYMBOLIC)
+
+install(DIRECTORY models/robots models/scenes DESTINATION share/cotwin/models COMPONENT cotwin)
+install(DIRECTORY examples DESTINATION share/cotwin COMPONENT cotwin USE_SOURCE_PERMISSIONS)
+install(FILES scripts/completion.bash DESTINATION share/bash-completion/completions RENAME cotwin COMPONENT cotwin)
+install(FILES README.md CHANGELOG.md DESTINATION share/doc/cotwin COMPONENT cotwin)
+
+# Licences: Cotwin's own, and those of what its programs contain (linked statically, or headers).
+set(copyright ${CMAKE_BINARY_DIR}/generated/copyright)
+file(READ LICENSE text)
+string(PREPEND text "Cotwin is licensed under the Apache License, Version 2.0. Its programs contain code of the packages after it.\n\n")
+foreach(package IN ITEMS libsundials-dev libeigen3-dev libbullet-dev nlohmann-json3-dev libcli11-dev)
+  if(EXISTS /usr/share/doc/${package}/copyright)
+    file(READ /usr/share/doc/${package}/copyright part)
+    string(APPEND text "\n======== ${package} ========\n\n${part}")
+  endif()
+endforeach()
+file(CONFIGURE OUTPUT ${copyright} CONTENT "${text}" @ONLY)
+install(FILES ${copyright} DESTINATION share/doc/cotwin COMPONENT cotwin)
+install(FILES ${copyright} DESTINATION share/doc/cotwin-dev COMPONENT cotwin-dev)
+
+# find_package(cotwin): the shared library with the public API, and the static libraries that a unit from outside is built with.
+get_property(libraries GLOBAL PROPERTY COTWIN_LIBRARIES_FOR_UNITS)
+install(TARGETS cotwin_settings ${libraries} cotwin_fmu_export cotwin_fmu_unload EXPORT cotwin-units
+  ARCHIVE DESTINATION lib/cotwin COMPONENT cotwin-dev
+  OBJECTS DESTINATION lib/cotwin COMPONENT cotwin-dev)
+install(EXPORT cotwin-units NAMESPACE cotwin:: DESTINATION ${cmake_folder} FILE cotwinUnitTargets.cmake COMPONENT cotwin-dev)
+install(TARGETS cotwin_api EXPORT cotwin LIBRARY DESTINATION lib COMPONENT cotwin NAMELINK_COMPONENT cotwin-dev)
+install(EXPORT cotwin NAMESPACE cotwin:: DESTINATION ${cmake_folder} FILE cotwinTargets.cmake COMPONENT cotwin-dev)
+install(FILES master/api/cotwin.h DESTINATION include/cotwin COMPONENT cotwin-dev)
+set(headers FILES_MATCHING PATTERN "*.h" PATTERN robots EXCLUDE PATTERN scenes EXCLUDE PATTERN kernels EXCLUDE)
+install(DIRECTORY models fmu DESTINATION include/cotwin COMPONENT cotwin-dev ${headers})
+install(DIRECTORY components/unit DESTINATION include/cotwin/components COMPONENT cotwin-dev ${headers})
+
+include(CMakePackageConfigHelpers)
+configure_package_config_file(scripts/cotwinConfig.cmake.in ${CMAKE_BINARY_DIR}/generated/cotwinConfig.cmake INSTALL_DESTINATION ${cmake_folder})
+set(compatibility SameMajorVersion)
+if(PROJECT_VERSION_MAJOR EQUAL 0)   # before 1.0 a minor version may break what was promised
+  set(compatibility SameMinorVersion)
+endif()
+write_basic_package_version_file(${CMAKE_BINARY_DIR}/generated/cotwinConfigVersion.cmake COMPATIBILITY ${compatibility})
+install(FILES ${CMAKE_BINARY_DIR}/generated/cotwinConfig.cmake ${CMAKE_BINARY_DIR}/generated/cotwinConfigVersion.cmake
+  scripts/units.cmake fmu/fmu.cmake components/unit/unit_module.cpp.in DESTINATION ${cmake_folder} COMPONENT cotwin-dev)
+install(FILES fmu/export/exported_symbols.map fmu/export/exported_unit.cpp.in fmu/export/old_glibc.cpp
+  DESTINATION ${cmake_folder}/export COMPONENT cotwin-dev)
+install(PROGRAMS fmu/export/old_glibc.sh DESTINATION ${cmake_folder}/export COMPONENT cotwin-dev)
+
+# Debian packages: cpack -G DEB in the build folder.
+set(CPACK_GENERATOR DEB)
+set(CPACK_PACKAGE_NAME cotwin)
+set(CPACK_PACKAGE_CONTACT "The Cotwin developers <maintainers@cotwin.invalid>")
+set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
+set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
+set(CPACK_DEB_COMPONENT_INSTALL ON)
+set(CPACK_COMPONENTS_ALL cotwin cotwin-dev)
+set(CPACK_DEBIAN_PACKAGE_SECTION science)
+set(CPACK_DEBIAN_COTWIN_PACKAGE_NAME cotwin)
+set(CPACK_DEBIAN_COTWIN_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_COTWIN_DESCRIPTION "digital twin of robot manipulators, as co-simulation units
+ The program cotwin runs scenarios of flexible-joint robots, contact worlds,
+ controllers and recordings, exports units and scenarios as FMUs (FMI 2 and 3)
+ and tunes a robot's model to measured torques.")
+set(CPACK_DEBIAN_COTWIN-DEV_PACKAGE_NAME cotwin-dev)
+set(CPACK_DEBIAN_COTWIN-DEV_PACKAGE_SECTION libdevel)
+set(CPACK_DEBIAN_COTWIN-DEV_PACKAGE_DEPENDS "cotwin (= ${PROJECT_VERSION}), libeigen3-dev, libsundials-dev, liburdfdom-dev, libtinyxml2-dev, libexpat1-dev, libzip-dev, pkg-config")
+set(CPACK_DEBIAN_COTWIN-DEV_DESCRIPTION "headers, libraries and CMake package of cotwin
+ For programs that use cotwin as a library, and for units of one's own:
+ find_package(cotwin), cotwin_library(...), cotwin_unit(...).")
+include(CPack)
+
+# Pages of the public API.
+find_package(Doxygen QUIET)
+if(DOXYGEN_FOUND)
+  configure_file(docs/Doxyfile.in ${CMAKE_BINARY_DIR}/generated/Doxyfile @ONLY)
+  add_custom_target(docs COMMAND ${DOXYGEN_EXECUTABLE} ${CMAKE_BINARY_DIR}/generated/Doxyfile VERBATIM)
+endif()

@@ -1,0 +1,113 @@
+# Installs the build into a folder, moves that folder, builds consumer/ against it and tries the program, the API and a unit from outside.
+# Nothing of source tree and build tree is used after the installation: no variable of the environment, another working directory.
+#   cmake -DBUILD=… -DSOURCE=… -DWORK=… -P install_test.cmake
+file(REMOVE_RECURSE ${WORK})
+file(MAKE_DIRECTORY ${WORK}/run)
+set(prefix ${WORK}/moved/prefix)
+set(platform x86_64-linux)
+if(CMAKE_HOST_SYSTEM_PROCESSOR MATCHES "aarch64")
+  set(platform aarch64-linux)
+endif()
+
+# expect(EXIT_CODE PART command…): the command ends with that code and prints PART to stdout or stderr.
+function(expect code part)
+  execute_process(COMMAND env -i PATH=/usr/bin:/bin ${ARGN} WORKING_DIRECTORY ${WORK}/run RESULT_VARIABLE result OUTPUT_VARIABLE output
+    ERROR_VARIABLE output TIMEOUT 120)
+  string(FIND "${output}" "${part}" found)
+  if(NOT result EQUAL code OR found EQUAL -1)
+    message(SEND_ERROR "${ARGN}\nended with ${result}, expected ${code}, and '${part}' in its output:\n${output}")
+  endif()
+endfunction()
+
+function(expect_file)
+  foreach(file IN LISTS ARGN)
+    if(NOT EXISTS ${file})
+      message(SEND_ERROR "no file ${file}")
+    endif()
+  endforeach()
+endfunction()
+
+function(run)
+  execute_process(COMMAND ${ARGN} RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE output)
+  if(NOT result EQUAL 0)
+    message(FATAL_ERROR "${ARGN}\nended with ${result}:\n${output}")
+  endif()
+endfunction()
+
+run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${WORK}/first)
+file(MAKE_DIRECTORY ${WORK}/moved)
+file(RENAME ${WORK}/first ${prefix})
+set(cotwin ${prefix}/bin/cotwin)
+
+# The layout.
+expect_file(${cotwin} ${prefix}/bin/cotwin-fmu-host ${prefix}/lib/libcotwin.so ${prefix}/include/cotwin/cotwin.h
+  ${prefix}/lib/cotwin/fmu/${platform}/drive_train.so ${prefix}/lib/cotwin/fmu/${platform}/licenses/license.txt
+  ${prefix}/lib/cmake/cotwin/cotwinConfig.cmake ${prefix}/share/cotwin/models/robots/lwr4/robot.urdf
+  ${prefix}/share/cotwin/models/scenes/table/scene.sdf ${prefix}/share/doc/cotwin/copyright
+  ${prefix}/share/bash-completion/completions/cotwin)
+
+# No path of this machine's trees is in what was installed.
+foreach(file IN ITEMS ${cotwin} ${prefix}/lib/libcotwin.so ${prefix}/lib/cmake/cotwin/cotwinUnitTargets.cmake)
+  foreach(tree IN ITEMS ${SOURCE} ${BUILD})
+    execute_process(COMMAND grep -c -F -e "${tree}" ${file} OUTPUT_VARIABLE lines)
+    if(NOT lines EQUAL 0)
+      message(SEND_ERROR "${file} contains the path ${tree}")
+    endif()
+  endforeach()
+endforeach()
+
+# The program finds robots, scenes, libraries of FMUs and its helper, also through a link.
+file(CREATE_LINK ${cotwin} ${WORK}/run/linked SYMBOLIC)
+expect(0 "joint torque" ${WORK}/run/linked run ${prefix}/share/cotwin/examples/02_free_motion_lwr4/twin.ssd --stop 0.1 --out ${WORK}/run/example)
+expect(0 "tau_J" ${cotwin} describe unit:drive_train?robot=lwr4)
+expect(0 "" ${cotwin} describe unit:contact_world?scene=table&robot=planar2)
+expect(0 "" ${WORK}/run/linked pack unit:motion?robot=planar2 --fmi 3 --set waypoint_t=0,1 --set "waypoint_q=0 0 1 1" -o ${WORK}/run/motion.fmu)
+expect(0 "" ${cotwin} run ${WORK}/run/motion.fmu --stop-time 0.1 --process own --output-file ${WORK}/run/motion.csv)
+expect(0 "complete" ${cotwin} completion bash)
+expect(0 "" bash -c "PATH=${prefix}/bin:$PATH; source ${prefix}/share/bash-completion/completions/cotwin && complete -p cotwin")
+
+# The consumer.
+set(flags "")
+if(EXISTS /usr/bin/ccache)
+  set(flags -DCMAKE_CXX_COMPILER_LAUNCHER=ccache)
+endif()
+run(${CMAKE_COMMAND} -S ${SOURCE}/tests/install/consumer -B ${WORK}/consumer -G ${GENERATOR} -DCMAKE_BUILD_TYPE=Release
+  -DCMAKE_PREFIX_PATH=${prefix} ${flags})
+run(${CMAKE_COMMAND} --build ${WORK}/consumer)
+set(module ${WORK}/consumer/units/spring.so)
+expect_file(${module} ${WORK}/consumer/units/fmu/${platform}/spring.so)
+expect(0 "0 failures" ${WORK}/consumer/use_api ${prefix}/share/cotwin/examples/01_joint_admittance/arm.ssd
+  ${SOURCE}/tests/install/consumer/springs.ssd ${module} ${WORK}/run)
+
+# expect_last(FILE COLUMN VALUE): the column's value in the last row of a CSV, to 1e-9.
+function(expect_last file column value)
+  execute_process(COMMAND awk -F, -v column=${column} -v value=${value} [=[
+      NR == 1 {for (i = 1; i <= NF; ++i) if ($i == column || $i == "\"" column "\"") c = i}
+      {last = $c}
+      END {d = last - value; exit !(c && d < 1e-9 && d > -1e-9)}]=] ${file} RESULT_VARIABLE result)
+  if(NOT result EQUAL 0)
+    message(SEND_ERROR "${file}: the last value of ${column} is not ${value}")
+  endif()
+endfunction()
+
+# The unit from outside: scenario, FMU of both versions, reference page.
+expect(0 "masses on linear springs" ${cotwin} units --units ${module})
+expect(0 "stiffness of each spring" ${cotwin} describe unit:spring?robot=planar2 --units ${WORK}/consumer/units)
+expect(0 "" env COTWIN_UNITS=${module} ${cotwin} check ${SOURCE}/tests/install/consumer/springs.ssd)
+expect(0 "springs" ${cotwin} run ${SOURCE}/tests/install/consumer/springs.ssd --units ${module} --out ${WORK}/run/springs)
+expect_last(${WORK}/run/springs/signals.csv "spring.position[1]" -0.41953576453822617)   # 0.5 cos(10)
+foreach(fmi IN ITEMS 2 3)
+  set(fmu ${WORK}/run/spring${fmi}.fmu)
+  expect(0 "" ${cotwin} pack unit:spring?robot=planar2 --units ${module} --fmi ${fmi} --set k=100 --set "x=0.5 0" -o ${fmu})
+  expect(0 "" ${cotwin} check ${fmu})
+  expect(0 "" ${cotwin} run ${fmu} --stop-time 1 --output-interval 0.001 --output-file ${WORK}/run/spring${fmi}.csv)
+endforeach()
+expect_last(${WORK}/run/spring2.csv "position[1]" -0.41953576453822617)
+expect(0 "" ${cotwin} reference ${WORK}/run/pages --units ${module})
+expect_file(${WORK}/run/pages/spring.md)
+
+# What is refused, and how.
+expect(2 "is a module for cotwin 0.0.1, expected ${VERSION}" ${cotwin} units --units ${WORK}/consumer/refused/stale.so)
+expect(2 "has no function cotwin_unit_module" ${cotwin} units --units ${prefix}/lib/libcotwin.so)
+expect(2 "no such file" ${cotwin} units --units ${WORK}/run/none.so)
+expect(2 "no such unit" ${cotwin} run ${SOURCE}/tests/install/consumer/springs.ssd)
