@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Installs what is missing, builds and runs all tests: ./test.sh [options of ctest…]
 set -euo pipefail
-root=$(cd "$(dirname "$0")" && pwd)
+root=$(cd "$(dirname "$(readlink -f "$0")")" && pwd)
 "$root/scripts/install.sh" build test
 "$root/scripts/build.sh" test -DCMAKE_BUILD_TYPE=Release -DCOTWIN_TESTS=ON ${CI:+-DCOTWIN_WERROR=ON}
 echo "running the tests of build/test"

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# build.sh FOLDER[:TARGET] [cmake options…]: configures and builds into build/FOLDER. Says something only where there is something to do.
-# Where ccache is installed, it is used, so that another checkout of the same sources need not be compiled again.
+# build.sh FOLDER[:TARGET] [cmake options…]: configures and builds into build/FOLDER. Prints nothing if everything is up to date.
+# Uses ccache where it is installed, so that a second checkout of the same sources need not be compiled again.
 set -euo pipefail
-cd "$(dirname "$0")/.."
+cd "$(dirname "$(readlink -f "$0")")/.."
 folder=build/${1%%:*}
 target=all
 [[ $1 == *:* ]] && target=${1##*:}

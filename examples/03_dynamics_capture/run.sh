@@ -1,7 +1,7 @@
 #!/bin/sh
-# Holds the twins of real robots against their measurements: run.sh [panda] [ur10] (default: both). See ../common.sh for COTWIN and DATA.
+# Compares the twins of real robots with their measurements: run.sh [panda] [ur10] (default: both). See ../common.sh for COTWIN and DATA.
 set -eu
-here=$(cd "$(dirname "$0")" && pwd)
+here=$(cd "$(dirname "$(readlink -f "$0")")" && pwd)
 . "$here/../common.sh"
 
 [ $# -gt 0 ] || set -- panda ur10

@@ -2,11 +2,11 @@
 # Tunes real robots to their measured torques: run.sh [panda] [ur10] [kr300] (default: all).
 # OUT: folder for the results; see ../common.sh for COTWIN and DATA.
 set -eu
-here=$(cd "$(dirname "$0")" && pwd)
+here=$(cd "$(dirname "$(readlink -f "$0")")" && pwd)
 . "$here/../common.sh"
 out=${OUT:-results/06_real_robots}
 
-# Joint torque sensors behind the gears: no motors in the torques. Settings are chosen on the training part.
+# Joint torque sensors behind the gears: the torques do not contain the motors. Settings are chosen on the training part.
 panda() {
   need models/panda_franka_ros.urdf measurements/panda_unisa.csv
   "$COTWIN" tune --robot "$data/models/panda_franka_ros.urdf" --data "$data/measurements/panda_unisa.csv" \
@@ -20,9 +20,9 @@ ur10() {
     --cross-validate --out "$out/ur10" "$@"
 }
 
-# Torques of the motors, to be multiplied by the gear ratios (facts of the log's source); links of axes 1 to 3 by secondary
-# encoders, all motors behind the gears; positions count from A2 = -90, A3 = 90 degrees. The robot stands for a second at both
-# ends, where friction is anything that holds it. Trained on one motion, another one predicted.
+# Motor torques before the gears: multiplied by the gear ratios, which the log's source gives. Links of axes 1 to 3 are measured by secondary
+# encoders, all motors behind the gears. Positions count from A2 = -90, A3 = 90 degrees. The robot stands still for a second at both ends,
+# where the friction torque is undetermined: --margin leaves these parts out. Trained on one motion, tested on another one.
 kr300() {
   need measurements/kr300_A.csv measurements/kr300_B.csv
   "$COTWIN" tune --robot "$here/../../models/robots/kr300_r2500/robot.urdf" \
