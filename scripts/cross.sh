@@ -1,9 +1,9 @@
 #!/usr/bin/env bash
 # cross.sh PLATFORM [FOLDER] [--units NAMES] [--quick]: builds the libraries of all units, and of scenarios as one FMU, for another
-# platform: win64 or aarch64-linux. They lie in FOLDER/fmu (default build/cross/fmu), where `cotwin pack --platforms` finds them. Takes
-# SUNDIALS from Debian's source package; the system's package lists stay as they are.
+# platform: win64 or aarch64-linux. They go to FOLDER/fmu (default build/cross/fmu), where `cotwin pack --platforms` finds them. Builds
+# SUNDIALS from Debian's source package; does not change the system's package lists.
 #   --units NAMES  only these, e.g. motion,drive_train,twin (twin: a scenario as one FMU)
-#   --quick        compiled in about half the time, to slower libraries: to try whether they work
+#   --quick        half the compile time, slower libraries: for tests
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 usage() { sed -n '2,6s/^# //p' "$0" >&2; exit 2; }
@@ -35,14 +35,14 @@ for program in $(sed -nE 's/^set\(CMAKE_(C|CXX)_COMPILER (.*)\)$/\2/p' "$toolcha
   command -v "$program" >/dev/null || fail "no $program, expected the packages of: scripts/install.sh build cross"
 done
 
-# debian_source PACKAGE: unpacks the source package, with Debian's patches, into $folder/sources/PACKAGE. A package that lies in
-# $folder/sources already is not fetched again.
+# debian_source PACKAGE: unpacks the source package, with Debian's patches, into $folder/sources/PACKAGE. A package that is in
+# $folder/sources already is not downloaded again.
 debian_source() {
   local sources=$folder/sources apt=$folder/sources/apt
   [[ -d $sources/$1 ]] && return
   mkdir -p "$apt/lists/partial"
   if ! compgen -G "$sources/$1_*.dsc" >/dev/null; then
-    # The system's own sources, as sources of source packages.
+    # The system's sources.list, changed from binary to source packages.
     mkdir -p "$apt/parts"
     local file
     for file in /etc/apt/sources.list /etc/apt/sources.list.d/*.list; do

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Builds the fuzz targets with clang, address and undefined sanitizers, and runs each for SECONDS: scripts/fuzz.sh [SECONDS [NAME…]]
-# Starts from tests/fuzz/corpus/<name>; what it finds new stays below build/fuzz. FUZZ_SEED, of the random numbers; 0 or none: another one each time.
-# With FUZZ_RUNS each target reads so many inputs instead, or as many as fit into 45 s: mutations of its corpus alone, the same ones each time.
+# Starts from tests/fuzz/corpus/<name>; new inputs are kept below build/fuzz. FUZZ_SEED: seed of the random numbers; 0 or none: a new one each time.
+# With FUZZ_RUNS each target reads that many inputs instead, for at most 45 s: the same mutations of its corpus each time.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export FUZZ_RUNS=${FUZZ_RUNS:-0}

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Installs the Debian packages of the given groups (see packages.txt) that are missing. Quick and silent where none is.
+# install.sh GROUP…: installs the missing Debian packages of the groups (packages.txt). Prints nothing if none is missing.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# sensitivity.sh TESTS EXAMPLE [NAME=VALUE…]: how far the figures of an example move between instruction sets and with small changes of the
-# scenario (`--set NAME=VALUE`, one run each). TESTS: the built examples_test; EXAMPLE: its folder, e.g. 04_peg_in_hole.
-# Prints for each test and figure the least and the largest value, and the largest distance from the unchanged run.
-# A bound should stand at least ten such distances beside the worst value.
+# sensitivity.sh TESTS EXAMPLE [NAME=VALUE…]: by how much the figures of an example change between instruction sets and with small changes of
+# the scenario (`--set NAME=VALUE`, one run each). TESTS: the program examples_test; EXAMPLE: its folder, e.g. 04_peg_in_hole.
+# Prints for each test and figure the least and the largest value, and the largest difference from the unchanged run.
+# A bound should be at least ten such differences away from the worst value.
 set -euo pipefail
 [ $# -ge 2 ] || { sed -n '2,5s/^# //p' "$0" >&2; exit 2; }
 tests=$1 example=$2

@@ -1,5 +1,5 @@
-# What the tool chains of scripts/cross.sh have in common: libraries come from COTWIN_THIRD_PARTY, never from this machine; headers alone,
-# which are the same everywhere, from Debian's packages.
+# Common to the tool chains of scripts/cross.sh: libraries come from COTWIN_THIRD_PARTY, never from this machine. Only libraries of headers,
+# which are the same on all platforms, come from Debian's packages.
 list(APPEND CMAKE_TRY_COMPILE_PLATFORM_VARIABLES COTWIN_THIRD_PARTY)
 set(CMAKE_FIND_ROOT_PATH ${COTWIN_THIRD_PARTY})
 set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)
