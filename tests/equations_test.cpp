@@ -4,22 +4,17 @@
 #include <filesystem>
 #include <fstream>
 #include <regex>
-#include <sstream>
 #include <string>
 #include <vector>
 
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 
 namespace {
 
 namespace fs = std::filesystem;
 
-std::string read(const fs::path& file) {
-  std::ifstream in(file);
-  std::stringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
+using cotwin::testing::content;
 
 struct Row {
   std::string number, file, test;
@@ -39,7 +34,7 @@ std::vector<Row> rows() {
 std::string all_tests() {
   std::string text;
   for (const auto& entry : fs::recursive_directory_iterator(fs::path(cotwin::places::source()) / "tests")) {
-    if (entry.path().extension() == ".cpp") text += read(entry.path());
+    if (entry.path().extension() == ".cpp") text += content(entry.path());
   }
   return text;
 }
@@ -47,7 +42,7 @@ std::string all_tests() {
 TEST(Equations, AreAllCitedWhereTheMapSays) {
   ASSERT_GT(rows().size(), 10u);
   for (const Row& row : rows()) {
-    EXPECT_NE(read(fs::path(cotwin::places::source()) / row.file).find(row.number), std::string::npos)
+    EXPECT_NE(content(fs::path(cotwin::places::source()) / row.file).find(row.number), std::string::npos)
         << row.file << " does not cite " << row.number;
   }
 }

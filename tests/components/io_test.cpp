@@ -13,30 +13,18 @@
 #include "models/support/error.h"
 #include "models/support/text.h"
 #include "tests/support/allocations.h"
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 
 namespace cotwin {
 namespace {
 
+using cotwin::testing::TemporaryFile;
 using ::testing::HasSubstr;
 using Values = std::vector<std::pair<std::string, std::string>>;
 
 constexpr Duration kTick{1'000'000};
 constexpr double kTurn = 2 * std::numbers::pi;
-
-class File {
- public:
-  explicit File(const std::string& content, const std::string& tag = "") {
-    const auto* test = ::testing::UnitTest::GetInstance()->current_test_info();
-    path_ = std::filesystem::temp_directory_path() / (std::string("cotwin_io_") + test->name() + tag + ".csv");
-    std::ofstream(path_, std::ios::binary) << content;
-  }
-  ~File() { std::filesystem::remove(path_); }
-  std::string path() const { return path_.string(); }
-
- private:
-  std::filesystem::path path_;
-};
 
 /// An io unit with a recording, used like the master does.
 class Subject {
@@ -88,7 +76,7 @@ std::string recording(bool torques, double angle = 1) {
 }
 
 TEST(Io, ARecordingIsPlayedWithItsDerivatives) {
-  const File file(recording(false, 180 / std::numbers::pi));
+  const TemporaryFile file(recording(false, 180 / std::numbers::pi));
   Subject s("joints=2", {{"file", file.path()}, {"angle", "deg"}});
   s.initialise();
   EXPECT_NEAR(s.real("q"), 0, 1e-12);
@@ -106,7 +94,7 @@ TEST(Io, ARecordingIsPlayedWithItsDerivatives) {
 }
 
 TEST(Io, MeasuredTorquesAreLeftAloneUnlessAFilterIsAskedFor) {
-  const File file(recording(true));
+  const TemporaryFile file(recording(true));
   Subject s("joints=2", {{"file", file.path()}, {"tau_scale", "1,-100"}});
   s.initialise();
   EXPECT_TRUE(s.boolean("has_tau"));
@@ -126,7 +114,7 @@ TEST(Io, MeasuredTorquesAreLeftAloneUnlessAFilterIsAskedFor) {
 }
 
 TEST(Io, VelocitiesAreDerivedFromPositionsOrTakenFromTheirColumns) {
-  const File file(recording(true));
+  const TemporaryFile file(recording(true));
   Subject s("joints=2", {{"file", file.path()}, {"derivative", "columns"}});
   s.initialise();
   s.to(1.23);
@@ -138,13 +126,13 @@ TEST(Io, VelocitiesAreDerivedFromPositionsOrTakenFromTheirColumns) {
   s.initialise();
   s.to(1.23);
   EXPECT_NEAR(s.real("dq", 0), 0.4 * kTurn * 0.5 * std::cos(kTurn * 0.5 * 1.23), 1e-6);
-  const File without(recording(false), "_without");
+  const TemporaryFile without(recording(false));
   Subject none("joints=2", {{"file", without.path()}, {"derivative", "columns"}});
   EXPECT_THAT(none.error_of_initialise(), HasSubstr("has no columns of joint velocities"));
 }
 
 TEST(Io, FreshTellsWhetherASampleCameWithinTheStep) {
-  const File file(recording(true));
+  const TemporaryFile file(recording(true));
   Subject s("joints=2", {{"file", file.path()}, {"start", "0.011"}, {"end", "3.5"}});
   s.initialise();
   EXPECT_FALSE(s.boolean("fresh"));
@@ -161,7 +149,7 @@ TEST(Io, FreshTellsWhetherASampleCameWithinTheStep) {
 }
 
 TEST(Io, AfterItsEndTheJointsRestWhereTheyAre) {
-  const File file(recording(true));
+  const TemporaryFile file(recording(true));
   Subject s("joints=2", {{"file", file.path()}, {"start", "1"}, {"end", "2.25"}});
   s.initialise();
   EXPECT_NEAR(s.real("q"), q_of(1), 1e-9);
@@ -175,7 +163,7 @@ TEST(Io, AfterItsEndTheJointsRestWhereTheyAre) {
 
 TEST(Io, SmoothingIsThatOfTheDocumentedFilter) {
   // At the cutoff, −3 dB; no delay.
-  const File file(recording(false));
+  const TemporaryFile file(recording(false));
   Subject s("joints=2", {{"file", file.path()}, {"q_cutoff", "0.5"}, {"filter_order", "2"}});
   s.initialise();
   s.to(2.5);
@@ -192,7 +180,7 @@ TEST(Io, SmoothingIsThatOfTheDocumentedFilter) {
 }
 
 TEST(Io, StepsCanBeTakenBackAndAllocateNothing) {
-  const File file(recording(true));
+  const TemporaryFile file(recording(true));
   const Values values = {{"file", file.path()}, {"q_cutoff", "8"}, {"derivative", "columns"}};
   Subject s("joints=2", values);
   s.initialise();
@@ -214,7 +202,7 @@ TEST(Io, StepsCanBeTakenBackAndAllocateNothing) {
 }
 
 TEST(Io, ARepeatedInitialisationReadsTheFileAgainOnlyIfItChanged) {
-  File file(recording(true));
+  TemporaryFile file(recording(true));
   Subject s("joints=2", {{"file", file.path()}});
   s.initialise();
   const auto written = std::filesystem::last_write_time(file.path());
@@ -230,7 +218,7 @@ TEST(Io, ARepeatedInitialisationReadsTheFileAgainOnlyIfItChanged) {
 
 TEST(Io, ErrorsInARecordingHaveFileAndLine) {
   const auto error = [](const std::string& content, Values values = {}) {
-    const File file(content);
+    const TemporaryFile file(content);
     values.push_back({"file", file.path()});
     return Subject("joints=1", values).error_of_initialise();
   };
@@ -254,7 +242,7 @@ TEST(Io, LeavingTheRobotsLimitsIsAWarningAnErrorOrNothing) {
   std::string content = "t,q1,q2,q3,q4,q5,q6,q7\n";
   for (int k = 0; k <= 100; ++k)
     content += text::to_text(k * 0.05) + "," + text::to_text(k * 0.032) + ",0,0,0,0,0,0\n";  // to 3.2 rad; the limit is 170°
-  const File file(content);
+  const TemporaryFile file(content);
   Subject s("robot=lwr4", {{"file", file.path()}, {"tau_columns", "none"}});
   s.initialise();
   EXPECT_THAT(s.text("warning"), HasSubstr(" is at 3.2 rad at 5 s, expected -2.9"));
@@ -266,7 +254,7 @@ TEST(Io, LeavingTheRobotsLimitsIsAWarningAnErrorOrNothing) {
 }
 
 TEST(Io, ARecordingWithoutTorquesIsAWarningUnlessTorquesAreDisabled) {
-  const File file("t,q1,torque\n0,0,5\n0.1,0,5\n");
+  const TemporaryFile file("t,q1,torque\n0,0,5\n0.1,0,5\n");
   Subject s("joints=1", {{"file", file.path()}});
   s.initialise();
   EXPECT_FALSE(s.boolean("has_tau"));
@@ -281,7 +269,7 @@ TEST(Io, ARecordingWithoutTorquesIsAWarningUnlessTorquesAreDisabled) {
 }
 
 TEST(Io, CommandsAreAcceptedAndIgnoredByARecording) {
-  const File file(recording(true));
+  const TemporaryFile file(recording(true));
   Subject s("joints=2", {{"file", file.path()}});
   s.initialise();
   s.to(1);
@@ -323,7 +311,7 @@ TEST_F(RealRobot, TheUr10AndKr300RecordingsPlayWithNoFurtherParameter) {
 }
 
 TEST(Io, ReportsTheEndOfTheRecording) {
-  const File file("t,q1\n0,0\n0.01,0.001\n0.02,0.002\n0.03,0.003\n");
+  const TemporaryFile file("t,q1\n0,0\n0.01,0.001\n0.02,0.002\n0.03,0.003\n");
   Subject s("joints=1&robot=", {{"file", file.path()}});
   s.initialise();
   const std::string before = s.text("warning");
@@ -340,7 +328,7 @@ TEST(Io, ReportsTheEndOfTheRecording) {
 }
 
 TEST(Io, WarnsOfTimesThatLookLikeMillisecondsReadAsSeconds) {
-  const File file("t,q1\n0,0\n4,0.001\n8,0.002\n12,0.003\n");
+  const TemporaryFile file("t,q1\n0,0\n4,0.001\n8,0.002\n12,0.003\n");
   Subject seconds("joints=1&robot=", {{"file", file.path()}});
   seconds.initialise();
   EXPECT_THAT(seconds.text("warning"),

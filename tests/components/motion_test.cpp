@@ -14,11 +14,13 @@
 #include "models/support/error.h"
 #include "models/support/text.h"
 #include "tests/support/allocations.h"
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 
 namespace cotwin {
 namespace {
 
+using cotwin::testing::TemporaryFile;
 using ::testing::HasSubstr;
 
 constexpr Duration kTick{1'000'000};
@@ -53,20 +55,6 @@ class Subject {
 
  private:
   Instance instance_;
-};
-
-class File {
- public:
-  explicit File(const std::string& content) {
-    const auto* test = ::testing::UnitTest::GetInstance()->current_test_info();
-    path_ = std::filesystem::temp_directory_path() / (std::string("cotwin_motion_") + test->name() + ".csv");
-    std::ofstream(path_, std::ios::binary) << content;
-  }
-  ~File() { std::filesystem::remove(path_); }
-  std::string path() const { return path_.string(); }
-
- private:
-  std::filesystem::path path_;
 };
 
 std::vector<std::string> joint_names() {
@@ -157,7 +145,7 @@ TEST(Motion, WaypointsComeFromAFileWithTheRobotsJointNamesInDegrees) {
     second += j == 0 ? ",90" : j == 1 ? ",30" : j == 6 ? ",45" : ",0";
     third += ",0";
   }
-  const File points(header + ",t\n0" + first + ",0\n1" + second + ",2\n0" + third + ",5\n");
+  const TemporaryFile points(header + ",t\n0" + first + ",0\n1" + second + ",2\n0" + third + ",5\n");
   Subject s("robot=lwr4&degree=7", {{"file", points.path()}, {"angle", "deg"}});
   s.initialise();
   for (const double t : {2.0, 2.7, 3.0}) {
@@ -220,7 +208,7 @@ TEST(Motion, TimeScalingKeepsTheWayAndDividesTheDerivatives) {
 }
 
 TEST(Motion, ARecordedMotionIsFollowedWithItsDerivatives) {
-  const File file(sine());
+  const TemporaryFile file(sine());
   Subject s("kind=csv", {{"file", file.path()}, {"start", "0.25"}, {"end", "1.5"}});
   s.initialise();
   const double w = 2 * std::numbers::pi;
@@ -234,7 +222,7 @@ TEST(Motion, ARecordedMotionIsFollowedWithItsDerivatives) {
 }
 
 TEST(Motion, ASoftStartEntersARecordingFromRestWithoutAJump) {
-  const File file(sine());
+  const TemporaryFile file(sine());
   Subject s("kind=csv", {{"file", file.path()}, {"soft_start", "0.4"}, {"soft_stop", "0.4"}});
   s.initialise();
   EXPECT_EQ(s.real("dq_d"), 0);
@@ -265,7 +253,7 @@ TEST(Motion, LoopsRepeatOrTurnBack) {
     EXPECT_NEAR(s.real("ddq_d"), ddq, 1e-11);
     EXPECT_FALSE(s.boolean("done"));
   }
-  const File file(sine());
+  const TemporaryFile file(sine());
   Subject turning("kind=csv", {{"file", file.path()}, {"loop", "there_and_back"}});
   EXPECT_THAT(turning.error_of_initialise(), HasSubstr("expected rest at both ends"));
   Subject repeating("kind=csv", {{"file", file.path()}, {"loop", "repeat"}});
@@ -275,7 +263,7 @@ TEST(Motion, LoopsRepeatOrTurnBack) {
 }
 
 TEST(Motion, OutputsDependOnTimeAloneAndStepsAllocateNothing) {
-  const File file(sine());
+  const TemporaryFile file(sine());
   for (const auto& [query, values] : std::vector<std::pair<std::string, std::vector<std::pair<std::string, std::string>>>>{
            {"kind=csv", {{"file", file.path()}, {"soft_start", "0.5"}}},
            {"kind=polynomial&degree=12", {{"q_end", "1"}, {"c_r", "0.1"}}},
@@ -300,13 +288,13 @@ TEST(Motion, UnknownWordsAreErrorsThatListTheValidOnes) {
   EXPECT_THAT(Subject("kind=csv").error_of_initialise(), HasSubstr("motion: file: is empty"));
   EXPECT_THROW(Subject("kind=spline"), Error);
   EXPECT_THROW(Subject("robot=lwr4&joints=6"), Error);
-  const File file(sine());
+  const TemporaryFile file(sine());
   EXPECT_THAT(Subject("kind=csv", {{"file", file.path()}, {"end", "3"}}).error_of_initialise(),
               HasSubstr("expected a part of the 2 s of"));
 }
 
 TEST(Motion, WarnsOfImplausibleSamplingTimes) {
-  const File file("t,q1\n0,0\n1,0.001\n2,0.002\n3,0.004\n4,0.005\n");  // milliseconds
+  const TemporaryFile file("t,q1\n0,0\n1,0.001\n2,0.002\n3,0.004\n4,0.005\n");  // milliseconds
   Subject seconds("kind=csv", {{"file", file.path()}});
   seconds.initialise();
   EXPECT_THAT(seconds.text("warning"),

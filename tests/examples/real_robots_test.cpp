@@ -5,9 +5,9 @@
 #include <nlohmann/json.hpp>
 
 #include "models/robot/urdf.h"
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
-#include "tests/support/temporary_folder.h"
 
 namespace {
 

@@ -14,8 +14,10 @@
 #include "fmu/export/package.h"
 #include "models/robot/urdf.h"
 #include "models/support/error.h"
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/standard_validator.h"
+#include "tests/support/xmllint.h"
 
 namespace cotwin::fmu {
 namespace {
@@ -217,8 +219,7 @@ TEST_P(Description, ValidatesWithEveryElement) {
   TemporaryFolder folder;
   const fs::path file = folder.path() / "modelDescription.xml";
   std::ofstream(file) << to_xml(full(GetParam()));
-  EXPECT_EQ(std::system(("xmllint --noout --schema '" + schema.string() + "' '" + file.string() + "'").c_str()), 0)
-      << to_xml(full(GetParam()));
+  EXPECT_EQ(cotwin::testing::schema_errors(schema, file), "");
 }
 
 INSTANTIATE_TEST_SUITE_P(Fmi, Description, ::testing::Values(Version::k2, Version::k3),
@@ -273,11 +274,6 @@ void write_raw(const fs::path& path, const std::vector<RawEntry>& entries) {
   ASSERT_EQ(zip_close(zip), 0);
 }
 
-std::string read(const fs::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  return std::string(std::istreambuf_iterator<char>(in), {});
-}
-
 std::size_t temporary_folders() {
   std::size_t count = 0;
   for (const auto& entry : fs::directory_iterator(fs::temp_directory_path())) {
@@ -307,9 +303,9 @@ TEST_F(Archives, AreReadAsTheyWereWritten) {
   {
     const TemporaryFolder folder = unpack_archive(archive_);
     place = folder.path();
-    EXPECT_EQ(read(place / "a.txt"), "hello");
-    EXPECT_EQ(read(place / "empty"), "");
-    EXPECT_EQ(read(place / "deep/down/größer.bin"), big);
+    EXPECT_EQ(cotwin::testing::content(place / "a.txt"), "hello");
+    EXPECT_EQ(cotwin::testing::content(place / "empty"), "");
+    EXPECT_EQ(cotwin::testing::content(place / "deep/down/größer.bin"), big);
   }
   EXPECT_FALSE(fs::exists(place));
 }
@@ -317,11 +313,11 @@ TEST_F(Archives, AreReadAsTheyWereWritten) {
 TEST_F(Archives, AreTheSameBytesForTheSameFiles) {
   const std::vector<ArchiveFile> files = {{"a.txt", "hello"s}, {"b/c", "world"s}};
   write_archive(archive_, files);
-  const std::string first = read(archive_);
+  const std::string first = cotwin::testing::content(archive_);
   setenv("TZ", "Pacific/Kiritimati", 1);
   write_archive(archive_, files);
   unsetenv("TZ");
-  EXPECT_EQ(read(archive_), first);
+  EXPECT_EQ(cotwin::testing::content(archive_), first);
 }
 
 TEST_F(Archives, AreRefusedWhenNamesLeaveTheirFolder) {
@@ -344,12 +340,12 @@ TEST_F(Archives, AreRefusedWhenNamesLeaveTheirFolder) {
 TEST_F(Archives, MayHoldAFileTwiceIfItIsTheSame) {
   for (const char* second : {"one", "two"}) {
     write_raw(archive_, {{"file.txt", "one"}, {"copy.txt", second}});
-    std::string bytes = read(archive_);
+    std::string bytes = cotwin::testing::content(archive_);
     for (std::size_t at = 0; (at = bytes.find("copy.txt", at)) != std::string::npos;) bytes.replace(at, 8, "file.txt");
     std::ofstream(archive_, std::ios::binary) << bytes;
     if (second == "one"s) {
       EXPECT_EQ(list_archive(archive_).size(), 1u);
-      EXPECT_EQ(read(unpack_archive(archive_).path() / "file.txt"), "one");
+      EXPECT_EQ(cotwin::testing::content(unpack_archive(archive_).path() / "file.txt"), "one");
     } else {
       EXPECT_THAT([&] { unpack_archive(archive_); }, ThrowsMessage<Error>(HasSubstr("'file.txt': is there twice")));
     }
@@ -371,7 +367,7 @@ TEST_F(Archives, AreRefusedWhenTheyUnpackToTooMuch) {
 TEST_F(Archives, AreRefusedWhenTheyAreDamagedAndNothingIsLeft) {
   const std::vector<ArchiveFile> files = {{"a.txt", std::string(5000, 'a') + "b"}, {"b/c", "world"s}};
   write_archive(archive_, files);
-  const std::string whole = read(archive_);
+  const std::string whole = cotwin::testing::content(archive_);
   int refused = 0;
   for (std::size_t i = 0; i < whole.size(); ++i) {
     std::string damaged = whole;

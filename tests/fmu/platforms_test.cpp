@@ -23,6 +23,7 @@
 #include "master/twin/pack_twin.h"
 #include "models/support/error.h"
 #include "tests/fmu/subjects.h"
+#include "tests/support/error_of.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
@@ -33,6 +34,7 @@ static void PrintTo(Version version, std::ostream* out) { *out << "FMI " << stat
 namespace {
 
 namespace fs = std::filesystem;
+using cotwin::testing::error_of;
 using testing::Subject;
 
 constexpr int kSteps = 100;
@@ -408,21 +410,11 @@ TEST_F(PackedForPlatforms, TakesEveryPlatformAndEveryLicenseOnce) {
                                                      "documentation/licenses/c.txt"));
 }
 
-template <class Call>
-std::string message_of(Call call) {
-  try {
-    call();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "no error";
-}
-
 TEST_F(PackedForPlatforms, NamesTheScriptThatMakesAMissingLibrary) {
   const Instance instance = testing::in_process(testing::request_for({"unit:compliance?robot=lwr4", Version::k3}));
   const UnitType nobody{"nobody", "a unit that no build knows", nullptr};
   const auto packing = [&](const std::string& platform) {
-    return message_of([&] {
+    return error_of([&] {
       pack({nobody, *instance.unit, instance.variables, "", nullptr, nullptr, {}}, request(Version::k3, {platform}),
            folder_.path() / "x.fmu");
     });
@@ -437,7 +429,7 @@ TEST_F(PackedForPlatforms, NamesTheScriptThatMakesAMissingLibrary) {
 
 TEST_F(PackedForPlatforms, RepeatsWhyAUnitWasLeftOut) {
   put("x86_64-windows/compliance.txt", "the unit compliance is left out: Foo::foo is not there for this platform");
-  EXPECT_EQ(message_of([&] { names(request(Version::k3, {"win64"})); }),
+  EXPECT_EQ(error_of([&] { names(request(Version::k3, {"win64"})); }),
             "platform x86_64-windows: the unit compliance is left out: Foo::foo is not there for this platform");
 
   put("x86_64-windows/twin.dll", "library");  // has no unit compliance inside
@@ -447,7 +439,7 @@ TEST_F(PackedForPlatforms, RepeatsWhyAUnitWasLeftOut) {
   options.platforms = {"win64"};
   options.libraries = libraries();
   const master::Scenario scenario = master::load_scenario(fs::path(places::source()) / "examples/02_free_motion_lwr4/twin.ssd");
-  EXPECT_THAT(message_of([&] { master::pack_twin(scenario, options, folder_.path() / "twin.fmu"); }),
+  EXPECT_THAT(error_of([&] { master::pack_twin(scenario, options, folder_.path() / "twin.fmu"); }),
               ::testing::HasSubstr("the unit compliance is left out"));
 }
 

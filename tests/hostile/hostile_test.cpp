@@ -10,10 +10,10 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
-#include <sstream>
 
 #include "fmu/archive/archive.h"
 #include "tests/hostile/hostile_files.h"
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
@@ -21,6 +21,7 @@ namespace cotwin::hostile {
 namespace {
 
 namespace fs = std::filesystem;
+using cotwin::testing::content;
 using cotwin::testing::RunOptions;
 using cotwin::testing::RunResult;
 using ::testing::HasSubstr;
@@ -30,11 +31,6 @@ constexpr rlim_t kCpuSeconds = 10;
 constexpr std::chrono::seconds kWallTime{300};  // the machine may be busy with other processes
 constexpr long kMemory = 1l << 20;              // KiB
 const bool kSanitized = std::string(COTWIN_SANITIZERS) != "";
-
-std::string content(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
 
 class Hostile : public ::testing::Test {
  protected:

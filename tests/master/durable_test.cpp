@@ -19,11 +19,13 @@
 
 #include "master/run/checkpoint.h"
 #include "models/support/atomic_file.h"
+#include "tests/support/files.h"
 #include "tests/support/run_program.h"
 
 namespace {
 
 namespace fs = std::filesystem;
+using cotwin::testing::content;
 using cotwin::testing::Process;
 using cotwin::testing::RunOptions;
 using cotwin::testing::RunResult;
@@ -31,13 +33,6 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::Not;
 using ::testing::StartsWith;
-
-std::string content(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
 
 constexpr std::chrono::seconds kPatience(120);  // time limit for events that must happen, also on a busy machine
 

@@ -6,7 +6,6 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
-#include <sstream>
 
 #include "fmu/archive/archive.h"
 #include "fmu/export/pack.h"
@@ -17,14 +16,19 @@
 #include "models/support/csv.h"
 #include "models/support/error.h"
 #include "tests/fmu/foreign.h"
+#include "tests/support/error_of.h"
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 #include "tests/support/standard_validator.h"
+#include "tests/support/xmllint.h"
 
 namespace cotwin::master {
 namespace {
 
 namespace fs = std::filesystem;
+using cotwin::testing::content;
+using cotwin::testing::error_of;
 using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
@@ -33,23 +37,6 @@ using ::testing::StartsWith;
 
 const fs::path kExample = fs::path(places::source()) / "examples/02_free_motion_lwr4/twin.ssd";
 const std::vector<fs::path> kFolders = {fs::path(places::source()) / "models"};
-
-std::string content(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
-
-template <class Call>
-std::string message(Call call) {
-  try {
-    call();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "no error";
-}
 
 /// The findings of `cotwin check`; with sanitizers only errors, because then Cotwin's libraries need those of the sanitizers.
 std::vector<std::string> complaints(const fs::path& file) {
@@ -179,19 +166,19 @@ TEST_F(FmuScenario, OnlyAnFmuHasAProcessOfItsOwn) {
   const ComponentSpec link = parse_scenario(with_process("link.fmu?timeout=5"), "one.ssd", folder_).components.at(0);
   EXPECT_EQ(link.process, "own");
   EXPECT_EQ(link.source, "link.fmu?timeout=5");
-  EXPECT_THAT(message([&] { parse_scenario(with_process("unit:motion"), "one.ssd", folder_); }),
+  EXPECT_THAT(error_of([&] { parse_scenario(with_process("unit:motion"), "one.ssd", folder_); }),
               HasSubstr("is a unit of this program, expected an FMU"));
 }
 
 TEST_F(FmuScenario, AMissingFmuOrAnInvalidOptionIsAnErrorWithItsPlace) {
   const auto loaded = [&](const std::string& source) {
-    return message([&] { load_members(parse_scenario(with_process(source), "one.ssd", folder_), unit_types(), kFolders); });
+    return error_of([&] { load_members(parse_scenario(with_process(source), "one.ssd", folder_), unit_types(), kFolders); });
   };
   EXPECT_THAT(loaded("nowhere.fmu"), StartsWith("one.ssd:6: component 'link': nowhere.fmu: no such file"));
   pack_unit("unit:motion?robot=lwr4", fmu::Version::k2, "link.fmu");
   EXPECT_THAT(loaded("link.fmu?timeout=never"), HasSubstr("timeout=never: expected a number"));
   EXPECT_THAT(loaded("link.fmu?colour=red"), HasSubstr("'colour': no setting of an FMU"));
-  EXPECT_EQ(loaded("link.fmu?timeout=5"), "no error");
+  EXPECT_EQ(loaded("link.fmu?timeout=5"), "");
 }
 
 TEST_F(FmuScenario, AnEnumerationOfAnFmuTakesTheNameOfAnItemOrItsNumber) {
@@ -214,7 +201,7 @@ TEST_F(FmuScenario, AnEnumerationOfAnFmuTakesTheNameOfAnItemOrItsNumber) {
   EXPECT_EQ(mode("with 2 words"), 1);
   EXPECT_EQ(mode("polite"), 0);
   EXPECT_EQ(mode("1"), 1);
-  EXPECT_EQ(message([&] { mode("rude"); }),
+  EXPECT_EQ(error_of([&] { mode("rude"); }),
             "values.ssv:5: rogue.mode: 'rude' is no item of 'Way', expected 'polite', 'with 2 words', or a number");
 }
 
@@ -344,9 +331,7 @@ TEST_F(FmuScenario, ThePackagesFilesAreValid) {
   if (!fs::exists(schemas)) GTEST_SKIP() << "no schemas in " << schemas;
   const fmu::TemporaryFolder unpacked = fmu::unpack_archive(pack(example()));
   const auto faults = [&](const char* schema, const char* file) {
-    const testing::RunResult checked =
-        testing::run_command({"xmllint", "--noout", "--nonet", "--schema", schemas / schema, unpacked.path() / file});
-    return checked.code == 0 ? "" : checked.err;
+    return testing::schema_errors(schemas / schema, unpacked.path() / file);
   };
   EXPECT_EQ(faults("SystemStructureDescription.xsd", "SystemStructure.ssd"), "");
   EXPECT_EQ(faults("SystemStructureParameterValues.xsd", "resources/drive.ssv"), "");
@@ -354,24 +339,24 @@ TEST_F(FmuScenario, ThePackagesFilesAreValid) {
 }
 
 TEST_F(FmuScenario, AnInvalidPackageIsAnErrorAndLeavesNoFiles) {
-  EXPECT_THAT(message([&] { load_scenario(folder_ / "none.ssp"); }), HasSubstr("none.ssp"));
-  EXPECT_THAT(message([&] { load_scenario(write("text.ssp", "no archive")); }), HasSubstr("text.ssp"));
+  EXPECT_THAT(error_of([&] { load_scenario(folder_ / "none.ssp"); }), HasSubstr("none.ssp"));
+  EXPECT_THAT(error_of([&] { load_scenario(write("text.ssp", "no archive")); }), HasSubstr("text.ssp"));
   fmu::write_archive(folder_ / "empty.ssp", std::vector<fmu::ArchiveFile>{{"readme.txt", std::string("nothing")}});
-  EXPECT_THAT(message([&] { load_scenario(folder_ / "empty.ssp"); }), HasSubstr("no SystemStructure.ssd"));
+  EXPECT_THAT(error_of([&] { load_scenario(folder_ / "empty.ssp"); }), HasSubstr("no SystemStructure.ssd"));
   fmu::write_archive(folder_ / "broken.ssp",
                      std::vector<fmu::ArchiveFile>{{"SystemStructure.ssd", std::string("<ssd:System")}});
-  EXPECT_THAT(message([&] { load_scenario(folder_ / "broken.ssp"); }),
+  EXPECT_THAT(error_of([&] { load_scenario(folder_ / "broken.ssp"); }),
               StartsWith((folder_ / "broken.ssp").string() + "/SystemStructure.ssd:1"));
 
   // Cut off anywhere, and with any byte changed: an error or a scenario, nothing else.
   const std::string good = content(pack(example()));
   for (std::size_t size = 0; size < good.size(); size += good.size() / 7 + 1) {
-    EXPECT_NE(message([&] { load_scenario(write("cut.ssp", good.substr(0, size))); }), "no error") << size;
+    EXPECT_NE(error_of([&] { load_scenario(write("cut.ssp", good.substr(0, size))); }), "") << size;
   }
   for (std::size_t i = 0; i < 40; ++i) {
     std::string bad = good;
     bad[bad.size() - 1 - i * 7] ^= 0x41;
-    (void)message([&] { load_scenario(write("bad.ssp", bad)); });
+    (void)error_of([&] { load_scenario(write("bad.ssp", bad)); });
   }
 }
 
@@ -444,7 +429,7 @@ TEST_F(FmuScenario, AnInputFileThatDoesNotFitIsAnErrorThatNamesTheLine) {
   options.file = pack_unit("unit:compliance?robot=lwr4", fmu::Version::k2, "compliance.fmu");
   const auto said = [&](const std::string& csv) {
     options.input_file = write("in.csv", csv);
-    return message([&] { FmuRun{options}; });
+    return error_of([&] { FmuRun{options}; });
   };
   EXPECT_THAT(said("time,q_x\n0,0\n"), HasSubstr("q_x"));
   EXPECT_THAT(said("time,q_c[1]\n0,0\n"), HasSubstr("is an output, expected an input"));

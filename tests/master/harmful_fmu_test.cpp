@@ -11,12 +11,14 @@
 #include <vector>
 
 #include "tests/fmu/foreign.h"
+#include "tests/support/files.h"
 #include "tests/support/run_program.h"
 
 namespace cotwin::master {
 namespace {
 
 namespace fs = std::filesystem;
+using cotwin::testing::content;
 using cotwin::testing::RunResult;
 using cotwin::testing::words;
 using ::testing::AllOf;
@@ -25,13 +27,6 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 
 constexpr bool kSanitized = std::string_view(COTWIN_SANITIZERS) != "";
-
-std::string content(const fs::path& file) {
-  std::ifstream in(file);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
 
 class HarmfulFmu : public ::testing::Test {
  protected:

@@ -9,25 +9,19 @@
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <sstream>
 #include <thread>
 
+#include "tests/support/files.h"
 #include "tests/support/run_program.h"
 
 namespace {
 
 namespace fs = std::filesystem;
+using cotwin::testing::content;
 using cotwin::testing::Process;
 using cotwin::testing::RunResult;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
-
-std::string content(const fs::path& file) {
-  std::ifstream in(file);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
 
 /// Runs the program in a folder of its own.
 class Program : public ::testing::Test {

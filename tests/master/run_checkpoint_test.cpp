@@ -13,22 +13,17 @@
 #include "models/support/atomic_file.h"
 #include "models/support/bytes.h"
 #include "tests/master/test_units.h"
+#include "tests/support/files.h"
 
 namespace cotwin::master {
 namespace {
 
 namespace fs = std::filesystem;
 using ::cotwin::testing::Build;
+using cotwin::testing::content;
 using ::cotwin::testing::error_of;
 using ::cotwin::testing::test_types;
 using ::testing::HasSubstr;
-
-std::string content(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
 
 class Saved : public ::testing::Test {
  protected:

@@ -1,7 +1,6 @@
 #pragma once
 #include <chrono>
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <memory>
 #include <span>
@@ -11,6 +10,7 @@
 #include "components/unit/unit_table.h"
 #include "master/run/master.h"
 #include "models/support/error.h"
+#include "tests/support/error_of.h"
 
 /// Small units with closed-form behaviour, and helpers that connect them.
 namespace cotwin::testing {
@@ -429,16 +429,6 @@ inline double value(master::Master& master, const std::string& name) {
       break;
   }
   throw Error(name, "is a text");
-}
-
-/// The message of the Error that `action` throws; "" if it throws none.
-inline std::string error_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
 }
 
 }  // namespace cotwin::testing

@@ -1,22 +1,17 @@
 #pragma once
 #include <Eigen/Core>
 #include <fstream>
-#include <iterator>
 #include <nlohmann/json.hpp>
 #include <string>
 
 #include "master/program/tuning/tuning.h"
 #include "models/robot/attachment.h"
 #include "models/robot/urdf.h"
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/synthetic_log.h"
 
 namespace cotwin::testing {
-
-inline std::string content(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
 
 /// A known robot, logs of it, and a prior that is wrong by about 30 %.
 class TunedRobot {

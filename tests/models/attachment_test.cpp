@@ -3,16 +3,17 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <functional>
 #include <random>
 
 #include "models/robot/urdf.h"
 #include "models/support/error.h"
+#include "tests/support/error_of.h"
 #include "tests/support/places.h"
 
 namespace cotwin::robot {
 namespace {
 
+using cotwin::testing::error_of;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using ::testing::HasSubstr;
@@ -28,15 +29,6 @@ Inertia box(double mass, double a, double b, double c) {
 const Pose kOnTop = {rotation_from_rpy(0.1, -0.2, 0.3), {0, 0.01, 0.078}};
 Attachment sensor() { return {"ft_sensor", "link_7", kOnTop, box(0.25, 0.06, 0.06, 0.03)}; }
 Attachment gripper() { return {"gripper", "ft_sensor", {Matrix3d::Identity(), {0, 0, 0.05}}, box(0.8, 0.1, 0.05, 0.1)}; }
-
-std::string message_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "no error";
-}
 
 TEST(Attachment, MakesTheCarryingBodyTheCompositeBody) {
   RobotModel robot = lwr4();
@@ -114,7 +106,7 @@ TEST(Attachment, CannotBeTakenOffABodyThatIsLighterThanIt) {
   attach(robot, sensor());
   set_inertia(robot, 6, box(0.2, 0.1, 0.1, 0.1), "a wrong tuning");
   const RobotModel untouched = robot;
-  EXPECT_THAT(message_of([&] { detach(robot, "ft_sensor"); }), HasSubstr("without 'ft_sensor' its body would have mass -0.0"));
+  EXPECT_THAT(error_of([&] { detach(robot, "ft_sensor"); }), HasSubstr("without 'ft_sensor' its body would have mass -0.0"));
   EXPECT_EQ(robot, untouched);
 }
 
@@ -152,25 +144,25 @@ TEST(Attachment, ThatIsInvalidIsRefusedAndChangesNothing) {
   Attachment what = gripper();
   what.name = "tool";
   what.parent = "ft_senor";
-  EXPECT_THAT(message_of([&] { attach(robot, what); }), HasSubstr("no frame 'ft_senor', did you mean 'ft_sensor'?"));
-  EXPECT_THAT(message_of([&] { attach(robot, gripper()); }), HasSubstr("has a frame of this name already"));
+  EXPECT_THAT(error_of([&] { attach(robot, what); }), HasSubstr("no frame 'ft_senor', did you mean 'ft_sensor'?"));
+  EXPECT_THAT(error_of([&] { attach(robot, gripper()); }), HasSubstr("has a frame of this name already"));
   what = gripper();
   what.name = "tool";
   what.inertia.I_CC(2, 2) *= 10;
-  EXPECT_THAT(message_of([&] { attach(robot, what); }), HasSubstr("attachment 'tool': principal moments"));
+  EXPECT_THAT(error_of([&] { attach(robot, what); }), HasSubstr("attachment 'tool': principal moments"));
   what.inertia = {-1, Vector3d::Zero(), Matrix3d::Zero()};
-  EXPECT_THAT(message_of([&] { attach(robot, what); }), HasSubstr("mass -1 kg, expected > 0"));
+  EXPECT_THAT(error_of([&] { attach(robot, what); }), HasSubstr("mass -1 kg, expected > 0"));
   what.inertia = {1, Vector3d::Zero(), Matrix3d::Zero()};
   what.parent = "base";  // which has no mass
-  EXPECT_THAT(message_of([&] { attach(robot, what); }), HasSubstr("with this point mass its body has no moments of inertia"));
+  EXPECT_THAT(error_of([&] { attach(robot, what); }), HasSubstr("with this point mass its body has no moments of inertia"));
   what.X_PA.R *= 2;
-  EXPECT_THAT(message_of([&] { attach(robot, what); }), HasSubstr("X_PA is not a pose"));
-  EXPECT_THAT(message_of([&] { detach(robot, "tool"); }), HasSubstr("nothing attached is named 'tool'"));
-  EXPECT_THAT(message_of([&] { detach(robot, "link_7"); }), HasSubstr("'link_7' is a link of the robot"));
-  EXPECT_THAT(message_of([&] { detach(robot, "ft_sensor"); }), HasSubstr("'gripper' is mounted on 'ft_sensor'"));
-  EXPECT_THAT(message_of([&] { set_inertia(robot, 7, box(1, 1, 1, 1), ""); }),
+  EXPECT_THAT(error_of([&] { attach(robot, what); }), HasSubstr("X_PA is not a pose"));
+  EXPECT_THAT(error_of([&] { detach(robot, "tool"); }), HasSubstr("nothing attached is named 'tool'"));
+  EXPECT_THAT(error_of([&] { detach(robot, "link_7"); }), HasSubstr("'link_7' is a link of the robot"));
+  EXPECT_THAT(error_of([&] { detach(robot, "ft_sensor"); }), HasSubstr("'gripper' is mounted on 'ft_sensor'"));
+  EXPECT_THAT(error_of([&] { set_inertia(robot, 7, box(1, 1, 1, 1), ""); }),
               HasSubstr("no body 7, expected -1 (the base) to 6"));
-  EXPECT_THAT(message_of([&] { set_inertia(robot, 0, {}, ""); }), HasSubstr("body 'link_1': mass 0 kg"));
+  EXPECT_THAT(error_of([&] { set_inertia(robot, 0, {}, ""); }), HasSubstr("body 'link_1': mass 0 kg"));
   EXPECT_EQ(robot, untouched);
 }
 

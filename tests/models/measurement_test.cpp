@@ -7,12 +7,14 @@
 #include "models/measurement/survey.h"
 #include "models/numerics/random.h"
 #include "models/support/error.h"
+#include "tests/support/error_of.h"
 #include "tests/support/places.h"
 #include "tests/support/synthetic_log.h"
 
 namespace cotwin::measurement {
 namespace {
 
+using cotwin::testing::error_of;
 using cotwin::testing::SyntheticLog;
 using cotwin::testing::TemporaryFolder;
 using ::testing::AllOf;
@@ -21,15 +23,6 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
 robot::RobotModel lwr4() { return robot::load_urdf(places::source() + "/models/robots/lwr4/robot.urdf"); }
-
-std::string error_of(const std::function<void()>& action) {
-  try {
-    action();
-  } catch (const Error& error) {
-    return error.what();
-  }
-  return "";
-}
 
 class LogSurvey : public ::testing::Test {
  protected:

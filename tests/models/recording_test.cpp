@@ -11,42 +11,29 @@
 
 #include "models/support/csv.h"
 #include "models/support/error.h"
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 
 namespace cotwin::trajectory {
 namespace {
 
+using cotwin::testing::TemporaryFile;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
-/// A file that is removed at the end of the test.
-class File {
- public:
-  explicit File(const std::string& text) {
-    const auto* test = ::testing::UnitTest::GetInstance()->current_test_info();
-    path_ = std::filesystem::temp_directory_path() / (std::string("cotwin_recording_") + test->name() + ".csv");
-    std::ofstream(path_, std::ios::binary) << text;
-  }
-  ~File() { std::filesystem::remove(path_); }
-  const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-};
-
 Recording load(const std::string& text, std::span<const Axis> axes, const RecordingFormat& format = {}) {
-  const File file(text);
+  const TemporaryFile file(text);
   return load_recording(file.path(), axes, format);
 }
 
 std::string error_of(const std::string& text, std::span<const Axis> axes, const RecordingFormat& format = {}) {
-  const File file(text);
+  const TemporaryFile file(text);
   try {
     load_recording(file.path(), axes, format);
   } catch (const Error& e) {
     std::string message = e.what();
-    for (std::size_t at; (at = message.find(file.path().string())) != std::string::npos;) {
-      message.replace(at, file.path().string().size(), "file.csv");
+    for (std::size_t at; (at = message.find(file.path())) != std::string::npos;) {
+      message.replace(at, file.path().size(), "file.csv");
     }
     return message;
   }

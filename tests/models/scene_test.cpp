@@ -15,48 +15,19 @@
 #include "models/scene/shapes.h"
 #include "models/scene/urdf_shapes.h"
 #include "models/support/error.h"
+#include "tests/support/error_of.h"
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 
 namespace cotwin::scene {
 namespace {
 
 namespace fs = std::filesystem;
+using cotwin::testing::error_of;
+using cotwin::testing::TemporaryFolder;
 using Eigen::Vector3d;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
-
-/// The message of the Error that `f` throws; "" if it throws none.
-template <class F>
-std::string error_of(F&& f) {
-  try {
-    f();
-  } catch (const Error& e) {
-    return e.what();
-  }
-  return "";
-}
-
-/// A folder for one test, removed at its end.
-class Folder {
- public:
-  Folder()
-      : path_(fs::temp_directory_path() /
-              ("cotwin_scene_test_" + std::to_string(::testing::UnitTest::GetInstance()->random_seed()) + "_" +
-               ::testing::UnitTest::GetInstance()->current_test_info()->name())) {
-    fs::create_directories(path_);
-  }
-  ~Folder() { fs::remove_all(path_); }
-  Folder(const Folder&) = delete;
-  Folder& operator=(const Folder&) = delete;
-  fs::path write(const std::string& name, const std::string& text) const {
-    fs::create_directories((path_ / name).parent_path());
-    std::ofstream(path_ / name, std::ios::binary) << text;
-    return path_ / name;
-  }
-
- private:
-  const fs::path path_;
-};
 
 std::string sdf(const std::string& inside) {
   return "<sdf version=\"1.9\" xmlns:cotwin=\"urn:cotwin:scene:1\">\n" + inside + "\n</sdf>";
@@ -461,7 +432,7 @@ TEST(Sdf, ReadsStaticAndDrivenBodies) {
 }
 
 TEST(Sdf, IncludesFilesWithinFiles) {
-  const Folder folder;
+  const TemporaryFolder folder("scene");
   folder.write("part/model.sdf", sdf(model("part", "<pose>0 0 1 0 0 0</pose>" + link("l"))));
   folder.write("cell/cell.sdf", world("<include><uri>../part</uri><name>p</name><pose>1 0 0 0 0 0</pose></include>"
                                       "<include><uri>model://part</uri></include>"));
@@ -478,7 +449,7 @@ TEST(Sdf, IncludesFilesWithinFiles) {
 }
 
 TEST(Sdf, AnIncludeThatIncludesItselfIsAnError) {
-  const Folder folder;
+  const TemporaryFolder folder("scene");
   const fs::path file = folder.write("a.sdf", world("<include><uri>a.sdf</uri><name>a</name></include>"));
   EXPECT_THAT(error_of([&] { load(file); }), HasSubstr("more than 16 deep"));
 }
@@ -554,7 +525,7 @@ TEST(Sdf, RefusesInvalidAndUnsupportedElements) {
 // Meshes --------------------------------------------------------------------------------------------------------------------
 
 TEST(Mesh, ReadsObjAndBothKindsOfStlAlike) {
-  const Folder folder;
+  const TemporaryFolder folder("scene");
   const Polytope box = box_polytope({1, 2, 3});
   std::string obj = "# a box\n", text = "solid box\n", binary(80, ' '), triangles;
   for (const Vector3d& v : box.vertices)
@@ -594,7 +565,7 @@ TEST(Mesh, ReadsObjAndBothKindsOfStlAlike) {
 // Shapes of robots ----------------------------------------------------------------------------------------------------------
 
 TEST(UrdfShapes, AreInTheFramesOfTheirBodies) {
-  const Folder folder;
+  const TemporaryFolder folder("scene");
   folder.write("meshes/tool.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\n");
   const std::string inertia =
       "<inertial><mass value=\"1\"/><inertia ixx=\"1\" iyy=\"1\" izz=\"1\" ixy=\"0\" ixz=\"0\" iyz=\"0\"/></inertial>";
@@ -627,7 +598,7 @@ TEST(UrdfShapes, AreInTheFramesOfTheirBodies) {
 }
 
 TEST(UrdfShapes, OfInvalidElementsAreErrors) {
-  const Folder folder;
+  const TemporaryFolder folder("scene");
   const auto with = [&](const std::string& geometry) {
     const fs::path file = folder.write(
         "robot.urdf", "<robot name=\"r\"><link name=\"base\"><collision>" + geometry + "</collision></link></robot>");

@@ -11,10 +11,12 @@
 #include "models/numerics/random.h"
 #include "models/support/error.h"
 #include "tests/support/allocations.h"
+#include "tests/support/error_of.h"
 
 namespace cotwin::numerics {
 namespace {
 
+using cotwin::testing::error_of;
 using F = double (*)(const std::vector<double>&);
 
 Swarm::Cost cost_of(F f, std::size_t dimensions) {
@@ -256,30 +258,21 @@ TEST(Swarm, KeepsItsPlaceWhenCoordinatesChange) {
   EXPECT_NEAR(s * now[0] + c * now[1] + 0.7, old[1], 1e-12);
 }
 
-std::string message(const std::function<void()>& f) {
-  try {
-    f();
-  } catch (const Error& e) {
-    return e.what();
-  }
-  return "no error";
-}
-
 TEST(Swarm, RefusesInvalidProblemsWithAReason) {
   const auto cost = cost_of(sphere, 2);
-  EXPECT_EQ(message([&] { Swarm(std::vector<double>{}, {}, cost); }),
+  EXPECT_EQ(error_of([&] { Swarm(std::vector<double>{}, {}, cost); }),
             "swarm: 0 lower and 0 upper bounds, expected as many of both, at least 1");
-  EXPECT_EQ(message([&] {
+  EXPECT_EQ(error_of([&] {
               Swarm({0, 1}, {1, 0.5}, cost);
             }),
             "swarm: bounds 1 and 0.5 of coordinate 2, expected finite ones in ascending order");
-  EXPECT_EQ(message([&] {
+  EXPECT_EQ(error_of([&] {
               Swarm({0, 0}, {1, 1}, {0.5, 2}, {0.1, 0.1}, cost);
             }),
             "swarm: coordinate 2 starts at 2, expected within 0 to 1");
   SwarmOptions options;
   options.particles = 0;
-  EXPECT_EQ(message([&] { Swarm({0, 0}, {1, 1}, cost, options); }), "swarm: 0 particles, expected at least 1");
+  EXPECT_EQ(error_of([&] { Swarm({0, 0}, {1, 1}, cost, options); }), "swarm: 0 particles, expected at least 1");
 }
 
 TEST(Swarm, RefusesAnInconsistentState) {
@@ -290,9 +283,9 @@ TEST(Swarm, RefusesAnInconsistentState) {
   const auto go_on = [&](const std::function<void(SwarmState&)>& spoil) {
     SwarmState state = swarm.state();
     spoil(state);
-    return message([&] { Swarm(state, cost_of(sphere, 2), options); });
+    return error_of([&] { Swarm(state, cost_of(sphere, 2), options); });
   };
-  EXPECT_EQ(go_on([](SwarmState&) {}), "no error");
+  EXPECT_EQ(go_on([](SwarmState&) {}), "");
   const std::string sizes = "swarm: the sizes of its state do not belong together";
   EXPECT_EQ(go_on([](SwarmState& s) { s.leader = s.particles; }), sizes);
   EXPECT_EQ(go_on([](SwarmState& s) { s.last_reconfiguration = 0xffffffff; }), sizes);
@@ -328,7 +321,7 @@ TEST(Threads, DoEveryBlockOnceAndPassOnTheFirstFailure) {
     std::vector<std::atomic<int>> done(1000);
     for (int pass = 0; pass < 20; ++pass) threads.run(1000, [&](std::size_t block) { ++done[block]; });
     for (const auto& d : done) ASSERT_EQ(d, 20);
-    const std::string what = message([&] {
+    const std::string what = error_of([&] {
       threads.run(100, [](std::size_t block) {
         if (block >= 7) throw Error("block " + std::to_string(block));
       });

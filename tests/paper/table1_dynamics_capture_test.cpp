@@ -11,9 +11,9 @@
 #include "master/run/master.h"
 #include "models/numerics/random.h"
 #include "models/support/csv.h"
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
-#include "tests/support/temporary_folder.h"
 
 namespace cotwin::master {
 namespace {

@@ -13,7 +13,7 @@
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf.h"
 #include "models/support/csv.h"
-#include "tests/support/temporary_folder.h"
+#include "tests/support/files.h"
 
 /// Synthetic logs of robots: multi-sine motions, torques by the equations of motion, friction, motors and noise.
 namespace cotwin::testing {
