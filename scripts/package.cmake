@@ -2,7 +2,6 @@
 # program finds its files relative to itself (models/support/installation.h).
 #   component cotwin      the program, the shared library, robots, scenes, libraries of FMUs, examples, licences
 #   component cotwin-dev  headers, static libraries and cotwinConfig.cmake, for find_package(cotwin)
-set(CMAKE_INSTALL_DEFAULT_COMPONENT_NAME cotwin)
 set(cmake_folder lib/cmake/cotwin)
 
 # The same layout in the build tree: robots and scenes beside bin/ and lib/.
@@ -65,16 +64,12 @@ set(CPACK_COMPONENTS_ALL cotwin cotwin-dev)
 set(CPACK_DEBIAN_PACKAGE_SECTION science)
 set(CPACK_DEBIAN_COTWIN_PACKAGE_NAME cotwin)
 set(CPACK_DEBIAN_COTWIN_PACKAGE_SHLIBDEPS ON)
-set(CPACK_DEBIAN_COTWIN_DESCRIPTION "digital twin of robot manipulators, as co-simulation units
- The program cotwin runs scenarios of flexible-joint robots, contact worlds,
- controllers and recordings, exports units and scenarios as FMUs (FMI 2 and 3)
- and tunes a robot's model to measured torques.")
+set(CPACK_STRIP_FILES ON)
+set(CPACK_DEBIAN_COTWIN_DESCRIPTION "The program cotwin runs scenarios of flexible-joint robots, contact worlds, controllers and recordings, exports units and scenarios as FMUs (FMI 2 and 3) and tunes a robot's model to measured torques.")
 set(CPACK_DEBIAN_COTWIN-DEV_PACKAGE_NAME cotwin-dev)
 set(CPACK_DEBIAN_COTWIN-DEV_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_COTWIN-DEV_PACKAGE_DEPENDS "cotwin (= ${PROJECT_VERSION}), libeigen3-dev, libsundials-dev, liburdfdom-dev, libtinyxml2-dev, libexpat1-dev, libzip-dev, pkg-config")
-set(CPACK_DEBIAN_COTWIN-DEV_DESCRIPTION "headers, libraries and CMake package of cotwin
- For programs that use cotwin as a library, and for units of one's own:
- find_package(cotwin), cotwin_library(...), cotwin_unit(...).")
+set(CPACK_DEBIAN_COTWIN-DEV_DESCRIPTION "Headers, libraries and CMake package, for programs that use cotwin as a library and for units from outside of its source tree.")
 include(CPack)
 
 # Pages of the public API.

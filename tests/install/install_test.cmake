@@ -66,6 +66,17 @@ expect(0 "" ${cotwin} run ${WORK}/run/motion.fmu --stop-time 0.1 --process own -
 expect(0 "complete" ${cotwin} completion bash)
 expect(0 "" bash -c "PATH=${prefix}/bin:$PATH; source ${prefix}/share/bash-completion/completions/cotwin && complete -p cotwin")
 
+# The scripts of examples find the program installed beside them, also through a link; without public data they report what is missing.
+foreach(example IN ITEMS 03_dynamics_capture 06_real_robots)
+  set(script ${prefix}/share/cotwin/examples/${example}/run.sh)
+  file(CREATE_LINK ${script} ${WORK}/run/${example}.sh SYMBOLIC)
+  expect(2 "These are public measurements" env DATA=${WORK}/none ${script})
+  expect(2 "These are public measurements" env DATA=${WORK}/none ${WORK}/run/${example}.sh)
+endforeach()
+file(COPY ${prefix}/share/cotwin/examples DESTINATION ${WORK}/alone)
+expect(2 "no program 'cotwin'" ${WORK}/alone/examples/06_real_robots/run.sh)
+expect(2 "These are public measurements" env PATH=${prefix}/bin:/usr/bin:/bin DATA=${WORK}/none ${WORK}/alone/examples/06_real_robots/run.sh)
+
 # The consumer.
 set(flags "")
 if(EXISTS /usr/bin/ccache)
