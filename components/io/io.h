@@ -8,12 +8,11 @@
 
 namespace cotwin::io {
 
-/// The port contract between the twin and its robot: the same ports whether a robot, an emulated one or a recording is behind
-/// the link. Ports are those of Measured and Command. The links: `recording` (recording_link.h), `sensors` of an emulated robot
-/// (sensor_link.h).
+/// The interface between the twin and its robot. The ports (Measured and Command) are the same for a robot, an emulated robot
+/// and a recording. Links: `recording` (recording_link.h), `sensors` of an emulated robot (sensor_link.h).
 class Io final : public Unit {
  public:
-  /// What may be chosen by the source of the unit; cotwin describe shows it.
+  /// Declares the settings of the unit.
   static void declare_settings(SettingList& s);
   explicit Io(Settings& settings);
 

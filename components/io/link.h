@@ -7,20 +7,20 @@
 
 namespace cotwin::io {
 
-/// What a robot tells of its n joints, in SI and in the order and with the signs of the URDF.
+/// Measurements of a robot's n joints, in SI and in the order and with the signs of the URDF.
 struct Measured {
   explicit Measured(std::size_t n) : q(n), dq(n), ddq(n), tau(n), tau_e(n) {}
 
   std::vector<double> q, dq, ddq;  // rad, rad/s, rad/s²
-  std::vector<double> tau;         // N.m, as its sensors or motors tell; 0 where has_tau is false
-  std::vector<double> tau_e;       // N.m, exerted by the environment; 0 where has_tau_e is false
+  std::vector<double> tau;         // N.m, measured by sensors or motors; 0 if has_tau is false
+  std::vector<double> tau_e;       // N.m, exerted by the environment; 0 if has_tau_e is false
   bool has_tau = false, has_tau_e = false;
-  bool fresh = false;   // something was measured within the last step
-  bool done = false;    // nothing will be measured any more
-  std::string warning;  // after initialise: what the user should know; else empty
+  bool fresh = false;   // measured within the last step
+  bool done = false;    // no further measurements
+  std::string warning;  // after initialise(): warnings for the user; empty: none
 };
 
-/// What a robot is told.
+/// Commands to a robot.
 struct Command {
   explicit Command(std::size_t n) : q(n), tau(n) {}
 
@@ -28,18 +28,18 @@ struct Command {
   std::vector<double> tau;  // N.m
 };
 
-/// The way to a robot or to what stands for it. Behind it, a link knows bytes, files or buses; in front of it, Measured and
-/// Command in SI. One of the four virtual interfaces: strangers meet here. The call order is that of Unit.
+/// Connection to a robot or its substitute: converts between bytes, files or buses and Measured and Command in SI. One of the
+/// virtual interfaces that extensions implement. The call order is that of Unit.
 class Link {
  public:
   virtual ~Link() = default;
-  /// The link's own parameters and outputs, after the ports that all links share.
+  /// Declares the link's own parameters and outputs, after the common ports.
   virtual void declare(Variables&) = 0;
-  /// Opens what has to be opened; `measured` holds at `start`. Throws Error where a human must act. May repeat.
+  /// Opens the connection and sets `measured` at `start`. Throws Error if the user must act. May be called again.
   virtual void initialise(Time start, Measured& measured) = 0;
-  /// Gives the command and takes what is measured at now + h. Allocates nothing, blocks on nothing.
+  /// Sends the command and sets `measured` at now + h. Must not allocate or block.
   virtual StepResult step(Time now, Duration h, const Command& command, Measured& measured) = 0;
-  /// False where a step reaches a robot and cannot be taken back.
+  /// False if a step acts on a real robot and cannot be undone.
   virtual bool restorable() const = 0;
 };
 

@@ -25,32 +25,36 @@ RecordingLink::RecordingLink(const Settings& settings, std::vector<trajectory::A
       scratch_(axes_.size()) {}
 
 void RecordingLink::declare(Variables& v) {
-  v.parameter("file", file_, "CSV with the recording: named columns, one row a sample").essential();
-  v.parameter("separator", separator_, "of the cells: comma, semicolon or tab; empty: found");
-  v.parameter("t_column", t_column_, "column of time; empty: t, time or timestamp");
-  v.parameter("t_unit", t_unit_, "unit of the column of time: s, ms, us or ns");
-  v.parameter("rate", rate_, "Hz", "sampling rate of a recording without a column of time; 0: there is one").range(0, 1e6);
+  v.parameter("file", file_, "CSV with the recording: named columns, one row per sample").essential();
+  v.parameter("separator", separator_, "column separator: comma, semicolon or tab; empty: detected");
+  v.parameter("t_column", t_column_, "time column; empty: t, time or timestamp");
+  v.parameter("t_unit", t_unit_, "unit of the time column: s, ms, us or ns");
+  v.parameter("rate", rate_, "Hz", "sampling rate of a recording without a time column; 0: the recording has one")
+      .range(0, 1e6);
   v.parameter("q_columns", q_columns_,
-              "columns of q: a list, a pattern as q{} (from 1), q{0} (from 0) or {name} (joints of the URDF); empty: found");
-  v.parameter("dq_columns", dq_columns_, "columns of dq, likewise; none: not read");
-  v.parameter("tau_columns", tau_columns_, "columns of tau, likewise; none: not read");
-  v.parameter("tau_e_columns", tau_e_columns_, "columns of tau_e, likewise; none: not read");
+              "columns of q: a list, a pattern as q{} (from 1), q{0} (from 0) or {name} (joints of the URDF); empty: detected");
+  v.parameter("dq_columns", dq_columns_, "columns of dq, as q_columns; none: not read");
+  v.parameter("tau_columns", tau_columns_, "columns of tau, as q_columns; none: not read");
+  v.parameter("tau_e_columns", tau_e_columns_, "columns of tau_e, as q_columns; none: not read");
   v.parameter("angle", angle_, "unit of positions and velocities of revolute joints in the file: rad or deg");
   v.parameter("q_scale", q_scale_, "1", "sign or gear ratio: q = q_scale * column + q_offset, dq = q_scale * column");
-  v.parameter("q_offset", q_offset_, "rad", "added to the positions");
+  v.parameter("q_offset", q_offset_, "rad", "offset added to the positions");
   v.parameter("tau_scale", tau_scale_, "1", "sign, gear ratio or torque constant: tau = tau_scale * column");
-  v.parameter("tau_e_scale", tau_e_scale_, "1", "the same for tau_e");
-  v.parameter("max_gap", max_gap_, "1", "a pause longer than so many median steps is an error").range(1, 1e9);
-  v.parameter("max_speed", max_speed_, "rad/s", "a faster step in q is an error; 0: four times the joint's limit, or 30 rad/s")
+  v.parameter("tau_e_scale", tau_e_scale_, "1", "sign or scale factor of tau_e, as tau_scale");
+  v.parameter("max_gap", max_gap_, "1", "largest gap between samples, in median sampling steps; a longer one is an error")
+      .range(1, 1e9);
+  v.parameter("max_speed", max_speed_, "rad/s",
+              "largest speed between samples; a higher one is an error; 0: four times the joint's limit, or 30 rad/s")
       .range(0, 1e9);
-  v.parameter("q_cutoff", q_cutoff_, "Hz", "zero-phase low-pass of q (and dq): its -3 dB frequency after both passes; 0: none")
+  v.parameter("q_cutoff", q_cutoff_, "Hz",
+              "-3 dB frequency of the zero-phase low-pass of q and dq, both passes together; 0: no filter")
       .range(0, 1e6);
-  v.parameter("tau_cutoff", tau_cutoff_, "Hz", "the same of tau and tau_e").range(0, 1e6);
-  v.parameter("filter_order", filter_order_, "Butterworth order of one of the two passes").range(1, 8);
-  v.parameter("derivative", derivative_, "source of dq: position (the derivative of q) or columns (as measured)");
-  v.parameter("start", start_, "s", "instant of the recording that is played at time 0, from its first sample").range(0, 1e9);
-  v.parameter("end", end_, "s", "instant of the recording at which it stops; 0: its last sample").range(0, 1e9);
-  v.parameter("limits", limits_, "where the recording leaves the robot's joint limits: warn, error or ignore");
+  v.parameter("tau_cutoff", tau_cutoff_, "Hz", "-3 dB frequency of the low-pass of tau and tau_e, as q_cutoff").range(0, 1e6);
+  v.parameter("filter_order", filter_order_, "Butterworth order of each of the two passes").range(1, 8);
+  v.parameter("derivative", derivative_, "source of dq: position (the derivative of q) or columns (measured)");
+  v.parameter("start", start_, "s", "time in the recording, from its first sample, that is played at time 0").range(0, 1e9);
+  v.parameter("end", end_, "s", "time in the recording at which playback ends; 0: last sample").range(0, 1e9);
+  v.parameter("limits", limits_, "if the recording violates the robot's joint limits: warn, error or ignore");
 }
 
 RecordingLink::Source RecordingLink::source() const {
@@ -99,7 +103,7 @@ void RecordingLink::load(const Source& source) {
   }
   tau_ = smoothed(recording.tau, source.tau_cutoff);
   tau_e_ = smoothed(recording.tau_e, source.tau_cutoff);
-  doubt_ = trajectory::doubt_about_times(instants_);
+  time_warning_ = trajectory::time_unit_warning(instants_);
   loaded_ = source;
 }
 
@@ -127,12 +131,13 @@ void RecordingLink::initialise(Time start, Measured& measured) {
   measured.has_tau = tau_.size() > 0;
   if (!measured.has_tau && tau_columns_ != "none") {
     measured.warning += (measured.warning.empty() ? loaded_->file.string() + ": " : "; ") +
-                        "no columns of joint torques were found, tau is 0; name them by tau_columns, or none";
+                        "no columns of joint torques found, tau is 0; set tau_columns to their names or to none";
   }
-  if (!doubt_.empty()) measured.warning += (measured.warning.empty() ? loaded_->file.string() + ": " : "; ") + doubt_;
-  // Composed here, because a step allocates nothing.
+  if (!time_warning_.empty())
+    measured.warning += (measured.warning.empty() ? loaded_->file.string() + ": " : "; ") + time_warning_;
+  // Composed here because a step must not allocate.
   ended_ = (measured.warning.empty() ? loaded_->file.string() + ": " : "; ") + "the recording ended at " +
-           text::to_text(last_ - start_, 9) + " s, after which the robot is taken to rest";
+           text::to_text(last_ - start_, 9) + " s; after that the robot is assumed to be at rest";
   measured.warning.reserve(measured.warning.size() + ended_.size());
   measured.has_tau_e = tau_e_.size() > 0;
   std::fill(measured.tau.begin(), measured.tau.end(), 0.0);
@@ -148,7 +153,7 @@ StepResult RecordingLink::step(Time now, Duration h, const Command&, Measured& m
   return StepResult::kDone;
 }
 
-// Everything at the scenario's time `to`; what is fresh was measured after `from`.
+// Sets all measurements at the scenario's time `to`; fresh if there is a sample after `from`.
 void RecordingLink::measure(double from, double to, Measured& measured) {
   const double t = std::min(start_ + to, last_);
   q_.at(t, measured.q, measured.dq, measured.ddq);

@@ -11,16 +11,17 @@
 
 namespace cotwin::io {
 
-/// Plays a robot's measurements back: a CSV (models/trajectory/recording.h). Its instant `start` is the scenario's time 0.
-///   q, q̇, q̈   the interpolating quintic spline (C⁴) through the positions and its derivatives, after a zero-phase low-pass if
-///             q_cutoff > 0;
+/// Plays back measurements of a robot from a CSV file (models/trajectory/recording.h). The parameter `start` is the time in the
+/// recording that corresponds to time 0 of the scenario.
+///   q, q̇, q̈   the interpolating quintic spline (C⁴) through the positions, after a zero-phase low-pass if q_cutoff > 0, and
+///             its derivatives;
 ///             with derivative = columns, q̇ is the spline through the velocity columns and q̈ its derivative
-///   τ, τ_e    linear interpolation between the samples, unfiltered unless tau_cutoff > 0: exact at the samples
-/// From `end` on, positions and torques keep their last values and the speed is 0. Commands are ignored. Outputs are functions of
-/// time alone, so there is no state and every step can be taken back.
+///   τ, τ_e    linear interpolation of the samples, unfiltered unless tau_cutoff > 0
+/// After `end` the joints rest and the torques are constant. Commands are ignored. Outputs are functions of time alone, so
+/// every step can be undone.
 class RecordingLink final : public Link {
  public:
-  /// `settings` finds the file.
+  /// `settings` resolves the path of the file.
   RecordingLink(const Settings& settings, std::vector<trajectory::Axis> axes);
 
   void declare(Variables& v) override;
@@ -29,7 +30,7 @@ class RecordingLink final : public Link {
   bool restorable() const override { return true; }
 
  private:
-  /// All that decides what is loaded; the file is read again only if one of them changed.
+  /// Everything that determines the loaded data; the file is read again only if one of these values changed.
   struct Source {
     std::filesystem::path file;
     std::filesystem::file_time_type written;
@@ -60,14 +61,14 @@ class RecordingLink final : public Link {
   double start_ = 0, end_ = 0;
   std::string limits_ = "warn";
 
-  // What they amount to.
+  // Computed from the parameters.
   std::optional<Source> loaded_;
   trajectory::Path q_, dq_;         // dq_ with derivative = columns
-  trajectory::Series tau_, tau_e_;  // empty where there are none
+  trajectory::Series tau_, tau_e_;  // empty if not recorded
   std::vector<double> instants_;    // of the samples
-  double last_ = 0;                 // s, of the recording: where playing ends
-  std::string doubt_;               // about its times
-  std::string ended_;               // what is told when the recording has ended
+  double last_ = 0;                 // s, time in the recording at which playback ends
+  std::string time_warning_;        // warnings about its time stamps
+  std::string ended_;               // the warning for the end of the recording
   std::vector<double> scratch_;
 };
 

@@ -6,11 +6,10 @@
 
 namespace cotwin::io {
 
-/// The sensors of an emulated robot: what they make of the true signals x at its inputs,
+/// The sensors of an emulated robot. Measurements of the true signals x at the inputs:
 ///   q = quantised(x + σ ν)   q̇ = x + σ ν   τ, τ_e = gain (x + σ ν) + offset   q̈ from two successive q̇
-/// where τ_e passes a first-order low-pass of its own (controllers estimate it), with white noise ν of variance 1, new at each
-/// step, keyed by (seed, joint, step): the same seed makes the same noise whatever else runs. Commands are ignored: the robot
-/// behind the sensors gets its own.
+/// τ_e passes an additional first-order low-pass, because controllers estimate it. The white noise ν of variance 1 is new in
+/// each step and depends only on (seed, joint, step). Commands are ignored: the robot behind the sensors has its own inputs.
 class SensorLink final : public Link {
  public:
   explicit SensorLink(std::size_t joints);
@@ -28,8 +27,8 @@ class SensorLink final : public Link {
   std::vector<double> q_resolution_, tau_gain_, tau_offset_, tau_e_gain_, tau_e_offset_;
   double tau_e_cutoff_ = 0;
   std::int32_t seed_ = 1;
-  std::int32_t count_ = 0;              // states: steps made
-  std::vector<double> tau_e_filtered_;  // τ_e behind its low-pass
+  std::int32_t count_ = 0;              // states: number of steps
+  std::vector<double> tau_e_filtered_;  // τ_e after its low-pass
 };
 
 }  // namespace cotwin::io

@@ -34,7 +34,7 @@ AnySource make_source(Settings& settings, const std::vector<trajectory::Axis>& a
 void Motion::declare_settings(SettingList& s) {
   s.robot("a name in models/robots, or a path to a URDF file, for the number of joints, their names and their limits", false);
   s.integer("joints", 1, 1, 1000, "number of joints").fallback_rule("the robot's, else 1");
-  s.choice("kind", {"waypoints", "polynomial", "csv"}, "where the motion comes from; csv: a recording");
+  s.choice("kind", {"waypoints", "polynomial", "csv"}, "source of the motion; csv: a recording");
   declare_source_settings(s);
 }
 
@@ -55,18 +55,19 @@ void Motion::declare(Variables& v) {
   v.output("dq_d", dq_d_, "rad/s", "desired joint velocity, the derivative of q_d").derivative_of("q_d");
   v.output("ddq_d", ddq_d_, "rad/s2", "desired joint acceleration, the derivative of dq_d").derivative_of("dq_d");
   v.output("done", done_, "whether the motion has ended");
-  v.output("duration", duration_, "s", "of the motion, once through");
-  v.output("stretch", stretch_, "1", "factor on all durations: time_scale, and more where limits = stretch asks for it");
-  v.output("warning", warning_, "what the user should know after initialisation; empty if nothing");
-  v.parameter("t_start", t_start_, "s", "instant at which the motion begins; the joints rest before").range(0, 1e9);
+  v.output("duration", duration_, "s", "duration of the motion, without repetitions");
+  v.output("stretch", stretch_, "1", "factor on all durations: time_scale, increased if limits = stretch requires it");
+  v.output("warning", warning_, "warnings of the initialisation; empty: none");
+  v.parameter("t_start", t_start_, "s", "start time of the motion; the joints rest before").range(0, 1e9);
   v.parameter("time_scale", time_scale_, "1", "factor on all durations: 2 is half as fast").range(1e-6, 1e6);
   v.parameter("soft_start", soft_start_, "s",
-              "duration, before stretching, in which the motion gets up to its rate; 0: at once")
+              "duration of the acceleration at the start, before stretching; 0: starts at full rate")
       .range(0, 1e9);
-  v.parameter("soft_stop", soft_stop_, "s", "the same at the end").range(0, 1e9);
+  v.parameter("soft_stop", soft_stop_, "s", "duration of the deceleration at the end, before stretching; 0: stops at once")
+      .range(0, 1e9);
   v.parameter("loop", loop_, "after the end: no (rest), repeat, or there_and_back");
   v.parameter("limits", limits_,
-              "where joint limits are not kept: error, warn, stretch (until velocity and what is below are) or ignore");
+              "if joint limits are violated: error, warn, stretch (until velocity, acceleration and jerk meet them) or ignore");
   v.parameter("dq_limit", dq_limit_, "rad/s", "velocity limit; 0: the robot's").range(0, 1e9);
   v.parameter("ddq_limit", ddq_limit_, "rad/s2", "acceleration limit; 0: none").range(0, 1e12);
   v.parameter("dddq_limit", dddq_limit_, "rad/s3", "jerk limit; 0: none").range(0, 1e15);
@@ -76,16 +77,16 @@ void Motion::declare(Variables& v) {
 void Motion::initialise(Time start) {
   warning_.clear();
   path_ = std::visit([](auto& source) { return source.path(); }, source_);
-  if (const auto* recording = std::get_if<RecordingSource>(&source_)) warning_ = recording->doubt();
+  if (const auto* recording = std::get_if<RecordingSource>(&source_)) warning_ = recording->warning();
   looping_ = text::choose<Loop>("motion: loop", loop_,
                                 {{"no", Loop::kNo}, {"repeat", Loop::kRepeat}, {"there_and_back", Loop::kThereAndBack}});
   prepare_phase();
   check_ends();
-  follow(start.seconds());
+  evaluate_at(start.seconds());
 }
 
 StepResult Motion::step(Time now, Duration h) {
-  follow((now + h).seconds());
+  evaluate_at((now + h).seconds());
   return StepResult::kDone;
 }
 
@@ -117,7 +118,7 @@ void Motion::prepare_phase() {
   warning_ += (warning_.empty() ? "motion: " : "; motion: ") + violation;
 }
 
-// A loop must not jump: q and q̇ at its seam, to within what a rounded recording may differ.
+// A loop must be continuous: compares q and q̇ at both ends, with a tolerance for rounded recordings.
 void Motion::check_ends() {
   if (looping_ == Loop::kNo) return;
   const std::size_t n = axes_.size();
@@ -129,11 +130,11 @@ void Motion::check_ends() {
   for (std::size_t j = 0; j < n; ++j) {
     if (looping_ == Loop::kThereAndBack) {
       if (std::abs(dq0[j]) <= kVelocity && std::abs(dq1[j]) <= kVelocity) continue;
-      throw Error("motion: loop", axes_[j].name + " turns back with " + number(dq0[j]) + " and " + number(dq1[j]) +
+      throw Error("motion: loop", axes_[j].name + " reverses at speeds of " + number(dq0[j]) + " and " + number(dq1[j]) +
                                       " rad/s, expected rest at both ends (soft_start, soft_stop)");
     }
     if (std::abs(q1[j] - q0[j]) <= kPosition && std::abs(dq1[j] - dq0[j]) <= kVelocity) continue;
-    throw Error("motion: loop", axes_[j].name + " begins at " + number(q0[j]) + " rad with " + number(dq0[j]) +
+    throw Error("motion: loop", axes_[j].name + " starts at " + number(q0[j]) + " rad with " + number(dq0[j]) +
                                     " rad/s and ends at " + number(q1[j]) + " rad with " + number(dq1[j]) +
                                     " rad/s, expected the same, or loop = there_and_back");
   }
@@ -145,8 +146,8 @@ void Motion::evaluate(const trajectory::Phase::Value& s, std::span<double> q, st
   trajectory::chain(s, dq, ddq);
 }
 
-void Motion::follow(double t) {
-  double u = t - t_start_;  // since the begin
+void Motion::evaluate_at(double t) {
+  double u = t - t_start_;  // since the start
   double direction = 1;
   if (looping_ == Loop::kRepeat && u > duration_) u = std::fmod(u, duration_);
   if (looping_ == Loop::kThereAndBack && u > duration_) {
@@ -157,7 +158,7 @@ void Motion::follow(double t) {
     }
   }
   trajectory::Phase::Value s = phase_.at(u);
-  s.ds *= direction;  // s(t) run backwards: odd derivatives change their sign
+  s.ds *= direction;  // reversed s(t): odd derivatives change their sign
   evaluate(s, q_d_, dq_d_, ddq_d_);
   done_ = looping_ == Loop::kNo && u >= duration_;
 }

@@ -12,12 +12,12 @@ namespace cotwin::motion {
 
 /// The desired motion q_d(t), q̇_d, q̈_d of the joints, prepared at initialisation and then a function of time alone:
 ///   q_d = q(s(t)),   q̇_d = q′ ṡ,   q̈_d = q″ ṡ² + q′ s̈
-/// with a path q of polynomials (trajectory.h) and the phase s (time_scaling.h: stretched, soft at its ends). It begins at
-/// t_start and rests before; after its end it rests, begins again, or runs back and forth. Joint limits are checked, or met by
-/// stretching.
+/// with a path q of polynomials (trajectory.h) and the phase s (time_scaling.h: stretching, soft start and stop). The joints
+/// rest before t_start; after the end they rest, or the motion repeats or runs back and forth. Joint limits are checked, or
+/// met by stretching.
 class Motion final : public Unit {
  public:
-  /// What may be chosen by the source of the unit; cotwin describe shows it.
+  /// Declares the settings of the unit.
   static void declare_settings(SettingList& s);
   explicit Motion(Settings& settings);
 
@@ -32,7 +32,7 @@ class Motion final : public Unit {
   void prepare_phase();
   void check_ends();
   void evaluate(const trajectory::Phase::Value& s, std::span<double> q, std::span<double> dq, std::span<double> ddq) const;
-  void follow(double t);
+  void evaluate_at(double t);
 
   std::vector<trajectory::Axis> axes_;
   AnySource source_;
@@ -40,9 +40,9 @@ class Motion final : public Unit {
   // Parameters.
   double t_start_ = 0, time_scale_ = 1, soft_start_ = 0, soft_stop_ = 0;
   std::string loop_ = "no", limits_ = "error";
-  std::vector<double> dq_limit_, ddq_limit_, dddq_limit_;  // 0: the robot's, or none
+  std::vector<double> dq_limit_, ddq_limit_, dddq_limit_;  // 0: the robot's limit, or none
 
-  // What they amount to.
+  // Computed from the parameters.
   trajectory::Path path_;
   trajectory::Phase phase_;
   Loop looping_ = Loop::kNo;

@@ -20,16 +20,16 @@ double angle_unit(const std::string& angle) {
 }
 
 constexpr const char* kColumns =
-    "columns of q: a list, a pattern as q{} (from 1), q{0} (from 0) or {name} (joints of the URDF); empty: found";
+    "columns of q: a list, a pattern as q{} (from 1), q{0} (from 0) or {name} (joints of the URDF); empty: detected";
 constexpr const char* kAngle = "unit of the positions of revolute joints in the file: rad or deg";
 
 }  // namespace
 
 void declare_source_settings(SettingList& s) {
   s.integer("points", 2, 2, 100000, "kind=waypoints: number of waypoints in the parameters");
-  s.boolean("jerk", false, "kind=polynomial: the jerks at both ends are prescribed, too");
+  s.boolean("jerk", false, "kind=polynomial: the jerks at both ends are also prescribed");
   s.integer("degree", 5, 5, trajectory::bernstein::kMaxDegree,
-            "kind=waypoints or polynomial: degree of the polynomials; above the least, there are redundant coefficients c_r")
+            "kind=waypoints or polynomial: degree of the polynomials; above the minimum there are redundant coefficients c_r")
       .fallback_rule("5, with jerk=true 7");
 }
 
@@ -45,18 +45,18 @@ WaypointSource::WaypointSource(Settings& settings, std::vector<trajectory::Axis>
 
 void WaypointSource::declare(Variables& v) {
   v.parameter("file", file_,
-              "CSV with waypoints: columns t, joint positions and perhaps dwell; empty: those of the parameters");
+              "CSV with waypoints: columns t, joint positions and optionally dwell; empty: waypoints from the parameters");
   v.parameter("q_columns", q_columns_, kColumns);
   v.parameter("angle", angle_, kAngle);
   v.parameter("passing", passing_,
-              "rest: the joints stop at every waypoint; through: they pass those without dwell with the least jerk");
-  v.parameter("waypoint_t", t_, "s", "instants at which the waypoints are reached");
+              "rest: the joints stop at every waypoint; through: they pass waypoints without dwell with minimum jerk");
+  v.parameter("waypoint_t", t_, "s", "arrival times at the waypoints");
   auto q = v.parameter("waypoint_q", q_, "rad", "joint positions, all joints of the first waypoint, then of the next");
   if (file_.empty()) q.essential();
-  v.parameter("waypoint_dwell", dwell_, "s", "rest after the arrival at each waypoint").range(0, 1e9);
+  v.parameter("waypoint_dwell", dwell_, "s", "duration of the rest at each waypoint").range(0, 1e9);
   if (!c_r_.empty()) {
     v.parameter("c_r", c_r_, "rad",
-                "redundant coefficients (V-B): legs x joints x (degree - 5); each the most that its term moves the joint");
+                "redundant coefficients (V-B): legs x joints x (degree - 5); each is the maximum displacement of its term");
   }
 }
 
@@ -70,7 +70,7 @@ trajectory::Path WaypointSource::path() {
   const Passing passing =
       text::choose<Passing>("motion: passing", passing_, {{"rest", Passing::kRest}, {"through", Passing::kThrough}});
   const bool plain =
-      std::all_of(c_r_.begin(), c_r_.end(), [](double c) { return c == 0; });  // then any number of points will do
+      std::all_of(c_r_.begin(), c_r_.end(), [](double c) { return c == 0; });  // then the number of points is free
   return trajectory::make_path(points(), passing, degree_, plain ? std::span<const double>() : std::span<const double>(c_r_));
 }
 
@@ -100,7 +100,7 @@ void PolynomialSource::declare(Variables& v) {
   }
   if (!c_r_.empty()) {
     v.parameter("c_r", c_r_, "rad",
-                "redundant coefficients (V-B), joint by joint; each the most that its term moves the joint");
+                "redundant coefficients (V-B), joint by joint; each is the maximum displacement of its term");
   }
 }
 
@@ -122,19 +122,22 @@ RecordingSource::RecordingSource(Settings& settings, std::vector<trajectory::Axi
     : settings_(settings), axes_(std::move(axes)) {}
 
 void RecordingSource::declare(Variables& v) {
-  v.parameter("file", file_, "CSV with the motion: named columns, one row a sample").essential();
-  v.parameter("t_column", t_column_, "column of time; empty: t, time or timestamp");
-  v.parameter("t_unit", t_unit_, "unit of the column of time: s, ms, us or ns");
-  v.parameter("rate", rate_, "Hz", "sampling rate of a file without a column of time; 0: there is one").range(0, 1e6);
+  v.parameter("file", file_, "CSV with the motion: named columns, one row per sample").essential();
+  v.parameter("t_column", t_column_, "time column; empty: t, time or timestamp");
+  v.parameter("t_unit", t_unit_, "unit of the time column: s, ms, us or ns");
+  v.parameter("rate", rate_, "Hz", "sampling rate of a file without a time column; 0: the file has one").range(0, 1e6);
   v.parameter("q_columns", q_columns_, kColumns);
   v.parameter("angle", angle_, kAngle);
-  v.parameter("max_gap", max_gap_, "1", "a pause longer than so many median steps is an error").range(1, 1e9);
-  v.parameter("max_speed", max_speed_, "rad/s", "a faster step in q is an error; 0: four times the joint's limit, or 30 rad/s")
+  v.parameter("max_gap", max_gap_, "1", "largest gap between samples, in median sampling steps; a longer one is an error")
+      .range(1, 1e9);
+  v.parameter("max_speed", max_speed_, "rad/s",
+              "largest speed between samples; a higher one is an error; 0: four times the joint's limit, or 30 rad/s")
       .range(0, 1e9);
-  v.parameter("cutoff", cutoff_, "Hz", "zero-phase low-pass: its -3 dB frequency after both passes; 0: none").range(0, 1e6);
-  v.parameter("filter_order", filter_order_, "Butterworth order of one of the two passes").range(1, 8);
-  v.parameter("start", begin_, "s", "instant of the file at which the motion begins, from its first sample").range(0, 1e9);
-  v.parameter("end", end_, "s", "instant of the file at which the motion ends; 0: its last sample").range(0, 1e9);
+  v.parameter("cutoff", cutoff_, "Hz", "-3 dB frequency of the zero-phase low-pass, both passes together; 0: no filter")
+      .range(0, 1e6);
+  v.parameter("filter_order", filter_order_, "Butterworth order of each of the two passes").range(1, 8);
+  v.parameter("start", begin_, "s", "time in the file, from its first sample, at which the motion begins").range(0, 1e9);
+  v.parameter("end", end_, "s", "time in the file at which the motion ends; 0: last sample").range(0, 1e9);
 }
 
 RecordingSource::Source RecordingSource::source() const {
@@ -160,8 +163,8 @@ trajectory::Path RecordingSource::path() {
   if (loaded_ != wanted) {
     loaded_.reset();
     const trajectory::Series q = trajectory::load_recording(wanted.file, axes_, wanted.format).q;
-    doubt_ = trajectory::doubt_about_times(q.t);
-    if (!doubt_.empty()) doubt_ = wanted.file.string() + ": " + doubt_;
+    warning_ = trajectory::time_unit_warning(q.t);
+    if (!warning_.empty()) warning_ = wanted.file.string() + ": " + warning_;
     whole_ = trajectory::interpolate(wanted.cutoff > 0 ? trajectory::smooth(q, wanted.cutoff, wanted.filter_order) : q);
     loaded_ = wanted;
   }

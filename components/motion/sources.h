@@ -11,13 +11,13 @@
 #include "models/trajectory/recording.h"
 #include "models/trajectory/waypoints.h"
 
-/// Where a desired motion comes from: each kind declares its parameters, and makes a path of their values.
+/// Sources of a desired motion: each declares its parameters and makes a path from their values.
 namespace cotwin::motion {
 
-/// The settings of all kinds.
+/// Declares the settings of all sources.
 void declare_source_settings(SettingList& s);
 
-/// Waypoints, from parameters or a file; rest to rest or through them; with redundant coefficients for each leg.
+/// Waypoints from parameters or a file, with rests or passed through; with redundant coefficients for each leg.
 class WaypointSource {
  public:
   WaypointSource(Settings& settings, std::vector<trajectory::Axis> axes);
@@ -54,17 +54,17 @@ class PolynomialSource {
   std::vector<double> c_r_;
 };
 
-/// A recorded motion: the spline through its samples, after a zero-phase low-pass where wanted.
+/// A recorded motion: a spline through its samples, optionally after a zero-phase low-pass filter.
 class RecordingSource {
  public:
   RecordingSource(Settings& settings, std::vector<trajectory::Axis> axes);
   void declare(Variables& v);
   trajectory::Path path();
-  /// What the user should know of the file after path().
-  const std::string& doubt() const { return doubt_; }
+  /// Warnings about the file of the last path() call.
+  const std::string& warning() const { return warning_; }
 
  private:
-  /// All that decides what is loaded; the file is read again only if one of them changed.
+  /// Everything that determines the loaded data; the file is read again only if one of these values changed.
   struct Source {
     std::filesystem::path file;
     std::filesystem::file_time_type written;
@@ -82,7 +82,7 @@ class RecordingSource {
   std::int32_t filter_order_ = 2;
   std::optional<Source> loaded_;
   trajectory::Path whole_;
-  std::string doubt_;
+  std::string warning_;
 };
 
 using AnySource = std::variant<WaypointSource, PolynomialSource, RecordingSource>;

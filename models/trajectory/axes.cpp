@@ -55,7 +55,7 @@ std::string limit_violation(const Path& path, const Phase& phase, std::span<cons
     }
     const Limit limits[] = {{axis.dq_max, " moves with ", "/s"},
                             {axis.ddq_max, " accelerates with ", "/s2"},
-                            {axis.dddq_max, " jerks with ", "/s3"}};
+                            {axis.dddq_max, " has a jerk of ", "/s3"}};
     for (int derivative = 1; derivative <= 3; ++derivative) {
       const Limit& limit = limits[derivative - 1];
       if (std::isinf(limit.value)) continue;

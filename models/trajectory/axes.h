@@ -14,9 +14,9 @@ struct RobotModel;
 
 namespace cotwin::trajectory {
 
-/// What a motion must know of a joint: its name and, in rad or m, what it may do.
+/// Name and limits of a joint, in rad or m.
 struct Axis {
-  std::string name;  // "joint 2" where there is no robot
+  std::string name;  // "joint 2" without a robot
   bool revolute = true;
   double q_min = -std::numeric_limits<double>::infinity();
   double q_max = +std::numeric_limits<double>::infinity();
@@ -30,9 +30,9 @@ std::vector<Axis> axes_of(const robot::RobotModel& robot);
 /// `n` revolute joints without limits.
 std::vector<Axis> free_axes(std::size_t n);
 
-/// What the motion `path`, run through by `phase`, does beyond a joint's limits, as a sentence with joint, value, time and
-/// limit; empty if nothing. Velocities are judged at the phase's full rate. `tolerance` is a share of the limit (of a position:
-/// of the range).
+/// Checks the motion `path` with phase `phase` against the joint limits. Returns the first violation as a sentence with joint,
+/// value, time and limit, or an empty string. Velocities are those at the phase's full rate. `tolerance` is relative to the
+/// limit (position: to the range).
 std::string limit_violation(const Path& path, const Phase& phase, std::span<const Axis> axes, double tolerance = 1e-9);
 
 }  // namespace cotwin::trajectory

@@ -25,14 +25,14 @@ Points derivative_points(std::span<const double> b, int derivative, std::size_t&
   return points;
 }
 
-/// Branch and bound over halves: a part whose control points do not exceed what was attained cannot hold the maximum.
+/// Branch and bound over halves: skips parts whose control points do not exceed the value attained so far.
 struct Maximum {
   double tolerance;
   Extreme best;
 
   void search(const Points& points, std::size_t size, double from, double to, int depth) {
     const double bound = *std::max_element(points.begin(), points.begin() + static_cast<std::ptrdiff_t>(size));
-    if (!(bound > best.value + tolerance) || depth == 0) return;  // also where points are not finite
+    if (!(bound > best.value + tolerance) || depth == 0) return;  // also if points are not finite
     Points left = points, right = points;                         // de Casteljau at the middle
     for (std::size_t level = 1; level < size; ++level) {
       for (std::size_t i = 0; i + level < size; ++i) right[i] = 0.5 * (right[i] + right[i + 1]);
@@ -56,7 +56,7 @@ struct Maximum {
 Extreme maximum(const Points& points, std::size_t size) {
   const auto end = points.begin() + static_cast<std::ptrdiff_t>(size);
   const auto [least, greatest] = std::minmax_element(points.begin(), end);
-  // The second part is above rounding: without it, a flat polynomial would be halved to the last depth everywhere.
+  // The second term exceeds rounding; without it, a flat polynomial would be halved to the full depth everywhere.
   const double tolerance = 1e-13 * (*greatest - *least) + 1e-14 * std::max(std::abs(*least), std::abs(*greatest));
   Maximum search{tolerance, {points[0], 0}};
   if (points[size - 1] > points[0]) search.best = {points[size - 1], 1};
@@ -65,7 +65,7 @@ Extreme maximum(const Points& points, std::size_t size) {
   return search.best;
 }
 
-/// The last levels of de Casteljau's triangle carry the derivatives of a polynomial of degree d as differences.
+/// The last levels of de Casteljau's triangle give the derivatives of a polynomial of degree d as differences.
 std::array<double, 4> last_levels(double w0, double w1, double w2, double w3, double s, double d) {
   const double r = 1 - s;
   const double u0 = r * w0 + s * w1, u1 = r * w1 + s * w2, u2 = r * w2 + s * w3;
@@ -79,7 +79,7 @@ std::array<double, 4> last_levels(double w0, double w1, double w2, double w3, do
 std::array<double, 4> evaluate(std::span<const double> b, double s) {
   assert(b.size() >= 4 && b.size() <= kMaxDegree + 1);
   const double r = 1 - s;
-  if (b.size() == 6) {  // quintics, of which there are most, stay in registers
+  if (b.size() == 6) {  // the common case, kept in registers
     const double w0 = r * b[0] + s * b[1], w1 = r * b[1] + s * b[2], w2 = r * b[2] + s * b[3], w3 = r * b[3] + s * b[4],
                  w4 = r * b[4] + s * b[5];
     return last_levels(r * w0 + s * w1, r * w1 + s * w2, r * w2 + s * w3, r * w3 + s * w4, s, 5);
@@ -95,7 +95,7 @@ std::array<double, 4> evaluate(std::span<const double> b, double s) {
 std::vector<double> elevate(std::span<const double> b, int degree) {
   std::vector<double> points(b.begin(), b.end());
   while (static_cast<int>(points.size()) - 1 < degree) {
-    const double next = static_cast<double>(points.size());  // the degree that is reached
+    const double next = static_cast<double>(points.size());  // resulting degree
     points.push_back(points.back());
     for (std::size_t i = points.size() - 2; i > 0; --i) {
       const double share = static_cast<double>(i) / next;

@@ -4,8 +4,8 @@
 #include <vector>
 
 /// Polynomials over s in [0, 1] in Bernstein form, p(s) = Σ_i b_i · C(d, i) sⁱ (1 − s)^(d−i). The d + 1 control points b bound
-/// the polynomial from both sides, fix it and its derivatives at the ends one after another, and are evaluated by convex
-/// combinations alone, so rounding does not grow with the degree as it does with powers of s.
+/// the polynomial, determine its value and derivatives at the ends one after another, and are evaluated by convex
+/// combinations, so rounding does not grow with the degree as with powers of s.
 namespace cotwin::trajectory::bernstein {
 
 inline constexpr int kMaxDegree = 31;
@@ -13,10 +13,10 @@ inline constexpr int kMaxDegree = 31;
 /// p(s) and its first three derivatives with respect to s. `b` has 4 to kMaxDegree + 1 control points.
 std::array<double, 4> evaluate(std::span<const double> b, double s);
 
-/// The control points of the same polynomial in a higher degree.
+/// Control points of the same polynomial with a higher degree.
 std::vector<double> elevate(std::span<const double> b, int degree);
 
-/// The quintic with value, first and second derivative (with respect to s) at both ends.
+/// The quintic with given value and first and second derivative (with respect to s) at both ends.
 std::array<double, 6> quintic(const std::array<double, 3>& start, const std::array<double, 3>& end);
 
 struct Extreme {
@@ -27,12 +27,12 @@ struct Extremes {
   Extreme min, max;
 };
 
-/// The least and the greatest value over [0, 1] of the derivative of that order (0 to 3; with respect to s), by subdivision of
-/// the control polygon: attained, and no further from the true extreme than 1e-13 of the span (plus 1e-14 of the size) of the
-/// derivative's control points.
+/// Least and greatest value over [0, 1] of the derivative of this order (0 to 3; with respect to s), by subdivision of the
+/// control polygon. The values are attained and within 1e-13 of the span (plus 1e-14 of the magnitude) of the derivative's
+/// control points of the true extremes.
 Extremes extremes(std::span<const double> b, int derivative = 0);
 
-/// Bounds of the same, at once: the least and the greatest control point of the derivative.
+/// Fast bounds of the same: the least and the greatest control point of the derivative.
 struct Hull {
   double min = 0, max = 0;
 };

@@ -8,7 +8,7 @@
 
 namespace cotwin::trajectory {
 
-// Counting from 0 is tried first: it shows in a column 0, which counting from 1 would leave out.
+// Patterns from 0 come first: a table with a column 0 would also match a pattern from 1, without its first column.
 const Quantity kPositions = {
     "q",
     {"q{0}", "q{}", "q_{0}", "q_{}", "q[{0}]", "q[{}]", "actual_q_{0}", "position{0}", "position{}", "position_{0}",
@@ -27,7 +27,7 @@ const Quantity kExternalTorques = {"tau_e",
 
 namespace {
 
-/// The column of joint j (from 0): "{}", "{0}" and "{name}" are replaced.
+/// Name of the column of joint j (from 0): replaces "{}", "{0}" and "{name}".
 std::string column_of(std::string pattern, std::size_t j, std::span<const Axis> axes) {
   const auto replace = [&](std::string_view key, const std::string& by) {
     for (std::size_t at = pattern.find(key); at != std::string::npos; at = pattern.find(key, at + by.size())) {
@@ -54,7 +54,7 @@ std::vector<std::size_t> by_pattern(const csv::Reader& reader, const std::string
   if (counts(pattern) && found != n && found > 0) {
     throw Error(file, "has columns '" + column_of(pattern, 0, axes) + "' to '" + column_of(pattern, found - 1, axes) + "' of " +
                           quantity.name + ", expected " + std::to_string(n) +
-                          ", one for each joint; a list of columns chooses among them");
+                          ", one per joint; select columns by a list of names");
   }
   std::vector<std::size_t> columns;
   for (std::size_t j = 0; j < n; ++j) columns.push_back(reader.column(column_of(pattern, j, axes)));
@@ -66,8 +66,8 @@ std::vector<std::size_t> by_list(const csv::Reader& reader, const std::string& f
   std::vector<std::size_t> columns;
   for (const std::string_view name : text::split(list, ',')) columns.push_back(reader.column(text::trim(name)));
   if (columns.size() != axes.size()) {
-    throw Error(file, std::to_string(columns.size()) + " columns are named for " + quantity.name + " ('" + list +
-                          "'), expected " + std::to_string(axes.size()) + ", one for each joint");
+    throw Error(file, std::to_string(columns.size()) + " columns given for " + quantity.name + " ('" + list + "'), expected " +
+                          std::to_string(axes.size()) + ", one per joint");
   }
   return columns;
 }
@@ -95,8 +95,7 @@ std::size_t find_time_column(const csv::Reader& reader, const std::string& file,
       if (name == wanted) return c;
     }
   }
-  throw Error(file,
-              "has no column 't', 'time' or 'timestamp', expected one, the name of the column of time, or a sampling rate");
+  throw Error(file, "has no column 't', 'time' or 'timestamp', expected one, the name of the time column, or a sampling rate");
 }
 
 }  // namespace cotwin::trajectory

@@ -33,12 +33,12 @@ ZeroPhaseLowPass::ZeroPhaseLowPass(double cutoff, double rate, int order) : cuto
     sections_.push_back({b, 2 * b, b, 2 * (W * W - 1) / norm, (1 - damping * W + W * W) / norm});
   }
   if (order % 2 == 1) sections_.push_back({W / (1 + W), W / (1 + W), 0, (W - 1) / (1 + W), 0});
-  // The slowest pole falls to 1e-8 within 18.4 of its time constants.
+  // The slowest pole decays to 1e-8 within 18.4 time constants.
   const double decay = 2 * std::sin(pi / (2.0 * order)) * std::min(W, 1 / W);  // per sample; W > 1: slow near f_s/2
   memory_ = static_cast<std::size_t>(std::ceil(18.4 / decay)) + 1;
 }
 
-// Each section in transposed direct form II, from its steady state at the first value.
+// Runs each section in transposed direct form II from its steady state at the first value.
 void ZeroPhaseLowPass::run(std::span<double> x) const {
   for (const Section& c : sections_) {
     double s2 = (c.b2 - c.a2) * x[0];

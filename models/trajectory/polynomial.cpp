@@ -58,10 +58,10 @@ std::vector<double> make_polynomial(const Boundary& start, const Boundary& end, 
     throw Error("polynomial", std::to_string(c_r.size()) + " redundant coefficients, expected " + std::to_string(terms.size()));
   }
   if (start.dddq.has_value() != terms.start_jerk() || end.dddq.has_value() != terms.end_jerk()) {
-    throw Error("polynomial", "a jerk is prescribed for other ends than in the redundant terms");
+    throw Error("polynomial", "the ends with a prescribed jerk differ from those of the redundant terms");
   }
   const auto quintic = bernstein::quintic({start.q, start.dq * T, start.ddq * T * T}, {end.q, end.dq * T, end.ddq * T * T});
-  // A prescribed jerk moves the one control point, next to the end's first three, that it depends on: p‴ = d(d−1)(d−2) Δ³b.
+  // A prescribed jerk determines one more control point, after the end's first three: p‴ = d(d−1)(d−2) Δ³b.
   const int least = 5 + (terms.start_jerk() ? 1 : 0) + (terms.end_jerk() ? 1 : 0);
   std::vector<double> points = bernstein::elevate(quintic, least);
   const double scale = T * T * T / (least * (least - 1.0) * (least - 2.0));

@@ -95,7 +95,7 @@ Recording load_recording(const std::filesystem::path& file, std::span<const Axis
   return recording;
 }
 
-std::string doubt_about_times(const std::vector<double>& t) {
+std::string time_unit_warning(const std::vector<double>& t) {
   constexpr double kSlowest = 0.1, kFastest = 1e-5;  // s: robots are logged at 10 Hz to 100 kHz
   const double step = t.size() < 2 ? kSlowest : median_step(t);
   if (step >= kFastest && step <= kSlowest) return "";

@@ -59,13 +59,13 @@ void RecordingReader::read(Channel& channel) const {
   }
 }
 
-// Time since the first sample; checked to run forwards.
+// Returns the time since the first sample. Throws Error if it does not increase.
 double RecordingReader::read_time() {
   if (rate_ > 0) return static_cast<double>(count_++) / rate_;
   const double raw = csv_.real(t_column_);
   if (!std::isfinite(raw)) throw Error(csv_.place(t_column_), text::to_text(raw) + ", expected a finite number");
   if (count_++ == 0) first_ = raw;
-  // The difference is taken before the conversion: epochs in nanoseconds keep what their digits hold.
+  // Subtracts before the conversion, so that epochs in nanoseconds keep their precision.
   const double t = (raw - first_) * t_unit_;
   if (count_ > 1 && !(t > t_) && !(equal_times_ && t == t_)) {
     const std::string before = std::to_string(line_before_);

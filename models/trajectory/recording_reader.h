@@ -10,26 +10,25 @@
 
 namespace cotwin::trajectory {
 
-/// A recording sample by sample, in SI and in memory for one sample, so that recordings may be larger than memory. Throws Error
-/// that names file, line and column for cells that are empty, not numbers or not finite, and for time that stands still or runs
-/// backwards.
+/// Reads a recording sample by sample, in SI, with one sample in memory, so that recordings may exceed the memory. Throws Error
+/// with file, line and column for cells that are empty, not numbers or not finite, and for times that do not increase.
 class RecordingReader {
  public:
-  /// Opens the file and finds its columns. Throws Error for columns that are missing or not as many as joints. `equal_times`:
-  /// a time may be that of the row before.
+  /// Opens the file and finds its columns. Throws Error if columns are missing or their number differs from that of the joints.
+  /// `equal_times`: a time may equal that of the previous row.
   RecordingReader(const std::filesystem::path& file, std::span<const Axis> axes, const RecordingFormat& format,
                   bool equal_times = false);
 
-  /// Goes to the next sample; false at the end.
+  /// Reads the next sample; false at the end.
   bool next();
   double t() const { return t_; }  // s since the first sample
   std::size_t line() const { return csv_.line(); }
 
-  /// The columns of one quantity and how their values become SI: factor · value + offset, joint by joint.
+  /// The columns of one quantity and the conversion of their values to SI: factor · value + offset, per joint.
   struct Channel {
-    std::vector<std::size_t> columns;  // empty where the file has none
+    std::vector<std::size_t> columns;  // empty if the file has none
     std::vector<double> factor, offset;
-    std::vector<double> value;  // of the current sample, n or none
+    std::vector<double> value;  // of the current sample; n or 0 elements
     bool present() const { return !columns.empty(); }
   };
   const Channel& q() const { return q_; }
@@ -37,7 +36,7 @@ class RecordingReader {
   const Channel& tau() const { return tau_; }
   const Channel& tau_e() const { return tau_e_; }
   const Channel& theta() const { return theta_; }
-  /// The header's name of a joint's column.
+  /// Name of a joint's column in the header.
   const std::string& name(const Channel& channel, std::size_t joint) const { return csv_.names()[channel.columns[joint]]; }
   /// "log.csv:17", "log.csv:17: column 'tau3'"
   std::string place() const { return csv_.place(); }

@@ -7,7 +7,7 @@
 
 namespace cotwin::trajectory {
 
-/// N samples of `width` signals at increasing instants, regular or not.
+/// N samples of `width` signals at increasing times, regular or not.
 struct Series {
   std::vector<double> t;  // N, s
   std::size_t width = 0;
@@ -16,24 +16,24 @@ struct Series {
   std::size_t size() const { return t.size(); }
 };
 
-/// The median time between two samples; `t` has at least two.
+/// Median time between two samples; `t` has at least two elements.
 double median_step(std::span<const double> t);
 
-/// The interpolating quintic spline (spline.h) through the samples: C⁴, so that a signal and its first two derivatives are
-/// smooth and belong to one another. It adds no phase: what the derivatives of noise may do is decided by smooth() before.
+/// The interpolating quintic spline (spline.h) through the samples: C⁴, so the signal and its first two derivatives are smooth
+/// and consistent. It adds no phase; smooth() limits the noise of the derivatives beforehand.
 Path interpolate(const Series& series);
 
-/// The same signals on a regular grid from the first to the last instant, with a step as near to `step` as fits, by the spline.
+/// Resamples by the spline on a regular grid from the first to the last time, with the step closest to `step` that fits.
 Series resample(const Series& series, double step);
 
-/// Zero-phase low-pass (filter.h: −3 dB at `cutoff` Hz after both passes, `order` of one pass) on the regular grid of the
-/// median step.
+/// Zero-phase low-pass (filter.h: −3 dB at `cutoff` Hz for both passes together, `order` of each pass) on the regular grid of
+/// the median step.
 Series smooth(const Series& series, double cutoff, int order);
 
-/// First time derivatives at the same instants, by the spline: zero phase.
+/// First time derivatives at the same times, by the spline: zero phase.
 Series differentiate(const Series& series);
 
-/// Straight lines between the samples: exact at them, and no overshoot between. Held outside. Allocates nothing.
+/// Linear interpolation, constant outside of the samples. Allocates nothing.
 void linear(const Series& series, double t, std::span<double> x);
 
 }  // namespace cotwin::trajectory

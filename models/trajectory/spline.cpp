@@ -85,7 +85,7 @@ SplineKnots solve_spline(std::span<const double> t, std::size_t joints, std::spa
   }
   if (N == 2) return knots;
 
-  // Elimination from the front; the matrix is the same for all joints.
+  // Forward elimination; the matrix is the same for all joints.
   const auto upper = [&](std::size_t k) {
     const double h = t[k + 1] - t[k];
     return Matrix2{168 / (h * h * h), -24 / (h * h), 24 / (h * h), -3 / h};
@@ -94,7 +94,7 @@ SplineKnots solve_spline(std::span<const double> t, std::size_t joints, std::spa
     const double h = t[k] - t[k - 1];
     return Matrix2{168 / (h * h * h), 24 / (h * h), -24 / (h * h), -3 / h};
   };
-  std::vector<Matrix2> pivot(N);  // inverse of what is left of the diagonal
+  std::vector<Matrix2> pivot(N);  // inverse of the eliminated diagonal block
   for (std::size_t k = 1; k + 1 < N; ++k) {
     const double l = t[k] - t[k - 1], r = t[k + 1] - t[k];
     const double off = 36 / (r * r) - 36 / (l * l);

@@ -55,7 +55,7 @@ Phase::Value Phase::at(double t) const {
 double Phase::time_of(double s) const {
   if (s <= 0) return 0;
   double before = 0, after = duration();
-  for (int i = 0; i < 60; ++i) {  // s(t) rises monotonically
+  for (int i = 0; i < 60; ++i) {  // s(t) is monotonic
     const double middle = 0.5 * (before + after);
     (at(middle).s < s ? before : after) = middle;
   }

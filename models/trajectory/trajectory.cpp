@@ -73,8 +73,8 @@ Path::Range Path::range(std::size_t joint, int derivative) const {
 
 Path cut(const Path& path, double begin, double end) {
   assert(path.degree() == 5 && path.begin() <= begin && begin < end && end <= path.end());
-  // A knot this close to an end, as a share of the segment that the end cuts, is left out: over a sliver of length h, rounding
-  // makes q̈ of the order 1e-15/h². What the quintic over both segments is off by, of a spline's q̈, is of the cube of this
+  // A knot closer to an end than this share of the cut segment is omitted: over a short length h, rounding gives an error of q̈
+  // of the order 1e-15/h². The error of q̈ from one quintic over both segments of a spline is of the order of the cube of this
   // share.
   constexpr double kSliver = 1e-3;
   const std::span<const double> knots = path.times();

@@ -5,21 +5,21 @@
 #include <vector>
 
 /// Desired and recorded motions of joints as functions of time.
-///   trajectory.h    Path: what all of them become, q(t) with q̇, q̈ and jerk that are its derivatives
+///   trajectory.h    Path: the common representation, q(t) with its derivatives q̇, q̈ and jerk
 ///   polynomial.h    polynomials of degree 5 and more with redundant coefficients c_r (V-B)
-///   waypoints.h     rest to rest, or through the points with the least jerk
+///   waypoints.h     rest to rest, or through the points with minimum jerk
 ///   time_scaling.h  stretching to limits; soft start and stop
-///   series.h        samples of a measurement: zero-phase smoothing, differentiation, interpolation
-///   recording.h     such samples from a CSV
+///   series.h        measured samples: zero-phase smoothing, differentiation, interpolation
+///   recording.h     measured samples from a CSV file
 namespace cotwin::trajectory {
 
-/// The value of greatest magnitude of one joint's q, q̇, q̈ or jerk, and when.
+/// The value of largest magnitude of one joint's q, q̇, q̈ or jerk, and its time.
 struct Peak {
   double value = 0;
   double t = 0;  // s
 };
 
-/// A motion of n joints: polynomials between knots in time, with continuous q, q̇ and q̈. A plain value.
+/// A motion of n joints: polynomials between knots in time, with continuous q, q̇ and q̈.
 class Path {
  public:
   Path() = default;
@@ -36,12 +36,11 @@ class Path {
   double begin() const { return t_.front(); }
   double end() const { return t_.back(); }
 
-  /// Values at t; before the begin and after the end the joints rest at the first and last point. The spans have n elements;
-  /// `dddq` may be empty. Allocates nothing.
+  /// Values at t; at rest at the first point before the beginning and at the last point after the end. The spans have n
+  /// elements; `dddq` may be empty. Allocates nothing.
   void at(double t, std::span<double> q, std::span<double> dq, std::span<double> ddq, std::span<double> dddq = {}) const;
 
-  /// The least and the greatest value of q (derivative 0), q̇ (1), q̈ (2) or jerk (3) of a joint, as bernstein::extremes finds
-  /// them.
+  /// Least and greatest value of q (derivative 0), q̇ (1), q̈ (2) or jerk (3) of a joint, by bernstein::extremes.
   struct Range {
     Peak min, max;
     const Peak& largest() const { return -min.value > max.value ? min : max; }
@@ -59,12 +58,11 @@ class Path {
   std::vector<double> control_;       // of higher degrees
 };
 
-/// The part of a path of quintics from `begin` to `end`, within its times; quintics cut are quintics. Where a cut all but meets
-/// a knot, the spline's C⁴ is used: one quintic stands for both segments.
+/// The part of a path of quintics from `begin` to `end`, within its times; the parts are quintics again. If a cut is very close
+/// to a knot, one quintic replaces both segments, which is accurate because the spline is C⁴.
 Path cut(const Path& path, double begin, double end);
 
-/// The element of `times` (increasing, at least two) from which the interval that holds t begins; the last but one for all
-/// later t.
+/// Index of the start of the interval of `times` (increasing, at least two) that contains t; the last interval for all later t.
 std::size_t interval(std::span<const double> times, double t);
 
 }  // namespace cotwin::trajectory

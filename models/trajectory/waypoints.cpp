@@ -16,10 +16,10 @@ namespace cotwin::trajectory {
 
 namespace {
 
-/// Positions, velocities and accelerations, with a knot at the arrival and, after a dwell, one at the departure.
+/// Positions, velocities and accelerations; a point with a dwell has a knot at its arrival and one at its departure.
 struct Knots {
   std::vector<double> t, q, dq, ddq;
-  std::vector<std::ptrdiff_t> leg;  // of the interval after the knot: from waypoint `leg` to the next; −1: a dwell
+  std::vector<std::ptrdiff_t> leg;  // of the interval after the knot: index of the waypoint before it; −1: dwell
 };
 
 double dwell(const Waypoints& points, std::size_t k) { return points.dwell.empty() ? 0 : points.dwell[k]; }
@@ -34,7 +34,7 @@ void check(const Waypoints& points, std::size_t redundant, std::size_t given) {
     if (!(dwell(points, k) >= 0)) throw Error(place, "dwell " + text::to_text(dwell(points, k)) + " s, expected >= 0");
     if (k > 0 && !(points.t[k] > points.t[k - 1] + dwell(points, k - 1))) {
       throw Error(place, "reached at " + text::to_text(points.t[k]) +
-                             " s, expected after the departure from the one before at " +
+                             " s, expected after the departure from the previous point at " +
                              text::to_text(points.t[k - 1] + dwell(points, k - 1)) + " s");
     }
   }
@@ -44,7 +44,7 @@ void check(const Waypoints& points, std::size_t redundant, std::size_t given) {
   }
 }
 
-/// Velocities and accelerations at the points: zero at rest, those of the spline of least jerk between two rests.
+/// Velocities and accelerations at the points: zero at rests, those of the spline of minimum jerk between two rests.
 SplineKnots velocities(const Waypoints& points, Passing passing) {
   const std::size_t N = points.t.size(), n = points.joints;
   SplineKnots all{std::vector<double>(N * n, 0.0), std::vector<double>(N * n, 0.0)};

@@ -258,7 +258,7 @@ TEST(Io, ARecordingWithoutTorquesIsAWarningUnlessTorquesAreDisabled) {
   Subject s("joints=1", {{"file", file.path()}});
   s.initialise();
   EXPECT_FALSE(s.boolean("has_tau"));
-  EXPECT_THAT(s.text("warning"), HasSubstr(": no columns of joint torques were found, tau is 0; name them by tau_columns"));
+  EXPECT_THAT(s.text("warning"), HasSubstr(": no columns of joint torques found, tau is 0; set tau_columns to their names"));
   s.set("tau_columns", "none");
   s.initialise();
   EXPECT_EQ(s.text("warning"), "");
@@ -321,7 +321,7 @@ TEST(Io, ReportsTheEndOfTheRecording) {
   const std::uint64_t allocated = testing::allocations();
   s.to(0.031);
   EXPECT_EQ(testing::allocations(), allocated);
-  EXPECT_THAT(s.text("warning"), HasSubstr("the recording ended at 0.03 s, after which the robot is taken to rest"));
+  EXPECT_THAT(s.text("warning"), HasSubstr("the recording ended at 0.03 s; after that the robot is assumed to be at rest"));
   const std::string told = s.text("warning");
   s.to(0.032);
   EXPECT_EQ(s.text("warning"), told);  // once

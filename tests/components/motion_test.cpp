@@ -190,7 +190,7 @@ TEST(Motion, LimitsMayBeTighterThanTheRobots) {
   s.initialise();
   EXPECT_NEAR(s.real("stretch"), 2, 1e-9);
   s.set("limits", "error");
-  EXPECT_EQ(s.error_of_initialise(), "motion: joint 1 jerks with 60 rad/s3 at 0 s, expected at most 7.5 rad/s3");
+  EXPECT_EQ(s.error_of_initialise(), "motion: joint 1 has a jerk of 60 rad/s3 at 0 s, expected at most 7.5 rad/s3");
 }
 
 TEST(Motion, TimeScalingKeepsTheWayAndDividesTheDerivatives) {

@@ -116,14 +116,14 @@ TEST(Recording, GapsMayBeAllowed) {
 
 TEST(Recording, ColumnsThatAreNotOnePerJointAreErrors) {
   EXPECT_EQ(error_of("t,q1,q2\n0,0,0\n1,0,0\n", free_axes(3)),
-            "file.csv: has columns 'q1' to 'q2' of q, expected 3, one for each joint; a list of columns chooses among them");
+            "file.csv: has columns 'q1' to 'q2' of q, expected 3, one per joint; select columns by a list of names");
   EXPECT_EQ(error_of("t,q1,q2\n0,0,0\n1,0,0\n", free_axes(1)),
-            "file.csv: has columns 'q1' to 'q2' of q, expected 1, one for each joint; a list of columns chooses among them");
+            "file.csv: has columns 'q1' to 'q2' of q, expected 1, one per joint; select columns by a list of names");
   RecordingFormat format;
   format.q_columns = "q2";
   EXPECT_THAT(load("t,q1,q2\n0,0,5\n1,0,6\n", free_axes(1), format).q.x, ElementsAre(5, 6));
   EXPECT_EQ(error_of("t,q1,q2\n0,0,0\n1,0,0\n", free_axes(2), format),
-            "file.csv: 1 columns are named for q ('q2'), expected 2, one for each joint");
+            "file.csv: 1 columns given for q ('q2'), expected 2, one per joint");
   EXPECT_THAT(error_of("t,q1,q2,tau1\n0,0,0,1\n1,0,0,1\n", free_axes(2)),
               HasSubstr("has columns 'tau1' to 'tau1' of tau, expected 2"));
   EXPECT_EQ(error_of("t,x,y\n0,0,0\n1,0,0\n", free_axes(2)),

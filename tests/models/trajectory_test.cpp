@@ -113,7 +113,7 @@ TEST(Waypoints, PointsOutOfOrderAreErrorsThatNameThem) {
     make_path(points, Passing::kRest);
     FAIL();
   } catch (const Error& e) {
-    EXPECT_STREQ(e.what(), "waypoint 3: reached at 4 s, expected after the departure from the one before at 4 s");
+    EXPECT_STREQ(e.what(), "waypoint 3: reached at 4 s, expected after the departure from the previous point at 4 s");
   }
   points.t = {1};
   points.q = {0, 1};
