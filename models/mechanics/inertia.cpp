@@ -12,11 +12,11 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-/// Published inertias are rounded, often to three significant digits: each of three principal moments is then off by up to
-/// 0.5e-3 of the largest, and a lamina, which stands on the border of the triangle inequality, falls this far outside.
+/// Published inertias are often rounded to three significant digits. Each principal moment then has an error of up to 0.5e-3 of
+/// the largest, and a lamina, for which the triangle inequality is an equality, can violate it by this.
 constexpr double kRounding = 1.5e-3;
 
-/// The upper triangle, mirrored: symmetric to the last bit whatever the order of the operations was.
+/// Copies the upper triangle to the lower one: symmetric to the last bit.
 Matrix3d symmetric(const Matrix3d& A) { return A.selfadjointView<Eigen::Upper>(); }
 
 /// p·p U − p pᵀ: the inertia of a unit point mass at p about the origin.
@@ -49,7 +49,7 @@ Inertia Inertia::from_parameters(const Eigen::Matrix<double, 10, 1>& pi) {
 }
 
 Inertia Inertia::seen_from(const Pose& X_AL) const {
-  if (X_AL.R == Matrix3d::Identity()) return {mass, X_AL * p_LC, I_CC};  // keeps the bits
+  if (X_AL.R == Matrix3d::Identity()) return {mass, X_AL * p_LC, I_CC};  // exact
   return {mass, X_AL * p_LC, symmetric(X_AL.R * I_CC * X_AL.R.transpose())};
 }
 
@@ -63,7 +63,7 @@ Inertia operator+(const Inertia& a, const Inertia& b) {
     sum.p_LC = b.mass == 0 ? a.p_LC : b.p_LC;
     return sum;
   }
-  // Two bodies swing about their common centre like the reduced mass at their distance.
+  // Parallel axes: the reduced mass at the distance of the centres.
   const Vector3d p_AB = b.p_LC - a.p_LC;
   const double share = b.mass / sum.mass;
   sum.p_LC = a.p_LC + share * p_AB;

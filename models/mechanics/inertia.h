@@ -12,13 +12,13 @@ struct Inertia {
   Eigen::Vector3d p_LC = Eigen::Vector3d::Zero();  // centre of mass in L, m
   Eigen::Matrix3d I_CC = Eigen::Matrix3d::Zero();  // about the centre of mass, expressed in L's axes, kg m²
 
-  /// About L's origin instead of C (Steiner): I_LC + m (p·p U − p pᵀ).
+  /// Inertia about L's origin instead of C (Steiner): I_CC + m (p·p U − p pᵀ).
   Eigen::Matrix3d about_origin() const;
-  /// [m, m c, Ixx, Ixy, Ixz, Iyy, Iyz, Izz] about L's origin: what torque is linear in.
+  /// [m, m c, Ixx, Ixy, Ixz, Iyy, Iyz, Izz] about L's origin: torques are linear in these parameters.
   Eigen::Matrix<double, 10, 1> parameters() const;
   static Inertia from_parameters(const Eigen::Matrix<double, 10, 1>& pi);
 
-  /// The same body seen from frame A, where L stands at X_AL.
+  /// The same body expressed in frame A, with L at X_AL.
   Inertia seen_from(const Pose& X_AL) const;
   /// The composite body of two bodies given in the same frame.
   friend Inertia operator+(const Inertia& a, const Inertia& b);
@@ -26,11 +26,11 @@ struct Inertia {
     return a.mass == b.mass && a.p_LC == b.p_LC && a.I_CC == b.I_CC;
   }
 
-  /// Neither mass nor moments: what a mere frame has.
+  /// Whether mass and moments are zero.
   bool is_nothing() const { return mass == 0 && I_CC.isZero(0); }
-  /// Why no rigid body can have this mass distribution ("principal moments 0.1, 0.1, 0.3 kg m2 violate the triangle
-  /// inequality"), or "" if one can. Massless (all zero) is reported too. Published values are rounded: the triangle inequality
-  /// may be missed by 0.15 % of the largest moment.
+  /// Reason why no rigid body has this mass distribution ("principal moments 0.1, 0.1, 0.3 kg m2 violate the triangle
+  /// inequality"), or "" if one has. All zero is not physical. The triangle inequality may be violated by 0.15 % of the largest
+  /// moment, because published values are rounded.
   std::string unphysical() const;
 };
 

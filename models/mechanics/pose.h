@@ -3,7 +3,7 @@
 
 namespace cotwin {
 
-/// X_RT: where frame T stands in frame R. Chains cancel by eye: X_WE = X_WB * X_BE.
+/// X_RT: pose of frame T in frame R. Chains cancel by eye: X_WE = X_WB * X_BE.
 struct Pose {
   Eigen::Matrix3d R = Eigen::Matrix3d::Identity();  // R_RT, columns are T's axes in R
   Eigen::Vector3d p = Eigen::Vector3d::Zero();      // p_RT, T's origin in R, m

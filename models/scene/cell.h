@@ -7,14 +7,14 @@
 
 namespace cotwin::scene {
 
-/// A robot that stands in a scene.
+/// A robot in a scene.
 struct PlacedRobot {
-  std::string name;  // "" for the only one
+  std::string name;  // "" for a single robot
   robot::RobotModel model;
   std::vector<std::vector<Shape>> shapes;  // of the base, then of each body of the model, in its frame
 };
 
-/// All that a contact world is made of.
+/// A scene and its robots.
 struct Cell {
   Scene scene;
   std::vector<PlacedRobot> robots;

@@ -12,11 +12,11 @@ namespace cotwin::scene {
 
 namespace {
 
-constexpr double kLargest = 1e9, kSmallest = 1e-9;  // m: beyond, squares of lengths lose their digits
+constexpr double kLargest = 1e9, kSmallest = 1e-9;  // m; beyond, squares of lengths lose precision
 
 std::string shown(double value) { return text::to_text(value, 6); }
 
-/// Checks of one thing; messages begin with its place.
+/// Checks of one object; messages begin with its place.
 class Checker {
  public:
   explicit Checker(std::string place) : place_(std::move(place)) {}
@@ -25,7 +25,7 @@ class Checker {
   }
   void expect_pose(const Pose& X, const std::string& name) const {
     expect(X.p.allFinite() && X.R.allFinite(), name + " is not finite");
-    expect(is_rotation(X.R), name + " has a matrix that is no rotation");
+    expect(is_rotation(X.R), name + ": the matrix is no rotation");
     expect(X.p.cwiseAbs().maxCoeff() <= kLargest,
            name + " is " + shown(X.p.cwiseAbs().maxCoeff()) + " m away, expected ≤ " + shown(kLargest) + " m");
   }
@@ -45,7 +45,7 @@ void check_material(const Checker& c, const Material& m) {
 }
 
 void check_shape(const Checker& c, const Shape& shape, Motion motion) {
-  c.expect_pose(shape.X_BS, "its pose");
+  c.expect_pose(shape.X_BS, "pose");
   check_material(c, shape.material);
   const auto expect_length = [&](int i, const char* what) {
     const double x = shape.size[i];
@@ -76,19 +76,19 @@ void check_shape(const Checker& c, const Shape& shape, Motion motion) {
       }
       break;
     case ShapeType::kPlane:
-      c.expect(motion != Motion::kDynamic, "a plane on a body that moves freely");
+      c.expect(motion != Motion::kDynamic, "a plane on a dynamic body");
       break;
   }
 }
 
 void check_body(const std::string& place, const Body& body) {
   const Checker c(place);
-  c.expect_pose(body.X_WB, "its pose");
-  c.expect(body.V_WB.allFinite(), "its velocity is not finite");
-  if (body.motion == Motion::kStatic) c.expect(body.V_WB.isZero(0), "static, but with a velocity");
+  c.expect_pose(body.X_WB, "pose");
+  c.expect(body.V_WB.allFinite(), "velocity is not finite");
+  if (body.motion == Motion::kStatic) c.expect(body.V_WB.isZero(0), "a static body with a velocity");
   if (body.motion == Motion::kDynamic) {
     const Inertia& i = body.inertia;
-    c.expect(std::isfinite(i.mass) && i.p_LC.allFinite() && i.I_CC.allFinite(), "its inertia is not finite");
+    c.expect(std::isfinite(i.mass) && i.p_LC.allFinite() && i.I_CC.allFinite(), "inertia is not finite");
     const std::string why = i.unphysical();
     c.expect(why.empty(), why);
   }
@@ -104,9 +104,9 @@ void check_joint(const Checker& c, const Joint& joint, int bodies) {
   c.expect(joint.child >= 0 && joint.child < bodies, "child " + std::to_string(joint.child) + range);
   c.expect(joint.parent >= -1 && joint.parent < bodies,
            "parent " + std::to_string(joint.parent) + range + ", or -1 for the world");
-  c.expect(joint.parent != joint.child, "joins a body to itself");
-  c.expect_pose(joint.X_PJ, "its pose on the parent");
-  c.expect_pose(joint.X_CJ, "its pose on the child");
+  c.expect(joint.parent != joint.child, "parent and child are the same body");
+  c.expect_pose(joint.X_PJ, "pose on the parent");
+  c.expect_pose(joint.X_CJ, "pose on the child");
   c.expect(std::abs(joint.axis.norm() - 1) < 1e-9, "axis of length " + shown(joint.axis.norm()) + ", expected 1");
   c.expect(joint.q_min <= joint.q_max,
            "limits " + shown(joint.q_min) + " … " + shown(joint.q_max) + ", expected lower ≤ upper");
@@ -119,16 +119,16 @@ void check_joint(const Checker& c, const Joint& joint, int bodies) {
 void check(const Scene& scene) {
   const std::string place = "scene '" + scene.name + "'";
   const Checker c(place);
-  c.expect(scene.gravity.allFinite(), "its gravity is not finite");
+  c.expect(scene.gravity.allFinite(), "gravity is not finite");
   const auto count = static_cast<int>(scene.bodies.size());
   std::set<std::string> names;
   for (const Body& body : scene.bodies) {
-    c.expect(names.insert(body.name).second, "two bodies of the name '" + body.name + "'");
+    c.expect(names.insert(body.name).second, "two bodies with the name '" + body.name + "'");
     check_body(place + ": body '" + body.name + "'", body);
   }
   names.clear();
   for (const Joint& joint : scene.joints) {
-    c.expect(names.insert(joint.name).second, "two joints of the name '" + joint.name + "'");
+    c.expect(names.insert(joint.name).second, "two joints with the name '" + joint.name + "'");
     check_joint(Checker(place + ": joint '" + joint.name + "'"), joint, count);
   }
   for (const auto& [a, b] : scene.no_contact) {

@@ -16,9 +16,9 @@ using Eigen::Vector3d;
 using Index = std::uint32_t;
 
 constexpr Index kNone = std::numeric_limits<Index>::max();
-constexpr double kFlat = 1e-9;  // of the extent: nearer to a plane is in it
+constexpr double kFlat = 1e-9;  // of the extent: tolerance for points in a plane
 
-/// Quickhull (Barber, Dobkin, Huhdanpaa 1996): triangles that grow outwards over the point farthest from each.
+/// Quickhull (Barber, Dobkin, Huhdanpaa 1996): replaces each triangle by a fan to the farthest point above it.
 class Quickhull {
  public:
   explicit Quickhull(std::span<const Vector3d> points);
@@ -45,17 +45,17 @@ class Quickhull {
 
   std::span<const Vector3d> points_;
   double extent_ = 0;
-  double rounding_ = 0;  // m: nearer to a triangle's plane is not above it
+  double rounding_ = 0;  // m: points at most this high above a triangle count as in its plane
   std::vector<Triangle> triangles_;
 };
 
 Quickhull::Quickhull(std::span<const Vector3d> points) : points_(points) {
-  // Where points stand so near to each other or to planes that rounding breaks the surface, a coarser rounding leaves some out.
+  // If points are so close to each other or to planes that rounding breaks the surface, a larger tolerance omits some of them.
   for (const double coarser : {1.0, 1e2, 1e4}) {
     if (try_with(coarser)) return;
   }
   throw Error("hull", std::to_string(points_.size()) +
-                          " points nearly on a line or in planes, of which rounding makes no closed "
+                          " points nearly on a line or in planes: rounding prevents a closed "
                           "surface, expected a body with clear faces");
 }
 
@@ -66,13 +66,13 @@ bool Quickhull::try_with(double coarser) {
   std::vector<Index> all(points_.size());
   for (Index i = 0; i < all.size(); ++i) all[i] = i;
   claim(all, {0, 1, 2, 3});
-  for (Index i = 0; i < triangles_.size(); ++i) {  // grows while we walk
+  for (Index i = 0; i < triangles_.size(); ++i) {  // grows in the loop
     if (!triangles_[i].gone && !triangles_[i].outside.empty()) grow(i);
   }
   return closed();
 }
 
-/// Whether the triangles are a closed surface without holes and handles: neighbours name each other, and F = 2 V − 4.
+/// Whether the triangles form a closed surface without holes and handles: neighbours refer to each other, and F = 2 V − 4.
 bool Quickhull::closed() const {
   std::vector<bool> used(points_.size());
   std::size_t faces = 0;
@@ -94,7 +94,7 @@ Index Quickhull::add(Index a, Index b, Index c) {
   t.v = {a, b, c};
   t.n = (points_[b] - points_[a]).cross(points_[c] - points_[a]);
   const double length = t.n.stableNorm();
-  if (length > 0) t.n /= length;  // a needle has no plane: nothing is above it
+  if (length > 0) t.n /= length;  // a degenerate triangle has no plane and no points above it
   t.d = (t.n.dot(points_[a]) + t.n.dot(points_[b]) + t.n.dot(points_[c])) / 3;
   triangles_.push_back(std::move(t));
   return static_cast<Index>(triangles_.size() - 1);
@@ -123,7 +123,7 @@ void Quickhull::start() {
     high = high.cwiseMax(p);
   }
   extent_ = (high - low).maxCoeff();
-  if (!std::isfinite(extent_)) throw Error("hull", "its extent is not finite");
+  if (!std::isfinite(extent_)) throw Error("hull", "extent is not finite");
   rounding_ = 1e-13 * extent_ + 4e-16 * std::max(low.cwiseAbs().maxCoeff(), high.cwiseAbs().maxCoeff());
 
   const auto farthest = [&](auto&& distance) {
@@ -159,8 +159,8 @@ void Quickhull::start() {
   triangles_[3].beyond = {0, 2, 1};
 }
 
-/// Takes the farthest point above the triangle into the hull: all triangles that it sees go, a fan from it to the horizon
-/// comes.
+/// Adds the farthest point above the triangle to the hull: removes all triangles visible from it and connects it to their
+/// horizon.
 void Quickhull::grow(Index over) {
   const std::vector<Index>& candidates = triangles_[over].outside;
   const Index top = *std::max_element(candidates.begin(), candidates.end(), [&](Index a, Index b) {
@@ -208,11 +208,11 @@ void Quickhull::grow(Index over) {
       if (triangles_[u].v[1] == triangles_[t].v[0]) triangles_[t].beyond[2] = u;  // across (top, from)
     }
   }
-  std::erase(orphans, top);  // it is in the hull now: rounding must not put it above what it made
+  std::erase(orphans, top);  // now a vertex: rounding must not put it above a new triangle
   claim(orphans, fan);
 }
 
-/// For each triangle the face that it belongs to: the largest triangle gives the plane, neighbours within kFlat of it join.
+/// Index of the face of each triangle: the largest triangle defines the plane, neighbours within kFlat of it join the face.
 std::vector<Index> Quickhull::merged() const {
   std::vector<Index> order;
   for (Index i = 0; i < triangles_.size(); ++i) {
@@ -245,9 +245,9 @@ std::vector<Index> Quickhull::merged() const {
   return face;
 }
 
-/// Joins loops into faces, edges and vertices. `loops`: indices of points.
+/// Converts loops to faces, edges and vertices. `loops`: indices of points.
 Polytope assemble(std::span<const Vector3d> points, std::vector<std::vector<Index>> loops) {
-  // A point between two faces only lies within an edge.
+  // A point with only two faces lies within an edge.
   std::vector<Index> faces_at(points.size(), 0);
   for (const auto& loop : loops) {
     for (const Index p : loop) ++faces_at[p];
@@ -371,7 +371,7 @@ Polytope box_polytope(const Vector3d& size) {
         size.cwiseProduct(Vector3d((i & 4) != 0 ? 0.5 : -0.5, (i & 2) != 0 ? 0.5 : -0.5, (i & 1) != 0 ? 0.5 : -0.5)));
   }
   Polytope box = assemble(points, {{0, 1, 3, 2}, {4, 6, 7, 5}, {0, 4, 5, 1}, {2, 3, 7, 6}, {0, 2, 6, 4}, {1, 5, 7, 3}});
-  for (std::size_t f = 0; f < 6; ++f) {  // exact, also for boxes without thickness
+  for (std::size_t f = 0; f < 6; ++f) {  // exact, also for boxes of zero thickness
     const auto axis = static_cast<Eigen::Index>(f / 2);
     box.faces[f].n = Vector3d::Unit(axis) * (f % 2 == 0 ? -1 : 1);
     box.faces[f].d = size[axis] / 2;

@@ -50,7 +50,7 @@ std::vector<Vector3d> binary_stl(std::string_view bytes) {
 std::vector<Vector3d> lines(std::string_view bytes, std::string_view keyword, const std::string& place) {
   constexpr std::string_view kBlanks = " \t\r";
   if (bytes.starts_with("\xFF\xFE") || bytes.starts_with("\xFE\xFF"))
-    throw Error(place, "begins as UTF-16 text, expected ASCII or UTF-8");
+    throw Error(place, "is UTF-16 text, expected ASCII or UTF-8");
   std::vector<Vector3d> points;
   std::size_t number = 0;
   while (!bytes.empty()) {
@@ -89,7 +89,7 @@ std::vector<Vector3d> load_hull(const std::filesystem::path& file, const Vector3
   std::string extension = file.extension().string();
   std::transform(extension.begin(), extension.end(), extension.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
-  if (extension != ".stl" && extension != ".obj") throw Error(file.string(), "a mesh of this kind, expected .stl or .obj");
+  if (extension != ".stl" && extension != ".obj") throw Error(file.string(), "unknown mesh format, expected .stl or .obj");
   const std::string bytes = text::read_file(file, "a mesh");
   return parse_hull(bytes, extension == ".obj" ? MeshFormat::kObj : MeshFormat::kStl, file.string(), scale);
 }

@@ -7,13 +7,13 @@
 
 namespace cotwin::scene {
 
-/// The vertices of the hull of a mesh file: STL, binary or text, or OBJ (Wavefront); its triangles are not needed. Throws Error
-/// `file: …` (OBJ and text STL: `file:line: …`).
+/// The vertices of a mesh file, for its convex hull: STL (binary or text) or OBJ (Wavefront); triangles are ignored. Throws
+/// Error `file: …` (OBJ and text STL: `file:line: …`).
 std::vector<Eigen::Vector3d> load_hull(const std::filesystem::path& file,
                                        const Eigen::Vector3d& scale = Eigen::Vector3d::Ones());
 
 enum class MeshFormat { kStl, kObj };
-/// The same from the bytes of a file; `place` stands in messages where its name would.
+/// As load_hull() from the bytes of a file; `place` is its name in messages.
 std::vector<Eigen::Vector3d> parse_hull(std::string_view bytes, MeshFormat format, const std::string& place,
                                         const Eigen::Vector3d& scale = Eigen::Vector3d::Ones());
 

@@ -7,25 +7,25 @@
 #include "models/mechanics/inertia.h"
 #include "models/mechanics/pose.h"
 
-/// Bodies, shapes, joints and contact parameters of an environment: plain values that the contact world is built from.
+/// Bodies, shapes, joints and contact parameters of an environment: the input of the contact world.
 namespace cotwin::scene {
 
 inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// What a surface does where it touches another. Of two surfaces: μ is the geometric mean, stiffnesses and dampings act in
-/// series, restitution is the larger one.
+/// Contact parameters of a surface. For a pair of surfaces: μ is the geometric mean, stiffnesses and dampings act in series,
+/// restitution is the larger one.
 struct Material {
   double mu = 0.5;               // Coulomb friction
   double restitution = 0;        // of the normal speed before the impact, 0 … 1
   double stiffness = kInfinity;  // N/m of one contact; infinite: rigid
-  double damping = 0;            // N.s/m of one contact; without meaning where rigid
+  double damping = 0;            // N.s/m of one contact; ignored if rigid
 
   friend bool operator==(const Material&, const Material&) = default;
 };
 
 enum class ShapeType { kSphere, kBox, kCylinder, kCapsule, kHull, kPlane };
 
-/// One convex piece of a body's surface, in its own frame S.
+/// A convex piece of a body's surface, in its own frame S.
 struct Shape {
   std::string name;
   ShapeType type = ShapeType::kSphere;
@@ -39,8 +39,8 @@ struct Shape {
 };
 
 enum class Motion {
-  kStatic,  // never moves
-  kDriven,  // moves with the twist that it is given; contacts do not move it
+  kStatic,  // fixed
+  kDriven,  // moves with a prescribed twist; contacts do not change it
   kDynamic  // moves by (1)
 };
 
@@ -57,16 +57,16 @@ struct Body {
 
 enum class JointType { kRevolute, kPrismatic, kSpherical, kFixed };
 
-/// A joint: frame J of the child against frame P' of the parent; at zero position they coincide.
+/// A joint between frame P' on the parent and frame J on the child; at position zero they coincide.
 struct Joint {
   std::string name;
   JointType type = JointType::kRevolute;
   int parent = -1;  // index of a body; −1: the world
   int child = -1;
-  Pose X_PJ;                                        // where the joint's frame stands on the parent
-  Pose X_CJ;                                        // and on the child
+  Pose X_PJ;                                        // the joint's frame on the parent
+  Pose X_CJ;                                        // the joint's frame on the child
   Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();  // unit vector in J; revolute, prismatic
-  double q = 0;                                     // position at the start, to whole turns: from here they are counted
+  double q = 0;                                     // initial position, including whole turns
   double q_min = -kInfinity, q_max = kInfinity;     // rad or m
   double friction = 0;                              // Coulomb, N.m or N
   double damping = 0;                               // N.m.s/rad or N.s/m
@@ -79,15 +79,14 @@ struct Scene {
   Eigen::Vector3d gravity{0, 0, -9.81};  // m/s² in W
   std::vector<Body> bodies;
   std::vector<Joint> joints;
-  std::vector<std::pair<int, int>> no_contact;  // pairs of bodies whose contacts are ignored, besides bodies that a joint joins
+  std::vector<std::pair<int, int>> no_contact;  // pairs of bodies without contacts, besides bodies connected by a joint
 
   friend bool operator==(const Scene&, const Scene&) = default;
 };
 
-/// Throws Error `scene 'name': body 'x': …` for what no contact world can be built from: numbers that are not finite, frames
-/// that are no rotations, masses and inertias that no rigid body has (dynamic bodies), sizes that are negative, hulls without
-/// volume, planes that move, surfaces out of range, doubled names, indices and axes of joints, limits the wrong way round.
-/// Loops of joints are allowed.
+/// Throws Error `scene 'name': body 'x': …` for numbers that are not finite, frames that are no rotations, unphysical inertias
+/// of dynamic bodies, negative sizes, hulls without volume, planes on dynamic bodies, surface parameters out of range,
+/// duplicate names, invalid indices and axes of joints, and limits with lower > upper. Loops of joints are allowed.
 void check(const Scene& scene);
 
 }  // namespace cotwin::scene

@@ -24,18 +24,18 @@ constexpr int kNoBody = -2, kWorld = -1;
 
 std::string read_sdf(const fs::path& file) { return text::read_file(file, "an SDF file", 16'000'000); }
 
-/// A model's or a world's own names: frames whose poses may hang on each other.
+/// Names of a model or a world: frames whose poses may depend on each other.
 struct Scope {
   struct Frame {
     std::string place;
     std::string relative_to;  // another name of this scope, "" for the scope's own frame
-    std::string attached_to;  // of a frame: what it moves with
+    std::string attached_to;  // of a frame: the frame or link that it moves with
     Pose X;                   // in relative_to
     int body = kNoBody;       // of a link
-    bool busy = false;        // while it is being looked for: poses must not hang on each other in a ring
+    bool busy = false;        // during the search; detects circular poses
   };
   std::string place;
-  std::string prefix;  // of the names of its bodies, "cell.arm."
+  std::string prefix;  // prefix of the names of its bodies, "cell.arm."
   Pose X_W;
   bool is_world = false;
   std::map<std::string, Frame> frames;
@@ -52,7 +52,7 @@ class Reader {
     Element root;
     fs::path folder;
   };
-  struct Inherited {  // by a model from what it stands in
+  struct Inherited {  // by a model from its parent
     bool is_static = false;
     int depth = 0;
     fs::path folder;
@@ -95,7 +95,7 @@ Reader::Document Reader::open(std::string_view text, const fs::path& file) const
 void Reader::name(Scope& scope, const Element& element, const std::string& fallback) {
   const std::string& own = xml::text(element, "name");
   if (own.empty() || own.find("::") != std::string::npos || own.rfind("__", 0) == 0 || own == "world") {
-    throw Error(element.place, "'" + own + "' is no name for a <" + element.name + ">");
+    throw Error(element.place, "'" + own + "' is an invalid name for a <" + element.name + ">");
   }
   Scope::Frame frame{element.place, fallback, xml::text(element, "attached_to", ""), {}, kNoBody, false};
   if (const Element* pose = only(element, "pose")) {
@@ -103,7 +103,7 @@ void Reader::name(Scope& scope, const Element& element, const std::string& fallb
     frame.relative_to = xml::text(*pose, "relative_to", frame.relative_to);
   }
   if (!scope.frames.emplace(own, std::move(frame)).second)
-    throw Error(element.place, "the name '" + own + "' twice in " + scope.place);
+    throw Error(element.place, "duplicate name '" + own + "' in " + scope.place);
 }
 
 std::string Reader::known(const Scope& scope, const std::string& name) const {
@@ -112,7 +112,7 @@ std::string Reader::known(const Scope& scope, const std::string& name) const {
   return xml::unknown("a link, joint, frame or model here", name, names);
 }
 
-/// X_W of what a name means within a scope.
+/// X_W of the frame with this name in a scope.
 Pose Reader::pose_of(Scope& scope, const std::string& name, const std::string& place) const {
   if (name.empty() || name == "__model__") return scope.X_W;
   if (name == "world") return {};
@@ -124,7 +124,7 @@ Pose Reader::pose_of(Scope& scope, const std::string& name, const std::string& p
   const auto found = scope.frames.find(name);
   if (found == scope.frames.end()) throw Error(place, known(scope, name));
   Scope::Frame& frame = found->second;
-  if (frame.busy) throw Error(frame.place, "the pose of '" + name + "' hangs on itself");
+  if (frame.busy) throw Error(frame.place, "the pose of '" + name + "' depends on itself");
   frame.busy = true;
   const Pose X_W = pose_of(scope, frame.relative_to, frame.place) * frame.X;
   frame.busy = false;
@@ -144,7 +144,7 @@ int Reader::body_of(const Scope& scope, const std::string& name, const std::stri
   const Scope::Frame& frame = found->second;
   if (frame.body != kNoBody) return frame.body;
   if (!frame.attached_to.empty()) return body_of(scope, frame.attached_to, place, depth + 1);
-  throw Error(place, "'" + name + "' is no link, nor a frame that is attached to one");
+  throw Error(place, "'" + name + "' is neither a link nor a frame attached to a link");
 }
 
 void Reader::read_links(const Element& model, Scope& scope, const Inherited& from) {
@@ -175,14 +175,14 @@ void Reader::read_axis(const Element& element, Joint& joint, Scope& scope, const
   Eigen::Vector3d axis = sdf::vector(xyz);
   const double length = axis.norm();
   if (!(length > 1e-6)) throw Error(xyz.place, "<xyz> of length " + text::to_text(length, 6) + ", expected a direction");
-  if (std::abs(length - 1) > 1e-3) warn()(xyz.place, "an axis of length " + text::to_text(length, 6) + " is normalised");
+  if (std::abs(length - 1) > 1e-3) warn()(xyz.place, "axis of length " + text::to_text(length, 6) + " is normalised");
   axis /= length;
   if (const std::string in = xml::text(xyz, "expressed_in", ""); !in.empty())
     axis = X_WJ.R.transpose() * (pose_of(scope, in, xyz.place).R * axis);
   joint.axis = axis.normalized();
   if (const Element* limit = only(element, "limit")) {
     sdf::check_children(*limit, {"lower", "upper"}, {}, {}, warn());
-    constexpr double kNone = 1e16;  // SDF's word for no limit
+    constexpr double kNone = 1e16;  // means "no limit" in SDF
     const double lower = sdf::number(*limit, "lower", -kNone), upper = sdf::number(*limit, "upper", kNone);
     if (lower > -kNone) joint.q_min = lower;
     if (upper < kNone) joint.q_max = upper;
@@ -214,7 +214,7 @@ void Reader::read_joint(const Element& element, Scope& scope) {
   const Element& child = sdf::needed(element, "child");
   joint.parent = body_of(scope, parent.content, parent.place);
   joint.child = body_of(scope, child.content, child.place);
-  if (joint.child == kWorld) throw Error(child.place, "the world as a child, expected it as the parent");
+  if (joint.child == kWorld) throw Error(child.place, "the world is the child, expected it as the parent");
   const Pose X_WJ = pose_of(scope, own, element.place);
   const auto seen_from = [&](int body) {
     return body == kWorld ? X_WJ : scene_.bodies[static_cast<std::size_t>(body)].X_WB.inverse() * X_WJ;
@@ -229,8 +229,7 @@ void Reader::read_joint(const Element& element, Scope& scope) {
 
 void Reader::read_include(const Element& include, Scope& scope, const Inherited& from) {
   constexpr int kDeepest = 16;
-  if (from.depth >= kDeepest)
-    throw Error(include.place, "includes within each other more than " + std::to_string(kDeepest) + " deep");
+  if (from.depth >= kDeepest) throw Error(include.place, "includes nested more than " + std::to_string(kDeepest) + " deep");
   sdf::check_children(include, {"uri", "name", "pose", "static"}, {}, {}, warn());
   const fs::path file = sdf::find_file(sdf::needed(include, "uri"), from.folder);
   const std::string text = read_sdf(file);
@@ -249,7 +248,7 @@ void Reader::read_include(const Element& include, Scope& scope, const Inherited&
     frame.X = sdf::pose(*own);
   }
   if (name.empty() || !scope.frames.emplace(name, frame).second)
-    throw Error(include.place, "the name '" + name + "' twice in " + scope.place);
+    throw Error(include.place, "duplicate name '" + name + "' in " + scope.place);
   auto inner = std::make_unique<Scope>();
   inner->place = content.place;
   inner->prefix = scope.prefix + name + ".";
@@ -265,7 +264,7 @@ void Reader::read_include(const Element& include, Scope& scope, const Inherited&
   scope.models.emplace(name, std::move(inner));
 }
 
-/// Names first, then what stands at them; nested models before joints, which may reach into them.
+/// Reads names first, then poses and bodies; nested models before joints, which may refer to their parts.
 void Reader::read_parts(const Element& element, Scope& scope, const Inherited& from) {
   for (const Element& c : element.children) {
     if (!c.space.empty()) continue;
@@ -321,7 +320,7 @@ Scene Reader::read(std::string_view text, const fs::path& file) {
   if ((world == nullptr) == (model == nullptr)) throw Error(root.place, "expected one <world> or one <model> in <sdf>");
   scene_.name = xml::text(world != nullptr ? *world : *model, "name");
   const Inherited outside{false, 0, document.folder};
-  scene_.gravity = {0, 0, -9.8};  // SDF's default
+  scene_.gravity = {0, 0, -9.8};  // default of SDF
   if (world != nullptr) {
     if (const Element* gravity = only(*world, "gravity")) scene_.gravity = sdf::vector(*gravity);
     scope.place = world->place;

@@ -17,7 +17,7 @@ namespace {
 
 constexpr double kDensity = 1000;  // kg/m³, SDF's default for <inertial auto="true">
 
-/// What SDF says where a file does not: <mu> 1, <kp> 10¹² (which nobody means: rigid).
+/// SDF's defaults: <mu> 1, <kp> 10¹² (treated as rigid).
 Material read_surface(const xml::Element* surface, const Warn& warn) {
   Material material;
   material.mu = 1;
@@ -30,7 +30,7 @@ Material read_surface(const xml::Element* surface, const Warn& warn) {
       material.mu = number(*ode, "mu", 1);
       const xml::Element* second = only(*ode, "mu2");
       if (second != nullptr && number(*second) != material.mu)
-        warn(second->place, "<mu2> differs from <mu>; friction is the same in all directions, <mu> counts");
+        warn(second->place, "<mu2> differs from <mu>, expected equal values (isotropic friction); <mu> is used");
     }
   }
   if (const xml::Element* bounce = only(*surface, "bounce")) {
@@ -213,8 +213,7 @@ Body read_link(const xml::Element& element, bool is_static, const fs::path& fold
   }
   if (body.motion == Motion::kDynamic) {
     if (inertial == nullptr)
-      throw Error(element.place,
-                  "a link that moves freely without <inertial>, expected its mass and inertia, or auto=\"true\"");
+      throw Error(element.place, "a dynamic link without <inertial>, expected its mass and inertia, or auto=\"true\"");
     body.inertia = automatic ? solid : read_inertial(*inertial, warn);
   }
   if (const xml::Element* velocity = only(element, "velocity", kSpace)) {

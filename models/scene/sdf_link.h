@@ -6,12 +6,12 @@
 
 namespace cotwin::scene::sdf {
 
-/// A link without its name and place in the world: motion, inertia, shapes, velocity. `is_static`: of its
-/// model. Meshes are looked for beside `folder`.
+/// Reads motion, inertia, shapes and velocity of a link, not its name and pose. `is_static`: of its model. Mesh paths are
+/// relative to `folder`.
 Body read_link(const xml::Element& element, bool is_static, const std::filesystem::path& folder, const Warn& warn);
 
-/// The file that a uri means: relative to `folder`, or model://name beside it or beside its parent. Throws Error naming what
-/// was looked for.
+/// The file of a uri: relative to `folder`, or for model://name in `folder` or its parent. Throws Error with the searched
+/// paths.
 std::filesystem::path find_file(const xml::Element& uri, const std::filesystem::path& folder);
 
 }  // namespace cotwin::scene::sdf

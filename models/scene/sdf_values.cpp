@@ -24,7 +24,7 @@ const xml::Element& needed(const xml::Element& element, const char* name, const 
   throw Error(element.place, "<" + element.name + "> without <" + name + ">");
 }
 
-constexpr double kLargest = 1e20;  // products of larger numbers may overflow; 1e16 is SDF's word for no limit
+constexpr double kLargest = 1e20;  // products of larger numbers may overflow; 1e16 means "no limit" in SDF
 
 std::vector<double> numbers(const xml::Element& element, std::size_t count) {
   std::vector<double> found;
@@ -111,7 +111,7 @@ void check_children(const xml::Element& element, Names understood, Names silent,
         throw Error(c.place,
                     xml::unknown("an element of '" + element.name + "' in " + kSpace, c.name, {ours.begin(), ours.end()}));
     } else if (c.space.empty() && !among(understood, c.name) && !among(silent, c.name)) {
-      warn(c.place, "<" + c.name + "> in <" + element.name + "> is left out");
+      warn(c.place, "<" + c.name + "> in <" + element.name + "> is ignored");
     }
   }
 }

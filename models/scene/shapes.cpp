@@ -14,7 +14,7 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-/// Where the ray from the origin leaves the rectangle of these half edges.
+/// Intersection of the ray from the origin with the rectangle of these half edges.
 Vector2d on_rectangle(const Vector2d& half, const Vector2d& direction) {
   return direction * std::min(half.x() / std::abs(direction.x()), half.y() / std::abs(direction.y()));
 }
@@ -41,19 +41,19 @@ std::vector<Shape> round_hole(const RoundHole& hole) {
          "chamfer " + mm(hole.chamfer) + ", expected ≥ 0 and less than the depth " + mm(hole.depth));
   const double corner = (hole.radius + hole.chamfer) / std::cos(M_PI / hole.facets),
                edge = std::min(hole.width, hole.length) / 2;
-  expect(corner < edge, "reaches " + mm(corner) + " from its axis, expected less than half the plate's edge " + mm(edge));
+  expect(corner < edge, "extends " + mm(corner) + " from its axis, expected less than half the plate's edge " + mm(edge));
 
   const Vector2d half(hole.width / 2, hole.length / 2);
   const double top = hole.depth / 2, step = 2 * M_PI / hole.facets;
   std::vector<Shape> pieces;
   for (int k = 0; k < hole.facets; ++k) {
-    // Both neighbours compute the ray between them alike, so that no slit of rounding is left.
+    // Both neighbours compute their common ray in the same way, so that rounding leaves no gap.
     const auto ray = [&](int i) {
       const double angle = (i % hole.facets - 0.5) * step;
       return Vector2d(std::cos(angle), std::sin(angle));
     };
     const Vector2d first = ray(k), last = ray(k + 1);
-    const double stretch = 1 / std::cos(step / 2);  // from a facet's middle to its corners
+    const double stretch = 1 / std::cos(step / 2);  // ratio of the distances of a facet's corners and middle
     Shape piece;
     piece.name = "facet_" + std::to_string(k + 1);
     piece.type = ShapeType::kHull;
@@ -116,7 +116,7 @@ Inertia solid_inertia(const Shape& shape, double density) {
       break;
     }
     case ShapeType::kPlane:
-      throw Error("a plane has no mass of its own");
+      throw Error("a plane has no mass");
   }
   return inertia.seen_from(shape.X_BS);
 }

@@ -6,16 +6,16 @@
 
 namespace cotwin::scene {
 
-/// A plate with a round hole, as SDF has none: the plate's middle is the frame's origin, its hole is about z.
+/// A plate with a round hole, which SDF does not have. The plate's centre is the frame's origin; the hole's axis is z.
 struct RoundHole {
-  double radius = 0;             // m, of the circle that fits into it
+  double radius = 0;             // m, of the circle inscribed in the hole
   double depth = 0;              // thickness of the plate, m
   double width = 0, length = 0;  // edges of the plate along x and y, m
-  double chamfer = 0;            // at 45 degrees around the upper rim (+z): so wide and so deep, m
-  int facets = 64;               // flat faces around, each a convex piece of its own
+  double chamfer = 0;            // at 45 degrees at the upper rim (+z): width and depth, m
+  int facets = 64;               // number of flat faces; each is a separate convex piece
 };
 
-/// The hole's facets touch the circle in their middles and are farther out at their corners: radius (1/cos(π/facets) − 1).
+/// Distance of the facets' corners from the circle, radius (1/cos(π/facets) − 1); their middles touch it.
 double deviation_from_round(const RoundHole& hole);
 
 /// The plate as a ring of convex pieces in its frame. Throws Error for a hole that does not fit into the plate.

@@ -92,13 +92,13 @@ bool Reader::read_mesh(const XMLElement& mesh, Shape& shape) const {
         shape.type = ShapeType::kHull;
         return true;
       } catch (const Error& e) {
-        warn(mesh, "the mesh is left out: " + std::string(e.what()));
+        warn(mesh, "mesh ignored: " + std::string(e.what()));
         return false;
       }
     }
     if (folder == folder.parent_path()) break;
   }
-  warn(mesh, "the mesh '" + std::string(name) + "' is not there; the shape is left out");
+  warn(mesh, "mesh '" + std::string(name) + "' not found; the shape is ignored");
   return false;
 }
 
@@ -120,7 +120,7 @@ bool Reader::read_geometry(const XMLElement& collision, Shape& shape) const {
   } else if (name == "mesh") {
     return read_mesh(*kind, shape);
   } else {
-    warn(*kind, "<" + std::string(name) + "> as a shape is left out, expected box, sphere, cylinder, capsule or mesh");
+    warn(*kind, "<" + std::string(name) + "> as a shape is ignored, expected box, sphere, cylinder, capsule or mesh");
     return false;
   }
   return true;

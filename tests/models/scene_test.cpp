@@ -281,34 +281,34 @@ TEST(Check, NamesTheBodyAndTheFact) {
   const std::vector<Case> cases{
       {[](Scene& s) { s.bodies[1].inertia.mass = -1; }, "scene 's': body 'ball': "},
       {[](Scene& s) { s.bodies[1].inertia.I_CC(0, 0) = 1; }, "triangle inequality"},
-      {[&](Scene& s) { s.bodies[1].inertia.mass = nan; }, "body 'ball': its inertia is not finite"},
+      {[&](Scene& s) { s.bodies[1].inertia.mass = nan; }, "body 'ball': inertia is not finite"},
       {[](Scene& s) { s.bodies[1].shapes[0].size.x() = 0; }, "body 'ball': shape 0: radius 0 m, expected > 0"},
       {[](Scene& s) { s.bodies[1].shapes[0].size.x() = 1e-12; }, "radius 1e-12 m, expected 1e-09 … 1e+09 m"},
-      {[](Scene& s) { s.bodies[1].X_WB.p.x() = 1e10; }, "its pose is 1e+10 m away"},
-      {[](Scene& s) { s.bodies[1].shapes[0].type = ShapeType::kPlane; }, "a plane on a body that moves freely"},
+      {[](Scene& s) { s.bodies[1].X_WB.p.x() = 1e10; }, "pose is 1e+10 m away"},
+      {[](Scene& s) { s.bodies[1].shapes[0].type = ShapeType::kPlane; }, "a plane on a dynamic body"},
       {[](Scene& s) { s.bodies[1].shapes[0].type = ShapeType::kHull; }, "0 points, expected at least 4"},
       {[](Scene& s) { s.bodies[1].shapes[0].material.mu = -0.1; }, "friction -0.1, expected ≥ 0"},
       {[](Scene& s) { s.bodies[1].shapes[0].material.restitution = 1.5; }, "restitution 1.5, expected 0 … 1"},
       {[](Scene& s) { s.bodies[1].shapes[0].material.stiffness = 0; }, "stiffness 0 N/m"},
-      {[](Scene& s) { s.bodies[1].X_WB.R(0, 0) = 2; }, "its pose has a matrix that is no rotation"},
-      {[&](Scene& s) { s.bodies[0].X_WB.p.x() = nan; }, "body 'ground': its pose is not finite"},
-      {[](Scene& s) { s.bodies[0].V_WB[0] = 1; }, "static, but with a velocity"},
-      {[](Scene& s) { s.bodies[1].name = "ground"; }, "two bodies of the name 'ground'"},
+      {[](Scene& s) { s.bodies[1].X_WB.R(0, 0) = 2; }, "pose: the matrix is no rotation"},
+      {[&](Scene& s) { s.bodies[0].X_WB.p.x() = nan; }, "body 'ground': pose is not finite"},
+      {[](Scene& s) { s.bodies[0].V_WB[0] = 1; }, "a static body with a velocity"},
+      {[](Scene& s) { s.bodies[1].name = "ground"; }, "two bodies with the name 'ground'"},
       {[](Scene& s) { s.joints[0].child = 2; }, "joint 'hinge': child 2, expected 0 … 1"},
       {[](Scene& s) { s.joints[0].parent = -2; }, "parent -2"},
-      {[](Scene& s) { s.joints[0].parent = 1; }, "joins a body to itself"},
+      {[](Scene& s) { s.joints[0].parent = 1; }, "parent and child are the same body"},
       {[](Scene& s) {
          s.joints[0].axis = {0, 0, 2};
        },
        "axis of length 2, expected 1"},
       {[](Scene& s) { s.joints[0].q_min = 1, s.joints[0].q_max = 0; }, "limits 1 … 0, expected lower ≤ upper"},
       {[](Scene& s) { s.joints[0].damping = -1; }, "damping -1"},
-      {[](Scene& s) { s.joints.push_back(s.joints[0]); }, "two joints of the name 'hinge'"},
+      {[](Scene& s) { s.joints.push_back(s.joints[0]); }, "two joints with the name 'hinge'"},
       {[](Scene& s) {
          s.no_contact = {{0, 2}};
        },
        "bodies 0, 2 without contact"},
-      {[&](Scene& s) { s.gravity.z() = nan; }, "its gravity is not finite"},
+      {[&](Scene& s) { s.gravity.z() = nan; }, "gravity is not finite"},
   };
   for (const Case& c : cases) {
     Scene scene = good();
@@ -467,7 +467,7 @@ TEST(Sdf, JointsReachIntoNestedModels) {
 TEST(Sdf, WarnsOfIgnoredElements) {
   EXPECT_THAT(
       warnings_of(world("<physics name=\"p\" type=\"ode\"/>" + model("m", link("a", "<gravity>false</gravity>")))),
-      ElementsAre(HasSubstr("test.sdf:2: <physics> in <world> is left out"), HasSubstr("<gravity> in <link> is left out")));
+      ElementsAre(HasSubstr("test.sdf:2: <physics> in <world> is ignored"), HasSubstr("<gravity> in <link> is ignored")));
   EXPECT_THAT(warnings_of(world(model("m", "<plugin name=\"p\" filename=\"f\"/>" + link("a")))),
               ElementsAre(HasSubstr("<plugin> in <model>")));
   const std::string slip =
@@ -490,14 +490,14 @@ TEST(Sdf, RefusesInvalidAndUnsupportedElements) {
       {"<sdf version=\"2.0\"/>", "SDF version '2.0', expected 1.5 … 1.12"},
       {"<sdf version=\"1.4\"/>", "SDF version '1.4'"},
       {sdf(""), "expected one <world> or one <model>"},
-      {world(model("m", "<link name=\"l\">" + kBall + "</link>")), "a link that moves freely without <inertial>"},
-      {world(model("m", link("a") + link("a"))), "the name 'a' twice"},
+      {world(model("m", "<link name=\"l\">" + kBall + "</link>")), "a dynamic link without <inertial>"},
+      {world(model("m", link("a") + link("a"))), "duplicate name 'a'"},
       {world(model("m", "<link name=\"l\"><pose>1 2 3</pose></link>")), "<pose> of 3 numbers, expected 6"},
       {world(model("m", "<link name=\"l\"><pose>1 2 3 a b c</pose></link>")), "'a', expected a finite number"},
       {world(model("m", "<link name=\"l\"><pose>1 2 1e308 0 0 0</pose></link>")),
        "'1e308', expected a magnitude of 1e+20 at most"},
       {world(model("m", "<link name=\"l\"><pose relative_to=\"ll\"/>" + kMass + "</link>")), "did you mean 'l'?"},
-      {world(model("m", link("a", "<pose relative_to=\"b\"/>") + link("b", "<pose relative_to=\"a\"/>"))), "hangs on itself"},
+      {world(model("m", link("a", "<pose relative_to=\"b\"/>") + link("b", "<pose relative_to=\"a\"/>"))), "depends on itself"},
       {world(model(
            "m",
            "<link "
@@ -505,13 +505,13 @@ TEST(Sdf, RefusesInvalidAndUnsupportedElements) {
        "triangle inequality"},
       {joint("universal", "<parent>a</parent><child>b</child>"), "a joint of type 'universal'"},
       {joint("fixed", "<parent>a</parent><child>c</child>"), "'c' is not a link, joint, frame or model here"},
-      {joint("fixed", "<parent>a</parent><child>world</child>"), "the world as a child"},
+      {joint("fixed", "<parent>a</parent><child>world</child>"), "the world is the child"},
       {joint("revolute", "<parent>a</parent><child>b</child>"), "<joint> without <axis>"},
       {joint("revolute", "<parent>a</parent><child>b</child><axis><xyz>0 0 0</xyz></axis>"), "<xyz> of length 0"},
       {shape("<ellipsoid><radii>1 1 1</radii></ellipsoid>"), "<ellipsoid> as a shape, expected box"},
       {shape(""), "<geometry> without a shape"},
       {shape("<sphere><radius>-1</radius></sphere>"), "radius -1 m, expected > 0"},
-      {shape("<plane><normal>0 0 1</normal></plane>"), "a plane on a body that moves freely"},
+      {shape("<plane><normal>0 0 1</normal></plane>"), "a plane on a dynamic body"},
       {shape("<mesh><uri>none.stl</uri></mesh>"), "no file 'none.stl'"},
       {shape("<cotwin:round_hole><cotwin:radius>0.1</cotwin:radius></cotwin:round_hole>"), "<round_hole> without <depth>"},
       {shape("<cotwin:square_hole/>"), "<square_hole> as a shape"},
@@ -594,7 +594,7 @@ TEST(UrdfShapes, AreInTheFramesOfTheirBodies) {
   EXPECT_EQ(shapes[1][2].type, ShapeType::kHull);
   EXPECT_EQ(shapes[1][2].X_BS.p, Vector3d(0, 0, 3));
   EXPECT_NEAR(convex_hull(shapes[1][2].vertices).volume(), 8.0 / 6, 1e-12);
-  EXPECT_THAT(warnings, ElementsAre(HasSubstr("the mesh 'package://r/meshes/none.stl' is not there; the shape is left out")));
+  EXPECT_THAT(warnings, ElementsAre(HasSubstr("mesh 'package://r/meshes/none.stl' not found; the shape is ignored")));
 }
 
 TEST(UrdfShapes, OfInvalidElementsAreErrors) {
