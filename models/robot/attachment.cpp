@@ -25,7 +25,7 @@ auto find_frame(const RobotModel& robot, const std::string& name) {
   return std::find_if(robot.frames.begin(), robot.frames.end(), [&](const Frame& frame) { return frame.name == name; });
 }
 
-/// The entry that mounted what is now mounted under this name; nullptr if none did.
+/// The last entry of the history that mounted `name`; nullptr if there is none.
 const Change* mounting_of(const RobotModel& robot, const std::string& name) {
   const auto last = std::find_if(robot.history.rbegin(), robot.history.rend(), [&](const Change& change) {
     return change.kind != Change::Kind::kSetInertia && change.frame.name == name;
@@ -37,16 +37,15 @@ Inertia minus(const Inertia& body, const Inertia& part) { return body + Inertia{
 
 struct Remainder {
   Inertia inertia;
-  bool is_difference = false;  // something was subtracted: nothing says that a body can have this inertia
+  bool is_difference = false;  // a part was subtracted: the result may be unphysical
 };
 
-/// The inertia of the carrying body without what `mounting` mounted. What was there first and what else is still mounted is
-/// added up anew, as if the part had never been there; where the body was set since (tuned), with the part in it, the part is
-/// subtracted.
+/// Inertia of the carrying body without the part of `mounting`. Adds up the initial inertia and the other mounted parts, as if
+/// the part had never been mounted; if the body was set (tuned) with the part on it, subtracts the part.
 Remainder without(const RobotModel& robot, const Change& mounting) {
-  Remainder sum;                       // what was there first, or was set
-  std::vector<const Change*> mounted;  // on that
-  Inertia body;                        // the composite of both, as the history left it
+  Remainder sum;                       // initial or set inertia
+  std::vector<const Change*> mounted;  // on it
+  Inertia body;                        // the composite body according to the history
   const auto set = [&](const Inertia& inertia) {
     sum = {inertia};
     body = inertia;
@@ -63,7 +62,7 @@ Remainder without(const RobotModel& robot, const Change& mounting) {
   };
   for (const Change& change : robot.history) {
     if (change.body != mounting.body) continue;
-    if (!(change.before == body)) set(change.before);  // what the robot came with, or set by hand past the history
+    if (!(change.before == body)) set(change.before);  // initial value, or set without an entry in the history
     switch (change.kind) {
       case Change::Kind::kAttach:
         mounted.push_back(&change);
@@ -90,8 +89,8 @@ std::ptrdiff_t offset(std::size_t index) { return static_cast<std::ptrdiff_t>(in
 
 void attach(RobotModel& robot, const Attachment& what, const std::string& reason) {
   const std::string place = place_of(robot) + ", attachment '" + what.name + "'";
-  if (what.name.empty()) throw Error(place, "needs a name");
-  if (find_frame(robot, what.name) != robot.frames.end()) throw Error(place, "the robot has a frame of this name already");
+  if (what.name.empty()) throw Error(place, "has no name, expected one");
+  if (find_frame(robot, what.name) != robot.frames.end()) throw Error(place, "the robot already has a frame with this name");
   const Frame& parent = robot.frame(what.parent);
   if (!what.X_PA.p.allFinite() || !is_rotation(what.X_PA.R)) {
     throw Error(place, "X_PA is not a pose: expected a rotation matrix and a finite position");
@@ -109,7 +108,7 @@ void attach(RobotModel& robot, const Attachment& what, const std::string& reason
   change.before = body;
   change.after = body + change.part;
   const std::string why = is_frame   ? ""
-                          : is_point ? (body + change.part).unphysical()  // the composite body is what must be possible
+                          : is_point ? (body + change.part).unphysical()  // the composite body must be physical
                                      : what.inertia.unphysical();
   if (!why.empty()) throw Error(place, (is_point ? "with this point mass its body has " : "") + why);
   change.what = "attach " + what.name + " to " + what.parent + ": " + described(what.inertia);
@@ -122,7 +121,7 @@ void attach(RobotModel& robot, const Attachment& what, const std::string& reason
 void detach(RobotModel& robot, const std::string& name, const std::string& reason) {
   const std::string place = place_of(robot);
   const auto frame = find_frame(robot, name);
-  if (frame == robot.frames.end()) throw Error(place, "nothing attached is named '" + name + "'");
+  if (frame == robot.frames.end()) throw Error(place, "no attachment is named '" + name + "'");
   const Change* const mounting = mounting_of(robot, name);
   if (mounting == nullptr) throw Error(place, "'" + name + "' is a link of the robot, not attached to it");
   for (const Frame& other : robot.frames) {

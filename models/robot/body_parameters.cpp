@@ -71,7 +71,7 @@ bool BodyParameters::follow(const std::string& place, double remaining, Mechanis
   check(place);
   for (std::size_t k = 0; k < in_force.size(); ++k) {
     const double target = wanted(k), next = target + (in_force[k] - target) * remaining;
-    // the last part of the way in one step, so that it ends
+    // reach the target exactly
     in_force[k] = std::abs(next - target) <= 1e-9 * (std::abs(target) + 1e-3) ? target : next;
   }
   adopt(mechanism);

@@ -60,8 +60,8 @@ Eigen::Matrix3d rotation_to_z(const Eigen::Vector3d& axis) {
 
 Eigen::Matrix3d turn_z(double angle) { return Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ()).toRotationMatrix(); }
 
-/// Mass, first and second moments ∫ r rᵀ dm about the origin of L: what torque is linear in, and what adds when bodies are
-/// joined.
+/// Mass, first and second moments ∫ r rᵀ dm about the origin of L. Torques are linear in them, and they add for composite
+/// bodies.
 struct Moments {
   double m = 0;
   Eigen::Vector3d h = Eigen::Vector3d::Zero();
@@ -78,8 +78,8 @@ Moments moments_in(const Inertia& inertia, const Pose& X_LJ) {
   return moments;
 }
 
-/// A mass distribution on the z axis of a joint turns with the joint's body, but moves as if it were fixed to the parent: m,
-/// h_z and S_zz of the body are moved there. X_PL: the joint's frame in the parent's at q = 0.
+/// Mass on the z axis of a joint rotates with the joint's body but moves as if fixed to the parent: transfers m, h_z and S_zz
+/// of the body to the parent. X_PL: the joint's frame in the parent's at q = 0.
 void group(Moments& body, const Pose& X_PL, Moments* parent) {
   if (parent) {
     const Eigen::Vector3d &o = X_PL.p, z = X_PL.R.col(2);
@@ -93,8 +93,8 @@ void group(Moments& body, const Pose& X_PL, Moments* parent) {
 
 }  // namespace
 
-// Doubles in the largest set of scratch arrays of one kernel (derivatives): per joint in lanes of eight, Tangent 18, Wrench 6,
-// row 1; beside it a turn 12, motion 18, wrench 6, and M's composites and wrenches 10 + 48; operational inertia: M itself.
+// Doubles in the largest set of scratch arrays of a kernel (derivatives). Per joint in lanes of eight: Tangent 18, Wrench 6,
+// row 1; in addition rotation 12, motion 18, wrench 6, and M's composites and wrenches 10 + 48; operational inertia: M.
 std::size_t scratch_doubles(int n) {
   const auto joints = static_cast<std::size_t>(padded(n));
   return joints * (8 * 64 + 128) + joints * joints + 64;
@@ -155,8 +155,8 @@ Mechanism::Impl::Impl(const RobotModel& robot, const char* isa) {
   update(robot);
 }
 
-// Any rotation is Rz(γ) Rx(α) Rz(β). Turning P about its z by γ leaves Rx(α) Rz(β + q). Sliding P along its z to the foot of
-// the perpendicular from L's origin leaves p without z; L is slid first, hence from the tip to the base.
+// Any rotation is Rz(γ) Rx(α) Rz(β). Rotating P about its z by γ leaves Rx(α) Rz(β + q). Translating P along its z to the foot
+// of the perpendicular from L's origin makes p_z zero. L must be translated first, hence the order from the tip to the base.
 void Mechanism::Impl::align_chain() {
   const std::size_t n = links.size();
   if (n == 0) return;

@@ -7,29 +7,29 @@
 
 /// Kinematics and dynamics of (2a) in reduced coordinates:
 ///   M(q) q̈ + C(q, q̇) q̇ + g(q) = τ        τ = τ_J + τ_e
-/// `Mechanism` is what the kernels read of a robot, shared and constant; `Data` is one thread's scratch. Functions allocate
-/// nothing and throw nothing. Vectors are of length n in the joint order of the RobotModel; rad, m, N.m, N. Vectors passed must
-/// be contiguous. The kernels exist for several instruction sets; the best one that the machine has is chosen at load (see
-/// kernels.h).
+/// `Mechanism` holds the constants of a robot for the kernels and may be shared; `Data` is the scratch memory of one thread.
+/// The functions do not allocate or throw. Vectors have length n in the joint order of the RobotModel, must be contiguous, and
+/// are in rad, m, N.m, N. The kernels are compiled for several instruction sets; the best one of the machine is chosen at load
+/// (kernels.h).
 namespace cotwin::robot {
 
 using VectorIn = Eigen::Ref<const Eigen::VectorXd>;
 using VectorOut = Eigen::Ref<Eigen::VectorXd>;
 using MatrixOut = Eigen::Ref<Eigen::MatrixXd>;
 
-/// A robot prepared for the kernels: link frames turned so that each joint's axis is z, constants laid out for vector
+/// A robot prepared for the kernels: link frames rotated so that each joint's axis is z, constants arranged for vector
 /// registers.
 class Mechanism {
  public:
-  /// `isa`: the instruction set of the kernels where it is not the machine's or COTWIN_CPU's choice, e.g. "x86-64-v2".
+  /// `isa`: instruction set of the kernels, for example "x86-64-v2"; nullptr: that of COTWIN_CPU or the machine.
   explicit Mechanism(const RobotModel& robot, const char* isa = nullptr);
   ~Mechanism();
   Mechanism(Mechanism&&) noexcept;
   Mechanism& operator=(Mechanism&&) noexcept;
 
   int n() const;
-  /// Replaces mass distribution and gravity by those of `robot`, which has the same joints. Allocates nothing. Not while others
-  /// compute.
+  /// Replaces mass distribution and gravity by those of `robot`, which must have the same joints. Allocates nothing. Must not
+  /// run concurrently with computations.
   void update(const RobotModel& robot);
 
   struct Impl;
@@ -39,7 +39,7 @@ class Mechanism {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Scratch of one thread for one mechanism.
+/// Scratch memory of one thread for one mechanism.
 class Data {
  public:
   explicit Data(const Mechanism& mechanism);
@@ -54,7 +54,7 @@ class Data {
   std::unique_ptr<Impl> impl_;
 };
 
-/// A frame for the functions below: body and place on it, as in RobotModel::frames.
+/// A frame for the functions below: body and pose on it, as in RobotModel::frames.
 struct FrameOnBody {
   int body = -1;
   Pose X_BF;
@@ -71,16 +71,16 @@ void gravity(const Mechanism&, Data&, const VectorIn& q, VectorOut g);
 void mass_matrix(const Mechanism&, Data&, const VectorIn& q, MatrixOut M);
 /// M(q) and h = C q̇ + g in one pass.
 void mass_matrix_and_bias(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, MatrixOut M, VectorOut h);
-/// C(q, q̇) with Ṁ − 2C skew-symmetric [21] (n x n): that of the Christoffel symbols, C = ½ ∂(C q̇)/∂q̇.
+/// C(q, q̇) with Ṁ − 2C skew-symmetric [21] (n x n), from the Christoffel symbols: C = ½ ∂(C q̇)/∂q̇.
 void coriolis_matrix(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, MatrixOut C);
-/// q̈ = M⁻¹ (τ − C q̇ − g): through M = L D Lᵀ for chains of 6 and 7 revolute joints, by articulated bodies otherwise. M is
-/// positive definite in every configuration of a robot whose joints all move mass; where one moves none, q̈ is not finite.
+/// q̈ = M⁻¹ (τ − C q̇ − g): by M = L D Lᵀ for chains of 6 and 7 revolute joints, otherwise by articulated bodies. M is positive
+/// definite if every joint moves mass; otherwise q̈ is not finite.
 void forward_dynamics(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, const VectorIn& tau, VectorOut ddq);
 /// ∂τ/∂q and ∂τ/∂q̇ of inverse dynamics (n x n each); ∂τ/∂q̈ is M.
 void inverse_dynamics_derivatives(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, const VectorIn& ddq,
                                   MatrixOut dtau_dq, MatrixOut dtau_ddq);
-/// The same with τ and M, in one pass: what an implicit method needs of the residual M q̈ + C q̇ + g − τ. Derivatives of forward
-/// dynamics follow at q̈ = forward_dynamics(q, q̇, τ): ∂q̈/∂q = −M⁻¹ ∂τ/∂q, ∂q̈/∂q̇ = −M⁻¹ ∂τ/∂q̇, ∂q̈/∂τ = M⁻¹.
+/// As above with τ and M in one pass, for implicit methods with the residual M q̈ + C q̇ + g − τ. Derivatives of forward dynamics
+/// at q̈ = forward_dynamics(q, q̇, τ): ∂q̈/∂q = −M⁻¹ ∂τ/∂q, ∂q̈/∂q̇ = −M⁻¹ ∂τ/∂q̇, ∂q̈/∂τ = M⁻¹.
 void linearised_dynamics(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, const VectorIn& ddq, VectorOut tau,
                          MatrixOut dtau_dq, MatrixOut dtau_ddq, MatrixOut M);
 /// Y with τ = Y π (n x 10n); π stacks Inertia::parameters() of every body in its own (URDF) frame.
@@ -88,7 +88,7 @@ void regressor(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, c
 
 /// X_BF(q): the frame's pose in the base.
 Pose forward_kinematics(const Mechanism&, Data&, const VectorIn& q, const FrameOnBody& frame);
-/// J_BF (6 x n), linear first, expressed in the base: V_BF = J q̇. Returns the pose as well.
+/// J_BF (6 x n), linear first, expressed in the base: V_BF = J q̇. Also returns the pose.
 Pose jacobian(const Mechanism&, Data&, const VectorIn& q, const FrameOnBody& frame, MatrixOut J);
 /// J̇ q̇ (6).
 void jacobian_dot_times_dq(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, const FrameOnBody& frame,
@@ -97,12 +97,12 @@ void jacobian_dot_times_dq(const Mechanism&, Data&, const VectorIn& q, const Vec
 void operational_inertia_inverse(const Mechanism&, Data&, const VectorIn& q, const FrameOnBody& frame,
                                  Eigen::Ref<Eigen::Matrix<double, 6, 6>> Lambda_inverse);
 
-/// ½ q̇ᵀ M q̇ and −Σ m_i gᵀ p_i (0 where every centre of mass is at the base's origin).
+/// ½ q̇ᵀ M q̇ and −Σ m_i gᵀ p_i (0 if every centre of mass is at the base's origin).
 double kinetic_energy(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq);
 double potential_energy(const Mechanism&, Data&, const VectorIn& q);
 
-/// Inverse dynamics of `count` states in SIMD lanes. Arrays are by joint: joint j of state s at [j * count + s]. Any count;
-/// multiples of 8 are the fastest. Agrees with inverse_dynamics to rounding.
+/// Inverse dynamics of `count` states in SIMD lanes. Arrays are by joint: joint j of state s at [j * count + s]. Any count is
+/// allowed; multiples of 8 are fastest. Agrees with inverse_dynamics to rounding.
 void inverse_dynamics_batch(const Mechanism&, Data&, std::size_t count, const double* q, const double* dq, const double* ddq,
                             double* tau);
 

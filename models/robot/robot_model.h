@@ -14,11 +14,11 @@ enum class JointType { kRevolute, kPrismatic };
 
 /// A joint of one degree of freedom and the body that it moves. Fixed joints of the URDF are merged into bodies.
 struct Joint {
-  std::string name;                                 // of the URDF joint
-  JointType type = JointType::kRevolute;            // a continuous joint is a revolute one without limits
-  int parent = -1;                                  // the body that carries it; −1: the base. Always < this joint's own index
-  Pose X_PJ;                                        // joint frame J in the parent body's frame P, at q = 0
-  Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();  // unit vector in J
+  std::string name;                                         // of the URDF joint
+  JointType type = JointType::kRevolute;                    // a continuous joint is a revolute one without limits
+  int parent = -1;                                          // parent body; −1: the base. Always less than this joint's index
+  Pose X_PJ;                                                // joint frame J in the parent body's frame P, at q = 0
+  Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();          // unit vector in J
   double q_min = -std::numeric_limits<double>::infinity();  // rad or m
   double q_max = +std::numeric_limits<double>::infinity();
   double dq_max = +std::numeric_limits<double>::infinity();   // rad/s or m/s
@@ -29,7 +29,7 @@ struct Joint {
   friend bool operator==(const Joint&, const Joint&) = default;
 };
 
-/// A rigid body: the URDF link that the joint of the same index moves, with everything rigidly attached to it. Its frame is the
+/// A rigid body: the URDF link that the joint of the same index moves, with all links rigidly attached to it. Its frame is the
 /// joint's frame J after the motion q.
 struct Body {
   std::string name;
@@ -47,27 +47,27 @@ struct Frame {
   friend bool operator==(const Frame&, const Frame&) = default;
 };
 
-/// One entry of a robot's history (IV-A2): what was changed. before() in attachment.h rebuilds the model that it found.
+/// One entry of a robot's history (IV-A2). before() in attachment.h restores the model before the change.
 struct Change {
   enum class Kind { kAttach, kDetach, kSetInertia };
 
   std::string what;    // "attach ft_sensor to link_7: 0.25 kg at (0, 0, 0.03) m"
-  std::string reason;  // who or what asked for it
+  std::string reason;  // given by the caller
   int body = -1;
   Inertia before;  // the body's inertia before the change
   Inertia after;
   Kind kind = Kind::kSetInertia;
-  Frame frame;            // attach, detach: the frame that came or went
-  std::string parent;     // attach, detach: the frame that it is mounted on
-  Inertia part;           // attach, detach: what is mounted, in the body's frame
-  std::size_t index = 0;  // attach, detach: where among the robot's frames
+  Frame frame;            // attach, detach: the added or removed frame
+  std::string parent;     // attach, detach: the parent frame of the mounting
+  Inertia part;           // attach, detach: inertia of the part in the body's frame
+  std::size_t index = 0;  // attach, detach: index in the robot's frames
 
   friend bool operator==(const Change&, const Change&) = default;
 };
 
-/// The one truth of a robot: kinematic tree, mass distribution, limits, history. A plain value; joints are in an order in which
-/// parents come first (from a URDF: depth-first, at each branch in the order of the file; base to tip for a chain), and the
-/// order of q is that of `joints`. (2a) is evaluated by dynamics.h.
+/// Complete description of a robot: kinematic tree, mass distribution, limits, history. Parents come before their children in
+/// `joints` (from a URDF: depth-first, at each branch in the order of the file; for a chain from base to tip), which is also
+/// the order of q. dynamics.h evaluates (2a).
 struct RobotModel {
   std::string name;
   std::vector<Joint> joints;             // n
@@ -78,11 +78,10 @@ struct RobotModel {
   std::vector<Change> history;
 
   int n() const { return static_cast<int>(joints.size()); }
-  /// Throws Error naming the closest frame.
+  /// Throws Error with the closest frame name.
   const Frame& frame(const std::string& name) const;
-  /// The frame at the end of the longest chain, which is the tool if there is one chain: the last frame in `frames` on the body
-  /// with the most joints between it and the base; of several such bodies, the one of the lowest index. Throws Error if that
-  /// body has no frame.
+  /// The frame at the end of the longest chain: the last frame in `frames` on the body with the most joints between it and the
+  /// base; among several such bodies, the one with the lowest index. Throws Error if that body has no frame.
   const Frame& end_effector() const;
 
   friend bool operator==(const RobotModel&, const RobotModel&) = default;

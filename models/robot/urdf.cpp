@@ -21,8 +21,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-/// Collects what urdfdom would print. The handler is one for the whole process: messages of other threads go where they would
-/// have gone.
+/// Collects the messages of urdfdom. The handler is global; messages of other threads are forwarded to the previous handler.
 class Capture final : public console_bridge::OutputHandler {
  public:
   Capture() : before_(console_bridge::getOutputHandler()) { console_bridge::useOutputHandler(this); }
@@ -50,18 +49,18 @@ urdf::ModelInterfaceSharedPtr parse_with_urdfdom(const UrdfDocument& document) {
   const std::lock_guard lock(one_capture_at_a_time);
   const Capture capture;
   urdf::ModelInterfaceSharedPtr model = urdf::parseURDF(document.cleaned);
-  if (model == nullptr) throw Error(document.place, "urdfdom refuses it: " + capture.text());
+  if (model == nullptr) throw Error(document.place, "urdfdom rejects the file: " + capture.text());
   return model;
 }
 
-/// A limit as cleaned text spells it.
+/// Converts a limit of the cleaned text.
 double or_infinity(double limit) {
   return std::abs(limit) >= kNoLimit ? std::copysign(std::numeric_limits<double>::infinity(), limit) : limit;
 }
 
 Vector3d unit_axis(const urdf::Vector3& xyz) {
   const Vector3d axis(xyz.x, xyz.y, xyz.z);
-  const double kRounding = 8 * std::numeric_limits<double>::epsilon();  // a unit vector as written by to_urdf keeps its bits
+  const double kRounding = 8 * std::numeric_limits<double>::epsilon();  // keeps the bits of a unit vector written by to_urdf
   return std::abs(axis.squaredNorm() - 1) <= kRounding ? axis : axis.stableNormalized();
 }
 
@@ -92,7 +91,7 @@ class Builder {
   }
   void complain(const std::string& place, const std::string& what) const {
     if (options_.unphysical == Unphysical::kError) throw Error(place, what);
-    warn(place + ": " + what + "; kept as it is");
+    warn(place + ": " + what + "; kept unchanged");
   }
 
   const UrdfDocument& document_;
@@ -125,10 +124,10 @@ void Builder::choose_links() {
     names += (names.empty() ? "'" : ", '") + name + "'";
   }
   if (names.empty()) return;
-  warn(document_.place + ": the chain to '" + options_.tip + "' leaves out " + text::to_text(left_out, 6) + " kg: " + names);
+  warn(document_.place + ": the chain to '" + options_.tip + "' omits " + text::to_text(left_out, 6) + " kg: " + names);
 }
 
-/// In the link's own frame; nothing where the file says nothing.
+/// In the link's own frame; zero without <inertial>.
 Inertia Builder::inertia_of(const urdf::Link& link) const {
   if (link.inertial == nullptr) return {};
   const urdf::Inertial& i = *link.inertial;
@@ -155,9 +154,9 @@ Builder::Place Builder::move(const urdf::Joint& joint, const Place& parent) {
       moved.q_min = or_infinity(joint.limits->lower);
       moved.q_max = or_infinity(joint.limits->upper);
       if (moved.q_min == moved.q_max)
-        warn(place + ": lower and upper limit are both " + text::to_text(moved.q_min) + "; it cannot move");
+        warn(place + ": lower and upper limit are both " + text::to_text(moved.q_min) + "; the joint cannot move");
     }
-    const auto limit_of = [&](double value, const char* what) {  // 0: many files write it for "not known"
+    const auto limit_of = [&](double value, const char* what) {  // 0 means "unknown" in many files
       if (value > 0) return or_infinity(value);
       warn(place + ": " + what + " limit 0 is read as no limit");
       return std::numeric_limits<double>::infinity();
@@ -174,9 +173,9 @@ Builder::Place Builder::move(const urdf::Joint& joint, const Place& parent) {
   return {robot_.n() - 1, {}};
 }
 
-/// Merges the link into the body that it is rigid on.
+/// Adds the link to the body that it is fixed to.
 void Builder::visit(const urdf::Link& link, const Place& place) {
-  if (!place.X_BL.p.allFinite()) throw Error(at(link.name), "its frame is at no finite place");
+  if (!place.X_BL.p.allFinite()) throw Error(at(link.name), "the position of its frame is not finite");
   placed_[link.name] = place;
   const Inertia inertia = inertia_of(link);
   Inertia& body = place.body < 0 ? robot_.base.inertia : robot_.bodies[static_cast<std::size_t>(place.body)].inertia;
@@ -195,7 +194,7 @@ void Builder::check_masses() {
   for (int i = -1; i < robot_.n(); ++i) {
     const Body& body = i < 0 ? robot_.base : robot_.bodies[static_cast<std::size_t>(i)];
     if (!std::isfinite(body.inertia.mass) || !body.inertia.p_LC.allFinite() || !body.inertia.I_CC.allFinite()) {
-      throw Error(at(body.name), "the inertia of it and of all that is rigid on it is not finite");
+      throw Error(at(body.name), "its inertia with all links fixed to it is not finite");
     }
     if (i < 0 || body.inertia.mass != 0) continue;
     std::string names;
@@ -218,7 +217,7 @@ RobotModel Builder::build() {
 
   struct Step {
     const urdf::Link* link;
-    const urdf::Joint* joint;  // that moves it; none for the root
+    const urdf::Joint* joint;  // its moving joint; nullptr for the root
   };
   std::vector<Step> next{{root.get(), nullptr}};
   while (!next.empty()) {
@@ -229,7 +228,7 @@ RobotModel Builder::build() {
     for (const urdf::JointSharedPtr& child : link->child_joints) {
       if (std::binary_search(links.begin(), links.end(), child->child_link_name)) joints.push_back(child.get());
     }
-    // The first of the file on top, so that it is the next one.
+    // Reverse order: the first of the file must be on top of the stack.
     std::sort(joints.begin(), joints.end(), [&](const urdf::Joint* a, const urdf::Joint* b) {
       return document_.joints.at(a->name).order > document_.joints.at(b->name).order;
     });
@@ -250,7 +249,7 @@ RobotModel parse_urdf(std::string_view xml, const std::string& place, const Urdf
 }
 
 RobotModel load_urdf(const std::filesystem::path& file, const UrdfOptions& options, std::vector<std::string>* warnings) {
-  constexpr std::uint64_t kLargest = 16'000'000;  // bytes: far more than any robot
+  constexpr std::uint64_t kLargest = 16'000'000;  // bytes; larger than any realistic robot
   return parse_urdf(text::read_file(file, "a URDF", kLargest), file.string(), options, warnings);
 }
 

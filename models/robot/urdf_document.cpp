@@ -27,7 +27,7 @@ namespace {
 using tinyxml2::XMLElement;
 using Names = std::initializer_list<std::string_view>;
 
-/// Far more than any robot; urdfdom frees a chain of links by recursion.
+/// More than any realistic robot has; urdfdom frees a chain of links by recursion.
 constexpr std::size_t kMostLinks = 2000;
 
 bool contains(const Names& names, std::string_view name) { return std::find(names.begin(), names.end(), name) != names.end(); }
@@ -43,7 +43,7 @@ std::vector<std::string_view> words(std::string_view s) {
   return found;
 }
 
-/// A macro or an expression that xacro would have replaced.
+/// Finds macros and expressions of xacro.
 class XacroFinder : public tinyxml2::XMLVisitor {
  public:
   int line = 0;
@@ -83,7 +83,7 @@ class Reader {
   std::string owner_;  // "link 'x'", for messages
 };
 
-/// Extensions (drake:acceleration, mu_viscous) go.
+/// Removes all other attributes: extensions such as drake:acceleration and mu_viscous.
 void Reader::keep_attributes(XMLElement& element, const Names& names) const {
   std::vector<std::string> foreign;
   for (const auto* a = element.FirstAttribute(); a != nullptr; a = a->Next()) {
@@ -105,7 +105,7 @@ void Reader::keep_children(XMLElement& element, const Names& names) const {
     if (inner == nullptr || !contains(names, inner->Name())) {
       element.DeleteChild(node);
     } else if (!seen.insert(inner->Name()).second) {
-      fail(inner->GetLineNum(), std::string("<") + inner->Name() + "> twice");
+      fail(inner->GetLineNum(), std::string("<") + inner->Name() + "> more than once");
     }
     node = next;
   }
@@ -136,7 +136,7 @@ double Reader::number(std::string_view word, const XMLElement& element, const ch
   return *value;
 }
 
-/// A finite number; spelled for urdfdom on the way.
+/// Returns a finite number and rewrites it in the notation for urdfdom.
 double Reader::real(XMLElement& element, const char* attribute) const { return reals(element, attribute, 1)[0]; }
 
 std::vector<double> Reader::reals(XMLElement& element, const char* attribute, std::size_t count) const {
@@ -151,7 +151,7 @@ std::vector<double> Reader::reals(XMLElement& element, const char* attribute, st
   std::string spelled;
   for (const std::string_view part : parts) {
     values.push_back(number(part, element, attribute));
-    if (std::abs(values.back()) >= kNoLimit) {  // products of larger ones may overflow
+    if (std::abs(values.back()) >= kNoLimit) {  // products of larger numbers may overflow
       fail(element.GetLineNum(),
            std::string(attribute) + " '" + std::string(part) + "' of <" + element.Name() + ">, expected " +
                (std::isinf(values.back()) ? "a finite number" : "a magnitude below " + text::to_text(kNoLimit)));
@@ -168,7 +168,7 @@ Eigen::Vector3d Reader::vector(XMLElement& element, const char* attribute) const
   return {v[0], v[1], v[2]};
 }
 
-/// <origin>: xyz, rpy, and R, which to_urdf adds where no roll, pitch and yaw give the rotation to the last bit.
+/// <origin>: xyz, rpy, and R, which to_urdf adds if roll, pitch and yaw do not give the rotation to the last bit.
 Pose Reader::origin(XMLElement& parent) const {
   XMLElement* const element = child(parent, "origin");
   if (element == nullptr) return {};
@@ -183,7 +183,7 @@ Pose Reader::origin(XMLElement& parent) const {
   if (element->Attribute("R") != nullptr) {
     const std::vector<double> R = reals(*element, "R", 9);
     const Eigen::Matrix3d exact = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(R.data());
-    const double kAlike = 1e-7;  // more than is_rotation leaves open; somebody edited one of the two if they are further apart
+    const double kAlike = 1e-7;  // above the tolerance of is_rotation; a larger difference means that one of the two was edited
     if (!is_rotation(exact)) fail(element->GetLineNum(), "R of <origin> is not a rotation matrix");
     if (!exact.isApprox(X.R, kAlike)) fail(element->GetLineNum(), "R and rpy of <origin> are different rotations");
     X.R = exact;
@@ -192,7 +192,7 @@ Pose Reader::origin(XMLElement& parent) const {
   return X;
 }
 
-/// <limit>: values beyond ±kNoLimit, which are no limit, are spelled ±kNoLimit.
+/// <limit>: writes values beyond ±kNoLimit, which mean no limit, as ±kNoLimit.
 void Reader::limits(XMLElement& joint, const std::string& type) const {
   XMLElement* const limit = child(joint, "limit");
   if (limit == nullptr) {
@@ -211,7 +211,7 @@ void Reader::limits(XMLElement& joint, const std::string& type) const {
     if (limit->Attribute(attribute) == nullptr) fail(limit->GetLineNum(), std::string("<limit> without '") + attribute + "'");
     if (value_of(attribute, 0) < 0) fail(limit->GetLineNum(), std::string(attribute) + " of <limit> is negative");
   }
-  const double lower = value_of("lower", 0), upper = value_of("upper", 0);  // URDF: 0 where not given
+  const double lower = value_of("lower", 0), upper = value_of("upper", 0);  // default of URDF: 0
   if (lower > upper || lower >= kNoLimit || upper <= -kNoLimit) {
     fail(limit->GetLineNum(),
          "lower limit " + text::to_text(lower) + ", upper limit " + text::to_text(upper) + ", expected a range");
@@ -267,7 +267,7 @@ void Reader::read_joint(XMLElement& element) {
     fail(joint.line, "type '" + type + "', expected revolute, continuous, prismatic or fixed");
   }
   if (const XMLElement* const mimic = child(element, "mimic")) {
-    fail(mimic->GetLineNum(), "<mimic> is not supported: every joint is a degree of freedom of its own");
+    fail(mimic->GetLineNum(), "<mimic> is not supported: every joint must be an independent degree of freedom");
   }
   for (const char* end : {"parent", "child"}) {
     XMLElement& link = needed(element, end);
@@ -296,7 +296,7 @@ void Reader::read_joint(XMLElement& element) {
           fail(dynamics->GetLineNum(), std::string(attribute) + " of <dynamics> is negative");
         }
       }
-      if (dynamics->FirstAttribute() == nullptr) element.DeleteChild(dynamics);  // urdfdom wants one of the two
+      if (dynamics->FirstAttribute() == nullptr) element.DeleteChild(dynamics);  // urdfdom requires one of the two
     }
   }
   document_.joints.emplace(name, joint);
@@ -305,7 +305,7 @@ void Reader::read_joint(XMLElement& element) {
 UrdfDocument Reader::read(std::string_view xml) {
   const std::string& place = document_.place;
   if (text::trim(xml).empty()) throw Error(place, "empty, expected a URDF");
-  if (xml.find('\0') != std::string_view::npos) throw Error(place, "not a text in UTF-8, expected a URDF");
+  if (xml.find('\0') != std::string_view::npos) throw Error(place, "not UTF-8 text, expected a URDF");
   tinyxml2::XMLDocument parsed;
   if (parsed.Parse(xml.data(), xml.size()) != tinyxml2::XML_SUCCESS) {
     throw Error(document_.at(parsed.ErrorLineNum()), "not well-formed XML: " + xml::reason(parsed));

@@ -23,14 +23,14 @@ void check_urdf_tree(const UrdfDocument& document) {
     }
     const auto [other, is_new] = joint_of.emplace(joint->child, joint);
     if (!is_new) {
-      throw Error(place, "link '" + joint->child + "' already hangs on joint '" + other->second->name + "' (line " +
+      throw Error(place, "link '" + joint->child + "' is already the child of joint '" + other->second->name + "' (line " +
                              std::to_string(other->second->line) + ")");
     }
   }
   std::string root;
   for (const std::string& name : document.links_in_order) {
     if (joint_of.count(name) != 0) continue;
-    if (!root.empty()) throw Error(place_of(name), "a second root beside '" + root + "', expected one");
+    if (!root.empty()) throw Error(place_of(name), "second root besides '" + root + "', expected one");
     root = name;
   }
   std::multimap<std::string, std::string> children;
@@ -46,7 +46,7 @@ void check_urdf_tree(const UrdfDocument& document) {
     reached.insert(link);
   }
   for (const std::string& name : document.links_in_order) {
-    if (reached.count(name) == 0) throw Error(place_of(name), "hangs on a cycle of joints, expected a tree with one root");
+    if (reached.count(name) == 0) throw Error(place_of(name), "is part of a cycle of joints, expected a tree with one root");
   }
 }
 

@@ -6,11 +6,10 @@
 
 namespace cotwin::robot {
 
-/// The URDF `xml` with the mass distribution, joint damping and friction of `robot`, which was read from it: visuals,
-/// collisions, transmissions and whatever else it holds stay. A moving body's whole inertia stands at the link that its joint
-/// moves, and links that are rigid on it have none; bodies whose inertia is not other than the file's keep it as it was
-/// written. Reads back to the robot's bodies to the last bit. Throws Error `place: …` if the file has not the links of the
-/// robot.
+/// Returns the URDF `xml` with the mass distribution, joint damping and friction of `robot`, which was read from it; all other
+/// elements are kept. The whole inertia of a changed body is written to the link that its joint moves, and links fixed to that
+/// have none; unchanged bodies keep their elements. The result loads with the robot's bodies to the last bit. Throws Error
+/// `place: …` if the file does not have the links of the robot.
 std::string updated_urdf(std::string_view xml, const std::string& place, const RobotModel& robot);
 
 }  // namespace cotwin::robot

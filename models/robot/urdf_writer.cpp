@@ -17,7 +17,7 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-/// Fixed-axis roll, pitch, yaw of R. Roll is taken of what yaw leaves, so that the three agree with R where pitch is near ±90°
+/// Fixed-axis roll, pitch, yaw of R. Roll is computed from R without yaw, so that the three agree with R near a pitch of ±90°
 /// too.
 Vector3d rpy_of(const Matrix3d& R) {
   const double yaw = std::atan2(R(1, 0), R(0, 0));
@@ -34,8 +34,8 @@ class Writer {
  private:
   [[noreturn]] void fail(const std::string& what) const { throw Error("robot '" + robot_.name + "'", what); }
   std::string number(double value) const {
-    if (!std::isfinite(value)) fail("a number that is not finite, which a URDF cannot carry");
-    return text::to_text(value + 0.0);  // no -0: it is the same number and reads badly
+    if (!std::isfinite(value)) fail("a number is not finite, which a URDF cannot represent");
+    return text::to_text(value + 0.0);  // converts −0 to 0
   }
   std::string numbers(const double* values, std::size_t count) const {
     std::string all;
@@ -73,27 +73,28 @@ void Writer::leaf(const char* name, const char* key, const std::string& value) {
 void Writer::check() const {
   std::set<std::string> links, joints;
   const auto check_name = [&](const std::string& name) {
-    if (!is_urdf_name(name)) fail("'" + name + "' is no name that a URDF can carry");
+    if (!is_urdf_name(name)) fail("'" + name + "' is no valid name in a URDF");
   };
   check_name(robot_.name);
   for (const Frame& frame : robot_.frames) {
     check_name(frame.name);
-    if (!links.insert(frame.name).second) fail("two frames '" + frame.name + "', which a URDF cannot carry");
+    if (!links.insert(frame.name).second) fail("two frames have the name '" + frame.name + "', which a URDF cannot represent");
   }
   for (int body = -1; body < robot_.n(); ++body) {
     const bool has_frame = std::any_of(robot_.frames.begin(), robot_.frames.end(), [&](const Frame& frame) {
       return frame.body == body && frame.name == name_of_body(body) && frame.X_BF == Pose{};
     });
-    if (!has_frame) fail("body '" + name_of_body(body) + "' has no frame of its name at its origin, which a URDF needs");
+    if (!has_frame) fail("body '" + name_of_body(body) + "' has no frame of its name at its origin, which a URDF requires");
   }
   for (int i = 0; i < robot_.n(); ++i) {
     const Joint& joint = robot_.joints[static_cast<std::size_t>(i)];
     check_name(joint.name);
-    if (!joints.insert(joint.name).second) fail("two joints '" + joint.name + "', which a URDF cannot carry");
-    if (!(joint.dq_max > 0 && joint.tau_max > 0)) fail("joint '" + joint.name + "' has a limit of 0, which in a URDF is none");
+    if (!joints.insert(joint.name).second) fail("two joints have the name '" + joint.name + "', which a URDF cannot represent");
+    if (!(joint.dq_max > 0 && joint.tau_max > 0))
+      fail("joint '" + joint.name + "' has a limit of 0, which means no limit in a URDF");
     int ancestor = i - 1;
     while (ancestor >= 0 && ancestor != joint.parent) ancestor = robot_.joints[static_cast<std::size_t>(ancestor)].parent;
-    if (ancestor != joint.parent) fail("joint '" + joint.name + "' is not in depth-first order, which a URDF would make it");
+    if (ancestor != joint.parent) fail("joint '" + joint.name + "' is not in depth-first order, as a URDF requires");
   }
 }
 

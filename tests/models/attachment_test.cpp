@@ -145,7 +145,7 @@ TEST(Attachment, ThatIsInvalidIsRefusedAndChangesNothing) {
   what.name = "tool";
   what.parent = "ft_senor";
   EXPECT_THAT(error_of([&] { attach(robot, what); }), HasSubstr("no frame 'ft_senor', did you mean 'ft_sensor'?"));
-  EXPECT_THAT(error_of([&] { attach(robot, gripper()); }), HasSubstr("has a frame of this name already"));
+  EXPECT_THAT(error_of([&] { attach(robot, gripper()); }), HasSubstr("already has a frame with this name"));
   what = gripper();
   what.name = "tool";
   what.inertia.I_CC(2, 2) *= 10;
@@ -157,7 +157,7 @@ TEST(Attachment, ThatIsInvalidIsRefusedAndChangesNothing) {
   EXPECT_THAT(error_of([&] { attach(robot, what); }), HasSubstr("with this point mass its body has no moments of inertia"));
   what.X_PA.R *= 2;
   EXPECT_THAT(error_of([&] { attach(robot, what); }), HasSubstr("X_PA is not a pose"));
-  EXPECT_THAT(error_of([&] { detach(robot, "tool"); }), HasSubstr("nothing attached is named 'tool'"));
+  EXPECT_THAT(error_of([&] { detach(robot, "tool"); }), HasSubstr("no attachment is named 'tool'"));
   EXPECT_THAT(error_of([&] { detach(robot, "link_7"); }), HasSubstr("'link_7' is a link of the robot"));
   EXPECT_THAT(error_of([&] { detach(robot, "ft_sensor"); }), HasSubstr("'gripper' is mounted on 'ft_sensor'"));
   EXPECT_THAT(error_of([&] { set_inertia(robot, 7, box(1, 1, 1, 1), ""); }),

@@ -181,7 +181,7 @@ TEST(Urdf, TipSelectsTheChainToItAndReportsOmittedLinks) {
   EXPECT_EQ(robot.bodies[0].inertia.mass, 3);
   EXPECT_EQ(robot.frames.size(), 3u);
   EXPECT_EQ(robot.end_effector().name, "flange");
-  EXPECT_THAT(warnings, ElementsAre("arm.urdf: the chain to 'flange' leaves out 2 kg: 'hand', 'tool0'"));
+  EXPECT_THAT(warnings, ElementsAre("arm.urdf: the chain to 'flange' omits 2 kg: 'hand', 'tool0'"));
   EXPECT_EQ(refusal_of(xml, {Unphysical::kError, "flang"}), "arm.urdf: no link 'flang' for the tip, did you mean 'flange'?");
 }
 
@@ -336,7 +336,7 @@ TEST(Urdf, CannotCarryEveryModel) {
     return std::string("no error");
   };
   EXPECT_THAT(refusal([](RobotModel& r) { r.frames[2].name = "link_1"; }), HasSubstr("two frames 'link_1'"));
-  EXPECT_THAT(refusal([](RobotModel& r) { r.frames[2].name = "line\nbreak"; }), HasSubstr("no name that a URDF can carry"));
+  EXPECT_THAT(refusal([](RobotModel& r) { r.frames[2].name = "line\nbreak"; }), HasSubstr("no valid name in a URDF"));
   EXPECT_THAT(refusal([](RobotModel& r) { r.joints[2].name = "joint_1"; }), HasSubstr("two joints 'joint_1'"));
   EXPECT_THAT(refusal([](RobotModel& r) { r.frames.pop_back(); }), HasSubstr("body 'link_7' has no frame"));
   EXPECT_THAT(refusal([](RobotModel& r) { r.joints[1].tau_max = 0; }), HasSubstr("limit of 0"));
@@ -365,7 +365,7 @@ TEST(Urdf, ErrorsNameFileLineElementAndExpectation) {
   EXPECT_EQ(refusal_of(arm_but("ixy=\"0\" ", "")), "arm.urdf:3: link 'arm': <inertia> without 'ixy'");
   EXPECT_EQ(refusal_of(arm_but("<mass value=\"2\"/>", "")), "arm.urdf:3: link 'arm': <inertial> without <mass>");
   EXPECT_EQ(refusal_of(arm_but("<mass value=\"2\"/>", "<mass value=\"2\"/><mass value=\"2\"/>")),
-            "arm.urdf:3: link 'arm': <mass> twice");
+            "arm.urdf:3: link 'arm': <mass> more than once");
   EXPECT_EQ(refusal_of(arm_but("izz=\"0.1\"", "izz=\"0.3\"")),
             "arm.urdf:3: link 'arm': principal moments 0.1, 0.1, 0.3 kg m2 violate the triangle inequality");
   EXPECT_EQ(refusal_of(arm_but("revolute", "floating")),
@@ -373,7 +373,7 @@ TEST(Urdf, ErrorsNameFileLineElementAndExpectation) {
   EXPECT_THAT(refusal_of(arm_but("revolute", "planar")), HasSubstr("type 'planar'"));
   EXPECT_THAT(refusal_of(arm_but("revolute", "hinge")), HasSubstr("type 'hinge'"));
   EXPECT_EQ(refusal_of(arm_but("</joint>", "<mimic joint=\"turn\"/></joint>")),
-            "arm.urdf:4: joint 'turn': <mimic> is not supported: every joint is a degree of freedom of its own");
+            "arm.urdf:4: joint 'turn': <mimic> is not supported: every joint must be an independent degree of freedom");
   EXPECT_EQ(refusal_of(arm_but("<limit lower=\"-1\" upper=\"2\" velocity=\"3\" effort=\"4\"/>", "")),
             "arm.urdf:4: joint 'turn': a revolute joint needs a <limit>");
   EXPECT_EQ(refusal_of(arm_but(" effort=\"4\"", "")), "arm.urdf:4: joint 'turn': <limit> without 'effort'");
@@ -407,30 +407,30 @@ TEST(Urdf, ThatIsNotATreeIsRefused) {
   EXPECT_EQ(refusal_of(arm_with(kArm)), "arm.urdf:5: link 'arm': already defined in line 3");
   EXPECT_EQ(refusal_of(arm_with(kTurn)), "arm.urdf:5: joint 'turn': already defined in line 4");
   EXPECT_EQ(refusal_of(arm_with("<link name=\"island\"/>")),
-            "arm.urdf:5: link 'island': a second root beside 'base', expected one");
+            "arm.urdf:5: link 'island': second root besides 'base', expected one");
   const auto fixed = [](const std::string& name, const std::string& parent, const std::string& child) {
     return "<joint name=\"" + name + "\" type=\"fixed\"><parent link=\"" + parent + "\"/><child link=\"" + child +
            "\"/></joint>";
   };
   EXPECT_EQ(refusal_of(arm_with(fixed("weld", "base", "arm"))),
-            "arm.urdf:5: joint 'weld': link 'arm' already hangs on joint 'turn' (line 4)");
+            "arm.urdf:5: joint 'weld': link 'arm' is already the child of joint 'turn' (line 4)");
   EXPECT_EQ(refusal_of(arm_with(fixed("weld", "arm", "base"))),
-            "arm.urdf:2: link 'base': hangs on a cycle of joints, expected a tree with one root");
+            "arm.urdf:2: link 'base': is part of a cycle of joints, expected a tree with one root");
   EXPECT_EQ(refusal_of(arm_with("<link name=\"a\"/>\n<link name=\"b\"/>" + fixed("ab", "a", "b") + fixed("ba", "b", "a"))),
-            "arm.urdf:5: link 'a': hangs on a cycle of joints, expected a tree with one root");
-  EXPECT_THAT(refusal_of(arm_with(fixed("weld", "arm", "arm"))), HasSubstr("link 'arm' already hangs"));
+            "arm.urdf:5: link 'a': is part of a cycle of joints, expected a tree with one root");
+  EXPECT_THAT(refusal_of(arm_with(fixed("weld", "arm", "arm"))), HasSubstr("link 'arm' is already the child"));
 }
 
 TEST(Urdf, OtherDocumentsAreRefused) {
   EXPECT_EQ(refusal_of(""), "arm.urdf: empty, expected a URDF");
   EXPECT_EQ(refusal_of(" \n"), "arm.urdf: empty, expected a URDF");
-  EXPECT_EQ(refusal_of(std::string("<robot\0/>", 9)), "arm.urdf: not a text in UTF-8, expected a URDF");
+  EXPECT_EQ(refusal_of(std::string("<robot\0/>", 9)), "arm.urdf: not UTF-8 text, expected a URDF");
   EXPECT_EQ(refusal_of("<!-- nothing -->"), "arm.urdf: no XML element, expected <robot>");
   EXPECT_EQ(refusal_of("<sdf/>"), "arm.urdf:1: root element <sdf>, expected <robot>");
   EXPECT_EQ(refusal_of("<robot/>"), "arm.urdf:1: <robot> without 'name'");
   EXPECT_EQ(refusal_of("<robot name=\"r\"/>"), "arm.urdf:1: a robot without links");
   EXPECT_THAT(refusal_of("<robot name=\"r\">\n<link></robot>"), StartsWith("arm.urdf:2: not well-formed XML: "));
-  EXPECT_THAT(refusal_of(arm_but("<robot name", "<robot version=\"7.0\" name")), StartsWith("arm.urdf: urdfdom refuses it: "));
+  EXPECT_THAT(refusal_of(arm_but("<robot name", "<robot version=\"7.0\" name")), StartsWith("arm.urdf: urdfdom rejects the file: "));
   EXPECT_EQ(refusal_of(arm_with("<xacro:include filename=\"x\"/>")),
             "arm.urdf:5: an element of xacro, expected a URDF; run xacro first");
   EXPECT_THROW(load_urdf("no/such/file.urdf"), Error);
@@ -460,10 +460,10 @@ TEST(Urdf, ThatIsMuchTooDeepOrLongIsRefused) {
 TEST(Urdf, UnphysicalInertiasAreAWarningOnRequest) {
   const UrdfOptions warn{Unphysical::kWarn, ""};
   EXPECT_THAT(warnings_of(arm_but("mass value=\"2\"", "mass value=\"-2\"")),
-              ElementsAre("arm.urdf:3: link 'arm': mass -2 kg, expected > 0; kept as it is"));
+              ElementsAre("arm.urdf:3: link 'arm': mass -2 kg, expected > 0; kept unchanged"));
   EXPECT_EQ(parsed(arm_but("mass value=\"2\"", "mass value=\"-2\""), warn).bodies[0].inertia.mass, -2);
   EXPECT_THAT(warnings_of(arm_but("izz=\"0.1\"", "izz=\"0.3\"")),
-              ElementsAre(HasSubstr("violate the triangle inequality; kept as it is")));
+              ElementsAre(HasSubstr("violate the triangle inequality; kept unchanged")));
 }
 
 TEST(Urdf, BodiesThatMoveNeedMassButMassesNeedNotBeOnEveryLink) {
@@ -492,7 +492,7 @@ TEST(Urdf, ImplausibleLimitsAndAxesAreReported) {
               ElementsAre("arm.urdf:4: joint 'turn': effort limit 0 is read as no limit"));
   EXPECT_EQ(parsed(arm_but("effort=\"4\"", "effort=\"0\"")).joints[0].tau_max, kInfinity);
   EXPECT_THAT(warnings_of(arm_but("lower=\"-1\" upper=\"2\" ", "")),
-              ElementsAre("arm.urdf:4: joint 'turn': lower and upper limit are both 0; it cannot move"));
+              ElementsAre("arm.urdf:4: joint 'turn': lower and upper limit are both 0; the joint cannot move"));
 }
 
 TEST(Urdf, ShapesAndExtensionsDoNotMatter) {

@@ -1,21 +1,22 @@
 #pragma once
 #include <stddef.h>
 
-/// The border between dynamics.h and its kernels, which are compiled from the same source (kernels/*.inc) into one translation
-/// unit per instruction set. Those units share no inline code with others: plain structs and C headers only cross this file.
+/// The interface between dynamics.h and its kernels, which are compiled from the same source (kernels/*.inc) into one
+/// translation unit per instruction set. These units share no inline code with others: only plain structs and C headers are
+/// used here.
 ///
-/// The environment variable COTWIN_CPU (models/support/instruction_set.h), read once when the first Mechanism is made, forces
-/// a lower instruction set than the machine has; one that the machine lacks, or an unknown word, gives the best that it has.
-/// Elsewhere than on x86-64 there is one variant, "generic".
+/// The environment variable COTWIN_CPU (models/support/instruction_set.h), read when the first Mechanism is made, selects a
+/// lower instruction set than that of the machine; an unsupported or unknown value selects the best one of the machine. On
+/// other processors than x86-64 there is one variant, "generic".
 namespace cotwin::robot {
 
 /// Constants of one joint and of the body that it moves. Frame L of a body has the joint's axis as z; P is the L of the parent
-/// body. In a chain the frames are turned about and slid along their own axes such that X_PL(q) = (p_x, p_y, 0) · Rx(alpha) ·
-/// Rz(q + theta_0): always possible, exact, and well conditioned for any axes.
+/// body. In a chain the frames are rotated about and translated along their own axes so that X_PL(q) = (p_x, p_y, 0) ·
+/// Rx(alpha) · Rz(q + theta_0), which is always possible, exact, and well conditioned for any axes.
 struct KernelLink {
   int parent;                                 // −1: the base
   int revolute;                               // 1: revolute, 0: prismatic
-  double c_alpha, s_alpha;                    // chain: turn about x
+  double c_alpha, s_alpha;                    // chain: rotation about x
   double cc_alpha, ss_alpha, cs_alpha;        // chain: cos², sin², cos · sin
   double p[3];                                // O_L in P at q = 0, m; p_z is zero in a chain
   double R[9];                                // R_PL at q = 0 without theta_0, row-major
@@ -25,13 +26,13 @@ struct KernelLink {
   double R_LJ[9], p_LJ[3];                    // the body's own (URDF) frame J in L
 };
 
-/// What the kernels read of a robot. A mass distribution on a revolute joint's own axis (mass, mass · z, mass · z²) belongs to
-/// the parent body as well as to the body: `m, h_z, S_zz` of revolute links are moved there ("grouped"), which leaves M, C and
-/// g as they are and the kernels fewer terms.
+/// Constants of a robot for the kernels. A mass distribution on a revolute joint's own axis (mass, mass · z, mass · z²) can be
+/// assigned to the parent body: `m, h_z, S_zz` of revolute links are added to the parent ("grouped"), which does not change M,
+/// C and g and saves operations.
 struct KernelModel {
   int n;
   const KernelLink* links;  // n
-  const double* theta_0;    // rad, padded with zeros to a multiple of 8, as are:
+  const double* theta_0;    // rad, padded with zeros to a multiple of 8, like:
   const double* c_alpha;
   const double* s_alpha;
   double R_BP[9], p_BP[3];  // the first link's P in the base (tree: identity)
@@ -61,12 +62,12 @@ struct Kernels {
                            double* ddq);
   void (*derivatives)(const KernelModel&, double* scratch, const double* q, const double* dq, const double* ddq, double* tau,
                       double* dtau_dq, ptrdiff_t ld_q, double* dtau_ddq, ptrdiff_t ld_dq, double* M,
-                      ptrdiff_t ld_M);  // tau, M: or null
+                      ptrdiff_t ld_M);  // tau, M: may be null
   void (*regressor)(const KernelModel&, double* scratch, const double* q, const double* dq, const double* ddq, double* Y,
                     ptrdiff_t ld);
   void (*kinematics)(const KernelModel&, double* scratch, const double* q, int body, const KernelPose& X_JF, KernelPose* X_BF,
                      double* J,
-                     ptrdiff_t ld);  // J: or null
+                     ptrdiff_t ld);  // J: may be null
   void (*jacobian_dot_times_dq)(const KernelModel&, double* scratch, const double* q, const double* dq, int body,
                                 const KernelPose& X_JF, double* a);
   void (*operational_inertia_inverse)(const KernelModel&, double* scratch, const double* q, int body, const KernelPose& X_JF,
@@ -74,7 +75,7 @@ struct Kernels {
   double (*potential_energy)(const KernelModel&, double* scratch, const double* q);
 };
 
-/// Of one instruction set, for a shape of robot. `which`: 0 tree, 1 chain of any length, 2 chain of 6, 3 chain of 7.
+/// Kernels of one instruction set, for each shape of robot: tree, chain of any length, chain of 6, chain of 7.
 enum KernelShape { kTree, kChain, kChain6, kChain7, kKernelShapes };
 extern const Kernels kernels_v2[kKernelShapes];
 #if defined(__x86_64__)
@@ -82,12 +83,11 @@ extern const Kernels kernels_v3[kKernelShapes];
 extern const Kernels kernels_v4[kKernelShapes];
 #endif
 
-/// The table for a robot of this shape: the best that the machine has, or `isa` ("x86-64-v3") if it is given and the machine
-/// has it.
+/// The table for a robot of this shape: the best of the machine, or `isa` ("x86-64-v3") if it is given and supported.
 const Kernels& choose_kernels(int n, bool chain, const char* isa);
-/// What COTWIN_CPU or the machine says, e.g. "x86-64-v4".
+/// Instruction set selected by COTWIN_CPU or the machine, for example "x86-64-v4".
 const char* kernel_isa();
-/// Doubles that the kernels need for n joints.
+/// Doubles of scratch memory for n joints.
 size_t scratch_doubles(int n);
 
 }  // namespace cotwin::robot
