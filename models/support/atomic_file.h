@@ -8,16 +8,16 @@
 
 namespace cotwin {
 
-/// Why a system call failed, in the system's words: "Read-only file system".
+/// The system's message for a failed call: "Read-only file system".
 std::string system_reason(int error_number);
 
-/// Creates the folder and those above it. Throws Error with the system's reason.
+/// Creates the folder and its parents. Throws Error with the system's message.
 void make_folder(const std::filesystem::path& folder);
 
-/// A file that appears under its name when it is complete. It is written beside its place, as <name>.part<process>; commit()
-/// brings it to the disk and renames it, and an earlier file of that name stays until then. Without commit() nothing remains. A
-/// link to a file is followed; a place that is no regular file, as a device or a pipe, is written to directly. Throws Error
-/// with the system's reason.
+/// A file that appears under its name only when it is complete. It is written beside its final path as <name>.part<process>;
+/// commit() flushes it to the disk and renames it over an earlier file of that name. Without commit() it is removed. A link to
+/// a file is followed; a path that is not a regular file, such as a device or a pipe, is written directly. Throws Error with
+/// the system's message.
 class AtomicFile {
  public:
   explicit AtomicFile(std::filesystem::path place);
@@ -32,7 +32,7 @@ class AtomicFile {
    public:
     Buffer();
     int descriptor = -1;
-    int failure = 0;  // errno of the first write that failed
+    int failure = 0;  // errno of the first failed write
 
    protected:
     int_type overflow(int_type c) override;
@@ -44,16 +44,16 @@ class AtomicFile {
 
   [[noreturn]] void fail(int error_number) const;
 
-  std::filesystem::path place_, target_, beside_;  // as given; links followed; empty where it is written to directly
+  std::filesystem::path place_, target_, beside_;  // as given; links followed; temporary file, empty if written directly
   Buffer buffer_;
   std::ostream out_;
   bool done_ = false;
 };
 
-/// A whole file by AtomicFile.
+/// Writes a whole file by AtomicFile.
 void write_file(const std::filesystem::path& place, std::string_view content);
 
-/// Makes earlier renames and removals in the folder durable; a file system that cannot do that is left alone.
+/// Makes earlier renames and removals in the folder durable, if the file system supports it.
 void sync_folder(const std::filesystem::path& folder);
 
 }  // namespace cotwin

@@ -8,8 +8,8 @@
 
 #include "models/support/error.h"
 
-/// Byte strings that leave the process: little-endian values without padding, strings with their length in front. The machines
-/// that exchange them are little-endian (snapshot.cpp asserts it).
+/// Byte strings for exchange between processes: little-endian values without padding, strings preceded by their length. Only
+/// little-endian machines are supported (asserted in snapshot.cpp).
 namespace cotwin {
 
 class ByteWriter {
@@ -29,7 +29,7 @@ class ByteWriter {
   std::string bytes_;
 };
 
-/// Reads what ByteWriter wrote; throws Error `place: …` instead of reading past the end.
+/// Reads the output of ByteWriter. Throws Error `place: …` instead of reading past the end.
 class ByteReader {
  public:
   ByteReader(std::span<const std::byte> bytes, std::string place) : bytes_(bytes), place_(std::move(place)) {}
@@ -45,7 +45,7 @@ class ByteReader {
     const std::size_t n = count(1);
     return std::string(reinterpret_cast<const char*>(take(n)), n);
   }
-  /// A number of things of at least `size` bytes each that the rest can hold.
+  /// Reads a number of elements of at least `size` bytes each. Throws Error if the remaining bytes cannot contain them.
   std::size_t count(std::size_t size) {
     const auto n = value<std::uint64_t>();
     if (n > bytes_.size() / size) fail("is damaged or cut short");
@@ -53,7 +53,7 @@ class ByteReader {
   }
   std::span<const std::byte> rest() const { return bytes_; }
   void expect_end() const {
-    if (!bytes_.empty()) fail("has bytes behind its end");
+    if (!bytes_.empty()) fail("has bytes after its end");
   }
   [[noreturn]] void fail(const std::string& what) const { throw Error(place_, what); }
 
@@ -68,7 +68,7 @@ class ByteReader {
   std::string place_;
 };
 
-/// FNV-1a, 64 bits. `seed` joins several byte strings into one hash, or makes another hash of the same.
+/// FNV-1a, 64 bits. `seed` combines several byte strings into one hash or selects another hash of the same bytes.
 inline std::uint64_t hash_of(std::string_view bytes, std::uint64_t seed = 0xcbf29ce484222325u) {
   for (const char c : bytes) seed = (seed ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
   return seed;

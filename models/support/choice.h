@@ -7,7 +7,7 @@
 
 namespace cotwin::text {
 
-/// What the word `given` stands for. Throws Error at `place` that lists the words.
+/// The value of the word `given`. Throws Error at `place` with the list of words.
 template <class Value>
 Value choose(const std::string& place, const std::string& given, const std::vector<std::pair<const char*, Value>>& words) {
   std::string list;

@@ -19,12 +19,12 @@ namespace cotwin::csv {
 namespace {
 
 constexpr std::size_t kChunk = std::size_t{1} << 20;    // bytes read at once
-constexpr std::size_t kLongest = std::size_t{1} << 26;  // bytes of a line; what is longer is no table of text
+constexpr std::size_t kLongest = std::size_t{1} << 26;  // bytes of a line; longer lines indicate a file that is not a table
 constexpr std::size_t kMostColumns = 4'000'000;
 
 const char* name_of(char separator) { return separator == ';' ? "semicolon" : separator == '\t' ? "tab" : "comma"; }
 
-/// The text of a cell for messages: short and printable.
+/// Text of a cell for messages: shortened and printable.
 std::string shown(std::string_view cell) {
   std::string text(cell.substr(0, 40));
   for (char& c : text) {
@@ -101,7 +101,7 @@ std::size_t Reader::column(std::string_view name) const {
   return static_cast<std::size_t>(found - names_.begin());
 }
 
-// Keeps what is left of the buffer, at its front, and fills the rest. False at the end of the file.
+// Moves the rest of the buffer to its front and fills the remaining space. False at the end of the file.
 bool Reader::refill() {
   if (!stream_) return false;
   const std::size_t left = static_cast<std::size_t>(end_ - begin_);
@@ -110,15 +110,15 @@ bool Reader::refill() {
   std::memmove(buffer_.data(), begin_, left);
   if (buffer_.size() < left + kChunk) buffer_.resize(2 * (left + kChunk));
   stream_->read(buffer_.data() + left, static_cast<std::streamsize>(buffer_.size() - left));
-  if (stream_->bad()) throw Error(file_, "cannot be read any further");
+  if (stream_->bad()) throw Error(file_, "reading failed");
   begin_ = buffer_.data();
   end_ = begin_ + left + static_cast<std::size_t>(stream_->gcount());
   return stream_->gcount() > 0;
 }
 
-// The next line, without its end, becomes `current_`; false at the end of the file.
+// Reads the next line, without its end, into `current_`; false at the end of the file.
 bool Reader::next_line() {
-  std::size_t seen = 0;  // no line end among the first bytes: they are not looked at again
+  std::size_t seen = 0;  // bytes already searched for a line end
   for (;;) {
     const std::size_t left = static_cast<std::size_t>(end_ - begin_);
     const void* found = left > seen ? std::memchr(begin_ + seen, '\n', left - seen) : nullptr;
@@ -174,7 +174,7 @@ void Reader::read_header(const Options& options) {
     split_line();
     drop_empty_end();
     if (cells_.size() != width || std::any_of(cells_.begin(), cells_.end(), is_number) || text::trim(comment).empty()) {
-      throw Error(place(), "the first row holds numbers only, expected column names");
+      throw Error(place(), "the first row contains only numbers, expected column names");
     }
     for (const std::string_view cell : cells_) names_.emplace_back(cell);
     current_ = first_row;
@@ -186,7 +186,7 @@ void Reader::read_header(const Options& options) {
   seen.reserve(names_.size());
   for (const std::string& name : names_) {
     if (!name.empty() && !seen.insert(name).second)
-      throw Error(place(), "column " + shown(name) + " stands twice, expected different names");
+      throw Error(place(), "column " + shown(name) + " occurs twice, expected different names");
   }
 }
 
@@ -214,7 +214,7 @@ bool Reader::next() {
   return true;
 }
 
-// Splits `current_` into `cells_`. Cells look into the line, or into `unquoted_` where quotes were taken away.
+// Splits `current_` into `cells_`. Cells refer to the line, or to `unquoted_` if quotes were removed.
 void Reader::split_line() {
   cells_.clear();
   const auto add_cell = [this](std::string_view cell) {
@@ -236,7 +236,7 @@ void Reader::split_line() {
     }
   }
   unquoted_.clear();
-  unquoted_.reserve(current_.size());  // so that the cells' addresses stay
+  unquoted_.reserve(current_.size());  // keeps the cells' addresses valid
   for (;;) {
     while (at != stop && *at != separator_ && (*at == ' ' || *at == '\t')) ++at;
     const std::size_t start = unquoted_.size();
@@ -299,11 +299,11 @@ Table read_all(Reader& reader, const std::string& file, const std::vector<std::s
   if (columns.empty()) {
     std::iota(chosen.begin(), chosen.end(), std::size_t{0});
   } else {
-    std::unordered_map<std::string_view, std::size_t> index;  // column() looks through all of them
+    std::unordered_map<std::string_view, std::size_t> index;  // faster than column(), which searches all names
     for (std::size_t c = 0; c < reader.names().size(); ++c) index.emplace(reader.names()[c], c);
     std::transform(columns.begin(), columns.end(), chosen.begin(), [&](const std::string& name) {
       const auto found = index.find(name);
-      return found == index.end() ? reader.column(name) : found->second;  // which says what there is
+      return found == index.end() ? reader.column(name) : found->second;  // throws Error with the closest name
     });
   }
   table.columns.resize(chosen.size());

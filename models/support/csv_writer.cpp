@@ -15,7 +15,7 @@ void append(std::string& line, double value) {
 }
 
 void append(std::string& line, std::string_view cell, char separator) {
-  constexpr std::string_view kMarks = "#\xEF\xFE\xFF";  // a comment's, and the first bytes of byte order marks
+  constexpr std::string_view kMarks = "#\xEF\xFE\xFF";  // first bytes of a comment and of byte order marks
   const bool plain = cell.find_first_of("\"\r\n") == std::string_view::npos && cell.find(separator) == std::string_view::npos &&
                      text::trim(cell).size() == cell.size() &&
                      (cell.empty() || kMarks.find(cell.front()) == std::string_view::npos);

@@ -41,7 +41,7 @@ const char* kind_of(const Status& status) {
 
 #else
 
-// O_NONBLOCK: the writer of a FIFO is not waited for. It means nothing to a regular file.
+// O_NONBLOCK avoids waiting for the writer of a FIFO; it has no effect on regular files.
 int open_descriptor(const std::filesystem::path& file) {
   return ::open(file.c_str(), O_RDONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
 }
@@ -94,7 +94,7 @@ std::string read_file(const std::filesystem::path& file, const std::string& expe
   std::uint64_t size = 0;
   const File in = open_regular(file, expected, size);
   if (size > most) too_large(size);
-  // One byte more shows the end; files of /proc have a size of 0, and others may grow meanwhile.
+  // One additional byte detects the end; files of /proc have a size of 0, and others may grow meanwhile.
   std::string bytes;
   for (std::size_t got = 0;;) {
     bytes.resize(got + std::max<std::size_t>(got == 0 ? static_cast<std::size_t>(size) + 1 : 0, 65536));

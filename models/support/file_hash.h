@@ -5,7 +5,7 @@
 
 namespace cotwin {
 
-/// 64 bits of a file's contents: tells changes from each other, protects against nobody. Throws Error if it cannot be read.
+/// 64-bit hash of a file's contents, to detect changes; not cryptographic. Throws Error if it cannot be read.
 std::uint64_t hash_of_file(const std::filesystem::path& file);
 
 /// 16 hexadecimal digits.

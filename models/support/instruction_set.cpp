@@ -8,7 +8,7 @@ namespace cotwin {
 int instruction_set_level(const char* requested) {
 #if defined(__x86_64__)
   __builtin_cpu_init();
-  // clang 14 cannot ask for a level by name. No machine has these features without the rest of its level.
+  // clang 14 does not support level names here. Every machine with these features has its whole level.
   const bool v3 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi") &&
                   __builtin_cpu_supports("bmi2");
   const bool v4 = v3 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&

@@ -51,7 +51,7 @@ ParameterValue read_value(const xml::Element& parameter, const xml::Complaint& c
     result.value = xml::text(*type, "value");
     xml::check_attributes(*type, {"value"}, complain);
   } else if (type->name == "Enumeration") {
-    result.value = xml::text(*type, "value");  // the item's name: its number is the business of the variable's own type
+    result.value = xml::text(*type, "value");  // the item's name; the variable's type defines its number
     xml::check_attributes(*type, {"value", "name"}, complain);
   } else if (type->name == "Binary") {
     throw Error(type->place,
@@ -63,7 +63,7 @@ ParameterValue read_value(const xml::Element& parameter, const xml::Complaint& c
   return result;
 }
 
-/// XML Schema's spelling of a double.
+/// Text of a double in XML Schema.
 std::string schema_text(double value) {
   if (std::isnan(value)) return "NaN";
   if (std::isinf(value)) return value > 0 ? "INF" : "-INF";
@@ -89,8 +89,7 @@ void write_value(std::ostream& out, const ParameterValue& p) {
     if (!p.unit.empty()) out << " unit=\"" << xml::escaped(p.unit) << '"';
   } else if (const std::int64_t* integer = std::get_if<std::int64_t>(&p.value)) {
     if (*integer < std::numeric_limits<std::int32_t>::min() || *integer > std::numeric_limits<std::int32_t>::max()) {
-      throw Error("parameter '" + p.name + "': " + std::to_string(*integer) +
-                  ", expected an integer of 32 bits as SSV carries it");
+      throw Error("parameter '" + p.name + "': " + std::to_string(*integer) + ", expected a 32-bit integer as in SSV");
     }
     out << "<ssv:Integer value=\"" << *integer << '"';
   } else if (const bool* truth = std::get_if<bool>(&p.value)) {
@@ -105,7 +104,7 @@ void write_value(std::ostream& out, const ParameterValue& p) {
 
 std::vector<UnitDefinition> read_unit_definitions(const xml::Element& root, const xml::Complaint& complain) {
   std::vector<UnitDefinition> units;
-  // The list belongs to the file's own namespace, what is in it to the common one.
+  // The list is in the file's own namespace, its elements are in the common one.
   const xml::Element* list = xml::child(root, root.space.text(), "Units");
   if (list == nullptr) return units;
   xml::check_children(*list, kSsc, {"Unit"}, complain);

@@ -9,33 +9,33 @@
 
 namespace cotwin {
 
-/// One value of a parameter set, as SSV (SSP 1.0, clause 6.3 "ssv:Parameter") carries it.
+/// One value of a parameter set as in SSV (SSP 1.0, clause 6.3 "ssv:Parameter").
 struct ParameterValue {
   std::string name;  // "K", or one element of a vector counted from 1: "K[3]"
   std::variant<double, std::int64_t, bool, std::string> value;
-  std::string unit;   // as written in the file, "" where it says none
+  std::string unit;   // as written in the file, "" if there is none
   std::string place;  // "drive.ssv:12", for messages
 };
 
-/// A unit of measure that a file defines (ssc:Unit/ssc:BaseUnit): value in SI = factor · value + offset, exponents of the SI
-/// base units.
+/// A unit of measure defined in a file (ssc:Unit/ssc:BaseUnit): value in SI = factor · value + offset, exponents of the SI base
+/// units.
 struct UnitDefinition {
   std::string name;
   int kg = 0, m = 0, s = 0, A = 0, K = 0, mol = 0, cd = 0, rad = 0;
   double factor = 1, offset = 0;
 };
 
-/// A named list of values: drive data of a robot, the result of a tuning, a what-if. The file format is SSV (SSP 1.0).
+/// A named list of values: drive data of a robot, a tuning result, a variant. The file format is SSV (SSP 1.0).
 struct ParameterSet {
   std::string name;
   std::vector<ParameterValue> values;
   std::vector<UnitDefinition> units;
 };
 
-/// Reads an .ssv file. Throws Error `file:line: …` for malformed XML, unknown types, values that do not parse, doubled names.
+/// Reads an .ssv file. Throws Error `file:line: …` for malformed XML, unknown types, invalid values and duplicate names.
 ParameterSet load_parameter_set(const std::filesystem::path& file);
 
-/// The same from text in memory; `place` stands in messages where a file name would.
+/// Reads text in memory; `place` is its name in messages.
 ParameterSet parse_parameter_set(std::string_view xml, const std::string& place);
 
 /// Writes a parameter set as SSV 1.0 that validates against SystemStructureParameterValues.xsd.

@@ -7,14 +7,14 @@
 /// Parameter sets inside other XML files: SSP allows an ssv:ParameterSet within a system structure.
 namespace cotwin {
 
-/// What parse_parameter_set() reads, from its element. `complain` hears of elements and attributes that SSP does not know.
+/// Reads a parameter set from its element. `complain` is called for elements and attributes unknown to SSP.
 ParameterSet read_parameter_set(const xml::Element& root, const xml::Complaint& complain = xml::refuse);
 
-/// The units of measure that a file defines: the ssc:Unit elements in the Units child of its root. Throws Error for doubled
-/// names, factors that are 0, not finite or not a number.
+/// The units of measure defined in a file: the ssc:Unit elements in the Units child of its root. Throws Error for duplicate
+/// names and for factors that are 0 or not finite.
 std::vector<UnitDefinition> read_unit_definitions(const xml::Element& root, const xml::Complaint& complain = xml::refuse);
 
-/// The whole of a text file. Throws Error `file: cannot be read, expected …`.
+/// Reads a whole text file. Throws Error `file: cannot be read, expected …`.
 std::string read_text_file(const std::filesystem::path& file, const std::string& expected);
 
 }  // namespace cotwin

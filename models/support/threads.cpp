@@ -26,7 +26,7 @@ struct Threads::Impl {
   std::size_t failed_block = 0;
   std::vector<std::thread> threads;
 
-  void take() {
+  void run_blocks() {
     for (;;) {
       const std::size_t block = next.fetch_add(1, std::memory_order_relaxed);
       if (block >= blocks) return;
@@ -42,7 +42,7 @@ struct Threads::Impl {
     }
   }
 
-  void live() {
+  void wait_for_work() {
     std::size_t seen = 0;
     std::unique_lock lock(mutex);
     for (;;) {
@@ -50,7 +50,7 @@ struct Threads::Impl {
       if (quit) return;
       seen = generation;
       lock.unlock();
-      take();
+      run_blocks();
       lock.lock();
       if (--busy == 0) done.notify_one();
     }
@@ -59,7 +59,7 @@ struct Threads::Impl {
 
 Threads::Threads(int threads) : impl_(std::make_unique<Impl>()) {
   if (threads < 1) throw Error("threads", std::to_string(threads) + ", expected at least 1");
-  for (int i = 1; i < threads; ++i) impl_->threads.emplace_back([this] { impl_->live(); });
+  for (int i = 1; i < threads; ++i) impl_->threads.emplace_back([this] { impl_->wait_for_work(); });
 }
 
 Threads::~Threads() {
@@ -85,7 +85,7 @@ void Threads::run(std::size_t blocks, const std::function<void(std::size_t)>& wo
     ++m.generation;
   }
   m.wake.notify_all();
-  m.take();
+  m.run_blocks();
   std::unique_lock lock(m.mutex);
   m.done.wait(lock, [&] { return m.busy == 0; });
   if (m.failure) std::rethrow_exception(std::exchange(m.failure, nullptr));

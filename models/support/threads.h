@@ -5,19 +5,19 @@
 
 namespace cotwin::numerics {
 
-/// Persistent threads for work that falls into independent blocks. Work without a bound (tuning, farming) runs on them beside
-/// the loop, not in it.
+/// Persistent threads for work in independent blocks. Work of unbounded duration (tuning, parallel runs) uses them beside the
+/// real-time loop, not in it.
 class Threads {
  public:
-  /// `threads` in all, the caller's included; at least 1, which starts none.
+  /// `threads`: total number including the caller's, at least 1.
   explicit Threads(int threads);
   ~Threads();
   Threads(const Threads&) = delete;
   Threads& operator=(const Threads&) = delete;
 
   int threads() const;
-  /// Calls work(block) for all blocks in [0, blocks), each once, on any thread, and returns when all are done. Allocates
-  /// nothing. If calls throw, the exception of the lowest block is thrown after all are done.
+  /// Calls work(block) once for each block in [0, blocks), on any thread, and returns after all calls. Allocates nothing. If
+  /// calls throw, throws the exception of the lowest block after all calls.
   void run(std::size_t blocks, const std::function<void(std::size_t block)>& work);
 
  private:

@@ -16,7 +16,7 @@ namespace cotwin::xml {
 
 namespace {
 
-/// The length of the UTF-8 sequence at the head of `s` if it is a character that XML 1.0 allows (its clause 2.2), else 0.
+/// Length of the UTF-8 sequence at the start of `s` if it is a character that XML 1.0 allows (clause 2.2), otherwise 0.
 std::size_t character_length(std::string_view s) {
   const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(s[i]); };
   const unsigned first = byte(0);
@@ -28,13 +28,13 @@ std::size_t character_length(std::string_view s) {
     if ((byte(i) & 0xC0U) != 0x80U) return 0;
     code = (code << 6) | (byte(i) & 0x3FU);
   }
-  const unsigned least = length == 2 ? 0x80 : length == 3 ? 0x800 : 0x10000;  // shorter spellings are not UTF-8
+  const unsigned least = length == 2 ? 0x80 : length == 3 ? 0x800 : 0x10000;  // shorter encodings are not UTF-8
   const bool allowed =
       code >= least && code <= 0x10FFFF && !(code >= 0xD800 && code <= 0xDFFF) && code != 0xFFFE && code != 0xFFFF;
   return allowed ? length : 0;
 }
 
-/// The index of the first byte that is not part of allowed text, or npos.
+/// Index of the first byte that is not part of allowed text, or npos.
 std::size_t first_not_allowed(std::string_view s) {
   for (std::size_t i = 0; i < s.size();) {
     const std::size_t length = character_length(s.substr(i));
@@ -57,38 +57,38 @@ Name split_name(std::string_view qualified, const Place& place) {
   return {qualified.substr(0, colon), qualified.substr(colon + 1)};
 }
 
-/// The prefix that an attribute declares a namespace for, "" for the usual one.
+/// The prefix for which an attribute declares a namespace, "" for the default namespace.
 std::optional<std::string_view> declared_prefix(std::string_view attribute) {
   if (attribute == "xmlns") return "";
   if (attribute.starts_with("xmlns:")) return attribute.substr(6);
   return std::nullopt;
 }
 
-/// Why expat does not go on, for people.
+/// Message for an error of expat.
 std::string reason(XML_Error error) {
   switch (error) {
     case XML_ERROR_NO_ELEMENTS:
-      return "there is no element in it";
+      return "no element";
     case XML_ERROR_INVALID_TOKEN:
-      return "a character that cannot stand there";
+      return "an invalid character";
     case XML_ERROR_UNCLOSED_TOKEN:
-      return "a tag or a reference is not finished";
+      return "an incomplete tag or reference";
     case XML_ERROR_TAG_MISMATCH:
-      return "an element is closed by another name, or not at all";
+      return "missing or mismatched end tag";
     case XML_ERROR_DUPLICATE_ATTRIBUTE:
       return "an attribute is given twice";
     case XML_ERROR_UNCLOSED_CDATA_SECTION:
-      return "a CDATA section is not closed by ]]>";
+      return "a CDATA section without ]]>";
     case XML_ERROR_UNDEFINED_ENTITY:
-      return "an entity beyond the five of XML";
+      return "an entity other than the five of XML";
     case XML_ERROR_MISPLACED_XML_PI:
-      return "a declaration <?xml … ?> that is not at the beginning";
+      return "a declaration <?xml … ?> after the beginning";
     default:
       return XML_ErrorString(error);
   }
 }
 
-/// Builds the tree from what expat reports.
+/// Builds the tree from the events of expat.
 class Builder {
  public:
   Builder(std::string_view text, const std::string& place, const Take& take)
@@ -98,7 +98,7 @@ class Builder {
     namespaces_["xmlns"];
     constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
     if (text_.starts_with(kByteOrderMark)) text_.remove_prefix(kByteOrderMark.size());
-    // A declaration after blanks is malformed, but harmless.
+    // Skips blanks before the declaration, which are malformed but harmless.
     const std::size_t blanks = std::min(text_.find_first_not_of(" \t\r\n"), text_.size());
     lines_before_ =
         static_cast<std::uint64_t>(std::count(text_.begin(), text_.begin() + static_cast<std::ptrdiff_t>(blanks), '\n'));
@@ -126,10 +126,10 @@ class Builder {
     });
     XML_SetSkippedEntityHandler(parser_, [](void* self, const char* name, int) {
       static_cast<Builder*>(self)->guarded([&](Builder& b) {
-        throw Error(b.here(), "malformed XML: '&" + std::string(name) + ";', an entity beyond the five of XML");
+        throw Error(b.here(), "malformed XML: '&" + std::string(name) + ";', an entity other than the five of XML");
       });
     });
-    constexpr std::size_t kPart = std::size_t{1} << 20;  // expat counts bytes in an int, and copies what it is given
+    constexpr std::size_t kPart = std::size_t{1} << 20;  // expat counts bytes in an int and copies its input
     do {
       const std::string_view part = text_.substr(0, kPart);
       text_.remove_prefix(part.size());
@@ -141,10 +141,10 @@ class Builder {
  private:
   using Declared = std::vector<std::string>;  // prefixes
 
-  /// No exception may pass through expat, which is C.
+  /// Catches exceptions, which must not pass through expat (C).
   template <class Call>
   void guarded(Call call) {
-    if (failure_) return;  // expat may report a little more after it was stopped
+    if (failure_) return;  // expat may report further events after it was stopped
     try {
       call(*this);
     } catch (...) {
@@ -180,7 +180,7 @@ class Builder {
     any_ = true;
     Element element;
     element.place = here();
-    if (open_.size() >= kDeepest) throw Error(element.place, "malformed XML: its elements are nested too deeply");
+    if (open_.size() >= kDeepest) throw Error(element.place, "malformed XML: elements nested too deeply");
     Declared declared;
     for (const char** a = attributes; *a != nullptr; a += 2) {
       const std::optional<std::string_view> prefix = declared_prefix(a[0]);
@@ -210,7 +210,7 @@ class Builder {
       Attribute attribute{space, std::string(split.local), a[1]};
       if (!is_xml_text(attribute.value))
         throw Error(element.place, "attribute '" + std::string(a[0]) + "': a character that XML does not allow");
-      // Of names without a prefix expat has seen to it.
+      // expat checks names without a prefix.
       if (!split.prefix.empty() && !prefixed.emplace(space.text(), split.local).second)
         throw Error(element.place, "attribute '" + std::string(a[0]) + "' is given twice");
       element.attributes.push_back(std::move(attribute));
@@ -237,7 +237,7 @@ class Builder {
       kept_ += sizeof(Element) + element.attributes.size() * sizeof(Attribute) + element.content.size();
       for (const Attribute& a : element.attributes) kept_ += a.value.size();
       if (kept_ > kMostKept)
-        throw Error(element.place, "the document's tree takes more than " + std::to_string(kMostKept) + " bytes");
+        throw Error(element.place, "the document's tree needs more than " + std::to_string(kMostKept) + " bytes");
       open_.back().children.push_back(std::move(element));
     }
   }
@@ -254,10 +254,10 @@ class Builder {
   std::exception_ptr failure_;
   bool any_ = false;
   std::size_t kept_ = 0;       // bytes
-  std::vector<Element> open_;  // from the root to the one at hand
+  std::vector<Element> open_;  // from the root to the current element
   std::vector<bool> has_children_;
   std::vector<Declared> declared_;
-  std::map<std::string, std::vector<Shared>, std::less<>> namespaces_;  // of a prefix, the innermost at the end
+  std::map<std::string, std::vector<Shared>, std::less<>> namespaces_;  // per prefix, the innermost last
   Element root_;
 };
 
@@ -291,7 +291,7 @@ Element parse(std::string_view text, const std::string& place, const Take& take)
 bool is_xml_text(std::string_view text) { return first_not_allowed(text) == std::string_view::npos; }
 
 std::string escaped(std::string_view text) {
-  if (!is_xml_text(text)) throw Error("'" + std::string(text) + "' has a byte that XML cannot carry, expected UTF-8 text");
+  if (!is_xml_text(text)) throw Error("'" + std::string(text) + "' has a byte that XML cannot represent, expected UTF-8 text");
   std::string out;
   for (const char c : text) {
     switch (c) {

@@ -89,11 +89,11 @@ TEST(Csv, ErrorsHaveLineColumnFactAndExpectation) {
   EXPECT_EQ(error_of("t,q\n0,1\n1\n"), "file.csv:3: 1 cell separated by comma, expected 2 as in the header");
   EXPECT_EQ(error_of("t,q\n0,1,2\n"), "file.csv:2: 3 cells separated by comma, expected 2 as in the header");
   EXPECT_EQ(error_of("t;q\n0;1,5\n"), "file.csv:2: column 'q': '1,5' has a decimal comma, expected a decimal point");
-  EXPECT_EQ(error_of("t,q,q\n0,1,2\n"), "file.csv:1: column 'q' stands twice, expected different names");
+  EXPECT_EQ(error_of("t,q,q\n0,1,2\n"), "file.csv:1: column 'q' occurs twice, expected different names");
   EXPECT_EQ(error_of(""), "file.csv: is empty, expected a line of column names");
   EXPECT_EQ(error_of("\n# nothing\n"), "file.csv: is empty, expected a line of column names");
-  EXPECT_EQ(error_of("0,1\n1,2\n"), "file.csv:1: the first row holds numbers only, expected column names");
-  EXPECT_EQ(error_of("# one,two,three\n0,1\n"), "file.csv:2: the first row holds numbers only, expected column names");
+  EXPECT_EQ(error_of("0,1\n1,2\n"), "file.csv:1: the first row contains only numbers, expected column names");
+  EXPECT_EQ(error_of("# one,two,three\n0,1\n"), "file.csv:2: the first row contains only numbers, expected column names");
   EXPECT_EQ(error_of("t,q\n0,\"1\n1,2\n"), "file.csv:2: a quoted cell does not end on its line, expected '\"'");
   EXPECT_EQ(error_of("t,q\n0,\"1\"2\n"), "file.csv:2: text follows the end of a quoted cell, expected a comma");
   EXPECT_EQ(error_of("t,q\r0,1\r1,2\r"), "file.csv:1: carriage return within the line, expected LF or CRLF at its end");

@@ -178,7 +178,7 @@ INSTANTIATE_TEST_SUITE_P(
               for (int i = 0; i < 100'000; ++i) s += "<a>";
               return s;
             }(),
-            "f.ssv:1: malformed XML: its elements are nested too deeply"},
+            "f.ssv:1: malformed XML: elements nested too deeply"},
         Bad{"AttributeTwice", "<a b='1'\n b='2'/>", "f.ssv:2: malformed XML"},
         Bad{"AttributeTwiceByNamespace", "<a xmlns:p='u' xmlns:q='u'\n p:b='1' q:b='2'/>",
             "f.ssv:1: attribute 'q:b' is given twice"},
@@ -294,7 +294,7 @@ TEST(Xml, LimitsItsMemory) {
   std::string text = "<a>";
   for (int i = 0; i < 6'000'000; ++i) text += "<b/>\n";
   EXPECT_THAT([&] { xml::parse(text + "</a>", "m"); },
-              ::testing::ThrowsMessage<Error>(::testing::HasSubstr("tree takes more than")));
+              ::testing::ThrowsMessage<Error>(::testing::HasSubstr("tree needs more than")));
 }
 
 // With a linear search over earlier prefixes or attributes this would take minutes.
