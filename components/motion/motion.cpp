@@ -143,7 +143,7 @@ void Motion::check_ends() {
 void Motion::evaluate(const trajectory::Phase::Value& s, std::span<double> q, std::span<double> dq,
                       std::span<double> ddq) const {
   path_.at(std::min(path_.begin() + s.s, path_.end()), q, dq, ddq);
-  trajectory::chain(s, dq, ddq);
+  trajectory::apply_chain_rule(s, dq, ddq);
 }
 
 void Motion::evaluate_at(double t) {

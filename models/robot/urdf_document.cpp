@@ -67,7 +67,7 @@ class Reader {
   void keep_attributes(XMLElement& element, const Names& names) const;
   void keep_children(XMLElement& element, const Names& names) const;
   XMLElement* child(XMLElement& element, const char* name) const { return element.FirstChildElement(name); }
-  XMLElement& needed(XMLElement& element, const char* name) const;
+  XMLElement& required(XMLElement& element, const char* name) const;
   std::string name_in(const XMLElement& element, const char* attribute) const;
   double number(std::string_view word, const XMLElement& element, const char* attribute) const;
   double real(XMLElement& element, const char* attribute) const;
@@ -111,7 +111,7 @@ void Reader::keep_children(XMLElement& element, const Names& names) const {
   }
 }
 
-XMLElement& Reader::needed(XMLElement& element, const char* name) const {
+XMLElement& Reader::required(XMLElement& element, const char* name) const {
   XMLElement* const found = child(element, name);
   if (found == nullptr) fail(element.GetLineNum(), std::string("<") + element.Name() + "> without <" + name + ">");
   return *found;
@@ -236,11 +236,11 @@ void Reader::read_link(XMLElement& element) {
     keep_children(*inertial, {"origin", "mass", "inertia"});
     link.inertial_line = inertial->GetLineNum();
     link.X_LI = origin(*inertial);
-    XMLElement& mass = needed(*inertial, "mass");
+    XMLElement& mass = required(*inertial, "mass");
     keep_attributes(mass, {"value"});
     keep_children(mass, {});
     real(mass, "value");
-    XMLElement& inertia = needed(*inertial, "inertia");
+    XMLElement& inertia = required(*inertial, "inertia");
     keep_attributes(inertia, {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"});
     keep_children(inertia, {});
     for (const char* moment : {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"}) real(inertia, moment);
@@ -270,7 +270,7 @@ void Reader::read_joint(XMLElement& element) {
     fail(mimic->GetLineNum(), "<mimic> is not supported: every joint must be an independent degree of freedom");
   }
   for (const char* end : {"parent", "child"}) {
-    XMLElement& link = needed(element, end);
+    XMLElement& link = required(element, end);
     keep_attributes(link, {"link"});
     keep_children(link, {});
     (end == std::string_view("parent") ? joint.parent : joint.child) = name_in(link, "link");

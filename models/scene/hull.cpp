@@ -27,7 +27,7 @@ class Quickhull {
  private:
   struct Triangle {
     std::array<Index, 3> v{};
-    std::array<Index, 3> beyond{};  // the triangle across the edge from v[i] to v[i + 1]
+    std::array<Index, 3> neighbour{};  // the triangle across the edge from v[i] to v[i + 1]
     Vector3d n = Vector3d::Zero();
     double d = 0;
     std::vector<Index> outside;  // points above it
@@ -38,8 +38,8 @@ class Quickhull {
   bool try_with(double coarser);
   bool closed() const;
   Index add(Index a, Index b, Index c);
-  void claim(const std::vector<Index>& points, const std::vector<Index>& triangles);
-  void grow(Index over);
+  void assign_points(const std::vector<Index>& points, const std::vector<Index>& triangles);
+  void add_point(Index over);
   double above(const Triangle& t, Index point) const { return t.n.dot(points_[point]) - t.d; }
   std::vector<Index> merged() const;
 
@@ -65,9 +65,9 @@ bool Quickhull::try_with(double coarser) {
   rounding_ *= coarser;
   std::vector<Index> all(points_.size());
   for (Index i = 0; i < all.size(); ++i) all[i] = i;
-  claim(all, {0, 1, 2, 3});
+  assign_points(all, {0, 1, 2, 3});
   for (Index i = 0; i < triangles_.size(); ++i) {  // grows in the loop
-    if (!triangles_[i].gone && !triangles_[i].outside.empty()) grow(i);
+    if (!triangles_[i].gone && !triangles_[i].outside.empty()) add_point(i);
   }
   return closed();
 }
@@ -82,8 +82,8 @@ bool Quickhull::closed() const {
     ++faces;
     for (std::size_t e = 0; e < 3; ++e) {
       used[t.v[e]] = true;
-      const Triangle& next = triangles_[t.beyond[e]];
-      if (next.gone || std::find(next.beyond.begin(), next.beyond.end(), i) == next.beyond.end()) return false;
+      const Triangle& next = triangles_[t.neighbour[e]];
+      if (next.gone || std::find(next.neighbour.begin(), next.neighbour.end(), i) == next.neighbour.end()) return false;
     }
   }
   return faces == 2 * static_cast<std::size_t>(std::count(used.begin(), used.end(), true)) - 4;
@@ -100,7 +100,7 @@ Index Quickhull::add(Index a, Index b, Index c) {
   return static_cast<Index>(triangles_.size() - 1);
 }
 
-void Quickhull::claim(const std::vector<Index>& points, const std::vector<Index>& triangles) {
+void Quickhull::assign_points(const std::vector<Index>& points, const std::vector<Index>& triangles) {
   for (const Index p : points) {
     Index best = kNone;
     double most = rounding_;
@@ -153,15 +153,15 @@ void Quickhull::start() {
   add(v[1], v[0], v[3]);
   add(v[2], v[1], v[3]);
   add(v[0], v[2], v[3]);
-  triangles_[0].beyond = {1, 2, 3};
-  triangles_[1].beyond = {0, 3, 2};
-  triangles_[2].beyond = {0, 1, 3};
-  triangles_[3].beyond = {0, 2, 1};
+  triangles_[0].neighbour = {1, 2, 3};
+  triangles_[1].neighbour = {0, 3, 2};
+  triangles_[2].neighbour = {0, 1, 3};
+  triangles_[3].neighbour = {0, 2, 1};
 }
 
 /// Adds the farthest point above the triangle to the hull: removes all triangles visible from it and connects it to their
 /// horizon.
-void Quickhull::grow(Index over) {
+void Quickhull::add_point(Index over) {
   const std::vector<Index>& candidates = triangles_[over].outside;
   const Index top = *std::max_element(candidates.begin(), candidates.end(), [&](Index a, Index b) {
     return above(triangles_[over], a) < above(triangles_[over], b);
@@ -169,24 +169,24 @@ void Quickhull::grow(Index over) {
   std::vector<Index> seen{over}, orphans;
   triangles_[over].gone = true;
   struct Rim {
-    Index from, to, beyond;
+    Index from, to, neighbour;
   };
   std::vector<Rim> horizon;
   for (std::size_t k = 0; k < seen.size(); ++k) {
     const Triangle& t = triangles_[seen[k]];
     for (std::size_t e = 0; e < 3; ++e) {
-      Triangle& next = triangles_[t.beyond[e]];
+      Triangle& next = triangles_[t.neighbour[e]];
       if (next.gone) continue;
       if (above(next, top) > rounding_) {
         next.gone = true;
-        seen.push_back(t.beyond[e]);
+        seen.push_back(t.neighbour[e]);
       }
     }
   }
   for (const Index s : seen) {
     const Triangle& t = triangles_[s];
     for (std::size_t e = 0; e < 3; ++e) {
-      if (!triangles_[t.beyond[e]].gone) horizon.push_back({t.v[e], t.v[(e + 1) % 3], t.beyond[e]});
+      if (!triangles_[t.neighbour[e]].gone) horizon.push_back({t.v[e], t.v[(e + 1) % 3], t.neighbour[e]});
     }
     orphans.insert(orphans.end(), t.outside.begin(), t.outside.end());
   }
@@ -195,21 +195,21 @@ void Quickhull::grow(Index over) {
   std::vector<Index> fan;
   for (const Rim& rim : horizon) {
     const Index t = add(rim.from, rim.to, top);
-    triangles_[t].beyond[0] = rim.beyond;
-    Triangle& other = triangles_[rim.beyond];
+    triangles_[t].neighbour[0] = rim.neighbour;
+    Triangle& other = triangles_[rim.neighbour];
     for (std::size_t e = 0; e < 3; ++e) {
-      if (other.v[e] == rim.to && other.v[(e + 1) % 3] == rim.from) other.beyond[e] = t;
+      if (other.v[e] == rim.to && other.v[(e + 1) % 3] == rim.from) other.neighbour[e] = t;
     }
     fan.push_back(t);
   }
   for (const Index t : fan) {
     for (const Index u : fan) {
-      if (triangles_[u].v[0] == triangles_[t].v[1]) triangles_[t].beyond[1] = u;  // across (to, top)
-      if (triangles_[u].v[1] == triangles_[t].v[0]) triangles_[t].beyond[2] = u;  // across (top, from)
+      if (triangles_[u].v[0] == triangles_[t].v[1]) triangles_[t].neighbour[1] = u;  // across (to, top)
+      if (triangles_[u].v[1] == triangles_[t].v[0]) triangles_[t].neighbour[2] = u;  // across (top, from)
     }
   }
   std::erase(orphans, top);  // now a vertex: rounding must not put it above a new triangle
-  claim(orphans, fan);
+  assign_points(orphans, fan);
 }
 
 /// Index of the face of each triangle: the largest triangle defines the plane, neighbours within kFlat of it join the face.
@@ -231,7 +231,7 @@ std::vector<Index> Quickhull::merged() const {
     std::vector<Index> region{seed};
     face[seed] = count;
     for (std::size_t k = 0; k < region.size(); ++k) {
-      for (const Index next : triangles_[region[k]].beyond) {
+      for (const Index next : triangles_[region[k]].neighbour) {
         const auto& v = triangles_[next].v;
         const bool flat =
             std::all_of(v.begin(), v.end(), [&](Index p) { return std::abs(above(plane, p)) <= kFlat * extent_; });
@@ -305,7 +305,7 @@ Polytope Quickhull::polytope() const {
     const Triangle& t = triangles_[i];
     if (t.gone) continue;
     for (std::size_t e = 0; e < 3; ++e) {
-      if (face[t.beyond[e]] != face[i]) rims[face[i]].push_back({t.v[e], t.v[(e + 1) % 3]});
+      if (face[t.neighbour[e]] != face[i]) rims[face[i]].push_back({t.v[e], t.v[(e + 1) % 3]});
     }
   }
   std::vector<std::vector<Index>> loops;

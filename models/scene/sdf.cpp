@@ -171,7 +171,7 @@ void Reader::read_links(const Element& model, Scope& scope, const Inherited& fro
 
 void Reader::read_axis(const Element& element, Joint& joint, Scope& scope, const Pose& X_WJ) {
   sdf::check_children(element, {"xyz", "limit", "dynamics"}, {}, {}, warn());
-  const Element& xyz = sdf::needed(element, "xyz");
+  const Element& xyz = sdf::required(element, "xyz");
   Eigen::Vector3d axis = sdf::vector(xyz);
   const double length = axis.norm();
   if (!(length > 1e-6)) throw Error(xyz.place, "<xyz> of length " + text::to_text(length, 6) + ", expected a direction");
@@ -210,8 +210,8 @@ void Reader::read_joint(const Element& element, Scope& scope) {
   const std::string& own = xml::text(element, "name");
   joint.name = scope.prefix + own;
   joint.type = known_type->second;
-  const Element& parent = sdf::needed(element, "parent");
-  const Element& child = sdf::needed(element, "child");
+  const Element& parent = sdf::required(element, "parent");
+  const Element& child = sdf::required(element, "child");
   joint.parent = body_of(scope, parent.content, parent.place);
   joint.child = body_of(scope, child.content, child.place);
   if (joint.child == kWorld) throw Error(child.place, "the world is the child, expected it as the parent");
@@ -222,7 +222,7 @@ void Reader::read_joint(const Element& element, Scope& scope) {
   joint.X_PJ = seen_from(joint.parent);
   joint.X_CJ = seen_from(joint.child);
   const bool moves_along = joint.type == JointType::kRevolute || joint.type == JointType::kPrismatic;
-  if (moves_along) read_axis(sdf::needed(element, "axis"), joint, scope, X_WJ);
+  if (moves_along) read_axis(sdf::required(element, "axis"), joint, scope, X_WJ);
   if (type == "continuous") joint.q_min = -kInfinity, joint.q_max = kInfinity;
   scene_.joints.push_back(std::move(joint));
 }
@@ -231,11 +231,11 @@ void Reader::read_include(const Element& include, Scope& scope, const Inherited&
   constexpr int kDeepest = 16;
   if (from.depth >= kDeepest) throw Error(include.place, "includes nested more than " + std::to_string(kDeepest) + " deep");
   sdf::check_children(include, {"uri", "name", "pose", "static"}, {}, {}, warn());
-  const fs::path file = sdf::find_file(sdf::needed(include, "uri"), from.folder);
+  const fs::path file = sdf::find_file(sdf::required(include, "uri"), from.folder);
   const std::string text = read_sdf(file);
   const Document document = open(text, file);
   const Element* model = only(document.root, "model");
-  const Element& content = model != nullptr ? *model : sdf::needed(document.root, "world");
+  const Element& content = model != nullptr ? *model : sdf::required(document.root, "world");
   const Element* renamed = only(include, "name");
   const std::string name = renamed != nullptr ? renamed->content : xml::text(content, "name");
 
@@ -271,7 +271,7 @@ void Reader::read_parts(const Element& element, Scope& scope, const Inherited& f
     if (c.name == "link" || c.name == "frame" || c.name == "model") {
       name(scope, c, c.name == "frame" ? xml::text(c, "attached_to", "") : "");
     } else if (c.name == "joint") {
-      name(scope, c, sdf::needed(c, "child").content);
+      name(scope, c, sdf::required(c, "child").content);
     }
   }
   if (!scope.is_world) read_links(element, scope, from);

@@ -60,14 +60,14 @@ std::vector<Shape> read_geometry(const xml::Element& geometry, const fs::path& f
   }
   if (kind == nullptr) throw Error(geometry.place, "<geometry> without a shape");
   Shape shape;
-  const auto of = [&](const char* name) { return number(needed(*kind, name)); };
+  const auto of = [&](const char* name) { return number(required(*kind, name)); };
   const bool ours = kind->space == kSpace;
   if (ours && kind->name == "round_hole") {
     check_children(*kind, {}, {}, {"radius", "depth", "size", "chamfer", "facets"}, warn);
     RoundHole hole;
-    hole.radius = number(needed(*kind, "radius", kSpace));
-    hole.depth = number(needed(*kind, "depth", kSpace));
-    const std::vector<double> size = numbers(needed(*kind, "size", kSpace), 2);
+    hole.radius = number(required(*kind, "radius", kSpace));
+    hole.depth = number(required(*kind, "depth", kSpace));
+    const std::vector<double> size = numbers(required(*kind, "size", kSpace), 2);
     hole.width = size[0];
     hole.length = size[1];
     if (const xml::Element* chamfer = only(*kind, "chamfer", kSpace)) hole.chamfer = number(*chamfer);
@@ -86,7 +86,7 @@ std::vector<Shape> read_geometry(const xml::Element& geometry, const fs::path& f
   if (!ours && kind->name == "box") {
     check_children(*kind, {"size"}, {}, {}, warn);
     shape.type = ShapeType::kBox;
-    shape.size = vector(needed(*kind, "size"));
+    shape.size = vector(required(*kind, "size"));
   } else if (!ours && kind->name == "sphere") {
     check_children(*kind, {"radius"}, {}, {}, warn);
     shape.type = ShapeType::kSphere;
@@ -107,7 +107,7 @@ std::vector<Shape> read_geometry(const xml::Element& geometry, const fs::path& f
     check_children(*kind, {"uri", "scale"}, {}, {}, warn);
     if (const xml::Element* part = only(*kind, "submesh")) throw Error(part->place, "<submesh>, expected a file of its own");
     const xml::Element* scale = only(*kind, "scale");
-    const xml::Element& uri = needed(*kind, "uri");
+    const xml::Element& uri = required(*kind, "uri");
     shape.type = ShapeType::kHull;
     const fs::path file = find_file(uri, folder);
     try {
@@ -132,7 +132,7 @@ Collision read_collision(const xml::Element& element, double density, const fs::
   const std::string& name = xml::text(element, "name");
   const Pose X_BC = own_pose(element);
   const Material material = read_surface(only(element, "surface"), warn);
-  Collision collision{read_geometry(needed(element, "geometry"), folder, warn), number(element, "density", density)};
+  Collision collision{read_geometry(required(element, "geometry"), folder, warn), number(element, "density", density)};
   for (Shape& shape : collision.shapes) {
     shape.name = shape.name.empty() ? name : name + "." + shape.name;
     shape.X_BS = X_BC * shape.X_BS;
@@ -144,10 +144,10 @@ Collision read_collision(const xml::Element& element, double density, const fs::
 Inertia read_inertial(const xml::Element& element, const Warn& warn) {
   check_children(element, {"mass", "pose", "inertia", "density"}, {}, {}, warn);
   Inertia inertia;
-  inertia.mass = number(needed(element, "mass"));
-  const xml::Element& m = needed(element, "inertia");
+  inertia.mass = number(required(element, "mass"));
+  const xml::Element& m = required(element, "inertia");
   const auto off = [&](const char* name) { return number(m, name, 0); };
-  const auto on = [&](const char* name) { return number(needed(m, name)); };
+  const auto on = [&](const char* name) { return number(required(m, name)); };
   const double xx = on("ixx"), yy = on("iyy"), zz = on("izz"), xy = off("ixy"), xz = off("ixz"), yz = off("iyz");
   inertia.I_CC << xx, xy, xz, xy, yy, yz, xz, yz, zz;
   inertia = inertia.seen_from(own_pose(element));

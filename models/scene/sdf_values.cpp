@@ -19,7 +19,7 @@ const xml::Element* only(const xml::Element& element, const char* name, const ch
   return found;
 }
 
-const xml::Element& needed(const xml::Element& element, const char* name, const char* space) {
+const xml::Element& required(const xml::Element& element, const char* name, const char* space) {
   if (const xml::Element* found = only(element, name, space)) return *found;
   throw Error(element.place, "<" + element.name + "> without <" + name + ">");
 }

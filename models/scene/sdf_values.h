@@ -7,9 +7,9 @@
 
 #include "models/mechanics/pose.h"
 #include "models/scene/scene.h"
-/// Functions shared by the readers of SDF elements.
+#include "models/support/xml.h"
 
-/// What the readers of SDF's elements share.
+/// Functions shared by the readers of SDF elements.
 namespace cotwin::scene::sdf {
 
 inline constexpr const char* kSpace = "urn:cotwin:scene:1";  // of cotwin's own elements
@@ -20,7 +20,7 @@ using Warn = std::function<void(const std::string& place, const std::string& wha
 /// The only child of this name (and namespace), nullptr if there is none. Throws Error for more than one.
 const xml::Element* only(const xml::Element& element, const char* name, const char* space = "");
 /// As only(). Throws Error if there is none.
-const xml::Element& needed(const xml::Element& element, const char* name, const char* space = "");
+const xml::Element& required(const xml::Element& element, const char* name, const char* space = "");
 
 /// Content of an element. Throws Error if it is invalid or not finite.
 double number(const xml::Element& element);

@@ -40,7 +40,7 @@ std::string column_of(std::string pattern, std::size_t j, std::span<const Axis> 
   return pattern;
 }
 
-bool counts(std::string_view pattern) { return pattern.find("{}") != pattern.npos || pattern.find("{0}") != pattern.npos; }
+bool is_numbered(std::string_view pattern) { return pattern.find("{}") != pattern.npos || pattern.find("{0}") != pattern.npos; }
 
 bool has(const csv::Reader& reader, const std::string& name) {
   return std::find(reader.names().begin(), reader.names().end(), name) != reader.names().end();
@@ -50,8 +50,8 @@ std::vector<std::size_t> by_pattern(const csv::Reader& reader, const std::string
                                     const Quantity& quantity, std::span<const Axis> axes) {
   const std::size_t n = axes.size();
   std::size_t found = 0;
-  while (has(reader, column_of(pattern, found, axes)) && (found < n || counts(pattern))) ++found;
-  if (counts(pattern) && found != n && found > 0) {
+  while (has(reader, column_of(pattern, found, axes)) && (found < n || is_numbered(pattern))) ++found;
+  if (is_numbered(pattern) && found != n && found > 0) {
     throw Error(file, "has columns '" + column_of(pattern, 0, axes) + "' to '" + column_of(pattern, found - 1, axes) + "' of " +
                           quantity.name + ", expected " + std::to_string(n) +
                           ", one per joint; select columns by a list of names");

@@ -10,7 +10,7 @@ namespace cotwin::trajectory {
 
 namespace {
 
-std::vector<double> or_all(const std::vector<double>& given, std::size_t n, double otherwise, const char* what) {
+std::vector<double> values_or(const std::vector<double>& given, std::size_t n, double otherwise, const char* what) {
   if (given.empty()) return std::vector<double>(n, otherwise);
   if (given.size() != n)
     throw Error("recording", std::to_string(given.size()) + " values of " + what + ", expected " + std::to_string(n));
@@ -27,11 +27,12 @@ RecordingReader::RecordingReader(const std::filesystem::path& file, std::span<co
       rate_(format.rate),
       equal_times_(equal_times) {
   const std::size_t n = axes.size();
-  const auto q_scale = or_all(format.q_scale, n, 1, "q_scale"), q_offset = or_all(format.q_offset, n, 0, "q_offset");
+  const auto q_scale = values_or(format.q_scale, n, 1, "q_scale"), q_offset = values_or(format.q_offset, n, 0, "q_offset");
   const std::vector<double> zero(n, 0.0);
   std::vector<double> angle(n);
   for (std::size_t j = 0; j < n; ++j) angle[j] = q_scale[j] * (axes[j].revolute ? format.angle_unit : 1);
-  auto tau_scale = or_all(format.tau_scale, n, 1, "tau_scale"), tau_e_scale = or_all(format.tau_e_scale, n, 1, "tau_e_scale");
+  auto tau_scale = values_or(format.tau_scale, n, 1, "tau_scale"),
+       tau_e_scale = values_or(format.tau_e_scale, n, 1, "tau_e_scale");
 
   if (rate_ == 0) t_column_ = find_time_column(csv_, file_, format.t_column);
   q_ = channel(format.q_columns, kPositions, axes, angle, q_offset);

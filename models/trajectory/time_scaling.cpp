@@ -73,7 +73,7 @@ Phase::Value Phase::largest() const {
   return v;
 }
 
-void chain(const Phase::Value& phase, std::span<double> dq, std::span<double> ddq, std::span<double> dddq) {
+void apply_chain_rule(const Phase::Value& phase, std::span<double> dq, std::span<double> ddq, std::span<double> dddq) {
   const double v = phase.ds, a = phase.dds;
   for (std::size_t j = 0; j < dq.size(); ++j) {
     if (!dddq.empty()) dddq[j] = dddq[j] * v * v * v + 3 * ddq[j] * v * a + dq[j] * phase.ddds;

@@ -32,7 +32,7 @@ class Phase {
 };
 
 /// Chain rule for q(s(t)): converts derivatives with respect to s to those with respect to t, in place.
-void chain(const Phase::Value& phase, std::span<double> dq, std::span<double> ddq, std::span<double> dddq = {});
+void apply_chain_rule(const Phase::Value& phase, std::span<double> dq, std::span<double> ddq, std::span<double> dddq = {});
 
 /// Limits of a joint; infinite: none.
 struct Limits {

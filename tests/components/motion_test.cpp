@@ -241,7 +241,7 @@ TEST(Motion, ASoftStartEntersARecordingFromRestWithoutAJump) {
 TEST(Motion, LoopsRepeatOrTurnBack) {
   Subject s("points=2", {{"waypoint_t", "0,1"}, {"waypoint_q", "0,1"}, {"loop", "repeat"}});
   EXPECT_THAT(s.error_of_initialise(),
-              HasSubstr("joint 1 begins at 0 rad with 0 rad/s and ends at 1 rad with 0 rad/s, expected the same"));
+              HasSubstr("joint 1 starts at 0 rad with 0 rad/s and ends at 1 rad with 0 rad/s, expected the same"));
   s.set("loop", "there_and_back");
   s.initialise();
   s.to(0.3);

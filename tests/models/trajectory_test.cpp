@@ -165,7 +165,7 @@ TEST(TimeScaling, StretchingMeetsTheTightestLimitExactly) {
       for (int i = 0; i <= 20000; ++i) {
         const auto s = stretched.at(stretched.duration() * i / 20000);
         path.at(path.begin() + s.s, q, dq, ddq, dddq);
-        chain(s, dq, ddq, dddq);
+        apply_chain_rule(s, dq, ddq, dddq);
         most = std::max(most, std::abs(derivative == 1 ? dq[j] : derivative == 2 ? ddq[j] : dddq[j]));
       }
       EXPECT_LE(most, limits[j].*which * (1 + 1e-9));
@@ -184,7 +184,7 @@ TEST(TimeScaling, SoftEndsKeepTheirBoundsAndEnterFromRest) {
   for (int i = 0; i <= 5000; ++i) {
     const auto s = phase.at(phase.duration() * i / 5000);
     path.at(s.s, q, dq, ddq, dddq);
-    chain(s, dq, ddq, dddq);
+    apply_chain_rule(s, dq, ddq, dddq);
     for (std::size_t j = 0; j < 2; ++j) {
       EXPECT_LE(std::abs(dq[j]), bound(path, phase, j, 1) * (1 + 1e-12));
       EXPECT_LE(std::abs(ddq[j]), bound(path, phase, j, 2) * (1 + 1e-12));

@@ -9,14 +9,14 @@ namespace {
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// Share of a limit violation that one step corrects; a larger share would accelerate light links too much.
-constexpr double kReturn = 0.2;
+constexpr double kCorrection = 0.2;
 
 }  // namespace
 
 LimitSpeeds::LimitSpeeds(const Joint& joint, Stage stage, double h) {
   const auto speed = [&](double room) {  // room ≥ 0 inside the limit
     if (room >= 0) return -room / h;
-    return stage == Stage::kPosition ? -kReturn * room / h : 0.0;
+    return stage == Stage::kPosition ? -kCorrection * room / h : 0.0;
   };
   if (joint.q_min > -kInfinity) lower = speed(joint.q - joint.q_min);
   if (joint.q_max < kInfinity) upper = -speed(joint.q_max - joint.q);

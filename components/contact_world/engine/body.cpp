@@ -149,7 +149,7 @@ void RigidBody::set_spin(const Vector3d& w_W) {
   L = R * moments.cwiseProduct(R.transpose() * w);
 }
 
-void RigidBody::push(const Vector3d& impulse, const Vector3d& moment) {
+void RigidBody::apply_impulse(const Vector3d& impulse, const Vector3d& moment) {
   v += inverse_mass * impulse;
   if (moment.isZero(0)) return;
   L += moment;

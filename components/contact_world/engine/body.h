@@ -23,7 +23,7 @@ struct RigidBody {
   void place();  // updates R from Q
 
   /// Adds an impulse and an angular impulse about P's origin, in W, to a dynamic body.
-  void push(const Vector3d& impulse, const Vector3d& moment);
+  void apply_impulse(const Vector3d& impulse, const Vector3d& moment);
   void set_spin(const Vector3d& w_W);
   double kinetic_energy() const;
 

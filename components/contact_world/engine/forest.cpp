@@ -373,7 +373,7 @@ void Forest::clear_history(const Tree& tree) {
   }
 }
 
-void Forest::push(const Tree& tree, Node& node, const Vector3d& impulse, const Vector3d& moment, const Vector3d& p) {
+void Forest::apply_impulse(const Tree& tree, Node& node, const Vector3d& impulse, const Vector3d& moment, const Vector3d& p) {
   add(node.F, 1, spatial(impulse, moment + (p - tree.O).cross(impulse)));
 }
 

@@ -100,7 +100,7 @@ class Forest {
   void store_beta(const Tree& tree, std::span<const Joint> joints, double h);
   void clear_history(const Tree& tree);
   /// Adds an impulse and an angular impulse at p, in W, to F of a node.
-  void push(const Tree& tree, Node& node, const Vector3d& impulse, const Vector3d& moment, const Vector3d& p);
+  void apply_impulse(const Tree& tree, Node& node, const Vector3d& impulse, const Vector3d& moment, const Vector3d& p);
 
   /// Adds sign · response of the tree's freedoms to a unit impulse f (at O) on a node to y, in coordinates in which the inertia
   /// is the unit matrix: for two rows, y_a · y_b is their element of J M⁻¹ Jᵀ with the joints eliminated. y: one element per

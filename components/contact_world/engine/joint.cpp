@@ -12,7 +12,7 @@ namespace {
 using scene::JointType;
 
 /// Largest distance that one step corrects, m or rad.
-constexpr double kAtOnce = 2e-3;
+constexpr double kLargestCorrection = 2e-3;
 
 int body_index(const scene::Joint& joint, int body, std::span<const RigidBody> bodies) {
   if (body >= -1 && body < static_cast<int>(bodies.size())) return body;
@@ -109,7 +109,7 @@ void Joint::begin_step() {
   const Motion6 e = distance();
   const auto left = [](const Vector3d& apart) {
     const double length = apart.norm();
-    return length > kAtOnce ? Vector3d((1 - kAtOnce / length) * apart) : Vector3d(Vector3d::Zero());
+    return length > kLargestCorrection ? Vector3d((1 - kLargestCorrection / length) * apart) : Vector3d(Vector3d::Zero());
   };
   left_.linear = R_parent.transpose() * left(e.linear);
   left_.angular = R_parent.transpose() * left(e.angular);

@@ -148,8 +148,8 @@ void Manifold::polygons(const Vector3d& n, double round_a, double round_b) {
     found_.push_back({t1_ * p.u.x() + t2_ * p.u.y() + n * ((h_a + h_b) / 2), h_b - h_a, a << 32 | b});
     if (!(h_b - h_a < smallest)) continue;
     smallest = h_b - h_a;
-    room_ = p.part_own < static_cast<std::uint32_t>(Part::kEdge) ? kInfinity : 0;
-    for (const Side& side : sides_) room_ = std::min(room_, side.inward.dot(p.u - side.u));
+    face_margin_ = p.part_own < static_cast<std::uint32_t>(Part::kEdge) ? kInfinity : 0;
+    for (const Side& side : sides_) face_margin_ = std::min(face_margin_, side.inward.dot(p.u - side.u));
   }
 }
 
@@ -177,7 +177,7 @@ void Manifold::segment_on_polygon(const Feature& segment, const Feature& polygon
   // A segment that only touches a corner of the outline has no stable id there.
   if (segment.corners.size() > 1 && (to - from) * along.norm() <= on) return;
   const Plane plane(polygon, n, t1_, t2_);
-  const auto push = [&](double t, Part part, std::uint32_t side, const Corner& corner) {
+  const auto add_point = [&](double t, Part part, std::uint32_t side, const Corner& corner) {
     const Vector2d at = u + t * along;
     const double h_segment = n.dot(first.p) + t * n.dot(last.p - first.p);
     const double h_a = (swapped ? plane.at(at) : h_segment) + round_a, h_b = (swapped ? h_segment : plane.at(at)) - round_b;
@@ -191,8 +191,8 @@ void Manifold::segment_on_polygon(const Feature& segment, const Feature& polygon
         swapped ? touch_id(other, other_index, part, own_index) : touch_id(part, own_index, other, other_index);
     found_.push_back({t1_ * at.x() + t2_ * at.y() + n * ((h_a + h_b) / 2), h_b - h_a, id});
   };
-  push(from, part_from, side_from, first);
-  if (segment.corners.size() > 1 && to > from) push(to, part_to, side_to, last);
+  add_point(from, part_from, side_from, first);
+  if (segment.corners.size() > 1 && to > from) add_point(to, part_to, side_to, last);
 }
 
 /// Adds the crossing of two segments, or both ends of their common part if they are nearly parallel.
@@ -200,7 +200,7 @@ void Manifold::segments(const Vector3d& n, double round_a, double round_b) {
   const Vector3d a = a_.corners[0].p, along_a = a_.corners[1].p - a, b = b_.corners[0].p, along_b = b_.corners[1].p - b;
   const Vector2d u = across(along_a), v = across(along_b), w = across(b - a);
   const double uu = u.squaredNorm(), turned = cross(u, v), radius = curved_;
-  const auto push = [&](double t, double s, std::uint64_t id) {
+  const auto add_point = [&](double t, double s, std::uint64_t id) {
     const Vector3d p_a = a + t * along_a, p_b = b + s * along_b;
     const double h_a = n.dot(p_a) + round_a, h_b = n.dot(p_b) - round_b;
     const double sideways = across(p_b - p_a).norm();
@@ -212,8 +212,8 @@ void Manifold::segments(const Vector3d& n, double round_a, double round_b) {
   if (std::abs(turned) > parallel * std::sqrt(uu) * v.norm()) {
     const double t = cross(w, v) / turned, s = cross(w, u) / turned;
     if (t < -kOn || t > 1 + kOn || s < -kOn || s > 1 + kOn) return;
-    push(std::clamp(t, 0.0, 1.0), std::clamp(s, 0.0, 1.0),
-         touch_id(Part::kEdge, a_.corners[0].edge, Part::kEdge, b_.corners[0].edge));
+    add_point(std::clamp(t, 0.0, 1.0), std::clamp(s, 0.0, 1.0),
+              touch_id(Part::kEdge, a_.corners[0].edge, Part::kEdge, b_.corners[0].edge));
     return;
   }
   const double vv = v.squaredNorm();
@@ -225,9 +225,9 @@ void Manifold::segments(const Vector3d& n, double round_a, double round_b) {
     const double s = std::clamp(v.dot(t * u - w) / vv, 0.0, 1.0);
     const bool end_of_a = t == 0 || t == 1;
     const std::uint32_t va = a_.corners[t == 0 ? 0 : 1].vertex, vb = b_.corners[(t == b0) ? 0 : 1].vertex;
-    push(t, s,
-         end_of_a ? touch_id(Part::kVertex, va, Part::kEdge, b_.corners[0].edge)
-                  : touch_id(Part::kEdge, a_.corners[0].edge, Part::kVertex, vb));
+    add_point(t, s,
+              end_of_a ? touch_id(Part::kVertex, va, Part::kEdge, b_.corners[0].edge)
+                       : touch_id(Part::kEdge, a_.corners[0].edge, Part::kVertex, vb));
     if (to <= from) return;
   }
 }
@@ -240,7 +240,7 @@ double Manifold::find(const Placed& a, const Placed& b, const Vector3d& n, doubl
   t1_ = n.cross(Vector3d::Unit(smallest)).normalized();
   t2_ = n.cross(t1_);
   found_.clear();
-  room_ = 0;
+  face_margin_ = 0;
   const std::size_t count_a = a_.corners.size(), count_b = b_.corners.size();
   const double round_a = a.convex->round, round_b = b.convex->round;
   if (count_a > 2 && count_b > 2) {

@@ -35,7 +35,7 @@ class Manifold {
 
   /// For the deepest point of the last find(): the distance across n from a corner to the border of the face above it; 0 if the
   /// point is not a corner at a face.
-  double room() const { return room_; }
+  double face_margin() const { return face_margin_; }
 
   /// As find() for a half-space bounded by the plane through `a.p` with normal n.
   void on_plane(const Placed& plane, const Placed& b, const Eigen::Vector3d& n, double margin, std::vector<Touch>& touches);
@@ -68,7 +68,7 @@ class Manifold {
   std::vector<Point> points_, kept_;
   std::vector<Side> sides_;
   std::vector<Touch> found_;
-  double room_ = 0;
+  double face_margin_ = 0;
   double on_ = 0;  // m; points this close to an outline are on it
 };
 

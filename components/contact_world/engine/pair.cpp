@@ -104,7 +104,7 @@ Vector3d Pair::find_ordered(const Placed& a, const Placed& b, double margin, std
   const double size = std::min(a.convex->extent.norm(), b.convex->extent.norm());
   constexpr double kDeep = 1e-2;  // of the smaller one's size
   bool certain = guess.gap > -kDeep * size && add_points(a, b, guess, margin, touches);
-  if (certain && manifold_.room() >= -guess.gap) return guess.n;
+  if (certain && manifold_.face_margin() >= -guess.gap) return guess.n;
   Separation s = improve(a, b, guess, certain);
   if (s.gap < -kDeep * size) {  // the best direction may be anywhere
     certain = false;

@@ -228,7 +228,7 @@ Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance
   for (std::size_t i = 0; i < boxes; ++i) {
     BoxRow& row = boxes_[island.first_box + i];
     row.x = x_[i];
-    for (const Side& side : row.side) push(y_.data() + side.y, side, row.x - row.applied);
+    for (const Side& side : row.side) apply_impulse(y_.data() + side.y, side, row.x - row.applied);
   }
   for (std::size_t c = 0; c < cones; ++c) {
     const Core& core = cores_[island.first_cone + c];
@@ -238,7 +238,7 @@ Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance
       row.x[k] = x_[boxes + 3 * c + k];
       gained[k] = row.x[k] - row.applied[k];
     }
-    push(core, gained);
+    apply_impulse(core, gained);
   }
   Outcome outcome;
   outcome.iterations = sweeps + result.pivots;

@@ -381,7 +381,7 @@ void Rows::apply(std::span<RigidBody> bodies, Forest& forest) {
   const auto onto = [&](int body, const Vector3d& impulse, const Vector3d& moment, const Vector3d& p) {
     const int t = body < 0 ? -1 : forest.tree_of(body);
     if (t < 0) return;
-    forest.push(forest.trees()[index(t)], forest.nodes()[index(forest.node_of(body))], impulse, moment, p);
+    forest.apply_impulse(forest.trees()[index(t)], forest.nodes()[index(forest.node_of(body))], impulse, moment, p);
   };
   for (BoxRow& row : boxes_) {
     const double gained = row.x - row.applied;

@@ -126,9 +126,9 @@ class Rows {
   void make_free_sides(std::span<const RigidBody> bodies, const ConeRow& row, Core& core);
   void make_sides(std::span<const RigidBody> bodies, const Forest& forest, const ConeRow& row, Core& core);
   void load_row(Core& core, double h);
-  void push(const Core& core, const double* change);
+  void apply_impulse(const Core& core, const double* change);
   double velocity(const double* y, const Side& side) const;
-  void push(const double* y, const Side& side, double x);
+  void apply_impulse(const double* y, const Side& side, double x);
   double solve(BoxRow& row);
   template <int kSizeA, int kSizeB>
   double solve(Core& core);

@@ -61,17 +61,17 @@ void add_impulse(const double* y, double n, double s, double t, double* z) {
 
 double Rows::velocity(const double* y, const Side& side) const { return dot(y, z_.data() + side.offset, side.size); }
 
-void Rows::push(const double* y, const Side& side, double x) {
+void Rows::apply_impulse(const double* y, const Side& side, double x) {
   double* z = z_.data() + side.offset;
   for (int i = 0; i < side.size; ++i) z[i] += x * y[i];
 }
 
-void Rows::push(const Core& core, const double* change) {
+void Rows::apply_impulse(const Core& core, const double* change) {
   for (const Side& side : core.side) {
     if (side.size == 6) {
       add_impulse<6>(y_.data() + side.y, change[0], change[1], change[2], z_.data() + side.offset);
     } else {
-      for (int k = 0; k < 3; ++k) push(y_.data() + side.y + index(k * side.size), side, change[k]);
+      for (int k = 0; k < 3; ++k) apply_impulse(y_.data() + side.y + index(k * side.size), side, change[k]);
     }
   }
 }
@@ -84,7 +84,7 @@ double Rows::solve(BoxRow& row) {
   const double change = x - row.x;
   if (change == 0) return 0;
   row.x = x;
-  for (const Side& side : row.side) push(y_.data() + side.y, side, change);
+  for (const Side& side : row.side) apply_impulse(y_.data() + side.y, side, change);
   return std::abs(change) * row.A;
 }
 
@@ -154,7 +154,7 @@ double Rows::solve(Core& core) {
   core.hold = hold;
 
   if constexpr (kSizeA < 0) {
-    push(core, core.change);
+    apply_impulse(core, core.change);
   } else {
     add_impulse<kSizeA>(y_a, change_n, change_1, change_2, z_a);
     add_impulse<kSizeB>(y_b, change_n, change_1, change_2, z_b);
@@ -178,7 +178,7 @@ void Rows::apply_start(const Island& island) {
     const BoxRow& row = boxes_[i];
     const double gained = row.x - row.applied;
     if (gained == 0) continue;
-    for (const Side& side : row.side) push(y_.data() + side.y, side, gained);
+    for (const Side& side : row.side) apply_impulse(y_.data() + side.y, side, gained);
   }
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     Core& core = cores_[i];
@@ -188,7 +188,7 @@ void Rows::apply_start(const Island& island) {
       core.x[k] = row.x[k];
       gained[k] = row.x[k] - row.applied[k];
     }
-    push(core, gained);
+    apply_impulse(core, gained);
   }
 }
 

@@ -53,9 +53,9 @@ struct World::Impl {
   void collect_joint(const LooseJoint& one, Stage stage, double h);
   void collect_contact(std::size_t t, Stage stage, double h);
   void solve_rows(double h);
-  void reach_joints(double h);
-  void keep_impulses();
-  void keep_springs(double h);
+  void satisfy_joints(double h);
+  void store_impulses();
+  void store_spring_torques(double h);
 
   void reserve(std::size_t contacts);
   void detect();

@@ -16,17 +16,17 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 /// The position stage repeats until the joints' errors at the end of the step are below the tolerance, at most kPasses times.
 constexpr double kJointTolerance = 2e-10;  // m, rad
 constexpr int kPasses = 12;
-constexpr double kDiverging = 4;   // times the first error
-constexpr double kReached = 1e-5;  // m, rad: errors below are used to predict those of the next steps
+constexpr double kDiverging = 4;       // times the first error
+constexpr double kPredictable = 1e-5;  // m, rad: errors below are used to predict those of the next steps
 constexpr int kPassesOfLooseJoints = 2;
 
 /// Share of a penetration beyond the slop that one step corrects, and the largest speed of the correction.
-constexpr double kReturn = 0.2;
-constexpr double kSlop = 5e-6;          // m
-constexpr double kFastestReturn = 0.1;  // m/s
+constexpr double kCorrection = 0.2;
+constexpr double kSlop = 5e-6;              // m
+constexpr double kFastestCorrection = 0.1;  // m/s
 
 /// Gaps below this value are rounding noise and are treated as zero, so that resting bodies stay at rest.
-constexpr double kTouching = 1e-12;  // m
+constexpr double kGapNoise = 1e-12;  // m
 
 /// Largest numbers of iterations for held axes: in total, of these with simultaneous changes, and with contact impulses.
 constexpr int kLockRounds = 60, kSimultaneousRounds = 8, kContactRounds = 6;
@@ -84,12 +84,12 @@ void World::Impl::kick(double half) {
     const Wrench& F = applied[b];
     if (F.isZero(0)) continue;
     const Vector3d moment = F.tail<3>() + (body.R * body.X_PB.p).cross(F.head<3>());
-    body.push(half * F.head<3>(), half * moment);
+    body.apply_impulse(half * F.head<3>(), half * moment);
   }
 }
 
 void World::Impl::drift(double h) {
-  // Bodies with joints have been moved by reach_joints().
+  // Bodies with joints have been moved by satisfy_joints().
   std::size_t next = 0;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     if (next < linked.size() && index(linked[next]) == b) {
@@ -251,9 +251,9 @@ void World::Impl::solve(Stage stage, double h) {
   collect_rows(stage, h);
   if (prepared) prepared = rows.update(h);
   solve_rows(h);
-  if (stage == Stage::kPosition) reach_joints(h);
-  keep_impulses();
-  if (stage == Stage::kPosition) keep_springs(h);
+  if (stage == Stage::kPosition) satisfy_joints(h);
+  store_impulses();
+  if (stage == Stage::kPosition) store_spring_torques(h);
 }
 
 /// Sets the momentum of the axes' inertias from the joint speed at the start of the stage.
@@ -265,10 +265,10 @@ void World::Impl::begin_inertias() {
 
 /// Applies the drive of joints outside the trees as impulses on both bodies.
 void World::Impl::drive_loose_joints(Stage stage, double h) {
-  const auto push = [&](int body, const Vector3d& impulse, const Vector3d& moment, const Vector3d& p) {
+  const auto apply_impulse = [&](int body, const Vector3d& impulse, const Vector3d& moment, const Vector3d& p) {
     if (body < 0 || !bodies[index(body)].dynamic()) return;
     RigidBody& b = bodies[index(body)];
-    b.push(impulse, moment + (p - b.p).cross(impulse));
+    b.apply_impulse(impulse, moment + (p - b.p).cross(impulse));
   };
   for (const LooseJoint& one : loose) {
     const Joint& joint = joints[index(one.joint)];
@@ -278,8 +278,8 @@ void World::Impl::drive_loose_joints(Stage stage, double h) {
     const bool turns = joint.type == scene::JointType::kRevolute;
     const Vector3d impulse = turns ? Vector3d::Zero() : Vector3d(tau * joint.axis());
     const Vector3d moment = turns ? Vector3d(tau * joint.axis()) : Vector3d::Zero();
-    push(joint.child, impulse, moment, joint.p_child);
-    push(joint.parent, -impulse, -moment, joint.p_child);
+    apply_impulse(joint.child, impulse, moment, joint.p_child);
+    apply_impulse(joint.parent, -impulse, -moment, joint.p_child);
   }
 }
 
@@ -395,7 +395,7 @@ void World::Impl::collect_joint(const LooseJoint& one, Stage stage, double h) {
 
 void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
   Touch& touch = touches[t];
-  const double gap = std::abs(touch.point.gap) > kTouching ? touch.point.gap : 0;
+  const double gap = std::abs(touch.point.gap) > kGapNoise ? touch.point.gap : 0;
   const Vector3d& n = touch.point.n_W;
   ConeRow row;
   if (touch.stiffness < kInfinity) {
@@ -407,7 +407,7 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
     row.target = -gap / h;
     if (gap <= 0) {
       // The velocity stage removes the velocity of the position stage's correction, limited by the impulse of the whole step.
-      row.target = stage == Stage::kVelocity ? 0 : std::min(kReturn * std::max(-gap - kSlop, 0.0) / h, kFastestReturn);
+      row.target = stage == Stage::kVelocity ? 0 : std::min(kCorrection * std::max(-gap - kSlop, 0.0) / h, kFastestCorrection);
       if (stage == Stage::kVelocity && options.method != Method::kDantzig) row.lo = std::min(0.0, -n.dot(touch.sum));
     }
     // A bounce occurs where the body would penetrate, with the velocity at the start of the step: this conserves energy.
@@ -456,7 +456,7 @@ void World::Impl::solve_rows(double h) {
 
 /// Drifts the bodies with joints and repeats with corrected impulses until the joints are satisfied at the new poses (chord
 /// iteration: directions and inertias of the start of the step).
-void World::Impl::reach_joints(double h) {
+void World::Impl::satisfy_joints(double h) {
   const auto each = [&](const auto& f) {
     for (std::size_t i = 0; i < linked.size(); ++i) f(places[i], bodies[index(linked[i])]);
   };
@@ -504,7 +504,7 @@ void World::Impl::reach_joints(double h) {
     });
   }
   for (const Forest::Tree& tree : forest.trees()) {
-    if (largest <= kReached) {
+    if (largest <= kPredictable) {
       forest.store_beta(tree, joints, h);
     } else {
       forest.clear_history(tree);
@@ -512,7 +512,7 @@ void World::Impl::reach_joints(double h) {
   }
 }
 
-void World::Impl::keep_impulses() {
+void World::Impl::store_impulses() {
   for (Touch& touch : touches) touch.impulse.setZero();
   for (const ConeRow& row : rows.cones()) {
     Touch& touch = touches[index(row.point)];
@@ -527,7 +527,7 @@ void World::Impl::keep_impulses() {
   }
 }
 
-void World::Impl::keep_springs(double h) {
+void World::Impl::store_spring_torques(double h) {
   for (std::size_t j = 0; j < joints.size(); ++j) {
     Axis& axis = axes[j];
     if (axis.stiffness == 0) continue;
