@@ -13,14 +13,12 @@ namespace cotwin::scene {
 ///   model      static, pose, self_collide (false, as in SDF: links of one model do not collide), link, joint, frame,
 ///              nested models, include
 ///   include    uri (a file, or a folder with model.sdf or scene.sdf, relative to the including file; model://name: in its
-///   folder
-///              or in the parent of that), name, pose, static
+///              folder or in the parent of that), name, pose, static
 ///   link       pose, inertial (also auto="true" with density), kinematic (prescribed motion: Motion::kDriven), collision;
 ///              cotwin:velocity: initial [v; w] of the link's frame, expressed in the world
 ///   collision  pose, density, geometry (box, sphere, cylinder, capsule, plane, mesh as its hull, cotwin:round_hole), surface:
 ///              friction/ode/mu, bounce/restitution_coefficient, contact/ode/kp and kd (kp absent or 10¹²: rigid)
-///   joint      revolute, continuous, prismatic, ball, fixed; pose, parent, child, axis: xyz, limit, dynamics damping and
-///              friction
+///   joint      revolute, continuous, prismatic, ball, fixed; pose, parent, child, axis: xyz, limit, dynamics (damping, friction)
 ///   poses      relative_to, degrees, rotation_format
 /// The namespace of cotwin: is urn:cotwin:scene:1; cotwin:round_hole has radius, depth, size (two edges), chamfer, facets.
 /// Visuals, lights and windows are ignored. Other elements are ignored with a warning, or are errors where ignoring them would

@@ -80,12 +80,12 @@ std::vector<std::string_view> split(std::string_view s, char separator) {
 
 std::string closest(std::string_view wanted, const std::vector<std::string>& candidates) {
   std::string best;
-  std::size_t least = wanted.size() / 3 + 1;  // further away is another word, not a slip
-  constexpr std::size_t kLongest = 200;       // of a name that a human wrote: the search takes the product of the lengths
+  std::size_t least = wanted.size() / 3 + 1;  // a larger distance is not a typing error
+  constexpr std::size_t kLongest = 200;       // the search costs the product of the lengths
   if (wanted.size() > kLongest) return best;
   for (const std::string& candidate : candidates) {
     const std::size_t longer = std::max(candidate.size(), wanted.size()), shorter = std::min(candidate.size(), wanted.size());
-    if (longer - shorter > least) continue;  // at least so many letters differ
+    if (longer - shorter > least) continue;  // lower bound of the distance
     const std::size_t distance = edit_distance(wanted, candidate);
     if (distance < least || (distance == least && best.empty())) {
       least = distance;

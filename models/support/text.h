@@ -4,18 +4,18 @@
 #include <string_view>
 #include <vector>
 
-/// Numbers and words as text, the same in every locale.
+/// Conversion between text and numbers or words, independent of the locale.
 namespace cotwin::text {
 
-/// The whole of `s` (blanks around it allowed) as a finite number or ±inf/nan spelled out; nothing if it is anything else.
+/// Parses the whole of `s`, with blanks around it allowed, as a finite number, ±inf or nan; nullopt for anything else.
 std::optional<double> parse_real(std::string_view s);
 std::optional<long long> parse_integer(std::string_view s);
-/// "true", "1", "false", "0".
+/// Parses "true", "1", "false" or "0".
 std::optional<bool> parse_boolean(std::string_view s);
 
 /// The shortest text that reads back to the same bits.
 std::string to_text(double value);
-/// `value` with `digits` significant digits, for people.
+/// `value` with `digits` significant digits, for display.
 std::string to_text(double value, int digits);
 
 std::string_view trim(std::string_view s);
