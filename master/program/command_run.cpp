@@ -250,7 +250,7 @@ RunCheckpoint resume(RunArguments& arguments, const Build& build) {
   RunCheckpoint checkpoint = load_checkpoint(arguments.resume / kCheckpoint);
   if (checkpoint.build.version != build.version || checkpoint.build.file != build.file)
     throw Error(place, "was written by cotwin " + checkpoint.build.version + " (build " + hexadecimal(checkpoint.build.file) +
-                           "), expected the same program, which is cotwin " + build.version + " (build " +
+                           "), expected the same program with the same --units, which is cotwin " + build.version + " (build " +
                            hexadecimal(build.file) + ") here");
   if (checkpoint.build.cpu != build.cpu)
     throw Error(place, "was written on the instruction set " + checkpoint.build.cpu + ", here it is " + build.cpu +

@@ -46,6 +46,25 @@ expect_file(${cotwin} ${prefix}/bin/cotwin-fmu-host ${prefix}/lib/libcotwin.so $
   ${prefix}/share/cotwin/models/scenes/table/scene.sdf ${prefix}/share/doc/cotwin/copyright
   ${prefix}/share/bash-completion/completions/cotwin)
 
+# Which versions find_package(cotwin VERSION) accepts.
+function(expect_version wanted accepted)
+  set(PACKAGE_FIND_VERSION ${wanted})
+  string(REPLACE "." ";" parts ${wanted})
+  list(GET parts 0 PACKAGE_FIND_VERSION_MAJOR)
+  list(GET parts 1 PACKAGE_FIND_VERSION_MINOR)
+  set(CMAKE_SIZEOF_VOID_P "")
+  include(${prefix}/lib/cmake/cotwin/cotwinConfigVersion.cmake)
+  if(NOT PACKAGE_VERSION_COMPATIBLE STREQUAL accepted)
+    message(SEND_ERROR "find_package(cotwin ${wanted}): '${PACKAGE_VERSION_COMPATIBLE}', expected '${accepted}'")
+  endif()
+endfunction()
+string(REGEX MATCH "^([0-9]+)\\.([0-9]+)" same ${VERSION})
+math(EXPR next_minor "${CMAKE_MATCH_2} + 1")
+math(EXPR next_major "${CMAKE_MATCH_1} + 1")
+expect_version(${same} TRUE)
+expect_version(${CMAKE_MATCH_1}.${next_minor} FALSE)
+expect_version(${next_major}.0 FALSE)
+
 # No path of this machine's trees is in what was installed.
 foreach(file IN ITEMS ${cotwin} ${prefix}/lib/libcotwin.so ${prefix}/lib/cmake/cotwin/cotwinUnitTargets.cmake)
   foreach(tree IN ITEMS ${SOURCE} ${BUILD})
@@ -87,8 +106,6 @@ run(${CMAKE_COMMAND} -S ${SOURCE}/tests/install/consumer -B ${WORK}/consumer -G 
 run(${CMAKE_COMMAND} --build ${WORK}/consumer)
 set(module ${WORK}/consumer/units/spring.so)
 expect_file(${module} ${WORK}/consumer/units/fmu/${platform}/spring.so)
-expect(0 "0 failures" ${WORK}/consumer/use_api ${prefix}/share/cotwin/examples/01_joint_admittance/arm.ssd
-  ${SOURCE}/tests/install/consumer/springs.ssd ${module} ${WORK}/run)
 
 # expect_last(FILE COLUMN VALUE): the column's value in the last row of a CSV, to 1e-9.
 function(expect_last file column value)
@@ -113,6 +130,12 @@ foreach(fmi IN ITEMS 2 3)
   expect(0 "" ${cotwin} check ${fmu})
   expect(0 "" ${cotwin} run ${fmu} --stop-time 1 --output-interval 0.001 --output-file ${WORK}/run/spring${fmi}.csv)
 endforeach()
+# The API runs an FMU in a process of its own: the library finds the helper program.
+file(READ ${SOURCE}/tests/install/consumer/springs.ssd text)
+string(REPLACE "unit:spring?robot=planar2\" type=\"application/x-cotwin-unit" "${WORK}/run/spring3.fmu?process=own\" type=\"application/x-fmu-sharedlibrary" text "${text}")
+file(WRITE ${WORK}/run/fmu.ssd "${text}")
+expect(0 "0 failures" ${WORK}/consumer/use_api ${prefix}/share/cotwin/examples/01_joint_admittance/arm.ssd
+  ${SOURCE}/tests/install/consumer/springs.ssd ${module} ${WORK}/run ${WORK}/run/fmu.ssd)
 expect_last(${WORK}/run/spring2.csv "position[1]" -0.41953576453822617)
 expect(0 "" ${cotwin} reference ${WORK}/run/pages --units ${module})
 expect_file(${WORK}/run/pages/spring.md)

@@ -67,6 +67,27 @@ TEST(StepControl, OfAScenarioAsOneUnitIsThatOfTheMaster) {
   EXPECT_THAT(notes, ElementsAre("p discarded 55 ticks, which were made in up to 4 parts"));
 }
 
+// The master repeats the ticks since its last checkpoint, which may be 256 ticks back. values_changed() makes it take a
+// checkpoint with what its host has written.
+TEST(StepControl, ARepeatedTickBeginsWithTheValuesThatTheHostHasSet) {
+  Build b;
+  b.unit("i", "integrator").unit("p", "picky").with("longest", 0.3e-3).with("from", 0.045).until(1);
+  Master master = b.load();
+  master.initialise();
+  double expected = 0;  // ∫u, where u changes every 10 ticks
+  for (int n = 0; n < 100; ++n) {
+    const double u = std::sin(static_cast<double>(n / 10));
+    if (n % 10 == 0) {
+      find_signal(master.members(), "i.u", "").reals()[0] = u;
+      master.values_changed();
+    }
+    master.step_tick();
+    expected += 1e-3 * u;
+    ASSERT_NEAR(value(master, "i.y"), expected, 1e-15) << n;
+  }
+  EXPECT_EQ(master.summary().discarded, 55);
+}
+
 TEST(StepControl, OfAScenarioAsOneUnitGivesUpWhereNoPartIsShortEnough) {
   Build b;
   b.unit("i", "integrator").with("u", 1.0).unit("p", "picky").with("longest", 1e-9).with("from", 0.002).until(1);

@@ -1,4 +1,4 @@
-// Uses the public API of an installed Cotwin and checks the figures: use_api SCENARIO_OF_EXAMPLE_01 SPRINGS.ssd UNITS FOLDER
+// Uses the public API of an installed Cotwin and checks the figures: use_api SCENARIO_OF_EXAMPLE_01 SPRINGS.ssd UNITS FOLDER [FMU.ssd]
 #include <cotwin/cotwin.h>
 
 #include <cmath>
@@ -90,6 +90,13 @@ void check_springs(const char* file, const char* units) {
   expect_error([&] { cotwin::Simulation one(file); }, "no such unit");
 }
 
+// The same unit as an FMU.
+void check_fmu(const char* file) {
+  cotwin::Simulation spring(file);
+  expect(spring.run().reached == 1, "the end of the run with an FMU");
+  expect_near(spring.get("spring.position")[0], 0.5 * std::cos(10.0), 1e-12, "x1 of the FMU at 1 s");
+}
+
 // Example 01 to 1 s, twice: the same bits, and what is fed by a connection cannot be set.
 void check_example(const char* file, const std::string& folder) {
   const auto run = [&](const std::string& results) {
@@ -145,12 +152,13 @@ void check_tuning(const std::string& folder) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 5) return 2;
+  if (argc < 5) return 2;
   try {
     check_robot();
     check_springs(argv[2], argv[3]);
     check_example(argv[1], argv[4]);
     check_tuning(argv[4]);
+    if (argc > 5) check_fmu(argv[5]);
   } catch (const std::exception& error) {
     std::cerr << "use_api: " << error.what() << '\n';
     return 1;
