@@ -1,9 +1,6 @@
 #include "components/unit/snapshot.h"
 
-#include <bit>
-#include <cstring>
-#include <limits>
-
+#include "models/support/bytes.h"
 #include "models/support/error.h"
 
 namespace cotwin {
@@ -11,61 +8,6 @@ namespace cotwin {
 namespace {
 
 constexpr std::uint64_t kMagic = 0x3250414e53575443u;  // the bytes "CTWSNAP2": the format and its version
-
-static_assert(std::endian::native == std::endian::little, "the byte string is little-endian");
-
-class Writer {
- public:
-  template <class T>
-  void value(const T& v) {
-    const auto* bytes = reinterpret_cast<const std::byte*>(&v);
-    out_.insert(out_.end(), bytes, bytes + sizeof v);
-  }
-  template <class T>
-  void list(const std::vector<T>& values) {
-    value(static_cast<std::uint64_t>(values.size()));
-    const auto* bytes = reinterpret_cast<const std::byte*>(values.data());
-    out_.insert(out_.end(), bytes, bytes + values.size() * sizeof(T));
-  }
-  std::vector<std::byte> take() { return std::move(out_); }
-
- private:
-  std::vector<std::byte> out_;
-};
-
-class Reader {
- public:
-  explicit Reader(std::span<const std::byte> in) : in_(in) {}
-  template <class T>
-  T value() {
-    T v;
-    std::memcpy(&v, take(sizeof v), sizeof v);
-    return v;
-  }
-  /// A length that the rest of the bytes can hold at `element_size` each.
-  std::size_t length(std::size_t element_size) {
-    const auto n = value<std::uint64_t>();
-    if (n > in_.size() / element_size)
-      throw Error("snapshot", "cut short or damaged: a list of " + std::to_string(n) + " elements");
-    return static_cast<std::size_t>(n);
-  }
-  template <class T>
-  std::vector<T> list() {
-    std::vector<T> values(length(sizeof(T)));
-    if (!values.empty()) std::memcpy(values.data(), take(values.size() * sizeof(T)), values.size() * sizeof(T));
-    return values;
-  }
-  bool at_end() const { return in_.empty(); }
-
- private:
-  const std::byte* take(std::size_t n) {
-    if (n > in_.size()) throw Error("snapshot", "cut short: " + std::to_string(n - in_.size()) + " bytes are missing");
-    const std::byte* begin = in_.data();
-    in_ = in_.subspan(n);
-    return begin;
-  }
-  std::span<const std::byte> in_;
-};
 
 }  // namespace
 
@@ -155,35 +97,31 @@ void Snapshot::write(const Variables& variables) const {
   }
 }
 
-std::vector<std::byte> Snapshot::serialise() const {
-  Writer out;
+std::string Snapshot::serialise() const {
+  ByteWriter out;
   out.value(kMagic);
   out.value(fingerprint_);
   out.list(reals_);
   out.list(integers_);
   out.list(booleans_);
-  out.value(static_cast<std::uint64_t>(strings_.size()));
-  for (const std::string& s : strings_) out.list(std::vector<char>(s.begin(), s.end()));
-  out.list(std::vector<char>(memory_.begin(), memory_.end()));
+  out.value(std::uint64_t{strings_.size()});
+  for (const std::string& s : strings_) out.text(s);
+  out.text(memory_);
   return out.take();
 }
 
-Snapshot Snapshot::deserialise(std::span<const std::byte> bytes) {
-  Reader in(bytes);
-  if (in.value<std::uint64_t>() != kMagic) throw Error("snapshot", "these bytes are no snapshot of this version");
+Snapshot Snapshot::deserialise(std::string_view bytes) {
+  ByteReader in(as_bytes(bytes), "snapshot");
+  if (in.value<std::uint64_t>() != kMagic) in.fail("is not of this version");
   Snapshot snapshot;
   snapshot.fingerprint_ = in.value<std::uint64_t>();
   snapshot.reals_ = in.list<double>();
   snapshot.integers_ = in.list<std::int32_t>();
   snapshot.booleans_ = in.list<std::uint8_t>();
-  snapshot.strings_.resize(in.length(sizeof(std::uint64_t)));
-  for (std::string& s : snapshot.strings_) {
-    const std::vector<char> characters = in.list<char>();
-    s.assign(characters.begin(), characters.end());
-  }
-  const std::vector<char> memory = in.list<char>();
-  snapshot.memory_.assign(memory.begin(), memory.end());
-  if (!in.at_end()) throw Error("snapshot", "bytes follow its end");
+  snapshot.strings_.resize(in.count(sizeof(std::uint64_t)));
+  for (std::string& s : snapshot.strings_) s = in.text();
+  snapshot.memory_ = in.text();
+  in.expect_end();
   return snapshot;
 }
 

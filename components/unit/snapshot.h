@@ -1,8 +1,7 @@
 #pragma once
-#include <cstddef>
 #include <cstdint>
-#include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "components/unit/unit.h"
@@ -12,11 +11,12 @@ namespace cotwin {
 /// The values of all variables of a unit at one instant: plain data, independent of the unit it was taken from.
 class Snapshot {
  public:
-  /// Copies every variable. Allocates only the first time (and where strings grow).
+  /// Copies the values alone, such as start values. Allocates only the first time (and where strings grow).
   void take(const Variables& variables);
-  /// The same, and what the unit remembers outside of them.
+  /// Copies the values, and what the unit remembers outside its variables (Unit::save_memory).
   void take(const Variables& variables, Unit& unit);
-  /// Writes the values back and tells the unit. Throws Error if `variables` is not laid out like those it was taken from.
+  /// Writes the values back and calls the unit's restore_memory() and restored(). Throws Error if `variables` is not laid out
+  /// like those it was taken from.
   void restore(const Variables& variables, Unit& unit) const;
 
   /// Writes the values alone, for a unit that is initialised afterwards. Throws Error as restore.
@@ -24,9 +24,9 @@ class Snapshot {
 
   /// A self-describing byte string (version, fingerprint, values; little-endian) that restores into a fresh instance of the
   /// same unit.
-  std::vector<std::byte> serialise() const;
+  std::string serialise() const;
   /// Throws Error for bytes that are not a snapshot, are cut short, or are of another version.
-  static Snapshot deserialise(std::span<const std::byte> bytes);
+  static Snapshot deserialise(std::string_view bytes);
 
   bool empty() const { return fingerprint_ == 0; }
   friend bool operator==(const Snapshot&, const Snapshot&) = default;

@@ -41,8 +41,8 @@ class Unit {
   /// Allocates nothing, blocks on nothing, reads no clock, prints nothing. `h` > 0 may differ from step to step.
   virtual StepResult step(Time now, Duration h) = 0;
   virtual void restored() {}
-  /// What a unit remembers outside its variables, as only one that others wrote may: bytes that a snapshot carries along and
-  /// restore_memory() takes, in this instance or a fresh one, after the variables were written and before restored().
+  /// Replaces `bytes` by what steps remember outside the variables: an FMU's state, compressed samples. A snapshot gives them
+  /// to restore_memory(), of this instance or a fresh one, after the variables were written and before restored().
   virtual void save_memory(std::string& bytes) { bytes.clear(); }
   virtual void restore_memory(const std::string&) {}
   /// False for a unit whose step reaches outside (a bus, a robot) and cannot be taken back.

@@ -546,8 +546,7 @@ std::string Exported::serialise(const void* handle) const {
   body.value(m.steps);
   body.value(m.host_time);
   body.value(static_cast<std::uint8_t>(m.finished));
-  const std::vector<std::byte> snapshot = saved.snapshot.serialise();
-  body.text({reinterpret_cast<const char*>(snapshot.data()), snapshot.size()});
+  body.text(saved.snapshot.serialise());
   ByteWriter out;
   out.value(kStateMagic);
   out.value(hash_of(body.bytes()));
@@ -582,7 +581,7 @@ void* Exported::deserialise(std::span<const std::byte> bytes) {
   if ((m.state == kStepping || m.state == kStepDiscarded) && !m.initialised) in.fail("steps without being initialised");
   const std::string snapshot = in.text();
   in.expect_end();
-  saved->snapshot = Snapshot::deserialise(as_bytes(snapshot));
+  saved->snapshot = Snapshot::deserialise(snapshot);
   Saved* handle = saved.get();
   saved_.emplace(handle, std::move(saved));
   return handle;

@@ -231,8 +231,7 @@ std::string serialise(const Package& package) {
   if (package.robot != nullptr) put(out, *package.robot);
   out.value(static_cast<std::uint8_t>(package.cell != nullptr));
   if (package.cell != nullptr) put(out, *package.cell);
-  const std::vector<std::byte> start = package.start.serialise();
-  out.text({reinterpret_cast<const char*>(start.data()), start.size()});
+  out.text(package.start.serialise());
 
   ByteWriter head;
   head.value(kMagic);
@@ -259,7 +258,7 @@ Package deserialise_package(std::string_view bytes, const std::string& place) {
     get(in, *cell);
     package.cell = std::move(cell);
   }
-  package.start = Snapshot::deserialise(as_bytes(in.text()));
+  package.start = Snapshot::deserialise(in.text());
   in.expect_end();
   return package;
 }

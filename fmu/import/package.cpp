@@ -216,9 +216,8 @@ std::string serialise(const ForeignPackage& package) {
   at(package.name, [&] { check(package); });
   Putter content;
   content.put(package);
-  const std::vector<std::byte> start = package.start.serialise();
   ByteWriter tail;
-  tail.text(std::string(reinterpret_cast<const char*>(start.data()), start.size()));
+  tail.text(package.start.serialise());
   const std::string body = content.bytes() + tail.bytes();
   ByteWriter head;
   head.value(kMagic);
@@ -239,7 +238,7 @@ ForeignPackage deserialise_foreign(std::string_view bytes, const std::string& pl
   const std::string start = in.text();
   in.expect_end();
   at(place, [&] {
-    package.start = Snapshot::deserialise(as_bytes(start));
+    package.start = Snapshot::deserialise(start);
     check(package);
   });
   return package;

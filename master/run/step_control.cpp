@@ -26,10 +26,7 @@ void Checkpoint::restore(std::span<const Member> members, Schedule& schedule, Ev
 void Checkpoint::write(ByteWriter& out) const {
   out.value(tick_);
   out.value(static_cast<std::uint64_t>(snapshots_.size()));
-  for (const Snapshot& snapshot : snapshots_) {
-    const std::vector<std::byte> bytes = snapshot.serialise();
-    out.text(std::string(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
-  }
+  for (const Snapshot& snapshot : snapshots_) out.text(snapshot.serialise());
   out.value(static_cast<std::uint64_t>(progress_.size()));
   for (const Progress& p : progress_) {
     out.value(p.time.ns);
@@ -43,7 +40,7 @@ void Checkpoint::read(ByteReader& in, std::span<const Member> members, const Sch
   if (tick_ < 0 || tick_ > schedule.ticks()) in.fail("is at tick " + std::to_string(tick_) + " of another run");
   if (in.count(sizeof(std::uint64_t)) != members.size()) in.fail("has the states of other units");
   snapshots_.clear();
-  for (std::size_t m = 0; m < members.size(); ++m) snapshots_.push_back(Snapshot::deserialise(as_bytes(in.text())));
+  for (std::size_t m = 0; m < members.size(); ++m) snapshots_.push_back(Snapshot::deserialise(in.text()));
   if (in.count(2 * sizeof(std::int64_t)) != schedule.slots.size()) in.fail("has the states of other units");
   progress_.clear();
   for (std::size_t i = 0; i < schedule.slots.size(); ++i) {

@@ -21,10 +21,15 @@ struct Bounds {
   friend bool operator==(const Bounds&, const Bounds&) = default;
 };
 
+/// Default weights of the prior, see Problem. The data enter the cost as a mean over the samples, so that the more samples
+/// there are, the less weight the prior needs to decide what the data leave open.
+inline constexpr double kPriorWeightOfShortData = 0.1;  // the tuner in a running twin: seconds of data, some 10³ samples
+inline constexpr double kPriorWeightOfLogs = 1e-3;      // cotwin tune: minutes of data, 10⁴ samples and more
+
 struct ProblemOptions {
   Bounds bounds;
-  double prior_weight = 0.1;  // see Problem
-  Eigen::VectorXd sigma;      // n, N.m: weights 1/σ_j² of the joints; empty: the residuals of the floor
+  double prior_weight = kPriorWeightOfShortData;
+  Eigen::VectorXd sigma;  // n, N.m: weights 1/σ_j² of the joints; empty: the residuals of the floor
 };
 
 /// Unconstrained least squares over base and linear drive parameters, and over those of nonlinear friction where it is sought:

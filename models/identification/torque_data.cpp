@@ -244,38 +244,23 @@ void TorqueData::flush() {
   for (Triangle& triangle : impl_->triangles) triangle.flush();
 }
 
-std::size_t TorqueData::stored_doubles() const {
-  std::size_t size = 0;
-  for (const Triangle& triangle : impl_->triangles) size += triangle.stored_doubles();
-  return size;
+void TorqueData::clear() {
+  for (Triangle& triangle : impl_->triangles) triangle.clear();
 }
 
-void TorqueData::store(std::span<double> to) const {
-  double* at = to.data();
-  for (const Triangle& triangle : impl_->triangles) {
-    triangle.store(at);
-    at += triangle.stored_doubles();
-  }
+void TorqueData::copy_samples(const TorqueData& other) {
+  std::copy(other.impl_->triangles.begin(), other.impl_->triangles.end(), impl_->triangles.begin());
 }
 
-void TorqueData::check(std::span<const double> from, const char* place) const {
-  if (from.size() != stored_doubles())
-    throw Error(place, std::to_string(from.size()) + " numbers, expected " + std::to_string(stored_doubles()));
-  const double* at = from.data();
-  for (const Triangle& triangle : impl_->triangles) {
-    triangle.check(at, place);
-    if (*at != from.front())
-      throw Error(place, "triangles of unlike numbers of rows, expected as many for each joint: that of the samples");
-    at += triangle.stored_doubles();
-  }
+void TorqueData::write_samples(ByteWriter& out) const {
+  for (const Triangle& triangle : impl_->triangles) triangle.write(out);
 }
 
-void TorqueData::load(std::span<const double> from) {
-  check(from, "torque data");
-  const double* at = from.data();
+void TorqueData::read_samples(ByteReader& in) {
   for (Triangle& triangle : impl_->triangles) {
-    triangle.load(at);
-    at += triangle.stored_doubles();
+    triangle.read(in);
+    if (triangle.rows() != count() || triangle.pending() != impl_->triangles.front().pending())
+      in.fail("has triangles of unlike numbers of rows, expected as many for each joint: one per sample");
   }
 }
 

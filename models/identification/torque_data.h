@@ -2,7 +2,6 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <memory>
-#include <span>
 #include <vector>
 
 #include "models/identification/torque_model.h"
@@ -51,13 +50,15 @@ class TorqueData {
   /// Takes an incomplete block of samples in; before reading triangles. Problem does it on its own copy.
   void flush();
 
-  /// All that is in the triangles as numbers, and back into data of the same robot and options: numerics::Triangle::store,
-  /// load. Samples of an incomplete block are not among them. Neither allocates. check() and load() throw Error for numbers
-  /// that no such data wrote: Triangle::check; of another count; triangles of unlike numbers of rows.
-  std::size_t stored_doubles() const;
-  void store(std::span<double> to) const;
-  void load(std::span<const double> from);
-  void check(std::span<const double> from, const char* place) const;
+  /// Removes all samples. Allocates nothing.
+  void clear();
+  /// Takes over the samples of `other`, of the same robot, options and forgetting, in place of those here. Allocates nothing.
+  void copy_samples(const TorqueData& other);
+  /// Appends all samples in their compressed form, those of an incomplete block included.
+  void write_samples(ByteWriter& out) const;
+  /// Continues from what data of the same robot, options and forgetting wrote, to the same bits. Allocates nothing. Throws
+  /// Error as numerics::Triangle::read, and for triangles with unlike numbers of rows; then the samples are unspecified.
+  void read_samples(ByteReader& in);
 
   std::size_t count() const;  // samples
   double weight() const;      // Σ of forgetting factors

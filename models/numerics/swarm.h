@@ -3,6 +3,8 @@
 #include <cstdint>
 #include <functional>
 #include <span>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "models/support/threads.h"
@@ -46,9 +48,9 @@ struct SwarmState {
   friend bool operator==(const SwarmState&, const SwarmState&) = default;
 
   /// As bytes (little-endian, with a version in front), for a file.
-  std::vector<unsigned char> bytes() const;
-  /// Throws Error for bytes that are no state.
-  static SwarmState from_bytes(std::span<const unsigned char> bytes);
+  std::string bytes() const;
+  /// Throws Error for bytes that are not a state.
+  static SwarmState from_bytes(std::string_view bytes);
 };
 
 enum class SwarmStatus { kRunning, kThreshold, kRounds };

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
+#include <span>
 #include <string>
 
 #include "models/numerics/kernels/kernels.h"
@@ -72,29 +74,38 @@ void Triangle::merge(const Triangle& other) {
   weight_ += aged * aged * older.weight_;
 }
 
-void Triangle::store(double* to) const {
-  *to++ = static_cast<double>(rows_ - pending_);
-  *to++ = weight_;
-  for (std::size_t r = 0; r < columns_; ++r) to = std::copy_n(R_.data() + r * columns_ + r, columns_ - r, to);
+void Triangle::clear() {
+  rows_ = pending_ = 0;
+  weight_ = 0;
+  std::fill(R_.begin(), R_.end(), 0.0);
 }
 
-void Triangle::check(const double* from, const char* place) const {
-  constexpr double kMostRows = 9007199254740992;  // 2^53, beyond which doubles do not count
-  for (std::size_t i = 0; i < stored_doubles(); ++i) {
-    if (!std::isfinite(from[i])) throw Error(place, "number " + std::to_string(i + 1) + " of a triangle is not finite");
-  }
-  if (!(from[0] >= 0 && from[0] <= kMostRows && from[0] == std::floor(from[0])))
-    throw Error(place, "a triangle of " + std::to_string(from[0]) + " rows, expected a whole number from 0 to 2^53");
-  if (from[1] < 0) throw Error(place, "a triangle of weight " + std::to_string(from[1]) + ", expected 0 or above");
+void Triangle::write(ByteWriter& out) const {
+  out.value(std::uint64_t{rows_});
+  out.value(std::uint64_t{pending_});
+  out.value(weight_);
+  for (std::size_t r = 0; r < columns_; ++r) out.values(std::span(R_).subspan(r * columns_ + r, columns_ - r));
+  for (std::size_t c = 0; c < columns_; ++c) out.values(std::span(block_).subspan(c * kRows, pending_));
 }
 
-void Triangle::load(const double* from) {
-  check(from);
-  rows_ = static_cast<std::size_t>(*from++);
-  weight_ = *from++;
-  pending_ = 0;
-  for (std::size_t r = 0; r < columns_; ++r, from += columns_ - r + 1)
-    std::copy_n(from, columns_ - r, R_.data() + r * columns_ + r);
+void Triangle::read(ByteReader& in) {
+  constexpr std::uint64_t kMostRows = 1ull << 53;  // up to which a weight counts them exactly
+  const auto rows = in.value<std::uint64_t>(), pending = in.value<std::uint64_t>();
+  if (rows > kMostRows) in.fail("has a triangle of " + std::to_string(rows) + " rows, expected at most 2^53");
+  if (pending >= kRows || pending > rows)
+    in.fail("has " + std::to_string(pending) + " rows in an incomplete block of a triangle of " + std::to_string(rows) +
+            " rows, expected fewer than " + std::to_string(kRows) + " and at most all");
+  const auto take = [&in](std::span<double> to) {
+    in.values(to);
+    if (!std::all_of(to.begin(), to.end(), [](double x) { return std::isfinite(x); }))
+      in.fail("has a number that is not finite in a triangle");
+  };
+  rows_ = rows;
+  pending_ = pending;
+  take({&weight_, 1});
+  if (weight_ < 0) in.fail("has a triangle of weight " + std::to_string(weight_) + ", expected 0 or above");
+  for (std::size_t r = 0; r < columns_; ++r) take(std::span(R_).subspan(r * columns_ + r, columns_ - r));
+  for (std::size_t c = 0; c < columns_; ++c) take(std::span(block_).subspan(c * kRows, pending_));
 }
 
 }  // namespace cotwin::numerics

@@ -2,6 +2,8 @@
 #include <cstddef>
 #include <vector>
 
+#include "models/support/bytes.h"
+
 namespace cotwin::numerics {
 
 /// A tall matrix A (N x p, N without bound) compressed to the triangle R of its QR factorisation: RᵀR = Σ_s λ^(N−1−s) a_s a_sᵀ
@@ -22,6 +24,8 @@ class Triangle {
   /// Rows taken so far, and their weight Σ λ^age.
   std::size_t rows() const { return rows_; }
   double weight() const;
+  /// Rows in an incomplete block, less than kRows.
+  std::size_t pending() const { return pending_; }
 
   /// Appends one row. Allocates nothing.
   void add(const double* row);
@@ -38,15 +42,13 @@ class Triangle {
   const double* R() const { return R_.data(); }
   double operator()(std::size_t row, std::size_t column) const { return R_[row * columns_ + column]; }
 
-  /// What load() needs to go on from the rows in R, as numbers; rows that are pending are not among them.
-  std::size_t stored_doubles() const { return 2 + columns_ * (columns_ + 1) / 2; }
-  void store(double* to) const;
-  /// Forgets everything and goes on where `from` was stored by a triangle of as many columns, with no rows pending. Neither
-  /// allocates. Throws Error as check(), and then nothing has changed.
-  void load(const double* from);
-  /// Throws Error naming `place` unless all numbers are finite, the count of rows is a whole number from 0 to 2^53, and their
-  /// weight is not below 0.
-  void check(const double* from, const char* place = "triangle") const;
+  /// Removes all rows. Allocates nothing.
+  void clear();
+  /// Appends everything that the triangle remembers, the rows of an incomplete block included.
+  void write(ByteWriter& out) const;
+  /// Continues from what a triangle of as many columns wrote, to the same bits. Allocates nothing. Throws Error at the place of
+  /// `in` for numbers that are not finite and for impossible numbers of rows; then the content is unspecified.
+  void read(ByteReader& in);
 
   friend bool operator==(const Triangle&, const Triangle&) = default;
 

@@ -1,29 +1,50 @@
 #pragma once
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
 #include <span>
 #include <string>
+#include <string_view>
 #include <type_traits>
+#include <utility>
+#include <vector>
 
 #include "models/support/error.h"
 
-/// Byte strings for exchange between processes: little-endian values without padding, strings preceded by their length. Only
-/// little-endian machines are supported (asserted in snapshot.cpp).
+/// Byte strings for files and other processes: little-endian values without padding, lists and strings preceded by their length.
 namespace cotwin {
+
+static_assert(std::endian::native == std::endian::little, "byte strings hold values as they are in memory");
 
 class ByteWriter {
  public:
+  ByteWriter() = default;
+  /// Writes into `buffer`, whose content is dropped and whose capacity is used.
+  explicit ByteWriter(std::string buffer) : bytes_(std::move(buffer)) { bytes_.clear(); }
+
   template <class T>
   void value(const T& v) {
     static_assert(std::is_arithmetic_v<T>);
     bytes_.append(reinterpret_cast<const char*>(&v), sizeof v);
   }
-  void text(const std::string& s) {
+  void text(std::string_view s) {
     value(static_cast<std::uint64_t>(s.size()));
     bytes_ += s;
   }
+  /// The values alone; the reader has their number from elsewhere.
+  template <class T>
+  void values(std::span<const T> v) {
+    static_assert(std::is_arithmetic_v<T>);
+    bytes_.append(reinterpret_cast<const char*>(v.data()), v.size_bytes());
+  }
+  template <class T>
+  void list(const std::vector<T>& v) {
+    value(static_cast<std::uint64_t>(v.size()));
+    values(std::span<const T>(v));
+  }
   const std::string& bytes() const { return bytes_; }
+  std::string take() { return std::move(bytes_); }
 
  private:
   std::string bytes_;
@@ -44,6 +65,18 @@ class ByteReader {
   std::string text() {
     const std::size_t n = count(1);
     return std::string(reinterpret_cast<const char*>(take(n)), n);
+  }
+  template <class T>
+  void values(std::span<T> to) {
+    static_assert(std::is_arithmetic_v<T>);
+    const std::byte* const from = take(to.size_bytes());
+    if (!to.empty()) std::memcpy(to.data(), from, to.size_bytes());
+  }
+  template <class T>
+  std::vector<T> list() {
+    std::vector<T> v(count(sizeof(T)));
+    values(std::span<T>(v));
+    return v;
   }
   /// Reads a number of elements of at least `size` bytes each. Throws Error if the remaining bytes cannot contain them.
   std::size_t count(std::size_t size) {

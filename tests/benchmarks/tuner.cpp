@@ -94,10 +94,10 @@ int main() {
   benchmark::print({"memory of compressed torques, any number of samples", "MB", static_cast<double>(8 * doubles) / 1e6,
                     "1 000 000 samples of q, dq, ddq, tau", 8.0 * 28 * kWhole / 1e6, 1.0, false});
 
-  const auto swarm_seconds = [](const Problem& problem, const TuningOptions& options) {
+  const auto swarm_seconds = [](const Problem& problem, const SwarmSearchOptions& options) {
     return least_seconds(3, [&] {
-      Tuning tuning(problem, options);
-      keep(tuning.run().cost);
+      SwarmSearch search(problem, options);
+      keep(search.run().cost);
     });
   };
   // The time of the peer is that of one particle times 500 · 200, because the whole run would take minutes to hours.

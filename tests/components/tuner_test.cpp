@@ -13,10 +13,8 @@
 #include <limits>
 #include <thread>
 
-#include "components/tuner/memory.h"
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
-#include "models/numerics/random.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/perturbed.h"
 #include "models/robot/urdf.h"
@@ -54,7 +52,7 @@ class Subject {
     }
     return all;
   }
-  /// All results of the tuner as text with all bits.
+  /// Every variable that it writes, and its memory, to the bit.
   std::vector<std::string> everything() {
     std::vector<std::string> all;
     for (const Variable& v : instance_.variables) {
@@ -67,12 +65,12 @@ class Subject {
         for (const bool x : v.booleans()) all.push_back(x ? "true" : "false");
       if (v.kind() == Kind::kString) all.insert(all.end(), v.strings().begin(), v.strings().end());
     }
+    instance_.unit->save_memory(all.emplace_back());
     return all;
   }
-  std::string& string(const std::string& name) { return instance_.variables.at(name).strings()[0]; }
   Snapshot save() {
     Snapshot snapshot;
-    snapshot.take(instance_.variables);
+    snapshot.take(instance_.variables, *instance_.unit);
     return snapshot;
   }
   void restore(const Snapshot& snapshot, double now) {
@@ -273,7 +271,7 @@ TEST(Tuner, GoesOnToTheSameBitsInAFreshInstanceWhereverItWasSaved) {
     SCOPED_TRACE(when);
     Subject one = tuner_of_planar2();
     run(one, measured, 0, when);
-    const std::vector<std::byte> saved = one.save().serialise();
+    const std::string saved = one.save().serialise();
     const auto expected = trace(one, measured, when, 9);
     EXPECT_EQ(one.integer("tunings"), 2);
 
@@ -317,23 +315,48 @@ TEST(Tuner, InRealTimeCannotBeRestoredBecauseResultsComeAtAnyTime) {
   EXPECT_FALSE(tuner_of_planar2("&wait=false").unit().restorable());
 }
 
+/// What the unit remembers outside its variables.
+std::string memory_of(Subject& tuner) {
+  std::string bytes;
+  tuner.unit().save_memory(bytes);
+  return bytes;
+}
+
+/// The message of the error when `memory` is restored, or "".
+std::string error_of(Subject& tuner, const std::string& memory) {
+  try {
+    tuner.unit().restore_memory(memory);
+  } catch (const Error& error) {
+    return error.what();
+  }
+  return "";
+}
+
+// A triangle of p columns: rows and pending rows (64-bit integers), weight, p (p + 1) / 2 numbers, p numbers per pending row.
 TEST(Tuner, RefusesInvalidMemories) {
   Measured measured(planar());
-  const auto error_of = [&](const std::string& name, const std::function<void(std::string&)>& spoil) -> std::string {
-    Subject tuner = tuner_of_planar2();
-    run(tuner, measured, 0, 4.2);
-    spoil(tuner.string(name));
-    try {
-      tuner.unit().restored();
-    } catch (const Error& error) {
-      return error.what();
-    }
-    return "";
+  Subject tuner = tuner_of_planar2();
+  run(tuner, measured, 0, 4.2);  // while it estimates
+  const std::string good = memory_of(tuner);
+  EXPECT_EQ(error_of(tuner, good), "");
+  const auto with = [&](std::size_t at, auto value) {
+    std::string bytes = good;
+    std::memcpy(bytes.data() + at, &value, sizeof value);
+    return error_of(tuner, bytes);
   };
-  EXPECT_EQ(error_of("gathered", [](std::string&) {}), "");
-  EXPECT_THAT(error_of("gathered", [](std::string& text) { text.pop_back(); }), HasSubstr("gathered: has "));
-  EXPECT_THAT(error_of("pending", [](std::string& text) { text[7] = '~'; }), HasSubstr("pending: has characters"));
-  EXPECT_THAT(error_of("sought", [](std::string& text) { text[10] = 'o'; }), HasSubstr("sought: has characters"));
+  EXPECT_EQ(error_of(tuner, ""), "samples of the tuner: is cut short");
+  for (std::size_t n = 1; n < good.size(); n += 101)
+    EXPECT_EQ(error_of(tuner, good.substr(0, n)), "samples of the tuner: is cut short");
+  EXPECT_EQ(error_of(tuner, good + "0"), "samples of the tuner: has bytes after its end");
+  const double nan = std::numeric_limits<double>::quiet_NaN(), infinity = std::numeric_limits<double>::infinity();
+  EXPECT_THAT(with(0, std::uint64_t{1} << 54), HasSubstr("rows, expected at most 2^53"));
+  EXPECT_THAT(with(0, std::uint64_t{1000}), HasSubstr("triangles of unlike numbers of rows"));
+  EXPECT_THAT(with(8, std::uint64_t{64}), HasSubstr("has 64 rows in an incomplete block"));
+  EXPECT_THAT(with(16, nan), HasSubstr("a number that is not finite in a triangle"));
+  EXPECT_THAT(with(16, -1.0), HasSubstr("expected 0 or above"));
+  EXPECT_THAT(with(24, infinity), HasSubstr("a number that is not finite in a triangle"));
+  EXPECT_THAT(with(good.size() - 8, nan), HasSubstr("a number that is not finite in a triangle")) << "of the estimation";
+  EXPECT_EQ(error_of(tuner, good), "") << "what was refused leaves a tuner that can be restored";
 }
 
 TEST(Tuner, RefusesStatesWithInvalidNumbers) {
@@ -342,50 +365,28 @@ TEST(Tuner, RefusesStatesWithInvalidNumbers) {
   Subject source = tuner_of_planar2();
   run(source, measured, 0, 4.2);
   const Snapshot good = source.save();
-  const auto error_of = [&](const std::function<void(Subject&)>& spoil) -> std::string {
+  const auto error_with = [&](const std::function<void(Subject&)>& spoil) -> std::string {
     Subject tuner = tuner_of_planar2();
     tuner.initialise();
     tuner.restore(good, 4.2);
     spoil(tuner);
-    try {
-      tuner.unit().restored();
-    } catch (const Error& error) {
-      return error.what();
-    }
-    return "";
-  };
-  const auto number = [](const std::string& name, std::size_t place, double value) {
-    return [=](Subject& tuner) {
-      tuner::write_numbers(std::span(&value, 1), tuner.string(name).data() + tuner::kCharacters * place);
-    };
+    return error_of(tuner, memory_of(source));
   };
   const auto integer = [](const std::string& name, std::int32_t value) {
     return [=](Subject& tuner) { tuner.set(name, std::to_string(value)); };
   };
-  EXPECT_EQ(error_of([](Subject&) {}), "");
-  for (const char* text : {"gathered", "pending", "sought"}) {
-    EXPECT_THAT(error_of([=](Subject& t) { t.string(text).clear(); }), HasSubstr(text + std::string(": has 0 characters")));
-    EXPECT_THAT(error_of([=](Subject& t) { t.string(text).push_back('0'); }), HasSubstr(text + std::string(": has ")));
-  }
-  for (const char* text : {"gathered", "sought"}) {
-    EXPECT_THAT(error_of(number(text, 0, nan)), HasSubstr(text + std::string(": number 1 of a triangle is not finite")));
-    EXPECT_THAT(error_of(number(text, 0, -3)), HasSubstr("expected a whole number from 0 to 2^53"));
-    EXPECT_THAT(error_of(number(text, 0, 7)), HasSubstr("triangles of unlike numbers of rows"));
-  }
-  EXPECT_THAT(error_of(number("pending", 2, nan)), HasSubstr("pending: has samples that are not finite"));
-  EXPECT_THAT(error_of(integer("pending_samples", 64)), HasSubstr("pending_samples: 64, expected 0 to 63"));
-  EXPECT_THAT(error_of(integer("pending_samples", -1)), HasSubstr("pending_samples: -1, expected 0 to 63"));
-  EXPECT_THAT(error_of([=](Subject& t) { t["filter"][4] = nan; }), HasSubstr("filter: has numbers that are not finite"));
-  EXPECT_THAT(error_of([=](Subject& t) { t["due"][0] = nan; }), HasSubstr("due: nan, expected"));
-  EXPECT_THAT(error_of([=](Subject& t) { t["next"][0] = 1e300; }), HasSubstr("next: 1e+300, expected"));
-  EXPECT_THAT(error_of([=](Subject& t) { t["interval"][0] = nan; }), HasSubstr("interval: nan, expected"));
-  EXPECT_THAT(error_of(integer("decimation", -2147483647 - 1)), HasSubstr("decimation: -2147483648, expected 1 to"));
-  EXPECT_THAT(error_of(integer("particles", 2147483647)), HasSubstr("particles: 2147483647, expected 8 to"));
+  EXPECT_EQ(error_with([](Subject&) {}), "");
+  EXPECT_THAT(error_with([=](Subject& t) { t["filter"][4] = nan; }), HasSubstr("filter: has numbers that are not finite"));
+  EXPECT_THAT(error_with([=](Subject& t) { t["due"][0] = nan; }), HasSubstr("due: nan, expected"));
+  EXPECT_THAT(error_with([=](Subject& t) { t["next"][0] = 1e300; }), HasSubstr("next: 1e+300, expected"));
+  EXPECT_THAT(error_with([=](Subject& t) { t["interval"][0] = nan; }), HasSubstr("interval: nan, expected"));
+  EXPECT_THAT(error_with(integer("decimation", -2147483647 - 1)), HasSubstr("decimation: -2147483648, expected 1 to"));
+  EXPECT_THAT(error_with(integer("particles", 2147483647)), HasSubstr("particles: 2147483647, expected 8 to"));
 }
 
-// A state that a host saved before initialisation has no texts, and a state that was changed may have none, too. The steps
-// afterwards allocate nothing, whether the unit was initialised or not.
-TEST(Tuner, ContinuesFromAStateWithoutTextsAsWithoutSamples) {
+// A state that a host saved before initialisation holds no samples. The steps afterwards allocate nothing, whether the unit was
+// initialised or not.
+TEST(Tuner, ContinuesFromAStateSavedBeforeInitialisationAsWithoutSamples) {
   Measured measured(robot::perturbed(planar(), 0.2, 3));
   const Snapshot unborn = tuner_of_planar2().save();
   for (const bool initialised : {false, true}) {
@@ -413,38 +414,17 @@ TEST(Tuner, ContinuesFromAStateWithoutTextsAsWithoutSamples) {
   }
 }
 
-TEST(Tuner, InRealTimeWritesNoStateTexts) {
+TEST(Tuner, RefusesToRestoreAStateWithoutWaiting) {
   Measured measured(robot::perturbed(planar(), 0.2, 2));
   Subject tuner = tuner_of_planar2("&wait=false");
   tuner.set("rounds", "10");
   run(tuner, measured, 0, 4.2);
-  for (const char* text : {"gathered", "pending", "sought"}) EXPECT_EQ(tuner.text(text), "") << text;
-  EXPECT_EQ(tuner.integer("pending_samples"), 0);
   EXPECT_THROW(tuner.restore(tuner.save(), 4.2), Error);
   for (int i = 0; i < 10000 && tuner.integer("tunings") == 0; ++i) {
     std::this_thread::sleep_for(std::chrono::milliseconds(1));
     tuner.step();
   }
   EXPECT_EQ(tuner.integer("tunings"), 1) << tuner.text("warning");
-}
-
-TEST(TunerMemory, KeepsEveryBitOfEveryNumber) {
-  std::vector<double> numbers = {0.0,
-                                 -0.0,
-                                 1,
-                                 -1.0 / 3,
-                                 5e-324,
-                                 1.7976931348623157e308,
-                                 std::numeric_limits<double>::infinity(),
-                                 -std::numeric_limits<double>::quiet_NaN()};
-  for (std::uint32_t k = 0; k < 10000; ++k)
-    numbers.push_back(std::ldexp(numerics::normal({20, 0, 0, 0, k}), static_cast<int>(k % 2000) - 1000));
-  std::string text(tuner::kCharacters * numbers.size(), '~');
-  tuner::write_numbers(numbers, text.data());
-  for (const char c : text) ASSERT_TRUE(c >= '0' && c <= 'o');
-  std::vector<double> read(numbers.size());
-  tuner::read_numbers(text, read, "numbers");
-  EXPECT_EQ(std::memcmp(read.data(), numbers.data(), 8 * numbers.size()), 0);
 }
 
 TEST(Tuner, KeepsAHistoryOfWhatItFound) {

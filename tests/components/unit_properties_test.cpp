@@ -151,7 +151,7 @@ TEST_P(UnitProperties, HasNoOutputLeftAsNaN) {
 TEST_P(UnitProperties, StartsAfreshWhenInitialisedAgain) {
   Instance instance = start();
   Snapshot at_start;
-  at_start.take(instance.variables);
+  at_start.take(instance.variables, *instance.unit);
   const auto first = run(instance, 0, 50);
   at_start.restore(instance.variables, *instance.unit);
   excite(instance.variables, 0);
@@ -164,7 +164,7 @@ TEST_P(UnitProperties, StepsAlikeAfterASnapshotIsRestored) {
   if (!instance.unit->restorable()) GTEST_SKIP() << "has effects outside: its steps cannot be taken back";
   run(instance, 0, 37);
   Snapshot snapshot;
-  snapshot.take(instance.variables);
+  snapshot.take(instance.variables, *instance.unit);
   const auto first = run(instance, 37, 120);
   snapshot.restore(instance.variables, *instance.unit);
   EXPECT_EQ(run(instance, 37, 120), first);
@@ -175,7 +175,7 @@ TEST_P(UnitProperties, StepsAlikeWhenAFreshInstanceTakesOverItsSnapshot) {
   if (!instance.unit->restorable()) GTEST_SKIP() << "has effects outside: its steps cannot be taken back";
   run(instance, 0, 37);
   Snapshot snapshot;
-  snapshot.take(instance.variables);
+  snapshot.take(instance.variables, *instance.unit);
   const auto first = run(instance, 37, 120);
 
   Instance fresh = start();
@@ -189,7 +189,7 @@ TEST_P(UnitProperties, TakingASnapshotChangesNothing) {
   std::vector<std::vector<std::uint64_t>> second;
   for (int i = 0; i < 60; ++i) {
     Snapshot snapshot;
-    snapshot.take(watched.variables);
+    snapshot.take(watched.variables, *watched.unit);
     second.push_back(run(watched, i, i + 1).front());
   }
   EXPECT_EQ(second, first);

@@ -329,7 +329,7 @@ TEST_F(Import, ContinuesInAFreshInstanceFromASnapshotsBytes) {
     real(one, "u") = u;  // set, but not yet passed to the FMU
     Snapshot snapshot;
     snapshot.take(one.variables, *one.unit);
-    const std::vector<std::byte> bytes = snapshot.serialise();
+    const std::string bytes = snapshot.serialise();
     Snapshot::deserialise(bytes).restore(other.variables, *other.unit);
     ASSERT_EQ(run(one, 0.5, 1, 0.1), StepResult::kDone);
     ASSERT_EQ(run(other, 0.5, 1, 0.1), StepResult::kDone);

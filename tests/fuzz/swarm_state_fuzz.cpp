@@ -1,10 +1,8 @@
 // A file with a saved swarm: any bytes are an Error, or a state that gives the same bits again and from which a swarm can
 // continue.
-#include <algorithm>
 #include <cstdint>
 #include <cstdlib>
-#include <span>
-#include <vector>
+#include <string>
 
 #include "models/numerics/swarm.h"
 #include "models/support/error.h"
@@ -12,9 +10,9 @@
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace cotwin::numerics;
   try {
-    const SwarmState state = SwarmState::from_bytes({data, size});
-    const std::vector<unsigned char> bytes = state.bytes();
-    if (!std::equal(bytes.begin(), bytes.end(), data, data + size)) std::abort();
+    const std::string given(reinterpret_cast<const char*>(data), size);
+    const SwarmState state = SwarmState::from_bytes(given);
+    if (state.bytes() != given) std::abort();
     SwarmOptions options;
     options.particles = 8;
     options.rounds = static_cast<int>(state.round % 1000) + 3;

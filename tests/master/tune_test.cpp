@@ -345,7 +345,7 @@ TEST(Tune, SettingsSurviveTheResumeFile) {
   settings.format.theta_columns = "motor{}";
   settings.model.harmonics = {0, 2, 0, 0, 0, 0, 0};
   settings.seed = 1234567890123456789u;
-  const Resume resume{settings, {1, 2}, {0, 255, 16}, "cotwin 1.2", {"0123", "4567"}};
+  const Resume resume{settings, {1, 2}, std::string("\0\xff\x10", 3), "cotwin 1.2", {"0123", "4567"}};
   const Resume read = parse_resume(to_text(resume), "resume.json");
   EXPECT_EQ(to_text(read), to_text(resume));
   EXPECT_EQ(read.swarm, resume.swarm);

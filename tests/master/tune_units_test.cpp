@@ -139,7 +139,7 @@ TEST(TuneUnits, ATwinWithATunerContinuesToTheSameBitsAfterRestoring) {
   Running one(scenario, folders);
   ASSERT_TRUE(one.twin.restorable());
   one.run(0, 1300);
-  EXPECT_TRUE(one.variables.at("tuner.seeking").booleans()[0]);
+  EXPECT_TRUE(one.variables.at("tuner.estimating").booleans()[0]);
   const Snapshot middle = one.save();
   one.run(1300, 2700);
   EXPECT_EQ(one.variables.at("tuner.tunings").integers()[0], 2);

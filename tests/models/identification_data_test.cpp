@@ -145,14 +145,14 @@ Figures identify(const RealRobot& real, const ModelOptions& options) {
   test.flush();
   const Problem problem(train, real.robot);
   const FeasibleResult feasible = solve_feasible(problem);
-  Tuning tuning(problem);
-  const TuningProgress progress = tuning.run();
+  SwarmSearch search(problem);
+  const SwarmSearchProgress progress = search.run();
   Figures f;
   f.floor = problem.floor().rms;
   f.feasible_train = problem.data().rms(feasible.estimate);
-  f.swarm_train = problem.data().rms(tuning.estimate());
+  f.swarm_train = problem.data().rms(search.estimate());
   f.feasible_test = test.rms(feasible.estimate);
-  f.swarm_test = test.rms(tuning.estimate());
+  f.swarm_test = test.rms(search.estimate());
   f.swarm_over_feasible = progress.weighted_rms / feasible.weighted_rms;
   f.swarm_over_floor = progress.weighted_rms / std::sqrt(problem.floor().cost);
   return f;

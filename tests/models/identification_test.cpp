@@ -482,28 +482,28 @@ TEST(Feasible, StopsOnRequestAndIsNeverWorseThanThePrior) {
   }
 }
 
-TEST(Tuning, ComesWithinTwoPercentOfFeasibleLeastSquaresAndFiveFromADistantPrior) {
+TEST(SwarmSearch, ComesWithinTwoPercentOfFeasibleLeastSquaresAndFiveFromADistantPrior) {
   const Samples samples = simulate(lwr(), truth_of(lwr()), 2000, 0.1);
   for (const double share : {0.0, 0.3}) {
     const Problem problem(compressed(lwr(), samples), perturbed(lwr(), share));
     const FeasibleResult feasible = solve_feasible(problem);
     for (std::uint64_t seed = 1; seed <= 3; ++seed) {
-      TuningOptions options;
+      SwarmSearchOptions options;
       options.swarm.seed = seed;
-      Tuning tuning(problem, options);
-      const TuningProgress progress = tuning.run();
+      SwarmSearch search(problem, options);
+      const SwarmSearchProgress progress = search.run();
       EXPECT_EQ(progress.round, 500u);
       EXPECT_LT(progress.weighted_rms, (share == 0 ? 1.02 : 1.05) * feasible.weighted_rms) << "seed " << seed;
       EXPECT_GE(progress.weighted_rms, std::sqrt(problem.floor().cost) * (1 - 1e-12));
-      EXPECT_NEAR(progress.weighted_rms, problem.weighted_rms(tuning.estimate()), 1e-9);
-      expect_physical(lwr(), tuning.estimate());
+      EXPECT_NEAR(progress.weighted_rms, problem.weighted_rms(search.estimate()), 1e-9);
+      expect_physical(lwr(), search.estimate());
     }
   }
 }
 
 // 3 kN.m at the base and a noise of half a per cent at the hand: a few of the axes attract the swarm at first, and it must not
 // drift along the others.
-TEST(Tuning, ConvergesFromADistantPriorOfAHeavyRobot) {
+TEST(SwarmSearch, ConvergesFromADistantPriorOfAHeavyRobot) {
   const robot::RobotModel heavy = robot::load_urdf(places::source() + "/models/robots/kr300_r2500/robot.urdf");
   Samples samples = simulate(heavy, truth_of(heavy), 2000, 0);
   VectorXd rms = VectorXd::Zero(6);
@@ -514,59 +514,59 @@ TEST(Tuning, ConvergesFromADistantPriorOfAHeavyRobot) {
   const TorqueData data = compressed(heavy, samples);
   for (const std::uint32_t specimen : {1u, 2u, 3u}) {
     const Problem problem(data, perturbed(heavy, 0.3, specimen));
-    Tuning tuning(problem);
-    tuning.run();
-    EXPECT_LT(problem.weighted_rms(tuning.estimate()), 1.001 * problem.weighted_rms(problem.floor_estimate())) << specimen;
+    SwarmSearch search(problem);
+    search.run();
+    EXPECT_LT(problem.weighted_rms(search.estimate()), 1.001 * problem.weighted_rms(problem.floor_estimate())) << specimen;
   }
 }
 
-TEST(Tuning, GivesTheSameBitsOnAnyNumberOfThreads) {
+TEST(SwarmSearch, GivesTheSameBitsOnAnyNumberOfThreads) {
   const Problem problem(compressed(lwr(), simulate(lwr(), truth_of(lwr()), 800, 0.1)), perturbed(lwr(), 0.3));
-  TuningOptions options;
+  SwarmSearchOptions options;
   options.swarm.rounds = 120;
   const auto result = [&](int count) {
     numerics::Threads threads(count);
-    Tuning tuning(problem, options);
-    tuning.run(&threads);
-    return tuning.save();
+    SwarmSearch search(problem, options);
+    search.run(&threads);
+    return search.save();
   };
-  const std::vector<unsigned char> one = result(1);
+  const std::string one = result(1);
   EXPECT_EQ(result(2), one);
   EXPECT_EQ(result(8), one);
 }
 
-TEST(Tuning, GoesOnFromAFileToTheSameBitsAndRefusesForeignOnes) {
+TEST(SwarmSearch, GoesOnFromAFileToTheSameBitsAndRefusesForeignOnes) {
   const TorqueData data = compressed(lwr(), simulate(lwr(), truth_of(lwr()), 800, 0.1));
   const Problem problem(data, perturbed(lwr(), 0.3));
-  TuningOptions options;
+  SwarmSearchOptions options;
   options.swarm.rounds = 150;
-  Tuning whole(problem, options);
+  SwarmSearch whole(problem, options);
   whole.run();
   EXPECT_GT(whole.progress().reconfigurations, 0u);
   for (const std::uint32_t stop : {1u, 40u, 99u}) {
-    Tuning first(problem, options);
+    SwarmSearch first(problem, options);
     while (first.progress().round < stop) first.round();
     const Problem again(data, perturbed(lwr(), 0.3));
-    Tuning second(again, options, first.save());
+    SwarmSearch second(again, options, first.save());
     EXPECT_EQ(second.best(), first.best());
     second.run();
     EXPECT_EQ(second.save(), whole.save()) << "stopped after " << stop;
   }
   const Problem other(data, lwr());
-  EXPECT_THROW(Tuning(other, options, whole.save()), Error);
+  EXPECT_THROW(SwarmSearch(other, options, whole.save()), Error);
   options.swarm.seed = 2;
-  EXPECT_THROW(Tuning(problem, options, whole.save()), Error);
-  EXPECT_THROW(Tuning(problem, options, std::vector<unsigned char>(20)), Error);
+  EXPECT_THROW(SwarmSearch(problem, options, whole.save()), Error);
+  EXPECT_THROW(SwarmSearch(problem, options, std::string(20, '\0')), Error);
 }
 
-TEST(Tuning, MoreRoundsMayBeAskedForWhenItIsResumed) {
+TEST(SwarmSearch, MoreRoundsMayBeAskedForWhenItIsResumed) {
   const Problem problem(compressed(planar(), simulate(planar(), truth_of(planar()), 500, 0.1)), planar());
-  TuningOptions options;
+  SwarmSearchOptions options;
   options.swarm.rounds = 30;
-  Tuning brief(problem, options);
+  SwarmSearch brief(problem, options);
   brief.run();
   options.swarm.rounds = 60;
-  Tuning longer(problem, options, brief.save());
+  SwarmSearch longer(problem, options, brief.save());
   EXPECT_EQ(longer.run().round, 60u);
   EXPECT_LE(longer.progress().cost, brief.progress().cost);
 }
@@ -586,14 +586,14 @@ Shaped tune_shaped(FrictionLaw law, const JointDrive& drive) {
   options.friction = law;
   options.v_R = law == FrictionLaw::kStribeck ? drive.v_R : 0.02;
   const Problem problem(compressed(planar(), result.samples, options), planar());
-  Tuning tuning(problem);
-  tuning.run();
-  result.found = tuning.estimate();
+  SwarmSearch search(problem);
+  search.run();
+  result.found = search.estimate();
   result.excess = discrepancy(result.samples, torques(planar(), result.found, result.samples)).rms.maxCoeff() / 0.01;
   return result;
 }
 
-TEST(Tuning, FindsTheSlopeAndShiftOfSigmoidFriction) {
+TEST(SwarmSearch, FindsTheSlopeAndShiftOfSigmoidFriction) {
   JointDrive drive;
   drive.tau_C = drive.tau_S = 2;
   drive.sigma2 = 1;
@@ -611,7 +611,7 @@ TEST(Tuning, FindsTheSlopeAndShiftOfSigmoidFriction) {
   EXPECT_LT(result.excess, 1.05);  // including the interpolation of the curve between nodes
 }
 
-TEST(Tuning, FindsTheStribeckSpeed) {
+TEST(SwarmSearch, FindsTheStribeckSpeed) {
   JointDrive drive;
   drive.tau_C = 2;
   drive.tau_S = 3;

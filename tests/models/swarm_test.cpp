@@ -300,17 +300,17 @@ TEST(SwarmState, RefusesInvalidBytes) {
   options.rounds = 3;
   Swarm swarm(all(2, -1), all(2, 1), cost_of(sphere, 2), options);
   swarm.run();
-  const std::vector<unsigned char> good = swarm.state().bytes();
+  const std::string good = swarm.state().bytes();
   for (std::size_t length = 0; length < good.size(); length += 13)  // every truncation is detected
-    EXPECT_THROW(SwarmState::from_bytes(std::span(good).first(length)), Error) << length;
-  std::vector<unsigned char> longer = good;
+    EXPECT_THROW(SwarmState::from_bytes(good.substr(0, length)), Error) << length;
+  std::string longer = good;
   longer.push_back(0);
   EXPECT_THROW(SwarmState::from_bytes(longer), Error);
-  std::vector<unsigned char> other = good;
+  std::string other = good;
   other[0] ^= 1;
   EXPECT_THROW(SwarmState::from_bytes(other), Error);
-  std::vector<unsigned char> huge = good;  // a count that would overflow
-  for (std::size_t i = 64; i < 72; ++i) huge[i] = 0xff;
+  std::string huge = good;  // a count that would overflow
+  for (std::size_t i = 64; i < 72; ++i) huge[i] = static_cast<char>(0xff);
   EXPECT_THROW(SwarmState::from_bytes(huge), Error);
 }
 

@@ -18,27 +18,27 @@ namespace {
 
 constexpr const char* kFormat = "cotwin tuning 2";
 
-std::string to_hex(const std::vector<unsigned char>& bytes) {
+std::string to_hex(std::string_view bytes) {
   constexpr const char* kDigits = "0123456789abcdef";
   std::string text;
   text.reserve(2 * bytes.size());
-  for (const unsigned char byte : bytes) {
+  for (const char c : bytes) {
+    const auto byte = static_cast<unsigned char>(c);
     text += kDigits[byte >> 4];
     text += kDigits[byte & 15];
   }
   return text;
 }
 
-std::vector<unsigned char> from_hex(const std::string& text, const std::string& place) {
+std::string from_hex(const std::string& text, const std::string& place) {
   const auto digit = [&](char c) -> unsigned {
     if (c >= '0' && c <= '9') return static_cast<unsigned>(c - '0');
     if (c >= 'a' && c <= 'f') return static_cast<unsigned>(c - 'a' + 10);
     throw Error(place, "'swarm' is no text of hexadecimal digits");
   };
   if (text.size() % 2 != 0) throw Error(place, "'swarm' ends within a byte");
-  std::vector<unsigned char> bytes(text.size() / 2);
-  for (std::size_t i = 0; i < bytes.size(); ++i)
-    bytes[i] = static_cast<unsigned char>(digit(text[2 * i]) << 4 | digit(text[2 * i + 1]));
+  std::string bytes(text.size() / 2, '\0');
+  for (std::size_t i = 0; i < bytes.size(); ++i) bytes[i] = static_cast<char>(digit(text[2 * i]) << 4 | digit(text[2 * i + 1]));
   return bytes;
 }
 

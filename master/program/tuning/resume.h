@@ -9,11 +9,11 @@
 
 namespace cotwin::master::tuning {
 
-/// Where a tuning stopped: its settings, and all that its swarm remembers (identification::Tuning::save).
+/// Where a tuning stopped: its settings, and all that its swarm remembers (identification::SwarmSearch::save).
 struct Resume {
   Settings settings;
   std::vector<std::uintmax_t> file_sizes;  // bytes, of data and held_out: another log is another problem
-  std::vector<unsigned char> swarm;
+  std::string swarm;
   std::string program = {};              // that wrote it: another one has other bits
   std::vector<std::string> hashes = {};  // of the robot, data and held_out
 };

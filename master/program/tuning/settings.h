@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "models/identification/torque_model.h"
+#include "models/identification/problem.h"
 #include "models/measurement/log.h"
 
 namespace cotwin::master::tuning {
@@ -32,7 +32,7 @@ struct Settings {
   bool accept_data = false;
   Method method = Method::kSwarm;
   identification::ModelOptions model = with_sigmoid_friction();
-  double prior_weight = 1e-3;
+  double prior_weight = identification::kPriorWeightOfLogs;
   std::uint64_t seed = 1;
   int rounds = 500;
   int particles = 200;

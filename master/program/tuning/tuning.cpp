@@ -17,8 +17,8 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
-identification::TuningOptions swarm_options(const Settings& settings) {
-  identification::TuningOptions options;
+identification::SwarmSearchOptions swarm_options(const Settings& settings) {
+  identification::SwarmSearchOptions options;
   options.swarm.particles = settings.particles;
   options.swarm.rounds = settings.rounds;
   options.swarm.threshold = settings.threshold;
@@ -26,7 +26,7 @@ identification::TuningOptions swarm_options(const Settings& settings) {
   return options;
 }
 
-Resume resume_of(const Settings& settings, const Run& run, std::vector<unsigned char> swarm) {
+Resume resume_of(const Settings& settings, const Run& run, std::string swarm) {
   return {settings, file_sizes(settings), std::move(swarm), run.program, file_hashes(settings)};
 }
 
@@ -42,7 +42,7 @@ identification::FeasibleResult run_feasible(const Settings& settings, const Hook
 
 /// Rounds of the swarm until it is done or the user stops it; its state goes to the disk at the beginning, every run.checkpoint
 /// seconds and at the end.
-SwarmRun run_swarm(const Settings& settings, const Run& run, const Hooks& hooks, identification::Tuning& tuning) {
+SwarmRun run_swarm(const Settings& settings, const Run& run, const Hooks& hooks, identification::SwarmSearch& tuning) {
   numerics::Threads threads(run.threads);
   const fs::path file = run.out / "resume.json";
   const Clock::time_point begin = Clock::now();
@@ -141,8 +141,9 @@ Result tune(const Settings& settings, const Run& run, const Hooks& hooks, const 
   result.candidates.push_back({"prior", identification::estimate_of(data.robot, true)});
 
   if (settings.method == Method::kSwarm) {
-    identification::Tuning tuning = run.resume ? identification::Tuning(problem, swarm_options(settings), run.resume->swarm)
-                                               : identification::Tuning(problem, swarm_options(settings));
+    identification::SwarmSearch tuning = run.resume
+                                             ? identification::SwarmSearch(problem, swarm_options(settings), run.resume->swarm)
+                                             : identification::SwarmSearch(problem, swarm_options(settings));
     result.swarm = run_swarm(settings, run, hooks, tuning);
     result.interrupted = result.swarm->progress.status == numerics::SwarmStatus::kRunning;
     result.candidates.push_back({"swarm", tuning.estimate()});

@@ -9,13 +9,13 @@
 #include "master/program/tuning/resume.h"
 #include "master/program/tuning/settings.h"
 #include "models/identification/feasible.h"
-#include "models/identification/tuning.h"
+#include "models/identification/swarm_search.h"
 
 namespace cotwin::master::tuning {
 
 /// What the swarm did.
 struct SwarmRun {
-  identification::TuningProgress progress;
+  identification::SwarmSearchProgress progress;
   std::vector<double> history;  // cost after each round
   double seconds = 0;           // of the wall clock; in no file, so that files are the same bits
 };

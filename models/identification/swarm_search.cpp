@@ -1,4 +1,4 @@
-#include "models/identification/tuning.h"
+#include "models/identification/swarm_search.h"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -7,7 +7,7 @@
 
 #include "models/identification/problem_impl.h"
 #include "models/numerics/batch.h"
-#include "models/numerics/bytes.h"
+#include "models/support/bytes.h"
 #include "models/support/error.h"
 
 namespace cotwin::identification {
@@ -66,15 +66,15 @@ struct Chart {
 
 }  // namespace
 
-struct Tuning::Impl {
+struct SwarmSearch::Impl {
   const Problem* problem;
-  TuningOptions options;
+  SwarmSearchOptions options;
   Chart chart;
   numerics::BatchMatrix turn;
   std::vector<std::vector<double>> scratch;  // per block
   std::unique_ptr<numerics::Swarm> swarm;
 
-  Impl(const Problem& p, const TuningOptions& o) : problem(&p), options(o) {
+  Impl(const Problem& p, const SwarmSearchOptions& o) : problem(&p), options(o) {
     if (!(options.spread > 0)) throw Error("spread", std::to_string(options.spread) + ", expected above 0");
   }
 
@@ -158,20 +158,21 @@ struct Tuning::Impl {
   }
 };
 
-Tuning::Tuning(const Problem& problem, const TuningOptions& options) : impl_(std::make_unique<Impl>(problem, options)) {
+SwarmSearch::SwarmSearch(const Problem& problem, const SwarmSearchOptions& options)
+    : impl_(std::make_unique<Impl>(problem, options)) {
   impl_->start();
 }
 
-Tuning::Tuning(const Problem& problem, const TuningOptions& options, std::span<const unsigned char> saved)
+SwarmSearch::SwarmSearch(const Problem& problem, const SwarmSearchOptions& options, std::string_view saved)
     : impl_(std::make_unique<Impl>(problem, options)) {
-  numerics::ByteReader in(saved, "saved tuning");
-  if (in.number() != kMark) throw Error("saved tuning", "does not begin with its mark, expected what Tuning::save gave");
-  if (in.number() != impl_->fingerprint())
-    throw Error("saved tuning", "was made with other data, prior or options, expected the same ones");
-  const std::vector<double> centre = in.numbers(), E = in.numbers(), curvature = in.numbers();
+  ByteReader in(as_bytes(saved), "saved search");
+  if (in.value<std::uint64_t>() != kMark) in.fail("does not begin with its mark, expected what SwarmSearch::save gave");
+  if (in.value<std::uint64_t>() != impl_->fingerprint())
+    in.fail("was made with other data, prior or options, expected the same ones");
+  const std::vector<double> centre = in.list<double>(), E = in.list<double>(), curvature = in.list<double>();
   const auto d = static_cast<std::size_t>(problem.dimensions());
   if (centre.size() != d || E.size() != d * d || curvature.size() != d)
-    throw Error("saved tuning", "has axes of " + std::to_string(centre.size()) + " coordinates, expected " + std::to_string(d));
+    in.fail("has axes of " + std::to_string(centre.size()) + " coordinates, expected " + std::to_string(d));
   Chart chart;
   const auto size = static_cast<Index>(d);
   chart.centre = Eigen::Map<const VectorXd>(centre.data(), size);
@@ -179,15 +180,16 @@ Tuning::Tuning(const Problem& problem, const TuningOptions& options, std::span<c
   chart.curvature = Eigen::Map<const VectorXd>(curvature.data(), size);
   impl_->use(std::move(chart));
   impl_->make_scratch();
+  const std::string_view swarm = saved.substr(saved.size() - in.rest().size());
   impl_->swarm =
-      std::make_unique<numerics::Swarm>(numerics::SwarmState::from_bytes(in.rest()), impl_->cost(), impl_->options.swarm);
+      std::make_unique<numerics::Swarm>(numerics::SwarmState::from_bytes(swarm), impl_->cost(), impl_->options.swarm);
 }
 
-Tuning::~Tuning() = default;
-Tuning::Tuning(Tuning&&) noexcept = default;
-Tuning& Tuning::operator=(Tuning&&) noexcept = default;
+SwarmSearch::~SwarmSearch() = default;
+SwarmSearch::SwarmSearch(SwarmSearch&&) noexcept = default;
+SwarmSearch& SwarmSearch::operator=(SwarmSearch&&) noexcept = default;
 
-TuningProgress Tuning::round(numerics::Threads* threads) {
+SwarmSearchProgress SwarmSearch::round(numerics::Threads* threads) {
   numerics::Swarm& swarm = *impl_->swarm;
   if (swarm.status() == numerics::SwarmStatus::kRunning) {
     if (swarm.stagnated()) impl_->turn_to_best();
@@ -196,15 +198,15 @@ TuningProgress Tuning::round(numerics::Threads* threads) {
   return progress();
 }
 
-TuningProgress Tuning::run(numerics::Threads* threads) {
+SwarmSearchProgress SwarmSearch::run(numerics::Threads* threads) {
   while (round(threads).status == numerics::SwarmStatus::kRunning) {
   }
   return progress();
 }
 
-TuningProgress Tuning::progress() const {
+SwarmSearchProgress SwarmSearch::progress() const {
   const numerics::SwarmState& state = impl_->swarm->state();
-  TuningProgress progress;
+  SwarmSearchProgress progress;
   progress.round = state.round;
   progress.reconfigurations = state.reconfigurations;
   progress.status = impl_->swarm->status();
@@ -214,22 +216,19 @@ TuningProgress Tuning::progress() const {
   return progress;
 }
 
-VectorXd Tuning::best() const { return impl_->best(); }
-Estimate Tuning::estimate() const { return impl_->problem->estimate(best()); }
-const std::vector<double>& Tuning::history() const { return impl_->swarm->state().history; }
+VectorXd SwarmSearch::best() const { return impl_->best(); }
+Estimate SwarmSearch::estimate() const { return impl_->problem->estimate(best()); }
+const std::vector<double>& SwarmSearch::history() const { return impl_->swarm->state().history; }
 
-std::vector<unsigned char> Tuning::save() const {
-  numerics::ByteWriter out;
-  out.number(kMark);
-  out.number(impl_->fingerprint());
+std::string SwarmSearch::save() const {
   const Chart& chart = impl_->chart;
-  out.numbers(list(chart.centre));
-  out.numbers({chart.E.data(), static_cast<std::size_t>(chart.E.size())});
-  out.numbers(list(chart.curvature));
-  std::vector<unsigned char> bytes = out.take();
-  const std::vector<unsigned char> swarm = impl_->swarm->state().bytes();
-  bytes.insert(bytes.end(), swarm.begin(), swarm.end());
-  return bytes;
+  ByteWriter out;
+  out.value(kMark);
+  out.value(impl_->fingerprint());
+  out.list(list(chart.centre));
+  out.list(std::vector<double>(chart.E.data(), chart.E.data() + chart.E.size()));
+  out.list(list(chart.curvature));
+  return out.bytes() + impl_->swarm->state().bytes();
 }
 
 }  // namespace cotwin::identification

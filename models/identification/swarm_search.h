@@ -1,7 +1,8 @@
 #pragma once
 #include <cstdint>
 #include <memory>
-#include <span>
+#include <string>
+#include <string_view>
 #include <vector>
 
 #include "models/identification/problem.h"
@@ -9,13 +10,13 @@
 
 namespace cotwin::identification {
 
-struct TuningOptions {
+struct SwarmSearchOptions {
   /// threshold: of f; rounds: N_P. Reconfigurations renew the axes, so they come early.
   numerics::SwarmOptions swarm{.stagnation_rounds = 20, .stagnation_rate = 2e-3};
   double spread = 0.3;  // of particles about the prior and about a best one: standard deviation in ξ, at most (30 %)
 };
 
-struct TuningProgress {
+struct SwarmSearchProgress {
   std::uint32_t round = 0;  // rounds done
   std::uint32_t reconfigurations = 0;
   double cost = 0;          // f of the best particle
@@ -29,23 +30,23 @@ struct TuningProgress {
 /// squares ill-conditioned make a swarm, which moves by coordinates, crawl. How much the cost promises to fall there says how
 /// far particles are spread along each. No other use is made of derivatives.
 /// `problem` must outlive the tuning and stay where it is.
-class Tuning {
+class SwarmSearch {
  public:
-  explicit Tuning(const Problem& problem, const TuningOptions& options = {});
+  explicit SwarmSearch(const Problem& problem, const SwarmSearchOptions& options = {});
   /// Goes on where save() was called, to the same bits. Throws Error for bytes of another problem or options.
-  Tuning(const Problem& problem, const TuningOptions& options, std::span<const unsigned char> saved);
-  ~Tuning();
-  Tuning(Tuning&&) noexcept;
-  Tuning& operator=(Tuning&&) noexcept;
+  SwarmSearch(const Problem& problem, const SwarmSearchOptions& options, std::string_view saved);
+  ~SwarmSearch();
+  SwarmSearch(SwarmSearch&&) noexcept;
+  SwarmSearch& operator=(SwarmSearch&&) noexcept;
 
   /// One round. Same bits on any number of threads. After the end it does nothing.
-  TuningProgress round(numerics::Threads* threads = nullptr);
-  TuningProgress run(numerics::Threads* threads = nullptr);
-  TuningProgress progress() const;
+  SwarmSearchProgress round(numerics::Threads* threads = nullptr);
+  SwarmSearchProgress run(numerics::Threads* threads = nullptr);
+  SwarmSearchProgress progress() const;
   Eigen::VectorXd best() const;                // ξ
   Estimate estimate() const;                   // at best()
   const std::vector<double>& history() const;  // f after each round
-  std::vector<unsigned char> save() const;
+  std::string save() const;
 
  private:
   struct Impl;
