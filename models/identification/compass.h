@@ -4,7 +4,7 @@
 
 namespace cotwin::identification {
 
-/// The best of a grid of `points` per axis (up to two axes) over the box, its faces included.
+/// The best point of a grid over the box, faces included, with `points` per axis (one or two axes).
 template <class Cost>
 Eigen::VectorXd scan(const Eigen::VectorXd& lower, const Eigen::VectorXd& upper, int points, Cost cost) {
   Eigen::VectorXd best = lower, x = lower;
@@ -21,8 +21,8 @@ Eigen::VectorXd scan(const Eigen::VectorXd& lower, const Eigen::VectorXd& upper,
   return best;
 }
 
-/// Compass search: the centre moves to the best neighbour along the axes, or the step, a share of the box, is halved until it
-/// is below `least` (Hooke and Jeeves 1961).
+/// Compass search (Hooke and Jeeves 1961): moves to the best neighbour along the axes, or halves the step, which is relative to
+/// the box, until it is below `least`.
 template <class Cost>
 Eigen::VectorXd compass(Eigen::VectorXd x, const Eigen::VectorXd& lower, const Eigen::VectorXd& upper, double step,
                         double least, Cost cost) {

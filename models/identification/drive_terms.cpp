@@ -63,7 +63,7 @@ JointDrive DriveTerms::drive(const JointDrive& shape, const double* phi) const {
 double DriveTerms::curve(const JointDrive& shape, int k, double v) const {
   const double x = (v + shape.s) / shape.v_R, e = std::exp(-2 * std::abs(x));
   const double sign =
-      std::copysign((1 - e) / (1 + e), x);  // tanh x, to absolute rounding; this is where swarms spend their time
+      std::copysign((1 - e) / (1 + e), x);  // tanh x, to absolute rounding; most of the time of a swarm is spent here
   if (k == 0) return sign;
   const double ratio = std::abs(v / shape.v_S);
   return sign * std::exp(-(shape.delta == 2 ? ratio * ratio : std::pow(ratio, shape.delta)));
@@ -78,8 +78,9 @@ void DriveTerms::columns_of(const JointDrive& shape, Eigen::MatrixXd& C) const {
 
 namespace {
 
-/// min ‖T φ − b‖² over the columns of T (m x m, upper triangular, by column) in `free`; φ is 0 elsewhere. The residual b − T φ
-/// goes to `rest`. Modified Gram–Schmidt with the projections done twice is Householder's equal at this size.
+/// Solves min ‖T φ − b‖² over the columns of T (m x m, upper triangular, by column) in `free`; φ is 0 elsewhere. The residual b
+/// − T φ goes to `rest`. Modified Gram–Schmidt with repeated projections is as accurate as Householder reflections at this
+/// size.
 double solve_free(int m, const double (*T)[kMostTerms], const double* b, unsigned free, double* phi, double* rest) {
   double Q[kMostTerms][kMostTerms], R[kMostTerms][kMostTerms] = {}, along[kMostTerms] = {};
   std::copy(b, b + m, rest);
@@ -123,7 +124,7 @@ double solve_free(int m, const double (*T)[kMostTerms], const double* b, unsigne
 
 double solve_nonnegative(int rows, int m, double* T, int ld, double* b, const bool* nonnegative, double* phi,
                          unsigned* active) {
-  // To a triangle of m rows; what is left of b below it stays in any case.
+  // Reduces T to a triangle of m rows; the part of b below it is a constant residual.
   double outside = 0;
   if (rows > m) {
     for (int k = 0; k < m; ++k) {
@@ -180,7 +181,8 @@ double solve_nonnegative(int rows, int m, double* T, int ld, double* b, const bo
       ++count;
     }
     if (count == 0) break;
-    // All that are wrong change sides at once, as long as they get fewer; if not, for safety, the last one alone.
+    // Exchange all infeasible unknowns at once while their number decreases; otherwise only the last one, which guarantees
+    // termination.
     if (count < fewest) {
       fewest = count;
       patience = 3;

@@ -5,13 +5,13 @@
 
 #include "models/identification/torque_data.h"
 
-/// The part of a joint's model that is solved inside: which columns it has at given nonlinear parameters, and least squares in
-/// which some coefficients must not be negative.
+/// The linear part of the model of one joint: its columns at given nonlinear parameters, and least squares with coefficients
+/// that must not be negative.
 namespace cotwin::identification {
 
 inline constexpr int kMostTerms = 16;  // linear unknowns of one joint: at most 6, and 4 harmonics of two each
 
-/// The linear unknowns of one joint's drive, in the order in which they are solved for.
+/// The linear unknowns of the drive of one joint, in the order of the solution.
 class DriveTerms {
  public:
   DriveTerms(const TorqueData& data, int joint);
@@ -25,11 +25,11 @@ class DriveTerms {
   bool curved() const { return columns_.nodes > 0; }
   int columns() const { return columns_.drive; }
 
-  /// The joint's drive of which the friction curve's shape is given and the linear unknowns are `phi`.
+  /// The drive of the joint with the friction curve `shape` and the linear unknowns `phi`.
   JointDrive drive(const JointDrive& shape, const double* phi) const;
-  /// C: what the columns F_j are multiplied by per unknown (drive columns x size()), so that F_j C φ is the drive's torque.
+  /// C (drive columns x size()): F_j C φ is the torque of the drive.
   void columns_of(const JointDrive& shape, Eigen::MatrixXd& C) const;
-  /// The same of the curve alone: columns `k` < curves() over the nodes.
+  /// The curve alone: columns `k` < curves() over the nodes.
   int curves() const { return curves_; }
   double curve(const JointDrive& shape, int k, double v) const;
 
@@ -39,16 +39,16 @@ class DriveTerms {
   std::vector<double> nodes_;
   std::vector<std::string> names_;
   std::vector<bool> nonnegative_;
-  std::vector<int> column_;  // of F_j, per unknown that is no curve
+  std::vector<int> column_;  // of F_j, per unknown that is not part of the curve
   int nonlinear_ = 0;
   int curves_ = 0;
 };
 
-/// min ‖T φ − b‖² with φ_k ≥ 0 where asked, for a tall T (rows x m by column with leading dimension `ld`, m ≤ kMostTerms), of
-/// which T and b are destroyed. Columns that depend on those before them, or are zero, get φ = 0. Returns the minimum. By
-/// Householder reflections and block principal pivoting (Portugal, Júdice, Vicente, Math. Comp. 63, 1994), which ends where
-/// nothing is negative and no fixed unknown's gradient points inside. Allocates nothing. `active`: bit k set where φ_k is held
-/// at zero.
+/// Solves min ‖T φ − b‖² with φ_k ≥ 0 where `nonnegative`, for a tall T (rows x m by column with leading dimension `ld`, m ≤
+/// kMostTerms), and returns the minimum. T and b are overwritten. Columns that are zero or depend on those before them get φ =
+/// 0. Householder reflections and block principal pivoting (Portugal, Júdice, Vicente, Math. Comp. 63, 1994), until no φ is
+/// negative and no gradient of a fixed unknown points into the feasible set. Allocates nothing. `active`: bit k is set where
+/// φ_k is fixed at zero.
 double solve_nonnegative(int rows, int m, double* T, int ld, double* b, const bool* nonnegative, double* phi,
                          unsigned* active = nullptr);
 

@@ -7,13 +7,13 @@
 namespace cotwin::identification {
 
 struct FeasibleOptions {
-  bool convex = true;       // Newton's method on a falling barrier
-  int starts = 0;           // of Levenberg–Marquardt beside it: the prior, and random ones about it
-  double spread = 0.3;      // standard deviation of those
+  bool convex = true;       // Newton's method with a decreasing barrier
+  int starts = 0;           // additional starts of Levenberg–Marquardt: the prior, and random points about it
+  double spread = 0.3;      // standard deviation of the random starts
   int iterations = 300;     // of each start, at most
-  double tolerance = 1e-9;  // relative fall of the cost in an iteration that ends a start
+  double tolerance = 1e-9;  // relative decrease of the cost per iteration at which a start ends
   std::uint64_t seed = 1;
-  std::function<bool()> stop = {};  // asked before each iteration; true: end with the best so far
+  std::function<bool()> stop = {};  // called before each iteration; true: end with the best so far
 };
 
 struct FeasibleResult {
@@ -22,16 +22,16 @@ struct FeasibleResult {
   double cost = 0;  // f(ξ)
   double weighted_rms = 0;
   int iterations = 0;        // of all starts of Levenberg–Marquardt
-  int start = 0;             // the one that won; -1: the convex one
-  bool interrupted = false;  // `stop` said so: the best so far, at worst the prior
+  int start = 0;             // the best one; -1: the convex one
+  bool interrupted = false;  // by `stop`: the best so far, at worst the prior
 };
 
-/// Physically feasible least squares on the same box and cost as the swarm. With friction's shape given, f is a linear
-/// least-squares problem in (π, φ) on the cone P ≥ 0, φ ≥ 0, and Newton's method on a falling barrier goes to its minimum in
-/// the box (Boyd, Vandenberghe, Convex Optimization, ch. 11; for robots: Sousa, Cortesão, IJRR 33(6), 2014), friction's shape
-/// with it at the end. Among (π, φ) there are none of the bent valleys that data make among ξ, where Levenberg–Marquardt (Moré
-/// 1978) creeps: it is there as a second opinion. What the data leave open is decided by the pull to the prior, to 1e-9 of f:
-/// so the robot found does not depend on rounding. Deterministic.
+/// Physically feasible least squares on the box and cost of the swarm. For a given shape of friction, f is a linear
+/// least-squares problem in (π, φ) on the cone P ≥ 0, φ ≥ 0. It is solved by Newton's method with a decreasing barrier (Boyd,
+/// Vandenberghe, Convex Optimization, ch. 11; for robots: Sousa, Cortesão, IJRR 33(6), 2014); the shape of friction is included
+/// at the end. In (π, φ) the cost has no curved valleys, in which Levenberg–Marquardt on ξ (Moré 1978; a second opinion) is
+/// slow. The pull to the prior decides what the data leave open, to 1e-9 of f, so the result does not depend on rounding.
+/// Deterministic.
 FeasibleResult solve_feasible(const Problem& problem, const FeasibleOptions& options = {});
 
 }  // namespace cotwin::identification

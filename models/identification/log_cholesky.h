@@ -28,7 +28,7 @@ class LogCholesky {
   Vector10d parameters(const Vector10d& xi) const;
   /// π(ξ) and ∂π/∂ξ.
   Vector10d parameters(const Vector10d& xi, Matrix10d& jacobian) const;
-  /// ξ of a strictly consistent body; throws Error otherwise.
+  /// Returns ξ of a strictly consistent body. Throws Error for others.
   Vector10d coordinates(const Vector10d& pi) const;
   /// U_0
   const Eigen::Matrix4d& factor() const { return U_0_; }
@@ -37,15 +37,14 @@ class LogCholesky {
   Eigen::Matrix4d U_0_;
 };
 
-/// The divergence of a body from its prior, D = tr(P_0⁻¹ P) − log det(P_0⁻¹ P) − 4 ≥ 0, as a sum of ten squares of which this
-/// gives the roots and their derivatives by ξ. It is what the geometry of mass distributions offers for ‖ξ‖², does not depend
-/// on frames or units, and is convex in π (Lee, Wensing, Park, "Geometric Robot Dynamic Identification: A Convex Programming
-/// Approach", T-RO 36(2), 2020).
+/// The divergence of a body from its prior, D = tr(P_0⁻¹ P) − log det(P_0⁻¹ P) − 4 ≥ 0, as a sum of ten squares: returns their
+/// roots and the derivatives by ξ. D does not depend on frames or units and is convex in π (Lee, Wensing, Park, "Geometric
+/// Robot Dynamic Identification: A Convex Programming Approach", T-RO 36(2), 2020).
 Vector10d divergence_roots(const Vector10d& xi, Matrix10d& jacobian);
 
-/// The nearest body inside the cone that a prior may be: a mass of at least `least_mass` kg, and standard deviations of the
-/// mass distribution about its centre of at least `least_radius` m in every direction. Files round, and drawings have point
-/// masses and bodies without mass; what satisfies this already is returned as it is.
+/// The nearest body that can be a prior: mass of at least `least_mass` kg, and standard deviations of the mass distribution
+/// about its centre of at least `least_radius` m in every direction. Values in files are rounded, and drawings have point
+/// masses and bodies without mass. A body that satisfies this is returned unchanged.
 Inertia consistent(const Inertia& inertia, double least_mass = 1e-3, double least_radius = 1e-3);
 
 }  // namespace cotwin::identification

@@ -8,7 +8,7 @@
 namespace cotwin::identification {
 
 std::vector<double> least_motor_inertia(const robot::RobotModel& robot) {
-  constexpr double kShare = 1e-3, kLeast = 1e-9;  // kg·m²: bodies that were let pass may have no inertia
+  constexpr double kShare = 1e-3, kLeast = 1e-9;  // kg·m²: bodies may have no inertia
   const robot::Mechanism mechanism(robot);
   robot::Data data(mechanism);
   Eigen::MatrixXd M(robot.n(), robot.n());

@@ -5,8 +5,9 @@
 
 namespace cotwin::identification {
 
-/// B, kg·m², of motors that were found to have none: torques may say so where the link's inertia stands for the motor's, but a
-/// drive train divides by B. A thousandth of what the joint moves at q = 0 is of no account in any torque.
+/// Least motor inertia per joint, kg·m²: a thousandth of the inertia that the joint moves at q = 0. It replaces an identified B
+/// of 0, because a drive train divides by B. Torques may give B = 0 where the inertia of the link includes that of the motor; a
+/// thousandth has no measurable effect on a torque.
 std::vector<double> least_motor_inertia(const robot::RobotModel& robot);
 
 }  // namespace cotwin::identification

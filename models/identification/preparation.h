@@ -14,27 +14,28 @@ struct PreparationOptions {
   double trim = 0.02;  // share of the recording cut off at each end, where derivatives are one-sided
 };
 
-/// Samples for identification from a finished recording: positions (and speeds, where measured) and torques through the same
-/// zero-phase filter, q̈ from the spline through the speeds, or q̇ and q̈ from that through the positions. `dq` and `theta` may
-/// be empty series; theta: the motors' positions behind the gear. Throws Error for a cutoff at or above half the rate.
+/// Samples for identification from a recording. Positions (and speeds, where measured) and torques pass the same zero-phase
+/// filter. q̈ is the derivative of the spline through the speeds; without speeds, q̇ and q̈ are those of the spline through the
+/// positions. `dq` and `theta` (positions of the motors behind the gear) may be empty. Throws Error for a cutoff at or above
+/// half the sampling rate.
 Samples prepare(const trajectory::Series& q, const trajectory::Series& dq, const trajectory::Series& tau,
                 const trajectory::Series& theta = {}, const PreparationOptions& options = {});
 
-/// The filter of a running twin, for n joints: q, q̇ and τ pass through the same critically damped state-variable filter
+/// The filter for identification during a run, for n joints: q, q̇ and τ pass the same critically damped state-variable filter
 ///   y = ω² / (s + ω)² u,      ω = 2π cutoff,
-/// whose states give q and q̇ filtered and the derivatives of both: q̈ is the filtered derivative of q̇ (exact, no differences).
-/// What is linear in filtered signals stays true of them, only delayed, and the dynamics' nonlinearity is second-order in the
-/// filter's delay. Exact discretisation for inputs linear between samples, so that any step is stable.
+/// whose states give filtered q and q̇ and their derivatives: q̈ is the derivative of the filtered q̇ (exact, no differences).
+/// Linear relations between signals hold for the filtered ones, delayed. Nonlinear terms of the dynamics cause errors of second
+/// order in the delay. The discretisation is exact for inputs that are linear between samples, so any step is stable.
 class CausalFilter {
  public:
   /// Throws Error unless 0 < cutoff.
   CausalFilter(std::size_t joints, double cutoff);
 
-  /// Another cutoff; throws Error as above. What it remembers stays, and where.
+  /// Changes the cutoff; throws Error as above. Values and storage of the state do not change.
   void set_cutoff(double cutoff);
-  /// Starts in the steady state of these values.
+  /// Sets the state to the steady state for these values.
   void reset(std::span<const double> q, std::span<const double> dq, std::span<const double> tau);
-  /// The next sample after h seconds. Allocates nothing.
+  /// Takes the next sample, h seconds after the last. Allocates nothing.
   void step(double h, std::span<const double> q, std::span<const double> dq, std::span<const double> tau);
 
   std::span<const double> q() const { return part(0); }
@@ -42,7 +43,7 @@ class CausalFilter {
   std::span<const double> ddq() const { return part(2); }
   std::span<const double> tau() const { return part(3); }
   double delay() const;  // s, at low frequency: 2/ω
-  /// Everything that it remembers; for a unit's declared state.
+  /// The whole state, for the declared state of a unit.
   std::span<double> state() { return state_; }
   void restored() { write_output(); }  // after state() was written
 
@@ -52,7 +53,7 @@ class CausalFilter {
 
   std::size_t joints_;
   double omega_;
-  std::vector<double> state_;   // per signal and joint: input before, y, ẏ
+  std::vector<double> state_;   // per signal and joint: last input, y, ẏ
   std::vector<double> output_;  // 4n
 };
 

@@ -21,8 +21,8 @@ struct Bounds {
   friend bool operator==(const Bounds&, const Bounds&) = default;
 };
 
-/// Default weights of the prior, see Problem. The data enter the cost as a mean over the samples, so that the more samples
-/// there are, the less weight the prior needs to decide what the data leave open.
+/// Default weights of the prior, see Problem. The data enter the cost as a mean over the samples. So the more samples there
+/// are, the less weight the prior needs to decide what the data leave open.
 inline constexpr double kPriorWeightOfShortData = 0.1;  // the tuner in a running twin: seconds of data, some 10³ samples
 inline constexpr double kPriorWeightOfLogs = 1e-3;      // cotwin tune: minutes of data, 10⁴ samples and more
 
@@ -32,8 +32,8 @@ struct ProblemOptions {
   Eigen::VectorXd sigma;  // n, N.m: weights 1/σ_j² of the joints; empty: the residuals of the floor
 };
 
-/// Unconstrained least squares over base and linear drive parameters, and over those of nonlinear friction where it is sought:
-/// no particle and no physical robot can be better on the same data, so it is the floor.
+/// Unconstrained least squares over base parameters, linear drive parameters and parameters of nonlinear friction. Its error is
+/// a lower bound (the floor) for every physical robot on the same data.
 struct Floor {
   Eigen::VectorXd beta;           // base parameters, b
   std::vector<JointDrive> drive;  // n
@@ -41,9 +41,9 @@ struct Floor {
   Eigen::VectorXd rms;            // n: root of the mean square of the residuals, N.m
   int rank = 0;                   // of the weighted regressor, of `unknowns` columns
   int unknowns = 0;
-  double condition = 0;                         // of its columns scaled to unit length, without those beyond the rank
+  double condition = 0;                         // of its columns scaled to unit length, within the rank
   double cost = 0;                              // Σ_j rms_j² / (n σ_j²)
-  std::vector<int> joint_rank, joint_unknowns;  // n: of the unknowns that the joint's torque depends on, by this torque alone
+  std::vector<int> joint_rank, joint_unknowns;  // n: for the unknowns of the joint's torque, from this torque alone
 };
 
 /// How well the data determine one unknown of the floor.
@@ -52,32 +52,32 @@ struct Determination {
   double value = 0;
   double deviation = 0;     // standard deviation under independent errors; ∞ where not determined
   double relative = 0;      // deviation / |value|
-  bool determined = false;  // by itself; false where only a sum with others is, as of B_1 and the first link's Izz
+  bool determined = false;  // false where only a sum with others is determined, such as B_1 + Izz_1
 };
 
-/// What the motion behind the data excites.
+/// The unknowns that the motion excites.
 struct Excitation {
   int structural = 0;  // base parameters of the robot's kinematics
-  int unknowns = 0;    // these and the linear drive parameters
-  int rank = 0;        // of them, determined by the data
+  int unknowns = 0;    // base and linear drive parameters
+  int rank = 0;        // unknowns that the data determine
   double condition = 0;
   std::vector<Determination> unknown;  // one per unknown
-  std::vector<std::string> warnings;   // sentences; empty: well excited
+  std::vector<std::string> warnings;   // empty: well excited
 };
 
-/// The optimisation problem behind both solvers: given compressed torques and a prior, over coordinates ξ (10 per body, then
-/// those of nonlinear friction) in a box,
+/// The optimisation problem of both solvers: given compressed torques and a prior, over coordinates ξ (10 per body, then those
+/// of nonlinear friction) in a box,
 ///   f(ξ) = min_φ 1/n Σ_j ‖τ_j − Y_j π(ξ) − F_j(ξ) φ_j‖² / (N σ_j²) + λ D(ξ)
-/// with the linear drive parameters φ solved inside, those that must not be negative (τ_C, τ_S − τ_C, σ2, B) held at zero where
-/// they would be (variable projection: Golub, Pereyra, SIAM J. Numer. Anal. 10(2), 1973). D is the divergence from the prior
-/// (log_cholesky.h, summed over bodies); λ = prior_weight / 100 makes it a weak pull that decides about what the data leave
-/// open. The squares of nonlinear friction's coordinates belong to λ D too, with a weight of at most 1e-5 in place of λ: their
-/// prior is only where the search begins. √(f − λ D) is "the weighted RMS": 1 at the floor.
-/// A constant value, for any number of threads.
+/// The linear drive parameters φ are solved for at each ξ; τ_C, τ_S − τ_C, σ2 and B are constrained to be ≥ 0 (variable
+/// projection: Golub, Pereyra, SIAM J. Numer. Anal. 10(2), 1973). D is the divergence from the prior (log_cholesky.h, summed
+/// over bodies); λ = prior_weight / 100 is small and decides what the data leave open. λ D includes the squares of the
+/// coordinates of nonlinear friction, with a weight of at most 1e-5 in place of λ, because their prior is only the start of the
+/// search. √(f − λ D) is the weighted RMS; it is 1 at the floor.
+/// Constant, and usable by several threads.
 class Problem {
  public:
-  /// `data` is copied in its compressed form; `prior` has the robot's kinematics (its bodies are made consistent()). Throws
-  /// Error where there are fewer samples than unknowns or a joint's torque is constant zero.
+  /// Copies the compressed `data`. `prior` has the kinematics of the robot; its bodies are made consistent(). Throws Error
+  /// where there are fewer samples than unknowns or the torque of a joint is constantly zero.
   Problem(const TorqueData& data, const robot::RobotModel& prior, const ProblemOptions& options = {});
   ~Problem();
   Problem(Problem&&) noexcept;
@@ -94,19 +94,20 @@ class Problem {
   const Excitation& excitation() const;
 
   double cost(const Eigen::VectorXd& xi) const;
-  /// f of eight points in vector lanes: coordinate i of point k at xi[i * stride + k]. Allocates nothing; `scratch` has
-  /// scratch_doubles() elements and is the calling thread's own.
+  /// f of eight points in vector lanes: coordinate i of point k is xi[i * stride + k]. Allocates nothing; `scratch` has
+  /// scratch_doubles() elements and belongs to the calling thread.
   void cost(const double* xi, std::size_t stride, double* scratch, double* cost) const;
   std::size_t scratch_doubles() const;
   /// λ D(ξ)
   double prior_cost(const Eigen::VectorXd& xi) const;
   /// Residuals r with f = ‖r‖², and ∂r/∂ξ.
   void residuals(const Eigen::VectorXd& xi, Eigen::VectorXd& r, Eigen::MatrixXd* jacobian = nullptr) const;
-  /// The robot at ξ with its drives solved inside.
+  /// The robot at ξ with its drives solved for.
   Estimate estimate(const Eigen::VectorXd& xi) const;
   /// √(1/n Σ_j rms_j² / σ_j²) of any estimate on the data (floor: 1 up to degrees of freedom).
   double weighted_rms(const Estimate& estimate) const;
-  /// The floor's parameters as an estimate with the prior's unidentifiable part: least change of π with G π = β. Not physical.
+  /// The parameters of the floor as an estimate; what the data leave open is that of the prior (least change of π with G π =
+  /// β). Not physical.
   Estimate floor_estimate() const;
 
   struct Impl;

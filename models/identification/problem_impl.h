@@ -12,10 +12,10 @@ namespace cotwin::identification {
 
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-/// What Problem holds. Per joint the triangle of [F_j | Y_j,b | τ_j] falls into
+/// The data of Problem. Per joint the triangle of [F_j | Y_j,b | τ_j] is
 ///   [ R11 R12 u; 0 R22 t; 0 0 ρ ]
-/// of which the rows below decide what friction cannot explain, whatever it is: those of all joints, weighted, make one
-/// triangle S β − s. The rows above are the residual that friction is fitted to.
+/// The rows below R11 do not depend on friction: those of all joints, weighted, make one triangle S β − s. Friction is fitted
+/// to the residual of the rows above.
 struct Problem::Impl {
   TorqueData data;
   robot::RobotModel prior;
@@ -25,21 +25,21 @@ struct Problem::Impl {
   std::vector<JointDrive> shapes;  // n: nonlinear friction parameters of the prior
   Eigen::VectorXd lower, upper;
   Eigen::VectorXd sigma, weights;  // n: 1 / (σ √(n N))
-  std::vector<char> silent;        // of the base parameters: no plausible value of it would show in any torque
+  std::vector<char> silent;        // per base parameter: no plausible value has an effect on a torque
   Floor floor;
   Excitation excitation;
-  double lambda = 0, lambda_shape = 0;  // of the pull to the prior: bodies, friction's shape
+  double lambda = 0, lambda_shape = 0;  // weights of the prior: bodies, shape of friction
 
   RowMajor S;                   // b x b
   Eigen::VectorXd s;            // b
-  double rho = 0;               // what no β explains
-  std::vector<RowMajor> R11;    // per joint, weighted; of nonlinear friction in the basis below
-  std::vector<RowMajor> basis;  // per joint: rows of R11 to the few combinations of them that any shape of friction reaches
+  double rho = 0;               // residual for every β
+  std::vector<RowMajor> R11;    // per joint, weighted; for nonlinear friction in the basis below
+  std::vector<RowMajor> basis;  // per joint: orthonormal rows that span all shapes of friction
   std::vector<int> row;         // of u_j in the stacked matrix
   RowMajor M;                   // (b + Σ drive columns) x 10n: [S; R12] G
   Eigen::VectorXd m;            // the right-hand side [s; u]
   numerics::BatchMatrix batch;
-  int tall = 0, wide = 0;  // the most columns and unknowns of a joint's drive
+  int tall = 0, wide = 0;  // greatest number of columns and of unknowns of a drive
 
   Impl(const TorqueData& d, const robot::RobotModel& p, const ProblemOptions& o);
   int n() const { return prior.n(); }
@@ -47,8 +47,8 @@ struct Problem::Impl {
   JointDrive shape(int joint, const double* eta) const;
   int first_nonlinear(int joint) const;
 
-  /// The shape of nonlinear friction (within its bounds) that fits the joint's drive best to what bodies with the base
-  /// parameters β leave of its torque, by compass search from `eta` or, if that is empty, from the best of a grid.
+  /// The shape of nonlinear friction, within its bounds, that fits best the torque that bodies with the base parameters β leave
+  /// to the drive. Compass search from `eta` or, if that is empty, from the best point of a grid.
   Eigen::VectorXd best_shape(int joint, const Eigen::VectorXd& beta, const Eigen::VectorXd& eta) const;
 
   RowMajor reachable(int joint, const RowMajor& R) const;
@@ -57,12 +57,12 @@ struct Problem::Impl {
   void solve_floor();
   void assemble();
   void judge();
-  /// The joint's residual after its drive is fitted to the top rows' right-hand side `rhs` (destroyed); scratch: tall · (wide +
-  /// 1).
+  /// Fits the drive of the joint to the right-hand side `rhs` (overwritten) of the top rows; returns the residual. scratch:
+  /// tall · (wide + 1).
   double fit(int joint, const double* eta, double* rhs, double* scratch, double* phi, unsigned* active = nullptr) const;
 };
 
-/// ξ of the minimum of f in the box, to 1e-9 (convex.cpp); from where it stands when `stop` says so.
+/// ξ of the minimum of f in the box, to 1e-9 (convex.cpp); the current point when `stop` returns true.
 Eigen::VectorXd convex_optimum(const Problem::Impl& problem, const std::function<bool()>& stop = {});
 
 }  // namespace cotwin::identification

@@ -7,8 +7,8 @@
 namespace cotwin::identification {
 
 struct StiffnessOptions {
-  double K_min = 1e2, K_max = 1e8;  // N.m/rad; a joint found at K_max is as stiff as the data can tell
-  int refinements = 2;              // how often the joint torques are taken anew from the model found
+  double K_min = 1e2, K_max = 1e8;  // N.m/rad; a joint at K_max is rigid within the accuracy of the data
+  int refinements = 2;              // number of times that the joint torques are recomputed from the identified model
   numerics::SwarmOptions swarm{.particles = 24, .rounds = 40};
 };
 
@@ -19,25 +19,26 @@ struct StiffnessResult {
   Samples samples;                  // with the links' motion q = θ − τ_J/K, for TorqueData; dtheta, ddtheta are the motors'
 };
 
-/// Joint stiffness from the motors alone: what a robot without encoders behind its gears records. In `motors`, q, dq and ddq
-/// are the motors' angles behind the gears θ and their derivatives, tau the motors' torques, and t is regular. By (2b), (2c)
+/// Joint stiffness from motor positions and torques alone, for robots without encoders behind the gears. In `motors`, q, dq and
+/// ddq are the angles θ of the motors behind the gears and their derivatives, tau is the torque of the motors, and t is
+/// regular. By (2b), (2c)
 ///   q = θ − τ_J / K,      τ_J = Y(q, q̇, q̈) π
-/// so that K enters the motion, hence everything: it is searched by a swarm over ln K, and for each candidate all linear
-/// parameters are solved inside by unconstrained least squares on the samples. τ_J comes from the bodies of the model found
-/// before, the rigid one first, and so do its derivatives, which noise in the torques would drown.
+/// so K changes the motion of the links. A swarm searches ln K; for each candidate all linear parameters are solved for by
+/// unconstrained least squares on the samples. τ_J and its derivatives come from the bodies of the last identified model (at
+/// first the rigid one), because derivatives of measured torques are dominated by noise.
 /// Where θ and q were both measured, K is the slope of τ_J over θ − q: see TorsionFit.
 StiffnessResult search_stiffness(const robot::RobotModel& robot, const Samples& motors, const ModelOptions& model = {},
                                  const StiffnessOptions& options = {}, numerics::Threads* threads = nullptr);
 
-/// What motor and link positions, measured side by side, tell of a joint: least squares of
+/// The joint parameters from motor and link positions measured together: least squares of
 ///   θ − q = τ_J / K + δ q̇ + c
-/// with the torque of the joint τ_J, N.m, and the link's speed q̇, rad/s. δ is by how much the record of q is older than that of
-/// θ: encoders behind the gears are often read by another device. A few milliseconds of it are more than gears give, so
-/// without δ stiffness hides behind it.
+/// with the joint torque τ_J, N.m, and the speed q̇ of the link, rad/s. δ is the delay of the record of q behind that of θ:
+/// encoders behind the gears are often read by another device. A delay of a few milliseconds has a larger effect than the
+/// torsion of gears, so δ must be estimated with K.
 struct Torsion {
-  double K = 0;            // N.m/rad; 0 where it is not found: see TorsionFit::solve
+  double K = 0;            // N.m/rad; 0 if not determined: see TorsionFit::solve
   double deviation = 0;    // standard deviation of K
-  double correlation = 0;  // partial: of torque and torsion at equal speed; near 1 if the torsion is one
+  double correlation = 0;  // partial correlation of torque and torsion at equal speed; near 1 for an elastic joint
   double lag = 0;          // s, δ
   double offset = 0;       // rad, c
 };
@@ -47,14 +48,14 @@ class TorsionFit {
  public:
   /// `torsion`: θ − q, rad.
   void add(double tau_J, double dq, double torsion);
-  /// `independent`: how many of the samples tell anything new (all, or fewer behind a low-pass). K is 0 if its standard
-  /// deviation is above 0.3 K, or if the torque explains less than half of the variance that lag and offset leave of the
-  /// torsion: then play, hysteresis and misalignment are the greater part, of which the deviation does not know.
+  /// `independent`: number of independent samples (fewer than all behind a low-pass). K is 0 if its standard deviation is above
+  /// 0.3 K, or if the torque explains less than half of the variance of the torsion that delay and offset leave: then play,
+  /// hysteresis and misalignment dominate, which the standard deviation does not include.
   Torsion solve(double independent) const;
 
  private:
   double count_ = 0;
-  Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();  // the first sample, from which the others are counted
+  Eigen::Vector3d origin_ = Eigen::Vector3d::Zero();  // the first sample, subtracted from all
   Eigen::Vector3d sum_ = Eigen::Vector3d::Zero();
   Eigen::Matrix3d products_ = Eigen::Matrix3d::Zero();
 };

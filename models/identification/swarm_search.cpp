@@ -22,13 +22,13 @@ constexpr std::uint64_t kMark = 0x31474e494e555443;  // "CTUNING1", little-endia
 
 std::vector<double> list(const VectorXd& v) { return {v.begin(), v.end()}; }
 
-/// The swarm's coordinates y: ξ = centre + E y, with the principal axes of (∂r/∂ξ)ᵀ(∂r/∂ξ) at the centre as columns of E. What
-/// lies on a face of the box has an axis of its own: along any other it would be put back on the face.
+/// The swarm's coordinates y: ξ = centre + E y. The columns of E are the principal axes of (∂r/∂ξ)ᵀ(∂r/∂ξ) at the centre. A
+/// coordinate ξ_i on a face of the box is an axis of its own, because steps along any other axis would be clamped to the face.
 struct Chart {
   VectorXd centre;
   RowMajor E;
   VectorXd curvature;  // per axis
-  double promise = 0;  // by how much the cost would fall if it were as at the centre
+  double promise = 0;  // decrease of the cost that the quadratic model at the centre predicts
 
   Chart() = default;
   Chart(const Problem& problem, const VectorXd& at) : centre(at) {
@@ -48,14 +48,14 @@ struct Chart {
     curvature = axes.eigenvalues().cwiseMax(1e-300);
     promise = (E.transpose() * (J.transpose() * r)).cwiseAbs2().cwiseQuotient(curvature).sum();
   }
-  /// Box about the problem's own, which is turned in these coordinates; what lies between them is put on the problem's faces.
+  /// Half widths of a box in y that contains the box of the problem; points outside that box are clamped.
   VectorXd reach(const Problem& problem) const {
     const VectorXd far = (problem.lower() - centre).cwiseAbs().cwiseMax((problem.upper() - centre).cwiseAbs());
     return E.cwiseAbs().transpose() * far;
   }
-  /// Standard deviations at which the cost grows by about `excess`, and of at most `most`. `careful`: smaller again where even
-  /// `most` does less than that, like steps of Levenberg and Marquardt. Else a swarm far from its goal, which is drawn by a few
-  /// axes, is carried off along all the others by chance, to the faces of the box.
+  /// Standard deviations at which the cost grows by about `excess`, at most `most`. `careful`: smaller again on axes of little
+  /// curvature (damped like Levenberg–Marquardt steps). Otherwise a swarm far from the optimum, which follows a few axes,
+  /// drifts along all the others to the faces of the box.
   VectorXd spread(double excess, double most, bool careful) const {
     const double share = excess / static_cast<double>(curvature.size());
     if (!careful) return (share * curvature.cwiseInverse()).cwiseSqrt().cwiseMin(most);
@@ -112,8 +112,8 @@ struct SwarmSearch::Impl {
                                               list(chart.spread(at_prior, options.spread, true)), cost(), options.swarm);
   }
 
-  /// Turns the swarm to the axes at its best position; it will be reconfigured there, in turn carefully and widely: where the
-  /// model does not fit, the way may lead far along axes of little curvature.
+  /// Rotates the swarm to the axes at its best position, before a reconfiguration. The spread is careful and wide in turn:
+  /// where the model does not fit, the optimum may be far along axes of little curvature.
   void turn_to_best() {
     const Chart before = chart;
     use(Chart(*problem, best()));

@@ -53,8 +53,8 @@ NodeWeights node_weights(double v, int count, double v_max) {
   return n;
 }
 
-/// The speed up to which a joint's friction curve is kept; beyond, the curve is continued as a constant. A limit that is none
-/// (1000 rad/s), or one that is below where friction becomes level, would leave no nodes where it changes.
+/// Greatest speed of the grid of a friction curve; beyond it the curve is continued as a constant. Clamped, because a nominal
+/// limit of 1000 rad/s, or one below the speed at which friction levels off, would leave no nodes where friction changes.
 double greatest_speed(const robot::Joint& joint) {
   constexpr double kUsual = 4, kLeast = 1, kMost = 30;  // rad/s or m/s
   return std::isfinite(joint.dq_max) && joint.dq_max > 0 ? std::clamp(joint.dq_max, kLeast, kMost) : kUsual;
@@ -164,7 +164,7 @@ struct TorqueData::Impl {
           if (weights.w[i] != 0) at(weights.first + i) = weights.w[i];
       }
       if (c.coulomb >= 0) at(c.coulomb) = std::tanh(v / options.v_R);
-      constexpr double kNoLoad = 1e-3;  // N.m; what an upright axis has of gravity is rounding
+      constexpr double kNoLoad = 1e-3;  // N.m; gravity on a vertical axis is rounding noise
       if (c.load >= 0) at(c.load) = std::abs(g[j]) < kNoLoad ? 0.0 : std::abs(g[j]) * std::tanh(v / options.v_R);
       if (c.viscous >= 0) at(c.viscous) = v;
       if (c.offset >= 0) at(c.offset) = 1;
@@ -190,7 +190,7 @@ struct TorqueData::Impl {
     const Columns& c = columns[static_cast<std::size_t>(j)];
     const JointDrive& d = estimate.drive[static_cast<std::size_t>(j)];
     VectorXd b = VectorXd::Zero(c.size());
-    JointDrive curve = d;  // without what has columns of its own
+    JointDrive curve = d;  // without the terms that have columns of their own
     curve.sigma2 = curve.tau_0 = 0;
     for (int i = 0; i < c.nodes; ++i) b[i] = curve.friction(nodes[static_cast<std::size_t>(j)][static_cast<std::size_t>(i)]);
     if (c.coulomb >= 0) b[c.coulomb] = d.tau_C;

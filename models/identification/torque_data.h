@@ -9,30 +9,30 @@
 
 namespace cotwin::identification {
 
-/// Which combinations of the 10n inertial parameters any torque of a robot can depend on: Y π = Y_b (G π), with Y_b the columns
-/// `columns` of Y and G (b x 10n). From the rank of the regressor on random motions; a matter of the kinematics alone (Gautier,
-/// Khalil, IEEE TRA 6(3), 1990; numerically: Gautier, J. Robotic Systems 8(4), 1991). Of linearly dependent columns those of
-/// the bodies nearer to the base are kept.
+/// The combinations of the 10n inertial parameters that joint torques depend on: Y π = Y_b (G π), where Y_b are the columns
+/// `columns` of Y and G is b x 10n. Computed from the rank of the regressor on random motions; depends on the kinematics alone
+/// (Gautier, Khalil, IEEE TRA 6(3), 1990; numerically: Gautier, J. Robotic Systems 8(4), 1991). Of linearly dependent columns
+/// those of bodies nearer to the base are kept.
 struct BaseParameters {
   std::vector<int> columns;  // b, body by body
   Eigen::MatrixXd G;         // b x 10n; G(·, columns) is the identity
 
-  /// "m_3 c_x + 0.4 m_4 + …": base parameter i in words, terms below `least` left out.
+  /// Base parameter i as text, "m_3 c_x + 0.4 m_4 + …", without terms below `least`.
   std::string name(int i, double least = 1e-6) const;
 };
 BaseParameters base_parameters(const robot::RobotModel& robot);
 /// "Ixx_3": of element k of π.
 std::string parameter_name(int k);
 
-/// Measured torques, compressed: per joint the triangle of [F_j | Y_j,b | τ_j], the columns of the linear drive parameters, of
-/// the base parameters that the joint's torque depends on, and the torque. Any estimate's sum of squared errors follows from
-/// it; memory does not grow with the number of samples. Where friction is not linear (kSigmoid, kStribeck) its curve over the
-/// speed stands in F_j by its values at the nodes of a speed grid (denser about 0, up to the joint's greatest speed), so that
-/// its parameters can be sought on the compressed data too: exact but for cubic interpolation of the curve between nodes.
+/// Compressed torque measurements: per joint the triangle of [F_j | Y_j,b | τ_j], with the columns of the linear drive
+/// parameters, of the base parameters that the torque of the joint depends on, and of the torque. The sum of squared errors of
+/// any estimate follows from it; memory does not grow with the number of samples. Nonlinear friction (kSigmoid, kStribeck)
+/// enters F_j by the values of its curve at the nodes of a speed grid (denser about 0, up to the greatest speed of the joint).
+/// So its parameters can be searched on the compressed data too, exact but for cubic interpolation between nodes.
 class TorqueData {
  public:
-  /// `robot`: kinematics and gravity count, masses only for the load of friction (ModelOptions::load). `forgetting`: factor per
-  /// sample, 1 for none.
+  /// `robot`: its kinematics and gravity are used, its masses only for load friction (ModelOptions::load). `forgetting`: factor
+  /// per sample, 1 for none.
   explicit TorqueData(const robot::RobotModel& robot, const ModelOptions& options = {}, double forgetting = 1);
   TorqueData(const TorqueData&);
   TorqueData& operator=(const TorqueData&);
@@ -40,14 +40,14 @@ class TorqueData {
   TorqueData& operator=(TorqueData&&) noexcept;
   ~TorqueData();
 
-  /// Takes one sample of n joints; dtheta, ddtheta: of the motors, null for those of the links. Allocates nothing. What is not
-  /// finite must not come here.
+  /// Adds one sample of n joints. dtheta, ddtheta: of the motors; null: those of the links. Allocates nothing. All values must
+  /// be finite.
   void add(const double* q, const double* dq, const double* ddq, const double* tau, const double* dtheta = nullptr,
            const double* ddtheta = nullptr);
   void add(const Samples& samples);
-  /// What `older` has seen, of the same robot and options: for data compressed in parts.
+  /// Adds the samples of `older`, of the same robot and options: for data compressed in parts.
   void merge(const TorqueData& older);
-  /// Takes an incomplete block of samples in; before reading triangles. Problem does it on its own copy.
+  /// Adds an incomplete block to the triangles; required before triangles are read. Problem does it on its own copy.
   void flush();
 
   /// Removes all samples. Allocates nothing.
@@ -66,13 +66,13 @@ class TorqueData {
   const ModelOptions& options() const;
   const BaseParameters& base() const;
 
-  /// One joint's columns: first `drive` ones (F_j), then one per entry of `base`, then τ_j.
+  /// The columns of one joint: `drive` columns (F_j), then one per entry of `base`, then τ_j.
   struct Columns {
-    int nodes = 0;     // values of the friction curve at nodes of the speed (nonlinear friction), first in F_j
+    int nodes = 0;     // nodes of the friction curve (nonlinear friction), first in F_j
     int coulomb = -1;  // column of tanh(θ̇/v_R); −1 where absent, as are:
     int load = -1;     // of |g_j(q)| tanh(θ̇/v_R)
     int viscous = -1, offset = -1, motor_inertia = -1;
-    int harmonics = -1;     // of the first, sin q; 2 per harmonic
+    int harmonics = -1;     // the first, sin q; 2 per harmonic
     int drive = 0;          // columns of F_j
     std::vector<int> base;  // rows of G
     int size() const { return drive + static_cast<int>(base.size()) + 1; }
@@ -81,7 +81,7 @@ class TorqueData {
   const numerics::Triangle& triangle(int joint) const;
   const std::vector<double>& speed_nodes(int joint) const;  // rad/s, ascending
 
-  /// Σ of squared errors of the estimate per joint (n), (N.m)², by the triangles (flushed).
+  /// Sum of squared errors of the estimate per joint (n), (N.m)², from flushed triangles.
   Eigen::VectorXd squared_errors(const Estimate& estimate) const;
   /// Root of the weighted mean square of the errors per joint, N.m.
   Eigen::VectorXd rms(const Estimate& estimate) const;

@@ -6,42 +6,42 @@
 #include "models/robot/dynamics.h"
 #include "models/robot/robot_model.h"
 
-/// What measured joint torques are explained by:
+/// The model of a joint torque:
 ///   τ_j = Y_j(q, q̇, q̈) π + B_j θ̈_j + τ_f,j(θ̇_j) + Σ_k a_jk sin(k q_j) + b_jk cos(k q_j)
 ///         + μ_j |g_j(q)| tanh(θ̇_j/v_R)
 ///   τ_f(v) = [τ_C + (τ_S − τ_C) e^{−|v/v_S|^δ}] tanh((v + s)/v_R) + σ2 v + τ_0
-/// with inertial parameters π (2a), reflected motor inertia B (2b), and friction, all seen behind the gear; θ = q where the
-/// motor's position was not measured. μ: gears rub more under load, which is taken from the gravity torque g of the robot as it
-/// was given (the prior), so that the term stays linear. The harmonics stand for what is no rigid body: springs,
-/// counterbalances. Prismatic joints alike, with m and N.
+/// with inertial parameters π (2a), reflected motor inertia B (2b) and friction. All quantities are those behind the gear; θ =
+/// q where the position of the motor was not measured. μ is friction that grows with the load. The load is the gravity torque g
+/// of the prior, so that the term is linear. The harmonics model springs and counterbalances. For prismatic joints the units
+/// are m and N.
 namespace cotwin::identification {
 
-/// Which friction is sought. Linear parameters (τ_C, τ_S − τ_C, σ2, τ_0, B, a, b) are solved inside of every search; of the
-/// others:
+/// The friction law that is identified. Linear parameters (τ_C, τ_S − τ_C, σ2, τ_0, B, a, b) are solved for at each candidate.
+/// The others:
 enum class FrictionLaw {
-  kNone,     // no τ_C: viscous friction and offset alone
+  kNone,     // no τ_C: only viscous friction and offset
   kCoulomb,  // v_R as given, s = 0, τ_S = τ_C: all linear
   kSigmoid,  // v_R and s are searched, τ_S = τ_C: the sigmoid k + A/(1 + e^{−α(v+s)}) with A = 2 τ_C, α = 2/v_R, k = τ_0 − τ_C
   kStribeck,  // v_S is searched, v_R as given, s = 0: the static map of LuGre
 };
 const char* to_text(FrictionLaw law);               // "none", "coulomb", "sigmoid", "stribeck"
-FrictionLaw friction_law(const std::string& text);  // throws Error naming the choices
+FrictionLaw friction_law(const std::string& text);  // throws Error that lists the choices
 
 struct ModelOptions {
   FrictionLaw friction = FrictionLaw::kCoulomb;
   bool viscous = true;
   bool offset = true;
-  bool motor_inertia = true;   // of the robots whose torques are the motors'; joint torque sensors do not see B
-  bool load = false;           // μ is sought
+  bool motor_inertia = true;   // for torques of the motors; joint torque sensors do not measure B
+  bool load = false;           // μ is identified
   double v_R = 0.02;           // rad/s
   double delta = 2;            // Stribeck exponent
-  std::vector<int> harmonics;  // n, or empty: none; how many harmonics of q_j are sought for joint j
-  std::vector<char> still;     // n, or empty: joints that stand still; of their drives nothing but an offset is sought
+  std::vector<int> harmonics;  // n, or empty: none; number of harmonics of q_j per joint
+  std::vector<char> still;     // n, or empty: joints that stand still; only an offset is identified for them
   int speed_nodes = 40;        // kSigmoid, kStribeck: nodes of the speed grid, see TorqueData; even, at least 8
   friend bool operator==(const ModelOptions&, const ModelOptions&) = default;
 };
 
-/// Everything about one joint that is no rigid body. Names and meaning are those of components/drive_train.
+/// The drive of one joint. Names and meaning are those of components/drive_train.
 struct JointDrive {
   double tau_C = 0;  // N.m, ≥ 0
   double tau_S = 0;  // N.m, ≥ τ_C
@@ -59,7 +59,7 @@ struct JointDrive {
 
   /// τ_f(v), N.m.
   double friction(double v) const;
-  /// Everything but the rigid bodies. `gravity`: the prior's torque of gravity, N.m; counts where there is a load friction.
+  /// The torque of the drive without the rigid bodies. `gravity`: gravity torque of the prior, N.m; used by load friction.
   double torque(double q, double dtheta, double ddtheta, double gravity) const;
 };
 
@@ -69,26 +69,27 @@ struct Estimate {
   std::vector<JointDrive> drive;
 };
 
-/// π of a robot, and drives without torque; where `urdf_friction`, σ2 and τ_C from its <dynamics> damping and friction.
+/// The parameters π of a robot, with drives without torque; with `urdf_friction`, σ2 and τ_C from damping and friction of its
+/// <dynamics>.
 Estimate estimate_of(const robot::RobotModel& robot, bool urdf_friction = false);
-/// The robot with the bodies of `estimate`, each change logged in its history with `reason`. Throws Error for bodies that no
-/// rigid body can be: the floor's are not.
+/// The robot with the bodies of `estimate`. Each change is added to its history with `reason`. Throws Error for bodies that are
+/// not physical, such as those of the floor.
 robot::RobotModel with_bodies(const robot::RobotModel& robot, const Estimate& estimate, const std::string& reason);
 
-/// Samples one after the other: value of joint j at [s * n + j]. rad, rad/s, rad/s², N.m (prismatic: m, …, N).
+/// Samples in rows: the value of joint j is at [s * n + j]. rad, rad/s, rad/s², N.m (prismatic: m, …, N).
 struct Samples {
   std::size_t joints = 0;
-  std::vector<double> t;                // s; may be empty where time does not matter
+  std::vector<double> t;                // s; may be empty where time is not used
   std::vector<double> q, dq, ddq, tau;  // count x n
-  std::vector<double> dtheta, ddtheta;  // count x n, or empty: the motors' speeds are the links'
+  std::vector<double> dtheta, ddtheta;  // count x n, or empty: the speeds of the links are used
 
   std::size_t count() const { return joints ? q.size() / joints : 0; }
   /// The samples [first, last).
   Samples part(std::size_t first, std::size_t last) const;
 };
 
-/// Torques of all samples (count x n) by recursive Newton–Euler on the bodies as they stand in `estimate`, physical or not, and
-/// the drives. `robot`: as it was given to TorqueData; its gravity is the load of friction.
+/// Torques of all samples (count x n) by recursive Newton–Euler with the bodies of `estimate`, physical or not, and the drives.
+/// `robot`: the one given to TorqueData; its gravity is the load of friction.
 std::vector<double> torques(const robot::RobotModel& robot, const Estimate& estimate, const Samples& samples);
 /// Per joint: root of the mean square, and maximum, of measured minus given torques.
 struct Discrepancy {
