@@ -33,7 +33,7 @@ std::vector<Limits> limits_of(const robot::RobotModel& robot, const DesignOption
   std::vector<Limits> limits;
   for (std::size_t j = 0; j < n; ++j) {
     const robot::Joint& joint = robot.joints[j];
-    constexpr double kTurn = 3.14;  // rad; a joint without limits may turn that far to either side
+    constexpr double kTurn = 3.14;  // rad; range to either side of a joint without limits
     Limits l{joint.q_min, joint.q_max, std::min(joint.dq_max, options.dq_max), options.ddq_max, joint.tau_max};
     if (!std::isfinite(l.q_min)) l.q_min = -kTurn;
     if (!std::isfinite(l.q_max)) l.q_max = kTurn;
@@ -54,7 +54,7 @@ void check(const DesignOptions& o) {
                                     text::to_text(most));
   };
   within("period", o.period, 0.1, 1e4);
-  within("harmonics", o.harmonics, 3, 50);  // two of them are spent on rest at the ends
+  within("harmonics", o.harmonics, 3, 50);  // two are used for rest at the ends
   within("share", o.share, 0.01, 1);
   within("acceleration limit", o.ddq_max, 1e-6, 1e6);
   within("speed limit", o.dq_max, 1e-6, std::numeric_limits<double>::infinity());
@@ -62,7 +62,7 @@ void check(const DesignOptions& o) {
   within("particles", o.particles, 4, 1e5);
 }
 
-/// What is computed of a motion, in memory of one thread.
+/// The quantities computed of a motion, with the memory of one thread.
 struct Scratch {
   explicit Scratch(const robot::Mechanism& mechanism, Index n, Index base)
       : data(mechanism), Y(n, 10 * n), information(base, base), q(n), dq(n), ddq(n), tau(n) {}
@@ -77,8 +77,8 @@ struct Quality {
   int rank = 0;
 };
 
-/// A particle is a motion: per joint 2 · harmonics shapes of the velocity, its size (share of the largest that the limits
-/// allow), and where in the room that is left it lies.
+/// A particle is a motion: per joint 2 · harmonics coefficients for the shape of the velocity, its size (relative to the
+/// largest that the limits allow), and its place in the remaining range.
 class Designer {
  public:
   Designer(const robot::RobotModel& robot, const DesignOptions& options)
@@ -96,7 +96,7 @@ class Designer {
   const robot::Mechanism& mechanism() const { return mechanism_; }
   std::unique_ptr<Scratch> scratch() const { return std::make_unique<Scratch>(mechanism_, static_cast<Index>(n_), base()); }
 
-  /// The motion of a particle, whose coordinates are in [−1, 1] and `stride` apart.
+  /// Computes the motion of a particle, whose coordinates are in [−1, 1] and `stride` apart.
   FourierSeries series(const double* x, std::size_t stride) const {
     FourierSeries series{
         n_, L_, options_.period, std::vector<double>(n_ * L_), std::vector<double>(n_ * L_), std::vector<double>(n_)};
@@ -113,16 +113,16 @@ class Designer {
     return series;
   }
 
-  /// The swarm's cost: the criterion, and torques beyond their limits.
+  /// The cost of a particle: the criterion, plus a penalty for torques beyond their limits.
   double cost(const FourierSeries& series, Scratch& s) const {
     const double torque = collect(series, s, samples_);
     const double beyond = std::max(0.0, torque / options_.share - 1);
     const Quality quality = quality_of(s.information);
-    // log10 of the condition number, or minus log10 of the determinant per parameter: both of a size of a few.
+    // log10 of the condition number, or minus log10 of the determinant per parameter: both of order 1.
     const double value = options_.criterion == Criterion::kCondition
                              ? std::log10(std::min(quality.condition, 1e12))
                              : -std::max(quality.log_determinant, -1e3) / std::log(10.0) / static_cast<double>(base());
-    return value + 20 + 10 * beyond + (beyond > 0 ? 1 : 0);  // 20: costs are positive
+    return value + 20 + 10 * beyond + (beyond > 0 ? 1 : 0);  // 20 makes costs positive
   }
 
   Design report(const FourierSeries& series) const {
@@ -141,7 +141,7 @@ class Designer {
   double share() const { return options_.share; }
 
  private:
-  /// Scales joint j of the series to `size` of what the limits allow, and puts it into its room at `place`.
+  /// Scales joint j of the series to `size` of the largest allowed motion and shifts it to `place` in its range.
   void fit(FourierSeries& series, std::size_t j, double size, double place) const {
     const Limits& limits = limits_[j];
     series.q_start[j] = 0;
@@ -175,8 +175,8 @@ class Designer {
     series.q_start[j] = middle + place * slack - 0.5 * scale * (most + least);
   }
 
-  /// The information matrix of the base parameters over one period, rows in units of the torque limits; returns the largest
-  /// torque in limits.
+  /// Computes the information matrix of the base parameters over one period, with rows divided by the torque limits; returns
+  /// the largest torque relative to its limit.
   double collect(const FourierSeries& series, Scratch& s, std::size_t samples) const {
     s.information.setZero();
     double most = 0;
@@ -247,7 +247,7 @@ class Designer {
   robot::Mechanism mechanism_;
   identification::BaseParameters base_;
   std::size_t n_, L_;
-  std::size_t samples_;  // of a period at which motions are judged
+  std::size_t samples_;  // per period at which motions are evaluated
 };
 
 }  // namespace

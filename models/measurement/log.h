@@ -10,25 +10,25 @@
 
 namespace cotwin::measurement {
 
-/// What was measured of a robot: one or several files of the same format, each with its own time.
+/// A log of a robot: one or several files of the same format, each with its own time.
 struct Log {
   std::vector<std::filesystem::path> files;
   trajectory::RecordingFormat format;
 };
 
-/// Reads all files of a log one after another, in memory for one sample. A gap in time, or the next file, begins a new segment:
-/// nothing is interpolated or filtered across it. Of rows with the same time the first one counts.
+/// Reads the files of a log in order, in memory for one sample. A gap in time and each file start a new segment; nothing is
+/// interpolated or filtered across segments. Of rows with equal time the first one is used.
 class LogReader {
  public:
-  /// `gap`: s; a longer step begins a segment. Throws Error, as RecordingReader does, and for files without torques.
+  /// `gap`: s; a longer step starts a segment. Throws Error as RecordingReader, and for files without torques.
   LogReader(const Log& log, std::span<const trajectory::Axis> axes, double gap);
 
   /// Goes to the next sample; false at the end of the last file.
   bool next();
-  /// Whether the current sample is the first one of a segment.
+  /// True for the first sample of a segment.
   bool begins() const { return begins_; }
   std::size_t file() const { return file_; }
-  std::size_t repeated() const { return repeated_; }  // rows so far that had the time of the row before
+  std::size_t repeated() const { return repeated_; }  // rows so far with the time of the row before
   const trajectory::RecordingReader& sample() const { return *reader_; }
 
  private:

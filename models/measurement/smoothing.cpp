@@ -9,7 +9,8 @@ namespace cotwin::measurement {
 
 namespace {
 
-constexpr std::size_t kSplineReach = 32;  // knots after which a quintic spline has forgotten its ends (0.43 a knot) to 1e-11
+constexpr std::size_t kSplineReach =
+    32;  // knots after which the effect of the ends of a quintic spline (0.43 a knot) is below 1e-11
 
 /// Grid points from the first sample to the last one, both included.
 std::size_t points_within(double duration, double step) {
@@ -56,7 +57,7 @@ bool SmoothedLog::open_segment() {
   return true;
 }
 
-// The reader's sample comes into the window.
+// Adds the current sample of the reader to the window.
 void SmoothedLog::push() {
   const trajectory::RecordingReader& sample = reader_.sample();
   const auto add = [&](trajectory::Series& series, const std::vector<double>& x) {
@@ -68,7 +69,7 @@ void SmoothedLog::push() {
   if (has_theta_) add(theta_raw_, sample.theta().value);
 }
 
-// Reads on until the window reaches beyond that time, or the segment ends.
+// Reads until the window extends beyond `until` or the segment ends.
 void SmoothedLog::fill(double until) {
   while (!ended_ && q_raw_.t.back() < until) {
     if (!reader_.next()) {
@@ -146,7 +147,7 @@ void SmoothedLog::mark_measured(std::size_t k_begin, std::size_t count) {
 
 void SmoothedLog::fill_missing(const trajectory::Series& raw, std::size_t k_begin, trajectory::Series& even) const {
   constexpr int kMost = 400;
-  constexpr double kNear = 1e-9;  // of the signal's range, that a repetition changes
+  constexpr double kNear = 1e-9;  // change by an iteration, relative to the range of the signal
   const std::size_t count = even.t.size();
   struct Place {
     std::size_t sample, k;  // the grid point next to a sample,
@@ -206,7 +207,7 @@ trajectory::Series SmoothedLog::smoothed(const trajectory::Series& measured) con
   return smooth;
 }
 
-// Smooths the window on the grid, which begins at k_begin, and gives `count` points of it from k_next_ on.
+// Smooths the window on the grid, which starts at k_begin, and delivers `count` points from k_next_ on.
 void SmoothedLog::deliver(std::size_t k_begin, std::size_t count) {
   const auto cut = [&](const std::vector<double>& from, std::vector<double>& to, std::size_t width) {
     const auto begin = from.begin() + static_cast<std::ptrdiff_t>((k_next_ - k_begin) * width);

@@ -13,7 +13,7 @@ struct Smoothing {
   double step = 0;    // s, of the regular grid
   double cutoff = 0;  // Hz, zero-phase low-pass of positions and torques alike (trajectory/filter.h)
   int order = 4;      // of one pass
-  double margin = 0;  // s at both ends of a segment that are left out: there the filter knows one side only
+  double margin = 0;  // s at both ends of a segment that are left out, because the filter has data on one side only
 };
 
 /// Smoothed samples on a regular grid, row by row.
@@ -25,23 +25,23 @@ struct Block {
   std::vector<double> theta, dtheta, ddtheta;  // count·n, of the motors; empty where the log has none
   std::vector<double> tau;                     // count·n, through the same low-pass
   std::vector<double> tau_measured;            // count·n, as measured
-  std::vector<char> measured;                  // count; 0: no sample was taken here, or too near to a long gap to tell anything
+  std::vector<char> measured;                  // count; 0: no sample here, or too near to a long gap
 };
 
-/// Zero-phase smoothing of a log that may be larger than memory: block by block, where each block is filtered together with as
-/// many samples on either side as the filter remembers. What comes out is what filtering each segment as a whole would give, to
-/// 1e-7 of the signals. Every segment gets its grid from its first sample on; samples that are regular to 1e-3 of the step are
-/// taken as they are, others go through a quintic spline. Where rows are missing (a step above 1.5) the low-pass is that of the
-/// samples there are: y with y_k as smooth as the filter makes it and Σ (x(t_s) − y(t_s))² least, x(t_s) as measured at its own
-/// time (for the Butterworth filter of order N this is the penalised least squares with ∫ (y⁽ᴺ⁾)², which for complete samples
-/// is the filter itself). It is found by filling the missing points with y again and again.
+/// Zero-phase smoothing of a log of any length, block by block. Each block is filtered with as many samples on either side as
+/// the memory of the filter; the result is that of filtering each segment as a whole, to 1e-7 of the signals. The grid of a
+/// segment starts at its first sample. Samples that are regular to 1e-3 of the step are used as they are, others are
+/// interpolated by a quintic spline. Where rows are missing (a step above 1.5), the low-pass is formulated on the existing
+/// samples: y minimises Σ (x(t_s) − y(t_s))² plus the roughness that the filter penalises, with x(t_s) as measured at its own
+/// time (for the Butterworth filter of order N the penalty is ∫ (y⁽ᴺ⁾)²; for complete samples the result is that of the
+/// filter). It is computed by filling the missing points with y repeatedly.
 class SmoothedLog {
  public:
-  /// `block`: samples that next() gives at most. Throws Error for a cutoff that the rate cannot have.
+  /// `block`: greatest number of samples of next(). Throws Error for a cutoff that the sampling rate does not allow.
   SmoothedLog(const Log& log, std::span<const trajectory::Axis> axes, const Smoothing& smoothing, double gap,
               std::size_t block = 4096);
 
-  /// The next samples, valid until the next call; null at the end.
+  /// Returns the next samples, valid until the next call; null at the end.
   const Block* next();
 
  private:
@@ -64,7 +64,7 @@ class SmoothedLog {
   trajectory::ZeroPhaseLowPass filter_;
   std::size_t block_, overlap_, margin_;  // samples
   bool has_theta_;
-  // The window: the segment's samples that still matter, as measured, and the same on the grid.
+  // The window: samples of the segment that are still needed, as measured and on the grid.
   trajectory::Series q_raw_, theta_raw_, tau_raw_, q_, theta_, tau_;
   std::vector<char> measured_;         // of the grid points in the window
   bool ahead_ = false;                 // the reader stands on the first sample of the next segment
@@ -75,7 +75,7 @@ class SmoothedLog {
   Block result_;
 };
 
-/// How many grid points a segment of `duration` s gives.
+/// Number of grid points of a segment of `duration` s.
 std::size_t grid_points(double duration, const Smoothing& smoothing);
 
 }  // namespace cotwin::measurement

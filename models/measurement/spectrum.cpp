@@ -60,7 +60,7 @@ void MotionSpectrum::add_velocity(std::span<const double> q) {
   if (v_.size() == window_ * n_) transform();
 }
 
-// Adds the power of the window (Hann, mean taken away, zeros behind its end) to `power_`.
+// Adds the power of the window (Hann, without its mean, padded with zeros) to `power_`.
 void MotionSpectrum::transform() {
   const std::size_t N = v_.size() / n_;
   std::vector<std::complex<double>> x(window_);

@@ -17,7 +17,7 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 std::string number(double x) { return text::to_text(x, 4); }
 
-/// Sums of two signals, for their regression.
+/// Sums of two signals for their linear regression.
 struct Sums {
   double n = 0, x = 0, y = 0, xx = 0, yy = 0, xy = 0;
   void add(double a, double b) {
@@ -34,11 +34,11 @@ struct Sums {
     const double scale = std::sqrt(var_x() * var_y());
     return scale > 0 ? (xy / n - x / n * (y / n)) / scale : 0;
   }
-  /// Of y over x.
+  /// Slope of y over x.
   double slope() const { return var_x() > 0 ? (xy / n - x / n * (y / n)) / var_x() : 0; }
 };
 
-/// The step of the first samples of a log's file.
+/// The sampling step at the start of a file of the log.
 double first_step(const Log& log, std::size_t file, std::span<const trajectory::Axis> axes) {
   constexpr std::size_t kSteps = 4095;
   Log one{{log.files[file]}, log.format};
@@ -51,14 +51,14 @@ double first_step(const Log& log, std::size_t file, std::span<const trajectory::
   return typical_step(t);
 }
 
-/// A gap up to this long is bridged, s: the filter continues the motion smoothly, and what is beside a long gap is left out
-/// (Block::measured). A gap that splits the log costs the margins of a segment at both sides.
+/// Longest gap, s, that is bridged: the filter continues the motion smoothly, and samples beside a long gap are left out
+/// (Block::measured). A gap that splits the log costs the margin of a segment on both sides.
 constexpr double kBridged = 1;
 
 /// One pass over the log.
 class Surveyor {
  public:
-  /// `bridged`: s, steps up to which are no gaps.
+  /// `bridged`: s, steps up to this length are not gaps.
   Surveyor(const Log& log, const robot::RobotModel& robot, const SurveyOptions& options, double bridged)
       : log_(log),
         robot_(robot),
@@ -89,7 +89,7 @@ class Surveyor {
     while (reader.next()) {
       const trajectory::RecordingReader& sample = reader.sample();
       if (reader.begins()) begin_segment(reader);
-      // Lost rows are put back on straight lines: the spectrum is that of positions at a constant rate.
+      // Fill lost rows linearly: the spectrum requires a constant rate.
       if (!reader.begins()) {
         const double steps = (sample.t() - t_before_) / result_.step;
         const auto lost = static_cast<std::size_t>(std::max(1.0, std::round(steps - ahead_))) - 1;
@@ -130,7 +130,7 @@ class Surveyor {
     return first;
   }
 
-  /// An Error, or a warning if the user said so.
+  /// Throws Error, or adds a warning with SurveyOptions::accept.
   void implausible(const std::string& place, const std::string& what) const {
     if (!options_.accept) throw Error(place, what + " (--accept-data takes it as it is)");
     warnings_.push_back(place + ": " + what);
@@ -278,7 +278,7 @@ class Surveyor {
     if (result_.has_speeds && moves(j)) check_velocities(j);
   }
 
-  // Gravity is what a prior knows best: sign and size of a torque show in it.
+  // The gravity of a prior is accurate enough to check sign and size of a torque.
   void check_gravity(std::size_t j, const std::string& place) {
     const JointSurvey& joint = result_.joints[j];
     const Sums& sums = gravity_[j];
@@ -291,7 +291,7 @@ class Surveyor {
               "; is its sign, or that of the position, the other way round? Then --tau-scale -1 for this joint, or --q-scale");
       return;
     }
-    const double floor = 0.02 * std::min(robot_.joints[j].tau_max, 50.0);  // N.m; gravity below that says nothing
+    const double floor = 0.02 * std::min(robot_.joints[j].tau_max, 50.0);  // N.m, least gravity torque that is compared
     const double ratio = joint.tau_rms / joint.gravity_rms;
     if (joint.gravity_rms > floor && ratio < 0.1) {
       implausible(
@@ -351,7 +351,7 @@ double Survey::cutoff() const {
 
 Survey survey(const Log& log, const robot::RobotModel& robot, const SurveyOptions& options) {
   Survey found = Surveyor(log, robot, options, kBridged).run();
-  // What the motion is slow enough for is bridged too: a gap of 1/cutoff is a tenth of the period of its fast part.
+  // A gap of 1/cutoff is bridged too: it is a tenth of the period of the fast part of the motion.
   const double slow = std::min(2.0, 1 / found.cutoff());
   if (found.segments.size() > log.files.size() && slow > found.gap) return Surveyor(log, robot, options, slow).run();
   return found;
@@ -379,7 +379,7 @@ double typical_step(std::span<const double> t) {
         count += multiple;
       }
     }
-    // Stamps of samples that were written in bunches lie close together: nearly all time would be pauses.
+    // Samples that were written in bunches have stamps close together: nearly all time would count as pauses.
     if (count == 0 || near < kShare * static_cast<double>(steps.size()) || pauses > kShare * duration) continue;
     return percent == 50 && steps[steps.size() * 9 / 10] <= 1.5 * median ? median : time / count;
   }

@@ -11,7 +11,7 @@
 
 namespace cotwin::numerics {
 
-/// Particles are evaluated, drawn and moved in blocks of so many, by one thread a block and in the lanes of vector registers.
+/// Number of particles per block. One thread evaluates, draws and moves a block at a time, in the lanes of vector registers.
 inline constexpr std::size_t kSwarmBlock = 8;
 
 struct SwarmOptions {
@@ -22,22 +22,22 @@ struct SwarmOptions {
   double inertia = 0.7298437881283576;  // constriction for c1 = c2 = 2.05 (Clerc and Kennedy 2002)
   double cognitive = 1.496179765663133;
   double social = 1.496179765663133;
-  int neighbours = 0;             // informants on either side of a ring; 0: the whole swarm informs each particle
-  int stagnation_rounds = 60;     // the window in which the rate of convergence is tracked; 0: no reconfiguration
-  double stagnation_rate = 1e-3;  // relative fall of the best cost per round, on average over the window, that is stagnation
-  double spread = 0.1;            // standard deviation of a reconfigured swarm about its personal bests, share of the box
+  int neighbours = 0;             // informants on either side of a ring; 0: the whole swarm
+  int stagnation_rounds = 60;     // window of the rate of convergence; 0: no reconfiguration
+  double stagnation_rate = 1e-3;  // mean relative decrease of the best cost per round below which the swarm stagnates
+  double spread = 0.1;            // standard deviation of a reconfigured swarm about its personal bests, relative to the box
   friend bool operator==(const SwarmOptions&, const SwarmOptions&) = default;
 };
 
-/// Everything that a swarm remembers, a plain value: a swarm made from it goes on to the same bits. Arrays of particles are by
-/// coordinate: coordinate i of particle k at [i * particles + k].
+/// The whole state of a swarm, a plain value: a swarm made from it continues to the same bits. Arrays of particles are stored
+/// by coordinate: coordinate i of particle k at [i * particles + k].
 struct SwarmState {
   std::size_t dimensions = 0;
   std::size_t particles = 0;
   std::uint32_t round = 0;                 // rounds done, the first evaluation included
-  std::uint32_t reconfigurations = 0;      // how often it stagnated
-  std::uint32_t last_reconfiguration = 0;  // the round that it began with
-  bool stagnated = false;                  // the next round begins with a reconfiguration
+  std::uint32_t reconfigurations = 0;      // number of reconfigurations
+  std::uint32_t last_reconfiguration = 0;  // its first round
+  bool stagnated = false;                  // the next round starts with a reconfiguration
   std::vector<double> lower, upper;        // dimensions; the box
   std::vector<double> spread;              // dimensions; of a reconfigured swarm, absolute
   std::vector<double> x, v;                // dimensions x particles: positions and velocities
@@ -47,7 +47,7 @@ struct SwarmState {
   std::vector<double> history;             // best cost after each round
   friend bool operator==(const SwarmState&, const SwarmState&) = default;
 
-  /// As bytes (little-endian, with a version in front), for a file.
+  /// Serialises the state (little-endian, with a version in front).
   std::string bytes() const;
   /// Throws Error for bytes that are not a state.
   static SwarmState from_bytes(std::string_view bytes);
@@ -58,32 +58,33 @@ const char* to_text(SwarmStatus status);  // "running", "threshold reached", …
 
 /// Particle swarm optimisation (Kennedy and Eberhart 1995, the paper's [26]) as in IV-A4: minimises f over a box in R^d.
 ///   v ← w v + c1 r1 ∘ (p − x) + c2 r2 ∘ (g − x),   x ← x + v
-/// p is a particle's personal best, g the best of its informants, r1 and r2 uniform and keyed by (seed, round, particle,
-/// coordinate). A coordinate that would leave the box is put on its face with half of its velocity turned back. The rate of
-/// convergence is tracked, and a swarm that stagnates is reconfigured around single personal bests: each particle starts anew
-/// from one of them (the leader's and those of the better half, in turn), normally distributed about it, and forgets its own
-/// personal best; the leader stays where it was best.
+/// p is the personal best of a particle, g the best of its informants; r1 and r2 are uniform and keyed by (seed, round,
+/// particle, coordinate). A coordinate that would leave the box is set to its face, with half of its velocity reversed. A swarm
+/// whose rate of convergence is too low is reconfigured: each particle restarts, normally distributed about one of the personal
+/// bests (those of the leader and of the better half, in turn), and its own personal best is reset; the leader restarts at its
+/// best position.
 ///
-/// Same seed, same bits, on any number of threads; a round allocates nothing. Costs that are NaN count as +∞.
+/// Same seed, same bits, on any number of threads. A round allocates nothing. Costs that are NaN count as +∞.
 class Swarm {
  public:
-  /// Evaluates `count` (≤ kSwarmBlock) particles: coordinate i of particle k at x[i * stride + k]; `x` may be read for
-  /// kSwarmBlock particles in any case. `block` is the block's number in [0, particles / kSwarmBlock). Called from several
+  /// Evaluates `count` (≤ kSwarmBlock) particles: coordinate i of particle k at x[i * stride + k]. `x` is readable for
+  /// kSwarmBlock particles in any case. `block`: number of the block in [0, particles / kSwarmBlock). Called from several
   /// threads at once for different blocks.
   using Cost = std::function<void(std::size_t block, std::size_t count, const double* x, std::size_t stride, double* cost)>;
 
-  /// `start` (d): one particle begins there, and the others about it, normally distributed with `start_spread` (d, absolute).
-  /// Throws Error for a box that is none, a start outside of it, options out of range.
+  /// `start` (d): the first position of one particle; the others are normally distributed about it with `start_spread` (d,
+  /// absolute). Throws Error for an invalid box, a start outside of it, and options out of range.
   Swarm(std::vector<double> lower, std::vector<double> upper, std::vector<double> start, std::vector<double> start_spread,
         Cost cost, const SwarmOptions& options = {});
   /// Uniformly distributed over the box at the start.
   Swarm(std::vector<double> lower, std::vector<double> upper, Cost cost, const SwarmOptions& options = {});
-  /// Goes on where `state` was taken, to the same bits if cost and options are the same.
+  /// Continues from `state`, to the same bits if cost and options are the same.
   Swarm(SwarmState state, Cost cost, const SwarmOptions& options = {});
 
-  /// One round; the first one evaluates the initial positions. Returns kRunning, or why the run is over, and then does nothing.
+  /// Makes one round; the first one evaluates the initial positions. Returns kRunning, or the reason of the end; after the end
+  /// it does nothing.
   SwarmStatus round(Threads* threads = nullptr);
-  /// Rounds until the run is over.
+  /// Makes rounds until the end.
   SwarmStatus run(Threads* threads = nullptr);
   SwarmStatus status() const;
 
@@ -91,13 +92,13 @@ class Swarm {
   double best_cost() const { return state_.best_cost[state_.leader]; }
   /// Copies the best position, d.
   void best(std::span<double> x) const;
-  /// True after a round that ended in stagnation: the next one begins with reconfigured particles. The moment for the owner to
-  /// change coordinates.
+  /// True after a round that ended in stagnation: the next one starts with reconfigured particles. The owner may change
+  /// coordinates now.
   bool stagnated() const { return state_.stagnated; }
 
-  /// Changes coordinates to y = A (x − b) (A: d x d, row-major; orthogonal for velocities to keep their meaning): positions,
-  /// personal bests and velocities follow. `lower`, `upper`, `spread`: of the new coordinates. Costs stay what they are, so the
-  /// cost function must be of the new coordinates from then on. Allocates.
+  /// Changes coordinates to y = A (x − b) (A: d x d, row-major, orthogonal so that velocities keep their meaning). Positions,
+  /// personal bests and velocities are transformed. `lower`, `upper`, `spread`: in the new coordinates. Costs do not change, so
+  /// the cost function must use the new coordinates afterwards. Allocates.
   void change_coordinates(std::span<const double> A, std::span<const double> b, std::vector<double> lower,
                           std::vector<double> upper, std::vector<double> spread);
 

@@ -6,12 +6,11 @@
 
 namespace cotwin::numerics {
 
-/// A tall matrix A (N x p, N without bound) compressed to the triangle R of its QR factorisation: RᵀR = Σ_s λ^(N−1−s) a_s a_sᵀ
-/// over its rows a_s, with the forgetting factor λ (1: none). Rows are appended in blocks, by Householder reflections of [R;
-/// block] (Golub and Van Loan, Matrix Computations, 4th ed., 5.2 and 6.5; backward stable, unlike sums of squares), so that
-/// memory and cost per row do not depend on N. With A = [X | y], the last column of R gives every least-squares figure:
-/// ‖X b − y‖² = ‖R [b; −1]‖².
-/// Kernels for several instruction sets are chosen at run time (COTWIN_CPU, see models/robot/kernels/kernels.h): they agree to
+/// A tall matrix A (N x p, N unbounded) compressed to the triangle R of its QR factorisation: RᵀR = Σ_s λ^(N−1−s) a_s a_sᵀ over
+/// its rows a_s, with the forgetting factor λ (1: none). Rows are added in blocks by Householder reflections of [R; block]
+/// (Golub and Van Loan, Matrix Computations, 4th ed., 5.2 and 6.5), which are backward stable, unlike sums of squares. Memory
+/// and cost per row do not depend on N. With A = [X | y], all least-squares results follow from R: ‖X b − y‖² = ‖R [b; −1]‖².
+/// Kernels for several instruction sets are chosen at run time (COTWIN_CPU, see models/robot/kernels/kernels.h). They agree to
 /// rounding, and each gives the same bits for the same rows.
 class Triangle {
  public:
@@ -21,7 +20,7 @@ class Triangle {
   explicit Triangle(std::size_t columns, double forgetting = 1);
 
   std::size_t columns() const { return columns_; }
-  /// Rows taken so far, and their weight Σ λ^age.
+  /// Number of rows added, and their weight Σ λ^age.
   std::size_t rows() const { return rows_; }
   double weight() const;
   /// Rows in an incomplete block, less than kRows.
@@ -29,22 +28,22 @@ class Triangle {
 
   /// Appends one row. Allocates nothing.
   void add(const double* row);
-  /// The next row's place, for writing it directly: column c at [c * kRows]; then commit(), which takes it.
+  /// Storage of the next row, to be written directly: column c at [c * kRows]; commit() adds it.
   double* next() { return block_.data() + pending_; }
   void commit();
-  /// Appends the rows of `other`, of as many columns, as if they were older than those here: its triangle, and its pending
-  /// rows. Without forgetting the order does not matter; with it, `other` is aged by the weight of the rows here.
+  /// Adds the rows of `other`, with as many columns, as if they were older than those here. Without forgetting the order does
+  /// not matter; with it, `other` is aged by the weight of the rows here.
   void merge(const Triangle& other);
-  /// Takes what is pending in an incomplete block into the triangle.
+  /// Adds an incomplete block to R.
   void flush();
-  /// R, row-major (p x p, zero below the diagonal); diagonal elements may have either sign. Rows pending in an incomplete block
-  /// are not in it: flush() first.
+  /// R, row-major (p x p, zero below the diagonal); diagonal elements may have either sign. Does not include an incomplete
+  /// block: call flush() first.
   const double* R() const { return R_.data(); }
   double operator()(std::size_t row, std::size_t column) const { return R_[row * columns_ + column]; }
 
   /// Removes all rows. Allocates nothing.
   void clear();
-  /// Appends everything that the triangle remembers, the rows of an incomplete block included.
+  /// Appends the whole state, the rows of an incomplete block included.
   void write(ByteWriter& out) const;
   /// Continues from what a triangle of as many columns wrote, to the same bits. Allocates nothing. Throws Error at the place of
   /// `in` for numbers that are not finite and for impossible numbers of rows; then the content is unspecified.

@@ -38,7 +38,7 @@ class Trials {
     settings.margin = margin_;
     data_.smoothing = smoothing_of(settings, data_.survey);
     split(settings, data_);
-    // The slowest filter looks as far as 1/cutoff beyond a sample.
+    // The slowest filter depends on samples up to 1/cutoff away.
     const auto reach = static_cast<std::size_t>(std::ceil(1 / (cutoffs_.front() * data_.smoothing.step)));
     const std::size_t all = data_.split > reach ? data_.split - reach : 0, n = data_.robot.joints.size();
     Folds folds(kFolds, TorqueData(data_.robot, model_of(settings, data_.survey)));
@@ -85,15 +85,15 @@ class Trials {
   }
 
  private:
-  /// Without logs that are only predicted.
+  /// The settings without logs that are only predicted.
   static Settings training_of(Settings settings) {
     if (!settings.held_out.empty()) settings.split = 1;
     settings.held_out.clear();
     return settings;
   }
 
-  /// Ascending: from an eighth of the rule's to three times it, but neither so slow that the margins at both ends take a tenth
-  /// of the log nor faster than a fifth of its rate.
+  /// Cutoffs in ascending order, from an eighth to three times Survey::cutoff(); not so low that the margins at both ends take
+  /// a tenth of the log, and not above a fifth of its rate.
   std::vector<double> candidates() const {
     std::vector<double> all;
     const double slowest = 20 / data_.survey.duration, fastest = data_.survey.rate() / 5;
@@ -120,7 +120,7 @@ Settings cross_validate(Settings settings, const Open& open, int threads, const 
   Folds folds;
   double best = 0;
 
-  /// Tries what `change` makes of the settings, and keeps it if it predicts better than all before.
+  /// Evaluates the settings after `change`, and keeps them if they predict better than all before.
   const auto attempt = [&](const std::string& what, bool compresses, const std::function<void(Settings&)>& change) {
     Settings tried = settings;
     change(tried);
@@ -137,7 +137,7 @@ Settings cross_validate(Settings settings, const Open& open, int threads, const 
 
   const auto try_cutoffs = [&] {
     for (const double cutoff : trials.cutoffs()) {
-      if (cutoff == settings.cutoff && best > 0) continue;  // that is what the others are held against
+      if (cutoff == settings.cutoff && best > 0) continue;  // already evaluated
       attempt("low-pass at " + text::to_text(cutoff, 4) + " Hz", true, [&](Settings& s) { s.cutoff = cutoff; });
     }
   };
@@ -148,7 +148,7 @@ Settings cross_validate(Settings settings, const Open& open, int threads, const 
     for (const double weight : {1e-2, 0.1, 1.0, 10.0, 100.0})
       attempt("prior weight " + text::to_text(weight), false, [&](Settings& s) { s.prior_weight = weight; });
   }
-  if (open.load || open.prior_weight) try_cutoffs();  // with the model as it is now
+  if (open.load || open.prior_weight) try_cutoffs();  // with the chosen model
   settings.chosen.push_back("taken: low-pass at " + text::to_text(settings.cutoff, 4) + " Hz, friction " +
                             (settings.model.load ? "with" : "without") + " the load, prior weight " +
                             text::to_text(settings.prior_weight));

@@ -16,7 +16,7 @@ measurement::Log log_of(const Settings& settings, bool held_out) {
   return {held_out ? settings.held_out : settings.data, settings.format};
 }
 
-/// Samples that each segment gives on the grid; warns of those that give none.
+/// Number of samples of all segments on the grid; warns of segments without samples.
 std::size_t grid_points(const measurement::Survey& survey, const measurement::Smoothing& smoothing,
                         std::vector<std::string>& warnings) {
   std::size_t points = 0;
@@ -96,7 +96,7 @@ Data survey_log(const Settings& settings, const Hooks& hooks) {
 
 namespace {
 
-/// Compresses the log, its torques through the low-pass.
+/// Compresses the log; torques pass the low-pass.
 void compress(const Settings& settings, Data& data, const Hooks& hooks) {
   const std::size_t n = data.robot.joints.size();
   CompressedPart empty{identification::TorqueData(data.load_robot, model_of(settings, data.survey)), 0,
@@ -135,8 +135,8 @@ Data load_data(const Settings& settings, const Hooks& hooks) {
   split(settings, data);
   data.load_robot = data.robot;
   compress(settings, data, hooks);
-  // Gears are loaded by the gravity of the robot as it is, not as the prior has it: a quick estimate from the training part is
-  // near enough to the final one (three passes agree to 1e-3).
+  // The load of gears is the gravity of the real robot, not of the prior. A quick estimate from the training part is near
+  // enough to the final one (three passes agree to 1e-3).
   for (int pass = 0; pass < 2 && settings.model.load; ++pass) {
     identification::ProblemOptions options;
     options.prior_weight = settings.prior_weight;

@@ -35,8 +35,8 @@ identification::Samples samples_of(const measurement::Block& block, std::size_t 
   return {n, block.t, block.q, block.dq, block.ddq, block.tau, block.dtheta, block.ddtheta};
 }
 
-/// What a measured torque has lost when it twists the gear: the motor's inertia and friction if it is the motor's, nothing if
-/// its sensor is behind the gear. Harmonics are the link's springs.
+/// The part of a measured torque that does not twist the gear: inertia and friction of the motor for torques of the motor,
+/// nothing for a sensor behind the gear. Harmonics are springs at the link.
 std::vector<identification::JointDrive> before_the_gears(const identification::ModelOptions& model,
                                                          std::vector<identification::JointDrive> drives) {
   if (!model.motor_inertia) drives.assign(drives.size(), {});
@@ -52,7 +52,7 @@ std::vector<std::string> column_names(std::size_t n) {
   return names;
 }
 
-/// Writes motion.csv and sums up the errors of the twin that moves like it.
+/// Writes motion.csv and accumulates the errors of the twin on the same motion.
 class ReplayWriter {
  public:
   ReplayWriter(const std::filesystem::path& place, Replay replay, std::size_t n)

@@ -20,17 +20,17 @@ struct Candidate {
 /// Errors of one candidate on one part of the data, n each, N.m.
 struct Errors {
   Eigen::VectorXd rms;
-  Eigen::VectorXd maximum;  // empty where the log was not read again
+  Eigen::VectorXd maximum;  // empty if the log was not read again
 };
 
 struct PartErrors {
   std::size_t samples = 0;
   Eigen::VectorXd torque_rms;  // n, N.m, of the smoothed torques
-  Eigen::VectorXd removed;     // n, N.m: RMS of what the low-pass took away
+  Eigen::VectorXd removed;     // n, N.m: RMS of the part that the low-pass removed
   std::vector<Errors> of;      // as many as candidates
 };
 
-/// What twin.ssd replays, and with which errors: samples [begin, end) of the grid, counted over all segments, of which those
+/// The samples that twin.ssd replays, with their errors: samples [begin, end) of the grid, counted over all segments; those
 /// from `boundary` on are held out.
 struct Replay {
   std::size_t begin = 0, end = 0, boundary = 0;
@@ -47,17 +47,17 @@ struct Evaluation {
   std::optional<PartErrors> held_out;
   std::vector<identification::Torsion> torsion;  // n, or empty where the motors' positions were not measured
   std::optional<Replay> replay;                  // written to motion.csv
-  std::size_t every = 1;                         // of the samples, so many apart, are in torques.csv
+  std::size_t every = 1;                         // decimation of torques.csv
 };
 
-/// RMS from the compressed data: no sample is looked at.
+/// Computes RMS errors from the compressed data alone.
 Evaluation evaluate(const Data& data, const std::vector<Candidate>& candidates);
 
-/// Reads the log again: adds the largest discrepancies and the joints' torsion, and writes into the folder `out`
+/// Reads the log again, adds the largest errors and the torsion of the joints to `evaluation`, and writes into the folder `out`
 ///   torques.csv   t, part (training or held_out), tau[j] as measured, tau_smooth[j], tau_prior[j], tau_tuned[j] of the
 ///                 candidates 0 and `tuned`; at most 100 000 rows: beyond that every second, third, … sample
-///   motion.csv    t from 0, q1 …, tau1 …, smoothed: what twin.ssd replays (scenario.h)
-/// `robot`: the tuned one. Its own gravity is the load of its friction, as in the drive train.
+///   motion.csv    t from 0, q1 …, tau1 …, smoothed: the motion that twin.ssd replays (scenario.h)
+/// `robot`: the tuned robot. Its gravity is the load of its friction, as in the drive train.
 void predict(const Settings& settings, const Data& data, const Hooks& hooks, const std::vector<Candidate>& candidates,
              std::size_t tuned, const robot::RobotModel& robot, const std::filesystem::path& out, Evaluation& evaluation);
 

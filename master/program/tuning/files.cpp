@@ -49,7 +49,7 @@ void add_link(Parameters& set, std::size_t j, const identification::JointDrive& 
   set.add("link_delta", j, drive.delta, "1");
 }
 
-/// What the torque has beyond friction over the speed: friction that grows with the load, springs.
+/// Torques beside friction over the speed: friction that grows with the load, springs.
 void add_rest(Parameters& set, std::size_t j, const identification::JointDrive& drive,
               const identification::ModelOptions& model) {
   if (model.load) {

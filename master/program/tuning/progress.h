@@ -6,7 +6,7 @@
 
 namespace cotwin::master::tuning {
 
-/// What a long computation tells and asks between two pieces of its work.
+/// The callbacks of a long computation.
 struct Hooks {
   std::function<void(const std::string& what, double share)> progress;  // share in [0, 1]
   std::function<bool()> stop;                                           // true: end as soon as possible
@@ -16,7 +16,7 @@ struct Hooks {
   bool stopped() const { return stop && stop(); }
 };
 
-/// A line on the terminal that overwrites itself, with a bar; nothing where stderr is no terminal.
+/// A progress bar on one line of the terminal; nothing if stderr is not a terminal.
 class ProgressLine {
  public:
   explicit ProgressLine(bool wanted);

@@ -21,7 +21,7 @@ std::string number(double x, int digits = 4) { return std::isfinite(x) ? text::t
 
 double at(const VectorXd& v, std::size_t j) { return v[static_cast<Index>(j)]; }
 
-/// Rows of cells, and how they look in a terminal or in Markdown.
+/// A table, for a terminal or Markdown.
 class Table {
  public:
   explicit Table(std::vector<std::string> header) : rows_{std::move(header)} {}

@@ -9,21 +9,21 @@
 
 namespace cotwin::master::tuning {
 
-/// Where a tuning stopped: its settings, and all that its swarm remembers (identification::SwarmSearch::save).
+/// The state of a stopped tuning: its settings, and the saved swarm (identification::SwarmSearch::save).
 struct Resume {
   Settings settings;
-  std::vector<std::uintmax_t> file_sizes;  // bytes, of data and held_out: another log is another problem
+  std::vector<std::uintmax_t> file_sizes;  // bytes, of data and held_out, to detect changed logs
   std::string swarm;
-  std::string program = {};              // that wrote it: another one has other bits
+  std::string program = {};              // that wrote it; another one gives other bits
   std::vector<std::string> hashes = {};  // of the robot, data and held_out
 };
 
 std::string to_text(const Resume& resume);
-/// Throws Error `place: …` for text that is none of ours.
+/// Throws Error `place: …` for text that to_text() did not write.
 Resume parse_resume(std::string_view text, const std::string& place);
 
 void save_resume(const std::filesystem::path& file, const Resume& resume);
-/// Throws Error also where the robot or the log are others now.
+/// Throws Error also if the robot or the log have changed.
 Resume load_resume(const std::filesystem::path& file);
 std::vector<std::uintmax_t> file_sizes(const Settings& settings);
 std::vector<std::string> file_hashes(const Settings& settings);

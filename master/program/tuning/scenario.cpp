@@ -37,7 +37,7 @@ std::size_t points_between(double step) {
 }
 
 std::optional<Replay> choose_replay(const Settings& settings, const Data& data) {
-  // The longest segment; of logs that were held out as a whole, if there are any.
+  // The longest segment; of the held-out logs if there are any.
   std::optional<Replay> best;
   std::size_t boundary = data.split;
   for (const bool held_out : {true, false}) {

@@ -20,15 +20,15 @@ inline identification::ModelOptions with_sigmoid_friction() {
   return model;
 }
 
-/// Everything that decides about the result of a tuning.
+/// All settings that have an effect on the result of a tuning.
 struct Settings {
   std::filesystem::path robot;
   std::vector<std::filesystem::path> data, held_out;
   trajectory::RecordingFormat format;
-  double split = 0.7;  // share of the data, from the first sample on, that is trained on; not with held_out
+  double split = 0.7;  // share of the data, from the first sample on, used for training; not with held_out
   double cutoff = 0;   // Hz; 0: by the rule of measurement::Survey::cutoff
   int order = 4;       // of one pass of the low-pass
-  double margin = -1;  // s at both ends of a segment that are left out; below 0: 1/cutoff
+  double margin = -1;  // s left out at both ends of a segment; below 0: 1/cutoff
   bool accept_data = false;
   Method method = Method::kSwarm;
   identification::ModelOptions model = with_sigmoid_friction();
@@ -37,13 +37,13 @@ struct Settings {
   int rounds = 500;
   int particles = 200;
   double threshold = 0;             // of the cost
-  std::vector<std::string> chosen;  // by cross_validate: its trials and what it took, a sentence each, for the report
+  std::vector<std::string> chosen;  // trials and choice of cross_validate, one sentence each, for the report
 };
 
 nlohmann::json to_json(const Settings& settings);
-/// Throws Error `place: …` for what is missing, of another type, or out of range.
+/// Throws Error `place: …` for missing settings, settings of another type, and values out of range.
 Settings settings_from_json(const nlohmann::json& json, const std::string& place);
-/// Throws Error for values that no run can have.
+/// Throws Error for values out of range.
 void check(const Settings& settings);
 
 }  // namespace cotwin::master::tuning

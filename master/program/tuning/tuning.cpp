@@ -30,7 +30,7 @@ Resume resume_of(const Settings& settings, const Run& run, std::string swarm) {
   return {settings, file_sizes(settings), std::move(swarm), run.program, file_hashes(settings)};
 }
 
-/// Feasible least squares until it is done or the user stops it.
+/// Runs feasible least squares until it ends or the user stops it.
 identification::FeasibleResult run_feasible(const Settings& settings, const Hooks& hooks,
                                             const identification::Problem& problem) {
   hooks.tell("feasible least squares", 1);
@@ -40,8 +40,8 @@ identification::FeasibleResult run_feasible(const Settings& settings, const Hook
   return identification::solve_feasible(problem, options);
 }
 
-/// Rounds of the swarm until it is done or the user stops it; its state goes to the disk at the beginning, every run.checkpoint
-/// seconds and at the end.
+/// Runs the swarm until it ends or the user stops it. Saves its state at the start, every run.checkpoint seconds and at the
+/// end.
 SwarmRun run_swarm(const Settings& settings, const Run& run, const Hooks& hooks, identification::SwarmSearch& tuning) {
   numerics::Threads threads(run.threads);
   const fs::path file = run.out / "resume.json";
@@ -71,8 +71,8 @@ SwarmRun run_swarm(const Settings& settings, const Run& run, const Hooks& hooks,
   return result;
 }
 
-/// Held-out errors of a candidate that are above those of no model at all (the torques themselves) or of the prior, by more
-/// than rounding and chance explain. Joints that stand still have no errors to speak of.
+/// Sentences for joints whose held-out error is above that of no model (the torque itself) or of the prior, by more than
+/// rounding and chance. Joints that stand still are left out.
 std::vector<std::string> alarms_of(const Data& data, const Evaluation& evaluation, std::size_t candidate) {
   constexpr double kWorse = 1.02;
   std::vector<std::string> alarms;
@@ -91,11 +91,11 @@ std::vector<std::string> alarms_of(const Data& data, const Evaluation& evaluatio
   return alarms;
 }
 
-/// Which candidate becomes the tuned robot: the method's own; instead of the swarm's that of feasible least squares where the
-/// swarm has not come near it, or predicts held-out torques so badly that it is an alarm and the other one does not.
+/// Chooses the tuned robot: the result of the method. Feasible least squares replaces the swarm if the swarm is far from it on
+/// the training part, or has more held-out alarms.
 void choose_tuned(const Settings& settings, const Data& data, Result& result) {
   constexpr double kNear = 1.02;  // of the weighted RMS on the training part
-  result.tuned = 1;               // the method's own stands behind the prior
+  result.tuned = 1;               // the result of the method follows the prior
   result.alarms = alarms_of(data, result.evaluation, 1);
   if (settings.method != Method::kSwarm || !(result.feasible_rms > 0)) return;
   const std::vector<std::string> others = alarms_of(data, result.evaluation, 2);

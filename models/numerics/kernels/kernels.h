@@ -2,11 +2,11 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/// The border between this folder and its kernels, which are compiled from kernels.inc once per instruction set and share no
-/// inline code with other files (cf. models/robot/kernels/kernels.h, also for COTWIN_CPU).
+/// The interface of the kernels, which are compiled from kernels.inc once per instruction set and share no inline code with
+/// other files (cf. models/robot/kernels/kernels.h, also for COTWIN_CPU).
 namespace cotwin::numerics {
 
-/// What a block of kSwarmBlock particles is moved by; arrays by coordinate with `stride`, see SwarmState.
+/// The arguments of moving a block of kSwarmBlock particles; arrays by coordinate with `stride`, see SwarmState.
 struct Move {
   size_t dimensions, stride, first;  // `first`: particle of the block's first lane
   uint64_t seed;
@@ -32,9 +32,9 @@ extern const NumericsKernels kernels_v2;
 extern const NumericsKernels kernels_v3, kernels_v4;
 #endif
 
-/// The best that the machine has, or that COTWIN_CPU asks for.
+/// The best kernels of the machine, or those that COTWIN_CPU selects.
 const NumericsKernels& kernels();
-/// Of one instruction set ("x86-64-v3"), or the best where the machine lacks it: for tests.
+/// The kernels of one instruction set ("x86-64-v3"), or the best ones where the machine lacks it: for tests.
 const NumericsKernels& kernels(const char* isa);
 
 /// Streams of random numbers, one per purpose (Key::stream); `move` draws from the first.
