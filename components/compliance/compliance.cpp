@@ -37,31 +37,36 @@ std::size_t longest_warning(std::size_t joints) {
 }  // namespace
 
 struct Compliance::Dynamics {
-  explicit Dynamics(const robot::RobotModel& robot) : mechanism(robot), data(mechanism), bodies(robot), g(robot.n()) {}
+  explicit Dynamics(const robot::RobotModel& robot) : mechanism(robot), data(mechanism), bodies(robot) {}
 
   robot::Mechanism mechanism;
   robot::Data data;
   robot::BodyParameters bodies;
-  Eigen::VectorXd g;
 };
 
 void Compliance::declare_settings(SettingList& s) {
   s.robot("a name in models/robots, or a path to a URDF file", true).required();
 }
 
-Compliance::Compliance(Settings& settings) : Compliance(settings.robot()) {}
+GainParameters::GainParameters(std::size_t joints) { write_start_values(*this, kGains, joints); }
 
-Compliance::Compliance(const robot::RobotModel& robot)
-    : n_(static_cast<std::size_t>(robot.n())), dynamics_(std::make_unique<Dynamics>(robot)), tracking_(robot) {
+Compliance::Compliance(Settings& settings) : Compliance(settings.unit(), settings.robot()) {}
+
+Compliance::Compliance(const std::string& place, const robot::RobotModel& robot)
+    : place_(place),
+      n_(static_cast<std::size_t>(robot.n())),
+      measures_(&robot),
+      dynamics_(std::make_unique<Dynamics>(robot)),
+      drive_(n_),
+      wanted_(n_),
+      drive_in_force_(drive_),
+      in_force_(wanted_),
+      tracking_(robot) {
   for (Joints* input : {&q_d_, &dq_d_, &ddq_d_, &q_, &dq_, &theta_, &dtheta_, &tau_e_, &tau_e_rate_}) input->resize(n_);
-  for (Joints* drive :
-       {&K_, &tau_max_, &sigma0_, &sigma1_, &link_A_, &link_alpha_, &link_s_, &link_k_, &link_tau_S_, &link_load_})
-    drive->resize(n_);
-  for (Joints* springs : {&spring_sin_, &spring_cos_}) springs->resize(n_ * robot::Harmonics::kMost);
-  for (Joints* limit : {&q_min_, &q_max_, &dq_max_, &tau_wind_up_}) limit->resize(n_);
+  for (Joints* limit : {&tau_max_, &q_min_, &q_max_, &dq_max_, &tau_wind_up_}) limit->resize(n_);
   for (Joints* state : {&tau_fl_before_, &tau_fm_before_, &Delta_, &dDelta_, &ddq_d_before_, &z_, &tank_}) state->resize(n_);
   for (Joints* output : {&q_c_, &dq_c_, &ddq_c_, &tau_m_, &tau_id_, &tau_f_, &tau_excess_}) output->resize(n_);
-  for (Joints* scratch : {&a_q_, &tau_fl_, &tau_fm_, &load_mean_, &load_end_, &loaded_}) scratch->resize(n_);
+  for (Joints* scratch : {&a_q_, &tau_fl_, &tau_fm_, &load_mean_, &load_end_, &gravity_}) scratch->resize(n_);
   met_.resize(n_);
   limit_.resize(n_);
   for (std::size_t i = 0; i < n_; ++i) {
@@ -77,33 +82,15 @@ Compliance::Compliance(const robot::RobotModel& robot)
   braking_.assign(n_, 10);
   tank_start_.assign(n_, 1);
   tank_max_.assign(n_, 10);
-  // A drive of which nothing is known, as the drive train takes it: an elastic joint that is held for a rigid one is unstable.
-  K_.assign(n_, 1e4);
-  delta_.assign(n_, 2.0);
-  link_v_S_.assign(n_, 0.1);
-  link_delta_.assign(n_, 2.0);
-  link_v_load_.assign(n_, 0.01);
-  for (Joints* one : wanted_.all()) one->assign(n_, 0.0);
-  wanted_.passivity.assign(1, 0.0);
-  const auto fill = [](Joints& values, double value) { std::ranges::fill(values, value); };
-  for (Joints* of_one : {&wanted_.B, &wanted_.M_a, &wanted_.zeta_a, &wanted_.zeta, &wanted_.shaping}) fill(*of_one, 1);
-  fill(wanted_.S_a, 200);
-  fill(wanted_.omega_free, 2);
-  fill(wanted_.omega, 30);
-  fill(wanted_.Lambda, 30);
-  fill(wanted_.K_s, 20);
-  fill(wanted_.v_R, 0.01);
-  fill(wanted_.v_S, 0.1);
-  fill(wanted_.link_v_R, 0.01);
-  in_force_ = wanted_;
 }
 
 Compliance::~Compliance() = default;
 
 void Compliance::initialise(Time) {
   check();
+  drive_in_force_ = drive_;
   in_force_ = wanted_;
-  dynamics_->bodies.take("compliance", dynamics_->mechanism);
+  dynamics_->bodies.take(place_, dynamics_->mechanism);
   warning_.clear();
   warning_.reserve(longest_warning(n_));  // a step allocates nothing
   for (std::size_t i = 0; i < n_; ++i) {
@@ -117,10 +104,9 @@ void Compliance::initialise(Time) {
   dq_c_ = dq_d_;
   ddq_c_ = a_q_ = ddq_d_;
   add_load(0);
-  tracking_.start(dynamics_->mechanism, dynamics_->data, reference(), load(), drives());
-  tracking_.take_error(measured(), drives());
-  tracking_.torque(dynamics_->mechanism, dynamics_->data, reference(), load(), drives(), springs(), measured(), gains(), 0,
-                   tau_m_);
+  tracking_.start(dynamics_->mechanism, dynamics_->data, reference(), load(), drive_in_force_);
+  tracking_.take_error(measured(), drive_in_force_);
+  tracking_.torque(dynamics_->mechanism, dynamics_->data, reference(), load(), drive_in_force_, measured(), gains(), 0, tau_m_);
   finish_torques(0);
 }
 
@@ -133,14 +119,14 @@ void Compliance::initialise(Time) {
 StepResult Compliance::step(Time, Duration h) {
   const double seconds = h.seconds();
   check();
-  tracking_.take_error(measured(), drives());
+  tracking_.take_error(measured(), drive_in_force_);
   follow_tunables(seconds);
   move_compliantly(seconds);
   add_load(seconds);
-  tracking_.refer(dynamics_->mechanism, dynamics_->data, reference(), load(), drives(), {elastic_bandwidth_, tau_wind_up_},
-                  seconds);
-  tracking_.torque(dynamics_->mechanism, dynamics_->data, reference(), load(), drives(), springs(), measured(), gains(),
-                   seconds, tau_m_);
+  tracking_.refer(dynamics_->mechanism, dynamics_->data, reference(), load(), drive_in_force_,
+                  {elastic_bandwidth_, tau_wind_up_}, seconds);
+  tracking_.torque(dynamics_->mechanism, dynamics_->data, reference(), load(), drive_in_force_, measured(), gains(), seconds,
+                   tau_m_);
   finish_torques(seconds);
   return StepResult::kDone;
 }
@@ -148,11 +134,8 @@ StepResult Compliance::step(Time, Duration h) {
 void Compliance::follow_tunables(double h) {
   const double remaining = transition_ > 0 ? std::exp(-h / transition_) : 0.0;
   const auto towards = [remaining](double value, double target) { return target + (value - target) * remaining; };
-  const auto targets = wanted_.all();
-  const auto values = in_force_.all();
-  for (std::size_t k = Tunables::kPaid; k < targets.size(); ++k) {
-    for (std::size_t i = 0; i < targets[k]->size(); ++i) (*values[k])[i] = towards((*values[k])[i], (*targets[k])[i]);
-  }
+  follow(drive_in_force_, drive_, robot::kDriveParameters, remaining);
+  follow(in_force_, wanted_, kGains, remaining);
   for (std::size_t i = 0; i < n_; ++i) {
     Admittance now{.M_a = in_force_.M_a[i], .S_a = in_force_.S_a[i]};
     Tank tank{tank_[i], tank_max_[i]};
@@ -162,10 +145,13 @@ void Compliance::follow_tunables(double h) {
     in_force_.S_a[i] = now.S_a;
     tank_[i] = tank.energy;
   }
-  dynamics_->bodies.follow("compliance", remaining, dynamics_->mechanism);
+  dynamics_->bodies.follow(place_, remaining, dynamics_->mechanism);
 }
 
-void Compliance::restored() { dynamics_->bodies.restored(dynamics_->mechanism); }
+void Compliance::restored() {
+  copy_fixed(drive_in_force_, drive_, robot::kDriveParameters);
+  dynamics_->bodies.restored(dynamics_->mechanism);
+}
 
 void Compliance::declare_bodies(Variables& v) {
   robot::BodyParameters& b = dynamics_->bodies;
@@ -178,7 +164,7 @@ void Compliance::declare_bodies(Variables& v) {
 void Compliance::move_compliantly(double h) {
   for (std::size_t i = 0; i < n_; ++i) {
     // (3a) prints Δx = x_d − x_c: a force would then pull against its own direction. x_c − x_d is meant, which yields to it.
-    const Tunables& p = in_force_;
+    const GainParameters& p = in_force_;
     const Admittance admittance{p.M_a[i], p.D_a[i], p.zeta_a[i], p.S_a[i], p.omega_free[i]};
     const Desired desired{q_d_[i], dq_d_[i]};
     const double dDelta_before = dDelta_[i];
@@ -201,9 +187,9 @@ void Compliance::move_compliantly(double h) {
 }
 
 void Compliance::add_load(double h) {
-  take_loads();
+  take_gravity();
   for (std::size_t i = 0; i < n_; ++i) {
-    tau_fl_[i] = link_friction(i);
+    tau_fl_[i] = robot::link_side(drive_in_force_, i).at(q_c_[i], dq_c_[i], gravity_[i]).torque;
     load_mean_[i] = h > 0 ? (tau_fl_before_[i] + tau_fl_[i]) / 2 : tau_fl_[i];
     load_end_[i] = tau_fl_before_[i] = tau_fl_[i];
     if (!tau_e_acts_on_robot_) continue;
@@ -212,38 +198,24 @@ void Compliance::add_load(double h) {
   }
 }
 
-// Of the motor as the reference moves it, over a step at whose end it has the speed θ̇_c.
+// Friction of the motor in the reference motion, over a step at whose end the motor has the speed θ̇_c.
 double Compliance::motor_friction(std::size_t i, double h) {
   const double v = tracking_.dtheta_c[i];
-  const Tunables& p = in_force_;
-  if (sigma0_[i] == 0) {
-    return robot::CoulombViscous{p.tau_C[i], p.sigma2[i], p.tau_0[i], p.v_R[i], p.tau_S[i], p.v_S[i], delta_[i]}.at(v).torque;
-  }
-  const robot::Bristle bristle{sigma0_[i], sigma1_[i], p.sigma2[i], p.tau_C[i], std::max(p.tau_C[i], p.tau_S[i]),
-                               p.v_S[i],   delta_[i]};
+  if (drive_in_force_.sigma0[i] == 0) return robot::motor_friction(drive_in_force_, i).at(v).torque;
+  const robot::Bristle bristle = robot::bristle(drive_in_force_, i);
   if (h > 0) z_[i] = robot::lugre_after(bristle, v, z_[i], h);
-  return robot::lugre(bristle, v, z_[i]).torque + p.tau_0[i];
+  return robot::lugre(bristle, v, z_[i]).torque + drive_in_force_.tau_0[i];
 }
 
-double Compliance::link_friction(std::size_t i) const {
-  const Tunables& p = in_force_;
-  const robot::CoulombViscous sliding{p.link_tau_C[i], p.link_sigma2[i], p.link_tau_0[i], p.link_v_R[i],
-                                      link_tau_S_[i],  link_v_S_[i],     link_delta_[i]};
-  const robot::Sigmoid sigmoid{link_A_[i], link_alpha_[i], link_s_[i], link_k_[i]};
-  const robot::CoulombViscous loaded{.tau_C = loaded_[i], .v_R = link_v_load_[i]};
-  return sliding.at(dq_c_[i]).torque + sigmoid.at(dq_c_[i]).torque + loaded.at(dq_c_[i]).torque +
-         harmonics(springs(), i).at(q_c_[i]).torque;
-}
-
-void Compliance::take_loads() {
-  std::ranges::fill(loaded_, 0.0);
-  if (std::ranges::all_of(link_load_, [](double load) { return load == 0; })) return;
+void Compliance::take_gravity() {
+  if (std::ranges::all_of(drive_in_force_.link_load, [](double load) { return load == 0; })) return;
   Dynamics& d = *dynamics_;
-  robot::gravity(d.mechanism, d.data, Eigen::Map<const Eigen::VectorXd>(q_c_.data(), d.g.size()), d.g);
-  for (std::size_t i = 0; i < n_; ++i) loaded_[i] = link_load_[i] * std::abs(d.g[static_cast<Eigen::Index>(i)]);
+  const auto n = static_cast<Eigen::Index>(n_);
+  robot::gravity(d.mechanism, d.data, Eigen::Map<const Eigen::VectorXd>(q_c_.data(), n),
+                 Eigen::Map<Eigen::VectorXd>(gravity_.data(), n));
 }
 
-// Friction of the motors, limits.
+// Adds friction of the motors and applies the limits.
 void Compliance::finish_torques(double h) {
   saturated_ = false;
   for (std::size_t i = 0; i < n_; ++i) {

@@ -45,12 +45,12 @@ Tracking::Tracking(const robot::RobotModel& robot)
 }
 
 void Tracking::start(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
-                     const Drives& drives) {
+                     const robot::DriveParameters& drives) {
   refer(mechanism, data, reference, load, drives, {0, tau_w}, 0);
 }
 
 void Tracking::refer(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
-                     const Drives& drives, const WindingUp& winding_up, double h) {
+                     const robot::DriveParameters& drives, const WindingUp& winding_up, double h) {
   const auto q_c = map(reference.q_c), dq_c = map(reference.dq_c), a = map(reference.mean_ddq_c);
   robot::inverse_dynamics(mechanism, data, q_c, dq_c, map(reference.ddq_c), map(tau_c));
   map(tau_c) += map(load.end);
@@ -60,7 +60,7 @@ void Tracking::refer(const robot::Mechanism& mechanism, robot::Data& data, const
   elastic_ = std::ranges::any_of(drives.K, [](double K) { return K > 0; });
   if (!elastic_) return;
 
-  // What the reference needs in the middle of the step is the mean of what it needs over the step.
+  // The torque of the reference in the middle of the step is its mean over the step.
   q_ = q_c - h / 2 * dq_c + h * h / 8 * a;
   dq_ = dq_c - h / 2 * a;
   robot::inverse_dynamics(mechanism, data, q_, dq_, a, tau_);
@@ -71,12 +71,13 @@ void Tracking::refer(const robot::Mechanism& mechanism, robot::Data& data, const
   for (std::size_t i = 0; i < n_; ++i) wind_up(i, tau_[static_cast<Eigen::Index>(i)], drives, winding_up, h, left);
 }
 
-void Tracking::wind_up(std::size_t i, double tau, const Drives& drives, const WindingUp& winding_up, double h, double left) {
+void Tracking::wind_up(std::size_t i, double tau, const robot::DriveParameters& drives, const WindingUp& winding_up, double h,
+                       double left) {
   const double K = drives.K[i], B = drives.B[i];
   tau_w_mean_[i] = tau;
   if (K == 0) return;
-  // θ_c needs two derivatives of τ_J,c, which jumps when τ_e or q̈_c does, and to wind up a spring in no time takes any torque:
-  // B τ̈_w/K of the motor is bounded.
+  // θ_c needs two derivatives of τ_J,c, which jumps with τ_e and q̈_c. Winding up a spring at once would need an unbounded
+  // torque: B τ̈_w/K of the motor is bounded.
   if (h == 0) {
     tau_w[i] = tau;
     dtau_w[i] = 0;
@@ -91,11 +92,11 @@ void Tracking::wind_up(std::size_t i, double tau, const Drives& drives, const Wi
     dtau_w[i] = at.dx;
   }
   tau_w_mean_[i] = (tau_w_before_[i] + tau_w[i]) / 2;
-  theta_c[i] += tau_w[i] / K;  // (2c)
+  theta_c[i] += robot::Torsion{.K = K}.under(tau_w[i]);  // (2c)
   dtheta_c[i] += dtau_w[i] / K;
 }
 
-void Tracking::take_error(const Measured& measured, const Drives& drives) {
+void Tracking::take_error(const Measured& measured, const robot::DriveParameters& drives) {
   for (std::size_t i = 0; i < n_; ++i) {
     const bool elastic = drives.K[i] > 0;
     e_[i] = theta_c[i] - (elastic ? measured.theta[i] : measured.q[i]);
@@ -104,18 +105,18 @@ void Tracking::take_error(const Measured& measured, const Drives& drives) {
 }
 
 void Tracking::torque(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
-                      const Drives& drives, const Springs& springs, const Measured& measured, const Gains& gains, double h,
+                      const robot::DriveParameters& drives, const Measured& measured, const Gains& gains, double h,
                       Joints& tau_m) {
   if (elastic_) {
-    torque_of_elastic(mechanism, data, drives, springs, measured, gains, tau_m);
+    torque_of_elastic(mechanism, data, drives, measured, gains, tau_m);
   } else {
     torque_of_rigid(mechanism, data, reference, load, drives, measured, gains, h, tau_m);
   }
 }
 
 void Tracking::torque_of_rigid(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference,
-                               const Load& load, const Drives& drives, const Measured& measured, const Gains& gains, double h,
-                               Joints& tau_m) {
+                               const Load& load, const robot::DriveParameters& drives, const Measured& measured,
+                               const Gains& gains, double h, Joints& tau_m) {
   const double p = gains.passivity;
   for (std::size_t i = 0; i < n_; ++i) {
     // The acceleration that the feedback adds to the reference's.
@@ -123,7 +124,7 @@ void Tracking::torque_of_rigid(const robot::Mechanism& mechanism, robot::Data& d
     const double feedback = computed_torque + p * (gains.Lambda[i] * de_[i] - computed_torque);
     v_[static_cast<Eigen::Index>(i)] = reference.mean_ddq_c[i] + feedback;
   }
-  // The torque is held over the step: the dynamics of its middle are the mean of those it has to follow.
+  // The torque is held over the step: the dynamics in the middle of the step are their mean over it.
   dq_ = map(measured.dq) + h / 2 * v_;
   q_ = map(measured.q) + h / 2 * map(measured.dq);
   robot::inverse_dynamics(mechanism, data, q_, dq_, v_, tau_);  // M q̈_r + C q̇ + g
@@ -136,28 +137,20 @@ void Tracking::torque_of_rigid(const robot::Mechanism& mechanism, robot::Data& d
   map(tau_m) = tau_ + map(drives.B).cwiseProduct(v_) + map(load.mean);
 }
 
-robot::Harmonics harmonics(const Springs& springs, std::size_t joint) {
-  constexpr std::size_t kMost = robot::Harmonics::kMost;
-  robot::Harmonics h;
-  std::copy_n(&springs.sin[joint * kMost], kMost, h.a);
-  std::copy_n(&springs.cos[joint * kMost], kMost, h.b);
-  return h;
-}
-
-void Tracking::torque_of_elastic(const robot::Mechanism& mechanism, robot::Data& data, const Drives& drives,
-                                 const Springs& springs, const Measured& measured, const Gains& gains, Joints& tau_m) {
+void Tracking::torque_of_elastic(const robot::Mechanism& mechanism, robot::Data& data, const robot::DriveParameters& drives,
+                                 const Measured& measured, const Gains& gains, Joints& tau_m) {
   // g(q̄) − g(q_c), with K (θ − q̄) = τ_w + g(q̄) − g(q_c). Feedback of g at the measured links would not be symmetric, and g at
-  // q_c would need gains that outweigh gravity. q̄ by one correction of twice the size of a fixed-point iteration's: what
-  // remains is then of the sign that holds, for any gains.
+  // q_c would need gains larger than the gradient of gravity. q̄ is found by one fixed-point correction of twice the usual size;
+  // the remaining error then stabilises for any gains (docs/equations.md).
   const auto e = map(e_), de = map(de_);
-  const bool sprung = std::ranges::any_of(springs.sin, [](double a) { return a != 0; }) ||
-                      std::ranges::any_of(springs.cos, [](double b) { return b != 0; });
+  const bool sprung = std::ranges::any_of(drives.spring_sin, [](double a) { return a != 0; }) ||
+                      std::ranges::any_of(drives.spring_cos, [](double b) { return b != 0; });
   const auto g = [&](const Eigen::VectorXd& at, Eigen::VectorXd& torque) {
     robot::gravity(mechanism, data, at, torque);
     if (!sprung) return;
     for (std::size_t i = 0; i < n_; ++i) {
       const auto k = static_cast<Eigen::Index>(i);
-      torque[k] += harmonics(springs, i).at(at[k]).torque;
+      torque[k] += robot::spring(drives, i).at(at[k]).torque;
     }
   };
   v_ = q_ - e;  // q_: the reference in the middle of the step, by refer()
@@ -192,8 +185,8 @@ void Tracking::torque_of_elastic(const robot::Mechanism& mechanism, robot::Data&
     const double feedback = tau_[static_cast<Eigen::Index>(i)];
     tau_m[i] = drives.B[i] * a_theta_[i] + tau_w_mean_[i] + feedback;
     if (drives.K[i] == 0) continue;
-    // r u − (r − 1) τ_J, with what is measured at the beginning of the step held against the reference of that instant.
-    const double tau_J = drives.K[i] * (measured.theta[i] - measured.q[i]);
+    // r u − (r − 1) τ_J, both at the beginning of the step.
+    const double tau_J = robot::Torsion{.K = drives.K[i]}.at(measured.theta[i] - measured.q[i]).torque;  // (2c)
     tau_m[i] += (gains.shaping[i] - 1) * (feedback + tau_w_before_[i] - tau_J);
   }
 }

@@ -2,39 +2,30 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "models/robot/drive_parameters.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/friction.h"
+
 #include "models/robot/robot_model.h"
 
 namespace cotwin::compliance {
 
-using Joints = std::vector<double>;  // one value a joint
+using Joints = std::vector<double>;  // one value per joint
 
 /// The motion to be tracked, at the end of a step, with its mean acceleration over the step.
 struct Reference {
   const Joints &q_c, &dq_c, &ddq_c, &mean_ddq_c;
 };
 
-/// Torques on the links that the reference has to overcome beside M q̈ + C q̇ + g: friction and springs of the link side less the
-/// external torque.
+/// Torques on the links in the reference motion beside M q̈ + C q̇ + g: friction and springs of the link side less the external
+/// torque.
 struct Load {
   const Joints &mean, &end;  // over the step, at its end
 };
 
-struct Drives {
-  const Joints &K, &B;  // K = 0: the joint is rigid
-};
-
-/// Springs and counterbalances of the links, robot::Harmonics::kMost amplitudes per joint. In g they count with gravity.
-struct Springs {
-  const Joints &sin, &cos;
-};
-robot::Harmonics harmonics(const Springs& springs, std::size_t joint);
-
-/// How θ_c follows a torque that jumps, in elastic joints.
+/// Parameters of the motion of θ_c after a jump of the torque, in elastic joints.
 struct WindingUp {
   double bandwidth;      // rad/s
-  const Joints& torque;  // N.m; what the motor may need for it beyond τ_J,c; 0: no bound
+  const Joints& torque;  // N.m; bound of the motor torque for it beyond τ_J,c; 0: no bound
 };
 
 struct Measured {
@@ -50,6 +41,8 @@ struct Gains {
 
 /// The motor torques with which a robot tracks a reference (IV-A3).
 ///
+/// Drives with K = 0 are rigid. The springs of the links count with gravity in g.
+///
 /// A robot without elastic joints, e = q_c − q (passivity p = 0 and 1):
 ///   τ_m = M (q̈_c + 2ζω ė + ω² e) + B (θ̈_c + 2ζω ė + ω² e) + C q̇ + g − τ_e
 ///   τ_m = M q̈_r + B θ̈_r + C q̇_r + g − τ_e + K_s s,   q̇_r = q̇ + s,   s = ė + Λ e,   q̈_r = q̈_c + Λ ė
@@ -64,8 +57,9 @@ struct Gains {
 ///   τ_m = r u − (r − 1) τ_J,   τ_J = K (θ − q)                       so that (B/r) θ̈ + τ_J = u by (2b)
 ///   K_P = (1 − p) Ω (M + B) Ω + p K_s Λ                      Ω = diag ω, Z = diag ζ, M = M(q_c)
 ///   K_D = (1 − p) 2 √(Z Ω) (M + B) √(Z Ω) + p (K_s + √Λ (M + B) √Λ)
-/// with the motor inertia shaped by r (Ott, Albu-Schäffer, Kugi, Hirzinger, IEEE T-RO 24(2), 2008). q̄ is where the links are if
-/// they rest behind the motors. Both gain matrices are symmetric and positive definite, for equal gains those of the rigid law.
+/// with the motor inertia shaped by r (Ott, Albu-Schäffer, Kugi, Hirzinger, IEEE T-RO 24(2), 2008). q̄ is the position of the
+/// links at rest for the given motor positions. Both gain matrices are symmetric and positive definite, for equal gains those
+/// of the rigid law.
 ///
 /// Stability in continuous time, for a reference at rest, any ω, ζ (Λ, K_s) > 0, p, r ≥ 1, B > 0 and K > −2 ∂g/∂q: the links
 /// and motors come to rest at q_c, θ_c. Proof in docs/equations.md. With a torque that is held for h, ‖(B/r)⁻¹ K_D‖ h < 2 is
@@ -76,16 +70,15 @@ class Tracking {
 
   /// Motor reference at rest at `reference`: the start.
   void start(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
-             const Drives& drives);
+             const robot::DriveParameters& drives);
   /// Motor reference at the end of a step of h seconds.
   void refer(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
-             const Drives& drives, const WindingUp& winding_up, double h);
+             const robot::DriveParameters& drives, const WindingUp& winding_up, double h);
   /// The tracking error at the beginning of a step: before refer().
-  void take_error(const Measured& measured, const Drives& drives);
+  void take_error(const Measured& measured, const robot::DriveParameters& drives);
   /// The motor torque over the step, without friction of the motors, into `tau_m`. After refer().
   void torque(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
-              const Drives& drives, const Springs& springs, const Measured& measured, const Gains& gains, double h,
-              Joints& tau_m);
+              const robot::DriveParameters& drives, const Measured& measured, const Gains& gains, double h, Joints& tau_m);
 
   // States.
   Joints theta_c, dtheta_c;  // rad, rad/s; where the motors should be
@@ -94,10 +87,12 @@ class Tracking {
   Joints tau_c;  // N.m; τ_J,c at the end of the step
 
  private:
-  void wind_up(std::size_t i, double tau, const Drives& drives, const WindingUp& winding_up, double h, double left);
+  void wind_up(std::size_t i, double tau, const robot::DriveParameters& drives, const WindingUp& winding_up, double h,
+               double left);
   void torque_of_rigid(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
-                       const Drives& drives, const Measured& measured, const Gains& gains, double h, Joints& tau_m);
-  void torque_of_elastic(const robot::Mechanism& mechanism, robot::Data& data, const Drives& drives, const Springs& springs,
+                       const robot::DriveParameters& drives, const Measured& measured, const Gains& gains, double h,
+                       Joints& tau_m);
+  void torque_of_elastic(const robot::Mechanism& mechanism, robot::Data& data, const robot::DriveParameters& drives,
                          const Measured& measured, const Gains& gains, Joints& tau_m);
 
   std::size_t n_;

@@ -1,9 +1,7 @@
 #include "components/drive_train/drive_train.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <limits>
 #include <optional>
 #include <string_view>
 
@@ -15,17 +13,30 @@
 namespace cotwin::drive_train {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-// A sub-step forced with this much error over tolerance, 3 µrad of the default, is told of: jumps of the torque make 10 to 100.
+constexpr double kNegligible = 1e-9;  // rest of a tunable's change that is dropped: without changes, forces stay valid
+// A sub-step forced with this error over tolerance, 3 µrad of the default, gives a warning. Jumps of the torque reach 10 to
+// 100.
 constexpr double kFarOff = 1e4;
 constexpr const char* kFarOffWarning =
     "sub-steps that max_substeps forced missed the tolerance by far (outputs forced_substeps, error_estimate): expected more "
     "max_substeps, shorter steps or method=cvode";
 
-/// What may change while the robot moves, in the order of the state `drives`.
-constexpr std::array kFollowed = {
-    &Parameters::B,     &Parameters::sigma2,     &Parameters::tau_C,       &Parameters::tau_S,      &Parameters::v_S,
-    &Parameters::tau_0, &Parameters::link_tau_C, &Parameters::link_sigma2, &Parameters::link_tau_0, &Parameters::link_v_R};
+/// Calls visit(parameter, offset in the state `drives`) for each tunable parameter.
+template <class Visit>
+void for_each_tunable(std::size_t joints, const Visit& visit) {
+  std::size_t offset = 0;
+  for (const auto& row : robot::kDriveParameters) {
+    if (row.mutability == Mutability::kFixed) continue;
+    visit(row.values, offset);
+    offset += row.size(joints);
+  }
+}
+
+std::size_t size_of_tunables(std::size_t joints) {
+  std::size_t size = 0;
+  for_each_tunable(joints, [&](auto, std::size_t) { size += joints; });
+  return size;
+}
 
 }  // namespace
 
@@ -40,7 +51,7 @@ void DriveTrain::declare_settings(SettingList& s) {
   s.choice("method", {"rosenbrock", "cvode", "arkode"}, "solver of the differential equations; cvode and arkode are SUNDIALS");
 }
 
-// What the settings say.
+// The values of the settings.
 struct DriveTrain::Kind {
   explicit Kind(Settings& s) {
     link = s.choice("link") == "inside" ? Link::kInside : Link::kOutside;
@@ -81,11 +92,12 @@ DriveTrain::DriveTrain(Settings& settings) : DriveTrain(settings, Kind(settings)
 DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
     : place_(settings.unit()),
       n_(kind.joints),
+      measures_(kind.robot ? &*kind.robot : nullptr),
       equations_(kind.robot ? &*kind.robot : nullptr, n_, kind.link, kind.transmission, kind.friction),
       rosenbrock_(equations_),
       partials_(equations_),
       wanted_(n_),
-      drives_(kFollowed.size() * n_),
+      drives_(size_of_tunables(n_)),
       q0_(n_),
       dq0_(n_),
       tau_m_(n_),
@@ -110,28 +122,12 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
     atol_ = 1e-9;
     atol_speed_ = 1e-7;
   }
-  Parameters& p = wanted_;
-  const auto fill = [](std::vector<double>& v, double value) { std::fill(v.begin(), v.end(), value); };
-  // A robot of which nothing is known: stiff, light, frictionless drives. Neither is measured.
-  fill(p.K, 1e4);
-  fill(p.B, 1);
-  fill(p.v_S, 0.1);
-  fill(p.delta, 2);
-  fill(p.breakaway, 0.7);
-  fill(p.link_v_R, 0.01);
-  fill(p.v_R, 0.01);
-  fill(p.link_v_S, 0.1);
-  fill(p.link_delta, 2);
-  fill(p.link_v_load, 0.01);
-  fill(p.stop_restitution, 0.5);
-  fill(p.q_min, -kInfinity);
-  fill(p.q_max, kInfinity);
   take_drives();
   if (!kind.robot) return;
   for (std::size_t i = 0; i < n_; ++i) {
     const robot::Joint& joint = kind.robot->joints[i];
-    p.q_min[i] = joint.q_min;
-    p.q_max[i] = joint.q_max;
+    wanted_.q_min[i] = joint.q_min;
+    wanted_.q_max[i] = joint.q_max;
     if (joint.q_min > 0 || joint.q_max < 0)
       q0_[i] = std::isfinite(joint.q_min + joint.q_max) ? 0.5 * (joint.q_min + joint.q_max) : joint.q_min;
   }
@@ -141,22 +137,23 @@ DriveTrain::~DriveTrain() = default;
 
 void DriveTrain::declare(Variables& v) {
   const bool inside = equations_.inside(), flexible = equations_.flexible();
+  JointVariables joints(v, measures_);
   const auto part = [&](std::size_t k) { return std::span(x_.data() + k * n_, n_); };
-  v.input("tau_m", tau_m_, "N.m", "motor torque in (2b)").rate(dtau_m_).essential();
+  joints.input("tau_m", tau_m_, "N.m", "motor torque in (2b)").rate(dtau_m_).essential();
   if (inside) {
-    v.input("tau_e", tau_e_, "N.m", "external joint torque in (2a)").rate(dtau_e_);
-    v.output("q", part(0), "rad", "link-side joint position in (2a)");
-    v.output("dq", part(1), "rad/s", "link-side joint speed").derivative_of("q");
-    v.output("ddq", ddq_, "rad/s2", "link-side joint acceleration, of (2a)").derivative_of("dq");
+    joints.input("tau_e", tau_e_, "N.m", "external joint torque in (2a)").rate(dtau_e_);
+    joints.output("q", part(0), "rad", "link-side joint position in (2a)");
+    joints.output("dq", part(1), "rad/s", "link-side joint speed").derivative_of("q");
+    joints.output("ddq", ddq_, "rad/s2", "link-side joint acceleration, of (2a)").derivative_of("dq");
   } else {
-    v.input("q", q_in_, "rad", "link-side joint position in (2c)").essential();
-    v.input("dq", dq_in_, "rad/s", "link-side joint speed, the derivative of q");
-    v.input("tau_e", tau_e_, "N.m", "external joint torque: unused, for it acts on the links, and those are elsewhere");
+    joints.input("q", q_in_, "rad", "link-side joint position in (2c)").essential();
+    joints.input("dq", dq_in_, "rad/s", "link-side joint speed, the derivative of q");
+    joints.input("tau_e", tau_e_, "N.m", "external joint torque: not used, because the links are in another unit");
   }
-  v.output("theta", part(2), "rad", "motor position behind the gear in (2b)");
-  v.output("dtheta", part(3), "rad/s", "motor speed behind the gear").derivative_of("theta");
-  v.output("tau_J", tau_J_, "N.m", "joint torque in (2a), (2b), (2c)");
-  v.output("tau_f", tau_f_, "N.m", "friction torque of the motor in (2b)");
+  joints.output("theta", part(2), "rad", "motor position behind the gear in (2b)");
+  joints.output("dtheta", part(3), "rad/s", "motor speed behind the gear").derivative_of("theta");
+  joints.output("tau_J", tau_J_, "N.m", "joint torque in (2a), (2b), (2c)");
+  joints.output("tau_f", tau_f_, "N.m", "friction torque of the motor in (2b)");
   v.output("energy_kinetic", kinetic_, "J", flexible ? "of motors and, inside, links" : "of links and motors");
   v.output("energy_potential", potential_, "J", "of the links in gravity, inside");
   v.output("energy_elastic", elastic_, "J", "in gears, bristles, springs and stops");
@@ -175,15 +172,15 @@ void DriveTrain::declare(Variables& v) {
 
   declare_parameters(v);
 
-  v.state("z", part(4), "rad", "bristle deflection of the motor's friction");
-  v.state("tau_m_before", tau_m_before_, "N.m", "tau_m at the end of the last step");
-  v.state("tau_e_before", tau_e_before_, "N.m", "tau_e at the end of the last step");
-  v.state("q_before", q_before_, "rad", "link outside: q at the end of the last step");
-  v.state("dq_before", dq_before_, "rad/s", "link outside: dq at the end of the last step");
+  joints.state("z", part(4), "rad", "bristle deflection of the motor's friction");
+  joints.state("tau_m_before", tau_m_before_, "N.m", "tau_m at the end of the last step");
+  joints.state("tau_e_before", tau_e_before_, "N.m", "tau_e at the end of the last step");
+  joints.state("q_before", q_before_, "rad", "link outside: q at the end of the last step");
+  joints.state("dq_before", dq_before_, "rad/s", "link outside: dq at the end of the last step");
   Modes& m = equations_.modes();
   v.state("slip", m.slip, "friction=coulomb: 0 while the motor sticks, else the direction in which it slips");
   v.state("stop", m.stop, "-1 or 1 while the link is in its lower or upper stop");
-  v.state("impact", m.impact, "rad/s", "speed at which the link came into its stop");
+  joints.state("impact", m.impact, "rad/s", "speed at which the link came into its stop");
   v.state("substep", proposal_, "s", "length that the next sub-step should have");
   if (uses_sundials()) {
     SundialsSolver::Log& log = sundials_->log();
@@ -191,7 +188,7 @@ void DriveTrain::declare(Variables& v) {
     v.state("log_x", log.x, "1", "q, dq, theta, dtheta, z where the solver's history begins");
     v.state("log_slip", log.modes.slip, "slip there");
     v.state("log_stop", log.modes.stop, "stop there");
-    v.state("log_impact", log.modes.impact, "rad/s", "impact there");
+    joints.state("log_impact", log.modes.impact, "rad/s", "impact there");
     v.state("log_steps", log.steps, "1", "lengths and inputs of the steps in the solver's history");
   }
   v.output("work_0", work_0_, "J",
@@ -215,34 +212,36 @@ void DriveTrain::check_inputs(Time now) const {
   check("dq", dq_in_);
 }
 
-/// All parameters as they are wanted, at once.
+/// Sets all parameters in force to the wanted ones.
 void DriveTrain::take_drives() {
-  for (std::size_t k = 0; k < kFollowed.size(); ++k) std::ranges::copy(wanted_.*kFollowed[k], drive(k).begin());
   equations_.parameters() = wanted_;
   equations_.adopt_parameters();
+  write_drives();
 }
 
-/// Goes on towards what is wanted: `remaining` of the way is left. True if anything changed.
+/// Moves the tunables in force towards the wanted ones: `remaining` of the difference is left. Returns whether anything
+/// changed.
 bool DriveTrain::follow_drives(double remaining) {
-  bool changed = false;
-  for (std::size_t k = 0; k < kFollowed.size() && !changed; ++k) changed = !std::ranges::equal(wanted_.*kFollowed[k], drive(k));
-  if (!changed) return false;
+  if (!differ(equations_.parameters(), wanted_, robot::kDriveParameters)) return false;
   check_parameters();
-  for (std::size_t k = 0; k < kFollowed.size(); ++k) {
-    const std::span<double> in_force = drive(k);
-    for (std::size_t i = 0; i < n_; ++i) {
-      const double target = (wanted_.*kFollowed[k])[i], next = target + (in_force[i] - target) * remaining;
-      // the last part of the way in one step, so that it ends
-      in_force[i] = std::abs(next - target) <= 1e-9 * (std::abs(target) + 1e-3) ? target : next;
-    }
-  }
-  adopt_drives();
+  follow(equations_.parameters(), wanted_, robot::kDriveParameters, remaining, kNegligible);
+  equations_.adopt_parameters();
+  write_drives();
   return true;
 }
 
+/// Writes the tunables in force to the state `drives`.
+void DriveTrain::write_drives() {
+  for_each_tunable(n_, [this](auto values, std::size_t offset) {
+    std::ranges::copy(equations_.parameters().*values, drives_.begin() + static_cast<std::ptrdiff_t>(offset));
+  });
+}
+
+/// Sets the tunables in force to the state `drives`.
 void DriveTrain::adopt_drives() {
-  for (std::size_t k = 0; k < kFollowed.size(); ++k)
-    std::ranges::copy(drive(k), (equations_.parameters().*kFollowed[k]).begin());
+  for_each_tunable(n_, [this](auto values, std::size_t offset) {
+    std::copy_n(drives_.begin() + static_cast<std::ptrdiff_t>(offset), n_, (equations_.parameters().*values).begin());
+  });
   equations_.adopt_parameters();
 }
 
@@ -250,7 +249,7 @@ void DriveTrain::initialise(Time start) {
   check_parameters();
   check_inputs(start);
   take_drives();
-  drives_before_step_ = drives_;  // makes the room that steps need
+  drives_before_step_ = drives_;  // allocates what steps need
   if (equations_.inside()) {
     equations_.take_bodies(place_);
     bodies_before_step_ = equations_.bodies().in_force;
@@ -269,8 +268,8 @@ void DriveTrain::initialise(Time start) {
   warning_.reserve(std::string_view(kFarOffWarning).size());  // a step allocates nothing
   take_course(0);
 
-  // θ where the gear carries the links: τ_J = C q̇ + g + link friction − τ_e, (2a) without acceleration; bristles as in steady
-  // motion.
+  // Start with θ at which the gear carries the links: the joint torque that balances (2a) at τ_J = 0 and q̈ = 0. Bristles as in
+  // steady motion.
   double *q = x_.data(), *dq = q + n_, *theta = q + 2 * n_, *dtheta = q + 3 * n_, *z = q + 4 * n_;
   std::copy(q0_.begin(), q0_.end(), q);
   std::copy(dq0_.begin(), dq0_.end(), dq);
@@ -284,8 +283,9 @@ void DriveTrain::initialise(Time start) {
   Point p(n_);
   equations_.evaluate(q, p);  // with φ = 0 and θ̇ = q̇: τ_J = 0
   for (std::size_t i = 0; i < n_ && equations_.flexible(); ++i) {
-    // outside, where the load is not known: the torque that the motor holds at rest
-    const double tau_J = equations_.inside() ? p.h[i] - p.force[i] - tau_e_[i] : tau_m_[i] - p.tau_f[i];
+    // Outside, the load is unknown: the torque that the motor holds at rest.
+    const double tau_J = equations_.inside() ? -equations_.link_balance(p, i, tau_e_[i], tau_m_[i], p.h[i])
+                                             : equations_.motor_balance(p, i, tau_m_[i]);
     theta[i] = q[i] + equations_.torsion(i).under(tau_J);
   }
   settle_modes(equations_, q, true);
@@ -321,8 +321,12 @@ void DriveTrain::take_course(double h) {
   }
 }
 
-// What a step does: inputs as functions of time; the solver; accounts; outputs at the step's end; what the next step has to
-// know.
+// A step:
+//   1. the inputs as functions of time
+//   2. tunables in force
+//   3. the solver
+//   4. energy accounts and outputs at the step's end
+//   5. the inputs, for the next step
 StepResult DriveTrain::step(Time now, Duration duration) {
   check_inputs(now);
   const double h = duration.seconds();

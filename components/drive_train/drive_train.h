@@ -9,35 +9,35 @@
 #include "components/drive_train/partials.h"
 #include "components/drive_train/rosenbrock.h"
 #include "components/drive_train/sundials_solver.h"
+#include "components/unit/joint_variables.h"
 #include "components/unit/settings.h"
 #include "components/unit/unit.h"
 
 namespace cotwin::drive_train {
 
-/// The flexible-joint drive train, and with the link side inside the whole robot, for n joints, all quantities seen behind the
-/// gear:
-///   M(q) q̈ + C(q, q̇) q̇ + g(q) + τ_l(q̇) + τ_s(q, q̇) = τ_J + τ_e   (2a)   link=inside; outside, q and q̇ are inputs
-///   B θ̈ + τ_J = τ_m − τ_f                                          (2b)
-///   τ_J = K d(θ − q) + D (θ̇ − q̇)                                   (2c)
-/// Beyond the paper: D, joint damping; d, the gear's backlash (d(φ) = φ without); τ_l, friction behind the torque sensor; τ_s,
-/// hard stops and springs beside the link (spring_sin, spring_cos). τ_f is LuGre friction, an elasto-plastic bristle, Coulomb
-/// friction that sticks exactly, or the static curve that `cotwin tune` identifies (smooth: no presliding, no sticking; all in
-/// models/robot/friction.h). Friction of the link may grow with the load: link_load times the torque of gravity.
-/// transmission=rigid sets θ = q and adds (2b) to (2a); τ_J is what (2b) leaves for the link. Not in here: motor currents,
-/// temperature.
+/// The flexible-joint drive train and, with the link side inside, the whole robot, for n joints, with all quantities seen
+/// behind the gear:
+///   M(q) q̈ + C(q, q̇) q̇ + g(q) + τ_l(q, q̇) + τ_s(q, q̇) = τ_J + τ_e   (2a)   link=inside; outside, q and q̇ are inputs
+///   B θ̈ + τ_J = τ_m − τ_f                                             (2b)
+///   τ_J = K d(θ − q) + D (θ̇ − q̇)                                      (2c)
+/// Beyond the paper: D, joint damping; d, the gear's backlash (d(φ) = φ without); τ_l, friction and springs behind the torque
+/// sensor (robot::LinkSide); τ_s, hard stops. τ_f is LuGre friction, an elasto-plastic bristle, Coulomb friction with exact
+/// sticking, or the static curve that `cotwin tune` identifies (smooth: no presliding, no sticking); see
+/// models/robot/friction.h. transmission=rigid sets θ = q and adds (2b) to (2a); τ_J then follows from (2b). Motor currents and
+/// temperature are not modelled.
 ///
-/// The bodies, B and friction (but for the bristle's stiffness, damping and shape) may be changed while the robot moves
-/// (method=rosenbrock); what is in force follows smoothly, so nothing jumps.
+/// The bodies and the tunables of robot::kDriveParameters may be changed while the robot moves (method=rosenbrock). The values
+/// in force follow smoothly.
 class DriveTrain final : public Unit {
  public:
-  /// What may be chosen by the source of the unit; cotwin describe shows it.
+  /// The settings in the source of the unit.
   static void declare_settings(SettingList& s);
   explicit DriveTrain(Settings& settings);
   ~DriveTrain() override;
   void declare(Variables& variables) override;
   void initialise(Time start) override;
-  /// Throws Error if an input is not finite. Discards, with its variables as they were, if the state would not be finite or
-  /// SUNDIALS gives up.
+  /// Throws Error if an input is not finite. Discards the step and restores the variables if the state is not finite at its end
+  /// or SUNDIALS fails.
   StepResult step(Time now, Duration h) override;
   void restored() override;
   std::span<const Partial> partials() const override { return partials_.list(); }
@@ -48,9 +48,10 @@ class DriveTrain final : public Unit {
   DriveTrain(Settings& settings, const Kind& kind);
   void declare_parameters(Variables& variables);
   void check_parameters() const;
-  std::span<double> drive(std::size_t k) { return {drives_.data() + k * n_, n_}; }
+  void declare_stops_and_solver(Variables& variables);
   void take_drives();
   bool follow_drives(double remaining);
+  void write_drives();
   void adopt_drives();
   void check_inputs(Time now) const;
   void take_course(double h);
@@ -59,13 +60,14 @@ class DriveTrain final : public Unit {
 
   std::string place_;  // for messages
   std::size_t n_;
+  JointMeasures measures_;
   Equations equations_;
   Rosenbrock rosenbrock_;
   Partials partials_;
   std::unique_ptr<SundialsSolver> sundials_;
 
-  Parameters wanted_;                                // as declared; what is in force is the equations'
-  std::vector<double> drives_, drives_before_step_;  // in force, of those that may change
+  Parameters wanted_;                                // as declared; equations_ has the parameters in force
+  std::vector<double> drives_, drives_before_step_;  // the tunables in force, one after the other
   std::vector<double> q0_, dq0_;
   double rtol_ = 0, atol_ = 3e-10, atol_speed_ = 2e-7;
   std::int32_t max_substeps_ = 64, input_order_ = 0, link_order_ = -1;

@@ -19,40 +19,9 @@ constexpr double kSlowestImpact = 1e-3;  // rad/s: slower ones are damped like t
 
 }  // namespace
 
-Parameters::Parameters(std::size_t n)
-    : K(n),
-      B(n),
-      D(n),
-      backlash(n),
-      sigma0(n),
-      sigma1(n),
-      sigma2(n),
-      tau_C(n),
-      tau_S(n),
-      v_S(n),
-      delta(n),
-      breakaway(n),
-      tau_0(n),
-      link_tau_C(n),
-      link_sigma2(n),
-      link_tau_0(n),
-      link_v_R(n),
-      link_A(n),
-      link_alpha(n),
-      link_s(n),
-      link_k(n),
-      v_R(n),
-      link_tau_S(n),
-      link_v_S(n),
-      link_delta(n),
-      link_load(n),
-      link_v_load(n),
-      spring_sin(n * robot::Harmonics::kMost),
-      spring_cos(n * robot::Harmonics::kMost),
-      q_min(n),
-      q_max(n),
-      stop_stiffness(n),
-      stop_restitution(n) {}
+Parameters::Parameters(std::size_t joints) : robot::DriveParameters(joints) {
+  write_start_values(*this, kStopParameters, joints);
+}
 
 Course::Course(std::size_t n) : tau_m(n), dtau_m(n), tau_e(n), dtau_e(n), link(4 * n) {}
 
@@ -77,18 +46,17 @@ Point::Point(std::size_t n)
       z_z(n),
       d_l(n),
       k_l(n),
-      load(n),
+      gravity(n),
       M(n * n),
       h(n) {}
 
 struct Equations::Dynamics {
   explicit Dynamics(const robot::RobotModel& robot)
-      : mechanism(robot), data(mechanism), bodies(robot), gravity(Eigen::VectorXd::Zero(robot.n())), rest(gravity) {}
+      : mechanism(robot), data(mechanism), bodies(robot), rest(Eigen::VectorXd::Zero(robot.n())) {}
   robot::Mechanism mechanism;
   robot::Data data;
   robot::BodyParameters bodies;
-  Eigen::VectorXd gravity;  // scratch
-  Eigen::VectorXd rest;     // zeros
+  Eigen::VectorXd rest;  // zeros
 };
 
 robot::BodyParameters& Equations::bodies() { return dynamics_->bodies; }
@@ -109,9 +77,7 @@ Equations::Equations(const robot::RobotModel* robot, std::size_t n, Link link, T
       torsion_(n),
       bristle_(n),
       motor_friction_(n),
-      link_friction_(n),
-      spring_(n),
-      link_sigmoid_(n),
+      link_side_(n),
       stop_damping_(n),
       z_most_(n),
       L_(n * n),
@@ -130,43 +96,16 @@ Equations::~Equations() = default;
 
 void Equations::adopt_parameters() {
   const Parameters& p = parameters_;
-  has_stops_ = has_link_sigmoid_ = has_link_coulomb_ = has_load_ = has_springs_ = false;
+  has_stops_ = has_load_ = false;
   for (std::size_t i = 0; i < n_; ++i) {
-    torsion_[i] = {.K = p.K[i], .backlash = p.backlash[i]};
-    bristle_[i] = {.sigma0 = p.sigma0[i],
-                   .sigma1 = p.sigma1[i],
-                   .sigma2 = p.sigma2[i],
-                   .tau_C = p.tau_C[i],
-                   .tau_S = p.tau_S[i],
-                   .v_S = p.v_S[i],
-                   .delta = p.delta[i],
-                   .breakaway = p.breakaway[i]};
-    motor_friction_[i] = {.tau_C = p.tau_C[i],
-                          .sigma2 = p.sigma2[i],
-                          .tau_0 = p.tau_0[i],
-                          .v_R = p.v_R[i],
-                          .tau_S = p.tau_S[i],
-                          .v_S = p.v_S[i],
-                          .delta = p.delta[i]};
-    link_friction_[i] = {.tau_C = p.link_tau_C[i],
-                         .sigma2 = p.link_sigma2[i],
-                         .tau_0 = p.link_tau_0[i],
-                         .v_R = p.link_v_R[i],
-                         .tau_S = p.link_tau_S[i],
-                         .v_S = p.link_v_S[i],
-                         .delta = p.link_delta[i]};
-    for (std::size_t k = 0; k < robot::Harmonics::kMost; ++k) {
-      spring_[i].a[k] = p.spring_sin[i * robot::Harmonics::kMost + k];
-      spring_[i].b[k] = p.spring_cos[i * robot::Harmonics::kMost + k];
-    }
-    link_sigmoid_[i] = {.A = p.link_A[i], .alpha = p.link_alpha[i], .s = p.link_s[i], .k = p.link_k[i]};
+    torsion_[i] = robot::torsion(p, i);
+    bristle_[i] = robot::bristle(p, i);
+    motor_friction_[i] = robot::motor_friction(p, i);
+    link_side_[i] = robot::link_side(p, i);
     z_most_[i] = bristle_[i].present() ? p.tau_S[i] / p.sigma0[i] : 0;
     stop_damping_[i] = robot::stop_damping(p.stop_restitution[i]);
     has_stops_ |= inside() && p.stop_stiffness[i] > 0;
-    has_link_sigmoid_ |= p.link_A[i] != 0 || p.link_k[i] != 0;
-    has_link_coulomb_ |= p.link_tau_C[i] != 0 || p.link_tau_S[i] != 0;
     has_load_ |= inside() && p.link_load[i] != 0;
-    has_springs_ |= inside() && spring_[i].present();
   }
 }
 
@@ -222,9 +161,9 @@ void Equations::evaluate_joints(const double* x, Point& p) const {
     }
     p.tau_f[i] = tau_f;
     if (flexible()) {
-      const auto spring = torsion_[i].at(theta[i] - q[i]);
-      p.kappa[i] = spring.slope;
-      p.tau_J[i] = spring.torque + parameters_.D[i] * (dtheta[i] - dq[i]);  // (2c), with joint damping
+      const auto tau_J = joint_torque(i, theta[i] - q[i], dtheta[i] - dq[i]);
+      p.kappa[i] = tau_J.slope;
+      p.tau_J[i] = tau_J.torque;
       p.motor_force[i] = -p.tau_J[i] - tau_f;
       p.force[i] = p.tau_J[i];
     } else {
@@ -232,76 +171,44 @@ void Equations::evaluate_joints(const double* x, Point& p) const {
     }
   }
   if (!inside()) return;
-  for (std::size_t i = 0; i < n_; ++i) {
-    p.d_l[i] = link_friction_[i].sigma2;
-    p.k_l[i] = 0;
-    p.force[i] -= link_friction_[i].sigma2 * dq[i] + link_friction_[i].tau_0;
-  }
-  if (has_link_coulomb_) {
-    for (std::size_t i = 0; i < n_; ++i) {
-      const auto f = link_friction_[i].at(dq[i]);
-      p.force[i] -= f.torque - link_friction_[i].sigma2 * dq[i] - link_friction_[i].tau_0;
-      p.d_l[i] = f.slope;
-    }
-  }
-  if (has_link_sigmoid_) {
-    for (std::size_t i = 0; i < n_; ++i) {
-      const auto f = link_sigmoid_[i].at(dq[i]);
-      p.force[i] -= f.torque;
-      p.d_l[i] += f.slope;
-    }
-  }
-  if (has_stops_) {
-    for (std::size_t i = 0; i < n_; ++i) {
-      const auto s = stop(i, q[i], dq[i]);
-      const int side = modes_.stop[i];
-      p.force[i] -= side * s.torque;
-      p.d_l[i] += s.by_speed;
-      p.k_l[i] = s.by_depth;
-    }
-  }
-  if (has_springs_) {
-    for (std::size_t i = 0; i < n_; ++i) {
-      const auto spring = spring_[i].at(q[i]);
-      p.force[i] -= spring.torque;
-      p.k_l[i] += spring.slope;
-    }
-  }
   if (has_load_) {
-    Dynamics& d = *dynamics_;
-    robot::gravity(d.mechanism, d.data, ConstMap(q, index(n_)), d.gravity);
-    for (std::size_t i = 0; i < n_; ++i) {
-      const robot::CoulombViscous loaded = load_friction(i, d.gravity[index(i)]);
-      const auto f = loaded.at(dq[i]);
-      p.load[i] = loaded.tau_C;
-      p.force[i] -= f.torque;
-      p.d_l[i] += f.slope;
-    }
+    robot::gravity(dynamics_->mechanism, dynamics_->data, ConstMap(q, index(n_)), Map(p.gravity.data(), index(n_)));
   }
-}
-
-robot::CoulombViscous Equations::load_friction(std::size_t i, double gravity) const {
-  return {.tau_C = parameters_.link_load[i] * std::abs(gravity), .v_R = parameters_.link_v_load[i]};
+  for (std::size_t i = 0; i < n_; ++i) {
+    const robot::LinkTorque tau_l = link_side_[i].at(q[i], dq[i], p.gravity[i]);
+    p.force[i] -= tau_l.torque;
+    p.d_l[i] = tau_l.by_speed;
+    p.k_l[i] = tau_l.by_angle;
+  }
+  if (!has_stops_) return;
+  for (std::size_t i = 0; i < n_; ++i) {
+    const auto s = stop(i, q[i], dq[i]);
+    p.force[i] -= modes_.stop[i] * s.torque;
+    p.d_l[i] += s.by_speed;
+    p.k_l[i] += s.by_depth;
+  }
 }
 
 void Equations::load_derivatives(const double* x, const Point& p, double* by_q, double* scratch) {
   Dynamics& d = *dynamics_;
   robot::inverse_dynamics_derivatives(d.mechanism, d.data, ConstMap(x, index(n_)), d.rest, d.rest,
                                       MatrixMap(by_q, index(n_), index(n_)), MatrixMap(scratch, index(n_), index(n_)));
-  robot::gravity(d.mechanism, d.data, ConstMap(x, index(n_)), d.gravity);
   for (std::size_t i = 0; i < n_; ++i) {
-    const double sign = d.gravity[index(i)] < 0 ? -1 : 1;
-    const double slope = sign * parameters_.link_load[i] * std::tanh(x[n_ + i] / parameters_.link_v_load[i]);
-    for (std::size_t j = 0; j < n_; ++j) by_q[j * n_ + i] *= p.load[i] > 0 ? slope : 0.0;
+    const double sign = p.gravity[i] < 0 ? -1 : p.gravity[i] > 0 ? 1 : 0;
+    const double slope = sign * link_side_[i].load * std::tanh(x[n_ + i] / link_side_[i].v_load);
+    for (std::size_t j = 0; j < n_; ++j) by_q[j * n_ + i] *= slope;
   }
+}
+
+double Equations::stop_depth(std::size_t i, double q) const {
+  return modes_.stop[i] > 0 ? q - parameters_.q_max[i] : parameters_.q_min[i] - q;
 }
 
 robot::StopTorque Equations::stop(std::size_t i, double q, double dq) const {
   const int side = modes_.stop[i];
   if (side == 0) return {};
-  const double depth = side > 0 ? q - parameters_.q_max[i] : parameters_.q_min[i] - q;
-  return robot::stop_torque(parameters_.stop_stiffness[i], stop_damping_[i], std::max(modes_.impact[i], kSlowestImpact), depth,
-                            side * dq);
+  return robot::stop_torque(parameters_.stop_stiffness[i], stop_damping_[i], std::max(modes_.impact[i], kSlowestImpact),
+                            stop_depth(i, q), side * dq);
 }
 
 void Equations::inverse_dynamics(const double* x, const double* a, double* tau) {
@@ -328,15 +235,10 @@ void Equations::energy_gradients(const double* x, double* kinetic_by_q, double* 
   robot::gravity(dynamics_->mechanism, dynamics_->data, q, Map(potential_by_q, index(n_)));
 }
 
-double Equations::link_drive(std::size_t i, double t) const {
-  const double tau_e = course_.tau_e[i] + course_.dtau_e[i] * t;
-  return flexible() ? tau_e : tau_e + motor_torque(i, t);
-}
-
 void Equations::acceleration(double t, const Point& p, double* ddq) {
   std::copy(p.M.begin(), p.M.end(), scratch_.begin());
   ldlt(scratch_.data(), n_);
-  for (std::size_t i = 0; i < n_; ++i) ddq[i] = p.force[i] + link_drive(i, t) - p.h[i];  // (2a)
+  for (std::size_t i = 0; i < n_; ++i) ddq[i] = link_balance(p, i, t, p.h[i]);  // (2a)
   solve_ldlt(scratch_.data(), n_, ddq);
 }
 
@@ -350,7 +252,7 @@ void Equations::derivative(double t, const double* x, const Point& p, double* dx
   for (std::size_t i = 0; i < n_; ++i) {
     const bool moves = flexible() && !stuck(i);
     dx[2 * n_ + i] = moves ? x[3 * n_ + i] : 0;
-    dx[3 * n_ + i] = moves ? (motor_torque(i, t) + p.motor_force[i]) / parameters_.B[i] : 0;  // (2b)
+    dx[3 * n_ + i] = moves ? motor_balance(p, i, motor_torque(i, t)) / parameters_.B[i] : 0;  // (2b)
     dx[4 * n_ + i] = p.dz[i];
   }
 }
@@ -427,15 +329,11 @@ double Equations::dissipation(const double* x, const Point& p) const {
   double power = 0;
   for (std::size_t i = 0; i < n_; ++i) {
     const double w = flexible() ? dtheta[i] : dq[i];
-    // What the bristle stores and what the constant part takes up is not lost.
+    // The energy that the bristle stores and the work of the constant part are not lost.
     power += (p.tau_f[i] - (stuck(i) ? 0 : parameters_.tau_0[i])) * w - parameters_.sigma0[i] * z[i] * p.dz[i];
     if (flexible()) power += parameters_.D[i] * (w - dq[i]) * (w - dq[i]);
     if (!inside()) continue;
-    power += link_friction_[i].sigma2 * dq[i] * dq[i];
-    if (has_link_coulomb_)
-      power += (link_friction_[i].at(dq[i]).torque - link_friction_[i].sigma2 * dq[i] - link_friction_[i].tau_0) * dq[i];
-    if (has_link_sigmoid_) power += (link_sigmoid_[i].at(dq[i]).torque - link_sigmoid_[i].at(0).torque) * dq[i];
-    if (has_load_) power += p.load[i] * std::tanh(dq[i] / parameters_.link_v_load[i]) * dq[i];
+    power += link_side_[i].loss(dq[i], p.gravity[i]);
     if (has_stops_ && modes_.stop[i] != 0) {
       const auto s = stop(i, q[i], dq[i]);
       power += (s.torque - stop_spring(i, q[i])) * modes_.stop[i] * dq[i];
@@ -449,15 +347,14 @@ double Equations::work_of_constant_friction(const double* from, const double* to
   for (std::size_t i = 0; i < n_; ++i) {
     const double dq = to[i] - from[i], motor = flexible() ? to[2 * n_ + i] - from[2 * n_ + i] : dq;
     work += parameters_.tau_0[i] * motor;
-    if (inside()) work += (link_friction_[i].tau_0 + link_sigmoid_[i].at(0).torque) * dq;
+    if (inside()) work += link_side_[i].constant() * dq;
   }
   return work;
 }
 
 double Equations::stop_spring(std::size_t i, double q) const {
   if (modes_.stop[i] == 0) return 0;
-  const double depth = modes_.stop[i] > 0 ? q - parameters_.q_max[i] : parameters_.q_min[i] - q;
-  return parameters_.stop_stiffness[i] * std::max(depth, 0.0);
+  return parameters_.stop_stiffness[i] * std::max(stop_depth(i, q), 0.0);
 }
 
 Energies Equations::energies(const double* x, const Point& p) {
@@ -474,7 +371,7 @@ Energies Equations::energies(const double* x, const Point& p) {
       e.elastic += torsion_[i].energy(theta[i] - q[i]);
     }
     e.elastic += 0.5 * parameters_.sigma0[i] * z[i] * z[i];
-    if (has_springs_) e.elastic += spring_[i].energy(q[i]);
+    if (!link_side_[i].viscous_only) e.elastic += link_side_[i].spring.energy(q[i]);
     if (has_stops_ && modes_.stop[i] != 0) {
       const double spring = stop_spring(i, q[i]);
       e.elastic += 0.5 * spring * spring / parameters_.stop_stiffness[i];

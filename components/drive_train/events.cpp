@@ -6,10 +6,10 @@
 namespace cotwin::drive_train {
 namespace {
 
-// The torque that friction has to hold on a motor at rest.
+// The torque that friction has to hold on a motor at rest: (2b), (2c) with θ̈ = θ̇ = 0.
 double held_load(const Equations& e, std::size_t i, double t, const double* x) {
   const std::size_t n = e.n();
-  const double tau_J = e.torsion(i).at(x[2 * n + i] - x[i]).torque - e.parameters().D[i] * x[n + i];  // (2c) with θ̇ = 0
+  const double tau_J = e.joint_torque(i, x[2 * n + i] - x[i], -x[n + i]).torque;
   return e.motor_torque(i, t) - tau_J - e.parameters().tau_0[i];
 }
 
@@ -44,7 +44,7 @@ void apply_event(Equations& e, std::size_t event, double t, double* x) {
       auto& slip = e.modes().slip[event];
       dtheta = 0;
       const double load = held_load(e, event, t, x);
-      // One that breaks away does so in the load's direction, though at the zero itself |load| = τ_S.
+      // A sticking motor breaks away in the direction of the load; at the zero itself |load| = τ_S.
       slip = slip == 0 ? (load > 0 ? 1 : -1) : robot::StickSlip::mode_at_rest(e.bristle(event), load);
       return;
     }

@@ -1,8 +1,7 @@
 #pragma once
 #include <cstddef>
 
-/// Symmetric positive definite systems of the size of a robot, without overhead: for six and seven joints the loops are
-/// unrolled.
+/// Solution of symmetric positive definite systems of the size of a robot. The loops are unrolled for six and seven joints.
 namespace cotwin::drive_train {
 
 /// A = L D Lᵀ in place for a symmetric positive definite A (n x n by columns, lower triangle read): L below the diagonal, 1/D
@@ -23,7 +22,7 @@ void ldlt(double* A, std::size_t dynamic_n) {
   }
 }
 
-/// x = A⁻¹ x with those factors.
+/// x = A⁻¹ x with the factors of ldlt().
 template <std::size_t N>
 void solve_ldlt(const double* A, std::size_t dynamic_n, double* x) {
   const std::size_t n = N > 0 ? N : dynamic_n;

@@ -26,7 +26,7 @@ Partials::Partials(const Equations& e)
   const auto add = [this](const char* unknown, std::initializer_list<const char*> knowns, bool elementwise) {
     for (const char* known : knowns) list_.push_back({unknown, known, elementwise});
   };
-  const bool held = e.friction() == Friction::kCoulomb;  // a motor that sticks has the friction that (2b) asks for
+  const bool held = e.friction() == Friction::kCoulomb;  // friction of a sticking motor follows from (2b)
   if (e.inside()) {
     for (const char* state : {"q", "dq"}) add(state, {state}, true);
     if (e.flexible()) {
@@ -107,7 +107,7 @@ void Partials::accelerations(Equations& e, std::span<const double> tau_m, std::s
   const Point& p = point_;
   factors_ = p.M;
   ldlt(factors_.data(), n_);
-  for (std::size_t i = 0; i < n_; ++i) ddq_[i] = p.force[i] + tau_e[i] + (e.flexible() ? 0 : tau_m[i]) - p.h[i];  // (2a)
+  for (std::size_t i = 0; i < n_; ++i) ddq_[i] = e.link_balance(p, i, tau_e[i], tau_m[i], p.h[i]);  // (2a)
   solve_ldlt(factors_.data(), n_, ddq_.data());
   e.inverse_dynamics_derivatives(x_.data(), ddq_.data(), by_q_.data(), by_dq_.data());
 
@@ -120,7 +120,7 @@ void Partials::accelerations(Equations& e, std::span<const double> tau_m, std::s
     for (std::size_t j = 0; j < n_; ++j) {
       // the torque on the links per unit of known j
       std::fill(column_.begin(), column_.end(), 0.0);
-      const double w = e.flexible() ? k.D[j] : p.f_w[j];  // that q̇ meets at the gear
+      const double w = e.flexible() ? k.D[j] : p.f_w[j];  // damping of q̇ at the gear
       switch (c) {
         case 0:
         case 1:
@@ -206,7 +206,7 @@ void Partials::energies(Equations& e, std::span<double> values) {
   for (std::size_t i = 0; i < n_; ++i) {
     by_dtheta.add(0, i, k.B[i] * dtheta[i]);
     elastic_z.add(0, i, k.sigma0[i] * z[i]);
-    elastic_q.add(0, i, e.modes().stop[i] * e.stop_spring(i, q[i]) + e.spring_torque(i, q[i]));
+    elastic_q.add(0, i, e.modes().stop[i] * e.stop_spring(i, q[i]) + e.link_side(i).spring.at(q[i]).torque);
     if (!e.flexible()) continue;
     const double spring = e.torsion(i).at(theta[i] - q[i]).torque;
     elastic_q.add(0, i, -spring);

@@ -15,19 +15,18 @@ namespace cotwin::drive_train {
 ///   ∂τ_J/∂θ = −∂τ_J/∂q = κ   ∂τ_J/∂θ̇ = −∂τ_J/∂q̇ = D                                (2c)
 ///   ∂τ_f/∂θ̇, ∂τ_f/∂z   of the friction model; of a motor that Coulomb friction holds τ_f = τ_m − τ_J   (2b)
 /// Rigid: q̈ follows τ_m, τ_f and τ_e alike, and τ_J = τ_m − τ_f − B q̈. Friction that grows with the load adds its ∂/∂q to
-/// ∂τ_id/∂q. Energies and powers by their definitions. At a kink (friction at rest, the edge of a backlash or a stop) the slope
-/// is that of the model's side, as in the solver.
+/// ∂τ_id/∂q. At a kink (friction at rest, the edge of a backlash or a stop) the slope is one-sided, as in the solver.
 class Partials {
  public:
   explicit Partials(const Equations& equations);
   std::span<const Partial> list() const { return list_; }
-  /// To be filled with (q | q̇ | θ | θ̇ | z) before evaluate().
+  /// Set this to (q | q̇ | θ | θ̇ | z) before evaluate().
   std::vector<double>& state() { return x_; }
   /// Allocates nothing.
   void evaluate(Equations& equations, std::span<const double> tau_m, std::span<const double> tau_e, std::span<double> values);
 
  private:
-  /// A block of `values`; nothing happens to one that is not listed.
+  /// A block of `values`; add() does nothing for a block that is not listed.
   struct Block {
     double* values = nullptr;
     std::size_t columns = 0;  // 0: elementwise

@@ -59,21 +59,17 @@ double Rosenbrock::attempt(double t, double h, const double* x, const Tolerances
   const std::size_t v = n, w = 3 * n, z = 4 * n;
   e.factorise(*p0_, gamma);
 
-  // F = (q̇, M q̈, θ̇, B θ̈, ż) from x and p, all but M q̈
+  // F = (q̇, M q̈, θ̇, B θ̈, ż) from x and p, without M q̈
   const auto rows = [&](double time, const double* state, const Point& p, double* F) {
     for (std::size_t i = 0; i < n; ++i) {
       const bool moves = flexible && !e.stuck(i);
       F[i] = inside ? state[v + i] : 0;
       F[2 * n + i] = moves ? state[w + i] : 0;
-      F[w + i] = moves ? e.motor_torque(i, time) + p.motor_force[i] : 0;
+      F[w + i] = moves ? e.motor_balance(p, i, e.motor_torque(i, time)) : 0;  // (2b)
       F[z + i] = p.dz[i];
     }
   };
-  const auto drive = [&](std::size_t i, double time) {
-    const double tau_e = c.tau_e[i] + c.dtau_e[i] * time;
-    return flexible ? tau_e : tau_e + e.motor_torque(i, time);
-  };
-  // γ ∂f/∂t added to F: of ramped torques, and of a link that moves the spring
+  // Adds γ ∂f/∂t to F: ramped torques, and a link outside that moves the spring
   const auto add_time_derivative = [&](double* F) {
     for (std::size_t i = 0; i < n; ++i) {
       if (inside) F[v + i] += gamma * (c.dtau_e[i] + (flexible ? 0 : c.dtau_m[i]));
@@ -86,7 +82,7 @@ double Rosenbrock::attempt(double t, double h, const double* x, const Tolerances
   };
 
   rows(t, x, *p0_, f0_.data());
-  for (std::size_t i = 0; i < n; ++i) f0_[v + i] = inside ? p0_->force[i] + drive(i, t) - p0_->h[i] : 0;  // (2a)
+  for (std::size_t i = 0; i < n; ++i) f0_[v + i] = inside ? e.link_balance(*p0_, i, t, p0_->h[i]) : 0;  // (2a)
   rhs_ = f0_;
   add_time_derivative(rhs_.data());
   e.solve(rhs_.data(), k1_.data());
@@ -96,7 +92,7 @@ double Rosenbrock::attempt(double t, double h, const double* x, const Tolerances
   e.confine_bristles(x1_.data());
   e.evaluate_joints(x1_.data(), stage_);
   rows(t + 0.5 * h, x1_.data(), stage_, f1_.data());
-  // f1_ holds F1 − k1 from here on: exactly what both W (k2 − k1) and the error need of it
+  // From here on f1_ holds F1 − k1, which both W (k2 − k1) and the error use.
   for (std::size_t i = 0; i < n; ++i) {
     f1_[i] -= k1_[i];
     f1_[2 * n + i] -= k1_[2 * n + i];
@@ -105,7 +101,7 @@ double Rosenbrock::attempt(double t, double h, const double* x, const Tolerances
   }
   if (inside) {
     e.inverse_dynamics(x1_.data(), k1_.data() + v, tau_.data());
-    for (std::size_t i = 0; i < n; ++i) f1_[v + i] = stage_.force[i] + drive(i, t + 0.5 * h) - tau_[i];
+    for (std::size_t i = 0; i < n; ++i) f1_[v + i] = e.link_balance(stage_, i, t + 0.5 * h, tau_[i]);
   }
   e.solve(f1_.data(), k2_.data());  // k2 − k1 until the end of this function
 
@@ -135,7 +131,7 @@ double Rosenbrock::attempt(double t, double h, const double* x, const Tolerances
     e.times_M(p1_->M.data(), a, product);
     e.times_M(p0_->M.data(), combined, tau_.data());
     for (std::size_t i = 0; i < n; ++i) {
-      rhs_[v + i] = p1_->force[i] + drive(i, t + h) - p1_->h[i] - product[i] + tau_[i] + kC32 * f1_[v + i] + 2 * f0_[v + i];
+      rhs_[v + i] = e.link_balance(*p1_, i, t + h, p1_->h[i]) - product[i] + tau_[i] + kC32 * f1_[v + i] + 2 * f0_[v + i];
     }
   } else {
     std::fill_n(rhs_.begin() + static_cast<std::ptrdiff_t>(v), n, 0.0);
@@ -164,8 +160,8 @@ double Rosenbrock::attempt(double t, double h, const double* x, const Tolerances
   return worst;
 }
 
-// The event that the sub-step just attempted runs into first, and the share of it after which it does so by a straight line; 1
-// if none.
+// The first event of the sub-step just attempted, and the share of the sub-step after which it happens by linear
+// interpolation; 1 if there is none.
 std::pair<std::size_t, double> Rosenbrock::first_event(const std::vector<double>& low, const std::vector<double>& high) const {
   std::pair<std::size_t, double> first{0, 1};
   for (std::size_t i = 0; i < event_count(equations_); ++i) {
@@ -176,8 +172,8 @@ std::pair<std::size_t, double> Rosenbrock::first_event(const std::vector<double>
   return first;
 }
 
-// Shortens the sub-step just attempted so that it ends where its first event happens, by attempts of other lengths. Returns
-// that length; no event: `length`, with happens = false.
+// Shortens the sub-step just attempted so that it ends at its first event, by attempts of other lengths. Returns the length of
+// the sub-step; without an event `length`, with happens = false.
 double Rosenbrock::locate(double t, double length, const double* x, const Tolerances& tolerances, int& attempts,
                           std::size_t& event, bool& happens) {
   event_values(equations_, t, x, events_low_.data());
@@ -192,7 +188,7 @@ double Rosenbrock::locate(double t, double length, const double* x, const Tolera
     happens = true;
     event = first;
     if (-events_high_[event] <= kOnTheEvent || high - low <= 1e-10 * length || attempts <= 0) break;
-    // the secant's zero; halving where it stays on one side
+    // the zero of the secant; bisection where it stays on one side
     now = low + (same_side > 1 ? 0.5 : std::clamp(share, 1e-3, 0.999)) * (high - low);
     attempt(t, now, x, tolerances);
     --attempts;
@@ -203,12 +199,12 @@ double Rosenbrock::locate(double t, double length, const double* x, const Tolera
     (beyond ? high : low) = now;
     (beyond ? events_high_ : events_low_) = events_;
   }
-  if (now != high) attempt(t, high, x, tolerances);  // the mode's other side, where the next mode begins
+  if (now != high) attempt(t, high, x, tolerances);  // just beyond the event, where the next mode begins
   now = high;
   return now;
 }
 
-// By the trapezoidal rule, which is of the method's order: what is lost in a sub-step, and what a link outside takes.
+// Adds the energy lost in a sub-step and the work of a link outside, by the trapezoidal rule, which has the method's order.
 void Rosenbrock::add_losses(double length, const double* x, StepAccount& account) const {
   const std::size_t n = equations_.n();
   account.dissipated += 0.5 * length * (equations_.dissipation(x, *p0_) + equations_.dissipation(x1_.data(), *p1_));
@@ -237,7 +233,7 @@ bool Rosenbrock::step(double h, double* x, double& proposal, const Tolerances& t
   double wanted = proposal > 0 ? proposal : h;
   while (t < h) {
     const double rest = h - t;
-    // Equal sub-steps to the end, and never shorter than what the attempts left allow.
+    // Equal sub-steps to the end, not more than the attempts that are left.
     const int pieces = std::clamp(static_cast<int>(std::ceil(std::min(rest / wanted, 1e6) - 1e-9)), 1, std::max(attempts, 1));
     const bool must = pieces >= attempts;
     double length = rest / pieces;

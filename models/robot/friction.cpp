@@ -9,8 +9,6 @@ namespace {
 
 double sign(double v) { return v < 0 ? -1.0 : 1.0; }
 
-double logistic(double x) { return 1 / (1 + std::exp(-x)); }
-
 // a(z, v) of the elasto-plastic bristle with its partial derivatives, for z and v of the same sign.
 struct Plasticity {
   double a = 0, by_z = 0, by_v = 0;
@@ -44,7 +42,7 @@ BristleRates viscous_only(const Bristle& p, double v) { return {.torque = p.sigm
 
 }  // namespace
 
-TorqueAndSlope CoulombViscous::at(double v) const {
+TorqueAndSlope CoulombViscous::sliding(double v) const {
   const double t = std::tanh(v / v_R);
   TorqueAndSlope f{tau_C * t + sigma2 * v + tau_0, tau_C * (1 - t * t) / v_R + sigma2};
   if (tau_S > tau_C) {
@@ -64,6 +62,7 @@ bool Harmonics::present() const {
 
 TorqueAndSlope Harmonics::at(double q) const {
   TorqueAndSlope sum;
+  if (!present()) return sum;
   for (int i = 0; i < kMost; ++i) {
     const int k = i + 1;
     const double sine = std::sin(k * q), cosine = std::cos(k * q);
@@ -82,13 +81,8 @@ double Harmonics::energy(double q) const {
   return sum;
 }
 
-TorqueAndSlope Sigmoid::at(double v) const {
-  const double l = logistic(alpha * (v + s));
-  return {k + A * l, A * alpha * l * (1 - l)};
-}
-
 Sigmoid Sigmoid::without_torque_at_rest(double phi1, double phi2, double phi3) {
-  return {.A = phi1, .alpha = phi2, .s = phi3, .k = -phi1 * logistic(phi2 * phi3)};
+  return {.A = phi1, .alpha = phi2, .s = phi3, .k = -phi1 * (1 / (1 + std::exp(-(phi2 * phi3))))};
 }
 
 TorqueAndSlope Bristle::stribeck(double v) const {
@@ -97,7 +91,7 @@ TorqueAndSlope Bristle::stribeck(double v) const {
   const double u = std::abs(v) / v_S;
   const double power = delta == 2 ? u * u : delta == 1 ? u : std::pow(u, delta);
   const double e = rise * std::exp(-power);
-  // d/dv e^{−u^δ} = −δ u^{δ−1} e^{−u^δ} / v_S; at rest 0, which holds for δ > 1 and stands for the kink of δ ≤ 1.
+  // d/dv e^{−u^δ} = −δ u^{δ−1} e^{−u^δ} / v_S. At rest it is 0 for δ > 1; for δ ≤ 1 there is a kink, and 0 is returned.
   const double slope = u > 0 ? -sign(v) * delta * power / u * e / v_S : 0;
   if (tau_C + e < least) return {least, 0};
   return {tau_C + e, slope};
@@ -124,7 +118,7 @@ double lugre_after(const Bristle& p, double v, double z, double h) {
   if (!p.present() || v == 0) return z;
   const double g = p.stribeck(v).torque;
   const double x = p.sigma0 * std::abs(v) * h / g;
-  // z∞ + (z − z∞) e^{−x} with z∞ = sign(v) g/σ0, written so that small x lose nothing.
+  // z∞ + (z − z∞) e^{−x} with z∞ = sign(v) g/σ0, written without cancellation for small x.
   return z + (sign(v) * g / p.sigma0 - z) * -std::expm1(-x);
 }
 
@@ -137,13 +131,12 @@ BristleRates elasto_plastic(const Bristle& p, double v, double z) {
 int StickSlip::mode_at_rest(const Bristle& p, double load) { return std::abs(load) <= p.tau_S ? 0 : load > 0 ? 1 : -1; }
 
 TorqueAndSlope StickSlip::slipping(const Bristle& p, double v, int direction) {
-  // Just beyond v = 0 on the wrong side, where the instant of stopping is looked for, g continues evenly.
+  // The search for the instant of stopping evaluates v slightly beyond 0: g is continued there as an even function.
   const TorqueAndSlope g = p.stribeck(v);
   return {direction * g.torque + p.sigma2 * v, direction * g.slope + p.sigma2};
 }
 
-TorqueAndSlope Torsion::at(double phi) const {
-  if (backlash == 0) return {K * phi, K};
+TorqueAndSlope Torsion::with_backlash(double phi) const {
   const double e = 0.1 * backlash, minus = phi - backlash, plus = phi + backlash;
   const double r_minus = std::hypot(minus, e), r_plus = std::hypot(plus, e);
   return {K * (phi + 0.5 * (r_minus - r_plus)), K * (1 + 0.5 * (minus / r_minus - plus / r_plus))};
@@ -157,10 +150,9 @@ double Torsion::energy(double phi) const {
   return K * (0.5 * phi * phi + 0.5 * (integral(minus) - integral(plus) + 2 * integral(backlash)));
 }
 
-double Torsion::under(double torque) const {
-  if (backlash == 0) return torque / K;
-  // The characteristic is odd, monotonous and, on this side, between K (φ − b) and K φ: bisection with Newton's step where it
-  // stays inside.
+double Torsion::under_with_backlash(double torque) const {
+  // The characteristic is odd, monotonic and, for φ > 0, between K (φ − b) and K φ: Newton's method, with bisection where a
+  // Newton step leaves the interval.
   const double wanted = std::abs(torque);
   double low = wanted / K, high = wanted / K + backlash, phi = high;
   for (int i = 0; i < 100 && low < high; ++i) {
@@ -184,8 +176,8 @@ StopTorque stop_torque(double stiffness, double damping, double v_0, double dept
 double stop_damping(double restitution) {
   const double e = restitution;
   if (e >= 1) return 0;
-  // f(x) = ln((1 + x)/(1 − e x)) − (1 + e) x is negative between its roots 0 and x, and +∞ at 1/e: bisection from the minimum,
-  // f′ = 0 at x = (1 − e)/e, whose right neighbour is the root.
+  // f(x) = ln((1 + x)/(1 − e x)) − (1 + e) x is negative between its roots 0 and x, and tends to +∞ at 1/e. Bisection between
+  // its minimum at (1 − e)/e, where f′ = 0, and 1/e.
   const auto f = [e](double x) { return std::log1p(x) - std::log1p(-e * x) - (1 + e) * x; };
   double low = (1 - e) / e, high = 1 / e;
   for (int i = 0; i < 200; ++i) {

@@ -57,9 +57,10 @@ class ClosedLoop {
       if (draw.number(0, 1) < r.rigid) K[i] = 0;
     }
     zero = Joints(static_cast<std::size_t>(n), 0.0);
-    no_springs.assign(static_cast<std::size_t>(n) * robot::Harmonics::kMost, 0.0);
+    for (Joints* spring : {&drives.spring_sin, &drives.spring_cos})
+      spring->assign(static_cast<std::size_t>(n) * robot::Harmonics::kMost, 0.0);
     reference_q = joints(q_c);
-    tracking.start(mechanism, data, reference(), {zero, zero}, {K, B});
+    tracking.start(mechanism, data, reference(), {zero, zero}, drives);
     theta_c = Eigen::Map<VectorXd>(tracking.theta_c.data(), n);
     tau_m = zero;
   }
@@ -70,8 +71,8 @@ class ClosedLoop {
   VectorXd torque(const VectorXd& q, const VectorXd& dq, const VectorXd& theta, const VectorXd& dtheta) {
     const Joints at_q = joints(q), at_dq = joints(dq), at_theta = joints(theta), at_dtheta = joints(dtheta);
     const Measured measured{at_q, at_dq, at_theta, at_dtheta};
-    tracking.take_error(measured, {K, B});
-    tracking.torque(mechanism, data, reference(), {zero, zero}, {K, B}, {no_springs, no_springs}, measured,
+    tracking.take_error(measured, drives);
+    tracking.torque(mechanism, data, reference(), {zero, zero}, drives, measured,
                     {omega, zeta, Lambda, K_s, shaping, passivity}, 0, tau_m);
     return Eigen::Map<VectorXd>(tau_m.data(), n);
   }
@@ -118,7 +119,9 @@ class ClosedLoop {
   robot::Mechanism mechanism;
   robot::Data data;
   VectorXd q_c, theta_c;
-  Joints K, B, omega, zeta, Lambda, K_s, shaping;
+  robot::DriveParameters drives;
+  Joints &K = drives.K, &B = drives.B;
+  Joints omega, zeta, Lambda, K_s, shaping;
   double passivity = 0;
 
  private:
@@ -141,7 +144,7 @@ class ClosedLoop {
   }
   Reference reference() const { return {reference_q, zero, zero, zero}; }
 
-  Joints zero, reference_q, no_springs;
+  Joints zero, reference_q;
   Tracking tracking;
   Joints tau_m;
 };

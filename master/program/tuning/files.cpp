@@ -6,7 +6,9 @@
 #include <sstream>
 #include <system_error>
 
+#include "components/unit/joint_variables.h"
 #include "models/identification/motor_inertia.h"
+#include "models/robot/drive_parameters.h"
 #include "models/robot/friction.h"
 #include "models/robot/urdf_update.h"
 #include "models/support/error.h"
@@ -22,43 +24,45 @@ using identification::FrictionLaw;
 
 class Parameters {
  public:
-  explicit Parameters(ParameterSet& set) : set_(set) {}
-  void add(const char* name, std::size_t joint, double value, const char* unit) {
-    set_.values.push_back({std::string(name) + "[" + std::to_string(joint + 1) + "]", value, unit, ""});
+  Parameters(ParameterSet& set, const robot::RobotModel& robot) : set_(set), measures_(&robot) {}
+  void add(const char* name, std::size_t joint, double value) {
+    const std::string si = measures_.si(robot::drive_parameter(name).si);
+    set_.values.push_back({std::string(name) + "[" + std::to_string(joint + 1) + "]", value, si, ""});
   }
 
  private:
   ParameterSet& set_;
+  JointMeasures measures_;
 };
 
 /// Friction behind the gear: the smooth laws of the link.
 void add_link(Parameters& set, std::size_t j, const identification::JointDrive& drive, FrictionLaw law) {
   if (law == FrictionLaw::kSigmoid) {
-    set.add("link_A", j, 2 * drive.tau_C, "N.m");
-    set.add("link_alpha", j, 2 / drive.v_R, "s/rad");
-    set.add("link_s", j, drive.s, "rad/s");
-    set.add("link_k", j, drive.tau_0 - drive.tau_C, "N.m");
+    set.add("link_A", j, 2 * drive.tau_C);
+    set.add("link_alpha", j, 2 / drive.v_R);
+    set.add("link_s", j, drive.s);
+    set.add("link_k", j, drive.tau_0 - drive.tau_C);
     return;
   }
-  set.add("link_tau_C", j, drive.tau_C, "N.m");
-  set.add("link_v_R", j, drive.v_R, "rad/s");
-  set.add("link_tau_0", j, drive.tau_0, "N.m");
+  set.add("link_tau_C", j, drive.tau_C);
+  set.add("link_v_R", j, drive.v_R);
+  set.add("link_tau_0", j, drive.tau_0);
   if (law != FrictionLaw::kStribeck) return;
-  set.add("link_tau_S", j, drive.tau_S, "N.m");
-  set.add("link_v_S", j, drive.v_S, "rad/s");
-  set.add("link_delta", j, drive.delta, "1");
+  set.add("link_tau_S", j, drive.tau_S);
+  set.add("link_v_S", j, drive.v_S);
+  set.add("link_delta", j, drive.delta);
 }
 
 /// Torques beside friction over the speed: friction that grows with the load, springs.
 void add_rest(Parameters& set, std::size_t j, const identification::JointDrive& drive,
               const identification::ModelOptions& model) {
   if (model.load) {
-    set.add("link_load", j, drive.load, "1");
-    set.add("link_v_load", j, drive.v_load, "rad/s");
+    set.add("link_load", j, drive.load);
+    set.add("link_v_load", j, drive.v_load);
   }
   for (std::size_t k = 0; 2 * k + 1 < drive.harmonics.size(); ++k) {
-    set.add("spring_sin", robot::Harmonics::kMost * j + k, drive.harmonics[2 * k], "N.m");
-    set.add("spring_cos", robot::Harmonics::kMost * j + k, drive.harmonics[2 * k + 1], "N.m");
+    set.add("spring_sin", robot::Harmonics::kMost * j + k, drive.harmonics[2 * k]);
+    set.add("spring_cos", robot::Harmonics::kMost * j + k, drive.harmonics[2 * k + 1]);
   }
 }
 
@@ -70,14 +74,14 @@ void add_motor(Parameters& set, std::size_t j, const identification::JointDrive&
   // Barabanov and Ortega: passive for σ1 ≤ σ2 τ_C / (τ_S − τ_C); and no more than critical for 1 kg·m².
   const double passive =
       breakaway > drive.tau_C ? drive.sigma2 * drive.tau_C / (breakaway - drive.tau_C) : 2 * std::sqrt(sigma0);
-  set.add("tau_C", j, drive.tau_C, "N.m");
-  set.add("tau_S", j, breakaway, "N.m");
-  set.add("v_S", j, drive.v_S, "rad/s");
-  set.add("delta", j, drive.delta, "1");
-  set.add("tau_0", j, drive.tau_0, "N.m");
-  set.add("v_R", j, drive.v_R, "rad/s");
-  set.add("sigma0", j, sigma0, "N.m/rad");
-  set.add("sigma1", j, std::min(passive, 2 * std::sqrt(sigma0)), "N.m.s/rad");
+  set.add("tau_C", j, drive.tau_C);
+  set.add("tau_S", j, breakaway);
+  set.add("v_S", j, drive.v_S);
+  set.add("delta", j, drive.delta);
+  set.add("tau_0", j, drive.tau_0);
+  set.add("v_R", j, drive.v_R);
+  set.add("sigma0", j, sigma0);
+  set.add("sigma1", j, std::min(passive, 2 * std::sqrt(sigma0)));
 }
 
 }  // namespace
@@ -86,15 +90,15 @@ ParameterSet drive_parameters(const std::string& name, const robot::RobotModel& 
                               const Settings& settings, const std::vector<identification::Torsion>& torsion) {
   ParameterSet set;
   set.name = name;
-  Parameters parameters(set);
+  Parameters parameters(set, robot);
   const FrictionLaw law = settings.model.friction;
   const bool motor = settings.model.motor_inertia;
   const std::vector<double> least = identification::least_motor_inertia(robot);
   for (std::size_t j = 0; j < estimate.drive.size(); ++j) {
     const identification::JointDrive& drive = estimate.drive[j];
-    if (j < torsion.size() && torsion[j].K > 0) parameters.add("K", j, torsion[j].K, "N.m/rad");
-    if (motor) parameters.add("B", j, std::max(drive.B, least[j]), "kg.m2");
-    parameters.add(motor ? "sigma2" : "link_sigma2", j, drive.sigma2, "N.m.s/rad");
+    if (j < torsion.size() && torsion[j].K > 0) parameters.add("K", j, torsion[j].K);
+    if (motor) parameters.add("B", j, std::max(drive.B, least[j]));
+    parameters.add(motor ? "sigma2" : "link_sigma2", j, drive.sigma2);
     if (motor && law != FrictionLaw::kSigmoid) {
       add_motor(parameters, j, drive);
     } else {
