@@ -8,6 +8,7 @@
 
 #include "components/contact_world/assemble.h"
 #include "components/contact_world/robot_links.h"
+#include "components/unit/joint_variables.h"
 #include "models/robot/dynamics.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
@@ -174,45 +175,52 @@ void ContactWorld::check_names() const {
 
 void ContactWorld::declare_robot(Variables& v, Robot& r) {
   const std::string& x = r.prefix;
+  const JointMeasures measures(&r.placed->model);
+  JointVariables joints(v, measures);
   const bool outside = link_ == Link::kOutside;
   const std::string of = r.placed->name.empty() ? "of the robot" : "of robot " + r.placed->name;
   if (outside) {
-    v.output(x + "q", r.q, "rad",
-             "link-side joint position " + of + " at the end of the step, input of the drive train's (2c)");
-    v.output(x + "dq", r.dq, "rad/s", "link-side joint speed");
+    joints.output(x + "q", r.q, "rad",
+                  "link-side joint position " + of + " at the end of the step, input of the drive train's (2c)");
+    joints.output(x + "dq", r.dq, "rad/s", "link-side joint speed");
   } else {
-    v.input(x + "q", r.q, "rad", "link-side joint position " + of + ", output of the drive train's (2a)").essential();
-    v.input(x + "dq", r.dq, "rad/s", "link-side joint speed, the derivative of q");
+    joints.input(x + "q", r.q, "rad", "link-side joint position " + of + ", output of the drive train's (2a)").essential();
+    joints.input(x + "dq", r.dq, "rad/s", "link-side joint speed, the derivative of q");
   }
   const bool torque = actuation_ == Actuation::kTorque;
   if (torque) {
-    v.input(x + "tau_J", r.tau_J, "N.m", "joint torque of (2a) that drives the links").essential();
-    auto dtheta =
-        v.input(x + "dtheta", r.dtheta, "rad/s", "motor speed behind the gear; tau_J changes with it by (2c) within the step");
+    joints.input(x + "tau_J", r.tau_J, "N.m", "joint torque of (2a) that drives the links").essential();
+    auto dtheta = joints.input(x + "dtheta", r.dtheta, "rad/s",
+                               "motor speed behind the gear; tau_J changes with it by (2c) within the step");
     if (std::any_of(r.K.begin(), r.K.end(), [](double K) { return K > 0; })) dtheta.essential();
   }
-  v.output(x + "tau_e", r.tau_e, "N.m", "external joint torque J^T F of the contacts in (2a), mean over the step").discrete();
-  v.output(x + "q_link", r.q_link, "rad",
-           "joint position of the links in the world at the end of the step, for either value of link");
-  v.output(x + "dq_link", r.dq_link, "rad/s", "joint speed of the links in the world");
-  v.output(x + "ddq_link", r.ddq, "rad/s2", "mean joint acceleration of the links over the step");
+  joints.output(x + "tau_e", r.tau_e, "N.m", "external joint torque J^T F of the contacts in (2a), mean over the step")
+      .discrete();
+  joints.output(x + "q_link", r.q_link, "rad",
+                "joint position of the links in the world at the end of the step, for either value of link");
+  joints.output(x + "dq_link", r.dq_link, "rad/s", "joint speed of the links in the world");
+  joints.output(x + "ddq_link", r.ddq, "rad/s2", "mean joint acceleration of the links over the step");
   v.output(x + "f_c", r.f_c, "N", "sum of the contact forces on the links, in W, mean over the step").discrete();
   v.parameter(x + "base_p0", r.base_p0, "m", "position of the base in W at the start");
   v.parameter(x + "base_quat0", r.base_quat0, "1", "orientation of the base in W at the start, unit quaternion (w, x, y, z)");
-  auto q0 = v.parameter(x + "q0", r.q0, "rad", "joint position at the start; link=outside");
+  auto q0 = joints.parameter(x + "q0", r.q0, "rad", "joint position at the start; link=outside");
   if (outside) q0.essential();
-  v.parameter(x + "dq0", r.dq0, "rad/s", "joint speed at the start; link=outside");
+  joints.parameter(x + "dq0", r.dq0, "rad/s", "joint speed at the start; link=outside");
   if (torque) {
-    v.parameter(x + "K", r.K, "N.m/rad", "joint stiffness of (2c) for the change of tau_J within a step; 0: tau_J is constant")
+    joints
+        .parameter(x + "K", r.K, "N.m/rad",
+                   "joint stiffness of (2c) for the change of tau_J within a step; 0: tau_J is constant")
         .range(0, 1e9);
-    v.parameter(x + "D", r.D, "N.m.s/rad", "joint damping of the gear for the change of tau_J within a step").range(0, 1e9);
+    joints.parameter(x + "D", r.D, "N.m.s/rad", "joint damping of the gear for the change of tau_J within a step")
+        .range(0, 1e9);
   }
   if (torque && !outside) {
-    v.parameter(x + "B", r.B, "kg.m2",
-                "motor inertia behind the gear if the drive train's transmission is rigid; 0: elastic transmission")
+    joints
+        .parameter(x + "B", r.B, "kg.m2",
+                   "motor inertia behind the gear if the drive train's transmission is rigid; 0: elastic transmission")
         .range(0, 1e9);
   }
-  v.state(x + "dq_before", r.dq_before, "rad/s", "link=inside: dq at the start of the last step");
+  joints.state(x + "dq_before", r.dq_before, "rad/s", "link=inside: dq at the start of the last step");
   v.output(x + "base_f_c", r.base_f_c, "N", "sum of the contact forces on the base, in W, mean over the step").discrete();
   v.output(x + "base_m_c", r.base_m_c, "N.m", "their moment about the base's origin, in W").discrete();
   if (!floating_) return;

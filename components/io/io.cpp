@@ -35,22 +35,26 @@ void Io::declare_settings(SettingList& s) {
 Io::Io(Settings& settings) : Io(axes_of(settings), settings) {}
 
 Io::Io(std::vector<trajectory::Axis> joints, Settings& settings)
-    : measured_(joints.size()), command_(joints.size()), link_(make_link(settings, std::move(joints))) {}
+    : measures_(settings.robot_used().get()),
+      measured_(joints.size()),
+      command_(joints.size()),
+      link_(make_link(settings, std::move(joints))) {}
 
 void Io::declare(Variables& v) {
-  v.input("q_command", command_.q, "rad", "commanded joint position");
-  v.input("tau_command", command_.tau, "N.m", "commanded joint torque");
-  v.output("q", measured_.q, "rad", "measured joint position");
-  v.output("dq", measured_.dq, "rad/s", "measured joint velocity").derivative_of("q");
-  v.output("ddq", measured_.ddq, "rad/s2", "joint acceleration, derived from measurements").derivative_of("dq");
-  v.output("tau", measured_.tau, "N.m", "measured joint torque; 0 if has_tau is false");
-  v.output("tau_e", measured_.tau_e, "N.m", "external joint torque reported by the robot; 0 if has_tau_e is false");
+  JointVariables joints(v, measures_);
+  joints.input("q_command", command_.q, "rad", "commanded joint position");
+  joints.input("tau_command", command_.tau, "N.m", "commanded joint torque");
+  joints.output("q", measured_.q, "rad", "measured joint position");
+  joints.output("dq", measured_.dq, "rad/s", "measured joint velocity").derivative_of("q");
+  joints.output("ddq", measured_.ddq, "rad/s2", "joint acceleration, derived from measurements").derivative_of("dq");
+  joints.output("tau", measured_.tau, "N.m", "measured joint torque; 0 if has_tau is false");
+  joints.output("tau_e", measured_.tau_e, "N.m", "external joint torque reported by the robot; 0 if has_tau_e is false");
   v.output("fresh", measured_.fresh, "whether there was a measurement within the last step");
   v.output("done", measured_.done, "whether the link has no further measurements");
   v.output("has_tau", measured_.has_tau, "whether the robot reports joint torques");
   v.output("has_tau_e", measured_.has_tau_e, "whether the robot reports external joint torques");
   v.output("warning", measured_.warning, "warnings for the summary of the run; empty: none");
-  link_->declare(v);
+  link_->declare(v, joints);
 }
 
 void Io::initialise(Time start) {

@@ -24,6 +24,7 @@ class Io final : public Unit {
  private:
   Io(std::vector<trajectory::Axis> joints, Settings& settings);
 
+  JointMeasures measures_;
   Measured measured_;
   Command command_;
   std::unique_ptr<Link> link_;

@@ -3,6 +3,7 @@
 #include <string>
 #include <vector>
 
+#include "components/unit/joint_variables.h"
 #include "components/unit/unit.h"
 
 namespace cotwin::io {
@@ -34,7 +35,7 @@ class Link {
  public:
   virtual ~Link() = default;
   /// Declares the link's own parameters and outputs, after the common ports.
-  virtual void declare(Variables&) = 0;
+  virtual void declare(Variables&, JointVariables&) = 0;
   /// Opens the connection and sets `measured` at `start`. Throws Error if the user must act. May be called again.
   virtual void initialise(Time start, Measured& measured) = 0;
   /// Sends the command and sets `measured` at now + h. Must not allocate or block.

@@ -24,7 +24,7 @@ RecordingLink::RecordingLink(const Settings& settings, std::vector<trajectory::A
       tau_e_scale_(axes_.size(), 1.0),
       scratch_(axes_.size()) {}
 
-void RecordingLink::declare(Variables& v) {
+void RecordingLink::declare(Variables& v, JointVariables& joints) {
   v.parameter("file", file_, "CSV with the recording: named columns, one row per sample").essential();
   v.parameter("separator", separator_, "column separator: comma, semicolon or tab; empty: detected");
   v.parameter("t_column", t_column_, "time column; empty: t, time or timestamp");
@@ -38,13 +38,14 @@ void RecordingLink::declare(Variables& v) {
   v.parameter("tau_e_columns", tau_e_columns_, "columns of tau_e, as q_columns; none: not read");
   v.parameter("angle", angle_, "unit of positions and velocities of revolute joints in the file: rad or deg");
   v.parameter("q_scale", q_scale_, "1", "sign or gear ratio: q = q_scale * column + q_offset, dq = q_scale * column");
-  v.parameter("q_offset", q_offset_, "rad", "offset added to the positions");
+  joints.parameter("q_offset", q_offset_, "rad", "offset added to the positions");
   v.parameter("tau_scale", tau_scale_, "1", "sign, gear ratio or torque constant: tau = tau_scale * column");
   v.parameter("tau_e_scale", tau_e_scale_, "1", "sign or scale factor of tau_e, as tau_scale");
   v.parameter("max_gap", max_gap_, "1", "largest gap between samples, in median sampling steps; a longer one is an error")
       .range(1, 1e9);
-  v.parameter("max_speed", max_speed_, "rad/s",
-              "largest speed between samples; a higher one is an error; 0: four times the joint's limit, or 30 rad/s")
+  joints
+      .parameter("max_speed", max_speed_, "rad/s",
+                 "largest speed between samples; a higher one is an error; 0: four times the joint's limit, or 30 rad/s")
       .range(0, 1e9);
   v.parameter("q_cutoff", q_cutoff_, "Hz",
               "-3 dB frequency of the zero-phase low-pass of q and dq, both passes together; 0: no filter")

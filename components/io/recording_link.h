@@ -24,7 +24,7 @@ class RecordingLink final : public Link {
   /// `settings` resolves the path of the file.
   RecordingLink(const Settings& settings, std::vector<trajectory::Axis> axes);
 
-  void declare(Variables& v) override;
+  void declare(Variables& v, JointVariables& joints) override;
   void initialise(Time start, Measured& measured) override;
   StepResult step(Time now, Duration h, const Command& command, Measured& measured) override;
   bool restorable() const override { return true; }

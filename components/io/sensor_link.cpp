@@ -26,25 +26,25 @@ SensorLink::SensorLink(std::size_t joints) {
   tau_e_gain_.assign(joints, 1.0);
 }
 
-void SensorLink::declare(Variables& v) {
-  v.input("q_true", q_true_, "rad", "true joint position at the sensor").essential();
-  v.input("dq_true", dq_true_, "rad/s", "true joint speed");
-  v.input("tau_true", tau_true_, "N.m", "true joint torque");
-  v.input("tau_e_true", tau_e_true_, "N.m", "true external joint torque");
-  v.parameter("q_sigma", q_sigma_, "rad", "standard deviation of the noise of q").range(0, 1e3);
-  v.parameter("dq_sigma", dq_sigma_, "rad/s", "standard deviation of the noise of dq").range(0, 1e3);
-  v.parameter("tau_sigma", tau_sigma_, "N.m", "standard deviation of the noise of tau").range(0, 1e6);
-  v.parameter("tau_e_sigma", tau_e_sigma_, "N.m", "standard deviation of the noise of tau_e").range(0, 1e6);
-  v.parameter("q_resolution", q_resolution_, "rad", "resolution of the position sensor; 0: not quantised").range(0, 1);
+void SensorLink::declare(Variables& v, JointVariables& joints) {
+  joints.input("q_true", q_true_, "rad", "true joint position at the sensor").essential();
+  joints.input("dq_true", dq_true_, "rad/s", "true joint speed");
+  joints.input("tau_true", tau_true_, "N.m", "true joint torque");
+  joints.input("tau_e_true", tau_e_true_, "N.m", "true external joint torque");
+  joints.parameter("q_sigma", q_sigma_, "rad", "standard deviation of the noise of q").range(0, 1e3);
+  joints.parameter("dq_sigma", dq_sigma_, "rad/s", "standard deviation of the noise of dq").range(0, 1e3);
+  joints.parameter("tau_sigma", tau_sigma_, "N.m", "standard deviation of the noise of tau").range(0, 1e6);
+  joints.parameter("tau_e_sigma", tau_e_sigma_, "N.m", "standard deviation of the noise of tau_e").range(0, 1e6);
+  joints.parameter("q_resolution", q_resolution_, "rad", "resolution of the position sensor; 0: not quantised").range(0, 1);
   v.parameter("tau_gain", tau_gain_, "1", "gain of the torque sensor; 1: exact");
-  v.parameter("tau_offset", tau_offset_, "N.m", "offset of the torque sensor");
+  joints.parameter("tau_offset", tau_offset_, "N.m", "offset of the torque sensor");
   v.parameter("tau_e_gain", tau_e_gain_, "1", "gain of tau_e; 1: exact");
-  v.parameter("tau_e_offset", tau_e_offset_, "N.m", "offset of tau_e");
+  joints.parameter("tau_e_offset", tau_e_offset_, "N.m", "offset of tau_e");
   v.parameter("tau_e_cutoff", tau_e_cutoff_, "Hz", "cutoff frequency of the first-order low-pass of tau_e; 0: no filter")
       .range(0, 1e6);
   v.parameter("seed", seed_, "seed of the noise");
   v.state("count", count_, "number of steps, from which the noise is derived");
-  v.state("tau_e_filtered", tau_e_filtered_, "N.m", "tau_e after its low-pass");
+  joints.state("tau_e_filtered", tau_e_filtered_, "N.m", "tau_e after its low-pass");
 }
 
 void SensorLink::initialise(Time, Measured& measured) {

@@ -14,7 +14,7 @@ class SensorLink final : public Link {
  public:
   explicit SensorLink(std::size_t joints);
 
-  void declare(Variables& v) override;
+  void declare(Variables& v, JointVariables& joints) override;
   void initialise(Time start, Measured& measured) override;
   StepResult step(Time now, Duration h, const Command& command, Measured& measured) override;
   bool restorable() const override { return true; }

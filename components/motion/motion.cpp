@@ -42,6 +42,7 @@ Motion::Motion(Settings& settings) : Motion(settings, axes_of(settings)) {}
 
 Motion::Motion(Settings& settings, std::vector<trajectory::Axis> axes)
     : axes_(std::move(axes)),
+      measures_(settings.robot_used().get()),
       source_(make_source(settings, axes_)),
       dq_limit_(axes_.size()),
       ddq_limit_(axes_.size()),
@@ -51,9 +52,10 @@ Motion::Motion(Settings& settings, std::vector<trajectory::Axis> axes)
       ddq_d_(axes_.size()) {}
 
 void Motion::declare(Variables& v) {
-  v.output("q_d", q_d_, "rad", "desired joint position");
-  v.output("dq_d", dq_d_, "rad/s", "desired joint velocity, the derivative of q_d").derivative_of("q_d");
-  v.output("ddq_d", ddq_d_, "rad/s2", "desired joint acceleration, the derivative of dq_d").derivative_of("dq_d");
+  JointVariables joints(v, measures_);
+  joints.output("q_d", q_d_, "rad", "desired joint position");
+  joints.output("dq_d", dq_d_, "rad/s", "desired joint velocity, the derivative of q_d").derivative_of("q_d");
+  joints.output("ddq_d", ddq_d_, "rad/s2", "desired joint acceleration, the derivative of dq_d").derivative_of("dq_d");
   v.output("done", done_, "whether the motion has ended");
   v.output("duration", duration_, "s", "duration of the motion, without repetitions");
   v.output("stretch", stretch_, "1", "factor on all durations: time_scale, increased if limits = stretch requires it");
@@ -68,10 +70,10 @@ void Motion::declare(Variables& v) {
   v.parameter("loop", loop_, "after the end: no (rest), repeat, or there_and_back");
   v.parameter("limits", limits_,
               "if joint limits are violated: error, warn, stretch (until velocity, acceleration and jerk meet them) or ignore");
-  v.parameter("dq_limit", dq_limit_, "rad/s", "velocity limit; 0: the robot's").range(0, 1e9);
-  v.parameter("ddq_limit", ddq_limit_, "rad/s2", "acceleration limit; 0: none").range(0, 1e12);
-  v.parameter("dddq_limit", dddq_limit_, "rad/s3", "jerk limit; 0: none").range(0, 1e15);
-  std::visit([&](auto& source) { source.declare(v); }, source_);
+  joints.parameter("dq_limit", dq_limit_, "rad/s", "velocity limit; 0: the robot's").range(0, 1e9);
+  joints.parameter("ddq_limit", ddq_limit_, "rad/s2", "acceleration limit; 0: none").range(0, 1e12);
+  joints.parameter("dddq_limit", dddq_limit_, "rad/s3", "jerk limit; 0: none").range(0, 1e15);
+  std::visit([&](auto& source) { source.declare(v, joints); }, source_);
 }
 
 void Motion::initialise(Time start) {

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "components/motion/sources.h"
+#include "components/unit/joint_variables.h"
 #include "components/unit/unit.h"
 #include "models/trajectory/axes.h"
 #include "models/trajectory/time_scaling.h"
@@ -35,6 +36,7 @@ class Motion final : public Unit {
   void evaluate_at(double t);
 
   std::vector<trajectory::Axis> axes_;
+  JointMeasures measures_;
   AnySource source_;
 
   // Parameters.

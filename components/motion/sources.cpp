@@ -43,7 +43,7 @@ WaypointSource::WaypointSource(Settings& settings, std::vector<trajectory::Axis>
   c_r_.resize((N - 1) * axes_.size() * static_cast<std::size_t>(degree_ - 5));
 }
 
-void WaypointSource::declare(Variables& v) {
+void WaypointSource::declare(Variables& v, JointVariables& joints) {
   v.parameter("file", file_,
               "CSV with waypoints: columns t, joint positions and optionally dwell; empty: waypoints from the parameters");
   v.parameter("q_columns", q_columns_, kColumns);
@@ -51,12 +51,13 @@ void WaypointSource::declare(Variables& v) {
   v.parameter("passing", passing_,
               "rest: the joints stop at every waypoint; through: they pass waypoints without dwell with minimum jerk");
   v.parameter("waypoint_t", t_, "s", "arrival times at the waypoints");
-  auto q = v.parameter("waypoint_q", q_, "rad", "joint positions, all joints of the first waypoint, then of the next");
+  auto q = joints.parameter("waypoint_q", q_, "rad", "joint positions, all joints of the first waypoint, then of the next");
   if (file_.empty()) q.essential();
   v.parameter("waypoint_dwell", dwell_, "s", "duration of the rest at each waypoint").range(0, 1e9);
   if (!c_r_.empty()) {
-    v.parameter("c_r", c_r_, "rad",
-                "redundant coefficients (V-B): legs x joints x (degree - 5); each is the maximum displacement of its term");
+    joints.parameter(
+        "c_r", c_r_, "rad",
+        "redundant coefficients (V-B): legs x joints x (degree - 5); each is the maximum displacement of its term");
   }
 }
 
@@ -86,21 +87,21 @@ PolynomialSource::PolynomialSource(Settings& settings, std::vector<trajectory::A
   c_r_.resize(n_ * static_cast<std::size_t>(degree_ - (jerk_ ? 7 : 5)));
 }
 
-void PolynomialSource::declare(Variables& v) {
+void PolynomialSource::declare(Variables& v, JointVariables& joints) {
   v.parameter("T", T_, "s", "duration before stretching").range(1e-6, 1e9);
-  v.parameter("q_start", start_.q, "rad", "joint position at the start");
-  v.parameter("dq_start", start_.dq, "rad/s", "joint velocity at the start");
-  v.parameter("ddq_start", start_.ddq, "rad/s2", "joint acceleration at the start");
-  v.parameter("q_end", end_.q, "rad", "joint position at the end").essential();
-  v.parameter("dq_end", end_.dq, "rad/s", "joint velocity at the end");
-  v.parameter("ddq_end", end_.ddq, "rad/s2", "joint acceleration at the end");
+  joints.parameter("q_start", start_.q, "rad", "joint position at the start");
+  joints.parameter("dq_start", start_.dq, "rad/s", "joint velocity at the start");
+  joints.parameter("ddq_start", start_.ddq, "rad/s2", "joint acceleration at the start");
+  joints.parameter("q_end", end_.q, "rad", "joint position at the end").essential();
+  joints.parameter("dq_end", end_.dq, "rad/s", "joint velocity at the end");
+  joints.parameter("ddq_end", end_.ddq, "rad/s2", "joint acceleration at the end");
   if (jerk_) {
-    v.parameter("dddq_start", start_.dddq, "rad/s3", "joint jerk at the start");
-    v.parameter("dddq_end", end_.dddq, "rad/s3", "joint jerk at the end");
+    joints.parameter("dddq_start", start_.dddq, "rad/s3", "joint jerk at the start");
+    joints.parameter("dddq_end", end_.dddq, "rad/s3", "joint jerk at the end");
   }
   if (!c_r_.empty()) {
-    v.parameter("c_r", c_r_, "rad",
-                "redundant coefficients (V-B), joint by joint; each is the maximum displacement of its term");
+    joints.parameter("c_r", c_r_, "rad",
+                     "redundant coefficients (V-B), joint by joint; each is the maximum displacement of its term");
   }
 }
 
@@ -121,7 +122,7 @@ trajectory::Path PolynomialSource::path() {
 RecordingSource::RecordingSource(Settings& settings, std::vector<trajectory::Axis> axes)
     : settings_(settings), axes_(std::move(axes)) {}
 
-void RecordingSource::declare(Variables& v) {
+void RecordingSource::declare(Variables& v, JointVariables& joints) {
   v.parameter("file", file_, "CSV with the motion: named columns, one row per sample").essential();
   v.parameter("t_column", t_column_, "time column; empty: t, time or timestamp");
   v.parameter("t_unit", t_unit_, "unit of the time column: s, ms, us or ns");
@@ -130,8 +131,9 @@ void RecordingSource::declare(Variables& v) {
   v.parameter("angle", angle_, kAngle);
   v.parameter("max_gap", max_gap_, "1", "largest gap between samples, in median sampling steps; a longer one is an error")
       .range(1, 1e9);
-  v.parameter("max_speed", max_speed_, "rad/s",
-              "largest speed between samples; a higher one is an error; 0: four times the joint's limit, or 30 rad/s")
+  joints
+      .parameter("max_speed", max_speed_, "rad/s",
+                 "largest speed between samples; a higher one is an error; 0: four times the joint's limit, or 30 rad/s")
       .range(0, 1e9);
   v.parameter("cutoff", cutoff_, "Hz", "-3 dB frequency of the zero-phase low-pass, both passes together; 0: no filter")
       .range(0, 1e6);

@@ -6,6 +6,7 @@
 #include <variant>
 #include <vector>
 
+#include "components/unit/joint_variables.h"
 #include "components/unit/settings.h"
 #include "components/unit/variables.h"
 #include "models/trajectory/recording.h"
@@ -21,7 +22,7 @@ void declare_source_settings(SettingList& s);
 class WaypointSource {
  public:
   WaypointSource(Settings& settings, std::vector<trajectory::Axis> axes);
-  void declare(Variables& v);
+  void declare(Variables& v, JointVariables& joints);
   trajectory::Path path();
 
  private:
@@ -38,7 +39,7 @@ class WaypointSource {
 class PolynomialSource {
  public:
   PolynomialSource(Settings& settings, std::vector<trajectory::Axis> axes);
-  void declare(Variables& v);
+  void declare(Variables& v, JointVariables& joints);
   trajectory::Path path();
 
  private:
@@ -58,7 +59,7 @@ class PolynomialSource {
 class RecordingSource {
  public:
   RecordingSource(Settings& settings, std::vector<trajectory::Axis> axes);
-  void declare(Variables& v);
+  void declare(Variables& v, JointVariables& joints);
   trajectory::Path path();
   /// Warnings about the file of the last path() call.
   const std::string& warning() const { return warning_; }

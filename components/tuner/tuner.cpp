@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "components/tuner/worker.h"
+#include "components/unit/joint_variables.h"
 #include "models/identification/motor_inertia.h"
 #include "models/support/bytes.h"
 #include "models/support/error.h"
@@ -72,28 +73,30 @@ Tuner::Tuner(Settings& settings) : prior_(settings.robot()), n_(static_cast<std:
 Tuner::~Tuner() = default;
 
 void Tuner::declare(Variables& v) {
-  v.input("q", q_, "rad", "measured joint position").essential();
-  v.input("dq", dq_, "rad/s", "measured joint speed");
-  v.input("tau", tau_, "N.m", "measured joint torque, gravity's included").essential();
+  JointMeasures measures(&prior_);
+  JointVariables joints(v, measures);
+  joints.input("q", q_, "rad", "measured joint position").essential();
+  joints.input("dq", dq_, "rad/s", "measured joint speed");
+  joints.input("tau", tau_, "N.m", "measured joint torque, gravity's included").essential();
   v.input("enabled", enabled_, "whether samples are taken and estimations start; without a connection: true");
 
   v.output("mass", mass_, "kg", "mass of each body; that of the prior before the first tuning");
   v.output("first_moment", first_moment_, "kg.m", "mass times centre of mass (x, y, z) in the body's frame, body after body");
   v.output("inertia", inertia_, "kg.m2",
            "inertia (xx, xy, xz, yy, yz, zz) about the origin of the body's frame, body after body");
-  v.output("tau_C", tau_C_, "N.m", "Coulomb friction");
-  v.output("tau_S", tau_S_, "N.m", "breakaway torque");
-  v.output("v_S", v_S_, "rad/s", "Stribeck speed");
-  v.output("v_R", v_R_, "rad/s", "speed over which Coulomb friction changes its sign; found with friction=sigmoid");
-  v.output("sigma2", sigma2_, "N.m.s/rad", "viscous friction");
-  v.output("tau_0", tau_0_, "N.m", "offset of the torque");
-  v.output("B", B_, "kg.m2", "reflected motor inertia, 1 before the first tuning; 0 without motor_inertia=true");
+  joints.output("tau_C", tau_C_, "N.m", "Coulomb friction");
+  joints.output("tau_S", tau_S_, "N.m", "breakaway torque");
+  joints.output("v_S", v_S_, "rad/s", "Stribeck speed");
+  joints.output("v_R", v_R_, "rad/s", "speed over which Coulomb friction changes its sign; found with friction=sigmoid");
+  joints.output("sigma2", sigma2_, "N.m.s/rad", "viscous friction");
+  joints.output("tau_0", tau_0_, "N.m", "offset of the torque");
+  joints.output("B", B_, "kg.m2", "reflected motor inertia, 1 before the first tuning; 0 without motor_inertia=true");
   v.output(
       "cost", cost_, "1",
       "cost of the best particle: mean squared error relative to the floor's, plus the weighted divergence from the prior");
-  v.output("rms", rms_, "N.m", "RMS of the torque error of the tuned robot on all samples of its estimation");
-  v.output("rms_prior", rms_prior_, "N.m", "the same error of the prior, without friction");
-  v.output("rms_floor", rms_floor_, "N.m", "the same error of unconstrained least squares, a lower bound for robots");
+  joints.output("rms", rms_, "N.m", "RMS of the torque error of the tuned robot on all samples of its estimation");
+  joints.output("rms_prior", rms_prior_, "N.m", "the same error of the prior, without friction");
+  joints.output("rms_floor", rms_floor_, "N.m", "the same error of unconstrained least squares, a lower bound for robots");
   v.output("rank", rank_, "number of unknowns that the samples determine");
   v.output("condition", condition_, "1", "condition number of the regressor within this rank");
   v.output("samples", samples_, "samples taken");

@@ -7,7 +7,10 @@
 #include <string>
 #include <tuple>
 
+#include "components/unit/joint_variables.h"
 #include "components/unit/unit_table.h"
+#include "models/robot/drive_parameters.h"
+#include "models/robot/robot_model.h"
 #include "tests/support/places.h"
 
 namespace cotwin {
@@ -312,6 +315,65 @@ TEST(ComplianceWithDriveTrain, SaturatedMotorsDoNotWindUpAndReturnWithoutOversho
   }
   EXPECT_LT(beyond, 0.5 * away);
   EXPECT_LT(loop.error().lpNorm<Eigen::Infinity>(), 2e-4);
+}
+
+Instance make(const std::string& unit, const std::string& robot) {
+  return make_unit("unit:" + unit + "?robot=" + robot, {}, {std::filesystem::path(places::source()) / "models"}, unit_types());
+}
+
+// Both units declare the parameters of the drive from one table.
+TEST(ComplianceWithDriveTrain, DeclaresTheParametersOfTheDriveAlike) {
+  const Instance drive = make("drive_train", "planar2"), controller = make("compliance", "planar2");
+  int shared = 0;
+  for (const auto& row : robot::kDriveParameters) {
+    const Variable& a = drive.variables.at(row.name);
+    EXPECT_EQ(a.role == Role::kTunable, row.mutability != Mutability::kFixed) << row.name;
+    EXPECT_EQ(a.size(), row.size(2)) << row.name;
+    const Variable* b = controller.variables.find(row.name);
+    if (b == nullptr) continue;
+    ++shared;
+    EXPECT_EQ(a.role, b->role) << row.name;
+    EXPECT_EQ(a.si, b->si) << row.name;
+    EXPECT_EQ(a.min, b->min) << row.name;
+    EXPECT_EQ(a.max, b->max) << row.name;
+    EXPECT_TRUE(b->description.starts_with(a.description)) << row.name;
+    const bool followed = controller.variables.find(std::string(row.name) + "_in_force") != nullptr;
+    EXPECT_EQ(followed, row.mutability != Mutability::kFixed) << row.name;
+  }
+  EXPECT_EQ(shared, 26);
+}
+
+TEST(JointMeasures, OfPrismaticJointsAreInMetresAndNewtons) {
+  const std::string gantry = places::source() + "/tests/components/data/gantry.urdf";
+  for (const char* unit : {"drive_train", "compliance"}) {
+    const Instance instance = make(unit, gantry);
+    const auto si = [&](const char* name) { return instance.variables.at(name).si; };
+    EXPECT_EQ(si("q"), "m") << unit;
+    EXPECT_EQ(si("dq"), "m/s") << unit;
+    EXPECT_EQ(si("tau_m"), "N") << unit;
+    EXPECT_EQ(si("K"), "N/m") << unit;
+    EXPECT_EQ(si("B"), "kg") << unit;
+    EXPECT_EQ(si("sigma2"), "N.s/m") << unit;
+    EXPECT_EQ(si("link_alpha"), "s/m") << unit;
+    EXPECT_EQ(si("inertia"), "kg.m2") << unit;  // of bodies, not of joints
+  }
+  EXPECT_EQ(make("compliance", gantry).variables.at("omega").si, "rad/s");  // a frequency
+  EXPECT_EQ(make("motion", gantry).variables.at("q_d").si, "m");
+  EXPECT_EQ(make("io", gantry).variables.at("tau_e").si, "N");
+  EXPECT_EQ(make("contact_world", gantry).variables.at("tau_e").si, "N");
+  EXPECT_EQ(make("tuner", gantry).variables.at("sigma2").si, "N.s/m");
+}
+
+TEST(JointMeasures, OfMixedJointsAreThoseOfRevoluteOnesAndTheDescriptionNamesTheOthers) {
+  robot::RobotModel robot;
+  robot.joints.resize(4);
+  robot.joints[2].type = robot::JointType::kPrismatic;
+  const JointMeasures measures(&robot);
+  EXPECT_EQ(measures.si("N.m/rad"), "N.m/rad");
+  EXPECT_EQ(measures.description("N.m/rad", "joint stiffness"), "joint stiffness (N/m for joint 3)");
+  EXPECT_EQ(measures.description("1", "damping ratio"), "damping ratio");
+  robot.joints[0].type = robot::JointType::kPrismatic;
+  EXPECT_EQ(JointMeasures(&robot).description("rad", "position"), "position (m for joints 1, 3)");
 }
 
 }  // namespace
