@@ -30,14 +30,14 @@ double stored(const SecondOrder& system, const Deviation& at) {
   return (system.M * at.dx * at.dx + system.S * at.x * at.x) / 2;
 }
 
-/// A step that is short against the motion, at a limit or not.
+/// A step that is short compared with the time constants of the motion, with or without a limit.
 Compliant advance_shortly(const SecondOrder& system, const Deviation& start, double tau_e, double tau_e_rate,
                           const Limits& limits, const Desired& desired, double h, Tank& tank) {
   const Deviation free = advance(system, start, tau_e, tau_e_rate, h);
   const Allowed may = allowed(limits, desired, start, h);
   if (clear_of(limits, desired, free) ||
       (free.dx <= may.dx_high && free.x <= may.x_high && free.dx >= may.dx_low && free.x >= may.x_low)) {
-    // D ∫ Δ̇² dt is at least this (Cauchy–Schwarz), so no more is booked than is lost.
+    // A lower bound of D ∫ Δ̇² dt (Cauchy–Schwarz): the tank receives at most the dissipated energy.
     const double moved = free.x - start.x;
     tank.energy = std::min(tank.energy + system.D * moved * moved / h, tank.capacity);
     return {free, acceleration(system, free, tau_e + tau_e_rate * h), Limit::kNone};
@@ -47,7 +47,7 @@ Compliant advance_shortly(const SecondOrder& system, const Deviation& start, dou
   c.limit = from_above ? may.high : may.low;
   c.Delta.dx = std::max(std::min(free.dx, may.dx_high), may.dx_low);
   c.Delta.x = std::max(std::min(start.x + h * (start.dx + c.Delta.dx) / 2, may.x_high), may.x_low);
-  // A wall gives no energy. What constant acceleration makes of it is paid by the tank, or else taken from the speed.
+  // A wall gives no energy. The excess due to constant acceleration is taken from the tank, or else from the speed.
   const double work = (tau_e + tau_e_rate * h / 2) * (c.Delta.x - start.x);
   double excess = stored(system, c.Delta) - stored(system, start) - work;
   if (excess > 0) {
@@ -72,7 +72,7 @@ Compliant advance(const Admittance& a, const Deviation& start, double tau_e, dou
     tank.energy = std::min(tank.energy + system.D * moved * moved / h, tank.capacity);  // as below
     return {free, acceleration(system, free, tau_e + tau_e_rate * h), Limit::kNone};
   }
-  // Constant acceleration stands for the motion at a limit: in parts that are short against it.
+  // At a limit the motion is approximated by constant acceleration, in parts that are short compared with its time constants.
   constexpr double kShort = 0.1, kMostParts = 100;
   const double rate = std::sqrt(system.S / system.M) + system.D / system.M;
   const double parts = std::clamp(std::ceil(h * rate / kShort), 1.0, kMostParts);

@@ -4,36 +4,36 @@
 
 namespace cotwin::compliance {
 
-/// What is asked of the compliance of one joint (IV-A3): M_a Δ̈ + D Δ̇ + S_a Δ = τ_e, Δ = q_c − q_d, like (3a), with
+/// Desired compliance of one joint (IV-A3): M_a Δ̈ + D Δ̇ + S_a Δ = τ_e, Δ = q_c − q_d, like (3a), with
 ///   D = max(D_a + 2 zeta_a √(S_a M_a), 2 zeta_a M_a omega_free)
-/// The second bound keeps a joint damped that is guided freely (S_a = 0).
+/// The second term damps a freely guided joint (S_a = 0).
 struct Admittance {
   double M_a = 1, D_a = 0, zeta_a = 1, S_a = 0, omega_free = 0;
 };
 SecondOrder relation(const Admittance& a);
 
-/// Energy that compliance may give out beyond what it was given. With the stored energy E = ½ M_a Δ̇² + ½ S_a Δ² and the content
-/// T of the tank,
+/// Energy that compliance may give out beyond the energy that it received. With the stored energy E = ½ M_a Δ̇² + ½ S_a Δ² and
+/// the content T of the tank,
 ///   E + T ≤ E(0) + T(0) + ∫ τ_e Δ̇ dt
-/// whatever M_a and S_a do: a rise of either is paid by T; damping and a fall of either fill it. So the joint is passive with
-/// the storage E + T (energy tank: Ferraguti, Secchi, Fantuzzi, ICRA 2013).
+/// for any course of M_a and S_a: T provides the energy for a rise of either; damping and a fall of either fill the tank. So
+/// the joint is passive with the storage function E + T (energy tank: Ferraguti, Secchi, Fantuzzi, ICRA 2013).
 struct Tank {
   double energy = 0;    // J
   double capacity = 0;  // J
 };
 
-/// Changes M_a and S_a of `now` to those of `next` as far as the tank can pay for it at the deviation `at`. False if it could
-/// not pay for all.
+/// Changes M_a and S_a of `now` to those of `next` as far as the tank has the energy for it at the deviation `at`. Returns
+/// false if the energy was not sufficient.
 bool change(Admittance& now, const Admittance& next, const Deviation& at, Tank& tank);
 
 struct Compliant {
   Deviation Delta;  // Δ, Δ̇ at the end of the step
   double ddDelta = 0;
-  Limit limit = Limit::kNone;  // what acted in the step
+  Limit limit = Limit::kNone;  // that acted in the step
 };
 
-/// A step of h seconds under τ_e = tau_e + tau_e_rate t: the exact solution, unless a limit acts, in which case Δ is moved with
-/// constant acceleration to what is allowed. Damping fills the tank.
+/// A step of h seconds under τ_e = tau_e + tau_e_rate t: the exact solution, or, if a limit acts, a motion with constant
+/// acceleration to the allowed Δ. Damping fills the tank.
 Compliant advance(const Admittance& a, const Deviation& start, double tau_e, double tau_e_rate, const Limits& limits,
                   const Desired& desired, double h, Tank& tank);
 

@@ -5,7 +5,7 @@
 
 namespace cotwin::compliance {
 
-/// What a joint may do in its compliant motion (IV-A3), as its URDF says.
+/// Limits of the compliant motion of a joint (IV-A3), from its URDF.
 struct Limits {
   double q_min = 0, q_max = 0;  // rad; q_min >= q_max: no limit
   double dq_max = 0;            // rad/s; 0: no limit
@@ -23,20 +23,20 @@ struct Desired {
   double q = 0, dq = 0;
 };
 
-/// Velocities that a deviation Δ = q_c − q_d may have at the end of a step, and the largest |Δ| in either direction.
+/// Bounds of the velocity of the deviation Δ = q_c − q_d at the end of a step, and of Δ in both directions.
 struct Allowed {
   double dx_low, dx_high;
   double x_low, x_high;
-  Limit low, high;  // what bounds dx_low and dx_high
+  Limit low, high;  // the limits behind dx_low and dx_high
 };
 
-/// The limits as one-sided walls on the compliant motion q_c = q_d + Δ. Before a limit of position at distance s, q_c
-/// approaches it with at most √(2 braking s), so it stops there with the deceleration `braking`, does not pass it and is not
-/// thrown back. A wall only takes kinetic energy. Limits bound what compliance adds: Δ = 0 is always allowed, also where the
-/// desired motion itself is outside its limits. Over a step, Δ is taken to move with constant acceleration.
+/// The limits as one-sided walls for the compliant motion q_c = q_d + Δ. At distance s from a limit of position, q_c approaches
+/// it with at most √(2 braking s): it stops at the limit with the deceleration `braking`, without passing it or rebounding. A
+/// wall only takes kinetic energy. Limits bound the compliant deviation: Δ = 0 is always allowed, also if the desired motion
+/// itself is outside its limits. Δ is assumed to have constant acceleration over the step.
 Allowed allowed(const Limits& limits, const Desired& desired, const Deviation& start, double h);
 
-/// Whether Δ at the end of a step needs no limit: q_c is inside, and slow enough to stop there. What allowed() costs is saved.
+/// Returns whether q_c at the end of a step is inside the limits and slow enough to stop there; then allowed() is not needed.
 inline bool clear_of(const Limits& limits, const Desired& desired, const Deviation& end) {
   const double q = desired.q + end.x, dq = desired.dq + end.dx;
   if (limits.bound_speed() && !(dq <= limits.dq_max && dq >= -limits.dq_max)) return false;
@@ -45,7 +45,7 @@ inline bool clear_of(const Limits& limits, const Desired& desired, const Deviati
   return q <= limits.q_max && q >= limits.q_min && dq * dq <= 2 * limits.braking * ahead;
 }
 
-/// Whether the desired motion itself is outside its limits.
+/// Returns whether the desired motion itself is outside its limits.
 bool outside(const Limits& limits, const Desired& desired);
 
 }  // namespace cotwin::compliance

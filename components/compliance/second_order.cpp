@@ -5,7 +5,7 @@ namespace {
 
 // The solution over a span t is affine in the start value and the input:
 //   [x; ẋ](t) = (U + E) [x; ẋ](0) + Γ0 u0 + Γ1 u1
-// E is kept apart from the unit matrix U so that what a short span changes keeps all its digits.
+// E is stored without the unit matrix U, so that the small changes over a short span keep all digits.
 struct Transition {
   double xx, xv, vx, vv;  // E
   double x0, v0;          // Γ0, response to u = 1
@@ -14,8 +14,8 @@ struct Transition {
 
 // Taylor series of all eight from that of the impulse response of the normalised equation ẍ + 2p ẋ + w² x = δ(t):
 //   x(t) = Σ a_k tᵏ/k!,   a_0 = 0,   a_1 = 1,   a_(k+2) = −2p a_(k+1) − w² a_k
-// whose integrals are the responses to a step and to a ramp. For 2p t + w² t² ≤ 1/4, |a_(k+1)| tᵏ ≤ 2⁻ᵏ: nothing cancels, and
-// with the factorials 12 terms reach the last bit.
+// whose integrals are the responses to a step and to a ramp. For 2p t + w² t² ≤ 1/4, |a_(k+1)| tᵏ ≤ 2⁻ᵏ: there is no
+// cancellation, and 12 terms are exact to the last bit.
 Transition series(double two_p, double w2, double M, double t) {
   constexpr int kTerms = 12;
   double a = 0, a_next = 1;  // a_k, a_(k+1)
@@ -33,7 +33,7 @@ Transition series(double two_p, double w2, double M, double t) {
   return {-w2 * step, impulse, -w2 * impulse, -two_p * impulse - w2 * step, step / M, impulse / M, ramp / M, step / M};
 }
 
-// Twice the span: the second half starts where the first ended, its ramp at height t.
+// Twice the span: the second half starts at the end of the first, with the ramp at t.
 Transition doubled(const Transition& s, double t) {
   Transition d;
   d.xx = 2 * s.xx + s.xx * s.xx + s.xv * s.vx;

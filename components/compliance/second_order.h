@@ -11,9 +11,8 @@ struct Deviation {
   double x = 0, dx = 0;
 };
 
-/// The state after `h` seconds under the input u(t) = u0 + u1 t: the exact solution to rounding for any h > 0, from free
-/// floating (S = 0) and undamped (D = 0) to stiff and overdamped. Hence N short steps agree with one long one, and no step is
-/// too long.
+/// The state after `h` seconds under the input u(t) = u0 + u1 t: the exact solution to rounding for any h > 0, for free (S =
+/// 0), undamped (D = 0), stiff and overdamped systems. N short steps give the same result as one long step.
 Deviation advance(const SecondOrder& system, const Deviation& start, double u0, double u1, double h);
 
 /// ẍ from the equation above.

@@ -16,10 +16,10 @@
 namespace cotwin::drive_train {
 namespace {
 
-constexpr double kNoTolerance = 1e30;       // of rows that follow others and steer nothing
-constexpr double kContinuous = 1e-9;        // of a torque: smaller jumps are rounding
-constexpr double kAtRoot = 1e-9;            // rad/s, N.m or rad: an event function this small is at its zero
-constexpr long kMostInternalSteps = 20000;  // per communication step; beyond it the step is given up
+constexpr double kNoTolerance = 1e30;       // of rows without influence on the step size
+constexpr double kContinuous = 1e-9;        // relative jump of an input; smaller jumps are rounding
+constexpr double kAtRoot = 1e-9;            // rad/s, N.m or rad: smaller event functions are at their zero
+constexpr long kMostInternalSteps = 20000;  // per communication step; then the step fails
 
 void check(int flag, const char* function) {
   if (flag < 0) throw Error(function, "returned " + std::to_string(flag) + ", expected success");
@@ -27,13 +27,12 @@ void check(int flag, const char* function) {
 
 void silent(int, const char*, const char*, char*, void*) {}
 
-// Two vector operations in which SUNDIALS spends half of its time on vectors this short, as loops that the compiler can
-// vectorise.
+// Two vector operations that take half of SUNDIALS' time for vectors this short, as loops that the compiler can vectorise.
 void linear_sum(realtype a, N_Vector x, realtype b, N_Vector y, N_Vector z) {
   const double *px = NV_DATA_S(x), *py = NV_DATA_S(y);
   double* pz = NV_DATA_S(z);
   const auto n = static_cast<std::size_t>(NV_LENGTH_S(x));
-#pragma GCC ivdep  // z may be x or y, never a part of them
+#pragma GCC ivdep  // z may be x or y, but does not overlap them otherwise
   for (std::size_t i = 0; i < n; ++i) pz[i] = a * px[i] + b * py[i];
 }
 
@@ -51,7 +50,7 @@ realtype weighted_rms(N_Vector x, N_Vector w) {
 
 }  // namespace
 
-// One row each beside x: the dissipated energy, and the work −∫ τ_J q̇ dt of a link outside.
+// Two rows after x: the dissipated energy, and the work −∫ τ_J q̇ dt of a link outside.
 struct SundialsSolver::Memory {
   Memory(Equations& e, Method m)
       : equations(e),
@@ -103,7 +102,7 @@ struct SundialsSolver::Memory {
     SUNContext_Free(&context);
   }
 
-  // The forces at (time, state): in `point`.
+  // Evaluates the forces at (time, state) into `point`.
   const double* evaluate(double time, const double* state) {
     if (!equations.inside()) {
       std::copy_n(state, equations.size(), x.data());
@@ -134,8 +133,8 @@ struct SundialsSolver::Memory {
     return 0;
   }
 
-  // (I − γ J) v = b. Newton's first iteration of a step comes right after the forces at the predicted state, which `point`
-  // still holds: W is made of them anew for each step, and kept for the other iterations.
+  // Solves (I − γ J) v = b. In Newton's first iteration of a step, `point` still holds the forces at the predicted state: W is
+  // factorised there once per step and used for the other iterations.
   int solve(const double* b, double* v) {
     const std::size_t n = equations.n(), size = equations.size();
     realtype time = 0, gamma = 0, rl1 = 0;
@@ -170,8 +169,8 @@ struct SundialsSolver::Memory {
   std::vector<double> factor_point_M;
   double factored_time = NAN, factored_gamma = NAN;
   bool warm = false;
-  double now = 0;         // s since the log's beginning
-  double step_start = 0;  // where the course's t = 0 is
+  double now = 0;         // s since the last restart
+  double step_start = 0;  // s, at which the course has t = 0
   N_Vector y = nullptr, absolute = nullptr;
   SUNLinearSolver linear = nullptr;
   void* solver = nullptr;
@@ -217,7 +216,7 @@ void SundialsSolver::configure(const Tolerances& t) {
   warm_up();
 }
 
-// ARKODE allocates in its first step ever: here, where it may. What comes of that step does not matter.
+// ARKODE allocates in its first step. This makes that step during initialisation; its result is not used.
 void SundialsSolver::warm_up() {
   Memory& m = *memory_;
   if (m.warm || m.method == Method::kCvode) return;
@@ -239,7 +238,7 @@ void SundialsSolver::restart(const double* x) {
   }
 }
 
-// Whether the course begins where the last one in the log ended.
+// Returns whether the course begins at the end of the last course in the log.
 bool SundialsSolver::continues() const {
   if (log_.count == 0 || static_cast<std::size_t>(log_.count) == kLogLength) return false;
   const std::size_t n = equations_.n();
@@ -300,7 +299,7 @@ void SundialsSolver::replay() {
       entry += part->size();
     }
     if (!advance(h, x, ignored))
-      throw Error("drive_train", "the steps of a snapshot do not replay, expected one of this build");
+      throw Error("drive_train", "the steps of the snapshot cannot be replayed, expected a snapshot of this build");
   }
 }
 
@@ -310,7 +309,7 @@ bool SundialsSolver::advance(double h, double* x, StepAccount& account) {
   const bool cvode = m.method == Method::kCvode;
   m.step_start = m.now;
   const double goal = m.now + h;
-  // The solver works on its own copy: x is that copy, seen at the link's side of the course.
+  // The solver has its own copy of the state; x is that copy with the link motion of the course.
   const auto show = [&](double time) {
     std::copy_n(m.y_storage.data(), size, x);
     equations_.prescribe(time - m.step_start, x);
@@ -331,8 +330,8 @@ bool SundialsSolver::advance(double h, double* x, StepAccount& account) {
     account.work_e += m.y_storage[size + 1] - work_e;
     m.now = time;
     ++account.substeps;
-    // The roots that were found are those that are not positive any more; a mode that began at its zero and went wrong has no
-    // change of sign and is found here, too.
+    // The found roots are the event functions that are no longer positive. This also finds a mode that began at its zero and
+    // became negative, without a change of sign.
     bool event = false;
     const std::size_t count = event_count(equations_);
     if (count > 0) event_values(equations_, time - m.step_start, x, events_.data());
@@ -353,7 +352,7 @@ bool SundialsSolver::advance(double h, double* x, StepAccount& account) {
   m.now = goal;
   m.evaluate(m.now, m.y_storage.data());
   std::swap(m.point, end_);
-  m.factored_time = NAN;  // `point` is another one now
+  m.factored_time = NAN;  // `point` was swapped
   return true;
 }
 

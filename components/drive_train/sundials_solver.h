@@ -9,13 +9,13 @@
 
 namespace cotwin::drive_train {
 
-/// CVODE's BDF or ARKODE's DIRK of order 3 with our Jacobian and its structured solution (SUNLINEARSOLVER_MATRIX_EMBEDDED),
-/// adaptive in step and order. History is kept from one communication step to the next where the course is continuous, and
-/// begun afresh where it jumps.
+/// CVODE's BDF or ARKODE's DIRK of order 3 with the analytic Jacobian and its structured solution
+/// (SUNLINEARSOLVER_MATRIX_EMBEDDED), adaptive in step and order. The history of the integration continues over communication
+/// steps while the course is continuous; the integration restarts where the course jumps.
 ///
-/// That history lies in SUNDIALS' memory. What a snapshot needs of it is the Log: the state at the last beginning and the
-/// communication steps since, from which replay() brings the memory back bit for bit. The log is bounded: after kLogLength
-/// steps the history begins afresh.
+/// The history is in SUNDIALS' memory, which a snapshot cannot contain. The Log has the state at the last restart and the
+/// communication steps since; replay() repeats these steps and gives the same bits. The integration restarts after kLogLength
+/// steps, so the log is bounded.
 class SundialsSolver {
  public:
   enum class Method : std::uint8_t { kCvode, kArkode };
@@ -24,8 +24,8 @@ class SundialsSolver {
   /// Plain data, declared as state by the unit.
   struct Log {
     explicit Log(std::size_t n);
-    std::int32_t count = 0;  // communication steps since the beginning; 0: the next one begins afresh
-    std::vector<double> x;   // at the beginning
+    std::int32_t count = 0;  // communication steps since the restart; 0: the next step restarts
+    std::vector<double> x;   // at the restart
     Modes modes;
     std::vector<double> steps;  // kLogLength times (h | course)
   };
@@ -35,20 +35,20 @@ class SundialsSolver {
   SundialsSolver(const SundialsSolver&) = delete;
   SundialsSolver& operator=(const SundialsSolver&) = delete;
 
-  /// Tolerances, and whether there are events to look for, of the equations' parameters as adopted.
+  /// Sets the tolerances and the event functions, for the adopted parameters of the equations.
   void configure(const Tolerances& tolerances);
   Log& log() { return log_; }
 
-  /// From x at t = 0 to x at h under the equations' course. Returns false if the solver gave up; then x is undefined.
+  /// Integrates x from t = 0 to h under the equations' course. Returns false if the solver failed; then x is undefined.
   [[nodiscard]] bool step(double h, double* x, StepAccount& account);
-  /// The log was written by a snapshot: makes the memory agree with it. The equations' modes and course are those of the
-  /// snapshot afterwards.
+  /// Rebuilds SUNDIALS' memory from the log after a snapshot was restored. Sets the modes and the course of the equations to
+  /// those of the snapshot.
   void replay();
   /// Forces at the end of the last step.
   const Point& end() const { return end_; }
 
  private:
-  struct Memory;  // what SUNDIALS owns
+  struct Memory;  // the objects of SUNDIALS
   void warm_up();
   bool continues() const;
   void restart(const double* x);

@@ -31,7 +31,7 @@ scene::Cell Settings::cell() {
     robot.shapes = scene::shapes_of_urdf(urdf, robot.model, &found);
     cell.robots.push_back(std::move(robot));
   };
-  // What the source says itself goes before what its scenario says for all units.
+  // Settings of the source have priority over those of the scenario for all units.
   const bool one_given = query_.contains("robot");
   if (one_given && query_.contains("robots")) {
     throw Error("unit:" + unit_,

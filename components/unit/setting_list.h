@@ -9,7 +9,7 @@
 
 namespace cotwin {
 
-/// A setting of a kind of unit: what is chosen before the unit has variables, such as the number of joints or the method.
+/// A setting of a kind of unit, chosen before the unit has variables: the number of joints, the method.
 struct Setting {
   enum class Kind : std::uint8_t { kText, kInteger, kBoolean, kChoice };
 
@@ -18,28 +18,28 @@ struct Setting {
   std::vector<std::string> choices;  // of kChoice
   long long min = std::numeric_limits<long long>::min();
   long long max = std::numeric_limits<long long>::max();  // of kInteger; both ends belong to the range
-  std::optional<std::string> fallback;                    // used where the setting is not given; none: it must be given
-  std::string fallback_rule;                              // in words, where the unit computes the default; else empty
+  std::optional<std::string> fallback;                    // the default; none: the setting must be given
+  std::string fallback_rule;                              // in words, if the unit computes the default; else empty
   std::string description;                                // one sentence
 };
 
 std::string_view name_of(Setting::Kind kind);
 /// "inside, outside", "1 to 1000", "true, false"; empty for a text.
 std::string allowed_values(const Setting& setting);
-/// The default for people: "inside", "none" for an empty text, "required", or the rule by which it is computed.
+/// The default as text: "inside", "none" for an empty text, "required", or the rule by which it is computed.
 std::string default_value(const Setting& setting);
 
-/// The settings of a kind of unit, declared once. Settings reads values through this list, and `cotwin describe`, the reference
-/// pages, `--set` and the shell completion show it.
+/// The settings of a kind of unit, declared once. Settings checks values against this list; `cotwin describe`, the reference
+/// pages, `--set` and the shell completion use it.
 class SettingList {
  public:
-  /// What may be said of a setting after its declaration.
+  /// Properties of a setting, set after its declaration.
   class Declared {
    public:
     Declared(SettingList& list, std::size_t index) : list_(list), index_(index) {}
     /// The setting must be given.
     Declared& required();
-    /// The unit computes the default from other settings; `rule` says how, in words.
+    /// The unit computes the default from other settings by `rule`, given in words.
     Declared& fallback_rule(std::string rule);
 
    private:
@@ -53,7 +53,7 @@ class SettingList {
   /// The first of the choices is the default.
   Declared choice(std::string name, std::vector<std::string> choices, std::string description);
 
-  /// The settings that Settings::robot() reads: `robot`, and where the unit uses the robot's masses `unphysical`.
+  /// The settings that Settings::robot() reads: `robot` and, if the unit uses the robot's masses, `unphysical`.
   Declared robot(std::string description, bool with_masses);
   /// The settings that Settings::cell() reads: `scene`, `robot`, `robots`, `unphysical`.
   void cell();
@@ -61,7 +61,7 @@ class SettingList {
   std::span<const Setting> all() const { return list_; }
   auto begin() const { return list_.begin(); }
   auto end() const { return list_.end(); }
-  /// nullptr if there is none of that name.
+  /// Returns nullptr if there is no setting of that name.
   const Setting* find(std::string_view name) const;
   std::vector<std::string> names() const;
 

@@ -16,8 +16,8 @@ namespace {
 // Index into Measure::exponents.
 enum Base { kKg, kM, kS, kA, kK, kMol, kCd, kRad };
 
-/// A factor kept apart as numerator · 10^decade / denominator, so that 1 mm³ is the double nearest to 1e-9 m³ and not
-/// 1e-3 · 1e-3 · 1e-3, which is another one.
+/// A factor as numerator · 10^decade / denominator, so that 1 mm³ becomes the double nearest to 1e-9 m³, which
+/// 1e-3 · 1e-3 · 1e-3 is not.
 struct Scaled {
   std::array<int, 8> exponents{};
   double numerator = 1, denominator = 1;
@@ -97,7 +97,7 @@ constexpr Prefix kPrefixes[] = {
     {"c", -2}, {"m", -3}, {"u", -6}, {"n", -9}, {"p", -12}, {"f", -15}, {"a", -18}, {"z", -21}, {"y", -24},
 };
 
-/// Products that tools write without a sign between, and how they are meant.
+/// Products that tools write without a multiplication sign, and their meaning.
 struct Compound {
   std::string_view name, first, rest;
 };
@@ -108,7 +108,7 @@ constexpr Compound kCompounds[] = {{"Nm", "N", "m"}, {"Nms", "N", "m.s"}, {"kgm"
 constexpr int kMaxExponent = 99;
 constexpr std::size_t kMaxLength = 200;
 
-/// Takes `head` off the front of `s` if it stands there.
+/// Removes the prefix `head` from `s`. Returns whether `s` had it.
 bool take(std::string_view& s, std::string_view head) {
   if (s.substr(0, head.size()) != head) return false;
   s.remove_prefix(head.size());
@@ -132,13 +132,13 @@ class Parser {
       if (std::abs(e) > kMaxExponent) fail("an exponent beyond ±" + std::to_string(kMaxExponent));
     }
     if (s.numerator == 1 && s.denominator == 1) {
-      m.factor = power_of_ten(s.decade);  // beyond 10²² not what a division gives
+      m.factor = power_of_ten(s.decade);  // beyond 10²² a division gives another double
     } else {
       m.factor = s.decade >= 0 ? s.numerator * power_of_ten(s.decade) / s.denominator
                                : s.numerator / (s.denominator * power_of_ten(-s.decade));
     }
     if (!std::isnormal(m.factor)) fail("a factor that no number can hold");
-    m.offset = factors_ == 1 ? s.offset : 0;  // degC/s is about differences of temperature
+    m.offset = factors_ == 1 ? s.offset : 0;  // degC/s has no offset: a difference of temperatures
     return m;
   }
 
@@ -272,7 +272,7 @@ class Parser {
         ++n;
         continue;
       }
-      // Of the characters beyond ASCII only those that stand in symbols.
+      // Of the characters beyond ASCII only those that occur in symbols.
       const std::string_view foreign[] = {"°", "µ", "μ", "Ω", "Ω", "℃"};
       const auto found =
           std::find_if(std::begin(foreign), std::end(foreign), [&](std::string_view f) { return here.starts_with(f); });
@@ -314,7 +314,7 @@ class Parser {
   static bool is_digit(char c) { return c >= '0' && c <= '9'; }
 
   std::string_view all_, rest_;
-  int factors_ = 0;  // more than one: no symbol keeps its offset
+  int factors_ = 0;  // more than one: offsets are dropped
 };
 
 }  // namespace

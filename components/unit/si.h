@@ -5,10 +5,10 @@
 
 #include "models/support/parameter_set.h"
 
-/// Units of measure (never called "units": that word is taken).
+/// Units of measure. They are never called "units" here: a unit is a co-simulation unit.
 namespace cotwin::si {
 
-/// A unit of measure as FMI and SSP see it: value in SI base units = factor · value + offset.
+/// A unit of measure as in FMI and SSP: value in SI base units = factor · value + offset.
 struct Measure {
   std::array<int, 8> exponents{};  // kg, m, s, A, K, mol, cd, rad
   double factor = 1;
@@ -21,12 +21,12 @@ struct Measure {
 /// be negative). Throws Error for anything else.
 Measure parse(std::string_view text);
 Measure from(const UnitDefinition& definition);
-/// Gives the set a definition of every unit of measure that its values name and it does not define yet, as a file needs them.
-/// Throws Error for a name that parse() cannot read.
+/// Adds definitions to the set for all units of measure that its values use and that are not defined yet. Throws Error for a
+/// name that parse() cannot read.
 void define_units(ParameterSet& set);
 
-/// Two measures can be converted into each other if their exponents agree. rad is a base unit of its own, as in FMI: else a
-/// frequency in Hz would feed an angular velocity by the factor 1.
+/// Returns whether the exponents are equal. rad is a base unit, as in FMI: otherwise a frequency in Hz could be connected to an
+/// angular velocity.
 bool convertible(const Measure& from, const Measure& to);
 
 /// to = factor · from + offset.

@@ -13,19 +13,19 @@ class Snapshot {
  public:
   /// Copies the values alone, such as start values. Allocates only the first time (and where strings grow).
   void take(const Variables& variables);
-  /// Copies the values, and what the unit remembers outside its variables (Unit::save_memory).
+  /// Copies the values, and what the unit keeps outside its variables (Unit::save_memory).
   void take(const Variables& variables, Unit& unit);
-  /// Writes the values back and calls the unit's restore_memory() and restored(). Throws Error if `variables` is not laid out
-  /// like those it was taken from.
+  /// Writes the values back and calls the unit's restore_memory() and restored(). Throws Error if the layout of `variables` is
+  /// not that of the snapshot.
   void restore(const Variables& variables, Unit& unit) const;
 
-  /// Writes the values alone, for a unit that is initialised afterwards. Throws Error as restore.
+  /// Writes only the values, for a unit that is initialised afterwards. Throws Error as restore.
   void write(const Variables& variables) const;
 
-  /// A self-describing byte string (version, fingerprint, values; little-endian) that restores into a fresh instance of the
-  /// same unit.
+  /// A self-describing byte string (version, fingerprint, values; little-endian), which a new instance of the same unit can
+  /// restore.
   std::string serialise() const;
-  /// Throws Error for bytes that are not a snapshot, are cut short, or are of another version.
+  /// Throws Error for bytes that are not a snapshot, are truncated, or have another version.
   static Snapshot deserialise(std::string_view bytes);
 
   bool empty() const { return fingerprint_ == 0; }

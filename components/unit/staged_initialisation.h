@@ -3,16 +3,16 @@
 
 namespace cotwin {
 
-/// A unit that can be kept in its initialisation while its inputs change, so that an algebraic loop at the start is iterated
-/// without starting over. Instead of Unit::initialise() the order is: enter, any number of updates, exit.
+/// A unit whose inputs may change during initialisation, so that an algebraic loop at the start is iterated without a new
+/// initialisation. Call order instead of Unit::initialise(): enter, any number of updates, exit.
 class StagedInitialisation {
  public:
   virtual ~StagedInitialisation() = default;
-  /// The outputs follow the inputs as they are.
+  /// Computes the outputs from the present inputs.
   virtual void enter_initialisation(Time start) = 0;
-  /// Inputs were changed; the outputs follow them.
+  /// Computes the outputs again after inputs were changed.
   virtual void update_initialisation() = 0;
-  /// The unit is as after Unit::initialise(), and can make its first step.
+  /// Ends the initialisation, as Unit::initialise() does; the first step may follow.
   virtual void exit_initialisation() = 0;
 };
 

@@ -8,7 +8,7 @@ namespace cotwin {
 struct Duration {
   std::int64_t ns = 0;
 
-  /// The double nearest to it (a product with 1e-9 is not: 7 ms would be 0.007000000000000001 s).
+  /// The nearest double. (A product with 1e-9 is not the nearest: 7 ms would be 0.007000000000000001 s.)
   constexpr double seconds() const { return static_cast<double>(ns) / 1e9; }
   /// The nearest whole nanosecond.
   static constexpr Duration from_seconds(double s) { return {static_cast<std::int64_t>(s * 1e9 + (s < 0 ? -0.5 : 0.5))}; }

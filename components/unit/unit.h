@@ -16,11 +16,11 @@ enum class [[nodiscard]] StepResult : std::uint8_t{
     kFinished  // as kDone; the unit requests the end of the run and makes no further step
 };
 
-/// A block of a unit's Jacobian: how a real output follows a real input, output or state at one instant, all else being held.
+/// A block of a unit's Jacobian: partial derivatives of a real output by a real input, output or state at one instant.
 struct Partial {
   const char* unknown;
   const char* known;
-  bool elementwise = false;  // element i of one depends on element i of the other alone
+  bool elementwise = false;  // element i of one depends only on element i of the other
 };
 
 /// A co-simulation unit: its variables and three verbs. The call order is
@@ -36,24 +36,24 @@ class Unit {
  public:
   virtual ~Unit() = default;
   virtual void declare(Variables&) = 0;
-  /// Throws Error where a human must act: a parameter out of its meaning, a file that cannot be read.
+  /// Throws Error if the user must act: a parameter that is not allowed, a file that cannot be read.
   virtual void initialise(Time start) = 0;
   /// Allocates nothing, blocks on nothing, reads no clock, prints nothing. `h` > 0 may differ from step to step.
   virtual StepResult step(Time now, Duration h) = 0;
   virtual void restored() {}
-  /// Replaces `bytes` by what steps remember outside the variables: an FMU's state, compressed samples. A snapshot gives them
-  /// to restore_memory(), of this instance or a fresh one, after the variables were written and before restored().
+  /// Replaces `bytes` by what steps keep outside the variables: an FMU's state, compressed samples. A snapshot passes them to
+  /// restore_memory(), of this instance or a new one, after the variables were written and before restored().
   virtual void save_memory(std::string& bytes) { bytes.clear(); }
   virtual void restore_memory(const std::string&) {}
   /// False for a unit whose step reaches outside (a bus, a robot) and cannot be taken back.
   virtual bool restorable() const { return true; }
-  /// The blocks of the unit's analytic Jacobian, where it has one; the list does not change after declare. What is not listed
-  /// is 0: outputs that do not follow inputs and states at once.
+  /// The blocks of the unit's analytic Jacobian, if it has one; the list does not change after declare. Blocks that are not
+  /// listed are 0: the output does not depend on the input or state at the same instant.
   virtual std::span<const Partial> partials() const { return {}; }
-  /// Their values one after the other, as inputs and states are now: row by row (rows: the unknown's elements), of elementwise
-  /// ones the diagonal alone. After initialise; changes no variable.
+  /// Writes the values of the blocks, one block after the other, for the present inputs and states: row by row (rows: elements
+  /// of the unknown), of elementwise blocks only the diagonal. Call it after initialise. Changes no variable.
   virtual void evaluate_partials(std::span<double>) {}
-  /// What is to be told of the run so far, a sentence each, for a summary.
+  /// Appends sentences on the run so far, for the summary.
   virtual void tell(std::vector<std::string>&) const {}
 };
 

@@ -33,7 +33,7 @@ class Hash {
  public:
   void add(std::string_view text) {
     for (const char c : text) add_byte(static_cast<unsigned char>(c));
-    add_byte(0xff);  // no byte of UTF-8: keeps "ab","c" and "a","bc" apart
+    add_byte(0xff);  // not in UTF-8: separates "ab","c" from "a","bc"
   }
   void add(double value) {
     unsigned char bytes[sizeof value];
@@ -126,7 +126,7 @@ Variables::Declared& Variables::Declared::set_rate(Variable::Storage storage) {
   Variable& variable = list_.list_[index_];
   const auto* rate = std::get_if<std::span<double>>(&storage);
   if (rate == nullptr || variable.kind() != Kind::kReal || rate->size() != variable.size() || variable.role != Role::kInput) {
-    throw Error(variable.name, "a rate belongs to a real input and is as long as it");
+    throw Error(variable.name, "a rate is only for real inputs and must have the size of the input");
   }
   variable.rate = *rate;
   list_.fingerprint_ = 0;
@@ -135,7 +135,7 @@ Variables::Declared& Variables::Declared::set_rate(Variable::Storage storage) {
 
 Variables::Declared& Variables::Declared::start() {
   Variable& variable = list_.list_[index_];
-  if (variable.role != Role::kOutput) throw Error(variable.name, "only an output needs to say that it has a start value");
+  if (variable.role != Role::kOutput) throw Error(variable.name, "start() is only for outputs");
   variable.has_start = true;
   return *this;
 }
@@ -143,7 +143,7 @@ Variables::Declared& Variables::Declared::start() {
 Variables::Declared& Variables::Declared::discrete() {
   Variable& variable = list_.list_[index_];
   if (variable.role != Role::kOutput || variable.kind() != Kind::kReal) {
-    throw Error(variable.name, "only a real output needs to say that it is discrete");
+    throw Error(variable.name, "discrete() is only for real outputs");
   }
   variable.discrete = true;
   return *this;

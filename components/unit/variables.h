@@ -28,25 +28,25 @@ enum class Role : std::uint8_t { kInput, kOutput, kParameter, kTunable, kState }
 std::string_view name_of(Kind kind);
 std::string_view name_of(Role role);
 
-/// One variable of a unit: its meaning, and the unit's own member that holds it. Everything is a vector; a scalar is a vector
-/// of one. The storage must keep its address and length from declare() until the unit is destroyed.
+/// One variable of a unit: its meaning, and the member of the unit that holds it. Every variable is a vector; a scalar has one
+/// element. The storage must keep its address and length from declare() until the unit is destroyed.
 struct Variable {
   using Storage = std::variant<std::span<double>, std::span<std::int32_t>, std::span<bool>, std::span<std::string>>;
 
-  std::string name;  // unique within the unit, an identifier: "tau_J" (any text where Variables::foreign() was said)
+  std::string name;  // unique within the unit, an identifier: "tau_J" (any text after Variables::foreign())
   Role role = Role::kInput;
   Storage storage;
   std::string si;           // unit of measure of kReal, e.g. "N.m/rad"; "1" for a pure number; "" for the other kinds and for
-                            // reals of foreign units that do not tell
+                            // reals of foreign units without a unit of measure
   std::string description;  // one sentence: meaning, frame, equation
-  double min = -std::numeric_limits<double>::infinity();  // both ends belong to the range; in `si`
+  double min = -std::numeric_limits<double>::infinity();  // in `si`; both ends belong to the range
   double max = +std::numeric_limits<double>::infinity();
   std::span<double> rate;     // of an input that may be ramped: its first time derivative over the next step; else empty
-  bool has_start = false;     // of an output: a start value may be given to it before initialise, as to a state
+  bool has_start = false;     // of an output: a start value may be given before initialise, as for a state
   std::string derivative_of;  // name of the variable whose first time derivative this one is; else empty
-  bool discrete = false;      // of a real output: no point of a curve, as a mean over the step is not; inputs hold it
+  bool discrete = false;      // of a real output: not a point of a curve (a mean over the step); inputs hold it
   bool essential =
-      false;  // of an input, parameter or state: without a connection, a start value or an event the unit is of no use
+      false;  // of an input, parameter or state: without a connection, a start value or an event the unit cannot be used
 
   Kind kind() const { return static_cast<Kind>(storage.index()); }
   std::size_t size() const {
@@ -62,7 +62,7 @@ struct Variable {
 /// reorder).
 class Variables {
  public:
-  /// What may be said of a variable after its declaration: v.input("q", …).range(-3, 3).
+  /// Properties of a variable, set after its declaration: v.input("q", …).range(-3, 3).
   class Declared {
    public:
     Declared(Variables& list, std::size_t index) : list_(list), index_(index) {}
@@ -74,14 +74,14 @@ class Variables {
     }
     /// The output has a start value that may be given before initialise.
     Declared& start();
-    /// The variable is the first time derivative of another one, declared before and of the same size. Throws Error if that
-    /// cannot be.
+    /// The variable is the first time derivative of another one, declared before and of the same size. Throws Error if sizes or
+    /// units of measure do not fit.
     Declared& derivative_of(std::string name);
-    /// The real output does not change continuously (FMI: variability "discrete"): it is a mean over the step, say, and an
-    /// input that follows others linearly over a step takes it as it is.
+    /// The real output does not change continuously (FMI: variability "discrete"), for example a mean over the step. Inputs
+    /// that interpolate over a step hold it.
     Declared& discrete();
-    /// The input, parameter or state has no useful default: a scenario that neither connects it nor gives it a value gets a
-    /// warning. Throws Error for an output.
+    /// The input, parameter or state has no useful default: a scenario without a connection or a value for it gets a warning.
+    /// Throws Error for an output.
     Declared& essential();
 
    private:
@@ -134,8 +134,8 @@ class Variables {
     return add(std::move(name), Role::kState, view(storage), "", std::move(description));
   }
 
-  /// From here on the variables are those of a unit that others wrote: names may be any text without control characters
-  /// ("der(x)", "A[1,2]"), and reals whose unit of measure nobody told have "".
+  /// The variables declared from now on are those of an imported FMU: names may be any text without control characters
+  /// ("der(x)", "A[1,2]"), and reals may have no unit of measure ("").
   void foreign() { foreign_ = true; }
 
   std::span<const Variable> all() const { return list_; }
@@ -143,16 +143,16 @@ class Variables {
   auto end() const { return list_.end(); }
   std::size_t size() const { return list_.size(); }
 
-  /// nullptr if there is none of that name.
+  /// Returns nullptr if there is no variable of that name.
   const Variable* find(std::string_view name) const;
-  /// Throws Error that names the closest variable.
+  /// Throws Error with the closest name if there is no such variable.
   const Variable& at(std::string_view name) const;
 
   /// Throws Error `K[2] = -1 N.m/rad, expected 0 to 1e+07` for the first parameter or input outside its range, or NaN.
   void check_ranges() const;
   /// The first output or state that is not finite (±inf or NaN), as "tau_J[3]"; empty if there is none. Allocates only then.
   std::string first_not_finite() const;
-  /// A hash of names, roles, kinds, sizes, units of measure and ranges: equal where two units are interchangeable.
+  /// A hash of names, roles, kinds, sizes, units of measure and ranges: equal for interchangeable units.
   std::uint64_t fingerprint() const;
 
  private:
@@ -180,12 +180,12 @@ class Variables {
   mutable std::uint64_t fingerprint_ = 0;  // 0: to be computed
 };
 
-/// What a number of this variable may be: "0 to 10", ">= 0", "<= 10", "a number".
+/// The range of the variable as text: "0 to 10", ">= 0", "<= 10", "a number".
 std::string allowed_values(const Variable& variable);
 
 /// Assigns `value`, read as the variable's kind, to element `element` (counted from 0) or, without one, to the whole vector:
 /// one value stands for every element, or as many as the vector has, separated by commas or blanks. Throws Error naming
-/// variable, text and expectation; then nothing is changed. Does not look at the role: the caller knows who may write.
+/// variable, text and expectation; then nothing is changed. Does not check the role: that is up to the caller.
 void assign_text(const Variable& variable, std::string_view value);
 void assign_text(const Variable& variable, std::size_t element, std::string_view value);
 
@@ -196,8 +196,8 @@ struct ElementName {
 };
 ElementName parse_element_name(std::string_view text);
 
-/// What `text` names: a variable of exactly this name, else an element of one, "tau_J[3]". `variable` is nullptr if there is
-/// neither; the element is not held against the size.
+/// The variable of exactly this name, else an element of a variable, "tau_J[3]". `variable` is nullptr if there is neither. The
+/// element is not checked against the size.
 struct FoundElement {
   const Variable* variable = nullptr;
   std::ptrdiff_t element = -1;  // −1: the whole variable
