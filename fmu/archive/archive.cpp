@@ -30,7 +30,7 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kFolderPrefix = "cotwin-";  // of temporary folders
 constexpr time_t kSweepAge = 60;                       // s
-constexpr zip_uint16_t kDosDate = (1 << 5) | 1;        // 1980-01-01, where DOS time begins
+constexpr zip_uint16_t kDosDate = (1 << 5) | 1;        // 1980-01-01, the first day of DOS time
 
 struct Discard {
   void operator()(zip_t* archive) const { zip_discard(archive); }
@@ -50,7 +50,7 @@ Archive create(const fs::path& path) {
   zip_error_init_with_code(&error, code);
   const std::string message = zip_error_strerror(&error);
   zip_error_fini(&error);
-  throw Error(path.string(), message + ", expected a place for an archive");
+  throw Error(path.string(), message + ", expected a writable file name for an archive");
 }
 
 Archive open(const fs::path& path) {
@@ -67,26 +67,27 @@ Archive open(const fs::path& path) {
   return archive;
 }
 
-[[noreturn]] void refuse(const fs::path& archive, const std::string& entry, const std::string& what) {
+[[noreturn]] void reject(const fs::path& archive, const std::string& entry, const std::string& what) {
   throw Error(archive.string() + ": '" + entry + "'", what);
 }
 
-/// The name with '/' between folders; refused if it could mean a place outside the folder it is unpacked to.
+/// Returns the name with '/' between folders. Throws Error if the name could lead outside the folder it is unpacked to.
 std::string checked_name(const fs::path& archive, const std::string& raw, const ArchiveLimits& limits) {
   std::string name = raw.substr(0, limits.name_bytes + 1);
   std::replace(name.begin(), name.end(), '\\', '/');
   if (name.empty() || name.size() > limits.name_bytes)
-    refuse(archive, raw.substr(0, 60), "is no name of a file, expected 1 to " + std::to_string(limits.name_bytes) + " bytes");
-  if (name.front() == '/' || name.find(':') != std::string::npos) refuse(archive, raw, "is absolute, expected a relative name");
+    reject(archive, raw.substr(0, 60), "is not a file name, expected 1 to " + std::to_string(limits.name_bytes) + " bytes");
+  if (name.front() == '/' || name.find(':') != std::string::npos) reject(archive, raw, "is absolute, expected a relative name");
   if (static_cast<std::uint64_t>(std::count(name.begin(), name.end(), '/')) > limits.depth)
-    refuse(archive, raw, "lies in more than " + std::to_string(limits.depth) + " folders");
+    reject(archive, raw, "lies in more than " + std::to_string(limits.depth) + " folders");
   for (std::size_t begin = 0; begin < name.size();) {
     const std::size_t end = std::min(name.find('/', begin), name.size());
     const std::string part = name.substr(begin, end - begin);
-    if (part == "..") refuse(archive, raw, "leaves the archive's folder");
-    if (part.empty() || part == "." || part.size() > 255) refuse(archive, raw, "has a part that is no name");
+    if (part == "..") reject(archive, raw, "leads outside the archive's folder");
+    if (part.empty() || part == "." || part.size() > 255)
+      reject(archive, raw, "has a part that is empty, '.' or longer than 255 bytes");
     for (const char c : part) {
-      if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) refuse(archive, raw, "has a control character");
+      if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) reject(archive, raw, "has a control character");
     }
     begin = end + 1;
   }
@@ -94,19 +95,19 @@ std::string checked_name(const fs::path& archive, const std::string& raw, const 
 }
 
 struct Entry {
-  ArchiveEntry told;
+  ArchiveEntry declared;
   zip_uint64_t index = 0;
   bool executable = false;
 };
 
-/// Whether unix mode bits, if the archive has them, are those of a file or a folder.
-bool plain(zip_uint8_t system, zip_uint32_t attributes) {
+/// Returns whether the entry is a file or a folder by its Unix mode bits, or has no such bits.
+bool is_file_or_folder(zip_uint8_t system, zip_uint32_t attributes) {
   if (system != ZIP_OPSYS_UNIX && system != ZIP_OPSYS_OS_X) return true;
   const auto format = (attributes >> 16) & S_IFMT;
   return format == 0 || format == S_IFREG || format == S_IFDIR;
 }
 
-/// Whether a file is one of those that are read as a whole.
+/// Returns whether files with this ending are read as a whole.
 bool is_text(const std::string& name) {
   for (const char* ending : {".xml", ".ssd", ".ssv", ".ssm", ".ssb"}) {
     if (has_ending(name, ending)) return true;
@@ -114,7 +115,8 @@ bool is_text(const std::string& name) {
   return false;
 }
 
-/// What the archive unpacks to, held against its own size: entries may share what they are packed in.
+/// Checks the unpacked size of all entries against the limit and against the size of the archive file. Both are needed because
+/// entries can share their compressed bytes.
 void check_total(const fs::path& archive, std::uint64_t total, const ArchiveLimits& limits) {
   if (total > limits.total_bytes) {
     throw Error(archive.string(),
@@ -144,37 +146,38 @@ std::vector<Entry> checked_entries(zip_t* zip, const fs::path& archive, const Ar
     }
     Entry entry;
     entry.index = i;
-    entry.told.name = checked_name(archive, stat.name, limits);
-    entry.told.size = stat.size;
-    entry.told.packed = stat.comp_size;
-    const std::string& name = entry.told.name;
+    entry.declared.name = checked_name(archive, stat.name, limits);
+    entry.declared.size = stat.size;
+    entry.declared.packed = stat.comp_size;
+    const std::string& name = entry.declared.name;
     if ((stat.valid & ZIP_STAT_ENCRYPTION_METHOD) != 0 && stat.encryption_method != ZIP_EM_NONE) {
-      refuse(archive, name, "is encrypted");
+      reject(archive, name, "is encrypted");
     }
     if ((stat.valid & ZIP_STAT_COMP_METHOD) != 0 && stat.comp_method != ZIP_CM_STORE && stat.comp_method != ZIP_CM_DEFLATE)
-      refuse(archive, name, "is packed by method " + std::to_string(stat.comp_method) + ", expected 8 (deflate) or 0 (none)");
+      reject(archive, name,
+             "is compressed by method " + std::to_string(stat.comp_method) + ", expected 8 (deflate) or 0 (stored)");
     zip_uint8_t system = 0;
     zip_uint32_t attributes = 0;
     if (zip_file_get_external_attributes(zip, i, 0, &system, &attributes) == 0) {
-      if (!plain(system, attributes)) refuse(archive, name, "is a link or a device, expected a file");
+      if (!is_file_or_folder(system, attributes)) reject(archive, name, "is a link or a device, expected a file");
       entry.executable = system == ZIP_OPSYS_UNIX && ((attributes >> 16) & S_IXUSR) != 0;
     }
     const std::uint64_t most = is_text(name) ? std::min(limits.text_bytes, limits.file_bytes) : limits.file_bytes;
     if (stat.size > most)
-      refuse(archive, name, "unpacks to " + std::to_string(stat.size) + " bytes, expected at most " + std::to_string(most));
+      reject(archive, name, "unpacks to " + std::to_string(stat.size) + " bytes, expected at most " + std::to_string(most));
     if (stat.size > limits.expansion_from && stat.size / limits.expansion > stat.comp_size) {
-      refuse(archive, name,
+      reject(archive, name,
              "unpacks " + std::to_string(stat.comp_size) + " bytes to " + std::to_string(stat.size) + ", expected at most " +
                  std::to_string(limits.expansion) + " times as many");
     }
-    total += std::min(stat.size, limits.total_bytes + 1);  // 20 000 times that does not overflow
+    total += std::min(stat.size, limits.total_bytes + 1);  // so that the sum of 20 000 sizes does not overflow
     const bool folder = name.back() == '/';
     const std::string bare = folder ? name.substr(0, name.size() - 1) : name;
     if (!folder) {
       const auto [earlier, fresh] = files.emplace(bare, std::pair(stat.size, stat.crc));
       if (!fresh && ((stat.valid & ZIP_STAT_CRC) == 0 || earlier->second != std::pair(stat.size, stat.crc)))
-        refuse(archive, name, "is there twice, with different contents");
-      if (!fresh) continue;  // a folder that was packed twice
+        reject(archive, name, "appears twice with different contents");
+      if (!fresh) continue;  // the same file packed twice
     }
     if (folder) folders.insert(bare);
     for (std::size_t slash = bare.find('/'); slash != std::string::npos; slash = bare.find('/', slash + 1)) {
@@ -188,37 +191,37 @@ std::vector<Entry> checked_entries(zip_t* zip, const fs::path& archive, const Ar
                                       std::to_string(limits.entries));
   }
   for (const auto& [file, sum] : files) {
-    if (folders.count(file) != 0) refuse(archive, file, "is both a file and a folder");
+    if (folders.count(file) != 0) reject(archive, file, "is both a file and a folder");
   }
   return entries;
 }
 
-/// Hands the entry's bytes on piece by piece: as many as the archive tells, or an Error.
+/// Passes the entry's bytes to `take` block by block. Throws Error if their number differs from the declared size.
 void inflate(zip_t* zip, const fs::path& archive, const Entry& entry,
              const std::function<void(const char*, std::size_t)>& take) {
   File file(zip_fopen_index(zip, entry.index, 0));
-  if (!file) refuse(archive, entry.told.name, std::string("cannot be unpacked: ") + zip_strerror(zip));
+  if (!file) reject(archive, entry.declared.name, std::string("cannot be unpacked: ") + zip_strerror(zip));
   std::vector<char> buffer(1u << 16);
   std::uint64_t got = 0;
   while (true) {
     const zip_int64_t n = zip_fread(file.get(), buffer.data(), buffer.size());
-    if (n < 0) refuse(archive, entry.told.name, std::string("is damaged: ") + zip_file_strerror(file.get()));
+    if (n < 0) reject(archive, entry.declared.name, std::string("is damaged: ") + zip_file_strerror(file.get()));
     if (n == 0) break;
     got += static_cast<std::uint64_t>(n);
-    if (got > entry.told.size) break;
+    if (got > entry.declared.size) break;
     take(buffer.data(), static_cast<std::size_t>(n));
   }
-  if (got != entry.told.size) refuse(archive, entry.told.name, "does not have the size that the archive tells");
+  if (got != entry.declared.size) reject(archive, entry.declared.name, "does not have the size that the archive declares");
 }
 
-void check_room(const fs::path& archive, const fs::path& folder, const std::vector<Entry>& entries) {
+void check_disk_space(const fs::path& archive, const fs::path& folder, const std::vector<Entry>& entries) {
   std::uint64_t total = 0;
-  for (const Entry& entry : entries) total += entry.told.size;
+  for (const Entry& entry : entries) total += entry.declared.size;
   std::error_code unknown;
   const fs::space_info space = fs::space(folder, unknown);
   if (unknown || total <= space.available) return;
   throw Error(archive.string(), "unpacks to " + std::to_string(total) + " bytes, but " + folder.parent_path().string() +
-                                    " has " + std::to_string(space.available) + " left");
+                                    " has " + std::to_string(space.available) + " bytes free");
 }
 
 void add(zip_t* zip, const fs::path& archive, const ArchiveFile& file) {
@@ -228,18 +231,18 @@ void add(zip_t* zip, const fs::path& archive, const ArchiveFile& file) {
     source = zip_source_buffer(zip, bytes->data(), bytes->size(), 0);
   } else {
     const fs::path& from = std::get<fs::path>(file.content);
-    if (!fs::is_regular_file(from)) throw Error(from.string(), "no such file, expected it for " + file.name);
+    if (!fs::is_regular_file(from)) throw Error(from.string(), "no such file, needed for " + file.name);
     source = zip_source_file(zip, from.c_str(), 0, -1);
   }
   const zip_int64_t index = source == nullptr ? -1 : zip_file_add(zip, name.c_str(), source, ZIP_FL_ENC_UTF_8);
   if (index < 0) {
     zip_source_free(source);
-    refuse(archive, file.name, std::string("cannot be added: ") + zip_strerror(zip));
+    reject(archive, file.name, std::string("cannot be added: ") + zip_strerror(zip));
   }
   const auto i = static_cast<zip_uint64_t>(index);
   if (zip_file_set_dostime(zip, i, 0, kDosDate, 0) != 0 || zip_set_file_compression(zip, i, ZIP_CM_DEFLATE, 6) != 0 ||
       zip_file_set_external_attributes(zip, i, 0, ZIP_OPSYS_UNIX, static_cast<zip_uint32_t>(S_IFREG | 0644) << 16) != 0) {
-    refuse(archive, file.name, std::string("cannot be added: ") + zip_strerror(zip));
+    reject(archive, file.name, std::string("cannot be added: ") + zip_strerror(zip));
   }
 }
 
@@ -255,14 +258,14 @@ void write_archive(const fs::path& archive, std::span<const ArchiveFile> files) 
 std::vector<ArchiveEntry> list_archive(const fs::path& archive, const ArchiveLimits& limits) {
   const Archive zip = open(archive);
   std::vector<ArchiveEntry> list;
-  for (Entry& entry : checked_entries(zip.get(), archive, limits)) list.push_back(std::move(entry.told));
+  for (Entry& entry : checked_entries(zip.get(), archive, limits)) list.push_back(std::move(entry.declared));
   return list;
 }
 
 std::string read_archive_file(const fs::path& archive, const std::string& name, const ArchiveLimits& limits) {
   const Archive zip = open(archive);
   for (const Entry& entry : checked_entries(zip.get(), archive, limits)) {
-    if (entry.told.name != name) continue;
+    if (entry.declared.name != name) continue;
     std::string content;
     inflate(zip.get(), archive, entry, [&](const char* bytes, std::size_t n) { content.append(bytes, n); });
     return content;
@@ -273,7 +276,7 @@ std::string read_archive_file(const fs::path& archive, const std::string& name, 
 TemporaryFolder::TemporaryFolder() {
   std::string pattern = (fs::temp_directory_path() / (std::string(kFolderPrefix) + "XXXXXX")).string();
   if (mkdtemp(pattern.data()) == nullptr) {
-    throw Error(pattern, "cannot be made: " + std::error_code(errno, std::generic_category()).message());
+    throw Error(pattern, "cannot be created: " + std::error_code(errno, std::generic_category()).message());
   }
   path_ = pattern;
   lock_ = ::open(path_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
@@ -303,7 +306,7 @@ void sweep_temporary_folders() {
     const int folder = ::open(entry.path().c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
     if (folder < 0) continue;
     struct stat status {};
-    // One that was made a moment ago may be about to be locked.
+    // A new folder may not be locked yet, so only folders older than kSweepAge are removed.
     const bool ours = fstat(folder, &status) == 0 && status.st_uid == geteuid() && status.st_mtime < time(nullptr) - kSweepAge;
     if (ours && flock(folder, LOCK_EX | LOCK_NB) == 0) fs::remove_all(entry.path(), none);
     close(folder);
@@ -314,10 +317,10 @@ TemporaryFolder unpack_archive(const fs::path& archive, const ArchiveLimits& lim
   const Archive zip = open(archive);
   const std::vector<Entry> entries = checked_entries(zip.get(), archive, limits);
   TemporaryFolder folder;
-  check_room(archive, folder.path(), entries);
+  check_disk_space(archive, folder.path(), entries);
   for (const Entry& entry : entries) {
-    const fs::path path = folder.path() / entry.told.name;
-    if (entry.told.name.back() == '/') {
+    const fs::path path = folder.path() / entry.declared.name;
+    if (entry.declared.name.back() == '/') {
       fs::create_directories(path);
       continue;
     }

@@ -14,7 +14,7 @@ bool is_archive(const std::filesystem::path& file) {
   try {
     const text::File in = text::open_file(file, "an archive");
     if (std::fread(begin.data(), 1, begin.size(), in.get()) != begin.size()) return false;
-  } catch (const Error&) {  // whoever reads it says what it is
+  } catch (const Error&) {  // reported by the code that reads the file later
     return false;
   }
   return std::string_view(begin.data(), begin.size()) == "PK\x03\x04";

@@ -2,12 +2,12 @@
 #include <filesystem>
 #include <string_view>
 
-/// What a file is, by its first bytes and by the end of its name.
+/// The kind of a file, by its first bytes or the ending of its name.
 namespace cotwin::fmu {
 
-/// Whether it begins as a zip archive does, whatever its name is.
+/// Returns whether the file begins with the signature of a zip archive. Its name does not matter.
 bool is_archive(const std::filesystem::path& file);
-/// Whether its name ends in `ending`, `.fmu`, in capitals or not.
+/// Returns whether the name ends in `ending` (".fmu"), in upper or lower case.
 bool has_ending(const std::filesystem::path& file, std::string_view ending);
 
 }  // namespace cotwin::fmu

@@ -15,13 +15,14 @@ int hexadecimal(char c) {
 
 bool is_alphanumeric(char c) { return (c >= '0' && c <= '9') || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z'); }
 
-bool takes_off(std::string_view& text, std::string_view head) {
+/// Removes `head` from the front of `text`; returns whether it was there.
+bool consume(std::string_view& text, std::string_view head) {
   if (text.substr(0, head.size()) != head) return false;
   text.remove_prefix(head.size());
   return true;
 }
 
-/// Whether `text` begins with "/C:", a drive of Windows.
+/// Returns whether `text` begins with a Windows drive: "/C:".
 bool has_drive(std::string_view text) {
   return text.size() >= 3 && text[0] == '/' && is_alphanumeric(text[1]) && text[2] == ':';
 }
@@ -30,13 +31,13 @@ bool has_drive(std::string_view text) {
 
 std::filesystem::path path_from_uri(std::string_view uri) {
   std::string_view rest = uri;
-  if (!takes_off(rest, "file:")) {
+  if (!consume(rest, "file:")) {
     if (rest.find("://") != std::string_view::npos) throw Error(std::string(uri), "expected a URI that begins with file:");
     return std::filesystem::path(std::string(rest));
   }
-  if (takes_off(rest, "//")) {
+  if (consume(rest, "//")) {
     const std::string_view host = rest.substr(0, rest.find('/'));
-    if (!host.empty() && host != "localhost") throw Error(std::string(uri), "lies on another machine, expected file:///…");
+    if (!host.empty() && host != "localhost") throw Error(std::string(uri), "names another host, expected file:///…");
     rest.remove_prefix(host.size());
   }
   std::string path;
@@ -48,7 +49,7 @@ std::filesystem::path path_from_uri(std::string_view uri) {
     const int high = i + 2 < rest.size() ? hexadecimal(rest[i + 1]) : -1;
     const int low = i + 2 < rest.size() ? hexadecimal(rest[i + 2]) : -1;
     if (high < 0 || low < 0 || high + low == 0)
-      throw Error(std::string(uri), "has a '%' without two hexadecimal digits of a character");
+      throw Error(std::string(uri), "has a '%' that is not followed by two hexadecimal digits of a character");
     path += static_cast<char>(high * 16 + low);
     i += 2;
   }

@@ -27,7 +27,7 @@ std::string joined(const std::vector<std::string>& list) {
 
 void check_resources(const fs::path& folder, const ModelDescription& d, std::vector<Finding>& out) {
   if (d.version == Version::k3 && fs::exists(folder / "binaries" / "linux64")) {
-    out.push_back({Level::kWarning, "binaries/linux64 is the word of FMI 2, expected x86_64-linux"});
+    out.push_back({Level::kWarning, "binaries/linux64 is the platform name of FMI 2, expected x86_64-linux"});
   }
   if (libraries(folder).empty() && !fs::exists(folder / "sources"))
     out.push_back({Level::kError, "neither binaries nor sources"});
@@ -53,13 +53,13 @@ std::vector<Finding> check_description(const ModelDescription& d) {
     if ((parameter || v.causality == Causality::kInput || v.initial == Initial::kExact || v.initial == Initial::kApprox) &&
         v.causality != Causality::kIndependent && !starts && v.type != Type::kClock && v.type != Type::kBinary &&
         v.type != Type::kString) {
-      add(Level::kError, name + " has no start value, but needs one");
+      add(Level::kError, name + " has no start value, expected one");
     }
     if (starts && (v.initial == Initial::kCalculated || v.causality == Causality::kIndependent)) {
       add(Level::kError, name + " is calculated and must not have a start value");
     }
     if (v.variability == Variability::kContinuous && v.type != Type::kFloat64 && v.type != Type::kFloat32) {
-      add(two ? Level::kWarning : Level::kError, name + " is continuous, but not of floats");
+      add(two ? Level::kWarning : Level::kError, name + " is continuous, but not of a floating-point type");
     }
     if (parameter && (v.variability == Variability::kDiscrete || v.variability == Variability::kContinuous)) {
       add(Level::kError, name + " is a parameter and cannot be " + std::string(name_of(v.variability)));
@@ -76,11 +76,11 @@ std::vector<Finding> check_description(const ModelDescription& d) {
     if (const auto* start = std::get_if<std::vector<double>>(&v.start)) {
       for (const double value : *start) {
         if (!std::isfinite(value)) {
-          add(Level::kWarning, name + " starts at " + text::to_text(value) + ", expected a finite number");
+          add(Level::kWarning, name + " has the start value " + text::to_text(value) + ", expected a finite number");
           break;
         }
         if ((numeric.min && value < *numeric.min) || (numeric.max && value > *numeric.max)) {
-          add(Level::kWarning, name + " starts outside of its range: " + text::to_text(value));
+          add(Level::kWarning, name + " has a start value outside its range: " + text::to_text(value));
           break;
         }
       }
@@ -90,21 +90,22 @@ std::vector<Finding> check_description(const ModelDescription& d) {
   }
   for (const std::size_t i : outputs) {
     if (d.variables[i].causality != Causality::kOutput)
-      add(Level::kError, "'" + d.variables[i].name + "' is listed as an output, but is none");
+      add(Level::kError,
+          "'" + d.variables[i].name + "' is listed as an output in ModelStructure, but its causality is not output");
   }
   for (const auto* list : {&d.structure.outputs, &d.structure.derivatives, &d.structure.initial_unknowns,
                            &d.structure.clocked_states, &d.structure.event_indicators}) {
     std::set<std::size_t> seen;
     for (const Unknown& u : *list) {
       if (!seen.insert(u.variable).second)
-        add(Level::kError, "'" + d.variables[u.variable].name + "' stands twice in one list of ModelStructure");
+        add(Level::kError, "'" + d.variables[u.variable].name + "' appears twice in one list of ModelStructure");
     }
   }
   for (const auto* interface : {&d.co_simulation, &d.model_exchange}) {
     if (!*interface) continue;
     if ((*interface)->can_serialise_state && !(*interface)->can_get_and_set_state)
-      add(Level::kError, "states can be serialised, but not be got and set");
-    if ((*interface)->needs_execution_tool) add(Level::kNote, "the FMU needs its tool to be installed");
+      add(Level::kError, "states can be serialised, but not read and set");
+    if ((*interface)->needs_execution_tool) add(Level::kNote, "the FMU needs the installation of its tool");
   }
   std::stable_sort(out.begin(), out.end(), [](const Finding& a, const Finding& b) { return a.level < b.level; });
   return out;
@@ -123,7 +124,7 @@ std::vector<Finding> check_fmu(const fs::path& path, bool load_it) {
       try {
         LoadOptions options;
         options.kind = kind;
-        options.process = "own";  // whatever it does, it does it there
+        options.process = "own";  // a crash ends only that process
         Instance instance = load(fmu, options);
         instance.unit->initialise({});
         for (const std::string& warning : instance.warnings) out.push_back({Level::kNote, warning});

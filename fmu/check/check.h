@@ -8,7 +8,7 @@
 
 namespace cotwin::fmu {
 
-/// What is wrong with an FMU, or might be; the worst first.
+/// One result of the checks of an FMU. Lists of findings are sorted by level.
 struct Finding {
   enum class Level { kError, kWarning, kNote };
   Level level;
@@ -16,17 +16,17 @@ struct Finding {
   friend bool operator==(const Finding&, const Finding&) = default;
 };
 
-/// Looks at the archive or folder, its modelDescription.xml and its libraries, and makes an instance if `load` is set: then the
-/// FMU's code runs. An FMU that cannot be read at all is an error among the findings; nothing is thrown for it.
+/// Checks the archive or folder, its modelDescription.xml and its libraries. If `load` is set, also creates and initialises an
+/// instance, which runs the FMU's code. An FMU that cannot be read gives a finding of level kError, not an exception.
 std::vector<Finding> check_fmu(const std::filesystem::path& path, bool load);
 
-/// What an FMU is: for people. Throws Error for one that cannot be read.
+/// Writes a readable summary of an FMU: version, interfaces, platforms, variables. Throws Error if it cannot be read.
 void write_info(std::ostream& out, const std::filesystem::path& path);
 
-/// The findings, one a line, and a verdict. Returns whether there is no error.
+/// Writes one finding per line, then the number of errors and warnings. Returns true if there is no error.
 bool write_findings(std::ostream& out, const std::vector<Finding>& findings);
 
-/// What the standards ask of a model description beyond what reading it needs.
+/// Checks the rules of the FMI standard that the reader of the model description does not check.
 std::vector<Finding> check_description(const ModelDescription& description);
 
 }  // namespace cotwin::fmu

@@ -33,7 +33,7 @@ struct Elf32 {
 constexpr std::uint64_t kMostLibraryBytes = std::uint64_t{512} << 20;
 constexpr std::string_view kGlibc = "GLIBC_";
 
-/// The glibc that first had the version: "2.4" of GLIBC_2.4; GLIBC_ABI_… names abilities of the loader.
+/// Returns the first glibc with this symbol version: "2.4" for GLIBC_2.4. GLIBC_ABI_… names features of the dynamic loader.
 std::string glibc_of(const std::string& version) {
   const std::string rest = version.substr(kGlibc.size());
   return rest == "ABI_DT_RELR" ? "2.36" : rest;
@@ -46,7 +46,7 @@ class Reader {
 
   ElfLibrary read() {
     const auto header = at<typename Elf::Header>(0);
-    if (header.e_type != ET_DYN) fail("is no shared library");
+    if (header.e_type != ET_DYN) fail("is not a shared library");
     ElfLibrary out;
     out.machine = header.e_machine == EM_X86_64    ? "x86_64"
                   : header.e_machine == EM_386     ? "x86"
@@ -56,7 +56,7 @@ class Reader {
     for (std::size_t i = 0; i < header.e_shnum; ++i)
       sections.push_back(at<typename Elf::Section>(header.e_shoff + i * header.e_shentsize));
     const auto strings_of = [&](const typename Elf::Section& s) -> typename Elf::Section {
-      if (s.sh_link >= sections.size()) fail("has a section without its names");
+      if (s.sh_link >= sections.size()) fail("has a section without its string table");
       return sections[s.sh_link];
     };
     for (const auto& s : sections) {
@@ -111,7 +111,7 @@ class Reader {
     }
   }
 
-  /// Keeps the greatest number of each name.
+  /// Adds a version to the list, which keeps only the greatest number of each name.
   static void add_version(const std::string& version, std::vector<std::string>& list) {
     const std::size_t number = version.rfind('_') + 1;
     for (std::string& known : list) {
@@ -124,24 +124,24 @@ class Reader {
 
   template <class T>
   T at(std::size_t offset) const {
-    if (offset > bytes_.size() || sizeof(T) > bytes_.size() - offset) fail("is cut short");
+    if (offset > bytes_.size() || sizeof(T) > bytes_.size() - offset) fail("is truncated");
     T value;
     std::memcpy(&value, bytes_.data() + offset, sizeof value);
     return value;
   }
   std::string text(const Section& strings, std::size_t offset) const {
     const std::size_t begin = strings.sh_offset + offset;
-    if (offset >= strings.sh_size || begin >= bytes_.size()) fail("has a name outside of its names");
+    if (offset >= strings.sh_size || begin >= bytes_.size()) fail("has a name outside its string table");
     const std::size_t end = bytes_.find('\0', begin);
-    if (end == std::string::npos) fail("has a name without an end");
-    if ((names_ += end - begin) > 16 * bytes_.size()) fail("has more names than it has room for");
+    if (end == std::string::npos) fail("has a name without a terminating zero");
+    if ((names_ += end - begin) > 16 * bytes_.size()) fail("has names that are longer than its string table allows");
     return bytes_.substr(begin, end - begin);
   }
   [[noreturn]] void fail(const std::string& what) const { throw Error(place_, what); }
 
   const std::string& bytes_;
   std::string place_;
-  mutable std::size_t names_ = 0;  // bytes of all names so far: names may overlap, but a few times only
+  mutable std::size_t names_ = 0;  // bytes of all names so far; limited because a damaged file can list one name many times
 };
 
 }  // namespace
@@ -161,7 +161,7 @@ ElfLibrary read_elf(const std::filesystem::path& file) {
 }
 
 ElfLibrary parse_elf(const std::string& bytes, const std::string& place) {
-  if (bytes.size() < EI_NIDENT || bytes.compare(0, SELFMAG, ELFMAG) != 0) throw Error(place, "is no ELF file");
+  if (bytes.size() < EI_NIDENT || bytes.compare(0, SELFMAG, ELFMAG) != 0) throw Error(place, "is not an ELF file");
   if (bytes[EI_DATA] != ELFDATA2LSB) throw Error(place, "is not for a little-endian machine");
   if (bytes[EI_CLASS] == ELFCLASS64) return Reader<Elf64>(bytes, place).read();
   if (bytes[EI_CLASS] == ELFCLASS32) return Reader<Elf32>(bytes, place).read();

@@ -33,7 +33,7 @@ std::vector<std::string> identifiers(const ModelDescription& d) {
   return found;
 }
 
-/// The machine that libraries of a folder in binaries/ are for; "" where its name does not tell.
+/// Returns the machine for which the libraries of a folder in binaries/ are built, by the folder's name.
 std::string machine_of(const std::string& folder) {
   static const std::map<std::string, std::string> kFmi2 = {{"linux64", "x86_64"}, {"linux32", "x86"},     {"win64", "x86_64"},
                                                            {"win32", "x86"},      {"darwin64", "x86_64"}, {"darwin32", "x86"}};
@@ -41,7 +41,7 @@ std::string machine_of(const std::string& folder) {
   return found != kFmi2.end() ? found->second : folder.substr(0, std::min(folder.find('-'), folder.size()));
 }
 
-/// What is said of one library.
+/// Collects the findings of one library.
 class Report {
  public:
   Report(const fs::path& file, std::string name, const std::string& prefix, std::vector<Finding>& out)
@@ -56,8 +56,7 @@ class Report {
       if (versions != elf.other_versions.end()) library += " (" + joined(versions->second) + ")";
     }
     needs((elf.oldest_glibc.empty() ? "" : "glibc " + elf.oldest_glibc + " or newer"), all);
-    if (elf.unique_symbols)
-      add(Level::kWarning, "has unique symbols (STB_GNU_UNIQUE): it stays in memory after it was unloaded");
+    if (elf.unique_symbols) add(Level::kWarning, "has unique symbols (STB_GNU_UNIQUE): it stays in memory after unloading");
     for (const std::string& needed : elf.needed) {
       static const std::set<std::string> kSystem = {"libc.so.6",
                                                     "libm.so.6",
@@ -72,7 +71,7 @@ class Report {
         add(Level::kWarning, "needs " + needed + ", which is not in the archive");
       } else if (std::none_of(elf.run_path.begin(), elf.run_path.end(),
                               [](const std::string& p) { return p.find("$ORIGIN") != std::string::npos; })) {
-        add(Level::kWarning, "needs " + needed + " beside it, but does not look there (no $ORIGIN)");
+        add(Level::kWarning, "needs " + needed + " from its own folder, but has no $ORIGIN in its run path");
       }
     }
   }
@@ -86,7 +85,7 @@ class Report {
       if (!fs::exists(file_.parent_path() / needed)) {
         add(Level::kWarning, "needs " + needed + ", which is neither part of Windows nor in the archive");
       } else {
-        add(Level::kNote, "needs " + needed + " beside it, where Windows looks only if the host asks for it");
+        add(Level::kNote, "needs " + needed + " from its own folder; Windows searches there only if the host requests it");
       }
     }
   }
@@ -103,13 +102,13 @@ class Report {
       interface = interface || symbol.starts_with(prefix_);
       if (!symbol.starts_with("fmi2") && !symbol.starts_with("fmi3")) others.push_back(symbol);
     }
-    if (!interface) add(Level::kError, "shows no function " + prefix_ + "…");
+    if (!interface) add(Level::kError, "exports no function " + prefix_ + "…");
     if (others.empty()) return;
     const std::size_t n = others.size();
     others.resize(std::min<std::size_t>(n, 3));
-    add(Level::kWarning, "shows " + std::to_string(n) +
-                             " symbols beside fmi2* and fmi3*, which can collide with those of others: " + joined(others) +
-                             (n > 3 ? ", …" : ""));
+    add(Level::kWarning, "exports " + std::to_string(n) +
+                             " symbols other than fmi2* and fmi3*, which can collide with those of other libraries: " +
+                             joined(others) + (n > 3 ? ", …" : ""));
   }
   void needs(const std::string& first, std::vector<std::string> libraries) {
     if (!first.empty()) libraries.insert(libraries.begin(), first);
@@ -146,12 +145,12 @@ void check_libraries(const fs::path& folder, const ModelDescription& d, std::vec
   }
   const std::string prefix = d.version == Version::k2 ? "fmi2" : "fmi3";
   for (const fs::path& file : libraries(folder)) {
-    if (std::find(own.begin(), own.end(), file.stem().string()) == own.end()) continue;  // one that rides along
+    if (std::find(own.begin(), own.end(), file.stem().string()) == own.end()) continue;  // a dependency of the FMU's library
     Report report(file, fs::relative(file, folder).generic_string(), prefix, out);
     try {
       if (file.extension() == ".so") report.elf();
       if (file.extension() == ".dll") report.pe();
-      if (file.extension() == ".dylib") report.add(Level::kNote, "is not looked into: no reader of libraries for macOS");
+      if (file.extension() == ".dylib") report.add(Level::kNote, "is not checked: libraries for macOS cannot be read");
     } catch (const Error& error) {
       report.add(Level::kError, std::string("cannot be used: ") + error.what());
     }

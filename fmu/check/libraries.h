@@ -7,11 +7,11 @@
 
 namespace cotwin::fmu {
 
-/// The shared libraries of an unpacked FMU, for whatever platforms, sorted.
+/// Returns the shared libraries of an unpacked FMU for all platforms, sorted.
 std::vector<std::filesystem::path> libraries(const std::filesystem::path& folder);
 
-/// What is to be said of them without loading one: whether there is one for this platform, and of each what it needs and
-/// whether it is of the platform that its folder says, stands alone, and shows what it must and nothing else.
+/// Checks the libraries without loading them: whether one fits this platform and, for each, its dependencies, whether its
+/// machine fits the name of its folder, and whether it exports the FMI functions and nothing else.
 void check_libraries(const std::filesystem::path& folder, const ModelDescription& description, std::vector<Finding>& out);
 
 }  // namespace cotwin::fmu

@@ -5,20 +5,20 @@
 
 namespace cotwin::fmu {
 
-/// What a shared library for Windows (DLL) shows and needs, read from its bytes; nothing is loaded.
+/// The exported symbols and dependencies of a shared library for Windows (DLL), read from its bytes without loading it.
 struct PeLibrary {
   std::string machine;                // "x86_64", "x86", "aarch64", else the number
-  std::vector<std::string> needed;    // libraries of the import table and of the delayed one, as written there
-  std::vector<std::string> exported;  // names that others see, sorted
+  std::vector<std::string> needed;    // libraries of the import table and the delay-load table, as written there
+  std::vector<std::string> exported;  // exported names, sorted
 };
 
-/// Throws Error for a file that is no PE shared library for 32 or 64 bits, or is damaged.
+/// Throws Error if the file is not a 32- or 64-bit PE shared library, or is damaged.
 PeLibrary read_pe(const std::filesystem::path& file);
-/// The same from the bytes of a file; `place` stands in messages where its name would.
+/// The same from the bytes of a file. Messages begin with `place` instead of the file name.
 PeLibrary parse_pe(const std::string& bytes, const std::string& place);
 
-/// Whether a library of that name comes with every Windows (10 and later): then an FMU may need it without bringing it along.
-/// The run-time libraries of compilers (VCRUNTIME140.dll, libstdc++-6.dll) do not.
+/// Returns whether a library is part of every Windows 10 and later; an FMU need not contain such a library. The run-time
+/// libraries of compilers (VCRUNTIME140.dll, libstdc++-6.dll) are not part of Windows.
 bool is_part_of_windows(const std::string& library);
 
 }  // namespace cotwin::fmu

@@ -423,14 +423,14 @@ TEST_F(PackedForPlatforms, NamesTheScriptThatMakesAMissingLibrary) {
                                                      "scripts/cross.sh win64; looked for\n"));
   EXPECT_THAT(packing("aarch64-linux"), ::testing::HasSubstr("expected it from scripts/cross.sh aarch64-linux"));
   EXPECT_THAT(packing(own_platform()), ::testing::HasSubstr("expected it from the build of the units"));
-  EXPECT_THAT(packing("aarch64-darwin"), ::testing::HasSubstr("expected it from a build of ours for that platform"));
+  EXPECT_THAT(packing("aarch64-darwin"), ::testing::HasSubstr("expected it from a build for that platform"));
   EXPECT_THAT(packing("win64"), ::testing::HasSubstr((libraries() / "x86_64-windows/nobody.dll").string()));
 }
 
 TEST_F(PackedForPlatforms, RepeatsWhyAUnitWasLeftOut) {
-  put("x86_64-windows/compliance.txt", "the unit compliance is left out: Foo::foo is not there for this platform");
+  put("x86_64-windows/compliance.txt", "the unit compliance was not built: Foo::foo is missing for this platform");
   EXPECT_EQ(error_of([&] { names(request(Version::k3, {"win64"})); }),
-            "platform x86_64-windows: the unit compliance is left out: Foo::foo is not there for this platform");
+            "platform x86_64-windows: the unit compliance was not built: Foo::foo is missing for this platform");
 
   put("x86_64-windows/twin.dll", "library");  // has no unit compliance inside
   master::PackageOptions options;
@@ -440,7 +440,7 @@ TEST_F(PackedForPlatforms, RepeatsWhyAUnitWasLeftOut) {
   options.libraries = libraries();
   const master::Scenario scenario = master::load_scenario(fs::path(places::source()) / "examples/02_free_motion_lwr4/twin.ssd");
   EXPECT_THAT(error_of([&] { master::pack_twin(scenario, options, folder_.path() / "twin.fmu"); }),
-              ::testing::HasSubstr("the unit compliance is left out"));
+              ::testing::HasSubstr("the unit compliance was not built"));
 }
 
 /// A DLL that has only an import and an export table, written according to Microsoft's "PE Format": one section, whose
@@ -541,12 +541,15 @@ TEST(Check, ListsTheNeedsAndErrorsOfEachPlatformsLibrary) {
   std::vector<std::string> texts;
   for (const Finding& f : check_fmu(fmu, false)) texts.push_back(std::to_string(static_cast<int>(f.level)) + " " + f.text);
   const std::string dll = " binaries/x86_64-windows/compliance.dll ";
-  EXPECT_THAT(texts, ::testing::IsSupersetOf(
-                         {"0" + dll + "is for aarch64, expected x86_64",
-                          "1" + dll + "needs VCRUNTIME140.dll, which is neither part of Windows nor in the archive",
-                          "1" + dll + "shows 1 symbols beside fmi2* and fmi3*, which can collide with those of others: DllMain",
-                          "2" + dll + "needs KERNEL32.dll, VCRUNTIME140.dll"}));
-  EXPECT_THAT(texts, ::testing::Contains(::testing::HasSubstr("compliance.so cannot be used: compliance.so: is no ELF file")));
+  EXPECT_THAT(
+      texts,
+      ::testing::IsSupersetOf(
+          {"0" + dll + "is for aarch64, expected x86_64",
+           "1" + dll + "needs VCRUNTIME140.dll, which is neither part of Windows nor in the archive",
+           "1" + dll + "exports 1 symbols other than fmi2* and fmi3*, which can collide with those of other libraries: DllMain",
+           "2" + dll + "needs KERNEL32.dll, VCRUNTIME140.dll"}));
+  EXPECT_THAT(texts,
+              ::testing::Contains(::testing::HasSubstr("compliance.so cannot be used: compliance.so: is not an ELF file")));
 }
 
 }  // namespace
