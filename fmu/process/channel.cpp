@@ -22,9 +22,9 @@ namespace cotwin::fmu {
 
 namespace {
 
-constexpr std::size_t kTextBytes = 256u << 20;  // reserved: a page costs memory when it is written
+constexpr std::size_t kTextBytes = 256u << 20;  // reserved address space; a page uses memory only once it is written
 
-/// The bytes of a variable that is no text.
+/// Calls `call` with the bytes of the values, unless they are strings, and with those of the rates.
 template <class Call>
 void each_number(const Variable& v, Call call) {
   std::visit(
@@ -51,19 +51,19 @@ void post(std::atomic<std::uint32_t>& word, std::uint32_t value, std::atomic<std
   if (sleeps.load(std::memory_order_seq_cst) != 0) syscall(SYS_futex, &word, FUTEX_WAKE, 1, nullptr, nullptr, 0);
 }
 
-bool Lookout::sees(const std::atomic<std::uint32_t>& word, std::uint32_t wanted, bool may_wait) {
-  if (++calls_ % kRetry == 0) looks_ = std::max(looks_, kMost / 4);
-  const std::uint32_t looks = may_wait ? looks_ : 0;
-  for (std::uint32_t i = 0; i <= looks; ++i) {
+bool SpinWait::wait_for(const std::atomic<std::uint32_t>& word, std::uint32_t wanted, bool may_spin) {
+  if (++calls_ % kRetry == 0) reads_ = std::max(reads_, kMost / 4);
+  const std::uint32_t reads = may_spin ? reads_ : 0;
+  for (std::uint32_t i = 0; i <= reads; ++i) {
     if (word.load(std::memory_order_acquire) == wanted) {
-      looks_ = std::min(kMost, 2 * looks_ + 16);
+      reads_ = std::min(kMost, 2 * reads_ + 16);
       return true;
     }
 #if defined(__x86_64__) || defined(__i386__)
     __builtin_ia32_pause();
 #endif
   }
-  looks_ /= 2;
+  reads_ /= 2;
   return false;
 }
 
@@ -83,14 +83,14 @@ Channel::Channel(const Variables& variables) {
   const std::size_t numbers = bytes_of(variables);
   bytes_ = sizeof(ChannelHeader) + numbers + kTextBytes;
   descriptor_ = memfd_create("cotwin-fmu", MFD_CLOEXEC);
-  if (descriptor_ < 0) throw Error("no memory to share with another process: " + system_error());
+  if (descriptor_ < 0) throw Error("cannot create shared memory for the FMU's process: " + system_error());
   void* memory = MAP_FAILED;
   if (ftruncate(descriptor_, static_cast<off_t>(bytes_)) == 0)
     memory = mmap(nullptr, bytes_, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_NORESERVE, descriptor_, 0);
   if (memory == MAP_FAILED) {
     const std::string why = system_error();
     close(descriptor_);
-    throw Error("no memory to share with another process: " + why);
+    throw Error("cannot create shared memory for the FMU's process: " + why);
   }
   header_ = new (memory) ChannelHeader;
   header_->number_bytes = numbers;
@@ -102,16 +102,16 @@ Channel Channel::open(int descriptor) {
   Channel channel;
   struct stat file {};
   if (fstat(descriptor, &file) != 0 || file.st_size < static_cast<off_t>(sizeof(ChannelHeader) + kTextBytes))
-    throw Error("there is no memory to share with a program");
+    throw Error("file descriptor " + std::to_string(descriptor) + " is not shared memory of cotwin");
   const auto bytes = static_cast<std::size_t>(file.st_size);
   void* memory = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_NORESERVE, descriptor, 0);
-  if (memory == MAP_FAILED) throw Error("the memory to share with a program cannot be mapped: " + system_error());
+  if (memory == MAP_FAILED) throw Error("cannot map the shared memory: " + system_error());
   channel.bytes_ = bytes;
   channel.header_ = static_cast<ChannelHeader*>(memory);
   channel.values_ = static_cast<char*>(memory) + sizeof(ChannelHeader);
   if (channel.header_->version != kChannelVersion ||
       channel.header_->number_bytes != bytes - sizeof(ChannelHeader) - kTextBytes)
-    throw Error("the program that started this is not of the same version");
+    throw Error("was started by a program of another version, expected the same build");
   channel.texts_ = channel.values_ + channel.header_->number_bytes;
   return channel;
 }
@@ -129,7 +129,8 @@ Channel::Channel(Channel&& other) noexcept
       descriptor_(std::exchange(other.descriptor_, -1)) {}
 
 void Channel::check_layout(const Variables& variables) const {
-  if (bytes_of(variables) != header_->number_bytes) throw Error("the program that started this has other variables");
+  if (bytes_of(variables) != header_->number_bytes)
+    throw Error("the variables differ from those of the program that started this process");
 }
 
 void Channel::write(const Variables& variables, bool (*wanted)(Role), std::size_t& text) {
@@ -164,7 +165,7 @@ void Channel::read(const Variables& variables, bool (*wanted)(Role), std::size_t
 void Channel::append(const std::string& s, std::size_t& at) {
   const std::uint64_t n = s.size();
   if (n > kTextBytes || at + sizeof n + n > kTextBytes)
-    throw Error("texts of more than " + std::to_string(kTextBytes) + " bytes do not fit between two processes");
+    throw Error("strings of more than " + std::to_string(kTextBytes) + " bytes cannot be passed between two processes");
   std::memcpy(texts_ + at, &n, sizeof n);
   std::memcpy(texts_ + at + sizeof n, s.data(), s.size());
   at += sizeof n + s.size();
@@ -174,9 +175,9 @@ void Channel::append(const std::string& s, std::size_t& at) {
 void Channel::take(std::string& s, std::size_t& at) const {
   std::uint64_t n = 0;
   const std::uint64_t end = std::min<std::uint64_t>(header_->text_bytes, kTextBytes);
-  if (at + sizeof n > end) throw Error("a text of the FMU's process is missing");
+  if (at + sizeof n > end) throw Error("a string is missing in the shared memory");
   std::memcpy(&n, texts_ + at, sizeof n);
-  if (n > end - at - sizeof n) throw Error("a text of the FMU's process is cut short");
+  if (n > end - at - sizeof n) throw Error("a string is truncated in the shared memory");
   s.assign(texts_ + at + sizeof n, n);
   at += sizeof n + n;
 }

@@ -1,4 +1,4 @@
-// The program cotwin-fmu-host: one FMU in a process of its own, for the program that started it (process.h).
+// The program cotwin-fmu-host: runs one FMU for the program that started it (process.h).
 #include <poll.h>
 #include <signal.h>
 #include <sys/resource.h>
@@ -21,14 +21,14 @@ namespace cotwin::fmu {
 
 namespace {
 
-/// The FMU's unit, and what it is asked to do.
+/// Holds the FMU's unit and answers the program's calls.
 class Host {
  public:
   explicit Host(Channel channel) : channel_(std::move(channel)), header_(channel_.header()) {}
 
   [[noreturn]] void serve() {
     for (std::uint32_t n = 1;; ++n) {
-      if (!lookout_.sees(header_.asked, n, header_.may_wait_awake != 0)) {
+      if (!spin_.wait_for(header_.asked, n, header_.may_spin != 0)) {
         while (!sleep_for(header_.asked, n, header_.host_sleeps, std::chrono::seconds(10))) {
         }
       }
@@ -37,18 +37,18 @@ class Host {
       try {
         answer();
       } catch (const std::exception& error) {
-        refuse(error.what());
+        reply_error(error.what());
       } catch (...) {
-        refuse("the FMU threw an exception, expected a status");
+        reply_error("the FMU threw an exception, expected a status");
       }
       if (ends) std::fflush(nullptr);
       post(header_.answered, n, header_.program_sleeps);
-      if (ends) _exit(0);  // the FMU's library is unloaded: nothing of it is left to be done at exit
+      if (ends) _exit(0);  // the FMU's library is already unloaded, so exit handlers are not needed
     }
   }
 
  private:
-  void refuse(const char* why) {
+  void reply_error(const char* why) {
     header_.reply = Reply::kError;
     std::strncpy(header_.message, why, ChannelHeader::kMessageBytes - 1);
   }
@@ -57,7 +57,7 @@ class Host {
 
   Channel channel_;
   ChannelHeader& header_;
-  Lookout lookout_;
+  SpinWait spin_;
   std::unique_ptr<ForeignUnit> unit_;
   Variables variables_;
   std::string state_;
@@ -91,42 +91,42 @@ void Host::answer() {
     case Verb::kMake:
       return make();
     case Verb::kInitialise:
-      channel_.read(variables_, Channel::every, in);
+      channel_.read(variables_, Channel::any, in);
       unit_->initialise({header_.now_ns});
-      channel_.write(variables_, Channel::every, out);
+      channel_.write(variables_, Channel::any, out);
       return;
     case Verb::kEnter:
-      channel_.read(variables_, Channel::every, in);
+      channel_.read(variables_, Channel::any, in);
       unit_->enter_initialisation({header_.now_ns});
-      channel_.write(variables_, Channel::every, out);
+      channel_.write(variables_, Channel::any, out);
       return;
     case Verb::kUpdate:
-      channel_.read(variables_, Channel::every, in);
+      channel_.read(variables_, Channel::any, in);
       unit_->update_initialisation();
-      channel_.write(variables_, Channel::every, out);
+      channel_.write(variables_, Channel::any, out);
       return;
     case Verb::kExit:
-      channel_.read(variables_, Channel::every, in);
+      channel_.read(variables_, Channel::any, in);
       unit_->exit_initialisation();
-      channel_.write(variables_, Channel::every, out);
+      channel_.write(variables_, Channel::any, out);
       return;
     case Verb::kStep: {
-      channel_.read(variables_, Channel::goes_in, in);
+      channel_.read(variables_, Channel::is_input, in);
       const StepResult result = unit_->step({header_.now_ns}, {header_.h_ns});
-      channel_.write(variables_, Channel::comes_out, out);
+      channel_.write(variables_, Channel::is_output, out);
       header_.reply = result == StepResult::kDone      ? Reply::kDone
                       : result == StepResult::kDiscard ? Reply::kDiscard
                                                        : Reply::kFinished;
       return;
     }
     case Verb::kSave:
-      channel_.read(variables_, Channel::goes_in, in);  // what was set since the last step is what the FMU does not know yet
+      channel_.read(variables_, Channel::is_input, in);  // inputs set since the last step are not in the FMU yet
       unit_->save_memory(state_);
       channel_.append(state_, out);
       return;
     case Verb::kRestore:
       channel_.take(state_, in);
-      channel_.read(variables_, Channel::every, in);
+      channel_.read(variables_, Channel::any, in);
       unit_->restore_memory(state_);
       return;
     case Verb::kTell: {
@@ -142,7 +142,7 @@ void Host::answer() {
   }
 }
 
-/// Ends this process, and what the FMU has started, as soon as the program is gone, whatever the FMU is doing.
+/// Starts a thread that kills this process, and processes that the FMU started, as soon as the program has ended.
 void watch_program() {
   std::thread([] {
     pollfd program{kLifelineDescriptor, POLLIN, 0};
@@ -153,10 +153,11 @@ void watch_program() {
   }).detach();
 }
 
-/// An allocation beyond it fails. Not where a sanitizer reserves more for itself; there the program looks at what is resident.
+/// Makes allocations above the limit fail. Not with a sanitizer, which reserves more memory for itself; then only the program's
+/// check of the resident memory applies.
 void limit_memory([[maybe_unused]] std::uint64_t bytes) {
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-  constexpr std::uint64_t kOwn = 64u << 20;  // of this program itself
+  constexpr std::uint64_t kOwn = 64u << 20;  // bytes that this program uses itself
   rlimit limit{bytes + kOwn, bytes + kOwn};
   setrlimit(RLIMIT_DATA, &limit);
 #endif
@@ -166,13 +167,13 @@ int run() {
   try {
     Channel channel = Channel::open(kMemoryDescriptor);
     close_range(static_cast<unsigned>(kLifelineDescriptor) + 1, ~0u, 0);
-    std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // what was written is seen although the FMU crashes
+    std::setvbuf(stdout, nullptr, _IOLBF, BUFSIZ);  // line buffered, so that output before a crash is not lost
     watch_program();
     limit_memory(channel.header().memory_limit);
     under_way.mirror = channel.header().function;
     Host(std::move(channel)).serve();
   } catch (const std::exception& error) {
-    std::fprintf(stderr, "%s: %s; it is started by cotwin alone, for an FMU\n", kHostProgram, error.what());
+    std::fprintf(stderr, "%s: %s; only cotwin starts this program\n", kHostProgram, error.what());
     return 2;
   }
 }

@@ -31,13 +31,13 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr auto kSlice = std::chrono::milliseconds(20);      // between two looks after the process while a call lasts
-constexpr auto kShortSlice = std::chrono::milliseconds(1);  // while the FMU writes a lot
-constexpr std::uint32_t kCallsBetweenLooks = 256;           // at memory and output, while calls are short
-constexpr double kStartFactor = 10;      // of the time limit: instantiation and initialisation may take longer
-constexpr double kNearlyAll = 0.8;       // of the limit of memory: then a crash is probably due to it
+constexpr auto kSlice = std::chrono::milliseconds(20);      // between two checks of the process during a long call
+constexpr auto kShortSlice = std::chrono::milliseconds(1);  // the same while the FMU writes much output
+constexpr std::uint32_t kCallsBetweenChecks = 256;          // of memory and output, while calls are short
+constexpr double kStartFactor = 10;                         // factor on the time limit for instantiation and initialisation
+constexpr double kNearlyAll = 0.8;       // of the memory limit: above it a crash is reported as probably out of memory
 constexpr std::size_t kTailBytes = 400;  // of the output, for messages
-constexpr int kFirstDescriptor = 10;     // of ours: those that the process gets are below
+constexpr int kFirstDescriptor = 10;     // in this program; the descriptors of the started process are below
 constexpr int kPipeBytes = 1 << 20;
 
 std::atomic<int> processes{0}, ends_unclean{0};
@@ -49,19 +49,19 @@ std::string name_of_signal(int number) {
 
 std::string system_error(int number) { return std::generic_category().message(number); }
 
-/// A descriptor that nobody else inherits and that no number of the child's is equal to.
+/// Moves a descriptor above those of the started process, with close-on-exec.
 int move_up(int descriptor) {
   const int moved = fcntl(descriptor, F_DUPFD_CLOEXEC, kFirstDescriptor);
   const int error = errno;
   close(descriptor);
-  if (moved < 0) throw Error("no file descriptor for another process: " + system_error(error));
+  if (moved < 0) throw Error("no file descriptor for the FMU's process: " + system_error(error));
   return moved;
 }
 
 struct Pipe {
   Pipe() {
     std::array<int, 2> ends{};
-    if (pipe2(ends.data(), O_CLOEXEC) != 0) throw Error("no pipe to another process: " + system_error(errno));
+    if (pipe2(ends.data(), O_CLOEXEC) != 0) throw Error("cannot create a pipe to the FMU's process: " + system_error(errno));
     read = ends[0];
     write = ends[1];
     read = move_up(std::exchange(read, -1));
@@ -76,7 +76,7 @@ struct Pipe {
   int read = -1, write = -1;
 };
 
-/// What the process is told to start with.
+/// Attributes and file descriptors of the process to start.
 class SpawnSettings {
  public:
   SpawnSettings() {
@@ -87,7 +87,7 @@ class SpawnSettings {
     sigfillset(&all);
     posix_spawnattr_setsigmask(&attributes_, &none);
     posix_spawnattr_setsigdefault(&attributes_, &all);
-    posix_spawnattr_setpgroup(&attributes_, 0);  // Ctrl-C reaches this program, which ends the run and then the process
+    posix_spawnattr_setpgroup(&attributes_, 0);  // Ctrl-C must reach only this program, which then ends the process
     posix_spawnattr_setflags(&attributes_, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETPGROUP);
   }
   ~SpawnSettings() {
@@ -97,8 +97,8 @@ class SpawnSettings {
   SpawnSettings(const SpawnSettings&) = delete;
   SpawnSettings& operator=(const SpawnSettings&) = delete;
 
-  void give(int descriptor, int as) { posix_spawn_file_actions_adddup2(&actions_, descriptor, as); }
-  void give_nothing(int as) { posix_spawn_file_actions_addopen(&actions_, as, "/dev/null", O_RDONLY, 0); }
+  void pass(int descriptor, int as) { posix_spawn_file_actions_adddup2(&actions_, descriptor, as); }
+  void pass_null(int as) { posix_spawn_file_actions_addopen(&actions_, as, "/dev/null", O_RDONLY, 0); }
   pid_t spawn(const fs::path& program, const std::string& name) {
     std::string path = program.string(), fmu = name;
     std::array<char*, 3> arguments = {path.data(), fmu.data(), nullptr};
@@ -136,20 +136,20 @@ void HostProcess::start() {
   const fs::path program = host_program();
   if (program.empty()) {
     throw Error(std::string(kHostProgram) +
-                " is missing, expected it beside this program or in COTWIN_FMU_HOST; "
-                "with process=shared the FMU runs without it");
+                " is missing, expected it in the folder of this program or in COTWIN_FMU_HOST; "
+                "process=shared runs the FMU without it");
   }
   Pipe lifeline, output;
-  static_cast<void>(fcntl(output.write, F_SETPIPE_SZ, kPipeBytes));  // else it has what pipes usually have
+  static_cast<void>(fcntl(output.write, F_SETPIPE_SZ, kPipeBytes));  // if this fails, the pipe keeps its default size
   fcntl(output.read, F_SETFL, O_NONBLOCK);
   const int shared = fcntl(channel_.descriptor(), F_DUPFD_CLOEXEC, kFirstDescriptor);
-  if (shared < 0) throw Error("no file descriptor for another process: " + system_error(errno));
+  if (shared < 0) throw Error("no file descriptor for the FMU's process: " + system_error(errno));
   SpawnSettings settings;
-  settings.give_nothing(STDIN_FILENO);
-  settings.give(output.write, STDOUT_FILENO);
-  settings.give(output.write, STDERR_FILENO);
-  settings.give(shared, kMemoryDescriptor);
-  settings.give(lifeline.read, kLifelineDescriptor);
+  settings.pass_null(STDIN_FILENO);
+  settings.pass(output.write, STDOUT_FILENO);
+  settings.pass(output.write, STDERR_FILENO);
+  settings.pass(shared, kMemoryDescriptor);
+  settings.pass(lifeline.read, kLifelineDescriptor);
   try {
     child_ = settings.spawn(program, name_);
   } catch (...) {
@@ -163,7 +163,7 @@ void HostProcess::start() {
   ++processes;
 }
 
-/// The process ends by itself within the time of a call, or is killed.
+/// Asks the process to end and kills it if it has not ended within the time limit of a call.
 HostProcess::~HostProcess() {
   if (child_ > 0 && channel_.header().answered.load(std::memory_order_acquire) == calls_) {
     try {
@@ -190,18 +190,18 @@ HostProcess::~HostProcess() {
 
 void HostProcess::call(Verb verb) {
   ChannelHeader& header = channel_.header();
-  if (!alive()) throw Error("the FMU's own process has ended: it must be initialised again");
+  if (!alive()) throw Error("the FMU's own process has ended; initialise the FMU again");
   static const std::uint32_t cores = std::max(1u, std::thread::hardware_concurrency());
-  const bool may_wait_awake = static_cast<std::uint32_t>(processes.load(std::memory_order_relaxed)) < cores;
+  const bool may_spin = static_cast<std::uint32_t>(processes.load(std::memory_order_relaxed)) < cores;
   header.verb = verb;
-  header.may_wait_awake = may_wait_awake ? 1 : 0;
+  header.may_spin = may_spin ? 1 : 0;
   const std::uint32_t n = ++calls_;
   post(header.asked, n, header.host_sleeps);
-  if (!lookout_.sees(header.answered, n, may_wait_awake)) {
+  if (!spin_.wait_for(header.answered, n, may_spin)) {
     const bool starts = verb <= Verb::kExit;
     wait_for_answer(starts ? kStartFactor * timeout_ : timeout_);
-  } else if (n % kCallsBetweenLooks == 0) {
-    look_after();
+  } else if (n % kCallsBetweenChecks == 0) {
+    check_memory();
   }
   if (header.reply == Reply::kError) {
     pass_on_output();
@@ -219,40 +219,40 @@ void HostProcess::wait_for_answer(double seconds) {
     std::string how;
     if (ended(how)) {
       if (header.answered.load(std::memory_order_acquire) == calls_) return;
-      lost(how);
+      fail(how);
     }
     const std::uint64_t before = written_;
-    look_after();
+    check_memory();
     slice = written_ > before ? kShortSlice : kSlice;
     if (Clock::now() - begin > limit)
-      lost("gave no answer for " + text::to_text(seconds) + " s" + in_function() + " and was ended");
+      fail("did not answer for " + text::to_text(seconds) + " s" + in_function() + " and was killed");
   }
 }
 
-/// The limit of memory, and what the FMU has written.
-void HostProcess::look_after() {
+/// Copies the FMU's output and kills the process if it uses more memory than its limit.
+void HostProcess::check_memory() {
   pass_on_output();
   const double used = memory_used();
   if (used > memory_)
-    lost("used " + megabytes(used) + " of memory" + in_function() + ", more than " + megabytes(memory_) + ", and was ended");
+    fail("used " + megabytes(used) + " of memory" + in_function() + ", more than " + megabytes(memory_) + ", and was killed");
 }
 
-/// Bytes that are resident and neither files nor the channel.
+/// Returns the resident memory in bytes, without files and without the channel.
 double HostProcess::memory_used() const {
   std::array<char, 128> text{};
   if (statistics_ < 0 || pread(statistics_, text.data(), text.size() - 1, 0) <= 0) return 0;
   static const auto page = static_cast<double>(sysconf(_SC_PAGESIZE));
   char* rest = nullptr;
-  std::strtoull(text.data(), &rest, 10);  // all that is mapped
+  std::strtoull(text.data(), &rest, 10);  // total mapped size, not used
   const auto resident = static_cast<double>(std::strtoull(rest, &rest, 10));
   const auto shared = static_cast<double>(std::strtoull(rest, nullptr, 10));
   return page * (resident - shared);
 }
 
-/// Up to kShownBytes; the rest is dropped.
+/// Shows up to kShownBytes and drops the rest.
 std::uint64_t HostProcess::pass_on_output() {
   std::array<char, 1 << 16> bytes;
-  for (int reads = 0; reads < 64; ++reads) {  // an FMU may write faster than this reads
+  for (int reads = 0; reads < 64; ++reads) {  // limited, for an FMU may write faster than this loop reads
     const ssize_t n = read(output_, bytes.data(), bytes.size());
     if (n <= 0) break;
     const auto count = static_cast<std::size_t>(n);
@@ -279,16 +279,16 @@ bool HostProcess::ended(std::string& how) {
   if (ended == 0 || (ended < 0 && errno == EINTR)) return false;
   child_ = -1;
   --processes;
-  how = ended < 0             ? "ended"  // somebody else waited for it
-        : WIFSIGNALED(status) ? "was ended by " + name_of_signal(WTERMSIG(status))
+  how = ended < 0             ? "ended"  // other code called wait for it
+        : WIFSIGNALED(status) ? "was killed by " + name_of_signal(WTERMSIG(status))
                               : "exited with status " + std::to_string(WEXITSTATUS(status));
   how += in_function();
   rusage own{};
   getrusage(RUSAGE_SELF, &own);
   const double most = 1024.0 * static_cast<double>(usage.ru_maxrss);
-  // The process inherits the maximum of this program as it starts: only a larger one is its own.
+  // The process starts with this program's maximum, so only a larger value is its own.
   if (usage.ru_maxrss > own.ru_maxrss && most > kNearlyAll * memory_)
-    how += ", when it had used " + megabytes(most) + " of memory of at most " + megabytes(memory_);
+    how += " after using " + megabytes(most) + " of memory, limit " + megabytes(memory_);
   return true;
 }
 
@@ -298,26 +298,26 @@ std::string HostProcess::in_function() const {
   return name.empty() ? "" : " in " + name;
 }
 
-/// The last line that the FMU wrote.
-std::string HostProcess::last_words() const {
+/// Returns the last line that the FMU wrote, as the end of a message.
+std::string HostProcess::last_output() const {
   std::string_view words = tail_;
   const auto blank = [](char c) { return c == '\n' || c == '\r' || c == ' ' || c == '\0'; };
   while (!words.empty() && blank(words.back())) words.remove_suffix(1);
   const std::size_t line = words.rfind('\n');
   if (line != std::string_view::npos) words.remove_prefix(line + 1);
   constexpr std::size_t kMost = 200;
-  std::string told;
-  for (const char c : words.substr(0, kMost)) told += static_cast<unsigned char>(c) < ' ' ? ' ' : c;
-  return told.empty() ? "" : "; its last output was '" + told + "'";
+  std::string line_shown;
+  for (const char c : words.substr(0, kMost)) line_shown += static_cast<unsigned char>(c) < ' ' ? ' ' : c;
+  return line_shown.empty() ? "" : "; its last output was '" + line_shown + "'";
 }
 
-void HostProcess::lost(const std::string& how) {
+void HostProcess::fail(const std::string& how) {
   kill();
   pass_on_output();
-  throw Error("the FMU's own process " + how + last_words());
+  throw Error("the FMU's own process " + how + last_output());
 }
 
-/// With what it has started itself.
+/// Kills the process and the processes that it has started.
 void HostProcess::kill() noexcept {
   if (child_ <= 0) return;
   ::kill(-child_, SIGKILL);
@@ -334,7 +334,7 @@ ProcessUnit::ProcessUnit(std::shared_ptr<const ForeignFmu> fmu, LoadOptions opti
       variables_(fmu_->description,
                  variables_options(fmu_->description, chosen_kind(fmu_->description, options_.kind), unit_options(options_))),
       restorable_(
-          can_go_back(interface_of(fmu_->description, chosen_kind(fmu_->description, options_.kind)), unit_options(options_))) {
+          can_restore(interface_of(fmu_->description, chosen_kind(fmu_->description, options_.kind)), unit_options(options_))) {
   variables_.declare(declared_);
   begin();
 }
@@ -344,7 +344,7 @@ ProcessUnit::~ProcessUnit() = default;
 void ProcessUnit::declare(Variables& variables) { variables_.declare(variables); }
 
 void ProcessUnit::begin() {
-  host_.reset();  // first: its FMU may be one that allows a single instance per machine
+  host_.reset();  // before the new process starts, for an FMU may allow only one instance per machine
   host_ = std::make_unique<HostProcess>(declared_, options_.instance_name + " (" + fmu_->name + ")", options_.timeout,
                                         options_.memory);
   std::size_t text = 0;
@@ -377,23 +377,23 @@ void ProcessUnit::exit_initialisation() { exchange_all(Verb::kExit, start_); }
 
 void ProcessUnit::exchange_all(Verb verb, Time start) {
   std::size_t text = 0;
-  channel().write(declared_, Channel::every, text);
+  channel().write(declared_, Channel::any, text);
   channel().header().now_ns = start.ns;
   host_->call(verb);
   text = 0;
-  channel().read(declared_, Channel::every, text);
+  channel().read(declared_, Channel::any, text);
 }
 
 StepResult ProcessUnit::step(Time now, Duration h) {
   std::size_t text = 0;
   ChannelHeader& header = channel().header();
-  channel().write(declared_, Channel::goes_in, text);
+  channel().write(declared_, Channel::is_input, text);
   header.now_ns = now.ns;
   header.h_ns = h.ns;
   host_->call(Verb::kStep);
   if (header.reply == Reply::kDiscard) return StepResult::kDiscard;
   text = 0;
-  channel().read(declared_, Channel::comes_out, text);
+  channel().read(declared_, Channel::is_output, text);
   return header.reply == Reply::kFinished ? StepResult::kFinished : StepResult::kDone;
 }
 
@@ -401,7 +401,7 @@ void ProcessUnit::save_memory(std::string& bytes) {
   bytes.clear();
   if (!restorable_ || !host_ || !host_->alive()) return;
   std::size_t text = 0;
-  channel().write(declared_, Channel::goes_in, text);
+  channel().write(declared_, Channel::is_input, text);
   host_->call(Verb::kSave);
   text = 0;
   channel().take(bytes, text);
@@ -411,7 +411,7 @@ void ProcessUnit::restore_memory(const std::string& bytes) {
   if (!host_ || !host_->alive()) begin();
   std::size_t text = 0;
   channel().append(bytes, text);
-  channel().write(declared_, Channel::every, text);
+  channel().write(declared_, Channel::any, text);
   host_->call(Verb::kRestore);
 }
 

@@ -13,33 +13,33 @@
 
 namespace cotwin::fmu {
 
-/// The program that runs an FMU in a process of its own: COTWIN_FMU_HOST of the environment, else bin/cotwin-fmu-host in
-/// installation(). "" if there is none.
+/// Returns the path of the program that runs an FMU in its own process: the environment variable COTWIN_FMU_HOST, else
+/// bin/cotwin-fmu-host in installation(). "" if it is missing.
 std::filesystem::path host_program();
 
-/// How many processes of FMUs did not end as they were asked to (a crash in fmi2FreeInstance, say). Each was reported on
-/// stderr.
+/// Returns the number of FMU processes that did not end normally, for example after a crash in fmi2FreeInstance. Each was
+/// reported on stderr.
 int unclean_ends();
 
-/// The process of one FMU: started by posix_spawn, so at any time and with any threads; it gets nothing of this process but the
-/// channel. It ends when this program ends, however that happens. What the FMU writes to stdout and stderr goes to stderr here,
-/// up to kShownBytes.
+/// The process of one FMU. posix_spawn starts it, so other threads may run at that time. It inherits only the channel. It ends
+/// when this program ends or is killed. The first kShownBytes of the FMU's stdout and stderr are copied to stderr.
 class HostProcess {
  public:
   static constexpr std::size_t kShownBytes = 64 << 10;
 
-  /// `name`: of the FMU; `timeout`: of one call, s.
+  /// `name`: the FMU, for messages; `timeout`: of one call, s; `memory`: limit of the process, bytes.
   HostProcess(const Variables& variables, std::string name, double timeout, double memory);
   ~HostProcess();
   HostProcess(const HostProcess&) = delete;
   HostProcess& operator=(const HostProcess&) = delete;
 
   Channel& channel() { return channel_; }
-  /// Asks for `verb` and waits for it. Throws Error for what the FMU's unit threw. Where the process ended, or was ended
-  /// because it exceeded a limit, the Error says how, and in which function of the FMU; then it is no longer alive().
+  /// Makes the process execute `verb` and waits for the answer. Throws Error with the message that the FMU's unit threw. Throws
+  /// Error too if the process has ended or was killed because it exceeded a limit: the message has the cause and the FMU's
+  /// function, and alive() is false afterwards.
   void call(Verb verb);
   bool alive() const { return child_ > 0; }
-  /// Passes on what the FMU wrote since the last time; returns the bytes of all that it wrote.
+  /// Copies the FMU's new output to stderr. Returns the number of bytes that the FMU has written in total.
   std::uint64_t pass_on_output();
 
  private:
@@ -47,29 +47,29 @@ class HostProcess {
 
   void start();
   void wait_for_answer(double seconds);
-  void look_after();
+  void check_memory();
   double memory_used() const;
   bool ended(std::string& how);
   void kill() noexcept;
-  [[noreturn]] void lost(const std::string& how);
+  [[noreturn]] void fail(const std::string& how);
   std::string in_function() const;
-  std::string last_words() const;
+  std::string last_output() const;
 
   Channel channel_;
   std::string name_;
   double timeout_, memory_;
   std::uint32_t calls_ = 0;
-  Lookout lookout_;
+  SpinWait spin_;
   int child_ = -1;       // process
-  int lifeline_ = -1;    // our end of a pipe that nobody writes to
-  int output_ = -1;      // of the FMU
+  int lifeline_ = -1;    // write end of a pipe without data (kLifelineDescriptor)
+  int output_ = -1;      // read end of the FMU's stdout and stderr
   int statistics_ = -1;  // /proc/<child>/statm
   std::uint64_t written_ = 0;
   bool cut_ = false;
-  std::string tail_;  // of the output
+  std::string tail_;  // the last kTailBytes of the output
 };
 
-/// A foreign unit in a process of its own: its crash, its hang, its exit and what exceeds a limit are Errors here.
+/// A foreign FMU in its own process. A crash, a hang, an exit or an exceeded limit of the FMU becomes an Error here.
 class ProcessUnit final : public Unit, public StagedInitialisation {
  public:
   ProcessUnit(std::shared_ptr<const ForeignFmu> fmu, LoadOptions options);
@@ -98,7 +98,7 @@ class ProcessUnit final : public Unit, public StagedInitialisation {
   Variables declared_;
   bool restorable_;
   Time start_;
-  std::vector<std::string> warnings_;  // of the unit in the process
+  std::vector<std::string> warnings_;  // from the unit in the process
   std::unique_ptr<HostProcess> host_;
 };
 

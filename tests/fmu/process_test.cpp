@@ -90,7 +90,7 @@ TEST_F(OwnProcess, TurnsACrashIntoAnErrorAndCanBeginAfresh) {
   EXPECT_EQ(run(instance, 0, 0.9, 0.1), StepResult::kDone);
   EXPECT_THAT(
       [&] { (void)step(instance, 0.9, 0.1); },
-      ThrowsMessage<Error>(AnyOf(HasSubstr("rogue2.fmu: the FMU's own process was ended by signal 11 (Segmentation fault)"),
+      ThrowsMessage<Error>(AnyOf(HasSubstr("rogue2.fmu: the FMU's own process was killed by signal 11 (Segmentation fault)"),
                                  HasSubstr("exited with status"))));  // the latter by a sanitizer's handler
   EXPECT_NEAR(real(instance, kPosition), 0.9, 1e-12);                 // known values stay known
   EXPECT_THAT([&] { (void)step(instance, 0.9, 0.1); }, ThrowsMessage<Error>(HasSubstr("has ended")));
@@ -103,7 +103,7 @@ TEST_F(OwnProcess, TurnsAHangIntoAnErrorWithinItsTime) {
   Instance instance = load_rogue(kHang, 0.3);
   instance.unit->initialise({});
   const auto begin = std::chrono::steady_clock::now();
-  EXPECT_THAT([&] { (void)step(instance, 0, 1); }, ThrowsMessage<Error>(HasSubstr("gave no answer for 0.3 s")));
+  EXPECT_THAT([&] { (void)step(instance, 0, 1); }, ThrowsMessage<Error>(HasSubstr("did not answer for 0.3 s")));
   EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(10));
 }
 
@@ -276,9 +276,9 @@ const Harm kHarms[] = {
     {"closed", "fmi2DoStep", "signal 11 (Segmentation fault) in fmi2DoStep"},
     {"throw", "fmi2DoStep", "fmi2DoStep threw an exception (the pump is dry), expected a status"},
     {"throw-int", "fmi2DoStep", "fmi2DoStep threw an exception, expected a status"},
-    {"hang", "fmi2DoStep", "gave no answer for 1 s in fmi2DoStep and was ended"},
-    {"child", "fmi2DoStep", "gave no answer for 1 s in fmi2DoStep and was ended"},
-    {"flood", "fmi2DoStep", "gave no answer for 1 s in fmi2DoStep and was ended; its last output was 'the valve is open'"},
+    {"hang", "fmi2DoStep", "did not answer for 1 s in fmi2DoStep and was killed"},
+    {"child", "fmi2DoStep", "did not answer for 1 s in fmi2DoStep and was killed"},
+    {"flood", "fmi2DoStep", "did not answer for 1 s in fmi2DoStep and was killed; its last output was 'the valve is open'"},
     {"memory", "fmi2DoStep", "of memory"},
     {"reserve", "fmi2DoStep", "signal 6 (Aborted) in fmi2DoStep"},
     {"last words", "fmi2DoStep", "in fmi2DoStep; its last output was 'assertion failed: p > 0'"},
@@ -287,7 +287,7 @@ const Harm kHarms[] = {
     {"exit", "fmi2Instantiate", "exited with status 0 in fmi2Instantiate"},
     {"throw", "fmi2Instantiate", "fmi2Instantiate threw an exception (the pump is dry)"},
     {"segv", "fmi2EnterInitializationMode", "signal 11 (Segmentation fault) in fmi2EnterInitializationMode"},
-    {"hang", "fmi2EnterInitializationMode", "gave no answer for 10 s in fmi2EnterInitializationMode"},
+    {"hang", "fmi2EnterInitializationMode", "did not answer for 10 s in fmi2EnterInitializationMode"},
 };
 INSTANTIATE_TEST_SUITE_P(Harms, AnyHarm, ::testing::ValuesIn(kHarms), [](const auto& harm) {
   std::string name = std::string(harm.param.what) + "_" + harm.param.where;
