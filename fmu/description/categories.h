@@ -2,15 +2,16 @@
 
 namespace cotwin::fmu {
 
-/// What exported units log, in the order of the status they go with: the names that FMI 2 fixes, used for FMI 3, too.
+/// Log categories of exported units, in the order of the status that they belong to. FMI 2 fixes the names; FMI 3 uses them
+/// too.
 struct LogCategoryText {
   const char* name;
   const char* description;
 };
 inline constexpr LogCategoryText kLogCategoryTexts[] = {
-    {"logStatusWarning", "what the user should know of, once after instantiation"},
-    {"logStatusDiscard", "why a step could not be made"},
-    {"logStatusError", "what was wrong with a call, or went wrong in it"},
+    {"logStatusWarning", "warnings, once after instantiation"},
+    {"logStatusDiscard", "why a step was discarded"},
+    {"logStatusError", "errors of a call"},
 };
 
 }  // namespace cotwin::fmu

@@ -25,7 +25,7 @@ bool holds(const StartValues& start) {
   return std::holds_alternative<std::vector<T>>(start);
 }
 
-/// Whether the start values, if any, are what StartValues says of the variable's type.
+/// Returns whether the start values, if any, have the alternative of StartValues that belongs to the variable's type.
 bool start_has_type(const ModelVariable& v) {
   if (std::holds_alternative<std::monostate>(v.start)) return true;
   switch (v.type) {
@@ -68,13 +68,13 @@ void check_names(const ModelDescription& d) {
   std::unordered_set<std::uint32_t> references;
   const auto name_once = [&](const std::string& name) {
     if (!is_variable_name(name)) throw Error("a variable's name is empty, too long or has control characters");
-    if (!names.insert(name).second) throw Error("variable " + shown(name) + " stands twice");
+    if (!names.insert(name).second) throw Error("variable " + shown(name) + " appears twice");
   };
   for (const ModelVariable& v : d.variables) {
     name_once(v.name);
     for (const Alias& alias : v.aliases) name_once(alias.name);
     if (!references.insert(v.reference).second && d.version != Version::k2)
-      throw Error("value reference " + std::to_string(v.reference) + " stands twice");
+      throw Error("value reference " + std::to_string(v.reference) + " appears twice");
   }
   names.clear();
   for (const TypeDefinition& t : d.types) {
@@ -126,10 +126,10 @@ bool is_variable_name(std::string_view name) { return !name.empty() && name.size
 
 void check_unit(const UnitDefinition& unit) {
   for (const int exponent : {unit.kg, unit.m, unit.s, unit.A, unit.K, unit.mol, unit.cd, unit.rad}) {
-    if (exponent < -99 || exponent > 99) throw Error("unit " + shown(unit.name) + ": exponent beyond 99");
+    if (exponent < -99 || exponent > 99) throw Error("unit " + shown(unit.name) + ": exponent beyond ±99");
   }
   if (!std::isnormal(unit.factor) || !std::isfinite(unit.offset))
-    throw Error("unit " + shown(unit.name) + ": factor 0 or not finite");
+    throw Error("unit " + shown(unit.name) + ": factor 0, or factor or offset not finite");
 }
 
 void check_range(const Numeric& numeric) {
@@ -142,7 +142,7 @@ void check_event_indicators(std::uint64_t n) {
 
 void check_dimension(const Dimension& dimension) {
   if (dimension.size.has_value() == dimension.reference.has_value())
-    throw Error("a dimension has either start or valueReference");
+    throw Error("a dimension needs either start or valueReference, but not both");
 }
 
 DescriptionCheck::DescriptionCheck(const ModelDescription& description) : d_(description) {
@@ -169,14 +169,14 @@ void DescriptionCheck::variable(const ModelVariable& v) {
   if (v.derivative) {
     check_index(*v.derivative, d_.variables.size(), name + ": derivative");
     const ModelVariable& of = d_.variables[*v.derivative];
-    if (!is_float(of.type)) throw Error(name + ": derivative of '" + of.name + "', expected a variable of floats");
+    if (!is_float(of.type)) throw Error(name + ": derivative of '" + of.name + "', expected a floating-point variable");
   }
   for (const std::uint32_t clock : v.clocks) {
     const std::optional<std::size_t> found = index_of(clock);
     if (!found || d_.variables[*found].type != Type::kClock)
       throw Error(name + ": clock " + std::to_string(clock) + " is not a variable of type Clock");
   }
-  if (v.previous && !index_of(*v.previous)) throw Error(name + ": no variable has the reference of previous");
+  if (v.previous && !index_of(*v.previous)) throw Error(name + ": no variable has the value reference of 'previous'");
   const std::size_t size = elements(v);
   total_ += size;
   if (total_ > kMaxElements) throw Error("the variables have more than " + std::to_string(kMaxElements) + " elements together");
@@ -190,7 +190,7 @@ void DescriptionCheck::variable(const ModelVariable& v) {
       },
       v.start);
   const bool none = std::holds_alternative<std::monostate>(v.start);
-  // One start value may stand for all elements of an array (FMI 3.0, 2.4.7.4).
+  // A single start value applies to all elements of an array (FMI 3.0, 2.4.7.4).
   if (!none && given != size && !(given == 1 && !v.dimensions.empty())) {
     throw Error(name + ": " + std::to_string(given) + " start values for " + std::to_string(size) + " elements");
   }
@@ -227,13 +227,13 @@ void DescriptionCheck::derivative(const Unknown& unknown) const {
   const ModelVariable& v = d_.variables[unknown.variable];
   if (!is_float(v.type) || !v.derivative) throw Error("'" + v.name + "' is not the derivative of a variable");
   if (v.type != Type::kFloat64 || d_.variables[*v.derivative].type != Type::kFloat64)
-    throw Error("'" + v.name + "': continuous states are of type Float64");
-  if (elements(v) != elements(d_.variables[*v.derivative])) throw Error("'" + v.name + "' has another size than its state");
+    throw Error("'" + v.name + "': expected a continuous state of type Float64");
+  if (elements(v) != elements(d_.variables[*v.derivative])) throw Error("'" + v.name + "' differs in size from its state");
 }
 
 void check_all(const ModelDescription& d) {
   if (!d.fmi_version.empty() && version_of(d.fmi_version) != d.version)
-    throw Error("FMI " + shown(d.fmi_version) + " is not that of version " + std::to_string(static_cast<int>(d.version)));
+    throw Error("FMI " + shown(d.fmi_version) + " does not belong to version " + std::to_string(static_cast<int>(d.version)));
   check_event_indicators(d.event_indicators);
   if (!d.model_exchange && !d.co_simulation && !d.scheduled_execution)
     throw Error("neither ModelExchange nor CoSimulation, expected one of them");
@@ -244,9 +244,9 @@ void check_all(const ModelDescription& d) {
   check_names(d);
   DescriptionCheck check(d);
   for (const ModelVariable& v : d.variables) {
-    if (d.version == Version::k2 && !is_of_fmi2(v)) throw Error("variable '" + v.name + "' is none of FMI 2.0");
+    if (d.version == Version::k2 && !is_of_fmi2(v)) throw Error("variable '" + v.name + "' is not possible in FMI 2.0");
     if (!start_has_type(v))
-      throw Error("variable '" + v.name + "': start values that are not of type " + std::string(name_of(v.type)));
+      throw Error("variable '" + v.name + "': start values are not of type " + std::string(name_of(v.type)));
     check.variable(v);
   }
   const ModelStructure& s = d.structure;
@@ -256,7 +256,7 @@ void check_all(const ModelDescription& d) {
       const std::vector<std::size_t> dependencies = unknown.dependencies.value_or(std::vector<std::size_t>{});
       for (const std::size_t i : dependencies) check_index(i, d.variables.size(), "ModelStructure");
       if (!unknown.kinds.empty() && unknown.kinds.size() != dependencies.size())
-        throw Error("dependenciesKind has another length than dependencies");
+        throw Error("dependenciesKind differs in length from dependencies");
       if (list == &s.derivatives) check.derivative(unknown);
     }
   }

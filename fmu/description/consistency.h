@@ -9,12 +9,11 @@
 #include "fmu/description/model_description.h"
 #include "models/support/error.h"
 
-/// What holds in every description that the rest of this folder works with, whether it was read from XML or from the bytes that
-/// an exported scenario holds. Whatever throws here throws Error `fact, expectation`, without the place, which the reader
-/// knows.
+/// Consistency checks of a model description. They hold for descriptions read from XML and for those read from the bytes of an
+/// exported scenario. The functions throw Error `fact, expectation` without a place; the caller adds it with at().
 namespace cotwin::fmu {
 
-/// What `call` throws without a place, with it.
+/// Runs `call` and puts `place` in front of the message of an Error that it throws.
 template <class Call>
 void at(const std::string& place, Call call) {
   try {
@@ -26,38 +25,38 @@ void at(const std::string& place, Call call) {
 
 inline bool is_float(Type type) { return type == Type::kFloat32 || type == Type::kFloat64; }
 
-/// The integers of a type of up to 64 bits with a sign, or fewer without.
+/// The range of an integer type: signed up to 64 bits, unsigned up to 32 bits.
 struct IntegerRange {
   std::int64_t min, max;
 };
 IntegerRange range_of(Type type);
 
-/// The version that the attribute fmiVersion means, if it is one that is supported.
+/// Returns the version of the attribute fmiVersion, or nothing if it is not supported.
 std::optional<Version> version_of(std::string_view fmi_version);
 
-/// Whether this can be the name of a file in the folder that it is looked for in, and of no other one: not empty, no separator,
-/// no control character, neither "." nor "..".
+/// Returns whether this is a plain file name that cannot lead to another folder: not empty, no separator, no control character,
+/// neither "." nor "..".
 bool is_file_name(std::string_view name);
-/// The same for a shared library's name without its ending, which does not begin with a dot.
+/// The same for the name of a shared library without its ending; it must not begin with a dot.
 bool is_library_name(std::string_view name);
 bool is_variable_name(std::string_view name);
 
-/// Exponents of at most 99, a factor other than 0, and finite numbers.
+/// Throws Error unless the exponents are at most 99, the factor is not 0 and all numbers are finite.
 void check_unit(const UnitDefinition& unit);
 void check_range(const Numeric& numeric);
 void check_event_indicators(std::uint64_t n);
 void check_dimension(const Dimension& dimension);
 
-/// Checks variables and structure of a description the types and variables of which do not change any more.
+/// Checks the variables and the structure of a description. Its types and variables must not change meanwhile.
 class DescriptionCheck {
  public:
   explicit DescriptionCheck(const ModelDescription& description);
 
-  /// The variable of a value reference, the first of them in FMI 2.
+  /// Returns the index of the variable with this value reference, in FMI 2 the first of several.
   std::optional<std::size_t> index_of(std::uint32_t reference) const;
-  /// What a variable refers to, the number of its elements (of all variables so far together, too) and its start values.
+  /// Checks the references of a variable, its number of elements (also summed over all variables so far) and its start values.
   void variable(const ModelVariable& v);
-  /// What a continuous state's derivative is the derivative of.
+  /// Checks that this is the derivative of a continuous state.
   void derivative(const Unknown& unknown) const;
 
  private:
@@ -69,8 +68,8 @@ class DescriptionCheck {
   std::uint64_t total_ = 0;
 };
 
-/// All of it, and what no XML could say: indices beyond the end, names that stand twice, start values of another type, and what
-/// FMI 2 does not know.
+/// Makes all these checks, and those that the XML reader makes while it reads: indices, unique names, types of start values,
+/// and features that FMI 2 does not have.
 void check_all(const ModelDescription& description);
 
 }  // namespace cotwin::fmu

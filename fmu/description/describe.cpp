@@ -14,9 +14,9 @@ namespace cotwin::fmu {
 
 namespace {
 
-constexpr double kDegrees = 180 / std::numbers::pi;  // in a radian
+constexpr double kDegrees = 180 / std::numbers::pi;  // degrees per radian
 
-/// Types that importers know by these names, and what people like to read them in.
+/// A physical quantity: unit, usual name of the type, display unit.
 struct Quantity {
   const char* si;
   const char* name;
@@ -93,7 +93,7 @@ StartValues start_of(const Variable& v, std::size_t first, std::size_t count) {
       v.storage);
 }
 
-/// `count` elements of `v` from `first` on as a variable of FMI.
+/// Returns `count` elements of `v`, from `first` on, as an FMI variable.
 ModelVariable make_variable(const Variable& v, std::size_t first, std::size_t count) {
   ModelVariable out;
   out.name = count == v.size() ? v.name : v.name + "[" + std::to_string(first + 1) + "]";
@@ -121,7 +121,7 @@ ModelVariable make_variable(const Variable& v, std::size_t first, std::size_t co
   }
   switch (v.role) {
     case Role::kInput:
-      break;  // its start value is what it is, and the attribute is not allowed in FMI 2
+      break;  // FMI 2 does not allow the attribute for inputs
     case Role::kOutput:
       out.initial = Initial::kCalculated;
       break;
@@ -145,7 +145,7 @@ ModelVariable make_variable(const Variable& v, std::size_t first, std::size_t co
   return out;
 }
 
-/// Which inputs an output follows at once, as the blocks of the unit's Jacobian have it.
+/// Adds the inputs on which an output depends directly, from the blocks of the unit's Jacobian.
 void add_dependencies(ModelDescription& d, const Unit& unit, const Variables& variables,
                       const std::map<std::string, std::size_t, std::less<>>& first_of) {
   const bool scalars = d.version == Version::k2;
@@ -201,7 +201,7 @@ ModelDescription describe(const UnitType& type, const Unit& unit, const Variable
   d.variables.push_back(time);
 
   std::vector<std::string> measures = {"s"};
-  std::map<std::string, std::size_t, std::less<>> first_of;  // index of a variable's first part
+  std::map<std::string, std::size_t, std::less<>> first_of;  // variable → index of its first element
   for (const Variable& v : variables) {
     if (v.kind() == Kind::kReal && !v.si.empty() && std::find(measures.begin(), measures.end(), v.si) == measures.end())
       measures.push_back(v.si);
@@ -215,8 +215,8 @@ ModelDescription describe(const UnitType& type, const Unit& unit, const Variable
       if (!scalars && v.size() > 1) out.dimensions.push_back({v.size(), std::nullopt});
       if (!v.derivative_of.empty()) out.derivative = first_of.at(v.derivative_of) + part;
       if (v.role == Role::kOutput) {
-        // Outputs hold at the end of a step and do not change with what is set afterwards, unless the unit says otherwise
-        // (add_dependencies); those of the initialisation may.
+        // Outputs are computed at the end of a step. Values set afterwards do not change them, except through the
+        // dependencies that add_dependencies adds. During initialisation they may depend on everything.
         d.structure.outputs.push_back({d.variables.size(), std::vector<std::size_t>{}, {}});
         d.structure.initial_unknowns.push_back({d.variables.size(), std::nullopt, {}});
       }

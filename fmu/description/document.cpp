@@ -19,7 +19,7 @@ std::string document(const ModelDescription& d, const std::string& settings) {
   std::string html =
       "<!DOCTYPE html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\"><title>" + name + "</title></head>\n<body>\n";
   html += "<h1>" + name + "</h1>\n<p>" + xml::escaped(d.description) + "</p>\n";
-  html += "<p>A unit of Cotwin, for FMI " + std::string(d.version == Version::k2 ? "2.0" : "3.0") + " Co-Simulation";
+  html += "<p>A Cotwin unit for FMI " + std::string(d.version == Version::k2 ? "2.0" : "3.0") + " Co-Simulation";
   html += settings.empty() ? ".</p>\n" : ", made with the settings <code>" + xml::escaped(settings) + "</code>.</p>\n";
   html +=
       "<table border=\"1\">\n<tr><th>variable</th><th>size</th><th>causality</th><th>variability</th><th>unit</th>"

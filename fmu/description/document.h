@@ -5,7 +5,7 @@
 
 namespace cotwin::fmu {
 
-/// documentation/index.html: what the FMU is, from which settings it was made, and a table of its variables.
+/// Returns documentation/index.html: description of the FMU, its settings, and a table of its variables.
 std::string document(const ModelDescription& description, const std::string& settings);
 
 }  // namespace cotwin::fmu

@@ -6,7 +6,7 @@
 
 #include "models/support/error.h"
 
-/// Binaries as hexadecimal digits, the way modelDescription.xml has them.
+/// Conversion between binary values and the hexadecimal digits of modelDescription.xml.
 namespace cotwin::fmu {
 
 inline std::string to_hex(std::span<const std::uint8_t> bytes) {
@@ -24,7 +24,7 @@ inline void from_hex(const std::string& text, std::vector<std::uint8_t>& bytes) 
     if (c >= '0' && c <= '9') return c - '0';
     if (c >= 'a' && c <= 'f') return c - 'a' + 10;
     if (c >= 'A' && c <= 'F') return c - 'A' + 10;
-    throw Error("'" + text.substr(0, 40) + "'", "expected the hexadecimal digits of a binary");
+    throw Error("'" + text.substr(0, 40) + "'", "expected the hexadecimal digits of a binary value");
   };
   if (text.size() % 2 != 0) throw Error("'" + text.substr(0, 40) + "'", "expected an even number of hexadecimal digits");
   bytes.resize(text.size() / 2);

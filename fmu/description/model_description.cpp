@@ -58,7 +58,7 @@ const ModelVariable* find(const ModelDescription& description, std::uint32_t ref
 
 namespace {
 
-/// `find_reference`: the variable of a value reference, nullptr if there is none.
+/// `find_reference` returns the variable with a value reference, or nullptr.
 template <class Find>
 std::size_t count_elements(const ModelVariable& variable, const std::map<std::uint32_t, std::uint64_t>& chosen,
                            const Find& find_reference) {
@@ -74,7 +74,7 @@ std::size_t count_elements(const ModelVariable& variable, const std::map<std::ui
       } else if (start != nullptr && start->size() == 1) {
         extent = start->front();
       } else {
-        throw Error("variable '" + variable.name + "'", "an extent cannot be found");
+        throw Error("variable '" + variable.name + "'", "the size of a dimension is unknown");
       }
     }
     if (extent > kMaxElements || n * extent > kMaxElements) {

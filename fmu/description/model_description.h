@@ -12,8 +12,8 @@
 
 #include "models/support/parameter_set.h"
 
-/// What modelDescription.xml says, for FMI 2 and FMI 3 alike, as plain values. Whatever refers to a variable does so by its
-/// index in ModelDescription::variables, counted from 0, which FMI 2 writes as an index from 1 and FMI 3 as a value reference.
+/// The contents of modelDescription.xml as plain values, for FMI 2 and FMI 3. References to variables are indices into
+/// ModelDescription::variables, counted from 0. In XML, FMI 2 writes them as indices from 1 and FMI 3 as value references.
 namespace cotwin::fmu {
 
 enum class Version : std::uint8_t { k2 = 2, k3 = 3 };
@@ -50,7 +50,7 @@ enum class Initial : std::uint8_t { kExact, kApprox, kCalculated };
 enum class DependencyKind : std::uint8_t { kDependent, kConstant, kFixed, kTunable, kDiscrete };
 enum class IntervalVariability : std::uint8_t { kConstant, kFixed, kTunable, kChanging, kCountdown, kTriggered };
 
-/// The words of the standard: "Float64" (FMI 3), "calculatedParameter", …
+/// The names in the standard: "Float64" (FMI 3), "calculatedParameter", …
 std::string_view name_of(Type);
 std::string_view name_of(Causality);
 std::string_view name_of(Variability);
@@ -58,12 +58,12 @@ std::string_view name_of(Initial);
 std::string_view name_of(DependencyKind);
 std::string_view name_of(IntervalVariability);
 
-/// The start values of a variable, one per element; monostate where there are none. Floats are doubles; signed integers,
-/// enumerations and unsigned integers below 64 bits are int64.
+/// The start values of a variable, one per element; monostate if there are none. Floats are stored as double; signed integers,
+/// enumerations and unsigned integers below 64 bits as int64.
 using StartValues = std::variant<std::monostate, std::vector<double>, std::vector<std::int64_t>, std::vector<std::uint64_t>,
                                  std::vector<bool>, std::vector<std::string>, std::vector<std::vector<std::uint8_t>>>;
 
-/// What a variable of numbers says of itself or of its declared type; limits of integers beyond 2^53 are rounded.
+/// Attributes of a numeric variable or type. Limits of integers beyond 2^53 are rounded.
 struct Numeric {
   std::string quantity, unit, display_unit;
   bool relative_quantity = false;
@@ -119,7 +119,7 @@ struct ModelVariable {
   std::optional<std::uint64_t> max_size;
   Clock clock;  // kClock
   std::vector<Alias> aliases;
-  /// FMI 2, of an input: false in an annotation of ours where canInterpolateInputs is not meant for this one.
+  /// Inputs of FMI 2: false if our annotation excludes this input from canInterpolateInputs.
   bool interpolated = true;
   friend bool operator==(const ModelVariable&, const ModelVariable&) = default;
 };
@@ -131,7 +131,7 @@ struct EnumerationItem {
   friend bool operator==(const EnumerationItem&, const EnumerationItem&) = default;
 };
 
-/// A type that variables refer to by `declared_type`.
+/// A type definition; variables refer to it by `declared_type`.
 struct TypeDefinition {
   std::string name;
   Type type = Type::kFloat64;
@@ -160,7 +160,7 @@ struct MeasurementUnit {
 
 struct Unknown {
   std::size_t variable = 0;
-  std::optional<std::vector<std::size_t>> dependencies;  // none: on everything that it may depend on
+  std::optional<std::vector<std::size_t>> dependencies;  // no value: on all possible variables
   std::vector<DependencyKind> kinds;                     // empty, or one per dependency
   friend bool operator==(const Unknown&, const Unknown&) = default;
 };
@@ -170,7 +170,7 @@ struct ModelStructure {
   friend bool operator==(const ModelStructure&, const ModelStructure&) = default;
 };
 
-/// What an FMU offers to be used by, and can do.
+/// One interface type of an FMU (Co-Simulation, Model Exchange or Scheduled Execution) and its capabilities.
 struct Interface {
   std::string model_identifier;  // name of the shared library without its ending
   bool needs_execution_tool = false;
@@ -225,43 +225,43 @@ struct ModelDescription {
   ModelStructure structure;
 };
 
-/// The largest array and the largest FMU, in elements, that this importer takes.
+/// The largest number of elements of an array, and of all variables of an FMU, that the importer accepts.
 inline constexpr std::uint64_t kMaxElements = 10'000'000;
 
-/// The number of elements of a variable: the product of its dimensions, where structural parameters have their start values or
-/// what `chosen` says of them (by value reference). Throws Error past kMaxElements and for an extent that cannot be found.
+/// Returns the number of elements of a variable: the product of its dimensions. Structural parameters have the values in
+/// `chosen` (by value reference), else their start values. Throws Error above kMaxElements and for an unknown dimension.
 std::size_t elements(const ModelDescription& description, const ModelVariable& variable,
                      const std::map<std::uint32_t, std::uint64_t>& chosen = {});
 
-/// The variable of that value reference, the first of them in FMI 2 where several share it; nullptr if there is none.
+/// Returns the variable with this value reference, in FMI 2 the first of several, or nullptr.
 const ModelVariable* find(const ModelDescription& description, std::uint32_t reference);
 
-/// Limits, unit and nominal value of a variable: its own, and where it does not say, those of its declared type.
+/// Returns limits, unit and nominal value of a variable; what the variable lacks is taken from its declared type.
 Numeric effective(const ModelDescription& description, const ModelVariable& variable);
 
-/// The same questions for many variables of one description, which must not change meanwhile.
+/// Fast look-up of the same for many variables of one description, which must not change meanwhile.
 class DescriptionIndex {
  public:
   explicit DescriptionIndex(const ModelDescription& description);
 
-  /// nullptr if there is none of that name.
+  /// Return nullptr for an unknown name.
   const ModelVariable* variable(std::string_view name) const;
   const TypeDefinition* type(std::string_view name) const;
   const MeasurementUnit* unit(std::string_view name) const;
   Numeric effective(const ModelVariable& variable) const;
-  /// As the function of that name, with the start values of the structural parameters where `chosen` does not say.
+  /// Like fmu::elements.
   std::size_t elements(const ModelVariable& variable, const std::map<std::uint32_t, std::uint64_t>& chosen = {}) const;
 
  private:
   const ModelDescription& description_;
   std::unordered_map<std::string_view, const TypeDefinition*> types_;
   std::unordered_map<std::string_view, const MeasurementUnit*> units_;
-  std::unordered_map<std::uint32_t, const ModelVariable*> extents_;  // what can give the size of an array, by value reference
-  mutable std::unordered_map<std::string_view, const ModelVariable*> variables_;  // made when first asked for
+  std::unordered_map<std::uint32_t, const ModelVariable*> extents_;  // value reference → variable that can be an array's size
+  mutable std::unordered_map<std::string_view, const ModelVariable*> variables_;  // filled at the first look-up
 };
 
-/// Writes modelDescription.xml for `description.version`. Throws Error for what that version cannot say (an array in FMI 2) and
-/// for text that XML cannot carry.
+/// Writes modelDescription.xml for `description.version`. Throws Error for a feature that this version lacks (an array in FMI
+/// 2) and for characters that XML does not allow.
 void write(std::ostream& out, const ModelDescription& description);
 
 }  // namespace cotwin::fmu

@@ -3,12 +3,12 @@
 
 #include "components/unit/variables.h"
 
-/// Inputs that a unit follows linearly over a step (Variable::rate), in FMI 3.0, which has no fmi2SetRealInputDerivatives: the
-/// slope of the input "u" is an input "der(u)" of its own, behind all other variables, whose attribute `derivative` refers to
-/// u. It holds until it is set again; a host that does not know of it holds the input over a step.
+/// Linear extrapolation of inputs over a step (Variable::rate) in FMI 3.0, which has no fmi2SetRealInputDerivatives. The slope
+/// of the input "u" is a further input "der(u)" after all other variables; its attribute `derivative` refers to u. A slope
+/// stays valid until it is set again. If the host never sets it, it is 0 and the input is constant over a step.
 namespace cotwin::fmu {
 
-/// What our model descriptions say that they were made by.
+/// The attribute generationTool of our model descriptions.
 inline constexpr const char* kGenerationTool = "Cotwin";
 
 inline std::string rate_name(const std::string& input) { return "der(" + input + ")"; }
@@ -22,7 +22,7 @@ inline std::string rate_measure(const std::string& si) {
   return si.substr(0, slash) + "/(" + (bracketed ? below.substr(1, below.size() - 2) : below) + ".s)";
 }
 
-/// The variable "der(u)" of an input that has a rate.
+/// Returns the variable "der(u)" of an input with a rate.
 inline Variable rate_variable(const Variable& input) {
   Variable rate;
   rate.name = rate_name(input.name);

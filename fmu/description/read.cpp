@@ -21,8 +21,8 @@ namespace {
 
 constexpr std::size_t kMaxVariables = 2'000'000;
 
-/// Variables and the structure, of which there may be a million, are read as they come and not kept; all else is read at the
-/// end.
+/// Variables and the structure can have a million elements. They are converted while the XML is parsed and their elements are
+/// not stored. Everything else is read at the end.
 class Reader {
  public:
   explicit Reader(ModelDescription& description) : d_(description) {}
@@ -35,7 +35,7 @@ class Reader {
   }
 
  private:
-  /// Whether the element has been read here.
+  /// Returns whether the element was read and need not be stored.
   bool take(std::span<const xml::Element> around, const xml::Element& e) {
     begin(around[0]);
     if (around.size() == 1) {
@@ -45,19 +45,19 @@ class Reader {
       return e.name == "UnitDefinitions" || e.name == "TypeDefinitions";
     }
     if (around[1].name == "ModelVariables") {
-      if (around.size() > 2) return false;  // a part of a variable
-      if (has_variables_) throw Error(e.place, "a second ModelVariables");
+      if (around.size() > 2) return false;  // a child of a variable
+      if (has_variables_) throw Error(e.place, "ModelVariables appears twice");
       read_variable(e);
       return true;
     }
-    // The structure may stand before the variables, where the schema does not have it: then it is kept.
+    // Against the schema, ModelStructure may precede ModelVariables. It is then stored and read at the end.
     if (around[1].name != "ModelStructure" || !has_variables_) return false;
     end_variables();
     if (two_) return around.size() == 3 && structure2(around[2].name, e);
     return around.size() == 2 && structure3(e);
   }
 
-  /// What the root element says.
+  /// Reads the attributes of the root element.
   void begin(const xml::Element& root) {
     if (begun_) return;
     begun_ = true;
@@ -106,7 +106,7 @@ class Reader {
     if (variables == nullptr) throw Error(root.place, "no ModelVariables");
     end_variables();
     if (structure == nullptr) throw Error(root.place, "no ModelStructure");
-    for (const xml::Element& e : structure->children) {  // those that could not be read as they came
+    for (const xml::Element& e : structure->children) {  // elements that could not be read during parsing
       if (!two_) structure3(e);
       for (const xml::Element& unknown : e.children) {
         if (two_) structure2(e.name, unknown);
@@ -115,7 +115,7 @@ class Reader {
   }
 
   void interface(const xml::Element& e, std::optional<Interface>& out) {
-    if (out) throw Error(e.place, e.name + " stands twice");
+    if (out) throw Error(e.place, e.name + " appears twice");
     Interface i;
     i.model_identifier = xml::text(e, "modelIdentifier");
     if (!is_library_name(i.model_identifier)) bad(e, "modelIdentifier", i.model_identifier, "the name of a shared library");
@@ -180,7 +180,7 @@ class Reader {
     }
   }
 
-  /// The type that an element <Real> or <Float64Type> declares.
+  /// Returns the type of an element such as <Real> or, if `definition`, <Float64Type>.
   std::optional<Type> type_of(std::string name, bool definition) const {
     if (two_) {
       if (name == "Real") return Type::kFloat64;
@@ -230,7 +230,7 @@ class Reader {
     DefaultExperiment x{optional_real(e, "startTime"), optional_real(e, "stopTime"), optional_real(e, "tolerance"),
                         optional_real(e, "stepSize")};
     for (const auto* value : {&x.start, &x.stop, &x.tolerance, &x.step}) {
-      if (*value && !std::isfinite(**value)) throw Error(e.place, "DefaultExperiment has a number that is not finite");
+      if (*value && !std::isfinite(**value)) throw Error(e.place, "DefaultExperiment has a value that is not finite");
     }
     d_.default_experiment = x;
   }
@@ -253,10 +253,10 @@ class Reader {
     if (const std::string* of = xml::find(*content, "derivative")) derivatives_.emplace_back(d_.variables.size() - 1, *of);
   }
 
-  /// What needs all variables: names and references that stand once, derivatives, start values.
+  /// Makes the checks that need all variables: unique names and references, derivatives, start values.
   void end_variables() {
     if (check_) return;
-    std::unordered_map<std::string_view, std::size_t> names;  // where the name stands
+    std::unordered_map<std::string_view, std::size_t> names;  // name → index of its variable
     std::unordered_set<std::uint32_t> references;
     names.reserve(d_.variables.size());
     references.reserve(d_.variables.size());
@@ -264,12 +264,12 @@ class Reader {
       const ModelVariable& v = d_.variables[i];
       const auto name_once = [&](const std::string& name) {
         const auto [first, fresh] = names.emplace(name, i);
-        if (!fresh) throw Error(places_[i], "variable '" + name + "' stands also at " + places_[first->second].text());
+        if (!fresh) throw Error(places_[i], "variable '" + name + "' appears also at " + places_[first->second].text());
       };
       name_once(v.name);
       for (const Alias& alias : v.aliases) name_once(alias.name);
       if (!references.insert(v.reference).second && !two_)
-        throw Error(places_[i], "value reference " + std::to_string(v.reference) + " stands twice");
+        throw Error(places_[i], "value reference " + std::to_string(v.reference) + " appears twice");
     }
     check_.emplace(d_);
     for (const auto& [i, of] : derivatives_) d_.variables[i].derivative = derivative(places_[i], of);
@@ -280,7 +280,7 @@ class Reader {
     derivatives_ = {};
   }
 
-  /// What our annotation says of an input of FMI 2.
+  /// Returns the value of our annotation of an FMI 2 input; true if it is missing.
   static bool interpolated(const xml::Element& variable) {
     const xml::Element* annotations = xml::child(variable, "", "Annotations");
     if (annotations == nullptr) return true;
@@ -343,7 +343,7 @@ class Reader {
     return v;
   }
 
-  /// The variable that the attribute means: an index from 1 (FMI 2) or a value reference.
+  /// Returns the index of the variable that the attribute refers to by an index from 1 (FMI 2) or a value reference (FMI 3).
   std::size_t derivative(const xml::Place& place, const std::string& of) const {
     const std::optional<std::uint64_t> number = read_unsigned(of);
     const auto fail = [&](const char* expected) { throw Error(place, "derivative '" + of + "', expected " + expected); };
@@ -364,7 +364,7 @@ class Reader {
     return *found;
   }
 
-  /// `find_index` reads what one word of the standard means: an index (FMI 2) or a value reference (FMI 3).
+  /// `find_index` returns the variable that a word refers to: by an index (FMI 2) or by a value reference (FMI 3).
   Unknown unknown(const xml::Element& e, std::size_t variable, const std::function<std::size_t(std::string_view)>& find_index) {
     Unknown u;
     u.variable = variable;
@@ -379,12 +379,12 @@ class Reader {
         u.kinds.push_back(*kind);
       }
       if (!u.dependencies || u.kinds.size() != u.dependencies->size())
-        throw Error(e.place, "dependenciesKind has another length than dependencies");
+        throw Error(e.place, "dependenciesKind differs in length from dependencies");
     }
     return u;
   }
 
-  /// Whether the element is one of this list.
+  /// Reads an element of a list of ModelStructure. Returns false if it does not belong to the list.
   bool structure2(std::string_view list, const xml::Element& e) {
     std::vector<Unknown>* out = list == "Outputs"           ? &d_.structure.outputs
                                 : list == "Derivatives"     ? &d_.structure.derivatives

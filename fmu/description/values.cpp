@@ -9,7 +9,7 @@ namespace cotwin::fmu {
 
 namespace {
 
-/// XML Schema's double: with INF, -INF and NaN.
+/// Reads a double of XML Schema, which includes INF, -INF and NaN.
 std::optional<double> read_double(std::string_view word) {
   if (word == "INF" || word == "+INF") return std::numeric_limits<double>::infinity();
   if (word == "-INF") return -std::numeric_limits<double>::infinity();
@@ -88,7 +88,7 @@ std::optional<std::uint64_t> optional_unsigned(const xml::Element& e, std::strin
   const std::string* value = xml::find(e, attribute);
   if (value == nullptr) return std::nullopt;
   const std::optional<std::uint64_t> number = read_unsigned(*value);
-  if (!number) bad(e, attribute, *value, "an integer that is not negative");
+  if (!number) bad(e, attribute, *value, "a non-negative integer");
   return number;
 }
 
@@ -122,9 +122,9 @@ StartValues read_start(const xml::Element& e, const ModelVariable& v, Version ve
   if (v.type == Type::kBoolean) {
     return read_list<bool>(e, *start, "true or false", [](std::string_view w) { return text::parse_boolean(w); });
   }
-  if (v.type == Type::kUInt64) return read_list<std::uint64_t>(e, *start, "integers that are not negative", read_unsigned);
+  if (v.type == Type::kUInt64) return read_list<std::uint64_t>(e, *start, "non-negative integers", read_unsigned);
   const IntegerRange range = range_of(scalar2 ? Type::kInt32 : v.type);
-  return read_list<std::int64_t>(e, *start, "integers of the range of " + std::string(name_of(v.type)),
+  return read_list<std::int64_t>(e, *start, "integers in the range of " + std::string(name_of(v.type)),
                                  [&](std::string_view w) -> std::optional<std::int64_t> {
                                    const auto n = text::parse_integer(w);
                                    if (!n || *n < range.min || *n > range.max) return std::nullopt;

@@ -10,11 +10,11 @@
 #include "models/support/error.h"
 #include "models/support/xml.h"
 
-/// What stands in the attributes of a modelDescription.xml: words, numbers and values, as they are read before anybody asks how
-/// they fit together. Everything throws Error `place:line: …` for what is not written as the standards want it.
+/// Reads words, numbers and values from the attributes of a modelDescription.xml. Relations between them are checked elsewhere
+/// (consistency.h). All functions throw Error `place:line: …` for a value that the standard does not allow.
 namespace cotwin::fmu {
 
-/// The enumerator that `word` is the name of.
+/// Returns the enumerator with the name `word`.
 template <class Enum>
 std::optional<Enum> read_word(std::string_view word, Enum last) {
   for (int i = 0; i <= static_cast<int>(last); ++i) {
@@ -36,27 +36,27 @@ std::optional<Enum> word_of(const xml::Element& e, std::string_view attribute, E
   throw Error(e.place, std::string(attribute) + " '" + *value + "', expected one of " + all);
 }
 
-/// An integer in decimal digits that fits 64 bits without a sign, or nothing.
+/// Returns an unsigned 64-bit integer in decimal digits, or nothing.
 std::optional<std::uint64_t> read_unsigned(std::string_view word);
 
-/// The words of a list separated by blanks.
+/// Splits a list at blanks.
 std::vector<std::string_view> words(std::string_view list);
 
 [[noreturn]] void bad(const xml::Element& e, std::string_view attribute, std::string_view value, const std::string& expected);
 
-/// Attributes that may be missing.
+/// Read an attribute that may be missing.
 std::optional<double> optional_real(const xml::Element& e, std::string_view attribute);
 std::optional<std::uint64_t> optional_unsigned(const xml::Element& e, std::string_view attribute);
 
-/// `word` as the value reference that `attribute` gives.
+/// Returns `word`, a part of `attribute`, as a value reference.
 std::uint32_t reference_from(const xml::Element& e, std::string_view attribute, std::string_view word);
 
-/// The start values that the attribute `start`, or for strings and binaries of FMI 3 the children <Start>, give.
+/// Reads the start values from the attribute `start` or, for strings and binaries of FMI 3, from the children <Start>.
 StartValues read_start(const xml::Element& e, const ModelVariable& v, Version version);
 void read_numeric(const xml::Element& e, Numeric& n);
 void read_clock(const xml::Element& e, Clock& c);
 
-/// The table of the standards (FMI 2.0: 2.2.7, FMI 3.0: 2.4.7.5) that tells `initial` where a variable does not.
+/// Returns the standard's default of `initial` (tables in FMI 2.0: 2.2.7, FMI 3.0: 2.4.7.5).
 std::optional<Initial> standard_initial(Causality causality, Variability variability);
 
 }  // namespace cotwin::fmu

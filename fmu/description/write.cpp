@@ -10,7 +10,7 @@ namespace cotwin::fmu {
 
 namespace {
 
-/// A number as XML Schema's double.
+/// Writes a number as a double of XML Schema.
 std::string to_xml(double value) {
   if (std::isnan(value)) return "NaN";
   if (std::isinf(value)) return value > 0 ? "INF" : "-INF";
@@ -23,7 +23,7 @@ std::string to_xml(std::uint64_t value) { return std::to_string(value); }
 bool is_float(Type type) { return type == Type::kFloat32 || type == Type::kFloat64; }
 bool is_integer(Type type) { return type >= Type::kInt8 && type <= Type::kUInt64; }
 
-/// An element that is being written: attributes first, then either children or nothing.
+/// Writes one XML element: first its attributes, then its children.
 class Tag {
  public:
   Tag(std::ostream& out, int depth, std::string_view name) : out_(out), depth_(depth), name_(name) {
@@ -45,7 +45,7 @@ class Tag {
     return *this;
   }
   Tag& set_if(std::string_view name, std::string_view value) { return value.empty() ? *this : set(name, value); }
-  /// Leaves out what is the standard's default anyway.
+  /// Writes the attribute unless it has the standard's default value.
   Tag& flag(std::string_view name, bool value, bool standard = false) {
     return value == standard ? *this : set(name, to_xml(value));
   }
@@ -94,7 +94,7 @@ class Writer {
     if (d_.model_exchange) model_exchange(root, *d_.model_exchange);
     if (d_.co_simulation) co_simulation(root, *d_.co_simulation);
     if (d_.scheduled_execution) {
-      if (fmi2_) throw Error(d_.model_name, "scheduled execution, which FMI 2 does not have");
+      if (fmi2_) throw Error(d_.model_name, "Scheduled Execution does not exist in FMI 2");
       Tag tag = root.child("ScheduledExecution");
       common(tag, *d_.scheduled_execution);
     }
@@ -206,7 +206,7 @@ class Writer {
         shown.set("name", display.name);
         if (display.factor != 1) shown.set("factor", to_xml(display.factor));
         if (display.offset != 0) shown.set("offset", to_xml(display.offset));
-        if (display.inverse && fmi2_) throw Error(display.name, "an inverse display unit, which FMI 2 does not have");
+        if (display.inverse && fmi2_) throw Error(display.name, "inverse display units do not exist in FMI 2");
         shown.flag("inverse", display.inverse);
       }
     }
@@ -247,7 +247,7 @@ class Writer {
       case Type::kEnumeration:
         return "Enumeration";
       default:
-        throw Error(who, std::string(name_of(type)) + ", which FMI 2 does not have");
+        throw Error(who, "type " + std::string(name_of(type)) + " does not exist in FMI 2");
     }
   }
 
@@ -283,7 +283,7 @@ class Writer {
     }
   }
 
-  /// What both versions say of a variable in the same words.
+  /// Writes the attributes of a variable that are equal in both versions.
   void variable_head(Tag& tag, const ModelVariable& v) {
     tag.set("name", v.name).set("valueReference", std::to_string(v.reference)).set_if("description", v.description);
     tag.set("causality", name_of(v.causality));
@@ -294,7 +294,7 @@ class Writer {
   void scalar(Tag& all, const ModelVariable& v) {
     if (v.causality == Causality::kStructuralParameter || !v.dimensions.empty() || !v.clocks.empty() || !v.aliases.empty() ||
         v.previous || v.intermediate_update) {
-      throw Error(v.name, "has what FMI 2 does not have: dimensions, clocks, aliases, intermediate updates");
+      throw Error(v.name, "has dimensions, clocks, aliases or intermediate updates, which do not exist in FMI 2");
     }
     Tag outer = all.child("ScalarVariable");
     variable_head(outer, v);

@@ -81,15 +81,15 @@ TEST(ReadDescription, RefusesInvalidDescriptionsAndNamesTheLine) {
       {"<a/>", "md.xml:1: <a>, expected <fmiModelDescription>"},
       {"<fmiModelDescription fmiVersion='1.0'/>", "FMI 1.0 is not supported"},
       {"<fmiModelDescription fmiVersion='4.0'/>", "FMI '4.0' is not supported"},
-      {fmi3(a + a), "variable 'a' stands also at md.xml:4"},
-      {fmi3(a + "<Float64 name='b' valueReference='1'/>"), "value reference 1 stands twice"},
+      {fmi3(a + a), "variable 'a' appears also at md.xml:4"},
+      {fmi3(a + "<Float64 name='b' valueReference='1'/>"), "value reference 1 appears twice"},
       {fmi3("<Float64 name='' valueReference='1'/>"), "a variable's name is empty"},
       {fmi3("<Float64 name='a' valueReference='-1'/>"), "valueReference '-1'"},
       {fmi3("<Float64 name='a' valueReference='4294967296'/>"), "valueReference '4294967296'"},
       {fmi3("<Float65 name='a' valueReference='1'/>"), "<Float65>, expected the type of a variable"},
       {fmi3("<Float64 name='a' valueReference='1' causality='output '/>"), "causality 'output '"},
       {fmi3("<Float64 name='a' valueReference='1' start='x'/>"), "start 'x', expected numbers"},
-      {fmi3("<Int8 name='a' valueReference='1' start='128'/>"), "start '128', expected integers of the range of Int8"},
+      {fmi3("<Int8 name='a' valueReference='1' start='128'/>"), "start '128', expected integers in the range of Int8"},
       {fmi3("<UInt64 name='a' valueReference='1' start='18446744073709551616'/>"), "start '18446744073709551616'"},
       {fmi3("<Float64 name='a' valueReference='1' start='1 2'/>"), "2 start values for 1 elements"},
       {fmi3("<Float64 name='a' valueReference='1'><Dimension start='3000'/><Dimension start='4000'/></Float64>"),
@@ -105,13 +105,13 @@ TEST(ReadDescription, RefusesInvalidDescriptionsAndNamesTheLine) {
       {fmi3("<Float64 name='a' valueReference='1'><Dimension/></Float64>"), "either start or valueReference"},
       {fmi3("<Float64 name='a' valueReference='1'><Alias name=''/></Float64>"), "an alias's name is empty"},
       {fmi3("<Int32 name='a' valueReference='1'/><Float64 name='b' valueReference='2' derivative='1'/>"),
-       "derivative of 'a', expected a variable of floats"},
+       "derivative of 'a', expected a floating-point variable"},
       {fmi3("<Float64 name='a' valueReference='1' derivative='5'/>"), "derivative '5'"},
       {fmi3("<Float64 name='a' valueReference='1' declaredType='T'/>"), "type 'T' is not defined"},
       {fmi3("<Int32 name='a' valueReference='1' clocks='2'/>"), "clock 2 is not a variable of type Clock"},
       {fmi3("<Binary name='a' valueReference='1'><Start value='0'/></Binary>"), "even number"},
       {fmi3(a, "<Output valueReference='2'/>"), "valueReference '2', expected the value reference of a variable"},
-      {fmi3(a, "<Output valueReference='1' dependencies='1' dependenciesKind='fixed fixed'/>"), "another length"},
+      {fmi3(a, "<Output valueReference='1' dependencies='1' dependenciesKind='fixed fixed'/>"), "differs in length"},
       {fmi3(a, "<ContinuousStateDerivative valueReference='1'/>"), "'a' is not the derivative of a variable"},
       {fmi2("<ScalarVariable name='a' valueReference='1'/>"), "a variable without Real"},
       {fmi2("<Real name='a' valueReference='1'/>"), "expected <ScalarVariable>"},
@@ -225,13 +225,14 @@ TEST(CheckDescription, FindsWhatTheStandardForbids) {
   EXPECT_THAT(texts(fmi3("<Float64 name='a' valueReference='1' start='1'/>")),
               Contains(HasSubstr("must not have a start value")));
   EXPECT_THAT(texts(fmi3("<Float64 name='a' valueReference='1' causality='input' start='1' min='2'/>")),
-              Contains(HasSubstr("starts outside of its range: 1")));
+              Contains(HasSubstr("has a start value outside its range: 1")));
   for (const std::string number : {"nan", "inf"}) {
     EXPECT_THAT(texts(fmi3("<Float64 name='a' valueReference='1' causality='input' start='" + number + "'/>")),
-                Contains(HasSubstr("starts at " + number + ", expected a finite number")));
+                Contains(HasSubstr("has the start value " + number + ", expected a finite number")));
   }
   EXPECT_THAT(texts(fmi3("<Float64 name='a' valueReference='1'/>", "<Output valueReference='1'/><Output valueReference='1'/>")),
-              ::testing::AllOf(Contains(HasSubstr("listed as an output, but is none")), Contains(HasSubstr("stands twice"))));
+              ::testing::AllOf(Contains(HasSubstr("listed as an output in ModelStructure, but its causality is not output")),
+                               Contains(HasSubstr("appears twice"))));
 }
 
 /// `n` variables, each with a type, a unit of measure and an entry in the structure; in pairs of a state and its derivative.

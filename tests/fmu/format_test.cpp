@@ -238,7 +238,7 @@ TEST(Description, RefersByIndexInFmi2AndByReferenceInFmi3) {
 TEST(Description, RefusesInFmi2WhatOnlyFmi3Has) {
   ModelDescription d = full(Version::k2);
   d.variables[1].dimensions = {{3, {}}};
-  EXPECT_THAT([&] { to_xml(d); }, ThrowsMessage<Error>(HasSubstr("FMI 2 does not have")));
+  EXPECT_THAT([&] { to_xml(d); }, ThrowsMessage<Error>(HasSubstr("not exist in FMI 2")));
   d = full(Version::k2);
   d.variables[1].type = Type::kInt64;
   EXPECT_THAT([&] { to_xml(d); }, ThrowsMessage<Error>(HasSubstr("Int64")));
@@ -347,7 +347,7 @@ TEST_F(Archives, MayHoldAFileTwiceIfItIsTheSame) {
       EXPECT_EQ(list_archive(archive_).size(), 1u);
       EXPECT_EQ(cotwin::testing::content(unpack_archive(archive_).path() / "file.txt"), "one");
     } else {
-      EXPECT_THAT([&] { unpack_archive(archive_); }, ThrowsMessage<Error>(HasSubstr("'file.txt': is there twice")));
+      EXPECT_THAT([&] { unpack_archive(archive_); }, ThrowsMessage<Error>(HasSubstr("'file.txt': appears twice")));
     }
   }
 }
@@ -476,7 +476,7 @@ TEST_F(Archives, AreRefusedForWhatTheyDeclareBeforeAnythingIsUnpacked) {
   write_raw(archive_, {{"modelDescription.xml", "<a/>"}, {deep + "f", ""}});
   refused("lies in more than 32 folders");
   write_raw(archive_, {{"modelDescription.xml", "<a/>"}, {std::string(2000, 'n'), ""}});
-  refused("is no name of a file, expected 1 to 1000 bytes");
+  refused("is not a file name, expected 1 to 1000 bytes");
 }
 
 TEST_F(Archives, OpeningAFifoDoesNotBlock) {
