@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kNever = std::numeric_limits<double>::infinity();
 
-/// As for the end of a step: within rounding of the sums behind it.
+/// Returns whether t has reached `when`, within the rounding of sums of steps.
 bool reached(double t, double when) { return t >= when - 1e-14 * std::max(1.0, std::abs(when)); }
 
 }  // namespace
@@ -35,11 +35,11 @@ ForeignClocks::ForeignClocks(const ModelDescription& description, ForeignVariabl
         const auto resolution = static_cast<double>(*v.clock.resolution);
         clock.interval = static_cast<double>(*v.clock.interval_counter) / resolution;
         clock.origin = static_cast<double>(v.clock.shift_counter) / resolution;
-        clock.told = true;
+        clock.declared = true;
       } else if (v.clock.interval) {
         clock.interval = *v.clock.interval;
         clock.origin = v.clock.shift;
-        clock.told = true;
+        clock.declared = true;
       }
       clock.ticked = ticked;
       timed_.push_back(std::move(clock));
@@ -53,30 +53,30 @@ bool ForeignClocks::periodic(const Timed& clock) {
   return clock.variability != IntervalVariability::kChanging && clock.variability != IntervalVariability::kCountdown;
 }
 
-/// Asks for the interval to the next tick.
-void ForeignClocks::ask(ForeignInstance& instance, Timed& clock, double t, bool first) {
+/// Reads the interval to the next tick.
+void ForeignClocks::query_interval(ForeignInstance& instance, Timed& clock, double t, bool first) {
   double interval = clock.interval;
   IntervalState state = IntervalState::kNotYetKnown;
   instance.get_intervals({&clock.reference, 1}, {&interval, 1}, {&state, 1});
   if (state == IntervalState::kNotYetKnown) {
     if (clock.variability != IntervalVariability::kCountdown) {
-      throw Error("clock '" + clock.name + "'", "its interval is not known at " + text::to_text(t) + " s, expected one");
+      throw Error("clock '" + clock.name + "'", "the FMU gives no interval at " + text::to_text(t) + " s, expected one");
     }
     clock.next = kNever;
     return;
   }
   if (state == IntervalState::kUnchanged && !first) {
-    if (periodic(clock) || !clock.active) return;  // goes on as before
+    if (periodic(clock) || !clock.active) return;  // keeps its schedule
     interval = clock.interval;
   }
   if (!(interval >= 0) || !(interval < kNever) || (periodic(clock) && interval == 0)) {
     throw Error("clock '" + clock.name + "'",
-                "interval " + text::to_text(interval) + " s at " + text::to_text(t) + " s, expected one greater than 0");
+                "interval " + text::to_text(interval) + " s at " + text::to_text(t) + " s, expected a finite one above 0");
   }
   clock.interval = interval;
   if (!periodic(clock)) {
     clock.next = t + interval;
-  } else if (!first) {  // of a tunable clock: from here on
+  } else if (!first) {  // a tunable clock: the new interval begins now
     clock.origin = t;
     clock.count = 1;
     clock.next = t + interval;
@@ -89,15 +89,16 @@ void ForeignClocks::begin(ForeignInstance& instance, double start) {
     clock.active = false;
     clock.count = 0;
     double shift = clock.origin;
-    if (periodic(clock) && clock.told) {
+    if (periodic(clock) && clock.declared) {
       if (!(clock.interval > 0) || !(clock.interval < kNever)) {
-        throw Error("clock '" + clock.name + "'", "interval " + text::to_text(clock.interval) + " s, expected one above 0");
+        throw Error("clock '" + clock.name + "'",
+                    "interval " + text::to_text(clock.interval) + " s, expected a finite one above 0");
       }
-      // A constant one is what it is; of the others the importer says that it keeps to the description.
+      // The interval of a constant clock cannot be set. For the others the importer confirms the declared interval.
       if (clock.variability != IntervalVariability::kConstant)
         instance.set_intervals({&clock.reference, 1}, {&clock.interval, 1});
     } else {
-      ask(instance, clock, start, true);
+      query_interval(instance, clock, start, true);
       if (!periodic(clock)) continue;
       instance.get_shifts({&clock.reference, 1}, {&shift, 1});
     }
@@ -158,12 +159,12 @@ void ForeignClocks::observe(ForeignInstance& instance) {
 void ForeignClocks::schedule(ForeignInstance& instance, double t) {
   for (Timed& clock : timed_) {
     if (clock.active && periodic(clock)) clock.next = clock.origin + static_cast<double>(++clock.count) * clock.interval;
-    const bool asks = clock.variability == IntervalVariability::kCountdown ||
-                      (clock.variability == IntervalVariability::kChanging && clock.active) ||
-                      (clock.variability == IntervalVariability::kTunable && !clock.told);
-    if (asks) {
+    const bool queries = clock.variability == IntervalVariability::kCountdown ||
+                         (clock.variability == IntervalVariability::kChanging && clock.active) ||
+                         (clock.variability == IntervalVariability::kTunable && !clock.declared);
+    if (queries) {
       if (clock.active && !periodic(clock)) clock.next = kNever;
-      ask(instance, clock, t, false);
+      query_interval(instance, clock, t, false);
     }
     clock.active = false;
   }

@@ -10,38 +10,38 @@
 
 namespace cotwin::fmu {
 
-/// The clocks of an FMU for Co-Simulation (FMI 3.0.2, 2.2.10), which tick in its event mode alone:
-///   time-based input clocks   are activated when their time has come: constant, fixed and tunable ones every interval from
-///                             start + shift on, changing and countdown ones an interval after the event that told it
+/// The clocks of an FMU for Co-Simulation (FMI 3.0.2, 2.2.10). They tick only in event mode:
+///   time-based input clocks   are activated at their times: constant, fixed and tunable ones periodically from start + shift
+///                             on, changing and countdown ones an interval after the event that gave the interval
 ///   triggered input clocks    are activated at the beginning of a step for which their variable is true
-///   triggered output clocks   are activated by the FMU, and asked for before each update of its discrete states
-/// Each clock is a boolean variable of the unit. An input's asks for a tick; all others tell whether there was one in the last
-/// step. Variables that belong to clocks are exchanged when one of these is active.
+///   triggered output clocks   are activated by the FMU; they are read before each update of its discrete states
+/// Each clock is a boolean variable of the unit. The variable of a triggered input clock requests a tick; the others are true
+/// if the clock ticked in the last step. Clocked variables are exchanged while one of their clocks is active.
 class ForeignClocks {
  public:
-  /// The variables must live as long as this.
+  /// `variables` must outlive this object.
   ForeignClocks(const ModelDescription& description, ForeignVariables& variables);
 
   bool empty() const { return timed_.empty() && triggered_.empty() && outputs_.empty(); }
-  /// In initialisation mode: when everything ticks for the first time. Throws Error for an interval that is none.
+  /// In Initialization Mode: computes the first tick of each clock. Throws Error for an invalid interval.
   void begin(ForeignInstance& instance, double start);
-  /// Forgets what ticked.
+  /// Clears the ticks of the last step.
   void begin_step();
-  /// s; of time-based clocks.
+  /// Returns the time of the next tick of a time-based clock, s.
   std::optional<double> next() const;
   bool due(double t) const;
-  /// A triggered input clock is asked for.
+  /// Returns whether a tick of a triggered input clock is requested.
   bool triggered() const;
 
   // In event mode, in this order
-  /// Activates what is due at `t` and, if wanted, triggered; exchanges what belongs to it.
+  /// Activates the clocks that are due at `t` and, if `triggered`, the requested ones; exchanges their variables.
   void activate(ForeignInstance& instance, double t, bool triggered);
-  /// Asks for the output clocks, and for what belongs to the active ones.
+  /// Reads the output clocks and the variables of the active ones.
   void observe(ForeignInstance& instance);
-  /// After the updates: when everything ticks next.
+  /// After the updates of discrete states: computes the next ticks.
   void schedule(ForeignInstance& instance, double t);
 
-  /// How often clocks were activated since begin().
+  /// Returns the number of activations since begin().
   std::uint64_t ticks() const { return ticks_; }
 
   void write(ByteWriter& out) const;
@@ -52,10 +52,10 @@ class ForeignClocks {
     std::uint32_t reference = 0;
     std::string name;
     IntervalVariability variability = IntervalVariability::kConstant;
-    bool told = false;                // the description has the interval
+    bool declared = false;            // the description gives the interval
     double interval = 0, origin = 0;  // s; ticks at origin + count · interval
     std::uint64_t count = 0;
-    double next = 0;  // s; infinite: not known
+    double next = 0;  // s; infinite: unknown
     bool active = false;
     std::span<bool> ticked;
   };
@@ -64,7 +64,7 @@ class ForeignClocks {
     std::span<bool> ticked;
   };
   static bool periodic(const Timed& clock);
-  void ask(ForeignInstance& instance, Timed& clock, double t, bool first);
+  void query_interval(ForeignInstance& instance, Timed& clock, double t, bool first);
 
   ForeignVariables& variables_;
   std::vector<Timed> timed_;

@@ -1,4 +1,4 @@
-// How the values of ForeignVariables get through the C interfaces and back.
+// Exchange of the values of ForeignVariables with the FMU through the C interfaces.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -16,7 +16,7 @@ namespace {
 
 constexpr std::uint8_t kNoByte = 0;
 
-/// The number that comes closest to `value` in T.
+/// Returns the number of type T that is nearest to `value`.
 template <class T, class From>
 T nearest(From value) {
   if constexpr (std::is_same_v<T, From> || std::is_floating_point_v<T>) {
@@ -24,7 +24,7 @@ T nearest(From value) {
   } else if constexpr (std::is_floating_point_v<From>) {
     if (!(value == value)) return 0;
     const From rounded = std::nearbyint(value);
-    // The limits of 64 bits are not doubles: 2^63 and 2^64 are the first ones past them.
+    // The largest 64-bit integers are not exact in double; 2^63 and 2^64 are the first doubles above them.
     if (rounded >= std::ldexp(1.0, std::numeric_limits<T>::digits)) return std::numeric_limits<T>::max();
     if (rounded <= static_cast<From>(std::numeric_limits<T>::min())) return std::numeric_limits<T>::min();
     return static_cast<T>(rounded);
@@ -42,7 +42,8 @@ bool same(std::span<const T> a, std::span<const T> b) {
   if constexpr (std::is_same_v<T, std::string>) {
     return std::equal(a.begin(), a.end(), b.begin(), b.end());
   } else {
-    return a.size() == b.size() && (a.empty() || std::memcmp(a.data(), b.data(), a.size_bytes()) == 0);  // bits: NaN is NaN
+    return a.size() == b.size() &&
+           (a.empty() || std::memcmp(a.data(), b.data(), a.size_bytes()) == 0);  // compares bits, so NaN equals NaN
   }
 }
 
@@ -59,7 +60,7 @@ void* ForeignVariables::wire_of(Group& group) {
   with_wire(group.type, [&](auto sample, auto& store) {
     using Wire = decltype(sample);
     using T = std::remove_cvref_t<decltype(store.values[0])>;
-    // Without conversion the storage itself goes through the call.
+    // Without conversion the call accesses the storage directly.
     wire =
         std::is_same_v<Wire, T> && group.factors.empty() ? static_cast<void*>(store.values + group.first) : group.wire.data();
   });
@@ -75,7 +76,9 @@ void* ForeignVariables::to_wire(Group& group) {
         group.texts[i] = text.c_str();
       } else {
         from_hex(text, group.binaries[i]);
-        group.bytes[i] = group.binaries[i].empty() ? &kNoByte : group.binaries[i].data();  // FMUs copy from it even so
+        group.bytes[i] = group.binaries[i].empty()
+                             ? &kNoByte
+                             : group.binaries[i].data();  // not nullptr: some FMUs copy from it even if the size is 0
         group.sizes[i] = group.binaries[i].size();
       }
     }
@@ -126,7 +129,7 @@ void ForeignVariables::from_wire(Group& group) {
         if (in[i] < std::numeric_limits<std::int32_t>::min() || in[i] > std::numeric_limits<std::int32_t>::max()) {
           throw Error(
               "variable with value reference " + std::to_string(group.references[std::min(i, group.references.size() - 1)]),
-              std::to_string(in[i]) + ", expected a value of 32 bits");
+              std::to_string(in[i]) + ", expected a signed 32-bit integer");
         }
         values[i] = static_cast<std::int32_t>(in[i]);
       }
@@ -206,10 +209,10 @@ void ForeignVariables::forget() {
   for (auto& groups : groups_) {
     for (Group& group : groups) group.sent = false;
   }
-  std::fill(rate_known_.begin(), rate_known_.end(), false);
+  std::fill(nonzero_rate_.begin(), nonzero_rate_.end(), false);
 }
 
-void ForeignVariables::settle(Exchange exchange) {
+void ForeignVariables::mark_sent(Exchange exchange) {
   for (Group& group : groups_[static_cast<std::size_t>(exchange)]) {
     with_store(group.kind, [&](auto& store) { std::copy_n(store.values + group.first, group.size, store.sent + group.first); });
     group.sent = true;
@@ -230,9 +233,9 @@ void ForeignVariables::receive_outputs(ForeignInstance& instance) {
   for (Group& group : outputs_) get(instance, group);
 }
 
-bool ForeignVariables::needs_care() const {
+bool ForeignVariables::needs_full_step() const {
   if (changed(Exchange::kDiscreteInput) || changed(Exchange::kTunable)) return true;
-  return any_rate() || std::find(rate_known_.begin(), rate_known_.end(), true) != rate_known_.end();
+  return any_rate() || std::find(nonzero_rate_.begin(), nonzero_rate_.end(), true) != nonzero_rate_.end();
 }
 
 void ForeignVariables::receive_others(ForeignInstance& instance, double h) {
@@ -243,37 +246,37 @@ void ForeignVariables::receive_others(ForeignInstance& instance, double h) {
   receive_slopes(instance, h);
 }
 
-bool ForeignVariables::refuses_a_slope(ForeignInstance& instance) {
-  for (; slopes_asked_ < items_.size(); ++slopes_asked_) {
-    const Item& slope = items_[slopes_asked_];
+bool ForeignVariables::find_unavailable_slope(ForeignInstance& instance) {
+  for (; slopes_probed_ < items_.size(); ++slopes_probed_) {
+    const Item& slope = items_[slopes_probed_];
     if (slope.exchange != Exchange::kSlope) continue;
-    const Item* asked = &slope;
-    Group alone = make_group({&asked, 1});
+    const Item* probed = &slope;
+    Group alone = make_group({&probed, 1});
     try {
       instance.get_output_derivatives(alone.references, std::span(slope_orders_).first(alone.references.size()),
                                       {static_cast<double*>(wire_of(alone)), alone.size});
     } catch (const Error& error) {
       const auto of = std::find_if(items_.begin(), items_.end(), [&](const Item& i) { return i.name == slope.slope_of; });
-      untold_slopes_.push_back({&slope, &*of, std::vector<double>(of->size)});
-      refused_slopes_.push_back("the FMU tells no slope of '" + slope.slope_of + "' (" + error.what() +
-                                "): that of its last step is taken");
-      ++slopes_asked_;
-      ask_for_told_slopes();
+      computed_slopes_.push_back({&slope, &*of, std::vector<double>(of->size)});
+      slope_notes_.push_back("the FMU gives no derivative of '" + slope.slope_of + "' (" + error.what() +
+                             "); the slope over its last step is used");
+      ++slopes_probed_;
+      group_available_slopes();
       return true;
     }
   }
   return false;
 }
 
-/// One call for each, since they need not lie side by side.
-void ForeignVariables::ask_for_told_slopes() {
+/// Makes one group for each slope that the FMU gives, for their elements need not be contiguous in the storage.
+void ForeignVariables::group_available_slopes() {
   std::vector<Group>& groups = groups_[static_cast<std::size_t>(Exchange::kSlope)];
   groups.clear();
   for (const Item& item : items_) {
-    const bool untold =
-        std::any_of(untold_slopes_.begin(), untold_slopes_.end(), [&](const Untold& u) { return u.slope == &item; });
-    const Item* told = &item;
-    if (item.exchange == Exchange::kSlope && !untold) groups.push_back(make_group({&told, 1}));
+    const bool computed =
+        std::any_of(computed_slopes_.begin(), computed_slopes_.end(), [&](const ComputedSlope& c) { return c.slope == &item; });
+    const Item* given = &item;
+    if (item.exchange == Exchange::kSlope && !computed) groups.push_back(make_group({&given, 1}));
   }
 }
 
@@ -283,12 +286,12 @@ void ForeignVariables::receive_slopes(ForeignInstance& instance, double h) {
                                     {static_cast<double*>(wire_of(group)), group.size});
     from_wire(group);
   }
-  for (Untold& untold : untold_slopes_) {
-    const std::span<const double> now = reals_.of(*untold.of);
-    const std::span<double> slope = reals_.of(*untold.slope);
+  for (ComputedSlope& computed : computed_slopes_) {
+    const std::span<const double> now = reals_.of(*computed.of);
+    const std::span<double> slope = reals_.of(*computed.slope);
     for (std::size_t i = 0; i < now.size(); ++i) {
-      slope[i] = (now[i] - untold.before[i]) / h;
-      untold.before[i] = now[i];
+      slope[i] = (now[i] - computed.before[i]) / h;
+      computed.before[i] = now[i];
     }
   }
 }
@@ -301,7 +304,7 @@ void ForeignVariables::clear_slopes() {
 }
 
 void ForeignVariables::restart_slopes() {
-  for (Untold& untold : untold_slopes_) std::ranges::copy(reals_.of(*untold.of), untold.before.begin());
+  for (ComputedSlope& c : computed_slopes_) std::ranges::copy(reals_.of(*c.of), c.before.begin());
 }
 
 void ForeignVariables::adopt_starts(ForeignInstance* instance) {
@@ -314,7 +317,7 @@ void ForeignVariables::adopt_starts(ForeignInstance* instance) {
     std::copy_n(store.values + item.first, item.size, store.given + item.first);
   };
   if (instance == nullptr) return each(adopt);
-  // `sent` of results is free to hold what the variables say now, while the instance tells what it had given them.
+  // `sent` is unused for results. It holds the present values while the instance's own results are read for comparison.
   each([](const Item& item, auto& store) { std::copy_n(store.values + item.first, item.size, store.sent + item.first); });
   receive(*instance, Exchange::kResult);
   each([](const Item& item, auto& store) {
@@ -369,11 +372,11 @@ bool ForeignVariables::send_rate_inputs(ForeignInstance& instance) {
     for (std::size_t i = first; i < first + item->size; ++i) {
       rate_scratch_[i] = rates_[i] / item->factor;
       moves = moves || rates_[i] != 0;
-      moved = moved || rate_known_[i];
+      moved = moved || nonzero_rate_[i];
     }
     if (!moves && !moved) continue;
     instance.set(Type::kFloat64, {&*item->rate_reference, 1}, rate_scratch_.data() + first, item->size, nullptr);
-    for (std::size_t i = first; i < first + item->size; ++i) rate_known_[i] = moves;
+    for (std::size_t i = first; i < first + item->size; ++i) nonzero_rate_[i] = moves;
     any = true;
   }
   return any;
@@ -385,17 +388,17 @@ bool ForeignVariables::send_rates(ForeignInstance& instance) {
   Group& group = groups_[static_cast<std::size_t>(Exchange::kContinuousInput)].back();
   std::size_t n = 0;
   bool any = false;
-  // Those that rest are not spoken of: an FMU that can interpolate inputs need not be able to for all of them.
+  // Zero rates are not sent, for an FMU that can interpolate inputs need not be able to do so for all of them.
   for (std::size_t i = 0; i < rates_.size(); ++i) {
-    if (rates_[i] == 0 && !rate_known_[i]) continue;
+    if (rates_[i] == 0 && !nonzero_rate_[i]) continue;
     rate_references_[n] = group.references[i];
     rate_scratch_[n++] = group.factors.empty() ? rates_[i] : rates_[i] / group.factors[i];
-    rate_known_[i] = rates_[i] != 0;
+    nonzero_rate_[i] = rates_[i] != 0;
     any = any || rates_[i] != 0;
   }
   if (n == 0) return false;
   instance.set_input_derivatives({rate_references_.data(), n}, {orders_.data(), n}, {rate_scratch_.data(), n});
-  if (any) group.sent = false;  // the FMU moves them on
+  if (any) group.sent = false;  // the FMU changes their values
   return true;
 }
 

@@ -1,4 +1,4 @@
-// FMI 2.0.4: the clauses in parentheses are the standard's.
+// FMI 2.0.4; the section numbers in parentheses are those of the standard.
 #include <sched.h>
 
 #include <cstdarg>
@@ -16,7 +16,7 @@ namespace cotwin::fmu {
 namespace {
 
 struct Functions {
-  // Of every step, side by side
+  // Called in every step; adjacent in memory
   Function<decltype(fmi2SetReal)> set_real;
   Function<decltype(fmi2DoStep)> do_step;
   Function<decltype(fmi2GetReal)> get_real;
@@ -117,7 +117,7 @@ void log(fmi2ComponentEnvironment environment, fmi2String, fmi2Status status, fm
   va_end(arguments);
   try {
     static_cast<Messages*>(environment)->add(word_of(status), category != nullptr ? category : "", text);
-  } catch (...) {  // no memory for a message: it is lost, and the FMU goes on
+  } catch (...) {  // out of memory: the message is dropped and the FMU continues
   }
 }
 
@@ -130,20 +130,20 @@ class Foreign2 final : public ForeignInstance {
         states_(fmu.description.structure.derivatives.size()),
         library_(library_file(fmu.folder, Version::k2, interface_.model_identifier)) {
     f_ = bind(library_, options, interface_);
-    no_set_back_ = options.goes_back ? fmi2False : fmi2True;
+    no_set_back_ = options.may_restore ? fmi2False : fmi2True;
     const std::string resources = uri_from_path(std::filesystem::absolute(fmu.folder / "resources"));
     component_ = f_.instantiate(options.instance_name.c_str(), co_ ? fmi2CoSimulation : fmi2ModelExchange,
                                 fmu.description.token.c_str(), resources.c_str(), &host_->callbacks, fmi2False, fmi2True);
     if (component_ == nullptr) throw Error("fmi2Instantiate returned no instance" + host_->messages.take());
     if (f_.set_debug_logging != nullptr) {
-      // Errors and warnings are worth their time, the rest is not; an FMU that cannot choose is not asked again.
+      // Only errors and warnings are logged, because logging costs time. FMUs without such categories log nothing.
       const std::vector<const char*> categories = error_categories(fmu.description);
       f_.set_debug_logging(component_, fmi2False, 0, nullptr);
       if (!categories.empty()) f_.set_debug_logging(component_, fmi2True, categories.size(), categories.data());
     }
   }
   ~Foreign2() override {
-    if (fatal_) {  // threads of the FMU may go on calling back: what they know stays
+    if (fatal_) {  // threads of the FMU may still call back, so the callback data must stay valid
       library_.abandon();
       static_cast<void>(host_.release());
       return;
@@ -215,7 +215,8 @@ class Foreign2 final : public ForeignInstance {
   void serialise(void* state, std::string& bytes) override {
     std::size_t size = 0;
     check(f_.serialised_size(component_, state, &size), "fmi2SerializedFMUstateSize");
-    if (size > kMaxStateBytes) fail("the FMU says that its state has " + std::to_string(size) + " bytes");
+    if (size > kMaxStateBytes)
+      fail("the FMU's state has " + std::to_string(size) + " bytes, expected at most " + std::to_string(kMaxStateBytes));
     bytes.resize(size);
     check(f_.serialise(component_, state, bytes.data(), size), "fmi2SerializeFMUstate");
   }
@@ -245,12 +246,12 @@ class Foreign2 final : public ForeignInstance {
     return true;
   }
   [[gnu::cold]] StepOutcome outcome_of(fmi2Status status, double now, double h) {
-    // Only FMUs that run on their own answer pending; stepFinished is NULL, hence they are asked (4.2.2).
+    // Only asynchronous FMUs return pending. stepFinished is NULL, so their status is polled (4.2.2).
     while (status == fmi2Pending) {
       if (f_.get_status == nullptr) fail("fmi2DoStep returned pending, but there is no fmi2GetStatus");
       sched_yield();
-      const fmi2Status asked = f_.get_status(component_, fmi2DoStepStatus, &status);
-      if (asked != fmi2OK && asked != fmi2Warning) status = asked;
+      const fmi2Status polled = f_.get_status(component_, fmi2DoStepStatus, &status);
+      if (polled != fmi2OK && polled != fmi2Warning) status = polled;
     }
     StepOutcome out;
     out.reached = now + h;
@@ -263,9 +264,9 @@ class Foreign2 final : public ForeignInstance {
       out.terminate = terminated != fmi2False;
     out.discarded = !out.terminate;
     fmi2Real reached = now;
-    const bool told =
+    const bool known =
         f_.get_real_status != nullptr && f_.get_real_status(component_, fmi2LastSuccessfulTime, &reached) == fmi2OK;
-    out.reached = told ? reached : now;
+    out.reached = known ? reached : now;
     return out;
   }
   void enter_step_mode() override {}
@@ -329,9 +330,9 @@ class Foreign2 final : public ForeignInstance {
   }
   void check(fmi2Status status, const char* function) {
     if (status != fmi2OK && status != fmi2Warning) [[unlikely]]
-      refused(status, function);
+      fail_with(status, function);
   }
-  [[noreturn]] void refused(fmi2Status status, const char* function) {
+  [[noreturn]] void fail_with(fmi2Status status, const char* function) {
     if (status == fmi2Error || status == fmi2Fatal) running_ = false;
     if (status == fmi2Fatal) fatal_ = true;
     fail(std::string(function) + " returned " + word_of(status));
@@ -345,7 +346,7 @@ class Foreign2 final : public ForeignInstance {
   Interface interface_;
   bool co_;
   std::size_t event_indicators_, states_;
-  struct Host {  // what the FMU has pointers to
+  struct Host {  // data to which the FMU holds pointers
     Messages messages;
     fmi2CallbackFunctions callbacks{log, std::calloc, std::free, nullptr, &messages};
   };

@@ -1,4 +1,4 @@
-// FMI 3.0.2: the clauses in parentheses are the standard's.
+// FMI 3.0.2; the section numbers in parentheses are those of the standard.
 #include "fmu/fmi3.h"
 
 #include "fmu/import/foreign.h"
@@ -76,7 +76,7 @@ struct Functions {
   Function<decltype(fmi3GetNumberOfContinuousStates)> number_of_continuous_states;
 };
 
-/// Getters and setters are bound for the types that the FMU has.
+/// Binds getters and setters only for the types that the FMU has.
 Functions bind(Library& library, const ForeignOptions& options, const ModelDescription& d, const Interface& interface) {
   const auto has = [&](Type type) {
     for (const ModelVariable& v : d.variables) {
@@ -170,7 +170,7 @@ class Foreign3 final : public ForeignInstance {
     const char* name = options_.instance_name.c_str();
     const char* token = fmu.description.token.c_str();
     const bool co = options_.kind == InterfaceKind::kCoSimulation;
-    // The callback is given wherever the FMU knows of it: not all that call it look for NULL first.
+    // The callback is passed whenever the FMU declares intermediate updates, for some FMUs call it without a check for NULL.
     const bool intermediate = interface_.provides_intermediate_update;
     const std::vector<std::uint32_t>& inputs = options_.intermediate_inputs;
     instance_ = co ? f_.instantiate_co_simulation(name, token, resources.c_str(), false, true, options_.event_mode, true,
@@ -182,14 +182,14 @@ class Foreign3 final : public ForeignInstance {
                   host_->messages.take());
     }
     if (f_.set_debug_logging != nullptr) {
-      // Errors and warnings are worth their time, the rest is not; an FMU that cannot choose is not asked again.
+      // Only errors and warnings are logged, because logging costs time. FMUs without such categories log nothing.
       const std::vector<const char*> categories = error_categories(fmu.description);
       f_.set_debug_logging(instance_, false, 0, nullptr);
       if (!categories.empty()) f_.set_debug_logging(instance_, true, categories.size(), categories.data());
     }
   }
   ~Foreign3() override {
-    if (fatal_) {  // threads of the FMU may go on calling back: what they know stays
+    if (fatal_) {  // threads of the FMU may still call back, so the callback data must stay valid
       library_.abandon();
       host_->set_inputs = nullptr;
       static_cast<void>(host_.release());
@@ -309,7 +309,8 @@ class Foreign3 final : public ForeignInstance {
   void serialise(void* state, std::string& bytes) override {
     std::size_t size = 0;
     check(f_.serialised_size(instance_, state, &size), "fmi3SerializedFMUStateSize");
-    if (size > kMaxStateBytes) fail("the FMU says that its state has " + std::to_string(size) + " bytes");
+    if (size > kMaxStateBytes)
+      fail("the FMU's state has " + std::to_string(size) + " bytes, expected at most " + std::to_string(kMaxStateBytes));
     bytes.resize(size);
     check(f_.serialise(instance_, state, reinterpret_cast<fmi3Byte*>(bytes.data()), size), "fmi3SerializeFMUState");
   }
@@ -324,11 +325,11 @@ class Foreign3 final : public ForeignInstance {
     bool event = false, terminate = false, early = false;
     double reached = now + h;
     StepOutcome out;
-    const fmi3Status status = f_.do_step(instance_, now, h, !options_.goes_back, &event, &terminate, &early, &reached);
-    if (host_->refused) {
-      host_->refused = false;
+    const fmi3Status status = f_.do_step(instance_, now, h, !options_.may_restore, &event, &terminate, &early, &reached);
+    if (host_->update_failed) {
+      host_->update_failed = false;
       if (status == fmi3Fatal) check(status, "fmi3DoStep");
-      fail("an intermediate update of the step from " + text::to_text(now) + " s on failed");
+      fail("an intermediate update of the step from " + text::to_text(now) + " s failed");
     }
     if (status == fmi3Discard) {
       out.discarded = true;
@@ -402,7 +403,7 @@ class Foreign3 final : public ForeignInstance {
   Completed completed_step() override {
     if (!interface_.needs_completed_integrator_step) return {};
     Completed out;
-    check(f_.completed_integrator_step(instance_, !options_.goes_back, &out.event, &out.terminate),
+    check(f_.completed_integrator_step(instance_, !options_.may_restore, &out.event, &out.terminate),
           "fmi3CompletedIntegratorStep");
     return out;
   }
@@ -449,7 +450,7 @@ class Foreign3 final : public ForeignInstance {
     try {
       static_cast<Host*>(environment)
           ->messages.add(word_of(status), category != nullptr ? category : "", message != nullptr ? message : "");
-    } catch (...) {  // no memory for a message: it is lost, and the FMU goes on
+    } catch (...) {  // out of memory: the message is dropped and the FMU continues
     }
   }
   static void intermediate_update(fmi3InstanceEnvironment environment, double t, bool set_requested, bool, bool, bool,
@@ -460,20 +461,20 @@ class Foreign3 final : public ForeignInstance {
     if (host == nullptr || !host->set_inputs || !set_requested) return;
     try {
       host->set_inputs(t);
-    } catch (const std::exception& error) {  // no use in going on: the step is ended as soon as the FMU can
+    } catch (const std::exception& error) {  // the step is invalid: request an early return
       host->messages.add("error", "intermediate update", error.what());
-      host->refused = true;
+      host->update_failed = true;
       if (early_return_requested != nullptr) *early_return_requested = host->may_ask_for_return;
     }
   }
 
   Interface interface_;
   ForeignOptions options_;
-  struct Host {  // what the FMU has a pointer to
+  struct Host {  // data to which the FMU holds a pointer
     Messages messages;
     std::function<void(double)> set_inputs;
     bool may_ask_for_return = false;
-    bool refused = false;  // inputs in an intermediate update of the present step
+    bool update_failed = false;  // an intermediate update of the current step failed
   };
   std::unique_ptr<Host> host_ = std::make_unique<Host>();
   Library library_;

@@ -9,7 +9,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// Of an FMU that lies unpacked somewhere.
+/// Copies an unpacked FMU into a new temporary folder.
 std::shared_ptr<const ForeignFmu> copy_of(const ForeignFmu& fmu) {
   const auto folder = std::make_shared<const TemporaryFolder>();
   fs::copy(fmu.folder, folder->path(), fs::copy_options::recursive);

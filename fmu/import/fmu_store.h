@@ -7,12 +7,12 @@
 
 namespace cotwin::fmu {
 
-/// The FMUs of one scenario. An FMU of which a process may hold several instances is unpacked and loaded once, however many
-/// components use it: a copy of its library per instance would cost memory and, at a hundred of them, most of the processor's
-/// caches. One that may be instantiated once per process only gets files of its own, and so a library of its own, per instance.
+/// The FMUs of one scenario. An FMU is unpacked and loaded once, even if many components use it: copies of its library would
+/// cost memory and, at a hundred instances, most of the processor's caches. Only an FMU that allows one instance per process is
+/// copied for each further instance, so that each has its own library.
 class FmuStore {
  public:
-  /// As open_fmu().
+  /// Like open_fmu().
   std::shared_ptr<const ForeignFmu> open(const std::filesystem::path& path, const LoadOptions& options);
 
  private:

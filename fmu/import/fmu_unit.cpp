@@ -14,21 +14,21 @@ namespace {
 
 constexpr Exchange kSent[] = {Exchange::kContinuousInput, Exchange::kDiscreteInput, Exchange::kTunable};
 constexpr int kMaxReturns = 100'000;  // of doStep in one communication step
-constexpr double kTimeSlack = 1e-9;   // s: of what an FMU says to have reached
-constexpr int kMaxIdleReturns = 100;  // of them without progress in time
+constexpr double kTimeSlack = 1e-9;   // s: tolerance of the time that an FMU reports to have reached
+constexpr int kMaxIdleReturns = 100;  // of doStep in succession without progress in time
 constexpr int kMaxTicksAtOnce = 1'000;
 
-/// An instant that doStep is asked for is reached within rounding of the sums behind it: some 10 ulps.
+/// Returns whether t has reached `end`, within the rounding of sums of steps (some 10 ulps).
 bool reaches(double t, double end) { return t >= end - 1e-14 * std::max(1.0, std::abs(end)); }
 
 }  // namespace
 
-bool ramps_of(const ModelDescription& d, InterfaceKind kind) {
+bool can_ramp_inputs(const ModelDescription& d, InterfaceKind kind) {
   const Interface& interface = interface_of(d, kind);
   if (kind == InterfaceKind::kModelExchange) return true;
   if (d.version == Version::k2) return interface.can_interpolate_inputs;
   if (!rate_inputs(d).empty()) return true;
-  // FMI 3: all continuous inputs go through one call in an intermediate update, so all of them must be allowed there.
+  // FMI 3: one call in an intermediate update sets all continuous inputs, so all of them must allow it.
   bool any = false, all = true;
   for (const ModelVariable& v : d.variables) {
     if (v.causality != Causality::kInput || v.type != Type::kFloat64 || v.variability != Variability::kContinuous) continue;
@@ -42,11 +42,11 @@ ForeignVariablesOptions variables_options(const ModelDescription& d, InterfaceKi
   const bool clocks = kind == InterfaceKind::kCoSimulation && interface_of(d, kind).has_event_mode;
   if (options.slopes && (kind != InterfaceKind::kCoSimulation || interface_of(d, kind).max_output_derivative_order == 0))
     throw Error("slopes=true",
-                "the FMU tells no derivatives of outputs, expected Co-Simulation with maxOutputDerivativeOrder > 0");
-  return {options.locals, options.structural, ramps_of(d, kind), options.si, clocks, options.slopes};
+                "the FMU gives no derivatives of outputs, expected Co-Simulation with maxOutputDerivativeOrder > 0");
+  return {options.locals, options.structural, can_ramp_inputs(d, kind), options.si, clocks, options.slopes};
 }
 
-bool can_go_back(const Interface& interface, const UnitOptions& options) {
+bool can_restore(const Interface& interface, const UnitOptions& options) {
   return interface.can_get_and_set_state && (interface.can_serialise_state || options.rollback);
 }
 
@@ -83,7 +83,7 @@ std::string StateKeeper::restore(ForeignInstance& instance, const std::string& b
   if (bytes.empty()) throw Error("the snapshot has no state of this FMU");
   ByteReader in(as_bytes(bytes), "state of the FMU");
   static_cast<void>(in.value<std::int64_t>());  // time_of()
-  if (in.value<std::uint8_t>() != static_cast<std::uint8_t>(serialises_)) in.fail("is that of another FMU");
+  if (in.value<std::uint8_t>() != static_cast<std::uint8_t>(serialises_)) in.fail("is the state of another FMU");
   const std::string extra = in.text();
   if (serialises_) {
     const std::string serialised = in.text();
@@ -110,7 +110,7 @@ std::string StateKeeper::restore(ForeignInstance& instance, const std::string& b
 }
 
 bool holds_state(std::string_view saved) {
-  constexpr std::size_t kFlag = sizeof(std::int64_t);  // behind the time
+  constexpr std::size_t kFlag = sizeof(std::int64_t);  // offset of the flag, after the time
   return saved.size() > kFlag && saved[kFlag] == 1;
 }
 
@@ -134,20 +134,20 @@ ForeignUnit::ForeignUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions opti
 ForeignUnit::~ForeignUnit() {
   set_call_place(place_, under_way.ns);
   if (instance_) states_.clear(*instance_);
-  instance_.reset();  // before its files go
+  instance_.reset();  // before its files are removed
 }
 
 void ForeignUnit::replace() {
   if (instance_) states_.clear(*instance_);
-  instance_.reset();  // first: it may be one of those that a process can have only once
+  instance_.reset();  // first, for the FMU may allow only one instance per process
   instance_ = make();
-  promised_ = -kForever;
+  committed_ = -kForever;
 }
 
-/// After an error the instance's state is unspecified: the next attempt begins with a new one.
+/// Destroys the instance. After an error its state is unspecified.
 void ForeignUnit::drop() {
   healthy_ = fresh_ = in_mode_ = false;
-  choose_pace();
+  choose_path();
   if (!instance_) return;
   states_.clear(*instance_);
   instance_.reset();
@@ -158,7 +158,7 @@ void ForeignUnit::note(const EventOutcome& events) {
   finished_ = finished_ || events.terminate;
 }
 
-/// After an error in `call` there is no instance.
+/// Runs `call` and destroys the instance if it throws.
 template <class Call>
 void ForeignUnit::attempt(Call call) {
   try {
@@ -169,9 +169,9 @@ void ForeignUnit::attempt(Call call) {
   }
 }
 
-/// An instance that was not touched yet, and the start values that are to be given to it.
-void ForeignUnit::begin_anew() {
-  // After an error it is not known who wrote the variables: the start values given before stay.
+/// Provides an unused instance and collects the start values to set.
+void ForeignUnit::renew_instance() {
+  // After an error the variables may hold values of the FMU; the start values given before remain.
   if (healthy_ || !initialised_) variables_.adopt_starts(healthy_ ? instance_.get() : nullptr);
   healthy_ = in_mode_ = false;
   initialised_ = true;
@@ -180,7 +180,7 @@ void ForeignUnit::begin_anew() {
 
 void ForeignUnit::initialise(Time time) {
   set_call_place(place_, time.ns);
-  begin_anew();
+  renew_instance();
   attempt([&] {
     enter(time);
     leave();
@@ -190,7 +190,7 @@ void ForeignUnit::initialise(Time time) {
 void ForeignUnit::enter_initialisation(Time time) {
   if (!reads_in_mode_) return initialise(time);
   set_call_place(place_, time.ns);
-  begin_anew();
+  renew_instance();
   attempt([&] { enter(time); });
   read_outputs();
 }
@@ -212,7 +212,7 @@ void ForeignUnit::exit_initialisation() {
   if (in_mode_) attempt([&] { leave(); });
 }
 
-/// In Initialization Mode. An FMU that refuses is not asked again.
+/// Reads outputs in Initialization Mode. If that fails, it is not tried again.
 void ForeignUnit::read_outputs() {
   try {
     variables_.receive_outputs(*instance_);
@@ -224,7 +224,7 @@ void ForeignUnit::read_outputs() {
   initialise(start_);
 }
 
-/// From a new instance to Initialization Mode.
+/// Brings a new instance to Initialization Mode.
 void ForeignUnit::enter(Time time) {
   start_ = time;
   finished_ = false;
@@ -232,8 +232,8 @@ void ForeignUnit::enter(Time time) {
   variables_.forget();
   variables_.note_step(time, {});
   variables_.set_starts(*instance_);
-  variables_.settle(Exchange::kFixed);
-  variables_.settle(Exchange::kTunable);
+  variables_.mark_sent(Exchange::kFixed);
+  variables_.mark_sent(Exchange::kTunable);
   const std::optional<DefaultExperiment>& experiment = description().default_experiment;
   const std::optional<double> tolerance = options_.tolerance ? options_.tolerance
                                           : experiment       ? experiment->tolerance
@@ -245,7 +245,7 @@ void ForeignUnit::enter(Time time) {
   prepare(time);
 }
 
-/// From Initialization Mode to where the first step can be made.
+/// Leaves Initialization Mode; afterwards the first step can be made.
 void ForeignUnit::leave() {
   const auto complete = [&] {
     instance_->exit_initialisation();
@@ -253,38 +253,38 @@ void ForeignUnit::leave() {
     begin(start_);
   };
   complete();
-  while (variables_.refuses_a_slope(*instance_)) {  // an error, after which the instance's state is unspecified
+  while (variables_.find_unavailable_slope(*instance_)) {  // after that error the instance's state is unspecified
     replace();
     enter(start_);
     complete();
   }
-  if (!options_.structural.empty()) {  // parameters of other sizes than the description has start values for
+  if (!options_.structural.empty()) {  // the description has no start values for parameters of other sizes
     variables_.receive(*instance_, Exchange::kFixed);
     variables_.receive(*instance_, Exchange::kTunable);
   }
   variables_.receive(*instance_, Exchange::kConstant);
   variables_.receive(*instance_, Exchange::kResult);
-  variables_.clear_slopes();              // an FMU tells them after a step
-  variables_.settle(Exchange::kTunable);  // the FMU has them as start values
+  variables_.clear_slopes();                 // an FMU gives them only after a step
+  variables_.mark_sent(Exchange::kTunable);  // they were set as start values
   healthy_ = true;
-  choose_pace();
+  choose_path();
 }
 
-/// Whether that time is before one that the FMU was told not to be taken behind.
-bool ForeignUnit::breaks_a_promise(Time time) const {
+/// Returns whether `time` is before the last communication point at which the FMU was told that no earlier state is restored.
+bool ForeignUnit::is_before_commit(Time time) const {
   if (options_.rollback) return false;
-  const double promised = std::max(promised_, variables_.stepped_from().seconds());
-  return time.seconds() < promised;
+  const double committed = std::max(committed_, variables_.stepped_from().seconds());
+  return time.seconds() < committed;
 }
 
 StepResult ForeignUnit::step(Time now, Duration h) {
   set_call_place(place_, now.ns);
-  if (!healthy_) throw Error("the FMU has failed, or was not initialised");
-  if (finished_) throw Error("the FMU has ended its simulation and makes no further step");
+  if (!healthy_) throw Error("the FMU has failed or was not initialised");
+  if (finished_) throw Error("the FMU has ended the simulation; no further step is possible");
   try {
     if (!advance(now, h)) {
       variables_.note_step(now, {});
-      choose_pace();
+      choose_path();
       return StepResult::kDiscard;
     }
     variables_.note_step(now, h);
@@ -294,7 +294,7 @@ StepResult ForeignUnit::step(Time now, Duration h) {
     drop();
     throw;
   }
-  choose_pace();
+  choose_path();
   return finished_ ? StepResult::kFinished : StepResult::kDone;
 }
 
@@ -307,7 +307,7 @@ void ForeignUnit::save_memory(std::string& bytes) {
   extra.value(next_event_.value_or(0));
   extra.value(static_cast<std::uint8_t>(finished_));
   for (const Exchange e : kSent) extra.value(static_cast<std::uint8_t>(variables_.changed(e)));
-  for (const bool known : variables_.rates_known()) extra.value(static_cast<std::uint8_t>(known));
+  for (const bool nonzero : variables_.nonzero_rates()) extra.value(static_cast<std::uint8_t>(nonzero));
   write_memory(extra);
   const Time time = variables_.stepped_from() + variables_.stepped_by();
   states_.save(*instance_, time, extra.bytes(), bytes);
@@ -316,7 +316,7 @@ void ForeignUnit::save_memory(std::string& bytes) {
 void ForeignUnit::restore_memory(const std::string& bytes) {
   set_call_place(place_, under_way.ns);
   const Time time = StateKeeper::time_of(bytes);
-  if (!instance_ || breaks_a_promise(time)) replace();
+  if (!instance_ || is_before_commit(time)) replace();
   const std::string extra = states_.restore(*instance_, bytes);
   ByteReader in(as_bytes(extra), "state of the FMU");
   const bool has_next = in.value<std::uint8_t>() != 0;
@@ -325,30 +325,31 @@ void ForeignUnit::restore_memory(const std::string& bytes) {
   finished_ = in.value<std::uint8_t>() != 0;
   variables_.forget();
   for (const Exchange e : kSent) {
-    if (in.value<std::uint8_t>() == 0) variables_.settle(e);  // the FMU's state has them, too
+    if (in.value<std::uint8_t>() == 0) variables_.mark_sent(e);  // contained in the FMU's state
   }
-  for (std::size_t i = 0; i < variables_.rates_known().size(); ++i) variables_.rates_known()[i] = in.value<std::uint8_t>() != 0;
+  for (std::size_t i = 0; i < variables_.nonzero_rates().size(); ++i)
+    variables_.nonzero_rates()[i] = in.value<std::uint8_t>() != 0;
   read_memory(in);
   variables_.restart_slopes();
   variables_.note_step(time, {});
   healthy_ = initialised_ = true;
   fresh_ = in_mode_ = false;
-  choose_pace();
+  choose_path();
 }
 
 FmuUnit::FmuUnit(std::shared_ptr<const ForeignFmu> fmu, UnitOptions options)
     : ForeignUnit(std::move(fmu), std::move(options), InterfaceKind::kCoSimulation),
       event_mode_(interface_.has_event_mode),
       clocks_(description(), variables_) {
-  ramps_by_updates_ = description().version == Version::k3 && ramps_of(description(), InterfaceKind::kCoSimulation) &&
+  ramps_by_updates_ = description().version == Version::k3 && can_ramp_inputs(description(), InterfaceKind::kCoSimulation) &&
                       rate_inputs(description()).empty();
   if (!clocks_.empty()) observe_clocks_ = [this] { clocks_.observe(*instance_); };
   instance_ = make();
 }
 
-ForeignUnit::Pace FmuUnit::pace() const {
-  if (!interface_.variable_step || !clocks_.empty() || !variables_.knows_inputs()) return Pace::kCareful;
-  return variables_.may_need_care() ? Pace::kByInputs : Pace::kSimple;
+ForeignUnit::StepPath FmuUnit::step_path() const {
+  if (!interface_.variable_step || !clocks_.empty() || !variables_.inputs_sent()) return StepPath::kFull;
+  return variables_.may_need_full_step() ? StepPath::kByInputs : StepPath::kFast;
 }
 
 std::unique_ptr<ForeignInstance> FmuUnit::make() {
@@ -356,8 +357,8 @@ std::unique_ptr<ForeignInstance> FmuUnit::make() {
   options.kind = InterfaceKind::kCoSimulation;
   options.instance_name = options_.instance_name;
   options.event_mode = event_mode_;
-  options.output_derivatives = variables_.asks_for_slopes();
-  options.goes_back = options_.rollback;
+  options.output_derivatives = variables_.reads_slopes();
+  options.may_restore = options_.rollback;
   if (ramps_by_updates_) {
     options.intermediate_inputs = variables_.continuous_inputs();
     options.set_intermediate_inputs = [this](double t) { variables_.send_ramped(*instance_, t - step_begin_); };
@@ -367,7 +368,7 @@ std::unique_ptr<ForeignInstance> FmuUnit::make() {
   try {
     return make_foreign(*fmu_, options);
   } catch (const Error& error) {
-    if (!clocks_.empty()) throw;  // they tick in event mode alone
+    if (!clocks_.empty()) throw;  // clocks tick only in event mode
     refusal = error.what();
   }
   options.event_mode = false;
@@ -378,7 +379,7 @@ std::unique_ptr<ForeignInstance> FmuUnit::make() {
     throw Error(refusal);
   }
   event_mode_ = false;
-  variables_.warn("the FMU declares an event mode and refuses it: it is used without (" + refusal + ")");
+  variables_.warn("the FMU declares an event mode, but cannot be instantiated with it; it is used without (" + refusal + ")");
   return instance;
 }
 
@@ -388,21 +389,21 @@ void FmuUnit::prepare(Time start) {
 
 void FmuUnit::begin(Time start) {
   equal_step_ = {};
-  asked_ = {};
+  counts_ = {};
   if (event_mode_) finish_events(start.seconds(), true);  // an FMU with event mode begins in it (4.2.1)
 }
 
-StepResult FmuUnit::step_with_care(Time now, Duration h) {
-  return pace_ == Pace::kByInputs && !variables_.needs_care() ? step_simply(now, h) : ForeignUnit::step(now, h);
+StepResult FmuUnit::step_checked(Time now, Duration h) {
+  return path_ == StepPath::kByInputs && !variables_.needs_full_step() ? step_fast(now, h) : ForeignUnit::step(now, h);
 }
 
-/// Of a step that was thought to be a simple one.
+/// Continues a fast step that did not complete as a full step.
 StepResult FmuUnit::complete_step() {
   begun_ = true;
   return ForeignUnit::step(variables_.stepped_from(), variables_.stepped_by());
 }
 
-/// Sends what changed. Where there is an event mode, all but continuous inputs may change only in it.
+/// Sends the changed inputs. If the FMU has an event mode, only continuous inputs may change outside it.
 void FmuUnit::send_inputs() {
   const bool discrete = variables_.changed(Exchange::kDiscreteInput) || variables_.changed(Exchange::kTunable);
   const bool in_event_mode = event_mode_ && (discrete || clocks_.triggered());
@@ -417,7 +418,7 @@ void FmuUnit::send_inputs() {
 }
 
 void FmuUnit::handle_events(double t) {
-  ++asked_.events;
+  ++counts_.events;
   instance_->enter_event_mode();
   finish_events(t, false);
 }
@@ -452,17 +453,17 @@ void FmuUnit::read_memory(ByteReader& in) {
 }
 
 void FmuUnit::tell(std::vector<std::string>& notes) const {
-  notes.insert(notes.end(), variables_.refused_slopes().begin(), variables_.refused_slopes().end());
+  notes.insert(notes.end(), variables_.slope_notes().begin(), variables_.slope_notes().end());
   const auto add = [&](std::uint64_t n, const char* one, const char* many, const std::string& rest) {
     if (n > 0) notes.push_back(std::to_string(n) + " " + (n == 1 ? one : many) + rest);
   };
-  add(asked_.early_returns, "early return", "early returns", " from a step, which was completed from there");
-  add(asked_.events, "event", "events", " handled in event mode");
+  add(counts_.early_returns, "early return", "early returns", " from a step; the step was continued from there");
+  add(counts_.events, "event", "events", " handled in event mode");
   add(clocks_.ticks(), "tick", "ticks", " of its input clocks");
-  add(asked_.discards, "step", "steps",
-      " discarded, the last one at " + text::to_text(asked_.discarded_at) + " s" +
-          (asked_.discarded_reached > asked_.discarded_at
-               ? ", of which the FMU made " + text::to_text(asked_.discarded_reached - asked_.discarded_at) + " s"
+  add(counts_.discards, "step", "steps",
+      " discarded, the last one at " + text::to_text(counts_.discarded_at) + " s" +
+          (counts_.discarded_reached > counts_.discarded_at
+               ? ", of which the FMU completed " + text::to_text(counts_.discarded_reached - counts_.discarded_at) + " s"
                : ""));
 }
 
@@ -470,7 +471,7 @@ bool FmuUnit::advance(Time now, Duration h) {
   if (!interface_.variable_step) {
     if (equal_step_.ns == 0) equal_step_ = h;
     if (equal_step_ != h) {
-      throw Error("the FMU demands equal communication steps, got " + text::to_text(h.seconds()) + " s after " +
+      throw Error("the FMU requires equal communication steps, got " + text::to_text(h.seconds()) + " s after " +
                   text::to_text(equal_step_.seconds()) + " s");
     }
   }
@@ -482,27 +483,27 @@ bool FmuUnit::advance(Time now, Duration h) {
   double t = begin;
   int idle = 0;
   for (int returns = 0; !finished_ && !reaches(t, end); ++returns) {
-    // An event that the FMU has announced is where the step pauses, if the FMU lets us choose.
+    // If the FMU allows variable steps, the step is interrupted at an announced event.
     double target = end;
     const std::optional<double> stop = event_mode_ && interface_.variable_step ? next_stop() : std::nullopt;
     if (stop && *stop > t && *stop < end) target = *stop;
     const bool whole = t == begin && target == end;
-    promise(t);
+    commit(t);
     const StepOutcome out =
         std::exchange(begun, false) ? variables_.outcome() : instance_->do_step(t, whole ? h.seconds() : target - t);
     if (out.discarded) {
-      ++asked_.discards;
-      asked_.discarded_at = t;
-      asked_.discarded_reached = out.reached;
+      ++counts_.discards;
+      counts_.discarded_at = t;
+      counts_.discarded_reached = out.reached;
       return false;
     }
     idle = out.reached > t ? 0 : idle + 1;
     if (idle > kMaxIdleReturns || returns > kMaxReturns) {
-      throw Error("the FMU returns from doStep again and again, at " + text::to_text(out.reached) + " s, before " +
-                  text::to_text(end) + " s");
+      throw Error("the FMU returns from doStep too often without completing the step: at " + text::to_text(out.reached) +
+                  " s, expected " + text::to_text(end) + " s");
     }
     if (!(out.reached >= t - kTimeSlack) || !(out.reached <= target + kTimeSlack)) {
-      throw Error("the FMU says to have reached " + text::to_text(out.reached) + " s in a step from " + text::to_text(t) +
+      throw Error("the FMU reports to have reached " + text::to_text(out.reached) + " s in a step from " + text::to_text(t) +
                   " s to " + text::to_text(target) + " s");
     }
     t = reaches(out.reached, target) ? target : out.reached;
@@ -510,7 +511,7 @@ bool FmuUnit::advance(Time now, Duration h) {
       finished_ = true;
       break;
     }
-    if (t != target) ++asked_.early_returns;
+    if (t != target) ++counts_.early_returns;
     const bool announced = next_event_ && reaches(t, *next_event_);
     if (event_mode_ && (out.event || announced || clocks_.due(t))) handle_events(t);
   }

@@ -20,7 +20,7 @@ EventOutcome ForeignInstance::update_discrete_states(const std::function<void()>
     if (before_each) before_each();
     if (!update_once(out) || out.terminate) return out;
   }
-  throw Error("the update of the FMU's discrete states has no end after " + std::to_string(kMaxEventIterations) +
+  throw Error("the update of the FMU's discrete states did not converge in " + std::to_string(kMaxEventIterations) +
               " iterations");
 }
 
@@ -38,14 +38,14 @@ bool ForeignInstance::step(PlainStep& step, bool sets) {
 void Messages::add(std::string_view level, std::string_view category, std::string_view text) {
   const std::lock_guard lock(mutex_);
   ++count_;
-  ++untold_;
+  ++new_;
   std::string line = "[" + std::string(level) + (category.empty() ? "" : ", " + std::string(category.substr(0, 60))) + "] " +
                      std::string(text.substr(0, kLength)) + (text.size() > kLength ? "…" : "");
   for (char& c : line) {
-    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';  // an FMU does not steer our terminal
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';  // an FMU must not control the terminal
   }
   while (!line.empty() && line.back() == ' ') line.pop_back();
-  // A flood repeats itself: the last ones of each kind say as much as all.
+  // Repeated messages are kept once.
   if (std::find(kept_.begin(), kept_.end(), line) != kept_.end()) return;
   if (kept_.size() == kKept) kept_.pop_front();
   kept_.push_back(std::move(line));
@@ -54,11 +54,11 @@ void Messages::add(std::string_view level, std::string_view category, std::strin
 std::string Messages::take() {
   const std::lock_guard lock(mutex_);
   if (kept_.empty()) return "";
-  std::string all = "; the FMU says: ";
-  if (untold_ > kept_.size()) all += "(the last of " + std::to_string(untold_) + " messages) ";
+  std::string all = "; messages of the FMU: ";
+  if (new_ > kept_.size()) all += "(the last of " + std::to_string(new_) + ") ";
   for (std::size_t i = 0; i < kept_.size(); ++i) all += (i == 0 ? "" : " | ") + kept_[i];
   kept_.clear();
-  untold_ = 0;
+  new_ = 0;
   return all;
 }
 

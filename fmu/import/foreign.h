@@ -14,27 +14,27 @@
 
 #include "fmu/description/model_description.h"
 
-/// FMUs that others made, and one set of verbs for the C interfaces of FMI 2 and FMI 3, Co-Simulation and Model Exchange.
+/// Foreign FMUs (made by other tools): one C++ interface for FMI 2 and FMI 3, Co-Simulation and Model Exchange.
 namespace cotwin::fmu {
 
 /// An unpacked FMU.
 struct ForeignFmu {
   std::string name;  // of the file, for messages
   std::filesystem::path folder;
-  std::shared_ptr<const void> unpacked;  // keeps the folder, if it is a temporary one
+  std::shared_ptr<const void> unpacked;  // owns the folder if it is temporary
   ModelDescription description;
 };
 
 enum class InterfaceKind : std::uint8_t { kCoSimulation, kModelExchange };
 
-/// The largest state that an FMU may have.
+/// The largest serialised state of an FMU that is accepted.
 inline constexpr std::size_t kMaxStateBytes = std::size_t{1} << 30;
 
-/// The last messages of an FMU, few and short whatever it says. May be written by any thread.
+/// The last few log messages of an FMU, shortened. Any thread may add messages.
 class Messages {
  public:
   void add(std::string_view level, std::string_view category, std::string_view text);
-  /// "; the FMU says: [error] …", "" if it said nothing; forgets them.
+  /// Returns "; messages of the FMU: [error] …" or "", and removes the messages.
   std::string take();
   std::uint64_t count() const;
 
@@ -42,37 +42,37 @@ class Messages {
   static constexpr std::size_t kKept = 8, kLength = 400;
   mutable std::mutex mutex_;
   std::deque<std::string> kept_;
-  std::uint64_t count_ = 0, untold_ = 0;
+  std::uint64_t count_ = 0, new_ = 0;  // all; since take()
 };
 
-/// How an instance is made.
+/// Options of an instance.
 struct ForeignOptions {
   InterfaceKind kind = InterfaceKind::kCoSimulation;
   std::string instance_name;
   bool event_mode = false;                              // FMI 3 Co-Simulation
-  std::vector<std::uint32_t> intermediate_inputs;       // FMI 3 Co-Simulation: to be set in intermediate updates
-  std::function<void(double)> set_intermediate_inputs;  // at that time
-  bool output_derivatives = false;                      // will be asked for: the function must be there
-  bool goes_back = false;  // states of earlier instants may be restored: noSetFMUStatePriorToCurrentPoint is false
+  std::vector<std::uint32_t> intermediate_inputs;       // FMI 3 Co-Simulation: set in intermediate updates
+  std::function<void(double)> set_intermediate_inputs;  // sets them; argument: time, s
+  bool output_derivatives = false;                      // are read, so the function is required
+  bool may_restore = false;  // earlier states may be restored: noSetFMUStatePriorToCurrentPoint is false
 };
 
 struct StepOutcome {
   bool discarded = false;
-  bool terminate = false;  // the FMU wants the simulation to end at `reached`
+  bool terminate = false;  // the FMU requests the end of the simulation at `reached`
   bool event = false;      // FMI 3: event mode is needed at `reached`
   double reached = 0;      // s
 };
 
-/// What a time-based clock knows of its next activation.
+/// State of a time-based clock's interval (fmi3IntervalQualifier).
 enum class IntervalState : std::uint8_t { kNotYetKnown, kUnchanged, kChanged };
 
-/// A step with the reals that go through one call before it and one after it; no references to get: no call.
+/// A step with one call before it to set reals and one after it to read reals. Without references to get, nothing is read.
 struct PlainStep {
   std::span<const std::uint32_t> set_references, get_references;
   std::span<const double> set_values;
   std::span<double> get_values;
   double now = 0, h = 0;  // s
-  StepOutcome outcome;    // of a step that did not simply come to its end
+  StepOutcome outcome;    // if the step was not simply completed
 };
 
 struct EventOutcome {
@@ -82,8 +82,8 @@ struct EventOutcome {
   std::optional<double> next_event;  // s
 };
 
-/// One instance of an FMU. Every function throws Error, with the function's name and what the FMU logged, where the FMU returns
-/// an error; after a fatal one nothing is called any more, not even to free the instance.
+/// One instance of an FMU. Every function throws Error, with the name of the C function and the FMU's log messages, if the FMU
+/// returns an error. After a fatal error no function is called any more, not even to free the instance.
 class ForeignInstance {
  public:
   virtual ~ForeignInstance() = default;
@@ -91,22 +91,22 @@ class ForeignInstance {
   virtual void enter_initialisation(double start, std::optional<double> stop, std::optional<double> tolerance) = 0;
   virtual void exit_initialisation() = 0;
 
-  /// Values of variables of one type, as the C interface has them (double*, const char**, …; booleans are int in FMI 2 and bool
-  /// in FMI 3). `n`: number of elements together; `sizes`: of binaries, else nullptr.
+  /// Read and set variables of one type. `values` has the type of the C interface (double*, const char**, …; booleans are int
+  /// in FMI 2 and bool in FMI 3). `n`: total number of elements; `sizes`: of binaries, else nullptr.
   virtual void get(Type type, std::span<const std::uint32_t> references, void* values, std::size_t n, std::size_t* sizes) = 0;
   virtual void set(Type type, std::span<const std::uint32_t> references, const void* values, std::size_t n,
                    const std::size_t* sizes) = 0;
-  /// Calls `set` in the configuration mode, in which structural parameters are set, before initialisation (FMI 3).
+  /// Calls `set` in Configuration Mode, where structural parameters are set (FMI 3, before initialisation).
   virtual void configure(const std::function<void()>& set) = 0;
-  /// First derivatives of inputs (FMI 2).
+  /// Sets first derivatives of inputs (FMI 2).
   virtual void set_input_derivatives(std::span<const std::uint32_t> references, std::span<const std::int32_t> orders,
                                      std::span<const double> values) = 0;
-  /// First derivatives of outputs, of Float64: element by element, at the end of the last step. Only where the options say
-  /// that they are asked for.
+  /// Reads first derivatives of Float64 outputs, element by element, at the end of the last step. Requires
+  /// ForeignOptions::output_derivatives.
   virtual void get_output_derivatives(std::span<const std::uint32_t> references, std::span<const std::int32_t> orders,
                                       std::span<double> values) = 0;
 
-  /// The FMU's state; `state` is nullptr or an earlier one, the memory of which is used again.
+  /// Saves the FMU's state. `state` is nullptr or an earlier state, whose memory is reused.
   virtual void save(void*& state) = 0;
   virtual void restore(void* state) = 0;
   virtual void free(void*& state) noexcept = 0;
@@ -115,17 +115,18 @@ class ForeignInstance {
 
   // Co-Simulation
   virtual StepOutcome do_step(double now, double h) = 0;
-  /// set() where `sets`, do_step() and get() in one call, which is all that most FMUs need in most steps. False if the step did
-  /// not simply come to its end: then nothing was got, and its outcome says what happened.
+  /// Calls set() if `sets`, then do_step() and get(); sufficient for most steps of most FMUs. Returns false if the step was
+  /// discarded, ended early or needs event handling; then nothing was read, and step.outcome has the result.
   virtual bool step(PlainStep& step, bool sets);
   virtual void enter_step_mode() = 0;  // FMI 3 with event mode
 
   // Events: FMI 3 Co-Simulation with event mode, and Model Exchange
   virtual void enter_event_mode() = 0;
-  /// Repeats fmi2NewDiscreteStates or fmi3UpdateDiscreteStates until nothing changes; `before_each`, if any, is called before.
+  /// Repeats fmi2NewDiscreteStates or fmi3UpdateDiscreteStates until the FMU needs no further update. Calls `before_each`, if
+  /// given, before each of them.
   EventOutcome update_discrete_states(const std::function<void()>& before_each = nullptr);
 
-  // Clocks in the event mode of FMI 3; intervals and shifts in the initialisation mode, too. s.
+  // Clocks of FMI 3, in event mode; intervals and shifts also in Initialization Mode. s.
   virtual void activate_clocks(std::span<const std::uint32_t>) {}
   virtual void get_clocks(std::span<const std::uint32_t>, std::span<bool>) {}
   virtual void get_intervals(std::span<const std::uint32_t>, std::span<double>, std::span<IntervalState>) {}
@@ -146,25 +147,25 @@ class ForeignInstance {
     bool event = false, terminate = false;
   };
   virtual Completed completed_step() = 0;
-  /// False if the FMU could not evaluate here (fmi2Discard): the solver tries a smaller step.
+  /// Return false if the FMU cannot evaluate at this point (fmi2Discard); the solver then tries a smaller step.
   virtual bool try_derivatives(double t, std::span<const double> x, std::span<double> dx) = 0;
   virtual bool try_event_indicators(double t, std::span<const double> x, std::span<double> z) = 0;
 
  private:
-  /// One update; whether another is needed.
+  /// Makes one update. Returns whether another is needed.
   virtual bool update_once(EventOutcome& out) = 0;
 };
 
-/// Throws Error for a library that is missing, cannot be loaded or lacks functions, and where the FMU refuses to be
-/// instantiated.
+/// Loads the library and instantiates the FMU. Throws Error if the library is missing, cannot be loaded or lacks functions, or
+/// if instantiation fails.
 std::unique_ptr<ForeignInstance> make_foreign(const ForeignFmu& fmu, ForeignOptions options);
 std::unique_ptr<ForeignInstance> make_foreign_fmi2(const ForeignFmu& fmu, ForeignOptions options);
 std::unique_ptr<ForeignInstance> make_foreign_fmi3(const ForeignFmu& fmu, ForeignOptions options);
 
-/// What the FMU offers of that kind. Throws Error if it does not.
+/// Returns the FMU's interface of this kind. Throws Error if the FMU lacks it.
 const Interface& interface_of(const ModelDescription& description, InterfaceKind kind);
 
-/// The log categories that tell of errors and warnings alone.
+/// Returns the log categories of errors and warnings.
 std::vector<const char*> error_categories(const ModelDescription& description);
 
 }  // namespace cotwin::fmu

@@ -24,15 +24,15 @@ constexpr unsigned kOwnMachine = EM_AARCH64;
 constexpr unsigned kOwnMachine = EM_NONE;
 #endif
 
-/// The loader maps what the file says that it has, and where the file has been cut short, touching that ends the program; of
-/// a library for another machine it says that there is no such file.
+/// Checks what dlopen() does not: access to a segment beyond the end of a truncated file would end the program with SIGBUS, and
+/// for a library of another machine dlopen() reports a missing file.
 void check_loadable(const fs::path& file) {
   std::ifstream in(file, std::ios::binary);
   ElfW(Ehdr) header{};
   in.read(reinterpret_cast<char*>(&header), sizeof header);
   constexpr unsigned char kOwnClass = sizeof(void*) == 8 ? ELFCLASS64 : ELFCLASS32;
   const bool ours = in && std::memcmp(header.e_ident, ELFMAG, SELFMAG) == 0 && header.e_ident[EI_CLASS] == kOwnClass;
-  if (!ours) return;  // the loader says what it is instead
+  if (!ours) return;  // dlopen() reports the reason
   const std::string name = file.filename().string();
   if (kOwnMachine != EM_NONE && header.e_machine != kOwnMachine)
     throw Error(name, "is for another machine, expected " + platform_folders(Version::k3).front());
@@ -43,7 +43,7 @@ void check_loadable(const fs::path& file) {
     in.read(reinterpret_cast<char*>(&segment), sizeof segment);
     const bool there = segment.p_filesz <= size && segment.p_offset <= size - segment.p_filesz;
     if (!in || (segment.p_type == PT_LOAD && !there))
-      throw Error(name, "is cut short: it has " + std::to_string(size) + " bytes, expected more");
+      throw Error(name, "is truncated: it has " + std::to_string(size) + " bytes, expected more");
   }
 }
 
@@ -61,7 +61,7 @@ std::vector<std::string> platform_folders(Version version) {
   uname(&machine);
   const std::string architecture = machine.machine, fmi2 = "";
 #endif
-  // FMI 2 has no word for machines but those of Intel's kind; what tools use instead is that of FMI 3.
+  // FMI 2 names only x86 platforms; for others, tools use the names of FMI 3.
   if (version == Version::k2 && !fmi2.empty()) return {fmi2};
   return {architecture + "-linux"};
 }
@@ -89,7 +89,7 @@ Library::Library(const fs::path& file) : file_(fs::absolute(file)) {
   handle_ = dlopen(file_.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (handle_ == nullptr) {
     const char* why = dlerror();
-    throw Error(file_.filename().string(), std::string("cannot be loaded: ") + (why != nullptr ? why : "for no reason told"));
+    throw Error(file_.filename().string(), std::string("cannot be loaded: ") + (why != nullptr ? why : "unknown reason"));
   }
 }
 
@@ -108,7 +108,7 @@ void Library::check() const {
   if (missing_.empty()) return;
   std::string list;
   for (const std::string& name : missing_) list += (list.empty() ? "" : ", ") + name;
-  throw Error(file_.filename().string(), "does not have " + list);
+  throw Error(file_.filename().string(), "lacks the functions " + list);
 }
 
 }  // namespace cotwin::fmu

@@ -8,18 +8,16 @@
 
 namespace cotwin::fmu {
 
-/// The folders below binaries/ that may hold a library for the machine this program was built for, in the words of that
-/// version.
+/// Returns the names of the folders in binaries/ for the platform of this program, as the FMI version defines them.
 std::vector<std::string> platform_folders(Version version);
 
-/// The shared library of an unpacked FMU. Throws Error that names what the archive has instead where there is none for this
-/// platform.
+/// Returns the shared library of an unpacked FMU. If there is none for this platform, throws Error with the platforms that the
+/// FMU has.
 std::filesystem::path library_file(const std::filesystem::path& folder, Version version, const std::string& identifier);
 
-/// A shared library that is loaded as long as this lives: RTLD_NOW, so that what is missing is told here and not in a step, and
-/// RTLD_LOCAL, so that two FMUs do not see each other's symbols. Not RTLD_DEEPBIND: it would give an FMU that brings no C++
-/// runtime a second view of malloc and of ours, and sanitizers refuse it; this program exports no symbols that could be taken
-/// for an FMU's own.
+/// Loads a shared library; the destructor unloads it. RTLD_NOW reports missing symbols here and not in a step. RTLD_LOCAL keeps
+/// the symbols of FMUs apart. RTLD_DEEPBIND is not used: an FMU without its own C++ runtime could get another malloc than this
+/// program, and sanitizers reject it. It is not needed either, for this program exports no symbols that an FMU could bind to.
 class Library {
  public:
   explicit Library(const std::filesystem::path& file);
@@ -27,14 +25,14 @@ class Library {
   Library(const Library&) = delete;
   Library& operator=(const Library&) = delete;
 
-  /// Looks a function up; one that is not there is remembered for check() if it is required, and stays nullptr.
+  /// Looks up a function. A missing one becomes nullptr; check() reports it if it is required.
   template <class Signature>
   void bind(Function<Signature>& function, const char* name, bool required = true) {
     function = {reinterpret_cast<typename Function<Signature>::Pointer>(address(name, required)), name};
   }
-  /// Throws Error that names every required function that was not there.
+  /// Throws Error with the names of all missing required functions.
   void check() const;
-  /// Keeps the library in memory for ever: an FMU that failed fatally must not be called again, not even its destructors.
+  /// Never unloads the library. After a fatal error no code of the FMU may run, not even its static destructors.
   void abandon() { handle_ = nullptr; }
 
  private:

@@ -15,12 +15,12 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// As make_instance, in a process of its own.
+/// Like make_instance, with the FMU in its own process.
 Instance make_in_own_process(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options) {
   const InterfaceKind kind = chosen_kind(fmu->description, options.kind);
   Instance instance;
   if (interface_of(fmu->description, kind).needs_execution_tool)
-    instance.warnings.push_back("the FMU needs its tool to be installed");
+    instance.warnings.push_back("the FMU needs the installation of its tool");
   instance.unit = make_named<ProcessUnit>(fmu->name, instance.warnings, fmu, options);
   for (std::string& warning : instance.warnings) warning = fmu->name + ": " + warning;
   instance.unit->declare(instance.variables);
@@ -31,7 +31,7 @@ std::string name_of(const fs::path& path) {
   return path.filename().empty() ? path.parent_path().filename().string() : path.filename().string();
 }
 
-/// What `call` makes of it; its errors with the FMU's name in front.
+/// Runs `call` and puts the FMU's name in front of the messages of its errors.
 template <class Call>
 auto named(const fs::path& path, Call call) {
   try {
@@ -118,12 +118,12 @@ LoadOptions read_query(std::string_view query, LoadOptions options) {
                            : options.locals) = *read;
     } else if (key.rfind(kStructural, 0) == 0) {
       const auto read = text::parse_integer(value);
-      if (!read || *read < 0) throw Error(std::string(setting), "expected an integer that is not negative");
+      if (!read || *read < 0) throw Error(std::string(setting), "expected a non-negative integer");
       options.structural[key.substr(kStructural.size())] = static_cast<std::uint64_t>(*read);
     } else {
       throw Error(
           "'" + key + "'",
-          "no setting of an FMU, expected kind, process, timeout, memory, tolerance, stop, locals, si, slopes, rollback or "
+          "not a setting of an FMU, expected kind, process, timeout, memory, tolerance, stop, locals, si, slopes, rollback or "
           "structural.<name>");
     }
   }

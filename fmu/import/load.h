@@ -9,44 +9,43 @@
 #include "components/unit/unit_table.h"
 #include "fmu/import/foreign.h"
 
-/// FMUs of others as units: what a scenario's source="x.fmu" becomes.
+/// Loads foreign FMUs as units, as for source="x.fmu" in a scenario.
 namespace cotwin::fmu {
 
-/// What a scenario may say of a foreign FMU; the words are those of our annotation.
+/// Settings of a foreign FMU in a scenario, named as in our annotation.
 struct LoadOptions {
   std::string instance_name = "fmu";                // the component's name
-  std::string kind = "any";                         // "cs", "me"; "any": Co-Simulation where the FMU offers it
+  std::string kind = "any";                         // "cs", "me"; "any": Co-Simulation if the FMU has it
   std::string process = "auto";                     // "shared", "own": see load()
-  double timeout = 60;                              // s, of a call in a process of its own; ten times that to initialise
-  double memory = 4e9;                              // bytes, of a process of its own
+  double timeout = 60;                              // s, of a call in the FMU's own process; ten times that to initialise
+  double memory = 4e9;                              // bytes, limit of the FMU's own process
   bool locals = true;                               // also the FMU's local variables
-  std::map<std::string, std::uint64_t> structural;  // of type UInt64, which give the sizes of arrays
+  std::map<std::string, std::uint64_t> structural;  // UInt64 structural parameters (sizes of arrays), by name
   std::optional<double> stop, tolerance;            // s; relative
-  bool si = true;                                   // values in SI; false: as the FMU has them, without a measure
-  bool slopes = false;                              // also the time derivatives of outputs that the FMU can tell, "der(y)"
-  bool rollback = false;                            // the FMU is told that the run may go back (ForeignUnit)
+  bool si = true;                                   // convert values to SI; false: keep the FMU's values, without a unit
+  bool slopes = false;                              // also the time derivatives "der(y)" of outputs that the FMU gives
+  bool rollback = false;                            // earlier states may be restored (ForeignUnit)
 };
 
-/// The unit of an archive (.fmu) or of an unpacked folder with modelDescription.xml, with its variables and their start values.
-/// What was unpacked is removed when the unit goes, after errors too; what a killed program left behind is removed by the next
-/// one. Throws Error `x.fmu: …`.
+/// Loads an archive (.fmu) or an unpacked folder with modelDescription.xml as a unit, with its variables and their start
+/// values. The unpacked files are removed with the unit and after errors. Files that a killed program left behind are removed
+/// at the next load. Throws Error `x.fmu: …`.
 Instance load(const std::filesystem::path& path, const LoadOptions& options = {});
 
-/// The archive unpacked, or the folder, and its description read. Throws Error as load().
+/// Unpacks the archive, or uses the folder, and reads its description. Throws Error like load().
 std::shared_ptr<const ForeignFmu> open_fmu(const std::filesystem::path& path);
 
-/// As load(), of an FMU that has been opened. process "own": in a process of its own (process.h), where a crash, a hang, an
-/// exit() and what exceeds a limit of time or memory is an Error; "shared": in this one; "auto": shared.
+/// Loads an opened FMU. process "own": in its own process (process.h), where a crash, a hang, an exit() and an exceeded limit
+/// of time or memory become an Error; "shared": in this process; "auto": shared.
 Instance load(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options);
 
-/// As load(), of an FMU that has been unpacked and read, without XML and archives, and always in this process.
+/// Loads an opened FMU in this process. Needs neither the XML reader nor archives.
 Instance make_instance(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options);
 
-/// The interface that `kind` ("any", "cs", "me") means. Throws Error if the FMU does not offer it.
+/// Returns the interface for `kind` ("any", "cs", "me"). Throws Error for another kind.
 InterfaceKind chosen_kind(const ModelDescription& description, const std::string& kind);
 
-/// The settings of a source's query, "x.fmu?kind=me&process=own", on top of `options`. Throws Error for a key or value that is
-/// none.
+/// Returns `options` changed by the query of a source, "x.fmu?kind=me&process=own". Throws Error for an invalid key or value.
 LoadOptions read_query(std::string_view query, LoadOptions options);
 
 }  // namespace cotwin::fmu

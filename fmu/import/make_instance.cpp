@@ -1,4 +1,4 @@
-// Of fmu/import/load.h what an exported scenario needs as well: it holds its FMUs unpacked, and their descriptions read.
+// The part of fmu/import/load.h that exported scenarios use too. They contain unpacked FMUs and parsed descriptions.
 #include "fmu/import/fmu_unit.h"
 #include "fmu/import/load.h"
 #include "fmu/import/model_exchange.h"
@@ -21,7 +21,7 @@ Instance make_instance(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions&
   const InterfaceKind kind = chosen_kind(fmu->description, options.kind);
   Instance instance;
   if (interface_of(fmu->description, kind).needs_execution_tool)
-    instance.warnings.push_back("the FMU needs its tool to be installed");
+    instance.warnings.push_back("the FMU needs the installation of its tool");
   if (kind == InterfaceKind::kCoSimulation) {
     instance.unit = make_named<FmuUnit>(fmu->name, instance.warnings, fmu, unit_options(options));
   } else {

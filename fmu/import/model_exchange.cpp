@@ -19,11 +19,11 @@ namespace cotwin::fmu {
 namespace {
 
 constexpr double kDefaultTolerance = 1e-6;     // relative
-constexpr double kAbsolutePerNominal = 0.01;   // of the relative tolerance
+constexpr double kAbsolutePerNominal = 0.01;   // absolute tolerance / (relative tolerance · nominal value)
 constexpr long kMaxInternalSteps = 1'000'000;  // per communication step
-constexpr std::size_t kMaxStates = 10'000;     // of a dense Jacobian
+constexpr std::size_t kMaxStates = 10'000;     // limit for a dense Jacobian
 constexpr int kMaxEventsAtOnce = 1'000;        // at one instant
-constexpr double kSteady = 1e-9;               // relative: smaller jumps of inputs are rounding
+constexpr double kSteady = 1e-9;               // relative; smaller jumps of inputs are rounding errors
 
 void check(int flag, const char* function) {
   if (flag < 0) throw Error(function, "returned " + std::to_string(flag) + ", expected success");
@@ -35,7 +35,7 @@ bool same_time(double a, double b) { return std::abs(a - b) <= 1e-14 * std::max(
 
 }  // namespace
 
-// A system without continuous states has one that rests: its time and events go the same way.
+// A system without continuous states gets one with zero derivative, so that it needs no code of its own.
 struct ModelExchangeUnit::Solver {
   Solver(ModelExchangeUnit& unit, std::size_t states, std::size_t indicators, double tolerance)
       : owner(unit),
@@ -55,8 +55,8 @@ struct ModelExchangeUnit::Solver {
     linear = SUNLinSol_Dense(y, matrix, context);
     memory = CVodeCreate(CV_BDF, context);
     if (y == nullptr || absolute == nullptr || matrix == nullptr || linear == nullptr || memory == nullptr)
-      throw Error("CVODE cannot be set up");
-    weigh();
+      throw Error("CVODE", "cannot be created (out of memory)");
+    set_absolute_tolerances();
     check(CVodeInit(memory, right_side, 0, y), "CVodeInit");
     check(CVodeSVtolerances(memory, rtol, absolute), "CVodeSVtolerances");
     check(CVodeSetLinearSolver(memory, linear, matrix), "CVodeSetLinearSolver");
@@ -80,7 +80,7 @@ struct ModelExchangeUnit::Solver {
   Solver& operator=(const Solver&) = delete;
 
   std::span<double> states() { return {x.data(), nx}; }
-  void weigh() {
+  void set_absolute_tolerances() {
     for (std::size_t i = 0; i < atol.size(); ++i) {
       const double nominal = std::isnormal(nominals[i]) ? std::abs(nominals[i]) : 1;
       atol[i] = kAbsolutePerNominal * rtol * nominal;
@@ -91,7 +91,7 @@ struct ModelExchangeUnit::Solver {
     check(CVodeSVtolerances(memory, rtol, absolute), "CVodeSVtolerances");
   }
 
-  /// Calls into the FMU from CVODE: what is thrown waits for its end.
+  /// Calls the FMU from a callback of CVODE. An exception is stored and rethrown after CVODE has returned.
   template <class Call>
   int guarded(Call call) noexcept {
     try {
@@ -122,7 +122,7 @@ struct ModelExchangeUnit::Solver {
       return unit.instance_->try_event_indicators(t, {N_VGetArrayPointer(at), self->nx}, {z, self->nz});
     });
   }
-  // By hand, because CVODE's own difference quotient allocates in every step.
+  // Own difference quotient, because CVODE's allocates memory in every step.
   static int jacobian(realtype t, N_Vector at, N_Vector dx, SUNMatrix J, void* data, N_Vector, N_Vector, N_Vector) {
     auto* self = static_cast<Solver*>(data);
     return self->guarded([&] {
@@ -165,28 +165,29 @@ std::unique_ptr<ForeignInstance> ModelExchangeUnit::make() {
   ForeignOptions options;
   options.kind = InterfaceKind::kModelExchange;
   options.instance_name = options_.instance_name;
-  options.goes_back = options_.rollback;
+  options.may_restore = options_.rollback;
   return make_foreign(*fmu_, std::move(options));
 }
 
 void ModelExchangeUnit::make_solver() {
   const std::size_t nx = instance_->states(), nz = instance_->event_indicators();
   if (nx > kMaxStates || nz > kMaxElements) {
-    throw Error("the FMU says to have " + std::to_string(nx) + " states and " + std::to_string(nz) + " event indicators");
+    throw Error("the FMU has " + std::to_string(nx) + " states and " + std::to_string(nz) +
+                " event indicators, expected at most " + std::to_string(kMaxStates) + " and " + std::to_string(kMaxElements));
   }
   if (!solver_ || solver_->nx != nx || solver_->nz != nz) {
     const std::optional<DefaultExperiment>& experiment = description().default_experiment;
-    const std::optional<double> asked = options_.tolerance ? options_.tolerance
+    const std::optional<double> given = options_.tolerance ? options_.tolerance
                                         : experiment       ? experiment->tolerance
                                                            : std::nullopt;
-    const double tolerance = asked.value_or(kDefaultTolerance);
+    const double tolerance = given.value_or(kDefaultTolerance);
     if (!(tolerance > 0 && tolerance < 1))
       throw Error("tolerance " + text::to_text(tolerance) + ", expected a number between 0 and 1");
     solver_ = std::make_unique<Solver>(*this, nx, nz, tolerance);
   }
   instance_->get_states(solver_->states());
   instance_->get_nominals({solver_->nominals.data(), nx});
-  solver_->weigh();
+  solver_->set_absolute_tolerances();
 }
 
 void ModelExchangeUnit::begin(Time start) {
@@ -205,7 +206,7 @@ void ModelExchangeUnit::write_memory(ByteWriter& out) {
   out.value(last_h_);
   for (const double v : last_values_) out.value(v);
   for (const double v : last_rates_) out.value(v);
-  restart_ = true;  // as it will be where this is read
+  restart_ = true;  // as in the unit that reads this, so that both give the same bits
 }
 
 void ModelExchangeUnit::read_memory(ByteReader& in) {
@@ -218,7 +219,7 @@ void ModelExchangeUnit::read_memory(ByteReader& in) {
   restart_ = true;
 }
 
-/// Whether an input is not where its last value and rate lead to.
+/// Returns whether an input differs from the extrapolation of its last value and rate.
 bool ModelExchangeUnit::inputs_jump() const {
   const std::span<const double> values = variables_.continuous_values();
   for (std::size_t i = 0; i < values.size(); ++i) {
@@ -235,7 +236,7 @@ void ModelExchangeUnit::finish_events(double t) {
   if (events.states_changed) instance_->get_states(solver_->states());
   if (events.nominals_changed) {
     instance_->get_nominals({solver_->nominals.data(), solver_->nx});
-    solver_->weigh();
+    solver_->set_absolute_tolerances();
   }
   solver_->restart(t);
 }
@@ -277,7 +278,8 @@ bool ModelExchangeUnit::advance(Time now, Duration h) {
     }
     if (finished_ || same_time(t, end) || t >= end) break;
     if (steps > kMaxInternalSteps)
-      throw Error("more than " + std::to_string(kMaxInternalSteps) + " internal steps from " + text::to_text(begin) + " s on");
+      throw Error("more than " + std::to_string(kMaxInternalSteps) + " internal steps of CVODE after " + text::to_text(begin) +
+                  " s");
     const double stop = next_event_ && *next_event_ < end ? *next_event_ : end;
     const double from = t;
     bool root = false;
@@ -287,7 +289,7 @@ bool ModelExchangeUnit::advance(Time now, Duration h) {
       check(CVodeSetStopTime(solver_->memory, stop), "CVodeSetStopTime");
       const int flag = CVode(solver_->memory, stop, solver_->y, &t, CV_ONE_STEP);
       if (solver_->failure) std::rethrow_exception(std::exchange(solver_->failure, nullptr));
-      if (flag < 0) throw Error("CVODE gave up at " + text::to_text(t) + " s (" + std::to_string(flag) + ")");
+      if (flag < 0) throw Error("CVODE", "failed at " + text::to_text(t) + " s with code " + std::to_string(flag));
       root = flag == CV_ROOT_RETURN;
     }
     if (same_time(t, stop)) t = stop;
@@ -295,7 +297,7 @@ bool ModelExchangeUnit::advance(Time now, Duration h) {
     instance_->set_time(t);
     instance_->set_states(solver_->states());
     const ForeignInstance::Completed completed = instance_->completed_step();
-    promise(t);
+    commit(t);
     if (completed.terminate) finished_ = true;
     const bool time_event = next_event_ && *next_event_ <= t;
     events_here = t > from ? 0 : events_here + 1;

@@ -10,7 +10,7 @@
 
 namespace cotwin::fmu {
 
-/// The errors of a unit, with the FMU's name in front.
+/// A unit that puts the FMU's name in front of the messages of its errors.
 template <class Made>
 class Named final : public Unit, public StagedInitialisation {
   template <class Call>

@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::uint64_t kMagic = 0x324e474645525443u;  // the bytes "CTREFGN2": the format and its version
 
-// The fields of each structure, once, for writing and for reading.
+// The list of fields of each structure, used for writing and for reading.
 template <class T, class Structure>
 concept Is = std::same_as<std::remove_const_t<T>, Structure>;
 
@@ -66,7 +66,7 @@ void fields(Is<LoadOptions> auto& o, auto each) {
 }
 void fields(Is<ForeignPackage> auto& p, auto each) { each(p.name, p.folder, p.options, p.description); }
 
-// The last of each enumeration; Version alone does not begin at 0.
+// The last value of each enumeration, and the first value, which is 0 except for Version.
 constexpr Version last(Version) { return Version::k3; }
 constexpr Type last(Type) { return Type::kClock; }
 constexpr Causality last(Causality) { return Causality::kStructuralParameter; }
@@ -126,7 +126,7 @@ class Putter {
   ByteWriter out_;
 };
 
-/// The fewest bytes that a T takes: empty texts and lists, nothing optional.
+/// Returns the smallest number of bytes of a T: empty strings and lists, no optional value.
 template <class T>
 std::size_t least_bytes() {
   static const std::size_t bytes = [] {
@@ -147,8 +147,8 @@ class Getter {
       const auto number = in_.value<std::underlying_type_t<T>>();
       value = static_cast<T>(number);
       if (value < first(T{}) || value > last(T{}))
-        in_.fail("has the value " + std::to_string(number) + ", expected one of an enumeration up to " +
-                 std::to_string(static_cast<int>(last(T{}))));
+        in_.fail("has the invalid enumeration value " + std::to_string(number) + ", expected " +
+                 std::to_string(static_cast<int>(first(T{}))) + " to " + std::to_string(static_cast<int>(last(T{}))));
     } else if constexpr (std::same_as<T, bool>) {
       value = in_.value<std::uint8_t>() != 0;
     } else {
@@ -200,12 +200,12 @@ class Getter {
   ByteReader& in_;
 };
 
-/// Throws Error without a place.
+/// Throws Error, without a place, for an invalid package.
 void check(const ForeignPackage& package) {
   if (!is_file_name(package.folder)) throw Error("'" + package.folder + "', expected the name of a folder");
   const LoadOptions& o = package.options;
   if ((o.stop && !std::isfinite(*o.stop)) || (o.tolerance && !(std::isfinite(*o.tolerance) && *o.tolerance > 0)))
-    throw Error("stop time or tolerance is no number that an FMU can be told");
+    throw Error("stop time or tolerance not finite, or tolerance not above 0");
   check_all(package.description);
   static_cast<void>(package.interface());
 }
@@ -231,7 +231,7 @@ bool is_foreign_package(std::string_view bytes) {
 
 ForeignPackage deserialise_foreign(std::string_view bytes, const std::string& place) {
   ByteReader in(as_bytes(bytes), place);
-  if (!is_foreign_package(bytes) || in.value<std::uint64_t>() != kMagic) in.fail("is no packed FMU of this version");
+  if (!is_foreign_package(bytes) || in.value<std::uint64_t>() != kMagic) in.fail("is not a packed FMU of this version");
   if (in.value<std::uint64_t>() != hash_of(bytes.substr(2 * sizeof(std::uint64_t)))) in.fail("is damaged");
   ForeignPackage package;
   Getter(in).get(package);
@@ -259,7 +259,7 @@ Instance make_instance(ForeignPackage package, const std::filesystem::path& reso
   });
   return instance;
 #else
-  throw Error((resources / package.folder).string(), "an FMU inside an FMU, which this library cannot hold");
+  throw Error((resources / package.folder).string(), "FMUs inside an FMU are not supported on this platform");
 #endif
 }
 

@@ -6,12 +6,12 @@
 #include "components/unit/snapshot.h"
 #include "fmu/import/load.h"
 
-/// What an exported scenario needs of an FMU that it holds, beside the FMU's own files: no XML is read there.
+/// The data of an FMU inside an exported scenario, apart from the FMU's own files. No XML is read there.
 namespace cotwin::fmu {
 
 struct ForeignPackage {
   std::string name;    // of the archive, for messages
-  std::string folder;  // below resources/: the unpacked FMU
+  std::string folder;  // of the unpacked FMU, in resources/
   LoadOptions options;
   ModelDescription description;
   Snapshot start;  // the start values of all variables
@@ -19,19 +19,19 @@ struct ForeignPackage {
   const Interface& interface() const { return interface_of(description, chosen_kind(description, options.kind)); }
 };
 
-/// Versioned, with a hash over all bytes. Throws Error `name: …` for a package that deserialise_foreign() would refuse.
+/// Writes a package with a version and a hash. Throws Error `name: …` for a package that deserialise_foreign() would reject.
 std::string serialise(const ForeignPackage& package);
 bool is_foreign_package(std::string_view bytes);
-/// What holds of a description that was read from XML holds of the one that comes back (fmu/description/consistency.h), and
-/// folder and model identifiers are names that stay below resources/. Throws Error `place: …` for anything else, and for bytes
-/// that are not such a package of this version, or are damaged.
+/// Reads a package. Its description passes the same checks as one from XML (fmu/description/consistency.h); folder and model
+/// identifiers are names that stay in resources/. Throws Error `place: …` otherwise, and for bytes that are damaged or not a
+/// package of this version.
 ForeignPackage deserialise_foreign(std::string_view bytes, const std::string& place);
 
-/// Whether a library of this platform can hold FMUs: Windows' cannot.
+/// Returns whether exported scenarios for this platform can contain FMUs; those for Windows cannot.
 bool holds_fmus(const std::string& platform);
 
-/// The FMU's unit, with its start values; `resources`: where the package's folder lies. Throws Error as load() does, and in a
-/// library that cannot hold FMUs.
+/// Makes the FMU's unit with its start values; `resources` contains the package's folder. Throws Error like load(), and on a
+/// platform without support for FMUs in exported scenarios.
 Instance make_instance(ForeignPackage package, const std::filesystem::path& resources);
 
 }  // namespace cotwin::fmu

@@ -19,7 +19,7 @@ void mirror_function(const char* function) noexcept {
 void rethrow_from(const char* function) {
   try {
     throw;
-  } catch (const abi::__forced_unwind&) {  // the thread is being ended (pthread_exit)
+  } catch (const abi::__forced_unwind&) {  // pthread_exit ends the thread
     throw;
   } catch (const Error&) {
     throw;

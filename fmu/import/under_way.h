@@ -3,10 +3,10 @@
 #include <cstdint>
 #include <utility>
 
-/// Which function of which FMU a thread is in. A crash or an exit() inside an FMU is reported with this.
+/// The function of an FMU that a thread is executing. Messages about a crash or an exit() inside an FMU name it.
 namespace cotwin::fmu {
 
-/// For messages. The texts must live as long as calls are made.
+/// Names for messages. They must outlive the calls.
 struct CallPlace {
   const char* fmu = "";       // "x.fmu"
   const char* instance = "";  // name of the component
@@ -14,25 +14,25 @@ struct CallPlace {
 
 struct UnderWay {
   static constexpr std::size_t kMirrorBytes = 64;
-  const char* function = nullptr;  // "fmi2DoStep"; nullptr: the thread is in no FMU
+  const char* function = nullptr;  // "fmi2DoStep"; nullptr: not in an FMU
   const CallPlace* place = nullptr;
-  std::int64_t ns = 0;     // simulated time at the begin of the step
-  char* mirror = nullptr;  // where the function's name is copied to, kMirrorBytes; nullptr: nowhere
+  std::int64_t ns = 0;     // simulated time at the beginning of the step
+  char* mirror = nullptr;  // buffer of kMirrorBytes for a copy of the function's name, or nullptr
 };
 
-/// Of this thread. Read in signal handlers: plain data without a constructor.
+/// One per thread. Plain data without a constructor, because signal handlers read it.
 extern constinit thread_local UnderWay under_way;
 
-/// Copies the name of the function to under_way.mirror.
+/// Copies the function's name to under_way.mirror.
 void mirror_function(const char* function) noexcept;
 
-/// Which FMU and which time the following calls of this thread belong to.
+/// Sets FMU and simulated time of the following calls of this thread.
 inline void set_call_place(const CallPlace& place, std::int64_t ns) noexcept {
   under_way.place = &place;
   under_way.ns = ns;
 }
 
-/// A call into an FMU, as long as this lives. Calls may be nested: an FMU calls back, and is called from there.
+/// Marks a call into an FMU for the lifetime of this object. Calls can be nested, through callbacks of the FMU.
 class CallUnderWay {
  public:
   explicit CallUnderWay(const char* function) noexcept : outer_(std::exchange(under_way.function, function)) {
@@ -51,11 +51,11 @@ class CallUnderWay {
   const char* outer_;
 };
 
-/// Throws Error for the exception that is being handled: an FMU must not throw any. An Error of ours that passes through the
-/// FMU is thrown on.
+/// Turns the exception that is being handled into an Error, because an FMU must not throw. An Error of this program that passed
+/// through the FMU is rethrown.
 [[noreturn]] void rethrow_from(const char* function);
 
-/// A function of an FMU's library with its name. It may be absent (nullptr).
+/// A function of an FMU's library, with its name. It can be absent (nullptr).
 template <class Signature>
 class Function;
 template <class Result, class... Arguments>
@@ -73,7 +73,7 @@ class Function<Result(Arguments...)> {
       rethrow_from(name_);
     }
   }
-  /// Of destructors: an exception is dropped.
+  /// For destructors: ignores exceptions.
   void call_quietly(Arguments... arguments) const noexcept {
     try {
       static_cast<void>((*this)(arguments...));

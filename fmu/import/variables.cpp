@@ -21,7 +21,7 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// An integer that is stored in more bits than it has.
+/// Returns whether the type is an integer with a smaller range than its storage, Int32.
 bool is_short(Type type) {
   return type == Type::kInt8 || type == Type::kUInt8 || type == Type::kInt16 || type == Type::kUInt16;
 }
@@ -63,7 +63,7 @@ Role role_of(const ModelVariable& v) {
   }
 }
 
-/// Clocks that the importer activates at their times; they are no inputs of the unit.
+/// Returns whether the importer activates this clock at its times; such clocks are not inputs of the unit.
 bool is_time_based(const ModelVariable& v) {
   return v.type == Type::kClock && v.clock.interval_variability != IntervalVariability::kTriggered;
 }
@@ -86,7 +86,7 @@ Exchange exchange_of(const ModelVariable& v, Role role, bool clocks) {
   }
 }
 
-/// SI text of exponents of kg, m, s, A, K, mol, cd, rad: "kg.m2/s2".
+/// Returns the SI unit with these exponents of kg, m, s, A, K, mol, cd, rad: "kg.m2/s2".
 std::string text_of(const std::array<int, 8>& exponents) {
   static constexpr const char* kBases[] = {"kg", "m", "s", "A", "K", "mol", "cd", "rad"};
   std::string above, below;
@@ -99,7 +99,7 @@ std::string text_of(const std::array<int, 8>& exponents) {
   return (above.empty() ? "1" : above) + (below.empty() ? "" : "/" + below);
 }
 
-/// Element `i` of the start values as T, which one value may stand for all of.
+/// Returns element `i` of the start values as T. A single start value applies to all elements.
 template <class T>
 T start_element(const StartValues& start, std::size_t i, T fallback) {
   return std::visit(
@@ -158,7 +158,7 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
     }
     if (found->type != Type::kUInt64) {
       throw Error("'" + name + "'", "is " + std::string(cotwin::fmu::name_of(found->type)) +
-                                        " and gives no size, expected a start value for it in the place of structural." + name);
+                                        " and not a size (UInt64); give it a start value instead of structural." + name);
     }
     chosen[found->reference] = value;
     structural_references_.push_back(found->reference);
@@ -213,8 +213,8 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
     item.structural = v.causality == Causality::kStructuralParameter;
     if (item.structural && v.type == Type::kUInt64) {
       item.settable = false;
-      const auto said = chosen.find(v.reference);
-      if (said != chosen.end()) item.start = std::vector<std::uint64_t>{said->second};
+      const auto value = chosen.find(v.reference);
+      if (value != chosen.end()) item.start = std::vector<std::uint64_t>{value->second};
       item.min = item.max = start_element<double>(item.start, 0, 0);
     }
     items_.push_back(item);
@@ -231,15 +231,15 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
   if (options.slopes) collect_slopes();
   if (clocks && !options.clocks)
     warnings_.push_back(
-        "the FMU has input clocks, which tick in co-simulation with event mode alone: what depends on them "
-        "stays as it is");
+        "the FMU has input clocks, which tick only in Co-Simulation with event mode: variables that depend on them "
+        "keep their values");
 }
 
-/// Scalars "q[1]" … "q[n]" that are alike become the vector "q" in place of the first.
+/// Combines similar scalars "q[1]" … "q[n]" to the vector "q", in the place of the first.
 void ForeignVariables::collect_vectors(std::vector<Item>& items) const {
   struct Family {
     std::size_t count = 0;
-    std::vector<std::size_t> members;  // by index, 0 for "[1]"; npos: missing
+    std::vector<std::size_t> members;  // item of each element, the first for "[1]"; kNone: missing
     bool whole = true;
   };
   constexpr std::size_t kNone = static_cast<std::size_t>(-1);
@@ -310,7 +310,7 @@ void ForeignVariables::collect_vectors(std::vector<Item>& items) const {
 
 void ForeignVariables::collect_slopes() {
   if (description_.generation_tool == kGenerationTool) {
-    warnings_.push_back("slopes=true adds nothing: an FMU of ours declares the derivatives that it knows");
+    warnings_.push_back("slopes=true has no effect: FMUs of Cotwin declare all derivatives that they give");
     return;
   }
   std::set<std::string> names;
@@ -322,9 +322,9 @@ void ForeignVariables::collect_slopes() {
   std::vector<Item> slopes;
   for (const Item& of : items_) {
     const bool known = with_derivative.contains(of.references);
-    const bool told =
+    const bool possible =
         of.role == Role::kOutput && of.exchange == Exchange::kResult && of.type == Type::kFloat64 && of.continuous;
-    if (!told || known || !names.insert(rate_name(of.name)).second) continue;
+    if (!possible || known || !names.insert(rate_name(of.name)).second) continue;
     Item slope;
     slope.name = rate_name(of.name);
     slope.description = keep("slope of " + of.name + " at the end of the last step; 0 before the first one");
@@ -339,11 +339,11 @@ void ForeignVariables::collect_slopes() {
     slope.slope_of = of.name;
     slopes.push_back(std::move(slope));
   }
-  if (slopes.empty()) warnings_.push_back("no continuous output of the FMU needs a slope beside its variables");
+  if (slopes.empty()) warnings_.push_back("slopes=true has no effect: no continuous output of the FMU lacks a derivative");
   items_.insert(items_.end(), slopes.begin(), slopes.end());
 }
 
-/// Finds what makes SI of the FMU's values.
+/// Determines the conversion of the FMU's values to SI.
 void ForeignVariables::measure(Item& item, const Numeric& numeric, const DescriptionIndex& index) {
   if (numeric.unit.empty() || !si_) return;
   const MeasurementUnit* const defined = index.unit(numeric.unit);
@@ -361,7 +361,7 @@ void ForeignVariables::measure(Item& item, const Numeric& numeric, const Descrip
     m = by_name;
   } else {
     if (unknown_units_.insert(numeric.unit).second)
-      warnings_.push_back("unit '" + numeric.unit + "' is not defined: its values are taken as they are");
+      warnings_.push_back("unit '" + numeric.unit + "' is not defined: its values are not converted");
     return;
   }
   if (numeric.relative_quantity) m.offset = 0;
@@ -375,7 +375,7 @@ void ForeignVariables::measure(Item& item, const Numeric& numeric, const Descrip
   if (m.factor < 0) std::swap(item.min, item.max);
 }
 
-/// Gives every item its place, so that what goes through one call lies side by side, and writes the start values.
+/// Lays out the storage so that the values of one call are contiguous, and writes the start values.
 void ForeignVariables::lay_out() {
   std::vector<Item*> order;
   for (Item& item : items_) order.push_back(&item);
@@ -427,11 +427,11 @@ void ForeignVariables::lay_out() {
         T value = start_element<T>(item.start, i, T{});
         if constexpr (std::is_same_v<T, double>) {
           value = item.factor * value + item.offset;
-          // What an FMU itself starts with cannot be refused.
+          // A start value of the FMU outside its own range is accepted; the range is then ignored.
           if (value < item.min || value > item.max) {
-            const bool told = !std::holds_alternative<std::monostate>(item.start);
-            if (told && item.settable)
-              warnings_.push_back("'" + item.name + "': the start value is outside of the range; the range is not looked at");
+            const bool given = !std::holds_alternative<std::monostate>(item.start);
+            if (given && item.settable)
+              warnings_.push_back("'" + item.name + "': the start value is outside the range; the range is ignored");
             item.min = -kInfinity;
             item.max = kInfinity;
           }
@@ -444,7 +444,7 @@ void ForeignVariables::lay_out() {
         store.values[item.first + i] = store.starts[item.first + i] = store.given[item.first + i] = value;
       }
     });
-    item.start = {};  // of a million variables that is a lot of memory
+    item.start = {};  // saves memory: there can be a million variables
   }
   if (ramps_) {
     for (const Group& group : groups_[static_cast<std::size_t>(Exchange::kContinuousInput)]) {
@@ -453,7 +453,7 @@ void ForeignVariables::lay_out() {
     rate_scratch_.resize(rates_.size());
     orders_.assign(rates_.size(), 1);
     rate_references_.resize(rates_.size());
-    rate_known_.assign(rates_.size(), false);
+    nonzero_rate_.assign(rates_.size(), false);
     for (const Item& item : items_) {
       if (item.rate_reference) rated_items_.push_back(&item);
     }
@@ -489,7 +489,8 @@ ForeignVariables::Group ForeignVariables::make_group(std::span<const Item* const
   return group;
 }
 
-/// What `item` is the time derivative of, if that is declared before it as a variable of the same kind, size and measure.
+/// Returns the variable of which `item` is the time derivative, if it is declared before and has the same size and a fitting
+/// unit; else nullptr.
 const ForeignVariables::Item* ForeignVariables::antiderivative(const Item& item, const FirstOfReference& first) const {
   if (item.derivative_of.empty() || item.kind != Kind::kReal || item.si.empty()) return nullptr;
   const auto found = first.find(item.derivative_of.front());

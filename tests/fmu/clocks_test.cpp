@@ -160,7 +160,7 @@ TEST_F(Clocks, AreReportedAfterTheRun) {
 
 TEST_F(Clocks, DoNotTickWithoutEventModeAndReportIt) {
   const Instance instance = load_clocks({}, {{" hasEventMode=\"true\"", ""}});
-  EXPECT_THAT(instance.warnings, Contains(HasSubstr("tick in co-simulation with event mode alone")));
+  EXPECT_THAT(instance.warnings, Contains(HasSubstr("tick only in Co-Simulation with event mode")));
 }
 
 TEST_F(Clocks, AllocateNothingInAStep) {

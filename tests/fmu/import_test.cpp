@@ -183,7 +183,8 @@ TEST_F(Import, UsesTheSlopeOfTheLastStepIfAnFmuRefusesToProvideIt) {
     if (options.process == "own") continue;
     std::vector<std::string> notes;
     instance.unit->tell(notes);
-    EXPECT_THAT(notes, ElementsAre(HasSubstr("the FMU tells no slope of 'z' (fmi2GetRealOutputDerivatives returned error")));
+    EXPECT_THAT(notes,
+                ElementsAre(HasSubstr("the FMU gives no derivative of 'z' (fmi2GetRealOutputDerivatives returned error")));
     const std::uint64_t before = cotwin::testing::allocations();
     for (int i = 2; i < 10; ++i) EXPECT_EQ(step(instance, 0.5 * i, 0.5), StepResult::kDone);
     EXPECT_EQ(cotwin::testing::allocations(), before);
@@ -193,7 +194,7 @@ TEST_F(Import, UsesTheSlopeOfTheLastStepIfAnFmuRefusesToProvideIt) {
 TEST_F(Import, RefusesSlopesThatAnFmuDoesNotProvide) {
   const LoadOptions slopes = read_query("slopes=true", {});
   EXPECT_THAT([&] { load2(kPolite2, slopes); },
-              ThrowsMessage<Error>(HasSubstr("rogue2.fmu: slopes=true: the FMU tells no derivatives of outputs, expected")));
+              ThrowsMessage<Error>(HasSubstr("rogue2.fmu: slopes=true: the FMU gives no derivatives of outputs, expected")));
   const Edits promises = {{"hasEventMode", "maxOutputDerivativeOrder=\"1\" hasEventMode"},
                           {"\"pushed\" valueReference=\"16\" causality=\"output\" variability=\"discrete\"",
                            "\"pushed\" valueReference=\"16\" causality=\"output\" variability=\"continuous\""}};
@@ -274,7 +275,8 @@ TEST_F(Import, CallsNothingAfterAFatalError) {
 #endif
   Instance instance = load2(kFatal2);
   instance.unit->initialise({});
-  EXPECT_THAT([&] { (void)step(instance, 0, 1); }, ThrowsMessage<Error>(HasSubstr("returned fatal; the FMU says: [fatal")));
+  EXPECT_THAT([&] { (void)step(instance, 0, 1); },
+              ThrowsMessage<Error>(HasSubstr("returned fatal; messages of the FMU: [fatal")));
 }
 
 TEST_F(Import, EndsTheRunWhenTheFmuRequestsIt) {
@@ -284,7 +286,7 @@ TEST_F(Import, EndsTheRunWhenTheFmuRequestsIt) {
   real(instance, "u") = 1;
   EXPECT_EQ(step(instance, 0.9, 0.1), StepResult::kFinished);
   EXPECT_NEAR(real(instance, kPosition), 0.1, 1e-12);  // the time that was reached is kept
-  EXPECT_THAT([&] { (void)step(instance, 1, 0.1); }, ThrowsMessage<Error>(HasSubstr("ended its simulation")));
+  EXPECT_THAT([&] { (void)step(instance, 1, 0.1); }, ThrowsMessage<Error>(HasSubstr("ended the simulation")));
 }
 
 TEST_F(Import, WaitsForAStepThatIsPending) {
@@ -367,7 +369,7 @@ TEST(ForeignMessages, AreLimitedInNumberAndLengthAndHaveNoControlCharacters) {
   messages.add("error", "", "\x1b[2Jlast\n");
   const std::string all = messages.take();
   EXPECT_LT(all.size(), 5000u);
-  EXPECT_THAT(all, HasSubstr("(the last of 10001 messages)"));
+  EXPECT_THAT(all, HasSubstr("(the last of 10001)"));
   EXPECT_THAT(all, HasSubstr("[error]  [2Jlast"));
   EXPECT_EQ(messages.take(), "");
   EXPECT_EQ(messages.count(), 10'001u);
@@ -433,7 +435,7 @@ TEST_F(Import, SetsStructuralParametersThatAreNoSizesInTheConfigurationMode) {
   }
   LoadOptions options;
   options.structural["mirrored"] = 1;
-  EXPECT_THAT([&] { load3(kPolite3, options); }, ThrowsMessage<Error>(HasSubstr("'mirrored': is Boolean and gives no size")));
+  EXPECT_THAT([&] { load3(kPolite3, options); }, ThrowsMessage<Error>(HasSubstr("'mirrored': is Boolean and not a size")));
 }
 
 // Every step of 10 ms is divided into two, and at 0.3, 0.6 and 0.9 s there is an event.
@@ -480,7 +482,7 @@ TEST_F(Import, AsksForAnEarlyReturnWhereAnIntermediateUpdateIsRefused) {
   EXPECT_EQ(step(instance, 0, 0.1), StepResult::kDone);  // nothing to set in between
   instance.variables.at("u").rate[0] = 1;
   EXPECT_THAT([&] { (void)step(instance, 0.1, 0.1); },
-              ThrowsMessage<Error>(::testing::AllOf(HasSubstr("an intermediate update of the step from 0.1 s on failed"),
+              ThrowsMessage<Error>(::testing::AllOf(HasSubstr("an intermediate update of the step from 0.1 s failed"),
                                                     HasSubstr("u is not to my liking"),
                                                     HasSubstr("returns early as it was asked to"))));
 }
@@ -499,8 +501,8 @@ TEST_F(Import, ReportsTheRequestsOfTheFmuAfterwards) {
   EXPECT_EQ(run(polite, 0, 1, 0.01), StepResult::kDone);
   std::vector<std::string> notes;
   polite.unit->tell(notes);
-  EXPECT_THAT(notes,
-              ElementsAre("100 early returns from a step, which was completed from there", "3 events handled in event mode"));
+  EXPECT_THAT(
+      notes, ElementsAre("100 early returns from a step; the step was continued from there", "3 events handled in event mode"));
   discards.unit->initialise({});
   Snapshot before;
   before.take(discards.variables, *discards.unit);
@@ -532,12 +534,13 @@ TEST_F(Import, CarriesBinariesAsHexadecimalDigitsAndLargeIntegersAsReals) {
 TEST_F(Import, RefusesAnFmuThatDoesNotAdvanceOrPassesTheEndOfItsStep) {
   Instance still = load3(kStandsStill3);
   still.unit->initialise({});
-  EXPECT_THAT([&] { (void)step(still, 0, 0.01); }, ThrowsMessage<Error>(HasSubstr("again and again, at 0 s, before 0.01 s")));
+  EXPECT_THAT([&] { (void)step(still, 0, 0.01); },
+              ThrowsMessage<Error>(HasSubstr("too often without completing the step: at 0 s, expected 0.01 s")));
   Instance future = load3(kReturnsFromTheFuture3);
   future.unit->initialise({});
-  EXPECT_THAT([&] { (void)step(future, 0, 0.01); }, ThrowsMessage<Error>(HasSubstr("says to have reached 0.02 s")));
+  EXPECT_THAT([&] { (void)step(future, 0, 0.01); }, ThrowsMessage<Error>(HasSubstr("reports to have reached 0.02 s")));
   Instance endless = load3(kEndlessEvents3);
-  EXPECT_THAT([&] { endless.unit->initialise({}); }, ThrowsMessage<Error>(HasSubstr("no end after")));
+  EXPECT_THAT([&] { endless.unit->initialise({}); }, ThrowsMessage<Error>(HasSubstr("did not converge in")));
 }
 
 TEST_F(Import, EndsWhereAnFmi3FmuTerminates) {

@@ -59,7 +59,7 @@ class Load : public ::testing::Test {
 
 TEST_F(Load, RefusesHostileArchivesAndLeavesNothingOnTheDisk) {
   const std::string xml = description_of("rogue2");
-  expect_refusal(raw_archive({{"modelDescription.xml", xml}, {"../outside.txt", "x"}}), "leaves the archive's folder");
+  expect_refusal(raw_archive({{"modelDescription.xml", xml}, {"../outside.txt", "x"}}), "leads outside the archive's folder");
   expect_refusal(raw_archive({{"modelDescription.xml", xml}, {"/etc/outside.txt", "x"}}), "is absolute");
   expect_refusal(raw_archive({{"modelDescription.xml", xml}, {"resources/zeros", std::string(64u << 20, '\0')}}), "raw.fmu");
   expect_refusal(raw_archive({{"readme.txt", "no FMU"}}), "modelDescription.xml");
@@ -94,7 +94,7 @@ TEST_F(Load, NamesTheFunctionsThatALibraryLacks) {
   const fs::path path =
       raw_archive({{"modelDescription.xml", replaced(description_of("rogue2"), "CoSimulation model", "ModelExchange model")},
                    {"binaries/linux64/rogue.so", read_text(fs::path(places::foreign_libraries()) / "rogue2.so")}});
-  expect_refusal(path, "rogue.so: does not have fmi2EnterEventMode, fmi2NewDiscreteStates, fmi2EnterContinuousTimeMode");
+  expect_refusal(path, "rogue.so: lacks the functions fmi2EnterEventMode, fmi2NewDiscreteStates, fmi2EnterContinuousTimeMode");
 }
 
 TEST_F(Load, TakesAnUnpackedFolderToo) {
@@ -113,7 +113,7 @@ TEST_F(Load, ReadsItsSettingsFromAQuery) {
   EXPECT_EQ(o.tolerance, 1e-4);
   EXPECT_FALSE(o.locals);
   EXPECT_EQ(o.structural.at("n"), 4u);
-  EXPECT_THAT([] { read_query("kid=me", {}); }, ThrowsMessage<Error>(HasSubstr("'kid': no setting of an FMU")));
+  EXPECT_THAT([] { read_query("kid=me", {}); }, ThrowsMessage<Error>(HasSubstr("'kid': not a setting of an FMU")));
   EXPECT_THROW(read_query("timeout=-1", {}), Error);
   EXPECT_THROW(read_query("locals=maybe", {}), Error);
 }
@@ -259,8 +259,8 @@ TEST_F(Load, RefusesALibraryThatIsCutShortOrForAnotherMachine) {
   const auto with = [&](const std::string& bytes) {
     return raw_archive({{"modelDescription.xml", xml}, {"binaries/linux64/rogue.so", bytes}});
   };
-  expect_refusal(with(library.substr(0, library.size() / 2)), "raw.fmu: rogue.so: is cut short");
-  expect_refusal(with(library.substr(0, 100)), "raw.fmu: rogue.so: is cut short");
+  expect_refusal(with(library.substr(0, library.size() / 2)), "raw.fmu: rogue.so: is truncated");
+  expect_refusal(with(library.substr(0, 100)), "raw.fmu: rogue.so: is truncated");
   std::string other = library;
   other[18] = '\x28';  // e_machine: 32-bit ARM
   expect_refusal(with(other), "raw.fmu: rogue.so: is for another machine, expected x86_64-linux");

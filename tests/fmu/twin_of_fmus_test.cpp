@@ -602,13 +602,13 @@ TEST(ForeignPackage, RefusesInvalidDescriptions) {
               "here: modelIdentifier '" + std::string(identifier) + "', expected the name of a shared library");
   const std::string& first = package.description.variables.front().name;
   EXPECT_THAT(refusal(with_text(bytes, first, "")), HasSubstr("here: a variable's name is empty"));
-  EXPECT_THAT(refusal(with_text(bytes, first, package.description.variables.back().name)), HasSubstr("stands twice"));
-  EXPECT_THAT(refusal(with_text(bytes, package.description.fmi_version, "2.0")), HasSubstr("is not that of version 3"));
+  EXPECT_THAT(refusal(with_text(bytes, first, package.description.variables.back().name)), HasSubstr("appears twice"));
+  EXPECT_THAT(refusal(with_text(bytes, package.description.fmi_version, "2.0")), HasSubstr("does not belong to version 3"));
 
   std::string damaged = bytes;
   damaged[place_of(package,
                    [](ForeignPackage& p) { p.description.variables[0].causality = Causality::kCalculatedParameter; })] = 7;
-  EXPECT_EQ(refusal(with_fresh_hash(damaged)), "here: has the value 7, expected one of an enumeration up to 6");
+  EXPECT_EQ(refusal(with_fresh_hash(damaged)), "here: has the invalid enumeration value 7, expected 0 to 6");
 
   ForeignPackage other = package;
   fmu::ModelVariable& v = other.description.variables.emplace_back();
