@@ -22,23 +22,24 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr std::uint64_t kStateMagic = 0x31415453544f4343u;  // the bytes "CCOTSTA1": the format of a saved state and its version
-constexpr double kNanoseconds = 1e9;                        // in a second
-constexpr double kLatest = 9e9;                             // s: what 64 bits of nanoseconds hold
+constexpr double kNanoseconds = 1e9;                        // per second
+constexpr double kLatest = 9e9;                             // s; latest time in 64-bit nanoseconds
 
-/// The folder resources/ of the unpacked archive that this library lies in, as <archive>/binaries/<platform>/<library>.
+/// Returns the folder resources/ of the unpacked archive that contains this library: <archive>/binaries/<platform>/<library>.
 fs::path own_resources() {
   const fs::path library = own_library();
   return library.empty() ? library : library.parent_path().parent_path().parent_path() / "resources";
 }
 
-/// The first of the candidates that holds a package.
+/// Returns the given folder or else own_resources(), the first that contains a package.
 fs::path find_resources(const std::optional<fs::path>& given) {
   std::error_code ignored;
   const fs::path own = own_resources();
   if (given && fs::is_regular_file(*given / kPackageFile, ignored)) return *given;
   if (!own.empty() && fs::is_regular_file(own / kPackageFile, ignored)) return own;
-  throw Error((given ? "no " + (*given / kPackageFile).string() : "the host gave no folder of resources") +
-              ", and there is no " + (own / kPackageFile).string() + " beside the library");
+  throw Error((given ? "no file " + (*given / kPackageFile).string()
+                     : "no resource path was given (fmi2Instantiate, fmi3InstantiateCoSimulation)") +
+              ", and no file " + (own / kPackageFile).string());
 }
 
 std::string read(const fs::path& path) {
@@ -56,7 +57,7 @@ std::int64_t nanoseconds(double s, const char* what) {
   return static_cast<std::int64_t>(std::llround(s * kNanoseconds));
 }
 
-/// The distance to the next double, s.
+/// Returns the distance to the next double, s.
 double ulp(double s) { return std::nextafter(std::abs(s), std::numeric_limits<double>::infinity()) - std::abs(s); }
 
 template <class Element>
@@ -92,7 +93,7 @@ Exported::Exported(References references, const std::string& token, const std::o
   const fs::path file = resources_ / kPackageFile;
   package_ = deserialise_package(read(file), file.string());
   if (package_.unit != exported_unit().name) {
-    throw Error(file.string(), "is of the unit " + package_.unit + ", expected " + exported_unit().name);
+    throw Error(file.string(), "contains the unit " + package_.unit + ", expected " + exported_unit().name);
   }
   if (package_.token != token) {
     throw Error("the instantiation token is '" + token + "', expected that of modelDescription.xml, '" + package_.token + "'");
@@ -104,7 +105,7 @@ void Exported::build() {
   Settings settings(package_.unit, package_.query, {}, {resources_});
   settings.set_robot(package_.robot);
   settings.set_cell(package_.cell);
-  drop();  // first: it may be, or hold, one of those that a process can have only once
+  drop();  // before the new unit is built, for the unit, or an FMU inside, may allow only one instance per process
   unit_ = construct(exported_unit(), settings);
   unit_->declare(variables_);
   package_.start.write(variables_);
@@ -129,7 +130,7 @@ void Exported::build() {
   memory_ = {};
 }
 
-/// The unit, and all that refers to it; time stays.
+/// Destroys the unit and all references to it; keeps the time.
 void Exported::drop() {
   blocks_.clear();
   partials_.clear();
@@ -141,7 +142,7 @@ void Exported::drop() {
 }
 
 Unit& Exported::unit() const {
-  if (unit_ == nullptr) throw Error("there is no unit, since the last reset failed; reset again or free the instance");
+  if (unit_ == nullptr) throw Error("the last reset failed; reset again or free the instance");
   return *unit_;
 }
 
@@ -166,17 +167,17 @@ void Exported::in_unit(Call call) {
 }
 
 void Exported::check_finite() const {
-  bool finite = true;  // without a branch, so that it costs little in every step
+  bool finite = true;  // no branch in the loop, for it runs in every step
   for (const std::span<const double> values : computed_) {
     for (const double value : values) finite &= std::abs(value) <= std::numeric_limits<double>::max();
   }
   if (finite) return;
   if (const std::string name = variables_.first_not_finite(); !name.empty()) {
-    throw Error(name + " is not a number any more at " + text::to_text(seconds(memory_.time_ns)) + " s");
+    throw Error(name + " is not finite at " + text::to_text(seconds(memory_.time_ns)) + " s");
   }
 }
 
-// Life
+// Life cycle
 
 void Exported::setup(double start, std::optional<double> stop) {
   const std::int64_t start_ns = nanoseconds(start, "startTime");
@@ -221,19 +222,20 @@ void Exported::terminate() {
 
 Status Exported::step(double now, double h) {
   if (!(h > 0) || !(std::abs(now) + h < kLatest)) {
-    throw Error("a step of " + text::to_text(h) + " s at " + text::to_text(now) + " s, expected one that goes forward");
+    throw Error("a step of " + text::to_text(h) + " s at " + text::to_text(now) +
+                " s, expected a positive step size and a time below 9e9 s");
   }
   if (memory_.finished) throw Error("the unit has ended the run at " + text::to_text(memory_.host_time) + " s");
-  // A host that adds up its steps is off by half an ulp of its time for each; one that asks for thirds of a second is off by
-  // our rounding.
+  // Tolerance: a host that adds up its steps accumulates half an ulp of its time per step; 1 ns covers the rounding to whole
+  // nanoseconds.
   const double end = now + h;
   const double slack_ns = 1 + static_cast<double>(memory_.steps + 1) * ulp(end) * kNanoseconds;
   if (std::abs(now * kNanoseconds - static_cast<double>(memory_.time_ns)) > slack_ns) {
     throw Error("currentCommunicationPoint = " + text::to_text(now) + " s, expected " + text::to_text(memory_.host_time) +
                 " s, where the last step ended");
   }
-  // A step meant as whole nanoseconds is taken as such, whatever rounding did to it, so that time is an exact multiple of it.
-  // Others end at the nanosecond next to the host's time, so that their rounding does not add up.
+  // A step of whole nanoseconds within rounding is made exactly so, and time is an exact multiple of it. Other steps end at the
+  // nanosecond nearest to the host's time, so that rounding errors do not add up.
   const double h_ns = h * kNanoseconds;
   const double whole_ns = std::round(h_ns);
   const bool whole = std::abs(h_ns - whole_ns) <= std::min(0.25, 2 * ulp(end) * kNanoseconds + 1e-15 * h_ns);
@@ -243,7 +245,7 @@ Status Exported::step(double now, double h) {
                 " s, expected none beyond stopTime = " + text::to_text(seconds(memory_.stop_ns)) + " s");
   }
   StepResult result = StepResult::kDone;
-  if (end_ns > memory_.time_ns) {  // else the host's last step is a mere rounding error, in which nothing happens
+  if (end_ns > memory_.time_ns) {  // else the step is only a rounding error of the host
     in_unit([&] { result = unit_->step(Time{memory_.time_ns}, Duration{end_ns - memory_.time_ns}); });
   }
   if (result == StepResult::kDiscard) {
@@ -289,16 +291,16 @@ std::span<Element> Exported::elements(unsigned reference, const Slot& slot) cons
 template <class Element, class Host>
 void Exported::get(std::span<const unsigned> references, std::span<Host> values) {
   std::size_t n = 0;
-  const auto room_for = [&](std::size_t more) {
+  const auto check_size = [&](std::size_t more) {
     if (more > values.size() - n) {
-      throw Error("room for " + std::to_string(values.size()) + " values, expected more for as many variables");
+      throw Error(std::to_string(values.size()) + " values, expected more for these variables");
     }
   };
   for (const unsigned reference : references) {
     const Slot& s = slot(reference);
     if constexpr (std::is_same_v<Element, double>) {
       if (s.variable == nullptr) {
-        room_for(1);
+        check_size(1);
         values[n++] = memory_.host_time;
         continue;
       }
@@ -306,7 +308,7 @@ void Exported::get(std::span<const unsigned> references, std::span<Host> values)
     const std::span<Element> from = elements<Element>(reference, s);
     const bool computed = s.variable->role == Role::kOutput || s.variable->role == Role::kState;
     if (computed && memory_.state == kInitialising) initialise();
-    room_for(from.size());
+    check_size(from.size());
     for (const Element& value : from) {
       if constexpr (std::is_same_v<Element, std::string>) {
         values[n++] = value.c_str();
@@ -316,8 +318,7 @@ void Exported::get(std::span<const unsigned> references, std::span<Host> values)
     }
   }
   if (n != values.size()) {
-    throw Error("room for " + std::to_string(values.size()) + " values, expected " + std::to_string(n) +
-                " for these variables");
+    throw Error(std::to_string(values.size()) + " values, expected " + std::to_string(n) + " for these variables");
   }
 }
 
@@ -330,27 +331,27 @@ void Exported::check_writable(const Slot& slot) const {
         return;
       case Role::kParameter:
         if (before) return;
-        throw Error(name_of(slot), "is a fixed parameter, expected to be set before the end of Initialization Mode");
+        throw Error(name_of(slot), "is a fixed parameter; it can only be set before the end of Initialization Mode");
       case Role::kState:
         if (before) return;
-        throw Error(name_of(slot), "is a state, of which only the start value can be set");
+        throw Error(name_of(slot), "is a state; only its start value can be set");
       case Role::kOutput:
         break;
     }
   }
-  throw Error(name_of(slot), "cannot be set");
+  throw Error(name_of(slot), "cannot be set, expected an input, a parameter or a state");
 }
 
 template <class Element, class Host>
 void Exported::set(std::span<const unsigned> references, std::span<const Host> values) {
   std::size_t n = 0;
-  for (const unsigned reference : references) {  // nothing is written before everything is known to be right
+  for (const unsigned reference : references) {  // checks everything before anything is written
     const Slot& s = slot(reference);
     if (s.variable == nullptr) check_writable(s);
     const std::span<Element> to = elements<Element>(reference, s);
     check_writable(s);
     if (to.size() > values.size() - n) {
-      throw Error(std::to_string(values.size()) + " values, expected more for as many variables");
+      throw Error(std::to_string(values.size()) + " values, expected more for these variables");
     }
     const Variable& variable = *s.variable;
     for (std::size_t i = 0; i < to.size(); ++i, ++n) {
@@ -358,8 +359,8 @@ void Exported::set(std::span<const unsigned> references, std::span<const Host> v
         if (values[n] == nullptr) throw Error(name_of(s), "a NULL string");
       } else if constexpr (!std::is_same_v<Element, bool>) {
         const auto value = static_cast<double>(values[n]);
-        const bool knob = variable.role == Role::kParameter || variable.role == Role::kTunable;
-        if (knob && !(value >= variable.min && value <= variable.max)) {
+        const bool ranged = variable.role == Role::kParameter || variable.role == Role::kTunable;
+        if (ranged && !(value >= variable.min && value <= variable.max)) {
           throw Error(name_of({&variable, s.first + i, 1}) + " = " + text::to_text(value) +
                       (variable.si.empty() ? "" : " " + variable.si) + ", expected " + allowed_values(variable));
         }
@@ -406,14 +407,14 @@ Status Exported::set_rates(std::span<const unsigned> references, std::span<const
     if (orders[i] == 1 && !s.variable->rate.empty()) {
       s.variable->rate[s.first] = values[i];
     } else if (held.empty() && values[i] != 0) {
-      held = orders[i] == 1
-                 ? name_of(s) + " is held over a step: its derivative is left out"
-                 : name_of(s) + " is followed linearly: its derivative of order " + std::to_string(orders[i]) + " is left out";
+      held = orders[i] == 1 ? name_of(s) + " is constant over a step: its derivative is ignored"
+                            : name_of(s) + " is extrapolated linearly: its derivative of order " + std::to_string(orders[i]) +
+                                  " is ignored";
     }
   }
   if (held.empty()) return Status::kOk;
-  if (!told_of_held_inputs_) report(Status::kWarning, held);
-  told_of_held_inputs_ = true;
+  if (!warned_of_held_inputs_) report(Status::kWarning, held);
+  warned_of_held_inputs_ = true;
   return Status::kWarning;
 }
 
@@ -421,18 +422,18 @@ void Exported::output_derivatives(std::span<const unsigned> references, std::spa
   std::size_t n = 0;
   for (std::size_t i = 0; i < references.size(); ++i) {
     const Slot& s = slot(references[i]);
-    if (orders[i] != 1) throw Error(name_of(s), "derivative of order " + std::to_string(orders[i]) + ", expected the first");
+    if (orders[i] != 1) throw Error(name_of(s), "derivative of order " + std::to_string(orders[i]) + ", expected 1");
     const auto derivative = std::find_if(variables_.begin(), variables_.end(), [&](const Variable& v) {
       return s.variable != nullptr && v.derivative_of == s.variable->name;
     });
-    if (derivative == variables_.end()) throw Error(name_of(s), "no derivative of it is known");
-    if (s.count > values.size() - n) throw Error("room for " + std::to_string(values.size()) + " values, expected more");
+    if (derivative == variables_.end()) throw Error(name_of(s), "has no declared derivative");
+    if (s.count > values.size() - n) throw Error(std::to_string(values.size()) + " values, expected more");
     for (const double value : derivative->reals().subspan(s.first, s.count)) values[n++] = value;
   }
-  if (n != values.size()) throw Error("room for " + std::to_string(values.size()) + " values, expected " + std::to_string(n));
+  if (n != values.size()) throw Error(std::to_string(values.size()) + " values, expected " + std::to_string(n));
 }
 
-/// The number of their elements together.
+/// Returns the total number of elements. Throws Error for a variable that is not real.
 std::size_t Exported::check_reals(std::span<const unsigned> references) const {
   std::size_t n = 0;
   for (const unsigned reference : references) n += elements<double>(reference, slot(reference)).size();
@@ -449,12 +450,13 @@ void Exported::directional(std::span<const unsigned> unknowns, std::span<const u
   }
   for (const unsigned reference : unknowns) {
     const Slot& s = slots_[reference];
-    if (s.variable->role != Role::kOutput) throw Error(name_of(s), "is no output, expected one as an unknown");
+    if (s.variable->role != Role::kOutput) throw Error(name_of(s), "is not an output, expected one as an unknown");
   }
   for (const unsigned reference : knowns) {
     const Slot& s = slots_[reference];
     const bool of_a_block = std::any_of(blocks_.begin(), blocks_.end(), [&](const Block& b) { return b.known == s.variable; });
-    if (s.variable->role != Role::kInput && !of_a_block) throw Error(name_of(s), "is neither input nor state, expected one");
+    if (s.variable->role != Role::kInput && !of_a_block)
+      throw Error(name_of(s), "is neither input nor state, expected one as a known");
   }
   if (memory_.state == kInitialising) initialise();
   in_unit([&] { unit().evaluate_partials(partials_); });
@@ -490,12 +492,12 @@ void Exported::directional(std::span<const unsigned> unknowns, std::span<const u
 
 const Exported::Saved& Exported::find(const void* saved) const {
   const auto found = saved_.find(saved);
-  if (found == saved_.end()) throw Error("this is no state that the instance has given");
+  if (found == saved_.end()) throw Error("this state was not saved by this instance");
   return *found->second;
 }
 
 void* Exported::save(void* reuse) {
-  if (!unit().restorable()) throw Error("the unit reaches outside: its state cannot be taken back");
+  if (!unit().restorable()) throw Error("the unit communicates with the outside; its state cannot be saved");
   const auto found = saved_.find(reuse);
   std::unique_ptr<Saved> fresh = found == saved_.end() ? std::make_unique<Saved>() : nullptr;
   Saved& saved = fresh ? *fresh : *found->second;
@@ -508,14 +510,14 @@ void* Exported::save(void* reuse) {
 
 void Exported::restore(const void* handle) {
   const Saved& saved = find(handle);
-  static_cast<void>(unit());  // there must be one
+  static_cast<void>(unit());  // throws if there is no unit
   in_unit([&] {
     const bool same = saved.initialisation == initialisation_ && memory_.initialised && memory_.state != kFailed;
     if (saved.memory.initialised && same) {
       saved.snapshot.restore(variables_, *unit_);
     } else {
       saved.snapshot.write(variables_);
-      if (saved.memory.initialised) {  // fixed parameters and buffers first, then the states
+      if (saved.memory.initialised) {  // initialise() sets fixed parameters and buffers; then the states are restored
         unit_->initialise(Time{saved.memory.start_ns});
         ++initialisation_;
         saved.snapshot.restore(variables_, *unit_);
@@ -526,9 +528,9 @@ void Exported::restore(const void* handle) {
 }
 
 void Exported::free(void** saved) {
-  if (saved == nullptr || saved_.erase(saved) != 0) return;  // fmusim 0.0.39 gives the state itself instead of its address
+  if (saved == nullptr || saved_.erase(saved) != 0) return;  // fmusim 0.0.39 passes the state instead of its address
   if (*saved == nullptr) return;
-  if (saved_.erase(*saved) == 0) throw Error("this is no state that the instance has given");
+  if (saved_.erase(*saved) == 0) throw Error("this state was not saved by this instance");
   *saved = nullptr;
 }
 
@@ -555,11 +557,11 @@ std::string Exported::serialise(const void* handle) const {
 
 void* Exported::deserialise(std::span<const std::byte> bytes) {
   ByteReader in(bytes, "serialised state");
-  if (in.value<std::uint64_t>() != kStateMagic) in.fail("is not of this kind and version");
+  if (in.value<std::uint64_t>() != kStateMagic) in.fail("is not a state of this version");
   const auto hash = in.value<std::uint64_t>();
   const std::span<const std::byte> body = in.rest();
   if (hash != hash_of({reinterpret_cast<const char*>(body.data()), body.size()})) in.fail("is damaged");
-  if (in.value<std::uint64_t>() != hash_of(package_.token)) in.fail("is of another FMU");
+  if (in.value<std::uint64_t>() != hash_of(package_.token)) in.fail("is a state of another FMU");
   auto saved = std::make_unique<Saved>();
   Memory& m = saved->memory;
   m.state = static_cast<State>(in.value<std::uint32_t>());
@@ -576,9 +578,10 @@ void* Exported::deserialise(std::span<const std::byte> bytes) {
   constexpr auto kLatestNs = static_cast<std::int64_t>(kLatest * kNanoseconds);
   const auto is_time = [](std::int64_t ns) { return ns >= -kLatestNs && ns <= kLatestNs; };
   if (!known || !is_time(m.start_ns) || !is_time(m.time_ns) || !is_time(m.stop_ns) || !(std::abs(m.host_time) <= kLatest)) {
-    in.fail("has a state or a time that there is not");
+    in.fail("has an invalid state or time");
   }
-  if ((m.state == kStepping || m.state == kStepDiscarded) && !m.initialised) in.fail("steps without being initialised");
+  if ((m.state == kStepping || m.state == kStepDiscarded) && !m.initialised)
+    in.fail("is in a stepping state, but not initialised");
   const std::string snapshot = in.text();
   in.expect_end();
   saved->snapshot = Snapshot::deserialise(snapshot);

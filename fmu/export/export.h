@@ -14,17 +14,17 @@
 #include "components/unit/unit_table.h"
 #include "fmu/export/package.h"
 
-/// A unit behind the C interfaces of FMI: what FMI 2 and FMI 3 have in common. export_fmi2.cpp and export_fmi3.cpp translate
-/// calls, types and status; everything that is remembered is here.
+/// An exported unit behind the C interfaces of FMI: the common part of FMI 2 and FMI 3 and all data of an instance. fmi2.cpp
+/// and fmi3.cpp translate calls, types and status.
 namespace cotwin::fmu {
 
-/// The kind of unit that this library exports. Defined in the source that CMake writes for each (fmu.cmake).
+/// The type of the unit that this library exports. Defined in the source that CMake writes for each unit (fmu.cmake).
 const UnitType& exported_unit();
 
-/// In the numbers of fmi2Status and fmi3Status.
+/// Has the numeric values of fmi2Status and fmi3Status.
 enum class Status { kOk, kWarning, kDiscard, kError };
 
-/// Where an instance is in its life; as bits, so that a function's allowed states are a set.
+/// State of an instance in the state machine of FMI. The values are bits, so that a function's allowed states form a set.
 enum State : unsigned {
   kInstantiated = 1,
   kInitialising = 2,   // Initialization Mode
@@ -36,54 +36,54 @@ enum State : unsigned {
 inline constexpr unsigned kAnyState = 63;
 const char* name_of(State state);
 
-/// What value references mean: both versions give 0 to time. FMI 2 then numbers every element of every variable, FMI 3 every
-/// variable, in the order of their declaration, and then the slopes of inputs (rate.h).
+/// Numbering of value references: 0 is time. Then FMI 2 numbers every element of every variable, FMI 3 every variable and then
+/// the slopes of inputs (rate.h), in the order of declaration.
 enum class References { kElements, kVariables };
 
 class Exported {
  public:
-  /// Receives what is logged. `category` is one of kLogCategoryTexts.
+  /// Receives log messages. `category` is one of kLogCategoryTexts.
   using Log = std::function<void(Status, const char* category, const std::string& message)>;
 
-  /// Builds the unit from the package in `resources` or, where that is not given, in the folder resources/ of the archive that
-  /// this library lies in. Throws Error for a package that is missing or has another token, and what the unit throws.
+  /// Builds the unit from the package in `resources` or, if that has none, in the folder resources/ of the archive that
+  /// contains this library. Throws Error if the package is missing or has another token, and the errors of the unit.
   Exported(References references, const std::string& token, const std::optional<std::filesystem::path>& resources);
 
   State state() const { return memory_.state; }
   bool restorable() const { return unit_ != nullptr && unit_->restorable(); }
   const std::vector<std::string>& warnings() const { return warnings_; }
 
-  /// What follows throws Error and leaves the instance as it was if the call was wrong; if the unit fails, the state is
-  /// kFailed.
+  /// For an invalid call, the following functions throw Error and leave the instance unchanged. If the unit throws, the state
+  /// becomes kFailed.
   void setup(double start, std::optional<double> stop);
   void enter_initialisation();
   void exit_initialisation();
-  /// kOk or kDiscard. Times are the host's, in seconds, and may be sums of step sizes. After a step in which the unit asked for
-  /// an end of the run, finished() is true and no further step is made.
+  /// Returns kOk or kDiscard. Times are those of the host, s, and may be sums of step sizes. After a step in which the unit
+  /// requested the end of the run, finished() is true and no further step is possible.
   Status step(double now, double h);
   void terminate();
   void reset();
   double time() const { return memory_.host_time; }
   bool finished() const { return memory_.finished; }
 
-  /// Reads or writes variables of one kind; Host is the type by which the C interface carries an Element. `values` has as many
-  /// elements as the variables together. set() writes all or, if it throws, nothing.
+  /// Read and write variables of one kind. Host is the type of an Element in the C interface. `values` has as many elements as
+  /// the variables have in total. set() writes all values or, if it throws, none.
   template <class Element, class Host>
   void get(std::span<const unsigned> references, std::span<Host> values);
   template <class Element, class Host>
   void set(std::span<const unsigned> references, std::span<const Host> values);
-  /// Time derivatives of inputs over the next step. A slope of an input that the unit does not follow, and orders above the
-  /// first, are left out: kWarning, and a message the first time. Throws Error for what is no real input.
+  /// Sets time derivatives of inputs for the next step. Orders above 1, and derivatives of inputs that the unit holds constant,
+  /// are ignored with kWarning and, the first time, a message. Throws Error for a variable that is not a real input.
   Status set_rates(std::span<const unsigned> references, std::span<const int> orders, std::span<const double> values);
 
-  /// First time derivatives of real variables, as the variables that the unit declares to be them. Throws Error for others.
+  /// Reads first time derivatives of real variables. Throws Error for a variable without a declared derivative.
   void output_derivatives(std::span<const unsigned> references, std::span<const int> orders, std::span<double> values);
-  /// J seed or, adjoint, Jᵀ seed, of the Jacobian of `unknowns` by `knowns` as the variables are now.
+  /// Computes J · seed or, if `adjoint`, Jᵀ · seed, where J is the present Jacobian ∂unknowns/∂knowns.
   void directional(std::span<const unsigned> unknowns, std::span<const unsigned> knowns, std::span<const double> seed,
                    std::span<double> sensitivity, bool adjoint);
   bool has_partials() const { return !blocks_.empty(); }
 
-  /// Saved states, known by their addresses and freed with the instance at the latest.
+  /// Saved states are identified by their addresses. Those that remain are freed with the instance.
   void* save(void* reuse);
   void restore(const void* saved);
   void free(void** saved);
@@ -95,31 +95,31 @@ class Exported {
   bool logging = false;
   unsigned logged_categories = ~0u;  // bits, in the order of kLogCategoryTexts
   void report(Status status, const std::string& message) const;
-  /// Throws Error for a category that is not declared. None means all.
+  /// Throws Error for a category that is not declared. An empty list means all categories.
   void choose_categories(bool on, std::span<const char* const> categories);
 
  private:
-  /// A variable, or an element of one, that a value reference means.
+  /// The variable, or the element of one, with a value reference.
   struct Slot {
     const Variable* variable = nullptr;  // nullptr: time
     std::size_t first = 0, count = 1;
   };
-  /// What this layer remembers beside the unit's variables.
+  /// The state of this layer, apart from the unit's variables.
   struct Memory {
     State state = kInstantiated;
-    bool initialised = false;  // the unit agrees with its variables
+    bool initialised = false;  // the unit is initialised with the present values of its variables
     std::int64_t start_ns = 0, time_ns = 0;
     bool has_stop = false;
     std::int64_t stop_ns = 0;
-    std::uint64_t steps = 0;  // since the start: how many additions the host's time may have seen
+    std::uint64_t steps = 0;  // since the start; bounds the rounding error of a host that adds up its steps
     double host_time = 0;     // s
-    bool finished = false;    // the unit asked for the end
+    bool finished = false;    // the unit requested the end of the run
   };
   struct Saved {
     Memory memory;
     Snapshot snapshot;
-    std::uint64_t initialisation =
-        0;  // the one that the unit's fixed parameters and hidden memory stem from; 0: another instance's
+    /// Number of the initialisation that set the unit's fixed parameters and hidden memory; 0: in another instance.
+    std::uint64_t initialisation = 0;
   };
 
   void build();
@@ -144,7 +144,7 @@ class Exported {
   std::unique_ptr<Unit> unit_;  // nullptr after a reset that failed
   Variables variables_;
   std::vector<Slot> slots_;
-  std::vector<Variable> rates_;                    // FMI 3: the slopes of inputs as inputs (rate.h)
+  std::vector<Variable> rates_;                    // FMI 3: the inputs der(u) (rate.h)
   std::vector<std::span<const double>> computed_;  // real outputs and states
   struct Block {
     const Variable *unknown, *known;
@@ -154,14 +154,14 @@ class Exported {
   std::vector<Block> blocks_;  // of the unit's Jacobian
   std::vector<double> partials_;
   std::vector<std::string> warnings_;
-  bool told_of_held_inputs_ = false;
+  bool warned_of_held_inputs_ = false;
   Memory memory_;
   std::uint64_t initialisation_ = 0;
   std::unordered_map<const void*, std::unique_ptr<Saved>> saved_;
 };
 
-/// Runs `body` for `instance` if that is in one of the `allowed` states. No exception leaves it: what is wrong becomes kError
-/// and a logged message that begins with the function's name.
+/// Runs `body` for `instance` if it is in one of the `allowed` states. Exceptions become kError and a log message that begins
+/// with the function's name.
 template <class Body>
 Status guarded(Exported* instance, const char* function, unsigned allowed, Body body) noexcept {
   if (instance == nullptr) return Status::kError;
@@ -176,7 +176,7 @@ Status guarded(Exported* instance, const char* function, unsigned allowed, Body 
       instance->report(Status::kError, std::string(function) + ": " + error.what());
     }
   } catch (...) {
-    return Status::kError;  // not even the message could be made
+    return Status::kError;  // out of memory for the message
   }
   return Status::kError;
 }

@@ -1,4 +1,4 @@
-// FMI 2.0.4 Co-Simulation, outwards. Calls, types and status are translated here; what they mean is in export.cpp.
+// The C interface of FMI 2.0.4 Co-Simulation of an exported unit: translates calls, types and status for export.cpp.
 #include <cstring>
 #include <memory>
 #include <new>
@@ -16,7 +16,7 @@ namespace {
 using cotwin::Error;
 using namespace cotwin::fmu;
 
-/// An instance with what FMI 2 alone asks for.
+/// An instance with the data that only FMI 2 needs.
 struct Slave : Exported {
   using Exported::Exported;
   fmi2Status last_step = fmi2OK;
@@ -37,14 +37,14 @@ fmi2Status call(fmi2Component c, const char* function, unsigned allowed, Body bo
   }));
 }
 
-/// What this FMU does not offer: an error that says so.
-fmi2Status not_offered(fmi2Component c, const char* function, const char* why) {
+/// Reports a call of a function that this FMU does not support.
+fmi2Status not_supported(fmi2Component c, const char* function, const char* why) {
   return call(c, function, kAnyState, [&](Slave&) { throw Error(why); });
 }
-constexpr const char* kNoModelExchange = "belongs to Model Exchange, which this FMU does not offer";
-constexpr const char* kNoAsynchrony = "steps end when fmi2DoStep returns (canRunAsynchronuously=false)";
+constexpr const char* kNoModelExchange = "belongs to Model Exchange, which this FMU does not support";
+constexpr const char* kNoAsynchrony = "steps are synchronous (canRunAsynchronuously=false)";
 
-/// The array of a call, which may be NULL if it is empty.
+/// Returns an array argument as a span. NULL is valid if it is empty.
 template <class T>
 std::span<T> array(T* values, size_t n) {
   if (values == nullptr && n != 0) throw Error("NULL, expected an array of " + std::to_string(n));
@@ -82,7 +82,7 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type type, fmi2String
       log_to(host, name, status, category, message);
     };
     try {
-      if (type != fmi2CoSimulation) throw Error("asked for Model Exchange, expected Co-Simulation");
+      if (type != fmi2CoSimulation) throw Error("Model Exchange is not supported, expected Co-Simulation");
       if (guid == nullptr) throw Error("no GUID, expected that of modelDescription.xml");
       std::optional<std::filesystem::path> resources;
       if (resourceLocation != nullptr && *resourceLocation != '\0') resources = path_from_uri(resourceLocation);
@@ -95,7 +95,7 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type type, fmi2String
       if (loggingOn != fmi2False) log(Status::kError, "logStatusError", std::string("fmi2Instantiate: ") + error.what());
     }
   } catch (...) {
-    return nullptr;  // not even the message could be made
+    return nullptr;  // out of memory for the message
   }
   return nullptr;
 }
@@ -169,7 +169,7 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte b
   return call(c, __func__, kAnyState, [&](Slave& s) {
     const std::string serialised = s.serialise(state);
     if (size < serialised.size()) {
-      throw Error("room for " + std::to_string(size) + " bytes, expected " + std::to_string(serialised.size()));
+      throw Error("a buffer of " + std::to_string(size) + " bytes, expected " + std::to_string(serialised.size()));
     }
     std::memcpy(array(bytes, size).data(), serialised.data(), serialised.size());
   });
@@ -187,10 +187,10 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint, fmi2Real communicationStepSize, fmi2Boolean) {
   return call(c, __func__, kStepping, [&](Slave& s) {
     Status status = s.step(currentCommunicationPoint, communicationStepSize);
-    if (status == Status::kDiscard) s.report(status, "fmi2DoStep: the unit cannot make this step; a shorter one may do");
-    if (s.finished()) {  // by the standard, an end that the slave wants is a discarded step with fmi2Terminated
+    if (status == Status::kDiscard) s.report(status, "fmi2DoStep: the unit cannot make this step; try a shorter one");
+    if (s.finished()) {  // FMI 2 reports a requested end as a discarded step with fmi2Terminated
       status = Status::kDiscard;
-      s.report(status, "fmi2DoStep: the unit asks for the end of the run");
+      s.report(status, "fmi2DoStep: the unit requests the end of the run");
     }
     s.last_step = to_fmi(status);
     return status;
@@ -199,27 +199,30 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint, fmi2R
 
 fmi2Status fmi2GetStatus(fmi2Component c, fmi2StatusKind kind, fmi2Status* value) {
   return call(c, __func__, kAnyState, [&](Slave& s) {
-    if (kind != fmi2DoStepStatus) throw Error("asked for a status that is no fmi2Status, expected fmi2DoStepStatus");
+    if (kind != fmi2DoStepStatus) throw Error("invalid status kind " + std::to_string(kind) + ", expected fmi2DoStepStatus");
     array(value, 1)[0] = s.last_step;
   });
 }
 fmi2Status fmi2GetRealStatus(fmi2Component c, fmi2StatusKind kind, fmi2Real* value) {
   return call(c, __func__, kAnyState, [&](Slave& s) {
-    if (kind != fmi2LastSuccessfulTime) throw Error("asked for a status that is no Real, expected fmi2LastSuccessfulTime");
+    if (kind != fmi2LastSuccessfulTime)
+      throw Error("invalid status kind " + std::to_string(kind) + ", expected fmi2LastSuccessfulTime");
     array(value, 1)[0] = s.time();
   });
 }
 fmi2Status fmi2GetBooleanStatus(fmi2Component c, fmi2StatusKind kind, fmi2Boolean* value) {
   return call(c, __func__, kAnyState, [&](Slave& s) {
-    if (kind != fmi2Terminated) throw Error("asked for a status that is no Boolean, expected fmi2Terminated");
+    if (kind != fmi2Terminated) throw Error("invalid status kind " + std::to_string(kind) + ", expected fmi2Terminated");
     array(value, 1)[0] = s.finished() ? fmi2True : fmi2False;
   });
 }
 fmi2Status fmi2GetIntegerStatus(fmi2Component c, fmi2StatusKind, fmi2Integer*) {
-  return not_offered(c, __func__, "there is no status of this kind");
+  return not_supported(c, __func__, "there is no integer status");
 }
-fmi2Status fmi2GetStringStatus(fmi2Component c, fmi2StatusKind, fmi2String*) { return not_offered(c, __func__, kNoAsynchrony); }
-fmi2Status fmi2CancelStep(fmi2Component c) { return not_offered(c, __func__, kNoAsynchrony); }
+fmi2Status fmi2GetStringStatus(fmi2Component c, fmi2StatusKind, fmi2String*) {
+  return not_supported(c, __func__, kNoAsynchrony);
+}
+fmi2Status fmi2CancelStep(fmi2Component c) { return not_supported(c, __func__, kNoAsynchrony); }
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[],
                                         fmi2Real values[]) {
@@ -236,21 +239,21 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
   });
 }
 
-fmi2Status fmi2EnterEventMode(fmi2Component c) { return not_offered(c, __func__, kNoModelExchange); }
-fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo*) { return not_offered(c, __func__, kNoModelExchange); }
-fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) { return not_offered(c, __func__, kNoModelExchange); }
+fmi2Status fmi2EnterEventMode(fmi2Component c) { return not_supported(c, __func__, kNoModelExchange); }
+fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo*) { return not_supported(c, __func__, kNoModelExchange); }
+fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) { return not_supported(c, __func__, kNoModelExchange); }
 fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean, fmi2Boolean*, fmi2Boolean*) {
-  return not_offered(c, __func__, kNoModelExchange);
+  return not_supported(c, __func__, kNoModelExchange);
 }
-fmi2Status fmi2SetTime(fmi2Component c, fmi2Real) { return not_offered(c, __func__, kNoModelExchange); }
+fmi2Status fmi2SetTime(fmi2Component c, fmi2Real) { return not_supported(c, __func__, kNoModelExchange); }
 fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real[], size_t) {
-  return not_offered(c, __func__, kNoModelExchange);
+  return not_supported(c, __func__, kNoModelExchange);
 }
-fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real[], size_t) { return not_offered(c, __func__, kNoModelExchange); }
-fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real[], size_t) { return not_offered(c, __func__, kNoModelExchange); }
-fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real[], size_t) { return not_offered(c, __func__, kNoModelExchange); }
+fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real[], size_t) { return not_supported(c, __func__, kNoModelExchange); }
+fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real[], size_t) { return not_supported(c, __func__, kNoModelExchange); }
+fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real[], size_t) { return not_supported(c, __func__, kNoModelExchange); }
 fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real[], size_t) {
-  return not_offered(c, __func__, kNoModelExchange);
+  return not_supported(c, __func__, kNoModelExchange);
 }
 
 }  // extern "C"

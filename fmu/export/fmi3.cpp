@@ -1,4 +1,4 @@
-// FMI 3.0.2 Co-Simulation, outwards. Calls, types and status are translated here; what they mean is in export.cpp.
+// The C interface of FMI 3.0.2 Co-Simulation of an exported unit: translates calls, types and status for export.cpp.
 #include <cstring>
 #include <memory>
 #include <optional>
@@ -29,16 +29,16 @@ fmi3Status call(fmi3Instance instance, const char* function, unsigned allowed, B
   }));
 }
 
-/// What this FMU does not offer: an error that says so.
-fmi3Status not_offered(fmi3Instance instance, const char* function, const char* why) {
+/// Reports a call of a function that this FMU does not support.
+fmi3Status not_supported(fmi3Instance instance, const char* function, const char* why) {
   return call(instance, function, kAnyState, [&](Exported&) { throw Error(why); });
 }
-constexpr const char* kNoModelExchange = "belongs to Model Exchange, which this FMU does not offer";
+constexpr const char* kNoModelExchange = "belongs to Model Exchange, which this FMU does not support";
 constexpr const char* kNoEvents = "there is no Event Mode (hasEventMode=false)";
-constexpr const char* kNoDependencies = "not offered (providesPerElementDependencies=false)";
+constexpr const char* kNoDependencies = "not supported (providesPerElementDependencies=false)";
 constexpr const char* kNoConfiguration = "there are no structural parameters";
 
-/// The array of a call, which may be NULL if it is empty.
+/// Returns an array argument as a span. NULL is valid if it is empty.
 template <class T>
 std::span<T> array(T* values, size_t n) {
   if (values == nullptr && n != 0) throw Error("NULL, expected an array of " + std::to_string(n));
@@ -57,14 +57,14 @@ fmi3Status set(fmi3Instance instance, const char* function, const fmi3ValueRefer
               [&](Exported& e) { e.set<Element, Host>(array(vr, n), array(values, nValues)); });
 }
 
-/// Access to variables of a type that no unit has: right for none of them, wrong for any.
+/// Access to variables of a type that no unit has: succeeds only for an empty list.
 fmi3Status no_such_type(fmi3Instance instance, const char* function, size_t n) {
   return call(instance, function, kAnyState, [&](Exported&) {
     if (n != 0) throw Error("the FMU has no variable of this type, expected Float64, Int32, Boolean or String");
   });
 }
 
-/// Directional and adjoint derivatives.
+/// Computes directional or adjoint derivatives.
 fmi3Status derivative(fmi3Instance instance, const char* function, const fmi3ValueReference unknowns[], size_t nUnknowns,
                       const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
                       fmi3Float64 sensitivity[], size_t nSensitivity, bool adjoint) {
@@ -80,7 +80,7 @@ fmi3Status derivative(fmi3Instance instance, const char* function, const fmi3Val
 fmi3Instance no_such_interface(const char* function, fmi3Boolean loggingOn, fmi3InstanceEnvironment environment,
                                fmi3LogMessageCallback log) {
   if (loggingOn && log != nullptr) {
-    const std::string message = std::string(function) + ": expected fmi3InstantiateCoSimulation, which this FMU offers alone";
+    const std::string message = std::string(function) + ": not supported, expected fmi3InstantiateCoSimulation";
     log(environment, fmi3Error, "logStatusError", message.c_str());
   }
   return nullptr;
@@ -105,7 +105,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String instantiationTok
       if (instantiationToken == nullptr) throw Error("no instantiation token, expected that of modelDescription.xml");
       if (eventModeUsed) throw Error(std::string("eventModeUsed, but ") + kNoEvents);
       if (nRequiredIntermediateVariables != 0) {
-        throw Error("asked for intermediate updates, which are not offered (providesIntermediateUpdate=false)");
+        throw Error("intermediate updates are not supported (providesIntermediateUpdate=false)");
       }
       std::optional<std::filesystem::path> resources;
       if (resourcePath != nullptr && *resourcePath != '\0') resources = std::filesystem::path(resourcePath);
@@ -118,7 +118,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String, fmi3String instantiationTok
       if (loggingOn) log(Status::kError, "logStatusError", std::string("fmi3InstantiateCoSimulation: ") + error.what());
     }
   } catch (...) {
-    return nullptr;  // not even the message could be made
+    return nullptr;  // out of memory for the message
   }
   return nullptr;
 }
@@ -259,7 +259,7 @@ fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3
   return call(instance, __func__, kAnyState, [&](Exported& e) {
     const std::string serialised = e.serialise(state);
     if (size < serialised.size()) {
-      throw Error("room for " + std::to_string(size) + " bytes, expected " + std::to_string(serialised.size()));
+      throw Error("a buffer of " + std::to_string(size) + " bytes, expected " + std::to_string(serialised.size()));
     }
     std::memcpy(array(bytes, size).data(), serialised.data(), serialised.size());
   });
@@ -277,19 +277,19 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
   }
   return call(instance, __func__, kStepping, [&](Exported& e) {
     const Status status = e.step(currentCommunicationPoint, communicationStepSize);
-    if (status == Status::kDiscard) e.report(status, "fmi3DoStep: the unit cannot make this step; a shorter one may do");
+    if (status == Status::kDiscard) e.report(status, "fmi3DoStep: the unit cannot make this step; try a shorter one");
     if (lastSuccessfulTime != nullptr) *lastSuccessfulTime = e.time();
     if (terminateSimulation != nullptr) *terminateSimulation = e.finished();
     return status;
   });
 }
 
-fmi3Status fmi3EnterStepMode(fmi3Instance i) { return not_offered(i, __func__, kNoEvents); }
-fmi3Status fmi3EnterEventMode(fmi3Instance i) { return not_offered(i, __func__, kNoEvents); }
-fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance i) { return not_offered(i, __func__, kNoEvents); }
+fmi3Status fmi3EnterStepMode(fmi3Instance i) { return not_supported(i, __func__, kNoEvents); }
+fmi3Status fmi3EnterEventMode(fmi3Instance i) { return not_supported(i, __func__, kNoEvents); }
+fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance i) { return not_supported(i, __func__, kNoEvents); }
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance i, fmi3Boolean*, fmi3Boolean*, fmi3Boolean*, fmi3Boolean*, fmi3Boolean*,
                                     fmi3Float64*) {
-  return not_offered(i, __func__, kNoEvents);
+  return not_supported(i, __func__, kNoEvents);
 }
 fmi3Status fmi3GetOutputDerivatives(fmi3Instance i, const fmi3ValueReference vr[], size_t n, const fmi3Int32 orders[],
                                     fmi3Float64 values[], size_t nValues) {
@@ -307,14 +307,14 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance i, const fmi3ValueReference unk
   return derivative(i, __func__, unknowns, nUnknowns, knowns, nKnowns, seed, nSeed, sensitivity, nSensitivity, true);
 }
 fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance i, fmi3ValueReference, size_t*) {
-  return not_offered(i, __func__, kNoDependencies);
+  return not_supported(i, __func__, kNoDependencies);
 }
 fmi3Status fmi3GetVariableDependencies(fmi3Instance i, fmi3ValueReference, size_t[], fmi3ValueReference[], size_t[],
                                        fmi3DependencyKind[], size_t) {
-  return not_offered(i, __func__, kNoDependencies);
+  return not_supported(i, __func__, kNoDependencies);
 }
-fmi3Status fmi3EnterConfigurationMode(fmi3Instance i) { return not_offered(i, __func__, kNoConfiguration); }
-fmi3Status fmi3ExitConfigurationMode(fmi3Instance i) { return not_offered(i, __func__, kNoConfiguration); }
+fmi3Status fmi3EnterConfigurationMode(fmi3Instance i) { return not_supported(i, __func__, kNoConfiguration); }
+fmi3Status fmi3ExitConfigurationMode(fmi3Instance i) { return not_supported(i, __func__, kNoConfiguration); }
 
 fmi3Status fmi3GetIntervalDecimal(fmi3Instance i, const fmi3ValueReference[], size_t n, fmi3Float64[],
                                   fmi3IntervalQualifier[]) {
@@ -344,27 +344,31 @@ fmi3Status fmi3SetShiftFraction(fmi3Instance i, const fmi3ValueReference[], size
   return no_such_type(i, __func__, n);
 }
 
-fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance i) { return not_offered(i, __func__, kNoModelExchange); }
+fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance i) { return not_supported(i, __func__, kNoModelExchange); }
 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance i, fmi3Boolean, fmi3Boolean*, fmi3Boolean*) {
-  return not_offered(i, __func__, kNoModelExchange);
+  return not_supported(i, __func__, kNoModelExchange);
 }
-fmi3Status fmi3SetTime(fmi3Instance i, fmi3Float64) { return not_offered(i, __func__, kNoModelExchange); }
+fmi3Status fmi3SetTime(fmi3Instance i, fmi3Float64) { return not_supported(i, __func__, kNoModelExchange); }
 fmi3Status fmi3SetContinuousStates(fmi3Instance i, const fmi3Float64[], size_t) {
-  return not_offered(i, __func__, kNoModelExchange);
+  return not_supported(i, __func__, kNoModelExchange);
 }
 fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance i, fmi3Float64[], size_t) {
-  return not_offered(i, __func__, kNoModelExchange);
+  return not_supported(i, __func__, kNoModelExchange);
 }
-fmi3Status fmi3GetEventIndicators(fmi3Instance i, fmi3Float64[], size_t) { return not_offered(i, __func__, kNoModelExchange); }
-fmi3Status fmi3GetContinuousStates(fmi3Instance i, fmi3Float64[], size_t) { return not_offered(i, __func__, kNoModelExchange); }
+fmi3Status fmi3GetEventIndicators(fmi3Instance i, fmi3Float64[], size_t) {
+  return not_supported(i, __func__, kNoModelExchange);
+}
+fmi3Status fmi3GetContinuousStates(fmi3Instance i, fmi3Float64[], size_t) {
+  return not_supported(i, __func__, kNoModelExchange);
+}
 fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance i, fmi3Float64[], size_t) {
-  return not_offered(i, __func__, kNoModelExchange);
+  return not_supported(i, __func__, kNoModelExchange);
 }
-fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance i, size_t*) { return not_offered(i, __func__, kNoModelExchange); }
-fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance i, size_t*) { return not_offered(i, __func__, kNoModelExchange); }
+fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance i, size_t*) { return not_supported(i, __func__, kNoModelExchange); }
+fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance i, size_t*) { return not_supported(i, __func__, kNoModelExchange); }
 
 fmi3Status fmi3ActivateModelPartition(fmi3Instance i, fmi3ValueReference, fmi3Float64) {
-  return not_offered(i, __func__, "belongs to Scheduled Execution, which this FMU does not offer");
+  return not_supported(i, __func__, "belongs to Scheduled Execution, which this FMU does not support");
 }
 
 }  // extern "C"

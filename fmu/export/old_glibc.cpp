@@ -1,5 +1,5 @@
-// What newer versions of glibc have and the one of COTWIN_FMU_GLIBC (fmu.cmake) lacks, as far as units and the C++ run-time
-// library inside them use it. The definitions stay within the library that they are linked into.
+// Replacements for functions of newer versions of glibc that COTWIN_FMU_GLIBC (fmu.cmake) lacks and that units, or the C++
+// run-time library inside them, use. The library that links them does not export them.
 #include <dlfcn.h>
 #include <fcntl.h>
 #include <link.h>
@@ -12,10 +12,10 @@
 
 extern "C" {
 
-/// Since 2.32. False is always right: reference counts are then changed by atomic instructions.
+/// Since 2.32. False is always correct: reference counts are then changed atomically.
 char __libc_single_threaded = 0;
 
-// Since 2.33; before, <sys/stat.h> called __xstat and its like. On 64-bit machines the kernel fills glibc's structure.
+// Since 2.33; before, <sys/stat.h> called __xstat etc. On 64-bit machines the kernel fills glibc's structure.
 int fstatat(int folder, const char* path, struct stat* out, int flags) noexcept {
   return static_cast<int>(syscall(SYS_newfstatat, folder, path, out, flags));
 }
@@ -31,7 +31,7 @@ int stat64(const char* path, struct stat64* out) noexcept { return fstatat64(AT_
 int lstat64(const char* path, struct stat64* out) noexcept { return fstatat64(AT_FDCWD, path, out, AT_SYMLINK_NOFOLLOW); }
 int fstat64(int file, struct stat64* out) noexcept { return static_cast<int>(syscall(SYS_fstat, file, out)); }
 
-/// Since 2.36; std::random_device of Debian's cross compiler for ARM calls it.
+/// Since 2.36. Called by std::random_device of Debian's cross compiler for ARM.
 std::uint32_t arc4random() noexcept {
   std::uint32_t value = 0;
   while (syscall(SYS_getrandom, &value, sizeof value, 0) != sizeof value) {
@@ -48,8 +48,8 @@ struct Search {
   dl_find_object* out;
 };
 
-/// Fills `out` if the address lies in this library.
-int look(dl_phdr_info* library, std::size_t, void* context) {
+/// Callback of dl_iterate_phdr. Fills `out` and returns 1 if the address is in this library.
+int find_library(dl_phdr_info* library, std::size_t, void* context) {
   const auto& [address, out] = *static_cast<Search*>(context);
   std::uintptr_t begin = UINTPTR_MAX, end = 0, eh_frame = 0;
   bool inside = false;
@@ -72,10 +72,10 @@ int look(dl_phdr_info* library, std::size_t, void* context) {
 
 }  // namespace
 
-/// Since 2.35: where the tables for unwinding the stack are. GCC's run-time library asks for it at every frame of an exception.
+/// Since 2.35. Finds the tables for unwinding the stack. GCC's run-time library calls it for every frame of an exception.
 int _dl_find_object(void* address, dl_find_object* out) noexcept {
   Search search{reinterpret_cast<std::uintptr_t>(address), out};
-  return dl_iterate_phdr(look, &search) == 1 ? 0 : -1;
+  return dl_iterate_phdr(find_library, &search) == 1 ? 0 : -1;
 }
 
 #endif

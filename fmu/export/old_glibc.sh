@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
-# old_glibc.sh VERSION COMPILER READELF FOLDER: makes FOLDER, in which the linker finds the C library as it was in glibc VERSION:
-# libc.so, libm.so, libpthread.so and libdl.so. They hold the names of functions and data and no code. They are made from the C
-# library that COMPILER links, of which they show each symbol in the newest version that is not newer than VERSION. What is linked
-# against them starts with glibc VERSION and every later one; a symbol that is newer is an error of the linker.
+# old_glibc.sh VERSION COMPILER READELF FOLDER: creates FOLDER with stub libraries of glibc VERSION for the linker: libc.so, libm.so,
+# libpthread.so and libdl.so. The stubs have symbols but no code. They are made from the C library that COMPILER links and contain,
+# of each symbol, the newest version that is not newer than VERSION. A program linked with them runs with glibc VERSION and later;
+# use of a newer symbol is a linker error.
 set -euo pipefail
 [[ $# -eq 4 ]] || { sed -n '2,5s/^# //p' "$0" >&2; exit 2; }
 version=$1 compiler=$2 readelf=$3 folder=$4
 fail() { echo "old_glibc.sh: $*" >&2; exit 1; }
 
-# library NAME: where the compiler finds it.
+# library NAME: prints the path at which the compiler finds it.
 library() {
   local path
   path=$("$compiler" -print-file-name="$1")
@@ -21,7 +21,7 @@ loader=$("$readelf" --wide --dynamic "$libc" | sed -nE 's/.*\(NEEDED\).*\[(ld-li
 
 rm -rf "$folder.part" && mkdir -p "$folder.part"
 
-# symbols LIBRARY: "<library of glibc VERSION> <symbol> <its version> <type>" of each symbol of the machine's LIBRARY.
+# symbols LIBRARY: prints "<library in glibc VERSION> <symbol> <its version> <type>" for each symbol of this machine's LIBRARY.
 symbols() {
   "$readelf" --wide --dyn-syms "$(library "$1")" | LC_ALL=C awk -v limit="$version" -v library="$1" '
     function newer(a, b,   x, y, i) {  # whether version a is newer than b
@@ -37,10 +37,10 @@ symbols() {
     END {
       for (name in best) {
         home = library
-        if (library == "libc.so.6") {  # glibc 2.34 and those before it took in other libraries
+        if (library == "libc.so.6") {  # glibc 2.34 and later contain what were separate libraries
           if (name ~ /^(__)?pthread_|^sem_/) home = "libpthread.so.0"
           else if (name ~ /^dl(open|mopen|close|sym|vsym|addr1?|error|info)$/) home = "libdl.so.2"
-          else if (name in has_newer) continue  # was in librt, libresolv, …, which nothing here needs, or means another thing
+          else if (name in has_newer) continue  # was in librt, libresolv, …, which are not needed here, or has changed its meaning
         }
         print home, name, best[name], type[name]
       }
@@ -59,7 +59,7 @@ for file in libc.so.6 libm.so.6 libpthread.so.0 libdl.so.2 "$loader"; do
   "$compiler" -shared -nostdlib -Wl,-soname,"$file" -Wl,--version-script="$folder.part/$file.map" -o "$folder.part/$file" "$folder.part/$file.s"
 done
 
-# As glibc's own libc.so: what each program has of its own, and the other libraries where they are needed.
+# A linker script like glibc's own libc.so: the static part of each program, and the other libraries as needed.
 cat >"$folder.part/libc.so" <<END
 GROUP ( "$folder/libc.so.6" "$(library libc_nonshared.a)" AS_NEEDED ( "$folder/libpthread.so.0" "$folder/libdl.so.2" "$folder/$loader" ) )
 END

@@ -28,7 +28,7 @@ fs::path own_library() {
       name.resize(length);
       return name;
     }
-    name.resize(2 * name.size());  // cut off: the name is longer than the room for it
+    name.resize(2 * name.size());  // the buffer was too small and the name truncated
   }
 }
 

@@ -3,7 +3,7 @@
 
 namespace cotwin::fmu {
 
-/// The file of the library or program that this code is in; empty if the system does not tell.
+/// Returns the path of the library or program that contains this code; empty if the system cannot determine it.
 std::filesystem::path own_library();
 
 }  // namespace cotwin::fmu

@@ -25,20 +25,20 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Words of FMI 2 for platforms, and those of FMI 3. For others FMI 2 takes those of FMI 3 (2.0.4, clause 2.3).
+/// Names of platforms in FMI 2 and in FMI 3. For other platforms FMI 2 uses the names of FMI 3 (2.0.4, clause 2.3).
 const std::map<std::string, std::string> kFmi2Platforms = {{"linux64", "x86_64-linux"},
                                                            {"linux32", "x86-linux"},
                                                            {"win64", "x86_64-windows"},
                                                            {"win32", "x86-windows"},
                                                            {"darwin64", "x86_64-darwin"}};
 
-/// The platform in the words of FMI 3.
+/// Returns the platform's name in FMI 3.
 std::string platform_tuple(const std::string& platform) {
   const auto found = kFmi2Platforms.find(platform);
   return found != kFmi2Platforms.end() ? found->second : platform;
 }
 
-/// The name of a platform's folder in binaries/.
+/// Returns the name of a platform's folder in binaries/.
 std::string binaries_folder(const std::string& tuple, Version version) {
   for (const auto& [fmi2, fmi3] : kFmi2Platforms) {
     if (version == Version::k2 && fmi3 == tuple) return fmi2;
@@ -59,7 +59,7 @@ std::string read(const fs::path& path) {
   return content.str();
 }
 
-/// Now, or SOURCE_DATE_EPOCH, as XML Schema's dateTime in UTC.
+/// Returns the current time, or SOURCE_DATE_EPOCH, as a dateTime of XML Schema in UTC.
 std::string generation_date() {
   std::time_t now = std::time(nullptr);
   if (const char* fixed = std::getenv("SOURCE_DATE_EPOCH")) {
@@ -74,7 +74,7 @@ std::string generation_date() {
   return buffer;
 }
 
-/// 128 bits of hash in the shape of a GUID.
+/// Returns a 128-bit hash in the format of a GUID.
 std::string token_of(const std::string& content) {
   static constexpr char kDigits[] = "0123456789abcdef";
   const std::uint64_t halves[] = {hash_of(content), hash_of(content, hash_of("another"))};
@@ -92,33 +92,33 @@ std::string to_xml(const ModelDescription& description) {
   return out.str();
 }
 
-/// Throws Error if the build that wrote `folder` could not make the unit for its platform; it has left a note that says why.
+/// Throws Error if the build for `tuple` left the unit out. The build then wrote the reason to <unit>.txt.
 void check_left_out(const fs::path& folder, const std::string& tuple, const std::string& unit) {
   std::ifstream note(folder / (unit + ".txt"));
   if (std::string why; std::getline(note, why)) throw Error("platform " + tuple, why);
 }
 
-/// The folder of those that has the unit's library. Throws Error that says how to make it.
+/// Returns the folder that contains the unit's library. Throws Error with the command that builds it.
 fs::path find_library(const PackRequest& request, const std::string& tuple, const std::string& unit) {
   const std::string name = unit + library_ending(tuple);
   std::vector<fs::path> folders = {library_folder() / tuple, cross_folder() / tuple};
   for (const fs::path& folder : request.libraries_of_modules) folders.push_back(folder / tuple);
   if (!request.libraries.empty()) folders.insert(folders.begin(), request.libraries / tuple);
-  std::string looked;
+  std::string searched;
   for (const fs::path& folder : folders) {
     if (fs::is_regular_file(folder / name)) return folder;
     check_left_out(folder, tuple, unit);
-    looked += "\n  " + (folder / name).string();
+    searched += "\n  " + (folder / name).string();
   }
   const std::string fmi2 = binaries_folder(tuple, Version::k2);
   const std::string how = tuple == own_platform()                      ? "expected it from the build of the units"
                           : fmi2 == "win64" || fmi2 == "aarch64-linux" ? "expected it from scripts/cross.sh " + fmi2
-                                                                       : "expected it from a build of ours for that platform";
-  throw Error("platform " + tuple, "no library of " + unit + ", " + how + "; looked for" + looked);
+                                                                       : "expected it from a build for that platform";
+  throw Error("platform " + tuple, "no library of " + unit + ", " + how + "; looked for" + searched);
 }
 
 void add_libraries(const PackContent& content, const PackRequest& request, std::vector<ArchiveFile>& files) {
-  std::map<std::string, fs::path> licenses;  // a file's name, and where it lies; once, whoever of the platforms brings it
+  std::map<std::string, fs::path> licenses;  // file name → path; each once, even if several platforms have it
   for (const std::string& tuple : platforms_of(request.platforms)) {
     const std::string unit = content.type.name;
     const fs::path folder = find_library(request, tuple, unit);
@@ -143,7 +143,7 @@ std::vector<ArchiveFile> take_files(const Settings& settings, const Variables& v
       try {
         file = settings.file(value);
       } catch (const Error&) {
-        continue;  // names no file, or one that only the host will have
+        continue;  // not a file, or one that exists only on the host's machine
       }
       if (!fs::is_regular_file(file)) continue;
       std::string name = file.filename().string();
@@ -181,15 +181,15 @@ std::string packed_query(const Settings& settings) {
   return query;
 }
 
-/// Throws Error for a unit that a host could not initialise as it would be packed. Its own instance leaves no trace in another.
+/// Throws Error if the unit cannot be initialised with the packed start values. Uses a separate instance.
 void try_initialisation(const PackRequest& request) {
   Instance trial = make_unit(request.source, request.defaults, request.folders, request.types);
   for (const ParameterSet& values : request.values) apply(values, trial.variables);
   try {
     trial.unit->initialise({});
   } catch (const Error& error) {
-    throw Error(request.source, std::string("as an FMU it could not be initialised: ") + error.what() +
-                                    "; --set NAME=VALUE gives a start value");
+    throw Error(request.source,
+                std::string("cannot be initialised as an FMU: ") + error.what() + "; --set NAME=VALUE gives a start value");
   }
 }
 

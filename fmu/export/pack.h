@@ -13,71 +13,71 @@
 #include "fmu/description/model_description.h"
 #include "models/support/parameter_set.h"
 
-/// Units as FMUs: archives that stand alone.
+/// Writes units as self-contained FMUs.
 namespace cotwin::fmu {
 
-/// What becomes an FMU. The first four are those of make_unit().
+/// The contents of an FMU to write. The first four members are the arguments of make_unit().
 struct PackRequest {
   std::string source;  // "unit:drive_train?robot=lwr4"
   std::map<std::string, std::string> defaults;
   std::vector<std::filesystem::path> folders;
   std::span<const UnitType> types;
-  std::vector<ParameterSet> values;  // applied one after the other to the unit's own start values
+  std::vector<ParameterSet> values;  // applied in order to the unit's start values
   Version version = Version::k3;
-  std::string name;                             // what the host shows as the model's name; "" for the unit's
-  std::optional<DefaultExperiment> experiment;  // instead of 0 to 1 s in steps of 1 ms
-  /// Platforms as FMI 3 ("x86_64-linux") or FMI 2 ("linux64") names them, whose libraries must have been built; empty: this
-  /// one.
+  std::string name;                             // modelName; "": the unit's name
+  std::optional<DefaultExperiment> experiment;  // no value: 0 to 1 s in steps of 1 ms
+  /// Platforms, as named in FMI 3 ("x86_64-linux") or FMI 2 ("linux64"). Their libraries must have been built. Empty: this
+  /// platform.
   std::vector<std::string> platforms;
-  std::filesystem::path libraries;  // a folder that is looked into before library_folder() and cross_folder()
+  std::filesystem::path libraries;  // a folder to search before library_folder() and cross_folder()
   std::vector<std::filesystem::path> libraries_of_modules = {};  // folders for units from outside (unit_module.h)
-  bool alone = true;  // a host must be able to initialise the FMU as it is; false: other FMUs may give it values
+  bool alone = true;  // the FMU must initialise with its own start values; false: other FMUs may set values first
 };
 
-/// Writes the FMU: model description, the library of each platform, in resources/ the package that the unit is built from
-/// (package.h) and every file that a parameter names, and documentation. The token is a hash of all that the host or the unit
-/// reads, so equal requests give equal FMUs; so are the archives, byte by byte, but for generationDateAndTime, which is the
-/// environment's SOURCE_DATE_EPOCH where there is one. Returns the warnings of the unit. Throws Error for what make_unit() and
-/// the unit refuse (its initialisation, too, of one that is `alone`), and for a library that was not built.
+/// Writes the FMU: model description; the library of each platform; in resources/ the package that the unit is built from
+/// (package.h) and every file that a parameter names; documentation. The token is a hash of everything that the host or the
+/// unit reads, so equal requests give equal FMUs. The archives are byte-identical except for generationDateAndTime, which the
+/// environment variable SOURCE_DATE_EPOCH fixes. Returns the unit's warnings. Throws Error if make_unit() or the unit does
+/// (also its initialisation, if `alone`), and if a library was not built.
 std::vector<std::string> pack_unit(const PackRequest& request, const std::filesystem::path& out);
 
-/// A unit that somebody has built, with the start values in its variables.
+/// A unit that is already built, with the start values in its variables.
 struct PackContent {
-  const UnitType& type;  // by whose name the library is called
+  const UnitType& type;  // its name is that of the library
   const Unit& unit;
   const Variables& variables;
-  std::string query;                               // its settings, as packed_query()
+  std::string query;                               // its settings, from packed_query()
   std::shared_ptr<const robot::RobotModel> robot;  // nullptr if it has none
   std::shared_ptr<const scene::Cell> cell;         // nullptr if it has none
-  std::vector<ArchiveFile> resources;              // what else the unit reads, each with its bytes
-  std::vector<std::string> parts = {};             // units that the library must have inside
-  bool only_once = false;                          // per process; what an FMU inside asks for, so does this one
-  bool needs_tool = false;                         // likewise
+  std::vector<ArchiveFile> resources;              // other files that the unit reads, with their bytes
+  std::vector<std::string> parts = {};             // units that the library must contain
+  bool only_once = false;                          // one instance per process, because an FMU inside requires it
+  bool needs_tool = false;                         // needs an execution tool, likewise
 };
 
-/// The second half of pack_unit(): of the request only what comes after `values` matters.
+/// Writes the FMU of a built unit. Uses only the members of the request after `values`.
 void pack(const PackContent& content, const PackRequest& request, const std::filesystem::path& out);
 
-/// The files that parameters name, as resources/<name>; the parameters then name the copies. `names` are those taken already.
+/// Returns the files that parameters name, as resources/<name>, and changes the parameters to the new names. `names`: names in
+/// use, extended by the new ones.
 std::vector<ArchiveFile> take_files(const Settings& settings, const Variables& variables, std::set<std::string>& names);
 
-/// The unit's settings without paths of this machine: robot and scene are packed, so their names
-/// stand for their files.
+/// Returns the unit's settings without paths of this machine: robots and scenes are packed, so names replace their files.
 std::string packed_query(const Settings& settings);
 
-/// Where the libraries lie, <folder>/<platform>/<unit>.so: ../lib/cotwin/fmu beside the running program's folder, in the build
-/// tree and installed alike.
+/// Returns the folder of the libraries, <folder>/<platform>/<unit>.so: ../lib/cotwin/fmu relative to the folder of the running
+/// program, both in the build tree and installed.
 std::filesystem::path library_folder();
 
-/// Where scripts/cross.sh puts the libraries for other platforms: build/cross/fmu, beside the folder of this build.
+/// Returns the folder of the libraries for other platforms, from scripts/cross.sh: build/cross/fmu.
 std::filesystem::path cross_folder();
 
-/// "x86_64-linux": the platform that this program was built for.
+/// Returns the platform of this program as named in FMI 3: "x86_64-linux".
 std::string own_platform();
 
-/// The platforms of the request in the words of FMI 3, each once; this program's where it names none.
+/// Returns the requested platforms as named in FMI 3, each once; this program's if none is requested.
 std::vector<std::string> platforms_of(const std::vector<std::string>& wanted);
-/// Where an FMU of that version has its library for a platform, "binaries/linux64/x.so".
+/// Returns the path of a platform's library in an FMU: "binaries/linux64/x.so".
 std::string library_name(const std::string& platform, Version version, const std::string& identifier);
 
 }  // namespace cotwin::fmu

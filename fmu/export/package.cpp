@@ -91,17 +91,18 @@ void get(ByteReader& in, robot::RobotModel& robot) {
   for (robot::Frame& frame : robot.frames) {
     frame.name = in.text();
     frame.body = in.value<std::int32_t>();
-    if (frame.body < -1 || frame.body >= robot.n()) in.fail("has a frame on no body");
+    if (frame.body < -1 || frame.body >= robot.n()) in.fail("has a frame on a body that does not exist");
     get(in, frame.X_BF);
   }
   get(in, robot.gravity);
 }
 
-/// A value of an enumeration that goes from 0 to `last`.
+/// Reads an enumeration value from 0 to `last`.
 template <class Enum>
 Enum choice(ByteReader& in, int last) {
   const auto value = in.value<std::int32_t>();
-  if (value < 0 || value > last) in.fail("has a kind of thing that there is none of");
+  if (value < 0 || value > last)
+    in.fail("has the invalid enumeration value " + std::to_string(value) + ", expected 0 to " + std::to_string(last));
   return static_cast<Enum>(value);
 }
 
@@ -214,7 +215,7 @@ void get(ByteReader& in, scene::Cell& cell) {
     robot.name = in.text();
     get(in, robot.model);
     robot.shapes.resize(in.count(8));
-    if (robot.shapes.size() > robot.model.joints.size() + 1) in.fail("has shapes of bodies that there are none of");
+    if (robot.shapes.size() > robot.model.joints.size() + 1) in.fail("has shapes of bodies that do not exist");
     for (std::vector<scene::Shape>& shapes : robot.shapes) get(in, shapes);
   }
   scene::check(scene);
@@ -241,8 +242,7 @@ std::string serialise(const Package& package) {
 
 Package deserialise_package(std::string_view bytes, const std::string& place) {
   ByteReader in(as_bytes(bytes), place);
-  if (bytes.size() < sizeof kMagic || in.value<std::uint64_t>() != kMagic)
-    in.fail("is not what a unit of this version is built from");
+  if (bytes.size() < sizeof kMagic || in.value<std::uint64_t>() != kMagic) in.fail("is not a unit package of this version");
   if (in.value<std::uint64_t>() != hash_of(bytes.substr(2 * sizeof(std::uint64_t)))) in.fail("is damaged");
   Package package;
   package.token = in.text();

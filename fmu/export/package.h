@@ -9,23 +9,23 @@
 
 namespace cotwin::fmu {
 
-/// What an exported unit is built from: its file kPackageFile in the archive's folder resources/. It stands in for URDF, SDF,
-/// SSV and the scenario's defaults, so that the shared library needs no XML. Other files of the unit (recordings) lie beside
-/// it.
+/// The data from which an exported unit is built: the file kPackageFile in the FMU's folder resources/. It replaces URDF, SDF,
+/// SSV and the scenario's defaults, so that the shared library needs no XML reader. Other files of the unit (recordings) are in
+/// the same folder.
 struct Package {
-  std::string token;                               // the instantiation token (FMI 2: GUID) that the host must know
+  std::string token;                               // the instantiation token (FMI 2: GUID) that the host must pass
   std::string unit;                                // "drive_train"
   std::string query;                               // its settings, "robot=lwr4&link=inside"
-  std::shared_ptr<const robot::RobotModel> robot;  // nullptr if the unit has none; without its history
-  std::shared_ptr<const scene::Cell> cell;         // nullptr if the unit has none; without its robots' histories
+  std::shared_ptr<const robot::RobotModel> robot;  // nullptr if the unit has none; without RobotModel::history
+  std::shared_ptr<const scene::Cell> cell;         // nullptr if the unit has none; likewise for its robots
   Snapshot start;                                  // the start values of all variables
 };
 
 inline constexpr const char* kPackageFile = "unit.bin";
 
-/// Versioned, with a hash over all bytes.
+/// Writes a package with a version and a hash.
 std::string serialise(const Package& package);
-/// Throws Error `place: …` for bytes that are not a package of this version, or are damaged.
+/// Reads a package. Throws Error `place: …` for bytes that are damaged or not a package of this version.
 Package deserialise_package(std::string_view bytes, const std::string& place);
 
 }  // namespace cotwin::fmu

@@ -1,4 +1,5 @@
-// The robot and the cell of an exported unit, in place of components/unit/robot_from_urdf.cpp and cell_from_files.cpp.
+// Robot and cell of an exported unit come from its package. Replaces components/unit/robot_from_urdf.cpp and
+// cell_from_files.cpp.
 #include "components/unit/settings.h"
 #include "models/robot/robot_model.h"
 #include "models/scene/cell.h"

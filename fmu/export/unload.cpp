@@ -1,13 +1,13 @@
-// What an exported unit gives back when its library is unloaded.
+// Clean-up when the library of an exported unit is unloaded.
 
 namespace __gnu_cxx {
-void __freeres();  // libstdc++: frees the memory that it holds ready for exceptions thrown when there is none left
+void __freeres();  // libstdc++: frees its emergency memory for exceptions
 }
 
 namespace {
 
-// The C++ run-time library is linked into the unit (fmu.cmake) and knows no unloading: without this, every load of an FMU would
-// cost 72 KiB for good.
-__attribute__((destructor(101))) void give_back() { __gnu_cxx::__freeres(); }
+// The C++ run-time library is linked statically into the unit (fmu.cmake) and does not support unloading. Without this call,
+// every load of an FMU would leak 72 KiB.
+__attribute__((destructor(101))) void free_run_time_memory() { __gnu_cxx::__freeres(); }
 
 }  // namespace

@@ -260,7 +260,7 @@ TEST_P(ExportedUnits, GivesTheDerivativesOfOutputsThatTheUnitDeclares) {
     EXPECT_EQ(text, bits(d, v));
     orders.back() = 2;
     EXPECT_EQ(d.output_derivatives(of, orders, values), 3);
-    EXPECT_THAT(d.last_message(), ::testing::HasSubstr("expected the first"));
+    EXPECT_THAT(d.last_message(), ::testing::HasSubstr("expected 1"));
     ++known;
   }
   const std::string xml = read_archive_file(archive_, "modelDescription.xml");

@@ -160,7 +160,7 @@ TEST_P(Interface, RefusesReferencesTypesAndSizesThatDoNotFit) {
     std::vector<double> two(2), four(4);
     EXPECT_EQ(d.get(refs("u"), std::span(two)), kErrorStatus);
     EXPECT_EQ(d.get(refs("u"), std::span(four)), kErrorStatus);
-    EXPECT_THAT(d.last_message(), HasSubstr("room for 4 values, expected 3"));
+    EXPECT_THAT(d.last_message(), HasSubstr("4 values, expected 3"));
     EXPECT_EQ(d.set(refs("u"), std::span<const double>(two)), kErrorStatus);
     EXPECT_EQ(d.set(refs("u"), std::span<const double>(four)), kErrorStatus);
   }
@@ -232,7 +232,7 @@ TEST_P(Interface, ReportsFunctionsThatItDoesNotSupport) {
     const unsigned u = 1;
     const int order = 1;
     EXPECT_EQ(d.output_derivatives({&u, 1}, {&order, 1}, {&x, 1}), fmi2Error);
-    EXPECT_THAT(d.last_message(), HasSubstr("u[1]: no derivative of it is known"));
+    EXPECT_THAT(d.last_message(), HasSubstr("u[1]: has no declared derivative"));
     EXPECT_EQ(d.directional({}, {}, {}, {}), fmi2Error);
     EXPECT_THAT(d.last_message(), HasSubstr("providesDirectionalDerivative=false"));
     EXPECT_EQ(fmu_->function<decltype(&fmi2Instantiate)>("fmi2Instantiate")("x", fmi2ModelExchange, fmu_->token().c_str(),
@@ -285,7 +285,7 @@ TEST_P(Interface, FindsItsResourcesBesideTheLibraryIfTheHostPassesNoPath) {
   std::filesystem::remove_all(fmu_->folder() / "resources");
   Driver lost(*fmu_, options);
   EXPECT_FALSE(lost.alive());
-  EXPECT_THAT(lost.last_message(), AllOf(HasSubstr("the host gave no folder of resources"), HasSubstr("unit.bin")));
+  EXPECT_THAT(lost.last_message(), AllOf(HasSubstr("no resource path was given"), HasSubstr("unit.bin")));
 }
 
 TEST_P(Interface, RefusesAPackageWithADamagedByte) {
@@ -385,7 +385,7 @@ TEST_P(Interface, NamesTheOutputThatBecameNaN) {
   d.initialise();
   EXPECT_EQ(set<std::int32_t>(d, "demand", {3}), kOk);
   EXPECT_EQ(d.step(0, 0.25), kErrorStatus);
-  EXPECT_THAT(d.last_message(), HasSubstr("y[1] is not a number any more at 0.25 s"));
+  EXPECT_THAT(d.last_message(), HasSubstr("y[1] is not finite at 0.25 s"));
 }
 
 TEST_P(Interface, KeepsExactTimeForAHostThatAddsUpItsSteps) {
@@ -470,7 +470,7 @@ TEST_P(InterfaceOfFmi2, IgnoresUnsupportedInputDerivativesAndLogsItOnce) {
   const std::vector<double> slopes = {1, 2, 3}, zero(3, 0.0), slope(1, 5.0);
   EXPECT_EQ(d.set_rates(refs("u"), second, zero), kOk);  // nothing is lost
   EXPECT_EQ(d.set_rates(refs("held"), one, slope), kWarning);
-  EXPECT_THAT(d.last_message(), HasSubstr("held is held over a step: its derivative is left out"));
+  EXPECT_THAT(d.last_message(), HasSubstr("held is constant over a step: its derivative is ignored"));
   EXPECT_EQ(d.set_rates(refs("u"), first, slopes), kOk);
   EXPECT_EQ(d.set_rates(refs("u"), second, slopes), kWarning);
   EXPECT_THAT(d.last_message(), HasSubstr("held is held"));  // no second message
@@ -571,7 +571,7 @@ TEST_P(Interface, RefusesAStateThatStepsWithoutBeingInitialised) {
   const std::uint64_t hash = hash_of({bytes.data() + kBody, bytes.size() - kBody});
   std::memcpy(bytes.data() + kHash, &hash, sizeof hash);
   EXPECT_EQ(d.deserialise(bytes, &taken), kErrorStatus);
-  EXPECT_THAT(d.last_message(), HasSubstr("steps without being initialised"));
+  EXPECT_THAT(d.last_message(), HasSubstr("is in a stepping state, but not initialised"));
 }
 
 TEST_P(Interface, RefusesInvalidStates) {
