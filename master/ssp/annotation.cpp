@@ -16,7 +16,7 @@ namespace {
 constexpr double kMaxSeconds = 9e9;  // 2^63 ns is 9.22e9 s
 const char* const kSpanExpected = "a time such as '0.001', '1 ms' or '2 s'";
 
-/// Seconds from a number with or without a unit of measure of time.
+/// Returns seconds from a number with or without a unit of time.
 double seconds(const std::string& value, const std::string& place, const std::string& what) {
   const std::string_view trimmed = text::trim(value);
   const std::size_t blank = trimmed.find(' ');
@@ -34,7 +34,7 @@ double seconds(const std::string& value, const std::string& place, const std::st
   return *number * measure.factor;
 }
 
-/// A span of time in whole nanoseconds.
+/// Reads a duration in whole nanoseconds.
 std::int64_t nanoseconds(const xml::Element& e, const char* name, double min) {
   const std::string& value = xml::text(e, name);
   const std::string what = "attribute '" + std::string(name) + "' of '" + e.name + "'";
@@ -44,7 +44,7 @@ std::int64_t nanoseconds(const xml::Element& e, const char* name, double min) {
                              text::to_text(kMaxSeconds, 6) + " s");
   }
   const Duration d = Duration::from_seconds(s);
-  // A thousandth of a nanosecond, or what a double of this size cannot tell apart.
+  // Tolerance: 1e-3 ns, or the resolution of a double of this size.
   if (std::abs(s * 1e9 - static_cast<double>(d.ns)) > std::max(1e-3, 4e-16 * std::abs(s * 1e9))) {
     throw Error(e.place, what + ": '" + value + "', expected a whole number of nanoseconds");
   }
@@ -69,7 +69,7 @@ double not_negative(const xml::Element& e, const char* name, double fallback) {
   return value;
 }
 
-/// The name of a variable of one of the components, as it stands.
+/// Reads the name of a variable of a component. Only the component is looked up.
 std::string variable(const xml::Element& e, const char* name, const Scenario& scenario, const ComponentIndex& index) {
   const std::string& value = xml::text(e, name);
   if (!index.has_owner(value)) {
@@ -90,14 +90,14 @@ void read_component(const xml::Element& e, Scenario& scenario, const ComponentIn
     for (const ComponentSpec& c : scenario.components) names.push_back(c.name);
     throw Error(e.place, xml::unknown("a component", name, names));
   }
-  if (!seen.insert(name).second) throw Error(e.place, "a second 'Component' of the name '" + name + "'");
+  if (!seen.insert(name).second) throw Error(e.place, "a second 'Component' with the name '" + name + "'");
   ComponentSpec* const found = &scenario.components[*at];
   found->stage = bounded(e, "stage", found->stage, 0, 1'000'000);
   found->period = bounded(e, "period", found->period, 1, 1'000'000'000);
   found->threads = xml::boolean(e, "threads", found->threads);
   found->process = xml::choice(e, "process", {"auto", "shared", "own"}, found->process);
   if (found->process == "own" && found->source.rfind("unit:", 0) == 0) {
-    throw Error(e.place, "component '" + name + "' with process=\"own\" is a unit of this program, expected an FMU");
+    throw Error(e.place, "component '" + name + "' with process=\"own\" is a built-in unit, expected an FMU");
   }
 }
 
@@ -170,15 +170,15 @@ void read_report(const xml::Element& e, Scenario& scenario, const ComponentIndex
   scenario.reports.push_back(std::move(r));
 }
 
-/// Our annotation anywhere below `element` but in `allowed`.
-void refuse_elsewhere(const xml::Element& element, const std::vector<const xml::Element*>& allowed) {
+/// Throws Error if an element below `element` that is not in `allowed` is our annotation.
+void reject_elsewhere(const xml::Element& element, const std::vector<const xml::Element*>& allowed) {
   for (const xml::Element& c : element.children) {
     if (c.space == ssp::kSsc && c.name == "Annotation" && xml::text(c, "type", "") == kAnnotationType &&
         std::find(allowed.begin(), allowed.end(), &c) == allowed.end()) {
       throw Error(c.place, std::string("an annotation '") + kAnnotationType +
                                "', expected it once, at the root of the document or at its root system");
     }
-    refuse_elsewhere(c, allowed);
+    reject_elsewhere(c, allowed);
   }
 }
 
@@ -195,7 +195,7 @@ const xml::Element* find_annotation(const xml::Element& document) {
         ours = &a;
     }
   }
-  refuse_elsewhere(document, {ours});
+  reject_elsewhere(document, {ours});
   if (ours == nullptr) return nullptr;
   if (ours->children.size() != 1 || ours->children[0].name != "Master" || ours->children[0].space != kAnnotationSpace) {
     throw Error(ours->place, std::string("annotation '") + kAnnotationType + "', expected one element 'Master' of namespace '" +

@@ -13,7 +13,7 @@ namespace cotwin::master::ssp {
 
 namespace {
 
-constexpr std::size_t kMaxAssignments = 1'000'000;  // a set can be bound many times
+constexpr std::size_t kMaxAssignments = 1'000'000;  // needed because a set can be bound many times
 
 void check_type(const xml::Element& element, const char* expected) {
   const std::string type = xml::text(element, "type", expected);
@@ -22,7 +22,7 @@ void check_type(const xml::Element& element, const char* expected) {
 
 using Value = decltype(ParameterValue::value);
 
-/// The transformation of discrete values that a mapping entry asks for: which value becomes which. Empty if it asks for none.
+/// Reads the transformation of discrete values of a mapping entry: source value → target value. Empty if there is none.
 std::map<Value, Value> value_table(const xml::Element& entry, const xml::Complaint& complain) {
   std::map<Value, Value> table;
   for (const xml::Element& c : entry.children) {
@@ -70,7 +70,7 @@ void Reader::bindings(Element& element, const xml::Element& list, const Document
       if (root == nullptr)
         throw Error(inlined->place, "'ParameterValues' without 'ParameterSet' of '" + std::string(kSsv) + "'");
       set = read_parameter_set(*root, complain_);
-      // Inside a system structure its definitions hold as well.
+      // Inline sets can also use the unit definitions of the system structure.
       const std::vector<UnitDefinition>& outer = document.units.list();
       set.units.insert(set.units.end(), outer.begin(), outer.end());
     } else {
@@ -116,7 +116,7 @@ std::vector<Assignment> Reader::mapped(const ParameterSet& set, const std::strin
   check_version(*root, "SSM", complain_);
   xml::check_children(*root, kSsm, {"MappingEntry", "Annotations"}, complain_);
 
-  // With a mapping only what it names is applied, and under the mapped name alone (clause "ParameterMapping").
+  // With a mapping, only the parameters that it lists are applied, under their mapped names (clause "ParameterMapping").
   std::vector<Assignment> result;
   std::set<std::string> targets;
   for (const xml::Element& entry : root->children) {
@@ -138,7 +138,7 @@ std::vector<Assignment> Reader::mapped(const ParameterSet& set, const std::strin
       a.transformation = read_transformation(entry, complain_);
       const bool number = std::holds_alternative<double>(a.value.value) || std::holds_alternative<std::int64_t>(a.value.value);
       if ((a.transformation.factor != 1 || a.transformation.offset != 0) && !number) {
-        throw Error(entry.place, "parameter '" + from + "' is no number, a linear transformation needs one");
+        throw Error(entry.place, "parameter '" + from + "' is not a number, expected one for a linear transformation");
       }
     } else {
       const auto row = table.find(a.value.value);

@@ -10,7 +10,7 @@ namespace cotwin::master::ssp {
 
 namespace {
 
-constexpr std::size_t kMaxStored = 1'000'000;  // one value can go to many components
+constexpr std::size_t kMaxStored = 1'000'000;  // limits start values: one parameter can set many components
 
 class Flattener {
  public:
@@ -39,9 +39,8 @@ class Flattener {
   void add_component(const Element& e) {
     const auto [known, is_new] = index_.emplace(e.path, scenario_.components.size());
     if (!is_new) {
-      throw Error(e.place, "component '" + e.path + "' has the name of another one at " +
-                               scenario_.components[known->second].place +
-                               ", expected names that differ once systems are dissolved");
+      throw Error(e.place, "component '" + e.path + "' has the same flattened name as the one at " +
+                               scenario_.components[known->second].place + ", expected different names");
     }
     ComponentSpec spec;
     spec.name = e.path;
@@ -53,7 +52,8 @@ class Flattener {
     scenario_.components.push_back(std::move(spec));
   }
 
-  // Bindings, innermost first: what is applied later wins, and outer bindings take precedence (clause "ParameterBindings").
+  // Applies bindings, innermost first. Later values replace earlier ones, so outer bindings take precedence (clause
+  // "ParameterBindings").
   void assign_all(const Element& e) {
     for (const Element& c : e.elements) assign_all(c);
     for (const Assignment& a : e.assignments) {
@@ -62,7 +62,7 @@ class Flattener {
     }
   }
 
-  /// Gives the value to all that has the hierarchical name `name` in `e`; how many that were.
+  /// Assigns the value to everything with the hierarchical name `name` in `e`. Returns how many were found.
   int assign(const Element& e, std::string_view name, const Assignment& a, const Path& path, const Transformation& t) {
     if (e.kind == Element::Kind::kDictionaryReference || name.empty()) return 0;
     if (e.kind == Element::Kind::kComponent) {
@@ -77,7 +77,7 @@ class Flattener {
       ++found;
       Path inside = path;
       inside.pass(t, own->unit, false, a.value.place);
-      for (const auto& [port, way] : graph_.fed_by(e, own->name, inside)) store(port.component, port.variable, a, way);
+      for (const auto& [port, route] : graph_.fed_by(e, own->name, inside)) store(port.component, port.variable, a, route);
     }
     for (std::size_t dot = name.find('.'); dot != std::string_view::npos; dot = name.find('.', dot + 1)) {
       if (const Element* c = e.element(name.substr(0, dot))) found += assign(*c, name.substr(dot + 1), a, path, t);
@@ -92,7 +92,8 @@ class Flattener {
     if (++stored_ > kMaxStored) throw Error(a.value.place, "more than " + std::to_string(kMaxStored) + " start values");
   }
 
-  /// Hierarchical names in `e` for "did you mean": connectors, and `variable` of every component, which need not list it.
+  /// Collects hierarchical names in `e` for "did you mean": connectors, and `variable` of every component, as components need
+  /// not list their variables.
   static void collect_names(const Element& e, const std::string& prefix, const std::string& variable,
                             std::vector<std::string>& names) {
     for (const Connector& c : e.connectors) names.push_back(prefix + c.name);
@@ -103,7 +104,7 @@ class Flattener {
   void complain_of_unknown(const Element& e, const Assignment& a) {
     std::vector<std::string> names;
     const std::string& wanted = a.value.name;
-    // The search looks at every name: enough for people, too much for thousands of parameters that are another system's.
+    // The search for similar names is slow, so it is made only for the first 20 unknown parameters.
     if (++unknown_ <= 20) collect_names(e, "", wanted.substr(wanted.rfind('.') + 1), names);
     complain_(a.value.place, xml::unknown("a parameter of '" + (e.path.empty() ? e.name : e.path) + "'", wanted, names));
   }
@@ -111,7 +112,7 @@ class Flattener {
   const UnitTable& units_;
   const xml::Complaint& complain_;
   Scenario& scenario_;
-  std::vector<const Element*> scopes_;        // systems around the one at hand, outermost first
+  std::vector<const Element*> scopes_;        // the current system and those around it, outermost first
   std::map<std::string, std::size_t> index_;  // of components by name
   Graph graph_;
   std::size_t stored_ = 0, unknown_ = 0;

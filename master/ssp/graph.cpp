@@ -18,7 +18,7 @@ std::vector<std::string> names_of(const List& list) {
   return names;
 }
 
-/// The signal dictionary that a reference means: the innermost of that name (clause "SignalDictionaries").
+/// Returns the signal dictionary of a reference: the innermost with its name (clause "SignalDictionaries").
 std::pair<const Element*, const Dictionary*> find_dictionary(const Element& reference,
                                                              const std::vector<const Element*>& scopes) {
   for (auto scope = scopes.rbegin(); scope != scopes.rend(); ++scope) {
@@ -44,7 +44,8 @@ void Graph::add(const Connection& c, const Elements& elements, const std::vector
   End finish = end(*scopes.back(), elements, c.end_element, c.end_connector, c.place);
   if (start.flow != Flow::kEither && start.flow == finish.flow) {
     throw Error(c.place, text_of(start) + " and " + text_of(finish) +
-                             (start.flow == Flow::kSource ? " both give" : " both take") + " values, expected one of each");
+                             (start.flow == Flow::kSource ? " are both sources" : " are both sinks") +
+                             ", expected one of each");
   }
   if (start.flow == Flow::kSink || finish.flow == Flow::kSource) std::swap(start, finish);
   const std::size_t from = node(start, Flow::kSource, scopes), to = node(finish, Flow::kSink, scopes);
@@ -68,7 +69,7 @@ Graph::End Graph::end(const Element& system, const Elements& elements, const std
   }
   if (listed == nullptr || listed->kind == "inout") return {owner, listed, connector, Flow::kEither};
   const bool outward = listed->kind == "output" || listed->kind == "calculatedParameter";
-  const bool within = element.empty();  // the system's own connectors are seen from within: its input is a source
+  const bool within = element.empty();  // the system's own connectors are seen from inside: its input is a source
   return {owner, listed, connector, outward != within ? Flow::kSource : Flow::kSink};
 }
 
@@ -98,8 +99,8 @@ std::size_t Graph::node(const End& e, Flow use, const std::vector<const Element*
   return id;
 }
 
-// The entry of the dictionary is one node for all references; in between stands a node for the reference's connector, which may
-// have another unit of measure.
+// A dictionary entry is one node for all references. Each reference's connector is a further node, because it can have another
+// unit of measure.
 std::size_t Graph::dictionary_node(const End& e, Flow use, const std::vector<const Element*>& scopes) {
   const auto [holder, dictionary] = find_dictionary(*e.owner, scopes);
   const auto found = dictionary->index.find(e.name);
@@ -131,20 +132,20 @@ std::pair<std::size_t, bool> Graph::make_node(const std::string& owner, const st
   return {found->second, is_new};
 }
 
-/// The edges that a value passes before it leaves `edge`, from a component or from where nothing arrives.
-std::vector<std::size_t> Graph::way_to(std::size_t edge) const {
-  std::vector<std::size_t> way;
+/// Returns the edges up to and including `edge`, beginning at a component or at a node without a source.
+std::vector<std::size_t> Graph::route_to(std::size_t edge) const {
+  std::vector<std::size_t> route;
   for (std::size_t next = edge; next != kNone;) {
-    way.push_back(next);
+    route.push_back(next);
     const Node& from = nodes_[edges_[next].from];
     if (!from.component.empty()) break;
-    if (way.size() > edges_.size()) {
-      throw Error(edges_[edge].place, "the connections to '" + nodes_[edges_[edge].to].text + "' run in a circle");
+    if (route.size() > edges_.size()) {
+      throw Error(edges_[edge].place, "the connections to '" + nodes_[edges_[edge].to].text + "' form a loop");
     }
     next = from.incoming;
   }
-  std::reverse(way.begin(), way.end());
-  return way;
+  std::reverse(route.begin(), route.end());
+  return route;
 }
 
 void Graph::pass(Path& path, std::size_t edge) const {
@@ -157,11 +158,11 @@ std::vector<ConnectionSpec> Graph::connections() const {
   for (std::size_t last = 0; last < edges_.size(); ++last) {
     const Node& sink = nodes_[edges_[last].to];
     if (sink.component.empty()) continue;
-    const std::vector<std::size_t> way = way_to(last);
-    const Node& source = nodes_[edges_[way.front()].from];
+    const std::vector<std::size_t> route = route_to(last);
+    const Node& source = nodes_[edges_[route.front()].from];
     if (source.component.empty()) continue;  // the input keeps its start value
     Path path(units_, Path::Start::kVariable, source.unit);
-    for (const std::size_t edge : way) pass(path, edge);
+    for (const std::size_t edge : route) pass(path, edge);
     const std::string& place = edges_[last].place;
     const Path::Result r = path.result(place);
     result.push_back({{source.component, source.connector, r.from_unit},

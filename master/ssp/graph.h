@@ -11,20 +11,21 @@
 namespace cotwin::master::ssp {
 
 /// All connections of a tree of systems as one directed graph. Nodes are connectors of components and systems, and entries of
-/// signal dictionaries; a value arrives at a node over at most one edge.
+/// signal dictionaries. Each node has at most one incoming edge.
 class Graph {
  public:
   explicit Graph(const UnitTable& units) : units_(units) {}
 
-  /// Adds the connections of the innermost of `scopes`, which are nested systems, outermost first. Throws Error for connections
-  /// to what is not there, of the wrong direction, and a second source of one sink.
+  /// Adds the connections of the last of `scopes`, which are nested systems, outermost first. Throws Error for connections to
+  /// unknown ends, of the wrong direction, and for a second source of one sink.
   void add(const std::vector<const Element*>& scopes);
 
-  /// From component to component, in the order in which the last connection of each was added. Inputs that start at a connector
-  /// which nobody feeds have none. Throws Error for a circle without a component, and for units of measure that do not fit.
+  /// Returns the connections between components, in the order in which the last part of each was added. There is none for an
+  /// input whose route begins at a connector without a source. Throws Error for a loop without a component and for units of
+  /// measure that are not convertible.
   std::vector<ConnectionSpec> connections() const;
 
-  /// The variables of components that a system's connector feeds, each with the path that leads there, `path` before it.
+  /// Returns the variables of components that a system's connector feeds, each with its path, which continues `path`.
   std::vector<std::pair<Port, Path>> fed_by(const Element& system, const std::string& connector, const Path& path) const;
 
  private:
@@ -44,7 +45,7 @@ class Graph {
     std::string place;
   };
   enum class Flow { kSource, kSink, kEither };
-  /// One end of a connection: what it belongs to, and the direction that its kind allows, seen from the connection.
+  /// One end of a connection: its element and its possible direction, seen from the connection.
   struct End {
     const Element* owner;
     const Connector* connector;  // nullptr: a component that does not list it
@@ -61,7 +62,7 @@ class Graph {
   std::size_t node(const End& e, Flow use, const std::vector<const Element*>& scopes);
   std::size_t dictionary_node(const End& e, Flow use, const std::vector<const Element*>& scopes);
   std::pair<std::size_t, bool> make_node(const std::string& owner, const std::string& connector, const std::string& text);
-  std::vector<std::size_t> way_to(std::size_t edge) const;
+  std::vector<std::size_t> route_to(std::size_t edge) const;
   void pass(Path& path, std::size_t edge) const;
 
   const UnitTable& units_;

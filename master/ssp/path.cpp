@@ -16,7 +16,7 @@ si::Conversion Path::conversion(const std::string& from, const std::string& to, 
 void Path::pass(const Transformation& t, const std::string& unit, bool component, const std::string& place) {
   if (t.suppress_unit_conversion) {
     if (!suppressed_) {
-      // From here on numbers count: the conversion so far becomes part of factor and offset.
+      // From here on numbers are not converted: the conversion so far becomes part of factor and offset.
       const si::Conversion c = conversion(from_, current_, place);
       offset_ += factor_ * c.offset;
       factor_ *= c.factor;
@@ -28,8 +28,8 @@ void Path::pass(const Transformation& t, const std::string& unit, bool component
     if (current_.empty() && untouched) {
       from_ = unit;
     } else if (current_.empty() && !suppressed_ && start_ == Start::kVariable) {
-      throw Error(place, "a linear transformation in a unit of measure that is not given, then a connector in " + unit +
-                             ": expected the units of all connectors on the way");
+      throw Error(place, "a linear transformation in an unknown unit of measure, then a connector in " + unit +
+                             ": expected the units of all connectors on the path");
     }
     const si::Conversion c = conversion(current_, unit, place);
     // f·v + o in the old measure is f·w + (c.factor·o + c.offset·(1 − f)) in the new one, where w is v converted.
@@ -37,12 +37,13 @@ void Path::pass(const Transformation& t, const std::string& unit, bool component
     if (suppressed_) factor_ *= c.factor;
     current_ = unit;
   } else if (component && !current_.empty()) {
-    // The transformation holds in the variable's own measure. A factor alone may as well be applied before the conversion, if
-    // no offset is between; otherwise the conversion must go all the way, and nothing before may need `current_`.
+    // The transformation is in the variable's declared unit. A factor alone can be applied before the conversion to that unit,
+    // if the conversion has no offset. Otherwise the value must be converted completely before, so nothing before may depend on
+    // `current_`.
     const bool offsets = units_->has_offsets(current_);
     if (t.offset != 0 || (t.factor != 1 && offsets)) {
       if (offset_ != 0 || suppressed_ || (factor_ != 1 && offsets)) {
-        throw Error(place, "a linear transformation in a unit of measure that is not given, expected the connector's unit");
+        throw Error(place, "a linear transformation in an unknown unit of measure, expected the connector's unit");
       }
       open_ = true;
     }
@@ -61,10 +62,10 @@ ParameterValue Path::applied(const ParameterValue& value) const {
   if (open_)
     throw Error(value.place,
                 "parameter '" + value.name + "' in " + from_ +
-                    ": a linear transformation needs the unit of measure of its target, expected a connector that gives it");
+                    ": a linear transformation needs the unit of measure of its target, expected a connector with a unit");
   const bool plain = factor_ == 1 && offset_ == 0 && !suppressed_;
   if (const double* real = std::get_if<double>(&value.value)) {
-    // Without a transformation the value keeps its own unit of measure: whoever knows the variable converts it, once.
+    // Without a transformation the value keeps its unit. The code that sets the variable converts it.
     if (plain) {
       if (value.unit.empty()) result.unit = current_;
       return result;

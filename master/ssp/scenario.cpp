@@ -23,7 +23,7 @@ namespace {
 constexpr double kMaxSeconds = 9e9;  // 2^63 ns is 9.22e9 s
 constexpr std::size_t kMaxWarnings = 100;
 
-/// ssd:DefaultExperiment; without a stop time one second is run.
+/// Reads ssd:DefaultExperiment. Without a stop time the run lasts one second.
 void read_experiment(const xml::Element& document, const xml::Complaint& complain, Scenario& scenario) {
   const xml::Element* experiment = xml::child(document, ssp::kSsd, "DefaultExperiment");
   double start = 0, stop = 1;
@@ -33,7 +33,7 @@ void read_experiment(const xml::Element& document, const xml::Complaint& complai
     stop = xml::real(*experiment, "stopTime", start + 1);
     if (!(std::abs(start) <= kMaxSeconds && std::abs(stop) <= kMaxSeconds && start <= stop)) {
       throw Error(experiment->place, "start time " + text::to_text(start) + " s, stop time " + text::to_text(stop) +
-                                         " s, expected a stop time not before the start, both within ±" +
+                                         " s, expected a stop time not before the start time, both within ±" +
                                          text::to_text(kMaxSeconds) + " s");
     }
   }
@@ -41,13 +41,13 @@ void read_experiment(const xml::Element& document, const xml::Complaint& complai
   scenario.stop = Time::from_seconds(stop);
 }
 
-/// The annotations of nested documents, outer before inner ones.
+/// Collects the elements with annotations of nested documents, outer ones first.
 void collect_nested(const ssp::Element& element, std::vector<const ssp::Element*>& found) {
   if (element.annotation) found.push_back(&element);
   for (const ssp::Element& e : element.elements) collect_nested(e, found);
 }
 
-/// The parts of a setting's or parameter's text that can be names of files: of a list `left:lwr4,right:panda.urdf` each.
+/// Returns the parts of a setting or parameter that can be file names: each item of a list `left:lwr4,right:panda.urdf`.
 std::vector<std::string_view> possible_files(std::string_view text) {
   std::vector<std::string_view> parts{text};
   for (const std::string_view item : text::split(text, ',')) {
@@ -58,19 +58,19 @@ std::vector<std::string_view> possible_files(std::string_view text) {
   return parts;
 }
 
-/// What a package says to units of this program must not name files outside of it.
+/// Throws Error if a setting or parameter in a package names a file outside the package.
 void check_inside(std::string_view text, const std::string& what, const std::string& place) {
   for (const std::string_view part : possible_files(text)) {
     const std::filesystem::path path = std::filesystem::path(part).lexically_normal();
     if (path.is_absolute() || (!path.empty() && *path.begin() == ".."))
-      throw Error(place, what + ": '" + std::string(part) + "' leaves the package, expected a file in it");
+      throw Error(place, what + ": '" + std::string(part) + "' is outside the package, expected a file in it");
   }
 }
 
 void check_inside(const Scenario& scenario) {
   for (const auto& [key, value] : scenario.settings) check_inside(value, "setting '" + key + "'", scenario.file.string());
   for (const NestedSetting& nested : scenario.nested_settings) {
-    // What names a file beside a nested document is its absolute path already.
+    // Files in the folder of a nested document were already replaced by their absolute paths.
     const std::filesystem::path path = std::filesystem::path(nested.value).lexically_relative(scenario.folder);
     if (path.empty() || *path.begin() == "..") check_inside(nested.value, "setting '" + nested.name + "'", nested.place);
   }
@@ -89,7 +89,7 @@ void check_inside(const Scenario& scenario) {
   }
 }
 
-/// `confined`: it came in a package, which `folder` is the root of.
+/// `confined`: the document is in a package with the root `folder`.
 Scenario read(std::string_view text, const std::string& place, const std::filesystem::path& folder,
               const std::filesystem::path& file, bool confined = false) {
   const xml::Element document = xml::parse(text, place);
@@ -98,8 +98,7 @@ Scenario read(std::string_view text, const std::string& place, const std::filesy
   scenario.folder = folder;
   scenario.name = xml::text(document, "name", "");
 
-  // Our annotation says that the file was written for this master: then what nobody understands is a slip, not a foreign
-  // extension.
+  // A file with our annotation was written for this master: unknown items are then errors, not foreign extensions.
   const xml::Element* annotation = find_annotation(document);
   xml::Complaint complain = xml::refuse;
   if (annotation == nullptr) {
@@ -109,7 +108,7 @@ Scenario read(std::string_view text, const std::string& place, const std::filesy
   }
   const auto note = [&scenario](const std::string& where, const std::string& what) {
     if (scenario.warnings.size() < kMaxWarnings) scenario.warnings.push_back(where.empty() ? what : where + ": " + what);
-    if (scenario.warnings.size() == kMaxWarnings) scenario.warnings.push_back("more of this kind is not told");
+    if (scenario.warnings.size() == kMaxWarnings) scenario.warnings.push_back("further warnings are not shown");
   };
   if (annotation == nullptr) complain = note;
 
@@ -134,14 +133,14 @@ Scenario read(std::string_view text, const std::string& place, const std::filesy
     const std::string unused = unused_of_nested(*nested[i]->annotation, alone[i], scenario);
     if (unused.empty()) continue;
     note(nested[i]->annotation->place, unused + " of the nested scenario '" + nested[i]->path +
-                                           "' has no effect: the outer scenario's holds for the whole run");
+                                           "' has no effect: the outer scenario's value applies to the whole run");
   }
   if (confined) check_inside(scenario);
   return scenario;
 }
 
-/// The text of a value given on the command line. What names a file from where the user stands becomes its absolute path, for
-/// units look relative paths up beside the scenario first.
+/// Returns a value of the command line. The name of a file in the working directory becomes an absolute path, because units
+/// look up relative paths in the scenario's folder first.
 std::string from_working_directory(const std::string& value) {
   const bool may_be_path = value.find_first_of("/.") != std::string::npos && !text::parse_real(value);
   std::error_code error;
@@ -150,7 +149,7 @@ std::string from_working_directory(const std::string& value) {
   return error ? value : absolute.lexically_normal().string();
 }
 
-/// `component?setting`, with the setting's value.
+/// Applies `component?setting=value`.
 void assign_setting(Scenario& scenario, const std::string& component, const std::string& key, const std::string& value,
                     const std::string& place) {
   std::vector<std::string> names;
@@ -163,7 +162,7 @@ void assign_setting(Scenario& scenario, const std::string& component, const std:
   throw Error(place, xml::unknown("a component", component, names));
 }
 
-/// `text` with the name of the package in the place of the folder that it was unpacked to.
+/// Replaces the folder to which a package was unpacked by the package's name.
 std::string renamed(std::string text, const std::string& folder, const std::string& package) {
   for (std::size_t at = 0; (at = text.find(folder, at)) != std::string::npos; at += package.size()) {
     text.replace(at, folder.size(), package);
@@ -171,7 +170,7 @@ std::string renamed(std::string text, const std::string& folder, const std::stri
   return text;
 }
 
-/// Calls `change` for every place that a scenario remembers, and for its warnings.
+/// Calls `change` for every place and warning of a scenario.
 template <class Change>
 void for_each_text(Scenario& scenario, Change change) {
   for (ComponentSpec& component : scenario.components) {
@@ -198,7 +197,8 @@ Scenario load_package(const std::filesystem::path& package) {
   const auto name = [&](std::string& text) { text = renamed(std::move(text), unpacked->path().string(), package.string()); };
   try {
     const std::filesystem::path file = unpacked->path() / "SystemStructure.ssd";
-    if (!std::filesystem::is_regular_file(file)) throw Error(package.string(), "no SystemStructure.ssd in it, expected an SSP");
+    if (!std::filesystem::is_regular_file(file))
+      throw Error(package.string(), "contains no SystemStructure.ssd, expected an SSP");
     Scenario scenario = read(read_text_file(file, "a system structure (.ssd)"), file.string(), unpacked->path(), file, true);
     for_each_text(scenario, name);
     scenario.file = package;
@@ -310,7 +310,7 @@ void assign(Scenario& scenario, std::string_view assignment, std::span<const Uni
       c.source = with_setting(c.source, port->variable, value);
       continue;
     }
-    // As text: the unit reads it as the variable's kind, one value for all elements or one for each.
+    // As a string: the unit converts it to the variable's kind, one value for all elements or one for each.
     c.start_values.push_back({port->variable, value, "", place});
   }
 }

@@ -14,12 +14,12 @@
 #include "components/unit/unit_table.h"
 #include "models/support/parameter_set.h"
 
-/// A scenario: what differs between two runs. Read from an SSP 1.0 system structure (.ssd) and our annotation in it; a plain
-/// value with nested systems already flattened, parameter bindings applied in order of priority, and every place remembered for
+/// A scenario: the description of a run. Read from an SSP 1.0 system structure (.ssd) and our annotation in it. A plain value:
+/// nested systems are flattened, parameter bindings are in order of priority, and each item has its place in the file for
 /// messages.
 namespace cotwin::master {
 
-/// A connector of a component as the SSD lists it (optional for unit: sources).
+/// A connector of a component as listed in the SSD (optional for unit: sources).
 struct ConnectorSpec {
   std::string name;  // variable, or one element "q[3]"
   std::string kind;  // "input", "output", "inout", "parameter", "calculatedParameter"
@@ -34,18 +34,18 @@ struct ComponentSpec {
   std::string type;    // the SSD's type attribute
   std::string place;   // "twin.ssd:17"
   std::vector<ConnectorSpec> connectors;
-  std::vector<ParameterValue> start_values;  // in order of application: later ones win
-  int stage = 0;                             // stages run one after the other within a tick; same stage: Jacobi
+  std::vector<ParameterValue> start_values;  // in order of application: later ones replace earlier ones
+  int stage = 0;                             // stages run one after another within a tick; within a stage: Jacobi
   int period = 1;                            // in ticks
   bool threads = true;                       // false: never on a worker thread
-  std::string implementation = "any";        // of an FMU that has several: "any", "CoSimulation", "ModelExchange"
-  std::string process = "auto";              // of an FMU: "shared" with the master, its "own", or "auto" (fmu/import/load.h)
+  std::string implementation = "any";        // interface of an FMU: "any", "CoSimulation", "ModelExchange"
+  std::string process = "auto";              // process of an FMU: "shared", "own" or "auto" (fmu/import/load.h)
 };
 
-/// One end of a connection: a component's variable, whole or one element.
+/// One end of a connection: a component's variable or one element of it.
 struct Port {
   std::string component;
-  std::string variable;  // may carry an element: "q[3]"
+  std::string variable;  // or one element: "q[3]"
   std::string unit;      // of the connector, "" if not given
 };
 
@@ -56,10 +56,10 @@ struct ConnectionSpec {
   std::string place;
 };
 
-/// "at time, component.variable becomes value", at once or along a line of the given duration.
+/// At `time`, the variable changes to `value`, at once or linearly over `ramp`.
 struct EventSpec {
   Time time;
-  std::string variable;  // "drive.tau_e", "drive.tau_e[2]": an input that nothing is connected to, or a tunable
+  std::string variable;  // "drive.tau_e", "drive.tau_e[2]": an unconnected input or a tunable
   std::string value;
   Duration ramp;  // 0: a jump
   std::string place;
@@ -70,13 +70,13 @@ struct RecordSpec {
   std::string place;
 };
 
-/// A setting of a nested scenario: a default for the units below the component `scope`.
+/// A setting of a nested scenario: a default for the units inside the component `scope`.
 struct NestedSetting {
   std::string scope, name, value;
   std::string place;
 };
 
-/// Two signals of a run held against each other: Table I and Fig. 10.
+/// A comparison of two signals of a run, as in Table I and Fig. 10 of the paper.
 struct ComparisonSpec {
   std::string name;  // "joint torque"
   std::string a, b;  // "drive.tau_J", "recording.tau"
@@ -85,21 +85,21 @@ struct ComparisonSpec {
   std::string place;
 };
 
-/// A power bond between two units: effort · flow on side a should leave what effort · flow on side b takes up.
+/// A power bond between two units: the power effort · flow that leaves side a should enter side b.
 struct BondSpec {
   std::string name;
   std::string effort_a, flow_a;  // "drive.tau_J", "drive.dq"
   std::string effort_b, flow_b;  // the other unit's variables
-  double tolerance = 0;          // J; a larger leak is told at the end of the run; 0: only recorded
+  double tolerance = 0;          // J; a larger energy error is reported at the end of the run; 0: only recorded
   std::string place;
 };
 
-/// What the summary at the end of a run tells of its signals, per element and in one line for all.
+/// An entry of the summary at the end of a run, per element and for all elements together.
 ///   signal      RMS and largest magnitude of `a`
 ///   difference  the same of a − b, e.g. a tracking error
 ///   energy      the integral of Σ a·b over time, `a` an effort and `b` a flow
 struct ReportSpec {
-  std::string name;             // "joint torque"; "": made from kind and signals
+  std::string name;             // "joint torque"; "": composed of kind and signals
   std::string kind = "signal";  // "signal", "difference", "energy"
   std::string a, b;             // "drive.tau_J"; b is empty for a signal
   std::string place;
@@ -107,65 +107,65 @@ struct ReportSpec {
 
 struct Scenario {
   std::string name;
-  std::filesystem::path file;    // where it was read from
-  std::filesystem::path folder;  // where relative references start
+  std::filesystem::path file;    // from which it was read
+  std::filesystem::path folder;  // base of relative references
   Time start, stop;              // ssd:DefaultExperiment
   Duration tick{1'000'000};
   std::string clock = "free";                   // "free", "real-time"
-  int threads = 0;                              // 0: as many as pay
+  int threads = 0;                              // 0: chosen automatically
   double tolerance = 0;                         // > 0: adaptive communication step (relative)
-  std::map<std::string, std::string> settings;  // defaults that units share: robot=lwr4
-  std::vector<NestedSetting> nested_settings;   // outer before inner ones, which win
+  std::map<std::string, std::string> settings;  // defaults for all units: robot=lwr4
+  std::vector<NestedSetting> nested_settings;   // outer ones first; inner ones take precedence
   std::vector<ComponentSpec> components;        // in the order of the file
   std::vector<ConnectionSpec> connections;
   std::vector<EventSpec> events;      // by time
   std::vector<RecordSpec> recording;  // empty: every output
-  bool all_outputs = false;           // every output is recorded beside them
-  int decimation = 1;                 // every so many ticks
+  bool all_outputs = false;           // record every output in addition
+  int decimation = 1;                 // record every n-th tick
   std::vector<ComparisonSpec> comparisons;
   std::vector<BondSpec> bonds;
   std::vector<ReportSpec> reports;         // empty: RMS and largest magnitude of every recorded vector of reals
-  std::vector<UnitDefinition> units;       // units of measure that the SSD and the files it refers to define
-  bool ignore_unknown_parameters = false;  // what SSP says of parameters that nobody has; our annotation asks for errors
-  std::vector<std::string> warnings;       // "place: …", what was left out or read leniently
-  std::shared_ptr<const void> unpacked;    // keeps what a package (.ssp) was unpacked to, which is `folder` then
+  std::vector<UnitDefinition> units;       // units of measure defined in the SSD and the files that it refers to
+  bool ignore_unknown_parameters = false;  // true is the rule of SSP; our annotation makes them errors
+  std::vector<std::string> warnings;       // "place: …": items that were ignored or deviate from the standard
+  std::shared_ptr<const void> unpacked;    // owns `folder` if a package (.ssp) was unpacked to it
 };
 
-/// Reads an .ssd, or the one in a package (.ssp). Throws Error `file:line: …` for malformed XML, what SSP 1.0 forbids, unknown
-/// names, what we cannot run; then nothing is left on the disk.
+/// Reads an .ssd, or the one in a package (.ssp). Throws Error `file:line: …` for malformed XML, violations of SSP 1.0, unknown
+/// names and unsupported features; unpacked files are then removed.
 Scenario load_scenario(const std::filesystem::path& file);
-/// The same from text in memory; relative references are looked up in `folder`.
+/// Reads the same from a string; relative references are looked up in `folder`.
 Scenario parse_scenario(std::string_view xml, const std::string& place, const std::filesystem::path& folder);
 
-/// "cell.robot.drive.K[2]" as component and variable: of all components that the name starts with, the one with the longest
-/// name. The variable itself is not looked up. Nothing if there is no such component.
+/// Splits "cell.robot.drive.K[2]" into component and variable. If the name begins with several components, the one with the
+/// longest name is used. The variable is not looked up. Returns nothing if no component matches.
 std::optional<Port> split_name(const Scenario& scenario, std::string_view name);
 
-/// Finds components by name, many of them; their names must not change meanwhile.
+/// Fast look-up of components by name. The names must not change meanwhile.
 class ComponentIndex {
  public:
   explicit ComponentIndex(const Scenario& scenario);
   std::optional<std::size_t> find(std::string_view name) const;
-  /// Whether split_name() of this name gives anything.
+  /// Returns whether split_name() of this name has a result.
   bool has_owner(std::string_view name) const;
 
  private:
   std::unordered_map<std::string_view, std::size_t> by_name_;
 };
 
-/// The source of a component, "unit:drive_train?robot=lwr4" or "plant.fmu?timeout=5", with the setting `key` at `value`.
+/// Returns a component's source ("unit:drive_train?robot=lwr4", "plant.fmu?timeout=5") with the setting `key` set to `value`.
 std::string with_setting(const std::string& source, const std::string& key, const std::string& value);
-/// Whether the source names a unit of `types` that has the setting.
+/// Returns whether the source is a unit in `types` with this setting.
 bool has_setting(const std::string& source, const std::string& key, std::span<const UnitType> types);
 
-/// The defaults of settings for the component of this name: the scenario's, and those of the nested scenarios that it is in.
+/// Returns the defaults of settings for a component: those of the scenario, and of the nested scenarios around the component.
 std::map<std::string, std::string> settings_for(const Scenario& scenario, std::string_view component);
 
-/// Applies `--set NAME=VALUE`. A relative path given this way is relative to the working directory.
-///   setting=value               a default for all units that have the setting, those of nested scenarios, too
-///   component.setting=value     a setting of one unit, where its type in `types` has a setting of this name
-///   component.variable=value    else: the last start value of a variable
-///   component?setting=value     a setting in any case, also of an FMU (fmu::LoadOptions)
+/// Applies `--set NAME=VALUE`. Relative paths are relative to the working directory.
+///   setting=value               a default for all units with this setting, also in nested scenarios
+///   component.setting=value     a setting of one unit, if its type in `types` has a setting of this name
+///   component.variable=value    otherwise the start value of a variable, which replaces all others
+///   component?setting=value     always a setting, also of an FMU (fmu::LoadOptions)
 /// Throws Error for a malformed assignment or an unknown component.
 void assign(Scenario& scenario, std::string_view assignment, std::span<const UnitType> types = {});
 

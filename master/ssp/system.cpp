@@ -14,12 +14,10 @@ namespace cotwin::master::ssp {
 
 namespace {
 
-constexpr std::size_t kMaxElements = 100'000;  // systems can be instantiated through references: a few lines may mean millions
+constexpr std::size_t kMaxElements = 100'000;  // needed because references can multiply a few lines to millions of elements
+constexpr std::size_t kMaxReferences = 100;    // nested; bounds the recursion over files
 
-constexpr std::size_t kMaxReferences =
-    100;  // one inside the other: bounds the recursion, as the XML parser bounds that within a file
-
-// Attributes that SSP lets stand on every element, and on the root of every file.
+// Attributes that SSP allows on every element, and on the root of every file.
 const std::vector<std::string> kBase = {"id", "description"};
 const std::vector<std::string> kRoot = {"id",      "description", "author",         "fileversion",           "copyright",
                                         "license", "version",     "generationTool", "generationDateAndTime", "name"};
@@ -153,7 +151,7 @@ Element Reader::component(const xml::Element& source, const Document& document, 
   if (e.type == "application/x-ssp-definition") return referenced_system(source, e, document);
   if (e.type == "application/x-ssp-package") {
     throw Error(e.place, "component '" + path +
-                             "' is an SSP package, expected an FMU, a unit or an SSD: unpack it and refer to its .ssd");
+                             "' is an SSP package, expected an FMU, a unit or an SSD; unpack it and refer to its .ssd");
   }
   if (scheme_of(e.source) != "unit") {
     const std::filesystem::path file = uri_path(e.source, e.place);
@@ -167,13 +165,13 @@ Element Reader::component(const xml::Element& source, const Document& document, 
 Element Reader::referenced_system(const xml::Element& source, const Element& component, const Document& document) {
   const bool embedded = component.source.rfind('#', 0) == 0;
   const std::filesystem::path file = embedded ? std::filesystem::path() : resolve(source, component.source, document);
-  // Within one document the root element's address tells embedded systems apart.
+  // The document's place and the id identify an embedded system.
   const std::string key = embedded ? document.root->place + component.source : std::filesystem::weakly_canonical(file).string();
   if (std::find(open_.begin(), open_.end(), key) != open_.end())
     throw Error(source.place, "'" + component.source + "' contains itself");
   open_.push_back(key);
   if (open_.size() > kMaxReferences)
-    throw Error(source.place, "more than " + std::to_string(kMaxReferences) + " references inside one another");
+    throw Error(source.place, "more than " + std::to_string(kMaxReferences) + " nested references");
   Element e;
   if (embedded) {
     const auto target = document.ids.find(component.source.substr(1));
@@ -189,7 +187,7 @@ Element Reader::referenced_system(const xml::Element& source, const Element& com
   open_.pop_back();
   e.name = component.name;
   e.place = component.place;
-  // As if they stood in that system after its own: they win.
+  // Bindings of the component are applied after those of the system and take precedence.
   e.assignments.insert(e.assignments.end(), component.assignments.begin(), component.assignments.end());
   return e;
 }
@@ -251,7 +249,7 @@ std::string Reader::unit_of(const xml::Element& type, const Document& document) 
     return units_.intern(document.units, name, type.place);
   } catch (const Error& error) {
     complain_("", error.what());
-    return "";  // as if none were given: the variable's own holds
+    return "";  // as if no unit were given: the variable's declared unit applies
   }
 }
 
@@ -303,8 +301,9 @@ std::vector<Dictionary> Reader::dictionaries(const xml::Element& list, const Doc
 
 std::filesystem::path Reader::resolve(const xml::Element& element, const std::string& source, const Document& document) const {
   if (xml::choice(element, "sourceBase", {"SSD", "component"}, "SSD") == "component") {
-    throw Error(element.place,
-                "'" + source + "' lies inside the component (sourceBase), expected a file beside the system structure");
+    throw Error(
+        element.place,
+        "'" + source + "' is inside the component (sourceBase=component), expected a file relative to the system structure");
   }
   const std::filesystem::path path = document.folder / uri_path(source, element.place);
   check_inside(path, source, element.place);
@@ -314,12 +313,12 @@ std::filesystem::path Reader::resolve(const xml::Element& element, const std::st
   return path.lexically_normal();
 }
 
-// An unpacked archive has no links, so that the names alone decide.
+// Unpacked archives contain no links, so a check of the names suffices.
 void Reader::check_inside(const std::filesystem::path& path, const std::string& source, const std::string& place) const {
   if (!confined_) return;
   const std::filesystem::path from_root = path.lexically_normal().lexically_relative(folder_.lexically_normal());
   if (from_root.empty() || *from_root.begin() == "..")
-    throw Error(place, "'" + source + "' leaves the package, expected a file in it");
+    throw Error(place, "'" + source + "' is outside the package, expected a file in it");
 }
 
 }  // namespace cotwin::master::ssp

@@ -11,8 +11,8 @@
 #include "models/support/parameter_set.h"
 #include "models/support/xml.h"
 
-/// An SSP 1.0 system structure as it is written: the tree of elements with their connectors, connections and parameter
-/// bindings, references to other files resolved, nothing flattened yet. Clauses are those of SSP 1.0.1.
+/// An SSP 1.0 system structure before flattening: the tree of elements with their connectors, connections and parameter
+/// bindings, with references to other files resolved. Clauses are those of SSP 1.0.1.
 namespace cotwin::master::ssp {
 
 constexpr const char* kSsd = "http://ssp-standard.org/SSP1/SystemStructureDescription";
@@ -22,13 +22,13 @@ constexpr const char* kSsm = "http://ssp-standard.org/SSP1/SystemStructureParame
 constexpr const char* kSsb = "http://ssp-standard.org/SSP1/SystemStructureSignalDictionary";
 
 struct Connector {
-  std::string name, kind;  // kind "" where a component does not list it
+  std::string name, kind;  // kind "": not listed by the component
   std::string type;        // "Real", …, "" if not given
   std::string unit;        // as in the UnitTable, "" if not given
   std::string place;
 };
 
-/// What a connection or a mapping does to a value, after the conversion of units of measure: to = factor · from + offset.
+/// Transformation of a connection or a mapping, after the conversion of units of measure: to = factor · from + offset.
 struct Transformation {
   double factor = 1, offset = 0;
   bool suppress_unit_conversion = false;
@@ -40,7 +40,7 @@ struct Connection {
   std::string place;
 };
 
-/// A parameter value after prefix and mapping: its name is relative to the element that has the binding.
+/// A parameter value after prefix and mapping. Its name is relative to the element with the binding.
 struct Assignment {
   ParameterValue value;
   Transformation transformation;
@@ -50,7 +50,7 @@ struct Dictionary {
   std::string name;
   std::vector<Connector> entries;
   std::string place;
-  std::map<std::string, std::size_t, std::less<>> index;  // of the entries, by name
+  std::map<std::string, std::size_t, std::less<>> index;  // name → entry
 };
 
 struct Element {
@@ -60,28 +60,28 @@ struct Element {
   std::string path;  // from the root system, "cell.robot.drive"; "" for the root itself
   std::string place;
   std::vector<Connector> connectors;
-  std::vector<Assignment> assignments;       // of all bindings in order: later ones win
+  std::vector<Assignment> assignments;       // of all bindings in order: later ones replace earlier ones
   std::string source, type, implementation;  // of a component
   std::vector<Element> elements;             // of a system
   std::vector<Connection> connections;
   std::vector<Dictionary> dictionaries;
   std::string dictionary;                          // of a reference
-  std::shared_ptr<const xml::Element> annotation;  // cotwin:Master of a system that is another document, which has one
+  std::shared_ptr<const xml::Element> annotation;  // of a system from another document: its cotwin:Master, if any
   std::filesystem::path folder;                    // of that document
-  std::map<std::string, std::size_t, std::less<>> connector_index, element_index;  // by name
+  std::map<std::string, std::size_t, std::less<>> connector_index, element_index;  // name → index
 
   const Connector* find(std::string_view connector) const;
   const Element* element(std::string_view name) const;
 };
 
-/// Reads SSD documents into trees. One reader serves one scenario with all the files it refers to.
+/// Reads SSD documents into trees. One reader reads one scenario with all files that it refers to.
 class Reader {
  public:
   Reader(UnitTable& units, xml::Complaint complain) : units_(units), complain_(std::move(complain)) {}
 
-  /// The root system of a document whose relative references start in `folder`; `file`, if not empty, is where it was read
-  /// from. Where it is `confined`, as what came in a package is, nothing that it refers to may lie outside of `folder`. Throws
-  /// Error for a document that is not SSD 1.x, doubled names, references to missing files, files that contain themselves.
+  /// Returns the root system of a document. Relative references start in `folder`; `file`, if not empty, is the document's
+  /// file. If `confined`, for a document in a package, all referenced files must be inside `folder`. Throws Error for a
+  /// document that is not SSD 1.x, duplicate names, references to missing files, and files that contain themselves.
   Element read(const xml::Element& document, const std::filesystem::path& folder, const std::filesystem::path& file,
                bool confined = false);
 
@@ -90,7 +90,7 @@ class Reader {
     const xml::Element* root;
     std::filesystem::path folder;
     UnitDefinitions units;
-    std::map<std::string, const xml::Element*> ids;  // of its systems
+    std::map<std::string, const xml::Element*> ids;  // id → system
   };
 
   Element read_root(const xml::Element& document, const std::filesystem::path& folder, const std::string& path);
@@ -115,15 +115,15 @@ class Reader {
   xml::Complaint complain_;
   std::filesystem::path folder_;  // of the root document: sources of components are relative to it
   bool confined_ = false;
-  std::vector<std::string> open_;  // files and embedded systems being read, to find one that contains itself
+  std::vector<std::string> open_;  // files and embedded systems that are being read, to detect recursion
   std::size_t elements_ = 0, assignments_ = 0;
 };
 
-/// The LinearTransformation of a connection or mapping entry, if it has one, and suppressUnitConversion. Throws Error for the
-/// transformations of discrete values.
+/// Reads the LinearTransformation, if any, and suppressUnitConversion of a connection or mapping entry. Throws Error for a
+/// transformation of discrete values.
 Transformation read_transformation(const xml::Element& element, const xml::Complaint& complain);
 
-/// Throws Error for a root element of another version than 1.x, complains of one without.
+/// Throws Error for a root element of another version than 1.x. Calls `complain` for one without a version.
 void check_version(const xml::Element& root, const std::string& format, const xml::Complaint& complain);
 
 }  // namespace cotwin::master::ssp

@@ -8,8 +8,8 @@ namespace cotwin::master::ssp {
 
 namespace {
 
-/// Whether the name is that of a common measure and the definition says another thing of it.
-bool means_otherwise(const UnitDefinition& definition) {
+/// Returns whether the definition contradicts the standard meaning of its name.
+bool contradicts_name(const UnitDefinition& definition) {
   try {
     return si::parse(definition.name) != si::from(definition);
   } catch (const Error&) {
@@ -40,7 +40,7 @@ std::string UnitTable::intern(const UnitDefinitions& local, const std::string& n
     return name;
   }
   if (known != nullptr && si::from(*known) == si::from(*definition)) return name;
-  if (known == nullptr && !means_otherwise(*definition)) {
+  if (known == nullptr && !contradicts_name(*definition)) {
     keep(*definition);
     return name;
   }

@@ -9,7 +9,7 @@
 
 namespace cotwin::master::ssp {
 
-/// The definitions of one file, found by name: the first of each.
+/// The unit definitions of one file, with look-up by name. Of several with the same name the first is used.
 class UnitDefinitions {
  public:
   UnitDefinitions() = default;
@@ -30,18 +30,17 @@ class UnitDefinitions {
   std::unordered_map<std::string, std::size_t> index_;
 };
 
-/// Units of measure of all files together. A file's own definitions hold in that file; one that another file, or the usual
-/// meaning of its name, contradicts is kept under a name of its own.
+/// The units of measure of all files. A definition applies only in its own file. If it contradicts that of another file or the
+/// standard meaning of its name, it is stored under a different name.
 class UnitTable {
  public:
-  /// The name under which the table knows `name` as used in a file that defines `local`. Throws Error if neither a file nor
-  /// si::parse knows it.
+  /// Returns the name in this table of the unit `name` of a file with the definitions `local`. Throws Error if neither a file
+  /// nor si::parse() defines it.
   std::string intern(const UnitDefinitions& local, const std::string& name, const std::string& place);
-  /// A definition of the root document, known under its own name.
+  /// Adds a definition of the root document under its own name.
   void add(const UnitDefinition& definition) { keep(definition); }
   si::Measure measure(const std::string& name) const;
-  /// Whether a measure that converts to `name` may have an offset, as °C has to K: then scaling a number depends on its
-  /// measure.
+  /// Returns whether a unit convertible to `name` can have an offset, like °C to K. Scaling a number then depends on its unit.
   bool has_offsets(const std::string& name) const;
   const std::vector<UnitDefinition>& definitions() const { return definitions_.list(); }
 
@@ -49,7 +48,7 @@ class UnitTable {
   void keep(const UnitDefinition& definition);
 
   UnitDefinitions definitions_;
-  std::vector<si::Measure> with_offset_;  // those of the definitions that have an offset, of different measures
+  std::vector<si::Measure> with_offset_;  // measures of definitions with an offset, one of each dimension
 };
 
 }  // namespace cotwin::master::ssp

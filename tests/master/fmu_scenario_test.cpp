@@ -167,7 +167,7 @@ TEST_F(FmuScenario, OnlyAnFmuHasAProcessOfItsOwn) {
   EXPECT_EQ(link.process, "own");
   EXPECT_EQ(link.source, "link.fmu?timeout=5");
   EXPECT_THAT(error_of([&] { parse_scenario(with_process("unit:motion"), "one.ssd", folder_); }),
-              HasSubstr("is a unit of this program, expected an FMU"));
+              HasSubstr("is a built-in unit, expected an FMU"));
 }
 
 TEST_F(FmuScenario, AMissingFmuOrAnInvalidOptionIsAnErrorWithItsPlace) {
@@ -177,7 +177,7 @@ TEST_F(FmuScenario, AMissingFmuOrAnInvalidOptionIsAnErrorWithItsPlace) {
   EXPECT_THAT(loaded("nowhere.fmu"), StartsWith("one.ssd:6: component 'link': nowhere.fmu: no such file"));
   pack_unit("unit:motion?robot=lwr4", fmu::Version::k2, "link.fmu");
   EXPECT_THAT(loaded("link.fmu?timeout=never"), HasSubstr("timeout=never: expected a number"));
-  EXPECT_THAT(loaded("link.fmu?colour=red"), HasSubstr("'colour': no setting of an FMU"));
+  EXPECT_THAT(loaded("link.fmu?colour=red"), HasSubstr("'colour': not a setting of an FMU"));
   EXPECT_EQ(loaded("link.fmu?timeout=5"), "");
 }
 
@@ -495,7 +495,7 @@ TEST_F(FmuScenario, PacksNoUnitThatNoHostCouldInitialise) {
   for (const char* set : {"", "--set file=elsewhere.csv"}) {
     const auto [code, said] = program("pack unit:io -o io.fmu " + std::string(set));
     EXPECT_EQ(code, 2);
-    EXPECT_THAT(said, AllOf(HasSubstr("unit:io: as an FMU it could not be initialised"), HasSubstr("--set NAME=VALUE")));
+    EXPECT_THAT(said, AllOf(HasSubstr("unit:io: cannot be initialised as an FMU"), HasSubstr("--set NAME=VALUE")));
     EXPECT_FALSE(fs::exists(folder_ / "io.fmu"));
   }
   EXPECT_EQ(program("pack unit:io?link=sensors -o sensors.fmu").first, 0);

@@ -485,7 +485,7 @@ TEST(References, InsideOneAnotherAreBounded) {
   }
   systems += "<d:System name='s5000' id='s5000'/>";
   EXPECT_THAT([&] { parse(ssd(elements(systems))); },
-              ::testing::ThrowsMessage<Error>(HasSubstr("more than 100 references inside one another")));
+              ::testing::ThrowsMessage<Error>(HasSubstr("more than 100 nested references")));
 }
 
 TEST(UnitsOfMeasure, OfOneFileDoNotLeakIntoAnother) {
@@ -606,7 +606,7 @@ INSTANTIATE_TEST_SUITE_P(
         Bad{"TwoSources", connect(kPair, from_to("a", "y", "b", "v") + from_to("a", "z", "b", "v")),
             "f.ssd:4: 'b.v' has two sources, the first at f.ssd:3"},
         Bad{"OutputToOutput", connect(kPair, from_to("a", "y", "a", "z")),
-            "f.ssd:3: 'a.y' (output) and 'a.z' (output) both give values"},
+            "f.ssd:3: 'a.y' (output) and 'a.z' (output) are both sources"},
         Bad{"Units", connect(kPair, from_to("a", "y", "b", "u")), "f.ssd:3: N.m cannot feed rad"},
         Bad{"NoConnector", connect(kPair, "<d:Connection startElement='a' endElement='b' endConnector='u'/>"),
             "f.ssd:3: 'Connection' without the attribute 'startConnector'"},
@@ -624,7 +624,7 @@ INSTANTIATE_TEST_SUITE_P(
                          "<d:Connections><d:Connection startConnector='i' endConnector='o'/><d:Connection startConnector='i' "
                          "endElement='a' endConnector='u'/></d:Connections></d:System>") +
                 "<d:Connections>" + from_to("s", "o", "s", "i") + "</d:Connections>"),
-            "f.ssd:2: the connections to 's.a.u' run in a circle"}),
+            "f.ssd:2: the connections to 's.a.u' form a loop"}),
     [](const auto& p) { return p.param.name; });
 
 const std::string kMapped =
@@ -646,7 +646,7 @@ INSTANTIATE_TEST_SUITE_P(
             "f.ssd:3: 'ParameterValues' without 'ParameterSet'"},
         Bad{"Type", bound("<d:ParameterBinding type='text/csv' source='x.csv'/>"), "f.ssd:3: type 'text/csv' is not supported"},
         Bad{"InsideComponent", bound("<d:ParameterBinding source='x.ssv' sourceBase='component'/>"),
-            "f.ssd:3: 'x.ssv' lies inside the component"},
+            "f.ssd:3: 'x.ssv' is inside the component"},
         Bad{"Unit", bound(inline_set("<v:Parameter name='K'><v:Real value='1' unit='furlong'/></v:Parameter>")),
             "f.ssd:3: unit of measure 'furlong': unknown symbol 'furlong', and the file does not define it"},
         Bad{"TargetTwice", mapping("<m:MappingEntry source='K' target='x'/>\n<m:MappingEntry source='n' target='x'/>"),
@@ -692,7 +692,7 @@ INSTANTIATE_TEST_SUITE_P(
         Bad{"Component", annotated("", "<t:Component name='aa' stage='1'/>"),
             "f.ssd:3: 'aa' is not a component, did you mean 'a'?"},
         Bad{"ComponentTwice", annotated("", "<t:Component name='a'/>\n<t:Component name='a'/>"),
-            "f.ssd:4: a second 'Component' of the name 'a'"},
+            "f.ssd:4: a second 'Component' with the name 'a'"},
         Bad{"Period", annotated("", "<t:Component name='a' period='0'/>"),
             "f.ssd:3: attribute 'period' of 'Component': 0, expected 1 to"},
         Bad{"SettingTwice", annotated("", "<t:Setting name='r' value='1'/>\n<t:Setting name='r' value='2'/>"),
@@ -794,7 +794,7 @@ TEST_P(InPackage, ReferencesThatLeaveThePackageAreRefused) {
   fmu::write_archive(folder.path() / "p.ssp", std::vector<fmu::ArchiveFile>{{"SystemStructure.ssd", document}});
   EXPECT_THAT([&] { load_scenario(folder.path() / "p.ssp"); },
               ::testing::ThrowsMessage<Error>(::testing::AllOf(HasSubstr("p.ssp/SystemStructure.ssd:2: "),
-                                                               HasSubstr("leaves the package, expected a file in it"))));
+                                                               HasSubstr("is outside the package, expected a file in it"))));
 }
 
 INSTANTIATE_TEST_SUITE_P(
