@@ -35,7 +35,7 @@ class Checker {
   void check(const Scenario& scenario) {
     for (const std::string& warning : scenario.warnings) warn(warning);
     for (const ComponentSpec& spec : scenario.components) check_component(spec, scenario);
-    if (members_.size() < scenario.components.size()) return;  // what names those that are missing cannot be judged
+    if (members_.size() < scenario.components.size()) return;  // references to components that failed to load cannot be checked
     attempt([&] { check_settings(scenario, members_, settings_used_); });
     for (const Member& member : members_) {
       for (const std::string& warning : member.instance.warnings) warn(member.name() + ": " + warning);
@@ -80,7 +80,7 @@ class Checker {
     members_.push_back(std::move(member));
   }
 
-  /// What is wrong with an FMU that can be loaded.
+  /// Adds the findings about an FMU that can be loaded.
   void check_description(const ComponentSpec& spec, const Scenario& scenario) {
     const std::filesystem::path file = scenario.folder / spec.source.substr(0, spec.source.rfind('?'));
     for (const Finding& finding : fmu::check_fmu(file, false)) {
@@ -98,21 +98,22 @@ class Checker {
     });
   }
 
-  /// `look` at a scenario that has nothing but the list; if that is not right, at scenarios with one item of it each.
-  template <class List, class Look>
-  void each(const Scenario& scenario, List Scenario::*list, Look look) {
+  /// Runs `examine` on a scenario that has only this list. If that throws, runs it on scenarios with one item of the list each,
+  /// so that every faulty item is reported.
+  template <class List, class Examine>
+  void each(const Scenario& scenario, List Scenario::*list, Examine examine) {
     Scenario all = only(scenario);
     all.*list = scenario.*list;
-    if (succeeds([&] { look(all); })) return;
+    if (succeeds([&] { examine(all); })) return;
     for (const auto& item : scenario.*list) {
       if (errors_ > kMostErrors) return;
       Scenario one = only(scenario);
       (one.*list) = {item};
-      attempt([&] { look(one); });
+      attempt([&] { examine(one); });
     }
   }
 
-  /// The scenario without its lists.
+  /// Returns the scenario without its lists.
   static Scenario only(const Scenario& scenario) {
     Scenario one;
     one.start = scenario.start;
@@ -143,7 +144,7 @@ class Checker {
   }
   void add(const std::string& error) {
     if (++errors_ < kMostErrors) findings_.push_back({Finding::Level::kError, error});
-    if (errors_ == kMostErrors) findings_.push_back({Finding::Level::kError, "there are more errors than these"});
+    if (errors_ == kMostErrors) findings_.push_back({Finding::Level::kError, "further errors are not shown"});
   }
   void warn(const std::string& what) { findings_.push_back({Finding::Level::kWarning, what}); }
 

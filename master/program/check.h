@@ -10,13 +10,13 @@
 
 namespace cotwin::master {
 
-/// Everything that is wrong with a scenario (.ssd, .ssp) and can be found in one go: each component is loaded, each connector,
-/// start value, connection, event, recording, report and bond looked at for itself; nothing is stepped. A scenario that cannot
-/// be read is one error.
+/// Returns all errors and warnings of a scenario (.ssd, .ssp) that can be found in one pass. Loads each component and checks
+/// each connector, start value, connection, event, recording, report and bond by itself, without a step. A scenario that cannot
+/// be read gives one error.
 std::vector<fmu::Finding> check_scenario(const std::filesystem::path& file, std::span<const UnitType> types,
                                          const std::vector<std::filesystem::path>& folders);
 
-/// What a scenario is, for people: its time, components and connections.
+/// Writes a readable summary of a scenario: time, settings, components, connections and events.
 void write_info(std::ostream& out, const Scenario& scenario);
 
 }  // namespace cotwin::master

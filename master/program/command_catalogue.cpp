@@ -1,4 +1,4 @@
-// cotwin units, describe, reference: what a scenario may use.
+// cotwin units, describe, reference: information about the units.
 #include <fstream>
 #include <iostream>
 #include <memory>
@@ -69,7 +69,7 @@ void add_catalogue(CLI::App& app, Chosen& chosen) {
     bool json = false;
   };
   const auto all = std::make_shared<Arguments>();
-  CLI::App* units_command = app.add_subcommand("units", "List the units that a scenario may use");
+  CLI::App* units_command = app.add_subcommand("units", "List the units");
 
   CLI::App* describe_command = app.add_subcommand("describe", "Show the settings and variables of a unit");
   describe_command->add_option("UNIT", all->source, "A scenario's source, e.g. 'unit:drive_train?robot=lwr4'")
@@ -77,7 +77,7 @@ void add_catalogue(CLI::App& app, Chosen& chosen) {
       ->required();
   describe_command->add_flag("--json", all->json, "As JSON");
 
-  CLI::App* reference_command = app.add_subcommand("reference", "Write one page of Markdown per unit");
+  CLI::App* reference_command = app.add_subcommand("reference", "Write one Markdown page per unit");
   reference_command->add_option("DIR", all->folder, "Folder for the pages")->type_name("FOLDER")->required();
   reference_command->add_option("--robot", all->robot, "Robot whose sizes and start values are shown")
       ->type_name("NAME")

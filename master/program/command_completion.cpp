@@ -1,4 +1,4 @@
-// cotwin completion: what a shell may complete a command line to.
+// cotwin completion: candidates for the completion of command lines by a shell.
 #include <algorithm>
 #include <filesystem>
 #include <iostream>
@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The program computes the candidates. bash has already split the word at '=', ':' and '?', and replaces the last part only.
+// The program computes the candidates. bash splits the word at '=', ':' and '?' and replaces only the last part.
 constexpr const char* kBash = R"(# bash completion of cotwin: source <(cotwin completion bash)
 _cotwin() {
   local line=${COMP_LINE:0:COMP_POINT} candidate
@@ -31,7 +31,7 @@ _cotwin() {
 complete -o default -F _cotwin cotwin
 )";
 
-/// "name=value" for each value of a setting that can be listed, else "name=".
+/// Adds "name=value" for each value of a setting with listed values, else "name=".
 void add_setting(std::vector<std::string>& found, const std::string& name, const Setting& setting) {
   switch (setting.kind) {
     case Setting::Kind::kChoice:
@@ -48,7 +48,7 @@ void add_setting(std::vector<std::string>& found, const std::string& name, const
   }
 }
 
-/// What may follow --set for this scenario. A component that cannot be built still has settings.
+/// Returns the candidates after --set for this scenario. For a component that cannot be built, these are its settings.
 std::vector<std::string> assignments(const fs::path& file) {
   const Scenario scenario = load_scenario(file);
   const std::vector<fs::path> folders = model_folders(scenario.folder);
@@ -76,7 +76,7 @@ std::vector<std::string> assignments(const fs::path& file) {
   return found;
 }
 
-/// The sources of units, and after the '?' of one its settings.
+/// Returns the sources of units or, after a '?', the settings of that unit.
 std::vector<std::string> sources(const std::string& word) {
   std::vector<std::string> found;
   const std::size_t question = word.find('?');
@@ -95,7 +95,7 @@ std::vector<std::string> sources(const std::string& word) {
   return found;
 }
 
-/// Candidates for the last word of the command line.
+/// Returns the candidates for the last word of the command line.
 std::vector<std::string> candidates(const CLI::App& app, const std::string& line) {
   std::vector<std::string> words;
   std::istringstream in(line);
@@ -135,11 +135,11 @@ void add_completion(CLI::App& app, Chosen& chosen) {
     std::string what, line;
   };
   const auto all = std::make_shared<Arguments>();
-  CLI::App* command = app.add_subcommand("completion", "Write a script for the completion of command lines by a shell");
-  command->add_option("SHELL", all->what, "bash; or 'candidates', what LINE can be completed to")
+  CLI::App* command = app.add_subcommand("completion", "Write a shell script for the completion of command lines");
+  command->add_option("SHELL", all->what, "bash; or 'candidates': list the completions of LINE")
       ->required()
       ->check(CLI::IsMember({"bash", "candidates"}));
-  command->add_option("LINE", all->line, "Command line up to the cursor, of 'candidates'");
+  command->add_option("LINE", all->line, "Command line up to the cursor, for 'candidates'");
   command->callback([all, &app, &chosen] {
     chosen = [all, &app] {
       if (all->what == "bash") {

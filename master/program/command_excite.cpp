@@ -1,4 +1,4 @@
-// cotwin excite: a motion that shows a robot's parameters, ready to be driven and recorded.
+// cotwin excite: designs a motion that excites a robot's dynamics parameters, for measurements.
 #include <algorithm>
 #include <cmath>
 #include <iostream>
@@ -48,7 +48,7 @@ void write_motion(const fs::path& place, const excitation::FourierSeries& series
   std::vector<double> row(1 + 3 * series.joints);
   for (std::size_t k = 0; k <= samples * static_cast<std::size_t>(periods); ++k) {
     row[0] = static_cast<double>(k) / rate;
-    // The same bits in every period.
+    // Time within the period, so that all periods have the same bits.
     const double t = series.period * static_cast<double>(k % samples) / static_cast<double>(samples);
     for (std::size_t j = 0; j < series.joints; ++j) {
       const excitation::FourierSeries::State at = series.at(j, t);
@@ -111,7 +111,7 @@ int excite(ExciteArguments& a) {
   if (!a.quiet) {
     write_design(std::cout, robot, design);
     std::cout << "\nmotion: " << out.string() << ", " << a.periods << " x " << text::to_text(a.design.period) << " s at "
-              << text::to_text(a.rate) << " Hz; collisions were not looked at\n";
+              << text::to_text(a.rate) << " Hz; not checked for collisions\n";
   }
   return kExitDone;
 }
@@ -122,34 +122,43 @@ void add_excite(CLI::App& app, Chosen& chosen) {
   const auto all = std::make_shared<ExciteArguments>();
   ExciteArguments& a = *all;
   a.threads = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1u, 8u));
-  CLI::App* command = app.add_subcommand("excite", "Design a motion that shows a robot's dynamics parameters (Fourier series)");
+  CLI::App* command =
+      app.add_subcommand("excite", "Design a motion that excites a robot's dynamics parameters (Fourier series)");
   command->add_option("--robot", a.robot, "URDF, or name of a robot in models/robots")->required()->type_name("URDF");
   command->add_option("--out", a.out, "Motion (CSV): t, q1 …, dq1 …, ddq1 … (default: excitation_<robot>.csv)")
       ->type_name("CSV");
-  command->add_option("--period", a.design.period, "Seconds")->capture_default_str()->type_name("SECONDS");
-  command->add_option("--periods", a.periods, "How often")->capture_default_str()->check(CLI::Range(1, 10000))->type_name("N");
-  command->add_option("--harmonics", a.design.harmonics, "Of the base frequency 1/period")
+  command->add_option("--period", a.design.period, "Period in seconds")->capture_default_str()->type_name("SECONDS");
+  command->add_option("--periods", a.periods, "Number of periods")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 10000))
+      ->type_name("N");
+  command->add_option("--harmonics", a.design.harmonics, "Number of harmonics of the base frequency 1/period")
       ->capture_default_str()
       ->type_name("N");
   command->add_option("--rate", a.rate, "Samples per second")->capture_default_str()->type_name("HZ");
-  command->add_option("--share", a.design.share, "Of every limit that the motion may use")
+  command->add_option("--share", a.design.share, "Share of every limit that the motion may use")
       ->capture_default_str()
       ->type_name("SHARE");
-  command->add_option("--max-acceleration", a.design.ddq_max, "rad/s2, of every joint; the URDF has none")
+  command
+      ->add_option("--max-acceleration", a.design.ddq_max,
+                   "Acceleration limit of every joint in rad/s2, which a URDF does not have")
       ->capture_default_str()
       ->type_name("RAD/S2");
-  command->add_option("--max-speed", a.design.dq_max, "rad/s, of every joint, besides the URDF's limits")->type_name("RAD/S");
-  command->add_option("--q-min", a.design.q_min, "Per joint: narrower than the URDF's limits, rad")
+  command->add_option("--max-speed", a.design.dq_max, "Speed limit of every joint in rad/s, in addition to the URDF's limits")
+      ->type_name("RAD/S");
+  command->add_option("--q-min", a.design.q_min, "Per joint: lower position limit within the URDF's limits, rad")
       ->delimiter(',')
       ->type_name("X,…");
-  command->add_option("--q-max", a.design.q_max, "Per joint: narrower than the URDF's limits, rad")
+  command->add_option("--q-max", a.design.q_max, "Per joint: upper position limit within the URDF's limits, rad")
       ->delimiter(',')
       ->type_name("X,…");
-  command->add_option("--criterion", a.criterion, "condition (least) or determinant (greatest)")->capture_default_str();
-  command->add_option("--seed", a.design.seed, "Same seed, same bits")->capture_default_str()->type_name("N");
-  command->add_option("--rounds", a.design.rounds, "Of the swarm")->capture_default_str()->type_name("N");
-  command->add_option("--particles", a.design.particles, "Of the swarm")->capture_default_str()->type_name("N");
-  command->add_option("--threads", a.threads, "The result does not depend on them")->check(CLI::Range(1, 255))->type_name("N");
+  command->add_option("--criterion", a.criterion, "condition (minimise) or determinant (maximise)")->capture_default_str();
+  command->add_option("--seed", a.design.seed, "Seed; equal seeds give equal bits")->capture_default_str()->type_name("N");
+  command->add_option("--rounds", a.design.rounds, "Rounds of the particle swarm")->capture_default_str()->type_name("N");
+  command->add_option("--particles", a.design.particles, "Particles of the swarm")->capture_default_str()->type_name("N");
+  command->add_option("--threads", a.threads, "Threads; the result does not depend on them")
+      ->check(CLI::Range(1, 255))
+      ->type_name("N");
   command->add_flag("--quiet", a.quiet, "No progress bar and no table");
   command->callback([all, &chosen] { chosen = [all] { return excite(*all); }; });
 }

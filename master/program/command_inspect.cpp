@@ -1,4 +1,4 @@
-// cotwin info, check: what a file is, and what is wrong with it.
+// cotwin info, check: information about a file, and its errors.
 #include <fstream>
 #include <iostream>
 #include <memory>
@@ -40,8 +40,8 @@ void add_inspection(CLI::App& app, Chosen& chosen) {
         ->required();
     command->callback([file, action, &chosen] { chosen = [file, action] { return action(*file); }; });
   };
-  add("info", "Show what an FMU or a scenario is", info);
-  add("check", "Say everything that is wrong with an FMU or a scenario; exit code 2 if there is an error", check);
+  add("info", "Show a summary of an FMU or a scenario", info);
+  add("check", "List all errors and warnings of an FMU or a scenario; exit code 2 if there is an error", check);
 }
 
 }  // namespace cotwin::master

@@ -1,4 +1,4 @@
-// cotwin pack: units as FMUs, scenarios as packages or as one FMU.
+// cotwin pack: writes units as FMUs, scenarios as packages (SSP) or as one FMU.
 #include <fstream>
 #include <iostream>
 #include <memory>
@@ -27,8 +27,8 @@ struct PackArguments {
   fmu::Version version() const { return fmi == 2 ? fmu::Version::k2 : fmu::Version::k3; }
 };
 
-/// `--set NAME=VALUE` of a unit: its settings, and start values of its variables.
-void give_values(const PackArguments& arguments, fmu::PackRequest& request) {
+/// Adds `--set NAME=VALUE` of a unit to the request: settings, and start values of variables.
+void add_values(const PackArguments& arguments, fmu::PackRequest& request) {
   ParameterSet values{"--set", {}, {}};
   for (const std::string& assignment : arguments.set) {
     const std::size_t equals = assignment.find('=');
@@ -53,7 +53,7 @@ std::vector<std::string> pack_unit(const PackArguments& arguments) {
   request.platforms = arguments.platforms;
   request.libraries = arguments.libraries;
   request.libraries_of_modules = libraries_of_modules();
-  give_values(arguments, request);
+  add_values(arguments, request);
   return fmu::pack_unit(request, arguments.out);
 }
 
@@ -85,7 +85,7 @@ int pack(const PackArguments& arguments) {
 
 void add_pack(CLI::App& app, Chosen& chosen) {
   const auto all = std::make_shared<PackArguments>();
-  CLI::App* command = app.add_subcommand("pack", "Write a unit as an FMU, a scenario as an SSP with FMUs inside or as one FMU");
+  CLI::App* command = app.add_subcommand("pack", "Write a unit as an FMU, or a scenario as an SSP of FMUs or as one FMU");
   command->add_option("SOURCE", all->source, "A unit, e.g. 'unit:drive_train?robot=lwr4', or a scenario (.ssd, .ssp)")
       ->type_name("SOURCE")
       ->required();
@@ -96,14 +96,14 @@ void add_pack(CLI::App& app, Chosen& chosen) {
       ->check(CLI::IsMember({2, 3}))
       ->type_name("2|3")
       ->capture_default_str();
-  command->add_flag("--as-fmu", all->as_fmu, "A scenario as one FMU with the master inside: the robot, not its parts");
-  command->add_option("--set", all->set, "variable=value or setting=value of a unit; of a scenario as for run; may be repeated")
+  command->add_flag("--as-fmu", all->as_fmu, "Write a scenario as one FMU that contains the master and all units");
+  command->add_option("--set", all->set, "variable=value or setting=value of a unit; for a scenario as in run; may be repeated")
       ->type_name("NAME=VALUE")
       ->allow_extra_args(false);
   command
       ->add_option(
           "--platforms", all->platforms,
-          "Platforms whose libraries go in: linux64, win64, aarch64-linux, as scripts/cross.sh builds them; default: this one")
+          "Platforms whose libraries are packed: linux64, win64, aarch64-linux, built by scripts/cross.sh; default: this one")
       ->delimiter(',')
       ->allow_extra_args(false)
       ->type_name("NAMES");

@@ -1,4 +1,4 @@
-// cotwin perturb: another specimen of a robot, to stand for the real one where there is none.
+// cotwin perturb: writes a robot with randomly changed parameters, in place of a real one.
 #include <fstream>
 #include <iostream>
 #include <memory>
@@ -37,8 +37,8 @@ void write(const fs::path& file, const std::string& text) {
   std::cout << file.string() << '\n';
 }
 
-/// Every number of the set times 1 + bound u; lists of numbers in a String likewise. Parameters of a family, tau_C and tau_S,
-/// have the same u in the same element: what must not be smaller than another stays so.
+/// Multiplies every number of the set by 1 + bound · u, u uniform in [−1, 1], also numbers of a list in a String. Parameters
+/// with the same name up to the first '_' (tau_C, tau_S) have the same u in the same element, so that their order is preserved.
 ParameterSet perturbed(ParameterSet set, double bound, std::uint64_t seed) {
   constexpr std::uint32_t kStream = 0x55f;
   const auto scaled = [&](double value, const std::string& name, std::size_t element) {
@@ -82,9 +82,10 @@ int perturb(const Arguments& a) {
   for (const fs::path& source : sources) {
     const fs::path target = a.out / (source == file ? "robot.urdf" : source.filename());
     if (fs::exists(target) && fs::equivalent(target, source)) {
-      throw Error(target.string(), "would be overwritten by its own specimen, expected another folder after --out");
+      throw Error(target.string(), "would be overwritten, expected another folder after --out");
     }
-    if (!names.insert(target).second) throw Error(target.string(), "would be written twice, expected sets of different names");
+    if (!names.insert(target).second)
+      throw Error(target.string(), "would be written twice, expected parameter sets with different names");
   }
   write(a.out / "robot.urdf", robot::updated_urdf(text::read_file(file, "a URDF"), file.string(), other));
   for (const fs::path& set : a.sets) {
@@ -105,17 +106,17 @@ int perturb(const Arguments& a) {
 void add_perturb(CLI::App& app, Chosen& chosen) {
   const auto all = std::make_shared<Arguments>();
   CLI::App* command = app.add_subcommand(
-      "perturb", "Make another specimen of a robot, within bounds: to stand for the real one, or to see what errors cost");
+      "perturb", "Write a robot with randomly changed parameters, within bounds: to test tuning or the effect of errors");
   command->add_option("--robot", all->robot, "URDF, or the name of a robot")->type_name("ROBOT")->required();
-  command->add_option("--inertia", all->inertia, "Share by which masses and moments differ at most")
+  command->add_option("--inertia", all->inertia, "Largest relative change of masses and moments of inertia")
       ->type_name("SHARE")
       ->capture_default_str();
   command->add_option("--parameters", all->sets, "Parameter sets of the robot (SSV), e.g. its drive_train.ssv")
       ->type_name("FILE");
-  command->add_option("--values", all->values, "Share by which their numbers differ at most")
+  command->add_option("--values", all->values, "Largest relative change of their numbers")
       ->type_name("SHARE")
       ->capture_default_str();
-  command->add_option("--seed", all->seed, "Another seed, another specimen")->type_name("NUMBER")->capture_default_str();
+  command->add_option("--seed", all->seed, "Seed of the random changes")->type_name("NUMBER")->capture_default_str();
   command->add_option("-o,--out", all->out, "Folder for robot.urdf and the parameter sets")->type_name("FOLDER")->required();
   command->callback([all, &chosen] { chosen = [all] { return perturb(*all); }; });
 }

@@ -1,4 +1,4 @@
-// cotwin run: a scenario, a package, or one FMU with the option names of the Reference FMUs' fmusim.
+// cotwin run: runs a scenario, a package, or one FMU with the option names of fmusim (Reference FMUs).
 #include <sys/ioctl.h>
 #include <unistd.h>
 
@@ -33,7 +33,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A line on the terminal that overwrites itself; nothing where stderr is a file.
+/// A progress line on the terminal that overwrites itself. Prints nothing if stderr is not a terminal.
 class Progress {
  public:
   Progress(const Master& master, bool wanted) : master_(master), shown_(wanted && isatty(STDERR_FILENO)) {}
@@ -61,7 +61,7 @@ class Progress {
     const bool known = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
     return known ? size.ws_col : 80;
   }
-  /// What fits before the figures; a line that wraps could not overwrite itself.
+  /// Returns a bar that fits before the figures, because a wrapped line cannot be overwritten.
   std::string bar(std::size_t columns, std::size_t taken) const {
     constexpr std::size_t kMost = 40, kLeast = 4, kFrame = 4;  // "[", "] " and the last column, which stays free
     if (columns < taken + kFrame + kLeast) return "";
@@ -87,7 +87,7 @@ struct RunArguments {
   bool real_time = false, quiet = false, overwrite = false;
   double checkpoint = 10;  // s of wall time; 0: none
   std::optional<int> threads;
-  FmuRunOptions fmu;  // of an FMU alone
+  FmuRunOptions fmu;  // for a single FMU
 };
 
 void save_json(const fs::path& file, const Summary& summary, const Outcome& outcome) {
@@ -96,7 +96,7 @@ void save_json(const fs::path& file, const Summary& summary, const Outcome& outc
   write_file(file, out.str());
 }
 
-/// The options that decide a run, as they go into its checkpoints.
+/// Returns the options that determine a run, as JSON for its checkpoints.
 std::string options_of(const RunArguments& a) {
   nlohmann::ordered_json j;
   j["file"] = a.file.string();
@@ -107,8 +107,8 @@ std::string options_of(const RunArguments& a) {
   return j.dump();
 }
 
-/// Throws Error for text that is not options_of() of something.
-void take_options(const std::string& text, const std::string& place, RunArguments& a) {
+/// Reads the text of options_of(). Throws Error for other text.
+void read_options(const std::string& text, const std::string& place, RunArguments& a) {
   try {
     const auto j = nlohmann::json::parse(text);
     a.file = j.at("file").get<std::string>();
@@ -140,7 +140,7 @@ Scenario read_scenario(const RunArguments& arguments) {
   return scenario;
 }
 
-/// Takes the checkpoints of a run that can be saved.
+/// Writes the checkpoints of a run whose state can be saved.
 class Checkpoints {
  public:
   Checkpoints(Master& master, CheckpointWriter::Options options)
@@ -149,13 +149,13 @@ class Checkpoints {
   void take() {
     master_.save([this](RunState state) { writer_.write(std::move(state)); });
   }
-  /// The last one, of where the run was stopped; what has not been handed over by now is not.
+  /// Ends the writing. If `take_last`, a last checkpoint is written of the point where the run was stopped.
   void end(bool take_last) {
     writer_.wait_until_idle();
     if (take_last) take();
     writer_.end();
   }
-  /// Whether a run could go on from the disk.
+  /// Returns whether there is a checkpoint from which the run can be resumed.
   bool any() const {
     std::error_code none;
     return fs::exists(file_, none);
@@ -168,7 +168,7 @@ class Checkpoints {
   CheckpointWriter writer_;
 };
 
-/// The loop of a Master or an FmuRun; what goes wrong in it is the outcome. `checkpoints` may be nullptr.
+/// Runs the loop of a Master or an FmuRun. Errors become the outcome. `checkpoints` may be nullptr.
 template <class Run>
 Outcome run_to_the_end(Run& run, const Master& master, bool progress_wanted, Checkpoints* checkpoints) {
   Outcome outcome;
@@ -199,50 +199,51 @@ Outcome run_to_the_end(Run& run, const Master& master, bool progress_wanted, Che
   return outcome;
 }
 
-/// Warnings go to stderr as soon as they are known, each once.
+/// Prints each warning once to stderr.
 class Warnings {
  public:
-  void tell(const std::vector<std::string>& warnings) {
+  void print(const std::vector<std::string>& warnings) {
     for (const std::string& warning : warnings) {
-      if (told_.insert(warning).second) std::cerr << "cotwin: warning: " << warning << '\n';
+      if (printed_.insert(warning).second) std::cerr << "cotwin: warning: " << warning << '\n';
     }
   }
-  /// Those that were not told yet.
+  /// Returns the warnings that were not printed yet.
   std::vector<std::string> rest(std::vector<std::string> warnings) const {
-    std::erase_if(warnings, [&](const std::string& warning) { return told_.contains(warning); });
+    std::erase_if(warnings, [&](const std::string& warning) { return printed_.contains(warning); });
     return warnings;
   }
 
  private:
-  std::set<std::string> told_;
+  std::set<std::string> printed_;
 };
 
-int tell(const RunArguments& arguments, const Summary& summary, const Outcome& outcome, Warnings& warnings) {
+/// Prints the outcome and the summary. Returns the exit code.
+int report(const RunArguments& arguments, const Summary& summary, const Outcome& outcome, Warnings& warnings) {
   if (outcome.state == "failed") std::cerr << "cotwin: " << outcome.message << '\n';
   if (outcome.state == "interrupted")
     std::cerr << "cotwin: " << outcome.message << " at t = " << text::to_text(summary.reached) << " s\n";
   const bool json_to_stdout = arguments.json == "-";
-  // The file first: whoever reads stdout may go away (| head).
+  // Writes the file first, because stdout may be closed early (| head).
   if (!arguments.json.empty() && !json_to_stdout) save_json(arguments.json, summary, outcome);
   if (json_to_stdout) {
     write_json(std::cout, summary, outcome);
-    warnings.tell(summary.warnings);
+    warnings.print(summary.warnings);
   } else if (!arguments.quiet) {
     Summary shown = summary;
     shown.warnings = warnings.rest(summary.warnings);
     write_report(std::cout, shown, outcome);
   } else {
-    warnings.tell(summary.warnings);
+    warnings.print(summary.warnings);
   }
   if (!std::cout.flush()) {
-    if (errno == EPIPE) return kExitSignalled + SIGPIPE;  // | head: what the reader did not want to see
+    if (errno == EPIPE) return kExitSignalled + SIGPIPE;  // the reader closed the pipe (| head)
     throw Error("stdout", "cannot be written: " + system_reason(errno));
   }
   if (outcome.state == "failed") return kExitRunFailed;
   return outcome.state == "interrupted" ? kExitSignalled + stop_signal() : kExitDone;
 }
 
-/// The checkpoint that the command line names, and the options of its run instead of the command line's. Changes to the working
+/// Loads the checkpoint named on the command line, replaces the options by those of its run and changes to the working
 /// directory of that run.
 RunCheckpoint resume(RunArguments& arguments, const Build& build) {
   const fs::path folder = fs::absolute(arguments.resume);
@@ -253,9 +254,9 @@ RunCheckpoint resume(RunArguments& arguments, const Build& build) {
                            "), expected the same program with the same --units, which is cotwin " + build.version + " (build " +
                            hexadecimal(build.file) + ") here");
   if (checkpoint.build.cpu != build.cpu)
-    throw Error(place, "was written on the instruction set " + checkpoint.build.cpu + ", here it is " + build.cpu +
-                           ": the bits would differ (COTWIN_CPU chooses a lower one)");
-  take_options(checkpoint.command, place, arguments);
+    throw Error(place, "was written with the instruction set " + checkpoint.build.cpu + ", here it is " + build.cpu +
+                           "; results would differ (COTWIN_CPU selects a lower one)");
+  read_options(checkpoint.command, place, arguments);
   if (!arguments.json.empty() && arguments.json != "-") arguments.json = fs::absolute(arguments.json).string();
   std::error_code error;
   fs::current_path(checkpoint.folder, error);
@@ -272,8 +273,8 @@ int run_scenario(RunArguments arguments) {
   Scenario scenario = read_scenario(arguments);
   const std::uint64_t hash = hash_of(scenario);
   if (earlier && earlier->scenario != hash)
-    throw Error((arguments.out / kCheckpoint).string(), "is of another scenario: " + arguments.file.string() +
-                                                            " or a file that it names has changed since, expected the same");
+    throw Error((arguments.out / kCheckpoint).string(), "belongs to another scenario: " + arguments.file.string() +
+                                                            " or a file that it names has changed, expected the same");
   MasterOptions options;
   options.types = units();
   options.folders = model_folders(scenario.folder);
@@ -298,9 +299,9 @@ int run_scenario(RunArguments arguments) {
   if (earlier) options.resume = earlier->state;
   master.emplace(std::move(scenario), std::move(options));
   Warnings warnings;
-  warnings.tell(master->warnings());
+  warnings.print(master->warnings());
   master->initialise();
-  warnings.tell(master->warnings());
+  warnings.print(master->warnings());
   if (!kept.empty() && !arguments.quiet) std::cout << "earlier results: moved to " << kept.string() << '\n';
   std::optional<Checkpoints> checkpoints;
   if (arguments.checkpoint > 0 && master->unsavable().empty()) {
@@ -322,9 +323,9 @@ int run_scenario(RunArguments arguments) {
     fs::remove(out / kCheckpoint, none);
   }
   record->close(summary, outcome);
-  const int code = tell(arguments, summary, outcome, warnings);
+  const int code = report(arguments, summary, outcome, warnings);
   if (outcome.state != "done" && checkpoints && checkpoints->any())
-    std::cerr << "cotwin: go on with: cotwin run --resume " << out.string() << '\n';
+    std::cerr << "cotwin: continue with: cotwin run --resume " << out.string() << '\n';
   return code;
 }
 
@@ -337,15 +338,15 @@ int run_fmu(const RunArguments& arguments) {
   run.initialise();
   note_signals();
   Warnings warnings;
-  warnings.tell(run.master().warnings());
+  warnings.print(run.master().warnings());
   const Outcome outcome = run_to_the_end(run, run.master(), !arguments.quiet, nullptr);
-  return tell(arguments, run.summary(), outcome, warnings);
+  return report(arguments, run.summary(), outcome, warnings);
 }
 
-/// Options that only a scenario has, or only an FMU.
-void refuse(const std::vector<CLI::Option*>& options, const std::string& what) {
+/// Throws Error if one of the options was given: they apply only to scenarios, or only to FMUs.
+void reject(const std::vector<CLI::Option*>& options, const std::string& what) {
   for (const CLI::Option* option : options) {
-    if (option->count() > 0) throw Error(option->get_name(), "is not for " + what);
+    if (option->count() > 0) throw Error(option->get_name(), "does not apply to " + what);
   }
 }
 
@@ -356,7 +357,7 @@ void add_run(CLI::App& app, Chosen& chosen) {
   RunArguments& arguments = *all;
   CLI::App* run_command = app.add_subcommand("run", "Run a scenario or an FMU");
   run_command->add_option("FILE", arguments.file, "System structure (.ssd), package (.ssp) or FMU (.fmu)")->type_name("FILE");
-  run_command->add_option("--stop,--stop-time", arguments.stop, "Stop time in seconds, instead of the file's")
+  run_command->add_option("--stop,--stop-time", arguments.stop, "Stop time in seconds; replaces that of the file")
       ->type_name("SECONDS");
   run_command
       ->add_option(
@@ -369,26 +370,26 @@ void add_run(CLI::App& app, Chosen& chosen) {
       ->type_name("FOLDER");
   run_command
       ->add_option("--record", arguments.record,
-                   "Variables to record instead of the scenario's choice, e.g. 'drive.*'; may be repeated")
+                   "Variables to record in place of the scenario's, e.g. 'drive.*'; may be repeated")
       ->type_name("GLOB")
       ->allow_extra_args(false);
   run_command
       ->add_option("--checkpoint", arguments.checkpoint,
-                   "Seconds of wall time between two checkpoints, from which an interrupted run can go on; 0: none")
+                   "Seconds of wall time between two checkpoints, from which an interrupted run can be resumed; 0: none")
       ->capture_default_str()
       ->check(CLI::NonNegativeNumber)
       ->type_name("SECONDS");
   run_command
       ->add_option("--resume", arguments.resume,
-                   "Go on with the interrupted run whose results are in FOLDER, from its last checkpoint (without FILE)")
+                   "Resume the interrupted run with results in FOLDER from its last checkpoint (without FILE)")
       ->type_name("FOLDER");
   run_command->add_flag("--overwrite", arguments.overwrite,
                         "Overwrite earlier results (default: they are moved to earlier-1, earlier-2 … in the folder)");
-  run_command->add_option("--threads", arguments.threads, "At most so many threads (default: as many as pay)")
+  run_command->add_option("--threads", arguments.threads, "Largest number of threads (default: chosen automatically)")
       ->check(CLI::Range(1, 255))
       ->type_name("N");
   run_command->add_option("--json", arguments.json, "Write the summary as JSON, to stdout with -")->type_name("FILE|-");
-  run_command->add_flag("--real-time", arguments.real_time, "A second of the scenario takes a second");
+  run_command->add_flag("--real-time", arguments.real_time, "Synchronise simulated time with wall time");
   run_command->add_flag("--quiet", arguments.quiet, "No progress bar and no table");
 
   FmuRunOptions& fmu = arguments.fmu;
@@ -399,31 +400,34 @@ void add_run(CLI::App& app, Chosen& chosen) {
     return option;
   };
   add(run_command->add_option("--start-time", fmu.start, "Start time in seconds"), "SECONDS");
-  add(run_command->add_option("--output-interval", fmu.interval, "Communication step, and between two rows of the output"),
+  add(run_command->add_option("--output-interval", fmu.interval,
+                              "Communication step, which is also the interval of the output"),
       "SECONDS");
   add(run_command->add_option("--start-value", fmu.start_values, "Start value, in the FMU's own unit of measure; repeatable"),
       "NAME VALUE");
   add(run_command->add_option("--input-file", fmu.input_file,
-                              "CSV, time first: continuous reals along lines, all else held from row to row"),
+                              "CSV, time first: continuous reals are interpolated linearly, others held from row to row"),
       "FILE");
   add(run_command->add_option("--output-file", fmu.output_file, "CSV for the results (default: <FMU>_out.csv)"), "FILE");
-  add(run_command->add_option("--output-variable", fmu.output_variables, "Record this instead of all outputs; repeatable"),
+  add(run_command->add_option("--output-variable", fmu.output_variables,
+                              "Record this variable in place of all outputs; repeatable"),
       "NAME")
       ->allow_extra_args(false);
-  add(run_command->add_option("--tolerance", fmu.tolerance, "Relative tolerance told to the FMU"), "NUMBER");
-  add(run_command->add_option("--interface-type", fmu.interface_type, "cs or me; default: cs where the FMU offers it")
+  add(run_command->add_option("--tolerance", fmu.tolerance, "Relative tolerance passed to the FMU"), "NUMBER");
+  add(run_command->add_option("--interface-type", fmu.interface_type, "cs or me; default: cs if the FMU has it")
           ->check(CLI::IsMember({"cs", "me"})),
       "TYPE");
   add(run_command
-          ->add_option("--process", fmu.process,
-                       "own: its crash, hang or exit is an error (see docs/scenario.md); shared: with cotwin; default: auto")
+          ->add_option(
+              "--process", fmu.process,
+              "own: a crash, hang or exit of the FMU becomes an error (docs/scenario.md); shared: same process; default: auto")
           ->check(CLI::IsMember({"auto", "own", "shared"})),
       "WHERE");
   add(run_command->add_option("--timeout", fmu.timeout,
-                              "Of one call in a process of its own; initialisation ten times that (default: 60)"),
+                              "Time limit of one call in its own process; ten times that for initialisation (default: 60)"),
       "SECONDS");
-  add(run_command->add_option("--memory", fmu.memory, "That a process of its own may use (default: 4e9)"), "BYTES");
-  of_fmu.push_back(run_command->add_flag("--set-stop-time", fmu.set_stop_time, "Tell the FMU the stop time")->group(group));
+  add(run_command->add_option("--memory", fmu.memory, "Memory limit of its own process (default: 4e9)"), "BYTES");
+  of_fmu.push_back(run_command->add_flag("--set-stop-time", fmu.set_stop_time, "Pass the stop time to the FMU")->group(group));
 
   std::vector<CLI::Option*> of_scenario;
   for (const char* name : {"--set", "--out", "--record", "--threads", "--real-time", "--checkpoint", "--overwrite"}) {
@@ -438,16 +442,16 @@ void add_run(CLI::App& app, Chosen& chosen) {
         for (const CLI::Option* option : decided) {
           if (option->count() > 0)
             throw Error(option->get_name(),
-                        "is decided by the run that is resumed, expected only --threads, --json, --checkpoint or --quiet");
+                        "cannot be changed when a run is resumed, expected only --threads, --json, --checkpoint or --quiet");
         }
         return run_scenario(*all);
       }
       if (all->file.empty()) throw Error("FILE", "is missing, expected a scenario, a package or an FMU");
       if (!is_fmu(all->file)) {
-        refuse(of_fmu, "a scenario, expected with an FMU (.fmu)");
+        reject(of_fmu, "a scenario, expected an FMU (.fmu)");
         return run_scenario(*all);
       }
-      refuse(of_scenario, "an FMU, expected with a scenario (.ssd, .ssp)");
+      reject(of_scenario, "an FMU, expected a scenario (.ssd, .ssp)");
       all->fmu.file = all->file;
       all->fmu.stop = all->stop;
       return run_fmu(*all);

@@ -1,4 +1,4 @@
-// cotwin tune: from a log of a real robot to a physically consistent model and its drives.
+// cotwin tune: identifies a physically consistent model of a robot and its drives from measured logs.
 
 #include <algorithm>
 #include <array>
@@ -38,7 +38,7 @@ struct TuneArguments {
   double checkpoint = 10;  // s
 };
 
-/// What a tuning leaves in its folder.
+/// The result files of a tuning.
 const std::array<std::string, 7> kResults = {"robot.urdf",   "drive_train.ssv", "twin.ssd",   "torques.csv",
                                              "figures.json", "report.md",       "resume.json"};
 
@@ -74,9 +74,10 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
     for (const std::string& option : given) {
       if (option != "--resume" && option != "--rounds" && option != "--threads" && option != "--out" && option != "--quiet" &&
           option != "--checkpoint" && option != "--overwrite" && option != "--accept-result")
-        throw Error(option,
-                    "is decided by what is resumed, expected only --rounds, --threads, --out, --checkpoint, --overwrite, "
-                    "--accept-result or --quiet with --resume");
+        throw Error(
+            option,
+            "cannot be changed when a tuning is resumed, expected only --rounds, --threads, --out, --checkpoint, --overwrite, "
+            "--accept-result or --quiet with --resume");
     }
     run.resume = tuning::load_resume(arguments.resume / "resume.json");
     if (run.resume->program != run.program)
@@ -128,14 +129,13 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
     if (!result.interrupted) {
       for (const std::string& alarm : result.alarms) std::cerr << "cotwin: " << alarm << '\n';
       if (result.alarms.empty() || arguments.accept_result) return kExitDone;
-      std::cerr << "cotwin: the result is worse than no model or the prior on held-out data (--accept-result takes it as it "
-                   "is)\n";
+      std::cerr << "cotwin: on held-out data the result is worse than no model or the prior (--accept-result accepts it)\n";
       return kExitRunFailed;
     }
     std::cerr << "cotwin: stopped by " << name_of_signal(stop_signal());
     if (result.swarm) std::cerr << " after round " << result.swarm->progress.round;
     if (settings.method != tuning::Method::kLeastSquares)
-      std::cerr << "; go on with: cotwin tune --resume " << run.out.string();
+      std::cerr << "; continue with: cotwin tune --resume " << run.out.string();
     std::cerr << '\n';
   } catch (const tuning::Stopped&) {
     line.clear();
@@ -150,18 +150,17 @@ void add_tune(CLI::App& app, Chosen& chosen) {
   const auto all = std::make_shared<TuneArguments>();
   TuneArguments& a = *all;
   tuning::Settings& s = a.settings;
-  CLI::App* command =
-      app.add_subcommand("tune", "Tune a robot's dynamics, friction and motors to torques that a real one measured");
+  CLI::App* command = app.add_subcommand("tune", "Identify a robot's dynamics, friction and motors from measured torques");
   command->add_option("--robot", a.robot, "URDF, or name of a robot in models/robots")->type_name("URDF");
   command
       ->add_option("--data", s.data,
-                   "Log (CSV): columns t, q1 …, tau1 … in SI, behind the gears; further files are further logs of the robot")
+                   "Log (CSV): columns t, q1 …, tau1 … in SI, behind the gears; more files are more logs of the same robot")
       ->type_name("CSV");
   command->add_option("--out", a.out, "Folder for the results (default: results/tune_<data>)")->type_name("FOLDER");
-  command->add_option("--split", s.split, "Share of the data, from the first on, to train on; the rest is held out")
+  command->add_option("--split", s.split, "First share of the data, for training; the rest is held out")
       ->capture_default_str()
       ->type_name("SHARE");
-  command->add_option("--held-out", s.held_out, "Logs that are only predicted, instead of --split")->type_name("CSV");
+  command->add_option("--held-out", s.held_out, "Logs used only for prediction, in place of --split")->type_name("CSV");
 
   const std::string search = "Search";
   const auto in = [](const std::string& group, CLI::Option* option, const char* type) {
@@ -174,28 +173,33 @@ void add_tune(CLI::App& app, Chosen& chosen) {
   in(search, command->add_option("--friction", a.friction, "none, coulomb, sigmoid or stribeck"), "")->capture_default_str();
   in(search,
      command->add_option("--torques", a.torques,
-                         "motor: measured at the motors, times the gear ratio; joint: by sensors behind the gears"),
+                         "motor: measured at the motors, times the gear ratio; joint: measured behind the gears"),
      "")
       ->capture_default_str();
-  in(search, command->add_option("--v-r", s.model.v_R, "Speed in rad/s over which Coulomb friction changes its sign"), "RAD/S")
+  in(search, command->add_option("--v-r", s.model.v_R, "Speed in rad/s within which Coulomb friction changes its sign"),
+     "RAD/S")
       ->capture_default_str();
   in(search,
      command
          ->add_option("--harmonics", s.model.harmonics,
-                      "Per joint: harmonics of its own position, for springs and counterbalances")
+                      "Per joint: number of harmonics of its position, for springs and counterbalances")
          ->delimiter(','),
      "N,…");
   in(search, command->add_flag("--no-offset", a.no_offset, "No constant friction torque"), "");
-  in(search, command->add_flag("--load-friction", s.model.load, "Friction also grows with the torque of gravity"), "");
+  in(search, command->add_flag("--load-friction", s.model.load, "Friction also depends on the gravity torque"), "");
   in(search, command->add_flag("--no-viscous", a.no_viscous, "No viscous friction"), "");
-  in(search, command->add_option("--prior-weight", s.prior_weight, "Pull to the URDF where the data say little"), "W")
+  in(search,
+     command->add_option("--prior-weight", s.prior_weight,
+                         "Weight of the URDF's parameters, relevant where the data contain little information"),
+     "W")
       ->capture_default_str();
   in(search,
-     command->add_flag("--cross-validate", a.cross_validate,
-                       "Choose --cutoff, --load-friction and --prior-weight, where not given, within the training part"),
+     command->add_flag(
+         "--cross-validate", a.cross_validate,
+         "Choose --cutoff, --load-friction and --prior-weight, if not given, by cross validation on training data"),
      "");
-  in(search, command->add_option("--seed", s.seed, "Same seed, same bits"), "N")->capture_default_str();
-  in(search, command->add_option("--rounds", a.rounds, "Rounds of the swarm at most (default: 500)"), "N");
+  in(search, command->add_option("--seed", s.seed, "Seed; equal seeds give equal bits"), "N")->capture_default_str();
+  in(search, command->add_option("--rounds", a.rounds, "Largest number of rounds of the swarm (default: 500)"), "N");
   in(search, command->add_option("--particles", s.particles, "Particles of the swarm"), "N")->capture_default_str();
   in(search, command->add_option("--threshold", s.threshold, "Cost at which the swarm stops"), "COST")->capture_default_str();
   in(search,
@@ -205,45 +209,52 @@ void add_tune(CLI::App& app, Chosen& chosen) {
      command
          ->add_option(
              "--checkpoint", a.checkpoint,
-             "Seconds between two writings of resume.json, from which a killed tuning can go on; 0: none during the search")
+             "Seconds between two writes of resume.json, from which a killed tuning can be resumed; 0: none during the search")
          ->check(CLI::NonNegativeNumber),
      "SECONDS")
       ->capture_default_str();
-  in(search, command->add_option("--resume", a.resume, "Go on with what a stopped tuning left in FOLDER"), "FOLDER");
+  in(search, command->add_option("--resume", a.resume, "Resume the stopped tuning in FOLDER"), "FOLDER");
 
   const std::string log = "The log";
-  in(log, command->add_option("--cutoff", s.cutoff, "Zero-phase low-pass in Hz (default: chosen from the motion)"), "HZ");
-  in(log, command->add_option("--order", s.order, "Order of one of its two passes"), "N")->capture_default_str();
-  in(log, command->add_option("--margin", s.margin, "Seconds left out at both ends (default: 1/cutoff)"), "SECONDS");
+  in(log,
+     command->add_option("--cutoff", s.cutoff,
+                         "Cutoff of the zero-phase low-pass filter in Hz (default: chosen from the motion)"),
+     "HZ");
+  in(log, command->add_option("--order", s.order, "Order of the filter, per pass"), "N")->capture_default_str();
+  in(log, command->add_option("--margin", s.margin, "Seconds omitted at both ends (default: 1/cutoff)"), "SECONDS");
   in(log, command->add_option("--q-columns", s.format.q_columns, "Names or pattern of the position columns, e.g. 'pos_{}'"),
      "NAMES");
-  in(log, command->add_option("--dq-columns", s.format.dq_columns, "Of velocities, which only check the positions"), "NAMES");
-  in(log, command->add_option("--tau-columns", s.format.tau_columns, "Of the torques"), "NAMES");
   in(log,
-     command->add_option("--motor-columns", s.format.theta_columns,
-                         "Of the motors' positions behind the gears: friction at the motors' speeds, and joint stiffness"),
+     command->add_option("--dq-columns", s.format.dq_columns,
+                         "The same for velocities, which only serve to check the positions"),
      "NAMES");
-  in(log, command->add_option("--t-column", s.format.t_column, "Of time"), "NAME");
+  in(log, command->add_option("--tau-columns", s.format.tau_columns, "The same for torques"), "NAMES");
+  in(log,
+     command->add_option(
+         "--motor-columns", s.format.theta_columns,
+         "The same for motor positions behind the gears: gives friction at the motors' speeds, and joint stiffness"),
+     "NAMES");
+  in(log, command->add_option("--t-column", s.format.t_column, "Name of the time column"), "NAME");
   in(log, command->add_option("--time-unit", a.time_unit, "s, ms, us or ns"), "")->capture_default_str();
-  in(log, command->add_option("--rate", s.format.rate, "Sampling rate where there is no column of time"), "HZ");
+  in(log, command->add_option("--rate", s.format.rate, "Sampling rate, if there is no time column"), "HZ");
   in(log, command->add_option("--angle-unit", a.angle_unit, "rad or deg"), "")->capture_default_str();
   in(log, command->add_option("--q-scale", s.format.q_scale, "Per joint: sign or gear ratio of the positions")->delimiter(','),
      "X,…");
   in(log,
      command
          ->add_option("--q-offset", a.q_offset_in_angle_unit,
-                      "Per joint: added to the positions, in --angle-unit; m of sliding joints")
+                      "Per joint: offset added to the positions, in --angle-unit; prismatic joints in m")
          ->delimiter(','),
      "X,…");
   in(log,
      command->add_option("--tau-scale", s.format.tau_scale, "Per joint: sign, gear ratio or torque constant of the torques")
          ->delimiter(','),
      "X,…");
-  in(log, command->add_option("--max-gap", s.format.max_gap, "Steps longer than so many medians are gaps"), "N")
+  in(log, command->add_option("--max-gap", s.format.max_gap, "Time steps longer than N medians are gaps"), "N")
       ->capture_default_str();
-  in(log, command->add_flag("--accept-data", s.accept_data, "Warn of implausible data instead of refusing them"), "");
+  in(log, command->add_flag("--accept-data", s.accept_data, "Implausible data give a warning instead of an error"), "");
   command->add_flag("--accept-result", a.accept_result,
-                    "Exit code 0 also where held-out torques are predicted worse than by no model or by the prior");
+                    "Exit code 0 even if held-out torques are predicted worse than without a model or with the prior");
   command->add_flag("--quiet", a.quiet, "No progress bar and no table");
   command->add_flag("--overwrite", a.overwrite,
                     "Overwrite earlier results (default: they are moved to earlier-1, earlier-2 … in the folder)");

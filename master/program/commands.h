@@ -10,15 +10,15 @@
 #include "master/program/folders.h"
 #include "master/run/identity.h"
 
-/// The subcommands of the program `cotwin`, a file each.
+/// The subcommands of the program `cotwin`, one file each.
 namespace cotwin::master {
 
 enum ExitCode { kExitDone = 0, kExitRunFailed = 1, kExitBadInput = 2, kExitSignalled = 128 };  // 128 + the signal's number
 
-/// What the command line asks for; returns the exit code, throws Error for bad input.
+/// The chosen command. Returns the exit code. Throws Error for bad input.
 using Chosen = std::function<int()>;
 
-/// Each adds subcommands to the program; the one that is named on the command line becomes `chosen`.
+/// Add subcommands to the program. The one that is named on the command line sets `chosen`.
 void add_run(CLI::App& app, Chosen& chosen);
 void add_pack(CLI::App& app, Chosen& chosen);
 void add_inspection(CLI::App& app, Chosen& chosen);  // info, check
@@ -28,19 +28,19 @@ void add_excite(CLI::App& app, Chosen& chosen);
 void add_perturb(CLI::App& app, Chosen& chosen);
 void add_completion(CLI::App& app, Chosen& chosen);
 
-/// The units of this program, of the modules that COTWIN_UNITS lists (separated by ':') and of those that --units names. Loaded
-/// at the first call. Throws Error.
+/// Returns the units of this program, of the modules in COTWIN_UNITS (separated by ':') and of those given by --units. Loads the
+/// modules at the first call. Throws Error.
 std::span<const UnitType> units();
-/// Where the FMU libraries of their units are.
+/// Returns the folders with the FMU libraries of the modules' units.
 std::vector<std::filesystem::path> libraries_of_modules();
 /// Adds the option --units to a command.
 void add_units_option(CLI::App& command);
 
-/// This program, with the modules that it has loaded, on this machine.
+/// Returns version and hash of this program with its modules, and the instruction set in use.
 Build this_build();
-/// `name` as that of a file or folder.
+/// Returns `name` with other characters than letters, digits, '-', '_' and '.' replaced, for a file or folder.
 std::string file_name_of(const std::string& name);
-/// Whether a path means an FMU: an archive (.fmu) or a folder with a modelDescription.xml.
+/// Returns whether the path is an FMU: an archive (.fmu) or a folder with a modelDescription.xml.
 bool is_fmu(const std::filesystem::path& path);
 
 }  // namespace cotwin::master

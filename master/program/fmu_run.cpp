@@ -21,7 +21,7 @@ namespace fs = std::filesystem;
 
 constexpr const char* kName = "fmu";       // of the only component
 constexpr double kMaxSeconds = 9e9;        // 2^63 ns is 9.22e9 s
-constexpr double kDefaultIntervals = 500;  // of a run whose FMU proposes no step
+constexpr double kDefaultIntervals = 500;  // number of steps if the FMU proposes no step size
 constexpr double kLeastInterval = 1e-9;    // s
 
 fmu::ModelDescription read_description(const fs::path& file) {
@@ -63,8 +63,8 @@ Scenario scenario_of(const FmuRunOptions& options, const fmu::ModelDescription& 
     if (!fmu::host_program().empty()) {
       component.process = "own";
     } else {
-      scenario.warnings.push_back(std::string("there is no ") + fmu::kHostProgram +
-                                  " beside this program: the FMU runs in this process");
+      scenario.warnings.push_back(std::string(fmu::kHostProgram) +
+                                  " is missing in the folder of this program: the FMU runs in this process");
     }
   }
   if (options.set_stop_time) component.source += "&stop=" + text::to_text(stop);
@@ -80,7 +80,7 @@ Scenario scenario_of(const FmuRunOptions& options, const fmu::ModelDescription& 
   return scenario;
 }
 
-/// The FMU's own variable of that name. FMI 2 calls each element of an array, FMI 3 the whole; either name finds the other's.
+/// Finds a variable of the FMU by name. FMI 2 names each element of an array, FMI 3 the whole array; both names are found.
 class VariableFinder {
  public:
   explicit VariableFinder(const fmu::ModelDescription& description) : index_(description) {
@@ -102,10 +102,10 @@ class VariableFinder {
 
  private:
   fmu::DescriptionIndex index_;
-  std::unordered_map<std::string_view, const fmu::ModelVariable*> first_element_;  // by what stands before its first bracket
+  std::unordered_map<std::string_view, const fmu::ModelVariable*> first_element_;  // by the name up to the first bracket
 };
 
-/// Seconds, as near as a double is: n · 1e-9 would not be.
+/// Returns the double nearest to the time in seconds; n · 1e-9 would have a rounding error.
 double exact_seconds(Time time) { return static_cast<double>(time.ns) / 1e9; }
 
 void append_quoted(std::string& line, const std::string& text) {
@@ -140,11 +140,12 @@ InputTable::InputTable(const fs::path& file, std::span<const Member> members, co
     if (!(std::abs(seconds) <= kMaxSeconds))
       throw Error(reader.place(0), "'" + std::string(reader.text(0)) + "', expected seconds");
     const Time time = Time::from_seconds(seconds);
-    if (!times_.empty() && time < times_.back()) throw Error(reader.place(0), "time runs backwards, expected rows by time");
+    if (!times_.empty() && time < times_.back())
+      throw Error(reader.place(0), "time decreases, expected rows in the order of time");
     times_.push_back(time);
     for (std::size_t c = 1; c < names.size(); ++c) read_cell(columns_[c - 1], reader, c);
   }
-  if (times_.empty()) throw Error(file.string(), "no row, expected values over time");
+  if (times_.empty()) throw Error(file.string(), "has no rows, expected values over time");
 }
 
 void InputTable::read_cell(Column& column, const csv::Reader& reader, std::size_t c) const {
@@ -175,7 +176,7 @@ void InputTable::read_cell(Column& column, const csv::Reader& reader, std::size_
 double InputTable::at(const Column& column, std::size_t element, Time time, bool before) const {
   const std::size_t n = column.signal.count;
   const auto value = [&](std::size_t row) { return column.numbers[row * n + element]; };
-  // The first row after `time`, or at it where the value just before is asked for.
+  // The first row after `time`; if `before`, the first row at or after it.
   const auto next =
       before ? std::lower_bound(times_.begin(), times_.end(), time) : std::upper_bound(times_.begin(), times_.end(), time);
   const auto b = static_cast<std::size_t>(next - times_.begin());
@@ -221,10 +222,10 @@ FmuRun::FmuRun(const FmuRunOptions& options)
   const VariableFinder variables(description_);
   for (const std::string& name : options_.output_variables) {
     const fmu::ModelVariable* variable = variables.find(name);
-    if (variable == nullptr) (void)find(name, "--output-variable");  // says what there is
+    if (variable == nullptr) (void)find(name, "--output-variable");  // throws Error with similar names
     if (variable != nullptr) chosen.emplace_back(name, variable);
   }
-  // fmusim has enumerations among the integers that carry them.
+  // fmusim groups enumerations with the integer type that represents them.
   const fmu::Type carrier = description_.version == fmu::Version::k2 ? fmu::Type::kInt32 : fmu::Type::kInt64;
   const auto group = [&](const fmu::ModelVariable* v) { return v->type == fmu::Type::kEnumeration ? carrier : v->type; };
   std::stable_sort(chosen.begin(), chosen.end(),

@@ -11,36 +11,36 @@
 #include "master/run/row_file.h"
 #include "models/support/csv.h"
 
-/// One FMU by itself, with the options and the files of the Reference FMUs' fmusim.
+/// Runs a single FMU, with the options and files of fmusim (Reference FMUs).
 namespace cotwin::master {
 
 struct FmuRunOptions {
   std::filesystem::path file;
-  std::string interface_type;         // "cs", "me"; "": cs where the FMU offers it
-  std::optional<double> start, stop;  // s; else of the FMU's default experiment, else 0 and one second later
-  std::optional<double> interval;     // s; else its step size, else a 500th of the time
-  std::optional<double> tolerance;    // relative; else its own
-  std::string process = "auto";       // "shared", "own" (fmu/import/load.h); auto: its own, if the FMU is not one of ours
-  std::optional<double> timeout;      // s, of a call in a process of its own
-  std::optional<double> memory;       // bytes, likewise
-  bool set_stop_time = false;         // whether the FMU is told when the run ends
+  std::string interface_type;         // "cs", "me"; "": cs if the FMU has it
+  std::optional<double> start, stop;  // s; default: of the FMU's default experiment, else 0 and start + 1
+  std::optional<double> interval;     // s; default: step size of the default experiment, else 1/500 of the duration
+  std::optional<double> tolerance;    // relative; default: that of the FMU
+  std::string process = "auto";       // "shared", "own" (fmu/import/load.h); auto: own unless Cotwin made the FMU
+  std::optional<double> timeout;      // s, of a call in the FMU's own process
+  std::optional<double> memory;       // bytes, of the FMU's own process
+  bool set_stop_time = false;         // pass the stop time to the FMU
   std::vector<std::pair<std::string, std::string>> start_values;  // in the FMU's own units of measure
   std::vector<std::string> output_variables;                      // empty: all outputs
   std::filesystem::path input_file;                               // "": none
   std::filesystem::path output_file;                              // "": <FMU>_out.csv in the working directory
 };
 
-/// Inputs over time from a CSV whose first column is the time in seconds, and whose other columns are called as inputs or
-/// tunable parameters are; arrays of FMI 3 are numbers separated by blanks. Before the first and after the last row values
-/// stay.
+/// Inputs over time from a CSV. The first column is the time in seconds; the others have the names of inputs or tunable
+/// parameters. Arrays of FMI 3 are numbers separated by blanks. Before the first and after the last row the values are
+/// constant.
 class InputTable {
  public:
-  /// Throws Error `file.csv:17: …` for columns that are not inputs, cells that do not fit, time that runs backwards.
+  /// Throws Error `file.csv:17: …` for columns that are not inputs, invalid cells and decreasing time.
   InputTable(const std::filesystem::path& file, std::span<const Member> members, const fmu::ModelDescription& description);
 
-  /// Writes the inputs as they are at `now`: continuous reals between two rows along a line, all else as the last row at or
-  /// before `now` has it. Of two rows of the same time the second holds from then on. Inputs that their unit follows linearly
-  /// get the slope that leads to the value just before now + h.
+  /// Writes the inputs at `now`: continuous reals are interpolated linearly, others have the value of the last row at or before
+  /// `now`. Of two rows with the same time the second applies from then on. Inputs with a rate get the slope to the value just
+  /// before now + h.
   void apply(Time now, Duration h) const;
 
  private:
@@ -57,11 +57,11 @@ class InputTable {
   std::vector<Column> columns_;
 };
 
-/// A Master with one FMU, which reads its inputs and writes its outputs as fmusim does: a column for each variable by its own
-/// name in quotes, time first, grouped by type, arrays of FMI 3 as one cell.
+/// A Master with one FMU that reads inputs and writes outputs in the formats of fmusim: time first, then one column per
+/// variable with its name in quotes, grouped by type; an array of FMI 3 is one cell.
 class FmuRun {
  public:
-  /// Throws Error for an FMU, name, value or file that does not fit; nothing is written.
+  /// Throws Error for an invalid FMU, name, value or file. Writes nothing yet.
   explicit FmuRun(const FmuRunOptions& options);
 
   void initialise();
@@ -76,7 +76,7 @@ class FmuRun {
   struct Output {
     std::string name;
     Signal signal;
-    bool quoted = true;  // a string; a binary is hexadecimal digits
+    bool quoted = true;  // strings are quoted, the hexadecimal digits of binaries are not
   };
   Signal find(const std::string& name, const std::string& place);
   void write_row();

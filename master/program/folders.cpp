@@ -31,7 +31,7 @@ fs::path urdf_of(const std::string& robot) {
     const fs::path file = folder / "robots" / robot / "robot.urdf";
     if (fs::is_regular_file(file, none)) return file;
   }
-  throw Error("robot '" + robot + "'", "is no file and no robot's name, expected a URDF");
+  throw Error("robot '" + robot + "'", "is neither a file nor the name of a robot, expected a URDF");
 }
 
 }  // namespace cotwin::master

@@ -17,7 +17,7 @@ constexpr int kSignalled = 128;
 
 std::atomic<const char*> ending_message{nullptr};
 
-// Signal handlers may call few functions: write, _exit, and atomics.
+// Only async-signal-safe functions: write, _exit, atomics.
 
 void print(const char* text) {
   for (std::size_t left = std::strlen(text); left > 0;) {

@@ -1,26 +1,26 @@
 #pragma once
 #include <atomic>
 
-/// Signals that ask the program to end: Ctrl-C, SIGTERM, SIGHUP, SIGXCPU. The first one asks it to end cleanly, a second one of
-/// the same kind ends it at once.
+/// Stop signals: Ctrl-C, SIGTERM, SIGHUP, SIGXCPU. The first one requests a clean end; a second one of the same kind ends the
+/// program at once.
 namespace cotwin::master {
 
-/// Why a loop should look up from its work: the number of the signal that asked the program to stop, and kCheckpointDue. 0: no
-/// reason.
+/// Requests to the main loop: the number of a stop signal, and kCheckpointDue. 0: none.
 extern std::atomic<int> attention;
 inline constexpr int kCheckpointDue = 1 << 8;
 
-/// The signal that asked the program to stop; 0 while none did.
+/// Returns the stop signal that was received, or 0.
 inline int stop_signal() { return attention.load(std::memory_order_relaxed) & (kCheckpointDue - 1); }
-/// "SIGTERM".
+/// Returns the name of a stop signal: "SIGTERM".
 const char* name_of_signal(int signal);
 
-/// From here on a stop signal ends the process at once with exit code 128 + its number, and `message` on stderr: where nothing
-/// is on the disk yet and nobody looks at stop_signal(). A signal that was ignored when the program started (nohup) stays so.
+/// From now on a stop signal ends the process at once with exit code 128 + its number and `message` on stderr. For phases that
+/// do not check stop_signal() and have written nothing. A signal that was ignored when the program started (nohup) remains
+/// ignored.
 void end_on_signals(const char* message);
-/// From here on a stop signal sets `attention`.
+/// From now on a stop signal sets `attention`.
 void note_signals();
-/// Writing to a pipe that nobody reads, or beyond the limit of a file's size, is an error of the write and no signal.
+/// Makes a write to a closed pipe, or beyond the limit of a file's size, an error of the write instead of a signal.
 void ignore_signals_of_writing();
 
 }  // namespace cotwin::master

@@ -1,4 +1,4 @@
-// The program `cotwin`: what the library in this folder does, from the command line.
+// The program `cotwin`: command line and choice of the subcommand.
 #include <algorithm>
 #include <cctype>
 #include <cstdlib>
@@ -97,12 +97,9 @@ int run(int argc, char** argv) {
     return std::string("cotwin: ") + error.what() + "\nRun with --help for more information.\n";
   });
   app.footer(
-      "Exit codes: 0 done; 1 the run failed (a NaN, a step that nobody could make, a full disk); 2 bad input (command line, "
-      "scenario,\n"
-      "parameters, files); 128 + the number of the signal that ended it (130: Ctrl-C, 143: SIGTERM), with everything up to "
-      "then "
-      "in\n"
-      "the files.");
+      "Exit codes: 0 done; 1 the run failed (NaN, a step that could not be made, full disk); 2 bad input (command line,\n"
+      "scenario, parameters, files); 128 + the number of the signal that ended it (130: Ctrl-C, 143: SIGTERM); the results up\n"
+      "to then are in the files.");
 
   Chosen chosen;
   add_run(app, chosen);
@@ -117,14 +114,15 @@ int run(int argc, char** argv) {
     add_units_option(*app.get_subcommand(name));
 
   try {
-    // CLI11 would only say that there is no command.
+    // CLI11's own message does not name the wrong command.
     const auto commands = app.get_subcommands([](const CLI::App*) { return true; });
     const auto is_asked = [&](const CLI::App* command) { return command->check_name(argv[1]); };
     if (argc > 1 && argv[1][0] != '-' && std::none_of(commands.begin(), commands.end(), is_asked)) {
-      throw CLI::ExtrasError(std::string("'") + argv[1] +
-                                 "' is no command, expected run, pack, info, check, units, describe, reference, tune, excite, "
-                                 "perturb or completion",
-                             CLI::ExitCodes::ExtrasError);
+      throw CLI::ExtrasError(
+          std::string("'") + argv[1] +
+              "' is not a command, expected run, pack, info, check, units, describe, reference, tune, excite, "
+              "perturb or completion",
+          CLI::ExitCodes::ExtrasError);
     }
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

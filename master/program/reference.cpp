@@ -51,7 +51,7 @@ std::vector<std::string> values(const Variable& v) {
   return texts;
 }
 
-/// The value before initialise, in short: one for all elements if they are equal.
+/// Returns the start value as text: a single value if all elements are equal.
 std::string start_value(const Variable& v) {
   if (v.role == Role::kOutput || v.role == Role::kState) return "";
   const std::vector<std::string> all = values(v);
@@ -121,8 +121,7 @@ void describe(std::ostream& out, const Described& unit) {
   const Instance& instance = unit.instance;
   out << unit.source << '\n';
   describe_settings(out, unit.settings);
-  if (!unit.missing.empty())
-    out << "\nVariables are shown once the setting is given that they depend on:\n  " << unit.missing << '\n';
+  if (!unit.missing.empty()) out << "\nThe variables depend on a missing setting:\n  " << unit.missing << '\n';
   std::size_t name_width = 0, measure_width = 0;
   for (const Variable& v : instance.variables) {
     name_width = std::max(name_width, v.name.size() + (v.size() == 1 ? 0 : 2 + std::to_string(v.size()).size()));

@@ -5,22 +5,22 @@
 #include "components/unit/settings.h"
 #include "components/unit/unit_table.h"
 
-/// What a unit says of itself, for people, programs and docs/reference.
+/// Writes the description of a unit: as text, as JSON, and as a page of docs/reference.
 namespace cotwin::master {
 
-/// A unit that is described.
+/// A unit to describe.
 struct Described {
   std::string source;
   Settings settings;
-  Instance instance;    // empty if a setting is missing without which the unit cannot be built
-  std::string missing;  // the message of that
+  Instance instance;    // empty if a required setting is missing
+  std::string missing;  // the message about the missing setting
 };
 
-/// Settings and variables as tables, the variables by role.
+/// Writes settings and variables as tables, the variables by role.
 void describe(std::ostream& out, const Described& unit);
-/// The same as one JSON object.
+/// Writes the same as one JSON object.
 void describe_json(std::ostream& out, const Described& unit);
-/// The same as a page in Markdown. `given`: what sizes and start values belong to, "robot=lwr4".
+/// Writes the same as a Markdown page. `given`: the settings to which sizes and start values belong, "robot=lwr4".
 void describe_markdown(std::ostream& out, const UnitType& type, const Described& unit, const std::string& given);
 
 }  // namespace cotwin::master

@@ -13,11 +13,11 @@ namespace cotwin::master {
 namespace {
 
 constexpr std::size_t kLabel = 20, kCell = 10, kPerLine = 8;
-constexpr std::size_t kMostUnits = 20;  // with a line each in the table of time
+constexpr std::size_t kMostUnits = 20;  // with their own line in the table of times
 
 std::string number(double value, int digits = 4) { return std::isnan(value) ? "-" : text::to_text(value, digits); }
 
-/// Characters on the screen, of UTF-8 text.
+/// Returns the number of characters of UTF-8 text.
 std::size_t width(const std::string& s) {
   return static_cast<std::size_t>(std::count_if(s.begin(), s.end(), [](char c) { return (c & 0xC0) != 0x80; }));
 }
@@ -29,7 +29,7 @@ std::string right(const std::string& s, std::size_t columns) {
   return std::string(columns > width(s) ? columns - width(s) : 1, ' ') + s;
 }
 
-/// A duration for people: "3.2 us", "41 ms", "12 s".
+/// Returns a duration with a fitting unit: "3.2 us", "41 ms", "12 s".
 std::string duration(double seconds) {
   if (seconds < 1e-6) return text::to_text(seconds * 1e9, 3) + " ns";
   if (seconds < 1e-3) return text::to_text(seconds * 1e6, 3) + " us";
@@ -37,7 +37,7 @@ std::string duration(double seconds) {
   return text::to_text(seconds, 4) + " s";
 }
 
-/// Rows of a value per element and, in the last column, one for all; wide vectors in several blocks.
+/// A table with a column per element and a last column for all; wide vectors take several blocks.
 class ElementTable {
  public:
   explicit ElementTable(std::size_t elements) : elements_(elements) {}
@@ -77,7 +77,7 @@ double largest(const std::vector<double>& values) {
   return most;
 }
 
-/// RMS over all elements, of the RMS of each (which are over equally many samples).
+/// Returns the RMS over all elements from the RMS of each; all have the same number of samples.
 double joined(const std::vector<double>& rms) {
   double squares = 0;
   for (const double r : rms) squares += r * r;
@@ -103,12 +103,12 @@ void write_head(std::ostream& out, const Summary& s, const Outcome& outcome) {
     out << '\n';
   }
   if (s.discarded > 0) {
-    out << s.discarded << " steps were discarded and made in up to " << s.most_parts << " parts, asked for by";
+    out << s.discarded << " steps were discarded and repeated in up to " << s.most_parts << " parts, discarded by";
     for (const auto& [name, count] : s.discarded_by) out << ' ' << name << " (" << count << ")";
     out << '\n';
   }
   if (s.mean_parts > 1)
-    out << "ticks were cut into " << number(s.mean_parts, 3) << " parts on average, " << s.most_parts << " at most\n";
+    out << "ticks were divided into " << number(s.mean_parts, 3) << " parts on average, " << s.most_parts << " at most\n";
 }
 
 void write_figures(std::ostream& out, const Summary& s) {
@@ -141,13 +141,13 @@ void write_figures(std::ostream& out, const Summary& s) {
         << right(number(w.negative), kCell) << (w.name == w.what ? "" : "   " + w.what) << '\n';
   }
   for (const Bonded& b : s.bonds) {
-    out << "  " << left(b.name, 30) << right(number(b.energy_a), kCell) << " given, " << number(b.energy_b) << " taken, leak "
+    out << "  " << left(b.name, 30) << right(number(b.energy_a), kCell) << " out, " << number(b.energy_b) << " in, leak "
         << number(b.leak, 3) << '\n';
   }
 }
 
 void write_time(std::ostream& out, const Summary& s) {
-  // Of many units those that take most, in the order of the scenario.
+  // Shows the units that take most time, in the order of the scenario.
   std::vector<std::size_t> shown(s.units.size());
   std::iota(shown.begin(), shown.end(), std::size_t{0});
   std::stable_sort(shown.begin(), shown.end(),
@@ -171,7 +171,7 @@ void write_time(std::ostream& out, const Summary& s) {
   row("master: recording", "", s.observe_share);
 }
 
-/// null for what JSON cannot say.
+/// Returns null for a number that JSON cannot represent.
 nlohmann::ordered_json finite(double value) {
   return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(nullptr);
 }

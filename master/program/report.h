@@ -4,7 +4,7 @@
 
 #include "master/run/master.h"
 
-/// What a run was like, for people and for programs.
+/// Writes the summary of a run as text and as JSON.
 namespace cotwin::master {
 
 struct Outcome {
@@ -12,10 +12,10 @@ struct Outcome {
   std::string message;         // of a failure
 };
 
-/// Tables of at most 100 characters a line where the vectors allow it.
+/// Writes tables with lines of at most 100 characters if the vectors allow it.
 void write_report(std::ostream& out, const Summary& summary, const Outcome& outcome);
 
-/// One JSON object with everything that the summary has; numbers that are not finite are null.
+/// Writes the whole summary as one JSON object. Numbers that are not finite become null.
 void write_json(std::ostream& out, const Summary& summary, const Outcome& outcome);
 
 }  // namespace cotwin::master

@@ -20,7 +20,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// What the owner of a lock wrote into it, in one line of plain characters.
+/// Returns the owner that is written in the lock file, as one line of ASCII characters.
 std::string owner_of(int descriptor) {
   std::array<char, 200> text;
   const ssize_t n = ::pread(descriptor, text.data(), text.size(), 0);
@@ -38,7 +38,7 @@ std::string this_process() {
   return "process " + std::to_string(::getpid()) + " on " + (host[0] != '\0' ? host.data() : "this machine");
 }
 
-/// Whether the descriptor is still that of the file of this name: its last owner may have removed it.
+/// Returns whether the descriptor still belongs to the file with this name, which its last owner may have removed.
 bool is_named(int descriptor, const fs::path& file) {
   struct stat opened {
   }, named{};
@@ -55,14 +55,14 @@ FileLock::FileLock(fs::path file, const std::string& what) : file_(std::move(fil
     if (::flock(descriptor_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
       const std::string owner = owner_of(descriptor_);
       ::close(std::exchange(descriptor_, -1));
-      throw Error(what, owner + " is writing there, expected another place or to wait for its end");
+      throw Error(what, owner + " is writing there; choose another folder or wait until it has ended");
     }
     if (is_named(descriptor_, file_)) break;
     ::close(descriptor_);
   }
   const std::string owner = this_process() + "\n";
   if (::ftruncate(descriptor_, 0) == 0) {
-    // The text only serves the message above; a full disk does not matter here.
+    // The text is only needed for the message above, so an error is ignored.
     [[maybe_unused]] const ssize_t written = ::pwrite(descriptor_, owner.data(), owner.size(), 0);
   }
 }

@@ -3,15 +3,15 @@
 #include <span>
 #include <string>
 
-/// Where a command leaves its results: one process at a time writes there, and what was there before is kept.
+/// The folder for the results of a command. One process at a time writes there, and earlier results are kept.
 namespace cotwin::master {
 
-/// A lock that the system releases when its process ends, however it ends.
+/// A lock that the system releases when its process ends or is killed.
 class FileLock {
  public:
   FileLock() = default;
-  /// Throws Error that names the process that has it; `what` is locked: "results/twin". A file system without locks is used
-  /// without.
+  /// Locks `file`. Throws Error with the process that has the lock; `what` names the locked place: "results/twin". On a file
+  /// system without locks nothing is locked.
   FileLock(std::filesystem::path file, const std::string& what);
   ~FileLock();
   FileLock(FileLock&& other) noexcept;
@@ -26,12 +26,12 @@ class ResultsFolder {
  public:
   static constexpr const char* kLock = "cotwin.lock";
 
-  /// Creates nothing yet, but throws Error if another process writes there.
+  /// Creates nothing. Throws Error if another process is writing there.
   explicit ResultsFolder(std::filesystem::path folder);
   /// Creates the folder and locks it until the destructor. Throws Error.
   void open();
-  /// Moves those of `names` that are there to a new folder "earlier-N" in it and returns that, or nothing where there are none.
-  /// Those that are among `inputs` are copied: they are still to be read.
+  /// Moves existing files with these names to a new subfolder "earlier-N". Returns that folder, or an empty path if there were
+  /// no files. Files in `inputs` are copied instead, because they are read later.
   std::filesystem::path keep_earlier(std::span<const std::string> names,
                                      std::span<const std::filesystem::path> inputs = {}) const;
 

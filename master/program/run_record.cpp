@@ -21,7 +21,7 @@ namespace {
 
 using nlohmann::ordered_json;
 
-constexpr off_t kReserve = 64 << 10;  // bytes, for the end of the file
+constexpr off_t kReserve = 64 << 10;  // bytes, for the text that close() adds
 
 std::string utc_now() {
   const std::time_t now = std::time(nullptr);
@@ -66,7 +66,7 @@ ordered_json parameters(const Scenario& scenario) {
   ordered_json all = ordered_json::object();
   for (const ComponentSpec& component : scenario.components) {
     for (const ParameterValue& value : component.start_values) {
-      ordered_json& entry = all[component.name + "." + value.name];  // later ones win
+      ordered_json& entry = all[component.name + "." + value.name];  // later values replace earlier ones
       entry = ordered_json{{"value", value_of(value)}};
       if (!value.unit.empty()) entry["unit"] = value.unit;
     }
@@ -84,7 +84,7 @@ ordered_json columns(std::span<const Column> columns) {
 
 std::string dump(const ordered_json& json) { return json.dump(1, ' ', false, ordered_json::error_handler_t::replace) + "\n"; }
 
-/// Room behind the end of the file that a full disk cannot take. Not every file system can do that.
+/// Reserves space after the end of the file, so that close() succeeds on a full disk. Not all file systems support it.
 void reserve(const std::filesystem::path& file, std::size_t size) {
   const int descriptor = ::open(file.c_str(), O_WRONLY | O_CLOEXEC);
   if (descriptor < 0) return;
@@ -136,14 +136,14 @@ RunRecord::RunRecord(Given given, const Master& master) : file_(std::move(given.
   const std::string text = dump(j);
   ordered_json crashed = j;
   crashed["state"] = "failed";
-  crashed["reason"] = "the program crashed, or an FMU in its process did";
+  crashed["reason"] = "the program, or an FMU in its process, crashed";
   crashed_ = dump(crashed);
   write_file(file_, text);
   reserve(file_, text.size());
   saved_.emplace(save, this, "");
 }
 
-/// In a signal handler.
+/// Called in a signal handler.
 void RunRecord::save(void* self) noexcept {
   const RunRecord& record = *static_cast<RunRecord*>(self);
   static_cast<void>(write_over(record.file_, record.crashed_));

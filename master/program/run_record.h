@@ -9,7 +9,7 @@
 #include "master/run/crash.h"
 #include "master/run/identity.h"
 
-/// run.json: what results came from, and whether they are complete.
+/// run.json: the origin of the results, and whether they are complete.
 namespace cotwin::master {
 
 class RunRecord {
@@ -22,14 +22,14 @@ class RunRecord {
     std::filesystem::path results;     // signals.csv; empty if nothing is recorded
     std::optional<double> resumed_at;  // s
   };
-  /// Takes what is told from the initialised master and writes the file, with the state "running". Throws Error.
+  /// Writes the file for the initialised master, with the state "running". Throws Error if it cannot be written.
   RunRecord(Given given, const Master& master);
   ~RunRecord();
   RunRecord(const RunRecord&) = delete;
   RunRecord& operator=(const RunRecord&) = delete;
 
-  /// The end: state "complete", "stopped" or "failed", reason, time, figures. On a full disk it is written over the earlier
-  /// text, into room that was reserved with it. Throws Error.
+  /// Writes the final state "complete", "stopped" or "failed" with reason, time and figures. On a full disk the earlier text is
+  /// overwritten, in space that was reserved for this. Throws Error if that fails too.
   void close(const Summary& summary, const Outcome& outcome);
 
  private:
@@ -38,7 +38,7 @@ class RunRecord {
 
   std::filesystem::path file_;
   std::unique_ptr<Content> content_;
-  std::string crashed_;  // the text where the program crashes
+  std::string crashed_;  // the text to write if the program crashes
   std::optional<SavedOnCrash> saved_;
 };
 

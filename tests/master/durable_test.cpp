@@ -130,7 +130,7 @@ TEST_F(Durable, TheSecondRunIntoAFolderIsRefusedAndNamesTheFirst) {
   const RunResult second = run({"run", "arm.ssd", "--out", "shared"});
   EXPECT_EQ(second.code, 2);
   EXPECT_THAT(second.err, AllOf(StartsWith("cotwin: shared: process " + std::to_string(first.id()) + " on "),
-                                HasSubstr("is writing there, expected another place")));
+                                HasSubstr("is writing there; choose another folder")));
   EXPECT_EQ(run({"run", "--resume", "shared"}).code, 2);
   const RunResult ended = first.wait();
   EXPECT_EQ(ended.code, 0);
@@ -255,7 +255,7 @@ TEST_F(Durable, RefusesToGoOnWithAnotherScenarioProgramOrMachine) {
     EXPECT_EQ(record("killed")["state"], "running");
   };
   std::ofstream(folder_ / "arm.ssd") << scenario_text("3");
-  expect_refused("is of another scenario: arm.ssd or a file that it names has changed");
+  expect_refused("belongs to another scenario: arm.ssd or a file that it names has changed");
   std::ofstream(folder_ / "arm.ssd") << scenario_text("2");
 
   using cotwin::master::RunCheckpoint;
@@ -276,7 +276,7 @@ TEST_F(Durable, RefusesToGoOnWithAnotherScenarioProgramOrMachine) {
   expect_refused("damaged or cut short");
   cotwin::write_file(file, to_bytes(good));
   EXPECT_THAT(run({"run", "--resume", "nowhere"}).err, HasSubstr("nowhere/run.checkpoint: cannot be read: No such file"));
-  EXPECT_THAT(run({"run", "arm.ssd", "--resume", "killed"}).err, HasSubstr("FILE: is decided by the run that is resumed"));
+  EXPECT_THAT(run({"run", "arm.ssd", "--resume", "killed"}).err, HasSubstr("FILE: cannot be changed when a run is resumed"));
   EXPECT_EQ(run({"run", "--resume", "killed"}).code, 0);
 }
 

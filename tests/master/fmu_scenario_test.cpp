@@ -434,7 +434,7 @@ TEST_F(FmuScenario, AnInputFileThatDoesNotFitIsAnErrorThatNamesTheLine) {
   EXPECT_THAT(said("time,q_x\n0,0\n"), HasSubstr("q_x"));
   EXPECT_THAT(said("time,q_c[1]\n0,0\n"), HasSubstr("is an output, expected an input"));
   EXPECT_THAT(said("time,q_d[1]\n0,0\n1,high\n"), HasSubstr("in.csv:3: column 'q_d[1]': 'high', expected"));
-  EXPECT_THAT(said("time,q_d[1]\n1,0\n0.5,0\n"), HasSubstr("in.csv:3: column 'time': time runs backwards"));
+  EXPECT_THAT(said("time,q_d[1]\n1,0\n0.5,0\n"), HasSubstr("in.csv:3: column 'time': time decreases"));
   EXPECT_THAT(said("time,q_d[1]\n"), HasSubstr("no row"));
 }
 

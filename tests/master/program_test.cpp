@@ -146,7 +146,7 @@ TEST_F(Program, OutputThatCannotBeWrittenIsAnError) {
 }
 
 TEST_F(Program, NamesInvalidArguments) {
-  EXPECT_THAT(run({"walk"}).err, StartsWith("cotwin: 'walk' is no command, expected run"));
+  EXPECT_THAT(run({"walk"}).err, StartsWith("cotwin: 'walk' is not a command, expected run"));
   EXPECT_THAT(run({"run", scenario(), "--threads", "many"}).err, StartsWith("cotwin: "));
   for (const char* stop : {"nan", "inf", "1e12"}) {
     const RunResult result = run({"run", scenario(), "--stop", stop});

@@ -489,7 +489,7 @@ TEST(TuneProgram, CtrlCLeavesTheBestSoFarAndResumeGoesOnToTheSameRobot) {
   child.signal(SIGINT);
   const RunResult stopped = child.wait();
   ASSERT_EQ(stopped.code, 130) << stopped.err;
-  EXPECT_THAT(stopped.err, HasSubstr("go on with: cotwin tune --resume ctrl_c"));
+  EXPECT_THAT(stopped.err, HasSubstr("continue with: cotwin tune --resume ctrl_c"));
   EXPECT_NO_THROW(robot::load_urdf(robot().folder / "ctrl_c/robot.urdf"));
 
   const int rounds = robot().figures("ctrl_c")["swarm"]["rounds"].get<int>() + 3;
