@@ -39,12 +39,10 @@ std::optional<Enum> word_of(const xml::Element& e, std::string_view attribute, E
 /// Returns an unsigned 64-bit integer in decimal digits, or nothing.
 std::optional<std::uint64_t> read_unsigned(std::string_view word);
 
-/// Splits a list at blanks.
 std::vector<std::string_view> words(std::string_view list);
 
 [[noreturn]] void bad(const xml::Element& e, std::string_view attribute, std::string_view value, const std::string& expected);
 
-/// Read an attribute that may be missing.
 std::optional<double> optional_real(const xml::Element& e, std::string_view attribute);
 std::optional<std::uint64_t> optional_unsigned(const xml::Element& e, std::string_view attribute);
 

@@ -10,7 +10,6 @@ namespace cotwin::fmu {
 
 namespace {
 
-/// Writes a number as a double of XML Schema.
 std::string to_xml(double value) {
   if (std::isnan(value)) return "NaN";
   if (std::isinf(value)) return value > 0 ? "INF" : "-INF";

@@ -37,7 +37,7 @@ fs::path find_resources(const std::optional<fs::path>& given) {
   const fs::path own = own_resources();
   if (given && fs::is_regular_file(*given / kPackageFile, ignored)) return *given;
   if (!own.empty() && fs::is_regular_file(own / kPackageFile, ignored)) return own;
-  throw Error((given ? "no file " + (*given / kPackageFile).string()
+  throw Error((given ? "no " + (*given / kPackageFile).string()
                      : "no resource path was given (fmi2Instantiate, fmi3InstantiateCoSimulation)") +
               ", and no file " + (own / kPackageFile).string());
 }
@@ -57,7 +57,6 @@ std::int64_t nanoseconds(double s, const char* what) {
   return static_cast<std::int64_t>(std::llround(s * kNanoseconds));
 }
 
-/// Returns the distance to the next double, s.
 double ulp(double s) { return std::nextafter(std::abs(s), std::numeric_limits<double>::infinity()) - std::abs(s); }
 
 template <class Element>

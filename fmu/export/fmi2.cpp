@@ -38,7 +38,7 @@ fmi2Status call(fmi2Component c, const char* function, unsigned allowed, Body bo
 }
 
 /// Reports a call of a function that this FMU does not support.
-fmi2Status not_supported(fmi2Component c, const char* function, const char* why) {
+fmi2Status unsupported(fmi2Component c, const char* function, const char* why) {
   return call(c, function, kAnyState, [&](Slave&) { throw Error(why); });
 }
 constexpr const char* kNoModelExchange = "belongs to Model Exchange, which this FMU does not support";
@@ -217,12 +217,10 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, fmi2StatusKind kind, fmi2Boolea
   });
 }
 fmi2Status fmi2GetIntegerStatus(fmi2Component c, fmi2StatusKind, fmi2Integer*) {
-  return not_supported(c, __func__, "there is no integer status");
+  return unsupported(c, __func__, "there is no integer status");
 }
-fmi2Status fmi2GetStringStatus(fmi2Component c, fmi2StatusKind, fmi2String*) {
-  return not_supported(c, __func__, kNoAsynchrony);
-}
-fmi2Status fmi2CancelStep(fmi2Component c) { return not_supported(c, __func__, kNoAsynchrony); }
+fmi2Status fmi2GetStringStatus(fmi2Component c, fmi2StatusKind, fmi2String*) { return unsupported(c, __func__, kNoAsynchrony); }
+fmi2Status fmi2CancelStep(fmi2Component c) { return unsupported(c, __func__, kNoAsynchrony); }
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Integer order[],
                                         fmi2Real values[]) {
@@ -239,21 +237,21 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
   });
 }
 
-fmi2Status fmi2EnterEventMode(fmi2Component c) { return not_supported(c, __func__, kNoModelExchange); }
-fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo*) { return not_supported(c, __func__, kNoModelExchange); }
-fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) { return not_supported(c, __func__, kNoModelExchange); }
+fmi2Status fmi2EnterEventMode(fmi2Component c) { return unsupported(c, __func__, kNoModelExchange); }
+fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo*) { return unsupported(c, __func__, kNoModelExchange); }
+fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) { return unsupported(c, __func__, kNoModelExchange); }
 fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean, fmi2Boolean*, fmi2Boolean*) {
-  return not_supported(c, __func__, kNoModelExchange);
+  return unsupported(c, __func__, kNoModelExchange);
 }
-fmi2Status fmi2SetTime(fmi2Component c, fmi2Real) { return not_supported(c, __func__, kNoModelExchange); }
+fmi2Status fmi2SetTime(fmi2Component c, fmi2Real) { return unsupported(c, __func__, kNoModelExchange); }
 fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real[], size_t) {
-  return not_supported(c, __func__, kNoModelExchange);
+  return unsupported(c, __func__, kNoModelExchange);
 }
-fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real[], size_t) { return not_supported(c, __func__, kNoModelExchange); }
-fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real[], size_t) { return not_supported(c, __func__, kNoModelExchange); }
-fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real[], size_t) { return not_supported(c, __func__, kNoModelExchange); }
+fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real[], size_t) { return unsupported(c, __func__, kNoModelExchange); }
+fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real[], size_t) { return unsupported(c, __func__, kNoModelExchange); }
+fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real[], size_t) { return unsupported(c, __func__, kNoModelExchange); }
 fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real[], size_t) {
-  return not_supported(c, __func__, kNoModelExchange);
+  return unsupported(c, __func__, kNoModelExchange);
 }
 
 }  // extern "C"

@@ -30,7 +30,7 @@ fmi3Status call(fmi3Instance instance, const char* function, unsigned allowed, B
 }
 
 /// Reports a call of a function that this FMU does not support.
-fmi3Status not_supported(fmi3Instance instance, const char* function, const char* why) {
+fmi3Status unsupported(fmi3Instance instance, const char* function, const char* why) {
   return call(instance, function, kAnyState, [&](Exported&) { throw Error(why); });
 }
 constexpr const char* kNoModelExchange = "belongs to Model Exchange, which this FMU does not support";
@@ -284,12 +284,12 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
   });
 }
 
-fmi3Status fmi3EnterStepMode(fmi3Instance i) { return not_supported(i, __func__, kNoEvents); }
-fmi3Status fmi3EnterEventMode(fmi3Instance i) { return not_supported(i, __func__, kNoEvents); }
-fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance i) { return not_supported(i, __func__, kNoEvents); }
+fmi3Status fmi3EnterStepMode(fmi3Instance i) { return unsupported(i, __func__, kNoEvents); }
+fmi3Status fmi3EnterEventMode(fmi3Instance i) { return unsupported(i, __func__, kNoEvents); }
+fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance i) { return unsupported(i, __func__, kNoEvents); }
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance i, fmi3Boolean*, fmi3Boolean*, fmi3Boolean*, fmi3Boolean*, fmi3Boolean*,
                                     fmi3Float64*) {
-  return not_supported(i, __func__, kNoEvents);
+  return unsupported(i, __func__, kNoEvents);
 }
 fmi3Status fmi3GetOutputDerivatives(fmi3Instance i, const fmi3ValueReference vr[], size_t n, const fmi3Int32 orders[],
                                     fmi3Float64 values[], size_t nValues) {
@@ -307,14 +307,14 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance i, const fmi3ValueReference unk
   return derivative(i, __func__, unknowns, nUnknowns, knowns, nKnowns, seed, nSeed, sensitivity, nSensitivity, true);
 }
 fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance i, fmi3ValueReference, size_t*) {
-  return not_supported(i, __func__, kNoDependencies);
+  return unsupported(i, __func__, kNoDependencies);
 }
 fmi3Status fmi3GetVariableDependencies(fmi3Instance i, fmi3ValueReference, size_t[], fmi3ValueReference[], size_t[],
                                        fmi3DependencyKind[], size_t) {
-  return not_supported(i, __func__, kNoDependencies);
+  return unsupported(i, __func__, kNoDependencies);
 }
-fmi3Status fmi3EnterConfigurationMode(fmi3Instance i) { return not_supported(i, __func__, kNoConfiguration); }
-fmi3Status fmi3ExitConfigurationMode(fmi3Instance i) { return not_supported(i, __func__, kNoConfiguration); }
+fmi3Status fmi3EnterConfigurationMode(fmi3Instance i) { return unsupported(i, __func__, kNoConfiguration); }
+fmi3Status fmi3ExitConfigurationMode(fmi3Instance i) { return unsupported(i, __func__, kNoConfiguration); }
 
 fmi3Status fmi3GetIntervalDecimal(fmi3Instance i, const fmi3ValueReference[], size_t n, fmi3Float64[],
                                   fmi3IntervalQualifier[]) {
@@ -344,31 +344,27 @@ fmi3Status fmi3SetShiftFraction(fmi3Instance i, const fmi3ValueReference[], size
   return no_such_type(i, __func__, n);
 }
 
-fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance i) { return not_supported(i, __func__, kNoModelExchange); }
+fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance i) { return unsupported(i, __func__, kNoModelExchange); }
 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance i, fmi3Boolean, fmi3Boolean*, fmi3Boolean*) {
-  return not_supported(i, __func__, kNoModelExchange);
+  return unsupported(i, __func__, kNoModelExchange);
 }
-fmi3Status fmi3SetTime(fmi3Instance i, fmi3Float64) { return not_supported(i, __func__, kNoModelExchange); }
+fmi3Status fmi3SetTime(fmi3Instance i, fmi3Float64) { return unsupported(i, __func__, kNoModelExchange); }
 fmi3Status fmi3SetContinuousStates(fmi3Instance i, const fmi3Float64[], size_t) {
-  return not_supported(i, __func__, kNoModelExchange);
+  return unsupported(i, __func__, kNoModelExchange);
 }
 fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance i, fmi3Float64[], size_t) {
-  return not_supported(i, __func__, kNoModelExchange);
+  return unsupported(i, __func__, kNoModelExchange);
 }
-fmi3Status fmi3GetEventIndicators(fmi3Instance i, fmi3Float64[], size_t) {
-  return not_supported(i, __func__, kNoModelExchange);
-}
-fmi3Status fmi3GetContinuousStates(fmi3Instance i, fmi3Float64[], size_t) {
-  return not_supported(i, __func__, kNoModelExchange);
-}
+fmi3Status fmi3GetEventIndicators(fmi3Instance i, fmi3Float64[], size_t) { return unsupported(i, __func__, kNoModelExchange); }
+fmi3Status fmi3GetContinuousStates(fmi3Instance i, fmi3Float64[], size_t) { return unsupported(i, __func__, kNoModelExchange); }
 fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance i, fmi3Float64[], size_t) {
-  return not_supported(i, __func__, kNoModelExchange);
+  return unsupported(i, __func__, kNoModelExchange);
 }
-fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance i, size_t*) { return not_supported(i, __func__, kNoModelExchange); }
-fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance i, size_t*) { return not_supported(i, __func__, kNoModelExchange); }
+fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance i, size_t*) { return unsupported(i, __func__, kNoModelExchange); }
+fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance i, size_t*) { return unsupported(i, __func__, kNoModelExchange); }
 
 fmi3Status fmi3ActivateModelPartition(fmi3Instance i, fmi3ValueReference, fmi3Float64) {
-  return not_supported(i, __func__, "belongs to Scheduled Execution, which this FMU does not support");
+  return unsupported(i, __func__, "belongs to Scheduled Execution, which this FMU does not support");
 }
 
 }  // extern "C"

@@ -32,13 +32,11 @@ const std::map<std::string, std::string> kFmi2Platforms = {{"linux64", "x86_64-l
                                                            {"win32", "x86-windows"},
                                                            {"darwin64", "x86_64-darwin"}};
 
-/// Returns the platform's name in FMI 3.
 std::string platform_tuple(const std::string& platform) {
   const auto found = kFmi2Platforms.find(platform);
   return found != kFmi2Platforms.end() ? found->second : platform;
 }
 
-/// Returns the name of a platform's folder in binaries/.
 std::string binaries_folder(const std::string& tuple, Version version) {
   for (const auto& [fmi2, fmi3] : kFmi2Platforms) {
     if (version == Version::k2 && fmi3 == tuple) return fmi2;

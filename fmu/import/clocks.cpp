@@ -53,7 +53,6 @@ bool ForeignClocks::periodic(const Timed& clock) {
   return clock.variability != IntervalVariability::kChanging && clock.variability != IntervalVariability::kCountdown;
 }
 
-/// Reads the interval to the next tick.
 void ForeignClocks::query_interval(ForeignInstance& instance, Timed& clock, double t, bool first) {
   double interval = clock.interval;
   IntervalState state = IntervalState::kNotYetKnown;

@@ -41,8 +41,7 @@ class ForeignClocks {
   /// After the updates of discrete states: computes the next ticks.
   void schedule(ForeignInstance& instance, double t);
 
-  /// Returns the number of activations since begin().
-  std::uint64_t ticks() const { return ticks_; }
+  std::uint64_t ticks() const { return ticks_; }  // since begin()
 
   void write(ByteWriter& out) const;
   void read(ByteReader& in);

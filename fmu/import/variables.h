@@ -48,7 +48,7 @@ struct ForeignVariablesOptions {
 /// Roles: input → input; output, calculated parameter, constant → output; local → state; parameter → parameter or tunable;
 /// structural parameter → parameter (a UInt64 one has its value as its range, because it can be the size of arrays); clock →
 /// boolean, if requested. The independent variable is omitted.
-/// Kinds: floats → real; signed integers of at most 32 bits, Int8 … UInt16, enumerations → integer; Int64, UInt32, UInt64 →
+/// Kinds: floats → real; Int8 … Int32, UInt8, UInt16, enumerations → integer; Int64, UInt32, UInt64 →
 /// real, exact up to 2^53 and clamped to the type's range when set; booleans; strings; binaries → string of hexadecimal digits,
 /// as in modelDescription.xml. Arrays are vectors, row by row. In FMI 2, similar scalars q[1] … q[n] become the vector q. Units
 /// of measure: values are converted to SI by the FMU's definition of the unit, else by the unit's name. Values with an unknown

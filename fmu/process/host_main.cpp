@@ -21,7 +21,6 @@ namespace cotwin::fmu {
 
 namespace {
 
-/// Holds the FMU's unit and answers the program's calls.
 class Host {
  public:
   explicit Host(Channel channel) : channel_(std::move(channel)), header_(channel_.header()) {}

@@ -249,7 +249,6 @@ double HostProcess::memory_used() const {
   return page * (resident - shared);
 }
 
-/// Shows up to kShownBytes and drops the rest.
 std::uint64_t HostProcess::pass_on_output() {
   std::array<char, 1 << 16> bytes;
   for (int reads = 0; reads < 64; ++reads) {  // limited, for an FMU may write faster than this loop reads

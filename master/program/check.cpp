@@ -113,7 +113,6 @@ class Checker {
     }
   }
 
-  /// Returns the scenario without its lists.
   static Scenario only(const Scenario& scenario) {
     Scenario one;
     one.start = scenario.start;

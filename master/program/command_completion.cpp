@@ -95,7 +95,6 @@ std::vector<std::string> sources(const std::string& word) {
   return found;
 }
 
-/// Returns the candidates for the last word of the command line.
 std::vector<std::string> candidates(const CLI::App& app, const std::string& line) {
   std::vector<std::string> words;
   std::istringstream in(line);

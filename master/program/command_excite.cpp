@@ -122,16 +122,12 @@ void add_excite(CLI::App& app, Chosen& chosen) {
   const auto all = std::make_shared<ExciteArguments>();
   ExciteArguments& a = *all;
   a.threads = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1u, 8u));
-  CLI::App* command =
-      app.add_subcommand("excite", "Design a motion that excites a robot's dynamics parameters (Fourier series)");
+  CLI::App* command = app.add_subcommand("excite", "Design a motion that excites a robot's dynamics (Fourier series)");
   command->add_option("--robot", a.robot, "URDF, or name of a robot in models/robots")->required()->type_name("URDF");
   command->add_option("--out", a.out, "Motion (CSV): t, q1 …, dq1 …, ddq1 … (default: excitation_<robot>.csv)")
       ->type_name("CSV");
   command->add_option("--period", a.design.period, "Period in seconds")->capture_default_str()->type_name("SECONDS");
-  command->add_option("--periods", a.periods, "Number of periods")
-      ->capture_default_str()
-      ->check(CLI::Range(1, 10000))
-      ->type_name("N");
+  command->add_option("--periods", a.periods, "Periods")->capture_default_str()->check(CLI::Range(1, 10000))->type_name("N");
   command->add_option("--harmonics", a.design.harmonics, "Number of harmonics of the base frequency 1/period")
       ->capture_default_str()
       ->type_name("N");
@@ -139,13 +135,10 @@ void add_excite(CLI::App& app, Chosen& chosen) {
   command->add_option("--share", a.design.share, "Share of every limit that the motion may use")
       ->capture_default_str()
       ->type_name("SHARE");
-  command
-      ->add_option("--max-acceleration", a.design.ddq_max,
-                   "Acceleration limit of every joint in rad/s2, which a URDF does not have")
+  command->add_option("--max-acceleration", a.design.ddq_max, "Acceleration limit of every joint in rad/s2")
       ->capture_default_str()
       ->type_name("RAD/S2");
-  command->add_option("--max-speed", a.design.dq_max, "Speed limit of every joint in rad/s, in addition to the URDF's limits")
-      ->type_name("RAD/S");
+  command->add_option("--max-speed", a.design.dq_max, "Further speed limit of every joint in rad/s")->type_name("RAD/S");
   command->add_option("--q-min", a.design.q_min, "Per joint: lower position limit within the URDF's limits, rad")
       ->delimiter(',')
       ->type_name("X,…");
@@ -156,9 +149,7 @@ void add_excite(CLI::App& app, Chosen& chosen) {
   command->add_option("--seed", a.design.seed, "Seed; equal seeds give equal bits")->capture_default_str()->type_name("N");
   command->add_option("--rounds", a.design.rounds, "Rounds of the particle swarm")->capture_default_str()->type_name("N");
   command->add_option("--particles", a.design.particles, "Particles of the swarm")->capture_default_str()->type_name("N");
-  command->add_option("--threads", a.threads, "Threads; the result does not depend on them")
-      ->check(CLI::Range(1, 255))
-      ->type_name("N");
+  command->add_option("--threads", a.threads, "The result is independent of it")->check(CLI::Range(1, 255))->type_name("N");
   command->add_flag("--quiet", a.quiet, "No progress bar and no table");
   command->callback([all, &chosen] { chosen = [all] { return excite(*all); }; });
 }

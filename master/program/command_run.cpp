@@ -400,27 +400,22 @@ void add_run(CLI::App& app, Chosen& chosen) {
     return option;
   };
   add(run_command->add_option("--start-time", fmu.start, "Start time in seconds"), "SECONDS");
-  add(run_command->add_option("--output-interval", fmu.interval,
-                              "Communication step, which is also the interval of the output"),
-      "SECONDS");
+  add(run_command->add_option("--output-interval", fmu.interval, "Communication step and interval of the output"), "SECONDS");
   add(run_command->add_option("--start-value", fmu.start_values, "Start value, in the FMU's own unit of measure; repeatable"),
       "NAME VALUE");
   add(run_command->add_option("--input-file", fmu.input_file,
                               "CSV, time first: continuous reals are interpolated linearly, others held from row to row"),
       "FILE");
   add(run_command->add_option("--output-file", fmu.output_file, "CSV for the results (default: <FMU>_out.csv)"), "FILE");
-  add(run_command->add_option("--output-variable", fmu.output_variables,
-                              "Record this variable in place of all outputs; repeatable"),
-      "NAME")
+  add(run_command->add_option("--output-variable", fmu.output_variables, "Record only this variable; repeatable"), "NAME")
       ->allow_extra_args(false);
   add(run_command->add_option("--tolerance", fmu.tolerance, "Relative tolerance passed to the FMU"), "NUMBER");
   add(run_command->add_option("--interface-type", fmu.interface_type, "cs or me; default: cs if the FMU has it")
           ->check(CLI::IsMember({"cs", "me"})),
       "TYPE");
   add(run_command
-          ->add_option(
-              "--process", fmu.process,
-              "own: a crash, hang or exit of the FMU becomes an error (docs/scenario.md); shared: same process; default: auto")
+          ->add_option("--process", fmu.process,
+                       "own: a crash, hang or exit becomes an error (docs/scenario.md); shared: with cotwin; default: auto")
           ->check(CLI::IsMember({"auto", "own", "shared"})),
       "WHERE");
   add(run_command->add_option("--timeout", fmu.timeout,

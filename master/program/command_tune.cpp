@@ -74,10 +74,9 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
     for (const std::string& option : given) {
       if (option != "--resume" && option != "--rounds" && option != "--threads" && option != "--out" && option != "--quiet" &&
           option != "--checkpoint" && option != "--overwrite" && option != "--accept-result")
-        throw Error(
-            option,
-            "cannot be changed when a tuning is resumed, expected only --rounds, --threads, --out, --checkpoint, --overwrite, "
-            "--accept-result or --quiet with --resume");
+        throw Error(option,
+                    "is fixed with --resume, expected only --rounds, --threads, --out, --checkpoint, --overwrite, "
+                    "--accept-result or --quiet");
     }
     run.resume = tuning::load_resume(arguments.resume / "resume.json");
     if (run.resume->program != run.program)
@@ -176,8 +175,7 @@ void add_tune(CLI::App& app, Chosen& chosen) {
                          "motor: measured at the motors, times the gear ratio; joint: measured behind the gears"),
      "")
       ->capture_default_str();
-  in(search, command->add_option("--v-r", s.model.v_R, "Speed in rad/s within which Coulomb friction changes its sign"),
-     "RAD/S")
+  in(search, command->add_option("--v-r", s.model.v_R, "Speed in rad/s over which Coulomb friction changes sign"), "RAD/S")
       ->capture_default_str();
   in(search,
      command
@@ -188,15 +186,11 @@ void add_tune(CLI::App& app, Chosen& chosen) {
   in(search, command->add_flag("--no-offset", a.no_offset, "No constant friction torque"), "");
   in(search, command->add_flag("--load-friction", s.model.load, "Friction also depends on the gravity torque"), "");
   in(search, command->add_flag("--no-viscous", a.no_viscous, "No viscous friction"), "");
-  in(search,
-     command->add_option("--prior-weight", s.prior_weight,
-                         "Weight of the URDF's parameters, relevant where the data contain little information"),
-     "W")
+  in(search, command->add_option("--prior-weight", s.prior_weight, "Weight of the deviation from the URDF"), "W")
       ->capture_default_str();
   in(search,
-     command->add_flag(
-         "--cross-validate", a.cross_validate,
-         "Choose --cutoff, --load-friction and --prior-weight, if not given, by cross validation on training data"),
+     command->add_flag("--cross-validate", a.cross_validate,
+                       "Choose --cutoff, --load-friction and --prior-weight, if not given, on the training data"),
      "");
   in(search, command->add_option("--seed", s.seed, "Seed; equal seeds give equal bits"), "N")->capture_default_str();
   in(search, command->add_option("--rounds", a.rounds, "Largest number of rounds of the swarm (default: 500)"), "N");
@@ -216,23 +210,16 @@ void add_tune(CLI::App& app, Chosen& chosen) {
   in(search, command->add_option("--resume", a.resume, "Resume the stopped tuning in FOLDER"), "FOLDER");
 
   const std::string log = "The log";
-  in(log,
-     command->add_option("--cutoff", s.cutoff,
-                         "Cutoff of the zero-phase low-pass filter in Hz (default: chosen from the motion)"),
-     "HZ");
+  in(log, command->add_option("--cutoff", s.cutoff, "Zero-phase low-pass filter in Hz (default: from the motion)"), "HZ");
   in(log, command->add_option("--order", s.order, "Order of the filter, per pass"), "N")->capture_default_str();
   in(log, command->add_option("--margin", s.margin, "Seconds omitted at both ends (default: 1/cutoff)"), "SECONDS");
   in(log, command->add_option("--q-columns", s.format.q_columns, "Names or pattern of the position columns, e.g. 'pos_{}'"),
      "NAMES");
+  in(log, command->add_option("--dq-columns", s.format.dq_columns, "For velocities, to check the positions"), "NAMES");
+  in(log, command->add_option("--tau-columns", s.format.tau_columns, "For torques"), "NAMES");
   in(log,
-     command->add_option("--dq-columns", s.format.dq_columns,
-                         "The same for velocities, which only serve to check the positions"),
-     "NAMES");
-  in(log, command->add_option("--tau-columns", s.format.tau_columns, "The same for torques"), "NAMES");
-  in(log,
-     command->add_option(
-         "--motor-columns", s.format.theta_columns,
-         "The same for motor positions behind the gears: gives friction at the motors' speeds, and joint stiffness"),
+     command->add_option("--motor-columns", s.format.theta_columns,
+                         "For motor positions behind the gears: friction at the motors' speeds, and joint stiffness"),
      "NAMES");
   in(log, command->add_option("--t-column", s.format.t_column, "Name of the time column"), "NAME");
   in(log, command->add_option("--time-unit", a.time_unit, "s, ms, us or ns"), "")->capture_default_str();

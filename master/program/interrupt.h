@@ -11,7 +11,6 @@ inline constexpr int kCheckpointDue = 1 << 8;
 
 /// Returns the stop signal that was received, or 0.
 inline int stop_signal() { return attention.load(std::memory_order_relaxed) & (kCheckpointDue - 1); }
-/// Returns the name of a stop signal: "SIGTERM".
 const char* name_of_signal(int signal);
 
 /// From now on a stop signal ends the process at once with exit code 128 + its number and `message` on stderr. For phases that

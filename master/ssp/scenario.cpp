@@ -149,7 +149,6 @@ std::string from_working_directory(const std::string& value) {
   return error ? value : absolute.lexically_normal().string();
 }
 
-/// Applies `component?setting=value`.
 void assign_setting(Scenario& scenario, const std::string& component, const std::string& key, const std::string& value,
                     const std::string& place) {
   std::vector<std::string> names;
