@@ -307,16 +307,16 @@ void ForeignVariables::restart_slopes() {
   for (ComputedSlope& c : computed_slopes_) std::ranges::copy(reals_.of(*c.of), c.before.begin());
 }
 
-void ForeignVariables::adopt_starts(ForeignInstance* instance) {
+void ForeignVariables::collect_written_starts(ForeignInstance* instance) {
   const auto each = [&](auto call) {
     for (Item& item : items_) {
       if (item.settable && item.exchange == Exchange::kResult) with_store(item.kind, [&](auto& store) { call(item, store); });
     }
   };
-  const auto adopt = [](const Item& item, auto& store) {
+  const auto collect = [](const Item& item, auto& store) {
     std::copy_n(store.values + item.first, item.size, store.given + item.first);
   };
-  if (instance == nullptr) return each(adopt);
+  if (instance == nullptr) return each(collect);
   // `sent` is unused for results. It holds the present values while the instance's own results are read for comparison.
   each([](const Item& item, auto& store) { std::copy_n(store.values + item.first, item.size, store.sent + item.first); });
   receive(*instance, Exchange::kResult);

@@ -172,7 +172,7 @@ void ForeignUnit::attempt(Call call) {
 /// Provides an unused instance and collects the start values to set.
 void ForeignUnit::renew_instance() {
   // After an error the variables may hold values of the FMU; the start values given before remain.
-  if (healthy_ || !initialised_) variables_.adopt_starts(healthy_ ? instance_.get() : nullptr);
+  if (healthy_ || !initialised_) variables_.collect_written_starts(healthy_ ? instance_.get() : nullptr);
   healthy_ = in_mode_ = false;
   initialised_ = true;
   if (!std::exchange(fresh_, false)) replace();

@@ -221,7 +221,7 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
     if (item.role != Role::kOutput && item.role != Role::kState) continue;
     for (const Alias& alias : v.aliases) {
       item.name = alias.name;
-      item.description = alias.description.empty() ? keep("alias of " + v.name) : &alias.description;
+      item.description = alias.description.empty() ? store_text("alias of " + v.name) : &alias.description;
       item.role = Role::kState;
       item.settable = false;
       items_.push_back(item);
@@ -327,7 +327,7 @@ void ForeignVariables::collect_slopes() {
     if (!possible || known || !names.insert(rate_name(of.name)).second) continue;
     Item slope;
     slope.name = rate_name(of.name);
-    slope.description = keep("slope of " + of.name + " at the end of the last step; 0 before the first one");
+    slope.description = store_text("slope of " + of.name + " at the end of the last step; 0 before the first one");
     slope.role = Role::kState;
     slope.exchange = Exchange::kSlope;
     slope.references = of.references;

@@ -63,7 +63,7 @@ class ForeignVariables {
   void declare(Variables& variables);
 
   /// Finds the start values of results that were written since the last receive(). `instance`: one that has run, or nullptr.
-  void adopt_starts(ForeignInstance* instance);
+  void collect_written_starts(ForeignInstance* instance);
   /// Before initialisation: sends all start values that differ from those of the description.
   void set_starts(ForeignInstance& instance);
   /// Sends the values that changed since they were last sent; after forget() all values. Returns whether there were any.
@@ -188,7 +188,7 @@ class ForeignVariables {
   void measure(Item& item, const Numeric& numeric, const DescriptionIndex& index);
   using FirstOfReference = std::unordered_map<std::uint32_t, const Item*>;  // value reference → first item that begins with it
   const Item* antiderivative(const Item& item, const FirstOfReference& first) const;
-  const std::string* keep(std::string text) { return &texts_.emplace_back(std::move(text)); }
+  const std::string* store_text(std::string text) { return &texts_.emplace_back(std::move(text)); }
   void lay_out();
   Group make_group(std::span<const Item* const> items) const;
   template <class Call>

@@ -58,7 +58,7 @@ class Flattener {
     for (const Element& c : e.elements) assign_all(c);
     for (const Assignment& a : e.assignments) {
       Path path(units_, Path::Start::kValue, a.value.unit);
-      if (assign(e, a.value.name, a, path, a.transformation) == 0) complain_of_unknown(e, a);
+      if (assign(e, a.value.name, a, path, a.transformation) == 0) report_unknown(e, a);
     }
   }
 
@@ -101,7 +101,7 @@ class Flattener {
     for (const Element& c : e.elements) collect_names(c, prefix + c.name + ".", variable, names);
   }
 
-  void complain_of_unknown(const Element& e, const Assignment& a) {
+  void report_unknown(const Element& e, const Assignment& a) {
     std::vector<std::string> names;
     const std::string& wanted = a.value.name;
     // The search for similar names is slow, so it is made only for the first 20 unknown parameters.

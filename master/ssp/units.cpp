@@ -19,7 +19,7 @@ bool contradicts_name(const UnitDefinition& definition) {
 
 }  // namespace
 
-void UnitTable::keep(const UnitDefinition& definition) {
+void UnitTable::add(const UnitDefinition& definition) {
   definitions_.add(definition);
   if (definition.offset == 0) return;
   const si::Measure measure = si::from(definition);
@@ -41,12 +41,12 @@ std::string UnitTable::intern(const UnitDefinitions& local, const std::string& n
   }
   if (known != nullptr && si::from(*known) == si::from(*definition)) return name;
   if (known == nullptr && !contradicts_name(*definition)) {
-    keep(*definition);
+    add(*definition);
     return name;
   }
   UnitDefinition own = *definition;
   own.name += " (" + place.substr(0, place.rfind(':')) + ")";
-  keep(own);
+  add(own);
   return own.name;
 }
 

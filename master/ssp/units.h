@@ -38,15 +38,13 @@ class UnitTable {
   /// nor si::parse() defines it.
   std::string intern(const UnitDefinitions& local, const std::string& name, const std::string& place);
   /// Adds a definition of the root document under its own name.
-  void add(const UnitDefinition& definition) { keep(definition); }
+  void add(const UnitDefinition& definition);
   si::Measure measure(const std::string& name) const;
   /// Returns whether a unit convertible to `name` can have an offset, like °C to K. Scaling a number then depends on its unit.
   bool has_offsets(const std::string& name) const;
   const std::vector<UnitDefinition>& definitions() const { return definitions_.list(); }
 
  private:
-  void keep(const UnitDefinition& definition);
-
   UnitDefinitions definitions_;
   std::vector<si::Measure> with_offset_;  // measures of definitions with an offset, one of each dimension
 };
