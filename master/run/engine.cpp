@@ -23,7 +23,7 @@ double seconds_between(std::chrono::steady_clock::time_point a, std::chrono::ste
   return std::chrono::duration<double>(b - a).count();
 }
 
-constexpr std::size_t kLongRow = 4;
+constexpr std::size_t kLongRow = 4;  // values
 
 bool is_watched(const Variable& v) { return v.kind() == Kind::kReal && (v.role == Role::kOutput || v.role == Role::kState); }
 
@@ -37,36 +37,39 @@ Engine::Engine(const Scenario& scenario, std::span<Member> members, int threads,
       members_(members),
       threads_(threads),
       always_threads_(always_threads),
-      interval_begin_(schedule.slots.size()),
       results_(schedule.slots.size(), StepResult::kDone),
       exceptions_(schedule.slots.size()),
       seconds_(schedule.slots.size()),
       seconds_sum_(schedule.slots.size()),
       samples_(schedule.slots.size()) {
   for (const Stage& stage : schedule.stages) {
-    StageRun& run = runs_.emplace_back();
+    StageRun& run = stages_.emplace_back();
+    run.slots = std::span(schedule.slots).subspan(stage.first, stage.last - stage.first);
+    run.copies = wiring.copies(stage.first, stage.last);
+    run.every_tick = stage.every_tick;
     for (std::size_t i = stage.first; i < stage.last; ++i) run.ramps = run.ramps || wiring.ramped(i);
-    plain_stages_.push_back({wiring.copies(stage.first, stage.last), slots_of(stage)});
   }
-  watch_outputs();
+  watch_values();
 }
 
-void Engine::watch_outputs() {
+/// Joins variables that are adjacent in memory. Rows that are too short for vector instructions become single values.
+void Engine::watch_values() {
   for (const Slot& slot : schedule.slots) {
     for (const Variable& v : members_[slot.member].variables()) {
       if (!is_watched(v) || v.size() == 0) continue;
-      const std::span<double> values = v.reals();
-      const bool continues = !watched_.empty() && watched_.back().values + watched_.back().count == values.data();
+      const std::span<const double> values = v.reals();
+      const bool continues =
+          !watched_rows_.empty() && watched_rows_.back().data() + watched_rows_.back().size() == values.data();
       if (continues) {
-        watched_.back().count += values.size();
+        watched_rows_.back() = {watched_rows_.back().data(), watched_rows_.back().size() + values.size()};
       } else {
-        watched_.push_back({values.data(), values.size()});
+        watched_rows_.push_back(values);
       }
     }
   }
-  std::erase_if(watched_, [&](const Watched& w) {
-    if (w.count >= kLongRow) return false;
-    for (std::size_t i = 0; i < w.count; ++i) watched_alone_.push_back(w.values + i);
+  std::erase_if(watched_rows_, [&](std::span<const double> row) {
+    if (row.size() >= kLongRow) return false;
+    for (const double& value : row) watched_values_.push_back(&value);
     return true;
   });
 }
@@ -85,171 +88,197 @@ Initialisation Engine::initialise(Time start) {
 }
 
 void Engine::start_workers(int threads, bool always) {
-  const int machine = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  const int cores = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
   std::size_t widest = 0;
-  for (const Stage& stage : schedule.stages) widest = std::max(widest, stage.last - stage.first);
-  int wanted = threads > 0 ? threads : machine;
-  if (!always) wanted = std::min(wanted, machine);
+  for (const StageRun& stage : stages_) widest = std::max(widest, stage.slots.size());
+  int wanted = threads > 0 ? threads : cores;
+  if (!always) wanted = std::min(wanted, cores);
   wanted = std::min({wanted, static_cast<int>(std::min<std::size_t>(widest, 255)), 255});
   if (wanted < 2) return;
   workers_ = std::make_unique<Workers>(wanted);
   wanted = workers_->threads();
   if (wanted < 2) return workers_.reset();
   const double barrier = workers_->barrier_seconds();
-  for (std::size_t s = 0; s < runs_.size(); ++s) {
-    const Stage& stage = schedule.stages[s];
-    if (stage.last - stage.first < 2) continue;
+  for (StageRun& stage : stages_) {
+    if (stage.slots.size() < 2) continue;
     std::vector<bool> movable;
-    for (std::size_t i = stage.first; i < stage.last; ++i) movable.push_back(schedule.slots[i].threads);
-    runs_[s].unit_seconds.resize(movable.size());
-    runs_[s].balance = std::make_unique<Balance>(std::move(movable), wanted, barrier, always);
+    for (const Slot& slot : stage.slots) movable.push_back(slot.threads);
+    stage.unit_seconds.resize(movable.size());
+    stage.balance = std::make_unique<Balance>(std::move(movable), wanted, barrier, always);
   }
 }
 
-std::size_t Engine::advance(std::int64_t tick, Time begin, Time end, int parts, bool sampled) {
-  tick_ = tick;
-  end_ = end;
-  parts_ = parts;
-  sampled_ = sampled;
-  finished_by_ = kNobody;
-  if (parts > 1) {
-    for (std::size_t i = 0; i < schedule.slots.size(); ++i) interval_begin_[i] = schedule.slots[i].time;
+/// A tick that is timed for the report and the balances, or that belongs to a trial of a balance.
+std::size_t Engine::step_measured() {
+  if (!on_trial_ && tick_.index >= next_trial_) begin_trial();
+  const auto begin = Clock::now();
+  const std::size_t discarded_by = parts_ == 1 ? step_part(tick_.begin, tick_.end) : step_in_parts();
+  if (timed_) {
+    report_costs();
+  } else if (on_trial_ && parts_ == 1 && discarded_by == kNoSlot) {
+    end_trial_tick(seconds_between(begin, Clock::now()));
   }
-  for (StageRun& run : runs_) {
-    if (!on_trial_ && run.balance && tick >= run.balance->next_trial()) {
-      on_trial_ = run.balance.get();
-      on_trial_->begin_trial();
-    }
-  }
-  return on_trial_ && !sampled && parts == 1 ? step_on_trial(begin) : step_stages(begin);
+  return discarded_by;
 }
 
-/// As step_stages(), measured.
-std::size_t Engine::step_on_trial(Time begin) {
-  const auto start = Clock::now();
-  const std::size_t who = step_stages(begin);
-  if (who != kNobody) return who;
-  on_trial_->trial_tick(tick_, seconds_between(start, Clock::now()));
-  if (!on_trial_->on_trial()) on_trial_ = nullptr;
-  return who;
-}
-
-std::size_t Engine::step_stages(Time begin) {
-  for (part_ = 0; part_ < parts_ && finished_by_ == kNobody; ++part_) {
-    const Time from = part_ == 0 ? begin : cut(begin, end_, part_ - 1, parts_);
-    events.apply(from, cut(begin, end_, part_, parts_) - from);
-    for (std::size_t s = 0; s < schedule.stages.size(); ++s) {
-      const Stage& stage = schedule.stages[s];
-      StageRun& run = runs_[s];
-      exchange(stage, run.ramps);
-      std::size_t who = kNobody;
-      if (sampled_ && run.balance) {
-        step_sampled(stage, run, &who);
-      } else {
-        who = run.balance && run.balance->parallel() ? step_on_threads(stage, run) : step_in_turn(stage);
-      }
-      if (who != kNobody) return who;
-      if (!run.ramps) continue;
-      for (std::size_t i = stage.first; i < stage.last; ++i) {
-        if (wiring.ramped(i) && due(schedule.slots[i])) wiring.end_ramps(i);
-      }
-    }
+std::size_t Engine::step_in_parts() {
+  for (Slot& slot : schedule.slots) slot.interval_begin = slot.time;
+  std::size_t discarded_by = kNoSlot;
+  Time begin = tick_.begin;
+  for (part_ = 0; part_ < parts_ && discarded_by == kNoSlot && finished_by_ == kNoSlot; ++part_) {
+    const Time end = cut(tick_.begin, tick_.end, part_, parts_);
+    discarded_by = step_part(begin, end);
+    begin = end;
   }
-  return kNobody;
+  return discarded_by;
 }
 
-std::int64_t Engine::plain_until(std::int64_t tick) const {
-  std::int64_t until = std::min(schedule.ticks() - 1, schedule.first_tick_from(events.next_time()));
-  for (std::size_t s = 0; s < runs_.size(); ++s) {
-    const Balance* balance = runs_[s].balance.get();
-    const bool spread = balance && (balance->parallel() || balance->on_trial());
-    if (!schedule.stages[s].every_tick || runs_[s].ramps || spread) return tick;
-    if (balance) until = std::min(until, balance->next_trial());
+/// A tick, or a part of one: the loop body of "One master step" in docs/architecture.md.
+std::size_t Engine::step_part(Time begin, Time end) {
+  events.apply(begin, end - begin);
+  for (StageRun& stage : stages_) {
+    exchange(stage);
+    const std::size_t discarded_by = step_stage(stage);
+    if (discarded_by != kNoSlot) [[unlikely]]
+      return discarded_by;
+    if (stage.ramps) end_ramps(stage);
   }
-  return until;
+  return kNoSlot;
 }
 
-void Engine::exchange(const Stage& stage, bool ramps) {
+inline void Engine::exchange(const StageRun& stage) {
   if (stage.every_tick) {
-    wiring.exchange(stage.first, stage.last);
+    for (const Wiring::Copy& copy : stage.copies) Wiring::run(copy);
   } else {
-    for (std::size_t i = stage.first; i < stage.last; ++i) {
-      if (due(schedule.slots[i])) wiring.exchange(i, i + 1);
+    for (const Slot& slot : stage.slots) {
+      if (due(slot)) wiring.exchange(index(slot));
     }
   }
-  if (!ramps) return;
-  for (std::size_t i = stage.first; i < stage.last; ++i) {
-    const Slot& slot = schedule.slots[i];
-    if (wiring.ramped(i) && due(slot)) wiring.begin_ramps(i, target(i) - slot.time, slot.last_step);
+  if (!stage.ramps) return;
+  for (const Slot& slot : stage.slots) {
+    if (wiring.ramped(index(slot)) && due(slot)) wiring.begin_ramps(index(slot), target(slot) - slot.time, slot.last_step);
   }
 }
 
-std::size_t Engine::step_in_turn(const Stage& stage) {
-  if (sampled_) return step_range<true, false>(slots_of(stage), end_);
-  return stage.every_tick && parts_ == 1 ? step_range<false, true>(slots_of(stage), end_)
-                                         : step_range<false, false>(slots_of(stage), end_);
+void Engine::end_ramps(const StageRun& stage) {
+  for (const Slot& slot : stage.slots) {
+    if (wiring.ramped(index(slot)) && due(slot)) wiring.end_ramps(index(slot));
+  }
 }
 
-std::size_t Engine::step_on_threads(const Stage& stage, StageRun& run) {
-  spread_ever_ = true;
-  first_ = stage.first;
-  workers_->run(run.balance->thread_of(), step_on_worker, this);
-  for (std::size_t i = stage.first; i < stage.last; ++i) {  // in a fixed order, whoever was first
-    if (!exceptions_[i]) continue;
-    const std::exception_ptr exception = exceptions_[i];
+inline std::size_t Engine::step_stage(StageRun& stage) {
+  if (stage.balance && stage.balance->parallel()) return step_on_threads(stage);
+  const bool all_in_one_part = stage.every_tick && parts_ == 1 && !timed_;
+  return all_in_one_part ? step_in_turn<true>(stage.slots) : step_in_turn<false>(stage.slots);
+}
+
+/// `kAllInOnePart`: all units are due, over the whole tick, and are not timed. Then nothing is asked per unit, which saves a
+/// third of the loop's own time where units are light.
+template <bool kAllInOnePart>
+inline std::size_t Engine::step_in_turn(std::span<Slot> slots) {
+  auto slot = slots.begin();
+  const auto last = slots.end();
+  const Time end = tick_.end;
+  try {
+    for (; slot != last; ++slot) {
+      if (!kAllInOnePart && !due(*slot)) continue;
+      const StepResult result = kAllInOnePart ? step_slot(*slot, end) : step_due(*slot);
+      if (result == StepResult::kDone) [[likely]]
+        continue;
+      if (result == StepResult::kDiscard) return index(*slot);
+      if (finished_by_ == kNoSlot) finished_by_ = index(*slot);
+    }
+  } catch (const Error& error) {
+    rethrow_named(*slot, error);
+  }
+  return kNoSlot;
+}
+
+/// Looks at exceptions and results in the order of the slots, whichever thread was first.
+std::size_t Engine::step_on_threads(const StageRun& stage) {
+  threads_used_ = true;
+  threaded_slots_ = stage.slots;
+  workers_->run(stage.balance->thread_of(), step_on_worker, this);
+  for (const Slot& slot : stage.slots) {
+    if (!exceptions_[index(slot)]) continue;
+    const std::exception_ptr exception = exceptions_[index(slot)];
     std::fill(exceptions_.begin(), exceptions_.end(), nullptr);
     try {
       std::rethrow_exception(exception);
     } catch (const Error& error) {
-      tell_who(i, error);
+      rethrow_named(slot, error);
     }
   }
-  for (std::size_t i = stage.first; i < stage.last; ++i) {
-    if (!due(schedule.slots[i])) continue;
+  for (const Slot& slot : stage.slots) {
+    if (!due(slot)) continue;
+    const std::size_t i = index(slot);
     if (results_[i] == StepResult::kDiscard) return i;
-    if (results_[i] == StepResult::kFinished && finished_by_ == kNobody) finished_by_ = i;
+    if (results_[i] == StepResult::kFinished && finished_by_ == kNoSlot) finished_by_ = i;
   }
-  return kNobody;
+  return kNoSlot;
 }
 
-void Engine::step_sampled(const Stage& stage, StageRun& run, std::size_t* who) {
-  *who = run.balance->parallel() ? step_on_threads(stage, run) : step_in_turn(stage);
-  for (std::size_t i = stage.first; i < stage.last; ++i) {
-    run.unit_seconds[i - stage.first] = due(schedule.slots[i]) ? seconds_[i] : 0;
+void Engine::step_on_worker(void* context, std::size_t index_in_stage) {
+  Engine& engine = *static_cast<Engine*>(context);
+  Slot& slot = engine.threaded_slots_[index_in_stage];
+  if (!engine.due(slot)) return;
+  const std::size_t i = engine.index(slot);
+  try {
+    engine.results_[i] = engine.step_due(slot);
+  } catch (...) {
+    engine.exceptions_[i] = std::current_exception();
   }
-  run.balance->sampled(run.unit_seconds);
 }
 
-void Engine::tell_who(std::size_t i, const Error& error) const {
-  throw Error(name(i) + " at t = " + text::to_text(schedule.slots[i].time.seconds()) + " s", error.what());
-}
-
-StepResult Engine::step_timed(std::size_t i) {
+/// One unit over the tick or its present part, timed where the tick is.
+StepResult Engine::step_due(Slot& slot) {
+  if (!timed_) return step_slot(slot, target(slot));
   const auto begin = Clock::now();
-  const StepResult result = step(schedule.slots[i], target(i));
+  const StepResult result = step_slot(slot, target(slot));
+  const std::size_t i = index(slot);
   seconds_[i] = std::max(0.0, seconds_between(begin, Clock::now()) - clock_seconds_);
   seconds_sum_[i] += seconds_[i];
   ++samples_[i];
   return result;
 }
 
-void Engine::step_on_worker(void* context, std::size_t index) {
-  Engine& engine = *static_cast<Engine*>(context);
-  const std::size_t i = engine.first_ + index;
-  if (!engine.due(engine.schedule.slots[i])) return;
-  try {
-    engine.results_[i] = engine.sampled_ ? engine.step_timed(i) : engine.step(engine.schedule.slots[i], engine.target(i));
-  } catch (...) {
-    engine.exceptions_[i] = std::current_exception();
-  }
+void Engine::rethrow_named(const Slot& slot, const Error& error) const {
+  throw Error(name(index(slot)) + " at t = " + text::to_text(slot.time.seconds()) + " s", error.what());
 }
 
-std::uint64_t Engine::look_at_rows() const {
-  std::uint64_t seen = 0;
-  for (const Watched& w : watched_) {
-    for (std::size_t i = 0; i < w.count; ++i) seen |= sign_if_not_finite(w.values[i]);
+void Engine::begin_trial() {
+  for (StageRun& stage : stages_) {
+    if (on_trial_ || !stage.balance || tick_.index < stage.balance->next_trial()) continue;
+    on_trial_ = stage.balance.get();
+    on_trial_->begin_trial();
   }
-  return seen;
+  find_next_trial();
+}
+
+void Engine::end_trial_tick(double seconds) {
+  on_trial_->trial_tick(tick_.index, seconds);
+  if (on_trial_->on_trial()) return;
+  on_trial_ = nullptr;
+  find_next_trial();
+}
+
+/// Passes the times of a timed tick to the balances.
+void Engine::report_costs() {
+  for (StageRun& stage : stages_) {
+    if (!stage.balance) continue;
+    for (std::size_t i = 0; i < stage.slots.size(); ++i)
+      stage.unit_seconds[i] = due(stage.slots[i]) ? seconds_[index(stage.slots[i])] : 0;
+    stage.balance->sampled(stage.unit_seconds);
+  }
+  find_next_trial();
+}
+
+void Engine::find_next_trial() {
+  next_trial_ = on_trial_ ? 0 : kNever;
+  if (on_trial_) return;
+  for (const StageRun& stage : stages_) {
+    if (stage.balance) next_trial_ = std::min(next_trial_, stage.balance->next_trial());
+  }
 }
 
 Engine::Cost Engine::cost(std::size_t member, std::int64_t ticks) const {
@@ -258,8 +287,8 @@ Engine::Cost Engine::cost(std::size_t member, std::int64_t ticks) const {
   return {mean, ticks / schedule.slots[slot].period, samples_[slot]};
 }
 
-void Engine::tell_not_a_number(Time now) const {
-  for (const Slot& slot : schedule.slots) {  // in the order of stepping: the first is where it came from
+void Engine::report_non_finite(Time now) const {
+  for (const Slot& slot : schedule.slots) {  // in the order of stepping: the first one found is the origin
     for (const Variable& v : members_[slot.member].variables()) {
       if (!is_watched(v)) continue;
       const std::span<double> values = v.reals();

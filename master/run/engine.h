@@ -3,6 +3,7 @@
 #include <chrono>
 #include <cstdint>
 #include <exception>
+#include <limits>
 #include <memory>
 #include <numeric>
 #include <span>
@@ -16,70 +17,61 @@
 #include "master/run/workers.h"
 #include "models/support/error.h"
 
-/// Takes all units over one tick: events, exchange, steps. It knows nothing of files, clocks and going back.
 namespace cotwin::master {
 
+/// Takes all units through one tick: events, then an exchange and the steps of each stage. Files, clocks and going back to an
+/// earlier instant are not its business: see StepControl and Master.
 class Engine {
  public:
-  static constexpr std::size_t kNobody = static_cast<std::size_t>(-1);
+  static constexpr std::size_t kNoSlot = static_cast<std::size_t>(-1);
 
-  /// `threads`: at most so many, 0: as many as the machine has; `always_threads`: also where they do not pay.
+  /// `threads`: upper limit, 0 for the number of cores. `always_threads`: use them even where they are slower (for tests).
   Engine(const Scenario& scenario, std::span<Member> members, int threads, bool always_threads);
 
-  /// Makes all units agree and starts the threads that may be needed.
+  /// Initialises all units consistently and starts the threads that may be needed.
   Initialisation initialise(Time start);
 
-  /// Steps every unit that is due in the tick, the way of each cut into `parts` with an exchange before each; `sampled`:
-  /// measures times. Returns kNobody, or the first slot that discarded; then everything must be restored. Throws what a unit
-  /// throws, with its name and time in front if it is an Error.
-  std::size_t advance(std::int64_t tick, int parts, bool sampled) {
-    return advance(tick, schedule.time(tick), schedule.time(tick + 1), parts, sampled);
-  }
-  /// The same where somebody else says how long the tick is.
-  std::size_t advance(std::int64_t tick, Time begin, Time end, int parts, bool sampled);
-
-  /// The tick from which on advance_plainly() will not do, if nothing unforeseen happens; it is looked at again then.
-  std::int64_t plain_until(std::int64_t tick) const;
-  /// As advance(tick, 1, false), in a tick before plain_until() that ends at `end`: what is the same in every such tick is not
-  /// asked.
-  std::size_t advance_plainly(Time end) {
-    for (const PlainStage& stage : plain_stages_) {
-      for (const Wiring::Copy& copy : stage.copies) Wiring::run(copy);
-      const std::size_t who = step_range<false, true>(stage.slots, end);
-      if (who != kNobody) [[unlikely]]
-        return who;
-    }
-    return kNobody;
+  /// Steps every unit that is due in the tick. With `parts` > 1 the interval of each unit is cut into so many steps, with an
+  /// exchange before each. `timed`: measures the time of each step. Returns kNoSlot, or the first slot that discarded its step;
+  /// then the caller must restore all units. Adds name and time to an Error that a unit throws.
+  std::size_t step(const Tick& tick, int parts = 1, bool timed = false) {
+    tick_ = tick;
+    parts_ = parts;
+    timed_ = timed;
+    finished_by_ = kNoSlot;
+    const bool measured = timed || tick.index >= next_trial_;
+    return measured ? step_measured() : parts == 1 ? step_part(tick.begin, tick.end) : step_in_parts();
   }
 
-  /// The slot that asked for an orderly end of the run in the last tick (StepResult::kFinished), or kNobody.
+  /// The slot that asked for an orderly end of the run in the last tick (StepResult::kFinished), or kNoSlot.
   std::size_t finished_by() const { return finished_by_; }
 
-  /// Throws Error naming unit, variable and time if an output or a state is not a number.
-  void check_numbers(Time now) const {
-    for (const double* value : watched_alone_) {
-      if (sign_if_not_finite(*value) >> 63 != 0) [[unlikely]]
-        tell_not_a_number(now);
+  /// Throws Error naming unit, variable and time if a real output or state is not finite.
+  void check_finite(Time now) const {
+    std::uint64_t seen = 0;
+    for (const double* value : watched_values_) seen |= sign_if_not_finite(*value);
+    for (const std::span<const double> row : watched_rows_) {
+      for (const double value : row) seen |= sign_if_not_finite(value);
     }
-    if (!watched_.empty() && look_at_rows() >> 63 != 0) [[unlikely]]
-      tell_not_a_number(now);
+    if (seen >> 63 != 0) [[unlikely]]
+      report_non_finite(now);
   }
 
   struct Cost {
-    double seconds_per_step = 0;  // mean of the sampled steps
+    double seconds_per_step = 0;  // mean of the timed steps
     std::int64_t steps = 0;       // per run without discards: ticks / period
     std::int64_t samples = 0;
     double seconds() const { return seconds_per_step * static_cast<double>(steps); }
   };
   Cost cost(std::size_t member, std::int64_t ticks) const;
-  /// Of all units in all sampled ticks.
-  double sampled_seconds() const { return std::accumulate(seconds_sum_.begin(), seconds_sum_.end(), 0.0); }
-  /// What reading the clock before and after each of those steps cost, which ticks that are not sampled do not pay.
+  /// Of all units in all timed ticks.
+  double timed_seconds() const { return std::accumulate(seconds_sum_.begin(), seconds_sum_.end(), 0.0); }
+  /// Time spent on reading the clock before and after each of those steps. Ticks that are not timed do not spend it.
   double measuring_seconds() const {
     return 2 * clock_seconds_ * static_cast<double>(std::accumulate(samples_.begin(), samples_.end(), std::int64_t{0}));
   }
   double clock_seconds() const { return clock_seconds_; }
-  int threads_used() const { return spread_ever_ ? workers_->threads() : 1; }
+  int threads_used() const { return threads_used_ ? workers_->threads() : 1; }
 
   const std::string& name(std::size_t slot) const { return members_[schedule.slots[slot].member].name(); }
 
@@ -91,102 +83,80 @@ class Engine {
  private:
   using Clock = std::chrono::steady_clock;
 
-  /// Adjacent doubles that must stay numbers.
-  struct Watched {
-    const double* values;
-    std::size_t count;
-  };
+  /// What the engine needs to step a stage.
   struct StageRun {
-    bool ramps = false;
-    std::unique_ptr<Balance> balance;  // of a stage that may be spread over threads
-    std::vector<double> unit_seconds;  // of the sampled tick
-  };
-
-  /// What a plain tick does in a stage.
-  struct PlainStage {
-    std::span<const Wiring::Copy> copies;
     std::span<Slot> slots;
+    std::span<const Wiring::Copy> copies;  // into all of its slots
+    bool every_tick = true;                // all of its slots have period 1
+    bool ramps = false;                    // a slot has an input that is followed linearly
+    std::unique_ptr<Balance> balance;      // if the stage may be spread over threads
+    std::vector<double> unit_seconds;      // per slot, of the timed tick
   };
 
-  /// The exponent of a NaN or an infinity, all ones, overflows into the sign bit: no branch, and several fit into one
-  /// instruction.
+  /// Adding one to the exponent of a NaN or an infinity, which is all ones, sets the sign bit. This needs no branch and
+  /// vectorises.
   static std::uint64_t sign_if_not_finite(double value) {
     return (std::bit_cast<std::uint64_t>(value) & 0x7ff0'0000'0000'0000u) + 0x0010'0000'0000'0000u;
   }
 
-  std::span<Slot> slots_of(const Stage& stage) {
-    return std::span(schedule.slots).subspan(stage.first, stage.last - stage.first);
-  }
-  void watch_outputs();
-  std::uint64_t look_at_rows() const;
+  void watch_values();
+  [[noreturn]] void report_non_finite(Time now) const;
   void start_workers(int threads, bool always);
-  void exchange(const Stage& stage, bool ramps);
-  std::size_t step_in_turn(const Stage& stage);
-  std::size_t step_on_threads(const Stage& stage, StageRun& run);
-  void step_sampled(const Stage& stage, StageRun& run, std::size_t* who);
-  std::size_t step_stages(Time begin);
-  std::size_t step_on_trial(Time begin);
-  template <bool kTimed, bool kPlain>
-  std::size_t step_range(std::span<Slot> slots, Time end);
-  StepResult step(Slot& slot, Time end) {
+
+  std::size_t step_measured();
+  std::size_t step_in_parts();
+  std::size_t step_part(Time begin, Time end);
+  void exchange(const StageRun& stage);
+  void end_ramps(const StageRun& stage);
+  std::size_t step_stage(StageRun& stage);
+  template <bool kAllInOnePart>
+  std::size_t step_in_turn(std::span<Slot> slots);
+  std::size_t step_on_threads(const StageRun& stage);
+  static void step_on_worker(void* engine, std::size_t index);
+  StepResult step_slot(Slot& slot, Time end) {
     slot.last_step = end - slot.time;
     const StepResult result = slot.unit->step(slot.time, slot.last_step);
     slot.time = end;
     return result;
   }
-  StepResult step_timed(std::size_t slot);
-  [[noreturn]] void tell_who(std::size_t slot, const Error& error) const;
-  static void step_on_worker(void* engine, std::size_t index);
-  bool due(const Slot& slot) const { return schedule.due(slot, tick_); }
-  Time target(std::size_t slot) const { return parts_ == 1 ? end_ : cut(interval_begin_[slot], end_, part_, parts_); }
-  [[noreturn]] void tell_not_a_number(Time now) const;
+  StepResult step_due(Slot& slot);
+  [[noreturn]] void rethrow_named(const Slot& slot, const Error& error) const;
+
+  void begin_trial();
+  void end_trial_tick(double seconds);
+  void report_costs();
+  void find_next_trial();
+
+  std::size_t index(const Slot& slot) const { return static_cast<std::size_t>(&slot - schedule.slots.data()); }
+  bool due(const Slot& slot) const { return schedule.due(slot, tick_.index); }
+  /// Where the present step of the slot ends.
+  Time target(const Slot& slot) const { return parts_ == 1 ? tick_.end : cut(slot.interval_begin, tick_.end, part_, parts_); }
 
   std::span<Member> members_;
   int threads_;
   bool always_threads_;
-  std::vector<StageRun> runs_;
-  std::vector<PlainStage> plain_stages_;
-  std::vector<Watched> watched_;              // long rows …
-  std::vector<const double*> watched_alone_;  // … and what stands in short ones
+  std::vector<StageRun> stages_;
+  std::vector<std::span<const double>> watched_rows_;  // values that must stay finite: adjacent ones …
+  std::vector<const double*> watched_values_;          // … and single ones
   std::unique_ptr<Workers> workers_;
-  bool spread_ever_ = false;
-  Balance* on_trial_ = nullptr;  // of one stage at a time
+  bool threads_used_ = false;
+  static constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
+  std::int64_t next_trial_ = kNever;  // the tick with which a trial is due; 0 during a trial
+  Balance* on_trial_ = nullptr;       // of one stage at a time
 
   // The part of the tick that is being stepped.
-  std::int64_t tick_ = 0;
-  Time end_;
+  Tick tick_;
   int part_ = 0, parts_ = 1;
-  bool sampled_ = false;
-  std::size_t finished_by_ = kNobody;
-  std::size_t first_ = 0;                       // slot of the stage on the workers
-  std::vector<Time> interval_begin_;            // per slot, of a tick in parts
+  bool timed_ = false;
+  std::size_t finished_by_ = kNoSlot;
+  std::span<Slot> threaded_slots_;              // of the stage on the workers
   std::vector<StepResult> results_;             // per slot, of steps on workers
   std::vector<std::exception_ptr> exceptions_;  // likewise
 
-  std::vector<double> seconds_;  // per slot, the last sampled step
+  std::vector<double> seconds_;  // per slot, the last timed step
   std::vector<double> seconds_sum_;
   std::vector<std::int64_t> samples_;
-  double clock_seconds_ = 0;  // what measuring itself costs
+  double clock_seconds_ = 0;  // one reading of the clock
 };
-
-/// Every unit of a stage that is due; `kPlain`: that is all of them, and the tick is not cut into parts.
-template <bool kTimed, bool kPlain>
-std::size_t Engine::step_range(std::span<Slot> slots, Time end) {
-  auto slot = slots.begin();
-  const auto index = [&] { return static_cast<std::size_t>(&*slot - schedule.slots.data()); };
-  try {
-    for (; slot != slots.end(); ++slot) {
-      if (!kPlain && !due(*slot)) continue;
-      const StepResult result = kTimed ? step_timed(index()) : step(*slot, kPlain ? end : target(index()));
-      if (result != StepResult::kDone) [[unlikely]] {
-        if (result == StepResult::kDiscard) return index();
-        if (finished_by_ == kNobody) finished_by_ = index();
-      }
-    }
-  } catch (const Error& error) {
-    tell_who(index(), error);
-  }
-  return kNobody;
-}
 
 }  // namespace cotwin::master

@@ -18,7 +18,7 @@ std::span<T> part(std::span<T> whole, const Signal& signal) {
   return whole.empty() ? whole : whole.subspan(signal.first, signal.count);
 }
 
-/// The variable with its storage narrowed to the signal's elements.
+/// The variable with the signal's elements only.
 Variable narrowed(const Signal& signal) {
   Variable v = *signal.variable;
   std::visit([&](auto& storage) { storage = part(storage, signal); }, v.storage);
@@ -34,8 +34,7 @@ void check_range(const Variable& variable, double value, const EventSpec& spec) 
 
 }  // namespace
 
-Events::Events(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> fed,
-               const Complain& complain) {
+Events::Events(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> fed, const Report& report) {
   const SignalIndex index(members);
   std::set<std::pair<const Variable*, std::size_t>> fed_elements;
   for (const Signal& signal : fed) {
@@ -62,8 +61,8 @@ Events::Events(const Scenario& scenario, std::span<const Member> members, std::s
     try {
       read(spec);
     } catch (const Error& error) {
-      if (!complain) throw;
-      complain(error);
+      if (!report) throw;
+      report(error);
     }
   }
   std::stable_sort(changes_.begin(), changes_.end(), [](const Change& a, const Change& b) { return a.time < b.time; });
@@ -71,7 +70,7 @@ Events::Events(const Scenario& scenario, std::span<const Member> members, std::s
   find_next_time();
 }
 
-/// Finds the change before each of the same value, and makes room for all ramps.
+/// Finds the previous change of each value, and reserves memory for all ramps.
 void Events::link_changes() {
   std::unordered_map<const double*, std::size_t> last;
   std::size_t ramps = 0;
@@ -86,7 +85,7 @@ void Events::link_changes() {
 }
 
 void Events::add(const EventSpec& spec, const Signal& signal) {
-  // The text is read into storage of our own, by the same rules as everywhere.
+  // Reads the text into temporary storage, by the same rules as start values.
   Other other{narrowed(signal), {}, {}, {}};
   const Variable& variable = other.variable;
   Variable value = variable;
@@ -154,7 +153,7 @@ void Events::begin(std::size_t index) {
     }
     return;
   }
-  // Ramps that an earlier change of this value ended are over already.
+  // Ends the previous ramp of this value; earlier ones have ended already.
   if (change.before != kNone) active_[change.before] = 0;
   if (change.rate) *change.rate = 0;
   if (change.ramp.ns > 0) {
@@ -165,7 +164,7 @@ void Events::begin(std::size_t index) {
   }
 }
 
-/// Whether the ramp goes on.
+/// Returns whether the ramp continues.
 bool Events::follow(const Ramp& ramp, Time now, Duration h) {
   const Change& change = changes_[ramp.change];
   const auto share = [&](Time t) {
@@ -179,33 +178,33 @@ bool Events::follow(const Ramp& ramp, Time now, Duration h) {
   return at_begin != 1;
 }
 
-void Events::mark(Bookmark& bookmark) const {
-  bookmark.changes = changes_.size();
-  bookmark.next = next_;
-  bookmark.ramps.reserve(ramps_.capacity());  // once: a later mark allocates nothing
-  bookmark.ramps = ramps_;
+void Events::save(State& state) const {
+  state.changes = changes_.size();
+  state.next = next_;
+  state.ramps.reserve(ramps_.capacity());
+  state.ramps = ramps_;
 }
 
-void Events::back_to(const Bookmark& bookmark) {
-  next_ = bookmark.next;
+void Events::restore(const State& state) {
+  next_ = state.next;
   for (const Ramp& ramp : ramps_) active_[ramp.change] = 0;
-  ramps_ = bookmark.ramps;
+  ramps_ = state.ramps;
   for (const Ramp& ramp : ramps_) active_[ramp.change] = 1;
   find_next_time();
 }
 
-bool Events::fits(const Bookmark& bookmark) const {
-  if (bookmark.changes != changes_.size() || bookmark.next > changes_.size()) return false;
-  std::size_t least = 0;  // ramps begin in the order of the changes
-  for (const Ramp& ramp : bookmark.ramps) {
-    if (ramp.change < least || ramp.change >= bookmark.next || changes_[ramp.change].ramp.ns <= 0) return false;
+bool Events::is_valid(const State& state) const {
+  if (state.changes != changes_.size() || state.next > changes_.size()) return false;
+  std::size_t least = 0;  // smallest valid index: ramps begin in the order of the changes
+  for (const Ramp& ramp : state.ramps) {
+    if (ramp.change < least || ramp.change >= state.next || changes_[ramp.change].ramp.ns <= 0) return false;
     if (changes_[ramp.change].value == nullptr) return false;
     least = ramp.change + 1;
   }
   return true;
 }
 
-void Events::Bookmark::write(ByteWriter& out) const {
+void Events::State::write(ByteWriter& out) const {
   out.value(static_cast<std::uint64_t>(changes));
   out.value(static_cast<std::uint64_t>(next));
   out.value(static_cast<std::uint64_t>(ramps.size()));
@@ -215,7 +214,7 @@ void Events::Bookmark::write(ByteWriter& out) const {
   }
 }
 
-void Events::Bookmark::read(ByteReader& in) {
+void Events::State::read(ByteReader& in) {
   changes = static_cast<std::size_t>(in.value<std::uint64_t>());
   next = static_cast<std::size_t>(in.value<std::uint64_t>());
   ramps.resize(in.count(sizeof(std::uint64_t) + sizeof(double)));

@@ -15,48 +15,46 @@ class ByteReader;
 class ByteWriter;
 }  // namespace cotwin
 
-/// What the scenario changes while it runs: what-ifs, overrides, disturbances.
+/// Changes of values during a run that the scenario asks for: what-ifs, overrides, disturbances.
 namespace cotwin::master {
 
-/// Jumps and ramps of inputs that nothing feeds and of tunables. An event takes effect in the first (part of a) tick that
-/// begins at or after its time. A ramp runs from the value found then and ends at time + duration exactly; an input with a rate
-/// (Variable::rate) follows it without stairs. A later event on the same variable ends an earlier ramp.
+/// Jumps and ramps of tunables and of inputs without a connection. An event takes effect in the first tick, or part of a tick,
+/// that begins at or after its time. A ramp begins at the value at that instant and ends exactly at time + duration; an input
+/// with a rate (Variable::rate) follows it linearly within a step. A later event on the same variable ends an earlier ramp.
 class Events {
  public:
-  /// A ramp under way, and the value that it began with.
+  /// An active ramp and its first value.
   struct Ramp {
     std::size_t change = 0;
     double begin = 0;
   };
-  /// What must be kept to come back to an instant.
-  struct Bookmark {
-    std::size_t changes = 0;  // that there are in all
-    std::size_t next = 0;     // the first that is still to come
+  /// The state of the events at an instant.
+  struct State {
+    std::size_t changes = 0;  // total number
+    std::size_t next = 0;     // the first that has not begun
     std::vector<Ramp> ramps;
 
     void write(ByteWriter& out) const;
-    /// What was read has to be held against the events, by fits().
+    /// The caller checks the result with is_valid().
     void read(ByteReader& in);
   };
-  /// Hears of an event that is not right, in the place of an exception.
-  using Complain = std::function<void(const Error&)>;
+  using Report = std::function<void(const Error&)>;
 
-  /// Throws Error at the event's place for a variable that is fed, of another role, a value that does not fit or is out of
-  /// range; or, where `complain` is given, calls it and leaves the event out.
+  /// Throws Error at the event's place for a variable with a connection or of another role, and for a value of another kind or
+  /// out of range. With `report`, calls it with each such error instead and leaves the event out.
   Events(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> fed,
-         const Complain& complain = nullptr);
+         const Report& report = nullptr);
 
-  /// To be called at the beginning of every step, `h` its length.
+  /// Call at the beginning of every step. `h`: its length.
   void apply(Time now, Duration h) {
     if (now >= next_time_) apply_due(now, h);
   }
-  /// When apply() has something to do next.
-  Time next_time() const { return next_time_; }
 
-  void mark(Bookmark& bookmark) const;
-  void back_to(const Bookmark& bookmark);
-  /// Whether there is such an instant: of the ramps each is one, has begun, and stands once.
-  bool fits(const Bookmark& bookmark) const;
+  /// Allocates only the first time.
+  void save(State& state) const;
+  void restore(const State& state);
+  /// Whether the state belongs to these events: its ramps exist, have begun and occur once each.
+  bool is_valid(const State& state) const;
 
  private:
   /// One element of a real variable, or a whole variable of another kind.
@@ -67,10 +65,10 @@ class Events {
     double* rate = nullptr;
     double target = 0;
     std::size_t other = 0;       // into others_
-    std::size_t before = kNone;  // the change of the same value before this one
+    std::size_t before = kNone;  // the previous change of the same value
   };
   struct Other {
-    Variable variable;  // its storage narrowed to the elements that change
+    Variable variable;  // with storage for the changing elements only
     std::vector<std::int32_t> integers;
     std::unique_ptr<bool[]> booleans;
     std::vector<std::string> strings;
@@ -85,12 +83,12 @@ class Events {
   void begin(std::size_t change);
   bool follow(const Ramp& ramp, Time now, Duration h);
 
-  std::vector<Change> changes_;  // by time, then as the scenario lists them
+  std::vector<Change> changes_;  // by time, then as in the scenario
   std::vector<Other> others_;
   std::size_t next_ = 0;              // the first that has not begun
-  Time next_time_;                    // at which it begins; the beginning of time while a ramp is under way
-  std::vector<Ramp> ramps_;           // under way, in the order in which they began; some may be over: see active_
-  std::vector<std::uint8_t> active_;  // of each change: whether its ramp is under way
+  Time next_time_;                    // of its begin; the smallest time while a ramp is active
+  std::vector<Ramp> ramps_;           // in the order of their begins; some may have ended: see active_
+  std::vector<std::uint8_t> active_;  // per change: whether its ramp is active
 };
 
 }  // namespace cotwin::master

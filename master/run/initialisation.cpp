@@ -19,7 +19,7 @@ constexpr Eigen::Index kDepth = 8;
 
 using Graph = std::vector<std::vector<std::size_t>>;
 
-/// Tarjan's algorithm, with its own stack instead of recursion: a chain may be long.
+/// Tarjan's algorithm with an explicit stack instead of recursion, for long chains.
 class StrongComponents {
  public:
   explicit StrongComponents(const Graph& edges)
@@ -104,9 +104,9 @@ class Initialiser {
     for (const auto& component : strong_components(edges_)) {
       const std::size_t first = component.front();
       if (component.size() > 1 || std::binary_search(edges_[first].begin(), edges_[first].end(), first)) {
-        initialise_circle(component);
+        initialise_cycle(component);
       } else {
-        wiring_.settle(first);
+        wiring_.update(first);
         initialise(first);
       }
     }
@@ -126,7 +126,7 @@ class Initialiser {
     }
   }
 
-  /// For the first time or, in a circle, again, with the inputs as they are.
+  /// Initialises with the present inputs; in a cycle repeatedly.
   void initialise(std::size_t slot) {
     at_component(slot, [&] {
       if (stages_[slot] != nullptr) {
@@ -137,13 +137,12 @@ class Initialiser {
     });
   }
 
-  /// Units that lead back to themselves. Those that can be kept in their initialisation (StagedInitialisation) leave it when
-  /// the circle has come to rest. If that changes an output that the circle follows, it has to come to rest once more, with
-  /// complete initialisations.
-  void initialise_circle(const std::vector<std::size_t>& slots) {
+  /// Units that support StagedInitialisation stay in their initialisation until the cycle has converged. If leaving it changes
+  /// an output of a connection within the cycle, the cycle is iterated once more, with complete initialisations.
+  void initialise_cycle(const std::vector<std::size_t>& slots) {
     bool staged = false;
     for (const std::size_t slot : slots) {
-      wiring_.settle(slot);
+      wiring_.update(slot);
       auto* stages = dynamic_cast<StagedInitialisation*>(schedule_.slots[slot].unit);
       if (stages == nullptr) {
         initialise(slot);
@@ -153,7 +152,7 @@ class Initialiser {
         staged = true;
       }
     }
-    come_to_rest(slots);
+    converge(slots);
     if (!staged) return;
     const auto sources = sources_within(slots);
     const auto before = values_of(sources);
@@ -162,10 +161,10 @@ class Initialiser {
       at_component(slot, [&] { stages_[slot]->exit_initialisation(); });
       stages_[slot] = nullptr;
     }
-    if (values_of(sources) != before) come_to_rest(slots);
+    if (values_of(sources) != before) converge(slots);
   }
 
-  /// The variables that connections among `slots` begin at, each once.
+  /// The source variables of connections between `slots`, each once.
   std::vector<const Variable*> sources_within(const std::vector<std::size_t>& slots) const {
     const auto within = [&](const Signal& signal) {
       return std::binary_search(slots.begin(), slots.end(), schedule_.slot_of[signal.member]);
@@ -179,7 +178,7 @@ class Initialiser {
     return sources;
   }
 
-  /// Their bits: a NaN equals itself.
+  /// Values as bytes: a NaN equals itself.
   static std::vector<std::string> values_of(const std::vector<const Variable*>& variables) {
     std::vector<std::string> values;
     for (const Variable* variable : variables) {
@@ -196,11 +195,11 @@ class Initialiser {
     return values;
   }
 
-  void come_to_rest(const std::vector<std::size_t>& slots) {
-    // News travels along at least one connection a round.
-    std::vector<std::size_t> restless = settle_all(slots, slots.size() + 1);
-    if (restless.empty()) return;
-    const std::vector<std::size_t> loop = loop_among(restless);
+  void converge(const std::vector<std::size_t>& slots) {
+    // Each sweep passes a change along at least one connection.
+    std::vector<std::size_t> changing = sweep(slots, slots.size() + 1);
+    if (changing.empty()) return;
+    const std::vector<std::size_t> loop = loop_among(changing);
     if (!loop.empty()) {
       for (const std::size_t slot : loop) {
         const bool known = std::find(result_.loop.begin(), result_.loop.end(), name(slot)) != result_.loop.end();
@@ -212,36 +211,34 @@ class Initialiser {
     for (const std::size_t slot : slots) {
       if (!std::binary_search(loop.begin(), loop.end(), slot)) rest.push_back(slot);
     }
-    restless = settle_all(rest, rest.size() + 1);
-    if (!restless.empty()) throw Error("initialisation", "the inputs of '" + name(restless.front()) + "' do not come to rest");
+    changing = sweep(rest, rest.size() + 1);
+    if (!changing.empty()) throw Error("initialisation", "the inputs of '" + name(changing.front()) + "' do not converge");
   }
 
-  /// Sweeps over `slots` until no input changes, at most `rounds` times. Returns the slots that changed in the last round.
-  std::vector<std::size_t> settle_all(const std::vector<std::size_t>& slots, std::size_t rounds) {
-    std::vector<std::size_t> restless;
-    int made = 1;  // the one that brought the slots here
+  /// Sweeps over `slots` until no input changes, at most `rounds` times. Returns the slots that changed in the last sweep.
+  std::vector<std::size_t> sweep(const std::vector<std::size_t>& slots, std::size_t rounds) {
+    std::vector<std::size_t> changing;
+    int made = 1;  // the first initialisation
     for (std::size_t round = 0; round < rounds; ++round) {
-      restless.clear();
+      changing.clear();
       for (const std::size_t slot : slots) {
-        if (!wiring_.settle(slot)) continue;
-        restless.push_back(slot);
+        if (!wiring_.update(slot)) continue;
+        changing.push_back(slot);
         initialise(slot);
       }
       ++made;
-      if (restless.empty()) break;
+      if (changing.empty()) break;
     }
     result_.rounds = std::max(result_.rounds, made);
-    return restless;
+    return changing;
   }
 
-  /// The restless slots that lie on a circle of restless slots, ascending; the others only listen.
-  std::vector<std::size_t> loop_among(const std::vector<std::size_t>& restless) const {
-    std::vector<bool> among_restless(edges_.size());
-    for (const std::size_t slot : restless) among_restless[slot] = true;
-    const auto is_restless = [&](std::size_t slot) { return static_cast<bool>(among_restless[slot]); };
+  /// The slots of `changing` that lie on a cycle within it, ascending; the others only follow.
+  std::vector<std::size_t> loop_among(const std::vector<std::size_t>& changing) const {
+    const auto is_changing = [&](std::size_t slot) { return std::ranges::binary_search(changing, slot); };
     Graph among(edges_.size());
-    for (const std::size_t slot : restless)
-      std::copy_if(edges_[slot].begin(), edges_[slot].end(), std::back_inserter(among[slot]), is_restless);
+    for (const std::size_t slot : changing)
+      std::copy_if(edges_[slot].begin(), edges_[slot].end(), std::back_inserter(among[slot]), is_changing);
     std::vector<std::size_t> loop;
     for (const auto& component : strong_components(among)) {
       const std::size_t first = component.front();
@@ -252,8 +249,8 @@ class Initialiser {
     return loop;
   }
 
-  /// Anderson's acceleration of x ← G(x), x the real inputs of the loop (Walker and Ni, SIAM J. Numer. Anal. 49, 2011, the
-  /// unconstrained form): the step is the residual f = G(x) − x less its best approximation by the last changes of f.
+  /// Solves x = G(x), x the real inputs of the loop, by Anderson's acceleration (Walker and Ni, SIAM J. Numer. Anal. 49, 2011,
+  /// the unconstrained form): the step is the residual f = G(x) − x minus its best approximation by the last changes of f.
   void solve(const std::vector<std::size_t>& loop) {
     std::vector<double*> inputs;
     for (const std::size_t slot : loop) {
@@ -276,13 +273,13 @@ class Initialiser {
       for (Eigen::Index i = 0; i < n; ++i) *inputs[static_cast<std::size_t>(i)] = x[i];
       for (const std::size_t slot : loop) initialise(slot);
       bool changed = false;
-      for (const std::size_t slot : loop) changed = wiring_.settle(slot) || changed;
+      for (const std::size_t slot : loop) changed = wiring_.update(slot) || changed;
       if (!changed) return;
       read(g);
       f = g - x;
       if (!f.allFinite()) break;
       worst = n > 0 ? (f.array().abs() / (1 + x.array().abs())).maxCoeff() : 1;
-      if (worst <= kTolerance) {  // the inputs are G(x) now: once more, so that the outputs belong to them
+      if (worst <= kTolerance) {  // the inputs are G(x) now: compute the outputs from them
         for (const std::size_t slot : loop) initialise(slot);
         return;
       }
@@ -302,7 +299,7 @@ class Initialiser {
     }
     std::string members;
     for (const std::size_t slot : loop) members += (members.empty() ? "" : ", ") + name(slot);
-    throw Error("initialisation", "algebraic loop between " + members + ": its inputs do not come to rest within " +
+    throw Error("initialisation", "algebraic loop between " + members + ": its inputs do not converge within " +
                                       std::to_string(kMaxIterations) + " iterations (last relative change " +
                                       text::to_text(worst, 3) + "); set start values closer to a solution, or break the loop");
   }
@@ -313,7 +310,7 @@ class Initialiser {
   Wiring& wiring_;
   Time start_;
   Graph edges_;
-  std::vector<StagedInitialisation*> stages_;  // of the slots that are being initialised in stages
+  std::vector<StagedInitialisation*> stages_;  // per slot; nullptr: not in a staged initialisation
   Initialisation result_{.rounds = 1, .loop = {}, .iterations = 0};
 };
 

@@ -6,20 +6,20 @@
 #include "master/run/schedule.h"
 #include "master/run/wiring.h"
 
-/// Makes inputs and outputs of all units agree before the first step.
+/// Initialises all units so that inputs and outputs are consistent before the first step.
 namespace cotwin::master {
 
 struct Initialisation {
-  int rounds = 0;                 // sweeps until nothing changed, of the circle of units that took most; 1: there is none
-  std::vector<std::string> loop;  // members of the algebraic loops that had to be solved; empty if there was none
+  int rounds = 0;                 // largest number of sweeps over a cycle until nothing changed; 1 without a cycle
+  std::vector<std::string> loop;  // members of the algebraic loops that had to be solved
   int iterations = 0;             // evaluations of the loops
 };
 
-/// Exchanges and initialises in the order of the signal flow, a unit that does not lead back to itself once. A circle of units
-/// is swept until no input changes. What still changes after every unit of it could have heard of every other is an algebraic
-/// loop: it is solved with Anderson's acceleration of the fixed-point iteration
-/// (depth 8; a linear loop of that many unknowns is solved exactly, contracting or not) to 1e-12 relative to 1 + |value|.
-/// Throws Error that names the members of a loop that cannot be solved, and the unit whose initialise throws.
+/// Exchanges and initialises in the order of the signal flow. A unit outside of cycles is initialised once. A cycle of units is
+/// swept until no input changes. Units that still change after as many sweeps as the cycle has units form an algebraic loop. It
+/// is solved by the fixed-point iteration with Anderson's acceleration (depth 8; a linear loop of at most 8 unknowns is solved
+/// exactly, contracting or not) to 1e-12 relative to 1 + |value|. Throws Error naming the members of a loop that does not
+/// converge, or the unit whose initialise throws.
 Initialisation initialise_units(std::span<Member> members, const Schedule& schedule, const std::vector<Link>& links,
                                 Wiring& wiring, Time start);
 

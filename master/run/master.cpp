@@ -23,22 +23,67 @@ namespace cotwin::master {
 
 namespace {
 
-// Ticks between two whose units are timed, as few as cost at most kMeasuring: a clock costs as much as a light unit. Primes, so
-// that no period of the scenario is always met or always missed.
-constexpr std::array<std::int64_t, 5> kSampleEvery = {61, 127, 251, 509, 1021};
-constexpr double kMeasuring = 0.01;        // of the run's time
-constexpr int kLaps = 4;                   // readings of the clock in such a tick, without those of its units
-constexpr std::int64_t kSampleAll = 1024;  // a run of fewer ticks is timed throughout
 constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
-constexpr std::int64_t kCarefulTicks = 64;  // with a checkpoint each, after a discarded one
 
-std::vector<Signal> signals_of(const std::vector<Column>& columns) {
-  std::vector<Signal> signals;
-  for (const Column& column : columns) signals.push_back(column.signal);
-  return signals;
-}
+/// Where the loop's time goes, sampled: reading the clock costs as much as a light unit, so only some ticks are timed.
+class TickTimes {
+ public:
+  /// `ticks`: of the run; `first`: where it begins.
+  void begin_run(std::int64_t ticks, std::int64_t first) {
+    all_ = ticks < kTimeAll;
+    next_ = first + (all_ ? 0 : 1);
+  }
+  /// The next tick to be timed.
+  std::int64_t next() const { return next_; }
+  void begin_tick() { last_ = Clock::now(); }
+  void end_stepping() { stepping_ += lap(); }
+  void end_checking() { checking_ += lap(); }
+  void end_tick(std::int64_t tick, const Engine& engine) {
+    observing_ += lap();
+    ++samples_;
+    next_ = tick + interval(engine);
+  }
 
-/// What the unit said when it was built, and what stands in outputs called `warning`.
+  /// Seconds that `ticks` ticks took, without those of the units: events, exchange, checkpoints …
+  double stepping(std::int64_t ticks, const Engine& engine) const {
+    return scale(ticks) * std::max(0.0, stepping_ - engine.timed_seconds() - engine.measuring_seconds());
+  }
+  double checking(std::int64_t ticks) const { return scale(ticks) * checking_; }    // … searching for NaN …
+  double observing(std::int64_t ticks) const { return scale(ticks) * observing_; }  // … statistics and recording
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  // Ticks between two timed ones: the smallest that costs at most kMeasuring. Primes, so that no period of the scenario is
+  // always hit or always missed.
+  static constexpr std::array<std::int64_t, 5> kIntervals = {61, 127, 251, 509, 1021};
+  static constexpr double kMeasuring = 0.01;      // of the run's time
+  static constexpr int kReadings = 4;             // of the clock in a timed tick, without those of its units
+  static constexpr std::int64_t kTimeAll = 1024;  // a run of fewer ticks is timed throughout
+
+  double lap() {
+    const auto before = std::exchange(last_, Clock::now());
+    return std::chrono::duration<double>(last_ - before).count();
+  }
+  std::int64_t interval(const Engine& engine) const {
+    if (all_) return 1;
+    const double seconds = stepping_ + checking_ + observing_;
+    const double measuring = engine.measuring_seconds() + kReadings * static_cast<double>(samples_) * engine.clock_seconds();
+    for (const std::int64_t every : kIntervals) {
+      if (measuring <= kMeasuring * static_cast<double>(every) * (seconds - measuring)) return every;
+    }
+    return kIntervals.back();
+  }
+  double scale(std::int64_t ticks) const {
+    return static_cast<double>(ticks) / static_cast<double>(std::max<std::int64_t>(1, samples_));
+  }
+
+  bool all_ = false;
+  std::int64_t next_ = 0, samples_ = 0;
+  Clock::time_point last_;
+  double stepping_ = 0, checking_ = 0, observing_ = 0;  // s, of the timed ticks
+};
+
+/// Warnings from building the unit, and those in an output called `warning`.
 std::vector<std::string> warnings_of(const Member& member) {
   std::vector<std::string> all = member.instance.warnings;
   const Variable* output = member.variables().find("warning");
@@ -51,7 +96,7 @@ std::vector<std::string> warnings_of(const Member& member) {
 
 using Values = std::variant<std::vector<double>, std::vector<std::int32_t>, std::vector<bool>, std::vector<std::string>>;
 
-/// All elements, or one.
+/// The values of a variable, or of one element.
 Values values_of(const FoundElement& found) {
   return std::visit(
       [&](auto all) -> Values {
@@ -72,7 +117,7 @@ struct GivenState {
 std::vector<GivenState> given_states(std::span<const Member> members) {
   std::vector<GivenState> all;
   for (const Member& member : members) {
-    if (!is_unit(member.spec)) continue;  // what a start value is to a foreign FMU it says itself
+    if (!is_unit(member.spec)) continue;  // a foreign FMU decides itself what a start value of a state means
     for (const ParameterValue& given : member.spec.start_values) {
       const FoundElement found = find_element(member.variables(), given.name);
       if (found.variable != nullptr && found.variable->role == Role::kState)
@@ -82,7 +127,7 @@ std::vector<GivenState> given_states(std::span<const Member> members) {
   return all;
 }
 
-/// A start value that the initialisation replaces would be lost without a word.
+/// Throws Error for a start value that the initialisation has replaced, so that it is not ignored silently.
 void check_kept(std::span<const GivenState> states) {
   for (const GivenState& s : states) {
     if (values_of(s.state) == s.value) continue;
@@ -94,9 +139,6 @@ void check_kept(std::span<const GivenState> states) {
 
 }  // namespace
 
-/// Phases of a tick: wait for the clock; advance, and again in smaller parts where somebody discards or the tolerance asks;
-/// check for NaN; let statistics and recorder see the new instant. Most ticks are plain ones: what else might be due in them is
-/// known beforehand, and they are told by one comparison.
 class Master::Loop {
  public:
   Loop(Scenario scenario, MasterOptions options);
@@ -109,7 +151,7 @@ class Master::Loop {
   Time now() const { return engine_.schedule.time(tick_); }
   std::int64_t ticks() const { return engine_.schedule.ticks(); }
 
-  void values_changed() { plain_until_ = next_checkpoint_ = 0; }
+  void values_changed() { control_.forget(); }
   void save(std::function<void(RunState)> take);
   const std::string& unsavable() const { return unsavable_; }
   std::optional<std::uint64_t> sync_recording() const {
@@ -122,60 +164,40 @@ class Master::Loop {
   std::int64_t tick_ = 0;
 
  private:
-  std::int64_t plain_until_ = 0;  // a tick that is not a plain one
-  void step_plainly();
-  void step_in_smaller_parts(std::size_t who);
-  void step_to_tolerance();
-  void take_checkpoint();
-  void hand_over();
-  std::uint64_t beginning() const;
-  std::string why_unsavable();
-  std::string state() const;
-  void go_on_from(const RunState& state);
-  double wall_seconds() const;
-  void count_discard(std::size_t who);
+  bool at_end() const { return tick_ >= engine_.schedule.ticks() || engine_.finished_by() != Engine::kNoSlot; }
   void observe(Time now);
   void record(Time now);
-  void step_timed();
-  void step();
-  void advance();
-  bool step_tick_with_care();
-  std::int64_t plain_until() const;
-  std::int64_t next_sample() const;
-  bool sampled() const { return tick_ == next_sample_ || engine_.schedule.ticks() < kSampleAll; }
+  [[noreturn]] void fail_discarded(std::size_t slot) const;
+  void take_checkpoint();
+  void pass_state();
+  std::uint64_t hash_of_values() const;
+  std::string why_unsavable();
+  std::string state() const;
+  void restore(const RunState& state);
+  double wall_seconds() const;
 
   Engine engine_;
+  StepControl control_;
   std::vector<std::string> omissions_;
   std::vector<Column> columns_;
   Statistics statistics_;
   bool has_statistics_;
   std::unique_ptr<Clock> clock_;
-  std::filesystem::path recording_;  // empty: none is wanted
+  bool waits_;                       // for the clock
+  std::filesystem::path recording_;  // empty if there is none
   std::unique_ptr<Recorder> recorder_;
   std::int64_t next_row_ = kNever;  // the tick at whose beginning it is sampled
   Initialisation initialisation_;
 
-  const Member* not_restorable_ = nullptr;  // the first that cannot go back
-  Checkpoint checkpoint_;
-  std::int64_t next_checkpoint_ = 0, careful_until_ = 0;
-  std::vector<std::int64_t> discarded_by_;  // per slot
-  std::int64_t discarded_ = 0;
-  std::optional<OutputError> output_error_;  // with a tolerance
-  int parts_ = 1;                            // of the next tick, with a tolerance
-  int most_parts_ = 1;
-  std::int64_t parts_sum_ = 0, tolerance_missed_ = 0;
-
-  // Of the sampled ticks.
-  double advance_seconds_ = 0, check_seconds_ = 0, observe_seconds_ = 0;
-  std::int64_t sampled_ticks_ = 0, next_sample_ = 1;
+  TickTimes times_;
   std::chrono::steady_clock::time_point begun_, ended_;
   bool running_ = false, finished_ = false;
 
-  // Of saving the run for another process.
+  // For saving the run for another process.
   std::function<void()> before_results_;
   std::optional<RunState> resume_;
-  std::function<void(RunState)> saved_to_;  // empty unless a state is asked for
-  bool saves_anywhere_ = true;              // saving a unit changes nothing of what it does next
+  std::function<void(RunState)> state_taker_;  // empty unless a state was asked for
+  bool saves_anywhere_ = true;                 // saving a unit does not change its later steps
   std::string unsavable_;
   std::uint64_t beginning_ = 0;
   double earlier_seconds_ = 0;  // of processes before this one
@@ -185,26 +207,22 @@ Master::Loop::Loop(Scenario scenario, MasterOptions options)
     : scenario_(std::move(scenario)),
       members_(load_members(scenario_, options.types, options.folders)),
       engine_(scenario_, members_, options.threads.value_or(scenario_.threads), options.always_threads),
+      control_(engine_, members_, scenario_.tolerance, [this](std::int64_t tick) { return engine_.schedule.tick(tick); }),
       omissions_(find_omissions(scenario_, members_, engine_.links)),
       columns_(choose_columns(scenario_, members_)),
-      statistics_(scenario_, members_, signals_of(columns_)),
+      statistics_(scenario_, members_, columns_),
       has_statistics_(!statistics_.empty()),
       clock_(options.clock ? std::move(options.clock) : make_clock(scenario_.clock)),
-      discarded_by_(members_.size()),
+      waits_(!clock_->never_waits()),
       before_results_(std::move(options.before_results)),
       resume_(std::move(options.resume)) {
-  for (const Member& member : members_) {
-    if (!not_restorable_ && !member.instance.unit->restorable()) not_restorable_ = &member;
-  }
   const std::string place = scenario_.file.filename().string();
   if (scenario_.decimation < 1) fail(place, "decimation " + std::to_string(scenario_.decimation) + ", expected >= 1 ticks");
-  if (scenario_.tolerance > 0) {
-    if (not_restorable_) {
-      fail(not_restorable_->spec.place,
-           "component '" + not_restorable_->name() +
-               "' cannot be taken back, as steps to a tolerance need; leave the scenario's tolerance out");
-    }
-    output_error_.emplace(members_, scenario_.tolerance);
+  const Member* const not_restorable = control_.not_restorable();
+  if (scenario_.tolerance > 0 && not_restorable != nullptr) {
+    fail(not_restorable->spec.place,
+         "component '" + not_restorable->name() +
+             "' cannot be restored, as steps to a tolerance need; leave the scenario's tolerance out");
   }
   if (!options.results.empty() && !columns_.empty()) recording_ = options.results / "signals.csv";
 }
@@ -220,12 +238,12 @@ void Master::Loop::initialise() {
   const std::vector<GivenState> given = given_states(members_);
   initialisation_ = engine_.initialise(scenario_.start);
   check_kept(given);
-  engine_.check_numbers(scenario_.start);
-  take_checkpoint();  // makes the room that later ones need
-  if (output_error_) output_error_->remember();
-  beginning_ = beginning();
+  engine_.check_finite(scenario_.start);
+  control_.initialise();
+  beginning_ = hash_of_values();
   unsavable_ = why_unsavable();
-  if (resume_) go_on_from(*resume_);
+  if (resume_) restore(*resume_);
+  times_.begin_run(ticks(), tick_);
   if (before_results_) before_results_();
   if (!recording_.empty()) {
     Recorder::Options options{!clock_->real_time(), Recorder::Options{}.ring_bytes, {}};
@@ -240,15 +258,15 @@ void Master::Loop::initialise() {
   clock_->start(now());
 }
 
-/// A hash of every number of every unit, bit by bit.
-std::uint64_t Master::Loop::beginning() const {
+/// Hash of the bits of all numbers of all units.
+std::uint64_t Master::Loop::hash_of_values() const {
   std::uint64_t hash = hash_of("");
   const auto add = [&hash](const auto& values) {
     for (const auto& value : values) {
       std::uint64_t bits = 0;
       std::memcpy(&bits, &value, sizeof value);
       hash = (hash ^ bits) * 0x100000001b3u;
-      hash ^= hash >> 29;  // high bits would never reach low ones
+      hash ^= hash >> 29;  // otherwise high bits would not affect low ones
     }
   };
   for (const Member& member : members_) {
@@ -263,10 +281,10 @@ std::uint64_t Master::Loop::beginning() const {
 }
 
 std::string Master::Loop::why_unsavable() {
-  if (not_restorable_) return "'" + not_restorable_->name() + "' cannot be saved";
+  if (const Member* member = control_.not_restorable()) return "'" + member->name() + "' cannot be saved";
   for (const Member& member : members_) {
     if (is_unit(member.spec)) continue;
-    saves_anywhere_ = false;  // a solver of Model Exchange begins afresh where it is saved
+    saves_anywhere_ = false;  // a Model Exchange solver restarts where it is saved
     std::string memory;
     member.instance.unit->save_memory(memory);
     if (!fmu::holds_state(memory)) return "the states of the FMU '" + member.name() + "' cannot leave its process";
@@ -276,15 +294,16 @@ std::string Master::Loop::why_unsavable() {
 
 void Master::Loop::save(std::function<void(RunState)> take) {
   if (!unsavable_.empty()) throw Error(unsavable_);
-  saved_to_ = std::move(take);
-  if (!saves_anywhere_ || tick_ >= engine_.schedule.ticks() || engine_.finished_by() != Engine::kNobody) return;
-  take_checkpoint();
-  hand_over();
+  state_taker_ = std::move(take);
+  if (saves_anywhere_ && !at_end()) take_checkpoint();
 }
 
-/// After take_checkpoint() in the same tick.
-void Master::Loop::hand_over() {
-  if (!saved_to_) return;
+void Master::Loop::take_checkpoint() {
+  control_.take_checkpoint(tick_);
+  if (state_taker_) pass_state();
+}
+
+void Master::Loop::pass_state() {
   RunState run;
   run.beginning = beginning_;
   run.wall_seconds = wall_seconds();
@@ -293,54 +312,29 @@ void Master::Loop::hand_over() {
     run.recording = {0, recorder_->rows(), recorder_->dropped()};
     recorder_->mark();
   }
-  std::exchange(saved_to_, nullptr)(std::move(run));
+  std::exchange(state_taker_, nullptr)(std::move(run));
 }
 
 std::string Master::Loop::state() const {
   ByteWriter out;
-  checkpoint_.write(out);
+  control_.write(out);
   statistics_.write(out);
   out.value(next_row_);
-  out.value(careful_until_);
-  out.value(discarded_);
-  out.value(static_cast<std::uint64_t>(discarded_by_.size()));
-  for (const std::int64_t count : discarded_by_) out.value(count);
-  out.value(static_cast<std::int32_t>(parts_));
-  out.value(static_cast<std::int32_t>(most_parts_));
-  out.value(parts_sum_);
-  out.value(tolerance_missed_);
-  out.value(static_cast<std::uint8_t>(output_error_.has_value()));
-  if (output_error_) output_error_->write(out);
   return out.bytes();
 }
 
-void Master::Loop::go_on_from(const RunState& run) {
+void Master::Loop::restore(const RunState& run) {
   const std::string place = "checkpoint";
   if (run.beginning != beginning_)
-    throw Error(place, "the run it is of began with other values, expected the same scenario and the same files");
+    throw Error(place, "its run had other initial values, expected the same scenario and the same files");
   ByteReader in(as_bytes(run.bytes), place);
-  checkpoint_.read(in, members_, engine_.schedule, engine_.events);
+  tick_ = control_.restore(in);
   statistics_.read(in);
   next_row_ = in.value<std::int64_t>();
-  careful_until_ = in.value<std::int64_t>();
-  discarded_ = in.value<std::int64_t>();
-  if (in.count(sizeof(std::int64_t)) != discarded_by_.size()) in.fail("has the states of other units");
-  for (std::int64_t& count : discarded_by_) count = in.value<std::int64_t>();
-  parts_ = in.value<std::int32_t>();
-  most_parts_ = in.value<std::int32_t>();
-  parts_sum_ = in.value<std::int64_t>();
-  tolerance_missed_ = in.value<std::int64_t>();
-  if ((in.value<std::uint8_t>() != 0) != output_error_.has_value()) in.fail("is of another tolerance");
-  if (output_error_) output_error_->read(in);
   in.expect_end();
-  tick_ = checkpoint_.tick();
-  const bool plausible = next_row_ > tick_ && parts_ >= 1 && parts_ <= kMostParts && most_parts_ >= 1;
-  if (!plausible || run.recording.has_value() != !recording_.empty()) in.fail("is damaged");
-  checkpoint_.restore(members_, engine_.schedule, engine_.events);
-  engine_.check_numbers(now());
+  if (next_row_ <= tick_ || run.recording.has_value() != !recording_.empty()) in.fail("is damaged");
+  engine_.check_finite(now());
   earlier_seconds_ = run.wall_seconds;
-  next_checkpoint_ = tick_ < careful_until_ ? tick_ + 1 : tick_ + kCheckpointEvery;
-  next_sample_ = tick_ + 1;
 }
 
 double Master::Loop::wall_seconds() const {
@@ -349,172 +343,36 @@ double Master::Loop::wall_seconds() const {
   return earlier_seconds_ + std::chrono::duration<double>(end - begun_).count();
 }
 
+/// The loop body of "One master step" in docs/architecture.md.
 inline bool Master::Loop::step_tick() {
-  if (tick_ >= plain_until_) return step_tick_with_care();
-  const Time end = engine_.schedule.time_before_the_last(tick_ + 1);
-  const std::size_t who = engine_.advance_plainly(end);
-  if (who != Engine::kNobody) [[unlikely]]
-    step_in_smaller_parts(who);
-  if (engine_.finished_by() != Engine::kNobody) [[unlikely]]
-    plain_until_ = 0;
+  if (at_end()) return false;
+  if (waits_ && !clock_->wait(now())) return true;
+  const bool timed = tick_ >= times_.next();
+  if (timed) times_.begin_tick();
+
+  if (tick_ >= control_.next_checkpoint()) take_checkpoint();
+  const Tick tick = engine_.schedule.tick(tick_);
+  const std::size_t discarded_by = control_.step(tick, timed);
+  if (discarded_by != Engine::kNoSlot) fail_discarded(discarded_by);
   ++tick_;
-  engine_.check_numbers(end);
-  observe(end);
+  if (timed) times_.end_stepping();
+
+  engine_.check_finite(tick.end);
+  if (timed) times_.end_checking();
+
+  observe(tick.end);
+  if (timed) times_.end_tick(tick.index, engine_);
   return true;
 }
 
-bool Master::Loop::step_tick_with_care() {
-  if (tick_ >= engine_.schedule.ticks() || engine_.finished_by() != Engine::kNobody) return false;
-  if (!clock_->wait(now())) return true;
-  if (sampled()) {
-    step_timed();
-  } else {
-    step();
-  }
-  plain_until_ = plain_until();
-  return true;
-}
-
-/// The first tick from the present one on that needs care.
-std::int64_t Master::Loop::plain_until() const {
-  if (!clock_->never_waits() || output_error_ || engine_.finished_by() != Engine::kNobody) return 0;
-  if (engine_.schedule.ticks() < kSampleAll) return 0;
-  std::int64_t until = std::min(engine_.plain_until(tick_), next_sample_);
-  if (!not_restorable_) until = std::min(until, next_checkpoint_);
-  return until;
-}
-
-void Master::Loop::step_timed() {
-  auto last = std::chrono::steady_clock::now();
-  const auto lap = [&last] {
-    const auto before = std::exchange(last, std::chrono::steady_clock::now());
-    return std::chrono::duration<double>(last - before).count();
-  };
-  advance();
-  advance_seconds_ += lap();
-  engine_.check_numbers(now());
-  check_seconds_ += lap();
-  observe(now());
-  observe_seconds_ += lap();
-  ++sampled_ticks_;
-  next_sample_ = next_sample();
-}
-
-/// The tick that was sampled is the one before the present one.
-std::int64_t Master::Loop::next_sample() const {
-  const double seconds = advance_seconds_ + check_seconds_ + observe_seconds_;
-  const double measuring = engine_.measuring_seconds() + kLaps * static_cast<double>(sampled_ticks_) * engine_.clock_seconds();
-  for (const std::int64_t every : kSampleEvery) {
-    if (measuring <= kMeasuring * static_cast<double>(every) * (seconds - measuring)) return tick_ - 1 + every;
-  }
-  return tick_ - 1 + kSampleEvery.back();
-}
-
-void Master::Loop::step() {
-  advance();
-  engine_.check_numbers(now());
-  observe(now());
-}
-
-void Master::Loop::advance() {
-  if (output_error_) {
-    step_to_tolerance();
-  } else {
-    step_plainly();
-  }
-  ++tick_;
-}
-
-void Master::Loop::step_plainly() {
-  if (tick_ >= next_checkpoint_ && !not_restorable_) {
-    take_checkpoint();
-    hand_over();
-  }
-  const std::size_t who = engine_.advance(tick_, 1, sampled());
-  if (who != Engine::kNobody) step_in_smaller_parts(who);
-}
-
-void Master::Loop::take_checkpoint() {
-  checkpoint_.take(tick_, members_, engine_.schedule, engine_.events);
-  next_checkpoint_ = tick_ < careful_until_ ? tick_ + 1 : tick_ + kCheckpointEvery;
-}
-
-/// The ticks since the last checkpoint are stepped once more, to the same bits: cheaper than a checkpoint in every tick of
-/// every run.
-void Master::Loop::step_in_smaller_parts(std::size_t who) {
-  plain_until_ = 0;
-  const auto blame = [&] {
-    return "'" + engine_.name(who) + "' discarded its step at t = " + text::to_text(now().seconds()) + " s";
-  };
-  count_discard(who);
-  if (not_restorable_) {
-    const char* hint =
-        is_unit(not_restorable_->spec)
-            ? ""
-            : "; if the FMU can get and set its state, but not serialise it, rollback=true in its source lets it";
-    throw Error(blame() + ", which cannot be repeated: '" + not_restorable_->name() + "' cannot be taken back" + hint);
-  }
-  if (checkpoint_.tick() < tick_) {
-    checkpoint_.restore(members_, engine_.schedule, engine_.events);
-    for (std::int64_t tick = checkpoint_.tick(); tick < tick_; ++tick) {
-      const std::size_t again = engine_.advance(tick, 1, false);
-      if (again == Engine::kNobody) continue;
-      throw Error("'" + engine_.name(again) + "' discards at t = " + text::to_text(engine_.schedule.time(tick).seconds()) +
-                  " s a step that it has made before: its variables do not hold all that it remembers");
-    }
-    take_checkpoint();
-  }
-  careful_until_ = tick_ + kCarefulTicks;
-  next_checkpoint_ = tick_ + 1;
-  for (int parts = 2; parts <= kMostParts; parts *= 2) {
-    checkpoint_.restore(members_, engine_.schedule, engine_.events);
-    who = engine_.advance(tick_, parts, false);
-    if (who != Engine::kNobody) continue;
-    most_parts_ = std::max(most_parts_, parts);
-    return;
-  }
-  throw Error(blame() + " even at 1/" + std::to_string(kMostParts) + " of the tick");
-}
-
-/// Step doubling: the tick in p parts is held against the tick in 2p, which is kept if they agree within the tolerance, and
-/// else is the next p. A tick that agrees to an eighth gives the next one half the parts (the error of a part goes with its
-/// square, two parts make the difference: a quarter, with a margin).
-void Master::Loop::step_to_tolerance() {
-  take_checkpoint();
-  hand_over();
-  std::size_t who = Engine::kNobody;
-  const auto make = [&](int parts, bool timed) {
-    who = engine_.advance(tick_, parts, timed);
-    if (who != Engine::kNobody) count_discard(who);
-    return who == Engine::kNobody;
-  };
-  bool has_coarse = make(parts_, sampled());
-  if (has_coarse) output_error_->remember();
-  for (;;) {
-    checkpoint_.restore(members_, engine_.schedule, engine_.events);
-    const int finer = 2 * parts_;
-    const bool made = make(finer, false);
-    if (!made && finer >= kMostParts) {
-      throw Error("'" + engine_.name(who) + "' discarded its step at t = " + text::to_text(now().seconds()) + " s even at 1/" +
-                  std::to_string(finer) + " of the tick");
-    }
-    const double error = made && has_coarse ? output_error_->against_remembered() : std::numeric_limits<double>::infinity();
-    if (made && (error <= 1 || finer >= kMostParts)) {
-      if (!(error <= 1)) ++tolerance_missed_;
-      parts_sum_ += finer;
-      most_parts_ = std::max(most_parts_, finer);
-      if (error <= 0.125) parts_ = std::max(1, parts_ / 2);
-      return;
-    }
-    if (made) output_error_->remember();
-    has_coarse = made;
-    parts_ = finer;
-  }
-}
-
-void Master::Loop::count_discard(std::size_t who) {
-  ++discarded_;
-  ++discarded_by_[engine_.schedule.slots[who].member];
+void Master::Loop::fail_discarded(std::size_t slot) const {
+  const std::string fact = "'" + engine_.name(slot) + "' discarded its step at t = " + text::to_text(now().seconds()) + " s";
+  const Member* const member = control_.not_restorable();
+  if (member == nullptr) throw Error(fact + " even at 1/" + std::to_string(kMostParts) + " of the tick");
+  const char* hint = is_unit(member->spec)
+                         ? ""
+                         : "; if the FMU can get and set its state, but not serialise it, rollback=true in its source lets it";
+  throw Error(fact + ", which cannot be repeated: '" + member->name() + "' cannot be restored" + hint);
 }
 
 inline void Master::Loop::observe(Time now) {
@@ -537,21 +395,21 @@ void Master::Loop::finish() {
   ended_ = std::chrono::steady_clock::now();
 }
 
-/// Each once, as a unit may say the same when it is built and after its initialisation.
+/// Each once: a unit may repeat a warning of its construction after its initialisation.
 std::vector<std::string> Master::Loop::warnings() const {
   std::vector<std::string> all;
-  std::set<std::string> told;
-  const auto tell = [&](const std::string& warning) {
-    if (told.insert(warning).second) all.push_back(warning);
+  std::set<std::string> reported;
+  const auto add = [&](const std::string& warning) {
+    if (reported.insert(warning).second) all.push_back(warning);
   };
-  for (const std::string& warning : scenario_.warnings) tell(warning);
-  for (const std::string& warning : omissions_) tell(warning);
-  if (engine_.finished_by() != Engine::kNobody) {
-    tell("'" + engine_.name(engine_.finished_by()) + "' asked for the end of the run at t = " + text::to_text(now().seconds()) +
-         " s");
+  for (const std::string& warning : scenario_.warnings) add(warning);
+  for (const std::string& warning : omissions_) add(warning);
+  if (engine_.finished_by() != Engine::kNoSlot) {
+    add("'" + engine_.name(engine_.finished_by()) + "' asked for the end of the run at t = " + text::to_text(now().seconds()) +
+        " s");
   }
   for (const Member& member : members_) {
-    for (const std::string& warning : warnings_of(member)) tell(member.name() + ": " + warning);
+    for (const std::string& warning : warnings_of(member)) add(member.name() + ": " + warning);
   }
   return all;
 }
@@ -568,10 +426,7 @@ Summary Master::Loop::summary() const {
   s.real_time_factor = s.wall_seconds > 0 ? (s.reached - s.start) / s.wall_seconds : 0;
   s.threads = engine_.threads_used();
   s.initialisation = initialisation_;
-  // Ticks that were timed stand for all: what is not the units' is the loop's own.
-  const double scale = static_cast<double>(tick_) / static_cast<double>(std::max<std::int64_t>(1, sampled_ticks_));
-  const double exchange = scale * std::max(0.0, advance_seconds_ - engine_.sampled_seconds() - engine_.measuring_seconds());
-  const double check = scale * check_seconds_, observe = scale * observe_seconds_;
+  const double exchange = times_.stepping(tick_, engine_), check = times_.checking(tick_), observe = times_.observing(tick_);
   double all = exchange + check + observe;
   for (std::size_t m = 0; m < members_.size(); ++m) all += engine_.cost(m, tick_).seconds();
   s.exchange_share = all > 0 ? exchange / all : 0;
@@ -584,11 +439,12 @@ Summary Master::Loop::summary() const {
     std::vector<std::string> notes;
     members_[m].instance.unit->tell(notes);
     for (const std::string& note : notes) s.notes.push_back(members_[m].name() + ": " + note);
-    if (discarded_by_[m] > 0) s.discarded_by.emplace_back(members_[m].name(), discarded_by_[m]);
+    if (const std::int64_t count = control_.discarded_by()[m]; count > 0)
+      s.discarded_by.emplace_back(members_[m].name(), count);
   }
-  s.discarded = discarded_;
-  s.most_parts = most_parts_;
-  s.mean_parts = output_error_ && tick_ > 0 ? static_cast<double>(parts_sum_) / static_cast<double>(tick_) : 1;
+  s.discarded = control_.discarded();
+  s.most_parts = control_.most_parts();
+  s.mean_parts = control_.mean_parts(tick_);
   s.tallies = statistics_.tallies();
   s.works = statistics_.works();
   s.comparisons = statistics_.comparisons();
@@ -599,8 +455,8 @@ Summary Master::Loop::summary() const {
                            text::to_text(bond.tolerance, 4) + " J: couple its two sides in smaller ticks or in two stages");
     }
   }
-  if (tolerance_missed_ > 0) {
-    s.warnings.push_back("the tolerance was missed in " + std::to_string(tolerance_missed_) + " ticks even at 1/" +
+  if (const std::int64_t missed = control_.tolerance_missed(); missed > 0) {
+    s.warnings.push_back("the tolerance was missed in " + std::to_string(missed) + " ticks even at 1/" +
                          std::to_string(kMostParts) + " of the tick");
   }
   if (recorder_) {

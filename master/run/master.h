@@ -15,35 +15,37 @@
 #include "master/run/statistics.h"
 #include "master/ssp/scenario.h"
 
-/// The master: makes the units of a scenario step together. A library: no globals, no signal handlers, nothing printed.
+/// The master: steps the units of a scenario together. As a library it has no globals and no signal handlers, and prints
+/// nothing.
 namespace cotwin::master {
 
-/// All that a run needs to go on in another process: units, events, figures of the summary, and where in the recording it is.
+/// Everything that another process needs to continue a run: states of units and events, figures of the summary, position in the
+/// recording.
 struct RunState {
-  std::uint64_t beginning = 0;              // a hash of all numbers at the start time: other values, another run
-  std::optional<Recorder::Kept> recording;  // its bytes are known when Master::sync_recording() has returned
+  std::uint64_t beginning = 0;              // hash of all numbers at the start time, which identifies the run
+  std::optional<Recorder::Kept> recording;  // `bytes` is known after Master::sync_recording()
   double wall_seconds = 0;                  // so far
   std::string bytes;
 };
 
 struct MasterOptions {
-  std::span<const UnitType> types;             // units that sources may name
-  std::vector<std::filesystem::path> folders;  // where units look up named data
-  std::filesystem::path results;               // folder for signals.csv; empty: nothing is recorded
+  std::span<const UnitType> types;             // available units
+  std::vector<std::filesystem::path> folders;  // where units search for named data
+  std::filesystem::path results;               // folder for signals.csv; empty: no recording
   std::optional<int> threads;                  // instead of the scenario's
-  bool always_threads = false;                 // use the threads even where they do not pay
+  bool always_threads = false;                 // use the threads even where they are slower
   std::unique_ptr<Clock> clock;                // instead of the scenario's
-  std::function<void()> before_results;        // called when all units agree, before a file of results is touched
-  std::optional<RunState> resume;              // goes on from there
+  std::function<void()> before_results;        // called after the initialisation, before any file of results is changed
+  std::optional<RunState> resume;              // continue from this state
 };
 
-/// What a run was like.
+/// Result of a run.
 struct Summary {
   struct Share {
     std::string name;
-    double seconds_per_step = 0;  // mean, from sampled steps
-    double share = 0;             // of the loop's time, without waiting for a clock
-    std::int64_t samples = 0;     // steps that were timed
+    double seconds_per_step = 0;  // mean of the timed steps
+    double share = 0;             // of the loop's time, without waiting for the clock
+    std::int64_t samples = 0;     // timed steps
   };
   std::string scenario;
   double start = 0, reached = 0, stop = 0;  // s
@@ -51,12 +53,12 @@ struct Summary {
   std::int64_t ticks = 0;
   double wall_seconds = 0;      // from the first tick until all files are written
   double real_time_factor = 0;  // simulated / wall
-  int threads = 1;              // that were used at least once
+  int threads = 1;              // used at least once
   Initialisation initialisation;
   std::vector<Share> units;   // in the order of the scenario
-  double exchange_share = 0;  // likewise, of the loop itself: events, copies of values, waiting for threads
-  double check_share = 0;     // looking for NaN,
-  double observe_share = 0;   // figures of this summary and rows of the recording
+  double exchange_share = 0;  // of the loop's time: events, checkpoints, exchange, waiting for threads
+  double check_share = 0;     // likewise: search for NaN
+  double observe_share = 0;   // likewise: figures of this summary and rows of the recording
   std::vector<Tally> tallies;
   std::vector<Work> works;
   std::vector<Compared> comparisons;
@@ -67,50 +69,50 @@ struct Summary {
   std::int64_t rows = 0, dropped_rows = 0;
   std::int64_t overruns = 0;   // late ticks of a real-time run
   double worst_delay = 0;      // s
-  std::int64_t discarded = 0;  // ticks that somebody discarded
+  std::int64_t discarded = 0;  // tries of ticks that a unit discarded
   std::vector<std::pair<std::string, std::int64_t>> discarded_by;
-  int most_parts = 1;  // into which a tick was cut
+  int most_parts = 1;  // largest number of parts of a tick
   double mean_parts = 1;
 };
 
 class Master {
  public:
-  /// Loads the units and wires them. Throws Error, as everything here does where a human must act.
+  /// Loads the units and resolves the connections. Throws Error, as all functions here do if the user must act.
   Master(Scenario scenario, MasterOptions options);
   Master(Master&&) noexcept;
   ~Master();
 
-  /// Makes all units agree at the start time, opens the recording and takes the first sample. What fails before that leaves the
-  /// results of an earlier run as they are.
+  /// Initialises all units at the start time, opens the recording and takes the first sample. A failure before the recording is
+  /// opened leaves the results of an earlier run unchanged.
   void initialise();
-  /// Steps by one tick (to the stop time at most), or by none if a signal came while it waited for the clock. Returns false if
-  /// the stop time is reached. Allocates nothing after initialise(). Throws Error for a NaN, a discarded step that cannot be
-  /// repeated, a unit or a recording that fails; then only finish() and summary() may be called.
+  /// Makes one tick, at most to the stop time; none if a signal interrupted the wait for the clock. Returns false at the end of
+  /// the run. Allocates nothing. Throws Error for a NaN, a discarded step that cannot be repeated, or a failure of a unit or of
+  /// the recording; then only finish() and summary() may be called.
   bool step_tick();
-  /// To be called after the values of members were changed between two ticks: a tick that must be repeated begins with them.
+  /// Call after the values of members were changed between two ticks: a tick that must be repeated begins with them.
   void values_changed();
-  /// What the user should know so far: of the scenario, what it probably forgot, and of its units. More may come.
+  /// The warnings so far: of the scenario, its probable omissions, and its units.
   std::vector<std::string> warnings() const;
-  /// Writes everything to the end and closes the files. May be called at any time, and again.
+  /// Writes all data and closes the files. May be called at any time, and repeatedly.
   void finish();
 
-  /// Why no other process could go on with this run, "'io' cannot be saved"; empty if it could. After initialise().
+  /// Why another process could not continue this run, "'io' cannot be saved"; empty if it could. Valid after initialise().
   const std::string& unsavable() const;
-  /// Hands the state of the run to `take` as soon as that changes no bit of what follows: at once where all units are this
-  /// program's, else at the next tick at which the loop saves them anyway (every 256 ticks). Between two calls of step_tick(),
-  /// and again only after `take` was called and sync_recording() returned. Throws Error if the run is unsavable.
+  /// Passes the state of the run to `take` as soon as that does not change a bit of the results: at once if all units are of
+  /// this program, otherwise at the next checkpoint of the loop (every 256 ticks). Call between two calls of step_tick(), and
+  /// again only after `take` was called and sync_recording() has returned. Throws Error if the run cannot be saved.
   void save(std::function<void(RunState)> take);
-  /// From another thread, before finish(): waits until the recording is on the disk up to the last save, and returns its length
-  /// there in bytes; nothing if it cannot be written.
+  /// Call on another thread, before finish(). Waits until the recording is on the disk up to the last save and returns its
+  /// length in bytes, or nothing if it cannot be written.
   std::optional<std::uint64_t> sync_recording() const;
 
-  /// Where the run is.
+  /// Position of the run.
   Time now() const;
   std::int64_t tick() const;
   std::int64_t ticks() const;
   const Scenario& scenario() const;
   std::span<Member> members();
-  /// What is recorded.
+  /// The recorded variables.
   std::span<const Column> columns() const;
   Summary summary() const;
 

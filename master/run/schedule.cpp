@@ -30,16 +30,10 @@ Schedule::Schedule(const Scenario& scenario, std::span<const Member> members)
     const bool opens_stage = slots.empty() || members[slots.back().member].spec.stage != spec.stage;
     if (opens_stage) stages.push_back({slots.size(), slots.size(), true});
     slot_of[m] = slots.size();
-    slots.push_back({members[m].instance.unit.get(), m, spec.period, spec.threads, start_, {}});
+    slots.push_back({members[m].instance.unit.get(), m, spec.period, spec.threads, start_, {}, {}});
     stages.back().last = slots.size();
     stages.back().every_tick = stages.back().every_tick && spec.period == 1;
   }
-}
-
-std::int64_t Schedule::first_tick_from(Time time) const {
-  if (time <= start_) return 0;
-  if (time > stop_) return ticks_;
-  return ((time - start_).ns + tick_.ns - 1) / tick_.ns;
 }
 
 }  // namespace cotwin::master

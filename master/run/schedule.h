@@ -6,22 +6,27 @@
 #include "components/unit/time.h"
 #include "master/run/members.h"
 
-/// Who steps when. Time is cut into ticks; tick n lasts from start + n·tick to start + (n+1)·tick (or to the stop time, if that
-/// comes first). Within a tick the stages run in the order of their numbers; within a stage all inputs are copied first, then
-/// all due units step. A unit with a period of p ticks is due in the tick that ends its period and then steps over all of it,
-/// so that no output is ever ahead of the time at which it is read, and the last tick ends everyone's last step at the stop
-/// time.
+/// Which unit steps when. Tick n lasts from start + n·tick to start + (n+1)·tick, or to the stop time if that is earlier.
+/// Within a tick the stages run in the order of their numbers; within a stage all inputs are copied first, then all due units
+/// step. A unit with a period of p ticks is due in the tick that ends its period and then steps over the whole period, so that
+/// no output is ahead of the time at which it is read. In the last tick all units are due and step to the stop time.
 namespace cotwin::master {
 
-/// One unit in the order of stepping: by stage, then as the scenario lists them.
+struct Tick {
+  std::int64_t index = 0;
+  Time begin, end;
+};
+
+/// One unit. Slots are in the order of stepping: by stage, then as in the scenario.
 struct Slot {
   Unit* unit = nullptr;
   std::size_t member = 0;
   std::int64_t period = 1;
   bool threads = true;
 
-  Time time;           // where its last step ended
-  Duration last_step;  // how long that was; 0 before the first
+  Time time;            // end of its last step
+  Duration last_step;   // its length; 0 before the first
+  Time interval_begin;  // in a tick of several parts: begin of the first part
 };
 
 /// Slots [first, last) that step between two exchanges.
@@ -32,15 +37,12 @@ struct Stage {
 
 class Schedule {
  public:
-  /// Throws Error for a tick, a period or a stop time that makes no sense.
+  /// Throws Error for a tick <= 0, a period < 1 or a stop time that is not after the start.
   Schedule(const Scenario& scenario, std::span<const Member> members);
 
-  /// start + n·tick, and never beyond the stop time.
+  /// start + n·tick, at most the stop time.
   Time time(std::int64_t tick) const { return tick < ticks_ ? start_ + tick * tick_ : stop_; }
-  /// The same where the tick is known not to be the last, at whose end is the stop time.
-  Time time_before_the_last(std::int64_t tick) const { return start_ + tick * tick_; }
-  /// The first tick that begins at or after that time, 0 if all do; none before it does.
-  std::int64_t first_tick_from(Time time) const;
+  Tick tick(std::int64_t n) const { return {n, time(n), time(n + 1)}; }
   Time stop() const { return stop_; }
   std::int64_t ticks() const { return ticks_; }
   bool due(const Slot& slot, std::int64_t tick) const {

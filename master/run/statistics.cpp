@@ -12,8 +12,8 @@ namespace cotwin::master {
 
 namespace {
 
-constexpr std::size_t kDefaultTallies = 12;  // of recorded vectors, where the scenario asks for no report
-constexpr int kMaxSegments = 1000;           // keeps nanoseconds · segments within 64 bits for runs of three months
+constexpr std::size_t kDefaultTallies = 12;  // if the scenario has no report
+constexpr int kMaxSegments = 1000;           // nanoseconds · segments fit into 64 bits for runs of three months
 
 /// Measure of a power: kg.m2/s3, with or without the rad of an angular flow (N.m · rad/s, N · m/s).
 bool is_power(const si::Measure& effort, const si::Measure& flow) {
@@ -35,12 +35,12 @@ Statistics::Difference Statistics::make_difference(const Signal& a, const Signal
   if (b) {
     d.what = a.name + " - " + b->name;
     if (a.count != b->count) {
-      fail(place, d.what + ": " + std::to_string(a.count) + " elements cannot be held against " + std::to_string(b->count));
+      fail(place, d.what + ": " + std::to_string(a.count) + " elements cannot be compared with " + std::to_string(b->count));
     }
     if (!a.variable->si.empty() && !b->variable->si.empty()) {
       const si::Measure to = si::parse(a.variable->si), from = si::parse(b->variable->si);
       if (!si::convertible(from, to))
-        fail(place, d.what + ": " + a.variable->si + " cannot be held against " + b->variable->si);
+        fail(place, d.what + ": " + a.variable->si + " cannot be compared with " + b->variable->si);
       const si::Conversion conversion = si::conversion(from, to);
       d.factor = conversion.factor;
       d.offset = conversion.offset;
@@ -57,16 +57,17 @@ Statistics::Power Statistics::make_power(const Signal& effort, const Signal& flo
                     std::to_string(flow.count) + " of flow");
   }
   if (effort.variable->si.empty() || flow.variable->si.empty()) {
-    return {effort.reals(), flow.reals(), 1, effort.variable->discrete, 0, 0};  // nobody told
+    return {effort.reals(), flow.reals(), 1, effort.variable->discrete, 0, 0};  // unknown measures
   }
   const si::Measure e = si::parse(effort.variable->si), f = si::parse(flow.variable->si);
   if (!is_power(e, f)) {
-    fail(place, effort.name + " * " + flow.name + ": " + effort.variable->si + " times " + flow.variable->si + " is no power");
+    fail(place,
+         effort.name + " * " + flow.name + ": " + effort.variable->si + " times " + flow.variable->si + " is not a power");
   }
   return {effort.reals(), flow.reals(), e.factor * f.factor, effort.variable->discrete, 0, 0};
 }
 
-Statistics::Statistics(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> recorded) {
+Statistics::Statistics(const Scenario& scenario, std::span<const Member> members, std::span<const Column> recorded) {
   for (const ReportSpec& spec : scenario.reports) {
     const Signal a = find_real_signal(members, spec.a, spec.place);
     if (spec.kind == "signal") {
@@ -84,7 +85,8 @@ Statistics::Statistics(const Scenario& scenario, std::span<const Member> members
     }
   }
   if (scenario.reports.empty()) {
-    for (const Signal& signal : recorded) {
+    for (const Column& column : recorded) {
+      const Signal& signal = column.signal;
       if (signal.variable->kind() != Kind::kReal || tallies_.size() == kDefaultTallies) continue;
       add_tally(make_difference(signal, nullptr, "", ""));
     }
@@ -120,7 +122,7 @@ void Statistics::add_tally(Difference difference) {
   tallies_.push_back(std::move(difference));
 }
 
-/// Of a comparison, the difference of two.
+/// `difference`: of two signals.
 void Statistics::Sums::add(const Difference& difference, Time now) {
   ++count;
   const double *a = difference.a.data(), *b = difference.b.data();

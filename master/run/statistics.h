@@ -5,10 +5,10 @@
 #include <string>
 #include <vector>
 
-#include "master/run/members.h"
+#include "master/run/recorder.h"
 #include "models/support/bytes.h"
 
-/// Figures of merit that are computed while the scenario runs, at every tick.
+/// Figures of merit, computed at every tick of the run.
 namespace cotwin::master {
 
 /// RMS and largest magnitude of a signal or of a difference of two, element by element.
@@ -21,24 +21,24 @@ struct Tally {
   double total_rms = 0, total_max = 0;  // over all elements
 };
 
-/// ∫ Σ effort · flow dt, and what of it is positive and negative element by element: a joint that brakes while another one
-/// drives shows in both. value = positive + negative.
+/// ∫ Σ effort · flow dt, split into positive and negative parts element by element: if one joint drives and another brakes,
+/// both parts differ from 0. value = positive + negative.
 struct Work {
   std::string name, what, si;
   double value = 0, positive = 0, negative = 0;
 };
 
-/// Two signals held against each other: the rows of Table I (largest discrepancy) and of Fig. 10 (RMS per segment).
+/// Comparison of two signals: the rows of Table I (largest discrepancy) and of Fig. 10 (RMS per segment).
 struct Compared {
   std::string name, what, si;
   double from = 0, to = 0;                       // s
   std::vector<double> max;                       // per element
   std::vector<double> time_of_max;               // s
-  std::vector<std::vector<double>> segment_rms;  // [segment][element]; NaN where the run did not get there
-  std::vector<double> rms;                       // per element, over all
+  std::vector<std::vector<double>> segment_rms;  // [segment][element]; NaN for segments that the run did not reach
+  std::vector<double> rms;                       // per element, over all segments
 };
 
-/// What entered a power bond on side a and left it on side b.
+/// Energy that entered a power bond on side a and left it on side b.
 struct Bonded {
   std::string name;
   double energy_a = 0, energy_b = 0, leak = 0;  // J; leak = a − b
@@ -48,19 +48,19 @@ struct Bonded {
 class Statistics {
  public:
   /// Throws Error at the entry's place for signals that do not exist, are not real, or differ in size or measure.
-  /// `recorded`: what is told when the scenario asks for no report.
-  Statistics(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> recorded);
+  /// `recorded`: the signals to report where the scenario names none.
+  Statistics(const Scenario& scenario, std::span<const Member> members, std::span<const Column> recorded);
 
-  /// Takes in what holds at `now`. Allocates nothing.
+  /// Samples the values at `now`. Allocates nothing.
   void sample(Time now) {
     ++samples_;
     for (Tallied& t : tallied_) t.sum.add(t.b == nullptr ? *t.a : *t.a - (t.factor * *t.b + t.offset), now);
     if (more_than_tallies_) [[unlikely]]
       sample_others(now);
   }
-  /// The sums so far, for another process that goes on.
+  /// Writes the sums so far, for a resumed run.
   void write(ByteWriter& out) const;
-  /// Throws Error for those of other signals.
+  /// Throws Error for sums of other signals.
   void read(ByteReader& in);
   bool empty() const { return tallies_.empty() && !more_than_tallies_; }
 
@@ -94,9 +94,9 @@ class Statistics {
     void add(const Difference& difference, Time now);
     std::vector<double> rms() const;  // per element
   };
-  /// One element of a tally, with all that a sample of it takes.
+  /// One element of a tally, with all data that a sample needs.
   struct Tallied {
-    const double *a, *b;  // b: nullptr if the signal is tallied alone
+    const double *a, *b;  // b: nullptr without a second signal
     double factor, offset;
     Sum sum;
   };
@@ -110,12 +110,12 @@ class Statistics {
   struct Power {
     std::span<const double> effort, flow;
     double factor = 1;  // into SI base measures
-    bool held = false;  // the effort is discrete: what it is at a step's end it was all over the step
+    bool held = false;  // the effort is discrete: it had its value at the end of the step all over the step
     double last = 0, energy = 0;
     double now() const;
     void add(double h);
   };
-  /// The same by element and sign. Between two ticks the power of an element goes along a line.
+  /// The same by element and sign. The power of an element is linear between two ticks.
   struct WorkState {
     WorkState(std::string name_of, std::string signals, const Power& power);
     void add(double h);
@@ -136,7 +136,7 @@ class Statistics {
   static Power make_power(const Signal& effort, const Signal& flow, const std::string& place);
 
   void add_tally(Difference difference);
-  /// Every number that a sample changes, in a fixed order.
+  /// Calls each(number) for every number that a sample changes, in a fixed order.
   template <class Self, class Each>
   static void each_number(Self& self, Each each);
   void sample_others(Time now);

@@ -2,8 +2,20 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::master {
+
+namespace {
+
+constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
+constexpr std::int64_t kCarefulTicks = 64;  // after a discarded one, with a checkpoint each
+
+}  // namespace
 
 void Checkpoint::take(std::int64_t tick, std::span<const Member> members, const Schedule& schedule, const Events& events) {
   tick_ = tick;
@@ -11,7 +23,7 @@ void Checkpoint::take(std::int64_t tick, std::span<const Member> members, const 
   for (std::size_t m = 0; m < members.size(); ++m) snapshots_[m].take(members[m].variables(), *members[m].instance.unit);
   progress_.clear();
   for (const Slot& slot : schedule.slots) progress_.push_back({slot.time, slot.last_step});
-  events.mark(events_);
+  events.save(events_);
 }
 
 void Checkpoint::restore(std::span<const Member> members, Schedule& schedule, Events& events) const {
@@ -20,7 +32,7 @@ void Checkpoint::restore(std::span<const Member> members, Schedule& schedule, Ev
     schedule.slots[i].time = progress_[i].time;
     schedule.slots[i].last_step = progress_[i].last_step;
   }
-  events.back_to(events_);
+  events.restore(events_);
 }
 
 void Checkpoint::write(ByteWriter& out) const {
@@ -50,7 +62,7 @@ void Checkpoint::read(ByteReader& in, std::span<const Member> members, const Sch
     progress_.push_back({time, last});
   }
   events_.read(in);
-  if (!events.fits(events_)) in.fail("is amid other events");
+  if (!events.is_valid(events_)) in.fail("is amid other events");
 }
 
 OutputError::OutputError(std::span<const Member> members, double tolerance) : tolerance_(tolerance) {
@@ -70,7 +82,7 @@ void OutputError::remember() {
     std::copy(o.values.begin(), o.values.end(), remembered_.begin() + static_cast<std::ptrdiff_t>(o.at));
 }
 
-double OutputError::against_remembered() {
+double OutputError::compare() {
   double worst = 0;
   for (Output& o : outputs_) {
     double difference = 0;
@@ -91,6 +103,128 @@ void OutputError::write(ByteWriter& out) const {
 void OutputError::read(ByteReader& in) {
   if (in.count(sizeof(double)) != outputs_.size()) in.fail("has the scales of other outputs");
   for (Output& o : outputs_) o.scale = in.value<double>();
+}
+
+StepControl::StepControl(Engine& engine, std::span<const Member> members, double tolerance, Recall recall)
+    : engine_(engine), members_(members), recall_(std::move(recall)), discarded_by_(members.size()) {
+  const auto found = std::ranges::find_if(members, [](const Member& m) { return !m.instance.unit->restorable(); });
+  if (found != members.end()) {
+    not_restorable_ = &*found;
+    next_checkpoint_ = kNever;
+  }
+  if (tolerance > 0) output_error_.emplace(members, tolerance);
+}
+
+void StepControl::initialise() {
+  if (not_restorable_ == nullptr) take_checkpoint(0);
+  if (output_error_) output_error_->remember();
+}
+
+void StepControl::take_checkpoint(std::int64_t tick) {
+  checkpoint_.take(tick, members_, engine_.schedule, engine_.events);
+  find_next_checkpoint(tick);
+}
+
+void StepControl::find_next_checkpoint(std::int64_t tick) {
+  const bool every_tick = tick < careful_until_ || output_error_;
+  next_checkpoint_ = every_tick ? tick + 1 : (tick / kCheckpointEvery + 1) * kCheckpointEvery;
+}
+
+/// Goes back to the last checkpoint and steps the ticks since then again, to the same bits. In most runs this is cheaper than a
+/// checkpoint in every tick.
+void StepControl::replay_until(std::int64_t tick) {
+  restore_checkpoint();
+  for (std::int64_t past = checkpoint_.tick(); past < tick; ++past) {
+    const Tick again = recall_(past);
+    const std::size_t discarded_by = engine_.step(again);
+    if (discarded_by == Engine::kNoSlot) continue;
+    throw Error("'" + engine_.name(discarded_by) + "' discards at t = " + text::to_text(again.begin.seconds()) +
+                " s a step that it has made before: its declared variables do not contain its whole state");
+  }
+  recall_(tick);
+  careful_until_ = tick + kCarefulTicks;
+  take_checkpoint(tick);
+}
+
+std::size_t StepControl::step_in_parts(const Tick& tick, std::size_t discarded_by) {
+  count_discard(discarded_by);
+  if (not_restorable_) return discarded_by;
+  replay_until(tick.index);
+  for (int parts = 2; parts <= kMostParts; parts *= 2) {
+    discarded_by = engine_.step(tick, parts);
+    if (discarded_by == Engine::kNoSlot) {
+      most_parts_ = std::max(most_parts_, parts);
+      return discarded_by;
+    }
+    restore_checkpoint();
+  }
+  forget();
+  return discarded_by;
+}
+
+/// Step doubling: the tick in p parts is compared with the tick in 2p, which is kept if they agree within the tolerance;
+/// otherwise p is doubled. Where they agree within an eighth of it, the next tick begins with half the parts.
+std::size_t StepControl::step_to_tolerance(const Tick& tick, bool timed) {
+  std::size_t discarded_by = Engine::kNoSlot;
+  const auto try_parts = [&](int parts, bool timed_try) {
+    discarded_by = engine_.step(tick, parts, timed_try);
+    if (discarded_by != Engine::kNoSlot) count_discard(discarded_by);
+    return discarded_by == Engine::kNoSlot;
+  };
+  bool has_coarse = try_parts(parts_, timed);
+  for (;; parts_ *= 2) {
+    if (has_coarse) output_error_->remember();
+    restore_checkpoint();
+    const int finer = 2 * parts_;
+    const bool made = try_parts(finer, false);
+    const double error = made && has_coarse ? output_error_->compare() : std::numeric_limits<double>::infinity();
+    has_coarse = made;
+    if (finer < kMostParts && !(error <= 1)) continue;
+    if (!made) return discarded_by;
+    if (!(error <= 1)) ++tolerance_missed_;
+    parts_sum_ += finer;
+    most_parts_ = std::max(most_parts_, finer);
+    if (error <= 0.125) parts_ = std::max(1, parts_ / 2);
+    return Engine::kNoSlot;
+  }
+}
+
+std::int64_t StepControl::discarded() const {
+  return std::accumulate(discarded_by_.begin(), discarded_by_.end(), std::int64_t{0});
+}
+
+double StepControl::mean_parts(std::int64_t ticks) const {
+  return output_error_ && ticks > 0 ? static_cast<double>(parts_sum_) / static_cast<double>(ticks) : 1;
+}
+
+void StepControl::write(ByteWriter& out) const {
+  checkpoint_.write(out);
+  out.value(careful_until_);
+  out.value(static_cast<std::uint64_t>(discarded_by_.size()));
+  for (const std::int64_t count : discarded_by_) out.value(count);
+  out.value(static_cast<std::int32_t>(parts_));
+  out.value(static_cast<std::int32_t>(most_parts_));
+  out.value(parts_sum_);
+  out.value(tolerance_missed_);
+  out.value(static_cast<std::uint8_t>(output_error_.has_value()));
+  if (output_error_) output_error_->write(out);
+}
+
+std::int64_t StepControl::restore(ByteReader& in) {
+  checkpoint_.read(in, members_, engine_.schedule, engine_.events);
+  careful_until_ = in.value<std::int64_t>();
+  if (in.count(sizeof(std::int64_t)) != discarded_by_.size()) in.fail("has the states of other units");
+  for (std::int64_t& count : discarded_by_) count = in.value<std::int64_t>();
+  parts_ = in.value<std::int32_t>();
+  most_parts_ = in.value<std::int32_t>();
+  if (parts_ < 1 || parts_ > kMostParts || most_parts_ < 1) in.fail("is damaged");
+  parts_sum_ = in.value<std::int64_t>();
+  tolerance_missed_ = in.value<std::int64_t>();
+  if ((in.value<std::uint8_t>() != 0) != output_error_.has_value()) in.fail("is of another tolerance");
+  if (output_error_) output_error_->read(in);
+  restore_checkpoint();
+  find_next_checkpoint(checkpoint_.tick());
+  return checkpoint_.tick();
 }
 
 }  // namespace cotwin::master

@@ -1,30 +1,33 @@
 #pragma once
+#include <functional>
+#include <limits>
+#include <optional>
 #include <vector>
 
 #include "components/unit/snapshot.h"
-#include "master/run/events.h"
-#include "master/run/schedule.h"
+#include "master/run/engine.h"
 #include "models/support/bytes.h"
 
-/// Going back: what must be kept of a whole system to be at an earlier instant again.
+/// Takes a system over ticks that units discard or that have to keep a tolerance: checkpoints, replay, ticks cut into parts.
 namespace cotwin::master {
 
 inline constexpr int kMostParts = 1024;  // into which a tick is cut
-/// Ticks between two checkpoints. A solver of Model Exchange begins afresh where it is saved: a run and the same scenario as
-/// one FMU have the same bits only if both save at the same ticks.
+/// Ticks between two checkpoints. A Model Exchange solver restarts where it is saved: a run and the same scenario as one FMU
+/// have the same bits only if both save at the same ticks.
 inline constexpr std::int64_t kCheckpointEvery = 256;
 
+/// The state of a whole system at the beginning of a tick.
 class Checkpoint {
  public:
   /// Allocates only the first time.
   void take(std::int64_t tick, std::span<const Member> members, const Schedule& schedule, const Events& events);
   void restore(std::span<const Member> members, Schedule& schedule, Events& events) const;
-  /// The tick that was about to begin; −1: nothing taken yet.
+  /// The tick that was about to begin; −1 before the first take().
   std::int64_t tick() const { return tick_; }
 
-  /// As bytes that another process can read, without a state that a foreign FMU only keeps itself.
+  /// Writes bytes that another process can read. They lack a state that a foreign FMU can only keep in itself.
   void write(ByteWriter& out) const;
-  /// Throws Error for bytes that are cut short or damaged, or of another scenario.
+  /// Throws Error for bytes that are cut short, damaged, or of another scenario.
   void read(ByteReader& in, std::span<const Member> members, const Schedule& schedule, const Events& events);
 
  private:
@@ -35,18 +38,18 @@ class Checkpoint {
   std::int64_t tick_ = -1;
   std::vector<Snapshot> snapshots_;
   std::vector<Progress> progress_;
-  Events::Bookmark events_;
+  Events::State events_;
 };
 
-/// All real outputs of a system in one row, to hold two ways of stepping against each other.
+/// Compares all real outputs of a system after two ways of stepping the same tick.
 class OutputError {
  public:
-  /// `tolerance`: relative to the largest magnitude that an output has had so far, or to kFloor where that is smaller.
+  /// `tolerance`: relative to the largest magnitude that an output has had so far, at least kFloor.
   OutputError(std::span<const Member> members, double tolerance);
 
   void remember();
-  /// The largest difference between what was remembered and what is now, 1 being just within tolerance.
-  double against_remembered();
+  /// The largest difference between the remembered and the present outputs; 1 is just within the tolerance.
+  double compare();
 
   void write(ByteWriter& out) const;
   void read(ByteReader& in);
@@ -56,12 +59,80 @@ class OutputError {
  private:
   struct Output {
     std::span<const double> values;
-    std::size_t at;
+    std::size_t at;  // of its first element in remembered_
     double scale;
   };
   std::vector<Output> outputs_;
   std::vector<double> remembered_;
   double tolerance_;
+};
+
+/// Steps an engine tick by tick, for a run and for a scenario that is one unit (Twin).
+class StepControl {
+ public:
+  /// Returns times of a past tick, and sets the inputs that were written from outside before it.
+  using Recall = std::function<Tick(std::int64_t)>;
+
+  /// `tolerance`: 0 for none.
+  StepControl(Engine& engine, std::span<const Member> members, double tolerance, Recall recall);
+
+  /// After the engine's initialise. Takes a first checkpoint, if all units can be restored, so that later ones allocate nothing.
+  void initialise();
+
+  /// The tick from which on take_checkpoint() is due; never if a unit cannot be restored.
+  std::int64_t next_checkpoint() const { return next_checkpoint_; }
+  void take_checkpoint(std::int64_t tick);
+  /// Values were changed or restored from outside: earlier ticks cannot be replayed. The next tick begins with a checkpoint.
+  void forget() {
+    if (not_restorable_ == nullptr) next_checkpoint_ = careful_until_ = 0;
+  }
+  /// The first member that cannot be restored; nullptr if all can.
+  const Member* not_restorable() const { return not_restorable_; }
+
+  /// Steps the tick, where a unit discards it in 2, 4 … kMostParts parts, with a tolerance in as many as that needs. Returns
+  /// Engine::kNoSlot, or the slot that discarded the smallest parts (the first try where a unit cannot be restored). `timed`:
+  /// see Engine::step. Throws Error where a tick cannot be replayed.
+  std::size_t step(const Tick& tick, bool timed = false) {
+    if (output_error_) return step_to_tolerance(tick, timed);
+    const std::size_t discarded_by = engine_.step(tick, 1, timed);
+    return discarded_by == Engine::kNoSlot ? discarded_by : step_in_parts(tick, discarded_by);
+  }
+
+  std::int64_t discarded() const;
+  /// Per member.
+  const std::vector<std::int64_t>& discarded_by() const { return discarded_by_; }
+  int most_parts() const { return most_parts_; }
+  /// Mean number of parts of `ticks` ticks stepped to a tolerance; 1 without one.
+  double mean_parts(std::int64_t ticks) const;
+  /// Ticks that missed the tolerance in kMostParts parts.
+  std::int64_t tolerance_missed() const { return tolerance_missed_; }
+
+  /// Writes the last checkpoint and all counts.
+  void write(ByteWriter& out) const;
+  /// Goes back to a checkpoint that write() wrote, and returns its tick. Throws Error as Checkpoint::read.
+  std::int64_t restore(ByteReader& in);
+
+ private:
+  std::size_t step_in_parts(const Tick& tick, std::size_t discarded_by);
+  std::size_t step_to_tolerance(const Tick& tick, bool timed);
+  void restore_checkpoint() { checkpoint_.restore(members_, engine_.schedule, engine_.events); }
+  void replay_until(std::int64_t tick);
+  void count_discard(std::size_t slot) { ++discarded_by_[engine_.schedule.slots[slot].member]; }
+  void find_next_checkpoint(std::int64_t tick);
+
+  Engine& engine_;
+  std::span<const Member> members_;
+  Recall recall_;
+  const Member* not_restorable_ = nullptr;
+  Checkpoint checkpoint_;
+  std::int64_t next_checkpoint_ = 0;
+  std::int64_t careful_until_ = 0;  // every tick before this one begins with a checkpoint
+  std::vector<std::int64_t> discarded_by_;
+  int most_parts_ = 1;
+
+  std::optional<OutputError> output_error_;  // with a tolerance
+  int parts_ = 1;                            // of the next tick, with a tolerance
+  std::int64_t parts_sum_ = 0, tolerance_missed_ = 0;
 };
 
 }  // namespace cotwin::master

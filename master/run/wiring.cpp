@@ -14,7 +14,7 @@ si::Conversion then(const si::Conversion& first, const si::Conversion& second) {
   return {second.factor * first.factor, second.factor * first.offset + second.offset};
 }
 
-/// What many connections are resolved with.
+/// Resolves many connections, with indexes by name.
 class Resolver {
  public:
   Resolver(const Scenario& scenario, std::span<const Member> members) : members_(members), signals_(members) {
@@ -30,7 +30,7 @@ class Resolver {
     return found != units_.end() ? si::from(*found->second) : si::parse(name);
   }
 
-  /// From values in `from` to values in `to`, names of measures; "" means unknown, and then nothing is converted.
+  /// Conversion between two named measures; identity if one of them is "", unknown.
   si::Conversion convert(const std::string& from, const std::string& to, const std::string& place,
                          const std::string& what) const {
     if (from.empty() || to.empty() || from == to) return {};
@@ -56,8 +56,7 @@ class Resolver {
   std::span<const Member> members_;
   SignalIndex signals_;
   std::unordered_map<std::string_view, const UnitDefinition*> units_;
-  std::vector<std::optional<ByName>>
-      derivatives_;  // of each member, what is the derivative of a name; made when first asked for
+  std::vector<std::optional<ByName>> derivatives_;  // per member: name → its derivative; filled at the first use
 };
 
 std::string measure_at(const Port& port, const Variable& variable) { return port.unit.empty() ? variable.si : port.unit; }
@@ -72,7 +71,7 @@ Link Resolver::resolve(const ConnectionSpec& connection) {
   const Variable &from = *link.from.variable, &to = *link.to.variable;
   const bool plain = connection.factor == 1 && connection.offset == 0;
   if (plain && from.role == Role::kInput && to.role == Role::kOutput) {
-    // A connection joins two connectors. Where the system does not list them, the components say which of them is the source.
+    // The system does not list these connectors as its own: the roles of the components' variables decide the direction.
     ConnectionSpec other = connection;
     std::swap(other.from, other.to);
     return resolve(other);
@@ -116,17 +115,17 @@ bool elements_differ(const void* from, const void* to, std::uint32_t count) {
   return !std::equal(static_cast<const T*>(from), static_cast<const T*>(from) + count, static_cast<const T*>(to));
 }
 
-/// Bit for bit, so that a NaN that stays is no change.
+/// Compares bits: a NaN that stays is no change.
 bool same_bits(double a, double b) { return std::bit_cast<std::uint64_t>(a) == std::bit_cast<std::uint64_t>(b); }
 
 }  // namespace
 
-std::vector<Link> resolve_links(const Scenario& scenario, std::span<const Member> members, const ComplainOfLink& complain) {
+std::vector<Link> resolve_links(const Scenario& scenario, std::span<const Member> members, const ReportLinkError& report) {
   Resolver resolver(scenario, members);
   std::vector<Link> links;
   links.reserve(scenario.connections.size());
   std::vector<const ConnectionSpec*> specs;                            // of the links
-  std::map<std::pair<const Variable*, std::size_t>, std::size_t> fed;  // by the link of that index
+  std::map<std::pair<const Variable*, std::size_t>, std::size_t> fed;  // element → index of the link that feeds it
   for (const ConnectionSpec& connection : scenario.connections) {
     try {
       Link link = resolver.resolve(connection);
@@ -142,8 +141,8 @@ std::vector<Link> resolve_links(const Scenario& scenario, std::span<const Member
       links.push_back(std::move(link));
       specs.push_back(&connection);
     } catch (const Error& error) {
-      if (!complain) throw;
-      complain(error);
+      if (!report) throw;
+      report(error);
     }
   }
   return links;
@@ -161,7 +160,7 @@ Wiring::Wiring(const std::vector<Link>& links, const Schedule& schedule) {
     into[schedule.slot_of[link.to.member]].push_back(&link);
     if (!link.initial && !link.to.variable->rate.empty()) ramped_elements += link.to.count;
   }
-  targets_.reserve(ramped_elements);  // the ramps point into it
+  targets_.reserve(ramped_elements);  // ramps_ points into it
   for (std::size_t slot = 0; slot < slots; ++slot) {
     begin_.push_back(copies_.size());
     initial_begin_.push_back(initial_copies_.size());
@@ -293,16 +292,16 @@ void Wiring::end_ramps(std::size_t slot) {
   }
 }
 
-bool Wiring::settle(const Copy& copy) {
+bool Wiring::update(const Copy& copy) {
   const bool changed = differs(copy);
   run(copy);
   return changed;
 }
 
-bool Wiring::settle(std::size_t slot) {
+bool Wiring::update(std::size_t slot) {
   bool changed = false;
-  for (std::size_t i = begin_[slot]; i < begin_[slot + 1]; ++i) changed = settle(copies_[i]) || changed;
-  for (std::size_t i = initial_begin_[slot]; i < initial_begin_[slot + 1]; ++i) changed = settle(initial_copies_[i]) || changed;
+  for (std::size_t i = begin_[slot]; i < begin_[slot + 1]; ++i) changed = update(copies_[i]) || changed;
+  for (std::size_t i = initial_begin_[slot]; i < initial_begin_[slot + 1]; ++i) changed = update(initial_copies_[i]) || changed;
   for (std::size_t k = ramp_begin_[slot]; k < ramp_begin_[slot + 1]; ++k) {
     const RampCopy& r = ramps_[k];
     for (std::uint32_t i = 0; i < r.count; ++i) {

@@ -12,24 +12,24 @@
 /// Connections as flat lists of copies: to = factor · from + offset.
 namespace cotwin::master {
 
-/// What one connection does, in terms of the two variables: the units of measure and the connection's own linear
-/// transformation are already folded into factor and offset.
+/// A connection between two variables. Factor and offset include the conversion of units of measure and the connection's own
+/// linear transformation.
 struct Link {
   Signal from, to;
   double factor = 1, offset = 0;
-  /// It ends at a parameter, which follows the output during initialisation and keeps what it has then (SSP:
-  /// calculatedParameter → parameter), as where a drive starts at the first position of a recording.
+  /// The target is a parameter, which is set during initialisation only (SSP: calculatedParameter → parameter). Example: a
+  /// drive starts at the first position of a recording.
   bool initial = false;
-  /// Of a real output the time derivative of which is another variable of its unit: that variable's values; else empty.
+  /// Values of the variable that is the time derivative of `from`; empty if its unit has none.
   std::span<const double> derivative;
 };
 
-/// Resolves the connections. Throws Error `a.x -> b.u: …` for roles other than output → input or parameter, kinds, sizes and
-/// measures that do not fit, and for an input that is fed twice.
-/// With `complain` every connection that is not right is told there, and left out.
-using ComplainOfLink = std::function<void(const Error&)>;
+/// Resolves the connections. Throws Error `a.x -> b.u: …` for roles other than output → input, tunable or parameter, for kinds,
+/// sizes and measures that do not fit, and for an input that is fed twice. With `report`, calls it with each such error instead
+/// and leaves the connection out.
+using ReportLinkError = std::function<void(const Error&)>;
 std::vector<Link> resolve_links(const Scenario& scenario, std::span<const Member> members,
-                                const ComplainOfLink& complain = nullptr);
+                                const ReportLinkError& report = nullptr);
 
 class Wiring {
  public:
@@ -44,7 +44,7 @@ class Wiring {
 
   Wiring(const std::vector<Link>& links, const Schedule& schedule);
 
-  /// What is copied into the inputs of the slots [first, last).
+  /// Copies into the inputs of the slots [first, last).
   std::span<const Copy> copies(std::size_t first, std::size_t last) const {
     return std::span(copies_).subspan(begin_[first], begin_[last] - begin_[first]);
   }
@@ -55,22 +55,23 @@ class Wiring {
       run_other(copy);
     }
   }
-  void exchange(std::size_t first, std::size_t last) const {
-    for (const Copy& copy : copies(first, last)) run(copy);
+  void exchange(std::size_t slot) const {
+    for (const Copy& copy : copies(slot, slot + 1)) run(copy);
   }
 
-  /// Inputs that their unit follows linearly over its step (Variable::rate). From a unit of an earlier stage the value at the
-  /// end of the step is known and the input runs there from the last value; otherwise it continues with the derivative that
-  /// the source knows, else with the slope of the last step, or is held if its source steps more rarely. `h`: the step to come;
-  /// `last`: the step before, 0 if none.
+  /// Ramps: inputs that their unit follows linearly over its step (Variable::rate). If the source is in an earlier stage, its
+  /// value at the end of the step is known and the input goes there from the last value. Otherwise the input continues with the
+  /// derivative of the source where one is declared, else with the slope of the last step. It is held if its source is discrete
+  /// or steps less often. `h`: length of the next step; `last`: of the step before, 0 if none.
   bool ramped(std::size_t slot) const { return ramp_begin_[slot] != ramp_begin_[slot + 1]; }
   void begin_ramps(std::size_t slot, Duration h, Duration last);
-  /// Leaves the inputs at the values that hold at the end of the step.
+  /// Sets the inputs to their values at the end of the step.
   void end_ramps(std::size_t slot);
 
-  /// As exchange(slot, slot + 1) with every ramp at rest; true if any input is not what it was before, bit for bit.
-  bool settle(std::size_t slot);
-  /// The real inputs of the slot that reals feed, element by element.
+  /// For initialisation: copies as exchange(), also into parameters, with slope 0 for ramps. Returns whether a bit of an input
+  /// changed.
+  bool update(std::size_t slot);
+  /// The real inputs of the slot that are fed by reals, element by element.
   std::vector<double*> fed_reals(std::size_t slot) const;
 
  private:
@@ -83,22 +84,22 @@ class Wiring {
     double* rate;
     double* target;
     double factor, offset;
-    const double* derivative;  // of `from`, nullptr if it is not known
+    const double* derivative;  // of `from`, nullptr if not declared
   };
 
   static void run_other(const Copy& copy);
   static bool differs(const Copy& copy);
-  static bool settle(const Copy& copy);
+  static bool update(const Copy& copy);
   static Copy make_copy(const Link& link);
   void add(const Link& link, bool earlier_stage, bool slower_source);
 
   std::vector<Copy> copies_;          // by slot
   std::vector<std::size_t> begin_;    // slot → its first copy; one more at the end
-  std::vector<Copy> initial_copies_;  // likewise, those of initialisation alone
+  std::vector<Copy> initial_copies_;  // likewise, for initialisation only
   std::vector<std::size_t> initial_begin_;
   std::vector<RampCopy> ramps_;
   std::vector<std::size_t> ramp_begin_;
-  std::vector<double> targets_;
+  std::vector<double> targets_;  // values of the ramps at the end of the step
 };
 
 }  // namespace cotwin::master

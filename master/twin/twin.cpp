@@ -11,7 +11,7 @@ namespace cotwin::master {
 
 namespace {
 
-/// The name with nothing in it but what the name of a variable may have.
+/// The name with "_" for every character that the name of a variable may not contain.
 std::string identifier(std::string name) {
   const auto letter = [](char c) { return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '_'; };
   for (char& c : name) {
@@ -40,26 +40,30 @@ Variables::Declared declare_as(Role role, Variables& variables, const std::strin
 }  // namespace
 
 Twin::Twin(Scenario scenario, std::vector<Member> members, const std::set<std::string>& outputs, bool states_leave)
-    : scenario_(std::move(scenario)),
-      members_(std::move(members)),
-      outputs_(outputs),
-      can_go_back_(
-          std::all_of(members_.begin(), members_.end(), [](const Member& m) { return m.instance.unit->restorable(); })),
-      states_leave_(states_leave) {
+    : scenario_(std::move(scenario)), members_(std::move(members)), outputs_(outputs), states_leave_(states_leave) {
+  build_engine();
+}
+
+void Twin::build_engine() {
+  control_.reset();
   engine_.emplace(scenario_, members_, 1, false);
-  discarded_by_.resize(members_.size());
+  control_.emplace(*engine_, members_, 0, [this](std::int64_t tick) {
+    const Past& p = past(tick);
+    p.outside.write(outside_);
+    return Tick{tick, p.begin, p.end};
+  });
 }
 
 Role Twin::role_of(const std::string& name, const Variable& variable) const {
-  std::size_t fed = 0;  // elements; none is fed twice
+  std::size_t fed = 0;  // elements; each is fed at most once
   for (const Link& link : engine_->links) {
     if (link.to.variable == &variable) fed += link.to.count;
   }
-  const bool given = fed == variable.size() && fed > 0;
+  const bool connected = fed == variable.size() && fed > 0;
   switch (variable.role) {
     case Role::kInput:
     case Role::kParameter:
-      return given ? Role::kState : variable.role;
+      return connected ? Role::kState : variable.role;
     case Role::kOutput:
       return outputs_.count(name) != 0 ? Role::kOutput : Role::kState;
     case Role::kTunable:
@@ -71,7 +75,7 @@ Role Twin::role_of(const std::string& name, const Variable& variable) const {
 
 void Twin::declare(Variables& variables) {
   outside_ = {};
-  variables.foreign();  // FMUs among the components need not tell their units of measure
+  variables.foreign();  // FMUs among the components may lack units of measure
   outside_.foreign();
   std::set<std::string> taken;
   for (const Member& member : members_) {
@@ -98,72 +102,32 @@ void Twin::initialise(Time start) {
       std::numeric_limits<std::int64_t>::max() - std::max<std::int64_t>(start.ns, 0) - scenario_.tick.ns;
   scenario_.start = start;
   scenario_.stop = start + Duration{longest};
-  engine_.emplace(scenario_, members_, 1, false);
+  build_engine();
   engine_->initialise(start);
   tick_ = 0;
-  std::fill(discarded_by_.begin(), discarded_by_.end(), 0);
-  most_parts_ = 1;
-  if (can_go_back_) {  // makes the room that steps need
-    past_.resize(kCheckpointEvery);
-    for (Past& past : past_) past.outside.take(outside_);
-    checkpoint_.take(tick_, members_, engine_->schedule, engine_->events);
-  }
-  forget_the_past();
+  if (control_->not_restorable() == nullptr) past_.resize(kCheckpointEvery);
+  for (Past& p : past_) p.outside.take(outside_);  // so that steps allocate nothing
+  control_->initialise();
+  control_->forget();
 }
 
-void Twin::forget_the_past() {
-  checkpointed_ = false;
-  past_ticks_ = 0;
-}
-
-bool Twin::tick(Time begin, Time end) {
-  if (past_.empty()) return engine_->advance(tick_, begin, end, 1, false) == Engine::kNobody;
-  if (!checkpointed_ || tick_ % kCheckpointEvery == 0) {
-    checkpoint_.take(tick_, members_, engine_->schedule, engine_->events);
-    checkpointed_ = true;
-    past_ticks_ = 0;
+bool Twin::step_tick(Time begin, Time end) {
+  if (tick_ >= control_->next_checkpoint()) control_->take_checkpoint(tick_);
+  if (!past_.empty()) {
+    Past& now = past(tick_);
+    now.outside.take(outside_);
+    now.begin = begin;
+    now.end = end;
   }
-  Past& now = past_[past_ticks_++];
-  now.outside.take(outside_);
-  now.begin = begin;
-  now.end = end;
-  const std::size_t who = engine_->advance(tick_, begin, end, 1, false);
-  if (who == Engine::kNobody) return true;
-  ++discarded_by_[engine_->schedule.slots[who].member];
-  return tick_in_parts(begin, end);
-}
-
-/// The ticks since the checkpoint are made once more, to the same bits, with what the host had written before each.
-bool Twin::tick_in_parts(Time begin, Time end) {
-  checkpoint_.restore(members_, engine_->schedule, engine_->events);
-  for (std::size_t i = 0; i < past_ticks_; ++i) {
-    const Past& past = past_[i];
-    past.outside.write(outside_);
-    if (i + 1 == past_ticks_) break;
-    const std::size_t again =
-        engine_->advance(checkpoint_.tick() + static_cast<std::int64_t>(i), past.begin, past.end, 1, false);
-    if (again == Engine::kNobody) continue;
-    throw Error("'" + engine_->name(again) + "' discards at t = " + text::to_text(past.begin.seconds()) +
-                " s a step that it has made before: its variables do not hold all that it remembers");
-  }
-  checkpoint_.take(tick_, members_, engine_->schedule, engine_->events);
-  forget_the_past();
-  for (int parts = 2; parts <= kMostParts; parts *= 2) {
-    const std::size_t who = engine_->advance(tick_, begin, end, parts, false);
-    if (who == Engine::kNobody) {
-      most_parts_ = std::max(most_parts_, parts);
-      return true;
-    }
-    checkpoint_.restore(members_, engine_->schedule, engine_->events);
-  }
-  return false;
+  return control_->step({tick_, begin, end}) == Engine::kNoSlot;
 }
 
 void Twin::tell(std::vector<std::string>& notes) const {
   for (std::size_t m = 0; m < members_.size(); ++m) {
-    if (discarded_by_[m] == 0) continue;
-    notes.push_back(members_[m].name() + " discarded " + std::to_string(discarded_by_[m]) +
-                    " ticks, which were made in up to " + std::to_string(most_parts_) + " parts");
+    const std::int64_t discarded = control_->discarded_by()[m];
+    if (discarded == 0 || control_->not_restorable() != nullptr) continue;
+    notes.push_back(members_[m].name() + " discarded " + std::to_string(discarded) + " ticks, which were made in up to " +
+                    std::to_string(control_->most_parts()) + " parts");
   }
   for (const Member& member : members_) {
     std::vector<std::string> of_member;
@@ -177,14 +141,14 @@ StepResult Twin::step(Time now, Duration h) {
   const Duration part{h.ns / ticks};
   for (std::int64_t i = 0; i < ticks; ++i, ++tick_) {
     const Time end = i + 1 == ticks ? now + h : now + (i + 1) * part;
-    if (!tick(now + i * part, end)) return StepResult::kDiscard;
-    if (engine_->finished_by() != Engine::kNobody) return StepResult::kFinished;
+    if (!step_tick(now + i * part, end)) return StepResult::kDiscard;
+    if (engine_->finished_by() != Engine::kNoSlot) return StepResult::kFinished;
   }
   return StepResult::kDone;
 }
 
 void Twin::restored() {
-  forget_the_past();
+  control_->forget();
   for (const Member& member : members_) member.instance.unit->restored();
 }
 
@@ -195,8 +159,8 @@ void Twin::save_memory(std::string& bytes) {
     out.value(slot.time.ns);
     out.value(slot.last_step.ns);
   }
-  Events::Bookmark events;
-  engine_->events.mark(events);
+  Events::State events;
+  engine_->events.save(events);
   events.write(out);
   for (const Member& member : members_) {
     std::string memory;
@@ -213,12 +177,12 @@ void Twin::restore_memory(const std::string& bytes) {
     slot.time.ns = in.value<std::int64_t>();
     slot.last_step.ns = in.value<std::int64_t>();
   }
-  Events::Bookmark events;
+  Events::State events;
   events.read(in);
-  if (!engine_->events.fits(events)) in.fail("is damaged: its events are not those of the scenario");
+  if (!engine_->events.is_valid(events)) in.fail("is damaged: its events are not those of the scenario");
   for (const Member& member : members_) member.instance.unit->restore_memory(in.text());
   in.expect_end();
-  engine_->events.back_to(events);
+  engine_->events.restore(events);
 }
 
 }  // namespace cotwin::master

@@ -12,21 +12,21 @@
 
 namespace cotwin::master {
 
-/// A whole scenario as one unit: the robot, not its parts. Its variables are those of all components, "drive.tau_J", "_" for
-/// what the name of a variable may not have (and one more behind where that makes two alike):
+/// A whole scenario as one unit. Its variables are those of all components, "drive.tau_J", with "_" for characters that the
+/// name of a variable may not contain (and a further "_" if two names become equal):
 ///   input      an input with an element that no connection feeds; held over a step
-///   output     what stands in `outputs`
-///   parameter, tunable   as the components have them, but for those that a connection gives their value
-///   state      everything else: other outputs, inputs that are fed, states
-/// The scenario's events happen at their times. A step is made in ticks of the scenario: a whole number of them is stepped as a
-/// run of the scenario steps it, bit for bit; any other length is cut into the fewest equal ticks that are not longer. Time may
-/// start anywhere and has no end. A tick that a component discards is made in 2 … 1024 parts, as the master makes it; where a
-/// component cannot be taken back, or the parts do not help, the step is discarded. When a component asks for the end of the
-/// run, the tick in which it does is the last.
+///   output     the variables in `outputs`
+///   parameter, tunable   as in the components, unless a connection sets them
+///   state      all others: other outputs, fed inputs, states
+/// The scenario's events happen at their times. A step of a whole number of ticks gives the same bits as a run of the scenario;
+/// any other step is cut into the smallest number of equal ticks that are not longer than the scenario's. Time may start
+/// anywhere and has no end. A tick that a component discards is repeated in 2 … 1024 parts, as in a run; if a component cannot
+/// be restored or discards the smallest parts, the step is discarded. If a component asks for the end of the run, its tick is
+/// the last.
 class Twin final : public Unit {
  public:
-  /// `members`: the scenario's components with their start values; `outputs`: names as the recording has them;
-  /// `states_leave`: no component has states that only this instance could take back. Throws Error for what the wiring refuses.
+  /// `members`: the scenario's components with their start values. `outputs`: names as in the recording. `states_leave`: no
+  /// component has states that only its own instance can restore. Throws Error as the wiring does.
   Twin(Scenario scenario, std::vector<Member> members, const std::set<std::string>& outputs, bool states_leave = true);
 
   void declare(Variables& variables) override;
@@ -36,33 +36,29 @@ class Twin final : public Unit {
   void save_memory(std::string& bytes) override;
   void restore_memory(const std::string& bytes) override;
   /// Whether a host may save states and restore them anywhere.
-  bool restorable() const override { return can_go_back_ && states_leave_; }
+  bool restorable() const override { return control_->not_restorable() == nullptr && states_leave_; }
   void tell(std::vector<std::string>& notes) const override;
 
  private:
-  /// A tick since the checkpoint, and what the host had written before it.
+  /// A tick since the last checkpoint, with what the host had written before it.
   struct Past {
     Snapshot outside;
     Time begin, end;
   };
+  void build_engine();
   Role role_of(const std::string& name, const Variable& variable) const;
-  bool tick(Time begin, Time end);
-  bool tick_in_parts(Time begin, Time end);
-  void forget_the_past();
+  bool step_tick(Time begin, Time end);
+  Past& past(std::int64_t tick) { return past_[static_cast<std::size_t>(tick % kCheckpointEvery)]; }
 
   Scenario scenario_;
   std::vector<Member> members_;
   std::set<std::string> outputs_;
-  bool can_go_back_, states_leave_;
+  bool states_leave_;
   std::optional<Engine> engine_;
+  std::optional<StepControl> control_;
   std::int64_t tick_ = 0;
-  Variables outside_;  // what a host may write while stepping
-  Checkpoint checkpoint_;
-  std::vector<Past> past_;
-  std::size_t past_ticks_ = 0;  // of them
-  bool checkpointed_ = false;
-  std::vector<std::int64_t> discarded_by_;  // per component
-  int most_parts_ = 1;
+  Variables outside_;       // that a host may write while stepping
+  std::vector<Past> past_;  // by tick, modulo its size
 };
 
 }  // namespace cotwin::master

@@ -67,7 +67,7 @@ TEST(Initialisation, SolvesALoopWherePlainIterationDiverges) {
 
 TEST(Initialisation, RefusesALoopWithoutASolution) {
   Master master = circle(1, 1).load();  // y = y + 3
-  EXPECT_THAT(error_of([&] { master.initialise(); }), HasSubstr("algebraic loop between a, b: its inputs do not come to rest"));
+  EXPECT_THAT(error_of([&] { master.initialise(); }), HasSubstr("algebraic loop between a, b: its inputs do not converge"));
 }
 
 TEST(Initialisation, NamesTheUnitWhoseParameterIsOutOfRange) {

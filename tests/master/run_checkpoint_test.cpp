@@ -143,7 +143,7 @@ TEST_F(Saved, RefusesTheStateOfAnotherRun) {
   };
   Scenario other = scenario;
   other.components.front().start_values.push_back({"start", 0.31, "", ""});
-  EXPECT_THAT(refused(other, state, folder_ / "one"), HasSubstr("began with other values"));
+  EXPECT_THAT(refused(other, state, folder_ / "one"), HasSubstr("had other initial values"));
   other = scenario;
   other.events.pop_back();
   EXPECT_THAT(refused(other, state, folder_ / "one"), HasSubstr("other events"));

@@ -138,8 +138,8 @@ TEST(Statistics, RefusesSignalsThatCannotBeCompared) {
   const auto compare = [&](const std::string& x, const std::string& y, int segments = 8) {
     return refusal([&](Scenario& s) { s.comparisons.push_back({"c", x, y, segments, {}, {}, "test.ssd:80"}); });
   };
-  EXPECT_EQ(compare("a.y", "b.y"), "test.ssd:80: a.y - b.y: 3 elements cannot be held against 2");
-  EXPECT_THAT(compare("a.y[1]", "o.tau"), HasSubstr("rad cannot be held against N.m"));
+  EXPECT_EQ(compare("a.y", "b.y"), "test.ssd:80: a.y - b.y: 3 elements cannot be compared with 2");
+  EXPECT_THAT(compare("a.y[1]", "o.tau"), HasSubstr("rad cannot be compared with N.m"));
   EXPECT_THAT(compare("a.y[1]", "m.integer_out"), HasSubstr("'m.integer_out' is integer, expected a real variable"));
   EXPECT_THAT(compare("a.y", "a.u", 0), HasSubstr("0 segments"));
   EXPECT_THAT(compare("a.y", "a.u", 1001), HasSubstr("1001 segments"));
@@ -150,7 +150,7 @@ TEST(Statistics, RefusesSignalsThatCannotBeCompared) {
   EXPECT_THAT(refusal([](Scenario& s) {
                 s.reports.push_back({"", "energy", "a.y", "a.u", "test.ssd:81"});
               }),
-              HasSubstr("is no power"));
+              HasSubstr("is not a power"));
   EXPECT_THAT(refusal([](Scenario& s) {
                 s.reports.push_back({"", "sum", "a.y", "a.u", "test.ssd:81"});
               }),

@@ -129,7 +129,7 @@ TEST(StepControl, AUnitThatCannotBeTakenBackMakesADiscardedStepAnError) {
   b.unit("robot", "picky?restorable=false").unit("p", "picky").with("longest", 0.3e-3).with("from", 0.005);
   Master master = b.load();
   EXPECT_EQ(error_of([&] { to_the_end(master); }),
-            "'p' discarded its step at t = 0.005 s, which cannot be repeated: 'robot' cannot be taken back");
+            "'p' discarded its step at t = 0.005 s, which cannot be repeated: 'robot' cannot be restored");
 }
 
 TEST(StepControl, GivesUpWhenNoPartIsSmallEnough) {
@@ -174,7 +174,7 @@ TEST(StepControl, AToleranceNeedsUnitsThatCanBeTakenBack) {
   Build b;
   b.unit("robot", "picky?restorable=false");
   b.scenario.tolerance = 1e-3;
-  EXPECT_THAT(error_of([&] { b.load(); }), HasSubstr("component 'robot' cannot be taken back"));
+  EXPECT_THAT(error_of([&] { b.load(); }), HasSubstr("component 'robot' cannot be restored"));
 }
 
 TEST(StepControl, ARunWithoutDiscardedStepsIsNotChangedByIt) {
