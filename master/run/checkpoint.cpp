@@ -1,12 +1,9 @@
 #include "master/run/checkpoint.h"
 
-#include <cerrno>
-#include <fstream>
-#include <iterator>
-
 #include "models/support/atomic_file.h"
 #include "models/support/bytes.h"
 #include "models/support/error.h"
+#include "models/support/file.h"
 
 namespace cotwin::master {
 
@@ -38,7 +35,7 @@ std::string to_bytes(const RunCheckpoint& c) {
 }
 
 RunCheckpoint parse_checkpoint(std::string_view bytes, const std::string& place) {
-  if (!bytes.starts_with(kMagic)) throw Error(place, "is no checkpoint of a run, or one of another version of the program");
+  if (!bytes.starts_with(kMagic)) throw Error(place, "is not a checkpoint of a run, or one of another version of the program");
   bytes.remove_prefix(kMagic.size());
   ByteReader in(as_bytes(bytes), place);
   const auto hash = in.value<std::uint64_t>();
@@ -65,10 +62,8 @@ RunCheckpoint parse_checkpoint(std::string_view bytes, const std::string& place)
 }
 
 RunCheckpoint load_checkpoint(const std::filesystem::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  if (!in) throw Error(file.string(), "cannot be read: " + system_reason(errno) + ", expected what an interrupted run left");
-  const std::string bytes((std::istreambuf_iterator<char>(in)), {});
-  return parse_checkpoint(bytes, file.string());
+  constexpr std::uint64_t kNoLimit = ~std::uint64_t{0};
+  return parse_checkpoint(text::read_file(file, "the checkpoint of an interrupted run", kNoLimit), file.string());
 }
 
 CheckpointWriter::CheckpointWriter(Options options) : options_(std::move(options)), thread_([this] { run(); }) {}
@@ -135,7 +130,7 @@ void CheckpointWriter::run() {
 void CheckpointWriter::write_now(RunState state) {
   if (state.recording) {
     const std::optional<std::uint64_t> bytes = options_.sync_recording();
-    if (!bytes) return;  // the recording failed, which its own error tells
+    if (!bytes) return;  // the recording failed and reports that itself
     state.recording->bytes = *bytes;
   }
   RunCheckpoint checkpoint = options_.head;

@@ -13,25 +13,25 @@
 #include "master/run/identity.h"
 #include "master/run/master.h"
 
-/// What a run leaves on the disk now and then, so that `cotwin run --resume` goes on from there to the same bits.
+/// Checkpoint files of a run, from which `cotwin run --resume` continues to the same bits.
 namespace cotwin::master {
 
 struct RunCheckpoint {
   Build build;
   std::uint64_t scenario = 0;  // hash_of(Scenario)
   std::string command;         // the options of the run, as JSON
-  std::string folder;          // the working directory, from which its relative paths start
+  std::string folder;          // the working directory, base of its relative paths
   RunState state;
 };
 
-/// Bytes with a hash over all of them.
+/// Serialises, with a hash of all bytes.
 std::string to_bytes(const RunCheckpoint& checkpoint);
-/// Throws Error `place: …` for bytes that are no checkpoint, damaged, or cut short.
+/// Throws Error `place: …` for bytes that are not a checkpoint, are damaged, or are cut short.
 RunCheckpoint parse_checkpoint(std::string_view bytes, const std::string& place);
-/// Throws Error also where there is none.
+/// Throws Error also if the file cannot be read.
 RunCheckpoint load_checkpoint(const std::filesystem::path& file);
 
-/// Writes checkpoints on a thread of its own, each to a temporary name, then renamed.
+/// Writes checkpoints on its own thread. Each file gets a temporary name first and is then renamed.
 class CheckpointWriter {
  public:
   struct Options {
@@ -39,19 +39,19 @@ class CheckpointWriter {
     std::chrono::duration<double> every{10};
     RunCheckpoint head;                                            // all but the state
     std::function<std::optional<std::uint64_t>()> sync_recording;  // Master::sync_recording
-    std::function<void()> due;                                     // called on the thread when a checkpoint should be taken
+    std::function<void()> due;                                     // called on this thread when a checkpoint is due
   };
   explicit CheckpointWriter(Options options);
   ~CheckpointWriter();
   CheckpointWriter(const CheckpointWriter&) = delete;
   CheckpointWriter& operator=(const CheckpointWriter&) = delete;
 
-  /// Hands a state over; not again before it was written. Never blocks for longer than the thread needs to take it.
+  /// Passes a state to the thread. Call again only after it was written. Blocks at most while the thread takes it.
   void write(RunState state);
   void wait_until_idle();
-  /// Waits until what was handed over is written; no further one will be due.
+  /// Waits until the state passed last is written; afterwards no checkpoint becomes due.
   void end();
-  /// Why the last one could not be written; empty if it could.
+  /// Why the last checkpoint could not be written; empty if it was.
   std::string failure() const;
   int written() const { return written_; }
 

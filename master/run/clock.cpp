@@ -11,8 +11,7 @@ namespace cotwin::master {
 
 namespace {
 
-/// A wake-up later than this is an overrun. Linux without a real-time kernel wakes some 50 µs late; a tick that lost more is
-/// worth knowing.
+/// A later wake-up is an overrun. Linux without a real-time kernel wakes about 50 µs late.
 constexpr std::int64_t kTolerated = 200'000;  // ns
 
 std::int64_t monotonic() {

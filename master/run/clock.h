@@ -7,21 +7,21 @@
 
 namespace cotwin::master {
 
-/// Decides when a tick may begin. The only place in the loop that blocks on purpose.
+/// Decides when a tick may begin. Only this blocks the loop on purpose.
 class Clock {
  public:
   virtual ~Clock() = default;
-  /// The run begins: `now` is the instant of the scenario that is now.
+  /// Begins the run. `now`: the present scenario time.
   virtual void start(Time now) = 0;
-  /// Returns true when `now` has come, or at once if it is past; false after a signal before that: whoever runs the loop then
-  /// looks whether to stop.
+  /// Returns true when `now` is reached, at once if it is past. Returns false if a signal came before; the caller of the loop
+  /// then checks whether to stop.
   virtual bool wait(Time now) = 0;
-  /// wait() always returns true at once: it need not be asked.
+  /// Whether wait() always returns true at once and need not be called.
   virtual bool never_waits() const { return false; }
-  /// Ticks that began late, and by how much at most.
+  /// Number of ticks that began late, and the largest delay.
   virtual std::int64_t overruns() const { return 0; }
   virtual Duration worst_delay() const { return {}; }
-  /// Somebody depends on the time: the loop must not wait for files.
+  /// Whether ticks have deadlines, so that the loop must not wait for files.
   virtual bool real_time() const { return false; }
 };
 
@@ -33,7 +33,8 @@ class FreeClock final : public Clock {
   bool never_waits() const override { return true; }
 };
 
-/// Scenario seconds are seconds (CLOCK_MONOTONIC). Deadlines are absolute: a late tick does not delay the next ones.
+/// A second of the scenario takes a second of CLOCK_MONOTONIC. Deadlines are absolute: a late tick does not delay the next
+/// ones.
 class RealTimeClock final : public Clock {
  public:
   void start(Time now) override;

@@ -19,7 +19,7 @@ namespace cotwin::master {
 namespace {
 
 constexpr std::array kSignals = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
-constexpr std::size_t kStackBytes = 64 << 10;  // for the handler: a crash may be that of a full stack
+constexpr std::size_t kStackBytes = 64 << 10;  // for the handler: the crash may be a stack overflow
 
 std::array<std::atomic<SavedOnCrash*>, 16> saved;
 std::array<struct sigaction, kSignals.size()> before;
@@ -29,7 +29,7 @@ const fmu::UnderWay* of_main_thread = nullptr;
 int exit_code = 1;
 alignas(16) std::array<char, kStackBytes> stack;
 
-/// A text in fixed room; what does not fit is left out.
+/// A text of limited length; the excess is dropped.
 class Text {
  public:
   Text& operator<<(std::string_view s) {
@@ -66,10 +66,10 @@ class Text {
   std::size_t used_ = 0;
 };
 
-/// Behind a progress bar on a line of its own.
-void begin(Text& text) { text << (isatty(STDERR_FILENO) != 0 ? "\ncotwin: " : "cotwin: "); }
+/// On a terminal, begins a new line after a progress bar.
+void begin_message(Text& text) { text << (isatty(STDERR_FILENO) != 0 ? "\ncotwin: " : "cotwin: "); }
 
-/// The FMU that this thread is in, or the main thread where this one is none of ours.
+/// The FMU call that this thread is in, otherwise that of the main thread; nullptr if there is none.
 const fmu::UnderWay* call_under_way() {
   if (fmu::under_way.function != nullptr) return &fmu::under_way;
   return of_main_thread != nullptr && of_main_thread->function != nullptr ? of_main_thread : nullptr;
@@ -92,19 +92,19 @@ struct CrashHandler {
     }
   }
 
-  static void take(SavedOnCrash* one) {
+  static void add(SavedOnCrash* one) {
     for (std::atomic<SavedOnCrash*>& slot : saved) {
       SavedOnCrash* none = nullptr;
       if (slot.compare_exchange_strong(none, one)) return;
     }
   }
-  static void forget(SavedOnCrash* one) {
+  static void remove(SavedOnCrash* one) {
     for (std::atomic<SavedOnCrash*>& slot : saved) {
       SavedOnCrash* expected = one;
       if (slot.compare_exchange_strong(expected, nullptr)) return;
     }
   }
-  /// Of threads that crash at the same time one ends the program.
+  /// If several threads crash at the same time, only the first ends the program; the others block here.
   static void enter() {
     if (!ending.test_and_set()) return;
     for (;;) pause();
@@ -115,7 +115,7 @@ struct CrashHandler {
     const fmu::UnderWay* const call = call_under_way();
     const char* description = sigdescr_np(number);
     Text text;
-    begin(text);
+    begin_message(text);
     if (call != nullptr) {
       name_call(text, *call);
       text << " was ended by ";
@@ -130,14 +130,14 @@ struct CrashHandler {
     for (std::size_t i = 0; i < kSignals.size(); ++i) {
       if (kSignals[i] == number) sigaction(number, &before[i], nullptr);
     }
-    raise(number);  // comes when this returns
+    raise(number);  // delivered when this handler returns
   }
 
   static void on_exit(int status, void*) {
     if (main_has_ended) return;
     enter();
     Text text;
-    begin(text);
+    begin_message(text);
     if (const fmu::UnderWay* const call = call_under_way()) {
       name_call(text, *call);
       text << " called ";
@@ -153,10 +153,10 @@ struct CrashHandler {
 };
 
 SavedOnCrash::SavedOnCrash(Save save, void* object, std::string file) : save_(save), object_(object), file_(std::move(file)) {
-  CrashHandler::take(this);
+  CrashHandler::add(this);
 }
 
-SavedOnCrash::~SavedOnCrash() { CrashHandler::forget(this); }
+SavedOnCrash::~SavedOnCrash() { CrashHandler::remove(this); }
 
 void catch_crashes(int code) {
   exit_code = code;

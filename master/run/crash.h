@@ -1,16 +1,15 @@
 #pragma once
 #include <string>
 
-/// What is left to do when the program does not come to its end: an FMU in this process crashed or called exit(), or the
-/// program itself crashed.
+/// Actions when an FMU in this process crashes or calls exit(), or when the program itself crashes.
 namespace cotwin::master {
 
-/// Something that is to be written then. While this lives, `save` is called with `object` in a signal handler: it may do
-/// nothing but what is async-signal-safe, and may wait for other threads, which go on running.
+/// Data to be written in that case. During the lifetime of this object, a signal handler calls `save` with `object`. It may
+/// only do async-signal-safe operations. It may wait for other threads, which continue.
 class SavedOnCrash {
  public:
   using Save = void (*)(void* object) noexcept;
-  /// `file`: the message says that the rows up to then are there; "": it does not.
+  /// `file`: named in the message as the file with the rows so far; "" for none.
   SavedOnCrash(Save save, void* object, std::string file);
   ~SavedOnCrash();
   SavedOnCrash(const SavedOnCrash&) = delete;
@@ -23,13 +22,13 @@ class SavedOnCrash {
   std::string file_;
 };
 
-/// From now on SIGSEGV, SIGBUS, SIGFPE, SIGILL and SIGABRT inside an FMU, and exit() and quick_exit() by an FMU, end the
-/// program with `exit_code` after a message that names component, FMU, function and simulated time, and after everything
-/// SavedOnCrash was saved. The same signals elsewhere save, too, and then do what they did before. _exit() cannot be caught:
-/// only a process of its own shields from it. Call in the main thread.
+/// Installs handlers, in the main thread. SIGSEGV, SIGBUS, SIGFPE, SIGILL and SIGABRT inside an FMU, and exit() and
+/// quick_exit() called by an FMU, then save all SavedOnCrash, print component, FMU, function and simulated time, and end the
+/// program with `exit_code`. The same signals elsewhere also save, and then have their previous effect. _exit() cannot be
+/// caught; it needs a process of its own.
 void catch_crashes(int exit_code);
 
-/// main() returns now: exit() is in order.
+/// Call before main() returns: exit() is expected from then on.
 void main_ends();
 
 }  // namespace cotwin::master

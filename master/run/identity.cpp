@@ -15,7 +15,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-/// Writes what a scenario says, field by field, each with its length.
+/// Collects the fields of a scenario as bytes, each text with its length.
 class Text {
  public:
   explicit Text(const Scenario& scenario) : scenario_(scenario) {}
@@ -29,7 +29,7 @@ class Text {
     std::visit([this](const auto& v) { add_value(v); }, value.value);
     add(value.unit);
   }
-  /// A text, and the file that it may name.
+  /// Adds a text and, if it names a file, a hash of the file.
   void add_with_file(const std::string& text) {
     add(text);
     std::error_code none;
@@ -62,7 +62,7 @@ class Text {
   ByteWriter out_;
 };
 
-/// The values of a unit's query, "robot=arm.urdf&kind=csv", may name files, too.
+/// The values of a unit's query, "robot=arm.urdf&kind=csv", may also name files.
 void add_query(Text& text, const std::string& source) {
   const std::size_t query = source.find('?');
   if (query == std::string::npos) return;

@@ -5,14 +5,14 @@
 #include "master/ssp/scenario.h"
 #include "models/support/file_hash.h"
 
-/// What decides the bits of a run: a program, and a scenario with the files that it names.
+/// Identifies what determines the bits of a run: the program, and a scenario with the files that it names.
 namespace cotwin::master {
 
-/// A hash of everything in the scenario that a run depends on, `--set` included, and of the contents of FMUs and of files that
-/// parameters and settings name. Where the scenario lies does not count.
+/// Hash of everything in the scenario that a run depends on, including `--set`, and of the contents of FMUs and of files that
+/// parameters and settings name. Independent of the scenario's folder.
 std::uint64_t hash_of(const Scenario& scenario);
 
-/// The program that runs.
+/// This program.
 struct Build {
   std::string version;     // "0.9.0"
   std::uint64_t file = 0;  // a hash of the executable

@@ -10,7 +10,7 @@ namespace cotwin::master {
 
 namespace {
 
-/// An SSP connector's kind as the roles of ours that it may stand for.
+/// Whether an SSP connector of this kind may stand for a variable of this role.
 bool connector_fits(const std::string& kind, Role role) {
   if (kind == "input") return role == Role::kInput;
   if (kind == "output") return role == Role::kOutput || role == Role::kState;
@@ -39,7 +39,7 @@ std::vector<std::string> names_of(const Variables& variables) {
   return names;
 }
 
-/// SSP gives the value of an enumeration by the name of its item, of which the FMU's own type knows the number.
+/// SSP gives the value of an enumeration by the name of its item: replaces it by the number in the FMU's type definition.
 void number_items(Member& member, const fmu::ModelDescription& description) {
   const fmu::DescriptionIndex index(description);
   for (ParameterValue& value : member.spec.start_values) {
@@ -61,7 +61,7 @@ void number_items(Member& member, const fmu::ModelDescription& description) {
     if (item_name->find_first_not_of("+-0123456789, \t\n\r") == std::string::npos) continue;  // numbers
     std::string expected;
     for (const fmu::EnumerationItem& i : type->items) expected += in_quotes(i.name) + ", ";
-    fail(value.place, member.name() + "." + value.name + ": " + in_quotes(*item_name) + " is no item of " +
+    fail(value.place, member.name() + "." + value.name + ": " + in_quotes(*item_name) + " is not an item of " +
                           in_quotes(type->name) + ", expected " + expected + "or a number");
   }
 }
@@ -71,7 +71,7 @@ void number_items(Member& member, const fmu::ModelDescription& description) {
 void check_name(const ParameterValue& value, const Member& member) {
   if (find_element(member.variables(), value.name).variable != nullptr) return;
   const std::string name = value.name.substr(0, value.name.find('['));
-  if (member.variables().find(name) != nullptr) return;  // the element is malformed, which apply() reports
+  if (member.variables().find(name) != nullptr) return;  // the element is malformed; apply() reports that
   if (const Setting* setting = member.settings.find(name)) {
     fail(value.place, in_quotes(name) + " is a setting of " + member.spec.source.substr(0, member.spec.source.find('?')) +
                           " and no variable, expected it in the source of the component, …?" + name + "=" +
@@ -90,7 +90,7 @@ FmuSource fmu_source(const ComponentSpec& spec, const Scenario& scenario) {
   options.instance_name = spec.name;
   options.kind = spec.implementation == "CoSimulation" ? "cs" : spec.implementation == "ModelExchange" ? "me" : "any";
   options.process = spec.process;
-  options.rollback = scenario.tolerance > 0;  // every tick is made at least twice
+  options.rollback = scenario.tolerance > 0;  // every tick is stepped at least twice
   if (question != std::string::npos) options = fmu::read_query(std::string_view(spec.source).substr(question + 1), options);
   return {scenario.folder / spec.source.substr(0, question), options};
 }
@@ -98,7 +98,7 @@ FmuSource fmu_source(const ComponentSpec& spec, const Scenario& scenario) {
 ParameterSet start_values(const Scenario& scenario, const Member& member, std::vector<std::string>* unknown) {
   ParameterSet set{member.name(), {}, scenario.units};
   for (const ParameterValue& value : member.spec.start_values) {
-    const bool by_the_user = value.place.rfind("--set ", 0) == 0;  // a slip there is never ignored
+    const bool by_the_user = value.place.rfind("--set ", 0) == 0;  // typing errors there are never ignored
     if (by_the_user || !scenario.ignore_unknown_parameters ||
         find_element(member.variables(), value.name).variable != nullptr) {
       set.values.push_back(value);

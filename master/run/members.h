@@ -12,19 +12,19 @@
 #include "fmu/import/load.h"
 #include "master/ssp/scenario.h"
 
-/// The components of a scenario with the units that stand behind them, and how a name finds a variable.
+/// The components of a scenario with their units, and the look-up of variables by name.
 namespace cotwin::master {
 
 struct Member {
   ComponentSpec spec;
   Instance instance;
-  SettingList settings{};  // that a unit has; of an FMU none
+  SettingList settings{};  // of a unit; empty for an FMU
 
   const std::string& name() const { return spec.name; }
   const Variables& variables() const { return instance.variables; }
 };
 
-/// A variable of a member: the whole, or one element of it.
+/// A variable of a member, or one of its elements.
 struct Signal {
   std::size_t member = 0;
   const Variable* variable = nullptr;
@@ -34,21 +34,21 @@ struct Signal {
   std::span<double> reals() const { return variable->reals().subspan(first, count); }
 };
 
-/// Builds every component's unit or loads its FMU, checks the connectors that the SSD lists against its variables and applies
-/// the start values. Throws Error at the component's place for a unit, setting, connector or value that does not fit, and for a
-/// shared setting that no unit asks for. `folders`: where units look up named data.
+/// Builds each component's unit or loads its FMU, compares the connectors of the SSD with its variables and applies the start
+/// values. Throws Error at the component's place for an invalid unit, setting, connector or value, and for a shared setting
+/// that no unit reads. `folders`: where units search for named data.
 std::vector<Member> load_members(const Scenario& scenario, std::span<const UnitType> types,
                                  const std::vector<std::filesystem::path>& folders);
 
-/// The parts of load_members: a component's unit or FMU, without its start values; a connector held against the variable that
-/// it means; settings held against those that units asked for. `fmus`: of all components of the scenario.
+/// The steps of load_members: builds a component's unit or FMU without its start values; compares a connector with its
+/// variable; compares the settings with those that units have read. `fmus`: shared by all components of the scenario.
 Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::span<const UnitType> types,
                    const std::vector<std::filesystem::path>& folders, fmu::FmuStore& fmus,
                    std::vector<std::string>* settings_used = nullptr);
 void check_connector(const ConnectorSpec& connector, const Member& member, const Scenario& scenario);
 void check_settings(const Scenario& scenario, std::span<Member> members, const std::vector<std::string>& used);
 
-/// Finds signals by name, many of them; the members must not change meanwhile.
+/// An index to find many signals by name. The members must not change during its lifetime.
 class SignalIndex {
  public:
   explicit SignalIndex(std::span<const Member> members);
@@ -60,47 +60,46 @@ class SignalIndex {
   std::unordered_map<std::string_view, std::size_t> by_name_;
 };
 
-/// The signal "component.variable" or "component.variable[element]". Throws Error at `place` if there is none, naming the
-/// closest.
+/// The signal "component.variable" or "component.variable[element]". If there is none, throws Error at `place` with the closest
+/// name.
 Signal find_signal(std::span<const Member> members, std::string_view name, const std::string& place);
-/// The same, where only reals make sense.
+/// The same; throws Error also if the variable is not real.
 Signal find_real_signal(std::span<const Member> members, std::string_view name, const std::string& place);
 
-/// Name of one element for people and columns: "drive.q" of a scalar, "drive.q[2]" of a vector, `element` counted from 0.
+/// Name of one element in columns and messages: "drive.q" of a scalar, "drive.q[2]" of a vector. `element` counts from 0.
 std::string element_name(const std::string& member, const Variable& variable, std::size_t element);
 
-/// The start values that the scenario gives a component. What its unit does not have is left out where the scenario allows
-/// that, and told in `unknown`.
+/// The start values of a component. Where the scenario permits unknown parameters, names that the unit does not have are left
+/// out and listed in `unknown`.
 ParameterSet start_values(const Scenario& scenario, const Member& member, std::vector<std::string>* unknown = nullptr);
 
-/// Throws Error for a start value whose name is no variable of the member; it may be the name of a setting.
+/// Throws Error for a start value whose name is not a variable of the member; the message says if it is a setting.
 void check_name(const ParameterValue& value, const Member& member);
 
-/// What the scenario says of a component that is an FMU: its file or folder, and how it is loaded. Throws Error for a query
-/// that is none.
+/// File or folder of a component that is an FMU, and its options for loading. Throws Error for an invalid query.
 struct FmuSource {
   std::filesystem::path path;
   fmu::LoadOptions options;
 };
 FmuSource fmu_source(const ComponentSpec& spec, const Scenario& scenario);
 
-/// Whether the component is a unit of this program; else it is an FMU.
+/// Whether the component is a unit of this program; otherwise it is an FMU.
 bool is_unit(const ComponentSpec& spec);
 
 /// "an input", "a tunable": for messages.
 std::string with_article(Role role);
 
-/// The measure called `name`: one that the scenario defines, else as si::parse reads it.
+/// The unit of measure `name`: as the scenario defines it, otherwise from si::parse.
 si::Measure measure(const Scenario& scenario, const std::string& name);
 
-/// `name` matches `pattern`, in which * stands for any text and ? for any character.
+/// Whether `name` matches `pattern`, where * matches any text and ? any character.
 bool glob(std::string_view pattern, std::string_view name);
 
-/// For messages: 'name', and "; did you mean 'the closest'?" if there is one.
+/// For messages: 'name', and "; did you mean 'closest'?" if a candidate is similar.
 std::string in_quotes(std::string_view s);
 std::string suggestion(std::string_view wanted, const std::vector<std::string>& candidates);
 
-/// `place: what`, or just `what` where there is no place.
+/// Throws Error `place: what`, or `what` if the place is empty.
 [[noreturn]] void fail(const std::string& place, const std::string& what);
 
 }  // namespace cotwin::master

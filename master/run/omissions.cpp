@@ -28,7 +28,7 @@ bool alike(const Variable& a, const Variable& b) {
   return a.kind() == Kind::kReal && b.kind() == Kind::kReal && a.si == b.si && a.size() == b.size();
 }
 
-/// The numbers of a text, however they are separated and written.
+/// The numbers of a text in a uniform notation.
 std::string normalised(std::string text) {
   std::replace(text.begin(), text.end(), ',', ' ');
   std::string all;
@@ -55,9 +55,9 @@ class Finder {
       : scenario_(scenario), members_(members), links_(links) {}
 
   std::vector<std::string> find() {
-    look_at_members();
-    look_at_links();
-    look_at_events();
+    collect_ports();
+    mark_connected();
+    mark_events();
     for (const Port& port : ports_) {
       if (port.essential) find_forgotten(port);
     }
@@ -71,7 +71,7 @@ class Finder {
   }
 
  private:
-  /// A push that a port gets: an event or a start value.
+  /// An external force or torque on a port, from an event or a start value.
   struct Push {
     Time time;
     std::string element, value;
@@ -80,7 +80,7 @@ class Finder {
     auto key() const { return std::tie(time.ns, element, value, ramp.ns); }
     friend bool operator<(const Push& a, const Push& b) { return a.key() < b.key(); }
   };
-  /// A variable that may have been forgotten.
+  /// A variable that should have a value.
   struct Port {
     std::size_t member;
     const Variable* variable;
@@ -90,16 +90,16 @@ class Finder {
     std::vector<Push> pushes{};
   };
 
-  void look_at_members() {
+  void collect_ports() {
     for (std::size_t m = 0; m < members_.size(); ++m) {
       const Member& member = members_[m];
       const bool unit = is_unit(member.spec);
       first_port_.push_back(ports_.size());
-      Variables as_of_now;  // with what is essential as the start values have it
-      if (unit) member.instance.unit->declare(as_of_now);
+      Variables as_started;  // with `essential` as the start values decide it
+      if (unit) member.instance.unit->declare(as_started);
       for (std::size_t i = 0; i < member.variables().size(); ++i) {
         const Variable& variable = member.variables().all()[i];
-        const bool essential = unit ? as_of_now.all()[i].essential : variable.essential;
+        const bool essential = unit ? as_started.all()[i].essential : variable.essential;
         if (!essential && !(unit && variable.role == Role::kInput)) continue;
         index_.emplace(&variable, ports_.size());
         by_name_.emplace(member.name() + "." + variable.name, ports_.size());
@@ -138,7 +138,7 @@ class Finder {
           {scenario_.start, value.name.substr(std::min(value.name.size(), value.name.find('['))), number, {}, false});
   }
 
-  void look_at_links() {
+  void mark_connected() {
     for (const Link& link : links_) {
       if (link.from.member != link.to.member) linked_.insert({link.from.member, link.to.member});
       Port* port = port_of(link.to.variable);
@@ -148,7 +148,7 @@ class Finder {
     }
   }
 
-  void look_at_events() {
+  void mark_events() {
     for (const EventSpec& event : scenario_.events) {
       const std::size_t bracket = event.variable.back() == ']' ? event.variable.rfind('[') : std::string::npos;
       const std::string name = event.variable.substr(0, bracket);
@@ -165,7 +165,7 @@ class Finder {
   void warn(std::size_t member, const std::string& what) {
     const std::string& place = members_[member].spec.place;
     const std::string all = place.empty() ? what : place + ": " + what;
-    if (told_.insert(all).second) found_.push_back(all);
+    if (reported_.insert(all).second) found_.push_back(all);
   }
 
   std::string name_of(const Port& port) const { return members_[port.member].name() + "." + port.variable->name; }
@@ -191,7 +191,7 @@ class Finder {
     warn(port.member, what + " is not connected and has no value: " + value + "; expected a connection or a value");
   }
 
-  /// dq_d beside q_d, where the source of q_d knows its derivative.
+  /// Finds dq_d beside q_d, where the source of q_d has a declared derivative.
   void find_derivative(const Link& link) {
     if (link.derivative.empty() || !is_unit(members_[link.to.member].spec) || link.to.variable->role != Role::kInput) return;
     const std::string& name = link.to.variable->name;
@@ -209,11 +209,11 @@ class Finder {
                            ", or a value");
   }
 
-  /// b.q → a.q, and a returns tau_e, which b could take.
+  /// Finds tau_e of b, where b.q → a.q and a returns tau_e.
   void find_reaction(const Link& link) {
     const Member &a = members_[link.to.member], &b = members_[link.from.member];
     if (!is_unit(b.spec) || link.to.member == link.from.member) return;
-    if (last_part(link.from.variable->name) != last_part(link.to.variable->name)) return;  // as of a sensor: q → q_true
+    if (last_part(link.from.variable->name) != last_part(link.to.variable->name)) return;  // a sensor: q → q_true
     const std::string returned_prefix = prefix_of(link.to.variable->name), taken_prefix = prefix_of(link.from.variable->name);
     for (std::size_t i = first_port_[link.from.member]; i < first_port_[link.from.member + 1]; ++i) {
       const Port& port = ports_[i];
@@ -227,12 +227,12 @@ class Finder {
     }
   }
 
-  /// Two connected units that follow the same force or torque over a step, and do not get the same.
+  /// Finds two connected units that follow the same force or torque over a step and get different values.
   void find_pushes() {
     std::map<std::pair<std::size_t, std::string>, const Port*> efforts;
     for (const Port& port : ports_) {
       const Variable& v = *port.variable;
-      const bool followed = v.role == Role::kInput && is_effort(v) && !v.rate.empty();  // a unit that ignores it has no rate
+      const bool followed = v.role == Role::kInput && is_effort(v) && !v.rate.empty();  // without a rate, the unit ignores it
       if (followed && !port.fed) efforts.emplace(std::pair{port.member, v.name}, &port);
     }
     for (const auto& [a, b] : linked_) {
@@ -254,7 +254,7 @@ class Finder {
       const std::string what = push->is_event ? "the event at " + seconds(push->time) : std::string("the start value");
       warn(pushed->member,
            what + " gives " + name_of(*pushed) + push->element + " the value " + push->value + ", but " + name_of(*other) +
-               " of the connected unit does not get it: expected the same for both, because a " + "push acts on both");
+               " of the connected unit does not get it: expected the same for both, because a push acts on both");
       return;
     }
   }
@@ -278,11 +278,11 @@ class Finder {
   std::span<const Member> members_;
   std::span<const Link> links_;
   std::vector<Port> ports_;                                 // by member
-  std::vector<std::size_t> first_port_;                     // of each member, and the end
-  std::unordered_map<const Variable*, std::size_t> index_;  // of ports_; never iterated
+  std::vector<std::size_t> first_port_;                     // per member, and the end
+  std::unordered_map<const Variable*, std::size_t> index_;  // into ports_; never iterated
   std::unordered_map<std::string, std::size_t> by_name_;    // likewise, "drive.tau_e"
   std::set<std::pair<std::size_t, std::size_t>> linked_;    // members, from and to
-  std::set<std::string> told_;
+  std::set<std::string> reported_;
   std::vector<std::string> found_;
 };
 

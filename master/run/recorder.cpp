@@ -26,15 +26,15 @@ namespace {
 
 using namespace std::chrono_literals;
 
-constexpr auto kIdle = 2ms;     // the writer's nap when the ring is empty: waking it from the loop would cost a system call
-constexpr auto kFlush = 200ms;  // how old a row in memory may grow
+constexpr auto kIdle = 2ms;     // sleep of the writer while the ring is empty: waking it would cost the loop a system call
+constexpr auto kFlush = 200ms;  // largest age of a row in memory
 constexpr std::size_t kBuffer = std::size_t{1} << 18;  // bytes of text per write
-constexpr std::size_t kRoom = 28;                      // that a number needs
+constexpr std::size_t kRoom = 28;                      // bytes of text for a number
 
 bool has_wildcard(const std::string& pattern) { return pattern.find_first_of("*?") != std::string::npos; }
 
-/// Whether a pattern with a wildcard means the variable.
-bool wanted(const std::string& pattern, const std::string& name, const Variable& variable) {
+/// Whether a pattern with a wildcard selects the variable.
+bool matches(const std::string& pattern, const std::string& name, const Variable& variable) {
   return variable.role != Role::kParameter && variable.kind() != Kind::kString && glob(pattern, name);
 }
 
@@ -46,7 +46,7 @@ std::string csv_field(const std::string& name) {
   return field + '"';
 }
 
-/// Seconds with as many of the nine digits after the point as are needed: exact, unlike n · 1e-9.
+/// Writes seconds with at most nine digits after the point: exact, unlike n · 1e-9.
 char* write_time(char* to, std::int64_t ns) {
   if (ns < 0) *to++ = '-';
   const auto magnitude = static_cast<std::uint64_t>(ns < 0 ? -ns : ns);
@@ -80,7 +80,7 @@ std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Mem
     };
     if (const auto same = plain.find(name); same != plain.end()) std::ranges::for_each(same->second, accept);
     for (const std::size_t r : patterns) {
-      if (wanted(scenario.recording[r].variables, name, variable)) accept(r);
+      if (matches(scenario.recording[r].variables, name, variable)) accept(r);
     }
     return any;
   };
@@ -107,16 +107,16 @@ std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Mem
   for (std::size_t r = 0; r < found.size(); ++r) {
     const RecordSpec& spec = scenario.recording[r];
     if (found[r]) continue;
-    if (!has_wildcard(spec.variables)) (void)find_signal(members, spec.variables, spec.place);  // says it better
-    fail(spec.place, "nothing to record is called '" + spec.variables + "'");
+    if (!has_wildcard(spec.variables)) (void)find_signal(members, spec.variables, spec.place);  // throws a better message
+    fail(spec.place, "nothing to record matches '" + spec.variables + "'");
   }
   return columns;
 }
 
-/// Turns rows into text and writes it, on its own thread.
+/// Converts rows to text and writes it, on its own thread.
 class Recorder::Writer {
  public:
-  /// `written`: bytes that the file has already.
+  /// `written`: present length of the file in bytes.
   Writer(Recorder& recorder, int descriptor, std::uint64_t written, const std::vector<bool>& integral)
       : recorder_(recorder),
         descriptor_(descriptor),
@@ -133,7 +133,7 @@ class Recorder::Writer {
     using Clock = std::chrono::steady_clock;
     auto flushed = Clock::now();
     for (;;) {
-      const bool closing = recorder_.closing_.load(std::memory_order_acquire);  // before head: nothing sampled before is missed
+      const bool closing = recorder_.closing_.load(std::memory_order_acquire);  // read before head_, so that no row is missed
       const std::uint64_t head = recorder_.head_.load(std::memory_order_acquire);
       std::uint64_t tail = recorder_.tail_.load(std::memory_order_relaxed);
       const std::uint64_t mark = recorder_.mark_.load(std::memory_order_acquire);
@@ -152,7 +152,7 @@ class Recorder::Writer {
         std::this_thread::sleep_for(kIdle);
         continue;
       }
-      // Hands room back now and then, so that a waiting loop goes on while we write.
+      // Releases room in portions, so that a waiting loop continues while this thread writes.
       std::uint64_t until = std::min(head, tail + std::max<std::uint64_t>(1, recorder_.capacity_ / 8));
       if (mark > tail) until = std::min(until, mark);
       for (; tail < until; ++tail)
@@ -174,7 +174,7 @@ class Recorder::Writer {
       if (n < 0 && errno == EINTR) continue;
       if (n <= 0) {
         recorder_.failure_.store(n < 0 ? errno : EIO, std::memory_order_release);
-        end_with_a_row(text.substr(0, done));
+        drop_partial_row(text.substr(0, done));
         return;
       }
       done += static_cast<std::size_t>(n);
@@ -185,7 +185,8 @@ class Recorder::Writer {
   void close() {
     const int descriptor = descriptor_;
     descriptor_ = -1;
-    if (::close(descriptor) != 0 && recorder_.failure_ == 0) recorder_.failure_ = errno;  // a network file system tells it here
+    if (::close(descriptor) != 0 && recorder_.failure_ == 0)
+      recorder_.failure_ = errno;  // network file systems report errors here
   }
   /// On any thread, before close().
   bool sync() const { return ::fdatasync(descriptor_) == 0 || errno == EINVAL || errno == ENOTSUP; }
@@ -193,7 +194,7 @@ class Recorder::Writer {
  private:
   /// A value and its text.
   struct Known {
-    std::uint64_t bits = 0x7ff8dead0000beefu;  // a NaN that nothing computes
+    std::uint64_t bits = 0x7ff8dead0000beefu;  // a NaN that no computation yields
     std::uint32_t length = 0;
     char text[kRoom];
   };
@@ -214,7 +215,7 @@ class Recorder::Writer {
     const auto bits = std::bit_cast<std::uint64_t>(value);
     Known& known = known_[(bits * 0x9e3779b97f4a7c15u) >> known_shift_];
     if (bits == known.bits) {
-      std::memcpy(to, known.text, sizeof known.text);  // a fixed length is quicker; what comes next overwrites the rest
+      std::memcpy(to, known.text, sizeof known.text);  // a fixed length is faster; the next text overwrites the rest
       return to + known.length;
     }
     char* const end = std::to_chars(to, to + kRoom, value).ptr;
@@ -224,11 +225,11 @@ class Recorder::Writer {
     return end;
   }
 
-  /// Takes back the part of a row that a full disk left behind. `last`: what was written of the last text.
-  void end_with_a_row(std::string_view last) {
+  /// Cuts a row that is incomplete because the disk is full. `last`: the written part of the last text.
+  void drop_partial_row(std::string_view last) {
     const std::size_t row_end = last.rfind('\n');
     const std::size_t whole = row_end == std::string_view::npos ? 0 : row_end + 1;
-    if (::ftruncate(descriptor_, static_cast<off_t>(written_ + whole)) != 0) return;  // a pipe: there is nothing to take back
+    if (::ftruncate(descriptor_, static_cast<off_t>(written_ + whole)) != 0) return;  // a pipe cannot be cut
   }
 
   void flush() {
@@ -240,7 +241,7 @@ class Recorder::Writer {
   int descriptor_;
   std::uint64_t written_;  // bytes in the file, whole rows
   std::vector<bool> integral_;
-  std::vector<Known> known_;  // by hash: a signal rests, and an input repeats what an output has just been
+  std::vector<Known> known_;  // by hash: signals are often constant, and an input repeats an output
   int known_shift_;
   std::vector<char> buffer_;
   std::size_t used_ = 0;
@@ -273,7 +274,7 @@ Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Opti
   heading += '\n';
   const std::size_t rows = std::max<std::size_t>(64, options.ring_bytes / sizeof(double) / (width_ + 1));
   capacity_ = std::bit_floor(rows);
-  ring_ = std::make_unique<double[]>(capacity_ * (width_ + 1));  // zeroed: the loop does not meet fresh pages
+  ring_ = std::make_unique<double[]>(capacity_ * (width_ + 1));  // zeroed, so that the loop causes no page faults
   room_until_ = capacity_;
 
   const int descriptor = open_file(heading, options.kept);
@@ -283,7 +284,7 @@ Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Opti
   }
   writer_ = std::make_unique<Writer>(*this, descriptor, options.kept ? options.kept->bytes : 0, integral);
   if (!options.kept) writer_->write_text(heading);
-  if (failure_ != 0) tell_failure();
+  if (failure_ != 0) throw_failure();
   thread_ = std::thread([this] { writer_->run(); });
   saved_.emplace(save, this, file_.string());
 }
@@ -294,15 +295,15 @@ int Recorder::open_file(const std::string& heading, const std::optional<Kept>& k
   const bool regular = ::stat(file_.c_str(), &status) != 0 || S_ISREG(status.st_mode);
   written_to_ = file_;
   if (regular) written_to_ += ".part";
-  if (kept) return open_again(heading, *kept);
+  if (kept) return reopen_file(heading, *kept);
   const int descriptor = ::open(written_to_.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
   if (descriptor < 0) throw Error(file_.string(), "cannot be written: " + system_reason(errno));
   return descriptor;
 }
 
-/// The recording is <file>.part after a kill, and <file> after an orderly end.
-int Recorder::open_again(const std::string& heading, const Kept& kept) {
-  const auto refuse = [&](const std::string& what) { throw Error(file_.string(), "cannot be gone on with: " + what); };
+/// The recording is <file>.part after a crash, and <file> after an orderly end.
+int Recorder::reopen_file(const std::string& heading, const Kept& kept) {
+  const auto refuse = [&](const std::string& what) { throw Error(file_.string(), "cannot be resumed: " + what); };
   int descriptor = ::open(written_to_.c_str(), O_RDWR | O_CLOEXEC);
   const bool complete = descriptor < 0 && errno == ENOENT;
   if (complete) descriptor = ::open(file_.c_str(), O_RDWR | O_CLOEXEC);
@@ -350,13 +351,12 @@ void Recorder::sample(Time now) {
     }
     room_until_ = tail + capacity_;
   }
-  if (failure_.load(std::memory_order_relaxed) != 0) tell_failure();
+  if (failure_.load(std::memory_order_relaxed) != 0) throw_failure();
   copy_row(now, ring_.get() + (head & (capacity_ - 1)) * (width_ + 1));
   head_.store(head + 1, std::memory_order_release);
   ++sampled_;
 }
 
-/// The next columns.
 template <class T>
 void Recorder::add(std::span<const T> values, std::vector<Source<T>>& sources) {
   for (const T& value : values) sources.push_back({&value, width_++});
@@ -376,10 +376,10 @@ void Recorder::close() {
   thread_.join();
   writer_->close();
   if (written_to_ != file_ && ::rename(written_to_.c_str(), file_.c_str()) != 0 && failure_ == 0) failure_ = errno;
-  if (failure_ != 0) tell_failure();
+  if (failure_ != 0) throw_failure();
 }
 
-/// In a signal handler: the writing thread goes on running, and has a few seconds.
+/// Called in a signal handler. The writing thread continues and gets 10 s.
 void Recorder::save(void* self) noexcept {
   auto& recorder = *static_cast<Recorder*>(self);
   if (pthread_equal(pthread_self(), recorder.thread_.native_handle()) != 0) return;
@@ -399,7 +399,7 @@ std::optional<std::uint64_t> Recorder::sync_to_mark() const {
   }
 }
 
-void Recorder::tell_failure() {
+void Recorder::throw_failure() {
   throw Error(file_.string(), "cannot be written: " + system_reason(failure_) + "; the recording is incomplete");
 }
 

@@ -13,7 +13,7 @@
 #include "master/run/crash.h"
 #include "master/run/members.h"
 
-/// Chosen variables over time, as CSV.
+/// Records selected variables over time as CSV.
 namespace cotwin::master {
 
 /// One variable of the recording: all of its elements, or one.
@@ -22,48 +22,47 @@ struct Column {
   Signal signal;
 };
 
-/// The variables that the scenario wants recorded, in the order of components and declarations; without any wish, every output.
-/// Patterns with * or ? take outputs, inputs, states and tunables; exact names take whatever they name. Strings cannot be
-/// recorded. Throws Error at its place for a pattern that finds nothing.
+/// The variables that the scenario selects, in the order of components and declarations; without a selection, all outputs.
+/// Patterns with * or ? match outputs, inputs, states and tunables; exact names match any variable but Strings. Throws Error at
+/// the entry's place for a String and for a pattern without a match.
 std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Member> members);
 
-/// Copies rows into a ring in memory; a thread beside the loop writes them: time first, numbers as the shortest text that reads
-/// back to the same bits, whole rows only. They go to <file>.part, which close() renames; a file that is no regular one (a
-/// pipe) is written to directly. Whatever was sampled is in the file after close(), and all but the last fifth of a second of
-/// it at any time.
+/// Copies rows into a ring in memory; another thread writes them: time first, numbers as the shortest text that reads back to
+/// the same bits, whole rows only. The file is <file>.part until close() renames it; a file that is not regular (a pipe) is
+/// written to directly. All rows are in the file after close(), and at any time all but those of the last 0.2 s.
 class Recorder {
  public:
-  /// Where an interrupted recording goes on: the bytes and rows that it keeps.
+  /// How much of an interrupted recording is kept on resume.
   struct Kept {
     std::uint64_t bytes = 0;
     std::int64_t rows = 0, dropped = 0;
   };
   struct Options {
-    bool may_wait = true;  // with a full ring: wait for the writer, or else drop the row
+    bool may_wait = true;  // if the ring is full: wait for the writer; false: drop the row
     std::size_t ring_bytes = std::size_t{16} << 20;
-    std::optional<Kept> kept = {};  // cuts the recording that is there and appends to it
+    std::optional<Kept> kept = {};  // cut the existing recording and append to it
   };
 
-  /// Opens the file and writes the heading. Throws Error if that is impossible, and if the recording to go on with is not
-  /// there, is shorter than what is kept of it, or has other columns.
+  /// Opens the file and writes the heading. Throws Error if that fails, or if the recording to resume is missing, shorter than
+  /// `kept`, or has other columns.
   Recorder(std::vector<Column> columns, std::filesystem::path file, Options options);
   ~Recorder();
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
-  /// Allocates nothing. Throws Error after the file could not be written (disk full).
+  /// Allocates nothing. Throws Error if an earlier row could not be written (disk full).
   void sample(Time now);
-  /// Writes the rest and closes the file. Throws Error as sample() does. May be called again.
+  /// Writes the remaining rows and closes the file. Throws Error as sample(). May be called repeatedly.
   void close();
 
-  /// Asks for the place in the file where the rows so far end. From the thread that samples, and again only
-  /// after sync_to_mark() has returned.
+  /// Requests the position in the file where the rows so far end. Call on the sampling thread, and again only after
+  /// sync_to_mark() has returned.
   void mark() {
     marked_bytes_.store(kNoMark, std::memory_order_relaxed);
     mark_.store(head_.load(std::memory_order_relaxed), std::memory_order_release);
   }
-  /// From another thread, before close(): waits until the rows up to the last mark() are on the disk and returns the bytes up
-  /// to there. Nothing if they cannot be written.
+  /// Call on another thread, before close(). Waits until the rows up to the last mark() are on the disk and returns their
+  /// length in bytes, or nothing if they cannot be written.
   std::optional<std::uint64_t> sync_to_mark() const;
 
   const std::filesystem::path& file() const { return file_; }
@@ -75,7 +74,7 @@ class Recorder {
   class Writer;
   static constexpr std::uint64_t kNoMark = ~std::uint64_t{0};
 
-  /// Where a value is and where in the row it goes.
+  /// Address of a value and its place in the row.
   template <class T>
   struct Source {
     const T* from;
@@ -86,8 +85,8 @@ class Recorder {
   void add(std::span<const T> values, std::vector<Source<T>>& sources);
   void copy_row(Time now, double* row) const;
   int open_file(const std::string& heading, const std::optional<Kept>& kept);
-  int open_again(const std::string& heading, const Kept& kept);
-  [[noreturn]] void tell_failure();
+  int reopen_file(const std::string& heading, const Kept& kept);
+  [[noreturn]] void throw_failure();
   static void save(void* self) noexcept;
 
   std::vector<Source<double>> reals_;
@@ -104,9 +103,9 @@ class Recorder {
   alignas(64) std::atomic<std::uint64_t> tail_{0};  // rows taken out
   std::atomic<bool> closing_{false};
   std::atomic<int> failure_{0};                       // errno of a write that failed
-  std::atomic<std::uint64_t> mark_{kNoMark};          // rows up to which marked_bytes_ is asked for
+  std::atomic<std::uint64_t> mark_{kNoMark};          // rows for which marked_bytes_ is requested
   std::atomic<std::uint64_t> marked_bytes_{kNoMark};  // written by the writer
-  std::uint64_t room_until_ = 0;                      // head up to which the ring is known to have room
+  std::uint64_t room_until_ = 0;                      // value of head_ up to which the ring has room
   std::unique_ptr<Writer> writer_;
   std::thread thread_;
   std::atomic<bool> ended_{false};  // the writer has written everything

@@ -10,12 +10,12 @@
 
 namespace cotwin::master {
 
-/// A text file that is written row by row, through a buffer that is saved when the program crashes. It is <file>.part until
-/// close(), which renames it; a file that is no regular one (a pipe) is written to directly. After a write that failed it
-/// ends with a whole row.
+/// Writes a text file row by row, through a buffer that is saved when the program crashes. The file is <file>.part until
+/// close() renames it; a file that is not regular (a pipe) is written to directly. After a failed write it ends with a whole
+/// row.
 class RowFile {
  public:
-  /// Throws Error if the file cannot be written, as all of these do.
+  /// Throws Error if the file cannot be written, as do all functions here.
   explicit RowFile(std::filesystem::path file);
   ~RowFile();
   void write(std::string_view row);
@@ -28,7 +28,7 @@ class RowFile {
 
   std::filesystem::path file_, written_to_;
   int descriptor_ = -1;
-  off_t size_ = 0, rows_end_ = 0;  // bytes in the file, and those of whole rows
+  off_t size_ = 0, rows_end_ = 0;  // bytes in the file, and in whole rows
   std::size_t used_ = 0;
   std::array<char, 1 << 16> buffer_;
   SavedOnCrash saved_;

@@ -1,5 +1,5 @@
-// How names find variables. Apart from members.cpp, because a scenario that was exported (twin_exported.cpp) needs it without
-// what builds units and loads FMUs.
+// Look-up of variables by name. Separate from members.cpp, because an exported scenario (twin/exported.cpp) needs it without
+// the code that builds units and loads FMUs.
 #include <algorithm>
 
 #include "master/run/members.h"
@@ -39,11 +39,11 @@ std::string element_name(const std::string& member, const Variable& variable, st
 
 namespace {
 
-/// `member_called`: the index of the member of a name, or the number of members.
+/// `member_called`: returns the index of the member of that name, or the number of members.
 template <class MemberCalled>
 Signal find_with(std::span<const Member> members, std::string_view name, const std::string& place,
                  const MemberCalled& member_called) {
-  // Names of nested components contain dots, and so may those of foreign variables: every dot may be the one between them.
+  // Names of nested components contain dots, and names of foreign variables may: every dot may be the separator.
   const Member* with_name = nullptr;
   for (std::size_t dot = name.find('.'); dot != std::string_view::npos; dot = name.find('.', dot + 1)) {
     const std::size_t m = member_called(name.substr(0, dot));
@@ -102,7 +102,7 @@ Signal find_real_signal(std::span<const Member> members, std::string_view name, 
 }
 
 bool glob(std::string_view pattern, std::string_view name) {
-  // After a mismatch the last * takes one character more: linear in the product of the lengths, no recursion.
+  // After a mismatch, the last * takes one more character. Time is at most the product of the lengths; no recursion.
   std::size_t p = 0, n = 0, star = std::string_view::npos, resume = 0;
   while (n < name.size()) {
     if (p < pattern.size() && pattern[p] == '*') {

@@ -19,7 +19,7 @@ void pause() {
 #endif
 }
 
-/// Waits until `value` is no longer `old`: a few microseconds awake, then asleep.
+/// Waits until `value` differs from `old`: spins for a few microseconds, then sleeps.
 template <class T>
 void wait_for_change(const std::atomic<T>& value, T old) {
   for (int i = 0; i < 500; ++i) {
@@ -34,7 +34,7 @@ void wait_for_change(const std::atomic<T>& value, T old) {
 Workers::Workers(int threads) {
   try {
     for (int i = 1; i < threads; ++i) threads_.emplace_back([this, i] { work(static_cast<std::uint8_t>(i)); });
-  } catch (const std::system_error&) {  // the machine gives no more threads: those that are there do the work
+  } catch (const std::system_error&) {  // no more threads: use those that exist
   }
 }
 
@@ -63,7 +63,7 @@ void Workers::run(std::span<const std::uint8_t> thread_of, Task task, void* cont
 void Workers::work(std::uint8_t self) {
   for (std::uint32_t round = 0;;) {
     wait_for_change(round_, round);
-    ++round;  // run() waits for everybody: no round is ever missed
+    ++round;  // run() waits for all threads, so no round is missed
     if (quit_) return;
     for (std::size_t i = 0; i < thread_of_.size(); ++i) {
       if (thread_of_[i] == self) task_(context_, i);
@@ -106,7 +106,7 @@ std::int64_t Balance::next_trial() const {
   constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
   if (always_ || load_.size() < 2 || samples_ < kWindow) return kNever;
   if (parallel_) return next_trial_;
-  // What spreading saves at the very best has to be more than two barriers.
+  // The largest possible saving must exceed the cost of two barriers.
   const double all = std::accumulate(cost_.begin(), cost_.end(), 0.0);
   const double best = std::max(*std::max_element(cost_.begin(), cost_.end()), all / static_cast<double>(load_.size()));
   return all - best > 2 * barrier_ ? next_trial_ : kNever;
@@ -123,14 +123,14 @@ void Balance::begin_trial() {
 void Balance::trial_tick(std::int64_t tick, double seconds) {
   if (in_block_++ >= kSettle) block_seconds_ += seconds;
   if (in_block_ < kBlock) return;
-  (trial_parallel_ ? together_ : alone_)[static_cast<std::size_t>(block_ / 2)] = block_seconds_;
+  (trial_parallel_ ? threaded_ : serial_)[static_cast<std::size_t>(block_ / 2)] = block_seconds_;
   in_block_ = 0;
   block_seconds_ = 0;
   trial_parallel_ = !trial_parallel_;
   if (++block_ < 2 * kBlocks) return;
-  // Blocks that somebody delayed, or between which the costs changed, are at the ends of the sorted ratios.
+  // Delayed blocks, and blocks between which the costs changed, are at the ends of the sorted ratios.
   std::array<double, kBlocks> ratios;
-  for (std::size_t i = 0; i < ratios.size(); ++i) ratios[i] = std::log((together_[i] + 1e-9) / (alone_[i] + 1e-9));
+  for (std::size_t i = 0; i < ratios.size(); ++i) ratios[i] = std::log((threaded_[i] + 1e-9) / (serial_[i] + 1e-9));
   std::sort(ratios.begin(), ratios.end());
   constexpr int kQuarter = kBlocks / 4;
   const double ratio = std::accumulate(ratios.begin() + kQuarter, ratios.end() - kQuarter, 0.0) / (kBlocks - 2 * kQuarter);
@@ -139,12 +139,12 @@ void Balance::trial_tick(std::int64_t tick, double seconds) {
   next_trial_ = tick + kHold * 2 * kBlocks * kBlock;
 }
 
-/// Longest first onto the least loaded thread.
+/// Assigns the most expensive unit first, to the least loaded thread.
 void Balance::assign() {
   std::fill(load_.begin(), load_.end(), 0.0);
   std::sort(order_.begin(), order_.end(),
             [&](std::size_t a, std::size_t b) { return cost_[a] != cost_[b] ? cost_[a] > cost_[b] : a < b; });
-  std::size_t next = 0;  // spreads units of unknown cost as well
+  std::size_t next = 0;  // thread for the next unit of unknown cost
   for (const std::size_t i : order_) {
     std::size_t thread = 0;
     if (movable_[i]) {
@@ -155,7 +155,5 @@ void Balance::assign() {
     load_[thread] += cost_[i];
   }
 }
-
-double Balance::longest_thread() const { return *std::max_element(load_.begin(), load_.end()); }
 
 }  // namespace cotwin::master

@@ -1,10 +1,7 @@
-// The scenario as an exported unit: what CMake writes for each unit (fmu/export/exported_unit.cpp.in), for the twin.
-#include <fstream>
-#include <sstream>
-
+// The scenario as an exported unit: the counterpart of fmu/export/exported_unit.cpp.in, which CMake fills in for each unit.
 #include "fmu/export/export.h"
 #include "master/twin/twin_package.h"
-#include "models/support/error.h"
+#include "models/support/file.h"
 
 namespace cotwin::fmu {
 
@@ -12,13 +9,9 @@ namespace {
 
 std::unique_ptr<Unit> make_twin(Settings& settings) {
   const std::filesystem::path file = settings.file(master::kTwinFile);
-  std::ifstream in(file, std::ios::binary);
-  std::ostringstream content;
-  content << in.rdbuf();
-  if (!in) throw Error(file.string(), "cannot be read");
+  const std::string bytes = text::read_file(file, "an exported scenario", ~std::uint64_t{0});
   std::vector<std::string> warnings;
-  auto twin =
-      master::build_twin(master::deserialise_twin(content.str(), file.string()), file.parent_path(), unit_types(), &warnings);
+  auto twin = master::build_twin(master::deserialise_twin(bytes, file.string()), file.parent_path(), unit_types(), &warnings);
   for (std::string& warning : warnings) settings.warn(std::move(warning));
   return twin;
 }

@@ -1,15 +1,14 @@
 #include "master/twin/pack_twin.h"
 
 #include <algorithm>
-#include <fstream>
 #include <map>
-#include <sstream>
 
 #include "fmu/export/package.h"
 #include "fmu/import/package.h"
 #include "master/run/recorder.h"
 #include "master/twin/twin_package.h"
 #include "models/support/error.h"
+#include "models/support/file.h"
 
 namespace cotwin::master {
 
@@ -17,22 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-void check(const Scenario& scenario) {
-  if (scenario.tolerance > 0) {
-    fail(scenario.file.filename().string(),
-         "the communication step adapts to a tolerance, expected a fixed one: as one FMU the scenario steps as its host asks");
-  }
-}
-
-std::string read(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  std::ostringstream content;
-  content << in.rdbuf();
-  if (!in) throw Error(file.string(), "cannot be read");
-  return std::move(content).str();
-}
-
-/// The files below a folder, through links too; `above`: the folders that it lies in, as they are without links.
+/// Collects the files below a folder, following links. `above`: the folders that contain it, as canonical paths.
 void collect_files(const fs::path& folder, std::vector<fs::path> above, std::vector<fs::path>& files) {
   above.push_back(fs::canonical(folder));
   for (const auto& entry : fs::directory_iterator(folder)) {
@@ -81,7 +65,7 @@ class Packer {
 
  private:
   void add_unit(Member& member) {
-    // Once more, from settings that tell afterwards what of them was used.
+    // Builds the unit again, from settings that record which of them it used.
     const UnitSource source = parse_unit_source(member.spec.source);
     for (const std::filesystem::path& folder : options_.libraries_of_modules) {
       if (!std::filesystem::exists(folder / fmu::own_platform() / (source.unit + ".so"))) continue;
@@ -104,7 +88,7 @@ class Packer {
     parts_.push_back(source.unit);
   }
 
-  /// Its files travel unpacked, so that the library needs neither archives nor a place on the host's disk.
+  /// The FMU's files are stored unpacked, so that the library needs no archives and no folder on the host's disk.
   void add_fmu(Member& member) {
     const FmuSource source = fmu_source(member.spec, scenario_);
     const std::shared_ptr<const fmu::ForeignFmu> held = fmus_.open(source.path, source.options);
@@ -115,8 +99,8 @@ class Packer {
     only_once_ = only_once_ || interface.only_once_per_process;
     needs_tool_ = needs_tool_ || interface.needs_execution_tool;
 
-    member.instance = {};  // first: it may be one of those that a process can have only once
-    member.instance = fmu::make_instance(held, package.options);  // as the library will make it
+    member.instance = {};                                         // first: a process may have only one instance of some FMUs
+    member.instance = fmu::make_instance(held, package.options);  // as in the library
     apply(start_values(scenario_, member), member.variables());
     package.start.take(member.variables());
     package_.packages.push_back(fmu::serialise(package));
@@ -138,7 +122,7 @@ class Packer {
     }
   }
 
-  /// The folder below resources/ that holds the FMU's files, which are added unless another component has brought them.
+  /// The folder of the FMU's files below resources/. Adds the files unless another component has the same FMU.
   std::string packed_folder(const fmu::ForeignFmu& held) {
     std::string& folder = packed_[&held];
     if (!folder.empty()) return folder;
@@ -148,7 +132,7 @@ class Packer {
     std::sort(files.begin(), files.end());
     for (const fs::path& file : files) {
       const std::string name = file.lexically_relative(held.folder).generic_string();
-      resources_.push_back({"resources/" + folder + "/" + name, read(file)});
+      resources_.push_back({"resources/" + folder + "/" + name, text::read_file(file, "a file of an FMU", ~std::uint64_t{0})});
     }
     return folder;
   }
@@ -174,7 +158,10 @@ class Packer {
 }  // namespace
 
 std::vector<std::string> pack_twin(const Scenario& scenario, const PackageOptions& options, const fs::path& out) {
-  check(scenario);
+  if (scenario.tolerance > 0) {
+    fail(scenario.file.filename().string(),
+         "the communication step adapts to a tolerance, expected a fixed one: as one FMU the scenario steps as its host asks");
+  }
   return Packer(scenario, options).pack(out);
 }
 

@@ -16,7 +16,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Names of files that need no escapes in a URI, each once.
+/// Makes unique file names that need no escapes in a URI.
 class FileNames {
  public:
   std::string make(const std::string& wanted, const std::string& ending) {
@@ -34,8 +34,7 @@ class FileNames {
   std::set<std::string> taken_;
 };
 
-/// The start values that the scenario gives a unit, each as what it became: numbers in the variable's own unit of measure,
-/// element by element.
+/// The start values of a unit after their conversion: numbers in the variable's own unit of measure, element by element.
 ParameterSet values_of_unit(const Member& member) {
   std::set<const Variable*> given;
   for (const ParameterValue& value : member.spec.start_values) {
@@ -56,7 +55,7 @@ ParameterSet values_of_unit(const Member& member) {
   return set;
 }
 
-/// Those of a foreign FMU are given on as they are, the last of each name.
+/// The start values of a foreign FMU, unchanged; of each name the last one.
 ParameterSet values_of_foreign(const Member& member, const Scenario& scenario) {
   ParameterSet set{member.name(), {}, {}};
   std::set<std::string> names;
@@ -80,7 +79,7 @@ class Packer {
 
   std::vector<std::string> pack(const fs::path& out) {
     const std::vector<Link> links = resolve_links(scenario_, members_);
-    (void)choose_columns(scenario_, members_);  // what is wrong with the recording is told here, not to whom the package goes
+    (void)choose_columns(scenario_, members_);  // reports errors of the recording now, not to the user of the package
     std::vector<PackedComponent> components;
     for (const Member& member : members_) components.push_back(add(member));
     const bool scalars = options_.version == fmu::Version::k2;

@@ -13,7 +13,7 @@ namespace cotwin::master {
 
 namespace {
 
-/// A start tag, attribute by attribute.
+/// Writes a start tag, attribute by attribute.
 class Tag {
  public:
   Tag(std::ostream& out, int depth, const char* name) : out_(out) {
@@ -62,7 +62,7 @@ const char* connector_type(Kind kind) {
   return "";
 }
 
-/// Names of the connectors that a variable is, or that an element or the whole of it is.
+/// Names of the connectors for `count` elements of a variable.
 std::vector<std::string> connectors_of(const Variable& variable, std::size_t first, std::size_t count, bool scalars) {
   if (count == variable.size() && (count == 1 || !scalars)) return {variable.name};
   std::vector<std::string> names;

@@ -8,16 +8,17 @@
 
 namespace cotwin::master {
 
-/// A component as it goes into a package.
+/// A component in a package.
 struct PackedComponent {
   std::string source;    // "resources/drive.fmu"
-  std::string values;    // "resources/drive.ssv"; "" if it has no start values of its own
-  bool foreign = false;  // its connectors have the units of measure that the FMU itself tells
+  std::string values;    // "resources/drive.ssv"; "" without start values
+  bool foreign = false;  // its connectors have no unit of measure; the FMU defines it
 };
 
-/// The SSP 1.0 system structure of a scenario, flat, with our annotation. Connections say the whole conversion between the two
-/// variables as a linear transformation wherever there is one. `components` go with `members`, `links` with the scenario's
-/// connections. With `scalars` a vector is as many connectors and connections, "q[1]" …, as SSP 1.0 and FMI 2 want it.
+/// The SSP 1.0 system structure of a scenario, flat, with the Cotwin annotation. A conversion between two variables is written
+/// as a linear transformation of the connection. `components[i]` belongs to `members[i]`, `links[i]` to the scenario's
+/// connection i. With `scalars`, each element of a vector has its own connector and connection, "q[1]" …, as SSP 1.0 and FMI 2
+/// require.
 std::string to_ssd(const Scenario& scenario, const std::vector<Member>& members, const std::vector<Link>& links,
                    const std::vector<PackedComponent>& components, bool scalars);
 

@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::uint64_t kMagic = 0x314e495754544f43u;  // the bytes "COTTWIN1": the format and its version
 
-// Each pair writes and reads the same, in the same order.
+// put() and get() of a type handle the same fields in the same order.
 void put(ByteWriter& out, const Port& port) {
   for (const std::string* text : {&port.component, &port.variable, &port.unit}) out.text(*text);
 }
@@ -116,7 +116,8 @@ std::string serialise(const TwinPackage& package) {
 
 TwinPackage deserialise_twin(std::string_view bytes, const std::string& place) {
   ByteReader in(as_bytes(bytes), place);
-  if (bytes.size() < sizeof kMagic || in.value<std::uint64_t>() != kMagic) in.fail("is no scenario of this version");
+  if (bytes.size() < sizeof kMagic || in.value<std::uint64_t>() != kMagic)
+    in.fail("is not an exported scenario of this version");
   if (in.value<std::uint64_t>() != hash_of(bytes.substr(2 * sizeof(std::uint64_t)))) in.fail("is damaged");
   TwinPackage package;
   Scenario& s = package.scenario;
@@ -129,10 +130,10 @@ TwinPackage deserialise_twin(std::string_view bytes, const std::string& place) {
   get(in, s.events);
   get(in, s.units);
   get(in, package.packages);
-  if (package.packages.size() != s.components.size()) in.fail("has not as many units as components");
-  if (s.tick.ns < 1 || s.stop < s.start) in.fail("has times that no scenario has");
+  if (package.packages.size() != s.components.size()) in.fail("has different numbers of units and components");
+  if (s.tick.ns < 1 || s.stop < s.start) in.fail("has a tick < 1 ns or a stop time before the start time");
   for (const ComponentSpec& c : s.components) {
-    if (c.period < 1) in.fail("has a component that never steps");
+    if (c.period < 1) in.fail("has a component with a period < 1");
   }
   std::vector<std::string> outputs;
   get(in, outputs);
@@ -180,7 +181,6 @@ std::unique_ptr<Twin> build_twin(const TwinPackage& package, const std::filesyst
     const ComponentSpec& spec = package.scenario.components[i];
     const std::string &bytes = package.packages[i], place = "component '" + spec.name + "'";
     Member member{spec, {}};
-    // What reads the bytes names the place itself.
     std::optional<fmu::ForeignPackage> held;
     std::optional<fmu::Package> unit;
     if (fmu::is_foreign_package(bytes)) {

@@ -202,7 +202,7 @@ TEST_F(FmuScenario, AnEnumerationOfAnFmuTakesTheNameOfAnItemOrItsNumber) {
   EXPECT_EQ(mode("polite"), 0);
   EXPECT_EQ(mode("1"), 1);
   EXPECT_EQ(error_of([&] { mode("rude"); }),
-            "values.ssv:5: rogue.mode: 'rude' is no item of 'Way', expected 'polite', 'with 2 words', or a number");
+            "values.ssv:5: rogue.mode: 'rude' is not an item of 'Way', expected 'polite', 'with 2 words', or a number");
 }
 
 TEST_F(FmuScenario, ThePackageOfAPackageHasTheSameSystem) {

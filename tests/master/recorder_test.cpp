@@ -167,7 +167,7 @@ TEST_F(Recording, ChoosesByGlobInTheOrderOfTheUnitsAndRefusesUnknownNames) {
   EXPECT_THAT(columns({"a.bias"}), ElementsAre("a.bias"));                                       // unless named
   EXPECT_THAT(columns({"cell.b.y[2]", "a.y[?]"}), ElementsAre("a.y[1]", "a.y[2]", "cell.b.y[2]"));
   EXPECT_THAT(columns({"m.*_out"}), ElementsAre("m.real_out", "m.integer_out", "m.boolean_out"));
-  EXPECT_THAT(error_of([&] { columns({"q.*"}); }), HasSubstr("test.ssd:70: nothing to record is called 'q.*'"));
+  EXPECT_THAT(error_of([&] { columns({"q.*"}); }), HasSubstr("test.ssd:70: nothing to record matches 'q.*'"));
   EXPECT_THAT(error_of([&] { columns({"a.yy"}); }), HasSubstr("did you mean 'a.y'"));
   EXPECT_THAT(error_of([&] { columns({"m.string_out"}); }), HasSubstr("a String, which cannot be recorded"));
 }
