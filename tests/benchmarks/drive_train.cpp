@@ -1,6 +1,6 @@
 // The drive train of the LWR 4+ (7 joints, elastic gears, LuGre friction) follows a motion, with torques that are constant for
 // 1 ms: time per simulated millisecond and largest error of q and θ over the run, for each method. The peer is CVODE in its
-// simplest form: dense matrix, 35 states. The reference is the structured CVODE at rtol 1e-10. "Stiff": σ0 x 100, σ1 x 10.
+// simplest form: dense matrix, 35 states. The reference is the structured CVODE at rtol 1e-11. "Stiff": σ0 x 100, σ1 x 10.
 #include <cvode/cvode.h>
 #include <nvector/nvector_serial.h>
 #include <sunlinsol/sunlinsol_dense.h>

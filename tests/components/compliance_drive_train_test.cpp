@@ -251,15 +251,15 @@ TEST(ComplianceWithDriveTrain, AJumpOfTheExternalTorqueAsksTheMotorsForAtMostTau
     const VectorXd tau_m = loop.controller("tau_m"), tau_id = loop.controller("tau_id");
     loop.controller("tau_e") << 20, 9;
     loop.step();
-    const VectorXd asked = loop.controller("tau_id") - tau_id;
+    const VectorXd requested = loop.controller("tau_id") - tau_id;
     VectorXd most = (loop.controller("tau_m") - tau_m).cwiseAbs();
     for (int n = 0; n < 2000; ++n) {
       loop.step();
       most = most.cwiseMax((loop.controller("tau_m") - tau_m).cwiseAbs());
     }
     for (int i = 0; i < 2; ++i) {
-      EXPECT_LT(most[i], loop.controller("tau_wind_up")[i] + 0.1 * std::abs(asked[i])) << passivity << " joint " << i + 1;
-      EXPECT_LT(most[i], 5 * std::abs(asked[i])) << passivity << " joint " << i + 1;
+      EXPECT_LT(most[i], loop.controller("tau_wind_up")[i] + 0.1 * std::abs(requested[i])) << passivity << " joint " << i + 1;
+      EXPECT_LT(most[i], 5 * std::abs(requested[i])) << passivity << " joint " << i + 1;
     }
     EXPECT_EQ(loop.warning(), "");
   }

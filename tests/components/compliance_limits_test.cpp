@@ -110,12 +110,12 @@ TEST(Admittance, IsPassiveForAnyStiffnessInertiaTorqueAndLimits) {
     Deviation at;
     double tau = 0, budget = std::min(tank.energy, tank.capacity), largest = 1;
     tank.energy = budget;
-    Admittance wanted = now;
+    Admittance target = now;
     for (int n = 0; n < 400; ++n) {
       if (draw.chance(0.05)) tau = draw.number(-30, 30);
-      if (draw.chance(0.1)) wanted.S_a = draw.chance(0.2) ? 0 : draw.decades(0, 4);
-      if (draw.chance(0.1)) wanted.M_a = draw.decades(-1, 1);
-      change(now, wanted, at, tank);
+      if (draw.chance(0.1)) target.S_a = draw.chance(0.2) ? 0 : draw.decades(0, 4);
+      if (draw.chance(0.1)) target.M_a = draw.decades(-1, 1);
+      change(now, target, at, tank);
       const Compliant c = advance(now, at, tau, 0, limits, {}, h, tank);
       budget += tau * (c.Delta.x - at.x);
       at = c.Delta;
@@ -134,9 +134,9 @@ TEST(Admittance, DoesNotGainEnergyFromPeriodicChangesOfStiffness) {
   Tank tank{0.2, 10};
   const double start = stored(now, at) + tank.energy;
   for (int n = 0; n < 20'000; ++n) {
-    Admittance wanted = now;
-    wanted.S_a = at.x * at.dx < 0 ? 400 : 100;
-    change(now, wanted, at, tank);
+    Admittance target = now;
+    target.S_a = at.x * at.dx < 0 ? 400 : 100;
+    change(now, target, at, tank);
     at = advance(now, at, 0, 0, {}, {}, 1e-3, tank).Delta;
     ASSERT_LE(stored(now, at) + tank.energy, start * (1 + 1e-9)) << n;
   }
@@ -150,12 +150,12 @@ TEST(Admittance, RaisesItsStiffnessWithTheEnergyOfItsDamping) {
   Tank tank{0, 10};
   for (int n = 0; n < 5000; ++n) at = advance(now, at, 20, 0, {}, {}, 1e-3, tank).Delta;
   EXPECT_NEAR(tank.energy, 2, 1e-3);
-  Admittance wanted = now;
-  wanted.S_a = 225;
-  EXPECT_FALSE(change(now, wanted, at, tank));
+  Admittance target = now;
+  target.S_a = 225;
+  EXPECT_FALSE(change(now, target, at, tank));
   EXPECT_NEAR(now.S_a, 100 + tank.energy + 2 / (0.5 * 0.04), 0.1);
   for (int n = 0; n < 5000; ++n) {
-    change(now, wanted, at, tank);
+    change(now, target, at, tank);
     at = advance(now, at, 20, 0, {}, {}, 1e-3, tank).Delta;
   }
   EXPECT_EQ(now.S_a, 225);

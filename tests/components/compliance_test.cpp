@@ -49,7 +49,7 @@ class Controller {
   void initialise() { unit_.initialise({}); }
   void step(Duration h = kMillisecond) { EXPECT_EQ(unit_.step({}, h), StepResult::kDone); }
   /// At rest and without error at q.
-  void stand_at(const Vector2d& q) {
+  void rest_at(const Vector2d& q) {
     for (const char* name : {"q_d", "q", "theta"}) (*this)[name] = q;
     for (const char* name : {"dq_d", "ddq_d", "dq", "dtheta", "tau_e"}) (*this)[name].setZero();
     initialise();
@@ -117,7 +117,7 @@ void close_loop(Controller& c, RigidRobot& robot, double h, int steps, const std
 TEST(Compliance, DeviatesByTorqueOverStiffnessAtRestAndInTheTorquesDirection) {
   Controller c;
   c["S_a"] << 40, 250;
-  c.stand_at({0.2, -0.4});
+  c.rest_at({0.2, -0.4});
   c["tau_e"] << 10, -5;
   for (int n = 0; n < 20'000; ++n) c.step();
   // (3a) at rest: S Δ = τ_e, with Δ = q_c − q_d. The tolerance is rounding of the last steps only.
@@ -130,7 +130,7 @@ TEST(Compliance, ApproachesAperiodicallyWithDampingRatioOne) {
   Controller c;
   c["M_a"] << 2, 0.5;
   c["S_a"] << 18, 40;
-  c.stand_at({0, 0});
+  c.rest_at({0, 0});
   c["tau_e"] << 9, 9;
   VectorXd before = VectorXd::Zero(2);
   for (int n = 1; n <= 5000; ++n) {
@@ -151,7 +151,7 @@ TEST(Compliance, OneStepOfATenthOfASecondEqualsAHundredOfAMillisecond) {
     (*c)["D_a"] << 3, 0;
     (*c)["zeta_a"] << 0.2, 1;
     (*c)["S_a"] << 100, 30;
-    c->stand_at({0, 0});
+    c->rest_at({0, 0});
     (*c)["tau_e"] << 4, -2;
   }
   for (int n = 0; n < 100; ++n) fine.step();
@@ -181,7 +181,7 @@ TEST(Compliance, WithoutStiffnessIsGuidedFreelyAndStaysWhereItIsLeft) {
   Controller c;
   c["S_a"].setZero();
   c["D_a"] << 8, 8;
-  c.stand_at({0.1, 0.1});
+  c.rest_at({0.1, 0.1});
   c["tau_e"] << 2, 0;
   for (int n = 0; n < 5000; ++n) c.step();
   EXPECT_NEAR(c["dq_c"][0], 2.0 / 8, 1e-12);  // D Δ̇ = τ_e
@@ -197,7 +197,7 @@ TEST(Compliance, HoldsTheRobotUpAtRest) {
   Controller c;
   RigidRobot robot;
   const Vector2d q(0.3, 0.5);
-  c.stand_at(q);
+  c.rest_at(q);
   c.step();
   VectorXd g(2);
   robot::gravity(robot.mechanism, robot.data, q, g);
@@ -327,7 +327,7 @@ TEST(Compliance, NothingJumpsWhenModeGainsOrStiffnessAreSwitched) {
   Controller settled;
   for (const auto& [name, value] : switches) {
     Controller c;
-    c.stand_at({0.3, 0.4});
+    c.rest_at({0.3, 0.4});
     c["passivity"].setConstant(0.5);  // so that the gains of both modes have an effect
     c["tau_e"] << 5, 5;
     for (int n = 0; n < 200; ++n) c.step();  // still moving
@@ -355,7 +355,7 @@ TEST(Compliance, NothingJumpsWhenModeGainsOrStiffnessAreSwitched) {
 
 TEST(Compliance, ParametersInForceReachTheTunables) {
   Controller c;
-  c.stand_at({0, 0});
+  c.rest_at({0, 0});
   c["S_a"].setConstant(777);
   for (int n = 0; n < 3000; ++n) c.step();
   EXPECT_NEAR(c["S_a_in_force"][0], 777, 1e-9);
@@ -367,7 +367,7 @@ TEST(Compliance, ParametersInForceReachTheTunables) {
 
 TEST(Compliance, LimitsItsTorqueToTheRobotsAndReportsIt) {
   Controller c;
-  c.stand_at({0, 0});
+  c.rest_at({0, 0});
   EXPECT_FALSE(c.saturated());
   EXPECT_EQ(c.variable("warning").strings()[0], "");
   c["q"] << -3, 0;
@@ -387,7 +387,7 @@ TEST(Compliance, ElasticJointsAreHeldWhereTheSpringCarriesTheLoad) {
   RigidRobot robot;
   c["K"] << 10'000, 8'000;
   const Vector2d q(0.2, 0.1);
-  c.stand_at(q);
+  c.rest_at(q);
   VectorXd g(2);
   robot::gravity(robot.mechanism, robot.data, q, g);
   EXPECT_NEAR((c["theta_c"] - (q + g.cwiseQuotient(c["K"]))).norm(), 0, 1e-14);  // (2c)
@@ -398,16 +398,16 @@ TEST(Compliance, ElasticJointsAreHeldWhereTheSpringCarriesTheLoad) {
 
 TEST(Compliance, OmitsAnExternalTorqueThatDoesNotActOnTheTrackedRobot) {
   // Manual guidance of a stiff robot by its twin (VI-C): the torque moves q_c, but the robot that follows does not measure it.
-  Controller pushed, spared;
-  std::get<std::span<bool>>(spared.variable("tau_e_acts_on_robot").storage)[0] = false;
-  for (Controller* c : {&pushed, &spared}) {
-    c->stand_at({0.1, 0.2});
+  Controller pushed, guided;
+  std::get<std::span<bool>>(guided.variable("tau_e_acts_on_robot").storage)[0] = false;
+  for (Controller* c : {&pushed, &guided}) {
+    c->rest_at({0.1, 0.2});
     (*c)["tau_e"] << 4, -3;
     c->step();
   }
-  EXPECT_EQ(pushed["q_c"], spared["q_c"]);
-  EXPECT_NEAR((spared["tau_id"] - pushed["tau_id"] - pushed["tau_e"]).norm(), 0, 1e-13);
-  EXPECT_NEAR((spared["tau_m"] - pushed["tau_m"] - pushed["tau_e"]).norm(), 0, 1e-13);
+  EXPECT_EQ(pushed["q_c"], guided["q_c"]);
+  EXPECT_NEAR((guided["tau_id"] - pushed["tau_id"] - pushed["tau_e"]).norm(), 0, 1e-13);
+  EXPECT_NEAR((guided["tau_m"] - pushed["tau_m"] - pushed["tau_e"]).norm(), 0, 1e-13);
 }
 
 TEST(Compliance, FeedsForwardTheFrictionOfABristleThatKeepsItsTorqueAtRest) {
@@ -418,7 +418,7 @@ TEST(Compliance, FeedsForwardTheFrictionOfABristleThatKeepsItsTorqueAtRest) {
   c["sigma0"] << 4000, 2000;
   c["sigma1"] << 3, 3;
   c["sigma2"] << 1, 1;
-  c.stand_at({0, 0});
+  c.rest_at({0, 0});
   EXPECT_EQ(c["tau_f"].norm(), 0);
   c["dq_d"] << 0.4, -0.4;
   for (int n = 0; n < 200; ++n) c.step();
@@ -443,7 +443,7 @@ TEST(Compliance, RefusesParametersWithoutMeaning) {
     }
   }
   Controller c;
-  c.stand_at({0, 0});
+  c.rest_at({0, 0});
   c["S_a"][0] = -1;  // between two steps
   EXPECT_THROW(c.step(), Error);
   c["S_a"][0] = 1;

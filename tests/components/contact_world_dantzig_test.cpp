@@ -415,7 +415,7 @@ TEST(Dantzig, ReadsNothingOutsideOfTheProfileAndSolvesAsManyProblems) {
 
 TEST(Dantzig, GivesTheSameBitsWithAndWithoutKeptFactors) {
   Random random{std::mt19937_64(10)};
-  Dantzig knows;
+  Dantzig with_factors;
   VectorXd x = VectorXd::Zero(72), start = x;
   for (int round = 0; round < 100; ++round) {
     if (round % 4 == 0) start.setZero();  // otherwise from the last solution
@@ -425,7 +425,7 @@ TEST(Dantzig, GivesTheSameBitsWithAndWithoutKeptFactors) {
     boxed.version = 1;
     const auto n = static_cast<std::size_t>(problem.n());
     Solution s{start, VectorXd::Zero(problem.n()), {}};
-    s.result = knows.solve(boxed, {s.x.data(), n}, {s.w.data(), n});
+    s.result = with_factors.solve(boxed, {s.x.data(), n}, {s.w.data(), n});
     Dantzig fresh;
     const Solution expected = solve(fresh, problem, start);
     ASSERT_EQ(s.x, expected.x) << "round " << round;
@@ -576,9 +576,9 @@ TEST(Dantzig, GivesTheSameBitsWhateverWasSolvedBefore) {
 
 TEST(Dantzig, RefusesInvalidProblems) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
-  const auto status = [](const auto& spoil) {
+  const auto status = [](const auto& change) {
     Problem problem = stack(1, 0.5, 0.1, true, Eigen::Vector3d::Zero());
-    spoil(problem);
+    change(problem);
     const Solution s = solve(problem);
     EXPECT_TRUE(s.x.allFinite());
     return s.result.status;
@@ -599,11 +599,11 @@ TEST(Dantzig, RefusesInvalidProblems) {
   EXPECT_EQ(status([](Problem& p) { p.cones[0].normal = 99; }), Status::kBadInput);
   EXPECT_EQ(status([](Problem& p) { p.cones[0].t2 = p.cones[1].t1; }), Status::kBadInput);  // a row in two cones
 
-  const auto status_of_rows = [](const auto& spoil) {
+  const auto status_of_rows = [](const auto& change) {
     const Problem problem = stack(1, 0.5, 0.1, true, Eigen::Vector3d::Zero());
     std::vector<RowProfile> profile(12, {0, 12});
     std::vector<int> pairs(12, 0);
-    spoil(profile, pairs);
+    change(profile, pairs);
     BoxedProblem boxed = problem;
     boxed.profile = profile;
     boxed.pairs = pairs;

@@ -19,12 +19,13 @@ using testing::RandomScene;
 
 constexpr double kStep = 1e-3;  // s
 
-std::string what_is_wrong(const World& world) {
+std::string fault_of(const World& world) {
   for (std::size_t k = 0; k < world.poses().size(); ++k) {
     const Pose& X_WB = world.poses()[k];
     if (!X_WB.p.allFinite() || !X_WB.R.allFinite()) return "pose of body " + std::to_string(k) + " is not finite";
     if (!world.twists()[k].allFinite()) return "twist of body " + std::to_string(k) + " is not finite";
-    if (!(X_WB.R.transpose() * X_WB.R).isIdentity(1e-9)) return "body " + std::to_string(k) + " is not turned but bent";
+    if (!(X_WB.R.transpose() * X_WB.R).isIdentity(1e-9))
+      return "body " + std::to_string(k) + " has a rotation that is not orthonormal";
   }
   for (const double q : world.q()) {
     if (!std::isfinite(q)) return "a joint's position is not finite";
@@ -49,7 +50,7 @@ TEST_P(Fuzz, SurvivesWhateverSceneItIsGiven) {
     for (int k = 0; k < kSteps; ++k) {
       random.disturb(world);
       world.step(kStep);
-      const std::string wrong = what_is_wrong(world);
+      const std::string wrong = fault_of(world);
       ASSERT_EQ(wrong, "") << "seed " << seed << ", step " << k;
     }
   }

@@ -322,9 +322,9 @@ TEST(Io, ReportsTheEndOfTheRecording) {
   s.to(0.031);
   EXPECT_EQ(testing::allocations(), allocated);
   EXPECT_THAT(s.text("warning"), HasSubstr("the recording ended at 0.03 s; after that the robot is assumed to be at rest"));
-  const std::string told = s.text("warning");
+  const std::string first = s.text("warning");
   s.to(0.032);
-  EXPECT_EQ(s.text("warning"), told);  // once
+  EXPECT_EQ(s.text("warning"), first);  // once
 }
 
 TEST(Io, WarnsOfTimesThatLookLikeMillisecondsReadAsSeconds) {

@@ -19,7 +19,7 @@ class Counter final : public Unit {
     v.state("values", values, "m", "the sums so far");
     v.state("steps", steps, "number of steps so far");
     v.state("odd", odd, "whether that number is odd");
-    v.state("word", word, "what it was told");
+    v.state("word", word, "a text");
   }
   void initialise(Time) override { steps = 0; }
   StepResult step(Time, Duration) override {

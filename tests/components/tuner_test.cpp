@@ -365,11 +365,11 @@ TEST(Tuner, RefusesStatesWithInvalidNumbers) {
   Subject source = tuner_of_planar2();
   run(source, measured, 0, 4.2);
   const Snapshot good = source.save();
-  const auto error_with = [&](const std::function<void(Subject&)>& spoil) -> std::string {
+  const auto error_with = [&](const std::function<void(Subject&)>& damage) -> std::string {
     Subject tuner = tuner_of_planar2();
     tuner.initialise();
     tuner.restore(good, 4.2);
-    spoil(tuner);
+    damage(tuner);
     return error_of(tuner, memory_of(source));
   };
   const auto integer = [](const std::string& name, std::int32_t value) {

@@ -158,10 +158,10 @@ TEST_P(Example, RunsAndGivesTheExpectedFigures) {
   const RunResult ran = run_program(command);
   ASSERT_EQ(ran.code, 0) << ran.err;
 
-  const json told = json::parse(std::ifstream(summary));
+  const json results_json = json::parse(std::ifstream(summary));
   const Table table = read_table(results.path() / "signals.csv");
   ASSERT_FALSE(expected.at("figures").empty());
-  for (const json& figure : expected.at("figures")) check(figure, told, table);
+  for (const json& figure : expected.at("figures")) check(figure, results_json, table);
 }
 
 // The twin of example 01 is used as an unknown robot and its recording as the log, with the measured external torques. Except
@@ -195,14 +195,14 @@ TEST(OwnRobot, TheTorquesOfAnotherTwinsLogAreFoundFromItsMotion) {
                                       "--set",
                                       "recording.tau_e_columns=drive.tau_e[{}]"});
   ASSERT_EQ(twin.code, 0) << twin.err;
-  const json told = json::parse(std::ifstream(summary));
-  for (const json& comparison : told.at("comparisons")) {
+  const json results_json = json::parse(std::ifstream(summary));
+  for (const json& comparison : results_json.at("comparisons")) {
     for (const int part : {2, 5, 7}) {  // no jump within, nor just before
       for (const json& rms : comparison.at("segment_rms").at(part)) EXPECT_LT(rms.get<double>(), 1e-4) << comparison.at("name");
     }
     for (const json& rms : comparison.at("rms")) EXPECT_LT(rms.get<double>(), 0.5) << comparison.at("name");
   }
-  EXPECT_GT(told.at("signals").at(0).at("total_rms"), 10.0);  // N.m: the torques are not small
+  EXPECT_GT(results_json.at("signals").at(0).at("total_rms"), 10.0);  // N.m: the torques are not small
 }
 
 /// Runs a script of the examples in `folder` with `environment` and nothing else.

@@ -118,17 +118,17 @@ TEST_P(BothWays, OnlyDeclaredCapabilitiesAreUsed) {
                 ::testing::ThrowsMessage<Error>(::testing::HasSubstr("the FMU gives no derivatives of outputs, expected")));
     return;
   }
-  Instance asked = load(archive_, options);
-  EXPECT_THAT(asked.warnings, ::testing::Contains(::testing::HasSubstr("slopes=true has no effect")));
-  EXPECT_EQ(asked.variables.size(), unit_.variables.size());
+  Instance with_slopes = load(archive_, options);
+  EXPECT_THAT(with_slopes.warnings, ::testing::Contains(::testing::HasSubstr("slopes=true has no effect")));
+  EXPECT_EQ(with_slopes.variables.size(), unit_.variables.size());
   unit_.unit->initialise({});
-  asked.unit->initialise({});
+  with_slopes.unit->initialise({});
   for (int n = 0; n < 3; ++n) {
-    for (Instance* i : {&unit_, &asked}) {
+    for (Instance* i : {&unit_, &with_slopes}) {
       excite(*i, n);
       ASSERT_EQ(i->unit->step({n * 1'000'000}, {1'000'000}), StepResult::kDone);
     }
-    ASSERT_EQ(values(unit_), values(asked)) << n;
+    ASSERT_EQ(values(unit_), values(with_slopes)) << n;
   }
 }
 

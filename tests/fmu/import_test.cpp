@@ -109,7 +109,7 @@ const Edits kSlopes3 = {{"hasEventMode", "maxOutputDerivativeOrder=\"1\" hasEven
 TEST_F(Import, GetsTheSlopesOfOutputsOnRequest) {
   const LoadOptions slopes = read_query("slopes=true", {});
   const std::string name = "der(" + std::string(kPosition) + ")";
-  EXPECT_EQ(load2(kPolite2, {}, kSlopes2).variables.find(name), nullptr) << "nobody asked";
+  EXPECT_EQ(load2(kPolite2, {}, kSlopes2).variables.find(name), nullptr) << "not requested";
   for (const char* process : {"shared", "own"}) {
     LoadOptions options = slopes;
     options.process = process;

@@ -523,8 +523,8 @@ TEST_P(Interface, RestoresASavedStateInTheMiddleOfARun) {
   EXPECT_EQ(d.free_state(static_cast<void**>(state)), kOk) << "as fmusim 0.0.39 calls it";
   EXPECT_EQ(d.restore(state), kErrorStatus);
   EXPECT_EQ(d.restore(nullptr), kErrorStatus);
-  int stranger = 0;
-  EXPECT_EQ(d.restore(&stranger), kErrorStatus);
+  int other = 0;
+  EXPECT_EQ(d.restore(&other), kErrorStatus);
 }
 
 TEST_P(Interface, RestoresASerialisedStateInAFreshInstance) {

@@ -383,11 +383,11 @@ TEST_F(PackedForPlatforms, UsesTheFolderNamesOfTheFmiVersion) {
     put(file, "library");
   const std::vector<std::string> fmi2 = {"linux64", "win64", "aarch64-linux"},
                                  fmi3 = {"x86_64-linux", "x86_64-windows", "aarch64-linux"};
-  for (const auto& asked : {fmi2, fmi3}) {  // in the terms of either
-    EXPECT_THAT(names(request(Version::k2, asked)),
+  for (const auto& list : {fmi2, fmi3}) {  // in the terms of either
+    EXPECT_THAT(names(request(Version::k2, list)),
                 ::testing::IsSupersetOf({"binaries/linux64/compliance.so", "binaries/win64/compliance.dll",
                                          "binaries/aarch64-linux/compliance.so"}));  // FMI 2.0.4, clause 2.3
-    EXPECT_THAT(names(request(Version::k3, asked)),
+    EXPECT_THAT(names(request(Version::k3, list)),
                 ::testing::IsSupersetOf({"binaries/x86_64-linux/compliance.so", "binaries/x86_64-windows/compliance.dll",
                                          "binaries/aarch64-linux/compliance.so"}));
   }
@@ -412,7 +412,7 @@ TEST_F(PackedForPlatforms, TakesEveryPlatformAndEveryLicenseOnce) {
 
 TEST_F(PackedForPlatforms, NamesTheScriptThatMakesAMissingLibrary) {
   const Instance instance = testing::in_process(testing::request_for({"unit:compliance?robot=lwr4", Version::k3}));
-  const UnitType nobody{"nobody", "a unit that no build knows", nullptr};
+  const UnitType nobody{"nobody", "a unit that is in no build", nullptr};
   const auto packing = [&](const std::string& platform) {
     return error_of([&] {
       pack({nobody, *instance.unit, instance.variables, "", nullptr, nullptr, {}}, request(Version::k3, {platform}),

@@ -201,7 +201,7 @@ TEST_F(OwnProcess, ReportsAMissingHostProgram) {
 
 /// The fault of harm2, the function, and the expected message.
 struct Harm {
-  const char *what, *where, *told;
+  const char *what, *where, *message;
 };
 void PrintTo(const Harm& harm, std::ostream* out) { *out << harm.what << " in " << harm.where; }
 
@@ -228,9 +228,9 @@ class AnyHarm : public HarmfulFmu, public ::testing::WithParamInterface<Harm> {}
 TEST_P(AnyHarm, IsAnErrorWithKindAndFunctionAndTheNextAttemptStartsAfresh) {
   if (kSanitized && std::string_view(GetParam().what) == "reserve") GTEST_SKIP() << "a sanitizer reserves memory itself";
   choose(GetParam());
-  const bool lasts = std::string_view(GetParam().told).find("did not answer") != std::string_view::npos;
+  const bool lasts = std::string_view(GetParam().message).find("did not answer") != std::string_view::npos;
   Instance instance;
-  std::string told;
+  std::string message;
   double reached = 0;
   try {
     instance = load_harm(lasts ? 1 : 60);
@@ -240,18 +240,18 @@ TEST_P(AnyHarm, IsAnErrorWithKindAndFunctionAndTheNextAttemptStartsAfresh) {
       reached = real(instance, "y");
     }
   } catch (const Error& error) {
-    told = error.what();
+    message = error.what();
   }
-  EXPECT_THAT(told, ::testing::StartsWith("harm2.fmu: "));
-  const bool signalled = std::string_view(GetParam().told).find("signal") != std::string_view::npos;
+  EXPECT_THAT(message, ::testing::StartsWith("harm2.fmu: "));
+  const bool signalled = std::string_view(GetParam().message).find("signal") != std::string_view::npos;
   if (!kSanitized || !signalled) {
-    EXPECT_THAT(told, HasSubstr(GetParam().told));
+    EXPECT_THAT(message, HasSubstr(GetParam().message));
   }
-  EXPECT_THAT(told, HasSubstr(GetParam().where == std::string("load") ? "the loading of its library" : GetParam().where));
+  EXPECT_THAT(message, HasSubstr(GetParam().where == std::string("load") ? "the loading of its library" : GetParam().where));
   if (GetParam().where == std::string("fmi2DoStep")) {
     EXPECT_NEAR(reached, 0.5, 1e-12);  // known values stay known
   }
-  const bool lives = told.find("threw an exception") != std::string::npos;  // then the process is usable as before
+  const bool lives = message.find("threw an exception") != std::string::npos;  // then the process is usable as before
   EXPECT_EQ(has_children(), lives && instance.unit);
 
   choose({"nothing", "nowhere", ""});
@@ -296,10 +296,10 @@ INSTANTIATE_TEST_SUITE_P(Harms, AnyHarm, ::testing::ValuesIn(kHarms), [](const a
 });
 
 TEST_F(HarmfulFmu, CrashingWhileItIsFreedIsReported) {
-  for (const auto& [what, where, told] :
+  for (const auto& [what, where, message] :
        {Harm{"abort", "fmi2Terminate", "fmi2Terminate"}, Harm{"exit", "fmi2FreeInstance", "fmi2FreeInstance"},
         Harm{"hang", "fmi2FreeInstance", "fmi2FreeInstance"}, Harm{"segv", "unload", "the unloading of its library"}}) {
-    choose({what, where, told});
+    choose({what, where, message});
     const int before = unclean_ends();
     ::testing::internal::CaptureStderr();
     {
@@ -308,7 +308,7 @@ TEST_F(HarmfulFmu, CrashingWhileItIsFreedIsReported) {
       EXPECT_EQ(run(instance, 0, 1, 0.1), StepResult::kDone);
     }
     EXPECT_THAT(::testing::internal::GetCapturedStderr(),
-                ::testing::AllOf(HasSubstr("cotwin: fmu (harm2.fmu): the FMU's own process"), HasSubstr(told)))
+                ::testing::AllOf(HasSubstr("cotwin: fmu (harm2.fmu): the FMU's own process"), HasSubstr(message)))
         << what;
     EXPECT_EQ(unclean_ends(), before + 1) << what;
     EXPECT_FALSE(has_children());

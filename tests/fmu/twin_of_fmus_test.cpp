@@ -84,7 +84,7 @@ Scenario with_our_fmu(const fs::path& folder, Version version) {
 
 /// The same with foreign FMUs: FMI 2 Co-Simulation with names and units of measure that Cotwin never exports, FMI 3
 /// Co-Simulation with event mode, and FMI 3 Model Exchange, one of them twice.
-Scenario with_strangers(const fs::path& folder, Version version) {
+Scenario with_foreign_fmus(const fs::path& folder, Version version) {
   Scenario scenario = with_our_fmu(folder, version);
   for (const char* name : {"rogue2", "rogue3", "ball3"}) make_fmu(name, folder);
   scenario.components.push_back(component("cell.speed", "rogue2.fmu"));
@@ -179,7 +179,7 @@ class TwinOfFmus : public ::testing::TestWithParam<Version> {
 };
 
 TEST_P(TwinOfFmus, GivesTheBitsOfTheRun) {
-  Pair pair(with_strangers(folder_.path(), other()), GetParam(), folder_.path() / "twin.fmu");
+  Pair pair(with_foreign_fmus(folder_.path(), other()), GetParam(), folder_.path() / "twin.fmu");
   const std::size_t before = fmu::testing::temporary_folders();
   {
     Driver d(pair.fmu());
@@ -313,7 +313,7 @@ TEST_P(TwinOfFmus, DeclaresTheRequirementsOfItsFmus) {
 }
 
 TEST_P(TwinOfFmus, HasADescriptionThatFollowsTheStandard) {
-  const LoadedFmu loaded(pack(with_strangers(folder_.path(), other()), GetParam(), folder_.path() / "twin.fmu"), "twin",
+  const LoadedFmu loaded(pack(with_foreign_fmus(folder_.path(), other()), GetParam(), folder_.path() / "twin.fmu"), "twin",
                          GetParam());
   const auto standard = GetParam() == Version::k2 ? cotwin::testing::Standard::kFmi2 : cotwin::testing::Standard::kFmi3;
   const std::string xml = fmu::testing::read_text(loaded.folder() / "modelDescription.xml");
@@ -324,7 +324,7 @@ TEST_P(TwinOfFmus, HasADescriptionThatTheSchemaAccepts) {
   const fs::path schema = fs::path(places::shared()) / "data/schemas" /
                           (GetParam() == Version::k2 ? "fmi2/fmi2ModelDescription.xsd" : "fmi3-3.0.2/fmi3ModelDescription.xsd");
   if (!fs::exists(schema)) GTEST_SKIP() << "no schema " << schema;
-  const LoadedFmu loaded(pack(with_strangers(folder_.path(), other()), GetParam(), folder_.path() / "twin.fmu"), "twin",
+  const LoadedFmu loaded(pack(with_foreign_fmus(folder_.path(), other()), GetParam(), folder_.path() / "twin.fmu"), "twin",
                          GetParam());
   EXPECT_EQ(cotwin::testing::schema_errors(schema, loaded.folder() / "modelDescription.xml"), "");
 }

@@ -66,7 +66,7 @@ class Hostile : public ::testing::Test {
     const RunResult r = run(arguments);
     std::string command;
     for (const std::string& a : arguments) command += " " + a;
-    SCOPED_TRACE("cotwin" + command + " (" + what + "), which said:\n" + r.out.substr(0, 1000));
+    SCOPED_TRACE("cotwin" + command + " (" + what + "), output:\n" + r.out.substr(0, 1000));
     EXPECT_TRUE(r.code == 0 || r.code == 1 || r.code == 2) << "it ended with " << r.code;
     if (never_good) {
       EXPECT_NE(r.code, 0);

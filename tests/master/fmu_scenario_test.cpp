@@ -427,15 +427,15 @@ TEST_F(FmuScenario, InputsAndOutputsMayBeCalledByElementOrWholeInBothVersions) {
 TEST_F(FmuScenario, AnInputFileThatDoesNotFitIsAnErrorThatNamesTheLine) {
   FmuRunOptions options;
   options.file = pack_unit("unit:compliance?robot=lwr4", fmu::Version::k2, "compliance.fmu");
-  const auto said = [&](const std::string& csv) {
+  const auto error = [&](const std::string& csv) {
     options.input_file = write("in.csv", csv);
     return error_of([&] { FmuRun{options}; });
   };
-  EXPECT_THAT(said("time,q_x\n0,0\n"), HasSubstr("q_x"));
-  EXPECT_THAT(said("time,q_c[1]\n0,0\n"), HasSubstr("is an output, expected an input"));
-  EXPECT_THAT(said("time,q_d[1]\n0,0\n1,high\n"), HasSubstr("in.csv:3: column 'q_d[1]': 'high', expected"));
-  EXPECT_THAT(said("time,q_d[1]\n1,0\n0.5,0\n"), HasSubstr("in.csv:3: column 'time': time decreases"));
-  EXPECT_THAT(said("time,q_d[1]\n"), HasSubstr("no row"));
+  EXPECT_THAT(error("time,q_x\n0,0\n"), HasSubstr("q_x"));
+  EXPECT_THAT(error("time,q_c[1]\n0,0\n"), HasSubstr("is an output, expected an input"));
+  EXPECT_THAT(error("time,q_d[1]\n0,0\n1,high\n"), HasSubstr("in.csv:3: column 'q_d[1]': 'high', expected"));
+  EXPECT_THAT(error("time,q_d[1]\n1,0\n0.5,0\n"), HasSubstr("in.csv:3: column 'time': time decreases"));
+  EXPECT_THAT(error("time,q_d[1]\n"), HasSubstr("no row"));
 }
 
 TEST_F(FmuScenario, CheckFindsEverythingInOneGo) {
@@ -480,8 +480,8 @@ TEST_F(FmuScenario, TheProgramPacksInspectsAndRunsAnFmu) {
   ASSERT_EQ(program("pack unit:motion?robot=lwr4 --fmi 3 -o motion.fmu"), std::pair(0, std::string()));
   EXPECT_EQ(program("check motion.fmu").first, 0);
   EXPECT_THAT(program("info motion.fmu").second, HasSubstr("motion"));
-  const auto [code, said] = program("run motion.fmu --stop-time 0.05 --output-interval 0.01 --output-variable q_d");
-  EXPECT_EQ(code, 0) << said;
+  const auto [code, output] = program("run motion.fmu --stop-time 0.05 --output-interval 0.01 --output-variable q_d");
+  EXPECT_EQ(code, 0) << output;
   EXPECT_THAT(content(folder_ / "motion_out.csv"), StartsWith("\"time\",\"q_d\"\n0,0 0 0 0 0 0 0\n0.01,"));
   EXPECT_EQ(program("run motion.fmu --out somewhere").first, 2);
   EXPECT_EQ(program("run motion.fmu --start-value nonsense 1").first, 2);
@@ -493,9 +493,9 @@ TEST_F(FmuScenario, TheProgramPacksInspectsAndRunsAnFmu) {
 
 TEST_F(FmuScenario, PacksNoUnitThatNoHostCouldInitialise) {
   for (const char* set : {"", "--set file=elsewhere.csv"}) {
-    const auto [code, said] = program("pack unit:io -o io.fmu " + std::string(set));
+    const auto [code, output] = program("pack unit:io -o io.fmu " + std::string(set));
     EXPECT_EQ(code, 2);
-    EXPECT_THAT(said, AllOf(HasSubstr("unit:io: cannot be initialised as an FMU"), HasSubstr("--set NAME=VALUE")));
+    EXPECT_THAT(output, AllOf(HasSubstr("unit:io: cannot be initialised as an FMU"), HasSubstr("--set NAME=VALUE")));
     EXPECT_FALSE(fs::exists(folder_ / "io.fmu"));
   }
   EXPECT_EQ(program("pack unit:io?link=sensors -o sensors.fmu").first, 0);
@@ -504,8 +504,8 @@ TEST_F(FmuScenario, PacksNoUnitThatNoHostCouldInitialise) {
   write("log.csv", log);
   EXPECT_EQ(program("pack unit:io --set file=log.csv -o io.fmu"), std::pair(0, std::string()));
   fs::remove(folder_ / "log.csv");  // the FMU contains it
-  const auto [code, said] = program("run io.fmu --stop-time 0.05 --output-interval 0.01 --output-variable q");
-  EXPECT_EQ(code, 0) << said;
+  const auto [code, output] = program("run io.fmu --stop-time 0.05 --output-interval 0.01 --output-variable q");
+  EXPECT_EQ(code, 0) << output;
 }
 
 // rogue3 makes no step beyond 11 ms (mode 5), rogue2 none beyond `longest_step`: a tick of 100 ms is divided into 16 parts.

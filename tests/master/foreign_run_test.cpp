@@ -168,9 +168,9 @@ TEST_P(ForeignRun, ReportsHowAnFmuWithoutSerialisationCanGoBack) {
   Master promised = discarding("").load();
   EXPECT_THAT(error_of([&] { run(promised); }),
               AllOf(HasSubstr("'picky' discarded its step at t = 0.5 s"), HasSubstr("rollback=true in its source lets it")));
-  Master told = discarding("?rollback=true").load();
-  run(told);  // every step may be taken back, so this FMU completed none
-  EXPECT_EQ(told.summary().discarded, 5);
+  Master announced = discarding("?rollback=true").load();
+  run(announced);  // every step may be taken back, so this FMU completed none
+  EXPECT_EQ(announced.summary().discarded, 5);
 }
 
 TEST_P(ForeignRun, RestoresAStateOfAnEarlierInstantInANewInstance) {

@@ -193,29 +193,29 @@ TEST(Master, ANanAtTheStartIsAnError) {
 /// Records the deadlines; never waits.
 class FakeClock final : public Clock {
  public:
-  explicit FakeClock(std::vector<std::int64_t>& asked) : asked_(asked) {}
-  void start(Time now) override { asked_.push_back(-1 - now.ns); }
+  explicit FakeClock(std::vector<std::int64_t>& deadlines) : deadlines_(deadlines) {}
+  void start(Time now) override { deadlines_.push_back(-1 - now.ns); }
   bool wait(Time now) override {
-    asked_.push_back(now.ns);
+    deadlines_.push_back(now.ns);
     return true;
   }
 
  private:
-  std::vector<std::int64_t>& asked_;
+  std::vector<std::int64_t>& deadlines_;
 };
 
 TEST(Master, WaitsForTheClockBeforeEveryTick) {
   Build b;
   b.unit("p", "probe").until(0.003);
-  std::vector<std::int64_t> asked;
+  std::vector<std::int64_t> deadlines;
   MasterOptions options;
   options.types = cotwin::testing::test_types();
-  options.clock = std::make_unique<FakeClock>(asked);
+  options.clock = std::make_unique<FakeClock>(deadlines);
   Master master(b.scenario, std::move(options));
   master.initialise();
   while (master.step_tick()) {
   }
-  EXPECT_THAT(asked, ElementsAre(-1, 0, 1'000'000, 2'000'000));
+  EXPECT_THAT(deadlines, ElementsAre(-1, 0, 1'000'000, 2'000'000));
 }
 
 TEST(RealTimeClock, KeepsAbsoluteDeadlinesAndCountsLateTicks) {

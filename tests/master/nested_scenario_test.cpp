@@ -212,9 +212,9 @@ TEST_F(Nested, OmissionsInItAreReported) {
   arm.erase(arm.find(q_d), q_d.size());
   write("arm.ssd", ssd("arm", arm, "<cotwin:Master>" + kArmMaster + "</cotwin:Master>"));
   const fs::path cell = write("cell.ssd", ssd("cell", "<ssd:Elements>" + nested("a", "arm.ssd") + "</ssd:Elements>", ""));
-  std::vector<std::string> told;
-  for (const fmu::Finding& f : check_scenario(cell, unit_types(), options(cell).folders)) told.push_back(f.text);
-  EXPECT_THAT(told, Contains(HasSubstr("a.controller.q_d (desired joint position")));
+  std::vector<std::string> findings;
+  for (const fmu::Finding& f : check_scenario(cell, unit_types(), options(cell).folders)) findings.push_back(f.text);
+  EXPECT_THAT(findings, Contains(HasSubstr("a.controller.q_d (desired joint position")));
 }
 
 }  // namespace

@@ -183,10 +183,10 @@ TEST_F(Program, CtrlCWhileTheClockIsWaitedForStepsNoFurther) {
 }
 
 TEST_F(Program, DescribesSettingsBeforeTheOneIsGivenThatVariablesDependOn) {
-  const RunResult told = run({"describe", "tuner"});
-  EXPECT_EQ(told.code, 0) << told.err;
-  EXPECT_THAT(told.out, HasSubstr("none, coulomb, sigmoid, stribeck; default: none"));
-  EXPECT_THAT(told.out, HasSubstr("needs the setting 'robot'"));
+  const RunResult described = run({"describe", "tuner"});
+  EXPECT_EQ(described.code, 0) << described.err;
+  EXPECT_THAT(described.out, HasSubstr("none, coulomb, sigmoid, stribeck; default: none"));
+  EXPECT_THAT(described.out, HasSubstr("needs the setting 'robot'"));
   const auto json = nlohmann::json::parse(run({"describe", "tuner?friction=coulomb", "--json"}).out);
   EXPECT_EQ(json["settings"][0]["name"], "robot");
   EXPECT_EQ(json["settings"][0]["required"], true);
@@ -213,9 +213,9 @@ TEST_F(Program, SetsASettingOfOneUnit) {
   const RunResult shared = ran({"--set", "method=cvode"});
   EXPECT_EQ(shared.code, 2);
   EXPECT_THAT(shared.err, HasSubstr("for one: --set COMPONENT.method="));
-  const RunResult slip = ran({"--set", "world.methd=pgs"});
-  EXPECT_EQ(slip.code, 2);
-  EXPECT_THAT(slip.err, HasSubstr("world: no variable and no setting 'methd'; did you mean 'method'?"));
+  const RunResult misspelt = ran({"--set", "world.methd=pgs"});
+  EXPECT_EQ(misspelt.code, 2);
+  EXPECT_THAT(misspelt.err, HasSubstr("world: no variable and no setting 'methd'; did you mean 'method'?"));
   const RunResult output = ran({"--set", "world.contacts=7"});  // a setting and an output of the same name
   EXPECT_EQ(output.code, 0) << output.err;
 }

@@ -57,7 +57,7 @@ class Saved : public ::testing::Test {
     return {content(results / "signals.csv"), figures(master)};
   }
   /// The state after `ticks`; then the run continues for `lost` ticks and is abandoned.
-  RunState save_and_lose(const Scenario& scenario, const fs::path& results, std::int64_t ticks, std::int64_t lost) {
+  RunState state_of_abandoned_run(const Scenario& scenario, const fs::path& results, std::int64_t ticks, std::int64_t lost) {
     Master master = make(scenario, results);
     master.initialise();
     while (master.tick() < ticks && master.step_tick()) {
@@ -76,7 +76,7 @@ class Saved : public ::testing::Test {
     const Ended wanted = run_on(straight, folder_ / "straight");
     for (const std::int64_t place : places) {
       const fs::path results = folder_ / ("at" + std::to_string(place));
-      const RunState state = save_and_lose(scenario, results, place, 7);
+      const RunState state = state_of_abandoned_run(scenario, results, place, 7);
       Master resumed = make(scenario, results, state);
       resumed.initialise();
       EXPECT_EQ(resumed.tick(), place);
@@ -125,7 +125,7 @@ TEST_F(Saved, GoesOnToTheSameBitsWithAToleranceAndWithDiscardedSteps) {
 TEST_F(Saved, ResumesWithoutARecordingAndAnEndedRunIsNotSaved) {
   Build b;
   b.unit("h", "heavy").until(0.1);
-  const RunState state = save_and_lose(b.scenario, {}, 40, 0);
+  const RunState state = state_of_abandoned_run(b.scenario, {}, 40, 0);
   Master resumed = make(b.scenario, {}, state), straight = make(b.scenario, {});
   resumed.initialise();
   straight.initialise();
@@ -137,7 +137,7 @@ TEST_F(Saved, ResumesWithoutARecordingAndAnEndedRunIsNotSaved) {
 
 TEST_F(Saved, RefusesTheStateOfAnotherRun) {
   const Scenario scenario = rich();
-  const RunState state = save_and_lose(scenario, folder_ / "one", 100, 0);
+  const RunState state = state_of_abandoned_run(scenario, folder_ / "one", 100, 0);
   const auto refused = [&](const Scenario& other, const RunState& with, const fs::path& results) {
     return error_of([&] { make(other, results, with).initialise(); });
   };
@@ -176,7 +176,7 @@ RunCheckpoint checkpoint_with(RunState state) {
 }
 
 TEST_F(Saved, IsWrittenAndReadByteForByte) {
-  const RunCheckpoint made = checkpoint_with(save_and_lose(rich(), folder_ / "one", 300, 0));
+  const RunCheckpoint made = checkpoint_with(state_of_abandoned_run(rich(), folder_ / "one", 300, 0));
   write_file(folder_ / "file", to_bytes(made));
   const RunCheckpoint read = load_checkpoint(folder_ / "file");
   EXPECT_EQ(read.build, made.build);
@@ -187,7 +187,7 @@ TEST_F(Saved, IsWrittenAndReadByteForByte) {
 }
 
 TEST_F(Saved, FileThatIsCutOrDamagedIsAnError) {
-  const std::string good = to_bytes(checkpoint_with(save_and_lose(rich(), {}, 300, 0)));
+  const std::string good = to_bytes(checkpoint_with(state_of_abandoned_run(rich(), {}, 300, 0)));
   for (std::size_t length = 0; length < good.size(); length += 1 + length / 40)
     EXPECT_NE(error_of([&] { parse_checkpoint(good.substr(0, length), "file"); }), "") << length;
   std::mt19937_64 random(3);
@@ -201,7 +201,7 @@ TEST_F(Saved, FileThatIsCutOrDamagedIsAnError) {
 TEST_F(Saved, StateWithDamageAndACorrectHashIsAnErrorOrARun) {
   // The hash of the file detects accidental changes; these checks come after it.
   const Scenario scenario = rich();
-  const RunState good = save_and_lose(scenario, {}, 300, 0);
+  const RunState good = state_of_abandoned_run(scenario, {}, 300, 0);
   std::mt19937_64 random(5);
   for (int i = 0; i < 10000; ++i) {
     RunState bad = good;

@@ -183,7 +183,7 @@ TEST(StandardValidator, AcceptsWhatTheStandardsAllow) {
 /// A change that breaks one rule, and the expected fault.
 struct Breach {
   Standard standard;
-  const char *from, *to, *said;
+  const char *from, *to, *message;
 };
 
 constexpr Standard k2 = Standard::kFmi2, k3 = Standard::kFmi3, kD = Standard::kSsd, kV = Standard::kSsv;
@@ -312,7 +312,7 @@ const Breach kMeaningBreaches[] = {
 TEST(StandardValidator, RefusesWhatTheSchemasRefuseRuleByRule) {
   for (const Breach& b : kSchemaBreaches) {
     const std::string broken = fmu::testing::replaced(document(b.standard), b.from, b.to);
-    EXPECT_THAT(schema_faults(broken, b.standard), Contains(HasSubstr(b.said))) << b.from << " → " << b.to;
+    EXPECT_THAT(schema_faults(broken, b.standard), Contains(HasSubstr(b.message))) << b.from << " → " << b.to;
   }
 }
 
@@ -320,7 +320,7 @@ TEST(StandardValidator, RefusesWhatTheTextsRefuseRuleByRule) {
   for (const Breach& b : kMeaningBreaches) {
     const std::string broken = fmu::testing::replaced(document(b.standard), b.from, b.to);
     EXPECT_THAT(schema_faults(broken, b.standard), IsEmpty()) << b.from << " → " << b.to;
-    EXPECT_THAT(faults(broken, b.standard), Contains(HasSubstr(b.said))) << b.from << " → " << b.to;
+    EXPECT_THAT(faults(broken, b.standard), Contains(HasSubstr(b.message))) << b.from << " → " << b.to;
   }
 }
 
@@ -428,18 +428,18 @@ TEST(StandardValidator, AgreesWithTheSchemasOnMutatedDocuments) {
       mutants.push_back(std::move(mutant));
     }
     const std::string command = "cd '" + folder.path().string() + "' && ls *.xml | xargs xmllint --noout --nonet --schema '" +
-                                (schemas / kSchemas[static_cast<std::size_t>(standard)]).string() + "' > said.txt 2>&1";
+                                (schemas / kSchemas[static_cast<std::size_t>(standard)]).string() + "' > output.txt 2>&1";
     static_cast<void>(std::system(command.c_str()));  // fails if a document is invalid
-    const std::string said = "\n" + fmu::testing::read_text(folder.path() / "said.txt");
+    const std::string output = "\n" + fmu::testing::read_text(folder.path() / "output.txt");
     int valid = 0, differing = 0;
     for (int i = 0; i < kMutants && differing < 10; ++i) {
-      const bool accepted = said.find("\n" + std::to_string(i) + ".xml validates\n") != std::string::npos;
+      const bool accepted = output.find("\n" + std::to_string(i) + ".xml validates\n") != std::string::npos;
       const std::vector<std::string> found = schema_faults(mutants[static_cast<std::size_t>(i)], standard);
       valid += accepted ? 1 : 0;
       if (accepted == found.empty()) continue;
       ++differing;
       std::string of_schema;
-      std::istringstream lines(said);
+      std::istringstream lines(output);
       for (std::string line; std::getline(lines, line);) {
         if (line.rfind(std::to_string(i) + ".xml", 0) == 0) of_schema += line + "\n";
       }
