@@ -73,7 +73,7 @@ void Writer::leaf(const char* name, const char* key, const std::string& value) {
 void Writer::check() const {
   std::set<std::string> links, joints;
   const auto check_name = [&](const std::string& name) {
-    if (!is_urdf_name(name)) fail("'" + name + "' is no valid name in a URDF");
+    if (!is_urdf_name(name)) fail("'" + name + "' is not a valid name in a URDF");
   };
   check_name(robot_.name);
   for (const Frame& frame : robot_.frames) {

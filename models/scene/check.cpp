@@ -25,7 +25,7 @@ class Checker {
   }
   void expect_pose(const Pose& X, const std::string& name) const {
     expect(X.p.allFinite() && X.R.allFinite(), name + " is not finite");
-    expect(is_rotation(X.R), name + ": the matrix is no rotation");
+    expect(is_rotation(X.R), name + ": the matrix is not a rotation");
     expect(X.p.cwiseAbs().maxCoeff() <= kLargest,
            name + " is " + shown(X.p.cwiseAbs().maxCoeff()) + " m away, expected ≤ " + shown(kLargest) + " m");
   }

@@ -105,7 +105,8 @@ std::vector<Shape> read_geometry(const xml::Element& geometry, const fs::path& f
     shape.X_BS.R = Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), n).toRotationMatrix();
   } else if (!ours && kind->name == "mesh") {
     check_children(*kind, {"uri", "scale"}, {}, {}, warn);
-    if (const xml::Element* part = only(*kind, "submesh")) throw Error(part->place, "<submesh>, expected a file of its own");
+    if (const xml::Element* part = only(*kind, "submesh"))
+      throw Error(part->place, "<submesh> is not supported, expected a separate file");
     const xml::Element* scale = only(*kind, "scale");
     const xml::Element& uri = required(*kind, "uri");
     shape.type = ShapeType::kHull;

@@ -280,7 +280,7 @@ TEST(ContactWorldErrors, NameTheBodyOrJoint) {
   EXPECT_EQ(message(itself), "joint axle: parent and child are the same body, expected two bodies");
   scene::Scene axis = wheel();
   axis.joints[0].axis *= 2;
-  EXPECT_EQ(message(axis), "joint axle: the axis is no unit vector");
+  EXPECT_EQ(message(axis), "joint axle: the axis is not a unit vector");
 }
 
 }  // namespace

@@ -290,7 +290,7 @@ TEST(Check, NamesTheBodyAndTheFact) {
       {[](Scene& s) { s.bodies[1].shapes[0].material.mu = -0.1; }, "friction -0.1, expected ≥ 0"},
       {[](Scene& s) { s.bodies[1].shapes[0].material.restitution = 1.5; }, "restitution 1.5, expected 0 … 1"},
       {[](Scene& s) { s.bodies[1].shapes[0].material.stiffness = 0; }, "stiffness 0 N/m"},
-      {[](Scene& s) { s.bodies[1].X_WB.R(0, 0) = 2; }, "pose: the matrix is no rotation"},
+      {[](Scene& s) { s.bodies[1].X_WB.R(0, 0) = 2; }, "pose: the matrix is not a rotation"},
       {[&](Scene& s) { s.bodies[0].X_WB.p.x() = nan; }, "body 'ground': pose is not finite"},
       {[](Scene& s) { s.bodies[0].V_WB[0] = 1; }, "a static body with a velocity"},
       {[](Scene& s) { s.bodies[1].name = "ground"; }, "two bodies with the name 'ground'"},

@@ -336,7 +336,7 @@ TEST(Urdf, CannotCarryEveryModel) {
     return std::string("no error");
   };
   EXPECT_THAT(refusal([](RobotModel& r) { r.frames[2].name = "link_1"; }), HasSubstr("two frames have the name 'link_1'"));
-  EXPECT_THAT(refusal([](RobotModel& r) { r.frames[2].name = "line\nbreak"; }), HasSubstr("no valid name in a URDF"));
+  EXPECT_THAT(refusal([](RobotModel& r) { r.frames[2].name = "line\nbreak"; }), HasSubstr("not a valid name in a URDF"));
   EXPECT_THAT(refusal([](RobotModel& r) { r.joints[2].name = "joint_1"; }), HasSubstr("two joints have the name 'joint_1'"));
   EXPECT_THAT(refusal([](RobotModel& r) { r.frames.pop_back(); }), HasSubstr("body 'link_7' has no frame"));
   EXPECT_THAT(refusal([](RobotModel& r) { r.joints[1].tau_max = 0; }), HasSubstr("limit of 0"));

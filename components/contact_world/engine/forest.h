@@ -21,7 +21,7 @@ using Spatial = std::array<double, 6>;
 /// and opposite at one point, so momentum is conserved to rounding for any β.
 class Forest {
  public:
-  /// One direction in which a joint, or a tree's free root, lets its body move relative to its parent.
+  /// One degree of freedom of a joint, or of a tree's free root.
   struct Freedom {
     Spatial S{};          // unit twist
     double softness = 0;  // impulse against the motion per speed, of dampers and springs; for example N.m.s.s/rad
@@ -57,7 +57,7 @@ class Forest {
 
   struct Tree {
     int first = 0, end = 0;                  // nodes
-    int first_freedom = 0, end_freedom = 0;  //
+    int first_freedom = 0, end_freedom = 0;  // freedoms
     Vector3d O = Vector3d::Zero();
     bool factored = false;
     int degenerate = 0;  // freedoms without inertia

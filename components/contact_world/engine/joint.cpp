@@ -36,11 +36,11 @@ Joint::Joint(const scene::Joint& joint, std::span<const RigidBody> bodies)
       damping(joint.damping) {
   const std::string where = "joint " + joint.name;
   if (parent == child) throw Error(where, "parent and child are the same body, expected two bodies");
-  if (!is_rotation(joint.X_PJ.R) || !is_rotation(joint.X_CJ.R)) throw Error(where, "the matrix of a frame is no rotation");
+  if (!is_rotation(joint.X_PJ.R) || !is_rotation(joint.X_CJ.R)) throw Error(where, "the matrix of a frame is not a rotation");
   if (!joint.X_PJ.p.allFinite() || !joint.X_CJ.p.allFinite()) throw Error(where, "the position of a frame is not finite");
   Pose X_JZ;
   if (has_axis()) {
-    if (!(std::abs(joint.axis.norm() - 1) < 1e-9)) throw Error(where, "the axis is no unit vector");
+    if (!(std::abs(joint.axis.norm() - 1) < 1e-9)) throw Error(where, "the axis is not a unit vector");
     X_JZ.R = Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), joint.axis).toRotationMatrix();
     if (!(q_min <= q_max)) throw Error(where, "the lower limit is above the upper limit");
     if (!(friction >= 0) || !(damping >= 0)) throw Error(where, "friction or damping is negative, expected >= 0");
