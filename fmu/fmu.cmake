@@ -14,7 +14,7 @@ function(cotwin_old_glibc)
   set(script ${COTWIN_FMU_EXPORT}/old_glibc.sh)
   set(folder ${CMAKE_BINARY_DIR}/old_glibc)
   add_custom_command(OUTPUT ${folder}/libc.so DEPENDS ${script} VERBATIM
-    COMMAND ${script} ${COTWIN_FMU_GLIBC} ${CMAKE_C_COMPILER} ${CMAKE_READELF} ${folder})
+    COMMAND ${script} ${COTWIN_FMU_GLIBC} ${CMAKE_CXX_COMPILER} ${CMAKE_READELF} ${folder})
   add_library(cotwin_fmu_old_glibc OBJECT ${COTWIN_FMU_EXPORT}/old_glibc.cpp ${folder}/libc.so)
   target_link_libraries(cotwin_fmu_old_glibc PRIVATE cotwin::settings)
   set_target_properties(cotwin_fmu_old_glibc PROPERTIES POSITION_INDEPENDENT_CODE ON CXX_VISIBILITY_PRESET hidden)

@@ -12,6 +12,7 @@ install(DIRECTORY models/robots models/scenes DESTINATION share/cotwin/models CO
 install(DIRECTORY examples DESTINATION share/cotwin COMPONENT cotwin USE_SOURCE_PERMISSIONS)
 install(FILES scripts/completion.bash DESTINATION share/bash-completion/completions RENAME cotwin COMPONENT cotwin)
 install(FILES README.md CHANGELOG.md DESTINATION share/doc/cotwin COMPONENT cotwin)
+install(DIRECTORY docs DESTINATION share/doc/cotwin COMPONENT cotwin FILES_MATCHING PATTERN "*.md")
 
 # Licences: Cotwin's own, and those of what its programs contain (linked statically, or headers).
 set(copyright ${CMAKE_BINARY_DIR}/generated/copyright)

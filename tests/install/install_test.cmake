@@ -75,6 +75,13 @@ foreach(file IN ITEMS ${cotwin} ${prefix}/lib/libcotwin.so ${prefix}/lib/cmake/c
   endforeach()
 endforeach()
 
+# The library exports the public API and nothing else.
+execute_process(COMMAND nm -D --defined-only -C ${prefix}/lib/libcotwin.so COMMAND grep -v -E " (T|W|V|A) (cotwin::(version|tune|Robot::|Simulation::)|LIBCOTWIN)"
+  OUTPUT_VARIABLE others)
+if(NOT others STREQUAL "")
+  message(SEND_ERROR "libcotwin.so exports more than the public API:\n${others}")
+endif()
+
 # The program finds robots, scenes, libraries of FMUs and its helper, also through a link.
 file(CREATE_LINK ${cotwin} ${WORK}/run/linked SYMBOLIC)
 expect(0 "joint torque" ${WORK}/run/linked run ${prefix}/share/cotwin/examples/02_free_motion_lwr4/twin.ssd --stop 0.1 --out ${WORK}/run/example)

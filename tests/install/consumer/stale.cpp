@@ -4,7 +4,7 @@ struct Module {
   const char* version;
 };
 
-__attribute__((visibility("default"))) const struct Module* cotwin_unit_module(void) {
-  static const struct Module kModule = {1, "0.0.1"};
+extern "C" __attribute__((visibility("default"))) const Module* cotwin_unit_module() {
+  static constexpr Module kModule = {1, "0.0.1"};
   return &kModule;
 }
