@@ -270,7 +270,7 @@ void ForeignUnit::leave() {
   choose_path();
 }
 
-/// Returns whether `time` is before the last communication point at which the FMU was told that no earlier state is restored.
+/// Returns whether `time` is before the last communication point that excludes earlier states (see commit()).
 bool ForeignUnit::is_before_commit(Time time) const {
   if (options_.rollback) return false;
   const double committed = std::max(committed_, variables_.stepped_from().seconds());
