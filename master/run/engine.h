@@ -19,8 +19,8 @@
 
 namespace cotwin::master {
 
-/// Takes all units through one tick: events, then an exchange and the steps of each stage. Files, clocks and going back to an
-/// earlier instant are not its business: see StepControl and Master.
+/// Steps all units over one tick: events, then the exchange and the steps of each stage. StepControl adds checkpoints and
+/// repeated ticks, Master adds clock and files.
 class Engine {
  public:
   static constexpr std::size_t kNoSlot = static_cast<std::size_t>(-1);

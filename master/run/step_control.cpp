@@ -130,7 +130,7 @@ void StepControl::find_next_checkpoint(std::int64_t tick) {
   next_checkpoint_ = every_tick ? tick + 1 : (tick / kCheckpointEvery + 1) * kCheckpointEvery;
 }
 
-/// Goes back to the last checkpoint and steps the ticks since then again, to the same bits. In most runs this is cheaper than a
+/// Restores the last checkpoint and steps the ticks since then again, to the same bits. In most runs this is cheaper than a
 /// checkpoint in every tick.
 void StepControl::replay_until(std::int64_t tick) {
   restore_checkpoint();

@@ -8,7 +8,7 @@
 #include "master/run/engine.h"
 #include "models/support/bytes.h"
 
-/// Takes a system over ticks that units discard or that have to keep a tolerance: checkpoints, replay, ticks cut into parts.
+/// Repeats ticks that a unit discards or that miss a tolerance: checkpoints, replay, ticks cut into parts.
 namespace cotwin::master {
 
 inline constexpr int kMostParts = 1024;  // into which a tick is cut
@@ -70,7 +70,7 @@ class OutputError {
 /// Steps an engine tick by tick, for a run and for a scenario that is one unit (Twin).
 class StepControl {
  public:
-  /// Returns times of a past tick, and sets the inputs that were written from outside before it.
+  /// Returns the times of a past tick, and sets the inputs that were written from outside before it.
   using Recall = std::function<Tick(std::int64_t)>;
 
   /// `tolerance`: 0 for none.
@@ -109,7 +109,7 @@ class StepControl {
 
   /// Writes the last checkpoint and all counts.
   void write(ByteWriter& out) const;
-  /// Goes back to a checkpoint that write() wrote, and returns its tick. Throws Error as Checkpoint::read.
+  /// Restores the state that write() wrote, and returns its tick. Throws Error as Checkpoint::read.
   std::int64_t restore(ByteReader& in);
 
  private:
