@@ -6,7 +6,6 @@
 #include <cmath>
 #include <string_view>
 
-#include "models/robot/body_parameters.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/friction.h"
 #include "models/robot/robot_model.h"
@@ -35,14 +34,6 @@ std::size_t longest_warning(std::size_t joints) {
 }
 
 }  // namespace
-
-struct Compliance::Dynamics {
-  explicit Dynamics(const robot::RobotModel& robot) : mechanism(robot), data(mechanism), bodies(robot) {}
-
-  robot::Mechanism mechanism;
-  robot::Data data;
-  robot::BodyParameters bodies;
-};
 
 void Compliance::declare_settings(SettingList& s) {
   s.robot("a name in models/robots, or a path to a URDF file", true).required();
@@ -151,14 +142,6 @@ void Compliance::follow_tunables(double h) {
 void Compliance::restored() {
   copy_fixed(drive_in_force_, drive_, robot::kDriveParameters);
   dynamics_->bodies.restored(dynamics_->mechanism);
-}
-
-void Compliance::declare_bodies(Variables& v) {
-  robot::BodyParameters& b = dynamics_->bodies;
-  v.tunable("mass", b.mass, "kg", "mass of each body of the robot, as its model has it at the start");
-  v.tunable("first_moment", b.first_moment, "kg.m", "mass times centre of mass of body after body, in its frame (x, y, z)");
-  v.tunable("inertia", b.inertia, "kg.m2", "inertia of body after body about its frame's origin: xx, xy, xz, yy, yz, zz");
-  v.state("bodies", b.in_force, "1", "the ten inertial parameters in force of body after body");
 }
 
 void Compliance::move_compliantly(double h) {

@@ -10,6 +10,7 @@
 #include "components/unit/joint_variables.h"
 #include "components/unit/settings.h"
 #include "components/unit/unit.h"
+#include "models/robot/body_parameters.h"
 #include "models/robot/drive_parameters.h"
 #include "models/support/parameter_table.h"
 
@@ -79,12 +80,16 @@ class Compliance final : public Unit {
 
  private:
   Compliance(const std::string& place, const robot::RobotModel& robot);
-  struct Dynamics;
+  struct Dynamics {
+    explicit Dynamics(const robot::RobotModel& robot) : mechanism(robot), data(mechanism), bodies(robot) {}
+    robot::Mechanism mechanism;
+    robot::Data data;
+    robot::BodyParameters bodies;
+  };
 
   /// Events that the run's summary names, as bits of `met`.
   enum Met : std::int32_t { kTorque = 1, kPosition = 2, kSpeed = 4, kDesired = 8, kTank = 16 };
 
-  void declare_bodies(Variables& v);
   void check();
   void follow_tunables(double h);
   void move_compliantly(double h);

@@ -102,7 +102,7 @@ void Compliance::declare(Variables& v) {
   joints.output("tau_excess", tau_excess_, "N.m", "motor torque asked for beyond tau_max, and not given");
   v.output("saturated", saturated_, "whether any joint's motor torque is at its limit");
   v.output("warning", warning_, "what the user should know after the run; empty if nothing");
-  declare_bodies(v);
+  declare_bodies(v, dynamics_->bodies, true);
   joints.state("tau_fl_before", tau_fl_before_, "N.m", "friction of the link side at the end of the last step");
   joints.state("tau_fm_before", tau_fm_before_, "N.m", "friction of the motor side at the end of the last step");
 

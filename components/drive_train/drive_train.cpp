@@ -21,21 +21,16 @@ constexpr const char* kFarOffWarning =
     "sub-steps that max_substeps forced missed the tolerance by far (outputs forced_substeps, error_estimate): expected more "
     "max_substeps, shorter steps or method=cvode";
 
-/// Calls visit(parameter, offset in the state `drives`) for each tunable parameter.
+/// Calls visit(parameter, offset in the state `drives`) for each tunable parameter. Returns the size of that state.
 template <class Visit>
-void for_each_tunable(std::size_t joints, const Visit& visit) {
-  std::size_t offset = 0;
+std::ptrdiff_t for_each_tunable(std::size_t joints, const Visit& visit) {
+  std::ptrdiff_t offset = 0;
   for (const auto& row : robot::kDriveParameters) {
     if (row.mutability == Mutability::kFixed) continue;
     visit(row.values, offset);
-    offset += row.size(joints);
+    offset += static_cast<std::ptrdiff_t>(joints);
   }
-}
-
-std::size_t size_of_tunables(std::size_t joints) {
-  std::size_t size = 0;
-  for_each_tunable(joints, [&](auto, std::size_t) { size += joints; });
-  return size;
+  return offset;
 }
 
 }  // namespace
@@ -97,25 +92,14 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
       rosenbrock_(equations_),
       partials_(equations_),
       wanted_(n_),
-      drives_(size_of_tunables(n_)),
-      q0_(n_),
-      dq0_(n_),
-      tau_m_(n_),
-      dtau_m_(n_),
-      tau_e_(n_),
-      dtau_e_(n_),
-      q_in_(n_),
-      dq_in_(n_),
-      tau_m_before_(n_),
-      tau_e_before_(n_),
-      q_before_(n_),
-      dq_before_(n_),
+      drives_(static_cast<std::size_t>(for_each_tunable(n_, [](auto, std::ptrdiff_t) {}))),
       x_(5 * n_),
       x_before_step_(5 * n_),
-      modes_before_step_(n_),
-      ddq_(n_),
-      tau_J_(n_),
-      tau_f_(n_) {
+      modes_before_step_(n_) {
+  for (auto* v : {&q0_, &dq0_, &tau_m_, &dtau_m_, &tau_e_, &dtau_e_, &q_in_, &dq_in_, &tau_m_before_, &tau_e_before_,
+                  &q_before_, &dq_before_, &ddq_, &tau_J_, &tau_f_}) {
+    v->resize(n_);
+  }
   if (kind.sundials) {
     sundials_ = std::make_unique<SundialsSolver>(equations_, *kind.sundials);
     rtol_ = 1e-6;
@@ -232,15 +216,15 @@ bool DriveTrain::follow_drives(double remaining) {
 
 /// Writes the tunables in force to the state `drives`.
 void DriveTrain::write_drives() {
-  for_each_tunable(n_, [this](auto values, std::size_t offset) {
-    std::ranges::copy(equations_.parameters().*values, drives_.begin() + static_cast<std::ptrdiff_t>(offset));
+  for_each_tunable(n_, [this](auto values, std::ptrdiff_t offset) {
+    std::ranges::copy(equations_.parameters().*values, drives_.begin() + offset);
   });
 }
 
 /// Sets the tunables in force to the state `drives`.
 void DriveTrain::adopt_drives() {
-  for_each_tunable(n_, [this](auto values, std::size_t offset) {
-    std::copy_n(drives_.begin() + static_cast<std::ptrdiff_t>(offset), n_, (equations_.parameters().*values).begin());
+  for_each_tunable(n_, [this](auto values, std::ptrdiff_t offset) {
+    std::copy_n(drives_.begin() + offset, n_, (equations_.parameters().*values).begin());
   });
   equations_.adopt_parameters();
 }

@@ -33,22 +33,10 @@ void Modes::clear() {
   std::fill(impact.begin(), impact.end(), 0.0);
 }
 
-Point::Point(std::size_t n)
-    : tau_J(n),
-      tau_f(n),
-      force(n),
-      motor_force(n),
-      dz(n),
-      kappa(n),
-      f_w(n),
-      f_z(n),
-      z_w(n),
-      z_z(n),
-      d_l(n),
-      k_l(n),
-      gravity(n),
-      M(n * n),
-      h(n) {}
+Point::Point(std::size_t n) : M(n * n) {
+  for (auto* v : {&tau_J, &tau_f, &force, &motor_force, &dz, &kappa, &f_w, &f_z, &z_w, &z_z, &d_l, &k_l, &gravity, &h})
+    v->resize(n);
+}
 
 struct Equations::Dynamics {
   explicit Dynamics(const robot::RobotModel& robot)
@@ -78,17 +66,9 @@ Equations::Equations(const robot::RobotModel* robot, std::size_t n, Link link, T
       bristle_(n),
       motor_friction_(n),
       link_side_(n),
-      stop_damping_(n),
-      z_most_(n),
       L_(n * n),
-      kappa_(n),
-      ratio_(n),
-      P_inverse_(n),
-      f_z_(n),
-      z_w_(n),
-      z_inverse_(n),
-      k_l_(n),
       scratch_(n * n) {
+  for (auto* v : {&stop_damping_, &z_most_, &kappa_, &ratio_, &P_inverse_, &f_z_, &z_w_, &z_inverse_, &k_l_}) v->resize(n);
   if (inside()) dynamics_ = std::make_unique<Dynamics>(*robot);
 }
 

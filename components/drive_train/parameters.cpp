@@ -22,15 +22,7 @@ void DriveTrain::declare_parameters(Variables& v) {
   if (tunable) {
     v.state("drives", drives_, "1", "the tunables B, sigma2, tau_C … v_R in force, each of all joints, in the order above");
   }
-  if (!equations_.inside()) return;
-  robot::BodyParameters& b = equations_.bodies();
-  const auto declare = [&](const char* name, std::vector<double>& values, const char* si, const char* description) {
-    return tunable ? v.tunable(name, values, si, description) : v.parameter(name, values, si, description);
-  };
-  declare("mass", b.mass, "kg", "mass of each body of the robot, as its model has it at the start");
-  declare("first_moment", b.first_moment, "kg.m", "mass times centre of mass of body after body, in its frame (x, y, z)");
-  declare("inertia", b.inertia, "kg.m2", "inertia of body after body about its frame's origin: xx, xy, xz, yy, yz, zz");
-  v.state("bodies", b.in_force, "1", "the ten inertial parameters in force of body after body");
+  if (equations_.inside()) declare_bodies(v, equations_.bodies(), tunable);
 }
 
 void DriveTrain::declare_stops_and_solver(Variables& v) {

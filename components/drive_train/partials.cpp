@@ -12,17 +12,8 @@ bool is_scalar(std::string_view unknown) { return unknown.rfind("energy_", 0) ==
 
 }  // namespace
 
-Partials::Partials(const Equations& e)
-    : n_(e.n()),
-      x_(e.size()),
-      point_(n_),
-      factors_(n_ * n_),
-      by_q_(n_ * n_),
-      by_dq_(n_ * n_),
-      ddq_(n_),
-      column_(n_),
-      load_by_q_(n_ * n_),
-      scratch_(n_ * n_) {
+Partials::Partials(const Equations& e) : n_(e.n()), x_(e.size()), point_(n_), ddq_(n_), column_(n_) {
+  for (auto* v : {&factors_, &by_q_, &by_dq_, &load_by_q_, &scratch_}) v->resize(n_ * n_);
   const auto add = [this](const char* unknown, std::initializer_list<const char*> knowns, bool elementwise) {
     for (const char* known : knowns) list_.push_back({unknown, known, elementwise});
   };

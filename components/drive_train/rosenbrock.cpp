@@ -33,21 +33,10 @@ void add_torque_work(const Equations& e, double t, double h, const double* x0, c
 }
 
 Rosenbrock::Rosenbrock(Equations& equations)
-    : equations_(equations),
-      a_(equations.n()),
-      b_(equations.n()),
-      stage_(equations.n()),
-      x1_(equations.size()),
-      rhs_(equations.size()),
-      k1_(equations.size()),
-      k2_(equations.size()),
-      k3_(equations.size()),
-      f0_(equations.size()),
-      f1_(equations.size()),
-      tau_(equations.n()),
-      events_(2 * equations.n()),
-      events_low_(2 * equations.n()),
-      events_high_(2 * equations.n()) {}
+    : equations_(equations), a_(equations.n()), b_(equations.n()), stage_(equations.n()), tau_(equations.n()) {
+  for (auto* v : {&x1_, &rhs_, &k1_, &k2_, &k3_, &f0_, &f1_}) v->resize(equations.size());
+  for (auto* v : {&events_, &events_low_, &events_high_}) v->resize(2 * equations.n());
+}
 
 // One sub-step from x to x1_, with the forces there in p1_. Returns error / tolerance, NaN if something is not finite.
 double Rosenbrock::attempt(double t, double h, const double* x, const Tolerances& tolerances) {

@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "models/robot/body_parameters.h"
 #include "models/robot/robot_model.h"
 
 namespace cotwin {
@@ -56,6 +57,16 @@ Variables::Declared JointVariables::declare(Role role, std::string name, Reals s
       break;
   }
   return variables_.state(std::move(name), storage, std::move(measure), std::move(description));
+}
+
+void declare_bodies(Variables& v, robot::BodyParameters& b, bool tunable) {
+  const auto declare = [&](const char* name, std::vector<double>& values, const char* si, const char* description) {
+    return tunable ? v.tunable(name, values, si, description) : v.parameter(name, values, si, description);
+  };
+  declare("mass", b.mass, "kg", "mass of each body of the robot, as its model has it at the start");
+  declare("first_moment", b.first_moment, "kg.m", "mass times centre of mass of body after body, in its frame (x, y, z)");
+  declare("inertia", b.inertia, "kg.m2", "inertia of body after body about its frame's origin: xx, xy, xz, yy, yz, zz");
+  v.state("bodies", b.in_force, "1", "the ten inertial parameters in force of body after body");
 }
 
 }  // namespace cotwin

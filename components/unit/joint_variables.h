@@ -8,8 +8,9 @@
 #include "models/support/parameter_table.h"
 
 namespace cotwin::robot {
+class BodyParameters;
 struct RobotModel;
-}
+}  // namespace cotwin::robot
 
 namespace cotwin {
 
@@ -75,5 +76,9 @@ class JointVariables {
   Variables& variables_;
   const JointMeasures& measures_;
 };
+
+/// Declares the inertial parameters of a robot's bodies, as tunables or as fixed parameters, and the state `bodies` of those in
+/// force.
+void declare_bodies(Variables& variables, robot::BodyParameters& bodies, bool tunable);
 
 }  // namespace cotwin
