@@ -42,6 +42,7 @@ install(DIRECTORY models fmu DESTINATION include/cotwin COMPONENT cotwin-dev ${h
 install(DIRECTORY components/unit DESTINATION include/cotwin/components COMPONENT cotwin-dev ${headers})
 
 include(CMakePackageConfigHelpers)
+get_property(unit_interface GLOBAL PROPERTY COTWIN_UNIT_INTERFACE)
 configure_package_config_file(scripts/cotwinConfig.cmake.in ${CMAKE_BINARY_DIR}/generated/cotwinConfig.cmake INSTALL_DESTINATION ${cmake_folder})
 set(compatibility SameMajorVersion)
 if(PROJECT_VERSION_MAJOR EQUAL 0)   # before 1.0 a minor version may break what was promised

@@ -16,8 +16,8 @@ namespace fs = std::filesystem;
 /// Throws Error for a module whose objects this program would misread.
 void check_layout(const UnitModule& module, const std::string& place) {
   const std::string hint = "; rebuild it with find_package(cotwin) of this version";
-  if (module.format != kModuleFormat || std::string(module.version) != COTWIN_VERSION) {
-    throw Error(place, std::string("is a module for cotwin ") + module.version + ", expected " + COTWIN_VERSION + hint);
+  if (module.format != kModuleFormat || std::string(module.version) != COTWIN_UNIT_INTERFACE) {
+    throw Error(place, std::string("is a module for cotwin ") + module.version + ", expected " + COTWIN_UNIT_INTERFACE + hint);
   }
   static constexpr const char* kNames[] = {"the C++ ABI version", "_GLIBCXX_USE_CXX11_ABI", "EIGEN_MAX_ALIGN_BYTES",
                                            "sizeof(Variable)",    "sizeof(Variables)",      "sizeof(Settings)",

@@ -23,7 +23,7 @@ inline constexpr unsigned kModuleFormat = 1;  // of the struct below
 /// What a module shows. The first three members never change their places.
 struct UnitModule {
   unsigned format;      // kModuleFormat
-  const char* version;  // of cotwin, "0.1.0"
+  const char* version;  // of cotwin and of its headers for units, "0.1.0 (interface 2b1c90aa)"
   UnitLayout layout;    // kUnitLayout
   const UnitType* types;
   std::size_t count;
