@@ -269,7 +269,7 @@ TEST_F(Durable, RefusesToGoOnWithAnotherScenarioProgramOrMachine) {
   };
   expect_refused_after([](RunCheckpoint& c) { c.build.version = "0.0.1"; }, "was written by cotwin 0.0.1");
   expect_refused_after([](RunCheckpoint& c) { c.build.file ^= 1; }, "expected the same program");
-  expect_refused_after([](RunCheckpoint& c) { c.build.cpu = "abacus"; }, "on the instruction set abacus");
+  expect_refused_after([](RunCheckpoint& c) { c.build.cpu = "abacus"; }, "with the instruction set abacus");
   expect_refused_after([](RunCheckpoint& c) { c.command = "[1"; }, "its options cannot be read");
   expect_refused_after([](RunCheckpoint& c) { c.folder = "/nowhere/at/all"; }, "/nowhere/at/all");
   cotwin::write_file(file, "CTWRUN1\nnonsense");
