@@ -119,19 +119,20 @@ std::vector<Finding> check_fmu(const fs::path& path, bool load_it) {
     out = check_description(d);
     check_resources(fmu->folder, d, out);
     check_libraries(fmu->folder, d, out);
-    for (const char* kind : {"cs", "me"}) {
-      if (!load_it || !(kind[0] == 'c' ? d.co_simulation : d.model_exchange)) continue;
+    for (const InterfaceChoice kind : {InterfaceChoice::kCoSimulation, InterfaceChoice::kModelExchange}) {
+      const bool co = kind == InterfaceChoice::kCoSimulation;
+      if (!load_it || !(co ? d.co_simulation : d.model_exchange)) continue;
+      const std::string name = co ? "Co-Simulation" : "Model Exchange";
       try {
         LoadOptions options;
         options.kind = kind;
-        options.process = "own";  // a crash ends only that process
+        options.process = ProcessChoice::kOwn;  // a crash ends only that process
         Instance instance = load(fmu, options);
         instance.unit->initialise({});
         for (const std::string& warning : instance.warnings) out.push_back({Level::kNote, warning});
-        out.push_back({Level::kNote,
-                       std::string(kind[0] == 'c' ? "Co-Simulation" : "Model Exchange") + ": instantiated and initialised"});
+        out.push_back({Level::kNote, name + ": instantiated and initialised"});
       } catch (const Error& error) {
-        out.push_back({Level::kError, std::string(kind[0] == 'c' ? "Co-Simulation: " : "Model Exchange: ") + error.what()});
+        out.push_back({Level::kError, name + ": " + error.what()});
       }
     }
   } catch (const Error& error) {

@@ -30,7 +30,7 @@ std::shared_ptr<const ForeignFmu> FmuStore::open(const fs::path& path, const Loa
   const ModelDescription& d = first->description;
   const bool once = (d.co_simulation && d.co_simulation->only_once_per_process) ||
                     (d.model_exchange && d.model_exchange->only_once_per_process);
-  if (!once || options.process == "own") return first;
+  if (!once || options.process == ProcessChoice::kOwn) return first;
   try {
     return copy_of(*first);
   } catch (const fs::filesystem_error& error) {

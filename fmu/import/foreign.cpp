@@ -82,12 +82,10 @@ const Interface& interface_of(const ModelDescription& description, InterfaceKind
               (kind == InterfaceKind::kCoSimulation ? "Co-Simulation" : "Model Exchange"));
 }
 
-InterfaceKind chosen_kind(const ModelDescription& description, const std::string& kind) {
-  if (kind == "cs") return InterfaceKind::kCoSimulation;
-  if (kind == "me") return InterfaceKind::kModelExchange;
-  if (kind != "any") throw Error("kind '" + kind + "', expected any, cs or me");
-  return description.model_exchange && !description.co_simulation ? InterfaceKind::kModelExchange
-                                                                  : InterfaceKind::kCoSimulation;
+InterfaceKind chosen_kind(const ModelDescription& description, InterfaceChoice kind) {
+  const bool me_alone = description.model_exchange && !description.co_simulation;
+  return kind == InterfaceChoice::kModelExchange || (kind == InterfaceChoice::kAny && me_alone) ? InterfaceKind::kModelExchange
+                                                                                                : InterfaceKind::kCoSimulation;
 }
 
 std::vector<const char*> error_categories(const ModelDescription& description) {

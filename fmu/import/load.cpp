@@ -6,6 +6,7 @@
 #include "fmu/description/read.h"
 #include "fmu/import/named.h"
 #include "fmu/process/process.h"
+#include "models/support/choice.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -75,10 +76,8 @@ Instance load(const fs::path& path, const LoadOptions& options) { return load(op
 Instance load(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options) {
   const std::string name = fmu->name;
   return named(name, [&] {
-    if (options.process == "own") return make_in_own_process(std::move(fmu), options);
-    if (options.process != "shared" && options.process != "auto")
-      throw Error("process '" + options.process + "', expected auto, shared or own");
-    return make_instance(std::move(fmu), options);
+    return options.process == ProcessChoice::kOwn ? make_in_own_process(std::move(fmu), options)
+                                                  : make_instance(std::move(fmu), options);
   });
 }
 
@@ -98,9 +97,9 @@ LoadOptions read_query(std::string_view query, LoadOptions options) {
       return number();
     };
     if (key == "kind") {
-      options.kind = value;
+      options.kind = text::choose("kind", value, kInterfaceWords);
     } else if (key == "process") {
-      options.process = value;
+      options.process = text::choose("process", value, kProcessWords);
     } else if (key == "timeout") {
       options.timeout = positive();
     } else if (key == "memory") {

@@ -7,6 +7,7 @@
 #include <string_view>
 
 #include "components/unit/unit_table.h"
+#include "fmu/import/choices.h"
 #include "fmu/import/foreign.h"
 
 /// Loads foreign FMUs as units, as for source="x.fmu" in a scenario.
@@ -14,9 +15,9 @@ namespace cotwin::fmu {
 
 /// Settings of a foreign FMU in a scenario, named as in our annotation.
 struct LoadOptions {
-  std::string instance_name = "fmu";                // the component's name
-  std::string kind = "any";                         // "cs", "me"; "any": Co-Simulation if the FMU has it
-  std::string process = "auto";                     // "shared", "own": see load()
+  std::string instance_name = "fmu";  // the component's name
+  InterfaceChoice kind = InterfaceChoice::kAny;
+  ProcessChoice process = ProcessChoice::kAuto;
   double timeout = 60;                              // s, of a call in the FMU's own process; ten times that to initialise
   double memory = 4e9;                              // bytes, limit of the FMU's own process
   bool locals = true;                               // also the FMU's local variables
@@ -35,15 +36,15 @@ Instance load(const std::filesystem::path& path, const LoadOptions& options = {}
 /// Unpacks the archive, or uses the folder, and reads its description. Throws Error like load().
 std::shared_ptr<const ForeignFmu> open_fmu(const std::filesystem::path& path);
 
-/// Loads an opened FMU. process "own": in its own process (process.h), where a crash, a hang, an exit() and an exceeded limit
-/// of time or memory become an Error; "shared": in this process; "auto": shared.
+/// Loads an opened FMU. process kOwn: in its own process (process.h), where a crash, a hang, an exit() and an exceeded limit
+/// of time or memory become an Error; kShared and kAuto: in this process.
 Instance load(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options);
 
 /// Loads an opened FMU in this process. Needs neither the XML reader nor archives.
 Instance make_instance(std::shared_ptr<const ForeignFmu> fmu, const LoadOptions& options);
 
-/// Returns the interface for `kind` ("any", "cs", "me"). Throws Error for another kind.
-InterfaceKind chosen_kind(const ModelDescription& description, const std::string& kind);
+/// Returns the interface for `kind`. The FMU need not have it.
+InterfaceKind chosen_kind(const ModelDescription& description, InterfaceChoice kind);
 
 /// Returns `options` changed by the query of a source, "x.fmu?kind=me&process=own". Throws Error for an invalid key or value.
 LoadOptions read_query(std::string_view query, LoadOptions options);

@@ -13,7 +13,7 @@ namespace cotwin::fmu {
 
 namespace {
 
-constexpr std::uint64_t kMagic = 0x324e474645525443u;  // the bytes "CTREFGN2": the format and its version
+constexpr std::uint64_t kMagic = 0x334e474645525443u;  // the bytes "CTREFGN3": the format and its version
 
 // The list of fields of each structure, used for writing and for reading.
 template <class T, class Structure>
@@ -74,6 +74,7 @@ constexpr Variability last(Variability) { return Variability::kContinuous; }
 constexpr Initial last(Initial) { return Initial::kCalculated; }
 constexpr DependencyKind last(DependencyKind) { return DependencyKind::kDiscrete; }
 constexpr IntervalVariability last(IntervalVariability) { return IntervalVariability::kTriggered; }
+constexpr InterfaceChoice last(InterfaceChoice) { return InterfaceChoice::kModelExchange; }
 constexpr Version first(Version) { return Version::k2; }
 template <class Enum>
 constexpr Enum first(Enum) {

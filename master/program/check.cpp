@@ -10,6 +10,7 @@
 #include "master/run/schedule.h"
 #include "master/run/statistics.h"
 #include "master/run/wiring.h"
+#include "models/support/choice.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -54,7 +55,8 @@ class Checker {
     std::optional<Member> loaded;
     std::vector<std::string> used;
     ComponentSpec checked = spec;
-    if (!is_unit(spec) && spec.process == "auto" && !fmu::host_program().empty()) checked.process = "own";
+    if (!is_unit(spec) && spec.process == fmu::ProcessChoice::kAuto && !fmu::host_program().empty())
+      checked.process = fmu::ProcessChoice::kOwn;
     if (!attempt([&] { loaded = load_member(checked, scenario, types_, folders_, fmus_, &used); })) return;
     if (!is_unit(spec)) check_description(spec, scenario);
     Member& member = *loaded;
@@ -176,7 +178,7 @@ void write_info(std::ostream& out, const Scenario& scenario) {
     out << "  component   " << c.name << "  " << c.source;
     if (c.stage != 0) out << ", stage " << c.stage;
     if (c.period != 1) out << ", every " << c.period << " ticks";
-    if (c.process != "auto") out << ", process " << c.process;
+    if (c.process != fmu::ProcessChoice::kAuto) out << ", process " << text::word_of(c.process, fmu::kProcessWords);
     out << '\n';
   }
   for (const ConnectionSpec& c : scenario.connections) {

@@ -24,6 +24,7 @@
 #include "master/run/master.h"
 #include "models/robot/kernels/kernels.h"
 #include "models/support/atomic_file.h"
+#include "models/support/choice.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -131,7 +132,7 @@ Scenario read_scenario(const RunArguments& arguments) {
                   "expected a time in seconds, " + text::to_text(kMaxSeconds) + " at most");
     scenario.stop = Time::from_seconds(*arguments.stop);
   }
-  if (arguments.real_time) scenario.clock = "real-time";
+  if (arguments.real_time) scenario.clock = ClockKind::kRealTime;
   if (!arguments.record.empty()) {
     scenario.recording.clear();
     scenario.all_outputs = false;
@@ -184,11 +185,11 @@ Outcome run_to_the_end(Run& run, const Master& master, bool progress_wanted, Che
       if (master.tick() % 64 == 0) progress.update();
     }
     if (stop_signal() != 0 && master.tick() < master.ticks())
-      outcome = {"interrupted", std::string("stopped by ") + name_of_signal(stop_signal())};
-    if (checkpoints != nullptr) checkpoints->end(outcome.state == "interrupted");
+      outcome = {Outcome::State::kInterrupted, std::string("stopped by ") + name_of_signal(stop_signal())};
+    if (checkpoints != nullptr) checkpoints->end(outcome.state == Outcome::State::kInterrupted);
     run.finish();
   } catch (const std::exception& error) {
-    outcome = {"failed", error.what()};
+    outcome = {Outcome::State::kFailed, error.what()};
     if (checkpoints != nullptr) checkpoints->end(false);
     try {
       run.finish();
@@ -219,8 +220,8 @@ class Warnings {
 
 /// Prints the outcome and the summary. Returns the exit code.
 int report(const RunArguments& arguments, const Summary& summary, const Outcome& outcome, Warnings& warnings) {
-  if (outcome.state == "failed") std::cerr << "cotwin: " << outcome.message << '\n';
-  if (outcome.state == "interrupted")
+  if (outcome.state == Outcome::State::kFailed) std::cerr << "cotwin: " << outcome.message << '\n';
+  if (outcome.state == Outcome::State::kInterrupted)
     std::cerr << "cotwin: " << outcome.message << " at t = " << text::to_text(summary.reached) << " s\n";
   const bool json_to_stdout = arguments.json == "-";
   // Writes the file first, because stdout may be closed early (| head).
@@ -239,8 +240,8 @@ int report(const RunArguments& arguments, const Summary& summary, const Outcome&
     if (errno == EPIPE) return kExitSignalled + SIGPIPE;  // the reader closed the pipe (| head)
     throw Error("stdout", "cannot be written: " + system_reason(errno));
   }
-  if (outcome.state == "failed") return kExitRunFailed;
-  return outcome.state == "interrupted" ? kExitSignalled + stop_signal() : kExitDone;
+  if (outcome.state == Outcome::State::kFailed) return kExitRunFailed;
+  return outcome.state == Outcome::State::kInterrupted ? kExitSignalled + stop_signal() : kExitDone;
 }
 
 /// Loads the checkpoint named on the command line, replaces the options by those of its run and changes to the working
@@ -318,13 +319,13 @@ int run_scenario(RunArguments arguments) {
   if (checkpoints && !checkpoints->failure().empty()) summary.warnings.push_back("no checkpoint: " + checkpoints->failure());
   if (arguments.checkpoint > 0 && summary.wall_seconds > arguments.checkpoint && !master->unsavable().empty())
     summary.warnings.push_back("no checkpoint: " + master->unsavable());
-  if (outcome.state == "done") {
+  if (outcome.state == Outcome::State::kDone) {
     std::error_code none;
     fs::remove(out / kCheckpoint, none);
   }
   record->close(summary, outcome);
   const int code = report(arguments, summary, outcome, warnings);
-  if (outcome.state != "done" && checkpoints && checkpoints->any())
+  if (outcome.state != Outcome::State::kDone && checkpoints && checkpoints->any())
     std::cerr << "cotwin: continue with: cotwin run --resume " << out.string() << '\n';
   return code;
 }
@@ -410,12 +411,20 @@ void add_run(CLI::App& app, Chosen& chosen) {
   add(run_command->add_option("--output-variable", fmu.output_variables, "Record only this variable; repeatable"), "NAME")
       ->allow_extra_args(false);
   add(run_command->add_option("--tolerance", fmu.tolerance, "Relative tolerance passed to the FMU"), "NUMBER");
-  add(run_command->add_option("--interface-type", fmu.interface_type, "cs or me; default: cs if the FMU has it")
+  add(run_command
+          ->add_option_function<std::string>(
+              "--interface-type",
+              [&fmu](const std::string& word) {
+                fmu.interface_type = text::choose("--interface-type", word, fmu::kInterfaceWords);
+              },
+              "cs or me; default: cs if the FMU has it")
           ->check(CLI::IsMember({"cs", "me"})),
       "TYPE");
   add(run_command
-          ->add_option("--process", fmu.process,
-                       "own: a crash, hang or exit becomes an error (docs/scenario.md); shared: with cotwin; default: auto")
+          ->add_option_function<std::string>(
+              "--process",
+              [&fmu](const std::string& word) { fmu.process = text::choose("--process", word, fmu::kProcessWords); },
+              "own: a crash, hang or exit becomes an error (docs/scenario.md); shared: with cotwin; default: auto")
           ->check(CLI::IsMember({"auto", "own", "shared"})),
       "WHERE");
   add(run_command->add_option("--timeout", fmu.timeout,

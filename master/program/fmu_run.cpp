@@ -59,9 +59,9 @@ Scenario scenario_of(const FmuRunOptions& options, const fmu::ModelDescription& 
   component.name = kName;
   component.source = options.file.string() + "?si=false";
   component.process = options.process;
-  if (options.process == "auto" && description.generation_tool != fmu::kGenerationTool) {
+  if (options.process == fmu::ProcessChoice::kAuto && description.generation_tool != fmu::kGenerationTool) {
     if (!fmu::host_program().empty()) {
-      component.process = "own";
+      component.process = fmu::ProcessChoice::kOwn;
     } else {
       scenario.warnings.push_back(std::string(fmu::kHostProgram) +
                                   " is missing in the folder of this program: the FMU runs in this process");
@@ -71,8 +71,7 @@ Scenario scenario_of(const FmuRunOptions& options, const fmu::ModelDescription& 
   if (options.tolerance) component.source += "&tolerance=" + text::to_text(*options.tolerance);
   if (options.timeout) component.source += "&timeout=" + text::to_text(*options.timeout);
   if (options.memory) component.source += "&memory=" + text::to_text(*options.memory);
-  if (!options.interface_type.empty())
-    component.implementation = options.interface_type == "me" ? "ModelExchange" : "CoSimulation";
+  component.implementation = options.interface_type;
   for (const auto& [name, value] : options.start_values) {
     component.start_values.push_back({name, value, "", "--start-value " + name + " " + value});
   }

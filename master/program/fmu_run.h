@@ -16,14 +16,14 @@ namespace cotwin::master {
 
 struct FmuRunOptions {
   std::filesystem::path file;
-  std::string interface_type;         // "cs", "me"; "": cs if the FMU has it
+  fmu::InterfaceChoice interface_type = fmu::InterfaceChoice::kAny;
   std::optional<double> start, stop;  // s; default: of the FMU's default experiment, else 0 and start + 1
   std::optional<double> interval;     // s; default: step size of the default experiment, else 1/500 of the duration
   std::optional<double> tolerance;    // relative; default: that of the FMU
-  std::string process = "auto";       // "shared", "own" (fmu/import/load.h); auto: own unless Cotwin made the FMU
-  std::optional<double> timeout;      // s, of a call in the FMU's own process
-  std::optional<double> memory;       // bytes, of the FMU's own process
-  bool set_stop_time = false;         // pass the stop time to the FMU
+  fmu::ProcessChoice process = fmu::ProcessChoice::kAuto;         // kAuto: own unless Cotwin made the FMU
+  std::optional<double> timeout;                                  // s, of a call in the FMU's own process
+  std::optional<double> memory;                                   // bytes, of the FMU's own process
+  bool set_stop_time = false;                                     // pass the stop time to the FMU
   std::vector<std::pair<std::string, std::string>> start_values;  // in the FMU's own units of measure
   std::vector<std::string> output_variables;                      // empty: all outputs
   std::filesystem::path input_file;                               // "": none

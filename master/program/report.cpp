@@ -6,6 +6,7 @@
 #include <numeric>
 #include <ostream>
 
+#include "models/support/choice.h"
 #include "models/support/text.h"
 
 namespace cotwin::master {
@@ -90,8 +91,8 @@ std::string heading(const std::string& name, const std::string& si, const std::s
 
 void write_head(std::ostream& out, const Summary& s, const Outcome& outcome) {
   out << s.scenario << ": ";
-  if (outcome.state == "interrupted") out << "interrupted at t = " << number(s.reached, 9) << " s; ";
-  if (outcome.state == "failed") out << "failed at t = " << number(s.reached, 9) << " s; ";
+  if (outcome.state == Outcome::State::kInterrupted) out << "interrupted at t = " << number(s.reached, 9) << " s; ";
+  if (outcome.state == Outcome::State::kFailed) out << "failed at t = " << number(s.reached, 9) << " s; ";
   out << number(s.reached - s.start, 9) << " s in " << s.ticks << " ticks of " << duration(s.tick) << ", run in "
       << duration(s.wall_seconds);
   if (s.ticks > 0) out << ": " << number(s.real_time_factor, 3) << " times real time";
@@ -198,7 +199,9 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
   using nlohmann::ordered_json;
   ordered_json j;
   j["scenario"] = s.scenario;
-  j["state"] = outcome.state;
+  constexpr std::pair<const char*, Outcome::State> kWords[] = {
+      {"done", Outcome::State::kDone}, {"interrupted", Outcome::State::kInterrupted}, {"failed", Outcome::State::kFailed}};
+  j["state"] = text::word_of(outcome.state, kWords);
   if (!outcome.message.empty()) j["message"] = outcome.message;
   j["start"] = s.start;
   j["reached"] = s.reached;

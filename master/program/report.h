@@ -1,4 +1,5 @@
 #pragma once
+#include <cstdint>
 #include <iosfwd>
 #include <string>
 
@@ -8,8 +9,9 @@
 namespace cotwin::master {
 
 struct Outcome {
-  std::string state = "done";  // "done", "interrupted", "failed"
-  std::string message;         // of a failure
+  enum class State : std::uint8_t { kDone, kInterrupted, kFailed };
+  State state = State::kDone;
+  std::string message;  // the reason, unless kDone
 };
 
 /// Writes tables with lines of at most 100 characters if the vectors allow it.

@@ -13,6 +13,7 @@
 #include <thread>
 
 #include "models/support/atomic_file.h"
+#include "models/support/choice.h"
 #include "models/support/error.h"
 
 namespace cotwin::master {
@@ -124,7 +125,7 @@ RunRecord::RunRecord(Given given, const Master& master) : file_(std::move(given.
   j["start"] = scenario.start.seconds();
   j["stop"] = scenario.stop.seconds();
   j["tick"] = scenario.tick.seconds();
-  j["clock"] = scenario.clock;
+  j["clock"] = text::word_of(scenario.clock, kClockWords);
   j["settings"] = scenario.settings;
   j["set"] = given.set;
   j["parameters"] = parameters(scenario);
@@ -154,7 +155,9 @@ RunRecord::~RunRecord() = default;
 void RunRecord::close(const Summary& summary, const Outcome& outcome) {
   saved_.reset();
   ordered_json& j = content_->json;
-  j["state"] = outcome.state == "done" ? "complete" : outcome.state == "interrupted" ? "stopped" : "failed";
+  constexpr std::pair<const char*, Outcome::State> kWords[] = {
+      {"complete", Outcome::State::kDone}, {"stopped", Outcome::State::kInterrupted}, {"failed", Outcome::State::kFailed}};
+  j["state"] = text::word_of(outcome.state, kWords);
   if (!outcome.message.empty()) j["reason"] = outcome.message;
   j["reached"] = summary.reached;
   j["ticks"] = summary.ticks;

@@ -36,10 +36,9 @@ bool RealTimeClock::wait(Time now) {
   return true;
 }
 
-std::unique_ptr<Clock> make_clock(const std::string& name) {
-  if (name == "free") return std::make_unique<FreeClock>();
-  if (name == "real-time") return std::make_unique<RealTimeClock>();
-  throw Error("clock '" + name + "', expected free or real-time");
+std::unique_ptr<Clock> make_clock(ClockKind kind) {
+  if (kind == ClockKind::kFree) return std::make_unique<FreeClock>();
+  return std::make_unique<RealTimeClock>();
 }
 
 }  // namespace cotwin::master

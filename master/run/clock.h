@@ -1,9 +1,9 @@
 #pragma once
 #include <cstdint>
 #include <memory>
-#include <string>
 
 #include "components/unit/time.h"
+#include "master/ssp/scenario.h"
 
 namespace cotwin::master {
 
@@ -49,7 +49,6 @@ class RealTimeClock final : public Clock {
   Duration worst_;
 };
 
-/// "free" or "real-time". Throws Error for anything else.
-std::unique_ptr<Clock> make_clock(const std::string& name);
+std::unique_ptr<Clock> make_clock(ClockKind kind);
 
 }  // namespace cotwin::master

@@ -94,7 +94,7 @@ std::uint64_t hash_of(const Scenario& s) {
     text.add(c.name);
     text.add(c.source);
     for (const int number : {c.stage, c.period}) text.add(static_cast<std::int64_t>(number));
-    text.add(c.implementation);
+    text.add(static_cast<std::int64_t>(c.implementation));
     for (const ParameterValue& value : c.start_values) text.add(value);
     if (is_unit(c)) {
       add_query(text, c.source);
@@ -130,7 +130,8 @@ std::uint64_t hash_of(const Scenario& s) {
     text.add(b.tolerance);
   }
   for (const ReportSpec& r : s.reports) {
-    for (const std::string& name : {r.name, r.kind, r.a, r.b}) text.add(name);
+    for (const std::string& name : {r.name, r.a, r.b}) text.add(name);
+    text.add(static_cast<std::int64_t>(r.kind));
   }
   for (const UnitDefinition& unit : s.units) text.add(unit.name);
   return text.hash();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 
+#include "models/support/choice.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -11,12 +12,20 @@ namespace cotwin::master {
 namespace {
 
 /// Whether an SSP connector of this kind may stand for a variable of this role.
-bool connector_fits(const std::string& kind, Role role) {
-  if (kind == "input") return role == Role::kInput;
-  if (kind == "output") return role == Role::kOutput || role == Role::kState;
-  if (kind == "parameter") return role == Role::kParameter || role == Role::kTunable;
-  if (kind == "calculatedParameter") return role == Role::kOutput || role == Role::kParameter;
-  return kind == "inout" && (role == Role::kInput || role == Role::kOutput);
+bool connector_fits(ConnectorKind kind, Role role) {
+  switch (kind) {
+    case ConnectorKind::kInput:
+      return role == Role::kInput;
+    case ConnectorKind::kOutput:
+      return role == Role::kOutput || role == Role::kState;
+    case ConnectorKind::kParameter:
+      return role == Role::kParameter || role == Role::kTunable;
+    case ConnectorKind::kCalculatedParameter:
+      return role == Role::kOutput || role == Role::kParameter;
+    case ConnectorKind::kInout:
+      return role == Role::kInput || role == Role::kOutput;
+  }
+  return false;
 }
 
 bool type_fits(const std::string& type, Kind kind) {
@@ -88,7 +97,7 @@ FmuSource fmu_source(const ComponentSpec& spec, const Scenario& scenario) {
   const std::size_t question = spec.source.rfind('?');
   fmu::LoadOptions options;
   options.instance_name = spec.name;
-  options.kind = spec.implementation == "CoSimulation" ? "cs" : spec.implementation == "ModelExchange" ? "me" : "any";
+  options.kind = spec.implementation;
   options.process = spec.process;
   options.rollback = scenario.tolerance > 0;  // every tick is stepped at least twice
   if (question != std::string::npos) options = fmu::read_query(std::string_view(spec.source).substr(question + 1), options);
@@ -121,8 +130,9 @@ void check_connector(const ConnectorSpec& connector, const Member& member, const
          "connector " + in_quotes(full) + ": the variable has " + std::to_string(variable->size()) + " elements");
   }
   if (!connector_fits(connector.kind, variable->role)) {
-    fail(connector.place, "connector " + in_quotes(full) + " is of kind " + in_quotes(connector.kind) +
-                              ", but the variable is " + with_article(variable->role));
+    fail(connector.place, "connector " + in_quotes(full) + " is of kind " +
+                              in_quotes(text::word_of(connector.kind, kConnectorWords)) + ", but the variable is " +
+                              with_article(variable->role));
   }
   if (!connector.type.empty() && !type_fits(connector.type, variable->kind())) {
     fail(connector.place, "connector " + in_quotes(full) + " is " + connector.type + ", but the variable is " +

@@ -70,18 +70,16 @@ Statistics::Power Statistics::make_power(const Signal& effort, const Signal& flo
 Statistics::Statistics(const Scenario& scenario, std::span<const Member> members, std::span<const Column> recorded) {
   for (const ReportSpec& spec : scenario.reports) {
     const Signal a = find_real_signal(members, spec.a, spec.place);
-    if (spec.kind == "signal") {
+    if (spec.kind == ReportKind::kSignal) {
       add_tally(make_difference(a, nullptr, spec.name, spec.place));
       continue;
     }
     const Signal b = find_real_signal(members, spec.b, spec.place);
-    if (spec.kind == "difference") {
+    if (spec.kind == ReportKind::kDifference) {
       add_tally(make_difference(a, &b, spec.name, spec.place));
-    } else if (spec.kind == "energy") {
+    } else {
       const std::string what = a.name + " * " + b.name;
       works_.emplace_back(spec.name.empty() ? what : spec.name, what, make_power(a, b, spec.place));
-    } else {
-      fail(spec.place, "report of kind '" + spec.kind + "', expected signal, difference or energy");
     }
   }
   if (scenario.reports.empty()) {

@@ -95,8 +95,8 @@ void read_component(const xml::Element& e, Scenario& scenario, const ComponentIn
   found->stage = bounded(e, "stage", found->stage, 0, 1'000'000);
   found->period = bounded(e, "period", found->period, 1, 1'000'000'000);
   found->threads = xml::boolean(e, "threads", found->threads);
-  found->process = xml::choice(e, "process", {"auto", "shared", "own"}, found->process);
-  if (found->process == "own" && found->source.rfind("unit:", 0) == 0) {
+  found->process = xml::choice(e, "process", fmu::kProcessWords, found->process);
+  if (found->process == fmu::ProcessChoice::kOwn && found->source.rfind("unit:", 0) == 0) {
     throw Error(e.place, "component '" + name + "' with process=\"own\" is a built-in unit, expected an FMU");
   }
 }
@@ -160,9 +160,9 @@ void read_bond(const xml::Element& e, Scenario& scenario, const ComponentIndex& 
 
 void read_report(const xml::Element& e, Scenario& scenario, const ComponentIndex& index) {
   xml::check_attributes(e, {"name", "kind", "a", "b"});
-  ReportSpec r{xml::text(e, "name", ""), xml::choice(e, "kind", {"signal", "difference", "energy"}, "signal"),
+  ReportSpec r{xml::text(e, "name", ""), xml::choice(e, "kind", kReportWords, ReportKind::kSignal),
                variable(e, "a", scenario, index), "", e.place};
-  if (r.kind != "signal") {
+  if (r.kind != ReportKind::kSignal) {
     r.b = variable(e, "b", scenario, index);
   } else if (xml::find(e, "b") != nullptr) {
     throw Error(e.place, "a report of kind 'signal' has no 'b'");
@@ -213,10 +213,11 @@ void read_annotation(const xml::Element& master, Scenario& scenario) {
 
   if (xml::find(master, "tick") != nullptr) scenario.tick = Duration{nanoseconds(master, "tick", 1e-9)};
   if (xml::find(master, "stop") != nullptr) scenario.stop = Time{nanoseconds(master, "stop", scenario.start.seconds())};
-  scenario.clock = xml::choice(master, "clock", {"free", "real-time"}, "free");
+  scenario.clock = xml::choice(master, "clock", kClockWords, ClockKind::kFree);
   scenario.threads = bounded(master, "threads", 0, 0, 1024);
   scenario.tolerance = not_negative(master, "tolerance", 0);
-  scenario.ignore_unknown_parameters = xml::choice(master, "unknownParameters", {"error", "ignore"}, "error") == "ignore";
+  scenario.ignore_unknown_parameters =
+      xml::choice<bool>(master, "unknownParameters", {{"error", false}, {"ignore", true}}, false);
 
   const ComponentIndex index(scenario);
   std::set<std::string> components;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <set>
 
+#include "models/support/choice.h"
 #include "models/support/error.h"
 
 namespace cotwin::master::ssp {
@@ -67,14 +68,15 @@ Graph::End Graph::end(const Element& system, const Elements& elements, const std
   if (listed == nullptr && owner->kind != Element::Kind::kComponent) {
     throw Error(place, xml::unknown("a connector of '" + owner->name + "'", connector, names_of(owner->connectors)));
   }
-  if (listed == nullptr || listed->kind == "inout") return {owner, listed, connector, Flow::kEither};
-  const bool outward = listed->kind == "output" || listed->kind == "calculatedParameter";
+  if (listed == nullptr || listed->kind == ConnectorKind::kInout) return {owner, listed, connector, Flow::kEither};
+  const bool outward = listed->kind == ConnectorKind::kOutput || listed->kind == ConnectorKind::kCalculatedParameter;
   const bool within = element.empty();  // the system's own connectors are seen from inside: its input is a source
   return {owner, listed, connector, outward != within ? Flow::kSource : Flow::kSink};
 }
 
 std::string Graph::text_of(const End& e) {
-  return "'" + joined(e.owner->path, e.name) + "'" + (e.connector != nullptr ? " (" + e.connector->kind + ")" : "");
+  return "'" + joined(e.owner->path, e.name) + "'" +
+         (e.connector != nullptr ? " (" + std::string(text::word_of(e.connector->kind, kConnectorWords)) + ")" : "");
 }
 
 void Graph::add_edge(std::size_t from, std::size_t to, const Transformation& t, const std::string& place) {

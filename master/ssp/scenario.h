@@ -1,4 +1,5 @@
 #pragma once
+#include <cstdint>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -7,11 +8,13 @@
 #include <string>
 #include <string_view>
 #include <unordered_map>
+#include <utility>
 #include <vector>
 
 #include "components/unit/si.h"
 #include "components/unit/time.h"
 #include "components/unit/unit_table.h"
+#include "fmu/import/choices.h"
 #include "models/support/parameter_set.h"
 
 /// A scenario: the description of a run. Read from an SSP 1.0 system structure (.ssd) and our annotation in it. A plain value:
@@ -19,10 +22,25 @@
 /// messages.
 namespace cotwin::master {
 
+/// The kinds of connectors of SSP.
+enum class ConnectorKind : std::uint8_t { kInput, kOutput, kParameter, kCalculatedParameter, kInout };
+inline constexpr std::pair<const char*, ConnectorKind> kConnectorWords[] = {
+    {"input", ConnectorKind::kInput},
+    {"output", ConnectorKind::kOutput},
+    {"parameter", ConnectorKind::kParameter},
+    {"calculatedParameter", ConnectorKind::kCalculatedParameter},
+    {"inout", ConnectorKind::kInout}};
+
+/// The words of SSP for the interface of an FMU.
+inline constexpr std::pair<const char*, fmu::InterfaceChoice> kImplementationWords[] = {
+    {"any", fmu::InterfaceChoice::kAny},
+    {"CoSimulation", fmu::InterfaceChoice::kCoSimulation},
+    {"ModelExchange", fmu::InterfaceChoice::kModelExchange}};
+
 /// A connector of a component as listed in the SSD (optional for unit: sources).
 struct ConnectorSpec {
   std::string name;  // variable, or one element "q[3]"
-  std::string kind;  // "input", "output", "inout", "parameter", "calculatedParameter"
+  ConnectorKind kind = ConnectorKind::kInout;
   std::string type;  // "Real", "Integer", "Boolean", "String", "Enumeration", "Binary"; "" if not given
   std::string unit;  // "" if not given
   std::string place;
@@ -38,8 +56,8 @@ struct ComponentSpec {
   int stage = 0;                             // stages run one after another within a tick; within a stage: Jacobi
   int period = 1;                            // in ticks
   bool threads = true;                       // false: never on a worker thread
-  std::string implementation = "any";        // interface of an FMU: "any", "CoSimulation", "ModelExchange"
-  std::string process = "auto";              // process of an FMU: "shared", "own" or "auto" (fmu/import/load.h)
+  fmu::InterfaceChoice implementation = fmu::InterfaceChoice::kAny;  // of an FMU that has several
+  fmu::ProcessChoice process = fmu::ProcessChoice::kAuto;            // of an FMU
 };
 
 /// One end of a connection: a component's variable or one element of it.
@@ -94,16 +112,24 @@ struct BondSpec {
   std::string place;
 };
 
+enum class ReportKind : std::uint8_t { kSignal, kDifference, kEnergy };
+inline constexpr std::pair<const char*, ReportKind> kReportWords[] = {
+    {"signal", ReportKind::kSignal}, {"difference", ReportKind::kDifference}, {"energy", ReportKind::kEnergy}};
+
 /// An entry of the summary at the end of a run, per element and for all elements together.
 ///   signal      RMS and largest magnitude of `a`
 ///   difference  the same of a − b, e.g. a tracking error
 ///   energy      the integral of Σ a·b over time, `a` an effort and `b` a flow
 struct ReportSpec {
-  std::string name;             // "joint torque"; "": composed of kind and signals
-  std::string kind = "signal";  // "signal", "difference", "energy"
-  std::string a, b;             // "drive.tau_J"; b is empty for a signal
+  std::string name;  // "joint torque"; "": composed of kind and signals
+  ReportKind kind = ReportKind::kSignal;
+  std::string a, b;  // "drive.tau_J"; b is empty for a signal
   std::string place;
 };
+
+enum class ClockKind : std::uint8_t { kFree, kRealTime };
+inline constexpr std::pair<const char*, ClockKind> kClockWords[] = {{"free", ClockKind::kFree},
+                                                                    {"real-time", ClockKind::kRealTime}};
 
 struct Scenario {
   std::string name;
@@ -111,7 +137,7 @@ struct Scenario {
   std::filesystem::path folder;  // base of relative references
   Time start, stop;              // ssd:DefaultExperiment
   Duration tick{1'000'000};
-  std::string clock = "free";                   // "free", "real-time"
+  ClockKind clock = ClockKind::kFree;
   int threads = 0;                              // 0: chosen automatically
   double tolerance = 0;                         // > 0: adaptive communication step (relative)
   std::map<std::string, std::string> settings;  // defaults for all units: robot=lwr4

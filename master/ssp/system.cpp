@@ -147,7 +147,7 @@ Element Reader::component(const xml::Element& source, const Document& document, 
   read_common(e, source, document);
   e.source = xml::text(source, "source");
   e.type = xml::text(source, "type", "application/x-fmu-sharedlibrary");
-  e.implementation = xml::choice(source, "implementation", {"any", "CoSimulation", "ModelExchange"}, "any");
+  e.implementation = xml::choice(source, "implementation", kImplementationWords, fmu::InterfaceChoice::kAny);
   if (e.type == "application/x-ssp-definition") return referenced_system(source, e, document);
   if (e.type == "application/x-ssp-package") {
     throw Error(e.place, "component '" + path +
@@ -225,8 +225,8 @@ std::vector<Connector> Reader::connectors(const xml::Element& list, const char* 
     const bool entry = std::string_view(item) == "DictionaryEntry";
     xml::check_attributes(c, entry ? with_base({"name"}) : with_base({"name", "kind"}), complain_);
     xml::check_children(c, item_space, {"ConnectorGeometry", "Annotations"}, complain_);
-    Connector connector{xml::text(c, "name"), "inout", "", "", c.place};
-    if (!entry) connector.kind = xml::choice(c, "kind", {"input", "output", "parameter", "calculatedParameter", "inout"});
+    Connector connector{xml::text(c, "name"), ConnectorKind::kInout, "", "", c.place};
+    if (!entry) connector.kind = xml::choice(c, "kind", kConnectorWords);
     xml::check_children(c, kSsc, {"Real", "Integer", "Boolean", "String", "Enumeration", "Binary", "Annotations"}, complain_);
     for (const xml::Element& type : c.children) {
       if (type.space != kSsc || type.name == "Annotations") continue;
@@ -300,7 +300,7 @@ std::vector<Dictionary> Reader::dictionaries(const xml::Element& list, const Doc
 }
 
 std::filesystem::path Reader::resolve(const xml::Element& element, const std::string& source, const Document& document) const {
-  if (xml::choice(element, "sourceBase", {"SSD", "component"}, "SSD") == "component") {
+  if (xml::choice<bool>(element, "sourceBase", {{"SSD", false}, {"component", true}}, false)) {
     throw Error(
         element.place,
         "'" + source + "' is inside the component (sourceBase=component), expected a file relative to the system structure");

@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "master/ssp/scenario.h"
 #include "master/ssp/units.h"
 #include "models/support/parameter_set.h"
 #include "models/support/xml.h"
@@ -22,9 +23,10 @@ constexpr const char* kSsm = "http://ssp-standard.org/SSP1/SystemStructureParame
 constexpr const char* kSsb = "http://ssp-standard.org/SSP1/SystemStructureSignalDictionary";
 
 struct Connector {
-  std::string name, kind;  // kind "": not listed by the component
-  std::string type;        // "Real", …, "" if not given
-  std::string unit;        // as in the UnitTable, "" if not given
+  std::string name;
+  ConnectorKind kind = ConnectorKind::kInout;
+  std::string type;  // "Real", …, "" if not given
+  std::string unit;  // as in the UnitTable, "" if not given
   std::string place;
 };
 
@@ -60,9 +62,10 @@ struct Element {
   std::string path;  // from the root system, "cell.robot.drive"; "" for the root itself
   std::string place;
   std::vector<Connector> connectors;
-  std::vector<Assignment> assignments;       // of all bindings in order: later ones replace earlier ones
-  std::string source, type, implementation;  // of a component
-  std::vector<Element> elements;             // of a system
+  std::vector<Assignment> assignments;  // of all bindings in order: later ones replace earlier ones
+  std::string source, type;             // of a component
+  fmu::InterfaceChoice implementation = fmu::InterfaceChoice::kAny;
+  std::vector<Element> elements;  // of a system
   std::vector<Connection> connections;
   std::vector<Dictionary> dictionaries;
   std::string dictionary;                          // of a reference

@@ -110,7 +110,7 @@ class Packer {
     const auto refuse = [&](const std::string& what) {
       fail(member.spec.place, "component '" + member.name() + "': " + held.name + " " + what);
     };
-    if (source.options.process == "own")
+    if (source.options.process == fmu::ProcessChoice::kOwn)
       refuse("is to run in a process of its own, expected it to be in that of the host, as all of a scenario as one FMU is");
     const fmu::Version version = held.description.version;
     const std::string& identifier =

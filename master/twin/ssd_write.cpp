@@ -6,6 +6,7 @@
 
 #include "master/ssp/annotation.h"
 #include "master/ssp/system.h"
+#include "models/support/choice.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -114,7 +115,8 @@ class Writer {
         .with("name", member.name())
         .with("type", "application/x-fmu-sharedlibrary")
         .with("source", components_[m].source)
-        .with_if(member.spec.implementation != "any", "implementation", member.spec.implementation)
+        .with_if(member.spec.implementation != fmu::InterfaceChoice::kAny, "implementation",
+                 text::word_of(member.spec.implementation, kImplementationWords))
         .open();
     Tag(out_, 4, "ssd:Connectors").open();
     for (const Variable& v : member.variables()) {
@@ -190,7 +192,7 @@ class Writer {
     Tag(out_, 3, "cotwin:Master")
         .with("xmlns:cotwin", kAnnotationSpace)
         .with("tick", scenario_.tick.seconds())
-        .with("clock", scenario_.clock)
+        .with("clock", text::word_of(scenario_.clock, kClockWords))
         .with("threads", scenario_.threads)
         .with("tolerance", scenario_.tolerance)
         .with("unknownParameters", scenario_.ignore_unknown_parameters ? "ignore" : "error")
@@ -201,7 +203,8 @@ class Writer {
           .with("stage", member.spec.stage)
           .with("period", member.spec.period)
           .with_if(!member.spec.threads, "threads", "false")
-          .with_if(member.spec.process != "auto", "process", member.spec.process)
+          .with_if(member.spec.process != fmu::ProcessChoice::kAuto, "process",
+                   text::word_of(member.spec.process, fmu::kProcessWords))
           .end();
     }
     for (const EventSpec& e : scenario_.events) {
@@ -228,7 +231,7 @@ class Writer {
     for (const ReportSpec& r : scenario_.reports) {
       Tag(out_, 4, "cotwin:Report")
           .with("name", r.name)
-          .with("kind", r.kind)
+          .with("kind", text::word_of(r.kind, kReportWords))
           .with("a", r.a)
           .with_if(!r.b.empty(), "b", r.b)
           .end();

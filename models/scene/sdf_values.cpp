@@ -74,9 +74,9 @@ bool boolean(const xml::Element& parent, const char* name, bool fallback) {
 
 Pose pose(const xml::Element& element) {
   if (element.content.empty()) return {};
-  const std::string format = xml::choice(element, "rotation_format", {"euler_rpy", "quat_xyzw"}, "euler_rpy");
+  const bool quaternion = xml::choice<bool>(element, "rotation_format", {{"euler_rpy", false}, {"quat_xyzw", true}}, false);
   Pose X;
-  if (format == "quat_xyzw") {
+  if (quaternion) {
     const std::vector<double> v = numbers(element, 7);
     const Eigen::Quaterniond q(v[6], v[3], v[4], v[5]);
     if (!(std::abs(q.norm() - 1) < 1e-6))

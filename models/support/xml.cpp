@@ -261,19 +261,12 @@ class Builder {
   Element root_;
 };
 
-std::string quoted_list(std::initializer_list<const char*> choices) {
-  std::string list;
-  for (const char* c : choices) list += (list.empty() ? "'" : ", '") + std::string(c) + "'";
-  return list;
-}
+}  // namespace
 
-[[noreturn]] void refuse_value(const Element& element, std::string_view name, const std::string& value,
-                               const std::string& expected) {
+void refuse_value(const Element& element, std::string_view name, const std::string& value, const std::string& expected) {
   throw Error(element.place,
               "attribute '" + std::string(name) + "' of '" + element.name + "': '" + value + "', expected " + expected);
 }
-
-}  // namespace
 
 const std::string& Shared::text() const {
   static const std::string kEmpty;
@@ -371,15 +364,6 @@ bool boolean(const Element& element, std::string_view name, std::optional<bool> 
   const std::optional<bool> truth = text::parse_boolean(value);
   if (!truth) refuse_value(element, name, value, "'true' or 'false'");
   return *truth;
-}
-
-std::string choice(const Element& element, std::string_view name, std::initializer_list<const char*> choices,
-                   std::optional<std::string> fallback) {
-  if (fallback && find(element, name) == nullptr) return *fallback;
-  const std::string& value = text(element, name);
-  if (std::find(choices.begin(), choices.end(), value) == choices.end())
-    refuse_value(element, name, value, "one of " + quoted_list(choices));
-  return value;
 }
 
 void refuse(const std::string& place, const std::string& what) { throw Error(place, what); }

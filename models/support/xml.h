@@ -90,9 +90,21 @@ std::string text(const Element& element, std::string_view name, std::string_view
 double real(const Element& element, std::string_view name, std::optional<double> fallback = std::nullopt);
 std::int32_t integer(const Element& element, std::string_view name, std::optional<std::int32_t> fallback = std::nullopt);
 bool boolean(const Element& element, std::string_view name, std::optional<bool> fallback = std::nullopt);
-/// One of `choices`.
-std::string choice(const Element& element, std::string_view name, std::initializer_list<const char*> choices,
-                   std::optional<std::string> fallback = std::nullopt);
+[[noreturn]] void refuse_value(const Element& element, std::string_view name, const std::string& value,
+                               const std::string& expected);
+/// The value that the attribute's word stands for.
+template <class Value, std::size_t N>
+Value choice(const Element& element, std::string_view name, const std::pair<const char*, Value> (&words)[N],
+             std::optional<std::type_identity_t<Value>> fallback = std::nullopt) {
+  if (fallback && find(element, name) == nullptr) return *fallback;
+  const std::string& given = text(element, name);
+  std::string list;
+  for (const auto& [word, value] : words) {
+    if (given == word) return value;
+    list += (list.empty() ? "'" : ", '") + std::string(word) + "'";
+  }
+  refuse_value(element, name, given, "one of " + list);
+}
 
 /// Reports an unexpected part of a file: throws, or records it and returns.
 using Complaint = std::function<void(const std::string& place, const std::string& what)>;

@@ -206,7 +206,7 @@ master::Scenario chain_of(int count, const fs::path& folder, const std::string& 
   scenario.stop = Time{1'000'000'000 * kTick.ns};  // longer than any measurement
   scenario.threads = 1;
   scenario.recording.push_back({"*", ""});
-  scenario.reports.push_back({"", "signal", "u0.y", "", ""});
+  scenario.reports.push_back({"", master::ReportKind::kSignal, "u0.y", "", ""});
   for (int i = 0; i < count; ++i) {
     master::ComponentSpec spec;
     spec.name = "u" + std::to_string(i);

@@ -45,7 +45,7 @@ Master chain(int units, const std::filesystem::path& results) {
     if (i > 0) scenario.connections.push_back({{"u" + std::to_string(i - 1), "y", ""}, {spec.name, "u", ""}, 1, 0, false, ""});
   }
   scenario.recording.push_back({"*", ""});
-  scenario.reports.push_back({"", "signal", "u0.y", "", ""});
+  scenario.reports.push_back({"", ReportKind::kSignal, "u0.y", "", ""});
   MasterOptions options;
   options.types = kTypes;
   options.results = results;

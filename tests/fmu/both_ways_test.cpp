@@ -9,6 +9,7 @@
 #include "components/unit/unit_table.h"
 #include "fmu/export/pack.h"
 #include "fmu/import/load.h"
+#include "models/support/choice.h"
 #include "models/support/error.h"
 #include "tests/fmu/foreign.h"
 #include "tests/support/places.h"
@@ -26,20 +27,20 @@ using cotwin::testing::properties_folder;
 struct Subject {
   std::string source;
   Version version;
-  std::string process;
+  ProcessChoice process;
 };
 
 void PrintTo(const Subject& s, std::ostream* out) {
-  *out << s.source << ", FMI " << static_cast<int>(s.version) << ", process " << s.process;
+  *out << s.source << ", FMI " << static_cast<int>(s.version) << ", process " << text::word_of(s.process, kProcessWords);
 }
 
 std::vector<Subject> subjects() {
   std::vector<Subject> all;
   for (const UnitType& type : unit_types()) {
     const std::string source = cotwin::testing::unit_sources(type).front();
-    all.push_back({source, Version::k2, "shared"});
-    all.push_back({source, Version::k3, "shared"});
-    all.push_back({source, Version::k3, "own"});
+    all.push_back({source, Version::k2, ProcessChoice::kShared});
+    all.push_back({source, Version::k3, ProcessChoice::kShared});
+    all.push_back({source, Version::k3, ProcessChoice::kOwn});
   }
   return all;
 }
@@ -166,7 +167,8 @@ TEST_P(BothWays, AFreshInstanceGoesOnFromASnapshotAsTheUnitDoes) {
 
 INSTANTIATE_TEST_SUITE_P(Units, BothWays, ::testing::ValuesIn(subjects()), [](const auto& subject) {
   std::string name = parse_unit_source(subject.param.source).unit;
-  return name + "_fmi" + std::to_string(static_cast<int>(subject.param.version)) + "_" + subject.param.process;
+  return name + "_fmi" + std::to_string(static_cast<int>(subject.param.version)) + "_" +
+         text::word_of(subject.param.process, kProcessWords);
 });
 
 }  // namespace

@@ -141,7 +141,7 @@ TEST_F(Clocks, ContinueInAFreshInstanceFromASnapshotsBytes) {
 
 TEST_F(Clocks, TickInAProcessOfTheirOwn) {
   LoadOptions options;
-  options.process = "own";
+  options.process = ProcessChoice::kOwn;
   Instance instance = load_clocks(options);
   instance.unit->initialise({});
   EXPECT_EQ(run(instance, 0, 1, 0.1), StepResult::kDone);

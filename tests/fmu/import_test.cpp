@@ -110,7 +110,7 @@ TEST_F(Import, GetsTheSlopesOfOutputsOnRequest) {
   const LoadOptions slopes = read_query("slopes=true", {});
   const std::string name = "der(" + std::string(kPosition) + ")";
   EXPECT_EQ(load2(kPolite2, {}, kSlopes2).variables.find(name), nullptr) << "not requested";
-  for (const char* process : {"shared", "own"}) {
+  for (const ProcessChoice process : {ProcessChoice::kShared, ProcessChoice::kOwn}) {
     LoadOptions options = slopes;
     options.process = process;
     Instance instance = load2(kPolite2, options, kSlopes2);
@@ -157,7 +157,7 @@ const Edits kSlopesOfSome2 = {
 
 TEST_F(Import, UsesTheSlopeOfTheLastStepIfAnFmuRefusesToProvideIt) {
   LoadOptions options = read_query("slopes=true", {});
-  for (const char* process : {"shared", "own"}) {
+  for (const ProcessChoice process : {ProcessChoice::kShared, ProcessChoice::kOwn}) {
     options.process = process;
     Instance instance = load2(kPolite2, options, kSlopesOfSome2);
     const Variable &z = instance.variables.at("der(z)"), &y = instance.variables.at("der(" + std::string(kPosition) + ")");
@@ -180,7 +180,7 @@ TEST_F(Import, UsesTheSlopeOfTheLastStepIfAnFmuRefusesToProvideIt) {
       EXPECT_EQ(z.reals()[0], 4);
       expect_step(0.5, 5, 0, "after going back");
     }
-    if (options.process == "own") continue;
+    if (options.process == ProcessChoice::kOwn) continue;
     std::vector<std::string> notes;
     instance.unit->tell(notes);
     EXPECT_THAT(notes,

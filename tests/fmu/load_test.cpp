@@ -82,12 +82,11 @@ TEST_F(Load, RefusesFmi1AndKindsThatAreNotThere) {
   expect_refusal(raw_archive({{"modelDescription.xml", "<fmiModelDescription fmiVersion=\"1.0\"/>"}}),
                  "raw.fmu: modelDescription.xml:1: FMI 1.0 is not supported");
   LoadOptions options;
-  options.kind = "me";
+  options.kind = InterfaceChoice::kModelExchange;
   EXPECT_THAT([&] { load(make_fmu("rogue2", folder_.path()), options); },
               ThrowsMessage<Error>(HasSubstr("the FMU offers Co-Simulation, expected Model Exchange")));
-  options.kind = "xx";
-  EXPECT_THAT([&] { load(make_fmu("rogue2", folder_.path()), options); },
-              ThrowsMessage<Error>(HasSubstr("kind 'xx', expected any, cs or me")));
+  EXPECT_THAT([] { read_query("kind=xx", {}); }, ThrowsMessage<Error>("kind: 'xx', expected one of any, cs, me"));
+  EXPECT_THAT([] { read_query("process=xx", {}); }, ThrowsMessage<Error>("process: 'xx', expected one of auto, shared, own"));
 }
 
 TEST_F(Load, NamesTheFunctionsThatALibraryLacks) {
@@ -107,8 +106,8 @@ TEST_F(Load, TakesAnUnpackedFolderToo) {
 TEST_F(Load, ReadsItsSettingsFromAQuery) {
   EXPECT_EQ(read_query("stop=-1", {}).stop, -1);  // of a run that starts before 0
   const LoadOptions o = read_query("kind=me&process=own&timeout=2.5&tolerance=1e-4&locals=false&structural.n=4", {});
-  EXPECT_EQ(o.kind, "me");
-  EXPECT_EQ(o.process, "own");
+  EXPECT_EQ(o.kind, InterfaceChoice::kModelExchange);
+  EXPECT_EQ(o.process, ProcessChoice::kOwn);
   EXPECT_EQ(o.timeout, 2.5);
   EXPECT_EQ(o.tolerance, 1e-4);
   EXPECT_FALSE(o.locals);
@@ -172,7 +171,7 @@ TEST_F(Load, GivesEachInstanceALibraryOfItsOwnWhereAProcessMayHoldOneOnly) {
     EXPECT_TRUE(fs::exists(unpacked.path() / "modelDescription.xml"));
   }
   LoadOptions own;
-  own.process = "own";
+  own.process = ProcessChoice::kOwn;
   FmuStore store;
   EXPECT_EQ(store.open(fmu, own), store.open(fmu, own)) << "each process loads the files itself";
 }

@@ -31,7 +31,7 @@ class OwnProcess : public ::testing::Test {
  protected:
   Instance load_rogue(int mode, double timeout = 60) {
     LoadOptions options;
-    options.process = "own";
+    options.process = ProcessChoice::kOwn;
     options.timeout = timeout;
     Instance instance = load(make_fmu("rogue2", folder_.path()), options);
     integer(instance, "mode") = mode;
@@ -56,7 +56,7 @@ TEST_F(OwnProcess, GivesTheSameBitsAsInThisOne) {
   for (const char* name : {"rogue2", "rogue3", "ball2", "ball3"}) {
     const std::filesystem::path archive = make_fmu(name, folder_.path());
     LoadOptions own;
-    own.process = "own";
+    own.process = ProcessChoice::kOwn;
     Instance here = load(archive), there = load(archive, own);
     EXPECT_EQ(here.variables.fingerprint(), there.variables.fingerprint());
     for (Instance* i : {&here, &there}) {
@@ -109,7 +109,7 @@ TEST_F(OwnProcess, TurnsAHangIntoAnErrorWithinItsTime) {
 
 TEST_F(OwnProcess, ReportsLoadingErrorsAtOnce) {
   LoadOptions options;
-  options.process = "own";
+  options.process = ProcessChoice::kOwn;
   options.instance_name = "refused";
   EXPECT_THAT([&] { load(make_fmu("rogue2", folder_.path()), options); }, ThrowsMessage<Error>(HasSubstr("100% sure")));
 }
@@ -217,7 +217,7 @@ class HarmfulFmu : public OwnProcess {
   }
   Instance load_harm(double timeout = 60) {
     LoadOptions options;
-    options.process = "own";
+    options.process = ProcessChoice::kOwn;
     options.timeout = timeout;
     options.memory = 200e6;
     return load(make_fmu("harm2", folder_.path()), options);

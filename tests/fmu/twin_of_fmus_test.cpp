@@ -366,9 +366,9 @@ TEST(TwinOfFmusArchive, RefusesFmusThatCannotBePacked) {
   EXPECT_EQ(refusal({"linux64", "aarch64-linux"}),
             "x.ssd:7: component 'a': rogue2.fmu has no binaries/aarch64-linux/rogue.so, as platform aarch64-linux needs");
   EXPECT_THAT(refusal({"win64"}), HasSubstr("cannot hold on x86_64-windows"));
-  scenario.components[0].process = "own";
+  scenario.components[0].process = fmu::ProcessChoice::kOwn;
   EXPECT_THAT(refusal({}), HasSubstr("rogue2.fmu is to run in a process of its own, expected"));
-  scenario.components[0].process = "shared";
+  scenario.components[0].process = fmu::ProcessChoice::kShared;
   scenario.tolerance = 1e-3;
   EXPECT_THAT(refusal({}), HasSubstr("adapts to a tolerance"));
   EXPECT_FALSE(fs::exists(folder.path() / "x.fmu"));
@@ -474,7 +474,8 @@ fmu::ForeignPackage package_of(const std::string& name) {
   package.name = name + ".fmu";
   package.folder = "folder";
   package.description = fmu::parse_model_description(fmu::testing::description_of(name), name);
-  package.options.kind = package.description.co_simulation ? "cs" : "me";
+  package.options.kind =
+      package.description.co_simulation ? fmu::InterfaceChoice::kCoSimulation : fmu::InterfaceChoice::kModelExchange;
   package.options.tolerance = 1e-4;
   package.options.si = false;
   double value = 3;

@@ -140,7 +140,7 @@ TEST_F(FmuScenario, AnFmuInAProcessOfItsOwnGivesTheSameBits) {
   scenario.stop = Time::from_seconds(0.1);
   const std::string units = recorded(scenario);
   scenario.components[1].source = pack_unit("unit:compliance?robot=lwr4", fmu::Version::k2, "compliance.fmu").string();
-  scenario.components[1].process = "own";
+  scenario.components[1].process = fmu::ProcessChoice::kOwn;
   EXPECT_EQ(recorded(std::move(scenario)) == units, true);
 }
 
@@ -164,7 +164,7 @@ std::string with_process(const std::string& source) {
 
 TEST_F(FmuScenario, OnlyAnFmuHasAProcessOfItsOwn) {
   const ComponentSpec link = parse_scenario(with_process("link.fmu?timeout=5"), "one.ssd", folder_).components.at(0);
-  EXPECT_EQ(link.process, "own");
+  EXPECT_EQ(link.process, fmu::ProcessChoice::kOwn);
   EXPECT_EQ(link.source, "link.fmu?timeout=5");
   EXPECT_THAT(error_of([&] { parse_scenario(with_process("unit:motion"), "one.ssd", folder_); }),
               HasSubstr("is a built-in unit, expected an FMU"));
@@ -294,7 +294,7 @@ TEST_F(FmuScenario, UnitsAndForeignFmusOfBothVersionsMixAndArePackedTogether) {
   EXPECT_THAT(complaints(package), IsEmpty());
   // Without units of measure none can be wrong: a power is the product of the numbers.
   Scenario scenario = load_scenario(file);
-  scenario.reports.push_back({"power", "energy", "low.h", "low.v", ""});
+  scenario.reports.push_back({"power", ReportKind::kEnergy, "low.h", "low.v", ""});
   EXPECT_EQ(recorded(std::move(scenario)) == loose, true);
 }
 

@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <optional>
 
+#include "models/support/choice.h"
 #include "tests/fmu/foreign.h"
 #include "tests/master/test_units.h"
 
@@ -174,7 +175,7 @@ TEST_P(ForeignRun, ReportsHowAnFmuWithoutSerialisationCanGoBack) {
 }
 
 TEST_P(ForeignRun, RestoresAStateOfAnEarlierInstantInANewInstance) {
-  for (const char* process : {"shared", "own"}) {
+  for (const fmu::ProcessChoice process : {fmu::ProcessChoice::kShared, fmu::ProcessChoice::kOwn}) {
     fmu::LoadOptions options;
     options.process = process;
     Instance instance = fmu::load(fmu::testing::make_fmu(GetParam(), folder_.path()), options);
@@ -188,7 +189,7 @@ TEST_P(ForeignRun, RestoresAStateOfAnEarlierInstantInANewInstance) {
     EXPECT_EQ(fmu::testing::run(instance, 0.3, 0.5, 0.1), StepResult::kDone);
     early.restore(instance.variables, *instance.unit);
     EXPECT_EQ(fmu::testing::run(instance, 0, 0.5, 0.1), StepResult::kDone);
-    EXPECT_NEAR(fmu::testing::real(instance, "x"), 0.5, 1e-12) << process;
+    EXPECT_NEAR(fmu::testing::real(instance, "x"), 0.5, 1e-12) << text::word_of(process, fmu::kProcessWords);
   }
   EXPECT_EQ(count("instantiate"), 4u) << "one more for each process, only for the state of t = 0";
 }

@@ -31,7 +31,7 @@ Build busy() {
   b.connect("i.y", "g.u[3]");
   b.event(0.1, "i.u", "2").event(0.2, "i.u", "-1", 0.3).event(0.3, "m.boolean", "true").event(0.4, "g.gain", "3", 0.1);
   b.record("*").until(2);
-  b.scenario.reports.push_back({"", "signal", "g.y", "", ""});
+  b.scenario.reports.push_back({"", ReportKind::kSignal, "g.y", "", ""});
   b.scenario.comparisons.push_back({"c", "i.y", "a.theta", 8, {}, {}, ""});
   b.scenario.bonds.push_back({"spring", "a.tau", "b.dq", "b.tau", "b.dq", 0, ""});
   return b;
@@ -295,12 +295,12 @@ TEST(Report, ShowsValuesThatARunDidNotReachAsUnknown) {
   for (int i = 0; i < 300; ++i) master.step_tick();
   master.finish();
   std::ostringstream json_text;
-  write_json(json_text, master.summary(), {"interrupted", ""});
+  write_json(json_text, master.summary(), {Outcome::State::kInterrupted, ""});
   const auto json = nlohmann::json::parse(json_text.str());
   EXPECT_EQ(json["state"], "interrupted");
   EXPECT_TRUE(json["comparisons"][0]["segment_rms"][3][0].is_null());
   std::ostringstream table;
-  write_report(table, master.summary(), {"interrupted", ""});
+  write_report(table, master.summary(), {Outcome::State::kInterrupted, ""});
   EXPECT_THAT(table.str(), HasSubstr("test: interrupted at t = 0.3 s; 0.3 s in 300 ticks"));
 }
 

@@ -98,8 +98,9 @@ class Saved : public ::testing::Test {
     b.until(1.0005);
     b.scenario.recording = {{"*", "test.ssd:70"}};
     b.scenario.decimation = 3;
-    b.scenario.reports = {
-        {"", "signal", "r.y", "", ""}, {"e", "energy", "a.tau", "b.dq", ""}, {"d", "difference", "a.theta", "b.q", ""}};
+    b.scenario.reports = {{"", ReportKind::kSignal, "r.y", "", ""},
+                          {"e", ReportKind::kEnergy, "a.tau", "b.dq", ""},
+                          {"d", ReportKind::kDifference, "a.theta", "b.q", ""}};
     b.scenario.comparisons = {{"c", "a.theta", "b.q", 5, {}, {}, ""}};
     b.scenario.bonds = {{"gear", "a.tau", "b.dq", "b.tau", "b.dq", 0, ""}};
     return b.scenario;

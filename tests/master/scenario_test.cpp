@@ -110,12 +110,12 @@ TEST(ForeignSystemStructure, IsFlattenedIntoComponentsWithTheirFiles) {
   EXPECT_EQ(s.components[0].source, "resources/My Controller.fmu");    // %20
   EXPECT_EQ(s.components[2].source, "sub/resources/Chassis.fmu");      // relative to the outer file, like all references
   EXPECT_EQ(s.components[0].type, "application/x-fmu-sharedlibrary");  // the default of the schema
-  EXPECT_EQ(s.components[0].implementation, "CoSimulation");
-  EXPECT_EQ(s.components[1].implementation, "any");
+  EXPECT_EQ(s.components[0].implementation, fmu::InterfaceChoice::kCoSimulation);
+  EXPECT_EQ(s.components[1].implementation, fmu::InterfaceChoice::kAny);
   ASSERT_EQ(s.components[0].connectors.size(), 4U);
   EXPECT_EQ(s.components[0].connectors[3].type, "Enumeration");
   EXPECT_EQ(s.components[0].connectors[2].unit, "mV");
-  EXPECT_EQ(s.components[0].connectors[2].kind, "output");
+  EXPECT_EQ(s.components[0].connectors[2].kind, ConnectorKind::kOutput);
   EXPECT_EQ(s.components[0].place, kVehicle.string() + ":42");
 }
 
@@ -124,7 +124,7 @@ TEST(ForeignSystemStructure, RunsWithDefaults) {
   EXPECT_EQ(s.start, Time{500'000'000});
   EXPECT_EQ(s.stop, Time{2'500'000'000});
   EXPECT_EQ(s.tick, Duration{1'000'000});
-  EXPECT_EQ(s.clock, "free");
+  EXPECT_EQ(s.clock, ClockKind::kFree);
   EXPECT_EQ(s.threads, 0);
   EXPECT_EQ(s.tolerance, 0);
   EXPECT_TRUE(s.ignore_unknown_parameters);
@@ -276,7 +276,7 @@ TEST(Annotation, IsReadCompletely) {
       "<t:Bond name='joint' effortA='a.tau' flowA='a.dq' effortB='b.tau' flowB='b.dq' tolerance='0.5'/>"));
   EXPECT_EQ(s.tick, Duration{250'000});
   EXPECT_EQ(s.stop, Time{2'000'000'000});
-  EXPECT_EQ(s.clock, "real-time");
+  EXPECT_EQ(s.clock, ClockKind::kRealTime);
   EXPECT_EQ(s.threads, 4);
   EXPECT_EQ(s.tolerance, 1e-4);
   EXPECT_TRUE(s.ignore_unknown_parameters);
@@ -300,7 +300,7 @@ TEST(Annotation, IsReadCompletely) {
   EXPECT_EQ(s.comparisons[0].to, Time{1'000'000'000});
   EXPECT_EQ(s.comparisons[1].segments, 8);
   EXPECT_FALSE(s.comparisons[1].from);
-  EXPECT_EQ(s.reports[0].kind, "signal");
+  EXPECT_EQ(s.reports[0].kind, ReportKind::kSignal);
   EXPECT_EQ(s.reports[1].b, "a.dq");
   EXPECT_EQ(s.bonds[0].flow_b, "b.dq");
   EXPECT_EQ(s.bonds[0].tolerance, 0.5);

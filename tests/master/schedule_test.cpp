@@ -83,7 +83,6 @@ TEST(Schedule, RefusesNonsense) {
   EXPECT_THAT(refusal([](Scenario& s) { s.stop = s.start; }), HasSubstr("give --stop"));
   EXPECT_THAT(refusal([](Scenario& s) { s.tick.ns = 0; }), HasSubstr("tick 0 s, expected > 0"));
   EXPECT_THAT(refusal([](Scenario& s) { s.components[0].period = 0; }), HasSubstr("period 0, expected >= 1"));
-  EXPECT_THAT(refusal([](Scenario& s) { s.clock = "sundial"; }), HasSubstr("clock 'sundial'"));
   EXPECT_THAT(refusal([](Scenario& s) { s.components[0].source = "plant.fmu"; }), HasSubstr("test.ssd:10"));
 }
 
