@@ -160,6 +160,16 @@ class Exported {
   std::unordered_map<const void*, std::unique_ptr<Saved>> saved_;
 };
 
+template <class Call>
+void Exported::in_unit(Call call) {
+  try {
+    call();
+  } catch (...) {
+    memory_.state = kFailed;
+    throw;
+  }
+}
+
 /// Runs `body` for `instance` if it is in one of the `allowed` states. Exceptions become kError and a log message that begins
 /// with the function's name.
 template <class Body>

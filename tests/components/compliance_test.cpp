@@ -439,7 +439,8 @@ TEST(Compliance, RefusesParametersWithoutMeaning) {
       c.initialise();
       FAIL() << name;
     } catch (const Error& error) {
-      EXPECT_NE(std::string(error.what()).find(std::string(name) + "[2]: is 0, expected a finite value > 0"), std::string::npos) << error.what();
+      EXPECT_NE(std::string(error.what()).find(std::string(name) + "[2]: is 0, expected a finite value > 0"), std::string::npos)
+          << error.what();
     }
   }
   Controller c;

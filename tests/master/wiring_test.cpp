@@ -134,12 +134,13 @@ TEST(Wiring, RefusesConnectorsThatTheUnitDoesNotHave) {
     b.scenario.components[0].connectors.push_back(connector);
     return error_of([&] { b.load(); });
   };
-  EXPECT_EQ(refusal({"y", "output", "Real", "deg", ""}), "");
-  EXPECT_EQ(refusal({"u[2]", "input", "Real", "", ""}), "");
-  EXPECT_THAT(refusal({"yy", "output", "Real", "", ""}), HasSubstr("test.ssd:7: connector 'a.yy'"));
-  EXPECT_THAT(refusal({"y", "input", "Real", "", ""}), HasSubstr("is of kind 'input'"));
-  EXPECT_THAT(refusal({"y", "output", "Integer", "", ""}), HasSubstr("is Integer, but the variable is real"));
-  EXPECT_THAT(refusal({"y", "output", "Real", "N.m", ""}), HasSubstr("N.m is not a measure of a variable in rad"));
+  EXPECT_EQ(refusal({"y", ConnectorKind::kOutput, "Real", "deg", ""}), "");
+  EXPECT_EQ(refusal({"u[2]", ConnectorKind::kInput, "Real", "", ""}), "");
+  EXPECT_THAT(refusal({"yy", ConnectorKind::kOutput, "Real", "", ""}), HasSubstr("test.ssd:7: connector 'a.yy'"));
+  EXPECT_THAT(refusal({"y", ConnectorKind::kInput, "Real", "", ""}), HasSubstr("is of kind 'input'"));
+  EXPECT_THAT(refusal({"y", ConnectorKind::kOutput, "Integer", "", ""}), HasSubstr("is Integer, but the variable is real"));
+  EXPECT_THAT(refusal({"y", ConnectorKind::kOutput, "Real", "N.m", ""}),
+              HasSubstr("N.m is not a measure of a variable in rad"));
 }
 
 TEST(Wiring, ReportsSettingsThatNoUnitHas) {

@@ -283,7 +283,8 @@ TEST(Xml, DeclaresNoEntities) {
     return std::string("none");
   };
   EXPECT_THAT(error(laughs), ::testing::HasSubstr("m:1: malformed XML: a document type with declarations, expected none"));
-  EXPECT_THAT(error("<!DOCTYPE a SYSTEM 'file:///etc/passwd'><a>&b;</a>"), ::testing::HasSubstr("an entity other than the five"));
+  EXPECT_THAT(error("<!DOCTYPE a SYSTEM 'file:///etc/passwd'><a>&b;</a>"),
+              ::testing::HasSubstr("an entity other than the five"));
   EXPECT_THAT(error("<a>&b;</a>"), ::testing::HasSubstr("an entity other than the five"));
   EXPECT_EQ(xml::parse("<!DOCTYPE a><a>&lt;&#228;</a>", "m").content, "<ä");
   EXPECT_EQ(xml::parse("\n\n<?xml version='1.0'?>\n<a/>", "m").place.text(), "m:4");

@@ -430,7 +430,8 @@ TEST(Urdf, OtherDocumentsAreRefused) {
   EXPECT_EQ(refusal_of("<robot/>"), "arm.urdf:1: <robot> without 'name'");
   EXPECT_EQ(refusal_of("<robot name=\"r\"/>"), "arm.urdf:1: a robot without links");
   EXPECT_THAT(refusal_of("<robot name=\"r\">\n<link></robot>"), StartsWith("arm.urdf:2: not well-formed XML: "));
-  EXPECT_THAT(refusal_of(arm_but("<robot name", "<robot version=\"7.0\" name")), StartsWith("arm.urdf: urdfdom rejects the file: "));
+  EXPECT_THAT(refusal_of(arm_but("<robot name", "<robot version=\"7.0\" name")),
+              StartsWith("arm.urdf: urdfdom rejects the file: "));
   EXPECT_EQ(refusal_of(arm_with("<xacro:include filename=\"x\"/>")),
             "arm.urdf:5: an element of xacro, expected a URDF; run xacro first");
   EXPECT_THROW(load_urdf("no/such/file.urdf"), Error);
