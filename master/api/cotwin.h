@@ -213,17 +213,17 @@ struct TuneOptions {
   std::filesystem::path out;                    ///< folder for the results, made if missing; files there are overwritten
   std::string method = "swarm";                 ///< "swarm", "feasible" or "least-squares"
   std::string friction = "sigmoid";             ///< "none", "coulomb", "sigmoid" or "stribeck"
-  bool motor_torques = true;    ///< true: torques of the motors behind the gears; false: of joint torque sensors
-  bool cross_validate = false;  ///< choose cutoff, load friction and prior weight within the training part
-  double split = 0.7;           ///< share of the data, from the first sample on, to train on, in (0, 1]
-  double cutoff = 0;            ///< low-pass, Hz; 0: chosen from the motion
-  double prior_weight = 1e-3;   ///< pull to the URDF, dimensionless
-  std::uint64_t seed = 1;       ///< equal seeds give equal bits
-  int rounds = 500;             ///< of the swarm, at most
-  int threads = 1;              ///< the result does not depend on them
-  std::string q_columns;        ///< pattern of the position columns, "pos_{}"; "": q1, q2, …
-  std::string dq_columns;       ///< of the velocities, "none" for none; "": dq1, dq2, … where there are any
-  std::string tau_columns;      ///< of the torques; "": tau1, tau2, …
+  bool motor_torques = true;           ///< true: torques of the motors behind the gears; false: of joint torque sensors
+  bool cross_validate = false;         ///< choose cutoff, load friction and prior weight within the training part
+  double split = 0.7;                  ///< share of the data, from the first sample on, to train on, in (0, 1]
+  double cutoff = 0;                   ///< low-pass, Hz; 0: chosen from the motion
+  std::optional<double> prior_weight;  ///< weight of the URDF's parameters, dimensionless; empty: default of `cotwin tune`
+  std::uint64_t seed = 1;              ///< equal seeds give equal bits
+  int rounds = 500;                    ///< of the swarm, at most
+  int threads = 1;                     ///< the result does not depend on them
+  std::string q_columns;               ///< pattern of the position columns, "pos_{}"; "": q1, q2, …
+  std::string dq_columns;              ///< of the velocities, "none" for none; "": dq1, dq2, … where there are any
+  std::string tau_columns;             ///< of the torques; "": tau1, tau2, …
 };
 
 /// A parameter of unit:drive_train.

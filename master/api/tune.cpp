@@ -20,7 +20,7 @@ master::tuning::Settings settings_of(const TuneOptions& options) {
   s.model.motor_inertia = options.motor_torques;
   s.split = options.split;
   s.cutoff = options.cutoff;
-  s.prior_weight = options.prior_weight;
+  if (options.prior_weight) s.prior_weight = *options.prior_weight;
   s.seed = options.seed;
   s.rounds = options.rounds;
   if (!options.q_columns.empty()) s.format.q_columns = options.q_columns;
@@ -40,8 +40,7 @@ TuneResult tune(const TuneOptions& options) {
   if (options.threads < 1) throw Error("threads", "expected at least 1");
   tuning::Settings settings = settings_of(options);
   if (options.cross_validate) {
-    const bool by_default = options.prior_weight == TuneOptions{}.prior_weight;
-    settings = tuning::cross_validate(settings, {options.cutoff == 0, true, by_default}, options.threads, {});
+    settings = tuning::cross_validate(settings, {options.cutoff == 0, true, !options.prior_weight}, options.threads, {});
   }
   const tuning::Data data = tuning::load_data(settings, {});
   std::error_code error;
