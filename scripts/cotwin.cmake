@@ -125,14 +125,18 @@ function(cotwin_unit_table)
 endfunction()
 
 # cotwin_test(name SOURCES … LINK … [THREADS pattern…] [LONG] [SERIAL]): one GoogleTest program; every TEST in it is a CTest test of its own.
-# THREADS: those that match one of the patterns also run under the thread sanitizer. LONG: not run under sanitizers, because shorter tests run
-# the same code there. SERIAL: no other test runs at the same time.
+# THREADS: tests that match one of the patterns also run under the thread sanitizer. LONG: not built with the address sanitizer, because tests that
+# cost less run the same code there: property tests of the units, scenarios, files of others. SERIAL: no other test runs at the same time.
 function(cotwin_test name)
   if(NOT COTWIN_TESTS)
     return()
   endif()
   cmake_parse_arguments(arg "LONG;SERIAL" "" "SOURCES;LINK;THREADS" ${ARGN})
-  if((COTWIN_SANITIZE STREQUAL "thread" AND NOT arg_THREADS) OR (COTWIN_SANITIZE AND arg_LONG))
+  if(COTWIN_SANITIZE STREQUAL "thread")
+    if(NOT arg_THREADS)
+      return()
+    endif()
+  elseif(COTWIN_SANITIZE AND arg_LONG)
     return()
   endif()
   set(filter "")
