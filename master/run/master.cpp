@@ -329,7 +329,7 @@ void Master::Loop::restore(const RunState& run) {
     throw Error(place, "its run had other initial values, expected the same scenario and the same files");
   ByteReader in(as_bytes(run.bytes), place);
   tick_ = control_.restore(in);
-  statistics_.read(in);
+  statistics_.read(in, engine_.schedule.time(0), now());
   next_row_ = in.value<std::int64_t>();
   in.expect_end();
   if (next_row_ <= tick_ || run.recording.has_value() != !recording_.empty()) in.fail("is damaged");

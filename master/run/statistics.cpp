@@ -234,12 +234,13 @@ void Statistics::write(ByteWriter& out) const {
   each_number(*this, [&](const auto& number) { out.value(number); });
 }
 
-void Statistics::read(ByteReader& in) {
+void Statistics::read(ByteReader& in, Time start, Time now) {
   std::size_t numbers = 0;
   each_number(*this, [&](const auto&) { ++numbers; });
   started_ = in.value<std::uint8_t>() != 0;
   if (in.count(sizeof(double)) != numbers) in.fail("has the figures of other signals");
   each_number(*this, [&](auto& number) { number = in.value<std::remove_reference_t<decltype(number)>>(); });
+  if (started_ && (last_ < start || last_ > now)) in.fail("has figures of an impossible time");
 }
 
 std::vector<Tally> Statistics::tallies() const {

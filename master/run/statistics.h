@@ -60,8 +60,8 @@ class Statistics {
   }
   /// Writes the sums so far, for a resumed run.
   void write(ByteWriter& out) const;
-  /// Throws Error for sums of other signals.
-  void read(ByteReader& in);
+  /// Throws Error for sums of other signals, and for a time outside `start` to `now`.
+  void read(ByteReader& in, Time start, Time now);
   bool empty() const { return tallies_.empty() && !more_than_tallies_; }
 
   std::vector<Tally> tallies() const;
