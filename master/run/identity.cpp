@@ -79,6 +79,7 @@ std::uint64_t hash_of(const Scenario& s) {
   text.add(s.name);
   for (const std::int64_t number : {s.start.ns, s.stop.ns, s.tick.ns, std::int64_t{s.decimation}}) text.add(number);
   text.add(s.tolerance);
+  text.add(static_cast<std::int64_t>(s.coupling));
   text.add(static_cast<std::int64_t>(s.ignore_unknown_parameters));
   for (const auto& [name, value] : s.settings) {
     text.add(name);
@@ -128,6 +129,7 @@ std::uint64_t hash_of(const Scenario& s) {
   for (const BondSpec& b : s.bonds) {
     for (const std::string& name : {b.name, b.effort_a, b.flow_a, b.effort_b, b.flow_b}) text.add(name);
     text.add(b.tolerance);
+    text.add(b.reference);
   }
   for (const ReportSpec& r : s.reports) {
     for (const std::string& name : {r.name, r.a, r.b}) text.add(name);

@@ -152,10 +152,11 @@ void read_comparison(const xml::Element& e, Scenario& scenario, const ComponentI
 }
 
 void read_bond(const xml::Element& e, Scenario& scenario, const ComponentIndex& index) {
-  xml::check_attributes(e, {"name", "effortA", "flowA", "effortB", "flowB", "tolerance"});
+  xml::check_attributes(e, {"name", "effortA", "flowA", "effortB", "flowB", "tolerance", "reference"});
   scenario.bonds.push_back({xml::text(e, "name"), variable(e, "effortA", scenario, index),
                             variable(e, "flowA", scenario, index), variable(e, "effortB", scenario, index),
-                            variable(e, "flowB", scenario, index), not_negative(e, "tolerance", 0), e.place});
+                            variable(e, "flowB", scenario, index), not_negative(e, "tolerance", 0), e.place,
+                            not_negative(e, "reference", 1)});
 }
 
 void read_report(const xml::Element& e, Scenario& scenario, const ComponentIndex& index) {
@@ -205,7 +206,7 @@ const xml::Element* find_annotation(const xml::Element& document) {
 }
 
 void read_annotation(const xml::Element& master, Scenario& scenario) {
-  xml::check_attributes(master, {"tick", "stop", "clock", "threads", "tolerance", "unknownParameters"});
+  xml::check_attributes(master, {"tick", "stop", "clock", "threads", "tolerance", "coupling", "unknownParameters"});
   for (const xml::Element& c : master.children) {
     if (c.space != kAnnotationSpace) throw Error(c.place, "'" + c.name + "' of namespace '" + c.space + "' in our annotation");
   }
@@ -216,6 +217,7 @@ void read_annotation(const xml::Element& master, Scenario& scenario) {
   scenario.clock = xml::choice(master, "clock", kClockWords, ClockKind::kFree);
   scenario.threads = bounded(master, "threads", 0, 0, 1024);
   scenario.tolerance = not_negative(master, "tolerance", 0);
+  scenario.coupling = xml::choice(master, "coupling", kCouplingWords, CouplingChoice::kAuto);
   scenario.ignore_unknown_parameters =
       xml::choice<bool>(master, "unknownParameters", {{"error", false}, {"ignore", true}}, false);
 
@@ -306,6 +308,7 @@ std::string unused_of_nested(const xml::Element& annotation, const Scenario& nes
   compare("clock", given("clock"), nested.clock == scenario.clock);
   compare("threads", given("threads"), nested.threads == scenario.threads);
   compare("tolerance", given("tolerance"), nested.tolerance == scenario.tolerance);
+  compare("coupling", given("coupling"), nested.coupling == scenario.coupling);
   compare("unknownParameters", given("unknownParameters"),
           nested.ignore_unknown_parameters == scenario.ignore_unknown_parameters);
   compare("decimation", nested.decimation != 1, nested.decimation == scenario.decimation);

@@ -110,6 +110,7 @@ struct BondSpec {
   std::string effort_b, flow_b;  // the other unit's variables
   double tolerance = 0;          // J; a larger energy error is reported at the end of the run; 0: only recorded
   std::string place;
+  double reference = 1;  // J; energy below which the scenario's tolerance is not relative to the bond's energy
 };
 
 enum class ReportKind : std::uint8_t { kSignal, kDifference, kEnergy };
@@ -131,6 +132,14 @@ enum class ClockKind : std::uint8_t { kFree, kRealTime };
 inline constexpr std::pair<const char*, ClockKind> kClockWords[] = {{"free", ClockKind::kFree},
                                                                     {"real-time", ClockKind::kRealTime}};
 
+/// How units of a loop of connections are stepped together.
+///   explicit  each with the values that the others have sent it before
+///   implicit  with the values at the end of the step, which are solved for
+///   auto      implicit for the loops that need it in ticks of this length, otherwise explicit
+enum class CouplingChoice : std::uint8_t { kAuto, kExplicit, kImplicit };
+inline constexpr std::pair<const char*, CouplingChoice> kCouplingWords[] = {
+    {"auto", CouplingChoice::kAuto}, {"explicit", CouplingChoice::kExplicit}, {"implicit", CouplingChoice::kImplicit}};
+
 struct Scenario {
   std::string name;
   std::filesystem::path file;    // from which it was read
@@ -138,8 +147,9 @@ struct Scenario {
   Time start, stop;              // ssd:DefaultExperiment
   Duration tick{1'000'000};
   ClockKind clock = ClockKind::kFree;
-  int threads = 0;                              // 0: chosen automatically
-  double tolerance = 0;                         // > 0: adaptive communication step (relative)
+  int threads = 0;       // 0: chosen automatically
+  double tolerance = 0;  // > 0: adaptive communication step (relative)
+  CouplingChoice coupling = CouplingChoice::kAuto;
   std::map<std::string, std::string> settings;  // defaults for all units: robot=lwr4
   std::vector<NestedSetting> nested_settings;   // outer ones first; inner ones take precedence
   std::vector<ComponentSpec> components;        // in the order of the file

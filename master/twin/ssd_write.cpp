@@ -195,6 +195,7 @@ class Writer {
         .with("clock", text::word_of(scenario_.clock, kClockWords))
         .with("threads", scenario_.threads)
         .with("tolerance", scenario_.tolerance)
+        .with("coupling", text::word_of(scenario_.coupling, kCouplingWords))
         .with("unknownParameters", scenario_.ignore_unknown_parameters ? "ignore" : "error")
         .open();
     for (const Member& member : members_) {
@@ -244,6 +245,7 @@ class Writer {
           .with("effortB", b.effort_b)
           .with("flowB", b.flow_b)
           .with("tolerance", b.tolerance)
+          .with("reference", b.reference)
           .end();
     }
     close(out_, 3, "cotwin:Master");

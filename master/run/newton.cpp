@@ -1,0 +1,131 @@
+#include "master/run/newton.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace cotwin::master {
+
+namespace {
+
+constexpr double kRounding = 1e-15;
+constexpr double kSingularPivot = 1e-13;  // smallest pivot / largest entry of its matrix I − ∂y/∂x
+constexpr double kLinear = 1e-7;          // error of a step's linear prediction, relative: below it y is taken for linear
+constexpr int kShortenings = 4;           // of a step that increases the residual
+
+}  // namespace
+
+Newton::Newton(Eigen::Index n)
+    : jacobian_(Eigen::MatrixXd::Zero(n, n)),
+      y_(n),
+      last_y_(n),
+      last_x_(n),
+      dx_(n),
+      residual_(n),
+      change_(n),
+      matrix_(n, n),
+      lu_(n) {}
+
+void Newton::find_residual(const Eigen::VectorXd& x, const Eigen::VectorXd& scale) {
+  residual_ = y_ - x;
+  worst_ = 0;
+  for (Eigen::Index i = 0; i < x.size(); ++i) {
+    const double r = std::abs(residual_[i]) / scale[i];
+    if (r <= worst_) continue;
+    worst_ = r;
+    worst_unknown_ = i;
+  }
+}
+
+bool Newton::is_small(const Eigen::VectorXd& x, const Eigen::VectorXd& scale, double tolerance) const {
+  for (Eigen::Index i = 0; i < x.size(); ++i) {
+    double error = tolerance * scale[i];
+    if (known_) error = std::max(error, kRounding * jacobian_.row(i).cwiseAbs().dot(x.cwiseAbs()));
+    if (!(std::abs(residual_[i]) <= error)) return false;
+  }
+  return true;
+}
+
+/// dx = (I − ∂y/∂x)⁻¹ (y − x). Returns false if the matrix has no inverse.
+bool Newton::find_step() {
+  matrix_ = -jacobian_;
+  matrix_.diagonal().array() += 1;
+  const double largest = matrix_.cwiseAbs().maxCoeff();
+  lu_.compute(matrix_);
+  const double pivot = lu_.matrixLU().diagonal().cwiseAbs().minCoeff();
+  if (!std::isfinite(largest) || !(pivot > kSingularPivot * largest)) return false;
+  dx_ = lu_.solve(residual_);
+  return dx_.allFinite();
+}
+
+/// Makes ∂y/∂x · dx = Δy for the last step, with the smallest change of the scaled matrix.
+void Newton::correct_jacobian(const Eigen::VectorXd& scale) {
+  change_ = y_ - last_y_;
+  const double size = change_.cwiseQuotient(scale).norm();
+  change_.noalias() -= jacobian_ * dx_;
+  if (change_.cwiseQuotient(scale).norm() > kLinear * size) nonlinear_ = true;
+  dx_ = dx_.cwiseQuotient(scale);
+  const double square = dx_.squaredNorm();
+  if (square == 0) return;
+  dx_ = dx_.cwiseQuotient(scale) / square;
+  jacobian_.noalias() += change_ * dx_.transpose();
+}
+
+Newton::Outcome Newton::solve(CoupledOutputs& outputs, Eigen::VectorXd& x, const Eigen::VectorXd& scale, const Limits& limits) {
+  iterations_ = linearisations_ = 0;
+  nonlinear_ = false;
+  if (!outputs.evaluate(x, y_)) return Outcome::kStopped;
+  find_residual(x, scale);
+  bool computed_here = false;  // ∂y/∂x belongs to x
+  bool singular = false;
+  bool evaluated = true;  // the last evaluation was at x
+  while (residual_.allFinite()) {
+    if (is_small(x, scale, limits.tolerance)) return Outcome::kConverged;
+    if (iterations_ == limits.iterations) break;
+    ++iterations_;
+    if (!known_ || (singular && !computed_here)) {
+      if (!outputs.linearise(x, y_, jacobian_)) return Outcome::kStopped;
+      ++linearisations_;
+      known_ = computed_here = true;
+    }
+    singular = !find_step();
+    if (singular) {
+      if (computed_here) return Outcome::kSingular;
+      continue;
+    }
+    const double before = worst_;
+    evaluated = true;
+    last_x_ = x;
+    last_y_ = y_;
+    bool made = false;
+    for (int shortening = 0; shortening <= kShortenings && !made; ++shortening, dx_ /= 4) {
+      x = last_x_ + dx_;
+      if (!outputs.evaluate(x, y_)) return Outcome::kStopped;
+      find_residual(x, scale);
+      made = residual_.allFinite() && (worst_ < before || is_small(x, scale, limits.tolerance) || !computed_here);
+      if (made) break;
+    }
+    if (!made) {
+      x = last_x_;  // no shorter step helps: the residual is as small as it gets, or there is no solution in this direction
+      if (!outputs.evaluate(x, y_)) return Outcome::kStopped;
+      find_residual(x, scale);
+      break;
+    }
+    const bool slow = worst_ > kSlow * before;
+    if (slow && !computed_here && worst_ > before) {  // an old matrix that points the wrong way: compute it where it began
+      x = last_x_;
+      y_ = last_y_;
+      find_residual(x, scale);
+      known_ = evaluated = false;
+      continue;
+    }
+    dx_ = x - last_x_;
+    correct_jacobian(scale);
+    if (slow && !computed_here) known_ = false;
+    computed_here = false;
+  }
+  if (residual_.allFinite() && worst_ <= limits.weak && (evaluated || outputs.evaluate(x, y_))) return Outcome::kConverged;
+  known_ = false;
+  return Outcome::kDiverged;
+}
+
+}  // namespace cotwin::master
