@@ -47,6 +47,8 @@ class Unit {
   virtual void restore_memory(const std::string&) {}
   /// False for a unit whose step reaches outside (a bus, a robot) and cannot be taken back.
   virtual bool restorable() const { return true; }
+  /// Whether going back to an earlier state is cheap: false for an FMU that needs a new instance for it.
+  virtual bool goes_back() const { return restorable(); }
   /// The blocks of the unit's analytic Jacobian, if it has one; the list does not change after declare. Blocks that are not
   /// listed are 0: the output does not depend on the input or state at the same instant.
   virtual std::span<const Partial> partials() const { return {}; }

@@ -94,6 +94,7 @@ class ForeignUnit : public Unit, public StagedInitialisation {
   void exit_initialisation() final;
   StepResult step(Time now, Duration h) override;
   bool restorable() const final { return can_restore(interface_, options_); }
+  bool goes_back() const final { return restorable() && options_.rollback; }
   void save_memory(std::string& bytes) final;
   void restore_memory(const std::string& bytes) final;
   const std::vector<std::string>& warnings() const { return variables_.warnings(); }

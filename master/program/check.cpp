@@ -4,6 +4,8 @@
 #include <ostream>
 
 #include "fmu/process/process.h"
+#include "master/run/arrangement.h"
+#include "master/run/bonds.h"
 #include "master/run/events.h"
 #include "master/run/omissions.h"
 #include "master/run/recorder.h"
@@ -41,14 +43,14 @@ class Checker {
     for (const Member& member : members_) {
       for (const std::string& warning : member.instance.warnings) warn(member.name() + ": " + warning);
     }
-    attempt([&] { (void)Schedule(scenario, members_); });
+    attempt([&] { (void)Schedule(scenario, members_, arrange_as_given(members_)); });
     check_connections(scenario);
     Events(scenario, members_, fed_, [&](const Error& error) { add(error.what()); });
     each(scenario, &Scenario::recording, [&](const Scenario& one) { (void)choose_columns(one, members_); });
     const auto statistics = [&](const Scenario& one) { Statistics(one, members_, {}); };
     each(scenario, &Scenario::reports, statistics);
     each(scenario, &Scenario::comparisons, statistics);
-    each(scenario, &Scenario::bonds, statistics);
+    each(scenario, &Scenario::bonds, [&](const Scenario& one) { Bonds(one, members_); });
   }
 
   void check_component(const ComponentSpec& spec, const Scenario& scenario) {

@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 
+#include "models/support/bytes.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -25,30 +26,59 @@ double seconds_between(std::chrono::steady_clock::time_point a, std::chrono::ste
 
 constexpr std::size_t kLongRow = 4;  // values
 
+/// Largest loop gain in a tick (GroupSolver::loop_gain) that is left to explicit steps.
+constexpr double kExplicitGain = 0.1;
+
 bool is_watched(const Variable& v) { return v.kind() == Kind::kReal && (v.role == Role::kOutput || v.role == Role::kState); }
 
 }  // namespace
 
 Engine::Engine(const Scenario& scenario, std::span<Member> members, int threads, bool always_threads)
-    : schedule(scenario, members),
+    : schedule(scenario, members, arrange_as_given(members)),
       links(resolve_links(scenario, members)),
-      wiring(links, schedule),
+      wiring(links, schedule, arrange_as_given(members).group_of),
       events(scenario, members, fed_signals(links)),
+      bonds(scenario, members),
+      scenario_(scenario),
       members_(members),
       threads_(threads),
-      always_threads_(always_threads),
-      results_(schedule.slots.size(), StepResult::kDone),
-      exceptions_(schedule.slots.size()),
-      seconds_(schedule.slots.size()),
-      seconds_sum_(schedule.slots.size()),
-      samples_(schedule.slots.size()) {
-  for (const Stage& stage : schedule.stages) {
+      always_threads_(always_threads) {
+  arrange(arrange_as_given(members));
+}
+
+void Engine::arrange(const Arrangement& arrangement) {
+  arrangement_ = arrangement;
+  schedule = Schedule(scenario_, members_, arrangement);
+  wiring = Wiring(links, schedule, arrangement.group_of);
+  const std::size_t slots = schedule.slots.size();
+  results_.assign(slots, StepResult::kDone);
+  exceptions_.assign(slots, nullptr);
+  seconds_.assign(slots, 0);
+  seconds_sum_.assign(slots, 0);
+  samples_.assign(slots, 0);
+  stages_.clear();
+  solvers_.clear();
+  for (Slot& slot : schedule.slots) slot.metered = bonds.meters(slot.member);
+  for (auto stage = schedule.stages.begin(); stage != schedule.stages.end(); ++stage) {
     StageRun& run = stages_.emplace_back();
-    run.slots = std::span(schedule.slots).subspan(stage.first, stage.last - stage.first);
-    run.copies = wiring.copies(stage.first, stage.last);
-    run.every_tick = stage.every_tick;
-    for (std::size_t i = stage.first; i < stage.last; ++i) run.ramps = run.ramps || wiring.ramped(i);
+    run.slots = std::span(schedule.slots).subspan(stage->first, stage->last - stage->first);
+    const auto always_due = [&](const Slot& slot) { return slot.period == 1 && !(slot.once && scenario_.tolerance > 0); };
+    run.plain = std::ranges::all_of(run.slots, [&](const Slot& slot) { return always_due(slot) && !slot.metered; });
+    run.ends_ramps = std::ranges::any_of(run.slots, [&](const Slot& slot) { return wiring.ramped(index(slot)); });
+    if (stage->group != kNoGroup) {
+      solvers_.push_back(std::make_unique<GroupSolver>(run.slots, members_, links, bonds, scenario_.tolerance));
+      run.solver = solvers_.back().get();
+    }
+    if (stage != schedule.stages.begin() && (stage - 1)->exchange == stage->exchange) continue;
+    std::size_t last = stage->last;
+    for (auto other = stage; other != schedule.stages.end() && other->exchange == stage->exchange; ++other) last = other->last;
+    run.exchanged = std::span(schedule.slots).subspan(stage->first, last - stage->first);
+    run.copies = wiring.copies(stage->first, last);
+    run.every_tick = std::ranges::all_of(run.exchanged, always_due);
+    run.begins_ramps = std::ranges::any_of(run.exchanged, [&](const Slot& slot) { return wiring.ramped(index(slot)); });
   }
+  watched_rows_.clear();
+  watched_values_.clear();
   watch_values();
 }
 
@@ -75,19 +105,116 @@ void Engine::watch_values() {
 }
 
 Initialisation Engine::initialise(Time start) {
-  for (Slot& slot : schedule.slots) {
-    slot.time = start;
-    slot.last_step = {};
-  }
-  if (!workers_) start_workers(threads_, always_threads_);
+  arrange(arrange_as_given(members_));
+  for (Slot& slot : schedule.slots) slot.time = start;
   constexpr int kReadings = 64;
   const auto begin = Clock::now();
   for (int i = 1; i < kReadings; ++i) (void)Clock::now();
   clock_seconds_ = seconds_between(begin, Clock::now()) / kReadings;
-  return initialise_units(members_, schedule, links, wiring, start);
+  Initialisation result = initialise_units(members_, schedule, links, wiring, start);
+  choose_groups(start, result);
+  for (Slot& slot : schedule.slots) slot.time = start;
+  bonds.start();
+  start_workers(threads_, always_threads_);
+  return result;
+}
+
+/// Decides which loops are solved: all (implicit), none (explicit), or those that explicit steps would not follow (auto).
+void Engine::choose_groups(Time start, const Initialisation& initialised) {
+  loops_.clear();
+  solver_of_loop_.clear();
+  const std::vector<std::vector<std::size_t>> groups = coupled_groups(links, members_);
+  const auto is_algebraic = [&](std::size_t m) { return std::ranges::count(initialised.loop, members_[m].name()) > 0; };
+  const auto goes_back = [&](std::size_t m) { return members_[m].instance.unit->goes_back(); };
+  for (const std::vector<std::size_t>& group : groups) {
+    LoopReport& loop = loops_.emplace_back();
+    for (const std::size_t m : group) loop.members += (loop.members.empty() ? "" : ", ") + members_[m].name();
+    loop.algebraic = std::ranges::any_of(group, is_algebraic);
+    loop.solved = scenario_.coupling == CouplingChoice::kImplicit;
+  }
+  if (scenario_.coupling == CouplingChoice::kAuto) {
+    const Duration tick = schedule.tick(0).end - schedule.tick(0).begin;
+    for (std::size_t g = 0; g < groups.size(); ++g) {
+      if (!std::ranges::all_of(groups[g], goes_back)) continue;
+      arrange(arrange_by_flow(links, members_, std::span(groups).subspan(g, 1)));
+      loops_[g].gain = solvers_.front()->loop_gain(start, tick);
+      loops_[g].solved = loops_[g].algebraic || !(loops_[g].gain <= kExplicitGain);
+    }
+  }
+  std::vector<std::vector<std::size_t>> solved;
+  for (std::size_t g = 0; g < groups.size(); ++g) {
+    if (loops_[g].solved) solved.push_back(groups[g]);
+  }
+  const bool by_flow = !solved.empty() || scenario_.tolerance > 0;
+  arrange(by_flow ? arrange_by_flow(links, members_, solved) : arrange_as_given(members_));
+  for (std::size_t g = 0; g < groups.size(); ++g) {
+    const auto is_of_group = [&](const Stage& stage) {
+      return stage.group != kNoGroup && schedule.slots[stage.first].member == groups[g].front();
+    };
+    std::size_t solver = 0;
+    solver_of_loop_.push_back(kNoGroup);
+    for (const Stage& stage : schedule.stages) {
+      if (is_of_group(stage)) solver_of_loop_.back() = solver;
+      if (stage.group != kNoGroup) ++solver;
+    }
+  }
+}
+
+std::vector<LoopReport> Engine::loops() const {
+  std::vector<LoopReport> result = loops_;
+  for (std::size_t g = 0; g < result.size(); ++g) {
+    if (solver_of_loop_[g] != kNoGroup) result[g].counts = solvers_[solver_of_loop_[g]]->counts();
+  }
+  return result;
+}
+
+bool Engine::solves(const Link& link) const {
+  const std::size_t group = arrangement_.group_of[link.from.member];
+  return group != kNoGroup && group == arrangement_.group_of[link.to.member] && is_continuous(link);
+}
+
+void Engine::write_counts(ByteWriter& out) const {
+  for (const auto& solver : solvers_) {
+    const LoopCounts& c = solver->counts();
+    for (const std::int64_t count : {c.steps, c.iterations, c.linearisations, c.evaluations, c.divided}) out.value(count);
+  }
+}
+
+void Engine::read_counts(ByteReader& in) {
+  for (const auto& solver : solvers_) {
+    LoopCounts c;
+    for (std::int64_t* count : {&c.steps, &c.iterations, &c.linearisations, &c.evaluations, &c.divided})
+      *count = in.value<std::int64_t>();
+    solver->set_counts(c);
+  }
+}
+
+std::size_t Engine::coupling_size() const {
+  std::size_t size = bonds.state().size();
+  for (const auto& solver : solvers_) size += solver->state_size();
+  return size;
+}
+
+void Engine::save_coupling(std::vector<double>& numbers) const {
+  numbers.resize(coupling_size());
+  std::span<double> rest = numbers;
+  for (const auto& solver : solvers_) {
+    solver->save(rest);
+    rest = rest.subspan(solver->state_size());
+  }
+  std::ranges::copy(bonds.state(), rest.begin());
+}
+
+void Engine::restore_coupling(std::span<const double> numbers) {
+  for (const auto& solver : solvers_) {
+    solver->restore(numbers);
+    numbers = numbers.subspan(solver->state_size());
+  }
+  bonds.restore(numbers);
 }
 
 void Engine::start_workers(int threads, bool always) {
+  workers_.reset();
   const int cores = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
   std::size_t widest = 0;
   for (const StageRun& stage : stages_) widest = std::max(widest, stage.slots.size());
@@ -138,11 +265,12 @@ std::size_t Engine::step_part(Time begin, Time end) {
   events.apply(begin, end - begin);
   for (StageRun& stage : stages_) {
     exchange(stage);
-    const std::size_t discarded_by = step_stage(stage);
+    const std::size_t discarded_by = stage.solver == nullptr ? step_stage(stage) : solve(stage, begin, end);
     if (discarded_by != kNoSlot) [[unlikely]]
       return discarded_by;
-    if (stage.ramps) end_ramps(stage);
+    if (stage.ends_ramps) end_ramps(stage);
   }
+  if (!bonds.empty()) bonds.end_part(end - begin);
   return kNoSlot;
 }
 
@@ -150,13 +278,13 @@ inline void Engine::exchange(const StageRun& stage) {
   if (stage.every_tick) {
     for (const Wiring::Copy& copy : stage.copies) Wiring::run(copy);
   } else {
-    for (const Slot& slot : stage.slots) {
+    for (const Slot& slot : stage.exchanged) {
       if (due(slot)) wiring.exchange(index(slot));
     }
   }
-  if (!stage.ramps) return;
-  for (const Slot& slot : stage.slots) {
-    if (wiring.ramped(index(slot)) && due(slot)) wiring.begin_ramps(index(slot), target(slot) - slot.time, slot.last_step);
+  if (!stage.begins_ramps) return;
+  for (const Slot& slot : stage.exchanged) {
+    if (wiring.ramped(index(slot)) && due(slot)) wiring.begin_ramps(schedule.slots, index(slot), target(slot));
   }
 }
 
@@ -168,7 +296,7 @@ void Engine::end_ramps(const StageRun& stage) {
 
 inline std::size_t Engine::step_stage(StageRun& stage) {
   if (stage.balance && stage.balance->parallel()) return step_on_threads(stage);
-  const bool all_in_one_part = stage.every_tick && parts_ == 1 && !timed_;
+  const bool all_in_one_part = stage.plain && parts_ == 1 && !timed_;
   return all_in_one_part ? step_in_turn<true>(stage.slots) : step_in_turn<false>(stage.slots);
 }
 
@@ -178,7 +306,7 @@ template <bool kAllInOnePart>
 inline std::size_t Engine::step_in_turn(std::span<Slot> slots) {
   auto slot = slots.begin();
   const auto last = slots.end();
-  const Time end = tick_.end;
+  const Time end = part_end_;
   try {
     for (; slot != last; ++slot) {
       if (!kAllInOnePart && !due(*slot)) continue;
@@ -232,14 +360,37 @@ void Engine::step_on_worker(void* context, std::size_t index_in_stage) {
 
 /// One unit over the tick or its present part, timed where the tick is.
 StepResult Engine::step_due(Slot& slot) {
-  if (!timed_) return step_slot(slot, target(slot));
+  if (!timed_) return slot.metered ? step_metered(slot, target(slot)) : step_slot(slot, target(slot));
   const auto begin = Clock::now();
-  const StepResult result = step_slot(slot, target(slot));
+  const StepResult result = slot.metered ? step_metered(slot, target(slot)) : step_slot(slot, target(slot));
   const std::size_t i = index(slot);
   seconds_[i] = std::max(0.0, seconds_between(begin, Clock::now()) - clock_seconds_);
   seconds_sum_[i] += seconds_[i];
   ++samples_[i];
   return result;
+}
+
+StepResult Engine::step_metered(Slot& slot, Time end) {
+  const Duration h = end - slot.time;
+  bonds.begin(slot.member, h);
+  const StepResult result = step_slot(slot, end);
+  if (result != StepResult::kDiscard) bonds.end(slot.member, h);
+  return result;
+}
+
+/// Steps a solved group.
+std::size_t Engine::solve(StageRun& stage, Time begin, Time end) {
+  const std::size_t first = index(stage.slots.front()), count = stage.slots.size();
+  const std::span<double> seconds = timed_ ? std::span(seconds_).subspan(first, count) : std::span<double>();
+  std::ranges::fill(seconds, 0);
+  const Slot* discarded_by = stage.solver->step(begin, end, seconds);
+  for (std::size_t i = first; i < first + seconds.size(); ++i) {
+    seconds_sum_[i] += seconds_[i];
+    ++samples_[i];
+  }
+  if (discarded_by != nullptr) return index(*discarded_by);
+  if (stage.solver->finished() != nullptr && finished_by_ == kNoSlot) finished_by_ = index(*stage.solver->finished());
+  return kNoSlot;
 }
 
 void Engine::rethrow_named(const Slot& slot, const Error& error) const {

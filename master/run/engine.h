@@ -9,7 +9,10 @@
 #include <span>
 #include <vector>
 
+#include "master/run/arrangement.h"
+#include "master/run/bonds.h"
 #include "master/run/events.h"
+#include "master/run/group_solver.h"
 #include "master/run/initialisation.h"
 #include "master/run/members.h"
 #include "master/run/schedule.h"
@@ -28,7 +31,7 @@ class Engine {
   /// `threads`: upper limit, 0 for the number of cores. `always_threads`: use them even where they are slower (for tests).
   Engine(const Scenario& scenario, std::span<Member> members, int threads, bool always_threads);
 
-  /// Initialises all units consistently and starts the threads that may be needed.
+  /// Initialises all units consistently, decides which loops are solved, and starts the threads that may be needed.
   Initialisation initialise(Time start);
 
   /// Steps every unit that is due in the tick. With `parts` > 1 the interval of each unit is cut into so many steps, with an
@@ -37,10 +40,26 @@ class Engine {
   std::size_t step(const Tick& tick, int parts = 1, bool timed = false) {
     tick_ = tick;
     parts_ = parts;
+    part_end_ = tick.end;
+    last_part_ = true;
     timed_ = timed;
     finished_by_ = kNoSlot;
     const bool measured = timed || tick.index >= next_trial_;
     return measured ? step_measured() : parts == 1 ? step_part(tick.begin, tick.end) : step_in_parts();
+  }
+
+  /// Steps from `begin` to `end` within the tick. Units that cannot be restored step once, over the whole tick, in the first
+  /// part; units with a period in the last one. Returns as step().
+  std::size_t step_between(const Tick& tick, Time begin, Time end, bool timed) {
+    tick_ = tick;
+    parts_ = 1;
+    part_end_ = end;
+    last_part_ = end == tick.end;
+    timed_ = timed;
+    finished_by_ = kNoSlot;
+    const std::size_t discarded_by = step_part(begin, end);
+    if (timed) report_costs();
+    return discarded_by;
   }
 
   /// The slot that asked for an orderly end of the run in the last tick (StepResult::kFinished), or kNoSlot.
@@ -75,10 +94,25 @@ class Engine {
 
   const std::string& name(std::size_t slot) const { return members_[schedule.slots[slot].member].name(); }
 
+  /// Loops of continuous connections. Valid after initialise().
+  std::vector<LoopReport> loops() const;
+  /// Whether a connection is solved for, so that its input is known at the end of the step.
+  bool solves(const Link& link) const;
+
+  /// Numbers of the coupling on which the next step depends, and the energies of the bonds. Their number changes in initialise()
+  /// only.
+  void save_coupling(std::vector<double>& numbers) const;
+  void restore_coupling(std::span<const double> numbers);
+  /// How often the loops were iterated so far, for a resumed run.
+  void write_counts(ByteWriter& out) const;
+  void read_counts(ByteReader& in);
+  std::size_t coupling_size() const;
+
   Schedule schedule;
   std::vector<Link> links;
   Wiring wiring;
   Events events;
+  Bonds bonds;
 
  private:
   using Clock = std::chrono::steady_clock;
@@ -86,9 +120,13 @@ class Engine {
   /// What the engine needs to step a stage.
   struct StageRun {
     std::span<Slot> slots;
-    std::span<const Wiring::Copy> copies;  // into all of its slots
-    bool every_tick = true;                // all of its slots have period 1
-    bool ramps = false;                    // a slot has an input that is followed linearly
+    std::span<const Slot> exchanged;       // slots that get their inputs before this stage; none if they have got them
+    std::span<const Wiring::Copy> copies;  // into all of these
+    bool every_tick = true;                // all of these are due in every tick and part of it
+    bool begins_ramps = false;             // one of these has an input that is followed linearly
+    bool ends_ramps = false;               // one of `slots` has
+    bool plain = true;                     // all of `slots` are due in every tick and part of it, and none is metered
+    GroupSolver* solver = nullptr;         // if the stage is a solved group
     std::unique_ptr<Balance> balance;      // if the stage may be spread over threads
     std::vector<double> unit_seconds;      // per slot, of the timed tick
   };
@@ -99,6 +137,8 @@ class Engine {
     return (std::bit_cast<std::uint64_t>(value) & 0x7ff0'0000'0000'0000u) + 0x0010'0000'0000'0000u;
   }
 
+  void arrange(const Arrangement& arrangement);
+  void choose_groups(Time start, const Initialisation& initialised);
   void watch_values();
   [[noreturn]] void report_non_finite(Time now) const;
   void start_workers(int threads, bool always);
@@ -109,6 +149,7 @@ class Engine {
   void exchange(const StageRun& stage);
   void end_ramps(const StageRun& stage);
   std::size_t step_stage(StageRun& stage);
+  std::size_t solve(StageRun& stage, Time begin, Time end);
   template <bool kAllInOnePart>
   std::size_t step_in_turn(std::span<Slot> slots);
   std::size_t step_on_threads(const StageRun& stage);
@@ -119,6 +160,7 @@ class Engine {
     slot.time = end;
     return result;
   }
+  StepResult step_metered(Slot& slot, Time end);
   StepResult step_due(Slot& slot);
   [[noreturn]] void rethrow_named(const Slot& slot, const Error& error) const;
 
@@ -128,11 +170,21 @@ class Engine {
   void find_next_trial();
 
   std::size_t index(const Slot& slot) const { return static_cast<std::size_t>(&slot - schedule.slots.data()); }
-  bool due(const Slot& slot) const { return schedule.due(slot, tick_.index); }
+  bool due(const Slot& slot) const {
+    return schedule.due(slot, tick_.index) && (slot.once ? slot.time < tick_.end : slot.period == 1 || last_part_);
+  }
   /// Where the present step of the slot ends.
-  Time target(const Slot& slot) const { return parts_ == 1 ? tick_.end : cut(slot.interval_begin, tick_.end, part_, parts_); }
+  Time target(const Slot& slot) const {
+    if (parts_ > 1) return cut(slot.interval_begin, tick_.end, part_, parts_);
+    return slot.once ? tick_.end : part_end_;
+  }
 
+  const Scenario& scenario_;
   std::span<Member> members_;
+  std::vector<std::unique_ptr<GroupSolver>> solvers_;
+  std::vector<LoopReport> loops_;  // counts: see solvers_
+  std::vector<std::size_t> solver_of_loop_;
+  Arrangement arrangement_;
   int threads_;
   bool always_threads_;
   std::vector<StageRun> stages_;
@@ -147,6 +199,8 @@ class Engine {
   // The part of the tick that is being stepped.
   Tick tick_;
   int part_ = 0, parts_ = 1;
+  Time part_end_;
+  bool last_part_ = true;  // of the tick
   bool timed_ = false;
   std::size_t finished_by_ = kNoSlot;
   std::span<Slot> threaded_slots_;              // of the stage on the workers

@@ -134,6 +134,20 @@ void Events::find_next_time() {
   next_time_ = !ramps_.empty() ? Time{Limits::min()} : next_ < changes_.size() ? changes_[next_].time : Time{Limits::max()};
 }
 
+Time Events::next_after(Time now) const {
+  Time next{std::numeric_limits<std::int64_t>::max()};
+  const auto consider_end = [&](const Change& change) {
+    const Time end = change.time + change.ramp;
+    if (end > now) next = std::min(next, end);
+  };
+  for (const Ramp& ramp : ramps_) consider_end(changes_[ramp.change]);
+  for (std::size_t i = next_; i < changes_.size(); ++i) {
+    if (changes_[i].time > now) return std::min(next, changes_[i].time);
+    consider_end(changes_[i]);
+  }
+  return next;
+}
+
 void Events::begin(std::size_t index) {
   const Change& change = changes_[index];
   if (!change.value) {

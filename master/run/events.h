@@ -50,6 +50,9 @@ class Events {
     if (now >= next_time_) apply_due(now, h);
   }
 
+  /// The first time after `now` at which an event happens or a ramp ends; the largest time if there is none.
+  Time next_after(Time now) const;
+
   /// Allocates only the first time.
   void save(State& state) const;
   void restore(const State& state);

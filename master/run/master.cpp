@@ -218,12 +218,6 @@ Master::Loop::Loop(Scenario scenario, MasterOptions options)
       resume_(std::move(options.resume)) {
   const std::string place = scenario_.file.filename().string();
   if (scenario_.decimation < 1) fail(place, "decimation " + std::to_string(scenario_.decimation) + ", expected >= 1 ticks");
-  const Member* const not_restorable = control_.not_restorable();
-  if (scenario_.tolerance > 0 && not_restorable != nullptr) {
-    fail(not_restorable->spec.place,
-         "component '" + not_restorable->name() +
-             "' cannot be restored, as steps to a tolerance need; leave the scenario's tolerance out");
-  }
   if (!options.results.empty() && !columns_.empty()) recording_ = options.results / "signals.csv";
 }
 
@@ -448,16 +442,28 @@ Summary Master::Loop::summary() const {
   s.tallies = statistics_.tallies();
   s.works = statistics_.works();
   s.comparisons = statistics_.comparisons();
-  s.bonds = statistics_.bonds();
+  s.bonds = engine_.bonds.results();
+  s.loops = engine_.loops();
+  s.rejected = control_.rejected();
   for (const Bonded& bond : s.bonds) {
     if (bond.tolerance > 0 && std::abs(bond.leak) > bond.tolerance) {
       s.warnings.push_back("power bond '" + bond.name + "' leaks " + text::to_text(bond.leak, 4) + " J, more than " +
-                           text::to_text(bond.tolerance, 4) + " J: couple its two sides in smaller ticks or in two stages");
+                           text::to_text(bond.tolerance, 4) +
+                           " J: couple its two sides in smaller ticks or with coupling=implicit");
     }
   }
   if (const std::int64_t missed = control_.tolerance_missed(); missed > 0) {
-    s.warnings.push_back("the tolerance was missed in " + std::to_string(missed) + " ticks even at 1/" +
-                         std::to_string(kMostParts) + " of the tick");
+    s.notes.push_back(std::to_string(missed) + " steps of the smallest length missed the tolerance: values jump there");
+  }
+  for (const LoopReport& loop : s.loops) {
+    if (loop.algebraic && !loop.solved) {
+      s.warnings.push_back("the values of " + loop.members +
+                           " depend on one another without delay, and each step uses those of the last one: expected "
+                           "coupling=implicit");
+    }
+  }
+  if (const Member* member = control_.not_restorable(); member != nullptr && scenario_.tolerance > 0) {
+    s.notes.push_back("'" + member->name() + "' cannot be restored: it makes one step in each tick, whatever the tolerance");
   }
   if (recorder_) {
     s.recording = recorder_->file();

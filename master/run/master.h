@@ -8,8 +8,10 @@
 #include <string>
 #include <vector>
 
+#include "master/run/bonds.h"
 #include "master/run/clock.h"
 #include "master/run/initialisation.h"
+#include "master/run/loop_report.h"
 #include "master/run/members.h"
 #include "master/run/recorder.h"
 #include "master/run/statistics.h"
@@ -73,6 +75,8 @@ struct Summary {
   std::vector<std::pair<std::string, std::int64_t>> discarded_by;
   int most_parts = 1;  // largest number of parts of a tick
   double mean_parts = 1;
+  std::int64_t rejected = 0;      // steps that missed the tolerance and were repeated
+  std::vector<LoopReport> loops;  // of continuous connections
 };
 
 class Master {

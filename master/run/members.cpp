@@ -99,7 +99,8 @@ FmuSource fmu_source(const ComponentSpec& spec, const Scenario& scenario) {
   options.instance_name = spec.name;
   options.kind = spec.implementation;
   options.process = spec.process;
-  options.rollback = scenario.tolerance > 0;  // every tick is stepped at least twice
+  // Steps are repeated in each tick.
+  options.rollback = scenario.tolerance > 0 || scenario.coupling == CouplingChoice::kImplicit;
   if (question != std::string::npos) options = fmu::read_query(std::string_view(spec.source).substr(question + 1), options);
   return {scenario.folder / spec.source.substr(0, question), options};
 }

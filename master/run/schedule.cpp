@@ -8,7 +8,7 @@
 
 namespace cotwin::master {
 
-Schedule::Schedule(const Scenario& scenario, std::span<const Member> members)
+Schedule::Schedule(const Scenario& scenario, std::span<const Member> members, const Arrangement& arrangement)
     : start_(scenario.start), stop_(scenario.stop), tick_(scenario.tick) {
   const std::string place = scenario.file.filename().string();
   if (tick_.ns <= 0) fail(place, "tick " + text::to_text(tick_.seconds()) + " s, expected > 0");
@@ -20,17 +20,19 @@ Schedule::Schedule(const Scenario& scenario, std::span<const Member> members)
 
   std::vector<std::size_t> order(members.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(),
-                   [&](std::size_t a, std::size_t b) { return members[a].spec.stage < members[b].spec.stage; });
+  // Units that step explicitly, with group number −1 + 1 = 0, come first in their stage.
+  const auto key = [&](std::size_t m) { return std::pair(arrangement.stage[m], arrangement.group_of[m] + 1); };
+  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return key(a) < key(b); });
   slot_of.resize(members.size());
   for (const std::size_t m : order) {
     const ComponentSpec& spec = members[m].spec;
     if (spec.period < 1)
       fail(spec.place, "component '" + spec.name + "': period " + std::to_string(spec.period) + ", expected >= 1 ticks");
-    const bool opens_stage = slots.empty() || members[slots.back().member].spec.stage != spec.stage;
-    if (opens_stage) stages.push_back({slots.size(), slots.size(), true});
+    const bool opens_stage = slots.empty() || key(slots.back().member) != key(m);
+    if (opens_stage) stages.push_back({slots.size(), slots.size(), arrangement.stage[m], arrangement.group_of[m], true});
     slot_of[m] = slots.size();
     slots.push_back({members[m].instance.unit.get(), m, spec.period, spec.threads, start_, {}, {}});
+    slots.back().once = !members[m].instance.unit->restorable();
     stages.back().last = slots.size();
     stages.back().every_tick = stages.back().every_tick && spec.period == 1;
   }

@@ -12,12 +12,14 @@
 /// no output is ahead of the time at which it is read. In the last tick all units are due and step to the stop time.
 namespace cotwin::master {
 
+inline constexpr std::size_t kNoGroup = static_cast<std::size_t>(-1);
+
 struct Tick {
   std::int64_t index = 0;
   Time begin, end;
 };
 
-/// One unit. Slots are in the order of stepping: by stage, then as in the scenario.
+/// One unit. Slots are in the order of stepping: by stage and group, then as in the scenario.
 struct Slot {
   Unit* unit = nullptr;
   std::size_t member = 0;
@@ -27,18 +29,31 @@ struct Slot {
   Time time;            // end of its last step
   Duration last_step;   // its length; 0 before the first
   Time interval_begin;  // in a tick of several parts: begin of the first part
+
+  bool once = false;     // cannot be restored: steps over whole ticks, also where others make shorter steps
+  bool metered = false;  // has a side of a power bond
 };
 
-/// Slots [first, last) that step between two exchanges.
+/// Slots [first, last) that step one after the other with the same exchange before: the units that step explicitly, or a solved
+/// group.
 struct Stage {
   std::size_t first = 0, last = 0;
+  int exchange = 0;  // stages of equal numbers get their inputs before the first of them steps
+  std::size_t group = kNoGroup;
   bool every_tick = true;  // all of them have period 1
+};
+
+/// Order and groups of the members of a scenario (arrangement.h).
+struct Arrangement {
+  std::vector<int> stage;             // per member; with it, its inputs are exchanged
+  std::vector<std::size_t> group_of;  // per member: its solved group, or kNoGroup
+  std::size_t groups = 0;             // number of solved groups
 };
 
 class Schedule {
  public:
   /// Throws Error for a tick <= 0, a period < 1 or a stop time that is not after the start.
-  Schedule(const Scenario& scenario, std::span<const Member> members);
+  Schedule(const Scenario& scenario, std::span<const Member> members, const Arrangement& arrangement);
 
   /// start + n·tick, at most the stop time.
   Time time(std::int64_t tick) const { return tick < ticks_ ? start_ + tick * tick_ : stop_; }

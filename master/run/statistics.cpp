@@ -5,6 +5,7 @@
 #include <limits>
 #include <type_traits>
 
+#include "master/run/bonds.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -14,14 +15,6 @@ namespace {
 
 constexpr std::size_t kDefaultTallies = 12;  // if the scenario has no report
 constexpr int kMaxSegments = 1000;           // nanoseconds · segments fit into 64 bits for runs of three months
-
-/// Measure of a power: kg.m2/s3, with or without the rad of an angular flow (N.m · rad/s, N · m/s).
-bool is_power(const si::Measure& effort, const si::Measure& flow) {
-  std::array<int, 8> sum{};
-  for (std::size_t i = 0; i < sum.size(); ++i) sum[i] = effort.exponents[i] + flow.exponents[i];
-  sum[7] = 0;
-  return sum == std::array<int, 8>{1, 2, -3, 0, 0, 0, 0, 0} && effort.offset == 0 && flow.offset == 0;
-}
 
 double root_mean(double squares, std::int64_t count) {
   return count > 0 ? std::sqrt(squares / static_cast<double>(count)) : std::numeric_limits<double>::quiet_NaN();
@@ -52,19 +45,7 @@ Statistics::Difference Statistics::make_difference(const Signal& a, const Signal
 }
 
 Statistics::Power Statistics::make_power(const Signal& effort, const Signal& flow, const std::string& place) {
-  if (effort.count != flow.count) {
-    fail(place, effort.name + " * " + flow.name + ": " + std::to_string(effort.count) + " elements of effort, " +
-                    std::to_string(flow.count) + " of flow");
-  }
-  if (effort.variable->si.empty() || flow.variable->si.empty()) {
-    return {effort.reals(), flow.reals(), 1, effort.variable->discrete, 0, 0};  // unknown measures
-  }
-  const si::Measure e = si::parse(effort.variable->si), f = si::parse(flow.variable->si);
-  if (!is_power(e, f)) {
-    fail(place,
-         effort.name + " * " + flow.name + ": " + effort.variable->si + " times " + flow.variable->si + " is not a power");
-  }
-  return {effort.reals(), flow.reals(), e.factor * f.factor, effort.variable->discrete, 0, 0};
+  return {effort.reals(), flow.reals(), power_factor(effort, flow, place), effort.variable->discrete};
 }
 
 Statistics::Statistics(const Scenario& scenario, std::span<const Member> members, std::span<const Column> recorded) {
@@ -103,13 +84,7 @@ Statistics::Statistics(const Scenario& scenario, std::span<const Member> members
     comparisons_.push_back({make_difference(a, &b, spec.name, spec.place), from, to, Sums(a.count),
                             std::vector<Sums>(static_cast<std::size_t>(spec.segments), Sums(a.count))});
   }
-  for (const BondSpec& spec : scenario.bonds) {
-    const auto side = [&](const std::string& effort, const std::string& flow) {
-      return make_power(find_real_signal(members, effort, spec.place), find_real_signal(members, flow, spec.place), spec.place);
-    };
-    bonds_.push_back({spec.name, side(spec.effort_a, spec.flow_a), side(spec.effort_b, spec.flow_b), spec.tolerance});
-  }
-  more_than_tallies_ = !comparisons_.empty() || !works_.empty() || !bonds_.empty();
+  more_than_tallies_ = !comparisons_.empty() || !works_.empty();
 }
 
 void Statistics::add_tally(Difference difference) {
@@ -131,18 +106,6 @@ std::vector<double> Statistics::Sums::rms() const {
   std::vector<double> all;
   for (const Sum& e : elements) all.push_back(root_mean(e.squares, count));
   return all;
-}
-
-double Statistics::Power::now() const {
-  double sum = 0;
-  for (std::size_t i = 0; i < effort.size(); ++i) sum += effort[i] * flow[i];
-  return factor * sum;
-}
-
-void Statistics::Power::add(double h) {
-  const double power = now();
-  energy += 0.5 * h * (last + power);
-  last = power;
 }
 
 Statistics::WorkState::WorkState(std::string name_of, std::string signals, const Power& power)
@@ -173,15 +136,11 @@ void Statistics::WorkState::add(double h) {
 }
 
 void Statistics::sample_others(Time now) {
-  if (!works_.empty() || !bonds_.empty()) {
+  if (!works_.empty()) {
     const double h = started_ ? (now - last_).seconds() : 0;
     started_ = true;
     last_ = now;
     for (WorkState& w : works_) w.add(h);
-    for (BondState& b : bonds_) {
-      b.a.add(h);
-      b.b.add(h);
-    }
   }
   for (ComparisonState& c : comparisons_) {
     if (now < c.from || now > c.to) continue;
@@ -203,10 +162,6 @@ void Statistics::each_number(Self& self, Each each) {
     each(s.count);
     for (auto& e : s.elements) sum(e);
   };
-  const auto power = [&](auto& p) {
-    each(p.last);
-    each(p.energy);
-  };
   each(self.samples_);
   each(self.last_.ns);
   for (auto& t : self.tallied_) sum(t.sum);
@@ -219,10 +174,6 @@ void Statistics::each_number(Self& self, Each each) {
     for (auto& flow : w.last_flow) each(flow);
     each(w.positive);
     each(w.negative);
-  }
-  for (auto& b : self.bonds_) {
-    power(b.a);
-    power(b.b);
   }
 }
 
@@ -280,12 +231,6 @@ std::vector<Compared> Statistics::comparisons() const {
     compared.rms = c.all.rms();
     for (const Sums& s : c.segments) compared.segment_rms.push_back(s.rms());
   }
-  return result;
-}
-
-std::vector<Bonded> Statistics::bonds() const {
-  std::vector<Bonded> result;
-  for (const BondState& b : bonds_) result.push_back({b.name, b.a.energy, b.b.energy, b.a.energy - b.b.energy, b.tolerance});
   return result;
 }
 

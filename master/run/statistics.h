@@ -38,13 +38,6 @@ struct Compared {
   std::vector<double> rms;                       // per element, over all segments
 };
 
-/// Energy that entered a power bond on side a and left it on side b.
-struct Bonded {
-  std::string name;
-  double energy_a = 0, energy_b = 0, leak = 0;  // J; leak = a − b
-  double tolerance = 0;
-};
-
 class Statistics {
  public:
   /// Throws Error at the entry's place for signals that do not exist, are not real, or differ in size or measure.
@@ -67,7 +60,6 @@ class Statistics {
   std::vector<Tally> tallies() const;
   std::vector<Work> works() const;
   std::vector<Compared> comparisons() const;
-  std::vector<Bonded> bonds() const;
 
  private:
   /// a − (factor · b + offset), or a alone.
@@ -111,9 +103,6 @@ class Statistics {
     std::span<const double> effort, flow;
     double factor = 1;  // into SI base measures
     bool held = false;  // the effort is discrete: it had its value at the end of the step all over the step
-    double last = 0, energy = 0;
-    double now() const;
-    void add(double h);
   };
   /// The same by element and sign. The power of an element is linear between two ticks.
   struct WorkState {
@@ -126,12 +115,6 @@ class Statistics {
     std::vector<double> last_effort, last_flow;  // of each element at the last tick
     double positive = 0, negative = 0;
   };
-  struct BondState {
-    std::string name;
-    Power a, b;
-    double tolerance;
-  };
-
   static Difference make_difference(const Signal& a, const Signal* b, std::string name, const std::string& place);
   static Power make_power(const Signal& effort, const Signal& flow, const std::string& place);
 
@@ -148,7 +131,6 @@ class Statistics {
   std::vector<Difference> tallies_;
   std::vector<ComparisonState> comparisons_;
   std::vector<WorkState> works_;
-  std::vector<BondState> bonds_;
   bool started_ = false;
   Time last_;
 };

@@ -15,24 +15,41 @@ namespace {
 constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
 constexpr std::int64_t kCarefulTicks = 64;  // after a discarded one, with a checkpoint each
 
+// Steps to a tolerance. A jump within a step of the shortest length changes an integral over the tick by no more than the
+// tolerance, as part of the jump.
+constexpr double kShortest = 1.0 / 1024;  // of the tick; or the tolerance if that is smaller
+constexpr double kFirst = 0.0073;         // of the tick, for the first step and after an event; no simple fraction, so that a
+                                          // signal with such a period is seen
+constexpr double kDiscardError = 2.56;    // counts for a discarded step: the next one has half its length
+
+/// Length of the next step / length of one with this error.
+double factor(double error) { return std::clamp(0.8 / std::sqrt(std::max(error, 1e-12)), 0.3, 2.0); }
+
 }  // namespace
 
-void Checkpoint::take(std::int64_t tick, std::span<const Member> members, const Schedule& schedule, const Events& events) {
+void Checkpoint::take(std::int64_t tick, std::span<const Member> members, const Engine& engine) {
   tick_ = tick;
   snapshots_.resize(members.size());
-  for (std::size_t m = 0; m < members.size(); ++m) snapshots_[m].take(members[m].variables(), *members[m].instance.unit);
   progress_.clear();
-  for (const Slot& slot : schedule.slots) progress_.push_back({slot.time, slot.last_step});
-  events.save(events_);
+  for (const Slot& slot : engine.schedule.slots) {
+    const Member& member = members[slot.member];
+    if (!slot.once) snapshots_[slot.member].take(member.variables(), *slot.unit);
+    progress_.push_back({slot.time, slot.last_step});
+  }
+  engine.events.save(events_);
+  engine.save_coupling(coupling_);
 }
 
-void Checkpoint::restore(std::span<const Member> members, Schedule& schedule, Events& events) const {
-  for (std::size_t m = 0; m < members.size(); ++m) snapshots_[m].restore(members[m].variables(), *members[m].instance.unit);
+void Checkpoint::restore(std::span<const Member> members, Engine& engine) const {
   for (std::size_t i = 0; i < progress_.size(); ++i) {
-    schedule.slots[i].time = progress_[i].time;
-    schedule.slots[i].last_step = progress_[i].last_step;
+    Slot& slot = engine.schedule.slots[i];
+    if (slot.once) continue;
+    snapshots_[slot.member].restore(members[slot.member].variables(), *slot.unit);
+    slot.time = progress_[i].time;
+    slot.last_step = progress_[i].last_step;
   }
-  events.restore(events_);
+  engine.events.restore(events_);
+  engine.restore_coupling(coupling_);
 }
 
 void Checkpoint::write(ByteWriter& out) const {
@@ -45,9 +62,11 @@ void Checkpoint::write(ByteWriter& out) const {
     out.value(p.last_step.ns);
   }
   events_.write(out);
+  out.list(coupling_);
 }
 
-void Checkpoint::read(ByteReader& in, std::span<const Member> members, const Schedule& schedule, const Events& events) {
+void Checkpoint::read(ByteReader& in, std::span<const Member> members, const Engine& engine) {
+  const Schedule& schedule = engine.schedule;
   tick_ = in.value<std::int64_t>();
   if (tick_ < 0 || tick_ > schedule.ticks()) in.fail("is at tick " + std::to_string(tick_) + " of another run");
   if (in.count(sizeof(std::uint64_t)) != members.size()) in.fail("has the states of other units");
@@ -62,71 +81,38 @@ void Checkpoint::read(ByteReader& in, std::span<const Member> members, const Sch
     progress_.push_back({time, last});
   }
   events_.read(in);
-  if (!events.is_valid(events_)) in.fail("is amid other events");
-}
-
-OutputError::OutputError(std::span<const Member> members, double tolerance) : tolerance_(tolerance) {
-  std::size_t size = 0;
-  for (const Member& member : members) {
-    for (const Variable& v : member.variables()) {
-      if (v.role != Role::kOutput || v.kind() != Kind::kReal) continue;
-      outputs_.push_back({v.reals(), size, kFloor});
-      size += v.size();
-    }
-  }
-  remembered_.resize(size);
-}
-
-void OutputError::remember() {
-  for (const Output& o : outputs_)
-    std::copy(o.values.begin(), o.values.end(), remembered_.begin() + static_cast<std::ptrdiff_t>(o.at));
-}
-
-double OutputError::compare() {
-  double worst = 0;
-  for (Output& o : outputs_) {
-    double difference = 0;
-    for (std::size_t i = 0; i < o.values.size(); ++i) {
-      o.scale = std::max(o.scale, std::abs(o.values[i]));
-      difference = std::max(difference, std::abs(o.values[i] - remembered_[o.at + i]));
-    }
-    worst = std::max(worst, difference / (tolerance_ * o.scale));
-  }
-  return worst;
-}
-
-void OutputError::write(ByteWriter& out) const {
-  out.value(static_cast<std::uint64_t>(outputs_.size()));
-  for (const Output& o : outputs_) out.value(o.scale);
-}
-
-void OutputError::read(ByteReader& in) {
-  if (in.count(sizeof(double)) != outputs_.size()) in.fail("has the scales of other outputs");
-  for (Output& o : outputs_) o.scale = in.value<double>();
+  if (!engine.events.is_valid(events_)) in.fail("is amid other events");
+  if (in.count(sizeof(double)) != engine.coupling_size()) in.fail("has other loops");
+  coupling_.resize(engine.coupling_size());
+  for (double& number : coupling_) number = in.value<double>();
 }
 
 StepControl::StepControl(Engine& engine, std::span<const Member> members, double tolerance, Recall recall)
-    : engine_(engine), members_(members), recall_(std::move(recall)), discarded_by_(members.size()) {
+    : engine_(engine), members_(members), recall_(std::move(recall)), discarded_by_(members.size()), tolerance_(tolerance) {
   const auto found = std::ranges::find_if(members, [](const Member& m) { return !m.instance.unit->restorable(); });
   if (found != members.end()) {
     not_restorable_ = &*found;
     next_checkpoint_ = kNever;
   }
-  if (tolerance > 0) output_error_.emplace(members, tolerance);
+  if (tolerance > 0) input_error_.emplace(engine.links, members, tolerance);
 }
 
 void StepControl::initialise() {
   if (not_restorable_ == nullptr) take_checkpoint(0);
-  if (output_error_) output_error_->remember();
+  if (!input_error_) return;
+  input_error_->start(engine_);
+  step_begin_.take(0, members_, engine_);
+  energies_.assign(engine_.bonds.state().begin(), engine_.bonds.state().end());
+  next_ = {};
 }
 
 void StepControl::take_checkpoint(std::int64_t tick) {
-  checkpoint_.take(tick, members_, engine_.schedule, engine_.events);
+  checkpoint_.take(tick, members_, engine_);
   find_next_checkpoint(tick);
 }
 
 void StepControl::find_next_checkpoint(std::int64_t tick) {
-  const bool every_tick = tick < careful_until_ || output_error_;
+  const bool every_tick = tick < careful_until_ || input_error_;
   next_checkpoint_ = every_tick ? tick + 1 : (tick / kCheckpointEvery + 1) * kCheckpointEvery;
 }
 
@@ -162,31 +148,59 @@ std::size_t StepControl::step_in_parts(const Tick& tick, std::size_t discarded_b
   return discarded_by;
 }
 
-/// Step doubling: the tick in p parts is compared with the tick in 2p, which is kept if they agree within the tolerance;
-/// otherwise p is doubled. Where they agree within an eighth of it, the next tick begins with half the parts.
+/// Length of the next step, so that no short rest is left before the next event or the end of the tick.
+Duration StepControl::length(Duration left) const {
+  if (next_ >= left) return left;
+  return 2 * next_ > left ? Duration{(left.ns + 1) / 2} : next_;
+}
+
+void StepControl::choose_next(Duration made, double error, Duration longest) {
+  const Duration proposed{static_cast<std::int64_t>(factor(error) * static_cast<double>(made.ns))};
+  const bool shortened = made < next_ && proposed >= made;  // for an event or the end of the tick
+  next_ = std::min(shortened ? std::max(next_, proposed) : proposed, longest);
+}
+
+/// Steps of free length that end at the events and at the end of the tick. A step whose error is too large, or that a unit
+/// discards, is repeated with a shorter one.
 std::size_t StepControl::step_to_tolerance(const Tick& tick, bool timed) {
-  std::size_t discarded_by = Engine::kNoSlot;
-  const auto try_parts = [&](int parts, bool timed_try) {
-    discarded_by = engine_.step(tick, parts, timed_try);
-    if (discarded_by != Engine::kNoSlot) count_discard(discarded_by);
-    return discarded_by == Engine::kNoSlot;
+  const Duration whole = tick.end - tick.begin;
+  const auto share = [&](double s) {
+    return Duration{std::max<std::int64_t>(1, std::llround(s * static_cast<double>(whole.ns)))};
   };
-  bool has_coarse = try_parts(parts_, timed);
-  for (;; parts_ *= 2) {
-    if (has_coarse) output_error_->remember();
-    restore_checkpoint();
-    const int finer = 2 * parts_;
-    const bool made = try_parts(finer, false);
-    const double error = made && has_coarse ? output_error_->compare() : std::numeric_limits<double>::infinity();
-    has_coarse = made;
-    if (finer < kMostParts && !(error <= 1)) continue;
-    if (!made) return discarded_by;
-    if (!(error <= 1)) ++tolerance_missed_;
-    parts_sum_ += finer;
-    most_parts_ = std::max(most_parts_, finer);
-    if (error <= 0.125) parts_ = std::max(1, parts_ / 2);
-    return Engine::kNoSlot;
+  const Duration shortest = share(std::min(kShortest, tolerance_)), first = std::max(shortest, share(kFirst));
+  if (next_.ns == 0) next_ = first;
+  int parts = 0;
+  Time now = tick.begin;
+  while (now < tick.end && engine_.finished_by() == Engine::kNoSlot) {
+    const Time event = engine_.events.next_after(now), limit = std::min(tick.end, event);
+    const Duration h = length(limit - now);
+    step_begin_.take(tick.index, members_, engine_);
+    energies_.assign(engine_.bonds.state().begin(), engine_.bonds.state().end());
+    input_error_->begin(h);
+    const std::size_t discarded_by = engine_.step_between(tick, now, now + h, timed);
+    const bool is_discarded = discarded_by != Engine::kNoSlot;
+    if (is_discarded) {
+      count_discard(discarded_by);
+      if (h <= shortest || engine_.schedule.slots[discarded_by].once) return discarded_by;
+    }
+    const double error =
+        is_discarded ? kDiscardError : std::max(input_error_->end(), engine_.bonds.error(energies_, tolerance_));
+    if (is_discarded || (error > 1 && h > shortest)) {
+      ++rejected_;
+      next_ = std::max(shortest, Duration{static_cast<std::int64_t>(factor(error) * static_cast<double>(h.ns))});
+      step_begin_.restore(members_, engine_);
+      continue;
+    }
+    if (error > 1) ++tolerance_missed_;
+    input_error_->accept(h);
+    now = now + h;
+    ++parts;
+    choose_next(h, error, whole);
+    if (now == event) next_ = std::min(next_, first);
   }
+  parts_sum_ += parts;
+  most_parts_ = std::max(most_parts_, parts);
+  return Engine::kNoSlot;
 }
 
 std::int64_t StepControl::discarded() const {
@@ -194,7 +208,7 @@ std::int64_t StepControl::discarded() const {
 }
 
 double StepControl::mean_parts(std::int64_t ticks) const {
-  return output_error_ && ticks > 0 ? static_cast<double>(parts_sum_) / static_cast<double>(ticks) : 1;
+  return input_error_ && ticks > 0 ? static_cast<double>(parts_sum_) / static_cast<double>(ticks) : 1;
 }
 
 void StepControl::write(ByteWriter& out) const {
@@ -202,26 +216,24 @@ void StepControl::write(ByteWriter& out) const {
   out.value(careful_until_);
   out.value(static_cast<std::uint64_t>(discarded_by_.size()));
   for (const std::int64_t count : discarded_by_) out.value(count);
-  out.value(static_cast<std::int32_t>(parts_));
   out.value(static_cast<std::int32_t>(most_parts_));
-  out.value(parts_sum_);
-  out.value(tolerance_missed_);
-  out.value(static_cast<std::uint8_t>(output_error_.has_value()));
-  if (output_error_) output_error_->write(out);
+  for (const std::int64_t number : {next_.ns, parts_sum_, rejected_, tolerance_missed_}) out.value(number);
+  engine_.write_counts(out);
+  out.value(static_cast<std::uint8_t>(input_error_.has_value()));
+  if (input_error_) input_error_->write(out);
 }
 
 std::int64_t StepControl::restore(ByteReader& in) {
-  checkpoint_.read(in, members_, engine_.schedule, engine_.events);
+  checkpoint_.read(in, members_, engine_);
   careful_until_ = in.value<std::int64_t>();
   if (in.count(sizeof(std::int64_t)) != discarded_by_.size()) in.fail("has the states of other units");
   for (std::int64_t& count : discarded_by_) count = in.value<std::int64_t>();
-  parts_ = in.value<std::int32_t>();
   most_parts_ = in.value<std::int32_t>();
-  if (parts_ < 1 || parts_ > kMostParts || most_parts_ < 1) in.fail("is damaged");
-  parts_sum_ = in.value<std::int64_t>();
-  tolerance_missed_ = in.value<std::int64_t>();
-  if ((in.value<std::uint8_t>() != 0) != output_error_.has_value()) in.fail("is of another tolerance");
-  if (output_error_) output_error_->read(in);
+  for (std::int64_t* number : {&next_.ns, &parts_sum_, &rejected_, &tolerance_missed_}) *number = in.value<std::int64_t>();
+  if (most_parts_ < 1 || next_.ns < 0) in.fail("is damaged");
+  engine_.read_counts(in);
+  if ((in.value<std::uint8_t>() != 0) != input_error_.has_value()) in.fail("is of another tolerance");
+  if (input_error_) input_error_->read(in);
   restore_checkpoint();
   find_next_checkpoint(checkpoint_.tick());
   return checkpoint_.tick();

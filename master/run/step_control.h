@@ -6,6 +6,7 @@
 
 #include "components/unit/snapshot.h"
 #include "master/run/engine.h"
+#include "master/run/input_error.h"
 #include "models/support/bytes.h"
 
 /// Repeats ticks that a unit discards or that miss a tolerance: checkpoints, replay, ticks cut into parts.
@@ -19,16 +20,16 @@ inline constexpr std::int64_t kCheckpointEvery = 256;
 /// The state of a whole system at the beginning of a tick.
 class Checkpoint {
  public:
-  /// Allocates only the first time.
-  void take(std::int64_t tick, std::span<const Member> members, const Schedule& schedule, const Events& events);
-  void restore(std::span<const Member> members, Schedule& schedule, Events& events) const;
+  /// Leaves out units that cannot be restored. Allocates only the first time.
+  void take(std::int64_t tick, std::span<const Member> members, const Engine& engine);
+  void restore(std::span<const Member> members, Engine& engine) const;
   /// The tick that was about to begin; −1 before the first take().
   std::int64_t tick() const { return tick_; }
 
   /// Writes bytes that another process can read. They lack a state that a foreign FMU can only keep in itself.
   void write(ByteWriter& out) const;
   /// Throws Error for bytes that are cut short, damaged, or of another scenario.
-  void read(ByteReader& in, std::span<const Member> members, const Schedule& schedule, const Events& events);
+  void read(ByteReader& in, std::span<const Member> members, const Engine& engine);
 
  private:
   struct Progress {
@@ -37,34 +38,9 @@ class Checkpoint {
   };
   std::int64_t tick_ = -1;
   std::vector<Snapshot> snapshots_;
-  std::vector<Progress> progress_;
+  std::vector<Progress> progress_;  // per slot
   Events::State events_;
-};
-
-/// Compares all real outputs of a system after two ways of stepping the same tick.
-class OutputError {
- public:
-  /// `tolerance`: relative to the largest magnitude that an output has had so far, at least kFloor.
-  OutputError(std::span<const Member> members, double tolerance);
-
-  void remember();
-  /// The largest difference between the remembered and the present outputs; 1 is just within the tolerance.
-  double compare();
-
-  void write(ByteWriter& out) const;
-  void read(ByteReader& in);
-
-  static constexpr double kFloor = 1e-3;  // in the output's own SI measure
-
- private:
-  struct Output {
-    std::span<const double> values;
-    std::size_t at;  // of its first element in remembered_
-    double scale;
-  };
-  std::vector<Output> outputs_;
-  std::vector<double> remembered_;
-  double tolerance_;
+  std::vector<double> coupling_;
 };
 
 /// Steps an engine tick by tick, for a run and for a scenario that is one unit (Twin).
@@ -89,11 +65,11 @@ class StepControl {
   /// The first member that cannot be restored; nullptr if all can.
   const Member* not_restorable() const { return not_restorable_; }
 
-  /// Steps the tick, where a unit discards it in 2, 4 … kMostParts parts, with a tolerance in as many as that needs. Returns
-  /// Engine::kNoSlot, or the slot that discarded the smallest parts (the first try where a unit cannot be restored). `timed`:
-  /// see Engine::step. Throws Error where a tick cannot be replayed.
+  /// Steps the tick, where a unit discards it in 2, 4 … kMostParts parts; with a tolerance in steps of free length that end at
+  /// events and at the end of the tick. Returns Engine::kNoSlot, or the slot that discarded the smallest parts (the first try
+  /// where a unit cannot be restored). `timed`: see Engine::step. Throws Error where a tick cannot be replayed.
   std::size_t step(const Tick& tick, bool timed = false) {
-    if (output_error_) return step_to_tolerance(tick, timed);
+    if (input_error_) return step_to_tolerance(tick, timed);
     const std::size_t discarded_by = engine_.step(tick, 1, timed);
     return discarded_by == Engine::kNoSlot ? discarded_by : step_in_parts(tick, discarded_by);
   }
@@ -102,9 +78,10 @@ class StepControl {
   /// Per member.
   const std::vector<std::int64_t>& discarded_by() const { return discarded_by_; }
   int most_parts() const { return most_parts_; }
-  /// Mean number of parts of `ticks` ticks stepped to a tolerance; 1 without one.
+  /// Mean number of steps of `ticks` ticks stepped to a tolerance; 1 without one.
   double mean_parts(std::int64_t ticks) const;
-  /// Ticks that missed the tolerance in kMostParts parts.
+  /// Steps that missed the tolerance and were repeated; steps of the smallest length that were kept nevertheless.
+  std::int64_t rejected() const { return rejected_; }
   std::int64_t tolerance_missed() const { return tolerance_missed_; }
 
   /// Writes the last checkpoint and all counts.
@@ -115,7 +92,9 @@ class StepControl {
  private:
   std::size_t step_in_parts(const Tick& tick, std::size_t discarded_by);
   std::size_t step_to_tolerance(const Tick& tick, bool timed);
-  void restore_checkpoint() { checkpoint_.restore(members_, engine_.schedule, engine_.events); }
+  Duration length(Duration left) const;
+  void choose_next(Duration made, double error, Duration longest);
+  void restore_checkpoint() { checkpoint_.restore(members_, engine_); }
   void replay_until(std::int64_t tick);
   void count_discard(std::size_t slot) { ++discarded_by_[engine_.schedule.slots[slot].member]; }
   void find_next_checkpoint(std::int64_t tick);
@@ -130,9 +109,13 @@ class StepControl {
   std::vector<std::int64_t> discarded_by_;
   int most_parts_ = 1;
 
-  std::optional<OutputError> output_error_;  // with a tolerance
-  int parts_ = 1;                            // of the next tick, with a tolerance
-  std::int64_t parts_sum_ = 0, tolerance_missed_ = 0;
+  // With a tolerance.
+  double tolerance_;
+  std::optional<InputError> input_error_;
+  Checkpoint step_begin_;
+  std::vector<double> energies_;  // of the bonds at the beginning of the step
+  Duration next_{};               // length of the next step; 0: that of a first one
+  std::int64_t parts_sum_ = 0, rejected_ = 0, tolerance_missed_ = 0;
 };
 
 }  // namespace cotwin::master

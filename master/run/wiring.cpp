@@ -6,6 +6,8 @@
 #include <optional>
 #include <unordered_map>
 
+#include "master/run/arrangement.h"
+
 namespace cotwin::master {
 
 namespace {
@@ -148,15 +150,18 @@ std::vector<Link> resolve_links(const Scenario& scenario, std::span<const Member
   return links;
 }
 
-Wiring::Wiring(const std::vector<Link>& links, const Schedule& schedule) {
+Wiring::Wiring(const std::vector<Link>& links, const Schedule& schedule, std::span<const std::size_t> group_of) {
   const std::size_t slots = schedule.slots.size();
-  std::vector<std::size_t> stage_of(slots);
+  std::vector<int> stage_of(slots);
   for (std::size_t s = 0; s < schedule.stages.size(); ++s) {
-    for (std::size_t i = schedule.stages[s].first; i < schedule.stages[s].last; ++i) stage_of[i] = s;
+    for (std::size_t i = schedule.stages[s].first; i < schedule.stages[s].last; ++i) stage_of[i] = schedule.stages[s].exchange;
   }
   std::vector<std::vector<const Link*>> into(slots);
   std::size_t ramped_elements = 0;
   for (const Link& link : links) {
+    const std::size_t group = group_of[link.to.member];
+    const bool solved = group != kNoGroup && group == group_of[link.from.member] && is_continuous(link);
+    if (solved) continue;
     into[schedule.slot_of[link.to.member]].push_back(&link);
     if (!link.initial && !link.to.variable->rate.empty()) ramped_elements += link.to.count;
   }
@@ -169,7 +174,7 @@ Wiring::Wiring(const std::vector<Link>& links, const Schedule& schedule) {
       const std::size_t source = schedule.slot_of[link->from.member];
       const bool earlier_stage = stage_of[source] < stage_of[slot];
       const bool slower_source = schedule.slots[source].period > schedule.slots[slot].period;
-      add(*link, earlier_stage, slower_source);
+      add(*link, source, earlier_stage, slower_source);
     }
   }
   begin_.push_back(copies_.size());
@@ -177,7 +182,7 @@ Wiring::Wiring(const std::vector<Link>& links, const Schedule& schedule) {
   ramp_begin_.push_back(ramps_.size());
 }
 
-void Wiring::add(const Link& link, bool earlier_stage, bool slower_source) {
+void Wiring::add(const Link& link, std::size_t source, bool earlier_stage, bool slower_source) {
   const Variable& to = *link.to.variable;
   if (link.initial) {
     initial_copies_.push_back(make_copy(link));
@@ -190,7 +195,7 @@ void Wiring::add(const Link& link, bool earlier_stage, bool slower_source) {
                                                    : Ramp::kExtrapolate;
     const std::size_t at = targets_.size();
     targets_.resize(at + link.to.count);
-    ramps_.push_back({ramp, static_cast<std::uint32_t>(link.to.count), link.from.reals().data(), link.to.reals().data(),
+    ramps_.push_back({ramp, static_cast<std::uint32_t>(link.to.count), source, link.from.reals().data(), link.to.reals().data(),
                       to.rate.data() + link.to.first, targets_.data() + at, link.factor, link.offset,
                       ramp == Ramp::kExtrapolate && !link.derivative.empty() ? link.derivative.data() : nullptr});
   }
@@ -271,17 +276,26 @@ bool Wiring::differs(const Copy& copy) {
   return false;
 }
 
-void Wiring::begin_ramps(std::size_t slot, Duration h, Duration last) {
+void Wiring::begin_ramps(std::span<const Slot> slots, std::size_t slot, Time end) {
+  const Time begin = slots[slot].time;
+  const double h = (end - begin).seconds(), last = slots[slot].last_step.seconds();
   for (std::size_t k = ramp_begin_[slot]; k < ramp_begin_[slot + 1]; ++k) {
     const RampCopy& r = ramps_[k];
-    const bool interpolate = r.ramp == Ramp::kInterpolate;
-    const double span = interpolate ? h.seconds() : last.seconds();
+    const Time known = slots[r.source].time;  // of the source's value
+    const double span = known > begin ? (known - begin).seconds() : r.ramp == Ramp::kExtrapolate ? last : h;
     const double slope = r.ramp == Ramp::kHold || span == 0 ? 0 : 1 / span;
+    const bool from_here = r.ramp == Ramp::kInterpolate || (r.ramp == Ramp::kExtrapolate && known > begin);
+    const double beyond = known > begin ? (end - known).seconds() : 0;
     for (std::uint32_t i = 0; i < r.count; ++i) {
       const double value = r.factor * r.from[i] + r.offset;
       r.rate[i] = r.derivative != nullptr ? r.factor * r.derivative[i] : (value - r.to[i]) * slope;
       r.target[i] = value;
-      if (!interpolate) r.to[i] = value;
+      if (!from_here) {
+        r.to[i] = value;
+      } else if (beyond != 0) {
+        r.target[i] = value + r.rate[i] * beyond;
+        r.rate[i] = (r.target[i] - r.to[i]) / h;
+      }
     }
   }
 }

@@ -42,7 +42,8 @@ class Wiring {
     double factor, offset;
   };
 
-  Wiring(const std::vector<Link>& links, const Schedule& schedule);
+  /// `group_of`: member → its solved group, or kNoGroup (arrangement.h); continuous connections within a group are left out.
+  Wiring(const std::vector<Link>& links, const Schedule& schedule, std::span<const std::size_t> group_of);
 
   /// Copies into the inputs of the slots [first, last).
   std::span<const Copy> copies(std::size_t first, std::size_t last) const {
@@ -60,11 +61,11 @@ class Wiring {
   }
 
   /// Ramps: inputs that their unit follows linearly over its step (Variable::rate). If the source is in an earlier stage, its
-  /// value at the end of the step is known and the input goes there from the last value. Otherwise the input continues with the
-  /// derivative of the source where one is declared, else with the slope of the last step. It is held if its source is discrete
-  /// or steps less often. `h`: length of the next step; `last`: of the step before, 0 if none.
+  /// value at the end of the step is known and the input goes there from the last value. Otherwise the input continues from the
+  /// last value known with the derivative of the source where one is declared, else with the slope of the last step. It is held
+  /// if its source is discrete or steps less often. `end`: of the next step of the slot, which has made none since slot.time.
   bool ramped(std::size_t slot) const { return ramp_begin_[slot] != ramp_begin_[slot + 1]; }
-  void begin_ramps(std::size_t slot, Duration h, Duration last);
+  void begin_ramps(std::span<const Slot> slots, std::size_t slot, Time end);
   /// Sets the inputs to their values at the end of the step.
   void end_ramps(std::size_t slot);
 
@@ -79,6 +80,7 @@ class Wiring {
   struct RampCopy {
     Ramp ramp;
     std::uint32_t count;
+    std::size_t source;  // slot
     const double* from;
     double* to;
     double* rate;
@@ -91,7 +93,7 @@ class Wiring {
   static bool differs(const Copy& copy);
   static bool update(const Copy& copy);
   static Copy make_copy(const Link& link);
-  void add(const Link& link, bool earlier_stage, bool slower_source);
+  void add(const Link& link, std::size_t source, bool earlier_stage, bool slower_source);
 
   std::vector<Copy> copies_;          // by slot
   std::vector<std::size_t> begin_;    // slot → its first copy; one more at the end

@@ -41,6 +41,7 @@ Variables::Declared declare_as(Role role, Variables& variables, const std::strin
 
 Twin::Twin(Scenario scenario, std::vector<Member> members, const std::set<std::string>& outputs, bool states_leave)
     : scenario_(std::move(scenario)), members_(std::move(members)), outputs_(outputs), states_leave_(states_leave) {
+  scenario_.bonds.clear();
   build_engine();
 }
 
@@ -162,6 +163,9 @@ void Twin::save_memory(std::string& bytes) {
   Events::State events;
   engine_->events.save(events);
   events.write(out);
+  std::vector<double> coupling;
+  engine_->save_coupling(coupling);
+  out.list(coupling);
   for (const Member& member : members_) {
     std::string memory;
     member.instance.unit->save_memory(memory);
@@ -180,8 +184,11 @@ void Twin::restore_memory(const std::string& bytes) {
   Events::State events;
   events.read(in);
   if (!engine_->events.is_valid(events)) in.fail("is damaged: its events are not those of the scenario");
+  const auto coupling = in.list<double>();
+  if (coupling.size() != engine_->coupling_size()) in.fail("is damaged: its loops are not those of the scenario");
   for (const Member& member : members_) member.instance.unit->restore_memory(in.text());
   in.expect_end();
+  engine_->restore_coupling(coupling);
   engine_->events.restore(events);
 }
 

@@ -1,0 +1,87 @@
+#include "master/run/arrangement.h"
+
+#include <algorithm>
+#include <limits>
+#include <map>
+#include <utility>
+
+#include "master/run/initialisation.h"
+
+namespace cotwin::master {
+
+namespace {
+
+using Graph = std::vector<std::vector<std::size_t>>;
+
+template <class Keep>
+Graph graph_of(const std::vector<Link>& links, std::size_t nodes, Keep keep) {
+  Graph edges(nodes);
+  for (const Link& link : links) {
+    if (keep(link)) edges[link.from.member].push_back(link.to.member);
+  }
+  for (std::vector<std::size_t>& targets : edges) {
+    std::sort(targets.begin(), targets.end());
+    targets.erase(std::unique(targets.begin(), targets.end()), targets.end());
+  }
+  return edges;
+}
+
+}  // namespace
+
+bool is_continuous(const Link& link) {
+  return !link.initial && link.to.variable->role == Role::kInput && link.from.variable->kind() == Kind::kReal &&
+         link.to.variable->kind() == Kind::kReal && !link.from.variable->discrete;
+}
+
+std::vector<std::vector<std::size_t>> coupled_groups(const std::vector<Link>& links, std::span<const Member> members) {
+  const auto can_be_solved = [&](std::size_t m) {
+    return members[m].spec.period == 1 && members[m].instance.unit->restorable();
+  };
+  const Graph edges = graph_of(links, members.size(), [&](const Link& link) {
+    return is_continuous(link) && can_be_solved(link.from.member) && can_be_solved(link.to.member);
+  });
+  std::vector<std::vector<std::size_t>> groups;
+  for (std::vector<std::size_t>& component : strong_components(edges)) {
+    const std::size_t first = component.front();
+    if (component.size() > 1 || std::ranges::binary_search(edges[first], first)) groups.push_back(std::move(component));
+  }
+  return groups;
+}
+
+Arrangement arrange_as_given(std::span<const Member> members) {
+  Arrangement result;
+  for (const Member& member : members) result.stage.push_back(member.spec.stage);
+  result.group_of.assign(members.size(), kNoGroup);
+  return result;
+}
+
+Arrangement arrange_by_flow(const std::vector<Link>& links, std::span<const Member> members,
+                            std::span<const std::vector<std::size_t>> solved) {
+  Arrangement result = arrange_as_given(members);
+  result.groups = solved.size();
+  for (std::size_t g = 0; g < solved.size(); ++g) {
+    int first = std::numeric_limits<int>::max();
+    for (const std::size_t m : solved[g]) first = std::min(first, members[m].spec.stage);
+    for (const std::size_t m : solved[g]) {
+      result.group_of[m] = g;
+      result.stage[m] = first;
+    }
+  }
+  const Graph edges = graph_of(links, members.size(), [](const Link& link) { return !link.initial; });
+  std::map<std::pair<std::size_t, int>, int> number;  // place in the flow and stage → new stage, in this order
+  std::vector<std::size_t> place(members.size());
+  std::size_t next = 0;
+  for (const std::vector<std::size_t>& component : strong_components(edges)) {
+    for (const std::size_t m : component) {
+      place[m] = next;
+      number.emplace(std::pair(next, result.stage[m]), 0);
+    }
+    ++next;
+  }
+  int stage = 0;
+  for (auto& [key, value] : number) value = stage++;
+  for (std::size_t m = 0; m < members.size(); ++m) result.stage[m] = number.at({place[m], result.stage[m]});
+  return result;
+}
+
+}  // namespace cotwin::master

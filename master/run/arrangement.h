@@ -1,0 +1,28 @@
+#pragma once
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "master/run/members.h"
+#include "master/run/schedule.h"
+#include "master/run/wiring.h"
+
+/// Loops of connections, and the order in which units are stepped where loops are solved.
+namespace cotwin::master {
+
+/// A connection that can be solved for: from a continuous real output to a real input.
+bool is_continuous(const Link& link);
+
+/// Groups of members that feed one another by continuous connections (strongly connected components), members ascending. A
+/// member with a period, or one that cannot be restored, is in no group: it uses what the others had sent before its step.
+std::vector<std::vector<std::size_t>> coupled_groups(const std::vector<Link>& links, std::span<const Member> members);
+
+/// The stages of the scenario.
+Arrangement arrange_as_given(std::span<const Member> members);
+
+/// The order of the signal flow: a member steps after all that it depends on. Members of a loop keep the order of their stages
+/// among themselves. A solved group steps as one, in the first stage of its members.
+Arrangement arrange_by_flow(const std::vector<Link>& links, std::span<const Member> members,
+                            std::span<const std::vector<std::size_t>> solved);
+
+}  // namespace cotwin::master

@@ -1,0 +1,352 @@
+#include "master/run/group_solver.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+
+#include "master/run/arrangement.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+constexpr double kIncrement = 1e-4;    // of an unknown for the Jacobian, relative to its scale
+constexpr double kSmallScale = 1e-3;   // of an unknown without a nominal value, in its SI measure
+constexpr double kMostRelaxed = 1e-3;  // tolerance of Newton's method / that of the scenario
+constexpr std::int64_t kShort = 16;    // full step / short step, to find inputs that act without delay
+constexpr double kNoDelay = 0.25;      // smallest change in the short step / change in the full step of such an input
+
+/// Largest magnitude of the eigenvalues. Of a large matrix estimated by the growth of its powers.
+double spectral_radius(const Eigen::MatrixXd& a) {
+  constexpr Eigen::Index kExact = 100;
+  constexpr int kPowers = 64;
+  if (a.rows() <= kExact) return a.eigenvalues().cwiseAbs().maxCoeff();
+  Eigen::VectorXd v = Eigen::VectorXd::LinSpaced(a.rows(), 1, 2).normalized();
+  double log_growth = 0;
+  for (int i = 0; i < kPowers; ++i) {
+    v = a * v;
+    const double norm = v.norm();
+    if (norm == 0) return 0;
+    log_growth += std::log(norm);
+    v /= norm;
+  }
+  return std::exp(log_growth / kPowers);
+}
+
+Eigen::Index index(std::size_t i) { return static_cast<Eigen::Index>(i); }
+
+std::size_t number_of_unknowns(std::span<const Slot> slots, const std::vector<Link>& links) {
+  const auto in_group = [&](std::size_t member) {
+    return std::ranges::any_of(slots, [&](const Slot& slot) { return slot.member == member; });
+  };
+  std::map<const double*, bool> seen;
+  for (const Link& link : links) {
+    if (!is_continuous(link) || !in_group(link.from.member) || !in_group(link.to.member)) continue;
+    for (const double& value : link.from.reals()) seen[&value] = true;
+  }
+  return seen.size();
+}
+
+}  // namespace
+
+GroupSolver::GroupSolver(std::span<Slot> slots, std::span<const Member> members, const std::vector<Link>& links, Bonds& bonds,
+                         double tolerance)
+    : slots_(slots), members_(members), bonds_(bonds), units_(slots.size()), newton_(index(number_of_unknowns(slots, links))) {
+  const auto slot_of = [&](std::size_t member) {
+    const auto found = std::ranges::find_if(slots, [&](const Slot& slot) { return slot.member == member; });
+    return static_cast<std::size_t>(found - slots.begin());
+  };
+  for (const Link& link : links) {
+    const std::size_t to = slot_of(link.to.member), from = slot_of(link.from.member);
+    if (to == slots.size() || link.initial) continue;
+    if (from != slots.size() && is_continuous(link)) {
+      add(link, from, to);
+    } else if (!link.to.variable->rate.empty()) {
+      const std::span<double> values = link.to.reals(), rates = link.to.variable->rate.subspan(link.to.first, link.to.count);
+      for (std::size_t i = 0; i < values.size(); ++i) outside_.push_back({&values[i], &rates[i]});
+    }
+  }
+  for (std::size_t i = 0; i < slots.size(); ++i) units_[i].metered = bonds.meters(slots[i].member);
+  limits_.tolerance = std::max(limits_.tolerance, kMostRelaxed * tolerance);
+  const Eigen::Index n = index(unknowns_.size());
+  x_ = first_x_ = probe_ = changed_ = slope_ = Eigen::VectorXd::Zero(n);
+  scale_ = Eigen::VectorXd::Constant(n, kSmallScale);
+}
+
+void GroupSolver::add(const Link& link, std::size_t from, std::size_t to) {
+  const std::span<double> sources = link.from.reals(), targets = link.to.reals();
+  const std::span<double> rate = link.to.variable->rate;
+  for (std::size_t e = 0; e < sources.size(); ++e) {
+    auto known = std::ranges::find_if(unknowns_, [&](const Unknown& u) { return u.value == &sources[e]; });
+    if (known == unknowns_.end()) {
+      units_[from].outputs.push_back(unknowns_.size());
+      unknowns_.push_back({&sources[e], link.derivative.empty() ? nullptr : &link.derivative[e], {}});
+      known = unknowns_.end() - 1;
+    }
+    std::vector<std::size_t>& readers = known->readers;
+    if (!std::ranges::binary_search(readers, to)) readers.insert(std::ranges::upper_bound(readers, to), to);
+    const bool held = rate.empty();
+    units_[to].inputs.push_back({&targets[e], held ? nullptr : &rate[link.to.first + e],
+                                 static_cast<std::size_t>(known - unknowns_.begin()), link.factor, link.offset,
+                                 held ? Way::kEnd : Way::kRamp});
+    ways_chosen_ = ways_chosen_ && !held;
+  }
+}
+
+std::string GroupSolver::names() const {
+  std::string names;
+  for (const Slot& slot : slots_) names += (names.empty() ? "" : ", ") + members_[slot.member].name();
+  return names;
+}
+
+void GroupSolver::restore_slot(std::size_t i) {
+  if (!units_[i].moved) return;
+  const Member& member = members_[slots_[i].member];
+  units_[i].begin.restore(member.variables(), *slots_[i].unit);
+  units_[i].moved = false;
+}
+
+void GroupSolver::restore_all() {
+  for (std::size_t i = 0; i < slots_.size(); ++i) restore_slot(i);
+}
+
+void GroupSolver::set_inputs(PerSlot& unit, const Eigen::VectorXd& x, Duration h) {
+  for (const Input& input : unit.inputs) {
+    const double end = input.at_end(x);
+    switch (input.way) {
+      case Way::kRamp:
+        *input.to = input.begin;
+        *input.rate = (end - input.begin) / h.seconds();
+        break;
+      case Way::kMean:
+        *input.to = 0.5 * (input.begin + end);
+        break;
+      case Way::kEnd:
+        *input.to = end;
+        break;
+    }
+  }
+}
+
+/// Steps a unit from the beginning of the part with the inputs that belong to x. Returns false if it cannot.
+bool GroupSolver::step_slot(std::size_t i, const Eigen::VectorXd& x, Duration h) {
+  PerSlot& unit = units_[i];
+  restore_slot(i);
+  set_inputs(unit, x, h);
+  if (unit.metered) bonds_.begin(slots_[i].member, h);
+  unit.moved = true;
+  ++counts_.evaluations;
+  error_.clear();
+  try {
+    if (seconds_.empty()) {
+      unit.result = slots_[i].unit->step(begin_, h);
+    } else {
+      const auto before = SteadyClock::now();
+      unit.result = slots_[i].unit->step(begin_, h);
+      seconds_[i] += std::chrono::duration<double>(SteadyClock::now() - before).count();
+    }
+  } catch (const Error& error) {
+    error_ = error.what();
+    unit.result = StepResult::kDiscard;
+  }
+  if (unit.result != StepResult::kDiscard) return true;
+  discarded_ = &slots_[i];
+  return false;
+}
+
+bool GroupSolver::evaluate(const Eigen::VectorXd& x, Eigen::VectorXd& y) {
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    if (!step_slot(i, x, h_)) return false;
+    for (const std::size_t k : units_[i].outputs) y[index(k)] = *unknowns_[k].value;
+  }
+  return true;
+}
+
+bool GroupSolver::linearise(const Eigen::VectorXd& x, const Eigen::VectorXd& y, Eigen::MatrixXd& jacobian) {
+  jacobian.setZero();
+  probe_ = x;
+  for (std::size_t j = 0; j < unknowns_.size(); ++j) {
+    probe_[index(j)] += kIncrement * scale_[index(j)];
+    const double increment = probe_[index(j)] - x[index(j)];
+    for (const std::size_t i : unknowns_[j].readers) {
+      if (!step_slot(i, probe_, h_)) return false;
+      for (const std::size_t k : units_[i].outputs)
+        jacobian(index(k), index(j)) = (*unknowns_[k].value - y[index(k)]) / increment;
+      if (!ways_chosen_) choose_ways(x, j, i, jacobian);
+    }
+    probe_[index(j)] = x[index(j)];
+  }
+  ways_chosen_ = true;
+  return true;
+}
+
+/// Compares the change of a unit's outputs after the step with that after a short step. Where it is no smaller, the outputs
+/// depend on the input without delay, or the unit is at rest again within the step.
+void GroupSolver::choose_ways(const Eigen::VectorXd& x, std::size_t unknown, std::size_t slot, Eigen::MatrixXd& jacobian) {
+  PerSlot& unit = units_[slot];
+  const auto concerns = [&](const Input& input) { return input.unknown == unknown && input.way != Way::kRamp; };
+  const Duration h{h_.ns / kShort};
+  if (h.ns == 0 || std::ranges::none_of(unit.inputs, concerns)) return;
+  const Eigen::Index j = index(unknown);
+  const double increment = probe_[j] - x[j];
+  if (!step_slot(slot, probe_, h)) return;
+  for (const std::size_t k : unit.outputs) changed_[index(k)] = *unknowns_[k].value;
+  if (!step_slot(slot, x, h)) return;
+  bool acts = false, without_delay = false;
+  for (const std::size_t k : unit.outputs) {
+    const double full = std::abs(jacobian(index(k), j));
+    const double in_short = std::abs((changed_[index(k)] - *unknowns_[k].value) / increment);
+    acts = acts || full > 0;
+    without_delay = without_delay || in_short > kNoDelay * full;
+  }
+  if (!acts || without_delay) return;
+  for (Input& input : unit.inputs) {
+    if (concerns(input)) input.way = Way::kMean;
+  }
+  for (const std::size_t k : unit.outputs) jacobian(index(k), j) *= 0.5;
+}
+
+void GroupSolver::begin_part(Time begin, Time end) {
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    PerSlot& unit = units_[i];
+    for (Input& input : unit.inputs) input.begin = *input.to;
+    unit.begin.take(members_[slots_[i].member].variables(), *slots_[i].unit);
+    unit.moved = false;
+  }
+  begin_ = begin;
+  h_ = end - begin;
+  for (std::size_t k = 0; k < unknowns_.size(); ++k) {
+    const double slope = unknowns_[k].derivative != nullptr ? *unknowns_[k].derivative : slope_[index(k)];
+    first_x_[index(k)] = *unknowns_[k].value;
+    x_[index(k)] = *unknowns_[k].value + slope * h_.seconds();
+  }
+  scale_ = scale_.cwiseMax(first_x_.cwiseAbs());
+}
+
+Newton::Outcome GroupSolver::step_part(Time begin, Time end) {
+  begin_part(begin, end);
+  discarded_ = nullptr;
+  const Newton::Outcome outcome = newton_.solve(*this, x_, scale_, limits_);
+  counts_.iterations += newton_.iterations();
+  counts_.linearisations += newton_.linearisations();
+  if (outcome == Newton::Outcome::kConverged) {
+    accept(end);
+  } else {
+    restore_all();
+  }
+  return outcome;
+}
+
+void GroupSolver::accept(Time end) {
+  ++counts_.steps;
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    Slot& slot = slots_[i];
+    slot.last_step = h_;
+    slot.time = end;
+    if (units_[i].metered) bonds_.end(slot.member, h_);
+    for (const Input& input : units_[i].inputs) *input.to = input.at_end(x_);
+    if (units_[i].result == StepResult::kFinished && finished_ == nullptr) finished_ = &slot;
+  }
+  slope_ = (x_ - first_x_) / h_.seconds();
+  scale_ = scale_.cwiseMax(x_.cwiseAbs());
+}
+
+const Slot* GroupSolver::step(Time begin, Time end, std::span<double> seconds) {
+  seconds_ = seconds;
+  finished_ = nullptr;
+  for (Outside& outside : outside_) outside.begin = *outside.to;
+  int halvings = std::max(0, halvings_ - 1);
+  Time now = begin;
+  while (now < end) {
+    const Duration part{std::max<std::int64_t>(1, (end - begin).ns >> halvings)};
+    const bool last = 2 * (end - now).ns < 3 * part.ns;
+    const Newton::Outcome outcome = step_part(now, last ? end : now + part);
+    if (outcome == Newton::Outcome::kConverged) {
+      halvings_ = halvings;
+      now = last ? end : now + part;
+      for (const Outside& outside : outside_) *outside.to = outside.begin + *outside.rate * (now - begin).seconds();
+      if (halvings > 0) --halvings;
+      continue;
+    }
+    if (halvings == kMostHalvings || part.ns == 1) {
+      halvings_ = 0;
+      return fail(outcome, now);
+    }
+    ++halvings;
+    ++counts_.divided;
+  }
+  return nullptr;
+}
+
+const Slot* GroupSolver::fail(Newton::Outcome outcome, Time at) const {
+  if (outcome == Newton::Outcome::kStopped) {
+    if (error_.empty()) return discarded_;
+    throw Error(members_[discarded_->member].name() + " at t = " + text::to_text(at.seconds()) + " s", error_);
+  }
+  const std::string place = names() + " at t = " + text::to_text(at.seconds()) + " s";
+  if (outcome == Newton::Outcome::kSingular)
+    throw Error(place, "the values that they exchange have no solution, or more than one: the loop's gain is 1");
+  throw Error(place, "the values that they exchange do not converge even at 1/" + std::to_string(1 << kMostHalvings) +
+                         " of the step (" + text::to_text(newton_.worst(), 3) +
+                         " relative at last): they have no solution, or one that is too far from the last step's");
+}
+
+double GroupSolver::loop_gain(Time now, Duration h) {
+  const LoopCounts counts = counts_;
+  begin_part(now, now + h);
+  double gain = std::numeric_limits<double>::quiet_NaN();
+  Eigen::VectorXd y = x_;
+  Eigen::MatrixXd jacobian(x_.size(), x_.size());
+  if (evaluate(x_, y) && linearise(x_, y, jacobian) && jacobian.allFinite()) gain = spectral_radius(jacobian);
+  restore_all();
+  counts_ = counts;
+  return gain;
+}
+
+std::size_t GroupSolver::state_size() const {
+  const std::size_t n = unknowns_.size();
+  std::size_t inputs = 0;
+  for (const PerSlot& unit : units_) inputs += unit.inputs.size();
+  return n * n + 2 * n + inputs + 3;
+}
+
+void GroupSolver::save(std::span<double> numbers) const {
+  double* to = numbers.data();
+  const auto put_all = [&](const auto& matrix) { to = std::copy_n(matrix.data(), matrix.size(), to); };
+  put_all(newton_.jacobian());
+  put_all(scale_);
+  put_all(slope_);
+  for (const PerSlot& unit : units_) {
+    for (const Input& input : unit.inputs) *to++ = static_cast<double>(input.way);
+  }
+  *to++ = newton_.known() ? 1 : 0;
+  *to++ = ways_chosen_ ? 1 : 0;
+  *to++ = halvings_;
+}
+
+void GroupSolver::restore(std::span<const double> numbers) {
+  const double* from = numbers.data();
+  const auto get_all = [&](auto& matrix) {
+    std::copy_n(from, matrix.size(), matrix.data());
+    from += matrix.size();
+  };
+  get_all(newton_.jacobian());
+  get_all(scale_);
+  get_all(slope_);
+  for (PerSlot& unit : units_) {
+    for (Input& input : unit.inputs) {
+      const double way = *from++;
+      if (input.way != Way::kRamp) input.way = way == static_cast<double>(Way::kMean) ? Way::kMean : Way::kEnd;
+    }
+  }
+  newton_.set_known(*from++ != 0);
+  ways_chosen_ = *from++ != 0;
+  const double halvings = *from++;
+  halvings_ = halvings >= 0 && halvings <= kMostHalvings ? static_cast<int>(halvings) : 0;
+}
+
+}  // namespace cotwin::master

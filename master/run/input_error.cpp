@@ -1,0 +1,82 @@
+#include "master/run/input_error.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "master/run/engine.h"
+
+namespace cotwin::master {
+
+InputError::InputError(const std::vector<Link>& links, std::span<const Member> members, double tolerance)
+    : tolerance_(tolerance) {
+  const auto steps_freely = [&](std::size_t m) {
+    return members[m].spec.period == 1 && members[m].instance.unit->restorable();
+  };
+  std::size_t size = 0;
+  for (const Link& link : links) {
+    if (!is_continuous(link) || !steps_freely(link.from.member) || !steps_freely(link.to.member)) continue;
+    sources_.push_back({&link, link.from.reals(), size, false, kSmall});
+    size += link.from.count;
+  }
+  last_.resize(size);
+  slope_.resize(size);
+  expected_.resize(size);
+}
+
+void InputError::start(const Engine& engine) {
+  std::ranges::fill(slope_, 0);
+  for (Source& s : sources_) {
+    s.linear = engine.solves(*s.link) || !s.link->to.variable->rate.empty();
+    std::ranges::copy(s.values, last_.begin() + static_cast<std::ptrdiff_t>(s.first));
+  }
+}
+
+void InputError::begin(Duration h) {
+  for (const Source& s : sources_) {
+    for (std::size_t i = 0; i < s.values.size(); ++i) {
+      const double slope = !s.linear ? 0 : !s.link->derivative.empty() ? s.link->derivative[i] : slope_[s.first + i];
+      expected_[s.first + i] = s.values[i] + slope * h.seconds();
+    }
+  }
+}
+
+double InputError::end() const {
+  double worst = 0;
+  for (const Source& s : sources_) {
+    double scale = s.scale, difference = 0;
+    for (std::size_t i = 0; i < s.values.size(); ++i) {
+      scale = std::max(scale, std::abs(s.values[i]));
+      difference = std::max(difference, std::abs(s.values[i] - expected_[s.first + i]));
+    }
+    worst = std::max(worst, difference / (tolerance_ * scale));
+  }
+  return worst;
+}
+
+void InputError::accept(Duration h) {
+  for (Source& s : sources_) {
+    for (std::size_t i = 0; i < s.values.size(); ++i) {
+      s.scale = std::max(s.scale, std::abs(s.values[i]));
+      slope_[s.first + i] = (s.values[i] - last_[s.first + i]) / h.seconds();
+      last_[s.first + i] = s.values[i];
+    }
+  }
+}
+
+void InputError::write(ByteWriter& out) const {
+  out.list(last_);
+  out.list(slope_);
+  out.value(static_cast<std::uint64_t>(sources_.size()));
+  for (const Source& s : sources_) out.value(s.scale);
+}
+
+void InputError::read(ByteReader& in) {
+  for (std::vector<double>* list : {&last_, &slope_}) {
+    if (in.count(sizeof(double)) != list->size()) in.fail("has the slopes of other inputs");
+    in.values(std::span<double>(*list));
+  }
+  if (in.count(sizeof(double)) != sources_.size()) in.fail("has the scales of other inputs");
+  for (Source& s : sources_) s.scale = in.value<double>();
+}
+
+}  // namespace cotwin::master
