@@ -1,6 +1,7 @@
 #include "master/run/schedule.h"
 
 #include <algorithm>
+#include <limits>
 #include <numeric>
 
 #include "models/support/error.h"
@@ -16,7 +17,14 @@ Schedule::Schedule(const Scenario& scenario, std::span<const Member> members, co
     fail(place, "the run would stop at " + text::to_text(stop_.seconds()) + " s, expected a stop time after " +
                     text::to_text(start_.seconds()) + " s: give --stop SECONDS");
   }
-  ticks_ = ((stop_ - start_).ns + tick_.ns - 1) / tick_.ns;
+  const std::uint64_t span = static_cast<std::uint64_t>(stop_.ns) - static_cast<std::uint64_t>(start_.ns);
+  constexpr Duration kLongest{std::numeric_limits<std::int64_t>::max()};
+  if (span > static_cast<std::uint64_t>(kLongest.ns)) {
+    fail(place, "the run would last from " + text::to_text(start_.seconds(), 12) + " s to " +
+                    text::to_text(stop_.seconds(), 12) + " s, " + text::to_text(static_cast<double>(span) / 1e9, 12) +
+                    " s, expected at most " + text::to_text(kLongest.seconds(), 12) + " s");
+  }
+  ticks_ = ((stop_ - start_).ns - 1) / tick_.ns + 1;
 
   std::vector<std::size_t> order(members.size());
   std::iota(order.begin(), order.end(), std::size_t{0});

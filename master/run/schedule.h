@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -52,7 +53,8 @@ struct Arrangement {
 
 class Schedule {
  public:
-  /// Throws Error for a tick <= 0, a period < 1 or a stop time that is not after the start.
+  /// Throws Error for a tick <= 0, a period < 1, a stop time that is not after the start, or one that is more than 2⁶³ − 1 ns
+  /// (292 years) after it.
   Schedule(const Scenario& scenario, std::span<const Member> members, const Arrangement& arrangement);
 
   /// start + n·tick, at most the stop time.
@@ -74,9 +76,19 @@ class Schedule {
   std::int64_t ticks_ = 0;
 };
 
-/// The end of part `part` (from 0) of [begin, end] cut into `parts`.
-inline Time cut(Time begin, Time end, int part, int parts) {
-  return part + 1 == parts ? end : begin + Duration{(end - begin).ns / parts * (part + 1)};
+__extension__ typedef __int128 WideInteger;  // for products of nanoseconds
+
+/// The end of part `part` (from 0) of [begin, end] cut into `parts`, rounded down to whole nanoseconds. No part is empty if the
+/// interval has at least as many nanoseconds as parts.
+inline Time cut(Time begin, Time end, std::int64_t part, std::int64_t parts) {
+  return begin + Duration{static_cast<std::int64_t>(WideInteger{(end - begin).ns} * (part + 1) / parts)};
+}
+
+/// The part (from 0) of [begin, end] cut into `parts` in which `t` lies, also where end − begin exceeds a Duration; the last one
+/// at t = end.
+inline std::int64_t part_at(Time begin, Time end, Time t, std::int64_t parts) {
+  const WideInteger since = WideInteger{t.ns} - begin.ns, length = WideInteger{end.ns} - begin.ns;
+  return std::min(parts - 1, static_cast<std::int64_t>(since * parts / length));
 }
 
 }  // namespace cotwin::master

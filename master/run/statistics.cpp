@@ -6,6 +6,7 @@
 #include <type_traits>
 
 #include "master/run/bonds.h"
+#include "master/run/schedule.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -14,7 +15,7 @@ namespace cotwin::master {
 namespace {
 
 constexpr std::size_t kDefaultTallies = 12;  // if the scenario has no report
-constexpr int kMaxSegments = 1000;           // nanoseconds · segments fit into 64 bits for runs of three months
+constexpr int kMaxSegments = 1000;           // of a comparison; each has an RMS in the report
 
 double root_mean(double squares, std::int64_t count) {
   return count > 0 ? std::sqrt(squares / static_cast<double>(count)) : std::numeric_limits<double>::quiet_NaN();
@@ -144,8 +145,7 @@ void Statistics::sample_others(Time now) {
   }
   for (ComparisonState& c : comparisons_) {
     if (now < c.from || now > c.to) continue;
-    const auto segments = static_cast<std::int64_t>(c.segments.size());
-    const std::int64_t segment = std::min(segments - 1, (now - c.from).ns * segments / (c.to - c.from).ns);
+    const std::int64_t segment = part_at(c.from, c.to, now, static_cast<std::int64_t>(c.segments.size()));
     c.all.add(c.difference, now);
     c.segments[static_cast<std::size_t>(segment)].add(c.difference, now);
   }

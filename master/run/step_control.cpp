@@ -25,6 +25,8 @@ constexpr double kDiscardError = 2.56;    // counts for a discarded step: the ne
 /// Length of the next step / length of one with this error.
 double factor(double error) { return std::clamp(0.8 / std::sqrt(std::max(error, 1e-12)), 0.3, 2.0); }
 
+int most_parts_of(const Tick& tick) { return static_cast<int>(std::min<std::int64_t>(kMostParts, (tick.end - tick.begin).ns)); }
+
 }  // namespace
 
 void Checkpoint::take(std::int64_t tick, std::span<const Member> members, const Engine& engine) {
@@ -136,7 +138,7 @@ std::size_t StepControl::step_in_parts(const Tick& tick, std::size_t discarded_b
   count_discard(discarded_by);
   if (not_restorable_) return discarded_by;
   replay_until(tick.index);
-  for (int parts = 2; parts <= kMostParts; parts *= 2) {
+  for (int parts = 2; parts <= most_parts_of(tick); parts *= 2) {
     discarded_by = engine_.step(tick, parts);
     if (discarded_by == Engine::kNoSlot) {
       most_parts_ = std::max(most_parts_, parts);

@@ -12,7 +12,7 @@
 /// Repeats ticks that a unit discards or that miss a tolerance: checkpoints, replay, ticks cut into parts.
 namespace cotwin::master {
 
-inline constexpr int kMostParts = 1024;  // into which a tick is cut
+inline constexpr int kMostParts = 1024;  // into which a tick is cut; fewer where a part would be shorter than 1 ns
 /// Ticks between two checkpoints. A Model Exchange solver restarts where it is saved: a run and the same scenario as one FMU
 /// have the same bits only if both save at the same ticks.
 inline constexpr std::int64_t kCheckpointEvery = 256;

@@ -138,11 +138,12 @@ void Twin::tell(std::vector<std::string>& notes) const {
 }
 
 StepResult Twin::step(Time now, Duration h) {
-  const std::int64_t ticks = (h.ns + scenario_.tick.ns - 1) / scenario_.tick.ns;
-  const Duration part{h.ns / ticks};
+  const std::int64_t ticks = (h.ns - 1) / scenario_.tick.ns + 1;
+  Time begin = now;
   for (std::int64_t i = 0; i < ticks; ++i, ++tick_) {
-    const Time end = i + 1 == ticks ? now + h : now + (i + 1) * part;
-    if (!step_tick(now + i * part, end)) return StepResult::kDiscard;
+    const Time end = cut(now, now + h, i, ticks);
+    if (!step_tick(begin, end)) return StepResult::kDiscard;
+    begin = end;
     if (engine_->finished_by() != Engine::kNoSlot) return StepResult::kFinished;
   }
   return StepResult::kDone;

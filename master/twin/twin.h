@@ -19,7 +19,7 @@ namespace cotwin::master {
 ///   parameter, tunable   as in the components, unless a connection sets them
 ///   state      all others: other outputs, fed inputs, states
 /// The scenario's events happen at their times. A step of a whole number of ticks gives the same bits as a run of the scenario;
-/// any other step is cut into the smallest number of equal ticks that are not longer than the scenario's. Time may start
+/// any other step is cut into the smallest number of ticks that are not longer than the scenario's and differ by at most 1 ns. Time may start
 /// anywhere and has no end. A tick that a component discards is repeated in 2 … 1024 parts, as in a run; if a component cannot
 /// be restored or discards the smallest parts, the step is discarded. If a component asks for the end of the run, its tick is
 /// the last.

@@ -91,6 +91,56 @@ TEST(Schedule, CutsAnIntervalIntoPartsThatMeet) {
   EXPECT_EQ(cut(a, b, 0, 1), b);
   EXPECT_EQ(cut(a, b, 0, 2).ns, 13);
   EXPECT_EQ(cut(a, b, 1, 2), b);
+  // 1023 ns in 1024 parts: the first is empty, all others have 1 ns. In 512 parts: 1 or 2 ns.
+  for (int part = 0; part < 1024; ++part) EXPECT_EQ(cut(Time{}, Time{1023}, part, 1024).ns, part);
+  Time last{-5};
+  for (int part = 0; part < 512; ++part) {
+    const Time end = cut(Time{-5}, Time{1018}, part, 512);
+    EXPECT_GE((end - last).ns, 1);
+    EXPECT_LE((end - last).ns, 2);
+    last = end;
+  }
+  EXPECT_EQ(last.ns, 1018);
+}
+
+TEST(Schedule, CutsTheLongestIntervals) {
+  const Time end{9'000'000'000'000'000'000};
+  EXPECT_EQ(cut(Time{}, end, 2, 4).ns, 6'750'000'000'000'000'000);
+  EXPECT_EQ(cut(Time{}, end, 1023, 1024), end);
+  EXPECT_EQ(cut(Time{}, end, 2'999'999'999'999, 9'000'000'000'000).ns, 3'000'000'000'000'000'000);
+}
+
+TEST(Schedule, FindsThePartInWhichATimeLies) {
+  const Time a{10}, b{17};  // halves [10, 13.5), [13.5, 17]
+  EXPECT_EQ(part_at(a, b, Time{13}, 2), 0);
+  EXPECT_EQ(part_at(a, b, Time{14}, 2), 1);
+  EXPECT_EQ(part_at(a, b, b, 2), 1);
+  EXPECT_EQ(part_at(Time::from_seconds(-9e9), Time::from_seconds(9e9), Time{}, 1000), 500);
+}
+
+/// The number of ticks of a scenario from `start` to `stop`, s.
+std::int64_t ticks_of(double start, double stop, std::int64_t tick_ns) {
+  Build b;
+  b.unit("p", "probe");
+  b.scenario.start = Time::from_seconds(start);
+  b.scenario.stop = Time::from_seconds(stop);
+  b.scenario.tick.ns = tick_ns;
+  const auto members = load_members(b.scenario, ::cotwin::testing::test_types(), {});
+  return Schedule(b.scenario, members).ticks();
+}
+
+TEST(Schedule, CountsTheTicksOfTheLongestRuns) {
+  EXPECT_EQ(ticks_of(0, 9e9, 1), 9'000'000'000'000'000'000);
+  EXPECT_EQ(ticks_of(-9e9, 1, 1'000'000'000), 9'000'000'001);
+  EXPECT_EQ(ticks_of(0, 9.2e9, 9'200'000'000'000'000'001), 1);
+  EXPECT_EQ(ticks_of(0, 9.2e9, 9'199'999'999'999'999'999), 2);
+}
+
+TEST(Schedule, RefusesASpanThatNanosecondsIn64BitsCannotHold) {
+  EXPECT_EQ(error_of([] { ticks_of(-9e9, 9e9, 1'000'000'000); }),
+            "test.ssd: the run would last from -9000000000 s to 9000000000 s, 18000000000 s, expected at most "
+            "9223372036.85 s");
+  EXPECT_THAT(error_of([] { ticks_of(-1e9, 9e9, 1'000'000'000); }), HasSubstr("10000000000 s, expected at most"));
 }
 
 /// Energy after 2 s over energy at the start, of two masses and a spring between them (no friction: 1 is exact).

@@ -119,6 +119,19 @@ TEST(Statistics, ComparesTwoSignalsOverAllAndInSegments) {
   EXPECT_DOUBLE_EQ(c.rms[0], std::sqrt((4 * 1 + 4 * 4) / 11.0));
 }
 
+TEST(Statistics, ComparesInAThousandSegmentsOverThreeHundredYears) {
+  // a − b is 0 until 4.5e9 s, then 3: half of the segments, each of 9e6 s and one sample.
+  Build b;
+  b.unit("a", "gain").unit("b", "gain").event(4.5e9, "a.u", "3").until(9e9);
+  b.scenario.tick = Duration::from_seconds(9e6);
+  b.scenario.comparisons.push_back({"torque", "a.y", "b.y", 1000, {}, {}, ""});
+  const Compared c = run(b).comparisons.at(0);
+  ASSERT_EQ(c.segment_rms.size(), 1000u);
+  EXPECT_EQ(c.segment_rms[500][0], 0);  // the event acts on the tick that begins then
+  EXPECT_EQ(c.segment_rms[501][0], 3);
+  EXPECT_EQ(c.segment_rms[999][0], 3);
+}
+
 TEST(Statistics, AComparisonMayBeginLateAndEndEarly) {
   Build b;
   b.unit("a", "gain").unit("b", "gain").event(0.002, "a.u", "1").event(0.006, "a.u", "-2");

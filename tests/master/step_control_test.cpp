@@ -139,6 +139,58 @@ TEST(StepControl, GivesUpWhenNoPartIsSmallEnough) {
   EXPECT_EQ(error_of([&] { to_the_end(master); }), "'p' discarded its step at t = 0 s even at 1/1024 of the tick");
 }
 
+TEST(StepControl, APartHasAtLeastOneNanosecond) {
+  // 1023 ns in parts of at most 20 ns are 64 parts: 1 of 15 ns and 63 of 16 ns (explicit Euler of ẋ = −50 x).
+  Build b;
+  b.unit("p", "picky").with("longest", 20e-9).unit("n", "probe");
+  b.scenario.tick.ns = 1023;
+  b.scenario.stop.ns = 2 * 1023;
+  Master master = b.load();
+  to_the_end(master);
+  EXPECT_EQ(master.summary().most_parts, 64);
+  EXPECT_EQ(value(master, "n.steps"), 2 * 64);
+  const double per_tick = (1 - 50 * 15e-9) * std::pow(1 - 50 * 16e-9, 63);
+  EXPECT_NEAR(value(master, "p.y"), per_tick * per_tick, 1e-14);
+
+  Build short_ticks;  // of 3 ns: at most two parts, of 1 and 2 ns
+  short_ticks.unit("p", "picky").with("longest", 1.5e-9).unit("n", "probe");
+  short_ticks.scenario.tick.ns = 3;
+  short_ticks.scenario.stop.ns = 6;
+  Master gives_up = short_ticks.load();
+  EXPECT_THAT(error_of([&] { to_the_end(gives_up); }), HasSubstr("'p' discarded its step at t = 0 s"));
+  EXPECT_EQ(value(gives_up, "n.steps"), 0);
+}
+
+TEST(StepControl, AToleranceMakesNoPartOfLessThanANanosecond) {
+  // The loop of ATickIsCutUntilTheToleranceIsKept with a tolerance that is never kept. Ticks of 5, 5, 1 ns are made in at most
+  // 4, 4, 1 parts.
+  Build b;
+  b.unit("i", "integrator").with("start", 1.0).unit("g", "gain").with("gain", -1e6).unit("n", "probe");
+  b.connect("i.y", "g.u").connect("g.y", "i.u").as_it_is();
+  b.scenario.tick.ns = 5;
+  b.scenario.stop.ns = 11;
+  b.scenario.tolerance = 1e-15;
+  Master master = b.load();
+  to_the_end(master);
+  EXPECT_EQ(value(master, "n.steps"), 4 + 4 + 1);
+  EXPECT_EQ(value(master, "n.h"), 1e-9);
+  EXPECT_EQ(master.summary().most_parts, 4);
+}
+
+TEST(StepControl, AScenarioAsOneUnitCutsAStepIntoTicksOfEqualLength) {
+  // 1,999,999 ns in ticks of at most 1000 ns: 2000 ticks of 999 or 1000 ns.
+  Build b;
+  b.unit("n", "probe").unit("p", "picky").with("longest", 1.0001e-6);
+  b.scenario.tick.ns = 1000;
+  Twin twin(b.scenario, load_members(b.scenario, ::cotwin::testing::test_types(), {}), {"n.h", "n.steps", "p.h"});
+  Variables v;
+  twin.declare(v);
+  twin.initialise(Time{});
+  ASSERT_EQ(twin.step(Time{}, Duration{1'999'999}), StepResult::kDone);
+  EXPECT_EQ(v.at("n.steps").integers()[0], 2000);
+  EXPECT_EQ(v.at("n.h").reals()[0], 1e-6);
+}
+
 TEST(StepControl, ATickIsCutUntilTheToleranceIsKept) {
   // A loop of two units in one stage: ẋ = u, u = −30 x one tick late. The exact solution is e^(−30 t); Jacobi's error decreases
   // with the length of the parts.
