@@ -8,9 +8,12 @@ namespace cotwin::master {
 namespace {
 
 constexpr double kRounding = 1e-15;
-constexpr double kSingularPivot = 1e-13;  // smallest pivot / largest entry of its matrix I − ∂y/∂x
+constexpr double kSingularPivot = 1e-10;  // pivot of I − ∂y/∂x / largest entry of its row, at least 1
 constexpr double kLinear = 1e-7;          // error of a step's linear prediction, relative: below it y is taken for linear
+constexpr double kNoise = 1e-9;           // of the same, absolute, in units of scale: may be rounding in the units
+constexpr double kTinyNoise = 1e-13;      // likewise: too small for a correction of ∂y/∂x
 constexpr int kShortenings = 4;           // of a step that increases the residual
+constexpr int kBalancings = 10;           // sweeps over the matrix
 
 }  // namespace
 
@@ -22,6 +25,7 @@ Newton::Newton(Eigen::Index n)
       dx_(n),
       residual_(n),
       change_(n),
+      balance_(n),
       matrix_(n, n),
       lu_(n) {}
 
@@ -45,24 +49,66 @@ bool Newton::is_small(const Eigen::VectorXd& x, const Eigen::VectorXd& scale, do
   return true;
 }
 
-/// dx = (I − ∂y/∂x)⁻¹ (y − x). Returns false if the matrix has no inverse.
+/// dx = (I − ∂y/∂x)⁻¹ (y − x). Returns false if the matrix has no inverse. A small pivot may also be due to unknowns of very
+/// different magnitudes: the matrix is then balanced, and decomposed again.
 bool Newton::find_step() {
   matrix_ = -jacobian_;
   matrix_.diagonal().array() += 1;
-  const double largest = matrix_.cwiseAbs().maxCoeff();
-  lu_.compute(matrix_);
-  const double pivot = lu_.matrixLU().diagonal().cwiseAbs().minCoeff();
-  if (!std::isfinite(largest) || !(pivot > kSingularPivot * largest)) return false;
-  dx_ = lu_.solve(residual_);
+  if (!matrix_.allFinite()) return false;
+  if (decompose()) {
+    dx_ = lu_.solve(residual_);
+    return dx_.allFinite();
+  }
+  balance();
+  if (!decompose()) return false;
+  residual_ = residual_.cwiseQuotient(balance_);
+  dx_ = lu_.solve(residual_).cwiseProduct(balance_);
+  residual_ = residual_.cwiseProduct(balance_);
   return dx_.allFinite();
 }
 
-/// Makes ∂y/∂x · dx = Δy for the last step, with the smallest change of the scaled matrix.
+/// Returns false if a pivot is close to 0.
+bool Newton::decompose() {
+  lu_.compute(matrix_);
+  const auto& row_of = lu_.permutationP().indices();
+  for (Eigen::Index i = 0; i < matrix_.rows(); ++i) {
+    const double pivot = std::abs(lu_.matrixLU()(row_of[i], row_of[i]));
+    if (!(pivot > kSingularPivot * std::max(1.0, matrix_.row(i).cwiseAbs().maxCoeff()))) return false;
+  }
+  return true;
+}
+
+/// matrix ← D⁻¹ · matrix · D with powers of two in D, so that the entries of row i and column i beside the diagonal have similar
+/// magnitudes (Parlett and Reinsch, Numer. Math. 13, 1969).
+void Newton::balance() {
+  balance_.setOnes();
+  bool changed = true;
+  for (int round = 0; round < kBalancings && changed; ++round) {
+    changed = false;
+    for (Eigen::Index i = 0; i < matrix_.rows(); ++i) {
+      const double own = std::abs(matrix_(i, i));
+      const double row = matrix_.row(i).cwiseAbs().sum() - own, column = matrix_.col(i).cwiseAbs().sum() - own;
+      if (!(row > 0) && !(column > 0)) continue;
+      const double wanted = !(column > 0) ? row : !(row > 0) ? 1 / column : std::sqrt(row / column);
+      const double factor = std::exp2(std::round(std::log2(wanted)));
+      if (factor == 1) continue;
+      matrix_.row(i) /= factor;
+      matrix_.col(i) *= factor;
+      balance_[i] *= factor;
+      changed = true;
+    }
+  }
+}
+
+/// Makes ∂y/∂x · dx = Δy for the last step, with the smallest change of the scaled matrix. An error of the prediction that may
+/// be rounding changes nothing.
 void Newton::correct_jacobian(const Eigen::VectorXd& scale) {
   change_ = y_ - last_y_;
   const double size = change_.cwiseQuotient(scale).norm();
   change_.noalias() -= jacobian_ * dx_;
-  if (change_.cwiseQuotient(scale).norm() > kLinear * size) nonlinear_ = true;
+  const double error = change_.cwiseQuotient(scale).norm();
+  if (error > kLinear * size + kNoise) nonlinear_ = true;
+  if (error <= std::max(kLinear * size, kTinyNoise)) return;
   dx_ = dx_.cwiseQuotient(scale);
   const double square = dx_.squaredNorm();
   if (square == 0) return;
@@ -104,19 +150,20 @@ Newton::Outcome Newton::solve(CoupledOutputs& outputs, Eigen::VectorXd& x, const
       made = residual_.allFinite() && (worst_ < before || is_small(x, scale, limits.tolerance) || !computed_here);
       if (made) break;
     }
-    if (!made) {
-      x = last_x_;  // no shorter step helps: the residual is as small as it gets, or there is no solution in this direction
-      if (!outputs.evaluate(x, y_)) return Outcome::kStopped;
-      find_residual(x, scale);
-      break;
-    }
-    const bool slow = worst_ > kSlow * before;
-    if (slow && !computed_here && worst_ > before) {  // an old matrix that points the wrong way: compute it where it began
+    const bool slow = !made || worst_ > kSlow * before;
+    const bool wrong = !made || (worst_ > before && !is_small(x, scale, limits.tolerance));
+    if (wrong && !computed_here) {  // an old matrix that points the wrong way: compute it where it began
       x = last_x_;
       y_ = last_y_;
       find_residual(x, scale);
       known_ = evaluated = false;
       continue;
+    }
+    if (!made) {
+      x = last_x_;  // no shorter step helps: the residual is as small as it gets, or there is no solution in this direction
+      if (!outputs.evaluate(x, y_)) return Outcome::kStopped;
+      find_residual(x, scale);
+      break;
     }
     dx_ = x - last_x_;
     correct_jacobian(scale);

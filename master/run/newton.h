@@ -59,11 +59,13 @@ class Newton {
   void find_residual(const Eigen::VectorXd& x, const Eigen::VectorXd& scale);
   bool is_small(const Eigen::VectorXd& x, const Eigen::VectorXd& scale, double tolerance) const;
   bool find_step();
+  bool decompose();
+  void balance();
   void correct_jacobian(const Eigen::VectorXd& scale);
 
   Eigen::MatrixXd jacobian_;
   bool known_ = false;
-  Eigen::VectorXd y_, last_y_, last_x_, dx_, residual_, change_;
+  Eigen::VectorXd y_, last_y_, last_x_, dx_, residual_, change_, balance_;
   Eigen::MatrixXd matrix_;
   Eigen::PartialPivLU<Eigen::MatrixXd> lu_;
   double worst_ = 0;
