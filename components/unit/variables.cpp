@@ -156,6 +156,16 @@ Variables::Declared& Variables::Declared::essential() {
   return *this;
 }
 
+Variables::Declared& Variables::Declared::nominal(double magnitude) {
+  Variable& variable = list_.list_[index_];
+  if (variable.kind() != Kind::kReal) throw Error(variable.name, "nominal() is only for reals");
+  if (!(magnitude > 0) || !std::isfinite(magnitude)) {
+    throw Error(variable.name, "nominal value " + text::to_text(magnitude) + ", expected a positive and finite number");
+  }
+  variable.nominal = magnitude;
+  return *this;
+}
+
 Variables::Declared& Variables::Declared::derivative_of(std::string name) {
   Variable& variable = list_.list_[index_];
   const Variable* of = list_.find(name);

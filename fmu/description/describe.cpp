@@ -136,6 +136,7 @@ ModelVariable make_variable(const Variable& v, std::size_t first, std::size_t co
   if (v.role != Role::kOutput) out.start = start_of(v, first, count);
   if (v.kind() == Kind::kReal) {
     out.numeric.unit = v.si;
+    if (v.nominal > 0) out.numeric.nominal = v.nominal;
     if (const Quantity* q = quantity_of(v.si)) out.declared_type = q->name;
   }
   if (v.kind() == Kind::kReal || v.kind() == Kind::kInteger) {

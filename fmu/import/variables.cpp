@@ -206,7 +206,12 @@ void ForeignVariables::collect(const ForeignVariablesOptions& options) {
       item.min = std::max(item.min, static_cast<double>(range.min));
       item.max = std::min(item.max, static_cast<double>(range.max));
     }
-    if (item.kind == Kind::kReal && is_float(v.type)) measure(item, numeric, index);
+    if (item.kind == Kind::kReal && is_float(v.type)) {
+      measure(item, numeric, index);
+      // Of other tools' descriptions: the sign has no meaning, and 0 or infinity is no magnitude.
+      const double nominal = std::abs(item.factor * numeric.nominal.value_or(0));
+      item.nominal = std::isfinite(nominal) ? nominal : 0;
+    }
     const bool starts = v.initial == Initial::kExact || v.initial == Initial::kApprox;
     item.settable = v.variability != Variability::kConstant && v.type != Type::kClock &&
                     (item.role == Role::kInput || item.role == Role::kParameter || item.role == Role::kTunable || starts);
@@ -285,6 +290,8 @@ void ForeignVariables::collect_vectors(std::vector<Item>& items) const {
       vector.references.push_back(items[m].references.front());
       if (m == family.members.front()) continue;
       if (!vector.derivative_of.empty()) vector.derivative_of.push_back(items[m].derivative_of.front());
+      // Of different magnitudes the vector has the smallest: a tolerance is then too small for some elements, never too large.
+      if (items[m].nominal > 0 && (vector.nominal == 0 || items[m].nominal < vector.nominal)) vector.nominal = items[m].nominal;
       std::visit(
           [&](auto& list) {
             using List = std::remove_cvref_t<decltype(list)>;
@@ -529,6 +536,7 @@ void ForeignVariables::declare(Variables& variables) {
       };
       Variables::Declared declared = add();
       declared.range(item.min, item.max);
+      if (item.nominal > 0) declared.nominal(item.nominal);
       if (item.role == Role::kOutput && item.settable) declared.start();
       if (item.role == Role::kOutput && item.kind == Kind::kReal && !item.continuous) declared.discrete();
       if (const Item* of = antiderivative(item, first)) declared.derivative_of(of->name);

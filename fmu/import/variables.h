@@ -147,6 +147,7 @@ class ForeignVariables {
     std::size_t size = 0, first = 0;           // number of elements, index of the first in the storage of the kind
     double factor = 1, offset = 0;             // SI value = factor · FMU value + offset
     double min = 0, max = 0;
+    double nominal = 0;                           // in SI; 0: not given
     std::string slope_of;                         // name of the output whose slope this is
     bool continuous = false;                      // variability
     bool settable = false;                        // its start value may be set …

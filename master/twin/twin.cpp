@@ -89,6 +89,7 @@ void Twin::declare(Variables& variables) {
           [&](auto storage) {
             auto declared = declare_as(role, variables, name, storage, v);
             declared.range(v.min, v.max);
+            if (v.nominal > 0) declared.nominal(v.nominal);
             if (role == Role::kOutput && v.has_start) declared.start();
             if (role == Role::kOutput && v.discrete) declared.discrete();
             if (role == Role::kInput || role == Role::kTunable) declare_as(role, outside_, name, storage, v);

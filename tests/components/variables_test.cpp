@@ -70,6 +70,29 @@ TEST(Variables, RefuseAnEssentialOutput) {
   EXPECT_TRUE(v.at("u").essential);
 }
 
+TEST(Variables, HaveANominalValueThatIsAMagnitude) {
+  Members m;
+  Variables v = declare(m);
+  const std::uint64_t before = v.fingerprint();
+  EXPECT_EQ(v.at("tau").nominal, 0);
+  Variables with;
+  with.parameter("K", m.K, "N.m/rad", "joint stiffness").range(0, 10).nominal(5);
+  with.input("q", m.q, "rad", "joint position").rate(m.dq).nominal(0.1);
+  with.tunable("mode", m.mode, "what to do").range(0, 7);
+  with.state("on", m.on, "whether it runs");
+  with.parameter("file", m.file, "name of a file");
+  with.output("tau", m.tau, "N.m", "joint torque").nominal(200);
+  EXPECT_EQ(with.at("tau").nominal, 200);
+  EXPECT_EQ(with.fingerprint(), before);  // snapshots stay readable
+  double x = 0;
+  auto declared = v.output("x", x, "m", "position");
+  for (const double wrong : {0.0, -1.0, double{INFINITY}, double{NAN}}) {
+    EXPECT_THAT([&] { declared.nominal(wrong); }, ThrowsMessage<Error>(HasSubstr("expected a positive and finite number")));
+  }
+  EXPECT_EQ(v.at("x").nominal, 0);
+  EXPECT_THAT([&] { v.output("word", m.file, "a text").nominal(1); }, ThrowsMessage<Error>(HasSubstr("only for reals")));
+}
+
 TEST(Variables, SuggestTheClosestNameForAMisspeltOne) {
   Members m;
   const Variables v = declare(m);

@@ -2,9 +2,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
+#include <map>
 #include <sstream>
 
+#include "components/unit/unit_table.h"
 #include "fmu/check/check.h"
+#include "fmu/description/describe.h"
 #include "fmu/description/read.h"
 #include "fmu/import/variables.h"
 #include "models/support/error.h"
@@ -204,6 +208,84 @@ TEST(ForeignUnits, AreReadByDefinitionThenByNameAndOtherwiseKept) {
   EXPECT_EQ(value("h"), 5);
   EXPECT_EQ(v.at("i").si, "N.m");
   EXPECT_THAT(foreign.warnings(), ElementsAre(HasSubstr("unit 'foo'")));
+}
+
+std::map<std::string, double> nominals_of(const ModelDescription& d) {
+  ForeignVariables foreign(d, {});
+  Variables v;
+  foreign.declare(v);
+  std::map<std::string, double> found;
+  for (const Variable& variable : v) found[variable.name] = variable.nominal;
+  return found;
+}
+
+TEST(ForeignNominals, AreMagnitudesInSi) {
+  const auto real = [](const char* attributes) { return "<Real start='1' " + std::string(attributes) + "/>"; };
+  const auto two = nominals_of(parse(
+      replaced(fmi2(scalar("a", 1, real("unit='mm' nominal='20'")) + scalar("b", 2, real("declaredType='T'")) +
+                    scalar("c", 3, real("declaredType='T' nominal='2'")) + scalar("d", 4, real("unit='degC' nominal='20'")) +
+                    scalar("e", 5, real("nominal='-3'")) + scalar("f", 6, real("nominal='0'")) +
+                    scalar("g", 7, real("nominal='INF'")) + scalar("h", 8, real("")) + scalar("i", 9, "<Integer start='1'/>")),
+               "<ModelVariables>",
+               "<UnitDefinitions><Unit name='smoot'><BaseUnit m='1' factor='-1.702'/></Unit></UnitDefinitions>"
+               "<TypeDefinitions><SimpleType name='T'><Real unit='smoot' nominal='10'/></SimpleType></TypeDefinitions>"
+               "<ModelVariables>")));
+  EXPECT_DOUBLE_EQ(two.at("a"), 0.02);
+  EXPECT_DOUBLE_EQ(two.at("b"), 17.02);
+  EXPECT_DOUBLE_EQ(two.at("c"), 3.404);
+  EXPECT_DOUBLE_EQ(two.at("d"), 20);  // of a difference in K
+  EXPECT_EQ(two.at("e"), 3);
+  for (const char* none : {"f", "g", "h", "i"}) EXPECT_EQ(two.at(none), 0) << none;
+
+  const auto three = nominals_of(parse(
+      replaced(fmi3("<Float64 name='a' valueReference='1' declaredType='T' causality='input' start='1 2'><Dimension start='2'/>"
+                    "</Float64><Float32 name='b' valueReference='2' nominal='0.5'/><Float64 name='c' valueReference='3'/>"),
+               "<ModelVariables>",
+               "<UnitDefinitions><Unit name='kN'><BaseUnit kg='1' m='1' s='-2' factor='1000'/></Unit></UnitDefinitions>"
+               "<TypeDefinitions><Float64Type name='T' unit='kN' nominal='4'/></TypeDefinitions><ModelVariables>")));
+  EXPECT_DOUBLE_EQ(three.at("a"), 4000);
+  EXPECT_EQ(three.at("b"), 0.5);
+  EXPECT_EQ(three.at("c"), 0);
+}
+
+TEST(ForeignNominals, OfTheElementsOfAVectorTheSmallestCounts) {
+  const auto found = nominals_of(
+      parse(replaced(fmi2(scalar("q[1]", 1, "<Real start='1' nominal='5'/>") + scalar("q[2]", 2, "<Real start='1'/>") +
+                          scalar("q[3]", 3, "<Real start='1' nominal='0.1'/>")),
+                     "modelName='m'", "modelName='m' variableNamingConvention='structured'")));
+  ASSERT_EQ(found.size(), 1u);
+  EXPECT_EQ(found.at("q"), 0.1);
+}
+
+/// A unit with nominal values.
+class Scaled final : public Unit {
+ public:
+  void declare(Variables& v) override {
+    v.input("u", u_, "N", "force").nominal(1e-3 / 7);
+    v.output("y", y_, "m", "positions").range(-1, 1).nominal(250);
+    v.output("plain", plain_, "m", "without a nominal value");
+  }
+  void initialise(Time) override {}
+  StepResult step(Time, Duration) override { return StepResult::kDone; }
+
+ private:
+  double u_ = 0, plain_ = 0;
+  std::array<double, 2> y_{};
+};
+
+TEST(ForeignNominals, ComeBackFromTheDescriptionOfAnExportedUnit) {
+  const UnitType type{"scaled", "a unit with nominal values", nullptr};
+  Scaled unit;
+  Variables variables;
+  unit.declare(variables);
+  for (const Version version : {Version::k2, Version::k3}) {
+    std::ostringstream xml;
+    write(xml, describe(type, unit, variables, version));
+    const auto found = nominals_of(parse(xml.str()));
+    EXPECT_EQ(found.at("u"), 1e-3 / 7);
+    EXPECT_EQ(found.at("y"), 250);
+    EXPECT_EQ(found.at("plain"), 0);
+  }
 }
 
 TEST(CheckDescription, FindsNothingInValidDescriptions) {
