@@ -16,7 +16,7 @@ namespace {
 
 constexpr double kIncrement = 1e-4;    // of an unknown for the Jacobian, relative to its scale
 constexpr double kSmallScale = 1e-3;   // of an unknown without a nominal value, in its SI measure
-constexpr double kMostRelaxed = 1e-3;  // tolerance of Newton's method / that of the scenario
+constexpr double kMostRelaxed = 1e-2;  // tolerance of Newton's method / that of the scenario
 constexpr std::int64_t kShort = 16;    // full step / short step, to find inputs that act without delay
 constexpr double kNoDelay = 0.25;      // smallest change in the short step / change in the full step of such an input
 

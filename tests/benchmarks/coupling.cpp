@@ -123,8 +123,8 @@ Outcome oscillate(CouplingChoice coupling, int divide, double tolerance) {
 /// The run with the fewest steps that a bisection over the tolerance finds with at most `error`.
 std::optional<std::pair<double, Outcome>> cheapest(CouplingChoice coupling, double error) {
   std::optional<std::pair<double, Outcome>> best;
-  double loose = 1, tight = -10;  // log10
-  for (int i = 0; i < 16; ++i) {
+  double loose = 1, tight = -6;  // log10
+  for (int i = 0; i < 12; ++i) {
     const double middle = (loose + tight) / 2, tolerance = std::pow(10, middle);
     const Outcome outcome = oscillate(coupling, 1, tolerance);
     const bool enough = outcome.error <= error;

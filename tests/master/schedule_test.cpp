@@ -1,4 +1,5 @@
 #include "master/run/schedule.h"
+#include "master/run/arrangement.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -126,7 +127,7 @@ std::int64_t ticks_of(double start, double stop, std::int64_t tick_ns) {
   b.scenario.stop = Time::from_seconds(stop);
   b.scenario.tick.ns = tick_ns;
   const auto members = load_members(b.scenario, ::cotwin::testing::test_types(), {});
-  return Schedule(b.scenario, members).ticks();
+  return Schedule(b.scenario, members, arrange_as_given(members)).ticks();
 }
 
 TEST(Schedule, CountsTheTicksOfTheLongestRuns) {
