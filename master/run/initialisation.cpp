@@ -1,21 +1,19 @@
 #include "master/run/initialisation.h"
 
-#include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 #include <type_traits>
 
 #include "components/unit/staged_initialisation.h"
+#include "master/run/algebraic_loop.h"
 #include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::master {
 
 namespace {
 
-constexpr double kTolerance = 1e-12;  // relative to 1 + |value|
-constexpr int kMaxIterations = 200;
-constexpr Eigen::Index kDepth = 8;
+constexpr double kSameInput = 1e-8;  // relative to 1 + |value|
+constexpr double kGrowth = 1e100;    // of outputs that diverge in sweeps
 
 using Graph = std::vector<std::vector<std::size_t>>;
 
@@ -92,8 +90,13 @@ class Initialiser {
         wiring_(wiring),
         start_(start),
         edges_(schedule.slots.size()),
+        into_(schedule.slots.size()),
         stages_(schedule.slots.size()) {
-    for (const Link& link : links) edges_[schedule.slot_of[link.from.member]].push_back(schedule.slot_of[link.to.member]);
+    for (const Link& link : links) {
+      const std::size_t to = schedule.slot_of[link.to.member];
+      edges_[schedule.slot_of[link.from.member]].push_back(to);
+      into_[to].push_back(&link);
+    }
     for (auto& targets : edges_) {
       std::sort(targets.begin(), targets.end());
       targets.erase(std::unique(targets.begin(), targets.end()), targets.end());
@@ -102,12 +105,11 @@ class Initialiser {
 
   Initialisation run() {
     for (const auto& component : strong_components(edges_)) {
-      const std::size_t first = component.front();
-      if (component.size() > 1 || std::binary_search(edges_[first].begin(), edges_[first].end(), first)) {
+      if (is_cycle(component)) {
         initialise_cycle(component);
       } else {
-        wiring_.update(first);
-        initialise(first);
+        wiring_.update(component.front());
+        initialise(component.front());
       }
     }
     return result_;
@@ -143,6 +145,7 @@ class Initialiser {
     bool staged = false;
     for (const std::size_t slot : slots) {
       wiring_.update(slot);
+      set_given_inputs(slot, slots);
       auto* stages = dynamic_cast<StagedInitialisation*>(schedule_.slots[slot].unit);
       if (stages == nullptr) {
         initialise(slot);
@@ -178,6 +181,16 @@ class Initialiser {
     return sources;
   }
 
+  /// The elements of real sources_within().
+  std::vector<const double*> real_sources(const std::vector<std::size_t>& slots) const {
+    std::vector<const double*> elements;
+    for (const Variable* variable : sources_within(slots)) {
+      if (variable->kind() != Kind::kReal) continue;
+      for (const double& value : variable->reals()) elements.push_back(&value);
+    }
+    return elements;
+  }
+
   /// Values as bytes: a NaN equals itself.
   static std::vector<std::string> values_of(const std::vector<const Variable*>& variables) {
     std::vector<std::string> values;
@@ -195,113 +208,164 @@ class Initialiser {
     return values;
   }
 
-  void converge(const std::vector<std::size_t>& slots) {
-    // Each sweep passes a change along at least one connection.
-    std::vector<std::size_t> changing = sweep(slots, slots.size() + 1);
-    if (changing.empty()) return;
-    const std::vector<std::size_t> loop = loop_among(changing);
-    if (!loop.empty()) {
-      for (const std::size_t slot : loop) {
-        const bool known = std::find(result_.loop.begin(), result_.loop.end(), name(slot)) != result_.loop.end();
-        if (!known) result_.loop.push_back(name(slot));
+  /// Real inputs that units of the cycle feed get the start values of the scenario, so that these choose the solution.
+  void set_given_inputs(std::size_t slot, const std::vector<std::size_t>& slots) const {
+    for (const Link* link : into_[slot]) {
+      const Member &source = members_[link->from.member], &target = members_[link->to.member];
+      const bool given = !source.given.empty() || !target.given.empty();
+      if (!given || link->from.variable->kind() != Kind::kReal || !is_from(*link, slots)) continue;
+      for (std::size_t e = 0; e < link->to.count; ++e) {
+        double& input = link->to.reals()[e];
+        if (const auto output = source.start_of(*link->from.variable, link->from.first + e)) {
+          input = link->factor * *output + link->offset;
+        } else {
+          input = target.start_of(*link->to.variable, link->to.first + e).value_or(input);
+        }
       }
-      solve(loop);
     }
-    std::vector<std::size_t> rest;
-    for (const std::size_t slot : slots) {
-      if (!std::binary_search(loop.begin(), loop.end(), slot)) rest.push_back(slot);
-    }
-    changing = sweep(rest, rest.size() + 1);
-    if (!changing.empty()) throw Error("initialisation", "the inputs of '" + name(changing.front()) + "' do not converge");
   }
 
-  /// Sweeps over `slots` until no input changes, at most `rounds` times. Returns the slots that changed in the last sweep.
-  std::vector<std::size_t> sweep(const std::vector<std::size_t>& slots, std::size_t rounds) {
+  void converge(const std::vector<std::size_t>& slots) {
+    // Each sweep passes a change along at least one connection.
+    const std::vector<std::size_t> changing = sweep(slots, slots.size() + 1, true);
+    if (changing.empty()) return;
+    std::vector<std::size_t> rest = slots;
+    for (const std::vector<std::size_t>& component : components_among(changing)) {
+      if (is_loop(component)) {
+        solve(component);
+        std::erase_if(rest, [&](std::size_t slot) { return std::ranges::binary_search(component, slot); });
+      } else {
+        wiring_.update(component.front());
+        initialise(component.front());
+      }
+    }
+    if (sweep(rest, rest.size() + 1, false).empty() && inputs_agree(slots)) return;
+    // The solved units depend on units that seemed to have settled.
+    for (auto& [source, values] : swept_.of) {
+      if (std::isfinite(*source)) values.fill(*source);
+    }
+    solve(slots);
+  }
+
+  void solve(const std::vector<std::size_t>& loop) {
+    for (const std::size_t slot : loop) {
+      const bool known = std::ranges::find(result_.loop, name(slot)) != result_.loop.end();
+      if (!known) result_.loop.push_back(name(slot));
+    }
+    AlgebraicLoop algebraic({members_, schedule_, links_, wiring_, [this](std::size_t slot) { initialise(slot); }}, loop);
+    result_.iterations += algebraic.solve(swept_);
+  }
+
+  bool is_from(const Link& link, const std::vector<std::size_t>& slots) const {
+    return std::ranges::binary_search(slots, schedule_.slot_of[link.from.member]);
+  }
+
+  /// Whether the inputs that units of the cycle feed are the present outputs.
+  bool inputs_agree(const std::vector<std::size_t>& slots) const {
+    return std::ranges::all_of(slots, [&](std::size_t slot) {
+      return std::ranges::all_of(into_[slot], [&](const Link* link) { return !is_from(*link, slots) || agrees(*link); });
+    });
+  }
+
+  static bool agrees(const Link& link) {
+    return std::visit(
+        [&link](auto from, auto to) {
+          for (std::size_t e = 0; e < link.to.count; ++e) {
+            const auto &a = from[link.from.first + e], &b = to[link.to.first + e];
+            if constexpr (std::is_same_v<decltype(to), std::span<double>> &&
+                          !std::is_same_v<decltype(from), std::span<std::string>>) {
+              const double wanted = link.factor * static_cast<double>(a) + link.offset;
+              const bool same = std::isnan(wanted) ? std::isnan(b) : std::abs(wanted - b) <= kSameInput * (1 + std::abs(b));
+              if (!same && wanted != b) return false;
+            } else if constexpr (std::is_same_v<decltype(from), decltype(to)>) {
+              if (a != b) return false;
+            }
+          }
+          return true;
+        },
+        link.from.variable->storage, link.to.variable->storage);
+  }
+
+  /// Whether an output has grown so much that it will overflow.
+  bool has_grown() const {
+    return std::ranges::any_of(swept_.of, [](const auto& source) {
+      const auto& [value, values] = source;
+      return std::isfinite(values[0]) && !(std::abs(*value) <= kGrowth * (1 + std::abs(values[0])));
+    });
+  }
+
+  /// Sweeps over `slots` until no input changes, at most `rounds` times. Returns the slots that changed in the last sweep; all,
+  /// if values grew until a unit refused them. `record`: notes the values of outputs in swept_.
+  std::vector<std::size_t> sweep(const std::vector<std::size_t>& slots, std::size_t rounds, bool record) {
+    std::vector<const double*> sources;
+    const auto note = [&](std::size_t at) {
+      for (const double* source : sources) swept_.of[source][at] = *source;
+    };
+    if (record) {
+      swept_ = {};
+      sources = real_sources(slots);
+      note(0);
+    }
     std::vector<std::size_t> changing;
     int made = 1;  // the first initialisation
     for (std::size_t round = 0; round < rounds; ++round) {
       changing.clear();
-      for (const std::size_t slot : slots) {
-        if (!wiring_.update(slot)) continue;
-        changing.push_back(slot);
-        initialise(slot);
+      note(2);
+      try {
+        for (const std::size_t slot : slots) {
+          if (!wiring_.update(slot)) continue;
+          changing.push_back(slot);
+          initialise(slot);
+        }
+      } catch (const Error&) {
+        if (!record || round == 0) throw;
+        note(1);
+        return slots;
       }
+      if (round == 0) note(1);
       ++made;
       if (changing.empty()) break;
+      if (record && has_grown()) return slots;
     }
+    note(3);
+    swept_.complete = true;
     result_.rounds = std::max(result_.rounds, made);
     return changing;
   }
 
-  /// The slots of `changing` that lie on a cycle within it, ascending; the others only follow.
-  std::vector<std::size_t> loop_among(const std::vector<std::size_t>& changing) const {
+  /// The strong components of `changing`, sources first. Its edges are the connections whose values still change.
+  std::vector<std::vector<std::size_t>> components_among(const std::vector<std::size_t>& changing) const {
     const auto is_changing = [&](std::size_t slot) { return std::ranges::binary_search(changing, slot); };
     Graph among(edges_.size());
-    for (const std::size_t slot : changing)
-      std::copy_if(edges_[slot].begin(), edges_[slot].end(), std::back_inserter(among[slot]), is_changing);
-    std::vector<std::size_t> loop;
-    for (const auto& component : strong_components(among)) {
-      const std::size_t first = component.front();
-      const bool feeds_itself = std::find(among[first].begin(), among[first].end(), first) != among[first].end();
-      if (component.size() > 1 || feeds_itself) loop.insert(loop.end(), component.begin(), component.end());
+    for (const std::size_t to : changing) {
+      for (const Link* link : into_[to]) {
+        const std::size_t from = schedule_.slot_of[link->from.member];
+        if (is_changing(from) && has_changed(*link)) among[from].push_back(to);
+      }
     }
-    std::sort(loop.begin(), loop.end());
-    return loop;
+    std::vector<std::vector<std::size_t>> components = strong_components(among);
+    std::erase_if(components, [&](const auto& component) { return !is_changing(component.front()); });
+    return components;
   }
 
-  /// Solves x = G(x), x the real inputs of the loop, by Anderson's acceleration (Walker and Ni, SIAM J. Numer. Anal. 49, 2011,
-  /// the unconstrained form): the step is the residual f = G(x) − x minus its best approximation by the last changes of f.
-  void solve(const std::vector<std::size_t>& loop) {
-    std::vector<double*> inputs;
-    for (const std::size_t slot : loop) {
-      const std::vector<double*> fed = wiring_.fed_reals(slot);
-      inputs.insert(inputs.end(), fed.begin(), fed.end());
-    }
-    const auto n = static_cast<Eigen::Index>(inputs.size());
-    const auto read = [&](Eigen::VectorXd& to) {
-      for (Eigen::Index i = 0; i < n; ++i) to[i] = *inputs[static_cast<std::size_t>(i)];
-    };
-    Eigen::VectorXd x(n), g(n), f(n), last_g(n), last_f(n);
-    Eigen::MatrixXd df(n, kDepth), dg(n, kDepth);
-    const Eigen::Index depth = std::min(kDepth, n);
-    read(x);
-    double worst = 0;
-    std::string worst_slot;
-    Eigen::Index columns = 0;
-    for (int iteration = 1; iteration <= kMaxIterations; ++iteration) {
-      ++result_.iterations;
-      for (Eigen::Index i = 0; i < n; ++i) *inputs[static_cast<std::size_t>(i)] = x[i];
-      for (const std::size_t slot : loop) initialise(slot);
-      bool changed = false;
-      for (const std::size_t slot : loop) changed = wiring_.update(slot) || changed;
-      if (!changed) return;
-      read(g);
-      f = g - x;
-      if (!f.allFinite()) break;
-      worst = n > 0 ? (f.array().abs() / (1 + x.array().abs())).maxCoeff() : 1;
-      if (worst <= kTolerance) {  // the inputs are G(x) now: compute the outputs from them
-        for (const std::size_t slot : loop) initialise(slot);
-        return;
-      }
-      if (iteration > 1) {
-        const Eigen::Index at = (iteration - 2) % std::max<Eigen::Index>(depth, 1);
-        df.col(at) = f - last_f;
-        dg.col(at) = g - last_g;
-        columns = std::min(columns + 1, depth);
-      }
-      last_f = f;
-      last_g = g;
-      x = g;
-      if (columns > 0) {
-        const Eigen::VectorXd gamma = df.leftCols(columns).colPivHouseholderQr().solve(f);
-        if (gamma.allFinite()) x -= dg.leftCols(columns) * gamma;
-      }
-    }
-    std::string members;
-    for (const std::size_t slot : loop) members += (members.empty() ? "" : ", ") + name(slot);
-    throw Error("initialisation", "algebraic loop between " + members + ": its inputs do not converge within " +
-                                      std::to_string(kMaxIterations) + " iterations (last relative change " +
-                                      text::to_text(worst, 3) + "); set start values closer to a solution, or break the loop");
+  /// Whether the source may have changed in the last sweep.
+  bool has_changed(const Link& link) const {
+    if (link.from.variable->kind() != Kind::kReal || !swept_.complete) return true;
+    return std::ranges::any_of(link.from.reals(), [&](const double& value) {
+      const auto& values = swept_.of.at(&value);
+      return values[2] != values[3];
+    });
+  }
+
+  bool is_loop(const std::vector<std::size_t>& component) const {
+    return component.size() > 1 || std::ranges::any_of(into_[component.front()], [&](const Link* link) {
+             return is_from(*link, component) && has_changed(*link);
+           });
+  }
+
+  bool is_cycle(const std::vector<std::size_t>& component) const {
+    const std::size_t first = component.front();
+    return component.size() > 1 || std::ranges::binary_search(edges_[first], first);
   }
 
   std::span<Member> members_;
@@ -310,7 +374,9 @@ class Initialiser {
   Wiring& wiring_;
   Time start_;
   Graph edges_;
-  std::vector<StagedInitialisation*> stages_;  // per slot; nullptr: not in a staged initialisation
+  std::vector<std::vector<const Link*>> into_;  // per slot
+  std::vector<StagedInitialisation*> stages_;   // per slot; nullptr: not in a staged initialisation
+  SweptValues swept_;
   Initialisation result_{.rounds = 1, .loop = {}, .iterations = 0};
 };
 

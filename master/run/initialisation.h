@@ -12,14 +12,14 @@ namespace cotwin::master {
 struct Initialisation {
   int rounds = 0;                 // largest number of sweeps over a cycle until nothing changed; 1 without a cycle
   std::vector<std::string> loop;  // members of the algebraic loops that had to be solved
-  int iterations = 0;             // evaluations of the loops
+  int iterations = 0;             // of Newton's method, in all loops together
 };
 
 /// Exchanges and initialises in the order of the signal flow. A unit outside of cycles is initialised once. A cycle of units is
-/// swept until no input changes. Units that still change after as many sweeps as the cycle has units form an algebraic loop. It
-/// is solved by the fixed-point iteration with Anderson's acceleration (depth 8; a linear loop of at most 8 unknowns is solved
-/// exactly, contracting or not) to 1e-12 relative to 1 + |value|. Throws Error naming the members of a loop that does not
-/// converge, or the unit whose initialise throws.
+/// swept until no input changes, first with the start values that the scenario gives to inputs and outputs of the cycle. Units
+/// that still change after as many sweeps as the cycle has units form an algebraic loop, which AlgebraicLoop solves to 1e-12
+/// relative to 1 + |value|. Throws Error naming the members of a loop that has no solution, no unique one, or several and no
+/// start value, or the unit whose initialise throws. A cycle that settles in the sweeps is not searched for other solutions.
 Initialisation initialise_units(std::span<Member> members, const Schedule& schedule, const std::vector<Link>& links,
                                 Wiring& wiring, Time start);
 

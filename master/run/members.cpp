@@ -75,6 +75,20 @@ void number_items(Member& member, const fmu::ModelDescription& description) {
   }
 }
 
+/// The values of `set` that were applied to real inputs and outputs.
+std::vector<GivenStart> given_starts(const ParameterSet& set, const Member& member) {
+  std::vector<GivenStart> given;
+  for (const ParameterValue& value : set.values) {
+    const auto [variable, element] = find_element(member.variables(), value.name);
+    if (variable == nullptr || variable->kind() != Kind::kReal) continue;
+    if (variable->role != Role::kInput && variable->role != Role::kOutput) continue;
+    const std::size_t first = element < 0 ? 0 : static_cast<std::size_t>(element);
+    const std::size_t last = element < 0 ? variable->size() : first + 1;
+    for (std::size_t e = first; e < last; ++e) given.push_back({variable->name, e, variable->reals()[e]});
+  }
+  return given;
+}
+
 }  // namespace
 
 void check_name(const ParameterValue& value, const Member& member) {
@@ -216,6 +230,7 @@ std::vector<Member> load_members(const Scenario& scenario, std::span<const UnitT
     const ParameterSet values = start_values(scenario, member, &member.instance.warnings);
     for (const ParameterValue& value : values.values) check_name(value, member);
     apply(values, member.variables());  // an error names the value's place
+    member.given = given_starts(values, member);
   }
   check_settings(scenario, members, used);
   return members;

@@ -1,5 +1,6 @@
 #pragma once
 #include <filesystem>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -15,11 +16,21 @@
 /// The components of a scenario with their units, and the look-up of variables by name.
 namespace cotwin::master {
 
+/// A start value of one real element that the scenario gives, in the variable's own unit of measure.
+struct GivenStart {
+  std::string variable;
+  std::size_t element = 0;
+  double value = 0;
+};
+
 struct Member {
   ComponentSpec spec;
   Instance instance;
-  SettingList settings{};  // of a unit; empty for an FMU
+  SettingList settings{};           // of a unit; empty for an FMU
+  std::vector<GivenStart> given{};  // of inputs and outputs
 
+  /// The start value that the scenario gives to the element.
+  std::optional<double> start_of(const Variable& variable, std::size_t element) const;
   const std::string& name() const { return spec.name; }
   const Variables& variables() const { return instance.variables; }
 };

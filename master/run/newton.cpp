@@ -37,6 +37,7 @@ void Newton::find_residual(const Eigen::VectorXd& x, const Eigen::VectorXd& scal
     if (r <= worst_) continue;
     worst_ = r;
     worst_unknown_ = i;
+    if (!std::isfinite(r)) return;
   }
 }
 

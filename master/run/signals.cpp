@@ -32,6 +32,12 @@ si::Measure measure(const Scenario& scenario, const std::string& name) {
   return found != scenario.units.end() ? si::from(*found) : si::parse(name);
 }
 
+std::optional<double> Member::start_of(const Variable& variable, std::size_t element) const {
+  const auto found = std::ranges::find_if(
+      given, [&](const GivenStart& start) { return start.element == element && start.variable == variable.name; });
+  return found != given.end() ? std::optional(found->value) : std::nullopt;
+}
+
 std::string element_name(const std::string& member, const Variable& variable, std::size_t element) {
   const std::string name = member + "." + variable.name;
   return variable.size() == 1 ? name : name + "[" + std::to_string(element + 1) + "]";
