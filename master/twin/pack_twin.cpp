@@ -45,6 +45,7 @@ class Packer {
     for (Member& member : members_) {
       for (const std::string& warning : member.instance.warnings) warnings_.push_back(member.name() + ": " + warning);
       is_unit(member.spec) ? add_unit(member) : add_fmu(member);
+      package_.given.push_back(member.given);
     }
     resources_.push_back({"resources/" + std::string(kTwinFile), serialise(package_)});
 

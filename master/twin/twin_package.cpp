@@ -13,7 +13,7 @@ namespace cotwin::master {
 
 namespace {
 
-constexpr std::uint64_t kMagic = 0x314e495754544f43u;  // the bytes "COTTWIN1": the format and its version
+constexpr std::uint64_t kMagic = 0x324e495754544f43u;  // the bytes "COTTWIN2": the format and its version
 
 // put() and get() of a type handle the same fields in the same order.
 void put(ByteWriter& out, const Port& port) {
@@ -79,6 +79,17 @@ void get(ByteReader& in, UnitDefinition& unit) {
   unit.offset = in.value<double>();
 }
 
+void put(ByteWriter& out, const GivenStart& start) {
+  out.text(start.variable);
+  out.value(static_cast<std::uint64_t>(start.element));
+  out.value(start.value);
+}
+void get(ByteReader& in, GivenStart& start) {
+  start.variable = in.text();
+  start.element = in.value<std::uint64_t>();
+  start.value = in.value<double>();
+}
+
 void put(ByteWriter& out, const std::string& text) { out.text(text); }
 void get(ByteReader& in, std::string& text) { text = in.text(); }
 
@@ -107,6 +118,8 @@ std::string serialise(const TwinPackage& package) {
   put(out, s.events);
   put(out, s.units);
   put(out, package.packages);
+  for (std::size_t i = 0; i < s.components.size(); ++i)
+    put(out, i < package.given.size() ? package.given[i] : std::vector<GivenStart>());
   put(out, std::vector<std::string>(package.outputs.begin(), package.outputs.end()));
   ByteWriter head;
   head.value(kMagic);
@@ -131,6 +144,8 @@ TwinPackage deserialise_twin(std::string_view bytes, const std::string& place) {
   get(in, s.units);
   get(in, package.packages);
   if (package.packages.size() != s.components.size()) in.fail("has different numbers of units and components");
+  package.given.resize(s.components.size());
+  for (std::vector<GivenStart>& given : package.given) get(in, given);
   if (s.tick.ns < 1 || s.stop < s.start) in.fail("has a tick < 1 ns or a stop time before the start time");
   for (const ComponentSpec& c : s.components) {
     if (c.period < 1) in.fail("has a component with a period < 1");
@@ -181,6 +196,7 @@ std::unique_ptr<Twin> build_twin(const TwinPackage& package, const std::filesyst
     const ComponentSpec& spec = package.scenario.components[i];
     const std::string &bytes = package.packages[i], place = "component '" + spec.name + "'";
     Member member{spec, {}};
+    if (i < package.given.size()) member.given = package.given[i];
     std::optional<fmu::ForeignPackage> held;
     std::optional<fmu::Package> unit;
     if (fmu::is_foreign_package(bytes)) {

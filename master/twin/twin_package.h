@@ -16,10 +16,12 @@ inline constexpr const char* kTwinSummary = "A whole scenario as one unit, with 
 inline constexpr const char* kTwinFile = "scenario.bin";
 
 /// The data of a Twin. `packages[i]`: the unit of scenario.components[i] as fmu::serialise(Package), or the FMU as
-/// fmu::serialise(ForeignPackage).
+/// fmu::serialise(ForeignPackage). `given[i]`: its start values of inputs and outputs, which choose the solutions of algebraic
+/// loops; may be shorter than the list of components.
 struct TwinPackage {
   Scenario scenario;
   std::vector<std::string> packages;
+  std::vector<std::vector<GivenStart>> given;
   std::set<std::string> outputs;
 };
 

@@ -360,6 +360,7 @@ TEST(TwinPackage, KeepsTheScenarioAndRefusesDamagedBytes) {
   s.events.push_back({Time{6}, "cell.a.u[2]", "1 2", Duration{9}, "f.ssd:4"});
   s.units.push_back({"mrad", 1, 2, -3, 4, -5, 6, -7, 8, 1e-3, 0.5});
   package.packages = {std::string("a\0b", 3)};
+  package.given = {{{"u", 2, 0.25}, {"v", 0, -1}}};
   package.outputs = {"cell.a.y"};
   const std::string bytes = serialise(package);
   const TwinPackage back = deserialise_twin(bytes, "here");
@@ -373,6 +374,10 @@ TEST(TwinPackage, KeepsTheScenarioAndRefusesDamagedBytes) {
   EXPECT_EQ(back.scenario.units[0].rad, 8);
   EXPECT_EQ(back.scenario.units[0].offset, 0.5);
   EXPECT_EQ(back.packages, package.packages);
+  ASSERT_EQ(back.given.at(0).size(), 2u);
+  EXPECT_EQ(back.given[0][0].variable, "u");
+  EXPECT_EQ(back.given[0][0].element, 2u);
+  EXPECT_EQ(back.given[0][0].value, 0.25);
   EXPECT_EQ(back.outputs, package.outputs);
   for (std::size_t i = 0; i < bytes.size(); ++i) {
     std::string damaged = bytes;

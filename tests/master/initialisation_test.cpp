@@ -3,6 +3,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "fmu/export/package.h"
+#include "master/twin/twin_package.h"
 #include "tests/master/test_units.h"
 
 namespace cotwin::master {
@@ -142,17 +144,21 @@ class Positive final : public Unit {
   double u_ = 0, y_ = 0;
 };
 
-Master load(const Build& b) {
+std::span<const UnitType> types() {
   static const std::vector<UnitType> kTypes = [] {
-    std::vector<UnitType> types(cotwin::testing::test_types().begin(), cotwin::testing::test_types().end());
-    types.push_back({"square", "y = u² + c", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Square>(); }});
-    types.push_back({"rounding", "integers", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Rounding>(); }});
-    types.push_back({"sum", "y = a + b", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Sum>(); }});
-    types.push_back({"positive", "max", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Positive>(); }});
-    return types;
+    std::vector<UnitType> all(cotwin::testing::test_types().begin(), cotwin::testing::test_types().end());
+    all.push_back({"square", "y = u² + c", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Square>(); }});
+    all.push_back({"rounding", "integers", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Rounding>(); }});
+    all.push_back({"sum", "y = a + b", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Sum>(); }});
+    all.push_back({"positive", "max", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Positive>(); }});
+    return all;
   }();
+  return kTypes;
+}
+
+Master load(const Build& b) {
   MasterOptions options;
-  options.types = kTypes;
+  options.types = types();
   return Master(b.scenario, std::move(options));
 }
 
@@ -277,6 +283,34 @@ TEST(Initialisation, AStartValueChoosesTheSolution) {
       EXPECT_NEAR(solution(c, component, variable, low + 0.1), low, 1e-11) << c << component << variable;
       EXPECT_NEAR(solution(c, component, variable, high - 0.1), high, 1e-11) << c << component << variable;
       EXPECT_NEAR(solution(c, component, variable, high), high, 1e-11) << c << component << variable;
+    }
+  }
+}
+
+TEST(Initialisation, AScenarioAsOneUnitKeepsTheChoiceInEveryInitialisation) {
+  // As a Twin, and as it is stored in an FMU; the second initialisation begins with the values of the first.
+  Build b = square_loop(0.09);
+  b.scenario.components[0].start_values.push_back({"u", 0.8, "", ""});
+  std::vector<Member> members = load_members(b.scenario, types(), {});
+  TwinPackage package;
+  package.scenario = b.scenario;
+  package.outputs = {"s.y"};
+  for (const Member& member : members) {
+    fmu::Package unit;
+    unit.unit = member.spec.source.substr(std::string("unit:").size());
+    unit.start.take(member.variables());
+    package.packages.push_back(fmu::serialise(unit));
+    package.given.push_back(member.given);
+  }
+  const std::unique_ptr<Twin> stored = build_twin(deserialise_twin(serialise(package), "here"), {}, types());
+  Twin direct(b.scenario, std::move(members), package.outputs);
+  for (Twin* twin : {&direct, stored.get()}) {
+    Variables v;
+    twin->declare(v);
+    for (int i = 0; i < 2; ++i) {
+      twin->initialise(Time{});
+      EXPECT_NEAR(v.at("s.y").reals()[0], 0.9, 1e-11);
+      v.at("s.y").reals()[0] = 0;
     }
   }
 }
