@@ -23,6 +23,7 @@ constexpr int kMostRounds = 200;     // until connections of integers, booleans 
 constexpr double kIncrement = 1e-4;  // of an unknown, relative: rounding of ∂y/∂x 1e-12; its curvature is left to Newton
 constexpr double kSmallestMagnitude = 1e-2;
 constexpr double kLinear = 1e-6;            // error of a linear prediction, relative
+constexpr double kNoise = 1e-6;             // residual of a unit that computes its outputs inexactly
 constexpr double kFarMove = 1e-2;           // relative to 1 + |x|: a first guess farther away from the solution tests linearity
 constexpr double kClearlyDifferent = 1e-3;  // relative to 1 + |x|
 
@@ -285,11 +286,11 @@ int AlgebraicLoop::solve(const SweptValues& swept) {
            unknowns_.front().input);
     const Unknown& worst = unknowns_[static_cast<std::size_t>(newton.worst_unknown())];
     const double residual = newton.worst();
-    if (is_linear(guess)) {
+    const bool noisy = outcome == Newton::Outcome::kDiverged && residual < kNoise;
+    if (!noisy && is_linear(guess)) {
       fail(
-          "it has no solution or no unique one, because the gain around it is 1; change a parameter, or break the loop by a "
-          "unit "
-          "whose output does not depend on its present input");
+          "it has no solution or no unique one, because the gain around it is 1; change a gain, or insert a unit whose output "
+          "does not follow its input at once");
     }
     const VectorXd step = far_step(guess);
     for (const double times : {0.1, -0.1, 1.0, -1.0, 10.0, -10.0}) {
@@ -298,10 +299,10 @@ int AlgebraicLoop::solve(const SweptValues& swept) {
       if (outcome == Newton::Outcome::kConverged) break;
     }
     if (outcome != Newton::Outcome::kConverged) {
-      fail("no solution was found in " + std::to_string(kLimits.iterations) + " iterations: " + worst.name +
-           (std::isfinite(residual) ? " changes by " + text::to_text(residual, 3) + " of 1 + its magnitude from one to the next"
-                                    : " is not finite") +
-           (last_error_.empty() ? "" : " (" + last_error_ + ")") +
+      const std::string gap = std::isfinite(residual) ? " differs by " + text::to_text(residual, 3) + " of 1 + its magnitude"
+                                                      : " is not finite or differs too much";
+      fail("no solution was found within " + std::to_string(kLimits.iterations) + " iterations: " + worst.name + gap +
+           " from the value assumed for it" + (last_error_.empty() ? "" : " (" + last_error_ + ")") +
            "; give start values closer to a solution, for example for " + worst.input + ", or break the loop");
     }
   }

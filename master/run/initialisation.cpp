@@ -12,7 +12,7 @@ namespace cotwin::master {
 
 namespace {
 
-constexpr double kSameInput = 1e-8;  // relative to 1 + |value|
+constexpr double kSameInput = 1e-6;  // relative to 1 + |value|
 constexpr double kGrowth = 1e100;    // of outputs that diverge in sweeps
 
 using Graph = std::vector<std::vector<std::size_t>>;
@@ -286,24 +286,20 @@ class Initialiser {
         link.from.variable->storage, link.to.variable->storage);
   }
 
-  /// Whether an output has grown so much that it will overflow.
-  bool has_grown() const {
-    return std::ranges::any_of(swept_.of, [](const auto& source) {
-      const auto& [value, values] = source;
-      return std::isfinite(values[0]) && !(std::abs(*value) <= kGrowth * (1 + std::abs(values[0])));
-    });
-  }
-
   /// Sweeps over `slots` until no input changes, at most `rounds` times. Returns the slots that changed in the last sweep; all,
-  /// if values grew until a unit refused them. `record`: notes the values of outputs in swept_.
+  /// if values have grown so much that they will overflow, or that a unit refuses them. `record`: notes the values of outputs in swept_.
   std::vector<std::size_t> sweep(const std::vector<std::size_t>& slots, std::size_t rounds, bool record) {
-    std::vector<const double*> sources;
+    std::vector<std::pair<const double*, std::array<double, 4>*>> sources;  // each with its place in swept_
     const auto note = [&](std::size_t at) {
-      for (const double* source : sources) swept_.of[source][at] = *source;
+      for (const auto& [source, values] : sources) (*values)[at] = *source;
+    };
+    const auto has_grown = [](const auto& source) {
+      const double at_first = (*source.second)[0];
+      return std::isfinite(at_first) && !(std::abs(*source.first) <= kGrowth * (1 + std::abs(at_first)));
     };
     if (record) {
       swept_ = {};
-      sources = real_sources(slots);
+      for (const double* source : real_sources(slots)) sources.emplace_back(source, &swept_.of[source]);
       note(0);
     }
     std::vector<std::size_t> changing;
@@ -325,7 +321,7 @@ class Initialiser {
       if (round == 0) note(1);
       ++made;
       if (changing.empty()) break;
-      if (record && has_grown()) return slots;
+      if (std::ranges::any_of(sources, has_grown)) return slots;
     }
     note(3);
     swept_.complete = true;

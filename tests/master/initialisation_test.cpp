@@ -254,7 +254,7 @@ Build square_loop(double c) {
 
 TEST(Initialisation, RefusesANonlinearLoopWithoutASolution) {
   const std::string error = refusal(square_loop(1));
-  EXPECT_THAT(error, HasSubstr("initialisation: algebraic loop between s, g: no solution was found in 50 iterations: "));
+  EXPECT_THAT(error, HasSubstr("initialisation: algebraic loop between s, g: no solution was found within 50 iterations: "));
   EXPECT_THAT(error, HasSubstr("give start values closer to a solution, for example for g.u, or break the loop"));
 }
 
@@ -267,6 +267,27 @@ TEST(Initialisation, RefusesALoopWithTwoSolutionsAndNoStartValue) {
   const std::string error = refusal(square_loop(-2.31));
   EXPECT_THAT(error, HasSubstr("s.y = 2.1 rad"));
   EXPECT_THAT(error, HasSubstr("s.y = -1.1 rad"));
+}
+
+TEST(Initialisation, ANonlinearLoopWithOneSolutionNeedsNoStartValue) {
+  // y = −2 max(0, y) + b: y = b / 3 where b > 0, else y = b.
+  for (const double bias : {6.0, -6.0}) {
+    Build b;
+    b.unit("p", "positive").unit("g", "gain").with("gain", -2.0).with("bias", bias).connect("p.y", "g.u").connect("g.y", "p.u");
+    Master master = load(b);
+    master.initialise();
+    EXPECT_NEAR(value(master, "g.y"), bias > 0 ? bias / 3 : bias, 1e-11);
+  }
+}
+
+TEST(Initialisation, NamesTheUnitThatRefusesTheStartValueOfALoop) {
+  Build b = square_loop(0.09);
+  b.scenario.components[1].start_values.push_back({"u", 2000.0, "", ""});
+  EXPECT_THAT(refusal(b), HasSubstr("component 's': the square is out of range"));
+}
+
+TEST(Initialisation, RefusesALoopOfTooManyUnknowns) {
+  EXPECT_THAT(refusal(ring(4, 1.5, "gain?n=1000")), HasSubstr("it has 4000 unknowns, expected at most 3000"));
 }
 
 TEST(Initialisation, AStartValueChoosesTheSolution) {

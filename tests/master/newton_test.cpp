@@ -3,8 +3,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <Eigen/QR>
 #include <cmath>
 #include <functional>
+#include <random>
 
 namespace cotwin::master {
 namespace {
@@ -63,6 +65,29 @@ TEST(Newton, SolvesALinearProblemInTwoSteps) {
   EXPECT_EQ(newton.linearisations(), 1);
   EXPECT_FALSE(newton.nonlinear());
   EXPECT_LE(newton.worst(), 1e-12);
+}
+
+TEST(Newton, SolvesRandomLinearProblems) {
+  // y = A x + b, compared with the solution by QR decomposition; rows and columns of A are scaled by 1e-4 to 1e4.
+  std::mt19937_64 random(7);
+  std::uniform_real_distribution<double> uniform(-1, 1);
+  for (int trial = 0; trial < 2000; ++trial) {
+    const Eigen::Index n = 1 + trial % 30;
+    const auto draw = [&] { return uniform(random); };
+    const Vector size = Vector::NullaryExpr(n, [&] { return std::pow(10, 4 * draw()); });
+    const Matrix a = size.asDiagonal() * Matrix(Matrix::NullaryExpr(n, n, draw)) * size.cwiseInverse().asDiagonal();
+    const Vector b = size.cwiseProduct(Vector(Vector::NullaryExpr(n, draw)));
+    const Matrix scaled = Matrix::Identity(n, n) - Matrix(size.cwiseInverse().asDiagonal() * a * size.asDiagonal());
+    const Eigen::ColPivHouseholderQR<Matrix> qr(scaled);
+    if (std::abs(qr.matrixR()(n - 1, n - 1)) < 1e-3) continue;  // nearly singular
+    const Vector expected = size.cwiseProduct(qr.solve(b.cwiseQuotient(size)));
+    Function f([&](const Vector& x) { return Vector(a * x + b); });
+    Newton newton(n);
+    Vector x = Vector::Zero(n);
+    ASSERT_EQ(newton.solve(f, x, size, kLimits), Outcome::kConverged) << trial;
+    ASSERT_LT((x - expected).cwiseQuotient(size).cwiseAbs().maxCoeff(), 1e-8) << trial;
+    ASSERT_LE(newton.iterations(), 5) << trial;
+  }
 }
 
 TEST(Newton, SolvesANonlinearProblem) {
