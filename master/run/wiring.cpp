@@ -328,19 +328,4 @@ bool Wiring::update(std::size_t slot) {
   return changed;
 }
 
-std::vector<double*> Wiring::fed_reals(std::size_t slot) const {
-  std::vector<double*> inputs;
-  const auto add_all = [&](double* first, std::uint32_t count) {
-    for (std::uint32_t i = 0; i < count; ++i) inputs.push_back(first + i);
-  };
-  const auto add_reals = [&](const Copy& copy) {
-    const bool real = copy.way == Way::kReal || copy.way == Way::kReals || copy.way == Way::kAffine;
-    if (real) add_all(static_cast<double*>(copy.to), copy.count);
-  };
-  for (std::size_t i = begin_[slot]; i < begin_[slot + 1]; ++i) add_reals(copies_[i]);
-  for (std::size_t i = initial_begin_[slot]; i < initial_begin_[slot + 1]; ++i) add_reals(initial_copies_[i]);
-  for (std::size_t k = ramp_begin_[slot]; k < ramp_begin_[slot + 1]; ++k) add_all(ramps_[k].to, ramps_[k].count);
-  return inputs;
-}
-
 }  // namespace cotwin::master

@@ -72,8 +72,6 @@ class Wiring {
   /// For initialisation: copies as exchange(), also into parameters, with slope 0 for ramps. Returns whether a bit of an input
   /// changed.
   bool update(std::size_t slot);
-  /// The real inputs of the slot that are fed by reals, element by element.
-  std::vector<double*> fed_reals(std::size_t slot) const;
 
  private:
   enum class Ramp : std::uint8_t { kInterpolate, kExtrapolate, kHold };
