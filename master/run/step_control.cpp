@@ -156,10 +156,10 @@ Duration StepControl::length(Duration left) const {
   return 2 * next_ > left ? Duration{(left.ns + 1) / 2} : next_;
 }
 
-void StepControl::choose_next(Duration made, double error, Duration longest) {
+void StepControl::choose_next(Duration made, double error, Duration shortest, Duration longest) {
   const Duration proposed{static_cast<std::int64_t>(factor(error) * static_cast<double>(made.ns))};
   const bool shortened = made < next_ && proposed >= made;  // for an event or the end of the tick
-  next_ = std::min(shortened ? std::max(next_, proposed) : proposed, longest);
+  next_ = std::clamp(shortened ? std::max(next_, proposed) : proposed, shortest, longest);
 }
 
 /// Steps of free length that end at the events and at the end of the tick. A step whose error is too large, or that a unit
@@ -197,7 +197,7 @@ std::size_t StepControl::step_to_tolerance(const Tick& tick, bool timed) {
     input_error_->accept(h);
     now = now + h;
     ++parts;
-    choose_next(h, error, whole);
+    choose_next(h, error, shortest, whole);
     if (now == event) next_ = std::min(next_, first);
   }
   parts_sum_ += parts;

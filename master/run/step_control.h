@@ -93,7 +93,7 @@ class StepControl {
   std::size_t step_in_parts(const Tick& tick, std::size_t discarded_by);
   std::size_t step_to_tolerance(const Tick& tick, bool timed);
   Duration length(Duration left) const;
-  void choose_next(Duration made, double error, Duration longest);
+  void choose_next(Duration made, double error, Duration shortest, Duration longest);
   void restore_checkpoint() { checkpoint_.restore(members_, engine_); }
   void replay_until(std::int64_t tick);
   void count_discard(std::size_t slot) { ++discarded_by_[engine_.schedule.slots[slot].member]; }
