@@ -28,6 +28,7 @@ constexpr std::size_t kLongRow = 4;  // values
 
 /// Largest loop gain in a tick (GroupSolver::loop_gain) that is left to explicit steps.
 constexpr double kExplicitGain = 0.1;
+constexpr std::size_t kMostWatched = 1000;  // unknowns of a loop whose gain is measured
 
 bool is_watched(const Variable& v) { return v.kind() == Kind::kReal && (v.role == Role::kOutput || v.role == Role::kState); }
 
@@ -112,7 +113,7 @@ Initialisation Engine::initialise(Time start) {
   for (int i = 1; i < kReadings; ++i) (void)Clock::now();
   clock_seconds_ = seconds_between(begin, Clock::now()) / kReadings;
   Initialisation result = initialise_units(members_, schedule, links, wiring, start);
-  choose_groups(start, result);
+  choose_groups(result);
   for (Slot& slot : schedule.slots) slot.time = start;
   bonds.start();
   start_workers(threads_, always_threads_);
@@ -120,7 +121,7 @@ Initialisation Engine::initialise(Time start) {
 }
 
 /// Decides which loops are solved: all (implicit), none (explicit), or those that explicit steps would not follow (auto).
-void Engine::choose_groups(Time start, const Initialisation& initialised) {
+void Engine::choose_groups(const Initialisation& initialised) {
   loops_.clear();
   solver_of_loop_.clear();
   const std::vector<std::vector<std::size_t>> groups = coupled_groups(links, members_);
@@ -129,17 +130,19 @@ void Engine::choose_groups(Time start, const Initialisation& initialised) {
   for (const std::vector<std::size_t>& group : groups) {
     LoopReport& loop = loops_.emplace_back();
     for (const std::size_t m : group) loop.members += (loop.members.empty() ? "" : ", ") + members_[m].name();
-    loop.algebraic = std::ranges::any_of(group, is_algebraic);
+    // One member alone may be in a loop with others.
+    loop.algebraic = std::ranges::count_if(group, is_algebraic) >= std::min<std::ptrdiff_t>(2, std::ssize(group));
     loop.solved = scenario_.coupling == CouplingChoice::kImplicit;
   }
+  watches_.clear();
   if (scenario_.coupling == CouplingChoice::kAuto) {
-    const Duration tick = schedule.tick(0).end - schedule.tick(0).begin;
     for (std::size_t g = 0; g < groups.size(); ++g) {
-      if (!std::ranges::all_of(groups[g], goes_back)) continue;
-      arrange(arrange_by_flow(links, members_, std::span(groups).subspan(g, 1)));
-      loops_[g].gain = solvers_.front()->loop_gain(start, tick);
-      loops_[g].solved = loops_[g].algebraic || !(loops_[g].gain <= kExplicitGain);
+      if (std::ranges::all_of(groups[g], goes_back)) watch(g, groups[g]);
     }
+    watch_loops(schedule.tick(0).end - schedule.tick(0).begin);
+    for (LoopReport& loop : loops_) loop.solved = loop.gain > kExplicitGain;
+    for (const Watch& watch : watches_) loops_[watch.loop].solved = loops_[watch.loop].solved || loops_[watch.loop].algebraic;
+    std::erase_if(watches_, [&](const Watch& watch) { return loops_[watch.loop].solved; });
   }
   std::vector<std::vector<std::size_t>> solved;
   for (std::size_t g = 0; g < groups.size(); ++g) {
@@ -157,6 +160,29 @@ void Engine::choose_groups(Time start, const Initialisation& initialised) {
       if (is_of_group(stage)) solver_of_loop_.back() = solver;
       if (stage.group != kNoGroup) ++solver;
     }
+  }
+}
+
+void Engine::watch(std::size_t loop, const std::vector<std::size_t>& members) {
+  Watch& watch = watches_.emplace_back();
+  watch.loop = loop;
+  for (const std::size_t m : members) {
+    Slot& slot = watch.slots.emplace_back();
+    slot.unit = members_[m].instance.unit.get();
+    slot.member = m;
+  }
+  watch.solver = std::make_unique<GroupSolver>(watch.slots, members_, links, bonds, scenario_.tolerance);
+  if (watch.solver->unknowns() > kMostWatched) watches_.pop_back();
+}
+
+void Engine::watch_loops(Duration tick) {
+  for (const Watch& watch : watches_) {
+    const Time now = schedule.slots[schedule.slot_of[watch.slots.front().member]].time;
+    LoopReport& loop = loops_[watch.loop];
+    const double gain = watch.solver->loop_gain(now, tick);
+    if (!(gain > loop.gain || std::isnan(loop.gain))) continue;
+    loop.gain = gain;
+    loop.gain_time = now.seconds();
   }
 }
 

@@ -94,6 +94,8 @@ class Engine {
 
   const std::string& name(std::size_t slot) const { return members_[schedule.slots[slot].member].name(); }
 
+  /// Measures the gains of the loops that step explicitly with coupling=auto. Call between two ticks; `tick`: length of one.
+  void watch_loops(Duration tick);
   /// Loops of continuous connections. Valid after initialise().
   std::vector<LoopReport> loops() const;
   /// Whether a connection is solved for, so that its input is known at the end of the step.
@@ -138,7 +140,8 @@ class Engine {
   }
 
   void arrange(const Arrangement& arrangement);
-  void choose_groups(Time start, const Initialisation& initialised);
+  void choose_groups(const Initialisation& initialised);
+  void watch(std::size_t loop, const std::vector<std::size_t>& members);
   void watch_values();
   [[noreturn]] void report_non_finite(Time now) const;
   void start_workers(int threads, bool always);
@@ -183,6 +186,13 @@ class Engine {
   std::span<Member> members_;
   std::vector<std::unique_ptr<GroupSolver>> solvers_;
   std::vector<LoopReport> loops_;  // counts: see solvers_
+  /// A loop whose gain can be measured, with its own list of slots.
+  struct Watch {
+    std::size_t loop = 0;
+    std::vector<Slot> slots;
+    std::unique_ptr<GroupSolver> solver;
+  };
+  std::vector<Watch> watches_;
   std::vector<std::size_t> solver_of_loop_;
   Arrangement arrangement_;
   int threads_;

@@ -1,6 +1,5 @@
 #include "master/run/group_solver.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -20,21 +19,20 @@ constexpr double kMostRelaxed = 1e-2;  // tolerance of Newton's method / that of
 constexpr std::int64_t kShort = 16;    // full step / short step, to find inputs that act without delay
 constexpr double kNoDelay = 0.25;      // smallest change in the short step / change in the full step of such an input
 
-/// Largest magnitude of the eigenvalues. Of a large matrix estimated by the growth of its powers.
-double spectral_radius(const Eigen::MatrixXd& a) {
-  constexpr Eigen::Index kExact = 100;
-  constexpr int kPowers = 64;
-  if (a.rows() <= kExact) return a.eigenvalues().cwiseAbs().maxCoeff();
-  Eigen::VectorXd v = Eigen::VectorXd::LinSpaced(a.rows(), 1, 2).normalized();
-  double log_growth = 0;
-  for (int i = 0; i < kPowers; ++i) {
-    v = a * v;
-    const double norm = v.norm();
+/// Largest magnitude of the eigenvalues of `power`, by Gelfand's formula: ‖A^k‖^(1/k). Changes its arguments.
+double spectral_radius(Eigen::MatrixXd& power, Eigen::MatrixXd& square) {
+  constexpr int kSquarings = 8;
+  double log_norm = 0, share = 1;  // log ‖A^k‖ · share, k = 1/share
+  for (int i = 0;; ++i) {
+    const double norm = power.norm();
     if (norm == 0) return 0;
-    log_growth += std::log(norm);
-    v /= norm;
+    log_norm += std::log(norm) * share;
+    if (i == kSquarings) return std::exp(log_norm);
+    power /= norm;
+    square.noalias() = power * power;
+    power.swap(square);
+    share /= 2;
   }
-  return std::exp(log_growth / kPowers);
 }
 
 Eigen::Index index(std::size_t i) { return static_cast<Eigen::Index>(i); }
@@ -73,7 +71,7 @@ GroupSolver::GroupSolver(std::span<Slot> slots, std::span<const Member> members,
   for (std::size_t i = 0; i < slots.size(); ++i) units_[i].metered = bonds.meters(slots[i].member);
   limits_.tolerance = std::max(limits_.tolerance, kMostRelaxed * tolerance);
   const Eigen::Index n = index(unknowns_.size());
-  x_ = first_x_ = probe_ = changed_ = slope_ = Eigen::VectorXd::Zero(n);
+  x_ = first_x_ = probe_ = changed_ = slope_ = y_ = Eigen::VectorXd::Zero(n);
   scale_ = Eigen::VectorXd::Constant(n, kSmallScale);
 }
 
@@ -297,14 +295,14 @@ const Slot* GroupSolver::fail(Newton::Outcome outcome, Time at) const {
 
 double GroupSolver::loop_gain(Time now, Duration h) {
   const LoopCounts counts = counts_;
+  seconds_ = {};
+  power_.resize(x_.size(), x_.size());
+  square_.resize(x_.size(), x_.size());
   begin_part(now, now + h);
-  double gain = std::numeric_limits<double>::quiet_NaN();
-  Eigen::VectorXd y = x_;
-  Eigen::MatrixXd jacobian(x_.size(), x_.size());
-  if (evaluate(x_, y) && linearise(x_, y, jacobian) && jacobian.allFinite()) gain = spectral_radius(jacobian);
+  const bool measured = evaluate(x_, y_) && linearise(x_, y_, power_) && power_.allFinite();
   restore_all();
   counts_ = counts;
-  return gain;
+  return measured ? spectral_radius(power_, square_) : std::numeric_limits<double>::quiet_NaN();
 }
 
 std::size_t GroupSolver::state_size() const {

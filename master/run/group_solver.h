@@ -37,7 +37,8 @@ class GroupSolver final : private CoupledOutputs {
   const Slot* finished() const { return finished_; }
 
   /// Largest magnitude of the eigenvalues of ∂y/∂x for a step of length `h` from the present state, which does not change; NaN
-  /// if a unit discards such a step. From 1 on, explicit coupling diverges.
+  /// if a unit discards such a step. From 1 on, explicit coupling diverges. Not between step() and step(): the Jacobian of the
+  /// last step is lost.
   double loop_gain(Time now, Duration h);
 
   const LoopCounts& counts() const { return counts_; }
@@ -116,8 +117,9 @@ class GroupSolver final : private CoupledOutputs {
   std::string error_;  // of `discarded_`; empty if it only discarded
 
   Newton newton_;
-  Eigen::VectorXd x_, first_x_, probe_, changed_, scale_, slope_;
-  int halvings_ = 0;  // of the last part that was made
+  Eigen::VectorXd x_, first_x_, probe_, changed_, scale_, slope_, y_;
+  Eigen::MatrixXd power_, square_;  // of loop_gain()
+  int halvings_ = 0;                // of the last part that was made
   LoopCounts counts_;
 };
 

@@ -19,7 +19,8 @@ struct LoopReport {
   std::string members;                                     // "drive, world"
   bool solved = false;                                     // implicit; otherwise its units step explicitly
   bool algebraic = false;                                  // its values depend on one another without delay
-  double gain = std::numeric_limits<double>::quiet_NaN();  // GroupSolver::loop_gain in the first tick; NaN if not measured
+  double gain = std::numeric_limits<double>::quiet_NaN();  // largest GroupSolver::loop_gain of a tick; NaN if not measured
+  double gain_time = 0;                                    // s, when it was measured
   LoopCounts counts{};                                     // if solved
 };
 

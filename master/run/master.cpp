@@ -23,6 +23,8 @@ namespace cotwin::master {
 
 namespace {
 
+constexpr double kDoubtfulGain = 0.5;  // of a loop that steps explicitly
+
 constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
 
 /// Where the loop's time goes, sampled: reading the clock costs as much as a light unit, so only some ticks are timed.
@@ -456,6 +458,13 @@ Summary Master::Loop::summary() const {
     s.notes.push_back(std::to_string(missed) + " steps of the smallest length missed the tolerance: values jump there");
   }
   for (const LoopReport& loop : s.loops) {
+    if (!loop.solved && loop.gain > kDoubtfulGain) {
+      s.warnings.push_back(
+          "the loop of " + loop.members + " has a gain of " + text::to_text(loop.gain, 3) +
+          " in a tick at t = " + text::to_text(loop.gain_time) +
+          " s: with explicit steps its values are wrong, or diverge from 1 on; expected coupling=implicit or a "
+          "shorter tick");
+    }
     if (loop.algebraic && !loop.solved) {
       s.warnings.push_back("the values of " + loop.members +
                            " depend on one another without delay, and each step uses those of the last one: expected "

@@ -13,6 +13,7 @@ namespace cotwin::master {
 namespace {
 
 constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
+constexpr std::int64_t kWatchEvery = 4096;  // ticks between two measurements of the gains of loops, at checkpoints
 constexpr std::int64_t kCarefulTicks = 64;  // after a discarded one, with a checkpoint each
 
 // Steps to a tolerance. A jump within a step of the shortest length changes an integral over the tick by no more than the
@@ -109,6 +110,10 @@ void StepControl::initialise() {
 }
 
 void StepControl::take_checkpoint(std::int64_t tick) {
+  if (tick > 0 && tick % kWatchEvery == 0 && !input_error_) {
+    const Tick next = engine_.schedule.tick(tick);
+    engine_.watch_loops(next.end - next.begin);
+  }
   checkpoint_.take(tick, members_, engine_);
   find_next_checkpoint(tick);
 }
