@@ -14,7 +14,7 @@ namespace cotwin::master {
 namespace {
 
 constexpr double kIncrement = 1e-4;    // of an unknown for the Jacobian, relative to its scale
-constexpr double kSmallScale = 1e-3;   // of an unknown without a nominal value, in its SI measure
+constexpr double kSmallScale = 1e-3;   // of an unknown whose nominal value is not declared, in its SI measure
 constexpr double kMostRelaxed = 1e-2;  // tolerance of Newton's method / that of the scenario
 constexpr std::int64_t kShort = 16;    // full step / short step, to find inputs that act without delay
 constexpr double kNoDelay = 0.25;      // smallest change in the short step / change in the full step of such an input
@@ -58,6 +58,9 @@ GroupSolver::GroupSolver(std::span<Slot> slots, std::span<const Member> members,
     const auto found = std::ranges::find_if(slots, [&](const Slot& slot) { return slot.member == member; });
     return static_cast<std::size_t>(found - slots.begin());
   };
+  const Eigen::Index n = newton_.jacobian().rows();
+  x_ = first_x_ = probe_ = changed_ = slope_ = y_ = Eigen::VectorXd::Zero(n);
+  scale_ = Eigen::VectorXd::Constant(n, kSmallScale);
   for (const Link& link : links) {
     const std::size_t to = slot_of(link.to.member), from = slot_of(link.from.member);
     if (to == slots.size() || link.initial) continue;
@@ -70,9 +73,6 @@ GroupSolver::GroupSolver(std::span<Slot> slots, std::span<const Member> members,
   }
   for (std::size_t i = 0; i < slots.size(); ++i) units_[i].metered = bonds.meters(slots[i].member);
   limits_.tolerance = std::max(limits_.tolerance, kMostRelaxed * tolerance);
-  const Eigen::Index n = index(unknowns_.size());
-  x_ = first_x_ = probe_ = changed_ = slope_ = y_ = Eigen::VectorXd::Zero(n);
-  scale_ = Eigen::VectorXd::Constant(n, kSmallScale);
 }
 
 void GroupSolver::add(const Link& link, std::size_t from, std::size_t to) {
@@ -81,6 +81,7 @@ void GroupSolver::add(const Link& link, std::size_t from, std::size_t to) {
   for (std::size_t e = 0; e < sources.size(); ++e) {
     auto known = std::ranges::find_if(unknowns_, [&](const Unknown& u) { return u.value == &sources[e]; });
     if (known == unknowns_.end()) {
+      if (link.from.variable->nominal > 0) scale_[index(unknowns_.size())] = link.from.variable->nominal;
       units_[from].outputs.push_back(unknowns_.size());
       unknowns_.push_back({&sources[e], link.derivative.empty() ? nullptr : &link.derivative[e], {}});
       known = unknowns_.end() - 1;

@@ -15,7 +15,8 @@ InputError::InputError(const std::vector<Link>& links, std::span<const Member> m
   std::size_t size = 0;
   for (const Link& link : links) {
     if (!is_continuous(link) || !steps_freely(link.from.member) || !steps_freely(link.to.member)) continue;
-    sources_.push_back({&link, link.from.reals(), size, false, kSmall});
+    const double nominal = link.from.variable->nominal;
+    sources_.push_back({&link, link.from.reals(), size, false, nominal > 0 ? nominal : kSmall});
     size += link.from.count;
   }
   last_.resize(size);

@@ -60,6 +60,47 @@ class Sum final : public Unit {
   double u_ = 0, v_ = 0, y_ = 0, gain_ = 1;
 };
 
+/// y = A g(u/A + p) with A = 2^-30: a signal whose magnitude the master can know only if it is declared.
+class Small final : public Unit {
+ public:
+  static constexpr double kMagnitude = 0x1p-30;
+  explicit Small(bool declared) : declared_(declared) {}
+  void declare(Variables& v) override {
+    v.input("u", u_, "rad", "input");
+    auto y = v.output("y", y_, "rad", "its cosine");
+    if (declared_) y.nominal(kMagnitude);
+    v.tunable("p", p_, "rad", "phase");
+  }
+  void initialise(Time) override { y_ = kMagnitude * std::cos(u_ / kMagnitude + p_); }
+  StepResult step(Time, Duration) override {
+    initialise({});
+    return StepResult::kDone;
+  }
+
+ private:
+  bool declared_;
+  double u_ = 0, y_ = 0, p_ = 0;
+};
+
+/// y = A sin 2πt; the nominal value is A or not declared.
+class Wave final : public Unit {
+ public:
+  Wave(double magnitude, bool declared) : magnitude_(magnitude), declared_(declared) {}
+  void declare(Variables& v) override {
+    auto y = v.output("y", y_, "rad/s", "wave");
+    if (declared_) y.nominal(magnitude_);
+  }
+  void initialise(Time start) override { y_ = magnitude_ * std::sin(2 * std::numbers::pi * start.seconds()); }
+  StepResult step(Time now, Duration h) override {
+    initialise(now + h);
+    return StepResult::kDone;
+  }
+
+ private:
+  double magnitude_, y_ = 0;
+  bool declared_;
+};
+
 std::span<const UnitType> types() {
   static const std::vector<UnitType> kTypes = [] {
     std::vector<UnitType> all;
@@ -67,6 +108,12 @@ std::span<const UnitType> types() {
     for (const UnitType& type : cotwin::testing::linear_types()) all.push_back(type);
     all.push_back({"sum", "y = gain (u + v)", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Sum>(); }});
     all.push_back({"square", "y = u² + c", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Square>(); }});
+    all.push_back({"small", "", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Small>(true); }});
+    all.push_back({"small_undeclared", "", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Small>(false); }});
+    all.push_back({"wave", "", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Wave>(1, true); }});
+    all.push_back({"small_wave", "", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Wave>(0x1p-30, true); }});
+    all.push_back({"small_undeclared_wave", "",
+                   [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Wave>(0x1p-30, false); }});
     return all;
   }();
   return kTypes;
@@ -262,6 +309,21 @@ TEST(ImplicitCoupling, NamesTheMembersOfALoopWithoutASolution) {
   EXPECT_THAT(error_of([&] { to_the_end(master); }), AllOf(HasSubstr("a, b at t = 0.005"), HasSubstr("no")));
 }
 
+// z = cos(z + p) for z = y/A; the solution for p = 1 is from bisection.
+TEST(ImplicitCoupling, SolvesForSmallValuesRelativeToTheirNominalValue) {
+  double low = 0, high = 1;
+  for (int i = 0; i < 60; ++i) (std::cos((low + high) / 2 + 1) > (low + high) / 2 ? low : high) = (low + high) / 2;
+  const auto relative_error = [&](const std::string& type) {
+    Build b;
+    b.unit("a", type).unit("b", "gain").connect("a.y", "b.u").connect("b.y", "a.u").event(0.005, "a.p", "1");
+    b.scenario.coupling = CouplingChoice::kImplicit;
+    Master master = load(b);
+    to_the_end(master);
+    return std::abs(value(master, "a.y") / Small::kMagnitude / low - 1);
+  };
+  EXPECT_LT(relative_error("small"), 1e-11);
+}
+
 TEST(ImplicitCoupling, IsToldWhereStepsAreExplicitAlthoughValuesHaveNoDelay) {
   Build b;
   b.unit("a", "gain").with("gain", -0.5).with("bias", 1.0).unit("b", "gain");
@@ -367,6 +429,27 @@ TEST(Tolerance, TakesOneStepATickWhereNothingHappens) {
   to_the_end(master);
   EXPECT_LT(master.summary().mean_parts, 1.05);
   EXPECT_NEAR(value(master, "i.y"), 50, 1e-9);
+}
+
+// The tolerance is relative to the nominal value, so that the unit of measure makes no difference; without a nominal value to at
+// least 1e-6, of which the wave is a thousandth.
+TEST(Tolerance, IsRelativeToTheNominalValue) {
+  const auto run = [](const std::string& source) {
+    Build b;
+    b.unit("source", source).unit("i", "ramped").connect("source.y", "i.u").as_it_is().until(0.5);
+    b.scenario.tick = Duration{100'000'000};
+    b.scenario.tolerance = 1e-3;
+    Master master = load(b);
+    to_the_end(master);
+    return std::pair(value(master, "i.y"), master.summary().mean_parts);
+  };
+  const auto [large, steps_of_large] = run("wave");
+  EXPECT_NEAR(large, 1 / std::numbers::pi, 1e-3);
+  EXPECT_GT(steps_of_large, 3);
+  const auto [small, steps_of_small] = run("small_wave");
+  EXPECT_EQ(small, 0x1p-30 * large);
+  EXPECT_EQ(steps_of_small, steps_of_large);
+  EXPECT_LT(run("small_undeclared_wave").second, 0.7 * steps_of_large);
 }
 
 TEST(Ramps, OfASlowUnitFollowTimeExactly) {
