@@ -89,6 +89,33 @@ std::string heading(const std::string& name, const std::string& si, const std::s
   return name + (si.empty() || si == "1" ? "" : " [" + si + "]") + (name == what ? "" : ": " + what);
 }
 
+/// "a, b, c"; of long lists the first and the number.
+std::string members_of(const LoopReport& loop) {
+  constexpr std::size_t kMostNames = 8, kFirst = 3;
+  const auto names = static_cast<std::size_t>(std::ranges::count(loop.members, ',')) + 1;
+  if (names <= kMostNames) return loop.members;
+  std::size_t end = 0;
+  for (std::size_t i = 0; i < kFirst; ++i) end = loop.members.find(',', end) + 1;
+  return loop.members.substr(0, end) + " ... (" + std::to_string(names) + " units)";
+}
+
+void write_loop(std::ostream& out, const LoopReport& loop) {
+  out << "loop " << members_of(loop) << ": " << (loop.solved ? "implicit" : "explicit");
+  if (loop.algebraic) out << ", without delay";
+  if (std::isfinite(loop.gain)) out << ", gain " << number(loop.gain, 3) << " in a tick";
+  if (!loop.solved && loop.unmeasurable) out << ", gain not measured: a unit has no cheap way back (FMU: rollback=true)";
+  const LoopCounts& c = loop.counts;
+  if (loop.solved && c.steps > 0) {
+    const auto per_step = [&](std::int64_t count) {
+      return number(static_cast<double>(count) / static_cast<double>(c.steps), 3);
+    };
+    out << "; per step " << per_step(c.iterations) << " iterations and " << per_step(c.evaluations) << " unit steps; "
+        << c.linearisations << (c.linearisations == 1 ? " Jacobian" : " Jacobians");
+    if (c.divided > 0) out << ", " << c.divided << (c.divided == 1 ? " step" : " steps") << " divided";
+  }
+  out << '\n';
+}
+
 void write_head(std::ostream& out, const Summary& s, const Outcome& outcome) {
   out << s.scenario << ": ";
   if (outcome.state == Outcome::State::kInterrupted) out << "interrupted at t = " << number(s.reached, 9) << " s; ";
@@ -108,8 +135,12 @@ void write_head(std::ostream& out, const Summary& s, const Outcome& outcome) {
     for (const auto& [name, count] : s.discarded_by) out << ' ' << name << " (" << count << ")";
     out << '\n';
   }
-  if (s.mean_parts > 1)
-    out << "ticks were divided into " << number(s.mean_parts, 3) << " parts on average, " << s.most_parts << " at most\n";
+  if (s.mean_parts > 1) {
+    out << "ticks were divided into " << number(s.mean_parts, 3) << " parts on average, " << s.most_parts << " at most";
+    if (s.rejected > 0) out << "; " << s.rejected << (s.rejected == 1 ? " step" : " steps") << " rejected and repeated";
+    out << '\n';
+  }
+  for (const LoopReport& loop : s.loops) write_loop(out, loop);
 }
 
 void write_figures(std::ostream& out, const Summary& s) {
@@ -143,7 +174,9 @@ void write_figures(std::ostream& out, const Summary& s) {
   }
   for (const Bonded& b : s.bonds) {
     out << "  " << left(b.name, 30) << right(number(b.energy_a), kCell) << " out, " << number(b.energy_b) << " in, leak "
-        << number(b.leak, 3) << '\n';
+        << number(b.leak, 3);
+    if (b.throughput > 0) out << " (" << number(100 * b.share, 2) << " % of " << number(b.throughput) << " J exchanged)";
+    out << '\n';
   }
 }
 
@@ -252,6 +285,8 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
                           {"energy_a", finite(b.energy_a)},
                           {"energy_b", finite(b.energy_b)},
                           {"leak", finite(b.leak)},
+                          {"throughput", finite(b.throughput)},
+                          {"share", finite(b.share)},
                           {"tolerance", b.tolerance}});
   }
   j["units"] = ordered_json::array();
@@ -262,6 +297,19 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
   j["discarded_by"] = ordered_json::object();
   for (const auto& [name, count] : s.discarded_by) j["discarded_by"][name] = count;
   j["parts"] = {{"most", s.most_parts}, {"mean", s.mean_parts}};
+  j["rejected"] = s.rejected;
+  j["loops"] = ordered_json::array();
+  for (const LoopReport& loop : s.loops) {
+    j["loops"].push_back({{"members", loop.members},
+                          {"coupling", loop.solved ? "implicit" : "explicit"},
+                          {"algebraic", loop.algebraic},
+                          {"gain", finite(loop.gain)},
+                          {"steps", loop.counts.steps},
+                          {"iterations", loop.counts.iterations},
+                          {"jacobians", loop.counts.linearisations},
+                          {"unit_steps", loop.counts.evaluations},
+                          {"divided", loop.counts.divided}});
+  }
   j["overruns"] = s.overruns;
   j["worst_delay"] = s.worst_delay;
   j["recording"] = s.recording.string();

@@ -133,11 +133,12 @@ void Engine::choose_groups(const Initialisation& initialised) {
     // One member alone may be in a loop with others.
     loop.algebraic = std::ranges::count_if(group, is_algebraic) >= std::min<std::ptrdiff_t>(2, std::ssize(group));
     loop.solved = scenario_.coupling == CouplingChoice::kImplicit;
+    loop.unmeasurable = !std::ranges::all_of(group, goes_back);
   }
   watches_.clear();
   if (scenario_.coupling == CouplingChoice::kAuto) {
     for (std::size_t g = 0; g < groups.size(); ++g) {
-      if (std::ranges::all_of(groups[g], goes_back)) watch(g, groups[g]);
+      if (!loops_[g].unmeasurable) watch(g, groups[g]);
     }
     watch_loops(schedule.tick(0).end - schedule.tick(0).begin);
     for (LoopReport& loop : loops_) loop.solved = loop.gain > kExplicitGain;

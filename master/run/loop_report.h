@@ -21,6 +21,7 @@ struct LoopReport {
   bool algebraic = false;                                  // its values depend on one another without delay
   double gain = std::numeric_limits<double>::quiet_NaN();  // largest GroupSolver::loop_gain of a tick; NaN if not measured
   double gain_time = 0;                                    // s, when it was measured
+  bool unmeasurable = false;                               // a member has no cheap way back (Unit::goes_back)
   LoopCounts counts{};                                     // if solved
 };
 

@@ -2,8 +2,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <numbers>
+#include <sstream>
 
+#include "master/program/report.h"
 #include "master/twin/twin.h"
 #include "tests/master/test_units.h"
 #include "tests/support/allocations.h"
@@ -22,6 +25,7 @@ using ::testing::AllOf;
 using ::testing::Contains;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 /// y = u² + c.
 class Square final : public Unit {
@@ -462,6 +466,75 @@ TEST(Ramps, OfASlowUnitFollowTimeExactly) {
     to_the_end(master);
     EXPECT_NEAR(value(master, "slow.y"), 0.5, 1e-12) << stage;
   }
+}
+
+std::string report_of(Build b) {
+  Master master = load(b);
+  to_the_end(master);
+  std::ostringstream out;
+  write_report(out, master.summary(), {});
+  return out.str();
+}
+
+TEST(LoopReport, ShowsHowALoopWasSolvedAndWhatItCost) {
+  const std::string text = report_of(lc(CouplingChoice::kAuto, 100'000'000));
+  // ωh/2 = 0.5; the loop is linear, so one Jacobian is enough.
+  EXPECT_THAT(text, HasSubstr("\nloop mass, spring: implicit, gain 0.5 in a tick; per step "));
+  EXPECT_THAT(text, HasSubstr(" unit steps; 1 Jacobian\n"));
+  EXPECT_THAT(text, HasSubstr(" % of "));
+  EXPECT_THAT(text, HasSubstr(" J exchanged)\n"));
+  EXPECT_THAT(text, Not(HasSubstr("divided")));
+
+  EXPECT_THAT(report_of(lc(CouplingChoice::kAuto, 1'000'000)),
+              HasSubstr("\nloop mass, spring: explicit, gain 0.005 in a tick\n"));
+  EXPECT_THAT(report_of(lc(CouplingChoice::kExplicit, 1'000'000)), HasSubstr("\nloop mass, spring: explicit\n"));
+}
+
+TEST(LoopReport, SaysThatALoopHasNoDelay) {
+  Build b;
+  b.unit("a", "gain").with("gain", -3.0).with("bias", 4.0).unit("b", "gain").connect("a.y", "b.u").connect("b.y", "a.u");
+  EXPECT_THAT(report_of(b), HasSubstr("\nloop a, b: implicit, without delay, gain 1.73 in a tick; per step "));  // √3
+}
+
+TEST(LoopReport, IsAbsentWithoutALoop) {
+  Build b;
+  b.unit("a", "gain").unit("b", "gain").connect("a.y", "b.u");
+  const std::string text = report_of(b);
+  for (const char* word : {"loop", "implicit", "explicit", "rejected", "leak"}) EXPECT_THAT(text, Not(HasSubstr(word)));
+}
+
+TEST(LoopReport, ShortensLongListsOfMembers) {
+  Build b;
+  for (int i = 0; i < 9; ++i) b.unit("u" + std::to_string(i), "gain").with("gain", 0.5);
+  for (int i = 0; i < 9; ++i) b.connect("u" + std::to_string(i) + ".y", "u" + std::to_string((i + 1) % 9) + ".u");
+  EXPECT_THAT(report_of(b), HasSubstr("\nloop u0, u1, u2, ... (9 units): "));
+}
+
+TEST(LoopReport, CountsRejectedSteps) {
+  EXPECT_THAT(report_of(two_mass(CouplingChoice::kImplicit, 1e-4)), HasSubstr(" rejected and repeated\n"));
+}
+
+TEST(LoopReport, HasTheSameContentsAsJson) {
+  Master master = load(lc(CouplingChoice::kAuto, 100'000'000));
+  to_the_end(master);
+  const Summary s = master.summary();
+  std::ostringstream out;
+  write_json(out, s, {});
+  const auto json = nlohmann::json::parse(out.str());
+  ASSERT_EQ(json["loops"].size(), 1u);
+  const auto& loop = json["loops"][0];
+  EXPECT_EQ(loop["members"], "mass, spring");
+  EXPECT_EQ(loop["coupling"], "implicit");
+  EXPECT_EQ(loop["algebraic"], false);
+  EXPECT_NEAR(loop["gain"], 0.5, 1e-7);  // by differences
+  EXPECT_EQ(loop["steps"], 20);
+  EXPECT_EQ(loop["iterations"], s.loops[0].counts.iterations);
+  EXPECT_EQ(loop["unit_steps"], s.loops[0].counts.evaluations);
+  EXPECT_EQ(loop["jacobians"], 1);
+  EXPECT_EQ(loop["divided"], 0);
+  EXPECT_EQ(json["rejected"], 0);
+  EXPECT_EQ(json["bonds"][0]["throughput"], s.bonds[0].throughput);
+  EXPECT_EQ(json["bonds"][0]["share"], s.bonds[0].share);
 }
 
 }  // namespace
