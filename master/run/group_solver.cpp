@@ -15,19 +15,20 @@ namespace {
 
 constexpr double kIncrement = 1e-4;    // of an unknown for the Jacobian, relative to its scale
 constexpr double kSmallScale = 1e-3;   // of an unknown whose nominal value is not declared, in its SI measure
+constexpr double kNoise = 1e-9;        // of units that choose their own steps, relative
 constexpr double kMostRelaxed = 1e-2;  // tolerance of Newton's method / that of the scenario
 constexpr std::int64_t kShort = 16;    // full step / short step, to find inputs that act without delay
 constexpr double kNoDelay = 0.25;      // smallest change in the short step / change in the full step of such an input
 
 /// Largest magnitude of the eigenvalues of `power`, by Gelfand's formula: ‖A^k‖^(1/k). Changes its arguments.
 double spectral_radius(Eigen::MatrixXd& power, Eigen::MatrixXd& square) {
-  constexpr int kSquarings = 8;
+  const int squarings = power.rows() <= 64 ? 14 : 8;
   double log_norm = 0, share = 1;  // log ‖A^k‖ · share, k = 1/share
   for (int i = 0;; ++i) {
     const double norm = power.norm();
     if (norm == 0) return 0;
     log_norm += std::log(norm) * share;
-    if (i == kSquarings) return std::exp(log_norm);
+    if (i == squarings) return std::exp(log_norm);
     power /= norm;
     square.noalias() = power * power;
     power.swap(square);
@@ -73,6 +74,7 @@ GroupSolver::GroupSolver(std::span<Slot> slots, std::span<const Member> members,
   }
   for (std::size_t i = 0; i < slots.size(); ++i) units_[i].metered = bonds.meters(slots[i].member);
   limits_.tolerance = std::max(limits_.tolerance, kMostRelaxed * tolerance);
+  limits_.noise = kNoise;
 }
 
 void GroupSolver::add(const Link& link, std::size_t from, std::size_t to) {

@@ -153,6 +153,7 @@ Newton::Outcome Newton::solve(CoupledOutputs& outputs, Eigen::VectorXd& x, const
     }
     const bool slow = !made || worst_ > kSlow * before;
     const bool wrong = !made || (worst_ > before && !is_small(x, scale, limits.tolerance));
+    if (made && worst_ <= limits.noise && worst_ > kFast * before) return Outcome::kConverged;
     if (wrong && !computed_here) {  // an old matrix that points the wrong way: compute it where it began
       x = last_x_;
       y_ = last_y_;

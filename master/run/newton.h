@@ -21,6 +21,7 @@ class CoupledOutputs {
 class Newton {
  public:
   static constexpr double kSlow = 0.3;
+  static constexpr double kFast = 1e-4;
   enum class Outcome {
     kConverged,
     kStopped,   // evaluate() or linearise() returned false
@@ -30,7 +31,8 @@ class Newton {
   struct Limits {
     int iterations = 10;
     double tolerance = 1e-12;  // of |y − x| / scale; at least the rounding error of y is accepted
-    double weak = 1e-8;        // accepted where iterations do not improve the residual any more
+    double noise = 0;          // accepted where an iteration improves the residual by less than 1/kFast
+    double weak = 1e-8;        // accepted where no iteration improves the residual
   };
 
   explicit Newton(Eigen::Index n);
