@@ -4,6 +4,7 @@
 #include <ostream>
 
 #include "fmu/process/process.h"
+#include "master/program/coupling_check.h"
 #include "master/run/arrangement.h"
 #include "master/run/bonds.h"
 #include "master/run/events.h"
@@ -51,6 +52,10 @@ class Checker {
     each(scenario, &Scenario::reports, statistics);
     each(scenario, &Scenario::comparisons, statistics);
     each(scenario, &Scenario::bonds, [&](const Scenario& one) { Bonds(one, members_); });
+    if (errors_ > 0) return;
+    attempt([&] {
+      for (Finding& finding : check_coupling(scenario, members_)) findings_.push_back(std::move(finding));
+    });
   }
 
   void check_component(const ComponentSpec& spec, const Scenario& scenario) {
@@ -69,7 +74,9 @@ class Checker {
       for (const ParameterValue& value : values.values) check_name(value, member);
       apply(values, member.variables());
     };
-    if (!succeeds(apply_all)) {
+    if (succeeds(apply_all)) {
+      member.given = given_starts(values, member);
+    } else {
       ParameterSet one{values.name, {{}}, values.units};
       for (ParameterValue& value : values.values) {
         one.values.front() = std::move(value);

@@ -30,14 +30,6 @@ std::string right(const std::string& s, std::size_t columns) {
   return std::string(columns > width(s) ? columns - width(s) : 1, ' ') + s;
 }
 
-/// Returns a duration with a fitting unit: "3.2 us", "41 ms", "12 s".
-std::string duration(double seconds) {
-  if (seconds < 1e-6) return text::to_text(seconds * 1e9, 3) + " ns";
-  if (seconds < 1e-3) return text::to_text(seconds * 1e6, 3) + " us";
-  if (seconds < 1) return text::to_text(seconds * 1e3, 3) + " ms";
-  return text::to_text(seconds, 4) + " s";
-}
-
 /// A table with a column per element and a last column for all; wide vectors take several blocks.
 class ElementTable {
  public:
@@ -216,6 +208,13 @@ nlohmann::ordered_json finite(const std::vector<double>& values) {
 }
 
 }  // namespace
+
+std::string duration(double seconds) {
+  if (seconds < 1e-6) return text::to_text(seconds * 1e9, 3) + " ns";
+  if (seconds < 1e-3) return text::to_text(seconds * 1e6, 3) + " us";
+  if (seconds < 1) return text::to_text(seconds * 1e3, 3) + " ms";
+  return text::to_text(seconds, 4) + " s";
+}
 
 void write_report(std::ostream& out, const Summary& s, const Outcome& outcome) {
   write_head(out, s, outcome);

@@ -14,6 +14,9 @@ struct Outcome {
   std::string message;  // the reason, unless kDone
 };
 
+/// "3.2 us", "41 ms", "12 s".
+std::string duration(double seconds);
+
 /// Writes tables with lines of at most 100 characters if the vectors allow it.
 void write_report(std::ostream& out, const Summary& summary, const Outcome& outcome);
 

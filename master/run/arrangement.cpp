@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <limits>
 #include <map>
+#include <set>
 #include <utility>
 
 #include "master/run/initialisation.h"
@@ -46,6 +47,16 @@ std::vector<std::vector<std::size_t>> coupled_groups(const std::vector<Link>& li
     if (component.size() > 1 || std::ranges::binary_search(edges[first], first)) groups.push_back(std::move(component));
   }
   return groups;
+}
+
+std::size_t count_unknowns(const std::vector<Link>& links, std::span<const std::size_t> group) {
+  const auto in_group = [&](std::size_t member) { return std::ranges::find(group, member) != group.end(); };
+  std::set<const double*> seen;
+  for (const Link& link : links) {
+    if (!is_continuous(link) || !in_group(link.from.member) || !in_group(link.to.member)) continue;
+    for (const double& value : link.from.reals()) seen.insert(&value);
+  }
+  return seen.size();
 }
 
 Arrangement arrange_as_given(std::span<const Member> members) {

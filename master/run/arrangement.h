@@ -17,6 +17,9 @@ bool is_continuous(const Link& link);
 /// member with a period, or one that cannot be restored, is in no group: it uses what the others had sent before its step.
 std::vector<std::vector<std::size_t>> coupled_groups(const std::vector<Link>& links, std::span<const Member> members);
 
+/// Number of the elements of outputs in a group that feed inputs in it.
+std::size_t count_unknowns(const std::vector<Link>& links, std::span<const std::size_t> group);
+
 /// The stages of the scenario.
 Arrangement arrange_as_given(std::span<const Member> members);
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <utility>
 
 #include "models/support/bytes.h"
 #include "models/support/error.h"
@@ -26,9 +27,36 @@ double seconds_between(std::chrono::steady_clock::time_point a, std::chrono::ste
 
 constexpr std::size_t kLongRow = 4;  // values
 
-/// Largest loop gain in a tick (GroupSolver::loop_gain) that is left to explicit steps.
-constexpr double kExplicitGain = 0.1;
 constexpr std::size_t kMostWatched = 1000;  // unknowns of a loop whose gain is measured
+
+/// Returns the length of a step (s) at which the gain of the loop is 1, to 0.1 %. See LoopReport::border. `gain`: in a step of
+/// `tick`, not NaN.
+double stability_border(GroupSolver& solver, Time now, Duration tick, double gain) {
+  constexpr int kDoublings = 10;
+  constexpr double kPrecision = 1.001;
+  const auto gain_in = [&](std::int64_t ns) { return solver.loop_gain(now, Duration{ns}); };
+  std::int64_t stable = tick.ns, unstable = tick.ns;
+  if (gain < 1) {
+    for (int i = 0; gain < 1; ++i) {
+      if (i == kDoublings || unstable > std::numeric_limits<std::int64_t>::max() / 8)
+        return std::numeric_limits<double>::infinity();
+      stable = std::exchange(unstable, 2 * unstable);
+      gain = gain_in(unstable);
+    }
+    if (std::isnan(gain)) return std::numeric_limits<double>::infinity();  // a unit discards longer steps
+  } else {
+    for (int i = 0; !(gain < 1); ++i) {
+      if (i == kDoublings || stable == 1) return 0;
+      unstable = std::exchange(stable, stable / 2);
+      gain = gain_in(stable);
+    }
+  }
+  while (static_cast<double>(unstable) > kPrecision * static_cast<double>(stable) && unstable - stable > 1) {
+    const std::int64_t middle = stable + (unstable - stable) / 2;
+    (gain_in(middle) < 1 ? stable : unstable) = middle;
+  }
+  return static_cast<double>(unstable) / 1e9;
+}
 
 bool is_watched(const Variable& v) { return v.kind() == Kind::kReal && (v.role == Role::kOutput || v.role == Role::kState); }
 
@@ -123,37 +151,41 @@ Initialisation Engine::initialise(Time start) {
 /// Decides which loops are solved: all (implicit), none (explicit), or those that explicit steps would not follow (auto).
 void Engine::choose_groups(const Initialisation& initialised) {
   loops_.clear();
-  solver_of_loop_.clear();
-  const std::vector<std::vector<std::size_t>> groups = coupled_groups(links, members_);
+  groups_ = coupled_groups(links, members_);
   const auto is_algebraic = [&](std::size_t m) { return std::ranges::count(initialised.loop, members_[m].name()) > 0; };
   const auto goes_back = [&](std::size_t m) { return members_[m].instance.unit->goes_back(); };
-  for (const std::vector<std::size_t>& group : groups) {
+  for (const std::vector<std::size_t>& group : groups_) {
     LoopReport& loop = loops_.emplace_back();
     for (const std::size_t m : group) loop.members += (loop.members.empty() ? "" : ", ") + members_[m].name();
     // One member alone may be in a loop with others.
     loop.algebraic = std::ranges::count_if(group, is_algebraic) >= std::min<std::ptrdiff_t>(2, std::ssize(group));
     loop.solved = scenario_.coupling == CouplingChoice::kImplicit;
     loop.unmeasurable = !std::ranges::all_of(group, goes_back);
+    loop.unknowns = count_unknowns(links, group);
   }
   watches_.clear();
   if (scenario_.coupling == CouplingChoice::kAuto) {
-    for (std::size_t g = 0; g < groups.size(); ++g) {
-      if (!loops_[g].unmeasurable) watch(g, groups[g]);
+    for (std::size_t g = 0; g < groups_.size(); ++g) {
+      if (!loops_[g].unmeasurable && loops_[g].unknowns <= kMostWatched) watches_.push_back(watch(g));
     }
-    watch_loops(schedule.tick(0).end - schedule.tick(0).begin);
-    for (LoopReport& loop : loops_) loop.solved = loop.gain > kExplicitGain;
-    for (const Watch& watch : watches_) loops_[watch.loop].solved = loops_[watch.loop].solved || loops_[watch.loop].algebraic;
+    watch_loops(first_tick());
+    for (const Watch& watch : watches_) loops_[watch.loop].solved = loops_[watch.loop].needs_solving();
     std::erase_if(watches_, [&](const Watch& watch) { return loops_[watch.loop].solved; });
   }
+  arrange_solved();
+}
+
+void Engine::arrange_solved() {
   std::vector<std::vector<std::size_t>> solved;
-  for (std::size_t g = 0; g < groups.size(); ++g) {
-    if (loops_[g].solved) solved.push_back(groups[g]);
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    if (loops_[g].solved) solved.push_back(groups_[g]);
   }
   const bool by_flow = !solved.empty() || scenario_.tolerance > 0;
   arrange(by_flow ? arrange_by_flow(links, members_, solved) : arrange_as_given(members_));
-  for (std::size_t g = 0; g < groups.size(); ++g) {
+  solver_of_loop_.clear();
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
     const auto is_of_group = [&](const Stage& stage) {
-      return stage.group != kNoGroup && schedule.slots[stage.first].member == groups[g].front();
+      return stage.group != kNoGroup && schedule.slots[stage.first].member == groups_[g].front();
     };
     std::size_t solver = 0;
     solver_of_loop_.push_back(kNoGroup);
@@ -164,16 +196,16 @@ void Engine::choose_groups(const Initialisation& initialised) {
   }
 }
 
-void Engine::watch(std::size_t loop, const std::vector<std::size_t>& members) {
-  Watch& watch = watches_.emplace_back();
+Engine::Watch Engine::watch(std::size_t loop) {
+  Watch watch;
   watch.loop = loop;
-  for (const std::size_t m : members) {
+  for (const std::size_t m : groups_[loop]) {
     Slot& slot = watch.slots.emplace_back();
     slot.unit = members_[m].instance.unit.get();
     slot.member = m;
   }
   watch.solver = std::make_unique<GroupSolver>(watch.slots, members_, links, bonds, scenario_.tolerance);
-  if (watch.solver->unknowns() > kMostWatched) watches_.pop_back();
+  return watch;
 }
 
 void Engine::watch_loops(Duration tick) {
@@ -185,6 +217,18 @@ void Engine::watch_loops(Duration tick) {
     loop.gain = gain;
     loop.gain_time = now.seconds();
   }
+}
+
+std::vector<LoopReport> Engine::measure_loops(Time start, std::size_t most_unknowns) {
+  std::vector<LoopReport> result = loops_;
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    LoopReport& loop = result[g];
+    if (loop.unmeasurable || loop.unknowns > most_unknowns) continue;
+    const Watch watched = watch(g);
+    loop.gain = watched.solver->loop_gain(start, first_tick());
+    if (!std::isnan(loop.gain)) loop.border = stability_border(*watched.solver, start, first_tick(), loop.gain);
+  }
+  return result;
 }
 
 std::vector<LoopReport> Engine::loops() const {

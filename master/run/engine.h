@@ -96,6 +96,10 @@ class Engine {
 
   /// Measures the gains of the loops that step explicitly with coupling=auto. Call between two ticks; `tick`: length of one.
   void watch_loops(Duration tick);
+  /// The loops with their gain in a tick and their stability border, whatever the coupling of the scenario. A loop with a unit
+  /// without a cheap way back, or with more than `most_unknowns` unknowns, is not measured. Call after initialise(start) and
+  /// before the first step. The units keep their values; the search steps each of them some ten thousand ticks in the worst case.
+  std::vector<LoopReport> measure_loops(Time start, std::size_t most_unknowns);
   /// Loops of continuous connections. Valid after initialise().
   std::vector<LoopReport> loops() const;
   /// Whether a connection is solved for, so that its input is known at the end of the step.
@@ -141,7 +145,8 @@ class Engine {
 
   void arrange(const Arrangement& arrangement);
   void choose_groups(const Initialisation& initialised);
-  void watch(std::size_t loop, const std::vector<std::size_t>& members);
+  Duration first_tick() const { return schedule.tick(0).end - schedule.tick(0).begin; }
+  void arrange_solved();
   void watch_values();
   [[noreturn]] void report_non_finite(Time now) const;
   void start_workers(int threads, bool always);
@@ -185,13 +190,15 @@ class Engine {
   const Scenario& scenario_;
   std::span<Member> members_;
   std::vector<std::unique_ptr<GroupSolver>> solvers_;
-  std::vector<LoopReport> loops_;  // counts: see solvers_
+  std::vector<LoopReport> loops_;                 // counts: see solvers_
+  std::vector<std::vector<std::size_t>> groups_;  // members of loops_
   /// A loop whose gain can be measured, with its own list of slots.
   struct Watch {
     std::size_t loop = 0;
     std::vector<Slot> slots;
     std::unique_ptr<GroupSolver> solver;
   };
+  Watch watch(std::size_t loop);
   std::vector<Watch> watches_;
   std::vector<std::size_t> solver_of_loop_;
   Arrangement arrangement_;

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 
 #include "master/run/arrangement.h"
 #include "models/support/error.h"
@@ -38,23 +37,21 @@ double spectral_radius(Eigen::MatrixXd& power, Eigen::MatrixXd& square) {
 
 Eigen::Index index(std::size_t i) { return static_cast<Eigen::Index>(i); }
 
-std::size_t number_of_unknowns(std::span<const Slot> slots, const std::vector<Link>& links) {
-  const auto in_group = [&](std::size_t member) {
-    return std::ranges::any_of(slots, [&](const Slot& slot) { return slot.member == member; });
-  };
-  std::map<const double*, bool> seen;
-  for (const Link& link : links) {
-    if (!is_continuous(link) || !in_group(link.from.member) || !in_group(link.to.member)) continue;
-    for (const double& value : link.from.reals()) seen[&value] = true;
-  }
-  return seen.size();
+std::vector<std::size_t> members_of(std::span<const Slot> slots) {
+  std::vector<std::size_t> members;
+  for (const Slot& slot : slots) members.push_back(slot.member);
+  return members;
 }
 
 }  // namespace
 
 GroupSolver::GroupSolver(std::span<Slot> slots, std::span<const Member> members, const std::vector<Link>& links, Bonds& bonds,
                          double tolerance)
-    : slots_(slots), members_(members), bonds_(bonds), units_(slots.size()), newton_(index(number_of_unknowns(slots, links))) {
+    : slots_(slots),
+      members_(members),
+      bonds_(bonds),
+      units_(slots.size()),
+      newton_(index(count_unknowns(links, members_of(slots)))) {
   const auto slot_of = [&](std::size_t member) {
     const auto found = std::ranges::find_if(slots, [&](const Slot& slot) { return slot.member == member; });
     return static_cast<std::size_t>(found - slots.begin());

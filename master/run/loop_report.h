@@ -1,4 +1,5 @@
 #pragma once
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <string>
@@ -14,7 +15,10 @@ struct LoopCounts {
   std::int64_t divided = 0;         // steps that were divided
 };
 
-/// A loop of continuous connections, for the summary.
+/// Largest gain of a loop in a tick that coupling=auto leaves to explicit steps.
+inline constexpr double kExplicitGain = 0.1;
+
+/// A loop of continuous connections.
 struct LoopReport {
   std::string members;                                     // "drive, world"
   bool solved = false;                                     // implicit; otherwise its units step explicitly
@@ -22,7 +26,14 @@ struct LoopReport {
   double gain = std::numeric_limits<double>::quiet_NaN();  // largest GroupSolver::loop_gain of a tick; NaN if not measured
   double gain_time = 0;                                    // s, when it was measured
   bool unmeasurable = false;                               // a member has no cheap way back (Unit::goes_back)
-  LoopCounts counts{};                                     // if solved
+  std::size_t unknowns = 0;                                // elements of its outputs
+  /// s, the step from which on explicit steps diverge (gain 1); 0: also with 1/1024 tick; infinity: not up to 1024 ticks; NaN:
+  /// not measured. See Engine::measure_loops.
+  double border = std::numeric_limits<double>::quiet_NaN();
+  LoopCounts counts{};  // if solved
+
+  /// Whether coupling=auto solves it, if its gain was measured.
+  bool needs_solving() const { return algebraic || !(gain <= kExplicitGain); }
 };
 
 }  // namespace cotwin::master

@@ -75,7 +75,8 @@ void number_items(Member& member, const fmu::ModelDescription& description) {
   }
 }
 
-/// The values of `set` that were applied to real inputs and outputs.
+}  // namespace
+
 std::vector<GivenStart> given_starts(const ParameterSet& set, const Member& member) {
   std::vector<GivenStart> given;
   for (const ParameterValue& value : set.values) {
@@ -88,8 +89,6 @@ std::vector<GivenStart> given_starts(const ParameterSet& set, const Member& memb
   }
   return given;
 }
-
-}  // namespace
 
 void check_name(const ParameterValue& value, const Member& member) {
   if (find_element(member.variables(), value.name).variable != nullptr) return;

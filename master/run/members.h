@@ -84,6 +84,9 @@ std::string element_name(const std::string& member, const Variable& variable, st
 /// out and listed in `unknown`.
 ParameterSet start_values(const Scenario& scenario, const Member& member, std::vector<std::string>* unknown = nullptr);
 
+/// The values of `set` that were applied to real inputs and outputs of the member (Member::given).
+std::vector<GivenStart> given_starts(const ParameterSet& set, const Member& member);
+
 /// Throws Error for a start value whose name is not a variable of the member; the message says if it is a setting.
 void check_name(const ParameterValue& value, const Member& member);
 
