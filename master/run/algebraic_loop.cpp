@@ -50,10 +50,11 @@ class AlgebraicLoop::Deflated final : public CoupledOutputs {
     y = x + factor(x) * (y - x);
     return true;
   }
-  bool linearise(const VectorXd& x, const VectorXd& y, MatrixXd& jacobian) override {
+  bool linearise(const VectorXd& x, VectorXd& y, MatrixXd& jacobian) override {
     const double m = factor(x);
     const VectorXd residual = (y - x) / m;
-    if (!loop_.linearise(x, x + residual, jacobian)) return false;
+    VectorXd of_loop = x + residual;
+    if (!loop_.linearise(x, of_loop, jacobian)) return false;
     const VectorXd gradient = -std::pow(m - 1, 3) * (x - known_).cwiseQuotient(scale_.cwiseProduct(scale_));
     jacobian *= m;
     jacobian.diagonal().array() += 1 - m;
@@ -181,7 +182,7 @@ bool AlgebraicLoop::probe(const VectorXd& x, Index j, double moved) {
 }
 
 /// The increment goes towards y, where the next step goes, or away from it if it cannot be made.
-bool AlgebraicLoop::linearise(const VectorXd& x, const VectorXd& y, MatrixXd& jacobian) {
+bool AlgebraicLoop::linearise(const VectorXd& x, VectorXd& y, MatrixXd& jacobian) {
   jacobian.setZero();
   update(x, all_);
   for (Index j = 0; j < x.size(); ++j) {

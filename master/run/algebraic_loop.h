@@ -58,7 +58,7 @@ class AlgebraicLoop final : private CoupledOutputs {
 
   void add(const Link& link, std::size_t from, std::size_t to);
   bool evaluate(const Eigen::VectorXd& x, Eigen::VectorXd& y) override;
-  bool linearise(const Eigen::VectorXd& x, const Eigen::VectorXd& y, Eigen::MatrixXd& jacobian) override;
+  bool linearise(const Eigen::VectorXd& x, Eigen::VectorXd& y, Eigen::MatrixXd& jacobian) override;
   bool probe(const Eigen::VectorXd& x, Eigen::Index j, double moved);
   void swap_outputs(Eigen::VectorXd& values);
   void update(const Eigen::VectorXd& x, std::span<const std::size_t> units);

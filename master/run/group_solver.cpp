@@ -17,6 +17,7 @@ constexpr double kSmallScale = 1e-3;   // of an unknown whose nominal value is n
 constexpr double kNoise = 1e-9;        // of units that choose their own steps, relative
 constexpr double kMostRelaxed = 1e-2;  // tolerance of Newton's method / that of the scenario
 constexpr std::int64_t kShort = 16;    // full step / short step, to find inputs that act without delay
+constexpr double kStiff = 0.3;         // gain of a loop in a step above which held inputs are not means
 constexpr double kNoDelay = 0.25;      // smallest change in the short step / change in the full step of such an input
 
 /// Largest magnitude of the eigenvalues of `power`, by Gelfand's formula: ‖A^k‖^(1/k). Changes its arguments.
@@ -59,6 +60,7 @@ GroupSolver::GroupSolver(std::span<Slot> slots, std::span<const Member> members,
   const Eigen::Index n = newton_.jacobian().rows();
   x_ = first_x_ = probe_ = changed_ = slope_ = y_ = Eigen::VectorXd::Zero(n);
   scale_ = Eigen::VectorXd::Constant(n, kSmallScale);
+  power_ = square_ = Eigen::MatrixXd::Zero(n, n);
   for (const Link& link : links) {
     const std::size_t to = slot_of(link.to.member), from = slot_of(link.from.member);
     if (to == slots.size() || link.initial) continue;
@@ -91,7 +93,7 @@ void GroupSolver::add(const Link& link, std::size_t from, std::size_t to) {
     units_[to].inputs.push_back({&targets[e], held ? nullptr : &rate[link.to.first + e],
                                  static_cast<std::size_t>(known - unknowns_.begin()), link.factor, link.offset,
                                  held ? Way::kEnd : Way::kRamp});
-    ways_chosen_ = ways_chosen_ && !held;
+    holds_ = holds_ || held;
   }
 }
 
@@ -164,48 +166,79 @@ bool GroupSolver::evaluate(const Eigen::VectorXd& x, Eigen::VectorXd& y) {
   return true;
 }
 
-bool GroupSolver::linearise(const Eigen::VectorXd& x, const Eigen::VectorXd& y, Eigen::MatrixXd& jacobian) {
+double GroupSolver::increment(std::size_t unknown) const { return kIncrement * scale_[index(unknown)]; }
+
+/// Probes with held inputs at their values at the end of the step. Then decides which of them are means: where the loop is not
+/// stiff, those that act with delay, so that the step is of second order. In stiff loops the end values damp what the step does
+/// not resolve.
+bool GroupSolver::linearise(const Eigen::VectorXd& x, Eigen::VectorXd& y, Eigen::MatrixXd& jacobian) {
+  bool changed = false;
+  for (PerSlot& unit : units_) {
+    for (Input& input : unit.inputs) {
+      changed = changed || input.way == Way::kMean;
+      if (input.way == Way::kMean) input.way = Way::kEnd;
+    }
+  }
+  if (changed && !evaluate(x, y)) return false;
+  if (!probe(x, y, jacobian)) return false;
+  if (!holds_) return true;
+  power_ = jacobian;
+  if (!power_.allFinite() || spectral_radius(power_, square_) > kStiff) return true;
+  hold_means(x, jacobian);
+  return evaluate(x, y);
+}
+
+/// The Jacobian by one step per unknown and unit that it feeds.
+bool GroupSolver::probe(const Eigen::VectorXd& x, const Eigen::VectorXd& y, Eigen::MatrixXd& jacobian) {
   jacobian.setZero();
   probe_ = x;
   for (std::size_t j = 0; j < unknowns_.size(); ++j) {
-    probe_[index(j)] += kIncrement * scale_[index(j)];
-    const double increment = probe_[index(j)] - x[index(j)];
+    probe_[index(j)] += increment(j);
     for (const std::size_t i : unknowns_[j].readers) {
       if (!step_slot(i, probe_, h_)) return false;
       for (const std::size_t k : units_[i].outputs)
-        jacobian(index(k), index(j)) = (*unknowns_[k].value - y[index(k)]) / increment;
-      if (!ways_chosen_) choose_ways(x, j, i, jacobian);
+        jacobian(index(k), index(j)) = (*unknowns_[k].value - y[index(k)]) / (probe_[index(j)] - x[index(j)]);
     }
     probe_[index(j)] = x[index(j)];
   }
-  ways_chosen_ = true;
   return true;
 }
 
+/// Lets a unit hold the mean of an unknown where all its outputs follow it with delay. Half of the mean is the value at the
+/// beginning of the step, which does not depend on x.
+void GroupSolver::hold_means(const Eigen::VectorXd& x, Eigen::MatrixXd& jacobian) {
+  for (std::size_t j = 0; j < unknowns_.size(); ++j) {
+    const auto is_held = [&](const Input& input) { return input.unknown == j && input.way != Way::kRamp; };
+    probe_[index(j)] += increment(j);
+    for (const std::size_t i : unknowns_[j].readers) {
+      if (std::ranges::none_of(units_[i].inputs, is_held) || !acts_with_delay(x, j, i, jacobian)) continue;
+      for (Input& input : units_[i].inputs) {
+        if (is_held(input)) input.way = Way::kMean;
+      }
+      for (const std::size_t k : units_[i].outputs) jacobian(index(k), index(j)) *= 0.5;
+    }
+    probe_[index(j)] = x[index(j)];
+  }
+}
+
 /// Compares the change of a unit's outputs after the step with that after a short step. Where it is no smaller, the outputs
-/// depend on the input without delay, or the unit is at rest again within the step.
-void GroupSolver::choose_ways(const Eigen::VectorXd& x, std::size_t unknown, std::size_t slot, Eigen::MatrixXd& jacobian) {
-  PerSlot& unit = units_[slot];
-  const auto concerns = [&](const Input& input) { return input.unknown == unknown && input.way != Way::kRamp; };
+/// depend on the input without delay, or the unit has come to rest within the step.
+bool GroupSolver::acts_with_delay(const Eigen::VectorXd& x, std::size_t unknown, std::size_t slot,
+                                  const Eigen::MatrixXd& jacobian) {
+  const PerSlot& unit = units_[slot];
   const Duration h{h_.ns / kShort};
-  if (h.ns == 0 || std::ranges::none_of(unit.inputs, concerns)) return;
   const Eigen::Index j = index(unknown);
-  const double increment = probe_[j] - x[j];
-  if (!step_slot(slot, probe_, h)) return;
+  if (h.ns == 0 || !step_slot(slot, probe_, h)) return false;
   for (const std::size_t k : unit.outputs) changed_[index(k)] = *unknowns_[k].value;
-  if (!step_slot(slot, x, h)) return;
-  bool acts = false, without_delay = false;
+  if (!step_slot(slot, x, h)) return false;
+  bool acts = false;
   for (const std::size_t k : unit.outputs) {
     const double full = std::abs(jacobian(index(k), j));
-    const double in_short = std::abs((changed_[index(k)] - *unknowns_[k].value) / increment);
+    const double in_short = std::abs((changed_[index(k)] - *unknowns_[k].value) / (probe_[j] - x[j]));
+    if (in_short > kNoDelay * full) return false;
     acts = acts || full > 0;
-    without_delay = without_delay || in_short > kNoDelay * full;
   }
-  if (!acts || without_delay) return;
-  for (Input& input : unit.inputs) {
-    if (concerns(input)) input.way = Way::kMean;
-  }
-  for (const std::size_t k : unit.outputs) jacobian(index(k), j) *= 0.5;
+  return acts;
 }
 
 void GroupSolver::begin_part(Time begin, Time end) {
@@ -296,10 +329,8 @@ const Slot* GroupSolver::fail(Newton::Outcome outcome, Time at) const {
 double GroupSolver::loop_gain(Time now, Duration h) {
   const LoopCounts counts = counts_;
   seconds_ = {};
-  power_.resize(x_.size(), x_.size());
-  square_.resize(x_.size(), x_.size());
   begin_part(now, now + h);
-  const bool measured = evaluate(x_, y_) && linearise(x_, y_, power_) && power_.allFinite();
+  const bool measured = evaluate(x_, y_) && probe(x_, y_, power_) && power_.allFinite();
   restore_all();
   counts_ = counts;
   return measured ? spectral_radius(power_, square_) : std::numeric_limits<double>::quiet_NaN();
@@ -309,7 +340,7 @@ std::size_t GroupSolver::state_size() const {
   const std::size_t n = unknowns_.size();
   std::size_t inputs = 0;
   for (const PerSlot& unit : units_) inputs += unit.inputs.size();
-  return n * n + 2 * n + inputs + 3;
+  return n * n + 2 * n + inputs + 2;
 }
 
 void GroupSolver::save(std::span<double> numbers) const {
@@ -322,7 +353,6 @@ void GroupSolver::save(std::span<double> numbers) const {
     for (const Input& input : unit.inputs) *to++ = static_cast<double>(input.way);
   }
   *to++ = newton_.known() ? 1 : 0;
-  *to++ = ways_chosen_ ? 1 : 0;
   *to++ = halvings_;
 }
 
@@ -342,7 +372,6 @@ void GroupSolver::restore(std::span<const double> numbers) {
     }
   }
   newton_.set_known(*from++ != 0);
-  ways_chosen_ = *from++ != 0;
   const double halvings = *from++;
   halvings_ = halvings >= 0 && halvings <= kMostHalvings ? static_cast<int>(halvings) : 0;
 }

@@ -17,7 +17,8 @@ namespace cotwin::master {
 
 /// The implicit interface of a group. Unknown are the real outputs x at the end of the step that feed inputs within the group.
 /// An input goes linearly from its value at the beginning of the step to its value at the end. If its unit holds its inputs, it
-/// is the mean of both where no output at the end depends on it without delay, otherwise the value at the end. The units step
+/// has the value at the end; or the mean of both, if no output at the end depends on it without delay and the loop is not stiff
+/// (chosen with each Jacobian). The units step
 /// from the same beginning until their outputs y(x) are x (class Newton). If that does not converge, or if a unit discards its
 /// step, the step is divided.
 class GroupSolver final : private CoupledOutputs {
@@ -88,13 +89,16 @@ class GroupSolver final : private CoupledOutputs {
   };
 
   bool evaluate(const Eigen::VectorXd& x, Eigen::VectorXd& y) override;
-  bool linearise(const Eigen::VectorXd& x, const Eigen::VectorXd& y, Eigen::MatrixXd& jacobian) override;
+  bool linearise(const Eigen::VectorXd& x, Eigen::VectorXd& y, Eigen::MatrixXd& jacobian) override;
+  bool probe(const Eigen::VectorXd& x, const Eigen::VectorXd& y, Eigen::MatrixXd& jacobian);
   void add(const Link& link, std::size_t from, std::size_t to);
   Newton::Outcome step_part(Time begin, Time end);
   void begin_part(Time begin, Time end);
   void restore_all();
   void accept(Time end);
-  void choose_ways(const Eigen::VectorXd& x, std::size_t unknown, std::size_t slot, Eigen::MatrixXd& jacobian);
+  bool acts_with_delay(const Eigen::VectorXd& x, std::size_t unknown, std::size_t slot, const Eigen::MatrixXd& jacobian);
+  void hold_means(const Eigen::VectorXd& x, Eigen::MatrixXd& jacobian);
+  double increment(std::size_t unknown) const;
   void set_inputs(PerSlot& unit, const Eigen::VectorXd& x, Duration h);
   bool step_slot(std::size_t i, const Eigen::VectorXd& x, Duration h);
   void restore_slot(std::size_t i);
@@ -107,7 +111,7 @@ class GroupSolver final : private CoupledOutputs {
   std::vector<Unknown> unknowns_;
   std::vector<PerSlot> units_;  // per slot
   std::vector<Outside> outside_;
-  bool ways_chosen_ = true;  // of inputs that are held
+  bool holds_ = false;  // inputs are held
 
   // The present part of a step.
   Time begin_;
@@ -118,7 +122,7 @@ class GroupSolver final : private CoupledOutputs {
 
   Newton newton_;
   Eigen::VectorXd x_, first_x_, probe_, changed_, scale_, slope_, y_;
-  Eigen::MatrixXd power_, square_;  // of loop_gain()
+  Eigen::MatrixXd power_, square_;  // of the spectral radius
   int halvings_ = 0;                // of the last part that was made
   LoopCounts counts_;
 };

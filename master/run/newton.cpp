@@ -133,6 +133,7 @@ Newton::Outcome Newton::solve(CoupledOutputs& outputs, Eigen::VectorXd& x, const
       if (!outputs.linearise(x, y_, jacobian_)) return Outcome::kStopped;
       ++linearisations_;
       known_ = computed_here = true;
+      find_residual(x, scale);
     }
     singular = !find_step();
     if (singular) {

@@ -11,8 +11,9 @@ class CoupledOutputs {
   virtual ~CoupledOutputs() = default;
   /// Computes y(x). Returns false if a unit cannot make its step.
   virtual bool evaluate(const Eigen::VectorXd& x, Eigen::VectorXd& y) = 0;
-  /// Computes ∂y/∂x at `x`, where y(x) = `y`. May evaluate at other points. Returns false as evaluate().
-  virtual bool linearise(const Eigen::VectorXd& x, const Eigen::VectorXd& y, Eigen::MatrixXd& jacobian) = 0;
+  /// Computes ∂y/∂x at `x`, where y(x) = `y`. May evaluate at other points, and may change how y depends on x: then `y` is
+  /// the new y(x). Returns false as evaluate().
+  virtual bool linearise(const Eigen::VectorXd& x, Eigen::VectorXd& y, Eigen::MatrixXd& jacobian) = 0;
 };
 
 /// Solves y(x) = x. ∂y/∂x is corrected along each step (Broyden, Math. Comp. 19, 1965, the "good" update, each unknown divided

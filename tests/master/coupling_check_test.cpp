@@ -95,7 +95,7 @@ TEST(StabilityBorder, OfAnOscillatorIsWhereItsGainIsOne) {
   for (const double tick : {1e-3, 1e-2, 0.15, 0.2, 0.3, 5.0}) {
     for (const auto coupling : {CouplingChoice::kAuto, CouplingChoice::kExplicit, CouplingChoice::kImplicit}) {
       const LoopReport loop = measured(lc(coupling, tick));
-      EXPECT_NEAR(loop.gain, 10 * tick / 2, 1e-6 * tick);
+      EXPECT_NEAR(loop.gain, 10 * tick / 2, 1e-3 * tick);
       EXPECT_NEAR(loop.border, 0.2, 4e-4) << tick;
       EXPECT_EQ(loop.unknowns, 2u);
     }

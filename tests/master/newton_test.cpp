@@ -24,7 +24,7 @@ class Function final : public CoupledOutputs {
     y = y_(x);
     return evaluations != stop_at;
   }
-  bool linearise(const Vector& x, const Vector& y, Matrix& jacobian) override {
+  bool linearise(const Vector& x, Vector& y, Matrix& jacobian) override {
     for (Eigen::Index j = 0; j < x.size(); ++j) {
       Vector moved = x;
       moved[j] += 1e-4 * std::max(std::abs(x[j]), 1e-3);
