@@ -32,6 +32,8 @@ class Snapshot {
   friend bool operator==(const Snapshot&, const Snapshot&) = default;
 
  private:
+  void take_values(const Variables& variables);
+
   std::uint64_t fingerprint_ = 0;
   std::vector<double> reals_;
   std::vector<std::int32_t> integers_;

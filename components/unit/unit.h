@@ -42,7 +42,8 @@ class Unit {
   virtual StepResult step(Time now, Duration h) = 0;
   virtual void restored() {}
   /// Replaces `bytes` by what steps keep outside the variables: an FMU's state, compressed samples. A snapshot passes them to
-  /// restore_memory(), of this instance or a new one, after the variables were written and before restored().
+  /// restore_memory(), of this instance or a new one, after the variables were written and before restored(). Bytes of an
+  /// earlier call that are replaced are not restored any more, unless they were copied.
   virtual void save_memory(std::string& bytes) { bytes.clear(); }
   virtual void restore_memory(const std::string&) {}
   /// False for a unit whose step reaches outside (a bus, a robot) and cannot be taken back.

@@ -56,16 +56,16 @@ Time StateKeeper::time_of(const std::string& bytes) {
 }
 
 void StateKeeper::save(ForeignInstance& instance, Time time, std::string_view extra, std::string& bytes) {
-  std::string state;
+  std::uint64_t number = 0;
   if (serialises_) {
     Kept& kept = kept_.front();
     instance.save(kept.state);
     instance.serialise(kept.state, scratch_);
   } else {
-    Kept& kept = kept_[next_ % kKept];
+    Kept& kept = place_for(bytes);
     kept.number = 0;
     instance.save(kept.state);
-    kept.number = next_++;
+    kept.number = number = next_++;
   }
   ByteWriter out;
   out.value(time.ns);
@@ -74,9 +74,22 @@ void StateKeeper::save(ForeignInstance& instance, Time time, std::string_view ex
   if (serialises_) {
     out.text(scratch_);
   } else {
-    out.value(kept_[(next_ - 1) % kKept].number);
+    out.value(number);
   }
   bytes = out.bytes();
+}
+
+/// Where to keep a state that replaces the one in `bytes`: in its place, otherwise in that of the oldest.
+StateKeeper::Kept& StateKeeper::place_for(const std::string& bytes) {
+  if (!bytes.empty() && !holds_state(bytes)) {
+    ByteReader in(as_bytes(bytes), "state of the FMU");
+    static_cast<void>(in.value<std::int64_t>());  // time_of()
+    static_cast<void>(in.value<std::uint8_t>());
+    static_cast<void>(in.text());
+    const auto old = std::ranges::find(kept_, in.value<std::uint64_t>(), &Kept::number);
+    if (old != kept_.end()) return *old;
+  }
+  return *std::ranges::min_element(kept_, {}, &Kept::number);
 }
 
 std::string StateKeeper::restore(ForeignInstance& instance, const std::string& bytes) {
@@ -99,12 +112,12 @@ std::string StateKeeper::restore(ForeignInstance& instance, const std::string& b
   } else {
     const auto number = in.value<std::uint64_t>();
     in.expect_end();
-    const Kept& kept = kept_[number % kKept];
-    if (number == 0 || kept.number != number) {
+    const auto kept = std::ranges::find(kept_, number, &Kept::number);
+    if (number == 0 || kept == kept_.end()) {
       in.fail("is no longer kept: this FMU cannot serialise its states, and only its last " + std::to_string(kKept) +
               " are kept");
     }
-    instance.restore(kept.state);
+    instance.restore(kept->state);
   }
   return extra;
 }
@@ -299,8 +312,7 @@ StepResult ForeignUnit::step(Time now, Duration h) {
 }
 
 void ForeignUnit::save_memory(std::string& bytes) {
-  bytes.clear();
-  if (!restorable() || !healthy_) return;
+  if (!restorable() || !healthy_) return bytes.clear();
   set_call_place(place_, under_way.ns);
   ByteWriter extra;
   extra.value(static_cast<std::uint8_t>(next_event_.has_value()));

@@ -45,13 +45,14 @@ bool can_ramp_inputs(const ModelDescription& description, InterfaceKind kind);
 ForeignVariablesOptions variables_options(const ModelDescription& description, InterfaceKind kind, const UnitOptions& options);
 
 /// Saves the state of a foreign FMU as bytes for a snapshot: the serialised state, which a new instance can restore; or, if the
-/// FMU cannot serialise, the number of one of the last kKept states that are kept in the instance.
+/// FMU cannot serialise, the number of one of the last kKept states that are kept in the instance. A state that is saved over
+/// the bytes of another replaces it.
 class StateKeeper {
  public:
   static constexpr std::size_t kKept = 16;
   explicit StateKeeper(const Interface& interface) : serialises_(interface.can_serialise_state) {}
 
-  /// Writes `time`, `extra` and the instance's state.
+  /// Writes `time`, `extra` and the instance's state over `bytes`.
   void save(ForeignInstance& instance, Time time, std::string_view extra, std::string& bytes);
   /// Returns the time of a saved state. Throws Error for empty bytes.
   static Time time_of(const std::string& bytes);
@@ -65,6 +66,8 @@ class StateKeeper {
     std::uint64_t number = 0;
     void* state = nullptr;
   };
+  Kept& place_for(const std::string& bytes);
+
   bool serialises_;
   std::uint64_t next_ = 1;
   std::array<Kept, kKept> kept_{};

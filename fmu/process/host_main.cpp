@@ -119,6 +119,7 @@ void Host::answer() {
       return;
     }
     case Verb::kSave:
+      channel_.take(state_, in);
       channel_.read(variables_, Channel::is_input, in);  // inputs set since the last step are not in the FMU yet
       unit_->save_memory(state_);
       channel_.append(state_, out);

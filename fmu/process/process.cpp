@@ -397,9 +397,9 @@ StepResult ProcessUnit::step(Time now, Duration h) {
 }
 
 void ProcessUnit::save_memory(std::string& bytes) {
-  bytes.clear();
-  if (!restorable_ || !host_ || !host_->alive()) return;
+  if (!restorable_ || !host_ || !host_->alive()) return bytes.clear();
   std::size_t text = 0;
+  channel().append(holds_state(bytes) ? std::string() : bytes, text);  // the state that it replaces
   channel().write(declared_, Channel::is_input, text);
   host_->call(Verb::kSave);
   text = 0;

@@ -27,6 +27,20 @@ Graph graph_of(const std::vector<Link>& links, std::size_t nodes, Keep keep) {
   return edges;
 }
 
+/// The strong components of the continuous connections between members that `takes_part`.
+template <class TakesPart>
+std::vector<std::vector<std::size_t>> loops_of(const std::vector<Link>& links, std::size_t members, TakesPart takes_part) {
+  const Graph edges = graph_of(links, members, [&](const Link& link) {
+    return is_continuous(link) && takes_part(link.from.member) && takes_part(link.to.member);
+  });
+  std::vector<std::vector<std::size_t>> loops;
+  for (std::vector<std::size_t>& component : strong_components(edges)) {
+    const std::size_t first = component.front();
+    if (component.size() > 1 || std::ranges::binary_search(edges[first], first)) loops.push_back(std::move(component));
+  }
+  return loops;
+}
+
 }  // namespace
 
 bool is_continuous(const Link& link) {
@@ -35,17 +49,16 @@ bool is_continuous(const Link& link) {
 }
 
 std::vector<std::vector<std::size_t>> coupled_groups(const std::vector<Link>& links, std::span<const Member> members) {
-  const auto can_be_solved = [&](std::size_t m) {
-    return members[m].spec.period == 1 && members[m].instance.unit->restorable();
-  };
-  const Graph edges = graph_of(links, members.size(), [&](const Link& link) {
-    return is_continuous(link) && can_be_solved(link.from.member) && can_be_solved(link.to.member);
+  return loops_of(links, members.size(),
+                  [&](std::size_t m) { return members[m].spec.period == 1 && members[m].instance.unit->restorable(); });
+}
+
+std::vector<std::vector<std::size_t>> unsolvable_groups(const std::vector<Link>& links, std::span<const Member> members) {
+  std::vector<std::vector<std::size_t>> groups =
+      loops_of(links, members.size(), [&](std::size_t m) { return members[m].spec.period == 1; });
+  std::erase_if(groups, [&](const std::vector<std::size_t>& group) {
+    return std::ranges::all_of(group, [&](std::size_t m) { return members[m].instance.unit->restorable(); });
   });
-  std::vector<std::vector<std::size_t>> groups;
-  for (std::vector<std::size_t>& component : strong_components(edges)) {
-    const std::size_t first = component.front();
-    if (component.size() > 1 || std::ranges::binary_search(edges[first], first)) groups.push_back(std::move(component));
-  }
   return groups;
 }
 

@@ -16,6 +16,8 @@ bool is_continuous(const Link& link);
 /// Groups of members that feed one another by continuous connections (strongly connected components), members ascending. A
 /// member with a period, or one that cannot be restored, is in no group: it uses what the others had sent before its step.
 std::vector<std::vector<std::size_t>> coupled_groups(const std::vector<Link>& links, std::span<const Member> members);
+/// Likewise the groups that would be larger if all of their members could be restored.
+std::vector<std::vector<std::size_t>> unsolvable_groups(const std::vector<Link>& links, std::span<const Member> members);
 
 /// Number of the elements of outputs in a group that feed inputs in it.
 std::size_t count_unknowns(const std::vector<Link>& links, std::span<const std::size_t> group);

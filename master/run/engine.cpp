@@ -154,15 +154,16 @@ void Engine::choose_groups(const Initialisation& initialised) {
   groups_ = coupled_groups(links, members_);
   const auto is_algebraic = [&](std::size_t m) { return std::ranges::count(initialised.loop, members_[m].name()) > 0; };
   const auto goes_back = [&](std::size_t m) { return members_[m].instance.unit->goes_back(); };
-  for (const std::vector<std::size_t>& group : groups_) {
+  const auto report = [&](const std::vector<std::size_t>& group) -> LoopReport& {
     LoopReport& loop = loops_.emplace_back();
     for (const std::size_t m : group) loop.members += (loop.members.empty() ? "" : ", ") + members_[m].name();
     // One member alone may be in a loop with others.
     loop.algebraic = std::ranges::count_if(group, is_algebraic) >= std::min<std::ptrdiff_t>(2, std::ssize(group));
-    loop.solved = scenario_.coupling == CouplingChoice::kImplicit;
     loop.unmeasurable = !std::ranges::all_of(group, goes_back);
     loop.unknowns = count_unknowns(links, group);
-  }
+    return loop;
+  };
+  for (const std::vector<std::size_t>& group : groups_) report(group).solved = scenario_.coupling == CouplingChoice::kImplicit;
   watches_.clear();
   if (scenario_.coupling == CouplingChoice::kAuto) {
     for (std::size_t g = 0; g < groups_.size(); ++g) {
@@ -173,6 +174,10 @@ void Engine::choose_groups(const Initialisation& initialised) {
     std::erase_if(watches_, [&](const Watch& watch) { return loops_[watch.loop].solved; });
   }
   arrange_solved();
+  for (const std::vector<std::size_t>& group : unsolvable_groups(links, members_)) {
+    const auto stays = std::ranges::find_if(group, [&](std::size_t m) { return !members_[m].instance.unit->restorable(); });
+    report(group).not_restorable = members_[*stays].name();
+  }
 }
 
 void Engine::arrange_solved() {
@@ -233,7 +238,7 @@ std::vector<LoopReport> Engine::measure_loops(Time start, std::size_t most_unkno
 
 std::vector<LoopReport> Engine::loops() const {
   std::vector<LoopReport> result = loops_;
-  for (std::size_t g = 0; g < result.size(); ++g) {
+  for (std::size_t g = 0; g < solver_of_loop_.size(); ++g) {
     if (solver_of_loop_[g] != kNoGroup) result[g].counts = solvers_[solver_of_loop_[g]]->counts();
   }
   return result;

@@ -38,6 +38,8 @@ double spectral_radius(Eigen::MatrixXd& power, Eigen::MatrixXd& square) {
 
 Eigen::Index index(std::size_t i) { return static_cast<Eigen::Index>(i); }
 
+std::string place_of(const std::string& names, Time t) { return names + " at t = " + text::to_text(t.seconds()) + " s"; }
+
 std::vector<std::size_t> members_of(std::span<const Slot> slots) {
   std::vector<std::size_t> members;
   for (const Slot& slot : slots) members.push_back(slot.member);
@@ -106,8 +108,13 @@ std::string GroupSolver::names() const {
 void GroupSolver::restore_slot(std::size_t i) {
   if (!units_[i].moved) return;
   const Member& member = members_[slots_[i].member];
-  units_[i].begin.restore(member.variables(), *slots_[i].unit);
   units_[i].moved = false;
+  try {
+    units_[i].begin.restore(member.variables(), *slots_[i].unit);
+  } catch (const Error& error) {
+    const bool failed = discarded_ == &slots_[i] && !error_.empty();  // the error that made it lose its state
+    throw Error(place_of(member.name(), begin_), failed ? error_ : error.what());
+  }
 }
 
 void GroupSolver::restore_all() {
@@ -316,9 +323,9 @@ const Slot* GroupSolver::step(Time begin, Time end, std::span<double> seconds) {
 const Slot* GroupSolver::fail(Newton::Outcome outcome, Time at) const {
   if (outcome == Newton::Outcome::kStopped) {
     if (error_.empty()) return discarded_;
-    throw Error(members_[discarded_->member].name() + " at t = " + text::to_text(at.seconds()) + " s", error_);
+    throw Error(place_of(members_[discarded_->member].name(), at), error_);
   }
-  const std::string place = names() + " at t = " + text::to_text(at.seconds()) + " s";
+  const std::string place = place_of(names(), at);
   if (outcome == Newton::Outcome::kSingular)
     throw Error(place, "the values that they exchange have no solution, or more than one: the loop's gain is 1");
   throw Error(place, "the values that they exchange do not converge even at 1/" + std::to_string(1 << kMostHalvings) +

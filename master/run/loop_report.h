@@ -30,7 +30,8 @@ struct LoopReport {
   /// s, the step from which on explicit steps diverge (gain 1); 0: also with 1/1024 tick; infinity: not up to 1024 ticks; NaN:
   /// not measured. See Engine::measure_loops.
   double border = std::numeric_limits<double>::quiet_NaN();
-  LoopCounts counts{};  // if solved
+  LoopCounts counts{};         // if solved
+  std::string not_restorable;  // the member because of which it cannot be solved; else empty
 
   /// Whether coupling=auto solves it, if its gain was measured.
   bool needs_solving() const { return algebraic || !(gain <= kExplicitGain); }

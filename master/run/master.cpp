@@ -465,7 +465,11 @@ Summary Master::Loop::summary() const {
           " s: with explicit steps its values are wrong, or diverge from 1 on; expected coupling=implicit or a "
           "shorter tick");
     }
-    if (loop.algebraic && !loop.solved) {
+    if (!loop.not_restorable.empty()) {
+      if (!loop.algebraic && scenario_.coupling != CouplingChoice::kImplicit) continue;
+      s.warnings.push_back("the loop of " + loop.members + " is coupled by explicit steps: '" + loop.not_restorable +
+                           "' cannot be restored, as coupling=implicit needs");
+    } else if (loop.algebraic && !loop.solved) {
       s.warnings.push_back("the values of " + loop.members +
                            " depend on one another without delay, and each step uses those of the last one: expected "
                            "coupling=implicit");

@@ -561,7 +561,10 @@ TEST_F(Import, RestoresStatesThatStayInTheFmuAsLongAsTheyAreKept) {
   early.restore(instance.variables, *instance.unit);
   EXPECT_EQ(run(instance, 0, 0.1, 0.01), StepResult::kDone);
   EXPECT_NEAR(real(instance, "y"), 0.1, 1e-12);
-  for (int i = 0; i < 16; ++i) late.take(instance.variables, *instance.unit);
+  for (int i = 0; i < 20; ++i) late.take(instance.variables, *instance.unit);  // each replaces the one before
+  early.restore(instance.variables, *instance.unit);
+  std::vector<Snapshot> others(15);
+  for (Snapshot& other : others) other.take(instance.variables, *instance.unit);
   late.restore(instance.variables, *instance.unit);
   EXPECT_THAT([&] { early.restore(instance.variables, *instance.unit); }, ThrowsMessage<Error>(HasSubstr("no longer kept")));
 }

@@ -11,6 +11,8 @@ std::string source();
 std::string shared();
 /// The program `cotwin` of this build.
 std::string program();
+/// The libraries of the units of linear_units.h as FMUs (PackRequest::libraries).
+std::string linear_libraries();
 /// The libraries of the FMUs below tests/fmu/fmus.
 std::string foreign_libraries();
 

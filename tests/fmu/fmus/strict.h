@@ -12,8 +12,9 @@
 #include <string.h>
 
 enum { kU = 1, kY = 2, kX = 3, kGain = 4, kBias = 5, kLongestStep = 6, kFrom = 7, kMode = 10 };
-/* kSilent: outputs cannot be read in Initialization Mode. kLate: they are updated only when this mode is left. */
-enum { kPolite = 0, kSilent = 1, kLate = 2 };
+/* kSilent: outputs cannot be read in Initialization Mode. kLate: they are updated only when this mode is left. kNarrow: inputs
+ * above 2 are an error afterwards. */
+enum { kPolite = 0, kSilent = 1, kLate = 2, kNarrow = 3 };
 
 typedef struct {
   double u, gain, bias, longest_step, from; /* from this time on, steps longer than longest_step are discarded */
@@ -89,6 +90,7 @@ static bool strict_set(Strict* s, unsigned reference, double value) {
   if (m == NULL) return false;
   double* const places[] = {&m->u, NULL, NULL, &m->gain, &m->bias, &m->longest_step, &m->from};
   if (reference < kU || reference > kFrom || places[reference - kU] == NULL) return false;
+  if (m->mode == kNarrow && !m->initialising && reference == kU && value > 2) return false;
   *places[reference - kU] = value;
   return true;
 }
