@@ -13,7 +13,7 @@ namespace cotwin::master {
 
 namespace {
 
-constexpr std::uint64_t kMagic = 0x324e495754544f43u;  // the bytes "COTTWIN2": the format and its version
+constexpr std::uint64_t kMagic = 0x334e495754544f43u;  // the bytes "COTTWIN3": the format and its version
 
 // put() and get() of a type handle the same fields in the same order.
 void put(ByteWriter& out, const Port& port) {
@@ -113,6 +113,7 @@ std::string serialise(const TwinPackage& package) {
   out.value(s.start.ns);
   out.value(s.stop.ns);
   out.value(s.tick.ns);
+  out.value(static_cast<std::uint8_t>(s.coupling));
   put(out, s.components);
   put(out, s.connections);
   put(out, s.events);
@@ -138,6 +139,9 @@ TwinPackage deserialise_twin(std::string_view bytes, const std::string& place) {
   s.start.ns = in.value<std::int64_t>();
   s.stop.ns = in.value<std::int64_t>();
   s.tick.ns = in.value<std::int64_t>();
+  const auto coupling = in.value<std::uint8_t>();
+  if (coupling >= std::size(kCouplingWords)) in.fail("has an unknown choice of coupling");
+  s.coupling = static_cast<CouplingChoice>(coupling);
   get(in, s.components);
   get(in, s.connections);
   get(in, s.events);

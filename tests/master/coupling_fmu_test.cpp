@@ -7,6 +7,8 @@
 #include <filesystem>
 
 #include "fmu/export/pack.h"
+#include "fmu/import/load.h"
+#include "master/twin/pack_twin.h"
 #include "tests/fmu/foreign.h"
 #include "tests/master/test_units.h"
 #include "tests/support/error_of.h"
@@ -239,6 +241,59 @@ TEST_P(LoopOfFmus, KeepsTheStateAtTheBeginningOfALongStep) {
     EXPECT_NEAR(value(master, "b.y"), 2, 1e-8);
     EXPECT_GT(master.summary().discarded, 0);
   }
+}
+
+/// A scenario packed as one FMU.
+Instance packed(const Build& b, fmu::Version version, const std::filesystem::path& file) {
+  PackageOptions options;
+  options.types = types();
+  options.version = version;
+  pack_twin(b.scenario, options, file);
+  fmu::LoadOptions load;
+  load.process = fmu::ProcessChoice::kShared;
+  return fmu::load(file, load);
+}
+
+TEST_P(LoopOfFmus, HasTheBitsOfTheRunInAScenarioThatIsOneFmu) {
+  for (const bool held : {false, true}) {
+    const Build b = as_fmus(lc(held), "");
+    Master master = load(b);
+    Instance one = packed(b, GetParam(), folder_.path() / "twin.fmu"), other = fmu::load(folder_.path() / "twin.fmu", {});
+    master.initialise();
+    one.unit->initialise({});
+    other.unit->initialise({});
+    const Duration h = b.scenario.tick;
+    Snapshot saved;
+    for (int n = 0; n < 100; ++n) {
+      if (n == 50) saved.take(one.variables, *one.unit);
+      master.step_tick();
+      ASSERT_EQ(one.unit->step(Time{} + n * h, h), StepResult::kDone);
+      ASSERT_EQ(one.variables.at("mass.v").reals()[0], value(master, "mass.v")) << n;
+    }
+    EXPECT_NEAR(value(master, "mass.v"), std::cos(2 * 100 * std::atan(10 * 0.01 / 2)), 1e-11);
+    const Snapshot anywhere = Snapshot::deserialise(saved.serialise());
+    for (Instance* instance : {&one, &other}) {
+      anywhere.restore(instance->variables, *instance->unit);
+      for (int n = 50; n < 100; ++n) ASSERT_EQ(instance->unit->step(Time{} + n * h, h), StepResult::kDone);
+      EXPECT_EQ(instance->variables.at("mass.v").reals()[0], value(master, "mass.v"));
+    }
+  }
+}
+
+TEST_P(LoopOfFmus, GoesBackWithinTheInstancesOfAScenarioThatIsOneFmu) {
+  Build b = ring("");
+  for (const char* name : {"a", "b"}) foreign(b, name, "strict");
+  b.scenario.components[0].start_values.push_back({"gain", -0.5, "", ""});
+  b.with("bias", 1.0);
+  Master master = load(b);
+  to_the_end(master);
+  Instance one = packed(b, GetParam(), folder_.path() / "twin.fmu");
+  one.unit->initialise({});
+  const std::size_t before = count("instantiate");
+  for (int n = 0; n < 10; ++n) ASSERT_EQ(one.unit->step(Time{} + n * b.scenario.tick, b.scenario.tick), StepResult::kDone);
+  EXPECT_EQ(count("instantiate"), before);
+  EXPECT_NEAR(value(master, "b.y"), 2.0 / 3, 1e-8);
+  EXPECT_EQ(one.variables.at("b.y").reals()[0], value(master, "b.y"));
 }
 
 INSTANTIATE_TEST_SUITE_P(, LoopOfFmus, ::testing::Values(fmu::Version::k2, fmu::Version::k3),
