@@ -5,15 +5,19 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "fmu/archive/archive.h"
+#include "fmu/export/pack.h"
 #include "master/run/master.h"
 #include "models/support/error.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/support/linear_units.h"
+#include "tests/support/places.h"
 
 namespace {
 
@@ -257,6 +261,47 @@ void cost_of_choice(const std::string& name, Master (*make_loop)(CouplingChoice)
                     "coupling=explicit", figures.peer * 1e9 / kMany, 1.02, true});
 }
 
+// --- FMUs ----------------------------------------------------------------------------------------------------------------
+
+/// Steps of units per tick so far.
+double calls_per_tick(Master& master) {
+  return static_cast<double>(master.summary().loops.at(0).counts.evaluations) / static_cast<double>(master.tick());
+}
+
+/// The oscillator of two FMUs in the process of the master, compared with the units that are in them.
+void loop_of_fmus(fmu::Version version) {
+  const fmu::TemporaryFolder folder;
+  Scenario scenario = scenario_of({CouplingChoice::kImplicit, Duration{100'000}, 0}, kForever);
+  add(scenario, "mass", "lc_mass");
+  add(scenario, "spring", "lc_spring");
+  connect(scenario, "mass", "v", "spring", "v");
+  connect(scenario, "spring", "F", "mass", "F");
+  Master units = make(scenario);
+  for (ComponentSpec& spec : scenario.components) {
+    const std::filesystem::path file = folder.path() / (spec.name + ".fmu");
+    fmu::PackRequest request;
+    request.source = spec.source;
+    request.types = testing::linear_types();
+    request.version = version;
+    request.libraries = places::linear_libraries();
+    fmu::pack_unit(request, file);
+    spec.source = file.string() + "?process=shared";
+  }
+  Master fmus = make(scenario);
+  constexpr int kMany = 100;
+  const auto run = [](Master& master) {
+    for (int i = 0; i < kMany; ++i) master.step_tick();
+  };
+  const std::string name =
+      std::string("mass and spring, implicit, tick of 0.1 ms, two FMUs of FMI ") + (version == fmu::Version::k2 ? "2" : "3");
+  for (Master* master : {&fmus, &units}) run(*master);
+  benchmark::print(
+      {name + ", steps of units per tick", "1", calls_per_tick(fmus), "units of the program", calls_per_tick(units), 1, true});
+  const auto figures = benchmark::measure([&] { run(fmus); }, [&] { run(units); }, 101, 4e-3);
+  benchmark::print({name + ", time per tick", "ns", figures.ours * 1e9 / kMany, "units of the program",
+                    figures.peer * 1e9 / kMany, 0, true});
+}
+
 }  // namespace
 
 int main() {
@@ -264,4 +309,5 @@ int main() {
   contact();
   cost_of_choice("ring of ten lags", ring);
   cost_of_choice("mass and spring", oscillator);
+  for (const fmu::Version version : {fmu::Version::k2, fmu::Version::k3}) loop_of_fmus(version);
 }
