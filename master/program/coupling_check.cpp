@@ -61,9 +61,9 @@ std::string advice_without_rollback(const std::string& name, CouplingChoice coup
 std::string facts_of(const LoopReport& loop, double tick) {
   std::string facts = "gain " + text::to_text(loop.gain, 3) + " in a tick of " + duration(tick);
   if (loop.algebraic) facts += ", its values depend on one another without delay";
-  if (loop.border == 0) return facts + ", explicit steps diverge with every tick";
+  if (loop.border == 0) return facts + ", explicit steps diverge (also in 1/1024 tick)";
   if (std::isfinite(loop.border)) return facts + ", explicit steps diverge above " + duration(loop.border);
-  return facts + ", explicit steps are stable";
+  return facts + ", explicit steps are stable (also in 1024 ticks)";
 }
 
 Finding judge(const LoopReport& loop, const Scenario& scenario, const std::string& place) {

@@ -144,11 +144,11 @@ TEST(CheckCoupling, WarnsOfExplicitStepsThatDiverge) {
 TEST(CheckCoupling, WarnsOfExplicitStepsWithoutDelay) {
   EXPECT_THAT(findings_of(gains(-3)),
               ElementsAre(note("gain 1.73 in a tick of 1 ms, its values depend on one another without delay, explicit steps "
-                               "diverge with every tick; coupling=auto solves it")));
+                               "diverge (also in 1/1024 tick); coupling=auto solves it")));
   EXPECT_THAT(findings_of(gains(-3, CouplingChoice::kExplicit)), ElementsAre(warning("expected coupling=auto or implicit")));
   EXPECT_THAT(findings_of(gains(0.5, CouplingChoice::kExplicit)),
               ElementsAre(warning("gain 0.707 in a tick of 1 ms, its values depend on one another without delay, explicit "
-                                  "steps are stable; expected coupling=auto or implicit")));
+                                  "steps are stable (also in 1024 ticks); expected coupling=auto or implicit")));
   EXPECT_THAT(findings_of(gains(0.5)), ElementsAre(note("coupling=auto solves it")));
 }
 
