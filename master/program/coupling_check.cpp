@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 #include "master/program/report.h"
 #include "master/run/arrangement.h"
@@ -24,14 +25,21 @@ std::string listed(const std::vector<std::string>& names) {
   return list;
 }
 
-/// "loop a, b (a.y -> b.u, b.y -> a.u): "
+/// "loop a, b (a.y -> b.u, b.y -> a.u): ". Several connections between elements of two vectors are listed as one.
 std::string place_of(std::span<const std::size_t> group, const std::vector<Link>& links, std::span<const Member> members) {
   const auto in_group = [&](std::size_t m) { return std::ranges::binary_search(group, m); };
+  const auto whole = [&](const Signal& s) { return members[s.member].name() + "." + s.variable->name; };
   std::vector<std::string> names, connections;
+  std::map<std::string, std::size_t> listed_at;  // by the names of the vectors
   for (const std::size_t m : group) names.push_back(members[m].name());
   for (const Link& link : links) {
-    if (is_continuous(link) && in_group(link.from.member) && in_group(link.to.member))
+    if (!is_continuous(link) || !in_group(link.from.member) || !in_group(link.to.member)) continue;
+    const std::string vectors = whole(link.from) + " -> " + whole(link.to);
+    if (const auto [at, is_new] = listed_at.emplace(vectors, connections.size()); is_new) {
       connections.push_back(link.from.name + " -> " + link.to.name);
+    } else {
+      connections[at->second] = vectors;
+    }
   }
   return "loop " + listed(names) + " (" + listed(connections) + "): ";
 }

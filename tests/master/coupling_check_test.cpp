@@ -131,6 +131,14 @@ TEST(CheckCoupling, NamesMembersConnectionsGainAndBorder) {
               ElementsAre(note("gain 1.5 in a tick of 300 ms, explicit steps diverge above 200 ms; coupling=auto solves it")));
 }
 
+TEST(CheckCoupling, ListsConnectionsOfElementsAsOne) {
+  Build b;
+  b.unit("a", "gain?n=9").unit("b", "gain?n=9");
+  for (int i = 1; i <= 9; ++i) b.connect("a.y[" + std::to_string(i) + "]", "b.u[" + std::to_string(i) + "]");
+  b.connect("b.y[2]", "a.u[2]");
+  EXPECT_THAT(findings_of(b), ElementsAre(note("loop a, b (a.y -> b.u, b.y[2] -> a.u[2]): ")));
+}
+
 TEST(CheckCoupling, WarnsOfExplicitStepsThatDiverge) {
   EXPECT_THAT(findings_of(lc(CouplingChoice::kExplicit, 0.3)),
               ElementsAre(warning("expected coupling=auto or implicit, or a tick well below that")));
