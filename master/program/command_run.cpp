@@ -88,6 +88,7 @@ struct RunArguments {
   bool real_time = false, quiet = false, overwrite = false;
   double checkpoint = 10;  // s of wall time; 0: none
   std::optional<int> threads;
+  std::optional<CouplingChoice> coupling;
   FmuRunOptions fmu;  // for a single FMU
 };
 
@@ -104,6 +105,7 @@ std::string options_of(const RunArguments& a) {
   j["set"] = a.set;
   j["record"] = a.record;
   if (a.stop) j["stop"] = *a.stop;
+  if (a.coupling) j["coupling"] = text::word_of(*a.coupling, kCouplingWords);
   j["real_time"] = a.real_time;
   return j.dump();
 }
@@ -116,6 +118,7 @@ void read_options(const std::string& text, const std::string& place, RunArgument
     a.set = j.at("set").get<std::vector<std::string>>();
     a.record = j.at("record").get<std::vector<std::string>>();
     if (j.contains("stop")) a.stop = j["stop"].get<double>();
+    if (j.contains("coupling")) a.coupling = text::choose(place, j["coupling"].get<std::string>(), kCouplingWords);
     a.real_time = j.at("real_time").get<bool>();
   } catch (const nlohmann::json::exception&) {
     throw Error(place, "is damaged: its options cannot be read");
@@ -133,6 +136,7 @@ Scenario read_scenario(const RunArguments& arguments) {
     scenario.stop = Time::from_seconds(*arguments.stop);
   }
   if (arguments.real_time) scenario.clock = ClockKind::kRealTime;
+  if (arguments.coupling) scenario.coupling = *arguments.coupling;
   if (!arguments.record.empty()) {
     scenario.recording.clear();
     scenario.all_outputs = false;
@@ -389,6 +393,12 @@ void add_run(CLI::App& app, Chosen& chosen) {
   run_command->add_option("--threads", arguments.threads, "Largest number of threads (default: chosen automatically)")
       ->check(CLI::Range(1, 255))
       ->type_name("N");
+  run_command
+      ->add_option_function<std::string>(
+          "--coupling", [all](const std::string& word) { all->coupling = text::choose("--coupling", word, kCouplingWords); },
+          "How units that depend on one another step: implicit, explicit, or auto; replaces that of the scenario")
+      ->check(CLI::IsMember({"auto", "explicit", "implicit"}))
+      ->type_name("WORD");
   run_command->add_option("--json", arguments.json, "Write the summary as JSON, to stdout with -")->type_name("FILE|-");
   run_command->add_flag("--real-time", arguments.real_time, "Synchronise simulated time with wall time");
   run_command->add_flag("--quiet", arguments.quiet, "No progress bar and no table");
@@ -434,11 +444,12 @@ void add_run(CLI::App& app, Chosen& chosen) {
   of_fmu.push_back(run_command->add_flag("--set-stop-time", fmu.set_stop_time, "Pass the stop time to the FMU")->group(group));
 
   std::vector<CLI::Option*> of_scenario;
-  for (const char* name : {"--set", "--out", "--record", "--threads", "--real-time", "--checkpoint", "--overwrite"}) {
+  for (const char* name :
+       {"--set", "--out", "--record", "--threads", "--real-time", "--coupling", "--checkpoint", "--overwrite"}) {
     of_scenario.push_back(run_command->get_option(name));
   }
   std::vector<CLI::Option*> decided = of_fmu;
-  for (const char* name : {"FILE", "--stop", "--set", "--out", "--record", "--real-time", "--overwrite"})
+  for (const char* name : {"FILE", "--stop", "--set", "--out", "--record", "--real-time", "--coupling", "--overwrite"})
     decided.push_back(run_command->get_option(name));
   run_command->callback([all, of_fmu, of_scenario, decided, &chosen] {
     chosen = [all, of_fmu, of_scenario, decided] {
