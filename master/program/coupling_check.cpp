@@ -116,8 +116,10 @@ std::vector<Finding> check_coupling(const Scenario& scenario, std::span<Member> 
     const std::string place = place_of(groups[g], links, members);
     const auto note = [&](const std::string& what) { findings.push_back({Finding::Level::kNote, place + what}); };
     if (const std::size_t unknowns = count_unknowns(links, groups[g]); unknowns > kMostUnknowns) {
-      note("its gain is not measured here, because it has " + std::to_string(unknowns) + " unknowns, more than " +
-           std::to_string(kMostUnknowns) + "; coupling=auto measures it in the run");
+      note(
+          "its gain is not measured here, because it has " + std::to_string(unknowns) + " unknowns, more than " +
+          std::to_string(kMostUnknowns) +
+          (unknowns > kMostMeasured ? "; coupling=auto does not measure it either" : "; coupling=auto measures it in the run"));
     } else if (const Member* member = without_way_back(groups[g], members)) {
       note(advice_without_rollback(member->name(), scenario.coupling));
     } else if (hinders != members.end()) {

@@ -80,9 +80,8 @@ Arrangement arrange_as_given(std::span<const Member> members) {
 }
 
 Arrangement arrange_by_flow(const std::vector<Link>& links, std::span<const Member> members,
-                            std::span<const std::vector<std::size_t>> solved) {
+                            std::span<const std::vector<std::size_t>> solved, bool once_first) {
   Arrangement result = arrange_as_given(members);
-  result.groups = solved.size();
   for (std::size_t g = 0; g < solved.size(); ++g) {
     int first = std::numeric_limits<int>::max();
     for (const std::size_t m : solved[g]) first = std::min(first, members[m].spec.stage);
@@ -94,11 +93,11 @@ Arrangement arrange_by_flow(const std::vector<Link>& links, std::span<const Memb
   const Graph edges = graph_of(links, members.size(), [](const Link& link) { return !link.initial; });
   std::map<std::pair<std::size_t, int>, int> number;  // place in the flow and stage → new stage, in this order
   std::vector<std::size_t> place(members.size());
-  std::size_t next = 0;
+  std::size_t next = 1;  // 0: members that step before all others
   for (const std::vector<std::size_t>& component : strong_components(edges)) {
     for (const std::size_t m : component) {
-      place[m] = next;
-      number.emplace(std::pair(next, result.stage[m]), 0);
+      place[m] = once_first && !members[m].instance.unit->restorable() ? 0 : next;
+      number.emplace(std::pair(place[m], result.stage[m]), 0);
     }
     ++next;
   }

@@ -26,8 +26,9 @@ std::size_t count_unknowns(const std::vector<Link>& links, std::span<const std::
 Arrangement arrange_as_given(std::span<const Member> members);
 
 /// The order of the signal flow: a member steps after all that it depends on. Members of a loop keep the order of their stages
-/// among themselves. A solved group steps as one, in the first stage of its members.
+/// among themselves. A solved group steps as one, in the first stage of its members. `once_first`: members that cannot be
+/// restored step before all others, with values that are not taken back.
 Arrangement arrange_by_flow(const std::vector<Link>& links, std::span<const Member> members,
-                            std::span<const std::vector<std::size_t>> solved);
+                            std::span<const std::vector<std::size_t>> solved, bool once_first);
 
 }  // namespace cotwin::master

@@ -56,7 +56,8 @@ Bonds::Quantity Bonds::quantity(const Signal& signal) {
 std::size_t Bonds::add_side(const std::string& effort, const std::string& flow, std::span<const Member> members,
                             const std::string& place) {
   const Signal e = find_real_signal(members, effort, place), f = find_real_signal(members, flow, place);
-  sides_.push_back({quantity(e), quantity(f), power_factor(e, f, place), nullptr});
+  sides_.push_back({quantity(e), quantity(f), power_factor(e, f, place), nullptr,
+                    e.member == f.member && !members[e.member].instance.unit->restorable()});
   const std::size_t side = sides_.size() - 1;
   (e.member == f.member ? of_member_[e.member] : of_two_members_).push_back(side);
   return side;
@@ -66,7 +67,13 @@ Bonds::Bonds(const Scenario& scenario, std::span<const Member> members) : of_mem
   for (const BondSpec& spec : scenario.bonds) {
     const std::size_t a = add_side(spec.effort_a, spec.flow_a, members, spec.place);
     const std::size_t b = add_side(spec.effort_b, spec.flow_b, members, spec.place);
-    bonds_.push_back({spec.name, a, b, spec.tolerance, spec.reference});
+    const auto makes_every_step = [&](const std::string& name) {
+      const Member& member = members[find_real_signal(members, name, spec.place).member];
+      return member.spec.period == 1 && member.instance.unit->restorable();
+    };
+    const bool controlled = makes_every_step(spec.effort_a) && makes_every_step(spec.flow_a) &&
+                            makes_every_step(spec.effort_b) && makes_every_step(spec.flow_b);
+    bonds_.push_back({spec.name, a, b, spec.tolerance, spec.reference, controlled});
   }
   numbers_.resize(kNumbers * sides_.size());
   for (std::size_t s = 0; s < sides_.size(); ++s) sides_[s].sums = &numbers_[kNumbers * s];
@@ -122,9 +129,17 @@ double Bonds::leak(std::size_t bond, std::span<const double> numbers) const {
   return numbers[kNumbers * bonds_[bond].a + kWork] - numbers[kNumbers * bonds_[bond].b + kWork];
 }
 
+void Bonds::restore(std::span<const double> state) {
+  for (const Side& side : sides_) {
+    const std::ptrdiff_t first = side.sums - numbers_.data();
+    if (!side.kept) std::copy_n(state.begin() + first, std::size_t{kNumbers}, side.sums);
+  }
+}
+
 double Bonds::error(std::span<const double> before, double tolerance) const {
   double worst = 0;
   for (std::size_t i = 0; i < bonds_.size(); ++i) {
+    if (!bonds_[i].controlled) continue;
     const double passed = sides_[bonds_[i].a].sums[kThroughput];
     const double change = std::abs(leak(i, numbers_) - leak(i, before));
     if (change > 0) worst = std::max(worst, change / (tolerance * (bonds_[i].reference + passed)));

@@ -48,11 +48,13 @@ class Bonds {
   void end_part(Duration h);
 
   /// Largest change of a leak since `before` (an earlier state) relative to `tolerance` · (reference + energy that has passed).
+  /// Leaves out bonds of members that do not make every step: those with a period, and those that cannot be restored.
   double error(std::span<const double> before, double tolerance) const;
 
   /// All sums and the last samples.
   std::span<const double> state() const { return numbers_; }
-  void restore(std::span<const double> state) { std::copy(state.begin(), state.end(), numbers_.begin()); }
+  /// Leaves out sides of members that cannot be restored.
+  void restore(std::span<const double> state);
 
   std::vector<Bonded> results() const;
 
@@ -71,7 +73,8 @@ class Bonds {
   struct Side {
     Quantity effort, flow;
     double factor = 1;
-    double* sums;  // its kNumbers numbers
+    double* sums;       // its kNumbers numbers
+    bool kept = false;  // belongs to a member that cannot be restored
   };
   enum : std::size_t { kWork, kThroughput, kLastPower, kNumbers };  // kLastPower: of a side with two members
 
@@ -84,6 +87,7 @@ class Bonds {
     std::string name;
     std::size_t a, b;  // sides
     double tolerance, reference;
+    bool controlled;  // both sides make every step
   };
   std::vector<Bond> bonds_;
   std::vector<Side> sides_;

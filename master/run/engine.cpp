@@ -27,7 +27,7 @@ double seconds_between(std::chrono::steady_clock::time_point a, std::chrono::ste
 
 constexpr std::size_t kLongRow = 4;  // values
 
-constexpr std::size_t kMostWatched = 1000;  // unknowns of a loop whose gain is measured
+constexpr std::size_t kMostWatched = 64;  // unknowns of a loop whose gain is measured again during the run
 
 /// Returns the length of a step (s) at which the gain of the loop is 1, to 0.1 %. See LoopReport::border. `gain`: in a step of
 /// `tick`, not NaN.
@@ -93,6 +93,7 @@ void Engine::arrange(const Arrangement& arrangement) {
     run.slots = std::span(schedule.slots).subspan(stage->first, stage->last - stage->first);
     const auto always_due = [&](const Slot& slot) { return slot.period == 1 && !(slot.once && scenario_.tolerance > 0); };
     run.plain = std::ranges::all_of(run.slots, [&](const Slot& slot) { return always_due(slot) && !slot.metered; });
+    run.once = scenario_.tolerance > 0 && std::ranges::any_of(run.slots, &Slot::once);
     run.ends_ramps = std::ranges::any_of(run.slots, [&](const Slot& slot) { return wiring.ramped(index(slot)); });
     if (stage->group != kNoGroup) {
       solvers_.push_back(std::make_unique<GroupSolver>(run.slots, members_, links, bonds, scenario_.tolerance));
@@ -144,6 +145,7 @@ Initialisation Engine::initialise(Time start) {
   choose_groups(result);
   for (Slot& slot : schedule.slots) slot.time = start;
   bonds.start();
+  for (const auto& solver : solvers_) solver->prepare();
   start_workers(threads_, always_threads_);
   return result;
 }
@@ -167,11 +169,14 @@ void Engine::choose_groups(const Initialisation& initialised) {
   watches_.clear();
   if (scenario_.coupling == CouplingChoice::kAuto) {
     for (std::size_t g = 0; g < groups_.size(); ++g) {
-      if (!loops_[g].unmeasurable && loops_[g].unknowns <= kMostWatched) watches_.push_back(watch(g));
+      if (!loops_[g].unmeasurable && loops_[g].unknowns <= kMostMeasured) watches_.push_back(watch(g));
     }
     watch_loops(first_tick());
     for (const Watch& watch : watches_) loops_[watch.loop].solved = loops_[watch.loop].needs_solving();
-    std::erase_if(watches_, [&](const Watch& watch) { return loops_[watch.loop].solved; });
+    std::erase_if(watches_, [&](const Watch& watch) {
+      const LoopReport& loop = loops_[watch.loop];
+      return loop.solved || loop.unknowns > kMostWatched || scenario_.clock == ClockKind::kRealTime;
+    });
   }
   arrange_solved();
   for (const std::vector<std::size_t>& group : unsolvable_groups(links, members_)) {
@@ -186,7 +191,7 @@ void Engine::arrange_solved() {
     if (loops_[g].solved) solved.push_back(groups_[g]);
   }
   const bool by_flow = !solved.empty() || scenario_.tolerance > 0;
-  arrange(by_flow ? arrange_by_flow(links, members_, solved) : arrange_as_given(members_));
+  arrange(by_flow ? arrange_by_flow(links, members_, solved, scenario_.tolerance > 0) : arrange_as_given(members_));
   solver_of_loop_.clear();
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     const auto is_of_group = [&](const Stage& stage) {
@@ -244,12 +249,43 @@ std::vector<LoopReport> Engine::loops() const {
   return result;
 }
 
+std::vector<std::string> Engine::loop_warnings() const {
+  constexpr double kDoubtfulGain = 0.5;  // of a loop that steps explicitly
+  std::vector<std::string> warnings;
+  for (const LoopReport& loop : loops_) {
+    if (!loop.solved && loop.gain > kDoubtfulGain) {
+      warnings.push_back("the loop of " + loop.members + " has a gain of " + text::to_text(loop.gain, 3) +
+                         " in a tick at t = " + text::to_text(loop.gain_time) +
+                         " s: with explicit steps its values are wrong, or diverge from 1 on; expected coupling=implicit or a "
+                         "shorter tick");
+    }
+    if (scenario_.coupling == CouplingChoice::kAuto && !loop.solved && loop.unknowns > kMostMeasured) {
+      warnings.push_back("the loop of " + loop.members + " exchanges " + std::to_string(loop.unknowns) + " values, more than " +
+                         std::to_string(kMostMeasured) + ": coupling=auto does not measure its gain, and it steps explicitly");
+    }
+    if (!loop.not_restorable.empty()) {
+      if (!loop.algebraic && scenario_.coupling != CouplingChoice::kImplicit) continue;
+      warnings.push_back("the loop of " + loop.members + " is coupled by explicit steps: '" + loop.not_restorable +
+                         "' cannot be restored, as coupling=implicit needs");
+    } else if (loop.algebraic && !loop.solved) {
+      warnings.push_back("the values of " + loop.members +
+                         " depend on one another without delay, and each step uses those of the last one: expected "
+                         "coupling=implicit");
+    }
+  }
+  return warnings;
+}
+
 bool Engine::solves(const Link& link) const {
   const std::size_t group = arrangement_.group_of[link.from.member];
   return group != kNoGroup && group == arrangement_.group_of[link.to.member] && is_continuous(link);
 }
 
 void Engine::write_counts(ByteWriter& out) const {
+  for (const LoopReport& loop : loops_) {
+    out.value(loop.gain);
+    out.value(loop.gain_time);
+  }
   for (const auto& solver : solvers_) {
     const LoopCounts& c = solver->counts();
     for (const std::int64_t count : {c.steps, c.iterations, c.linearisations, c.evaluations, c.divided}) out.value(count);
@@ -257,6 +293,10 @@ void Engine::write_counts(ByteWriter& out) const {
 }
 
 void Engine::read_counts(ByteReader& in) {
+  for (LoopReport& loop : loops_) {
+    loop.gain = in.value<double>();
+    loop.gain_time = in.value<double>();
+  }
   for (const auto& solver : solvers_) {
     LoopCounts c;
     for (std::int64_t* count : {&c.steps, &c.iterations, &c.linearisations, &c.evaluations, &c.divided})
@@ -293,7 +333,9 @@ void Engine::start_workers(int threads, bool always) {
   workers_.reset();
   const int cores = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
   std::size_t widest = 0;
-  for (const StageRun& stage : stages_) widest = std::max(widest, stage.slots.size());
+  for (const StageRun& stage : stages_) {
+    if (stage.solver == nullptr) widest = std::max(widest, stage.slots.size());
+  }
   int wanted = threads > 0 ? threads : cores;
   if (!always) wanted = std::min(wanted, cores);
   wanted = std::min({wanted, static_cast<int>(std::min<std::size_t>(widest, 255)), 255});
@@ -303,7 +345,7 @@ void Engine::start_workers(int threads, bool always) {
   if (wanted < 2) return workers_.reset();
   const double barrier = workers_->barrier_seconds();
   for (StageRun& stage : stages_) {
-    if (stage.slots.size() < 2) continue;
+    if (stage.slots.size() < 2 || stage.solver != nullptr) continue;
     std::vector<bool> movable;
     for (const Slot& slot : stage.slots) movable.push_back(slot.threads);
     stage.unit_seconds.resize(movable.size());
@@ -342,9 +384,10 @@ std::size_t Engine::step_part(Time begin, Time end) {
   for (StageRun& stage : stages_) {
     exchange(stage);
     const std::size_t discarded_by = stage.solver == nullptr ? step_stage(stage) : solve(stage, begin, end);
+    if (stage.ends_ramps && discarded_by == kNoSlot) end_ramps(stage);
+    if (stage.once) note_stepped(stage);
     if (discarded_by != kNoSlot) [[unlikely]]
       return discarded_by;
-    if (stage.ends_ramps) end_ramps(stage);
   }
   if (!bonds.empty()) bonds.end_part(end - begin);
   return kNoSlot;
@@ -368,6 +411,11 @@ void Engine::end_ramps(const StageRun& stage) {
   for (const Slot& slot : stage.slots) {
     if (wiring.ramped(index(slot)) && due(slot)) wiring.end_ramps(index(slot));
   }
+}
+
+/// A unit that cannot be restored makes no second step in a tick, also if that of another unit is repeated.
+void Engine::note_stepped(const StageRun& stage) {
+  for (Slot& slot : stage.slots) slot.stepped = slot.once && slot.time >= tick_.end;
 }
 
 inline std::size_t Engine::step_stage(StageRun& stage) {
@@ -508,10 +556,12 @@ void Engine::find_next_trial() {
   }
 }
 
-Engine::Cost Engine::cost(std::size_t member, std::int64_t ticks) const {
+Engine::Cost Engine::cost(std::size_t member, std::int64_t ticks, double tries) const {
   const std::size_t slot = schedule.slot_of[member];
   const double mean = samples_[slot] > 0 ? seconds_sum_[slot] / static_cast<double>(samples_[slot]) : 0;
-  return {mean, ticks / schedule.slots[slot].period, samples_[slot]};
+  const bool every_try = schedule.slots[slot].period == 1 && !schedule.slots[slot].once;
+  const auto steps = static_cast<double>(ticks / schedule.slots[slot].period);
+  return {mean, every_try ? steps * tries : steps, samples_[slot]};
 }
 
 void Engine::report_non_finite(Time now) const {

@@ -48,6 +48,10 @@ class Engine {
     return measured ? step_measured() : parts == 1 ? step_part(tick.begin, tick.end) : step_in_parts();
   }
 
+  /// Call before the first step_between() of a tick.
+  void begin_tick() {
+    for (Slot& slot : schedule.slots) slot.stepped = false;
+  }
   /// Steps from `begin` to `end` within the tick. Units that cannot be restored step once, over the whole tick, in the first
   /// part; units with a period in the last one. Returns as step().
   std::size_t step_between(const Tick& tick, Time begin, Time end, bool timed) {
@@ -78,11 +82,12 @@ class Engine {
 
   struct Cost {
     double seconds_per_step = 0;  // mean of the timed steps
-    std::int64_t steps = 0;       // per run without discards: ticks / period
+    double steps = 0;             // ticks / period, times the tries in a tick
     std::int64_t samples = 0;
-    double seconds() const { return seconds_per_step * static_cast<double>(steps); }
+    double seconds() const { return seconds_per_step * steps; }
   };
-  Cost cost(std::size_t member, std::int64_t ticks) const;
+  /// `tries`: mean number of steps in a tick, also of those that were taken back.
+  Cost cost(std::size_t member, std::int64_t ticks, double tries = 1) const;
   /// Of all units in all timed ticks.
   double timed_seconds() const { return std::accumulate(seconds_sum_.begin(), seconds_sum_.end(), 0.0); }
   /// Time spent on reading the clock before and after each of those steps. Ticks that are not timed do not spend it.
@@ -102,6 +107,8 @@ class Engine {
   std::vector<LoopReport> measure_loops(Time start, std::size_t most_unknowns);
   /// Loops of continuous connections. Valid after initialise().
   std::vector<LoopReport> loops() const;
+  /// Loops whose values are probably wrong, because they step explicitly.
+  std::vector<std::string> loop_warnings() const;
   /// Whether a connection is solved for, so that its input is known at the end of the step.
   bool solves(const Link& link) const;
 
@@ -131,6 +138,7 @@ class Engine {
     bool every_tick = true;                // all of these are due in every tick and part of it
     bool begins_ramps = false;             // one of these has an input that is followed linearly
     bool ends_ramps = false;               // one of `slots` has
+    bool once = false;                     // in steps to a tolerance: one of `slots` steps over whole ticks only
     bool plain = true;                     // all of `slots` are due in every tick and part of it, and none is metered
     GroupSolver* solver = nullptr;         // if the stage is a solved group
     std::unique_ptr<Balance> balance;      // if the stage may be spread over threads
@@ -156,6 +164,7 @@ class Engine {
   std::size_t step_part(Time begin, Time end);
   void exchange(const StageRun& stage);
   void end_ramps(const StageRun& stage);
+  void note_stepped(const StageRun& stage);
   std::size_t step_stage(StageRun& stage);
   std::size_t solve(StageRun& stage, Time begin, Time end);
   template <bool kAllInOnePart>
@@ -179,7 +188,7 @@ class Engine {
 
   std::size_t index(const Slot& slot) const { return static_cast<std::size_t>(&slot - schedule.slots.data()); }
   bool due(const Slot& slot) const {
-    return schedule.due(slot, tick_.index) && (slot.once ? slot.time < tick_.end : slot.period == 1 || last_part_);
+    return schedule.due(slot, tick_.index) && (slot.once ? !slot.stepped : slot.period == 1 || last_part_);
   }
   /// Where the present step of the slot ends.
   Time target(const Slot& slot) const {

@@ -66,13 +66,9 @@ GroupSolver::GroupSolver(std::span<Slot> slots, std::span<const Member> members,
   for (const Link& link : links) {
     const std::size_t to = slot_of(link.to.member), from = slot_of(link.from.member);
     if (to == slots.size() || link.initial) continue;
-    if (from != slots.size() && is_continuous(link)) {
-      add(link, from, to);
-    } else if (!link.to.variable->rate.empty()) {
-      const std::span<double> values = link.to.reals(), rates = link.to.variable->rate.subspan(link.to.first, link.to.count);
-      for (std::size_t i = 0; i < values.size(); ++i) outside_.push_back({&values[i], &rates[i]});
-    }
+    if (from != slots.size() && is_continuous(link)) add(link, from, to);
   }
+  find_outside();
   for (std::size_t i = 0; i < slots.size(); ++i) units_[i].metered = bonds.meters(slots[i].member);
   limits_.tolerance = std::max(limits_.tolerance, kMostRelaxed * tolerance);
   limits_.noise = kNoise;
@@ -97,6 +93,23 @@ void GroupSolver::add(const Link& link, std::size_t from, std::size_t to) {
                                  held ? Way::kEnd : Way::kRamp});
     holds_ = holds_ || held;
   }
+}
+
+/// Ramped inputs that no unknown feeds: connections from outside, and events.
+void GroupSolver::find_outside() {
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    for (const Variable& v : members_[slots_[i].member].variables()) {
+      for (std::size_t e = 0; e < v.rate.size(); ++e) {
+        double* const to = &v.reals()[e];
+        const bool fed = std::ranges::any_of(units_[i].inputs, [&](const Input& input) { return input.to == to; });
+        if (!fed) outside_.push_back({to, &v.rate[e]});
+      }
+    }
+  }
+}
+
+void GroupSolver::prepare() {
+  for (std::size_t i = 0; i < slots_.size(); ++i) units_[i].begin.take(members_[slots_[i].member].variables(), *slots_[i].unit);
 }
 
 std::string GroupSolver::names() const {
@@ -307,6 +320,7 @@ const Slot* GroupSolver::step(Time begin, Time end, std::span<double> seconds) {
       halvings_ = halvings;
       now = last ? end : now + part;
       for (const Outside& outside : outside_) *outside.to = outside.begin + *outside.rate * (now - begin).seconds();
+      if (finished_ != nullptr) return nullptr;
       if (halvings > 0) --halvings;
       continue;
     }

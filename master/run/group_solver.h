@@ -30,6 +30,8 @@ class GroupSolver final : private CoupledOutputs {
   GroupSolver(std::span<Slot> slots, std::span<const Member> members, const std::vector<Link>& links, Bonds& bonds,
               double tolerance);
 
+  /// Call after the initialisation of the units, so that steps allocate nothing.
+  void prepare();
   /// Steps all units from `begin` to `end`. Inputs from outside have been set. Returns nullptr, or the slot that discarded the
   /// smallest part of the step. `seconds`: if not empty, the time of each slot's steps is added. Throws Error naming the members
   /// if the outputs do not converge even in the smallest part, and for an Error of a unit.
@@ -73,7 +75,7 @@ class GroupSolver final : private CoupledOutputs {
     double begin = 0;  // value at the beginning of the part
     double at_end(const Eigen::VectorXd& x) const { return factor * x[static_cast<Eigen::Index>(unknown)] + offset; }
   };
-  /// One element of an input from outside that goes linearly over the step.
+  /// One element of an input that goes linearly over the step and that no unknown feeds.
   struct Outside {
     double* to;
     const double* rate;
@@ -92,6 +94,7 @@ class GroupSolver final : private CoupledOutputs {
   bool linearise(const Eigen::VectorXd& x, Eigen::VectorXd& y, Eigen::MatrixXd& jacobian) override;
   bool probe(const Eigen::VectorXd& x, const Eigen::VectorXd& y, Eigen::MatrixXd& jacobian);
   void add(const Link& link, std::size_t from, std::size_t to);
+  void find_outside();
   Newton::Outcome step_part(Time begin, Time end);
   void begin_part(Time begin, Time end);
   void restore_all();

@@ -28,6 +28,7 @@ void InputError::start(const Engine& engine) {
   std::ranges::fill(slope_, 0);
   for (Source& s : sources_) {
     s.linear = engine.solves(*s.link) || !s.link->to.variable->rate.empty();
+    for (const double value : s.values) s.scale = std::max(s.scale, std::abs(value));
     std::ranges::copy(s.values, last_.begin() + static_cast<std::ptrdiff_t>(s.first));
   }
 }

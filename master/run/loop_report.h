@@ -15,6 +15,8 @@ struct LoopCounts {
   std::int64_t divided = 0;         // steps that were divided
 };
 
+/// Largest number of exchanged values of a loop whose gain coupling=auto measures.
+inline constexpr std::size_t kMostMeasured = 1000;
 /// Largest gain of a loop in a tick that coupling=auto leaves to explicit steps.
 inline constexpr double kExplicitGain = 0.1;
 
@@ -27,7 +29,7 @@ struct LoopReport {
   double gain_time = 0;                                    // s, when it was measured
   bool unmeasurable = false;                               // a member has no cheap way back (Unit::goes_back)
   std::size_t unknowns = 0;                                // elements of its outputs
-  /// s, the step from which on explicit steps diverge (gain 1); 0: also with 1/1024 tick; infinity: not up to 1024 ticks; NaN:
+  /// s, the step from which on explicit steps diverge (gain 1); 0: also with 1/1024 tick; infinity: not up to 1024 ticks, or not in steps that all units make; NaN:
   /// not measured. See Engine::measure_loops.
   double border = std::numeric_limits<double>::quiet_NaN();
   LoopCounts counts{};         // if solved

@@ -23,8 +23,6 @@ namespace cotwin::master {
 
 namespace {
 
-constexpr double kDoubtfulGain = 0.5;  // of a loop that steps explicitly
-
 constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
 
 /// Where the loop's time goes, sampled: reading the clock costs as much as a light unit, so only some ticks are timed.
@@ -364,6 +362,8 @@ inline bool Master::Loop::step_tick() {
 void Master::Loop::fail_discarded(std::size_t slot) const {
   const std::string fact = "'" + engine_.name(slot) + "' discarded its step at t = " + text::to_text(now().seconds()) + " s";
   const Member* const member = control_.not_restorable();
+  if (scenario_.tolerance > 0 && !engine_.schedule.slots[slot].once)
+    throw Error(fact + " even in the shortest step that the tolerance permits");
   if (member == nullptr) throw Error(fact + " even at 1/" + std::to_string(kMostParts) + " of the tick");
   const char* hint = is_unit(member->spec)
                          ? ""
@@ -424,13 +424,14 @@ Summary Master::Loop::summary() const {
   s.initialisation = initialisation_;
   const double exchange = times_.stepping(tick_, engine_), check = times_.checking(tick_), observe = times_.observing(tick_);
   double all = exchange + check + observe;
-  for (std::size_t m = 0; m < members_.size(); ++m) all += engine_.cost(m, tick_).seconds();
+  const auto cost_of = [&](std::size_t m) { return engine_.cost(m, tick_, control_.mean_tries(tick_)); };
+  for (std::size_t m = 0; m < members_.size(); ++m) all += cost_of(m).seconds();
   s.exchange_share = all > 0 ? exchange / all : 0;
   s.check_share = all > 0 ? check / all : 0;
   s.observe_share = all > 0 ? observe / all : 0;
   s.warnings = warnings();
   for (std::size_t m = 0; m < members_.size(); ++m) {
-    const Engine::Cost cost = engine_.cost(m, tick_);
+    const Engine::Cost cost = cost_of(m);
     s.units.push_back({members_[m].name(), cost.seconds_per_step, all > 0 ? cost.seconds() / all : 0, cost.samples});
     std::vector<std::string> notes;
     members_[m].instance.unit->tell(notes);
@@ -457,24 +458,7 @@ Summary Master::Loop::summary() const {
   if (const std::int64_t missed = control_.tolerance_missed(); missed > 0) {
     s.notes.push_back(std::to_string(missed) + " steps of the smallest length missed the tolerance: values jump there");
   }
-  for (const LoopReport& loop : s.loops) {
-    if (!loop.solved && loop.gain > kDoubtfulGain) {
-      s.warnings.push_back(
-          "the loop of " + loop.members + " has a gain of " + text::to_text(loop.gain, 3) +
-          " in a tick at t = " + text::to_text(loop.gain_time) +
-          " s: with explicit steps its values are wrong, or diverge from 1 on; expected coupling=implicit or a "
-          "shorter tick");
-    }
-    if (!loop.not_restorable.empty()) {
-      if (!loop.algebraic && scenario_.coupling != CouplingChoice::kImplicit) continue;
-      s.warnings.push_back("the loop of " + loop.members + " is coupled by explicit steps: '" + loop.not_restorable +
-                           "' cannot be restored, as coupling=implicit needs");
-    } else if (loop.algebraic && !loop.solved) {
-      s.warnings.push_back("the values of " + loop.members +
-                           " depend on one another without delay, and each step uses those of the last one: expected "
-                           "coupling=implicit");
-    }
-  }
+  for (std::string& warning : engine_.loop_warnings()) s.warnings.push_back(std::move(warning));
   if (const Member* member = control_.not_restorable(); member != nullptr && scenario_.tolerance > 0) {
     s.notes.push_back("'" + member->name() + "' cannot be restored: it makes one step in each tick, whatever the tolerance");
   }

@@ -63,7 +63,8 @@ bool Newton::find_step() {
   balance();
   if (!decompose()) return false;
   residual_ = residual_.cwiseQuotient(balance_);
-  dx_ = lu_.solve(residual_).cwiseProduct(balance_);
+  dx_ = lu_.solve(residual_);
+  dx_.array() *= balance_.array();
   residual_ = residual_.cwiseProduct(balance_);
   return dx_.allFinite();
 }
@@ -130,6 +131,7 @@ Newton::Outcome Newton::solve(CoupledOutputs& outputs, Eigen::VectorXd& x, const
     if (iterations_ == limits.iterations) break;
     ++iterations_;
     if (!known_ || (singular && !computed_here)) {
+      known_ = false;
       if (!outputs.linearise(x, y_, jacobian_)) return Outcome::kStopped;
       ++linearisations_;
       known_ = computed_here = true;

@@ -32,6 +32,7 @@ struct Slot {
   Time interval_begin;  // in a tick of several parts: begin of the first part
 
   bool once = false;     // cannot be restored: steps over whole ticks, also where others make shorter steps
+  bool stepped = false;  // … and has done so in the present tick
   bool metered = false;  // has a side of a power bond
 };
 
@@ -48,7 +49,6 @@ struct Stage {
 struct Arrangement {
   std::vector<int> stage;             // per member; with it, its inputs are exchanged
   std::vector<std::size_t> group_of;  // per member: its solved group, or kNoGroup
-  std::size_t groups = 0;             // number of solved groups
 };
 
 class Schedule {

@@ -178,7 +178,9 @@ std::size_t StepControl::step_to_tolerance(const Tick& tick, bool timed) {
   if (next_.ns == 0) next_ = first;
   int parts = 0;
   Time now = tick.begin;
-  while (now < tick.end && engine_.finished_by() == Engine::kNoSlot) {
+  bool finished = false;
+  engine_.begin_tick();
+  while (now < tick.end && !finished) {
     const Time event = engine_.events.next_after(now), limit = std::min(tick.end, event);
     const Duration h = length(limit - now);
     step_begin_.take(tick.index, members_, engine_);
@@ -200,6 +202,7 @@ std::size_t StepControl::step_to_tolerance(const Tick& tick, bool timed) {
     }
     if (error > 1) ++tolerance_missed_;
     input_error_->accept(h);
+    finished = engine_.finished_by() != Engine::kNoSlot;
     now = now + h;
     ++parts;
     choose_next(h, error, shortest, whole);
@@ -216,6 +219,10 @@ std::int64_t StepControl::discarded() const {
 
 double StepControl::mean_parts(std::int64_t ticks) const {
   return input_error_ && ticks > 0 ? static_cast<double>(parts_sum_) / static_cast<double>(ticks) : 1;
+}
+
+double StepControl::mean_tries(std::int64_t ticks) const {
+  return input_error_ && ticks > 0 ? static_cast<double>(parts_sum_ + rejected_) / static_cast<double>(ticks) : 1;
 }
 
 void StepControl::write(ByteWriter& out) const {

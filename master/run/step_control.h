@@ -1,6 +1,5 @@
 #pragma once
 #include <functional>
-#include <limits>
 #include <optional>
 #include <vector>
 
@@ -80,6 +79,8 @@ class StepControl {
   int most_parts() const { return most_parts_; }
   /// Mean number of steps of `ticks` ticks stepped to a tolerance; 1 without one.
   double mean_parts(std::int64_t ticks) const;
+  /// The same with the steps that were taken back.
+  double mean_tries(std::int64_t ticks) const;
   /// Steps that missed the tolerance and were repeated; steps of the smallest length that were kept nevertheless.
   std::int64_t rejected() const { return rejected_; }
   std::int64_t tolerance_missed() const { return tolerance_missed_; }

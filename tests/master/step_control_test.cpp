@@ -238,6 +238,80 @@ TEST(StepControl, WithAToleranceAUnitThatCannotBeTakenBackStepsOnceInATick) {
               ::testing::Contains(HasSubstr("'robot' cannot be restored: it makes one step in each tick")));
 }
 
+/// x = ∫u, u linear over a step; it cannot be taken back.
+class Robot final : public Unit {
+ public:
+  void declare(Variables& v) override {
+    v.input("u", u_, "1", "what it follows").rate(du_);
+    v.output("y", y_, "s", "integral");
+  }
+  void initialise(Time) override { y_ = 0; }
+  StepResult step(Time, Duration h) override {
+    y_ += h.seconds() * (u_ + du_ * h.seconds() / 2);
+    return StepResult::kDone;
+  }
+  bool restorable() const override { return false; }
+
+ private:
+  double u_ = 0, du_ = 0, y_ = 0;
+};
+
+/// y = t, exactly.
+class Watch final : public Unit {
+ public:
+  void declare(Variables& v) override { v.output("y", y_, "1", "time"); }
+  void initialise(Time start) override { y_ = start.seconds(); }
+  StepResult step(Time now, Duration h) override {
+    y_ = (now + h).seconds();
+    return StepResult::kDone;
+  }
+
+ private:
+  double y_ = 0;
+};
+
+TEST(StepControl, AUnitThatCannotBeTakenBackFollowsItsInputs) {
+  static const UnitType kTypes[] = {
+      {"robot", "∫u", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Robot>(); }},
+      {"watch", "t", [](Settings&) -> std::unique_ptr<Unit> { return std::make_unique<Watch>(); }}};
+  for (const double tolerance : {0.0, 1e-3}) {
+    for (const int stage : {0, 1}) {
+      Build b;
+      b.unit("robot", "robot", stage).unit("watch", "watch").connect("watch.y", "robot.u").until(1);
+      b.scenario.tolerance = tolerance;
+      MasterOptions options;
+      options.types = kTypes;
+      Master master(b.scenario, std::move(options));
+      to_the_end(master);
+      const double first_tick = stage == 0 || tolerance > 0 ? 1e-6 : 1e-12;  // its slope is not known before the first step
+      EXPECT_NEAR(value(master, "robot.y"), 0.5, first_tick) << tolerance << " " << stage;
+    }
+  }
+}
+
+TEST(StepControl, ADiscardOnAnotherThreadIsNotLost) {
+  Build b;
+  b.unit("robot", "picky?restorable=false").with("longest", 1e-9).unit("other", "probe").unit("third", "probe");
+  MasterOptions options;
+  options.types = ::cotwin::testing::test_types();
+  options.threads = 2;
+  options.always_threads = true;
+  Master master(b.scenario, std::move(options));
+  EXPECT_THAT(error_of([&] { to_the_end(master); }), HasSubstr("'robot' discarded its step at t = 0 s"));
+}
+
+TEST(StepControl, WithAToleranceTheRunEndsWhereAUnitAsksForIt) {
+  Build b;
+  b.unit("brief", "brief").unit("i", "integrator").with("start", 1.0).unit("g", "gain").with("gain", -30.0);
+  b.connect("i.y", "g.u").connect("g.y", "i.u").as_it_is().until(1);
+  b.scenario.tick = Duration{100'000'000};
+  b.scenario.tolerance = 1e-3;
+  Master master = b.load();
+  to_the_end(master);
+  EXPECT_EQ(value(master, "brief.steps"), 3);
+  EXPECT_EQ(master.tick(), 1);
+}
+
 TEST(StepControl, ARunWithoutDiscardedStepsIsNotChangedByIt) {
   Build b;
   b.unit("p", "picky").until(2);
