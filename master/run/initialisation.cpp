@@ -271,7 +271,8 @@ class Initialiser {
     return std::visit(
         [&link](auto from, auto to) {
           for (std::size_t e = 0; e < link.to.count; ++e) {
-            const auto &a = from[link.from.first + e], &b = to[link.to.first + e];
+            const auto& a = from[link.from.first + e];
+            const auto& b = to[link.to.first + e];
             if constexpr (std::is_same_v<decltype(to), std::span<double>> &&
                           !std::is_same_v<decltype(from), std::span<std::string>>) {
               const double wanted = link.factor * static_cast<double>(a) + link.offset;
