@@ -22,6 +22,7 @@ InputError::InputError(const std::vector<Link>& links, std::span<const Member> m
   last_.resize(size);
   slope_.resize(size);
   expected_.resize(size);
+  first_.resize(size);
 }
 
 void InputError::start(const Engine& engine) {
@@ -42,21 +43,40 @@ void InputError::begin(Duration h) {
   }
 }
 
-double InputError::end() const {
+double InputError::end() {
   double worst = 0;
-  for (const Source& s : sources_) {
+  for (Source& s : sources_) {
+    if (s.jumps == kMostJumps) continue;
     double scale = s.scale, difference = 0;
     for (std::size_t i = 0; i < s.values.size(); ++i) {
       scale = std::max(scale, std::abs(s.values[i]));
       difference = std::max(difference, std::abs(s.values[i] - expected_[s.first + i]));
     }
-    worst = std::max(worst, difference / (tolerance_ * scale));
+    s.error = difference / (tolerance_ * scale);
+    worst = std::max(worst, s.error);
   }
   return worst;
 }
 
-void InputError::accept(Duration h) {
+/// Whether the values changed in one direction: much more in all jumps together than in the last one.
+bool InputError::has_drifted(const Source& s) const {
+  constexpr double kDrift = 8;
+  double change = 0, last = 0;
+  for (std::size_t i = 0; i < s.values.size(); ++i) {
+    change = std::max(change, std::abs(s.values[i] - first_[s.first + i]));
+    last = std::max(last, std::abs(s.values[i] - expected_[s.first + i]));
+  }
+  return change > kDrift * last;
+}
+
+void InputError::accept(Duration h, bool shortest) {
   for (Source& s : sources_) {
+    if (s.jumps < kMostJumps) {
+      const auto at = static_cast<std::ptrdiff_t>(s.first);
+      if (s.jumps == 0) std::copy_n(last_.begin() + at, s.values.size(), first_.begin() + at);
+      s.jumps = shortest && s.error > 1 ? s.jumps + 1 : 0;
+      if (s.jumps == kMostJumps && has_drifted(s)) s.jumps = 0;
+    }
     for (std::size_t i = 0; i < s.values.size(); ++i) {
       s.scale = std::max(s.scale, std::abs(s.values[i]));
       slope_[s.first + i] = (s.values[i] - last_[s.first + i]) / h.seconds();
@@ -65,20 +85,37 @@ void InputError::accept(Duration h) {
   }
 }
 
+std::vector<std::string> InputError::noisy() const {
+  std::vector<std::string> names;
+  for (const Source& s : sources_) {
+    const bool known = std::ranges::find(names, s.link->from.name) != names.end();
+    if (s.jumps == kMostJumps && !known) names.push_back(s.link->from.name);
+  }
+  return names;
+}
+
 void InputError::write(ByteWriter& out) const {
   out.list(last_);
   out.list(slope_);
+  out.list(first_);
   out.value(static_cast<std::uint64_t>(sources_.size()));
-  for (const Source& s : sources_) out.value(s.scale);
+  for (const Source& s : sources_) {
+    out.value(s.scale);
+    out.value(static_cast<std::int32_t>(s.jumps));
+  }
 }
 
 void InputError::read(ByteReader& in) {
-  for (std::vector<double>* list : {&last_, &slope_}) {
+  for (std::vector<double>* list : {&last_, &slope_, &first_}) {
     if (in.count(sizeof(double)) != list->size()) in.fail("has the slopes of other inputs");
     in.values(std::span<double>(*list));
   }
   if (in.count(sizeof(double)) != sources_.size()) in.fail("has the scales of other inputs");
-  for (Source& s : sources_) s.scale = in.value<double>();
+  for (Source& s : sources_) {
+    s.scale = in.value<double>();
+    s.jumps = in.value<std::int32_t>();
+    if (s.jumps < 0 || s.jumps > kMostJumps) in.fail("is damaged");
+  }
 }
 
 }  // namespace cotwin::master

@@ -458,6 +458,8 @@ Summary Master::Loop::summary() const {
   if (const std::int64_t missed = control_.tolerance_missed(); missed > 0) {
     s.notes.push_back(std::to_string(missed) + " steps of the smallest length missed the tolerance: values jump there");
   }
+  for (const std::string& name : control_.noisy())
+    s.notes.push_back(name + " jumps in every step, however short: the tolerance does not control it any more");
   for (std::string& warning : engine_.loop_warnings()) s.warnings.push_back(std::move(warning));
   if (const Member* member = control_.not_restorable(); member != nullptr && scenario_.tolerance > 0) {
     s.notes.push_back("'" + member->name() + "' cannot be restored: it makes one step in each tick, whatever the tolerance");

@@ -201,7 +201,7 @@ std::size_t StepControl::step_to_tolerance(const Tick& tick, bool timed) {
       continue;
     }
     if (error > 1) ++tolerance_missed_;
-    input_error_->accept(h);
+    input_error_->accept(h, h <= shortest);
     finished = engine_.finished_by() != Engine::kNoSlot;
     now = now + h;
     ++parts;

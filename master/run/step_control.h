@@ -81,6 +81,8 @@ class StepControl {
   double mean_parts(std::int64_t ticks) const;
   /// The same with the steps that were taken back.
   double mean_tries(std::int64_t ticks) const;
+  /// Outputs that jump in every step, so that they are not controlled any more.
+  std::vector<std::string> noisy() const { return input_error_ ? input_error_->noisy() : std::vector<std::string>(); }
   /// Steps that missed the tolerance and were repeated; steps of the smallest length that were kept nevertheless.
   std::int64_t rejected() const { return rejected_; }
   std::int64_t tolerance_missed() const { return tolerance_missed_; }

@@ -404,6 +404,17 @@ TEST(Tolerance, FindsWhatHappensWithinATick) {
   EXPECT_NEAR(integral("jump", 0.399, 1e-4), 1 - 0.399, 1e-5);
 }
 
+// A sensor with noise differs in every step, however short.
+TEST(Tolerance, LeavesNoiseAlone) {
+  Build b = two_mass(CouplingChoice::kImplicit, 1e-3);
+  b.unit("noise", "heavy").unit("listener", "gain").connect("noise.y", "listener.u").as_it_is();
+  Master master = load(b);
+  EXPECT_LT(worst_x1(master), 1e-3);
+  const Summary s = master.summary();
+  EXPECT_LT(s.mean_parts, 15);  // 9 without the noise
+  EXPECT_THAT(s.notes, Contains(HasSubstr("noise.y jumps in every step")));
+}
+
 TEST(Tolerance, EndsStepsAtEvents) {
   Build b;
   b.unit("i", "integrator").event(0.051, "i.u", "1").until(0.2);
