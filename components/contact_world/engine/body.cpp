@@ -156,6 +156,12 @@ void RigidBody::apply_impulse(const Vector3d& impulse, const Vector3d& moment) {
   w += R * inverse_moments.cwiseProduct(R.transpose() * moment);
 }
 
+double RigidBody::mobility(const Vector3d& d, const Vector3d& m, const Vector3d& at) const {
+  if (!dynamic()) return 0;
+  const Vector3d moment = R.transpose() * (m + (at - p).cross(d));
+  return inverse_mass * d.squaredNorm() + inverse_moments.dot(moment.cwiseAbs2());
+}
+
 double RigidBody::kinetic_energy() const {
   const Vector3d w_P = R.transpose() * w;
   return (mass * v.squaredNorm() + moments.dot(w_P.cwiseAbs2())) / 2;

@@ -26,6 +26,8 @@ struct RigidBody {
   void apply_impulse(const Vector3d& impulse, const Vector3d& moment);
   void set_spin(const Vector3d& w_W);
   double kinetic_energy() const;
+  /// J M⁻¹ Jᵀ of a unit impulse d at p with an angular impulse m, in W, on the body without joints; 0 if it is not dynamic.
+  double mobility(const Vector3d& d, const Vector3d& m, const Vector3d& p) const;
 
   /// Moves the body from t to t + h with constant velocity of P and constant angular momentum; updates w. A driven body keeps
   /// its twist.

@@ -3,6 +3,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <iterator>
 
 namespace cotwin::contact_world {
@@ -65,7 +66,7 @@ int freedoms_of(JointType type) {
 }  // namespace
 
 Forest::Forest(std::size_t bodies, std::size_t joints)
-    : tree_of_(bodies, -1), node_of_(bodies, -1), freedom_of_(joints, -1), closing_(joints, 0) {}
+    : tree_of_(bodies, -1), node_of_(bodies, -1), freedom_of_(joints, -1), outside_(joints, 0) {}
 
 Forest Forest::none(std::size_t bodies, std::size_t joints) { return {bodies, joints}; }
 
@@ -138,8 +139,30 @@ Forest::Forest(std::span<const RigidBody> bodies, std::span<const Joint> joints)
     grow(grow, body);
     end_tree(tree);
   }
+  find_loops(bodies, joints, used);
+}
+
+// A body's joints are all in its tree, so a joint that no tree uses closes a loop of one tree, or connects it to a carrier.
+void Forest::find_loops(std::span<const RigidBody> bodies, std::span<const Joint> joints, std::span<const char> used) {
+  const auto is_dynamic = [&](int body) { return body >= 0 && bodies[static_cast<std::size_t>(body)].dynamic(); };
   for (std::size_t j = 0; j < joints.size(); ++j) {
-    closing_[j] = !used[j] && (is_dynamic(joints[j].parent) || is_dynamic(joints[j].child));
+    const Joint& joint = joints[j];
+    if (used[j] || (!is_dynamic(joint.parent) && !is_dynamic(joint.child))) continue;
+    const auto carrier = [&](int body) {
+      return body >= 0 && bodies[static_cast<std::size_t>(body)].motion == scene::Motion::kDriven ? body : -1;
+    };
+    const auto node = [&](int body) { return is_dynamic(body) ? node_of(body) : -1; };
+    Tree& tree = trees_[static_cast<std::size_t>(tree_of(is_dynamic(joint.child) ? joint.child : joint.parent))];
+    tree.loops.add(static_cast<int>(j), joint.type, node(joint.parent), node(joint.child), carrier(joint.parent),
+                   carrier(joint.child));
+  }
+  for (Tree& tree : trees_) {
+    const auto freedoms = static_cast<std::size_t>(tree.end_freedom - tree.first_freedom);
+    if (std::min(tree.loops.size(), freedoms) > Loops::kMostRank) {  // the decomposition costs its cube
+      for (const Loops::Row& row : tree.loops.rows()) outside_[static_cast<std::size_t>(row.joint)] = 1;
+      tree.loops = {};
+    }
+    if (!tree.loops.empty()) tree.loops.reserve(static_cast<int>(freedoms));
   }
 }
 
@@ -211,6 +234,7 @@ void Forest::place(Tree& tree, std::span<const RigidBody> bodies, std::span<cons
       for (int k = 0; k < 3; ++k) freedom[k].S = spatial(arm.cross(Vector3d::Unit(k)), Vector3d::Unit(k));
     }
   }
+  if (!tree.loops.empty()) tree.loops.place(tree.O, bodies, joints);
 }
 
 void Forest::factor(Tree& tree) {
@@ -246,6 +270,15 @@ void Forest::factor(Tree& tree) {
     for (std::size_t i = 0; i < 36; ++i) parent.IA[i] += node.IA[i];
   }
   tree.factored = true;
+  if (tree.loops.empty()) return;
+  std::uint32_t locks = 2166136261U;  // FNV-1a
+  for (int k = tree.first_freedom; k < tree.end_freedom; ++k) {
+    locks = (locks ^ static_cast<std::uint32_t>(freedoms_[static_cast<std::size_t>(k)].locked)) * 16777619U;
+  }
+  tree.loops.factor(locks, [&](const Loops::Row& row, double* y) {
+    if (row.node_a >= 0) add_tree_response(tree, row.node_a, row.f, -1, y);
+    if (row.node_b >= 0) add_tree_response(tree, row.node_b, row.f, 1, y);
+  });
 }
 
 void Forest::load_momenta(const Tree& tree, std::span<const RigidBody> bodies) {
@@ -257,7 +290,29 @@ void Forest::load_momenta(const Tree& tree, std::span<const RigidBody> bodies) {
   }
 }
 
-void Forest::solve(const Tree& tree, std::span<const RigidBody> bodies) {
+void Forest::solve(Tree& tree, std::span<const RigidBody> bodies) {
+  solve_tree(tree, bodies);
+  Loops& loops = tree.loops;
+  if (loops.empty()) return;
+  const auto speed = [&](int node, int carrier, const Spatial& f) {
+    if (node >= 0) return dot(f, nodes_[static_cast<std::size_t>(node)].V);
+    if (carrier < 0) return 0.0;
+    const RigidBody& body = bodies[static_cast<std::size_t>(carrier)];
+    return dot(f, spatial(body.v + body.w.cross(tree.O - body.p), body.w));
+  };
+  for (std::size_t i = 0; i < loops.size(); ++i) {
+    const Loops::Row& row = loops.rows()[i];
+    loops.present()[i] = speed(row.node_b, row.carrier_b, row.f) - speed(row.node_a, row.carrier_a, row.f);
+  }
+  loops.solve();
+  for (const Loops::Row& row : loops.rows()) {
+    if (row.node_a >= 0) add(nodes_[static_cast<std::size_t>(row.node_a)].F, -row.impulse, row.f);
+    if (row.node_b >= 0) add(nodes_[static_cast<std::size_t>(row.node_b)].F, row.impulse, row.f);
+  }
+  solve_tree(tree, bodies);
+}
+
+void Forest::solve_tree(const Tree& tree, std::span<const RigidBody> bodies) {
   for (int n = tree.first; n < tree.end; ++n)
     nodes_[static_cast<std::size_t>(n)].pending = nodes_[static_cast<std::size_t>(n)].F;
   for (int n = tree.end - 1; n >= tree.first; --n) {
@@ -315,23 +370,32 @@ void Forest::store(const Tree& tree, std::span<RigidBody> bodies) const {
   }
 }
 
-void Forest::correct_beta(const Tree& tree, std::span<const Joint> joints, double rate) {
+void Forest::correct_beta(Tree& tree, std::span<const Joint> joints, double h) {
+  tree.loops.correct();
   for (int n = tree.first; n < tree.end; ++n) {
     Node& node = nodes_[static_cast<std::size_t>(n)];
     if (node.joint < 0) continue;
-    add(node.local, node.sign * rate, local_error(joints[static_cast<std::size_t>(node.joint)]));
+    add(node.local, -node.sign / h, local_error(joints[static_cast<std::size_t>(node.joint)]));
     set_beta(tree.O, node);
   }
 }
 
-void Forest::clear_beta(const Tree& tree) {
+void Forest::clear_beta(Tree& tree) {
+  tree.loops.clear_speeds();
   for (int n = tree.first; n < tree.end; ++n) {
     nodes_[static_cast<std::size_t>(n)].beta = {};
     nodes_[static_cast<std::size_t>(n)].has_beta = false;
   }
 }
 
-void Forest::predict_beta(const Tree& tree, std::span<const Joint> joints, double h) {
+void Forest::predict_beta(Tree& tree, std::span<const RigidBody> bodies, std::span<const Joint> joints, double h) {
+  if (!tree.loops.empty()) {
+    double energy = 0;
+    for (int n = tree.first; n < tree.end; ++n) {
+      energy += bodies[static_cast<std::size_t>(nodes_[static_cast<std::size_t>(n)].body)].kinetic_energy();
+    }
+    tree.loops.predict(joints, h, std::sqrt(2 * energy));
+  }
   for (int n = tree.first; n < tree.end; ++n) {
     Node& node = nodes_[static_cast<std::size_t>(n)];
     if (node.joint < 0) continue;
@@ -345,7 +409,8 @@ void Forest::predict_beta(const Tree& tree, std::span<const Joint> joints, doubl
   }
 }
 
-void Forest::restart_beta(const Tree& tree) {
+void Forest::restart_beta(Tree& tree) {
+  tree.loops.restart();
   for (int n = tree.first; n < tree.end; ++n) {
     Node& node = nodes_[static_cast<std::size_t>(n)];
     if (node.joint < 0) continue;
@@ -354,7 +419,8 @@ void Forest::restart_beta(const Tree& tree) {
   }
 }
 
-void Forest::store_beta(const Tree& tree, std::span<const Joint> joints, double h) {
+void Forest::store_beta(Tree& tree, std::span<const Joint> joints, double h) {
+  tree.loops.store();
   for (int n = tree.first; n < tree.end; ++n) {
     Node& node = nodes_[static_cast<std::size_t>(n)];
     if (node.joint < 0) continue;
@@ -366,7 +432,8 @@ void Forest::store_beta(const Tree& tree, std::span<const Joint> joints, double 
   }
 }
 
-void Forest::clear_history(const Tree& tree) {
+void Forest::clear_history(Tree& tree) {
+  tree.loops.clear_history();
   for (int n = tree.first; n < tree.end; ++n) {
     Node& node = nodes_[static_cast<std::size_t>(n)];
     std::fill(std::begin(node.curve), std::end(node.curve), Spatial{});
@@ -377,7 +444,12 @@ void Forest::apply_impulse(const Tree& tree, Node& node, const Vector3d& impulse
   add(node.F, 1, spatial(impulse, moment + (p - tree.O).cross(impulse)));
 }
 
-void Forest::add_response(const Tree& tree, int node, Spatial f, double sign, double* y) const {
+void Forest::add_response(const Tree& tree, int node, const Spatial& f, double sign, double* y) const {
+  add_tree_response(tree, node, f, sign, y);
+  if (!tree.loops.empty()) tree.loops.project(y);
+}
+
+void Forest::add_tree_response(const Tree& tree, int node, Spatial f, double sign, double* y) const {
   while (node >= 0) {
     const Node& at = nodes_[static_cast<std::size_t>(node)];
     for (int k = at.first + at.count - 1; k >= at.first; --k) {

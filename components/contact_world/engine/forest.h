@@ -7,16 +7,13 @@
 
 #include "components/contact_world/engine/body.h"
 #include "components/contact_world/engine/joint.h"
+#include "components/contact_world/engine/loops.h"
 
 namespace cotwin::contact_world {
 
-/// A spatial vector at a tree's origin O, linear part first: a twist (velocity of the point at O), or a force or impulse with
-/// its moment about O.
-using Spatial = std::array<double, 6>;
-
-/// Open trees of bodies and joints, solved exactly in O(n). Among the velocities that the joints permit, the solution is
-/// closest to the free velocities ν* in kinetic energy:
-///   min ½ (ν − ν*)ᵀ M (ν − ν*)   with   V_i = V_parent + β_i + Σ_k S_k s_k
+/// Trees of bodies and joints, solved exactly in O(n), and the joints that close loops in them. Among the velocities that the
+/// joints permit, the solution is closest to the free velocities ν* in kinetic energy:
+///   min ½ (ν − ν*)ᵀ M (ν − ν*)   with   V_i = V_parent + β_i + Σ_k S_k s_k   and the rows of Loops
 /// Uses articulated-body inertias (Featherstone), from leaf to root and back, in maximal coordinates. Joint impulses are equal
 /// and opposite at one point, so momentum is conserved to rounding for any β.
 class Forest {
@@ -61,10 +58,11 @@ class Forest {
     Vector3d O = Vector3d::Zero();
     bool factored = false;
     int degenerate = 0;  // freedoms without inertia
+    Loops loops;
   };
 
-  /// Builds trees from all joints that have a dynamic body and close no loop. The root of a tree is a body that a static or
-  /// driven body or the world carries, otherwise its first body.
+  /// Builds trees from all joints that have a dynamic body, except those that close a loop. The root of a tree is a body that a
+  /// static or driven body or the world carries, otherwise its first body.
   Forest(std::span<const RigidBody> bodies, std::span<const Joint> joints);
   static Forest none(std::size_t bodies, std::size_t joints);  // empty forest
 
@@ -76,7 +74,7 @@ class Forest {
   int tree_of(int body) const { return tree_of_[static_cast<std::size_t>(body)]; }  // −1: none
   int node_of(int body) const { return node_of_[static_cast<std::size_t>(body)]; }
   int freedom_of(int joint) const { return freedom_of_[static_cast<std::size_t>(joint)]; }  // of a joint with an axis; −1: none
-  bool closes_loop(int joint) const { return closing_[static_cast<std::size_t>(joint)]; }
+  bool contains(int joint) const { return !outside_[static_cast<std::size_t>(joint)]; }     // in a tree or closing a loop of it
 
   /// Computes inertias and directions for the bodies' present poses and the joints' frames.
   void place(Tree& tree, std::span<const RigidBody> bodies, std::span<const Joint> joints);
@@ -84,37 +82,42 @@ class Forest {
   void factor(Tree& tree);
   /// Sets F to the momentum of the bodies' present twists.
   void load_momenta(const Tree& tree, std::span<const RigidBody> bodies);
-  /// Computes V, s and impulses from F, τ, β and targets.
-  void solve(const Tree& tree, std::span<const RigidBody> bodies);
+  /// Computes V, s and impulses from F, τ, β, targets and the speeds of the loops, whose impulses are added to F.
+  void solve(Tree& tree, std::span<const RigidBody> bodies);
   /// Sets the bodies' twists to V.
   void store(const Tree& tree, std::span<RigidBody> bodies) const;
 
-  /// β += rate · present errors of the joints.
-  void correct_beta(const Tree& tree, std::span<const Joint> joints, double rate);
-  void clear_beta(const Tree& tree);
+  // β and the speeds of the loops, which correct positions:
+
+  /// β −= present errors of the joints / h; the loops are corrected as Loops::measure() found.
+  void correct_beta(Tree& tree, std::span<const Joint> joints, double h);
+  void clear_beta(Tree& tree);
   /// Sets β to its extrapolation from the last three steps plus the correction of the joints' present errors in a step h.
-  void predict_beta(const Tree& tree, std::span<const Joint> joints, double h);
+  void predict_beta(Tree& tree, std::span<const RigidBody> bodies, std::span<const Joint> joints, double h);
   /// Sets β to the correction of the joints' errors at the start of the step.
-  void restart_beta(const Tree& tree);
+  void restart_beta(Tree& tree);
   /// Stores β for the next steps; the joints are in their final positions.
-  void store_beta(const Tree& tree, std::span<const Joint> joints, double h);
-  void clear_history(const Tree& tree);
+  void store_beta(Tree& tree, std::span<const Joint> joints, double h);
+  void clear_history(Tree& tree);
   /// Adds an impulse and an angular impulse at p, in W, to F of a node.
   void apply_impulse(const Tree& tree, Node& node, const Vector3d& impulse, const Vector3d& moment, const Vector3d& p);
 
   /// Adds sign · response of the tree's freedoms to a unit impulse f (at O) on a node to y, in coordinates in which the inertia
-  /// is the unit matrix: for two rows, y_a · y_b is their element of J M⁻¹ Jᵀ with the joints eliminated. y: one element per
+  /// is the unit matrix: for two rows, y_a · y_b is their element of J M⁻¹ Jᵀ with the joints and loops eliminated. y: one element per
   /// freedom.
-  void add_response(const Tree& tree, int node, Spatial f, double sign, double* y) const;
+  void add_response(const Tree& tree, int node, const Spatial& f, double sign, double* y) const;
 
  private:
   Forest(std::size_t bodies, std::size_t joints);
+  void find_loops(std::span<const RigidBody> bodies, std::span<const Joint> joints, std::span<const char> used);
+  void solve_tree(const Tree& tree, std::span<const RigidBody> bodies);
+  void add_tree_response(const Tree& tree, int node, Spatial f, double sign, double* y) const;
 
   std::vector<Tree> trees_;
   std::vector<Node> nodes_;
   std::vector<Freedom> freedoms_;
   std::vector<int> tree_of_, node_of_, freedom_of_;
-  std::vector<char> closing_;
+  std::vector<char> outside_;  // per joint: in no tree although it has a dynamic body
 };
 
 }  // namespace cotwin::contact_world

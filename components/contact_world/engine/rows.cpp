@@ -27,10 +27,7 @@ double free_inverse_inertia(std::span<const RigidBody> bodies, int a, int b, con
                             const Vector3d& p) {
   double sum = 0;
   for (const int i : {a, b}) {
-    if (i < 0 || !bodies[index(i)].dynamic()) continue;
-    const RigidBody& body = bodies[index(i)];
-    const Vector3d moment = body.R.transpose() * (m + (p - body.p).cross(d));
-    sum += body.inverse_mass * d.squaredNorm() + body.inverse_moments.dot(moment.cwiseAbs2());
+    if (i >= 0) sum += bodies[index(i)].mobility(d, m, p);
   }
   return sum;
 }

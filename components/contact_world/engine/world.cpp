@@ -57,11 +57,16 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
     for (const int body : {joint.parent, joint.child}) {
       if (body >= 0 && bodies[index(body)].motion != scene::Motion::kStatic) is_linked[index(body)] = 1;
     }
-    const bool whole = options.method == Method::kPgs || forest.closes_loop(static_cast<int>(j));
-    if (whole || options.method == Method::kDantzig) loose.push_back({static_cast<int>(j), whole});
+    const bool whole = options.method == Method::kPgs || !forest.contains(static_cast<int>(j));
+    const bool closes = !whole && joint.has_axis() && forest.freedom_of(static_cast<int>(j)) < 0;
+    if (whole || closes || options.method == Method::kDantzig) loose.push_back({static_cast<int>(j), whole});
   }
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     if (is_linked[b]) linked.push_back(static_cast<int>(b));
+  }
+  in_loops.resize(joints.size());
+  for (const Forest::Tree& tree : forest.trees()) {
+    for (const Loops::Row& row : tree.loops.rows()) in_loops[index(row.joint)] = 1;
   }
   places.resize(linked.size());
   row_origin.reserve(loose.size() * kJointRows);
@@ -81,6 +86,12 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
     q[j] = joints[j].q;
     dq[j] = joints[j].has_axis() ? joints[j].speed(bodies) : 0;
   }
+}
+
+std::size_t World::Impl::loop_numbers() const {
+  std::size_t count = 0;
+  for (const Forest::Tree& tree : forest.trees()) count += tree.loops.memory().size();
+  return count;
 }
 
 World::World(scene::Scene scene, Options options) : impl_(std::make_unique<Impl>(std::move(scene), options)) {}
@@ -157,7 +168,7 @@ double World::largest_gap() const {
 std::size_t World::state_size() const {
   const Impl& w = *impl_;
   return 4 + kNumbersPerBody * w.bodies.size() + kNumbersPerJoint * w.joints.size() +
-         kNumbersPerNode * w.forest.nodes().size() + kNumbersPerTouch * w.options.contacts;
+         kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers() + kNumbersPerTouch * w.options.contacts;
 }
 
 void World::save(std::vector<double>& state) const {
@@ -184,6 +195,9 @@ void World::save(std::vector<double>& state) const {
   }
   for (const Forest::Node& node : w.forest.nodes()) {
     for (const Spatial& curve : node.curve) put_all(curve);
+  }
+  for (const Forest::Tree& tree : w.forest.trees()) {
+    put_all(tree.loops.memory());
   }
   for (std::size_t t = 0; t < kept; ++t) {
     const ContactPoint& point = w.touches[t].point;
@@ -219,7 +233,7 @@ void World::restore(std::span<const double> state) {
   constexpr double kMost = std::numeric_limits<std::int32_t>::max(), kHalf = std::numeric_limits<std::uint32_t>::max();
   std::size_t at = 4 + kNumbersPerBody * w.bodies.size();
   for (std::size_t j = 0; j < w.joints.size(); ++j, at += kNumbersPerJoint) expect_whole(at + 1, -kMost, kMost);
-  at += kNumbersPerNode * w.forest.nodes().size();
+  at += kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers();
   for (std::size_t t = 0; t < static_cast<std::size_t>(points); ++t, at += kNumbersPerTouch) {
     for (std::size_t k = 0; k < 4; ++k) expect_whole(at + k, -kMost, kMost);
     for (std::size_t k = 4; k < 6; ++k) expect_whole(at + k, 0, kHalf);
@@ -252,6 +266,9 @@ void World::restore(std::span<const double> state) {
   }
   for (Forest::Node& node : w.forest.nodes()) {
     for (Spatial& curve : node.curve) get_all(curve);
+  }
+  for (Forest::Tree& tree : w.forest.trees()) {
+    for (double& value : tree.loops.memory()) value = get();
   }
   w.touches.resize(kept);
   for (Impl::Touch& touch : w.touches) {

@@ -13,10 +13,10 @@
 
 namespace cotwin::contact_world {
 
-/// A joint outside the trees that is solved by rows with a warm start.
+/// A joint with rows that have a warm start.
 struct LooseJoint {
   int joint = -1;
-  bool whole = true;  // false: a tree holds the joint; rows only bound its axis
+  bool whole = true;  // false: a tree or its loops hold the joint; rows only act along its axis
 };
 
 constexpr std::size_t kJointRows = 11;  // 6 of the joint; spring, lower limit, upper limit, friction, motor
@@ -57,6 +57,7 @@ struct World::Impl {
   void store_impulses();
   void store_spring_torques(double h);
 
+  std::size_t loop_numbers() const;  // of the state
   void reserve(std::size_t contacts);
   void detect();
   void set_margin(double h);
@@ -72,6 +73,7 @@ struct World::Impl {
   Rows rows;
   Collision collision;
   std::vector<LooseJoint> loose;
+  std::vector<char> in_loops;                           // per joint: closes a loop of a tree
   std::vector<std::array<double, kJointRows>> joint_x;  // impulses of the joints' rows in the last solution
   struct RowOrigin {
     int joint;

@@ -47,6 +47,9 @@ void World::Impl::step(double h) {
   status.degenerate = 0;
   if (stale) {
     for (Joint& joint : joints) joint.place(bodies);
+    for (Forest::Tree& tree : forest.trees()) {
+      if (!restored) tree.loops.jump();
+    }
     refresh(h);
   }
 
@@ -58,6 +61,7 @@ void World::Impl::step(double h) {
   kick(h / 2);
   solve(Stage::kPosition, h);
   drift(h);
+  for (Forest::Tree& tree : forest.trees()) tree.loops.advance();
   refresh(h);
   begin_inertias();
   kick(h / 2);
@@ -238,10 +242,10 @@ void World::Impl::solve(Stage stage, double h) {
     for (Joint& joint : joints) joint.begin_step();
   }
   drive_loose_joints(stage, h);
-  for (const Forest::Tree& tree : forest.trees()) {
+  for (Forest::Tree& tree : forest.trees()) {
     forest.load_momenta(tree, bodies);
     if (stage == Stage::kPosition) {
-      forest.predict_beta(tree, joints, h);
+      forest.predict_beta(tree, bodies, joints, h);
     } else {
       forest.clear_beta(tree);
     }
@@ -272,7 +276,7 @@ void World::Impl::drive_loose_joints(Stage stage, double h) {
   };
   for (const LooseJoint& one : loose) {
     const Joint& joint = joints[index(one.joint)];
-    if (!one.whole || !joint.has_axis()) continue;
+    if (forest.freedom_of(one.joint) >= 0 || !joint.has_axis()) continue;
     const double tau = AxisDrive(joint, axes[index(one.joint)], stage, h).tau;
     if (tau == 0) continue;
     const bool turns = joint.type == scene::JointType::kRevolute;
@@ -385,7 +389,7 @@ void World::Impl::collect_joint(const LooseJoint& one, Stage stage, double h) {
   const bool turns = joint.type == scene::JointType::kRevolute;
   const Vector3d d = turns ? zero : joint.axis(), m = turns ? joint.axis() : zero;
   const AxisDrive drive(joint, axis, stage, h);
-  if (one.whole && drive.softness > 0) add(6, d, m, 0, -kInfinity, kInfinity, 1 / drive.softness);
+  if (forest.freedom_of(one.joint) < 0 && drive.softness > 0) add(6, d, m, 0, -kInfinity, kInfinity, 1 / drive.softness);
   const LimitSpeeds limits(joint, stage, h);
   if (limits.lower > -kInfinity) add(7, d, m, limits.lower, 0, kInfinity, 0);
   if (limits.upper < kInfinity) add(8, d, m, limits.upper, -kInfinity, 0, 0);
@@ -466,11 +470,13 @@ void World::Impl::satisfy_joints(double h) {
   for (int pass = 1;; ++pass) {
     each([&](Place&, RigidBody& body) { body.drift(h); });
     largest = 0;
-    for (Joint& joint : joints) {
-      joint.place(bodies);
-      const Motion6 e = joint.error();
+    for (std::size_t j = 0; j < joints.size(); ++j) {
+      joints[j].place(bodies);
+      if (in_loops[j]) continue;
+      const Motion6 e = joints[j].error();
       largest = std::max({largest, e.linear.cwiseAbs().maxCoeff(), e.angular.cwiseAbs().maxCoeff()});
     }
+    for (Forest::Tree& tree : forest.trees()) largest = std::max(largest, tree.loops.measure(joints, h));
     if (!(largest > kJointTolerance) || pass == passes) break;
     if (pass == 1) first = largest;
     const bool diverges = !(largest <= kDiverging * first + kDiverging * kJointTolerance);
@@ -484,10 +490,10 @@ void World::Impl::satisfy_joints(double h) {
       body.L = place.L;
     });
     if (diverges) {  // too fast for this step size: use the directions at the start of the step only
-      for (const Forest::Tree& tree : forest.trees()) forest.restart_beta(tree);
+      for (Forest::Tree& tree : forest.trees()) forest.restart_beta(tree);
       pass = passes - 1;
     } else {
-      for (const Forest::Tree& tree : forest.trees()) forest.correct_beta(tree, joints, -1 / h);
+      for (Forest::Tree& tree : forest.trees()) forest.correct_beta(tree, joints, h);
     }
     for (BoxRow& row : rows.boxes()) {
       const RowOrigin& origin = row_origin[index(row.origin)];
@@ -503,7 +509,7 @@ void World::Impl::satisfy_joints(double h) {
       place.L = body.L;
     });
   }
-  for (const Forest::Tree& tree : forest.trees()) {
+  for (Forest::Tree& tree : forest.trees()) {
     if (largest <= kPredictable) {
       forest.store_beta(tree, joints, h);
     } else {
