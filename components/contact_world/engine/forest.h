@@ -72,6 +72,7 @@ class Forest {
   std::span<const Node> nodes() const { return nodes_; }
   std::span<Freedom> freedoms() { return freedoms_; }
   int tree_of(int body) const { return tree_of_[static_cast<std::size_t>(body)]; }  // −1: none
+  bool holds(int body) const { return body >= 0 && tree_of(body) >= 0; }
   int node_of(int body) const { return node_of_[static_cast<std::size_t>(body)]; }
   int freedom_of(int joint) const { return freedom_of_[static_cast<std::size_t>(joint)]; }  // of a joint with an axis; −1: none
   bool contains(int joint) const { return !outside_[static_cast<std::size_t>(joint)]; }     // in a tree or closing a loop of it

@@ -68,6 +68,7 @@ Rows::Rows(std::span<const RigidBody> bodies, const Forest& forest) : slice_of_b
     offset += size + size % 2;  // keeps pairs aligned
   };
   for (const Forest::Tree& tree : forest.trees()) add_slice(tree.end_freedom - tree.first_freedom);
+  trees_ = static_cast<int>(slices_.size());
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     if (!bodies[b].dynamic()) continue;
     const int tree = forest.tree_of(static_cast<int>(b));
@@ -343,6 +344,7 @@ bool Rows::update(double h) {
     row.hi = now.hi;
     row.x = now.x;
     row.applied = now.applied;
+    row.error = now.error;
     row.inverse_A = 1 / (row.A + row.softness);
   }
   std::swap(boxes_, sorted_boxes_);

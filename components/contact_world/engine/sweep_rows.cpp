@@ -172,7 +172,8 @@ double Rows::solve_any(Core& core) {
   return solve<-1, -1>(core);
 }
 
-/// Applies the changes of x before the sweeps to the coordinates.
+/// Applies the changes of x before the sweeps to the coordinates. A start that would be worse than none, measured by the energy
+/// of the velocities against the targets, is scaled to the best share: sweeps never add energy to what they start from.
 void Rows::apply_start(const Island& island) {
   for (std::size_t i = island.first_box; i < island.end_box; ++i) {
     const BoxRow& row = boxes_[i];
@@ -189,6 +190,41 @@ void Rows::apply_start(const Island& island) {
       gained[k] = row.x[k] - row.applied[k];
     }
     apply_impulse(core, gained);
+  }
+  if (island.first_box == island.end_box) return;
+  double along = 0, square = 0;
+  for (std::size_t i = island.first_box; i < island.end_box; ++i) {
+    const BoxRow& row = boxes_[i];
+    const double gained = row.x - row.applied;
+    along += gained * (row.u - row.target + row.softness * row.applied);
+    square += row.softness * gained * gained;
+  }
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    const Core& core = cores_[i];
+    const ConeRow& row = cones_[core.row];
+    for (int k = 0; k < 3; ++k) along += (row.x[k] - row.applied[k]) * core.b[k];
+    const double gained = row.x[0] - row.applied[0];
+    along += gained * core.softness * row.applied[0];
+    square += core.softness * gained * gained;
+  }
+  for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
+    const Slice& slice = slices_[index(island_slices_[s])];
+    for (int i = slice.offset; i < slice.offset + slice.size; ++i) square += z_[index(i)] * z_[index(i)];
+  }
+  if (!(square > -along)) return;
+  const double share = std::max(0.0, -along / square);
+  for (std::size_t i = island.first_box; i < island.end_box; ++i) {
+    BoxRow& row = boxes_[i];
+    row.x = row.applied + share * (row.x - row.applied);
+  }
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    Core& core = cores_[i];
+    const ConeRow& row = cones_[core.row];
+    for (int k = 0; k < 3; ++k) core.x[k] = row.applied[k] + share * (row.x[k] - row.applied[k]);
+  }
+  for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
+    const Slice& slice = slices_[index(island_slices_[s])];
+    for (int i = slice.offset; i < slice.offset + slice.size; ++i) z_[index(i)] *= share;
   }
 }
 
@@ -327,6 +363,46 @@ Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance
     std::copy(cores_[i].x, cores_[i].x + 3, cones_[cores_[i].row].x);
   }
   return outcome;
+}
+
+/// Returns whether no row connects the island with something that it cannot move.
+bool Rows::floats(const Island& island) const {
+  const auto free = [&](int a, int b) { return slice_of(a) >= 0 && slice_of(b) >= 0; };
+  const auto first = boxes_.begin(), last = first + static_cast<std::ptrdiff_t>(island.end_box);
+  if (!std::all_of(first + static_cast<std::ptrdiff_t>(island.first_box), last, [&](auto& row) { return free(row.a, row.b); }))
+    return false;
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    const ConeRow& row = cones_[cores_[i].row];
+    if (!free(row.a, row.b)) return false;
+  }
+  return true;
+}
+
+void Rows::displace(std::span<RigidBody> bodies, double share, int iterations) {
+  std::fill(z_.begin(), z_.end(), 0.0);
+  const auto relax = [&](const BoxRow& row) {
+    if (row.error == 0) return;
+    double error = share * row.error;
+    for (const Side& side : row.side) error += velocity(y_.data() + side.y, side);
+    for (const Side& side : row.side) apply_impulse(y_.data() + side.y, side, -error * row.inverse_A);
+  };
+  for (int k = 0; k < iterations; ++k) {
+    if (k % 2 == 0) {
+      for (const BoxRow& row : boxes_) relax(row);
+    } else {
+      for (std::size_t i = boxes_.size(); i > 0; --i) relax(boxes_[i - 1]);
+    }
+  }
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    const int slice = slice_of_body_[b];
+    if (slice < trees_) continue;
+    const double* z = z_.data() + slices_[index(slice)].offset;
+    const Vector3d way(z[0], z[1], z[2]), turn(z[3], z[4], z[5]);
+    if (way.isZero(0) && turn.isZero(0)) continue;
+    RigidBody& body = bodies[b];
+    body.displace(body.inverse_root_mass * way, body.R * body.inverse_root_moments.cwiseProduct(turn),
+                  floats(islands_[index(island_of_slice_[index(root(slice))])]));
+  }
 }
 
 Rows::Outcome Rows::sweep(int iterations, double tolerance) {

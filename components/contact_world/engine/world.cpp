@@ -29,7 +29,7 @@ std::vector<Joint> joints_of(const scene::Scene& scene, std::span<const RigidBod
   return joints;
 }
 
-constexpr std::size_t kNumbersPerBody = 16, kNumbersPerJoint = 4 + kJointRows, kNumbersPerNode = 18, kNumbersPerTouch = 12;
+constexpr std::size_t kNumbersPerBody = 16, kNumbersPerJoint = 4 + kJointRows + 6, kNumbersPerNode = 18, kNumbersPerTouch = 12;
 
 }  // namespace
 
@@ -43,6 +43,7 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
       rows(bodies, forest),
       collision(scene),
       joint_x(joints.size()),
+      curves(joints.size()),
       applied(bodies.size(), Wrench::Zero()),
       poses(bodies.size()),
       twists(bodies.size()),
@@ -53,11 +54,13 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
   for (std::size_t j = 0; j < joints.size(); ++j) {
     const Joint& joint = joints[j];
     joint_x[j].fill(0);
+    curves[j].fill(0);
     if (!is_dynamic(joint.parent) && !is_dynamic(joint.child)) continue;
     for (const int body : {joint.parent, joint.child}) {
       if (body >= 0 && bodies[index(body)].motion != scene::Motion::kStatic) is_linked[index(body)] = 1;
     }
     const bool whole = options.method == Method::kPgs || !forest.contains(static_cast<int>(j));
+    has_whole_joints = has_whole_joints || whole;
     const bool closes = !whole && joint.has_axis() && forest.freedom_of(static_cast<int>(j)) < 0;
     if (whole || closes || options.method == Method::kDantzig) loose.push_back({static_cast<int>(j), whole});
   }
@@ -192,6 +195,7 @@ void World::save(std::vector<double>& state) const {
     const Axis& axis = w.axes[j];
     put(w.joints[j].q, axis.lock, axis.motor_speed, axis.motor_torque);
     put_all(w.joint_x[j]);
+    put_all(w.curves[j]);
   }
   for (const Forest::Node& node : w.forest.nodes()) {
     for (const Spatial& curve : node.curve) put_all(curve);
@@ -260,6 +264,7 @@ void World::restore(std::span<const double> state) {
     axis.motor_speed = get();
     axis.motor_torque = get();
     get_all(w.joint_x[j]);
+    get_all(w.curves[j]);
     w.joints[j].place(w.bodies);
     w.q[j] = w.joints[j].q;
     w.dq[j] = w.joints[j].has_axis() ? w.joints[j].speed(w.bodies) : 0;

@@ -19,6 +19,7 @@ constexpr int kPasses = 12;
 constexpr double kDiverging = 4;       // times the first error
 constexpr double kPredictable = 1e-5;  // m, rad: errors below are used to predict those of the next steps
 constexpr int kPassesOfLooseJoints = 2;
+constexpr double kShareOfError = 0.2;  // of whole joints, corrected in a step
 
 /// Share of a penetration beyond the slop that one step corrects, and the largest speed of the correction.
 constexpr double kCorrection = 0.2;
@@ -355,6 +356,8 @@ void World::Impl::collect_joint(const LooseJoint& one, Stage stage, double h) {
   const Joint& joint = joints[index(one.joint)];
   const Axis& axis = axes[index(one.joint)];
   const std::array<double, kJointRows>& x = joint_x[index(one.joint)];
+  const Motion6 error = one.whole && stage == Stage::kPosition ? joint.error() : Motion6{};
+  const bool in_tree = forest.holds(joint.child) || forest.holds(joint.parent);
   const auto add = [&](int row, const Vector3d& d, const Vector3d& m, double target, double lo, double hi, double softness) {
     BoxRow made;
     made.a = joint.parent >= 0 && bodies[index(joint.parent)].motion != scene::Motion::kStatic ? joint.parent : -1;
@@ -367,22 +370,25 @@ void World::Impl::collect_joint(const LooseJoint& one, Stage stage, double h) {
     made.hi = hi;
     made.softness = softness;
     made.x = std::clamp(x[index(row)], lo, hi);
+    if (row < 6) {
+      const double along = d.dot(error.linear) + m.dot(error.angular);
+      (in_tree ? made.target : made.error) = in_tree ? -kShareOfError * along / h : along;
+      if (!in_tree && stage == Stage::kPosition) made.target = curves[index(one.joint)][index(row)];
+    }
     row_origin.push_back({one.joint, row});
     rows.add(made);
   };
   const Vector3d zero = Vector3d::Zero();
   if (one.whole) {
-    const Motion6 e = joint.error();
-    const double rate = stage == Stage::kPosition ? -1 / h : 0;
     const bool slides = joint.type == scene::JointType::kPrismatic;
     for (int k = 0; k < (slides ? 2 : 3); ++k) {
       const Vector3d d = slides ? Vector3d(joint.R_parent.col(k)) : Vector3d(Vector3d::Unit(k));
-      add(k, d, zero, rate * d.dot(e.linear), -kInfinity, kInfinity, 0);
+      add(k, d, zero, 0, -kInfinity, kInfinity, 0);
     }
     const int turns = joint.type == scene::JointType::kSpherical ? 0 : joint.type == scene::JointType::kRevolute ? 2 : 3;
     for (int k = 0; k < turns; ++k) {
       const Vector3d m = joint.R_parent.col(k);
-      add(3 + k, zero, m, rate * m.dot(e.angular), -kInfinity, kInfinity, 0);
+      add(3 + k, zero, m, 0, -kInfinity, kInfinity, 0);
     }
   }
   if (!joint.has_axis()) return;
@@ -465,6 +471,10 @@ void World::Impl::satisfy_joints(double h) {
     for (std::size_t i = 0; i < linked.size(); ++i) f(places[i], bodies[index(linked[i])]);
   };
   each([](Place& place, const RigidBody& body) { place = {body.p, body.Q, body.R, body.v, body.w, body.L}; });
+  const auto joint_error = [&](const BoxRow& row) {
+    const Motion6 e = joints[index(row_origin[index(row.origin)].joint)].error();
+    return row.d.dot(e.linear) + row.m.dot(e.angular);
+  };
   const int passes = options.method == Method::kPgs ? kPassesOfLooseJoints : kPasses;
   double first = 0, largest = 0;
   for (int pass = 1;; ++pass) {
@@ -495,11 +505,12 @@ void World::Impl::satisfy_joints(double h) {
     } else {
       for (Forest::Tree& tree : forest.trees()) forest.correct_beta(tree, joints, h);
     }
+    // Rows of whole joints: without the curvature of the path, the velocity along the row would be its change of position.
+    if (has_whole_joints) rows.measure(bodies);
     for (BoxRow& row : rows.boxes()) {
       const RowOrigin& origin = row_origin[index(row.origin)];
-      if (origin.row >= 6) continue;
-      const Motion6 e = joints[index(origin.joint)].error();
-      row.target -= (row.d.dot(e.linear) + row.m.dot(e.angular)) / h;
+      if (origin.row >= 6 || forest.holds(row.a) || forest.holds(row.b)) continue;
+      row.target = curves[index(origin.joint)][index(origin.row)] = row.u - (joint_error(row) - row.error) / h;
     }
     if (solve_trees()) prepared = false;
     solve_rows(h);
@@ -508,6 +519,11 @@ void World::Impl::satisfy_joints(double h) {
       place.w = body.w;
       place.L = body.L;
     });
+  }
+  if (has_whole_joints) {
+    for (BoxRow& row : rows.boxes()) row.error = row_origin[index(row.origin)].row < 6 ? joint_error(row) : 0;
+    rows.displace(bodies, kShareOfError, options.iterations);
+    for (Joint& joint : joints) joint.place(bodies);
   }
   for (Forest::Tree& tree : forest.trees()) {
     if (largest <= kPredictable) {
