@@ -1,4 +1,4 @@
-// Reduced dynamics of a 7-joint arm. The unit of every row is the recursive Newton–Euler algorithm of Orocos KDL. Instruction
+// Reduced dynamics of a 7-joint arm, in processor time of the thread. The unit of every row is the recursive Newton–Euler algorithm of Orocos KDL. Instruction
 // sets that the machine lacks are left out. Usage: dynamics [robot.urdf]
 
 #include <Eigen/Core>
@@ -21,6 +21,8 @@ namespace {
 using namespace cotwin;
 using namespace cotwin::robot;
 
+constexpr int kBatches = 31;
+constexpr double kBatchSeconds = 2e-3;
 constexpr int kStates = 256;  // several states in turn, so that branch prediction cannot learn a single one
 
 KDL::Vector kdl(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
@@ -112,7 +114,8 @@ int main(int argc, char** argv) {
 
     const auto row = [&](const char* what, double goal, auto function) {
       std::size_t state = 0;
-      const auto figures = benchmark::measure([&] { function(state++ % kStates); }, kdl_inverse_dynamics);
+      const auto figures = benchmark::measure([&] { function(state++ % kStates); }, kdl_inverse_dynamics, kBatches,
+                                              kBatchSeconds, benchmark::thread_seconds);
       benchmark::print({std::string(what) + ", " + std::to_string(n) + " joints, " + isa, "ns", 1e9 * figures.ours,
                         "KDL inverse dynamics", 1e9 * figures.peer, goal});
     };
@@ -154,7 +157,7 @@ int main(int argc, char** argv) {
                                  states.by_joint_ddq.data(), taus.data());
           benchmark::keep(taus);
         },
-        kdl_inverse_dynamics);
+        kdl_inverse_dynamics, kBatches, kBatchSeconds, benchmark::thread_seconds);
     benchmark::print({"inverse dynamics in a batch, per state, " + std::to_string(n) + " joints, " + isa, "ns",
                       1e9 * batch.ours / kStates, "KDL inverse dynamics", 1e9 * batch.peer, 0.025});
   }

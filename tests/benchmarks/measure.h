@@ -1,6 +1,7 @@
 #pragma once
+#include <time.h>
+
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <functional>
 #include <string>
@@ -16,20 +17,28 @@ inline void keep(const T& value) {
   asm volatile("" : : "g"(&value) : "memory");
 }
 
+inline double seconds_of(clockid_t clock) {
+  timespec t{};
+  clock_gettime(clock, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+inline double wall_seconds() { return seconds_of(CLOCK_MONOTONIC); }
+/// Processor time of the calling thread: the load of the machine counts only through its caches.
+inline double thread_seconds() { return seconds_of(CLOCK_THREAD_CPUTIME_ID); }
+
 struct Figures {
   double ours = 0;  // median seconds per call
   double peer = 0;
 };
 
-/// Median seconds per call of two functions, in alternating batches of at least `batch_seconds`, so that changes of the
+/// Median seconds per call of two functions by `clock`, in alternating batches of at least `batch_seconds`, so that changes of the
 /// machine's speed affect both alike.
 inline Figures measure(const std::function<void()>& ours, const std::function<void()>& peer, int batches = 31,
-                       double batch_seconds = 2e-3) {
-  using Clock = std::chrono::steady_clock;
-  const auto seconds = [](const std::function<void()>& f, int calls) {
-    const auto begin = Clock::now();
+                       double batch_seconds = 2e-3, double (*clock)() = wall_seconds) {
+  const auto seconds = [clock](const std::function<void()>& f, int calls) {
+    const double begin = clock();
     for (int i = 0; i < calls; ++i) f();
-    return std::chrono::duration<double>(Clock::now() - begin).count();
+    return clock() - begin;
   };
   const auto calls_for = [&](const std::function<void()>& f) {
     int calls = 1;

@@ -40,13 +40,13 @@ Pose hinge_frame(const Pose& X, const Eigen::Vector3d& axis) {
 
 class Bullet final : public Engine {
  public:
-  Bullet(const scene::Scene& scene, double h, bool dantzig)
+  Bullet(const scene::Scene& scene, double h, bool dantzig, int sweeps)
       : scene_(scene), h_(h), dispatcher_(&configuration_), pivoting_(&dantzig_) {
     btConstraintSolver* solver = &sequential_;
     if (dantzig) solver = &pivoting_;
     world_ = std::make_unique<btDiscreteDynamicsWorld>(&dispatcher_, &broadphase_, solver, &configuration_);
     world_->setGravity(to_bullet(scene.gravity));
-    world_->getSolverInfo().m_numIterations = kIterations;
+    world_->getSolverInfo().m_numIterations = sweeps > 0 ? sweeps : kIterations;
     world_->getSolverInfo().m_minimumSolverBatchSize = dantzig ? 1 : 128;  // as in Bullet's own examples
     for (const scene::Body& body : scene.bodies) add(body);
     for (const scene::Joint& joint : scene.joints) add(joint);
@@ -107,6 +107,14 @@ class Bullet final : public Engine {
     b->setLinearVelocity(to_bullet(v));
     b->setAngularVelocity(to_bullet(w));
     b->setActivationState(DISABLE_DEACTIVATION);
+    if (std::isfinite(material.stiffness)) b->setContactStiffnessAndDamping(material.stiffness, material.damping);
+    btVector3 centre;
+    btScalar radius = 0;
+    if (dynamic && !body.shapes.empty()) shape->getBoundingSphere(centre, radius);
+    if (radius > 0 && v.norm() * h_ > radius) {
+      b->setCcdMotionThreshold(radius);
+      b->setCcdSweptSphereRadius(0.8 * radius);
+    }
     world_->addRigidBody(b.get());
     bodies_.push_back(std::move(b));
   }
@@ -117,17 +125,36 @@ class Bullet final : public Engine {
       shapes_.push_back(std::make_unique<btStaticPlaneShape>(to_bullet(X_PS.R.col(2).eval()), X_PS.R.col(2).dot(X_PS.p)));
       return shapes_.back().get();
     }
-    if (shape.type == scene::ShapeType::kSphere) {
-      shapes_.push_back(std::make_unique<btSphereShape>(shape.size.x()));
-    } else {
-      shapes_.push_back(std::make_unique<btBoxShape>(to_bullet((0.5 * shape.size).eval())));
-      shapes_.back()->setMargin(kMargin);
-    }
+    shapes_.push_back(make_convex(shape));
     if (X_PS == Pose{}) return shapes_.back().get();
     auto compound = std::make_unique<btCompoundShape>();
     compound->addChildShape(to_bullet(X_PS), shapes_.back().get());
     shapes_.push_back(std::move(compound));
     return shapes_.back().get();
+  }
+
+  static std::unique_ptr<btCollisionShape> make_convex(const scene::Shape& shape) {
+    std::unique_ptr<btCollisionShape> convex;
+    switch (shape.type) {
+      case scene::ShapeType::kSphere:
+        return std::make_unique<btSphereShape>(shape.size.x());
+      case scene::ShapeType::kCapsule:
+        return std::make_unique<btCapsuleShapeZ>(shape.size.x(), shape.size.y());
+      case scene::ShapeType::kHull: {
+        auto hull = std::make_unique<btConvexHullShape>();
+        for (const Eigen::Vector3d& v : shape.vertices) hull->addPoint(to_bullet(v), false);
+        hull->recalcLocalAabb();
+        hull->setMargin(0);
+        return hull;
+      }
+      case scene::ShapeType::kCylinder:
+        convex = std::make_unique<btCylinderShapeZ>(btVector3(shape.size.x(), shape.size.x(), 0.5 * shape.size.y()));
+        break;
+      default:
+        convex = std::make_unique<btBoxShape>(to_bullet((0.5 * shape.size).eval()));
+    }
+    convex->setMargin(kMargin);
+    return convex;
   }
 
   void add(const scene::Joint& joint) {
@@ -157,11 +184,11 @@ class Bullet final : public Engine {
 
 }  // namespace
 
-std::unique_ptr<Engine> make_bullet_si(const scene::Scene& scene, double h) {
-  return std::make_unique<Bullet>(scene, h, false);
+std::unique_ptr<Engine> make_bullet_si(const scene::Scene& scene, double h, int sweeps) {
+  return std::make_unique<Bullet>(scene, h, false, sweeps);
 }
-std::unique_ptr<Engine> make_bullet_dantzig(const scene::Scene& scene, double h) {
-  return std::make_unique<Bullet>(scene, h, true);
+std::unique_ptr<Engine> make_bullet_dantzig(const scene::Scene& scene, double h, int sweeps) {
+  return std::make_unique<Bullet>(scene, h, true, sweeps);
 }
 
 }  // namespace cotwin::benchmark

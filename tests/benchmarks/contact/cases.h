@@ -1,5 +1,6 @@
 #pragma once
-#include <limits>
+#include <cmath>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -16,14 +17,22 @@ struct Figure {
 
 struct Case {
   std::string name;
-  std::vector<Figure> (*run)(const EngineKind& engine);  // the first figure is the time of a step
-  int rounds = 1;                                        // the fastest run counts; all other figures are the same in each
-  bool many_contacts = false;                            // false for engines that pivot all contacts of a pile at once
+  std::function<std::vector<Figure>(const EngineKind&)> run;  // the first figure is the time of a step
+  int rounds = 1;                                             // the fastest run counts; all other figures are the same in each
+  bool many_contacts = false;                                 // false for engines that pivot all contacts of a pile at once
 };
+
+/// The larger of the worst value so far and a new one; not a number stays.
+inline double worst(double so_far, double now) { return now <= so_far || std::isnan(so_far) ? so_far : now; }
 
 /// The scenes of the contact world's issue, and one that shows how the time grows with the number of bodies.
 std::vector<Case> scene_cases();
 /// The public tests that are used to compare contact engines.
 std::vector<Case> public_cases();
+/// Scenes that are made to break engines (tests/support/hard_scenes.h).
+std::vector<Case> loop_cases();     // closed loops, chains, several impacts at once
+std::vector<Case> static_cases();   // friction-critical statics
+std::vector<Case> shape_cases();    // round shapes, fast bodies, overlap, soft contacts
+std::vector<Case> sim_benchmark();  // those of SimBenchmark
 
 }  // namespace cotwin::benchmark

@@ -11,7 +11,8 @@ constexpr int kSweeps = 10;  // in each of the two solutions of a step: 20 toget
 
 class Ours final : public Engine {
  public:
-  Ours(const scene::Scene& scene, contact_world::Method method) : world_(scene, options(scene, method)) {}
+  Ours(const scene::Scene& scene, contact_world::Method method, int sweeps) : world_(scene, options(scene, method, sweeps)) {}
+  Ours(const scene::Scene& scene, contact_world::Options options) : world_(scene, options) {}
   void step(double h) override { world_.step(h); }
   void read(std::span<Pose> X_WB, std::span<Twist> V_WB) const override {
     std::copy(world_.poses().begin(), world_.poses().end(), X_WB.begin());
@@ -27,10 +28,10 @@ class Ours final : public Engine {
   }
 
  private:
-  static contact_world::Options options(const scene::Scene& scene, contact_world::Method method) {
+  static contact_world::Options options(const scene::Scene& scene, contact_world::Method method, int sweeps) {
     contact_world::Options options;
     options.method = method;
-    options.iterations = kSweeps;
+    options.iterations = sweeps > 0 ? std::max(1, sweeps / 2) : kSweeps;
     options.contacts = 16 * scene.bodies.size();
     return options;
   }
@@ -40,14 +41,20 @@ class Ours final : public Engine {
 
 }  // namespace
 
-std::unique_ptr<Engine> make_tree(const scene::Scene& scene, double) {
-  return std::make_unique<Ours>(scene, contact_world::Method::kTree);
+std::unique_ptr<Engine> make_default(const scene::Scene& scene, double, int sweeps) {
+  contact_world::Options options;
+  if (sweeps > 0) options.iterations = std::max(1, sweeps / 2);
+  options.contacts = 16 * scene.bodies.size();
+  return std::make_unique<Ours>(scene, options);
 }
-std::unique_ptr<Engine> make_pgs(const scene::Scene& scene, double) {
-  return std::make_unique<Ours>(scene, contact_world::Method::kPgs);
+std::unique_ptr<Engine> make_tree(const scene::Scene& scene, double, int sweeps) {
+  return std::make_unique<Ours>(scene, contact_world::Method::kTree, sweeps);
 }
-std::unique_ptr<Engine> make_dantzig(const scene::Scene& scene, double) {
-  return std::make_unique<Ours>(scene, contact_world::Method::kDantzig);
+std::unique_ptr<Engine> make_pgs(const scene::Scene& scene, double, int sweeps) {
+  return std::make_unique<Ours>(scene, contact_world::Method::kPgs, sweeps);
+}
+std::unique_ptr<Engine> make_dantzig(const scene::Scene& scene, double, int sweeps) {
+  return std::make_unique<Ours>(scene, contact_world::Method::kDantzig, sweeps);
 }
 
 Principal principal(const Inertia& inertia) {

@@ -25,23 +25,25 @@ class Engine {
 
 struct EngineKind {
   std::string name;
-  std::unique_ptr<Engine> (*make)(const scene::Scene& scene, double h);
+  std::unique_ptr<Engine> (*make)(const scene::Scene& scene, double h, int sweeps);  // 0 sweeps: the engine's number
   bool ours = false;
   bool exact = false;  // pivots: the cost grows with the cube of the number of contacts
 };
 
-/// Cotwin, with 20 sweeps per step, as many as ODE's quickstep.
-std::unique_ptr<Engine> make_tree(const scene::Scene& scene, double h);
-std::unique_ptr<Engine> make_pgs(const scene::Scene& scene, double h);
-std::unique_ptr<Engine> make_dantzig(const scene::Scene& scene, double h);
+/// Cotwin as a user gets it, with default options; and with a method and 20 sweeps per step, as many as ODE's quickstep.
+std::unique_ptr<Engine> make_default(const scene::Scene& scene, double h, int sweeps);
+std::unique_ptr<Engine> make_tree(const scene::Scene& scene, double h, int sweeps);
+std::unique_ptr<Engine> make_pgs(const scene::Scene& scene, double h, int sweeps);
+std::unique_ptr<Engine> make_dantzig(const scene::Scene& scene, double h, int sweeps);
 /// Open Dynamics Engine: dWorldQuickStep with 20 iterations, or dWorldStep. Other settings are defaults, except: eight contacts
-/// per pair, friction pyramid scaled by the normal force.
-std::unique_ptr<Engine> make_ode_quick(const scene::Scene& scene, double h);
-std::unique_ptr<Engine> make_ode_dantzig(const scene::Scene& scene, double h);
+/// per pair, friction pyramid scaled by the normal force; soft contacts by ERP and CFM as its manual has them.
+std::unique_ptr<Engine> make_ode_quick(const scene::Scene& scene, double h, int sweeps);
+std::unique_ptr<Engine> make_ode_dantzig(const scene::Scene& scene, double h, int sweeps);
 /// Bullet in double precision: sequential impulses with 10 iterations, or MLCP with Dantzig's solver. Other settings are
-/// defaults, except: no body falls asleep, and collision margins are 1 mm.
-std::unique_ptr<Engine> make_bullet_si(const scene::Scene& scene, double h);
-std::unique_ptr<Engine> make_bullet_dantzig(const scene::Scene& scene, double h);
+/// defaults, except: no body falls asleep, collision margins are 1 mm (hulls: 0), and continuous collision detection for bodies
+/// that start with more than a radius per step.
+std::unique_ptr<Engine> make_bullet_si(const scene::Scene& scene, double h, int sweeps);
+std::unique_ptr<Engine> make_bullet_dantzig(const scene::Scene& scene, double h, int sweeps);
 
 /// The frame of principal axes P at the body's centre of mass, and the principal moments: for engines that support no other
 /// frame.

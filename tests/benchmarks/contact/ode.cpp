@@ -5,6 +5,7 @@
 #include <cstdarg>
 #include <vector>
 
+#include "models/scene/hull.h"
 #include "tests/benchmarks/contact/engine.h"
 
 namespace cotwin::benchmark {
@@ -31,7 +32,7 @@ Eigen::Matrix3d from_ode(const dReal* R) {
 
 class Ode final : public Engine {
  public:
-  Ode(const scene::Scene& scene, bool dantzig) : scene_(scene), dantzig_(dantzig) {
+  Ode(const scene::Scene& scene, bool dantzig, double h, int sweeps) : scene_(scene), dantzig_(dantzig), h_(h) {
     [[maybe_unused]] static const bool ready = [] {
       dInitODE2(0);
       dSetMessageHandler(silent);
@@ -42,7 +43,7 @@ class Ode final : public Engine {
     space_ = dHashSpaceCreate(nullptr);
     contacts_ = dJointGroupCreate(0);
     dWorldSetGravity(world_, scene.gravity.x(), scene.gravity.y(), scene.gravity.z());
-    dWorldSetQuickStepNumIterations(world_, kIterations);
+    dWorldSetQuickStepNumIterations(world_, sweeps > 0 ? sweeps : kIterations);
     for (std::size_t k = 0; k < scene.bodies.size(); ++k) add(k);
     for (const scene::Joint& joint : scene.joints) add(joint);
   }
@@ -115,9 +116,7 @@ class Ode final : public Engine {
       const Eigen::Vector3d n = X_WS.R.col(2);
       geom = dCreatePlane(space_, n.x(), n.y(), n.z(), n.dot(X_WS.p));
     } else {
-      const bool sphere = shape.type == scene::ShapeType::kSphere;
-      geom =
-          sphere ? dCreateSphere(space_, shape.size.x()) : dCreateBox(space_, shape.size.x(), shape.size.y(), shape.size.z());
+      geom = make_geom(shape);
       const Pose X = bodies_[k] ? frames_[k].X_BP.inverse() * shape.X_BS : X_WS;
       dMatrix3 R;
       to_ode(X.R, R);
@@ -132,6 +131,31 @@ class Ode final : public Engine {
     }
     materials_.push_back({static_cast<int>(k), shape.material});
     dGeomSetData(geom, reinterpret_cast<void*>(materials_.size() - 1));
+  }
+
+  dGeomID make_geom(const scene::Shape& shape) {
+    switch (shape.type) {
+      case scene::ShapeType::kSphere:
+        return dCreateSphere(space_, shape.size.x());
+      case scene::ShapeType::kCylinder:
+        return dCreateCylinder(space_, shape.size.x(), shape.size.y());
+      case scene::ShapeType::kCapsule:
+        return dCreateCapsule(space_, shape.size.x(), shape.size.y());
+      case scene::ShapeType::kHull: {
+        const scene::Polytope polytope = scene::convex_hull(shape.vertices);
+        Hull& hull = *hulls_.emplace_back(std::make_unique<Hull>());
+        for (const auto& face : polytope.faces) {
+          hull.planes.insert(hull.planes.end(), {face.n.x(), face.n.y(), face.n.z(), face.d});
+          hull.polygons.push_back(face.count);
+          for (std::uint32_t c = 0; c < face.count; ++c) hull.polygons.push_back(polytope.corners[face.begin + c]);
+        }
+        for (const Eigen::Vector3d& v : polytope.vertices) hull.points.insert(hull.points.end(), v.begin(), v.end());
+        return dCreateConvex(space_, hull.planes.data(), static_cast<unsigned>(polytope.faces.size()), hull.points.data(),
+                             static_cast<unsigned>(polytope.vertices.size()), hull.polygons.data());
+      }
+      default:
+        return dCreateBox(space_, shape.size.x(), shape.size.y(), shape.size.z());
+    }
   }
 
   void add(const scene::Joint& joint) {
@@ -160,6 +184,13 @@ class Ode final : public Engine {
         contact[i].surface.mode |= dContactBounce;
         contact[i].surface.bounce = bounce;
       }
+      const double k = 1 / (1 / s_a.material.stiffness + 1 / s_b.material.stiffness);
+      if (std::isfinite(k)) {
+        const double d = std::isfinite(s_a.material.stiffness) ? s_a.material.damping : s_b.material.damping;
+        contact[i].surface.mode |= dContactSoftERP | dContactSoftCFM;
+        contact[i].surface.soft_erp = h_ * k / (h_ * k + d);
+        contact[i].surface.soft_cfm = 1 / (h_ * k + d);
+      }
       dJointAttach(dJointCreateContact(world_, contacts_, contact + i), dGeomGetBody(a), dGeomGetBody(b));
     }
   }
@@ -169,8 +200,14 @@ class Ode final : public Engine {
     scene::Material material;
   };
 
+  struct Hull {  // ODE keeps pointers into it
+    std::vector<dReal> planes, points;
+    std::vector<unsigned> polygons;
+  };
+
   scene::Scene scene_;
   bool dantzig_;
+  double h_;
   dWorldID world_;
   dSpaceID space_;
   dJointGroupID contacts_;
@@ -178,11 +215,16 @@ class Ode final : public Engine {
   std::vector<Principal> frames_;
   std::vector<dJointID> joints_;
   std::vector<Surface> materials_;  // of each shape
+  std::vector<std::unique_ptr<Hull>> hulls_;
 };
 
 }  // namespace
 
-std::unique_ptr<Engine> make_ode_quick(const scene::Scene& scene, double) { return std::make_unique<Ode>(scene, false); }
-std::unique_ptr<Engine> make_ode_dantzig(const scene::Scene& scene, double) { return std::make_unique<Ode>(scene, true); }
+std::unique_ptr<Engine> make_ode_quick(const scene::Scene& scene, double h, int sweeps) {
+  return std::make_unique<Ode>(scene, false, h, sweeps);
+}
+std::unique_ptr<Engine> make_ode_dantzig(const scene::Scene& scene, double h, int sweeps) {
+  return std::make_unique<Ode>(scene, true, h, sweeps);
+}
 
 }  // namespace cotwin::benchmark
