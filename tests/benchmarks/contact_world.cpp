@@ -149,7 +149,7 @@ void print_scene(const Case& what, const std::vector<Outcome>& outcomes) {
 
 int main(int argc, char** argv) {
   const std::string mode = argc > 1 ? argv[1] : "", filter = argc > 2 ? argv[2] : "", engine = argc > 3 ? argv[3] : "";
-  std::vector<std::vector<Case>> all{loop_cases(), static_cases(), shape_cases(), sim_benchmark()};
+  std::vector<std::vector<Case>> all{loop_cases(), static_cases(), shape_cases(), sim_benchmark(), foreign_cases()};
   if (mode != "scenes") {
     all.insert(all.begin(), {scene_cases(), public_cases()});
   } else {

@@ -76,7 +76,7 @@ class Bullet final : public Engine {
     body(j.parent).applyTorque(-axis);
   }
   void set_motor(std::size_t joint, double dq, double tau_max) override {
-    joints_[joint]->enableAngularMotor(true, dq, tau_max * h_);
+    hinges_[joint]->enableAngularMotor(true, dq, tau_max * h_);
   }
   void apply(std::size_t k, const Wrench& F_C_W) override {
     bodies_[k]->applyCentralForce(to_bullet(F_C_W.head<3>().eval()));
@@ -161,8 +161,34 @@ class Bullet final : public Engine {
     const Pose X_P = hinge_frame(X_PJ(joint.parent, joint.X_PJ), joint.axis);
     const Pose X_C = hinge_frame(X_PJ(joint.child, joint.X_CJ), joint.axis);
     // The second body rotates about z of the first one's frame.
-    joints_.push_back(
-        std::make_unique<btHingeConstraint>(body(joint.child), body(joint.parent), to_bullet(X_C), to_bullet(X_P)));
+    hinges_.push_back(nullptr);
+    switch (joint.type) {
+      case scene::JointType::kRevolute: {
+        auto hinge = std::make_unique<btHingeConstraint>(body(joint.child), body(joint.parent), to_bullet(X_C), to_bullet(X_P));
+        hinges_.back() = hinge.get();
+        joints_.push_back(std::move(hinge));
+        break;
+      }
+      case scene::JointType::kPrismatic: {  // along x of the frames
+        const Pose x_to_z{Eigen::AngleAxisd(-M_PI / 2, Eigen::Vector3d::UnitY()).toRotationMatrix(), Eigen::Vector3d::Zero()};
+        auto slider = std::make_unique<btSliderConstraint>(body(joint.parent), body(joint.child), to_bullet(X_P * x_to_z),
+                                                           to_bullet(X_C * x_to_z), true);
+        slider->setLowerLinLimit(1);  // lower > upper: free
+        slider->setUpperLinLimit(-1);
+        slider->setLowerAngLimit(0);
+        slider->setUpperAngLimit(0);
+        joints_.push_back(std::move(slider));
+        break;
+      }
+      case scene::JointType::kSpherical:
+        joints_.push_back(std::make_unique<btPoint2PointConstraint>(body(joint.child), body(joint.parent), to_bullet(X_C.p),
+                                                                    to_bullet(X_P.p)));
+        break;
+      case scene::JointType::kFixed:
+        joints_.push_back(
+            std::make_unique<btFixedConstraint>(body(joint.child), body(joint.parent), to_bullet(X_C), to_bullet(X_P)));
+        break;
+    }
     world_->addConstraint(joints_.back().get(), true);
   }
 
@@ -179,7 +205,8 @@ class Bullet final : public Engine {
   std::vector<Principal> frames_;
   std::unique_ptr<btDiscreteDynamicsWorld> world_;
   std::vector<std::unique_ptr<btRigidBody>> bodies_;
-  std::vector<std::unique_ptr<btHingeConstraint>> joints_;
+  std::vector<std::unique_ptr<btTypedConstraint>> joints_;
+  std::vector<btHingeConstraint*> hinges_;  // of each joint; null for other types
 };
 
 }  // namespace

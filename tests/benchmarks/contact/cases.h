@@ -34,5 +34,6 @@ std::vector<Case> loop_cases();     // closed loops, chains, several impacts at 
 std::vector<Case> static_cases();   // friction-critical statics
 std::vector<Case> shape_cases();    // round shapes, fast bodies, overlap, soft contacts
 std::vector<Case> sim_benchmark();  // those of SimBenchmark
+std::vector<Case> foreign_cases();  // damaged, unequal, huge, tiny, fast (tests/support/foreign_scenes.h)
 
 }  // namespace cotwin::benchmark

@@ -36,7 +36,7 @@ class Ode final : public Engine {
     [[maybe_unused]] static const bool ready = [] {
       dInitODE2(0);
       dSetMessageHandler(silent);
-      return dAllocateODEDataForThread(dAllocateMaskAll) != 0;
+      return dAllocateODEDataForThread(static_cast<unsigned>(dAllocateMaskAll)) != 0;
     }();
     dRandSetSeed(0);  // order of quickstep's rows: equal in each run
     world_ = dWorldCreate();
@@ -51,6 +51,7 @@ class Ode final : public Engine {
     dJointGroupDestroy(contacts_);
     dSpaceDestroy(space_);
     dWorldDestroy(world_);
+    for (const auto& hull : hulls_) dGeomTriMeshDataDestroy(hull->data);
   }
   Ode(const Ode&) = delete;
   Ode& operator=(const Ode&) = delete;
@@ -142,16 +143,22 @@ class Ode final : public Engine {
       case scene::ShapeType::kCapsule:
         return dCreateCapsule(space_, shape.size.x(), shape.size.y());
       case scene::ShapeType::kHull: {
+        // dCreateConvex penetrates other convex shapes and planes, so a mesh of triangles is used.
         const scene::Polytope polytope = scene::convex_hull(shape.vertices);
         Hull& hull = *hulls_.emplace_back(std::make_unique<Hull>());
         for (const auto& face : polytope.faces) {
-          hull.planes.insert(hull.planes.end(), {face.n.x(), face.n.y(), face.n.z(), face.d});
-          hull.polygons.push_back(face.count);
-          for (std::uint32_t c = 0; c < face.count; ++c) hull.polygons.push_back(polytope.corners[face.begin + c]);
+          for (std::uint32_t c = 2; c < face.count; ++c) {
+            for (const std::uint32_t corner : {0u, c - 1, c}) {
+              hull.triangles.push_back(static_cast<dTriIndex>(polytope.corners[face.begin + corner]));
+            }
+          }
         }
         for (const Eigen::Vector3d& v : polytope.vertices) hull.points.insert(hull.points.end(), v.begin(), v.end());
-        return dCreateConvex(space_, hull.planes.data(), static_cast<unsigned>(polytope.faces.size()), hull.points.data(),
-                             static_cast<unsigned>(polytope.vertices.size()), hull.polygons.data());
+        hull.data = dGeomTriMeshDataCreate();
+        dGeomTriMeshDataBuildDouble(hull.data, hull.points.data(), 3 * sizeof(double),
+                                    static_cast<int>(polytope.vertices.size()), hull.triangles.data(),
+                                    static_cast<int>(hull.triangles.size()), 3 * sizeof(dTriIndex));
+        return dCreateTriMesh(space_, hull.data, nullptr, nullptr, nullptr);
       }
       default:
         return dCreateBox(space_, shape.size.x(), shape.size.y(), shape.size.z());
@@ -162,11 +169,31 @@ class Ode final : public Engine {
     const auto body = [&](int k) { return k < 0 ? nullptr : bodies_[static_cast<std::size_t>(k)]; };
     const Pose X_WJ = scene_.bodies[static_cast<std::size_t>(joint.child)].X_WB * joint.X_CJ;
     const Eigen::Vector3d axis = X_WJ.R * joint.axis;
-    dJointID hinge = dJointCreateHinge(world_, nullptr);
-    dJointAttach(hinge, body(joint.child), body(joint.parent));
-    dJointSetHingeAnchor(hinge, X_WJ.p.x(), X_WJ.p.y(), X_WJ.p.z());
-    dJointSetHingeAxis(hinge, axis.x(), axis.y(), axis.z());
-    joints_.push_back(hinge);
+    dJointID id = nullptr;
+    switch (joint.type) {
+      case scene::JointType::kRevolute:
+        id = dJointCreateHinge(world_, nullptr);
+        dJointAttach(id, body(joint.child), body(joint.parent));
+        dJointSetHingeAnchor(id, X_WJ.p.x(), X_WJ.p.y(), X_WJ.p.z());
+        dJointSetHingeAxis(id, axis.x(), axis.y(), axis.z());
+        break;
+      case scene::JointType::kPrismatic:
+        id = dJointCreateSlider(world_, nullptr);
+        dJointAttach(id, body(joint.child), body(joint.parent));
+        dJointSetSliderAxis(id, axis.x(), axis.y(), axis.z());
+        break;
+      case scene::JointType::kSpherical:
+        id = dJointCreateBall(world_, nullptr);
+        dJointAttach(id, body(joint.child), body(joint.parent));
+        dJointSetBallAnchor(id, X_WJ.p.x(), X_WJ.p.y(), X_WJ.p.z());
+        break;
+      case scene::JointType::kFixed:
+        id = dJointCreateFixed(world_, nullptr);
+        dJointAttach(id, body(joint.child), body(joint.parent));
+        dJointSetFixed(id);
+        break;
+    }
+    joints_.push_back(id);
   }
 
   void touch(dGeomID a, dGeomID b) {
@@ -201,8 +228,9 @@ class Ode final : public Engine {
   };
 
   struct Hull {  // ODE keeps pointers into it
-    std::vector<dReal> planes, points;
-    std::vector<unsigned> polygons;
+    std::vector<double> points;
+    std::vector<dTriIndex> triangles;
+    dTriMeshDataID data = nullptr;
   };
 
   scene::Scene scene_;
