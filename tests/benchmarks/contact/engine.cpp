@@ -69,6 +69,40 @@ Principal principal(const Inertia& inertia) {
   return p;
 }
 
+Trees make_trees(const scene::Scene& scene) {
+  const auto index = [](int k) { return static_cast<std::size_t>(k); };
+  const auto fixed = [&](int k) { return k < 0 || scene.bodies[index(k)].motion != scene::Motion::kDynamic; };
+  Trees trees;
+  std::vector<bool> placed(scene.bodies.size()), used(scene.joints.size());
+  std::size_t next = 0;
+  const auto grow = [&] {  // breadth first
+    for (; next <= trees.links.size(); ++next) {
+      const int at = next == 0 ? -1 : trees.links[next - 1].body;
+      for (std::size_t j = 0; j < scene.joints.size(); ++j) {
+        const scene::Joint& joint = scene.joints[j];
+        const auto here = [&](int k) { return next == 0 ? fixed(k) : k == at; };
+        const bool forward = here(joint.parent), backward = here(joint.child);
+        if (used[j] || forward == backward) continue;
+        const int body = forward ? joint.child : joint.parent;
+        if (fixed(body) || placed[index(body)]) continue;
+        used[j] = placed[index(body)] = true;
+        trees.links.push_back({body, forward ? joint.parent : joint.child, static_cast<int>(j), backward});
+      }
+    }
+  };
+  grow();
+  for (std::size_t b = 0; b < scene.bodies.size(); ++b) {
+    if (placed[b] || fixed(static_cast<int>(b))) continue;
+    placed[b] = true;
+    trees.links.push_back({static_cast<int>(b), -1, -1, false});
+    grow();
+  }
+  for (std::size_t j = 0; j < scene.joints.size(); ++j) {
+    if (!used[j]) trees.loops.push_back(static_cast<int>(j));
+  }
+  return trees;
+}
+
 bool ignored(const scene::Scene& scene, int a, int b) {
   const auto same = [a, b](int c, int d) { return (a == c && b == d) || (a == d && b == c); };
   return std::any_of(scene.joints.begin(), scene.joints.end(), [&](const auto& j) { return same(j.parent, j.child); }) ||

@@ -2,6 +2,7 @@
 #include <cstddef>
 #include <memory>
 #include <span>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -21,6 +22,11 @@ class Engine {
   virtual void set_tau(std::size_t joint, double tau) = 0;  // over the next step, N.m
   virtual void set_motor(std::size_t joint, double dq, double tau_max) = 0;
   virtual void apply(std::size_t body, const Wrench& F_C_W) = 0;  // at the centre of mass, over the next step
+};
+
+/// Thrown by an engine that cannot build a scene: it is left out.
+struct NotApplicable : std::invalid_argument {
+  using std::invalid_argument::invalid_argument;
 };
 
 struct EngineKind {
@@ -45,6 +51,10 @@ std::unique_ptr<Engine> make_ode_dantzig(const scene::Scene& scene, double h, in
 std::unique_ptr<Engine> make_bullet_si(const scene::Scene& scene, double h, int sweeps);
 std::unique_ptr<Engine> make_bullet_dantzig(const scene::Scene& scene, double h, int sweeps);
 
+/// The same with trees of joints as btMultiBody (Featherstone's algorithm in reduced coordinates, hinges and sliders only);
+/// loops are closed by two points on the hinge's axis. No damping.
+std::unique_ptr<Engine> make_bullet_multibody(const scene::Scene& scene, double h, int sweeps);
+
 /// The frame of principal axes P at the body's centre of mass, and the principal moments: for engines that support no other
 /// frame.
 struct Principal {
@@ -52,6 +62,18 @@ struct Principal {
   Eigen::Vector3d moments = Eigen::Vector3d::Zero();
 };
 Principal principal(const Inertia& inertia);
+/// The joints as trees, for engines with reduced coordinates. Trees begin at the world or a static body; bodies that no joint
+/// connects to these begin at the first body of each group, which floats.
+struct Trees {
+  struct Link {
+    int body = -1, parent = -1, joint = -1;  // of the scene; parent −1: the world; joint −1: a floating or free body
+    bool reversed = false;                   // the joint's parent is the link's body
+  };
+  std::vector<Link> links;  // parents first; static bodies are left out
+  std::vector<int> loops;   // the other joints
+};
+Trees make_trees(const scene::Scene& scene);
+
 /// Whether contacts between two bodies are left out because they are joined or the scene excludes the pair: for engines that
 /// have no such list.
 bool ignored(const scene::Scene& scene, int a, int b);

@@ -13,6 +13,8 @@
 namespace cotwin::benchmark {
 namespace {
 
+constexpr int kNotApplicable = 2;  // exit code
+
 // One figure a line: value, goal, unit, name.
 void write_figures(const std::vector<Figure>& figures, int file) {
   std::string text;
@@ -51,6 +53,8 @@ std::vector<Figure> parse_figures(const std::string& text) {
   try {
     write_figures(what.run(engine), file);
     _exit(0);
+  } catch (const NotApplicable&) {
+    _exit(kNotApplicable);
   } catch (const std::exception& error) {
     std::fprintf(stderr, "%s, %s: %s\n", what.name.c_str(), engine.name.c_str(), error.what());
     _exit(1);
@@ -78,7 +82,7 @@ Outcome run_isolated(const Case& what, const EngineKind& engine, unsigned limit)
   int status = 0;
   waitpid(pid, &status, 0);
   if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return {parse_figures(text), ""};
-  if (WIFEXITED(status)) return {{}, "error"};
+  if (WIFEXITED(status)) return {{}, WEXITSTATUS(status) == kNotApplicable ? "–" : "error"};
   const bool late = WTERMSIG(status) == SIGXCPU || WTERMSIG(status) == SIGKILL;
   return {{}, late ? "does not end" : "crashes"};
 }
