@@ -31,6 +31,7 @@ const std::vector<EngineKind> kEngines{
     {"Bullet SI 10", make_bullet_si, false, false},
     {"Bullet MLCP Dantzig", make_bullet_dantzig, false, true},
     {"Bullet multibody", make_bullet_multibody, false, false},
+    {"MuJoCo", make_mujoco, false, false},
 };
 
 // One engine after the other in each round, so that changes of the machine's speed affect all alike.

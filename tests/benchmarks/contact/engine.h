@@ -55,6 +55,10 @@ std::unique_ptr<Engine> make_bullet_dantzig(const scene::Scene& scene, double h,
 /// loops are closed by two points on the hinge's axis. No damping.
 std::unique_ptr<Engine> make_bullet_multibody(const scene::Scene& scene, double h, int sweeps);
 
+/// MuJoCo: Newton's solver, elliptic cones with impratio 10; RK4 for scenes without shapes, else Euler's semi-implicit method.
+/// Restitution and stiffness by solref; no motors. Loops are closed by two points on the hinge's axis.
+std::unique_ptr<Engine> make_mujoco(const scene::Scene& scene, double h, int sweeps);
+
 /// The frame of principal axes P at the body's centre of mass, and the principal moments: for engines that support no other
 /// frame.
 struct Principal {

@@ -144,7 +144,7 @@ std::vector<Figure> pile(const EngineKind& kind, int boxes, int steps, double go
 }
 
 std::vector<Figure> pile_of_100(const EngineKind& kind) { return pile(kind, 100, 1000, 0); }
-std::vector<Figure> pile_of_1000(const EngineKind& kind) { return pile(kind, 1000, 600, 6000); }
+std::vector<Figure> pile_of_1000(const EngineKind& kind) { return pile(kind, 1000, 600, 5000); }
 
 // Cubes are dropped in four layers into a square pen whose width grows with their number, so that the pile is similar for any
 // number.
