@@ -45,7 +45,7 @@ class Kdl final : public DynamicsPeer {
         forward_(chain_, kdl(robot.gravity)),
         no_wrenches_(chain_.getNrOfSegments(), KDL::Wrench::Zero()),
         result_(chain_.getNrOfJoints()),
-        mass_(chain_.getNrOfJoints()),
+        mass_(static_cast<int>(chain_.getNrOfJoints())),
         jac_(chain_.getNrOfJoints()) {
     for (std::size_t s = 0; s < states.q.size(); ++s) {
       q_.push_back(array(states.q[s]));
