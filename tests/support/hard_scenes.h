@@ -11,30 +11,29 @@
 /// engine appears here. Numbers are SI; z is up.
 namespace cotwin::testing {
 
-// ---- Closed loops. Bars of 1 kg/m without shapes; body 0 is the first of them, the world is the frame. Plane x–z.
+// ---- Closed loops. Bars of 1 kg/m without shapes, in the plane x–z, hinged to the world.
 
 /// Four-bar linkage: two cranks of `crank` hinged to the world at the distance `base` on the x axis, and a coupler of the same
 /// length `base`. At angle 0 all bars lie on one line (a change point). Starts at rest at `angle` above it.
 scene::Scene parallelogram(double base, double crank, double angle);
 /// The same with a third crank at the coupler's middle: overconstrained in the plane too.
 scene::Scene double_parallelogram(double base, double crank, double angle);
-/// The energy of both is that of one pendulum. Angle of the cranks t seconds after the start, by integration.
+/// Both move like one pendulum: angle of the cranks t seconds after the start, by integration, rad.
 double parallelogram_angle(double base, double crank, int cranks, double angle, double t);
 /// Bricard's 6R mechanism: five rods of 1 m and 1 kg along edges of a cube and six hinges, overconstrained, one degree of freedom;
 /// the benchmark of the IFToMM library. Gravity along −y.
 scene::Scene bricard();
 /// `links` rods of 0.1 m and 0.1 kg, hinged to each other and to the world, horizontal at rest.
 scene::Scene chain(int links);
-inline constexpr double kChainEnergy = 19.6;  // J: loss of potential energy from horizontal to hanging for 20 links
 
 // ---- Several impacts at once, e = 1, μ = 0
 
 /// Newton's cradle: balls of 0.1 kg and 25 mm radius on rods of 0.3 m without mass, `gap` between them; the first is raised by
 /// 0.5 rad.
 scene::Scene cradle(int count, double gap);
-/// Height of fall as a speed: of the first ball when it hits, m/s.
+/// Speed of the first ball when it hits, m/s.
 double cradle_speed();
-/// A ball that rolls (slides) at 1 m/s into a row of `count` others on a plane, `gap` between them.
+/// A ball that slides at 1 m/s into a row of `count` others on a plane, `gap` between them.
 scene::Scene row_of_balls(int count, double gap);
 /// A ball that hits a square of n × n touching balls on a plane at 3 m/s along the middle of one side, off centre by 1/10 of a
 /// radius.
