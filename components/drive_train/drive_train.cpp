@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <optional>
-#include <string_view>
 
 #include "components/drive_train/events.h"
 #include "models/robot/robot_model.h"
@@ -13,14 +13,8 @@
 namespace cotwin::drive_train {
 namespace {
 
+constexpr std::size_t kLongestWarning = 256;
 constexpr double kNegligible = 1e-9;  // rest of a tunable's change that is dropped: without changes, forces stay valid
-// A sub-step forced with this error over tolerance, 3 µrad of the default, gives a warning. Jumps of the torque reach 10 to
-// 100.
-constexpr double kFarOff = 1e4;
-constexpr const char* kFarOffWarning =
-    "sub-steps that max_substeps forced missed the tolerance by far (outputs forced_substeps, error_estimate): expected more "
-    "max_substeps, shorter steps or method=cvode";
-
 /// Calls visit(parameter, offset in the state `drives`) for each tunable parameter. Returns the size of that state.
 template <class Visit>
 std::ptrdiff_t for_each_tunable(std::size_t joints, const Visit& visit) {
@@ -43,7 +37,9 @@ void DriveTrain::declare_settings(SettingList& s) {
   s.choice("friction", {"lugre", "elasto_plastic", "coulomb", "smooth"},
            "friction of the motors: LuGre, an elasto-plastic bristle, Coulomb friction that sticks exactly, or one without "
            "sticking, smooth in the speed");
-  s.choice("method", {"rosenbrock", "cvode", "arkode"}, "solver of the differential equations; cvode and arkode are SUNDIALS");
+  s.choice("method", {"auto", "exponential", "rosenbrock", "cvode", "arkode"},
+           "solver of the differential equations: auto takes the exponential method, and where damping is too fast for it the "
+           "Rosenbrock method; cvode and arkode are SUNDIALS");
 }
 
 // The values of the settings.
@@ -57,7 +53,11 @@ struct DriveTrain::Kind {
                : f == "smooth"  ? Friction::kSmooth
                                 : Friction::kElastoPlastic;
     const std::string m = s.choice("method");
-    if (m != "rosenbrock") sundials = m == "cvode" ? SundialsSolver::Method::kCvode : SundialsSolver::Method::kArkode;
+    if (m == "cvode") sundials = SundialsSolver::Method::kCvode;
+    if (m == "arkode") sundials = SundialsSolver::Method::kArkode;
+    method = m == "rosenbrock"    ? Integrator::Method::kRosenbrock
+             : m == "exponential" ? Integrator::Method::kExponential
+                                  : Integrator::Method::kAuto;
     if (transmission == Transmission::kRigid && link == Link::kOutside) {
       throw Error(s.unit(), "transmission=rigid with link=outside leaves nothing to move, expected one of them");
     }
@@ -78,6 +78,7 @@ struct DriveTrain::Kind {
   Transmission transmission;
   Friction friction;
   std::optional<SundialsSolver::Method> sundials;
+  Integrator::Method method;
   std::optional<robot::RobotModel> robot;
   std::size_t joints;
 };
@@ -89,7 +90,7 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
       n_(kind.joints),
       measures_(kind.robot ? &*kind.robot : nullptr),
       equations_(kind.robot ? &*kind.robot : nullptr, n_, kind.link, kind.transmission, kind.friction),
-      rosenbrock_(equations_),
+      integrator_(equations_, kind.method),
       partials_(equations_),
       wanted_(n_),
       drives_(static_cast<std::size_t>(for_each_tunable(n_, [](auto, std::ptrdiff_t) {}))),
@@ -178,6 +179,8 @@ void DriveTrain::declare(Variables& v) {
   v.output("work_0", work_0_, "J",
            "taken up since the start by the constant parts of friction (tau_0, link_tau_0, the link's sigmoid at rest), which "
            "give it back on the way back");
+  v.output("forced_steps", forced_steps_, "steps since the start in which max_substeps forced sub-steps against the tolerance");
+  v.output("worst_error", worst_error_, "1", "largest error_estimate since the start");
 }
 
 void DriveTrain::check_inputs(Time now) const {
@@ -238,7 +241,7 @@ void DriveTrain::initialise(Time start) {
     equations_.take_bodies(place_);
     bodies_before_step_ = equations_.bodies().in_force;
   }
-  rosenbrock_.forget();
+  integrator_.forget();
   equations_.modes().clear();
   std::fill(x_.begin(), x_.end(), 0.0);
   tau_m_before_ = tau_m_;
@@ -248,8 +251,10 @@ void DriveTrain::initialise(Time start) {
   proposal_ = 0;
   dissipated_ = work_m_ = work_e_ = work_0_ = error_ = 0;
   substeps_ = forced_ = events_ = 0;
+  forced_steps_ = warned_steps_ = 0;
+  worst_error_ = 0;
   warning_.clear();
-  warning_.reserve(std::string_view(kFarOffWarning).size());  // a step allocates nothing
+  warning_.reserve(kLongestWarning);  // a step allocates nothing
   take_course(0);
 
   // Start with θ at which the gear carries the links: the joint torque that balances (2a) at τ_J = 0 and q̈ = 0. Bristles as in
@@ -322,7 +327,7 @@ StepResult DriveTrain::step(Time now, Duration duration) {
     drives_before_step_ = drives_;
     const bool drives_change = follow_drives(remaining);
     const bool bodies_change = with_bodies && equations_.follow_bodies(place_, remaining);
-    if (drives_change || bodies_change) rosenbrock_.forget();
+    if (drives_change || bodies_change) integrator_.forget();
   }
   x_before_step_ = x_;
   modes_before_step_ = equations_.modes();
@@ -330,7 +335,7 @@ StepResult DriveTrain::step(Time now, Duration duration) {
   StepAccount account;
   const bool done = uses_sundials()
                         ? sundials_->step(h, x_.data(), account)
-                        : rosenbrock_.step(h, x_.data(), proposal_, {.relative = rtol_, .angle = atol_, .speed = atol_speed_},
+                        : integrator_.step(h, x_.data(), proposal_, {.relative = rtol_, .angle = atol_, .speed = atol_speed_},
                                            max_substeps_, account);
   if (!done) {
     x_ = x_before_step_;
@@ -344,7 +349,7 @@ StepResult DriveTrain::step(Time now, Duration duration) {
       drives_ = drives_before_step_;
       adopt_drives();
     }
-    rosenbrock_.forget();
+    integrator_.forget();
     return StepResult::kDiscard;
   }
   work_m_ += account.work_m;
@@ -352,11 +357,13 @@ StepResult DriveTrain::step(Time now, Duration duration) {
   dissipated_ += account.dissipated;
   work_0_ += equations_.work_of_constant_friction(x_before_step_.data(), x_.data());
   error_ = account.error;
-  if (error_ > kFarOff) warning_ = kFarOffWarning;
   substeps_ = account.substeps;
   forced_ = account.forced;
+  worst_error_ = std::max(worst_error_, error_);
+  forced_steps_ += forced_ > 0;
+  if (forced_steps_ != warned_steps_) write_warning();
   events_ = account.events;
-  write_outputs(h, uses_sundials() ? sundials_->end() : rosenbrock_.end());
+  write_outputs(h, uses_sundials() ? sundials_->end() : integrator_.end());
   for (std::size_t i = 0; i < n_; ++i) {
     tau_m_before_[i] = tau_m_[i];
     tau_e_before_[i] = tau_e_[i];
@@ -364,6 +371,19 @@ StepResult DriveTrain::step(Time now, Duration duration) {
     dq_before_[i] = dq_in_[i];
   }
   return StepResult::kDone;
+}
+
+// Also after a snapshot of an earlier step was restored.
+void DriveTrain::write_warning() {
+  warned_steps_ = forced_steps_;
+  warning_.clear();
+  if (forced_steps_ == 0) return;
+  char text[kLongestWarning];
+  const int length = std::snprintf(text, sizeof text,
+                                   "%d steps ended at max_substeps with an error of up to %.2g times the tolerance (outputs "
+                                   "forced_steps, worst_error): expected more max_substeps, shorter steps or method=cvode",
+                                   static_cast<int>(forced_steps_), worst_error_);
+  warning_.assign(text, static_cast<std::size_t>(std::max(length, 0)));
 }
 
 void DriveTrain::write_outputs(double h, const Point& end) {
@@ -405,7 +425,7 @@ void DriveTrain::restored() {
   equations_.parameters() = wanted_;
   adopt_drives();
   if (equations_.inside()) equations_.restored_bodies();
-  rosenbrock_.forget();
+  integrator_.forget();
   if (!uses_sundials()) return;
   sundials_->configure({.relative = rtol_, .angle = atol_, .speed = atol_speed_});
   sundials_->replay();

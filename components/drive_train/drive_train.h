@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "components/drive_train/equations.h"
+#include "components/drive_train/integrator.h"
 #include "components/drive_train/partials.h"
-#include "components/drive_train/rosenbrock.h"
 #include "components/drive_train/sundials_solver.h"
 #include "components/unit/joint_variables.h"
 #include "components/unit/settings.h"
@@ -26,7 +26,7 @@ namespace cotwin::drive_train {
 /// models/robot/friction.h. transmission=rigid sets θ = q and adds (2b) to (2a); τ_J then follows from (2b). Motor currents and
 /// temperature are not modelled.
 ///
-/// The bodies and the tunables of robot::kDriveParameters may be changed while the robot moves (method=rosenbrock). The values
+/// The bodies and the tunables of robot::kDriveParameters may be changed while the robot moves (with SUNDIALS they are fixed). The values
 /// in force follow smoothly.
 class DriveTrain final : public Unit {
  public:
@@ -56,13 +56,14 @@ class DriveTrain final : public Unit {
   void check_inputs(Time now) const;
   void take_course(double h);
   void write_outputs(double h, const Point& end);
+  void write_warning();
   bool uses_sundials() const { return sundials_ != nullptr; }
 
   std::string place_;  // for messages
   std::size_t n_;
   JointMeasures measures_;
   Equations equations_;
-  Rosenbrock rosenbrock_;
+  Integrator integrator_;
   Partials partials_;
   std::unique_ptr<SundialsSolver> sundials_;
 
@@ -83,8 +84,9 @@ class DriveTrain final : public Unit {
   std::vector<double> ddq_, tau_J_, tau_f_;  // outputs
   double kinetic_ = 0, potential_ = 0, elastic_ = 0, dissipated_ = 0, work_m_ = 0, work_e_ = 0, power_m_ = 0, power_e_ = 0;
   double work_0_ = 0;
-  double error_ = 0;
-  std::int32_t substeps_ = 0, forced_ = 0, events_ = 0;
+  double error_ = 0, worst_error_ = 0;
+  std::int32_t substeps_ = 0, forced_ = 0, events_ = 0, forced_steps_ = 0;
+  std::int32_t warned_steps_ = 0;  // those in the text of warning_
   std::string warning_;
 };
 

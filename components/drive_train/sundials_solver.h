@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "components/drive_train/equations.h"
-#include "components/drive_train/rosenbrock.h"
+#include "components/drive_train/step_account.h"
 
 namespace cotwin::drive_train {
 

@@ -53,7 +53,7 @@ TEST(DriveTrainRosenbrock, IsOfOrderTwo) {
   const Trajectory reference = run(tight, 40, 5e-3);
   std::vector<double> errors;
   for (const int m : {32, 64, 128}) {
-    Drive drive = make("");
+    Drive drive = make("&method=rosenbrock");
     drive.substeps(m);
     errors.push_back(distance(run(drive, 40, 5e-3), reference));
   }
@@ -80,7 +80,7 @@ TEST(DriveTrainRosenbrock, KeepsItsOrderUnderRampedTorquesAndAMovingLink) {
   const Trajectory reference = follow(tight);
   std::vector<double> errors;
   for (const int m : {32, 64, 128}) {
-    Drive drive("link=outside&joints=1");
+    Drive drive("link=outside&joints=1&method=rosenbrock");
     drive.substeps(m);
     errors.push_back(distance(follow(drive), reference));
   }
@@ -95,7 +95,7 @@ TEST(DriveTrainRosenbrock, WithLugreAgreesWithATightCvodeAsCloselyAsItsTolerance
     const Trajectory reference = run(tight, 500, 1e-3);
     double last = 1;
     for (const double atol : {1e-8, 1e-9, 1e-10}) {
-      Drive drive = lwr("", stiff);
+      Drive drive = lwr("&method=rosenbrock", stiff);
       drive.tolerances(0, atol, 1).set("max_substeps", 100000);
       const double error = distance(run(drive, 500, 1e-3), reference);
       EXPECT_LT(error, 2e4 * atol) << stiff << " " << atol;  // 500 steps of several sub-steps each, amplified by the arm
@@ -106,13 +106,13 @@ TEST(DriveTrainRosenbrock, WithLugreAgreesWithATightCvodeAsCloselyAsItsTolerance
 }
 
 TEST(DriveTrainRosenbrock, AtItsDefaultsIsWithinAMicroradian) {
-  Drive tight = lwr("&method=cvode", false), drive = lwr("", false);
+  Drive tight = lwr("&method=cvode", false), drive = lwr("&method=rosenbrock", false);
   tight.tolerances(1e-11, 1e-13, 1e-11);
   EXPECT_LT(distance(run(drive, 500, 1e-3), run(tight, 500, 1e-3)), 1e-6);
 }
 
 TEST(DriveTrainRosenbrock, TakesNoMoreThanTheAllowedSubstepsAndSaysSo) {
-  Drive drive = lwr("", true);
+  Drive drive = lwr("&method=rosenbrock", true);
   drive.tolerances(0, 1e-13, 1e-12).set("max_substeps", 5);
   drive.initialise();
   int forced = 0;
@@ -152,7 +152,7 @@ TEST(DriveTrainRosenbrock, StaysBoundedInSubstepsForcedAgainstTheTolerance) {
   // One sub-step per step, bristles up to a million times stiffer. Without its bound, z would overflow in most of these runs.
   for (const double h : {1e-3, 10e-3}) {
     for (const double factor : {1.0, 1e2, 1e4, 1e6}) {
-      Drive drive("robot=lwr4");
+      Drive drive("robot=lwr4&method=rosenbrock");
       for (double& s : drive["sigma0"]) s *= factor;
       for (double& s : drive["sigma1"]) s *= std::sqrt(factor);
       drive.set("max_substeps", 1);
@@ -201,7 +201,7 @@ TEST(DriveTrainSundials, KeepsItsHistoryWhereInputsAreContinuousAndNeedsFewerSte
 }
 
 TEST(DriveTrainInputs, WithRatesEqualARampToTheSameValue) {
-  for (const char* method : {"rosenbrock", "cvode", "arkode"}) {
+  for (const char* method : {"exponential", "rosenbrock", "cvode", "arkode"}) {
     Drive ramped(std::string("robot=lwr4&method=") + method), rated(std::string("robot=lwr4&method=") + method);
     ramped.set("input_order", 1);
     ramped.initialise();
@@ -223,7 +223,7 @@ TEST(DriveTrainInputs, WithRatesEqualARampToTheSameValue) {
 }
 
 TEST(DriveTrainSolversAll, DiscardAStepThatLeavesTheFiniteNumbersAndGoOnAfterIt) {
-  for (const char* method : {"rosenbrock", "cvode", "arkode"}) {
+  for (const char* method : {"exponential", "rosenbrock", "cvode", "arkode"}) {
     Drive drive(std::string("robot=lwr4&method=") + method), twin(std::string("robot=lwr4&method=") + method);
     for (Drive* d : {&drive, &twin}) d->initialise();
     drive.set("tau_m", 1e200);
@@ -357,8 +357,10 @@ TEST_P(DriveTrainSolvers, ForgetStopsThatParametersHaveRemoved) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Variants, DriveTrainSolvers,
-                         ::testing::Values("robot=lwr4", "robot=lwr4&method=cvode", "robot=lwr4&method=arkode",
-                                           "robot=lwr4&friction=coulomb", "robot=lwr4&friction=coulomb&method=cvode",
+                         ::testing::Values("robot=lwr4", "robot=lwr4&method=rosenbrock", "robot=lwr4&method=cvode",
+                                           "robot=lwr4&method=arkode", "robot=lwr4&friction=coulomb",
+                                           "robot=lwr4&friction=coulomb&method=rosenbrock",
+                                           "robot=lwr4&friction=coulomb&method=cvode",
                                            "robot=lwr4&friction=coulomb&method=arkode", "robot=lwr4&friction=elasto_plastic",
                                            "robot=lwr4&transmission=rigid", "robot=lwr4&transmission=rigid&method=cvode",
                                            "link=outside&joints=3", "link=outside&joints=3&method=cvode",

@@ -352,7 +352,7 @@ TEST_P(DriveTrainPhysics, WithLinksOutsideMovesItsMotorsAsWithLinksInside) {
   EXPECT_GT(moved, 1e-2);
 }
 
-INSTANTIATE_TEST_SUITE_P(Methods, DriveTrainPhysics, ::testing::Values("rosenbrock", "cvode", "arkode"),
+INSTANTIATE_TEST_SUITE_P(Methods, DriveTrainPhysics, ::testing::Values("exponential", "rosenbrock", "cvode", "arkode"),
                          [](const auto& method) { return method.param; });
 
 TEST(DriveTrain, CarriesTheWeightThroughLinkFrictionAndExternalTorqueAtTheStart) {
