@@ -127,10 +127,19 @@ void Integrator::add_losses(double t, double length, const double* x, StepAccoun
   for (std::size_t i = 0; i < n && by_parts; ++i) {
     if (equations_.stuck(i)) continue;
     const std::size_t v = n + i, theta = 2 * n + i, w = 3 * n + i;
+    const Parameters& c = equations_.parameters();
+    const auto simpson = [length](double a, double b, double d) { return length / 6 * (a + 4 * b + d); };
+    const double B = c.B[i], dtheta = x1[theta] - x[theta];
+    double integral = simpson(0, middle[theta] - x[theta], dtheta);
+    if (c.backlash[i] == 0) {  // by (2c) and (2b): K ∫ (θ − q) dt = ∫ (τ_m − τ_f) dt − B [θ̇] − D [θ − q]
+      const double impulse = simpson(equations_.motor_torque(i, t) - p0_->tau_f[i],
+                                     equations_.motor_torque(i, t + 0.5 * length) - exponential_.middle_point().tau_f[i],
+                                     equations_.motor_torque(i, t + length) - p1_->tau_f[i]);
+      integral = simpson(x[i] - x[theta], middle[i] - x[theta], x1[i] - x[theta]) +
+                 (impulse - B * (x1[w] - x[w]) - c.D[i] * (dtheta - x1[i] + x[i])) / c.K[i];
+    }
     const double jerk = 6 * link[3 * n + i], ddq = 2 * link[2 * n + i] + jerk * (t + length);
-    const double integral = length / 6 * (4 * (middle[theta] - x[theta]) + x1[theta] - x[theta]);
-    account.work_e +=
-        equations_.parameters().B[i] * (x1[w] * x1[v] - x[w] * x[v] - (x1[theta] - x[theta]) * ddq + integral * jerk);
+    account.work_e += B * (x1[w] * x1[v] - x[w] * x[v] - dtheta * ddq + integral * jerk);
   }
 }
 

@@ -31,7 +31,7 @@ void DriveTrain::declare_stops_and_solver(Variables& v) {
   v.parameter("rtol", rtol_, "1", "relative local error allowed in a sub-step").range(0, 1);
   joints.parameter("atol", atol_, "rad", "absolute local error allowed in q and theta").range(1e-14, 1);
   joints.parameter("atol_speed", atol_speed_, "rad/s", "absolute local error allowed in dq and dtheta").range(1e-14, 1e3);
-  v.parameter("max_substeps", max_substeps_, "method=rosenbrock: attempts in one step, after which the tolerance is given up")
+  v.parameter("max_substeps", max_substeps_, "attempts in one step, after which the tolerance is given up; not with SUNDIALS")
       .range(1, 100000);
   v.parameter("input_order", input_order_,
               "0: inputs are held over a step, or follow their rates; 1: they go linearly from their last value to the new "

@@ -1,6 +1,8 @@
 // The drive train of the LWR 4+ (7 joints, elastic gears, LuGre friction) follows a motion, with torques that are constant for
-// 1 ms: time per simulated millisecond and largest error of q and θ over the run, for each method. The peer is CVODE in its
-// simplest form: dense matrix, 35 states. The reference is the structured CVODE at rtol 1e-11. "Stiff": σ0 x 100, σ1 x 10.
+// 1 ms: processor time of the thread per simulated millisecond and largest error of q, θ and τ_J over the run, for each method.
+// The peers are CVODE in its simplest form (dense matrix, 35 states) and the classical explicit Runge-Kutta method with the same
+// equations. The reference is the structured CVODE at rtol 1e-11. "Stiff LuGre": σ0 x 100, σ1 x 10. "Stiff gears": K = 1e6
+// N.m/rad, D = 0.
 #include <cvode/cvode.h>
 #include <nvector/nvector_serial.h>
 #include <sunlinsol/sunlinsol_dense.h>
@@ -8,10 +10,10 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>
+#include <ctime>
 #include <filesystem>
 #include <functional>
 #include <numbers>
@@ -71,26 +73,36 @@ class Controller {
 
 constexpr int kChunk = 40;  // steps that are timed together: much less than a scheduler's time slice
 
+// Processor time of this thread, s.
+double thread_seconds() {
+  timespec t{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+enum class Variant { kSoft, kStiffFriction, kStiffGears };
+
 // Seconds between multiples of kChunk steps.
 class Stopwatch {
  public:
   explicit Stopwatch(std::vector<double>& laps) : laps_(laps) { laps_.reserve(kSteps / kChunk); }
   void mark(int step) {
     if (step % kChunk != 0) return;
-    const auto now = std::chrono::steady_clock::now();
-    if (step > 0) laps_.push_back(std::chrono::duration<double>(now - last_).count());
+    const double now = thread_seconds();
+    if (step > 0) laps_.push_back(now - last_);
     last_ = now;
   }
 
  private:
   std::vector<double>& laps_;
-  std::chrono::steady_clock::time_point last_;
+  double last_ = 0;
 };
 
 struct Outcome {
   std::vector<double> seconds;                                                 // of each chunk
   double substeps = 0;                                                         // mean per step
   std::vector<double> trajectory = std::vector<double>(2 * kJoints * kSteps);  // q | θ after each step
+  std::vector<double> gears = std::vector<double>(kJoints * kSteps);           // τ_J after each step
   std::vector<double> torques;                                                 // τ_m of each step
 };
 
@@ -98,10 +110,14 @@ using Values = std::vector<std::pair<std::string, std::string>>;
 
 const Values kTight = {{"rtol", "1e-11"}, {"atol", "1e-13"}, {"atol_speed", "1e-11"}};
 
-Instance make(const std::string& query, const Values& values, bool stiff) {
+Instance make(const std::string& query, const Values& values, Variant variant) {
   Instance drive = make_unit("unit:drive_train?robot=lwr4" + query, {}, {kModels}, unit_types());
   for (const auto& [name, value] : values) assign_text(drive.variables.at(name), value);
-  if (stiff) {
+  if (variant == Variant::kStiffGears) {
+    for (double& k : drive.variables.at("K").reals()) k = 1e6;
+    for (double& d : drive.variables.at("D").reals()) d = 0;
+  }
+  if (variant == Variant::kStiffFriction) {
     for (double& s : drive.variables.at("sigma0").reals()) s *= 100;
     for (double& s : drive.variables.at("sigma1").reals()) s *= 10;
   }
@@ -112,13 +128,13 @@ Instance make(const std::string& query, const Values& values, bool stiff) {
 }
 
 // With `torques`: applies them. Without: applies those of the controller.
-Outcome run(const std::string& query, const Values& values, bool stiff, const std::vector<double>* torques) {
-  Instance drive = make(query, values, stiff);
+Outcome run(const std::string& query, const Values& values, Variant variant, const std::vector<double>* torques) {
+  Instance drive = make(query, values, variant);
   const Variables& v = drive.variables;
   Controller controller;
   Outcome outcome;
   double* tau_m = v.at("tau_m").reals().data();
-  const auto q = v.at("q").reals(), theta = v.at("theta").reals();
+  const auto q = v.at("q").reals(), theta = v.at("theta").reals(), tau_J = v.at("tau_J").reals();
   Stopwatch watch(outcome.seconds);
   for (int n = 0; n < kSteps; ++n) {
     const Time now{n * kTick.ns};
@@ -134,23 +150,30 @@ Outcome run(const std::string& query, const Values& values, bool stiff, const st
     outcome.substeps += v.at("substeps").integers()[0];
     std::copy(q.begin(), q.end(), outcome.trajectory.begin() + n * 2 * kJoints);
     std::copy(theta.begin(), theta.end(), outcome.trajectory.begin() + n * 2 * kJoints + kJoints);
+    std::copy(tau_J.begin(), tau_J.end(), outcome.gears.begin() + n * kJoints);
   }
   watch.mark(kSteps);
   outcome.substeps /= kSteps;
   return outcome;
 }
 
-double error(const Outcome& a, const Outcome& b) {
+double distance(const std::vector<double>& a, const std::vector<double>& b) {
   double most = 0;
-  for (std::size_t i = 0; i < a.trajectory.size(); ++i) most = std::max(most, std::abs(a.trajectory[i] - b.trajectory[i]));
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const double d = std::abs(a[i] - b[i]);
+    if (!(d <= most)) most = d;  // NaN too
+  }
   return most;
 }
 
-// The peer: the same equations with CVODE and its dense direct solver.
-class Dense {
- public:
-  Dense(bool stiff, bool own_jacobian)
-      : drive_(make("", {}, stiff)),
+double error(const Outcome& a, const Outcome& b) { return distance(a.trajectory, b.trajectory); }
+double torque_error(const Outcome& a, const Outcome& b) { return distance(a.gears, b.gears); }
+
+// The equations of the drive train and their state at the start, for solvers of other authors.
+class Plain {
+ protected:
+  explicit Plain(Variant variant)
+      : drive_(make("", {}, variant)),
         robot_(robot::load_urdf(kModels / "robots/lwr4/robot.urdf")),
         equations_(&robot_, kJoints, drive_train::Link::kInside, drive_train::Transmission::kFlexible,
                    drive_train::Friction::kLugre),
@@ -180,6 +203,66 @@ class Dense {
     for (const char* name : {"q", "dq", "theta", "dtheta", "z"}) {
       std::copy_n(drive_.variables.at(name).reals().data(), kJoints, x_.data() + kJoints * part++);
     }
+  }
+
+  void rates_at(double t, const double* x, double* dx) {
+    equations_.evaluate(x, point_);
+    equations_.derivative(t, x, point_, dx);
+  }
+  // After step n.
+  void record(int n, Outcome& outcome) {
+    std::copy_n(x_.begin(), kJoints, outcome.trajectory.begin() + n * 2 * kJoints);
+    std::copy_n(x_.begin() + 2 * kJoints, kJoints, outcome.trajectory.begin() + n * 2 * kJoints + kJoints);
+    for (std::size_t i = 0; i < kJoints; ++i) {
+      outcome.gears[static_cast<std::size_t>(n * kJoints) + i] =
+          equations_.joint_torque(i, x_[2 * kJoints + i] - x_[i], x_[3 * kJoints + i] - x_[kJoints + i]).torque;
+    }
+  }
+
+  Instance drive_;
+  robot::RobotModel robot_;
+  drive_train::Equations equations_;
+  drive_train::Point point_;
+  std::vector<double> x_;
+};
+
+// The classical explicit Runge-Kutta method of order 4 with sub-steps of equal length.
+class RungeKutta : Plain {
+ public:
+  RungeKutta(Variant variant, int substeps) : Plain(variant), substeps_(substeps) {}
+  Outcome run(const std::vector<double>& torques) {
+    Outcome outcome;
+    outcome.substeps = substeps_;
+    Stopwatch watch(outcome.seconds);
+    const double h = kTick.seconds() / substeps_;
+    std::vector<double> k[4], y(x_.size());
+    for (auto& rates : k) rates.resize(x_.size());
+    for (int n = 0; n < kSteps; ++n) {
+      watch.mark(n);
+      std::copy_n(torques.data() + n * kJoints, kJoints, equations_.course().tau_m.data());
+      for (int s = 0; s < substeps_; ++s) {
+        rates_at(0, x_.data(), k[0].data());
+        for (int stage = 1; stage < 4; ++stage) {
+          const double share = stage < 3 ? 0.5 * h : h;
+          for (std::size_t i = 0; i < x_.size(); ++i) y[i] = x_[i] + share * k[stage - 1][i];
+          rates_at(0, y.data(), k[stage].data());
+        }
+        for (std::size_t i = 0; i < x_.size(); ++i) x_[i] += h / 6 * (k[0][i] + 2 * k[1][i] + 2 * k[2][i] + k[3][i]);
+      }
+      record(n, outcome);
+    }
+    watch.mark(kSteps);
+    return outcome;
+  }
+
+ private:
+  int substeps_;
+};
+
+// CVODE with its dense direct solver.
+class Dense : Plain {
+ public:
+  Dense(Variant variant, bool own_jacobian) : Plain(variant) {
     SUNContext_Create(nullptr, &context_);
     y_ = N_VMake_Serial(5 * kJoints, x_.data(), context_);
     A_ = SUNDenseMatrix(5 * kJoints, 5 * kJoints, context_);
@@ -211,8 +294,7 @@ class Dense {
       CVodeReInit(cvode_, 0, y_);
       CVodeSetStopTime(cvode_, kTick.seconds());
       if (CVode(cvode_, kTick.seconds(), y_, &t, CV_NORMAL) < 0) std::abort();
-      std::copy_n(x_.begin(), kJoints, outcome.trajectory.begin() + n * 2 * kJoints);
-      std::copy_n(x_.begin() + 2 * kJoints, kJoints, outcome.trajectory.begin() + n * 2 * kJoints + kJoints);
+      record(n, outcome);
     }
     watch.mark(kSteps);
     return outcome;
@@ -220,9 +302,7 @@ class Dense {
 
  private:
   static int rates(realtype t, N_Vector y, N_Vector dy, void* self) {
-    Dense& d = *static_cast<Dense*>(self);
-    d.equations_.evaluate(N_VGetArrayPointer(y), d.point_);
-    d.equations_.derivative(t, N_VGetArrayPointer(y), d.point_, N_VGetArrayPointer(dy));
+    static_cast<Dense*>(self)->rates_at(t, N_VGetArrayPointer(y), N_VGetArrayPointer(dy));
     return 0;
   }
 
@@ -258,11 +338,6 @@ class Dense {
     return 0;
   }
 
-  Instance drive_;
-  robot::RobotModel robot_;
-  drive_train::Equations equations_;
-  drive_train::Point point_;
-  std::vector<double> x_;
   SUNContext context_ = nullptr;
   N_Vector y_ = nullptr;
   SUNMatrix A_ = nullptr;
@@ -282,26 +357,38 @@ double seconds_per_step(const std::vector<std::vector<double>>& repetitions) {
   return sum / kSteps;
 }
 
-void table(bool stiff, int repetitions) {
-  const std::string suffix = stiff ? ", stiff LuGre" : ", LuGre";
-  const Outcome reference = run("&method=cvode", kTight, stiff, nullptr);
+void table(Variant variant, int repetitions) {
+  const bool gears = variant == Variant::kStiffGears, friction = variant == Variant::kStiffFriction;
+  const std::string suffix = gears ? ", stiff gears" : friction ? ", stiff LuGre" : ", LuGre";
+  const Outcome reference = run("&method=cvode", kTight, variant, nullptr);
   struct Method {
     std::string name, query;
-    double goal_us, goal_rad, goal_rad_in_loop;
+    double goal_us, goal_rad, goal_rad_in_loop, goal_torque;
     std::function<Outcome()> run;
     std::vector<std::vector<double>> seconds{};
     Outcome last{};
   };
   const auto unit = [&](const std::string& query) {
-    return [&reference, stiff, query] { return run(query, {}, stiff, &reference.torques); };
+    return [&reference, variant, query] { return run(query, {}, variant, &reference.torques); };
   };
-  const auto dense = [&](bool own) { return [&reference, stiff, own] { return Dense(stiff, own).run(reference.torques); }; };
+  const auto dense = [&](bool own) {
+    return [&reference, variant, own] { return Dense(variant, own).run(reference.torques); };
+  };
+  const int explicit_substeps = gears ? 64 : 4;  // K = 1e6 N.m/rad needs 20 to be stable
+  const std::string peer_name = "explicit Runge-Kutta 4, " + std::to_string(explicit_substeps) + " sub-steps";
   std::vector<Method> methods = {
-      {"default (rosenbrock)", "", stiff ? 20.0 : 10.0, stiff ? 2e-6 : 1e-6, 1e-6, unit("")},
-      {"cvode, structured", "&method=cvode", 50, 0, 0, unit("&method=cvode")},
-      {"arkode, structured", "&method=arkode", 0, 0, 0, unit("&method=arkode")},
-      {"peer: cvode, dense, own Jacobian", "-", 0, 0, 0, dense(true)},
-      {"peer: cvode, dense, difference quotients", "-", 0, 0, 0, dense(false)},
+      {"default (exponential)", "",
+       gears      ? 30.0
+       : friction ? 20.0
+                  : 5.0,
+       friction ? 2e-6 : 1e-6, 1e-6, gears ? 0.05 : 0, unit("")},
+      {"rosenbrock", "&method=rosenbrock", 0, 0, 0, 0, unit("&method=rosenbrock")},
+      {"cvode, structured", "&method=cvode", gears ? 0.0 : 50.0, 0, 0, 0, unit("&method=cvode")},
+      {"arkode, structured", "&method=arkode", 0, 0, 0, 0, unit("&method=arkode")},
+      {"peer: cvode, dense, own Jacobian", "-", 0, 0, 0, 0, dense(true)},
+      {"peer: cvode, dense, difference quotients", "-", 0, 0, 0, 0, dense(false)},
+      {"peer: " + peer_name, "-", 0, 0, 0, 0,
+       [&reference, variant, explicit_substeps] { return RungeKutta(variant, explicit_substeps).run(reference.torques); }},
   };
   for (int k = 0; k < repetitions; ++k) {
     for (Method& m : methods) {
@@ -311,40 +398,44 @@ void table(bool stiff, int repetitions) {
   }
   const Method& peer = methods.back();
   const double peer_us = seconds_per_step(peer.seconds) * 1e6, peer_error = error(peer.last, reference);
-  const std::string peer_name = "cvode, dense, difference quotients";
   for (const Method& m : methods) {
     if (&m != &peer)
       benchmark::print(
           {m.name + suffix + ", per ms", "us", seconds_per_step(m.seconds) * 1e6, peer_name, peer_us, m.goal_us, false});
     benchmark::print({m.name + suffix + ", largest error, same torques", "rad", error(m.last, reference), peer_name, peer_error,
                       m.goal_rad, false});
+    benchmark::print({m.name + suffix + ", largest error of the gear torque, same torques", "N.m",
+                      torque_error(m.last, reference), peer_name, torque_error(peer.last, reference), m.goal_torque, false});
     if (m.query == "-") continue;
     benchmark::print({m.name + suffix + ", largest error, controller in the loop", "rad",
-                      error(run(m.query, {}, stiff, nullptr), reference), peer_name, peer_error, m.goal_rad_in_loop, false});
+                      error(run(m.query, {}, variant, nullptr), reference), peer_name, peer_error, m.goal_rad_in_loop, false});
     benchmark::print({m.name + suffix + ", sub-steps per ms", "1", m.last.substeps, "", 0, 0, false});
   }
   // Compares the reference with another method at its tightest tolerance, as an estimate of its error.
   const Outcome other =
-      run("", {{"rtol", "0"}, {"atol", "1e-13"}, {"atol_speed", "1"}, {"max_substeps", "100000"}}, stiff, &reference.torques);
+      run("&method=rosenbrock", {{"rtol", "0"}, {"atol", "1e-13"}, {"atol_speed", "1"}, {"max_substeps", "100000"}}, variant,
+          &reference.torques);
   benchmark::print(
       {"reference against rosenbrock with 1e-13 rad" + suffix, "rad", error(other, reference), "", 0, 1e-7, false});
 }
 
-// Runs one method alone, for a profiler or to choose tolerances: drive_train one SOFT|STIFF QUERY [NAME VALUE]…
+// Runs one method alone, for a profiler or to choose tolerances: drive_train one SOFT|STIFF|GEARS QUERY [NAME VALUE]…
 void one(int argc, char** argv) {
   Values values;
   for (int i = 4; i + 1 < argc; i += 2) values.emplace_back(argv[i], argv[i + 1]);
-  const bool stiff = argc > 2 && std::strcmp(argv[2], "STIFF") == 0;
-  const Outcome reference = run("&method=cvode", kTight, stiff, nullptr);
+  const std::string name = argc > 2 ? argv[2] : "";
+  const Variant variant = name == "STIFF" ? Variant::kStiffFriction : name == "GEARS" ? Variant::kStiffGears : Variant::kSoft;
+  const Outcome reference = run("&method=cvode", kTight, variant, nullptr);
   const std::string query = argc > 3 ? argv[3] : "";
   Outcome o;
   std::vector<std::vector<double>> seconds;
   for (int k = 0; k < 7; ++k) {
-    o = run(query, values, stiff, &reference.torques);
+    o = run(query, values, variant, &reference.torques);
     seconds.push_back(o.seconds);
   }
-  std::printf("%.3f us per ms, %.2f sub-steps, error %.3g rad, with controller %.3g rad\n", seconds_per_step(seconds) * 1e6,
-              o.substeps, error(o, reference), error(run(query, values, stiff, nullptr), reference));
+  std::printf("%.3f us per ms, %.2f sub-steps, error %.3g rad, %.3g N.m, with controller %.3g rad\n",
+              seconds_per_step(seconds) * 1e6, o.substeps, error(o, reference), torque_error(o, reference),
+              error(run(query, values, variant, nullptr), reference));
 }
 
 }  // namespace
@@ -355,6 +446,6 @@ int main(int argc, char** argv) {
     cotwin::one(argc, argv);
     return 0;
   }
-  cotwin::table(false, 7);
-  cotwin::table(true, 7);
+  for (const auto v : {cotwin::Variant::kSoft, cotwin::Variant::kStiffFriction, cotwin::Variant::kStiffGears})
+    cotwin::table(v, 7);
 }
