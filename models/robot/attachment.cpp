@@ -149,9 +149,9 @@ void detach(RobotModel& robot, const std::string& name, const std::string& reaso
 }
 
 void set_inertia(RobotModel& robot, int body, const Inertia& inertia, const std::string& reason) {
-  if (body < -1 || body >= robot.n()) {
+  if (body < -1 || body >= robot.body_count()) {
     throw Error(place_of(robot),
-                "no body " + std::to_string(body) + ", expected -1 (the base) to " + std::to_string(robot.n() - 1));
+                "no body " + std::to_string(body) + ", expected -1 (the base) to " + std::to_string(robot.body_count() - 1));
   }
   const std::string& name = body < 0 ? robot.base.name : robot.bodies[static_cast<std::size_t>(body)].name;
   if (const std::string why = inertia.unphysical(); !why.empty()) throw Error(place_of(robot) + ", body '" + name + "'", why);

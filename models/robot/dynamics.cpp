@@ -6,6 +6,7 @@
 #include <new>
 #include <vector>
 
+#include "models/robot/coupled_dynamics.h"
 #include "models/robot/kernels/kernels.h"
 
 namespace cotwin::robot {
@@ -16,6 +17,7 @@ constexpr std::align_val_t kAlignment{64};  // bytes: a register of x86-64-v4
 int padded(int n) { return (n + 7) / 8 * 8; }
 
 bool is_chain(const RobotModel& robot) {
+  if (!robot.mimics.empty()) return false;
   for (int i = 0; i < robot.n(); ++i)
     if (robot.joints[static_cast<std::size_t>(i)].type != JointType::kRevolute ||
         robot.joints[static_cast<std::size_t>(i)].parent != i - 1)
@@ -110,6 +112,9 @@ struct Mechanism::Impl {
   std::vector<double> zeros;  // n
   Pose X_BP;                  // the first link's P of a chain
   const Kernels* kernels = nullptr;
+  int dofs = 0;                        // independent joints; the kernels have those of the mimics as well
+  std::unique_ptr<Coupling> coupling;  // nullptr without mimics
+  std::vector<int> body;               // of the RobotModel, by the kernels' joint
 
   Impl(const RobotModel& robot, const char* isa);
   void update(const RobotModel& robot);
@@ -119,23 +124,27 @@ struct Mechanism::Impl {
 };
 
 Mechanism::Impl::Impl(const RobotModel& robot, const char* isa) {
-  const auto n = static_cast<std::size_t>(robot.n());
+  if (!robot.mimics.empty()) coupling = std::make_unique<Coupling>(robot);
+  dofs = robot.n();
+  body = robot.depth_first();
+  const std::size_t n = body.size();
   links.resize(n);
   X_PL.resize(n);
   X_LJ.resize(n);
   moments.resize(n);
   zeros.assign(n, 0.0);
-  theta_0.assign(static_cast<std::size_t>(padded(robot.n())), 0.0);
+  theta_0.assign(static_cast<std::size_t>(padded(robot.body_count())), 0.0);
   c_alpha.assign(theta_0.size(), 1.0);
   s_alpha.assign(theta_0.size(), 0.0);
   const bool chain = is_chain(robot);
   for (std::size_t i = 0; i < n; ++i) {
-    const Joint& joint = robot.joints[i];
-    links[i].parent = joint.parent;
+    const Joint& joint = robot.joint_of(body[i]);
+    links[i].parent =
+        coupling && joint.parent >= 0 ? coupling->kernel_of[static_cast<std::size_t>(joint.parent)] : joint.parent;
     links[i].revolute = joint.type == JointType::kRevolute;
     X_LJ[i] = {rotation_to_z(joint.axis), Eigen::Vector3d::Zero()};
     X_PL[i] = joint.X_PJ * X_LJ[i].inverse();
-    if (joint.parent >= 0) X_PL[i] = X_LJ[static_cast<std::size_t>(joint.parent)] * X_PL[i];
+    if (links[i].parent >= 0) X_PL[i] = X_LJ[static_cast<std::size_t>(links[i].parent)] * X_PL[i];
   }
   if (chain) align_chain();
   for (std::size_t i = 0; i < n; ++i) {
@@ -146,12 +155,12 @@ Mechanism::Impl::Impl(const RobotModel& robot, const char* isa) {
   }
   store(X_BP.R, model.R_BP);
   store(X_BP.p, model.p_BP);
-  model.n = robot.n();
+  model.n = robot.body_count();
   model.links = links.data();
   model.theta_0 = theta_0.data();
   model.c_alpha = c_alpha.data();
   model.s_alpha = s_alpha.data();
-  kernels = &choose_kernels(robot.n(), chain, isa);
+  kernels = &choose_kernels(robot.body_count(), chain, isa);
   update(robot);
 }
 
@@ -200,24 +209,24 @@ void Mechanism::Impl::align_chain() {
 }
 
 void Mechanism::Impl::update(const RobotModel& robot) {
-  assert(robot.n() == model.n);
+  assert(robot.body_count() == model.n);
   for (std::size_t i = 0; i < links.size(); ++i) {
-    moments[i] = moments_in(robot.bodies[i].inertia, X_LJ[i]);
+    moments[i] = moments_in(robot.bodies[static_cast<std::size_t>(body[i])].inertia, X_LJ[i]);
     links[i].mass = moments[i].m;
     store(moments[i].h, links[i].first_moment);
   }
   for (std::size_t i = links.size(); i-- > 0;) {
-    Moments& body = moments[i];
+    Moments& own = moments[i];
     const int parent = links[i].parent;
-    if (links[i].revolute) group(body, X_PL[i], parent < 0 ? nullptr : &moments[static_cast<std::size_t>(parent)]);
-    links[i].m = body.m;
-    store(body.h, links[i].h);
-    links[i].S_xx = body.S(0, 0);
-    links[i].S_yy = body.S(1, 1);
-    links[i].S_zz = body.S(2, 2);
-    links[i].S_xy = body.S(0, 1);
-    links[i].S_xz = body.S(0, 2);
-    links[i].S_yz = body.S(1, 2);
+    if (links[i].revolute) group(own, X_PL[i], parent < 0 ? nullptr : &moments[static_cast<std::size_t>(parent)]);
+    links[i].m = own.m;
+    store(own.h, links[i].h);
+    links[i].S_xx = own.S(0, 0);
+    links[i].S_yy = own.S(1, 1);
+    links[i].S_zz = own.S(2, 2);
+    links[i].S_xy = own.S(0, 1);
+    links[i].S_xz = own.S(0, 2);
+    links[i].S_yz = own.S(1, 2);
   }
   const Eigen::Vector3d a_0 = -(X_BP.R.transpose() * robot.gravity);
   store(a_0, model.a_0);
@@ -230,20 +239,32 @@ struct Data::Impl {
   };
   std::unique_ptr<double[], Free> scratch;
   std::vector<double> torque;  // n
+  std::unique_ptr<CoupledScratch> coupled;
 
-  explicit Impl(int n)
-      : scratch(static_cast<double*>(::operator new[](scratch_doubles(n) * sizeof(double), kAlignment))),
-        torque(static_cast<std::size_t>(n)) {}
+  explicit Impl(const Mechanism::Impl& m)
+      : scratch(static_cast<double*>(::operator new[](scratch_doubles(m.model.n) * sizeof(double), kAlignment))),
+        torque(static_cast<std::size_t>(m.dofs)) {
+    if (m.coupling) coupled = std::make_unique<CoupledScratch>(m.dofs, m.model.n);
+  }
 };
+
+namespace {
+
+CoupledDynamics coupled(const Mechanism::Impl& m, Data& data) {
+  return {m.model, *m.kernels, *m.coupling, data.impl().scratch.get(), *data.impl().coupled};
+}
+
+}  // namespace
 
 Mechanism::Mechanism(const RobotModel& robot, const char* isa) : impl_(std::make_unique<Impl>(robot, isa)) {}
 Mechanism::~Mechanism() = default;
 Mechanism::Mechanism(Mechanism&&) noexcept = default;
 Mechanism& Mechanism::operator=(Mechanism&&) noexcept = default;
-int Mechanism::n() const { return impl_->model.n; }
+int Mechanism::n() const { return impl_->dofs; }
+int Mechanism::body_count() const { return impl_->model.n; }
 void Mechanism::update(const RobotModel& robot) { impl_->update(robot); }
 
-Data::Data(const Mechanism& mechanism) : impl_(std::make_unique<Impl>(mechanism.n())) {}
+Data::Data(const Mechanism& mechanism) : impl_(std::make_unique<Impl>(mechanism.impl())) {}
 Data::~Data() = default;
 Data::Data(Data&&) noexcept = default;
 Data& Data::operator=(Data&&) noexcept = default;
@@ -253,56 +274,64 @@ FrameOnBody on_body(const Frame& frame) { return {frame.body, frame.X_BF}; }
 void inverse_dynamics(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, const VectorIn& ddq,
                       VectorOut tau) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n && dq.size() == m.model.n && ddq.size() == m.model.n && tau.size() == m.model.n);
+  assert(q.size() == m.dofs && dq.size() == m.dofs && ddq.size() == m.dofs && tau.size() == m.dofs);
+  if (m.coupling) return coupled(m, data).inverse_dynamics(m.model.a_0, q.data(), dq.data(), ddq.data(), tau.data());
   m.kernels->inverse_dynamics(m.model, data.impl().scratch.get(), m.model.a_0, q.data(), dq.data(), ddq.data(), tau.data());
 }
 
 void bias(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, VectorOut h) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n && dq.size() == m.model.n && h.size() == m.model.n);
+  assert(q.size() == m.dofs && dq.size() == m.dofs && h.size() == m.dofs);
+  if (m.coupling) return coupled(m, data).inverse_dynamics(m.model.a_0, q.data(), dq.data(), nullptr, h.data());
   m.kernels->inverse_dynamics(m.model, data.impl().scratch.get(), m.model.a_0, q.data(), dq.data(), m.zeros.data(), h.data());
 }
 
 void gravity(const Mechanism& mechanism, Data& data, const VectorIn& q, VectorOut g) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n && g.size() == m.model.n);
+  assert(q.size() == m.dofs && g.size() == m.dofs);
+  if (m.coupling) return coupled(m, data).inverse_dynamics(m.model.a_0, q.data(), nullptr, nullptr, g.data());
   m.kernels->inverse_dynamics(m.model, data.impl().scratch.get(), m.model.a_0, q.data(), m.zeros.data(), m.zeros.data(),
                               g.data());
 }
 
 void mass_matrix(const Mechanism& mechanism, Data& data, const VectorIn& q, MatrixOut M) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n && M.rows() == m.model.n && M.cols() == m.model.n);
+  assert(q.size() == m.dofs && M.rows() == m.dofs && M.cols() == m.dofs);
+  if (m.coupling) return coupled(m, data).mass_matrix(q.data(), M);
   m.kernels->mass_matrix(m.model, data.impl().scratch.get(), q.data(), M.data(), M.outerStride());
 }
 
 void mass_matrix_and_bias(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, MatrixOut M,
                           VectorOut h) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n && dq.size() == m.model.n && M.rows() == m.model.n && M.cols() == m.model.n &&
-         h.size() == m.model.n);
+  assert(q.size() == m.dofs && dq.size() == m.dofs && M.rows() == m.dofs && M.cols() == m.dofs && h.size() == m.dofs);
+  if (m.coupling) return coupled(m, data).mass_matrix_and_bias(q.data(), dq.data(), M, h);
   m.kernels->mass_matrix_and_bias(m.model, data.impl().scratch.get(), q.data(), dq.data(), M.data(), M.outerStride(), h.data());
 }
 
 void coriolis_matrix(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, MatrixOut C) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n && dq.size() == m.model.n && C.rows() == m.model.n && C.cols() == m.model.n);
+  assert(q.size() == m.dofs && dq.size() == m.dofs && C.rows() == m.dofs && C.cols() == m.dofs);
+  if (m.coupling) return coupled(m, data).coriolis_matrix(q.data(), dq.data(), C);
   m.kernels->coriolis_matrix(m.model, data.impl().scratch.get(), q.data(), dq.data(), C.data(), C.outerStride());
 }
 
 void forward_dynamics(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, const VectorIn& tau,
                       VectorOut ddq) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n && dq.size() == m.model.n && tau.size() == m.model.n && ddq.size() == m.model.n);
+  assert(q.size() == m.dofs && dq.size() == m.dofs && tau.size() == m.dofs && ddq.size() == m.dofs);
+  if (m.coupling) return coupled(m, data).forward_dynamics(q.data(), dq.data(), tau.data(), ddq.data());
   m.kernels->forward_dynamics(m.model, data.impl().scratch.get(), q.data(), dq.data(), tau.data(), ddq.data());
 }
 
 void inverse_dynamics_derivatives(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq,
                                   const VectorIn& ddq, MatrixOut dtau_dq, MatrixOut dtau_ddq) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n && dq.size() == m.model.n && ddq.size() == m.model.n);
-  assert(dtau_dq.rows() == m.model.n && dtau_dq.cols() == m.model.n && dtau_ddq.rows() == m.model.n &&
-         dtau_ddq.cols() == m.model.n);
+  assert(q.size() == m.dofs && dq.size() == m.dofs && ddq.size() == m.dofs);
+  assert(dtau_dq.rows() == m.dofs && dtau_dq.cols() == m.dofs && dtau_ddq.rows() == m.dofs && dtau_ddq.cols() == m.dofs);
+  if (m.coupling) {
+    return coupled(m, data).derivatives(q.data(), dq.data(), ddq.data(), nullptr, dtau_dq, dtau_ddq, nullptr);
+  }
   m.kernels->derivatives(m.model, data.impl().scratch.get(), q.data(), dq.data(), ddq.data(), nullptr, dtau_dq.data(),
                          dtau_dq.outerStride(), dtau_ddq.data(), dtau_ddq.outerStride(), nullptr, 0);
 }
@@ -310,10 +339,10 @@ void inverse_dynamics_derivatives(const Mechanism& mechanism, Data& data, const 
 void linearised_dynamics(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, const VectorIn& ddq,
                          VectorOut tau, MatrixOut dtau_dq, MatrixOut dtau_ddq, MatrixOut M) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n && dq.size() == m.model.n && ddq.size() == m.model.n && tau.size() == m.model.n);
-  assert(dtau_dq.rows() == m.model.n && dtau_dq.cols() == m.model.n && dtau_ddq.rows() == m.model.n &&
-         dtau_ddq.cols() == m.model.n);
-  assert(M.rows() == m.model.n && M.cols() == m.model.n);
+  assert(q.size() == m.dofs && dq.size() == m.dofs && ddq.size() == m.dofs && tau.size() == m.dofs);
+  assert(dtau_dq.rows() == m.dofs && dtau_dq.cols() == m.dofs && dtau_ddq.rows() == m.dofs && dtau_ddq.cols() == m.dofs);
+  assert(M.rows() == m.dofs && M.cols() == m.dofs);
+  if (m.coupling) return coupled(m, data).derivatives(q.data(), dq.data(), ddq.data(), tau.data(), dtau_dq, dtau_ddq, &M);
   m.kernels->derivatives(m.model, data.impl().scratch.get(), q.data(), dq.data(), ddq.data(), tau.data(), dtau_dq.data(),
                          dtau_dq.outerStride(), dtau_ddq.data(), dtau_ddq.outerStride(), M.data(), M.outerStride());
 }
@@ -321,23 +350,32 @@ void linearised_dynamics(const Mechanism& mechanism, Data& data, const VectorIn&
 void regressor(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, const VectorIn& ddq,
                MatrixOut Y) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n && dq.size() == m.model.n && ddq.size() == m.model.n);
-  assert(Y.rows() == m.model.n && Y.cols() == 10 * m.model.n);
+  assert(q.size() == m.dofs && dq.size() == m.dofs && ddq.size() == m.dofs);
+  assert(Y.rows() == m.dofs && Y.cols() == 10 * m.model.n);
+  if (m.coupling) return coupled(m, data).regressor(q.data(), dq.data(), ddq.data(), Y);
   m.kernels->regressor(m.model, data.impl().scratch.get(), q.data(), dq.data(), ddq.data(), Y.data(), Y.outerStride());
 }
 
 Pose forward_kinematics(const Mechanism& mechanism, Data& data, const VectorIn& q, const FrameOnBody& frame) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n && frame.body < m.model.n);
+  assert(q.size() == m.dofs && frame.body < m.model.n);
   KernelPose X_BF;
+  if (m.coupling) {
+    coupled(m, data).kinematics(q.data(), frame.body, kernel_pose(frame.X_BF), &X_BF, nullptr);
+    return pose_of(X_BF);
+  }
   m.kernels->kinematics(m.model, data.impl().scratch.get(), q.data(), frame.body, kernel_pose(frame.X_BF), &X_BF, nullptr, 0);
   return pose_of(X_BF);
 }
 
 Pose jacobian(const Mechanism& mechanism, Data& data, const VectorIn& q, const FrameOnBody& frame, MatrixOut J) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n && frame.body < m.model.n && J.rows() == 6 && J.cols() == m.model.n);
+  assert(q.size() == m.dofs && frame.body < m.model.n && J.rows() == 6 && J.cols() == m.dofs);
   KernelPose X_BF;
+  if (m.coupling) {
+    coupled(m, data).kinematics(q.data(), frame.body, kernel_pose(frame.X_BF), &X_BF, &J);
+    return pose_of(X_BF);
+  }
   m.kernels->kinematics(m.model, data.impl().scratch.get(), q.data(), frame.body, kernel_pose(frame.X_BF), &X_BF, J.data(),
                         J.outerStride());
   return pose_of(X_BF);
@@ -346,7 +384,10 @@ Pose jacobian(const Mechanism& mechanism, Data& data, const VectorIn& q, const F
 void jacobian_dot_times_dq(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq,
                            const FrameOnBody& frame, Eigen::Ref<Twist> a) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n && dq.size() == m.model.n && frame.body < m.model.n);
+  assert(q.size() == m.dofs && dq.size() == m.dofs && frame.body < m.model.n);
+  if (m.coupling) {
+    return coupled(m, data).jacobian_dot_times_dq(q.data(), dq.data(), frame.body, kernel_pose(frame.X_BF), a.data());
+  }
   m.kernels->jacobian_dot_times_dq(m.model, data.impl().scratch.get(), q.data(), dq.data(), frame.body, kernel_pose(frame.X_BF),
                                    a.data());
 }
@@ -354,31 +395,40 @@ void jacobian_dot_times_dq(const Mechanism& mechanism, Data& data, const VectorI
 void operational_inertia_inverse(const Mechanism& mechanism, Data& data, const VectorIn& q, const FrameOnBody& frame,
                                  Eigen::Ref<Eigen::Matrix<double, 6, 6>> Lambda_inverse) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n && frame.body < m.model.n);
+  assert(q.size() == m.dofs && frame.body < m.model.n);
+  if (m.coupling) {
+    return coupled(m, data).operational_inertia_inverse(q.data(), frame.body, kernel_pose(frame.X_BF), Lambda_inverse);
+  }
   m.kernels->operational_inertia_inverse(m.model, data.impl().scratch.get(), q.data(), frame.body, kernel_pose(frame.X_BF),
                                          Lambda_inverse.data(), Lambda_inverse.outerStride());
 }
 
 double kinetic_energy(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n && dq.size() == m.model.n);
+  assert(q.size() == m.dofs && dq.size() == m.dofs);
   const double no_gravity[3] = {0, 0, 0};
   double* momentum = data.impl().torque.data();  // M q̇: the torque of q̈ := q̇ from rest, without gravity
-  m.kernels->inverse_dynamics(m.model, data.impl().scratch.get(), no_gravity, q.data(), m.zeros.data(), dq.data(), momentum);
+  if (m.coupling) {
+    coupled(m, data).inverse_dynamics(no_gravity, q.data(), nullptr, dq.data(), momentum);
+  } else {
+    m.kernels->inverse_dynamics(m.model, data.impl().scratch.get(), no_gravity, q.data(), m.zeros.data(), dq.data(), momentum);
+  }
   double energy = 0;
-  for (int i = 0; i < m.model.n; ++i) energy += 0.5 * momentum[i] * dq[i];
+  for (int i = 0; i < m.dofs; ++i) energy += 0.5 * momentum[i] * dq[i];
   return energy;
 }
 
 double potential_energy(const Mechanism& mechanism, Data& data, const VectorIn& q) {
   const auto& m = mechanism.impl();
-  assert(q.size() == m.model.n);
+  assert(q.size() == m.dofs);
+  if (m.coupling) return coupled(m, data).potential_energy(q.data());
   return m.kernels->potential_energy(m.model, data.impl().scratch.get(), q.data());
 }
 
 void inverse_dynamics_batch(const Mechanism& mechanism, Data& data, std::size_t count, const double* q, const double* dq,
                             const double* ddq, double* tau) {
   const auto& m = mechanism.impl();
+  if (m.coupling) return coupled(m, data).inverse_dynamics_batch(count, q, dq, ddq, tau);
   m.kernels->inverse_dynamics_batch(m.model, data.impl().scratch.get(), count, q, dq, ddq, tau);
 }
 

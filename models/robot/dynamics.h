@@ -10,7 +10,8 @@
 /// `Mechanism` holds the constants of a robot for the kernels and may be shared; `Data` is the scratch memory of one thread.
 /// The functions do not allocate or throw. Vectors have length n in the joint order of the RobotModel, must be contiguous, and
 /// are in rad, m, N.m, N. The kernels are compiled for several instruction sets; the best one of the machine is chosen at load
-/// (kernels.h).
+/// (kernels.h). For robots with mimic joints all quantities are those of the independent joints (coupled_dynamics.h); they take
+/// more time, because their kernels compute all joints.
 namespace cotwin::robot {
 
 using VectorIn = Eigen::Ref<const Eigen::VectorXd>;
@@ -27,7 +28,8 @@ class Mechanism {
   Mechanism(Mechanism&&) noexcept;
   Mechanism& operator=(Mechanism&&) noexcept;
 
-  int n() const;
+  int n() const;           // independent joints
+  int body_count() const;  // n and the bodies of mimics
   /// Replaces mass distribution and gravity by those of `robot`, which must have the same joints. Allocates nothing. Must not
   /// run concurrently with computations.
   void update(const RobotModel& robot);
@@ -73,7 +75,8 @@ void mass_matrix(const Mechanism&, Data&, const VectorIn& q, MatrixOut M);
 void mass_matrix_and_bias(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, MatrixOut M, VectorOut h);
 /// C(q, q̇) with Ṁ − 2C skew-symmetric [21] (n x n), from the Christoffel symbols: C = ½ ∂(C q̇)/∂q̇.
 void coriolis_matrix(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, MatrixOut C);
-/// q̈ = M⁻¹ (τ − C q̇ − g): by M = L D Lᵀ for chains of 6 and 7 revolute joints, otherwise by articulated bodies. M is positive
+/// q̈ = M⁻¹ (τ − C q̇ − g): by M = L D Lᵀ for chains of 6 and 7 revolute joints and with mimics,
+/// otherwise by articulated bodies. M is positive
 /// definite if every joint moves mass; otherwise q̈ is not finite.
 void forward_dynamics(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, const VectorIn& tau, VectorOut ddq);
 /// ∂τ/∂q and ∂τ/∂q̇ of inverse dynamics (n x n each); ∂τ/∂q̈ is M.
@@ -83,7 +86,7 @@ void inverse_dynamics_derivatives(const Mechanism&, Data&, const VectorIn& q, co
 /// at q̈ = forward_dynamics(q, q̇, τ): ∂q̈/∂q = −M⁻¹ ∂τ/∂q, ∂q̈/∂q̇ = −M⁻¹ ∂τ/∂q̇, ∂q̈/∂τ = M⁻¹.
 void linearised_dynamics(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, const VectorIn& ddq, VectorOut tau,
                          MatrixOut dtau_dq, MatrixOut dtau_ddq, MatrixOut M);
-/// Y with τ = Y π (n x 10n); π stacks Inertia::parameters() of every body in its own (URDF) frame.
+/// Y with τ = Y π (n x 10 body_count()); π stacks Inertia::parameters() of every body in its own (URDF) frame.
 void regressor(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, const VectorIn& ddq, MatrixOut Y);
 
 /// X_BF(q): the frame's pose in the base.

@@ -13,7 +13,7 @@ RobotModel perturbed(const RobotModel& robot, double bound, std::uint64_t seed) 
   if (!(bound >= 0 && bound <= 0.5)) throw Error("perturbation", "bound " + text::to_text(bound) + ", expected 0 to 0.5");
   constexpr std::uint32_t kStream = 0x9e37;
   RobotModel other = robot;
-  for (int body = 0; body < robot.n(); ++body) {
+  for (int body = 0; body < robot.body_count(); ++body) {
     std::uint32_t draw = 0;
     const auto uniform = [&] {
       return 2 * numerics::uniform({seed, kStream, 0, static_cast<std::uint32_t>(body), draw++}) - 1;

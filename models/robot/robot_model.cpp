@@ -18,15 +18,38 @@ const Frame& RobotModel::frame(const std::string& wanted) const {
               "no frame '" + wanted + "'" + (close.empty() ? std::string() : ", did you mean '" + close + "'?"));
 }
 
+const Joint& RobotModel::joint_of(int body) const {
+  return body < n() ? joints[static_cast<std::size_t>(body)] : mimics[static_cast<std::size_t>(body - n())].joint;
+}
+
+int RobotModel::leader_of(int body) const { return body < n() ? body : mimics[static_cast<std::size_t>(body - n())].leader; }
+
+std::vector<int> RobotModel::depth_first() const {
+  std::vector<int> order;
+  int next = 0;
+  for (int k = 0; k < body_count() - n(); ++k) {
+    while (next < n() && static_cast<int>(order.size()) < mimics[static_cast<std::size_t>(k)].place) order.push_back(next++);
+    order.push_back(n() + k);
+  }
+  while (next < n()) order.push_back(next++);
+  return order;
+}
+
+bool RobotModel::moves(int joint, int body) const {
+  while (body >= 0 && leader_of(body) != joint) body = joint_of(body).parent;
+  return body >= 0;
+}
+
 const Frame& RobotModel::end_effector() const {
   int last_body = -1;
   int longest = 0;
-  std::vector<int> length;  // of the chain from the base, in joints
-  for (int i = 0; i < n(); ++i) {
-    const int parent = joints[static_cast<std::size_t>(i)].parent;
-    length.push_back(1 + (parent < 0 ? 0 : length[static_cast<std::size_t>(parent)]));
-    if (length.back() > longest) {
-      longest = length.back();
+  std::vector<int> length(static_cast<std::size_t>(body_count()));  // of the chain from the base, in joints
+  for (const int i : depth_first()) {
+    const int parent = joint_of(i).parent;
+    int& own = length[static_cast<std::size_t>(i)];
+    own = 1 + (parent < 0 ? 0 : length[static_cast<std::size_t>(parent)]);
+    if (own > longest || (own == longest && i < last_body)) {
+      longest = own;
       last_body = i;
     }
   }

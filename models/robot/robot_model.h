@@ -2,6 +2,7 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <limits>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -25,12 +26,25 @@ struct Joint {
   double tau_max = +std::numeric_limits<double>::infinity();  // N.m or N
   double damping = 0;                                         // URDF <dynamics damping>, N.m.s/rad or N.s/m
   double friction = 0;                                        // URDF <dynamics friction>, N.m or N
+  bool passive = false;                                       // moves freely: has no motor and no gear
 
   friend bool operator==(const Joint&, const Joint&) = default;
 };
 
-/// A rigid body: the URDF link that the joint of the same index moves, with all links rigidly attached to it. Its frame is the
-/// joint's frame J after the motion q.
+/// A joint that follows another, q = multiplier · q_leader + offset (URDF <mimic>). It is no degree of freedom: its leader's
+/// position, speed and torque are those of the group.
+struct Mimic {
+  Joint joint;
+  int leader = 0;         // index in RobotModel::joints
+  double multiplier = 1;  // m/rad or rad/m if one of the two joints is prismatic
+  double offset = 0;      // rad or m
+  int place = 0;          // of this joint in RobotModel::depth_first()
+
+  friend bool operator==(const Mimic&, const Mimic&) = default;
+};
+
+/// A rigid body: the URDF link that a joint moves, with all links rigidly attached to it. Its frame is the joint's frame J
+/// after the motion q.
 struct Body {
   std::string name;
   Inertia inertia;
@@ -65,19 +79,30 @@ struct Change {
   friend bool operator==(const Change&, const Change&) = default;
 };
 
-/// Complete description of a robot: kinematic tree, mass distribution, limits, history. Parents come before their children in
-/// `joints` (from a URDF: depth-first, at each branch in the order of the file; for a chain from base to tip), which is also
-/// the order of q. dynamics.h evaluates (2a).
+/// Complete description of a robot: kinematic tree, mass distribution, limits, history. `joints` are the independent ones, in
+/// the order of q (from a URDF: depth-first, at each branch in the order of the file; for a chain from base to tip). Parents
+/// come before their children in depth_first(), and without mimics in `joints`. dynamics.h evaluates (2a).
 struct RobotModel {
   std::string name;
   std::vector<Joint> joints;             // n
-  std::vector<Body> bodies;              // n; bodies[i] is moved by joints[i]
+  std::vector<Mimic> mimics;             // m, by `place`
+  std::vector<Body> bodies;              // n + m; bodies[i] is moved by joints[i], bodies[n + k] by mimics[k]
   Body base;                             // links rigidly attached to the base, in the base frame B
   std::vector<Frame> frames;             // of the links in the order of the file, then of the attachments
   Eigen::Vector3d gravity{0, 0, -9.81};  // m/s² in B; 9.81 as in (2a)'s δ
   std::vector<Change> history;
+  std::map<std::string, double> locked;  // joints of the URDF that were read as fixed at this position, rad or m
 
   int n() const { return static_cast<int>(joints.size()); }
+  int body_count() const { return n() + static_cast<int>(mimics.size()); }
+  /// The joint that moves body `body`, 0 to body_count() − 1.
+  const Joint& joint_of(int body) const;
+  /// The independent joint that moves body `body` relative to its parent: the body's own or the leader.
+  int leader_of(int body) const;
+  /// All bodies, each after its parent.
+  std::vector<int> depth_first() const;
+  /// Whether `body` moves with the independent joint `joint`, itself or through a mimic.
+  bool moves(int joint, int body) const;
   /// Throws Error with the closest frame name.
   const Frame& frame(const std::string& name) const;
   /// The frame at the end of the longest chain: the last frame in `frames` on the body with the most joints between it and the
