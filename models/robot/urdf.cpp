@@ -8,6 +8,7 @@
 #include <cmath>
 #include <limits>
 #include <mutex>
+#include <optional>
 #include <thread>
 
 #include "models/robot/urdf_document.h"
@@ -58,12 +59,6 @@ double or_infinity(double limit) {
   return std::abs(limit) >= kNoLimit ? std::copysign(std::numeric_limits<double>::infinity(), limit) : limit;
 }
 
-Vector3d unit_axis(const urdf::Vector3& xyz) {
-  const Vector3d axis(xyz.x, xyz.y, xyz.z);
-  const double kRounding = 8 * std::numeric_limits<double>::epsilon();  // keeps the bits of a unit vector written by to_urdf
-  return std::abs(axis.squaredNorm() - 1) <= kRounding ? axis : axis.stableNormalized();
-}
-
 class Builder {
  public:
   Builder(const UrdfDocument& document, const urdf::ModelInterface& urdf, const UrdfOptions& options,
@@ -81,6 +76,12 @@ class Builder {
   void choose_links();
   void visit(const urdf::Link& link, const Place& place);
   Place move(const urdf::Joint& joint, const Place& parent);
+  void take_limits(Joint& to, const urdf::Joint& joint, const std::string& place) const;
+  /// The position of a joint that does not move; nullopt for one that does.
+  std::optional<double> position_of(const UrdfDocument::Joint& joint) const;
+  void check_passive() const;
+  void separate_mimics();
+  void join_leader(const Mimic& mimic);
   Inertia inertia_of(const urdf::Link& link) const;
   void check_masses();
   std::string at(const std::string& link) const {
@@ -101,6 +102,7 @@ class Builder {
   RobotModel robot_;
   std::vector<std::string> chosen_;      // links of the model: in the order of the file, or from the root to the tip
   std::map<std::string, Place> placed_;  // by link
+  std::map<std::string, Following> followings_;
 };
 
 void Builder::choose_links() {
@@ -136,34 +138,56 @@ Inertia Builder::inertia_of(const urdf::Link& link) const {
   return inertia.seen_from(document_.links.at(link.name).X_LI);
 }
 
+std::optional<double> Builder::position_of(const UrdfDocument::Joint& joint) const {
+  if (!joint.moves()) return 0;
+  if (const auto locked = options_.locked.find(joint.name); locked != options_.locked.end()) return locked->second;
+  if (const auto mimic = followings_.find(joint.name); mimic != followings_.end() && mimic->second.leader.empty())
+    return mimic->second.offset;
+  return std::nullopt;
+}
+
+void Builder::take_limits(Joint& to, const urdf::Joint& joint, const std::string& place) const {
+  if (joint.limits == nullptr) return;
+  if (joint.type != urdf::Joint::CONTINUOUS) {
+    to.q_min = or_infinity(joint.limits->lower);
+    to.q_max = or_infinity(joint.limits->upper);
+    if (to.q_min == to.q_max)
+      warn(place + ": lower and upper limit are both " + text::to_text(to.q_min) + "; the joint cannot move");
+  }
+  const auto limit_of = [&](double value, const char* what) {  // 0 means "unknown" in many files
+    if (value > 0) return or_infinity(value);
+    if (followings_.count(joint.name) == 0)
+      warn(place + ": " + what + " limit 0 is read as no limit");  // those of mimics are not used
+    return std::numeric_limits<double>::infinity();
+  };
+  to.dq_max = limit_of(joint.limits->velocity, "velocity");
+  to.tau_max = limit_of(joint.limits->effort, "effort");
+}
+
 Builder::Place Builder::move(const urdf::Joint& joint, const Place& parent) {
   const UrdfDocument::Joint& written = document_.joints.at(joint.name);
-  const Pose X_BJ = parent.X_BL * written.X_PJ;
-  if (joint.type == urdf::Joint::FIXED) return {parent.body, X_BJ};
   const std::string place = document_.at(written.line) + ": joint '" + joint.name + "'";
+  if (const std::optional<double> q = position_of(written)) {
+    if (!written.moves()) return {parent.body, parent.X_BL * written.X_PJ};
+    robot_.locked.emplace(joint.name, *q);
+    if (joint.limits != nullptr && joint.type != urdf::Joint::CONTINUOUS &&
+        (*q < joint.limits->lower || *q > joint.limits->upper)) {
+      warn(place + ": stands at " + text::to_text(*q) + ", outside its limits " + text::to_text(joint.limits->lower) + " to " +
+           text::to_text(joint.limits->upper));
+    }
+    return {parent.body, parent.X_BL * origin_at(written, *q)};
+  }
+  const Pose X_BJ = parent.X_BL * written.X_PJ;
   Joint moved;
   moved.name = joint.name;
   moved.type = joint.type == urdf::Joint::PRISMATIC ? JointType::kPrismatic : JointType::kRevolute;
   moved.parent = parent.body;
   moved.X_PJ = X_BJ;
-  moved.axis = unit_axis(joint.axis);
+  moved.axis = written.axis;
+  moved.passive = written.passive || options_.passive.count(joint.name) != 0;
   const double length = Vector3d(joint.axis.x, joint.axis.y, joint.axis.z).stableNorm();
   if (std::abs(length - 1) > 1e-3) warn(place + ": axis of length " + text::to_text(length, 6) + " is normalised");
-  if (joint.limits != nullptr) {
-    if (joint.type != urdf::Joint::CONTINUOUS) {
-      moved.q_min = or_infinity(joint.limits->lower);
-      moved.q_max = or_infinity(joint.limits->upper);
-      if (moved.q_min == moved.q_max)
-        warn(place + ": lower and upper limit are both " + text::to_text(moved.q_min) + "; the joint cannot move");
-    }
-    const auto limit_of = [&](double value, const char* what) {  // 0 means "unknown" in many files
-      if (value > 0) return or_infinity(value);
-      warn(place + ": " + what + " limit 0 is read as no limit");
-      return std::numeric_limits<double>::infinity();
-    };
-    moved.dq_max = limit_of(joint.limits->velocity, "velocity");
-    moved.tau_max = limit_of(joint.limits->effort, "effort");
-  }
+  take_limits(moved, joint, place);
   if (joint.dynamics != nullptr) {
     moved.damping = joint.dynamics->damping;
     moved.friction = joint.dynamics->friction;
@@ -171,6 +195,83 @@ Builder::Place Builder::move(const urdf::Joint& joint, const Place& parent) {
   robot_.joints.push_back(moved);
   robot_.bodies.push_back({joint.child_link_name, {}});
   return {robot_.n() - 1, {}};
+}
+
+void Builder::check_passive() const {
+  for (const std::string& name : options_.passive) {
+    const auto joint = document_.joints.find(name);
+    if (joint == document_.joints.end()) {
+      std::vector<std::string> names;
+      for (const auto& [other, ignored] : document_.joints) names.push_back(other);
+      const std::string close = text::closest(name, names);
+      throw Error(document_.place, "no joint '" + name + "' to be passive, expected a joint of the file" +
+                                       (close.empty() ? std::string() : "; did you mean '" + close + "'?"));
+    }
+    const std::string place = document_.at(joint->second.line) + ": joint '" + name + "'";
+    if (position_of(joint->second)) throw Error(place, "does not move and cannot be passive, expected a joint that moves");
+    if (const auto mimic = followings_.find(name); mimic != followings_.end())
+      throw Error(place, "mimics '" + mimic->second.leader + "', expected that joint to be passive");
+  }
+}
+
+/// Moves the joints that follow others, which build() has entered in depth-first order with the others, to RobotModel::mimics
+/// and their bodies to the end.
+void Builder::separate_mimics() {
+  const std::size_t all = robot_.joints.size();
+  std::vector<int> index(all);  // of the body in the RobotModel
+  std::map<std::string, int> independent;
+  std::vector<Joint> joints;
+  std::vector<Body> bodies, following;
+  for (std::size_t i = 0; i < all; ++i) {
+    if (followings_.count(robot_.joints[i].name) != 0) continue;
+    independent.emplace(robot_.joints[i].name, index[i] = static_cast<int>(joints.size()));
+    joints.push_back(robot_.joints[i]);
+    bodies.push_back(robot_.bodies[i]);
+  }
+  for (std::size_t i = 0; i < all; ++i) {
+    const Joint& joint = robot_.joints[i];
+    const auto found = followings_.find(joint.name);
+    if (found == followings_.end()) continue;
+    const auto leader = independent.find(found->second.leader);
+    if (leader == independent.end()) {
+      throw Error(document_.at(document_.joints.at(joint.name).mimic_line) + ": joint '" + joint.name + "'",
+                  "mimics '" + found->second.leader + "', which is not on the chain to '" + options_.tip +
+                      "', expected both joints on it");
+    }
+    index[i] = static_cast<int>(joints.size() + robot_.mimics.size());
+    robot_.mimics.push_back({joint, leader->second, found->second.multiplier, found->second.offset, static_cast<int>(i)});
+    following.push_back(robot_.bodies[i]);
+  }
+  const auto renumber = [&](int& body) {
+    if (body >= 0) body = index[static_cast<std::size_t>(body)];
+  };
+  for (Joint& joint : joints) renumber(joint.parent);
+  for (Mimic& mimic : robot_.mimics) renumber(mimic.joint.parent);
+  for (auto& [link, place] : placed_) renumber(place.body);
+  bodies.insert(bodies.end(), following.begin(), following.end());
+  robot_.joints = std::move(joints);
+  robot_.bodies = std::move(bodies);
+  for (Mimic& mimic : robot_.mimics) {
+    join_leader(mimic);
+    mimic.joint.damping = mimic.joint.friction = 0;
+    mimic.joint.passive = false;
+  }
+}
+
+/// The power of the friction at both joints is that of the sum at the leader.
+void Builder::join_leader(const Mimic& mimic) {
+  Joint& leader = robot_.joints[static_cast<std::size_t>(mimic.leader)];
+  const Joint& own = mimic.joint;
+  leader.damping += mimic.multiplier * mimic.multiplier * own.damping;
+  leader.friction += std::abs(mimic.multiplier) * own.friction;
+  const double one = mimic.multiplier * leader.q_min + mimic.offset, other = mimic.multiplier * leader.q_max + mimic.offset;
+  const double low = std::min(one, other), high = std::max(one, other);
+  const double kRounded = 1e-3 * std::max(1.0, std::max(std::abs(own.q_min), std::abs(own.q_max)));  // numbers in files
+  if (low < own.q_min - kRounded || high > own.q_max + kRounded) {
+    warn(document_.at(document_.joints.at(own.name).mimic_line) + ": joint '" + own.name + "': the limits of its leader '" +
+         leader.name + "' move it from " + text::to_text(low, 6) + " to " + text::to_text(high, 6) + "; its own limits " +
+         text::to_text(own.q_min, 6) + " to " + text::to_text(own.q_max, 6) + " are not used");
+  }
 }
 
 /// Adds the link to the body that it is fixed to.
@@ -191,7 +292,7 @@ void Builder::visit(const urdf::Link& link, const Place& place) {
 }
 
 void Builder::check_masses() {
-  for (int i = -1; i < robot_.n(); ++i) {
+  for (int i = -1; i < robot_.body_count(); ++i) {
     const Body& body = i < 0 ? robot_.base : robot_.bodies[static_cast<std::size_t>(i)];
     if (!std::isfinite(body.inertia.mass) || !body.inertia.p_LC.allFinite() || !body.inertia.I_CC.allFinite()) {
       throw Error(at(body.name), "its inertia with all links fixed to it is not finite");
@@ -201,14 +302,15 @@ void Builder::check_masses() {
     for (const std::string& name : chosen_) {
       if (placed_.at(name).body == i) names += (names.empty() ? "'" : ", '") + name + "'";
     }
-    complain(at(body.name),
-             "joint '" + robot_.joints[static_cast<std::size_t>(i)].name + "' moves no mass (" + names + "), expected > 0 kg");
+    complain(at(body.name), "joint '" + robot_.joint_of(i).name + "' moves no mass (" + names + "), expected > 0 kg");
   }
 }
 
 RobotModel Builder::build() {
   robot_.name = urdf_.getName();
   if (document_.gravity) robot_.gravity = *document_.gravity;
+  followings_ = follow_mimics(document_, options_.locked, warnings_);
+  check_passive();
   choose_links();
   std::vector<std::string> links = chosen_;
   std::sort(links.begin(), links.end());
@@ -234,6 +336,7 @@ RobotModel Builder::build() {
     });
     for (const urdf::Joint* child : joints) next.push_back({urdf_.getLink(child->child_link_name).get(), child});
   }
+  if (!followings_.empty()) separate_mimics();
   for (const std::string& name : chosen_) robot_.frames.push_back({name, placed_.at(name).body, placed_.at(name).X_BL});
   check_masses();
   return std::move(robot_);

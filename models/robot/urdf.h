@@ -1,5 +1,7 @@
 #pragma once
 #include <filesystem>
+#include <map>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -13,24 +15,33 @@ enum class Unphysical { kError, kWarn };
 
 struct UrdfOptions {
   Unphysical unphysical = Unphysical::kError;
-  std::string tip;  // only the chain from the root to this link; "": the whole tree
+  std::string tip;                            // only the chain from the root to this link; "": the whole tree
+  std::map<std::string, double> locked = {};  // joints that stand still, by name, at these positions (rad, m)
+  std::set<std::string> passive = {};         // names of joints without a motor
 };
 
 /// Reads a URDF. Joints are in depth-first order, at each branch in the order of the file; frames in the order of the file's
 /// links, or from the root to the tip. A limit of ±inf or ±1.7976931348623157e308, and an effort or velocity limit of 0, mean
 /// no limit. Meshes are not opened. Links that carry a moving mass must have a physical inertia, others (the base, frames
-/// without mass) need none. Mimic, floating and planar joints are errors. Throws Error `file:line: link 'x': …`.
-/// Unphysical::kWarn keeps such links and adds them to `warnings`, like everything else that could be interpreted differently.
-/// Prints nothing.
+/// without mass) need none.
+///
+/// Joints with <mimic> become RobotModel::mimics of the joint at the end of their chain of mimics. The leader takes over their
+/// damping (times the multiplier squared) and friction (times its magnitude). Its limits hold for the group; those of the mimics
+/// are not used. Locked joints, mimics of them and mimics with the multiplier 0 are read as fixed at their position, which
+/// merges their bodies. <passive/> in a joint, an extension, means the same as an entry in `passive`.
+///
+/// Floating and planar joints, mimics of an unknown joint, of themselves or of a joint outside the chain, and xacro files are
+/// errors. Throws Error `file:line: link 'x': …`. Unphysical::kWarn keeps links without a physical inertia and adds them to
+/// `warnings`, like everything else that could be interpreted differently. Prints nothing.
 RobotModel load_urdf(const std::filesystem::path& file, const UrdfOptions& options = {},
                      std::vector<std::string>* warnings = nullptr);
 RobotModel parse_urdf(std::string_view xml, const std::string& place, const UrdfOptions& options = {},
                       std::vector<std::string>* warnings = nullptr);
 
-/// Writes `robot` as a URDF that loads as the same model to the last bit, except for its history: composite bodies as links,
-/// other frames as massless links fixed to them. Two extensions, which other readers ignore: <origin R="…"/> (row by row) for
-/// rotations that roll, pitch and yaw do not represent to the last bit, and <gravity xyz="…"/> for gravity other than (0, 0,
-/// −9.81). Throws Error for a model that a URDF cannot represent: duplicate names, joints that are not depth-first, a body
+/// Writes `robot` as a URDF that loads as the same model to the last bit, except for its history and `locked`: composite bodies as links,
+/// other frames as massless links fixed to them. Extensions, which other readers ignore: <origin R="…"/> (row by row) for
+/// rotations that roll, pitch and yaw do not represent to the last bit, <gravity xyz="…"/> for gravity other than (0, 0,
+/// −9.81), and <passive/> for joints without a motor. Throws Error for a model that a URDF cannot represent: duplicate names, joints that are not depth-first, a body
 /// without its frame.
 std::string to_urdf(const RobotModel& robot);
 

@@ -43,7 +43,9 @@ std::vector<std::string_view> words(std::string_view s) {
   return found;
 }
 
-/// Finds macros and expressions of xacro.
+constexpr const char* kExpand = "expand it first: xacro FILE > robot.urdf (ROS package xacro, or pip install xacro)";
+
+/// Finds elements of xacro.
 class XacroFinder : public tinyxml2::XMLVisitor {
  public:
   int line = 0;
@@ -91,7 +93,7 @@ void Reader::keep_attributes(XMLElement& element, const Names& names) const {
     if (!contains(names, a->Name())) {
       foreign.emplace_back(a->Name());
     } else if (value.find("${") != std::string_view::npos || value.find("$(") != std::string_view::npos) {
-      fail(a->GetLineNum(), "'" + std::string(value) + "' is an expression of xacro; run xacro first");
+      fail(a->GetLineNum(), "'" + std::string(value) + "' is an expression of xacro, expected a URDF; " + kExpand);
     }
   }
   for (const std::string& name : foreign) element.DeleteAttribute(name.c_str());
@@ -251,7 +253,7 @@ void Reader::read_link(XMLElement& element) {
 
 void Reader::read_joint(XMLElement& element) {
   keep_attributes(element, {"name", "type"});
-  keep_children(element, {"origin", "parent", "child", "axis", "limit", "dynamics", "mimic"});
+  keep_children(element, {"origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "passive"});
   owner_.clear();
   const std::string name = name_in(element, "name");
   owner_ = "joint '" + name + "'";
@@ -266,8 +268,18 @@ void Reader::read_joint(XMLElement& element) {
   if (!contains({"revolute", "continuous", "prismatic", "fixed"}, type)) {
     fail(joint.line, "type '" + type + "', expected revolute, continuous, prismatic or fixed");
   }
-  if (const XMLElement* const mimic = child(element, "mimic")) {
-    fail(mimic->GetLineNum(), "<mimic> is not supported: every joint must be an independent degree of freedom");
+  joint.type = type;
+  if (XMLElement* const mimic = child(element, "mimic")) {
+    keep_attributes(*mimic, {"joint", "multiplier", "offset"});
+    joint.mimic = name_in(*mimic, "joint");
+    joint.mimic_line = mimic->GetLineNum();
+    if (mimic->Attribute("multiplier") != nullptr) joint.multiplier = real(*mimic, "multiplier");
+    if (mimic->Attribute("offset") != nullptr) joint.offset = real(*mimic, "offset");
+    element.DeleteChild(mimic);
+  }
+  if (XMLElement* const passive = child(element, "passive")) {
+    joint.passive = true;
+    element.DeleteChild(passive);
   }
   for (const char* end : {"parent", "child"}) {
     XMLElement& link = required(element, end);
@@ -282,10 +294,13 @@ void Reader::read_joint(XMLElement& element) {
     if (XMLElement* const axis = child(element, "axis")) {
       keep_attributes(*axis, {"xyz"});
       keep_children(*axis, {});
-      const double length = vector(*axis, "xyz").stableNorm();
+      const Eigen::Vector3d written = vector(*axis, "xyz");
+      const double length = written.stableNorm();
       if (!(length > 1e-6 && std::isfinite(length))) {
         fail(axis->GetLineNum(), "axis of length " + text::to_text(length) + ", expected a unit vector");
       }
+      const double kRounding = 8 * std::numeric_limits<double>::epsilon();  // keeps the bits of a unit vector of to_urdf
+      joint.axis = std::abs(written.squaredNorm() - 1) <= kRounding ? written : written.stableNormalized();
     }
     limits(element, type);
     if (XMLElement* const dynamics = child(element, "dynamics")) {
@@ -317,7 +332,7 @@ UrdfDocument Reader::read(std::string_view xml) {
   }
   XacroFinder xacro;
   parsed.Accept(&xacro);
-  if (xacro.line != 0) throw Error(document_.at(xacro.line), "an element of xacro, expected a URDF; run xacro first");
+  if (xacro.line != 0) throw Error(document_.at(xacro.line), std::string("an element of xacro, expected a URDF; ") + kExpand);
 
   keep_attributes(*robot, {"name", "version"});
   name_in(*robot, "name");

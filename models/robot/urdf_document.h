@@ -23,7 +23,15 @@ struct UrdfDocument {
     std::size_t order = 0;
     int line = 0;
     std::string name, parent, child;
+    std::string type;  // revolute, continuous, prismatic or fixed
     Pose X_PJ;
+    Eigen::Vector3d axis = Eigen::Vector3d::UnitX();  // of unit length
+    std::string mimic;                                // joint that this one follows; "": none
+    int mimic_line = 0;
+    double multiplier = 1, offset = 0;
+    bool passive = false;
+
+    bool moves() const { return type != "fixed"; }
   };
 
   std::string place;    // of the file, for messages
@@ -42,6 +50,26 @@ extern const double kNoLimit;
 
 /// Whether a link or joint can have this name: 1 to 1000 bytes of UTF-8 without control characters.
 bool is_urdf_name(std::string_view name);
+
+/// How a joint with <mimic> moves: q = multiplier · q_leader + offset, with `leader` at the end of the chain of mimics.
+struct Following {
+  std::string leader;  // ""; the joint stands still at `offset`
+  double multiplier = 0;
+  double offset = 0;
+};
+
+/// The mimics of `document` by name. `locked`: position of joints that do not move, rad or m. Adds to `warnings` what stands
+/// still because of its leader or multiplier. Throws Error `place:line: joint 'x': …` for an unknown leader and for a cycle, and
+/// for a locked joint that is unknown, fixed or a mimic at another position than its leader's gives.
+std::map<std::string, Following> follow_mimics(const UrdfDocument& document, const std::map<std::string, double>& locked,
+                                               std::vector<std::string>* warnings);
+
+/// Fixed-axis roll, pitch, yaw of R. Roll is computed from R without yaw, so that the three agree with R near a pitch of ±90°
+/// too.
+Eigen::Vector3d rpy_of(const Eigen::Matrix3d& R);
+
+/// The child link of a joint in the parent link, at the position q.
+Pose origin_at(const UrdfDocument::Joint& joint, double q);
 
 /// Throws Error `place:line: link 'x': …`.
 UrdfDocument read_urdf_document(std::string_view xml, const std::string& place);

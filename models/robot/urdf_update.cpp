@@ -5,6 +5,7 @@
 #include <map>
 
 #include "models/robot/urdf.h"
+#include "models/robot/urdf_document.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -45,11 +46,28 @@ void write_dynamics(XMLElement& joint, double damping, double friction) {
   dynamics->SetAttribute("friction", text::to_text(friction).c_str());
 }
 
+/// Makes `joint` a fixed one that places its child at X_PC.
+void fix(XMLElement& joint, const Pose& X_PC) {
+  joint.SetAttribute("type", "fixed");
+  for (const char* name : {"origin", "axis", "limit", "dynamics", "mimic", "passive"}) {
+    while (XMLElement* old = joint.FirstChildElement(name)) joint.DeleteChild(old);
+  }
+  XMLElement* origin = joint.InsertNewChildElement("origin");
+  const Eigen::Vector3d rpy = rpy_of(X_PC.R);
+  origin->SetAttribute("xyz", numbers(X_PC.p).c_str());
+  origin->SetAttribute("rpy", numbers(rpy).c_str());
+  if (rotation_from_rpy(rpy.x(), rpy.y(), rpy.z()) == X_PC.R) return;
+  std::string rows;
+  for (int r = 0; r < 3; ++r) rows += (r > 0 ? " " : "") + numbers(X_PC.R.row(r).transpose());
+  origin->SetAttribute("R", rows.c_str());
+}
+
 }  // namespace
 
 std::string updated_urdf(std::string_view xml, const std::string& place, const RobotModel& robot) {
   UrdfOptions options;
   options.unphysical = Unphysical::kWarn;
+  options.locked = robot.locked;
   std::vector<std::string> ignored;
   const RobotModel written = parse_urdf(xml, place, options, &ignored);
   tinyxml2::XMLDocument document;
@@ -68,9 +86,15 @@ std::string updated_urdf(std::string_view xml, const std::string& place, const R
       throw Error(place,
                   "has no link '" + body.name + "' as body " + std::to_string(i + 1) + ", expected the robot's own URDF");
     }
-    const Joint &now = robot.joints[i], &then = written.joints[i];
-    if (now.damping != then.damping || now.friction != then.friction) {
-      write_dynamics(*joints.at(now.name), now.damping, now.friction);
+    if (i < robot.joints.size()) {
+      const Joint &now = robot.joints[i], &then = written.joints[i];
+      if (now.passive && !then.passive) joints.at(now.name)->InsertNewChildElement("passive");
+      if (now.damping != then.damping || now.friction != then.friction) {
+        write_dynamics(*joints.at(now.name), now.damping, now.friction);
+        for (const Mimic& mimic : written.mimics) {  // its share is in that of the leader
+          if (mimic.leader == static_cast<int>(i)) write_dynamics(*joints.at(mimic.joint.name), 0, 0);
+        }
+      }
     }
     if (written.bodies[i].inertia == body.inertia) continue;
     write_inertial(*links.at(body.name), body.inertia);
@@ -79,6 +103,10 @@ std::string updated_urdf(std::string_view xml, const std::string& place, const R
       XMLElement& rigid = *links.at(frame.name);
       while (XMLElement* old = rigid.FirstChildElement("inertial")) rigid.DeleteChild(old);
     }
+  }
+  if (!robot.locked.empty()) {
+    const UrdfDocument urdf = read_urdf_document(xml, place);
+    for (const auto& [name, position] : robot.locked) fix(*joints.at(name), origin_at(urdf.joints.at(name), position));
   }
   tinyxml2::XMLPrinter printer;
   document.Print(&printer);

@@ -12,19 +12,17 @@
 
 namespace cotwin::robot {
 
-namespace {
-
-using Eigen::Matrix3d;
-using Eigen::Vector3d;
-
-/// Fixed-axis roll, pitch, yaw of R. Roll is computed from R without yaw, so that the three agree with R near a pitch of ±90°
-/// too.
-Vector3d rpy_of(const Matrix3d& R) {
+Eigen::Vector3d rpy_of(const Eigen::Matrix3d& R) {
   const double yaw = std::atan2(R(1, 0), R(0, 0));
   const double s = std::sin(yaw), c = std::cos(yaw);
   return {std::atan2(s * R(0, 2) - c * R(1, 2), c * R(1, 1) - s * R(0, 1)), std::atan2(-R(2, 0), c * R(0, 0) + s * R(1, 0)),
           yaw};
 }
+
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
 
 class Writer {
  public:
@@ -56,7 +54,7 @@ class Writer {
   bool is_body(const Frame& frame) const { return frame.name == name_of_body(frame.body); }
   void origin(const Pose& X);
   void link(const Frame& frame);
-  void joint(std::size_t i);
+  void joint(int body);
   void fixed_joint(const Frame& frame);
 
   const RobotModel& robot_;
@@ -80,20 +78,21 @@ void Writer::check() const {
     check_name(frame.name);
     if (!links.insert(frame.name).second) fail("two frames have the name '" + frame.name + "', which a URDF cannot represent");
   }
-  for (int body = -1; body < robot_.n(); ++body) {
+  for (int body = -1; body < robot_.body_count(); ++body) {
     const bool has_frame = std::any_of(robot_.frames.begin(), robot_.frames.end(), [&](const Frame& frame) {
       return frame.body == body && frame.name == name_of_body(body) && frame.X_BF == Pose{};
     });
     if (!has_frame) fail("body '" + name_of_body(body) + "' has no frame of its name at its origin, which a URDF requires");
   }
-  for (int i = 0; i < robot_.n(); ++i) {
-    const Joint& joint = robot_.joints[static_cast<std::size_t>(i)];
+  const std::vector<int> order = robot_.depth_first();
+  for (std::size_t k = 0; k < order.size(); ++k) {
+    const Joint& joint = robot_.joint_of(order[k]);
     check_name(joint.name);
     if (!joints.insert(joint.name).second) fail("two joints have the name '" + joint.name + "', which a URDF cannot represent");
     if (!(joint.dq_max > 0 && joint.tau_max > 0))
       fail("joint '" + joint.name + "' has a limit of 0, which means no limit in a URDF");
-    int ancestor = i - 1;
-    while (ancestor >= 0 && ancestor != joint.parent) ancestor = robot_.joints[static_cast<std::size_t>(ancestor)].parent;
+    int ancestor = k == 0 ? -1 : order[k - 1];
+    while (ancestor >= 0 && ancestor != joint.parent) ancestor = robot_.joint_of(ancestor).parent;
     if (ancestor != joint.parent) fail("joint '" + joint.name + "' is not in depth-first order, as a URDF requires");
   }
 }
@@ -130,8 +129,8 @@ void Writer::link(const Frame& frame) {
   printer_.CloseElement();
 }
 
-void Writer::joint(std::size_t i) {
-  const Joint& joint = robot_.joints[i];
+void Writer::joint(int body) {
+  const Joint& joint = robot_.joint_of(body);
   const bool is_prismatic = joint.type == JointType::kPrismatic;
   const bool is_free = std::isinf(joint.q_min) && std::isinf(joint.q_max);
   joint_names_.insert(joint.name);
@@ -139,7 +138,7 @@ void Writer::joint(std::size_t i) {
   attribute("name", joint.name);
   attribute("type", is_prismatic ? "prismatic" : is_free ? "continuous" : "revolute");
   leaf("parent", "link", name_of_body(joint.parent));
-  leaf("child", "link", robot_.bodies[i].name);
+  leaf("child", "link", name_of_body(body));
   origin(joint.X_PJ);
   leaf("axis", "xyz", numbers(joint.axis.data(), 3));
   printer_.OpenElement("limit");
@@ -154,6 +153,18 @@ void Writer::joint(std::size_t i) {
     printer_.OpenElement("dynamics");
     attribute("damping", number(joint.damping));
     attribute("friction", number(joint.friction));
+    printer_.CloseElement();
+  }
+  if (body >= robot_.n()) {
+    const Mimic& mimic = robot_.mimics[static_cast<std::size_t>(body - robot_.n())];
+    printer_.OpenElement("mimic");
+    attribute("joint", robot_.joints[static_cast<std::size_t>(mimic.leader)].name);
+    attribute("multiplier", number(mimic.multiplier));
+    attribute("offset", number(mimic.offset));
+    printer_.CloseElement();
+  }
+  if (joint.passive) {
+    printer_.OpenElement("passive");
     printer_.CloseElement();
   }
   printer_.CloseElement();
@@ -178,7 +189,7 @@ std::string Writer::write() {
   attribute("name", robot_.name);
   if (robot_.gravity != RobotModel{}.gravity) leaf("gravity", "xyz", numbers(robot_.gravity.data(), 3));
   for (const Frame& frame : robot_.frames) link(frame);
-  for (std::size_t i = 0; i < robot_.joints.size(); ++i) joint(i);
+  for (const int body : robot_.depth_first()) joint(body);
   for (const Frame& frame : robot_.frames) {
     if (!is_body(frame)) fixed_joint(frame);
   }
