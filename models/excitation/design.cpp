@@ -33,6 +33,8 @@ std::vector<Limits> limits_of(const robot::RobotModel& robot, const DesignOption
   std::vector<Limits> limits;
   for (std::size_t j = 0; j < n; ++j) {
     const robot::Joint& joint = robot.joints[j];
+    if (joint.passive)
+      throw Error("excitation: " + joint.name, "is passive, expected a motor at every joint: the motion is prescribed");
     constexpr double kTurn = 3.14;  // rad; range to either side of a joint without limits
     Limits l{joint.q_min, joint.q_max, std::min(joint.dq_max, options.dq_max), options.ddq_max, joint.tau_max};
     if (!std::isfinite(l.q_min)) l.q_min = -kTurn;
@@ -65,7 +67,7 @@ void check(const DesignOptions& o) {
 /// The quantities computed of a motion, with the memory of one thread.
 struct Scratch {
   explicit Scratch(const robot::Mechanism& mechanism, Index n, Index base)
-      : data(mechanism), Y(n, 10 * n), information(base, base), q(n), dq(n), ddq(n), tau(n) {}
+      : data(mechanism), Y(n, 10 * mechanism.body_count()), information(base, base), q(n), dq(n), ddq(n), tau(n) {}
   robot::Data data;
   MatrixXd Y, information;
   VectorXd q, dq, ddq, tau;

@@ -28,7 +28,7 @@ MatrixXd random_regressor(const robot::RobotModel& robot) {
   const Index n = robot.n(), states = 60;
   const robot::Mechanism mechanism(robot);
   robot::Data scratch(mechanism);
-  MatrixXd W(n * states, 10 * n), Y(n, 10 * n);
+  MatrixXd W(n * states, 10 * robot.body_count()), Y(n, W.cols());
   VectorXd q(n), dq(n), ddq(n);
   for (Index s = 0; s < states; ++s) {
     for (Index j = 0; j < n; ++j) {
@@ -51,15 +51,15 @@ MatrixXd random_regressor(const robot::RobotModel& robot) {
 std::string parameter_name(int k) { return std::string(kNames[k % 10]) + "_" + std::to_string(k / 10 + 1); }
 
 BaseParameters base_parameters(const robot::RobotModel& robot) {
-  const Index n = robot.n(), all = 10 * n;
-  if (n == 0) throw Error("robot " + robot.name, "has no joints, expected at least one");
+  const Index all = 10 * robot.body_count();
+  if (robot.n() == 0) throw Error("robot " + robot.name, "has no joints, expected at least one");
   const MatrixXd W = random_regressor(robot);
   // Gram–Schmidt, each column twice (which makes it orthogonal to rounding), bodies from the base to the tip; within a body the
   // mass last, so that moments keep their names where they can.
   MatrixXd Q(W.rows(), all), coefficients = MatrixXd::Zero(all, all);
   std::vector<int> kept;
   const double largest = W.colwise().norm().maxCoeff();
-  for (Index body = 0; body < n; ++body)
+  for (const int body : robot.depth_first())
     for (int k = 1; k <= 10; ++k) {
       const Index column = 10 * body + k % 10;
       const auto rank = static_cast<Index>(kept.size());

@@ -103,14 +103,14 @@ class ConeProblem {
  public:
   /// `eta`: of all joints, inside of the box.
   ConeProblem(const Problem::Impl& problem, const VectorXd& eta)
-      : problem_(problem), n_(problem.n()), inertial_(10 * n_), fixed_(eta) {
+      : problem_(problem), n_(problem.n()), bodies_(problem.prior.body_count()), inertial_(problem.inertial()), fixed_(eta) {
     first_eta_ = inertial_;
     for (const DriveTerms& t : problem.terms) {
       first_.push_back(first_eta_);
       first_eta_ += t.size();
     }
     A_.setZero(problem.M.rows(), first_eta_ + eta.size());
-    for (int i = 0; i < n_; ++i) {
+    for (int i = 0; i < bodies_; ++i) {
       const Matrix4d& U = problem.bodies[static_cast<std::size_t>(i)].factor();
       Matrix10d by_p;
       for (int k = 0; k < 10; ++k) by_p.col(k) = from_pseudo_inertia(U * symmetric(k) * U.transpose());
@@ -135,13 +135,13 @@ class ConeProblem {
   /// ξ = 0, φ small, η as given.
   VectorXd start() const {
     VectorXd x = VectorXd::Zero(A_.cols());
-    for (int i = 0; i < n_; ++i) x.segment<4>(10 * i).setOnes();
+    for (int i = 0; i < bodies_; ++i) x.segment<4>(10 * i).setOnes();
     for (const int k : nonnegative_) x[k] = scale_[k];
     x.tail(fixed_.size()) = fixed_;
     return x;
   }
   double barriers() const {
-    return 20.0 * n_ + static_cast<double>(nonnegative_.size()) + 2.0 * static_cast<double>(fixed_.size());
+    return 20.0 * bodies_ + static_cast<double>(nonnegative_.size()) + 2.0 * static_cast<double>(fixed_.size());
   }
 
   /// f + μ barriers; nothing outside of cone and box.
@@ -149,7 +149,7 @@ class ConeProblem {
     set_curves(x.tail(fixed_.size()));
     double f =
         residual(x).squaredNorm() + problem_.rho * problem_.rho + problem_.lambda_shape * x.tail(fixed_.size()).squaredNorm();
-    for (int i = 0; i < n_; ++i) {
+    for (int i = 0; i < bodies_; ++i) {
       BodyChart body;
       if (!body.set(x.data() + 10 * i)) return {};
       const double log_det = 2 * body.V.diagonal().array().log().sum();
@@ -175,8 +175,8 @@ class ConeProblem {
     MatrixXd H = 2 * A_.transpose() * A_;
     // Unknowns that the data do not see keep a weight of nothing but rounding.
     H.diagonal().array() += 1e-14 * H.diagonal().maxCoeff();
-    std::vector<Matrix10d> bent(static_cast<std::size_t>(n_));
-    for (int i = 0; i < n_; ++i) {
+    std::vector<Matrix10d> bent(static_cast<std::size_t>(bodies_));
+    for (int i = 0; i < bodies_; ++i) {
       BodyChart body;
       body.set(x.data() + 10 * i);
       const Matrix4d inverse = body.X.inverse();
@@ -212,7 +212,7 @@ class ConeProblem {
       H.diagonal().tail(count).setOnes();
     }
     MatrixXd curved = H;
-    for (int i = 0; i < n_; ++i) curved.block<10, 10>(10 * i, 10 * i) += bent[static_cast<std::size_t>(i)];
+    for (int i = 0; i < bodies_; ++i) curved.block<10, 10>(10 * i, 10 * i) += bent[static_cast<std::size_t>(i)];
     VectorXd d;
     // The box is not convex in p: where its bending is stronger than all else it is left out. What the data and the prior leave
     // wholly open may still be singular to rounding.
@@ -228,7 +228,7 @@ class ConeProblem {
   /// ξ of the problem at x.
   VectorXd coordinates(const VectorXd& x) const {
     VectorXd xi(inertial_ + fixed_.size());
-    for (int i = 0; i < n_; ++i) {
+    for (int i = 0; i < bodies_; ++i) {
       BodyChart body;
       body.set(x.data() + 10 * i);
       xi.segment<10>(10 * i) = body.xi;
@@ -309,7 +309,7 @@ class ConeProblem {
   }
 
   const Problem::Impl& problem_;
-  int n_, inertial_, first_eta_ = 0;
+  int n_, bodies_, inertial_, first_eta_ = 0;
   VectorXd fixed_;
   bool ready_ = false, shaped_ = false;
   std::vector<int> first_, nonnegative_;
@@ -361,7 +361,7 @@ VectorXd Problem::Impl::best_shape(int joint, const VectorXd& beta, const Vector
 }
 
 VectorXd convex_optimum(const Problem::Impl& problem, const std::function<bool()>& stop) {
-  const Index inertial = 10 * problem.n(), shapes = problem.lower.size() - inertial;
+  const Index inertial = problem.inertial(), shapes = problem.lower.size() - inertial;
   const auto shapes_at = [&](const VectorXd& beta, const VectorXd& from) {
     VectorXd eta(shapes);
     for (int j = 0; j < problem.n(); ++j) {
@@ -393,7 +393,7 @@ VectorXd convex_optimum(const Problem::Impl& problem, const std::function<bool()
     xi = cone.coordinates(x);
     if (!going) break;
     VectorXd pi(inertial);
-    for (int i = 0; i < problem.n(); ++i)
+    for (int i = 0; i < problem.prior.body_count(); ++i)
       pi.segment<10>(10 * i) = problem.bodies[static_cast<std::size_t>(i)].parameters(xi.segment<10>(10 * i));
     beta = problem.data.base().G * pi;
   }

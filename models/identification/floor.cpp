@@ -151,7 +151,7 @@ class Together {
   void shape_together() {
     constexpr int kMostSteps = 20, kMostHalvings = 12;
     constexpr double kFurthest = 0.5, kGain = 1e-13;
-    const Index inertial = 10 * p_.n(), count = p_.lower.size() - inertial, all = unknowns + count;
+    const Index inertial = p_.inertial(), count = p_.lower.size() - inertial, all = unknowns + count;
     const VectorXd low = p_.lower.tail(count), high = p_.upper.tail(count);
     VectorXd best(count);
     for (int j = 0; j < p_.n(); ++j) {
@@ -182,7 +182,7 @@ class Together {
   /// Takes these shapes; x: the unknowns that fit best then. Returns what they leave.
   double go_to(const VectorXd& shapes, VectorXd& x) {
     for (int j = 0; j < p_.n(); ++j)
-      set_shape(j, shapes.segment(p_.first_nonlinear(j) - 10 * p_.n(), eta[static_cast<std::size_t>(j)].size()));
+      set_shape(j, shapes.segment(p_.first_nonlinear(j) - p_.inertial(), eta[static_cast<std::size_t>(j)].size()));
     const MatrixXd A = triangle();
     x = solve(A.leftCols(unknowns), A.col(unknowns), true).x;
     return (A.leftCols(unknowns) * x - A.col(unknowns)).squaredNorm();
@@ -223,11 +223,12 @@ void Problem::Impl::find_silent() {
   robot::Data scratch(mechanism);
   MatrixXd inertia(n(), n());
   robot::mass_matrix(mechanism, scratch, VectorXd::Zero(n()), inertia);
-  std::vector<double> mass(static_cast<std::size_t>(n()));
-  for (int i = n() - 1; i >= 0; --i) {
-    const auto k = static_cast<std::size_t>(i);
+  std::vector<double> mass(static_cast<std::size_t>(prior.body_count()));
+  std::vector<int> order = prior.depth_first();
+  for (auto i = order.rbegin(); i != order.rend(); ++i) {
+    const auto k = static_cast<std::size_t>(*i);
     mass[k] += prior.bodies[k].inertia.mass;
-    if (const int parent = prior.joints[k].parent; parent >= 0) mass[static_cast<std::size_t>(parent)] += mass[k];
+    if (const int parent = prior.joint_of(*i).parent; parent >= 0) mass[static_cast<std::size_t>(parent)] += mass[k];
   }
   silent.assign(static_cast<std::size_t>(base_count()), 1);
   for (int j = 0; j < n(); ++j) {
@@ -236,10 +237,42 @@ void Problem::Impl::find_silent() {
     const double shown = kShown * R.col(c.size() - 1).norm();
     for (std::size_t i = 0; i < c.base.size(); ++i) {
       const int column = data.base().columns[static_cast<std::size_t>(c.base[i])], body = column / 10, kind = column % 10;
-      const double kg = mass[static_cast<std::size_t>(body)], I = inertia(body, body) + kg * kLeastRadius * kLeastRadius;
+      const int leader = prior.leader_of(body);
+      const double kg = mass[static_cast<std::size_t>(body)], I = inertia(leader, leader) + kg * kLeastRadius * kLeastRadius;
       const double value = kMost * (kind == 0 ? kg : kind < 4 ? std::sqrt(kg * I) : I);
       if (value * R.col(c.drive + static_cast<Index>(i)).norm() >= shown) silent[static_cast<std::size_t>(c.base[i])] = 0;
     }
+  }
+}
+
+/// The equation of a passive joint, 0 = Y β + friction, is data as those of the others are, but zero solves it alone. At the
+/// beginning it gets the torque that the prior's bodies would need there, and the mean relative error of the other joints.
+void Problem::Impl::weigh_passive(VectorXd& tau_rms, VectorXd& own) const {
+  const double N = data.weight();
+  double relative = 0;
+  int measured = 0;
+  for (int j = 0; j < n(); ++j) {
+    if (prior.joints[static_cast<std::size_t>(j)].passive || !(tau_rms[j] > 0)) continue;
+    relative += own[j] / N / (tau_rms[j] * tau_rms[j]);
+    ++measured;
+  }
+  if (measured == n()) return;
+  if (measured == 0) {
+    throw Error("torques of robot " + prior.name,
+                "all joints that moved are passive, expected a measured torque, which gives the scale of the masses");
+  }
+  VectorXd pi(inertial());
+  for (int i = 0; i < prior.body_count(); ++i)
+    pi.segment<10>(10 * i) = prior.bodies[static_cast<std::size_t>(i)].inertia.parameters();
+  const VectorXd beta = data.base().G * pi;
+  for (int j = 0; j < n(); ++j) {
+    if (!prior.joints[static_cast<std::size_t>(j)].passive) continue;
+    const TorqueData::Columns& c = data.columns(j);
+    const Eigen::Map<const RowMajor> R(data.triangle(j).R(), c.size(), c.size());
+    VectorXd needed = VectorXd::Zero(c.size());
+    for (std::size_t i = 0; i < c.base.size(); ++i) needed += R.col(c.drive + static_cast<Index>(i)) * beta[c.base[i]];
+    tau_rms[j] = needed.norm() / std::sqrt(N);
+    own[j] = N * relative / measured * tau_rms[j] * tau_rms[j];
   }
 }
 
@@ -272,11 +305,13 @@ void Problem::Impl::solve_floor() {
     const int last = data.columns(j).size() - 1;
     const Eigen::Map<const RowMajor> R(data.triangle(j).R(), last + 1, last + 1);
     tau_rms[j] = R.col(last).norm() / std::sqrt(N);
+    if (prior.joints[k].passive) continue;
     const std::vector<char>& still = data.options().still;
     if (!(tau_rms[j] > 0) && (still.empty() || !still[k]))
       throw Error("torque of joint " + std::to_string(j + 1) + " (" + prior.joints[k].name + ")",
                   "is zero in all samples, expected a measured one");
   }
+  weigh_passive(tau_rms, own);
   // A joint that stands still may be explained to rounding: its weight stays finite.
   constexpr double kLeastTorque = 1e-3;  // of the largest joint's
   const VectorXd least = kLeastSigma * tau_rms.cwiseMax(kLeastTorque * tau_rms.maxCoeff());
@@ -286,7 +321,7 @@ void Problem::Impl::solve_floor() {
                              " values above 0");
   sigma = given ? options.sigma : (own / N).cwiseSqrt().cwiseMax(least).eval();
 
-  const bool shaped = lower.size() > 10 * joints;
+  const bool shaped = lower.size() > inertial();
 
   // All joints share their bodies: weighted least squares, weights from its residuals, four times (twice does for all but the
   // last digits). Nonlinear friction follows, joint by joint, at the base parameters found; in the end together with them.

@@ -14,7 +14,8 @@ std::vector<double> least_motor_inertia(const robot::RobotModel& robot) {
   Eigen::MatrixXd M(robot.n(), robot.n());
   robot::mass_matrix(mechanism, data, Eigen::VectorXd::Zero(robot.n()), M);
   std::vector<double> B(static_cast<std::size_t>(robot.n()));
-  for (int j = 0; j < robot.n(); ++j) B[static_cast<std::size_t>(j)] = std::max(kLeast, kShare * M(j, j));
+  for (int j = 0; j < robot.n(); ++j)
+    if (!robot.joints[static_cast<std::size_t>(j)].passive) B[static_cast<std::size_t>(j)] = std::max(kLeast, kShare * M(j, j));
   return B;
 }
 

@@ -26,6 +26,9 @@ Problem::Impl::Impl(const TorqueData& d, const robot::RobotModel& p, const Probl
   data.flush();
   if (p.n() != data.robot().n())
     throw Error("prior " + p.name, std::to_string(p.n()) + " joints, expected " + std::to_string(data.robot().n()));
+  if (p.body_count() != data.robot().body_count())
+    throw Error("prior " + p.name,
+                std::to_string(p.body_count()) + " bodies, expected " + std::to_string(data.robot().body_count()));
   for (robot::Body& body : prior.bodies) {
     body.inertia = consistent(body.inertia);
     bodies.emplace_back(body.inertia);
@@ -46,7 +49,7 @@ Problem::Impl::Impl(const TorqueData& d, const robot::RobotModel& p, const Probl
 }
 
 int Problem::Impl::first_nonlinear(int joint) const {
-  int at = 10 * n();
+  int at = inertial();
   for (int j = 0; j < joint; ++j) at += terms[static_cast<std::size_t>(j)].nonlinear();
   return at;
 }
@@ -61,7 +64,7 @@ void Problem::Impl::set_bounds() {
   const int all = first_nonlinear(n());
   lower.resize(all);
   upper.resize(all);
-  for (int i = 0; i < n(); ++i) {
+  for (int i = 0; i < prior.body_count(); ++i) {
     upper.segment<10>(10 * i) = reach;
     lower.segment<10>(10 * i) = -reach;
   }
@@ -152,7 +155,7 @@ void Problem::Impl::assemble() {
   s = B.topRightCorner(b, 1);
   rho = B(b, b);
   m.resize(rows);
-  M.resize(rows, 10 * n());
+  M.resize(rows, inertial());
   m.head(b) = s;
   M.topRows(b) = S * data.base().G;
   for (int j = 0; j < n(); ++j) {
@@ -245,13 +248,13 @@ void body_parameters(const Eigen::Matrix4d& u, const double* xi, std::size_t str
 
 std::size_t Problem::scratch_doubles() const {
   const auto tall = static_cast<std::size_t>(impl_->tall), wide = static_cast<std::size_t>(impl_->wide);
-  return static_cast<std::size_t>(10 * impl_->n()) * kLanes + impl_->batch.room() + tall * (wide + 3);
+  return static_cast<std::size_t>(impl_->inertial()) * kLanes + impl_->batch.room() + tall * (wide + 3);
 }
 
 void Problem::cost(const double* xi, std::size_t stride, double* scratch, double* cost) const {
   const Impl& p = *impl_;
   double* const pi = scratch;
-  double* const r = pi + static_cast<std::size_t>(10 * p.n()) * kLanes;
+  double* const r = pi + static_cast<std::size_t>(p.inertial()) * kLanes;
   double* const fit = r + p.batch.room();
   double pull[kLanes] = {};
   for (std::size_t i = 0; i < p.bodies.size(); ++i)
@@ -302,9 +305,9 @@ double Problem::cost(const VectorXd& xi) const {
 void Problem::residuals(const VectorXd& xi, VectorXd& r, MatrixXd* jacobian) const {
   const Impl& p = *impl_;
   const int d = dimensions(), rows = static_cast<int>(p.M.rows()), b = p.base_count();
-  VectorXd pi(10 * p.n());
+  VectorXd pi(p.inertial());
   MatrixXd J = MatrixXd::Zero(rows, d);
-  for (int i = 0; i < p.n(); ++i) {
+  for (int i = 0; i < p.prior.body_count(); ++i) {
     Matrix10d by_xi;
     pi.segment<10>(10 * i) = p.bodies[static_cast<std::size_t>(i)].parameters(xi.segment<10>(10 * i), by_xi);
     if (jacobian) J.middleCols(10 * i, 10) = p.M.middleCols(10 * i, 10) * by_xi;
@@ -315,14 +318,14 @@ void Problem::residuals(const VectorXd& xi, VectorXd& r, MatrixXd* jacobian) con
   r[rows] = p.rho;
   MatrixXd by_pull = MatrixXd::Identity(d, d);
   VectorXd pull = xi;
-  for (int i = 0; i < p.n(); ++i) {
+  for (int i = 0; i < p.prior.body_count(); ++i) {
     const Index at = 10 * i;
     Matrix10d block;
     pull.segment<10>(at) = divergence_roots(xi.segment<10>(at), block);
     by_pull.block<10, 10>(at, at) = block;
   }
   VectorXd weight = VectorXd::Constant(d, std::sqrt(p.lambda));
-  weight.tail(d - 10 * p.n()).setConstant(std::sqrt(p.lambda_shape));
+  weight.tail(d - p.inertial()).setConstant(std::sqrt(p.lambda_shape));
   r.tail(d) = weight.cwiseProduct(pull);
   std::vector<double> scratch(static_cast<std::size_t>(p.tall) * static_cast<std::size_t>(p.wide + 2));
   MatrixXd C;
@@ -376,8 +379,8 @@ void Problem::residuals(const VectorXd& xi, VectorXd& r, MatrixXd* jacobian) con
 Estimate Problem::estimate(const VectorXd& xi) const {
   const Impl& p = *impl_;
   Estimate estimate;
-  estimate.pi.resize(10 * p.n());
-  for (int i = 0; i < p.n(); ++i)
+  estimate.pi.resize(p.inertial());
+  for (int i = 0; i < p.prior.body_count(); ++i)
     estimate.pi.segment<10>(10 * i) = p.bodies[static_cast<std::size_t>(i)].parameters(xi.segment<10>(10 * i));
   const VectorXd e = p.M * estimate.pi - p.m;
   std::vector<double> scratch(static_cast<std::size_t>(p.tall) * static_cast<std::size_t>(p.wide + 2));
@@ -396,8 +399,8 @@ double Problem::prior_cost(const VectorXd& xi) const {
   const Impl& p = *impl_;
   double pull = 0;
   Matrix10d unused;
-  for (int i = 0; i < p.n(); ++i) pull += divergence_roots(xi.segment<10>(10 * i), unused).squaredNorm();
-  return p.lambda * pull + p.lambda_shape * xi.tail(dimensions() - 10 * p.n()).squaredNorm();
+  for (int i = 0; i < p.prior.body_count(); ++i) pull += divergence_roots(xi.segment<10>(10 * i), unused).squaredNorm();
+  return p.lambda * pull + p.lambda_shape * xi.tail(dimensions() - p.inertial()).squaredNorm();
 }
 
 double Problem::weighted_rms(const Estimate& estimate) const {

@@ -43,6 +43,7 @@ struct Problem::Impl {
 
   Impl(const TorqueData& d, const robot::RobotModel& p, const ProblemOptions& o);
   int n() const { return prior.n(); }
+  int inertial() const { return 10 * prior.body_count(); }  // inertial parameters of all bodies
   int base_count() const { return static_cast<int>(data.base().columns.size()); }
   JointDrive shape(int joint, const double* eta) const;
   int first_nonlinear(int joint) const;
@@ -54,6 +55,7 @@ struct Problem::Impl {
   RowMajor reachable(int joint, const RowMajor& R) const;
   void set_bounds();
   void find_silent();
+  void weigh_passive(Eigen::VectorXd& tau_rms, Eigen::VectorXd& own) const;
   void solve_floor();
   void assemble();
   void judge();

@@ -80,7 +80,7 @@ struct TorqueData::Impl {
         base(base_parameters(r)),
         mechanism(std::make_shared<const robot::Mechanism>(r)),
         scratch(*mechanism),
-        Y(Eigen::MatrixXd::Zero(r.n(), 10 * r.n())),
+        Y(Eigen::MatrixXd::Zero(r.n(), 10 * r.body_count())),
         g(VectorXd::Zero(r.n())) {
     check();
     for (int j = 0; j < robot.n(); ++j) {
@@ -120,12 +120,6 @@ struct TorqueData::Impl {
 
   bool is_still(int j) const { return !options.still.empty() && options.still[static_cast<std::size_t>(j)] != 0; }
 
-  bool in_subtree(int body, int root) const {
-    for (; body > root; body = robot.joints[static_cast<std::size_t>(body)].parent) {
-    }
-    return body == root;
-  }
-
   Columns columns_of(int j) const {
     Columns c;
     c.nodes = static_cast<int>(nodes[static_cast<std::size_t>(j)].size());
@@ -135,13 +129,14 @@ struct TorqueData::Impl {
     if (moves && options.load) c.load = c.drive++;
     if (moves && options.viscous) c.viscous = c.drive++;
     if (options.offset) c.offset = c.drive++;
-    if (moves && options.motor_inertia) c.motor_inertia = c.drive++;
+    const bool driven = !robot.joints[static_cast<std::size_t>(j)].passive;
+    if (moves && driven && options.motor_inertia) c.motor_inertia = c.drive++;
     if (const int k = options.harmonics.empty() || !moves ? 0 : options.harmonics[static_cast<std::size_t>(j)]; k > 0) {
       c.harmonics = c.drive;
       c.drive += 2 * k;
     }
     for (std::size_t i = 0; i < base.columns.size(); ++i)
-      if (in_subtree(base.columns[i] / 10, j)) c.base.push_back(static_cast<int>(i));
+      if (robot.moves(j, base.columns[i] / 10)) c.base.push_back(static_cast<int>(i));
     return c;
   }
 
@@ -180,7 +175,7 @@ struct TorqueData::Impl {
         *to = y[static_cast<Index>(base.columns[static_cast<std::size_t>(i)]) * n];
         to += kStride;
       }
-      *to = tau[j];
+      *to = robot.joints[k].passive ? 0.0 : tau[j];
       triangles[k].commit();
     }
   }

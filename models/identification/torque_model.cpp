@@ -46,12 +46,11 @@ double JointDrive::torque(double q, double dtheta, double ddtheta, double gravit
 
 Estimate estimate_of(const robot::RobotModel& robot, bool urdf_friction) {
   Estimate estimate;
-  estimate.pi.resize(10 * robot.n());
+  estimate.pi.resize(10 * robot.body_count());
   estimate.drive.resize(static_cast<std::size_t>(robot.n()));
-  for (int i = 0; i < robot.n(); ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    estimate.pi.segment<10>(10 * i) = robot.bodies[k].inertia.parameters();
-    if (!urdf_friction) continue;
+  for (int i = 0; i < robot.body_count(); ++i)
+    estimate.pi.segment<10>(10 * i) = robot.bodies[static_cast<std::size_t>(i)].inertia.parameters();
+  for (std::size_t k = 0; k < robot.joints.size() && urdf_friction; ++k) {
     estimate.drive[k].sigma2 = robot.joints[k].damping;
     estimate.drive[k].tau_C = estimate.drive[k].tau_S = robot.joints[k].friction;
   }
@@ -59,11 +58,11 @@ Estimate estimate_of(const robot::RobotModel& robot, bool urdf_friction) {
 }
 
 robot::RobotModel with_bodies(const robot::RobotModel& robot, const Estimate& estimate, const std::string& reason) {
-  if (estimate.pi.size() != 10 * robot.n())
+  if (estimate.pi.size() != 10 * robot.body_count())
     throw Error("estimate", "has " + std::to_string(estimate.pi.size()) + " inertial parameters, expected " +
-                                std::to_string(10 * robot.n()));
+                                std::to_string(10 * robot.body_count()));
   robot::RobotModel result = robot;
-  for (int i = 0; i < robot.n(); ++i)
+  for (int i = 0; i < robot.body_count(); ++i)
     robot::set_inertia(result, i, Inertia::from_parameters(estimate.pi.segment<10>(10 * i)), reason);
   return result;
 }
@@ -89,7 +88,7 @@ Samples Samples::part(std::size_t first, std::size_t last) const {
 std::vector<double> torques(const robot::RobotModel& robot, const Estimate& estimate, const Samples& samples) {
   const std::size_t n = samples.joints, count = samples.count();
   robot::RobotModel model = robot;
-  for (int i = 0; i < robot.n(); ++i)
+  for (int i = 0; i < robot.body_count(); ++i)
     model.bodies[static_cast<std::size_t>(i)].inertia = Inertia::from_parameters(estimate.pi.segment<10>(10 * i));
   const robot::Mechanism mechanism(model);
   robot::Data scratch(mechanism);
