@@ -62,6 +62,10 @@ Compliance::Compliance(const std::string& place, const robot::RobotModel& robot)
   limit_.resize(n_);
   for (std::size_t i = 0; i < n_; ++i) {
     const robot::Joint& joint = robot.joints[i];
+    if (joint.passive) {
+      throw Error(place, "joint '" + joint.name + "' of robot '" + robot.name +
+                             "' is passive, expected a motor at every joint, because the control law drives all of them");
+    }
     const auto finite = [](double value) { return std::isfinite(value) ? value : 0.0; };
     tau_max_[i] = finite(joint.tau_max);
     tau_wind_up_[i] = 0.45 * tau_max_[i];

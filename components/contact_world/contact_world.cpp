@@ -135,7 +135,13 @@ ContactWorld::ContactWorld(Settings& settings)
     throw Error(place_, "actuation=prescribed with link=outside: no torque would drive the links, expected link=inside");
   }
   gravity_ = {cell_.scene.gravity.x(), cell_.scene.gravity.y(), cell_.scene.gravity.z()};
-  for (const scene::PlacedRobot& placed : cell_.robots) robots_.push_back(std::make_unique<Robot>(placed));
+  for (const scene::PlacedRobot& placed : cell_.robots) {
+    if (!placed.model.mimics.empty()) {
+      throw Error(place_, "robot '" + placed.model.name + "': joint '" + placed.model.mimics.front().joint.name +
+                              "' mimics another, expected a robot without mimic joints (lock=… locks them)");
+    }
+    robots_.push_back(std::make_unique<Robot>(placed));
+  }
   for (std::size_t i = 0; i < cell_.scene.bodies.size(); ++i) {
     const scene::Body& body = cell_.scene.bodies[i];
     auto made = std::make_unique<Body>();
@@ -410,6 +416,7 @@ void ContactWorld::apply_last_torque(Robot& r) {
 void ContactWorld::drive(Robot& r, double h) {
   if (std::any_of(r.K.begin(), r.K.end(), [](double K) { return K > 0; })) compute_mobility(r);
   for (std::size_t i = 0; i < r.n; ++i) {
+    if (r.placed->model.joints[i].passive) continue;
     const double damper = r.D[i] * (r.dtheta[i] - r.dq[i]);
     const double swing = h * h * r.K[i] * r.mobility[i];  // (h ω)²
     const double numerical = swing > kLargestResolved ? h / 2 * r.K[i] * (1 - kLargestResolved / swing) : 0;

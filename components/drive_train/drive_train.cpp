@@ -15,6 +15,10 @@ namespace {
 
 constexpr std::size_t kLongestWarning = 256;
 constexpr double kNegligible = 1e-9;  // rest of a tunable's change that is dropped: without changes, forces stay valid
+/// Inertia of the motor of a passive joint with an elastic transmission, kg m²: nothing acts on this motor and its energy is
+/// below rounding; its equation keeps its form.
+constexpr double kNoInertia = 1e-30;
+
 /// Calls visit(parameter, offset in the state `drives`) for each tunable parameter. Returns the size of that state.
 template <class Visit>
 std::ptrdiff_t for_each_tunable(std::size_t joints, const Visit& visit) {
@@ -107,15 +111,20 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
     atol_ = 1e-9;
     atol_speed_ = 1e-7;
   }
-  take_drives();
-  if (!kind.robot) return;
+  if (!kind.robot) {
+    take_drives();
+    return;
+  }
   for (std::size_t i = 0; i < n_; ++i) {
     const robot::Joint& joint = kind.robot->joints[i];
+    if (joint.passive) passive_.push_back(i);
     wanted_.q_min[i] = joint.q_min;
     wanted_.q_max[i] = joint.q_max;
     if (joint.q_min > 0 || joint.q_max < 0)
       q0_[i] = std::isfinite(joint.q_min + joint.q_max) ? 0.5 * (joint.q_min + joint.q_max) : joint.q_min;
   }
+  free_passive_joints();
+  take_drives();
 }
 
 DriveTrain::~DriveTrain() = default;
@@ -199,6 +208,18 @@ void DriveTrain::check_inputs(Time now) const {
   check("dq", dq_in_);
 }
 
+/// Removes the motors and gears of passive joints, whatever their parameters are.
+void DriveTrain::free_passive_joints() {
+  using P = robot::DriveParameters;
+  for (const std::size_t i : passive_) {
+    for (const auto values :
+         {&P::K, &P::D, &P::backlash, &P::sigma0, &P::sigma1, &P::sigma2, &P::tau_C, &P::tau_S, &P::tau_0}) {
+      (wanted_.*values)[i] = 0;
+    }
+    wanted_.B[i] = equations_.flexible() ? kNoInertia : 0;
+  }
+}
+
 /// Sets all parameters in force to the wanted ones.
 void DriveTrain::take_drives() {
   equations_.parameters() = wanted_;
@@ -209,6 +230,7 @@ void DriveTrain::take_drives() {
 /// Moves the tunables in force towards the wanted ones: `remaining` of the difference is left. Returns whether anything
 /// changed.
 bool DriveTrain::follow_drives(double remaining) {
+  free_passive_joints();
   if (!differ(equations_.parameters(), wanted_, robot::kDriveParameters)) return false;
   check_parameters();
   follow(equations_.parameters(), wanted_, robot::kDriveParameters, remaining, kNegligible);
@@ -233,6 +255,7 @@ void DriveTrain::adopt_drives() {
 }
 
 void DriveTrain::initialise(Time start) {
+  free_passive_joints();
   check_parameters();
   check_inputs(start);
   take_drives();
@@ -272,6 +295,7 @@ void DriveTrain::initialise(Time start) {
   Point p(n_);
   equations_.evaluate(q, p);  // with φ = 0 and θ̇ = q̇: τ_J = 0
   for (std::size_t i = 0; i < n_ && equations_.flexible(); ++i) {
+    if (equations_.passive(i)) continue;
     // Outside, the load is unknown: the torque that the motor holds at rest.
     const double tau_J = equations_.inside() ? -equations_.link_balance(p, i, tau_e_[i], tau_m_[i], p.h[i])
                                              : equations_.motor_balance(p, i, tau_m_[i]);
@@ -299,6 +323,7 @@ void DriveTrain::take_course(double h) {
     c.tau_e[i] = ramp ? tau_e_before_[i] : tau_e_[i];
     c.dtau_m[i] = ramp ? (tau_m_[i] - tau_m_before_[i]) / h : dtau_m_[i];
     c.dtau_e[i] = ramp ? (tau_e_[i] - tau_e_before_[i]) / h : dtau_e_[i];
+    if (equations_.passive(i)) c.tau_m[i] = c.dtau_m[i] = 0;
     if (equations_.inside()) continue;
     double *c0 = c.link.data() + i, *c1 = c0 + n_, *c2 = c1 + n_, *c3 = c2 + n_;
     *c0 = arc ? q_before_[i] : q_in_[i];
@@ -393,7 +418,11 @@ void DriveTrain::write_outputs(double h, const Point& end) {
   power_m_ = power_e_ = 0;
   for (std::size_t i = 0; i < n_; ++i) {
     const double tau_m = equations_.motor_torque(i, h);
-    if (equations_.flexible()) {
+    if (equations_.passive(i)) {
+      theta[i] = x_[i];
+      dtheta[i] = dq[i];
+      tau_J_[i] = tau_f_[i] = 0;
+    } else if (equations_.flexible()) {
       tau_J_[i] = end.tau_J[i];
       tau_f_[i] = equations_.stuck(i) ? tau_m - tau_J_[i] : end.tau_f[i];
     } else {

@@ -49,6 +49,7 @@ class DriveTrain final : public Unit {
   void declare_parameters(Variables& variables);
   void check_parameters() const;
   void declare_stops_and_solver(Variables& variables);
+  void free_passive_joints();
   void take_drives();
   bool follow_drives(double remaining);
   void write_drives();
@@ -59,7 +60,8 @@ class DriveTrain final : public Unit {
   void write_warning();
   bool uses_sundials() const { return sundials_ != nullptr; }
 
-  std::string place_;  // for messages
+  std::string place_;                 // for messages
+  std::vector<std::size_t> passive_;  // joints without a motor
   std::size_t n_;
   JointMeasures measures_;
   Equations equations_;

@@ -62,6 +62,7 @@ Equations::Equations(const robot::RobotModel* robot, std::size_t n, Link link, T
       parameters_(n),
       modes_(n),
       course_(n),
+      passive_(n),
       torsion_(n),
       bristle_(n),
       motor_friction_(n),
@@ -70,6 +71,7 @@ Equations::Equations(const robot::RobotModel* robot, std::size_t n, Link link, T
       scratch_(n * n) {
   for (auto* v : {&stop_damping_, &z_most_, &kappa_, &ratio_, &P_inverse_, &f_z_, &z_w_, &z_inverse_, &k_l_}) v->resize(n);
   if (inside()) dynamics_ = std::make_unique<Dynamics>(*robot);
+  for (std::size_t i = 0; i < n_ && robot != nullptr; ++i) passive_[i] = robot->joints[i].passive;
 }
 
 Equations::~Equations() = default;

@@ -131,6 +131,8 @@ class Equations {
     return spring;
   }
 
+  /// True for a joint without a motor: nothing drives it but its link.
+  bool passive(std::size_t i) const { return passive_[i] != 0; }
   /// True for a motor that Coulomb friction holds.
   bool stuck(std::size_t i) const { return friction_ == Friction::kCoulomb && modes_.slip[i] == 0; }
 
@@ -188,6 +190,7 @@ class Equations {
   Parameters parameters_;
   Modes modes_;
   Course course_;
+  std::vector<char> passive_;
   bool has_stops_ = false;
   bool has_load_ = false;
   std::vector<robot::Torsion> torsion_;

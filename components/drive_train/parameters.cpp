@@ -54,8 +54,9 @@ void DriveTrain::check_parameters() const {
                 "is " + text::to_text(value) + ", expected " + expected);
   };
   for (std::size_t i = 0; i < n_; ++i) {
-    if (p.B[i] == 0) fail("B", i, 0, "a finite value > 0");
-    if (equations_.flexible() && p.K[i] == 0) fail("K", i, 0, "a finite value > 0");
+    const bool driven = !equations_.passive(i);
+    if (driven && p.B[i] == 0) fail("B", i, 0, "a finite value > 0");
+    if (driven && equations_.flexible() && p.K[i] == 0) fail("K", i, 0, "a finite value > 0");
     if (p.tau_S[i] < p.tau_C[i])
       fail("tau_S", i, p.tau_S[i], "at least tau_C = " + text::to_text(p.tau_C[i]) + " " + measures_.si("N.m"));
     if (equations_.has_bristles() && p.sigma0[i] == 0 && p.tau_S[i] > 0) {

@@ -98,7 +98,9 @@ void Partials::accelerations(Equations& e, std::span<const double> tau_m, std::s
   const Point& p = point_;
   factors_ = p.M;
   ldlt(factors_.data(), n_);
-  for (std::size_t i = 0; i < n_; ++i) ddq_[i] = e.link_balance(p, i, tau_e[i], tau_m[i], p.h[i]);  // (2a)
+  for (std::size_t i = 0; i < n_; ++i) {
+    ddq_[i] = e.link_balance(p, i, tau_e[i], e.passive(i) ? 0 : tau_m[i], p.h[i]);  // (2a)
+  }
   solve_ldlt(factors_.data(), n_, ddq_.data());
   e.inverse_dynamics_derivatives(x_.data(), ddq_.data(), by_q_.data(), by_dq_.data());
 
@@ -114,8 +116,10 @@ void Partials::accelerations(Equations& e, std::span<const double> tau_m, std::s
       const double w = e.flexible() ? k.D[j] : p.f_w[j];  // damping of q̇ at the gear
       switch (c) {
         case 0:
-        case 1:
           column_[j] = 1;
+          break;
+        case 1:
+          column_[j] = e.passive(j) ? 0 : 1;
           break;
         case 2:
           for (std::size_t i = 0; i < n_; ++i) column_[i] = -by_q_[j * n_ + i];
@@ -151,6 +155,7 @@ void Partials::torques(const Equations& e, std::span<double> values) const {
     block(values, unknown, known).add(i, i, value);
   };
   for (std::size_t i = 0; i < n_; ++i) {
+    if (e.passive(i)) continue;
     if (!e.flexible()) {
       add("tau_f", "dq", i, p.f_w[i]);
       add("tau_f", "z", i, p.f_z[i]);
@@ -215,8 +220,10 @@ void Partials::powers(const Equations& e, std::span<const double> tau_m, std::sp
   const Block by_theta = block(values, "power_e", "theta"), by_dtheta = block(values, "power_e", "dtheta");
   const Block by_tau_e = block(values, "power_e", "tau_e");
   for (std::size_t i = 0; i < n_; ++i) {
-    m_by_tau.add(0, i, e.flexible() ? dtheta[i] : dq[i]);
-    m_by_speed.add(0, i, tau_m[i]);
+    if (!e.passive(i)) {
+      m_by_tau.add(0, i, e.flexible() ? dtheta[i] : dq[i]);
+      m_by_speed.add(0, i, tau_m[i]);
+    }
     if (e.inside()) {
       by_tau_e.add(0, i, dq[i]);
       by_dq.add(0, i, tau_e[i]);

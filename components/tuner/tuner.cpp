@@ -60,11 +60,12 @@ Tuner::Tuner(Settings& settings) : prior_(settings.robot()), n_(static_cast<std:
   model_.motor_inertia = settings.boolean("motor_inertia");
   wait_ = settings.boolean("wait");
   for (Values* v :
-       {&q_, &dq_, &tau_, &mass_, &tau_C_, &tau_S_, &v_S_, &v_R_, &sigma2_, &tau_0_, &B_, &rms_, &rms_prior_, &rms_floor_}) {
+       {&q_, &dq_, &tau_, &tau_C_, &tau_S_, &v_S_, &v_R_, &sigma2_, &tau_0_, &B_, &rms_, &rms_prior_, &rms_floor_}) {
     v->assign(n_, 0.0);
   }
-  first_moment_.resize(3 * n_);
-  inertia_.resize(6 * n_);
+  mass_.resize(prior_.bodies.size());
+  first_moment_.resize(3 * prior_.bodies.size());
+  inertia_.resize(6 * prior_.bodies.size());
   least_B_ = identification::least_motor_inertia(prior_);
   std::fill(v_S_.begin(), v_S_.end(), identification::JointDrive{}.v_S);
   std::fill(v_R_.begin(), v_R_.end(), model_.v_R);
@@ -77,7 +78,8 @@ void Tuner::declare(Variables& v) {
   JointVariables joints(v, measures);
   joints.input("q", q_, "rad", "measured joint position").essential();
   joints.input("dq", dq_, "rad/s", "measured joint speed");
-  joints.input("tau", tau_, "N.m", "measured joint torque, gravity's included").essential();
+  joints.input("tau", tau_, "N.m", "measured joint torque, gravity's included; not used of passive joints, where it is 0")
+      .essential();
   v.input("enabled", enabled_, "whether samples are taken and estimations start; without a connection: true");
 
   v.output("mass", mass_, "kg", "mass of each body; that of the prior before the first tuning");
@@ -150,23 +152,33 @@ void Tuner::prepare() {
   worker_ = std::make_unique<Worker>(prior_, model_, options);
 }
 
+/// A passive joint has the torque 0, whatever a sensor there measures.
+void Tuner::free_passive_joints() {
+  for (std::size_t i = 0; i < n_; ++i) {
+    if (prior_.joints[i].passive) tau_[i] = 0;
+  }
+}
+
 void Tuner::initialise(Time start) {
   prepare();
   worker_->reset(prior_);
   data_->clear();
+  free_passive_joints();
   gap_ = !(all_finite(q_) && all_finite(dq_) && all_finite(tau_));
   std::ranges::fill(filter_.state(), 0.0);
   if (!gap_) filter_.reset(q_, dq_, tau_);
   robot_ = prior_;
 
-  for (std::size_t i = 0; i < n_; ++i) {
+  for (std::size_t i = 0; i < prior_.bodies.size(); ++i) {
     const auto pi = prior_.bodies[i].inertia.parameters();
     mass_[i] = pi[0];
     std::copy_n(pi.data() + 1, 3, first_moment_.data() + 3 * i);
     std::copy_n(pi.data() + 4, 6, inertia_.data() + 6 * i);
   }
   for (Values* v : {&tau_C_, &tau_S_, &sigma2_, &tau_0_, &rms_, &rms_prior_, &rms_floor_}) std::fill(v->begin(), v->end(), 0.0);
-  std::fill(B_.begin(), B_.end(), model_.motor_inertia ? 1.0 : 0.0);  // 1: the default of the drive train, which divides by it
+  for (std::size_t i = 0; i < n_; ++i)
+    B_[i] = model_.motor_inertia && !prior_.joints[i].passive ? 1.0
+                                                              : 0.0;  // 1: the default of the drive train, which divides by it
   cost_ = condition_ = gathering_ = 0;
   samples_ = tunings_ = late_ = skipped_ = rank_ = 0;
   countdown_ = 0;
@@ -178,6 +190,7 @@ void Tuner::initialise(Time start) {
 
 /// Filters the inputs and takes a sample if it is time for one. Returns false for inputs that are not finite.
 bool Tuner::gather(double h) {
+  free_passive_joints();
   bool usable = all_finite(q_) && all_finite(dq_) && all_finite(tau_);
   if (usable) {
     if (std::exchange(gap_, false)) {
@@ -235,7 +248,7 @@ void Tuner::restore_memory(const std::string& bytes) {
   robot_ = prior_;
   if (tunings_ > 0) {
     identification::Estimate last = identification::estimate_of(prior_);
-    for (std::size_t i = 0; i < n_; ++i) {
+    for (std::size_t i = 0; i < prior_.bodies.size(); ++i) {
       double* const pi = last.pi.data() + 10 * i;
       pi[0] = mass_[i];
       std::copy_n(first_moment_.data() + 3 * i, 3, pi + 1);
@@ -287,11 +300,13 @@ void Tuner::adopt() {
   if (!found.failure.empty()) {
     write(warning_, found.failure);
   } else {
-    for (std::size_t i = 0; i < n_; ++i) {
+    for (std::size_t i = 0; i < prior_.bodies.size(); ++i) {
       const double* pi = found.estimate.pi.data() + 10 * i;
       mass_[i] = pi[0];
       std::copy_n(pi + 1, 3, first_moment_.data() + 3 * i);
       std::copy_n(pi + 4, 6, inertia_.data() + 6 * i);
+    }
+    for (std::size_t i = 0; i < n_; ++i) {
       const identification::JointDrive& drive = found.estimate.drive[i];
       tau_C_[i] = drive.tau_C;
       tau_S_[i] = drive.tau_S;

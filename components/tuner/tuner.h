@@ -47,6 +47,7 @@ class Tuner final : public Unit {
  private:
   using Values = std::vector<double>;
 
+  void free_passive_joints();
   void prepare();
   void check_restored();
   bool gather(double h);

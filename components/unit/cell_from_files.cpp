@@ -1,6 +1,7 @@
 #include <set>
 #include <utility>
 
+#include "components/unit/joint_settings.h"
 #include "components/unit/settings.h"
 #include "models/robot/urdf.h"
 #include "models/scene/cell.h"
@@ -27,7 +28,9 @@ scene::Cell Settings::cell() {
   robot::UrdfOptions options;
   if (choice("unphysical") == "warn") options.unphysical = robot::Unphysical::kWarn;
   const auto place = [&](const std::string& name, const fs::path& urdf) {
-    scene::PlacedRobot robot{name, robot::load_urdf(urdf, options, &found), {}};
+    robot::UrdfOptions own = options;
+    take_joint_settings("unit:" + unit_, name, text("lock"), text("passive"), own);
+    scene::PlacedRobot robot{name, robot::load_urdf(urdf, own, &found), {}};
     robot.shapes = scene::shapes_of_urdf(urdf, robot.model, &found);
     cell.robots.push_back(std::move(robot));
   };
@@ -49,6 +52,7 @@ scene::Cell Settings::cell() {
       if (!names.insert(name).second) throw Error("unit:" + unit_, "robots=" + several + ": '" + name + "' stands there twice");
       place(name, robot_file(std::string(entry.substr(colon + 1)), " (another robot: robots=" + name + ":PATH.urdf)"));
     }
+    check_joint_settings("unit:" + unit_, names, text("lock"), text("passive"));
   } else if (!one.empty()) {
     place("", robot_file());
   }

@@ -95,6 +95,7 @@ SettingList::Declared SettingList::choice(std::string name, std::vector<std::str
 SettingList::Declared SettingList::robot(std::string description, bool with_masses) {
   const Declared robot = text("robot", "", std::move(description));
   if (with_masses) unphysical();
+  joints_of_robot("");
   return robot;
 }
 
@@ -105,6 +106,14 @@ void SettingList::cell() {
        "several robots instead, name:robot,name:robot as in left:lwr4,right:panda.urdf; the variables of each begin with its "
        "name and a dot");
   unphysical();
+  joints_of_robot("; with several robots, robot/joint");
+}
+
+void SettingList::joints_of_robot(const std::string& several) {
+  text("lock", "",
+       "joints that stand still, which merges their bodies: joint:position,joint:position in rad or m, as in finger:0.02" +
+           several);
+  text("passive", "", "joints without motor and gear, which move freely with the friction of the link: joint,joint" + several);
 }
 
 void SettingList::unphysical() {

@@ -53,9 +53,10 @@ class SettingList {
   /// The first of the choices is the default.
   Declared choice(std::string name, std::vector<std::string> choices, std::string description);
 
-  /// The settings that Settings::robot() reads: `robot` and, if the unit uses the robot's masses, `unphysical`.
+  /// The settings that Settings::robot() reads: `robot`, `lock`, `passive` and, if the unit uses the robot's
+  /// masses, `unphysical`.
   Declared robot(std::string description, bool with_masses);
-  /// The settings that Settings::cell() reads: `scene`, `robot`, `robots`, `unphysical`.
+  /// The settings that Settings::cell() reads: `scene`, `robot`, `robots`, `unphysical`, `lock`, `passive`.
   void cell();
 
   std::span<const Setting> all() const { return list_; }
@@ -68,6 +69,7 @@ class SettingList {
  private:
   Declared add(Setting setting);
   void unphysical();
+  void joints_of_robot(const std::string& several);
 
   std::vector<Setting> list_;
 };

@@ -186,7 +186,8 @@ fs::path Settings::robot_file(const std::string& key) {
 }
 
 fs::path Settings::robot_file(const std::string& robot, const std::string& hint) {
-  const bool is_path = robot.find('/') != std::string::npos || fs::path(robot).extension() == ".urdf";
+  const bool is_path =
+      robot.find('/') != std::string::npos || fs::path(robot).extension() == ".urdf" || fs::path(robot).extension() == ".xacro";
   const fs::path found = file(is_path ? robot : "robots/" + robot + "/robot.urdf", hint);
   robot_files_.push_back(found);
   return found;

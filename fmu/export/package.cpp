@@ -6,7 +6,7 @@ namespace cotwin::fmu {
 
 namespace {
 
-constexpr std::uint64_t kMagic = 0x32554d4657544f43u;  // the bytes "COTWFMU2": the format and its version
+constexpr std::uint64_t kMagic = 0x33554d4657544f43u;  // the bytes "COTWFMU3": the format and its version
 
 template <class Matrix>
 void put(ByteWriter& out, const Matrix& m) {
@@ -47,6 +47,7 @@ void put(ByteWriter& out, const robot::Joint& joint) {
   put(out, joint.axis);
   for (const double limit : {joint.q_min, joint.q_max, joint.dq_max, joint.tau_max, joint.damping, joint.friction})
     out.value(limit);
+  out.value(static_cast<std::int32_t>(joint.passive));
 }
 void get(ByteReader& in, robot::Joint& joint) {
   joint.name = in.text();
@@ -58,15 +59,47 @@ void get(ByteReader& in, robot::Joint& joint) {
   for (double* limit : {&joint.q_min, &joint.q_max, &joint.dq_max, &joint.tau_max, &joint.damping, &joint.friction}) {
     *limit = in.value<double>();
   }
+  joint.passive = in.value<std::int32_t>() != 0;
+}
+
+void put(ByteWriter& out, const robot::Mimic& mimic) {
+  put(out, mimic.joint);
+  for (const int index : {mimic.leader, mimic.place}) out.value(static_cast<std::int32_t>(index));
+  out.value(mimic.multiplier);
+  out.value(mimic.offset);
+}
+void get(ByteReader& in, robot::Mimic& mimic) {
+  get(in, mimic.joint);
+  for (int* index : {&mimic.leader, &mimic.place}) *index = in.value<std::int32_t>();
+  mimic.multiplier = in.value<double>();
+  mimic.offset = in.value<double>();
+}
+
+/// Throws Error unless every joint comes after its parent and every mimic has a leader.
+void check_tree(const ByteReader& in, const robot::RobotModel& robot) {
+  const int all = robot.body_count();
+  int place = -1;
+  for (const robot::Mimic& mimic : robot.mimics) {
+    if (mimic.leader < 0 || mimic.leader >= robot.n() || mimic.place <= place || mimic.place >= all)
+      in.fail("has a mimic joint without a leader or place");
+    place = mimic.place;
+  }
+  std::vector<char> seen(static_cast<std::size_t>(all));
+  for (const int body : robot.depth_first()) {
+    const int parent = robot.joint_of(body).parent;
+    if (parent < -1 || parent >= all || (parent >= 0 && seen[static_cast<std::size_t>(parent)] == 0))
+      in.fail("has a joint before its parent");
+    seen[static_cast<std::size_t>(body)] = 1;
+  }
 }
 
 void put(ByteWriter& out, const robot::RobotModel& robot) {
   out.text(robot.name);
   out.value(static_cast<std::uint64_t>(robot.joints.size()));
-  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
-    put(out, robot.joints[i]);
-    put(out, robot.bodies[i]);
-  }
+  for (const robot::Joint& joint : robot.joints) put(out, joint);
+  out.value(static_cast<std::uint64_t>(robot.mimics.size()));
+  for (const robot::Mimic& mimic : robot.mimics) put(out, mimic);
+  for (const robot::Body& body : robot.bodies) put(out, body);
   put(out, robot.base);
   out.value(static_cast<std::uint64_t>(robot.frames.size()));
   for (const robot::Frame& frame : robot.frames) {
@@ -79,19 +112,18 @@ void put(ByteWriter& out, const robot::RobotModel& robot) {
 void get(ByteReader& in, robot::RobotModel& robot) {
   robot.name = in.text();
   robot.joints.resize(in.count(100));
-  robot.bodies.resize(robot.joints.size());
-  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
-    get(in, robot.joints[i]);
-    get(in, robot.bodies[i]);
-    const int parent = robot.joints[i].parent;
-    if (parent < -1 || parent >= static_cast<int>(i)) in.fail("has a joint before its parent");
-  }
+  for (robot::Joint& joint : robot.joints) get(in, joint);
+  robot.mimics.resize(in.count(100));
+  for (robot::Mimic& mimic : robot.mimics) get(in, mimic);
+  check_tree(in, robot);
+  robot.bodies.resize(robot.joints.size() + robot.mimics.size());
+  for (robot::Body& body : robot.bodies) get(in, body);
   get(in, robot.base);
   robot.frames.resize(in.count(100));
   for (robot::Frame& frame : robot.frames) {
     frame.name = in.text();
     frame.body = in.value<std::int32_t>();
-    if (frame.body < -1 || frame.body >= robot.n()) in.fail("has a frame on a body that does not exist");
+    if (frame.body < -1 || frame.body >= robot.body_count()) in.fail("has a frame on a body that does not exist");
     get(in, frame.X_BF);
   }
   get(in, robot.gravity);
@@ -215,7 +247,7 @@ void get(ByteReader& in, scene::Cell& cell) {
     robot.name = in.text();
     get(in, robot.model);
     robot.shapes.resize(in.count(8));
-    if (robot.shapes.size() > robot.model.joints.size() + 1) in.fail("has shapes of bodies that do not exist");
+    if (robot.shapes.size() > robot.model.bodies.size() + 1) in.fail("has shapes of bodies that do not exist");
     for (std::vector<scene::Shape>& shapes : robot.shapes) get(in, shapes);
   }
   scene::check(scene);

@@ -15,7 +15,6 @@
 #include "master/program/tuning/report.h"
 #include "master/program/tuning/tuning.h"
 #include "master/run/identity.h"
-#include "models/robot/urdf.h"
 #include "models/support/choice.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
@@ -54,7 +53,7 @@ tuning::Settings settings_of(const TuneArguments& a) {
   s.format.angle_unit = text::choose<double>("--angle-unit", a.angle_unit, {{"rad", 1}, {"deg", std::numbers::pi / 180}});
   s.format.q_offset = a.q_offset_in_angle_unit;
   if (s.format.angle_unit != 1 && !s.format.q_offset.empty()) {
-    const std::vector<trajectory::Axis> axes = trajectory::axes_of(robot::load_urdf(s.robot));
+    const std::vector<trajectory::Axis> axes = trajectory::axes_of(tuning::load_robot(s));
     for (std::size_t j = 0; j < std::min(axes.size(), s.format.q_offset.size()); ++j) {
       if (axes[j].revolute) s.format.q_offset[j] *= s.format.angle_unit;
     }
@@ -151,6 +150,9 @@ void add_tune(CLI::App& app, Chosen& chosen) {
   tuning::Settings& s = a.settings;
   CLI::App* command = app.add_subcommand("tune", "Identify a robot's dynamics, friction and motors from measured torques");
   command->add_option("--robot", a.robot, "URDF, or name of a robot in models/robots")->type_name("URDF");
+  command->add_option("--lock", s.lock, "Joints that stand still: joint:position,joint:position in rad or m")
+      ->type_name("JOINTS");
+  command->add_option("--passive", s.passive, "Joints without a motor, whose torque is 0: joint,joint")->type_name("JOINTS");
   command
       ->add_option("--data", s.data,
                    "Log (CSV): columns t, q1 …, tau1 … in SI, behind the gears; more files are more logs of the same robot")

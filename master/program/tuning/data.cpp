@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "models/identification/feasible.h"
-#include "models/robot/urdf.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -82,7 +81,7 @@ void for_each_block(const Settings& settings, const Data& data, const Hooks& hoo
 
 Data survey_log(const Settings& settings, const Hooks& hooks) {
   Data data;
-  data.robot = robot::load_urdf(settings.robot, {robot::Unphysical::kWarn, ""}, &data.warnings);
+  data.robot = load_robot(settings, &data.warnings);
   if (data.robot.joints.empty()) throw Error(settings.robot.string(), "has no movable joint, expected at least one");
 
   hooks.tell("checking the log", 0);

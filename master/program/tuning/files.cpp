@@ -92,11 +92,11 @@ ParameterSet drive_parameters(const std::string& name, const robot::RobotModel& 
   set.name = name;
   Parameters parameters(set, robot);
   const FrictionLaw law = settings.model.friction;
-  const bool motor = settings.model.motor_inertia;
   const std::vector<double> least = identification::least_motor_inertia(robot);
   for (std::size_t j = 0; j < estimate.drive.size(); ++j) {
     const identification::JointDrive& drive = estimate.drive[j];
-    if (j < torsion.size() && torsion[j].K > 0) parameters.add("K", j, torsion[j].K);
+    const bool passive = robot.joints[j].passive, motor = settings.model.motor_inertia && !passive;
+    if (!passive && j < torsion.size() && torsion[j].K > 0) parameters.add("K", j, torsion[j].K);
     if (motor) parameters.add("B", j, std::max(drive.B, least[j]));
     parameters.add(motor ? "sigma2" : "link_sigma2", j, drive.sigma2);
     if (motor && law != FrictionLaw::kSigmoid) {

@@ -4,6 +4,8 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
+#include "components/unit/joint_settings.h"
+#include "models/robot/urdf.h"
 #include "models/support/choice.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
@@ -36,6 +38,8 @@ void for_each(Settings& s, Visit&& visit) {
   visit("cutoff", s.cutoff);
   visit("order", s.order);
   visit("margin", s.margin);
+  visit("lock", s.lock);
+  visit("passive", s.passive);
   visit("accept_data", s.accept_data);
   visit("viscous", s.model.viscous);
   visit("offset", s.model.offset);
@@ -114,6 +118,13 @@ const char* to_text(Method method) {
 Method method_of(const std::string& text) {
   return text::choose<Method>(
       "method", text, {{"swarm", Method::kSwarm}, {"feasible", Method::kFeasible}, {"least-squares", Method::kLeastSquares}});
+}
+
+robot::RobotModel load_robot(const Settings& settings, std::vector<std::string>* warnings) {
+  robot::UrdfOptions options;
+  options.unphysical = robot::Unphysical::kWarn;
+  take_joint_settings(settings.robot.string(), "", settings.lock, settings.passive, options);
+  return robot::load_urdf(settings.robot, options, warnings);
 }
 
 json to_json(const Settings& settings) {

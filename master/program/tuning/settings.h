@@ -7,6 +7,7 @@
 
 #include "models/identification/problem.h"
 #include "models/measurement/log.h"
+#include "models/robot/robot_model.h"
 
 namespace cotwin::master::tuning {
 
@@ -23,6 +24,7 @@ inline identification::ModelOptions with_sigmoid_friction() {
 /// All settings that have an effect on the result of a tuning.
 struct Settings {
   std::filesystem::path robot;
+  std::string lock, passive;  // as the settings of units (components/unit/joint_settings.h)
   std::vector<std::filesystem::path> data, held_out;
   trajectory::RecordingFormat format;
   double split = 0.7;  // share of the data, from the first sample on, used for training; not with held_out
@@ -39,6 +41,9 @@ struct Settings {
   double threshold = 0;             // of the cost
   std::vector<std::string> chosen;  // trials and choice of cross_validate, one sentence each, for the report
 };
+
+/// Reads the robot with its locked and passive joints.
+robot::RobotModel load_robot(const Settings& settings, std::vector<std::string>* warnings = nullptr);
 
 nlohmann::json to_json(const Settings& settings);
 /// Throws Error `place: …` for missing settings, settings of another type, and values out of range.
