@@ -17,8 +17,9 @@ Assembled assemble(scene::Scene& scene, const robot::RobotModel& robot, const Po
     if (!why.empty()) throw Error("robot " + robot.name, "base '" + robot.base.name + "' cannot float: " + why);
   }
 
-  std::vector<Pose> X_WL(n);
-  std::vector<Twist> V_WL(n);
+  const std::size_t all = robot.bodies.size();
+  std::vector<Pose> X_WL(all);
+  std::vector<Twist> V_WL(all);
   place_links(robot, X_WB, q, dq, X_WL, V_WL);
 
   Assembled parts;
@@ -31,7 +32,7 @@ Assembled assemble(scene::Scene& scene, const robot::RobotModel& robot, const Po
   root.X_WB = X_WB;
   root.inertia = robot.base.inertia;
   scene.bodies.push_back(root);
-  for (std::size_t i = 0; i < n; ++i) {
+  for (std::size_t i = 0; i < all; ++i) {
     parts.bodies.push_back(scene.bodies.size());
     scene::Body body;
     body.name = prefix + robot.bodies[i].name;
@@ -40,8 +41,8 @@ Assembled assemble(scene::Scene& scene, const robot::RobotModel& robot, const Po
     body.inertia = robot.bodies[i].inertia;
     scene.bodies.push_back(body);
   }
-  for (std::size_t i = 0; i < n; ++i) {
-    const robot::Joint& from = robot.joints[i];
+  for (std::size_t i = 0; i < all; ++i) {
+    const robot::Joint& from = robot.joint_of(static_cast<int>(i));
     scene::Joint joint;
     joint.name = prefix + from.name;
     joint.type = from.type == robot::JointType::kRevolute ? scene::JointType::kRevolute : scene::JointType::kPrismatic;
@@ -49,11 +50,18 @@ Assembled assemble(scene::Scene& scene, const robot::RobotModel& robot, const Po
     joint.child = static_cast<int>(parts.bodies[i]);
     joint.X_PJ = from.X_PJ;
     joint.axis = from.axis;
-    joint.q = q[i];
-    joint.q_min = from.q_min;
-    joint.q_max = from.q_max;
+    joint.q = position_of(robot, i, q);
+    if (i < n) {  // the limits of a leader are those of its group
+      joint.q_min = from.q_min;
+      joint.q_max = from.q_max;
+    }
     parts.joints.push_back(scene.joints.size());
     scene.joints.push_back(joint);
+  }
+  for (std::size_t k = 0; k < robot.mimics.size(); ++k) {
+    const robot::Mimic& mimic = robot.mimics[k];
+    scene.gears.push_back({static_cast<int>(parts.joints[static_cast<std::size_t>(mimic.leader)]),
+                           static_cast<int>(parts.joints[n + k]), mimic.multiplier, mimic.offset});
   }
   return parts;
 }

@@ -57,8 +57,8 @@ struct ContactWorld::Robot {
       : placed(&robot),
         prefix(robot.name.empty() ? "" : identifier(robot.name) + "."),
         n(static_cast<std::size_t>(robot.model.n())),
-        X_WL(n),
-        V_WL(n) {
+        X_WL(robot.model.bodies.size()),
+        V_WL(robot.model.bodies.size()) {
     for (Values* v : {&q0, &dq0, &K, &D, &B, &q, &dq, &tau_J, &dtheta, &q_link, &dq_link, &ddq, &tau_e, &dq_before, &tau,
                       &acceleration, &mobility}) {
       v->assign(n, 0.0);
@@ -88,7 +88,7 @@ struct ContactWorld::Robot {
   Eigen::MatrixXd M, inverse_root;
   Eigen::LLT<Eigen::MatrixXd> root;  // of M
   Values mobility;                   // diagonal of M⁻¹
-  std::vector<Pose> X_WL;
+  std::vector<Pose> X_WL;            // of all bodies
   std::vector<Twist> V_WL;
 };
 
@@ -135,13 +135,7 @@ ContactWorld::ContactWorld(Settings& settings)
     throw Error(place_, "actuation=prescribed with link=outside: no torque would drive the links, expected link=inside");
   }
   gravity_ = {cell_.scene.gravity.x(), cell_.scene.gravity.y(), cell_.scene.gravity.z()};
-  for (const scene::PlacedRobot& placed : cell_.robots) {
-    if (!placed.model.mimics.empty()) {
-      throw Error(place_, "robot '" + placed.model.name + "': joint '" + placed.model.mimics.front().joint.name +
-                              "' mimics another, expected a robot without mimic joints (lock=… locks them)");
-    }
-    robots_.push_back(std::make_unique<Robot>(placed));
-  }
+  for (const scene::PlacedRobot& placed : cell_.robots) robots_.push_back(std::make_unique<Robot>(placed));
   for (std::size_t i = 0; i < cell_.scene.bodies.size(); ++i) {
     const scene::Body& body = cell_.scene.bodies[i];
     auto made = std::make_unique<Body>();
@@ -386,7 +380,7 @@ void ContactWorld::initialise(Time start) {
 /// contacts stable. The next step starts from the drive train's result, not from the prediction.
 void ContactWorld::set_links(Robot& r, double h) {
   place_links(r.placed->model, r.X_WB, r.q, r.dq, r.X_WL, r.V_WL);
-  for (std::size_t i = 0; i < r.n; ++i) {
+  for (std::size_t i = 0; i < r.X_WL.size(); ++i) {
     world_->set_pose(r.parts.bodies[i], r.X_WL[i]);
     world_->set_twist(r.parts.bodies[i], r.V_WL[i]);
   }
@@ -472,8 +466,8 @@ void ContactWorld::write_robot(Robot& r, double h) {
       r.q[i] = r.q_link[i];
       r.dq[i] = dq;
     }
-    r.X_WL[i] = world_->poses()[r.parts.bodies[i]];
   }
+  for (std::size_t i = 0; i < r.X_WL.size(); ++i) r.X_WL[i] = world_->poses()[r.parts.bodies[i]];
   std::fill(r.tau_e.begin(), r.tau_e.end(), 0.0);
   for (Values* f : {&r.f_c, &r.base_f_c, &r.base_m_c}) vector3(*f).setZero();
   if (!floating_) return;

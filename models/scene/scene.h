@@ -74,11 +74,21 @@ struct Joint {
   friend bool operator==(const Joint&, const Joint&) = default;
 };
 
+/// Two joints that a gear couples: q_follower = ratio · q_leader + offset.
+struct Gear {
+  int leader = -1, follower = -1;  // indices of revolute or prismatic joints
+  double ratio = 1;                // m/rad or rad/m if one of the two is prismatic
+  double offset = 0;               // rad or m
+
+  friend bool operator==(const Gear&, const Gear&) = default;
+};
+
 struct Scene {
   std::string name;
   Eigen::Vector3d gravity{0, 0, -9.81};  // m/s² in W
   std::vector<Body> bodies;
   std::vector<Joint> joints;
+  std::vector<Gear> gears;
   std::vector<std::pair<int, int>> no_contact;  // pairs of bodies without contacts, besides bodies connected by a joint
 
   friend bool operator==(const Scene&, const Scene&) = default;

@@ -32,6 +32,13 @@ double free_inverse_inertia(std::span<const RigidBody> bodies, int a, int b, con
   return sum;
 }
 
+/// The same for a gear.
+double free_inverse_inertia(std::span<const RigidBody> bodies, const GearParts& gear) {
+  double sum = 0;
+  for (const GearPart& part : gear) sum += free_inverse_inertia(bodies, part.body, -1, part.d, part.m, part.p);
+  return sum;
+}
+
 /// Velocity of b relative to a in a row; bodies below 0 are at rest.
 struct Relative {
   Relative(std::span<const RigidBody> bodies, int a, int b, const Vector3d& p) {
@@ -83,12 +90,14 @@ Rows::Rows(std::span<const RigidBody> bodies, const Forest& forest) : slice_of_b
   island_slices_.resize(slices_.size());
 }
 
-void Rows::reserve(std::size_t cones, std::size_t boxes, bool pivoting) {
+void Rows::reserve(std::size_t cones, std::size_t boxes, std::size_t gears, bool pivoting) {
   std::size_t widest = 6;
   for (const Slice& slice : slices_) widest = std::max(widest, index(slice.size));
   cones_.reserve(cones);
   cores_.reserve(cones);
   boxes_.reserve(boxes);
+  gears_.reserve(gears);
+  gears_before_.reserve(gears);
   sorted_boxes_.reserve(boxes);
   y_.reserve(2 * (widest + 1) * (3 * cones + boxes));
   islands_.reserve(slices_.size());
@@ -103,7 +112,9 @@ void Rows::Outcome::add(const Outcome& other) {
 
 void Rows::clear() {
   std::swap(boxes_, sorted_boxes_);  // input of update()
+  std::swap(gears_, gears_before_);
   boxes_.clear();
+  gears_.clear();
   cones_.clear();
 }
 
@@ -285,6 +296,15 @@ void Rows::load_row(Core& core, double h) {
   std::copy(row.x, row.x + 3, core.x);
 }
 
+void Rows::make_gear_sides(std::span<const RigidBody> bodies, const Forest& forest, const BoxRow& row) {
+  for (const GearPart& part : gears_[index(row.gear)]) {
+    const int slice = slice_of(part.body);
+    if (slice < 0) continue;
+    const Side& side = row.side[slice == slice_of(row.a) ? 0 : 1];
+    make_side(bodies, forest, part.body, part.d, part.m, part.p, 1, y_.data() + side.y);
+  }
+}
+
 void Rows::prepare(std::span<const RigidBody> bodies, const Forest& forest, double h) {
   find_islands();
   assembled_ = false;
@@ -293,11 +313,16 @@ void Rows::prepare(std::span<const RigidBody> bodies, const Forest& forest, doub
     make_sides(row.a, row.b, 1, row.side);
     const bool together = row.a >= 0 && row.b >= 0 && slice_of(row.a) == slice_of(row.b);
     const Side& side_b = row.side[together ? 0 : 1];
-    if (slice_of(row.a) >= 0) make_side(bodies, forest, row.a, row.d, row.m, row.p, -1, y_.data() + row.side[0].y);
-    if (slice_of(row.b) >= 0) make_side(bodies, forest, row.b, row.d, row.m, row.p, 1, y_.data() + side_b.y);
+    if (row.gear >= 0) {
+      make_gear_sides(bodies, forest, row);
+    } else {
+      if (slice_of(row.a) >= 0) make_side(bodies, forest, row.a, row.d, row.m, row.p, -1, y_.data() + row.side[0].y);
+      if (slice_of(row.b) >= 0) make_side(bodies, forest, row.b, row.d, row.m, row.p, 1, y_.data() + side_b.y);
+    }
     row.A = 0;
     for (const Side& side : row.side) row.A += dot(y_.data() + side.y, y_.data() + side.y, side.size);
-    const double free = free_inverse_inertia(bodies, row.a, row.b, row.d, row.m, row.p);
+    const double free = row.gear >= 0 ? free_inverse_inertia(bodies, gears_[index(row.gear)])
+                                      : free_inverse_inertia(bodies, row.a, row.b, row.d, row.m, row.p);
     row.regular = regular(row.A, free);
     row.softness += row.regular;
     row.redundant = row.A < kRegular * free;
@@ -332,6 +357,8 @@ bool Rows::update(double h) {
   for (const BoxRow& then : sorted_boxes_) {
     const BoxRow& now = boxes_[index(then.origin)];
     if (now.a != then.a || now.b != then.b || now.d != then.d || now.m != then.m || now.p != then.p) return false;
+    if (now.gear != then.gear) return false;
+    if (now.gear >= 0 && gears_[index(now.gear)] != gears_before_[index(then.gear)]) return false;
   }
   for (const Core& core : cores_) {
     if (cones_[core.row].point != core.point) return false;
@@ -355,6 +382,14 @@ bool Rows::update(double h) {
 void Rows::measure(std::span<const RigidBody> bodies) {
   std::fill(z_.begin(), z_.end(), 0.0);
   for (BoxRow& row : boxes_) {
+    if (row.gear >= 0) {
+      row.u = 0;
+      for (const GearPart& part : gears_[index(row.gear)]) {
+        const Relative motion(bodies, -1, part.body, part.p);
+        row.u += part.d.dot(motion.v) + part.m.dot(motion.w);
+      }
+      continue;
+    }
     const Relative relative(bodies, row.a, row.b, row.p);
     row.u = row.d.dot(relative.v) + row.m.dot(relative.w);
   }
@@ -386,6 +421,10 @@ void Rows::apply(std::span<RigidBody> bodies, Forest& forest) {
     const double gained = row.x - row.applied;
     row.applied = row.x;
     if (gained == 0) continue;
+    if (row.gear >= 0) {
+      for (const GearPart& part : gears_[index(row.gear)]) onto(part.body, gained * part.d, gained * part.m, part.p);
+      continue;
+    }
     onto(row.b, gained * row.d, gained * row.m, row.p);
     onto(row.a, -gained * row.d, -gained * row.m, row.p);
   }

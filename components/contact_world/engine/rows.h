@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -17,6 +18,14 @@ struct Side {
   int offset = 0, size = 0;  // of the slice; size 0: no slice
   std::size_t y = 0;         // index in the array of all coefficients
 };
+
+/// One body's velocity in the row of a gear: d · (velocity at p) + m · (angular velocity).
+struct GearPart {
+  int body = -1;  // −1: at rest
+  Vector3d d = Vector3d::Zero(), m = Vector3d::Zero(), p = Vector3d::Zero();
+  friend bool operator==(const GearPart&, const GearPart&) = default;
+};
+using GearParts = std::array<GearPart, 4>;  // parent and child of both joints
 
 /// One direction of relative motion of two bodies, constrained with bounds on the impulse x:
 ///   u + softness · x = target   where lo < x < hi;   ≥ target where x = lo;   ≤ target where x = hi
@@ -36,6 +45,8 @@ struct BoxRow {
   Side side[2];
   int origin = 0;  // index in the order of addition
   int island = 0;
+  int gear =
+      -1;  // index of the parts that u is the sum of, in place of the two bodies; a and b are then bodies of the two trees
 };
 
 /// One contact point: impulses x along the normal (from a to b) and two tangents, in Coulomb's cone:
@@ -59,13 +70,18 @@ class Rows {
  public:
   Rows(std::span<const RigidBody> bodies, const Forest& forest);
 
-  /// Allocates for this number of contact points and box rows.
-  void reserve(std::size_t cones, std::size_t boxes, bool pivoting);
+  /// Allocates for this number of contact points, box rows and gears among them.
+  void reserve(std::size_t cones, std::size_t boxes, std::size_t gears, bool pivoting);
 
   void clear();
   void add(const BoxRow& row) {
     boxes_.push_back(row);
     boxes_.back().origin = static_cast<int>(boxes_.size()) - 1;
+  }
+  void add(BoxRow row, const GearParts& parts) {
+    row.gear = static_cast<int>(gears_.size());
+    gears_.push_back(parts);
+    add(row);
   }
   void add(const ConeRow& row) { cones_.push_back(row); }
   bool empty() const { return boxes_.empty() && cones_.empty(); }
@@ -129,6 +145,7 @@ class Rows {
   void make_side(std::span<const RigidBody> bodies, const Forest& forest, int body, const Vector3d& d, const Vector3d& m,
                  const Vector3d& p, double sign, double* y) const;
   void make_sides(int a, int b, std::size_t rows, Side* sides);
+  void make_gear_sides(std::span<const RigidBody> bodies, const Forest& forest, const BoxRow& row);
   void make_free_sides(std::span<const RigidBody> bodies, const ConeRow& row, Core& core);
   void make_sides(std::span<const RigidBody> bodies, const Forest& forest, const ConeRow& row, Core& core);
   void load_row(Core& core, double h);
@@ -160,7 +177,8 @@ class Rows {
   std::vector<double> z_;                  // change of the coordinates since measure()
   std::vector<double> z_before_, z_path_;  // z_ before the last sweep, and its change over the sweeps
   std::vector<double> y_;
-  std::vector<BoxRow> boxes_, sorted_boxes_;  // sorted by islands; while rows are added: those of the last prepare()
+  std::vector<BoxRow> boxes_, sorted_boxes_;     // sorted by islands; while rows are added: those of the last prepare()
+  std::vector<GearParts> gears_, gears_before_;  // of the rows; of the last prepare()
   std::vector<ConeRow> cones_;
   std::vector<Core> cores_;  // sorted by islands
   std::vector<Island> islands_;

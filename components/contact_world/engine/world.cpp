@@ -72,7 +72,8 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
     for (const Loops::Row& row : tree.loops.rows()) in_loops[index(row.joint)] = 1;
   }
   places.resize(linked.size());
-  row_origin.reserve(loose.size() * kJointRows);
+  check_gears();
+  row_origin.reserve(loose.size() * kJointRows + scene.gears.size());
   laws.reserve(joints.size());
   drives.resize(joints.size());
   for (const scene::Body& body : scene.bodies) {

@@ -19,7 +19,9 @@ struct LooseJoint {
   bool whole = true;  // false: a tree or its loops hold the joint; rows only act along its axis
 };
 
-constexpr std::size_t kJointRows = 11;  // 6 of the joint; spring, lower limit, upper limit, friction, motor
+/// 6 of the joint; spring, lower limit, upper limit, friction, motor; the gear that the joint follows
+constexpr std::size_t kJointRows = 12;
+constexpr int kGearRow = 11;
 
 struct World::Impl {
   /// A contact point with its material parameters and impulses.
@@ -51,6 +53,9 @@ struct World::Impl {
   bool settle(Forest::Tree& tree);
   void collect_rows(Stage stage, double h);
   void collect_joint(const LooseJoint& one, Stage stage, double h);
+  void check_gears() const;
+  void collect_gear(const scene::Gear& gear, Stage stage, double h);
+  double gear_error(const scene::Gear& gear);
   void collect_contact(std::size_t t, Stage stage, double h);
   void solve_rows(double h);
   void satisfy_joints(double h);

@@ -137,7 +137,8 @@ void World::Impl::set_margin(double h) {
 
 void World::Impl::reserve(std::size_t contacts) {
   capacity = contacts;
-  rows.reserve(contacts, loose.size() * kJointRows, options.method == Method::kDantzig);
+  rows.reserve(contacts, loose.size() * kJointRows + scene.gears.size(), scene.gears.size(),
+               options.method == Method::kDantzig);
   touches.reserve(contacts);
   touches_before.reserve(contacts);
   points.reserve(contacts);
@@ -349,6 +350,7 @@ void World::Impl::collect_rows(Stage stage, double h) {
   rows.clear();
   row_origin.clear();
   for (const LooseJoint& one : loose) collect_joint(one, stage, h);
+  for (const scene::Gear& gear : scene.gears) collect_gear(gear, stage, h);
   for (std::size_t t = 0; t < touches.size(); ++t) collect_contact(t, stage, h);
 }
 
@@ -487,6 +489,7 @@ void World::Impl::satisfy_joints(double h) {
       largest = std::max({largest, e.linear.cwiseAbs().maxCoeff(), e.angular.cwiseAbs().maxCoeff()});
     }
     for (Forest::Tree& tree : forest.trees()) largest = std::max(largest, tree.loops.measure(joints, h));
+    for (const scene::Gear& gear : scene.gears) largest = std::max(largest, std::abs(gear_error(gear)));
     if (!(largest > kJointTolerance) || pass == passes) break;
     if (pass == 1) first = largest;
     const bool diverges = !(largest <= kDiverging * first + kDiverging * kJointTolerance);
@@ -509,6 +512,7 @@ void World::Impl::satisfy_joints(double h) {
     if (has_whole_joints) rows.measure(bodies);
     for (BoxRow& row : rows.boxes()) {
       const RowOrigin& origin = row_origin[index(row.origin)];
+      if (origin.row == kGearRow) row.target -= gear_error(scene.gears[index(row.gear)]) / h;
       if (origin.row >= 6 || forest.holds(row.a) || forest.holds(row.b)) continue;
       row.target = curves[index(origin.joint)][index(origin.row)] = row.u - (joint_error(row) - row.error) / h;
     }
@@ -543,6 +547,7 @@ void World::Impl::store_impulses() {
     if (std::exchange(touch.bounced, false)) touch.impulse.setZero();  // not a warm start for the next solution
   }
   for (const LooseJoint& one : loose) joint_x[index(one.joint)].fill(0);
+  for (const scene::Gear& gear : scene.gears) joint_x[index(gear.follower)][kGearRow] = 0;
   for (const BoxRow& row : rows.boxes()) {
     const RowOrigin& origin = row_origin[index(row.origin)];
     joint_x[index(origin.joint)][index(origin.row)] = row.x;
