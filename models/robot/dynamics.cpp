@@ -1,9 +1,12 @@
 #include "models/robot/dynamics.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <iterator>
 #include <new>
+#include <utility>
 #include <vector>
 
 #include "models/robot/coupled_dynamics.h"
@@ -96,10 +99,11 @@ void group(Moments& body, const Pose& X_PL, Moments* parent) {
 }  // namespace
 
 // Doubles in the largest set of scratch arrays of a kernel (derivatives). Per joint in lanes of eight: Tangent 18, Wrench 6,
-// row 1; in addition rotation 12, motion 18, wrench 6, and M's composites and wrenches 10 + 48; operational inertia: M.
+// row 1; in addition rotation 12, motion 18, wrench 6, and M's composites and wrenches 10 + 48; operational inertia: M, for a
+// tree twice.
 std::size_t scratch_doubles(int n) {
   const auto joints = static_cast<std::size_t>(padded(n));
-  return joints * (8 * 64 + 128) + joints * joints + 64;
+  return joints * (8 * 64 + 128) + 2 * joints * joints + 64;
 }
 
 struct Mechanism::Impl {
@@ -111,6 +115,8 @@ struct Mechanism::Impl {
   std::vector<Moments> moments;
   std::vector<double> zeros;  // n
   Pose X_BP;                  // the first link's P of a chain
+  std::vector<KernelTreeLink> tree;
+  std::vector<double> tree_inertia;
   const Kernels* kernels = nullptr;
   int dofs = 0;                        // independent joints; the kernels have those of the mimics as well
   std::unique_ptr<Coupling> coupling;  // nullptr without mimics
@@ -121,6 +127,8 @@ struct Mechanism::Impl {
 
  private:
   void align_chain();
+  void order_tree();
+  void update_tree();
 };
 
 Mechanism::Impl::Impl(const RobotModel& robot, const char* isa) {
@@ -160,6 +168,7 @@ Mechanism::Impl::Impl(const RobotModel& robot, const char* isa) {
   model.theta_0 = theta_0.data();
   model.c_alpha = c_alpha.data();
   model.s_alpha = s_alpha.data();
+  if (!chain) order_tree();
   kernels = &choose_kernels(robot.body_count(), chain, isa);
   update(robot);
 }
@@ -208,6 +217,60 @@ void Mechanism::Impl::align_chain() {
   }
 }
 
+// The reference point is the origin of the trunk's last link that a prismatic joint moves, so that moments stay small however
+// far it travels; the trunk are the links that carry all links after them.
+void Mechanism::Impl::order_tree() {
+  const auto n = links.size();
+  std::vector<std::vector<int>> children(n + 1);  // of the base last
+  for (std::size_t i = 0; i < n; ++i)
+    children[links[i].parent < 0 ? n : static_cast<std::size_t>(links[i].parent)].push_back(static_cast<int>(i));
+  std::vector<std::pair<int, int>> open;  // joint, slot of its parent
+  const auto push_children = [&](std::size_t of, int slot) {
+    for (auto child = children[of].rbegin(); child != children[of].rend(); ++child) open.emplace_back(*child, slot);
+  };
+  push_children(n, -1);
+  while (!open.empty()) {
+    const auto [joint, parent] = open.back();
+    open.pop_back();
+    KernelTreeLink link{};
+    const KernelLink& constants = links[static_cast<std::size_t>(joint)];
+    link.joint = joint;
+    link.parent = parent;
+    link.size = 1;
+    link.revolute = constants.revolute;
+    std::copy_n(constants.R, 9, link.R);
+    std::copy_n(constants.p, 3, link.p);
+    tree.push_back(link);
+    push_children(static_cast<std::size_t>(joint), static_cast<int>(tree.size()) - 1);
+  }
+  std::vector<std::pair<int, int>> sweep;  // distance from the base, slot
+  for (std::size_t k = 0; k < n; ++k)
+    sweep.emplace_back(tree[k].parent < 0 ? 0 : sweep[static_cast<std::size_t>(tree[k].parent)].first + 1, static_cast<int>(k));
+  std::sort(sweep.begin(), sweep.end());
+  for (std::size_t k = n; k-- > 0;) {
+    tree[k].sweep = sweep[k].second;
+    if (tree[k].parent >= 0) tree[static_cast<std::size_t>(tree[k].parent)].size += tree[k].size;
+  }
+  model.reference = n > 0 && tree[0].size == model.n ? 0 : -1;
+  for (std::size_t k = 0; k < n && tree[k].size == model.n - static_cast<int>(k); ++k)
+    if (!tree[k].revolute) model.reference = static_cast<int>(k);
+  model.tree_in_order = 1;
+  for (std::size_t k = 0; k < n; ++k) model.tree_in_order &= tree[k].joint == static_cast<int>(k);
+  tree_inertia.assign(11 * static_cast<std::size_t>(padded(model.n)), 0.0);
+  model.tree = tree.data();
+  model.tree_inertia = tree_inertia.data();
+}
+
+void Mechanism::Impl::update_tree() {
+  const auto stride = static_cast<std::size_t>(padded(model.n));
+  for (std::size_t k = 0; k < tree.size(); ++k) {
+    const KernelLink& l = links[static_cast<std::size_t>(tree[k].joint)];
+    const double values[] = {
+        l.m, l.h[0], l.h[1], l.h[2], l.S_xx, l.S_yy, l.S_zz, l.S_xy, l.S_xz, l.S_yz, static_cast<double>(l.revolute)};
+    for (std::size_t i = 0; i < std::size(values); ++i) tree_inertia[i * stride + k] = values[i];
+  }
+}
+
 void Mechanism::Impl::update(const RobotModel& robot) {
   assert(robot.body_count() == model.n);
   for (std::size_t i = 0; i < links.size(); ++i) {
@@ -228,6 +291,7 @@ void Mechanism::Impl::update(const RobotModel& robot) {
     links[i].S_xz = own.S(0, 2);
     links[i].S_yz = own.S(1, 2);
   }
+  update_tree();
   const Eigen::Vector3d a_0 = -(X_BP.R.transpose() * robot.gravity);
   store(a_0, model.a_0);
   store(robot.gravity, model.gravity);

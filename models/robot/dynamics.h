@@ -9,9 +9,9 @@
 ///   M(q) q̈ + C(q, q̇) q̇ + g(q) = τ        τ = τ_J + τ_e
 /// `Mechanism` holds the constants of a robot for the kernels and may be shared; `Data` is the scratch memory of one thread.
 /// The functions do not allocate or throw. Vectors have length n in the joint order of the RobotModel, must be contiguous, and
-/// are in rad, m, N.m, N. The kernels are compiled for several instruction sets; the best one of the machine is chosen at load
-/// (kernels.h). For robots with mimic joints all quantities are those of the independent joints (coupled_dynamics.h); they take
-/// more time, because their kernels compute all joints.
+/// are in rad, m, N.m, N. The kernels are compiled for several instruction sets, which are chosen per function by a fixed table
+/// for the machine (kernels.h). For robots with mimic joints all quantities are those of the independent joints
+/// (coupled_dynamics.h); they take more time, because their kernels compute all joints.
 namespace cotwin::robot {
 
 using VectorIn = Eigen::Ref<const Eigen::VectorXd>;

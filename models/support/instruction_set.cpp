@@ -5,8 +5,10 @@
 
 namespace cotwin {
 
-int instruction_set_level(const char* requested) {
+InstructionSet instruction_set(const char* requested) {
 #if defined(__x86_64__)
+  static constexpr InstructionSet kSets[] = {
+      {"x86-64-v2", 2, false}, {"x86-64-v3", 3, false}, {"x86-64-v4", 4, false}, {"x86-64-v4-intel", 4, true}};
   __builtin_cpu_init();
   // clang 14 does not support level names here. Every machine with these features has its whole level.
   const bool v3 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi") &&
@@ -15,18 +17,19 @@ int instruction_set_level(const char* requested) {
                   __builtin_cpu_supports("avx512cd") && __builtin_cpu_supports("avx512dq") &&
                   __builtin_cpu_supports("avx512vl");
   const int highest = v4 ? 4 : v3 ? 3 : 2;
-  if (requested && std::strcmp(requested, "x86-64-v2") == 0) return 2;
-  if (requested && std::strcmp(requested, "x86-64-v3") == 0 && highest >= 3) return 3;
-  return highest;
+  if (requested)
+    for (const InstructionSet& set : kSets)
+      if (std::strcmp(requested, set.name) == 0 && set.level <= highest) return set;
+  return kSets[v4 && __builtin_cpu_is("intel") ? 3 : highest - 2];
 #else
   static_cast<void>(requested);
-  return 2;
+  return {"generic", 2, false};
 #endif
 }
 
-int instruction_set_level() {
-  static const int level = instruction_set_level(std::getenv("COTWIN_CPU"));
-  return level;
+InstructionSet instruction_set() {
+  static const InstructionSet set = instruction_set(std::getenv("COTWIN_CPU"));
+  return set;
 }
 
 }  // namespace cotwin

@@ -288,10 +288,37 @@ TEST(Kernels, NothingAllocates) {
   EXPECT_GT(allocations, before);  // check of the counter
 }
 
-TEST(Kernels, AnUnknownInstructionSetSelectsTheBest) {
-  EXPECT_STREQ(choose_kernels(7, true, "x86-64-v9").isa, isas().front());
-  EXPECT_STREQ(choose_kernels(7, true, "").isa, isas().front());
-  EXPECT_STREQ(choose_kernels(7, true, isas().back()).isa, isas().back());
+TEST(Kernels, AnUnknownInstructionSetSelectsThatOfTheMachine) {
+#if defined(__x86_64__)
+  const bool mixed = __builtin_cpu_is("intel") && __builtin_cpu_supports("avx512dq");
+  const char* own = mixed || isas().size() < 3 ? isas().front() : isas()[1];
+#else
+  const char* own = "generic";
+#endif
+  EXPECT_STREQ(choose_kernels(7, true, "x86-64-v9").isa, own);
+  EXPECT_STREQ(choose_kernels(7, true, "").isa, own);
+  for (const char* isa : isas()) EXPECT_STREQ(choose_kernels(7, true, isa).isa, isa);
+}
+
+TEST(Kernels, TheMixtureOfInstructionSetsTakesEachFunctionFromALevel) {
+  if (isas().front() != std::string("x86-64-v4-intel")) GTEST_SKIP() << "needs AVX-512";
+  for (const auto& [n, chain] : {std::pair{9, false}, {9, true}, {6, true}, {7, true}}) {
+    const Kernels &mixed = choose_kernels(n, chain, "x86-64-v4-intel"), &v3 = choose_kernels(n, chain, "x86-64-v3"),
+                  &v4 = choose_kernels(n, chain, "x86-64-v4");
+    int of_v3 = 0, of_v4 = 0;
+    const auto count = [&](auto function) {
+      of_v3 += mixed.*function == v3.*function;
+      of_v4 += mixed.*function == v4.*function;
+    };
+    count(&Kernels::sine_cosine), count(&Kernels::inverse_dynamics), count(&Kernels::inverse_dynamics_batch);
+    count(&Kernels::mass_matrix), count(&Kernels::mass_matrix_and_bias), count(&Kernels::coriolis_matrix);
+    count(&Kernels::forward_dynamics), count(&Kernels::derivatives), count(&Kernels::regressor), count(&Kernels::kinematics);
+    count(&Kernels::jacobian_dot_times_dq), count(&Kernels::operational_inertia_inverse), count(&Kernels::potential_energy);
+    EXPECT_EQ(of_v3 + of_v4, 13);
+    EXPECT_GT(of_v3, 0);
+    EXPECT_GT(of_v4, 0);
+    EXPECT_EQ(&mixed, &choose_kernels(n, chain, "x86-64-v4-intel"));  // the same table in every call
+  }
 }
 
 }  // namespace

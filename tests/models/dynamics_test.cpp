@@ -90,6 +90,54 @@ TEST(Dynamics, MassMatrixIsThatOfMaximalCoordinatesProjectedOnTheJoints) {
   });
 }
 
+// Column k of M is the torque of q̈ = e_k from rest without gravity, by recursive Newton–Euler. Joints are in any order with
+// parents first, and in depth-first order as in a URDF.
+TEST(Dynamics, MassMatrixOfLargeTreesHasTheColumnsOfInverseDynamics) {
+  for (const char* isa : isas()) {
+    Draw draw(11);
+    for (int i = 0; i < 120; ++i) {
+      const int n = draw.integer(12, 41);
+      RobotModel robot = draw.robot(Kind::kTree, n);
+      robot.gravity.setZero();
+      if (i % 2) draw.order_depth_first(robot);
+      Case c(draw, robot, isa, "tree " + std::to_string(i));
+      const MatrixXd M = c.M(c.q);
+      MatrixXd columns(n, n);
+      for (int k = 0; k < n; ++k) columns.col(k) = c.tau(c.q, VectorXd::Zero(n), VectorXd::Unit(n, k));
+      ASSERT_LT(relative(M, columns), kRounding) << isa << ", tree " << i;
+      ASSERT_EQ(M, M.transpose());
+      for (int b = 0; b < n; ++b) {  // zero for joints of different branches
+        VectorXd others = M.col(b).head(b);
+        for (int a = robot.joints[static_cast<std::size_t>(b)].parent; a >= 0;
+             a = robot.joints[static_cast<std::size_t>(a)].parent)
+          others[a] = 0;
+        ASSERT_TRUE(others.isZero(0)) << "column " << b;
+      }
+    }
+  }
+}
+
+// A mobile robot: its position in the plane, far from the origin, has no influence on M; moments are not about the origin.
+TEST(Dynamics, MassMatrixKeepsItsAccuracyFarFromTheBase) {
+  for (const char* isa : isas()) {
+    Draw draw(12);
+    RobotModel robot = draw.robot(Kind::kTree, 14);
+    for (std::size_t j = 0; j < 14; ++j) {
+      robot.joints[j].parent = j < 4 ? static_cast<int>(j) - 1 : robot.joints[j].parent < 3 ? 3 : robot.joints[j].parent;
+      robot.joints[j].type = j < 2 ? JointType::kPrismatic : JointType::kRevolute;
+    }
+    robot.joints[0].X_PJ.R.setIdentity();
+    robot.joints[1].X_PJ.R.setIdentity();
+    robot.joints[0].axis = Eigen::Vector3d::UnitX();
+    robot.joints[1].axis = Eigen::Vector3d::UnitY();
+    Case c(draw, robot, isa, "mobile robot");
+    VectorXd far = c.q;
+    far[0] += 8192;
+    far[1] -= 4096;
+    EXPECT_LT((c.M(far) - c.M(c.q)).cwiseAbs().maxCoeff(), 1e-11 * c.M(c.q).cwiseAbs().maxCoeff()) << isa;
+  }
+}
+
 TEST(Dynamics, GravityTorqueAndPotentialEnergyAreThoseOfMaximalCoordinates) {
   sweep(2000, 2, [](Case& c, Draw&) {
     const MaximalDynamics expected = maximal_dynamics(c.robot, c.q);

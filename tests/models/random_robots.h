@@ -11,10 +11,10 @@
 /// Random robots and states for tests of dynamics: any axes, any frames, physical inertias.
 namespace cotwin::robot::testing {
 
-/// The instruction sets of this machine, best first.
+/// The instruction sets of this machine, highest first; on other processors than Intel's, x86-64-v4-intel is not the default.
 inline std::vector<const char*> isas() {
   std::vector<const char*> names;
-  for (const char* name : {"x86-64-v4", "x86-64-v3", "x86-64-v2"}) {
+  for (const char* name : {"x86-64-v4-intel", "x86-64-v4", "x86-64-v3", "x86-64-v2"}) {
     const char* isa = choose_kernels(1, true, name).isa;
     if (names.empty() || std::string(names.back()) != isa) names.push_back(isa);
   }
@@ -80,6 +80,14 @@ class Draw {
       robot.frames.push_back({"frame_" + std::to_string(i), i, pose(0.3)});
     }
     return robot;
+  }
+  /// Other parents, so that the joints are in depth-first order, as from a URDF.
+  void order_depth_first(RobotModel& robot) {
+    for (int j = 1; j < robot.n(); ++j) {
+      int parent = j - 1;
+      while (parent >= 0 && integer(0, 3) == 0) parent = robot.joints[static_cast<std::size_t>(parent)].parent;
+      robot.joints[static_cast<std::size_t>(j)].parent = parent;
+    }
   }
 
  private:

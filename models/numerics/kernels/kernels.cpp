@@ -17,8 +17,11 @@ const NumericsKernels& of_level(int level) {
 
 }  // namespace
 
-const NumericsKernels& kernels(const char* isa) { return of_level(instruction_set_level(isa)); }
+const NumericsKernels& kernels(const char* isa) { return of_level(instruction_set(isa).level); }
 
-const NumericsKernels& kernels() { return of_level(instruction_set_level()); }
+const NumericsKernels& kernels() {
+  static const NumericsKernels& chosen = of_level(instruction_set().level);
+  return chosen;
+}
 
 }  // namespace cotwin::numerics

@@ -32,7 +32,8 @@ extern const NumericsKernels kernels_v2;
 extern const NumericsKernels kernels_v3, kernels_v4;
 #endif
 
-/// The best kernels of the machine, or those that COTWIN_CPU selects.
+/// The kernels of the machine's highest level, or those that COTWIN_CPU selects. The highest level is the fastest one for all
+/// three functions (`./bench.sh instruction_sets`).
 const NumericsKernels& kernels();
 /// The kernels of one instruction set ("x86-64-v3"), or the best ones where the machine lacks it: for tests.
 const NumericsKernels& kernels(const char* isa);

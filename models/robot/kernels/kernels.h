@@ -5,9 +5,10 @@
 /// translation unit per instruction set. These units share no inline code with others: only plain structs and C headers are
 /// used here.
 ///
-/// The environment variable COTWIN_CPU (models/support/instruction_set.h), read when the first Mechanism is made, selects a
-/// lower instruction set than that of the machine; an unsupported or unknown value selects the best one of the machine. On
-/// other processors than x86-64 there is one variant, "generic".
+/// The environment variable COTWIN_CPU (models/support/instruction_set.h), read when the first Mechanism is made, selects
+/// another instruction set than that of the machine; an unsupported or unknown value selects that of the machine. On Intel's
+/// processors with AVX-512 it is "x86-64-v4-intel", a choice by function. On other processors than x86-64 there is one variant,
+/// "generic".
 namespace cotwin::robot {
 
 /// Constants of one joint and of the body that it moves. Frame L of a body has the joint's axis as z; P is the L of the parent
@@ -26,6 +27,17 @@ struct KernelLink {
   double R_LJ[9], p_LJ[3];                    // the body's own (URDF) frame J in L
 };
 
+/// One link of a tree, by slot: its place in a depth-first order of the joints.
+struct KernelTreeLink {
+  int joint;     // its index in `links`
+  int parent;    // slot; −1: the base
+  int size;      // number of links from this one outward; their slots are consecutive
+  int sweep;     // the slot that is visited in this place of a sweep from the base outward, by distance from the base
+  int revolute;  // 1: revolute, 0: prismatic
+  double R[9];   // as in KernelLink
+  double p[3];
+};
+
 /// Constants of a robot for the kernels. A mass distribution on a revolute joint's own axis (mass, mass · z, mass · z²) can be
 /// assigned to the parent body: `m, h_z, S_zz` of revolute links are added to the parent ("grouped"), which does not change M,
 /// C and g and saves operations.
@@ -35,6 +47,11 @@ struct KernelModel {
   const double* theta_0;    // rad, padded with zeros to a multiple of 8, like:
   const double* c_alpha;
   const double* s_alpha;
+  const KernelTreeLink* tree;  // tree: n, by slot, like:
+  const double*
+      tree_inertia;         // 11 arrays of rounded_up(n): grouped m, h (3), S_xx, S_yy, S_zz, S_xy, S_xz, S_yz, and `revolute`
+  int tree_in_order;        // 1: slot k is joint k
+  int reference;            // slot of the link whose origin is the reference point of moments; −1: the base
   double R_BP[9], p_BP[3];  // the first link's P in the base (tree: identity)
   double a_0[3];            // −gravity in P, m/s²
   double gravity[3];        // in B, m/s²
@@ -83,9 +100,10 @@ extern const Kernels kernels_v3[kKernelShapes];
 extern const Kernels kernels_v4[kKernelShapes];
 #endif
 
-/// The table for a robot of this shape: the best of the machine, or `isa` ("x86-64-v3") if it is given and supported.
+/// The table for a robot of this shape: the machine's or COTWIN_CPU's, or that of `isa` ("x86-64-v3") if it is given and
+/// supported.
 const Kernels& choose_kernels(int n, bool chain, const char* isa);
-/// Instruction set selected by COTWIN_CPU or the machine, for example "x86-64-v4".
+/// Instruction set selected by COTWIN_CPU or the machine, for example "x86-64-v4-intel".
 const char* kernel_isa();
 /// Doubles of scratch memory for n joints.
 size_t scratch_doubles(int n);
