@@ -6,6 +6,7 @@
 #include <optional>
 
 #include "components/drive_train/events.h"
+#include "components/drive_train/floating_links.h"
 #include "models/robot/robot_model.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
@@ -37,6 +38,9 @@ void DriveTrain::declare_settings(SettingList& s) {
   s.robot("a name in models/robots, or a path to a URDF file; with link=outside it may be left out", true);
   s.integer("joints", 1, 1, 1000, "number of joints where there is no robot, with link=outside");
   s.choice("link", {"inside", "outside"}, "where the link side (2a) is integrated: in this unit, or in another that gives q");
+  s.choice("base", {"fixed", "floating"},
+           "with link=inside: the base is fixed or moves freely, for example a satellite's; with link=outside the other unit "
+           "moves it");
   s.choice("transmission", {"flexible", "rigid"}, "joints with the stiffness K of (2c), or rigid ones: theta = q");
   s.choice("friction", {"lugre", "elasto_plastic", "coulomb", "smooth"},
            "friction of the motors: LuGre, an elasto-plastic bristle, Coulomb friction that sticks exactly, or one without "
@@ -56,12 +60,16 @@ struct DriveTrain::Kind {
                : f == "coulomb" ? Friction::kCoulomb
                : f == "smooth"  ? Friction::kSmooth
                                 : Friction::kElastoPlastic;
+    base = s.choice("base") == "fixed" ? Base::kFixed : Base::kFloating;
+    if (link == Link::kOutside) base = Base::kFixed;  // the unit of the links moves it
     const std::string m = s.choice("method");
+    if (base == Base::kFloating && m != "auto" && m != "rosenbrock")
+      throw Error(s.unit(), "base=floating with method=" + m + ": the base has no history or closed form, expected rosenbrock");
     if (m == "cvode") sundials = SundialsSolver::Method::kCvode;
     if (m == "arkode") sundials = SundialsSolver::Method::kArkode;
-    method = m == "rosenbrock"    ? Integrator::Method::kRosenbrock
-             : m == "exponential" ? Integrator::Method::kExponential
-                                  : Integrator::Method::kAuto;
+    method = m == "rosenbrock" || base == Base::kFloating ? Integrator::Method::kRosenbrock
+             : m == "exponential"                         ? Integrator::Method::kExponential
+                                                          : Integrator::Method::kAuto;
     if (transmission == Transmission::kRigid && link == Link::kOutside) {
       throw Error(s.unit(), "transmission=rigid with link=outside leaves nothing to move, expected one of them");
     }
@@ -74,11 +82,18 @@ struct DriveTrain::Kind {
       robot = s.robot();
       joints = static_cast<std::size_t>(robot->n());
       if (joints == 0) throw Error(s.unit(), "robot '" + robot->name + "' has no movable joint, expected at least one");
+      const std::string why = robot->base.inertia.unphysical();
+      if (base == Base::kFloating && !why.empty())
+        throw Error(s.unit(), "base=floating: the base of robot '" + robot->name + "' cannot float: " + why);
+      if (base == Base::kFloating && robot->body_count() != robot->n())
+        throw Error(s.unit(), "base=floating: robot '" + robot->name +
+                                  "' has mimic joints, expected none (lock them: lock=joint:position)");
     } else {
       joints = static_cast<std::size_t>(s.integer("joints"));
     }
   }
   Link link;
+  Base base;
   Transmission transmission;
   Friction friction;
   std::optional<SundialsSolver::Method> sundials;
@@ -93,7 +108,7 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
     : place_(settings.unit()),
       n_(kind.joints),
       measures_(kind.robot ? &*kind.robot : nullptr),
-      equations_(kind.robot ? &*kind.robot : nullptr, n_, kind.link, kind.transmission, kind.friction),
+      equations_(kind.robot ? &*kind.robot : nullptr, n_, kind.link, kind.transmission, kind.friction, kind.base),
       integrator_(equations_, kind.method),
       partials_(equations_),
       wanted_(n_),
@@ -190,6 +205,7 @@ void DriveTrain::declare(Variables& v) {
            "give it back on the way back");
   v.output("forced_steps", forced_steps_, "steps since the start in which max_substeps forced sub-steps against the tolerance");
   v.output("worst_error", worst_error_, "1", "largest error_estimate since the start");
+  if (equations_.floating()) equations_.floating()->declare(v);
 }
 
 void DriveTrain::check_inputs(Time now) const {
@@ -206,6 +222,7 @@ void DriveTrain::check_inputs(Time now) const {
   check("tau_e (rate)", dtau_e_);
   check("q", q_in_);
   check("dq", dq_in_);
+  if (equations_.floating()) equations_.floating()->check_inputs(place_, now.seconds());
 }
 
 /// Removes the motors and gears of passive joints, whatever their parameters are.
@@ -285,6 +302,7 @@ void DriveTrain::initialise(Time start) {
   double *q = x_.data(), *dq = q + n_, *theta = q + 2 * n_, *dtheta = q + 3 * n_, *z = q + 4 * n_;
   std::copy(q0_.begin(), q0_.end(), q);
   std::copy(dq0_.begin(), dq0_.end(), dq);
+  if (equations_.floating()) equations_.floating()->initialise(q, dq);
   equations_.prescribe(0, q);
   for (std::size_t i = 0; i < n_; ++i) {
     theta[i] = q[i];
@@ -352,7 +370,12 @@ StepResult DriveTrain::step(Time now, Duration duration) {
     drives_before_step_ = drives_;
     const bool drives_change = follow_drives(remaining);
     const bool bodies_change = with_bodies && equations_.follow_bodies(place_, remaining);
+    if (bodies_change && equations_.floating()) equations_.floating()->take_velocity(x_.data(), x_.data() + n_);
     if (drives_change || bodies_change) integrator_.forget();
+  }
+  if (equations_.floating()) {
+    equations_.begin_base(x_.data());
+    integrator_.forget();
   }
   x_before_step_ = x_;
   modes_before_step_ = equations_.modes();
@@ -369,6 +392,7 @@ StepResult DriveTrain::step(Time now, Duration duration) {
     if (with_bodies) {
       equations_.bodies().in_force = bodies_before_step_;
       equations_.restored_bodies();
+      if (equations_.floating()) equations_.floating()->take_velocity(x_.data(), x_.data() + n_);
     }
     if (follows) {
       drives_ = drives_before_step_;
@@ -376,6 +400,11 @@ StepResult DriveTrain::step(Time now, Duration duration) {
     }
     integrator_.forget();
     return StepResult::kDiscard;
+  }
+  if (FloatingLinks* base = equations_.floating()) {
+    const double work = base->work();
+    equations_.end_base(h, x_before_step_.data(), x_.data());
+    account.work_e += base->work() - work;
   }
   work_m_ += account.work_m;
   work_e_ += account.work_e;
@@ -434,10 +463,16 @@ void DriveTrain::write_outputs(double h, const Point& end) {
     power_m_ += tau_m * dtheta[i];
     power_e_ += equations_.inside() ? (c.tau_e[i] + c.dtau_e[i] * h) * dq[i] : -tau_J_[i] * dq[i];
   }
+  if (equations_.floating()) power_e_ += equations_.floating()->power();
   const Energies e = equations_.energies(x_.data(), end);
   kinetic_ = e.kinetic;
   potential_ = e.potential;
   elastic_ = e.elastic;
+}
+
+std::span<const Partial> DriveTrain::partials() const {
+  if (equations_.floating()) return {};  // not derived for M* and b*
+  return partials_.list();
 }
 
 void DriveTrain::evaluate_partials(std::span<double> values) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "components/drive_train/floating_links.h"
 #include "components/drive_train/ldlt.h"
 #include "models/robot/dynamics.h"
 
@@ -48,13 +49,31 @@ struct Equations::Dynamics {
 };
 
 robot::BodyParameters& Equations::bodies() { return dynamics_->bodies; }
-void Equations::take_bodies(const std::string& place) { dynamics_->bodies.take(place, dynamics_->mechanism); }
-bool Equations::follow_bodies(const std::string& place, double remaining) {
-  return dynamics_->bodies.follow(place, remaining, dynamics_->mechanism);
+void Equations::take_bodies(const std::string& place) {
+  dynamics_->bodies.take(place, dynamics_->mechanism);
+  if (floating_) floating_->update(dynamics_->bodies.robot());
 }
-void Equations::restored_bodies() { dynamics_->bodies.restored(dynamics_->mechanism); }
+bool Equations::follow_bodies(const std::string& place, double remaining) {
+  if (!dynamics_->bodies.follow(place, remaining, dynamics_->mechanism)) return false;
+  if (floating_) floating_->update(dynamics_->bodies.robot());
+  return true;
+}
+void Equations::restored_bodies() {
+  dynamics_->bodies.restored(dynamics_->mechanism);
+  if (floating_) floating_->update(dynamics_->bodies.robot());
+}
 
-Equations::Equations(const robot::RobotModel* robot, std::size_t n, Link link, Transmission transmission, Friction friction)
+void Equations::begin_base(const double* x) {
+  floating_->hold(x, x + n_);
+  evaluate(x, *base_point_);
+  acceleration(0, *base_point_, base_point_->dz.data());
+  floating_->begin_step(x, x + n_, base_point_->dz.data());
+}
+
+void Equations::end_base(double h, const double* x0, const double* x1) { floating_->end_step(h, x0, x0 + n_, x1, x1 + n_); }
+
+Equations::Equations(const robot::RobotModel* robot, std::size_t n, Link link, Transmission transmission, Friction friction,
+                     Base base)
     : n_(n),
       link_(link),
       transmission_(transmission),
@@ -72,6 +91,10 @@ Equations::Equations(const robot::RobotModel* robot, std::size_t n, Link link, T
   for (auto* v : {&stop_damping_, &z_most_, &kappa_, &ratio_, &P_inverse_, &f_z_, &z_w_, &z_inverse_, &k_l_}) v->resize(n);
   if (inside()) dynamics_ = std::make_unique<Dynamics>(*robot);
   for (std::size_t i = 0; i < n_ && robot != nullptr; ++i) passive_[i] = robot->joints[i].passive;
+  if (base == Base::kFloating) {
+    floating_ = std::make_unique<FloatingLinks>(*robot);
+    base_point_ = std::make_unique<Point>(n);
+  }
 }
 
 Equations::~Equations() = default;
@@ -92,6 +115,7 @@ void Equations::adopt_parameters() {
 }
 
 void Equations::prescribe(double t, double* x) const {
+  if (floating_) floating_->set_time(t);
   if (inside()) return;
   const double* c = course_.link.data();
   for (std::size_t i = 0; i < n_; ++i) {
@@ -106,12 +130,14 @@ void Equations::confine_bristles(double* x) const {
 }
 
 void Equations::evaluate(const double* x, Point& p) {
-  if (inside()) {
+  if (floating_) {
+    floating_->mass_matrix_and_bias(x, x + n_, p.M.data(), p.h.data());
+  } else if (inside()) {
     robot::mass_matrix_and_bias(dynamics_->mechanism, dynamics_->data, ConstMap(x, index(n_)), ConstMap(x + n_, index(n_)),
                                 MatrixMap(p.M.data(), index(n_), index(n_)), Map(p.h.data(), index(n_)));
-    if (!flexible()) {
-      for (std::size_t i = 0; i < n_; ++i) p.M[i * n_ + i] += parameters_.B[i];
-    }
+  }
+  if (inside() && !flexible()) {
+    for (std::size_t i = 0; i < n_; ++i) p.M[i * n_ + i] += parameters_.B[i];
   }
   evaluate_joints(x, p);
 }
@@ -153,7 +179,7 @@ void Equations::evaluate_joints(const double* x, Point& p) const {
     }
   }
   if (!inside()) return;
-  if (has_load_) {
+  if (has_load_ && !floating_) {  // in free fall gravity is no load
     robot::gravity(dynamics_->mechanism, dynamics_->data, ConstMap(q, index(n_)), Map(p.gravity.data(), index(n_)));
   }
   for (std::size_t i = 0; i < n_; ++i) {
@@ -194,8 +220,12 @@ robot::StopTorque Equations::stop(std::size_t i, double q, double dq) const {
 }
 
 void Equations::inverse_dynamics(const double* x, const double* a, double* tau) {
-  robot::inverse_dynamics(dynamics_->mechanism, dynamics_->data, ConstMap(x, index(n_)), ConstMap(x + n_, index(n_)),
-                          ConstMap(a, index(n_)), Map(tau, index(n_)));
+  if (floating_) {
+    floating_->inverse_dynamics(x, x + n_, a, tau);
+  } else {
+    robot::inverse_dynamics(dynamics_->mechanism, dynamics_->data, ConstMap(x, index(n_)), ConstMap(x + n_, index(n_)),
+                            ConstMap(a, index(n_)), Map(tau, index(n_)));
+  }
   if (!flexible()) {
     for (std::size_t i = 0; i < n_; ++i) tau[i] += parameters_.B[i] * a[i];
   }
@@ -345,7 +375,12 @@ Energies Equations::energies(const double* x, const Point& p) {
   if (inside()) {
     times_M(p.M.data(), dq, scratch_.data());
     for (std::size_t i = 0; i < n_; ++i) e.kinetic += 0.5 * dq[i] * scratch_[i];
-    e.potential = robot::potential_energy(dynamics_->mechanism, dynamics_->data, ConstMap(q, index(n_)));
+    if (floating_) {
+      e.kinetic += floating_->kinetic_energy(q);
+      e.potential = floating_->potential_energy();
+    } else {
+      e.potential = robot::potential_energy(dynamics_->mechanism, dynamics_->data, ConstMap(q, index(n_)));
+    }
   }
   for (std::size_t i = 0; i < n_; ++i) {
     if (flexible()) {

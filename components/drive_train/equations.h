@@ -15,10 +15,14 @@
 /// an implicit step, energies. Only the modes of exact sticking and of stops persist between calls.
 namespace cotwin::drive_train {
 
+class FloatingLinks;
+
 /// Where the links are moved: (2a) in this unit, or in another unit that gives q and q̇.
 enum class Link : std::uint8_t { kInside, kOutside };
 /// kRigid: θ = q, (2a) and (2b) summed.
 enum class Transmission : std::uint8_t { kFlexible, kRigid };
+/// kFloating: the base moves freely, and M* and b* (models/robot/floating_base.h) replace M and C q̇ + g; link inside.
+enum class Base : std::uint8_t { kFixed, kFloating };
 /// The motor's friction τ_f in (2b).
 enum class Friction : std::uint8_t { kLugre, kElastoPlastic, kCoulomb, kSmooth };
 
@@ -80,7 +84,8 @@ struct Energies {
 class Equations {
  public:
   /// `robot` may be null where the link is outside; n counts the joints.
-  Equations(const robot::RobotModel* robot, std::size_t n, Link link, Transmission transmission, Friction friction);
+  Equations(const robot::RobotModel* robot, std::size_t n, Link link, Transmission transmission, Friction friction,
+            Base base = Base::kFixed);
   ~Equations();
 
   std::size_t n() const { return n_; }
@@ -109,6 +114,11 @@ class Equations {
   bool follow_bodies(const std::string& place, double remaining);
   void restored_bodies();
 
+  /// The base of base=floating, else null. begin_base() and end_base() are to be called before and after the solver's step.
+  FloatingLinks* floating() const { return floating_.get(); }
+  void begin_base(const double* x);
+  void end_base(double h, const double* x0, const double* x1);
+
   /// τ_m and τ_e of the course at time t.
   double motor_torque(std::size_t i, double t) const { return course_.tau_m[i] + course_.dtau_m[i] * t; }
   double external_torque(std::size_t i, double t) const { return course_.tau_e[i] + course_.dtau_e[i] * t; }
@@ -136,7 +146,8 @@ class Equations {
   /// True for a motor that Coulomb friction holds.
   bool stuck(std::size_t i) const { return friction_ == Friction::kCoulomb && modes_.slip[i] == 0; }
 
-  /// Link outside: writes q, q̇ of the course at time t into x. Link inside: nothing.
+  /// Link outside: writes q, q̇ of the course at time t into x. Base floating: the following functions take the base at time t.
+  /// Otherwise nothing.
   void prescribe(double t, double* x) const;
   /// Clamps bristle deflections to |z| ≤ τ_S / σ0, the range of exact solutions: larger deflections of an approximate solution
   /// would give unbounded torques.
@@ -201,6 +212,8 @@ class Equations {
 
   struct Dynamics;  // Mechanism and Data
   std::unique_ptr<Dynamics> dynamics_;
+  std::unique_ptr<FloatingLinks> floating_;
+  std::unique_ptr<Point> base_point_;  // scratch of begin_base
 
   // factors of W
   double gamma_ = 0;

@@ -2,6 +2,7 @@
 #include <cmath>
 
 #include "components/drive_train/drive_train.h"
+#include "components/drive_train/floating_links.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -49,6 +50,7 @@ void DriveTrain::check_parameters() const {
   const Parameters& p = wanted_;
   check_values(p, robot::kDriveParameters, place_);
   check_values(p, kStopParameters, place_);
+  if (equations_.floating()) equations_.floating()->check_parameters(place_);
   const auto fail = [&](const char* name, std::size_t i, double value, const std::string& expected) {
     throw Error(place_ + "." + name + "[" + std::to_string(i + 1) + "]",
                 "is " + text::to_text(value) + ", expected " + expected);

@@ -26,6 +26,8 @@ class BodyParameters {
   bool follow(const std::string& place, double remaining, Mechanism& mechanism);
   /// To be called after in_force was written.
   void restored(Mechanism& mechanism);
+  /// The robot with the bodies in force.
+  const RobotModel& robot() const { return robot_; }
 
  private:
   double wanted(std::size_t k) const;

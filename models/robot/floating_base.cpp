@@ -166,4 +166,18 @@ void reduced_inverse_dynamics(const FloatingMechanism& mechanism, FloatingData& 
   tau.noalias() += inertia.A.transpose() * (d.tau.head<6>() - W);
 }
 
+Twist base_acceleration(const FloatingMechanism& mechanism, FloatingData& d, const FloatingInertia& inertia, const VectorIn& q,
+                        const VectorIn& dq, const VectorIn& ddq, const Eigen::Vector3d& spin, const Wrench& W) {
+  const Eigen::Index n = mechanism.n();
+  assert(q.size() == n && dq.size() == n && ddq.size() == n);
+  const Eigen::Vector3d w = inertia.base_spin(spin, dq);
+  d.q.tail(n) = q;
+  d.dq << Eigen::Vector3d::Zero(), w, dq;
+  d.ddq << Twist::Zero(), ddq;
+  inverse_dynamics(mechanism.with_base(), d.data, d.q, d.dq, d.ddq, d.tau);
+  Twist A = inertia.locked_twist(W - d.tau.head<6>());
+  A.tail<3>() += turning_axes(w);
+  return A;
+}
+
 }  // namespace cotwin::robot

@@ -101,5 +101,8 @@ void floating_forward_dynamics(const FloatingMechanism&, FloatingData&, const Ve
 void reduced_inverse_dynamics(const FloatingMechanism&, FloatingData&, const FloatingInertia& inertia, const VectorIn& q,
                               const VectorIn& dq, const VectorIn& ddq, const Eigen::Vector3d& spin, const Wrench& W,
                               VectorOut tau);
+/// A_B − (g; 0) in the motion with these q̈. Linear velocity has no influence.
+Twist base_acceleration(const FloatingMechanism&, FloatingData&, const FloatingInertia& inertia, const VectorIn& q,
+                        const VectorIn& dq, const VectorIn& ddq, const Eigen::Vector3d& spin, const Wrench& W);
 
 }  // namespace cotwin::robot

@@ -220,6 +220,9 @@ TEST(FloatingBase, ForwardAndInverseDynamicsUndoEachOther) {
     VectorXd bias(c.n);
     reduced_inverse_dynamics(c.mechanism, c.data, c.inertia, c.q, c.dq, VectorXd::Zero(c.n), spin, c.W, bias);
     EXPECT_LT((c.inertia.M_star * ddq + bias - c.tau).norm(), 1e-9 * scale);
+    Twist A = base_acceleration(c.mechanism, c.data, c.inertia, c.q, c.dq, ddq, spin, c.W);
+    A.head<3>() += c.gravity;
+    EXPECT_LT((A - A_B).norm(), 1e-9 * scale);
     // Updated masses are those of a mechanism made anew.
     RobotModel other = floating_robot(draw, Kind::kChain, c.n);
     RobotModel changed = c.robot;
