@@ -202,7 +202,9 @@ void RigidBody::turn(double h) {
   Q = product(rotation(h * inverse_moments[r] * L), Q);
   Q *= 1 / Q.norm();
   R = matrix(Q);
-  w = R * inverse_moments.cwiseProduct(R.transpose() * L);
+  update_spin();
 }
+
+void RigidBody::update_spin() { w = R * inverse_moments.cwiseProduct(R.transpose() * L); }
 
 }  // namespace cotwin::contact_world

@@ -25,6 +25,7 @@ struct RigidBody {
   /// Adds an impulse and an angular impulse about P's origin, in W, to a dynamic body.
   void apply_impulse(const Vector3d& impulse, const Vector3d& moment);
   void set_spin(const Vector3d& w_W);
+  void update_spin();  // w from L
   double kinetic_energy() const;
   /// J M⁻¹ Jᵀ of a unit impulse d at p with an angular impulse m, in W, on the body without joints; 0 if it is not dynamic.
   double mobility(const Vector3d& d, const Vector3d& m, const Vector3d& p) const;

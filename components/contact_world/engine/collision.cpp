@@ -55,6 +55,7 @@ struct Collision::Impl {
 
   explicit Impl(const scene::Scene& scene);
   void detect(std::span<const Pose> X_WB, double margin);
+  void update(std::span<const Pose> X_WB, double margin, std::span<const char> moved);
   void place(std::span<const Pose> X_WB);
   void sweep(double margin);
   void add_candidate(std::uint32_t i, std::uint32_t j);
@@ -66,10 +67,11 @@ struct Collision::Impl {
 
   std::vector<Placed> placed;  // in the world
   std::vector<Bounds> bounds;  // of all pieces but planes, sorted along the sweep
-  std::vector<Candidate> candidates;
+  std::vector<Candidate> candidates, candidates_before;
+  std::vector<std::size_t> ends, ends_before;  // of each candidate's points
   Pair pair;
   std::vector<Touch> touches;
-  std::vector<ContactPoint> points;
+  std::vector<ContactPoint> points, points_before;
 };
 
 Collision::Impl::Impl(const scene::Scene& scene) {
@@ -158,18 +160,46 @@ void Collision::Impl::add_points(const Candidate& candidate, double margin) {
   const auto i = static_cast<std::uint32_t>(candidate.pieces >> 32), j = static_cast<std::uint32_t>(candidate.pieces);
   const Vector3d origin = placed[i].convex->core == Core::kPlane ? placed[j].p : placed[i].p;
   const Placed a{placed[i].convex, placed[i].R, placed[i].p - origin}, b{placed[j].convex, placed[j].R, placed[j].p - origin};
-  const Vector3d n = pair.find(a, b, margin, touches);
+  pair.find(a, b, margin, touches);
   std::sort(touches.begin(), touches.end(), [](const Touch& s, const Touch& t) { return s.id < t.id; });
   for (const Touch& t : touches) {
-    points.push_back({pieces[i].body, pieces[j].body, pieces[i].shape, pieces[j].shape, origin + t.p, n, t.gap, t.id});
+    points.push_back({pieces[i].body, pieces[j].body, pieces[i].shape, pieces[j].shape, origin + t.p, t.n, t.gap, t.id});
   }
 }
 
 void Collision::Impl::detect(std::span<const Pose> X_WB, double margin) {
   points.clear();
+  ends.clear();
   place(X_WB);
   sweep(margin);
-  for (const Candidate& candidate : candidates) add_points(candidate, margin);
+  for (const Candidate& candidate : candidates) {
+    add_points(candidate, margin);
+    ends.push_back(points.size());
+  }
+}
+
+void Collision::Impl::update(std::span<const Pose> X_WB, double margin, std::span<const char> moved) {
+  std::swap(points, points_before);
+  std::swap(candidates, candidates_before);
+  std::swap(ends, ends_before);
+  points.clear();
+  ends.clear();
+  place(X_WB);
+  sweep(margin);
+  std::size_t k = 0;
+  for (const Candidate& candidate : candidates) {
+    while (k < candidates_before.size() && candidates_before[k] < candidate) ++k;
+    const auto body_a = static_cast<std::uint32_t>(candidate.bodies >> 32),
+               body_b = static_cast<std::uint32_t>(candidate.bodies);
+    if (k < candidates_before.size() && candidates_before[k] == candidate && moved[body_a] == 0 && moved[body_b] == 0) {
+      const auto from = points_before.begin();
+      points.insert(points.end(), from + static_cast<std::ptrdiff_t>(k == 0 ? 0 : ends_before[k - 1]),
+                    from + static_cast<std::ptrdiff_t>(ends_before[k]));
+    } else {
+      add_points(candidate, margin);
+    }
+    ends.push_back(points.size());
+  }
 }
 
 Collision::Collision(const scene::Scene& scene) : impl_(std::make_unique<Impl>(scene)) {}
@@ -178,10 +208,14 @@ Collision::Collision(Collision&&) noexcept = default;
 Collision& Collision::operator=(Collision&&) noexcept = default;
 
 void Collision::detect(std::span<const Pose> X_WB, double margin) { impl_->detect(X_WB, margin); }
+void Collision::update(std::span<const Pose> X_WB, double margin, std::span<const char> moved) {
+  impl_->update(X_WB, margin, moved);
+}
 std::span<const ContactPoint> Collision::points() const { return impl_->points; }
 void Collision::reserve(std::size_t points) {
-  impl_->points.reserve(points);
-  impl_->candidates.reserve(points);
+  for (auto* list : {&impl_->points, &impl_->points_before}) list->reserve(points);
+  for (auto* list : {&impl_->candidates, &impl_->candidates_before}) list->reserve(points);
+  for (auto* list : {&impl_->ends, &impl_->ends_before}) list->reserve(points);
 }
 
 }  // namespace cotwin::contact_world

@@ -41,7 +41,10 @@ class Collision {
   /// Finds the points with a gap below `margin` (m) of all pairs that can collide, at most four for each pair of convex pieces.
   /// X_WB: one pose per body of the scene. Allocates only if there are more points, pairs or boxes than in any call before.
   void detect(std::span<const Pose> X_WB, double margin);
-  std::span<const ContactPoint> points() const;  // sorted by pair and feature; valid until the next detect()
+  /// As detect() after only the bodies with a nonzero `moved` have changed their poses, with the same margin: gives the same
+  /// result, but computes only the points of their pairs.
+  void update(std::span<const Pose> X_WB, double margin, std::span<const char> moved);
+  std::span<const ContactPoint> points() const;  // sorted by pair and feature; valid until the next detect() or update()
 
   /// Allocates memory for this number of contact points.
   void reserve(std::size_t points);

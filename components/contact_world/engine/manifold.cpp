@@ -145,7 +145,7 @@ void Manifold::polygons(const Vector3d& n, double round_a, double round_b) {
   for (const Point& p : points_) {
     const double h_a = plane_a.at(p.u) + round_a, h_b = plane_b.at(p.u) - round_b;
     const std::uint64_t a = clip_a ? p.part_own : p.part_other, b = clip_a ? p.part_other : p.part_own;
-    found_.push_back({t1_ * p.u.x() + t2_ * p.u.y() + n * ((h_a + h_b) / 2), h_b - h_a, a << 32 | b});
+    found_.push_back({t1_ * p.u.x() + t2_ * p.u.y() + n * ((h_a + h_b) / 2), n, h_b - h_a, a << 32 | b});
     if (!(h_b - h_a < smallest)) continue;
     smallest = h_b - h_a;
     face_margin_ = p.part_own < static_cast<std::uint32_t>(Part::kEdge) ? kInfinity : 0;
@@ -189,45 +189,63 @@ void Manifold::segment_on_polygon(const Feature& segment, const Feature& polygon
     const std::uint32_t own_index = part == Part::kVertex ? corner.vertex : first.edge;
     const std::uint64_t id =
         swapped ? touch_id(other, other_index, part, own_index) : touch_id(part, own_index, other, other_index);
-    found_.push_back({t1_ * at.x() + t2_ * at.y() + n * ((h_a + h_b) / 2), h_b - h_a, id});
+    found_.push_back({t1_ * at.x() + t2_ * at.y() + n * ((h_a + h_b) / 2), n, h_b - h_a, id});
   };
   add_point(from, part_from, side_from, first);
   if (segment.corners.size() > 1 && to > from) add_point(to, part_to, side_to, last);
 }
 
-/// Adds the crossing of two segments, or both ends of their common part if they are nearly parallel.
-void Manifold::segments(const Vector3d& n, double round_a, double round_b) {
+/// Adds the crossing of two segments and, for lines with curvature, both ends of the part in which they are near each other: at a
+/// small angle a little rotation moves the deepest point from one end to the other. Two nearly parallel edges have no crossing,
+/// only the ends of their common part.
+void Manifold::segments(const Placed& piece_a, const Placed& piece_b, const Vector3d& n) {
+  const double round_a = piece_a.convex->round, round_b = piece_b.convex->round;
+  const double radius_a = curvature(piece_a), radius_b = curvature(piece_b);
   const Vector3d a = a_.corners[0].p, along_a = a_.corners[1].p - a, b = b_.corners[0].p, along_b = b_.corners[1].p - b;
   const Vector2d u = across(along_a), v = across(along_b), w = across(b - a);
-  const double uu = u.squaredNorm(), turned = cross(u, v), radius = curved_;
-  const auto add_point = [&](double t, double s, std::uint64_t id) {
-    const Vector3d p_a = a + t * along_a, p_b = b + s * along_b;
-    const double h_a = n.dot(p_a) + round_a, h_b = n.dot(p_b) - round_b;
-    const double sideways = across(p_b - p_a).norm();
-    const double gap = radius > 0 ? std::hypot(h_b - h_a + radius, sideways) - radius : h_b - h_a;
-    const Vector3d middle = (p_a + p_b) / 2;
-    found_.push_back({middle + n * ((h_a + h_b) / 2 - n.dot(middle)), gap, id});
-  };
-  const double parallel = radius > 0 ? 0.05 : 1e-3;  // sine
-  if (std::abs(turned) > parallel * std::sqrt(uu) * v.norm()) {
-    const double t = cross(w, v) / turned, s = cross(w, u) / turned;
-    if (t < -kOn || t > 1 + kOn || s < -kOn || s > 1 + kOn) return;
-    add_point(std::clamp(t, 0.0, 1.0), std::clamp(s, 0.0, 1.0),
-              touch_id(Part::kEdge, a_.corners[0].edge, Part::kEdge, b_.corners[0].edge));
-    return;
-  }
-  const double vv = v.squaredNorm();
+  const double uu = u.squaredNorm(), vv = v.squaredNorm(), turned = cross(u, v), radius = radius_a + radius_b;
   if (uu == 0 || vv == 0) return;
+  const std::uint32_t edge_a = a_.corners[0].edge, edge_b = b_.corners[0].edge;
+  const Vector3d axis_a = a + (round_a - radius_a) * n, axis_b = b - (round_b - radius_b) * n;  // of the rounded lines
+  const auto between = [&](double t, double s) { return Vector3d(axis_b + s * along_b - axis_a - t * along_a); };
+  constexpr double kUpright = 1e-6;  // of the radius, sideways
+  const auto add_point = [&](double t, double s, std::uint64_t id) {
+    const Vector3d way = between(t, s), p_a = axis_a + t * along_a;
+    const bool leans = radius > 0 && n.dot(way) > 0 && (way - n.dot(way) * n).norm() > kUpright * radius;
+    const Vector3d m = leans ? Vector3d(way.normalized()) : n;
+    const double gap = m.dot(way) - radius;
+    found_.push_back({radius > 0 ? Vector3d(p_a + (radius_a + gap / 2) * m) : Vector3d(p_a + way / 2), m, gap, id});
+  };
+  constexpr double kParallel = 1e-3;  // sine
+  const bool crossing = std::abs(turned) > kParallel * std::sqrt(uu * vv);
+  const double t = crossing ? cross(w, v) / turned : 0, s = crossing ? cross(w, u) / turned : 0;
+  const bool meet = crossing && t >= -kOn && t <= 1 + kOn && s >= -kOn && s <= 1 + kOn;
+  if (meet) add_point(std::clamp(t, 0.0, 1.0), std::clamp(s, 0.0, 1.0), touch_id(Part::kEdge, edge_a, Part::kEdge, edge_b));
+  if (radius == 0 && crossing) return;
+
+  constexpr double kNear = 0.3, kApart = 0.05;              // of the radius: sideways, and along from the crossing
   const double b0 = u.dot(w) / uu, b1 = u.dot(w + v) / uu;  // b's ends along a
-  const double from = std::max(0.0, std::min(b0, b1)), to = std::min(1.0, std::max(b0, b1));
+  double from = std::max(0.0, std::min(b0, b1)), to = std::min(1.0, std::max(b0, b1));
+  if (crossing) {
+    const double reach = kNear * radius * std::sqrt(vv) / std::abs(turned);
+    from = std::max(from, t - reach);
+    to = std::min(to, t + reach);
+  }
   if (from > to + kOn) return;
-  for (const double t : {from, to}) {
-    const double s = std::clamp(v.dot(t * u - w) / vv, 0.0, 1.0);
-    const bool end_of_a = t == 0 || t == 1;
-    const std::uint32_t va = a_.corners[t == 0 ? 0 : 1].vertex, vb = b_.corners[(t == b0) ? 0 : 1].vertex;
-    add_point(t, s,
-              end_of_a ? touch_id(Part::kVertex, va, Part::kEdge, b_.corners[0].edge)
-                       : touch_id(Part::kEdge, a_.corners[0].edge, Part::kVertex, vb));
+  const auto foot = [&](double place) { return std::clamp(v.dot(place * u - w) / vv, 0.0, 1.0); };
+  // The ball of the radius about a place on the axis is within the shape; for cylinders not at their ends if the normal leans.
+  const auto inside = [](const Placed& piece, const Vector3d& along, const Vector3d& way, double place) {
+    if (piece.convex->core != Core::kCylinder) return place;
+    const double lean = std::abs(way.normalized().dot(along)) / along.squaredNorm() * piece.convex->radius;
+    return std::clamp(place, std::min(lean, 0.5), std::max(1 - lean, 0.5));
+  };
+  std::uint32_t end = 0;
+  for (const double limit : {from, to}) {
+    const Vector3d way = between(limit, foot(limit));
+    const double place = inside(piece_a, along_a, way, limit);
+    const std::uint64_t id = touch_id(Part::kFace, edge_a, Part::kFace, end++);
+    if (meet && std::abs(place - t) * std::sqrt(uu) < kApart * radius) continue;
+    add_point(place, inside(piece_b, along_b, way, foot(place)), id);
     if (to <= from) return;
   }
 }
@@ -250,8 +268,7 @@ double Manifold::find(const Placed& a, const Placed& b, const Vector3d& n, doubl
   } else if (count_a > 2) {
     segment_on_polygon(b_, a_, true, n, round_a, round_b);
   } else if (count_a == 2 && count_b == 2) {
-    curved_ = curvature(a) + curvature(b);
-    segments(n, round_a, round_b);
+    segments(a, b, n);
   }
   return choose(margin, touches);
 }
@@ -266,7 +283,7 @@ void Manifold::on_plane(const Placed& plane, const Placed& b, const Vector3d& n,
     const Vector3d& p = b_.corners[k].p;
     const double gap = n.dot(p - plane.p) - b.convex->round;
     found_.push_back(
-        {p - n * (b.convex->round + gap / 2), gap, touch_id(Part::kWhole, 0, Part::kVertex, b_.corners[k].vertex)});
+        {p - n * (b.convex->round + gap / 2), n, gap, touch_id(Part::kWhole, 0, Part::kVertex, b_.corners[k].vertex)});
   }
   choose(margin, touches);
 }

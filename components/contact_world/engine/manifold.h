@@ -11,7 +11,8 @@ namespace cotwin::contact_world {
 /// A contact point within a pair.
 struct Touch {
   Eigen::Vector3d p;  // halfway between the surfaces
-  double gap = 0;     // along the pair's normal
+  Eigen::Vector3d n;  // unit normal, from a to b: the pair's, or that of the place on two lines with curvature
+  double gap = 0;     // along n
   std::uint64_t id = 0;
 };
 
@@ -56,14 +57,13 @@ class Manifold {
   void polygons(const Eigen::Vector3d& n, double round_a, double round_b);
   void segment_on_polygon(const Feature& segment, const Feature& polygon, bool swapped, const Eigen::Vector3d& n,
                           double round_a, double round_b);
-  void segments(const Eigen::Vector3d& n, double round_a, double round_b);
+  void segments(const Placed& piece_a, const Placed& piece_b, const Eigen::Vector3d& n);
   void outline(const Feature& feature, bool clockwise);
   void clip(std::uint32_t own_face);
   double choose(double margin, std::vector<Touch>& touches);
   Eigen::Vector2d across(const Eigen::Vector3d& p) const { return {t1_.dot(p), t2_.dot(p)}; }
 
   Feature a_, b_;
-  double curved_ = 0;        // sum of the radii of two lines in contact
   Eigen::Vector3d t1_, t2_;  // right-handed frame with n
   std::vector<Point> points_, kept_;
   std::vector<Side> sides_;

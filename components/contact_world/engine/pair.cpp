@@ -17,7 +17,7 @@ using Eigen::Vector3d;
 void add_single_point(const Separation& s, double round_a, double round_b, double margin, std::vector<Touch>& touches) {
   const double gap = s.gap - round_a - round_b;
   if (!(gap < margin)) return;
-  const Touch touch{s.p_b - s.n * (round_b + gap / 2), gap, touch_id(Part::kWhole, 0, Part::kWhole, 0)};
+  const Touch touch{s.p_b - s.n * (round_b + gap / 2), s.n, gap, touch_id(Part::kWhole, 0, Part::kWhole, 0)};
   if (touches.size() < 4) {
     touches.push_back(touch);
     return;
@@ -38,7 +38,10 @@ Vector3d Pair::find(const Placed& a, const Placed& b, double margin, std::vector
   touches.clear();
   if (a.convex->core > b.convex->core) {
     const Vector3d n = -find(b, a, margin, touches);
-    for (Touch& t : touches) t.id = t.id << 32 | t.id >> 32;
+    for (Touch& t : touches) {
+      t.id = t.id << 32 | t.id >> 32;
+      t.n = -t.n;
+    }
     return n;
   }
   const Vector3d n = find_ordered(a, b, margin, touches);

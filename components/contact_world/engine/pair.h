@@ -13,7 +13,7 @@ class Pair {
  public:
   void reserve(std::size_t corners);
 
-  /// Replaces `touches` by the points with a gap below `margin`; returns their common normal from a to b.
+  /// Replaces `touches` by the points with a gap below `margin`; returns the pair's normal from a to b.
   Eigen::Vector3d find(const Placed& a, const Placed& b, double margin, std::vector<Touch>& touches);
 
  private:

@@ -74,6 +74,10 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
   places.resize(linked.size());
   check_gears();
   row_origin.reserve(loose.size() * kJointRows + scene.gears.size());
+  motions.resize(bodies.size());
+  shifted.resize(bodies.size());
+  frozen.resize(bodies.size());
+  for (std::size_t b = 0; b < bodies.size(); ++b) frozen[b] = !bodies[b].dynamic() || is_linked[b] != 0;
   laws.reserve(joints.size());
   drives.resize(joints.size());
   for (const scene::Body& body : scene.bodies) {

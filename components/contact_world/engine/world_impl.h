@@ -28,11 +28,13 @@ struct World::Impl {
   struct Touch {
     ContactPoint point;
     double mu = 0, restitution = 0, stiffness = 0, damping = 0;
+    double allowed = 0;                   // depth that separate() leaves, m
     double approach = 0;                  // normal velocity at the step's start, for restitution
     Vector3d impulse = Vector3d::Zero();  // on b, from the last solution: start of the next one
     Vector3d sum = Vector3d::Zero();      // of both stages of the step
     bool matched = false;                 // with a point of the other list
     bool bounced = false;                 // in this stage
+    bool too_deep = false;                // for separate()
   };
 
   Impl(scene::Scene the_scene, Options the_options);
@@ -43,6 +45,7 @@ struct World::Impl {
   void kick(double half);
   void solve(Stage stage, double h);
   void drift(double h);
+  void separate(double h);
   void publish(double h);
 
   // Of solve()
@@ -65,6 +68,10 @@ struct World::Impl {
   std::size_t loop_numbers() const;  // of the state
   void reserve(std::size_t contacts);
   void detect();
+  void take_points();
+  bool allow_depths(int pass);
+  void mark_too_deep();
+  void move_apart(double h);
   void set_margin(double h);
   void match();
   double normal_velocity(const Touch& touch) const;
@@ -98,6 +105,11 @@ struct World::Impl {
   };
   std::vector<int> linked;    // bodies with joints
   std::vector<Place> places;  // their states at the start of the step
+  struct BodyMotion {
+    Vector3d v, L;
+  };
+  std::vector<BodyMotion> motions;    // of the bodies during separate()
+  std::vector<char> shifted, frozen;  // bodies that separate() moves; bodies that it never moves
   std::vector<std::vector<const scene::Material*>> materials;
 
   std::vector<Touch> touches, touches_before;

@@ -64,6 +64,7 @@ void World::Impl::step(double h) {
   drift(h);
   for (Forest::Tree& tree : forest.trees()) tree.loops.advance();
   refresh(h);
+  separate(h);
   begin_inertias();
   kick(h / 2);
   solve(Stage::kVelocity, h);
@@ -150,6 +151,10 @@ void World::Impl::detect() {
     if (bodies[b].motion != scene::Motion::kStatic) poses[b] = bodies[b].pose();
   }
   collision.detect(poses, margin);
+  take_points();
+}
+
+void World::Impl::take_points() {
   std::swap(touches, touches_before);
   touches.clear();
   if (collision.points().size() > capacity) {

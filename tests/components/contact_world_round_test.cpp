@@ -1,0 +1,193 @@
+// Cylinders and capsules: piles, rolling, and contacts on edges and lines.
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "components/contact_world/engine/world.h"
+#include "models/scene/shapes.h"
+#include "tests/support/contact_scenes.h"
+
+namespace cotwin::contact_world {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+using scene::ShapeType;
+
+constexpr double kGravity = 9.81;  // m/s²
+
+scene::Body body_of(ShapeType type, const Vector3d& size, const Vector3d& p_WB, const Matrix3d& R_WB, double mu) {
+  scene::Shape shape;
+  shape.type = type;
+  shape.size = size;
+  shape.material.mu = mu;
+  scene::Body body;
+  body.name = "body";
+  body.shapes = {shape};
+  body.inertia = scene::solid_inertia(shape, 1000);
+  body.X_WB = {R_WB, p_WB};
+  return body;
+}
+
+Matrix3d turned(double angle, const Vector3d& axis) { return Eigen::AngleAxisd(angle, axis).toRotationMatrix(); }
+
+/// Bodies of random types, sizes and orientations in layers with gaps above a bin.
+scene::Scene bin(const std::vector<ShapeType>& types, int count, unsigned seed, double mu) {
+  std::mt19937_64 engine(seed);
+  const auto real = [&](double low, double high) { return low + (high - low) * static_cast<double>(engine() >> 11) * 0x1p-53; };
+  const int across = std::max(2, static_cast<int>(std::cbrt(count / 1.5)));
+  constexpr double kPitch = 0.22, kThick = 0.1, kHigh = 3;  // m
+  const double half = across * kPitch / 2 + 0.05;
+  scene::Scene scene;
+  scene.bodies.push_back(testing::ground(mu));
+  for (int k = 0; k < 4; ++k) {
+    const Matrix3d R = turned(k * M_PI / 2, Vector3d::UnitZ());
+    scene.bodies.push_back(
+        body_of(ShapeType::kBox, {kThick, 2 * half + 2 * kThick, kHigh}, R * Vector3d(half + kThick / 2, 0, kHigh / 2), R, mu));
+    scene.bodies.back().motion = scene::Motion::kStatic;
+  }
+  for (int k = 0; k < count; ++k) {
+    const ShapeType type = types[static_cast<std::size_t>(k) % types.size()];
+    const double radius = real(0.02, 0.05), length = real(0.03, 0.11);
+    const Vector3d size = type == ShapeType::kBox ? Vector3d(2 * radius, length, real(0.04, 0.1)) : Vector3d(radius, length, 0);
+    const Vector3d p((k % across - (across - 1) / 2.) * kPitch, (k / across % across - (across - 1) / 2.) * kPitch,
+                     0.12 + kPitch * (k / across / across));
+    const Eigen::Quaterniond Q(real(-1, 1), real(-1, 1), real(-1, 1), real(-1, 1));
+    scene.bodies.push_back(body_of(type, size, p, Q.normalized().toRotationMatrix(), mu));
+  }
+  return scene;
+}
+
+World world(scene::Scene scene) {
+  Options options;
+  options.contacts = 2048;
+  return {std::move(scene), options};
+}
+
+double deepest(const World& world) {
+  double depth = 0;
+  for (const ContactPoint& point : world.contacts()) depth = std::max(depth, -point.gap);
+  return depth;
+}
+
+TEST(RoundShapes, OfAPilePenetrateLessThanAMillimetreAtTwoMilliseconds) {
+  const std::vector<ShapeType> round{ShapeType::kCylinder, ShapeType::kCapsule};
+  const std::vector<ShapeType> all{ShapeType::kCylinder, ShapeType::kCapsule, ShapeType::kBox, ShapeType::kSphere};
+  for (unsigned seed = 1; seed <= 6; ++seed) {
+    for (const double mu : {0.1, 0.5, 1.0}) {
+      SCOPED_TRACE("seed " + std::to_string(seed) + ", mu " + std::to_string(mu));
+      World w = world(bin(seed % 2 == 0 ? round : all, 60, seed, mu));
+      double depth = 0, gain = 0, before = w.energy();
+      const double start = before;
+      for (int k = 0; k < 600; ++k) {
+        w.step(2e-3);
+        depth = std::max(depth, deepest(w));
+        gain = std::max(gain, w.energy() - before);
+        before = w.energy();
+      }
+      EXPECT_LT(depth, 1e-3);
+      EXPECT_LT(gain, 2e-3 * (start - before));  // in one step; sweeps that have not converged gain a little
+    }
+  }
+}
+
+TEST(RoundShapes, ACylinderRollsWithoutLoss) {
+  // Rolling without slip is not opposed by rigid contact: v stays; on a slope it is v̇ = g sin α / (1 + ½).
+  for (const double angle : {0.0, 0.1}) {
+    const Matrix3d R_slope = turned(angle, Vector3d::UnitY());
+    scene::Scene scene;
+    scene.bodies.push_back(testing::slope(angle, 0.5));
+    constexpr double kRadius = 0.05, kSpeed = 1;
+    scene.bodies.push_back(body_of(ShapeType::kCylinder, {kRadius, 0.1, 0}, R_slope * Vector3d(0, 0, kRadius),
+                                   turned(M_PI / 2, Vector3d::UnitX()), 0.5));
+    scene.bodies.back().V_WB << R_slope * Vector3d(kSpeed, 0, 0), 0, kSpeed / kRadius, 0;
+    World w = world(scene);
+    constexpr int kSteps = 3000;
+    for (int k = 0; k < kSteps; ++k) w.step(1e-3);
+    const double t = 1e-3 * kSteps, expected = kSpeed + kGravity * std::sin(angle) / 1.5 * t;
+    EXPECT_NEAR(w.twists()[1].head<3>().dot(R_slope.col(0)), expected, 1e-6);
+    EXPECT_NEAR(w.twists()[1][1], 0, 1e-9);  // keeps its direction
+  }
+}
+
+TEST(RoundShapes, ACapsuleRollsWithoutLoss) {
+  scene::Scene scene;
+  scene.bodies.push_back(testing::ground(0.5));
+  constexpr double kRadius = 0.03, kSpeed = 0.8;
+  scene.bodies.push_back(
+      body_of(ShapeType::kCapsule, {kRadius, 0.1, 0}, {0, 0, kRadius}, turned(M_PI / 2, Vector3d::UnitX()), 0.5));
+  scene.bodies.back().V_WB << kSpeed, 0, 0, 0, kSpeed / kRadius, 0;
+  World w = world(scene);
+  for (int k = 0; k < 3000; ++k) w.step(1e-3);
+  EXPECT_NEAR(w.twists()[1][0], kSpeed, 1e-6);
+}
+
+TEST(RoundShapes, ADiscRollsOnItsEdgeAtTheRateOfSteadyMotion) {
+  // A disc of radius a and half thickness b rolls on its rim while its centre rests. Centre and point of contact do not move, so
+  // ω is along the line between them. With the precession Ω about the vertical, Ω × L is the moment of the ground's force.
+  constexpr double kRadius = 0.04, kHalf = 0.001, kTilt = 0.5;
+  scene::Scene scene;
+  scene.bodies.push_back(testing::ground(5));
+  const Matrix3d R = turned(kTilt, Vector3d::UnitY());  // lowers the rim at +x
+  const double height = kRadius * std::sin(kTilt) + kHalf * std::cos(kTilt),
+               reach = kRadius * std::cos(kTilt) - kHalf * std::sin(kTilt);
+  scene.bodies.push_back(body_of(ShapeType::kCylinder, {kRadius, 2 * kHalf, 0}, {0, 0, height}, R, 5));
+  const Inertia& inertia = scene.bodies.back().inertia;
+  // ω = s (reach, 0, −height) / ‖·‖; the contact point is fixed in the frame that precesses with Ω e_z. The axis of the disc,
+  // e = R e_z, precesses: ω × e = Ω e_z × e, so ω = Ω e_z + w e for some w.
+  const Vector3d e = R.col(2), through = Vector3d(reach, 0, -height).normalized();
+  // s through = Ω e_z + w e in the plane of x and z: w = s through_x / e_x, Ω = s (through_z − through_x e_z / e_x).
+  const double w_of_s = through.x() / e.x(), rate_of_s = through.z() - through.x() * e.z() / e.x();
+  const Vector3d L_of_s = R * inertia.I_CC * R.transpose() * through;
+  // Moment of the ground's force m g e_z at (reach, 0, −height): (reach, 0, −height) × (0, 0, m g) = (0, −m g reach, 0).
+  const double s = std::sqrt(inertia.mass * kGravity * reach / -(rate_of_s * Vector3d::UnitZ().cross(L_of_s)).y());
+  ASSERT_TRUE(std::isfinite(s)) << w_of_s;
+  scene.bodies.back().V_WB << 0, 0, 0, s * through;
+  World w = world(scene);
+  const double before = w.energy(), rate = s * rate_of_s, h = 6e-5;
+  double turned_by = 0, last = std::atan2(e.y(), e.x());
+  const int steps = static_cast<int>(1 / h);
+  double lean = 0;
+  for (int k = 0; k < steps; ++k) {
+    w.step(h);
+    const Vector3d axis = w.poses()[1].R.col(2);
+    const double now = std::atan2(axis.y(), axis.x());
+    turned_by += std::remainder(now - last, 2 * M_PI);
+    last = now;
+    lean = std::max(lean, std::abs(std::acos(axis.z()) - kTilt));
+  }
+  EXPECT_LT(lean, 0.01);  // the error is of first order in h: the point of contact is fixed on the rim during a step
+  EXPECT_NEAR(turned_by / (steps * h), rate, 0.02 * std::abs(rate));
+  EXPECT_NEAR(w.energy(), before, 1e-3 * before);
+}
+
+TEST(RoundShapes, ACylinderLiesOnAnotherThatIsNearlyParallel) {
+  // At a crossing angle of 3 degrees the lower one carries the upper one along a line: one point would let it swing.
+  scene::Scene scene;
+  scene.bodies.push_back(testing::ground(0.5));
+  const Matrix3d along_y = turned(M_PI / 2, Vector3d::UnitX());
+  scene.bodies.push_back(body_of(ShapeType::kBox, {1, 1, 0.1}, {0, 0, 0.05}, Matrix3d::Identity(), 0.5));
+  scene.bodies.back().motion = scene::Motion::kStatic;
+  scene.bodies.push_back(body_of(ShapeType::kCylinder, {0.05, 0.2, 0}, {0, 0, 0.15}, along_y, 0.5));
+  scene.bodies.back().motion = scene::Motion::kStatic;
+  scene.bodies.push_back(
+      body_of(ShapeType::kCylinder, {0.04, 0.2, 0}, {0, 0, 0.2405}, turned(0.05, Vector3d::UnitZ()) * along_y, 0.5));
+  World w = world(scene);
+  double depth = 0, highest = 0;
+  for (int k = 0; k < 400; ++k) {
+    w.step(2e-3);
+    depth = std::max(depth, deepest(w));
+    highest = std::max(highest, w.twists()[3].tail<3>().norm());
+  }
+  EXPECT_LT(depth, 1e-4);
+  EXPECT_LT(highest, 0.2);  // rad/s
+}
+
+}  // namespace
+}  // namespace cotwin::contact_world
