@@ -157,6 +157,7 @@ class Rows {
   double solve(Core& core);
   double solve_any(Core& core);
   void apply_start(const Island& island);
+  void scale_start(const Island& island);
   void begin_acceleration(const Island& island);
   struct Shares {
     double of_change = 0, of_path = 0;

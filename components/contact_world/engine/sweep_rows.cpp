@@ -172,8 +172,7 @@ double Rows::solve_any(Core& core) {
   return solve<-1, -1>(core);
 }
 
-/// Applies the changes of x before the sweeps to the coordinates. A start that would be worse than none, measured by the energy
-/// of the velocities against the targets, is scaled to the best share: sweeps never add energy to what they start from.
+/// Applies the changes of x before the sweeps to the coordinates.
 void Rows::apply_start(const Island& island) {
   for (std::size_t i = island.first_box; i < island.end_box; ++i) {
     const BoxRow& row = boxes_[i];
@@ -191,6 +190,11 @@ void Rows::apply_start(const Island& island) {
     }
     apply_impulse(core, gained);
   }
+}
+
+/// Scales the changes of x before the sweeps to the best share in 0 … 1, measured by the energy of the velocities against the
+/// targets: then no sweep adds energy to what the step started with, however far the start is from the solution.
+void Rows::scale_start(const Island& island) {
   if (island.first_box == island.end_box) return;
   double along = 0, square = 0;
   for (std::size_t i = island.first_box; i < island.end_box; ++i) {
@@ -335,6 +339,7 @@ void Rows::extrapolate(const Island& island, Shares shares) {
 // when the changes grow. The last sweep is not extrapolated, so that x stays within its bounds.
 Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance) {
   apply_start(island);
+  if (iterations > 0) scale_start(island);
   const bool accelerate = island.first_box == island.end_box && island.end_cone - island.first_cone > 1;
   double square_before = 0;
   if (accelerate) begin_acceleration(island);

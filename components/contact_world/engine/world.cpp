@@ -82,7 +82,10 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
   drives.resize(joints.size());
   for (const scene::Body& body : scene.bodies) {
     materials.emplace_back();
-    for (const scene::Shape& shape : body.shapes) materials.back().push_back(&shape.material);
+    for (const scene::Shape& shape : body.shapes) {
+      materials.back().push_back(&shape.material);
+      bounces = bounces || shape.material.restitution > 0;
+    }
   }
   collision.reserve(options.contacts);
   reserve(options.contacts);

@@ -32,11 +32,12 @@ struct Status {
   std::size_t contacts = 0;  // points in the step
   std::size_t grown = 0;     // number of times that the capacity was exceeded, since construction
   int degenerate = 0;        // redundant or contradicting rows that were relaxed
+  int impacts = 0;           // rounds of impacts, one after the other
 };
 
 /// Bodies in maximal coordinates, (1): M ν̇ = f + f_c. contact_world.h is the unit around it.
 ///
-/// A step from t_n to t_n + h is RATTLE with contacts:
+/// A step from t_n to t_n + h is RATTLE with contacts, after the impacts of bodies with restitution (impacts.cpp):
 ///   1. half a kick by the forces at x_n, and impulses such that x_{n+1} satisfies the joints and no gap becomes negative
 ///   2. drift with the velocity of the step's middle; rotations conserve angular momentum and are of second order
 ///   3. half a kick by the forces at x_{n+1}, and impulses such that v_{n+1} satisfies joints and contacts

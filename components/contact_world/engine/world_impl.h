@@ -19,9 +19,15 @@ struct LooseJoint {
   bool whole = true;  // false: a tree or its loops hold the joint; rows only act along its axis
 };
 
+/// Contacts with restitution that approach more slowly than this times h g are at rest.
+constexpr double kSlow = 2;
+
 /// 6 of the joint; spring, lower limit, upper limit, friction, motor; the gear that the joint follows
 constexpr std::size_t kJointRows = 12;
 constexpr int kGearRow = 11;
+
+/// Part of a contact point in one round of impacts.
+enum class ImpactRole : char { kNone, kStrikes, kSupports };
 
 struct World::Impl {
   /// A contact point with its material parameters and impulses.
@@ -29,12 +35,13 @@ struct World::Impl {
     ContactPoint point;
     double mu = 0, restitution = 0, stiffness = 0, damping = 0;
     double allowed = 0;                   // depth that separate() leaves, m
-    double approach = 0;                  // normal velocity at the step's start, for restitution
+    double approach = 0;                  // normal velocity, during the impacts
     Vector3d impulse = Vector3d::Zero();  // on b, from the last solution: start of the next one
+    Vector3d impact = Vector3d::Zero();   // on b, of the impacts at the start of the step
     Vector3d sum = Vector3d::Zero();      // of both stages of the step
     bool matched = false;                 // with a point of the other list
-    bool bounced = false;                 // in this stage
     bool too_deep = false;                // for separate()
+    ImpactRole role = ImpactRole::kNone;
   };
 
   Impl(scene::Scene the_scene, Options the_options);
@@ -42,11 +49,25 @@ struct World::Impl {
   // Phases of a step, in order
   void step(double h);
   void refresh(double h);  // updates all that depends on poses alone
+  void resolve_impacts(double h);
   void kick(double half);
   void solve(Stage stage, double h);
   void drift(double h);
   void separate(double h);
   void publish(double h);
+
+  // Of resolve_impacts(); impacts.cpp
+  bool find_impacts(double h);
+  bool strikes(const Touch& touch, double h) const;
+  bool begin_round(double h);
+  void find_supports(double h);
+  void find_all_struck(double h);
+  void collect_impacts(double h, bool newton);
+  void apply_impact_rows(double h);
+  void set_impact_rows(double h, std::span<const double> x);
+  void solve_impacts(double h, bool newton);
+  void limit_energy(double h, bool newton);
+  void end_round();
 
   // Of solve()
   void begin_inertias();
@@ -60,6 +81,7 @@ struct World::Impl {
   void collect_gear(const scene::Gear& gear, Stage stage, double h);
   double gear_error(const scene::Gear& gear);
   void collect_contact(std::size_t t, Stage stage, double h);
+  ConeRow contact_row(std::size_t t) const;
   void solve_rows(double h);
   void satisfy_joints(double h);
   void store_impulses();
@@ -67,6 +89,7 @@ struct World::Impl {
 
   std::size_t loop_numbers() const;  // of the state
   void reserve(std::size_t contacts);
+  void reserve_impacts(std::size_t contacts);
   void detect();
   void take_points();
   bool allow_depths(int pass);
@@ -113,6 +136,24 @@ struct World::Impl {
   std::vector<std::vector<const scene::Material*>> materials;
 
   std::vector<Touch> touches, touches_before;
+  /// Work data of the impacts.
+  struct Impacts {
+    struct Island {
+      double work = 0, scale = 0;                      // of Newton's law, J; sum of |x u|
+      double e = 1;                                    // the least restitution
+      double linear = 0, square = 0, s = 0;            // of the plastic solution: x · u, xᵀ A x; its scale
+      double at_scaled = 0, slope = 0, curvature = 0;  // work between the scaled solution and Newton's
+      double share = 0;                                // of Newton's solution
+    };
+    double slow = 0;                    // m/s; slower approaches are no impacts
+    double tolerance = 0;               // m/s
+    std::vector<char> struck, carried;  // bodies that impacts have changed; bodies of the round
+    std::vector<double> first;          // s, when each body meets another for the first time
+    std::vector<double> u_start, x, u;  // per direction of each row: velocity before the round; impulse, velocity after it
+    std::vector<double> x_plastic, u_plastic;
+    std::vector<Island> islands;
+  } impacts;
+
   std::vector<ContactPoint> points;
   std::vector<Vector3d> forces;
   std::vector<Wrench> applied;
@@ -122,6 +163,7 @@ struct World::Impl {
   Status status;
   std::size_t capacity = 0;  // number of points without allocation
   double margin = 0;
+  bool bounces = false;   // a shape has a restitution
   bool prepared = false;  // the rows match these poses and factors
   bool stale = true;      // poses changed since refresh()
   bool restored = false;  // the margin is that of the restored state

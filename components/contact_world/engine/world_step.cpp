@@ -46,6 +46,7 @@ void World::Impl::step(double h) {
   status.iterations = 0;
   status.residual = 0;
   status.degenerate = 0;
+  status.impacts = 0;
   if (stale) {
     for (Joint& joint : joints) joint.place(bodies);
     for (Forest::Tree& tree : forest.trees()) {
@@ -56,9 +57,10 @@ void World::Impl::step(double h) {
 
   for (Touch& touch : touches) {
     touch.sum.setZero();
-    if (touch.restitution > 0) touch.approach = normal_velocity(touch);
+    touch.impact.setZero();
   }
   begin_inertias();
+  resolve_impacts(h);
   kick(h / 2);
   solve(Stage::kPosition, h);
   drift(h);
@@ -121,7 +123,7 @@ void World::Impl::publish(double h) {
   forces.clear();
   for (std::size_t t = 0; t < touches.size(); ++t) {
     points.push_back(touches[t].point);
-    forces.push_back(touches[t].sum / h);
+    forces.push_back((touches[t].impact + touches[t].sum) / h);
     if (t >= options.contacts) touches[t].impulse.setZero();
   }
 }
@@ -139,11 +141,12 @@ void World::Impl::set_margin(double h) {
 void World::Impl::reserve(std::size_t contacts) {
   capacity = contacts;
   rows.reserve(contacts, loose.size() * kJointRows + scene.gears.size(), scene.gears.size(),
-               options.method == Method::kDantzig);
+               options.method == Method::kDantzig || bounces);
   touches.reserve(contacts);
   touches_before.reserve(contacts);
   points.reserve(contacts);
   forces.reserve(contacts);
+  reserve_impacts(contacts);
 }
 
 void World::Impl::detect() {
@@ -191,6 +194,7 @@ void World::Impl::match() {
   };
   const auto take = [](Touch& touch, Touch& before) {
     touch.impulse = before.impulse;
+    touch.impact = before.impact;
     touch.sum = before.sum;
     touch.matched = before.matched = true;
   };
@@ -414,7 +418,8 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
   Touch& touch = touches[t];
   const double gap = std::abs(touch.point.gap) > kGapNoise ? touch.point.gap : 0;
   const Vector3d& n = touch.point.n_W;
-  ConeRow row;
+  ConeRow row = contact_row(t);
+  row.gap = gap;
   if (touch.stiffness < kInfinity) {
     if (gap > 0) return;
     row.soft = true;
@@ -427,17 +432,20 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
       row.target = stage == Stage::kVelocity ? 0 : std::min(kCorrection * std::max(-gap - kSlop, 0.0) / h, kFastestCorrection);
       if (stage == Stage::kVelocity && options.method != Method::kDantzig) row.lo = std::min(0.0, -n.dot(touch.sum));
     }
-    // A bounce occurs where the body would penetrate, with the velocity at the start of the step: this conserves energy.
-    if (touch.restitution > 0) {
-      const double slow = -2 * h * scene.gravity.norm();
-      const double u = normal_velocity(touch);
-      if (stage == Stage::kVelocity && u < slow) return;
-      if (stage == Stage::kPosition && touch.approach < slow && gap + h * u <= 0) {
-        row.target = u - (1 + touch.restitution) * touch.approach;
-        touch.bounced = true;
-      }
-    }
+    // Bodies that approach will bounce at the start of the next step.
+    if (touch.restitution > 0 && stage == Stage::kVelocity && normal_velocity(touch) < -kSlow * h * scene.gravity.norm())
+      return;
   }
+  Eigen::Map<Vector3d>(row.x) = row.d.transpose() * touch.impulse;
+  row.x[0] = std::max(row.x[0], row.lo);
+  rows.add(row);
+}
+
+/// The row of a contact point without target and impulse.
+ConeRow World::Impl::contact_row(std::size_t t) const {
+  const Touch& touch = touches[t];
+  const Vector3d& n = touch.point.n_W;
+  ConeRow row;
   row.a = bodies[index(touch.point.body_a)].motion == scene::Motion::kStatic ? -1 : touch.point.body_a;
   row.b = bodies[index(touch.point.body_b)].motion == scene::Motion::kStatic ? -1 : touch.point.body_b;
   Eigen::Index least = 0;
@@ -445,12 +453,9 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
   const Vector3d t1 = n.cross(Vector3d::Unit(least)).normalized();
   row.d << n, t1, n.cross(t1);
   row.p = touch.point.p_W;
-  row.gap = gap;
   row.mu = touch.mu;
   row.point = static_cast<int>(t);
-  Eigen::Map<Vector3d>(row.x) = row.d.transpose() * touch.impulse;
-  row.x[0] = std::max(row.x[0], row.lo);
-  rows.add(row);
+  return row;
 }
 
 /// Solves rows and trees alternately: contact impulses depend on the held axes and change them.
@@ -549,7 +554,6 @@ void World::Impl::store_impulses() {
     Touch& touch = touches[index(row.point)];
     touch.impulse = row.d * Vector3d(row.x[0], row.x[1], row.x[2]);
     touch.sum += touch.impulse;
-    if (std::exchange(touch.bounced, false)) touch.impulse.setZero();  // not a warm start for the next solution
   }
   for (const LooseJoint& one : loose) joint_x[index(one.joint)].fill(0);
   for (const scene::Gear& gear : scene.gears) joint_x[index(gear.follower)][kGearRow] = 0;
