@@ -248,7 +248,7 @@ void World::Impl::set_impact_rows(double h, std::span<const double> x) {
 }
 
 void World::Impl::solve_impacts(double h, bool newton) {
-  for (const Forest::Tree& tree : forest.trees()) {
+  for (Forest::Tree& tree : forest.trees()) {
     forest.load_momenta(tree, bodies);
     forest.clear_beta(tree);
   }
