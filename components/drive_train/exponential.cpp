@@ -14,8 +14,9 @@ constexpr double kStretch = 12;      // rad: rounding errors of a series are exp
 constexpr double kWatchStretch = 1;  // the same while event functions are watched
 constexpr int kMostTerms = 60;
 constexpr double kSeriesError = 1e-2;  // of a tolerance
-// The estimated error is that of the solution of order 2; the solution of order 3 is at least this much better.
-constexpr double kEstimate = 0.1;
+// The estimated error is that of the solution of order 2. The solution of order 3 is better by this factor where R is smooth over
+// the sub-step, and less where R follows oscillations that are shorter: by frequency times length, up to 1.
+constexpr double kEstimate = 0.1, kEstimateOfOscillation = 0.02;
 constexpr double kOnTheEvent = 1e-10;   // rad/s, rad or N.m
 constexpr double kNearTheEvent = 1e-9;  // share of the event function at the beginning of the stretch
 constexpr int kMostRefinements = 20;
@@ -415,11 +416,12 @@ double Exponential::attempt(double t, double& length, const double* x, const Tol
   e.confine_bristles(x1);
   e.evaluate(x1, p1);
 
+  const double share = std::clamp(kEstimateOfOscillation * frequency_ * h, kEstimate, 1.0);
   double worst = 0;
   const auto weigh = [&](std::size_t part, double absolute) {
     for (std::size_t i = 0; i < n; ++i) {
       const double size_of_x = std::max(std::abs(x[part * n + i]), std::abs(x1[part * n + i]));
-      const double scaled = kEstimate * std::abs(correction_[part * p + i]) / (absolute + tolerances.relative * size_of_x);
+      const double scaled = share * std::abs(correction_[part * p + i]) / (absolute + tolerances.relative * size_of_x);
       if (!(scaled <= worst)) worst = scaled;  // NaN too
     }
   };

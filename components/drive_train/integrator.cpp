@@ -14,7 +14,7 @@ constexpr double kLargestGrowth = 4, kLargestCut = 0.2;
 constexpr double kOnTheEvent = 1e-10;  // rad/s, rad or N.m: an event function this close to zero is at it
 // Of the fastest rate times the rest of the step. Within kEasy the exponential method needs less time than the Rosenbrock method
 // for a microradian (measured on the LWR 4); within kPossible its time is bounded, about 10 ms for 7 joints.
-constexpr double kEasy = 30, kPossible = 2e4;
+constexpr double kEasy = 16, kPossible = 2e4;
 // A sub-step of the exponential method that must be taken with a larger error over tolerance is replaced by one of the Rosenbrock
 // method, which is L-stable.
 constexpr double kUnstable = 1e3;

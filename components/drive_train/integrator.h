@@ -13,9 +13,10 @@ namespace cotwin::drive_train {
 
 /// Integrates a communication step in sub-steps of one of two methods, with control of their error, and finds the events.
 ///
-/// kAuto takes for each sub-step the exponential method, unless its Taylor series would need more work than the sub-steps of the
-/// Rosenbrock method: where the fastest rate is that of damping or of a bristle. It does without its L-stability only where the
-/// Rosenbrock method reached max_substeps. The choice depends only on the state, so it is the same after a snapshot.
+/// kAuto takes the exponential method for a sub-step if its Taylor series are short, or if oscillation is faster than all decay,
+/// or if the Rosenbrock method would reach max_substeps; otherwise the Rosenbrock method, which is L-stable. The choice depends
+/// only on the state, so it is the same after a snapshot. kExponential leaves to the Rosenbrock method only sub-steps whose work
+/// would have no practical bound, and those that max_substeps forces with a large error.
 class Integrator {
  public:
   enum class Method : std::uint8_t { kAuto, kExponential, kRosenbrock };
