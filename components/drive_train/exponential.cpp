@@ -191,11 +191,21 @@ bool Exponential::solve(double h, const double* b0, const double* b1, const doub
     double* y = terms_.data();
     std::copy(delta, delta + size, y);
     double power = 1;
+    bool zero = piece == 0;                        // all terms so far
     bool small_before = false, converged = false;  // without damping, every second term of the speeds may be 0
     int k = 0;
     for (; k < kMostTerms && !converged; ++k, y += size) {
       double* next = y + size;
-      term<P>(s / (k + 1), y, k < 3 ? forces[k] : nullptr, power, next);
+      const double* force = k < 3 ? forces[k] : nullptr;
+      if (!zero) {
+        term<P>(s / (k + 1), y, force, power, next);
+      } else if (force == nullptr) {
+        std::fill(next, next + size, 0.0);
+      } else {
+        const Pair factor = {s / (k + 1) * power, s / (k + 1) * power};
+        for (std::size_t i = 0; i < size / 2; ++i) pack(next)[i] = factor * pack(force)[i];
+        zero = false;
+      }
       power *= s;
       Pair squares = {};
       for (std::size_t i = 0; i < speeds / 2; ++i) {
