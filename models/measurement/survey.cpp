@@ -267,14 +267,17 @@ class Surveyor {
     joint.tau_rms = std::sqrt(sums.yy / sums.n);
     joint.gravity_rms = std::sqrt(sums.xx / sums.n);
     joint.gravity_correlation = sums.correlation();
-    if (joint.tau_max == joint.tau_min && moves(j)) {
+    const bool passive = robot_.joints[j].passive;
+    if (passive && (joint.tau_min != 0 || joint.tau_max != 0))
+      warn(tau_place, "is not 0, but " + axes_[j].name + " is passive: the tuning takes 0, the errors compare with the column");
+    if (!passive && joint.tau_max == joint.tau_min && moves(j)) {
       throw Error(tau_place, "is " + number(joint.tau_min) + " in every row, expected the measured torque of " + axes_[j].name);
     }
     if (!moves(j)) {
       warn(q_place, axes_[j].name + " moves by " + number(joint.q_max - joint.q_min) + (axes_[j].revolute ? " rad" : " m") +
                         ", expected a motion: what only shows when it moves stays as in the URDF");
     }
-    if (joint.tau_max > joint.tau_min) check_gravity(j, tau_place);
+    if (!passive && joint.tau_max > joint.tau_min) check_gravity(j, tau_place);
     if (result_.has_speeds && moves(j)) check_velocities(j);
   }
 

@@ -4,8 +4,10 @@
 #include <gtest/gtest.h>
 
 #include <filesystem>
+#include <fstream>
 
 #include "components/unit/unit_table.h"
+#include "models/scene/cell.h"
 #include "models/support/error.h"
 #include "tests/support/places.h"
 
@@ -139,6 +141,41 @@ TEST(Apply, NamesThePlaceOfAnInvalidValue) {
   EXPECT_THAT(applying({"x", true, "", "a.ssv:4"}), ThrowsMessage<Error>(HasSubstr("a.ssv:4")));
   EXPECT_THAT(applying({"y", 1.0, "", "a.ssv:5"}),
               ThrowsMessage<Error>(AllOf(HasSubstr("a.ssv:5"), HasSubstr("is an output"))));
+}
+
+Settings cell_settings(std::string_view query) {
+  SettingList list;
+  list.cell();
+  Settings s("world", query, {}, {std::filesystem::path(places::source()) / "tests/components/data"});
+  s.declare(std::move(list));
+  return s;
+}
+
+TEST(Settings, LockAndFreeJointsOfOneOfSeveralRobots) {
+  const std::string robots = "robots=left:finger.urdf,right:finger.urdf";
+  const scene::Cell cell = cell_settings(robots + "&lock=left/knuckle:0.3&passive=right/shoulder,right/knuckle").cell();
+  EXPECT_EQ(cell.robots[0].model.n(), 1);
+  EXPECT_TRUE(cell.robots[0].model.mimics.empty());  // they stand still with their leader
+  EXPECT_FALSE(cell.robots[0].model.joints[0].passive);
+  EXPECT_EQ(cell.robots[1].model.n(), 2);
+  EXPECT_TRUE(cell.robots[1].model.joints[0].passive && cell.robots[1].model.joints[1].passive);
+  for (const char* wrong : {"&lock=knuckle:0.3", "&lock=up/knuckle:0.3", "&passive=shoulder"}) {
+    EXPECT_THAT([&] { cell_settings(robots + wrong).cell(); },
+                ThrowsMessage<Error>(HasSubstr("names no robot, expected robot/joint")))
+        << wrong;
+  }
+}
+
+TEST(Settings, AXacroFileAsRobotIsReadAndRefusedWithAHint) {
+  const std::filesystem::path folder = std::filesystem::temp_directory_path() / "cotwin_settings_xacro";
+  std::filesystem::create_directories(folder);
+  std::ofstream(folder / "arm.xacro") << "<robot xmlns:xacro=\"http://wiki.ros.org/xacro\"><xacro:arm/></robot>";
+  SettingList list;
+  list.robot("a robot", true);
+  Settings s("line", "robot=arm.xacro", {}, {folder});
+  s.declare(std::move(list));
+  EXPECT_THAT([&] { s.robot(); }, ThrowsMessage<Error>(HasSubstr("expand it first: xacro FILE > robot.urdf")));
+  std::filesystem::remove_all(folder);
 }
 
 }  // namespace

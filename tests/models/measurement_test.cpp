@@ -134,6 +134,15 @@ TEST_F(LogSurvey, SecondsReadAsMillisecondsMoveTooFast) {
   EXPECT_THAT(error(wrong), AllOf(HasSubstr("would have moved with"), HasSubstr("--time-unit")));
 }
 
+TEST_F(LogSurvey, APassiveJointNeedsNoTorque) {
+  robot::RobotModel robot = robot_;
+  robot.joints[4].passive = true;
+  write([](std::size_t, std::vector<double>& cells) { cells[kTau + 4] = 0; });
+  EXPECT_THAT(survey(log(), robot).warnings, IsEmpty());
+  write([](std::size_t, std::vector<double>& cells) { cells[kTau + 4] = -cells[kTau + 4]; });
+  EXPECT_THAT(survey(log(), robot).warnings, Contains(HasSubstr("column 'tau5': is not 0, but")));
+}
+
 TEST_F(LogSurvey, ATorqueThatNeverChangesIsAnErrorThatNamesItsColumn) {
   write([](std::size_t, std::vector<double>& cells) { cells[kTau + 4] = 3; });
   EXPECT_THAT(error(), AllOf(HasSubstr("column 'tau5'"), HasSubstr("is 3 in every row"),

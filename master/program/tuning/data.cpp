@@ -84,6 +84,10 @@ Data survey_log(const Settings& settings, const Hooks& hooks) {
   data.robot = load_robot(settings, &data.warnings);
   if (data.robot.joints.empty()) throw Error(settings.robot.string(), "has no movable joint, expected at least one");
 
+  for (const robot::Joint& joint : data.robot.joints) {
+    if (joint.passive)
+      data.warnings.push_back(joint.name + " is passive: no twin.ssd, because its controller drives every joint");
+  }
   hooks.tell("checking the log", 0);
   measurement::Log all = log_of(settings, false);
   all.files.insert(all.files.end(), settings.held_out.begin(), settings.held_out.end());

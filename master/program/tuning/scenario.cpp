@@ -37,6 +37,8 @@ std::size_t points_between(double step) {
 }
 
 std::optional<Replay> choose_replay(const Settings& settings, const Data& data) {
+  const auto passive = [](const robot::Joint& joint) { return joint.passive; };
+  if (std::any_of(data.robot.joints.begin(), data.robot.joints.end(), passive)) return std::nullopt;
   // The longest segment; of the held-out logs if there are any.
   std::optional<Replay> best;
   std::size_t boundary = data.split;

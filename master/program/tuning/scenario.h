@@ -9,7 +9,7 @@
 namespace cotwin::master::tuning {
 
 /// The part of the log that twin.ssd replays: one segment, at most kReplayed rows of motion.csv, around the boundary between
-/// training and held-out data if the segment contains it. Nothing if the log has no samples.
+/// training and held-out data if the segment contains it. Nothing if the log has no samples or a joint is passive.
 std::optional<Replay> choose_replay(const Settings& settings, const Data& data);
 inline constexpr std::size_t kReplayed = 60000;
 /// Number of rows of motion.csv per step of the grid; recordings interpolate torques linearly.

@@ -72,7 +72,7 @@ SwarmRun run_swarm(const Settings& settings, const Run& run, const Hooks& hooks,
 }
 
 /// Sentences for joints whose held-out error is above that of no model (the torque itself) or of the prior, by more than
-/// rounding and chance. Joints that stand still are left out.
+/// rounding and chance. Joints that stand still are left out, and passive ones are compared with the prior only.
 std::vector<std::string> alarms_of(const Data& data, const Evaluation& evaluation, std::size_t candidate) {
   constexpr double kWorse = 1.02;
   std::vector<std::string> alarms;
@@ -82,7 +82,7 @@ std::vector<std::string> alarms_of(const Data& data, const Evaluation& evaluatio
     if (!data.survey.moves(j)) continue;
     const auto i = static_cast<Eigen::Index>(j);
     const double error = part.of[candidate].rms[i], prior = part.of.front().rms[i], torque = part.torque_rms[i];
-    const bool than_none = error > kWorse * torque, than_prior = error > kWorse * prior;
+    const bool than_none = !data.robot.joints[j].passive && error > kWorse * torque, than_prior = error > kWorse * prior;
     if (!than_none && !than_prior) continue;
     alarms.push_back(data.robot.joints[j].name + ": held-out error " + text::to_text(error, 3) + " N.m, expected below " +
                      (than_none ? "the torque itself, " + text::to_text(torque, 3) + " N.m"
