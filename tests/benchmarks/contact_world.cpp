@@ -1,8 +1,8 @@
 // Compares the contact world with the Open Dynamics Engine and Bullet: the same bodies, masses, friction and step in each. A
 // row is compared with the best figure of any peer. Times are processor times of the thread. Usage:
 //   contact_world                           JSON rows
-//   contact_world table [CASE [ENGINE]]     a table in Markdown for each case, engines as columns
-//   contact_world scenes [CASE [ENGINE]]    the hard scenes as one table in Markdown, with the column "ours leads"
+//   contact_world table [CASE [ENGINE]]     the ordinary scenes as a table in Markdown, engines as columns
+//   contact_world scenes [CASE [ENGINE]]    the hard scenes, likewise
 // CASE and ENGINE: parts of names. "does not end": more than 30 s of processor time.
 
 #include <algorithm>
@@ -80,10 +80,10 @@ void print_rows(const Case& what, const std::vector<Outcome>& outcomes) {
   }
 }
 
-void print_engines(const std::string& first, const std::string& last) {
-  std::printf("\n| %s |", first.c_str());
+void print_header() {
+  std::printf("| scene |");
   for (const EngineKind& kind : kEngines) std::printf(" %s |", kind.name.c_str());
-  std::printf(" %s |\n|---|", last.c_str());
+  std::printf(" goal; ours leads |\n|---|");
   for (std::size_t e = 0; e <= kEngines.size(); ++e) std::printf("---|");
   std::printf("\n");
 }
@@ -104,17 +104,6 @@ double goal(const std::vector<Outcome>& outcomes, std::size_t f) {
     if (kEngines[e].ours && !outcomes[e].figures.empty()) goal = std::max(goal, outcomes[e].figures[f].goal);
   }
   return goal;
-}
-
-void print_table(const Case& what, const std::vector<Outcome>& outcomes) {
-  print_engines(what.name, "goal");
-  const std::vector<Figure>* figures = any_figures(outcomes);
-  for (std::size_t f = 0; figures != nullptr && f < figures->size(); ++f) {
-    std::printf("| %s, %s |", (*figures)[f].name.c_str(), (*figures)[f].unit.c_str());
-    print_values(outcomes, f);
-    goal(outcomes, f) > 0 ? std::printf(" ≤ %.3g |\n", goal(outcomes, f)) : std::printf(" |\n");
-  }
-  std::fflush(stdout);
 }
 
 // Errors below this value are equal.
@@ -182,11 +171,10 @@ int main(int argc, char** argv) {
   if (mode != "table") {
     all.insert(all.end(), {loop_cases(), static_cases(), shape_cases(), sim_benchmark(), foreign_cases()});
   }
-  if (mode == "scenes") print_engines("scene", "goal; ours leads");
-  const auto print_case = mode == "table" ? print_table : mode == "scenes" ? print_scene : print_rows;
+  if (!mode.empty()) print_header();
   for (const auto& cases : all) {
     for (const Case& what : cases) {
-      if (what.name.find(filter) != std::string::npos) print_case(what, run(what, engine));
+      if (what.name.find(filter) != std::string::npos) (mode.empty() ? print_rows : print_scene)(what, run(what, engine));
     }
   }
   return 0;
