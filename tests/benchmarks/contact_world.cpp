@@ -67,6 +67,10 @@ const std::vector<Figure>* any_figures(const std::vector<Outcome>& outcomes) {
 }
 
 void print_rows(const Case& what, const std::vector<Outcome>& outcomes) {
+  for (std::size_t e = 0; e < kEngines.size(); ++e) {
+    if (!kEngines[e].ours || !outcomes[e].figures.empty() || outcomes[e].failure.empty()) continue;
+    print({what.name + ", " + kEngines[e].name + ": " + outcomes[e].failure, "failed runs", 1, "none", 0, 0.5, false});
+  }
   const std::vector<Figure>* figures = any_figures(outcomes);
   for (std::size_t f = 0; figures != nullptr && f < figures->size(); ++f) {
     const std::size_t peer = best(outcomes, f, false);

@@ -68,7 +68,7 @@ double fallen(const Run& run) {  // bodies of the scene that have turned by more
   return count;
 }
 
-// Exact pivoting is compared with the sweeps of the default method.
+// The goal of exact pivoting is three times the time of the default method; it stands in both rows, as pivoting may not end.
 std::vector<Figure> dominoes(const EngineKind& kind) {
   constexpr int kCount = 30, kSteps = 2500;
   Run run(kind, testing::dominoes(kCount), kStep);
@@ -81,7 +81,7 @@ std::vector<Figure> dominoes(const EngineKind& kind) {
       depth = worst(depth, -low);
     }
   }
-  double goal = 0;
+  double goal = kind.ours && !kind.exact ? 3 * run.mean_microseconds() : 0;
   if (kind.ours && kind.exact) {
     Run sweeps({"sweeps", make_default, true, false}, testing::dominoes(kCount), kStep);
     for (int k = 0; k < kSteps; ++k) sweeps.step();
