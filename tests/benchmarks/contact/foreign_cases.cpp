@@ -82,6 +82,13 @@ std::vector<Figure> settles(const EngineKind& kind, const scene::Scene& scene, d
           {"energy gained", "J", gained, 0}};
 }
 
+// Contact springs without damping go on oscillating, so their depth is no error.
+std::vector<Figure> soft_stack(const EngineKind& kind, double stiffness) {
+  std::vector<Figure> figures = settles(kind, testing::soft_stack(stiffness), 2);
+  figures.erase(figures.begin() + 1);
+  return figures;
+}
+
 // Heights after one fall: the small ball's speed is (3 M − m) / (M + m) v for impacts one after the other.
 std::vector<Figure> ball_on_ball(const EngineKind& kind, double ratio) {
   Run run(kind, testing::ball_on_ball(ratio), kStep);
@@ -142,8 +149,8 @@ std::vector<Case> foreign_cases() {
           rests("stack of 5 cubes of 50 m", testing::stack_of_edge(5, 50), 2),
           rests("stack of 40 cubes", testing::stack_of_edge(40, 0.1), 2),
           rests("brick wall of 10 rows", testing::brick_wall(10), 1),
-          falls("soft stack, 1e5 N/m below 10 boxes", testing::soft_stack(1e5), 2),
-          falls("soft stack, 1e8 N/m below 10 boxes", testing::soft_stack(1e8), 2),
+          {"soft stack, 1e5 N/m below 10 boxes", [](const EngineKind& kind) { return soft_stack(kind, 1e5); }},
+          {"soft stack, 1e8 N/m below 10 boxes", [](const EngineKind& kind) { return soft_stack(kind, 1e8); }},
           rests("ball spins in a groove of ±10 degrees", testing::wedged_ball(0.1745, 0.5), 2),
           {"ball of 10 g on 1 kg, e = 1", [](const EngineKind& kind) { return ball_on_ball(kind, 0.01); }},
           {"ball of 1 kg on 1 kg, e = 1", [](const EngineKind& kind) { return ball_on_ball(kind, 1); }},
