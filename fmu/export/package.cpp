@@ -146,17 +146,22 @@ void put(ByteWriter& out, const scene::Shape& shape) {
   for (const Eigen::Vector3d& vertex : shape.vertices) put(out, vertex);
   put(out, shape.X_BS);
   const scene::Material& m = shape.material;
-  for (const double value : {m.mu, m.restitution, m.stiffness, m.damping}) out.value(value);
+  put(out, m.first_direction);
+  for (const double value : {m.mu, m.mu2, m.torsion, m.patch_radius, m.surface_radius, m.restitution, m.stiffness, m.damping})
+    out.value(value);
 }
 void get(ByteReader& in, scene::Shape& shape) {
   shape.name = in.text();
-  shape.type = choice<scene::ShapeType>(in, static_cast<int>(scene::ShapeType::kPlane));
+  shape.type = choice<scene::ShapeType>(in, static_cast<int>(scene::ShapeType::kEllipsoid));
   get(in, shape.size);
   shape.vertices.resize(in.count(sizeof(Eigen::Vector3d)));
   for (Eigen::Vector3d& vertex : shape.vertices) get(in, vertex);
   get(in, shape.X_BS);
   scene::Material& m = shape.material;
-  for (double* value : {&m.mu, &m.restitution, &m.stiffness, &m.damping}) *value = in.value<double>();
+  get(in, m.first_direction);
+  for (double* value :
+       {&m.mu, &m.mu2, &m.torsion, &m.patch_radius, &m.surface_radius, &m.restitution, &m.stiffness, &m.damping})
+    *value = in.value<double>();
 }
 
 void put(ByteWriter& out, const std::vector<scene::Shape>& shapes) {
@@ -195,17 +200,21 @@ void put(ByteWriter& out, const scene::Joint& joint) {
   put(out, joint.X_PJ);
   put(out, joint.X_CJ);
   put(out, joint.axis);
-  for (const double value : {joint.q, joint.q_min, joint.q_max, joint.friction, joint.damping}) out.value(value);
+  for (const double value :
+       {joint.q, joint.q_min, joint.q_max, joint.friction, joint.damping, joint.stiffness, joint.q_spring, joint.pitch})
+    out.value(value);
 }
 void get(ByteReader& in, scene::Joint& joint) {
   joint.name = in.text();
-  joint.type = choice<scene::JointType>(in, static_cast<int>(scene::JointType::kFixed));
+  joint.type = choice<scene::JointType>(in, static_cast<int>(scene::JointType::kScrew));
   joint.parent = in.value<std::int32_t>();
   joint.child = in.value<std::int32_t>();
   get(in, joint.X_PJ);
   get(in, joint.X_CJ);
   get(in, joint.axis);
-  for (double* value : {&joint.q, &joint.q_min, &joint.q_max, &joint.friction, &joint.damping}) *value = in.value<double>();
+  for (double* value :
+       {&joint.q, &joint.q_min, &joint.q_max, &joint.friction, &joint.damping, &joint.stiffness, &joint.q_spring, &joint.pitch})
+    *value = in.value<double>();
 }
 
 void put(ByteWriter& out, const scene::Cell& cell) {

@@ -5,6 +5,7 @@
 
 #include "models/scene/hull.h"
 #include "models/scene/scene.h"
+#include "models/scene/shapes.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -39,6 +40,12 @@ class Checker {
 
 void check_material(const Checker& c, const Material& m) {
   c.expect_at_least(m.mu, 0, "friction");
+  c.expect(m.mu2 >= 0 || m.mu2 == -1, "second friction " + shown(m.mu2) + ", expected ≥ 0");
+  const double length = m.first_direction.norm();
+  c.expect(length == 0 || std::abs(length - 1) < 1e-9, "direction of friction of length " + shown(length) + ", expected 1");
+  c.expect_at_least(m.torsion, 0, "torsional friction");
+  c.expect_at_least(m.patch_radius, 0, "patch radius");
+  c.expect_at_least(m.surface_radius, 0, "surface radius");
   c.expect(m.restitution >= 0 && m.restitution <= 1, "restitution " + shown(m.restitution) + ", expected 0 … 1");
   c.expect(m.stiffness > 0, "stiffness " + shown(m.stiffness) + " N/m, expected > 0");
   c.expect(m.damping >= 0 && std::isfinite(m.damping), "damping " + shown(m.damping) + " N.s/m, expected ≥ 0 and finite");
@@ -57,6 +64,9 @@ void check_shape(const Checker& c, const Shape& shape, Motion motion) {
     case ShapeType::kSphere:
       expect_length(0, "radius");
       break;
+    case ShapeType::kEllipsoid:
+      for (int i = 0; i < 3; ++i) expect_length(i, "radius");
+      break;
     case ShapeType::kBox:
       for (int i = 0; i < 3; ++i) expect_length(i, "edge");
       break;
@@ -71,6 +81,19 @@ void check_shape(const Checker& c, const Shape& shape, Motion motion) {
       }
       try {
         convex_hull(shape.vertices);
+      } catch (const Error& e) {
+        c.expect(false, e.what());
+      }
+      break;
+    case ShapeType::kTriangle:
+      c.expect(shape.vertices.size() == 3, std::to_string(shape.vertices.size()) + " corners of a triangle, expected 3");
+      for (const Eigen::Vector3d& v : shape.vertices) {
+        c.expect(v.cwiseAbs().maxCoeff() <= kLargest, "a corner beyond " + shown(kLargest) + " m");
+      }
+      expect_length(0, "depth");
+      c.expect(shape.size[1] >= 0 && shape.size[1] <= 7, "edges " + shown(shape.size[1]) + " of a triangle, expected 0 … 7");
+      try {
+        convex_hull(triangle_corners(shape));
       } catch (const Error& e) {
         c.expect(false, e.what());
       }
@@ -112,6 +135,9 @@ void check_joint(const Checker& c, const Joint& joint, int bodies) {
            "limits " + shown(joint.q_min) + " … " + shown(joint.q_max) + ", expected lower ≤ upper");
   c.expect(joint.friction >= 0 && std::isfinite(joint.friction), "friction " + shown(joint.friction) + ", expected ≥ 0");
   c.expect(joint.damping >= 0 && std::isfinite(joint.damping), "damping " + shown(joint.damping) + ", expected ≥ 0");
+  c.expect(joint.stiffness >= 0 && std::isfinite(joint.stiffness), "stiffness " + shown(joint.stiffness) + ", expected ≥ 0");
+  c.expect(std::isfinite(joint.q_spring), "the spring's rest position is not finite");
+  c.expect(std::isfinite(joint.pitch), "pitch is not finite");
 }
 
 }  // namespace

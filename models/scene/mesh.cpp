@@ -1,8 +1,11 @@
 #include "models/scene/mesh.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstdint>
+#include <map>
 #include <string>
 #include <string_view>
 
@@ -46,61 +49,158 @@ std::vector<Vector3d> binary_stl(std::string_view bytes) {
   return points;
 }
 
-/// Lines `<keyword> x y z …`: `vertex` in text STL, `v` in OBJ.
-std::vector<Vector3d> lines(std::string_view bytes, std::string_view keyword, const std::string& place) {
-  constexpr std::string_view kBlanks = " \t\r";
-  if (bytes.starts_with("\xFF\xFE") || bytes.starts_with("\xFE\xFF"))
-    throw Error(place, "is UTF-16 text, expected ASCII or UTF-8");
-  std::vector<Vector3d> points;
-  std::size_t number = 0;
-  while (!bytes.empty()) {
-    ++number;
-    std::string_view line = bytes.substr(0, bytes.find('\n'));
-    bytes.remove_prefix(std::min(line.size() + 1, bytes.size()));
-    line = text::trim(line);
-    std::string_view rest = line;
-    const auto next_word = [&] {
-      rest.remove_prefix(std::min(rest.find_first_not_of(kBlanks), rest.size()));
-      const std::string_view word = rest.substr(0, rest.find_first_of(kBlanks));
-      rest.remove_prefix(word.size());
-      return word;
-    };
-    if (next_word() != keyword) continue;
-    const auto fail = [&](std::string_view what, const char* expected) {
-      throw Error(place + ":" + std::to_string(number), "'" + std::string(what.substr(0, 60)) + "', expected " + expected);
-    };
+/// Splits text into lines of words.
+class Lines {
+ public:
+  Lines(std::string_view bytes, const std::string& place) : bytes_(bytes), place_(place) {
+    if (bytes.starts_with("\xFF\xFE") || bytes.starts_with("\xFE\xFF"))
+      throw Error(place, "is UTF-16 text, expected ASCII or UTF-8");
+  }
+  bool next() {
+    if (bytes_.empty()) return false;
+    ++number_;
+    line_ = bytes_.substr(0, bytes_.find('\n'));
+    bytes_.remove_prefix(std::min(line_.size() + 1, bytes_.size()));
+    rest_ = line_ = text::trim(line_);
+    return true;
+  }
+  std::string_view word() {
+    constexpr std::string_view kBlanks = " \t\r";
+    rest_.remove_prefix(std::min(rest_.find_first_not_of(kBlanks), rest_.size()));
+    const std::string_view word = rest_.substr(0, rest_.find_first_of(kBlanks));
+    rest_.remove_prefix(word.size());
+    return word;
+  }
+  std::string_view line() const { return line_; }
+  [[noreturn]] void fail(std::string_view what, const std::string& expected) const {
+    throw Error(place_ + ":" + std::to_string(number_), "'" + std::string(what.substr(0, 60)) + "', expected " + expected);
+  }
+  Vector3d point() {
     Vector3d p;
     for (Eigen::Index i = 0; i < 3; ++i) {
-      const std::string_view word = next_word();
-      if (word.empty()) fail(line, "three coordinates");
-      const std::optional<double> x = text::parse_real(word);
-      if (!x) fail(word, "a coordinate");
+      const std::string_view one = word();
+      if (one.empty()) fail(line_, "three coordinates");
+      const std::optional<double> x = text::parse_real(one);
+      if (!x) fail(one, "a coordinate");
       p[i] = *x;
     }
-    if (points.size() == kMostPoints) fail(keyword, "fewer points");
-    points.push_back(p);
+    return p;
+  }
+
+ private:
+  std::string_view bytes_, line_, rest_;
+  const std::string& place_;
+  std::size_t number_ = 0;
+};
+
+std::vector<Vector3d> text_stl(std::string_view bytes, const std::string& place) {
+  std::vector<Vector3d> points;
+  for (Lines lines(bytes, place); lines.next();) {
+    if (lines.word() != "vertex") continue;
+    if (points.size() == kMostPoints) lines.fail("vertex", "fewer points");
+    points.push_back(lines.point());
   }
   return points;
 }
 
+Mesh obj(std::string_view bytes, const std::string& place) {
+  Mesh mesh;
+  for (Lines lines(bytes, place); lines.next();) {
+    const std::string_view keyword = lines.word();
+    if (keyword == "v") {
+      if (mesh.vertices.size() == kMostPoints) lines.fail(keyword, "fewer points");
+      mesh.vertices.push_back(lines.point());
+    } else if (keyword == "f") {
+      std::array<std::uint32_t, 3> triangle{};
+      std::size_t corners = 0;
+      for (std::string_view corner = lines.word(); !corner.empty(); corner = lines.word(), ++corners) {
+        const auto count = static_cast<long long>(mesh.vertices.size());
+        const std::optional<long long> index = text::parse_integer(corner.substr(0, corner.find('/')));
+        const long long at = !index ? -1 : *index < 0 ? count + *index : *index - 1;  // negative: counted from the end
+        if (at < 0 || at >= count)
+          lines.fail(corner, "the number of one of the " + std::to_string(count) + " vertices before it");
+        triangle[std::min<std::size_t>(corners, 2)] = static_cast<std::uint32_t>(at);
+        if (corners < 2) continue;
+        if (mesh.triangles.size() == kMostPoints) lines.fail(keyword, "fewer faces");
+        mesh.triangles.push_back(triangle);
+        triangle[1] = triangle[2];
+      }
+      if (corners < 3) lines.fail(lines.line(), "three or more corners");
+    }
+  }
+  return mesh;
+}
+
+/// Three points in turn are a triangle.
+Mesh of_corners(std::vector<Vector3d> points) {
+  Mesh mesh;
+  for (std::uint32_t k = 0; k + 2 < points.size(); k += 3) mesh.triangles.push_back({k, k + 1, k + 2});
+  mesh.vertices = std::move(points);
+  return mesh;
+}
+
+/// Makes equal vertices one and drops triangles without area.
+void weld(Mesh& mesh) {
+  std::map<std::array<double, 3>, std::uint32_t> known;
+  std::vector<std::uint32_t> index;
+  std::vector<Vector3d> vertices;
+  for (const Vector3d& v : mesh.vertices) {
+    const auto [found, is_new] = known.emplace(std::array<double, 3>{v.x(), v.y(), v.z()}, vertices.size());
+    if (is_new) vertices.push_back(v);
+    index.push_back(found->second);
+  }
+  mesh.vertices = std::move(vertices);
+  for (auto& triangle : mesh.triangles) {
+    for (std::uint32_t& corner : triangle) corner = index[corner];
+  }
+  std::erase_if(mesh.triangles, [&](const auto& t) {
+    const Vector3d u = mesh.vertices[t[1]] - mesh.vertices[t[0]], v = mesh.vertices[t[2]] - mesh.vertices[t[0]];
+    const double longest = std::max({u.norm(), v.norm(), (u - v).norm()});
+    constexpr double kFlat = 1e-6;  // height of a triangle relative to its longest edge
+    return !(u.cross(v).norm() > kFlat * longest * longest);
+  });
+}
+
 }  // namespace
 
-std::vector<Vector3d> load_hull(const std::filesystem::path& file, const Vector3d& scale) {
+Mesh load_mesh(const std::filesystem::path& file, const Vector3d& scale) {
   std::string extension = file.extension().string();
   std::transform(extension.begin(), extension.end(), extension.begin(),
                  [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
   if (extension != ".stl" && extension != ".obj") throw Error(file.string(), "unknown mesh format, expected .stl or .obj");
   const std::string bytes = text::read_file(file, "a mesh");
-  return parse_hull(bytes, extension == ".obj" ? MeshFormat::kObj : MeshFormat::kStl, file.string(), scale);
+  return parse_mesh(bytes, extension == ".obj" ? MeshFormat::kObj : MeshFormat::kStl, file.string(), scale);
+}
+
+Mesh parse_mesh(std::string_view bytes, MeshFormat format, const std::string& place, const Vector3d& scale) {
+  Mesh mesh = format == MeshFormat::kObj ? obj(bytes, place)
+              : is_binary_stl(bytes)     ? of_corners(binary_stl(bytes))
+                                         : of_corners(text_stl(bytes, place));
+  for (Vector3d& p : mesh.vertices) {
+    p = p.cwiseProduct(scale);
+    if (!p.allFinite()) throw Error(place, "a vertex is not finite");
+  }
+  if (scale.prod() < 0) {  // a mirror image
+    for (auto& triangle : mesh.triangles) std::swap(triangle[1], triangle[2]);
+  }
+  if (mesh.vertices.empty()) throw Error(place, "0 points, expected at least 4");
+  weld(mesh);
+  return mesh;
+}
+
+std::vector<Vector3d> load_hull(const std::filesystem::path& file, const Vector3d& scale) {
+  const Mesh mesh = load_mesh(file, scale);
+  try {
+    return convex_hull(mesh.vertices).vertices;
+  } catch (const Error& e) {
+    throw Error(file.string(), e.what());
+  }
 }
 
 std::vector<Vector3d> parse_hull(std::string_view bytes, MeshFormat format, const std::string& place, const Vector3d& scale) {
-  std::vector<Vector3d> points = format == MeshFormat::kObj ? lines(bytes, "v", place)
-                                 : is_binary_stl(bytes)     ? binary_stl(bytes)
-                                                            : lines(bytes, "vertex", place);
-  for (Vector3d& p : points) p = p.cwiseProduct(scale);
+  const Mesh mesh = parse_mesh(bytes, format, place, scale);
   try {
-    return convex_hull(points).vertices;
+    return convex_hull(mesh.vertices).vertices;
   } catch (const Error& e) {
     throw Error(place, e.what());
   }

@@ -15,23 +15,29 @@ inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 /// Contact parameters of a surface. For a pair of surfaces: μ is the geometric mean, stiffnesses and dampings act in series,
 /// restitution is the larger one.
 struct Material {
-  double mu = 0.5;               // Coulomb friction
-  double restitution = 0;        // of the normal speed before the impact, 0 … 1
-  double stiffness = kInfinity;  // N/m of one contact; infinite: rigid
-  double damping = 0;            // N.s/m of one contact; ignored if rigid
+  double mu = 0.5;                                            // Coulomb friction
+  double restitution = 0;                                     // of the normal speed before the impact, 0 … 1
+  double stiffness = kInfinity;                               // N/m of one contact; infinite: rigid
+  double damping = 0;                                         // N.s/m of one contact; ignored if rigid
+  double mu2 = -1;                                            // across first_direction; negative: as mu
+  Eigen::Vector3d first_direction = Eigen::Vector3d::Zero();  // of mu, in the body's frame, unit; zero: isotropic
+  double torsion = 0;         // moment about the normal that resists spin: at most torsion × patch radius × normal force
+  double patch_radius = 0;    // m; 0: √(surface_radius × depth), which is 0 for rigid contacts
+  double surface_radius = 0;  // m
 
   friend bool operator==(const Material&, const Material&) = default;
 };
 
-enum class ShapeType { kSphere, kBox, kCylinder, kCapsule, kHull, kPlane };
+enum class ShapeType { kSphere, kBox, kCylinder, kCapsule, kHull, kPlane, kTriangle, kEllipsoid };
 
 /// A convex piece of a body's surface, in its own frame S.
 struct Shape {
   std::string name;
   ShapeType type = ShapeType::kSphere;
   Eigen::Vector3d size = Eigen::Vector3d::Zero();  // m; box: edge lengths; sphere: (radius, –, –); cylinder, capsule about
-      // S's z: (radius, length without the caps, –); plane z = 0 of S, solid below
-  std::vector<Eigen::Vector3d> vertices;  // hull: in S, m
+      // S's z: (radius, length without the caps, –); plane z = 0 of S, solid below;
+      // ellipsoid: radii; triangle: (depth of the solid behind it, sum of 1, 2, 4 for each edge that is smooth or concave, –)
+  std::vector<Eigen::Vector3d> vertices;  // hull: in S, m; triangle: its corners, counter-clockwise seen from outside
   Pose X_BS;                              // in the body's frame
   Material material;
 
@@ -55,7 +61,7 @@ struct Body {
   friend bool operator==(const Body&, const Body&) = default;
 };
 
-enum class JointType { kRevolute, kPrismatic, kSpherical, kFixed };
+enum class JointType { kRevolute, kPrismatic, kSpherical, kFixed, kScrew };
 
 /// A joint between frame P' on the parent and frame J on the child; at position zero they coincide.
 struct Joint {
@@ -65,11 +71,13 @@ struct Joint {
   int child = -1;
   Pose X_PJ;                                        // the joint's frame on the parent
   Pose X_CJ;                                        // the joint's frame on the child
-  Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();  // unit vector in J; revolute, prismatic
+  Eigen::Vector3d axis = Eigen::Vector3d::UnitZ();  // unit vector in J; revolute, prismatic, screw
   double q = 0;                                     // initial position, including whole turns
   double q_min = -kInfinity, q_max = kInfinity;     // rad or m
   double friction = 0;                              // Coulomb, N.m or N
   double damping = 0;                               // N.m.s/rad or N.s/m
+  double stiffness = 0, q_spring = 0;               // of a spring, N.m/rad or N/m, and where it is at rest
+  double pitch = 0;                                 // screw: advance of the child along the axis, m/rad
 
   friend bool operator==(const Joint&, const Joint&) = default;
 };

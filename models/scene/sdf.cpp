@@ -1,6 +1,8 @@
 #include "models/scene/sdf.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <memory>
 #include <utility>
@@ -65,6 +67,8 @@ class Reader {
   void read_include(const Element& include, Scope& scope, const Inherited& from);
   void read_links(const Element& model, Scope& scope, const Inherited& from);
   void read_joint(const Element& element, Scope& scope);
+  double read_pitch(const Element& element) const;
+  void join_by_cross(Joint& first, Joint& second, const Pose& X_WJ);
   void read_axis(const Element& element, Joint& joint, Scope& scope, const Pose& X_WJ);
 
   void name(Scope& scope, const Element& element, const std::string& fallback);
@@ -188,23 +192,57 @@ void Reader::read_axis(const Element& element, Joint& joint, Scope& scope, const
     if (upper < kNone) joint.q_max = upper;
   }
   if (const Element* dynamics = only(element, "dynamics")) {
-    sdf::check_children(*dynamics, {"damping", "friction"}, {}, {}, warn());
+    sdf::check_children(*dynamics, {"damping", "friction", "spring_stiffness", "spring_reference"}, {}, {}, warn());
+    joint.stiffness = sdf::number(*dynamics, "spring_stiffness", 0);
+    joint.q_spring = sdf::number(*dynamics, "spring_reference", 0);
     joint.damping = sdf::number(*dynamics, "damping", 0);
     joint.friction = sdf::number(*dynamics, "friction", 0);
   }
 }
 
+/// m/rad. SDF 1.10: <screw_thread_pitch>, m per turn, right-handed; before: <thread_pitch>, rad/m, left-handed.
+double Reader::read_pitch(const Element& element) const {
+  if (const Element* pitch = only(element, "screw_thread_pitch")) return sdf::number(*pitch) / (2 * M_PI);
+  const Element* old = only(element, "thread_pitch");
+  if (old == nullptr) throw Error(element.place, "a screw without <screw_thread_pitch>");
+  const double turn = sdf::number(*old);
+  if (turn == 0) throw Error(old->place, "<thread_pitch> 0 rad/m, expected another value, or <screw_thread_pitch>");
+  return -1 / turn;
+}
+
+/// Adds a joint of two axes as two hinges with a light cross between them: the first turns with the parent, the second with the
+/// child. The cross has 10⁻⁶ of the child's mass and inertia.
+void Reader::join_by_cross(Joint& first, Joint& second, const Pose& X_WJ) {
+  const Body& child = scene_.bodies[static_cast<std::size_t>(first.child)];
+  constexpr double kLight = 1e-6;
+  const bool moves = child.motion == Motion::kDynamic;
+  Body cross;
+  cross.name = first.name + ".cross";
+  cross.X_WB = X_WJ;
+  cross.inertia.mass = moves ? kLight * child.inertia.mass : kLight;
+  const double moment = moves ? kLight * child.inertia.I_CC.trace() / 3 : kLight;
+  cross.inertia.I_CC = moment * Eigen::Matrix3d::Identity();
+  if (first.parent >= 0) scene_.no_contact.emplace_back(first.parent, first.child);
+  const auto index = static_cast<int>(scene_.bodies.size());
+  first.child = second.parent = index;
+  first.X_CJ = second.X_PJ = Pose{};
+  scene_.bodies.push_back(std::move(cross));
+  scene_.joints.push_back(std::move(first));
+  scene_.joints.push_back(std::move(second));
+}
+
 void Reader::read_joint(const Element& element, Scope& scope) {
-  sdf::check_children(element, {"pose", "parent", "child", "axis"}, {"sensor"}, {}, warn());
-  static const std::map<std::string, JointType> kTypes{{"revolute", JointType::kRevolute},
-                                                       {"continuous", JointType::kRevolute},
-                                                       {"prismatic", JointType::kPrismatic},
-                                                       {"ball", JointType::kSpherical},
-                                                       {"fixed", JointType::kFixed}};
+  sdf::check_children(element, {"pose", "parent", "child", "axis", "axis2", "thread_pitch", "screw_thread_pitch"}, {"sensor"},
+                      {}, warn());
+  static const std::map<std::string, JointType> kTypes{
+      {"revolute", JointType::kRevolute},  {"continuous", JointType::kRevolute}, {"prismatic", JointType::kPrismatic},
+      {"ball", JointType::kSpherical},     {"fixed", JointType::kFixed},         {"screw", JointType::kScrew},
+      {"universal", JointType::kRevolute}, {"revolute2", JointType::kRevolute}};
   const std::string& type = xml::text(element, "type");
   const auto known_type = kTypes.find(type);
   if (known_type == kTypes.end()) {
-    throw Error(element.place, "a joint of type '" + type + "', expected revolute, continuous, prismatic, ball or fixed");
+    throw Error(element.place, "a joint of type '" + type +
+                                   "', expected revolute, continuous, prismatic, ball, fixed, screw, universal or revolute2");
   }
   Joint joint;
   const std::string& own = xml::text(element, "name");
@@ -221,8 +259,21 @@ void Reader::read_joint(const Element& element, Scope& scope) {
   };
   joint.X_PJ = seen_from(joint.parent);
   joint.X_CJ = seen_from(joint.child);
-  const bool moves_along = joint.type == JointType::kRevolute || joint.type == JointType::kPrismatic;
+  const bool moves_along = joint.type != JointType::kSpherical && joint.type != JointType::kFixed;
   if (moves_along) read_axis(sdf::required(element, "axis"), joint, scope, X_WJ);
+  if (joint.type == JointType::kScrew) joint.pitch = read_pitch(element);
+  if (type == "universal" || type == "revolute2") {
+    Joint second = joint;
+    second.name += ".axis2";
+    second.q_min = -kInfinity;
+    second.q_max = kInfinity;
+    second.friction = second.damping = second.stiffness = second.q_spring = 0;
+    read_axis(sdf::required(element, "axis2"), second, scope, X_WJ);
+    if (second.axis.cross(joint.axis).norm() < 1e-3)
+      throw Error(element.place, "<axis> and <axis2> are parallel, expected two directions");
+    join_by_cross(joint, second, X_WJ);
+    return;
+  }
   if (type == "continuous") joint.q_min = -kInfinity, joint.q_max = kInfinity;
   scene_.joints.push_back(std::move(joint));
 }

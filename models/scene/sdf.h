@@ -16,9 +16,12 @@ namespace cotwin::scene {
 ///              folder or in the parent of that), name, pose, static
 ///   link       pose, inertial (also auto="true" with density), kinematic (prescribed motion: Motion::kDriven), collision;
 ///              cotwin:velocity: initial [v; w] of the link's frame, expressed in the world
-///   collision  pose, density, geometry (box, sphere, cylinder, capsule, plane, mesh as its hull, cotwin:round_hole), surface:
-///              friction/ode/mu, bounce/restitution_coefficient, contact/ode/kp and kd (kp absent or 10¹²: rigid)
-///   joint      revolute, continuous, prismatic, ball, fixed; pose, parent, child, axis: xyz, limit, dynamics (damping, friction)
+///   collision  pose, density, geometry (box, sphere, cylinder, capsule, ellipsoid, cone, plane, mesh, cotwin:round_hole), surface:
+///              friction/ode/mu, mu2, fdir1, friction/torsional, bounce/restitution_coefficient, contact/ode/kp and kd (kp absent
+///              or 10¹²: rigid). Convex meshes become hulls, concave ones triangles (mesh.h), with a warning
+///   joint      revolute, continuous, prismatic, ball, fixed, screw (screw_thread_pitch, thread_pitch), universal and revolute2
+///              (two hinges `name`, `name.axis2` and a light body `name.cross`); pose, parent, child, axis, axis2: xyz, limit,
+///              dynamics (damping, friction, spring_stiffness, spring_reference)
 ///   poses      relative_to, degrees, rotation_format
 /// The namespace of cotwin: is urn:cotwin:scene:1; cotwin:round_hole has radius, depth, size (two edges), chamfer, facets.
 /// Visuals, lights and windows are ignored. Other elements are ignored with a warning, or are errors where ignoring them would

@@ -2,6 +2,8 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <optional>
+#include <utility>
 
 #include "models/scene/mesh.h"
 #include "models/scene/shapes.h"
@@ -17,22 +19,41 @@ namespace {
 
 constexpr double kDensity = 1000;  // kg/m³, SDF's default for <inertial auto="true">
 
+/// Torsional friction of a disc of Hertz's pressure: the moment is 3π/16 × coefficient × patch radius × normal force.
+void read_torsional(const xml::Element& torsional, Material& material, const Warn& warn) {
+  check_children(torsional, {"coefficient", "use_patch_radius", "patch_radius", "surface_radius"}, {}, {}, warn);
+  material.torsion = 3 * M_PI / 16 * number(torsional, "coefficient", 1);
+  material.patch_radius = boolean(torsional, "use_patch_radius", true) ? number(torsional, "patch_radius", 0) : 0;
+  material.surface_radius = number(torsional, "surface_radius", 0);
+  if (material.patch_radius == 0 && material.surface_radius == 0) material.torsion = 0;
+}
+
+void read_friction(const xml::Element& friction, const Pose& X_BC, Material& material, const Warn& warn) {
+  check_children(friction, {"ode", "torsional"}, {}, {}, warn);
+  if (const xml::Element* torsional = only(friction, "torsional")) read_torsional(*torsional, material, warn);
+  const xml::Element* ode = only(friction, "ode");
+  if (ode == nullptr) return;
+  check_children(*ode, {"mu", "mu2", "fdir1"}, {}, {}, warn);
+  material.mu = number(*ode, "mu", 1);
+  const double second = number(*ode, "mu2", material.mu);
+  if (second == material.mu) return;
+  const xml::Element* direction = only(*ode, "fdir1");
+  Vector3d along = direction != nullptr ? vector(*direction) : Vector3d::Zero();
+  if (along.norm() < 1e-9) {
+    warn(ode->place, "<mu2> differs from <mu> without an <fdir1>: <mu> acts along x of the collision's frame");
+    along = Vector3d::UnitX();
+  }
+  material.mu2 = second;
+  material.first_direction = (X_BC.R * along).normalized();
+}
+
 /// SDF's defaults: <mu> 1, <kp> 10¹² (treated as rigid).
-Material read_surface(const xml::Element* surface, const Warn& warn) {
+Material read_surface(const xml::Element* surface, const Pose& X_BC, const Warn& warn) {
   Material material;
   material.mu = 1;
   if (surface == nullptr) return material;
   check_children(*surface, {"friction", "bounce", "contact"}, {}, {}, warn);
-  if (const xml::Element* friction = only(*surface, "friction")) {
-    check_children(*friction, {"ode"}, {}, {}, warn);
-    if (const xml::Element* ode = only(*friction, "ode")) {
-      check_children(*ode, {"mu", "mu2"}, {}, {}, warn);
-      material.mu = number(*ode, "mu", 1);
-      const xml::Element* second = only(*ode, "mu2");
-      if (second != nullptr && number(*second) != material.mu)
-        warn(second->place, "<mu2> differs from <mu>, expected equal values (isotropic friction); <mu> is used");
-    }
-  }
+  if (const xml::Element* friction = only(*surface, "friction")) read_friction(*friction, X_BC, material, warn);
   if (const xml::Element* bounce = only(*surface, "bounce")) {
     check_children(*bounce, {"restitution_coefficient"}, {}, {}, warn);
     material.restitution = number(*bounce, "restitution_coefficient", 0);
@@ -51,7 +72,13 @@ Material read_surface(const xml::Element* surface, const Warn& warn) {
   return material;
 }
 
-std::vector<Shape> read_geometry(const xml::Element& geometry, const fs::path& folder, const Warn& warn) {
+/// Shapes of a <geometry>, and the inertia of a solid of 1 kg/m³ where it is not that of the shapes.
+struct Geometry {
+  std::vector<Shape> shapes;
+  std::optional<Inertia> unit;
+};
+
+Geometry read_geometry(const xml::Element& geometry, bool is_static, const fs::path& folder, const Warn& warn) {
   const xml::Element* kind = nullptr;
   for (const xml::Element& c : geometry.children) {
     if (c.space != "" && c.space != kSpace) continue;
@@ -78,7 +105,7 @@ std::vector<Shape> read_geometry(const xml::Element& geometry, const fs::path& f
       hole.facets = static_cast<int>(count);
     }
     try {
-      return round_hole(hole);
+      return {round_hole(hole), {}};
     } catch (const Error& e) {
       throw Error(kind->place, e.what());
     }
@@ -95,6 +122,18 @@ std::vector<Shape> read_geometry(const xml::Element& geometry, const fs::path& f
     check_children(*kind, {"radius", "length"}, {}, {}, warn);
     shape.type = kind->name == "cylinder" ? ShapeType::kCylinder : ShapeType::kCapsule;
     shape.size = {of("radius"), of("length"), 0};
+  } else if (!ours && kind->name == "ellipsoid") {
+    check_children(*kind, {"radii"}, {}, {}, warn);
+    shape.type = ShapeType::kEllipsoid;
+    shape.size = vector(required(*kind, "radii"));
+  } else if (!ours && kind->name == "cone") {
+    check_children(*kind, {"radius", "length"}, {}, {}, warn);
+    shape.type = ShapeType::kHull;
+    try {
+      shape.vertices = cone(of("radius"), of("length"));
+    } catch (const Error& e) {
+      throw Error(kind->place, e.what());
+    }
   } else if (!ours && kind->name == "plane") {
     check_children(*kind, {"normal"}, {"size"}, {}, warn);
     shape.type = ShapeType::kPlane;
@@ -109,31 +148,37 @@ std::vector<Shape> read_geometry(const xml::Element& geometry, const fs::path& f
       throw Error(part->place, "<submesh> is not supported, expected a separate file");
     const xml::Element* scale = only(*kind, "scale");
     const xml::Element& uri = required(*kind, "uri");
-    shape.type = ShapeType::kHull;
     const fs::path file = find_file(uri, folder);
     try {
-      shape.vertices = load_hull(file, scale != nullptr ? vector(*scale) : Vector3d::Ones());
+      MeshSurface surface = surface_of(load_mesh(file, scale != nullptr ? vector(*scale) : Vector3d::Ones()), is_static);
+      for (const std::string& remark : surface.remarks) warn(uri.place, file.filename().string() + ": " + remark);
+      return {std::move(surface.shapes), surface.unit};
     } catch (const Error& e) {
       throw Error(uri.place, e.what());
     }
   } else {
-    throw Error(kind->place,
-                "<" + kind->name + "> as a shape, expected box, sphere, cylinder, capsule, plane, mesh or cotwin:round_hole");
+    throw Error(kind->place, "<" + kind->name +
+                                 "> as a shape, expected box, sphere, cylinder, capsule, ellipsoid, cone, plane, mesh or "
+                                 "cotwin:round_hole");
   }
-  return {shape};
+  return {{shape}, {}};
 }
 
 struct Collision {
   std::vector<Shape> shapes;
+  std::optional<Inertia> unit;  // in the link's frame, at 1 kg/m³; absent: that of the shapes
   double density;
 };
 
-Collision read_collision(const xml::Element& element, double density, const fs::path& folder, const Warn& warn) {
+Collision read_collision(const xml::Element& element, double density, bool is_static, const fs::path& folder,
+                         const Warn& warn) {
   check_children(element, {"pose", "geometry", "surface", "density"}, {"laser_retro", "max_contacts"}, {}, warn);
   const std::string& name = xml::text(element, "name");
   const Pose X_BC = own_pose(element);
-  const Material material = read_surface(only(element, "surface"), warn);
-  Collision collision{read_geometry(required(element, "geometry"), folder, warn), number(element, "density", density)};
+  const Material material = read_surface(only(element, "surface"), X_BC, warn);
+  Geometry geometry = read_geometry(required(element, "geometry"), is_static, folder, warn);
+  Collision collision{std::move(geometry.shapes), {}, number(element, "density", density)};
+  if (geometry.unit) collision.unit = geometry.unit->seen_from(X_BC);
   for (Shape& shape : collision.shapes) {
     shape.name = shape.name.empty() ? name : name + "." + shape.name;
     shape.X_BS = X_BC * shape.X_BS;
@@ -200,9 +245,17 @@ Body read_link(const xml::Element& element, bool is_static, const fs::path& fold
   Inertia solid;
   for (const xml::Element& c : element.children) {
     if (c.name != "collision" || !c.space.empty()) continue;
-    Collision collision = read_collision(c, density, folder, warn);
+    Collision collision = read_collision(c, density, body.motion == Motion::kStatic, folder, warn);
+    if (automatic && body.motion == Motion::kDynamic && collision.unit) {
+      if (!(collision.density > 0))
+        throw Error(c.place, "density " + text::to_text(collision.density, 6) + " kg/m3, expected > 0");
+      Inertia inertia = *collision.unit;
+      inertia.mass *= collision.density;
+      inertia.I_CC *= collision.density;
+      solid = solid + inertia;
+    }
     for (Shape& shape : collision.shapes) {
-      if (automatic && body.motion == Motion::kDynamic) {
+      if (!collision.unit && automatic && body.motion == Motion::kDynamic) {
         try {
           solid = solid + solid_inertia(shape, collision.density);
         } catch (const Error& e) {

@@ -1,5 +1,6 @@
 #include "models/scene/shapes.h"
 
+#include <Eigen/Geometry>
 #include <cmath>
 #include <string>
 
@@ -78,6 +79,27 @@ std::vector<Shape> round_hole(const RoundHole& hole) {
   return pieces;
 }
 
+std::vector<Vector3d> cone(double radius, double length) {
+  if (!(radius > 0) || !(length > 0))
+    throw Error("a cone of radius " + text::to_text(radius, 6) + " m and length " + text::to_text(length, 6) +
+                " m, expected > 0");
+  constexpr int kSides = 64;
+  const double area = kSides / 2. * std::sin(2 * M_PI / kSides), reach = radius * std::sqrt(M_PI / area);
+  std::vector<Vector3d> vertices{{0, 0, length / 2}};
+  for (int k = 0; k < kSides; ++k) {
+    const double angle = 2 * M_PI * k / kSides;
+    vertices.emplace_back(reach * std::cos(angle), reach * std::sin(angle), -length / 2);
+  }
+  return vertices;
+}
+
+std::vector<Vector3d> triangle_corners(const Shape& triangle) {
+  std::vector<Vector3d> corners = triangle.vertices;
+  const Vector3d n = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalized();
+  for (std::size_t k = 0; k < 3; ++k) corners.emplace_back(corners[k] - triangle.size.x() * n);
+  return corners;
+}
+
 Inertia solid_inertia(const Shape& shape, double density) {
   if (!(density > 0 && std::isfinite(density))) throw Error("density " + text::to_text(density, 6) + " kg/m3, expected > 0");
   const double r = shape.size.x(), l = shape.size.y();
@@ -87,6 +109,12 @@ Inertia solid_inertia(const Shape& shape, double density) {
       inertia.mass = density * 4 / 3 * M_PI * r * r * r;
       inertia.I_CC = diagonal(1, 1, 1) * (0.4 * inertia.mass * r * r);
       break;
+    case ShapeType::kEllipsoid: {
+      const Vector3d square = shape.size.cwiseAbs2();
+      inertia.mass = density * 4 / 3 * M_PI * shape.size.prod();
+      inertia.I_CC = inertia.mass / 5 * diagonal(square.y() + square.z(), square.z() + square.x(), square.x() + square.y());
+      break;
+    }
     case ShapeType::kBox: {
       const Vector3d square = shape.size.cwiseAbs2();
       inertia.mass = density * shape.size.prod();
@@ -115,6 +143,8 @@ Inertia solid_inertia(const Shape& shape, double density) {
       inertia.I_CC = density * polytope.second_moment();
       break;
     }
+    case ShapeType::kTriangle:
+      throw Error("a triangle has no mass");
     case ShapeType::kPlane:
       throw Error("a plane has no mass");
   }

@@ -21,7 +21,14 @@ double deviation_from_round(const RoundHole& hole);
 /// The plate as a ring of convex pieces in its frame. Throws Error for a hole that does not fit into the plate.
 std::vector<Shape> round_hole(const RoundHole& hole);
 
-/// Mass distribution of the solid shape in the body's frame, from the density (kg/m³). Throws Error for a plane.
+/// The vertices of a cone about z with its base at −length/2 and its tip at length/2, as a pyramid of 64 sides that has the
+/// cone's volume. Throws Error unless both are > 0.
+std::vector<Eigen::Vector3d> cone(double radius, double length);
+
+/// The six corners of the prism that a kTriangle stands for, in its frame: the triangle, and the same at its depth.
+std::vector<Eigen::Vector3d> triangle_corners(const Shape& triangle);
+
+/// Mass distribution of the solid shape in the body's frame, from the density (kg/m³). Throws Error for a plane or a triangle.
 Inertia solid_inertia(const Shape& shape, double density);
 
 }  // namespace cotwin::scene

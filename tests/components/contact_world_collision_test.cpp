@@ -48,6 +48,11 @@ double outside(const Shape& shape, const Pose& X, const Vector3d& p_W) {
       return Vector3d(p.x(), p.y(), p.z() - std::clamp(p.z(), -half, half)).norm() - r;
     case ShapeType::kPlane:
       return p.z();
+    case ShapeType::kEllipsoid: {  // to first order
+      const double level = p.cwiseQuotient(shape.size).squaredNorm() - 1;
+      return level / (2 * p.cwiseQuotient(shape.size.cwiseAbs2()).norm());
+    }
+    case ShapeType::kTriangle:
     case ShapeType::kHull:
       break;
   }
@@ -115,6 +120,24 @@ TEST_P(EveryPair, HasItsExactDistanceAtRandomPoses) {
     // For cylinders with a penetration below 1 % of the size the direction is locally the best, for polytopes globally.
     const bool local = p.gap < 0 && p.gap > -0.003 && (a.type == ShapeType::kCylinder || b.type == ShapeType::kCylinder);
     EXPECT_LE(best_gap(a, X_a, b, X_b, random), p.gap + (local ? -0.2 * p.gap : kExact));
+  }
+}
+
+TEST(Collision, EllipsoidsHaveTheirDistanceToTwoTenthsOfAMillimetre) {
+  Random random(19);
+  for (int i = 0; i < 200; ++i) {
+    const Shape a = random_shape(ShapeType::kEllipsoid, random);
+    const Shape b = random_shape(i % 6 == 5 ? ShapeType::kEllipsoid : kBodies[static_cast<std::size_t>(i % 6)], random);
+    const Pose X_a{random.rotation(), random.vector(0.2)};
+    Pose X_b{random.rotation(), random.vector(0.2)};
+    Vector3d n;
+    const double gap = best_gap(a, X_a, b, X_b, random, &n);
+    X_b.p += n * (random.real(-0.001, 0.003) - gap);
+    SCOPED_TRACE("case " + std::to_string(i) + ": " + text_of(a) + " at " + text_of(X_a) + ", " + text_of(b) + " at " +
+                 text_of(X_b));
+    const std::vector<ContactPoint> points = points_of(scene_of({a, b}), {X_a, X_b}, kFar);
+    ASSERT_FALSE(points.empty());
+    EXPECT_NEAR(deepest(points).gap, best_gap(a, X_a, b, X_b, random), 2e-4);
   }
 }
 

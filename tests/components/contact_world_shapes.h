@@ -61,6 +61,10 @@ inline std::string name_of(ShapeType type) {
       return "hull";
     case ShapeType::kPlane:
       return "plane";
+    case ShapeType::kTriangle:
+      return "triangle";
+    case ShapeType::kEllipsoid:
+      return "ellipsoid";
   }
   return "";
 }
@@ -99,6 +103,10 @@ inline Vector3d farthest(const Shape& shape, const Pose& X, const Vector3d& d) {
     case ShapeType::kCapsule:
       p = r * u.normalized() + Vector3d(0, 0, std::copysign(half, u.z()));
       break;
+    case ShapeType::kEllipsoid:
+      p = shape.size.cwiseAbs2().cwiseProduct(u) / shape.size.cwiseProduct(u).norm();
+      break;
+    case ShapeType::kTriangle:
     case ShapeType::kHull:
       p = shape.vertices[0];
       for (const Vector3d& v : shape.vertices) {

@@ -25,9 +25,9 @@ LimitSpeeds::LimitSpeeds(const Joint& joint, Stage stage, double h) {
 
 AxisDrive::AxisDrive(const Joint& joint, const Axis& axis, Stage stage, double h) {
   softness = h / 2 * (joint.damping + axis.damping) + axis.inertia;
-  tau = h / 2 * (axis.tau + axis.damping * axis.rate) + axis.momentum;
+  tau = h / 2 * (axis.tau + axis.damping * axis.rate + joint.stiffness * (joint.q_spring - joint.q)) + axis.momentum;
   if (stage == Stage::kPosition) {
-    softness += h / 2 * axis.stiffness * h / 2;
+    softness += h / 2 * (axis.stiffness + joint.stiffness) * h / 2;
     tau += h / 2 * axis.stiffness * h / 2 * axis.rate;
   } else {
     tau += h / 2 * axis.spring;

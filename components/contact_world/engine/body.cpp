@@ -67,12 +67,15 @@ double radius_about(const Vector3d& p_BP, const scene::Shape& shape) {
   switch (shape.type) {
     case scene::ShapeType::kSphere:
       return offset + shape.size[0];
+    case scene::ShapeType::kEllipsoid:
+      return offset + shape.size.maxCoeff();
     case scene::ShapeType::kBox:
       return offset + shape.size.norm() / 2;
     case scene::ShapeType::kCylinder:
       return offset + std::hypot(shape.size[0], half_length);
     case scene::ShapeType::kCapsule:
       return offset + shape.size[0] + half_length;
+    case scene::ShapeType::kTriangle:
     case scene::ShapeType::kHull: {
       double radius = 0;
       for (const Vector3d& vertex : shape.vertices) radius = std::max(radius, (shape.X_BS * vertex - p_BP).norm());

@@ -30,6 +30,8 @@ Vector3d half_sizes(const Convex& c, const Matrix3d& R) {
       const Vector3d z = R.col(2);
       return half + z.cwiseAbs() * c.half + c.radius * (Vector3d::Ones() - z.cwiseAbs2()).cwiseMax(0).cwiseSqrt();
     }
+    case Core::kEllipsoid:
+      return half + (R * c.extent.asDiagonal()).rowwise().norm();
     case Core::kPolytope:
       return half + R.cwiseAbs() * c.extent;
   }
@@ -56,7 +58,9 @@ struct Collision::Impl {
   explicit Impl(const scene::Scene& scene);
   void detect(std::span<const Pose> X_WB, double margin);
   void update(std::span<const Pose> X_WB, double margin, std::span<const char> moved);
+  bool place(std::uint32_t piece, const Pose& X_WB, Bounds& box);
   void place(std::span<const Pose> X_WB);
+  void place_fixed(std::span<const Pose> X_WB);
   void sweep(double margin);
   void add_candidate(std::uint32_t i, std::uint32_t j);
   void add_points(const Candidate& candidate, double margin);
@@ -65,8 +69,13 @@ struct Collision::Impl {
   std::vector<std::uint32_t> planes;                             // pieces
   std::vector<std::pair<std::uint32_t, std::uint32_t>> ignored;  // bodies, sorted
 
-  std::vector<Placed> placed;  // in the world
-  std::vector<Bounds> bounds;  // of all pieces but planes, sorted along the sweep
+  std::vector<Placed> placed;         // in the world
+  std::vector<std::uint32_t> moving;  // pieces of bodies that are not static
+  std::vector<std::size_t> fixed_bodies;
+  std::vector<Pose> seen;           // at which the fixed pieces were placed; empty: not yet
+  std::vector<Bounds> fixed, wide;  // of static pieces but planes, sorted along x
+  double widest = 0;                // along x, of `fixed`
+  std::vector<Bounds> bounds;       // of moving pieces, sorted along the sweep
   std::vector<Candidate> candidates, candidates_before;
   std::vector<std::size_t> ends, ends_before;  // of each candidate's points
   Pair pair;
@@ -78,8 +87,10 @@ Collision::Impl::Impl(const scene::Scene& scene) {
   std::size_t corners = kDiscCorners;
   for (std::size_t b = 0; b < scene.bodies.size(); ++b) {
     const scene::Body& body = scene.bodies[b];
+    if (body.motion == scene::Motion::kStatic) fixed_bodies.push_back(b);
     for (std::size_t s = 0; s < body.shapes.size(); ++s) {
       Piece piece{make_convex(body.shapes[s]), static_cast<int>(b), static_cast<int>(s), body.motion != scene::Motion::kStatic};
+      if (piece.moves) moving.push_back(static_cast<std::uint32_t>(pieces.size()));
       if (piece.convex.core == Core::kPlane) planes.push_back(static_cast<std::uint32_t>(pieces.size()));
       for (const auto& face : piece.convex.polytope.faces) corners = std::max<std::size_t>(corners, face.count);
       pieces.push_back(std::move(piece));
@@ -102,23 +113,57 @@ Collision::Impl::Impl(const scene::Scene& scene) {
   std::sort(ignored.begin(), ignored.end());
   placed.resize(pieces.size());
   for (std::size_t i = 0; i < pieces.size(); ++i) placed[i].convex = &pieces[i].convex;
-  bounds.reserve(pieces.size());
+  bounds.reserve(moving.size());
+  seen.reserve(scene.bodies.size());
+  fixed.reserve(pieces.size());
+  wide.reserve(pieces.size());
   pair.reserve(corners);
   touches.reserve(8);
 }
 
+bool Collision::Impl::place(std::uint32_t i, const Pose& X, Bounds& box) {
+  const Piece& piece = pieces[i];
+  placed[i].R.noalias() = X.R * piece.convex.X_BC.R;
+  placed[i].p = X * piece.convex.X_BC.p;
+  if (piece.convex.core == Core::kPlane) return false;
+  const Vector3d half = half_sizes(piece.convex, placed[i].R);
+  box = {placed[i].p - half, placed[i].p + half, i};
+  return box.low.allFinite() && box.high.allFinite();
+}
+
 void Collision::Impl::place(std::span<const Pose> X_WB) {
+  const bool stay =
+      !seen.empty() && std::all_of(fixed_bodies.begin(), fixed_bodies.end(), [&](std::size_t b) { return seen[b] == X_WB[b]; });
+  if (!stay) place_fixed(X_WB);
   bounds.clear();
-  for (std::uint32_t i = 0; i < pieces.size(); ++i) {
-    const Piece& piece = pieces[i];
-    const Pose& X = X_WB[static_cast<std::size_t>(piece.body)];
-    placed[i].R.noalias() = X.R * piece.convex.X_BC.R;
-    placed[i].p = X * piece.convex.X_BC.p;
-    if (piece.convex.core == Core::kPlane) continue;
-    const Vector3d half = half_sizes(piece.convex, placed[i].R);
-    const Bounds box{placed[i].p - half, placed[i].p + half, i};
-    if (box.low.allFinite() && box.high.allFinite()) bounds.push_back(box);
+  Bounds box;
+  for (const std::uint32_t i : moving) {
+    if (place(i, X_WB[static_cast<std::size_t>(pieces[i].body)], box)) bounds.push_back(box);
   }
+}
+
+/// Sorts the pieces of static bodies along x; those much wider than most are in a list of their own.
+void Collision::Impl::place_fixed(std::span<const Pose> X_WB) {
+  seen.assign(X_WB.begin(), X_WB.end());
+  fixed.clear();
+  wide.clear();
+  widest = 0;
+  Bounds box;
+  for (std::uint32_t i = 0; i < pieces.size(); ++i) {
+    if (!pieces[i].moves && place(i, X_WB[static_cast<std::size_t>(pieces[i].body)], box)) fixed.push_back(box);
+  }
+  if (fixed.empty()) return;
+  const auto width = [](const Bounds& b) { return b.high.x() - b.low.x(); };
+  const auto middle = fixed.begin() + static_cast<std::ptrdiff_t>(fixed.size() / 2);
+  std::nth_element(fixed.begin(), middle, fixed.end(), [&](const Bounds& a, const Bounds& b) { return width(a) < width(b); });
+  constexpr double kWide = 4;  // times the median
+  const double limit = kWide * width(*middle);
+  for (const Bounds& b : fixed) {
+    if (width(b) > limit) wide.push_back(b);
+  }
+  std::erase_if(fixed, [&](const Bounds& b) { return width(b) > limit; });
+  for (const Bounds& b : fixed) widest = std::max(widest, width(b));
+  std::sort(fixed.begin(), fixed.end(), [](const Bounds& a, const Bounds& b) { return a.low.x() < b.low.x(); });
 }
 
 void Collision::Impl::add_candidate(std::uint32_t i, std::uint32_t j) {
@@ -130,7 +175,7 @@ void Collision::Impl::add_candidate(std::uint32_t i, std::uint32_t j) {
   candidates.push_back({std::uint64_t{body_a} << 32 | body_b, std::uint64_t{i} << 32 | j});
 }
 
-/// Sweep and prune along x; planes are tested against all pieces.
+/// Sweep and prune along x over the moving pieces, then of each against the fixed ones; planes are tested against all pieces.
 void Collision::Impl::sweep(double margin) {
   candidates.clear();
   std::sort(bounds.begin(), bounds.end(), [](const Bounds& a, const Bounds& b) {
@@ -145,6 +190,14 @@ void Collision::Impl::sweep(double margin) {
       const bool along_z = (b.low.z() < high.z()) & (b.high.z() > low.z());
       if (along_y & along_z) add_candidate(a.piece, b.piece);
     }
+    const auto meet = [&](const Bounds& b) {
+      const bool apart = (b.low.array() >= high.array()).any() || (b.high.array() <= low.array()).any();
+      if (!apart) add_candidate(a.piece, b.piece);
+    };
+    for (const Bounds& b : wide) meet(b);
+    auto b = std::lower_bound(fixed.begin(), fixed.end(), low.x() - widest,
+                              [](const Bounds& one, double x) { return one.low.x() < x; });
+    for (; b != fixed.end() && b->low.x() < high.x(); ++b) meet(*b);
   }
   for (const std::uint32_t plane : planes) {
     const Vector3d n = placed[plane].R.col(2);

@@ -25,7 +25,7 @@ struct ContactPoint {
 ///
 /// The gap of a pair's deepest point is the signed distance. Separated shapes: exact (10⁻⁹ m for sizes of 0.1 m).
 /// Interpenetrating shapes: the shortest translation that separates them; the global minimum for boxes, spheres, capsules and
-/// hulls; for cylinders a local minimum up to a depth of 1 % of the smaller shape's size, beyond that the best that EPA finds.
+/// hulls; for ellipsoids to 0.2 mm; for cylinders a local minimum up to a depth of 1 % of the smaller shape's size, beyond that the best that EPA finds.
 /// The other points are intersections and corners of the outlines of the two facing features, projected along n; their gaps
 /// are measured along n.
 ///

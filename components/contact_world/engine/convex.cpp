@@ -5,6 +5,8 @@
 #include <array>
 #include <cmath>
 
+#include "models/scene/shapes.h"
+
 namespace cotwin::contact_world {
 
 namespace {
@@ -123,6 +125,30 @@ void add_edge_or_vertex(const Placed& piece, const Vector3d& d_C, Feature& featu
   for (const Index v : polytope.edges[best].vertices) feature.corners.push_back({place(v), v, best});
 }
 
+/// The faces of a triangle's prism that are no surface of its mesh: the bottom, and the sides at smooth and concave edges.
+std::vector<std::uint8_t> covered_by_neighbours(const scene::Polytope& prism, const scene::Shape& triangle) {
+  const std::vector<Vector3d>& v = triangle.vertices;
+  const Vector3d up = (v[1] - v[0]).cross(v[2] - v[0]).normalized();
+  const int edges = static_cast<int>(triangle.size.y());
+  std::vector<std::uint8_t> covered(prism.faces.size(), 0);
+  for (std::size_t f = 0; f < covered.size(); ++f) {
+    const Vector3d& n = prism.faces[f].n;
+    if (std::abs(n.dot(up)) > 0.5) {
+      covered[f] = n.dot(up) < 0;
+      continue;
+    }
+    int best = 0;
+    double most = -1;
+    for (int e = 0; e < 3; ++e) {
+      const auto k = static_cast<std::size_t>(e);
+      const double along = (v[(k + 1) % 3] - v[k]).cross(up).normalized().dot(n);
+      if (along > most) most = along, best = e;
+    }
+    covered[f] = edges >> best & 1;
+  }
+  return covered;
+}
+
 }  // namespace
 
 Convex make_convex(const scene::Shape& shape) {
@@ -146,10 +172,20 @@ Convex make_convex(const scene::Shape& shape) {
       convex.half = shape.size.y() / 2;
       convex.extent = {convex.radius, convex.radius, convex.half};
       break;
+    case scene::ShapeType::kEllipsoid:
+      convex.core = Core::kEllipsoid;
+      convex.extent = shape.size;
+      break;
     case scene::ShapeType::kBox:
       convex = polytope_of(scene::box_polytope(shape.size), shape.X_BS);
       convex.box = true;
       return convex;
+    case scene::ShapeType::kTriangle: {
+      convex = polytope_of(scene::convex_hull(scene::triangle_corners(shape)), shape.X_BS);
+      convex.triangle = true;
+      convex.covered = covered_by_neighbours(convex.polytope, shape);
+      return convex;
+    }
     case scene::ShapeType::kHull:
       return polytope_of(scene::convex_hull(shape.vertices), shape.X_BS);
   }
@@ -174,9 +210,9 @@ void find_covered_faces(std::span<Convex> pieces) {
     return false;
   };
   for (Convex& own : pieces) {
-    if (own.core != Core::kPolytope) continue;
+    if (own.core != Core::kPolytope || own.triangle) continue;
     for (const Convex& other : pieces) {
-      if (&own == &other || other.core != Core::kPolytope) continue;
+      if (&own == &other || other.core != Core::kPolytope || other.triangle) continue;
       if ((own.X_BC.p - other.X_BC.p).norm() > 1.001 * (own.extent.norm() + other.extent.norm())) continue;
       const double near = kCoincident * std::min(own.extent.norm(), other.extent.norm());
       for (std::size_t f = 0; f < own.polytope.faces.size(); ++f) {
@@ -220,6 +256,11 @@ Vector3d support(const Placed& piece, const Vector3d& d) {
       const double scale = length > 0 ? c.radius / length : 0;
       return piece.p + piece.R * Vector3d(scale * d_C.x(), scale * d_C.y(), std::copysign(c.half, d_C.z()));
     }
+    case Core::kEllipsoid: {
+      const Vector3d scaled = c.extent.cwiseProduct(d_C);
+      const double length = scaled.norm();
+      return length > 0 ? Vector3d(piece.p + piece.R * (c.extent.cwiseProduct(scaled) / length)) : piece.p;
+    }
     case Core::kPolytope:
       if (c.box) return piece.p + piece.R * Vector3d(d_C.array().sign() * c.extent.array());
       return piece.p + piece.R * c.polytope.vertices[farthest_vertex(c.polytope, d_C)];
@@ -235,6 +276,9 @@ void supporting_feature(const Placed& piece, const Vector3d& d, Feature& feature
     case Core::kPlane:
     case Core::kPoint:
       feature.corners.push_back({piece.p, 0, 0});
+      return;
+    case Core::kEllipsoid:
+      feature.corners.push_back({support(piece, d), 0, 0});
       return;
     case Core::kSegment:
       add_line(piece, piece.p, feature);

@@ -16,6 +16,7 @@ enum class Core : std::uint8_t {
   kPoint,     // C's origin
   kSegment,   // on the z axis of C
   kCylinder,  // about the z axis of C
+  kEllipsoid,
   kPolytope
 };
 
@@ -23,6 +24,7 @@ enum class Core : std::uint8_t {
 struct Convex {
   Core core = Core::kPoint;
   bool box = false;                                  // polytope with the faces of box_polytope
+  bool triangle = false;                             // prism behind a triangle of a mesh
   double round = 0;                                  // distance of the surface from the core, m: sphere, capsule
   double half = 0;                                   // half length of a segment or cylinder, m
   double radius = 0;                                 // of a cylinder, m

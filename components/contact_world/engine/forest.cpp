@@ -38,7 +38,7 @@ Spatial local_error(const Joint& joint) {
   const Motion6 e = joint.error();
   const Vector3d linear = joint.R_parent.transpose() * e.linear, angular = joint.R_parent.transpose() * e.angular;
   Spatial local = spatial(linear, angular);
-  if (joint.type == JointType::kRevolute) local[5] = 0;
+  if (joint.type == JointType::kRevolute || joint.type == JointType::kScrew) local[5] = 0;
   if (joint.type == JointType::kPrismatic) local[2] = 0;
   return local;
 }
@@ -54,6 +54,7 @@ int freedoms_of(JointType type) {
   switch (type) {
     case JointType::kRevolute:
     case JointType::kPrismatic:
+    case JointType::kScrew:
       return 1;
     case JointType::kSpherical:
       return 3;
@@ -226,8 +227,8 @@ void Forest::place(Tree& tree, std::span<const RigidBody> bodies, std::span<cons
     node.p = joint.p_child;
     const Vector3d a = node.sign * joint.axis();
     const Vector3d arm = joint.p_parent - tree.O;
-    if (joint.type == JointType::kRevolute) {
-      freedom[0].S = spatial(arm.cross(a), a);
+    if (joint.type == JointType::kRevolute || joint.type == JointType::kScrew) {
+      freedom[0].S = spatial(arm.cross(a) + joint.pitch * a, a);
     } else if (joint.type == JointType::kPrismatic) {
       freedom[0].S = spatial(a, Vector3d::Zero());
     } else if (joint.type == JointType::kSpherical) {

@@ -33,7 +33,10 @@ Joint::Joint(const scene::Joint& joint, std::span<const RigidBody> bodies)
       q_min(joint.q_min),
       q_max(joint.q_max),
       friction(joint.friction),
-      damping(joint.damping) {
+      damping(joint.damping),
+      stiffness(joint.stiffness),
+      q_spring(joint.q_spring),
+      pitch(joint.type == JointType::kScrew ? joint.pitch : 0) {
   const std::string where = "joint " + joint.name;
   if (parent == child) throw Error(where, "parent and child are the same body, expected two bodies");
   if (!is_rotation(joint.X_PJ.R) || !is_rotation(joint.X_CJ.R)) throw Error(where, "the matrix of a frame is not a rotation");
@@ -43,7 +46,8 @@ Joint::Joint(const scene::Joint& joint, std::span<const RigidBody> bodies)
     if (!(std::abs(joint.axis.norm() - 1) < 1e-9)) throw Error(where, "the axis is not a unit vector");
     X_JZ.R = Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), joint.axis).toRotationMatrix();
     if (!(q_min <= q_max)) throw Error(where, "the lower limit is above the upper limit");
-    if (!(friction >= 0) || !(damping >= 0)) throw Error(where, "friction or damping is negative, expected >= 0");
+    if (!(friction >= 0) || !(damping >= 0) || !(stiffness >= 0))
+      throw Error(where, "friction, damping or stiffness is negative, expected >= 0");
   }
   X_PJ_ = on_body(parent, joint.X_PJ * X_JZ, bodies);
   X_CJ_ = on_body(child, joint.X_CJ * X_JZ, bodies);
@@ -76,11 +80,15 @@ void Joint::place(std::span<const RigidBody> bodies) {
 void Joint::measure() {
   if (type == JointType::kPrismatic) {
     q = axis().dot(p_child - p_parent);
-  } else if (type == JointType::kRevolute) {
-    const Vector3d x = R_child.col(0);
-    const double angle = std::atan2(R_parent.col(1).dot(x), R_parent.col(0).dot(x));
-    q = angle + 2 * std::numbers::pi * std::round((q - angle) / (2 * std::numbers::pi));
+  } else if (turns()) {
+    q = angle();
   }
+}
+
+double Joint::angle() const {
+  const Vector3d x = R_child.col(0);
+  const double angle = std::atan2(R_parent.col(1).dot(x), R_parent.col(0).dot(x));
+  return angle + 2 * std::numbers::pi * std::round((q - angle) / (2 * std::numbers::pi));
 }
 
 double Joint::speed(std::span<const RigidBody> bodies) const {
@@ -88,7 +96,7 @@ double Joint::speed(std::span<const RigidBody> bodies) const {
   const RigidBody* a = parent < 0 ? nullptr : &bodies[static_cast<std::size_t>(parent)];
   const RigidBody* b = child < 0 ? nullptr : &bodies[static_cast<std::size_t>(child)];
   const Vector3d& w_a = a == nullptr ? kZero : a->w;
-  if (type == JointType::kRevolute) return axis().dot((b == nullptr ? kZero : b->w) - w_a);
+  if (turns()) return axis().dot((b == nullptr ? kZero : b->w) - w_a);
   if (type != JointType::kPrismatic) return 0;
   Vector3d v = Vector3d::Zero();
   if (b != nullptr) v += b->v + b->w.cross(p_child - b->p);
@@ -120,9 +128,10 @@ Motion6 Joint::distance() const {
   Motion6 e;
   e.linear = p_child - p_parent;
   if (type == JointType::kPrismatic) e.linear -= axis().dot(e.linear) * axis();
+  if (type == JointType::kScrew) e.linear -= pitch * angle() * axis();
   if (type == JointType::kSpherical) return e;
   e.angular = R_parent.col(2).cross(R_child.col(2));
-  if (type == JointType::kRevolute) return e;
+  if (turns()) return e;
   e.angular = (e.angular + R_parent.col(0).cross(R_child.col(0)) + R_parent.col(1).cross(R_child.col(1))) / 2;
   return e;
 }
@@ -130,6 +139,7 @@ Motion6 Joint::distance() const {
 double Joint::gap() const {
   Vector3d apart = p_child - p_parent;
   if (type == JointType::kPrismatic) apart -= axis().dot(apart) * axis();
+  if (type == JointType::kScrew) apart -= pitch * angle() * axis();
   return apart.norm();
 }
 

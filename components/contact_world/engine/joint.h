@@ -19,7 +19,8 @@ class Joint {
   /// Throws Error if the bodies do not exist or are the same, the axis is no unit vector, or a frame is no rotation.
   Joint(const scene::Joint& joint, std::span<const RigidBody> bodies);
 
-  bool has_axis() const { return type == scene::JointType::kRevolute || type == scene::JointType::kPrismatic; }
+  bool has_axis() const { return type == scene::JointType::kPrismatic || turns(); }
+  bool turns() const { return type == scene::JointType::kRevolute || type == scene::JointType::kScrew; }
 
   /// Computes anchors and axes from the bodies' present poses (body −1 is the world), then q. A revolute q continues from its
   /// last value and thus counts turns.
@@ -38,6 +39,8 @@ class Joint {
   scene::JointType type;
   int parent, child;
   double q_min, q_max, friction, damping;
+  double stiffness, q_spring;  // of the spring
+  double pitch;                // m/rad; 0 unless a screw
 
   Vector3d p_parent, p_child;  // anchors in W
   Matrix3d R_parent, R_child;  // joint frames in W
@@ -47,6 +50,7 @@ class Joint {
 
  private:
   Motion6 distance() const;
+  double angle() const;  // nearest to the last q
 
   bool far_ = false;
   Motion6 left_;      // part of the error left to later steps; in the joint's frame on the parent

@@ -31,6 +31,7 @@ int angular_rows(JointType type) {
     case JointType::kSpherical:
       return 0;
     case JointType::kRevolute:
+    case JointType::kScrew:
       return 2;
     case JointType::kPrismatic:
     case JointType::kFixed:
@@ -79,6 +80,7 @@ void Loops::place(const Vector3d& O, std::span<const RigidBody> bodies, std::spa
     const int linear = linear_rows(joint.type);
     row.d = row.m = Vector3d::Zero();
     (k < linear ? row.d : row.m) = joint.R_parent.col(k < linear ? k : k - linear);
+    if (joint.type == JointType::kScrew && k == 2) row.m = -joint.pitch * joint.axis();
     row.p = joint.p_child;
     const Vector3d moment = row.m + (row.p - O).cross(row.d);
     row.f = {row.d[0], row.d[1], row.d[2], moment[0], moment[1], moment[2]};

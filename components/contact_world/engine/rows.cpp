@@ -208,7 +208,7 @@ void Rows::make_sides(int a, int b, std::size_t rows, Side* sides) {
   }
 }
 
-/// Computes both sides and A of a cone between bodies without joints. The columns of d are orthonormal.
+/// Computes both sides and A of a cone between bodies without joints. The columns of d are orthogonal, the first is a unit vector.
 void Rows::make_free_sides(std::span<const RigidBody> bodies, const ConeRow& row, Core& core) {
   double inverse_mass = 0;
   Matrix3d A = Matrix3d::Zero();
@@ -239,9 +239,9 @@ void Rows::make_free_sides(std::span<const RigidBody> bodies, const ConeRow& row
   core.A_nn = inverse_mass + A(0, 0);
   core.A_n1 = A(0, 1);
   core.A_n2 = A(0, 2);
-  core.A_11 = inverse_mass + A(1, 1);
+  core.A_11 = inverse_mass * row.d.col(1).squaredNorm() + A(1, 1);
   core.A_12 = A(1, 2);
-  core.A_22 = inverse_mass + A(2, 2);
+  core.A_22 = inverse_mass * row.d.col(2).squaredNorm() + A(2, 2);
   core.regular = 0;
   core.redundant = false;
 }

@@ -53,7 +53,7 @@ struct BoxRow {
 ///   u_n + softness · x_n ≥ target ⟂ x_n ≥ lo,   |x_t| ≤ μ x_n,   u_t opposite to x_t if |x_t| = μ x_n
 struct ConeRow {
   int a = -1, b = -1;
-  Matrix3d d;  // columns n, t1, t2 in W
+  Matrix3d d;  // columns n, t1, t2 in W; for anisotropic friction t1 and t2 are scaled
   Vector3d p;
   double gap = 0;
   bool soft = false;  // with stiffness and damping, N/m and N.s/m; prepare() computes target and softness from them

@@ -77,10 +77,13 @@ void World::Impl::mark_too_deep() {
 /// masses that leaves no pair deeper than it was. Velocities are not changed, so that no energy but that of the height is added.
 /// Bodies with joints stay where they are, and so do bodies that are not near a pair that is too deep.
 void World::Impl::separate(double h) {
-  for (int pass = 0; pass < kPasses && allow_depths(pass); ++pass) move_apart(h);
+  for (int pass = 0; pass < kPasses && allow_depths(pass); ++pass) {
+    if (!move_apart(h)) break;
+  }
 }
 
-void World::Impl::move_apart(double h) {
+/// Returns whether there was a body to move.
+bool World::Impl::move_apart(double h) {
   mark_too_deep();
   rows.clear();
   for (std::size_t t = 0; t < touches.size(); ++t) {
@@ -101,7 +104,7 @@ void World::Impl::move_apart(double h) {
     rows.add(row);
   }
   prepared = false;
-  if (rows.empty()) return;
+  if (rows.empty()) return false;
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     if (shifted[b] == 0) continue;
     RigidBody& body = bodies[b];
@@ -125,6 +128,7 @@ void World::Impl::move_apart(double h) {
   }
   collision.update(poses, margin, shifted);
   take_points();
+  return true;
 }
 
 }  // namespace cotwin::contact_world

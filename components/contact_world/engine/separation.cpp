@@ -45,6 +45,32 @@ Separation from_cylinder(const Convex& c, const Vector3d& p) {
   return {(beyond_side * out + beyond_cap * up) / distance, distance, p};
 }
 
+/// The nearest point of an ellipsoid has p_i r_i² / (r_i² + t): t by bisection, as the sum of (p_i r_i / (r_i² + t))² − 1
+/// decreases from t = −min r² (Eberly, "Distance from a point to an ellipse, an ellipsoid, or a hyperellipsoid").
+Separation from_ellipsoid(const Convex& c, const Vector3d& p) {
+  const Vector3d square = c.extent.cwiseAbs2();
+  Eigen::Index shortest = 0;
+  const double least = square.minCoeff(&shortest);
+  const auto excess = [&](double t) { return (p.cwiseProduct(c.extent).array() / (square.array() + t)).square().sum() - 1; };
+  double low = -least + std::abs(p[shortest]) * c.extent[shortest], high = -least + p.cwiseProduct(c.extent).norm();
+  for (int k = 0; k < 200 && low < high; ++k) {
+    const double middle = (low + high) / 2;
+    if (middle == low || middle == high) break;
+    (excess(middle) > 0 ? low : high) = middle;
+  }
+  const double t = (low + high) / 2;
+  Vector3d nearest = p;
+  double rest = 1;  // left for the shortest axis, where the division may be 0 / 0
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    if (i == shortest) continue;
+    nearest[i] = p[i] * square[i] / (square[i] + t);
+    rest -= nearest[i] * nearest[i] / square[i];
+  }
+  nearest[shortest] = std::copysign(c.extent[shortest] * std::sqrt(std::max(rest, 0.0)), p[shortest]);
+  const Vector3d n = nearest.cwiseQuotient(square).normalized();
+  return {n, n.dot(p - nearest), p};
+}
+
 Vector3d nearest_on_edge(const scene::Polytope& polytope, const scene::Polytope::Edge& edge, const Vector3d& p) {
   const Vector3d& a = polytope.vertices[edge.vertices[0]];
   const Vector3d along = polytope.vertices[edge.vertices[1]] - a;
@@ -175,6 +201,9 @@ Separation of_point(const Placed& piece, const Vector3d& p) {
       break;
     case Core::kCylinder:
       s = from_cylinder(c, p_C);
+      break;
+    case Core::kEllipsoid:
+      s = from_ellipsoid(c, p_C);
       break;
     case Core::kPolytope:
       s = c.box ? from_box(c, p_C) : from_polytope(c.polytope, p_C);

@@ -73,7 +73,6 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
   }
   places.resize(linked.size());
   check_gears();
-  row_origin.reserve(loose.size() * kJointRows + scene.gears.size());
   motions.resize(bodies.size());
   shifted.resize(bodies.size());
   frozen.resize(bodies.size());
@@ -85,6 +84,7 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
     for (const scene::Shape& shape : body.shapes) {
       materials.back().push_back(&shape.material);
       bounces = bounces || shape.material.restitution > 0;
+      torsional = torsional || shape.material.torsion > 0;
     }
   }
   collision.reserve(options.contacts);
@@ -167,6 +167,8 @@ double World::energy() const {
   for (const RigidBody& body : impl_->bodies) {
     if (body.dynamic()) energy += body.kinetic_energy() - body.mass * impl_->scene.gravity.dot(body.p);
   }
+  for (const Joint& joint : impl_->joints)
+    energy += joint.stiffness * (joint.q - joint.q_spring) * (joint.q - joint.q_spring) / 2;
   return energy;
 }
 

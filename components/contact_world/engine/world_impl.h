@@ -34,6 +34,9 @@ struct World::Impl {
   struct Touch {
     ContactPoint point;
     double mu = 0, restitution = 0, stiffness = 0, damping = 0;
+    double torsion = 0;                   // bound of the moment about the normal per normal force, m
+    Vector3d tangent = Vector3d::Zero();  // of anisotropic friction; zero: isotropic
+    double share[2] = {1, 1};             // of mu, along the tangent and across
     double allowed = 0;                   // depth that separate() leaves, m
     double approach = 0;                  // normal velocity, during the impacts
     Vector3d impulse = Vector3d::Zero();  // on b, from the last solution: start of the next one
@@ -94,9 +97,10 @@ struct World::Impl {
   void take_points();
   bool allow_depths(int pass);
   void mark_too_deep();
-  void move_apart(double h);
+  bool move_apart(double h);
   void set_margin(double h);
   void match();
+  void set_friction(Touch& touch, const scene::Material& a, const scene::Material& b) const;
   double normal_velocity(const Touch& touch) const;
 
   scene::Scene scene;
@@ -163,10 +167,11 @@ struct World::Impl {
   Status status;
   std::size_t capacity = 0;  // number of points without allocation
   double margin = 0;
-  bool bounces = false;   // a shape has a restitution
-  bool prepared = false;  // the rows match these poses and factors
-  bool stale = true;      // poses changed since refresh()
-  bool restored = false;  // the margin is that of the restored state
+  bool bounces = false;    // a shape has a restitution
+  bool torsional = false;  // a surface has torsional friction
+  bool prepared = false;   // the rows match these poses and factors
+  bool stale = true;       // poses changed since refresh()
+  bool restored = false;   // the margin is that of the restored state
 };
 
 }  // namespace cotwin::contact_world

@@ -140,8 +140,9 @@ void World::Impl::set_margin(double h) {
 
 void World::Impl::reserve(std::size_t contacts) {
   capacity = contacts;
-  rows.reserve(contacts, loose.size() * kJointRows + scene.gears.size(), scene.gears.size(),
-               options.method == Method::kDantzig || bounces);
+  const std::size_t boxes = loose.size() * kJointRows + scene.gears.size() + (torsional ? contacts : 0);
+  row_origin.reserve(boxes);
+  rows.reserve(contacts, boxes, scene.gears.size(), options.method == Method::kDantzig || bounces);
   touches.reserve(contacts);
   touches_before.reserve(contacts);
   points.reserve(contacts);
@@ -170,7 +171,7 @@ void World::Impl::take_points() {
     const scene::Material& b = *materials[index(point.body_b)][index(point.shape_b)];
     Touch touch;
     touch.point = point;
-    touch.mu = a.mu == b.mu ? a.mu : std::sqrt(a.mu * b.mu);
+    set_friction(touch, a, b);
     touch.restitution = std::max(a.restitution, b.restitution);
     touch.stiffness = 1 / (1 / a.stiffness + 1 / b.stiffness);  // in series
     if (a.stiffness == kInfinity) {
@@ -184,6 +185,40 @@ void World::Impl::take_points() {
   }
   status.contacts = touches.size();
   match();
+}
+
+/// Geometric mean of the friction of two surfaces along two directions: those of the first surface that has any.
+void World::Impl::set_friction(Touch& touch, const scene::Material& a, const scene::Material& b) const {
+  const auto mean = [](double x, double y) { return x == y ? x : std::sqrt(x * y); };
+  const auto isotropic = [](const scene::Material& m) { return m.mu2 < 0 || m.mu2 == m.mu; };
+  touch.mu = mean(a.mu, b.mu);
+  touch.torsion = mean(a.torsion, b.torsion);
+  if (touch.torsion > 0) {
+    const double patch = std::max(a.patch_radius, b.patch_radius), surface = std::max(a.surface_radius, b.surface_radius);
+    touch.torsion *= patch > 0 ? patch : std::sqrt(surface * std::max(-touch.point.gap, 0.0));
+  }
+  if (isotropic(a) && isotropic(b)) return;
+  const Vector3d& n = touch.point.n_W;
+  const auto first_of = [&](const scene::Material& m, int body) {
+    const Vector3d t = bodies[index(body)].pose().R * m.first_direction;
+    return Vector3d(t - n * n.dot(t));
+  };
+  const Vector3d of_a = first_of(a, touch.point.body_a), of_b = first_of(b, touch.point.body_b);
+  Vector3d t = isotropic(a) ? of_b : of_a;
+  if (!(t.norm() > 1e-6)) t = n.unitOrthogonal();  // the direction is along the normal
+  t.normalize();
+  const auto along = [&](const scene::Material& m, const Vector3d& first, const Vector3d& direction) {
+    if (isotropic(m) || !(first.norm() > 1e-6)) return m.mu;
+    const double cosine = std::min(std::abs(first.normalized().dot(direction)), 1.0);
+    return std::hypot(m.mu * cosine, m.mu2 * std::sqrt(1 - cosine * cosine));
+  };
+  const Vector3d s = n.cross(t);
+  const double first = mean(along(a, of_a, t), along(b, of_b, t)), second = mean(along(a, of_a, s), along(b, of_b, s));
+  touch.mu = std::max(first, second);
+  if (touch.mu == 0) return;
+  touch.tangent = t;
+  touch.share[0] = first / touch.mu;
+  touch.share[1] = second / touch.mu;
 }
 
 // Matches the points of two steps; both lists are sorted by pair. Points with equal features are the same; if features swap, as
@@ -290,7 +325,7 @@ void World::Impl::drive_loose_joints(Stage stage, double h) {
     if (forest.freedom_of(one.joint) >= 0 || !joint.has_axis()) continue;
     const double tau = AxisDrive(joint, axes[index(one.joint)], stage, h).tau;
     if (tau == 0) continue;
-    const bool turns = joint.type == scene::JointType::kRevolute;
+    const bool turns = joint.turns();
     const Vector3d impulse = turns ? Vector3d::Zero() : Vector3d(tau * joint.axis());
     const Vector3d moment = turns ? Vector3d(tau * joint.axis()) : Vector3d::Zero();
     apply_impulse(joint.child, impulse, moment, joint.p_child);
@@ -392,18 +427,20 @@ void World::Impl::collect_joint(const LooseJoint& one, Stage stage, double h) {
   const Vector3d zero = Vector3d::Zero();
   if (one.whole) {
     const bool slides = joint.type == scene::JointType::kPrismatic;
+    const bool screw = joint.type == scene::JointType::kScrew;
     for (int k = 0; k < (slides ? 2 : 3); ++k) {
-      const Vector3d d = slides ? Vector3d(joint.R_parent.col(k)) : Vector3d(Vector3d::Unit(k));
-      add(k, d, zero, 0, -kInfinity, kInfinity, 0);
+      const Vector3d d = slides || screw ? Vector3d(joint.R_parent.col(k)) : Vector3d(Vector3d::Unit(k));
+      const Vector3d m = screw && k == 2 ? Vector3d(-joint.pitch * joint.axis()) : zero;
+      add(k, d, m, 0, -kInfinity, kInfinity, 0);
     }
-    const int turns = joint.type == scene::JointType::kSpherical ? 0 : joint.type == scene::JointType::kRevolute ? 2 : 3;
+    const int turns = joint.type == scene::JointType::kSpherical ? 0 : joint.turns() ? 2 : 3;
     for (int k = 0; k < turns; ++k) {
       const Vector3d m = joint.R_parent.col(k);
       add(3 + k, zero, m, 0, -kInfinity, kInfinity, 0);
     }
   }
   if (!joint.has_axis()) return;
-  const bool turns = joint.type == scene::JointType::kRevolute;
+  const bool turns = joint.turns();
   const Vector3d d = turns ? zero : joint.axis(), m = turns ? joint.axis() : zero;
   const AxisDrive drive(joint, axis, stage, h);
   if (forest.freedom_of(one.joint) < 0 && drive.softness > 0) add(6, d, m, 0, -kInfinity, kInfinity, 1 / drive.softness);
@@ -436,9 +473,24 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
     if (touch.restitution > 0 && stage == Stage::kVelocity && normal_velocity(touch) < -kSlow * h * scene.gravity.norm())
       return;
   }
-  Eigen::Map<Vector3d>(row.x) = row.d.transpose() * touch.impulse;
+  for (Eigen::Index k = 0; k < 3; ++k) {
+    const double square = row.d.col(k).squaredNorm();
+    row.x[k] = square > 0 ? row.d.col(k).dot(touch.impulse) / square : 0;
+  }
   row.x[0] = std::max(row.x[0], row.lo);
   rows.add(row);
+  // Bounded by the normal impulse of the last solution: exact for constant forces.
+  const double spin = touch.torsion * std::max(n.dot(touch.impulse), 0.0);
+  if (!(spin > 0)) return;
+  BoxRow turn;
+  turn.a = row.a;
+  turn.b = row.b;
+  turn.m = n;
+  turn.p = row.p;
+  turn.lo = -spin;
+  turn.hi = spin;
+  row_origin.push_back({-1, kJointRows});
+  rows.add(turn);
 }
 
 /// The row of a contact point without target and impulse.
@@ -450,8 +502,9 @@ ConeRow World::Impl::contact_row(std::size_t t) const {
   row.b = bodies[index(touch.point.body_b)].motion == scene::Motion::kStatic ? -1 : touch.point.body_b;
   Eigen::Index least = 0;
   n.cwiseAbs().minCoeff(&least);
-  const Vector3d t1 = n.cross(Vector3d::Unit(least)).normalized();
-  row.d << n, t1, n.cross(t1);
+  const Vector3d t1 = touch.tangent.isZero(0) ? Vector3d(n.cross(Vector3d::Unit(least)).normalized()) : touch.tangent;
+  // Tangents scaled by their share of mu make the elliptic cone a round one.
+  row.d << n, touch.share[0] * t1, touch.share[1] * n.cross(t1);
   row.p = touch.point.p_W;
   row.mu = touch.mu;
   row.point = static_cast<int>(t);
@@ -559,6 +612,7 @@ void World::Impl::store_impulses() {
   for (const scene::Gear& gear : scene.gears) joint_x[index(gear.follower)][kGearRow] = 0;
   for (const BoxRow& row : rows.boxes()) {
     const RowOrigin& origin = row_origin[index(row.origin)];
+    if (origin.joint < 0) continue;  // spin of a contact
     joint_x[index(origin.joint)][index(origin.row)] = row.x;
   }
 }
@@ -566,10 +620,11 @@ void World::Impl::store_impulses() {
 void World::Impl::store_spring_torques(double h) {
   for (std::size_t j = 0; j < joints.size(); ++j) {
     Axis& axis = axes[j];
-    if (axis.stiffness == 0) continue;
+    const double stiffness = joints[j].stiffness;
+    if (axis.stiffness == 0 && stiffness == 0) continue;
     const int f = forest.freedom_of(static_cast<int>(j));
     const double s = f >= 0 ? forest.freedoms()[index(f)].s : joints[j].speed(bodies);
-    axis.spring = axis.stiffness * h / 2 * (axis.rate - s);
+    axis.spring = axis.stiffness * h / 2 * (axis.rate - s) - stiffness * h / 2 * s;
   }
 }
 

@@ -1,0 +1,169 @@
+// What a mesh is for contacts: surface_of() of mesh.h.
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <map>
+#include <utility>
+
+#include "models/scene/hull.h"
+#include "models/scene/mesh.h"
+#include "models/scene/shapes.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::scene {
+
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Vector3d;
+using Triangle = std::array<std::uint32_t, 3>;
+using Edge = std::pair<std::uint32_t, std::uint32_t>;  // from, to
+
+constexpr std::size_t kMostStatic = 20'000, kMostDynamic = 2'000;
+constexpr double kConvex = 1e-3;  // part of the hull's volume that a convex mesh may lack
+constexpr double kDeepest = 0.1;  // depth of the solid behind a triangle, of the mesh's size
+constexpr double kShallowest = 1e-4;
+constexpr double kSmooth = 0.02;  // rad: edges below are smooth
+
+Vector3d normal(const Mesh& mesh, const Triangle& t) {
+  return (mesh.vertices[t[1]] - mesh.vertices[t[0]]).cross(mesh.vertices[t[2]] - mesh.vertices[t[0]]).normalized();
+}
+
+double volume(const Mesh& mesh) {
+  double sum = 0;
+  for (const Triangle& t : mesh.triangles) sum += mesh.vertices[t[0]].dot(mesh.vertices[t[1]].cross(mesh.vertices[t[2]])) / 6;
+  return sum;
+}
+
+/// Of the solid at 1 kg/m³: tetrahedra from the origin to each triangle.
+Inertia solid(const Mesh& mesh) {
+  Inertia inertia;
+  Vector3d first = Vector3d::Zero();
+  Matrix3d second = Matrix3d::Zero();  // ∫ x xᵀ dV
+  for (const Triangle& t : mesh.triangles) {
+    const Vector3d &a = mesh.vertices[t[0]], &b = mesh.vertices[t[1]], &c = mesh.vertices[t[2]], s = a + b + c;
+    const double v = a.dot(b.cross(c)) / 6;
+    inertia.mass += v;
+    first += v / 4 * s;
+    second += v / 20 * (a * a.transpose() + b * b.transpose() + c * c.transpose() + s * s.transpose());
+  }
+  inertia.p_LC = first / inertia.mass;
+  second -= inertia.mass * inertia.p_LC * inertia.p_LC.transpose();
+  second = Matrix3d((second + second.transpose()) / 2);
+  inertia.I_CC = second.trace() * Matrix3d::Identity() - second;
+  return inertia;
+}
+
+/// Distance along d from p to a triangle; infinite if the ray misses it [Möller, Trumbore 1997].
+double distance(const Mesh& mesh, const Triangle& t, const Vector3d& p, const Vector3d& d) {
+  const Vector3d u = mesh.vertices[t[1]] - mesh.vertices[t[0]], v = mesh.vertices[t[2]] - mesh.vertices[t[0]];
+  const Vector3d across = d.cross(v), from = p - mesh.vertices[t[0]], up = from.cross(u);
+  const double det = u.dot(across);
+  if (det == 0) return kInfinity;
+  const double a = from.dot(across) / det, b = d.dot(up) / det, way = v.dot(up) / det;
+  return a >= 0 && b >= 0 && a + b <= 1 && way > 0 ? way : kInfinity;
+}
+
+/// Depth of the solid behind a triangle: half of the way to the opposite surface.
+double depth_behind(const Mesh& mesh, const Triangle& own, double deepest) {
+  const Vector3d n = normal(mesh, own);
+  const Vector3d& a = mesh.vertices[own[0]];
+  const Vector3d &b = mesh.vertices[own[1]], &c = mesh.vertices[own[2]], middle = (a + b + c) / 3;
+  double depth = 2 * deepest;
+  for (const Vector3d& corner : {middle, a, b, c}) {
+    const Vector3d p = 0.1 * middle + 0.9 * corner - 1e-9 * deepest * n;
+    for (const Triangle& t : mesh.triangles) {
+      if (&t == &own || normal(mesh, t).dot(n) > 0) continue;
+      depth = std::min(depth, distance(mesh, t, p, -n));
+    }
+  }
+  return depth / 2;
+}
+
+}  // namespace
+
+MeshSurface surface_of(Mesh mesh, bool is_static) {
+  MeshSurface surface;
+  const auto remark = [&](const std::string& what) { surface.remarks.push_back(what); };
+  const auto percent = [](double share) { return text::to_text(100 * share, 3) + " %"; };
+  const auto use_hull = [&] {
+    Shape shape;
+    shape.type = ShapeType::kHull;
+    shape.vertices = convex_hull(mesh.vertices).vertices;
+    surface.shapes = {shape};
+    surface.unit.reset();
+  };
+  if (mesh.triangles.empty()) {
+    use_hull();
+    return surface;
+  }
+
+  std::map<Edge, std::size_t> owner;  // triangle of each directed edge
+  bool manifold = true;
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+    for (std::size_t k = 0; k < 3; ++k)
+      manifold = owner.emplace(Edge{mesh.triangles[t][k], mesh.triangles[t][(k + 1) % 3]}, t).second && manifold;
+  }
+  const auto opposite = [&](const Edge& edge) { return owner.find({edge.second, edge.first}); };
+  const bool closed = manifold && std::all_of(owner.begin(), owner.end(),
+                                              [&](const auto& edge) { return opposite(edge.first) != owner.end(); });
+  Vector3d low = mesh.vertices[0], high = low;
+  for (const Vector3d& v : mesh.vertices) low = low.cwiseMin(v), high = high.cwiseMax(v);
+  const double size = (high - low).norm();
+  if (closed) {
+    if (volume(mesh) < 0) {
+      for (Triangle& t : mesh.triangles) std::swap(t[1], t[2]);
+      std::map<Edge, std::size_t> turned;
+      for (const auto& [edge, t] : owner) turned[{edge.second, edge.first}] = t;
+      owner = std::move(turned);
+      remark("its triangles face inwards; they are turned");
+    }
+    const double hull = convex_hull(mesh.vertices).volume(), own = volume(mesh);
+    if (own >= (1 - kConvex) * hull) {
+      use_hull();
+      return surface;
+    }
+    surface.unit = solid(mesh);
+    remark("concave (its hull has " + percent(hull / own - 1) + " more volume): its " + std::to_string(mesh.triangles.size()) +
+           " triangles are the surface");
+  } else {
+    const std::string what = manifold ? "open" : "not manifold (an edge has several triangles on one side)";
+    if (!is_static) {
+      use_hull();
+      remark(what + ", so that it has no volume: its convex hull is used");
+      return surface;
+    }
+    remark(what + ": its " + std::to_string(mesh.triangles.size()) + " triangles are a surface with solid behind them");
+  }
+  const std::size_t most = is_static ? kMostStatic : kMostDynamic;
+  if (mesh.triangles.size() > most) {
+    throw Error(std::to_string(mesh.triangles.size()) + " triangles of a concave mesh on a " +
+                (is_static ? "static" : "moving") + " body, expected " + std::to_string(most) + " at most: simplify it");
+  }
+  for (const Triangle& t : mesh.triangles) {
+    Shape shape;
+    shape.type = ShapeType::kTriangle;
+    shape.name = std::to_string(surface.shapes.size() + 1);
+    const Vector3d n = normal(mesh, t);
+    int edges = 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Vector3d& p = mesh.vertices[t[k]];
+      shape.vertices.push_back(p);
+      const auto neighbour = opposite({t[k], t[(k + 1) % 3]});
+      if (neighbour == owner.end()) continue;
+      // Convex where the neighbour's third corner is below this triangle's plane by more than the angle of a smooth edge.
+      const Vector3d across = (mesh.vertices[t[(k + 1) % 3]] - p).cross(n);  // outwards
+      const Vector3d m = normal(mesh, mesh.triangles[neighbour->second]);
+      const double angle = std::atan2(m.dot(across.normalized()), m.dot(n));
+      if (angle < kSmooth) edges |= 1 << k;
+    }
+    const double depth = closed ? depth_behind(mesh, t, kDeepest * size) : kDeepest * size;
+    shape.size = {std::max(depth, kShallowest * size), static_cast<double>(edges), 0};
+    surface.shapes.push_back(std::move(shape));
+  }
+  return surface;
+}
+
+}  // namespace cotwin::scene
