@@ -21,6 +21,9 @@ using Values = std::vector<double>;
 /// (h ω)² of a gear and its link above which a step does not resolve their oscillation.
 constexpr double kLargestResolved = 0.3;
 
+/// h ω of a soft contact above which the mean force over a step misses more than 5 % of its peaks.
+constexpr double kResolvedSwing = 1;
+
 Eigen::Map<Eigen::Vector3d> vector3(Values& v) { return Eigen::Map<Eigen::Vector3d>(v.data()); }
 
 /// Pose from position and quaternion (w, x, y, z). Throws Error unless the quaternion has length 1.
@@ -274,6 +277,9 @@ void ContactWorld::declare(Variables& v) {
   }
   v.state("world", state_, "1", "poses, twists and the solver's warm start");
   v.state("h_before", h_before_, "s", "duration of the last step; 0: no step yet");
+  v.output("impacts", impacts_, "rounds of impacts with restitution, one after the other");
+  v.output("contact_swing", contact_swing_, "1",
+           "largest h ω of a loaded soft contact, with its spring and the mobility behind it; above 1 `force` misses peaks");
 }
 
 void ContactWorld::build() {
@@ -372,6 +378,7 @@ void ContactWorld::initialise(Time start) {
     std::fill(robot->ddq.begin(), robot->ddq.end(), 0.0);
   }
   h_before_ = 0;
+  largest_swing_ = 0;
   write_outputs(0);
 }
 
@@ -540,9 +547,18 @@ void ContactWorld::write_outputs(double h) {
   residual_ = status.residual;
   degenerate_ = status.degenerate;
   grown_ = static_cast<std::int32_t>(status.grown);
+  impacts_ = status.impacts;
+  contact_swing_ = status.swing;
+  largest_swing_ = std::max(largest_swing_, contact_swing_);
   joint_gap_ = world_->largest_gap();
   energy_ = world_->energy();
   world_->save(state_);
+}
+
+void ContactWorld::tell(std::vector<std::string>& notes) const {
+  if (largest_swing_ <= kResolvedSwing) return;
+  notes.push_back("the step is " + text::to_text(std::round(10 * largest_swing_) / 10) +
+                  " times 1/ω of the stiffest soft contact, expected at most 1: its force is a mean that misses peaks");
 }
 
 void ContactWorld::restored() {

@@ -41,6 +41,7 @@ class ContactWorld final : public Unit {
   /// Throws Error if an input is not finite.
   StepResult step(Time now, Duration h) override;
   void restored() override;
+  void tell(std::vector<std::string>& notes) const override;
 
  private:
   struct Robot;
@@ -84,6 +85,9 @@ class ContactWorld final : public Unit {
   std::vector<double> contact_p_, contact_f_, contact_gap_;  // outputs
   std::vector<std::int32_t> contact_bodies_;
   std::int32_t contacts_ = 0, used_iterations_ = 0, grown_ = 0, degenerate_ = 0;
+  std::int32_t impacts_ = 0;
+  double contact_swing_ = 0;
+  double largest_swing_ = 0;  // of the run
   double residual_ = 0, joint_gap_ = 0, energy_ = 0, penetration_ = 0, largest_force_ = 0;
 };
 

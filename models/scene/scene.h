@@ -12,8 +12,8 @@ namespace cotwin::scene {
 
 inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// Contact parameters of a surface. For a pair of surfaces: μ is the geometric mean, stiffnesses and dampings act in series,
-/// restitution is the larger one.
+/// Contact parameters of a surface. For a pair of surfaces: μ is the geometric mean, springs with their dampers act in series
+/// (d = d_a (k_b / (k_a + k_b))² + d_b (k_a / (k_a + k_b))²), restitution is the larger one.
 struct Material {
   double mu = 0.5;                                            // Coulomb friction
   double restitution = 0;                                     // of the normal speed before the impact, 0 … 1

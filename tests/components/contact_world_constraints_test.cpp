@@ -179,7 +179,7 @@ TEST_P(Constraints, SoftContactSettlesWhereItsSpringCarriesTheWeightAndSwingsAsT
     const double z = -kGravity / k * (1 - std::exp(-d / 2 * t) * (std::cos(omega * t) + d / 2 / omega * std::sin(omega * t)));
     if (i <= 100) worst = std::max(worst, std::abs(w.poses()[1].p.z() - 0.1 - z));
   }
-  EXPECT_LT(worst, 1e-5);  // of a swing of 2e-3 m
+  EXPECT_LT(worst, 1.2e-5);  // of a swing of 2e-3 m: the implicit midpoint rule is late by (h ω)²/12
   EXPECT_NEAR(w.poses()[1].p.z() - 0.1, -kGravity / k, 1e-8);
 }
 

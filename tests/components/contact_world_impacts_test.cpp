@@ -269,6 +269,72 @@ TEST_P(Impacts, AllocateNothingAndGiveTheSameBitsAgain) {
   }
 }
 
+TEST_P(Impacts, OfElasticSpringsKeepTheSpeedAtAnyStiffness) {
+  for (const double k : {1e4, 1e6, 1e7, 1e9}) {
+    for (int phase = 0; phase < 10; ++phase) {
+      scene::Scene scene;
+      scene.gravity.setZero();
+      const double speed = 0.991;
+      scene.bodies.push_back(testing::ground(0));
+      scene.bodies.push_back(testing::ball("ball", 0.1, 1, {0, 0, 0.11 + phase * speed * kStep / 10}, 0));
+      scene.bodies[1].shapes[0].material.stiffness = k;
+      scene.bodies[1].V_WB[2] = -speed;
+      World w = world(scene);
+      double force = 0;
+      for (int i = 0; i < 100; ++i) {
+        w.step(kStep);
+        for (const Vector3d& f : w.forces()) force = std::max(force, f.norm());
+      }
+      EXPECT_NEAR(w.twists()[1][2], speed, 1e-9) << k << " " << phase;
+      const double peak = speed * std::sqrt(k);  // of the closed form, 1 kg
+      EXPECT_LT(force, 1.001 * peak);
+      if (k < 1e5) {
+        EXPECT_GT(force, 0.995 * peak);
+      }
+    }
+  }
+}
+
+TEST_P(Impacts, OfADampedSpringOnAStifferOneHaveTheRestitutionOfTheClosedForm) {
+  // Springs in series; contact ends where the force is 0: e = exp(−ζ/√(1−ζ²) (π − atan(2ζ√(1−ζ²)/(1 − 2ζ²)))).
+  const double k_a = 1e9, d_a = 1, k_b = 1e4, d_b = 20;
+  const double k = 1 / (1 / k_a + 1 / k_b), s = k_a / (k_a + k_b), d = d_b * s * s + d_a * (1 - s) * (1 - s);
+  const double z = d / 2 / std::sqrt(k), root = std::sqrt(1 - z * z);
+  const double expected = std::exp(-z / root * (M_PI - std::atan(2 * z * root / (1 - 2 * z * z))));
+  scene::Scene scene;
+  scene.gravity.setZero();
+  scene.bodies.push_back(testing::ground(0));
+  scene.bodies.push_back(testing::ball("ball", 0.1, 1, {0, 0, 0.1103}, 0));
+  scene.bodies[0].shapes[0].material.stiffness = k_a;
+  scene.bodies[0].shapes[0].material.damping = d_a;
+  scene.bodies[1].shapes[0].material.stiffness = k_b;
+  scene.bodies[1].shapes[0].material.damping = d_b;
+  scene.bodies[1].V_WB[2] = -1;
+  World w = world(scene);
+  for (int i = 0; i < 100; ++i) w.step(kStep);
+  EXPECT_NEAR(w.twists()[1][2], expected, 0.01);
+  World fine = world(scene);
+  for (int i = 0; i < 1000; ++i) fine.step(kStep / 10);
+  EXPECT_NEAR(fine.twists()[1][2], expected, 1e-3);
+}
+
+TEST_P(Impacts, LeaveAStackOfStiffSoftBoxesAtRest) {
+  for (const double k : {1e7, 1e9}) {
+    scene::Scene scene = testing::stack(10);
+    for (scene::Body& body : scene.bodies) {
+      for (scene::Shape& shape : body.shapes) {
+        shape.material.stiffness = 2 * k;
+        shape.material.damping = 1;
+      }
+    }
+    World w = world(scene);
+    const double before = energy(w);
+    for (int i = 0; i < 1000; ++i) w.step(kStep);
+    EXPECT_LT(energy(w), before);
+    for (const Twist& V : w.twists()) EXPECT_LT(V.norm(), 0.05) << k;
+  }
+}
+
 std::string name(const ::testing::TestParamInfo<Method>& info) {
   return info.param == Method::kTree ? "tree" : info.param == Method::kPgs ? "pgs" : "dantzig";
 }

@@ -226,9 +226,9 @@ void World::Impl::collect_impacts(double h, bool newton) {
 }
 
 /// Solves and applies the collected rows, alternately with the trees as in solve_rows().
-void World::Impl::apply_impact_rows(double h) {
+void World::Impl::apply_impact_rows() {
   for (int round = 0; round < kLockRounds; ++round) {
-    if (round > 0) rows.prepare(bodies, forest, kDuration * h);
+    if (round > 0) rows.prepare(bodies, forest);
     rows.measure(bodies);
     rows.pivot(kSweeps, impacts.tolerance);
     rows.apply(bodies, forest);
@@ -237,8 +237,8 @@ void World::Impl::apply_impact_rows(double h) {
 }
 
 /// Moves the impulses of the rows to `x`.
-void World::Impl::set_impact_rows(double h, std::span<const double> x) {
-  rows.prepare(bodies, forest, kDuration * h);
+void World::Impl::set_impact_rows(std::span<const double> x) {
+  rows.prepare(bodies, forest);
   rows.measure(bodies);
   each_direction(rows, [&](std::size_t k, const Vector3d&, const Vector3d&, const Vector3d&, int, int, double& of_row,
                            std::size_t) { of_row = x[k]; });
@@ -256,18 +256,18 @@ void World::Impl::solve_impacts(double h, bool newton) {
   begin_axes(Stage::kVelocity, kDuration * h);
   solve_trees();
   collect_impacts(h, newton);
-  rows.prepare(bodies, forest, kDuration * h);
+  rows.prepare(bodies, forest);
   measure(bodies, rows, impacts.u_start);
-  apply_impact_rows(h);
+  apply_impact_rows();
   measure(bodies, rows, impacts.u);
-  limit_energy(h, newton);
+  limit_energy(newton);
   for (const ConeRow& row : rows.cones()) {
     touches[index(row.point)].impact += row.d * Vector3d(row.x[0], row.x[1], row.x[2]);
   }
 }
 
 /// Replaces impulses that create energy, per island.
-void World::Impl::limit_energy(double h, bool newton) {
+void World::Impl::limit_energy(bool newton) {
   const std::size_t n = impacts.u.size();
   std::size_t islands = 0;
   impacts.x.resize(n);
@@ -300,10 +300,10 @@ void World::Impl::limit_energy(double h, bool newton) {
   std::vector<double>& u_c = newton ? impacts.u_plastic : impacts.u;
   if (newton) {
     impacts.x_plastic.assign(n, 0);
-    set_impact_rows(h, impacts.x_plastic);
+    set_impact_rows(impacts.x_plastic);
     for (ConeRow& row : rows.cones()) row.target = 0;
-    rows.prepare(bodies, forest, kDuration * h);
-    apply_impact_rows(h);
+    rows.prepare(bodies, forest);
+    apply_impact_rows();
     measure(bodies, rows, u_c);
     each([&](std::size_t k, double x, Impacts::Island&) { x_c[k] = x; });
   }
@@ -333,7 +333,7 @@ void World::Impl::limit_energy(double h, bool newton) {
     }
   }
   each([&](std::size_t k, double, const Impacts::Island& island) { x_c[k] += island.share * (impacts.x[k] - x_c[k]); });
-  set_impact_rows(h, x_c);
+  set_impact_rows(x_c);
 }
 
 /// Measures the points of the bodies that the round has changed.

@@ -56,14 +56,26 @@ struct Relative {
   Vector3d v = Vector3d::Zero(), w = Vector3d::Zero();
 };
 
-/// Spring and damper over half a step: x = −h/2 (k (gap + θ h u) + d u). θ = 0 is Verlet's scheme, which conserves energy but
-/// requires h ω < 2; θ grows with the stiffness relative to the inertia behind the contact.
-void soften(ConeRow& row, double A_nn, double h) {
-  const double stiffness = h * h * row.stiffness * A_nn;  // (h ω)²
-  const double theta = std::max(0.0, 1 - 0.5 / stiffness);
-  const double c = std::max(h / 2 * (theta * h * row.stiffness + row.damping), 1e-12 / std::max(A_nn, 1e-12));
-  row.softness = 1 / c;
-  row.target = -h / 2 * row.stiffness * row.gap / c;
+/// Computes target and softness of a soft contact: x = (target − u) / softness.
+void soften(ConeRow& row, double A_nn) {
+  SoftContact& law = row.law;
+  const double least = 1e-12 / std::max(A_nn, 1e-12);
+  row.swing = law.h * law.h * law.stiffness * A_nn;
+  if (row.spring == ConeRow::Spring::kGiven) {
+    row.softness = 1 / std::max(row.damper, least);
+    row.target = row.push * row.softness;
+    return;
+  }
+  if (!row.linearised) {
+    const bool calm = row.u * row.u + law.stiffness * A_nn * law.gap * law.gap < row.slow * row.slow;
+    const bool settles = calm && law.gap <= 0 && row.swing > kUnresolved;
+    law.conserves = law.conserves && !settles && law.damping * law.damping * A_nn < 4 * kDamped * law.stiffness;
+    law.theta = std::max(0.0, 1 - kUnresolved / row.swing);
+    row.u = law.solve(row.u, A_nn);
+    row.linearised = true;
+  }
+  row.softness = 1 / std::max(-law.slope(row.u), least);
+  row.target = row.u + law.impulse(row.u) * row.softness;
 }
 
 }  // namespace
@@ -284,9 +296,9 @@ void Rows::make_sides(std::span<const RigidBody> bodies, const Forest& forest, c
 }
 
 /// Copies the row of a cone into its core and derives softness and bounds.
-void Rows::load_row(Core& core, double h) {
+void Rows::load_row(Core& core) {
   ConeRow& row = cones_[core.row];
-  if (row.soft) soften(row, core.A_nn, h);
+  if (row.spring != ConeRow::Spring::kNone) soften(row, core.A_nn);
   core.target = row.target;
   core.softness = row.softness + core.regular;
   core.inverse_nn = 1 / (core.A_nn + core.softness);
@@ -305,7 +317,7 @@ void Rows::make_gear_sides(std::span<const RigidBody> bodies, const Forest& fore
   }
 }
 
-void Rows::prepare(std::span<const RigidBody> bodies, const Forest& forest, double h) {
+void Rows::prepare(std::span<const RigidBody> bodies, const Forest& forest) {
   find_islands();
   assembled_ = false;
   y_.clear();
@@ -348,11 +360,11 @@ void Rows::prepare(std::span<const RigidBody> bodies, const Forest& forest, doub
     core.inverse_11 = (core.one_way ? core.A_11 : core.A_22) * inverse;
     core.inverse_12 = (core.one_way ? core.A_12 : -core.A_12) * inverse;
     core.inverse_22 = (core.one_way ? core.A_22 : core.A_11) * inverse;
-    load_row(core, h);
+    load_row(core);
   }
 }
 
-bool Rows::update(double h) {
+bool Rows::update() {
   if (boxes_.size() != sorted_boxes_.size() || cores_.size() != cones_.size()) return false;
   for (const BoxRow& then : sorted_boxes_) {
     const BoxRow& now = boxes_[index(then.origin)];
@@ -375,7 +387,7 @@ bool Rows::update(double h) {
     row.inverse_A = 1 / (row.A + row.softness);
   }
   std::swap(boxes_, sorted_boxes_);
-  for (Core& core : cores_) load_row(core, h);
+  for (Core& core : cores_) load_row(core);
   return true;
 }
 

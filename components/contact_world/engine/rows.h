@@ -10,6 +10,7 @@
 #include "components/contact_world/engine/body.h"
 #include "components/contact_world/engine/dantzig.h"
 #include "components/contact_world/engine/forest.h"
+#include "components/contact_world/engine/soft_contact.h"
 
 namespace cotwin::contact_world {
 
@@ -52,12 +53,18 @@ struct BoxRow {
 /// One contact point: impulses x along the normal (from a to b) and two tangents, in Coulomb's cone:
 ///   u_n + softness · x_n ≥ target ⟂ x_n ≥ lo,   |x_t| ≤ μ x_n,   u_t opposite to x_t if |x_t| = μ x_n
 struct ConeRow {
+  /// Soft contacts: the impulse follows the law, or it is given up to a damper.
+  enum class Spring : char { kNone, kLaw, kGiven };
   int a = -1, b = -1;
   Matrix3d d;  // columns n, t1, t2 in W; for anisotropic friction t1 and t2 are scaled
   Vector3d p;
-  double gap = 0;
-  bool soft = false;  // with stiffness and damping, N/m and N.s/m; prepare() computes target and softness from them
-  double stiffness = 0, damping = 0;
+  Spring spring = Spring::kNone;  // otherwise prepare() computes target and softness
+  SoftContact law;
+  double u = 0;                 // kLaw: the law is linearised at this normal velocity
+  bool linearised = false;      // false: u is the velocity without the contact
+  double slow = 0;              // m/s: calmer contacts settle where the step does not resolve their spring
+  double push = 0, damper = 0;  // kGiven: constant impulse, N.s, and impulse per speed, N.s²/m
+  double swing = 0;             // result: (h ω)²
   double target = 0, softness = 0, mu = 0;
   double lo = 0;  // ≤ 0; Dantzig uses 0
   double x[3] = {}, applied[3] = {};
@@ -87,12 +94,13 @@ class Rows {
   bool empty() const { return boxes_.empty() && cones_.empty(); }
   std::span<BoxRow> boxes() { return boxes_; }
   std::span<ConeRow> cones() { return cones_; }
+  std::span<const ConeRow> cones() const { return cones_; }
 
   /// Sorts the rows by islands and computes all that depends on poses and on the trees' factors.
-  void prepare(std::span<const RigidBody> bodies, const Forest& forest, double h);
+  void prepare(std::span<const RigidBody> bodies, const Forest& forest);
   /// As prepare(), but reuses its last results for equal poses and factors. Returns false and changes nothing if the rows
   /// differ in bodies, directions or points.
-  bool update(double h);
+  bool update();
   /// Computes u of every row from the bodies' present twists.
   void measure(std::span<const RigidBody> bodies);
 
@@ -148,7 +156,7 @@ class Rows {
   void make_gear_sides(std::span<const RigidBody> bodies, const Forest& forest, const BoxRow& row);
   void make_free_sides(std::span<const RigidBody> bodies, const ConeRow& row, Core& core);
   void make_sides(std::span<const RigidBody> bodies, const Forest& forest, const ConeRow& row, Core& core);
-  void load_row(Core& core, double h);
+  void load_row(Core& core);
   void apply_impulse(const Core& core, const double* change);
   double velocity(const double* y, const Side& side) const;
   void apply_impulse(const double* y, const Side& side, double x);

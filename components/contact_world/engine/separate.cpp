@@ -113,7 +113,7 @@ bool World::Impl::move_apart(double h) {
     body.w.setZero();
     body.L.setZero();
   }
-  rows.prepare(bodies, forest, h);
+  rows.prepare(bodies, forest);
   rows.measure(bodies);
   rows.sweep(options.iterations, kAccuracy / h);
   rows.apply(bodies, forest);

@@ -83,7 +83,7 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
     materials.emplace_back();
     for (const scene::Shape& shape : body.shapes) {
       materials.back().push_back(&shape.material);
-      bounces = bounces || shape.material.restitution > 0;
+      pivots = pivots || shape.material.restitution > 0 || shape.material.stiffness < scene::kInfinity;
       torsional = torsional || shape.material.torsion > 0;
     }
   }
@@ -278,6 +278,8 @@ void World::restore(std::span<const double> state) {
     w.joints[j].place(w.bodies);
     w.q[j] = w.joints[j].q;
     w.dq[j] = w.joints[j].has_axis() ? w.joints[j].speed(w.bodies) : 0;
+    const int f = w.forest.freedom_of(static_cast<int>(j));
+    if (f >= 0) w.forest.freedoms()[index(f)].s = w.dq[j];
   }
   for (Forest::Node& node : w.forest.nodes()) {
     for (Spatial& curve : node.curve) get_all(curve);

@@ -33,6 +33,7 @@ struct Status {
   std::size_t grown = 0;     // number of times that the capacity was exceeded, since construction
   int degenerate = 0;        // redundant or contradicting rows that were relaxed
   int impacts = 0;           // rounds of impacts, one after the other
+  double swing = 0;          // largest h ω of a loaded soft contact: its spring with the mobility behind it
 };
 
 /// Bodies in maximal coordinates, (1): M ν̇ = f + f_c. contact_world.h is the unit around it.

@@ -42,6 +42,8 @@ struct World::Impl {
     Vector3d impulse = Vector3d::Zero();  // on b, from the last solution: start of the next one
     Vector3d impact = Vector3d::Zero();   // on b, of the impacts at the start of the step
     Vector3d sum = Vector3d::Zero();      // of both stages of the step
+    double push = 0, share = 0;           // soft: spring's impulse in the velocity stage, N.s; of SoftContact
+    bool conserves = false;               // soft: of SoftContact, in this step
     bool matched = false;                 // with a point of the other list
     bool too_deep = false;                // for separate()
     ImpactRole role = ImpactRole::kNone;
@@ -66,11 +68,18 @@ struct World::Impl {
   void find_supports(double h);
   void find_all_struck(double h);
   void collect_impacts(double h, bool newton);
-  void apply_impact_rows(double h);
-  void set_impact_rows(double h, std::span<const double> x);
+  void apply_impact_rows();
+  void set_impact_rows(std::span<const double> x);
   void solve_impacts(double h, bool newton);
-  void limit_energy(double h, bool newton);
+  void limit_energy(bool newton);
   void end_round();
+
+  // Of soft contacts; soft_contacts.cpp
+  bool collect_spring(std::size_t t, ConeRow& row, Stage stage, double h);
+  bool has_stiff_springs() const;
+  bool linearise_springs();
+  void store_spring_impulses();
+  void apply_lost_springs();
 
   // Of solve()
   void begin_inertias();
@@ -85,7 +94,7 @@ struct World::Impl {
   double gear_error(const scene::Gear& gear);
   void collect_contact(std::size_t t, Stage stage, double h);
   ConeRow contact_row(std::size_t t) const;
-  void solve_rows(double h);
+  void solve_rows();
   void satisfy_joints(double h);
   void store_impulses();
   void store_spring_torques(double h);
@@ -167,7 +176,7 @@ struct World::Impl {
   Status status;
   std::size_t capacity = 0;  // number of points without allocation
   double margin = 0;
-  bool bounces = false;    // a shape has a restitution
+  bool pivots = false;     // a shape has a restitution or a stiffness
   bool torsional = false;  // a surface has torsional friction
   bool prepared = false;   // the rows match these poses and factors
   bool stale = true;       // poses changed since refresh()

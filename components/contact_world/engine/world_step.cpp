@@ -47,6 +47,7 @@ void World::Impl::step(double h) {
   status.residual = 0;
   status.degenerate = 0;
   status.impacts = 0;
+  status.swing = 0;
   if (stale) {
     for (Joint& joint : joints) joint.place(bodies);
     for (Forest::Tree& tree : forest.trees()) {
@@ -69,6 +70,7 @@ void World::Impl::step(double h) {
   separate(h);
   begin_inertias();
   kick(h / 2);
+  apply_lost_springs();
   solve(Stage::kVelocity, h);
   publish(h);
 
@@ -142,7 +144,7 @@ void World::Impl::reserve(std::size_t contacts) {
   capacity = contacts;
   const std::size_t boxes = loose.size() * kJointRows + scene.gears.size() + (torsional ? contacts : 0);
   row_origin.reserve(boxes);
-  rows.reserve(contacts, boxes, scene.gears.size(), options.method == Method::kDantzig || bounces);
+  rows.reserve(contacts, boxes, scene.gears.size(), options.method == Method::kDantzig || pivots);
   touches.reserve(contacts);
   touches_before.reserve(contacts);
   points.reserve(contacts);
@@ -173,14 +175,11 @@ void World::Impl::take_points() {
     touch.point = point;
     set_friction(touch, a, b);
     touch.restitution = std::max(a.restitution, b.restitution);
-    touch.stiffness = 1 / (1 / a.stiffness + 1 / b.stiffness);  // in series
-    if (a.stiffness == kInfinity) {
-      touch.damping = b.damping;
-    } else if (b.stiffness == kInfinity) {
-      touch.damping = a.damping;
-    } else {
-      touch.damping = a.damping > 0 && b.damping > 0 ? 1 / (1 / a.damping + 1 / b.damping) : 0;
-    }
+    // Springs in series carry the same force; each damper sees its spring's share of the speed.
+    const bool two_springs = a.stiffness < kInfinity && b.stiffness < kInfinity;
+    const double share_a = two_springs ? b.stiffness / (a.stiffness + b.stiffness) : a.stiffness < kInfinity ? 1 : 0;
+    touch.stiffness = 1 / (1 / a.stiffness + 1 / b.stiffness);
+    touch.damping = a.damping * share_a * share_a + b.damping * (1 - share_a) * (1 - share_a);
     touches.push_back(touch);
   }
   status.contacts = touches.size();
@@ -197,8 +196,12 @@ void World::Impl::match() {
     touch.impulse = before.impulse;
     touch.impact = before.impact;
     touch.sum = before.sum;
+    touch.push = before.push;
+    touch.share = before.share;
+    touch.conserves = before.conserves;
     touch.matched = before.matched = true;
   };
+  for (Touch& before : touches_before) before.matched = false;
   std::size_t begin = 0, first = 0;
   while (first < touches.size()) {
     const auto key = pair(touches[first]);
@@ -207,7 +210,6 @@ void World::Impl::match() {
     while (begin < touches_before.size() && pair(touches_before[begin]) < key) ++begin;
     std::size_t end_before = begin;
     while (end_before < touches_before.size() && pair(touches_before[end_before]) == key) ++end_before;
-    for (std::size_t t = begin; t < end_before; ++t) touches_before[t].matched = false;
 
     std::size_t left = end_before - begin;
     for (std::size_t i = first; i < end && left > 0; ++i) {
@@ -265,11 +267,13 @@ void World::Impl::solve(Stage stage, double h) {
   begin_axes(stage, h);
   solve_trees();
   collect_rows(stage, h);
-  if (prepared) prepared = rows.update(h);
-  solve_rows(h);
+  if (prepared) prepared = rows.update();
+  solve_rows();
   if (stage == Stage::kPosition) satisfy_joints(h);
   store_impulses();
-  if (stage == Stage::kPosition) store_spring_torques(h);
+  if (stage == Stage::kVelocity) return;
+  store_spring_impulses();
+  store_spring_torques(h);
 }
 
 /// Sets the momentum of the axes' inertias from the joint speed at the start of the stage.
@@ -422,12 +426,8 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
   const double gap = std::abs(touch.point.gap) > kGapNoise ? touch.point.gap : 0;
   const Vector3d& n = touch.point.n_W;
   ConeRow row = contact_row(t);
-  row.gap = gap;
   if (touch.stiffness < kInfinity) {
-    if (gap > 0) return;
-    row.soft = true;
-    row.stiffness = touch.stiffness;
-    row.damping = touch.damping;
+    if (!collect_spring(t, row, stage, h)) return;
   } else {
     row.target = -gap / h;
     if (gap <= 0) {
@@ -478,19 +478,21 @@ ConeRow World::Impl::contact_row(std::size_t t) const {
 }
 
 /// Solves rows and trees alternately: contact impulses depend on the held axes and change them.
-void World::Impl::solve_rows(double h) {
+void World::Impl::solve_rows() {
   if (rows.empty()) return;
   for (int round = 0; round < kContactRounds; ++round) {
-    if (!prepared) rows.prepare(bodies, forest, h);
+    if (!prepared) rows.prepare(bodies, forest);
     prepared = true;
     rows.measure(bodies);
-    const Rows::Outcome outcome = options.method == Method::kDantzig ? rows.pivot(options.iterations, options.tolerance)
-                                                                     : rows.sweep(options.iterations, options.tolerance);
+    const bool exact = options.method == Method::kDantzig || has_stiff_springs();
+    const Rows::Outcome outcome =
+        exact ? rows.pivot(options.iterations, options.tolerance) : rows.sweep(options.iterations, options.tolerance);
     status.iterations = std::max(status.iterations, outcome.iterations);
     status.residual = round == 0 ? std::max(status.residual, outcome.residual) : outcome.residual;
     status.degenerate = std::max(status.degenerate, outcome.degenerate);
     rows.apply(bodies, forest);
-    if (!solve_trees()) break;
+    const bool moved = solve_trees(), curved = linearise_springs();
+    if (!moved && !curved) break;
     prepared = false;
   }
 }
@@ -546,7 +548,7 @@ void World::Impl::satisfy_joints(double h) {
       row.target = curves[index(origin.joint)][index(origin.row)] = row.u - (joint_error(row) - row.error) / h;
     }
     if (solve_trees()) prepared = false;
-    solve_rows(h);
+    solve_rows();
     each([](Place& place, const RigidBody& body) {
       place.v = body.v;
       place.w = body.w;
