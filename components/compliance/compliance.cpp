@@ -1,14 +1,15 @@
 #include "components/compliance/compliance.h"
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <string_view>
 
-#include "models/robot/dynamics.h"
 #include "models/robot/friction.h"
 #include "models/robot/robot_model.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::compliance {
 namespace {
@@ -33,21 +34,31 @@ std::size_t longest_warning(std::size_t joints) {
   return length;
 }
 
+/// `floating`; throws Error if the robot's base has no mass to float with.
+bool can_float(const std::string& place, const robot::RobotModel& robot, bool floating) {
+  const std::string why = floating ? robot.base.inertia.unphysical() : "";
+  if (!why.empty()) throw Error(place, "base=floating: the base of robot '" + robot.name + "' cannot float: " + why);
+  return floating;
+}
+
 }  // namespace
 
 void Compliance::declare_settings(SettingList& s) {
   s.robot("a name in models/robots, or a path to a URDF file", true).required();
+  s.choice("base", {"fixed", "floating"}, "the base of the robot is fixed or moves freely, for example a satellite's");
 }
 
 GainParameters::GainParameters(std::size_t joints) { write_start_values(*this, kGains, joints); }
 
-Compliance::Compliance(Settings& settings) : Compliance(settings.unit(), settings.robot()) {}
+Compliance::Compliance(Settings& settings)
+    : Compliance(settings.unit(), settings.robot(), settings.choice("base") == "floating") {}
 
-Compliance::Compliance(const std::string& place, const robot::RobotModel& robot)
+Compliance::Compliance(const std::string& place, const robot::RobotModel& robot, bool floating)
     : place_(place),
       n_(static_cast<std::size_t>(robot.n())),
       measures_(&robot),
-      dynamics_(std::make_unique<Dynamics>(robot)),
+      links_(robot, can_float(place, robot, floating)),
+      floating_(floating),
       drive_(n_),
       wanted_(n_),
       drive_in_force_(drive_),
@@ -83,9 +94,10 @@ Compliance::~Compliance() = default;
 
 void Compliance::initialise(Time) {
   check();
+  take_spin();
   drive_in_force_ = drive_;
   in_force_ = wanted_;
-  dynamics_->bodies.take(place_, dynamics_->mechanism);
+  links_.take_bodies(place_);
   warning_.clear();
   warning_.reserve(longest_warning(n_));  // a step allocates nothing
   for (std::size_t i = 0; i < n_; ++i) {
@@ -99,9 +111,9 @@ void Compliance::initialise(Time) {
   dq_c_ = dq_d_;
   ddq_c_ = a_q_ = ddq_d_;
   add_load(0);
-  tracking_.start(dynamics_->mechanism, dynamics_->data, reference(), load(), drive_in_force_);
+  tracking_.start(links_, reference(), load(), drive_in_force_);
   tracking_.take_error(measured(), drive_in_force_);
-  tracking_.torque(dynamics_->mechanism, dynamics_->data, reference(), load(), drive_in_force_, measured(), gains(), 0, tau_m_);
+  tracking_.torque(links_, reference(), load(), drive_in_force_, measured(), gains(), 0, tau_m_);
   finish_torques(0);
 }
 
@@ -114,16 +126,26 @@ void Compliance::initialise(Time) {
 StepResult Compliance::step(Time, Duration h) {
   const double seconds = h.seconds();
   check();
+  take_spin();
   tracking_.take_error(measured(), drive_in_force_);
   follow_tunables(seconds);
   move_compliantly(seconds);
   add_load(seconds);
-  tracking_.refer(dynamics_->mechanism, dynamics_->data, reference(), load(), drive_in_force_,
-                  {elastic_bandwidth_, tau_wind_up_}, seconds);
-  tracking_.torque(dynamics_->mechanism, dynamics_->data, reference(), load(), drive_in_force_, measured(), gains(), seconds,
-                   tau_m_);
+  tracking_.refer(links_, reference(), load(), drive_in_force_, {elastic_bandwidth_, tau_wind_up_}, seconds);
+  tracking_.torque(links_, reference(), load(), drive_in_force_, measured(), gains(), seconds, tau_m_);
   finish_torques(seconds);
   return StepResult::kDone;
+}
+
+/// The momentum of a floating robot, in the axes of its base.
+void Compliance::take_spin() {
+  if (!floating_) return;
+  const Eigen::Quaterniond Q(base_quat_[0], base_quat_[1], base_quat_[2], base_quat_[3]);
+  const Eigen::Vector3d spin(spin_[0], spin_[1], spin_[2]);
+  if (!(std::isfinite(Q.norm()) && Q.norm() > 0))
+    throw Error(place_ + ".base_quat", "the quaternion (w, x, y, z) has length " + text::to_text(Q.norm()) + ", expected 1");
+  if (!spin.allFinite()) throw Error(place_ + ".spin", "is not finite, expected three finite values");
+  links_.set_spin(Q.normalized().conjugate() * spin);
 }
 
 void Compliance::follow_tunables(double h) {
@@ -140,12 +162,12 @@ void Compliance::follow_tunables(double h) {
     in_force_.S_a[i] = now.S_a;
     tank_[i] = tank.energy;
   }
-  dynamics_->bodies.follow(place_, remaining, dynamics_->mechanism);
+  links_.follow_bodies(place_, remaining);
 }
 
 void Compliance::restored() {
   copy_fixed(drive_in_force_, drive_, robot::kDriveParameters);
-  dynamics_->bodies.restored(dynamics_->mechanism);
+  links_.restored_bodies();
 }
 
 void Compliance::move_compliantly(double h) {
@@ -196,10 +218,8 @@ double Compliance::motor_friction(std::size_t i, double h) {
 
 void Compliance::take_gravity() {
   if (std::ranges::all_of(drive_in_force_.link_load, [](double load) { return load == 0; })) return;
-  Dynamics& d = *dynamics_;
   const auto n = static_cast<Eigen::Index>(n_);
-  robot::gravity(d.mechanism, d.data, Eigen::Map<const Eigen::VectorXd>(q_c_.data(), n),
-                 Eigen::Map<Eigen::VectorXd>(gravity_.data(), n));
+  links_.gravity(Eigen::Map<const Eigen::VectorXd>(q_c_.data(), n), Eigen::Map<Eigen::VectorXd>(gravity_.data(), n));
 }
 
 // Adds friction of the motors and applies the limits.

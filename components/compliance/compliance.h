@@ -79,18 +79,12 @@ class Compliance final : public Unit {
   void restored() override;
 
  private:
-  Compliance(const std::string& place, const robot::RobotModel& robot);
-  struct Dynamics {
-    explicit Dynamics(const robot::RobotModel& robot) : mechanism(robot), data(mechanism), bodies(robot) {}
-    robot::Mechanism mechanism;
-    robot::Data data;
-    robot::BodyParameters bodies;
-  };
-
+  Compliance(const std::string& place, const robot::RobotModel& robot, bool floating);
   /// Events that the run's summary names, as bits of `met`.
   enum Met : std::int32_t { kTorque = 1, kPosition = 2, kSpeed = 4, kDesired = 8, kTank = 16 };
 
   void check();
+  void take_spin();
   void follow_tunables(double h);
   void move_compliantly(double h);
   void add_load(double h);
@@ -111,10 +105,12 @@ class Compliance final : public Unit {
   std::string place_;  // for messages
   std::size_t n_ = 0;
   JointMeasures measures_;
-  std::unique_ptr<Dynamics> dynamics_;  // the robot and scratch
+  Links links_;
+  bool floating_;
 
   // Inputs.
   Joints q_d_, dq_d_, ddq_d_, q_, dq_, theta_, dtheta_, tau_e_, tau_e_rate_;
+  Joints base_quat_{1, 0, 0, 0}, spin_{0, 0, 0};  // of a floating base
   // Parameters.
   Joints tau_max_;
   Joints q_min_, q_max_, dq_max_, braking_;  // limits of the compliant motion

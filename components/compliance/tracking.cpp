@@ -44,15 +44,14 @@ Tracking::Tracking(const robot::RobotModel& robot)
     one->resize(n_);
 }
 
-void Tracking::start(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
-                     const robot::DriveParameters& drives) {
-  refer(mechanism, data, reference, load, drives, {0, tau_w}, 0);
+void Tracking::start(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives) {
+  refer(links, reference, load, drives, {0, tau_w}, 0);
 }
 
-void Tracking::refer(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
-                     const robot::DriveParameters& drives, const WindingUp& winding_up, double h) {
+void Tracking::refer(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
+                     const WindingUp& winding_up, double h) {
   const auto q_c = map(reference.q_c), dq_c = map(reference.dq_c), a = map(reference.mean_ddq_c);
-  robot::inverse_dynamics(mechanism, data, q_c, dq_c, map(reference.ddq_c), map(tau_c));
+  links.inverse_dynamics(q_c, dq_c, map(reference.ddq_c), map(tau_c));
   map(tau_c) += map(load.end);
   theta_c = reference.q_c;
   dtheta_c = reference.dq_c;
@@ -63,8 +62,8 @@ void Tracking::refer(const robot::Mechanism& mechanism, robot::Data& data, const
   // The torque of the reference in the middle of the step is its mean over the step.
   q_ = q_c - h / 2 * dq_c + h * h / 8 * a;
   dq_ = dq_c - h / 2 * a;
-  robot::inverse_dynamics(mechanism, data, q_, dq_, a, tau_);
-  robot::mass_matrix(mechanism, data, q_, M_);
+  links.inverse_dynamics(q_, dq_, a, tau_);
+  links.mass_matrix(q_, M_);
   tau_ += map(load.mean);
   M_.diagonal() += map(drives.B);
   const double left = std::exp(-winding_up.bandwidth * h);
@@ -104,19 +103,17 @@ void Tracking::take_error(const Measured& measured, const robot::DriveParameters
   }
 }
 
-void Tracking::torque(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
-                      const robot::DriveParameters& drives, const Measured& measured, const Gains& gains, double h,
-                      Joints& tau_m) {
+void Tracking::torque(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
+                      const Measured& measured, const Gains& gains, double h, Joints& tau_m) {
   if (elastic_) {
-    torque_of_elastic(mechanism, data, drives, measured, gains, tau_m);
+    torque_of_elastic(links, drives, measured, gains, tau_m);
   } else {
-    torque_of_rigid(mechanism, data, reference, load, drives, measured, gains, h, tau_m);
+    torque_of_rigid(links, reference, load, drives, measured, gains, h, tau_m);
   }
 }
 
-void Tracking::torque_of_rigid(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference,
-                               const Load& load, const robot::DriveParameters& drives, const Measured& measured,
-                               const Gains& gains, double h, Joints& tau_m) {
+void Tracking::torque_of_rigid(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
+                               const Measured& measured, const Gains& gains, double h, Joints& tau_m) {
   const double p = gains.passivity;
   for (std::size_t i = 0; i < n_; ++i) {
     // The acceleration that the feedback adds to the reference's.
@@ -127,18 +124,18 @@ void Tracking::torque_of_rigid(const robot::Mechanism& mechanism, robot::Data& d
   // The torque is held over the step: the dynamics in the middle of the step are their mean over it.
   dq_ = map(measured.dq) + h / 2 * v_;
   q_ = map(measured.q) + h / 2 * map(measured.dq);
-  robot::inverse_dynamics(mechanism, data, q_, dq_, v_, tau_);  // M q̈_r + C q̇ + g
+  links.inverse_dynamics(q_, dq_, v_, tau_);  // M q̈_r + C q̇ + g
   if (p > 0) {
     s_ = map(de_) + map(gains.Lambda).cwiseProduct(map(e_));
-    robot::coriolis_matrix(mechanism, data, q_, dq_, C_);
+    links.coriolis_matrix(q_, dq_, C_);
     tau_.noalias() += p * (C_ * s_);  // C q̇_r = C q̇ + C s
     tau_ += p * map(gains.K_s).cwiseProduct(s_);
   }
   map(tau_m) = tau_ + map(drives.B).cwiseProduct(v_) + map(load.mean);
 }
 
-void Tracking::torque_of_elastic(const robot::Mechanism& mechanism, robot::Data& data, const robot::DriveParameters& drives,
-                                 const Measured& measured, const Gains& gains, Joints& tau_m) {
+void Tracking::torque_of_elastic(Links& links, const robot::DriveParameters& drives, const Measured& measured,
+                                 const Gains& gains, Joints& tau_m) {
   // g(q̄) − g(q_c), with K (θ − q̄) = τ_w + g(q̄) − g(q_c). Feedback of g at the measured links would not be symmetric, and g at
   // q_c would need gains larger than the gradient of gravity. q̄ is found by one fixed-point correction of twice the usual size;
   // the remaining error then stabilises for any gains (docs/equations.md).
@@ -146,7 +143,7 @@ void Tracking::torque_of_elastic(const robot::Mechanism& mechanism, robot::Data&
   const bool sprung = std::ranges::any_of(drives.spring_sin, [](double a) { return a != 0; }) ||
                       std::ranges::any_of(drives.spring_cos, [](double b) { return b != 0; });
   const auto g = [&](const Eigen::VectorXd& at, Eigen::VectorXd& torque) {
-    robot::gravity(mechanism, data, at, torque);
+    links.gravity(at, torque);
     if (!sprung) return;
     for (std::size_t i = 0; i < n_; ++i) {
       const auto k = static_cast<Eigen::Index>(i);

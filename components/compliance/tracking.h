@@ -2,8 +2,8 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "components/compliance/links.h"
 #include "models/robot/drive_parameters.h"
-#include "models/robot/dynamics.h"
 
 #include "models/robot/robot_model.h"
 
@@ -69,16 +69,15 @@ class Tracking {
   explicit Tracking(const robot::RobotModel& robot);
 
   /// Motor reference at rest at `reference`: the start.
-  void start(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
-             const robot::DriveParameters& drives);
+  void start(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives);
   /// Motor reference at the end of a step of h seconds.
-  void refer(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
-             const robot::DriveParameters& drives, const WindingUp& winding_up, double h);
+  void refer(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
+             const WindingUp& winding_up, double h);
   /// The tracking error at the beginning of a step: before refer().
   void take_error(const Measured& measured, const robot::DriveParameters& drives);
   /// The motor torque over the step, without friction of the motors, into `tau_m`. After refer().
-  void torque(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
-              const robot::DriveParameters& drives, const Measured& measured, const Gains& gains, double h, Joints& tau_m);
+  void torque(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
+              const Measured& measured, const Gains& gains, double h, Joints& tau_m);
 
   // States.
   Joints theta_c, dtheta_c;  // rad, rad/s; where the motors should be
@@ -89,11 +88,10 @@ class Tracking {
  private:
   void wind_up(std::size_t i, double tau, const robot::DriveParameters& drives, const WindingUp& winding_up, double h,
                double left);
-  void torque_of_rigid(const robot::Mechanism& mechanism, robot::Data& data, const Reference& reference, const Load& load,
-                       const robot::DriveParameters& drives, const Measured& measured, const Gains& gains, double h,
-                       Joints& tau_m);
-  void torque_of_elastic(const robot::Mechanism& mechanism, robot::Data& data, const robot::DriveParameters& drives,
-                         const Measured& measured, const Gains& gains, Joints& tau_m);
+  void torque_of_rigid(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
+                       const Measured& measured, const Gains& gains, double h, Joints& tau_m);
+  void torque_of_elastic(Links& links, const robot::DriveParameters& drives, const Measured& measured, const Gains& gains,
+                         Joints& tau_m);
 
   std::size_t n_;
   // Handed from one phase of a step to the next.

@@ -102,7 +102,7 @@ void Compliance::declare(Variables& v) {
   joints.output("tau_excess", tau_excess_, "N.m", "motor torque asked for beyond tau_max, and not given");
   v.output("saturated", saturated_, "whether any joint's motor torque is at its limit");
   v.output("warning", warning_, "what the user should know after the run; empty if nothing");
-  declare_bodies(v, dynamics_->bodies, true);
+  declare_bodies(v, links_.bodies(), true);
   joints.state("tau_fl_before", tau_fl_before_, "N.m", "friction of the link side at the end of the last step");
   joints.state("tau_fm_before", tau_fm_before_, "N.m", "friction of the motor side at the end of the last step");
 
@@ -129,6 +129,9 @@ void Compliance::declare(Variables& v) {
           "what happened since the start, summed: 1 torque cut, 2 stopped at a limit of position, 4 held at dq_max, 8 desired "
           "motion outside its limits, 16 a rise of S_a or M_a waited for energy");
   v.output("limit", limit_, "limit that acts on the compliant motion: 0 none, 1 position, 2 speed");
+  if (!floating_) return;
+  v.input("base_quat", base_quat_, "1", "orientation of the floating base in W, unit quaternion (w, x, y, z); with spin only");
+  v.input("spin", spin_, "kg.m2/s", "angular momentum of the robot about its centre of mass, in W; 0: it started at rest");
 }
 
 void Compliance::check() {

@@ -166,6 +166,21 @@ void reduced_inverse_dynamics(const FloatingMechanism& mechanism, FloatingData& 
   tau.noalias() += inertia.A.transpose() * (d.tau.head<6>() - W);
 }
 
+// Ṫ of T = (A; 1) adds Tᵀ M Ṫ to C*, which is zero: Tᵀ M is zero in the columns of the base.
+void reduced_coriolis_matrix(const FloatingMechanism& mechanism, FloatingData& d, const FloatingInertia& inertia,
+                             const VectorIn& q, const VectorIn& dq, const Eigen::Vector3d& spin, MatrixOut C) {
+  const Eigen::Index n = mechanism.n();
+  assert(q.size() == n && dq.size() == n && C.rows() == n && C.cols() == n);
+  d.q.tail(n) = q;
+  d.dq << Eigen::Vector3d::Zero(), inertia.base_spin(spin, dq), dq;
+  coriolis_matrix(mechanism.with_base(), d.data, d.q, d.dq, d.M);
+  C = d.M.bottomRightCorner(n, n);
+  d.J.rightCols(n) = d.M.topRightCorner(6, n);
+  d.J.rightCols(n).noalias() += d.M.topLeftCorner<6, 6>().lazyProduct(inertia.A);
+  C.noalias() += inertia.A.transpose().lazyProduct(d.J.rightCols(n));
+  C.noalias() += d.M.bottomLeftCorner(n, 6).lazyProduct(inertia.A);
+}
+
 Twist base_acceleration(const FloatingMechanism& mechanism, FloatingData& d, const FloatingInertia& inertia, const VectorIn& q,
                         const VectorIn& dq, const VectorIn& ddq, const Eigen::Vector3d& spin, const Wrench& W) {
   const Eigen::Index n = mechanism.n();

@@ -101,6 +101,11 @@ void floating_forward_dynamics(const FloatingMechanism&, FloatingData&, const Ve
 void reduced_inverse_dynamics(const FloatingMechanism&, FloatingData&, const FloatingInertia& inertia, const VectorIn& q,
                               const VectorIn& dq, const VectorIn& ddq, const Eigen::Vector3d& spin, const Wrench& W,
                               VectorOut tau);
+/// C* = (A; 1)ᵀ C (A; 1) of the robot with its base's joints, for which C* q̇ = b* without spin and W, and Ṁ* − 2 C* is
+/// skew-symmetric without spin.
+void reduced_coriolis_matrix(const FloatingMechanism&, FloatingData&, const FloatingInertia& inertia, const VectorIn& q,
+                             const VectorIn& dq, const Eigen::Vector3d& spin, MatrixOut C);
+
 /// A_B − (g; 0) in the motion with these q̈. Linear velocity has no influence.
 Twist base_acceleration(const FloatingMechanism&, FloatingData&, const FloatingInertia& inertia, const VectorIn& q,
                         const VectorIn& dq, const VectorIn& ddq, const Eigen::Vector3d& spin, const Wrench& W);

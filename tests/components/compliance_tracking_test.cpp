@@ -37,6 +37,7 @@ class ClosedLoop {
         model(robot_of(draw, joint_count, gravity)),
         mechanism(model),
         data(mechanism),
+        links(model),
         q_c(draw.numbers(joint_count, -2, 2)),
         tracking(model) {
     const auto fill = [&](Joints& values, double low, double high) {
@@ -60,7 +61,7 @@ class ClosedLoop {
     for (Joints* spring : {&drives.spring_sin, &drives.spring_cos})
       spring->assign(static_cast<std::size_t>(n) * robot::Harmonics::kMost, 0.0);
     reference_q = joints(q_c);
-    tracking.start(mechanism, data, reference(), {zero, zero}, drives);
+    tracking.start(links, reference(), {zero, zero}, drives);
     theta_c = Eigen::Map<VectorXd>(tracking.theta_c.data(), n);
     tau_m = zero;
   }
@@ -72,8 +73,8 @@ class ClosedLoop {
     const Joints at_q = joints(q), at_dq = joints(dq), at_theta = joints(theta), at_dtheta = joints(dtheta);
     const Measured measured{at_q, at_dq, at_theta, at_dtheta};
     tracking.take_error(measured, drives);
-    tracking.torque(mechanism, data, reference(), {zero, zero}, drives, measured,
-                    {omega, zeta, Lambda, K_s, shaping, passivity}, 0, tau_m);
+    tracking.torque(links, reference(), {zero, zero}, drives, measured, {omega, zeta, Lambda, K_s, shaping, passivity}, 0,
+                    tau_m);
     return Eigen::Map<VectorXd>(tau_m.data(), n);
   }
 
@@ -118,6 +119,7 @@ class ClosedLoop {
   robot::RobotModel model;
   robot::Mechanism mechanism;
   robot::Data data;
+  Links links;
   VectorXd q_c, theta_c;
   robot::DriveParameters drives;
   Joints &K = drives.K, &B = drives.B;

@@ -277,6 +277,57 @@ TEST(DriveTrainFloating, KeepsItsMotionWhenABodyChanges) {
   }
 }
 
+/// The largest distance from a desired motion, rad, of the tumbling satellite under `unit:compliance?` + `query`, after the start.
+double tracking_error(const std::string& query, double passivity, double K) {
+  Drive drive = satellite(K > 0 ? "&friction=smooth" : "&transmission=rigid&friction=smooth");
+  start(drive);
+  set(drive, "dq0", {0.6, -0.5});
+  drive.set("B", 0.02);
+  if (K > 0) drive.set("K", K).set("D", 5);
+  drive.initialise();
+  Instance control = make_unit("unit:compliance?robot=" + kSatellite + query, {},
+                               {std::filesystem::path(places::source()) / "models"}, unit_types());
+  const auto port = [&](const std::string& name) { return control.variables.at(name).reals(); };
+  const auto connect = [&](const std::string& from, const std::string& to) {
+    if (control.variables.find(to)) std::copy(drive[from].begin(), drive[from].end(), port(to).begin());
+  };
+  std::fill(port("B").begin(), port("B").end(), 0.02);
+  std::fill(port("K").begin(), port("K").end(), K);
+  std::fill(port("passivity").begin(), port("passivity").end(), passivity);
+  double worst = 0;
+  for (int k = 0; k <= 3000; ++k) {
+    for (const char* name : {"q", "dq", "theta", "dtheta", "base_quat", "spin"}) connect(name, name);
+    const double t = 1e-3 * k;
+    for (std::size_t i = 0; i < 2; ++i) {
+      const double w = i == 0 ? 1.5 : 1.0, size = i == 0 ? 0.4 : -0.5;
+      port("q_d")[i] = kQ[i] + size * std::sin(w * t);
+      port("dq_d")[i] = size * w * std::cos(w * t);
+      port("ddq_d")[i] = -size * w * w * std::sin(w * t);
+      if (k > 1000) worst = std::max(worst, std::abs(drive["q"][i] - port("q_d")[i]));
+    }
+    if (k == 0) {
+      control.unit->initialise(Time{});
+    } else {
+      (void)control.unit->step(Time{}, Duration::from_seconds(1e-3));
+    }
+    std::copy_n(port("tau_m").begin(), 2, drive["tau_m"].begin());
+    drive.step(1e-3);
+  }
+  return worst;
+}
+
+TEST(DriveTrainFloating, FollowsComplianceThatHasTheDynamicsOfTheFloatingRobot) {
+  for (const double passivity : {0.0, 1.0})
+    for (const double K : {0.0, 5000.0}) {
+      const double floating = tracking_error("&base=floating", passivity, K), fixed = tracking_error("", passivity, K);
+      EXPECT_LT(floating, 1e-3) << "passivity " << passivity << ", K " << K;
+      EXPECT_GT(fixed, 5 * floating) << "passivity " << passivity << ", K " << K;
+    }
+  EXPECT_THAT(testing::error_of(
+                  [] { (void)make_unit("unit:compliance?base=floating&robot=" + testing::kRotor, {}, {}, unit_types()); }),
+              HasSubstr("base=floating: the base of robot"));
+}
+
 TEST(DriveTrainFloating, ReportsErrorsInSettingsAndValues) {
   using testing::error_of;
   EXPECT_EQ(error_of([] { Drive("base=floating&link=outside&robot=" + kSatellite); }), "");  // a setting shared with the world

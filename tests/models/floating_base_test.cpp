@@ -238,6 +238,22 @@ TEST(FloatingBase, ForwardAndInverseDynamicsUndoEachOther) {
   });
 }
 
+TEST(FloatingBase, RateOfTheReducedMassMatrixIsTheSymmetricPartOfTwiceItsCoriolisMatrix) {
+  sweep(100, 5, [](Case& c, Draw&) {
+    MatrixXd C(c.n, c.n);
+    VectorXd bias(c.n);
+    reduced_coriolis_matrix(c.mechanism, c.data, c.inertia, c.q, c.dq, Vector3d::Zero(), C);
+    reduced_inverse_dynamics(c.mechanism, c.data, c.inertia, c.q, c.dq, VectorXd::Zero(c.n), Vector3d::Zero(), Wrench::Zero(),
+                             bias);
+    EXPECT_LT(relative(C * c.dq, bias), kRounding);
+    FloatingInertia before(c.n), after(c.n);
+    const double d = 1e-5;
+    floating_inertia(c.mechanism, c.data, c.q - d * c.dq, before);
+    floating_inertia(c.mechanism, c.data, c.q + d * c.dq, after);
+    EXPECT_LT(relative(C + C.transpose(), (after.M_star - before.M_star) / (2 * d)), 1e-7);
+  });
+}
+
 TEST(FloatingBase, ReactionOfAFixedBaseIsItsLoad) {
   sweep(100, 4, [](Case& c, Draw&) {
     RobotModel robot = c.robot;
@@ -335,6 +351,7 @@ TEST(FloatingBase, NothingAllocates) {
   floating_inverse_dynamics(c.mechanism, c.data, c.q, c.dq, c.ddq, V, V, c.gravity, tau, W);
   floating_forward_dynamics(c.mechanism, c.data, c.q, c.dq, c.tau, V, W, c.gravity, ddq, A_B);
   reduced_inverse_dynamics(c.mechanism, c.data, c.inertia, c.q, c.dq, ddq, c.gravity, W, tau);
+  reduced_coriolis_matrix(c.mechanism, c.data, c.inertia, c.q, c.dq, c.gravity, c.inertia.M);
   c.mechanism.update(c.robot);
   EXPECT_EQ(cotwin::testing::allocations() - before, 0u);
 }

@@ -1,0 +1,53 @@
+#include "components/compliance/links.h"
+
+namespace cotwin::compliance {
+
+Links::Links(const robot::RobotModel& robot, bool floating) : mechanism_(robot), data_(mechanism_), bodies_(robot) {
+  if (floating) floating_ = std::make_unique<Floating>(robot);
+}
+
+void Links::inverse_dynamics(const robot::VectorIn& q, const robot::VectorIn& dq, const robot::VectorIn& a,
+                             robot::VectorOut tau) {
+  if (!floating_) return robot::inverse_dynamics(mechanism_, data_, q, dq, a, tau);
+  Floating& f = *floating_;
+  floating_inertia(f.mechanism, f.data, q, f.inertia);
+  reduced_inverse_dynamics(f.mechanism, f.data, f.inertia, q, dq, a, spin_, Wrench::Zero(), tau);
+}
+
+void Links::mass_matrix(const robot::VectorIn& q, robot::MatrixOut M) {
+  if (!floating_) return robot::mass_matrix(mechanism_, data_, q, M);
+  floating_inertia(floating_->mechanism, floating_->data, q, floating_->inertia);
+  M = floating_->inertia.M_star;
+}
+
+void Links::coriolis_matrix(const robot::VectorIn& q, const robot::VectorIn& dq, robot::MatrixOut C) {
+  if (!floating_) return robot::coriolis_matrix(mechanism_, data_, q, dq, C);
+  Floating& f = *floating_;
+  floating_inertia(f.mechanism, f.data, q, f.inertia);
+  reduced_coriolis_matrix(f.mechanism, f.data, f.inertia, q, dq, spin_, C);
+}
+
+void Links::gravity(const robot::VectorIn& q, robot::VectorOut g) {
+  if (!floating_) return robot::gravity(mechanism_, data_, q, g);
+  g.setZero();
+}
+
+void Links::take_bodies(const std::string& place) {
+  bodies_.take(place, mechanism_);
+  adopt_bodies();
+}
+
+void Links::follow_bodies(const std::string& place, double remaining) {
+  if (bodies_.follow(place, remaining, mechanism_)) adopt_bodies();
+}
+
+void Links::restored_bodies() {
+  bodies_.restored(mechanism_);
+  adopt_bodies();
+}
+
+void Links::adopt_bodies() {
+  if (floating_) floating_->mechanism.update(bodies_.robot());
+}
+
+}  // namespace cotwin::compliance

@@ -1,0 +1,46 @@
+#pragma once
+#include <memory>
+#include <string>
+
+#include "models/robot/body_parameters.h"
+#include "models/robot/dynamics.h"
+#include "models/robot/floating_base.h"
+
+namespace cotwin::compliance {
+
+/// (2a) of the links on a fixed base, or M* and b* on one that floats (models/robot/floating_base.h), where gravity is no load.
+/// With scratch memory and the inertial parameters in force.
+class Links {
+ public:
+  explicit Links(const robot::RobotModel& robot, bool floating = false);
+
+  /// Angular momentum of a floating robot about its centre of mass in the base's axes, N m s.
+  void set_spin(const Eigen::Vector3d& spin) { spin_ = spin; }
+  void inverse_dynamics(const robot::VectorIn& q, const robot::VectorIn& dq, const robot::VectorIn& a, robot::VectorOut tau);
+  void mass_matrix(const robot::VectorIn& q, robot::MatrixOut M);
+  void coriolis_matrix(const robot::VectorIn& q, const robot::VectorIn& dq, robot::MatrixOut C);
+  void gravity(const robot::VectorIn& q, robot::VectorOut g);
+
+  robot::BodyParameters& bodies() { return bodies_; }
+  /// As those of BodyParameters.
+  void take_bodies(const std::string& place);
+  void follow_bodies(const std::string& place, double remaining);
+  void restored_bodies();
+
+ private:
+  struct Floating {
+    explicit Floating(const robot::RobotModel& robot) : mechanism(robot), data(mechanism), inertia(robot.n()) {}
+    robot::FloatingMechanism mechanism;
+    robot::FloatingData data;
+    robot::FloatingInertia inertia;
+  };
+  void adopt_bodies();
+
+  robot::Mechanism mechanism_;
+  robot::Data data_;
+  robot::BodyParameters bodies_;
+  std::unique_ptr<Floating> floating_;
+  Eigen::Vector3d spin_ = Eigen::Vector3d::Zero();
+};
+
+}  // namespace cotwin::compliance
