@@ -13,9 +13,8 @@ std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// Depth from which displacements separate bodies; the contact rows correct smaller depths. Dantzig's method keeps the velocities
-/// of that correction, the others remove them. A smaller depth for these would cost time in piles.
-constexpr double kDeep = 1e-3, kDeepWithDantzig = 5e-5;  // m
+/// Depth from which displacements separate bodies; the contact rows correct smaller depths.
+constexpr double kDeep = 5e-5;  // m
 
 /// Share of the depth that one step removes, the largest speed, and the sweeps over the points.
 constexpr double kShare = 0.2, kFastest = 0.5;  // 1, m/s
@@ -25,8 +24,7 @@ constexpr int kSweeps = 30;
 
 /// Whether displacements separate the bodies of a point: bodies with joints move by their rows only.
 bool World::Impl::overlaps(const Touch& touch) const {
-  const double deep = options.method == Method::kDantzig ? kDeepWithDantzig : kDeep;
-  if (touch.stiffness < kInfinity || touch.point.gap > -deep) return false;
+  if (touch.stiffness < kInfinity || touch.point.gap > -kDeep) return false;
   return is_free[index(touch.point.body_a)] || is_free[index(touch.point.body_b)];
 }
 
