@@ -335,44 +335,6 @@ TEST_P(Impacts, LeaveAStackOfStiffSoftBoxesAtRest) {
   }
 }
 
-TEST_P(Impacts, BodiesThatStartInsideEachOtherPartAtRest) {
-  const auto two = [](const scene::Body& a, const scene::Body& b) {
-    scene::Scene scene;
-    scene.gravity.setZero();
-    scene.bodies = {a, b};
-    return scene;
-  };
-  const Vector3d cube(0.1, 0.1, 0.1), origin = Vector3d::Zero();
-  const std::vector<scene::Scene> scenes{
-      two(testing::box("a", cube, 1, origin, 0.5), testing::box("b", cube, 1, {0.09, 0.013, 0.02}, 0.5)),
-      two(testing::box("a", cube, 1, origin, 0.5), testing::box("b", cube, 3, {0.05, 0.01, 0.02}, 0.5)),
-      two(testing::box("a", 2 * cube, 1, origin, 0.5), testing::ball("b", 0.05, 1, {0.01, 0.02, 0.03}, 0.5)),
-      two(testing::ball("a", 0.05, 1, origin, 0.5, 1), testing::ball("b", 0.05, 1, {0.05, 0, 0}, 0.5, 1))};
-  for (const scene::Scene& scene : scenes) {
-    World w = world(scene);
-    for (int k = 0; k < 500; ++k) {
-      w.step(kStep);
-      EXPECT_LT(energy(w), 1e-4);  // J; a correction by velocities of 0.1 m/s leaves 2.5e-3 J
-      EXPECT_LT(momentum(w).norm(), 1e-14);
-    }
-    for (const ContactPoint& point : w.contacts()) EXPECT_GT(point.gap, -1e-5);
-  }
-}
-
-TEST_P(Impacts, AStackThatStartsInItselfRisesAndStands) {
-  scene::Scene scene = testing::stack(5);
-  for (std::size_t i = 1; i <= 5; ++i) scene.bodies[i].X_WB.p.z() = 0.04 + 0.09 * static_cast<double>(i - 1);
-  World w = world(scene);
-  for (int k = 0; k < 1000; ++k) {
-    w.step(kStep);
-    for (const Twist& V : w.twists()) EXPECT_LT(V.norm(), 0.3);
-  }
-  for (std::size_t i = 1; i <= 5; ++i) {
-    EXPECT_NEAR(w.poses()[i].p.z(), 0.05 + 0.1 * static_cast<double>(i - 1), 1e-4);
-    EXPECT_LT(w.twists()[i].norm(), 1e-6);
-  }
-}
-
 std::string name(const ::testing::TestParamInfo<Method>& info) {
   return info.param == Method::kTree ? "tree" : info.param == Method::kPgs ? "pgs" : "dantzig";
 }

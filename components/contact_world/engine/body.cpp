@@ -173,7 +173,6 @@ double RigidBody::kinetic_energy() const {
 void RigidBody::displace(const Vector3d& way, const Vector3d& turn, bool floats) {
   if (floats) L -= mass * way.cross(v);
   p += way;
-  if (turn.isZero(0)) return;
   Q = product(rotation(turn), Q).normalized();
   R = matrix(Q);
   w = R * inverse_moments.cwiseProduct(R.transpose() * L);

@@ -77,8 +77,6 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
   shifted.resize(bodies.size());
   frozen.resize(bodies.size());
   for (std::size_t b = 0; b < bodies.size(); ++b) frozen[b] = !bodies[b].dynamic() || is_linked[b] != 0;
-  displacements.resize(bodies.size());
-  for (std::size_t b = 0; b < bodies.size(); ++b) is_free.push_back(bodies[b].dynamic() && !is_linked[b]);
   laws.reserve(joints.size());
   drives.resize(joints.size());
   for (const scene::Body& body : scene.bodies) {

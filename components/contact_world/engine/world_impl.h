@@ -44,7 +44,6 @@ struct World::Impl {
     Vector3d sum = Vector3d::Zero();      // of both stages of the step
     double push = 0, share = 0;           // soft: spring's impulse in the velocity stage, N.s; of SoftContact
     bool conserves = false;               // soft: of SoftContact, in this step
-    double pushed = 0;                    // of separate_overlaps(), kg.m
     bool matched = false;                 // with a point of the other list
     bool too_deep = false;                // for separate()
     ImpactRole role = ImpactRole::kNone;
@@ -74,10 +73,6 @@ struct World::Impl {
   void solve_impacts(double h, bool newton);
   void limit_energy(bool newton);
   void end_round();
-
-  // Of overlaps.cpp
-  bool overlaps(const Touch& touch) const;
-  void separate_overlaps(double h);
 
   // Of soft contacts; soft_contacts.cpp
   bool collect_spring(std::size_t t, ConeRow& row, Stage stage, double h);
@@ -171,12 +166,6 @@ struct World::Impl {
     std::vector<double> x_plastic, u_plastic;
     std::vector<Island> islands;
   } impacts;
-
-  struct Displacement {
-    Vector3d linear = Vector3d::Zero(), angular = Vector3d::Zero();
-  };
-  std::vector<Displacement> displacements;  // of the bodies, in separate_overlaps()
-  std::vector<char> is_free;                // dynamic and without joints
 
   std::vector<ContactPoint> points;
   std::vector<Vector3d> forces;

@@ -65,7 +65,6 @@ void World::Impl::step(double h) {
   kick(h / 2);
   solve(Stage::kPosition, h);
   drift(h);
-  separate_overlaps(h);
   for (Forest::Tree& tree : forest.trees()) tree.loops.advance();
   refresh(h);
   separate(h);
@@ -433,9 +432,7 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
     row.target = -gap / h;
     if (gap <= 0) {
       // The velocity stage removes the velocity of the position stage's correction, limited by the impulse of the whole step.
-      row.target = stage == Stage::kVelocity || overlaps(touch)
-                       ? 0
-                       : std::min(kCorrection * std::max(-gap - kSlop, 0.0) / h, kFastestCorrection);
+      row.target = stage == Stage::kVelocity ? 0 : std::min(kCorrection * std::max(-gap - kSlop, 0.0) / h, kFastestCorrection);
       if (stage == Stage::kVelocity && options.method != Method::kDantzig) row.lo = std::min(0.0, -n.dot(touch.sum));
     }
     // Bodies that approach will bounce at the start of the next step.
