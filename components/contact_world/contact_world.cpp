@@ -35,6 +35,13 @@ Pose pose_of(const std::string& place, const Values& p, const Values& quat) {
   return {Q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
 }
 
+/// Pose from inputs, where the quaternion is normalised: it may have been interpolated. Throws Error for a quaternion of zero.
+Pose pose_of_input(const std::string& place, const std::string& prefix, const Values& p, const Values& quat) {
+  const Eigen::Quaterniond Q(quat[0], quat[1], quat[2], quat[3]);
+  if (!(Q.norm() > 0)) throw Error(place + "." + prefix + "base_quat", "the quaternion (w, x, y, z) is 0, expected length 1");
+  return {Q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
+}
+
 /// Quaternion (w, x, y, z) of R with w ≥ 0.
 void put_quaternion(const Eigen::Matrix3d& R, Values& quat) {
   Eigen::Quaterniond Q(R);
@@ -75,6 +82,7 @@ struct ContactWorld::Robot {
   Eigen::Map<const Eigen::VectorXd> vector(const Values& v) const { return {v.data(), static_cast<Eigen::Index>(n)}; }
 
   const scene::PlacedRobot* placed;
+  Link link = Link::kInside;
   std::string prefix;
   std::size_t n;
   Assembled parts;  // its bodies and joints in the world
@@ -85,7 +93,7 @@ struct ContactWorld::Robot {
   Values base_p0{0, 0, 0}, base_quat0{1, 0, 0, 0}, q0, dq0, K, D, B;  // parameters
   Values q, dq, tau_J, dtheta;                                        // inputs (q, dq: outputs with link outside)
   Values q_link, dq_link, ddq, tau_e, f_c{0, 0, 0}, base_p{0, 0, 0}, base_quat{1, 0, 0, 0};  // outputs
-  Values base_v{0, 0, 0}, base_w{0, 0, 0}, base_f_c{0, 0, 0}, base_m_c{0, 0, 0};
+  Values base_v{0, 0, 0}, base_w{0, 0, 0}, base_f_c{0, 0, 0}, base_m_c{0, 0, 0}, base_f{0, 0, 0}, base_m{0, 0, 0};
   Values dq_before;  // state
   Values tau, acceleration;
   Eigen::MatrixXd M, inverse_root;
@@ -111,11 +119,12 @@ void ContactWorld::declare_settings(SettingList& s) {
            "which unit integrates the links of the robots: the drive train (q is an input) or this unit (q is an output)");
   s.choice("actuation", {"torque", "prescribed"},
            "with link=inside: tau_J drives the links, or q and dq prescribe their motion");
-  s.choice("base", {"fixed", "floating"}, "with link=outside: the bases of the robots are fixed or move freely");
+  s.choice("base", {"fixed", "floating"}, "the bases of the robots are fixed or move freely");
   s.choice("method", {"tree", "pgs", "dantzig"},
            "solver of (1): joint trees exactly and contacts by sweeps, projected Gauss-Seidel, or Dantzig's pivoting");
   s.integer("contacts", 256, 1, 1000000, "number of contact points that a step takes without allocating memory");
   s.integer("points", 8, 0, 1000, "number of contact points that are outputs");
+  s.text("maximal", "", "with link=inside: names of robots, separated by commas, that this unit integrates all the same");
 }
 
 ContactWorld::ContactWorld(Settings& settings)
@@ -130,15 +139,32 @@ ContactWorld::ContactWorld(Settings& settings)
   shown_ = static_cast<std::size_t>(settings.integer("points"));
   iterations_ = options_.iterations;
   tolerance_ = options_.tolerance;
-  if (floating_ && link_ == Link::kInside) {
-    throw Error(place_,
-                "base=floating with link=inside: the links in the drive train need a fixed base, expected link=outside");
+  if (floating_ && actuation_ == Actuation::kPrescribed) {
+    throw Error(place_, "base=floating with actuation=prescribed: no base is recorded, expected actuation=torque");
   }
   if (actuation_ == Actuation::kPrescribed && link_ == Link::kOutside) {
     throw Error(place_, "actuation=prescribed with link=outside: no torque would drive the links, expected link=inside");
   }
   gravity_ = {cell_.scene.gravity.x(), cell_.scene.gravity.y(), cell_.scene.gravity.z()};
-  for (const scene::PlacedRobot& placed : cell_.robots) robots_.push_back(std::make_unique<Robot>(placed));
+  for (const scene::PlacedRobot& placed : cell_.robots) {
+    const std::string why = placed.model.base.inertia.unphysical();
+    if (floating_ && !why.empty())
+      throw Error(place_, "base=floating: the base of robot '" + placed.model.name + "' cannot float: " + why);
+    robots_.push_back(std::make_unique<Robot>(placed));
+    robots_.back()->link = link_;
+  }
+  const std::string maximal = settings.text("maximal");
+  for (const std::string_view part : text::split(maximal, ',')) {
+    if (part.empty()) continue;
+    const std::string name(part);
+    const auto robot = std::ranges::find_if(robots_, [&](const auto& r) { return r->placed->name == name; });
+    if (robot == robots_.end())
+      throw Error(place_, "maximal=" + name + ": there is no robot of this name in the setting robots");
+    if (actuation_ == Actuation::kPrescribed)
+      throw Error(place_,
+                  "maximal=" + name + " with actuation=prescribed: no torque would drive it, expected actuation=torque");
+    (*robot)->link = Link::kOutside;
+  }
   for (std::size_t i = 0; i < cell_.scene.bodies.size(); ++i) {
     const scene::Body& body = cell_.scene.bodies[i];
     auto made = std::make_unique<Body>();
@@ -180,7 +206,7 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
   const std::string& x = r.prefix;
   const JointMeasures measures(&r.placed->model);
   JointVariables joints(v, measures);
-  const bool outside = link_ == Link::kOutside;
+  const bool outside = r.link == Link::kOutside;
   const std::string of = r.placed->name.empty() ? "of the robot" : "of robot " + r.placed->name;
   if (outside) {
     joints.output(x + "q", r.q, "rad",
@@ -227,6 +253,15 @@ void ContactWorld::declare_robot(Variables& v, Robot& r) {
   v.output(x + "base_f_c", r.base_f_c, "N", "sum of the contact forces on the base, in W, mean over the step").discrete();
   v.output(x + "base_m_c", r.base_m_c, "N.m", "their moment about the base's origin, in W").discrete();
   if (!floating_) return;
+  if (!outside) {
+    v.input(x + "base_p", r.base_p, "m", "position of the floating base in W").essential();
+    v.input(x + "base_quat", r.base_quat, "1", "its orientation in W, unit quaternion (w, x, y, z)").essential();
+    v.input(x + "base_v", r.base_v, "m/s", "velocity of its origin in W");
+    v.input(x + "base_w", r.base_w, "rad/s", "its angular velocity in W");
+    v.output(x + "base_f", r.base_f, "N", "sum of the contact forces on base and links, in W, mean over the step").discrete();
+    v.output(x + "base_m", r.base_m, "N.m", "their moment about the base's origin, in W").discrete();
+    return;
+  }
   v.output(x + "base_p", r.base_p, "m", "position of the floating base in W");
   v.output(x + "base_quat", r.base_quat, "1", "its orientation in W, unit quaternion (w, x, y, z)");
   v.output(x + "base_v", r.base_v, "m/s", "velocity of its origin in W");
@@ -290,15 +325,17 @@ void ContactWorld::build() {
   }
   for (const auto& robot : robots_) {
     Robot& r = *robot;
-    r.X_WB = pose_of(place_ + "." + r.prefix + "base_quat0", r.base_p0, r.base_quat0);
-    const Values& q = link_ == Link::kOutside ? r.q0 : r.q;
-    const Values& dq = link_ == Link::kOutside ? r.dq0 : r.dq;
+    const bool outside = r.link == Link::kOutside;
+    r.X_WB = floating_ && !outside ? pose_of_input(place_, r.prefix, r.base_p, r.base_quat)
+                                   : pose_of(place_ + "." + r.prefix + "base_quat0", r.base_p0, r.base_quat0);
+    const Values& q = outside ? r.q0 : r.q;
+    const Values& dq = outside ? r.dq0 : r.dq;
     r.parts = assemble(scene, *r.placed, r.X_WB, floating_ ? Base::kFloating : Base::kFixed, q, dq);
     robot::RobotModel turned = r.placed->model;
     turned.gravity = r.X_WB.R.transpose() * scene.gravity;
     r.mechanism = std::make_unique<robot::Mechanism>(turned);
     r.data = std::make_unique<robot::Data>(*r.mechanism);
-    if (link_ == Link::kOutside) continue;
+    if (outside) continue;
     for (const std::size_t joint : r.parts.joints) {  // limits belong to the drive train
       scene.joints[joint].q_min = -scene::kInfinity;
       scene.joints[joint].q_max = scene::kInfinity;
@@ -360,6 +397,10 @@ void ContactWorld::check_inputs(Time now) const {
     check(r->prefix, "dq", r->dq);
     check(r->prefix, "tau_J", r->tau_J);
     check(r->prefix, "dtheta", r->dtheta);
+    check(r->prefix, "base_p", r->base_p);
+    check(r->prefix, "base_quat", r->base_quat);
+    check(r->prefix, "base_v", r->base_v);
+    check(r->prefix, "base_w", r->base_w);
   }
   for (const auto& b : bodies_) {
     check(b->prefix, "f", b->f);
@@ -386,7 +427,19 @@ void ContactWorld::initialise(Time start) {
 /// the contacts, and the mean contact torque is the τ_e of the same step of the drive train. The prediction makes stiff
 /// contacts stable. The next step starts from the drive train's result, not from the prediction.
 void ContactWorld::set_links(Robot& r, double h) {
+  if (floating_) r.X_WB = pose_of_input(place_, r.prefix, r.base_p, r.base_quat);
   place_links(r.placed->model, r.X_WB, r.q, r.dq, r.X_WL, r.V_WL);
+  if (floating_) {
+    const Eigen::Vector3d v = vector3(r.base_v), w = vector3(r.base_w);
+    Twist V_WB;
+    V_WB << v, w;
+    world_->set_pose(r.parts.base, r.X_WB);
+    world_->set_twist(r.parts.base, V_WB);
+    for (std::size_t i = 0; i < r.X_WL.size(); ++i) {
+      r.V_WL[i].head<3>() += v + w.cross(r.X_WL[i].p - r.X_WB.p);
+      r.V_WL[i].tail<3>() += w;
+    }
+  }
   for (std::size_t i = 0; i < r.X_WL.size(); ++i) {
     world_->set_pose(r.parts.bodies[i], r.X_WL[i]);
     world_->set_twist(r.parts.bodies[i], r.V_WL[i]);
@@ -439,7 +492,7 @@ StepResult ContactWorld::step(Time now, Duration duration) {
   check_inputs(now);
   const double h = duration.seconds();
   for (const auto& robot : robots_) {
-    if (link_ == Link::kInside) {
+    if (robot->link == Link::kInside) {
       set_links(*robot, h);
     } else {
       drive(*robot, h);
@@ -465,19 +518,19 @@ StepResult ContactWorld::step(Time now, Duration duration) {
 void ContactWorld::write_robot(Robot& r, double h) {
   for (std::size_t i = 0; i < r.n; ++i) {
     const double dq = world_->dq()[r.parts.joints[i]];
-    const double dq_start = link_ == Link::kInside ? r.dq[i] : r.dq_link[i];
+    const double dq_start = r.link == Link::kInside ? r.dq[i] : r.dq_link[i];
     r.ddq[i] = h > 0 ? (dq - dq_start) / h : 0;
     r.q_link[i] = world_->q()[r.parts.joints[i]];
     r.dq_link[i] = dq;
-    if (link_ == Link::kOutside) {
+    if (r.link == Link::kOutside) {
       r.q[i] = r.q_link[i];
       r.dq[i] = dq;
     }
   }
   for (std::size_t i = 0; i < r.X_WL.size(); ++i) r.X_WL[i] = world_->poses()[r.parts.bodies[i]];
   std::fill(r.tau_e.begin(), r.tau_e.end(), 0.0);
-  for (Values* f : {&r.f_c, &r.base_f_c, &r.base_m_c}) vector3(*f).setZero();
-  if (!floating_) return;
+  for (Values* f : {&r.f_c, &r.base_f_c, &r.base_m_c, &r.base_f, &r.base_m}) vector3(*f).setZero();
+  if (!floating_ || r.link == Link::kInside) return;
   const Pose& X_WB = world_->poses()[r.parts.base];
   const Twist& V_WB = world_->twists()[r.parts.base];
   vector3(r.base_p) = X_WB.p;
@@ -496,13 +549,19 @@ void ContactWorld::add_contact(int body, const Eigen::Vector3d& p_W, const Eigen
   }
   for (const auto& robot : robots_) {
     Robot& r = *robot;
+    const auto add_to_robot = [&] {
+      vector3(r.base_f) += f_W;
+      vector3(r.base_m) += (p_W - world_->poses()[r.parts.base].p).cross(f_W);
+    };
     if (index == r.parts.base) {
+      add_to_robot();
       vector3(r.base_f_c) += f_W;
       vector3(r.base_m_c) += (p_W - world_->poses()[index].p).cross(f_W);
       return;
     }
     const auto link = std::find(r.parts.bodies.begin(), r.parts.bodies.end(), index);
     if (link == r.parts.bodies.end()) continue;
+    add_to_robot();
     vector3(r.f_c) += f_W;
     add_joint_torques(r.placed->model, r.X_WL, static_cast<int>(link - r.parts.bodies.begin()), p_W, f_W, r.tau_e);
     return;

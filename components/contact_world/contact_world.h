@@ -18,6 +18,8 @@ namespace cotwin::contact_world {
 ///   link=inside    the drive train integrates (2a) and outputs q, q̇. Each step sets the links to q, q̇, predicts their motion
 ///                  by (1) and outputs the mean τ_e = Jᵀ F, which the drive train uses in the same step
 ///   link=outside   this unit integrates the links by (1) and outputs q, q̇
+/// The setting `maximal` names robots for which the latter holds although link=inside. With base=floating and link=inside the
+/// base's pose and twist are inputs, too, and the wrench of all contacts on the robot is an output for the drive train.
 /// The setting `actuation` chooses what drives the links between two exchanges:
 ///   actuation=torque       τ_J
 ///   actuation=prescribed   with link=inside: q, q̇ are prescribed, for example by a recording, and no torque is known. The

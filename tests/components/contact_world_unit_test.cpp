@@ -680,7 +680,13 @@ TEST(ContactWorld, ReportsErrorsInItsSettingsAndInputs) {
               HasSubstr("robot 'cube' and body 'cube' have the same variable prefix cube."));
   EXPECT_THAT(error_of([] { Subject("unit:contact_world?robots=a-b:" + kPusher + ",a_b:" + kPusher); }),
               HasSubstr("robot 'a-b' and robot 'a_b'"));
-  EXPECT_THAT(error_of([] { Subject("unit:contact_world?base=floating&robot=" + kPusher); }), HasSubstr("link=outside"));
+  EXPECT_THAT(error_of([] { Subject("unit:contact_world?base=floating&robot=" + kPusher); }),
+              HasSubstr("base=floating: the base of robot 'pusher' cannot float"));
+  EXPECT_THAT(
+      error_of([] { Subject("unit:contact_world?base=floating&actuation=prescribed&robot=" + kData + "satellite.urdf"); }),
+      HasSubstr("expected actuation=torque"));
+  EXPECT_THAT(error_of([] { Subject("unit:contact_world?maximal=left&robots=right:" + kPusher); }),
+              HasSubstr("maximal=left: there is no robot of this name"));
   EXPECT_THAT(error_of([] { Subject("unit:contact_world?actuation=prescribed&link=outside&robot=" + kPusher); }),
               HasSubstr("expected link=inside"));
   Subject world("unit:contact_world?scene=" + kFloor);

@@ -6,6 +6,8 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 
 #include "components/contact_world/assemble.h"
 #include "components/contact_world/engine/world.h"
@@ -14,6 +16,7 @@
 #include "tests/components/drive_train_harness.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
+#include "tests/support/files.h"
 
 namespace cotwin {
 namespace {
@@ -326,6 +329,78 @@ TEST(DriveTrainFloating, FollowsComplianceThatHasTheDynamicsOfTheFloatingRobot) 
   EXPECT_THAT(testing::error_of(
                   [] { (void)make_unit("unit:compliance?base=floating&robot=" + testing::kRotor, {}, {}, unit_types()); }),
               HasSubstr("base=floating: the base of robot"));
+}
+
+/// The satellite with a hull and a ball at the tip of its forearm.
+std::string satellite_with_shapes() {
+  std::string urdf = testing::content(kSatellite);
+  const auto add = [&](const std::string& link, const std::string& origin, const std::string& shape) {
+    const std::size_t end = urdf.find("</link>", urdf.find("<link name=\"" + link + "\""));
+    urdf.insert(end, "<collision><origin xyz=\"" + origin + "\"/><geometry>" + shape + "</geometry></collision>");
+  };
+  add("hull", "0 0 0", "<box size=\"0.4 0.4 0.4\"/>");
+  add("forearm", "0.35 0 0", "<sphere radius=\"0.05\"/>");
+  return urdf;
+}
+
+std::string ball(const std::string& name, double y) {
+  return "<model name='" + name + "'><pose>1 " + std::to_string(y) +
+         " 0.2 0 0 0</pose><link name='link'><inertial><mass>1</mass><inertia><ixx>0.004</ixx><iyy>0.004</iyy><izz>0.004</izz>"
+         "</inertia></inertial><collision name='c'><geometry><sphere><radius>0.1</radius></sphere></geometry><surface><contact>"
+         "<ode><kp>20000</kp><kd>20</kd></ode></contact><friction><ode><mu>0.3</mu><mu2>0.3</mu2></ode></friction></surface>"
+         "</collision></link></model>";
+}
+
+/// Two satellites in one world, each struck by a ball at its forearm: `left` in reduced coordinates by a drive train, `right` in
+/// maximal coordinates. Returns the largest difference of their motions after 1 s.
+double difference_side_by_side(double h) {
+  const testing::TemporaryFolder folder("side_by_side");
+  const std::string robot = folder.write("satellite.urdf", satellite_with_shapes()).string();
+  const std::string scene = folder
+                                .write("balls.sdf", "<sdf version='1.9'><world name='balls'><gravity>0 0 0</gravity>" +
+                                                        ball("ball_left", 0) + ball("ball_right", 5) + "</world></sdf>")
+                                .string();
+  Instance world =
+      make_unit("unit:contact_world?base=floating&maximal=right&robots=left:" + robot + ",right:" + robot + "&scene=" + scene,
+                {}, {}, unit_types());
+  const auto port = [&](const std::string& name) { return world.variables.at(name).reals(); };
+  Drive drive = satellite();
+  set(drive, "gravity", {0, 0, 0});
+  drive.initialise();
+  port("right.base_p0")[1] = 5;
+  const auto connect = [&](const std::string& from, const std::string& to) {
+    std::copy(drive[from].begin(), drive[from].end(), port(to).begin());
+  };
+  Time now;
+  double force = 0;
+  for (int k = 0; k <= static_cast<int>(std::lround(1 / h)); ++k) {
+    for (const char* name : {"q", "dq", "tau_J", "base_p", "base_quat", "base_v", "base_w"})
+      connect(name, std::string("left.") + name);
+    for (const char* name : {"ball_left.f", "ball_right.f"}) port(name)[2] = k * h < 0.0499 ? -20 : 0;
+    if (k == 0) {
+      world.unit->initialise(now);
+      continue;
+    }
+    EXPECT_EQ(world.unit->step(now, Duration::from_seconds(h)), StepResult::kDone);
+    now = now + Duration::from_seconds(h);
+    for (const char* name : {"tau_e", "base_f", "base_m"})
+      std::copy(port(std::string("left.") + name).begin(), port(std::string("left.") + name).end(), drive[name].begin());
+    force = std::max(force, vector3(drive["base_f"]).norm());
+    drive.step(h);
+  }
+  EXPECT_GT(force, 10);
+  EXPECT_GT(std::abs(port("right.dq")[0]), 0.1);
+  EXPECT_GT(vector3(port("right.base_w")).norm(), 0.002);
+  double worst = quaternion(drive["base_quat"]).angularDistance(quaternion(port("right.base_quat")));
+  for (std::size_t i = 0; i < 2; ++i) worst = std::max(worst, std::abs(drive["q"][i] - port("right.q")[i]));
+  return std::max(worst, (vector3(drive["base_p"]) + Vector3d(0, 5, 0) - vector3(port("right.base_p"))).norm());
+}
+
+TEST(DriveTrainFloating, AndARobotInMaximalCoordinatesBesideItAnswerTheSameImpactAlike) {
+  const double coarse = difference_side_by_side(1e-3), fine = difference_side_by_side(2.5e-4);
+  if (std::getenv("COTWIN_PRINT_FIGURES")) std::printf("side by side: %g at 1 ms, %g at 0.25 ms\n", coarse, fine);
+  EXPECT_LT(coarse, 5e-3);
+  EXPECT_LT(fine, coarse / 2.5);
 }
 
 TEST(DriveTrainFloating, ReportsErrorsInSettingsAndValues) {

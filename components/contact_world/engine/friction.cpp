@@ -42,8 +42,8 @@ void World::Impl::set_friction(Touch& touch, const scene::Material& a, const sce
   touch.mu = std::max(first, second);
   if (touch.mu == 0) return;
   touch.tangent = t;
-  touch.share[0] = first / touch.mu;
-  touch.share[1] = second / touch.mu;
+  touch.mu_share[0] = first / touch.mu;
+  touch.mu_share[1] = second / touch.mu;
 }
 
 }  // namespace cotwin::contact_world

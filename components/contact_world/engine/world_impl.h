@@ -36,7 +36,7 @@ struct World::Impl {
     double mu = 0, restitution = 0, stiffness = 0, damping = 0;
     double torsion = 0;                   // bound of the moment about the normal per normal force, m
     Vector3d tangent = Vector3d::Zero();  // of anisotropic friction; zero: isotropic
-    double share[2] = {1, 1};             // of mu, along the tangent and across
+    double mu_share[2] = {1, 1};          // of mu, along the tangent and across
     double allowed = 0;                   // depth that separate() leaves, m
     double approach = 0;                  // normal velocity, during the impacts
     Vector3d impulse = Vector3d::Zero();  // on b, from the last solution: start of the next one
