@@ -7,6 +7,7 @@
 #include <map>
 
 #include "components/contact_world/assemble.h"
+#include "components/contact_world/port_values.h"
 #include "components/contact_world/robot_links.h"
 #include "components/unit/joint_variables.h"
 #include "models/robot/dynamics.h"
@@ -25,40 +26,6 @@ constexpr double kLargestResolved = 0.3;
 constexpr double kResolvedSwing = 1;
 
 Eigen::Map<Eigen::Vector3d> vector3(Values& v) { return Eigen::Map<Eigen::Vector3d>(v.data()); }
-
-/// Pose from position and quaternion (w, x, y, z). Throws Error unless the quaternion has length 1.
-Pose pose_of(const std::string& place, const Values& p, const Values& quat) {
-  const Eigen::Quaterniond Q(quat[0], quat[1], quat[2], quat[3]);
-  if (!(std::abs(Q.norm() - 1) < 1e-6)) {
-    throw Error(place, "the quaternion (w, x, y, z) has length " + text::to_text(Q.norm()) + ", expected 1");
-  }
-  return {Q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
-}
-
-/// Pose from inputs, where the quaternion is normalised: it may have been interpolated. Throws Error for a quaternion of zero.
-Pose pose_of_input(const std::string& place, const std::string& prefix, const Values& p, const Values& quat) {
-  const Eigen::Quaterniond Q(quat[0], quat[1], quat[2], quat[3]);
-  if (!(Q.norm() > 0)) throw Error(place + "." + prefix + "base_quat", "the quaternion (w, x, y, z) is 0, expected length 1");
-  return {Q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
-}
-
-/// Quaternion (w, x, y, z) of R with w ≥ 0.
-void put_quaternion(const Eigen::Matrix3d& R, Values& quat) {
-  Eigen::Quaterniond Q(R);
-  if (Q.w() < 0) Q.coeffs() = -Q.coeffs();
-  quat = {Q.w(), Q.x(), Q.y(), Q.z()};
-}
-
-/// Valid variable name: replaces every character other than a letter, digit, dot or underscore by an underscore.
-std::string identifier(const std::string& name) {
-  std::string id = name;
-  for (char& c : id) {
-    const bool fits = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '.';
-    if (!fits) c = '_';
-  }
-  if (id.empty() || (id.front() >= '0' && id.front() <= '9')) id.insert(0, "_");
-  return id;
-}
 
 }  // namespace
 
