@@ -183,7 +183,7 @@ void FloatingLinks::end_step(double h, const double* q0, const double* dq0, cons
 double FloatingLinks::kinetic_energy(const double* q) {
   floating_inertia(mechanism_, data_, joints(q), inertia_);
   const Vector3d spin = attitude().conjugate() * vector3(spin_);
-  return 0.5 * spin.dot(inertia_.I_C_factor.solve(spin)) + 0.5 * vector3(momentum_).squaredNorm() / inertia_.mass;
+  return 0.5 * spin.dot(inertia_.I_C_inverse * spin) + 0.5 * vector3(momentum_).squaredNorm() / inertia_.mass;
 }
 
 double FloatingLinks::potential_energy() const { return -inertia_.mass * vector3(gravity_).dot(vector3(centre_)); }

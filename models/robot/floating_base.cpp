@@ -1,6 +1,7 @@
 #include "models/robot/floating_base.h"
 
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <cassert>
 
 #include "models/support/error.h"
@@ -74,7 +75,7 @@ Wrench FloatingInertia::momentum(const Twist& V_B, const VectorIn& dq) const {
 }
 
 Twist FloatingInertia::locked_twist(const Wrench& h) const {
-  const Eigen::Vector3d w = I_C_factor.solve(h.tail<3>() - p_C.cross(h.head<3>()));
+  const Eigen::Vector3d w = I_C_inverse * (h.tail<3>() - p_C.cross(h.head<3>()));
   Twist V;
   V << h.head<3>() / mass - w.cross(p_C), w;
   return V;
@@ -87,7 +88,7 @@ Twist FloatingInertia::base_twist(const Wrench& h, const VectorIn& dq) const {
 }
 
 Eigen::Vector3d FloatingInertia::base_spin(const Eigen::Vector3d& spin, const VectorIn& dq) const {
-  Eigen::Vector3d w = I_C_factor.solve(spin);
+  Eigen::Vector3d w = I_C_inverse * spin;
   w.noalias() += Z() * dq;
   return w;
 }
@@ -106,10 +107,12 @@ void floating_inertia(const FloatingMechanism& mechanism, FloatingData& d, const
   out.p_C = Eigen::Vector3d(d.M(5, 1), d.M(3, 2), d.M(4, 0)) / out.mass;  // of m S(p_C)
   const Eigen::Matrix3d S = cross_matrix(out.p_C);
   out.I_C = out.I_c.bottomRightCorner<3, 3>() + out.mass * S * S;
-  out.I_C_factor.compute(out.I_C);
+  out.I_C_inverse = out.I_C.inverse();
   for (Eigen::Index j = 0; j < n; ++j) out.A.col(j) = -out.locked_twist(out.F.col(j));
-  out.M_star = out.M;
-  out.M_star.noalias() += out.F.transpose().lazyProduct(out.A);
+  for (Eigen::Index j = 0; j < n; ++j) {
+    const Twist a = out.A.col(j);
+    for (Eigen::Index i = j; i < n; ++i) out.M_star(i, j) = out.M(i, j) + out.F.col(i).dot(a);
+  }
   for (Eigen::Index j = 1; j < n; ++j)
     for (Eigen::Index i = 0; i < j; ++i) out.M_star(i, j) = out.M_star(j, i);
 }

@@ -1,5 +1,4 @@
 #pragma once
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 
 #include "models/robot/dynamics.h"
@@ -57,14 +56,14 @@ using Matrix6X = Eigen::Matrix<double, 6, Eigen::Dynamic>;
 struct FloatingInertia {
   explicit FloatingInertia(int n);
 
-  double mass = 0;                          // kg
-  Eigen::Vector3d p_C;                      // centre of mass of the whole robot, m
-  Eigen::Matrix3d I_C;                      // the locked inertia about it, kg m²
-  Eigen::Matrix<double, 6, 6> I_c;          // locked inertia about B's origin
-  Matrix6X F;                               // momentum per joint speed with the base at rest (6 x n)
-  Matrix6X A;                               // base twist per joint speed without momentum (6 x n)
-  Eigen::MatrixXd M, M_star;                // n x n
-  Eigen::LDLT<Eigen::Matrix3d> I_C_factor;  // of I_C
+  double mass = 0;                  // kg
+  Eigen::Vector3d p_C;              // centre of mass of the whole robot, m
+  Eigen::Matrix3d I_C;              // the locked inertia about it, kg m²
+  Eigen::Matrix<double, 6, 6> I_c;  // locked inertia about B's origin
+  Matrix6X F;                       // momentum per joint speed with the base at rest (6 x n)
+  Matrix6X A;                       // base twist per joint speed without momentum (6 x n)
+  Eigen::MatrixXd M, M_star;        // n x n
+  Eigen::Matrix3d I_C_inverse;
 
   /// Angular velocity of the base per joint speed without momentum (3 x n).
   auto Z() const { return A.bottomRows<3>(); }
