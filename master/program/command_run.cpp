@@ -260,7 +260,7 @@ RunCheckpoint resume(RunArguments& arguments, const Build& build) {
                            hexadecimal(build.file) + ") here");
   if (checkpoint.build.cpu != build.cpu)
     throw Error(place, "was written with the instruction set " + checkpoint.build.cpu + ", here it is " + build.cpu +
-                           "; results would differ (COTWIN_CPU selects a lower one)");
+                           "; results would differ (COTWIN_CPU selects another one)");
   read_options(checkpoint.command, place, arguments);
   if (!arguments.json.empty() && arguments.json != "-") arguments.json = fs::absolute(arguments.json).string();
   std::error_code error;
