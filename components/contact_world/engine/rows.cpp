@@ -248,12 +248,16 @@ void Rows::make_free_sides(std::span<const RigidBody> bodies, const ConeRow& row
       for (int l = k; l < 3; ++l) A(k, l) += moments.col(k).dot(moments.col(l));
     }
   }
+  const auto square = [&](Eigen::Index k) {  // 1 to the bit for isotropic friction
+    const double s = row.d.col(k).squaredNorm();
+    return std::abs(s - 1) < 1e-12 ? 1 : s;
+  };
   core.A_nn = inverse_mass + A(0, 0);
   core.A_n1 = A(0, 1);
   core.A_n2 = A(0, 2);
-  core.A_11 = inverse_mass * row.d.col(1).squaredNorm() + A(1, 1);
+  core.A_11 = inverse_mass * square(1) + A(1, 1);
   core.A_12 = A(1, 2);
-  core.A_22 = inverse_mass * row.d.col(2).squaredNorm() + A(2, 2);
+  core.A_22 = inverse_mass * square(2) + A(2, 2);
   core.regular = 0;
   core.redundant = false;
 }

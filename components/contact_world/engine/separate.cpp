@@ -98,7 +98,6 @@ bool World::Impl::move_apart(double h) {
     const Vector3d t1 = n.cross(Vector3d::Unit(least)).normalized();
     row.d << n, t1, n.cross(t1);
     row.p = touch.point.p_W;
-    row.gap = touch.point.gap;
     row.target = (-touch.point.gap - touch.allowed) / h;
     row.point = static_cast<int>(t);
     rows.add(row);

@@ -439,9 +439,10 @@ void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
     if (touch.restitution > 0 && stage == Stage::kVelocity && normal_velocity(touch) < -kSlow * h * scene.gravity.norm())
       return;
   }
-  for (Eigen::Index k = 0; k < 3; ++k) {
-    const double square = row.d.col(k).squaredNorm();
-    row.x[k] = square > 0 ? row.d.col(k).dot(touch.impulse) / square : 0;
+  Eigen::Map<Vector3d>(row.x) = row.d.transpose() * touch.impulse;
+  for (int k = 0; k < 2; ++k) {
+    const double share = touch.mu_share[k];
+    if (share != 1) row.x[k + 1] = share > 0 ? row.x[k + 1] / (share * share) : 0;
   }
   row.x[0] = std::max(row.x[0], row.lo);
   rows.add(row);
