@@ -112,7 +112,7 @@ double goal(const std::vector<Outcome>& outcomes, std::size_t f) {
 
 // Errors below this value are equal.
 double negligible(const std::string& unit) {
-  if (unit == "mm" || unit == "mm/s, mrad/s") return 1e-3;
+  if (unit == "um" || unit == "mm" || unit == "mm/s, mrad/s") return 1e-3;
   if (unit == "1" || unit == "rad" || unit == "mJ") return 1e-6;
   return 1e-9;
 }
