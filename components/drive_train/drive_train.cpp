@@ -85,9 +85,6 @@ struct DriveTrain::Kind {
       const std::string why = robot->base.inertia.unphysical();
       if (base == Base::kFloating && !why.empty())
         throw Error(s.unit(), "base=floating: the base of robot '" + robot->name + "' cannot float: " + why);
-      if (base == Base::kFloating && robot->body_count() != robot->n())
-        throw Error(s.unit(), "base=floating: robot '" + robot->name +
-                                  "' has mimic joints, expected none (lock them: lock=joint:position)");
     } else {
       joints = static_cast<std::size_t>(s.integer("joints"));
     }

@@ -15,6 +15,9 @@ constexpr int kBaseJoints = 6;
 RobotModel with_base_joints(const RobotModel& robot) {
   const std::string why = robot.base.inertia.unphysical();
   if (!why.empty()) throw Error("robot " + robot.name, "base '" + robot.base.name + "' cannot float: " + why);
+  if (!robot.mimics.empty())
+    throw Error("robot " + robot.name,
+                "has mimic joints, which a floating base does not support, expected none (or locked ones)");
   RobotModel moved;
   moved.name = robot.name;
   moved.gravity.setZero();

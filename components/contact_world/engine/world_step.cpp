@@ -471,7 +471,7 @@ ConeRow World::Impl::contact_row(std::size_t t) const {
   n.cwiseAbs().minCoeff(&least);
   const Vector3d t1 = touch.tangent.isZero(0) ? Vector3d(n.cross(Vector3d::Unit(least)).normalized()) : touch.tangent;
   // Tangents scaled by their share of mu make the elliptic cone a round one.
-  row.d << n, touch.mu_share[0] * t1, touch.share[1] * n.cross(t1);
+  row.d << n, touch.mu_share[0] * t1, touch.mu_share[1] * n.cross(t1);
   row.p = touch.point.p_W;
   row.mu = touch.mu;
   row.point = static_cast<int>(t);

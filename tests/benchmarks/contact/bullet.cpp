@@ -6,6 +6,7 @@
 #include <cmath>
 #include <vector>
 
+#include "models/support/error.h"
 #include "tests/benchmarks/contact/bullet_shapes.h"
 #include "tests/benchmarks/contact/engine.h"
 
@@ -135,6 +136,8 @@ class Bullet final : public Engine {
         joints_.push_back(
             std::make_unique<btFixedConstraint>(body(joint.child), body(joint.parent), to_bullet(X_C), to_bullet(X_P)));
         break;
+      case scene::JointType::kScrew:
+        throw Error("joint " + joint.name, "is a screw, which no compared scene has");
     }
     world_->addConstraint(joints_.back().get(), true);
   }

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "models/support/error.h"
 #include "tests/benchmarks/contact/engine.h"
 
 namespace cotwin::benchmark {
@@ -146,6 +147,9 @@ class Document {
           text += " type='mesh' mesh='" + name + "'";
           break;
         }
+        case scene::ShapeType::kTriangle:
+        case scene::ShapeType::kEllipsoid:
+          throw Error("shape " + shape.name, "is a triangle or an ellipsoid, which no compared scene has");
       }
       text += "/>";
     }

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "models/scene/hull.h"
+#include "models/support/error.h"
 #include "tests/benchmarks/contact/engine.h"
 
 namespace cotwin::benchmark {
@@ -192,6 +193,8 @@ class Ode final : public Engine {
         dJointAttach(id, body(joint.child), body(joint.parent));
         dJointSetFixed(id);
         break;
+      case scene::JointType::kScrew:
+        throw Error("joint " + joint.name, "is a screw, which no compared scene has");
     }
     joints_.push_back(id);
   }
