@@ -97,6 +97,23 @@ TEST(RoundShapes, OfAPilePenetrateLessThanAMillimetreAtTwoMilliseconds) {
   }
 }
 
+TEST(RoundShapes, ManySweepsOverAPileOfBallsAddNoEnergy) {
+  for (unsigned seed = 1; seed <= 4; ++seed) {
+    Options options;
+    options.contacts = 2048;
+    options.iterations = 200;
+    World w(bin({ShapeType::kSphere}, 60, seed, 0.5), options);
+    const double start = w.energy();
+    double before = start, gain = 0;
+    for (int k = 0; k < 500; ++k) {
+      w.step(2e-3);
+      gain = std::max(gain, w.energy() - before);
+      before = w.energy();
+    }
+    EXPECT_LT(gain, 1e-3 * (start - before)) << "seed " << seed;
+  }
+}
+
 TEST(RoundShapes, ACylinderRollsWithoutLoss) {
   // Rolling without slip is not opposed by rigid contact: v stays; on a slope it is v̇ = g sin α / (1 + ½).
   for (const double angle : {0.0, 0.1}) {

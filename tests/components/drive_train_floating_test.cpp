@@ -406,7 +406,7 @@ TEST(DriveTrainFloating, AndARobotInMaximalCoordinatesBesideItAnswerTheSameImpac
 TEST(DriveTrainFloating, ReportsErrorsInSettingsAndValues) {
   using testing::error_of;
   EXPECT_EQ(error_of([] { Drive("base=floating&link=outside&robot=" + kSatellite); }), "");  // a setting shared with the world
-  EXPECT_THAT(error_of([] { Drive("base=floating&method=cvode&robot=" + kSatellite); }), HasSubstr("expected another method"));
+  EXPECT_THAT(error_of([] { Drive("base=floating&method=cvode&robot=" + kSatellite); }), HasSubstr("expected rosenbrock"));
   EXPECT_THAT(error_of([] { Drive("base=floating&robot=" + testing::kRotor); }), HasSubstr("cannot float"));
   const auto with = [](const char* name, double value) {
     return error_of([&] {

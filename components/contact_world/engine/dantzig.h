@@ -74,6 +74,8 @@ class Dantzig {
   Dantzig() = default;
   explicit Dantzig(const Options& options) : options_(options) {}
 
+  void limit_pivots(int pivots) { options_.pivots = pivots; }
+
   /// Allocates for n rows and this number of cones; solve() allocates only for larger problems.
   void reserve(int n, int cones);
 

@@ -230,7 +230,7 @@ void World::Impl::apply_impact_rows() {
   for (int round = 0; round < kLockRounds; ++round) {
     if (round > 0) rows.prepare(bodies, forest);
     rows.measure(bodies);
-    rows.pivot(kSweeps, impacts.tolerance);
+    rows.pivot(kSweeps, impacts.tolerance, 0);
     rows.apply(bodies, forest);
     if (!solve_trees()) break;
   }
@@ -242,7 +242,7 @@ void World::Impl::set_impact_rows(std::span<const double> x) {
   rows.measure(bodies);
   each_direction(rows, [&](std::size_t k, const Vector3d&, const Vector3d&, const Vector3d&, int, int, double& of_row,
                            std::size_t) { of_row = x[k]; });
-  rows.sweep(0, 0);
+  rows.sweep(0, 0, 0);
   rows.apply(bodies, forest);
   solve_trees();
 }

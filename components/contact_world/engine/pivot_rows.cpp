@@ -16,6 +16,10 @@ std::size_t index(int i) { return static_cast<std::size_t>(i); }
 /// would drive friction to its cone.
 constexpr double kAcross = 1e-9;
 
+/// Most pivots of an island, and the residual relative to the speed of rest above which sweeps replace an unfinished result.
+constexpr int kPivotsPerRow = 3, kLeastPivots = 100;
+constexpr double kPoorResidual = 1e-4;
+
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 double dot(const double* a, const double* b, int n) {
@@ -57,11 +61,11 @@ void Rows::reserve_pivoting(std::size_t cones, std::size_t boxes) {
   before_.reserve(2 * n);
 }
 
-Rows::Outcome Rows::pivot(int iterations, double tolerance) {
+Rows::Outcome Rows::pivot(int iterations, double tolerance, double rest) {
   Outcome all;
   for (const Island& island : islands_) {
     const std::size_t n = island.end_box - island.first_box + 3 * (island.end_cone - island.first_cone);
-    all.add(n > kRowsToPivot ? sweep(island, iterations, tolerance) : pivot(island, iterations, tolerance));
+    all.add(n > kRowsToPivot ? sweep(island, iterations, tolerance, rest) : pivot(island, iterations, tolerance, rest));
   }
   return all;
 }
@@ -156,10 +160,10 @@ bool Rows::newly_loaded(const Island& island) const {
 
 // Solves the island as a boxed problem. From zero, pivoting would load as few contacts as possible, for example two opposite
 // corners of a box, where rounding tips it. Sweeps first distribute a new load over all contacts.
-Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance) {
+Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance, double rest) {
   int sweeps = 0;
   if (newly_loaded(island)) {
-    sweeps = sweep(island, iterations, tolerance).iterations;
+    sweeps = sweep(island, iterations, tolerance, 0).iterations;
     for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
       const Slice& slice = slices_[index(island_slices_[s])];
       std::fill_n(z_.begin() + slice.offset, slice.size, 0.0);
@@ -223,7 +227,16 @@ Rows::Outcome Rows::pivot(const Island& island, int iterations, double tolerance
   w_.assign(n, 0.0);
   const BoxedProblem problem{static_cast<int>(n), A_.data(), b_.data(), lo_.data(), hi_.data(),
                              friction_,           profile_,  pairs_,    version_};
+  dantzig_.limit_pivots(kPivotsPerRow * static_cast<int>(n) + kLeastPivots);
   const Dantzig::Result result = dantzig_.solve(problem, x_, w_);
+  const bool ends =
+      result.status == Dantzig::Status::kSolved || (boxes > 0 && result.status == Dantzig::Status::kContradiction);
+  if (rest > 0 && !ends && result.residual > kPoorResidual * rest) {  // friction that pivoting does not resolve
+    Outcome outcome = sweep(island, iterations, tolerance, rest);
+    outcome.iterations += sweeps + result.pivots;
+    outcome.extended = 1;
+    return outcome;
+  }
 
   for (std::size_t i = 0; i < boxes; ++i) {
     BoxRow& row = boxes_[island.first_box + i];

@@ -94,7 +94,7 @@ Rows::Rows(std::span<const RigidBody> bodies, const Forest& forest) : slice_of_b
     slice_of_body_[b] = tree >= 0 ? tree : static_cast<int>(slices_.size());
     if (tree < 0) add_slice(6);
   }
-  for (std::vector<double>* z : {&z_, &z_before_, &z_path_}) z->resize(index(offset));
+  for (std::vector<double>* z : {&z_, &z_start_, &z_before_, &z_path_}) z->resize(index(offset));
   latest_.resize(index(offset), -1);
   users_.resize(index(offset), {0, 0});
   parent_.resize(slices_.size());
@@ -120,6 +120,7 @@ void Rows::Outcome::add(const Outcome& other) {
   iterations = std::max(iterations, other.iterations);
   residual = std::max(residual, other.residual);
   degenerate += other.degenerate;
+  extended += other.extended;
 }
 
 void Rows::clear() {
@@ -397,6 +398,16 @@ bool Rows::update() {
 
 void Rows::measure(std::span<const RigidBody> bodies) {
   std::fill(z_.begin(), z_.end(), 0.0);
+  for (std::size_t b = 0; b < bodies.size(); ++b) {
+    if (slice_of_body_[b] < trees_) continue;
+    const RigidBody& body = bodies[b];
+    double* z = z_start_.data() + slices_[index(slice_of_body_[b])].offset;
+    const Vector3d spin = body.R.transpose() * body.L;
+    for (int i = 0; i < 3; ++i) {
+      z[i] = body.mass * body.inverse_root_mass * body.v[i];
+      z[3 + i] = body.inverse_root_moments[i] * spin[i];
+    }
+  }
   for (BoxRow& row : boxes_) {
     if (row.gear >= 0) {
       row.u = 0;

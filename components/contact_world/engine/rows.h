@@ -108,10 +108,13 @@ class Rows {
     int iterations = 0;
     double residual = 0;
     int degenerate = 0;
+    int extended = 0;  // islands at rest that took more sweeps, or that pivoting left to sweeps
     void add(const Outcome& other);
   };
-  Outcome sweep(int iterations, double tolerance);
-  Outcome pivot(int iterations, double tolerance);
+  /// Islands of few contacts whose speeds are all below `rest` may take 50 times as many sweeps if they have not converged: their
+  /// friction decides whether they stand.
+  Outcome sweep(int iterations, double tolerance, double rest);
+  Outcome pivot(int iterations, double tolerance, double rest);
 
   /// Moves the bodies by a share of the errors of the box rows, without a change of linear momentum; islands that nothing
   /// anchors keep their angular momentum, too. Bodies of trees stay.
@@ -166,6 +169,8 @@ class Rows {
   double solve_any(Core& core);
   void apply_start(const Island& island);
   void scale_start(const Island& island);
+  bool adds_energy(const Island& island) const;
+  void clear_changes(const Island& island);
   void begin_acceleration(const Island& island);
   struct Shares {
     double of_change = 0, of_path = 0;
@@ -173,8 +178,15 @@ class Rows {
   double squared_change(const Island& island) const;
   Shares optimal_shares(const Island& island) const;
   void extrapolate(const Island& island, Shares shares);
-  Outcome sweep(const Island& island, int iterations, double tolerance);
-  Outcome pivot(const Island& island, int iterations, double tolerance);
+  /// Most sweeps and the residual that ends them; after `least` sweeps the larger one for islands at rest.
+  struct Effort {
+    int least = 0, most = 0;
+    double tolerance = 0, tolerance_at_rest = 0;
+  };
+  Effort effort(const Island& island, int iterations, double tolerance, double rest) const;
+  Outcome sweep(const Island& island, const Effort& effort, bool accelerate);
+  Outcome sweep(const Island& island, int iterations, double tolerance, double rest);
+  Outcome pivot(const Island& island, int iterations, double tolerance, double rest);
   bool newly_loaded(const Island& island) const;
   void assemble(const Island& island);
   void add_block(const Side& left, int rows, const Side& right, int columns, double* A, std::size_t stride) const;
@@ -184,6 +196,7 @@ class Rows {
   int trees_ = 0;
   std::vector<int> slice_of_body_, parent_;
   std::vector<double> z_;                  // change of the coordinates since measure()
+  std::vector<double> z_start_;            // velocities of free bodies at measure(), in the same coordinates
   std::vector<double> z_before_, z_path_;  // z_ before the last sweep, and its change over the sweeps
   std::vector<double> y_;
   std::vector<BoxRow> boxes_, sorted_boxes_;     // sorted by islands; while rows are added: those of the last prepare()

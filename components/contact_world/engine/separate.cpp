@@ -114,7 +114,7 @@ bool World::Impl::move_apart(double h) {
   }
   rows.prepare(bodies, forest);
   rows.measure(bodies);
-  rows.sweep(options.iterations, kAccuracy / h);
+  rows.sweep(options.iterations, kAccuracy / h, 0);
   rows.apply(bodies, forest);
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     if (shifted[b] == 0) continue;

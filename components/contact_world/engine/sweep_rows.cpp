@@ -13,6 +13,18 @@ constexpr double kRounding = 1e-12, kParallel = 1e-10, kFarthestShare = 100;
 /// Changes of z with a smaller square, relative to zᵀz, are extrapolated only if that square is a negligible energy (J).
 constexpr double kResolved = 1e-16, kNegligible = 1e-13;
 
+/// Energy that accelerated sweeps may add, relative to that which they exchange.
+constexpr double kRoundingGain = 1e-9;
+
+/// Bound of the work along positive targets, relative to that of a contact alone: contacts carry one another.
+constexpr double kShareOfTargets = 4;
+
+/// Islands at rest: most contacts, factor of the number of sweeps, and residual that ends the additional ones, relative to the
+/// speed of rest.
+constexpr std::size_t kContactsAtRest = 128;
+constexpr int kFactorAtRest = 50;
+constexpr double kConvergedAtRest = 1e-4;
+
 /// N.s: smaller friction counts as zero; its shift would overflow.
 constexpr double kZeroImpulse = 1e-100;
 
@@ -193,9 +205,10 @@ void Rows::apply_start(const Island& island) {
 }
 
 /// Scales the changes of x before the sweeps to the best share in 0 … 1, measured by the energy of the velocities against the
-/// targets: then no sweep adds energy to what the step started with, however far the start is from the solution.
+/// targets: then no sweep adds energy to what the step started with, however far the start is from the solution. Islands of
+/// contacts keep a start that is better than none.
 void Rows::scale_start(const Island& island) {
-  if (island.first_box == island.end_box) return;
+  const bool contacts_only = island.first_box == island.end_box;
   double along = 0, square = 0;
   for (std::size_t i = island.first_box; i < island.end_box; ++i) {
     const BoxRow& row = boxes_[i];
@@ -206,8 +219,8 @@ void Rows::scale_start(const Island& island) {
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     const Core& core = cores_[i];
     const ConeRow& row = cones_[core.row];
-    for (int k = 0; k < 3; ++k) along += (row.x[k] - row.applied[k]) * core.b[k];
-    const double gained = row.x[0] - row.applied[0];
+    for (int k = 0; k < 3; ++k) along += (core.x[k] - row.applied[k]) * core.b[k];
+    const double gained = core.x[0] - row.applied[0];
     along += gained * core.softness * row.applied[0];
     square += core.softness * gained * gained;
   }
@@ -215,7 +228,7 @@ void Rows::scale_start(const Island& island) {
     const Slice& slice = slices_[index(island_slices_[s])];
     for (int i = slice.offset; i < slice.offset + slice.size; ++i) square += z_[index(i)] * z_[index(i)];
   }
-  if (!(square > -along)) return;
+  if (!((contacts_only ? square / 2 : square) > -along)) return;
   const double share = std::max(0.0, -along / square);
   for (std::size_t i = island.first_box; i < island.end_box; ++i) {
     BoxRow& row = boxes_[i];
@@ -224,7 +237,7 @@ void Rows::scale_start(const Island& island) {
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     Core& core = cores_[i];
     const ConeRow& row = cones_[core.row];
-    for (int k = 0; k < 3; ++k) core.x[k] = row.applied[k] + share * (row.x[k] - row.applied[k]);
+    for (int k = 0; k < 3; ++k) core.x[k] = row.applied[k] + share * (core.x[k] - row.applied[k]);
   }
   for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
     const Slice& slice = slices_[index(island_slices_[s])];
@@ -337,16 +350,13 @@ void Rows::extrapolate(const Island& island, Shares shares) {
 // pile in far fewer sweeps. While no contact opens, closes or slips, it is linear: each sweep is followed by the optimal step
 // in the plane of its change and the previous path. Otherwise it is nonlinear [Silcowitz, Niebe, Erleben 2010] and restarts
 // when the changes grow. The last sweep is not extrapolated, so that x stays within its bounds.
-Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance) {
-  apply_start(island);
-  if (iterations > 0) scale_start(island);
-  const bool accelerate = island.first_box == island.end_box && island.end_cone - island.first_cone > 1;
+Rows::Outcome Rows::sweep(const Island& island, const Effort& effort, bool accelerate) {
   double square_before = 0;
   if (accelerate) begin_acceleration(island);
   Outcome outcome;
   for (std::size_t i = island.first_box; i < island.end_box; ++i) outcome.degenerate += boxes_[i].redundant;
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) outcome.degenerate += cores_[i].redundant;
-  for (int k = 0; k < iterations; ++k) {
+  for (int k = 0; k < effort.most; ++k) {
     double residual = 0;
     linear_ = true;
     if (k % 2 == 0) {
@@ -358,16 +368,78 @@ Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance
     }
     outcome.iterations = k + 1;
     outcome.residual = residual;
-    if (residual <= tolerance) break;
-    if (!accelerate || k + 1 == iterations) continue;
+    if (residual <= (k < effort.least ? effort.tolerance : effort.tolerance_at_rest)) break;
+    if (!accelerate || k + 1 == effort.most) continue;
     const double square = linear_ ? 0 : squared_change(island);
     extrapolate(island, linear_ ? optimal_shares(island) : Shares{0, square < square_before ? square / square_before : 0});
     square_before = square;
+  }
+  outcome.extended = outcome.iterations > effort.least;
+  return outcome;
+}
+
+/// More sweeps for islands at rest.
+Rows::Effort Rows::effort(const Island& island, int iterations, double tolerance, double rest) const {
+  Effort effort{iterations, iterations, tolerance, std::max(tolerance, kConvergedAtRest * rest)};
+  const std::size_t contacts = island.end_cone - island.first_cone;
+  if (rest == 0 || contacts == 0 || contacts > kContactsAtRest || island.first_box != island.end_box) return effort;
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    const Core& core = cores_[i];
+    const double speeds[] = {core.b[0] + core.target, core.b[1], core.b[2]};
+    for (const double speed : speeds) {
+      if (!(std::abs(speed) <= rest)) return effort;
+    }
+  }
+  effort.most = kFactorAtRest * iterations;
+  return effort;
+}
+
+// Accelerated sweeps can diverge along redundant contacts that slip; plain sweeps from the same start replace them.
+Rows::Outcome Rows::sweep(const Island& island, int iterations, double tolerance, double rest) {
+  apply_start(island);
+  if (iterations > 0) scale_start(island);
+  const Effort most = effort(island, iterations, tolerance, rest);
+  const bool accelerate = island.first_box == island.end_box && island.end_cone - island.first_cone > 1;
+  Outcome outcome = sweep(island, most, accelerate);
+  if (accelerate && iterations > 0 && adds_energy(island)) {
+    clear_changes(island);
+    apply_start(island);
+    scale_start(island);
+    outcome = sweep(island, most, false);
   }
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     std::copy(cores_[i].x, cores_[i].x + 3, cones_[cores_[i].row].x);
   }
   return outcome;
+}
+
+/// Returns whether the sweeps added kinetic energy that no target and no spring accounts for. Islands with trees count as fine:
+/// the energy of their freedoms is not known here.
+bool Rows::adds_energy(const Island& island) const {
+  double gain = 0, exchanged = 0, allowed = 0;
+  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
+    const Core& core = cores_[i];
+    if (core.softness > core.regular) return false;
+    if (core.target > 0) allowed += kShareOfTargets * (std::abs(core.b[0]) + core.target) * core.target * core.inverse_nn;
+  }
+  for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
+    const int which = island_slices_[s];
+    if (which < trees_) return false;
+    const Slice& slice = slices_[index(which)];
+    for (int i = slice.offset; i < slice.offset + slice.size; ++i) {
+      const double z = z_[index(i)], z_0 = z_start_[index(i)];
+      gain += z * (z_0 + z / 2);
+      exchanged += std::abs(z * z_0) + z * z;
+    }
+  }
+  return !(gain <= allowed + kRoundingGain * exchanged);
+}
+
+void Rows::clear_changes(const Island& island) {
+  for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
+    const Slice& slice = slices_[index(island_slices_[s])];
+    std::fill_n(z_.begin() + slice.offset, slice.size, 0.0);
+  }
 }
 
 /// Returns whether no row connects the island with something that it cannot move.
@@ -410,9 +482,9 @@ void Rows::displace(std::span<RigidBody> bodies, double share, int iterations) {
   }
 }
 
-Rows::Outcome Rows::sweep(int iterations, double tolerance) {
+Rows::Outcome Rows::sweep(int iterations, double tolerance, double rest) {
   Outcome all;
-  for (const Island& island : islands_) all.add(sweep(island, iterations, tolerance));
+  for (const Island& island : islands_) all.add(sweep(island, iterations, tolerance, rest));
   return all;
 }
 

@@ -176,6 +176,7 @@ struct World::Impl {
   Status status;
   std::size_t capacity = 0;  // number of points without allocation
   double margin = 0;
+  double rest = 0;         // speed of contacts at rest, m/s
   bool pivots = false;     // a shape has a restitution or a stiffness
   bool torsional = false;  // a surface has torsional friction
   bool prepared = false;   // the rows match these poses and factors

@@ -35,6 +35,9 @@ constexpr int kLockRounds = 60, kSimultaneousRounds = 8, kContactRounds = 6;
 /// Points of successive steps within this distance, relative to the pair's size, are the same, whatever their features.
 constexpr double kSamePlace = 0.02;
 
+/// Contacts below this speed relative to h g, from which gravity accelerates bodies in half a step, are at rest.
+constexpr double kRest = 2;
+
 /// Upper bound of the contact margin, which is the distance that bodies move in a step.
 constexpr double kWidestMargin = 0.05;  // m
 
@@ -46,6 +49,7 @@ void World::Impl::step(double h) {
   status.iterations = 0;
   status.residual = 0;
   status.degenerate = 0;
+  status.extended = 0;
   status.impacts = 0;
   status.swing = 0;
   if (stale) {
@@ -252,6 +256,7 @@ double World::Impl::normal_velocity(const Touch& touch) const {
 // ---- The two solutions of a step
 
 void World::Impl::solve(Stage stage, double h) {
+  rest = kRest * h * scene.gravity.norm();
   if (stage == Stage::kPosition) {
     for (Joint& joint : joints) joint.begin_step();
   }
@@ -486,11 +491,12 @@ void World::Impl::solve_rows() {
     prepared = true;
     rows.measure(bodies);
     const bool exact = options.method == Method::kDantzig || has_stiff_springs();
-    const Rows::Outcome outcome =
-        exact ? rows.pivot(options.iterations, options.tolerance) : rows.sweep(options.iterations, options.tolerance);
+    const Rows::Outcome outcome = exact ? rows.pivot(options.iterations, options.tolerance, rest)
+                                        : rows.sweep(options.iterations, options.tolerance, rest);
     status.iterations = std::max(status.iterations, outcome.iterations);
     status.residual = round == 0 ? std::max(status.residual, outcome.residual) : outcome.residual;
     status.degenerate = std::max(status.degenerate, outcome.degenerate);
+    status.extended += outcome.extended;
     rows.apply(bodies, forest);
     const bool moved = solve_trees(), curved = linearise_springs();
     if (!moved && !curved) break;

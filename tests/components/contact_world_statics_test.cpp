@@ -1,0 +1,58 @@
+// Scenes that stand or fall by friction alone: card houses, arches, ladders.
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "components/contact_world/engine/world.h"
+#include "tests/support/hard_scenes.h"
+
+namespace cotwin::contact_world {
+namespace {
+
+struct Seen {
+  double way = 0;    // of the body that moved farthest, m
+  int extended = 0;  // steps with islands that took more sweeps
+};
+
+/// Two seconds with the default method and its 20 sweeps.
+Seen watch(scene::Scene scene) {
+  Options options;
+  options.contacts = 1024;
+  World world(std::move(scene), options);
+  const std::vector<Pose> start(world.poses().begin(), world.poses().end());
+  Seen seen;
+  for (int k = 0; k < 2000; ++k) {
+    world.step(1e-3);
+    seen.extended += world.status().extended > 0;
+  }
+  for (std::size_t b = 0; b < start.size(); ++b) seen.way = std::max(seen.way, (world.poses()[b].p - start[b].p).norm());
+  return seen;
+}
+
+TEST(Statics, ACardHouseStandsUpToItsCriticalLeanAndFallsBeyond) {
+  constexpr double kFriction = 0.35;
+  for (const int levels : {2, 3}) {
+    for (const double lean : {0.2, 0.33, 0.336}) {  // critical: atan 0.35 = 0.3367 rad
+      const Seen seen = watch(testing::card_house(levels, lean, kFriction));
+      EXPECT_LT(seen.way, 1e-4) << levels << " levels, " << lean << " rad";
+      EXPECT_LT(seen.extended, 200);
+    }
+    EXPECT_GT(watch(testing::card_house(levels, 0.36, kFriction)).way, 0.01) << levels << " levels";
+  }
+}
+
+TEST(Statics, AnArchOfNineWedgesStandsWithEnoughFrictionAndSlidesWithLess) {
+  for (const double mu : {0.35, 0.5}) EXPECT_LT(watch(testing::arch(9, mu)).way, 1e-4) << mu;
+  EXPECT_GT(watch(testing::arch(9, 0.3)).way, 0.1);
+}
+
+TEST(Statics, ALadderStandsJustAboveItsCriticalFriction) {
+  EXPECT_LT(watch(testing::ladder(1.01 * testing::critical_ladder_mu())).way, 1e-6);
+  EXPECT_GT(watch(testing::ladder(0.99 * testing::critical_ladder_mu())).way, 1e-4);
+}
+
+}  // namespace
+}  // namespace cotwin::contact_world
