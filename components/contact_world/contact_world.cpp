@@ -270,6 +270,12 @@ void ContactWorld::declare(Variables& v) {
   v.parameter("gravity", gravity_, "m/s2", "gravity in W");
   v.parameter("max_iterations", iterations_, "largest number of sweeps of the solver in a step").range(1, 100000);
   v.parameter("tolerance", tolerance_, "m/s", "residual below which the sweeps end; 0: always max_iterations").range(0, 1);
+  v.parameter("joint_gap_limit", joint_gap_limit_, "m",
+              "gap of a joint that ends the run with an error, as does a tilt of 0.1 rad; 0: no check")
+      .range(0, 1000);
+  v.parameter("energy_limit", energy_limit_, "1",
+              "energy gained without work that ends the run with an error, as a share of all that was available; 0: no check")
+      .range(0, 1000);
   if (shown_ > 0) {
     v.output("contact_p", contact_p_, "m", "position in W of the first `points` contact points, x, y, z of each");
     v.output("contact_f", contact_f_, "N", "force in W on the second body at each of these points");
@@ -479,6 +485,8 @@ StepResult ContactWorld::step(Time now, Duration duration) {
   world_->step(h);
   h_before_ = h;
   write_outputs(h);
+  const std::string fault = world_->fault(joint_gap_limit_, energy_limit_);
+  if (!fault.empty()) throw Error(place_, "at " + text::to_text((now + duration).seconds()) + " s " + fault);
   return StepResult::kDone;
 }
 

@@ -40,7 +40,7 @@ class ContactWorld final : public Unit {
   void declare(Variables& v) override;
   /// Throws Error for invalid start values.
   void initialise(Time start) override;
-  /// Throws Error if an input is not finite.
+  /// Throws Error if an input is not finite, a joint parts or energy grows without work (World::fault).
   StepResult step(Time now, Duration h) override;
   void restored() override;
   void tell(std::vector<std::string>& notes) const override;
@@ -81,6 +81,7 @@ class ContactWorld final : public Unit {
   std::vector<double> gravity_;  // parameters
   std::int32_t iterations_ = 0;
   double tolerance_ = 0;
+  double joint_gap_limit_ = 0.01, energy_limit_ = 0.25;
 
   std::vector<double> state_;                                // of the world
   double h_before_ = 0;                                      // state

@@ -1,6 +1,7 @@
 #include "components/contact_world/engine/joint.h"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -134,6 +135,12 @@ Motion6 Joint::distance() const {
   if (turns()) return e;
   e.angular = (e.angular + R_parent.col(0).cross(R_child.col(0)) + R_parent.col(1).cross(R_child.col(1))) / 2;
   return e;
+}
+
+double Joint::alignment() const {
+  if (type == JointType::kSpherical) return 1;
+  const double z = R_parent.col(2).dot(R_child.col(2));
+  return type == JointType::kRevolute ? z : std::min(z, R_parent.col(0).dot(R_child.col(0)));
 }
 
 double Joint::gap() const {

@@ -34,7 +34,8 @@ class Joint {
   /// error.
   Motion6 error() const;
   void begin_step();
-  double gap() const;  // m, of the anchors
+  double gap() const;        // m, of the anchors
+  double alignment() const;  // least cosine of the angles between axes that the joint holds parallel
 
   scene::JointType type;
   int parent, child;

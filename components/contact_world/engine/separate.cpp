@@ -77,9 +77,11 @@ void World::Impl::mark_too_deep() {
 /// masses that leaves no pair deeper than it was. Velocities are not changed, so that no energy but that of the height is added.
 /// Bodies with joints stay where they are, and so do bodies that are not near a pair that is too deep.
 void World::Impl::separate(double h) {
-  for (int pass = 0; pass < kPasses && allow_depths(pass); ++pass) {
-    if (!move_apart(h)) break;
-  }
+  if (!allow_depths(0)) return;
+  const Energy before = measure_energy();
+  for (int pass = 0; (pass == 0 || (pass < kPasses && allow_depths(pass))) && move_apart(h);) ++pass;
+  const Energy after = measure_energy();
+  guard.add_work(std::max(0.0, after.motion + after.potential - before.motion - before.potential));
 }
 
 /// Returns whether there was a body to move.

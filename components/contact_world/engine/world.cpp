@@ -29,7 +29,8 @@ std::vector<Joint> joints_of(const scene::Scene& scene, std::span<const RigidBod
   return joints;
 }
 
-constexpr std::size_t kNumbersPerBody = 16, kNumbersPerJoint = 4 + kJointRows + 6, kNumbersPerNode = 18, kNumbersPerTouch = 12;
+constexpr std::size_t kHeader = 3 + Guard::kNumbers, kNumbersPerBody = 16, kNumbersPerJoint = 5 + kJointRows + 6,
+                      kNumbersPerNode = 18, kNumbersPerTouch = 12;
 
 }  // namespace
 
@@ -66,11 +67,15 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
   }
   for (std::size_t b = 0; b < bodies.size(); ++b) {
     if (is_linked[b]) linked.push_back(static_cast<int>(b));
+    const bool driven = bodies[b].motion == scene::Motion::kDriven;
+    if (driven && is_linked[b]) carriers.push_back(static_cast<int>(b));
+    has_driven = has_driven || driven;
   }
   in_loops.resize(joints.size());
   for (const Forest::Tree& tree : forest.trees()) {
     for (const Loops::Row& row : tree.loops.rows()) in_loops[index(row.joint)] = 1;
   }
+  small_energy = small_energy_of(scene);
   places.resize(linked.size());
   check_gears();
   motions.resize(bodies.size());
@@ -129,6 +134,7 @@ void World::set_pose(std::size_t body, const Pose& X_WB) {
   w.poses[body] = w.bodies[body].pose();
   w.stale = true;
   w.restored = false;
+  w.guard.moved = true;
   for (std::size_t j = 0; j < w.joints.size(); ++j) {
     Joint& joint = w.joints[j];
     if (joint.parent != static_cast<int>(body) && joint.child != static_cast<int>(body)) continue;
@@ -143,6 +149,7 @@ void World::set_twist(std::size_t body, const Twist& V_WB) {
   if (w.twists[body] == V_WB) return;
   w.bodies[body].set_twist(V_WB);
   w.twists[body] = w.bodies[body].twist();
+  if (w.bodies[body].dynamic()) w.guard.moved = true;
 }
 
 void World::apply(std::size_t body, const Wrench& F_B_W) { impl_->applied[body] = F_B_W; }
@@ -155,7 +162,12 @@ void World::set_tau(std::size_t joint, double tau, double stiffness, double damp
   axis.rate = rate;
 }
 
-void World::set_inertia(std::size_t joint, double inertia) { impl_->axes[joint].inertia = inertia; }
+void World::set_inertia(std::size_t joint, double inertia) {
+  Axis& axis = impl_->axes[joint];
+  if (axis.inertia == inertia) return;
+  axis.inertia = inertia;
+  impl_->guard.moved = true;
+}
 
 void World::set_motor(std::size_t joint, double dq, double tau_max) {
   impl_->axes[joint].motor_speed = dq;
@@ -172,15 +184,11 @@ double World::energy() const {
   return energy;
 }
 
-double World::largest_gap() const {
-  double gap = 0;
-  for (const Joint& joint : impl_->joints) gap = std::max(gap, joint.gap());
-  return gap;
-}
+double World::largest_gap() const { return impl_->largest_gap(); }
 
 std::size_t World::state_size() const {
   const Impl& w = *impl_;
-  return 4 + kNumbersPerBody * w.bodies.size() + kNumbersPerJoint * w.joints.size() +
+  return kHeader + kNumbersPerBody * w.bodies.size() + kNumbersPerJoint * w.joints.size() +
          kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers() + kNumbersPerTouch * w.options.contacts;
 }
 
@@ -193,7 +201,10 @@ void World::save(std::vector<double>& state) const {
     for (const double value : vector) put(value);
   };
   const std::size_t kept = std::min(w.touches.size(), w.options.contacts);
-  put(w.stale && !w.restored, w.margin, kept, 0);
+  const Guard& guard = w.guard;
+  put(w.stale && !w.restored, w.margin, kept);
+  put(guard.energy, guard.potential, guard.excess, guard.available, guard.highest, guard.fall, guard.nearest, guard.stalled,
+      guard.start_gap, guard.start_tilt, (guard.assembling ? 1 : 0) + (guard.begun ? 2 : 0) + (guard.moved ? 4 : 0));
   for (const RigidBody& body : w.bodies) {
     put_all(body.p);
     put_all(body.Q);
@@ -203,7 +214,7 @@ void World::save(std::vector<double>& state) const {
   }
   for (std::size_t j = 0; j < w.joints.size(); ++j) {
     const Axis& axis = w.axes[j];
-    put(w.joints[j].q, axis.lock, axis.motor_speed, axis.motor_torque);
+    put(w.joints[j].q, axis.lock, axis.motor_speed, axis.motor_torque, axis.inertia);
     put_all(w.joint_x[j]);
     put_all(w.curves[j]);
   }
@@ -244,8 +255,9 @@ void World::restore(std::span<const double> state) {
                                        " to " + text::to_text(most));
     }
   };
+  expect_whole(kHeader - 1, 0, 7);
   constexpr double kMost = std::numeric_limits<std::int32_t>::max(), kHalf = std::numeric_limits<std::uint32_t>::max();
-  std::size_t at = 4 + kNumbersPerBody * w.bodies.size();
+  std::size_t at = kHeader + kNumbersPerBody * w.bodies.size();
   for (std::size_t j = 0; j < w.joints.size(); ++j, at += kNumbersPerJoint) expect_whole(at + 1, -kMost, kMost);
   at += kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers();
   for (std::size_t t = 0; t < static_cast<std::size_t>(points); ++t, at += kNumbersPerTouch) {
@@ -255,7 +267,15 @@ void World::restore(std::span<const double> state) {
   const bool was_stale = get() != 0;
   w.margin = get();
   const auto kept = static_cast<std::size_t>(get());
-  get();
+  Guard& guard = w.guard;
+  for (double* number : {&guard.energy, &guard.potential, &guard.excess, &guard.available, &guard.highest, &guard.fall,
+                         &guard.nearest, &guard.stalled, &guard.start_gap, &guard.start_tilt}) {
+    *number = get();
+  }
+  const auto flags = static_cast<unsigned>(get());
+  guard.assembling = (flags & 1U) != 0;
+  guard.begun = (flags & 2U) != 0;
+  guard.moved = (flags & 4U) != 0;
   for (std::size_t b = 0; b < w.bodies.size(); ++b) {
     RigidBody& body = w.bodies[b];
     get_all(body.p);
@@ -273,6 +293,7 @@ void World::restore(std::span<const double> state) {
     axis.lock = static_cast<std::int32_t>(get());
     axis.motor_speed = get();
     axis.motor_torque = get();
+    axis.inertia = get();
     get_all(w.joint_x[j]);
     get_all(w.curves[j]);
     w.joints[j].place(w.bodies);

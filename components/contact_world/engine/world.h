@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "components/contact_world/engine/collision.h"
@@ -81,6 +82,13 @@ class World {
   const Status& status() const;
   double energy() const;       // kinetic and potential, J
   double largest_gap() const;  // largest distance of the anchors of a joint, m
+
+  /// Describes what is wrong since the start, or returns an empty text: a joint has parted by more than `gap_limit` (m; 0: not
+  /// checked) or tilted by 0.1 rad, or the energy has grown without work by more than the share `energy_limit` (0: not checked)
+  /// of the kinetic energy at the start, all positive work and the largest fall of the potential. While joints that
+  /// start apart come together, 1.5 times the largest gap at the start is allowed. Not counted are steps in which a driven body with
+  /// joints moves, a motor has unlimited torque or soft contacts are deeper than 5 % of a body, and steps until joints that start apart or beyond their limits are corrected.
+  std::string fault(double gap_limit, double energy_limit) const;
 
   /// Saves and restores the whole state: poses, twists, warm start. A restored world steps to the same bits. Only the first
   /// `Options::contacts` points have a warm start, with and without restoring.

@@ -7,6 +7,7 @@
 #include "components/contact_world/engine/body.h"
 #include "components/contact_world/engine/collision.h"
 #include "components/contact_world/engine/forest.h"
+#include "components/contact_world/engine/guard.h"
 #include "components/contact_world/engine/joint.h"
 #include "components/contact_world/engine/rows.h"
 #include "components/contact_world/engine/world.h"
@@ -47,6 +48,9 @@ struct World::Impl {
     bool matched = false;                 // with a point of the other list
     bool too_deep = false;                // for separate()
     ImpactRole role = ImpactRole::kNone;
+
+    /// Twice the energy of the contact's spring, J.
+    double stored() const { return stiffness < scene::kInfinity && point.gap < 0 ? stiffness * point.gap * point.gap : 0; }
   };
 
   Impl(scene::Scene the_scene, Options the_options);
@@ -80,6 +84,22 @@ struct World::Impl {
   bool linearise_springs();
   void store_spring_impulses();
   void apply_lost_springs();
+
+  // Of the guard; guard.cpp
+  struct Energy {
+    double motion = 0, potential = 0;  // kinetic and that of soft contacts, J
+  };
+  Energy measure_energy() const;
+  void begin_guard();
+  void account_position_stage(double h);
+  void account_velocity_stage();
+  void account_axis(std::size_t joint, double q_0, double s_0, double s_1, double h);
+  double driven_work(const Touch& touch, const Vector3d& impulse) const;
+  void end_guard();
+  bool assembled();
+  double largest_gap() const;
+  std::size_t widest_joint() const;
+  static double small_energy_of(const scene::Scene& scene);
 
   // Of solve()
   void begin_inertias();
@@ -174,6 +194,10 @@ struct World::Impl {
   std::vector<Twist> twists;
   std::vector<double> q, dq;
   Status status;
+  Guard guard;
+  std::vector<int> carriers;  // driven bodies with joints
+  bool has_driven = false;
+  double small_energy = 0;   // gains below are no error, J
   std::size_t capacity = 0;  // number of points without allocation
   double margin = 0;
   double rest = 0;         // speed of contacts at rest, m/s

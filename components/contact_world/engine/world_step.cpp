@@ -64,10 +64,12 @@ void World::Impl::step(double h) {
     touch.sum.setZero();
     touch.impact.setZero();
   }
+  begin_guard();
   begin_inertias();
   resolve_impacts(h);
   kick(h / 2);
   solve(Stage::kPosition, h);
+  account_position_stage(h);
   drift(h);
   for (Forest::Tree& tree : forest.trees()) tree.loops.advance();
   refresh(h);
@@ -76,7 +78,9 @@ void World::Impl::step(double h) {
   kick(h / 2);
   apply_lost_springs();
   solve(Stage::kVelocity, h);
+  account_velocity_stage();
   publish(h);
+  end_guard();
 
   for (Wrench& F : applied) F.setZero();
   for (Axis& axis : axes) axis.tau = axis.stiffness = axis.damping = axis.rate = axis.spring = 0;
@@ -122,8 +126,10 @@ void World::Impl::publish(double h) {
   for (std::size_t j = 0; j < joints.size(); ++j) {
     if (!joints[j].has_axis()) continue;
     joints[j].measure();
+    const double speed = joints[j].speed(bodies);
+    account_axis(j, q[j], dq[j], speed, h);
     q[j] = joints[j].q;
-    dq[j] = joints[j].speed(bodies);
+    dq[j] = speed;
   }
   points.clear();
   forces.clear();
