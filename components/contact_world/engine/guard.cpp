@@ -21,6 +21,9 @@ constexpr double kAssembledGap = 1e-4, kAssembledAngle = 1e-3;  // m, rad (m for
 constexpr double kLargestTilt = 0.1;  // rad
 constexpr double kGrowth = 1.5;
 
+/// Joints that hold (Impl::joints_hold) have smaller gaps than this.
+constexpr double kCertainGap = 1e-4;  // m
+
 /// Joints that start apart must come nearer by 1 % at least once in this number of steps.
 constexpr double kStalledSteps = 200;
 constexpr double kNearer = 0.99;
@@ -186,22 +189,23 @@ std::string World::fault(double gap_limit, double energy_limit) const {
   const auto name = [&](std::size_t j) { return "joint '" + w.scene.joints[j].name + "'"; };
   if (gap_limit > 0) {
     const double limit = std::max(gap_limit, kGrowth * guard.start_gap);
+    const bool holds = w.joints_hold && gap_limit > kCertainGap;
     const double largest_tilt = std::max(kLargestTilt, kGrowth * guard.start_tilt);
     static const double kAligned = std::cos(kLargestTilt);
     const double aligned = guard.start_tilt == 0 ? kAligned : std::cos(std::min(largest_tilt, std::numbers::pi));
-    for (std::size_t j = 0; j < w.joints.size(); ++j) {
+    for (std::size_t j = 0; j < w.joints.size() && !holds; ++j) {
       if (w.joints[j].gap() > limit) {
-        return name(j) + " has parted by " + text::to_text(w.joints[j].gap()) + " m, expected at most " + text::to_text(limit) +
-               " m (joint_gap_limit): use " + advice;
+        return name(j) + " has parted by " + text::to_text(w.joints[j].gap(), 4) + " m, expected at most " +
+               text::to_text(limit, 4) + " m (joint_gap_limit): use " + advice;
       }
       if (w.joints[j].alignment() < aligned) {
-        return name(j) + " is tilted by " + text::to_text(tilt(w.joints[j])) + " rad, expected at most " +
-               text::to_text(largest_tilt) + " rad (joint_gap_limit): use " + advice;
+        return name(j) + " is tilted by " + text::to_text(tilt(w.joints[j]), 4) + " rad, expected at most " +
+               text::to_text(largest_tilt, 4) + " rad (joint_gap_limit): use " + advice;
       }
     }
     if (guard.assembling && guard.stalled > kStalledSteps && guard.nearest > gap_limit) {
       const std::size_t j = w.widest_joint();
-      return name(j) + " does not close: its gap remains " + text::to_text(w.joints[j].gap()) + " m, expected at most " +
+      return name(j) + " does not close: its gap remains " + text::to_text(w.joints[j].gap(), 4) + " m, expected at most " +
              text::to_text(gap_limit) + " m (joint_gap_limit): correct the frames of the joints or the start positions";
     }
   }
@@ -211,14 +215,14 @@ std::string World::fault(double gap_limit, double energy_limit) const {
   std::string where;
   if (!w.joints.empty()) {
     const std::size_t j = w.widest_joint();
-    where = name(j) + " has the largest gap, " + text::to_text(w.joints[j].gap()) + " m";
+    where = name(j) + " has the largest gap, " + text::to_text(w.joints[j].gap(), 4) + " m";
   } else {
     const auto slower = [](const RigidBody& a, const RigidBody& b) { return a.kinetic_energy() < b.kinetic_energy(); };
     const auto fastest = std::max_element(w.bodies.begin(), w.bodies.end(), slower) - w.bodies.begin();
     where = "body '" + w.scene.bodies[static_cast<std::size_t>(fastest)].name + "' has the largest kinetic energy";
   }
-  return "energy has grown by " + text::to_text(guard.excess) + " J without work (" + where + "), expected at most " +
-         text::to_text(limit) + " J (energy_limit): use " + advice;
+  return "energy has grown by " + text::to_text(guard.excess, 4) + " J without work (" + where + "), expected at most " +
+         text::to_text(limit, 4) + " J (energy_limit): use " + advice;
 }
 
 double World::Impl::small_energy_of(const scene::Scene& scene) {

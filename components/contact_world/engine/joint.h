@@ -34,8 +34,9 @@ class Joint {
   /// error.
   Motion6 error() const;
   void begin_step();
-  double gap() const;        // m, of the anchors
-  double alignment() const;  // least cosine of the angles between axes that the joint holds parallel
+  bool far() const { return far_; }  // a part of the error is left to later steps
+  double gap() const;                // m, of the anchors
+  double alignment() const;          // least cosine of the angles between axes that the joint holds parallel
 
   scene::JointType type;
   int parent, child;

@@ -197,6 +197,7 @@ struct World::Impl {
   Guard guard;
   std::vector<int> carriers;  // driven bodies with joints
   bool has_driven = false;
+  bool joints_hold = false;  // in this step, all errors of joints are below those that fault() looks for
   double small_energy = 0;   // gains below are no error, J
   std::size_t capacity = 0;  // number of points without allocation
   double margin = 0;

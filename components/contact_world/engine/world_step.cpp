@@ -18,6 +18,7 @@ constexpr double kJointTolerance = 2e-10;  // m, rad
 constexpr int kPasses = 12;
 constexpr double kDiverging = 4;       // times the first error
 constexpr double kPredictable = 1e-5;  // m, rad: errors below are used to predict those of the next steps
+constexpr double kSureToHold = 1e-5;   // m, rad: joints with smaller errors need no check
 constexpr int kPassesOfLooseJoints = 2;
 constexpr double kShareOfError = 0.2;  // of whole joints, corrected in a step
 
@@ -573,6 +574,8 @@ void World::Impl::satisfy_joints(double h) {
     rows.displace(bodies, kShareOfError, options.iterations);
     for (Joint& joint : joints) joint.place(bodies);
   }
+  joints_hold = !has_whole_joints && largest <= kSureToHold;
+  for (const Joint& joint : joints) joints_hold = joints_hold && !joint.far();
   for (Forest::Tree& tree : forest.trees()) {
     if (largest <= kPredictable) {
       forest.store_beta(tree, joints, h);
