@@ -288,6 +288,8 @@ void ContactWorld::declare(Variables& v) {
   v.output("impacts", impacts_, "rounds of impacts with restitution, one after the other");
   v.output("contact_swing", contact_swing_, "1",
            "largest h ω of a loaded soft contact, with its spring and the mobility behind it; above 1 `force` misses peaks");
+  v.output("extended", extended_,
+           "islands of contacts at rest that took more than max_iterations sweeps in the step, up to 50 times as many");
 }
 
 void ContactWorld::build() {
@@ -580,6 +582,7 @@ void ContactWorld::write_outputs(double h) {
   used_iterations_ = status.iterations;
   residual_ = status.residual;
   degenerate_ = status.degenerate;
+  extended_ = status.extended;
   grown_ = static_cast<std::int32_t>(status.grown);
   impacts_ = status.impacts;
   contact_swing_ = status.swing;
