@@ -41,11 +41,6 @@ Vector3d half_sizes(const Convex& c, const Matrix3d& R) {
 }  // namespace
 
 struct Collision::Impl {
-  struct Piece {
-    Convex convex;
-    int body = 0, shape = 0;
-    bool moves = false;
-  };
   struct Bounds {
     Vector3d low, high;
     std::uint32_t piece;
@@ -63,6 +58,9 @@ struct Collision::Impl {
   void place_fixed(std::span<const Pose> X_WB);
   void sweep(double margin);
   void add_candidate(std::uint32_t i, std::uint32_t j);
+  bool ignores(std::uint32_t a, std::uint32_t b) const {
+    return std::binary_search(ignored.begin(), ignored.end(), std::pair(a, b));
+  }
   void add_points(const Candidate& candidate, double margin);
 
   std::vector<Piece> pieces;
@@ -171,7 +169,7 @@ void Collision::Impl::add_candidate(std::uint32_t i, std::uint32_t j) {
   if (a->body == b->body || (!a->moves && !b->moves)) return;
   if (i > j) std::swap(i, j), std::swap(a, b);
   const auto body_a = static_cast<std::uint32_t>(a->body), body_b = static_cast<std::uint32_t>(b->body);
-  if (std::binary_search(ignored.begin(), ignored.end(), std::pair(body_a, body_b))) return;
+  if (ignores(body_a, body_b)) return;
   candidates.push_back({std::uint64_t{body_a} << 32 | body_b, std::uint64_t{i} << 32 | j});
 }
 
@@ -263,6 +261,11 @@ Collision& Collision::operator=(Collision&&) noexcept = default;
 void Collision::detect(std::span<const Pose> X_WB, double margin) { impl_->detect(X_WB, margin); }
 void Collision::update(std::span<const Pose> X_WB, double margin, std::span<const char> moved) {
   impl_->update(X_WB, margin, moved);
+}
+std::span<const Collision::Piece> Collision::pieces() const { return impl_->pieces; }
+bool Collision::ignores(int body_a, int body_b) const {
+  const auto [low, high] = std::minmax(body_a, body_b);
+  return impl_->ignores(static_cast<std::uint32_t>(low), static_cast<std::uint32_t>(high));
 }
 std::span<const ContactPoint> Collision::points() const { return impl_->points; }
 void Collision::reserve(std::size_t points) {

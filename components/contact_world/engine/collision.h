@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "components/contact_world/engine/convex.h"
 #include "models/mechanics/pose.h"
 #include "models/scene/scene.h"
 
@@ -45,6 +46,15 @@ class Collision {
   /// result, but computes only the points of their pairs.
   void update(std::span<const Pose> X_WB, double margin, std::span<const char> moved);
   std::span<const ContactPoint> points() const;  // sorted by pair and feature; valid until the next detect() or update()
+
+  /// A convex piece of a body's surface.
+  struct Piece {
+    Convex convex;
+    int body = 0, shape = 0;
+    bool moves = false;
+  };
+  std::span<const Piece> pieces() const;  // in the order of the bodies; valid as long as the object
+  bool ignores(int body_a, int body_b) const;
 
   /// Allocates memory for this number of contact points.
   void reserve(std::size_t points);

@@ -125,7 +125,8 @@ bool World::Impl::find_impacts(double h) {
 /// Whether two bodies approach fast and would penetrate in this step.
 bool World::Impl::strikes(const Touch& touch, double h) const {
   const double slack = kSlow * h * h * scene.gravity.norm();  // gravity accelerates them in the step
-  return touch.stiffness == kInfinity && touch.approach < -impacts.slow && touch.point.gap + h * touch.approach <= slack;
+  return !touch.distant && touch.stiffness == kInfinity && touch.approach < -impacts.slow &&
+         touch.point.gap + h * touch.approach <= slack;
 }
 
 /// Chooses the points of the pairs of bodies that meet before either body meets another. Returns whether there are any.
@@ -200,7 +201,7 @@ void World::Impl::find_all_struck(double h) {
   for (Touch& touch : touches) {
     const bool concerned = impacts.struck[index(touch.point.body_a)] || impacts.struck[index(touch.point.body_b)];
     const bool near = touch.point.gap <= kContact + h * std::abs(touch.approach);
-    if (concerned && near && touch.stiffness == kInfinity) touch.role = ImpactRole::kStrikes;
+    if (concerned && near && !touch.distant && touch.stiffness == kInfinity) touch.role = ImpactRole::kStrikes;
   }
 }
 

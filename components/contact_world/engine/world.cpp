@@ -77,6 +77,7 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
   }
   small_energy = small_energy_of(scene);
   places.resize(linked.size());
+  advance = Advance(scene, bodies, is_linked, collision);
   check_gears();
   motions.resize(bodies.size());
   shifted.resize(bodies.size());

@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "components/contact_world/engine/advance.h"
 #include "components/contact_world/engine/axes.h"
 #include "components/contact_world/engine/body.h"
 #include "components/contact_world/engine/collision.h"
@@ -19,6 +20,9 @@ struct LooseJoint {
   int joint = -1;
   bool whole = true;  // false: a tree or its loops hold the joint; rows only act along its axis
 };
+
+/// Upper bound of the contact margin, which is the distance that bodies move in a step.
+constexpr double kWidestMargin = 0.05;  // m
 
 /// Contacts with restitution that approach more slowly than this times h g are at rest.
 constexpr double kSlow = 2;
@@ -46,6 +50,7 @@ struct World::Impl {
     double push = 0, share = 0;           // soft: spring's impulse in the velocity stage, N.s; of SoftContact
     bool conserves = false;               // soft: of SoftContact, in this step
     bool matched = false;                 // with a point of the other list
+    bool distant = false;                 // of a fast body that does not touch yet: without effect in this step
     bool too_deep = false;                // for separate()
     ImpactRole role = ImpactRole::kNone;
 
@@ -64,6 +69,10 @@ struct World::Impl {
   void drift(double h);
   void separate(double h);
   void publish(double h);
+
+  // Of fast bodies, and drift(); fast_bodies.cpp
+  bool find_fast(double h);
+  void find_distant_points(double h);
 
   // Of resolve_impacts(); impacts.cpp
   bool find_impacts(double h);
@@ -140,6 +149,7 @@ struct World::Impl {
   Forest forest;
   Rows rows;
   Collision collision;
+  Advance advance;
   std::vector<LooseJoint> loose;
   bool has_whole_joints = false;
   std::vector<char> in_loops;                           // per joint: closes a loop of a tree

@@ -39,9 +39,6 @@ constexpr double kSamePlace = 0.02;
 /// Contacts below this speed relative to h g, from which gravity accelerates bodies in half a step, are at rest.
 constexpr double kRest = 2;
 
-/// Upper bound of the contact margin, which is the distance that bodies move in a step.
-constexpr double kWidestMargin = 0.05;  // m
-
 }  // namespace
 
 // ---- The phases of a step
@@ -67,7 +64,10 @@ void World::Impl::step(double h) {
   }
   begin_guard();
   begin_inertias();
+  advance.clear();
+  if (find_fast(h)) find_distant_points(h);
   resolve_impacts(h);
+  if (status.impacts > 0 && find_fast(h)) find_distant_points(h);
   kick(h / 2);
   solve(Stage::kPosition, h);
   account_position_stage(h);
@@ -75,6 +75,7 @@ void World::Impl::step(double h) {
   for (Forest::Tree& tree : forest.trees()) tree.loops.advance();
   refresh(h);
   separate(h);
+  if (advance.any()) find_distant_points(h);
   begin_inertias();
   kick(h / 2);
   apply_lost_springs();
@@ -104,18 +105,6 @@ void World::Impl::kick(double half) {
     if (F.isZero(0)) continue;
     const Vector3d moment = F.tail<3>() + (body.R * body.X_PB.p).cross(F.head<3>());
     body.apply_impulse(half * F.head<3>(), half * moment);
-  }
-}
-
-void World::Impl::drift(double h) {
-  // Bodies with joints have been moved by satisfy_joints().
-  std::size_t next = 0;
-  for (std::size_t b = 0; b < bodies.size(); ++b) {
-    if (next < linked.size() && index(linked[next]) == b) {
-      ++next;
-    } else {
-      bodies[b].drift(h);
-    }
   }
 }
 
@@ -435,6 +424,7 @@ void World::Impl::collect_joint(const LooseJoint& one, Stage stage, double h) {
 
 void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
   Touch& touch = touches[t];
+  if (touch.distant) return;
   const double gap = std::abs(touch.point.gap) > kGapNoise ? touch.point.gap : 0;
   const Vector3d& n = touch.point.n_W;
   ConeRow row = contact_row(t);

@@ -1,0 +1,64 @@
+#pragma once
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "components/contact_world/engine/body.h"
+#include "components/contact_world/engine/collision.h"
+#include "models/scene/scene.h"
+
+namespace cotwin::contact_world {
+
+/// Times of impact of fast bodies by conservative advancement [Mirtich 1996]: the time moves on by the distance divided by an upper
+/// bound of the closing speed along the normal, so that it never passes an impact.
+///
+/// A free body is fast if a point of it may move farther in a step than half the least half size of its shapes, but at least
+/// 10 mm, or farther than 50 mm. Bodies with joints and driven bodies are never fast here; they are obstacles at their poses at
+/// the end of the step.
+class Advance {
+ public:
+  Advance() = default;
+  /// `linked`: nonzero for bodies with joints. Refers to the shapes of `collision`.
+  Advance(const scene::Scene& scene, std::span<const RigidBody> bodies, std::span<const char> linked,
+          const Collision& collision);
+
+  void clear();                                                 // no body is fast
+  bool find_fast(std::span<const RigidBody> bodies, double h);  // adds those that are; returns whether there are any
+  bool any() const { return any_; }
+  bool is_fast(std::size_t body) const { return fast_[body] != 0; }
+
+  /// Finds for each fast body the time until which it can move from its present pose without an impact, at most h (s). The other
+  /// bodies are at their poses at the end of the step. Pairs closer than `near` (m) have contact points; they may get deeper by
+  /// a share of their size, and without limit if they are soft.
+  void find_stops(std::span<const RigidBody> bodies, double h, double near);
+  double stop(std::size_t body) const { return stops_[body]; }
+
+ private:
+  struct Piece {
+    const Convex* convex = nullptr;
+    Pose X_PC;
+    double radius = 0;  // of the sphere about C's origin that contains the piece, m
+    double reach = 0;   // largest distance of the core from P's origin, m
+    double least = 0;   // half size, m
+    bool rigid = true;
+  };
+  struct Body {
+    std::size_t first = 0, end = 0;  // pieces
+    double reach = 0;                // largest of the pieces, m
+    double limit = 0;                // motion in a step beyond which it is fast, m; infinite: never
+    bool has_plane = false;
+  };
+
+  double time_of_impact(std::span<const RigidBody> bodies, std::size_t a, std::size_t b, double h, double near) const;
+  double time_of_impact(const RigidBody& a, const RigidBody& b, const Piece& of_a, const Piece& of_b, double stop_a,
+                        double stop_b, double end, double near) const;
+
+  const Collision* collision_ = nullptr;
+  std::vector<Piece> pieces_;
+  std::vector<Body> bodies_;
+  std::vector<char> fast_;
+  std::vector<double> stops_;
+  bool any_ = false;
+};
+
+}  // namespace cotwin::contact_world
