@@ -29,7 +29,7 @@ class Advance {
 
   /// Finds for each fast body the time until which it can move from its present pose without an impact, at most h (s). The other
   /// bodies are at their poses at the end of the step. Pairs closer than `near` (m) have contact points; they may get deeper by
-  /// a share of their size, and without limit if they are soft.
+  /// 0.2 mm, and without limit if they are soft.
   void find_stops(std::span<const RigidBody> bodies, double h, double near);
   double stop(std::size_t body) const { return stops_[body]; }
 
