@@ -115,7 +115,9 @@ void Integrator::add_losses(double t, double length, const double* x, StepAccoun
   const auto add = [&](double weight, double time, const double* state, const Point& p) {
     account.dissipated += weight * length * equations_.dissipation(state, p);
     for (std::size_t i = 0; i < n && !equations_.inside(); ++i) {
-      const double torque = by_parts && !equations_.stuck(i) ? equations_.motor_torque(i, time) - p.tau_f[i] : p.tau_J[i];
+      const double torque = by_parts && !equations_.stuck(i) && !equations_.passive(i)
+                                ? equations_.motor_torque(i, time) - p.tau_f[i]
+                                : p.tau_J[i];
       account.work_e -= weight * length * torque * state[n + i];
     }
   };
@@ -125,7 +127,7 @@ void Integrator::add_losses(double t, double length, const double* x, StepAccoun
   add(ends, t + length, x1, *p1_);
   const std::vector<double>& link = equations_.course().link;
   for (std::size_t i = 0; i < n && by_parts; ++i) {
-    if (equations_.stuck(i)) continue;
+    if (equations_.stuck(i) || equations_.passive(i)) continue;
     const std::size_t v = n + i, theta = 2 * n + i, w = 3 * n + i;
     const Parameters& c = equations_.parameters();
     const auto simpson = [length](double a, double b, double d) { return length / 6 * (a + 4 * b + d); };

@@ -17,7 +17,7 @@ std::size_t index(int i) { return static_cast<std::size_t>(i); }
 /// ratio · q̇ of a joint.
 void add_rate(const Joint& joint, double ratio, GearPart& of_parent, GearPart& of_child) {
   const Vector3d along = ratio * joint.axis();
-  const bool turns = joint.type == scene::JointType::kRevolute;
+  const bool turns = joint.turns();
   for (GearPart* part : {&of_parent, &of_child}) {
     const double sign = part == &of_child ? 1 : -1;
     part->body = part == &of_child ? joint.child : joint.parent;

@@ -210,7 +210,11 @@ void World::Impl::collect_impacts(double h, bool newton) {
   rows.clear();
   row_origin.clear();
   for (const LooseJoint& one : loose) collect_joint(one, Stage::kVelocity, kDuration * h);
-  for (BoxRow& row : rows.boxes()) row.x = 0;
+  for (BoxRow& row : rows.boxes()) {
+    const RowOrigin& origin = row_origin[index(row.origin)];
+    row.x = 0;
+    if (origin.row == kSpringRow) row.target = joints[index(origin.joint)].speed(bodies);  // of the axis' inertia
+  }
   for (std::size_t t = 0; t < touches.size(); ++t) {
     const Touch& touch = touches[t];
     if (touch.role == ImpactRole::kNone) continue;

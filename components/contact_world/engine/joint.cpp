@@ -140,7 +140,7 @@ Motion6 Joint::distance() const {
 double Joint::alignment() const {
   if (type == JointType::kSpherical) return 1;
   const double z = R_parent.col(2).dot(R_child.col(2));
-  return type == JointType::kRevolute ? z : std::min(z, R_parent.col(0).dot(R_child.col(0)));
+  return turns() ? z : std::min(z, R_parent.col(0).dot(R_child.col(0)));
 }
 
 double Joint::gap() const {

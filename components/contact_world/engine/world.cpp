@@ -325,6 +325,7 @@ void World::restore(std::span<const double> state) {
   w.points.clear();
   w.forces.clear();
   w.stale = true;
+  w.joints_hold = false;
   w.restored = !was_stale;
 }
 

@@ -29,7 +29,7 @@ constexpr double kSlow = 2;
 
 /// 6 of the joint; spring, lower limit, upper limit, friction, motor; the gear that the joint follows
 constexpr std::size_t kJointRows = 12;
-constexpr int kGearRow = 11;
+constexpr int kSpringRow = 6, kGearRow = 11;
 
 /// Part of a contact point in one round of impacts.
 enum class ImpactRole : char { kNone, kStrikes, kSupports };

@@ -74,11 +74,11 @@ void World::Impl::step(double h) {
   drift(h);
   for (Forest::Tree& tree : forest.trees()) tree.loops.advance();
   refresh(h);
+  begin_inertias();
+  apply_lost_springs();  // reads the points before those of separate()
   separate(h);
   if (advance.any()) find_distant_points(h);
-  begin_inertias();
   kick(h / 2);
-  apply_lost_springs();
   solve(Stage::kVelocity, h);
   account_velocity_stage();
   publish(h);
@@ -493,7 +493,7 @@ void World::Impl::solve_rows() {
     status.iterations = std::max(status.iterations, outcome.iterations);
     status.residual = round == 0 ? std::max(status.residual, outcome.residual) : outcome.residual;
     status.degenerate = std::max(status.degenerate, outcome.degenerate);
-    status.extended += outcome.extended;
+    status.extended = std::max(status.extended, outcome.extended);
     rows.apply(bodies, forest);
     const bool moved = solve_trees(), curved = linearise_springs();
     if (!moved && !curved) break;
@@ -519,7 +519,8 @@ void World::Impl::satisfy_joints(double h) {
     largest = 0;
     for (std::size_t j = 0; j < joints.size(); ++j) {
       joints[j].place(bodies);
-      if (in_loops[j]) continue;
+      const bool swept_in_tree = options.method != Method::kPgs && !forest.contains(static_cast<int>(j));
+      if (in_loops[j] || swept_in_tree) continue;
       const Motion6 e = joints[j].error();
       largest = std::max({largest, e.linear.cwiseAbs().maxCoeff(), e.angular.cwiseAbs().maxCoeff()});
     }
