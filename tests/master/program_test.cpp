@@ -267,7 +267,8 @@ TEST_F(Program, DescribesAUnitAndWritesItsReference) {
   const RunResult reference = run({"reference", "pages"});
   EXPECT_EQ(reference.code, 0) << reference.err;
   EXPECT_THAT(content(folder_ / "pages/drive_train.md"), HasSubstr("| `tau_m` | 7 | N.m |"));
-  EXPECT_THAT(content(folder_ / "pages/drive_train.md"), HasSubstr("| `method` | auto, exponential, rosenbrock, cvode, arkode | auto |"));
+  EXPECT_THAT(content(folder_ / "pages/drive_train.md"),
+              HasSubstr("| `method` | auto, exponential, rosenbrock, cvode, arkode | auto |"));
   EXPECT_THAT(content(folder_ / "pages/README.md"), HasSubstr("[`drive_train`](drive_train.md)"));
 }
 
