@@ -85,7 +85,7 @@ TEST_P(Constraints, FrictionHoldsAJointBelowItsTorqueAndSlowsItAbove) {
   World slows = world(scene);
   const double inertia = 0.1 + 5 / kGravity;
   for (int k = 0; k < 500; ++k) slows.step(kStep);
-  EXPECT_NEAR(slows.dq()[0], 2 - 0.5 / inertia, 1e-8);
+  EXPECT_NEAR(slows.dq()[0], 2 - 0.5 / inertia, GetParam() == Method::kPgs ? 1e-8 : 1e-9);
   for (int k = 0; k < 1000; ++k) slows.step(kStep);
   EXPECT_NEAR(slows.dq()[0], 0, 1e-12);
   EXPECT_NEAR(slows.q()[0], 2 * 2 * inertia / 2, 1e-5);

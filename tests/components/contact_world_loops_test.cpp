@@ -178,7 +178,6 @@ TEST_P(ClosedLoops, MoveAlthoughTheyAreOverconstrained) {
 }
 
 TEST_P(ClosedLoops, StayClosedWithBarsOfVeryDifferentMass) {
-  if (GetParam() == Method::kPgs) GTEST_SKIP() << "20 sweeps do not converge for masses that differ by 1000";
   for (const double ratio : {1e-6, 1e-3, 1e3}) {
     Linkage linkage = on_posts(2, 0.3, 0.5, 1.0);
     linkage.scene().bodies[1].inertia.mass *= ratio;
@@ -186,6 +185,11 @@ TEST_P(ClosedLoops, StayClosedWithBarsOfVeryDifferentMass) {
     World w = world(linkage.scene());
     const Seen seen = watch(w, 1e-3, 3);
     const double fall = 5 * std::max(1.0, ratio);  // J
+    if (GetParam() == Method::kPgs) {              // sweeps do not converge, but must neither add energy nor part joints unseen
+      EXPECT_LT(seen.highest, 1e-3 * fall) << ratio;
+      EXPECT_TRUE(seen.gap < 0.01 || !w.fault(0.01, 0.25).empty()) << ratio << ": gap " << seen.gap;
+      continue;
+    }
     EXPECT_LT(seen.gap, 3e-5) << ratio;
     EXPECT_LT(seen.highest, 1e-4 * fall) << ratio;
     EXPECT_GT(seen.lowest, -0.01 * fall) << ratio;

@@ -177,7 +177,8 @@ TEST_P(PublicTest, StackOfTenLoadsAllItsCornersAndIsSolvedFromTheLastStep) {
   ASSERT_EQ(w.contacts().size(), 40u);
   for (std::size_t c = 0; c < 40; ++c) {
     const double carried = 10 - static_cast<double>(c / 4);  // kg on this pair, and N on the corner
-    EXPECT_GT(w.contacts()[c].n_W.dot(w.forces()[c]), 0.005 * carried * kGravity);
+    const double share = GetParam() == Method::kDantzig ? 0.01 : 0.005;
+    EXPECT_GT(w.contacts()[c].n_W.dot(w.forces()[c]), share * carried * kGravity);
   }
   int pivots = 0;
   double residual = 0;
