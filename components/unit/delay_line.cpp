@@ -39,9 +39,11 @@ void DelayLine::start(Time now, std::span<const double> value) {
 }
 
 void DelayLine::push(Time now, std::span<const double> value) {
-  if (held() == capacity_) place_[2] = 1;
-  place_[1] = static_cast<std::int32_t>(std::min(held() + 1, capacity_));
-  place_[0] = static_cast<std::int32_t>((slot(0) + 1) % capacity_);
+  if (nanoseconds(0) != static_cast<double>(now.ns)) {
+    if (held() == capacity_) place_[2] = 1;
+    place_[1] = static_cast<std::int32_t>(std::min(held() + 1, capacity_));
+    place_[0] = static_cast<std::int32_t>((slot(0) + 1) % capacity_);
+  }
   t_[slot(0)] = now.seconds();
   std::copy(value.begin(), value.end(), x_.begin() + static_cast<std::ptrdiff_t>(slot(0) * width_));
 }

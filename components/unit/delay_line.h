@@ -19,7 +19,8 @@ class DelayLine {
   void declare(Variables& v, const std::string& name, const std::string& si, const std::string& what);
   /// Forgets all samples; the signal has had this value at all times before `now`.
   void start(Time now, std::span<const double> value);
-  /// Adds the sample at `now`, later than all others. Replaces the oldest one if the ring is full.
+  /// Adds the sample at `now`, in place of the latest one if that has the same time, else later than it. Replaces the oldest one
+  /// if the ring is full.
   void push(Time now, std::span<const double> value);
   /// Writes the signal at `t`: a sample with all its bits, a linear interpolation between two samples, the first value before
   /// the start, the last one after the last sample. Returns false, and writes nothing, if the samples for it were replaced.
