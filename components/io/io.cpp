@@ -20,7 +20,9 @@ std::vector<trajectory::Axis> axes_of(Settings& settings) {
 }
 
 std::unique_ptr<Link> make_link(Settings& settings, std::vector<trajectory::Axis> joints) {
-  if (settings.choice("link") == "sensors") return std::make_unique<SensorLink>(joints.size());
+  if (settings.choice("link") == "sensors") {
+    return std::make_unique<SensorLink>(joints.size(), static_cast<std::size_t>(settings.integer("history")));
+  }
   return std::make_unique<RecordingLink>(settings, std::move(joints));
 }
 
@@ -30,6 +32,7 @@ void Io::declare_settings(SettingList& s) {
   s.robot("a name in models/robots, or a path to a URDF file, for the number of joints, their names and their limits", false);
   s.integer("joints", 1, 1, 1000, "number of joints").fallback_rule("the robot's, else 1");
   s.choice("link", {"recording", "sensors"}, "what is behind the ports: a recording, or the sensors of an emulated robot");
+  s.integer("history", 0, 0, 1'000'000, "link=sensors: samples kept for their delay, more than delay/step; 0: no delay");
 }
 
 Io::Io(Settings& settings) : Io(axes_of(settings), settings) {}

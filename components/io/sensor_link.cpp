@@ -1,8 +1,12 @@
 #include "components/io/sensor_link.h"
 
+#include <algorithm>
 #include <cmath>
+#include <span>
 
 #include "models/numerics/random.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::io {
 
@@ -15,15 +19,32 @@ double quantised(double value, double resolution) {
   return resolution > 0 ? resolution * std::round(value / resolution) : value;
 }
 
+/// q, q̇, q̈, τ, τ_e one after the other.
+void gather(const Measured& m, std::span<double> sample) {
+  auto to = sample.begin();
+  for (const auto* x : {&m.q, &m.dq, &m.ddq, &m.tau, &m.tau_e}) to = std::copy(x->begin(), x->end(), to);
+}
+
+void scatter(std::span<const double> sample, Measured& m) {
+  auto from = sample.begin();
+  for (auto* x : {&m.q, &m.dq, &m.ddq, &m.tau, &m.tau_e}) {
+    std::copy_n(from, x->size(), x->begin());
+    from += static_cast<std::ptrdiff_t>(x->size());
+  }
+}
+
 }  // namespace
 
-SensorLink::SensorLink(std::size_t joints) {
+SensorLink::SensorLink(std::size_t joints, std::size_t history) {
   for (auto* v : {&q_true_, &dq_true_, &tau_true_, &tau_e_true_, &q_sigma_, &dq_sigma_, &tau_sigma_, &tau_e_sigma_,
                   &q_resolution_, &tau_offset_, &tau_e_offset_, &tau_e_filtered_}) {
     v->assign(joints, 0.0);
   }
   tau_gain_.assign(joints, 1.0);
   tau_e_gain_.assign(joints, 1.0);
+  if (history == 0) return;
+  line_.emplace(5 * joints, history);
+  sample_.resize(5 * joints);
 }
 
 void SensorLink::declare(Variables& v, JointVariables& joints) {
@@ -45,19 +66,40 @@ void SensorLink::declare(Variables& v, JointVariables& joints) {
   v.parameter("seed", seed_, "seed of the noise");
   v.state("count", count_, "number of steps, from which the noise is derived");
   joints.state("tau_e_filtered", tau_e_filtered_, "N.m", "tau_e after its low-pass");
+  v.parameter("delay", delay_, "s", "time after which measurements leave the sensors; needs a history").range(0, 1e6);
+  if (line_) line_->declare(v, "sent", "1", "q, dq, ddq, tau and tau_e as measured");
 }
 
-void SensorLink::initialise(Time, Measured& measured) {
+void SensorLink::initialise(Time start, Measured& measured) {
+  if (delay_ > 0 && !line_) {
+    throw Error("unit:io.delay", "is " + text::to_text(delay_) +
+                                     " s, but no samples are kept for it, expected a setting history=N with N > delay/step");
+  }
   count_ = 0;
   measured.has_tau = measured.has_tau_e = true;
   measured.done = false;
   measure(0, measured);
+  if (!line_) return;
+  gather(measured, sample_);
+  line_->start(start, sample_);
 }
 
-StepResult SensorLink::step(Time, Duration h, const Command&, Measured& measured) {
+StepResult SensorLink::step(Time now, Duration h, const Command&, Measured& measured) {
   ++count_;
+  if (line_) scatter(line_->latest(), measured);
   measure(h.seconds(), measured);
+  if (line_) delay(now + h, measured);
   return StepResult::kDone;
+}
+
+void SensorLink::delay(Time now, Measured& measured) {
+  gather(measured, sample_);
+  line_->push(now, sample_);
+  if (!line_->at(now + Duration{-Duration::from_seconds(delay_).ns}, sample_)) {
+    throw Error("unit:io.delay",
+                "is " + text::to_text(delay_) + " s, longer than the samples that are kept, expected a larger setting history");
+  }
+  scatter(sample_, measured);
 }
 
 void SensorLink::measure(double h, Measured& measured) {

@@ -3,11 +3,14 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <numbers>
 
+#include "components/unit/delay_line.h"
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
 #include "models/support/error.h"
@@ -385,6 +388,67 @@ TEST(Sensors, MeasureTheExternalTorqueThroughTheLowPass) {
   io.set("tau_e_true", "3");
   for (int i = 1; i <= 40; ++i) io.to(i * 1e-3);
   EXPECT_NEAR(io.real("tau_e"), 3 * (1 - std::exp(-kTurn * 5 * 0.04)), 1e-12);
+}
+
+// The delayed measurement at t is that of an undelayed twin at t − delay, with all its bits: noise, filter and acceleration too.
+TEST(Sensors, LeaveTheSensorsLaterByADelayExactToTheBit) {
+  constexpr int kDelay = 7;
+  const Values noisy = {{"q_sigma", "1e-3"}, {"dq_sigma", "1e-2"}, {"tau_sigma", "0.2"}, {"tau_e_cutoff", "40"}};
+  Subject prompt("joints=2&link=sensors", noisy), late("joints=2&link=sensors&history=8", noisy);
+  late.set("delay", "0.007");
+  const std::vector<std::string> names = {"q", "dq", "ddq", "tau", "tau_e"};
+  std::vector<std::vector<double>> sent;
+  for (int i = 0; i <= 50; ++i) {
+    for (Subject* s : {&prompt, &late}) {
+      for (const char* name : {"q_true", "dq_true", "tau_true", "tau_e_true"}) {
+        s->set(name, text::to_text(std::sin(0.3 * i)) + " " + text::to_text(std::cos(0.2 * i)));
+      }
+      i == 0 ? s->initialise() : s->to(i * 1e-3);
+    }
+    sent.emplace_back();
+    for (const std::string& name : names) {
+      for (std::size_t j = 0; j < 2; ++j) {
+        sent.back().push_back(prompt.real(name, j));
+        const auto& expected = sent[static_cast<std::size_t>(std::max(i - kDelay, 0))];
+        ASSERT_EQ(late.real(name, j), expected[sent.back().size() - 1]) << name << " after step " << i;
+      }
+    }
+  }
+}
+
+TEST(Sensors, RefuseADelayForWhichTheyKeepNoSamples) {
+  Subject none("joints=1&link=sensors", {{"delay", "0.005"}});
+  EXPECT_THAT(none.error_of_initialise(), HasSubstr("unit:io.delay: is 0.005 s"));
+  Subject few("joints=1&link=sensors&history=5", {{"delay", "0.005"}});
+  few.initialise();
+  try {
+    for (int i = 1; i <= 10; ++i) few.to(i * 1e-3);
+    ADD_FAILURE() << "5 samples reach back 4 steps";
+  } catch (const Error& e) {
+    EXPECT_THAT(e.what(), HasSubstr("expected a larger setting history"));
+  }
+  EXPECT_THROW(Subject("joints=1&link=recording&history=5", {}), Error) << "a recording has no delay";
+}
+
+TEST(DelayLine, InterpolatesBetweenSamplesOfStepsOfAnyLength) {
+  // x = 3 t − 1 is its own linear interpolation.
+  DelayLine line(1, 10);
+  const auto x = [](double t) { return 3 * t - 1; };
+  double t = 0.2;
+  line.start(Time::from_seconds(t), std::array{x(t)});
+  double value = 0;
+  for (int i = 0; i < 40; ++i) {
+    t += 1e-3 * (1 + i % 3);
+    line.push(Time::from_seconds(t), std::array{x(t)});
+    for (const double ago : {0.0, 0.0004, 0.0017, 0.009}) {
+      const double then = std::max(t - ago, 0.2);
+      ASSERT_TRUE(line.at(Time::from_seconds(t - ago), {&value, 1}));
+      ASSERT_NEAR(value, x(then), 1e-8) << t << " less " << ago;  // times are whole nanoseconds
+    }
+  }
+  ASSERT_TRUE(line.at(Time::from_seconds(t + 1), {&value, 1}));
+  EXPECT_EQ(value, line.latest()[0]);
+  EXPECT_FALSE(line.at(Time::from_seconds(t - 0.1), {&value, 1})) << "the samples of then were replaced";
 }
 
 }  // namespace

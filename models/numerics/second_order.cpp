@@ -1,6 +1,6 @@
-#include "components/compliance/second_order.h"
+#include "models/numerics/second_order.h"
 
-namespace cotwin::compliance {
+namespace cotwin::numerics {
 namespace {
 
 // The solution over a span t is affine in the start value and the input:
@@ -64,4 +64,4 @@ Deviation advance(const SecondOrder& system, const Deviation& start, double u0, 
           start.dx + s.vx * start.x + s.vv * start.dx + s.v0 * u0 + s.v1 * u1};
 }
 
-}  // namespace cotwin::compliance
+}  // namespace cotwin::numerics
