@@ -99,7 +99,7 @@ TEST(Fig6, EffectiveMassAtTheReferencePoseGoesFrom262To332KilogramsAlongTheSelfM
 }
 
 // The branch has two minima, nearly mirror images (centres of mass beside the arm's plane make the difference): 2.62214 kg at
-// q₃ = 105.4° and 2.62254 kg at q₃ = −105.4°.
+// q₃ = 105.4° and 2.62254 kg at q₃ = −106.2°.
 TEST(Fig6, DescentOfTheGradientInTheNullSpaceEndsAtAMinimumFromAnyStart) {
   for (const double first : {-1.2, -0.4, 0.5, 1.5, 2.5}) {  // along the branch, in rad of its length
     SelfMotion arm;
