@@ -191,6 +191,16 @@ TEST(Indices, IsInfiniteAlongTheSingularDirectionOfAStretchedArm) {
   }
 }
 
+TEST(Indices, IsInfiniteAtAPointThatTheJointsOnlyTurnAbout) {
+  Arm arm(robot_of("lwr4"), "link_2");  // its origin is that of the base
+  Draw draw(11);
+  for (int i = 0; i < 20; ++i) {
+    arm.at(draw.numbers(7, -2, 2));
+    EXPECT_EQ(effective_mass(arm.f, draw.direction()), kInfinite);
+    EXPECT_TRUE(std::isfinite(effective_inertia(arm.f, arm.f.J.col(0).tail<3>())));
+  }
+}
+
 TEST(Indices, AJointThatMovesNoMassGivesNoResistance) {
   Draw draw(4);
   RobotModel robot = draw.robot(Kind::kChain, 4);
