@@ -95,7 +95,8 @@ void Indices::declare(Variables& v) {
   joints.parameter("tau_max", tau_max_, "N.m", "largest motor torque, from the URDF's effort; 0: the joint is not driven")
       .range(0, 1e12);
   v.parameter("body_parts", body_parts_, "table of body parts (CSV) with the columns of models/people/iso_ts_15066.csv");
-  joints.parameter(drive_, robot::drive_parameter("B"), true, "; with motors=held");
+  auto B = joints.parameter(drive_, robot::drive_parameter("B"), true, "; with motors=held");
+  if (held_) B.essential();
 
   v.output("effective_mass", mass_, "kg", "m_u of E along u: a force along u accelerates E by force / m_u; 1e12: cannot move");
   v.output("effective_inertia", inertia_, "kg.m2", "likewise about u: a moment over it is the angular acceleration about u");
