@@ -30,7 +30,7 @@ std::vector<std::string> listed(const std::string& list) {
 }
 
 constexpr const char* kTooFast = "E moved faster than the speed limit v_max of ";
-constexpr const char* kNoLimit = "dynamic manipulability is 0 because tau_max is not given for joints ";
+constexpr const char* kNoLimit = "tau_max is not given for joints that then add nothing to the dynamic ellipsoids: ";
 
 }  // namespace
 

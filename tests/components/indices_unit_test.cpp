@@ -251,6 +251,25 @@ TEST(IndicesUnit, LeavesOutTheMotorsOfPassiveJoints) {
   EXPECT_EQ(without["tau_max"][3], 0);
 }
 
+TEST(IndicesUnit, NamesJointsWithoutATorqueLimit) {
+  const TemporaryFolder folder("no_effort");
+  std::string urdf = cotwin::testing::content(models() + "/robots/planar2/robot.urdf");
+  const std::string limit = "<limit lower=\"-2.8\" upper=\"2.8\" velocity=\"3\" effort=\"75\"/>",
+                    elbow = "elbow\" type=\"revolute";
+  urdf.replace(urdf.find(limit), limit.size(), "");
+  urdf.replace(urdf.find(elbow), elbow.size(), "elbow\" type=\"continuous");
+  std::ofstream(folder.path() / "arm.urdf") << urdf;
+  Subject s("robot=" + (folder.path() / "arm.urdf").string());
+  s.set("q", {0.3, 0.8});
+  s.start();
+  EXPECT_EQ(s.text("warning"), "tau_max is not given for joints that then add nothing to the dynamic ellipsoids: 2");
+  EXPECT_EQ(s["dyn_v_lengths"][1], 0);
+  s.set("tau_max", {150, 75});
+  s.start();
+  EXPECT_EQ(s.text("warning"), "");
+  EXPECT_GT(s["dyn_v_lengths"][1], 0);
+}
+
 TEST(IndicesUnit, IsFiniteAtASingularPose) {
   Subject s("robot=lwr4&frame=link_7&direction=world");
   s.start();  // stretched upwards
