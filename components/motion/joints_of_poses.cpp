@@ -96,7 +96,7 @@ void JointsOfPoses::prepare(const trajectory::PosePath& poses, const RobotInWorl
 
 void JointsOfPoses::at(double t, std::span<double> q, std::span<double> dq, std::span<double> ddq) {
   path_->at(t, q, dq, ddq);
-  sigma_min_ = path_->sigma_min();
+  sigma_min_ = path_->sigma_min(t);
 }
 
 }  // namespace cotwin::motion

@@ -116,7 +116,7 @@ double InverseKinematics::value_of(const VectorIn& q) {
   return arm_angle(origin(1), origin(3), origin(5));
 }
 
-void InverseKinematics::linearise(const PoseTarget& target, const VectorIn& q, VectorOut e, MatrixOut J) {
+FrameMotion InverseKinematics::linearise(const PoseTarget& target, const VectorIn& q, VectorOut e, MatrixOut J) {
   const FrameMotion at = kinematics_.jacobian(q, J_);
   const Quaterniond E = rotation_left(target.Q, at.Q, task_.of_tool);
   Vector3d distance = target.p - at.p;
@@ -129,6 +129,7 @@ void InverseKinematics::linearise(const PoseTarget& target, const VectorIn& q, V
     const Eigen::RowVector3d weights = i < 3 ? Eigen::RowVector3d(to_tool.row(i)) : Eigen::RowVector3d(A.row(i - 3) * to_tool);
     J.row(row++).noalias() = weights.lazyProduct(J_.middleRows<3>(i < 3 ? 0 : 3));
   }
+  return at;
 }
 
 InverseKinematics::Residual InverseKinematics::residual(const PoseTarget& target, const VectorIn& q) {
@@ -318,12 +319,12 @@ VectorXd InverseKinematics::draw(int start) const {
   return q;
 }
 
-Posture InverseKinematics::solve(const PoseTarget& target, const VectorIn& reference) {
-  constexpr int kStarts = 16, kMostStarts = 128;  // more only while there is no solution
+Posture InverseKinematics::solve(const PoseTarget& target, const VectorIn& reference, int starts) {
+  const int most = std::max(starts, 128);
   Posture best;
   double best_value = 0;
   Residual least;
-  for (int start = 0; start < kMostStarts && (start < kStarts || best.solutions == 0); ++start) {
+  for (int start = 0; start < most && (start < starts || best.solutions == 0); ++start) {
     VectorXd q = start == 0 ? VectorXd(reference) : draw(start);
     const Residual r = search(target, q);
     ++best.starts;

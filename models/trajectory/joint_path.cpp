@@ -1,7 +1,7 @@
 #include "models/trajectory/joint_path.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
+#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 
@@ -46,11 +46,9 @@ JointPath::JointPath(const PosePath& poses, const Pose& X_WB, robot::InverseKine
   const Eigen::Quaterniond Q(R_BW_);
   Q_BW_ << Q.w(), Q.vec();
   const Index n = kinematics.n(), rows = kinematics.rows();
-  zero_ = VectorXd::Zero(n);
   J_.resize(rows, n);
   e_.resize(rows);
   inverse_.resize(rows, rows);
-  least_sigma_.value = std::numeric_limits<double>::infinity();
 
   VectorXd q = start;
   advance(poses.begin(), poses.begin(), q, 0);
@@ -68,10 +66,14 @@ JointPath::JointPath(const PosePath& poses, const Pose& X_WB, robot::InverseKine
       first = 1;
     }
     all.t.insert(all.t.end(), part.t.begin() + static_cast<std::ptrdiff_t>(first), part.t.end());
+    all.sigma.insert(all.sigma.end(), part.sigma.begin() + static_cast<std::ptrdiff_t>(first), part.sigma.end());
     for (auto [whole, x] : {std::pair(&all.q, &part.q), std::pair(&all.dq, &part.dq), std::pair(&all.ddq, &part.ddq)}) {
       whole->insert(whole->end(), x->begin() + static_cast<std::ptrdiff_t>(first) * n, x->end());
     }
   }
+  const auto least = std::min_element(all.sigma.begin(), all.sigma.end());
+  least_sigma_ = {*least, all.t[static_cast<std::size_t>(least - all.sigma.begin())]};
+  sigma_ = std::move(all.sigma);
   table_ = Path(static_cast<std::size_t>(n), std::move(all.t), std::move(all.q), std::move(all.dq), std::move(all.ddq));
 }
 
@@ -145,7 +147,7 @@ JointPath::Grid JointPath::sample(double a, double b, std::size_t parts, const V
     VectorXd corrected = row(grid.q, k, n);
     correct_derivatives(pose, corrected, dq, ddq);
     row(grid.q, k, n) = corrected;
-    if (sigma_ < least_sigma_.value) least_sigma_ = {sigma_, grid.t[k]};
+    grid.sigma.push_back(smallest_singular_value());
   }
   const Path path(joints, grid.t, grid.q, grid.dq, grid.ddq);
   VectorXd dq(n), ddq(n);
@@ -158,21 +160,20 @@ JointPath::Grid JointPath::sample(double a, double b, std::size_t parts, const V
   return grid;
 }
 
-/// (J Jᵀ + λ²)⁻¹ with λ² = 1e-12 of the trace, so that dependent rows do no harm, and the smallest singular value.
+/// (J Jᵀ + λ²)⁻¹ with λ² = 1e-12 of the trace, so that dependent rows do no harm.
 void JointPath::prepare_correction() {
-  const Index rows = J_.rows();
   Square A = J_.lazyProduct(J_.transpose());
-  Square scaled = A;
-  Index position_rows = 0;
-  for (std::size_t i = 0; i < 3; ++i) position_rows += kinematics_->task().used[i] ? 1 : 0;
-  const Index rotations = rows - position_rows;
-  scaled.bottomRows(rotations) *= kLength;
-  scaled.rightCols(rotations) *= kLength;
-  const Eigen::SelfAdjointEigenSolver<Square> eigen(scaled, Eigen::EigenvaluesOnly);
-  const Index independent = std::min<Index>(rows, J_.cols());
-  sigma_ = std::sqrt(std::max(0.0, eigen.eigenvalues()[rows - independent]));
   A.diagonal().array() += 1e-12 * A.trace();
-  inverse_ = A.ldlt().solve(Square::Identity(rows, rows));
+  inverse_ = A.llt().solve(Square::Identity(A.rows(), A.rows()));
+}
+
+/// The smallest singular value that min(rows, n) independent directions have, for the J of the last correction.
+double JointPath::smallest_singular_value() const {
+  const std::array<bool, 6>& used = kinematics_->task().used;
+  const Index rotations = std::count(used.begin() + 3, used.end(), true);
+  Eigen::MatrixXd scaled = J_;
+  scaled.bottomRows(rotations) *= kLength;
+  return Eigen::JacobiSVD<Eigen::MatrixXd>(scaled).singularValues().tail<1>()[0];
 }
 
 /// The least change of x with J x = b; repeated because of the damping.
@@ -186,14 +187,13 @@ void JointPath::correct(const Rows& b, Eigen::Ref<VectorXd> x) const {
 
 void JointPath::correct_derivatives(const PoseMotion& pose, Eigen::Ref<VectorXd> q, Eigen::Ref<VectorXd> dq,
                                     Eigen::Ref<VectorXd> ddq) {
-  robot::FrameKinematics& kinematics = kinematics_->kinematics();
   const robot::PoseTarget wanted{pose.p, Eigen::Quaterniond(pose.Q[0], pose.Q[1], pose.Q[2], pose.Q[3])};
   Eigen::Map<VectorXd> e(e_.data(), e_.size());
-  kinematics_->linearise(wanted, q, e, J_);
+  robot::FrameMotion at = kinematics_->linearise(wanted, q, e, J_);
   prepare_correction();
   for (int i = 0; i < 3 && e_.cwiseAbs().maxCoeff() > 1e-14; ++i) {
     q += J_.transpose().lazyProduct(Rows(inverse_.lazyProduct(e_)));
-    kinematics_->linearise(wanted, q, e, J_);
+    at = kinematics_->linearise(wanted, q, e, J_);
   }
   // Pose error e(t) as a series: first with the robot at rest, then with its speed and without its acceleration.
   const bool of_tool = kinematics_->task().of_tool;
@@ -214,15 +214,24 @@ void JointPath::correct_derivatives(const PoseMotion& pose, Eigen::Ref<VectorXd>
     }
     return rates;
   };
-  correct(rate(kinematics.at(q, zero_, zero_), 1), dq);
-  correct(rate(kinematics.at(q, dq, zero_), 2), ddq);
+  correct(rate(at, 1), dq);
+  at.V = kinematics_->twist(dq);
+  at.dV = kinematics_->kinematics().bias(q, dq);
+  correct(rate(at, 2), ddq);
 }
 
 void JointPath::at(double t, std::span<double> q, std::span<double> dq, std::span<double> ddq) {
   table_.at(t, q, dq, ddq);
-  const Index n = zero_.size();
+  const Index n = reference_.size();
   Eigen::Map<VectorXd> q_out(q.data(), n), dq_out(dq.data(), n), ddq_out(ddq.data(), n);
   correct_derivatives(in_base(t), q_out, dq_out, ddq_out);
+}
+
+double JointPath::sigma_min(double t) const {
+  const std::span<const double> times = table_.times();
+  const std::size_t k = interval(times, t);
+  const double x = std::clamp((t - times[k]) / (times[k + 1] - times[k]), 0.0, 1.0);
+  return (1 - x) * sigma_[k] + x * sigma_[k + 1];
 }
 
 }  // namespace cotwin::trajectory

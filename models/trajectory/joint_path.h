@@ -1,6 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 #include <span>
+#include <vector>
 
 #include "models/mechanics/pose.h"
 #include "models/robot/inverse_kinematics.h"
@@ -26,8 +27,8 @@ class JointPath {
   /// Joint positions and derivatives with respect to t; n elements each. Allocates nothing.
   void at(double t, std::span<double> q, std::span<double> dq, std::span<double> ddq);
 
-  /// Smallest singular value of the Jacobian of the task, rotations times 0.3 m, at the time of the last at().
-  double sigma_min() const { return sigma_; }
+  /// Smallest singular value of the Jacobian of the task, rotations times 0.3 m; linear between the postures of the table.
+  double sigma_min(double t) const;
   /// The least of them in the table, and its time.
   const Peak& least_sigma() const { return least_sigma_; }
   /// Largest error of the pose of the table without correction, in the middle between knots, m or rad.
@@ -37,7 +38,7 @@ class JointPath {
   using Rows = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, 6, 1>;
   using Square = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>;
   struct Grid {
-    std::vector<double> t, q, dq, ddq;
+    std::vector<double> t, q, dq, ddq, sigma;
     double error = 0;
   };
 
@@ -47,6 +48,7 @@ class JointPath {
   Grid sample(double a, double b, std::size_t parts, const Eigen::VectorXd& start);
   void advance(double from, double to, Eigen::VectorXd& q, int depth);
   void prepare_correction();
+  double smallest_singular_value() const;
   void correct(const Rows& b, Eigen::Ref<Eigen::VectorXd> x) const;
   void correct_derivatives(const PoseMotion& pose, Eigen::Ref<Eigen::VectorXd> q, Eigen::Ref<Eigen::VectorXd> dq,
                            Eigen::Ref<Eigen::VectorXd> ddq);
@@ -56,12 +58,13 @@ class JointPath {
   Eigen::Vector3d p_BW_;
   Eigen::Vector4d Q_BW_;
   robot::InverseKinematics* kinematics_;
-  Eigen::VectorXd reference_, zero_;
+  Eigen::VectorXd reference_;
   Path table_;
   Eigen::MatrixXd J_;  // rows × n
   Rows e_;
-  Square inverse_;  // of J Jᵀ with a trace of damping
-  double sigma_ = 0, table_error_ = 0;
+  Square inverse_;             // of J Jᵀ + λ²
+  std::vector<double> sigma_;  // by knot of the table
+  double table_error_ = 0;
   Peak least_sigma_;
 };
 
