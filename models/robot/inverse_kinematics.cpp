@@ -371,8 +371,11 @@ std::string InverseKinematics::shortfall(const Residual& r, const VectorIn& q) c
   std::string left = number(r.distance) + " m and " + number(r.angle) + " rad";
   if (choice_.kind == PostureChoice::Kind::kJoint) left += " (and " + number(r.choice) + " of the given joint)";
   if (choice_.kind == PostureChoice::Kind::kArmAngle) left += " (and " + number(r.choice) + " rad of the arm angle)";
+  const std::string few = n_ < rows_ ? "; " + std::to_string(n_) + " joints cannot follow " + std::to_string(rows_) +
+                                           " directions everywhere, name those that count"
+                                     : "";
   return left + " are left for " + frame_ + " of " + robot_.name + ", with " +
-         (limits.empty() ? std::string("no joint at its limit: out of reach") : limits);
+         (limits.empty() ? std::string("no joint at its limit: out of reach") : limits) + few;
 }
 
 bool InverseKinematics::track(const PoseTarget& target, const VectorIn& reference, VectorXd& q) {

@@ -298,6 +298,11 @@ TEST(MotionPoses, RefuseWhatTheyCannotRender) {
   values[1].second = "0,0,0, 0,0,5";
   Subject leaves("space=cartesian&from=relative&inverse=true&robot=lwr4", values);
   EXPECT_THAT(leaves.error_of_initialise(), HasSubstr("inverse kinematics at "));
+  Subject few("space=cartesian&inverse=true&robot=planar2", {{"waypoint_p", "0.5,0.1,0.5, 0.5,0.1,0.5"}});
+  EXPECT_THAT(few.error_of_initialise(), HasSubstr("2 joints cannot follow 6 directions everywhere, name those that count"));
+  Subject singular("space=cartesian&inverse=true&robot=lwr4&from=relative", {{"waypoint_p", "0,0,0, 0,0,0"}});
+  singular.initialise();
+  EXPECT_THAT(singular.text("warning"), HasSubstr("motion: the posture is nearly singular at 0 s: smallest singular value "));
   EXPECT_THAT(error_of([] { Subject("space=cartesian&inverse=true"); }), HasSubstr("inverse=true needs a robot"));
   EXPECT_THAT(error_of([] { Subject("space=cartesian&inverse=true&robot=planar2&null_space=arm"); }),
               HasSubstr("is not a chain of seven revolute joints"));

@@ -202,6 +202,49 @@ TEST(JointPath, PointsTheToolAndLeavesTheTurnAboutItFree) {
   EXPECT_GT(largest, 0.5) << "the turn about the tool is not followed";
 }
 
+TEST(JointPath, ReturnsToItsPostureOnAClosedPath) {
+  const RobotModel robot = robot_named("lwr4");
+  VectorXd second = kElbowUp, third = kElbowUp;
+  second[0] += 0.5;
+  third[1] -= 0.4;
+  const PosePath poses = path_of(robot, {kElbowUp, second, third, kElbowUp}, PosePassing::kThrough);
+  InverseKinematics kinematics(robot, robot.end_effector());
+  JointPath path(poses, Pose{}, kinematics, kElbowUp, kElbowUp);
+  EXPECT_LT((at(path, 3).q - kElbowUp).norm(), 1e-9);
+  // Three directions leave four to the reference.
+  InverseKinematics position(robot, robot.end_effector(), robot::task_directions("x,y,z"));
+  JointPath free(poses, Pose{}, position, kElbowUp, kElbowUp);
+  Kinematics forward(robot);
+  const double e = 1e-4;
+  for (double t = 0.02; t < 3; t += 0.11) {
+    const Sample s = at(free, t);
+    EXPECT_LT((forward.at(s.q).p - poses.at(t).p).norm(), 1e-12);
+    EXPECT_LT(((at(free, t + e).q - at(free, t - e).q) / (2 * e) - s.dq).norm(), 1e-5);
+    const Eigen::JacobiSVD<MatrixXd> svd(forward.J.topRows<3>(), Eigen::ComputeFullV);
+    EXPECT_LT((svd.matrixV().rightCols<4>().transpose() * (s.q - kElbowUp)).norm(), 1e-6);
+  }
+  EXPECT_LT((at(free, 3).q - kElbowUp).norm(), 1e-9);
+}
+
+TEST(JointPath, PassesCloseToSingularPosturesAndTellsHowClose) {
+  // The elbow is nearly stretched in the middle of a line through the shoulder's neighbourhood.
+  const RobotModel robot = robot_named("planar2");
+  const VectorXd a{{0.8, -0.3}}, b{{-0.4, -0.25}};
+  const PosePath poses = path_of(robot, {a, b}, PosePassing::kRest);
+  InverseKinematics kinematics(robot, robot.end_effector(), robot::task_directions("x,z"));
+  JointPath path(poses, Pose{}, kinematics, a, a);
+  Kinematics forward(robot);
+  for (double t = 0; t <= 1; t += 0.01) {
+    const Sample s = at(path, t);
+    const Pose X = forward.at(s.q);
+    EXPECT_LT(std::hypot(X.p[0] - poses.at(t).p[0], X.p[2] - poses.at(t).p[2]), 1e-12);
+    // det J of the two-link arm is l₁ l₂ sin q₂; the smallest singular value is below |det| over the largest.
+    const MatrixXd J{{forward.J(0, 0), forward.J(0, 1)}, {forward.J(2, 0), forward.J(2, 1)}};
+    EXPECT_NEAR(path.sigma_min(t), J.jacobiSvd().singularValues()[1], 2e-3);
+  }
+  EXPECT_LT(path.least_sigma().value, 0.06);
+}
+
 TEST(JointPath, NamesTheTimeAtWhichThePoseIsOutOfReach) {
   const RobotModel robot = robot_named("lwr4");
   Kinematics kinematics(robot);
