@@ -40,9 +40,11 @@ void Motion::declare_settings(SettingList& s) {
   s.choice("space", {"joint", "cartesian"}, "whether the source gives the motion of the joints or of a frame in W");
   s.boolean("pose", false, "space=joint: also the pose of the frame as output, by forward kinematics; needs a robot");
   s.text("frame", "", "the frame of the robot whose pose is an output; empty: its end-effector");
-  s.choice("from", {"waypoint", "start"},
-           "space=cartesian: where the motion begins; start: at the pose that the robot has at q_start instead of the first "
-           "waypoint's");
+  s.choice(
+      "from", {"waypoint", "start", "relative"},
+      "space=cartesian: where the motion begins; start: at the pose that the robot has at q_start instead of the first "
+      "waypoint's; relative: there, and the other waypoints and arcs are given in the frame's axes at the start instead of W");
+  JointsOfPoses::declare_settings(s);
 }
 
 Motion::Motion(Settings& settings) : Motion(settings, settings.choice("space") == "cartesian") {}
@@ -53,25 +55,30 @@ Motion::Motion(Settings& settings, bool cartesian) {
       throw Error("unit:motion", "kind=" + kind + " with space=cartesian, expected kind=waypoints");
     }
     poses_.emplace(settings);
-    from_start_ = settings.choice("from") == "start";
+    const std::string from = settings.choice("from");
+    from_start_ = from != "waypoint";
+    relative_ = from == "relative";
+    const bool inverse = settings.boolean("inverse");
+    if (inverse || from_start_) read_robot(settings, inverse ? "inverse=true" : "from=" + from);
+    if (inverse) {
+      inverse_.emplace(settings, *settings.robot_used());
+      axes_ = trajectory::axes_of(*settings.robot_used());
+    }
+    if (robot_) q_start_.resize(static_cast<std::size_t>(settings.robot_used()->n()));
   } else {
     axes_ = axes_of(settings);
     source_.emplace(make_source(settings, axes_));
+    if (settings.boolean("pose")) read_robot(settings, "pose=true");
   }
-  if (from_start_ || (!cartesian && settings.boolean("pose"))) read_robot(settings, cartesian);
   measures_ = JointMeasures(settings.robot_used().get());
   for (std::vector<double>* x : {&dq_limit_, &ddq_limit_, &dddq_limit_, &q_d_, &dq_d_, &ddq_d_}) x->resize(axes_.size());
 }
 
-void Motion::read_robot(Settings& settings, bool cartesian) {
-  if (settings.text("robot").empty()) {
-    throw Error("unit:motion", std::string(cartesian ? "from=start" : "pose=true") + " needs a robot, as in robot=lwr4");
-  }
+void Motion::read_robot(Settings& settings, const std::string& reason) {
+  if (settings.text("robot").empty()) throw Error("unit:motion", reason + " needs a robot, as in robot=lwr4");
   if (settings.robot_used() == nullptr) settings.robot(Settings::Masses::kUnused);
-  const robot::RobotModel& robot = *settings.robot_used();
-  robot_.emplace(settings, robot);
+  robot_.emplace(settings, *settings.robot_used());
   frame_ = robot_->frame();
-  if (cartesian) q_start_.resize(static_cast<std::size_t>(robot.n()));
 }
 
 void Motion::declare(Variables& v) {
@@ -94,8 +101,12 @@ void Motion::declare(Variables& v) {
   robot_->declare(v);
   if (!poses_) pose_d_.declare(v, frame_);
   if (!q_start_.empty()) {
-    joints.parameter("q_start", q_start_, "rad", "joint positions at the start").essential();
+    joints.parameter("q_start", q_start_, "rad",
+                     from_start_ ? "joint positions at the start" : "reference posture, from which the search begins");
   }
+  if (!inverse_) return;
+  inverse_->declare_parameters(v, from_start_);
+  inverse_->declare_outputs(v);
 }
 
 void Motion::initialise(Time start) {
@@ -125,16 +136,20 @@ StepResult Motion::step(Time now, Duration h) {
 
 void Motion::prepare_poses() {
   trajectory::PoseMotion start;
+  const Eigen::Map<const Eigen::VectorXd> q(q_start_.data(), static_cast<Eigen::Index>(q_start_.size()));
+  if (!q.allFinite()) throw Error("motion.q_start", "is not finite, expected joint positions");
   if (from_start_) {
-    const Eigen::Map<const Eigen::VectorXd> q(q_start_.data(), static_cast<Eigen::Index>(q_start_.size()));
-    if (!q.allFinite()) throw Error("motion.q_start", "is not finite, expected joint positions");
     const robot::FrameMotion m = robot_->kinematics().at(q, q, q);
     const Eigen::Quaterniond Q = robot_->Q_WB() * m.Q;
     start.p = robot_->p_WB() + robot_->Q_WB() * m.p;
     start.Q << Q.w(), Q.vec();
   }
-  pose_path_ = poses_->path(from_start_ ? &start : nullptr);
+  pose_path_ = poses_->path(from_start_ ? &start : nullptr, relative_);
   closed_sign_ = pose_path_.at(pose_path_.begin()).Q.dot(pose_path_.at(pose_path_.end()).Q);
+  if (inverse_) {
+    inverse_->prepare(pose_path_, *robot_, q_start_, from_start_, warning_);
+    path_ = inverse_->table();
+  }
   pose_peaks_ = poses_->limits() == trajectory::PoseLimits{} ? trajectory::PosePeaks{} : trajectory::find_peaks(pose_path_);
 }
 
@@ -212,9 +227,9 @@ void Motion::check_pose_ends() const {
                                   " rad from that at the start, expected the same, or loop = there_and_back");
 }
 
-void Motion::evaluate(const trajectory::Phase::Value& s, std::span<double> q, std::span<double> dq,
-                      std::span<double> ddq) const {
-  path_.at(std::min(path_.begin() + s.s, path_.end()), q, dq, ddq);
+void Motion::evaluate(const trajectory::Phase::Value& s, std::span<double> q, std::span<double> dq, std::span<double> ddq) {
+  const double t = std::min(path_.begin() + s.s, path_.end());
+  inverse_ ? inverse_->at(t, q, dq, ddq) : path_.at(t, q, dq, ddq);
   trajectory::apply_chain_rule(s, dq, ddq);
 }
 

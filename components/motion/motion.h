@@ -17,7 +17,8 @@ namespace cotwin::motion {
 /// The desired motion, prepared at initialisation and then a function of time alone. Of the joints:
 ///   q_d = q(s(t)),   q̇_d = q′ ṡ,   q̈_d = q″ ṡ² + q′ s̈
 /// with a path q of polynomials (trajectory.h) and the phase s (time_scaling.h: stretching, soft start and stop). Of a frame
-/// (space = cartesian): the same with a path of poses (pose_path.h). The motion rests before t_start; after the end it rests,
+/// (space = cartesian): the same with a path of poses (pose_path.h), with inverse = true also of the joints that follow it
+/// (joint_path.h). The motion rests before t_start; after the end it rests,
 /// repeats or runs back and forth. Limits are checked, or met by stretching. With pose = true the pose that belongs to the joint
 /// motion is an output, too.
 class Motion final : public Unit {
@@ -32,7 +33,7 @@ class Motion final : public Unit {
 
  private:
   Motion(Settings& settings, bool cartesian);
-  void read_robot(Settings& settings, bool cartesian);
+  void read_robot(Settings& settings, const std::string& reason);
   void prepare_poses();
   void prepare_phase();
   std::vector<trajectory::Axis> limited_axes() const;
@@ -40,7 +41,7 @@ class Motion final : public Unit {
   std::string violation() const;
   void check_ends();
   void check_pose_ends() const;
-  void evaluate(const trajectory::Phase::Value& s, std::span<double> q, std::span<double> dq, std::span<double> ddq) const;
+  void evaluate(const trajectory::Phase::Value& s, std::span<double> q, std::span<double> dq, std::span<double> ddq);
   void evaluate_at(double t);
 
   std::vector<trajectory::Axis> axes_;  // empty if there are no joints among the outputs
@@ -48,8 +49,9 @@ class Motion final : public Unit {
   std::optional<AnySource> source_;    // of a joint motion
   std::optional<PoseSource> poses_;    // of a Cartesian motion
   std::optional<RobotInWorld> robot_;  // for the relation between joints and poses
+  std::optional<JointsOfPoses> inverse_;
   std::string frame_ = "the frame";
-  bool from_start_ = false;
+  bool from_start_ = false, relative_ = false;
 
   // Parameters.
   Timing timing_;

@@ -88,12 +88,21 @@ trajectory::PoseWaypoints PoseSource::points() const {
   return points;
 }
 
-trajectory::PosePath PoseSource::path(const trajectory::PoseMotion* start) const {
+trajectory::PosePath PoseSource::path(const trajectory::PoseMotion* start, bool relative) const {
   using trajectory::PosePassing;
   const PosePassing passing = text::choose<PosePassing>(
       "motion: passing", passing_,
       {{"rest", PosePassing::kRest}, {"blend", PosePassing::kBlend}, {"through", PosePassing::kThrough}});
   trajectory::PoseWaypoints waypoints = points();
+  if (start != nullptr && relative) {
+    const Quaterniond turn(start->Q[0], start->Q[1], start->Q[2], start->Q[3]);
+    for (Vector3d& p : waypoints.p) p = start->p + turn * p;
+    for (Vector4d& Q : waypoints.Q) Q = trajectory::multiply(start->Q, Q);
+    for (trajectory::LegShape& leg : waypoints.legs) {
+      leg.point = start->p + turn * leg.point;
+      leg.axis = turn * leg.axis;
+    }
+  }
   if (start != nullptr && !waypoints.p.empty()) {
     waypoints.p[0] = start->p;
     waypoints.Q[0] = start->Q;

@@ -2,12 +2,16 @@
 #include <Eigen/Core>
 #include <array>
 #include <memory>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "components/unit/settings.h"
 #include "components/unit/variables.h"
 #include "models/robot/frame_kinematics.h"
+#include "models/robot/inverse_kinematics.h"
+#include "models/trajectory/joint_path.h"
 #include "models/trajectory/pose_path.h"
 
 /// Poses of the desired motion in the world W: their source, their outputs, and forward kinematics.
@@ -18,8 +22,9 @@ class PoseSource {
  public:
   explicit PoseSource(Settings& settings);
   void declare(Variables& v);
-  /// The motion through the waypoints; `start`: another pose for the first waypoint, or nullptr.
-  trajectory::PosePath path(const trajectory::PoseMotion* start) const;
+  /// The motion through the waypoints. `start`: another pose for the first waypoint, or nullptr; `relative`: the other waypoints
+  /// and the arcs are given in the frame at the start.
+  trajectory::PosePath path(const trajectory::PoseMotion* start, bool relative) const;
   trajectory::PoseLimits limits() const;
 
  private:
@@ -67,6 +72,28 @@ class RobotInWorld {
   std::array<double, 4> base_quat0_{1, 0, 0, 0};
   Eigen::Vector3d p_WB_ = Eigen::Vector3d::Zero();
   Eigen::Quaterniond Q_WB_ = Eigen::Quaterniond::Identity();
+};
+
+/// The settings and parameters of inverse kinematics, and the joint motion along a path of poses.
+class JointsOfPoses {
+ public:
+  static void declare_settings(SettingList& s);
+  JointsOfPoses(Settings& settings, const robot::RobotModel& robot);
+  void declare_outputs(Variables& v);
+  /// `by_start`: the posture at the start is given and determines the value of the choice.
+  void declare_parameters(Variables& v, bool by_start);
+
+  /// Computes the motion; `from_start`: it begins in the posture q_start, else in the solution closest to the choice.
+  void prepare(const trajectory::PosePath& poses, const RobotInWorld& robot, std::span<const double> q_start, bool from_start,
+               std::string& warning);
+  const trajectory::Path& table() const { return path_->table(); }
+  void at(double t, std::span<double> q, std::span<double> dq, std::span<double> ddq);
+
+ private:
+  std::unique_ptr<robot::InverseKinematics> kinematics_;
+  std::optional<trajectory::JointPath> path_;
+  bool prismatic_ = false;  // the joint of the choice
+  double value_ = 0, sigma_min_ = 0, inverse_error_ = 0;
 };
 
 }  // namespace cotwin::motion

@@ -43,6 +43,7 @@ class Builder {
     assert(points_.p.size() == N_ && points_.Q.size() == N_ && points_.dwell.size() == N_ && points_.legs.size() == N_ - 1);
     assert(points_.speed.size() == N_ - 1 && points_.turn_speed.size() == N_ - 1);
     for (std::size_t k = 0; k < N_; ++k) {
+      if (!(std::abs(points_.t[k]) < 1e12)) throw Error(place(k), "reached at " + number(points_.t[k]) + " s, expected a time");
       if (!points_.p[k].allFinite() || !(points_.p[k].norm() < 1e9)) {
         throw Error(place(k), "position " + number(points_.p[k]) + " m, expected below 1e9 m");
       }
@@ -206,7 +207,10 @@ PosePath make_pose_path(const PoseWaypoints& points, PosePassing passing, double
     const double T = builder.duration(k, shape.length, leg.psi.norm());
     const double start = t + points.dwell[k];
     t = start + T;
-    if (!(t > start)) throw Error(builder.leg_name(k), "lasts " + number(T) + " s, too short after " + number(start) + " s");
+    if (!(t > start && t < 1e12)) {
+      throw Error(builder.leg_name(k),
+                  "lasts " + number(T) + " s after " + number(start) + " s, expected a time that adds to it");
+    }
     const double before = builder.passed(k) ? 0.5 * leg.blend : 0, after = builder.passed(k + 1) ? 0.5 * leg.blend : 0;
     leg.begin = start - before;
     leg.end = t + after;

@@ -4,13 +4,15 @@
 #include <string>
 #include <vector>
 
-/// Desired and recorded motions of joints as functions of time.
+/// Desired and recorded motions of joints and frames as functions of time.
 ///   trajectory.h    Path: the common representation, q(t) with its derivatives q̇, q̈ and jerk
 ///   polynomial.h    polynomials of degree 5 and more with redundant coefficients c_r (V-B)
 ///   waypoints.h     rest to rest, or through the points with minimum jerk
 ///   time_scaling.h  stretching to limits; soft start and stop
 ///   series.h        measured samples: zero-phase smoothing, differentiation, interpolation
 ///   recording.h     measured samples from a CSV file
+///   pose_path.h     poses: lines, arcs and rotations between waypoints
+///   joint_path.h    the joints that follow a path of poses
 namespace cotwin::trajectory {
 
 /// The value of largest magnitude of one joint's q, q̇, q̈ or jerk, and its time.

@@ -12,6 +12,8 @@
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf.h"
 #include "models/support/error.h"
+#include "models/support/text.h"
+#include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
@@ -181,6 +183,104 @@ TEST(MotionPoses, OfAPointingHandFollowAFile) {
   EXPECT_LT((s.vector("p_d") - Vector3d(0, 1, 0)).norm(), 1e-15);
 }
 
+const Values kReach{{"q_start", "0.2,0.6,-0.3,1.2,0.4,-0.8,0.5"},
+                    {"waypoint_p", "0,0,0, 0.1,-0.05,0.08"},
+                    {"waypoint_quat", "1,0,0,0, 0.96,0.28,0,0"},
+                    {"waypoint_t", "0,2"}};
+
+TEST(MotionPoses, DriveTheJointsByInverseKinematics) {
+  Values values = kReach;
+  values.insert(values.end(),
+                {{"base_p0", "1,0,0.5"}, {"base_quat0", "0.6,0,0.8,0"}, {"soft_start", "0.2"}, {"t_start", "0.1"}});
+  Subject s("space=cartesian&from=relative&inverse=true&robot=lwr4", values);
+  s.initialise();
+  EXPECT_EQ(s.text("warning"), "");
+  EXPECT_LT(s.real("inverse_error"), 1e-9);
+  EXPECT_LT((s.joints("q_d") - VectorXd{{0.2, 0.6, -0.3, 1.2, 0.4, -0.8, 0.5}}).norm(), 1e-12);
+  const robot::RobotModel model = lwr4();
+  const robot::Mechanism mechanism(model);
+  robot::Data data(mechanism);
+  const robot::FrameOnBody frame = robot::on_body(model.end_effector());
+  const Quaterniond Q_WB(0.6, 0, 0.8, 0);
+  const Vector3d first = s.vector("p_d");
+  const Quaterniond Q_first = s.orientation();
+  for (double t = 0.05; t < 2.3; t += 0.05) {
+    s.to(t);
+    const VectorXd q = s.joints("q_d"), dq = s.joints("dq_d"), ddq = s.joints("ddq_d");
+    Eigen::MatrixXd J(6, 7);
+    Twist bias;
+    const Pose X = robot::jacobian(mechanism, data, q, frame, J);
+    robot::jacobian_dot_times_dq(mechanism, data, q, dq, frame, bias);
+    EXPECT_LT((Vector3d(1, 0, 0.5) + Q_WB * X.p - s.vector("p_d")).norm(), 1e-12);
+    EXPECT_LT((Q_WB * X.R - s.orientation().toRotationMatrix()).norm(), 1e-12);
+    EXPECT_LT((Q_WB * (J * dq).head<3>() - s.vector("v_d")).norm(), 1e-12);
+    EXPECT_LT((Q_WB * (J * ddq + bias).tail<3>() - s.vector("dw_d")).norm(), 1e-11);
+    EXPECT_GT(s.real("sigma_min"), 0.02);
+  }
+  EXPECT_LT((s.vector("p_d") - first - Q_first * Vector3d(0.1, -0.05, 0.08)).norm(), 1e-14);
+  EXPECT_LT((s.orientation().coeffs() - (Q_first * Quaterniond(0.96, 0.28, 0, 0)).coeffs()).norm(), 1e-14);
+}
+
+TEST(MotionPoses, ReachTheirPosturesAtAnyTimeInAnyOrder) {
+  Subject forwards("space=cartesian&from=relative&inverse=true&robot=lwr4", kReach);
+  Subject random("space=cartesian&from=relative&inverse=true&robot=lwr4", kReach);
+  forwards.initialise();
+  random.initialise();
+  random.to(1.9);
+  for (const double t : {0.3, 0.9, 1.4}) {
+    forwards.to(t);
+    random.to(t);
+    EXPECT_EQ(forwards.joints("q_d"), random.joints("q_d"));
+    EXPECT_EQ(forwards.joints("ddq_d"), random.joints("ddq_d"));
+    const std::uint64_t before = testing::allocations();
+    random.to(2 - t);
+    EXPECT_EQ(testing::allocations(), before);
+  }
+}
+
+TEST(MotionPoses, StretchUntilTheJointsMeetTheirLimits) {
+  Values values = kReach;
+  values.insert(values.end(), {{"limits", "stretch"}, {"dq_limit", "0.1"}});
+  Subject s("space=cartesian&from=relative&inverse=true&robot=lwr4", values);
+  s.initialise();
+  EXPECT_GT(s.real("stretch"), 1.5);
+  double fastest = 0;
+  for (double t = 0; t < s.real("duration"); t += 0.01) {
+    s.to(t + 0.01);
+    fastest = std::max(fastest, s.joints("dq_d").cwiseAbs().maxCoeff());
+  }
+  EXPECT_NEAR(fastest, 0.1, 1e-4);
+}
+
+TEST(MotionPoses, SearchTheFirstPostureClosestToTheGivenOne) {
+  // The pose of one posture, searched from another: within the limits, and no further from it than the posture of the pose.
+  const VectorXd of_pose{{0.2, 0.6, -0.3, 1.2, 0.4, -0.8, 0.5}}, given{{0, 0.5, 0, 1, 0, -1, 0}};
+  Subject start("space=cartesian&from=start&robot=lwr4", {{"q_start", "0.2,0.6,-0.3,1.2,0.4,-0.8,0.5"}});
+  start.initialise();
+  const Vector3d p = start.vector("p_d");
+  const Quaterniond Q = start.orientation();
+  const auto text = [](auto... x) {
+    std::string list;
+    ((list += text::to_text(x) + ","), ...);
+    list.pop_back();
+    return list;
+  };
+  const std::string place = text(p[0], p[1], p[2]), turn = text(Q.w(), Q.x(), Q.y(), Q.z());
+  for (const std::string null_space : {"reference", "centre", "joint&null_joint=3", "arm"}) {
+    Subject s("space=cartesian&inverse=true&robot=lwr4&null_space=" + null_space,
+              {{"q_start", "0,0.5,0,1,0,-1,0"}, {"waypoint_p", place + "," + place}, {"waypoint_quat", turn + "," + turn}});
+    if (s.has("null_value")) s.set("null_value", "-0.2");
+    s.initialise();
+    const VectorXd q = s.joints("q_d");
+    EXPECT_TRUE(null_space != "reference" || (q - given).norm() <= (of_pose - given).norm());
+    EXPECT_TRUE(null_space != "centre" || q.norm() < of_pose.norm());
+    EXPECT_TRUE(null_space != "joint&null_joint=3" || std::abs(q[2] + 0.2) < 1e-10);
+    s.to(0.5);
+    EXPECT_LT((s.joints("q_d") - q).norm(), 1e-12) << "a pose at rest is a posture at rest";
+    EXPECT_LT(s.joints("dq_d").norm(), 1e-15);
+  }
+}
+
 TEST(MotionPoses, RefuseWhatTheyCannotRender) {
   EXPECT_THAT(error_of([] { Subject("space=cartesian&kind=polynomial"); }),
               HasSubstr("unit:motion: kind=polynomial with space=cartesian, expected kind=waypoints"));
@@ -191,6 +291,25 @@ TEST(MotionPoses, RefuseWhatTheyCannotRender) {
   EXPECT_THAT(shape.error_of_initialise(), HasSubstr("motion: leg_shape[1]: 'spiral', expected one of line, arc, circle"));
   Subject loop("space=cartesian", {{"waypoint_p", "0,0,0,1,0,0"}, {"loop", "repeat"}});
   EXPECT_THAT(loop.error_of_initialise(), HasSubstr("the pose at the end is 1 m and 0 rad from that at the start"));
+  Subject far("space=cartesian&inverse=true&robot=lwr4", {{"waypoint_p", "2,0,0, 2,0,0"}});
+  EXPECT_THAT(far.error_of_initialise(),
+              ::testing::AllOf(HasSubstr("motion: inverse kinematics at the first waypoint: "), HasSubstr("are left for")));
+  Values values = kReach;
+  values[1].second = "0,0,0, 0,0,5";
+  Subject leaves("space=cartesian&from=relative&inverse=true&robot=lwr4", values);
+  EXPECT_THAT(leaves.error_of_initialise(), HasSubstr("inverse kinematics at "));
+  Subject few("space=cartesian&inverse=true&robot=planar2", {{"waypoint_p", "0.5,0.1,0.5, 0.5,0.1,0.5"}});
+  EXPECT_THAT(few.error_of_initialise(), HasSubstr("2 joints cannot follow 6 directions everywhere, name those that count"));
+  Subject singular("space=cartesian&inverse=true&robot=lwr4&from=relative", {{"waypoint_p", "0,0,0, 0,0,0"}});
+  singular.initialise();
+  EXPECT_THAT(singular.text("warning"), HasSubstr("motion: the posture is nearly singular at 0 s: smallest singular value "));
+  EXPECT_THAT(error_of([] { Subject("space=cartesian&inverse=true"); }), HasSubstr("inverse=true needs a robot"));
+  EXPECT_THAT(error_of([] { Subject("space=cartesian&inverse=true&robot=planar2&null_space=arm"); }),
+              HasSubstr("is not a chain of seven revolute joints"));
+  EXPECT_THAT(error_of([] { Subject("space=cartesian&inverse=true&robot=planar2&null_space=joint&null_joint=3"); }),
+              HasSubstr("joint 3, expected 1 to 2"));
+  EXPECT_THAT(error_of([] { Subject("space=cartesian&inverse=true&robot=planar2&directions=x,y,w"); }),
+              HasSubstr("task directions: 'w', expected all, or some of x, y, z, rx, ry, rz"));
   Subject zero("space=cartesian", {{"waypoint_quat", "0,0,0,0,1,0,0,0"}});
   EXPECT_THAT(zero.error_of_initialise(), HasSubstr("waypoint 1: the quaternion (w, x, y, z) has length 0, expected 1"));
 }

@@ -325,6 +325,8 @@ TEST(PosePath, RefusesWaypointsThatDetermineNoMotion) {
   const PoseWaypoints good = points;
   points.t[2] = 1;
   EXPECT_THAT(error(), HasSubstr("waypoint 3: reached at 1 s, expected after"));
+  points.t[2] = std::numeric_limits<double>::infinity();
+  EXPECT_THAT(error(), HasSubstr("waypoint 3: reached at inf s, expected a time"));
   points = good;
   points.Q[1] = Vector4d::Zero();
   EXPECT_THAT(error(), HasSubstr("waypoint 2: the quaternion (w, x, y, z) has length 0, expected 1"));
@@ -341,6 +343,9 @@ TEST(PosePath, RefusesWaypointsThatDetermineNoMotion) {
   points.p[2] = points.p[1];
   points.legs[1].point = {0, 5, 0};
   EXPECT_THAT(error(), HasSubstr("expected three points that are not on one line"));
+  points = good;
+  points.speed[1] = 1e-300;
+  EXPECT_THAT(error(), HasSubstr("leg 2: lasts 1.875e+300 s"));
   points = good;
   points.legs[1] = {LegShape::Kind::kCircle, {1, 1, 0}, {0, 0, 1}, kPi / 2};
   EXPECT_THAT(error(), HasSubstr("leg 2: the circle leads to (2, 1, 0) m, expected the waypoint at (2, 0, 0) m"));
