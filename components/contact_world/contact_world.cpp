@@ -1,16 +1,12 @@
 #include "components/contact_world/contact_world.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <map>
 
-#include "components/contact_world/assemble.h"
-#include "components/contact_world/port_values.h"
+#include "components/contact_world/parts.h"
 #include "components/contact_world/robot_links.h"
-#include "components/unit/joint_variables.h"
-#include "models/robot/dynamics.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -28,71 +24,6 @@ constexpr double kResolvedSwing = 1;
 Eigen::Map<Eigen::Vector3d> vector3(Values& v) { return Eigen::Map<Eigen::Vector3d>(v.data()); }
 
 }  // namespace
-
-struct ContactWorld::Robot {
-  Robot(const scene::PlacedRobot& robot)
-      : placed(&robot),
-        prefix(robot.name.empty() ? "" : identifier(robot.name) + "."),
-        n(static_cast<std::size_t>(robot.model.n())),
-        X_WL(robot.model.bodies.size()),
-        V_WL(robot.model.bodies.size()) {
-    for (Values* v : {&q0, &dq0, &K, &D, &B, &q, &dq, &tau_J, &dtheta, &q_link, &dq_link, &ddq, &tau_e, &dq_before, &tau,
-                      &acceleration, &mobility}) {
-      v->assign(n, 0.0);
-    }
-    const auto size = static_cast<Eigen::Index>(n);
-    M.resize(size, size);
-    inverse_root.resize(size, size);
-    root.compute(Eigen::MatrixXd::Identity(size, size));
-  }
-
-  Eigen::Map<const Eigen::VectorXd> vector(const Values& v) const { return {v.data(), static_cast<Eigen::Index>(n)}; }
-
-  const scene::PlacedRobot* placed;
-  Link link = Link::kInside;
-  std::string prefix;
-  std::size_t n;
-  Assembled parts;  // its bodies and joints in the world
-  Pose X_WB;
-  std::unique_ptr<robot::Mechanism> mechanism;  // with gravity in the base's frame
-  std::unique_ptr<robot::Data> data;
-
-  Values base_p0{0, 0, 0}, base_quat0{1, 0, 0, 0}, q0, dq0, K, D, B;  // parameters
-  Values q, dq, tau_J, dtheta;                                        // inputs (q, dq: outputs with link outside)
-  Values q_link, dq_link, ddq, tau_e, f_c{0, 0, 0}, base_p{0, 0, 0}, base_quat{1, 0, 0, 0};  // outputs
-  Values base_v{0, 0, 0}, base_w{0, 0, 0}, base_f_c{0, 0, 0}, base_m_c{0, 0, 0}, base_f{0, 0, 0}, base_m{0, 0, 0};
-  Values dq_before;  // state
-  Values tau, acceleration;
-  Eigen::MatrixXd M, inverse_root;
-  Eigen::LLT<Eigen::MatrixXd> root;  // of M
-  Values mobility;                   // diagonal of M⁻¹
-  std::vector<Pose> X_WL;            // of all bodies
-  std::vector<Twist> V_WL;
-};
-
-struct ContactWorld::Body {
-  std::string name, prefix;
-  std::size_t index;  // in the world
-  scene::Motion motion;
-  Values p0{0, 0, 0}, quat0{1, 0, 0, 0};                                                    // parameters
-  Values f{0, 0, 0}, m{0, 0, 0};                                                            // inputs of a dynamic body
-  Values v_d{0, 0, 0}, w_d{0, 0, 0};                                                        // inputs of a driven one
-  Values p{0, 0, 0}, quat{1, 0, 0, 0}, v{0, 0, 0}, w{0, 0, 0}, f_c{0, 0, 0}, m_c{0, 0, 0};  // outputs
-};
-
-void ContactWorld::declare_settings(SettingList& s) {
-  s.cell();
-  s.choice("link", {"inside", "outside"},
-           "which unit integrates the links of the robots: the drive train (q is an input) or this unit (q is an output)");
-  s.choice("actuation", {"torque", "prescribed"},
-           "with link=inside: tau_J drives the links, or q and dq prescribe their motion");
-  s.choice("base", {"fixed", "floating"}, "the bases of the robots are fixed or move freely");
-  s.choice("method", {"tree", "pgs", "dantzig"},
-           "solver of (1): joint trees exactly and contacts by sweeps, projected Gauss-Seidel, or Dantzig's pivoting");
-  s.integer("contacts", 256, 1, 1000000, "number of contact points that a step takes without allocating memory");
-  s.integer("points", 8, 0, 1000, "number of contact points that are outputs");
-  s.text("maximal", "", "with link=inside: names of robots, separated by commas, that this unit integrates all the same");
-}
 
 ContactWorld::ContactWorld(Settings& settings)
     : place_(settings.unit()),
@@ -119,6 +50,7 @@ ContactWorld::ContactWorld(Settings& settings)
       throw Error(place_, "base=floating: the base of robot '" + placed.model.name + "' cannot float: " + why);
     robots_.push_back(std::make_unique<Robot>(placed));
     robots_.back()->link = link_;
+    robots_.back()->place = place_ + (robots_.back()->prefix.empty() ? "" : "." + placed.name);
   }
   const std::string maximal = settings.text("maximal");
   for (const std::string_view part : text::split(maximal, ',')) {
@@ -169,129 +101,6 @@ void ContactWorld::check_names() const {
   for (const auto& body : bodies_) take(body->prefix, "body '" + cell_.scene.bodies[body->index].name + "'");
 }
 
-void ContactWorld::declare_robot(Variables& v, Robot& r) {
-  const std::string& x = r.prefix;
-  const JointMeasures measures(&r.placed->model);
-  JointVariables joints(v, measures);
-  const bool outside = r.link == Link::kOutside;
-  const std::string of = r.placed->name.empty() ? "of the robot" : "of robot " + r.placed->name;
-  if (outside) {
-    joints.output(x + "q", r.q, "rad",
-                  "link-side joint position " + of + " at the end of the step, input of the drive train's (2c)");
-    joints.output(x + "dq", r.dq, "rad/s", "link-side joint speed");
-  } else {
-    joints.input(x + "q", r.q, "rad", "link-side joint position " + of + ", output of the drive train's (2a)").essential();
-    joints.input(x + "dq", r.dq, "rad/s", "link-side joint speed, the derivative of q");
-  }
-  const bool torque = actuation_ == Actuation::kTorque;
-  if (torque) {
-    joints.input(x + "tau_J", r.tau_J, "N.m", "joint torque of (2a) that drives the links").essential();
-    auto dtheta = joints.input(x + "dtheta", r.dtheta, "rad/s",
-                               "motor speed behind the gear; tau_J changes with it by (2c) within the step");
-    if (std::any_of(r.K.begin(), r.K.end(), [](double K) { return K > 0; })) dtheta.essential();
-  }
-  joints.output(x + "tau_e", r.tau_e, "N.m", "external joint torque J^T F of the contacts in (2a), mean over the step")
-      .discrete();
-  joints.output(x + "q_link", r.q_link, "rad",
-                "joint position of the links in the world at the end of the step, for either value of link");
-  joints.output(x + "dq_link", r.dq_link, "rad/s", "joint speed of the links in the world");
-  joints.output(x + "ddq_link", r.ddq, "rad/s2", "mean joint acceleration of the links over the step");
-  v.output(x + "f_c", r.f_c, "N", "sum of the contact forces on the links, in W, mean over the step").discrete();
-  v.parameter(x + "base_p0", r.base_p0, "m", "position of the base in W at the start");
-  v.parameter(x + "base_quat0", r.base_quat0, "1", "orientation of the base in W at the start, unit quaternion (w, x, y, z)");
-  auto q0 = joints.parameter(x + "q0", r.q0, "rad", "joint position at the start; link=outside");
-  if (outside) q0.essential();
-  joints.parameter(x + "dq0", r.dq0, "rad/s", "joint speed at the start; link=outside");
-  if (torque) {
-    joints
-        .parameter(x + "K", r.K, "N.m/rad",
-                   "joint stiffness of (2c) for the change of tau_J within a step; 0: tau_J is constant")
-        .range(0, 1e9);
-    joints.parameter(x + "D", r.D, "N.m.s/rad", "joint damping of the gear for the change of tau_J within a step")
-        .range(0, 1e9);
-  }
-  if (torque && !outside) {
-    joints
-        .parameter(x + "B", r.B, "kg.m2",
-                   "motor inertia behind the gear if the drive train's transmission is rigid; 0: elastic transmission")
-        .range(0, 1e9);
-  }
-  joints.state(x + "dq_before", r.dq_before, "rad/s", "link=inside: dq at the start of the last step");
-  v.output(x + "base_f_c", r.base_f_c, "N", "sum of the contact forces on the base, in W, mean over the step").discrete();
-  v.output(x + "base_m_c", r.base_m_c, "N.m", "their moment about the base's origin, in W").discrete();
-  if (!floating_) return;
-  if (!outside) {
-    v.input(x + "base_p", r.base_p, "m", "position of the floating base in W").essential();
-    v.input(x + "base_quat", r.base_quat, "1", "its orientation in W, unit quaternion (w, x, y, z)").essential();
-    v.input(x + "base_v", r.base_v, "m/s", "velocity of its origin in W");
-    v.input(x + "base_w", r.base_w, "rad/s", "its angular velocity in W");
-    v.output(x + "base_f", r.base_f, "N", "sum of the contact forces on base and links, in W, mean over the step").discrete();
-    v.output(x + "base_m", r.base_m, "N.m", "their moment about the base's origin, in W").discrete();
-    return;
-  }
-  v.output(x + "base_p", r.base_p, "m", "position of the floating base in W");
-  v.output(x + "base_quat", r.base_quat, "1", "its orientation in W, unit quaternion (w, x, y, z)");
-  v.output(x + "base_v", r.base_v, "m/s", "velocity of its origin in W");
-  v.output(x + "base_w", r.base_w, "rad/s", "its angular velocity in W");
-}
-
-void ContactWorld::declare_body(Variables& v, Body& b) {
-  const std::string& x = b.prefix;
-  v.parameter(x + "p0", b.p0, "m", "position of body " + b.name + " in W at the start");
-  v.parameter(x + "quat0", b.quat0, "1", "orientation of body " + b.name + " in W at the start, unit quaternion (w, x, y, z)");
-  v.output(x + "f_c", b.f_c, "N", "sum of the contact forces on the body, in W, mean over the step").discrete();
-  v.output(x + "m_c", b.m_c, "N.m", "their moment about the body's origin, in W").discrete();
-  if (b.motion == scene::Motion::kStatic) return;
-  if (b.motion == scene::Motion::kDynamic) {
-    v.input(x + "f", b.f, "N", "external force on the body at its origin, in W");
-    v.input(x + "m", b.m, "N.m", "external moment on the body, in W");
-  } else {
-    v.input(x + "v_d", b.v_d, "m/s", "prescribed velocity of the body's origin, in W");
-    v.input(x + "w_d", b.w_d, "rad/s", "prescribed angular velocity of the body, in W");
-  }
-  v.output(x + "p", b.p, "m", "position of the body in W");
-  v.output(x + "quat", b.quat, "1", "orientation of the body in W, unit quaternion (w, x, y, z) with w >= 0");
-  v.output(x + "v", b.v, "m/s", "velocity of the body's origin, in W");
-  v.output(x + "w", b.w, "rad/s", "angular velocity of the body, in W");
-}
-
-void ContactWorld::declare(Variables& v) {
-  for (const auto& robot : robots_) declare_robot(v, *robot);
-  for (const auto& body : bodies_) declare_body(v, *body);
-  v.output("contacts", contacts_, "contact points in the step");
-  v.output("penetration", penetration_, "m", "deepest interpenetration of two shapes");
-  v.output("force", largest_force_, "N", "largest force at one contact point, mean over the step");
-  v.output("joint_gap", joint_gap_, "m", "largest distance between the two anchors of a joint");
-  v.output("energy", energy_, "J", "kinetic and potential energy of all moving bodies");
-  v.output("iterations", used_iterations_, "sweeps or pivots of the solver in the step");
-  v.output("residual", residual_, "m/s", "largest remaining violation of the complementarity conditions");
-  v.output("degenerate", degenerate_, "redundant or contradicting constraints that were relaxed");
-  v.output("grown", grown_, "number of steps with more contacts than the setting `contacts`, each of which allocated memory");
-  v.parameter("gravity", gravity_, "m/s2", "gravity in W");
-  v.parameter("max_iterations", iterations_, "largest number of sweeps of the solver in a step").range(1, 100000);
-  v.parameter("tolerance", tolerance_, "m/s", "residual below which the sweeps end; 0: always max_iterations").range(0, 1);
-  v.parameter("joint_gap_limit", joint_gap_limit_, "m",
-              "gap of a joint that ends the run with an error, as does a tilt of 0.1 rad; 0: no check")
-      .range(0, 1000);
-  v.parameter("energy_limit", energy_limit_, "1",
-              "energy gained without work that ends the run with an error, as a share of all that was available; 0: no check")
-      .range(0, 1000);
-  if (shown_ > 0) {
-    v.output("contact_p", contact_p_, "m", "position in W of the first `points` contact points, x, y, z of each");
-    v.output("contact_f", contact_f_, "N", "force in W on the second body at each of these points");
-    v.output("contact_gap", contact_gap_, "m", "gap at each of these points; negative: interpenetration");
-    v.output("contact_bodies", contact_bodies_,
-             "the two bodies of each of these points: bodies of the scene from 1, then base and links of each robot; 0: none");
-  }
-  v.state("world", state_, "1", "poses, twists and the solver's warm start");
-  v.state("h_before", h_before_, "s", "duration of the last step; 0: no step yet");
-  v.output("impacts", impacts_, "rounds of impacts with restitution, one after the other");
-  v.output("contact_swing", contact_swing_, "1",
-           "largest h ω of a loaded soft contact, with its spring and the mobility behind it; above 1 `force` misses peaks");
-  v.output("extended", extended_,
-           "islands of contacts at rest that took more than max_iterations sweeps in the step, up to 50 times as many");
-}
-
 void ContactWorld::build() {
   scene::Scene scene = cell_.scene;
   scene.gravity = {gravity_[0], gravity_[1], gravity_[2]};
@@ -310,6 +119,10 @@ void ContactWorld::build() {
     turned.gravity = r.X_WB.R.transpose() * scene.gravity;
     r.mechanism = std::make_unique<robot::Mechanism>(turned);
     r.data = std::make_unique<robot::Data>(*r.mechanism);
+    r.inertias.set_gravity(turned.gravity);
+    r.inertias.restored(*r.mechanism);
+    for (std::size_t i = 0; i < r.parts.bodies.size(); ++i)
+      scene.bodies[r.parts.bodies[i]].inertia = r.inertias.robot().bodies[i].inertia;
     if (outside) continue;
     for (const std::size_t joint : r.parts.joints) {  // limits belong to the drive train
       scene.joints[joint].q_min = -scene::kInfinity;
@@ -388,6 +201,7 @@ void ContactWorld::check_inputs(Time now) const {
 void ContactWorld::initialise(Time start) {
   check_parameters();
   check_inputs(start);
+  for (const auto& robot : robots_) robot->inertias.take(robot->place, *robot->mechanism);
   build();
   for (const auto& robot : robots_) {
     robot->dq_before = robot->dq;
@@ -396,6 +210,13 @@ void ContactWorld::initialise(Time start) {
   h_before_ = 0;
   largest_swing_ = 0;
   write_outputs(0);
+}
+
+/// Brings changed bodies of the robot, such as those with a tool, into force at once.
+void ContactWorld::set_bodies(Robot& r) {
+  if (!r.inertias.follow(r.place, 0, *r.mechanism)) return;
+  for (std::size_t i = 0; i < r.parts.bodies.size(); ++i)
+    world_->set_body(r.parts.bodies[i], r.inertias.robot().bodies[i].inertia);
 }
 
 /// Sets the links to the drive train's q, q̇ at the start of the step. The world then predicts their motion by (1) under τ_J and
@@ -467,6 +288,7 @@ StepResult ContactWorld::step(Time now, Duration duration) {
   check_inputs(now);
   const double h = duration.seconds();
   for (const auto& robot : robots_) {
+    set_bodies(*robot);
     if (robot->link == Link::kInside) {
       set_links(*robot, h);
     } else {
@@ -600,6 +422,12 @@ void ContactWorld::tell(std::vector<std::string>& notes) const {
 
 void ContactWorld::restored() {
   if (layout() != built_from_) build();
+  for (const auto& robot : robots_) {
+    Robot& r = *robot;
+    r.inertias.restored(*r.mechanism);
+    for (std::size_t i = 0; i < r.parts.bodies.size(); ++i)
+      world_->set_body(r.parts.bodies[i], r.inertias.robot().bodies[i].inertia);
+  }
   world_->restore(state_);
 }
 

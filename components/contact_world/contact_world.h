@@ -58,6 +58,7 @@ class ContactWorld final : public Unit {
   std::vector<double> layout() const;
   void check_parameters() const;
   void check_inputs(Time now) const;
+  void set_bodies(Robot& robot);
   void set_links(Robot& robot, double h);
   void apply_last_torque(Robot& robot);
   void drive(Robot& robot, double h);

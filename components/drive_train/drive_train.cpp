@@ -119,7 +119,8 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
       drives_(static_cast<std::size_t>(for_each_tunable(n_, [](auto, std::ptrdiff_t) {}))),
       x_(5 * n_),
       x_before_step_(5 * n_),
-      modes_before_step_(n_) {
+      modes_before_step_(n_),
+      at_start_(n_) {
   for (auto* v : {&q0_, &dq0_, &tau_m_, &dtau_m_, &tau_e_, &dtau_e_, &q_in_, &dq_in_, &tau_m_before_, &tau_e_before_,
                   &q_before_, &dq_before_, &ddq_, &tau_J_, &tau_f_}) {
     v->resize(n_);
@@ -212,12 +213,20 @@ void DriveTrain::declare(Variables& v) {
   v.output("forced_steps", forced_steps_, "steps since the start in which max_substeps forced sub-steps against the tolerance");
   v.output("worst_error", worst_error_, "1", "largest error_estimate since the start");
   if (equations_.floating()) equations_.floating()->declare(v);
-  if (!with_terms_) return;
-  joints.output("tau_inertia", terms_.inertia, "N.m", "M ddq of (2a)");
-  joints.output("tau_coriolis", terms_.coriolis, "N.m", "C dq of (2a): Coriolis and centrifugal torques");
-  joints.output("tau_gravity", terms_.gravity, "N.m", "g of (2a)");
-  joints.output("tau_link", terms_.link, "N.m",
-                "friction, springs and stops of the link; the four terms together are tau_J + tau_e");
+  if (equations_.inside() && !uses_sundials()) {
+    v.tunable("tool_changes", tool_changes_, "1",
+              "number of tools attached or detached so far: when it changes, the bodies in force take the tunables at once");
+    v.state("tool_changes_seen", tool_changes_seen_, "1", "tool_changes at the last step");
+    v.output("energy_bodies", energy_bodies_, "J",
+             "kinetic and potential energy that changes of the bodies have brought since the start, at constant speeds");
+  }
+  if (with_terms_) {
+    joints.output("tau_inertia", terms_.inertia, "N.m", "M ddq of (2a)");
+    joints.output("tau_coriolis", terms_.coriolis, "N.m", "C dq of (2a): Coriolis and centrifugal torques");
+    joints.output("tau_gravity", terms_.gravity, "N.m", "g of (2a)");
+    joints.output("tau_link", terms_.link, "N.m",
+                  "friction, springs and stops of the link; the four terms together are tau_J + tau_e");
+  }
 }
 
 void DriveTrain::check_inputs(Time now) const {
@@ -268,6 +277,25 @@ bool DriveTrain::follow_drives(double remaining) {
   return true;
 }
 
+double DriveTrain::energy_of_links() {
+  equations_.evaluate(x_.data(), at_start_);
+  const Energies e = equations_.energies(x_.data(), at_start_);
+  return e.kinetic + e.potential;
+}
+
+/// The same for the bodies, which take a changed tool at once: a tool moves with its link when it is mounted and when it is
+/// removed, so speeds stay and its energy and momentum come or go with it.
+bool DriveTrain::follow_bodies(double remaining) {
+  const bool at_once = tool_changes_ != tool_changes_seen_;
+  tool_changes_seen_ = tool_changes_;
+  if (!equations_.bodies().pending()) return false;
+  const double before = energy_of_links();
+  equations_.follow_bodies(place_, at_once ? 0 : remaining);
+  if (equations_.floating()) equations_.floating()->take_velocity(x_.data(), x_.data() + n_);
+  energy_bodies_ += energy_of_links() - before;
+  return true;
+}
+
 /// Writes the tunables in force to the state `drives`.
 void DriveTrain::write_drives() {
   for_each_tunable(n_, [this](auto values, std::ptrdiff_t offset) {
@@ -293,6 +321,8 @@ void DriveTrain::initialise(Time start) {
     equations_.take_bodies(place_);
     bodies_before_step_ = equations_.bodies().in_force;
   }
+  tool_changes_seen_ = tool_changes_;
+  energy_bodies_ = 0;
   integrator_.forget();
   equations_.modes().clear();
   std::fill(x_.begin(), x_.end(), 0.0);
@@ -375,14 +405,14 @@ StepResult DriveTrain::step(Time now, Duration duration) {
   check_inputs(now);
   const double h = duration.seconds();
   take_course(h);
+  const double tool_changes_before = tool_changes_seen_, energy_bodies_before = energy_bodies_;
   const bool follows = !uses_sundials(), with_bodies = follows && equations_.inside();
   if (with_bodies) bodies_before_step_ = equations_.bodies().in_force;
   if (follows) {
     const double remaining = transition_ > 0 ? std::exp(-h / transition_) : 0.0;
     drives_before_step_ = drives_;
     const bool drives_change = follow_drives(remaining);
-    const bool bodies_change = with_bodies && equations_.follow_bodies(place_, remaining);
-    if (bodies_change && equations_.floating()) equations_.floating()->take_velocity(x_.data(), x_.data() + n_);
+    const bool bodies_change = with_bodies && follow_bodies(remaining);
     if (drives_change || bodies_change) integrator_.forget();
   }
   if (equations_.floating()) {
@@ -403,6 +433,8 @@ StepResult DriveTrain::step(Time now, Duration duration) {
     proposal_ = proposal_before;
     if (with_bodies) {
       equations_.bodies().in_force = bodies_before_step_;
+      tool_changes_seen_ = tool_changes_before;
+      energy_bodies_ = energy_bodies_before;
       equations_.restored_bodies();
       if (equations_.floating()) equations_.floating()->take_velocity(x_.data(), x_.data() + n_);
     }

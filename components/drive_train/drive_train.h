@@ -52,6 +52,8 @@ class DriveTrain final : public Unit {
   void free_passive_joints();
   void take_drives();
   bool follow_drives(double remaining);
+  bool follow_bodies(double remaining);
+  double energy_of_links();
   void write_drives();
   void adopt_drives();
   void check_inputs(Time now) const;
@@ -80,6 +82,9 @@ class DriveTrain final : public Unit {
   std::vector<double> x_, x_before_step_;  // (q | q̇ | θ | θ̇ | z)
   Modes modes_before_step_;
   std::vector<double> bodies_before_step_;
+  double tool_changes_ = 0, tool_changes_seen_ = 0;
+  double energy_bodies_ = 0;
+  Point at_start_;  // of a step in which bodies change
   double proposal_ = 0;
   double transition_ = 0.5;
 

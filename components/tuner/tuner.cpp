@@ -66,6 +66,16 @@ Tuner::Tuner(Settings& settings) : prior_(settings.robot()), n_(static_cast<std:
   mass_.resize(prior_.bodies.size());
   first_moment_.resize(3 * prior_.bodies.size());
   inertia_.resize(6 * prior_.bodies.size());
+  tool_mass_.assign(mass_.size(), 0.0);
+  tool_first_moment_.assign(first_moment_.size(), 0.0);
+  tool_inertia_.assign(inertia_.size(), 0.0);
+  estimate_.assign(10 * mass_.size(), 0.0);
+  tools_.assign(10 * mass_.size(), 0.0);
+  tool_robot_ = prior_;
+  for (robot::Body& body : tool_robot_.bodies) body.inertia = {};
+  tool_mechanism_ = std::make_unique<robot::Mechanism>(tool_robot_);
+  tool_data_ = std::make_unique<robot::Data>(*tool_mechanism_);
+  tool_tau_.setZero(prior_.n());
   least_B_ = identification::least_motor_inertia(prior_);
   std::fill(v_S_.begin(), v_S_.end(), identification::JointDrive{}.v_S);
   std::fill(v_R_.begin(), v_R_.end(), model_.v_R);
@@ -133,6 +143,14 @@ void Tuner::declare(Variables& v) {
   v.state("estimation_start", estimation_start_, "s", "time at which it started");
   v.state("due", due_, "s", "time at which its estimate is due");
   v.state("overdue", overdue_, "whether its estimate is late");
+  v.tunable("tool_mass", tool_mass_, "kg", "mass that known tools add to each body");
+  v.tunable("tool_first_moment", tool_first_moment_, "kg.m", "the same of the first moment, body after body");
+  v.tunable("tool_inertia", tool_inertia_, "kg.m2", "the same of the inertia about the origin of the body's frame");
+  v.tunable("restart", restart_, "1", "changes when the robot has changed in an unknown way: earlier samples are dropped");
+  v.state("estimate", estimate_, "1", "the ten inertial parameters of body after body without tools");
+  v.state("tools", tools_, "1", "the same of the tools in force");
+  v.state("restarted", restarted_, "1", "restart at the last step");
+  v.state("outdated", outdated_, "whether the running estimation is of samples that were dropped");
 }
 
 /// Makes whatever depends on parameters, where they have changed.
@@ -163,6 +181,8 @@ void Tuner::initialise(Time start) {
   prepare();
   worker_->reset(prior_);
   data_->clear();
+  restarted_ = restart_;
+  outdated_ = false;
   free_passive_joints();
   gap_ = !(all_finite(q_) && all_finite(dq_) && all_finite(tau_));
   std::ranges::fill(filter_.state(), 0.0);
@@ -171,10 +191,12 @@ void Tuner::initialise(Time start) {
 
   for (std::size_t i = 0; i < prior_.bodies.size(); ++i) {
     const auto pi = prior_.bodies[i].inertia.parameters();
-    mass_[i] = pi[0];
-    std::copy_n(pi.data() + 1, 3, first_moment_.data() + 3 * i);
-    std::copy_n(pi.data() + 4, 6, inertia_.data() + 6 * i);
+    std::copy_n(pi.data(), 10, estimate_.data() + 10 * i);
   }
+  std::ranges::fill(tools_, 0.0);
+  take_tools();
+  follow_tools();
+  write_bodies();
   for (Values* v : {&tau_C_, &tau_S_, &sigma2_, &tau_0_, &rms_, &rms_prior_, &rms_floor_}) std::fill(v->begin(), v->end(), 0.0);
   for (std::size_t i = 0; i < n_; ++i)
     B_[i] = model_.motor_inertia && !prior_.joints[i].passive ? 1.0
@@ -188,9 +210,64 @@ void Tuner::initialise(Time start) {
   for (std::string* text : {&warning_, &log_}) text->clear();
 }
 
+/// Makes the mechanism of the tools in force.
+void Tuner::take_tools() {
+  has_tools_ = false;
+  for (std::size_t i = 0; i < tool_robot_.bodies.size(); ++i) {
+    const Eigen::Map<const Eigen::Matrix<double, 10, 1>> pi(tools_.data() + 10 * i);
+    if (!pi.allFinite())
+      throw Error("tool_mass[" + std::to_string(i + 1) + "]", "with tool_first_moment and tool_inertia: a value is not finite");
+    tool_robot_.bodies[i].inertia = pi[0] != 0 ? Inertia::from_parameters(pi) : Inertia{};
+    has_tools_ = has_tools_ || pi[0] != 0;
+  }
+  const auto passive = std::ranges::find_if(prior_.joints, &robot::Joint::passive);
+  if (has_tools_ && passive != prior_.joints.end())
+    throw Error("tool_mass", "a known tool on a robot with the passive joint '" + passive->name +
+                                 "', whose torque is taken as 0 without one: expected no passive joints or an unknown tool");
+  tool_mechanism_->update(tool_robot_);
+}
+
+/// Takes changed tools, and drops all samples if a tool is unknown. Returns whether anything changed.
+bool Tuner::follow_tools() {
+  const bool restarts = restart_ != restarted_;
+  restarted_ = restart_;
+  if (restarts) {
+    data_->clear();
+    samples_ = 0;
+    outdated_ = estimating_;
+  }
+  bool changed = false;
+  for (std::size_t i = 0; i < tool_mass_.size(); ++i) {
+    double* const pi = tools_.data() + 10 * i;
+    const auto take = [&](double& now, double wanted) {
+      changed = changed || now != wanted;
+      now = wanted;
+    };
+    take(pi[0], tool_mass_[i]);
+    for (std::size_t k = 0; k < 3; ++k) take(pi[1 + k], tool_first_moment_[3 * i + k]);
+    for (std::size_t k = 0; k < 6; ++k) take(pi[4 + k], tool_inertia_[6 * i + k]);
+  }
+  if (changed) {
+    take_tools();
+    write_bodies();
+  }
+  return changed || restarts;
+}
+
+/// Writes the outputs of the bodies: the estimate with the tools.
+void Tuner::write_bodies() {
+  for (std::size_t i = 0; i < mass_.size(); ++i) {
+    const double *pi = estimate_.data() + 10 * i, *tool = tools_.data() + 10 * i;
+    mass_[i] = pi[0] + tool[0];
+    for (std::size_t k = 0; k < 3; ++k) first_moment_[3 * i + k] = pi[1 + k] + tool[1 + k];
+    for (std::size_t k = 0; k < 6; ++k) inertia_[6 * i + k] = pi[4 + k] + tool[4 + k];
+  }
+}
+
 /// Filters the inputs and takes a sample if it is time for one. Returns false for inputs that are not finite.
 bool Tuner::gather(double h) {
   free_passive_joints();
+  if (follow_tools()) gathering_ = 0;  // the filter still has the torque before the change
   bool usable = all_finite(q_) && all_finite(dq_) && all_finite(tau_);
   if (usable) {
     if (std::exchange(gap_, false)) {
@@ -214,7 +291,16 @@ bool Tuner::gather(double h) {
     return true;
   }
   countdown_ = decimation_ - 1;
-  data_->add(filter_.q().data(), filter_.dq().data(), filter_.ddq().data(), filter_.tau().data());
+  if (has_tools_) {
+    const auto joint = [&](const auto& v) {
+      return Eigen::Map<const Eigen::VectorXd>(v.data(), static_cast<Eigen::Index>(n_));
+    };
+    robot::inverse_dynamics(*tool_mechanism_, *tool_data_, joint(filter_.q()), joint(filter_.dq()), joint(filter_.ddq()),
+                            tool_tau_);
+    tool_tau_ = joint(filter_.tau()) - tool_tau_;
+  }
+  data_->add(filter_.q().data(), filter_.dq().data(), filter_.ddq().data(),
+             has_tools_ ? tool_tau_.data() : filter_.tau().data());
   increment(samples_);
   return true;
 }
@@ -245,14 +331,12 @@ void Tuner::restore_memory(const std::string& bytes) {
   check_restored();
   prepare();
   filter_.restored();
+  take_tools();
   robot_ = prior_;
   if (tunings_ > 0) {
     identification::Estimate last = identification::estimate_of(prior_);
     for (std::size_t i = 0; i < prior_.bodies.size(); ++i) {
-      double* const pi = last.pi.data() + 10 * i;
-      pi[0] = mass_[i];
-      std::copy_n(first_moment_.data() + 3 * i, 3, pi + 1);
-      std::copy_n(inertia_.data() + 6 * i, 6, pi + 4);
+      std::copy_n(estimate_.data() + 10 * i, 10, last.pi.data() + 10 * i);
     }
     robot_ = identification::with_bodies(prior_, last, log_);
   }
@@ -297,15 +381,15 @@ void Tuner::start_estimation(Time now) {
 
 void Tuner::adopt() {
   Estimation& found = worker_->result();
-  if (!found.failure.empty()) {
+  if (outdated_) {
+    outdated_ = false;  // of samples before an unknown tool
+  } else if (!found.failure.empty()) {
     write(warning_, found.failure);
   } else {
     for (std::size_t i = 0; i < prior_.bodies.size(); ++i) {
-      const double* pi = found.estimate.pi.data() + 10 * i;
-      mass_[i] = pi[0];
-      std::copy_n(pi + 1, 3, first_moment_.data() + 3 * i);
-      std::copy_n(pi + 4, 6, inertia_.data() + 6 * i);
+      std::copy_n(found.estimate.pi.data() + 10 * i, 10, estimate_.data() + 10 * i);
     }
+    write_bodies();
     for (std::size_t i = 0; i < n_; ++i) {
       const identification::JointDrive& drive = found.estimate.drive[i];
       tau_C_[i] = drive.tau_C;

@@ -7,6 +7,7 @@
 #include "components/unit/settings.h"
 #include "components/unit/unit.h"
 #include "models/identification/identification.h"
+#include "models/robot/dynamics.h"
 
 namespace cotwin::tuner {
 
@@ -20,6 +21,11 @@ class Worker;
 /// not depend on the machine. If the thread is not ready by then, the step waits for it (wait=true), or the estimate is adopted
 /// as soon as it is ready and counted in `late` (wait=false, for runs on a clock). The outputs feed the tunables `mass`,
 /// `first_moment`, `inertia` (and friction) of drive train and compliance, which follow them without a jump.
+///
+/// A tool that is attached during the run is known or not. The tunables `tool_mass`, `tool_first_moment`, `tool_inertia` are what
+/// known tools add to the bodies: their torque is subtracted from the measured one, so that earlier samples remain valid, and
+/// they are added to the estimate. After an unknown tool, `restart` changes: the samples and a running estimation are dropped.
+/// Samples then begin again after `settle`.
 ///
 /// A snapshot holds the compressed samples, and those of the estimation that runs (save_memory). An estimate is a function of
 /// the samples, so a restored tuner repeats the estimation and gets the same bits. With wait=false the machine's speed decides
@@ -40,7 +46,7 @@ class Tuner final : public Unit {
   void restore_memory(const std::string& bytes) override;
   bool restorable() const override { return wait_; }
 
-  /// The robot with the last adopted estimate; its history names each estimate. After a restore the history starts with the
+  /// The robot with the last adopted estimate, without known tools; its history names each estimate. After a restore the history starts with the
   /// last estimate before the snapshot.
   const robot::RobotModel& robot() const { return robot_; }
 
@@ -48,6 +54,9 @@ class Tuner final : public Unit {
   using Values = std::vector<double>;
 
   void free_passive_joints();
+  bool follow_tools();
+  void take_tools();
+  void write_bodies();
   void prepare();
   void check_restored();
   bool gather(double h);
@@ -67,6 +76,18 @@ class Tuner final : public Unit {
   double cutoff_ = 10, settle_ = 1, interval_ = 5, latency_ = 1, threshold_ = 0, forgetting_ = 1;  // parameters
   double prior_weight_ = identification::kPriorWeightOfShortData;
   std::int32_t decimation_ = 5, rounds_ = 200, particles_ = 64, seed_ = 1, least_ = 200;
+
+  Values tool_mass_, tool_first_moment_, tool_inertia_;  // tunables
+  double restart_ = 0;
+  Values estimate_;               // 10 per body: the last estimate without tools
+  Values tools_;                  // 10 per body: the tools in force
+  double restarted_ = 0;          // restart_ at the last step
+  bool outdated_ = false;         // the running estimation is of samples that were dropped
+  robot::RobotModel tool_robot_;  // has the tools as its bodies
+  std::unique_ptr<robot::Mechanism> tool_mechanism_;
+  std::unique_ptr<robot::Data> tool_data_;
+  Eigen::VectorXd tool_tau_;
+  bool has_tools_ = false;
 
   Values least_B_;  // kg.m2, least value of the output B
   Values mass_, first_moment_, inertia_, tau_C_, tau_S_, v_S_, v_R_, sigma2_, tau_0_, B_, rms_, rms_prior_,

@@ -59,14 +59,14 @@ Variables::Declared JointVariables::declare(Role role, std::string name, Reals s
   return variables_.state(std::move(name), storage, std::move(measure), std::move(description));
 }
 
-void declare_bodies(Variables& v, robot::BodyParameters& b, bool tunable) {
+void declare_bodies(Variables& v, robot::BodyParameters& b, bool tunable, const std::string& prefix) {
   const auto declare = [&](const char* name, std::vector<double>& values, const char* si, const char* description) {
-    return tunable ? v.tunable(name, values, si, description) : v.parameter(name, values, si, description);
+    return tunable ? v.tunable(prefix + name, values, si, description) : v.parameter(prefix + name, values, si, description);
   };
   declare("mass", b.mass, "kg", "mass of each body of the robot, as its model has it at the start");
   declare("first_moment", b.first_moment, "kg.m", "mass times centre of mass of body after body, in its frame (x, y, z)");
   declare("inertia", b.inertia, "kg.m2", "inertia of body after body about its frame's origin: xx, xy, xz, yy, yz, zz");
-  v.state("bodies", b.in_force, "1", "the ten inertial parameters in force of body after body");
+  v.state(prefix + "bodies", b.in_force, "1", "the ten inertial parameters in force of body after body");
 }
 
 }  // namespace cotwin

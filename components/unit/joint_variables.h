@@ -79,6 +79,7 @@ class JointVariables {
 
 /// Declares the inertial parameters of a robot's bodies, as tunables or as fixed parameters, and the state `bodies` of those in
 /// force.
-void declare_bodies(Variables& variables, robot::BodyParameters& bodies, bool tunable);
+/// `prefix`: of the names, for one of several robots.
+void declare_bodies(Variables& variables, robot::BodyParameters& bodies, bool tunable, const std::string& prefix = "");
 
 }  // namespace cotwin

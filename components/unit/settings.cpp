@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "models/robot/robot_model.h"
+#include "models/scene/cell.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -212,6 +214,13 @@ void Settings::check_all_used() const {
                                      (others.empty() ? "the defaults of the other settings" : others) +
                                      ", expected it to be left out");
   }
+}
+
+std::vector<std::shared_ptr<const robot::RobotModel>> Settings::robots_used() const {
+  if (!cell_) return robot_ ? std::vector{robot_} : std::vector<std::shared_ptr<const robot::RobotModel>>{};
+  std::vector<std::shared_ptr<const robot::RobotModel>> robots;
+  for (const scene::PlacedRobot& placed : cell_->robots) robots.emplace_back(cell_, &placed.model);
+  return robots;
 }
 
 }  // namespace cotwin

@@ -71,6 +71,9 @@ class Settings {
   const std::shared_ptr<const scene::Cell>& cell_used() const { return cell_; }
   void set_cell(std::shared_ptr<const scene::Cell> cell) { cell_ = std::move(cell); }
 
+  /// The robots of the last cell(), or else the robot of the last robot().
+  std::vector<std::shared_ptr<const robot::RobotModel>> robots_used() const;
+
   /// The URDF file of the robot in the setting `key`: a path, or the name of a robot, whose robots/<name>/robot.urdf is
   /// searched. Throws Error that lists the searched places.
   std::filesystem::path robot_file(const std::string& key = "robot");

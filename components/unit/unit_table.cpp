@@ -69,6 +69,7 @@ Instance make_unit(Settings& settings, std::span<const UnitType> types) {
     for (const ParameterValue& value : set.values) instance.given.push_back(value.name);
   }
   instance.warnings = settings.warnings();
+  instance.robots = settings.robots_used();
   return instance;
 }
 

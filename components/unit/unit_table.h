@@ -44,6 +44,7 @@ struct Instance {
   Variables variables;
   std::vector<std::string> warnings;
   std::vector<std::string> given;  // names of the variables whose start values a file beside the robot gives
+  std::vector<std::shared_ptr<const robot::RobotModel>> robots;  // Settings::robots_used()
 };
 
 /// Makes the unit of `source`, "unit:drive_train?robot=lwr4": constructs it, declares its variables and writes the start values

@@ -12,6 +12,7 @@
 #include "master/run/recorder.h"
 #include "master/run/schedule.h"
 #include "master/run/statistics.h"
+#include "master/run/tools.h"
 #include "master/run/wiring.h"
 #include "models/support/choice.h"
 #include "models/support/error.h"
@@ -47,6 +48,7 @@ class Checker {
     attempt([&] { (void)Schedule(scenario, members_, arrange_as_given(members_)); });
     check_connections(scenario);
     Events(scenario, members_, fed_, [&](const Error& error) { add(error.what()); });
+    Tools(scenario, members_, fed_, [&](const Error& error) { add(error.what()); });
     each(scenario, &Scenario::recording, [&](const Scenario& one) { (void)choose_columns(one, members_); });
     const auto statistics = [&](const Scenario& one) { Statistics(one, members_, {}); };
     each(scenario, &Scenario::reports, statistics);
@@ -198,6 +200,12 @@ void write_info(std::ostream& out, const Scenario& scenario) {
   }
   for (const EventSpec& e : scenario.events) {
     out << "  event       " << seconds(e.time.ns) << " s  " << e.variable << " = " << e.value << '\n';
+  }
+  for (const ToolSpec& tool : scenario.tools) {
+    out << "  event       " << seconds(tool.time.ns) << " s  " << (tool.attach ? "attach " : "detach ") << tool.name;
+    if (tool.attach)
+      out << " to " << tool.parent << ", " << text::to_text(tool.mass) << " kg" << (tool.known ? "" : ", not known");
+    out << '\n';
   }
 }
 

@@ -110,6 +110,15 @@ std::vector<std::string> candidates(const CLI::App& app, const std::string& line
   const auto named =
       std::find_if(commands.begin(), commands.end(), [&](const CLI::App* c) { return c->get_name() == words[1]; });
   if (named == commands.end()) return found;
+  const CLI::App* command = *named;
+  if (const auto parts = command->get_subcommands([](const CLI::App*) { return true; }); !parts.empty()) {
+    if (words.size() == 3) {
+      for (const CLI::App* part : parts) found.push_back(part->get_name());
+      return found;
+    }
+    const auto part = std::find_if(parts.begin(), parts.end(), [&](const CLI::App* p) { return p->get_name() == words[2]; });
+    if (part != parts.end()) command = *part;
+  }
   if (words[words.size() - 2] == "--set") {
     const auto file = std::find_if(words.begin() + 2, words.end() - 2, [](const std::string& w) {
       std::error_code none;
@@ -118,7 +127,7 @@ std::vector<std::string> candidates(const CLI::App& app, const std::string& line
     return file == words.end() - 2 ? found : assignments(*file);
   }
   if (word.rfind('-', 0) == 0) {
-    for (const CLI::Option* option : (*named)->get_options()) {
+    for (const CLI::Option* option : command->get_options()) {
       for (const std::string& name : option->get_lnames()) found.push_back("--" + name);
     }
   } else if (words[1] == "describe" || (words[1] == "pack" && word.rfind("unit:", 0) == 0)) {

@@ -22,6 +22,7 @@
 #include "master/run/checkpoint.h"
 #include "master/run/identity.h"
 #include "master/run/master.h"
+#include "models/robot/history.h"
 #include "models/robot/kernels/kernels.h"
 #include "models/support/atomic_file.h"
 #include "models/support/choice.h"
@@ -79,10 +80,11 @@ class Progress {
 
 constexpr const char* kRecord = "run.json";
 constexpr const char* kCheckpoint = "run.checkpoint";
+constexpr const char* kHistory = "history.json";
 
 struct RunArguments {
   fs::path file, out, resume;
-  std::vector<std::string> set, record;
+  std::vector<std::string> set, record, attach, detach;
   std::string json;
   std::optional<double> stop;
   bool real_time = false, quiet = false, overwrite = false;
@@ -104,6 +106,8 @@ std::string options_of(const RunArguments& a) {
   j["file"] = a.file.string();
   j["set"] = a.set;
   j["record"] = a.record;
+  j["attach"] = a.attach;
+  j["detach"] = a.detach;
   if (a.stop) j["stop"] = *a.stop;
   if (a.coupling) j["coupling"] = text::word_of(*a.coupling, kCouplingWords);
   j["real_time"] = a.real_time;
@@ -117,6 +121,8 @@ void read_options(const std::string& text, const std::string& place, RunArgument
     a.file = j.at("file").get<std::string>();
     a.set = j.at("set").get<std::vector<std::string>>();
     a.record = j.at("record").get<std::vector<std::string>>();
+    a.attach = j.at("attach").get<std::vector<std::string>>();
+    a.detach = j.at("detach").get<std::vector<std::string>>();
     if (j.contains("stop")) a.stop = j["stop"].get<double>();
     if (j.contains("coupling")) a.coupling = text::choose(place, j["coupling"].get<std::string>(), kCouplingWords);
     a.real_time = j.at("real_time").get<bool>();
@@ -128,6 +134,8 @@ void read_options(const std::string& text, const std::string& place, RunArgument
 Scenario read_scenario(const RunArguments& arguments) {
   Scenario scenario = load_scenario(arguments.file);
   for (const std::string& assignment : arguments.set) assign(scenario, assignment, units());
+  for (const std::string& tool : arguments.detach) add_tool_event(scenario, false, tool);
+  for (const std::string& tool : arguments.attach) add_tool_event(scenario, true, tool);
   if (arguments.stop) {
     constexpr double kMaxSeconds = 9e9;  // 2^63 ns is 9.22e9 s
     if (!(std::abs(*arguments.stop) <= kMaxSeconds))
@@ -293,9 +301,11 @@ int run_scenario(RunArguments arguments) {
   options.before_results = [&] {
     note_signals();
     results.open();
-    const std::array<std::string, 4> names = {"signals.csv", "signals.csv.part", kRecord, kCheckpoint};
+    const std::array<std::string, 5> names = {"signals.csv", "signals.csv.part", kRecord, kCheckpoint, kHistory};
     if (!earlier && !arguments.overwrite) kept = results.keep_earlier(names);
-    if (!earlier && arguments.overwrite) fs::remove(out / kCheckpoint);
+    if (!earlier && arguments.overwrite) {
+      for (const char* name : {kCheckpoint, kHistory}) fs::remove(out / name);
+    }
     RunRecord::Given given{out / kRecord, build, hash, arguments.set, {}, {}};
     if (!master->columns().empty()) given.results = out / "signals.csv";
     if (earlier) given.resumed_at = master->now().seconds();
@@ -326,6 +336,13 @@ int run_scenario(RunArguments arguments) {
   if (outcome.state == Outcome::State::kDone) {
     std::error_code none;
     fs::remove(out / kCheckpoint, none);
+  }
+  if (const std::vector<robot::RobotHistory> histories = master->histories(); !histories.empty()) {
+    try {
+      write_file(out / kHistory, robot::to_json(histories));
+    } catch (const Error& error) {
+      summary.warnings.push_back(std::string("no history of the tools: ") + error.what());
+    }
   }
   record->close(summary, outcome);
   const int code = report(arguments, summary, outcome, warnings);
@@ -377,6 +394,16 @@ void add_run(CLI::App& app, Chosen& chosen) {
       ->add_option("--record", arguments.record,
                    "Variables to record in place of the scenario's, e.g. 'drive.*'; may be repeated")
       ->type_name("GLOB")
+      ->allow_extra_args(false);
+  run_command
+      ->add_option(
+          "--attach", arguments.attach,
+          "Mount a tool, e.g. 'gripper,parent=link_7,mass=0.8,com=0 0 0.05,inertia=1e-3 0 0 1e-3 0 1e-3@3'; the items are "
+          "those of an attach event (docs/scenario.md); may be repeated")
+      ->type_name("NAME,ITEM=VALUE@TIME")
+      ->allow_extra_args(false);
+  run_command->add_option("--detach", arguments.detach, "Remove a tool, e.g. 'gripper@5'; may be repeated")
+      ->type_name("NAME@TIME")
       ->allow_extra_args(false);
   run_command
       ->add_option("--checkpoint", arguments.checkpoint,
@@ -444,12 +471,13 @@ void add_run(CLI::App& app, Chosen& chosen) {
   of_fmu.push_back(run_command->add_flag("--set-stop-time", fmu.set_stop_time, "Pass the stop time to the FMU")->group(group));
 
   std::vector<CLI::Option*> of_scenario;
-  for (const char* name :
-       {"--set", "--out", "--record", "--threads", "--real-time", "--coupling", "--checkpoint", "--overwrite"}) {
+  for (const char* name : {"--set", "--out", "--record", "--attach", "--detach", "--threads", "--real-time", "--coupling",
+                           "--checkpoint", "--overwrite"}) {
     of_scenario.push_back(run_command->get_option(name));
   }
   std::vector<CLI::Option*> decided = of_fmu;
-  for (const char* name : {"FILE", "--stop", "--set", "--out", "--record", "--real-time", "--coupling", "--overwrite"})
+  for (const char* name :
+       {"FILE", "--stop", "--set", "--out", "--record", "--attach", "--detach", "--real-time", "--coupling", "--overwrite"})
     decided.push_back(run_command->get_option(name));
   run_command->callback([all, of_fmu, of_scenario, decided, &chosen] {
     chosen = [all, of_fmu, of_scenario, decided] {

@@ -68,10 +68,12 @@ Engine::Engine(const Scenario& scenario, std::span<Member> members, int threads,
       wiring(links, schedule, arrange_as_given(members).group_of),
       events(scenario, members, fed_signals(links)),
       bonds(scenario, members),
+      tools(scenario, members, fed_signals(links)),
       scenario_(scenario),
       members_(members),
       threads_(threads),
       always_threads_(always_threads) {
+  if (!tools.jumps().empty()) events.add(tools.jumps());
   arrange(arrange_as_given(members));
 }
 
@@ -141,6 +143,8 @@ Initialisation Engine::initialise(Time start) {
   const auto begin = Clock::now();
   for (int i = 1; i < kReadings; ++i) (void)Clock::now();
   clock_seconds_ = seconds_between(begin, Clock::now()) / kReadings;
+  tools.plan();
+  events.retarget(tools.jumps());
   Initialisation result = initialise_units(members_, schedule, links, wiring, start);
   choose_groups(result);
   for (Slot& slot : schedule.slots) slot.time = start;
@@ -381,6 +385,7 @@ std::size_t Engine::step_in_parts() {
 /// A tick, or a part of one: the loop body of "One master step" in docs/architecture.md.
 std::size_t Engine::step_part(Time begin, Time end) {
   events.apply(begin, end - begin);
+  tools.check_load(begin);
   for (StageRun& stage : stages_) {
     exchange(stage);
     const std::size_t discarded_by = stage.solver == nullptr ? step_stage(stage) : solve(stage, begin, end);

@@ -16,6 +16,7 @@
 #include "master/run/initialisation.h"
 #include "master/run/members.h"
 #include "master/run/schedule.h"
+#include "master/run/tools.h"
 #include "master/run/wiring.h"
 #include "master/run/workers.h"
 #include "models/support/error.h"
@@ -126,6 +127,7 @@ class Engine {
   Wiring wiring;
   Events events;
   Bonds bonds;
+  Tools tools;
 
  private:
   using Clock = std::chrono::steady_clock;

@@ -65,7 +65,27 @@ Events::Events(const Scenario& scenario, std::span<const Member> members, std::s
       report(error);
     }
   }
+  arrange();
+}
+
+void Events::add(std::span<const Jump> jumps) {
+  std::size_t index = 0;
+  for (const Jump& jump : jumps) {
+    changes_.push_back({jump.time, {}, jump.value, nullptr, jump.target, 0});
+    changes_.back().jump = index++;
+  }
+  arrange();
+}
+
+void Events::retarget(std::span<const Jump> jumps) {
+  for (Change& change : changes_) {
+    if (change.jump != kNone) change.target = jumps[change.jump].target;
+  }
+}
+
+void Events::arrange() {
   std::stable_sort(changes_.begin(), changes_.end(), [](const Change& a, const Change& b) { return a.time < b.time; });
+  for (Change& change : changes_) change.before = kNone;
   link_changes();
   find_next_time();
 }

@@ -38,12 +38,23 @@ class Events {
     /// The caller checks the result with is_valid().
     void read(ByteReader& in);
   };
+  /// A jump of one real value, beside the events of the scenario.
+  struct Jump {
+    Time time;
+    double* value = nullptr;
+    double target = 0;
+  };
   using Report = std::function<void(const Error&)>;
 
   /// Throws Error at the event's place for a variable with a connection or of another role, and for a value of another kind or
   /// out of range. With `report`, calls it with each such error instead and leaves the event out.
   Events(const Scenario& scenario, std::span<const Member> members, std::span<const Signal> fed,
          const Report& report = nullptr);
+
+  /// Adds jumps, before the first apply(). At the same time they follow the scenario's events and one another.
+  void add(std::span<const Jump> jumps);
+  /// Replaces the targets of the jumps, which must be as many as were added and in the same order.
+  void retarget(std::span<const Jump> jumps);
 
   /// Call at the beginning of every step. `h`: its length.
   void apply(Time now, Duration h) {
@@ -69,6 +80,7 @@ class Events {
     double target = 0;
     std::size_t other = 0;       // into others_
     std::size_t before = kNone;  // the previous change of the same value
+    std::size_t jump = kNone;    // of those of add()
   };
   struct Other {
     Variable variable;  // with storage for the changing elements only
@@ -80,6 +92,7 @@ class Events {
   static constexpr std::size_t kNone = static_cast<std::size_t>(-1);
 
   void add(const EventSpec& spec, const Signal& signal);
+  void arrange();
   void link_changes();
   void find_next_time();
   void apply_due(Time now, Duration h);

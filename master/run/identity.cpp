@@ -119,6 +119,23 @@ std::uint64_t hash_of(const Scenario& s) {
     text.add(e.value);
     text.add(e.ramp.ns);
   }
+  for (const ToolSpec& t : s.tools) {
+    text.add(t.time.ns);
+    for (const bool flag : {t.attach, t.known}) text.add(static_cast<std::int64_t>(flag));
+    for (const std::string& word : {t.name, t.parent, t.robot, t.scope}) text.add(word);
+    for (const auto& numbers : {t.xyz, t.rpy, t.com}) {
+      for (const double number : numbers) text.add(number);
+    }
+    text.add(t.mass);
+    for (const double moment : t.inertia) text.add(moment);
+    for (const ToolSpec::Frame& frame : t.frames) {
+      text.add(frame.name);
+      for (const auto& numbers : {frame.xyz, frame.rpy}) {
+        for (const double number : numbers) text.add(number);
+      }
+    }
+    for (const std::string& component : t.components) text.add(component);
+  }
   for (const RecordSpec& r : s.recording) text.add(r.variables);
   for (const ComparisonSpec& c : s.comparisons) {
     for (const std::string& name : {c.name, c.a, c.b}) text.add(name);

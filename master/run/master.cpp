@@ -148,6 +148,7 @@ class Master::Loop {
   void finish();
   Summary summary() const;
   std::vector<std::string> warnings() const;
+  std::vector<robot::RobotHistory> histories() const { return engine_.tools.histories(now()); }
   Time now() const { return engine_.schedule.time(tick_); }
   std::int64_t ticks() const { return engine_.schedule.ticks(); }
 
@@ -407,6 +408,7 @@ std::vector<std::string> Master::Loop::warnings() const {
   for (const Member& member : members_) {
     for (const std::string& warning : warnings_of(member)) add(member.name() + ": " + warning);
   }
+  for (const std::string& warning : engine_.tools.warnings()) add(warning);
   return all;
 }
 
@@ -439,6 +441,7 @@ Summary Master::Loop::summary() const {
     if (const std::int64_t count = control_.discarded_by()[m]; count > 0)
       s.discarded_by.emplace_back(members_[m].name(), count);
   }
+  for (std::string& note : engine_.tools.notes()) s.notes.push_back(std::move(note));
   s.discarded = control_.discarded();
   s.most_parts = control_.most_parts();
   s.mean_parts = control_.mean_parts(tick_);
@@ -497,6 +500,7 @@ const std::string& Master::unsavable() const { return loop_->unsavable(); }
 void Master::save(std::function<void(RunState)> take) { loop_->save(std::move(take)); }
 std::optional<std::uint64_t> Master::sync_recording() const { return loop_->sync_recording(); }
 std::span<const Column> Master::columns() const { return loop_->columns(); }
+std::vector<robot::RobotHistory> Master::histories() const { return loop_->histories(); }
 Summary Master::summary() const { return loop_->summary(); }
 
 }  // namespace cotwin::master

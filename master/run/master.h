@@ -17,6 +17,10 @@
 #include "master/run/statistics.h"
 #include "master/ssp/scenario.h"
 
+namespace cotwin::robot {
+struct RobotHistory;
+}
+
 /// The master: steps the units of a scenario together. As a library it has no globals and no signal handlers, and prints
 /// nothing.
 namespace cotwin::master {
@@ -119,6 +123,8 @@ class Master {
   /// The recorded variables.
   std::span<const Column> columns() const;
   Summary summary() const;
+  /// The robots whose tools have changed so far (Tools::histories).
+  std::vector<robot::RobotHistory> histories() const;
 
  private:
   class Loop;

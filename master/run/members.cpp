@@ -172,6 +172,7 @@ Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::spa
       const FmuSource source = fmu_source(spec, scenario);
       foreign = fmus.open(source.path, source.options);
       member.instance = fmu::load(foreign, source.options);
+      if (!scenario.tools.empty()) member.instance.robots = robots_of_fmu(foreign->folder);
     }
   } catch (const Error& error) {
     fail(spec.place, "component " + in_quotes(spec.name) + ": " + error.what());

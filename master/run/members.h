@@ -97,6 +97,9 @@ struct FmuSource {
 };
 FmuSource fmu_source(const ComponentSpec& spec, const Scenario& scenario);
 
+/// The robots of an unpacked FMU that was made from a unit of this program; none for other FMUs.
+std::vector<std::shared_ptr<const robot::RobotModel>> robots_of_fmu(const std::filesystem::path& folder);
+
 /// Whether the component is a unit of this program; otherwise it is an FMU.
 bool is_unit(const ComponentSpec& spec);
 

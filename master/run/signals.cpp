@@ -2,8 +2,11 @@
 // the code that builds units and loads FMUs.
 #include <algorithm>
 
+#include "components/unit/settings.h"
+#include "fmu/export/package.h"
 #include "master/run/members.h"
 #include "models/support/error.h"
+#include "models/support/file.h"
 #include "models/support/text.h"
 
 namespace cotwin::master {
@@ -18,6 +21,22 @@ std::string suggestion(std::string_view wanted, const std::vector<std::string>& 
 void fail(const std::string& place, const std::string& what) {
   if (place.empty()) throw Error(what);
   throw Error(place, what);
+}
+
+std::vector<std::shared_ptr<const robot::RobotModel>> robots_of_fmu(const std::filesystem::path& folder) {
+  const std::filesystem::path file = folder / "resources" / fmu::kPackageFile;
+  std::error_code none;
+  if (!std::filesystem::is_regular_file(file, none)) return {};
+  constexpr std::uint64_t kLargest = 1'000'000'000;  // bytes
+  try {
+    const fmu::Package package = fmu::deserialise_package(text::read_file(file, "a packed unit", kLargest), file.string());
+    Settings settings(package.unit, package.query, {}, {});
+    settings.set_robot(package.robot);
+    settings.set_cell(package.cell);
+    return settings.robots_used();
+  } catch (const Error&) {
+    return {};  // of another version or not ours: its robot is unknown
+  }
 }
 
 bool is_unit(const ComponentSpec& spec) { return spec.source.rfind("unit:", 0) == 0; }

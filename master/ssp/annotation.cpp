@@ -6,7 +6,10 @@
 #include <utility>
 
 #include "master/ssp/system.h"
+#include "models/robot/tool.h"
+#include "models/robot/urdf_document.h"
 #include "models/support/error.h"
+#include "models/support/parameter_set_xml.h"
 #include "models/support/text.h"
 
 namespace cotwin::master {
@@ -108,7 +111,46 @@ void read_setting(const xml::Element& e, Scenario& scenario) {
   if (!scenario.settings.emplace(name, xml::text(e, "value")).second) throw Error(e.place, "a second setting '" + name + "'");
 }
 
-void read_event(const xml::Element& e, Scenario& scenario, const ComponentIndex& index) {
+template <std::size_t N>
+std::array<double, N> numbers(const xml::Element& e, const char* name) {
+  std::array<double, N> values{};
+  if (xml::find(e, name) == nullptr) return values;
+  std::string list = xml::text(e, name);
+  std::replace_if(
+      list.begin(), list.end(), [](char c) { return c == ',' || c == '\t' || c == '\n' || c == '\r'; }, ' ');
+  std::size_t count = 0;
+  for (const std::string_view item : text::split(list, ' ')) {
+    if (item.empty()) continue;
+    const std::optional<double> value = text::parse_real(item);
+    if (!value || !std::isfinite(*value) || count == N) count = N + 1;
+    if (count < N) values[count++] = *value;
+  }
+  if (count != N)
+    throw Error(e.place, "attribute '" + std::string(name) + "' of '" + e.name + "': '" + xml::text(e, name) + "', expected " +
+                             std::to_string(N) + " finite numbers");
+  return values;
+}
+
+std::array<double, 3> values_of(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+
+/// Reads a tool from its URDF into the numbers of the event.
+void read_tool_file(const std::filesystem::path& file, ToolSpec& tool) {
+  const std::string xml = read_text_file(file, "a URDF");
+  const robot::Attachment part = robot::parse_tool(xml, file.string(), tool.name);
+  tool.has_shapes = xml.find("<collision") != std::string::npos;
+  tool.mass = part.inertia.mass;
+  tool.com = values_of(part.inertia.p_LC);
+  const Eigen::Matrix3d& I = part.inertia.I_CC;
+  tool.inertia = {I(0, 0), I(0, 1), I(0, 2), I(1, 1), I(1, 2), I(2, 2)};
+  for (const robot::PartFrame& frame : part.further)
+    tool.frames.push_back({frame.name, values_of(frame.X_AF.p), values_of(robot::rpy_of(frame.X_AF.R))});
+}
+
+void read_event(const xml::Element& e, const std::filesystem::path& folder, Scenario& scenario, const ComponentIndex& index) {
+  if (xml::find(e, "attach") != nullptr || xml::find(e, "detach") != nullptr) {
+    scenario.tools.push_back(read_tool(e, folder));
+    return;
+  }
   xml::check_attributes(e, {"time", "variable", "value", "ramp"});
   const Duration ramp{xml::find(e, "ramp") != nullptr ? nanoseconds(e, "ramp", 0) : 0};
   scenario.events.push_back({Time{nanoseconds(e, "time", -kMaxSeconds)}, variable(e, "variable", scenario, index),
@@ -185,6 +227,60 @@ void reject_elsewhere(const xml::Element& element, const std::vector<const xml::
 
 }  // namespace
 
+ToolSpec read_tool(const xml::Element& e, const std::filesystem::path& folder) {
+  ToolSpec tool;
+  tool.attach = xml::find(e, "attach") != nullptr;
+  if (tool.attach && xml::find(e, "detach") != nullptr)
+    throw Error(e.place, "attributes 'attach' and 'detach' of 'Event', expected one of the two");
+  const char* const kind = tool.attach ? "attach" : "detach";
+  if (tool.attach) {
+    xml::check_attributes(e, {"time", "attach", "parent", "xyz", "rpy", "file", "mass", "com", "inertia", "known", "robot",
+                              "components", "scope", "reason"});
+    xml::check_children(e, kAnnotationSpace, {"Frame"});
+  } else {
+    xml::check_attributes(e, {"time", "detach", "robot", "components", "scope", "reason"});
+    xml::check_children(e, kAnnotationSpace, {});
+  }
+  tool.place = e.place;
+  tool.time = Time{nanoseconds(e, "time", -kMaxSeconds)};
+  tool.name = xml::text(e, kind);
+  if (tool.name.empty()) throw Error(e.place, std::string(kind) + " without the name of a tool");
+  tool.robot = xml::text(e, "robot", "");
+  tool.scope = xml::text(e, "scope", "");
+  tool.reason = xml::text(e, "reason", "");
+  for (const std::string_view name : text::split(xml::text(e, "components", ""), ' ')) {
+    if (!name.empty()) tool.components.emplace_back(name);
+  }
+  if (tool.attach) {
+    tool.parent = xml::text(e, "parent");
+    tool.known = xml::boolean(e, "known", true);
+    tool.xyz = numbers<3>(e, "xyz");
+    tool.rpy = numbers<3>(e, "rpy");
+    const bool from_file = xml::find(e, "file") != nullptr;
+    for (const char* name : {"mass", "com", "inertia"}) {
+      if (from_file && xml::find(e, name) != nullptr)
+        throw Error(e.place, std::string("attributes 'file' and '") + name + "' of '" + e.name + "', expected one of the two");
+    }
+    if (from_file) {
+      try {
+        read_tool_file(folder / xml::text(e, "file"), tool);
+      } catch (const Error& error) {
+        throw Error(e.place, "tool '" + tool.name + "': " + error.what());
+      }
+    }
+    if (!from_file) {
+      tool.mass = not_negative(e, "mass", 0);
+      tool.com = numbers<3>(e, "com");
+      tool.inertia = numbers<6>(e, "inertia");
+    }
+    for (const xml::Element& frame : e.children) {
+      xml::check_attributes(frame, {"name", "xyz", "rpy"});
+      tool.frames.push_back({xml::text(frame, "name"), numbers<3>(frame, "xyz"), numbers<3>(frame, "rpy")});
+    }
+  }
+  return tool;
+}
+
 const xml::Element* find_annotation(const xml::Element& document) {
   const xml::Element* ours = nullptr;
   for (const xml::Element* holder :
@@ -227,7 +323,7 @@ void read_annotation(const xml::Element& master, Scenario& scenario) {
   for (const xml::Element& c : master.children) {
     if (c.name == "Setting") read_setting(c, scenario);
     if (c.name == "Component") read_component(c, scenario, index, components);
-    if (c.name == "Event") read_event(c, scenario, index);
+    if (c.name == "Event") read_event(c, scenario.folder, scenario, index);
     if (c.name == "Comparison") read_comparison(c, scenario, index);
     if (c.name == "Report") read_report(c, scenario, index);
     if (c.name == "Bond") read_bond(c, scenario, index);
@@ -238,6 +334,8 @@ void read_annotation(const xml::Element& master, Scenario& scenario) {
   }
   std::stable_sort(scenario.events.begin(), scenario.events.end(),
                    [](const EventSpec& a, const EventSpec& b) { return a.time < b.time; });
+  std::stable_sort(scenario.tools.begin(), scenario.tools.end(),
+                   [](const ToolSpec& a, const ToolSpec& b) { return a.time < b.time; });
 }
 
 Scenario read_nested_annotation(const xml::Element& annotation, const std::string& scope, const std::filesystem::path& folder,
@@ -246,6 +344,7 @@ Scenario read_nested_annotation(const xml::Element& annotation, const std::strin
   Scenario nested;
   nested.start = scenario.start;
   nested.stop = scenario.stop;
+  nested.folder = folder;
   std::vector<std::size_t> original;  // of nested.components
   for (std::size_t i = 0; i < scenario.components.size(); ++i) {
     if (scenario.components[i].name.rfind(prefix, 0) != 0) continue;
@@ -272,6 +371,11 @@ Scenario read_nested_annotation(const xml::Element& annotation, const std::strin
   for (EventSpec e : nested.events) {
     e.variable = prefix + e.variable;
     scenario.events.push_back(std::move(e));
+  }
+  for (ToolSpec tool : nested.tools) {
+    tool.scope = tool.scope.empty() ? scope : prefix + tool.scope;
+    for (std::string& component : tool.components) component = prefix + component;
+    scenario.tools.push_back(std::move(tool));
   }
   for (RecordSpec r : nested.recording) {
     r.variables = prefix + r.variables;

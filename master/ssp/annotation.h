@@ -16,6 +16,9 @@ const xml::Element* find_annotation(const xml::Element& document);
 /// components and for values out of range.
 void read_annotation(const xml::Element& annotation, Scenario& scenario);
 
+/// Reads an Event with the attribute `attach` or `detach`. A tool's relative file is looked up in `folder`.
+ToolSpec read_tool(const xml::Element& event, const std::filesystem::path& folder);
+
 /// Reads the annotation of a nested document, which is the component `scope` of the scenario. Its settings of components,
 /// events, recording, comparisons, bonds and reports are added to the scenario, with names that begin with `scope`. Its
 /// settings apply only to its own components. Relative files are looked up in `folder`. Must be called before read_annotation()

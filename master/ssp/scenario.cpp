@@ -129,6 +129,8 @@ Scenario read(std::string_view text, const std::string& place, const std::filesy
   scenario.recording.insert(scenario.recording.end(), recorded.begin(), recorded.end());
   std::stable_sort(scenario.events.begin(), scenario.events.end(),
                    [](const EventSpec& a, const EventSpec& b) { return a.time < b.time; });
+  std::stable_sort(scenario.tools.begin(), scenario.tools.end(),
+                   [](const ToolSpec& a, const ToolSpec& b) { return a.time < b.time; });
   for (std::size_t i = 0; i < nested.size(); ++i) {
     const std::string unused = unused_of_nested(*nested[i]->annotation, alone[i], scenario);
     if (unused.empty()) continue;
@@ -182,6 +184,7 @@ void for_each_text(Scenario& scenario, Change change) {
   };
   change_all(scenario.connections);
   change_all(scenario.events);
+  change_all(scenario.tools);
   change_all(scenario.recording);
   change_all(scenario.comparisons);
   change_all(scenario.bonds);
@@ -312,6 +315,30 @@ void assign(Scenario& scenario, std::string_view assignment, std::span<const Uni
     // As a string: the unit converts it to the variable's kind, one value for all elements or one for each.
     c.start_values.push_back({port->variable, value, "", place});
   }
+}
+
+void add_tool_event(Scenario& scenario, bool attach, std::string_view text) {
+  const std::string kind = attach ? "attach" : "detach", place = "--" + kind + " " + std::string(text);
+  const std::string form = attach ? "expected NAME,parent=FRAME,mass=KG,com=X Y Z,…@TIME" : "expected NAME@TIME";
+  const std::size_t at = text.rfind('@');
+  if (at == std::string_view::npos) throw Error(place, "has no time, " + form);
+  xml::Element event;
+  event.name = kind;
+  event.place = xml::Place(xml::Shared(place), 0);
+  event.attributes.push_back({{}, "time", std::string(text::trim(text.substr(at + 1)))});
+  std::string name = kind;  // of the attribute that the first item gives
+  for (const std::string_view item : text::split(text.substr(0, at), ',')) {
+    const std::size_t equals = name == kind ? std::string_view::npos : item.find('=');
+    if (name.empty() && equals == std::string_view::npos) throw Error(place, "'" + std::string(item) + "', " + form);
+    if (equals != std::string_view::npos) name = text::trim(item.substr(0, equals));
+    if (xml::find(event, name) != nullptr) throw Error(place, "'" + name + "' stands there twice");
+    event.attributes.push_back(
+        {{}, name, std::string(text::trim(equals == std::string_view::npos ? item : item.substr(equals + 1)))});
+    name.clear();
+  }
+  scenario.tools.push_back(read_tool(event, ""));
+  std::stable_sort(scenario.tools.begin(), scenario.tools.end(),
+                   [](const ToolSpec& a, const ToolSpec& b) { return a.time < b.time; });
 }
 
 }  // namespace cotwin::master

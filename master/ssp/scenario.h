@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <cstdint>
 #include <filesystem>
 #include <map>
@@ -83,6 +84,32 @@ struct EventSpec {
   std::string place;
 };
 
+/// At `time`, a tool is mounted on a robot or removed from it (master/run/tools.h). Lengths in m, angles in rad.
+struct ToolSpec {
+  /// A further frame on the tool, in the tool's frame.
+  struct Frame {
+    std::string name;
+    std::array<double, 3> xyz{}, rpy{};
+  };
+
+  Time time;
+  bool attach = true;                  // false: remove it; then only `name`, `reason`, `robot` and `components` matter
+  bool known = true;                   // to the controllers; false: only the simulated robot changes
+  std::string name;                    // of the tool and its frame
+  std::string parent;                  // frame of the robot, or of another tool on it
+  std::array<double, 3> xyz{}, rpy{};  // the tool's frame in its parent's
+  double mass = 0;                     // kg
+  std::array<double, 3> com{};         // in the tool's frame
+  std::array<double, 6> inertia{};     // xx, xy, xz, yy, yz, zz about the centre of mass, in the tool's axes, kg.m2
+  std::vector<Frame> frames{};
+  std::string reason{};                   // for the history
+  std::string robot{};                    // name of the robot's model, or its name in a contact world; "": the only one
+  std::vector<std::string> components{};  // "drive", "world.left"; empty: all that have the robot
+  std::string scope{};                    // the nested scenario that has the event: only its components
+  bool has_shapes = false;                // its file has collision shapes, which are not used
+  std::string place{};
+};
+
 struct RecordSpec {
   std::string variables;  // "drive.q", "drive.*", "*.tau_J"; glob over component.variable
   std::string place;
@@ -155,6 +182,7 @@ struct Scenario {
   std::vector<ComponentSpec> components;        // in the order of the file
   std::vector<ConnectionSpec> connections;
   std::vector<EventSpec> events;      // by time
+  std::vector<ToolSpec> tools;        // by time
   std::vector<RecordSpec> recording;  // empty: every output
   bool all_outputs = false;           // record every output in addition
   int decimation = 1;                 // record every n-th tick
@@ -204,5 +232,9 @@ std::map<std::string, std::string> settings_for(const Scenario& scenario, std::s
 ///   component?setting=value     always a setting, also of an FMU (fmu::LoadOptions)
 /// Throws Error for a malformed assignment or an unknown component.
 void assign(Scenario& scenario, std::string_view assignment, std::span<const UnitType> types = {});
+
+/// Adds the event of `--attach NAME,parent=FRAME,mass=…,…@TIME` or `--detach NAME,…@TIME`, whose items are the attributes of an
+/// Event. A relative `file` is relative to the working directory. Throws Error for a malformed text.
+void add_tool_event(Scenario& scenario, bool attach, std::string_view text);
 
 }  // namespace cotwin::master

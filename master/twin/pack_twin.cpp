@@ -102,6 +102,7 @@ class Packer {
 
     member.instance = {};                                         // first: a process may have only one instance of some FMUs
     member.instance = fmu::make_instance(held, package.options);  // as in the library
+    member.instance.robots = robots_of_fmu(held->folder);
     apply(start_values(scenario_, member), member.variables());
     package.start.take(member.variables());
     package_.packages.push_back(fmu::serialise(package));

@@ -186,6 +186,38 @@ class Writer {
     close(out_, 1, "ssd:Units");
   }
 
+  template <class Numbers>
+  static std::string list(const Numbers& numbers) {
+    std::string text;
+    for (const double number : numbers) text += (text.empty() ? "" : " ") + text::to_text(number);
+    return text;
+  }
+
+  void write(const ToolSpec& tool) {
+    std::string components;
+    for (const std::string& component : tool.components) components += (components.empty() ? "" : " ") + component;
+    Tag tag(out_, 4, "cotwin:Event");
+    tag.with("time", tool.time.seconds()).with(tool.attach ? "attach" : "detach", tool.name);
+    if (tool.attach) {
+      tag.with("parent", tool.parent)
+          .with("xyz", list(tool.xyz))
+          .with("rpy", list(tool.rpy))
+          .with("mass", tool.mass)
+          .with("com", list(tool.com))
+          .with("inertia", list(tool.inertia))
+          .with_if(!tool.known, "known", "false");
+    }
+    tag.with_if(!tool.robot.empty(), "robot", tool.robot)
+        .with_if(!components.empty(), "components", components)
+        .with_if(!tool.scope.empty(), "scope", tool.scope)
+        .with_if(!tool.reason.empty(), "reason", tool.reason);
+    if (tool.frames.empty()) return tag.end();
+    tag.open();
+    for (const ToolSpec::Frame& frame : tool.frames)
+      Tag(out_, 5, "cotwin:Frame").with("name", frame.name).with("xyz", list(frame.xyz)).with("rpy", list(frame.rpy)).end();
+    close(out_, 4, "cotwin:Event");
+  }
+
   void write_annotation() {
     Tag(out_, 1, "ssd:Annotations").open();
     Tag(out_, 2, "ssc:Annotation").with("type", kAnnotationType).open();
@@ -216,6 +248,7 @@ class Writer {
           .with("ramp", e.ramp.seconds())
           .end();
     }
+    for (const ToolSpec& tool : scenario_.tools) write(tool);
     Tag(out_, 4, "cotwin:Recording")
         .with("decimation", scenario_.decimation)
         .with_if(scenario_.all_outputs && !scenario_.recording.empty(), "outputs", "true")

@@ -131,6 +131,7 @@ void Twin::tell(std::vector<std::string>& notes) const {
     notes.push_back(members_[m].name() + " discarded " + std::to_string(discarded) + " ticks, which were made in up to " +
                     std::to_string(control_->most_parts()) + " parts");
   }
+  for (std::string& warning : engine_->tools.warnings()) notes.push_back(std::move(warning));
   for (std::string& warning : engine_->loop_warnings()) notes.push_back(std::move(warning));
   for (const Member& member : members_) {
     std::vector<std::string> of_member;

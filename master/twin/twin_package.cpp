@@ -13,7 +13,7 @@ namespace cotwin::master {
 
 namespace {
 
-constexpr std::uint64_t kMagic = 0x334e495754544f43u;  // the bytes "COTTWIN3": the format and its version
+constexpr std::uint64_t kMagic = 0x344e495754544f43u;  // the bytes "COTTWIN4": the format and its version
 
 // put() and get() of a type handle the same fields in the same order.
 void put(ByteWriter& out, const Port& port) {
@@ -62,6 +62,24 @@ void get(ByteReader& in, EventSpec& event) {
   event.ramp.ns = in.value<std::int64_t>();
 }
 
+void put(ByteWriter& out, const std::array<double, 3>& numbers) {
+  for (const double number : numbers) out.value(number);
+}
+void get(ByteReader& in, std::array<double, 3>& numbers) {
+  for (double& number : numbers) number = in.value<double>();
+}
+
+void put(ByteWriter& out, const ToolSpec::Frame& frame) {
+  out.text(frame.name);
+  put(out, frame.xyz);
+  put(out, frame.rpy);
+}
+void get(ByteReader& in, ToolSpec::Frame& frame) {
+  frame.name = in.text();
+  get(in, frame.xyz);
+  get(in, frame.rpy);
+}
+
 template <class Unit>
 auto exponents(Unit& unit) {
   return std::array{&unit.kg, &unit.m, &unit.s, &unit.A, &unit.K, &unit.mol, &unit.cd, &unit.rad};
@@ -94,6 +112,34 @@ void put(ByteWriter& out, const std::string& text) { out.text(text); }
 void get(ByteReader& in, std::string& text) { text = in.text(); }
 
 template <class T>
+void put(ByteWriter& out, const std::vector<T>& list);
+template <class T>
+void get(ByteReader& in, std::vector<T>& list);
+
+void put(ByteWriter& out, const ToolSpec& tool) {
+  out.value(tool.time.ns);
+  out.value(static_cast<std::uint8_t>(tool.attach));
+  out.value(static_cast<std::uint8_t>(tool.known));
+  for (const std::string* text : {&tool.name, &tool.parent, &tool.reason, &tool.robot, &tool.scope}) out.text(*text);
+  for (const auto* numbers : {&tool.xyz, &tool.rpy, &tool.com}) put(out, *numbers);
+  out.value(tool.mass);
+  for (const double moment : tool.inertia) out.value(moment);
+  put(out, tool.frames);
+  put(out, tool.components);
+}
+void get(ByteReader& in, ToolSpec& tool) {
+  tool.time.ns = in.value<std::int64_t>();
+  tool.attach = in.value<std::uint8_t>() != 0;
+  tool.known = in.value<std::uint8_t>() != 0;
+  for (std::string* text : {&tool.name, &tool.parent, &tool.reason, &tool.robot, &tool.scope}) *text = in.text();
+  for (auto* numbers : {&tool.xyz, &tool.rpy, &tool.com}) get(in, *numbers);
+  tool.mass = in.value<double>();
+  for (double& moment : tool.inertia) moment = in.value<double>();
+  get(in, tool.frames);
+  get(in, tool.components);
+}
+
+template <class T>
 void put(ByteWriter& out, const std::vector<T>& list) {
   out.value(static_cast<std::uint64_t>(list.size()));
   for (const T& item : list) put(out, item);
@@ -117,6 +163,7 @@ std::string serialise(const TwinPackage& package) {
   put(out, s.components);
   put(out, s.connections);
   put(out, s.events);
+  put(out, s.tools);
   put(out, s.units);
   put(out, package.packages);
   for (std::size_t i = 0; i < s.components.size(); ++i)
@@ -145,6 +192,7 @@ TwinPackage deserialise_twin(std::string_view bytes, const std::string& place) {
   get(in, s.components);
   get(in, s.connections);
   get(in, s.events);
+  get(in, s.tools);
   get(in, s.units);
   get(in, package.packages);
   if (package.packages.size() != s.components.size()) in.fail("has different numbers of units and components");
@@ -174,6 +222,7 @@ Instance build_unit(const fmu::Package& unit, const std::filesystem::path& resou
   instance.unit->declare(instance.variables);
   unit.start.write(instance.variables);
   instance.warnings = settings.warnings();
+  instance.robots = settings.robots_used();
   return instance;
 }
 
@@ -182,7 +231,9 @@ Instance build_fmu(fmu::ForeignPackage package, const std::filesystem::path& res
   try {
     if (!std::filesystem::is_directory(resources / folder))
       throw Error("there is no folder resources/" + folder + ", which holds it unpacked");
-    return fmu::make_instance(std::move(package), resources);
+    Instance instance = fmu::make_instance(std::move(package), resources);
+    instance.robots = robots_of_fmu(resources / folder);
+    return instance;
   } catch (const Error& error) {
     const std::string what = error.what();
     if (what.rfind(name + ": ", 0) == 0) throw;

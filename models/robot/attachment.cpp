@@ -85,12 +85,26 @@ Remainder without(const RobotModel& robot, const Change& mounting) {
 
 std::ptrdiff_t offset(std::size_t index) { return static_cast<std::ptrdiff_t>(index); }
 
+void insert_frames(RobotModel& robot, const Frame& frame, const std::vector<PartFrame>& further, std::size_t index) {
+  auto at = robot.frames.insert(robot.frames.begin() + offset(index), frame);
+  for (const PartFrame& next : further) at = robot.frames.insert(at + 1, {next.name, frame.body, frame.X_BF * next.X_AF});
+}
+
 }  // namespace
 
-void attach(RobotModel& robot, const Attachment& what, const std::string& reason) {
+void attach(RobotModel& robot, const Attachment& what, const std::string& reason, std::optional<double> time) {
   const std::string place = place_of(robot) + ", attachment '" + what.name + "'";
   if (what.name.empty()) throw Error(place, "has no name, expected one");
   if (find_frame(robot, what.name) != robot.frames.end()) throw Error(place, "the robot already has a frame with this name");
+  for (std::size_t i = 0; i < what.further.size(); ++i) {
+    const PartFrame& frame = what.further[i];
+    const auto same = [&](const PartFrame& other) { return other.name == frame.name; };
+    const bool twice = std::any_of(what.further.begin(), what.further.begin() + offset(i), same);
+    if (frame.name.empty() || frame.name == what.name || twice || find_frame(robot, frame.name) != robot.frames.end())
+      throw Error(place, "its frame '" + frame.name + "' has no name of its own, expected one that the robot does not have");
+    if (!frame.X_AF.p.allFinite() || !is_rotation(frame.X_AF.R))
+      throw Error(place, "its frame '" + frame.name + "' has no pose: expected a rotation matrix and a finite position");
+  }
   const Frame& parent = robot.frame(what.parent);
   if (!what.X_PA.p.allFinite() || !is_rotation(what.X_PA.R)) {
     throw Error(place, "X_PA is not a pose: expected a rotation matrix and a finite position");
@@ -101,6 +115,10 @@ void attach(RobotModel& robot, const Attachment& what, const std::string& reason
   change.kind = Change::Kind::kAttach;
   change.frame = {what.name, parent.body, parent.X_BF * what.X_PA};
   change.parent = what.parent;
+  change.X_PF = what.X_PA;
+  change.own = what.inertia;
+  change.time = time;
+  change.further = what.further;
   change.part = what.inertia.seen_from(change.frame.X_BF);
   change.body = parent.body;
   change.index = robot.frames.size();
@@ -114,19 +132,23 @@ void attach(RobotModel& robot, const Attachment& what, const std::string& reason
   change.what = "attach " + what.name + " to " + what.parent + ": " + described(what.inertia);
   change.reason = reason;
   body = change.after;
-  robot.frames.push_back(change.frame);
+  insert_frames(robot, change.frame, change.further, robot.frames.size());
   robot.history.push_back(change);
 }
 
-void detach(RobotModel& robot, const std::string& name, const std::string& reason) {
+void detach(RobotModel& robot, const std::string& name, const std::string& reason, std::optional<double> time) {
   const std::string place = place_of(robot);
   const auto frame = find_frame(robot, name);
   if (frame == robot.frames.end()) throw Error(place, "no attachment is named '" + name + "'");
   const Change* const mounting = mounting_of(robot, name);
-  if (mounting == nullptr) throw Error(place, "'" + name + "' is a link of the robot, not attached to it");
+  if (mounting == nullptr) throw Error(place, "'" + name + "' is a link of the robot or of a part, not attached to it");
+  const auto is_of_part = [&](const std::string& parent) {
+    return parent == name || std::any_of(mounting->further.begin(), mounting->further.end(),
+                                         [&](const PartFrame& further) { return further.name == parent; });
+  };
   for (const Frame& other : robot.frames) {
     const Change* const others = mounting_of(robot, other.name);
-    if (others != nullptr && others->parent == name) {
+    if (others != nullptr && is_of_part(others->parent)) {
       throw Error(place, "'" + other.name + "' is mounted on '" + name + "'; detach it first");
     }
   }
@@ -143,12 +165,13 @@ void detach(RobotModel& robot, const std::string& name, const std::string& reaso
   change.after = remainder.inertia;
   change.what = "detach " + name + " from " + change.parent + ": " + described(change.part);
   change.reason = reason;
+  change.time = time;
   body = change.after;
-  robot.frames.erase(frame);
+  robot.frames.erase(frame, frame + 1 + offset(change.further.size()));
   robot.history.push_back(change);
 }
 
-void set_inertia(RobotModel& robot, int body, const Inertia& inertia, const std::string& reason) {
+void set_inertia(RobotModel& robot, int body, const Inertia& inertia, const std::string& reason, std::optional<double> time) {
   if (body < -1 || body >= robot.body_count()) {
     throw Error(place_of(robot),
                 "no body " + std::to_string(body) + ", expected -1 (the base) to " + std::to_string(robot.body_count() - 1));
@@ -158,6 +181,7 @@ void set_inertia(RobotModel& robot, int body, const Inertia& inertia, const std:
   Change change;
   change.what = "set inertia of " + name + ": " + described(inertia);
   change.reason = reason;
+  change.time = time;
   change.body = body;
   change.before = inertia_of(robot, body);
   change.after = inertia;
@@ -176,10 +200,19 @@ RobotModel before(const RobotModel& robot, std::size_t change) {
     earlier.history.pop_back();
     inertia_of(earlier, last.body) = last.before;
     const auto position = earlier.frames.begin() + offset(last.index);
-    if (last.kind == Change::Kind::kAttach) earlier.frames.erase(position);
-    if (last.kind == Change::Kind::kDetach) earlier.frames.insert(position, last.frame);
+    if (last.kind == Change::Kind::kAttach) {
+      earlier.frames.erase(position, position + 1 + offset(last.further.size()));
+    } else if (last.kind == Change::Kind::kDetach) {
+      insert_frames(earlier, last.frame, last.further, last.index);
+    }
   }
   return earlier;
+}
+
+std::size_t changes_until(const RobotModel& robot, double time) {
+  const auto later = std::find_if(robot.history.begin(), robot.history.end(),
+                                  [&](const Change& change) { return change.time && *change.time > time; });
+  return static_cast<std::size_t>(later - robot.history.begin());
 }
 
 }  // namespace cotwin::robot

@@ -64,10 +64,14 @@ void BodyParameters::take(const std::string& place, Mechanism& mechanism) {
   if (changed) adopt(mechanism);
 }
 
-bool BodyParameters::follow(const std::string& place, double remaining, Mechanism& mechanism) {
+bool BodyParameters::pending() const {
   bool changed = false;
   for (std::size_t k = 0; k < in_force.size() && !changed; ++k) changed = in_force[k] != wanted(k);
-  if (!changed) return false;
+  return changed;
+}
+
+bool BodyParameters::follow(const std::string& place, double remaining, Mechanism& mechanism) {
+  if (!pending()) return false;
   check(place);
   for (std::size_t k = 0; k < in_force.size(); ++k) {
     const double target = wanted(k), next = target + (in_force[k] - target) * remaining;

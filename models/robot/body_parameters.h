@@ -24,6 +24,10 @@ class BodyParameters {
   /// Moves towards the target values, so that `remaining` of the difference is left. Returns true if anything changed. Throws
   /// as take() if the targets have changed. Allocates nothing.
   bool follow(const std::string& place, double remaining, Mechanism& mechanism);
+  /// Whether follow() would change anything.
+  bool pending() const;
+  /// Gravity of the robot in force, m/s² in its base frame.
+  void set_gravity(const Eigen::Vector3d& gravity) { robot_.gravity = gravity; }
   /// To be called after in_force was written.
   void restored(Mechanism& mechanism);
   /// The robot with the bodies in force.

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <limits>
 #include <map>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -61,6 +62,14 @@ struct Frame {
   friend bool operator==(const Frame&, const Frame&) = default;
 };
 
+/// A further frame F on a mounted part with the frame A.
+struct PartFrame {
+  std::string name;
+  Pose X_AF;
+
+  friend bool operator==(const PartFrame&, const PartFrame&) = default;
+};
+
 /// One entry of a robot's history (IV-A2). before() in attachment.h restores the model before the change.
 struct Change {
   enum class Kind { kAttach, kDetach, kSetInertia };
@@ -71,10 +80,14 @@ struct Change {
   Inertia before;  // the body's inertia before the change
   Inertia after;
   Kind kind = Kind::kSetInertia;
-  Frame frame;            // attach, detach: the added or removed frame
-  std::string parent;     // attach, detach: the parent frame of the mounting
-  Inertia part;           // attach, detach: inertia of the part in the body's frame
-  std::size_t index = 0;  // attach, detach: index in the robot's frames
+  Frame frame;                     // attach, detach: the added or removed frame
+  std::string parent;              // attach, detach: the parent frame of the mounting
+  Inertia part;                    // attach, detach: inertia of the part in the body's frame
+  std::size_t index = 0;           // attach, detach: index in the robot's frames
+  Pose X_PF;                       // attach, detach: the frame in its parent frame
+  Inertia own;                     // attach, detach: inertia of the part in its own frame
+  std::vector<PartFrame> further;  // attach, detach: they follow `frame` in the robot's frames
+  std::optional<double> time;      // s since the start of the scenario; none for a change outside of a run
 
   friend bool operator==(const Change&, const Change&) = default;
 };

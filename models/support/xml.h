@@ -30,12 +30,12 @@ class Shared {
 
 inline std::string operator+(std::string left, const Shared& right) { return std::move(left) += right.text(); }
 
-/// Position of an element: "twin.ssd:17".
+/// Position of an element: "twin.ssd:17"; without a line number for line 0, which no file has.
 class Place {
  public:
   Place() = default;
   Place(Shared file, std::uint64_t line) : file_(std::move(file)), line_(line) {}
-  std::string text() const { return file_.text() + ":" + std::to_string(line_); }
+  std::string text() const { return line_ == 0 ? file_.text() : file_.text() + ":" + std::to_string(line_); }
   operator std::string() const { return text(); }  // NOLINT: implicit on purpose
   std::uint64_t line() const { return line_; }
 

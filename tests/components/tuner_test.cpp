@@ -15,6 +15,7 @@
 
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
+#include "models/robot/attachment.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/perturbed.h"
 #include "models/robot/urdf.h"
@@ -560,6 +561,73 @@ TEST(BodyTunables, RefuseAnUnphysicalBody) {
     EXPECT_THAT(error.what(), HasSubstr("mass[1]"));
     EXPECT_THAT(error.what(), HasSubstr("upper_arm"));
   }
+}
+
+robot::RobotModel with_tool(robot::RobotModel robot) {
+  robot::Attachment tool{"gripper", "tip", Pose{}, {1.5, {0.05, 0, 0.02}, Eigen::Matrix3d::Zero()}};
+  tool.inertia.I_CC.diagonal() << 4e-3, 5e-3, 6e-3;
+  robot::attach(robot, tool);
+  return robot;
+}
+
+// What is known of the tool is subtracted from the torque: the samples before it remain valid, and so does the estimate.
+TEST(Tuner, KeepsItsSamplesWhenAKnownToolIsAttached) {
+  const robot::RobotModel bare = robot::perturbed(planar(), 0.3, 5), loaded = with_tool(bare);
+  const auto tool = (loaded.bodies[1].inertia.parameters() - bare.bodies[1].inertia.parameters()).eval();
+  Subject tuner = tuner_of_planar2();
+  Measured without(bare), with(loaded);
+  run(tuner, without, 0, 5);
+  ASSERT_EQ(tuner.integer("tunings"), 1);
+  const std::int32_t samples = tuner.integer("samples");
+  const double mass = tuner["mass"][1];
+  tuner["tool_mass"][1] = tool[0];
+  for (std::size_t k = 0; k < 3; ++k) tuner["tool_first_moment"][3 + k] = tool[static_cast<Eigen::Index>(1 + k)];
+  for (std::size_t k = 0; k < 6; ++k) tuner["tool_inertia"][6 + k] = tool[static_cast<Eigen::Index>(4 + k)];
+  run(tuner, with, 5, 5.001);
+  EXPECT_DOUBLE_EQ(tuner["mass"][1], mass + 1.5);  // at once
+  EXPECT_EQ(tuner.integer("samples"), samples);
+  run(tuner, with, 5.001, 13);
+  ASSERT_EQ(tuner.integer("tunings"), 3);
+  EXPECT_GT(tuner.integer("samples"), samples);
+  // gravity's torque at the elbow: m c of the forearm with the tool
+  EXPECT_NEAR(tuner["first_moment"][3], loaded.bodies[1].inertia.parameters()[1],
+              2e-3 * loaded.bodies[1].inertia.parameters()[1]);
+  EXPECT_LT(tuner["rms"][1], 0.02);
+}
+
+TEST(Tuner, FindsAnUnknownToolWhenItStartsAgain) {
+  const robot::RobotModel bare = planar(), loaded = with_tool(bare);
+  const double truth = loaded.bodies[1].inertia.parameters()[1], before = bare.bodies[1].inertia.parameters()[1];
+  Subject tuner = tuner_of_planar2(), mixed = tuner_of_planar2();
+  for (Subject* subject : {&tuner, &mixed}) {
+    Measured without(bare), with(loaded);
+    run(*subject, without, 0, 4.25);  // an estimation of the bare robot runs
+    if (subject == &tuner) tuner["restart"][0] += 1;
+    run(*subject, with, 4.25, 4.75);
+    if (subject == &tuner) {
+      EXPECT_EQ(tuner.integer("tunings"), 0);  // it was dropped
+      EXPECT_EQ(tuner.integer("samples"), 0);
+    }
+    run(*subject, with, 4.75, 9);
+  }
+  EXPECT_NEAR(tuner["first_moment"][3], truth, 5e-3 * truth);
+  EXPECT_GT(std::abs(mixed["first_moment"][3] - truth), 0.2 * (truth - before));
+}
+
+TEST(Tuner, RestoresItsToolsAndItsEstimateToTheBit) {
+  const robot::RobotModel bare = planar(), loaded = with_tool(bare);
+  Subject tuner = tuner_of_planar2(), other = tuner_of_planar2();
+  Measured without(bare), with(loaded);
+  run(tuner, without, 0, 4.2);
+  tuner["tool_mass"][1] = 1.5;
+  tuner["tool_first_moment"][3] = 0.1;
+  tuner["tool_inertia"][6] = tuner["tool_inertia"][9] = tuner["tool_inertia"][11] = 0.05;
+  run(tuner, with, 4.2, 6);
+  const Snapshot snapshot = tuner.save();
+  run(tuner, with, 6, 9);
+  other.restore(snapshot, 6);
+  run(other, with, 6, 9);
+  EXPECT_EQ(other.everything(), tuner.everything());
 }
 
 }  // namespace

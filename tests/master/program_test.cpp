@@ -272,4 +272,68 @@ TEST_F(Program, DescribesAUnitAndWritesItsReference) {
   EXPECT_THAT(content(folder_ / "pages/README.md"), HasSubstr("[`drive_train`](drive_train.md)"));
 }
 
+/// The links of an arm without motors.
+constexpr const char* kArm = R"(<?xml version="1.0" encoding="UTF-8"?>
+<ssd:SystemStructureDescription version="1.0" name="arm"
+    xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription" xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues">
+  <ssd:System name="arm"><ssd:Elements>
+    <ssd:Component name="drive" source="unit:drive_train?robot=planar2" type="application/x-cotwin-unit"/>
+  </ssd:Elements></ssd:System>
+  <ssd:DefaultExperiment startTime="0" stopTime="0.1"/>
+</ssd:SystemStructureDescription>
+)";
+
+TEST_F(Program, MountsToolsInARunAndExportsTheRobotAtAnyTime) {
+  std::ofstream(folder_ / "arm.ssd") << kArm;
+  const std::string gripper = "gripper,parent=tip,mass=1.5,com=0.05 0 0,inertia=1e-3 0 0 1e-3 0 1e-3,reason=pick";
+  const std::vector<std::string> command = {"run",      "arm.ssd",         "--set",    "drive.q0=0.3",
+                                            "--attach", gripper + "@0.04", "--detach", "gripper@70 ms"};
+  const RunResult result = run(command);
+  EXPECT_EQ(result.code, 0) << result.err;
+  EXPECT_THAT(result.out, HasSubstr("tool 'gripper' attached to 'tip' at 0.04 s in drive"));
+  const RunResult history = run({"tool", "history", "results/arm/history.json"});
+  EXPECT_THAT(history.out, HasSubstr("  1  0.04 s  attach gripper to tip: 1.5 kg at (0.05, 0, 0) m (pick)\n"
+                                     "  2  0.07 s  detach gripper from tip"));
+  const auto mass_of_forearm = [&](const std::vector<std::string>& at) {
+    std::vector<std::string> arguments = {"tool", "export", "results/arm/history.json"};
+    arguments.insert(arguments.end(), at.begin(), at.end());
+    const std::string urdf = run(arguments).out;
+    const std::size_t mass = urdf.find("<mass value=\"", urdf.find("<link name=\"forearm\""));
+    return mass == std::string::npos ? "" : urdf.substr(mass + 13, urdf.find('"', mass + 13) - mass - 13);
+  };
+  EXPECT_EQ(mass_of_forearm({}), "4");
+  EXPECT_EQ(mass_of_forearm({"--time", "0.05"}), "5.5");
+  EXPECT_EQ(mass_of_forearm({"--change", "1"}), "5.5");
+  EXPECT_EQ(mass_of_forearm({"--change", "0"}), "4");
+  const RunResult beyond = run({"tool", "export", "results/arm/history.json", "--change", "3"});
+  EXPECT_EQ(beyond.code, 2);
+  EXPECT_THAT(beyond.err, HasSubstr("no change 3, its history has 2"));
+  EXPECT_EQ(run({"run", "arm.ssd", "--set", "drive.q0=0.3"}).code, 0);  // earlier results are moved away
+  EXPECT_FALSE(fs::exists(folder_ / "results/arm/history.json"));
+  EXPECT_TRUE(fs::exists(folder_ / "results/arm/earlier-1/history.json"));
+
+  const RunResult wrong = run({"run", "arm.ssd", "--attach", "gripper,parent=hand,mass=1@0.04"});
+  EXPECT_EQ(wrong.code, 2);
+  EXPECT_THAT(wrong.err,
+              StartsWith("cotwin: --attach gripper,parent=hand,mass=1@0.04: attach 'gripper' at 0.04 s to 'drive': "));
+}
+
+TEST_F(Program, MountsToolsOutsideOfARun) {
+  const std::string anvil = "anvil,parent=tip,mass=30,com=0.1 0 0,inertia=0.1 0 0 0.1 0 0.1";
+  EXPECT_THAT(run({"tool", "attach", "lab.json", anvil}).err, HasSubstr("lab.json: does not exist, expected --robot"));
+  const RunResult heavy = run({"tool", "attach", "lab.json", anvil, "--robot", "planar2", "--reason", "a test"});
+  EXPECT_EQ(heavy.code, 0) << heavy.err;
+  // g (6 · 0.2 + 4 · 0.575 + 30 · 0.85) = 284.49 N.m, 1.90 times the limit; the elbow: 139.3 N.m, 1.86 times
+  EXPECT_THAT(heavy.err,
+              HasSubstr("at this pose joint 'shoulder' needs 284.5 N.m against gravity, more than its limit of 150 N.m"));
+  const RunResult upright = run({"tool", "detach", "lab.json", "anvil"});
+  EXPECT_EQ(upright.err, "");
+  EXPECT_THAT(run({"tool", "detach", "lab.json", "anvil"}).err, HasSubstr("no attachment is named 'anvil'"));
+  EXPECT_EQ(run({"tool", "attach", "lab.json", anvil, "--q", "1.5707963267948966,0"}).err, "");  // it stands upright
+  EXPECT_THAT(run({"tool", "attach", "lab.json", anvil, "--robot", "lwr4"}).err, HasSubstr("exists already"));
+  EXPECT_THAT(run({"tool", "history", "lab.json"}).out, HasSubstr("  3  attach anvil to tip"));
+  EXPECT_THAT(run({"completion", "candidates", "cotwin tool "}).out, HasSubstr("export"));
+  EXPECT_THAT(run({"completion", "candidates", "cotwin tool export h.json --"}).out, HasSubstr("--change"));
+}
+
 }  // namespace

@@ -113,6 +113,17 @@ Advance::Advance(const scene::Scene& scene, std::span<const RigidBody> bodies, s
   }
 }
 
+void Advance::refit(std::size_t b, const RigidBody& now) {
+  Body& body = bodies_[b];
+  body.reach = 0;
+  for (std::size_t i = body.first; i < body.end; ++i) {
+    Piece& piece = pieces_[i];
+    piece.X_PC = now.X_PB * piece.convex->X_BC;
+    if (piece.convex->core != Core::kPlane) piece.reach = piece.X_PC.p.norm() + piece.convex->extent.norm();
+    body.reach = std::max(body.reach, piece.reach);
+  }
+}
+
 void Advance::clear() {
   if (any_) std::fill(fast_.begin(), fast_.end(), 0);
   any_ = false;

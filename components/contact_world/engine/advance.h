@@ -22,6 +22,9 @@ class Advance {
   Advance(const scene::Scene& scene, std::span<const RigidBody> bodies, std::span<const char> linked,
           const Collision& collision);
 
+  /// To be called after the mass distribution of a body has changed.
+  void refit(std::size_t body, const RigidBody& now);
+
   void clear();                                                 // no body is fast
   bool find_fast(std::span<const RigidBody> bodies, double h);  // adds those that are; returns whether there are any
   bool any() const { return any_; }

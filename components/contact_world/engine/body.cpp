@@ -92,35 +92,48 @@ double inverse(double x) { return x > 0 ? 1 / x : 0; }
 }  // namespace
 
 RigidBody::RigidBody(const scene::Body& body) : motion(body.motion) {
-  if (dynamic()) {
-    const std::string why = body.inertia.unphysical();
-    if (!why.empty()) throw Error("body " + body.name, why);
-    const Eigen::SelfAdjointEigenSolver<Matrix3d> principal(body.inertia.I_CC);
-    Matrix3d axes = principal.eigenvectors();
-    if (body.inertia.I_CC.isDiagonal(0)) {
-      axes.setIdentity();
-      moments = body.inertia.I_CC.diagonal();
-    } else {
-      if (axes.determinant() < 0) axes.col(0) = -axes.col(0);
-      moments = principal.eigenvalues().cwiseMax(0.0);
-    }
-    // Computes the rotation from the unit quaternion, so that R_WP of set_pose() equals that of Q.
-    const Eigen::Quaterniond Q_BP = Eigen::Quaterniond(axes).normalized();
-    X_BP = {Q_BP.toRotationMatrix(), body.inertia.p_LC};
-    mass = body.inertia.mass;
-    inverse_mass = 1 / mass;
-    inverse_root_mass = std::sqrt(inverse_mass);
-    inverse_moments = moments.unaryExpr(&inverse);
-    root_moments = moments.cwiseSqrt();
-    inverse_root_moments = inverse_moments.cwiseSqrt();
-    int order[3] = {0, 1, 2};
-    std::sort(order, order + 3, [&](int a, int b) { return inverse_moments[a] < inverse_moments[b]; });
-    reference_axis_ = order[1];
-  }
-  X_PB = X_BP.inverse();
-  for (const scene::Shape& shape : body.shapes) radius = std::max(radius, radius_about(X_BP.p, shape));
+  set_inertia(body.inertia, body.shapes, body.name);
   set_pose(body.X_WB);
   set_twist(body.V_WB);
+}
+
+void RigidBody::set_inertia(const Inertia& inertia, std::span<const scene::Shape> shapes, const std::string& name) {
+  const Pose X_WB = pose();
+  const Twist V_WB = twist();
+  if (dynamic()) {
+    const std::string why = inertia.unphysical();
+    if (!why.empty()) throw Error("body " + name, why);
+    take(inertia);
+  }
+  X_PB = X_BP.inverse();
+  radius = 0;
+  for (const scene::Shape& shape : shapes) radius = std::max(radius, radius_about(X_BP.p, shape));
+  set_pose(X_WB);
+  set_twist(V_WB);
+}
+
+void RigidBody::take(const Inertia& inertia) {
+  const Eigen::SelfAdjointEigenSolver<Matrix3d> principal(inertia.I_CC);
+  Matrix3d axes = principal.eigenvectors();
+  if (inertia.I_CC.isDiagonal(0)) {
+    axes.setIdentity();
+    moments = inertia.I_CC.diagonal();
+  } else {
+    if (axes.determinant() < 0) axes.col(0) = -axes.col(0);
+    moments = principal.eigenvalues().cwiseMax(0.0);
+  }
+  // Computes the rotation from the unit quaternion, so that R_WP of set_pose() equals that of Q.
+  const Eigen::Quaterniond Q_BP = Eigen::Quaterniond(axes).normalized();
+  X_BP = {Q_BP.toRotationMatrix(), inertia.p_LC};
+  mass = inertia.mass;
+  inverse_mass = 1 / mass;
+  inverse_root_mass = std::sqrt(inverse_mass);
+  inverse_moments = moments.unaryExpr(&inverse);
+  root_moments = moments.cwiseSqrt();
+  inverse_root_moments = inverse_moments.cwiseSqrt();
+  int order[3] = {0, 1, 2};
+  std::sort(order, order + 3, [&](int a, int b) { return inverse_moments[a] < inverse_moments[b]; });
+  reference_axis_ = order[1];
 }
 
 void RigidBody::place() { R = matrix(Q); }

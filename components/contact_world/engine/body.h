@@ -1,5 +1,7 @@
 #pragma once
 #include <Eigen/Core>
+#include <span>
+#include <string>
 
 #include "models/mechanics/pose.h"
 #include "models/scene/scene.h"
@@ -21,6 +23,9 @@ struct RigidBody {
   void set_pose(const Pose& X_WB);
   void set_twist(const Twist& V_WB);
   void place();  // updates R from Q
+  /// Replaces the mass distribution of a dynamic body, given in B, which keeps its pose and twist. `shapes`: of the body. Throws Error
+  /// `name: …` for an unphysical inertia. Allocates nothing.
+  void set_inertia(const Inertia& inertia, std::span<const scene::Shape> shapes, const std::string& name);
 
   /// Adds an impulse and an angular impulse about P's origin, in W, to a dynamic body.
   void apply_impulse(const Vector3d& impulse, const Vector3d& moment);
@@ -54,6 +59,7 @@ struct RigidBody {
 
  private:
   void turn(double h);
+  void take(const Inertia& inertia);
   int reference_axis_ = 0;
 };
 

@@ -50,11 +50,17 @@ Joint::Joint(const scene::Joint& joint, std::span<const RigidBody> bodies)
     if (!(friction >= 0) || !(damping >= 0) || !(stiffness >= 0))
       throw Error(where, "friction, damping or stiffness is negative, expected >= 0");
   }
-  X_PJ_ = on_body(parent, joint.X_PJ * X_JZ, bodies);
-  X_CJ_ = on_body(child, joint.X_CJ * X_JZ, bodies);
+  X_BJ_parent_ = joint.X_PJ * X_JZ;
+  X_BJ_child_ = joint.X_CJ * X_JZ;
+  refit(bodies);
   place(bodies);
   q = joint.q;
   measure();
+}
+
+void Joint::refit(std::span<const RigidBody> bodies) {
+  X_PJ_ = on_body(parent, X_BJ_parent_, bodies);
+  X_CJ_ = on_body(child, X_BJ_child_, bodies);
 }
 
 void Joint::place(std::span<const RigidBody> bodies) {

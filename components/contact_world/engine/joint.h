@@ -22,6 +22,9 @@ class Joint {
   bool has_axis() const { return type == scene::JointType::kPrismatic || turns(); }
   bool turns() const { return type == scene::JointType::kRevolute || type == scene::JointType::kScrew; }
 
+  /// Takes the joint's frames on the bodies again, after their mass distributions have changed.
+  void refit(std::span<const RigidBody> bodies);
+
   /// Computes anchors and axes from the bodies' present poses (body −1 is the world), then q. A revolute q continues from its
   /// last value and thus counts turns.
   void place(std::span<const RigidBody> bodies);
@@ -55,8 +58,9 @@ class Joint {
   double angle() const;  // nearest to the last q
 
   bool far_ = false;
-  Motion6 left_;      // part of the error left to later steps; in the joint's frame on the parent
-  Pose X_PJ_, X_CJ_;  // joint frames on the bodies' frames P
+  Motion6 left_;                   // part of the error left to later steps; in the joint's frame on the parent
+  Pose X_BJ_parent_, X_BJ_child_;  // joint frames on the bodies' frames B …
+  Pose X_PJ_, X_CJ_;               // … and on their frames P
 };
 
 }  // namespace cotwin::contact_world

@@ -153,6 +153,26 @@ void World::set_twist(std::size_t body, const Twist& V_WB) {
   if (w.bodies[body].dynamic()) w.guard.moved = true;
 }
 
+void World::set_body(std::size_t body, const Inertia& inertia) {
+  Impl& w = *impl_;
+  scene::Body& seen = w.scene.bodies[body];
+  if (seen.inertia == inertia || !w.bodies[body].dynamic()) return;
+  w.bodies[body].set_inertia(inertia, seen.shapes, seen.name);
+  seen.inertia = inertia;
+  w.poses[body] = w.bodies[body].pose();
+  w.twists[body] = w.bodies[body].twist();
+  w.advance.refit(body, w.bodies[body]);
+  w.small_energy = Impl::small_energy_of(w.scene);
+  w.stale = true;
+  w.restored = false;
+  w.guard.moved = true;
+  for (Joint& joint : w.joints) {
+    if (joint.parent != static_cast<int>(body) && joint.child != static_cast<int>(body)) continue;
+    joint.refit(w.bodies);
+    joint.place(w.bodies);
+  }
+}
+
 void World::apply(std::size_t body, const Wrench& F_B_W) { impl_->applied[body] = F_B_W; }
 
 void World::set_tau(std::size_t joint, double tau, double stiffness, double damping, double rate) {

@@ -61,6 +61,10 @@ class World {
   std::span<const Twist> twists() const;  // V_WB of the frame's origin, expressed in W
   void set_pose(std::size_t body, const Pose& X_WB);
   void set_twist(std::size_t body, const Twist& V_WB);
+  /// Replaces the mass distribution of a dynamic body, given in its own frame. Its pose and twist stay, so that its energy and
+  /// momentum change. Not part of the state: a world is restored with the bodies that it was saved with. Throws Error for an
+  /// unphysical inertia. Allocates nothing.
+  void set_body(std::size_t body, const Inertia& inertia);
   /// Applies a wrench at the body's origin, expressed in W, constant over the next step.
   void apply(std::size_t body, const Wrench& F_B_W);
 
