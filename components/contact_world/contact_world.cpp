@@ -7,6 +7,7 @@
 #include <map>
 
 #include "components/contact_world/assemble.h"
+#include "components/contact_world/foundation.h"
 #include "components/contact_world/port_values.h"
 #include "components/contact_world/robot_links.h"
 #include "components/unit/joint_variables.h"
@@ -71,6 +72,9 @@ struct ContactWorld::Robot {
 };
 
 struct ContactWorld::Body {
+  Body(const std::string& place, const scene::Body& body)
+      : name(identifier(body.name)), motion(body.motion), foundation(place, name, body) {}
+
   std::string name, prefix;
   std::size_t index;  // in the world
   scene::Motion motion;
@@ -78,6 +82,7 @@ struct ContactWorld::Body {
   Values f{0, 0, 0}, m{0, 0, 0};                                                            // inputs of a dynamic body
   Values v_d{0, 0, 0}, w_d{0, 0, 0};                                                        // inputs of a driven one
   Values p{0, 0, 0}, quat{1, 0, 0, 0}, v{0, 0, 0}, w{0, 0, 0}, f_c{0, 0, 0}, m_c{0, 0, 0};  // outputs
+  Foundation foundation;
 };
 
 void ContactWorld::declare_settings(SettingList& s) {
@@ -92,6 +97,8 @@ void ContactWorld::declare_settings(SettingList& s) {
   s.integer("contacts", 256, 1, 1000000, "number of contact points that a step takes without allocating memory");
   s.integer("points", 8, 0, 1000, "number of contact points that are outputs");
   s.text("maximal", "", "with link=inside: names of robots, separated by commas, that this unit integrates all the same");
+  s.integer("dents", 64, 1, 100000,
+            "number of places where a surface that yields remembers its dents, then the oldest is forgotten");
 }
 
 ContactWorld::ContactWorld(Settings& settings)
@@ -103,6 +110,7 @@ ContactWorld::ContactWorld(Settings& settings)
   const std::string method = settings.choice("method");
   options_.method = method == "tree" ? Method::kTree : method == "pgs" ? Method::kPgs : Method::kDantzig;
   options_.contacts = static_cast<std::size_t>(settings.integer("contacts"));
+  options_.dents = static_cast<std::size_t>(settings.integer("dents"));
   shown_ = static_cast<std::size_t>(settings.integer("points"));
   iterations_ = options_.iterations;
   tolerance_ = options_.tolerance;
@@ -134,11 +142,9 @@ ContactWorld::ContactWorld(Settings& settings)
   }
   for (std::size_t i = 0; i < cell_.scene.bodies.size(); ++i) {
     const scene::Body& body = cell_.scene.bodies[i];
-    auto made = std::make_unique<Body>();
-    made->name = identifier(body.name);
+    auto made = std::make_unique<Body>(place_, body);
     made->prefix = made->name + ".";
     made->index = i;
-    made->motion = body.motion;
     vector3(made->p0) = body.X_WB.p;
     put_quaternion(body.X_WB.R, made->quat0);
     bodies_.push_back(std::move(made));
@@ -290,12 +296,16 @@ void ContactWorld::declare(Variables& v) {
            "largest h ω of a loaded soft contact, with its spring and the mobility behind it; above 1 `force` misses peaks");
   v.output("extended", extended_,
            "islands of contacts at rest that took more than max_iterations sweeps in the step, up to 50 times as many");
+  for (const auto& body : bodies_) {
+    if (body->foundation.any()) body->foundation.declare(v, body->prefix);
+  }
 }
 
 void ContactWorld::build() {
   scene::Scene scene = cell_.scene;
   scene.gravity = {gravity_[0], gravity_[1], gravity_[2]};
   for (const auto& body : bodies_) {
+    body->foundation.apply(scene.bodies[body->index]);
     scene.bodies[body->index].X_WB = pose_of(place_ + "." + body->name + ".quat0", body->p0, body->quat0);
   }
   for (const auto& robot : robots_) {
@@ -329,6 +339,7 @@ std::vector<double> ContactWorld::layout() const {
   for (const auto& body : bodies_) {
     add(body->p0);
     add(body->quat0);
+    if (body->foundation.any()) add(body->foundation.parameters());
   }
   for (const auto& robot : robots_) {
     add(robot->base_p0);
@@ -557,6 +568,9 @@ void ContactWorld::write_outputs(double h) {
     vector3(b.w) = world_->twists()[b.index].tail<3>();
   }
 
+  for (const Yielding& one : world_->yielding()) {
+    if (one.body < bodies_.size()) bodies_[one.body]->foundation.write(one);
+  }
   const std::span<const ContactPoint> points = world_->contacts();
   const std::span<const Eigen::Vector3d> forces = world_->forces();
   std::fill(contact_p_.begin(), contact_p_.end(), 0.0);
@@ -593,6 +607,11 @@ void ContactWorld::write_outputs(double h) {
 }
 
 void ContactWorld::tell(std::vector<std::string>& notes) const {
+  for (const auto& body : bodies_) body->foundation.tell(notes);
+  if (world_->forgotten_dents() > 0) {
+    notes.push_back(std::to_string(world_->forgotten_dents()) +
+                    " dents were forgotten, expected more than dents=" + std::to_string(options_.dents));
+  }
   if (largest_swing_ <= kResolvedSwing) return;
   notes.push_back("the step is " + text::to_text(std::round(10 * largest_swing_) / 10) +
                   " times 1/ω of the stiffest soft contact, expected at most 1: its force is a mean that misses peaks");

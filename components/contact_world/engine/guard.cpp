@@ -151,7 +151,7 @@ void World::Impl::account_axis(std::size_t joint, double q_0, double s_0, double
 
 void World::Impl::end_guard() {
   for (const Touch& touch : touches) {
-    if (touch.stiffness == scene::kInfinity || touch.point.gap > 0) continue;
+    if (touch.stiffness == scene::kInfinity || touch.without_effect || touch.point.gap > 0) continue;
     if (!touch.matched) guard.add_work(touch.stored() / 2);  // a manifold's new point has energy at once
     const double size = std::min(bodies[index(touch.point.body_a)].radius, bodies[index(touch.point.body_b)].radius);
     if (-touch.point.gap > kDeep * size) guard.counts = false;
