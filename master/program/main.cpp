@@ -109,8 +109,9 @@ int run(int argc, char** argv) {
   add_tune(app, chosen);
   add_excite(app, chosen);
   add_perturb(app, chosen);
+  add_search(app, chosen);
   add_completion(app, chosen);
-  for (const char* name : {"run", "pack", "check", "units", "describe", "reference"})
+  for (const char* name : {"run", "search", "pack", "check", "units", "describe", "reference"})
     add_units_option(*app.get_subcommand(name));
 
   try {
@@ -121,7 +122,7 @@ int run(int argc, char** argv) {
       throw CLI::ExtrasError(
           std::string("'") + argv[1] +
               "' is not a command, expected run, pack, info, check, units, describe, reference, tune, excite, "
-              "perturb or completion",
+              "perturb, search or completion",
           CLI::ExitCodes::ExtrasError);
     }
     app.parse(argc, argv);
