@@ -4,7 +4,6 @@
 #include <cmath>
 
 #include "models/robot/robot_model.h"
-#include "models/support/choice.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -29,6 +28,8 @@ AnySource make_source(Settings& settings, const std::vector<trajectory::Axis>& a
   return WaypointSource(settings, axes);
 }
 
+std::string number(double x) { return text::to_text(x, 6); }
+
 }  // namespace
 
 void Motion::declare_settings(SettingList& s) {
@@ -36,54 +37,84 @@ void Motion::declare_settings(SettingList& s) {
   s.integer("joints", 1, 1, 1000, "number of joints").fallback_rule("the robot's, else 1");
   s.choice("kind", {"waypoints", "polynomial", "csv"}, "source of the motion; csv: a recording");
   declare_source_settings(s);
+  s.choice("space", {"joint", "cartesian"}, "whether the source gives the motion of the joints or of a frame in W");
+  s.boolean("pose", false, "space=joint: also the pose of the frame as output, by forward kinematics; needs a robot");
+  s.text("frame", "", "the frame of the robot whose pose is an output; empty: its end-effector");
+  s.choice("from", {"waypoint", "start"},
+           "space=cartesian: where the motion begins; start: at the pose that the robot has at q_start instead of the first "
+           "waypoint's");
 }
 
-Motion::Motion(Settings& settings) : Motion(settings, axes_of(settings)) {}
+Motion::Motion(Settings& settings) : Motion(settings, settings.choice("space") == "cartesian") {}
 
-Motion::Motion(Settings& settings, std::vector<trajectory::Axis> axes)
-    : axes_(std::move(axes)),
-      measures_(settings.robot_used().get()),
-      source_(make_source(settings, axes_)),
-      dq_limit_(axes_.size()),
-      ddq_limit_(axes_.size()),
-      dddq_limit_(axes_.size()),
-      q_d_(axes_.size()),
-      dq_d_(axes_.size()),
-      ddq_d_(axes_.size()) {}
+Motion::Motion(Settings& settings, bool cartesian) {
+  if (cartesian) {
+    if (const std::string kind = settings.choice("kind"); kind != "waypoints") {
+      throw Error("unit:motion", "kind=" + kind + " with space=cartesian, expected kind=waypoints");
+    }
+    poses_.emplace(settings);
+    from_start_ = settings.choice("from") == "start";
+  } else {
+    axes_ = axes_of(settings);
+    source_.emplace(make_source(settings, axes_));
+  }
+  if (from_start_ || (!cartesian && settings.boolean("pose"))) read_robot(settings, cartesian);
+  measures_ = JointMeasures(settings.robot_used().get());
+  for (std::vector<double>* x : {&dq_limit_, &ddq_limit_, &dddq_limit_, &q_d_, &dq_d_, &ddq_d_}) x->resize(axes_.size());
+}
+
+void Motion::read_robot(Settings& settings, bool cartesian) {
+  if (settings.text("robot").empty()) {
+    throw Error("unit:motion", std::string(cartesian ? "from=start" : "pose=true") + " needs a robot, as in robot=lwr4");
+  }
+  if (settings.robot_used() == nullptr) settings.robot(Settings::Masses::kUnused);
+  const robot::RobotModel& robot = *settings.robot_used();
+  robot_.emplace(settings, robot);
+  frame_ = robot_->frame();
+  if (cartesian) q_start_.resize(static_cast<std::size_t>(robot.n()));
+}
 
 void Motion::declare(Variables& v) {
   JointVariables joints(v, measures_);
-  joints.output("q_d", q_d_, "rad", "desired joint position");
-  joints.output("dq_d", dq_d_, "rad/s", "desired joint velocity, the derivative of q_d").derivative_of("q_d");
-  joints.output("ddq_d", ddq_d_, "rad/s2", "desired joint acceleration, the derivative of dq_d").derivative_of("dq_d");
-  v.output("done", done_, "whether the motion has ended");
-  v.output("duration", duration_, "s", "duration of the motion, without repetitions");
-  v.output("stretch", stretch_, "1", "factor on all durations: time_scale, increased if limits = stretch requires it");
-  v.output("warning", warning_, "warnings of the initialisation; empty: none");
-  v.parameter("t_start", t_start_, "s", "start time of the motion; the joints rest before").range(0, 1e9);
-  v.parameter("time_scale", time_scale_, "1", "factor on all durations: 2 is half as fast").range(1e-6, 1e6);
-  v.parameter("soft_start", soft_start_, "s",
-              "duration of the acceleration at the start, before stretching; 0: starts at full rate")
-      .range(0, 1e9);
-  v.parameter("soft_stop", soft_stop_, "s", "duration of the deceleration at the end, before stretching; 0: stops at once")
-      .range(0, 1e9);
-  v.parameter("loop", loop_, "after the end: no (rest), repeat, or there_and_back");
-  v.parameter("limits", limits_,
-              "if joint limits are violated: error, warn, stretch (until velocity, acceleration and jerk meet them) or ignore");
-  joints.parameter("dq_limit", dq_limit_, "rad/s", "velocity limit; 0: the robot's").range(0, 1e9);
-  joints.parameter("ddq_limit", ddq_limit_, "rad/s2", "acceleration limit; 0: none").range(0, 1e12);
-  joints.parameter("dddq_limit", dddq_limit_, "rad/s3", "jerk limit; 0: none").range(0, 1e15);
-  std::visit([&](auto& source) { source.declare(v, joints); }, source_);
+  if (poses_) pose_d_.declare(v, frame_);
+  if (!axes_.empty()) {
+    joints.output("q_d", q_d_, "rad", "desired joint position");
+    joints.output("dq_d", dq_d_, "rad/s", "desired joint velocity, the derivative of q_d").derivative_of("q_d");
+    joints.output("ddq_d", ddq_d_, "rad/s2", "desired joint acceleration, the derivative of dq_d").derivative_of("dq_d");
+  }
+  timing_.declare(v, warning_);
+  if (!axes_.empty()) {
+    joints.parameter("dq_limit", dq_limit_, "rad/s", "velocity limit; 0: the robot's").range(0, 1e9);
+    joints.parameter("ddq_limit", ddq_limit_, "rad/s2", "acceleration limit; 0: none").range(0, 1e12);
+    joints.parameter("dddq_limit", dddq_limit_, "rad/s3", "jerk limit; 0: none").range(0, 1e15);
+  }
+  if (source_) std::visit([&](auto& source) { source.declare(v, joints); }, *source_);
+  if (poses_) poses_->declare(v);
+  if (!robot_) return;
+  robot_->declare(v);
+  if (!poses_) pose_d_.declare(v, frame_);
+  if (!q_start_.empty()) {
+    joints.parameter("q_start", q_start_, "rad", "joint positions at the start").essential();
+  }
 }
 
 void Motion::initialise(Time start) {
   warning_.clear();
-  path_ = std::visit([](auto& source) { return source.path(); }, source_);
-  if (const auto* recording = std::get_if<RecordingSource>(&source_)) warning_ = recording->warning();
-  looping_ = text::choose<Loop>("motion: loop", loop_,
-                                {{"no", Loop::kNo}, {"repeat", Loop::kRepeat}, {"there_and_back", Loop::kThereAndBack}});
+  if (robot_) robot_->initialise();
+  if (poses_) {
+    prepare_poses();
+  } else {
+    path_ = std::visit([](auto& source) { return source.path(); }, *source_);
+    if (const auto* recording = std::get_if<RecordingSource>(&*source_)) warning_ = recording->warning();
+  }
   prepare_phase();
   check_ends();
+  sign_ = 1;
+  if (robot_ && !poses_) {
+    evaluate({}, q_d_, dq_d_, ddq_d_);
+    const Eigen::Map<const Eigen::VectorXd> q(q_d_.data(), static_cast<Eigen::Index>(q_d_.size()));
+    if ((robot_->Q_WB() * robot_->kinematics().at(q, q, q).Q).w() < 0) sign_ = -1;
+  }
   evaluate_at(start.seconds());
 }
 
@@ -92,45 +123,73 @@ StepResult Motion::step(Time now, Duration h) {
   return StepResult::kDone;
 }
 
-void Motion::prepare_phase() {
+void Motion::prepare_poses() {
+  trajectory::PoseMotion start;
+  if (from_start_) {
+    const Eigen::Map<const Eigen::VectorXd> q(q_start_.data(), static_cast<Eigen::Index>(q_start_.size()));
+    if (!q.allFinite()) throw Error("motion.q_start", "is not finite, expected joint positions");
+    const robot::FrameMotion m = robot_->kinematics().at(q, q, q);
+    const Eigen::Quaterniond Q = robot_->Q_WB() * m.Q;
+    start.p = robot_->p_WB() + robot_->Q_WB() * m.p;
+    start.Q << Q.w(), Q.vec();
+  }
+  pose_path_ = poses_->path(from_start_ ? &start : nullptr);
+  closed_sign_ = pose_path_.at(pose_path_.begin()).Q.dot(pose_path_.at(pose_path_.end()).Q);
+  pose_peaks_ = poses_->limits() == trajectory::PoseLimits{} ? trajectory::PosePeaks{} : trajectory::find_peaks(pose_path_);
+}
+
+double Motion::stretch_needed() const {
+  double factor = 1;
+  if (poses_) factor = std::max(factor, trajectory::stretch_to(pose_peaks_, timing_.phase(), poses_->limits()));
+  if (axes_.empty()) return factor;
+  std::vector<trajectory::Limits> limits;
+  for (const trajectory::Axis& axis : limited_axes()) limits.push_back({axis.dq_max, axis.ddq_max, axis.dddq_max});
+  return std::max(factor, trajectory::stretch_to(path_, timing_.phase(), limits));
+}
+
+std::vector<trajectory::Axis> Motion::limited_axes() const {
   std::vector<trajectory::Axis> axes = axes_;
   for (std::size_t j = 0; j < axes.size(); ++j) {
     if (dq_limit_[j] > 0) axes[j].dq_max = dq_limit_[j];
     if (ddq_limit_[j] > 0) axes[j].ddq_max = ddq_limit_[j];
     if (dddq_limit_[j] > 0) axes[j].dddq_max = dddq_limit_[j];
   }
-  const double length = path_.end() - path_.begin();
-  stretch_ = time_scale_;
-  phase_ = trajectory::Phase(length, stretch_, soft_start_, soft_stop_);
-  enum class Reaction { kError, kWarn, kStretch, kIgnore };
-  const Reaction reaction = text::choose<Reaction>(
-      "motion: limits", limits_,
-      {{"error", Reaction::kError}, {"warn", Reaction::kWarn}, {"stretch", Reaction::kStretch}, {"ignore", Reaction::kIgnore}});
-  if (reaction == Reaction::kStretch) {
-    std::vector<trajectory::Limits> limits;
-    for (const trajectory::Axis& axis : axes) limits.push_back({axis.dq_max, axis.ddq_max, axis.dddq_max});
-    stretch_ *= std::max(1.0, trajectory::stretch_to(path_, phase_, limits));
-    phase_ = trajectory::Phase(length, stretch_, soft_start_, soft_stop_);
-  }
-  duration_ = phase_.duration();
-  if (reaction == Reaction::kIgnore) return;
-  const std::string violation = trajectory::limit_violation(path_, phase_, axes);
-  if (violation.empty()) return;
-  if (reaction != Reaction::kWarn) throw Error("motion", violation);
-  warning_ += (warning_.empty() ? "motion: " : "; motion: ") + violation;
+  return axes;
 }
 
-// A loop must be continuous: compares q and q̇ at both ends, with a tolerance for rounded recordings.
+std::string Motion::violation() const {
+  std::string found;
+  if (!axes_.empty()) found = trajectory::limit_violation(path_, timing_.phase(), limited_axes());
+  if (poses_ && found.empty()) {
+    found = trajectory::limit_violation(pose_peaks_, pose_path_, timing_.phase(), poses_->limits());
+  }
+  return found;
+}
+
+void Motion::prepare_phase() {
+  using Reaction = Timing::Reaction;
+  timing_.prepare(poses_ ? pose_path_.end() - pose_path_.begin() : path_.end() - path_.begin());
+  if (timing_.reaction() == Reaction::kStretch) timing_.stretch_by(stretch_needed());
+  if (timing_.reaction() == Reaction::kIgnore) return;
+  const std::string found = violation();
+  if (found.empty()) return;
+  if (timing_.reaction() != Reaction::kWarn) throw Error("motion", found);
+  warning_ += (warning_.empty() ? "motion: " : "; motion: ") + found;
+}
+
+// A loop must be continuous: compares q and q̇, or pose and twist, at both ends, with a tolerance for rounded recordings.
 void Motion::check_ends() {
-  if (looping_ == Loop::kNo) return;
+  if (timing_.loop() == Timing::Loop::kNo) return;
+  if (poses_) check_pose_ends();
   const std::size_t n = axes_.size();
   std::vector<double> q0(n), dq0(n), q1(n), dq1(n), ddq(n);
-  evaluate(phase_.at(0), q0, dq0, ddq);
-  evaluate(phase_.at(duration_), q1, dq1, ddq);
+  if (n == 0) return;
+  const trajectory::Phase& phase = timing_.phase();
+  evaluate(phase.at(0), q0, dq0, ddq);
+  evaluate(phase.at(phase.duration()), q1, dq1, ddq);
   constexpr double kPosition = 1e-6, kVelocity = 1e-4;  // rad, rad/s
-  const auto number = [](double x) { return text::to_text(x, 6); };
   for (std::size_t j = 0; j < n; ++j) {
-    if (looping_ == Loop::kThereAndBack) {
+    if (timing_.loop() == Timing::Loop::kThereAndBack) {
       if (std::abs(dq0[j]) <= kVelocity && std::abs(dq1[j]) <= kVelocity) continue;
       throw Error("motion: loop", axes_[j].name + " reverses at speeds of " + number(dq0[j]) + " and " + number(dq1[j]) +
                                       " rad/s, expected rest at both ends (soft_start, soft_stop)");
@@ -142,6 +201,17 @@ void Motion::check_ends() {
   }
 }
 
+// A path of poses rests at both ends.
+void Motion::check_pose_ends() const {
+  if (timing_.loop() != Timing::Loop::kRepeat) return;
+  const trajectory::PoseMotion a = pose_path_.at(pose_path_.begin()), b = pose_path_.at(pose_path_.end());
+  const double distance = (b.p - a.p).norm(), angle = trajectory::shortest_rotation(a.Q, b.Q).norm();
+  constexpr double kDistance = 1e-6, kAngle = 1e-6;  // m, rad
+  if (distance <= kDistance && angle <= kAngle) return;
+  throw Error("motion: loop", "the pose at the end is " + number(distance) + " m and " + number(angle) +
+                                  " rad from that at the start, expected the same, or loop = there_and_back");
+}
+
 void Motion::evaluate(const trajectory::Phase::Value& s, std::span<double> q, std::span<double> dq,
                       std::span<double> ddq) const {
   path_.at(std::min(path_.begin() + s.s, path_.end()), q, dq, ddq);
@@ -149,20 +219,18 @@ void Motion::evaluate(const trajectory::Phase::Value& s, std::span<double> q, st
 }
 
 void Motion::evaluate_at(double t) {
-  double u = t - t_start_;  // since the start
-  double direction = 1;
-  if (looping_ == Loop::kRepeat && u > duration_) u = std::fmod(u, duration_);
-  if (looping_ == Loop::kThereAndBack && u > duration_) {
-    u = std::fmod(u, 2 * duration_);
-    if (u > duration_) {
-      u = 2 * duration_ - u;
-      direction = -1;
-    }
+  const Timing::Instant instant = timing_.at(t);
+  if (!axes_.empty()) evaluate(instant.s, q_d_, dq_d_, ddq_d_);
+  if (poses_) {
+    const double sign = instant.odd_repetition && closed_sign_ < 0 ? -1 : 1;
+    pose_d_.set(pose_path_.at(std::min(pose_path_.begin() + instant.s.s, pose_path_.end())), instant.s, sign);
+  } else if (robot_) {
+    using Vector = Eigen::Map<const Eigen::VectorXd>;
+    const auto n = static_cast<Eigen::Index>(axes_.size());
+    const robot::FrameMotion m =
+        robot_->kinematics().at(Vector(q_d_.data(), n), Vector(dq_d_.data(), n), Vector(ddq_d_.data(), n));
+    pose_d_.set(m, robot_->p_WB(), robot_->Q_WB(), sign_);
   }
-  trajectory::Phase::Value s = phase_.at(u);
-  s.ds *= direction;  // reversed s(t): odd derivatives change their sign
-  evaluate(s, q_d_, dq_d_, ddq_d_);
-  done_ = looping_ == Loop::kNo && u >= duration_;
 }
 
 }  // namespace cotwin::motion

@@ -1,21 +1,25 @@
 #pragma once
+#include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "components/motion/poses.h"
 #include "components/motion/sources.h"
+#include "components/motion/timing.h"
 #include "components/unit/joint_variables.h"
 #include "components/unit/unit.h"
 #include "models/trajectory/axes.h"
-#include "models/trajectory/time_scaling.h"
 
 namespace cotwin::motion {
 
-/// The desired motion q_d(t), q̇_d, q̈_d of the joints, prepared at initialisation and then a function of time alone:
+/// The desired motion, prepared at initialisation and then a function of time alone. Of the joints:
 ///   q_d = q(s(t)),   q̇_d = q′ ṡ,   q̈_d = q″ ṡ² + q′ s̈
-/// with a path q of polynomials (trajectory.h) and the phase s (time_scaling.h: stretching, soft start and stop). The joints
-/// rest before t_start; after the end they rest, or the motion repeats or runs back and forth. Joint limits are checked, or
-/// met by stretching.
+/// with a path q of polynomials (trajectory.h) and the phase s (time_scaling.h: stretching, soft start and stop). Of a frame
+/// (space = cartesian): the same with a path of poses (pose_path.h). The motion rests before t_start; after the end it rests,
+/// repeats or runs back and forth. Limits are checked, or met by stretching. With pose = true the pose that belongs to the joint
+/// motion is an output, too.
 class Motion final : public Unit {
  public:
   /// Declares the settings of the unit.
@@ -27,32 +31,41 @@ class Motion final : public Unit {
   StepResult step(Time now, Duration h) override;
 
  private:
-  enum class Loop { kNo, kRepeat, kThereAndBack };
-
-  Motion(Settings& settings, std::vector<trajectory::Axis> axes);
+  Motion(Settings& settings, bool cartesian);
+  void read_robot(Settings& settings, bool cartesian);
+  void prepare_poses();
   void prepare_phase();
+  std::vector<trajectory::Axis> limited_axes() const;
+  double stretch_needed() const;
+  std::string violation() const;
   void check_ends();
+  void check_pose_ends() const;
   void evaluate(const trajectory::Phase::Value& s, std::span<double> q, std::span<double> dq, std::span<double> ddq) const;
   void evaluate_at(double t);
 
-  std::vector<trajectory::Axis> axes_;
-  JointMeasures measures_;
-  AnySource source_;
+  std::vector<trajectory::Axis> axes_;  // empty if there are no joints among the outputs
+  JointMeasures measures_{nullptr};
+  std::optional<AnySource> source_;    // of a joint motion
+  std::optional<PoseSource> poses_;    // of a Cartesian motion
+  std::optional<RobotInWorld> robot_;  // for the relation between joints and poses
+  std::string frame_ = "the frame";
+  bool from_start_ = false;
 
   // Parameters.
-  double t_start_ = 0, time_scale_ = 1, soft_start_ = 0, soft_stop_ = 0;
-  std::string loop_ = "no", limits_ = "error";
+  Timing timing_;
   std::vector<double> dq_limit_, ddq_limit_, dddq_limit_;  // 0: the robot's limit, or none
+  std::vector<double> q_start_;
 
   // Computed from the parameters.
   trajectory::Path path_;
-  trajectory::Phase phase_;
-  Loop looping_ = Loop::kNo;
+  trajectory::PosePath pose_path_;
+  trajectory::PosePeaks pose_peaks_;
+  double sign_ = 1;         // of quat_d from forward kinematics
+  double closed_sign_ = 1;  // of quat_d at the end relative to the start
 
   // Outputs.
   std::vector<double> q_d_, dq_d_, ddq_d_;
-  bool done_ = false;
-  double duration_ = 0, stretch_ = 1;
+  PoseOutputs pose_d_;
   std::string warning_;
 };
 

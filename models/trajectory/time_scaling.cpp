@@ -83,14 +83,19 @@ void apply_chain_rule(const Phase::Value& phase, std::span<double> dq, std::span
 }
 
 double bound(const Path& path, const Phase& phase, std::size_t joint, int derivative) {
-  const auto magnitude = [&](int order) { return std::abs(path.range(joint, order).largest().value); };
+  std::array<double, 3> largest{};
+  for (int order = phase.largest().dds > 0 ? 1 : derivative; order <= derivative; ++order) {
+    largest[static_cast<std::size_t>(order - 1)] = std::abs(path.range(joint, order).largest().value);
+  }
+  return bound(largest, phase, derivative);
+}
+
+double bound(const std::array<double, 3>& largest, const Phase& phase, int derivative) {
   const Phase::Value s = phase.largest();
-  if (derivative == 1) return magnitude(1) * s.ds;
-  const double ramps = s.dds > 0 ? magnitude(1) : 0;
-  if (derivative == 2) return magnitude(2) * s.ds * s.ds + ramps * s.dds;
+  if (derivative == 1) return largest[0] * s.ds;
+  if (derivative == 2) return largest[1] * s.ds * s.ds + largest[0] * s.dds;
   assert(derivative == 3);
-  const double mixed = s.dds > 0 ? 3 * magnitude(2) * s.ds * s.dds : 0;
-  return magnitude(3) * s.ds * s.ds * s.ds + mixed + ramps * s.ddds;
+  return largest[2] * s.ds * s.ds * s.ds + 3 * largest[1] * s.ds * s.dds + largest[0] * s.ddds;
 }
 
 double stretch_to(const Path& path, const Phase& phase, std::span<const Limits> limits) {

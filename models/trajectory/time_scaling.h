@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <limits>
 #include <span>
 
@@ -44,6 +45,8 @@ struct Limits {
 /// An upper bound of |q̇| (derivative 1), |q̈| (2) or the |jerk| (3) of a joint on `path` with `phase`: the maximum itself
 /// without ramps; with ramps a safe bound, |q″| ṡ² + |q′| |s̈| and so on from the maximum of each factor.
 double bound(const Path& path, const Phase& phase, std::size_t joint, int derivative);
+/// The same bound from the greatest magnitudes of the first three derivatives with respect to s.
+double bound(const std::array<double, 3>& largest, const Phase& phase, int derivative);
 
 /// The least factor for all durations with which every joint meets its limits: q̇ falls with it, q̈ with its square, jerk with
 /// its cube. Less than one if the limits allow a faster motion. Throws Error for a limit that is not positive.
