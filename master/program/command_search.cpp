@@ -169,7 +169,11 @@ class Search {
     };
     runs_now_ = true;
     look();
-    while (!result.holds && stop_signal() == 0 && master.step_tick()) look();
+    try {
+      while (!result.holds && stop_signal() == 0 && master.step_tick()) look();
+    } catch (const Error& error) {
+      throw Error(varied_.name + "=" + text::to_text(value), error.what());
+    }
     result.time = master.now().seconds();
     master.finish();
     runs_now_ = false;

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
 
@@ -78,9 +79,17 @@ TEST(Search, RefusesWhatItCannotSearch) {
 }
 
 TEST(Search, EndsWithTheErrorOfARunThatFails) {
-  const RunResult failed = search("drive.B[1]=1e-9:1", "compliance.q_c[1]>=9", {"--set", "compliance.omega=1e4", "--quiet"});
-  EXPECT_NE(failed.code, 0);
-  EXPECT_THAT(failed.err, HasSubstr("cotwin: "));
+  // An event in the middle of the run makes a value that is not finite.
+  const fs::path arm = fs::path(cotwin::places::source()) / "examples/01_joint_admittance/arm.ssd";
+  std::string text = cotwin::testing::content(arm);
+  const std::string event = R"(variable="drive.tau_e" value="20 9")";
+  ASSERT_NE(text.find(event), std::string::npos);
+  text.replace(text.find(event), event.size(), R"(variable="drive.tau_e" value="1e308 9")");
+  const cotwin::testing::TemporaryFolder folder("search");
+  const RunResult failed = run_program({"search", folder.write("arm.ssd", text), "--vary", "compliance.S_a[1]=20:90", "--until",
+                                        "compliance.Delta[2]>9", "--quiet"});
+  EXPECT_EQ(failed.code, 1);
+  EXPECT_THAT(failed.err, HasSubstr("compliance.S_a[1]=20: 'drive' discarded its step at t = 1 s"));
 }
 
 }  // namespace
