@@ -34,6 +34,7 @@ ContactWorld::ContactWorld(Settings& settings)
   const std::string method = settings.choice("method");
   options_.method = method == "tree" ? Method::kTree : method == "pgs" ? Method::kPgs : Method::kDantzig;
   options_.contacts = static_cast<std::size_t>(settings.integer("contacts"));
+  options_.dents = static_cast<std::size_t>(settings.integer("dents"));
   shown_ = static_cast<std::size_t>(settings.integer("points"));
   iterations_ = options_.iterations;
   tolerance_ = options_.tolerance;
@@ -66,11 +67,9 @@ ContactWorld::ContactWorld(Settings& settings)
   }
   for (std::size_t i = 0; i < cell_.scene.bodies.size(); ++i) {
     const scene::Body& body = cell_.scene.bodies[i];
-    auto made = std::make_unique<Body>();
-    made->name = identifier(body.name);
+    auto made = std::make_unique<Body>(place_, body);
     made->prefix = made->name + ".";
     made->index = i;
-    made->motion = body.motion;
     vector3(made->p0) = body.X_WB.p;
     put_quaternion(body.X_WB.R, made->quat0);
     bodies_.push_back(std::move(made));
@@ -105,6 +104,7 @@ void ContactWorld::build() {
   scene::Scene scene = cell_.scene;
   scene.gravity = {gravity_[0], gravity_[1], gravity_[2]};
   for (const auto& body : bodies_) {
+    body->foundation.apply(scene.bodies[body->index]);
     scene.bodies[body->index].X_WB = pose_of(place_ + "." + body->name + ".quat0", body->p0, body->quat0);
   }
   for (const auto& robot : robots_) {
@@ -142,6 +142,7 @@ std::vector<double> ContactWorld::layout() const {
   for (const auto& body : bodies_) {
     add(body->p0);
     add(body->quat0);
+    if (body->foundation.any()) add(body->foundation.parameters());
   }
   for (const auto& robot : robots_) {
     add(robot->base_p0);
@@ -379,6 +380,9 @@ void ContactWorld::write_outputs(double h) {
     vector3(b.w) = world_->twists()[b.index].tail<3>();
   }
 
+  for (const Yielding& one : world_->yielding()) {
+    if (one.body < bodies_.size()) bodies_[one.body]->foundation.write(one);
+  }
   const std::span<const ContactPoint> points = world_->contacts();
   const std::span<const Eigen::Vector3d> forces = world_->forces();
   std::fill(contact_p_.begin(), contact_p_.end(), 0.0);
@@ -415,6 +419,11 @@ void ContactWorld::write_outputs(double h) {
 }
 
 void ContactWorld::tell(std::vector<std::string>& notes) const {
+  for (const auto& body : bodies_) body->foundation.tell(notes);
+  if (world_->forgotten_dents() > 0) {
+    notes.push_back(std::to_string(world_->forgotten_dents()) +
+                    " dents were forgotten, expected more than dents=" + std::to_string(options_.dents));
+  }
   if (largest_swing_ <= kResolvedSwing) return;
   notes.push_back("the step is " + text::to_text(std::round(10 * largest_swing_) / 10) +
                   " times 1/ω of the stiffest soft contact, expected at most 1: its force is a mean that misses peaks");

@@ -6,6 +6,7 @@
 
 #include "components/contact_world/assemble.h"
 #include "components/contact_world/contact_world.h"
+#include "components/contact_world/foundation.h"
 #include "components/contact_world/port_values.h"
 #include "models/robot/body_parameters.h"
 #include "models/robot/dynamics.h"
@@ -61,6 +62,9 @@ struct ContactWorld::Robot {
 };
 
 struct ContactWorld::Body {
+  Body(const std::string& place, const scene::Body& body)
+      : name(identifier(body.name)), motion(body.motion), foundation(place, name, body) {}
+
   std::string name, prefix;
   std::size_t index;  // in the world
   scene::Motion motion;
@@ -68,6 +72,7 @@ struct ContactWorld::Body {
   std::vector<double> f{0, 0, 0}, m{0, 0, 0};          // inputs of a dynamic body
   std::vector<double> v_d{0, 0, 0}, w_d{0, 0, 0};      // inputs of a driven one
   std::vector<double> p{0, 0, 0}, quat{1, 0, 0, 0}, v{0, 0, 0}, w{0, 0, 0}, f_c{0, 0, 0}, m_c{0, 0, 0};  // outputs
+  Foundation foundation;
 };
 
 }  // namespace cotwin::contact_world

@@ -18,6 +18,8 @@ void ContactWorld::declare_settings(SettingList& s) {
   s.integer("contacts", 256, 1, 1000000, "number of contact points that a step takes without allocating memory");
   s.integer("points", 8, 0, 1000, "number of contact points that are outputs");
   s.text("maximal", "", "with link=inside: names of robots, separated by commas, that this unit integrates all the same");
+  s.integer("dents", 64, 1, 100000,
+            "number of places where a surface that yields remembers its dents, then the oldest is forgotten");
 }
 
 void ContactWorld::declare_robot(Variables& v, Robot& r) {
@@ -141,6 +143,9 @@ void ContactWorld::declare(Variables& v) {
            "largest h ω of a loaded soft contact, with its spring and the mobility behind it; above 1 `force` misses peaks");
   v.output("extended", extended_,
            "islands of contacts at rest that took more than max_iterations sweeps in the step, up to 50 times as many");
+  for (const auto& body : bodies_) {
+    if (body->foundation.any()) body->foundation.declare(v, body->prefix);
+  }
   for (const auto& robot : robots_) {
     if (robot->placed->model.bodies.empty()) continue;
     declare_bodies(v, robot->inertias, true, robot->prefix);

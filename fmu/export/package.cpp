@@ -147,7 +147,8 @@ void put(ByteWriter& out, const scene::Shape& shape) {
   put(out, shape.X_BS);
   const scene::Material& m = shape.material;
   put(out, m.first_direction);
-  for (const double value : {m.mu, m.mu2, m.torsion, m.patch_radius, m.surface_radius, m.restitution, m.stiffness, m.damping})
+  for (const double value : {m.mu, m.mu2, m.torsion, m.patch_radius, m.surface_radius, m.restitution, m.stiffness, m.damping,
+                             m.foundation, m.foundation_damping, m.yield, m.breakthrough, m.whole ? 1.0 : 0.0})
     out.value(value);
 }
 void get(ByteReader& in, scene::Shape& shape) {
@@ -159,9 +160,11 @@ void get(ByteReader& in, scene::Shape& shape) {
   get(in, shape.X_BS);
   scene::Material& m = shape.material;
   get(in, m.first_direction);
-  for (double* value :
-       {&m.mu, &m.mu2, &m.torsion, &m.patch_radius, &m.surface_radius, &m.restitution, &m.stiffness, &m.damping})
+  double whole = 0;
+  for (double* value : {&m.mu, &m.mu2, &m.torsion, &m.patch_radius, &m.surface_radius, &m.restitution, &m.stiffness, &m.damping,
+                        &m.foundation, &m.foundation_damping, &m.yield, &m.breakthrough, &whole})
     *value = in.value<double>();
+  m.whole = whole != 0;
 }
 
 void put(ByteWriter& out, const std::vector<scene::Shape>& shapes) {

@@ -27,6 +27,7 @@ void add_tune(CLI::App& app, Chosen& chosen);
 void add_excite(CLI::App& app, Chosen& chosen);
 void add_perturb(CLI::App& app, Chosen& chosen);
 void add_tool(CLI::App& app, Chosen& chosen);
+void add_search(CLI::App& app, Chosen& chosen);
 void add_completion(CLI::App& app, Chosen& chosen);
 
 /// Returns the units of this program, of the modules in COTWIN_UNITS (separated by ':') and of those given by --units. Loads the

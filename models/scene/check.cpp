@@ -49,6 +49,17 @@ void check_material(const Checker& c, const Material& m) {
   c.expect(m.restitution >= 0 && m.restitution <= 1, "restitution " + shown(m.restitution) + ", expected 0 … 1");
   c.expect(m.stiffness > 0, "stiffness " + shown(m.stiffness) + " N/m, expected > 0");
   c.expect(m.damping >= 0 && std::isfinite(m.damping), "damping " + shown(m.damping) + " N.s/m, expected ≥ 0 and finite");
+  const std::string per_depth = m.whole ? " N/m" : " Pa/m", force = m.whole ? " N" : " Pa";
+  c.expect(m.foundation >= 0 && std::isfinite(m.foundation),
+           "foundation " + shown(m.foundation) + per_depth + ", expected ≥ 0 and finite");
+  c.expect(m.foundation_damping >= 0 && std::isfinite(m.foundation_damping),
+           "damping of the foundation " + shown(m.foundation_damping) + ", expected ≥ 0 and finite");
+  c.expect(m.yield > 0, "yield limit " + shown(m.yield) + force + ", expected > 0");
+  c.expect(m.breakthrough > 0, "breakthrough " + shown(m.breakthrough) + " m, expected > 0");
+  c.expect(m.foundation > 0 || (m.yield == kInfinity && m.breakthrough == kInfinity && m.foundation_damping == 0),
+           "a yield limit, breakthrough or damping of a foundation without a stiffness of it");
+  c.expect(m.foundation == 0 || m.stiffness == kInfinity,
+           "a stiffness of each point besides a foundation, expected one of them");
 }
 
 void check_shape(const Checker& c, const Shape& shape, Motion motion) {

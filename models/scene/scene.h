@@ -24,6 +24,14 @@ struct Material {
   double torsion = 0;         // moment about the normal that resists spin: at most torsion × patch radius × normal force
   double patch_radius = 0;    // m; 0: √(surface_radius × depth), which is 0 for rigid contacts
   double surface_radius = 0;  // m
+  // Elastic foundation: replaces stiffness and damping by those of the area in contact, or of the whole contact if `whole`.
+  double foundation = 0;            // Pa/m (whole: N/m); 0: none
+  double foundation_damping = 0;    // Pa.s/m (whole: N.s/m)
+  double yield = kInfinity;         // Pa (whole: N) that the foundation carries; beyond, it stays indented
+  double breakthrough = kInfinity;  // m; where the contact is deeper, the foundation is pierced and carries nothing
+  bool whole = false;
+
+  bool soft() const { return stiffness < kInfinity || foundation > 0; }
 
   friend bool operator==(const Material&, const Material&) = default;
 };

@@ -18,12 +18,15 @@ namespace cotwin::scene {
 ///              cotwin:velocity: initial [v; w] of the link's frame, expressed in the world
 ///   collision  pose, density, geometry (box, sphere, cylinder, capsule, ellipsoid, cone, plane, mesh, cotwin:round_hole), surface:
 ///              friction/ode/mu, mu2, fdir1, friction/torsional, bounce/restitution_coefficient, contact/ode/kp and kd (kp absent
-///              or 10¹²: rigid). Convex meshes become hulls, concave ones triangles (mesh.h), with a warning
+///              or 10¹²: rigid), contact/cotwin:foundation. Convex meshes become hulls, concave ones triangles (mesh.h), with a warning
 ///   joint      revolute, continuous, prismatic, ball, fixed, screw (screw_thread_pitch, thread_pitch), universal and revolute2
 ///              (two hinges `name`, `name.axis2` and a light body `name.cross`); pose, parent, child, axis, axis2: xyz, limit,
 ///              dynamics (damping, friction, spring_stiffness, spring_reference)
 ///   poses      relative_to, degrees, rotation_format
 /// The namespace of cotwin: is urn:cotwin:scene:1; cotwin:round_hole has radius, depth, size (two edges), chamfer, facets.
+/// cotwin:foundation has young_modulus (Pa) and thickness (m), which give the pressure per depth, damping (Pa.s/m) and yield_stress
+/// (Pa); or, of the whole contact whatever its area, stiffness (N/m), damping (N.s/m) and yield_force (N). Besides breakthrough
+/// (m): where the contact is deeper, the surface is pierced and carries nothing.
 /// Visuals, lights and windows are ignored. Other elements are ignored with a warning, or are errors where ignoring them would
 /// change the scene. The link of a model with a single link gets the model's name, other links get model.link. The name of the
 /// scene is that of its world or model. The result is checked (scene.h). Throws Error `file:line: …`.

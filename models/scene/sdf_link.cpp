@@ -47,6 +47,41 @@ void read_friction(const xml::Element& friction, const Pose& X_BC, Material& mat
   material.first_direction = (X_BC.R * along).normalized();
 }
 
+/// A child of cotwin's namespace, or `fallback`.
+double own_number(const xml::Element& parent, const char* name, double fallback) {
+  const xml::Element* found = only(parent, name, kSpace);
+  return found != nullptr ? number(*found) : fallback;
+}
+
+/// <cotwin:foundation>: of an area (young_modulus, thickness, yield_stress), or of the whole contact (stiffness, yield_force).
+void read_foundation(const xml::Element& foundation, Material& material, const Warn& warn) {
+  check_children(foundation, {}, {},
+                 {"young_modulus", "thickness", "stiffness", "damping", "yield_stress", "yield_force", "breakthrough"}, warn);
+  const xml::Element* whole = only(foundation, "stiffness", kSpace);
+  material.whole = whole != nullptr;
+  for (const char* name : {"young_modulus", "thickness", "yield_stress"}) {
+    const xml::Element* other = only(foundation, name, kSpace);
+    if (whole != nullptr && other != nullptr)
+      throw Error(other->place, "<" + other->name + "> besides <stiffness>, expected <yield_force>, or a <young_modulus>");
+  }
+  if (whole != nullptr) {
+    material.foundation = number(*whole);
+  } else {
+    if (const xml::Element* force = only(foundation, "yield_force", kSpace))
+      throw Error(force->place, "<yield_force> without <stiffness>, expected <yield_stress>");
+    const double thickness = number(required(foundation, "thickness", kSpace));
+    if (!(thickness > 0)) throw Error(foundation.place, "<thickness> " + text::to_text(thickness, 6) + " m, expected > 0");
+    material.foundation = number(required(foundation, "young_modulus", kSpace)) / thickness;
+  }
+  if (!(material.foundation > 0)) {
+    throw Error(foundation.place, std::string("<") + (material.whole ? "stiffness" : "young_modulus") +
+                                      "> in <foundation>: " + text::to_text(material.foundation, 6) + ", expected > 0");
+  }
+  material.foundation_damping = own_number(foundation, "damping", 0);
+  material.yield = own_number(foundation, material.whole ? "yield_force" : "yield_stress", kInfinity);
+  material.breakthrough = own_number(foundation, "breakthrough", kInfinity);
+}
+
 /// SDF's defaults: <mu> 1, <kp> 10¹² (treated as rigid).
 Material read_surface(const xml::Element* surface, const Pose& X_BC, const Warn& warn) {
   Material material;
@@ -59,10 +94,12 @@ Material read_surface(const xml::Element* surface, const Pose& X_BC, const Warn&
     material.restitution = number(*bounce, "restitution_coefficient", 0);
   }
   if (const xml::Element* contact = only(*surface, "contact")) {
-    check_children(*contact, {"ode"}, {}, {}, warn);
+    check_children(*contact, {"ode"}, {}, {"foundation"}, warn);
+    if (const xml::Element* foundation = only(*contact, "foundation", kSpace)) read_foundation(*foundation, material, warn);
     if (const xml::Element* ode = only(*contact, "ode")) {
       check_children(*ode, {"kp", "kd"}, {}, {}, warn);
       const double kp = number(*ode, "kp", 1e12);
+      if (kp < 1e12 && material.foundation > 0) throw Error(ode->place, "<kp> besides <foundation>, expected one of them");
       if (kp < 1e12) {
         material.stiffness = kp;
         material.damping = number(*ode, "kd", 1);

@@ -114,6 +114,23 @@ TEST_P(Fuzz, GrowsOnceBeyondTheDeclaredCapacityAndGoesOn) {
   EXPECT_EQ(world.status().grown, grown);
 }
 
+// Its bodies overlap, also in soft contacts, and have no room: the energy grew from 0.4 kJ to 10²⁹ J without a word.
+TEST(Guard, EndsARunWhoseBodiesHaveNoRoom) {
+  for (const Method method : {Method::kTree, Method::kDantzig}) {
+    Options options;
+    options.method = method;
+    RandomScene random(31);
+    World world(random.scene(), options);
+    std::string fault;
+    for (int k = 0; k < 60 && fault.empty(); ++k) {
+      world.step(kStep);
+      ASSERT_LT(world.energy(), 1e5) << "step " << k;
+      fault = world.fault(0.01, 0.25);
+    }
+    EXPECT_NE(fault.find("energy has grown by"), std::string::npos) << fault;
+  }
+}
+
 std::string name(const ::testing::TestParamInfo<Method>& info) {
   return info.param == Method::kTree ? "tree" : info.param == Method::kPgs ? "pgs" : "dantzig";
 }

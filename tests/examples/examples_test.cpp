@@ -3,7 +3,8 @@
 //   {
 //     "needs": ["../../../shared/…"],              files, relative to the folder, without which the test is skipped
 //     "scenario": "twin.ssd",                      if it is not <scenario>.ssd
-//     "options": ["--set", "a.b=1"],               of cotwin run
+//     "command": "search",                         in place of run; its JSON is the summary
+//     "options": ["--set", "a.b=1"],               of the command
 //     "figures": [
 //       {"what": "…", "summary": "/ticks", …},                                     a JSON pointer into the summary
 //       {"what": "…", "signal": "a.x[1]", "minus": "b.x[1]", "at": 2.5, …},        the recorded sample nearest to an instant
@@ -152,7 +153,9 @@ TEST_P(Example, RunsAndGivesTheExpectedFigures) {
 
   const TemporaryFolder results("example");
   const fs::path summary = results.path() / "summary.json";
-  std::vector<std::string> command = {"run", scenario, "--quiet", "--out", results.path(), "--json", summary};
+  const std::string name = expected.value("command", "run");
+  std::vector<std::string> command = {name, scenario, "--quiet", "--json", summary};
+  if (name == "run") command.insert(command.end(), {"--out", results.path()});
   for (const std::string& option : expected.value("options", std::vector<std::string>{})) command.push_back(option);
   if (const char* set = getenv("COTWIN_EXAMPLE_SET")) command.insert(command.end(), {"--set", set});
   const RunResult ran = run_program(command);

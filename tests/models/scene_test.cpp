@@ -478,6 +478,57 @@ TEST(Sdf, WarnsOfIgnoredElements) {
               ElementsAre(HasSubstr("<slip1> in <ode>"), HasSubstr("<mu2> differs from <mu>")));
 }
 
+std::string with_foundation(const std::string& inside, const std::string& ode = "") {
+  return world(
+      model("m", link("a", "<collision name=\"x\"><geometry><box><size>1 1 1</size></box></geometry><surface><contact>" + ode +
+                               "<cotwin:foundation>" + inside + "</cotwin:foundation></contact></surface></collision>")));
+}
+
+TEST(Sdf, ReadsFoundationsOfAnAreaAndOfAWholeContact) {
+  const std::string of_area =
+      "<cotwin:young_modulus>5e6</cotwin:young_modulus><cotwin:thickness>0.05</cotwin:thickness><cotwin:damping>2e4</"
+      "cotwin:damping>"
+      "<cotwin:yield_stress>1e5</cotwin:yield_stress><cotwin:breakthrough>0.04</cotwin:breakthrough>";
+  const Material area = parse_sdf(with_foundation(of_area), "test.sdf").bodies[0].shapes.back().material;
+  EXPECT_EQ(area.foundation, 1e8);
+  EXPECT_EQ(area.foundation_damping, 2e4);
+  EXPECT_EQ(area.yield, 1e5);
+  EXPECT_EQ(area.breakthrough, 0.04);
+  EXPECT_FALSE(area.whole);
+  EXPECT_TRUE(area.soft());
+  const std::string of_whole = "<cotwin:stiffness>3e4</cotwin:stiffness><cotwin:yield_force>30</cotwin:yield_force>";
+  const Material whole = parse_sdf(with_foundation(of_whole), "test.sdf").bodies[0].shapes.back().material;
+  EXPECT_EQ(whole.foundation, 3e4);
+  EXPECT_EQ(whole.yield, 30);
+  EXPECT_EQ(whole.breakthrough, kInfinity);
+  EXPECT_TRUE(whole.whole);
+}
+
+TEST(Sdf, RefusesInvalidFoundations) {
+  const auto own = [](const std::string& name, const std::string& value) {
+    return "<cotwin:" + name + ">" + value + "</cotwin:" + name + ">";
+  };
+  const std::string E = own("young_modulus", "5e6"), t = own("thickness", "0.05"), k = own("stiffness", "1e4");
+  const std::vector<std::pair<std::string, std::string>> cases{
+      {with_foundation(""), "<foundation> without <thickness>"},
+      {with_foundation(E), "<foundation> without <thickness>"},
+      {with_foundation(t), "<foundation> without <young_modulus>"},
+      {with_foundation(E + own("thickness", "0")), "<thickness> 0 m, expected > 0"},
+      {with_foundation(own("young_modulus", "-1") + t), "<young_modulus> in <foundation>: -20, expected > 0"},
+      {with_foundation(k + t), "<thickness> besides <stiffness>"},
+      {with_foundation(k + own("yield_stress", "1e5")), "<yield_stress> besides <stiffness>"},
+      {with_foundation(E + t + own("yield_force", "1")), "<yield_force> without <stiffness>"},
+      {with_foundation(E + t + own("yield_stress", "0")), "yield limit 0 Pa, expected > 0"},
+      {with_foundation(E + t + own("yield_stress", "nan")), "'nan', expected a finite number"},
+      {with_foundation(k + own("yield_force", "-3")), "yield limit -3 N, expected > 0"},
+      {with_foundation(E + t + own("breakthrough", "-1")), "breakthrough -1 m, expected > 0"},
+      {with_foundation(E + t + own("damping", "-1")), "damping of the foundation -1"},
+      {with_foundation(E + t + own("strength", "1")), "'strength' is not an element of 'foundation'"},
+      {with_foundation(E + t, "<ode><kp>1e5</kp></ode>"), "<kp> besides <foundation>"},
+  };
+  for (const auto& [text, message] : cases) EXPECT_THAT(refusal(text), HasSubstr(message)) << text;
+}
+
 TEST(Sdf, RefusesInvalidAndUnsupportedElements) {
   const auto joint = [](const std::string& type, const std::string& inside) {
     return world(model("m", link("a") + link("b") + "<joint name=\"j\" type=\"" + type + "\">" + inside + "</joint>"));

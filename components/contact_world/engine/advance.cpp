@@ -94,7 +94,7 @@ Advance::Advance(const scene::Scene& scene, std::span<const RigidBody> bodies, s
       Piece piece;
       piece.convex = &from.convex;
       piece.X_PC = bodies[b].X_PB * from.convex.X_BC;
-      piece.rigid = !(scene.bodies[b].shapes[static_cast<std::size_t>(from.shape)].material.stiffness < kInfinity);
+      piece.rigid = !scene.bodies[b].shapes[static_cast<std::size_t>(from.shape)].material.soft();
       if (from.convex.core == Core::kPlane) {
         piece.radius = piece.reach = piece.least = kInfinity;
         body.has_plane = true;

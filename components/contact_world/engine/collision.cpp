@@ -8,6 +8,7 @@
 
 #include "components/contact_world/engine/convex.h"
 #include "components/contact_world/engine/pair.h"
+#include "components/contact_world/engine/patch.h"
 
 namespace cotwin::contact_world {
 
@@ -77,6 +78,7 @@ struct Collision::Impl {
   std::vector<Candidate> candidates, candidates_before;
   std::vector<std::size_t> ends, ends_before;  // of each candidate's points
   Pair pair;
+  Patch patch;
   std::vector<Touch> touches;
   std::vector<ContactPoint> points, points_before;
 };
@@ -87,7 +89,8 @@ Collision::Impl::Impl(const scene::Scene& scene) {
     const scene::Body& body = scene.bodies[b];
     if (body.motion == scene::Motion::kStatic) fixed_bodies.push_back(b);
     for (std::size_t s = 0; s < body.shapes.size(); ++s) {
-      Piece piece{make_convex(body.shapes[s]), static_cast<int>(b), static_cast<int>(s), body.motion != scene::Motion::kStatic};
+      Piece piece{make_convex(body.shapes[s]), static_cast<int>(b), static_cast<int>(s), body.motion != scene::Motion::kStatic,
+                  body.shapes[s].material.foundation > 0};
       if (piece.moves) moving.push_back(static_cast<std::uint32_t>(pieces.size()));
       if (piece.convex.core == Core::kPlane) planes.push_back(static_cast<std::uint32_t>(pieces.size()));
       for (const auto& face : piece.convex.polytope.faces) corners = std::max<std::size_t>(corners, face.count);
@@ -116,6 +119,7 @@ Collision::Impl::Impl(const scene::Scene& scene) {
   fixed.reserve(pieces.size());
   wide.reserve(pieces.size());
   pair.reserve(corners);
+  patch.reserve(corners);
   touches.reserve(8);
 }
 
@@ -211,10 +215,13 @@ void Collision::Impl::add_points(const Candidate& candidate, double margin) {
   const auto i = static_cast<std::uint32_t>(candidate.pieces >> 32), j = static_cast<std::uint32_t>(candidate.pieces);
   const Vector3d origin = placed[i].convex->core == Core::kPlane ? placed[j].p : placed[i].p;
   const Placed a{placed[i].convex, placed[i].R, placed[i].p - origin}, b{placed[j].convex, placed[j].R, placed[j].p - origin};
-  pair.find(a, b, margin, touches);
+  const Vector3d n = pair.find(a, b, margin, touches);
+  if (!touches.empty() && (pieces[i].foundation || pieces[j].foundation))
+    patch.find(a, b, pieces[j].foundation && !pieces[i].foundation, n, margin, touches);
   std::sort(touches.begin(), touches.end(), [](const Touch& s, const Touch& t) { return s.id < t.id; });
   for (const Touch& t : touches) {
-    points.push_back({pieces[i].body, pieces[j].body, pieces[i].shape, pieces[j].shape, origin + t.p, t.n, t.gap, t.id});
+    points.push_back({pieces[i].body, pieces[j].body, pieces[i].shape, pieces[j].shape, origin + t.p, t.n, t.gap, t.id, t.area,
+                      t.share, t.load, t.spread});
   }
 }
 

@@ -19,6 +19,8 @@ struct ContactPoint {
   Eigen::Vector3d n_W = Eigen::Vector3d::Zero();  // unit normal, from a to b
   double gap = 0;                                 // signed distance along n, m; negative: they interpenetrate
   std::uint64_t id = 0;                           // of the features: unique in the pair of shapes, constant from step to step
+  double area = 0, share = 1;                     // of patch.h: as Touch in manifold.h
+  double load = 0, spread = 1;
 };
 
 /// Finds the contact points of a scene's shapes. The result depends on the poses alone: equal poses give equal points in the
@@ -52,6 +54,7 @@ class Collision {
     Convex convex;
     int body = 0, shape = 0;
     bool moves = false;
+    bool foundation = false;  // its points are those of patch.h
   };
   std::span<const Piece> pieces() const;  // in the order of the bodies; valid as long as the object
   bool ignores(int body_a, int body_b) const;

@@ -102,10 +102,13 @@ double World::Impl::largest_gap() const {
 /// Work of the contacts' position correction, which lifts bodies, of driven bodies and of applied wrenches; called after the
 /// position stage.
 void World::Impl::account_position_stage(double h) {
-  // An upper bound: the force of the whole step is at most twice that of its first half.
+  // An upper bound: the force of the whole step is at most twice that of its first half. Impulses that bodies without room exert
+  // on one another are not bounded, but no correction of depths gives more than all the energy that there was before.
+  double lifted = 0;
   for (const ConeRow& row : rows.cones()) {
-    if (row.target > 0 && row.spring == ConeRow::Spring::kNone) guard.add_work(2 * row.x[0] * row.target);
+    if (row.target > 0 && row.spring == ConeRow::Spring::kNone) lifted += 2 * row.x[0] * row.target;
   }
+  guard.add_work(std::min(lifted, guard.available + guard.fall + small_energy));
   if (has_driven) {
     for (const Touch& touch : touches) guard.add_work(driven_work(touch, touch.impact + touch.sum));
   }
@@ -150,15 +153,19 @@ void World::Impl::account_axis(std::size_t joint, double q_0, double s_0, double
 }
 
 void World::Impl::end_guard() {
+  double jumps = 0;  // J, twice the energy of soft contacts whose normals may jump
   for (const Touch& touch : touches) {
-    if (touch.stiffness == scene::kInfinity || touch.point.gap > 0) continue;
+    if (touch.stiffness == scene::kInfinity || touch.without_effect || touch.point.gap > 0) continue;
     if (!touch.matched) guard.add_work(touch.stored() / 2);  // a manifold's new point has energy at once
     const double size = std::min(bodies[index(touch.point.body_a)].radius, bodies[index(touch.point.body_b)].radius);
-    if (-touch.point.gap > kDeep * size) guard.counts = false;
+    if (-touch.point.gap > kDeep * size) jumps += touch.stored();
   }
   const Energy now = measure_energy();
   const double total = now.motion + now.potential;
-  if (guard.counts && !guard.assembling) guard.excess = std::max(0.0, guard.excess + total - guard.energy - guard.work);
+  double gain = total - guard.energy - guard.work;
+  // A jump may give the energy of its springs, and in one step not more than there was before.
+  if (jumps > 0 && gain > 0) gain = std::max(0.0, gain - jumps - guard.available - guard.fall - small_energy);
+  if (guard.counts && !guard.assembling) guard.excess = std::max(0.0, guard.excess + gain);
   guard.energy = total;
   guard.potential = now.potential;
   guard.highest = std::max(guard.highest, now.potential);

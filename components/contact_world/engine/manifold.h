@@ -14,6 +14,8 @@ struct Touch {
   Eigen::Vector3d n;  // unit normal, from a to b: the pair's, or that of the place on two lines with curvature
   double gap = 0;     // along n
   std::uint64_t id = 0;
+  double area = 0, share = 1;   // of a patch (patch.h): area that the point stands for, m²; its part of the whole
+  double load = 0, spread = 1;  // mean depth there, m, at most -gap; ∫ d² dA relative to area · load²
 };
 
 /// Features of a and b encoded in one number: kind and index of each.

@@ -1,4 +1,6 @@
 #pragma once
+#include <algorithm>
+#include <limits>
 
 namespace cotwin::contact_world {
 
@@ -13,16 +15,22 @@ namespace cotwin::contact_world {
 /// Contacts with more damping, calm contacts whose oscillation the step does not resolve (they would oscillate from step to step
 /// for ever), and all contacts where joints are swept have a law with numerical damping, which acts from the start of a step:
 ///   x(u) = −h/2 k (gap + θ h u) where gap ≤ 0,   θ = max(0, 1 − 1/(2 (h ω)²))
+///
+/// A contact with a limit is an elastic, perfectly plastic one: its force, with that of the damper, is at most the limit. V then
+/// includes the energy that yielding dissipates, limit · (depth − limit/k), so that the mean force does its work to rounding.
 struct SoftContact {
   double gap = 0, stiffness = 0, damping = 0;  // m at the start of the step, N/m, N.s/m
   double h = 0;                                // s
   bool conserves = false;
   double theta = 0;  // of the numerical damping
 
+  double limit = std::numeric_limits<double>::infinity();  // N; the contact yields instead of exceeding it
+
   double spring(double u) const;  // N.s
   double share(double u) const;   // part of the step in contact
-  double impulse(double u) const { return spring(u) - h / 2 * damping * share(u) * u; }
+  double impulse(double u) const { return std::min(spring(u) - h / 2 * damping * share(u) * u, h / 2 * limit); }
   double slope(double u) const;  // d impulse / du ≤ 0
+  double yielding_force(double u) const;
   /// The velocity u = w + A · impulse(u), impulse ≥ 0, for a mobility A (1/kg) and the velocity w without the contact.
   double solve(double w, double A) const;
 };

@@ -15,6 +15,9 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 /// Difference of an impulse from its linearisation, relative to the impulse, that is accepted.
 constexpr double kCurved = 1e-6;
 
+/// Share of the limit from which a contact yields all through the step.
+constexpr double kYields = 1 - 1e-9;
+
 /// (h ω)² above which sweeps are not exact enough.
 constexpr double kStiff = 100;
 
@@ -31,7 +34,8 @@ bool World::Impl::collect_spring(std::size_t t, ConeRow& row, Stage stage, doubl
     return touch.push > 0;
   }
   row.spring = ConeRow::Spring::kLaw;
-  row.law = {touch.point.gap, touch.stiffness, touch.damping, h};
+  row.law = {touch.gap, touch.stiffness, touch.damping, h};
+  row.law.limit = touch.limit;
   row.u = normal_velocity(touch);
   if (stage == Stage::kPosition) {
     // Other contacts may push the bodies together within the step, so open points have rows as well.
@@ -39,9 +43,9 @@ bool World::Impl::collect_spring(std::size_t t, ConeRow& row, Stage stage, doubl
     const bool light = touch.damping * touch.damping * mobility < 4 * kDamped * touch.stiffness;
     row.law.conserves = light && (options.method != Method::kPgs || loose.empty());
     row.slow = kSlow * h * scene.gravity.norm();
-    return touch.point.gap <= 0 || row.law.conserves;
+    return touch.gap <= 0 || row.law.conserves;
   }
-  return touch.point.gap <= 0;
+  return touch.gap <= 0;
 }
 
 /// Whether contacts in the step have very stiff springs. They do not damp errors of the solution, which would
@@ -71,18 +75,19 @@ bool World::Impl::linearise_springs() {
 
 void World::Impl::store_spring_impulses() {
   for (Touch& touch : touches) {
-    touch.push = touch.share = 0;
+    touch.push = touch.share = touch.gain = 0;
     touch.conserves = false;
   }
   for (const ConeRow& row : rows.cones()) {
     if (row.spring != ConeRow::Spring::kLaw) continue;
     const double x = row.x[0];
     if (x > 0) status.swing = std::max(status.swing, std::sqrt(row.swing));
-    if (!row.law.conserves) continue;
     Touch& touch = touches[index(row.point)];
     const double u = normal_velocity(touch);
+    touch.gain = -2 * x * u;
+    if (!row.law.conserves) continue;
     touch.conserves = true;
-    touch.share = row.law.share(u);
+    touch.share = x < row.law.h / 2 * row.law.limit * kYields ? row.law.share(u) : 0;              // the limit is that of both
     if (x > 0) touch.push = std::max(0.0, x + row.law.h / 2 * row.law.damping * touch.share * u);  // without the damper
   }
 }

@@ -89,10 +89,11 @@ World::Impl::Impl(scene::Scene the_scene, Options the_options)
     materials.emplace_back();
     for (const scene::Shape& shape : body.shapes) {
       materials.back().push_back(&shape.material);
-      pivots = pivots || shape.material.restitution > 0 || shape.material.stiffness < scene::kInfinity;
+      pivots = pivots || shape.material.restitution > 0 || shape.material.soft();
       torsional = torsional || shape.material.torsion > 0;
     }
   }
+  make_dents();
   collision.reserve(options.contacts);
   reserve(options.contacts);
   for (std::size_t b = 0; b < bodies.size(); ++b) {
@@ -126,6 +127,8 @@ std::span<const double> World::dq() const { return impl_->dq; }
 std::span<const ContactPoint> World::contacts() const { return impl_->points; }
 std::span<const Eigen::Vector3d> World::forces() const { return impl_->forces; }
 const Status& World::status() const { return impl_->status; }
+std::span<const Yielding> World::yielding() const { return impl_->yielding; }
+std::size_t World::forgotten_dents() const { return impl_->forgotten; }
 
 // Setting the present value changes no bits.
 void World::set_pose(std::size_t body, const Pose& X_WB) {
@@ -210,7 +213,8 @@ double World::largest_gap() const { return impl_->largest_gap(); }
 std::size_t World::state_size() const {
   const Impl& w = *impl_;
   return kHeader + kNumbersPerBody * w.bodies.size() + kNumbersPerJoint * w.joints.size() +
-         kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers() + kNumbersPerTouch * w.options.contacts;
+         kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers() + w.dent_numbers() +
+         kNumbersPerTouch * w.options.contacts;
 }
 
 void World::save(std::vector<double>& state) const {
@@ -244,6 +248,14 @@ void World::save(std::vector<double>& state) const {
   }
   for (const Forest::Tree& tree : w.forest.trees()) {
     put_all(tree.loops.memory());
+  }
+  if (!w.dents.empty()) {
+    put(w.next_dent, w.forgotten);
+    for (const Dent& dent : w.dents) {
+      put(dent.body, dent.shape, dent.reach, dent.area, dent.depth, dent.pierced);
+      put_all(dent.p);
+    }
+    for (const Yielding& one : w.yielding) put(one.depth, one.work, one.pierced);
   }
   for (std::size_t t = 0; t < kept; ++t) {
     const ContactPoint& point = w.touches[t].point;
@@ -281,6 +293,15 @@ void World::restore(std::span<const double> state) {
   std::size_t at = kHeader + kNumbersPerBody * w.bodies.size();
   for (std::size_t j = 0; j < w.joints.size(); ++j, at += kNumbersPerJoint) expect_whole(at + 1, -kMost, kMost);
   at += kNumbersPerNode * w.forest.nodes().size() + w.loop_numbers();
+  if (!w.dents.empty()) {
+    expect_whole(at, 0, static_cast<double>(w.dents.size() - 1));
+    expect_whole(at + 1, 0, kMost);
+    for (std::size_t d = 0; d < w.dents.size(); ++d) {
+      expect_whole(at + 2 + kNumbersPerDent * d, -1, kMost);
+      expect_whole(at + 3 + kNumbersPerDent * d, 0, kMost);
+    }
+    at += w.dent_numbers();
+  }
   for (std::size_t t = 0; t < static_cast<std::size_t>(points); ++t, at += kNumbersPerTouch) {
     for (std::size_t k = 0; k < 4; ++k) expect_whole(at + k, -kMost, kMost);
     for (std::size_t k = 4; k < 6; ++k) expect_whole(at + k, 0, kHalf);
@@ -328,6 +349,25 @@ void World::restore(std::span<const double> state) {
   }
   for (Forest::Tree& tree : w.forest.trees()) {
     for (double& value : tree.loops.memory()) value = get();
+  }
+  if (!w.dents.empty()) {
+    w.next_dent = static_cast<std::size_t>(get());
+    w.forgotten = static_cast<std::size_t>(get());
+    for (Dent& dent : w.dents) {
+      dent.is_new = false;
+      dent.body = static_cast<int>(get());
+      dent.shape = static_cast<int>(get());
+      dent.reach = get();
+      dent.area = get();
+      dent.depth = get();
+      dent.pierced = get() != 0;
+      get_all(dent.p);
+    }
+    for (Yielding& one : w.yielding) {
+      one.depth = get();
+      one.work = get();
+      one.pierced = get() != 0;
+    }
   }
   w.touches.resize(kept);
   for (Impl::Touch& touch : w.touches) {

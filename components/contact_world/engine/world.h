@@ -24,6 +24,7 @@ struct Options {
   int iterations = 20;         // largest number of sweeps in each of the two stages of a step
   double tolerance = 1e-9;     // sweeps end at a smaller residual, m/s; 0: always `iterations` sweeps
   std::size_t contacts = 256;  // number of points that a step takes without allocating
+  std::size_t dents = 64;      // number of places that remember that they have yielded; then the oldest one is replaced
 };
 
 /// The solver's result of the last step.
@@ -36,6 +37,15 @@ struct Status {
   int extended = 0;          // islands at rest that took more than `iterations` sweeps, or that pivoting left to sweeps
   int impacts = 0;           // rounds of impacts, one after the other
   double swing = 0;          // largest h ω of a loaded soft contact: its spring with the mobility behind it
+};
+
+/// A body with a surface that yields.
+struct Yielding {
+  std::size_t body = 0;
+  double depth = 0;      // that stays at the deepest dent since the start, m
+  double work = 0;       // dissipated by yielding, J
+  double force = 0;      // sum of the normal forces on the surfaces that yield, mean over the step, N
+  bool pierced = false;  // somewhere
 };
 
 /// Bodies in maximal coordinates, (1): M ν̇ = f + f_c. contact_world.h is the unit around it.
@@ -84,14 +94,17 @@ class World {
   std::span<const ContactPoint> contacts() const;   // of the last step
   std::span<const Eigen::Vector3d> forces() const;  // on body b at each of these points, expressed in W, N; mean over the step
   const Status& status() const;
-  double energy() const;       // kinetic and potential, J
-  double largest_gap() const;  // largest distance of the anchors of a joint, m
+  std::span<const Yielding> yielding() const;  // the bodies that can yield
+  std::size_t forgotten_dents() const;         // that were replaced because there were more than Options::dents
+  double energy() const;                       // kinetic and potential, J
+  double largest_gap() const;                  // largest distance of the anchors of a joint, m
 
   /// Describes what is wrong since the start, or returns an empty text: a joint has parted by more than `gap_limit` (m; 0: not
   /// checked) or tilted by 0.1 rad, or the energy has grown without work by more than the share `energy_limit` (0: not checked)
   /// of the kinetic energy at the start, all positive work and the largest fall of the potential. While joints that
   /// start apart come together, 1.5 times the largest gap at the start is allowed. Not counted are steps in which a driven body with
-  /// joints moves, a motor has unlimited torque or soft contacts are deeper than 5 % of a body, and steps until joints that start apart or beyond their limits are corrected.
+  /// joints moves or a motor has unlimited torque, gains with soft contacts deeper than 5 % of a body up to their energy and all that there was, and steps until joints that
+  /// start apart or beyond their limits are corrected.
   std::string fault(double gap_limit, double energy_limit) const;
 
   /// Saves and restores the whole state: poses, twists, warm start. A restored world steps to the same bits. Only the first

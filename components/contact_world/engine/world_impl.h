@@ -34,28 +34,51 @@ constexpr int kSpringRow = 6, kGearRow = 11;
 /// Part of a contact point in one round of impacts.
 enum class ImpactRole : char { kNone, kStrikes, kSupports };
 
+/// A place of a surface that has yielded.
+struct Dent {
+  int body = -1, shape = 0;
+  Vector3d p = Vector3d::Zero();  // in the body, m
+  double reach = 0;               // m from p that it covers
+  double area = 0;                // m²
+  double depth = 0;               // that stays, m
+  bool pierced = false;
+  bool is_new = false;  // made in this step
+};
+inline constexpr std::size_t kNumbersPerDent = 9, kNumbersPerYielding = 3;  // of the state
+
 struct World::Impl {
   /// A contact point with its material parameters and impulses.
   struct Touch {
     ContactPoint point;
     double mu = 0, restitution = 0, stiffness = 0, damping = 0;
-    double torsion = 0;                   // bound of the moment about the normal per normal force, m
-    Vector3d tangent = Vector3d::Zero();  // of anisotropic friction; zero: isotropic
-    double mu_share[2] = {1, 1};          // of mu, along the tangent and across
-    double allowed = 0;                   // depth that separate() leaves, m
-    double approach = 0;                  // normal velocity, during the impacts
-    Vector3d impulse = Vector3d::Zero();  // on b, from the last solution: start of the next one
-    Vector3d impact = Vector3d::Zero();   // on b, of the impacts at the start of the step
-    Vector3d sum = Vector3d::Zero();      // of both stages of the step
-    double push = 0, share = 0;           // soft: spring's impulse in the velocity stage, N.s; of SoftContact
-    bool conserves = false;               // soft: of SoftContact, in this step
-    bool matched = false;                 // with a point of the other list
-    bool distant = false;                 // of a fast body that does not touch yet: without effect in this step
-    bool too_deep = false;                // for separate()
+    double gap = 0;                            // soft: of the spring, m; without the depth that stays after yielding
+    double limit = scene::kInfinity;           // soft: force at which it yields, N
+    double gap_before = 0;                     // soft: gap at the previous poses, m
+    double gain = 0;                           // soft: work done on it in the step, J
+    bool fresh = true;                         // soft: not indented
+    bool can_yield = false, yields_b = false;  // soft: one of the surfaces yields; it is that of b
+    bool without_effect = false;               // soft: pierced, or without area
+    double torsion = 0;                        // bound of the moment about the normal per normal force, m
+    Vector3d tangent = Vector3d::Zero();       // of anisotropic friction; zero: isotropic
+    double mu_share[2] = {1, 1};               // of mu, along the tangent and across
+    double allowed = 0;                        // depth that separate() leaves, m
+    double approach = 0;                       // normal velocity, during the impacts
+    Vector3d impulse = Vector3d::Zero();       // on b, from the last solution: start of the next one
+    Vector3d impact = Vector3d::Zero();        // on b, of the impacts at the start of the step
+    Vector3d sum = Vector3d::Zero();           // of both stages of the step
+    double push = 0, share = 0;                // soft: spring's impulse in the velocity stage, N.s; of SoftContact
+    bool conserves = false;                    // soft: of SoftContact, in this step
+    bool matched = false;                      // with a point of the other list
+    bool distant = false;                      // of a fast body that does not touch yet: without effect in this step
+    bool too_deep = false;                     // for separate()
     ImpactRole role = ImpactRole::kNone;
 
     /// Twice the energy of the contact's spring, J.
-    double stored() const { return stiffness < scene::kInfinity && point.gap < 0 ? stiffness * point.gap * point.gap : 0; }
+    double stored() const {
+      if (!(stiffness < scene::kInfinity && gap < 0)) return 0;
+      const double depth = std::min(-gap, limit / stiffness);
+      return (fresh ? point.spread : 1) * stiffness * depth * depth;
+    }
   };
 
   Impl(scene::Scene the_scene, Options the_options);
@@ -93,6 +116,18 @@ struct World::Impl {
   bool linearise_springs();
   void store_spring_impulses();
   void apply_lost_springs();
+
+  // Of yielding contacts; yielding.cpp
+  void make_dents();
+  void set_spring(Touch& touch) const;
+  Vector3d place_on_surface(const Touch& touch) const;
+  std::size_t dent_at(const Touch& touch) const;
+  Dent& make_dent(const Touch& touch);
+  void yield(double h);
+  void sum_yielding(double h);
+  std::size_t dent_numbers() const {
+    return dents.empty() ? 0 : kNumbersPerDent * dents.size() + kNumbersPerYielding * yielding.size() + 2;
+  }
 
   // Of the guard; guard.cpp
   struct Energy {
@@ -179,6 +214,11 @@ struct World::Impl {
   std::vector<std::vector<const scene::Material*>> materials;
 
   std::vector<Touch> touches, touches_before;
+
+  std::vector<Dent> dents;         // of fixed number; those without a body are free
+  std::size_t next_dent = 0;       // that is used or replaced next
+  std::size_t forgotten = 0;       // number of dents that were replaced
+  std::vector<Yielding> yielding;  // one a body that yields
   /// Work data of the impacts.
   struct Impacts {
     struct Island {

@@ -74,6 +74,7 @@ void World::Impl::step(double h) {
   drift(h);
   for (Forest::Tree& tree : forest.trees()) tree.loops.advance();
   refresh(h);
+  yield(h);
   begin_inertias();
   apply_lost_springs();  // reads the points before those of separate()
   separate(h);
@@ -81,6 +82,7 @@ void World::Impl::step(double h) {
   kick(h / 2);
   solve(Stage::kVelocity, h);
   account_velocity_stage();
+  sum_yielding(h);
   publish(h);
   end_guard();
 
@@ -175,11 +177,7 @@ void World::Impl::take_points() {
     touch.point = point;
     set_friction(touch, a, b);
     touch.restitution = std::max(a.restitution, b.restitution);
-    // Springs in series carry the same force; each damper sees its spring's share of the speed.
-    const bool two_springs = a.stiffness < kInfinity && b.stiffness < kInfinity;
-    const double share_a = two_springs ? b.stiffness / (a.stiffness + b.stiffness) : a.stiffness < kInfinity ? 1 : 0;
-    touch.stiffness = 1 / (1 / a.stiffness + 1 / b.stiffness);
-    touch.damping = a.damping * share_a * share_a + b.damping * (1 - share_a) * (1 - share_a);
+    set_spring(touch);
     touches.push_back(touch);
   }
   status.contacts = touches.size();
@@ -199,6 +197,8 @@ void World::Impl::match() {
     touch.push = before.push;
     touch.share = before.share;
     touch.conserves = before.conserves;
+    touch.gap_before = before.gap;
+    touch.gain = before.gain;
     touch.matched = before.matched = true;
   };
   for (Touch& before : touches_before) before.matched = false;
@@ -424,7 +424,7 @@ void World::Impl::collect_joint(const LooseJoint& one, Stage stage, double h) {
 
 void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
   Touch& touch = touches[t];
-  if (touch.distant) return;
+  if (touch.distant || touch.without_effect) return;
   const double gap = std::abs(touch.point.gap) > kGapNoise ? touch.point.gap : 0;
   const Vector3d& n = touch.point.n_W;
   ConeRow row = contact_row(t);
