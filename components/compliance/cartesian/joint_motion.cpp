@@ -156,7 +156,7 @@ void JointMotion::bound(std::span<const Limits> limits, double h) {
   }
 }
 
-Wrench JointMotion::wrench_of(Links& links, const VectorXd& tau, const JointMotionGains& gains) {
+Wrench JointMotion::wrench_of(Links& links, const robot::VectorIn& tau, const JointMotionGains& gains) {
   evaluate(links, q, gains);
   tau_ = tau;
   M_llt_.matrixL().solveInPlace(tau_);

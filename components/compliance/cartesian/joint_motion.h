@@ -54,12 +54,11 @@ class JointMotion {
   void advance(Links& links, const MovingPose& before, const MovingPose& after, const Twist& end_acceleration,
                std::span<const Limits> limits, const JointMotionGains& gains, double h);
   /// J̄ᵀ τ at q_c: the wrench at E that has the effect of `tau` on the task; 0 in directions that are not rendered.
-  Wrench wrench_of(Links& links, const Eigen::VectorXd& tau, const JointMotionGains& gains);
+  Wrench wrench_of(Links& links, const robot::VectorIn& tau, const JointMotionGains& gains);
 
   // States.
-  Eigen::VectorXd q, dq;  // rad, rad/s; n
+  Eigen::VectorXd q, dq, ddq;  // rad, rad/s, rad/s²; n, at the end of the last step
   // Results of advance().
-  Eigen::VectorXd ddq;            // rad/s²; at the end of the step
   double sigma_min = 0;           // m
   double lambda = 0;              // 1
   std::vector<std::int32_t> met;  // Limit that acted, by joint
