@@ -78,8 +78,7 @@ class Cascade {
     std::vector<double> J_hat, W;  // rows x n, row-major: scaled J L⁻ᵀ, and this projected
     std::vector<double> R;         // rows x rows, lower triangular: W = R Y without damping
     std::vector<double> G;         // rows x rows: J_k|p J_k|pᵀ
-    std::vector<double> scratch;   // rows x rows
-    std::vector<double> t, c;      // rows
+    std::vector<double> t;         // rows
     Square damped;
     Eigen::SelfAdjointEigenSolver<Square> eigen;
     double root = 1;  // √activation
@@ -87,10 +86,17 @@ class Cascade {
     bool active = false;
   };
 
+  // N: n if it is known to the compiler, otherwise 0.
+  template <int N>
+  bool decompose_as(const MatrixIn& M);
+  template <int N>
   bool factorise(const MatrixIn& M);
+  template <int N>
   void whiten(const Task& task, Level& level);
   void project_row(const Level& level, double* row);
+  template <int N>
   void gram(const Task& task, Level& level, bool projected);
+  template <int N>
   void orthonormalise(Level& level, int rows);
   void damp(Task& task, Level& level, int rows);
   void forward(const double* x, double* y) const;   // y = Lᵀ x
@@ -103,8 +109,9 @@ class Cascade {
   bool exact_ = true;
   std::vector<double> L_;  // n x n, row-major, lower triangular
   std::vector<double> inverse_diagonal_;
-  std::vector<double> Y_;  // all rows x n, row-major
-  std::vector<double> c_;  // all rows
+  std::vector<double> columns_;  // n x kMostRows, scratch
+  std::vector<double> Y_;        // all rows x n, row-major
+  std::vector<double> c_;        // all rows
   std::vector<double> x_, z_;
   std::vector<Level> levels_;
 };
