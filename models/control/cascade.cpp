@@ -61,8 +61,9 @@ inline void tridiagonalise(double* A, double* d, double* e_squared, int m) {
 }
 
 /// Smallest eigenvalue of the symmetric positive semidefinite G (m x m, row-major; `A`: scratch of that size), by Laguerre's
-/// iteration on the characteristic polynomial p of its tridiagonal form. From below it converges monotonically and cubically,
-/// because all roots are real: with S_1 = −p'/p and S_2 = S_1² − p''/p, λ += m/(S_1 + √((m − 1)(m S_2 − S_1²))).
+/// iteration on its tridiagonal form, whose L D Lᵀ has the pivots δ_k(λ). From below it converges monotonically and cubically,
+/// because all roots are real: with S_1 = −Σ δ'/δ and S_2 = −S_1', λ += m/(S_1 + √((m − 1)(m S_2 − S_1²))). Pivots, unlike the
+/// characteristic polynomial, keep their digits where several eigenvalues are 0.
 inline double smallest_eigenvalue(const double* G, double* A, int m) {
   constexpr int kMost = 20;
   constexpr double kEnough = 1e-7;  // of λ; the next step would be about its third power
@@ -74,15 +75,20 @@ inline double smallest_eigenvalue(const double* G, double* A, int m) {
   tridiagonalise(A, d, e_squared, m);
   double x = 0;
   for (int i = 0; i < kMost; ++i) {
-    double p_0 = 1, dp_0 = 0, ddp_0 = 0, p = d[0] - x, dp = -1, ddp = 0;
+    double pivot = d[0] - x, u = -1 / pivot, w = 0;  // w: δ''/δ
+    double S_1 = -u, S_2 = u * u;
+    bool positive = pivot > 0;
     for (int k = 1; k < m; ++k) {
-      const double a = d[k] - x, b = e_squared[k - 1];
-      const double next = a * p - b * p_0, dnext = a * dp - p - b * dp_0, ddnext = a * ddp - 2 * dp - b * ddp_0;
-      p_0 = p, dp_0 = dp, ddp_0 = ddp;
-      p = next, dp = dnext, ddp = ddnext;
+      const double r = e_squared[k - 1] / pivot;
+      const double slope = r * u - 1, curvature = r * (w - 2 * u * u);
+      pivot = d[k] - x - r;
+      positive = positive && pivot > 0;
+      u = slope / pivot;
+      w = curvature / pivot;
+      S_1 -= u;
+      S_2 += u * u - w;
     }
-    if (!(p > 0)) break;
-    const double S_1 = -dp / p, S_2 = S_1 * S_1 - ddp / p;
+    if (!positive) break;
     const double step = m / (S_1 + std::sqrt(std::max(0.0, (m - 1) * (m * S_2 - S_1 * S_1))));
     x += step;
     if (!(step > kEnough * x)) break;
