@@ -244,7 +244,7 @@ void Cascade::orthonormalise(Level& level, int m) {
   for (int i = 0; i < m * n; ++i) Y[i] *= level.root;
 }
 
-// A + s U diag(sigma_0² − g²)⁺ Uᵀ = R Rᵀ, A = Ĵ Wᵀ; Y = √activation R⁻¹ W.
+// A + s lambda_0² U diag(sigma_0² − g²)⁺ Uᵀ = R Rᵀ, A = Ĵ Wᵀ; Y = √activation R⁻¹ W.
 void Cascade::damp(Task& task, Level& level, int m) {
   const auto G = Eigen::Map<const Rows>(level.G.data(), m, m);
   double squares = 0;
@@ -258,7 +258,7 @@ void Cascade::damp(Task& task, Level& level, int m) {
     for (int j = 0; j < m; ++j) level.damped(i, j) = dot(level.J_hat.data() + i * n_, level.W.data() + j * n_, n_);
   }
   for (int i = 0; i < m; ++i) {
-    const double square = sigma_0 * sigma_0 - std::max(0.0, level.eigen.eigenvalues()[i]);
+    const double square = lambda_0 * lambda_0 * (sigma_0 * sigma_0 - std::max(0.0, level.eigen.eigenvalues()[i]));
     if (!(square > 0)) continue;
     most = std::max(most, square);
     const auto u = level.eigen.eigenvectors().col(i);

@@ -25,7 +25,7 @@ struct Task {
   double activation = 1;  // 0 … 1, the part of the task that is in force
   // Computed.
   double sigma_min = 0;      // smallest singular value of diag(scale) J N_{k-1}, m per rad
-  double lambda = 0;         // largest damping of a direction, m per rad; 0: the task is exact
+  double lambda = 0;         // largest damping of a direction, lambda_0 √(sigma_0² − g²); 0: the task is exact
   Eigen::VectorXd residual;  // rows: a − J q̈, what cannot be done, by solve()
 };
 
@@ -36,8 +36,8 @@ struct Task {
 /// Computed with the rows of J L⁻ᵀ, M = L Lᵀ, made orthonormal (Gram–Schmidt, twice). Then N = L⁻ᵀ (I − Yᵀ Y) Lᵀ.
 ///
 /// Damping: singular values g of J_k|p (rows scaled) below sigma_0, and only their directions, are damped,
-///   A^# = (A + s U diag(sigma_0² − g²)⁺ Uᵀ)⁻¹,   J_k|p J_k|pᵀ = U diag(g²) Uᵀ,   s = tr(J_k M⁻¹ J_kᵀ)/tr(J_k J_kᵀ)
-/// so a direction fades out continuously, and joint speeds are bounded by about ẋ/sigma_0. Activation multiplies A^#. In both
+///   A^# = (A + s lambda_0² U diag(sigma_0² − g²)⁺ Uᵀ)⁻¹,   J_k|p J_k|pᵀ = U diag(g²) Uᵀ,   s = tr(J_k M⁻¹ J_kᵀ)/tr(J_k J_kᵀ)
+/// so a direction fades out continuously, and joint speeds are bounded by about ẋ/(lambda_0 sigma_0). Activation multiplies A^#. In both
 /// cases N_k = N_{k-1} − M⁻¹ J_k|pᵀ A^# J_k|p, which is symmetric in M and has eigenvalues between 0 and 1. It is a projector
 /// where nothing is damped or partly active: then, and only then, J_j q̈ of a higher task is exact, and lower tasks do not move
 /// it.
@@ -49,6 +49,7 @@ class Cascade {
   int n() const { return n_; }
   std::vector<Task> tasks;
   double sigma_0 = 0.02;  // m per rad, > 0
+  double lambda_0 = 1;    // > 0
 
   /// Takes J, scale and activation of the tasks, and computes sigma_min and lambda. False if M is not positive definite; then
   /// nothing else may be called.

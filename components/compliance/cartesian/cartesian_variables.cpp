@@ -42,7 +42,8 @@ void CartesianMotion::declare(Variables& v) {
   v.state("dq_joints", joints_.dq, "1", "joint velocities of the compliant motion, rad/s or m/s");
   v.state("cartesian_met", met_,
           "what happened since the start, summed: 1 damped near a singular pose, 2 task_error above 1 mm, 4 a rise of mass or "
-          "stiffness waited for energy, 8 moment above the least K_o, 16 started beside the desired pose");
+          "stiffness waited for energy, 8 moment above the least K_o, 16 started beside the desired pose, "
+          "32 a lower task could not be done");
   v.output("p_c", p_c_, "m", "compliant position of E in W");
   v.output("quat_c", quat_c_, "1", "compliant orientation of E in W, unit quaternion (w, x, y, z) without jumps of its sign");
   v.output("v_c", v_c_, "m/s", "compliant velocity of E in W").derivative_of("p_c");
@@ -52,6 +53,7 @@ void CartesianMotion::declare(Variables& v) {
   v.output("sigma_min", sigma_min_, "m", "least singular value of the task's Jacobian, rotations times 0.3 m");
   v.output("lambda", lambda_, "1", "damping of the joints near a singular pose; 0: none");
   v.output("task_error", task_error_, "m", "distance of the joints' pose from the compliant pose, rotations times 0.3 m");
+  self_motion_.declare(v);
 }
 
 }  // namespace cotwin::compliance
