@@ -157,10 +157,11 @@ void JointMotion::part(Links& links, const MovingPose& before, const Twist& acce
   evaluate(links, q_mid_, gains);
   const MovingPose target = moved(before, h / 2 * before.V);
   const Quaterniond E = target.Q * Quaterniond(X_.R).conjugate();
-  Twist error;
+  Twist error, V;
+  V.noalias() = J6_ * dq;
   error << target.p - X_.p, 2 * E.w() * E.vec();
   const double K_v = 2 * gains.omega_k, K_p = gains.omega_k * gains.omega_k;
-  const Twist feedback = K_v * (before.V - J6_ * dq) + K_p * error;
+  const Twist feedback = K_v * (before.V - V) + K_p * error;
   want(acceleration + feedback / (1 + K_v * h / 2));
   std::size_t held = 0;
   for (std::size_t k = 0; k < tasks_.size(); ++k) {
