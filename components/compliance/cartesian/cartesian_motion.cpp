@@ -69,7 +69,8 @@ constexpr Sentence kSentences[] = {
     {2, "the joints did not follow the compliant frame by more than 1 mm (output task_error): out of reach or at a limit"},
     {4, "a rise of M_T, S_T, M_R or K_o had to wait: the energy for it was not in the tank (tank_start, tank_max)"},
     {8, "the moment exceeded the least rotational stiffness K_o, which balances at most that moment: the frame turns on"},
-    {16, "the robot did not start at the desired pose: the compliant frame started where the robot was, and went back"}};
+    {16, "the robot did not start at the desired pose: the compliant frame started where the robot was, and went back"},
+    {32, "a lower task could not be done beside the higher ones (outputs task_sigma, task_residual)"}};
 constexpr std::string_view kSeparator = "; ";
 
 }  // namespace
@@ -88,6 +89,7 @@ void CartesianMotion::declare_settings(SettingList& s) {
       "sensor", "",
       "space=cartesian: link or frame of a force sensor that measures f_s, m_s in its axes; empty: the wrench is given at E");
   s.text("task", "", "space=cartesian: the rendered directions in the base's axes, some of x,y,z,rx,ry,rz; empty: all six");
+  SelfMotion::declare_settings(s);
 }
 
 CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& robot)
@@ -107,7 +109,8 @@ CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& ro
       directions_(rendered_directions(place_, settings.text("task"), robot, frame_)),
       P_T_(projector(directions_, 0)),
       P_R_(projector(directions_, 3)),
-      joints_(robot, directions_) {
+      self_motion_(settings, robot, directions_, wrench_of_joints_),
+      joints_(robot, self_motion_) {
   const Index n = robot.n();
   for (VectorXd* v : {&q_scratch_, &dq_scratch_, &tau_scratch_}) v->setZero(n);
   J_.setZero(6, n);
@@ -123,6 +126,7 @@ void CartesianMotion::take_frames() {
 }
 
 void CartesianMotion::check(const std::string& place) {
+  self_motion_.check(place);
   if (is_checked_ && wanted_ == checked_) return;
   check_values(wanted_, kCartesian, place);
   check_definite(wanted_, place);
@@ -298,6 +302,7 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
   quat_before_ = array(c.pose.Q);
   V_before_ = c.pose.V;
   quat_d_before_ = array(d.pose.Q);
+  self_motion_.start(links, q_scratch_);
   joints_.start(links, q_scratch_, c.pose.V, gains());
   write_outputs(links, c.pose);
 }
@@ -305,6 +310,7 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
 void CartesianMotion::follow(double remaining) {
   news_ = false;
   cotwin::follow(in_force_, wanted_, kCartesian, remaining);
+  self_motion_.follow(remaining);
   const Quaterniond Q_dc = quaternion(quat_dc_);
   const Vector3d turn = potential_ == Potential::kQuaternion ? Vector3d(2 * Q_dc.vec()) : axis_angle(Q_dc);
   Tank tank{tank_, tank_max_};
@@ -346,7 +352,8 @@ void CartesianMotion::advance(Links& links, const FromJoints& in, std::span<cons
   Motion c = compliant(d, F1);
   if (c.pose.Q.dot(Q_c0) < 0) c.pose.Q.coeffs() *= -1;  // ±Q without a jump
   const MovingPose before{p_before_, Q_c0, V_before_};
-  joints_.advance(links, before, c.pose, c.acceleration, limits, gains(), h);
+  if (wrench_of_joints_) tau_scratch_ = map(in.tau_e) + h / 2 * map(in.tau_e_rate);
+  joints_.advance(links, before, c.pose, c.acceleration, tau_scratch_, limits, gains(), h);
   p_before_ = c.pose.p;
   quat_before_ = array(c.pose.Q);
   V_before_ = c.pose.V;
@@ -371,6 +378,7 @@ void CartesianMotion::write_outputs(Links& links, const MovingPose& c) {
   const Vector3d e_p = P_T_ * (c.p - X.p), e_r = P_R_ * axis_angle(c.Q * Quaterniond(X.R).conjugate());
   task_error_ = std::hypot(e_p.norm(), JointMotion::kLength * e_r.norm());
   if (task_error_ > 1e-3) note(kTask);
+  if (self_motion_.contradicts(in_force_.sigma_0[0])) note(kContradiction);
 }
 
 void CartesianMotion::restored() {

@@ -10,6 +10,7 @@
 #include "components/compliance/cartesian/joint_motion.h"
 #include "components/compliance/cartesian/parameters.h"
 #include "components/compliance/cartesian/rotation.h"
+#include "components/compliance/cartesian/self_motion.h"
 #include "components/compliance/cartesian/translation.h"
 #include "components/unit/settings.h"
 #include "components/unit/variables.h"
@@ -57,7 +58,7 @@ class CartesianMotion {
 
  private:
   enum class Axes { kWorld, kDesired, kTool };
-  enum Met : std::int32_t { kSingular = 1, kTask = 2, kTank = 4, kRunsAway = 8, kStart = 16 };
+  enum Met : std::int32_t { kSingular = 1, kTask = 2, kTank = 4, kRunsAway = 8, kStart = 16, kContradiction = 32 };
   struct Motion {
     MovingPose pose;
     Twist acceleration = Twist::Zero();
@@ -84,6 +85,7 @@ class CartesianMotion {
   Eigen::Vector3d gravity_;  // m/s² in B
   std::vector<int> directions_;
   Eigen::Matrix3d P_T_, P_R_;  // rendered directions in B
+  SelfMotion self_motion_;
   JointMotion joints_;
 
   // Inputs.

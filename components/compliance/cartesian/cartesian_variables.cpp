@@ -49,7 +49,8 @@ void CartesianMotion::declare(Variables& v) {
   v.state("ddq_joints", joints_.ddq, "1", "joint accelerations of the compliant motion, rad/s2 or m/s2");
   v.state("cartesian_met", met_,
           "what happened since the start, summed: 1 damped near a singular pose, 2 task_error above 1 mm, 4 a rise of mass or "
-          "stiffness waited for energy, 8 moment above the least K_o, 16 started beside the desired pose");
+          "stiffness waited for energy, 8 moment above the least K_o, 16 started beside the desired pose, "
+          "32 a lower task could not be done");
   v.output("p_c", p_c_, "m", "compliant position of E in W");
   v.output("quat_c", quat_c_, "1", "compliant orientation of E in W, unit quaternion (w, x, y, z) without jumps of its sign");
   v.output("v_c", v_c_, "m/s", "compliant velocity of E in W").derivative_of("p_c");
@@ -62,6 +63,7 @@ void CartesianMotion::declare(Variables& v) {
   v.output("quat_q", quat_q_, "1", "orientation of E in W at the measured q, unit quaternion (w, x, y, z)");
   v.output("epsilon_q", epsilon_q_, "1", "as epsilon, of E at the measured q");
   v.output("task_error", task_error_, "m", "distance of the joints' pose from the compliant pose, rotations times 0.3 m");
+  self_motion_.declare(v);
 }
 
 }  // namespace cotwin::compliance
