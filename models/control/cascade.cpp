@@ -18,58 +18,88 @@ void add(double factor, const double* x, double* y, int n) {
   for (int i = 0; i < n; ++i) y[i] += factor * x[i];
 }
 
-/// A = R Rᵀ for the lower triangle of A − shift I (m x m, row-major). False if it is not positive definite.
-inline bool cholesky(const double* A, double shift, double* R, int m) {
+/// A = R Rᵀ for the lower triangle of A (m x m, row-major). False if it is not positive definite.
+bool cholesky(const double* A, double* R, int m) {
   for (int i = 0; i < m; ++i) {
     for (int j = 0; j < i; ++j) R[i * m + j] = (A[i * m + j] - dot(R + i * m, R + j * m, j)) / R[j * m + j];
-    const double square = A[i * m + i] - shift - dot(R + i * m, R + i * m, i);
+    const double square = A[i * m + i] - dot(R + i * m, R + i * m, i);
     if (!(square > 0)) return false;
     R[i * m + i] = std::sqrt(square);
   }
   return true;
 }
 
-/// R⁻¹ of a lower triangle (m x m, row-major).
-inline void invert(const double* R, double* inverse, int m) {
-  for (int i = 0; i < m; ++i) {
-    const double d = 1 / R[i * m + i];
-    inverse[i * m + i] = d;
-    for (int j = 0; j < i; ++j) {
+/// Diagonal d and squares e² beside it of a tridiagonal matrix with the eigenvalues of the symmetric A, by Householder's
+/// reflections. A (m x m, row-major, lower triangle) is overwritten.
+inline void tridiagonalise(double* A, double* d, double* e_squared, int m) {
+  for (int k = 0; k + 1 < m; ++k) {
+    d[k] = A[k * m + k];
+    double v[kMostRows], w[kMostRows];
+    double square = 0;
+    for (int i = k + 1; i < m; ++i) {
+      v[i] = A[i * m + k];
+      square += v[i] * v[i];
+    }
+    e_squared[k] = square;
+    const double rest = square - v[k + 1] * v[k + 1];
+    if (k + 2 == m || !(rest > 0)) continue;
+    v[k + 1] += std::copysign(std::sqrt(square), v[k + 1]);
+    const double beta = 2 / (rest + v[k + 1] * v[k + 1]);
+    double product = 0;
+    for (int i = k + 1; i < m; ++i) {
       double sum = 0;
-      for (int k = j; k < i; ++k) sum += R[i * m + k] * inverse[k * m + j];
-      inverse[i * m + j] = -d * sum;
+      for (int j = k + 1; j < m; ++j) sum += (j <= i ? A[i * m + j] : A[j * m + i]) * v[j];
+      w[i] = beta * sum;
+      product += w[i] * v[i];
+    }
+    for (int i = k + 1; i < m; ++i) w[i] -= beta / 2 * product * v[i];
+    for (int i = k + 1; i < m; ++i) {
+      for (int j = k + 1; j <= i; ++j) A[i * m + j] -= v[i] * w[j] + w[i] * v[j];
     }
   }
+  d[m - 1] = A[m * m - 1];
 }
 
-/// Smallest eigenvalue of the symmetric positive semidefinite G, by Laguerre's iteration from below, which converges cubically
-/// and monotonically for real roots: with S_1 = Σ 1/(λ_i − λ), S_2 = Σ 1/(λ_i − λ)², λ += m/(S_1 + √((m − 1)(m S_2 − S_1²))).
-/// `R`, `X`: scratch, m x m.
-inline double smallest_eigenvalue(const double* G, double* R, double* X, int m) {
-  constexpr int kMost = 12;
-  constexpr double kEnough = 1e-9;  // of the step before the last; the next step would be its third power
-  double lambda = 0;
-  for (int i = 0; i < kMost && cholesky(G, lambda, R, m); ++i) {
-    invert(R, X, m);
-    double S_1 = 0, S_2 = 0;
-    for (int a = 0; a < m; ++a) {
-      for (int b = 0; b <= a; ++b) {  // (X Xᵀ)_ab has the same Frobenius norm as Xᵀ X
-        const double product = dot(X + a * m, X + b * m, b + 1);
-        S_2 += (a == b ? 1 : 2) * product * product;
-        if (a == b) S_1 += product;
-      }
+/// Smallest eigenvalue of the symmetric positive semidefinite G (m x m, row-major; `A`: scratch of that size), by Laguerre's
+/// iteration on its tridiagonal form, whose L D Lᵀ has the pivots δ_k(λ). From below it converges monotonically and cubically,
+/// because all roots are real: with S_1 = −Σ δ'/δ and S_2 = −S_1', λ += m/(S_1 + √((m − 1)(m S_2 − S_1²))). Pivots, unlike the
+/// characteristic polynomial, keep their digits where several eigenvalues are 0.
+inline double smallest_eigenvalue(const double* G, double* A, int m) {
+  constexpr int kMost = 20;
+  constexpr double kEnough = 1e-7;  // of λ; the next step would be about its third power
+  double trace = 0;
+  for (int i = 0; i < m; ++i) trace += G[i * m + i];
+  if (!(trace > 0)) return 0;
+  for (int i = 0; i < m * m; ++i) A[i] = G[i] / trace;
+  double d[kMostRows], e_squared[kMostRows];
+  tridiagonalise(A, d, e_squared, m);
+  double x = 0;
+  for (int i = 0; i < kMost; ++i) {
+    double pivot = d[0] - x, u = -1 / pivot, w = 0;  // w: δ''/δ
+    double S_1 = -u, S_2 = u * u;
+    bool positive = pivot > 0;
+    for (int k = 1; k < m; ++k) {
+      const double r = e_squared[k - 1] / pivot;
+      const double slope = r * u - 1, curvature = r * (w - 2 * u * u);
+      pivot = d[k] - x - r;
+      positive = positive && pivot > 0;
+      u = slope / pivot;
+      w = curvature / pivot;
+      S_1 -= u;
+      S_2 += u * u - w;
     }
+    if (!positive) break;
     const double step = m / (S_1 + std::sqrt(std::max(0.0, (m - 1) * (m * S_2 - S_1 * S_1))));
-    lambda += step;
-    if (!(step > kEnough * lambda)) break;
+    x += step;
+    if (!(step > kEnough * x)) break;
   }
-  return lambda;
+  return x * trace;
 }
 
-double smallest_eigenvalue_of(const double* G, double* R, double* X, int m) {
-  if (m == 6) return smallest_eigenvalue(G, R, X, 6);  // unrolled
-  if (m == 3) return smallest_eigenvalue(G, R, X, 3);
-  return smallest_eigenvalue(G, R, X, m);
+double smallest_eigenvalue_of(const double* G, double* A, int m) {
+  if (m == 6) return smallest_eigenvalue(G, A, 6);  // unrolled
+  if (m == 3) return smallest_eigenvalue(G, A, 3);
+  return smallest_eigenvalue(G, A, m);
 }
 
 }  // namespace
@@ -86,9 +116,7 @@ Cascade::Level::Level(int rows, int n)
       W(J_hat),
       R(static_cast<std::size_t>(rows * rows)),
       G(R),
-      scratch(R),
       t(static_cast<std::size_t>(rows)),
-      c(t),
       damped(rows, rows),
       eigen(rows) {}
 
@@ -96,6 +124,7 @@ Cascade::Cascade(int n, const std::vector<int>& rows)
     : n_(n),
       L_(static_cast<std::size_t>(n * n)),
       inverse_diagonal_(static_cast<std::size_t>(n)),
+      columns_(static_cast<std::size_t>(n * kMostRows)),
       x_(static_cast<std::size_t>(n)),
       z_(static_cast<std::size_t>(n)) {
   int all = 0;
@@ -108,16 +137,18 @@ Cascade::Cascade(int n, const std::vector<int>& rows)
   c_.resize(static_cast<std::size_t>(all));
 }
 
+template <int N>
 bool Cascade::factorise(const MatrixIn& M) {
+  const int n = N > 0 ? N : n_;
   double* L = L_.data();
-  for (int i = 0; i < n_; ++i) {
+  for (int i = 0; i < n; ++i) {
     for (int j = 0; j < i; ++j) {
-      L[i * n_ + j] = (M(i, j) - dot(L + i * n_, L + j * n_, j)) * inverse_diagonal_[static_cast<std::size_t>(j)];
+      L[i * n + j] = (M(i, j) - dot(L + i * n, L + j * n, j)) * inverse_diagonal_[static_cast<std::size_t>(j)];
     }
-    const double square = M(i, i) - dot(L + i * n_, L + i * n_, i);
+    const double square = M(i, i) - dot(L + i * n, L + i * n, i);
     if (!(square > 0)) return false;
-    L[i * n_ + i] = std::sqrt(square);
-    inverse_diagonal_[static_cast<std::size_t>(i)] = 1 / L[i * n_ + i];
+    L[i * n + i] = std::sqrt(square);
+    inverse_diagonal_[static_cast<std::size_t>(i)] = 1 / L[i * n + i];
   }
   return true;
 }
@@ -139,13 +170,21 @@ void Cascade::backward(const double* y, double* x) const {
   }
 }
 
-// Ĵ = diag(scale) J L⁻ᵀ by rows: L Ĵ_iᵀ = J_iᵀ.
+// Ĵ = diag(scale) J L⁻ᵀ: L Ĵᵀ = (scaled J)ᵀ for all rows at once.
+template <int N>
 void Cascade::whiten(const Task& task, Level& level) {
-  const int m = static_cast<int>(task.J.rows());
-  for (int i = 0; i < m; ++i) {
-    double* row = level.J_hat.data() + i * n_;
-    for (int j = 0; j < n_; ++j) row[j] = task.scale[i] * task.J(i, j);
-    lower_solve(row);
+  const int n = N > 0 ? N : n_;
+  const int m = static_cast<int>(task.a.size());
+  for (int i = 0; i < n; ++i) {
+    double* x = columns_.data() + i * kMostRows;
+    for (int r = 0; r < m; ++r) x[r] = task.scale[r] * task.J(r, i);
+    for (int j = 0; j < i; ++j) {
+      const double factor = L_[static_cast<std::size_t>(i * n + j)];
+      const double* other = columns_.data() + j * kMostRows;
+      for (int r = 0; r < kMostRows; ++r) x[r] -= factor * other[r];
+    }
+    for (int r = 0; r < kMostRows; ++r) x[r] *= inverse_diagonal_[static_cast<std::size_t>(i)];
+    for (int r = 0; r < m; ++r) level.J_hat[static_cast<std::size_t>(r * n + i)] = x[r];
   }
 }
 
@@ -159,45 +198,53 @@ void Cascade::project_row(const Level& level, double* row) {
 }
 
 // G = J_k|p J_k|pᵀ; J_k|p = W Lᵀ.
+template <int N>
 void Cascade::gram(const Task& task, Level& level, bool projected) {
+  const int n = N > 0 ? N : n_;
   const int m = static_cast<int>(task.J.rows());
-  double* rows = Y_.data() + level.first * n_;  // free until orthonormalise()
+  double* rows = Y_.data() + level.first * n;  // free until orthonormalise()
   for (int i = 0; i < m; ++i) {
-    double* row = rows + i * n_;
+    double* row = rows + i * n;
     if (projected) {
-      const double* w = level.W.data() + i * n_;
-      for (int j = 0; j < n_; ++j) row[j] = dot(L_.data() + j * n_, w, j + 1);
+      const double* w = level.W.data() + i * n;
+      for (int j = 0; j < n; ++j) row[j] = dot(L_.data() + j * n, w, j + 1);
     } else {
-      for (int j = 0; j < n_; ++j) row[j] = task.scale[i] * task.J(i, j);
+      for (int j = 0; j < n; ++j) row[j] = task.scale[i] * task.J(i, j);
     }
     for (int j = 0; j <= i; ++j)
-      level.G[static_cast<std::size_t>(i * m + j)] = level.G[static_cast<std::size_t>(j * m + i)] = dot(row, rows + j * n_, n_);
+      level.G[static_cast<std::size_t>(i * m + j)] = level.G[static_cast<std::size_t>(j * m + i)] = dot(row, rows + j * n, n);
   }
 }
 
-// Rows W = R Y with Y Yᵀ = 1 (Gram–Schmidt, twice), Y ← √activation Y.
+// Rows W = R Y with Y Yᵀ = 1 (Gram–Schmidt, again where a row nearly vanished), Y ← √activation Y.
+template <int N>
 void Cascade::orthonormalise(Level& level, int m) {
-  double* Y = Y_.data() + level.first * n_;
+  const int n = N > 0 ? N : n_;
+  constexpr double kMuch = 0.1;  // where this is left of a row's square, rounding spoils the next digit: again
+  double* Y = Y_.data() + level.first * n;
   for (int i = 0; i < m; ++i) {
-    double* row = Y + i * n_;
+    double* row = Y + i * n;
     double* R = level.R.data() + i * m;
-    std::copy_n(level.W.data() + i * n_, n_, row);
+    std::copy_n(level.W.data() + i * n, n, row);
     std::fill_n(R, i, 0.0);
-    for (int pass = 0; pass < 2; ++pass) {
-      double* c = level.c.data();
-      for (int j = 0; j < i; ++j) c[j] = dot(row, Y + j * n_, n_);
-      for (int j = 0; j < i; ++j) add(-c[j], Y + j * n_, row, n_);
+    double square = dot(row, row, n), before;
+    do {
+      double c[kMostRows];
+      for (int j = 0; j < i; ++j) c[j] = dot(row, Y + j * n, n);
+      for (int j = 0; j < i; ++j) add(-c[j], Y + j * n, row, n);
       for (int j = 0; j < i; ++j) R[j] += c[j];
-    }
-    R[i] = std::sqrt(dot(row, row, n_));
+      before = square;
+      square = dot(row, row, n);
+    } while (square < kMuch * before);
+    R[i] = std::sqrt(square);
     const double inverse = 1 / R[i];
-    for (int j = 0; j < n_; ++j) row[j] *= inverse;
+    for (int j = 0; j < n; ++j) row[j] *= inverse;
   }
   if (level.root == 1) return;
-  for (int i = 0; i < m * n_; ++i) Y[i] *= level.root;
+  for (int i = 0; i < m * n; ++i) Y[i] *= level.root;
 }
 
-// A + s U diag(sigma_0² − g²)⁺ Uᵀ = R Rᵀ, A = Ĵ Wᵀ; Y = √activation R⁻¹ W.
+// A + s lambda_0² U diag(sigma_0² − g²)⁺ Uᵀ = R Rᵀ, A = Ĵ Wᵀ; Y = √activation R⁻¹ W.
 void Cascade::damp(Task& task, Level& level, int m) {
   const auto G = Eigen::Map<const Rows>(level.G.data(), m, m);
   double squares = 0;
@@ -211,7 +258,7 @@ void Cascade::damp(Task& task, Level& level, int m) {
     for (int j = 0; j < m; ++j) level.damped(i, j) = dot(level.J_hat.data() + i * n_, level.W.data() + j * n_, n_);
   }
   for (int i = 0; i < m; ++i) {
-    const double square = sigma_0 * sigma_0 - std::max(0.0, level.eigen.eigenvalues()[i]);
+    const double square = lambda_0 * lambda_0 * (sigma_0 * sigma_0 - std::max(0.0, level.eigen.eigenvalues()[i]));
     if (!(square > 0)) continue;
     most = std::max(most, square);
     const auto u = level.eigen.eigenvectors().col(i);
@@ -219,7 +266,7 @@ void Cascade::damp(Task& task, Level& level, int m) {
   }
   task.lambda = std::sqrt(most);
   Eigen::Map<Rows>(level.G.data(), m, m) = level.damped;  // G is not needed any more; its lower triangle is used
-  if (!cholesky(level.G.data(), 0, level.R.data(), m)) return;
+  if (!cholesky(level.G.data(), level.R.data(), m)) return;
   level.active = true;
   double* Y = Y_.data() + level.first * n_;
   for (int i = 0; i < m; ++i) {
@@ -233,8 +280,9 @@ void Cascade::damp(Task& task, Level& level, int m) {
   for (int i = 0; i < m * n_; ++i) Y[i] *= level.root;
 }
 
-bool Cascade::decompose(const MatrixIn& M) {
-  if (!factorise(M)) return false;
+template <int N>
+bool Cascade::decompose_as(const MatrixIn& M) {
+  if (!factorise<N>(M)) return false;
   rows_ = 0;
   exact_ = true;
   for (std::size_t k = 0; k < tasks.size(); ++k) {
@@ -245,15 +293,15 @@ bool Cascade::decompose(const MatrixIn& M) {
     level.active = false;
     level.root = std::sqrt(std::clamp(task.activation, 0.0, 1.0));
     task.lambda = 0;
-    whiten(task, level);
+    whiten<N>(task, level);
     level.W = level.J_hat;
     for (int i = 0; i < m; ++i) project_row(level, level.W.data() + i * n_);
-    gram(task, level, rows_ > 0);
-    task.sigma_min = std::sqrt(smallest_eigenvalue_of(level.G.data(), level.R.data(), level.scratch.data(), m));
+    gram<N>(task, level, rows_ > 0);
+    task.sigma_min = std::sqrt(smallest_eigenvalue_of(level.G.data(), level.R.data(), m));
     if (level.root == 0) continue;
     if (exact_ && task.sigma_min >= sigma_0) {
       level.active = true;
-      orthonormalise(level, m);
+      orthonormalise<N>(level, m);
     } else {
       damp(task, level, m);
     }
@@ -262,6 +310,8 @@ bool Cascade::decompose(const MatrixIn& M) {
   }
   return true;
 }
+
+bool Cascade::decompose(const MatrixIn& M) { return n_ == 7 ? decompose_as<7>(M) : decompose_as<0>(M); }
 
 void Cascade::solve(VectorOut ddq) {
   std::fill(z_.begin(), z_.end(), 0.0);

@@ -25,7 +25,7 @@ struct Task {
   double activation = 1;  // 0 … 1, the part of the task that is in force
   // Computed.
   double sigma_min = 0;      // smallest singular value of diag(scale) J N_{k-1}, m per rad
-  double lambda = 0;         // largest damping of a direction, m per rad; 0: the task is exact
+  double lambda = 0;         // largest damping of a direction, lambda_0 √(sigma_0² − g²); 0: the task is exact
   Eigen::VectorXd residual;  // rows: a − J q̈, what cannot be done, by solve()
 };
 
@@ -36,8 +36,8 @@ struct Task {
 /// Computed with the rows of J L⁻ᵀ, M = L Lᵀ, made orthonormal (Gram–Schmidt, twice). Then N = L⁻ᵀ (I − Yᵀ Y) Lᵀ.
 ///
 /// Damping: singular values g of J_k|p (rows scaled) below sigma_0, and only their directions, are damped,
-///   A^# = (A + s U diag(sigma_0² − g²)⁺ Uᵀ)⁻¹,   J_k|p J_k|pᵀ = U diag(g²) Uᵀ,   s = tr(J_k M⁻¹ J_kᵀ)/tr(J_k J_kᵀ)
-/// so a direction fades out continuously, and joint speeds are bounded by about ẋ/sigma_0. Activation multiplies A^#. In both
+///   A^# = (A + s lambda_0² U diag(sigma_0² − g²)⁺ Uᵀ)⁻¹,   J_k|p J_k|pᵀ = U diag(g²) Uᵀ,   s = tr(J_k M⁻¹ J_kᵀ)/tr(J_k J_kᵀ)
+/// so a direction fades out continuously, and joint speeds are bounded by about ẋ/(lambda_0 sigma_0). Activation multiplies A^#. In both
 /// cases N_k = N_{k-1} − M⁻¹ J_k|pᵀ A^# J_k|p, which is symmetric in M and has eigenvalues between 0 and 1. It is a projector
 /// where nothing is damped or partly active: then, and only then, J_j q̈ of a higher task is exact, and lower tasks do not move
 /// it.
@@ -49,6 +49,7 @@ class Cascade {
   int n() const { return n_; }
   std::vector<Task> tasks;
   double sigma_0 = 0.02;  // m per rad, > 0
+  double lambda_0 = 1;    // > 0
 
   /// Takes J, scale and activation of the tasks, and computes sigma_min and lambda. False if M is not positive definite; then
   /// nothing else may be called.
@@ -78,8 +79,7 @@ class Cascade {
     std::vector<double> J_hat, W;  // rows x n, row-major: scaled J L⁻ᵀ, and this projected
     std::vector<double> R;         // rows x rows, lower triangular: W = R Y without damping
     std::vector<double> G;         // rows x rows: J_k|p J_k|pᵀ
-    std::vector<double> scratch;   // rows x rows
-    std::vector<double> t, c;      // rows
+    std::vector<double> t;         // rows
     Square damped;
     Eigen::SelfAdjointEigenSolver<Square> eigen;
     double root = 1;  // √activation
@@ -87,10 +87,17 @@ class Cascade {
     bool active = false;
   };
 
+  // N: n if it is known to the compiler, otherwise 0.
+  template <int N>
+  bool decompose_as(const MatrixIn& M);
+  template <int N>
   bool factorise(const MatrixIn& M);
+  template <int N>
   void whiten(const Task& task, Level& level);
   void project_row(const Level& level, double* row);
+  template <int N>
   void gram(const Task& task, Level& level, bool projected);
+  template <int N>
   void orthonormalise(Level& level, int rows);
   void damp(Task& task, Level& level, int rows);
   void forward(const double* x, double* y) const;   // y = Lᵀ x
@@ -103,8 +110,9 @@ class Cascade {
   bool exact_ = true;
   std::vector<double> L_;  // n x n, row-major, lower triangular
   std::vector<double> inverse_diagonal_;
-  std::vector<double> Y_;  // all rows x n, row-major
-  std::vector<double> c_;  // all rows
+  std::vector<double> columns_;  // n x kMostRows, scratch
+  std::vector<double> Y_;        // all rows x n, row-major
+  std::vector<double> c_;        // all rows
   std::vector<double> x_, z_;
   std::vector<Level> levels_;
 };

@@ -34,6 +34,20 @@ double joint_limits(const VectorIn& q, const VectorIn& q_min, const VectorIn& q_
   return V;
 }
 
+EffectiveMassGoal::EffectiveMassGoal(int n) : inertia_(n), slope_(n) {}
+
+double EffectiveMassGoal::add(const robot::Mechanism& mechanism, robot::Data& data, const VectorIn& q, const VectorIn& B,
+                              const robot::FrameOnBody& frame, const Eigen::Vector3d& e, robot::Direction direction,
+                              double weight, VectorOut gradient) {
+  robot::frame_inertia(mechanism, data, q, B, frame, inertia_);
+  const Eigen::Vector3d u = direction == robot::Direction::kInFrame ? Eigen::Vector3d(inertia_.X_BF.R * e) : e;
+  m_u = robot::effective_mass(inertia_, u);
+  if (weight == 0 || !std::isfinite(m_u)) return 0;
+  robot::effective_mass_gradient(mechanism, data, q, frame, inertia_, u, direction, slope_);
+  gradient += weight * slope_;
+  return weight * m_u;
+}
+
 ManipulabilityGoal::ManipulabilityGoal(int n, Rows rows, double length)
     : first_(rows == Rows::kRotation ? 3 : 0),
       rows_(rows == Rows::kBoth ? 6 : 3),

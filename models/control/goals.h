@@ -4,6 +4,7 @@
 
 #include "models/control/cascade.h"
 #include "models/robot/dynamics.h"
+#include "models/robot/indices.h"
 
 /// Potentials V(q) in joule for self-motion (null_space.h), each with a weight; 0: off. Each function adds ∇V to `gradient` (n)
 /// and returns V. Where a weight rises or falls continuously, so do V and ∇V. Nothing allocates or throws.
@@ -18,6 +19,22 @@ double posture(const VectorIn& q, const VectorIn& q_0, const VectorIn& K, Vector
 /// without limits, q_min ≥ q_max or infinite, add nothing. `weight` in J.
 double joint_limits(const VectorIn& q, const VectorIn& q_min, const VectorIn& q_max, double weight, double margin,
                     VectorOut gradient);
+
+/// weight m_u(q), the effective mass along u (models/robot/indices.h); `weight` in J/kg. V is 0 where m_u is infinite.
+class EffectiveMassGoal {
+ public:
+  explicit EffectiveMassGoal(int n);
+
+  /// `B` as in robot::frame_inertia; e: unit vector in the axes of `direction`. Computes m_u also for weight = 0.
+  double add(const robot::Mechanism&, robot::Data&, const VectorIn& q, const VectorIn& B, const robot::FrameOnBody& frame,
+             const Eigen::Vector3d& e, robot::Direction direction, double weight, VectorOut gradient);
+
+  double m_u = 0;  // kg
+
+ private:
+  robot::FrameInertia inertia_;
+  Eigen::VectorXd slope_;
+};
 
 /// −weight ln w, w = √det(J Jᵀ + ε² 1) with ε = 1e-3 m per rad, so that V and ∇V are finite at singular positions. J: rows of
 /// the frame's Jacobian, those of the rotation times a length. The derivative of J is a central difference.

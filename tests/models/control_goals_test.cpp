@@ -104,6 +104,34 @@ TEST(Goals, ManipulabilityOfThePlanarArmIsTheAreaOfItsLinks) {
   EXPECT_NEAR(goal.w(robot.mechanism, robot.data, q, end), (elbow - base).cross(at - elbow).norm(), 1e-12);
 }
 
+TEST(Goals, GradientOfTheEffectiveMassFollowsTheLocalAxis) {
+  sweep_robots([](Robot& robot, Draw& draw) {
+    EffectiveMassGoal goal(robot.n);
+    const robot::FrameOnBody frame = robot.frame(robot.n - 1);
+    const VectorXd q = draw.numbers(robot.n, -2, 2), B = VectorXd::Constant(draw.integer(0, 1) * robot.n, 0.5);
+    const Eigen::Vector3d e = draw.direction();
+    VectorXd ignored(robot.n);
+    ignored.setZero();
+    goal.add(robot.mechanism, robot.data, q, B, frame, e, robot::Direction::kInFrame, 0, ignored);
+    if (!(goal.m_u < 1e3)) return;  // nearly singular
+    expect_gradient(
+        [&](const VectorXd& at, VectorOut g) {
+          return goal.add(robot.mechanism, robot.data, at, B, frame, e, robot::Direction::kInFrame, 0.5, g);
+        },
+        q, 1e-3);
+  });
+}
+
+TEST(Goals, EffectiveMassOfTheLwr4IsThatOfTheSpecification) {
+  Robot robot("lwr4", 0);
+  EffectiveMassGoal goal(7);
+  VectorXd gradient = VectorXd::Zero(7);
+  const double V = goal.add(robot.mechanism, robot.data, lwr4_pose(), VectorXd(), robot::on_body(robot.model.frame("link_7")),
+                            Eigen::Vector3d::UnitZ(), robot::Direction::kInFrame, 2, gradient);
+  EXPECT_NEAR(goal.m_u, 3.28702, 5e-6);
+  EXPECT_EQ(V, 2 * goal.m_u);
+}
+
 TEST(Goals, ManipulabilityStaysFiniteAtSingularPositionsAndAllocatesNothing) {
   Robot robot("lwr4", 0);
   ManipulabilityGoal goal(7, Rows::kBoth, 0.3);
