@@ -118,6 +118,12 @@ void Compliance::initialise(Time) {
   }
   ddq_d_before_ = ddq_d_;
   start_motion();
+  if (cartesian_ && cartesian_->impedance()) {
+    cartesian_->start_impedance(measured());
+    impede(0);
+    finish_torques(0);
+    return;
+  }
   add_load(0);
   tracking_.start(links_, reference(), load(), drive_in_force_);
   tracking_.take_error(measured(), drive_in_force_);
@@ -135,6 +141,12 @@ StepResult Compliance::step(Time, Duration h) {
   const double seconds = h.seconds();
   check();
   take_spin();
+  if (cartesian_ && cartesian_->impedance()) {
+    follow_tunables(seconds);
+    impede(seconds);
+    finish_torques(seconds);
+    return StepResult::kDone;
+  }
   tracking_.take_error(measured(), drive_in_force_);
   follow_tunables(seconds);
   move_compliantly(seconds);
@@ -196,11 +208,29 @@ void Compliance::move_frame_compliantly(double h) {
   for (std::size_t i = 0; i < n_; ++i) limits_[i] = limits(i);
   a_q_ = dq_c_;
   cartesian_->advance(links_, from_joints(), limits_, h);
+  cartesian_->find_contact_stiffness(links_, drive_in_force_, gains(), elastic_bandwidth_, h);
   take_cartesian_motion();
   for (std::size_t i = 0; i < n_; ++i) {
     a_q_[i] = (dq_c_[i] - a_q_[i]) / h;
     if (limit_[i] == static_cast<std::int32_t>(Limit::kPosition)) note(i, kPosition);
     if (limit_[i] == static_cast<std::int32_t>(Limit::kSpeed)) note(i, kSpeed);
+  }
+}
+
+/// render=impedance in place of admittance and tracking. Friction is fed forward at the speed of the desired motion.
+void Compliance::impede(double h) {
+  cartesian_->impede(links_, from_joints(), drive_in_force_, measured(), in_force_.shaping, h, tau_m_);
+  take_cartesian_motion();
+  tracking_.tau_c = tau_m_;
+  tracking_.theta_c = theta_;
+  tracking_.dtheta_c = dq_c_;
+  take_gravity();
+  for (std::size_t i = 0; i < n_; ++i) {
+    robot::LinkSide side = robot::link_side(drive_in_force_, i);
+    side.spring = {};  // part of the static torque
+    tau_fl_[i] = side.at(q_c_[i], dq_c_[i], gravity_[i]).torque;
+    tau_m_[i] += h > 0 ? (tau_fl_before_[i] + tau_fl_[i]) / 2 : tau_fl_[i];
+    tau_fl_before_[i] = tau_fl_[i];
   }
 }
 

@@ -94,6 +94,7 @@ class Compliance final : public Unit {
   void move_compliantly(double h);
   void move_frame_compliantly(double h);
   void take_cartesian_motion();
+  void impede(double h);
   CartesianMotion::FromJoints from_joints() const { return {q_d_, dq_d_, ddq_d_, q_, tau_e_, tau_e_rate_}; }
   void add_load(double h);
   void finish_torques(double h);

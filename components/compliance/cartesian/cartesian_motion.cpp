@@ -69,7 +69,13 @@ constexpr Sentence kSentences[] = {
     {2, "the joints did not follow the compliant frame by more than 1 mm (output task_error): out of reach or at a limit"},
     {4, "a rise of M_T, S_T, M_R or K_o had to wait: the energy for it was not in the tank (tank_start, tank_max)"},
     {8, "the moment exceeded the least rotational stiffness K_o, which balances at most that moment: the frame turns on"},
-    {16, "the robot did not start at the desired pose: the compliant frame started where the robot was, and went back"}};
+    {16, "the robot did not start at the desired pose: the compliant frame started where the robot was, and went back"},
+    {32,
+     "S_T or K_o is close to the stiffness of the joints (output stiffness_ratio above 0.8): the links are softer than asked"},
+    {64, "the static position of the links was not found (output static_error): the joints are too soft for the load"},
+    {128,
+     "the environment's stiffness K_e is above K_e_max, so the contact can vibrate: choose a larger M_T, M_R or damping, or "
+     "render=impedance"}};
 constexpr std::string_view kSeparator = "; ";
 
 }  // namespace
@@ -85,6 +91,9 @@ void CartesianMotion::declare_settings(SettingList& s) {
   s.choice("desired", {"pose", "joints"},
            "space=cartesian: the desired motion of E from p_d, quat_d, … or from the joint motion q_d");
   s.text("task", "", "space=cartesian: the rendered directions in the base's axes, some of x,y,z,rx,ry,rz; empty: all six");
+  s.choice("render", {"admittance", "impedance"},
+           "space=cartesian: motion from the measured wrench, which is tracked, or motor torques from the deviation, without a "
+           "measured wrench; the latter is stable on any environment");
 }
 
 CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& robot)
@@ -105,6 +114,13 @@ CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& ro
   const Index n = robot.n();
   for (VectorXd* v : {&q_scratch_, &dq_scratch_, &tau_scratch_}) v->setZero(n);
   J_.setZero(6, n);
+  if (settings.choice("render") == "impedance") {
+    if (axes_ == Axes::kTool) throw Error(place_, "render=impedance with axes=tool: expected axes=world or axes=desired");
+    impedance_ = std::make_unique<ImpedanceControl>(robot, directions_);
+  }
+  for (Eigen::MatrixXd* matrix : {&contact_.M, &contact_.total, &contact_.gain}) matrix->setZero(n, n);
+  for (VectorXd* v : {&contact_.row, &contact_.solved}) v->setZero(n);
+  contact_.llt = Eigen::LLT<Eigen::MatrixXd>(n);
 }
 
 void CartesianMotion::take_frames() {
@@ -222,6 +238,7 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
   in_force_ = wanted_;
   is_prepared_ = false;
   met_ = 0;
+  contact_turn_ = 0;
   tank_ = std::min(tank_start_, tank_max_);
   const Motion d = desired(links, in);
   q_scratch_ = map(in.q);

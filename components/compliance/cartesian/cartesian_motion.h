@@ -3,10 +3,12 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "components/compliance/cartesian/impedance_control.h"
 #include "components/compliance/cartesian/joint_motion.h"
 #include "components/compliance/cartesian/parameters.h"
 #include "components/compliance/cartesian/rotation.h"
@@ -45,6 +47,16 @@ class CartesianMotion {
   void advance(Links& links, const FromJoints& in, std::span<const Limits> limits, double h);
   /// J(q)ᵀ [f; m] of the measured wrench and its rate.
   void torque_of_wrench(Links& links, const std::vector<double>& q, std::vector<double>& tau, std::vector<double>& rate);
+  /// render=impedance: whether impede() takes the place of advance() and tracking.
+  bool impedance() const { return impedance_ != nullptr; }
+  void start_impedance(const Measured& measured);
+  /// The motor torques over a step of h seconds, without friction. joints() is q̄ and the desired motion in the joints.
+  void impede(Links& links, const FromJoints& in, const robot::DriveParameters& drives, const Measured& measured,
+              const Joints& shaping, double h, Joints& tau_m);
+  /// Updates the largest stiffness of an environment in one of the six directions every few steps. `bandwidth`: of the
+  /// winding-up of elastic joints.
+  void find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains, double bandwidth,
+                              double h);
   /// After the states were written.
   void restored();
 
@@ -56,7 +68,16 @@ class CartesianMotion {
 
  private:
   enum class Axes { kWorld, kDesired, kTool };
-  enum Met : std::int32_t { kSingular = 1, kTask = 2, kTank = 4, kRunsAway = 8, kStart = 16 };
+  enum Met : std::int32_t {
+    kSingular = 1,
+    kTask = 2,
+    kTank = 4,
+    kRunsAway = 8,
+    kStart = 16,
+    kSoftGears = 32,
+    kStatics = 64,
+    kStiffContact = 128
+  };
   struct Motion {
     MovingPose pose;
     Twist acceleration = Twist::Zero();
@@ -69,6 +90,8 @@ class CartesianMotion {
   Motion compliant(const Motion& d, const Wrench& F);
   void write_outputs(Links& links, const MovingPose& c);
   void note(Met what);
+  void find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains, double bandwidth,
+                              double h, std::int32_t direction);
   JointMotionGains gains() const;
   Eigen::Matrix3d axes(const Eigen::Quaterniond& Q_d, const Eigen::Quaterniond& Q_c) const;
 
@@ -109,6 +132,12 @@ class CartesianMotion {
   Four quat_c_{1, 0, 0, 0};
   double sigma_min_ = 0, lambda_ = 0, task_error_ = 0;
 
+  std::unique_ptr<ImpedanceControl> impedance_;  // nullptr: render=admittance
+  std::array<double, 6> K_e_{};                  // N/m, N.m/rad; 0: unknown
+  double omega_t_ = 0, zeta_t_ = 1;              // rad/s, 1
+  std::array<double, 6> K_e_max_{};
+  std::int32_t contact_turn_ = 0;
+
   // Computed from parameters.
   Pose X_WB_;
   Eigen::Quaterniond Q_WB_{1, 0, 0, 0};
@@ -122,6 +151,11 @@ class CartesianMotion {
   Eigen::VectorXd q_scratch_, dq_scratch_, tau_scratch_;
   Eigen::Matrix<double, 6, Eigen::Dynamic> J_;
   bool news_ = false;
+  struct ContactScratch {
+    Eigen::MatrixXd M, total, gain;
+    Eigen::VectorXd row, solved;
+    Eigen::LLT<Eigen::MatrixXd> llt;
+  } contact_;
 };
 
 }  // namespace cotwin::compliance

@@ -52,6 +52,25 @@ void CartesianMotion::declare(Variables& v) {
   v.output("sigma_min", sigma_min_, "m", "least singular value of the task's Jacobian, rotations times 0.3 m");
   v.output("lambda", lambda_, "1", "damping of the joints near a singular pose; 0: none");
   v.output("task_error", task_error_, "m", "distance of the joints' pose from the compliant pose, rotations times 0.3 m");
+  if (impedance_) {
+    v.state("twist_static", impedance_->twist, "1", "motor less static link position, rad or m");
+    v.output(
+        "stiffness_ratio", impedance_->stiffness_ratio, "1",
+        "stiffness of the frame relative to that of the joints, an upper bound; above 0.8 the links are softer than asked");
+    v.output("static_error", impedance_->static_error, "1", "residual of the static position of the links, rad or m");
+    return;
+  }
+  v.parameter("K_e", K_e_, "1", "stiffness of the environment along the axes of S_T, then of K_o, N/m and N.m/rad; 0: unknown")
+      .range(0, kAny);
+  v.parameter("omega_t", omega_t_, "rad/s",
+              "bandwidth of the position control of a robot that is moved by q_c, for K_e_max; 0: the tracking of this unit")
+      .range(0, kAny);
+  v.parameter("zeta_t", zeta_t_, "1", "its damping ratio").range(0, kAny);
+  v.state("contact_turn", contact_turn_, "counter of the steps in which K_e_max is computed, one direction every 16 steps");
+  v.state(
+      "K_e_max", K_e_max_, "1",
+      "largest stiffness of an environment that does not vibrate, along the axes of S_T, then of K_o, N/m and N.m/rad; 0 in "
+      "directions that are not rendered");
 }
 
 }  // namespace cotwin::compliance

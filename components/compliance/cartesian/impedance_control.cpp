@@ -44,9 +44,10 @@ Matrix3d tangent(const ElasticFrame& frame, const Quaterniond& Q) {
 ImpedanceControl::ImpedanceControl(const robot::RobotModel& robot, std::vector<int> directions)
     : directions_(std::move(directions)) {
   const Index n = robot.n(), m = static_cast<Index>(directions_.size());
-  for (VectorXd* v : {&twist, &q_bar, &dq_r, &ddq_r_, &l_, &r_, &x_, &dtheta_, &u_}) v->setZero(n);
+  for (VectorXd* v : {&twist, &q_bar, &dq_r, &ddq_r, &l_, &r_, &x_, &dtheta_, &u_}) v->setZero(n);
   task_.setZero(m);
   J6_.setZero(6, n);
+  SJ_.setZero(6, n);
   J_.setZero(m, n);
   Y_.setZero(n, m);
   A_.setZero(m, m);
@@ -92,14 +93,14 @@ void ImpedanceControl::torque(Links& links, const robot::FrameOnBody& E, const E
   if (posture.K > 0) x_ += posture.K * (q_bar - map(posture.q_0));
   task_.noalias() = J_ * x_;
   A_llt_.solveInPlace(task_);
-  r_.noalias() = M_ * x_;
+  r_.noalias() = M_.lazyProduct(x_);
   u_ -= r_;
   u_.noalias() += J_.transpose() * task_;
 
   for (Index i = 0; i < n; ++i) {
     const auto k = static_cast<std::size_t>(i);
     const double r = drives.K[k] > 0 ? shaping[k] : 1.0;
-    const double u = u_[i] + drives.B[k] / r * ddq_r_[i];
+    const double u = u_[i] + drives.B[k] / r * ddq_r[i];
     const double tau_J = robot::Torsion{.K = drives.K[k]}.at(measured.theta[k] - measured.q[k]).torque;  // (2c)
     tau_m[k] = drives.K[k] > 0 ? r * u - (r - 1) * tau_J : u;
   }
@@ -118,7 +119,7 @@ void ImpedanceControl::take_inertia(Links& links, const robot::DriveParameters& 
   M_llt_.compute(M_);
   Y_ = J_.transpose();
   M_llt_.matrixL().solveInPlace(Y_);
-  A_.noalias() = Y_.transpose() * Y_;
+  A_.noalias() = Y_.transpose().lazyProduct(Y_);
   A_llt_.compute(A_);
   // Near singular poses J̄ is damped. The smallest pivot is an upper bound of the smallest eigenvalue.
   constexpr double kNear = 1e-3, kDamping = 1e-3;
@@ -135,7 +136,7 @@ void ImpedanceControl::take_inertia(Links& links, const robot::DriveParameters& 
 void ImpedanceControl::take_reference(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame) {
   moving_ = !frame.desired.V.isZero(0) || !frame.acceleration.isZero(0);
   dq_r.setZero();
-  ddq_r_.setZero();
+  ddq_r.setZero();
   if (!moving_) return;
   const auto to_joints = [&](const Twist& twist_of_E, VectorXd& joints) {
     for (std::size_t k = 0; k < directions_.size(); ++k) {
@@ -149,7 +150,7 @@ void ImpedanceControl::take_reference(Links& links, const robot::FrameOnBody& E,
   to_joints(frame.desired.V, dq_r);
   Twist drift;
   links.jacobian_dot_times_dq(q_bar, dq_r, E, drift);
-  to_joints(frame.acceleration - drift, ddq_r_);
+  to_joints(frame.acceleration - drift, ddq_r);
 }
 
 void ImpedanceControl::take_stiffness(const ElasticFrame& frame, const robot::DriveParameters& drives) {
@@ -160,15 +161,16 @@ void ImpedanceControl::take_stiffness(const ElasticFrame& frame, const robot::Dr
   Eigen::Matrix<double, 6, 6> S = Eigen::Matrix<double, 6, 6>::Zero();
   S.topLeftCorner<3, 3>() = turned(frame.S_T, frame.R_BA);
   S.bottomRightCorner<3, 3>() = turned(tangent(frame, rotation(frame, X)), frame.desired.Q.toRotationMatrix());
-  S_q_.noalias() = J6_.transpose() * (S * J6_).eval();
+  SJ_.noalias() = S.lazyProduct(J6_);
+  S_q_.noalias() = J6_.transpose().lazyProduct(SJ_);
   for (Index i = 0; i < n; ++i) {
     const double K = drives.K[static_cast<std::size_t>(i)], scale = K > 0 ? 1 / std::sqrt(K) : 0.0;
     S_q_.row(i) *= scale;
     S_q_.col(i) *= scale;
   }
   // ‖A⁴‖ in the Frobenius norm is (Σ λ⁸)^½ ≥ ρ⁴, for six eigenvalues at most √6 ρ⁴.
-  square_.noalias() = S_q_ * S_q_;
-  fourth_.noalias() = square_ * square_;
+  square_.noalias() = S_q_.lazyProduct(S_q_);
+  fourth_.noalias() = square_.lazyProduct(square_);
   stiffness_ratio = std::pow(fourth_.squaredNorm(), 0.125);
   if (stiffness_ratio > kSoftest) relief_ = kSoftest / stiffness_ratio;
   // In units of K^(1/2): I − relief S_q.
@@ -191,9 +193,9 @@ void ImpedanceControl::solve_statics(Links& links, const robot::FrameOnBody& E, 
   constexpr double kExact = 1e-12, kLongest = 0.1;  // rad (m)
   const Index n = q_bar.size();
   const auto statics = [&] {
-    links.inverse_dynamics(q_bar, dq_r, ddq_r_, l_);
+    links.inverse_dynamics(q_bar, dq_r, ddq_r, l_);
     for (Index i = 0; i < n; ++i) l_[i] += robot::spring(drives, static_cast<std::size_t>(i)).at(q_bar[i]).torque;
-    x_.noalias() = J6_.transpose() * spring(frame);
+    x_.noalias() = J6_.transpose().lazyProduct(spring(frame));
     l_ -= x_;
   };
   statics();
@@ -238,8 +240,10 @@ Eigen::Matrix<double, 6, 6> ImpedanceControl::damping(const ElasticFrame& frame)
     return inverse.inverse();
   };
   const Matrix3d R_d = frame.desired.Q.toRotationMatrix();
-  if (frame.zeta_T > 0) D_T += modal_damping(inertia(0, frame.R_BA), frame.S_T, frame.zeta_T, frame.omega_free);
-  if (frame.zeta_R > 0) D_R += modal_damping(inertia(3, R_d), frame.K_o, frame.zeta_R, frame.omega_free);
+  if (frame.zeta_T > 0)
+    D_T += frame.P_T * modal_damping(inertia(0, frame.R_BA), frame.S_T, frame.zeta_T, frame.omega_free) * frame.P_T;
+  if (frame.zeta_R > 0)
+    D_R += frame.P_R * modal_damping(inertia(3, R_d), frame.K_o, frame.zeta_R, frame.omega_free) * frame.P_R;
   Eigen::Matrix<double, 6, 6> D = Eigen::Matrix<double, 6, 6>::Zero();
   D.topLeftCorner<3, 3>() = turned(D_T, frame.R_BA);
   D.bottomRightCorner<3, 3>() = turned(D_R, R_d);

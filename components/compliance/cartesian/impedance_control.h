@@ -22,6 +22,7 @@ struct ElasticFrame {
   Eigen::Matrix3d K_o = Eigen::Matrix3d::Zero(), D_R = Eigen::Matrix3d::Zero();  // in the axes of the desired frame
   double zeta_T = 0, zeta_R = 0;  // damping ratios of all modes, added to D_T and D_R
   double omega_free = 0;          // rad/s; of these ratios where there is no stiffness
+  Eigen::Matrix3d P_T = Eigen::Matrix3d::Identity(), P_R = Eigen::Matrix3d::Identity();  // directions that these ratios damp
 };
 
 /// Behaviour in the null space of the frame.
@@ -61,13 +62,13 @@ class ImpedanceControl {
   // State.
   Eigen::VectorXd twist;  // rad; θ − q̄ where the iteration starts
   // Results of torque().
-  Eigen::VectorXd q_bar, dq_r;  // rad, rad/s
-  Pose X;                       // of E at q̄
-  Twist V = Twist::Zero();      // of E with J θ̇
-  double stiffness_ratio = 0;   // ρ (an upper bound, at most 1.25 ρ)
-  double static_error = 0;      // rad; residual of K (θ − q̄) = l(q̄) in units of θ
-  double dissipated = 0;        // W, by D
-  double sigma_min = 0;         // m; as JointMotion
+  Eigen::VectorXd q_bar, dq_r, ddq_r;  // rad, rad/s, rad/s²
+  Pose X;                              // of E at q̄
+  Twist V = Twist::Zero();             // of E with J θ̇
+  double stiffness_ratio = 0;          // ρ (an upper bound, at most 1.25 ρ)
+  double static_error = 0;             // rad; residual of K (θ − q̄) = l(q̄) in units of θ
+  double dissipated = 0;               // W, by D
+  double sigma_min = 0;                // m; as JointMotion
 
  private:
   void take_inertia(Links& links, const robot::DriveParameters& drives, const Joints& shaping);
@@ -82,9 +83,9 @@ class ImpedanceControl {
   // Scratch.
   bool elastic_ = false, moving_ = false;
   double relief_ = 1;  // 0.8/ρ
-  Eigen::MatrixXd J6_, J_, M_, Y_, A_, S_q_, square_, fourth_;
+  Eigen::MatrixXd J6_, SJ_, J_, M_, Y_, A_, S_q_, square_, fourth_;
   Eigen::LLT<Eigen::MatrixXd> M_llt_, A_llt_, statics_;
-  Eigen::VectorXd ddq_r_, l_, r_, x_, dtheta_, u_;
+  Eigen::VectorXd l_, r_, x_, dtheta_, u_;
   Eigen::VectorXd task_;
 };
 
