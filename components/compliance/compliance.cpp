@@ -75,7 +75,8 @@ Compliance::Compliance(Settings& settings, const robot::RobotModel& robot, bool 
       tracking_(robot) {
   for (Joints* input : {&q_d_, &dq_d_, &ddq_d_, &q_, &dq_, &theta_, &dtheta_, &tau_e_, &tau_e_rate_}) input->resize(n_);
   for (Joints* limit : {&tau_max_, &q_min_, &q_max_, &dq_max_, &tau_wind_up_}) limit->resize(n_);
-  for (Joints* state : {&tau_fl_before_, &tau_fm_before_, &Delta_, &dDelta_, &ddq_d_before_, &z_, &tank_}) state->resize(n_);
+  for (Joints* state : {&tau_fl_before_, &tau_fm_before_, &Delta_, &dDelta_, &ddq_d_before_, &z_, &tank_, &tau_cut_})
+    state->resize(n_);
   for (Joints* output : {&q_c_, &dq_c_, &ddq_c_, &tau_m_, &tau_id_, &tau_f_, &tau_excess_}) output->resize(n_);
   for (Joints* scratch : {&a_q_, &tau_fl_, &tau_fm_, &load_mean_, &load_end_, &gravity_}) scratch->resize(n_);
   met_.resize(n_);
@@ -149,6 +150,7 @@ StepResult Compliance::step(Time, Duration h) {
   }
   tracking_.take_error(measured(), drive_in_force_);
   follow_tunables(seconds);
+  brake_by_saturation(seconds);
   move_compliantly(seconds);
   add_load(seconds);
   tracking_.refer(links_, reference(), load(), drive_in_force_, {elastic_bandwidth_, tau_wind_up_}, seconds);
@@ -202,6 +204,14 @@ void Compliance::restored() {
   copy_fixed(drive_in_force_, drive_, robot::kDriveParameters);
   links_.restored_bodies();
   if (cartesian_) cartesian_->restored();
+}
+
+/// The energy that saturated motors did not give in the last step is taken from the motion of the compliant frame.
+void Compliance::brake_by_saturation(double h) {
+  if (!cartesian_ || !cartesian_->brakes_saturated()) return;
+  double energy = 0;
+  for (std::size_t i = 0; i < n_; ++i) energy += std::max(h * tau_cut_[i] * dq_c_[i], 0.0);
+  cartesian_->brake(energy);
 }
 
 void Compliance::move_frame_compliantly(double h) {
@@ -308,7 +318,7 @@ void Compliance::finish_torques(double h) {
     const double tau = tau_m_[i] + (h > 0 ? (tau_fm_before_[i] + tau_fm_[i]) / 2 : tau_fm_[i]);
     tau_fm_before_[i] = tau_fm_[i];
     tau_m_[i] = tau_max_[i] > 0 ? std::clamp(tau, -tau_max_[i], tau_max_[i]) : tau;
-    tau_excess_[i] = tau - tau_m_[i];
+    tau_excess_[i] = tau_cut_[i] = tau - tau_m_[i];
     if (tau_excess_[i] == 0) continue;
     saturated_ = true;
     note(i, kTorque);

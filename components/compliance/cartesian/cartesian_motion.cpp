@@ -70,12 +70,13 @@ constexpr Sentence kSentences[] = {
     {4, "a rise of M_T, S_T, M_R or K_o had to wait: the energy for it was not in the tank (tank_start, tank_max)"},
     {8, "the moment exceeded the least rotational stiffness K_o, which balances at most that moment: the frame turns on"},
     {16, "the robot did not start at the desired pose: the compliant frame started where the robot was, and went back"},
-    {32,
+    {64,
      "S_T or K_o is close to the stiffness of the joints (output stiffness_ratio above 0.8): the links are softer than asked"},
-    {64, "the static position of the links was not found (output static_error): the joints are too soft for the load"},
-    {128,
+    {128, "the static position of the links was not found (output static_error): the joints are too soft for the load"},
+    {256,
      "the environment's stiffness K_e is above K_e_max, so the contact can vibrate: choose a larger M_T, M_R or damping, or "
-     "render=impedance"}};
+     "render=impedance"},
+    {512, "the compliant frame was stopped at p_min or p_max or held at v_max or w_max"}};
 constexpr std::string_view kSeparator = "; ";
 
 }  // namespace
@@ -293,22 +294,28 @@ void CartesianMotion::advance(Links& links, const FromJoints& in, std::span<cons
   }
   if (potential_ == Potential::kQuaternion && k_min_ > 0 && std::max(m0.norm(), m1.norm()) > k_min_) note(kRunsAway);
   const Turned turned = compliance::advance(potential_, rendered_R_, {quaternion(quat_dc_), w_dc_}, m0, (m1 - m0) / h, h);
+  const Turn turn_before{quaternion(quat_dc_), w_dc_};
   quat_dc_ = array(turned.turn.Q);
   w_dc_ = turned.turn.w;
 
   // Translation, in its axes.
   const Matrix3d R0 = axes(Q_d0, Q_c0), R1 = axes(d.pose.Q, d.pose.Q * turned.turn.Q);
   const Vector3d u0 = R0.transpose() * F0.head<3>(), u1 = R1.transpose() * F1.head<3>();
-  const Vector3d Delta_before = Delta_;
+  const Vector3d Delta_before = Delta_, dDelta_before = dDelta_;
   propagator_.advance(Delta_, dDelta_, u0, (u1 - u0) / h);
   const Vector3d way = Delta_ - Delta_before;
   // A lower bound of the energy that damping takes, as in admittance.cpp.
   tank_ = std::min(tank_ + turned.dissipated + way.dot(rendered_T_.D * way) / h, tank_max_);
+  Wrench mean;
+  mean << (u0 + u1) / 2, (m0 + m1) / 2;
+  const bool confined = confine_frame(d, turn_before, Delta_before, dDelta_before, mean, h);
 
   Motion c = compliant(d, F1);
   if (c.pose.Q.dot(Q_c0) < 0) c.pose.Q.coeffs() *= -1;  // ±Q without a jump
   const MovingPose before{p_before_, Q_c0, V_before_};
+  if (confined) c.acceleration = (c.pose.V - V_before_) / h;
   joints_.advance(links, before, c.pose, c.acceleration, limits, gains(), h);
+  hold_frame_at_joints(links, d, c);
   p_before_ = c.pose.p;
   quat_before_ = array(c.pose.Q);
   V_before_ = c.pose.V;

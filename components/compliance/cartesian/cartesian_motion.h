@@ -13,6 +13,7 @@
 #include "components/compliance/cartesian/parameters.h"
 #include "components/compliance/cartesian/rotation.h"
 #include "components/compliance/cartesian/translation.h"
+#include "components/compliance/cartesian/walls.h"
 #include "components/unit/settings.h"
 #include "components/unit/variables.h"
 
@@ -47,6 +48,9 @@ class CartesianMotion {
   void advance(Links& links, const FromJoints& in, std::span<const Limits> limits, double h);
   /// J(q)ᵀ [f; m] of the measured wrench and its rate.
   void torque_of_wrench(Links& links, const std::vector<double>& q, std::vector<double>& tau, std::vector<double>& rate);
+  /// Takes `energy`, J, from the motion of the compliant frame: what the motors could not give.
+  void brake(double energy);
+  bool brakes_saturated() const { return brake_saturated_; }
   /// render=impedance: whether impede() takes the place of advance() and tracking.
   bool impedance() const { return impedance_ != nullptr; }
   void start_impedance(const Measured& measured);
@@ -74,9 +78,10 @@ class CartesianMotion {
     kTank = 4,
     kRunsAway = 8,
     kStart = 16,
-    kSoftGears = 32,
-    kStatics = 64,
-    kStiffContact = 128
+    kSoftGears = 64,
+    kStatics = 128,
+    kStiffContact = 256,
+    kWall = 512
   };
   struct Motion {
     MovingPose pose;
@@ -89,6 +94,9 @@ class CartesianMotion {
   void prepare(const Eigen::Matrix3d& R_BA, const Eigen::Matrix3d& R_d, double h);
   Motion compliant(const Motion& d, const Wrench& F);
   void write_outputs(Links& links, const MovingPose& c);
+  bool confine_frame(const Motion& d, const Turn& turn, const Eigen::Vector3d& x, const Eigen::Vector3d& dx,
+                     const Wrench& F_mean, double h);
+  void hold_frame_at_joints(Links& links, const Motion& d, Motion& c);
   void note(Met what);
   void find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains, double bandwidth,
                               double h, std::int32_t direction);
@@ -132,6 +140,9 @@ class CartesianMotion {
   Four quat_c_{1, 0, 0, 0};
   double sigma_min_ = 0, lambda_ = 0, task_error_ = 0;
 
+  Three p_min_{}, p_max_{};  // m, in W
+  double v_max_ = 0, w_max_ = 0, braking_ = 2;
+  bool brake_saturated_ = false;
   std::unique_ptr<ImpedanceControl> impedance_;  // nullptr: render=admittance
   std::array<double, 6> K_e_{};                  // N/m, N.m/rad; 0: unknown
   double omega_t_ = 0, zeta_t_ = 1;              // rad/s, 1

@@ -71,6 +71,16 @@ void CartesianMotion::declare(Variables& v) {
       "K_e_max", K_e_max_, "1",
       "largest stiffness of an environment that does not vibrate, along the axes of S_T, then of K_o, N/m and N.m/rad; 0 in "
       "directions that are not rendered");
+  v.parameter("p_min", p_min_, "m", "lower sides of a box in W for the origin of the compliant frame; p_min >= p_max: none")
+      .range(-kAny, kAny);
+  v.parameter("p_max", p_max_, "m", "upper sides of the box").range(-kAny, kAny);
+  v.parameter("v_max", v_max_, "m/s", "limit of the speed of the compliant frame; 0: none").range(0, kAny);
+  v.parameter("w_max", w_max_, "rad/s", "limit of its angular speed; 0: none").range(0, kAny);
+  v.parameter("braking_frame", braking_, "m/s2", "deceleration with which the frame stops at the box").range(1e-6, kAny);
+  v.parameter(
+      "brake_saturated", brake_saturated_,
+      "motor torque that tau_max cuts brakes the compliant frame, so that it does not run away from a robot that cannot "
+      "follow; (3a), (3b) do not hold meanwhile");
 }
 
 }  // namespace cotwin::compliance
