@@ -187,7 +187,7 @@ void Compliance::follow_tunables(double h) {
   const auto towards = [remaining](double value, double target) { return target + (value - target) * remaining; };
   follow(drive_in_force_, drive_, robot::kDriveParameters, remaining);
   follow(in_force_, wanted_, kGains, remaining);
-  if (cartesian_) cartesian_->follow(remaining);
+  if (cartesian_) cartesian_->follow(remaining, h);
   for (std::size_t i = 0; i < n_ && !cartesian_; ++i) {
     Admittance now{.M_a = in_force_.M_a[i], .S_a = in_force_.S_a[i]};
     Tank tank{tank_[i], tank_max_[i]};

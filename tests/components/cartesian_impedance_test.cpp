@@ -240,6 +240,50 @@ TEST(CartesianWalls, BoxAndSpeedsHoldAndGiveNoEnergyForAnyWrenchAndChangingStiff
   }
 }
 
+/// V of Kronander and Billard with diagonal matrices at the aperiodic limit.
+double lyapunov(const Subject& unit, double alpha) {
+  const Vector3d M = unit["M_T_in_force"], S = unit["S_T_in_force"], x = unit["Delta_axes"], dx = unit["dDelta_axes"];
+  const Vector3d D = 2 * (S.array() * M.array()).sqrt().max(unit.value("omega_free") * M.array());
+  const Vector3d z = dx + alpha * x;
+  return (z.dot(M.cwiseProduct(z)) + x.dot((S + alpha * D - alpha * alpha * M).cwiseProduct(x))) / 2;
+}
+
+TEST(CartesianWalls, AVaryingStiffnessWithinTheBoundNeverMakesAFreeMotionGrow) {
+  Kinematics kinematics("lwr4");
+  const Pose X = kinematics.at(lwr4_posture());
+  int changed = 0;
+  for (unsigned seed = 1; seed <= 5; ++seed) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> value(0.1, 2);
+    Subject unit("unit:compliance?space=cartesian", "lwr4");
+    desire(unit, X);
+    unit["q"] = unit["theta"] = lwr4_posture();
+    unit["tau_max"].setZero();
+    unit["dq_max"].setZero();
+    unit["transition"].setConstant(0);
+    unit["M_T"].setConstant(3);
+    unit["S_T"].setConstant(400);
+    unit["alpha"].setConstant(4);
+    unit.initialise();
+    for (int n = 0; n < 100; ++n) {
+      unit["f_e"] = Vector3d(30, -20, 15);
+      unit.step();
+    }
+    unit["f_e"].setZero();
+    double before = lyapunov(unit, 4);
+    for (int n = 0; n < 1500; ++n) {
+      if (n % 40 == 0) unit["S_T"] = 400 * Vector3d(value(random), value(random), value(random));
+      const double S = unit["S_T_in_force"][0];
+      unit.step();
+      changed += S != unit["S_T_in_force"][0];
+      const double now = lyapunov(unit, 4);
+      ASSERT_LE(now, before * (1 + 1e-12) + 1e-18) << seed << " " << n;
+      before = now;
+    }
+  }
+  EXPECT_GT(changed, 200);
+}
+
 TEST(CartesianWalls, AFrameThatIsPulledOutOfReachStaysAtTheArmAndComesBackAtOnce) {
   Kinematics kinematics("lwr4");
   Subject unit("unit:compliance?space=cartesian", "lwr4");

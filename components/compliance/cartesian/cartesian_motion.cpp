@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "components/compliance/cartesian/directions.h"
+#include "components/compliance/cartesian/variable_stiffness.h"
 #include "models/robot/robot_model.h"
 #include "models/support/choice.h"
 #include "models/support/error.h"
@@ -67,7 +68,9 @@ struct Sentence {
 constexpr Sentence kSentences[] = {
     {1, "the least singular value of the Jacobian was below sigma_0: the joints were damped (outputs sigma_min, lambda)"},
     {2, "the joints did not follow the compliant frame by more than 1 mm (output task_error): out of reach or at a limit"},
-    {4, "a rise of M_T, S_T, M_R or K_o had to wait: the energy for it was not in the tank (tank_start, tank_max)"},
+    {4,
+     "a change of M_T, S_T, M_R or K_o had to wait: the tank lacked the energy (tank_start, tank_max) or it was too fast for "
+     "alpha"},
     {8, "the moment exceeded the least rotational stiffness K_o, which balances at most that moment: the frame turns on"},
     {16, "the robot did not start at the desired pose: the compliant frame started where the robot was, and went back"},
     {64,
@@ -265,13 +268,20 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
   write_outputs(links, c.pose);
 }
 
-void CartesianMotion::follow(double remaining) {
+void CartesianMotion::follow(double remaining, double h) {
   news_ = false;
-  cotwin::follow(in_force_, wanted_, kCartesian, remaining);
+  towards_ = wanted_;
+  const bool bound = alpha_ > 0 && h > 0;
+  bool paid_T = true;
+  if (bound) {
+    paid_T = change_slowly(in_force_, wanted_, remaining, alpha_, h);
+    keep_translation(in_force_, towards_);
+  }
+  cotwin::follow(in_force_, towards_, kCartesian, remaining);
   const Quaterniond Q_dc = quaternion(quat_dc_);
   const Vector3d turn = potential_ == Potential::kQuaternion ? Vector3d(2 * Q_dc.vec()) : axis_angle(Q_dc);
   Tank tank{tank_, tank_max_};
-  const bool paid_T = change(in_force_, wanted_, kTranslation, remaining, {Delta_, dDelta_}, tank);
+  if (!bound) paid_T = change(in_force_, wanted_, kTranslation, remaining, {Delta_, dDelta_}, tank);
   const bool paid_R = change(in_force_, wanted_, kRotation, remaining, {turn, w_dc_}, tank);
   if (!paid_T || !paid_R) note(kTank);
   tank_ = tank.energy;

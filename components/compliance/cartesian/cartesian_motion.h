@@ -43,8 +43,8 @@ class CartesianMotion {
   };
   /// The compliant frame starts where the robot is.
   void start(Links& links, const FromJoints& in);
-  /// Parameters move towards the tunables: `remaining` of each difference is left.
-  void follow(double remaining);
+  /// Parameters move towards the tunables: `remaining` of each difference is left, in a step of h seconds.
+  void follow(double remaining, double h);
   void advance(Links& links, const FromJoints& in, std::span<const Limits> limits, double h);
   /// J(q)ᵀ [f; m] of the measured wrench and its rate.
   void torque_of_wrench(Links& links, const std::vector<double>& q, std::vector<double>& tau, std::vector<double>& rate);
@@ -143,6 +143,7 @@ class CartesianMotion {
   Three p_min_{}, p_max_{};  // m, in W
   double v_max_ = 0, w_max_ = 0, braking_ = 2;
   bool brake_saturated_ = false;
+  double alpha_ = 0;                             // 1/s; 0: the tank
   std::unique_ptr<ImpedanceControl> impedance_;  // nullptr: render=admittance
   std::array<double, 6> K_e_{};                  // N/m, N.m/rad; 0: unknown
   double omega_t_ = 0, zeta_t_ = 1;              // rad/s, 1
@@ -153,7 +154,7 @@ class CartesianMotion {
   Pose X_WB_;
   Eigen::Quaterniond Q_WB_{1, 0, 0, 0};
   // For the values in force.
-  CartesianParameters prepared_;
+  CartesianParameters prepared_, towards_;
   bool is_prepared_ = false;
   Impedance translation_, rotation_;   // with the damping of zeta
   Impedance rendered_T_, rendered_R_;  // of the rendered directions

@@ -52,6 +52,11 @@ void CartesianMotion::declare(Variables& v) {
   v.output("sigma_min", sigma_min_, "m", "least singular value of the task's Jacobian, rotations times 0.3 m");
   v.output("lambda", lambda_, "1", "damping of the joints near a singular pose; 0: none");
   v.output("task_error", task_error_, "m", "distance of the joints' pose from the compliant pose, rotations times 0.3 m");
+  v.parameter(
+       "alpha", alpha_, "1/s",
+       "0: the tank limits how M_T, S_T change; above 0: S_T and damping change by the bound of Kronander and Billard with "
+       "this rate, M_T stays")
+      .range(0, 1e6);
   if (impedance_) {
     v.state("twist_static", impedance_->twist, "1", "motor less static link position, rad or m");
     v.output(
