@@ -40,6 +40,7 @@ void CartesianMotion::declare(Variables& v) {
   v.state("quat_d_before", quat_d_before_, "1", "desired orientation in B at the beginning of the next step");
   v.state("q_joints", joints_.q, "1", "joint positions of the compliant motion, rad or m");
   v.state("dq_joints", joints_.dq, "1", "joint velocities of the compliant motion, rad/s or m/s");
+  v.state("ddq_joints", joints_.ddq, "1", "joint accelerations of the compliant motion, rad/s2 or m/s2");
   v.state("cartesian_met", met_,
           "what happened since the start, summed: 1 damped near a singular pose, 2 task_error above 1 mm, 4 a rise of mass or "
           "stiffness waited for energy, 8 moment above the least K_o, 16 started beside the desired pose, "
