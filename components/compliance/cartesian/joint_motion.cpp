@@ -178,7 +178,12 @@ void JointMotion::part(Links& links, const MovingPose& before, const Twist& acce
   }
   dq_mid_ = dq + h / 2 * ddq;
   take_rates(links, q_mid_);
-  for (control::Task& task : cascade_.tasks) task.a.noalias() -= task.dJ * dq_mid_;
+  held = 0;
+  for (std::size_t k = 0; k < tasks_.size(); ++k) {
+    control::Task& task = cascade_.tasks[k];
+    const double omega = tasks_[k].held ? self_motion_.held(held++).omega : gains.omega_k;
+    task.a.noalias() -= 1 / (1 + omega * h) * task.dJ * dq_mid_;  // the rest is in J q̇ of the middle
+  }
   cascade_.solve(ddq);
 
   gradient_.setZero();

@@ -54,9 +54,8 @@ class JointMotion {
   Wrench wrench_of(Links& links, const robot::VectorIn& tau, const JointMotionGains& gains);
 
   // States.
-  Eigen::VectorXd q, dq;  // rad, rad/s; n
+  Eigen::VectorXd q, dq, ddq;  // rad, rad/s, rad/s²; n, at the end of the last step
   // Results of advance().
-  Eigen::VectorXd ddq;            // rad/s²; at the end of the step
   double sigma_min = 0;           // m; least of the tasks of E
   double lambda = 0;              // 1; largest of the tasks of E
   std::vector<std::int32_t> met;  // Limit that acted, by joint
