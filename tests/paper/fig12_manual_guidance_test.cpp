@@ -1,0 +1,97 @@
+// VI-C, Fig. 12: a stiff robot is guided by hand through its twin. Without a suitable damping or inertia the loop of hand, sensor,
+// twin, line and position control vibrates. The border of vibration in the simulation is compared with the prediction of
+// models/guidance. The paper gives no numbers; those of examples/09_manual_guidance are our choice.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include "components/unit/unit_table.h"
+#include "master/run/master.h"
+#include "models/guidance/border.h"
+#include "models/support/text.h"
+#include "tests/support/places.h"
+
+namespace cotwin::master {
+namespace {
+
+const std::filesystem::path kExample = std::filesystem::path(places::source()) / "examples/09_manual_guidance";
+
+/// The loop of axis.ssd.
+guidance::Loop loop_of_axis(double d) {
+  return {.m_h = 0.7,
+          .D_h = 20,
+          .K_h = 400,
+          .D_g = 50,
+          .K_g = 5000,
+          .cutoff = 40,
+          .delay = 2 * d,
+          .omega = 150,
+          .mass = 20,
+          .h = 1e-3};
+}
+
+/// Whether the vibration after the move grows: the force in the last quarter of `duration` against that in the quarter before.
+bool vibrates(const guidance::Loop& loop, double M, double D, double duration) {
+  Scenario scenario = load_scenario(kExample / "axis.ssd");
+  const auto set = [&](const std::string& name, double value) { assign(scenario, name + "=" + text::to_text(value)); };
+  set("operator.m_h", loop.m_h);
+  set("operator.D_h", loop.D_h);
+  set("operator.K_h", loop.K_h);
+  set("twin.M_a", M);
+  set("twin.D_a", D);
+  set("sensor.delay", loop.delay / 2);
+  set("line.delay", loop.delay / 2);
+  set("controller.omega", loop.omega);
+  set("sensor.tau_e_cutoff", loop.cutoff);
+  MasterOptions options;
+  options.types = unit_types();
+  options.folders = {kExample, std::filesystem::path(places::source()) / "models"};
+  Master master(std::move(scenario), std::move(options));
+  master.initialise();
+  const double& f = find_real_signal(master.members(), "operator.f", "test").reals()[0];
+  double before = 0, last = 0;
+  constexpr double kForce = 200;  // N: far above that of the move, 4 N
+  while (master.now().seconds() < duration && std::abs(f) < kForce) {
+    if (!master.step_tick()) break;
+    const double t = master.now().seconds();
+    if (t > 0.5 * duration) (t > 0.75 * duration ? last : before) += f * f;
+  }
+  return std::abs(f) >= kForce || last > before;
+}
+
+struct Case {
+  double M, d;  // kg, s
+};
+
+class Fig12Chart : public testing::TestWithParam<Case> {};
+
+TEST_P(Fig12Chart, BorderOfVibrationIsThePredictedOneToFivePercent) {
+  const auto [M, d] = GetParam();
+  const guidance::Loop loop = loop_of_axis(d);
+  const guidance::Border predicted = guidance::damping_border(loop, M);
+  const double duration = std::clamp(25 * 2 * std::numbers::pi / predicted.omega, 2.0, 19.0);
+  EXPECT_TRUE(vibrates(loop, M, 0.95 * predicted.D, duration)) << predicted.D << " N.s/m";
+  EXPECT_FALSE(vibrates(loop, M, 1.05 * predicted.D, duration)) << predicted.D << " N.s/m";
+}
+
+TEST(Fig12, EitherDampingOrInertiaCancelsTheVibration) {
+  const guidance::Loop loop = loop_of_axis(0.01);
+  EXPECT_TRUE(vibrates(loop, 0.25, 10, 4));
+  EXPECT_FALSE(vibrates(loop, 0.25, 50, 4)) << "more damping";
+  EXPECT_FALSE(vibrates(loop, 2, 10, 4)) << "more inertia";
+}
+
+INSTANTIATE_TEST_SUITE_P(Loop, Fig12Chart,
+                         testing::Values(Case{0.25, 0.005}, Case{0.5, 0.005}, Case{0.25, 0.01}, Case{0.5, 0.01},
+                                         Case{0.25, 0.02}, Case{0.5, 0.02}, Case{1, 0.04}, Case{5, 0.04}, Case{20, 0.04}),
+                         [](const auto& chart) {
+                           return "M" + std::to_string(std::lround(1000 * chart.param.M)) + "gD" +
+                                  std::to_string(std::lround(1000 * chart.param.d)) + "ms";
+                         });
+
+}  // namespace
+}  // namespace cotwin::master
