@@ -10,15 +10,20 @@ SecondOrder relation(const Admittance& a) {
   return {a.M_a, std::max(D, 2 * a.zeta_a * a.M_a * a.omega_free), a.S_a};
 }
 
-bool change(Admittance& now, const Admittance& next, const Deviation& at, Tank& tank) {
-  if (next.M_a == now.M_a && next.S_a == now.S_a) return true;
-  const double energy_of_M = (next.M_a - now.M_a) * at.dx * at.dx / 2;
-  const double energy_of_S = (next.S_a - now.S_a) * at.x * at.x / 2;
+double pay(double energy_of_M, double energy_of_S, Tank& tank) {
   const double released = std::max(-energy_of_M, 0.0) + std::max(-energy_of_S, 0.0);
   const double needed = std::max(energy_of_M, 0.0) + std::max(energy_of_S, 0.0);
   const double available = std::max(tank.energy + released, 0.0);
   const double share = needed > available ? available / needed : 1.0;
   tank.energy = std::clamp(available - share * needed, 0.0, tank.capacity);
+  return share;
+}
+
+bool change(Admittance& now, const Admittance& next, const Deviation& at, Tank& tank) {
+  if (next.M_a == now.M_a && next.S_a == now.S_a) return true;
+  const double energy_of_M = (next.M_a - now.M_a) * at.dx * at.dx / 2;
+  const double energy_of_S = (next.S_a - now.S_a) * at.x * at.x / 2;
+  const double share = pay(energy_of_M, energy_of_S, tank);
   now.M_a = energy_of_M > 0 && share < 1 ? now.M_a + share * (next.M_a - now.M_a) : next.M_a;
   now.S_a = energy_of_S > 0 && share < 1 ? now.S_a + share * (next.S_a - now.S_a) : next.S_a;
   return share == 1;

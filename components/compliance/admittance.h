@@ -22,6 +22,10 @@ struct Tank {
   double capacity = 0;  // J
 };
 
+/// Takes the energy for changes of mass and stiffness, J, from the tank, which what a fall of one releases fills first. Returns
+/// the share of the rises that the tank has the energy for, at most 1.
+double pay(double energy_of_M, double energy_of_S, Tank& tank);
+
 /// Changes M_a and S_a of `now` to those of `next` as far as the tank has the energy for it at the deviation `at`. Returns
 /// false if the energy was not sufficient.
 bool change(Admittance& now, const Admittance& next, const Deviation& at, Tank& tank);

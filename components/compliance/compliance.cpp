@@ -41,24 +41,33 @@ bool can_float(const std::string& place, const robot::RobotModel& robot, bool fl
   return floating;
 }
 
+/// nullptr for compliance of the joints.
+std::unique_ptr<CartesianMotion> cartesian(Settings& settings, const robot::RobotModel& robot, bool floating) {
+  if (settings.choice("space") == "joints") return nullptr;
+  if (floating) throw Error(settings.unit(), "space=cartesian with base=floating: expected base=fixed");
+  return std::make_unique<CartesianMotion>(settings, robot);
+}
+
 }  // namespace
 
 void Compliance::declare_settings(SettingList& s) {
   s.robot("a name in models/robots, or a path to a URDF file", true).required();
   s.choice("base", {"fixed", "floating"}, "the base of the robot is fixed or moves freely, for example a satellite's");
+  s.choice("space", {"joints", "cartesian"}, "compliance of each joint, or of a frame of the robot (3a), (3b)");
+  CartesianMotion::declare_settings(s);
 }
 
 GainParameters::GainParameters(std::size_t joints) { write_start_values(*this, kGains, joints); }
 
-Compliance::Compliance(Settings& settings)
-    : Compliance(settings.unit(), settings.robot(), settings.choice("base") == "floating") {}
+Compliance::Compliance(Settings& settings) : Compliance(settings, settings.robot(), settings.choice("base") == "floating") {}
 
-Compliance::Compliance(const std::string& place, const robot::RobotModel& robot, bool floating)
-    : place_(place),
+Compliance::Compliance(Settings& settings, const robot::RobotModel& robot, bool floating)
+    : place_(settings.unit()),
       n_(static_cast<std::size_t>(robot.n())),
       measures_(&robot),
-      links_(robot, can_float(place, robot, floating)),
+      links_(robot, can_float(place_, robot, floating)),
       floating_(floating),
+      cartesian_(cartesian(settings, robot, floating)),
       drive_(n_),
       wanted_(n_),
       drive_in_force_(drive_),
@@ -71,11 +80,12 @@ Compliance::Compliance(const std::string& place, const robot::RobotModel& robot,
   for (Joints* scratch : {&a_q_, &tau_fl_, &tau_fm_, &load_mean_, &load_end_, &gravity_}) scratch->resize(n_);
   met_.resize(n_);
   limit_.resize(n_);
+  limits_.resize(n_);
   for (std::size_t i = 0; i < n_; ++i) {
     const robot::Joint& joint = robot.joints[i];
     if (joint.passive) {
-      throw Error(place, "joint '" + joint.name + "' of robot '" + robot.name +
-                             "' is passive, expected a motor at every joint, because the control law drives all of them");
+      throw Error(place_, "joint '" + joint.name + "' of robot '" + robot.name +
+                              "' is passive, expected a motor at every joint, because the control law drives all of them");
     }
     const auto finite = [](double value) { return std::isfinite(value) ? value : 0.0; };
     tau_max_[i] = finite(joint.tau_max);
@@ -99,17 +109,15 @@ void Compliance::initialise(Time) {
   in_force_ = wanted_;
   links_.take_bodies(place_);
   warning_.clear();
-  warning_.reserve(longest_warning(n_));  // a step allocates nothing
+  warning_.reserve(longest_warning(n_) + (cartesian_ ? CartesianMotion::longest_warning() : 0));  // a step allocates nothing
   for (std::size_t i = 0; i < n_; ++i) {
     Delta_[i] = dDelta_[i] = z_[i] = 0;
     tank_[i] = std::min(tank_start_[i], tank_max_[i]);
     met_[i] = limit_[i] = 0;
-    if (outside(limits(i), {q_d_[i], dq_d_[i]})) note(i, kDesired);
+    if (!cartesian_ && outside(limits(i), {q_d_[i], dq_d_[i]})) note(i, kDesired);
   }
   ddq_d_before_ = ddq_d_;
-  q_c_ = q_d_;
-  dq_c_ = dq_d_;
-  ddq_c_ = a_q_ = ddq_d_;
+  start_motion();
   add_load(0);
   tracking_.start(links_, reference(), load(), drive_in_force_);
   tracking_.take_error(measured(), drive_in_force_);
@@ -148,12 +156,25 @@ void Compliance::take_spin() {
   links_.set_spin(Q.normalized().conjugate() * spin);
 }
 
+void Compliance::start_motion() {
+  if (cartesian_) {
+    cartesian_->start(links_, from_joints());
+    take_cartesian_motion();
+    std::ranges::fill(a_q_, 0);
+    return;
+  }
+  q_c_ = q_d_;
+  dq_c_ = dq_d_;
+  ddq_c_ = a_q_ = ddq_d_;
+}
+
 void Compliance::follow_tunables(double h) {
   const double remaining = transition_ > 0 ? std::exp(-h / transition_) : 0.0;
   const auto towards = [remaining](double value, double target) { return target + (value - target) * remaining; };
   follow(drive_in_force_, drive_, robot::kDriveParameters, remaining);
   follow(in_force_, wanted_, kGains, remaining);
-  for (std::size_t i = 0; i < n_; ++i) {
+  if (cartesian_) cartesian_->follow(remaining);
+  for (std::size_t i = 0; i < n_ && !cartesian_; ++i) {
     Admittance now{.M_a = in_force_.M_a[i], .S_a = in_force_.S_a[i]};
     Tank tank{tank_[i], tank_max_[i]};
     const Admittance next{.M_a = towards(now.M_a, wanted_.M_a[i]), .S_a = towards(now.S_a, wanted_.S_a[i])};
@@ -168,9 +189,34 @@ void Compliance::follow_tunables(double h) {
 void Compliance::restored() {
   copy_fixed(drive_in_force_, drive_, robot::kDriveParameters);
   links_.restored_bodies();
+  if (cartesian_) cartesian_->restored();
+}
+
+void Compliance::move_frame_compliantly(double h) {
+  for (std::size_t i = 0; i < n_; ++i) limits_[i] = limits(i);
+  a_q_ = dq_c_;
+  cartesian_->advance(links_, from_joints(), limits_, h);
+  take_cartesian_motion();
+  for (std::size_t i = 0; i < n_; ++i) {
+    a_q_[i] = (dq_c_[i] - a_q_[i]) / h;
+    if (limit_[i] == static_cast<std::int32_t>(Limit::kPosition)) note(i, kPosition);
+    if (limit_[i] == static_cast<std::int32_t>(Limit::kSpeed)) note(i, kSpeed);
+  }
+}
+
+void Compliance::take_cartesian_motion() {
+  const JointMotion& joints = cartesian_->joints();
+  const auto copy = [](const Eigen::VectorXd& from, Joints& to) { std::copy(from.begin(), from.end(), to.begin()); };
+  copy(joints.q, q_c_);
+  copy(joints.dq, dq_c_);
+  copy(joints.ddq, ddq_c_);
+  limit_ = joints.met;
+  if (!cartesian_->wrench_of_joints()) cartesian_->torque_of_wrench(links_, q_, tau_e_, tau_e_rate_);
+  if (cartesian_->news()) write_warning();
 }
 
 void Compliance::move_compliantly(double h) {
+  if (cartesian_) return move_frame_compliantly(h);
   for (std::size_t i = 0; i < n_; ++i) {
     // (3a) prints Δx = x_d − x_c: a force would then pull against its own direction. x_c − x_d is meant, which yields to it.
     const GainParameters& p = in_force_;
@@ -259,6 +305,7 @@ void Compliance::write_warning() {
     }
     if (!first) warning_ += s.end;
   }
+  if (cartesian_) cartesian_->append_warning(warning_);
 }
 
 }  // namespace cotwin::compliance

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "components/compliance/admittance.h"
+#include "components/compliance/cartesian/cartesian_motion.h"
 #include "components/compliance/tracking.h"
 #include "components/unit/joint_variables.h"
 #include "components/unit/settings.h"
@@ -55,12 +56,15 @@ inline constexpr auto kGains = [] {
   });
 }();
 
+/// The first rows of kGains, which only compliance of the joints uses (M_a, D_a, zeta_a, S_a).
+inline constexpr std::size_t kAdmittanceGains = 4;
+
 /// Compliant motion of the joints and its tracking (IV-A3):
 ///   admittance.h   the joint admittance M_a Δ̈ + D Δ̇ + S_a Δ = τ_e, Δ = q_c − q_d, like (3a), passive also while S_a rises
+///   cartesian/     with space=cartesian, in its place the compliance (3a), (3b) of a frame of the robot
 ///   limits.h       limits of position and speed as one-sided walls on q_c
 ///   tracking.h     the motor torques that make links and motors follow q_c, of rigid and elastic joints
-/// Friction of both sides is fed forward at the speed of the compliant motion. Cartesian impedance (3a), (3b) is not
-/// implemented here.
+/// Friction of both sides is fed forward at the speed of the compliant motion.
 ///
 /// As in a robot's controller, the desired motion holds at the end of a step (its source steps first), measurements at its
 /// beginning. Admittance, gains, bodies and the tunables of robot::kDriveParameters may be changed while the robot moves. The
@@ -79,14 +83,18 @@ class Compliance final : public Unit {
   void restored() override;
 
  private:
-  Compliance(const std::string& place, const robot::RobotModel& robot, bool floating);
+  Compliance(Settings& settings, const robot::RobotModel& robot, bool floating);
   /// Events that the run's summary names, as bits of `met`.
   enum Met : std::int32_t { kTorque = 1, kPosition = 2, kSpeed = 4, kDesired = 8, kTank = 16 };
 
   void check();
   void take_spin();
+  void start_motion();
   void follow_tunables(double h);
   void move_compliantly(double h);
+  void move_frame_compliantly(double h);
+  void take_cartesian_motion();
+  CartesianMotion::FromJoints from_joints() const { return {q_d_, dq_d_, ddq_d_, q_, tau_e_, tau_e_rate_}; }
   void add_load(double h);
   void finish_torques(double h);
   void note(std::size_t i, Met what);
@@ -107,6 +115,7 @@ class Compliance final : public Unit {
   JointMeasures measures_;
   Links links_;
   bool floating_;
+  std::unique_ptr<CartesianMotion> cartesian_;  // nullptr: compliance of the joints
 
   // Inputs.
   Joints q_d_, dq_d_, ddq_d_, q_, dq_, theta_, dtheta_, tau_e_, tau_e_rate_;
@@ -141,6 +150,7 @@ class Compliance final : public Unit {
   Joints gravity_;               // N.m: g(q_c), only where friction grows with the load
   Joints load_mean_, load_end_;  // friction and springs of the link less τ_e, over the step and at its end
   Joints a_q_;                   // mean of q̈_c over the step
+  std::vector<Limits> limits_;   // of all joints, for Cartesian compliance
 };
 
 }  // namespace cotwin::compliance

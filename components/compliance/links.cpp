@@ -32,6 +32,19 @@ void Links::gravity(const robot::VectorIn& q, robot::VectorOut g) {
   g.setZero();
 }
 
+Pose Links::forward_kinematics(const robot::VectorIn& q, const robot::FrameOnBody& frame) {
+  return robot::forward_kinematics(mechanism_, data_, q, frame);
+}
+
+Pose Links::jacobian(const robot::VectorIn& q, const robot::FrameOnBody& frame, robot::MatrixOut J) {
+  return robot::jacobian(mechanism_, data_, q, frame, J);
+}
+
+void Links::jacobian_dot_times_dq(const robot::VectorIn& q, const robot::VectorIn& dq, const robot::FrameOnBody& frame,
+                                  Eigen::Ref<Twist> a) {
+  robot::jacobian_dot_times_dq(mechanism_, data_, q, dq, frame, a);
+}
+
 void Links::take_bodies(const std::string& place) {
   bodies_.take(place, mechanism_);
   adopt_bodies();

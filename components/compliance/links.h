@@ -20,6 +20,11 @@ class Links {
   void mass_matrix(const robot::VectorIn& q, robot::MatrixOut M);
   void coriolis_matrix(const robot::VectorIn& q, const robot::VectorIn& dq, robot::MatrixOut C);
   void gravity(const robot::VectorIn& q, robot::VectorOut g);
+  /// As those of models/robot/dynamics.h, in the axes of the base.
+  Pose forward_kinematics(const robot::VectorIn& q, const robot::FrameOnBody& frame);
+  Pose jacobian(const robot::VectorIn& q, const robot::FrameOnBody& frame, robot::MatrixOut J);
+  void jacobian_dot_times_dq(const robot::VectorIn& q, const robot::VectorIn& dq, const robot::FrameOnBody& frame,
+                             Eigen::Ref<Twist> a);
 
   robot::BodyParameters& bodies() { return bodies_; }
   /// As those of BodyParameters.

@@ -49,15 +49,18 @@ constexpr DriveVariable kDrive[] = {{"K", "; 0: the joint is taken as rigid"},
 
 void Compliance::declare(Variables& v) {
   JointVariables joints(v, measures_);
-  joints.input("q_d", q_d_, "rad", "desired joint position at the end of the step").essential();
-  joints.input("dq_d", dq_d_, "rad/s", "desired joint velocity at the end of the step");
-  joints.input("ddq_d", ddq_d_, "rad/s2", "desired joint acceleration at the end of the step");
+  if (!cartesian_ || cartesian_->desired_joints()) {
+    joints.input("q_d", q_d_, "rad", "desired joint position at the end of the step").essential();
+    joints.input("dq_d", dq_d_, "rad/s", "desired joint velocity at the end of the step");
+    joints.input("ddq_d", ddq_d_, "rad/s2", "desired joint acceleration at the end of the step");
+  }
   joints.input("q", q_, "rad", "measured link-side joint position").essential();
   joints.input("dq", dq_, "rad/s", "measured link-side joint velocity");
   auto theta = joints.input("theta", theta_, "rad", "measured motor position behind the gear; used where K > 0");
   if (std::ranges::any_of(drive_.K, [](double K) { return K > 0; })) theta.essential();
   joints.input("dtheta", dtheta_, "rad/s", "measured motor velocity behind the gear; used where K > 0");
-  joints.input("tau_e", tau_e_, "N.m", "external joint torque as in (2a)").rate(tau_e_rate_);
+  if (!cartesian_ || cartesian_->wrench_of_joints())
+    joints.input("tau_e", tau_e_, "N.m", "external joint torque as in (2a)").rate(tau_e_rate_);
 
   for (const DriveVariable& d : kDrive) {
     joints.parameter(drive_, robot::drive_parameter(d.name), true, d.addition);
@@ -72,7 +75,9 @@ void Compliance::declare(Variables& v) {
   v.parameter("elastic_bandwidth", elastic_bandwidth_, "rad/s", "bandwidth of the winding-up of elastic joints in theta_c")
       .range(1, 1e6);
 
-  const auto gains = std::span(kGains).first(kGains.size() - 1);  // omega_free was added later and is declared below
+  // omega_free was added later and is declared below. The gains of the joint admittance come first.
+  const auto all_gains = std::span(kGains).first(kGains.size() - 1);
+  const auto gains = cartesian_ ? all_gains.subspan(kAdmittanceGains) : all_gains;
   const auto& omega_free = kGains.back();
   const auto in_force = [&](const ParameterRow<GainParameters>& row) {
     const bool paid = row.mutability == Mutability::kByUnit;
@@ -84,9 +89,11 @@ void Compliance::declare(Variables& v) {
     const auto& row = robot::drive_parameter(d.name);
     if (row.mutability != Mutability::kFixed) joints.in_force(drive_in_force_, row);
   }
-  joints.state("Delta", Delta_, "rad", "compliant deviation q_c - q_d");
-  joints.state("dDelta", dDelta_, "rad/s", "rate of the compliant deviation");
-  joints.state("ddq_d_before", ddq_d_before_, "rad/s2", "desired joint acceleration at the beginning of the next step");
+  if (!cartesian_) {
+    joints.state("Delta", Delta_, "rad", "compliant deviation q_c - q_d");
+    joints.state("dDelta", dDelta_, "rad/s", "rate of the compliant deviation");
+    joints.state("ddq_d_before", ddq_d_before_, "rad/s2", "desired joint acceleration at the beginning of the next step");
+  }
   joints.state("tau_w", tracking_.tau_w, "N.m", "joint torque of the compliant motion, smoothed, that winds up elastic joints");
   joints.state("dtau_w", tracking_.dtau_w, "N.m/s", "rate of tau_w");
   joints.state("z", z_, "rad", "deflection of the bristle as the compliant motion bends it");
@@ -117,18 +124,26 @@ void Compliance::declare(Variables& v) {
           "tau_wind_up", tau_wind_up_, "N.m",
           "what the motor of an elastic joint may need at most to wind up its spring after a jump of the torque; 0: no bound")
       .range(0, kAny);
-  v.parameter(
-       "tank_start", tank_start_, "J",
-       "energy at the start that a rise of S_a or M_a of a moving or deflected joint may give out, beside what was dissipated")
-      .range(0, kAny);
-  v.parameter("tank_max", tank_max_, "J", "most energy that is kept for that").range(0, kAny);
-  joints.parameter(wanted_, omega_free);
-  in_force(omega_free);
-  v.state("tank", tank_, "J", "energy kept for a rise of S_a or M_a");
+  if (!cartesian_) {
+    v.parameter("tank_start", tank_start_, "J",
+                "energy at the start that a rise of S_a or M_a of a moving or deflected joint may give out, beside what was "
+                "dissipated")
+        .range(0, kAny);
+    v.parameter("tank_max", tank_max_, "J", "most energy that is kept for that").range(0, kAny);
+    joints.parameter(wanted_, omega_free);
+    in_force(omega_free);
+    v.state("tank", tank_, "J", "energy kept for a rise of S_a or M_a");
+  }
   v.state("limits_met", met_,
           "what happened since the start, summed: 1 torque cut, 2 stopped at a limit of position, 4 held at dq_max, 8 desired "
           "motion outside its limits, 16 a rise of S_a or M_a waited for energy");
   v.output("limit", limit_, "limit that acts on the compliant motion: 0 none, 1 position, 2 speed");
+  if (cartesian_) {
+    cartesian_->declare(v);
+    if (!cartesian_->wrench_of_joints())
+      joints.output("tau_wrench", tau_e_, "N.m",
+                    "J(q)' [f_e; m_e] at the measured q: the wrench as external joint torque (2a)");
+  }
   if (!floating_) return;
   v.input("base_quat", base_quat_, "1", "orientation of the floating base in W, unit quaternion (w, x, y, z); with spin only");
   v.input("spin", spin_, "kg.m2/s", "angular momentum of the robot about its centre of mass, in W; 0: it started at rest");
@@ -137,6 +152,7 @@ void Compliance::declare(Variables& v) {
 void Compliance::check() {
   check_values(drive_, robot::kDriveParameters, place_);
   check_values(wanted_, kGains, place_);
+  if (cartesian_) cartesian_->check(place_);
   for (std::size_t i = 0; i < n_; ++i) {
     if (braking_[i] > 0) continue;
     throw Error(place_ + ".braking[" + std::to_string(i + 1) + "]",

@@ -1,0 +1,359 @@
+#include "components/compliance/cartesian/cartesian_motion.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <string_view>
+#include <utility>
+
+#include "components/compliance/cartesian/directions.h"
+#include "models/robot/robot_model.h"
+#include "models/support/choice.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::compliance {
+namespace {
+
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::Quaterniond;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+Vector3d vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
+Quaterniond quaternion(const std::array<double, 4>& q) { return {q[0], q[1], q[2], q[3]}; }
+std::array<double, 4> array(const Quaterniond& q) { return {q.w(), q.x(), q.y(), q.z()}; }
+std::array<double, 3> array(const Vector3d& v) { return {v[0], v[1], v[2]}; }
+Eigen::Map<const VectorXd> map(const std::vector<double>& v) { return {v.data(), static_cast<Index>(v.size())}; }
+
+/// The unit quaternion with η ≥ 0 (the rule for η = 0: the first value that is not 0 is positive), so that Q and −Q give the same bits.
+Quaterniond orientation(const std::array<double, 4>& values, const std::string& place, const char* name) {
+  const Quaterniond Q = quaternion(values);
+  const double length = Q.norm();
+  if (!(std::isfinite(length) && length > 1e-6)) {
+    throw Error(place + "." + name, "the quaternion (w, x, y, z) has length " + text::to_text(length, 6) +
+                                        ", expected 1 (a length > 1e-6 is scaled)");
+  }
+  double sign = 1;
+  for (const double value : values) {
+    if (value == 0) continue;
+    sign = value < 0 ? -1 : 1;
+    break;
+  }
+  return Quaterniond(Q.coeffs() * (sign / length));
+}
+
+Matrix3d projector(const std::vector<int>& directions, int first) {
+  Matrix3d P = Matrix3d::Zero();
+  for (const int i : directions) {
+    if (i >= first && i < first + 3) P(i - first, i - first) = 1;
+  }
+  return P;
+}
+
+/// The impedance of the rendered directions, with rest and unit mass in the others. Returns `z` itself if all are rendered.
+Impedance restricted(const Impedance& z, const Matrix3d& P) {
+  if (P == Matrix3d::Identity()) return z;
+  const Matrix3d rest = Matrix3d::Identity() - P;
+  return {P * z.M * P + rest, P * z.D * P, P * z.S * P};
+}
+
+struct Sentence {
+  std::int32_t what;
+  std::string_view text;
+};
+constexpr Sentence kSentences[] = {
+    {1, "the least singular value of the Jacobian was below sigma_0: the joints were damped (outputs sigma_min, lambda)"},
+    {2, "the joints did not follow the compliant frame by more than 1 mm (output task_error): out of reach or at a limit"},
+    {4, "a rise of M_T, S_T, M_R or K_o had to wait: the energy for it was not in the tank (tank_start, tank_max)"},
+    {8, "the moment exceeded the least rotational stiffness K_o, which balances at most that moment: the frame turns on"},
+    {16, "the robot did not start at the desired pose: the compliant frame started where the robot was, and went back"}};
+constexpr std::string_view kSeparator = "; ";
+
+}  // namespace
+
+void CartesianMotion::declare_settings(SettingList& s) {
+  s.text("frame", "",
+         "space=cartesian: link or frame of the robot that carries the compliance frame E; empty: the end-effector");
+  s.choice("axes", {"world", "desired", "tool"}, "space=cartesian: axes of the matrices of translation and of their deviation");
+  s.choice("rotation", {"quaternion", "log"},
+           "space=cartesian: potential of rotation, from the quaternion (k sin phi, the paper's) or the angle (k phi)");
+  s.choice("wrench", {"sensor", "joints"},
+           "space=cartesian: the wrench at E from the ports f_e, m_e or from the external joint torques tau_e");
+  s.choice("desired", {"pose", "joints"},
+           "space=cartesian: the desired motion of E from p_d, quat_d, … or from the joint motion q_d");
+  s.text("task", "", "space=cartesian: the rendered directions in the base's axes, some of x,y,z,rx,ry,rz; empty: all six");
+}
+
+CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& robot)
+    : place_(settings.unit()),
+      desired_joints_(settings.choice("desired") == "joints"),
+      wrench_of_joints_(settings.choice("wrench") == "joints"),
+      axes_(text::choose<Axes>(settings.unit(), settings.choice("axes"),
+                               {{"world", Axes::kWorld}, {"desired", Axes::kDesired}, {"tool", Axes::kTool}})),
+      potential_(settings.choice("rotation") == "log" ? Potential::kLog : Potential::kQuaternion),
+      frame_([&] {
+        const std::string name = settings.text("frame");
+        return robot::on_body(name.empty() ? robot.end_effector() : robot.frame(name));
+      }()),
+      directions_(rendered_directions(place_, settings.text("task"), robot, frame_)),
+      P_T_(projector(directions_, 0)),
+      P_R_(projector(directions_, 3)),
+      joints_(robot, directions_) {
+  const Index n = robot.n();
+  for (VectorXd* v : {&q_scratch_, &dq_scratch_, &tau_scratch_}) v->setZero(n);
+  J_.setZero(6, n);
+}
+
+void CartesianMotion::take_frames() {
+  const Quaterniond Q_FE = orientation(quat_FE_, place_, "quat_FE");
+  joints_.set_frame({frame_.body, frame_.X_BF * Pose{Q_FE.toRotationMatrix(), vector(p_FE_)}});
+  Q_WB_ = orientation(quat_WB_, place_, "quat_WB");
+  X_WB_ = {Q_WB_.toRotationMatrix(), vector(p_WB_)};
+}
+
+void CartesianMotion::check(const std::string& place) {
+  if (is_checked_ && wanted_ == checked_) return;
+  check_values(wanted_, kCartesian, place);
+  check_definite(wanted_, place);
+  checked_ = wanted_;
+  is_checked_ = true;
+}
+
+JointMotionGains CartesianMotion::gains() const {
+  return {in_force_.omega_k[0], in_force_.sigma_0[0], in_force_.lambda_0[0], in_force_.k_nu[0]};
+}
+
+Matrix3d CartesianMotion::axes(const Quaterniond& Q_d, const Quaterniond& Q_c) const {
+  if (axes_ == Axes::kWorld) return X_WB_.R.transpose();
+  return (axes_ == Axes::kDesired ? Q_d : Q_c).toRotationMatrix();
+}
+
+CartesianMotion::Motion CartesianMotion::desired(Links& links, const FromJoints& in) {
+  Motion d;
+  if (desired_joints_) {
+    q_scratch_ = map(in.q_d);
+    dq_scratch_ = map(in.dq_d);
+    const Pose X = links.jacobian(q_scratch_, joints_.frame(), J_);
+    d.pose.p = X.p;
+    d.pose.Q = Quaterniond(X.R);
+    d.pose.V.noalias() = J_ * dq_scratch_;
+    links.jacobian_dot_times_dq(q_scratch_, dq_scratch_, joints_.frame(), d.acceleration);
+    d.acceleration.noalias() += J_ * map(in.ddq_d);
+    return d;
+  }
+  const Matrix3d R_BW = X_WB_.R.transpose();
+  d.pose.p = R_BW * (vector(p_d_) - X_WB_.p);
+  d.pose.Q = Q_WB_.conjugate() * orientation(quat_d_, place_, "quat_d");
+  d.pose.V << R_BW * vector(v_d_), R_BW * vector(w_d_);
+  d.acceleration << R_BW * vector(dv_d_), R_BW * vector(dw_d_);
+  return d;
+}
+
+/// The wrench at E on the robot in B, `t` seconds after the beginning of the step.
+Wrench CartesianMotion::wrench(Links& links, const FromJoints& in, double t) {
+  Wrench F;
+  if (wrench_of_joints_) {
+    tau_scratch_ = map(in.tau_e) + t * map(in.tau_e_rate);
+    F = joints_.wrench_of(links, tau_scratch_, gains());
+  } else {
+    const Matrix3d R_BW = X_WB_.R.transpose();
+    F << R_BW * (vector(f_e_) + t * vector(f_rate_)), R_BW * (vector(m_e_) + t * vector(m_rate_));
+  }
+  F.head<3>() = (P_T_ * F.head<3>()).eval();
+  F.tail<3>() = (P_R_ * F.tail<3>()).eval();
+  return F;
+}
+
+void CartesianMotion::prepare(const Matrix3d& R_BA, const Matrix3d& R_d, double h) {
+  if (!is_prepared_ || !(prepared_ == in_force_)) {
+    const CartesianParameters& p = in_force_;
+    const auto impedance = [&](const auto& M, const auto& M_off, const auto& D, const auto& D_off, const auto& S,
+                               const auto& S_off, double zeta) {
+      Impedance z{symmetric(M, M_off), symmetric(D, D_off), symmetric(S, S_off)};
+      z.D += modal_damping(z.M, z.S, zeta, p.omega_free[0]);
+      return z;
+    };
+    translation_ = impedance(p.M_T, p.M_T_off, p.D_T, p.D_T_off, p.S_T, p.S_T_off, p.zeta_T[0]);
+    rotation_ = impedance(p.M_R, p.M_R_off, p.D_R, p.D_R_off, p.K_o, p.K_o_off, p.zeta_R[0]);
+    k_min_ = Eigen::SelfAdjointEigenSolver<Matrix3d>(rotation_.S, Eigen::EigenvaluesOnly).eigenvalues()[0];
+    prepared_ = in_force_;
+    is_prepared_ = true;
+  }
+  rendered_T_ = restricted(translation_, R_BA.transpose() * P_T_ * R_BA);
+  rendered_R_ = restricted(rotation_, R_d.transpose() * P_R_ * R_d);
+  if (h > 0) propagator_.prepare(rendered_T_, h);
+}
+
+/// The motion of the compliant frame for the deviation in force.
+CartesianMotion::Motion CartesianMotion::compliant(const Motion& d, const Wrench& F) {
+  const Quaterniond Q_dc = quaternion(quat_dc_);
+  const Matrix3d R_d = d.pose.Q.toRotationMatrix();
+  const Vector3d w_d = d.pose.V.tail<3>(), dw_d = d.acceleration.tail<3>();
+  Motion c;
+  c.pose.Q = (d.pose.Q * Q_dc).normalized();
+  const Vector3d w = R_d * w_dc_;
+  const Vector3d m = R_d.transpose() * F.tail<3>();
+  const Vector3d moment = elastic_moment(potential_, rendered_R_.S, Q_dc);
+  const Vector3d dw_dc = rendered_R_.M.inverse() * (m - rendered_R_.D * w_dc_ - moment);
+  c.pose.V.tail<3>() = w_d + w;
+  c.acceleration.tail<3>() = dw_d + R_d * dw_dc + w_d.cross(w);
+
+  const Matrix3d R = axes(d.pose.Q, c.pose.Q);
+  Vector3d turn = Vector3d::Zero(), dturn = Vector3d::Zero();  // of the axes
+  if (axes_ != Axes::kWorld) {
+    turn = axes_ == Axes::kDesired ? w_d : Vector3d(c.pose.V.tail<3>());
+    dturn = axes_ == Axes::kDesired ? dw_d : Vector3d(c.acceleration.tail<3>());
+  }
+  const Vector3d x = R * Delta_, dx = R * dDelta_;
+  const Vector3d ddDelta =
+      rendered_T_.M.inverse() * (R.transpose() * F.head<3>() - rendered_T_.D * dDelta_ - rendered_T_.S * Delta_);
+  c.pose.p = d.pose.p + x;
+  c.pose.V.head<3>() = d.pose.V.head<3>() + turn.cross(x) + dx;
+  c.acceleration.head<3>() =
+      d.acceleration.head<3>() + dturn.cross(x) + turn.cross(turn.cross(x)) + 2 * turn.cross(dx) + R * ddDelta;
+  return c;
+}
+
+void CartesianMotion::start(Links& links, const FromJoints& in) {
+  take_frames();
+  in_force_ = wanted_;
+  is_prepared_ = false;
+  met_ = 0;
+  tank_ = std::min(tank_start_, tank_max_);
+  const Motion d = desired(links, in);
+  q_scratch_ = map(in.q);
+  const Pose X = links.forward_kinematics(q_scratch_, joints_.frame());
+  const Matrix3d R_d = d.pose.Q.toRotationMatrix();
+  const Vector3d phi = R_d.transpose() * P_R_ * R_d * axis_angle(d.pose.Q.conjugate() * Quaterniond(X.R));
+  const Quaterniond Q_dc = quaternion_of(phi);
+  quat_dc_ = array(Q_dc);
+  w_dc_.setZero();
+  const Matrix3d R = axes(d.pose.Q, d.pose.Q * Q_dc);
+  Delta_ = R.transpose() * P_T_ * (X.p - d.pose.p);
+  dDelta_.setZero();
+  start_deviation_ = {Delta_.norm(), phi.norm()};
+  if (start_deviation_[0] > 1e-6 || start_deviation_[1] > 1e-6) note(kStart);
+  prepare(R, R_d, 0);
+  Motion c = compliant(d, Wrench::Zero());
+  if ((Q_WB_ * c.pose.Q).w() < 0) c.pose.Q.coeffs() *= -1;
+  p_before_ = c.pose.p;
+  quat_before_ = array(c.pose.Q);
+  V_before_ = c.pose.V;
+  quat_d_before_ = array(d.pose.Q);
+  joints_.start(links, q_scratch_, c.pose.V, gains());
+  write_outputs(links, c.pose);
+}
+
+void CartesianMotion::follow(double remaining) {
+  news_ = false;
+  cotwin::follow(in_force_, wanted_, kCartesian, remaining);
+  const Quaterniond Q_dc = quaternion(quat_dc_);
+  const Vector3d turn = potential_ == Potential::kQuaternion ? Vector3d(2 * Q_dc.vec()) : axis_angle(Q_dc);
+  Tank tank{tank_, tank_max_};
+  const bool paid_T = change(in_force_, wanted_, kTranslation, remaining, {Delta_, dDelta_}, tank);
+  const bool paid_R = change(in_force_, wanted_, kRotation, remaining, {turn, w_dc_}, tank);
+  if (!paid_T || !paid_R) note(kTank);
+  tank_ = tank.energy;
+}
+
+void CartesianMotion::advance(Links& links, const FromJoints& in, std::span<const Limits> limits, double h) {
+  const Motion d = desired(links, in);
+  const Wrench F0 = wrench(links, in, 0), F1 = wrench(links, in, h);
+  const Quaterniond Q_d0 = quaternion(quat_d_before_), Q_c0 = quaternion(quat_before_);
+  const Matrix3d R_d0 = Q_d0.toRotationMatrix(), R_d1 = d.pose.Q.toRotationMatrix();
+  prepare(axes(d.pose.Q, Q_c0), R_d1, h);
+
+  // Rotation, in the axes of the desired frame.
+  Vector3d m0 = R_d0.transpose() * F0.tail<3>(), m1 = R_d1.transpose() * F1.tail<3>();
+  if (axes_ == Axes::kTool) {
+    // A spring fixed to the tool is moved by the force at p_c, whose moment about p_d is Δ × f.
+    const Vector3d x = Q_c0 * (Delta_ + h / 2 * dDelta_);
+    m0 += R_d0.transpose() * P_R_ * x.cross(F0.head<3>());
+    m1 += R_d1.transpose() * P_R_ * x.cross(F1.head<3>());
+  }
+  if (potential_ == Potential::kQuaternion && k_min_ > 0 && std::max(m0.norm(), m1.norm()) > k_min_) note(kRunsAway);
+  const Turned turned = compliance::advance(potential_, rendered_R_, {quaternion(quat_dc_), w_dc_}, m0, (m1 - m0) / h, h);
+  quat_dc_ = array(turned.turn.Q);
+  w_dc_ = turned.turn.w;
+
+  // Translation, in its axes.
+  const Matrix3d R0 = axes(Q_d0, Q_c0), R1 = axes(d.pose.Q, d.pose.Q * turned.turn.Q);
+  const Vector3d u0 = R0.transpose() * F0.head<3>(), u1 = R1.transpose() * F1.head<3>();
+  const Vector3d Delta_before = Delta_;
+  propagator_.advance(Delta_, dDelta_, u0, (u1 - u0) / h);
+  const Vector3d way = Delta_ - Delta_before;
+  // A lower bound of the energy that damping takes, as in admittance.cpp.
+  tank_ = std::min(tank_ + turned.dissipated + way.dot(rendered_T_.D * way) / h, tank_max_);
+
+  Motion c = compliant(d, F1);
+  if (c.pose.Q.dot(Q_c0) < 0) c.pose.Q.coeffs() *= -1;  // ±Q without a jump
+  const MovingPose before{p_before_, Q_c0, V_before_};
+  joints_.advance(links, before, c.pose, c.acceleration, limits, gains(), h);
+  p_before_ = c.pose.p;
+  quat_before_ = array(c.pose.Q);
+  V_before_ = c.pose.V;
+  quat_d_before_ = array(d.pose.Q);
+  write_outputs(links, c.pose);
+}
+
+void CartesianMotion::write_outputs(Links& links, const MovingPose& c) {
+  const Matrix3d& R_WB = X_WB_.R;
+  p_c_ = array(Vector3d(X_WB_ * c.p));
+  const Quaterniond Q = Q_WB_ * c.Q;
+  quat_c_ = array(Q);
+  v_c_ = array(Vector3d(R_WB * c.V.head<3>()));
+  w_c_ = array(Vector3d(R_WB * c.V.tail<3>()));
+  const Quaterniond Q_d = c.Q * quaternion(quat_dc_).conjugate();
+  Delta_p_ = array(Vector3d(R_WB * (axes(Q_d, c.Q) * Delta_)));
+  epsilon_ = {quat_dc_[1], quat_dc_[2], quat_dc_[3]};
+  sigma_min_ = joints_.sigma_min;
+  lambda_ = joints_.lambda;
+  if (lambda_ > 0) note(kSingular);
+  const Pose X = links.forward_kinematics(joints_.q, joints_.frame());
+  const Vector3d e_p = P_T_ * (c.p - X.p), e_r = P_R_ * axis_angle(c.Q * Quaterniond(X.R).conjugate());
+  task_error_ = std::hypot(e_p.norm(), JointMotion::kLength * e_r.norm());
+  if (task_error_ > 1e-3) note(kTask);
+}
+
+void CartesianMotion::torque_of_wrench(Links& links, const std::vector<double>& q, std::vector<double>& tau,
+                                       std::vector<double>& rate) {
+  q_scratch_ = map(q);
+  links.jacobian(q_scratch_, joints_.frame(), J_);
+  const Matrix3d R_BW = X_WB_.R.transpose();
+  Wrench F, dF;
+  F << R_BW * vector(f_e_), R_BW * vector(m_e_);
+  dF << R_BW * vector(f_rate_), R_BW * vector(m_rate_);
+  const auto n = static_cast<Index>(tau.size());
+  Eigen::Map<VectorXd>(tau.data(), n).noalias() = J_.transpose() * F;
+  Eigen::Map<VectorXd>(rate.data(), n).noalias() = J_.transpose() * dF;
+}
+
+void CartesianMotion::restored() {
+  take_frames();
+  is_prepared_ = false;
+}
+
+void CartesianMotion::note(Met what) {
+  if ((met_ & what) != 0) return;
+  met_ |= what;
+  news_ = true;
+}
+
+std::size_t CartesianMotion::longest_warning() {
+  std::size_t length = 0;
+  for (const Sentence& s : kSentences) length += s.text.size() + kSeparator.size();
+  return length;
+}
+
+void CartesianMotion::append_warning(std::string& warning) const {
+  for (const Sentence& s : kSentences) {
+    if ((met_ & s.what) == 0) continue;
+    if (!warning.empty()) warning += kSeparator;
+    warning += s.text;
+  }
+}
+
+}  // namespace cotwin::compliance

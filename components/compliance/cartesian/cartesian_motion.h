@@ -1,0 +1,127 @@
+#pragma once
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "components/compliance/cartesian/joint_motion.h"
+#include "components/compliance/cartesian/parameters.h"
+#include "components/compliance/cartesian/rotation.h"
+#include "components/compliance/cartesian/translation.h"
+#include "components/unit/settings.h"
+#include "components/unit/variables.h"
+
+namespace cotwin::compliance {
+
+/// The motion of the joints that gives frame E of the robot a desired compliance (IV-A3), with Δ = x_c − x_d in the chosen axes:
+///   M_T Δ̈ + D Δ̇ + S_T Δ = f          (3a)
+///   M_R Δω̇ + D Δω + 2 Eᵀ K_o ε = m    (3b), in the axes of the desired frame
+/// translation.h, rotation.h and joint_motion.h have the equations; a wrench f, m acts on the robot.
+///
+/// Ports are in W, states in the base frame B.
+class CartesianMotion {
+ public:
+  static void declare_settings(SettingList& s);
+  /// Throws Error for directions that the robot cannot render.
+  CartesianMotion(Settings& settings, const robot::RobotModel& robot);
+
+  /// Joint ports that the settings ask for.
+  bool desired_joints() const { return desired_joints_; }
+  bool wrench_of_joints() const { return wrench_of_joints_; }
+
+  void declare(Variables& v);
+  void check(const std::string& place);
+  /// The desired motion of the joints and measured positions and torques, in the order of the joints.
+  struct FromJoints {
+    const std::vector<double>&q_d, &dq_d, &ddq_d, &q, &tau_e, &tau_e_rate;
+  };
+  /// The compliant frame starts where the robot is.
+  void start(Links& links, const FromJoints& in);
+  /// Parameters move towards the tunables: `remaining` of each difference is left.
+  void follow(double remaining);
+  void advance(Links& links, const FromJoints& in, std::span<const Limits> limits, double h);
+  /// J(q)ᵀ [f; m] of the measured wrench and its rate.
+  void torque_of_wrench(Links& links, const std::vector<double>& q, std::vector<double>& tau, std::vector<double>& rate);
+  /// After the states were written.
+  void restored();
+
+  const JointMotion& joints() const { return joints_; }
+  /// Whether something happened in the last call for the first time since the start.
+  bool news() const { return news_; }
+  void append_warning(std::string& warning) const;
+  static std::size_t longest_warning();
+
+ private:
+  enum class Axes { kWorld, kDesired, kTool };
+  enum Met : std::int32_t { kSingular = 1, kTask = 2, kTank = 4, kRunsAway = 8, kStart = 16 };
+  struct Motion {
+    MovingPose pose;
+    Twist acceleration = Twist::Zero();
+  };
+
+  void take_frames();
+  Motion desired(Links& links, const FromJoints& in);
+  Wrench wrench(Links& links, const FromJoints& in, double t);
+  void prepare(const Eigen::Matrix3d& R_BA, const Eigen::Matrix3d& R_d, double h);
+  Motion compliant(const Motion& d, const Wrench& F);
+  void write_outputs(Links& links, const MovingPose& c);
+  void note(Met what);
+  JointMotionGains gains() const;
+  Eigen::Matrix3d axes(const Eigen::Quaterniond& Q_d, const Eigen::Quaterniond& Q_c) const;
+
+  std::string place_;
+  bool desired_joints_, wrench_of_joints_;
+  Axes axes_;
+  Potential potential_;
+  robot::FrameOnBody frame_;
+  std::vector<int> directions_;
+  Eigen::Matrix3d P_T_, P_R_;  // rendered directions in B
+  JointMotion joints_;
+
+  // Inputs.
+  using Three = std::array<double, 3>;
+  using Four = std::array<double, 4>;
+  Three p_d_{}, v_d_{}, w_d_{}, dv_d_{}, dw_d_{};
+  Four quat_d_{1, 0, 0, 0};
+  Three f_e_{}, m_e_{}, f_rate_{}, m_rate_{};
+  // Parameters.
+  Three p_FE_{}, p_WB_{};
+  Four quat_FE_{1, 0, 0, 0}, quat_WB_{1, 0, 0, 0};
+  double tank_start_ = 1, tank_max_ = 10;  // J
+  CartesianParameters wanted_, checked_;
+  bool is_checked_ = false;
+  // States.
+  CartesianParameters in_force_;
+  Eigen::Vector3d Delta_ = Eigen::Vector3d::Zero(), dDelta_ = Eigen::Vector3d::Zero();  // in the chosen axes
+  Four quat_dc_{1, 0, 0, 0};
+  Eigen::Vector3d w_dc_ = Eigen::Vector3d::Zero();
+  Four quat_d_before_{1, 0, 0, 0}, quat_before_{1, 0, 0, 0};  // in B
+  Eigen::Vector3d p_before_ = Eigen::Vector3d::Zero();
+  Twist V_before_ = Twist::Zero();
+  double tank_ = 0;
+  std::int32_t met_ = 0;
+  std::array<double, 2> start_deviation_{};  // m, rad
+  // Outputs.
+  Three p_c_{}, v_c_{}, w_c_{}, Delta_p_{}, epsilon_{};
+  Four quat_c_{1, 0, 0, 0};
+  double sigma_min_ = 0, lambda_ = 0, task_error_ = 0;
+
+  // Computed from parameters.
+  Pose X_WB_;
+  Eigen::Quaterniond Q_WB_{1, 0, 0, 0};
+  // For the values in force.
+  CartesianParameters prepared_;
+  bool is_prepared_ = false;
+  Impedance translation_, rotation_;   // with the damping of zeta
+  Impedance rendered_T_, rendered_R_;  // of the rendered directions
+  double k_min_ = 0;                   // N.m/rad
+  Propagator propagator_;
+  Eigen::VectorXd q_scratch_, dq_scratch_, tau_scratch_;
+  Eigen::Matrix<double, 6, Eigen::Dynamic> J_;
+  bool news_ = false;
+};
+
+}  // namespace cotwin::compliance

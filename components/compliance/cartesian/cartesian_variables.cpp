@@ -1,0 +1,57 @@
+// The variables of Cartesian compliance: names, meaning, what values they may have.
+#include "components/compliance/cartesian/cartesian_motion.h"
+#include "components/unit/joint_variables.h"
+
+namespace cotwin::compliance {
+
+void CartesianMotion::declare(Variables& v) {
+  constexpr double kAny = 1e12;
+  const JointMeasures measures(nullptr);
+  JointVariables declared(v, measures);
+  if (!desired_joints_) {
+    v.input("p_d", p_d_, "m", "desired position of E in W at the end of the step").essential();
+    v.input("quat_d", quat_d_, "1", "desired orientation of E in W, quaternion (w, x, y, z); Q and -Q are the same");
+    v.input("v_d", v_d_, "m/s", "desired velocity of E in W");
+    v.input("w_d", w_d_, "rad/s", "desired angular velocity of E in W");
+    v.input("dv_d", dv_d_, "m/s2", "desired acceleration of E in W");
+    v.input("dw_d", dw_d_, "rad/s2", "desired angular acceleration of E in W");
+  }
+  if (!wrench_of_joints_) {
+    v.input("f_e", f_e_, "N", "external force on the robot at E, in W").rate(f_rate_);
+    v.input("m_e", m_e_, "N.m", "external moment on the robot about E, in W").rate(m_rate_);
+  }
+  v.parameter("p_FE", p_FE_, "m", "origin of the compliance frame E in the frame of the setting frame");
+  v.parameter("quat_FE", quat_FE_, "1", "orientation of E in that frame, quaternion (w, x, y, z)");
+  v.parameter("p_WB", p_WB_, "m", "origin of the robot's base B in W");
+  v.parameter("quat_WB", quat_WB_, "1", "orientation of B in W, quaternion (w, x, y, z)");
+  for (const auto& row : kCartesian) declared.parameter(wanted_, row);
+  for (const auto& row : kCartesian) declared.in_force(in_force_, row);
+  v.parameter("tank_start", tank_start_, "J", "energy at the start that a rise of mass or stiffness may give out")
+      .range(0, kAny);
+  v.parameter("tank_max", tank_max_, "J", "most energy that is kept for that").range(0, kAny);
+  v.state("tank", tank_, "J", "energy kept for a rise of mass or stiffness");
+  v.state("Delta_axes", Delta_, "m", "deviation of translation in the axes of the setting axes");
+  v.state("dDelta_axes", dDelta_, "m/s", "its rate in these axes");
+  v.state("quat_dc", quat_dc_, "1", "compliant orientation relative to the desired one");
+  v.state("w_dc", w_dc_, "rad/s", "compliant less desired angular velocity, in the desired frame");
+  v.state("p_before", p_before_, "m", "compliant position in B at the beginning of the next step");
+  v.state("quat_before", quat_before_, "1", "compliant orientation in B at the beginning of the next step");
+  v.state("V_before", V_before_, "1", "compliant twist in B at the beginning of the next step, m/s and rad/s");
+  v.state("quat_d_before", quat_d_before_, "1", "desired orientation in B at the beginning of the next step");
+  v.state("q_joints", joints_.q, "1", "joint positions of the compliant motion, rad or m");
+  v.state("dq_joints", joints_.dq, "1", "joint velocities of the compliant motion, rad/s or m/s");
+  v.state("cartesian_met", met_,
+          "what happened since the start, summed: 1 damped near a singular pose, 2 task_error above 1 mm, 4 a rise of mass or "
+          "stiffness waited for energy, 8 moment above the least K_o, 16 started beside the desired pose");
+  v.output("p_c", p_c_, "m", "compliant position of E in W");
+  v.output("quat_c", quat_c_, "1", "compliant orientation of E in W, unit quaternion (w, x, y, z) without jumps of its sign");
+  v.output("v_c", v_c_, "m/s", "compliant velocity of E in W").derivative_of("p_c");
+  v.output("w_c", w_c_, "rad/s", "compliant angular velocity of E in W");
+  v.output("Delta_p", Delta_p_, "m", "deviation p_c - p_d in W");
+  v.output("epsilon", epsilon_, "1", "vector part of the quaternion of C in the desired frame, with eta >= 0");
+  v.output("sigma_min", sigma_min_, "m", "least singular value of the task's Jacobian, rotations times 0.3 m");
+  v.output("lambda", lambda_, "1", "damping of the joints near a singular pose; 0: none");
+  v.output("task_error", task_error_, "m", "distance of the joints' pose from the compliant pose, rotations times 0.3 m");
+}
+
+}  // namespace cotwin::compliance

@@ -1,0 +1,122 @@
+#include "components/compliance/cartesian/rotation.h"
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <cmath>
+
+namespace cotwin::compliance {
+namespace {
+
+using Eigen::Matrix3d;
+using Eigen::Quaterniond;
+using Eigen::Vector3d;
+
+Matrix3d cross_matrix(const Vector3d& v) {
+  Matrix3d S;
+  S << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return S;
+}
+
+/// φ̇ = J_l⁻¹(φ) Δω with Δω in the axes that do not turn with φ.
+Matrix3d inverse_left_jacobian(const Vector3d& phi) {
+  const double angle2 = phi.squaredNorm();
+  // (1 − (θ/2) cot(θ/2))/θ², by its series near 0.
+  double c = 1.0 / 12 + angle2 / 720 + angle2 * angle2 / 30240;
+  if (angle2 > 1e-2) {
+    const double half = std::sqrt(angle2) / 2;
+    c = (1 - half * std::cos(half) / std::sin(half)) / angle2;
+  }
+  const Matrix3d S = cross_matrix(phi);
+  return Matrix3d::Identity() - 0.5 * S + c * S * S;
+}
+
+/// The solution of Q₊ − Q₋ = ½ (0, r) ⊗ (Q₊ + Q₋)/2: a rotation by 4 atan(|r|/4) about r.
+Quaterniond turned(const Quaterniond& Q, const Vector3d& r) {
+  const Vector3d a = r / 4;
+  const double a2 = a.squaredNorm();
+  const Vector3d v = 2 * a / (1 + a2);
+  return Quaterniond((1 - a2) / (1 + a2), v.x(), v.y(), v.z()) * Q;
+}
+
+Quaterniond positive(const Quaterniond& Q) { return Q.w() < 0 ? Quaterniond(-Q.coeffs()) : Q; }
+
+/// The elastic moment whose work over a turn by hΩ from Q to `next` is the difference of the potential.
+Vector3d mean_moment(Potential potential, const Matrix3d& S, const Quaterniond& Q, const Quaterniond& next,
+                     const Vector3d& h_Omega) {
+  if (potential == Potential::kQuaternion) {
+    const double eta = (Q.w() + next.w()) / 2;
+    const Vector3d eps = (Q.vec() + next.vec()) / 2;
+    const Vector3d Seps = S * eps;
+    return 2 * (eta * Seps + eps.cross(Seps));
+  }
+  // As above with a matrix A that takes hΩ to the difference of φ exactly (Gonzalez 1996).
+  const Vector3d before = axis_angle(Q), after = axis_angle(next), mean = (before + after) / 2;
+  const Matrix3d J = inverse_left_jacobian(mean);
+  const Vector3d S_mean = S * mean;
+  Vector3d moment = J.transpose() * S_mean;
+  const double length2 = h_Omega.squaredNorm();
+  if (length2 > 1e-24 && (after - before).squaredNorm() < 1)
+    moment += h_Omega * ((after - before - J * h_Omega).dot(S_mean) / length2);
+  return moment;
+}
+
+/// Parts of a step that are short compared with the oscillation and the decay of all modes.
+int parts(const Impedance& z, double h) {
+  constexpr double kShort = 0.1, kDecay = 1;
+  constexpr double kMost = 64;
+  const Matrix3d inverse = z.M.inverse();
+  const double omega = std::sqrt((inverse * z.S).cwiseAbs().rowwise().sum().maxCoeff());
+  const double decay = (inverse * z.D).cwiseAbs().rowwise().sum().maxCoeff();
+  return static_cast<int>(std::clamp(std::ceil(h * std::max(omega / kShort, decay / kDecay)), 1.0, kMost));
+}
+
+}  // namespace
+
+Vector3d axis_angle(const Quaterniond& Q) {
+  const Quaterniond q = positive(Q);
+  const double s = q.vec().norm();
+  return s < 1e-9 ? Vector3d(2 * q.vec()) : Vector3d(q.vec() * (2 * std::atan2(s, q.w()) / s));
+}
+
+Quaterniond quaternion_of(const Vector3d& r) {
+  const double angle = r.norm();
+  const double s = angle < 1e-6 ? 0.5 - angle * angle / 48 : std::sin(angle / 2) / angle;
+  return {std::cos(angle / 2), s * r.x(), s * r.y(), s * r.z()};
+}
+
+double potential_energy(Potential potential, const Matrix3d& S, const Quaterniond& Q) {
+  if (potential == Potential::kQuaternion) return 2 * Q.vec().dot(S * Q.vec());
+  const Vector3d phi = axis_angle(Q);
+  return phi.dot(S * phi) / 2;
+}
+
+Vector3d elastic_moment(Potential potential, const Matrix3d& S, const Quaterniond& Q) {
+  return mean_moment(potential, S, positive(Q), positive(Q), Vector3d::Zero());
+}
+
+Turned advance(Potential potential, const Impedance& z, const Turn& start, const Vector3d& m0, const Vector3d& m1, double h) {
+  const int count = parts(z, h);
+  const double part = h / count;
+  const Matrix3d solve = (2 / part * z.M + z.D).inverse();
+  const Matrix3d inertia = 2 / part * z.M;
+  Turned result{start, 0};
+  Turn& at = result.turn;
+  for (int k = 0; k < count; ++k) {
+    const Vector3d drive = inertia * at.w + m0 + m1 * ((k + 0.5) * part);
+    Vector3d Omega = at.w;
+    Quaterniond next = at.Q;
+    // Contraction by (omega part)²/4 < 0.0025 in each iteration.
+    constexpr int kIterations = 7;
+    for (int i = 0; i < kIterations; ++i) {
+      next = turned(at.Q, part * Omega);
+      Omega = solve * (drive - mean_moment(potential, z.S, at.Q, next, part * Omega));
+    }
+    at.Q = turned(at.Q, part * Omega);
+    at.w = 2 * Omega - at.w;
+    result.dissipated += part * Omega.dot(z.D * Omega);
+  }
+  at.Q = positive(at.Q.normalized());
+  return result;
+}
+
+}  // namespace cotwin::compliance
