@@ -55,6 +55,7 @@ void Compliance::declare_settings(SettingList& s) {
   s.choice("base", {"fixed", "floating"}, "the base of the robot is fixed or moves freely, for example a satellite's");
   s.choice("space", {"joints", "cartesian"}, "compliance of each joint, or of a frame of the robot (3a), (3b)");
   CartesianMotion::declare_settings(s);
+  s.boolean("terms", false, "the terms of (2a) in the compliant motion as outputs: inertia, Coriolis, gravity");
 }
 
 GainParameters::GainParameters(std::size_t joints) { write_start_values(*this, kGains, joints); }
@@ -81,6 +82,7 @@ Compliance::Compliance(Settings& settings, const robot::RobotModel& robot, bool 
   met_.resize(n_);
   limit_.resize(n_);
   limits_.resize(n_);
+  if (settings.boolean("terms")) terms_ = std::make_unique<TorqueTerms>(n_);
   for (std::size_t i = 0; i < n_; ++i) {
     const robot::Joint& joint = robot.joints[i];
     if (joint.passive) {
@@ -270,6 +272,7 @@ void Compliance::take_gravity() {
 
 // Adds friction of the motors and applies the limits.
 void Compliance::finish_torques(double h) {
+  if (terms_) terms_->compute(links_, q_c_, dq_c_, ddq_c_);
   saturated_ = false;
   for (std::size_t i = 0; i < n_; ++i) {
     tau_fm_[i] = motor_friction(i, h);

@@ -144,9 +144,12 @@ void Compliance::declare(Variables& v) {
       joints.output("tau_wrench", tau_e_, "N.m",
                     "J(q)' [f_e; m_e] at the measured q: the wrench as external joint torque (2a)");
   }
-  if (!floating_) return;
-  v.input("base_quat", base_quat_, "1", "orientation of the floating base in W, unit quaternion (w, x, y, z); with spin only");
-  v.input("spin", spin_, "kg.m2/s", "angular momentum of the robot about its centre of mass, in W; 0: it started at rest");
+  if (floating_) {
+    v.input("base_quat", base_quat_, "1",
+            "orientation of the floating base in W, unit quaternion (w, x, y, z); with spin only");
+    v.input("spin", spin_, "kg.m2/s", "angular momentum of the robot about its centre of mass, in W; 0: it started at rest");
+  }
+  if (terms_) terms_->declare(joints);
 }
 
 void Compliance::check() {
