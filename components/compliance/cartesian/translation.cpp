@@ -64,14 +64,15 @@ void Propagator::prepare(const Impedance& impedance, double h) {
     const Matrix3d xx = 2 * xx_ + xx_ * xx_ + xv_ * vx_, xv = 2 * xv_ + xx_ * xv_ + xv_ * vv_;
     const Matrix3d vx = 2 * vx_ + vx_ * xx_ + vv_ * vx_, vv = 2 * vv_ + vx_ * xv_ + vv_ * vv_;
     const Matrix3d x0 = 2 * x0_ + xx_ * x0_ + xv_ * v0_, v0 = 2 * v0_ + vx_ * x0_ + vv_ * v0_;
-    x1_ = (2 * x1_ + xx_ * x1_ + xv_ * v1_ + t * x0_).eval();
-    v1_ = (2 * v1_ + vx_ * x1_ + vv_ * v1_ + t * v0_).eval();
+    const Matrix3d x1 = 2 * x1_ + xx_ * x1_ + xv_ * v1_ + t * x0_, v1 = 2 * v1_ + vx_ * x1_ + vv_ * v1_ + t * v0_;
     xx_ = xx;
     xv_ = xv;
     vx_ = vx;
     vv_ = vv;
     x0_ = x0;
     v0_ = v0;
+    x1_ = x1;
+    v1_ = v1;
   }
   // Back to x: L⁻ᵀ (…) Lᵀ for states, L⁻ᵀ (…) L⁻¹ for the input.
   const auto left = [&](const Matrix3d& A) -> Matrix3d { return lower.transpose().solve(A); };
