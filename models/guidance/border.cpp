@@ -30,8 +30,27 @@ Complex low_pass(const Loop& l, Complex s) {
   return (1 - old) / (1.0 - old * std::exp(-s * l.h));
 }
 
+struct Robot {
+  Complex T, C;  // p = T p_c + C f
+};
+Robot position_controlled(const Loop& l, Complex s) {
+  const Complex z = hold(s, l.h), control = (2 * l.zeta * l.omega * s + l.omega * l.omega) * z;
+  if (l.K_J == 0) {
+    const Complex N = s * s + control;
+    return {l.omega * l.omega * z / N, l.mass > 0 ? 1.0 / (l.mass * N) : Complex(0)};
+  }
+  const Complex motor = l.B * s * s + l.mass * control;
+  const Complex Delta = (l.mass - l.B) * s * s * (motor + l.K_J) + l.K_J * motor;
+  return {l.K_J * l.mass * l.omega * l.omega * z / Delta, (motor + l.K_J) / Delta};
+}
+
 /// Far below all resonances of the loop, rad/s.
 double lowest(const Loop& l, double M) { return 1e-3 * std::min(1.0, std::sqrt(std::max(l.K_h, 1e-6) / (l.m_h + M))); }
+
+/// The highest resonance of the position-controlled robot, rad/s.
+double fastest(const Loop& l) {
+  return l.K_J > 0 ? std::max(l.omega, std::sqrt(l.K_J * l.mass / (l.B * (l.mass - l.B)))) : l.omega;
+}
 
 /// The next frequency of a sweep: 0.5 % further, and at most 1/20 rad of the delay.
 double next(const Loop& l, double omega) {
@@ -40,8 +59,12 @@ double next(const Loop& l, double omega) {
 }
 
 void check(const Loop& l, double M) {
-  for (const double x : {l.m_h, l.D_h, l.K_h, l.D_g, l.K_g, l.cutoff, l.delay, l.omega, l.zeta, l.mass, l.h}) {
+  for (const double x : {l.m_h, l.D_h, l.K_h, l.D_g, l.K_g, l.cutoff, l.delay, l.omega, l.zeta, l.mass, l.h, l.K_J, l.B}) {
     if (!(x >= 0 && std::isfinite(x))) throw Error("guidance loop", "a value is " + text::to_text(x) + ", expected >= 0");
+  }
+  if (l.K_J > 0 && !(l.B > 0 && l.mass > l.B)) {
+    throw Error("guidance loop", "B is " + text::to_text(l.B) + " kg, expected a part of the mass, " + text::to_text(l.mass) +
+                                     " kg, because the gear is elastic");
   }
   if (!(M > 0 && std::isfinite(M))) throw Error("guidance loop", "M is " + text::to_text(M) + " kg, expected > 0");
 }
@@ -51,9 +74,8 @@ void check(const Loop& l, double M) {
 Complex gain(const Loop& l, Complex s) {
   const Complex K_e = hand_stiffness(l, s), sensed = K_e * low_pass(l, s) * std::exp(-s * l.delay);
   if (l.omega == 0) return sensed;
-  const Complex z = hold(s, l.h), N = s * s + (2 * l.zeta * l.omega * s + l.omega * l.omega) * z;
-  const Complex yielding = l.mass > 0 ? K_e / (l.mass * N) : Complex(0);
-  return sensed * l.omega * l.omega * z / N / (1.0 + yielding);
+  const Robot robot = position_controlled(l, s);
+  return sensed * robot.T / (1.0 + K_e * robot.C);
 }
 
 Border damping_border(const Loop& loop, double M) {
@@ -73,7 +95,7 @@ Border damping_border(const Loop& loop, double M) {
       const double D = -gain(loop, Complex(0, a)).imag() / a;
       if (D > border.D) border = {D, a};
     }
-    if (high > 10 * loop.omega && std::abs(gain(loop, Complex(0, high))) < kSettled * M * high * high) return border;
+    if (high > 10 * fastest(loop) && std::abs(gain(loop, Complex(0, high))) < kSettled * M * high * high) return border;
     low = high;
     at_low = at_high;
   }
@@ -90,7 +112,7 @@ int unstable_poles(const Loop& loop, double M, double D) {
   double w = lowest(loop, M);
   Complex before = f(w);
   double turn = std::arg(before);  // f(0) > 0
-  while (w < 10 * loop.omega || std::abs(before - 1.0) > kSettled) {
+  while (w < 10 * fastest(loop) || std::abs(before - 1.0) > kSettled) {
     w = next(loop, w);
     const Complex now = f(w);
     turn += std::arg(now / before);

@@ -9,15 +9,21 @@ namespace cotwin::guidance {
 ///   sensor      first-order low-pass 1/(1 + s/(2π cutoff))
 ///   admittance  M p_c″ + D p_c′ = f      (3a) with S = 0
 ///   delay       e^(−s delay), that of the sensor and of the line together
-///   robot       p = T p_c + C f,   T = ω² z/N,   C = 1/(mass N),   N = s² + (2ζω s + ω²) z,   z = (1 − e^(−sh))/(sh)
-/// h is the step for which the position controller holds its torque; z = 1 for h = 0. With h > 0 the low-pass is the sampled one.
+///   robot       p = T p_c + C f; if it is rigid,   T = ω² z/N,   C = 1/(mass N),   N = s² + (2ζω s + ω²) z
+///               with an elastic gear K_J before a motor B, and a position control of the motor (components/compliance/tracking.h):
+///               T = K_J r/Δ,   C = (B s² + K_J + a)/Δ,   Δ = m s² (B s² + K_J + a) + K_J (B s² + a),
+///               m = mass − B,   a = mass (2ζω s + ω²) z,   r = mass ω² z
+/// h is the step for which the position controller holds its torque: z = (1 − e^(−sh))/(sh), 1 for h = 0. With h > 0 the low-pass
+/// is the sampled one.
 struct Loop {
-  double m_h = 0, D_h = 0, K_h = 300;    // kg, N.s/m, N/m; see components/operator_hand/hand.h
-  double D_g = 0, K_g = 0;               // N.s/m, N/m; K_g = 0: the hand is fixed to the robot, G = ∞
-  double cutoff = 0;                     // Hz; 0: no filter
-  double delay = 0;                      // s
-  double omega = 0, zeta = 1, mass = 0;  // 1/s, 1, kg; omega = 0: the robot follows exactly; mass = 0: and does not yield
-  double h = 0;                          // s
+  double m_h = 0, D_h = 0, K_h = 300;  // kg, N.s/m, N/m; see components/operator_hand/hand.h
+  double D_g = 0, K_g = 0;             // N.s/m, N/m; K_g = 0: the hand is fixed to the robot, G = ∞
+  double cutoff = 0;                   // Hz; 0: no filter
+  double delay = 0;                    // s
+  double omega = 0, zeta = 1,
+         mass = 0;        // 1/s, 1, kg; omega = 0: the robot follows exactly; mass (with the motor) = 0: nor yields
+  double h = 0;           // s
+  double K_J = 0, B = 0;  // N/m, kg; K_J = 0: rigid
 };
 
 /// Gain from p_c to −f at s, with sensor and delay: the closed loop has its poles where M s² + D s + gain(s) = 0.

@@ -146,6 +146,21 @@ TEST(GuidanceBorder, SeparatesLoopsWithUnstablePolesFromThoseWithout) {
   EXPECT_GT(with_border, 20);
 }
 
+// A gear of 1e12 N/m is rigid; at low frequencies any gear is a further spring in series.
+TEST(GuidanceBorder, OfAnElasticRobotTendsToThatOfTheRigidOne) {
+  Loop elastic = example(0.02);
+  elastic.B = 8;
+  elastic.K_J = 1e12;
+  for (const double omega : {1.0, 30.0, 200.0}) {
+    const std::complex<double> s(0, omega), rigid = gain(example(0.02), s);
+    EXPECT_LT(std::abs(gain(elastic, s) - rigid), 1e-6 * std::abs(rigid));
+  }
+  elastic.K_J = 2000;
+  const double motor = elastic.mass * elastic.omega * elastic.omega;  // N/m, of the position control
+  EXPECT_NEAR(gain(elastic, {0, 1e-6}).real(), 1 / (1 / 400. + 1 / 5000. + 1 / motor + 1 / 2000.), 1e-3);
+  EXPECT_THROW((void)damping_border({.K_h = 300, .omega = 100, .mass = 5, .K_J = 1e4, .B = 6}, 1), Error);
+}
+
 TEST(GuidanceBorder, RefusesValuesThatNoLoopHas) {
   EXPECT_THROW((void)damping_border(example(0.01), 0), Error);
   EXPECT_THROW((void)damping_border(example(-0.01), 1), Error);
