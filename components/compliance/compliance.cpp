@@ -161,6 +161,7 @@ void Compliance::take_spin() {
 void Compliance::start_motion() {
   if (cartesian_) {
     cartesian_->start(links_, from_joints());
+    cartesian_->take_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
     take_cartesian_motion();
     std::ranges::fill(a_q_, 0);
     return;
@@ -197,6 +198,7 @@ void Compliance::restored() {
 void Compliance::move_frame_compliantly(double h) {
   for (std::size_t i = 0; i < n_; ++i) limits_[i] = limits(i);
   a_q_ = dq_c_;
+  cartesian_->take_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
   cartesian_->advance(links_, from_joints(), limits_, h);
   take_cartesian_motion();
   for (std::size_t i = 0; i < n_; ++i) {
@@ -213,7 +215,6 @@ void Compliance::take_cartesian_motion() {
   copy(joints.dq, dq_c_);
   copy(joints.ddq, ddq_c_);
   limit_ = joints.met;
-  if (!cartesian_->wrench_of_joints()) cartesian_->torque_of_wrench(links_, q_, tau_e_, tau_e_rate_);
   if (cartesian_->news()) write_warning();
 }
 
