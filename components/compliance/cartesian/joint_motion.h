@@ -88,9 +88,9 @@ class JointMotion {
   Pose X_;                          // of E at the last evaluation
   std::vector<Eigen::Vector3d> p_;  // of held frames, by task
   Eigen::MatrixXd J6_, held_J6_, M_, dM_, C_;
-  std::vector<Eigen::MatrixXd> J_before_;             // by task
-  Eigen::VectorXd q_mid_, shifted_, gradient_, tau_;  // n
-  std::vector<Eigen::VectorXd> forces_;               // by task
+  std::vector<Eigen::MatrixXd> J_before_;                      // by task
+  Eigen::VectorXd q_mid_, dq_mid_, shifted_, gradient_, tau_;  // n
+  std::vector<Eigen::VectorXd> forces_;                        // by task
 };
 
 }  // namespace cotwin::compliance
