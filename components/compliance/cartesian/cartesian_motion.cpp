@@ -112,7 +112,7 @@ CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& ro
       self_motion_(settings, robot, directions_, wrench_of_joints_),
       joints_(robot, self_motion_) {
   const Index n = robot.n();
-  for (VectorXd* v : {&q_scratch_, &dq_scratch_, &tau_scratch_}) v->setZero(n);
+  for (VectorXd* v : {&q_scratch_, &dq_scratch_, &ddq_scratch_, &tau_scratch_}) v->setZero(n);
   J_.setZero(6, n);
   J_S_.setZero(6, n);
   if (sensor_ && wrench_of_joints_) throw Error(place_, "sensor= with wrench=joints: expected one of them");
@@ -353,7 +353,14 @@ void CartesianMotion::advance(Links& links, const FromJoints& in, std::span<cons
   if (c.pose.Q.dot(Q_c0) < 0) c.pose.Q.coeffs() *= -1;  // ±Q without a jump
   const MovingPose before{p_before_, Q_c0, V_before_};
   if (wrench_of_joints_) tau_scratch_ = map(in.tau_e) + h / 2 * map(in.tau_e_rate);
-  joints_.advance(links, before, c.pose, c.acceleration, tau_scratch_, limits, gains(), h);
+  Posture posture{q_scratch_, dq_scratch_, ddq_scratch_};
+  if (desired_joints_) {
+    q_scratch_ = map(in.q_d);
+    dq_scratch_ = map(in.dq_d);
+    ddq_scratch_ = map(in.ddq_d);
+  }
+  joints_.advance(links, before, c.pose, c.acceleration, tau_scratch_, desired_joints_ ? &posture : nullptr, limits, gains(),
+                  h);
   p_before_ = c.pose.p;
   quat_before_ = array(c.pose.Q);
   V_before_ = c.pose.V;
