@@ -55,6 +55,7 @@ void Compliance::declare_settings(SettingList& s) {
   s.choice("base", {"fixed", "floating"}, "the base of the robot is fixed or moves freely, for example a satellite's");
   s.choice("space", {"joints", "cartesian"}, "compliance of each joint, or of a frame of the robot (3a), (3b)");
   CartesianMotion::declare_settings(s);
+  s.boolean("terms", false, "the terms of (2a) in the compliant motion as outputs: inertia, Coriolis, gravity");
 }
 
 GainParameters::GainParameters(std::size_t joints) { write_start_values(*this, kGains, joints); }
@@ -82,6 +83,7 @@ Compliance::Compliance(Settings& settings, const robot::RobotModel& robot, bool 
   met_.resize(n_);
   limit_.resize(n_);
   limits_.resize(n_);
+  if (settings.boolean("terms")) terms_ = std::make_unique<TorqueTerms>(n_);
   for (std::size_t i = 0; i < n_; ++i) {
     const robot::Joint& joint = robot.joints[i];
     if (joint.passive) {
@@ -173,6 +175,7 @@ void Compliance::take_spin() {
 void Compliance::start_motion() {
   if (cartesian_) {
     cartesian_->start(links_, from_joints());
+    cartesian_->take_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
     take_cartesian_motion();
     std::ranges::fill(a_q_, 0);
     return;
@@ -217,6 +220,7 @@ void Compliance::brake_by_saturation(double h) {
 void Compliance::move_frame_compliantly(double h) {
   for (std::size_t i = 0; i < n_; ++i) limits_[i] = limits(i);
   a_q_ = dq_c_;
+  cartesian_->take_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
   cartesian_->advance(links_, from_joints(), limits_, h);
   cartesian_->find_contact_stiffness(links_, drive_in_force_, gains(), elastic_bandwidth_, h);
   take_cartesian_motion();
@@ -229,6 +233,7 @@ void Compliance::move_frame_compliantly(double h) {
 
 /// render=impedance in place of admittance and tracking. Friction is fed forward at the speed of the desired motion.
 void Compliance::impede(double h) {
+  cartesian_->take_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
   cartesian_->impede(links_, from_joints(), drive_in_force_, measured(), in_force_.shaping, h, tau_m_);
   take_cartesian_motion();
   tracking_.tau_c = tau_m_;
@@ -251,7 +256,6 @@ void Compliance::take_cartesian_motion() {
   copy(joints.dq, dq_c_);
   copy(joints.ddq, ddq_c_);
   limit_ = joints.met;
-  if (!cartesian_->wrench_of_joints()) cartesian_->torque_of_wrench(links_, q_, tau_e_, tau_e_rate_);
   if (cartesian_->news()) write_warning();
 }
 
@@ -310,6 +314,7 @@ void Compliance::take_gravity() {
 
 // Adds friction of the motors and applies the limits.
 void Compliance::finish_torques(double h) {
+  if (terms_) terms_->compute(links_, q_c_, dq_c_, ddq_c_);
   saturated_ = false;
   for (std::size_t i = 0; i < n_; ++i) {
     tau_fm_[i] = motor_friction(i, h);

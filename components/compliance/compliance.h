@@ -7,6 +7,7 @@
 
 #include "components/compliance/admittance.h"
 #include "components/compliance/cartesian/cartesian_motion.h"
+#include "components/compliance/torque_terms.h"
 #include "components/compliance/tracking.h"
 #include "components/unit/joint_variables.h"
 #include "components/unit/settings.h"
@@ -148,6 +149,7 @@ class Compliance final : public Unit {
   bool saturated_ = false;
   std::string warning_;
   std::vector<std::int32_t> limit_;
+  std::unique_ptr<TorqueTerms> terms_;  // terms=true
   // Handed from one phase of a step to the next.
   Joints tau_fl_, tau_fm_;       // friction of the link (with its springs) and the motor side at the end of the step
   Joints gravity_;               // N.m: g(q_c), only where friction grows with the load

@@ -26,6 +26,10 @@ class Links {
   void jacobian_dot_times_dq(const robot::VectorIn& q, const robot::VectorIn& dq, const robot::FrameOnBody& frame,
                              Eigen::Ref<Twist> a);
 
+  /// The links on a fixed base, for other functions of models/robot.
+  const robot::Mechanism& mechanism() const { return mechanism_; }
+  robot::Data& data() { return data_; }
+
   robot::BodyParameters& bodies() { return bodies_; }
   /// As those of BodyParameters.
   void take_bodies(const std::string& place);

@@ -48,6 +48,9 @@ void DriveTrain::declare_settings(SettingList& s) {
   s.choice("method", {"auto", "exponential", "rosenbrock", "cvode", "arkode"},
            "solver of the differential equations: auto takes the exponential method, and where damping is too fast for it the "
            "Rosenbrock method; cvode and arkode are SUNDIALS");
+  s.boolean("terms", false,
+            "with link=inside: the terms of (2a) as outputs (inertia, Coriolis, gravity, link); the unit then has no partial "
+            "derivatives");
 }
 
 // The values of the settings.
@@ -70,6 +73,9 @@ struct DriveTrain::Kind {
     method = m == "rosenbrock" || base == Base::kFloating ? Integrator::Method::kRosenbrock
              : m == "exponential"                         ? Integrator::Method::kExponential
                                                           : Integrator::Method::kAuto;
+    terms = s.boolean("terms");
+    if (terms && link == Link::kOutside)
+      throw Error(s.unit(), "terms=true with link=outside: the unit of the links has their torques, expected link=inside");
     if (transmission == Transmission::kRigid && link == Link::kOutside) {
       throw Error(s.unit(), "transmission=rigid with link=outside leaves nothing to move, expected one of them");
     }
@@ -95,6 +101,7 @@ struct DriveTrain::Kind {
   Friction friction;
   std::optional<SundialsSolver::Method> sundials;
   Integrator::Method method;
+  bool terms;
   std::optional<robot::RobotModel> robot;
   std::size_t joints;
 };
@@ -117,6 +124,8 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
                   &q_before_, &dq_before_, &ddq_, &tau_J_, &tau_f_}) {
     v->resize(n_);
   }
+  with_terms_ = kind.terms;
+  if (with_terms_) terms_ = TorqueTerms(n_);
   if (kind.sundials) {
     sundials_ = std::make_unique<SundialsSolver>(equations_, *kind.sundials);
     rtol_ = 1e-6;
@@ -203,6 +212,12 @@ void DriveTrain::declare(Variables& v) {
   v.output("forced_steps", forced_steps_, "steps since the start in which max_substeps forced sub-steps against the tolerance");
   v.output("worst_error", worst_error_, "1", "largest error_estimate since the start");
   if (equations_.floating()) equations_.floating()->declare(v);
+  if (!with_terms_) return;
+  joints.output("tau_inertia", terms_.inertia, "N.m", "M ddq of (2a)");
+  joints.output("tau_coriolis", terms_.coriolis, "N.m", "C dq of (2a): Coriolis and centrifugal torques");
+  joints.output("tau_gravity", terms_.gravity, "N.m", "g of (2a)");
+  joints.output("tau_link", terms_.link, "N.m",
+                "friction, springs and stops of the link; the four terms together are tau_J + tau_e");
 }
 
 void DriveTrain::check_inputs(Time now) const {
@@ -461,6 +476,7 @@ void DriveTrain::write_outputs(double h, const Point& end) {
     power_e_ += equations_.inside() ? (c.tau_e[i] + c.dtau_e[i] * h) * dq[i] : -tau_J_[i] * dq[i];
   }
   if (equations_.floating()) power_e_ += equations_.floating()->power();
+  if (with_terms_) equations_.torque_terms(x_.data(), end, ddq_.data(), terms_);
   const Energies e = equations_.energies(x_.data(), end);
   kinetic_ = e.kinetic;
   potential_ = e.potential;
@@ -468,7 +484,7 @@ void DriveTrain::write_outputs(double h, const Point& end) {
 }
 
 std::span<const Partial> DriveTrain::partials() const {
-  if (equations_.floating()) return {};  // not derived for M* and b*
+  if (equations_.floating() || with_terms_) return {};  // not derived for M* and b*, and for the terms
   return partials_.list();
 }
 

@@ -84,6 +84,8 @@ class DriveTrain final : public Unit {
   double transition_ = 0.5;
 
   std::vector<double> ddq_, tau_J_, tau_f_;  // outputs
+  bool with_terms_ = false;
+  TorqueTerms terms_;  // outputs with terms=true
   double kinetic_ = 0, potential_ = 0, elastic_ = 0, dissipated_ = 0, work_m_ = 0, work_e_ = 0, power_m_ = 0, power_e_ = 0;
   double work_0_ = 0;
   double error_ = 0, worst_error_ = 0;

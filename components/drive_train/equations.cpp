@@ -26,6 +26,8 @@ Parameters::Parameters(std::size_t joints) : robot::DriveParameters(joints) {
 
 Course::Course(std::size_t n) : tau_m(n), dtau_m(n), tau_e(n), dtau_e(n), link(4 * n) {}
 
+TorqueTerms::TorqueTerms(std::size_t n) : inertia(n), coriolis(n), gravity(n), link(n) {}
+
 Modes::Modes(std::size_t n) : slip(n), stop(n), impact(n) {}
 
 void Modes::clear() {
@@ -252,6 +254,20 @@ void Equations::acceleration(double t, const Point& p, double* ddq) {
   ldlt(scratch_.data(), n_);
   for (std::size_t i = 0; i < n_; ++i) ddq[i] = link_balance(p, i, t, p.h[i]);  // (2a)
   solve_ldlt(scratch_.data(), n_, ddq);
+}
+
+void Equations::torque_terms(const double* x, const Point& p, const double* ddq, TorqueTerms& terms) {
+  times_M(p.M.data(), ddq, terms.inertia.data());
+  if (floating_) {
+    std::fill(terms.gravity.begin(), terms.gravity.end(), 0.0);  // in free fall
+  } else {
+    robot::gravity(dynamics_->mechanism, dynamics_->data, ConstMap(x, index(n_)), Map(terms.gravity.data(), index(n_)));
+  }
+  for (std::size_t i = 0; i < n_; ++i) {
+    if (!flexible()) terms.inertia[i] -= parameters_.B[i] * ddq[i];  // p.M has B on its diagonal
+    terms.coriolis[i] = p.h[i] - terms.gravity[i];
+    terms.link[i] = (flexible() ? p.tau_J[i] : -p.tau_f[i]) - p.force[i];
+  }
 }
 
 void Equations::derivative(double t, const double* x, const Point& p, double* dx) {

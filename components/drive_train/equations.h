@@ -76,6 +76,16 @@ struct Point {
   std::vector<double> M, h;                // M(q) of (2a), with B on its diagonal if rigid; C q̇ + g
 };
 
+/// The terms of (2a) at one state, N.m, n long each; with a floating base those of M* and b*.
+struct TorqueTerms {
+  TorqueTerms() = default;
+  explicit TorqueTerms(std::size_t n);
+  std::vector<double> inertia;   // M q̈
+  std::vector<double> coriolis;  // C q̇
+  std::vector<double> gravity;   // g
+  std::vector<double> link;      // τ_l + τ_s: friction, springs and stops of the link
+};
+
 /// Energies of one state, J.
 struct Energies {
   double kinetic = 0, potential = 0, elastic = 0;
@@ -158,6 +168,8 @@ class Equations {
   void evaluate_joints(const double* x, Point& p) const;
   /// M(q) a + C q̇ + g by inverse dynamics, plus B a if rigid.
   void inverse_dynamics(const double* x, const double* a, double* tau);
+  /// Splits (2a) at x and its point p, with the acceleration q̈. Link inside.
+  void torque_terms(const double* x, const Point& p, const double* ddq, TorqueTerms& terms);
   /// ẋ at (t, x) from p, which was evaluated there.
   void derivative(double t, const double* x, const Point& p, double* dx);
   /// q̈ from the forces of p.

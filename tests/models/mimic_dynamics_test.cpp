@@ -24,62 +24,13 @@ constexpr double kDifference = 1e-6;  // their error: curvature 1e3 · kStep² a
 
 double relative(const MatrixXd& a, const MatrixXd& b) { return (a - b).cwiseAbs().maxCoeff() / (1 + b.cwiseAbs().maxCoeff()); }
 
-/// A robot, the same robot with its mimics as free joints, and q_all = G q + g_0 between them.
-struct Pair {
-  RobotModel robot, all;
-  MatrixXd G;
-  VectorXd g_0;
-  std::vector<int> free;  // by body of `robot`: the body of `all`
-};
-
-Pair random_pair(Draw& draw, int joints) {
-  Pair pair;
-  pair.all = draw.robot(Kind::kTree, joints);
-  std::vector<int> follows(static_cast<std::size_t>(joints)), index(static_cast<std::size_t>(joints));
-  int n = 0;
-  for (int i = 0; i < joints; ++i) {
-    follows[static_cast<std::size_t>(i)] = i != joints / 2 && draw.integer(0, 1) == 1;
-    if (follows[static_cast<std::size_t>(i)] == 0) index[static_cast<std::size_t>(i)] = n++;
-  }
-  pair.robot = pair.all;
-  pair.robot.joints.clear();
-  pair.robot.bodies.clear();
-  pair.G = MatrixXd::Zero(joints, n);
-  pair.g_0 = VectorXd::Zero(joints);
-  for (const int wanted : {0, 1}) {
-    for (int i = 0; i < joints; ++i) {
-      const auto k = static_cast<std::size_t>(i);
-      if (follows[k] != wanted) continue;
-      pair.free.push_back(i);
-      pair.robot.bodies.push_back(pair.all.bodies[k]);
-      if (wanted == 0) {
-        pair.robot.joints.push_back(pair.all.joints[k]);
-        pair.G(i, index[k]) = 1;
-      } else {
-        Mimic mimic{pair.all.joints[k], draw.integer(0, n - 1), draw.number(-2, 2), draw.number(-1, 1), i};
-        index[k] = n + static_cast<int>(pair.robot.mimics.size());
-        pair.G(i, mimic.leader) = mimic.multiplier;
-        pair.g_0[i] = mimic.offset;
-        pair.robot.mimics.push_back(mimic);
-      }
-    }
-  }
-  const auto renumber = [&](int& body) {
-    if (body >= 0) body = index[static_cast<std::size_t>(body)];
-  };
-  for (Joint& joint : pair.robot.joints) renumber(joint.parent);
-  for (Mimic& mimic : pair.robot.mimics) renumber(mimic.joint.parent);
-  for (Frame& frame : pair.robot.frames) renumber(frame.body);
-  return pair;
-}
-
 template <class F>
 void sweep(int count, F f) {
   for (const char* isa : isas()) {
     Draw draw(11);
     for (int i = 0; i < count; ++i) {
       SCOPED_TRACE(std::string(isa) + ", robot " + std::to_string(i));
-      const Pair pair = random_pair(draw, draw.integer(1, 12));
+      const MimicPair pair = random_pair(draw, draw.integer(1, 12));
       const Mechanism mechanism(pair.robot, isa);
       Data data(mechanism);
       const int n = pair.robot.n();
@@ -91,7 +42,7 @@ void sweep(int count, F f) {
 }
 
 TEST(MimicDynamics, IsThatOfAllJointsProjectedOnTheMotionOfTheGroups) {
-  sweep(60, [](const Pair& pair, const Mechanism& mechanism, Data& data, const VectorXd& q, const VectorXd& dq,
+  sweep(60, [](const MimicPair& pair, const Mechanism& mechanism, Data& data, const VectorXd& q, const VectorXd& dq,
                const VectorXd& ddq, Draw& draw) {
     const int n = pair.robot.n();
     const VectorXd at = pair.G * q + pair.g_0;
@@ -141,8 +92,8 @@ TEST(MimicDynamics, IsThatOfAllJointsProjectedOnTheMotionOfTheGroups) {
 }
 
 TEST(MimicDynamics, ObeysLagrangesEquations) {
-  sweep(25, [](const Pair& pair, const Mechanism& mechanism, Data& data, const VectorXd& q, const VectorXd& dq, const VectorXd&,
-               Draw&) {
+  sweep(25, [](const MimicPair& pair, const Mechanism& mechanism, Data& data, const VectorXd& q, const VectorXd& dq,
+               const VectorXd&, Draw&) {
     // τ(q̈ = 0) = d/dt ∂T/∂q̇ − ∂T/∂q + ∂U/∂q with differences of the energies
     const int n = pair.robot.n();
     VectorXd h(n), expected(n);
@@ -163,7 +114,7 @@ TEST(MimicDynamics, ObeysLagrangesEquations) {
 }
 
 TEST(MimicDynamics, DerivativesAgreeWithDifferences) {
-  sweep(25, [](const Pair& pair, const Mechanism& mechanism, Data& data, const VectorXd& q, const VectorXd& dq,
+  sweep(25, [](const MimicPair& pair, const Mechanism& mechanism, Data& data, const VectorXd& q, const VectorXd& dq,
                const VectorXd& ddq, Draw&) {
     const int n = pair.robot.n();
     MatrixXd by_q(n, n), by_dq(n, n), by_q_again(n, n), by_dq_again(n, n), M(n, n), M_again(n, n);
@@ -194,7 +145,7 @@ TEST(MimicDynamics, DerivativesAgreeWithDifferences) {
 }
 
 TEST(MimicDynamics, BatchesAgreeWithSingleStatesAndNothingAllocates) {
-  sweep(10, [](const Pair& pair, const Mechanism& mechanism, Data& data, const VectorXd& q, const VectorXd& dq,
+  sweep(10, [](const MimicPair& pair, const Mechanism& mechanism, Data& data, const VectorXd& q, const VectorXd& dq,
                const VectorXd& ddq, Draw& draw) {
     const int n = pair.robot.n();
     constexpr int kStates = 150;  // more than two of the inner batches, and no multiple of them

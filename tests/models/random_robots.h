@@ -94,4 +94,53 @@ class Draw {
   std::mt19937_64 engine_;
 };
 
+/// A robot, the same robot with its mimics as free joints, and q_all = G q + g_0 between them.
+struct MimicPair {
+  RobotModel robot, all;
+  Eigen::MatrixXd G;
+  Eigen::VectorXd g_0;
+  std::vector<int> free;  // by body of `robot`: the body of `all`
+};
+
+inline MimicPair random_pair(Draw& draw, int joints) {
+  MimicPair pair;
+  pair.all = draw.robot(Kind::kTree, joints);
+  std::vector<int> follows(static_cast<std::size_t>(joints)), index(static_cast<std::size_t>(joints));
+  int n = 0;
+  for (int i = 0; i < joints; ++i) {
+    follows[static_cast<std::size_t>(i)] = i != joints / 2 && draw.integer(0, 1) == 1;
+    if (follows[static_cast<std::size_t>(i)] == 0) index[static_cast<std::size_t>(i)] = n++;
+  }
+  pair.robot = pair.all;
+  pair.robot.joints.clear();
+  pair.robot.bodies.clear();
+  pair.G = Eigen::MatrixXd::Zero(joints, n);
+  pair.g_0 = Eigen::VectorXd::Zero(joints);
+  for (const int wanted : {0, 1}) {
+    for (int i = 0; i < joints; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      if (follows[k] != wanted) continue;
+      pair.free.push_back(i);
+      pair.robot.bodies.push_back(pair.all.bodies[k]);
+      if (wanted == 0) {
+        pair.robot.joints.push_back(pair.all.joints[k]);
+        pair.G(i, index[k]) = 1;
+      } else {
+        Mimic mimic{pair.all.joints[k], draw.integer(0, n - 1), draw.number(-2, 2), draw.number(-1, 1), i};
+        index[k] = n + static_cast<int>(pair.robot.mimics.size());
+        pair.G(i, mimic.leader) = mimic.multiplier;
+        pair.g_0[i] = mimic.offset;
+        pair.robot.mimics.push_back(mimic);
+      }
+    }
+  }
+  const auto renumber = [&](int& body) {
+    if (body >= 0) body = index[static_cast<std::size_t>(body)];
+  };
+  for (Joint& joint : pair.robot.joints) renumber(joint.parent);
+  for (Mimic& mimic : pair.robot.mimics) renumber(mimic.joint.parent);
+  for (Frame& frame : pair.robot.frames) renumber(frame.body);
+  return pair;
+}
+
 }  // namespace cotwin::robot::testing

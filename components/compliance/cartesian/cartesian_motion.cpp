@@ -73,6 +73,7 @@ constexpr Sentence kSentences[] = {
      "alpha"},
     {8, "the moment exceeded the least rotational stiffness K_o, which balances at most that moment: the frame turns on"},
     {16, "the robot did not start at the desired pose: the compliant frame started where the robot was, and went back"},
+    {32, "a lower task could not be done beside the higher ones (outputs task_sigma, task_residual)"},
     {64,
      "S_T or K_o is close to the stiffness of the joints (output stiffness_ratio above 0.8): the links are softer than asked"},
     {128, "the static position of the links was not found (output static_error): the joints are too soft for the load"},
@@ -94,7 +95,11 @@ void CartesianMotion::declare_settings(SettingList& s) {
            "space=cartesian: the wrench at E from the ports f_e, m_e or from the external joint torques tau_e");
   s.choice("desired", {"pose", "joints"},
            "space=cartesian: the desired motion of E from p_d, quat_d, … or from the joint motion q_d");
+  s.text(
+      "sensor", "",
+      "space=cartesian: link or frame of a force sensor that measures f_s, m_s in its axes; empty: the wrench is given at E");
   s.text("task", "", "space=cartesian: the rendered directions in the base's axes, some of x,y,z,rx,ry,rz; empty: all six");
+  SelfMotion::declare_settings(s);
   s.choice("render", {"admittance", "impedance"},
            "space=cartesian: motion from the measured wrench, which is tracked, or motor torques from the deviation, without a "
            "measured wrench; the latter is stable on any environment");
@@ -111,15 +116,24 @@ CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& ro
         const std::string name = settings.text("frame");
         return robot::on_body(name.empty() ? robot.end_effector() : robot.frame(name));
       }()),
+      sensor_(!settings.text("sensor").empty()),
+      S_(sensor_ ? robot::on_body(robot.frame(settings.text("sensor"))) : robot::FrameOnBody{}),
+      gravity_(robot.gravity),
       directions_(rendered_directions(place_, settings.text("task"), robot, frame_)),
       P_T_(projector(directions_, 0)),
       P_R_(projector(directions_, 3)),
-      joints_(robot, directions_) {
+      self_motion_(settings, robot, directions_, wrench_of_joints_),
+      joints_(robot, self_motion_) {
   const Index n = robot.n();
   for (VectorXd* v : {&q_scratch_, &dq_scratch_, &tau_scratch_}) v->setZero(n);
   J_.setZero(6, n);
+  J_S_.setZero(6, n);
+  if (sensor_ && wrench_of_joints_) throw Error(place_, "sensor= with wrench=joints: expected one of them");
   if (settings.choice("render") == "impedance") {
     if (axes_ == Axes::kTool) throw Error(place_, "render=impedance with axes=tool: expected axes=world or axes=desired");
+    if (!settings.text("tasks").empty() || !settings.text("null_space").empty()) {
+      throw Error(place_, "render=impedance with tasks or null_space: expected neither, self-motion is damped by k_nu alone");
+    }
     impedance_ = std::make_unique<ImpedanceControl>(robot, directions_);
   }
   for (Eigen::MatrixXd* matrix : {&contact_.M, &contact_.total, &contact_.gain}) matrix->setZero(n, n);
@@ -135,6 +149,7 @@ void CartesianMotion::take_frames() {
 }
 
 void CartesianMotion::check(const std::string& place) {
+  self_motion_.check(place);
   if (is_checked_ && wanted_ == checked_) return;
   check_values(wanted_, kCartesian, place);
   check_definite(wanted_, place);
@@ -164,6 +179,11 @@ CartesianMotion::Motion CartesianMotion::desired(Links& links, const FromJoints&
     d.acceleration.noalias() += J_ * map(in.ddq_d);
     return d;
   }
+  const std::pair<const char*, const Three*> ports[] = {
+      {"p_d", &p_d_}, {"v_d", &v_d_}, {"w_d", &w_d_}, {"dv_d", &dv_d_}, {"dw_d", &dw_d_}};
+  for (const auto& [name, values] : ports) {
+    if (!vector(*values).allFinite()) throw Error(place_ + "." + name, "is not finite, expected three finite values");
+  }
   const Matrix3d R_BW = X_WB_.R.transpose();
   d.pose.p = R_BW * (vector(p_d_) - X_WB_.p);
   d.pose.Q = Q_WB_.conjugate() * orientation(quat_d_, place_, "quat_d");
@@ -172,19 +192,61 @@ CartesianMotion::Motion CartesianMotion::desired(Links& links, const FromJoints&
   return d;
 }
 
-/// The wrench at E on the robot in B, `t` seconds after the beginning of the step.
-Wrench CartesianMotion::wrench(Links& links, const FromJoints& in, double t) {
-  Wrench F;
+void CartesianMotion::take_wrench(Links& links, const FromJoints& in, std::vector<double>& tau, std::vector<double>& rate) {
+  q_scratch_ = map(in.q);
+  const Pose X = links.jacobian(q_scratch_, joints_.frame(), J_);
+  const Quaterniond Q(X.R);
+  p_q_ = array(Vector3d(X_WB_ * X.p));
+  const Quaterniond Q_WE = Q_WB_ * Q, Q_W = Q_WB_ * quaternion(quat_before_);
+  quat_q_ = array(Quaterniond(Q_WE.dot(Q_W) < 0 ? Quaterniond(-Q_WE.coeffs()) : Q_WE));
+  const Quaterniond Q_dq = quaternion(quat_d_before_).conjugate() * Q;
+  epsilon_q_ = array(Vector3d((Q_dq.w() < 0 ? -1 : 1) * Q_dq.vec()));
   if (wrench_of_joints_) {
-    tau_scratch_ = map(in.tau_e) + t * map(in.tau_e_rate);
-    F = joints_.wrench_of(links, tau_scratch_, gains());
+    F_ = joints_.wrench_of(links, map(in.tau_e), gains());
+    dF_ = joints_.wrench_of(links, map(in.tau_e_rate), gains());
+    return;
+  }
+  const Vector3d f = vector(f_e_), m = vector(m_e_), df = vector(f_rate_), dm = vector(m_rate_);
+  if (sensor_) {
+    const Pose X_S = links.forward_kinematics(q_scratch_, S_);
+    const Vector3d arm = X_S.p - X.p;
+    const Wrench tool = inertia_of_tool(links, X_S);
+    F_ << X_S.R * f, X_S.R * m;
+    F_ -= tool;
+    F_.tail<3>() += arm.cross(F_.head<3>());
+    dF_ << X_S.R * df, X_S.R * dm;
+    dF_.tail<3>() += arm.cross(dF_.head<3>());
   } else {
     const Matrix3d R_BW = X_WB_.R.transpose();
-    F << R_BW * (vector(f_e_) + t * vector(f_rate_)), R_BW * (vector(m_e_) + t * vector(m_rate_));
+    F_ << R_BW * f, R_BW * m;
+    dF_ << R_BW * df, R_BW * dm;
   }
-  F.head<3>() = (P_T_ * F.head<3>()).eval();
-  F.tail<3>() = (P_R_ * F.tail<3>()).eval();
-  return F;
+  const auto n = static_cast<Index>(tau.size());
+  Eigen::Map<VectorXd>(tau.data(), n).noalias() = J_.transpose() * F_;
+  Eigen::Map<VectorXd>(rate.data(), n).noalias() = J_.transpose() * dF_;
+}
+
+/// Weight less inertia of what is mounted behind the sensor, in B about the sensor's origin, as the compliant motion moves it.
+Wrench CartesianMotion::inertia_of_tool(Links& links, const Pose& X_S) {
+  Wrench w = Wrench::Zero();
+  if (tool_mass_ == 0) return w;
+  Twist a;
+  links.jacobian(joints_.q, S_, J_S_);
+  links.jacobian_dot_times_dq(joints_.q, joints_.dq, S_, a);
+  a += J_S_ * joints_.ddq;
+  const Twist V = J_S_ * joints_.dq;
+  const Vector3d r = X_S.R * vector(tool_centre_), omega = V.tail<3>();
+  const Vector3d acceleration = a.head<3>() + a.tail<3>().cross(r) + omega.cross(omega.cross(r));
+  w.head<3>() = tool_mass_ * (gravity_ - acceleration);
+  w.tail<3>() = r.cross(w.head<3>());
+  return w;
+}
+
+/// The part of a wrench that the task renders.
+Wrench CartesianMotion::rendered(const Wrench& F) const {
+  Wrench part;
+  part << P_T_ * F.head<3>(), P_R_ * F.tail<3>();
+  return part;
 }
 
 void CartesianMotion::prepare(const Matrix3d& R_BA, const Matrix3d& R_d, double h) {
@@ -264,6 +326,7 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
   quat_before_ = array(c.pose.Q);
   V_before_ = c.pose.V;
   quat_d_before_ = array(d.pose.Q);
+  self_motion_.start(links, q_scratch_);
   joints_.start(links, q_scratch_, c.pose.V, gains());
   write_outputs(links, c.pose);
 }
@@ -278,6 +341,7 @@ void CartesianMotion::follow(double remaining, double h) {
     keep_translation(in_force_, towards_);
   }
   cotwin::follow(in_force_, towards_, kCartesian, remaining);
+  self_motion_.follow(remaining);
   const Quaterniond Q_dc = quaternion(quat_dc_);
   const Vector3d turn = potential_ == Potential::kQuaternion ? Vector3d(2 * Q_dc.vec()) : axis_angle(Q_dc);
   Tank tank{tank_, tank_max_};
@@ -289,7 +353,7 @@ void CartesianMotion::follow(double remaining, double h) {
 
 void CartesianMotion::advance(Links& links, const FromJoints& in, std::span<const Limits> limits, double h) {
   const Motion d = desired(links, in);
-  const Wrench F0 = wrench(links, in, 0), F1 = wrench(links, in, h);
+  const Wrench F0 = rendered(F_), F1 = rendered(F_ + h * dF_);
   const Quaterniond Q_d0 = quaternion(quat_d_before_), Q_c0 = quaternion(quat_before_);
   const Matrix3d R_d0 = Q_d0.toRotationMatrix(), R_d1 = d.pose.Q.toRotationMatrix();
   prepare(axes(d.pose.Q, Q_c0), R_d1, h);
@@ -324,7 +388,8 @@ void CartesianMotion::advance(Links& links, const FromJoints& in, std::span<cons
   if (c.pose.Q.dot(Q_c0) < 0) c.pose.Q.coeffs() *= -1;  // ±Q without a jump
   const MovingPose before{p_before_, Q_c0, V_before_};
   if (confined) c.acceleration = (c.pose.V - V_before_) / h;
-  joints_.advance(links, before, c.pose, c.acceleration, limits, gains(), h);
+  if (wrench_of_joints_) tau_scratch_ = map(in.tau_e) + h / 2 * map(in.tau_e_rate);
+  joints_.advance(links, before, c.pose, c.acceleration, tau_scratch_, limits, gains(), h);
   hold_frame_at_joints(links, d, c);
   p_before_ = c.pose.p;
   quat_before_ = array(c.pose.Q);
@@ -350,19 +415,7 @@ void CartesianMotion::write_outputs(Links& links, const MovingPose& c) {
   const Vector3d e_p = P_T_ * (c.p - X.p), e_r = P_R_ * axis_angle(c.Q * Quaterniond(X.R).conjugate());
   task_error_ = std::hypot(e_p.norm(), JointMotion::kLength * e_r.norm());
   if (task_error_ > 1e-3) note(kTask);
-}
-
-void CartesianMotion::torque_of_wrench(Links& links, const std::vector<double>& q, std::vector<double>& tau,
-                                       std::vector<double>& rate) {
-  q_scratch_ = map(q);
-  links.jacobian(q_scratch_, joints_.frame(), J_);
-  const Matrix3d R_BW = X_WB_.R.transpose();
-  Wrench F, dF;
-  F << R_BW * vector(f_e_), R_BW * vector(m_e_);
-  dF << R_BW * vector(f_rate_), R_BW * vector(m_rate_);
-  const auto n = static_cast<Index>(tau.size());
-  Eigen::Map<VectorXd>(tau.data(), n).noalias() = J_.transpose() * F;
-  Eigen::Map<VectorXd>(rate.data(), n).noalias() = J_.transpose() * dF;
+  if (self_motion_.contradicts(in_force_.sigma_0[0])) note(kContradiction);
 }
 
 void CartesianMotion::restored() {

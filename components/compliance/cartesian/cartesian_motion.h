@@ -12,6 +12,7 @@
 #include "components/compliance/cartesian/joint_motion.h"
 #include "components/compliance/cartesian/parameters.h"
 #include "components/compliance/cartesian/rotation.h"
+#include "components/compliance/cartesian/self_motion.h"
 #include "components/compliance/cartesian/translation.h"
 #include "components/compliance/cartesian/walls.h"
 #include "components/unit/settings.h"
@@ -46,8 +47,9 @@ class CartesianMotion {
   /// Parameters move towards the tunables: `remaining` of each difference is left, in a step of h seconds.
   void follow(double remaining, double h);
   void advance(Links& links, const FromJoints& in, std::span<const Limits> limits, double h);
-  /// J(q)ᵀ [f; m] of the measured wrench and its rate.
-  void torque_of_wrench(Links& links, const std::vector<double>& q, std::vector<double>& tau, std::vector<double>& rate);
+  /// Takes the wrench and the measured pose at the beginning of a step. Of a sensor's wrench the joint torques J(q)ᵀ [f; m] and
+  /// their rates are written into `tau`, `rate`.
+  void take_wrench(Links& links, const FromJoints& in, std::vector<double>& tau, std::vector<double>& rate);
   /// Takes `energy`, J, from the motion of the compliant frame: what the motors could not give.
   void brake(double energy);
   bool brakes_saturated() const { return brake_saturated_; }
@@ -78,6 +80,7 @@ class CartesianMotion {
     kTank = 4,
     kRunsAway = 8,
     kStart = 16,
+    kContradiction = 32,
     kSoftGears = 64,
     kStatics = 128,
     kStiffContact = 256,
@@ -90,7 +93,8 @@ class CartesianMotion {
 
   void take_frames();
   Motion desired(Links& links, const FromJoints& in);
-  Wrench wrench(Links& links, const FromJoints& in, double t);
+  Wrench inertia_of_tool(Links& links, const Pose& X_S);
+  Wrench rendered(const Wrench& F) const;
   void prepare(const Eigen::Matrix3d& R_BA, const Eigen::Matrix3d& R_d, double h);
   Motion compliant(const Motion& d, const Wrench& F);
   void write_outputs(Links& links, const MovingPose& c);
@@ -108,8 +112,12 @@ class CartesianMotion {
   Axes axes_;
   Potential potential_;
   robot::FrameOnBody frame_;
+  bool sensor_;              // the wrench is that of a force sensor
+  robot::FrameOnBody S_;     // its frame
+  Eigen::Vector3d gravity_;  // m/s² in B
   std::vector<int> directions_;
   Eigen::Matrix3d P_T_, P_R_;  // rendered directions in B
+  SelfMotion self_motion_;
   JointMotion joints_;
 
   // Inputs.
@@ -117,10 +125,12 @@ class CartesianMotion {
   using Four = std::array<double, 4>;
   Three p_d_{}, v_d_{}, w_d_{}, dv_d_{}, dw_d_{};
   Four quat_d_{1, 0, 0, 0};
-  Three f_e_{}, m_e_{}, f_rate_{}, m_rate_{};
+  Three f_e_{}, m_e_{}, f_rate_{}, m_rate_{};  // in W at E, or in the axes of the sensor
   // Parameters.
   Three p_FE_{}, p_WB_{};
   Four quat_FE_{1, 0, 0, 0}, quat_WB_{1, 0, 0, 0};
+  double tool_mass_ = 0;  // kg
+  Three tool_centre_{};
   double tank_start_ = 1, tank_max_ = 10;  // J
   CartesianParameters wanted_, checked_;
   bool is_checked_ = false;
@@ -139,6 +149,8 @@ class CartesianMotion {
   Three p_c_{}, v_c_{}, w_c_{}, Delta_p_{}, epsilon_{};
   Four quat_c_{1, 0, 0, 0};
   double sigma_min_ = 0, lambda_ = 0, task_error_ = 0;
+  Three p_q_{}, epsilon_q_{};
+  Four quat_q_{1, 0, 0, 0};
 
   Three p_min_{}, p_max_{};  // m, in W
   double v_max_ = 0, w_max_ = 0, braking_ = 2;
@@ -150,6 +162,8 @@ class CartesianMotion {
   std::array<double, 6> K_e_max_{};
   std::int32_t contact_turn_ = 0;
 
+  // At the beginning of the step, in B.
+  Wrench F_ = Wrench::Zero(), dF_ = Wrench::Zero();
   // Computed from parameters.
   Pose X_WB_;
   Eigen::Quaterniond Q_WB_{1, 0, 0, 0};
@@ -161,7 +175,7 @@ class CartesianMotion {
   double k_min_ = 0;                   // N.m/rad
   Propagator propagator_;
   Eigen::VectorXd q_scratch_, dq_scratch_, tau_scratch_;
-  Eigen::Matrix<double, 6, Eigen::Dynamic> J_;
+  Eigen::Matrix<double, 6, Eigen::Dynamic> J_, J_S_;
   bool news_ = false;
   struct ContactScratch {
     Eigen::MatrixXd M, total, gain;

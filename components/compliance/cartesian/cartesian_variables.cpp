@@ -16,7 +16,13 @@ void CartesianMotion::declare(Variables& v) {
     v.input("dv_d", dv_d_, "m/s2", "desired acceleration of E in W");
     v.input("dw_d", dw_d_, "rad/s2", "desired angular acceleration of E in W");
   }
-  if (!wrench_of_joints_) {
+  if (sensor_) {
+    v.input("f_s", f_e_, "N", "force that the sensor measures, on the robot, in the sensor's axes").rate(f_rate_);
+    v.input("m_s", m_e_, "N.m", "moment that the sensor measures about its origin, in its axes").rate(m_rate_);
+    v.parameter("tool_mass", tool_mass_, "kg", "mass behind the sensor, whose weight and inertia are not part of the wrench")
+        .range(0, kAny);
+    v.parameter("tool_centre", tool_centre_, "m", "its centre of mass in the sensor's frame");
+  } else if (!wrench_of_joints_) {
     v.input("f_e", f_e_, "N", "external force on the robot at E, in W").rate(f_rate_);
     v.input("m_e", m_e_, "N.m", "external moment on the robot about E, in W").rate(m_rate_);
   }
@@ -40,9 +46,11 @@ void CartesianMotion::declare(Variables& v) {
   v.state("quat_d_before", quat_d_before_, "1", "desired orientation in B at the beginning of the next step");
   v.state("q_joints", joints_.q, "1", "joint positions of the compliant motion, rad or m");
   v.state("dq_joints", joints_.dq, "1", "joint velocities of the compliant motion, rad/s or m/s");
+  v.state("ddq_joints", joints_.ddq, "1", "joint accelerations of the compliant motion, rad/s2 or m/s2");
   v.state("cartesian_met", met_,
           "what happened since the start, summed: 1 damped near a singular pose, 2 task_error above 1 mm, 4 a rise of mass or "
-          "stiffness waited for energy, 8 moment above the least K_o, 16 started beside the desired pose");
+          "stiffness waited for energy, 8 moment above the least K_o, 16 started beside the desired pose, "
+          "32 a lower task could not be done");
   v.output("p_c", p_c_, "m", "compliant position of E in W");
   v.output("quat_c", quat_c_, "1", "compliant orientation of E in W, unit quaternion (w, x, y, z) without jumps of its sign");
   v.output("v_c", v_c_, "m/s", "compliant velocity of E in W").derivative_of("p_c");
@@ -51,7 +59,11 @@ void CartesianMotion::declare(Variables& v) {
   v.output("epsilon", epsilon_, "1", "vector part of the quaternion of C in the desired frame, with eta >= 0");
   v.output("sigma_min", sigma_min_, "m", "least singular value of the task's Jacobian, rotations times 0.3 m");
   v.output("lambda", lambda_, "1", "damping of the joints near a singular pose; 0: none");
+  v.output("p_q", p_q_, "m", "position of E in W at the measured q, at the beginning of the step");
+  v.output("quat_q", quat_q_, "1", "orientation of E in W at the measured q, unit quaternion (w, x, y, z)");
+  v.output("epsilon_q", epsilon_q_, "1", "as epsilon, of E at the measured q");
   v.output("task_error", task_error_, "m", "distance of the joints' pose from the compliant pose, rotations times 0.3 m");
+  self_motion_.declare(v);
   v.parameter(
        "alpha", alpha_, "1/s",
        "0: the tank limits how M_T, S_T change; above 0: S_T and damping change by the bound of Kronander and Billard with "

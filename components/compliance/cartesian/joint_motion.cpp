@@ -1,12 +1,13 @@
 #include "components/compliance/cartesian/joint_motion.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "components/compliance/cartesian/rotation.h"
 #include "models/robot/robot_model.h"
+#include "models/support/error.h"
 
 namespace cotwin::compliance {
 namespace {
@@ -16,19 +17,12 @@ using Eigen::Quaterniond;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
 
-/// The error of a pose [p; 2 η ε] with the rotations scaled, for the rendered directions.
-void rendered(const std::vector<int>& directions, const Twist& twist, VectorXd& r) {
-  for (std::size_t k = 0; k < directions.size(); ++k) {
-    const int i = directions[k];
-    r[static_cast<Index>(k)] = i < 3 ? twist[i] : JointMotion::kLength * twist[i];
-  }
-}
+constexpr double kLeastDamping = 1e-3;  // of lambda_0: a lost direction always has some
 
-double least_eigenvalue(const Eigen::MatrixXd& A) {
-  using Small = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, 6, 6>;
-  Eigen::SelfAdjointEigenSolver<Small> solver(A.rows());
-  solver.compute(A, Eigen::EigenvaluesOnly);
-  return solver.eigenvalues()[0];
+std::vector<int> row_counts(const std::vector<TaskEntry>& tasks) {
+  std::vector<int> counts;
+  for (const TaskEntry& task : tasks) counts.push_back(static_cast<int>(task.directions.size()));
+  return counts;
 }
 
 MovingPose moved(const MovingPose& from, const Twist& by) {
@@ -43,58 +37,97 @@ Twist between(const MovingPose& a, const MovingPose& b) {
 
 }  // namespace
 
-JointMotion::JointMotion(const robot::RobotModel& robot, std::vector<int> directions) : directions_(std::move(directions)) {
-  const Index n = robot.n(), m = static_cast<Index>(directions_.size());
-  for (VectorXd* v : {&q, &dq, &ddq, &q_mid_, &xi_, &tau_}) v->setZero(n);
+JointMotion::JointMotion(const robot::RobotModel& robot, SelfMotion& self_motion)
+    : self_motion_(self_motion),
+      tasks_(self_motion.tasks()),
+      cascade_(robot.n(), row_counts(tasks_)),
+      null_space_(cascade_),
+      p_(tasks_.size(), Vector3d::Zero()) {
+  const Index n = robot.n();
+  for (VectorXd* v : {&q, &dq, &ddq, &q_mid_, &shifted_, &gradient_, &tau_}) v->setZero(n);
   met.resize(static_cast<std::size_t>(n));
   J6_.setZero(6, n);
-  J_.setZero(m, n);
-  M_.setZero(n, n);
-  Y_.setZero(n, m);
-  A_.setZero(m, m);
-  G_.setZero(m, m);
-  r_.setZero(m);
-  M_llt_ = Eigen::LLT<Eigen::MatrixXd>(n);
-  A_llt_ = Eigen::LLT<Eigen::MatrixXd>(m);
+  held_J6_.setZero(6, n);
+  for (Eigen::MatrixXd* A : {&M_, &dM_, &C_}) A->setZero(n, n);
+  for (std::size_t k = 0; k < tasks_.size(); ++k) {
+    control::Task& task = cascade_.tasks[k];
+    J_before_.push_back(task.J);
+    forces_.emplace_back(task.a);
+    for (std::size_t i = 0; i < tasks_[k].directions.size(); ++i)
+      task.scale[static_cast<Index>(i)] = tasks_[k].directions[i] < 3 ? 1 : kLength;
+  }
+}
+
+/// The rows of task k; J6_ is the Jacobian of E.
+void JointMotion::jacobians(Links& links, const VectorXd& at, std::size_t k, Eigen::MatrixXd& J) {
+  const TaskEntry& task = tasks_[k];
+  if (task.held) p_[k] = links.jacobian(at, task.frame, held_J6_).p;
+  const Eigen::MatrixXd& from = task.held ? held_J6_ : J6_;
+  for (std::size_t i = 0; i < task.directions.size(); ++i) J.row(static_cast<Index>(i)) = from.row(task.directions[i]);
 }
 
 void JointMotion::evaluate(Links& links, const VectorXd& at, const JointMotionGains& gains) {
   X_ = links.jacobian(at, E_, J6_);
   links.mass_matrix(at, M_);
-  for (std::size_t k = 0; k < directions_.size(); ++k) {
-    const int i = directions_[k];
-    J_.row(static_cast<Index>(k)) = (i < 3 ? 1 : kLength) * J6_.row(i);
+  std::size_t held = 0;
+  for (std::size_t k = 0; k < tasks_.size(); ++k) {
+    jacobians(links, at, k, cascade_.tasks[k].J);
+    if (tasks_[k].held) cascade_.tasks[k].activation = self_motion_.held(held++).activation;
   }
-  M_llt_.compute(M_);
-  Y_ = J_.transpose();
-  M_llt_.matrixL().solveInPlace(Y_);
-  A_.noalias() = Y_.transpose() * Y_;
-  G_.noalias() = J_ * J_.transpose();
-  sigma_min = std::sqrt(std::max(least_eigenvalue(G_), 0.0));
+  cascade_.sigma_0 = gains.sigma_0;
+  cascade_.lambda_0 = std::max(gains.lambda_0, kLeastDamping);
+  if (!cascade_.decompose(M_))
+    throw Error("space=cartesian", "the mass matrix of the robot is not positive definite, expected mass on every joint");
+  sigma_min = std::numeric_limits<double>::infinity();
   lambda = 0;
-  if (sigma_min < gains.sigma_0) {
-    const double ratio = sigma_min / gains.sigma_0;
-    lambda = gains.lambda_0 * std::sqrt(1 - ratio * ratio);
-    A_.diagonal().array() += lambda * lambda * A_.trace() / static_cast<double>(A_.rows());
+  for (std::size_t k = 0; k < tasks_.size(); ++k) {
+    if (tasks_[k].held) continue;
+    sigma_min = std::min(sigma_min, cascade_.tasks[k].sigma_min);
+    lambda = std::max(lambda, cascade_.tasks[k].lambda / gains.sigma_0);
   }
-  A_llt_.compute(A_);
+}
+
+/// Ṁ and J̇ at `at`, where the Jacobians were taken last; J6_ stays.
+void JointMotion::take_rates(Links& links, const VectorXd& at) {
+  links.coriolis_matrix(at, dq, C_);
+  dM_ = C_ + C_.transpose();
+  const double h = control::rate_step(dq);
+  if (h == 0) {
+    for (control::Task& task : cascade_.tasks) task.dJ.setZero();
+    return;
+  }
+  shifted_ = at - h * dq;
+  links.jacobian(shifted_, E_, J6_);
+  for (std::size_t k = 0; k < tasks_.size(); ++k) jacobians(links, shifted_, k, J_before_[k]);
+  shifted_ = at + h * dq;
+  links.jacobian(shifted_, E_, J6_);
+  for (std::size_t k = 0; k < tasks_.size(); ++k) {
+    Eigen::MatrixXd& dJ = cascade_.tasks[k].dJ;
+    jacobians(links, shifted_, k, dJ);
+    dJ = (dJ - J_before_[k]) / (2 * h);
+  }
+}
+
+void JointMotion::want(const Twist& acceleration) {
+  for (std::size_t k = 0; k < tasks_.size(); ++k) {
+    VectorXd& a = cascade_.tasks[k].a;
+    a.setZero();
+    for (std::size_t i = 0; i < tasks_[k].directions.size() && !tasks_[k].held; ++i)
+      a[static_cast<Index>(i)] = acceleration[tasks_[k].directions[i]];
+  }
 }
 
 void JointMotion::start(Links& links, const VectorXd& at, const Twist& V, const JointMotionGains& gains) {
   q = at;
   evaluate(links, q, gains);
-  rendered(directions_, V, r_);
-  A_llt_.solveInPlace(r_);
-  dq.noalias() = Y_ * r_;
-  M_llt_.matrixU().solveInPlace(dq);
+  want(V);
+  cascade_.solve(dq);
   ddq.setZero();
   std::ranges::fill(met, 0);
 }
 
-void JointMotion::null_space(const AtJoints& at, const JointMotionGains& gains, VectorXd& xi) { xi = -gains.k_nu * at.dq; }
-
 void JointMotion::advance(Links& links, const MovingPose& before, const MovingPose& after, const Twist& end_acceleration,
-                          std::span<const Limits> limits, const JointMotionGains& gains, double h) {
+                          const VectorXd& tau_e, std::span<const Limits> limits, const JointMotionGains& gains, double h) {
   constexpr double kShort = 0.2, kMostParts = 100;
   const int count = static_cast<int>(std::clamp(std::ceil(h * gains.omega_k / kShort), 1.0, kMostParts));
   const double length = h / count;
@@ -104,68 +137,117 @@ void JointMotion::advance(Links& links, const MovingPose& before, const MovingPo
     const double s = static_cast<double>(k) / count;
     MovingPose from = moved(before, s * way + s * (1 - s) / 2 * h * (before.V - after.V));
     from.V = before.V + s * (after.V - before.V);
-    part(links, from, mean, limits, gains, length);
+    part(links, from, mean, tau_e, limits, gains, length);
+  }
+  for (std::size_t k = 0; k < tasks_.size(); ++k) {
+    const control::Task& task = cascade_.tasks[k];
+    self_motion_.task_sigma[k] = task.sigma_min;
+    self_motion_.task_residual[k] = std::sqrt((task.residual.array() * task.scale.array()).square().sum());
   }
   // The acceleration at the end, which differs from the mean by that of the task.
-  rendered(directions_, end_acceleration - mean, r_);
-  A_llt_.solveInPlace(r_);
-  tau_.noalias() = Y_ * r_;
-  M_llt_.matrixU().solveInPlace(tau_);
+  want(end_acceleration - mean);
+  cascade_.solve(tau_);
   ddq += tau_;
 }
 
 // With J in the middle of the part, where q̇_c is still to come: ẋ_c − J (q̇_c + h/2 q̈_c) on both sides of the equation.
-void JointMotion::part(Links& links, const MovingPose& before, const Twist& acceleration, std::span<const Limits> limits,
-                       const JointMotionGains& gains, double h) {
+void JointMotion::part(Links& links, const MovingPose& before, const Twist& acceleration, const VectorXd& tau_e,
+                       std::span<const Limits> limits, const JointMotionGains& gains, double h) {
   q_mid_ = q + h / 2 * dq;
   evaluate(links, q_mid_, gains);
   const MovingPose target = moved(before, h / 2 * before.V);
-  const Quaterniond R(X_.R);
-  Quaterniond E = target.Q * R.conjugate();
-  Twist error, drift;
+  const Quaterniond E = target.Q * Quaterniond(X_.R).conjugate();
+  Twist error, V;
+  V.noalias() = J6_ * dq;
   error << target.p - X_.p, 2 * E.w() * E.vec();
-  links.jacobian_dot_times_dq(q_mid_, dq, E_, drift);
   const double K_v = 2 * gains.omega_k, K_p = gains.omega_k * gains.omega_k;
-  const Twist feedback = K_v * (before.V - J6_ * dq) + K_p * error - drift;
-  rendered(directions_, acceleration + feedback / (1 + K_v * h / 2), r_);
-  null_space({q_mid_, dq, M_, J_}, gains, xi_);
-  r_.noalias() -= J_ * xi_;
-  A_llt_.solveInPlace(r_);
-  ddq.noalias() = Y_ * r_;
-  M_llt_.matrixU().solveInPlace(ddq);
-  ddq += xi_;
+  const Twist feedback = K_v * (before.V - V) + K_p * error;
+  want(acceleration + feedback / (1 + K_v * h / 2));
+  std::size_t held = 0;
+  for (std::size_t k = 0; k < tasks_.size(); ++k) {
+    if (!tasks_[k].held) continue;
+    control::Task& task = cascade_.tasks[k];
+    const SelfMotion::Held to = self_motion_.held(held++);
+    const Vector3d e = to.target - p_[k];
+    task.a.noalias() = task.J * dq;
+    for (std::size_t i = 0; i < tasks_[k].directions.size(); ++i) {
+      double& a = task.a[static_cast<Index>(i)];
+      a = to.omega * (to.omega * e[tasks_[k].directions[i]] - 2 * a) / (1 + to.omega * h);
+    }
+  }
+  take_rates(links, q_mid_);
+  held = 0;
+  for (std::size_t k = 0; k < tasks_.size(); ++k) {
+    control::Task& task = cascade_.tasks[k];
+    const double omega = tasks_[k].held ? self_motion_.held(held++).omega : gains.omega_k;
+    task.a.noalias() -= 1 / (1 + omega * h) * task.dJ * dq;  // the rest is in J q̇ of the middle
+  }
+  cascade_.solve(ddq);
+
+  gradient_.setZero();
+  const double potential = self_motion_.add_goals(links, q_mid_, E_, gradient_);
+  null_space_.evaluate(cascade_, {dq, M_, dM_, gradient_, tau_e, self_motion_.yield(), gains.k_nu / (1 + gains.k_nu * h / 2)});
+  ddq += null_space_.ddq;
+  self_motion_.write_outputs(
+      {null_space_.nu, null_space_.energy, potential, null_space_.external_work - null_space_.dissipation});
   bound(limits, h);
   q += h * dq + h * h / 2 * ddq;
   dq += h * ddq;
 }
 
+/// The velocity that joint i may have after h seconds; `then`: the one it would have.
+double JointMotion::bounded(std::size_t i, const Limits& l, double then, double h) {
+  const auto k = static_cast<Index>(i);
+  const double middle = l.bound_position() ? (l.q_min + l.q_max) / 2 : 0;
+  const Desired rest{middle, 0};
+  const Deviation now{q[k] - middle, dq[k]};
+  if (clear_of(l, rest, {now.x + h * (now.dx + then) / 2, then})) return then;
+  const Allowed may = allowed(l, rest, now, h);
+  const double bound = std::max(std::min(then, may.dx_high), may.dx_low);
+  if (bound != then) met[i] = static_cast<std::int32_t>(then > bound ? may.high : may.low);
+  return bound;
+}
+
+// Where a joint would pass a limit, self-motion makes room for it, so that the tasks go on (Flacco, De Luca and Khatib, IEEE T-RO
+// 31(3), 2015): the joint with the largest excess d gets N M⁻¹ e_i d/(N M⁻¹)_ii. What remains is cut joint by joint.
 void JointMotion::bound(std::span<const Limits> limits, double h) {
-  for (Index i = 0; i < q.size(); ++i) {
-    const auto k = static_cast<std::size_t>(i);
-    const Limits& l = limits[k];
-    const double middle = l.bound_position() ? (l.q_min + l.q_max) / 2 : 0;
-    const Desired rest{middle, 0};
-    const Deviation now{q[i] - middle, dq[i]};
-    const double then = dq[i] + h * ddq[i];
-    if (clear_of(l, rest, {now.x + h * (now.dx + then) / 2, then})) continue;
-    const Allowed may = allowed(l, rest, now, h);
-    const double bounded = std::max(std::min(then, may.dx_high), may.dx_low);
-    if (bounded == then) continue;
-    met[k] = static_cast<std::int32_t>(then > bounded ? may.high : may.low);
-    ddq[i] = (bounded - dq[i]) / h;
+  constexpr int kMost = 4;
+  constexpr double kLeast = 0.01;  // of the joint's mobility, in the null space
+  for (int round = 0; round < kMost; ++round) {
+    Index worst = -1;
+    double excess = 0;
+    for (std::size_t i = 0; i < met.size(); ++i) {
+      const double then = dq[static_cast<Index>(i)] + h * ddq[static_cast<Index>(i)];
+      const double d = bounded(i, limits[i], then, h) - then;
+      if (std::abs(d) <= std::abs(excess)) continue;
+      excess = d;
+      worst = static_cast<Index>(i);
+    }
+    if (worst < 0) return;
+    tau_.setZero();
+    tau_[worst] = 1;
+    cascade_.solve_mass(tau_);
+    const double mobility = tau_[worst];
+    cascade_.project(tau_);
+    if (!(tau_[worst] > kLeast * mobility)) break;
+    ddq += excess / h / tau_[worst] * tau_;
+  }
+  for (std::size_t i = 0; i < met.size(); ++i) {
+    const auto k = static_cast<Index>(i);
+    const double then = dq[k] + h * ddq[k], bound = bounded(i, limits[i], then, h);
+    if (bound != then) ddq[k] = (bound - dq[k]) / h;
   }
 }
 
-Wrench JointMotion::wrench_of(Links& links, const VectorXd& tau, const JointMotionGains& gains) {
+Wrench JointMotion::wrench_of(Links& links, const robot::VectorIn& tau, const JointMotionGains& gains) {
   evaluate(links, q, gains);
   tau_ = tau;
-  M_llt_.matrixL().solveInPlace(tau_);
-  r_.noalias() = Y_.transpose() * tau_;
-  A_llt_.solveInPlace(r_);
+  cascade_.solve_mass(tau_);
+  cascade_.split(tau_, forces_);
   Wrench w = Wrench::Zero();
-  for (std::size_t k = 0; k < directions_.size(); ++k) {
-    const int i = directions_[k];
-    w[i] = (i < 3 ? 1 : kLength) * r_[static_cast<Index>(k)];
+  for (std::size_t k = 0; k < tasks_.size(); ++k) {
+    for (std::size_t i = 0; i < tasks_[k].directions.size() && !tasks_[k].held; ++i)
+      w[tasks_[k].directions[i]] = forces_[k][static_cast<Index>(i)];
   }
   return w;
 }

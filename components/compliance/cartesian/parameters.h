@@ -59,8 +59,8 @@ inline constexpr auto kCartesian = [] {
        0, false},
       {"sigma_0", &P::sigma_0, "m", "the joints are damped where the least singular value of J is below this", 0.03, least,
        most, tunable, 0, false},
-      {"lambda_0", &P::lambda_0, "1", "damping of the joints in a singular pose, relative to the mean of J M^-1 J'", 0.1, 0,
-       most, tunable, 0, false},
+      {"lambda_0", &P::lambda_0, "1", "damping of a direction that is lost in a singular pose, in units of sigma_0", 1, 0, most,
+       tunable, 0, false},
       {"k_nu", &P::k_nu, "1/s", "damping of the motion in the null space", 4, 0, 1e5, tunable, 0, false},
   });
 }();

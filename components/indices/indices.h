@@ -1,0 +1,93 @@
+#pragma once
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "components/indices/body_parts.h"
+#include "components/unit/joint_variables.h"
+#include "components/unit/settings.h"
+#include "components/unit/unit.h"
+#include "models/robot/body_parameters.h"
+#include "models/robot/drive_parameters.h"
+#include "models/robot/indices.h"
+
+namespace cotwin::indices {
+
+/// What a person feels and risks at a frame E of a robot that moves (V-B, VI-C): effective mass and inertia along u,
+/// manipulability, reflected energy, speed limits against body parts. models/robot/indices.h has the equations. All outputs are
+/// functions of the inputs at the step's end; nothing acts on the robot.
+///
+/// Body parts: collision with the reduced mass μ = (1/m_u + 1/m_H)⁻¹ at the speed of E along u, v_max = F_max/√(μ k_H). The
+/// bodies of the robot and B may be changed during the run; the values in force follow smoothly.
+class Indices final : public Unit {
+ public:
+  static void declare_settings(SettingList& s);
+  explicit Indices(Settings& settings);
+
+  void declare(Variables& v) override;
+  /// Throws Error for an unreadable table, an unknown body part, u = 0.
+  void initialise(Time start) override;
+  StepResult step(Time now, Duration h) override;
+  void restored() override;
+
+ private:
+  using Joints = std::vector<double>;
+  enum class Along { kFrame, kWorld, kMotion };
+
+  /// An ellipsoid as ports.
+  struct EllipsoidPorts {
+    double measure = 0;
+    std::array<double, 9> axes{};
+    std::array<double, 3> lengths{}, centre{};
+    void write(const robot::Ellipsoid& ellipsoid, const Eigen::Matrix3d& R_WB);
+  };
+
+  Indices(Settings& settings, const robot::RobotModel& robot);
+  void declare_ellipsoid(Variables& v, const std::string& name, EllipsoidPorts& e, const std::string& what,
+                         const std::string& length, const std::string& measure, bool with_centre);
+  void check() const;
+  void take_body_parts();
+  void compute();
+  void compute_body_parts(double mass, double speed);
+  void write_warning();
+  Eigen::Vector3d direction(const Eigen::Vector3d& v_BE, const Eigen::Matrix3d& R_WB) const;
+
+  Settings settings_;
+  std::string place_;  // for messages
+  JointMeasures measures_;
+  robot::Mechanism mechanism_;
+  robot::Data data_;
+  robot::BodyParameters bodies_;
+  robot::FrameOnBody frame_;
+  Along along_;
+  bool held_;  // motors=held
+  bool transient_;
+  std::vector<std::size_t> unlimited_;  // joints without a torque limit in the URDF
+  std::vector<std::string> names_;      // of the selected body parts
+
+  // Inputs.
+  Joints q_, dq_;
+  std::array<double, 4> base_quat_{1, 0, 0, 0};
+  // Parameters and tunables.
+  std::array<double, 3> u_{0, 0, 1};
+  double margin_ = 0, area_ = 0, transition_ = 0.05;
+  Joints tau_max_;
+  std::string body_parts_ = "people/iso_ts_15066.csv";
+  robot::DriveParameters drive_;
+  // States.
+  Joints B_;                        // in force
+  std::vector<std::int32_t> fast_;  // 1: the speed was above the limit of this part
+  // Outputs.
+  double mass_ = 0, inertia_ = 0, speed_ = 0, energy_ = 0;
+  Joints gradient_;
+  EllipsoidPorts kin_v_, kin_w_, dyn_v_, dyn_w_;
+  Joints mu_, collision_, v_max_;
+  std::string warning_;
+
+  std::vector<BodyPart> parts_;  // selected
+  robot::FrameInertia inertia_at_E_;
+  robot::Manipulability manipulability_;
+};
+
+}  // namespace cotwin::indices
