@@ -76,7 +76,8 @@ Compliance::Compliance(Settings& settings, const robot::RobotModel& robot, bool 
       tracking_(robot) {
   for (Joints* input : {&q_d_, &dq_d_, &ddq_d_, &q_, &dq_, &theta_, &dtheta_, &tau_e_, &tau_e_rate_}) input->resize(n_);
   for (Joints* limit : {&tau_max_, &q_min_, &q_max_, &dq_max_, &tau_wind_up_}) limit->resize(n_);
-  for (Joints* state : {&tau_fl_before_, &tau_fm_before_, &Delta_, &dDelta_, &ddq_d_before_, &z_, &tank_}) state->resize(n_);
+  for (Joints* state : {&tau_fl_before_, &tau_fm_before_, &Delta_, &dDelta_, &ddq_d_before_, &z_, &tank_, &tau_cut_})
+    state->resize(n_);
   for (Joints* output : {&q_c_, &dq_c_, &ddq_c_, &tau_m_, &tau_id_, &tau_f_, &tau_excess_}) output->resize(n_);
   for (Joints* scratch : {&a_q_, &tau_fl_, &tau_fm_, &load_mean_, &load_end_, &gravity_}) scratch->resize(n_);
   met_.resize(n_);
@@ -120,6 +121,12 @@ void Compliance::initialise(Time) {
   }
   ddq_d_before_ = ddq_d_;
   start_motion();
+  if (cartesian_ && cartesian_->impedance()) {
+    cartesian_->start_impedance(measured());
+    impede(0);
+    finish_torques(0);
+    return;
+  }
   add_load(0);
   tracking_.start(links_, reference(), load(), drive_in_force_);
   tracking_.take_error(measured(), drive_in_force_);
@@ -137,8 +144,15 @@ StepResult Compliance::step(Time, Duration h) {
   const double seconds = h.seconds();
   check();
   take_spin();
+  if (cartesian_ && cartesian_->impedance()) {
+    follow_tunables(seconds);
+    impede(seconds);
+    finish_torques(seconds);
+    return StepResult::kDone;
+  }
   tracking_.take_error(measured(), drive_in_force_);
   follow_tunables(seconds);
+  brake_by_saturation(seconds);
   move_compliantly(seconds);
   add_load(seconds);
   tracking_.refer(links_, reference(), load(), drive_in_force_, {elastic_bandwidth_, tau_wind_up_}, seconds);
@@ -176,7 +190,7 @@ void Compliance::follow_tunables(double h) {
   const auto towards = [remaining](double value, double target) { return target + (value - target) * remaining; };
   follow(drive_in_force_, drive_, robot::kDriveParameters, remaining);
   follow(in_force_, wanted_, kGains, remaining);
-  if (cartesian_) cartesian_->follow(remaining);
+  if (cartesian_) cartesian_->follow(remaining, h);
   for (std::size_t i = 0; i < n_ && !cartesian_; ++i) {
     Admittance now{.M_a = in_force_.M_a[i], .S_a = in_force_.S_a[i]};
     Tank tank{tank_[i], tank_max_[i]};
@@ -195,16 +209,43 @@ void Compliance::restored() {
   if (cartesian_) cartesian_->restored();
 }
 
+/// The energy that saturated motors did not give in the last step is taken from the motion of the compliant frame.
+void Compliance::brake_by_saturation(double h) {
+  if (!cartesian_ || !cartesian_->brakes_saturated()) return;
+  double energy = 0;
+  for (std::size_t i = 0; i < n_; ++i) energy += std::max(h * tau_cut_[i] * dq_c_[i], 0.0);
+  cartesian_->brake(energy);
+}
+
 void Compliance::move_frame_compliantly(double h) {
   for (std::size_t i = 0; i < n_; ++i) limits_[i] = limits(i);
   a_q_ = dq_c_;
   cartesian_->take_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
   cartesian_->advance(links_, from_joints(), limits_, h);
+  cartesian_->find_contact_stiffness(links_, drive_in_force_, gains(), elastic_bandwidth_, h);
   take_cartesian_motion();
   for (std::size_t i = 0; i < n_; ++i) {
     a_q_[i] = (dq_c_[i] - a_q_[i]) / h;
     if (limit_[i] == static_cast<std::int32_t>(Limit::kPosition)) note(i, kPosition);
     if (limit_[i] == static_cast<std::int32_t>(Limit::kSpeed)) note(i, kSpeed);
+  }
+}
+
+/// render=impedance in place of admittance and tracking. Friction is fed forward at the speed of the desired motion.
+void Compliance::impede(double h) {
+  cartesian_->take_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
+  cartesian_->impede(links_, from_joints(), drive_in_force_, measured(), in_force_.shaping, h, tau_m_);
+  take_cartesian_motion();
+  tracking_.tau_c = tau_m_;
+  tracking_.theta_c = theta_;
+  tracking_.dtheta_c = dq_c_;
+  take_gravity();
+  for (std::size_t i = 0; i < n_; ++i) {
+    robot::LinkSide side = robot::link_side(drive_in_force_, i);
+    side.spring = {};  // part of the static torque
+    tau_fl_[i] = side.at(q_c_[i], dq_c_[i], gravity_[i]).torque;
+    tau_m_[i] += h > 0 ? (tau_fl_before_[i] + tau_fl_[i]) / 2 : tau_fl_[i];
+    tau_fl_before_[i] = tau_fl_[i];
   }
 }
 
@@ -282,7 +323,7 @@ void Compliance::finish_torques(double h) {
     const double tau = tau_m_[i] + (h > 0 ? (tau_fm_before_[i] + tau_fm_[i]) / 2 : tau_fm_[i]);
     tau_fm_before_[i] = tau_fm_[i];
     tau_m_[i] = tau_max_[i] > 0 ? std::clamp(tau, -tau_max_[i], tau_max_[i]) : tau;
-    tau_excess_[i] = tau - tau_m_[i];
+    tau_excess_[i] = tau_cut_[i] = tau - tau_m_[i];
     if (tau_excess_[i] == 0) continue;
     saturated_ = true;
     note(i, kTorque);

@@ -93,8 +93,10 @@ class Compliance final : public Unit {
   void start_motion();
   void follow_tunables(double h);
   void move_compliantly(double h);
+  void brake_by_saturation(double h);
   void move_frame_compliantly(double h);
   void take_cartesian_motion();
+  void impede(double h);
   CartesianMotion::FromJoints from_joints() const { return {q_d_, dq_d_, ddq_d_, q_, tau_e_, tau_e_rate_}; }
   void add_load(double h);
   void finish_torques(double h);
@@ -139,6 +141,7 @@ class Compliance final : public Unit {
   Joints z_;                              // bristle
   Joints tau_fl_before_, tau_fm_before_;  // friction of the link and the motor side at the beginning of the step
   Joints tank_;                           // J
+  Joints tau_cut_;                        // tau_excess of the last step
   std::vector<std::int32_t> met_;
   Tracking tracking_;  // with states of its own
   // Outputs.

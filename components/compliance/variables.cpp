@@ -150,6 +150,7 @@ void Compliance::declare(Variables& v) {
     v.input("spin", spin_, "kg.m2/s", "angular momentum of the robot about its centre of mass, in W; 0: it started at rest");
   }
   if (terms_) terms_->declare(joints);
+  if (cartesian_) joints.state("tau_cut", tau_cut_, "N.m", "tau_excess of the last step, for brake_saturated");
 }
 
 void Compliance::check() {

@@ -5,34 +5,16 @@
 #include <Eigen/Cholesky>
 #include <array>
 #include <cstdio>
-#include <kdl/chain.hpp>
 #include <kdl/chaindynparam.hpp>
 #include <kdl/chainfdsolver_recursive_newton_euler.hpp>
 #include <kdl/chainfksolverpos_recursive.hpp>
 #include <kdl/chainidsolver_recursive_newton_euler.hpp>
 #include <kdl/chainjnttojacsolver.hpp>
 
+#include "tests/benchmarks/kdl_chain.h"
+
 namespace cotwin::benchmark {
 namespace {
-
-KDL::Vector kdl(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
-KDL::Frame kdl(const Pose& X) {
-  return {KDL::Rotation(X.R(0, 0), X.R(0, 1), X.R(0, 2), X.R(1, 0), X.R(1, 1), X.R(1, 2), X.R(2, 0), X.R(2, 1), X.R(2, 2)),
-          kdl(X.p)};
-}
-
-/// The same robot as a KDL chain. The frame of a KDL segment is at its tip, where the next joint is at q = 0.
-KDL::Chain kdl_chain(const robot::RobotModel& robot) {
-  KDL::Chain chain;
-  for (std::size_t i = 0; i < robot.joints.size(); ++i) {
-    const robot::Joint& joint = robot.joints[i];
-    const Inertia& b = robot.bodies[i].inertia;
-    const KDL::RotationalInertia I(b.I_CC(0, 0), b.I_CC(1, 1), b.I_CC(2, 2), b.I_CC(0, 1), b.I_CC(0, 2), b.I_CC(1, 2));
-    const KDL::Joint turn(joint.name, kdl(joint.X_PJ.p), kdl(joint.X_PJ.R * joint.axis), KDL::Joint::RotAxis);
-    chain.addSegment(KDL::Segment(robot.bodies[i].name, turn, kdl(joint.X_PJ), KDL::RigidBodyInertia(b.mass, kdl(b.p_LC), I)));
-  }
-  return chain;
-}
 
 class Kdl final : public DynamicsPeer {
  public:

@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <cmath>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <string>
 #include <string_view>
@@ -92,6 +93,16 @@ class CartesianLoop {
     drive["tau_m"] = unit["tau_m"];
     drive["tau_e"] = unit["tau_wrench"];
     drive.step();
+  }
+  /// `push` sets tau_e of the drive train, in each part of the step.
+  void step_parts(int parts, const std::function<void(Subject&)>& push) {
+    exchange();
+    unit.step();
+    drive["tau_m"] = unit["tau_m"];
+    for (int k = 0; k < parts; ++k) {
+      push(drive);
+      drive.step(Duration{kMillisecond.ns / parts});
+    }
   }
 
   Subject unit, drive;

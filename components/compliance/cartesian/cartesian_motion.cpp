@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "components/compliance/cartesian/directions.h"
+#include "components/compliance/cartesian/variable_stiffness.h"
 #include "models/robot/robot_model.h"
 #include "models/support/choice.h"
 #include "models/support/error.h"
@@ -67,10 +68,19 @@ struct Sentence {
 constexpr Sentence kSentences[] = {
     {1, "the least singular value of the Jacobian was below sigma_0: the joints were damped (outputs sigma_min, lambda)"},
     {2, "the joints did not follow the compliant frame by more than 1 mm (output task_error): out of reach or at a limit"},
-    {4, "a rise of M_T, S_T, M_R or K_o had to wait: the energy for it was not in the tank (tank_start, tank_max)"},
+    {4,
+     "a change of M_T, S_T, M_R or K_o had to wait: the tank lacked the energy (tank_start, tank_max) or it was too fast for "
+     "alpha"},
     {8, "the moment exceeded the least rotational stiffness K_o, which balances at most that moment: the frame turns on"},
     {16, "the robot did not start at the desired pose: the compliant frame started where the robot was, and went back"},
-    {32, "a lower task could not be done beside the higher ones (outputs task_sigma, task_residual)"}};
+    {32, "a lower task could not be done beside the higher ones (outputs task_sigma, task_residual)"},
+    {64,
+     "S_T or K_o is close to the stiffness of the joints (output stiffness_ratio above 0.8): the links are softer than asked"},
+    {128, "the static position of the links was not found (output static_error): the joints are too soft for the load"},
+    {256,
+     "the environment's stiffness K_e is above K_e_max, so the contact can vibrate: choose a larger M_T, M_R or damping, or "
+     "render=impedance"},
+    {512, "the compliant frame was stopped at p_min or p_max or held at v_max or w_max"}};
 constexpr std::string_view kSeparator = "; ";
 
 }  // namespace
@@ -90,6 +100,9 @@ void CartesianMotion::declare_settings(SettingList& s) {
       "space=cartesian: link or frame of a force sensor that measures f_s, m_s in its axes; empty: the wrench is given at E");
   s.text("task", "", "space=cartesian: the rendered directions in the base's axes, some of x,y,z,rx,ry,rz; empty: all six");
   SelfMotion::declare_settings(s);
+  s.choice("render", {"admittance", "impedance"},
+           "space=cartesian: motion from the measured wrench, which is tracked, or motor torques from the deviation, without a "
+           "measured wrench; the latter is stable on any environment");
 }
 
 CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& robot)
@@ -116,6 +129,16 @@ CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& ro
   J_.setZero(6, n);
   J_S_.setZero(6, n);
   if (sensor_ && wrench_of_joints_) throw Error(place_, "sensor= with wrench=joints: expected one of them");
+  if (settings.choice("render") == "impedance") {
+    if (axes_ == Axes::kTool) throw Error(place_, "render=impedance with axes=tool: expected axes=world or axes=desired");
+    if (!settings.text("tasks").empty() || !settings.text("null_space").empty()) {
+      throw Error(place_, "render=impedance with tasks or null_space: expected neither, self-motion is damped by k_nu alone");
+    }
+    impedance_ = std::make_unique<ImpedanceControl>(robot, directions_);
+  }
+  for (Eigen::MatrixXd* matrix : {&contact_.M, &contact_.total, &contact_.gain}) matrix->setZero(n, n);
+  for (VectorXd* v : {&contact_.row, &contact_.solved}) v->setZero(n);
+  contact_.llt = Eigen::LLT<Eigen::MatrixXd>(n);
 }
 
 void CartesianMotion::take_frames() {
@@ -281,6 +304,7 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
   in_force_ = wanted_;
   is_prepared_ = false;
   met_ = 0;
+  contact_turn_ = 0;
   tank_ = std::min(tank_start_, tank_max_);
   const Motion d = desired(links, in);
   q_scratch_ = map(in.q);
@@ -307,14 +331,21 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
   write_outputs(links, c.pose);
 }
 
-void CartesianMotion::follow(double remaining) {
+void CartesianMotion::follow(double remaining, double h) {
   news_ = false;
-  cotwin::follow(in_force_, wanted_, kCartesian, remaining);
+  towards_ = wanted_;
+  const bool bound = alpha_ > 0 && h > 0;
+  bool paid_T = true;
+  if (bound) {
+    paid_T = change_slowly(in_force_, wanted_, remaining, alpha_, h);
+    keep_translation(in_force_, towards_);
+  }
+  cotwin::follow(in_force_, towards_, kCartesian, remaining);
   self_motion_.follow(remaining);
   const Quaterniond Q_dc = quaternion(quat_dc_);
   const Vector3d turn = potential_ == Potential::kQuaternion ? Vector3d(2 * Q_dc.vec()) : axis_angle(Q_dc);
   Tank tank{tank_, tank_max_};
-  const bool paid_T = change(in_force_, wanted_, kTranslation, remaining, {Delta_, dDelta_}, tank);
+  if (!bound) paid_T = change(in_force_, wanted_, kTranslation, remaining, {Delta_, dDelta_}, tank);
   const bool paid_R = change(in_force_, wanted_, kRotation, remaining, {turn, w_dc_}, tank);
   if (!paid_T || !paid_R) note(kTank);
   tank_ = tank.energy;
@@ -337,21 +368,26 @@ void CartesianMotion::advance(Links& links, const FromJoints& in, std::span<cons
   }
   if (potential_ == Potential::kQuaternion && k_min_ > 0 && std::max(m0.norm(), m1.norm()) > k_min_) note(kRunsAway);
   const Turned turned = compliance::advance(potential_, rendered_R_, {quaternion(quat_dc_), w_dc_}, m0, (m1 - m0) / h, h);
+  const Turn turn_before{quaternion(quat_dc_), w_dc_};
   quat_dc_ = array(turned.turn.Q);
   w_dc_ = turned.turn.w;
 
   // Translation, in its axes.
   const Matrix3d R0 = axes(Q_d0, Q_c0), R1 = axes(d.pose.Q, d.pose.Q * turned.turn.Q);
   const Vector3d u0 = R0.transpose() * F0.head<3>(), u1 = R1.transpose() * F1.head<3>();
-  const Vector3d Delta_before = Delta_;
+  const Vector3d Delta_before = Delta_, dDelta_before = dDelta_;
   propagator_.advance(Delta_, dDelta_, u0, (u1 - u0) / h);
   const Vector3d way = Delta_ - Delta_before;
   // A lower bound of the energy that damping takes, as in admittance.cpp.
   tank_ = std::min(tank_ + turned.dissipated + way.dot(rendered_T_.D * way) / h, tank_max_);
+  Wrench mean;
+  mean << (u0 + u1) / 2, (m0 + m1) / 2;
+  const bool confined = confine_frame(d, turn_before, Delta_before, dDelta_before, mean, h);
 
   Motion c = compliant(d, F1);
   if (c.pose.Q.dot(Q_c0) < 0) c.pose.Q.coeffs() *= -1;  // ±Q without a jump
   const MovingPose before{p_before_, Q_c0, V_before_};
+  if (confined) c.acceleration = (c.pose.V - V_before_) / h;
   if (wrench_of_joints_) tau_scratch_ = map(in.tau_e) + h / 2 * map(in.tau_e_rate);
   Posture posture{q_scratch_, dq_scratch_, ddq_scratch_};
   if (desired_joints_) {
@@ -361,6 +397,7 @@ void CartesianMotion::advance(Links& links, const FromJoints& in, std::span<cons
   }
   joints_.advance(links, before, c.pose, c.acceleration, tau_scratch_, desired_joints_ ? &posture : nullptr, limits, gains(),
                   h);
+  hold_frame_at_joints(links, d, c);
   p_before_ = c.pose.p;
   quat_before_ = array(c.pose.Q);
   V_before_ = c.pose.V;

@@ -3,15 +3,18 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "components/compliance/cartesian/impedance_control.h"
 #include "components/compliance/cartesian/joint_motion.h"
 #include "components/compliance/cartesian/parameters.h"
 #include "components/compliance/cartesian/rotation.h"
 #include "components/compliance/cartesian/self_motion.h"
 #include "components/compliance/cartesian/translation.h"
+#include "components/compliance/cartesian/walls.h"
 #include "components/unit/settings.h"
 #include "components/unit/variables.h"
 
@@ -41,12 +44,25 @@ class CartesianMotion {
   };
   /// The compliant frame starts where the robot is.
   void start(Links& links, const FromJoints& in);
-  /// Parameters move towards the tunables: `remaining` of each difference is left.
-  void follow(double remaining);
+  /// Parameters move towards the tunables: `remaining` of each difference is left, in a step of h seconds.
+  void follow(double remaining, double h);
   void advance(Links& links, const FromJoints& in, std::span<const Limits> limits, double h);
   /// Takes the wrench and the measured pose at the beginning of a step. Of a sensor's wrench the joint torques J(q)ᵀ [f; m] and
   /// their rates are written into `tau`, `rate`.
   void take_wrench(Links& links, const FromJoints& in, std::vector<double>& tau, std::vector<double>& rate);
+  /// Takes `energy`, J, from the motion of the compliant frame: what the motors could not give.
+  void brake(double energy);
+  bool brakes_saturated() const { return brake_saturated_; }
+  /// render=impedance: whether impede() takes the place of advance() and tracking.
+  bool impedance() const { return impedance_ != nullptr; }
+  void start_impedance(const Measured& measured);
+  /// The motor torques over a step of h seconds, without friction. joints() is q̄ and the desired motion in the joints.
+  void impede(Links& links, const FromJoints& in, const robot::DriveParameters& drives, const Measured& measured,
+              const Joints& shaping, double h, Joints& tau_m);
+  /// Updates the largest stiffness of an environment in one of the six directions every few steps. `bandwidth`: of the
+  /// winding-up of elastic joints.
+  void find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains, double bandwidth,
+                              double h);
   /// After the states were written.
   void restored();
 
@@ -58,7 +74,18 @@ class CartesianMotion {
 
  private:
   enum class Axes { kWorld, kDesired, kTool };
-  enum Met : std::int32_t { kSingular = 1, kTask = 2, kTank = 4, kRunsAway = 8, kStart = 16, kContradiction = 32 };
+  enum Met : std::int32_t {
+    kSingular = 1,
+    kTask = 2,
+    kTank = 4,
+    kRunsAway = 8,
+    kStart = 16,
+    kContradiction = 32,
+    kSoftGears = 64,
+    kStatics = 128,
+    kStiffContact = 256,
+    kWall = 512
+  };
   struct Motion {
     MovingPose pose;
     Twist acceleration = Twist::Zero();
@@ -71,7 +98,12 @@ class CartesianMotion {
   void prepare(const Eigen::Matrix3d& R_BA, const Eigen::Matrix3d& R_d, double h);
   Motion compliant(const Motion& d, const Wrench& F);
   void write_outputs(Links& links, const MovingPose& c);
+  bool confine_frame(const Motion& d, const Turn& turn, const Eigen::Vector3d& x, const Eigen::Vector3d& dx,
+                     const Wrench& F_mean, double h);
+  void hold_frame_at_joints(Links& links, const Motion& d, Motion& c);
   void note(Met what);
+  void find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains, double bandwidth,
+                              double h, std::int32_t direction);
   JointMotionGains gains() const;
   Eigen::Matrix3d axes(const Eigen::Quaterniond& Q_d, const Eigen::Quaterniond& Q_c) const;
 
@@ -120,13 +152,23 @@ class CartesianMotion {
   Three p_q_{}, epsilon_q_{};
   Four quat_q_{1, 0, 0, 0};
 
+  Three p_min_{}, p_max_{};  // m, in W
+  double v_max_ = 0, w_max_ = 0, braking_ = 2;
+  bool brake_saturated_ = false;
+  double alpha_ = 0;                             // 1/s; 0: the tank
+  std::unique_ptr<ImpedanceControl> impedance_;  // nullptr: render=admittance
+  std::array<double, 6> K_e_{};                  // N/m, N.m/rad; 0: unknown
+  double omega_t_ = 0, zeta_t_ = 1;              // rad/s, 1
+  std::array<double, 6> K_e_max_{};
+  std::int32_t contact_turn_ = 0;
+
   // At the beginning of the step, in B.
   Wrench F_ = Wrench::Zero(), dF_ = Wrench::Zero();
   // Computed from parameters.
   Pose X_WB_;
   Eigen::Quaterniond Q_WB_{1, 0, 0, 0};
   // For the values in force.
-  CartesianParameters prepared_;
+  CartesianParameters prepared_, towards_;
   bool is_prepared_ = false;
   Impedance translation_, rotation_;   // with the damping of zeta
   Impedance rendered_T_, rendered_R_;  // of the rendered directions
@@ -135,6 +177,11 @@ class CartesianMotion {
   Eigen::VectorXd q_scratch_, dq_scratch_, ddq_scratch_, tau_scratch_;
   Eigen::Matrix<double, 6, Eigen::Dynamic> J_, J_S_;
   bool news_ = false;
+  struct ContactScratch {
+    Eigen::MatrixXd M, total, gain;
+    Eigen::VectorXd row, solved;
+    Eigen::LLT<Eigen::MatrixXd> llt;
+  } contact_;
 };
 
 }  // namespace cotwin::compliance

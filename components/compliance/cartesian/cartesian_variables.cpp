@@ -64,6 +64,40 @@ void CartesianMotion::declare(Variables& v) {
   v.output("epsilon_q", epsilon_q_, "1", "as epsilon, of E at the measured q");
   v.output("task_error", task_error_, "m", "distance of the joints' pose from the compliant pose, rotations times 0.3 m");
   self_motion_.declare(v);
+  v.parameter(
+       "alpha", alpha_, "1/s",
+       "0: the tank limits how M_T, S_T change; above 0: S_T and damping change by the bound of Kronander and Billard with "
+       "this rate, M_T stays")
+      .range(0, 1e6);
+  if (impedance_) {
+    v.state("twist_static", impedance_->twist, "1", "motor less static link position, rad or m");
+    v.output(
+        "stiffness_ratio", impedance_->stiffness_ratio, "1",
+        "stiffness of the frame relative to that of the joints, an upper bound; above 0.8 the links are softer than asked");
+    v.output("static_error", impedance_->static_error, "1", "residual of the static position of the links, rad or m");
+    return;
+  }
+  v.parameter("K_e", K_e_, "1", "stiffness of the environment along the axes of S_T, then of K_o, N/m and N.m/rad; 0: unknown")
+      .range(0, kAny);
+  v.parameter("omega_t", omega_t_, "rad/s",
+              "bandwidth of the position control of a robot that is moved by q_c, for K_e_max; 0: the tracking of this unit")
+      .range(0, kAny);
+  v.parameter("zeta_t", zeta_t_, "1", "its damping ratio").range(0, kAny);
+  v.state("contact_turn", contact_turn_, "counter of the steps in which K_e_max is computed, one direction every 16 steps");
+  v.state(
+      "K_e_max", K_e_max_, "1",
+      "largest stiffness of an environment that does not vibrate, along the axes of S_T, then of K_o, N/m and N.m/rad; 0 in "
+      "directions that are not rendered");
+  v.parameter("p_min", p_min_, "m", "lower sides of a box in W for the origin of the compliant frame; p_min >= p_max: none")
+      .range(-kAny, kAny);
+  v.parameter("p_max", p_max_, "m", "upper sides of the box").range(-kAny, kAny);
+  v.parameter("v_max", v_max_, "m/s", "limit of the speed of the compliant frame; 0: none").range(0, kAny);
+  v.parameter("w_max", w_max_, "rad/s", "limit of its angular speed; 0: none").range(0, kAny);
+  v.parameter("braking_frame", braking_, "m/s2", "deceleration with which the frame stops at the box").range(1e-6, kAny);
+  v.parameter(
+      "brake_saturated", brake_saturated_,
+      "motor torque that tau_max cuts brakes the compliant frame, so that it does not run away from a robot that cannot "
+      "follow; (3a), (3b) do not hold meanwhile");
 }
 
 }  // namespace cotwin::compliance

@@ -1,0 +1,253 @@
+#include "components/compliance/cartesian/impedance_control.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "models/robot/robot_model.h"
+
+namespace cotwin::compliance {
+namespace {
+
+using Eigen::Index;
+using Eigen::Matrix3d;
+using Eigen::MatrixXd;
+using Eigen::Quaterniond;
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+Eigen::Map<const VectorXd> map(const Joints& v) { return {v.data(), static_cast<Index>(v.size())}; }
+
+Matrix3d turned(const Matrix3d& A, const Matrix3d& R) { return R * A * R.transpose(); }
+
+/// The rotation of E relative to the desired frame, η ≥ 0, in the axes of the latter.
+Quaterniond rotation(const ElasticFrame& frame, const Pose& X) {
+  Quaterniond Q = frame.desired.Q.conjugate() * Quaterniond(X.R);
+  if (Q.w() < 0) Q.coeffs() *= -1;
+  return Q;
+}
+
+/// ∂(elastic moment)/∂φ for small turns φ, the symmetric part, in the axes of the desired frame.
+Matrix3d tangent(const ElasticFrame& frame, const Quaterniond& Q) {
+  constexpr double kTurn = 1e-5;  // rad
+  const Vector3d m = elastic_moment(frame.potential, frame.K_o, Q);
+  Matrix3d T;
+  for (int k = 0; k < 3; ++k) {
+    const Quaterniond further = quaternion_of(kTurn * Vector3d::Unit(k)) * Q;
+    T.col(k) = (elastic_moment(frame.potential, frame.K_o, further) - m) / kTurn;
+  }
+  return (T + T.transpose()) / 2;
+}
+
+}  // namespace
+
+ImpedanceControl::ImpedanceControl(const robot::RobotModel& robot, std::vector<int> directions)
+    : directions_(std::move(directions)) {
+  const Index n = robot.n(), m = static_cast<Index>(directions_.size());
+  for (VectorXd* v : {&twist, &q_bar, &dq_r, &ddq_r, &l_, &r_, &x_, &dtheta_, &u_}) v->setZero(n);
+  task_.setZero(m);
+  J6_.setZero(6, n);
+  SJ_.setZero(6, n);
+  J_.setZero(m, n);
+  Y_.setZero(n, m);
+  A_.setZero(m, m);
+  for (MatrixXd* matrix : {&M_, &S_q_, &square_, &fourth_}) matrix->setZero(n, n);
+  M_llt_ = Eigen::LLT<MatrixXd>(n);
+  A_llt_ = Eigen::LLT<MatrixXd>(m);
+  statics_ = Eigen::LLT<MatrixXd>(n);
+}
+
+void ImpedanceControl::start(const Joints& q, const Joints& theta) { twist = map(theta) - map(q); }
+
+// 1. q̄ of the last step's twist, and there the inertia, J̄ and the stiffness in the joints
+// 2. the desired motion in the joints
+// 3. q̄ and the static torque l(q̄)
+// 4. damping and the null space
+// 5. torque feedback
+void ImpedanceControl::torque(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame,
+                              const ElasticPosture& posture, const robot::DriveParameters& drives, const Measured& measured,
+                              const Joints& shaping, Joints& tau_m) {
+  const Index n = q_bar.size();
+  elastic_ = false;
+  for (Index i = 0; i < n; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    const bool soft = drives.K[k] > 0;
+    elastic_ = elastic_ || soft;
+    q_bar[i] = soft ? measured.theta[k] - twist[i] : measured.q[k];
+    dtheta_[i] = soft ? measured.dtheta[k] : measured.dq[k];
+  }
+  X = links.jacobian(q_bar, E, J6_);
+  take_inertia(links, drives, shaping);
+  take_reference(links, E, frame);
+  take_stiffness(frame, drives);
+  solve_statics(links, E, frame, drives, measured.theta);
+
+  V.noalias() = J6_ * dtheta_;
+  const Twist error = V - frame.desired.V;
+  const Wrench damped = damping(frame) * error;
+  dissipated = damped.dot(error);
+  u_ = l_;
+  u_.noalias() -= J6_.transpose() * damped;
+  // The null space: x − J̄ J x, times M + B/r.
+  x_ = posture.D * (dtheta_ - dq_r);
+  if (posture.K > 0) x_ += posture.K * (q_bar - map(posture.q_0));
+  task_.noalias() = J_ * x_;
+  A_llt_.solveInPlace(task_);
+  r_.noalias() = M_.lazyProduct(x_);
+  u_ -= r_;
+  u_.noalias() += J_.transpose() * task_;
+
+  for (Index i = 0; i < n; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    const double r = drives.K[k] > 0 ? shaping[k] : 1.0;
+    const double u = u_[i] + drives.B[k] / r * ddq_r[i];
+    const double tau_J = robot::Torsion{.K = drives.K[k]}.at(measured.theta[k] - measured.q[k]).torque;  // (2c)
+    tau_m[k] = drives.K[k] > 0 ? r * u - (r - 1) * tau_J : u;
+  }
+}
+
+void ImpedanceControl::take_inertia(Links& links, const robot::DriveParameters& drives, const Joints& shaping) {
+  links.mass_matrix(q_bar, M_);
+  for (Index i = 0; i < M_.rows(); ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    M_(i, i) += drives.B[k] / (drives.K[k] > 0 ? shaping[k] : 1.0);
+  }
+  for (std::size_t k = 0; k < directions_.size(); ++k) {
+    const int i = directions_[k];
+    J_.row(static_cast<Index>(k)) = (i < 3 ? 1 : JointMotion::kLength) * J6_.row(i);
+  }
+  M_llt_.compute(M_);
+  Y_ = J_.transpose();
+  M_llt_.matrixL().solveInPlace(Y_);
+  A_.noalias() = Y_.transpose().lazyProduct(Y_);
+  A_llt_.compute(A_);
+  // Near singular poses J̄ is damped. The smallest pivot is an upper bound of the smallest eigenvalue.
+  constexpr double kNear = 1e-3, kDamping = 1e-3;
+  const double trace = A_.trace();
+  const double least = A_llt_.info() == Eigen::Success ? A_llt_.matrixLLT().diagonal().cwiseAbs2().minCoeff() : 0.0;
+  sigma_min = std::sqrt(least);
+  if (least < kNear * trace) {
+    const double depth = 1 - least / (kNear * trace);
+    A_.diagonal().array() += kDamping * depth * depth * trace;
+    A_llt_.compute(A_);
+  }
+}
+
+void ImpedanceControl::take_reference(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame) {
+  moving_ = !frame.desired.V.isZero(0) || !frame.acceleration.isZero(0);
+  dq_r.setZero();
+  ddq_r.setZero();
+  if (!moving_) return;
+  const auto to_joints = [&](const Twist& twist_of_E, VectorXd& joints) {
+    for (std::size_t k = 0; k < directions_.size(); ++k) {
+      const int i = directions_[k];
+      task_[static_cast<Index>(k)] = (i < 3 ? 1 : JointMotion::kLength) * twist_of_E[i];
+    }
+    A_llt_.solveInPlace(task_);
+    joints.noalias() = Y_ * task_;
+    M_llt_.matrixU().solveInPlace(joints);
+  };
+  to_joints(frame.desired.V, dq_r);
+  Twist drift;
+  links.jacobian_dot_times_dq(q_bar, dq_r, E, drift);
+  to_joints(frame.acceleration - drift, ddq_r);
+}
+
+void ImpedanceControl::take_stiffness(const ElasticFrame& frame, const robot::DriveParameters& drives) {
+  stiffness_ratio = 0;
+  relief_ = 1;
+  if (!elastic_) return;
+  const Index n = q_bar.size();
+  Eigen::Matrix<double, 6, 6> S = Eigen::Matrix<double, 6, 6>::Zero();
+  S.topLeftCorner<3, 3>() = turned(frame.S_T, frame.R_BA);
+  S.bottomRightCorner<3, 3>() = turned(tangent(frame, rotation(frame, X)), frame.desired.Q.toRotationMatrix());
+  SJ_.noalias() = S.lazyProduct(J6_);
+  S_q_.noalias() = J6_.transpose().lazyProduct(SJ_);
+  for (Index i = 0; i < n; ++i) {
+    const double K = drives.K[static_cast<std::size_t>(i)], scale = K > 0 ? 1 / std::sqrt(K) : 0.0;
+    S_q_.row(i) *= scale;
+    S_q_.col(i) *= scale;
+  }
+  // ‖A⁴‖ in the Frobenius norm is (Σ λ⁸)^½ ≥ ρ⁴, for six eigenvalues at most √6 ρ⁴.
+  square_.noalias() = S_q_.lazyProduct(S_q_);
+  fourth_.noalias() = square_.lazyProduct(square_);
+  stiffness_ratio = std::pow(fourth_.squaredNorm(), 0.125);
+  if (stiffness_ratio > kSoftest) relief_ = kSoftest / stiffness_ratio;
+  // In units of K^(1/2): I − relief S_q.
+  square_ = -relief_ * S_q_;
+  square_.diagonal().array() += 1;
+  statics_.compute(square_);
+}
+
+Wrench ImpedanceControl::spring(const ElasticFrame& frame) const {
+  const Matrix3d R_d = frame.desired.Q.toRotationMatrix();
+  const Vector3d Delta = frame.R_BA.transpose() * (X.p - frame.desired.p);
+  Wrench w;
+  w << frame.R_BA * (frame.S_T * Delta), R_d * elastic_moment(frame.potential, frame.K_o, rotation(frame, X));
+  return w;
+}
+
+void ImpedanceControl::solve_statics(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame,
+                                     const robot::DriveParameters& drives, const Joints& theta) {
+  constexpr int kMost = 20, kFixedTangent = 3;
+  constexpr double kExact = 1e-12, kLongest = 0.1;  // rad (m)
+  const Index n = q_bar.size();
+  const auto statics = [&] {
+    links.inverse_dynamics(q_bar, dq_r, ddq_r, l_);
+    for (Index i = 0; i < n; ++i) l_[i] += robot::spring(drives, static_cast<std::size_t>(i)).at(q_bar[i]).torque;
+    x_.noalias() = J6_.transpose().lazyProduct(spring(frame));
+    l_ -= x_;
+  };
+  statics();
+  static_error = 0;
+  for (int iteration = 0; elastic_; ++iteration) {
+    for (Index i = 0; i < n; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      const double K = drives.K[k];
+      r_[i] = K > 0 ? theta[k] - q_bar[i] - (l_[i] + (1 - relief_) * x_[i]) / K : 0.0;
+    }
+    static_error = r_.lpNorm<Eigen::Infinity>();
+    if (static_error < kExact || iteration == kMost) break;
+    // The tangent of the start is good enough unless the robot jumped.
+    if (iteration >= kFixedTangent) take_stiffness(frame, drives);
+    for (Index i = 0; i < n; ++i) r_[i] *= std::sqrt(drives.K[static_cast<std::size_t>(i)]);
+    statics_.solveInPlace(r_);
+    for (Index i = 0; i < n; ++i) {
+      const double K = drives.K[static_cast<std::size_t>(i)];
+      r_[i] = K > 0 ? r_[i] / std::sqrt(K) : 0.0;
+    }
+    const double length = r_.lpNorm<Eigen::Infinity>();
+    q_bar += std::min(1.0, kLongest / length) * r_;
+    X = links.jacobian(q_bar, E, J6_);
+    statics();
+  }
+  constexpr double kLost = 1e-3;  // rad
+  for (Index i = 0; i < n; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    twist[i] = drives.K[k] > 0 && static_error < kLost ? theta[k] - q_bar[i] : 0.0;
+  }
+}
+
+Eigen::Matrix<double, 6, 6> ImpedanceControl::damping(const ElasticFrame& frame) const {
+  Matrix3d D_T = frame.D_T, D_R = frame.D_R;
+  const auto inertia = [&](int first, const Matrix3d& R) -> Matrix3d {
+    // Of the frame, free in the other directions.
+    Eigen::Matrix<double, 3, Eigen::Dynamic, 0, 3, 64> J = R.transpose() * J6_.middleRows<3>(first);
+    Eigen::Matrix<double, Eigen::Dynamic, 3, 0, 64, 3> Y = J.transpose();
+    M_llt_.matrixL().solveInPlace(Y);
+    Matrix3d inverse = Y.transpose() * Y;
+    inverse.diagonal().array() += 1e-6 * inverse.trace() + 1e-12;
+    return inverse.inverse();
+  };
+  const Matrix3d R_d = frame.desired.Q.toRotationMatrix();
+  if (frame.zeta_T > 0)
+    D_T += frame.P_T * modal_damping(inertia(0, frame.R_BA), frame.S_T, frame.zeta_T, frame.omega_free) * frame.P_T;
+  if (frame.zeta_R > 0)
+    D_R += frame.P_R * modal_damping(inertia(3, R_d), frame.K_o, frame.zeta_R, frame.omega_free) * frame.P_R;
+  Eigen::Matrix<double, 6, 6> D = Eigen::Matrix<double, 6, 6>::Zero();
+  D.topLeftCorner<3, 3>() = turned(D_T, frame.R_BA);
+  D.bottomRightCorner<3, 3>() = turned(D_R, R_d);
+  return D;
+}
+
+}  // namespace cotwin::compliance

@@ -1,0 +1,92 @@
+#pragma once
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <vector>
+
+#include "components/compliance/cartesian/joint_motion.h"
+#include "components/compliance/cartesian/rotation.h"
+#include "components/compliance/cartesian/translation.h"
+#include "components/compliance/links.h"
+#include "components/compliance/tracking.h"
+#include "models/robot/drive_parameters.h"
+
+namespace cotwin::compliance {
+
+/// Springs and dampers between the desired frame and frame E, in the base frame.
+struct ElasticFrame {
+  MovingPose desired;
+  Twist acceleration = Twist::Zero();                  // of the desired frame
+  Eigen::Matrix3d R_BA = Eigen::Matrix3d::Identity();  // axes of S_T and D_T
+  Eigen::Matrix3d S_T = Eigen::Matrix3d::Zero(), D_T = Eigen::Matrix3d::Zero();
+  Potential potential = Potential::kQuaternion;
+  Eigen::Matrix3d K_o = Eigen::Matrix3d::Zero(), D_R = Eigen::Matrix3d::Zero();  // in the axes of the desired frame
+  double zeta_T = 0, zeta_R = 0;  // damping ratios of all modes, added to D_T and D_R
+  double omega_free = 0;          // rad/s; of these ratios where there is no stiffness
+  Eigen::Matrix3d P_T = Eigen::Matrix3d::Identity(), P_R = Eigen::Matrix3d::Identity();  // directions that these ratios damp
+};
+
+/// Behaviour in the null space of the frame.
+struct ElasticPosture {
+  const Joints& q_0;    // rad
+  double K = 0, D = 0;  // 1/s², 1/s: stiffness K (M + B/r) and damping D (M + B/r)
+};
+
+/// Cartesian impedance by the motor torques (render=impedance), without a measured wrench and without shaping of the links'
+/// inertia, for rigid and elastic joints:
+///   τ_m = r u − (r − 1) τ_J,   τ_J = K (θ − q)                 so that (B/r) θ̈ + τ_J = u by (2b)
+///   u = l(q̄) + (B/r) q̈_r − Jᵀ D (J θ̇ − ẋ_d) − Nᵀ (M + B/r) (D_n N θ̇ + K_n (q̄ − q_0))
+///   l(q̄) = M q̈_r + C q̇_r + g − Jᵀ [S_T Δ; 2 EᵀK_o ε],   q̇_r = J̄ ẋ_d,   q̈_r = J̄ (ẍ_d − J̇ q̇_r)      all at q̄
+///   K (θ − q̄) = l(q̄)                                                    q̄(θ): the links at rest for the motors at θ
+/// (Ott, Albu-Schäffer, Kugi, Hirzinger, IEEE T-RO 24(2), 2008; desired motion as by Slotine and Li). Rigid joints have q̄ = q and
+/// θ̇ = q̇. J̄, N and the damping ratios use the inertia M + B/r that u moves.
+///
+/// For a desired frame at rest u is the gradient of a potential of θ, and a damping. So the robot is passive from external torques
+/// to q̇ in continuous time, in contact with any passive environment, for any S, K_o, D ≥ 0 and K_n = 0 (docs/equations.md). The
+/// stiffness S and K_o is that of the links, the springs of the gears included, hence the condition
+///   ρ = λ_max(K^(−1/2) (JᵀSJ) K^(−1/2)) < 1
+/// Newton's iteration for q̄ contracts then; with ρ > 0.8 the spring in l is multiplied by 0.8/ρ in the equation of q̄ alone, so that
+/// the links are softer than S.
+class ImpedanceControl {
+ public:
+  static constexpr double kSoftest = 0.8;
+
+  /// `directions` as JointMotion.
+  ImpedanceControl(const robot::RobotModel& robot, std::vector<int> directions);
+
+  /// q̄ at the start: the links at `q`.
+  void start(const Joints& q, const Joints& theta);
+  /// The motor torque at the beginning of a step, without friction, into `tau_m`.
+  void torque(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame, const ElasticPosture& posture,
+              const robot::DriveParameters& drives, const Measured& measured, const Joints& shaping, Joints& tau_m);
+
+  // State.
+  Eigen::VectorXd twist;  // rad; θ − q̄ where the iteration starts
+  // Results of torque().
+  Eigen::VectorXd q_bar, dq_r, ddq_r;  // rad, rad/s, rad/s²
+  Pose X;                              // of E at q̄
+  Twist V = Twist::Zero();             // of E with J θ̇
+  double stiffness_ratio = 0;          // ρ (an upper bound, at most 1.25 ρ)
+  double static_error = 0;             // rad; residual of K (θ − q̄) = l(q̄) in units of θ
+  double dissipated = 0;               // W, by D
+  double sigma_min = 0;                // m; as JointMotion
+
+ private:
+  void take_inertia(Links& links, const robot::DriveParameters& drives, const Joints& shaping);
+  void take_reference(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame);
+  void take_stiffness(const ElasticFrame& frame, const robot::DriveParameters& drives);
+  Wrench spring(const ElasticFrame& frame) const;
+  void solve_statics(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame, const robot::DriveParameters& drives,
+                     const Joints& theta);
+  Eigen::Matrix<double, 6, 6> damping(const ElasticFrame& frame) const;
+
+  std::vector<int> directions_;
+  // Scratch.
+  bool elastic_ = false, moving_ = false;
+  double relief_ = 1;  // 0.8/ρ
+  Eigen::MatrixXd J6_, SJ_, J_, M_, Y_, A_, S_q_, square_, fourth_;
+  Eigen::LLT<Eigen::MatrixXd> M_llt_, A_llt_, statics_;
+  Eigen::VectorXd l_, r_, x_, dtheta_, u_;
+  Eigen::VectorXd task_;
+};
+
+}  // namespace cotwin::compliance

@@ -1,0 +1,334 @@
+// render=impedance of the compliance unit, and what K_e_max tells, with the flexible robot behind it.
+#include <array>
+#include <functional>
+#include <random>
+
+#include "tests/components/cartesian_harness.h"
+
+namespace cotwin::testing {
+namespace {
+
+using Eigen::Vector3d;
+using Eigen::VectorXd;
+
+void without_friction(CartesianLoop& loop) {
+  loop.unit["tau_max"].setZero();  // vibrations grow without a bound
+  for (const char* friction : {"tau_C", "tau_S", "sigma0", "sigma1", "sigma2"}) {
+    loop.unit[friction].setZero();
+    loop.drive[friction].setZero();
+  }
+}
+
+VectorXd posture_of(const std::string& robot) {
+  if (robot == "lwr4") return lwr4_posture();
+  if (robot == "planar2") return Eigen::Vector2d(0.5, -1.2);
+  return (VectorXd(6) << 0.2, -1.2, 1.5, 0.3, 0.7, 0.1).finished();
+}
+
+TEST(CartesianImpedance, RendersTheStiffnessWithoutAMeasuredWrench) {
+  Kinematics kinematics("lwr4");
+  const VectorXd q = lwr4_posture();
+  const Pose X = kinematics.at(q);
+  CartesianLoop loop("&render=impedance", "lwr4");
+  without_friction(loop);
+  desire(loop.unit, X);
+  loop.unit["S_T"] = Vector3d(1500, 1000, 500);
+  loop.unit["K_o"].setConstant(100);
+  loop.unit["shaping"].setConstant(4);
+  loop.start(q);
+  const Vector3d f(30, -20, 15), m(5, -3, 4);
+  Eigen::MatrixXd J;
+  for (int n = 0; n < 6000; ++n) {
+    J = kinematics.jacobian(loop.drive["q"]);
+    loop.step_parts(1, [&](Subject& drive) { drive["tau_e"] = J.transpose() * (VectorXd(6) << f, m).finished(); });
+  }
+  EXPECT_EQ(loop.unit.warning(), "");
+  const Pose now = kinematics.at(loop.drive["q"]);
+  for (Eigen::Index i = 0; i < 3; ++i) {
+    const double deflection = f[i] / loop.unit["S_T"][i];
+    EXPECT_NEAR(now.p[i] - X.p[i], deflection, 1e-4 * std::abs(deflection)) << i;
+  }
+  const Eigen::AngleAxisd turn(now.R * X.R.transpose());
+  EXPECT_NEAR(turn.angle(), std::asin(m.norm() / 100), 1e-4 * turn.angle());
+}
+
+TEST(CartesianImpedance, FollowsAMovingDesiredPose) {
+  Kinematics kinematics("lwr4");
+  const VectorXd q = lwr4_posture();
+  const Pose X = kinematics.at(q);
+  CartesianLoop loop("&render=impedance", "lwr4");
+  without_friction(loop);
+  desire(loop.unit, X);
+  loop.unit["S_T"].setConstant(2000);
+  loop.unit["K_o"].setConstant(200);
+  loop.unit["shaping"].setConstant(4);
+  loop.start(q);
+  double worst = 0;
+  for (int n = 1; n <= 4000; ++n) {
+    const double t = n * 1e-3, w = 2, a = 0.1, s = 1 - std::cos(w * t);  // rests at t = 0 with dp = ddp = 0
+    const Vector3d way(0.3, -1, 0.5);
+    loop.unit["p_d"] = X.p + way * a * s * s;
+    loop.unit["v_d"] = way * (2 * a * w * s * std::sin(w * t));
+    loop.unit["dv_d"] = way * (2 * a * w * w * (std::sin(w * t) * std::sin(w * t) + s * std::cos(w * t)));
+    loop.step();
+    worst = std::max(worst, (kinematics.at(loop.drive["q"]).p - Vector3d(loop.unit["p_d"])).norm());
+  }
+  EXPECT_LT(worst, 2e-3);  // of 0.46 m at up to 0.5 m/s
+  EXPECT_EQ(loop.unit.warning(), "");
+}
+
+/// The robot presses a spring K_e along z that begins at its pose. Returns the amplitude of the speed at the end over that after
+/// the touch: 1 also for a vibration that limits of speed and torque bound.
+double growth(const std::string& query, const std::string& robot, double K_e, const std::function<void(CartesianLoop&)>& set,
+              const Vector3d& axis = Vector3d::UnitZ()) {
+  Kinematics kinematics(robot);
+  const VectorXd q = posture_of(robot);
+  const Pose X = kinematics.at(q);
+  CartesianLoop loop(query, robot);
+  without_friction(loop);
+  desire(loop.unit, X);
+  set(loop);
+  loop.start(q);
+  double early = 0, late = 0;
+  constexpr int kSteps = 3000, kParts = 10;
+  const auto wall = [&](const VectorXd& at) -> Vector3d { return -K_e * axis * axis.dot(kinematics.at(at).p - X.p); };
+  for (int n = 0; n < kSteps; ++n) {
+    const Vector3d push = n < 20 ? Vector3d(axis * 5) : Vector3d::Zero();
+    if (loop.unit.instance().variables.find("f_e") != nullptr) loop.unit["f_e"] = wall(loop.drive["q"]) + push;
+    loop.step_parts(kParts, [&](Subject& drive) {
+      drive["tau_e"] = kinematics.jacobian(drive["q"]).topRows(3).transpose() * (wall(drive["q"]) + push);
+    });
+    const double speed = (kinematics.jacobian(loop.drive["q"]).topRows(3) * loop.drive["dq"]).norm();
+    if (!(speed < 20)) return 1e9;
+    if (n > kSteps / 6 && n < kSteps / 3) early = std::max(early, speed);
+    if (n > 5 * kSteps / 6) late = std::max(late, speed);
+  }
+  return late < 1e-9 ? 0 : late / early;
+}
+
+TEST(CartesianImpedance, TouchesSteelWhereTheAdmittanceVibrates) {
+  const auto set = [](CartesianLoop& loop) {
+    loop.unit["S_T"].setConstant(1000);
+    loop.unit["K_o"].setConstant(100);
+    loop.unit["shaping"].setConstant(3);
+    if (loop.unit["q"].size() != 6) return;  // the library has no drive data of the KR 300
+    for (Subject* part : {&loop.unit, &loop.drive}) {
+      (*part)["K"].setConstant(1e6);
+      (*part)["B"].setConstant(50);
+    }
+    loop.drive["D"].setConstant(500);
+  };
+  for (const char* robot : {"lwr4", "kr300_r2500"}) {
+    EXPECT_LT(growth("&render=impedance", robot, 1e6, set), 0.5) << robot;
+    EXPECT_LT(growth("&render=impedance", robot, 1e4, set), 0.5) << robot;
+  }
+  const auto light = [&](CartesianLoop& loop) {
+    set(loop);
+    loop.unit["M_T"].setConstant(1);
+  };
+  EXPECT_GT(growth("", "lwr4", 1e6, light), 0.2);
+}
+
+TEST(CartesianImpedance, AdmittanceVibratesAboutWhereItTellsTheLargestContactStiffness) {
+  for (const double M : {0.5, 1.0, 2.0}) {
+    const auto set = [&](CartesianLoop& loop) {
+      loop.unit["M_T"].setConstant(M);
+      loop.unit["S_T"].setConstant(500);
+      loop.unit["K_o"].setConstant(100);
+      loop.unit["shaping"].setConstant(3);
+    };
+    CartesianLoop loop("", "lwr4");
+    without_friction(loop);
+    desire(loop.unit, Kinematics("lwr4").at(lwr4_posture()));
+    set(loop);
+    loop.start(lwr4_posture());
+    for (int n = 0; n < 100; ++n) loop.step();
+    const double told = loop.unit["K_e_max"][2];
+    EXPECT_LT(growth("", "lwr4", 0.6 * told, set), 0.5) << M << " " << told;
+    EXPECT_GT(growth("", "lwr4", 8 * told, set), 0.5) << M << " " << told;
+  }
+}
+
+TEST(CartesianImpedance, AStifferEnvironmentThanKeMaxIsReportedWithWhatHelps) {
+  CartesianLoop loop("", "lwr4");
+  desire(loop.unit, Kinematics("lwr4").at(lwr4_posture()));
+  loop.unit["M_T"].setConstant(1);
+  loop.unit["K_e"][0] = 1e6;
+  loop.start(lwr4_posture());
+  for (int n = 0; n < 100; ++n) loop.step();
+  EXPECT_NE(loop.unit.warning().find("render=impedance"), std::string::npos) << loop.unit.warning();
+  EXPECT_GT(loop.unit["K_e_max"].minCoeff(), 0);
+}
+
+TEST(CartesianImpedance, KeMaxOfAPositionControlledRobotIsRouths) {
+  CartesianLoop loop("", "lwr4");
+  desire(loop.unit, Kinematics("lwr4").at(lwr4_posture()));
+  loop.unit["M_T"].setConstant(1);
+  loop.unit["S_T"] = Vector3d(1500, 1000, 500);
+  loop.unit["omega_t"].setConstant(40);
+  loop.start(lwr4_posture());
+  for (int n = 0; n < 100; ++n) loop.step();
+  const double published[] = {6000, 4060, 2170};
+  for (Eigen::Index i = 0; i < 3; ++i) EXPECT_NEAR(loop.unit["K_e_max"][i], published[i], 0.005 * published[i]);
+}
+
+TEST(CartesianImpedance, TellsThatTheGearsAreSofterThanTheStiffness) {
+  CartesianLoop loop("&render=impedance", "lwr4");
+  desire(loop.unit, Kinematics("lwr4").at(lwr4_posture()));
+  loop.unit["S_T"].setConstant(1e6);
+  loop.start(lwr4_posture());
+  for (int n = 0; n < 1000; ++n) loop.step();
+  EXPECT_NE(loop.unit.warning().find("S_T or K_o"), std::string::npos) << loop.unit.warning();
+  EXPECT_LT(loop.drive["dq"].norm(), 0.1);
+}
+
+// ----- Walls.
+
+/// The energy of the compliant frame with diagonal M_T, S_T, M_R, K_o.
+double stored(const Subject& unit) {
+  const Vector3d x = unit["Delta_axes"], dx = unit["dDelta_axes"], w = unit["w_dc"], e = unit["epsilon"];
+  const auto form = [](const Vector3d& d, const Vector3d& v) { return v.dot(d.cwiseProduct(v)); };
+  return (form(unit["M_T_in_force"], dx) + form(unit["S_T_in_force"], x) + form(unit["M_R_in_force"], w)) / 2 +
+         2 * form(unit["K_o_in_force"], e);
+}
+
+TEST(CartesianWalls, BoxAndSpeedsHoldAndGiveNoEnergyForAnyWrenchAndChangingStiffness) {
+  Kinematics kinematics("lwr4");
+  const Pose X = kinematics.at(lwr4_posture());
+  for (unsigned seed = 1; seed <= 6; ++seed) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> value(-1, 1);
+    const auto draw = [&] { return Vector3d(value(random), value(random), value(random)); };
+    Subject unit("unit:compliance?space=cartesian", "lwr4");
+    desire(unit, X);
+    unit["q"] = unit["theta"] = lwr4_posture();
+    unit["tau_max"].setZero();
+    unit["dq_max"].setZero();
+    unit["transition"].setConstant(0.02);
+    unit["M_T"].setConstant(2);
+    unit["S_T"].setConstant(seed % 3 == 0 ? 0 : 300);  // freely guided
+    unit["K_o"].setConstant(60);
+    unit["p_min"] = X.p - Vector3d(0.05, 0.02, 0.03);
+    unit["p_max"] = X.p + Vector3d(0.05, 0.04, 0.02);
+    unit["v_max"].setConstant(0.3);
+    unit["w_max"].setConstant(0.5);
+    unit["tank_start"].setConstant(0.5);
+    unit.initialise();
+    double work = 0;
+    const double start = stored(unit) + unit.value("tank");
+    Vector3d f = Vector3d::Zero(), m = Vector3d::Zero();
+    for (int n = 0; n < 3000; ++n) {
+      if (n % 100 == 0) f = 60 * draw(), m = 10 * draw();
+      if (n % 170 == 0 && seed % 3 != 0) unit["S_T"] = 300 * (draw() + Vector3d::Ones());
+      if (n % 230 == 0) unit["K_o"] = 60 * (draw() + Vector3d::Constant(1.1));
+      unit["f_e"] = f;
+      unit["m_e"] = m;
+      const Vector3d x = unit["Delta_axes"];
+      const Eigen::Quaterniond Q = quaternion(unit["quat_dc"]);
+      unit.step();
+      const Vector3d way = unit["Delta_axes"] - x;
+      const Eigen::AngleAxisd turn(quaternion(unit["quat_dc"]) * Q.conjugate());
+      work += f.dot(way) + (X.R.transpose() * m).dot(turn.angle() * turn.axis());
+      const Vector3d p = unit["p_c"];
+      ASSERT_TRUE((p.array() <= unit["p_max"].array() + 1e-9).all() && (p.array() >= unit["p_min"].array() - 1e-9).all()) << n;
+      ASSERT_LT(unit["v_c"].norm(), 0.3 + 1e-9) << n;
+      ASSERT_LT(unit["w_c"].norm(), 0.5 + 1e-9) << n;
+      // Energy is never given out beyond what came in and what the tank had.
+      ASSERT_LT(stored(unit) + unit.value("tank"), start + work + 1e-6) << seed << " " << n;
+    }
+    EXPECT_NE(unit.warning().find("p_min"), std::string::npos);
+  }
+}
+
+/// V of Kronander and Billard with diagonal matrices at the aperiodic limit.
+double lyapunov(const Subject& unit, double alpha) {
+  const Vector3d M = unit["M_T_in_force"], S = unit["S_T_in_force"], x = unit["Delta_axes"], dx = unit["dDelta_axes"];
+  const Vector3d D = 2 * (S.array() * M.array()).sqrt().max(unit.value("omega_free") * M.array());
+  const Vector3d z = dx + alpha * x;
+  return (z.dot(M.cwiseProduct(z)) + x.dot((S + alpha * D - alpha * alpha * M).cwiseProduct(x))) / 2;
+}
+
+TEST(CartesianWalls, AVaryingStiffnessWithinTheBoundNeverMakesAFreeMotionGrow) {
+  Kinematics kinematics("lwr4");
+  const Pose X = kinematics.at(lwr4_posture());
+  int changed = 0;
+  for (unsigned seed = 1; seed <= 5; ++seed) {
+    std::mt19937_64 random(seed);
+    std::uniform_real_distribution<double> value(0.1, 2);
+    Subject unit("unit:compliance?space=cartesian", "lwr4");
+    desire(unit, X);
+    unit["q"] = unit["theta"] = lwr4_posture();
+    unit["tau_max"].setZero();
+    unit["dq_max"].setZero();
+    unit["transition"].setConstant(0);
+    unit["M_T"].setConstant(3);
+    unit["S_T"].setConstant(400);
+    unit["alpha"].setConstant(4);
+    unit.initialise();
+    for (int n = 0; n < 100; ++n) {
+      unit["f_e"] = Vector3d(30, -20, 15);
+      unit.step();
+    }
+    unit["f_e"].setZero();
+    double before = lyapunov(unit, 4);
+    for (int n = 0; n < 1500; ++n) {
+      if (n % 40 == 0) unit["S_T"] = 400 * Vector3d(value(random), value(random), value(random));
+      const double S = unit["S_T_in_force"][0];
+      unit.step();
+      changed += S != unit["S_T_in_force"][0];
+      const double now = lyapunov(unit, 4);
+      ASSERT_LE(now, before * (1 + 1e-12) + 1e-18) << seed << " " << n;
+      before = now;
+    }
+  }
+  EXPECT_GT(changed, 200);
+}
+
+TEST(CartesianWalls, AFrameThatIsPulledOutOfReachStaysAtTheArmAndComesBackAtOnce) {
+  Kinematics kinematics("lwr4");
+  Subject unit("unit:compliance?space=cartesian", "lwr4");
+  desire(unit, kinematics.at(lwr4_posture()));
+  unit["q"] = unit["theta"] = lwr4_posture();
+  unit["tau_max"].setZero();
+  unit["S_T"].setZero();
+  unit["M_T"].setConstant(5);
+  unit.initialise();
+  const Vector3d outwards = kinematics.at(lwr4_posture()).p.normalized();
+  for (int n = 0; n < 6000; ++n) {
+    unit["f_e"] = 40 * outwards;
+    unit.step();
+  }
+  EXPECT_LT(unit.value("task_error"), 6e-3);  // without the wall the frame is metres away
+  EXPECT_LT(Vector3d(unit["p_c"]).norm(), 1.6);
+  const Vector3d far = unit["p_c"];
+  for (int n = 0; n < 1000; ++n) {
+    unit["f_e"] = -40 * outwards;
+    unit.step();
+  }
+  EXPECT_GT((far - Vector3d(unit["p_c"])).dot(outwards), 0.1);
+}
+
+TEST(CartesianWalls, SaturatedMotorsBrakeTheFrameWhereThatIsAskedFor) {
+  Kinematics kinematics("lwr4");
+  double away[2];
+  for (int brake = 0; brake < 2; ++brake) {
+    CartesianLoop loop("", "lwr4");
+    desire(loop.unit, kinematics.at(lwr4_posture()));
+    loop.unit["S_T"].setZero();
+    loop.unit["M_T"].setConstant(1);
+    loop.unit["omega_free"].setConstant(0.2);
+    loop.unit["tau_max"].setConstant(40);  // little more than the weight of the arm
+    loop.unit.set("brake_saturated", brake ? "true" : "false");
+    loop.start(lwr4_posture());
+    away[brake] = 0;
+    for (int n = 0; n < 800; ++n) {
+      loop.unit["f_e"] = Vector3d(0, 0, 15);
+      loop.step();
+      away[brake] = std::max(away[brake], (Vector3d(loop.unit["p_c"]) - kinematics.at(loop.drive["q"]).p).norm());
+    }
+  }
+  EXPECT_LT(away[1], 0.5 * away[0]);
+}
+
+}  // namespace
+}  // namespace cotwin::testing
