@@ -233,6 +233,7 @@ void Compliance::move_frame_compliantly(double h) {
 
 /// render=impedance in place of admittance and tracking. Friction is fed forward at the speed of the desired motion.
 void Compliance::impede(double h) {
+  cartesian_->take_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
   cartesian_->impede(links_, from_joints(), drive_in_force_, measured(), in_force_.shaping, h, tau_m_);
   take_cartesian_motion();
   tracking_.tau_c = tau_m_;

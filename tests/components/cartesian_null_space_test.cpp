@@ -1,5 +1,6 @@
 // Lower tasks, goals and compliance of the self-motion below Cartesian compliance, in the whole unit.
 #include <Eigen/LU>
+#include <tuple>
 
 #include "models/robot/indices.h"
 #include "models/support/error.h"
@@ -168,6 +169,48 @@ TEST(CartesianNullSpace, ActivationOfAHeldFrameSwitchesWithoutAJump) {
   }
   EXPECT_LT(jump, 0.05);
   EXPECT_TRUE(before.allFinite());
+}
+
+// Stretched arms, poses out of reach, contradicting tasks, huge weights and torques: everything stays finite and within the
+// limits of the joints.
+TEST(CartesianNullSpace, StaysFiniteAndWithinTheLimitsOfTheJointsWhateverIsAsked) {
+  constexpr double kSlack = 1e-8, kWay = 1e-5;  // of limits.cpp; rad, where braking ends within a step
+  const std::string goals = "&null_space=posture,limits,manipulability,effective_mass";
+  for (const auto& [robot, query, joints] : {std::tuple{"lwr4", "&tasks=position,link_4,orientation,link_4:z", 7},
+                                             {"lwr4", "&tasks=link_4:z,pose", 7},
+                                             {"kr300_r2500", "&tasks=orientation,position", 6},
+                                             {"planar2", "&task=x,z&tasks=z,x", 2},
+                                             {"planar2", "&task=x", 2}}) {
+    for (const double reach : {0.0, 10.0}) {
+      for (const double weight : {1.0, 1e7}) {
+        SCOPED_TRACE(std::string(robot) + query + ", " + std::to_string(reach) + " m, " + std::to_string(weight));
+        VectorXd start = VectorXd::Zero(joints);          // stretched
+        if (joints == 6) start << 0, -1.2, 1.4, 0, 0, 0;  // 0 is outside the limits; the wrist is singular
+        Subject unit = unit_at(query + ("&wrench=joints" + goals), robot, start);
+        unit["p_d"] += Vector3d(reach, -reach, reach);
+        unit["K_0"].setConstant(weight);
+        unit["w_mass"].setConstant(weight);
+        unit["k_nu"].setConstant(weight / 100);
+        unit["q_0"].setConstant(0.5);
+        unit.initialise();
+        for (int i = 0; i < 1000; ++i) {
+          unit["tau_e"].setConstant(i % 200 < 100 ? 30 : -20);
+          unit.step();
+          const VectorXd q = unit["q_c"], dq = unit["dq_c"];
+          ASSERT_TRUE(q.allFinite() && dq.allFinite() && VectorXd(unit["tau_m"]).allFinite()) << i;
+          for (int j = 0; j < joints; ++j) {
+            ASSERT_LE(std::abs(dq[j]), unit["dq_max"][j] * (1 + kSlack)) << i << ", joint " << j;
+            if (unit["q_min"][j] >= unit["q_max"][j]) continue;
+            ASSERT_GE(q[j], unit["q_min"][j] - kWay) << i << ", joint " << j;
+            ASSERT_LE(q[j], unit["q_max"][j] + kWay) << i << ", joint " << j;
+          }
+        }
+        for (const char* output :
+             {"null_energy", "null_potential", "manipulability", "effective_mass", "task_sigma", "task_residual"})
+          EXPECT_TRUE(VectorXd(unit[output]).allFinite()) << output;
+      }
+    }
+  }
 }
 
 TEST(CartesianNullSpace, AllocatesNothing) {

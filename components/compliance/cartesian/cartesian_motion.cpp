@@ -125,12 +125,15 @@ CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& ro
       self_motion_(settings, robot, directions_, wrench_of_joints_),
       joints_(robot, self_motion_) {
   const Index n = robot.n();
-  for (VectorXd* v : {&q_scratch_, &dq_scratch_, &tau_scratch_}) v->setZero(n);
+  for (VectorXd* v : {&q_scratch_, &dq_scratch_, &ddq_scratch_, &tau_scratch_}) v->setZero(n);
   J_.setZero(6, n);
   J_S_.setZero(6, n);
   if (sensor_ && wrench_of_joints_) throw Error(place_, "sensor= with wrench=joints: expected one of them");
   if (settings.choice("render") == "impedance") {
     if (axes_ == Axes::kTool) throw Error(place_, "render=impedance with axes=tool: expected axes=world or axes=desired");
+    if (!settings.text("tasks").empty() || !settings.text("null_space").empty()) {
+      throw Error(place_, "render=impedance with tasks or null_space: expected neither, self-motion is damped by k_nu alone");
+    }
     impedance_ = std::make_unique<ImpedanceControl>(robot, directions_);
   }
   for (Eigen::MatrixXd* matrix : {&contact_.M, &contact_.total, &contact_.gain}) matrix->setZero(n, n);
@@ -386,7 +389,14 @@ void CartesianMotion::advance(Links& links, const FromJoints& in, std::span<cons
   const MovingPose before{p_before_, Q_c0, V_before_};
   if (confined) c.acceleration = (c.pose.V - V_before_) / h;
   if (wrench_of_joints_) tau_scratch_ = map(in.tau_e) + h / 2 * map(in.tau_e_rate);
-  joints_.advance(links, before, c.pose, c.acceleration, tau_scratch_, limits, gains(), h);
+  Posture posture{q_scratch_, dq_scratch_, ddq_scratch_};
+  if (desired_joints_) {
+    q_scratch_ = map(in.q_d);
+    dq_scratch_ = map(in.dq_d);
+    ddq_scratch_ = map(in.ddq_d);
+  }
+  joints_.advance(links, before, c.pose, c.acceleration, tau_scratch_, desired_joints_ ? &posture : nullptr, limits, gains(),
+                  h);
   hold_frame_at_joints(links, d, c);
   p_before_ = c.pose.p;
   quat_before_ = array(c.pose.Q);

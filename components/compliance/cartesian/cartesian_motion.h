@@ -174,7 +174,7 @@ class CartesianMotion {
   Impedance rendered_T_, rendered_R_;  // of the rendered directions
   double k_min_ = 0;                   // N.m/rad
   Propagator propagator_;
-  Eigen::VectorXd q_scratch_, dq_scratch_, tau_scratch_;
+  Eigen::VectorXd q_scratch_, dq_scratch_, ddq_scratch_, tau_scratch_;
   Eigen::Matrix<double, 6, Eigen::Dynamic> J_, J_S_;
   bool news_ = false;
   struct ContactScratch {

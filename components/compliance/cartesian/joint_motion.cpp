@@ -127,7 +127,9 @@ void JointMotion::start(Links& links, const VectorXd& at, const Twist& V, const 
 }
 
 void JointMotion::advance(Links& links, const MovingPose& before, const MovingPose& after, const Twist& end_acceleration,
-                          const VectorXd& tau_e, std::span<const Limits> limits, const JointMotionGains& gains, double h) {
+                          const VectorXd& tau_e, const Posture* posture, std::span<const Limits> limits,
+                          const JointMotionGains& gains, double h) {
+  posture_ = posture;
   constexpr double kShort = 0.2, kMostParts = 100;
   const int count = static_cast<int>(std::clamp(std::ceil(h * gains.omega_k / kShort), 1.0, kMostParts));
   const double length = h / count;
@@ -190,9 +192,11 @@ void JointMotion::part(Links& links, const MovingPose& before, const Twist& acce
   const double potential = self_motion_.add_goals(links, q_mid_, E_, gradient_);
   null_space_.evaluate(cascade_, {dq_mid_, M_, dM_, gradient_, tau_e, self_motion_.yield()});
   // Damping of ν in the middle of the part, (ν + h/2 (a − k_ν ν_mid)) = ν_mid, for any k_ν.
-  tau_ = dq;
+  tau_ = -gains.k_nu * dq;
+  if (posture_ != nullptr)
+    tau_ += posture_->ddq + gains.k_nu * posture_->dq + gains.k_nu * gains.k_nu / 4 * (posture_->q - q_mid_);
   cascade_.project(tau_);
-  ddq += (null_space_.ddq - gains.k_nu * tau_) / (1 + gains.k_nu * h / 2);
+  ddq += (null_space_.ddq + tau_) / (1 + gains.k_nu * h / 2);
   self_motion_.write_outputs(
       {null_space_.nu, null_space_.energy, potential, null_space_.external_work - 2 * gains.k_nu * null_space_.energy});
   bound(limits, h);
