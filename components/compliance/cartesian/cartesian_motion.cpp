@@ -293,8 +293,7 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
   const Matrix3d R = axes(d.pose.Q, d.pose.Q * Q_dc);
   Delta_ = R.transpose() * P_T_ * (X.p - d.pose.p);
   dDelta_.setZero();
-  start_deviation_ = {Delta_.norm(), phi.norm()};
-  if (start_deviation_[0] > 1e-6 || start_deviation_[1] > 1e-6) note(kStart);
+  if (Delta_.norm() > 1e-6 || phi.norm() > 1e-6) note(kStart);
   prepare(R, R_d, 0);
   Motion c = compliant(d, Wrench::Zero());
   if ((Q_WB_ * c.pose.Q).w() < 0) c.pose.Q.coeffs() *= -1;

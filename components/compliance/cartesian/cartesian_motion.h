@@ -112,7 +112,6 @@ class CartesianMotion {
   Twist V_before_ = Twist::Zero();
   double tank_ = 0;
   std::int32_t met_ = 0;
-  std::array<double, 2> start_deviation_{};  // m, rad
   // Outputs.
   Three p_c_{}, v_c_{}, w_c_{}, Delta_p_{}, epsilon_{};
   Four quat_c_{1, 0, 0, 0};
