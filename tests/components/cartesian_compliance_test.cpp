@@ -44,6 +44,40 @@ TEST(CartesianCompliance, AFlexibleRobotShowsTheStiffnessOfTableTwoAtItsLinkSide
   EXPECT_NEAR(turn.axis().dot(m.normalized()), 1, 1e-6);
 }
 
+TEST(CartesianCompliance, AHeavyRobotOfSixJointsAndAPlanarArmShowTheirStiffnessAtTheirLinksToo) {
+  struct Case {
+    const char *robot, *query;
+    VectorXd q;
+    Eigen::Index i;
+  };
+  const Case cases[] = {{"kr300_r2500", "", (VectorXd(6) << 0.2, -1.2, 1.4, 0.3, 0.8, -0.4).finished(), 1},
+                        {"planar2", "&task=x,z", Eigen::Vector2d(0.4, -1.2), 2}};
+  for (const Case& c : cases) {
+    Kinematics kinematics(c.robot);
+    const Pose X = kinematics.at(c.q);
+    CartesianLoop loop(c.query, c.robot);
+    for (const char* friction : {"tau_C", "tau_S", "sigma0", "sigma1", "sigma2"}) {
+      loop.unit[friction].setZero();
+      loop.drive[friction].setZero();
+    }
+    if (c.q.size() == 6) {  // drives for its weight, of which it has no data
+      for (Subject* subject : {&loop.unit, &loop.drive}) {
+        (*subject)["B"].setConstant(200);
+        (*subject)["K"].setConstant(1e6);
+      }
+      loop.drive["D"].setConstant(1000);
+      loop.unit["tau_max"].setZero();
+    }
+    desire(loop.unit, X);
+    loop.unit["M_T"].setConstant(50);
+    loop.start(c.q);
+    loop.unit["f_e"][c.i] = 30;
+    for (int n = 0; n < 5000; ++n) loop.step();
+    EXPECT_NEAR(kinematics.at(loop.drive["q"]).p[c.i] - X.p[c.i], 0.03, 3e-5) << c.robot;
+    EXPECT_EQ(loop.unit.warning(), "") << c.robot;
+  }
+}
+
 /// The unit alone, whose robot is always where it should be.
 class Alone {
  public:
