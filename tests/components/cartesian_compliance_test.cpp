@@ -275,6 +275,7 @@ TEST(CartesianCompliance, MatricesMayBeGivenInTheWorldTheDesiredAndTheToolFrame)
     if (axes == "tool") R = quaternion(alone.unit["quat_c"]).toRotationMatrix();
     const Vector3d expected = R * (R.transpose() * f).cwiseQuotient(S);
     EXPECT_LT((VectorXd(alone.unit["p_c"]) - X.p - expected).norm(), 1e-9) << axes;
+    EXPECT_LT(VectorXd(alone.unit["ddq_c"]).norm(), 1e-6) << axes;
     // The spring in tool axes is turned by the force at its end.
     const double turn = Vector3d(alone.unit["epsilon"]).norm();
     if (axes == "tool") {

@@ -69,6 +69,7 @@ class CartesianMotion {
   Wrench inertia_of_tool(Links& links, const Pose& X_S);
   Wrench rendered(const Wrench& F) const;
   void prepare(const Eigen::Matrix3d& R_BA, const Eigen::Matrix3d& R_d, double h);
+  Eigen::Vector3d moment_in_desired(const Eigen::Matrix3d& R_d, const Wrench& F, const Eigen::Vector3d& x) const;
   Motion compliant(const Motion& d, const Wrench& F);
   void write_outputs(Links& links, const MovingPose& c);
   void note(Met what);
