@@ -269,6 +269,14 @@ void CartesianMotion::prepare(const Matrix3d& R_BA, const Matrix3d& R_d, double 
   if (h > 0) propagator_.prepare(rendered_T_, h);
 }
 
+/// The moment of (3b) in the axes of the desired frame. A spring fixed to the tool is moved by the force at p_c, whose moment
+/// about p_d is x × f, x = p_c − p_d.
+Vector3d CartesianMotion::moment_in_desired(const Matrix3d& R_d, const Wrench& F, const Vector3d& x) const {
+  const Vector3d m = F.tail<3>();
+  if (axes_ != Axes::kTool) return R_d.transpose() * m;
+  return R_d.transpose() * (m + P_R_ * x.cross(F.head<3>()));
+}
+
 /// The motion of the compliant frame for the deviation in force.
 CartesianMotion::Motion CartesianMotion::compliant(const Motion& d, const Wrench& F) {
   const Quaterniond Q_dc = quaternion(quat_dc_);
@@ -277,19 +285,19 @@ CartesianMotion::Motion CartesianMotion::compliant(const Motion& d, const Wrench
   Motion c;
   c.pose.Q = (d.pose.Q * Q_dc).normalized();
   const Vector3d w = R_d * w_dc_;
-  const Vector3d m = R_d.transpose() * F.tail<3>();
+  const Matrix3d R = axes(d.pose.Q, c.pose.Q);
+  const Vector3d x = R * Delta_, dx = R * dDelta_;
+  const Vector3d m = moment_in_desired(R_d, F, x);
   const Vector3d moment = elastic_moment(potential_, rendered_R_.S, Q_dc);
   const Vector3d dw_dc = rendered_R_.M.inverse() * (m - rendered_R_.D * w_dc_ - moment);
   c.pose.V.tail<3>() = w_d + w;
   c.acceleration.tail<3>() = dw_d + R_d * dw_dc + w_d.cross(w);
 
-  const Matrix3d R = axes(d.pose.Q, c.pose.Q);
   Vector3d turn = Vector3d::Zero(), dturn = Vector3d::Zero();  // of the axes
   if (axes_ != Axes::kWorld) {
     turn = axes_ == Axes::kDesired ? w_d : Vector3d(c.pose.V.tail<3>());
     dturn = axes_ == Axes::kDesired ? dw_d : Vector3d(c.acceleration.tail<3>());
   }
-  const Vector3d x = R * Delta_, dx = R * dDelta_;
   const Vector3d ddDelta =
       rendered_T_.M.inverse() * (R.transpose() * F.head<3>() - rendered_T_.D * dDelta_ - rendered_T_.S * Delta_);
   c.pose.p = d.pose.p + x;
@@ -317,8 +325,7 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
   const Matrix3d R = axes(d.pose.Q, d.pose.Q * Q_dc);
   Delta_ = R.transpose() * P_T_ * (X.p - d.pose.p);
   dDelta_.setZero();
-  start_deviation_ = {Delta_.norm(), phi.norm()};
-  if (start_deviation_[0] > 1e-6 || start_deviation_[1] > 1e-6) note(kStart);
+  if (Delta_.norm() > 1e-6 || phi.norm() > 1e-6) note(kStart);
   prepare(R, R_d, 0);
   Motion c = compliant(d, Wrench::Zero());
   if ((Q_WB_ * c.pose.Q).w() < 0) c.pose.Q.coeffs() *= -1;
@@ -359,13 +366,8 @@ void CartesianMotion::advance(Links& links, const FromJoints& in, std::span<cons
   prepare(axes(d.pose.Q, Q_c0), R_d1, h);
 
   // Rotation, in the axes of the desired frame.
-  Vector3d m0 = R_d0.transpose() * F0.tail<3>(), m1 = R_d1.transpose() * F1.tail<3>();
-  if (axes_ == Axes::kTool) {
-    // A spring fixed to the tool is moved by the force at p_c, whose moment about p_d is Δ × f.
-    const Vector3d x = Q_c0 * (Delta_ + h / 2 * dDelta_);
-    m0 += R_d0.transpose() * P_R_ * x.cross(F0.head<3>());
-    m1 += R_d1.transpose() * P_R_ * x.cross(F1.head<3>());
-  }
+  const Vector3d x = Q_c0 * (Delta_ + h / 2 * dDelta_);
+  const Vector3d m0 = moment_in_desired(R_d0, F0, x), m1 = moment_in_desired(R_d1, F1, x);
   if (potential_ == Potential::kQuaternion && k_min_ > 0 && std::max(m0.norm(), m1.norm()) > k_min_) note(kRunsAway);
   const Turned turned = compliance::advance(potential_, rendered_R_, {quaternion(quat_dc_), w_dc_}, m0, (m1 - m0) / h, h);
   const Turn turn_before{quaternion(quat_dc_), w_dc_};

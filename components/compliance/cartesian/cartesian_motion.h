@@ -96,6 +96,7 @@ class CartesianMotion {
   Wrench inertia_of_tool(Links& links, const Pose& X_S);
   Wrench rendered(const Wrench& F) const;
   void prepare(const Eigen::Matrix3d& R_BA, const Eigen::Matrix3d& R_d, double h);
+  Eigen::Vector3d moment_in_desired(const Eigen::Matrix3d& R_d, const Wrench& F, const Eigen::Vector3d& x) const;
   Motion compliant(const Motion& d, const Wrench& F);
   void write_outputs(Links& links, const MovingPose& c);
   bool confine_frame(const Motion& d, const Turn& turn, const Eigen::Vector3d& x, const Eigen::Vector3d& dx,
@@ -144,7 +145,6 @@ class CartesianMotion {
   Twist V_before_ = Twist::Zero();
   double tank_ = 0;
   std::int32_t met_ = 0;
-  std::array<double, 2> start_deviation_{};  // m, rad
   // Outputs.
   Three p_c_{}, v_c_{}, w_c_{}, Delta_p_{}, epsilon_{};
   Four quat_c_{1, 0, 0, 0};
