@@ -17,6 +17,8 @@ constexpr double kLargest = 1e12;
 constexpr double kResting = 1e-6;
 /// Rounding of speeds, relative, that does not count as too fast.
 constexpr double kRounding = 1e-9;
+/// Joints of a floating base, before those of the robot.
+constexpr int kBaseJoints = 6;
 
 double bounded(double value) { return std::min(value, kLargest); }
 
@@ -28,7 +30,7 @@ std::vector<std::string> listed(const std::string& list) {
 }
 
 constexpr const char* kTooFast = "E moved faster than the speed limit v_max of ";
-constexpr const char* kNoLimit = "dynamic manipulability is 0 because tau_max is not given for joints ";
+constexpr const char* kNoLimit = "tau_max is not given for joints that then add nothing to the dynamic ellipsoids: ";
 
 }  // namespace
 
@@ -43,11 +45,12 @@ void Indices::declare_settings(SettingList& s) {
   s.text("parts", "hands_and_fingers,chest", "body parts or regions for the speed limits: names of the table body_parts");
   s.choice("contact", {"transient", "quasi_static"},
            "limits of body parts for short contact that the person can leave, or for clamping");
+  s.choice("base", {"fixed", "floating"}, "the base of the robot is fixed or moves freely, for example a satellite's");
 }
 
-Indices::Indices(Settings& settings) : Indices(settings, settings.robot()) {}
+Indices::Indices(Settings& settings) : Indices(settings, settings.robot(), settings.choice("base") == "floating") {}
 
-Indices::Indices(Settings& settings, const robot::RobotModel& robot)
+Indices::Indices(Settings& settings, const robot::RobotModel& robot, bool floating)
     : settings_(settings),
       place_(settings.unit()),
       measures_(&robot),
@@ -55,9 +58,19 @@ Indices::Indices(Settings& settings, const robot::RobotModel& robot)
       data_(mechanism_),
       bodies_(robot),
       drive_(static_cast<std::size_t>(robot.n())),
-      inertia_at_E_(robot.n()),
-      manipulability_(robot.n()) {
+      q_all_(Eigen::VectorXd::Zero(robot.n() + (floating ? kBaseJoints : 0))),
+      dq_all_(q_all_),
+      tau_max_all_(q_all_),
+      gradient_all_(q_all_),
+      inertia_at_E_(static_cast<int>(q_all_.size())),
+      kinematic_(robot.n()),
+      dynamic_(static_cast<int>(q_all_.size())) {
   if (robot.n() == 0) throw Error(place_, "robot '" + robot.name + "' has no movable joint, expected at least one");
+  if (floating) {
+    const std::string why = !robot.mimics.empty() ? "it has mimic joints" : robot.base.inertia.unphysical();
+    if (!why.empty()) throw Error(place_, "base=floating: the base of robot '" + robot.name + "' cannot float: " + why);
+    floating_ = std::make_unique<Floating>(robot);
+  }
   const std::string frame = settings.text("frame"), along = settings.choice("direction");
   frame_ = robot::on_body(frame.empty() ? robot.end_effector() : robot.frame(frame));
   along_ = along == "frame" ? Along::kFrame : along == "world" ? Along::kWorld : Along::kMotion;
@@ -71,7 +84,7 @@ Indices::Indices(Settings& settings, const robot::RobotModel& robot)
   for (std::size_t i = 0; i < n; ++i) {
     const robot::Joint& joint = robot.joints[i];
     if (joint.passive) {
-      drive_.B[i] = 0;
+      passive_.push_back(i);
     } else if (std::isfinite(joint.tau_max)) {
       tau_max_[i] = joint.tau_max;
     } else {
@@ -95,12 +108,13 @@ void Indices::declare(Variables& v) {
   joints.parameter("tau_max", tau_max_, "N.m", "largest motor torque, from the URDF's effort; 0: the joint is not driven")
       .range(0, 1e12);
   v.parameter("body_parts", body_parts_, "table of body parts (CSV) with the columns of models/people/iso_ts_15066.csv");
-  joints.parameter(drive_, robot::drive_parameter("B"), true, "; with motors=held");
+  auto B = joints.parameter(drive_, robot::drive_parameter("B"), true, "; with motors=held");
+  if (held_) B.essential();
 
   v.output("effective_mass", mass_, "kg", "m_u of E along u: a force along u accelerates E by force / m_u; 1e12: cannot move");
   v.output("effective_inertia", inertia_, "kg.m2", "likewise about u: a moment over it is the angular acceleration about u");
   joints.output("gradient", gradient_, "kg/rad", "derivative of effective_mass by q, with u fixed in its axes; 0 at 1e12");
-  v.output("speed", speed_, "m/s", "velocity of E along u relative to the robot's base");
+  v.output("speed", speed_, "m/s", "velocity of E along u in W (of a fixed base: relative to it)");
   v.output("energy", energy_, "J", "kinetic energy of effective_mass at that speed");
   declare_ellipsoid(v, "kin_v", kin_v_, "velocities of E for joint speeds of norm 1", "m/s", "m3/s3", false);
   declare_ellipsoid(v, "kin_w", kin_w_, "angular velocities of E for joint speeds of norm 1", "rad/s", "rad3/s3", false);
@@ -109,6 +123,10 @@ void Indices::declare(Variables& v) {
   v.output("warning", warning_, "what the user should know after the run; empty if nothing");
   v.state("B_in_force", B_, measures_.si("kg.m2"), "B on its way to the tunable");
   declare_bodies(v, bodies_, true);
+  if (floating_) {
+    v.input("base_v", base_v_, "m/s", "velocity of the floating base's origin in W");
+    v.input("base_w", base_w_, "rad/s", "angular velocity of the floating base in W");
+  }
   if (names_.empty()) return;
   v.output("reduced_mass", mu_, "kg", "of effective_mass and the mass of each body part of the setting parts");
   v.output("collision_energy", collision_, "J", "energy that a collision with each body part at rest takes up at this speed");
@@ -155,7 +173,7 @@ void Indices::check() const {
   for (const auto& [name, value] : {std::pair{"u", length(u_)}, std::pair{"base_quat", length(base_quat_)}}) {
     if (!(value > 1e-150) || !std::isfinite(value)) fail(name, value);
   }
-  const auto finite = [this](const char* name, const Joints& values) {
+  const auto finite = [this](const char* name, const auto& values) {
     for (std::size_t i = 0; i < values.size(); ++i) {
       if (!std::isfinite(values[i]))
         throw Error(place_ + "." + name + "[" + std::to_string(i + 1) + "]",
@@ -164,6 +182,8 @@ void Indices::check() const {
   };
   finite("q", q_);
   finite("dq", dq_);
+  finite("base_v", base_v_);
+  finite("base_w", base_w_);
   if (held_) {
     for (std::size_t i = 0; i < drive_.B.size(); ++i) {
       if (drive_.B[i] >= 0 && std::isfinite(drive_.B[i])) continue;
@@ -177,7 +197,9 @@ void Indices::initialise(Time) {
   check();
   take_body_parts();
   bodies_.take(place_, mechanism_);
+  adopt_bodies();
   B_ = drive_.B;
+  for (const std::size_t i : passive_) B_[i] = 0;
   std::fill(fast_.begin(), fast_.end(), 0);
   warning_.clear();
   std::size_t longest = 200 + 12 * q_.size();
@@ -191,45 +213,85 @@ StepResult Indices::step(Time, Duration h) {
   check();
   const double remaining = transition_ > 0 ? std::exp(-h.seconds() / transition_) : 0.0;
   for (std::size_t i = 0; i < B_.size(); ++i) B_[i] = drive_.B[i] + (B_[i] - drive_.B[i]) * remaining;
-  bodies_.follow(place_, remaining, mechanism_);
+  for (const std::size_t i : passive_) B_[i] = 0;
+  if (bodies_.follow(place_, remaining, mechanism_)) adopt_bodies();
   compute();
   return StepResult::kDone;
 }
 
-void Indices::restored() { bodies_.restored(mechanism_); }
+void Indices::restored() {
+  bodies_.restored(mechanism_);
+  adopt_bodies();
+}
+
+void Indices::adopt_bodies() {
+  if (floating_) floating_->mechanism.update(bodies_.robot());
+}
 
 /// The unit vector in B.
-Eigen::Vector3d Indices::direction(const Eigen::Vector3d& v_BE, const Eigen::Matrix3d& R_WB) const {
-  if (along_ == Along::kMotion && v_BE.norm() > kResting) return v_BE.normalized();
+Eigen::Vector3d Indices::direction(const Eigen::Vector3d& v_E, const Eigen::Matrix3d& R_WB) const {
+  if (along_ == Along::kMotion && v_E.norm() > kResting) return v_E.normalized();
   const Eigen::Vector3d u = Eigen::Map<const Eigen::Vector3d>(u_.data()).stableNormalized();
   return along_ == Along::kFrame ? Eigen::Vector3d(inertia_at_E_.X_BF.R * u) : Eigen::Vector3d(R_WB.transpose() * u);
 }
 
-void Indices::compute() {
+/// Positions, speeds and torques of all joints.
+void Indices::take_motion(const Eigen::Matrix3d& R_WB) {
   using Vector = Eigen::Map<const Eigen::VectorXd>;
   const auto n = static_cast<Eigen::Index>(q_.size());
-  const Vector q(q_.data(), n), dq(dq_.data(), n), B(B_.data(), held_ ? n : 0), tau_max(tau_max_.data(), n);
+  q_all_.tail(n) = Vector(q_.data(), n);
+  dq_all_.tail(n) = Vector(dq_.data(), n);
+  tau_max_all_.tail(n) = Vector(tau_max_.data(), n);
+  if (!floating_) return;
+  dq_all_.head<3>() = R_WB.transpose() * Eigen::Map<const Eigen::Vector3d>(base_v_.data());
+  dq_all_.segment<3>(3) = R_WB.transpose() * Eigen::Map<const Eigen::Vector3d>(base_w_.data());
+}
+
+// Steps:
+//   1. the inertia at E
+//   2. masses along u and their gradient
+//   3. ellipsoids
+//   4. body parts
+void Indices::compute() {
+  const auto n = static_cast<Eigen::Index>(q_.size());
   const Eigen::Matrix3d R_WB =
       Eigen::Quaterniond(base_quat_[0], base_quat_[1], base_quat_[2], base_quat_[3]).normalized().toRotationMatrix();
+  take_motion(R_WB);
+  const Eigen::Map<const Eigen::VectorXd> B(B_.data(), held_ ? n : 0);
   robot::FrameInertia& f = inertia_at_E_;
-  robot::frame_inertia(mechanism_, data_, q, B, frame_, f);
-  const Eigen::Vector3d v_BE = f.J.topRows<3>().lazyProduct(dq);
-  const Eigen::Vector3d u = direction(v_BE, R_WB);
+  const robot::Mechanism& mechanism = floating_ ? floating_->mechanism.with_base() : mechanism_;
+  robot::Data& data = floating_ ? floating_->data.data : data_;
+  robot::FrameOnBody frame = frame_;
+  if (floating_) {
+    robot::frame_inertia(floating_->mechanism, floating_->data, q_all_.tail(n), B, frame_, f);
+    frame.body += kBaseJoints;
+  } else {
+    robot::frame_inertia(mechanism_, data_, q_all_, B, frame_, f);
+  }
 
+  const Eigen::Vector3d v_E = f.J.topRows<3>().lazyProduct(dq_all_);
+  const Eigen::Vector3d u = direction(v_E, R_WB);
   const double mass = robot::effective_mass(f, u);
   mass_ = bounded(mass);
   inertia_ = bounded(robot::effective_inertia(f, u));
-  speed_ = u.dot(v_BE);
+  speed_ = u.dot(v_E);
   energy_ = std::isinf(mass) ? 0 : robot::collision_energy(mass, speed_);
-  robot::effective_mass_gradient(mechanism_, data_, q, frame_, f, u,
+  robot::effective_mass_gradient(mechanism, data, q_all_, frame, f, u,
                                  along_ == Along::kFrame ? robot::Direction::kInFrame : robot::Direction::kInBase,
-                                 Eigen::Map<Eigen::VectorXd>(gradient_.data(), n));
-  robot::kinematic_manipulability(f, manipulability_);
-  kin_v_.write(manipulability_.translation, R_WB);
-  kin_w_.write(manipulability_.rotation, R_WB);
-  robot::dynamic_manipulability(mechanism_, data_, q, dq, frame_, f, tau_max, manipulability_);
-  dyn_v_.write(manipulability_.translation, R_WB);
-  dyn_w_.write(manipulability_.rotation, R_WB);
+                                 gradient_all_);
+  std::copy_n(gradient_all_.data() + gradient_all_.size() - n, n, gradient_.begin());
+
+  if (floating_) {
+    robot::floating_inertia(floating_->mechanism, floating_->data, q_all_.tail(n), floating_->inertia);
+    robot::generalised_jacobian(floating_->mechanism, floating_->data, floating_->inertia, q_all_.tail(n), frame_,
+                                floating_->without_momentum.J);
+  }
+  robot::kinematic_manipulability(floating_ ? floating_->without_momentum : f, kinematic_);
+  kin_v_.write(kinematic_.translation, R_WB);
+  kin_w_.write(kinematic_.rotation, R_WB);
+  robot::dynamic_manipulability(mechanism, data, q_all_, dq_all_, frame, f, tau_max_all_, dynamic_);
+  dyn_v_.write(dynamic_.translation, R_WB);
+  dyn_w_.write(dynamic_.rotation, R_WB);
   compute_body_parts(mass, std::abs(speed_));
 }
 

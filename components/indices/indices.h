@@ -1,6 +1,7 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,9 @@ namespace cotwin::indices {
 /// What a person feels and risks at a frame E of a robot that moves (V-B, VI-C): effective mass and inertia along u,
 /// manipulability, reflected energy, speed limits against body parts. models/robot/indices.h has the equations. All outputs are
 /// functions of the inputs at the step's end; nothing acts on the robot.
+///
+/// base=floating: M and J are those of the robot with its base, which recoils (robot::FloatingMechanism); kinematic ellipsoids
+/// are those of the generalised Jacobian.
 ///
 /// Body parts: collision with the reduced mass μ = (1/m_u + 1/m_H)⁻¹ at the speed of E along u, v_max = F_max/√(μ k_H). The
 /// bodies of the robot and B may be changed during the run; the values in force follow smoothly.
@@ -43,15 +47,27 @@ class Indices final : public Unit {
     void write(const robot::Ellipsoid& ellipsoid, const Eigen::Matrix3d& R_WB);
   };
 
-  Indices(Settings& settings, const robot::RobotModel& robot);
+  /// A robot whose base floats.
+  struct Floating {
+    explicit Floating(const robot::RobotModel& robot)
+        : mechanism(robot), data(mechanism), inertia(robot.n()), without_momentum(robot.n()) {}
+    robot::FloatingMechanism mechanism;
+    robot::FloatingData data;
+    robot::FloatingInertia inertia;
+    robot::FrameInertia without_momentum;  // of J* only
+  };
+
+  Indices(Settings& settings, const robot::RobotModel& robot, bool floating);
   void declare_ellipsoid(Variables& v, const std::string& name, EllipsoidPorts& e, const std::string& what,
                          const std::string& length, const std::string& measure, bool with_centre);
   void check() const;
   void take_body_parts();
+  void adopt_bodies();
+  void take_motion(const Eigen::Matrix3d& R_WB);
   void compute();
   void compute_body_parts(double mass, double speed);
   void write_warning();
-  Eigen::Vector3d direction(const Eigen::Vector3d& v_BE, const Eigen::Matrix3d& R_WB) const;
+  Eigen::Vector3d direction(const Eigen::Vector3d& v_E, const Eigen::Matrix3d& R_WB) const;
 
   Settings settings_;
   std::string place_;  // for messages
@@ -60,15 +76,18 @@ class Indices final : public Unit {
   robot::Data data_;
   robot::BodyParameters bodies_;
   robot::FrameOnBody frame_;
+  std::unique_ptr<Floating> floating_;  // nullptr: the base is fixed
   Along along_;
   bool held_;  // motors=held
   bool transient_;
+  std::vector<std::size_t> passive_;    // joints without a motor
   std::vector<std::size_t> unlimited_;  // joints without a torque limit in the URDF
   std::vector<std::string> names_;      // of the selected body parts
 
   // Inputs.
   Joints q_, dq_;
   std::array<double, 4> base_quat_{1, 0, 0, 0};
+  std::array<double, 3> base_v_{}, base_w_{};  // of a floating base
   // Parameters and tunables.
   std::array<double, 3> u_{0, 0, 1};
   double margin_ = 0, area_ = 0, transition_ = 0.05;
@@ -86,8 +105,10 @@ class Indices final : public Unit {
   std::string warning_;
 
   std::vector<BodyPart> parts_;  // selected
+  // Of a floating robot with the six joints of its base first.
+  Eigen::VectorXd q_all_, dq_all_, tau_max_all_, gradient_all_;
   robot::FrameInertia inertia_at_E_;
-  robot::Manipulability manipulability_;
+  robot::Manipulability kinematic_, dynamic_;
 };
 
 }  // namespace cotwin::indices

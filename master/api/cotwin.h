@@ -50,6 +50,26 @@ struct FramePose {
   std::array<double, 3> p{};  ///< position p_BF of F's origin in B, m
 };
 
+/// An ellipsoid of velocities or accelerations of a frame, in the axes of B.
+struct Ellipsoid {
+  std::array<double, 9> axes{};     ///< by rows; its columns are the directions of the half-axes, longest first
+  std::array<double, 3> lengths{};  ///< of the half-axes; +infinity where motors drive a joint that moves no mass
+  std::array<double, 3> centre{};   ///< centre
+  double measure = 0;               ///< product of the lengths: Yoshikawa's manipulability
+};
+
+/// Manipulability of a frame, translation and rotation apart.
+struct Manipulability {
+  Ellipsoid translation;  ///< m/s, or m/s^2 if dynamic
+  Ellipsoid rotation;     ///< rad/s, or rad/s^2 if dynamic
+};
+
+/// The axes in which a direction is given.
+enum class Axes : std::uint8_t {
+  kBase,  ///< those of the base frame B
+  kFrame  ///< those of the frame itself
+};
+
 /// A joint of one degree of freedom.
 struct JointInfo {
   std::string name;        ///< of the URDF's joint
@@ -98,6 +118,32 @@ class COTWIN_API Robot {
   /// J, 6 x n, with [v; w] = J dq: velocity v of the frame's origin (m/s) in rows 0 to 2 and angular velocity w (rad/s) in rows
   /// 3 to 5, both relative to B and expressed in B. Parameters and errors as forward_kinematics().
   Matrix jacobian(std::span<const double> q, const std::string& frame = "");
+
+  /// Effective mass of a frame's origin along u, 1/(u' J_v M^-1 J_v' u), kg: a force f along u accelerates it along u by f over
+  /// this mass, while all its other motions are free. +infinity along a direction in which the joints cannot move it (singular
+  /// position). \param q n, rad or m \param u direction, of any length but zero \param frame as in forward_kinematics()
+  /// \param axes those of u \param motor_inertia of the motors behind the gears, n, kg.m^2 or kg, not negative; it is added to
+  /// M's diagonal (slow motions); +infinity: the joint is locked; empty: the motors are free (blows). Throws Error for u = 0 and
+  /// wrong values.
+  double effective_mass(std::span<const double> q, const std::array<double, 3>& u, const std::string& frame = "",
+                        Axes axes = Axes::kBase, std::span<const double> motor_inertia = {});
+  /// Effective inertia of a frame about u, 1/(u' J_w M^-1 J_w' u), kg.m^2: a moment about u over the angular acceleration about
+  /// u. Parameters and errors as effective_mass().
+  double effective_inertia(std::span<const double> q, const std::array<double, 3>& u, const std::string& frame = "",
+                           Axes axes = Axes::kBase, std::span<const double> motor_inertia = {});
+  /// Derivative of effective_mass() by q, with u fixed in its axes; n, kg/rad or kg/m; 0 where the mass is infinite. Parameters
+  /// and errors as effective_mass().
+  std::vector<double> effective_mass_gradient(std::span<const double> q, const std::array<double, 3>& u,
+                                              const std::string& frame = "", Axes axes = Axes::kBase,
+                                              std::span<const double> motor_inertia = {});
+  /// Velocities of a frame for joint speeds of norm 1 (rad/s, m/s). \param q n, rad or m \param frame as in
+  /// forward_kinematics()
+  Manipulability manipulability(std::span<const double> q, const std::string& frame = "");
+  /// Accelerations of a frame for motor torques whose quotients with tau_max have the norm 1, around those without motor
+  /// torques (Yoshikawa 1985). \param q n, rad or m \param dq n, rad/s or m/s \param tau_max n, N.m or N, finite
+  /// \param frame as in forward_kinematics() \param motor_inertia as in effective_mass(). Throws Error for wrong values.
+  Manipulability dynamic_manipulability(std::span<const double> q, std::span<const double> dq, std::span<const double> tau_max,
+                                        const std::string& frame = "", std::span<const double> motor_inertia = {});
 
  private:
   struct Impl;

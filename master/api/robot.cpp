@@ -1,9 +1,12 @@
 #include <algorithm>
+#include <cmath>
 
 #include "master/api/cotwin.h"
 #include "master/program/folders.h"
 #include "models/robot/dynamics.h"
+#include "models/robot/indices.h"
 #include "models/robot/urdf.h"
+#include "models/support/text.h"
 
 namespace cotwin {
 
@@ -19,6 +22,30 @@ struct Robot::Impl {
   }
   robot::FrameOnBody frame(const std::string& name) const {
     return robot::on_body(name.empty() ? model.end_effector() : model.frame(name));
+  }
+
+  /// Inertia, frame and unit vector in B of the functions of indices.
+  struct At {
+    robot::FrameOnBody on;
+    robot::FrameInertia inertia;
+    Eigen::Vector3d u;
+  };
+  At at(std::span<const double> q, const std::array<double, 3>& u, const std::string& name, Axes axes,
+        std::span<const double> motor_inertia) {
+    At at{frame(name), robot::FrameInertia(model.n()), Eigen::Map<const Eigen::Vector3d>(u.data())};
+    if (!at.u.allFinite() || at.u.stableNorm() == 0) {
+      throw Error("u of " + model.name,
+                  "has the length " + text::to_text(at.u.stableNorm()) + ", expected a finite length > 0");
+    }
+    if (!motor_inertia.empty()) in(motor_inertia, "motor_inertia");
+    for (const double B : motor_inertia) {
+      if (!(B >= 0)) throw Error("motor_inertia of " + model.name, "is " + text::to_text(B) + ", expected >= 0");
+    }
+    const Eigen::Map<const Eigen::VectorXd> B(motor_inertia.data(), static_cast<Eigen::Index>(motor_inertia.size()));
+    robot::frame_inertia(mechanism, data, in(q, "q"), B, at.on, at.inertia);
+    at.u.stableNormalize();
+    if (axes == Axes::kFrame) at.u = at.inertia.X_BF.R * at.u;
+    return at;
   }
 
   robot::RobotModel model;
@@ -45,6 +72,15 @@ Matrix matrix_of(Eigen::Index rows, Eigen::Index columns, Compute compute) {
   Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(m.values.data(), rows, columns) =
       by_columns;
   return m;
+}
+
+Ellipsoid ellipsoid_of(const robot::Ellipsoid& from) {
+  Ellipsoid to;
+  Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(to.axes.data()) = from.axes;
+  Eigen::Map<Eigen::Vector3d>(to.lengths.data()) = from.lengths;
+  Eigen::Map<Eigen::Vector3d>(to.centre.data()) = from.centre;
+  to.measure = from.measure();
+  return to;
 }
 
 }  // namespace
@@ -113,6 +149,49 @@ Matrix Robot::jacobian(std::span<const double> q, const std::string& frame) {
   const auto in = impl_->in(q, "q");
   return matrix_of(6, in.size(),
                    [&](Eigen::MatrixXd& J) { robot::jacobian(impl_->mechanism, impl_->data, in, impl_->frame(frame), J); });
+}
+
+double Robot::effective_mass(std::span<const double> q, const std::array<double, 3>& u, const std::string& frame, Axes axes,
+                             std::span<const double> motor_inertia) {
+  const Impl::At at = impl_->at(q, u, frame, axes, motor_inertia);
+  return robot::effective_mass(at.inertia, at.u);
+}
+
+double Robot::effective_inertia(std::span<const double> q, const std::array<double, 3>& u, const std::string& frame, Axes axes,
+                                std::span<const double> motor_inertia) {
+  const Impl::At at = impl_->at(q, u, frame, axes, motor_inertia);
+  return robot::effective_inertia(at.inertia, at.u);
+}
+
+std::vector<double> Robot::effective_mass_gradient(std::span<const double> q, const std::array<double, 3>& u,
+                                                   const std::string& frame, Axes axes, std::span<const double> motor_inertia) {
+  Impl::At at = impl_->at(q, u, frame, axes, motor_inertia);
+  const auto direction = axes == Axes::kFrame ? robot::Direction::kInFrame : robot::Direction::kInBase;
+  return vector_of(impl_->model.n(), [&](auto gradient) {
+    robot::effective_mass_gradient(impl_->mechanism, impl_->data, impl_->in(q, "q"), at.on, at.inertia, at.u, direction,
+                                   gradient);
+  });
+}
+
+Manipulability Robot::manipulability(std::span<const double> q, const std::string& frame) {
+  const Impl::At at = impl_->at(q, {1, 0, 0}, frame, Axes::kBase, {});
+  robot::Manipulability found(impl_->model.n());
+  robot::kinematic_manipulability(at.inertia, found);
+  return {ellipsoid_of(found.translation), ellipsoid_of(found.rotation)};
+}
+
+Manipulability Robot::dynamic_manipulability(std::span<const double> q, std::span<const double> dq,
+                                             std::span<const double> tau_max, const std::string& frame,
+                                             std::span<const double> motor_inertia) {
+  const auto position = impl_->in(q, "q"), speed = impl_->in(dq, "dq"), torque = impl_->in(tau_max, "tau_max");
+  for (const double tau : tau_max) {
+    if (!(tau >= 0) || std::isinf(tau))
+      throw Error("tau_max of " + impl_->model.name, "is " + text::to_text(tau) + ", expected a finite value >= 0");
+  }
+  Impl::At at = impl_->at(q, {1, 0, 0}, frame, Axes::kBase, motor_inertia);
+  robot::Manipulability found(impl_->model.n());
+  robot::dynamic_manipulability(impl_->mechanism, impl_->data, position, speed, at.on, at.inertia, torque, found);
+  return {ellipsoid_of(found.translation), ellipsoid_of(found.rotation)};
 }
 
 }  // namespace cotwin

@@ -2,19 +2,27 @@
 
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 
 namespace cotwin::control {
 namespace {
 
 using Rows = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-double dot(const double* a, const double* b, int n) {
+/// f(n), with n known to the compiler for arms of 7 joints, whose loops are then unrolled.
+template <class F>
+void with_joints(int n, F f) {
+  if (n == 7) return f(std::integral_constant<int, 7>());
+  f(n);
+}
+
+inline double dot(const double* a, const double* b, int n) {
   double sum = 0;
   for (int i = 0; i < n; ++i) sum += a[i] * b[i];
   return sum;
 }
 
-void add(double factor, const double* x, double* y, int n) {
+inline void add(double factor, const double* x, double* y, int n) {
   for (int i = 0; i < n; ++i) y[i] += factor * x[i];
 }
 
@@ -154,20 +162,26 @@ bool Cascade::factorise(const MatrixIn& M) {
 }
 
 void Cascade::lower_solve(double* x) const {
-  for (int i = 0; i < n_; ++i) x[i] = (x[i] - dot(L_.data() + i * n_, x, i)) * inverse_diagonal_[static_cast<std::size_t>(i)];
+  with_joints(n_, [&](auto n) {
+    for (int i = 0; i < n; ++i) x[i] = (x[i] - dot(L_.data() + i * n, x, i)) * inverse_diagonal_[static_cast<std::size_t>(i)];
+  });
 }
 
 void Cascade::forward(const double* x, double* y) const {
-  std::fill(y, y + n_, 0.0);
-  for (int i = 0; i < n_; ++i) add(x[i], L_.data() + i * n_, y, i + 1);
+  with_joints(n_, [&](auto n) {
+    std::fill(y, y + n, 0.0);
+    for (int i = 0; i < n; ++i) add(x[i], L_.data() + i * n, y, i + 1);
+  });
 }
 
 void Cascade::backward(const double* y, double* x) const {
-  std::copy(y, y + n_, x);
-  for (int i = n_ - 1; i >= 0; --i) {
-    x[i] *= inverse_diagonal_[static_cast<std::size_t>(i)];
-    add(-x[i], L_.data() + i * n_, x, i);
-  }
+  with_joints(n_, [&](auto n) {
+    std::copy(y, y + n, x);
+    for (int i = n - 1; i >= 0; --i) {
+      x[i] *= inverse_diagonal_[static_cast<std::size_t>(i)];
+      add(-x[i], L_.data() + i * n, x, i);
+    }
+  });
 }
 
 // Ĵ = diag(scale) J L⁻ᵀ: L Ĵᵀ = (scaled J)ᵀ for all rows at once.
@@ -315,32 +329,35 @@ bool Cascade::decompose(const MatrixIn& M) { return n_ == 7 ? decompose_as<7>(M)
 
 void Cascade::solve(VectorOut ddq) {
   std::fill(z_.begin(), z_.end(), 0.0);
-  for (std::size_t k = 0; k < tasks.size(); ++k) {
-    const Task& task = tasks[k];
-    Level& level = levels_[k];
-    if (!level.active) continue;
-    const int m = static_cast<int>(task.a.size());
-    double* t = level.t.data();
-    for (int i = 0; i < m; ++i) {  // t = R⁻¹ (a − J q̈), rows scaled
-      const double rest = task.scale[i] * task.a[i] - dot(level.J_hat.data() + i * n_, z_.data(), n_);
-      const double* R = level.R.data() + i * m;
-      t[i] = (rest - dot(R, t, i)) / R[i];
+  with_joints(n_, [&](auto n) {
+    for (std::size_t k = 0; k < tasks.size(); ++k) {
+      Task& task = tasks[k];
+      Level& level = levels_[k];
+      if (!level.active) continue;
+      const int m = static_cast<int>(task.a.size());
+      double* t = level.t.data();
+      for (int i = 0; i < m; ++i) {  // t = R⁻¹ (a − J q̈), rows scaled
+        const double rest = task.scale[i] * task.a[i] - dot(level.J_hat.data() + i * n, z_.data(), n);
+        const double* R = level.R.data() + i * m;
+        t[i] = (rest - dot(R, t, i)) / R[i];
+      }
+      for (int i = 0; i < m; ++i) add(level.root * t[i], Y_.data() + (level.first + i) * n, z_.data(), n);
     }
-    for (int i = 0; i < m; ++i) add(level.root * t[i], Y_.data() + (level.first + i) * n_, z_.data(), n_);
-  }
+    for (std::size_t k = 0; k < tasks.size(); ++k) {
+      Task& task = tasks[k];
+      for (int i = 0; i < static_cast<int>(task.a.size()); ++i)
+        task.residual[i] = task.a[i] - dot(levels_[k].J_hat.data() + i * n, z_.data(), n) / task.scale[i];
+    }
+  });
   backward(z_.data(), ddq.data());
-  for (std::size_t k = 0; k < tasks.size(); ++k) {
-    Task& task = tasks[k];
-    for (Eigen::Index i = 0; i < task.a.size(); ++i) {
-      task.residual[i] = task.a[i] - dot(levels_[k].J_hat.data() + i * n_, z_.data(), n_) / task.scale[i];
-    }
-  }
 }
 
 void Cascade::remove(double* x) {
   double* c = c_.data();
-  for (int j = 0; j < rows_; ++j) c[j] = dot(x, Y_.data() + j * n_, n_);
-  for (int j = 0; j < rows_; ++j) add(-c[j], Y_.data() + j * n_, x, n_);
+  with_joints(n_, [&](auto n) {
+    for (int j = 0; j < rows_; ++j) c[j] = dot(x, Y_.data() + j * n, n);
+    for (int j = 0; j < rows_; ++j) add(-c[j], Y_.data() + j * n, x, n);
+  });
 }
 
 void Cascade::project(VectorOut v) {
@@ -367,25 +384,27 @@ void Cascade::solve_mass(VectorOut x) {
 // the tasks k … r; A^# = activation R⁻ᵀ R⁻¹ and √activation R⁻¹ W = Y.
 void Cascade::split(VectorOut v, std::vector<Eigen::VectorXd>& forces) {
   forward(v.data(), x_.data());
-  for (std::size_t k = tasks.size(); k-- > 0;) {
-    const Task& task = tasks[k];
-    Level& level = levels_[k];
-    Eigen::VectorXd& f = forces[k];
-    if (!level.active) {
-      f.setZero();
-      continue;
+  with_joints(n_, [&](auto n) {
+    for (std::size_t k = tasks.size(); k-- > 0;) {
+      const Task& task = tasks[k];
+      const Level& level = levels_[k];
+      Eigen::VectorXd& f = forces[k];
+      if (!level.active) {
+        f.setZero();
+        continue;
+      }
+      const int m = static_cast<int>(task.a.size());
+      for (int i = 0; i < m; ++i) f[i] = level.root * dot(Y_.data() + (level.first + i) * n, x_.data(), n);
+      for (int i = m - 1; i >= 0; --i) {
+        f[i] /= level.R[static_cast<std::size_t>(i * m + i)];
+        for (int j = 0; j < i; ++j) f[j] -= level.R[static_cast<std::size_t>(i * m + j)] * f[i];
+      }
+      for (int i = 0; i < m; ++i) {
+        add(-f[i], level.J_hat.data() + i * n, x_.data(), n);
+        f[i] *= task.scale[i];
+      }
     }
-    const int m = static_cast<int>(task.a.size());
-    for (int i = 0; i < m; ++i) f[i] = level.root * dot(Y_.data() + (level.first + i) * n_, x_.data(), n_);
-    for (int i = m - 1; i >= 0; --i) {
-      f[i] /= level.R[static_cast<std::size_t>(i * m + i)];
-      for (int j = 0; j < i; ++j) f[j] -= level.R[static_cast<std::size_t>(i * m + j)] * f[i];
-    }
-    for (int i = 0; i < m; ++i) {
-      add(-f[i], level.J_hat.data() + i * n_, x_.data(), n_);
-      f[i] *= task.scale[i];
-    }
-  }
+  });
   backward(x_.data(), v.data());
 }
 

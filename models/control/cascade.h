@@ -3,7 +3,7 @@
 #include <Eigen/Eigenvalues>
 #include <vector>
 
-/// Redundancy resolution at the acceleration level (IV-A3, [28]; specifications in docs/equations.md). Nothing here allocates
+/// Redundancy resolution at the acceleration level (IV-A3, [28]; derivations in docs/equations.md). Nothing here allocates
 /// after construction or throws.
 namespace cotwin::control {
 

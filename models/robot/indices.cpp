@@ -17,7 +17,8 @@ using Vector6 = Eigen::Matrix<double, 6, 1>;
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 /// Pivots of M below this part of the diagonal are rounding: the joint moves no mass.
 constexpr double kPivot = 1e-14;
-/// A motion per force below this part of the frame's largest one is rounding. It is squared in Λ⁻¹.
+/// A motion per force below this part of the frame's largest one is rounding, also a lever arm below this part of the frame's
+/// distance from the base, or of 1 m. It is squared in Λ⁻¹.
 constexpr double kStuck = 1e-12;
 /// Eigenvalues of Λ⁻¹ below this part of the largest one, and squares of a direction's part in their space, are rounding.
 constexpr double kNull = 1e-14;
@@ -80,7 +81,10 @@ void add_motors(const VectorIn& B, Eigen::Index first, FrameInertia& f) {
 /// Block of a direction in the six dimensions: 0 translation, 3 rotation.
 enum Block : Eigen::Index { kTranslation = 0, kRotation = 3 };
 
-/// Rounding in a position is relative to the distance from the base, in which rotations move F.
+/// Length whose rounding is that of positions, m.
+double reach(const FrameInertia& f) { return std::max(1.0, f.X_BF.p.norm()); }
+
+/// Largest uᵀ Λ⁻¹ u of a block, in translations that of rotations at the distance `reach` if it is larger.
 double largest_mobility(const Matrix6& Lambda_inverse, Block block, double distance) {
   const double rotation = Lambda_inverse.bottomRightCorner<3, 3>().trace();
   return block == kRotation ? rotation : Lambda_inverse.topLeftCorner<3, 3>().trace() + rotation * distance * distance;
@@ -88,7 +92,7 @@ double largest_mobility(const Matrix6& Lambda_inverse, Block block, double dista
 
 /// uᵀ Λ⁻¹ u of a block; 0 if it is rounding; +∞ if u moves a joint without mass.
 double mobility(const FrameInertia& f, Block block, const Eigen::Vector3d& u) {
-  const double distance = f.X_BF.p.norm();
+  const double distance = reach(f);
   double sum = 0;
   for (Eigen::Index i = 0; i < f.D.size(); ++i) {
     const double w = u.dot(f.W.col(i).segment<3>(block));

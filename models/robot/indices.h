@@ -37,7 +37,7 @@ struct FrameInertia {
   Eigen::VectorXd x, y;
 };
 
-/// `B`: inertia of the motors at the joints (n, kg m² or kg, > 0; +∞ locks the joint), or empty: the motors are free.
+/// `B`: inertia of the motors at the joints (n, kg m² or kg, >= 0; +∞ locks the joint), or empty: the motors are free.
 void frame_inertia(const Mechanism&, Data&, const VectorIn& q, const VectorIn& B, const FrameOnBody& frame,
                    FrameInertia& inertia);
 /// The same of a robot on a floating base, which recoils. `inertia` is that of n + 6 joints, those of the base first; Λ⁻¹ =

@@ -44,6 +44,40 @@ TEST(CartesianCompliance, AFlexibleRobotShowsTheStiffnessOfTableTwoAtItsLinkSide
   EXPECT_NEAR(turn.axis().dot(m.normalized()), 1, 1e-6);
 }
 
+TEST(CartesianCompliance, AHeavyRobotOfSixJointsAndAPlanarArmShowTheirStiffnessAtTheirLinksToo) {
+  struct Case {
+    const char *robot, *query;
+    VectorXd q;
+    Eigen::Index i;
+  };
+  const Case cases[] = {{"kr300_r2500", "", (VectorXd(6) << 0.2, -1.2, 1.4, 0.3, 0.8, -0.4).finished(), 1},
+                        {"planar2", "&task=x,z", Eigen::Vector2d(0.4, -1.2), 2}};
+  for (const Case& c : cases) {
+    Kinematics kinematics(c.robot);
+    const Pose X = kinematics.at(c.q);
+    CartesianLoop loop(c.query, c.robot);
+    for (const char* friction : {"tau_C", "tau_S", "sigma0", "sigma1", "sigma2"}) {
+      loop.unit[friction].setZero();
+      loop.drive[friction].setZero();
+    }
+    if (c.q.size() == 6) {  // drives for its weight, of which it has no data
+      for (Subject* subject : {&loop.unit, &loop.drive}) {
+        (*subject)["B"].setConstant(200);
+        (*subject)["K"].setConstant(1e6);
+      }
+      loop.drive["D"].setConstant(1000);
+      loop.unit["tau_max"].setZero();
+    }
+    desire(loop.unit, X);
+    loop.unit["M_T"].setConstant(50);
+    loop.start(c.q);
+    loop.unit["f_e"][c.i] = 30;
+    for (int n = 0; n < 5000; ++n) loop.step();
+    EXPECT_NEAR(kinematics.at(loop.drive["q"]).p[c.i] - X.p[c.i], 0.03, 3e-5) << c.robot;
+    EXPECT_EQ(loop.unit.warning(), "") << c.robot;
+  }
+}
+
 /// The unit alone, whose robot is always where it should be.
 class Alone {
  public:
@@ -446,6 +480,81 @@ TEST(CartesianCompliance, VariableStiffnessNeverGivesOutMoreThanTheTankHolds) {
     ASSERT_LE(stored() + alone.unit.value("tank"), begin * (1 + 1e-9)) << n;
   }
   EXPECT_NE(alone.unit.warning().find("had to wait"), std::string::npos);
+}
+
+TEST(CartesianCompliance, ThePoseOfTheBaseInTheWorldChangesNothingButTheNumbersAtThePorts) {
+  Kinematics kinematics("lwr4");
+  const Pose X = kinematics.at(lwr4_posture());
+  const Pose X_WB{rotation_from_rpy(0.3, -0.5, 1.1), {2.6, 1.2, 0.9}};
+  Alone here("&axes=desired", "lwr4", lwr4_posture()), there("&axes=desired", "lwr4", lwr4_posture());
+  there.unit["p_WB"] = X_WB.p;
+  there.unit["quat_WB"] = quaternion_values(Quaterniond(X_WB.R));
+  desire(here.unit, X);
+  desire(there.unit, X_WB * X);
+  const Vector3d f(12, -9, 5), m(2, 4, -3), v(0.02, -0.01, 0.03), w(0.05, 0.02, -0.04);
+  for (Alone* a : {&here, &there}) {
+    const Eigen::Matrix3d R = a == &here ? Eigen::Matrix3d(Eigen::Matrix3d::Identity()) : X_WB.R;
+    table_two(a->unit);
+    a->unit.initialise();
+    a->unit["f_e"] = R * f;
+    a->unit["m_e"] = R * m;
+    for (int n = 1; n <= 500; ++n) {
+      const double t = n * 1e-3;
+      a->unit["p_d"] = (a == &here ? X : X_WB * X).p + R * v * t * t;
+      a->unit["v_d"] = R * v * 2 * t;
+      a->unit["dv_d"] = R * v * 2;
+      const Quaterniond turn(Eigen::AngleAxisd(w.norm() * t * t, w.normalized()));
+      a->unit["quat_d"] = quaternion_values(Quaterniond(R) * turn * Quaterniond(X.R));
+      a->unit["w_d"] = R * w * 2 * t;
+      a->unit["dw_d"] = R * w * 2;
+      a->step();
+    }
+  }
+  EXPECT_GT((VectorXd(here.unit["q_c"]) - lwr4_posture()).norm(), 0.01);
+  EXPECT_LT((VectorXd(here.unit["q_c"]) - VectorXd(there.unit["q_c"])).norm(), 1e-9);
+  EXPECT_LT((X_WB * Vector3d(here.unit["p_c"]) - Vector3d(there.unit["p_c"])).norm(), 1e-12);
+  EXPECT_LT((X_WB.R * Vector3d(here.unit["w_c"]) - Vector3d(there.unit["w_c"])).norm(), 1e-12);
+}
+
+TEST(CartesianCompliance, TheFrameMayBeAnywhereOnTheTool) {
+  // A frame 0.2 m in front of the flange, turned: a force at its origin does not turn it.
+  Kinematics flange("lwr4", "link_7");
+  const Pose X_FE{rotation_from_rpy(0.4, 0.2, -0.7), {0.05, -0.03, 0.2}};
+  const Pose X = flange.at(lwr4_posture()) * X_FE;
+  Alone alone("&frame=link_7", "lwr4", lwr4_posture());
+  alone.unit["p_FE"] = X_FE.p;
+  alone.unit["quat_FE"] = quaternion_values(Quaterniond(X_FE.R));
+  desire(alone.unit, X);
+  alone.unit.initialise();
+  const Vector3d f(10, -20, 15);
+  alone.unit["f_e"] = f;
+  for (int n = 0; n < 3000; ++n) alone.step();
+  const VectorXd q = alone.unit["q_c"];
+  const Pose now = flange.at(q) * X_FE;
+  EXPECT_LT((now.p - X.p - f / 1000).norm(), 1e-7);
+  EXPECT_LT((now.R - X.R).norm(), 1e-6);
+  EXPECT_EQ(alone.unit.warning(), "");
+  Eigen::Matrix<double, 6, 1> F;
+  F << f, (flange.at(q).R * X_FE.p).cross(f);
+  EXPECT_LT((VectorXd(alone.unit["tau_wrench"]) - flange.jacobian(q).transpose() * F).norm(), 1e-4);
+}
+
+TEST(CartesianCompliance, StaysFiniteUnderAWrenchThatNoRobotCarries) {
+  for (const std::string query : {"", "&axes=tool", "&rotation=log"}) {
+    Kinematics kinematics("lwr4");
+    Alone alone(query, "lwr4", lwr4_posture());
+    desire(alone.unit, kinematics.at(lwr4_posture()));
+    alone.unit.initialise();
+    for (int n = 0; n < 2000; ++n) {
+      alone.unit["f_e"].setConstant(n < 1000 ? 1e6 : 0);
+      alone.unit["m_e"].setConstant(n < 1000 ? -1e5 : 0);
+      alone.step();
+      ASSERT_TRUE(VectorXd(alone.unit["q_c"]).allFinite()) << query << n;
+      ASSERT_TRUE(VectorXd(alone.unit["tau_m"]).allFinite()) << query << n;
+    }
+    EXPECT_LT(VectorXd(alone.unit["q_c"]).lpNorm<Eigen::Infinity>(), 3);
+    EXPECT_NE(alone.unit.warning(), "");
+  }
 }
 
 TEST(CartesianCompliance, RefusesWhatItCannotRenderWithOneSentence) {

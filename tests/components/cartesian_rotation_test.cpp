@@ -152,6 +152,21 @@ TEST(CartesianRotation, StrongDampingBrakesWithoutRinging) {
   EXPECT_NEAR(axis_angle(t.Q).x(), 1e-4, 1e-5);
 }
 
+TEST(CartesianRotation, MakesNoEnergyWhereParametersAreFarTooFastForTheStep) {
+  for (const double k : {1e6, 1e9, 1e12}) {
+    for (const double zeta : {0.0, 0.01, 1.0}) {
+      Impedance z{1e-3 * Matrix3d::Identity(), Matrix3d::Zero(), Vector3d(k, k / 3, k / 10).asDiagonal()};
+      z.D = modal_damping(z.M, z.S, zeta, 0);
+      Turn t{quaternion_of({0.4, -0.8, 0.5}), {2, 1, -3}};
+      const double before = energy(Potential::kQuaternion, z, t);
+      for (int n = 0; n < 500; ++n) {
+        t = advance(Potential::kQuaternion, z, t, Vector3d::Zero(), Vector3d::Zero(), 1e-2).turn;
+        ASSERT_LT(energy(Potential::kQuaternion, z, t), before * (1 + 1e-3)) << k << ' ' << zeta << ' ' << n;
+      }
+    }
+  }
+}
+
 TEST(CartesianRotation, ReturnsFromAlmostEveryOrientation) {
   std::mt19937 generator(3);
   std::normal_distribution<double> normal;

@@ -178,6 +178,98 @@ TEST(IndicesUnit, FollowsAToolThatIsMounted) {
   EXPECT_LT(after_a_tick, before + 0.2 * (expected - before));  // without a jump
 }
 
+// Against forward dynamics of the floating robot: the force acts on the joints by Jᵀ and on the base as a wrench.
+TEST(IndicesUnit, OfAFloatingRobotRecoilsAndMovesWithItsBase) {
+  const robot::RobotModel robot = robot::load_urdf(models() + "/robots/lwr4/robot.urdf");
+  const std::vector<double> q = {0.2, 0.7, -0.4, -1.1, 0.3, 0.9, 0.1}, dq = {0.4, -0.2, 0.3, 0.6, -0.1, 0.2, 0.5};
+  const Eigen::Quaterniond Q = Eigen::Quaterniond(0.3, -0.5, 0.7, 0.2).normalized();
+  const Eigen::Vector3d v(0.3, -0.2, 0.1), w(0.5, 0.4, -0.7), u(0.6, 0, 0.8);  // in W
+  Subject s("robot=lwr4&base=floating&direction=world&frame=link_7");
+  s.set("q", q);
+  s.set("dq", dq);
+  s.set("base_quat", {Q.w(), Q.x(), Q.y(), Q.z()});
+  s.set("base_v", {v[0], v[1], v[2]});
+  s.set("base_w", {w[0], w[1], w[2]});
+  s.set("u", {u[0], u[1], u[2]});
+  s.start();
+
+  using Vector = Eigen::Map<const Eigen::VectorXd>;
+  const Vector at(q.data(), 7), rate(dq.data(), 7);
+  const robot::FrameOnBody E = robot::on_body(robot.frame("link_7"));
+  const robot::FloatingMechanism floating(robot);
+  robot::FloatingData data(floating);
+  const robot::Mechanism fixed(robot);
+  robot::Data fixed_data(fixed);
+  Eigen::MatrixXd J(6, 7);
+  const Eigen::Vector3d p = jacobian(fixed, fixed_data, at, E, J).p, u_B = Q.conjugate() * u;
+  const Eigen::Vector3d v_B = Q.conjugate() * v, w_B = Q.conjugate() * w;
+  EXPECT_NEAR(s.real("speed"), u_B.dot(v_B + w_B.cross(p) + J.topRows(3) * rate), 1e-12);
+
+  Eigen::VectorXd ddq(7);
+  Twist A, V, coriolis;
+  V << v_B, w_B;
+  const auto accelerate = [&](const Eigen::VectorXd& speed, const Twist& base, const Eigen::Vector3d& force) {
+    Wrench F;
+    F << force, p.cross(force);
+    floating_forward_dynamics(floating, data, at, speed, J.topRows(3).transpose() * force, base, F, Eigen::Vector3d::Zero(),
+                              ddq, A);
+    jacobian_dot_times_dq(fixed, fixed_data, at, speed, E, coriolis);
+    const Eigen::Vector3d omega = base.tail<3>();
+    return Eigen::Vector3d(A.head<3>() + A.tail<3>().cross(p) + omega.cross(omega.cross(p)) +
+                           2 * omega.cross(Eigen::Vector3d(J.topRows(3) * speed)) + J.topRows(3) * ddq + coriolis.head<3>());
+  };
+  const double a = u_B.dot(accelerate(Eigen::VectorXd::Zero(7), Twist::Zero(), u_B));
+  EXPECT_NEAR(s.real("effective_mass") * a, 1, 1e-10);
+  const Eigen::Vector3d drift = Q * accelerate(rate, V, Eigen::Vector3d::Zero());
+  EXPECT_LT((Eigen::Vector3d(s["dyn_v_centre"].data()) - drift).norm(), 1e-10 * (1 + drift.norm()));
+
+  // Kinematic ellipsoid: the generalised Jacobian.
+  robot::FloatingInertia inertia(7);
+  floating_inertia(floating, data, at, inertia);
+  generalised_jacobian(floating, data, inertia, at, E, J);
+  EXPECT_NEAR(s.real("kin_v"), std::sqrt((J.topRows(3) * J.topRows(3).transpose()).determinant()), 1e-10);
+
+  // Heavier tool: bodies follow here, too.
+  const double before = s.real("effective_mass");
+  s["mass"][6] += 5;
+  for (int i = 0; i < 1000; ++i) s.step();
+  EXPECT_GT(s.real("effective_mass"), before + 0.1);
+}
+
+TEST(IndicesUnit, LeavesOutTheMotorsOfPassiveJoints) {
+  Subject with("robot=lwr4&motors=held&frame=link_7"), without("robot=lwr4&motors=held&frame=link_7&passive=joint_4");
+  for (Subject* s : {&with, &without}) {
+    s->set("q", reference_pose());
+    s->set("B", {3, 3, 2, 2, 1, 0.6, 0.5});
+    s->start();
+    s->step();
+  }
+  with.set("B", {3, 3, 2, 0, 1, 0.6, 0.5});
+  with.set("transition", {0});
+  with.step();
+  EXPECT_DOUBLE_EQ(without.real("effective_mass"), with.real("effective_mass"));
+  EXPECT_EQ(without["tau_max"][3], 0);
+}
+
+TEST(IndicesUnit, NamesJointsWithoutATorqueLimit) {
+  const TemporaryFolder folder("no_effort");
+  std::string urdf = cotwin::testing::content(models() + "/robots/planar2/robot.urdf");
+  const std::string limit = "<limit lower=\"-2.8\" upper=\"2.8\" velocity=\"3\" effort=\"75\"/>",
+                    elbow = "elbow\" type=\"revolute";
+  urdf.replace(urdf.find(limit), limit.size(), "");
+  urdf.replace(urdf.find(elbow), elbow.size(), "elbow\" type=\"continuous");
+  std::ofstream(folder.path() / "arm.urdf") << urdf;
+  Subject s("robot=" + (folder.path() / "arm.urdf").string());
+  s.set("q", {0.3, 0.8});
+  s.start();
+  EXPECT_EQ(s.text("warning"), "tau_max is not given for joints that then add nothing to the dynamic ellipsoids: 2");
+  EXPECT_EQ(s["dyn_v_lengths"][1], 0);
+  s.set("tau_max", {150, 75});
+  s.start();
+  EXPECT_EQ(s.text("warning"), "");
+  EXPECT_GT(s["dyn_v_lengths"][1], 0);
+}
+
 TEST(IndicesUnit, IsFiniteAtASingularPose) {
   Subject s("robot=lwr4&frame=link_7&direction=world");
   s.start();  // stretched upwards

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <Eigen/SVD>
@@ -191,6 +192,16 @@ TEST(Indices, IsInfiniteAlongTheSingularDirectionOfAStretchedArm) {
   }
 }
 
+TEST(Indices, IsInfiniteAtAPointThatTheJointsOnlyTurnAbout) {
+  Arm arm(robot_of("lwr4"), "link_2");  // its origin is that of the base
+  Draw draw(11);
+  for (int i = 0; i < 20; ++i) {
+    arm.at(draw.numbers(7, -2, 2));
+    EXPECT_EQ(effective_mass(arm.f, draw.direction()), kInfinite);
+    EXPECT_TRUE(std::isfinite(effective_inertia(arm.f, arm.f.J.col(0).tail<3>())));
+  }
+}
+
 TEST(Indices, AJointThatMovesNoMassGivesNoResistance) {
   Draw draw(4);
   RobotModel robot = draw.robot(Kind::kChain, 4);
@@ -375,6 +386,37 @@ TEST(Indices, SpeedLimitsAreThoseOfTheHandAndTheChest) {
   EXPECT_DOUBLE_EQ(speed_limit_of_energy(280.0 * 280 / 2 / 75e3, hand), speed_limit_of_force(280, 75e3, hand));
   EXPECT_EQ(reduced_mass(kInfinite, 40), 40);
   EXPECT_EQ(reduced_mass(0, 40), 0);
+}
+
+// A hand (a mass behind a spring, without friction) in front of a robot that moves at v_max along u: largest force of the spring
+// in the motion of both. The equations of v_max leave out the robot's change of position within the 4 ms of the collision.
+TEST(Indices, AHandThatIsHitAtTheSpeedLimitReceivesThePermissibleForce) {
+  for (const bool held : {false, true}) {
+    Reference r;
+    r.at(r.q_ref, held ? r.B : VectorXd());
+    const Vector3d u = r.axis(2);
+    constexpr double kHand = 0.6, kStiffness = 75e3, kMost = 280, h = 1e-6;
+    const double v_max = speed_limit_of_force(kMost, kStiffness, reduced_mass(effective_mass(r.f, u), kHand));
+    VectorXd q = r.q_ref, dq = r.f.J_over_M.topRows(3).transpose() * u, tau(7), ddq(7), held_g(7);
+    dq *= v_max / u.dot(r.f.J.topRows(3) * dq);
+    MatrixXd J(6, 7), M(7, 7);
+    double x_hand = 0, v_hand = 0, most = 0;
+    const Vector3d start = r.f.X_BF.p;
+    for (int i = 0; i < 6000; ++i) {
+      const Pose X = jacobian(r.mechanism, r.data, q, r.frame, J);
+      const double force = std::max(0.0, kStiffness * (u.dot(X.p - start) - x_hand));
+      most = std::max(most, force);
+      mass_matrix_and_bias(r.mechanism, r.data, q, dq, M, tau);
+      gravity(r.mechanism, r.data, q, held_g);  // the motors carry the arm
+      if (held) M.diagonal() += r.B;
+      ddq = M.ldlt().solve(held_g - tau - J.topRows(3).transpose() * (force * u));
+      dq += h * ddq;
+      q += h * dq;
+      v_hand += h * force / kHand;
+      x_hand += h * v_hand;
+    }
+    EXPECT_NEAR(most, kMost, 0.005 * kMost) << (held ? "held" : "free");
+  }
 }
 
 TEST(Indices, AllocatesNothingAfterConstruction) {

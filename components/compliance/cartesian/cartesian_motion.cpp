@@ -125,7 +125,7 @@ CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& ro
       self_motion_(settings, robot, directions_, wrench_of_joints_),
       joints_(robot, self_motion_) {
   const Index n = robot.n();
-  for (VectorXd* v : {&q_scratch_, &dq_scratch_, &tau_scratch_}) v->setZero(n);
+  for (VectorXd* v : {&q_scratch_, &dq_scratch_, &ddq_scratch_, &tau_scratch_}) v->setZero(n);
   J_.setZero(6, n);
   J_S_.setZero(6, n);
   if (sensor_ && wrench_of_joints_) throw Error(place_, "sensor= with wrench=joints: expected one of them");
@@ -317,8 +317,7 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
   const Matrix3d R = axes(d.pose.Q, d.pose.Q * Q_dc);
   Delta_ = R.transpose() * P_T_ * (X.p - d.pose.p);
   dDelta_.setZero();
-  start_deviation_ = {Delta_.norm(), phi.norm()};
-  if (start_deviation_[0] > 1e-6 || start_deviation_[1] > 1e-6) note(kStart);
+  if (Delta_.norm() > 1e-6 || phi.norm() > 1e-6) note(kStart);
   prepare(R, R_d, 0);
   Motion c = compliant(d, Wrench::Zero());
   if ((Q_WB_ * c.pose.Q).w() < 0) c.pose.Q.coeffs() *= -1;
@@ -389,7 +388,14 @@ void CartesianMotion::advance(Links& links, const FromJoints& in, std::span<cons
   const MovingPose before{p_before_, Q_c0, V_before_};
   if (confined) c.acceleration = (c.pose.V - V_before_) / h;
   if (wrench_of_joints_) tau_scratch_ = map(in.tau_e) + h / 2 * map(in.tau_e_rate);
-  joints_.advance(links, before, c.pose, c.acceleration, tau_scratch_, limits, gains(), h);
+  Posture posture{q_scratch_, dq_scratch_, ddq_scratch_};
+  if (desired_joints_) {
+    q_scratch_ = map(in.q_d);
+    dq_scratch_ = map(in.dq_d);
+    ddq_scratch_ = map(in.ddq_d);
+  }
+  joints_.advance(links, before, c.pose, c.acceleration, tau_scratch_, desired_joints_ ? &posture : nullptr, limits, gains(),
+                  h);
   hold_frame_at_joints(links, d, c);
   p_before_ = c.pose.p;
   quat_before_ = array(c.pose.Q);

@@ -144,7 +144,6 @@ class CartesianMotion {
   Twist V_before_ = Twist::Zero();
   double tank_ = 0;
   std::int32_t met_ = 0;
-  std::array<double, 2> start_deviation_{};  // m, rad
   // Outputs.
   Three p_c_{}, v_c_{}, w_c_{}, Delta_p_{}, epsilon_{};
   Four quat_c_{1, 0, 0, 0};
@@ -174,7 +173,7 @@ class CartesianMotion {
   Impedance rendered_T_, rendered_R_;  // of the rendered directions
   double k_min_ = 0;                   // N.m/rad
   Propagator propagator_;
-  Eigen::VectorXd q_scratch_, dq_scratch_, tau_scratch_;
+  Eigen::VectorXd q_scratch_, dq_scratch_, ddq_scratch_, tau_scratch_;
   Eigen::Matrix<double, 6, Eigen::Dynamic> J_, J_S_;
   bool news_ = false;
   struct ContactScratch {

@@ -44,7 +44,7 @@ JointMotion::JointMotion(const robot::RobotModel& robot, SelfMotion& self_motion
       null_space_(cascade_),
       p_(tasks_.size(), Vector3d::Zero()) {
   const Index n = robot.n();
-  for (VectorXd* v : {&q, &dq, &ddq, &q_mid_, &shifted_, &gradient_, &tau_}) v->setZero(n);
+  for (VectorXd* v : {&q, &dq, &ddq, &q_mid_, &dq_mid_, &shifted_, &gradient_, &tau_}) v->setZero(n);
   met.resize(static_cast<std::size_t>(n));
   J6_.setZero(6, n);
   held_J6_.setZero(6, n);
@@ -89,17 +89,17 @@ void JointMotion::evaluate(Links& links, const VectorXd& at, const JointMotionGa
 
 /// Ṁ and J̇ at `at`, where the Jacobians were taken last; J6_ stays.
 void JointMotion::take_rates(Links& links, const VectorXd& at) {
-  links.coriolis_matrix(at, dq, C_);
+  links.coriolis_matrix(at, dq_mid_, C_);
   dM_ = C_ + C_.transpose();
-  const double h = control::rate_step(dq);
+  const double h = control::rate_step(dq_mid_);
   if (h == 0) {
     for (control::Task& task : cascade_.tasks) task.dJ.setZero();
     return;
   }
-  shifted_ = at - h * dq;
+  shifted_ = at - h * dq_mid_;
   links.jacobian(shifted_, E_, J6_);
   for (std::size_t k = 0; k < tasks_.size(); ++k) jacobians(links, shifted_, k, J_before_[k]);
-  shifted_ = at + h * dq;
+  shifted_ = at + h * dq_mid_;
   links.jacobian(shifted_, E_, J6_);
   for (std::size_t k = 0; k < tasks_.size(); ++k) {
     Eigen::MatrixXd& dJ = cascade_.tasks[k].dJ;
@@ -127,7 +127,9 @@ void JointMotion::start(Links& links, const VectorXd& at, const Twist& V, const 
 }
 
 void JointMotion::advance(Links& links, const MovingPose& before, const MovingPose& after, const Twist& end_acceleration,
-                          const VectorXd& tau_e, std::span<const Limits> limits, const JointMotionGains& gains, double h) {
+                          const VectorXd& tau_e, const Posture* posture, std::span<const Limits> limits,
+                          const JointMotionGains& gains, double h) {
+  posture_ = posture;
   constexpr double kShort = 0.2, kMostParts = 100;
   const int count = static_cast<int>(std::clamp(std::ceil(h * gains.omega_k / kShort), 1.0, kMostParts));
   const double length = h / count;
@@ -150,7 +152,8 @@ void JointMotion::advance(Links& links, const MovingPose& before, const MovingPo
   ddq += tau_;
 }
 
-// With J in the middle of the part, where q̇_c is still to come: ẋ_c − J (q̇_c + h/2 q̈_c) on both sides of the equation.
+// With J in the middle of the part, where q̇_c is still to come: ẋ_c − J (q̇_c + h/2 q̈_c) on both sides of the equation. Terms of
+// second order in q̇_c take it from the last acceleration.
 void JointMotion::part(Links& links, const MovingPose& before, const Twist& acceleration, const VectorXd& tau_e,
                        std::span<const Limits> limits, const JointMotionGains& gains, double h) {
   q_mid_ = q + h / 2 * dq;
@@ -175,21 +178,27 @@ void JointMotion::part(Links& links, const MovingPose& before, const Twist& acce
       a = to.omega * (to.omega * e[tasks_[k].directions[i]] - 2 * a) / (1 + to.omega * h);
     }
   }
+  dq_mid_ = dq + h / 2 * ddq;
   take_rates(links, q_mid_);
   held = 0;
   for (std::size_t k = 0; k < tasks_.size(); ++k) {
     control::Task& task = cascade_.tasks[k];
     const double omega = tasks_[k].held ? self_motion_.held(held++).omega : gains.omega_k;
-    task.a.noalias() -= 1 / (1 + omega * h) * task.dJ * dq;  // the rest is in J q̇ of the middle
+    task.a.noalias() -= 1 / (1 + omega * h) * task.dJ * dq_mid_;  // the rest is in J q̇ of the middle
   }
   cascade_.solve(ddq);
 
   gradient_.setZero();
   const double potential = self_motion_.add_goals(links, q_mid_, E_, gradient_);
-  null_space_.evaluate(cascade_, {dq, M_, dM_, gradient_, tau_e, self_motion_.yield(), gains.k_nu / (1 + gains.k_nu * h / 2)});
-  ddq += null_space_.ddq;
+  null_space_.evaluate(cascade_, {dq_mid_, M_, dM_, gradient_, tau_e, self_motion_.yield()});
+  // Damping of ν in the middle of the part, (ν + h/2 (a − k_ν ν_mid)) = ν_mid, for any k_ν.
+  tau_ = -gains.k_nu * dq;
+  if (posture_ != nullptr)
+    tau_ += posture_->ddq + gains.k_nu * posture_->dq + gains.k_nu * gains.k_nu / 4 * (posture_->q - q_mid_);
+  cascade_.project(tau_);
+  ddq += (null_space_.ddq + tau_) / (1 + gains.k_nu * h / 2);
   self_motion_.write_outputs(
-      {null_space_.nu, null_space_.energy, potential, null_space_.external_work - null_space_.dissipation});
+      {null_space_.nu, null_space_.energy, potential, null_space_.external_work - 2 * gains.k_nu * null_space_.energy});
   bound(limits, h);
   q += h * dq + h * h / 2 * ddq;
   dq += h * ddq;

@@ -22,6 +22,11 @@ struct MovingPose {
   Twist V = Twist::Zero();
 };
 
+/// A motion of the joints that self-motion follows.
+struct Posture {
+  const Eigen::VectorXd &q, &dq, &ddq;
+};
+
 struct JointMotionGains {
   double omega_k = 100;   // 1/s; rate at which the drift of the pose decays
   double sigma_0 = 0.03;  // m; below this least singular value the task is damped
@@ -47,9 +52,11 @@ class JointMotion {
   /// At rest in `pose` or, if V ≠ 0, with the speed of least kinetic energy.
   void start(Links& links, const Eigen::VectorXd& at, const Twist& V, const JointMotionGains& gains);
   /// A step of h seconds, in which E moves from `before` to `after`, where its acceleration is `end_acceleration`. `tau_e`: mean
-  /// external joint torque, N.m.
+  /// external joint torque, N.m. `posture` (or nullptr): N (q̈_d + k_nu q̇_d + k_nu²/4 (q_d − q_c)) is added to self-motion, so
+  /// that it follows q_d at the aperiodic limit.
   void advance(Links& links, const MovingPose& before, const MovingPose& after, const Twist& end_acceleration,
-               const Eigen::VectorXd& tau_e, std::span<const Limits> limits, const JointMotionGains& gains, double h);
+               const Eigen::VectorXd& tau_e, const Posture* posture, std::span<const Limits> limits,
+               const JointMotionGains& gains, double h);
   /// J̄ᵀ τ at q_c: the wrench at E that has the effect of `tau` on the task; 0 in directions that are not rendered.
   Wrench wrench_of(Links& links, const robot::VectorIn& tau, const JointMotionGains& gains);
 
@@ -76,13 +83,14 @@ class JointMotion {
   robot::FrameOnBody E_;
   control::Cascade cascade_;
   control::NullSpace null_space_;
+  const Posture* posture_ = nullptr;  // within advance()
   // Scratch.
   Pose X_;                          // of E at the last evaluation
   std::vector<Eigen::Vector3d> p_;  // of held frames, by task
   Eigen::MatrixXd J6_, held_J6_, M_, dM_, C_;
-  std::vector<Eigen::MatrixXd> J_before_;             // by task
-  Eigen::VectorXd q_mid_, shifted_, gradient_, tau_;  // n
-  std::vector<Eigen::VectorXd> forces_;               // by task
+  std::vector<Eigen::MatrixXd> J_before_;                      // by task
+  Eigen::VectorXd q_mid_, dq_mid_, shifted_, gradient_, tau_;  // n
+  std::vector<Eigen::VectorXd> forces_;                        // by task
 };
 
 }  // namespace cotwin::compliance

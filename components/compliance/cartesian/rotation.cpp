@@ -55,7 +55,7 @@ Vector3d mean_moment(Potential potential, const Matrix3d& S, const Quaterniond& 
   const Vector3d S_mean = S * mean;
   Vector3d moment = J.transpose() * S_mean;
   const double length2 = h_Omega.squaredNorm();
-  if (length2 > 1e-24 && (after - before).squaredNorm() < 1)
+  if (length2 > 1e-10 && (after - before).squaredNorm() < 1)
     moment += h_Omega * ((after - before - J * h_Omega).dot(S_mean) / length2);
   return moment;
 }
@@ -68,6 +68,18 @@ int parts(const Impedance& z, double h) {
   const double omega = std::sqrt((inverse * z.S).cwiseAbs().rowwise().sum().maxCoeff());
   const double decay = (inverse * z.D).cwiseAbs().rowwise().sum().maxCoeff();
   return static_cast<int>(std::clamp(std::ceil(h * std::max(omega / kShort, decay / kDecay)), 1.0, kMost));
+}
+
+/// Takes speed, or else the whole motion from `before`, until the energy at `at` is that of `before` and `work`, J.
+void bound_energy(Potential potential, const Impedance& z, const Turn& before, double work, Turn& at) {
+  const auto kinetic = [&](const Turn& t) { return t.w.dot(z.M * t.w) / 2; };
+  const double allowed = kinetic(before) + potential_energy(potential, z.S, before.Q) + std::min(work, 0.0);
+  const double left = allowed - potential_energy(potential, z.S, at.Q);
+  if (!(left >= 0)) {
+    at = {before.Q, Vector3d::Zero()};
+  } else if (kinetic(at) > left) {
+    at.w *= std::sqrt(left / kinetic(at));
+  }
 }
 
 }  // namespace
@@ -97,22 +109,34 @@ Vector3d elastic_moment(Potential potential, const Matrix3d& S, const Quaternion
 Turned advance(Potential potential, const Impedance& z, const Turn& start, const Vector3d& m0, const Vector3d& m1, double h) {
   const int count = parts(z, h);
   const double part = h / count;
-  const Matrix3d solve = (2 / part * z.M + z.D).inverse();
-  const Matrix3d inertia = 2 / part * z.M;
+  const Matrix3d inertia = 2 / part * z.M, resistance = inertia + z.D;
+  const Matrix3d solve = (resistance + part / 2 * z.S).inverse();
   Turned result{start, 0};
   Turn& at = result.turn;
   for (int k = 0; k < count; ++k) {
     const Vector3d drive = inertia * at.w + m0 + m1 * ((k + 0.5) * part);
     Vector3d Omega = at.w;
     Quaterniond next = at.Q;
-    // Contraction by (omega part)²/4 < 0.0025 in each iteration.
-    constexpr int kIterations = 7;
-    for (int i = 0; i < kIterations; ++i) {
+    // Newton's method with the slope of the moment at ε = 0: contraction by (omega part)²/4 < 0.0025 or better, except where
+    // the parts are long (kMost).
+    constexpr int kMostIterations = 20;
+    constexpr double kRounding = 1e-16, kConverged = 1e-8, kStill = 1e-5;  // the last in rad
+    double rest = 1;                                                       // last change, relative
+    for (int i = 0; i < kMostIterations && rest > kRounding; ++i) {
       next = turned(at.Q, part * Omega);
-      Omega = solve * (drive - mean_moment(potential, z.S, at.Q, next, part * Omega));
+      const Vector3d moment = mean_moment(potential, z.S, at.Q, next, part * Omega);
+      const Vector3d change = solve * (drive - resistance * Omega - moment);
+      Omega += change;
+      const double largest = Omega.cwiseAbs().maxCoeff();
+      rest = change.cwiseAbs().maxCoeff() / (largest + kStill / part);
     }
+    const Turn before = at;
     at.Q = turned(at.Q, part * Omega);
     at.w = 2 * Omega - at.w;
+    if (!(rest < kConverged)) {
+      const double work = part * Omega.dot(m0 + m1 * ((k + 0.5) * part) - z.D * Omega);
+      bound_energy(potential, z, before, work, at);
+    }
     result.dissipated += part * Omega.dot(z.D * Omega);
   }
   at.Q = positive(at.Q.normalized());

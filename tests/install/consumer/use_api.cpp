@@ -57,6 +57,30 @@ void check_robot() {
   expect_near(arm.forward_kinematics(q).p[2], 0.5 + l1 * std::sin(q1) + l2 * std::sin(q1 + q2), kTolerance,
               "height of the tip");
 
+  // A square Jacobian in the plane: M⁻¹ = J⁻¹ Λ⁻¹ J⁻ᵀ, w = l1 l2 |sin q2|, w_d = w tau_1 tau_2 / det M.
+  const double det_M = M(0, 0) * M(1, 1) - M(0, 1) * M(0, 1), w = l1 * l2 * std::abs(std::sin(q2));
+  const double mobility = (J(0, 0) * J(0, 0) * M(1, 1) - 2 * J(0, 0) * J(0, 1) * M(0, 1) + J(0, 1) * J(0, 1) * M(0, 0)) / det_M;
+  expect_near(arm.effective_mass(q, {3, 0, 0}, "tip"), 1 / mobility, 1e-11, "effective mass along x");
+  expect(std::isinf(arm.effective_mass(q, {0, 1, 0}, "tip")), "effective mass across the plane");
+  expect(std::isinf(arm.effective_mass(q, {0.6, 0, 0.8}, "base")), "effective mass of the base");
+  expect_near(arm.effective_inertia(q, {0, 1, 0}, "tip", cotwin::Axes::kFrame), det_M / (M(0, 0) + M(1, 1) - 2 * M(0, 1)),
+              1e-11, "effective inertia");
+  const std::vector<double> turned = {q1, q2 + 1e-6}, back = {q1, q2 - 1e-6}, held = {1, 2};
+  expect_near(arm.effective_mass_gradient(q, {1, 0, 0}, "tip", cotwin::Axes::kFrame, held)[1],
+              (arm.effective_mass(turned, {1, 0, 0}, "tip", cotwin::Axes::kFrame, held) -
+               arm.effective_mass(back, {1, 0, 0}, "tip", cotwin::Axes::kFrame, held)) /
+                  2e-6,
+              1e-4, "gradient of the effective mass");
+  const auto kinematic = arm.manipulability(q, "tip").translation;
+  expect_near(kinematic.lengths[0] * kinematic.lengths[1], w, kTolerance, "manipulability");
+  expect_near(kinematic.measure, 0, kTolerance, "measure of three dimensions");
+  const std::vector<double> tau_max = {150, 75};
+  const auto dynamic = arm.dynamic_manipulability(q, dq, tau_max, "tip").translation;
+  expect_near(dynamic.lengths[0] * dynamic.lengths[1], w * 150 * 75 / det_M, 1e-8, "dynamic manipulability");
+  expect_error([&] { arm.effective_mass(q, {0, 0, 0}); }, "expected a finite length > 0");
+  expect_error([&] { arm.effective_mass(q, {1, 0, 0}, "", cotwin::Axes::kBase, std::vector<double>{1, -2}); }, ">= 0");
+  expect_error([&] { arm.dynamic_manipulability(q, dq, std::vector<double>{1, INFINITY}); }, "tau_max");
+
   const std::vector<double> tau = arm.inverse_dynamics(q, dq, ddq), again = arm.forward_dynamics(q, dq, tau);
   const std::vector<double> h = arm.bias(q, dq);
   for (std::size_t i = 0; i < 2; ++i) {
