@@ -79,11 +79,12 @@ void CartesianMotion::impede(Links& links, const FromJoints& in, const robot::Dr
 
 void CartesianMotion::find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains,
                                              double bandwidth, double h) {
-  constexpr std::int32_t kPause = 16;  // steps per direction
+  // All six directions at the start, then one every kPause steps.
+  constexpr std::int32_t kPause = 64;
   if (impedance_ || h <= 0) return;
-  const std::int32_t i = contact_turn_ / kPause;
-  const bool due = contact_turn_ % kPause == 0;
-  contact_turn_ = (contact_turn_ + 1) % (6 * kPause);
+  const bool first = contact_turn_ < 6, due = first || contact_turn_ % kPause == 0;
+  const std::int32_t i = first ? contact_turn_ : contact_turn_ / kPause % 6;
+  if (++contact_turn_ == 7 * kPause) contact_turn_ = kPause;
   if (due) find_contact_stiffness(links, drives, gains, bandwidth, h, i);
 }
 

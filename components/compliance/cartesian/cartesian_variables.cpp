@@ -83,7 +83,7 @@ void CartesianMotion::declare(Variables& v) {
               "bandwidth of the position control of a robot that is moved by q_c, for K_e_max; 0: the tracking of this unit")
       .range(0, kAny);
   v.parameter("zeta_t", zeta_t_, "1", "its damping ratio").range(0, kAny);
-  v.state("contact_turn", contact_turn_, "counter of the steps in which K_e_max is computed, one direction every 16 steps");
+  v.state("contact_turn", contact_turn_, "counter of the steps in which K_e_max is computed, one direction every 64 steps");
   v.state(
       "K_e_max", K_e_max_, "1",
       "largest stiffness of an environment that does not vibrate, along the axes of S_T, then of K_o, N/m and N.m/rad; 0 in "
