@@ -65,6 +65,7 @@ class JointPath {
   Square inverse_;             // of J Jᵀ + λ²
   std::vector<double> sigma_;  // by knot of the table
   double table_error_ = 0;
+  long postures_ = 0;  // that were searched since the beginning of an interval
   Peak least_sigma_;
 };
 
