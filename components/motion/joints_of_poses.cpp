@@ -24,11 +24,6 @@ robot::PostureChoice choice_of(Settings& settings) {
   return choice;
 }
 
-const robot::Frame& frame_of(Settings& settings, const robot::RobotModel& robot) {
-  const std::string name = settings.text("frame");
-  return name.empty() ? robot.end_effector() : robot.frame(name);
-}
-
 }  // namespace
 
 void JointsOfPoses::declare_settings(SettingList& s) {

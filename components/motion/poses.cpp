@@ -148,14 +148,10 @@ void PoseOutputs::set(const robot::FrameMotion& m, const Vector3d& p_WB, const Q
   put(dw_, Q_WB * m.dV.tail<3>());
 }
 
-namespace {
-
 const robot::Frame& frame_of(Settings& settings, const robot::RobotModel& robot) {
   const std::string name = settings.text("frame");
   return name.empty() ? robot.end_effector() : robot.frame(name);
 }
-
-}  // namespace
 
 RobotInWorld::RobotInWorld(Settings& settings, const robot::RobotModel& robot)
     : frame_(frame_of(settings, robot).name), kinematics_(robot, frame_of(settings, robot)) {}

@@ -51,11 +51,13 @@ class PoseOutputs {
   std::array<double, 4> quat_{1, 0, 0, 0};
 };
 
+/// The frame that the setting `frame` names; empty: the end-effector. Throws Error with the closest name.
+const robot::Frame& frame_of(Settings& settings, const robot::RobotModel& robot);
+
 /// A frame of the robot whose base stands in W.
 class RobotInWorld {
  public:
-  /// The frame of the setting `frame`; reads the robot.
-  explicit RobotInWorld(Settings& settings, const robot::RobotModel& robot);
+  RobotInWorld(Settings& settings, const robot::RobotModel& robot);
   void declare(Variables& v);
   /// Checks and reads the pose of the base.
   void initialise();

@@ -19,6 +19,8 @@ constexpr double kLength = 0.3;        // m, by which rotations are scaled
 constexpr double kTableError = 1e-9;   // m, rad
 constexpr double kLargestStep = 0.05;  // rad, m: longer steps between two postures are divided
 constexpr int kDivisions = 12;
+constexpr double kWorstTableError = 1e-5;  // m, rad: within the reach of the correction
+constexpr long kMostPostures = 200'000;    // per interval between two knots of the path, so that the search ends
 
 Vector4d pure(const Vector3d& v) { return {0, v[0], v[1], v[2]}; }
 
@@ -92,6 +94,10 @@ robot::PoseTarget JointPath::target(double t) const {
 
 /// The posture at `to` that continues the posture at `from`.
 void JointPath::advance(double from, double to, VectorXd& q, int depth) {
+  if (++postures_ > kMostPostures) {
+    throw Error("inverse kinematics at " + text::to_text(to - poses_.begin(), 6) + " s",
+                "more than " + std::to_string(kMostPostures) + " postures are needed for this leg, expected a shorter one");
+  }
   VectorXd next = q;
   const bool found = kinematics_->track(target(to), reference_, next);
   if (found && (from == to || (next - q).cwiseAbs().maxCoeff() <= kLargestStep)) {
@@ -115,12 +121,32 @@ JointPath::Grid JointPath::solve_interval(double a, double b, const VectorXd& st
   const bool still =
       rests(poses_.at(a)) && rests(poses_.at(b)) && rests(poses_.at(0.5 * (a + b))) && rests(poses_.at(0.7 * a + 0.3 * b));
   if (still) return sample(a, b, 1, start);
-  Grid grid;
-  for (std::size_t parts = 8; parts <= 8192; parts *= 2) {
-    grid = sample(a, b, parts, start);
-    if (grid.error < kTableError) break;
+  // At most 0.1 m or 0.3 rad from posture to posture, so that a full turn is not taken for rest.
+  constexpr int kSamples = 64;
+  double length = 0;
+  for (int i = 0; i < kSamples; ++i) {
+    const PoseMotion m = poses_.at(a + (b - a) * (i + 0.5) / kSamples);
+    length += (m.v.norm() / 0.1 + m.w.norm() / 0.3) * (b - a) / kSamples;
   }
-  return grid;
+  const std::string place = "inverse kinematics from " + text::to_text(a - poses_.begin(), 6) + " s to " +
+                            text::to_text(b - poses_.begin(), 6) + " s";
+  constexpr std::size_t kMostParts = 8192;
+  if (!(length < kMostParts)) {
+    throw Error(place, "the leg needs " + text::to_text(length, 3) + " steps of 0.1 m or 0.3 rad, expected at most " +
+                           std::to_string(kMostParts));
+  }
+  std::size_t parts = 8;
+  while (static_cast<double>(parts) < length) parts *= 2;
+  Grid grid;
+  postures_ = 0;
+  for (; parts <= kMostParts; parts *= 2) {
+    grid = sample(a, b, parts, start);
+    if (grid.error < kTableError) return grid;
+  }
+  if (grid.error < kWorstTableError) return grid;
+  throw Error(place, "quintics between " + std::to_string(grid.t.size()) + " postures deviate by " +
+                         text::to_text(grid.error, 3) + " m or rad, expected at most " + text::to_text(kWorstTableError) +
+                         ": the leg is too long, or passes a singular posture");
 }
 
 JointPath::Grid JointPath::sample(double a, double b, std::size_t parts, const VectorXd& start) {

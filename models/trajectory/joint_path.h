@@ -11,11 +11,12 @@
 namespace cotwin::trajectory {
 
 /// The motion of the joints along a path of poses. Postures by InverseKinematics::track are computed once, on a grid that is
-/// refined until quintics between them leave less than 1e-9 m and rad. at() corrects the interpolated posture by Newton steps
-/// and its derivatives by
-///   J_e q̇ = ∂e/∂t,    J_e q̈ = ∂²e/∂t² − J̇_e q̇ …        (both from the series of the pose error e(t))
-/// in the directions of the task; along the self-motion they are those of the table. So the pose is met to rounding at any time,
-/// without memory of earlier times.
+/// refined until quintics between them leave less than 1e-9 m and rad. at() corrects the interpolated posture by Newton steps,
+/// and q̇ and q̈ from the table by the least change with which
+///   J_e q̇ = ∂e/∂t        e(t): error of the pose, e = 0; ∂e/∂t: its rate with the robot at rest
+///   J_e q̈ = b            b: second derivative of e with q̇ and without q̈, in which J̇ q̇ is contained
+/// in the directions of the task. So the pose is met to rounding at any time, without memory of earlier times; along the
+/// self-motion q̇ and q̈ are the derivatives of the table.
 class JointPath {
  public:
   /// `X_WB`: pose of the base. The motion begins in the posture that track() finds from `start`. Throws Error with the time if
@@ -65,6 +66,7 @@ class JointPath {
   Square inverse_;             // of J Jᵀ + λ²
   std::vector<double> sigma_;  // by knot of the table
   double table_error_ = 0;
+  long postures_ = 0;  // that were searched since the beginning of an interval
   Peak least_sigma_;
 };
 

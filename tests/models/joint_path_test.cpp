@@ -263,6 +263,43 @@ TEST(JointPath, NamesTheTimeAtWhichThePoseIsOutOfReach) {
               ::testing::AllOf(HasSubstr("inverse kinematics at "), HasSubstr(" m and ")));
 }
 
+/// Turns of the tip of planar2 without joint limits about its shoulder in one leg of a second, at uniform speed in the middle.
+PosePath turns_about_the_shoulder(RobotModel& robot, const VectorXd& q, double turns) {
+  for (robot::Joint& joint : robot.joints) {
+    joint.q_min = -std::numeric_limits<double>::infinity();
+    joint.q_max = std::numeric_limits<double>::infinity();
+  }
+  const Pose X = Kinematics(robot).at(q);
+  PoseWaypoints points;
+  points.t = {0, 1};
+  points.p = {X.p, X.p};
+  points.Q.assign(2, Vector4d(1, 0, 0, 0));
+  points.dwell = {0, 0};
+  points.legs = {{LegShape::Kind::kCircle, {0, 0, 0.5}, {0, -1, 0}, turns * 2 * std::numbers::pi}};
+  points.speed = points.turn_speed = {0};
+  return make_pose_path(points, PosePassing::kBlend, 0.1);
+}
+
+TEST(JointPath, DoesNotTakeFullTurnsForRest) {
+  const VectorXd a{{0.5, 0.8}};
+  for (const double turns : {1.0, 8.0, 16.0, 32.0, -9.0}) {  // also such that all samples would be at the same place
+    RobotModel robot = robot_named("planar2");
+    const PosePath poses = turns_about_the_shoulder(robot, a, turns);
+    InverseKinematics kinematics(robot, robot.end_effector(), robot::task_directions("x,z"));
+    JointPath path(poses, Pose{}, kinematics, a, a);
+    EXPECT_LT((at(path, 1).q - a - VectorXd{{2 * std::numbers::pi * turns, 0}}).norm(), 1e-9) << turns;
+    EXPECT_NEAR(at(path, 0.5).q[0], a[0] + std::numbers::pi * turns, 1e-9);
+  }
+}
+
+TEST(JointPath, EndsWithAnErrorWhereItWouldNeedTooManyPostures) {
+  const VectorXd a{{0.5, 0.8}};
+  RobotModel robot = robot_named("planar2");
+  const PosePath poses = turns_about_the_shoulder(robot, a, 1e5);
+  InverseKinematics kinematics(robot, robot.end_effector(), robot::task_directions("x,z"));
+  EXPECT_THAT(error_of([&] { JointPath(poses, Pose{}, kinematics, a, a); }), HasSubstr("s: the leg needs "));
+}
+
 TEST(JointPath, AllocatesNothingAtARandomTime) {
   const RobotModel robot = robot_named("lwr4");
   VectorXd second = kElbowUp;
