@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace cotwin::contact_world {
@@ -46,6 +47,20 @@ double alignment(const Placed& piece, const Vector3d& d) {
 /// Radius of the regular polygon with the area of a circle, for sides that span 2 · `half` rad.
 double of_equal_area(double radius, double half) { return radius * std::sqrt(2 * half / std::sin(2 * half)); }
 
+/// Corners of the disc's polygon, of the area of the unit circle, counter-clockwise.
+const std::array<Vector2d, kDiscSides>& disc() {
+  static const auto corners = [] {
+    std::array<Vector2d, kDiscSides> points;
+    const double radius = of_equal_area(1, M_PI / kDiscSides);
+    for (int k = 0; k < kDiscSides; ++k) {
+      const double angle = 2 * M_PI * k / kDiscSides;
+      points[static_cast<std::size_t>(k)] = radius * Vector2d(std::cos(angle), std::sin(angle));
+    }
+    return points;
+  }();
+  return corners;
+}
+
 }  // namespace
 
 void Patch::reserve(std::size_t corners) {
@@ -80,13 +95,8 @@ void Patch::set_base(const Placed& base) {
     const double side = base.R.col(2).dot(n_) < 0 ? -1 : 1;
     const Vector3d centre = base.p + side * base.convex->half * base.R.col(2);
     tilt(base.R.col(2), centre);
-    const double radius = of_equal_area(base.convex->radius, M_PI / kDiscSides);
-    bound(
-        [&](std::size_t k) {
-          const double angle = side * 2 * M_PI * static_cast<double>(k) / kDiscSides;
-          return Vector3d(centre + radius * (std::cos(angle) * base.R.col(0) + std::sin(angle) * base.R.col(1)));
-        },
-        kDiscSides);
+    const Vector3d x = base.convex->radius * base.R.col(0), y = side * base.convex->radius * base.R.col(1);
+    bound([&](std::size_t k) { return Vector3d(centre + disc()[k].x() * x + disc()[k].y() * y); }, kDiscSides);
     return;
   }
   supporting_feature(base, n_, feature_);
@@ -161,12 +171,9 @@ void Patch::add_disc(const Placed& piece, double level) {
   const Vector3d axis = piece.R.col(2);
   if (std::abs(axis.dot(n_)) <= kSteep) return;
   const Vector3d centre = piece.p - (axis.dot(n_) > 0 ? 1 : -1) * piece.convex->half * axis;
-  const double radius = of_equal_area(piece.convex->radius, M_PI / kDiscSides);
+  const Vector3d x = piece.convex->radius * piece.R.col(0), y = piece.convex->radius * piece.R.col(1);
   corners_.clear();
-  for (int k = 0; k < kDiscSides; ++k) {
-    const double angle = 2 * M_PI * k / kDiscSides;
-    add_corner(centre + radius * (std::cos(angle) * piece.R.col(0) + std::sin(angle) * piece.R.col(1)));
-  }
+  for (const Vector2d& u : disc()) add_corner(centre + u.x() * x + u.y() * y);
   add_polygon(level);
 }
 
