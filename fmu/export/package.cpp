@@ -6,7 +6,7 @@ namespace cotwin::fmu {
 
 namespace {
 
-constexpr std::uint64_t kMagic = 0x33554d4657544f43u;  // the bytes "COTWFMU3": the format and its version
+constexpr std::uint64_t kMagic = 0x34554d4657544f43u;  // the bytes "COTWFMU4": the format and its version
 
 template <class Matrix>
 void put(ByteWriter& out, const Matrix& m) {

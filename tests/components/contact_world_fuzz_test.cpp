@@ -94,6 +94,57 @@ TEST_P(Fuzz, GivesTheSameBitsFromARestoredState) {
   }
 }
 
+/// The scene with surfaces that yield in place of two thirds of the others.
+scene::Scene yielding(scene::Scene scene, std::uint64_t seed) {
+  std::uint64_t k = seed;
+  for (scene::Body& body : scene.bodies) {
+    for (scene::Shape& shape : body.shapes) {
+      scene::Material& m = shape.material;
+      if (++k % 3 == 0) continue;
+      m.stiffness = scene::kInfinity;
+      m.damping = 0;
+      m.whole = k % 2 == 0;
+      m.foundation = m.whole ? 3e4 : 1e7;
+      m.foundation_damping = k % 5 == 0 ? m.foundation / 100 : 0;
+      if (k % 7 != 0) m.yield = m.whole ? 100 : 1e5;
+      if (k % 4 == 0) m.breakthrough = 0.02;
+    }
+  }
+  return scene;
+}
+
+TEST_P(Fuzz, SurvivesYieldingAndGivesTheSameBitsFromARestoredState) {
+  constexpr std::uint64_t kRuns = 400;
+  int dented = 0, pierced = 0;
+  for (std::uint64_t seed = 0; seed < kRuns; ++seed) {
+    Options options;
+    options.method = GetParam();
+    options.dents = seed % 2 == 0 ? 64 : 3;
+    RandomScene random(seed);
+    World world(yielding(random.scene(), seed), options), other(yielding(random.scene(), seed), options);
+    for (int k = 0; k < 5; ++k) world.step(kStep);
+    std::vector<double> state, after, after_restoring;
+    world.save(state);
+    for (int k = 0; k < 5; ++k) {
+      world.step(kStep);
+      ASSERT_EQ(fault_of(world), "") << "seed " << seed << ", step " << k;
+    }
+    world.save(after);
+    other.step(kStep);  // a different state before
+    other.restore(state);
+    for (int k = 0; k < 5; ++k) other.step(kStep);
+    other.save(after_restoring);
+    ASSERT_EQ(after, after_restoring) << "seed " << seed;
+    for (const Yielding& one : world.yielding()) {
+      ASSERT_TRUE(std::isfinite(one.work) && one.work >= 0 && one.depth >= 0) << "seed " << seed;
+      dented += one.depth > 0;
+      pierced += one.pierced;
+    }
+  }
+  EXPECT_GT(dented, 100);
+  EXPECT_GT(pierced, 10);
+}
+
 TEST_P(Fuzz, GrowsOnceBeyondTheDeclaredCapacityAndGoesOn) {
   scene::Scene scene;
   scene.bodies.push_back(testing::ground(0.5));

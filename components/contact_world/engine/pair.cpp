@@ -27,6 +27,25 @@ void add_single_point(const Separation& s, double round_a, double round_b, doubl
                     [&](const Touch& s1, const Touch& s2) { return distance(s1) < distance(s2); }) = touch;
 }
 
+/// Whether n, out of a face of the base, is the direction of the shortest translation that separates the shapes: the deepest
+/// point of the piece leaves the base through this face on no shorter way, and the other faces are farther away.
+bool leaves_by_face(const Placed& base, const Placed& piece, const Vector3d& n) {
+  if (base.convex->core != Core::kPolytope) return false;
+  constexpr double kAligned = 1 - 1e-14;
+  const Vector3d n_C = base.R.transpose() * n;
+  const Vector3d p_C = base.R.transpose() * (support(piece, -n) - piece.convex->round * n - base.p);
+  double depth = -1, least = std::numeric_limits<double>::infinity();
+  for (const scene::Polytope::Face& face : base.convex->polytope.faces) {
+    const double distance = face.d - face.n.dot(p_C);
+    if (face.n.dot(n_C) > kAligned) {
+      depth = distance;
+    } else {
+      least = std::min(least, distance);
+    }
+  }
+  return depth >= 0 && least >= depth;
+}
+
 }  // namespace
 
 void Pair::reserve(std::size_t corners) {
@@ -106,6 +125,10 @@ Vector3d Pair::find_ordered(const Placed& a, const Placed& b, double margin, std
   if (!(guess.gap < core_margin)) return guess.n;
   const double size = std::min(a.convex->extent.norm(), b.convex->extent.norm());
   constexpr double kDeep = 1e-2;  // of the smaller one's size
+  if (guess.gap < -kDeep * size && (leaves_by_face(a, b, guess.n) || leaves_by_face(b, a, -guess.n))) {
+    add_points(a, b, guess, margin, touches);
+    return guess.n;
+  }
   bool certain = guess.gap > -kDeep * size && add_points(a, b, guess, margin, touches);
   if (certain && manifold_.face_margin() >= -guess.gap) return guess.n;
   Separation s = improve(a, b, guess, certain);

@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace cotwin::contact_world {
@@ -19,6 +20,9 @@ constexpr double kSteep = 0.02;
 
 /// m: rounding of depths.
 constexpr double kNoise = 1e-9;
+
+/// m²: smaller regions carry nothing.
+constexpr double kLeastArea = 1e-12;
 
 /// Two faces are alike well aligned below this difference of the cosines.
 constexpr double kAlike = 1e-4;
@@ -43,6 +47,20 @@ double alignment(const Placed& piece, const Vector3d& d) {
 /// Radius of the regular polygon with the area of a circle, for sides that span 2 · `half` rad.
 double of_equal_area(double radius, double half) { return radius * std::sqrt(2 * half / std::sin(2 * half)); }
 
+/// Corners of the disc's polygon, of the area of the unit circle, counter-clockwise.
+const std::array<Vector2d, kDiscSides>& disc() {
+  static const auto corners = [] {
+    std::array<Vector2d, kDiscSides> points;
+    const double radius = of_equal_area(1, M_PI / kDiscSides);
+    for (int k = 0; k < kDiscSides; ++k) {
+      const double angle = 2 * M_PI * k / kDiscSides;
+      points[static_cast<std::size_t>(k)] = radius * Vector2d(std::cos(angle), std::sin(angle));
+    }
+    return points;
+  }();
+  return corners;
+}
+
 }  // namespace
 
 void Patch::reserve(std::size_t corners) {
@@ -53,8 +71,8 @@ void Patch::reserve(std::size_t corners) {
   kept_.reserve(3 * corners);
 }
 
-/// Takes the face of the base that faces n_, or the plane across n_ through its farthest point. Returns whether it is a face.
-bool Patch::set_base(const Placed& base) {
+/// Takes the face of the base that faces n_, or the plane across n_ through its farthest point.
+void Patch::set_base(const Placed& base) {
   outline_.clear();
   slope_.setZero();
   const Core core = base.convex->core;
@@ -71,29 +89,23 @@ bool Patch::set_base(const Placed& base) {
   };
   if (core == Core::kPlane) {
     tilt(base.R.col(2), base.p);
-    return true;
+    return;
   }
   if (has_faces(base, n_) && core == Core::kCylinder) {
     const double side = base.R.col(2).dot(n_) < 0 ? -1 : 1;
     const Vector3d centre = base.p + side * base.convex->half * base.R.col(2);
     tilt(base.R.col(2), centre);
-    const double radius = of_equal_area(base.convex->radius, M_PI / kDiscSides);
-    bound(
-        [&](std::size_t k) {
-          const double angle = side * 2 * M_PI * static_cast<double>(k) / kDiscSides;
-          return Vector3d(centre + radius * (std::cos(angle) * base.R.col(0) + std::sin(angle) * base.R.col(1)));
-        },
-        kDiscSides);
-    return true;
+    const Vector3d x = base.convex->radius * base.R.col(0), y = side * base.convex->radius * base.R.col(1);
+    bound([&](std::size_t k) { return Vector3d(centre + disc()[k].x() * x + disc()[k].y() * y); }, kDiscSides);
+    return;
   }
   supporting_feature(base, n_, feature_);
   if (core == Core::kPolytope && feature_.corners.size() > 2) {
     tilt(feature_.n, feature_.corners[0].p);
     bound([&](std::size_t k) { return feature_.corners[k].p; }, feature_.corners.size());
-    return true;
+    return;
   }
   height_ = n_.dot(support(base, n_)) + base.convex->round;
-  return false;
 }
 
 void Patch::add_corner(const Vector3d& p) {
@@ -159,12 +171,9 @@ void Patch::add_disc(const Placed& piece, double level) {
   const Vector3d axis = piece.R.col(2);
   if (std::abs(axis.dot(n_)) <= kSteep) return;
   const Vector3d centre = piece.p - (axis.dot(n_) > 0 ? 1 : -1) * piece.convex->half * axis;
-  const double radius = of_equal_area(piece.convex->radius, M_PI / kDiscSides);
+  const Vector3d x = piece.convex->radius * piece.R.col(0), y = piece.convex->radius * piece.R.col(1);
   corners_.clear();
-  for (int k = 0; k < kDiscSides; ++k) {
-    const double angle = 2 * M_PI * k / kDiscSides;
-    add_corner(centre + radius * (std::cos(angle) * piece.R.col(0) + std::sin(angle) * piece.R.col(1)));
-  }
+  for (const Vector2d& u : disc()) add_corner(centre + u.x() * x + u.y() * y);
   add_polygon(level);
 }
 
@@ -273,7 +282,7 @@ void Patch::emit(bool swapped, bool round, const Vector2d* line, std::vector<Tou
     S(0, 0) += ridge;
     S(1, 1) += ridge;
     const double determinant = S(0, 0) * S(1, 1) - S(0, 1) * S(0, 1);
-    if (determinant > 0) {
+    if (determinant > 0 && S(0, 0) > 0) {
       slope = Vector2d(S(1, 1) * product[0] - S(0, 1) * product[1], S(0, 0) * product[1] - S(0, 1) * product[0]) / determinant;
       e1 = Vector2d(S(0, 0), S(0, 1)) / std::sqrt(S(0, 0));  // Cholesky's factor: S = e1 e1ᵀ + e2 e2ᵀ
       e2 = Vector2d(0, std::sqrt(determinant / S(0, 0)));
@@ -290,7 +299,8 @@ void Patch::emit(bool swapped, bool round, const Vector2d* line, std::vector<Tou
     Touch touch;
     touch.load = mean + slope.dot(step);
     const double depth = touch.load + bulge;
-    touch.p = u.x() * t1_ + u.y() * t2_ + (base_at(u) - depth / 2) * n_;
+    const Vector2d place = u + origin_;
+    touch.p = place.x() * t1_ + place.y() * t2_ + (base_at(u) - depth / 2) * n_;
     touch.n = swapped ? Vector3d(-n_) : n_;
     touch.gap = -depth;
     touch.id = touch_id(Part::kFace, static_cast<std::uint32_t>(k), Part::kFace, 0);
@@ -315,6 +325,7 @@ void Patch::find(const Placed& a, const Placed& b, bool prefer_b, const Vector3d
   (base.R.transpose() * n_).cwiseAbs().minCoeff(&least);
   t1_ = n_.cross(Vector3d(base.R.col(least))).normalized();
   t2_ = n_.cross(t1_);
+  origin_ = Vector2d(t1_.dot(touches[0].p), t2_.dot(touches[0].p));
   set_base(base);
   const double level = gap > 0 ? -gap - margin : -kNoise;
   sums_ = {};
@@ -322,8 +333,8 @@ void Patch::find(const Placed& a, const Placed& b, bool prefer_b, const Vector3d
   const Core core = piece.convex->core;
   const bool round = core == Core::kPoint || core == Core::kEllipsoid;
   const bool lies = (core == Core::kCylinder || core == Core::kSegment) && std::abs(piece.R.col(2).dot(n_)) <= kSteep;
-  const Vector2d line = lies ? across(piece.R.col(2)).normalized() : Vector2d::Zero();
-  if (sums_.area > 0) {
+  const Vector2d line = lies ? Vector2d(t1_.dot(piece.R.col(2)), t2_.dot(piece.R.col(2))).normalized() : Vector2d::Zero();
+  if (sums_.area > kLeastArea) {
     emit(swapped, round, lies ? &line : nullptr, touches);
   } else {
     for (Touch& touch : touches) touch.share = 1.0 / static_cast<double>(touches.size());

@@ -38,9 +38,9 @@ class Patch {
     Point deepest{Eigen::Vector2d::Zero(), -1e300};
   };
 
-  Eigen::Vector2d across(const Eigen::Vector3d& p) const { return {t1_.dot(p), t2_.dot(p)}; }
+  Eigen::Vector2d across(const Eigen::Vector3d& p) const { return Eigen::Vector2d(t1_.dot(p), t2_.dot(p)) - origin_; }
   double base_at(const Eigen::Vector2d& u) const { return height_ + slope_.dot(u); }
-  bool set_base(const Placed& base);
+  void set_base(const Placed& base);
   void add_corner(const Eigen::Vector3d& p);
   void add_polygon(double level);
   void add_polytope(const Placed& piece, double level);
@@ -51,6 +51,7 @@ class Patch {
   void emit(bool swapped, bool round, const Eigen::Vector2d* line, std::vector<Touch>& touches) const;
 
   Eigen::Vector3d n_, t1_, t2_;  // right-handed frame, n_ from the base to the piece
+  Eigen::Vector2d origin_;       // across n_, near the region: its moments about a far one would cancel
   Eigen::Vector2d slope_;        // of the base's plane
   double height_ = 0;
   Feature feature_;
