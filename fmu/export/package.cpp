@@ -6,7 +6,7 @@ namespace cotwin::fmu {
 
 namespace {
 
-constexpr std::uint64_t kMagic = 0x33554d4657544f43u;  // the bytes "COTWFMU3": the format and its version
+constexpr std::uint64_t kMagic = 0x34554d4657544f43u;  // the bytes "COTWFMU4": the format and its version
 
 template <class Matrix>
 void put(ByteWriter& out, const Matrix& m) {
@@ -149,6 +149,7 @@ void put(ByteWriter& out, const scene::Shape& shape) {
   put(out, m.first_direction);
   for (const double value : {m.mu, m.mu2, m.torsion, m.patch_radius, m.surface_radius, m.restitution, m.stiffness, m.damping})
     out.value(value);
+  out.text(shape.tool);
 }
 void get(ByteReader& in, scene::Shape& shape) {
   shape.name = in.text();
@@ -162,6 +163,7 @@ void get(ByteReader& in, scene::Shape& shape) {
   for (double* value :
        {&m.mu, &m.mu2, &m.torsion, &m.patch_radius, &m.surface_radius, &m.restitution, &m.stiffness, &m.damping})
     *value = in.value<double>();
+  shape.tool = in.text();
 }
 
 void put(ByteWriter& out, const std::vector<scene::Shape>& shapes) {
