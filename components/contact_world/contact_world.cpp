@@ -132,6 +132,7 @@ void ContactWorld::build() {
   options_.iterations = iterations_;
   options_.tolerance = tolerance_;
   world_ = std::make_unique<World>(std::move(scene), options_);
+  for (const auto& robot : robots_) show_tools(*robot, false);
   built_from_ = layout();
 }
 
@@ -202,7 +203,10 @@ void ContactWorld::check_inputs(Time now) const {
 void ContactWorld::initialise(Time start) {
   check_parameters();
   check_inputs(start);
-  for (const auto& robot : robots_) robot->inertias.take(robot->place, *robot->mechanism);
+  for (const auto& robot : robots_) {
+    robot->inertias.take(robot->place, *robot->mechanism);
+    robot->tools_in_force = robot->tools_wanted;
+  }
   build();
   for (const auto& robot : robots_) {
     robot->dq_before = robot->dq;
@@ -213,8 +217,22 @@ void ContactWorld::initialise(Time start) {
   write_outputs(0);
 }
 
+/// Adds or removes the shapes of the robot's tools: those in force that are there, or all.
+void ContactWorld::show_tools(const Robot& r, bool all) {
+  for (std::size_t k = 0; k < r.tools.size(); ++k) {
+    const bool present = r.tools_in_force[k] != 0;
+    if (!present && !all) continue;
+    world_->set_tool(r.parts.base, r.tools[k], present);
+    for (const std::size_t body : r.parts.bodies) world_->set_tool(body, r.tools[k], present);
+  }
+}
+
 /// Brings changed bodies of the robot, such as those with a tool, into force at once.
 void ContactWorld::set_bodies(Robot& r) {
+  if (r.tools_wanted != r.tools_in_force) {
+    r.tools_in_force = r.tools_wanted;
+    show_tools(r, true);
+  }
   if (!r.inertias.follow(r.place, 0, *r.mechanism)) return;
   for (std::size_t i = 0; i < r.parts.bodies.size(); ++i)
     world_->set_body(r.parts.bodies[i], r.inertias.robot().bodies[i].inertia);
@@ -436,6 +454,7 @@ void ContactWorld::restored() {
     r.inertias.restored(*r.mechanism);
     for (std::size_t i = 0; i < r.parts.bodies.size(); ++i)
       world_->set_body(r.parts.bodies[i], r.inertias.robot().bodies[i].inertia);
+    show_tools(r, true);
   }
   world_->restore(state_);
 }

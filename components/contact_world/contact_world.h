@@ -59,6 +59,7 @@ class ContactWorld final : public Unit {
   void check_parameters() const;
   void check_inputs(Time now) const;
   void set_bodies(Robot& robot);
+  void show_tools(const Robot& robot, bool all);
   void set_links(Robot& robot, double h);
   void apply_last_torque(Robot& robot);
   void drive(Robot& robot, double h);

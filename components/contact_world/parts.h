@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Cholesky>
+#include <algorithm>
 #include <memory>
 #include <string>
 #include <vector>
@@ -26,6 +27,13 @@ struct ContactWorld::Robot {
                                    &tau, &acceleration, &mobility}) {
       v->assign(n, 0.0);
     }
+    for (const std::vector<scene::Shape>& shapes : robot.shapes) {
+      for (const scene::Shape& shape : shapes) {
+        if (!shape.tool.empty() && std::ranges::find(tools, shape.tool) == tools.end()) tools.push_back(shape.tool);
+      }
+    }
+    tools_wanted.assign(tools.size(), 0.0);
+    tools_in_force = tools_wanted;
     const auto size = static_cast<Eigen::Index>(n);
     M.resize(size, size);
     inverse_root.resize(size, size);
@@ -45,8 +53,10 @@ struct ContactWorld::Robot {
   std::unique_ptr<robot::Mechanism> mechanism;  // with gravity in the base's frame
   std::unique_ptr<robot::Data> data;
   robot::BodyParameters inertias;
-  std::string place;        // of the inertias, for messages
-  double tool_changes = 0;  // tunable
+  std::string place;                                 // of the inertias, for messages
+  double tool_changes = 0;                           // tunable
+  std::vector<std::string> tools;                    // with shapes
+  std::vector<double> tools_wanted, tools_in_force;  // tunables and state, 1: the shapes are there
 
   std::vector<double> base_p0{0, 0, 0}, base_quat0{1, 0, 0, 0}, q0, dq0, K, D, B;  // parameters
   std::vector<double> q, dq, tau_J, dtheta;                                        // inputs (q, dq: outputs with link outside)

@@ -151,6 +151,13 @@ void ContactWorld::declare(Variables& v) {
     declare_bodies(v, robot->inertias, true, robot->prefix);
     v.tunable(robot->prefix + "tool_changes", robot->tool_changes, "1",
               "number of tools attached or detached so far; changed bodies are in force at once");
+    Robot& r = *robot;
+    for (std::size_t k = 0; k < r.tools.size(); ++k) {
+      v.tunable(r.prefix + "tool." + identifier(r.tools[k]), r.tools_wanted[k], "1",
+                "1 while the collision shapes of tool " + r.tools[k] + " are there, else 0")
+          .range(0, 1);
+    }
+    if (!r.tools.empty()) v.state(r.prefix + "tools_in_force", r.tools_in_force, "1", "the same of all tools, in force");
   }
 }
 

@@ -107,6 +107,9 @@ void SettingList::cell() {
        "name and a dot");
   unphysical();
   joints_of_robot("; with several robots, robot/joint");
+  text("tools", "",
+       "collision shapes of tools that come and go, each name|frame|x y z|roll pitch yaw|URDF, separated by semicolons; attach "
+       "events with a file set it");
 }
 
 void SettingList::joints_of_robot(const std::string& several) {

@@ -150,6 +150,7 @@ void put(ByteWriter& out, const scene::Shape& shape) {
   for (const double value : {m.mu, m.mu2, m.torsion, m.patch_radius, m.surface_radius, m.restitution, m.stiffness, m.damping,
                              m.foundation, m.foundation_damping, m.yield, m.breakthrough, m.whole ? 1.0 : 0.0})
     out.value(value);
+  out.text(shape.tool);
 }
 void get(ByteReader& in, scene::Shape& shape) {
   shape.name = in.text();
@@ -165,6 +166,7 @@ void get(ByteReader& in, scene::Shape& shape) {
                         &m.foundation, &m.foundation_damping, &m.yield, &m.breakthrough, &whole})
     *value = in.value<double>();
   m.whole = whole != 0;
+  shape.tool = in.text();
 }
 
 void put(ByteWriter& out, const std::vector<scene::Shape>& shapes) {

@@ -126,6 +126,7 @@ std::uint64_t hash_of(const Scenario& s) {
     for (const auto& numbers : {t.xyz, t.rpy, t.com}) {
       for (const double number : numbers) text.add(number);
     }
+    text.add_with_file(t.shapes.string());
     text.add(t.mass);
     for (const double moment : t.inertia) text.add(moment);
     for (const ToolSpec::Frame& frame : t.frames) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <map>
 
 #include "models/support/choice.h"
 #include "models/support/error.h"
@@ -73,6 +74,26 @@ void number_items(Member& member, const fmu::ModelDescription& description) {
     fail(value.place, member.name() + "." + value.name + ": " + in_quotes(*item_name) + " is not an item of " +
                           in_quotes(type->name) + ", expected " + expected + "or a number");
   }
+}
+
+/// The setting `tools` of a component: the tools of the scenario with collision shapes. Throws Error for one that is mounted at
+/// two places.
+std::string tools_with_shapes(const Scenario& scenario, const std::string& component) {
+  std::string all;
+  std::map<std::string, std::string> seen;
+  const auto list = [](const std::array<double, 3>& v) {
+    return text::to_text(v[0]) + " " + text::to_text(v[1]) + " " + text::to_text(v[2]);
+  };
+  for (const ToolSpec& tool : scenario.tools) {
+    if (tool.shapes.empty() || (!tool.scope.empty() && component.rfind(tool.scope + ".", 0) != 0)) continue;
+    const std::string item =
+        tool.name + "|" + tool.parent + "|" + list(tool.xyz) + "|" + list(tool.rpy) + "|" + tool.shapes.string();
+    const auto [at, first] = seen.emplace(tool.name, item);
+    if (first) all += (all.empty() ? "" : ";") + item;
+    if (at->second != item)
+      fail(tool.place, "tool '" + tool.name + "' has collision shapes and is attached at two places, expected a name for each");
+  }
+  return all;
 }
 
 }  // namespace
@@ -166,7 +187,10 @@ Member load_member(const ComponentSpec& spec, const Scenario& scenario, std::spa
   std::shared_ptr<const fmu::ForeignFmu> foreign;
   try {
     if (is_unit(spec)) {
-      member.instance = make_unit(spec.source, settings_for(scenario, spec.name), folders, types, settings_used);
+      if (const std::string tools = tools_with_shapes(scenario, spec.name);
+          !tools.empty() && has_setting(spec.source, "tools", types))
+        member.spec.source = with_setting(spec.source, "tools", tools);
+      member.instance = make_unit(member.spec.source, settings_for(scenario, spec.name), folders, types, settings_used);
       member.settings = settings_of(find_type(parse_unit_source(spec.source).unit, types));
     } else {
       const FmuSource source = fmu_source(spec, scenario);

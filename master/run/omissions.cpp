@@ -261,13 +261,7 @@ class Finder {
   }
 
   void find_idle_tools() {
-    const bool has_world = std::any_of(members_.begin(), members_.end(), [](const Member& member) {
-      return is_unit(member.spec) && member.variables().find("contact_swing") != nullptr;
-    });
     for (const ToolSpec& tool : scenario_.tools) {
-      if (tool.has_shapes && has_world)
-        found_.push_back((tool.place.empty() ? "" : tool.place + ": ") + "the collision shapes of tool '" + tool.name +
-                         "' have no effect: expected them in the robot's URDF, if the tool is to touch something");
       if (tool.time < scenario_.stop) continue;
       found_.push_back((tool.place.empty() ? "" : tool.place + ": ") + "the event of tool '" + tool.name + "' at " +
                        seconds(tool.time) + " has no effect: expected a time before the end of the run at " +

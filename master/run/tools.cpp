@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <cmath>
 #include <set>
 
@@ -121,6 +122,15 @@ struct Tools::Carrier {
     }
     start_bodies.clear();
     for (const robot::Body& body : robot.bodies) start_bodies.push_back(body.inertia);
+  }
+  /// The variable that says whether the tool's collision shapes are there; nullptr if it has none.
+  const Variable* shapes_of(const std::string& tool) const {
+    std::string id = tool;
+    std::replace_if(
+        id.begin(), id.end(),
+        [](char x) { return !(std::isalnum(static_cast<unsigned char>(x)) != 0 || x == '_' || x == '.'); }, '_');
+    if (id.front() >= '0' && id.front() <= '9') id.insert(0, "_");
+    return kind == Kind::kPlant ? find_real(member->variables(), prefix + "tool." + id, 1) : nullptr;
   }
   bool has(const std::string& name) const {
     return std::any_of(mounted.begin(), mounted.end(), [&](const Part& part) { return part.name == name; });
@@ -382,6 +392,9 @@ void Tools::plan() {
       for (std::size_t k = 0; k < kParameters; ++k)
         jumps_.push_back({time, c.element(body, k), values[static_cast<Eigen::Index>(k)]});
       if (c.count != nullptr) jumps_.push_back({time, &c.count->reals().front(), c.count_now});
+      const ToolSpec& tool = scenario_->tools[t];
+      if (const Variable* shapes = c.shapes_of(tool.name))
+        jumps_.push_back({time, &shapes->reals().front(), tool.attach ? 1.0 : 0.0});
       const auto n = static_cast<std::size_t>(c.robot.n());
       if (c.kind != Carrier::Kind::kPlant || c.q == nullptr || c.q->size() != n) continue;
       checks_.push_back({time, i, t, std::make_unique<robot::Mechanism>(c.robot), nullptr, Eigen::VectorXd::Zero(c.robot.n())});

@@ -137,7 +137,7 @@ std::array<double, 3> values_of(const Eigen::Vector3d& v) { return {v.x(), v.y()
 void read_tool_file(const std::filesystem::path& file, ToolSpec& tool) {
   const std::string xml = read_text_file(file, "a URDF");
   const robot::Attachment part = robot::parse_tool(xml, file.string(), tool.name);
-  tool.has_shapes = xml.find("<collision") != std::string::npos;
+  if (xml.find("<collision") != std::string::npos) tool.shapes = std::filesystem::absolute(file).lexically_normal();
   tool.mass = part.inertia.mass;
   tool.com = values_of(part.inertia.p_LC);
   const Eigen::Matrix3d& I = part.inertia.I_CC;

@@ -106,7 +106,7 @@ struct ToolSpec {
   std::string robot{};                    // name of the robot's model, or its name in a contact world; "": the only one
   std::vector<std::string> components{};  // "drive", "world.left"; empty: all that have the robot
   std::string scope{};                    // the nested scenario that has the event: only its components
-  bool has_shapes = false;                // its file has collision shapes, which are not used
+  std::filesystem::path shapes{};         // its URDF, if that has collision shapes
   std::string place{};
 };
 

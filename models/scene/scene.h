@@ -48,6 +48,7 @@ struct Shape {
   std::vector<Eigen::Vector3d> vertices;  // hull: in S, m; triangle: its corners, counter-clockwise seen from outside
   Pose X_BS;                              // in the body's frame
   Material material;
+  std::string tool = {};  // the shape comes and goes with the tool of this name; "": it is always there
 
   friend bool operator==(const Shape&, const Shape&) = default;
 };

@@ -351,6 +351,57 @@ TEST(Tools, GiveTheContactWorldTheAccelerationOfTheEquationsOfMotion) {
   for (const char* method : {"tree", "dantzig"}) compare_world_with_equations(method);
 }
 
+// A ball of 20 mm in front of the tip of an arm without shapes, which falls on a floor.
+TEST(Tools, TouchWithTheShapesOfTheirFileWhileTheyAreThere) {
+  const testing::TemporaryFolder folder("tools");
+  const std::string ball = folder.write("ball.urdf", R"(<robot name="ball"><link name="flange"/><link name="centre"><inertial>
+      <mass value="0.5"/><inertia ixx="8e-5" ixy="0" ixz="0" iyy="8e-5" iyz="0" izz="8e-5"/></inertial>
+      <collision><geometry><sphere radius="0.02"/></geometry></collision></link>
+      <joint name="j" type="fixed"><parent link="flange"/><child link="centre"/><origin xyz="0.03 0 0"/></joint></robot>)");
+  const auto cell_with = [&](const std::string& events) {
+    Cell cell;
+    cell.unit("world",
+              "contact_world?robot=planar2&amp;link=outside&amp;scene=" + places::source() + "/tests/components/data/floor.sdf",
+              {{"q0", "-0.4 -0.3"}, {"K", "0"}});
+    cell.events = events;
+    cell.stop = 0.4;
+    return cell;
+  };
+  // Height of the ball's centre over the floor, and whether a robot's link touches it (after the scene's two bodies and the base).
+  const auto height = [](Master& master) {
+    const std::span<double> q = values(master, "world.q");
+    return 0.5 + 0.4 * std::sin(q[0]) + 0.38 * std::sin(q[0] + q[1]);
+  };
+  const auto touches = [](Master& master) {
+    const auto bodies = find_signal(master.members(), "world.contact_bodies", "").variable->integers();
+    return std::any_of(bodies.begin(), bodies.end(), [](std::int32_t body) { return body > 3; });
+  };
+  const std::string tool = "<cotwin:Event time=\"0.01\" attach=\"ball-1\" parent=\"tip\" file=\"" + ball + "\"/>";
+  Master touching = cell_with(tool).load();
+  touching.initialise();
+  EXPECT_EQ(values(touching, "world.tool.ball_1")[0], 0);
+  double least = 1;
+  bool touched = false;
+  while (touching.step_tick()) {
+    least = std::min(least, height(touching));
+    touched = touched || touches(touching);
+  }
+  EXPECT_TRUE(touched);
+  EXPECT_NEAR(least, 0.02, 1e-3);
+  EXPECT_EQ(values(touching, "world.mass")[1], 4.5);
+
+  const std::string removed = tool + "<cotwin:Event time=\"0.02\" detach=\"ball-1\"/>";
+  for (const std::string& events : {removed, std::string()}) {
+    Master through = cell_with(events).load();
+    through.initialise();
+    while (through.step_tick()) EXPECT_FALSE(touches(through));
+    EXPECT_LT(height(through), -0.1);
+  }
+  const std::string elsewhere =
+      tool + "<cotwin:Event time=\"0.03\" attach=\"ball-1\" parent=\"upper_arm\" file=\"" + ball + "\"/>";
+  EXPECT_THAT(error_of([&] { cell_with(elsewhere).load(); }), HasSubstr("is attached at two places"));
+}
+
 TEST(Tools, ReachARobotOfAWorldByItsName) {
   Cell cell;
   cell.unit("world", "contact_world?robots=left:planar2,right:planar2&amp;link=outside",

@@ -70,6 +70,7 @@ struct Collision::Impl {
 
   std::vector<Placed> placed;         // in the world
   std::vector<std::uint32_t> moving;  // pieces of bodies that are not static
+  std::vector<char> absent;           // per piece: of a tool that is not there
   std::vector<std::size_t> fixed_bodies;
   std::vector<Pose> seen;           // at which the fixed pieces were placed; empty: not yet
   std::vector<Bounds> fixed, wide;  // of static pieces but planes, sorted along x
@@ -95,12 +96,17 @@ Collision::Impl::Impl(const scene::Scene& scene) {
       if (piece.convex.core == Core::kPlane) planes.push_back(static_cast<std::uint32_t>(pieces.size()));
       for (const auto& face : piece.convex.polytope.faces) corners = std::max<std::size_t>(corners, face.count);
       pieces.push_back(std::move(piece));
+      absent.push_back(body.shapes[s].tool.empty() ? 0 : 1);
     }
   }
+  const auto tool_of = [&](const Piece& piece) -> const std::string& {
+    return scene.bodies[static_cast<std::size_t>(piece.body)].shapes[static_cast<std::size_t>(piece.shape)].tool;
+  };
   for (std::size_t first = 0; first < pieces.size();) {
     std::size_t last = first;
     std::vector<Convex> own;
-    for (; last < pieces.size() && pieces[last].body == pieces[first].body; ++last)
+    for (; last < pieces.size() && pieces[last].body == pieces[first].body && tool_of(pieces[last]) == tool_of(pieces[first]);
+         ++last)
       own.push_back(std::move(pieces[last].convex));
     find_covered_faces(own);
     for (Convex& convex : own) pieces[first++].convex = std::move(convex);
@@ -140,7 +146,7 @@ void Collision::Impl::place(std::span<const Pose> X_WB) {
   bounds.clear();
   Bounds box;
   for (const std::uint32_t i : moving) {
-    if (place(i, X_WB[static_cast<std::size_t>(pieces[i].body)], box)) bounds.push_back(box);
+    if (absent[i] == 0 && place(i, X_WB[static_cast<std::size_t>(pieces[i].body)], box)) bounds.push_back(box);
   }
 }
 
@@ -269,6 +275,12 @@ void Collision::detect(std::span<const Pose> X_WB, double margin) { impl_->detec
 void Collision::update(std::span<const Pose> X_WB, double margin, std::span<const char> moved) {
   impl_->update(X_WB, margin, moved);
 }
+void Collision::set_present(int body, int shape, bool present) {
+  for (std::size_t i = 0; i < impl_->pieces.size(); ++i) {
+    if (impl_->pieces[i].body == body && impl_->pieces[i].shape == shape) impl_->absent[i] = present ? 0 : 1;
+  }
+}
+
 std::span<const Collision::Piece> Collision::pieces() const { return impl_->pieces; }
 bool Collision::ignores(int body_a, int body_b) const {
   const auto [low, high] = std::minmax(body_a, body_b);

@@ -59,6 +59,9 @@ class Collision {
   std::span<const Piece> pieces() const;  // in the order of the bodies; valid as long as the object
   bool ignores(int body_a, int body_b) const;
 
+  /// Whether the shapes of a tool (scene::Shape::tool) touch anything; at first they do not. Call detect() after it.
+  void set_present(int body, int shape, bool present);
+
   /// Allocates memory for this number of contact points.
   void reserve(std::size_t points);
 

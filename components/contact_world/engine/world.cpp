@@ -176,6 +176,16 @@ void World::set_body(std::size_t body, const Inertia& inertia) {
   }
 }
 
+void World::set_tool(std::size_t body, const std::string& tool, bool present) {
+  Impl& w = *impl_;
+  const std::vector<scene::Shape>& shapes = w.scene.bodies[body].shapes;
+  for (std::size_t s = 0; s < shapes.size(); ++s) {
+    if (shapes[s].tool == tool) w.collision.set_present(static_cast<int>(body), static_cast<int>(s), present);
+  }
+  w.stale = true;
+  w.restored = false;
+}
+
 void World::apply(std::size_t body, const Wrench& F_B_W) { impl_->applied[body] = F_B_W; }
 
 void World::set_tau(std::size_t joint, double tau, double stiffness, double damping, double rate) {

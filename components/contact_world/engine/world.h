@@ -77,6 +77,9 @@ class World {
   void set_body(std::size_t body, const Inertia& inertia);
   /// Applies a wrench at the body's origin, expressed in W, constant over the next step.
   void apply(std::size_t body, const Wrench& F_B_W);
+  /// Adds the shapes of a tool (scene::Shape::tool) on a body that moves, or removes them; at first they are not there. Not part
+  /// of the state, as set_body(). Allocates nothing.
+  void set_tool(std::size_t body, const std::string& tool, bool present);
 
   std::span<const double> q() const;  // of each revolute or prismatic joint of the scene (0 for the others), rad or m
   std::span<const double> dq() const;
