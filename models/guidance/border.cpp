@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 
 #include "models/support/error.h"
@@ -101,6 +102,26 @@ Border damping_border(const Loop& loop, double M) {
   }
 }
 
+double stiffness_border(Loop loop, double M, double D) {
+  const auto stable = [&](double K_h) {
+    loop.K_h = K_h;
+    return unstable_poles(loop, M, D) == 0;
+  };
+  constexpr double kLeast = 1, kMost = 1e8, kRatio = 1.1;  // N/m
+  if (!stable(kLeast)) return 0;
+  double low = kLeast;
+  while (stable(low * kRatio)) {
+    low *= kRatio;
+    if (low > kMost) return std::numeric_limits<double>::infinity();
+  }
+  double high = low * kRatio;
+  while (high > low * (1 + 1e-5)) {
+    const double middle = std::sqrt(low * high);
+    (stable(middle) ? low : high) = middle;
+  }
+  return low;
+}
+
 int unstable_poles(const Loop& loop, double M, double D) {
   check(loop, M);
   // f = (M s² + D s + gain)/(M (s + 1)²) has the loop's poles with Re s > 0 as zeros, no poles there, and f → 1.
@@ -112,7 +133,8 @@ int unstable_poles(const Loop& loop, double M, double D) {
   double w = lowest(loop, M);
   Complex before = f(w);
   double turn = std::arg(before);  // f(0) > 0
-  while (w < 10 * fastest(loop) || std::abs(before - 1.0) > kSettled) {
+  const double beyond = 10 * std::max({1.0, fastest(loop), std::sqrt(loop.K_h / M), D / M});
+  while (w < beyond || std::abs(before - 1.0) > kSettled) {
     w = next(loop, w);
     const Complex now = f(w);
     turn += std::arg(now / before);

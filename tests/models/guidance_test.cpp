@@ -84,6 +84,20 @@ TEST(GuidanceBorder, OfASpringBehindADelayIsTheClosedForm) {
   }
 }
 
+// The same border, solved for K: ω tan ωτ = D/M, K = M ω²/cos ωτ.
+TEST(GuidanceBorder, OfTheHandsStiffnessIsTheClosedForm) {
+  for (const double tau : {0.01, 0.1}) {
+    for (const double turn : {0.1, 0.7, 1.4}) {
+      const double omega = turn / tau, M = 2.5, D = M * omega * std::tan(turn), K = M * omega * omega / std::cos(turn);
+      EXPECT_NEAR(stiffness_border({.delay = tau}, M, D), K, 1e-4 * K) << tau << " s, " << turn;
+    }
+  }
+  EXPECT_EQ(stiffness_border({.delay = 0.1}, 1, 0), 0) << "undamped";
+  EXPECT_TRUE(std::isinf(stiffness_border({.m_h = 0.7, .D_h = 20}, 1, 10))) << "without delay";
+  const double K = stiffness_border(example(0.08), 5, 16.5);  // the chart of examples/09_manual_guidance has 400 N/m there
+  EXPECT_NEAR(K, 400, 8);
+}
+
 // (M s² + D s)(s² + 2ζω s + ω²) + K ω² = 0, Routh: K < a₁ (a₃ a₂ − M a₁)/(a₃² ω²).
 TEST(GuidanceBorder, WithoutDelayIsThatOfRouth) {
   for (const double M : {0.1, 1.0, 10.0}) {
