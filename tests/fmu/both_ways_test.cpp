@@ -75,6 +75,7 @@ class BothWays : public ::testing::TestWithParam<Subject> {
       for (double& rate : v.rate) rate = number % 3 == 0 ? 0.25 : 0;
     }
   }
+  /// Parameters that are texts are files, which have the same name in the FMU but not the same folder.
   static std::string values(const Instance& instance) {
     std::ostringstream text;
     text << std::hexfloat;
@@ -82,7 +83,13 @@ class BothWays : public ::testing::TestWithParam<Subject> {
       text << v.name << ':';
       std::visit(
           [&](auto all) {
-            for (const auto& value : all) text << ' ' << value;
+            for (const auto& value : all) {
+              if constexpr (std::is_same_v<std::decay_t<decltype(value)>, std::string>) {
+                text << ' ' << (v.role == Role::kParameter ? fs::path(value).filename().string() : value);
+              } else {
+                text << ' ' << value;
+              }
+            }
           },
           v.storage);
       text << '\n';
