@@ -248,7 +248,8 @@ ToolSpec read_tool(const xml::Element& e, const std::filesystem::path& folder) {
   tool.robot = xml::text(e, "robot", "");
   tool.scope = xml::text(e, "scope", "");
   tool.reason = xml::text(e, "reason", "");
-  for (const std::string_view name : text::split(xml::text(e, "components", ""), ' ')) {
+  const std::string components = xml::text(e, "components", "");
+  for (const std::string_view name : text::split(components, ' ')) {
     if (!name.empty()) tool.components.emplace_back(name);
   }
   if (tool.attach) {

@@ -126,7 +126,7 @@ Cascade::Level::Level(int rows, int n)
       G(R),
       t(static_cast<std::size_t>(rows)),
       damped(rows, rows),
-      eigen(rows) {}
+      eigen(Square::Identity(rows, rows)) {}
 
 Cascade::Cascade(int n, const std::vector<int>& rows)
     : n_(n),

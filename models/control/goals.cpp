@@ -58,7 +58,7 @@ ManipulabilityGoal::ManipulabilityGoal(int n, Rows rows, double length)
       rows_of_J_(rows_, n),
       plus_(rows_, n),
       G_(tall_ ? n : rows_, tall_ ? n : rows_),
-      factor_(G_.rows()) {}
+      factor_(Eigen::MatrixXd::Identity(G_.rows(), G_.rows())) {}
 
 void ManipulabilityGoal::take_jacobian(const robot::Mechanism& mechanism, robot::Data& data, const VectorIn& q,
                                        const robot::FrameOnBody& frame) {

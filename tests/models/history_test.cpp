@@ -46,7 +46,8 @@ Attachment gripper(const std::string& parent) {
 }
 
 Attachment camera() {
-  Attachment part{"camera", "tcp", {rotation_from_rpy(-1, 0.2, 0.9), {0.03, 0, 0.004}}, {0.21, {0, 0.001, 0.01}, {}}};
+  Attachment part{
+      "camera", "tcp", {rotation_from_rpy(-1, 0.2, 0.9), {0.03, 0, 0.004}}, {0.21, {0, 0.001, 0.01}, Eigen::Matrix3d::Zero()}};
   part.inertia.I_CC.diagonal() << 1e-4, 1.1e-4, 0.9e-4;
   return part;
 }

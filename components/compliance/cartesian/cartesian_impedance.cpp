@@ -71,7 +71,7 @@ void CartesianMotion::impede(Links& links, const FromJoints& in, const robot::Dr
   joints_.dq = impedance_->dq_r;
   joints_.ddq = impedance_->ddq_r;
   joints_.sigma_min = impedance_->sigma_min;
-  joints_.lambda = 0;  // no motion of the joints is solved for
+  joints_.lambda = 0;               // no motion of the joints is solved for
   constexpr double kSolved = 1e-6;  // rad
   if (impedance_->stiffness_ratio > ImpedanceControl::kSoftest) note(kSoftGears);
   if (impedance_->static_error > kSolved) note(kStatics);

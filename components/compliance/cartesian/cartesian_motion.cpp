@@ -138,7 +138,7 @@ CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& ro
   }
   for (Eigen::MatrixXd* matrix : {&contact_.M, &contact_.total, &contact_.gain}) matrix->setZero(n, n);
   for (VectorXd* v : {&contact_.row, &contact_.solved}) v->setZero(n);
-  contact_.llt = Eigen::LLT<Eigen::MatrixXd>(n);
+  contact_.llt.compute(Eigen::MatrixXd::Identity(n, n));
 }
 
 void CartesianMotion::take_frames() {

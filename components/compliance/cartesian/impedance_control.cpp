@@ -52,9 +52,9 @@ ImpedanceControl::ImpedanceControl(const robot::RobotModel& robot, std::vector<i
   Y_.setZero(n, m);
   A_.setZero(m, m);
   for (MatrixXd* matrix : {&M_, &S_q_, &square_, &fourth_}) matrix->setZero(n, n);
-  M_llt_ = Eigen::LLT<MatrixXd>(n);
-  A_llt_ = Eigen::LLT<MatrixXd>(m);
-  statics_ = Eigen::LLT<MatrixXd>(n);
+  M_llt_.compute(MatrixXd::Identity(n, n));
+  A_llt_.compute(MatrixXd::Identity(m, m));
+  statics_.compute(MatrixXd::Identity(n, n));
 }
 
 void ImpedanceControl::start(const Joints& q, const Joints& theta) { twist = map(theta) - map(q); }
