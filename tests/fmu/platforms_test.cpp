@@ -271,7 +271,7 @@ constexpr double kNoise = 1e-3;
 double bound_of(const std::string& variable) {
   static const std::set<std::string> estimates = {"error_estimate", "worst_error"};
   const std::string name = variable.substr(variable.rfind('.') + 1);  // "drive.error_estimate" in a twin
-  return estimates.contains(name) ? 1e-4 : kRounding;
+  return estimates.contains(name) ? 1e-5 : kRounding;
 }
 
 /// The largest difference of any real variable over the run, relative to the variable's largest value in the run or kNoise, and
