@@ -44,7 +44,7 @@ constexpr std::array kChoices = {
     Choice{"contact_world", "link=outside", "planar2", "table"},
     Choice{"contact_world", "method=dantzig", "", "stack"},
     Choice{"tuner", "friction=sigmoid&motor_inertia=true", "planar2"},
-    Choice{"motion", "space=cartesian&from=relative&inverse=true", "planar2"},
+    Choice{"motion", "robot=planar2&space=cartesian&from=relative&inverse=true", "planar2"},
 };
 
 const UnitType& type_of(const Choice& choice) {
