@@ -14,11 +14,31 @@
 namespace cotwin::operator_hand {
 namespace {
 
+using Eigen::Quaterniond;
 using Eigen::Vector3d;
 using numerics::Deviation;
 
 Eigen::Map<const Vector3d> map(const std::array<double, 3>& x) { return Eigen::Map<const Vector3d>(x.data()); }
 Eigen::Map<Vector3d> map(std::array<double, 3>& x) { return Eigen::Map<Vector3d>(x.data()); }
+
+Quaterniond exponential(const Vector3d& turn) {
+  const double angle = turn.norm();
+  return angle < 1e-12 ? Quaterniond(1, turn.x() / 2, turn.y() / 2, turn.z() / 2).normalized()
+                       : Quaterniond(Eigen::AngleAxisd(angle, turn / angle));
+}
+
+/// Axis times angle, at most π.
+Vector3d logarithm(const Quaterniond& Q) {
+  const double sign = Q.w() < 0 ? -1 : 1, s = Q.vec().norm();
+  return s < 1e-12 ? Vector3d(2 * sign * Q.vec()) : Vector3d(2 * std::atan2(s, sign * Q.w()) / s * sign * Q.vec());
+}
+
+Quaterniond unit_quaternion(const std::array<double, 4>& q, const char* name) {
+  const Quaterniond Q(q[0], q[1], q[2], q[3]);
+  if (std::isfinite(Q.norm()) && Q.norm() > 1e-6) return Q.normalized();
+  throw Error(std::string("unit:operator_hand.") + name,
+              "the quaternion (w, x, y, z) has length " + text::to_text(Q.norm()) + ", expected 1");
+}
 
 /// 0 before, 1 after; in between with minimum jerk.
 double rise(double since, double duration) {
@@ -52,6 +72,7 @@ void OperatorHand::declare_settings(SettingList& s) {
   s.text("frame", "", "with a robot: the frame that is gripped; none: the end of the longest chain");
   s.integer("points", 2, 2, 1000, "number of waypoints of the intention");
   s.integer("history", 1000, 2, 1'000'000, "samples kept for reaction_delay, more than reaction_delay/step");
+  s.boolean("moment", false, "the hand also exerts a moment on what it grips");
 }
 
 OperatorHand::OperatorHand(Settings& settings)
@@ -63,32 +84,28 @@ OperatorHand::OperatorHand(Settings& settings)
 OperatorHand::OperatorHand(Settings& settings, std::unique_ptr<Gripped> robot)
     : robot_(std::move(robot)),
       measures_(settings.robot_used().get()),
-      seen_(3, static_cast<std::size_t>(settings.integer("history"))) {
+      seen_(3, static_cast<std::size_t>(settings.integer("history"))),
+      moment_(settings.boolean("moment")) {
   const auto N = static_cast<std::size_t>(settings.integer("points"));
   waypoint_t_.resize(N);
   for (std::size_t k = 0; k < N; ++k) waypoint_t_[k] = static_cast<double>(k);
   waypoint_p_.resize(3 * N);
   waypoint_dwell_.resize(N);
+  waypoint_turn_.resize(3 * N);
   if (!robot_) return;
   for (auto* joints : {&q_, &dq_, &q_rate_, &dq_rate_, &tau_e_}) joints->resize(static_cast<std::size_t>(robot_->q.size()));
 }
 
 OperatorHand::~OperatorHand() = default;
 
-void OperatorHand::take_axes() {
-  const Eigen::Quaterniond Q(axes_[0], axes_[1], axes_[2], axes_[3]);
-  if (!(std::isfinite(Q.norm()) && Q.norm() > 1e-6)) {
-    throw Error("unit:operator_hand.axes",
-                "the quaternion (w, x, y, z) has length " + text::to_text(Q.norm()) + ", expected 1");
-  }
-  R_ = Q.normalized().toRotationMatrix();
-}
+void OperatorHand::take_axes() { R_ = unit_quaternion(axes_, "axes").toRotationMatrix(); }
 
 void OperatorHand::take_path() {
   using trajectory::Passing;
   const Passing passing =
       text::choose<Passing>("unit:operator_hand.passing", passing_, {{"rest", Passing::kRest}, {"through", Passing::kThrough}});
   path_ = trajectory::make_path({3, waypoint_t_, waypoint_p_, waypoint_dwell_, {}}, passing);
+  turns_ = trajectory::make_path({3, waypoint_t_, waypoint_turn_, waypoint_dwell_, {}}, passing);
 }
 
 double OperatorHand::grip_at(double t) const {
@@ -111,7 +128,11 @@ OperatorHand::Point OperatorHand::intended(double t, double since) const {
 
 /// The gripped point `h` after the instant to which the inputs refer.
 OperatorHand::Point OperatorHand::point(double h) {
-  if (!robot_) return {map(p_) + h * map(p_rate_), map(v_) + h * map(v_rate_)};
+  if (!robot_) {
+    const Quaterniond Q = unit_quaternion(quat_, "quat");
+    const Vector3d w = map(w_) + h * map(w_rate_);
+    return {map(p_) + h * map(p_rate_), map(v_) + h * map(v_rate_), exponential(h / 2 * (map(w_) + w)) * Q, w};
+  }
   Gripped& r = *robot_;
   for (std::size_t i = 0; i < q_.size(); ++i) {
     r.q[static_cast<Eigen::Index>(i)] = q_[i] + h * q_rate_[i];
@@ -120,7 +141,7 @@ OperatorHand::Point OperatorHand::point(double h) {
   robot::FrameOnBody frame = r.frame;
   frame.X_BF.p = frame.X_BF * Vector3d(map(offset_));
   const Pose X_BE = robot::jacobian(r.mechanism, r.data, r.q, frame, r.J);
-  return {X_BE.p, r.J.topRows<3>().lazyProduct(r.dq)};
+  return {X_BE.p, r.J.topRows<3>().lazyProduct(r.dq), Quaterniond(X_BE.R), r.J.bottomRows<3>().lazyProduct(r.dq)};
 }
 
 void OperatorHand::initialise(Time start) {
@@ -136,6 +157,9 @@ void OperatorHand::initialise(Time start) {
   map(dx_) = R_.transpose() * x_i.v;
   K_before_ = K_h_;
   grip_before_ = grip_at(start.seconds());
+  quat_start_ = {1, 0, 0, 0};
+  if (relative_) quat_start_ = {p.Q.w(), p.Q.x(), p.Q.y(), p.Q.z()};
+  work_turn_ = 0;
   const Vector3 here = {p.p.x(), p.p.y(), p.p.z()};
   seen_.start(start, here);
   see(start);
@@ -191,7 +215,9 @@ StepResult OperatorHand::step(Time now, Duration h) {
   }
   map(e_) += seconds * map(de_);
   see(now + h);
+  const double power = map(m_).dot(begin.w);
   write_outputs(now + h, end);
+  work_turn_ += seconds / 2 * (power + map(m_).dot(end.w));
 
   const double from = path_.begin() + waypoint_dwell_[0], to = path_.end() - waypoint_dwell_.back() + settling_;
   const double middle = t + seconds / 2;
@@ -242,11 +268,27 @@ void OperatorHand::write_outputs(Time now, const Point& p) {
   map(p_i_) = x_i.p;
   map(v_i_) = x_i.v;
   lag_ = (planned(t).p - p.p).norm();
+  if (moment_) turn_robot(t, p);
   if (!robot_) return;
   map(p_) = p.p;
   map(v_) = p.v;
   Eigen::Map<Eigen::VectorXd>(tau_e_.data(), static_cast<Eigen::Index>(tau_e_.size())) =
-      robot_->J.topRows<3>().transpose().lazyProduct(map(f_));
+      robot_->J.topRows<3>().transpose().lazyProduct(map(f_)) + robot_->J.bottomRows<3>().transpose().lazyProduct(map(m_));
+}
+
+void OperatorHand::turn_robot(double t, const Point& p) {
+  Vector3d turn, rate, unused;
+  turns_.at(t, {turn.data(), 3}, {rate.data(), 3}, {unused.data(), 3});
+  const Quaterniond Q_start(quat_start_[0], quat_start_[1], quat_start_[2], quat_start_[3]), further = exponential(turn);
+  const Quaterniond Q_i = (further * Q_start).normalized();
+  // ω_i of exp(turn(t)): the left Jacobian times the rate.
+  const double angle = turn.norm(), a2 = angle * angle;
+  const double c1 = angle > 1e-4 ? (1 - std::cos(angle)) / a2 : 0.5 - a2 / 24;
+  const double c2 = angle > 1e-4 ? (angle - std::sin(angle)) / (a2 * angle) : 1.0 / 6 - a2 / 120;
+  const Vector3d across = turn.cross(rate), w_i = rate + c1 * across + c2 * turn.cross(across);
+  const Vector3d phi = R_.transpose() * logarithm(Q_i * p.Q.conjugate()), slip = R_.transpose() * (w_i - p.w);
+  map(m_) = R_ * (grip_ * (map(K_r_).cwiseProduct(phi) + map(D_r_).cwiseProduct(slip)));
+  quat_i_ = {Q_i.w(), Q_i.x(), Q_i.y(), Q_i.z()};
 }
 
 }  // namespace cotwin::operator_hand

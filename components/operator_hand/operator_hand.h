@@ -1,5 +1,6 @@
 #pragma once
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <array>
 #include <memory>
 #include <string>
@@ -22,7 +23,10 @@ namespace cotwin::operator_hand {
 ///   hand.h      the hand on the impedance of the arm, and its grip
 ///   figures.h   force, lag and smoothness of the motion
 /// Masses, dampings and stiffnesses are principal values along three perpendicular axes (the stiffness ellipsoid of
-/// Mussa-Ivaldi, Hogan, Bizzi, J. Neuroscience 5(10), 1985), which do not turn. The hand exerts a force and no moment.
+/// Mussa-Ivaldi, Hogan, Bizzi, J. Neuroscience 5(10), 1985), which do not turn.
+///   moment      with the setting `moment`: m = grip (K_r φ + D_r (ω_i − ω)) along the principal axes, φ the axis times angle of the turn
+///               from the gripped orientation to the intended one, exp(turn(t)) Q_start with minimum jerk. Arm and grip together; the
+///               rotational inertia of the hand is neglected. Without it the hand exerts a force alone.
 ///
 /// All vectors are in W, or in the robot's base frame if there is a robot. Without a robot the inputs are position and velocity
 /// of the gripped point. With a robot they are q and dq, the gripped point is on one of its frames, and tau_e = Jᵀ f.
@@ -44,6 +48,8 @@ class OperatorHand final : public Unit {
   struct Gripped;  // the robot's frame that is gripped
   struct Point {
     Eigen::Vector3d p, v;
+    Eigen::Quaterniond Q{1, 0, 0, 0};
+    Eigen::Vector3d w = Eigen::Vector3d::Zero();
   };
 
   OperatorHand(Settings& settings, std::unique_ptr<Gripped> robot);
@@ -57,6 +63,7 @@ class OperatorHand final : public Unit {
   void correct(Time now, Duration h);
   void see(Time now);
   void write_outputs(Time now, const Point& p);
+  void turn_robot(double t, const Point& p);
   Hand hand(std::size_t axis) const { return {m_h_[axis], D_h_[axis], K_h_[axis], D_g_[axis], K_g_[axis]}; }
 
   std::unique_ptr<Gripped> robot_;  // nullptr: p and v are inputs
@@ -88,6 +95,18 @@ class OperatorHand final : public Unit {
   Vector3 f_{}, p_h_{}, v_h_{}, p_i_{}, v_i_{}, p_seen_{};
   double lag_ = 0, energy_ = 0, grip_ = 0;
   std::vector<double> tau_e_;
+
+  // With the setting `moment`.
+  bool moment_;
+  std::array<double, 4> quat_{1, 0, 0, 0};  // input without a robot
+  Vector3 w_{}, w_rate_{};                  // input without a robot
+  std::vector<double> waypoint_turn_;       // parameter
+  Vector3 K_r_{10, 10, 10}, D_r_{0.5, 0.5, 0.5};
+  trajectory::Path turns_;
+  std::array<double, 4> quat_start_{1, 0, 0, 0};  // state
+  double work_turn_ = 0;                          // state
+  Vector3 m_{};                                   // outputs
+  std::array<double, 4> quat_i_{1, 0, 0, 0};
 };
 
 }  // namespace cotwin::operator_hand

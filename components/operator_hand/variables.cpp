@@ -77,6 +77,21 @@ void OperatorHand::declare(Variables& v) {
   v.state("work_robot", work_.robot, "J", "work of the hand on the robot");
   v.state("work_dissipated", work_.dissipated, "J", "energy dissipated in arm and grip");
   figures_.declare_states(v);
+  if (!moment_) return;
+  if (!robot_) {
+    v.input("quat", quat_, "1", "orientation of what is gripped, unit quaternion (w, x, y, z)").essential();
+    v.input("w", w_, "rad/s", "angular velocity of what is gripped").rate(w_rate_).essential();
+  }
+  v.output("m", m_, "N.m", "moment of the hand on the robot");
+  v.output("quat_i", quat_i_, "1", "intended orientation, unit quaternion (w, x, y, z)");
+  v.parameter("waypoint_turn", waypoint_turn_, "rad",
+              "turns of the waypoints, axis times angle: x y z of the first, then of the next; from the orientation at the "
+              "start of the run if relative")
+      .range(-kAny, kAny);
+  v.tunable("K_r", K_r_, "N.m/rad", "rotational stiffness of arm and grip about each principal axis").range(0, kAny);
+  v.tunable("D_r", D_r_, "N.m.s/rad", "rotational damping of arm and grip about each principal axis").range(0, kAny);
+  v.state("quat_start", quat_start_, "1", "orientation that the turns of the waypoints start from");
+  v.state("work_turn", work_turn_, "J", "work of the moment on the robot");
 }
 
 void OperatorHand::check() {
@@ -94,6 +109,8 @@ void OperatorHand::check() {
   at_least("D_g", D_g_, 0, "N.s/m");
   at_least("K_g", K_g_, 0, "N/m");
   at_least("correction", {&correction_, 1}, 0, "1/s");
+  at_least("K_r", K_r_, 0, "N.m/rad");
+  at_least("D_r", D_r_, 0, "N.m.s/rad");
   if (release_t_ >= grip_t_) return;
   throw Error("unit:operator_hand.release_t",
               "is " + text::to_text(release_t_) + " s, expected at least grip_t = " + text::to_text(grip_t_) + " s");

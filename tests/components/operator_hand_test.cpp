@@ -310,8 +310,69 @@ TEST(OperatorHand, RefusesWhatItCannotDo) {
   EXPECT_THROW(s.step(), Error) << "tunables are checked in each step";
 }
 
+TEST(OperatorHand, TurnsABodyAsItIntendsAndDoesTheWorkThatTheBodyReceives) {
+  // A free body of inertia I: I ω̇ = m, integrated beside the unit with its quaternion.
+  const Vector3d turn(0.3, -0.8, 2.5);
+  Subject s("moment=true", kHeld + Values{{"waypoint_turn", "0 0 0 0.3 -0.8 2.5"},
+                                          {"waypoint_p", "0 0 0 0 0 0"},
+                                          {"K_r", "20 10 15"},
+                                          {"D_r", "3 2 2"},
+                                          {"axes", "0.9 0.1 -0.3 0.2"}});
+  const double inertia = 0.2;
+  Eigen::Quaterniond Q(Eigen::AngleAxisd(1.1, Vector3d(1, 2, 3).normalized()));
+  const Eigen::Quaterniond start = Q;
+  Vector3d w = Vector3d::Zero();
+  const auto show = [&] {
+    const double values[] = {Q.w(), Q.x(), Q.y(), Q.z()};
+    std::copy(values, values + 4, s.reals("quat").begin());
+    s.put("w", w);
+  };
+  show();
+  s.initialise();
+  EXPECT_EQ(s.vector("m"), Vector3d(0, 0, 0));
+  double worst = 0;
+  for (int n = 0; n < 6000; ++n) {
+    show();
+    s.step();
+    const Vector3d before = w;
+    w += 1e-3 / inertia * s.vector("m");
+    const Vector3d way = 5e-4 * (before + w);
+    Q = (Eigen::Quaterniond(Eigen::AngleAxisd(way.norm(), way.norm() > 0 ? Vector3d(way.normalized()) : Vector3d::UnitX())) *
+         Q);
+    Q.normalize();
+    worst = std::max(worst, std::abs(s.real("work_turn") - inertia * w.squaredNorm() / 2));
+  }
+  const Eigen::Quaterniond intended = Eigen::Quaterniond(Eigen::AngleAxisd(turn.norm(), turn.normalized())) * start;
+  EXPECT_LT(Q.angularDistance(intended), 1e-3);
+  EXPECT_LT(worst, 0.02);  // J, of 0.9 J at most: explicit steps of the body
+  EXPECT_LT(s.vector("m").norm(), 0.05);
+}
+
+TEST(OperatorHand, ItsMomentIsPartOfTheJointTorquesOfAGuidedRobot) {
+  Subject s("robot=lwr4&moment=true",
+            kHeld + Values{{"waypoint_turn", "0 0 0 0.5 0.2 -0.1"}, {"waypoint_p", "0 0 0 0.1 0.2 0.3"}});
+  const auto q = s.reals("q"), dq = s.reals("dq");
+  for (std::size_t j = 0; j < q.size(); ++j) q[j] = 0.3 + 0.1 * static_cast<double>(j);
+  s.initialise();
+  s.to(0.8);
+  EXPECT_GT(s.vector("m").norm(), 0.5);
+  // The power of tau_e is that of force and moment: by the motion of the frame for each joint alone, by differences.
+  const Vector3d f = s.vector("f"), m = s.vector("m");
+  const std::vector<double> tau(s.reals("tau_e").begin(), s.reals("tau_e").end());
+  Subject frame("robot=lwr4&moment=true", kHeld + Values{{"waypoint_p", "0 0 0 0 0 0"}, {"D_r", "1 1 1"}, {"K_r", "0 0 0"}});
+  for (std::size_t j = 0; j < q.size(); ++j) {
+    std::copy(q.begin(), q.end(), frame.reals("q").begin());
+    std::fill(frame.reals("dq").begin(), frame.reals("dq").end(), 0.0);
+    frame.reals("dq")[j] = 1;
+    frame.initialise();
+    const Vector3d v = frame.vector("v"), w = -frame.vector("m");  // m = D_r (0 − ω)
+    EXPECT_NEAR(tau[j], f.dot(v) + m.dot(w), 1e-9) << j;
+  }
+}
+
 TEST(OperatorHand, GoesBackToAnEarlierStateAndAllocatesNothing) {
-  Subject s("robot=lwr4", {{"waypoint_p", "0 0 0 0.1 0.2 0.3"}, {"correction", "2"}});
+  Subject s("robot=lwr4&moment=true",
+            {{"waypoint_p", "0 0 0 0.1 0.2 0.3"}, {"waypoint_turn", "0 0 0 0.1 0.2 0.3"}, {"correction", "2"}});
   const auto q = s.reals("q");
   s.initialise();
   const auto run = [&](int begin, int end) {
