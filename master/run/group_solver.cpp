@@ -126,7 +126,7 @@ void GroupSolver::restore_slot(std::size_t i) {
     units_[i].begin.restore(member.variables(), *slots_[i].unit);
   } catch (const Error& error) {
     const bool failed = discarded_ == &slots_[i] && !error_.empty();  // the error that made it lose its state
-    throw Error(place_of(member.name(), begin_), failed ? error_ : error.what());
+    throw Error(place_of(member.name(), begin_), without_component(member.name(), failed ? error_ : error.what()));
   }
 }
 
@@ -337,7 +337,8 @@ const Slot* GroupSolver::step(Time begin, Time end, std::span<double> seconds) {
 const Slot* GroupSolver::fail(Newton::Outcome outcome, Time at) const {
   if (outcome == Newton::Outcome::kStopped) {
     if (error_.empty()) return discarded_;
-    throw Error(place_of(members_[discarded_->member].name(), at), error_);
+    const std::string& name = members_[discarded_->member].name();
+    throw Error(place_of(name, at), without_component(name, error_));
   }
   const std::string place = place_of(names(), at);
   if (outcome == Newton::Outcome::kSingular)

@@ -124,7 +124,7 @@ class Initialiser {
       call();
     } catch (const Error& error) {
       const ComponentSpec& spec = members_[schedule_.slots[slot].member].spec;
-      fail(spec.place, "component '" + spec.name + "': " + error.what());
+      fail(spec.place, "component '" + spec.name + "': " + without_component(spec.name, error.what()));
     }
   }
 

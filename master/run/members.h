@@ -116,6 +116,9 @@ bool glob(std::string_view pattern, std::string_view name);
 std::string in_quotes(std::string_view s);
 std::string suggestion(std::string_view wanted, const std::vector<std::string>& candidates);
 
+/// `what` without the name of the component where it begins with that: "drive.K: …" and "drive: …" of component drive.
+std::string without_component(const std::string& component, const std::string& what);
+
 /// Throws Error `place: what`, or `what` if the place is empty.
 [[noreturn]] void fail(const std::string& place, const std::string& what);
 

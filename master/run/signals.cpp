@@ -18,6 +18,13 @@ std::string suggestion(std::string_view wanted, const std::vector<std::string>& 
   return closest.empty() ? "" : "; did you mean " + in_quotes(closest) + "?";
 }
 
+std::string without_component(const std::string& component, const std::string& what) {
+  for (const char* mark : {".", ": "}) {
+    if (what.starts_with(component + mark)) return what.substr(component.size() + std::string_view(mark).size());
+  }
+  return what;
+}
+
 void fail(const std::string& place, const std::string& what) {
   if (place.empty()) throw Error(what);
   throw Error(place, what);

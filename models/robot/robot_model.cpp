@@ -14,8 +14,10 @@ const Frame& RobotModel::frame(const std::string& wanted) const {
     names.push_back(frame.name);
   }
   const std::string close = text::closest(wanted, names);
+  std::string all;
+  for (const std::string& one : names) all += (all.empty() ? "" : ", ") + one;
   throw Error("robot '" + name + "'",
-              "no frame '" + wanted + "'" + (close.empty() ? std::string() : ", did you mean '" + close + "'?"));
+              "no frame '" + wanted + "'" + (close.empty() ? ", expected one of " + all : ", did you mean '" + close + "'?"));
 }
 
 const Joint& RobotModel::joint_of(int body) const {

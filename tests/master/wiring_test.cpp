@@ -213,5 +213,12 @@ TEST(Wiring, HoldsAnInputWhoseSourceStepsMoreRarely) {
   while (master.step_tick()) EXPECT_EQ(value(master, "b.du_seen"), 0);
 }
 
+TEST(Messages, NameAComponentOnce) {
+  EXPECT_EQ(without_component("drive", "drive.K: is -1"), "K: is -1");
+  EXPECT_EQ(without_component("drive", "drive: no robot"), "no robot");
+  EXPECT_EQ(without_component("drive", "drives.K: is -1"), "drives.K: is -1");
+  EXPECT_EQ(without_component("drive", "robot 'drive': no frame"), "robot 'drive': no frame");
+}
+
 }  // namespace
 }  // namespace cotwin::master

@@ -38,7 +38,16 @@ TEST(RobotModel, NamesTheClosestFrameWhereOneIsUnknown) {
   } catch (const Error& error) {
     EXPECT_STREQ(error.what(), "robot 'tree': no frame 'wrist3_link', did you mean 'wrist_3_link'?");
   }
-  EXPECT_THROW(robot.frame("camera"), Error);
+}
+
+TEST(RobotModel, NamesAllFramesWhereNoneIsClose) {
+  const RobotModel robot = tree({-1, 0});
+  try {
+    robot.frame("camera");
+    FAIL();
+  } catch (const Error& error) {
+    EXPECT_STREQ(error.what(), "robot 'tree': no frame 'camera', expected one of base, 0, 1");
+  }
 }
 
 TEST(RobotModel, EndEffectorIsTheLastFrameOfTheLastBodyOfAChain) {
