@@ -40,7 +40,7 @@ Compliant advance_shortly(const SecondOrder& system, const Deviation& start, dou
                           const Limits& limits, const Desired& desired, double h, Tank& tank) {
   const Deviation free = advance(system, start, tau_e, tau_e_rate, h);
   const Allowed may = allowed(limits, desired, start, h);
-  if (clear_of(limits, desired, free) ||
+  if (clear_of(limits, desired, free, h) ||
       (free.dx <= may.dx_high && free.x <= may.x_high && free.dx >= may.dx_low && free.x >= may.x_low)) {
     // A lower bound of D ∫ Δ̇² dt (Cauchy–Schwarz): the tank receives at most the dissipated energy.
     const double moved = free.x - start.x;
@@ -72,7 +72,7 @@ Compliant advance(const Admittance& a, const Deviation& start, double tau_e, dou
                   const Desired& desired, double h, Tank& tank) {
   const SecondOrder system = relation(a);
   const Deviation free = advance(system, start, tau_e, tau_e_rate, h);
-  if (clear_of(limits, desired, free)) {
+  if (clear_of(limits, desired, free, h)) {
     const double moved = free.x - start.x;
     tank.energy = std::min(tank.energy + system.D * moved * moved / h, tank.capacity);  // as below
     return {free, acceleration(system, free, tau_e + tau_e_rate * h), Limit::kNone};

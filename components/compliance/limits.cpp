@@ -18,12 +18,13 @@ struct Bound {
 /// Bounds that keep Δ below a wall, which is at `wall` ≥ 0 at the end of the step and moves at `wall_speed`. With
 /// w = Δ̇ − wall_speed and constant acceleration, the gap at the end is
 ///   A − h w/2,   A = wall − Δ − h (Δ̇ + wall_speed)/2     with (Δ, Δ̇) at the start,
-/// and w² ≤ 2 b (A − h w/2) leaves the distance for braking with b. A < 0: Δ stops within the step.
+/// and w² ≤ 2 b (A − h w/2) leaves the distance for braking with b, h w/2 ≤ A − h w/2 that for a stop within the next step. A < 0: Δ
+/// stops within the step.
 Bound below(double wall, double wall_speed, const Limits& limits, const Deviation& start, double h) {
   const double b = limits.braking;
   const double gap = wall - h * wall_speed - start.x;  // at the start
   const double A = wall - start.x - h * (start.dx + wall_speed) / 2;
-  double w = A > 0 ? 2 * A / (h / 2 + std::sqrt(h * h / 4 + 2 * A / b)) : 0.0;
+  double w = A > 0 ? std::min(2 * A / (h / 2 + std::sqrt(h * h / 4 + 2 * A / b)), A / h) : 0.0;
   // A desired motion that jumps towards its limit moves Δ, but not faster than the joint may move.
   const double retreat = limits.bound_speed() ? limits.dq_max : kRetreat;
   if (gap < 0) w = std::max(gap / h, -retreat);

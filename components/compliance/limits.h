@@ -36,13 +36,15 @@ struct Allowed {
 /// itself is outside its limits. Δ is assumed to have constant acceleration over the step.
 Allowed allowed(const Limits& limits, const Desired& desired, const Deviation& start, double h);
 
-/// Returns whether q_c at the end of a step is inside the limits and slow enough to stop there; then allowed() is not needed.
-inline bool clear_of(const Limits& limits, const Desired& desired, const Deviation& end) {
+/// Returns whether q_c at the end of a step of h seconds is inside the limits and slow enough to stop there, in steps of h; then
+/// allowed() is not needed.
+inline bool clear_of(const Limits& limits, const Desired& desired, const Deviation& end, double h) {
   const double q = desired.q + end.x, dq = desired.dq + end.dx;
   if (limits.bound_speed() && !(dq <= limits.dq_max && dq >= -limits.dq_max)) return false;
   if (!limits.bound_position()) return true;
   const double ahead = dq > 0 ? limits.q_max - q : q - limits.q_min;
-  return q <= limits.q_max && q >= limits.q_min && dq * dq <= 2 * limits.braking * ahead;
+  return q <= limits.q_max && q >= limits.q_min && dq * dq <= 2 * limits.braking * ahead &&
+         h * (dq > 0 ? dq : -dq) <= 2 * ahead;
 }
 
 /// Returns whether the desired motion itself is outside its limits.

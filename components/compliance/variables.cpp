@@ -151,6 +151,7 @@ void Compliance::declare(Variables& v) {
   }
   if (terms_) terms_->declare(joints);
   if (cartesian_) joints.state("tau_cut", tau_cut_, "N.m", "tau_excess of the last step, for brake_saturated");
+  if (cartesian_) cartesian_->declare_search(v);
 }
 
 void Compliance::check() {

@@ -229,6 +229,7 @@ TEST(ImpedanceControl, TorqueOfElasticJointsIsTheGradientOfAPotentialOfTheMotorP
   for (int round = 0; round < 300; ++round) {
     ClosedLoop c(draw, draw.robot(static_cast<Kind>(round % 3), 2 + round % 6), {.K_low = 4, .rigid = 0, .ratio = 0.4});
     c.D_n = 0;
+    c.spring.turns_with_tool = round % 2 == 1;
     const VectorXd theta = c.theta_0 + draw.numbers(c.n, -0.3, 0.3);
     MatrixXd slope(c.n, c.n);
     const double step = 1e-5;
@@ -254,6 +255,7 @@ TEST(ImpedanceControl, IsStableFreeAndOnAnySpringForThousandsOfDesigns) {
   for (int round = 0; round < 3000; ++round) {
     ClosedLoop c(draw, draw.robot(static_cast<Kind>(round % 3), 1 + round % 8), {.K_low = 2, .B_low = -2});
     if (round % 3 > 0) c.K_e = decades(draw, 2, 7);
+    c.spring.turns_with_tool = round % 4 == 3;
     const Eigen::VectorXcd lambda = eigenvalues(c);
     ASSERT_LT(lambda.real().maxCoeff(), kRounding * lambda.cwiseAbs().maxCoeff()) << round << " K_e " << c.K_e;
   }

@@ -32,7 +32,8 @@ TEST(Limits, StopTheCompliantMotionWithTheBrakingDecelerationAndDoNotThrowItBack
     const Compliant c = advance(a, at, 30, 0, limits, {}, 1e-3, tank);
     ASSERT_LE(c.Delta.x, 1);
     ASSERT_GE(c.Delta.dx, 0);
-    ASSERT_GT(c.ddDelta, -8 * (1 + 1e-3)) << n;  // of the constant acceleration within a step
+    // The step that ends at the wall brakes a little harder than the others, so that it is not passed.
+    ASSERT_GT(c.ddDelta, -8 * (1 - c.Delta.x < 1e-5 ? 1.2 : 1 + 1e-3)) << n;
     reached = reached || c.limit == Limit::kPosition;
     at = c.Delta;
   }

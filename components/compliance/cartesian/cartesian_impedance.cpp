@@ -15,6 +15,7 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
+Eigen::Map<const Eigen::VectorXd> map(const std::vector<double>& v) { return {v.data(), static_cast<Index>(v.size())}; }
 Quaterniond quaternion(const std::array<double, 4>& q) { return {q[0], q[1], q[2], q[3]}; }
 std::array<double, 4> array(const Quaterniond& q) { return {q.w(), q.x(), q.y(), q.z()}; }
 
@@ -49,7 +50,19 @@ void CartesianMotion::impede(Links& links, const FromJoints& in, const robot::Dr
   frame.omega_free = p.omega_free[0];
   frame.P_T = P_T;
   frame.P_R = P_R;
-  impedance_->torque(links, joints_.frame(), frame, {in.q, 0, p.k_nu[0]}, drives, measured, shaping, tau_m);
+  frame.turns_with_tool = axes_ == Axes::kTool;
+  if (desired_joints_) {
+    dq_scratch_ = map(in.dq_d) - h * map(in.ddq_d);
+    q_scratch_ = map(in.q_d) - h / 2 * (map(in.dq_d) + dq_scratch_);
+    ddq_scratch_ = map(in.ddq_d);
+  }
+  const Posture posture{q_scratch_, dq_scratch_, ddq_scratch_};
+  impedance_->torque(links, joints_.frame(), frame,
+                     {.q_0 = in.q,
+                      .self_motion = impedance_self_motion_.get(),
+                      .gains = gains(),
+                      .desired = desired_joints_ ? &posture : nullptr},
+                     drives, measured, shaping, tau_m);
 
   const Pose& X = impedance_->X;
   Quaterniond Q(X.R);
@@ -79,82 +92,84 @@ void CartesianMotion::impede(Links& links, const FromJoints& in, const robot::Dr
 }
 
 void CartesianMotion::find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains,
-                                             double bandwidth, double h) {
-  // All six directions at the start, then one every kPause steps.
-  constexpr std::int32_t kPause = 64;
+                                             double bandwidth, bool feeds_wrench_forward, double h) {
+  // One frequency a step for the first result, then one every kPause steps.
+  constexpr std::int32_t kPause = 16;
   if (impedance_ || h <= 0) return;
-  const bool first = contact_turn_ < 6, due = first || contact_turn_ % kPause == 0;
-  const std::int32_t i = first ? contact_turn_ : contact_turn_ / kPause % 6;
-  if (++contact_turn_ == 7 * kPause) contact_turn_ = kPause;
-  if (due) find_contact_stiffness(links, drives, gains, bandwidth, h, i);
+  if (contact_turn_ < kPause) contact_turn_ = 0;  // nothing is known yet
+  const bool due = contact_turn_ % kPause == 0;
+  if (contact_turn_ >= kPause && ++contact_turn_ == 2 * kPause) contact_turn_ = kPause;
+  if (!due) return;
+  const Eigen::Matrix3d R_T = axes(quaternion(quat_d_before_), quaternion(quat_before_)),
+                        R_R = quaternion(quat_d_before_).toRotationMatrix();
+  if (omega_t_ > 0) {
+    const auto bound = [&](const Impedance& z, int i) {
+      return largest_contact_stiffness({z.M(i, i), z.D(i, i), z.S(i, i)}, omega_t_, zeta_t_);
+    };
+    for (int k = 0; k < 3; ++k) {
+      const auto i = static_cast<std::size_t>(k);
+      contact_.K_e_max[i] = (P_T_ * R_T.col(k)).norm() < 0.5 ? 0 : bound(rendered_T_, k);
+      contact_.K_e_max[i + 3] = (P_R_ * R_R.col(k)).norm() < 0.5 ? 0 : bound(rendered_R_, k);
+    }
+    contact_turn_ = std::max(contact_turn_, kPause);
+  } else {
+    take_robot_in_contact(links, drives, gains, R_T, R_R);
+    following_.bandwidth = bandwidth;
+    following_.feeds_wrench_forward = feeds_wrench_forward;
+    following_.step = h;
+    if (!contact_.advance(following_)) return;
+    contact_turn_ = std::max(contact_turn_, kPause);
+    if (contact_.gain() >= 2) note(kGains);
+  }
+  for (std::size_t k = 0; k < 6; ++k) {
+    if (contact_.K_e_max[k] > 0 && K_e_[k] > contact_.K_e_max[k]) note(kStiffContact);
+  }
 }
 
-void CartesianMotion::find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains,
-                                             double bandwidth, double h, std::int32_t i) {
-  const bool turn = i >= 3;
-  const Impedance& z = turn ? rendered_R_ : rendered_T_;
-  const Matrix3d& P = turn ? P_R_ : P_T_;
-  const Matrix3d R_BA =
-      turn ? quaternion(quat_d_before_).toRotationMatrix() : axes(quaternion(quat_d_before_), quaternion(quat_before_));
-  const Vector3d axis = Vector3d::Unit(i % 3);
-  const Vector3d u = R_BA * axis;
-  if ((P * u).norm() < 0.5) {
-    K_e_max_[static_cast<std::size_t>(i)] = 0;
-    return;
-  }
+/// R_T, R_R: axes of translation and rotation in B.
+void CartesianMotion::take_robot_in_contact(Links& links, const robot::DriveParameters& drives, const Gains& gains,
+                                            const Matrix3d& R_T, const Matrix3d& R_R) {
+  FollowingRobot& r = following_;
   const Index n = joints_.q.size();
   links.jacobian(joints_.q, joints_.frame(), J_);
-  contact_.row.noalias() = J_.middleRows<3>(turn ? 3 : 0).transpose().lazyProduct(u);
-  // 1/(uᵀ J A⁻¹ Jᵀ u) of joint-space matrices A.
-  const auto along = [&](const Eigen::MatrixXd& A) {
-    contact_.llt.compute(A);
-    contact_.solved = contact_.row;
-    contact_.llt.matrixL().solveInPlace(contact_.solved);
-    return 1 / std::max(contact_.solved.squaredNorm(), 1e-12);
-  };
-  const auto along_diagonal = [&](const auto& value) {
-    double sum = 0;
-    for (Index k = 0; k < n; ++k) sum += contact_.row[k] * contact_.row[k] / value(static_cast<std::size_t>(k));
-    return 1 / std::max(sum, 1e-12);
-  };
-  const bool elastic = std::ranges::any_of(drives.K, [](double K) { return K > 0; });
-  constexpr double kStiff = 1e9;  // N.m/rad, of rigid joints among elastic ones
-  links.mass_matrix(joints_.q, contact_.M);
-  FollowingRobot robot{.bandwidth = bandwidth, .step = h};
-  contact_.total = contact_.M;
-  for (Index k = 0; k < n; ++k) {
-    const auto j = static_cast<std::size_t>(k);
-    contact_.total(k, k) += drives.B[j];
-    if (drives.K[j] == 0) contact_.M(k, k) += drives.B[j];
+  for (Index k = 0; k < 6; ++k) {
+    const bool turn = k >= 3;
+    const Vector3d u = (turn ? P_R_ * R_R : P_T_ * R_T).col(k % 3);
+    r.J.row(k).noalias() = u.transpose() * J_.middleRows<3>(turn ? 3 : 0);
+    if (u.norm() < 0.5) r.J.row(k).setZero();
+    Twist a = Twist::Zero();
+    a.segment<3>(turn ? 3 : 0) = u;
+    joints_.accelerations_of(a, r.J_bar.col(k));
   }
-  robot.mass = along(elastic ? contact_.M : contact_.total);
-  const double w = gains.passivity;
-  const auto gain = [&](const auto& omega, const auto& constant) {
-    contact_.gain = (1 - w) * contact_.total;
-    for (Index k = 0; k < n; ++k) {
-      const double scale = std::sqrt(omega(static_cast<std::size_t>(k)));
-      contact_.gain.row(k) *= scale;
-      contact_.gain.col(k) *= scale;
+  r.translation = rendered_T_;
+  r.rotation = rendered_R_;
+  links.mass_matrix(joints_.q, r.M);
+  const double p = gains.passivity;
+  bool elastic = false;
+  for (Index i = 0; i < n; ++i) {
+    const auto k = static_cast<std::size_t>(i);
+    r.B[i] = drives.B[k];
+    r.K[i] = drives.K[k];
+    r.shaping[i] = drives.K[k] > 0 ? gains.shaping[k] : 1.0;
+    elastic = elastic || drives.K[k] > 0;
+  }
+  // tracking.h
+  contact_total_ = r.M;
+  contact_total_.diagonal() += r.B;
+  for (Index i = 0; i < n; ++i) {
+    const auto a = static_cast<std::size_t>(i);
+    for (Index j = 0; j < n; ++j) {
+      const auto b = static_cast<std::size_t>(j);
+      const double m = contact_total_(i, j), w = gains.omega[b], left = elastic ? gains.omega[a] : w;
+      const double zw = gains.zeta[b] * w, left_zw = elastic ? gains.zeta[a] * gains.omega[a] : zw;
+      const double Lambda = gains.Lambda[b], left_Lambda = elastic ? gains.Lambda[a] : Lambda;
+      r.K_P(i, j) = (1 - p) * left * m * w;
+      r.K_D(i, j) = (1 - p) * 2 * std::sqrt(left_zw * zw) * m + p * std::sqrt(left_Lambda * Lambda) * m;
     }
-    for (Index k = 0; k < n; ++k) contact_.gain(k, k) += w * constant(static_cast<std::size_t>(k)) + 1e-9;
-    return along(contact_.gain);
-  };
-  robot.K_P = gain([&](std::size_t j) { return gains.omega[j] * gains.omega[j]; },
-                   [&](std::size_t j) { return gains.K_s[j] * gains.Lambda[j]; });
-  robot.K_D = gain([&](std::size_t j) { return 2 * gains.zeta[j] * gains.omega[j]; },
-                   [&](std::size_t j) {
-                     return gains.K_s[j] + gains.Lambda[j] * contact_.total(static_cast<Index>(j), static_cast<Index>(j));
-                   });
-  if (elastic) {
-    robot.stiffness = along_diagonal([&](std::size_t j) { return drives.K[j] > 0 ? drives.K[j] : kStiff; });
-    robot.motor = along_diagonal([&](std::size_t j) { return drives.B[j]; });
-    robot.shaping = robot.motor / along_diagonal([&](std::size_t j) { return drives.B[j] / gains.shaping[j]; });
+    r.K_P(i, i) += p * gains.K_s[a] * gains.Lambda[a];
+    r.K_D(i, i) += p * gains.K_s[a];
   }
-  const SecondOrder along_axis{axis.dot(z.M * axis), axis.dot(z.D * axis), axis.dot(z.S * axis)};
-  double bound =
-      omega_t_ > 0 ? largest_contact_stiffness(along_axis, omega_t_, zeta_t_) : largest_contact_stiffness(along_axis, robot);
-  K_e_max_[static_cast<std::size_t>(i)] = bound;
-  if (K_e_[static_cast<std::size_t>(i)] > bound) note(kStiffContact);
+  if (!elastic) r.M = contact_total_;
 }
 
 }  // namespace cotwin::compliance

@@ -80,7 +80,10 @@ constexpr Sentence kSentences[] = {
     {256,
      "the environment's stiffness K_e is above K_e_max, so the contact can vibrate: choose a larger M_T, M_R or damping, or "
      "render=impedance"},
-    {512, "the compliant frame was stopped at p_min or p_max or held at v_max or w_max"}};
+    {512, "the compliant frame was stopped at p_min or p_max or held at v_max or w_max"},
+    {1024,
+     "the gains of tracking are too large for the step, so the motors vibrate (K_e_max is 0): choose a smaller omega, K_s or "
+     "shaping, or a shorter step"}};
 constexpr std::string_view kSeparator = "; ";
 
 }  // namespace
@@ -123,22 +126,29 @@ CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& ro
       P_T_(projector(directions_, 0)),
       P_R_(projector(directions_, 3)),
       self_motion_(settings, robot, directions_, wrench_of_joints_),
-      joints_(robot, self_motion_) {
+      joints_(robot, self_motion_),
+      contact_(robot.n()),
+      following_(robot.n()) {
   const Index n = robot.n();
   for (VectorXd* v : {&q_scratch_, &dq_scratch_, &ddq_scratch_, &tau_scratch_}) v->setZero(n);
   J_.setZero(6, n);
   J_S_.setZero(6, n);
   if (sensor_ && wrench_of_joints_) throw Error(place_, "sensor= with wrench=joints: expected one of them");
   if (settings.choice("render") == "impedance") {
-    if (axes_ == Axes::kTool) throw Error(place_, "render=impedance with axes=tool: expected axes=world or axes=desired");
-    if (!settings.text("tasks").empty() || !settings.text("null_space").empty()) {
-      throw Error(place_, "render=impedance with tasks or null_space: expected neither, self-motion is damped by k_nu alone");
+    bool lower = false;
+    for (const TaskEntry& task : self_motion_.tasks()) {
+      if (lower && !task.held) {
+        throw Error(place_,
+                    "render=impedance, setting tasks: '" + task.name +
+                        "' is below a held frame, expected all directions of E above the held frames, because the wrench "
+                        "of its springs acts without regard to other tasks");
+      }
+      lower = lower || task.held;
     }
     impedance_ = std::make_unique<ImpedanceControl>(robot, directions_);
+    impedance_self_motion_ = std::make_unique<ImpedanceSelfMotion>(robot, self_motion_);
   }
-  for (Eigen::MatrixXd* matrix : {&contact_.M, &contact_.total, &contact_.gain}) matrix->setZero(n, n);
-  for (VectorXd* v : {&contact_.row, &contact_.solved}) v->setZero(n);
-  contact_.llt.compute(Eigen::MatrixXd::Identity(n, n));
+  contact_total_.setZero(n, n);
 }
 
 void CartesianMotion::take_frames() {
@@ -251,15 +261,8 @@ Wrench CartesianMotion::rendered(const Wrench& F) const {
 
 void CartesianMotion::prepare(const Matrix3d& R_BA, const Matrix3d& R_d, double h) {
   if (!is_prepared_ || !(prepared_ == in_force_)) {
-    const CartesianParameters& p = in_force_;
-    const auto impedance = [&](const auto& M, const auto& M_off, const auto& D, const auto& D_off, const auto& S,
-                               const auto& S_off, double zeta) {
-      Impedance z{symmetric(M, M_off), symmetric(D, D_off), symmetric(S, S_off)};
-      z.D += modal_damping(z.M, z.S, zeta, p.omega_free[0]);
-      return z;
-    };
-    translation_ = impedance(p.M_T, p.M_T_off, p.D_T, p.D_T_off, p.S_T, p.S_T_off, p.zeta_T[0]);
-    rotation_ = impedance(p.M_R, p.M_R_off, p.D_R, p.D_R_off, p.K_o, p.K_o_off, p.zeta_R[0]);
+    translation_ = translation_of(in_force_);
+    rotation_ = rotation_of(in_force_);
     k_min_ = Eigen::SelfAdjointEigenSolver<Matrix3d>(rotation_.S, Eigen::EigenvaluesOnly).eigenvalues()[0];
     prepared_ = in_force_;
     is_prepared_ = true;
@@ -313,6 +316,7 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
   is_prepared_ = false;
   met_ = 0;
   contact_turn_ = 0;
+  contact_.reset();
   tank_ = std::min(tank_start_, tank_max_);
   const Motion d = desired(links, in);
   q_scratch_ = map(in.q);
@@ -342,18 +346,18 @@ void CartesianMotion::follow(double remaining, double h) {
   news_ = false;
   towards_ = wanted_;
   const bool bound = alpha_ > 0 && h > 0;
-  bool paid_T = true;
+  const Quaterniond Q_dc = quaternion(quat_dc_);
+  bool paid_T = true, paid_R = true;
   if (bound) {
-    paid_T = change_slowly(in_force_, wanted_, remaining, alpha_, h);
-    keep_translation(in_force_, towards_);
+    paid_T = change_slowly(in_force_, wanted_, remaining, alpha_, h, rate_of(potential_, Q_dc));
+    keep_slow(in_force_, towards_);
   }
   cotwin::follow(in_force_, towards_, kCartesian, remaining);
   self_motion_.follow(remaining);
-  const Quaterniond Q_dc = quaternion(quat_dc_);
   const Vector3d turn = potential_ == Potential::kQuaternion ? Vector3d(2 * Q_dc.vec()) : axis_angle(Q_dc);
   Tank tank{tank_, tank_max_};
   if (!bound) paid_T = change(in_force_, wanted_, kTranslation, remaining, {Delta_, dDelta_}, tank);
-  const bool paid_R = change(in_force_, wanted_, kRotation, remaining, {turn, w_dc_}, tank);
+  if (!bound) paid_R = change(in_force_, wanted_, kRotation, remaining, {turn, w_dc_}, tank);
   if (!paid_T || !paid_R) note(kTank);
   tank_ = tank.energy;
 }

@@ -15,6 +15,7 @@
 #include "components/compliance/cartesian/self_motion.h"
 #include "components/compliance/cartesian/translation.h"
 #include "components/compliance/cartesian/walls.h"
+#include "components/compliance/contact_stiffness.h"
 #include "components/unit/settings.h"
 #include "components/unit/variables.h"
 
@@ -37,6 +38,8 @@ class CartesianMotion {
   bool wrench_of_joints() const { return wrench_of_joints_; }
 
   void declare(Variables& v);
+  /// Variables that were added later, after all others of the unit.
+  void declare_search(Variables& v);
   void check(const std::string& place);
   /// The desired motion of the joints and measured positions and torques, in the order of the joints.
   struct FromJoints {
@@ -59,10 +62,10 @@ class CartesianMotion {
   /// The motor torques over a step of h seconds, without friction. joints() is q̄ and the desired motion in the joints.
   void impede(Links& links, const FromJoints& in, const robot::DriveParameters& drives, const Measured& measured,
               const Joints& shaping, double h, Joints& tau_m);
-  /// Updates the largest stiffness of an environment in one of the six directions every few steps. `bandwidth`: of the
-  /// winding-up of elastic joints.
+  /// Goes on with the search for the largest stiffness of an environment (contact_stiffness.h). `bandwidth`: of the winding-up of
+  /// elastic joints. After advance().
   void find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains, double bandwidth,
-                              double h);
+                              bool feeds_wrench_forward, double h);
   /// After the states were written.
   void restored();
 
@@ -84,7 +87,8 @@ class CartesianMotion {
     kSoftGears = 64,
     kStatics = 128,
     kStiffContact = 256,
-    kWall = 512
+    kWall = 512,
+    kGains = 1024
   };
   struct Motion {
     MovingPose pose;
@@ -103,8 +107,8 @@ class CartesianMotion {
                      const Wrench& F_mean, double h);
   void hold_frame_at_joints(Links& links, const Motion& d, Motion& c);
   void note(Met what);
-  void find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains, double bandwidth,
-                              double h, std::int32_t direction);
+  void take_robot_in_contact(Links& links, const robot::DriveParameters& drives, const Gains& gains, const Eigen::Matrix3d& R_T,
+                             const Eigen::Matrix3d& R_R);
   JointMotionGains gains() const;
   Eigen::Matrix3d axes(const Eigen::Quaterniond& Q_d, const Eigen::Quaterniond& Q_c) const;
 
@@ -157,9 +161,10 @@ class CartesianMotion {
   bool brake_saturated_ = false;
   double alpha_ = 0;                             // 1/s; 0: the tank
   std::unique_ptr<ImpedanceControl> impedance_;  // nullptr: render=admittance
-  std::array<double, 6> K_e_{};                  // N/m, N.m/rad; 0: unknown
-  double omega_t_ = 0, zeta_t_ = 1;              // rad/s, 1
-  std::array<double, 6> K_e_max_{};
+  std::unique_ptr<ImpedanceSelfMotion> impedance_self_motion_;
+  std::array<double, 6> K_e_{};      // N/m, N.m/rad; 0: unknown
+  double omega_t_ = 0, zeta_t_ = 1;  // rad/s, 1
+  ContactSweep contact_;
   std::int32_t contact_turn_ = 0;
 
   // At the beginning of the step, in B.
@@ -177,11 +182,8 @@ class CartesianMotion {
   Eigen::VectorXd q_scratch_, dq_scratch_, ddq_scratch_, tau_scratch_;
   Eigen::Matrix<double, 6, Eigen::Dynamic> J_, J_S_;
   bool news_ = false;
-  struct ContactScratch {
-    Eigen::MatrixXd M, total, gain;
-    Eigen::VectorXd row, solved;
-    Eigen::LLT<Eigen::MatrixXd> llt;
-  } contact_;
+  FollowingRobot following_;
+  Eigen::MatrixXd contact_total_;
 };
 
 }  // namespace cotwin::compliance

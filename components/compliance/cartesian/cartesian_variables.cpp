@@ -66,8 +66,8 @@ void CartesianMotion::declare(Variables& v) {
   self_motion_.declare(v);
   v.parameter(
        "alpha", alpha_, "1/s",
-       "0: the tank limits how M_T, S_T change; above 0: S_T and damping change by the bound of Kronander and Billard with "
-       "this rate, M_T stays")
+       "0: the tank limits how M_T, S_T, M_R, K_o change; above 0: S_T, K_o and damping change by the bound of Kronander and "
+       "Billard with this rate, M_T and M_R stay")
       .range(0, 1e6);
   if (impedance_) {
     v.state("twist_static", impedance_->twist, "1", "motor less static link position, rad or m");
@@ -83,11 +83,11 @@ void CartesianMotion::declare(Variables& v) {
               "bandwidth of the position control of a robot that is moved by q_c, for K_e_max; 0: the tracking of this unit")
       .range(0, kAny);
   v.parameter("zeta_t", zeta_t_, "1", "its damping ratio").range(0, kAny);
-  v.state("contact_turn", contact_turn_, "counter of the steps in which K_e_max is computed, one direction every 64 steps");
-  v.state(
-      "K_e_max", K_e_max_, "1",
-      "largest stiffness of an environment that does not vibrate, along the axes of S_T, then of K_o, N/m and N.m/rad; 0 in "
-      "directions that are not rendered");
+  v.state("contact_turn", contact_turn_, "counter of the steps in which K_e_max is computed, one frequency every 16 steps");
+  v.state("K_e_max", contact_.K_e_max, "1",
+          "a stiffness of the environment below which no contact vibrates, along the axes of S_T, then of K_o, N/m and "
+          "N.m/rad; 0 in "
+          "directions that are not rendered, and in the first steps");
   v.parameter("p_min", p_min_, "m", "lower sides of a box in W for the origin of the compliant frame; p_min >= p_max: none")
       .range(-kAny, kAny);
   v.parameter("p_max", p_max_, "m", "upper sides of the box").range(-kAny, kAny);
@@ -98,6 +98,14 @@ void CartesianMotion::declare(Variables& v) {
       "brake_saturated", brake_saturated_,
       "motor torque that tau_max cuts brakes the compliant frame, so that it does not run away from a robot that cannot "
       "follow; (3a), (3b) do not hold meanwhile");
+}
+
+void CartesianMotion::declare_search(Variables& v) {
+  if (impedance_) return;
+  v.state("K_e_least", contact_.least, "1", "as K_e_max, of the frequencies that the present search has passed");
+  v.state("contact_before", contact_.before, "1", "-1/G at the last frequency of the search, real and imaginary parts");
+  v.state("contact_frequency", contact_.Omega, "rad/s", "the last frequency of the search; 0: a new search begins");
+  v.state("contact_ratio", contact_.ratio, "1", "ratio of the last two frequencies of the search");
 }
 
 }  // namespace cotwin::compliance

@@ -54,19 +54,20 @@ bool CartesianMotion::confine_frame(const Motion& d, const Turn& turn, const Vec
 /// Where the joints cannot follow, at their limits or out of reach, the compliant frame stays close to them: a wall, which takes
 /// kinetic energy only.
 void CartesianMotion::hold_frame_at_joints(Links& links, const Motion& d, Motion& c) {
-  constexpr double kFar = 5e-3;  // m
   const bool limited = std::ranges::any_of(joints_.met, [](std::int32_t met) { return met != 0; });
   if (!limited && joints_.lambda == 0) return;
+  // m. Damped joints need a distance that pulls them out of a singular pose; at a limit they would jump back by it afterwards.
+  const double far = joints_.lambda > 0 ? 5e-3 : 5e-4;
   const Pose X = links.jacobian(joints_.q, joints_.frame(), J_);
   const Vector3d off = P_T_ * (c.pose.p - X.p), turned_off = P_R_ * axis_angle(c.pose.Q * Quaterniond(X.R).conjugate());
   const double distance = std::hypot(off.norm(), JointMotion::kLength * turned_off.norm());
-  if (distance < kFar) return;
+  if (distance < far) return;
   note(kTask);
   const auto energy = [&] {
     return (dDelta_.dot(rendered_T_.M * dDelta_) + Delta_.dot(rendered_T_.S * Delta_) + w_dc_.dot(rendered_R_.M * w_dc_)) / 2 +
            potential_energy(potential_, rendered_R_.S, quaternion(quat_dc_));
   };
-  const double before = energy(), back = 1 - kFar / distance;
+  const double before = energy(), back = 1 - far / distance;
   const Matrix3d R_d = d.pose.Q.toRotationMatrix();
   const Quaterniond Q_c = quaternion_of(-back * turned_off) * c.pose.Q;
   Quaterniond Q_dc = (d.pose.Q.conjugate() * Q_c).normalized();

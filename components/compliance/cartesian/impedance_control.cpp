@@ -89,8 +89,13 @@ void ImpedanceControl::torque(Links& links, const robot::FrameOnBody& E, const E
   u_ = l_;
   u_.noalias() -= J6_.transpose() * damped;
   // The null space: x − J̄ J x, times M + B/r.
-  x_ = posture.D * (dtheta_ - dq_r);
-  if (posture.K > 0) x_ += posture.K * (q_bar - map(posture.q_0));
+  if (posture.self_motion != nullptr) {
+    posture.self_motion->evaluate(links, q_bar, dtheta_, E, J6_, M_, posture.gains, posture.desired, x_);
+    x_ = -x_;
+  } else {
+    x_ = posture.D * (dtheta_ - dq_r);
+    if (posture.K > 0) x_ += posture.K * (q_bar - map(posture.q_0));
+  }
   task_.noalias() = J_ * x_;
   A_llt_.solveInPlace(task_);
   r_.noalias() = M_.lazyProduct(x_);
@@ -159,7 +164,7 @@ void ImpedanceControl::take_stiffness(const ElasticFrame& frame, const robot::Dr
   if (!elastic_) return;
   const Index n = q_bar.size();
   Eigen::Matrix<double, 6, 6> S = Eigen::Matrix<double, 6, 6>::Zero();
-  S.topLeftCorner<3, 3>() = turned(frame.S_T, frame.R_BA);
+  S.topLeftCorner<3, 3>() = turned(frame.S_T, axes_of(frame));
   S.bottomRightCorner<3, 3>() = turned(tangent(frame, rotation(frame, X)), frame.desired.Q.toRotationMatrix());
   SJ_.noalias() = S.lazyProduct(J6_);
   S_q_.noalias() = J6_.transpose().lazyProduct(SJ_);
@@ -180,10 +185,11 @@ void ImpedanceControl::take_stiffness(const ElasticFrame& frame, const robot::Dr
 }
 
 Wrench ImpedanceControl::spring(const ElasticFrame& frame) const {
-  const Matrix3d R_d = frame.desired.Q.toRotationMatrix();
-  const Vector3d Delta = frame.R_BA.transpose() * (X.p - frame.desired.p);
+  const Matrix3d R_d = frame.desired.Q.toRotationMatrix(), R_BA = axes_of(frame);
+  const Vector3d x = X.p - frame.desired.p, f = R_BA * (frame.S_T * (R_BA.transpose() * x));
   Wrench w;
-  w << frame.R_BA * (frame.S_T * Delta), R_d * elastic_moment(frame.potential, frame.K_o, rotation(frame, X));
+  w << f, R_d * elastic_moment(frame.potential, frame.K_o, rotation(frame, X));
+  if (frame.turns_with_tool) w.tail<3>() -= R_d * (frame.P_R * (R_d.transpose() * x.cross(f)));
   return w;
 }
 
@@ -241,11 +247,11 @@ Eigen::Matrix<double, 6, 6> ImpedanceControl::damping(const ElasticFrame& frame)
   };
   const Matrix3d R_d = frame.desired.Q.toRotationMatrix();
   if (frame.zeta_T > 0)
-    D_T += frame.P_T * modal_damping(inertia(0, frame.R_BA), frame.S_T, frame.zeta_T, frame.omega_free) * frame.P_T;
+    D_T += frame.P_T * modal_damping(inertia(0, axes_of(frame)), frame.S_T, frame.zeta_T, frame.omega_free) * frame.P_T;
   if (frame.zeta_R > 0)
     D_R += frame.P_R * modal_damping(inertia(3, R_d), frame.K_o, frame.zeta_R, frame.omega_free) * frame.P_R;
   Eigen::Matrix<double, 6, 6> D = Eigen::Matrix<double, 6, 6>::Zero();
-  D.topLeftCorner<3, 3>() = turned(D_T, frame.R_BA);
+  D.topLeftCorner<3, 3>() = turned(D_T, axes_of(frame));
   D.bottomRightCorner<3, 3>() = turned(D_R, R_d);
   return D;
 }

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "components/compliance/cartesian/impedance_self_motion.h"
 #include "components/compliance/cartesian/joint_motion.h"
 #include "components/compliance/cartesian/rotation.h"
 #include "components/compliance/cartesian/translation.h"
@@ -23,18 +24,24 @@ struct ElasticFrame {
   double zeta_T = 0, zeta_R = 0;  // damping ratios of all modes, added to D_T and D_R
   double omega_free = 0;          // rad/s; of these ratios where there is no stiffness
   Eigen::Matrix3d P_T = Eigen::Matrix3d::Identity(), P_R = Eigen::Matrix3d::Identity();  // directions that these ratios damp
+  // The axes of S_T turn with E, so that the force has a moment about it: the spring is fixed to the tool.
+  bool turns_with_tool = false;
 };
 
 /// Behaviour in the null space of the frame.
 struct ElasticPosture {
   const Joints& q_0;    // rad
   double K = 0, D = 0;  // 1/s², 1/s: stiffness K (M + B/r) and damping D (M + B/r)
+  // In place of them, with the gains and the desired joints (or nullptr) that it takes.
+  ImpedanceSelfMotion* self_motion = nullptr;
+  JointMotionGains gains = {};
+  const Posture* desired = nullptr;
 };
 
 /// Cartesian impedance by the motor torques (render=impedance), without a measured wrench and without shaping of the links'
 /// inertia, for rigid and elastic joints:
 ///   τ_m = r u − (r − 1) τ_J,   τ_J = K (θ − q)                 so that (B/r) θ̈ + τ_J = u by (2b)
-///   u = l(q̄) + (B/r) q̈_r − Jᵀ D (J θ̇ − ẋ_d) − Nᵀ (M + B/r) (D_n N θ̇ + K_n (q̄ − q_0))
+///   u = l(q̄) + (B/r) q̈_r − Jᵀ D (J θ̇ − ẋ_d) − Nᵀ (M + B/r) (D_n N θ̇ + K_n (q̄ − q_0))      or impedance_self_motion.h
 ///   l(q̄) = M q̈_r + C q̇_r + g − Jᵀ [S_T Δ; 2 EᵀK_o ε],   q̇_r = J̄ ẋ_d,   q̈_r = J̄ (ẍ_d − J̇ q̇_r)      all at q̄
 ///   K (θ − q̄) = l(q̄)                                                    q̄(θ): the links at rest for the motors at θ
 /// (Ott, Albu-Schäffer, Kugi, Hirzinger, IEEE T-RO 24(2), 2008; desired motion as by Slotine and Li). Rigid joints have q̄ = q and
@@ -75,6 +82,7 @@ class ImpedanceControl {
   void take_reference(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame);
   void take_stiffness(const ElasticFrame& frame, const robot::DriveParameters& drives);
   Wrench spring(const ElasticFrame& frame) const;
+  const Eigen::Matrix3d& axes_of(const ElasticFrame& frame) const { return frame.turns_with_tool ? X.R : frame.R_BA; }
   void solve_statics(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame, const robot::DriveParameters& drives,
                      const Joints& theta);
   Eigen::Matrix<double, 6, 6> damping(const ElasticFrame& frame) const;

@@ -210,7 +210,7 @@ double JointMotion::bounded(std::size_t i, const Limits& l, double then, double 
   const double middle = l.bound_position() ? (l.q_min + l.q_max) / 2 : 0;
   const Desired rest{middle, 0};
   const Deviation now{q[k] - middle, dq[k]};
-  if (clear_of(l, rest, {now.x + h * (now.dx + then) / 2, then})) return then;
+  if (clear_of(l, rest, {now.x + h * (now.dx + then) / 2, then}, h)) return then;
   const Allowed may = allowed(l, rest, now, h);
   const double bound = std::max(std::min(then, may.dx_high), may.dx_low);
   if (bound != then) met[i] = static_cast<std::int32_t>(then > bound ? may.high : may.low);
@@ -246,6 +246,11 @@ void JointMotion::bound(std::span<const Limits> limits, double h) {
     const double then = dq[k] + h * ddq[k], bound = bounded(i, limits[i], then, h);
     if (bound != then) ddq[k] = (bound - dq[k]) / h;
   }
+}
+
+void JointMotion::accelerations_of(const Twist& acceleration, Eigen::Ref<VectorXd> ddq_of) {
+  want(acceleration);
+  cascade_.solve(ddq_of);
 }
 
 Wrench JointMotion::wrench_of(Links& links, const robot::VectorIn& tau, const JointMotionGains& gains) {

@@ -57,6 +57,8 @@ class JointMotion {
   void advance(Links& links, const MovingPose& before, const MovingPose& after, const Twist& end_acceleration,
                const Eigen::VectorXd& tau_e, const Posture* posture, std::span<const Limits> limits,
                const JointMotionGains& gains, double h);
+  /// The accelerations of the joints for one of E alone, J̄ ẍ, at the position of the last step: after advance().
+  void accelerations_of(const Twist& acceleration, Eigen::Ref<Eigen::VectorXd> ddq_of);
   /// J̄ᵀ τ at q_c: the wrench at E that has the effect of `tau` on the task; 0 in directions that are not rendered.
   Wrench wrench_of(Links& links, const robot::VectorIn& tau, const JointMotionGains& gains);
 

@@ -11,25 +11,6 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-Matrix3d cross_matrix(const Vector3d& v) {
-  Matrix3d S;
-  S << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return S;
-}
-
-/// φ̇ = J_l⁻¹(φ) Δω with Δω in the axes that do not turn with φ.
-Matrix3d inverse_left_jacobian(const Vector3d& phi) {
-  const double angle2 = phi.squaredNorm();
-  // (1 − (θ/2) cot(θ/2))/θ², by its series near 0.
-  double c = 1.0 / 12 + angle2 / 720 + angle2 * angle2 / 30240;
-  if (angle2 > 1e-2) {
-    const double half = std::sqrt(angle2) / 2;
-    c = (1 - half * std::cos(half) / std::sin(half)) / angle2;
-  }
-  const Matrix3d S = cross_matrix(phi);
-  return Matrix3d::Identity() - 0.5 * S + c * S * S;
-}
-
 /// The solution of Q₊ − Q₋ = ½ (0, r) ⊗ (Q₊ + Q₋)/2: a rotation by 4 atan(|r|/4) about r.
 Quaterniond turned(const Quaterniond& Q, const Vector3d& r) {
   const Vector3d a = r / 4;
@@ -83,6 +64,24 @@ void bound_energy(Potential potential, const Impedance& z, const Turn& before, d
 }
 
 }  // namespace
+
+Matrix3d cross_matrix(const Vector3d& v) {
+  Matrix3d S;
+  S << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return S;
+}
+
+Matrix3d inverse_left_jacobian(const Vector3d& phi) {
+  const double angle2 = phi.squaredNorm();
+  // (1 − (θ/2) cot(θ/2))/θ², by its series near 0.
+  double c = 1.0 / 12 + angle2 / 720 + angle2 * angle2 / 30240;
+  if (angle2 > 1e-2) {
+    const double half = std::sqrt(angle2) / 2;
+    c = (1 - half * std::cos(half) / std::sin(half)) / angle2;
+  }
+  const Matrix3d S = cross_matrix(phi);
+  return Matrix3d::Identity() - 0.5 * S + c * S * S;
+}
 
 Vector3d axis_angle(const Quaterniond& Q) {
   const Quaterniond q = positive(Q);

@@ -3,26 +3,61 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
+#include <span>
 
 namespace cotwin::compliance {
 namespace {
 
 using Eigen::Matrix3d;
+using P = CartesianParameters;
 
-/// A ≤ B as quadratic forms.
-bool at_most(const Matrix3d& A, const Matrix3d& B) {
+template <int N>
+bool at_most(const Eigen::Matrix<double, N, N>& A, const Eigen::Matrix<double, N, N>& B) {  // as quadratic forms
   constexpr double kRounding = 1e-12;
-  const double least = Eigen::SelfAdjointEigenSolver<Matrix3d>(B - A, Eigen::EigenvaluesOnly).eigenvalues()[0];
+  const double least =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, N, N>>(B - A, Eigen::EigenvaluesOnly).eigenvalues()[0];
   return least >= -kRounding * (A.cwiseAbs().maxCoeff() + B.cwiseAbs().maxCoeff());
 }
+bool at_most(const Matrix3d& A, const Matrix3d& B) { return at_most<3>(A, B); }
 
-using Values = CartesianParameters::Values CartesianParameters::*;
-constexpr std::array<Values, 6> kVaried{&CartesianParameters::S_T,    &CartesianParameters::S_T_off,
-                                        &CartesianParameters::D_T,    &CartesianParameters::D_T_off,
-                                        &CartesianParameters::zeta_T, &CartesianParameters::omega_free};
-constexpr std::array<Values, 2> kHeld{&CartesianParameters::M_T, &CartesianParameters::M_T_off};
+using Values = P::Values P::*;
+constexpr std::array<Values, 5> kOfTranslation{&P::S_T, &P::S_T_off, &P::D_T, &P::D_T_off, &P::zeta_T};
+constexpr std::array<Values, 5> kOfRotation{&P::K_o, &P::K_o_off, &P::D_R, &P::D_R_off, &P::zeta_R};
+constexpr std::array<Values, 1> kOfBoth{&P::omega_free};
+constexpr std::array<Values, 4> kHeld{&P::M_T, &P::M_T_off, &P::M_R, &P::M_R_off};
+
+/// Moves `values`, which belong together, as far as translation and rotation allow it.
+bool change_slowly(std::span<const Values> values, P& now, const P& wanted, double part, double alpha, double h,
+                   const DeviationRate& turn) {
+  if (std::ranges::all_of(values, [&](Values v) { return now.*v == wanted.*v; })) return true;
+  const Impedance T = translation_of(now), R = rotation_of(now);
+  constexpr std::size_t kMost = 5;
+  std::array<std::array<double, 3>, kMost> start{};
+  for (std::size_t k = 0; k < values.size(); ++k) std::ranges::copy(now.*values[k], start[k].begin());
+  constexpr int kHalvings = 8;
+  for (int halving = 0; halving <= kHalvings; ++halving, part /= 2) {
+    if (halving == kHalvings) part = 0;
+    for (std::size_t k = 0; k < values.size(); ++k) {
+      P::Values& to = now.*values[k];
+      for (std::size_t i = 0; i < to.size(); ++i) to[i] = start[k][i] + part * ((wanted.*values[k])[i] - start[k][i]);
+    }
+    const auto unchanged = [](const Impedance& a, const Impedance& b) { return a.S == b.S && a.D == b.D; };
+    const Impedance T_next = translation_of(now), R_next = rotation_of(now);
+    if (part == 0 || ((unchanged(T, T_next) || changes_slowly(T, T_next, alpha, h)) &&
+                      (unchanged(R, R_next) || changes_slowly(R, R_next, alpha, h, turn)))) {
+      return halving == 0;
+    }
+  }
+  return false;
+}
 
 }  // namespace
+
+DeviationRate rate_of(Potential potential, const Eigen::Quaterniond& Q) {
+  if (potential == Potential::kLog) return {inverse_left_jacobian(axis_angle(Q)), 1};
+  const double sign = Q.w() < 0 ? -1 : 1;
+  return {sign * (Q.w() * Matrix3d::Identity() - cross_matrix(Q.vec())), sign * Q.w()};
+}
 
 Impedance translation_of(const CartesianParameters& p) {
   Impedance z{symmetric(p.M_T, p.M_T_off), symmetric(p.D_T, p.D_T_off), symmetric(p.S_T, p.S_T_off)};
@@ -30,35 +65,38 @@ Impedance translation_of(const CartesianParameters& p) {
   return z;
 }
 
-bool changes_slowly(const Impedance& now, const Impedance& next, double alpha, double h) {
-  return at_most(next.S - now.S + alpha * (next.D - now.D), alpha * h * now.S) && at_most(alpha * next.M, next.D) &&
-         at_most(alpha * h * h * now.S, now.D - alpha * now.M);
+Impedance rotation_of(const CartesianParameters& p) {
+  Impedance z{symmetric(p.M_R, p.M_R_off), symmetric(p.D_R, p.D_R_off), symmetric(p.K_o, p.K_o_off)};
+  z.D += modal_damping(z.M, z.S, p.zeta_R[0], p.omega_free[0]);
+  return z;
 }
 
-bool change_slowly(CartesianParameters& now, const CartesianParameters& wanted, double remaining, double alpha, double h) {
-  bool same = true, held = true;
-  for (const Values v : kVaried) same = same && now.*v == wanted.*v;
-  for (const Values v : kHeld) held = held && now.*v == wanted.*v;
-  if (same) return held;
-  const Impedance before = translation_of(now);
-  std::array<std::array<double, 3>, kVaried.size()> start{};
-  for (std::size_t k = 0; k < kVaried.size(); ++k)
-    std::copy((now.*kVaried[k]).begin(), (now.*kVaried[k]).end(), start[k].begin());
-  constexpr int kHalvings = 8;
-  double share = 1 - remaining;
-  for (int halving = 0; halving <= kHalvings; ++halving, share /= 2) {
-    if (halving == kHalvings) share = 0;
-    for (std::size_t k = 0; k < kVaried.size(); ++k) {
-      CartesianParameters::Values& values = now.*kVaried[k];
-      for (std::size_t i = 0; i < values.size(); ++i) values[i] = start[k][i] + share * ((wanted.*kVaried[k])[i] - start[k][i]);
-    }
-    if (share == 0 || changes_slowly(before, translation_of(now), alpha, h)) return held && halving == 0;
-  }
-  return false;
+bool changes_slowly(const Impedance& now, const Impedance& next, double alpha, double h, const DeviationRate& rate) {
+  if (!at_most(next.S - now.S + alpha * (next.D - now.D), alpha * rate.kappa * h * now.S)) return false;
+  if (!at_most(alpha * h * h * now.S, now.D - alpha * now.M)) return false;
+  if (rate.A == Matrix3d::Identity()) return at_most(alpha * next.M, next.D);
+  const Matrix3d AM = rate.A.transpose() * next.M;
+  Eigen::Matrix<double, 6, 6> form;
+  form.topLeftCorner<3, 3>() = next.D - alpha / 2 * (AM + AM.transpose());
+  form.bottomLeftCorner<3, 3>() = -alpha / 2 * next.D * (rate.A - Matrix3d::Identity());
+  form.topRightCorner<3, 3>() = form.bottomLeftCorner<3, 3>().transpose();
+  form.bottomRightCorner<3, 3>() = alpha / 2 * rate.kappa * next.S;
+  return at_most<6>(Eigen::Matrix<double, 6, 6>::Zero(), form);
 }
 
-void keep_translation(const CartesianParameters& from, CartesianParameters& to) {
-  for (const Values v : kVaried) to.*v = from.*v;
+bool change_slowly(CartesianParameters& now, const CartesianParameters& wanted, double remaining, double alpha, double h,
+                   const DeviationRate& turn) {
+  const bool held = std::ranges::all_of(kHeld, [&](Values v) { return now.*v == wanted.*v; });
+  const double part = 1 - remaining;
+  const bool T = change_slowly(kOfTranslation, now, wanted, part, alpha, h, turn);
+  const bool R = change_slowly(kOfRotation, now, wanted, part, alpha, h, turn);
+  return change_slowly(kOfBoth, now, wanted, part, alpha, h, turn) && T && R && held;
+}
+
+void keep_slow(const CartesianParameters& from, CartesianParameters& to) {
+  for (const Values v : kOfTranslation) to.*v = from.*v;
+  for (const Values v : kOfRotation) to.*v = from.*v;
+  for (const Values v : kOfBoth) to.*v = from.*v;
   for (const Values v : kHeld) to.*v = from.*v;
 }
 

@@ -49,7 +49,7 @@ Limit confine(const FrameLimits& limits, const DesiredFrame& desired, const Impe
     for (int i = 0; i < 3; ++i) {
       const Limits side{.q_min = limits.p_min[i], .q_max = limits.p_max[i], .braking = limits.braking};
       const Desired d{desired.p[i], desired.v[i]};
-      if (clear_of(side, d, {end.x[i], end.dx[i]})) continue;
+      if (clear_of(side, d, {end.x[i], end.dx[i]}, h)) continue;
       const Allowed may = allowed(side, d, {start.x[i], start.dx[i]}, h);
       const double v = std::max(std::min(end.dx[i], may.dx_high), may.dx_low);
       const bool held = v != end.dx[i] || end.x[i] > may.x_high || end.x[i] < may.x_low;
