@@ -9,9 +9,8 @@
 #include <functional>
 
 #include "components/compliance/cartesian/impedance_control.h"
-#include "models/robot/dynamics.h"
 #include "models/robot/urdf.h"
-#include "tests/models/random_robots.h"
+#include "tests/components/elastic_robot.h"
 #include "tests/support/places.h"
 
 namespace cotwin::compliance {
@@ -24,8 +23,8 @@ using Eigen::VectorXd;
 using robot::testing::Draw;
 using robot::testing::Kind;
 
-Joints joints(const VectorXd& v) { return {v.data(), v.data() + v.size()}; }
-double decades(Draw& draw, double low, double high) { return std::pow(10.0, draw.number(low, high)); }
+using testing::decades;
+using testing::joints;
 
 /// A symmetric matrix with the given eigenvalues.
 Matrix3d symmetric(Draw& draw, double low, double high) {
@@ -41,7 +40,7 @@ std::vector<int> directions_of(int n) {
 }
 
 /// A robot with drives and the impedance law about a desired frame.
-class ClosedLoop {
+class ClosedLoop : public testing::ElasticRobot {
  public:
   struct Ranges {
     double K_low = 3, K_high = 5, B_low = -1, B_high = 1;  // decades
@@ -51,11 +50,7 @@ class ClosedLoop {
   };
 
   ClosedLoop(Draw& draw, robot::RobotModel robot, const Ranges& r, const VectorXd& posture = {})
-      : n(robot.n()),
-        model(std::move(robot)),
-        mechanism(model),
-        data(mechanism),
-        links(model),
+      : ElasticRobot(std::move(robot)),
         q_0(posture.size() > 0 ? posture : draw.numbers(n, -1.5, 1.5)),
         control(model, directions_of(n)) {
     frame_on = robot::on_body(model.end_effector());
@@ -65,7 +60,7 @@ class ClosedLoop {
       drives.K[k] = i > 0 && draw.number(0, 1) < r.rigid ? 0.0 : decades(draw, r.K_low, r.K_high);
       drives.B[k] = decades(draw, r.B_low, r.B_high);
       shaping.push_back(decades(draw, 0, 1));
-      if (elastic(i) && r.gravity) drives.K[k] += 8 * steepest_gravity(draw);
+      if (elastic(i) && r.gravity) drives.K[k] += 8 * steepest_gravity(draw, q_0, 3 * n);
     }
     zero = Joints(static_cast<std::size_t>(n), 0.0);
     rest_posture = joints(q_0);
@@ -95,7 +90,6 @@ class ClosedLoop {
     spring.K_o *= factor;
   }
 
-  bool elastic(int i) const { return drives.K[static_cast<std::size_t>(i)] > 0; }
   VectorXd zeros() const { return VectorXd::Zero(n); }
 
   VectorXd torque(const VectorXd& q, const VectorXd& dq, const VectorXd& theta, const VectorXd& dtheta) {
@@ -122,25 +116,7 @@ class ClosedLoop {
   }
 
   VectorXd acceleration(const VectorXd& q, const VectorXd& dq, const VectorXd& theta, const VectorXd& dtheta) {
-    const VectorXd tau = torque(q, dq, theta, dtheta), f_e = environment(q);
-    MatrixXd M(n, n);
-    VectorXd h(n), f(n), result = VectorXd::Zero(2 * n);
-    robot::mass_matrix_and_bias(mechanism, data, q, dq, M, h);
-    for (int i = 0; i < n; ++i) {
-      const auto k = static_cast<std::size_t>(i);
-      const double tau_J = drives.K[k] * (theta[i] - q[i]);
-      f[i] = (elastic(i) ? tau_J : tau[i]) - h[i] + f_e[i];
-      if (elastic(i)) {
-        result[n + i] = (tau[i] - tau_J) / drives.B[k];
-      } else {
-        M(i, i) += drives.B[k];
-      }
-    }
-    result.head(n) = M.llt().solve(f);
-    for (int i = 0; i < n; ++i) {
-      if (!elastic(i)) result[n + i] = result[i];
-    }
-    return result;
+    return accelerations(torque(q, dq, theta, dtheta), environment(q), q, dq, theta);
   }
 
   /// Energy of links, motors as shaped, gears, environment and the rendered springs at q̄.
@@ -162,33 +138,14 @@ class ClosedLoop {
     return sum + 0.5 * K_e * (spring.desired.p - X.p).squaredNorm();
   }
 
-  int n;
-  robot::RobotModel model;
-  robot::Mechanism mechanism;
-  robot::Data data;
-  Links links;
   VectorXd q_0, theta_0;
   robot::FrameOnBody frame_on;
-  robot::DriveParameters drives;
   Joints shaping, zero, rest_posture;
   ElasticFrame spring;
   ImpedanceControl control;
   double K_n = 0, D_n = 1;
   double K_e = 0;  // N/m
   Wrench push = Wrench::Zero();
-
- private:
-  double steepest_gravity(Draw& draw) {
-    double steepest = 0;
-    VectorXd low(n), high(n);
-    for (int k = 0; k < 3 * n; ++k) {
-      const VectorXd at = q_0 + draw.numbers(n, -1, 1), way = 1e-4 * draw.numbers(n, -1, 1).normalized();
-      robot::gravity(mechanism, data, at - way, low);
-      robot::gravity(mechanism, data, at + way, high);
-      steepest = std::max(steepest, (high - low).norm() / 2e-4);
-    }
-    return steepest;
-  }
 };
 
 // Without stiffness in the null space there are eigenvalues 0, which differences of accelerations give to √ε of the largest.

@@ -10,7 +10,7 @@
 #include <functional>
 
 #include "models/robot/dynamics.h"
-#include "tests/models/random_robots.h"
+#include "tests/components/elastic_robot.h"
 
 namespace cotwin::compliance {
 namespace {
@@ -20,12 +20,12 @@ using Eigen::VectorXd;
 using robot::testing::Draw;
 using robot::testing::Kind;
 
-Joints joints(const VectorXd& v) { return {v.data(), v.data() + v.size()}; }
+using testing::joints;
 
-double decades(Draw& draw, double low, double high) { return std::pow(10.0, draw.number(low, high)); }
+using testing::decades;
 
 /// A robot with drives and a controller whose reference is constant at q_c.
-class ClosedLoop {
+class ClosedLoop : public testing::ElasticRobot {
  public:
   struct Ranges {
     double K_low, K_high, B_low, B_high, omega_low, omega_high;  // decades
@@ -33,13 +33,7 @@ class ClosedLoop {
   };
 
   ClosedLoop(Draw& draw, int joint_count, bool gravity, const Ranges& r)
-      : n(joint_count),
-        model(robot_of(draw, joint_count, gravity)),
-        mechanism(model),
-        data(mechanism),
-        links(model),
-        q_c(draw.numbers(joint_count, -2, 2)),
-        tracking(model) {
+      : ElasticRobot(robot_of(draw, joint_count, gravity)), q_c(draw.numbers(joint_count, -2, 2)), tracking(model) {
     const auto fill = [&](Joints& values, double low, double high) {
       values.resize(static_cast<std::size_t>(n));
       for (double& value : values) value = decades(draw, low, high);
@@ -53,7 +47,7 @@ class ClosedLoop {
     fill(shaping, 0, 1.2);
     passivity = draw.integer(0, 2) == 0 ? draw.number(0, 1) : draw.integer(0, 1);
     // K > −2 ∂g/∂q, which the proof assumes.
-    for (double& k : K) k += 2.1 * steepest_gravity(draw);
+    for (double& k : K) k += 4.2 * steepest_gravity(draw, q_c, 4 * n);
     for (std::size_t i = 1; i < K.size(); ++i) {
       if (draw.number(0, 1) < r.rigid) K[i] = 0;
     }
@@ -66,9 +60,6 @@ class ClosedLoop {
     tau_m = zero;
   }
 
-  bool elastic(int i) const { return K[static_cast<std::size_t>(i)] > 0; }
-  double stiffness(int i) const { return K[static_cast<std::size_t>(i)]; }
-
   VectorXd torque(const VectorXd& q, const VectorXd& dq, const VectorXd& theta, const VectorXd& dtheta) {
     const Joints at_q = joints(q), at_dq = joints(dq), at_theta = joints(theta), at_dtheta = joints(dtheta);
     const Measured measured{at_q, at_dq, at_theta, at_dtheta};
@@ -78,23 +69,8 @@ class ClosedLoop {
     return Eigen::Map<VectorXd>(tau_m.data(), n);
   }
 
-  /// M(q) including the motors of rigid joints, then the motors of all joints (those of rigid joints are not used).
   VectorXd acceleration(const VectorXd& q, const VectorXd& dq, const VectorXd& theta, const VectorXd& dtheta) {
-    const VectorXd tau = torque(q, dq, theta, dtheta);
-    MatrixXd M(n, n);
-    VectorXd h(n), f(n), result = VectorXd::Zero(2 * n);
-    robot::mass_matrix_and_bias(mechanism, data, q, dq, M, h);
-    for (int i = 0; i < n; ++i) {
-      const double tau_J = stiffness(i) * (theta[i] - q[i]), B_i = B[static_cast<std::size_t>(i)];
-      f[i] = (elastic(i) ? tau_J : tau[i]) - h[i];
-      if (elastic(i)) {
-        result[n + i] = (tau[i] - tau_J) / B_i;
-      } else {
-        M(i, i) += B_i;
-      }
-    }
-    result.head(n) = M.llt().solve(f);
-    return result;
+    return accelerations(torque(q, dq, theta, dtheta), VectorXd::Zero(n), q, dq, theta);
   }
 
   /// ½ q̇ᵀ M q̇ + ½ θ̇ᵀ (B/r) θ̇ + ½ (θ − q)ᵀ K (θ − q) + ½ eᵀ K_P e, without gravity.
@@ -115,13 +91,7 @@ class ClosedLoop {
     return sum + 0.5 * (1 - passivity) * we.dot(M * we) + 0.5 * passivity * e.dot(ks.cwiseProduct(L).cwiseProduct(e));
   }
 
-  int n;
-  robot::RobotModel model;
-  robot::Mechanism mechanism;
-  robot::Data data;
-  Links links;
   VectorXd q_c, theta_c;
-  robot::DriveParameters drives;
   Joints &K = drives.K, &B = drives.B;
   Joints omega, zeta, Lambda, K_s, shaping;
   double passivity = 0;
@@ -131,18 +101,6 @@ class ClosedLoop {
     robot::RobotModel robot = draw.robot(static_cast<Kind>(draw.integer(0, 2)), n);
     if (!gravity) robot.gravity.setZero();
     return robot;
-  }
-  /// A bound of ‖∂g/∂q‖ in a neighbourhood, sampled in several directions.
-  double steepest_gravity(Draw& draw) {
-    double steepest = 0;
-    VectorXd low(n), high(n);
-    for (int k = 0; k < 4 * n; ++k) {
-      const VectorXd at = q_c + draw.numbers(n, -1, 1), way = 1e-4 * draw.numbers(n, -1, 1).normalized();
-      robot::gravity(mechanism, data, at - way, low);
-      robot::gravity(mechanism, data, at + way, high);
-      steepest = std::max(steepest, (high - low).norm() / 2e-4);
-    }
-    return 2 * steepest;
   }
   Reference reference() const { return {reference_q, zero, zero, zero}; }
 

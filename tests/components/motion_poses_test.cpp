@@ -13,6 +13,7 @@
 #include "models/robot/urdf.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
+#include "tests/components/motion_subject.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
@@ -26,43 +27,9 @@ using Eigen::Quaterniond, Eigen::Vector3d, Eigen::VectorXd;
 using testing::error_of;
 using ::testing::HasSubstr;
 
-constexpr Duration kTick{1'000'000};
-using Values = std::vector<std::pair<std::string, std::string>>;
-
-/// A motion unit with its variables by name.
-class Subject {
- public:
-  explicit Subject(const std::string& query, const Values& values = {}) {
-    const UnitType type{"motion", "", [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<motion::Motion>(s); },
-                        &motion::Motion::declare_settings};
-    instance_ = make_unit("unit:motion?" + query, {}, {std::filesystem::path(places::source()) / "models"}, {&type, 1});
-    for (const auto& [name, value] : values) set(name, value);
-  }
-  void set(const std::string& name, const std::string& value) { assign_text(instance_.variables.at(name), value); }
-  void initialise() {
-    instance_.variables.check_ranges();
-    instance_.unit->initialise(Time{0});
-  }
-  void to(double t) { ASSERT_EQ(instance_.unit->step(Time::from_seconds(t) + Duration{-kTick.ns}, kTick), StepResult::kDone); }
-  double real(const std::string& name, std::size_t element = 0) const { return instance_.variables.at(name).reals()[element]; }
-  Vector3d vector(const std::string& name) const { return Vector3d(instance_.variables.at(name).reals().data()); }
-  VectorXd joints(const std::string& name) const {
-    const auto x = instance_.variables.at(name).reals();
-    return Eigen::Map<const VectorXd>(x.data(), static_cast<Eigen::Index>(x.size()));
-  }
-  Quaterniond orientation() const {
-    const auto Q = instance_.variables.at("quat_d").reals();
-    return {Q[0], Q[1], Q[2], Q[3]};
-  }
-  std::string text(const std::string& name) const { return instance_.variables.at(name).strings()[0]; }
-  bool has(const std::string& name) const { return instance_.variables.find(name) != nullptr; }
-  std::string error_of_initialise() {
-    return error_of([&] { initialise(); });
-  }
-
- private:
-  Instance instance_;
-};
+using testing::kTick;
+using testing::Values;
+using Subject = testing::MotionSubject;
 
 robot::RobotModel lwr4() { return robot::load_urdf(std::filesystem::path(places::source()) / "models/robots/lwr4/robot.urdf"); }
 

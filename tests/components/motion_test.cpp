@@ -13,6 +13,7 @@
 #include "models/robot/urdf.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
+#include "tests/components/motion_subject.h"
 #include "tests/support/allocations.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
@@ -23,39 +24,8 @@ namespace {
 using cotwin::testing::TemporaryFile;
 using ::testing::HasSubstr;
 
-constexpr Duration kTick{1'000'000};
-
-/// A motion unit with its variables by name, used like the master does.
-class Subject {
- public:
-  explicit Subject(const std::string& query, const std::vector<std::pair<std::string, std::string>>& values = {}) {
-    const UnitType type{"motion", "", [](Settings& s) -> std::unique_ptr<Unit> { return std::make_unique<motion::Motion>(s); },
-                        &motion::Motion::declare_settings};
-    instance_ = make_unit("unit:motion?" + query, {}, {std::filesystem::path(places::source()) / "models"}, {&type, 1});
-    for (const auto& [name, value] : values) set(name, value);
-  }
-  void set(const std::string& name, const std::string& value) { assign_text(instance_.variables.at(name), value); }
-  void initialise() {
-    instance_.variables.check_ranges();
-    instance_.unit->initialise(Time{0});
-  }
-  /// Outputs at t, reached by one step of a tick.
-  void to(double t) { ASSERT_EQ(instance_.unit->step(Time::from_seconds(t) + Duration{-kTick.ns}, kTick), StepResult::kDone); }
-  double real(const std::string& name, std::size_t element = 0) const { return instance_.variables.at(name).reals()[element]; }
-  bool boolean(const std::string& name) const { return instance_.variables.at(name).booleans()[0]; }
-  std::string text(const std::string& name) const { return instance_.variables.at(name).strings()[0]; }
-  std::string error_of_initialise() {
-    try {
-      initialise();
-    } catch (const Error& e) {
-      return e.what();
-    }
-    return "no error";
-  }
-
- private:
-  Instance instance_;
-};
+using testing::kTick;
+using Subject = testing::MotionSubject;
 
 std::vector<std::string> joint_names() {
   std::vector<std::string> names;
