@@ -583,6 +583,8 @@ TEST(CartesianCompliance, RefusesWhatItCannotRenderWithOneSentence) {
   says(refusal("", "lwr4", "K_o", "-1"), "K_o[1]");
   says(refusal("", "lwr4", "quat_d", "0"), "quat_d: the quaternion (w, x, y, z) has length 0");
   says(refusal("", "lwr4", "quat_d", "nan"), "quat_d");
+  says(refusal("", "lwr4", "f_e", "0 nan 0"), "f_e: is not finite");
+  says(refusal("&sensor=link_7", "lwr4", "m_s", "0 nan 0"), "m_s: is not finite");
   says(refusal("", "lwr4", "quat_WB", "0"), "quat_WB");
   says(refusal("", "lwr4", "p_d", "inf"), "p_d");
   says(refusal("", "lwr4", "omega_k", "0"), "omega_k");

@@ -217,6 +217,8 @@ void CartesianMotion::take_wrench(Links& links, const FromJoints& in, std::vecto
     return;
   }
   const Vector3d f = vector(f_e_), m = vector(m_e_), df = vector(f_rate_), dm = vector(m_rate_);
+  if (!f.allFinite()) throw Error(place_ + (sensor_ ? ".f_s" : ".f_e"), "is not finite, expected three finite values");
+  if (!m.allFinite()) throw Error(place_ + (sensor_ ? ".m_s" : ".m_e"), "is not finite, expected three finite values");
   if (sensor_) {
     const Pose X_S = links.forward_kinematics(q_scratch_, S_);
     const Vector3d arm = X_S.p - X.p;
