@@ -5,7 +5,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
+#include <fstream>
 #include <numbers>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -130,6 +133,81 @@ TEST(Fig12, BorderOfTheElasticArmIsThatOfTheAxisForSlowVibrations) {
     EXPECT_TRUE(vibrates(kTool, loop, M, 0.95 * D, 7.9)) << M << " kg, " << D << " N.s/m";
     EXPECT_FALSE(vibrates(kTool, loop, M, 1.05 * D, 7.9)) << M << " kg, " << D << " N.s/m";
   }
+}
+
+// ----- chart.svg of the example: lines are predicted, circles measured.
+
+constexpr double kInertias[] = {0.25, 0.28, 0.32, 0.36, 0.4, 0.44, 0.48, 0.52, 0.55, 0.58, 0.6, 0.62, 0.65, 0.68,
+                                0.7,  0.75, 0.8,  0.9,  1,   1.3,  1.6,  2,    3,    5,    7,   10,   14,   20};
+struct Line {
+  double d;  // s
+  const char* colour;
+};
+constexpr Line kLines[] = {{0.005, "#1b7837"}, {0.01, "#2166ac"}, {0.02, "#b35806"}, {0.04, "#b2182b"}};
+
+int right(double M) { return static_cast<int>(std::lround(60 + 480 * std::log(M / 0.25) / std::log(80))); }
+int up(double D) { return static_cast<int>(std::lround(310 - 290. / 45 * D)); }
+
+std::string line_of(const Line& line) {
+  std::string path = "<path d=\"";
+  for (const double M : kInertias) {
+    path += (M == kInertias[0] ? "M" : "L") + std::to_string(right(M)) + " " +
+            std::to_string(up(guidance::damping_border(loop_of_axis(line.d), M).D));
+  }
+  return path + "\" fill=\"none\" stroke=\"" + line.colour + "\" stroke-width=\"2\"/>\n";
+}
+
+/// Bisection with the simulation, to 0.6 %.
+double measured_border(double M, double d) {
+  const guidance::Loop loop = loop_of_axis(d);
+  const guidance::Border predicted = guidance::damping_border(loop, M);
+  if (predicted.D == 0) return 0;
+  const double duration = std::clamp(25 * 2 * std::numbers::pi / predicted.omega, 2.0, 19.0);
+  double low = 0.9 * predicted.D, high = 1.1 * predicted.D;
+  for (int k = 0; k < 5; ++k) (vibrates(kAxis, loop, M, (low + high) / 2, duration) ? low : high) = (low + high) / 2;
+  return (low + high) / 2;
+}
+
+std::string chart() {
+  std::string svg =
+      "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"560\" height=\"360\" font-family=\"sans-serif\" font-size=\"12\">\n"
+      "<rect width=\"560\" height=\"360\" fill=\"white\"/>\n"
+      "<path d=\"M60 20V310H540\" fill=\"none\" stroke=\"black\"/>\n";
+  for (const double M : {0.25, 0.5, 1., 2., 5., 10., 20.}) {
+    const std::string x = std::to_string(right(M));
+    svg += "<text x=\"" + x + "\" y=\"326\" text-anchor=\"middle\">" + text::to_text(M) + "</text><path d=\"M" + x +
+           " 310v4\" stroke=\"black\"/>\n";
+  }
+  for (const int D : {0, 10, 20, 30, 40}) {
+    svg += "<text x=\"52\" y=\"" + std::to_string(up(D) + 4) + "\" text-anchor=\"end\">" + std::to_string(D) +
+           "</text><path d=\"M60 " + std::to_string(up(D)) + "h-4\" stroke=\"black\"/>\n";
+  }
+  svg +=
+      "<text x=\"300\" y=\"346\" text-anchor=\"middle\">inertia M of the twin [kg]</text><text transform=\"translate(18 165) "
+      "rotate(-90)\" text-anchor=\"middle\">damping D [N·s/m]</text>\n"
+      "<text x=\"300\" y=\"36\">above a line: stable; below: vibrates</text><text x=\"300\" y=\"52\">lines predicted, "
+      "circles measured</text>\n";
+  int row = 72;
+  for (const Line& line : kLines) {
+    svg += line_of(line) + "<text x=\"300\" y=\"" + std::to_string(row) + "\" fill=\"" + line.colour + "\">delay 2 × " +
+           text::to_text(1e3 * line.d) + " ms</text>\n";
+    row += 16;
+    for (const double M : {0.25, 0.35, 0.5, 0.7, 1., 2., 5., 10., 20.}) {
+      const double D = measured_border(M, line.d);
+      if (D == 0) continue;
+      svg += "<circle cx=\"" + std::to_string(right(M)) + "\" cy=\"" + std::to_string(up(D)) +
+             "\" r=\"4\" fill=\"none\" stroke=\"" + line.colour + "\" stroke-width=\"1.5\"/>\n";
+    }
+  }
+  return svg + "</svg>\n";
+}
+
+// COTWIN_DRAW_CHART=FILE draws the chart, which takes minutes.
+TEST(Fig12, ChartOfTheExampleShowsThePredictedBorders) {
+  if (const char* file = std::getenv("COTWIN_DRAW_CHART")) std::ofstream(file) << chart();
+  std::stringstream drawn;
+  drawn << std::ifstream(kExample / "chart.svg").rdbuf();
+  for (const Line& line : kLines) EXPECT_NE(drawn.str().find(line_of(line)), std::string::npos) << line_of(line);
 }
 
 INSTANTIATE_TEST_SUITE_P(Loop, Fig12Chart,
