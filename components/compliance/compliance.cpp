@@ -106,10 +106,12 @@ Compliance::Compliance(Settings& settings, const robot::RobotModel& robot, bool 
 Compliance::~Compliance() = default;
 
 void Compliance::initialise(Time) {
+  checked_ = false;
   check();
   take_spin();
   drive_in_force_ = drive_;
   in_force_ = wanted_;
+  checked_ = true;
   links_.take_bodies(place_);
   warning_.clear();
   warning_.reserve(longest_warning(n_) + (cartesian_ ? CartesianMotion::longest_warning() : 0));  // a step allocates nothing
@@ -188,10 +190,12 @@ void Compliance::start_motion() {
 void Compliance::follow_tunables(double h) {
   const double remaining = transition_ > 0 ? std::exp(-h / transition_) : 0.0;
   const auto towards = [remaining](double value, double target) { return target + (value - target) * remaining; };
-  follow(drive_in_force_, drive_, robot::kDriveParameters, remaining);
-  follow(in_force_, wanted_, kGains, remaining);
+  if (!settled_) {
+    follow(drive_in_force_, drive_, robot::kDriveParameters, remaining);
+    follow(in_force_, wanted_, kGains, remaining);
+  }
   if (cartesian_) cartesian_->follow(remaining, h);
-  for (std::size_t i = 0; i < n_ && !cartesian_; ++i) {
+  for (std::size_t i = 0; i < n_ && !cartesian_ && !settled_; ++i) {
     Admittance now{.M_a = in_force_.M_a[i], .S_a = in_force_.S_a[i]};
     Tank tank{tank_[i], tank_max_[i]};
     const Admittance next{.M_a = towards(now.M_a, wanted_.M_a[i]), .S_a = towards(now.S_a, wanted_.S_a[i])};
@@ -204,6 +208,7 @@ void Compliance::follow_tunables(double h) {
 }
 
 void Compliance::restored() {
+  checked_ = false;
   copy_fixed(drive_in_force_, drive_, robot::kDriveParameters);
   links_.restored_bodies();
   if (cartesian_) cartesian_->restored();

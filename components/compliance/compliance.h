@@ -151,6 +151,8 @@ class Compliance final : public Unit {
   std::vector<std::int32_t> limit_;
   std::unique_ptr<TorqueTerms> terms_;  // terms=true
   // Handed from one phase of a step to the next.
+  bool settled_ = false;         // gains and drive in force are those wanted: they need not follow
+  bool checked_ = false;         // those in force are in their ranges
   Joints tau_fl_, tau_fm_;       // friction of the link (with its springs) and the motor side at the end of the step
   Joints gravity_;               // N.m: g(q_c), only where friction grows with the load
   Joints load_mean_, load_end_;  // friction and springs of the link less τ_e, over the step and at its end

@@ -150,11 +150,15 @@ void CartesianMotion::take_frames() {
 
 void CartesianMotion::check(const std::string& place) {
   self_motion_.check(place);
-  if (is_checked_ && wanted_ == checked_) return;
-  check_values(wanted_, kCartesian, place);
-  check_definite(wanted_, place);
-  checked_ = wanted_;
-  is_checked_ = true;
+  settled_ = same(in_force_, wanted_, kCartesian);
+  if (settled_ && in_force_is_checked_) return;
+  if (!is_checked_ || wanted_ != checked_) {
+    check_values(wanted_, kCartesian, place);
+    check_definite(wanted_, place);
+    checked_ = wanted_;
+    is_checked_ = true;
+  }
+  in_force_is_checked_ = in_force_is_checked_ || settled_;
 }
 
 JointMotionGains CartesianMotion::gains() const {
@@ -250,7 +254,7 @@ Wrench CartesianMotion::rendered(const Wrench& F) const {
 }
 
 void CartesianMotion::prepare(const Matrix3d& R_BA, const Matrix3d& R_d, double h) {
-  if (!is_prepared_ || !(prepared_ == in_force_)) {
+  if (!is_prepared_ || !(settled_ || prepared_ == in_force_)) {
     const CartesianParameters& p = in_force_;
     const auto impedance = [&](const auto& M, const auto& M_off, const auto& D, const auto& D_off, const auto& S,
                                const auto& S_off, double zeta) {
@@ -310,6 +314,7 @@ CartesianMotion::Motion CartesianMotion::compliant(const Motion& d, const Wrench
 void CartesianMotion::start(Links& links, const FromJoints& in) {
   take_frames();
   in_force_ = wanted_;
+  in_force_is_checked_ = true;
   is_prepared_ = false;
   met_ = 0;
   contact_turn_ = 0;
@@ -340,6 +345,8 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
 
 void CartesianMotion::follow(double remaining, double h) {
   news_ = false;
+  self_motion_.follow(remaining);
+  if (settled_) return;
   towards_ = wanted_;
   const bool bound = alpha_ > 0 && h > 0;
   bool paid_T = true;
@@ -348,7 +355,6 @@ void CartesianMotion::follow(double remaining, double h) {
     keep_translation(in_force_, towards_);
   }
   cotwin::follow(in_force_, towards_, kCartesian, remaining);
-  self_motion_.follow(remaining);
   const Quaterniond Q_dc = quaternion(quat_dc_);
   const Vector3d turn = potential_ == Potential::kQuaternion ? Vector3d(2 * Q_dc.vec()) : axis_angle(Q_dc);
   Tank tank{tank_, tank_max_};
@@ -429,7 +435,7 @@ void CartesianMotion::write_outputs(Links& links, const MovingPose& c) {
 
 void CartesianMotion::restored() {
   take_frames();
-  is_prepared_ = false;
+  is_prepared_ = in_force_is_checked_ = settled_ = false;
 }
 
 void CartesianMotion::note(Met what) {

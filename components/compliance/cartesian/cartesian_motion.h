@@ -135,6 +135,7 @@ class CartesianMotion {
   double tank_start_ = 1, tank_max_ = 10;  // J
   CartesianParameters wanted_, checked_;
   bool is_checked_ = false;
+  bool settled_ = false, in_force_is_checked_ = false;  // the values in force are those wanted; are definite and in their ranges
   // States.
   CartesianParameters in_force_;
   Eigen::Vector3d Delta_ = Eigen::Vector3d::Zero(), dDelta_ = Eigen::Vector3d::Zero();  // in the chosen axes
