@@ -41,6 +41,20 @@ Eigen::Matrix3d inverse_left_jacobian(const Eigen::Vector3d& phi);
 /// S(v) with S(v) w = v × w.
 Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v);
 
+/// advance() in steps of one length, with the matrices that depend on the impedance and on h prepared.
+class RotationStep {
+ public:
+  /// Prepares steps of `h` > 0 seconds. Returns at once if nothing has changed since the last call.
+  void prepare(const Impedance& impedance, double h);
+  Turned advance(Potential potential, const Turn& start, const Eigen::Vector3d& m0, const Eigen::Vector3d& m1) const;
+
+ private:
+  Impedance impedance_;
+  double h_ = 0, part_ = 0;  // s
+  int count_ = 0;
+  Eigen::Matrix3d inertia_, resistance_, inverse_;  // 2 M/part, this and D, and of this and S part/2 the inverse
+};
+
 /// Axis times angle of a unit quaternion, at most π.
 Eigen::Vector3d axis_angle(const Eigen::Quaterniond& Q);
 /// The unit quaternion of a rotation by |r| about r.
