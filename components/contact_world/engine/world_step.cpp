@@ -33,6 +33,9 @@ constexpr double kGapNoise = 1e-12;  // m
 /// Largest numbers of iterations for held axes: in total, of these with simultaneous changes, and with contact impulses.
 constexpr int kLockRounds = 60, kSimultaneousRounds = 8, kContactRounds = 6;
 
+/// The same where contacts may yield: each halves the interval of a velocity at least.
+constexpr int kYieldingRounds = 40;
+
 /// Points of successive steps within this distance, relative to the pair's size, are the same, whatever their features.
 constexpr double kSamePlace = 0.02;
 
@@ -61,6 +64,7 @@ void World::Impl::step(double h) {
   for (Touch& touch : touches) {
     touch.sum.setZero();
     touch.impact.setZero();
+    touch.distant = false;
   }
   begin_guard();
   begin_inertias();
@@ -483,7 +487,8 @@ ConeRow World::Impl::contact_row(std::size_t t) const {
 /// Solves rows and trees alternately: contact impulses depend on the held axes and change them.
 void World::Impl::solve_rows() {
   if (rows.empty()) return;
-  for (int round = 0; round < kContactRounds; ++round) {
+  const int rounds = dents.empty() ? kContactRounds : kYieldingRounds;
+  for (int round = 0; round < rounds; ++round) {
     if (!prepared) rows.prepare(bodies, forest);
     prepared = true;
     rows.measure(bodies);
