@@ -213,13 +213,14 @@ void DriveTrain::declare(Variables& v) {
   v.output("forced_steps", forced_steps_, "steps since the start in which max_substeps forced sub-steps against the tolerance");
   v.output("worst_error", worst_error_, "1", "largest error_estimate since the start");
   if (equations_.floating()) equations_.floating()->declare(v);
-  if (equations_.inside() && !uses_sundials()) {
+  const auto declare_tools = [&] {
     v.tunable("tool_changes", tool_changes_, "1",
               "number of tools attached or detached so far: when it changes, the bodies in force take the tunables at once");
     v.state("tool_changes_seen", tool_changes_seen_, "1", "tool_changes at the last step");
     v.output("energy_bodies", energy_bodies_, "J",
              "kinetic and potential energy that changes of the bodies have brought since the start, at constant speeds");
-  }
+  };
+  if (equations_.inside() && !uses_sundials()) declare_tools();
   if (with_terms_) {
     joints.output("tau_inertia", terms_.inertia, "N.m", "M ddq of (2a)");
     joints.output("tau_coriolis", terms_.coriolis, "N.m", "C dq of (2a): Coriolis and centrifugal torques");
@@ -227,6 +228,7 @@ void DriveTrain::declare(Variables& v) {
     joints.output("tau_link", terms_.link, "N.m",
                   "friction, springs and stops of the link; the four terms together are tau_J + tau_e");
   }
+  if (equations_.inside() && uses_sundials()) declare_tools();
 }
 
 void DriveTrain::check_inputs(Time now) const {
@@ -406,15 +408,14 @@ StepResult DriveTrain::step(Time now, Duration duration) {
   const double h = duration.seconds();
   take_course(h);
   const double tool_changes_before = tool_changes_seen_, energy_bodies_before = energy_bodies_;
-  const bool follows = !uses_sundials(), with_bodies = follows && equations_.inside();
+  const bool follows = !uses_sundials(), with_bodies = equations_.inside();
   if (with_bodies) bodies_before_step_ = equations_.bodies().in_force;
-  if (follows) {
-    const double remaining = transition_ > 0 ? std::exp(-h / transition_) : 0.0;
-    drives_before_step_ = drives_;
-    const bool drives_change = follow_drives(remaining);
-    const bool bodies_change = with_bodies && follow_bodies(remaining);
-    if (drives_change || bodies_change) integrator_.forget();
-  }
+  const double remaining = transition_ > 0 ? std::exp(-h / transition_) : 0.0;
+  drives_before_step_ = drives_;
+  const bool drives_change = follows && follow_drives(remaining);
+  const bool bodies_change = with_bodies && follow_bodies(remaining);
+  if (drives_change || bodies_change) integrator_.forget();
+  if (bodies_change && uses_sundials()) sundials_->log().count = 0;  // restarts with these bodies
   if (equations_.floating()) {
     equations_.begin_base(x_.data());
     integrator_.forget();

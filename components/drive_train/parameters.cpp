@@ -11,7 +11,7 @@ namespace cotwin::drive_train {
 void DriveTrain::declare_parameters(Variables& v) {
   JointVariables joints(v, measures_);
   // SUNDIALS' history is replayed after a restored snapshot with the present parameters: they must not have changed since the
-  // history began.
+  // history began. A change of the bodies begins a new history.
   const bool tunable = !uses_sundials();
   auto q0 = joints.parameter("q0", q0_, "rad", "link-side joint position at the start, inside");
   if (equations_.inside()) q0.essential();
@@ -23,7 +23,7 @@ void DriveTrain::declare_parameters(Variables& v) {
   if (tunable) {
     v.state("drives", drives_, "1", "the tunables B, sigma2, tau_C … v_R in force, each of all joints, in the order above");
   }
-  if (equations_.inside()) declare_bodies(v, equations_.bodies(), tunable);
+  if (equations_.inside()) declare_bodies(v, equations_.bodies(), true);
 }
 
 void DriveTrain::declare_stops_and_solver(Variables& v) {

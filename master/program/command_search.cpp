@@ -42,6 +42,12 @@ struct Varied {
     if (!from || !to || !std::isfinite(*from) || !std::isfinite(*to) || !(*from < *to)) throw fail();
     low = *from;
     high = *to;
+    width = high - low;
+  }
+  /// Relative to the larger end; while the interval includes 0, to the whole interval that is searched.
+  bool is_narrow(double tolerance) const {
+    const bool has_zero = low <= 0 && high >= 0;
+    return high - low <= tolerance * (has_zero ? width : std::max(std::abs(low), std::abs(high)));
   }
   /// Between two values of one sign, which may differ by orders of magnitude: their geometric mean.
   double middle() const {
@@ -50,7 +56,19 @@ struct Varied {
   }
   std::string name;
   double low = 0, high = 0;
+  double width = 0;  // at the start
 };
+
+/// The text without its numbers, by which warnings of runs with different values are compared.
+std::string without_numbers(const std::string& text) {
+  std::string rest;
+  for (std::size_t k = 0; k < text.size(); ++k) {
+    const auto is_digit = [&](std::size_t at) { return at < text.size() && text[at] >= '0' && text[at] <= '9'; };
+    const bool is_part = text[k] == '.' || text[k] == 'e' || text[k] == '-' || text[k] == '+';
+    if (!is_digit(k) && !(is_part && (is_digit(k + 1) || (k > 0 && is_digit(k - 1))))) rest += text[k];
+  }
+  return rest;
+}
 
 /// "component.variable", true or not 0, or a comparison of it with a number: "component.variable>0.1"
 struct Condition {
@@ -132,7 +150,7 @@ class Search {
                                                    (at_low ? "at both ends" : "at neither end") +
                                                    " of the interval, expected it at one of them");
     }
-    while (varied_.high - varied_.low > arguments_.tolerance * std::max(std::abs(varied_.low), std::abs(varied_.high))) {
+    while (!varied_.is_narrow(arguments_.tolerance)) {
       const double middle = varied_.middle();
       if (!(middle > varied_.low && middle < varied_.high)) break;
       (run(middle) == at_low ? varied_.low : varied_.high) = middle;
@@ -160,7 +178,7 @@ class Search {
     for (const std::string& name : arguments_.peaks) shown.emplace_back(master.members(), name, "--peak " + name);
     master.initialise();
     for (const std::string& warning : master.warnings()) {
-      if (warned_.insert(warning).second) std::cerr << "cotwin: warning: " << warning << '\n';
+      if (warned_.insert(without_numbers(warning)).second) std::cerr << "cotwin: warning: " << warning << '\n';
     }
     Run result{value, false, 0, std::vector<double>(shown.size(), 0.0)};
     const auto look = [&] {
@@ -250,7 +268,11 @@ void add_search(CLI::App& app, Chosen& chosen) {
           "0, or a comparison, e.g. 'world.pad.dent>0'. It ends the run")
       ->type_name("CONDITION")
       ->required();
-  command->add_option("--tolerance", all->tolerance, "Relative width of the interval at which the search ends")
+  command
+      ->add_option(
+          "--tolerance", all->tolerance,
+          "Width of the interval at which the search ends, relative to its larger end, or to the whole interval while\n"
+          "it includes 0")
       ->type_name("SHARE")
       ->capture_default_str();
   command->add_option("--peak", all->peaks, "Variable whose largest magnitude in each run is told; may be repeated")

@@ -90,9 +90,7 @@ int change(const Arguments& a, bool attach) {
   std::optional<double> time = a.time;
   if (!time && !history.robot.history.empty()) time = history.robot.history.back().time;
   if (attach) {
-    Scenario scenario;
-    add_tool_event(scenario, true, a.tool + "@0");
-    const ToolSpec& tool = scenario.tools.front();
+    const ToolSpec tool = parse_tool(a.tool);
     robot::attach(history.robot, attachment(tool), tool.reason.empty() ? a.reason : tool.reason, time);
   } else {
     robot::detach(history.robot, a.tool, a.reason, time);

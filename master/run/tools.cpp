@@ -85,6 +85,7 @@ struct Tools::Carrier {
   const Variable* q = nullptr;      // of a plant
   std::string obstacle;             // why tools cannot change the bodies
   bool fed = false;                 // by connections
+  bool floats = false;              // the base
   std::size_t bodies = 0;
   std::shared_ptr<const robot::RobotModel> model;
 
@@ -101,6 +102,8 @@ struct Tools::Carrier {
   };
   std::vector<Part> mounted;
 
+  /// Whether the change is on a link. One on the fixed base moves nothing; it is in the history, and shapes come and go with it.
+  static bool moves(const robot::Change& change) { return change.body >= 0; }
   double* element(std::size_t body, std::size_t k) const {
     if (k == 0) return &mass->reals()[body];
     if (k < 4) return &first_moment->reals()[3 * body + k - 1];
@@ -135,7 +138,7 @@ struct Tools::Carrier {
   bool has(const std::string& name) const {
     return std::any_of(mounted.begin(), mounted.end(), [&](const Part& part) { return part.name == name; });
   }
-  /// Changes the robot. Throws Error as attach() and detach() do, and for a part on the base.
+  /// Changes the robot. Throws Error as attach() and detach() do, and for a part on a floating base.
   void change(const ToolSpec& tool) {
     const double time = tool.time.seconds();
     bool known = tool.known;
@@ -143,15 +146,19 @@ struct Tools::Carrier {
       robot::attach(robot, attachment(tool), tool.reason, time);
       const robot::Change& change = robot.history.back();
       mounted.push_back({tool.name, change.body, tool.known, change.part.parameters()});
-      if (change.body < 0)
-        throw Error("'" + tool.parent + "' is on the base, whose mass is not part of (2a), expected a frame on a moving link");
+      if (change.body < 0 && floats) {
+        throw Error(
+            "'" + tool.parent +
+            "' is on the floating base, whose mass cannot change in a run: expected a robot with the tool from the start "
+            "(cotwin tool attach, cotwin tool export)");
+      }
     } else {
       robot::detach(robot, tool.name, tool.reason, time);
       const auto part = std::find_if(mounted.begin(), mounted.end(), [&](const Part& p) { return p.name == tool.name; });
       known = part->known;
       mounted.erase(part);
     }
-    if (kind != Kind::kEstimator || !known) count_now += 1;
+    if (moves(robot.history.back()) && (kind != Kind::kEstimator || !known)) count_now += 1;
   }
   /// The values of the body's variables after the changes.
   Eigen::Matrix<double, kParameters, 1> values(std::size_t body) const {
@@ -208,6 +215,7 @@ void Tools::find_carriers(std::span<const Member> members, std::span<const Signa
       for (const Variable* one : {c.mass, c.first_moment, c.inertia}) c.fed = c.fed || fed_variables.contains(one);
       if (estimates) prefix.clear();
       c.prefix = prefix;
+      c.floats = find_real(all, prefix + "base_v", 3) != nullptr;
       c.label = member.name() + (prefix.empty() ? "" : "." + prefix.substr(0, prefix.size() - 1));
       if (robots < member.instance.robots.size()) c.model = member.instance.robots[robots++];
       c.count = find_real(all, estimates ? "restart" : prefix + "tool_changes", 1);
@@ -387,16 +395,19 @@ void Tools::plan() {
     for (const std::size_t i : reached_[t]) {
       Carrier& c = *carriers_[i];
       change(c, t);
-      const auto body = static_cast<std::size_t>(c.robot.history.back().body);
-      const auto values = c.values(body);
-      for (std::size_t k = 0; k < kParameters; ++k)
-        jumps_.push_back({time, c.element(body, k), values[static_cast<Eigen::Index>(k)]});
-      if (c.count != nullptr) jumps_.push_back({time, &c.count->reals().front(), c.count_now});
+      const bool moves = Carrier::moves(c.robot.history.back());
+      if (moves) {
+        const auto body = static_cast<std::size_t>(c.robot.history.back().body);
+        const auto values = c.values(body);
+        for (std::size_t k = 0; k < kParameters; ++k)
+          jumps_.push_back({time, c.element(body, k), values[static_cast<Eigen::Index>(k)]});
+        if (c.count != nullptr) jumps_.push_back({time, &c.count->reals().front(), c.count_now});
+      }
       const ToolSpec& tool = scenario_->tools[t];
       if (const Variable* shapes = c.shapes_of(tool.name))
         jumps_.push_back({time, &shapes->reals().front(), tool.attach ? 1.0 : 0.0});
       const auto n = static_cast<std::size_t>(c.robot.n());
-      if (c.kind != Carrier::Kind::kPlant || c.q == nullptr || c.q->size() != n) continue;
+      if (!moves || c.kind != Carrier::Kind::kPlant || c.q == nullptr || c.q->size() != n) continue;
       checks_.push_back({time, i, t, std::make_unique<robot::Mechanism>(c.robot), nullptr, Eigen::VectorXd::Zero(c.robot.n())});
       checks_.back().data = std::make_unique<robot::Data>(*checks_.back().mechanism);
     }

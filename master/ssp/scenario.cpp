@@ -317,17 +317,15 @@ void assign(Scenario& scenario, std::string_view assignment, std::span<const Uni
   }
 }
 
-void add_tool_event(Scenario& scenario, bool attach, std::string_view text) {
-  const std::string kind = attach ? "attach" : "detach", place = "--" + kind + " " + std::string(text);
-  const std::string form = attach ? "expected NAME,parent=FRAME,mass=KG,com=X Y Z,…@TIME" : "expected NAME@TIME";
-  const std::size_t at = text.rfind('@');
-  if (at == std::string_view::npos) throw Error(place, "has no time, " + form);
+namespace {
+
+/// The event of `--attach` or `--detach` without its time.
+xml::Element tool_event(const std::string& kind, std::string_view items, const std::string& place, const std::string& form) {
   xml::Element event;
   event.name = kind;
   event.place = xml::Place(xml::Shared(place), 0);
-  event.attributes.push_back({{}, "time", std::string(text::trim(text.substr(at + 1)))});
   std::string name = kind;  // of the attribute that the first item gives
-  for (const std::string_view item : text::split(text.substr(0, at), ',')) {
+  for (const std::string_view item : text::split(items, ',')) {
     const std::size_t equals = name == kind ? std::string_view::npos : item.find('=');
     if (name.empty() && equals == std::string_view::npos) throw Error(place, "'" + std::string(item) + "', " + form);
     if (equals != std::string_view::npos) name = text::trim(item.substr(0, equals));
@@ -336,9 +334,32 @@ void add_tool_event(Scenario& scenario, bool attach, std::string_view text) {
         {{}, name, std::string(text::trim(equals == std::string_view::npos ? item : item.substr(equals + 1)))});
     name.clear();
   }
+  return event;
+}
+
+}  // namespace
+
+void add_tool_event(Scenario& scenario, bool attach, std::string_view text) {
+  const std::string kind = attach ? "attach" : "detach", place = "--" + kind + " " + std::string(text);
+  const std::string form = attach ? "expected NAME,parent=FRAME,mass=KG,com=X Y Z,…@TIME" : "expected NAME@TIME";
+  const std::size_t at = text.rfind('@');
+  if (at == std::string_view::npos) throw Error(place, "has no time, " + form);
+  xml::Element event = tool_event(kind, text.substr(0, at), place, form);
+  if (xml::find(event, "time") != nullptr) throw Error(place, "'time' stands there twice");
+  event.attributes.push_back({{}, "time", std::string(text::trim(text.substr(at + 1)))});
   scenario.tools.push_back(read_tool(event, ""));
   std::stable_sort(scenario.tools.begin(), scenario.tools.end(),
                    [](const ToolSpec& a, const ToolSpec& b) { return a.time < b.time; });
+}
+
+ToolSpec parse_tool(std::string_view text) {
+  const std::string place = "tool " + std::string(text);
+  xml::Element event = tool_event("attach", text, place, "expected NAME,parent=FRAME,mass=KG,com=X Y Z,…");
+  for (const char* name : {"time", "known", "robot", "components"}) {
+    if (xml::find(event, name) != nullptr) throw Error(place, "'" + std::string(name) + "' is only for tools of a run");
+  }
+  event.attributes.push_back({{}, "time", "0"});
+  return read_tool(event, "");
 }
 
 }  // namespace cotwin::master

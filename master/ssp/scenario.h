@@ -237,4 +237,8 @@ void assign(Scenario& scenario, std::string_view assignment, std::span<const Uni
 /// Event. A relative `file` is relative to the working directory. Throws Error for a malformed text.
 void add_tool_event(Scenario& scenario, bool attach, std::string_view text);
 
+/// A tool that is mounted outside of a run: NAME,parent=FRAME,mass=…,… as for --attach, without a time. Throws Error for a malformed
+/// text.
+ToolSpec parse_tool(std::string_view text);
+
 }  // namespace cotwin::master

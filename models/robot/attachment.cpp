@@ -1,7 +1,9 @@
 #include "models/robot/attachment.h"
 
 #include <algorithm>
+#include <cmath>
 
+#include "models/robot/urdf_document.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -14,6 +16,21 @@ Inertia& inertia_of(RobotModel& robot, int body) {
 }
 
 std::string place_of(const RobotModel& robot) { return "robot '" + robot.name + "'"; }
+
+void check_name(const std::string& place, const std::string& name) {
+  if (!is_urdf_name(name)) throw Error(place, "'" + name + "' is not a valid name in a URDF");
+}
+
+/// Changes are in the order of time; those without a time come first.
+void check_time(const RobotModel& robot, const std::string& place, std::optional<double> time) {
+  if (time && !std::isfinite(*time)) throw Error(place, "at " + text::to_text(*time) + " s, expected a finite time");
+  if (robot.history.empty()) return;
+  const Change& last = robot.history.back();
+  if (last.time && !(time && *time >= *last.time)) {
+    throw Error(place, (time ? "at " + text::to_text(*time) + " s" : std::string("without a time")) +
+                           ", expected one not before " + text::to_text(*last.time) + " s, that of '" + last.what + "'");
+  }
+}
 
 std::string described(const Inertia& inertia) {
   const auto number = [](double x) { return text::to_text(x, 6); };
@@ -95,6 +112,8 @@ void insert_frames(RobotModel& robot, const Frame& frame, const std::vector<Part
 void attach(RobotModel& robot, const Attachment& what, const std::string& reason, std::optional<double> time) {
   const std::string place = place_of(robot) + ", attachment '" + what.name + "'";
   if (what.name.empty()) throw Error(place, "has no name, expected one");
+  check_name(place, what.name);
+  check_time(robot, place, time);
   if (find_frame(robot, what.name) != robot.frames.end()) throw Error(place, "the robot already has a frame with this name");
   for (std::size_t i = 0; i < what.further.size(); ++i) {
     const PartFrame& frame = what.further[i];
@@ -102,6 +121,7 @@ void attach(RobotModel& robot, const Attachment& what, const std::string& reason
     const bool twice = std::any_of(what.further.begin(), what.further.begin() + offset(i), same);
     if (frame.name.empty() || frame.name == what.name || twice || find_frame(robot, frame.name) != robot.frames.end())
       throw Error(place, "its frame '" + frame.name + "' has no name of its own, expected one that the robot does not have");
+    check_name(place, frame.name);
     if (!frame.X_AF.p.allFinite() || !is_rotation(frame.X_AF.R))
       throw Error(place, "its frame '" + frame.name + "' has no pose: expected a rotation matrix and a finite position");
   }
@@ -152,6 +172,7 @@ void detach(RobotModel& robot, const std::string& name, const std::string& reaso
       throw Error(place, "'" + other.name + "' is mounted on '" + name + "'; detach it first");
     }
   }
+  check_time(robot, place, time);
   Change change = *mounting;
   change.kind = Change::Kind::kDetach;
   change.index = static_cast<std::size_t>(frame - robot.frames.begin());
@@ -178,6 +199,7 @@ void set_inertia(RobotModel& robot, int body, const Inertia& inertia, const std:
   }
   const std::string& name = body < 0 ? robot.base.name : robot.bodies[static_cast<std::size_t>(body)].name;
   if (const std::string why = inertia.unphysical(); !why.empty()) throw Error(place_of(robot) + ", body '" + name + "'", why);
+  check_time(robot, place_of(robot), time);
   Change change;
   change.what = "set inertia of " + name + ": " + described(inertia);
   change.reason = reason;

@@ -18,17 +18,18 @@ struct Attachment {
 };
 
 /// Mounts `what`: adds its inertia to the carrying body (Steiner) and logs the change in the history. Throws Error for an
-/// unknown parent, a duplicate name, an invalid pose or an unphysical inertia. A point mass (mass without moments) is accepted
+/// unknown parent, a duplicate name or one that a URDF cannot have, an invalid pose, an unphysical inertia or a time before that of
+/// the last change. A point mass (mass without moments) is accepted
 /// if the composite body is physical. `time`: s, of the change in a run.
 void attach(RobotModel& robot, const Attachment& what, const std::string& reason = "", std::optional<double> time = {});
 
-/// Removes `name` with its further frames and logs the change: the carrying body becomes, to the last bit, what it would be if `name` had never been
-/// mounted. If the body was set or tuned since then, the attachment's inertia is subtracted instead. Throws Error if `name` is
-/// not attached, if another part is mounted on it, or if the remaining inertia is unphysical.
+/// Removes `name` with its further frames and logs the change: the carrying body becomes, to the last bit, what it would be if
+/// `name` had never been mounted. If the body was set or tuned since then, the attachment's inertia is subtracted instead. Throws Error if `name` is
+/// not attached, if another part is mounted on it, if the remaining inertia is unphysical, or as attach() for the time.
 void detach(RobotModel& robot, const std::string& name, const std::string& reason = "", std::optional<double> time = {});
 
 /// Replaces the inertia of a body (−1: the base), for example by a tuned one, and logs the change. Throws Error for an invalid
-/// body index or an unphysical inertia.
+/// body index or an unphysical inertia, or as attach() for the time.
 void set_inertia(RobotModel& robot, int body, const Inertia& inertia, const std::string& reason,
                  std::optional<double> time = {});
 

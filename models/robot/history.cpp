@@ -180,9 +180,6 @@ void replay(const Json& json, const std::string& place, RobotModel& robot) {
   const std::string reason = members.text_or_none("reason");
   std::optional<double> time;
   if (members.find("time") != nullptr) time = members.number("time");
-  const std::optional<double> last = robot.history.empty() ? std::nullopt : robot.history.back().time;
-  if (last && !(time && *time >= *last))
-    members.fail("'time' is missing or before that of the change before, " + text::to_text(*last) + " s");
   const Inertia result = read_inertia(members.at("result"), place + ", result");
   const int body = body_named(robot, members.text("body"), members);
   if (kind->second == Change::Kind::kSetInertia) {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/world.h"
+#include "tests/components/contact_world_methods.h"
 #include "tests/support/allocations.h"
 #include "tests/support/contact_scenes.h"
 
@@ -42,17 +43,7 @@ scene::Body bullet(const Vector3d& p, const Vector3d& v, double restitution = 0)
   return body;
 }
 
-class Fast : public ::testing::TestWithParam<Method> {
- protected:
-  World world(scene::Scene scene) {
-    Options options;
-    options.method = GetParam();
-    options.contacts = 1024;
-    return World(std::move(scene), options);
-  }
-  static double energy(const World& w) { return testing::energy(w.scene(), w.poses(), w.twists()); }
-  static Wrench momentum(const World& w) { return testing::momentum(w.scene(), w.poses(), w.twists()); }
-};
+class Fast : public testing::EachMethod {};
 
 TEST_P(Fast, ABulletBouncesOffAThinWallByItsRestitution) {
   // v⁺ = −e v⁻. Starts all over the way of a step, so that every phase of the impact in the step occurs.
@@ -282,11 +273,7 @@ TEST_P(Fast, StepsDoNotAllocateAndRestoreToTheBit) {
   }
 }
 
-std::string name(const ::testing::TestParamInfo<Method>& info) {
-  return info.param == Method::kTree ? "tree" : info.param == Method::kPgs ? "pgs" : "dantzig";
-}
-
-INSTANTIATE_TEST_SUITE_P(Methods, Fast, ::testing::Values(Method::kTree, Method::kPgs, Method::kDantzig), name);
+INSTANTIATE_TEST_SUITE_P(Methods, Fast, testing::kMethods, testing::name_of_method);
 
 }  // namespace
 }  // namespace cotwin::contact_world

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/world.h"
+#include "tests/components/contact_world_methods.h"
 #include "tests/support/allocations.h"
 #include "tests/support/contact_scenes.h"
 #include "tests/support/random_scene.h"
@@ -37,7 +38,7 @@ std::string fault_of(const World& world) {
   return "";
 }
 
-class Fuzz : public ::testing::TestWithParam<Method> {};
+class Fuzz : public testing::EachMethod {};
 
 TEST_P(Fuzz, SurvivesWhateverSceneItIsGiven) {
   constexpr std::uint64_t kRuns = 1200;
@@ -165,28 +166,31 @@ TEST_P(Fuzz, GrowsOnceBeyondTheDeclaredCapacityAndGoesOn) {
   EXPECT_EQ(world.status().grown, grown);
 }
 
-// Its bodies overlap, also in soft contacts, and have no room: the energy grew from 0.4 kJ to 10²⁹ J without a word.
+// Their bodies overlap, also in soft contacts, and have no room: the energy grew without end and without a word, that of seed 31
+// from 0.4 kJ to 10²⁹ J.
 TEST(Guard, EndsARunWhoseBodiesHaveNoRoom) {
-  for (const Method method : {Method::kTree, Method::kDantzig}) {
+  struct Case {
+    std::uint64_t seed;
+    Method method;
+    double most;  // J, before the end of the run
+  };
+  for (const Case& one : {Case{31, Method::kTree, 1e5}, Case{31, Method::kDantzig, 1e5}, Case{3, Method::kDantzig, 100},
+                          Case{118, Method::kTree, 1.3e5}, Case{119, Method::kTree, 1e6}, Case{362, Method::kTree, 1e4}}) {
     Options options;
-    options.method = method;
-    RandomScene random(31);
+    options.method = one.method;
+    RandomScene random(one.seed);
     World world(random.scene(), options);
     std::string fault;
-    for (int k = 0; k < 60 && fault.empty(); ++k) {
+    for (int k = 0; k < 150 && fault.empty(); ++k) {
       world.step(kStep);
-      ASSERT_LT(world.energy(), 1e5) << "step " << k;
+      ASSERT_LT(world.energy(), one.most) << "seed " << one.seed << ", step " << k;
       fault = world.fault(0.01, 0.25);
     }
-    EXPECT_NE(fault.find("energy has grown by"), std::string::npos) << fault;
+    EXPECT_NE(fault.find("energy has grown by"), std::string::npos) << "seed " << one.seed << ": " << fault;
   }
 }
 
-std::string name(const ::testing::TestParamInfo<Method>& info) {
-  return info.param == Method::kTree ? "tree" : info.param == Method::kPgs ? "pgs" : "dantzig";
-}
-
-INSTANTIATE_TEST_SUITE_P(Methods, Fuzz, ::testing::Values(Method::kTree, Method::kPgs, Method::kDantzig), name);
+INSTANTIATE_TEST_SUITE_P(Methods, Fuzz, testing::kMethods, testing::name_of_method);
 
 }  // namespace
 }  // namespace cotwin::contact_world

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/world.h"
+#include "tests/components/contact_world_methods.h"
 #include "tests/support/allocations.h"
 #include "tests/support/contact_scenes.h"
 
@@ -21,18 +22,7 @@ using Eigen::Vector3d;
 constexpr double kStep = 1e-3;  // s
 constexpr double kRadius = 0.05, kMass = 0.2;
 
-class Impacts : public ::testing::TestWithParam<Method> {
- protected:
-  World world(scene::Scene scene, int iterations = 20) {
-    Options options;
-    options.method = GetParam();
-    options.iterations = iterations;
-    options.contacts = 4096;
-    return World(std::move(scene), options);
-  }
-  static double energy(const World& w) { return testing::energy(w.scene(), w.poses(), w.twists()); }
-  static Wrench momentum(const World& w) { return testing::momentum(w.scene(), w.poses(), w.twists()); }
-};
+class Impacts : public testing::EachMethod {};
 
 /// Balls in a row along x without gravity, all but the first at rest; the first one moves at 1 m/s.
 scene::Scene row(const std::vector<double>& masses, double gap, double restitution) {
@@ -339,11 +329,7 @@ TEST_P(Impacts, LeaveAStackOfStiffSoftBoxesAtRest) {
   }
 }
 
-std::string name(const ::testing::TestParamInfo<Method>& info) {
-  return info.param == Method::kTree ? "tree" : info.param == Method::kPgs ? "pgs" : "dantzig";
-}
-
-INSTANTIATE_TEST_SUITE_P(Methods, Impacts, ::testing::Values(Method::kTree, Method::kPgs, Method::kDantzig), name);
+INSTANTIATE_TEST_SUITE_P(Methods, Impacts, testing::kMethods, testing::name_of_method);
 
 }  // namespace
 }  // namespace cotwin::contact_world

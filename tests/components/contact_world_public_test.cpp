@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/world.h"
+#include "tests/components/contact_world_methods.h"
 #include "tests/support/contact_scenes.h"
 
 namespace cotwin::contact_world {
@@ -20,17 +21,7 @@ constexpr double kStep = 1e-3;     // s
 constexpr double kGravity = 9.81;  // m/s²
 const double kFrictionAngle = std::atan(0.5);
 
-class PublicTest : public ::testing::TestWithParam<Method> {
- protected:
-  World world(scene::Scene scene) {
-    Options options;
-    options.method = GetParam();
-    options.contacts = 1024;
-    return World(std::move(scene), options);
-  }
-  static double energy(const World& w) { return testing::energy(w.scene(), w.poses(), w.twists()); }
-  static Wrench momentum(const World& w) { return testing::momentum(w.scene(), w.poses(), w.twists()); }
-};
+class PublicTest : public testing::EachMethod {};
 
 TEST_P(PublicTest, BallPushedObliquelySlipsAlongAParabolaAndThenRolls) {
   World w = world(testing::pushed_ball());
@@ -211,11 +202,7 @@ TEST_P(PublicTest, MotorsHoldTheArmBesideAStack) {
   EXPECT_LT(w.largest_gap(), GetParam() == Method::kPgs ? 1e-3 : 1e-6);
 }
 
-std::string name(const ::testing::TestParamInfo<Method>& info) {
-  return info.param == Method::kTree ? "tree" : info.param == Method::kPgs ? "pgs" : "dantzig";
-}
-
-INSTANTIATE_TEST_SUITE_P(Methods, PublicTest, ::testing::Values(Method::kTree, Method::kPgs, Method::kDantzig), name);
+INSTANTIATE_TEST_SUITE_P(Methods, PublicTest, testing::kMethods, testing::name_of_method);
 
 }  // namespace
 }  // namespace cotwin::contact_world

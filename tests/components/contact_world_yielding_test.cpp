@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/collision.h"
+#include "components/contact_world/engine/soft_contact.h"
 #include "components/contact_world/engine/world.h"
 #include "tests/components/contact_world_shapes.h"
 #include "tests/support/allocations.h"
@@ -296,6 +297,49 @@ TEST(Yielding, TurnsTheEnergyOfAnImpactIntoAccountedWorkAndRebound) {
         EXPECT_NEAR(left, F_y * F_y / (2 * K), 5e-3 * start) << h << " s, " << mass << " kg";
         EXPECT_GT(press.world->twists()[1][2], 0);
       }
+    }
+  }
+}
+
+TEST(Yielding, FindsTheVelocityUnderItsLawAtAnyStiffness) {
+  // The law is not convex: the work of the mean force bends where the contact begins and where it yields.
+  for (double stiffness = 1e3; stiffness < 1e15; stiffness *= 10) {
+    for (const double gap : {1.4e-4, 5e-5, 1e-6, 0.0, -1e-7, -1e-5, -1e-3}) {
+      for (const double limit : {1e-3, 1.0, 1e3, 1e9}) {
+        for (const double w : {-3.0, -0.147, -1e-4, 0.2}) {
+          SoftContact contact{gap, stiffness, 0, 1e-3};
+          contact.conserves = true;
+          contact.limit = limit;
+          const double u = contact.solve(w, 2.0);
+          // The rounding of u times the slope of a stiff spring's impulse.
+          const double rounding = 1e-9 * (std::abs(u) + std::abs(w)) * (1 + std::abs(contact.slope(u)));
+          EXPECT_NEAR(u, w + 2 * std::max(0.0, contact.impulse(u)), rounding)
+              << stiffness << " N/m, gap " << gap << " m, limit " << limit << " N, from " << w << " m/s";
+        }
+      }
+    }
+  }
+}
+
+TEST(Yielding, KeepsTheEnergyOfAnImpactOnASurfaceThatTheStepDoesNotResolve) {
+  // Four points at once, from a tenth to ten thousand times the stiffness that the step resolves: m v²/2 = F_y · dent + m v'²/2.
+  const double side = 0.1, F_y = kStress * side * side, v = 0.14;
+  for (const Method method : {Method::kTree, Method::kPgs, Method::kDantzig}) {
+    for (double foundation = 1e8; foundation < 1e15; foundation *= 10) {
+      scene::Scene scene;
+      scene.gravity.setZero();
+      scene.bodies = {pad(kStress), body_of("block", make(ShapeType::kBox, {side, side, side}), {0, 0, side / 2 + 1e-3},
+                                            scene::Motion::kDynamic)};
+      scene.bodies[0].shapes[0].material.foundation = foundation;
+      scene.bodies[1].V_WB[2] = -v;
+      Options options;
+      options.method = method;
+      World world(scene, options);
+      for (int k = 0; k < 40; ++k) world.step(1e-3);
+      const double work = world.yielding()[0].work;
+      EXPECT_NEAR(work + world.energy(), v * v / 2, 1e-6 * v * v) << foundation << " Pa/m";
+      EXPECT_NEAR(work, F_y * world.yielding()[0].depth, 1e-6 * v * v) << foundation << " Pa/m";
+      EXPECT_GE(world.twists()[1][2], 0) << foundation << " Pa/m";
     }
   }
 }

@@ -332,6 +332,17 @@ TEST_F(Program, MountsToolsOutsideOfARun) {
   EXPECT_EQ(run({"tool", "attach", "lab.json", anvil, "--q", "1.5707963267948966,0"}).err, "");  // it stands upright
   EXPECT_THAT(run({"tool", "attach", "lab.json", anvil, "--robot", "lwr4"}).err, HasSubstr("exists already"));
   EXPECT_THAT(run({"tool", "history", "lab.json"}).out, HasSubstr("  3  attach anvil to tip"));
+  // A history is in the order of time: an earlier change is refused, and the file stays as it was.
+  const std::string hook = "hook,parent=anvil,mass=0.1";
+  EXPECT_EQ(run({"tool", "attach", "lab.json", hook, "--time", "3"}).code, 0);
+  const RunResult earlier = run({"tool", "detach", "lab.json", "hook", "--time", "2"});
+  EXPECT_EQ(earlier.code, 2);
+  EXPECT_THAT(earlier.err, HasSubstr("at 2 s, expected one not before 3 s, that of 'attach hook"));
+  EXPECT_THAT(run({"tool", "detach", "lab.json", "hook", "--time", "nan"}).err, HasSubstr("expected a finite time"));
+  EXPECT_EQ(run({"tool", "detach", "lab.json", "hook"}).code, 0);
+  EXPECT_THAT(run({"tool", "history", "lab.json"}).out, HasSubstr("  5  3 s  detach hook"));
+  EXPECT_THAT(run({"tool", "attach", "lab.json", "hook"}).err, StartsWith("cotwin: tool hook: 'attach' without the attribute"));
+  EXPECT_THAT(run({"tool", "attach", "lab.json", hook + ",known=false"}).err, HasSubstr("'known' is only for tools of a run"));
   EXPECT_THAT(run({"completion", "candidates", "cotwin tool "}).out, HasSubstr("export"));
   EXPECT_THAT(run({"completion", "candidates", "cotwin tool export h.json --"}).out, HasSubstr("--change"));
 }

@@ -57,6 +57,24 @@ TEST(Search, TellsEachRunAndTheResult) {
   EXPECT_THAT(found.out, HasSubstr("compliance.Delta[1]>=0.2 holds below\n"));
 }
 
+TEST(Search, EndsAtZeroAndWarnsOnce) {
+  // The value at which the condition begins is 0, of which no interval is a small share. Each run has the warning that a torque acts
+  // on one of the two units only, with its own value of the torque.
+  const fs::path arm = fs::path(cotwin::places::source()) / "examples/01_joint_admittance/arm.ssd";
+  const RunResult found = run_program({"search", arm, "--stop", "0.01", "--vary", "compliance.tau_e[1]=-1:3", "--until",
+                                       "compliance.tau_e[1]>0", "--json", "-"});
+  ASSERT_EQ(found.code, 0) << found.err;
+  const json result = json::parse(found.out);
+  EXPECT_LE(result.at("low").get<double>(), 0);
+  EXPECT_GT(result.at("high").get<double>(), 0);
+  EXPECT_LE(result.at("high").get<double>() - result.at("low").get<double>(), 4e-3);  // 0.1 % of the interval
+  EXPECT_LE(result.at("runs").size(), 14u);                                           // 2 + log2(1000)
+  const std::string warning = "compliance.tau_e[1] the value";
+  const std::size_t first = found.err.find(warning);
+  ASSERT_NE(first, std::string::npos) << found.err;
+  EXPECT_EQ(found.err.find(warning, first + 1), std::string::npos) << found.err;
+}
+
 TEST(Search, RefusesWhatItCannotSearch) {
   const std::vector<std::pair<RunResult, std::string>> cases{
       {search("compliance.S_a[1]=20:90", "compliance.Delta[1]>=0.2"), "holds at both ends of the interval"},

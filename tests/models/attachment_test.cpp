@@ -152,6 +152,10 @@ TEST(Attachment, ThatIsInvalidIsRefusedAndChangesNothing) {
   EXPECT_THAT(error_of([&] { attach(robot, what); }), HasSubstr("attachment 'tool': principal moments"));
   what.inertia = {-1, Vector3d::Zero(), Matrix3d::Zero()};
   EXPECT_THAT(error_of([&] { attach(robot, what); }), HasSubstr("mass -1 kg, expected > 0"));
+  what.name = "two\nlines";
+  EXPECT_THAT(error_of([&] { attach(robot, what); }), HasSubstr("not a valid name in a URDF"));
+  what.name = "tool";
+  EXPECT_THAT(error_of([&] { attach(robot, what, "", NAN); }), HasSubstr("nan s, expected a finite time"));
   what.inertia = {1, Vector3d::Zero(), Matrix3d::Zero()};
   what.parent = "base";  // which has no mass
   EXPECT_THAT(error_of([&] { attach(robot, what); }), HasSubstr("with this point mass its body has no moments of inertia"));

@@ -20,6 +20,7 @@ namespace {
 using cotwin::testing::error_of;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 RobotModel load_robot(const std::string& name) {
@@ -189,9 +190,13 @@ TEST(History, RefusesDamagedFilesWithOneSentence) {
   EXPECT_THAT(refusal([](Json& f) { f["more"] = 1; }), HasSubstr("unknown member 'more'"));
   EXPECT_THAT(refusal([](Json& f) { f["robots"][0]["urdf"] = "<robot/>"; }), HasSubstr("robot 1"));
   EXPECT_THAT(refusal([&](Json& f) { change(f, 0)["time"] = "soon"; }), HasSubstr("change 1: 'time' is no number"));
-  EXPECT_THAT(refusal([&](Json& f) { change(f, 3)["time"] = 2.0; }), HasSubstr("change 4: 'time' is missing or before"));
-  EXPECT_THAT(refusal([&](Json& f) { change(f, 3).erase("time"); }), HasSubstr("change 4: 'time' is missing or before"));
+  EXPECT_THAT(refusal([&](Json& f) { change(f, 3)["time"] = 2.0; }),
+              AllOf(HasSubstr("change 4: "), HasSubstr("at 2 s, expected one not before 2.25 s")));
+  EXPECT_THAT(
+      refusal([&](Json& f) { change(f, 3).erase("time"); }),
+      AllOf(HasSubstr("change 4: "), HasSubstr("without a time, expected one not before 2.25 s, that of 'set inertia")));
   EXPECT_THAT(refusal([&](Json& f) { change(f, 0)["parent"] = "nowhere"; }), HasSubstr("nowhere"));
+  EXPECT_THAT(refusal([&](Json& f) { change(f, 0)["name"] = "two\nlines"; }), HasSubstr("not a valid name in a URDF"));
   EXPECT_THAT(refusal([&](Json& f) { change(f, 0)["body"] = "nobody"; }), HasSubstr("no body 'nobody'"));
   EXPECT_THAT(refusal([&](Json& f) { change(f, 0)["change"] = "glue"; }), HasSubstr("'glue', expected attach, detach"));
   EXPECT_THAT(refusal([&](Json& f) { change(f, 0)["pose"]["R"][0] = 2; }), HasSubstr("no rotation matrix"));

@@ -39,6 +39,12 @@ double tilt(const Joint& joint) { return std::acos(std::clamp(joint.alignment(),
 
 }  // namespace
 
+double World::Impl::elastic_energy() const {
+  double twice = 0;
+  for (const Touch& touch : touches) twice += touch.stored();
+  return twice / 2;
+}
+
 World::Impl::Energy World::Impl::measure_energy() const {
   Energy energy;
   double twice = 0;
@@ -48,14 +54,15 @@ World::Impl::Energy World::Impl::measure_energy() const {
     energy.potential -= body.mass * scene.gravity.dot(body.p);
   }
   for (std::size_t j = 0; j < joints.size(); ++j) twice += axes[j].inertia * dq[j] * dq[j];
-  for (const Touch& touch : touches) twice += touch.stored();
-  energy.motion = twice / 2;
+  energy.elastic = elastic_energy();
+  energy.motion = twice / 2 + energy.elastic;
   return energy;
 }
 
 /// Takes a state that was set from outside. The energy that this added is work.
 void World::Impl::begin_guard() {
-  guard.work = 0;
+  guard.work = guard.lifted = 0;
+  guard.elastic = elastic_energy();
   guard.counts = std::all_of(carriers.begin(), carriers.end(),
                              [&](int b) { return bodies[index(b)].v.isZero(0) && bodies[index(b)].w.isZero(0); });
   if (!guard.moved) return;
@@ -102,13 +109,10 @@ double World::Impl::largest_gap() const {
 /// Work of the contacts' position correction, which lifts bodies, of driven bodies and of applied wrenches; called after the
 /// position stage.
 void World::Impl::account_position_stage(double h) {
-  // An upper bound: the force of the whole step is at most twice that of its first half. Impulses that bodies without room exert
-  // on one another are not bounded, but no correction of depths gives more than all the energy that there was before.
-  double lifted = 0;
+  // An upper bound: the force of the whole step is at most twice that of its first half.
   for (const ConeRow& row : rows.cones()) {
-    if (row.target > 0 && row.spring == ConeRow::Spring::kNone) lifted += 2 * row.x[0] * row.target;
+    if (row.target > 0 && row.spring == ConeRow::Spring::kNone) guard.lifted += 2 * row.x[0] * row.target;
   }
-  guard.add_work(std::min(lifted, guard.available + guard.fall + small_energy));
   if (has_driven) {
     for (const Touch& touch : touches) guard.add_work(driven_work(touch, touch.impact + touch.sum));
   }
@@ -162,9 +166,19 @@ void World::Impl::end_guard() {
   }
   const Energy now = measure_energy();
   const double total = now.motion + now.potential;
+  // Corrections of depth lift bodies and press others together. The velocity stage takes their speed back, so they explain no
+  // motion: impulses that bodies without room exert on one another have no bound.
+  const double higher = std::max(0.0, now.potential - guard.potential) + std::max(0.0, now.elastic - guard.elastic);
+  guard.add_work(std::min(guard.lifted, higher));
   double gain = total - guard.energy - guard.work;
-  // A jump may give the energy of its springs, and in one step not more than there was before.
-  if (jumps > 0 && gain > 0) gain = std::max(0.0, gain - jumps - guard.available - guard.fall - small_energy);
+  // Jumps may give the energy of their springs and no more than there was before, in all steps together.
+  if (gain < 0) guard.jumped = std::max(0.0, guard.jumped + gain);
+  if (gain > 0 && jumps > 0) {
+    const double most = jumps + guard.available + guard.fall + small_energy - guard.jumped;
+    const double explained = std::clamp(most, 0.0, gain);
+    guard.jumped += explained;
+    gain -= explained;
+  }
   if (guard.counts && !guard.assembling) guard.excess = std::max(0.0, guard.excess + gain);
   guard.energy = total;
   guard.potential = now.potential;

@@ -62,6 +62,7 @@ struct ConeRow {
   SoftContact law;
   double u = 0;                 // kLaw: the law is linearised at this normal velocity
   bool linearised = false;      // false: u is the velocity without the contact
+  double change = 0;            // of u between the last two linearisations, m/s
   double slow = 0;              // m/s: calmer contacts settle where the step does not resolve their spring
   double push = 0, damper = 0;  // kGiven: constant impulse, N.s, and impulse per speed, N.s²/m
   double swing = 0;             // result: (h ω)²

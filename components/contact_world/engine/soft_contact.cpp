@@ -9,6 +9,9 @@ namespace {
 /// Newton's method converges from one side, because the impulse is convex in u.
 constexpr int kNewtonSteps = 60;
 
+/// The same with a limit, where half of the steps may halve an interval.
+constexpr int kBoundedSteps = 160;
+
 /// Work of the force min(k e, limit) from the depth 0 to e, J.
 double work(double e, double k, double limit) {
   if (e <= 0) return 0;
@@ -61,16 +64,20 @@ double SoftContact::slope(double u) const {
 
 double SoftContact::solve(double w, double A) const {
   double u = w;
-  // With a limit the impulse is not convex; u is between w and the velocity under the limit.
-  double low = w, high = w + A * h / 2 * std::min(limit, 1e300);
-  for (int k = 0; k < kNewtonSteps; ++k) {
+  // With a limit the impulse is not convex: Newton's steps are kept within bounds of u, which is between w and the velocity under
+  // the limit, and where they do not halve the step before, the bounds are halved.
+  const bool bounded = limit < std::numeric_limits<double>::infinity();
+  double low = w, high = w + A * h / 2 * std::min(limit, 1e300), last = std::numeric_limits<double>::infinity();
+  for (int k = 0; k < (bounded ? kBoundedSteps : kNewtonSteps); ++k) {
     const double x = impulse(u);
-    const double step = (u - w - A * std::max(x, 0.0)) / (1 - (x > 0 ? A * slope(u) : 0));
-    u -= step;
-    if (limit < std::numeric_limits<double>::infinity()) {
-      (step > 0 ? high : low) = u + step;
-      if (!(u >= low && u <= high)) u = (low + high) / 2;
+    double step = (u - w - A * std::max(x, 0.0)) / (1 - (x > 0 ? A * slope(u) : 0));
+    if (bounded) {
+      (step > 0 ? high : low) = u;
+      const bool newton = u - step > low && u - step < high && std::abs(step) <= last / 2;
+      if (!newton && step != 0) step = u - (low + high) / 2;
+      last = std::abs(step);
     }
+    u -= step;
     if (!(std::abs(step) > 1e-12 * std::abs(w))) break;
   }
   return u;

@@ -59,7 +59,9 @@ bool World::Impl::has_stiff_springs() const {
   return false;
 }
 
-/// Linearises the soft contacts at their new velocities. Returns whether an impulse differs from its law.
+/// Linearises the soft contacts at their new velocities. Returns whether an impulse differs from its law. The law of a contact with
+/// a limit is not convex, and velocities can alternate between two sides of its bend for ever: then the change is at most half
+/// of that before.
 bool World::Impl::linearise_springs() {
   bool differs = false;
   for (ConeRow& row : rows.cones()) {
@@ -67,7 +69,10 @@ bool World::Impl::linearise_springs() {
     const double u = normal_velocity(touches[index(row.point)]);
     const double exact = std::max(0.0, row.law.impulse(u)), linear = std::max(0.0, (row.target - u) / row.softness);
     if (std::abs(exact - linear) <= kCurved * std::max(exact, linear)) continue;
-    row.u = u;
+    const double change = u - row.u;
+    const bool alternates = row.law.limit < kInfinity && change * row.change < 0 && std::abs(change) > std::abs(row.change) / 2;
+    row.change = alternates ? -row.change / 2 : change;
+    row.u += row.change;
     differs = true;
   }
   return differs;

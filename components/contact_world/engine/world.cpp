@@ -239,7 +239,8 @@ void World::save(std::vector<double>& state) const {
   const Guard& guard = w.guard;
   put(w.stale && !w.restored, w.margin, kept);
   put(guard.energy, guard.potential, guard.excess, guard.available, guard.highest, guard.fall, guard.nearest, guard.stalled,
-      guard.start_gap, guard.start_tilt, (guard.assembling ? 1 : 0) + (guard.begun ? 2 : 0) + (guard.moved ? 4 : 0));
+      guard.start_gap, guard.start_tilt, guard.jumped,
+      (guard.assembling ? 1 : 0) + (guard.begun ? 2 : 0) + (guard.moved ? 4 : 0));
   for (const RigidBody& body : w.bodies) {
     put_all(body.p);
     put_all(body.Q);
@@ -321,7 +322,7 @@ void World::restore(std::span<const double> state) {
   const auto kept = static_cast<std::size_t>(get());
   Guard& guard = w.guard;
   for (double* number : {&guard.energy, &guard.potential, &guard.excess, &guard.available, &guard.highest, &guard.fall,
-                         &guard.nearest, &guard.stalled, &guard.start_gap, &guard.start_tilt}) {
+                         &guard.nearest, &guard.stalled, &guard.start_gap, &guard.start_tilt, &guard.jumped}) {
     *number = get();
   }
   const auto flags = static_cast<unsigned>(get());

@@ -24,6 +24,9 @@ struct LooseJoint {
 /// Upper bound of the contact margin, which is the distance that bodies move in a step.
 constexpr double kWidestMargin = 0.05;  // m
 
+/// Share of the errors of whole joints that a step corrects.
+constexpr double kShareOfJointError = 0.2;
+
 /// Contacts with restitution that approach more slowly than this times h g are at rest.
 constexpr double kSlow = 2;
 
@@ -132,7 +135,9 @@ struct World::Impl {
   // Of the guard; guard.cpp
   struct Energy {
     double motion = 0, potential = 0;  // kinetic and that of soft contacts, J
+    double elastic = 0;                // of it, that of soft contacts, J
   };
+  double elastic_energy() const;
   Energy measure_energy() const;
   void begin_guard();
   void account_position_stage(double h);

@@ -1,0 +1,144 @@
+// The rows of a stage of a step: joints outside the trees, gears and contacts.
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+
+#include "components/contact_world/engine/world_impl.h"
+
+namespace cotwin::contact_world {
+namespace {
+
+std::size_t index(int i) { return static_cast<std::size_t>(i); }
+
+constexpr double kInfinity = scene::kInfinity;
+
+/// Share of a penetration beyond the slop that one step corrects, and the largest speed of the correction.
+constexpr double kCorrection = 0.2;
+constexpr double kSlop = 5e-6;              // m
+constexpr double kFastestCorrection = 0.1;  // m/s
+
+/// Gaps below this value are rounding noise and are treated as zero, so that resting bodies stay at rest.
+constexpr double kGapNoise = 1e-12;  // m
+
+}  // namespace
+
+void World::Impl::collect_rows(Stage stage, double h) {
+  rows.clear();
+  row_origin.clear();
+  for (const LooseJoint& one : loose) collect_joint(one, stage, h);
+  for (const scene::Gear& gear : scene.gears) collect_gear(gear, stage, h);
+  for (std::size_t t = 0; t < touches.size(); ++t) collect_contact(t, stage, h);
+}
+
+void World::Impl::collect_joint(const LooseJoint& one, Stage stage, double h) {
+  const Joint& joint = joints[index(one.joint)];
+  const Axis& axis = axes[index(one.joint)];
+  const std::array<double, kJointRows>& x = joint_x[index(one.joint)];
+  const Motion6 error = one.whole && stage == Stage::kPosition ? joint.error() : Motion6{};
+  const bool in_tree = forest.holds(joint.child) || forest.holds(joint.parent);
+  const auto add = [&](int row, const Vector3d& d, const Vector3d& m, double target, double lo, double hi, double softness) {
+    BoxRow made;
+    made.a = joint.parent >= 0 && bodies[index(joint.parent)].motion != scene::Motion::kStatic ? joint.parent : -1;
+    made.b = joint.child >= 0 && bodies[index(joint.child)].motion != scene::Motion::kStatic ? joint.child : -1;
+    made.d = d;
+    made.m = m;
+    made.p = joint.p_child;
+    made.target = target;
+    made.lo = lo;
+    made.hi = hi;
+    made.softness = softness;
+    made.x = std::clamp(x[index(row)], lo, hi);
+    if (row < 6) {
+      const double along = d.dot(error.linear) + m.dot(error.angular);
+      (in_tree ? made.target : made.error) = in_tree ? -kShareOfJointError * along / h : along;
+      if (!in_tree && stage == Stage::kPosition) made.target = curves[index(one.joint)][index(row)];
+    }
+    row_origin.push_back({one.joint, row});
+    rows.add(made);
+  };
+  const Vector3d zero = Vector3d::Zero();
+  if (one.whole) {
+    const bool slides = joint.type == scene::JointType::kPrismatic;
+    const bool screw = joint.type == scene::JointType::kScrew;
+    for (int k = 0; k < (slides ? 2 : 3); ++k) {
+      const Vector3d d = slides || screw ? Vector3d(joint.R_parent.col(k)) : Vector3d(Vector3d::Unit(k));
+      const Vector3d m = screw && k == 2 ? Vector3d(-joint.pitch * joint.axis()) : zero;
+      add(k, d, m, 0, -kInfinity, kInfinity, 0);
+    }
+    const int turns = joint.type == scene::JointType::kSpherical ? 0 : joint.turns() ? 2 : 3;
+    for (int k = 0; k < turns; ++k) {
+      const Vector3d m = joint.R_parent.col(k);
+      add(3 + k, zero, m, 0, -kInfinity, kInfinity, 0);
+    }
+  }
+  if (!joint.has_axis()) return;
+  const bool turns = joint.turns();
+  const Vector3d d = turns ? zero : joint.axis(), m = turns ? joint.axis() : zero;
+  const AxisDrive drive(joint, axis, stage, h);
+  if (forest.freedom_of(one.joint) < 0 && drive.softness > 0) add(6, d, m, 0, -kInfinity, kInfinity, 1 / drive.softness);
+  const LimitSpeeds limits(joint, stage, h);
+  if (limits.lower > -kInfinity) add(7, d, m, limits.lower, 0, kInfinity, 0);
+  if (limits.upper < kInfinity) add(8, d, m, limits.upper, -kInfinity, 0, 0);
+  if (joint.friction > 0) add(9, d, m, 0, -joint.friction * h / 2, joint.friction * h / 2, 0);
+  if (axis.motor_torque > 0) add(10, d, m, axis.motor_speed, -axis.motor_torque * h / 2, axis.motor_torque * h / 2, 0);
+}
+
+void World::Impl::collect_contact(std::size_t t, Stage stage, double h) {
+  Touch& touch = touches[t];
+  if (touch.distant || touch.without_effect) return;
+  const double gap = std::abs(touch.point.gap) > kGapNoise ? touch.point.gap : 0;
+  const Vector3d& n = touch.point.n_W;
+  ConeRow row = contact_row(t);
+  if (touch.stiffness < kInfinity) {
+    if (!collect_spring(t, row, stage, h)) return;
+  } else {
+    row.target = -gap / h;
+    if (gap <= 0) {
+      // The velocity stage removes the velocity of the position stage's correction, limited by the impulse of the whole step.
+      row.target = stage == Stage::kVelocity ? 0 : std::min(kCorrection * std::max(-gap - kSlop, 0.0) / h, kFastestCorrection);
+      if (stage == Stage::kVelocity && options.method != Method::kDantzig) row.lo = std::min(0.0, -n.dot(touch.sum));
+    }
+    // Bodies that approach will bounce at the start of the next step.
+    if (touch.restitution > 0 && stage == Stage::kVelocity && normal_velocity(touch) < -kSlow * h * scene.gravity.norm())
+      return;
+  }
+  Eigen::Map<Vector3d>(row.x) = row.d.transpose() * touch.impulse;
+  for (int k = 0; k < 2; ++k) {
+    const double share = touch.mu_share[k];
+    if (share != 1) row.x[k + 1] = share > 0 ? row.x[k + 1] / (share * share) : 0;
+  }
+  row.x[0] = std::max(row.x[0], row.lo);
+  rows.add(row);
+  // Bounded by the normal impulse of the last solution: exact for constant forces.
+  const double spin = touch.torsion * std::max(n.dot(touch.impulse), 0.0);
+  if (!(spin > 0)) return;
+  BoxRow turn;
+  turn.a = row.a;
+  turn.b = row.b;
+  turn.m = n;
+  turn.p = row.p;
+  turn.lo = -spin;
+  turn.hi = spin;
+  row_origin.push_back({-1, kJointRows});
+  rows.add(turn);
+}
+
+/// The row of a contact point without target and impulse.
+ConeRow World::Impl::contact_row(std::size_t t) const {
+  const Touch& touch = touches[t];
+  const Vector3d& n = touch.point.n_W;
+  ConeRow row;
+  row.a = bodies[index(touch.point.body_a)].motion == scene::Motion::kStatic ? -1 : touch.point.body_a;
+  row.b = bodies[index(touch.point.body_b)].motion == scene::Motion::kStatic ? -1 : touch.point.body_b;
+  Eigen::Index least = 0;
+  n.cwiseAbs().minCoeff(&least);
+  const Vector3d t1 = touch.tangent.isZero(0) ? Vector3d(n.cross(Vector3d::Unit(least)).normalized()) : touch.tangent;
+  // Tangents scaled by their share of mu make the elliptic cone a round one.
+  row.d << n, touch.mu_share[0] * t1, touch.mu_share[1] * n.cross(t1);
+  row.p = touch.point.p_W;
+  row.mu = touch.mu;
+  row.point = static_cast<int>(t);
+  return row;
+}
+
+}  // namespace cotwin::contact_world
