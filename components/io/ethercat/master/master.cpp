@@ -286,6 +286,7 @@ void Master::end_sequence(std::int64_t now) {
     return;
   }
   if (way_ == Way::kRun) return reach_op(recovering_);
+  if (way_ == Way::kStart) ++status_[recovering_].restarts;
   begin(recovering_, way_ == Way::kAddress ? Way::kStart : Way::kRun, now);
 }
 

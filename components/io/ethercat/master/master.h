@@ -35,6 +35,7 @@ class Master {
     State state = State::kSafeOp;  // the last that was read
     bool present = true;
     bool down = false;            // lost, or left OP, and not yet back
+    int restarts = 0;             // times that it was brought up from INIT during operation
     AlCode code = AlCode::kNone;  // of its last error
   };
 

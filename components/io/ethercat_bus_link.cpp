@@ -1,0 +1,97 @@
+#include "components/io/ethercat_bus_link.h"
+
+#include <poll.h>
+#include <time.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <limits>
+
+#include "models/support/error.h"
+
+namespace cotwin::io {
+
+namespace {
+
+const std::string kPlace = "unit:io?link=ethercat_bus";
+constexpr int kIdle = 1;  // ms without a frame after which watchdogs and filters are looked at
+
+std::int64_t monotonic() {
+  timespec t;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return static_cast<std::int64_t>(t.tv_sec) * 1'000'000'000 + t.tv_nsec;
+}
+
+std::int32_t narrow(std::int64_t value) {
+  return static_cast<std::int32_t>(std::min<std::int64_t>(value, std::numeric_limits<std::int32_t>::max()));
+}
+
+}  // namespace
+
+EtherCatBusLink::EtherCatBusLink(Settings& settings)
+    : interface_(settings.text("interface")), slaves_(read_slaves(settings, kPlace)), field_(slaves_) {
+  if (interface_ == "emulated") {
+    throw Error(kPlace, "interface is missing, expected the network interface at which a master operates the bus, as in interface=veth1");
+  }
+}
+
+EtherCatBusLink::~EtherCatBusLink() { stop(); }
+
+void EtherCatBusLink::stop() {
+  if (thread_.joinable()) {
+    const char byte = 0;
+    static_cast<void>(!write(wake_[1], &byte, 1));
+    thread_.join();
+  }
+  for (int& end : wake_) {
+    if (end >= 0) close(end);
+    end = -1;
+  }
+}
+
+void EtherCatBusLink::declare(Variables& v, JointVariables&) {
+  v.output("frames", frames_, "frames of masters that were answered");
+  v.output("unanswered", unanswered_, "frames that did not come back to the master: damaged, or the interface did not take them");
+  field_.declare(v);
+}
+
+void EtherCatBusLink::initialise(Time, Measured&) {
+  stop();
+  socket_.reset();
+  socket_.emplace(interface_, ethercat::kEtherType, kPlace);
+  if (pipe(wake_) != 0) throw Error(kPlace, "the system has no more file descriptors, expected two for a pipe");
+  frames_served_ = frames_lost_ = 0;
+  field_.initialise(monotonic());
+  thread_ = std::thread([this] { serve(); });
+}
+
+StepResult EtherCatBusLink::step(Time, Duration, const Command&, Measured&) {
+  field_.exchange();
+  frames_ = narrow(frames_served_.load(std::memory_order_relaxed));
+  unanswered_ = narrow(frames_lost_.load(std::memory_order_relaxed));
+  return {};
+}
+
+void EtherCatBusLink::serve() {
+  std::array<std::uint8_t, ethercat::kLongestFrame> buffer;
+  for (;;) {
+    std::array<pollfd, 2> polls{{{socket_->descriptor(), POLLIN, 0}, {wake_[0], POLLIN, 0}}};
+    poll(polls.data(), polls.size(), kIdle);
+    if (polls[1].revents != 0) return;
+    field_.apply(monotonic());
+    field_.bus().advance(monotonic());
+    while (const std::optional<net::RawSocket::Received> received = socket_->receive(buffer)) {
+      if (received->size > buffer.size()) continue;
+      const std::span<std::uint8_t> frame = std::span(buffer).first(received->size);
+      if (field_.bus().transmit(frame, monotonic()) && socket_->send(frame)) {
+        frames_served_.fetch_add(1, std::memory_order_relaxed);
+      } else {
+        frames_lost_.fetch_add(1, std::memory_order_relaxed);
+      }
+    }
+    field_.apply(monotonic());
+  }
+}
+
+}  // namespace cotwin::io
