@@ -1,6 +1,7 @@
 #include "components/io/ethercat/slave.h"
 
 #include <algorithm>
+#include <map>
 #include <string>
 #include <utility>
 
@@ -135,6 +136,7 @@ void Slave::serve_state(std::int64_t now) {
     } else if (const AlCode code = change_to(next); code != AlCode::kNone) {
       enter(state_, code);
     } else {
+      if (has_error()) enter(state_, AlCode::kNone);
       wanted_ = next;
       wanted_at_ = now + options_.state_time;
       wanted_until_ = wanted_at_ + options_.outputs_wait;
@@ -254,6 +256,7 @@ void Slave::make_objects() {
       objects_.add(index, static_cast<std::uint8_t>(i + 1), "PDO", kU16, 16, list[i], writable);
     }
   }
+  std::map<std::pair<std::uint16_t, std::uint8_t>, const PdoEntry*> widest;  // an object can be in PDOs with different lengths
   for (const std::vector<Pdo>* pdos : {&sii_.rx_pdos, &sii_.tx_pdos}) {
     for (const Pdo& p : *pdos) {
       if (objects_.has(p.index)) continue;  // the same PDO twice in the image
@@ -263,9 +266,13 @@ void Slave::make_objects() {
         objects_.add(p.index, static_cast<std::uint8_t>(i + 1), e.name, kU32, 32,
                      static_cast<std::uint64_t>(e.index) << 16 | static_cast<std::uint64_t>(e.subindex) << 8 | e.bits);
         if (e.index == 0 || e.bits == 0 || e.bits > 64) continue;
-        if (!objects_.find(e.index, e.subindex)) objects_.add(e.index, e.subindex, e.name, e.type, e.bits, 0);
+        const PdoEntry*& known = widest[{e.index, e.subindex}];
+        if (!known || known->bits < e.bits) known = &e;
       }
     }
+  }
+  for (const auto& [key, e] : widest) {
+    if (!objects_.find(e->index, e->subindex)) objects_.add(e->index, e->subindex, e->name, e->type, e->bits, 0);
   }
   // Subindex 0 of the objects with process data: the highest subindex.
   std::vector<std::pair<std::uint16_t, std::uint8_t>> highest;
@@ -393,7 +400,9 @@ void Slave::measure_process_data() {
     std::size_t bits = 0;
     visit_assigned(n, [&](const Pdo& p) { bits += p.bits(); });
     length = (bits + 7) / 8;
-    if (bits == 0 && !coe_) length = sii_.sync_managers[static_cast<std::size_t>(n)].length;
+    const std::vector<Pdo>& pdos = outputs ? sii_.rx_pdos : sii_.tx_pdos;
+    const bool by_pdos = std::any_of(pdos.begin(), pdos.end(), [&](const Pdo& p) { return p.sync_manager == n; });
+    if (bits == 0 && !by_pdos) length = sii_.sync_managers[static_cast<std::size_t>(n)].length;
     std::size_t& total = outputs ? output_bytes_ : input_bytes_;
     length = std::min(length, kLongestFrame - total);
     total += length;
