@@ -32,7 +32,9 @@ std::int32_t narrow(std::int64_t value) {
 EtherCatBusLink::EtherCatBusLink(Settings& settings)
     : interface_(settings.text("interface")), slaves_(read_slaves(settings, kPlace)), field_(slaves_) {
   if (interface_ == "emulated") {
-    throw Error(kPlace, "interface is missing, expected the network interface at which a master operates the bus, as in interface=veth1");
+    throw Error(
+        kPlace,
+        "interface is missing, expected the network interface at which a master operates the bus, as in interface=veth1");
   }
 }
 
@@ -52,7 +54,8 @@ void EtherCatBusLink::stop() {
 
 void EtherCatBusLink::declare(Variables& v, JointVariables&) {
   v.output("frames", frames_, "frames of masters that were answered");
-  v.output("unanswered", unanswered_, "frames that did not come back to the master: damaged, or the interface did not take them");
+  v.output("unanswered", unanswered_,
+           "frames that did not come back to the master: damaged, or the interface did not take them");
   field_.declare(v);
 }
 

@@ -27,7 +27,8 @@ void EtherCatField::declare(Variables& v) {
     } else if (s.kind == Kind::kDigitalOutputs) {
       v.output(s.name + "_field", t.channels, "what the channels of the " + s.device + " switch");
     } else if (s.kind == Kind::kEncoder) {
-      v.input(s.name + "_field", t.position, "1", "position of the encoder at the " + s.device + ", in counts (4 per line); rounded down");
+      v.input(s.name + "_field", t.position, "1",
+              "position of the encoder at the " + s.device + ", in counts (4 per line); rounded down");
     }
   }
   v.output("bus_state", states_, "state of each emulated slave: 1 INIT, 2 PREOP, 4 SAFEOP, 8 OP; 0: switched off");
@@ -87,7 +88,8 @@ void EtherCatField::apply(std::int64_t now) {
     Terminal& t = terminals_[i];
     ethercat::Slave& slave = bus_.slave(i);
     if (slaves_[i].kind == Kind::kDigitalInputs) {
-      static_cast<ethercat::El1809&>(slave).set_channels(static_cast<std::uint16_t>(t.bits.load(std::memory_order_relaxed)), now);
+      static_cast<ethercat::El1809&>(slave).set_channels(static_cast<std::uint16_t>(t.bits.load(std::memory_order_relaxed)),
+                                                         now);
     } else if (slaves_[i].kind == Kind::kDigitalOutputs) {
       t.bits.store(static_cast<ethercat::El2809&>(slave).channels(), std::memory_order_relaxed);
     } else if (slaves_[i].kind == Kind::kEncoder) {

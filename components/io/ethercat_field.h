@@ -31,9 +31,9 @@ class EtherCatField {
 
  private:
   struct Terminal {
-    std::array<bool, 16> channels{};        // port
-    double position = 0;                    // port, counts
-    std::atomic<std::uint32_t> bits{0};     // channels between the threads
+    std::array<bool, 16> channels{};     // port
+    double position = 0;                 // port, counts
+    std::atomic<std::uint32_t> bits{0};  // channels between the threads
     std::atomic<std::int64_t> counts{0};
     std::atomic<std::int32_t> state{0};
   };

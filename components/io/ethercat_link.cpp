@@ -22,7 +22,8 @@ constexpr std::int64_t kEpoch = 946'684'800'000'000'000;  // ns from 1970 to 200
 constexpr const char* kNotOperational = "the bus was not operational at some time: its outputs were off and its inputs held";
 
 constexpr const char* kRestarted =
-    "an encoder terminal was switched off and on: its position continues from the last known one, movements meanwhile are unknown";
+    "an encoder terminal was switched off and on: its position continues from the last known one, movements meanwhile are "
+    "unknown";
 
 std::int64_t nanoseconds(double seconds) { return std::llround(seconds * 1e9); }
 
@@ -67,14 +68,14 @@ class EtherCatLink::Source final : public TickSource {
 
 /// The ports of one slave.
 struct EtherCatLink::Device {
-  std::array<bool, 16> channels{};             // EL1809, EL2809
+  std::array<bool, 16> channels{};                  // EL1809, EL2809
   std::unique_ptr<bool[]> input_bits, output_bits;  // of slaves whose channels are bits
-  std::vector<std::int32_t> inputs, outputs;   // other channels of the SII's PDOs
+  std::vector<std::int32_t> inputs, outputs;        // other channels of the SII's PDOs
   // EL5101
   std::int32_t count = 0, latch = 0, set_value = 0;
   bool set = false, set_done = false, latch_c = false, latch_rising = false, latch_falling = false, latched = false;
-  std::uint32_t last = 0;        // counter of the terminal
-  std::int64_t counts = 0;       // since the start
+  std::uint32_t last = 0;          // counter of the terminal
+  std::int64_t counts = 0;         // since the start
   std::int64_t counts_before = 0;  // one step ago
   bool known = false;              // `last` is valid
   int restarts = 0;
@@ -179,9 +180,12 @@ void EtherCatLink::declare_device(Variables& v, std::size_t i) {
       for (std::size_t c = 0; c < channels.size(); ++c) {
         const ethercat::Channel& channel = channels[c];
         if (channel.bits > 32) {
-          throw Error(kPlace, s.device + ": '" + channel.name + "' has " + std::to_string(channel.bits) + " bits, expected at most 32");
+          throw Error(kPlace,
+                      s.device + ": '" + channel.name + "' has " + std::to_string(channel.bits) + " bits, expected at most 32");
         }
-        const std::string name = s.name + "_" + (channel.index == 0 ? std::to_string(c) : hex4(channel.index) + "_" + std::to_string(channel.subindex));
+        const std::string name =
+            s.name + "_" +
+            (channel.index == 0 ? std::to_string(c) : hex4(channel.index) + "_" + std::to_string(channel.subindex));
         const std::string meaning = (channel.name.empty() ? "value" : channel.name) + " of the " + s.device + ", " +
                                     std::to_string(channel.bits) + " bits, without sign unless it has 32";
         if (outputs) {

@@ -39,24 +39,26 @@ std::vector<std::uint8_t> read_image(const std::filesystem::path& path) {
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
-ethercat::PdoChoice encoder_pdos(bool wide) {
-  return wide ? ethercat::PdoChoice{{0x1603}, {0x1a04}} : ethercat::PdoChoice{};
-}
+ethercat::PdoChoice encoder_pdos(bool wide) { return wide ? ethercat::PdoChoice{{0x1603}, {0x1a04}} : ethercat::PdoChoice{}; }
 
 }  // namespace
 
 bool SlaveChoice::is_digital(bool outputs) const {
   const std::vector<ethercat::Channel>& channels = outputs ? setup.outputs : setup.inputs;
-  return !channels.empty() && std::all_of(channels.begin(), channels.end(), [](const ethercat::Channel& c) { return c.bits == 1; });
+  return !channels.empty() &&
+         std::all_of(channels.begin(), channels.end(), [](const ethercat::Channel& c) { return c.bits == 1; });
 }
 
 void declare_ethercat_settings(SettingList& s) {
-  s.text("slaves", "",
-         "link=ethercat, ethercat_bus: the slaves in the order of the bus, as in EK1100,buttons:EL1809,valves:EL2809,axis:EL5101; "
-         "door:EL1004.bin: a device that is described by its SII image in that file; the name before the colon is the prefix of its ports");
+  s.text(
+      "slaves", "",
+      "link=ethercat, ethercat_bus: the slaves in the order of the bus, as in EK1100,buttons:EL1809,valves:EL2809,axis:EL5101; "
+      "door:EL1004.bin: a device that is described by its SII image in that file; the name before the colon is the prefix of "
+      "its ports");
   s.integer("encoder_bits", 16, 16, 32, "link=ethercat: bits of the counters of EL5101: 16, or 32, which is set up over CoE");
   s.text("interface", "emulated",
-         "link=ethercat, ethercat_bus: network interface of the bus; emulated: a bus within this program, whose field side are further ports");
+         "link=ethercat, ethercat_bus: network interface of the bus; emulated: a bus within this program, whose field side are "
+         "further ports");
   s.boolean("clocks", true, "link=ethercat: whether distributed clocks are synchronised");
 }
 
@@ -85,7 +87,8 @@ std::vector<SlaveChoice> read_slaves(Settings& settings, const std::string& plac
       choice.setup = ethercat::setup_of(sii, {}, path.string());
       choice.device = choice.setup.device.empty() ? path.filename().string() : choice.setup.device;
     } else {
-      const auto known = std::find_if(std::begin(kKnown), std::end(kKnown), [&](const Known& k) { return choice.device == k.device; });
+      const auto known =
+          std::find_if(std::begin(kKnown), std::end(kKnown), [&](const Known& k) { return choice.device == k.device; });
       if (known == std::end(kKnown)) {
         throw Error(place, "slaves: no device '" + choice.device +
                                "', expected EK1100, EL1809, EL2809, EL5101 or the file of an SII image, as in door:EL1004.bin");

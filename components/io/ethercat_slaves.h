@@ -15,8 +15,8 @@ namespace cotwin::io {
 struct SlaveChoice {
   enum class Kind : std::uint8_t { kCoupler, kDigitalInputs, kDigitalOutputs, kEncoder, kImage };
 
-  std::string name;     // prefix of its ports; empty: it has none
-  std::string device;   // "EL1809", or the order number in the SII
+  std::string name;    // prefix of its ports; empty: it has none
+  std::string device;  // "EL1809", or the order number in the SII
   Kind kind = Kind::kCoupler;
   std::vector<std::uint8_t> image;  // kImage: its SII
   ethercat::SlaveSetup setup;

@@ -9,7 +9,8 @@ namespace cotwin::ethercat {
 namespace {
 
 constexpr std::uint16_t kFirstStation = 0x1001;
-constexpr std::size_t kLargestSegment = 1200;  // bytes; leaves room for clock and state in the same frame
+constexpr std::size_t kLargestSegment = 1200;         // bytes; leaves room for clock and state in the same frame
+constexpr std::size_t kLargestImage = 32'768;         // bytes of an SII
 constexpr std::int64_t kSiiPatience = 1'000'000'000;  // ns that a slave may be busy with its EEPROM
 
 std::string position_of(const std::string& place, std::size_t i) { return place + ": slave " + std::to_string(i); }
@@ -73,20 +74,17 @@ std::vector<std::uint8_t> read_sii_image(Exchange& exchange, std::uint16_t stati
     }
   };
   extend(128);
-  const std::size_t largest = 128 * (std::size_t{load<std::uint16_t>(image.data() + 0x7c)} + 1);
-  std::size_t at = 128;
-  while (at + 4 <= largest) {
+  // The size in the image is not always right, so the categories are followed up to their end.
+  for (std::size_t at = 128; at + 4 <= kLargestImage;) {
     extend(at + 4);
     if (load<std::uint16_t>(image.data() + at) == 0xffff) {
-      image.resize(std::max(at + 4, std::size_t{132}));
+      image.resize(at + 4);
       return image;
     }
     at += 4 + 2 * std::size_t{load<std::uint16_t>(image.data() + at + 2)};
-    if (at > largest) break;
-    extend(at);
+    if (at <= kLargestImage) extend(at);
   }
-  if (at == 128) return image;
-  throw Error(place, "the categories of its SII reach past the " + std::to_string(largest) + " bytes of its EEPROM");
+  throw Error(place, "the categories of its SII have no end within " + std::to_string(kLargestImage) + " bytes");
 }
 
 std::vector<FoundSlave> scan_bus(Exchange& exchange, const std::string& place) {
@@ -168,17 +166,19 @@ class Builder {
     }
     if (found.size() == expected_.size()) return;
     const bool more = found.size() > expected_.size();
-    throw Error(options_.place, std::to_string(found.size()) + " slaves answer, expected " + std::to_string(expected_.size()) + ": " +
-                                    (more ? "slave " + std::to_string(common) + " is unknown"
-                                          : "slave " + std::to_string(common) + " (" + expected_[common].device + ") is missing"));
+    throw Error(options_.place,
+                std::to_string(found.size()) + " slaves answer, expected " + std::to_string(expected_.size()) + ": " +
+                    (more ? "slave " + std::to_string(common) + " is unknown"
+                          : "slave " + std::to_string(common) + " (" + expected_[common].device + ") is missing"));
   }
 
   void check_sizes(const BusSlave& slave, std::size_t i) const {
     const ExpectedSlave& e = slave.expected;
     const SlaveSetup& s = slave.setup;
     if (e.input_bytes == s.input_bytes && e.output_bytes == s.output_bytes) return;
-    throw Error(place_of(i), "has " + std::to_string(s.output_bytes) + " bytes of outputs and " + std::to_string(s.input_bytes) +
-                                 " of inputs, expected " + std::to_string(e.output_bytes) + " and " + std::to_string(e.input_bytes));
+    throw Error(place_of(i), "has " + std::to_string(s.output_bytes) + " bytes of outputs and " +
+                                 std::to_string(s.input_bytes) + " of inputs, expected " + std::to_string(e.output_bytes) +
+                                 " and " + std::to_string(e.input_bytes));
   }
 
   void measure_delays() {
@@ -227,7 +227,8 @@ class Builder {
       bus_.input_bytes += s.setup.input_bytes;
       bus_.output_bytes += s.setup.output_bytes;
       if (bytes > 0) {
-        if (bus_.segments.empty() || bus_.segments.back().input_bytes + bus_.segments.back().output_bytes + bytes > kLargestSegment) {
+        if (bus_.segments.empty() ||
+            bus_.segments.back().input_bytes + bus_.segments.back().output_bytes + bytes > kLargestSegment) {
           Segment segment;
           segment.logical = static_cast<std::uint32_t>(bus_.segments.size()) * kSegmentSpan;
           segment.inputs_at = s.inputs_at;
@@ -288,14 +289,15 @@ class Builder {
     steps.push_back(write(station, reg::kAlControl, value, what));
   }
 
-  static void set_sync_manager(std::vector<Step>& steps, std::uint16_t station, int n, std::uint16_t start, std::uint16_t length,
-                               std::uint8_t control) {
+  static void set_sync_manager(std::vector<Step>& steps, std::uint16_t station, int n, std::uint16_t start,
+                               std::uint16_t length, std::uint8_t control) {
     std::vector<std::uint8_t> bytes(reg::kSyncManagerSize);
     store(bytes.data(), start);
     store(bytes.data() + 2, length);
     bytes[4] = control;
     bytes[6] = sync_manager::kEnabled;
-    steps.push_back(datagram(Command::kFpwr, at_station(station, static_cast<std::uint16_t>(reg::kSyncManager + n * reg::kSyncManagerSize)),
+    steps.push_back(datagram(Command::kFpwr,
+                             at_station(station, static_cast<std::uint16_t>(reg::kSyncManager + n * reg::kSyncManagerSize)),
                              std::move(bytes), "take the settings of its sync managers"));
   }
 
@@ -343,7 +345,8 @@ class Builder {
           throw Error(place_of(i), "has " + std::to_string(s.found.fmmus) + " FMMUs, expected more for its process data");
         }
         std::vector<std::uint8_t> bytes(reg::kFmmuSize);
-        const std::uint32_t logical = (outputs ? s.logical_outputs : s.logical_inputs) + static_cast<std::uint32_t>(first->offset);
+        const std::uint32_t logical =
+            (outputs ? s.logical_outputs : s.logical_inputs) + static_cast<std::uint32_t>(first->offset);
         store(bytes.data(), logical);
         store(bytes.data() + 4, static_cast<std::uint16_t>(length));
         bytes[7] = 7;  // last bit of the last byte
@@ -373,10 +376,12 @@ class Builder {
 
   void set_clock(std::vector<Step>& steps, const BusSlave& s) const {
     const std::uint16_t station = s.found.station;
-    Step step = datagram(Command::kBwr, at_position(0, reg::kReceiveTimes), std::vector<std::uint8_t>(4), "latch the receive times");
+    Step step =
+        datagram(Command::kBwr, at_position(0, reg::kReceiveTimes), std::vector<std::uint8_t>(4), "latch the receive times");
     step.kind = Step::Kind::kLatch;
     steps.push_back(std::move(step));
-    step = datagram(Command::kFprd, at_station(station, reg::kReceiveTime), std::vector<std::uint8_t>(8), "give its receive time");
+    step =
+        datagram(Command::kFprd, at_station(station, reg::kReceiveTime), std::vector<std::uint8_t>(8), "give its receive time");
     step.kind = Step::Kind::kReadLocal;
     steps.push_back(std::move(step));
     if (!s.times.is_reference) {
@@ -397,7 +402,8 @@ class Builder {
     const std::uint16_t station = s.found.station;
     const char* const what = "take the settings of SYNC0";
     steps.push_back(write<std::uint16_t>(station, reg::kCyclicControl, 0, what));
-    Step step = datagram(Command::kFprd, at_station(station, reg::kSystemTime), std::vector<std::uint8_t>(8), "give its system time");
+    Step step =
+        datagram(Command::kFprd, at_station(station, reg::kSystemTime), std::vector<std::uint8_t>(8), "give its system time");
     step.kind = Step::Kind::kReadNow;
     steps.push_back(std::move(step));
     step = write<std::int64_t>(station, reg::kStartTime, 0, what);
@@ -416,12 +422,15 @@ class Builder {
       std::vector<std::uint8_t> request(6);
       store(request.data(), sii_control::kRead);
       store(request.data() + 2, word);
-      s.address.push_back(datagram(Command::kApwr, at_position(position, reg::kSiiControl), std::move(request), "take requests to its SII"));
-      Step ready = datagram(Command::kAprd, at_position(position, reg::kSiiControl), std::vector<std::uint8_t>(2), "read its SII");
+      s.address.push_back(
+          datagram(Command::kApwr, at_position(position, reg::kSiiControl), std::move(request), "take requests to its SII"));
+      Step ready =
+          datagram(Command::kAprd, at_position(position, reg::kSiiControl), std::vector<std::uint8_t>(2), "read its SII");
       ready.mask = {0, sii_control::kBusy >> 8};
       ready.expected = {0, 0};
       s.address.push_back(std::move(ready));
-      Step compare = datagram(Command::kAprd, at_position(position, reg::kSiiData), std::vector<std::uint8_t>(4), "show its identity");
+      Step compare =
+          datagram(Command::kAprd, at_position(position, reg::kSiiData), std::vector<std::uint8_t>(4), "show its identity");
       compare.mask.assign(4, 0xff);
       compare.expected.resize(4);
       store(compare.expected.data(), value);
@@ -432,7 +441,8 @@ class Builder {
     identity(0x0a, s.found.sii.product);
     std::vector<std::uint8_t> bytes(2);
     store(bytes.data(), station);
-    s.address.push_back(datagram(Command::kApwr, at_position(position, reg::kStation), std::move(bytes), "take a station address"));
+    s.address.push_back(
+        datagram(Command::kApwr, at_position(position, reg::kStation), std::move(bytes), "take a station address"));
 
     std::vector<Step>& steps = s.start;
     acknowledge(steps, station, State::kInit, "go to INIT");
@@ -476,7 +486,8 @@ class Builder {
     std::vector<std::uint8_t> data;
     while (sequence.status() == Sequence::Status::kBusy) {
       data.assign(sequence.data().begin(), sequence.data().end());
-      const std::optional<std::uint16_t> count = exchange_.transfer(sequence.command(), sequence.address(), std::span<std::uint8_t>(data));
+      const std::optional<std::uint16_t> count =
+          exchange_.transfer(sequence.command(), sequence.address(), std::span<std::uint8_t>(data));
       sequence.receive(count.has_value(), count.value_or(0), data, time_, exchange_.wire().now());
     }
     if (sequence.status() == Sequence::Status::kFailed) throw Error(place_of(i), sequence.failure());

@@ -15,14 +15,14 @@ namespace cotwin::ethercat {
 
 /// A slave that the user expects.
 struct ExpectedSlave {
-  std::string name;                        // "axis"
-  std::string device;                      // "EL5101"
-  std::uint32_t vendor = 0, product = 0;   // 0: any
+  std::string name;                       // "axis"
+  std::string device;                     // "EL5101"
+  std::uint32_t vendor = 0, product = 0;  // 0: any
   PdoChoice pdos;
   std::size_t input_bytes = 0, output_bytes = 0;  // that its ports were made for
-  std::optional<Sii> sii;                  // instead of that in the slave
-  std::uint16_t sync_activation = 0;       // to 0x0980 and 0x0981, with distributed clocks; 0: without SYNC0
-  std::int64_t sync0_shift = 0;            // ns
+  std::optional<Sii> sii;                         // instead of that in the slave
+  std::uint16_t sync_activation = 0;              // to 0x0980 and 0x0981, with distributed clocks; 0: without SYNC0
+  std::int64_t sync0_shift = 0;                   // ns
 };
 
 /// A slave that answers.
@@ -40,12 +40,12 @@ struct BusSlave {
   FoundSlave found;
   SlaveSetup setup;
   Place place;
-  std::uint32_t delay = 0;                         // ns from the reference clock
-  std::size_t inputs_at = 0, outputs_at = 0;       // of its bytes in the images of all inputs and outputs
+  std::uint32_t delay = 0;                                // ns from the reference clock
+  std::size_t inputs_at = 0, outputs_at = 0;              // of its bytes in the images of all inputs and outputs
   std::uint32_t logical_inputs = 0, logical_outputs = 0;  // first logical addresses
-  std::vector<Step> start;   // from INIT to SAFEOP, after its station address was set
-  std::vector<Step> address; // sets the station address of a slave that lost it, after checking its identity
-  std::vector<Step> run;     // from SAFEOP to OP
+  std::vector<Step> start;                                // from INIT to SAFEOP, after its station address was set
+  std::vector<Step> address;  // sets the station address of a slave that lost it, after checking its identity
+  std::vector<Step> run;      // from SAFEOP to OP
   SlaveTimes times;
 };
 
@@ -54,10 +54,10 @@ inline constexpr std::uint32_t kSegmentSpan = 0x1000;
 
 /// Part of the process image that one datagram exchanges.
 struct Segment {
-  std::uint32_t logical = 0;                      // its outputs, then its inputs
+  std::uint32_t logical = 0;                     // its outputs, then its inputs
   std::size_t outputs_at = 0, output_bytes = 0;  // in the image of all outputs
   std::size_t inputs_at = 0, input_bytes = 0;
-  bool combined = true;                          // one LRW; otherwise LWR and LRD
+  bool combined = true;                           // one LRW; otherwise LWR and LRD
   std::uint16_t read_count = 0, write_count = 0;  // working counters of LRD and LWR
   std::uint16_t expected() const { return static_cast<std::uint16_t>(combined ? read_count + 2 * write_count : read_count); }
 };
@@ -70,11 +70,11 @@ struct BusSetup {
 };
 
 struct SetupOptions {
-  std::string place = "EtherCAT";   // for messages: "interface eth1"
-  std::int64_t cycle = 1'000'000;   // ns, of SYNC0
-  bool clocks = false;              // distributed clocks
-  int drift_frames = 15'000;        // that compensate the drift of the clocks before SAFEOP
-  std::int64_t system_time = 0;     // ns since 2000-01-01, at Wire::now() == host_time
+  std::string place = "EtherCAT";  // for messages: "interface eth1"
+  std::int64_t cycle = 1'000'000;  // ns, of SYNC0
+  bool clocks = false;             // distributed clocks
+  int drift_frames = 15'000;       // that compensate the drift of the clocks before SAFEOP
+  std::int64_t system_time = 0;    // ns since 2000-01-01, at Wire::now() == host_time
   std::int64_t host_time = 0;
 };
 

@@ -9,8 +9,8 @@ namespace cotwin::ethercat {
 
 namespace {
 
-constexpr std::uint8_t kErrands = 0x80;             // indices of errands begin here
-constexpr std::int64_t kRetry = 100'000'000;        // ns from a failed recovery to the next attempt
+constexpr std::uint8_t kErrands = 0x80;       // indices of errands begin here
+constexpr std::int64_t kRetry = 100'000'000;  // ns from a failed recovery to the next attempt
 constexpr std::uint8_t kAllOp = static_cast<std::uint8_t>(State::kOp);
 
 }  // namespace
@@ -47,7 +47,9 @@ void Master::cycle(Wire& wire) {
 }
 
 bool Master::collect(Wire& wire, std::int64_t deadline) {
-  const auto all_answered = [&] { return std::all_of(frames_.begin(), frames_.end(), [](const Frame& f) { return f.answered; }); };
+  const auto all_answered = [&] {
+    return std::all_of(frames_.begin(), frames_.end(), [](const Frame& f) { return f.answered; });
+  };
   // A deadline of 0 takes everything that has come; another one is over when all answers are here.
   while (deadline == 0 || !all_answered()) {
     const std::size_t size = wire.receive(buffer_, deadline);
@@ -120,7 +122,8 @@ void Master::take_cyclic(FrameReader& reader, std::int64_t now) {
   frame.answered = true;
   frame.complete = complete;
   if (complete && segment < bus_.segments.size()) {
-    std::copy(arriving_.begin(), arriving_.end(), inputs_.begin() + static_cast<std::ptrdiff_t>(bus_.segments[segment].inputs_at));
+    std::copy(arriving_.begin(), arriving_.end(),
+              inputs_.begin() + static_cast<std::ptrdiff_t>(bus_.segments[segment].inputs_at));
   }
 }
 
@@ -162,7 +165,8 @@ void Master::send_frames(Wire& wire) {
     FrameWriter writer(buffer_);
     writer.begin();
     if (i == 0) {
-      if (bus_.reference >= 0) writer.add(Command::kFrmw, index_, at_station(time_.reference, reg::kSystemTime), std::size_t{8});
+      if (bus_.reference >= 0)
+        writer.add(Command::kFrmw, index_, at_station(time_.reference, reg::kSystemTime), std::size_t{8});
       writer.add(Command::kBrd, index_, at_position(0, reg::kAlStatus), std::size_t{2});
     }
     if (i < bus_.segments.size()) add_process_data(writer, bus_.segments[i]);

@@ -54,8 +54,8 @@ bool Sequence::fits(std::span<const std::uint8_t> answer) const {
   return true;
 }
 
-Sequence::Status Sequence::receive(bool answered, std::uint16_t working_counter, std::span<const std::uint8_t> answer, BusTime& time,
-                                   std::int64_t now) {
+Sequence::Status Sequence::receive(bool answered, std::uint16_t working_counter, std::span<const std::uint8_t> answer,
+                                   BusTime& time, std::int64_t now) {
   if (status_ != Status::kBusy) return status_;
   const Step& s = step();
   const bool broadcast = s.command == Command::kBwr || s.command == Command::kBrd;

@@ -14,9 +14,9 @@ namespace cotwin::ethercat {
 
 /// Times of the bus that a slave's clock is set from.
 struct BusTime {
-  std::uint16_t reference = 0;     // station address of the first slave with a clock; 0: none
-  std::int64_t system = 0;         // ns since 2000-01-01, at `host`
-  std::int64_t host = 0;           // ns, Wire::now()
+  std::uint16_t reference = 0;  // station address of the first slave with a clock; 0: none
+  std::int64_t system = 0;      // ns since 2000-01-01, at `host`
+  std::int64_t host = 0;        // ns, Wire::now()
   std::int64_t at(std::int64_t now) const { return system + (now - host); }
 };
 
@@ -38,7 +38,8 @@ struct Step {
   Command command = Command::kNop;
   std::uint32_t address = 0;
   std::vector<std::uint8_t> data;  // sent
-  std::vector<std::uint8_t> mask, expected;  // answer fits if (answer & mask) == expected; shorter than the data: the rest does not count
+  std::vector<std::uint8_t> mask,
+      expected;  // answer fits if (answer & mask) == expected; shorter than the data: the rest does not count
   std::int64_t timeout = 1'000'000'000;  // ns
   std::size_t back = 0;                  // steps to go back if the answer does not fit
   const char* what = "";                 // for messages: "go to PREOP"
@@ -46,9 +47,9 @@ struct Step {
 
 /// The values of SYNC0 and delay that computed steps use.
 struct SlaveTimes {
-  std::uint32_t delay = 0;        // ns from the reference
-  std::int64_t sync0_cycle = 0;   // ns
-  std::int64_t sync0_shift = 0;   // ns
+  std::uint32_t delay = 0;       // ns from the reference
+  std::int64_t sync0_cycle = 0;  // ns
+  std::int64_t sync0_shift = 0;  // ns
   bool is_reference = false;
 };
 
@@ -65,7 +66,8 @@ class Sequence {
   /// The data of the next datagram. Allocates nothing after it was reserved.
   std::span<const std::uint8_t> data() const { return data_; }
   /// Takes the answer to the last datagram; `answered`: false if it was lost. Updates `time` if the sequence read the reference.
-  Status receive(bool answered, std::uint16_t working_counter, std::span<const std::uint8_t> answer, BusTime& time, std::int64_t now);
+  Status receive(bool answered, std::uint16_t working_counter, std::span<const std::uint8_t> answer, BusTime& time,
+                 std::int64_t now);
   /// The longest datagram that sequences may have, bytes. Call once before cyclic operation.
   void reserve(std::size_t bytes) { data_.reserve(bytes); }
 

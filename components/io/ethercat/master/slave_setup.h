@@ -26,8 +26,8 @@ struct ProcessData {
   std::uint8_t sync_manager = 0;
   std::uint16_t start = 0, length = 0;  // bytes
   std::uint8_t control = 0;
-  bool outputs = false;       // from the master to the slave
-  std::size_t offset = 0;     // of its bytes within the inputs or outputs of the slave
+  bool outputs = false;             // from the master to the slave
+  std::size_t offset = 0;           // of its bytes within the inputs or outputs of the slave
   std::vector<std::uint16_t> pdos;  // indices
 };
 
@@ -42,7 +42,7 @@ struct StartUpValue {
 struct SlaveSetup {
   std::string device;  // "EL1809"
   std::uint32_t vendor = 0, product = 0;
-  SiiMailbox mailbox;    // sizes 0: none
+  SiiMailbox mailbox;  // sizes 0: none
   bool has_coe = false;
   std::vector<StartUpValue> start_up;
   std::vector<ProcessData> process_data;

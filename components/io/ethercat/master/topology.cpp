@@ -64,9 +64,10 @@ std::vector<Place> find_topology(std::span<const SlavePorts> slaves) {
       }
     }
     if (place.parent < 0) {
-      throw Error("EtherCAT", "slave " + std::to_string(i) +
-                                  " answers, but no slave before it has a free port with a cable; expected one: is a port switched off or "
-                                  "a cable loose?");
+      throw Error("EtherCAT",
+                  "slave " + std::to_string(i) +
+                      " answers, but no slave before it has a free port with a cable; expected one: is a port switched off or "
+                      "a cable loose?");
     }
   }
   return places;
@@ -91,7 +92,8 @@ std::vector<std::uint32_t> propagation_delays(std::span<const SlavePorts> slaves
     const auto through = static_cast<std::int32_t>(time(slaves[i], last_port(slaves[i], places[i].entry_port)) -
                                                    time(slaves[i], places[i].entry_port));
     const std::int32_t way = (loop - through) / 2;
-    delays[i] = delays[p] + static_cast<std::uint32_t>(earlier > 0 ? earlier : 0) + static_cast<std::uint32_t>(way > 0 ? way : 0);
+    delays[i] =
+        delays[p] + static_cast<std::uint32_t>(earlier > 0 ? earlier : 0) + static_cast<std::uint32_t>(way > 0 ? way : 0);
   }
   return delays;
 }

@@ -9,8 +9,8 @@ namespace cotwin::ethercat {
 
 /// What the slaves of a bus report, in the order in which frames pass them.
 struct SlavePorts {
-  std::uint16_t dl_status = 0;                 // register 0x0110
-  bool has_clock = false;                      // latches receive times
+  std::uint16_t dl_status = 0;                   // register 0x0110
+  bool has_clock = false;                        // latches receive times
   std::array<std::uint32_t, 4> receive_times{};  // ns of its own clock, register 0x0900, of one frame
 };
 
