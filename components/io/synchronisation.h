@@ -29,6 +29,7 @@ class Synchronisation {
   /// The command of a cycle, h seconds after the last one.
   std::span<const double> command(std::span<const double> q_v, const Gains& gains, double h);
 
+  std::span<const double> last() const { return q_; }         // command, rad
   std::span<const double> discrepancy() const { return e_; }  // e of the last measurement, rad
   std::span<const double> correction() const { return correction_; }
 
