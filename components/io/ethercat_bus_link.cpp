@@ -1,11 +1,8 @@
 #include "components/io/ethercat_bus_link.h"
 
-#include <poll.h>
-#include <time.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <limits>
 
 #include "models/support/error.h"
@@ -15,12 +12,10 @@ namespace cotwin::io {
 namespace {
 
 const std::string kPlace = "unit:io?link=ethercat_bus";
-constexpr int kIdle = 1;  // ms without a frame after which watchdogs and filters are looked at
+constexpr std::int64_t kIdle = 1'000'000;  // ns without a frame after which watchdogs and filters are looked at
 
 std::int64_t monotonic() {
-  timespec t;
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return static_cast<std::int64_t>(t.tv_sec) * 1'000'000'000 + t.tv_nsec;
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
 std::int32_t narrow(std::int64_t value) {
@@ -41,15 +36,9 @@ EtherCatBusLink::EtherCatBusLink(Settings& settings)
 EtherCatBusLink::~EtherCatBusLink() { stop(); }
 
 void EtherCatBusLink::stop() {
-  if (thread_.joinable()) {
-    const char byte = 0;
-    static_cast<void>(!write(wake_[1], &byte, 1));
-    thread_.join();
-  }
-  for (int& end : wake_) {
-    if (end >= 0) close(end);
-    end = -1;
-  }
+  if (!thread_.joinable()) return;
+  ends_ = true;
+  thread_.join();
 }
 
 void EtherCatBusLink::declare(Variables& v, JointVariables&) {
@@ -63,7 +52,7 @@ void EtherCatBusLink::initialise(Time, Measured&) {
   stop();
   socket_.reset();
   socket_.emplace(interface_, ethercat::kEtherType, kPlace);
-  if (pipe(wake_) != 0) throw Error(kPlace, "the system has no more file descriptors, expected two for a pipe");
+  ends_ = false;
   frames_served_ = frames_lost_ = 0;
   field_.initialise(monotonic());
   thread_ = std::thread([this] { serve(); });
@@ -78,10 +67,8 @@ StepResult EtherCatBusLink::step(Time, Duration, const Command&, Measured&) {
 
 void EtherCatBusLink::serve() {
   std::array<std::uint8_t, ethercat::kLongestFrame> buffer;
-  for (;;) {
-    std::array<pollfd, 2> polls{{{socket_->descriptor(), POLLIN, 0}, {wake_[0], POLLIN, 0}}};
-    poll(polls.data(), polls.size(), kIdle);
-    if (polls[1].revents != 0) return;
+  while (!ends_) {
+    socket_->wait(monotonic() + kIdle);
     field_.apply(monotonic());
     field_.bus().advance(monotonic());
     while (const std::optional<net::RawSocket::Received> received = socket_->receive(buffer)) {

@@ -36,8 +36,8 @@ class EtherCatBusLink final : public Link {
   std::vector<SlaveChoice> slaves_;
   EtherCatField field_;
   std::optional<net::RawSocket> socket_;
-  int wake_[2] = {-1, -1};  // a pipe that ends the thread
   std::thread thread_;
+  std::atomic<bool> ends_{false};
   std::atomic<std::int64_t> frames_served_{0}, frames_lost_{0};
   // Outputs.
   std::int32_t frames_ = 0, unanswered_ = 0;

@@ -1,11 +1,11 @@
 #include "components/io/ethercat_link.h"
 
-#include <time.h>
-
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <thread>
 
 #include "components/io/ethercat/master/raw_wire.h"
 #include "components/unit/tick_source.h"
@@ -28,9 +28,8 @@ constexpr const char* kRestarted =
 std::int64_t nanoseconds(double seconds) { return std::llround(seconds * 1e9); }
 
 std::int64_t time_since_2000() {
-  timespec t;
-  clock_gettime(CLOCK_REALTIME, &t);
-  return static_cast<std::int64_t>(t.tv_sec) * 1'000'000'000 + t.tv_nsec - kEpoch;
+  const auto now = std::chrono::system_clock::now().time_since_epoch();
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(now).count() - kEpoch;
 }
 
 std::string hex4(unsigned value) {
@@ -52,8 +51,7 @@ class EtherCatLink::Source final : public TickSource {
     link_.master_->collect(*link_.wire_, std::max<std::int64_t>(deadline, 1));
     if (link_.master_->system_time_at() == told_) {
       // Nothing more comes in this cycle.
-      const timespec t{deadline / 1'000'000'000, deadline % 1'000'000'000};
-      if (deadline > link_.wire_->now()) clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr);
+      std::this_thread::sleep_until(std::chrono::steady_clock::time_point(std::chrono::nanoseconds(deadline)));
       return std::nullopt;
     }
     told_ = link_.master_->system_time_at();

@@ -53,41 +53,45 @@ class Client {
   std::span<const std::uint8_t> answer(const Command& wanted, std::int64_t now);
 
   /// The newest message.
-  const Monitoring& monitoring() const { return monitoring_; }
+  const Monitoring& monitoring() const { return messages_[newest_]; }
   /// The answer sent last.
   const Command& sent() const { return sent_; }
   bool connected(std::int64_t now) const;
   /// IDLE if not connected.
-  SessionState state(std::int64_t now) const { return connected(now) ? monitoring_.state : SessionState::kIdle; }
+  SessionState state(std::int64_t now) const { return connected(now) ? monitoring().state : SessionState::kIdle; }
   /// Whether wanted values reach the robot: the state of the newest message.
-  bool commanding() const { return started_ && monitoring_.state == SessionState::kCommandingActive; }
+  bool commanding() const { return started_ && monitoring().state == SessionState::kCommandingActive; }
   net::Endpoint controller() const { return controller_; }
   const ClientStatistics& statistics() const { return statistics_; }
 
  private:
-  bool is_stranger(const net::Endpoint& from, std::int64_t arrival);
+  bool is_stranger(const net::Endpoint& from, std::int64_t arrival) const;
+  bool is_finite(const Monitoring& message) const;
+  void note_interval(const Monitoring& message, std::int64_t arrival);
   void note_reflected(std::uint32_t reflected, std::int64_t arrival);
-  void note_interval(std::int64_t position, std::int64_t arrival);
-  void compose(const Command& wanted);
   void compose_lwr(const Command& wanted);
   void compose_sunrise(const Command& wanted);
+  void take_quantities(const Command& wanted, std::uint32_t fields);
   void limit_speed(const Joints& before);
 
   ClientSettings settings_;
   ClientStatistics statistics_;
-  Monitoring monitoring_, received_;
+  std::array<Monitoring, 2> messages_;  // the newest, and room for the next
+  std::size_t newest_ = 0;
   Command sent_;
   std::array<std::uint8_t, kMaxDatagram> datagram_{};
   net::Endpoint controller_;
   bool started_ = false;
   std::int64_t latest_ = 0;                  // ns, arrival of the newest message
+  std::int64_t newest_position_ = 0;         // of the newest message
   std::int64_t arrival_ = 0, position_ = 0;  // of the message to be answered
-  std::int64_t answered_ = 0;                // position of the message answered last
+  std::uint32_t answering_ = 0;              // its counter
+  std::int64_t answered_ = 0;                // position of the newest message that was answered
   std::uint32_t since_answer_ = 0;           // messages, for the receive multiplier
-  std::uint32_t counter_ = 0;                // of the next answer
+  std::uint32_t counter_ = 0;                // of the next answer, modulo 2³²
   std::uint32_t reflected_ = 0;              // newest answer that was reflected
   bool has_reflected_ = false;
-  std::array<std::int64_t, 256> sent_times_{};  // ns, by counter
+  std::array<std::int64_t, 256> sent_times_{};  // ns, of the latest answers
 };
 
 }  // namespace cotwin::fri

@@ -32,6 +32,7 @@ struct ControllerSettings {
   Quality hold = Quality::kFair;         // and ends below this one
   std::uint32_t max_lost = 10;           // command periods without a command that are bridged; one more stops the robot
   std::int64_t stop_time = 200'000'000;  // ns, from the full speed to rest
+  std::int64_t slack = 0;                // ns by which the times of a client's commands may differ from those of their messages
   double synchronised = 1e-3;            // rad: difference from the interpolator at which COMMANDING_WAIT ends
   ControlMode control = ControlMode::kPosition;
   ClientCommandMode command_mode = ClientCommandMode::kPosition;  // Sunrise
@@ -60,7 +61,7 @@ struct Setpoint {
   Joints q{};                // rad
   Joints dq{};               // rad/s; 0 while the robot follows its own motion
   std::uint32_t fields = 0;  // Command::Field: which of the following the client has given
-  Joints tau{};              // N.m; 0 when not active
+  Joints tau{};              // N.m; falls to 0 while the robot stops
   Wrench F = Wrench::Zero();
   Pose X;
   Redundancy redundancy;
@@ -102,7 +103,10 @@ class Controller {
   void open(std::int64_t now);
   void close(std::int64_t now);
   /// The robot's program asks for commands of the client (friStart; a motion with overlay), or ends them.
-  void request(bool commanding) { requested_ = commanding; }
+  void request(bool commanding) {
+    requested_ = commanding;
+    acknowledged_ = acknowledged_ || !commanding;
+  }
 
   /// A datagram that arrived at `arrival` (ns). kNone: it is a command, in time or not.
   Fault receive(std::span<const std::uint8_t> bytes, const net::Endpoint& from, std::int64_t arrival);
@@ -132,21 +136,27 @@ class Controller {
 
  private:
   enum class Motion : std::uint8_t { kOwn, kClient, kStopping };
+  enum class Answer : std::uint8_t { kNone, kInTime, kLate };
 
-  std::int64_t command_period() const { return settings_.send_period * settings_.receive_multiplier; }
+  bool lwr() const { return settings_.protocol == Protocol::kLwr; }
+  bool is_stranger(const net::Endpoint& from, std::int64_t arrival) const;
+  /// The message that `reflected` means; 0: none of the last 256.
+  std::int64_t index_of(std::uint32_t reflected) const;
+  std::int64_t group_of(std::int64_t index) const { return (index - first_) / settings_.receive_multiplier; }
   void rate(std::int64_t index, std::int64_t arrival);
-  void close_period();
-  Fault use(std::int64_t index);
-  Drop limit_exceeded(std::int64_t index) const;
+  Fault use(std::int64_t index, std::int64_t arrival);
   bool has_needed_fields() const;
+  bool is_finite() const;
+  Drop limit_exceeded(std::int64_t index) const;
+  Drop overlay_exceeded() const;
+  bool is_near(const Joints& q, std::int64_t index) const;
   bool robot_is_ready() const;
-  bool is_synchronised() const;
   void advance_state(std::int64_t now);
-  void enter(std::int64_t now);
+  void start_commanding(std::int64_t now);
   void leave(Drop why, std::int64_t now);
   void begin_command_period(std::int64_t now);
-  void follow_stop(std::int64_t now);
-  void write_message(std::int64_t now);
+  void finish_stop(std::int64_t now);
+  std::span<const std::uint8_t> write_message(std::int64_t now);
   void total_position(std::int64_t now, Joints& q, Joints& dq) const;
 
   ControllerSettings settings_;
@@ -158,19 +168,27 @@ class Controller {
   Setpoint setpoint_;
   std::array<std::uint8_t, kMaxDatagram> datagram_{};
   net::Endpoint client_;
+  std::int64_t client_time_ = 0;  // ns, of the newest command
+  bool has_client_ = false;
   SessionState state_ = SessionState::kIdle;
   Drop drop_ = Drop::kNone;
   Motion motion_ = Motion::kOwn;
-  bool requested_ = false, acknowledged_ = true, commanded_once_ = false;
+  bool requested_ = false, acknowledged_ = true;
   Joints offset_{};  // rad, of the robot from its own motion
-  std::int64_t next_ = std::numeric_limits<std::int64_t>::max(), opened_ = 0;
-  std::int64_t index_ = 0;                      // number of the newest message, without wrap; the first is 1
+  std::int64_t next_ = std::numeric_limits<std::int64_t>::max();
+  std::int64_t index_ = 0;                      // of the newest message, without wrap; the first is 1
+  std::int64_t first_ = 1;                      // of the session
   std::int64_t newest_ = 0;                     // message that the newest command answers
   std::array<std::int64_t, 256> sent_times_{};  // ns, by message
-  std::array<std::uint8_t, 256> answered_{};    // by command period: 0 not yet, 1 in time, 2 late
-  std::uint32_t reflected_ = 0;
-  std::uint32_t in_step_ = 0;  // answers in a row that agree with the interpolator
-  std::uint32_t fields_ = 0;   // LWR: commanded quantities at the entry to CMD
+  std::array<Answer, 256> answers_{};           // by command period
+  std::uint32_t reflected_ = 0;                 // counter of the newest command
+  std::uint32_t in_step_ = 0;                   // answers in a row that agree with the interpolator
+  std::uint32_t fields_ = 0;                    // LWR: commanded quantities when CMD began
+  std::int64_t began_ = 0;                      // first message of this commanding state
+  bool has_pose_ = false;                       // in this commanding state
+  Joints tau_{};                                // N.m, overlay of the newest command that was applied
+  Wrench F_ = Wrench::Zero();
+  std::int64_t clock_ = std::numeric_limits<std::int64_t>::min();  // ns, latest time of a cycle or set point
 };
 
 }  // namespace cotwin::fri

@@ -53,6 +53,8 @@ class SequenceTracker {
   explicit SequenceTracker(unsigned bits) : bits_(bits) {}
 
   Arrival add(std::uint32_t number);
+  /// The next packet is of another sender.
+  void forget() { started_ = false; }
   /// Position in the stream of the packet that was added last, without the wrap of its number.
   std::int64_t position() const { return position_; }
   /// The newest position.
@@ -67,18 +69,16 @@ class SequenceTracker {
   std::uint64_t longest_gap() const { return longest_gap_; }  // packets
 
  private:
-  void restart(std::uint32_t number);
+  void begin(std::uint32_t number);
   bool seen(std::int64_t position) const;
   void mark(std::int64_t position, bool seen);
 
   unsigned bits_;
   bool started_ = false;
   std::uint32_t number_ = 0;  // of the newest
-  std::int64_t newest_ = 0, position_ = 0;
-  std::array<std::uint64_t, kWindow / 64> seen_{};
-  std::uint32_t unexpected_ = 0;  // number that would show that the sender has begun anew
-  std::uint32_t repeats_ = 0;
-  bool suspicious_ = false;
+  std::int64_t newest_ = 0, position_ = 0, first_ = 0;
+  std::array<std::uint64_t, kWindow / 64> seen_{};  // bit: position modulo kWindow
+  std::uint32_t after_ = 0, run_ = 0;  // packets in a row that are not newer, and the number that would continue them
   std::uint64_t received_ = 0, lost_ = 0, reordered_ = 0, duplicates_ = 0, stale_ = 0, restarts_ = 0, longest_gap_ = 0;
 };
 

@@ -10,6 +10,7 @@
 #include <linux/if_packet.h>
 #include <net/ethernet.h>
 #include <net/if.h>
+#include <poll.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
 #include <time.h>
@@ -130,6 +131,14 @@ std::optional<RawSocket::Received> RawSocket::receive(std::span<std::uint8_t> bu
   return std::nullopt;
 }
 
+void RawSocket::wait(std::int64_t deadline) const {
+  const std::int64_t left = deadline - now_of(CLOCK_MONOTONIC);
+  if (left <= 0) return;
+  pollfd poll{descriptor_, POLLIN, 0};
+  const timespec timeout{left / kSecond, left % kSecond};
+  ::ppoll(&poll, 1, &timeout, nullptr);
+}
+
 bool RawSocket::send(std::span<const std::uint8_t> frame) {
   const ssize_t sent = ::send(descriptor_, frame.data(), frame.size(), MSG_DONTWAIT | MSG_NOSIGNAL);
   return sent == static_cast<ssize_t>(frame.size());
@@ -144,6 +153,7 @@ RawSocket::RawSocket(const std::string& interface, std::uint16_t, const std::str
 }
 RawSocket::~RawSocket() = default;
 std::optional<RawSocket::Received> RawSocket::receive(std::span<std::uint8_t>) { return std::nullopt; }
+void RawSocket::wait(std::int64_t) const {}
 bool RawSocket::send(std::span<const std::uint8_t>) { return false; }
 
 #endif

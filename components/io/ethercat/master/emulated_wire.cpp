@@ -28,6 +28,7 @@ std::size_t EmulatedWire::receive(std::span<std::uint8_t> buffer, std::int64_t d
     const Pending& p = pending_[first_];
     if (p.at > std::max(deadline, now_)) break;
     now_ = std::max(now_, p.at);
+    received_at_ = p.at;
     const std::size_t size = p.size;
     if (size <= buffer.size()) std::copy_n(p.bytes.begin(), size, buffer.begin());
     first_ = (first_ + 1) % pending_.size();

@@ -17,6 +17,7 @@ class EmulatedWire final : public Wire {
   bool send(std::span<const std::uint8_t> frame) override;
   std::size_t receive(std::span<std::uint8_t> buffer, std::int64_t deadline) override;
   std::int64_t now() const override { return now_; }
+  std::int64_t received_at() const override { return received_at_; }
 
   /// Moves the time forward, with the slaves.
   void advance_to(std::int64_t now);
@@ -31,7 +32,7 @@ class EmulatedWire final : public Wire {
   };
 
   Bus& bus_;
-  std::int64_t now_, turnaround_;
+  std::int64_t now_, turnaround_, received_at_ = 0;
   std::array<Pending, 16> pending_{};  // a ring
   std::size_t first_ = 0, count_ = 0;
   bool unplugged_ = false;

@@ -54,7 +54,7 @@ bool Master::collect(Wire& wire, std::int64_t deadline) {
   while (deadline == 0 || !all_answered()) {
     const std::size_t size = wire.receive(buffer_, deadline);
     if (size == 0) break;
-    take(std::span<const std::uint8_t>(buffer_).first(size), wire.now());
+    take(std::span<const std::uint8_t>(buffer_).first(size), wire.received_at());
   }
   return all_answered();
 }

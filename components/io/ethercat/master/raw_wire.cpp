@@ -1,7 +1,6 @@
 #include "components/io/ethercat/master/raw_wire.h"
 
-#include <poll.h>
-#include <time.h>
+#include <chrono>
 
 #include "components/io/ethercat/frame.h"
 
@@ -10,21 +9,19 @@ namespace cotwin::ethercat {
 RawWire::RawWire(const std::string& interface, const std::string& place) : socket_(interface, kEtherType, place) {}
 
 std::int64_t RawWire::now() const {
-  timespec t;
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return static_cast<std::int64_t>(t.tv_sec) * 1'000'000'000 + t.tv_nsec;
+  return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
 std::size_t RawWire::receive(std::span<std::uint8_t> buffer, std::int64_t deadline) {
-  for (;;) {
+  for (bool waited = false;; waited = true) {
     while (const std::optional<net::RawSocket::Received> received = socket_.receive(buffer)) {
-      if (received->size > 0 && received->size <= buffer.size()) return received->size;
+      if (received->size == 0 || received->size > buffer.size()) continue;
+      received_at_ = received->arrival;
+      return received->size;
     }
-    const std::int64_t left = deadline - now();
-    if (left <= 0) return 0;
-    pollfd poll{socket_.descriptor(), POLLIN, 0};
-    const timespec timeout{left / 1'000'000'000, left % 1'000'000'000};
-    if (ppoll(&poll, 1, &timeout, nullptr) < 0) return 0;  // a signal: the caller looks what it wants to do
+    // After one wait the deadline is over, or a signal has come, about which the caller decides.
+    if (waited || now() >= deadline) return 0;
+    socket_.wait(deadline);
   }
 }
 

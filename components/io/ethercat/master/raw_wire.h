@@ -15,9 +15,11 @@ class RawWire final : public Wire {
   bool send(std::span<const std::uint8_t> frame) override { return socket_.send(frame); }
   std::size_t receive(std::span<std::uint8_t> buffer, std::int64_t deadline) override;
   std::int64_t now() const override;
+  std::int64_t received_at() const override { return received_at_; }
 
  private:
   net::RawSocket socket_;
+  std::int64_t received_at_ = 0;
 };
 
 }  // namespace cotwin::ethercat

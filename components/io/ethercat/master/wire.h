@@ -16,6 +16,8 @@ class Wire {
   /// asks for what has come. A frame longer than `buffer` is dropped.
   virtual std::size_t receive(std::span<std::uint8_t> buffer, std::int64_t deadline) = 0;
   virtual std::int64_t now() const = 0;
+  /// When the frame that receive() returned last had arrived.
+  virtual std::int64_t received_at() const = 0;
 };
 
 }  // namespace cotwin::ethercat
