@@ -281,6 +281,7 @@ void EtherCatLink::read_devices() {
   for (std::size_t i = 0; i < slaves_.size(); ++i) {
     const SlaveChoice& s = slaves_[i];
     Device& d = devices_[i];
+    if (master_->status(i).down) continue;  // a slave on its way back: what it gives first may be of the time before
     const std::span<const std::uint8_t> in = master_->inputs(i);
     if (s.kind == Kind::kDigitalInputs) {
       for (std::size_t c = 0; c < d.channels.size(); ++c) d.channels[c] = read_bits(in, c, 1) != 0;

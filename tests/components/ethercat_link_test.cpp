@@ -96,8 +96,9 @@ TEST(EtherCatLink, MeasuresTheSpeedOfAnAxis) {
 TEST(EtherCatLink, SetsTheCounterOnARisingEdge) {
   Ports io(kCell + "&encoder_bits=32");
   io.start();
-  io.set("axis_field", "1000");
   io.steps(60);
+  io.set("axis_field", "1000");
+  io.steps(2);
   EXPECT_EQ(io.integer("axis_count"), 1000);
   io.set("axis_set_value", "-5");
   io.set("axis_set", 0, true);
@@ -113,8 +114,9 @@ TEST(EtherCatLink, SwitchesOffAndTellsIfACableIsCutAndAPositionIsLost) {
   Ports io(kCell);
   io.start();
   io.set("valves", 0, true);
-  io.set("axis_field", "500");
   io.steps(80);
+  io.set("axis_field", "500");
+  io.steps(2);
   ASSERT_TRUE(io.boolean("valves_field", 0));
   io.set("cut", "3");
   io.steps(4);
@@ -135,7 +137,7 @@ TEST(EtherCatLink, SwitchesOffAndTellsIfACableIsCutAndAPositionIsLost) {
   io.steps(300);
   EXPECT_TRUE(io.boolean("operational"));
   EXPECT_EQ(io.integer("axis_count"), 600) << "the terminal has forgotten its counter";
-  EXPECT_EQ(io.integer("recovered"), 2);
+  EXPECT_EQ(io.integer("recovered"), 1) << "after 4 ms without the cable the terminal was still in OP";
   std::vector<std::string> told;
   io.instance.unit->tell(told);
   ASSERT_EQ(told.size(), 2u);
@@ -161,10 +163,11 @@ TEST(EtherCatLink, UsesADeviceByItsSii) {
   sii.rx_pdos = {out};
   sii.tx_pdos = {in};
   const std::vector<std::uint8_t> image = ethercat::write_sii(sii);
-  const cotwin::testing::TemporaryFile file("device.bin");
-  std::ofstream(file.path(), std::ios::binary)
+  const cotwin::testing::TemporaryFolder folder("sii");
+  const fs::path file = folder.path() / "xy7.bin";
+  std::ofstream(file, std::ios::binary)
       .write(reinterpret_cast<const char*>(image.data()), static_cast<std::streamsize>(image.size()));
-  Ports io("link=ethercat&slaves=EK1100,door:" + file.path().string());
+  Ports io("link=ethercat&slaves=EK1100,door:" + file.string());
   io.set("door_7000_1", "-2");
   io.set("door_7000_2", "1");
   io.start();

@@ -76,11 +76,12 @@ std::vector<std::uint8_t> read_sii_image(Exchange& exchange, std::uint16_t stati
   extend(128);
   // The size in the image is not always right, so the categories are followed up to their end.
   for (std::size_t at = 128; at + 4 <= kLargestImage;) {
-    extend(at + 4);
+    extend(at + 2);
     if (load<std::uint16_t>(image.data() + at) == 0xffff) {
-      image.resize(at + 4);
+      image.resize(at + 2);
       return image;
     }
+    extend(at + 4);
     at += 4 + 2 * std::size_t{load<std::uint16_t>(image.data() + at + 2)};
     if (at <= kLargestImage) extend(at);
   }
