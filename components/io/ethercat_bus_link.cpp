@@ -24,8 +24,9 @@ std::int32_t narrow(std::int64_t value) {
 
 }  // namespace
 
-EtherCatBusLink::EtherCatBusLink(Settings& settings)
-    : interface_(settings.text("interface")), slaves_(read_slaves(settings, kPlace)), field_(slaves_) {
+EtherCatBusLink::EtherCatBusLink(Settings& settings, std::size_t joints)
+    : interface_(settings.text("interface")), slaves_(read_slaves(settings, kPlace)), field_(slaves_, joints) {
+  check_encoders(slaves_, joints, kPlace);
   if (interface_ == "emulated") {
     throw Error(
         kPlace,
@@ -41,11 +42,11 @@ void EtherCatBusLink::stop() {
   thread_.join();
 }
 
-void EtherCatBusLink::declare(Variables& v, JointVariables&) {
+void EtherCatBusLink::declare(Variables& v, JointVariables& joints) {
   v.output("frames", frames_, "frames of masters that were answered");
   v.output("unanswered", unanswered_,
            "frames that did not come back to the master: damaged, or the interface did not take them");
-  field_.declare(v);
+  field_.declare(v, joints);
 }
 
 void EtherCatBusLink::initialise(Time, Measured&) {

@@ -19,7 +19,7 @@ namespace cotwin::io {
 /// clock is CLOCK_MONOTONIC.
 class EtherCatBusLink final : public Link {
  public:
-  explicit EtherCatBusLink(Settings& settings);
+  EtherCatBusLink(Settings& settings, std::size_t joints);
   ~EtherCatBusLink() override;
 
   void declare(Variables& v, JointVariables& joints) override;

@@ -15,22 +15,26 @@ constexpr double kDelayPerMetre = 5.3;  // ns, of a frame on copper
 
 }  // namespace
 
-EtherCatField::EtherCatField(const std::vector<SlaveChoice>& slaves)
-    : slaves_(slaves), terminals_(slaves.size()), drift_(slaves.size()), cable_(slaves.size(), 2.0), states_(slaves.size()) {}
+EtherCatField::EtherCatField(const std::vector<SlaveChoice>& slaves, std::size_t joints)
+    : slaves_(slaves),
+      terminals_(slaves.size()),
+      q_(joints),
+      counts_per_q_(joints, 1.0),
+      drift_(slaves.size()),
+      cable_(slaves.size(), 2.0),
+      states_(slaves.size()) {}
 
-void EtherCatField::declare(Variables& v) {
+void EtherCatField::declare(Variables& v, JointVariables& joints) {
   for (std::size_t i = 0; i < slaves_.size(); ++i) {
     const SlaveChoice& s = slaves_[i];
-    Terminal& t = terminals_[i];
     if (s.kind == Kind::kDigitalInputs) {
-      v.input(s.name + "_field", t.channels, "what is wired to the channels of the " + s.device);
+      v.input(s.name + "_field", terminals_[i].channels, "what is wired to the channels of the " + s.device);
     } else if (s.kind == Kind::kDigitalOutputs) {
-      v.output(s.name + "_field", t.channels, "what the channels of the " + s.device + " switch");
-    } else if (s.kind == Kind::kEncoder) {
-      v.input(s.name + "_field", t.position, "1",
-              "position of the encoder at the " + s.device + ", in counts (4 per line); rounded down");
+      v.output(s.name + "_field", terminals_[i].channels, "what the channels of the " + s.device + " switch");
     }
   }
+  joints.input("q_field", q_, "rad", "position of the axis at each encoder, in the order of the bus");
+  v.parameter("counts_per_q", counts_per_q_, "1", "counts of each encoder (4 per line) per rad or m of its axis");
   v.output("bus_state", states_, "state of each emulated slave: 1 INIT, 2 PREOP, 4 SAFEOP, 8 OP; 0: switched off");
   v.parameter("drift", drift_, "1", "of each emulated slave's clock, relative: 5e-5 gains 50 us per second").range(-1e-3, 1e-3);
   v.parameter("cable", cable_, "m", "length of the cable before each emulated slave").range(0, 1000);
@@ -55,6 +59,7 @@ void EtherCatField::initialise(std::int64_t now) {
 }
 
 void EtherCatField::exchange() {
+  std::size_t encoder = 0;
   for (std::size_t i = 0; i < slaves_.size(); ++i) {
     Terminal& t = terminals_[i];
     if (slaves_[i].kind == Kind::kDigitalInputs) {
@@ -64,8 +69,10 @@ void EtherCatField::exchange() {
     } else if (slaves_[i].kind == Kind::kDigitalOutputs) {
       const std::uint32_t bits = t.bits.load(std::memory_order_relaxed);
       for (std::size_t c = 0; c < t.channels.size(); ++c) t.channels[c] = (bits >> c & 1u) != 0;
-    } else if (slaves_[i].kind == Kind::kEncoder && std::abs(t.position) < 9e18) {
-      t.counts.store(static_cast<std::int64_t>(std::floor(t.position)), std::memory_order_relaxed);
+    } else if (slaves_[i].kind == Kind::kEncoder) {
+      const double counts = std::floor(q_[encoder] * counts_per_q_[encoder]);
+      ++encoder;
+      if (std::abs(counts) < 9e18) t.counts.store(static_cast<std::int64_t>(counts), std::memory_order_relaxed);
     }
     states_[i] = t.state.load(std::memory_order_relaxed);
   }

@@ -7,6 +7,7 @@
 
 #include "components/io/ethercat/bus.h"
 #include "components/io/ethercat_slaves.h"
+#include "components/unit/joint_variables.h"
 #include "components/unit/variables.h"
 
 namespace cotwin::io {
@@ -15,10 +16,10 @@ namespace cotwin::io {
 /// switch goes out. The bus may be served by another thread than the one that steps.
 class EtherCatField {
  public:
-  /// `slaves` must outlive it.
-  explicit EtherCatField(const std::vector<SlaveChoice>& slaves);
+  /// `slaves` must outlive it. At most one encoder per joint.
+  EtherCatField(const std::vector<SlaveChoice>& slaves, std::size_t joints);
 
-  void declare(Variables& v);
+  void declare(Variables& v, JointVariables& joints);
   /// Makes the bus from the parameters: all slaves are switched on at `now` (ns).
   void initialise(std::int64_t now);
 
@@ -32,7 +33,6 @@ class EtherCatField {
  private:
   struct Terminal {
     std::array<bool, 16> channels{};     // port
-    double position = 0;                 // port, counts
     std::atomic<std::uint32_t> bits{0};  // channels between the threads
     std::atomic<std::int64_t> counts{0};
     std::atomic<std::int32_t> state{0};
@@ -41,7 +41,9 @@ class EtherCatField {
   const std::vector<SlaveChoice>& slaves_;
   ethercat::Bus bus_;
   std::vector<Terminal> terminals_;
+  std::vector<double> q_;  // port, of the axes at the encoders
   // Parameters and tunables.
+  std::vector<double> counts_per_q_;
   std::vector<double> drift_, cable_;
   std::int32_t cut_ = -1, off_ = -1;
   std::atomic<std::int32_t> cut_wanted_{-1}, off_wanted_{-1};

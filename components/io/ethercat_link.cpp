@@ -93,11 +93,8 @@ EtherCatLink::EtherCatLink(Settings& settings, std::size_t joints)
   for (std::size_t i = 0; i < slaves_.size(); ++i) {
     if (slaves_[i].kind == Kind::kEncoder) encoders_.push_back(i);
   }
-  if (encoders_.size() > n_) {
-    throw Error(kPlace, std::to_string(encoders_.size()) + " encoders, but " + std::to_string(n_) +
-                            " joints, expected at most one encoder per joint (setting joints or robot)");
-  }
-  if (interface_ == "emulated") field_.emplace(slaves_);
+  check_encoders(slaves_, n_, kPlace);
+  if (interface_ == "emulated") field_.emplace(slaves_, n_);
 }
 
 EtherCatLink::~EtherCatLink() {
@@ -132,12 +129,15 @@ void EtherCatLink::declare(Variables& v, JointVariables& joints) {
       .discrete();
   v.parameter("cycle", cycle_, "s", "cycle of the bus, of SYNC0 and of the clock that the bus is for the run").range(1e-5, 1);
   v.parameter("timeout", timeout_, "s", "time without an answer after which the bus is not operational").range(0, 10);
+  v.parameter("wait", wait_, "s", "time for which a silent bus is waited for at the start").range(0, 3600);
+  v.parameter("sii_folder", sii_folder_,
+              "folder to which the SII images of all slaves are written at the start, for devices that are described by them");
   v.parameter("sync0", sync0_, "whether the EL5101 work with SYNC0 of the distributed clocks");
   v.parameter("sync0_shift", sync0_shift_, "s", "of SYNC0 against the multiples of the cycle").range(-1, 1);
   v.parameter("dq_cutoff", dq_cutoff_, "Hz", "cut-off frequency of the low-pass of dq; 0: none").range(0, 1e6);
   joints.parameter("q_scale", q_scale_, "rad", "joint position per count of the encoder");
   joints.parameter("q_offset", q_offset_, "rad", "joint position at the start of the run");
-  if (field_) field_->declare(v);
+  if (field_) field_->declare(v, joints);
 }
 
 void EtherCatLink::declare_device(Variables& v, std::size_t i) {
@@ -203,6 +203,8 @@ void EtherCatLink::initialise(Time start, Measured& measured) {
   options.place = field_ ? "emulated bus" : "interface " + interface_;
   options.cycle = nanoseconds(cycle_);
   options.clocks = clocks_;
+  options.wait = nanoseconds(wait_);
+  options.sii_folder = sii_folder_;
   if (field_) {
     field_->initialise(0);
     wire_ = std::make_unique<ethercat::EmulatedWire>(field_->bus());

@@ -59,8 +59,9 @@ class EtherCatLink final : public Link {
   std::int64_t zero_ = 0;                    // of the emulated bus: its time at scenario time 0, ns
 
   // Parameters.
-  double cycle_ = 1e-3, timeout_ = 0.02, sync0_shift_ = 0, dq_cutoff_ = 50;
+  double cycle_ = 1e-3, timeout_ = 0.02, wait_ = 0, sync0_shift_ = 0, dq_cutoff_ = 50;
   bool sync0_ = false;
+  std::string sii_folder_;
   std::vector<double> q_scale_, q_offset_;
   // Outputs.
   bool operational_ = false;

@@ -109,6 +109,15 @@ std::vector<SlaveChoice> read_slaves(Settings& settings, const std::string& plac
   return slaves;
 }
 
+void check_encoders(const std::vector<SlaveChoice>& slaves, std::size_t joints, const std::string& place) {
+  const auto encoders =
+      std::count_if(slaves.begin(), slaves.end(), [](const SlaveChoice& s) { return s.kind == SlaveChoice::Kind::kEncoder; });
+  if (encoders > static_cast<std::ptrdiff_t>(joints)) {
+    throw Error(place, std::to_string(encoders) + " encoders, but " + std::to_string(joints) +
+                           " joints, expected at most one encoder per joint (setting joints or robot)");
+  }
+}
+
 std::vector<ExpectedSlave> expected_slaves(const std::vector<SlaveChoice>& slaves, bool sync0, double sync0_shift) {
   std::vector<ExpectedSlave> expected;
   for (const SlaveChoice& choice : slaves) {

@@ -31,6 +31,9 @@ void declare_ethercat_settings(SettingList& s);
 /// Reads them: `slaves=EK1100,buttons:EL1809,valves:EL2809,axis:EL5101,door:EL1004.bin`. Throws Error that names the word and the expectation.
 std::vector<SlaveChoice> read_slaves(Settings& settings, const std::string& place);
 
+/// Throws Error if there are more encoders than joints.
+void check_encoders(const std::vector<SlaveChoice>& slaves, std::size_t joints, const std::string& place);
+
 /// What a master expects on the bus.
 std::vector<ethercat::ExpectedSlave> expected_slaves(const std::vector<SlaveChoice>& slaves, bool sync0, double sync0_shift);
 

@@ -70,7 +70,7 @@ TEST(EtherCatLink, HasPortsForEachDevice) {
     }
     // A motion further than 16 bits can count.
     for (int i = 1; i <= 100; ++i) {
-      io.set("axis_field", std::to_string(-2000.5 * i));
+      io.set("q_field", std::to_string(-2000.5 * i));
       io.steps(1);
     }
     io.steps(2);
@@ -86,7 +86,7 @@ TEST(EtherCatLink, MeasuresTheSpeedOfAnAxis) {
   io.set("dq_cutoff", "20");
   io.start();
   for (int i = 0; i < 300; ++i) {
-    io.set("axis_field", std::to_string(5.0 * i));
+    io.set("q_field", std::to_string(5.0 * i));
     io.steps(1);
   }
   EXPECT_NEAR(io.real("dq"), 5.0, 1e-6);  // 5 counts per ms of 1e-3
@@ -97,7 +97,7 @@ TEST(EtherCatLink, SetsTheCounterOnARisingEdge) {
   Ports io(kCell + "&encoder_bits=32");
   io.start();
   io.steps(60);
-  io.set("axis_field", "1000");
+  io.set("q_field", "1000");
   io.steps(2);
   EXPECT_EQ(io.integer("axis_count"), 1000);
   io.set("axis_set_value", "-5");
@@ -105,7 +105,7 @@ TEST(EtherCatLink, SetsTheCounterOnARisingEdge) {
   io.steps(3);
   EXPECT_TRUE(io.boolean("axis_set_done"));
   EXPECT_EQ(io.integer("axis_count"), -5);
-  io.set("axis_field", "1010");
+  io.set("q_field", "1010");
   io.steps(2);
   EXPECT_EQ(io.integer("axis_count"), 5);
 }
@@ -115,7 +115,7 @@ TEST(EtherCatLink, SwitchesOffAndTellsIfACableIsCutAndAPositionIsLost) {
   io.start();
   io.set("valves", 0, true);
   io.steps(80);
-  io.set("axis_field", "500");
+  io.set("q_field", "500");
   io.steps(2);
   ASSERT_TRUE(io.boolean("valves_field", 0));
   io.set("cut", "3");
@@ -123,7 +123,7 @@ TEST(EtherCatLink, SwitchesOffAndTellsIfACableIsCutAndAPositionIsLost) {
   EXPECT_FALSE(io.boolean("operational"));
   EXPECT_FALSE(io.boolean("valves_field", 0));
   EXPECT_FALSE(io.boolean("fresh"));
-  io.set("axis_field", "600");  // moved while it is cut off
+  io.set("q_field", "600");  // moved while it is cut off
   io.set("cut", "-1");
   io.steps(200);
   EXPECT_TRUE(io.boolean("operational"));
@@ -132,7 +132,7 @@ TEST(EtherCatLink, SwitchesOffAndTellsIfACableIsCutAndAPositionIsLost) {
   io.set("off", "3");
   io.steps(100);
   EXPECT_EQ(io.integer("state", 3), 0);
-  io.set("axis_field", "700");
+  io.set("q_field", "700");
   io.set("off", "-1");
   io.steps(300);
   EXPECT_TRUE(io.boolean("operational"));
@@ -174,6 +174,15 @@ TEST(EtherCatLink, UsesADeviceByItsSii) {
   io.steps(60);
   EXPECT_TRUE(io.boolean("operational"));
   EXPECT_EQ(io.instance.variables.at("door").size(), 3u);
+
+  // The image that the master reads from the bus describes the same device.
+  Ports saving("link=ethercat&slaves=EK1100,door:" + file.string());
+  saving.set("sii_folder", (folder.path() / "found").string());
+  saving.start();
+  Ports again("link=ethercat&slaves=EK1100,door:" + (folder.path() / "found/1_XY7.bin").string());
+  again.start();
+  again.steps(60);
+  EXPECT_TRUE(again.boolean("operational"));
 }
 
 TEST(EtherCatLink, RefusesSettingsThatMakeNoBus) {
@@ -220,7 +229,7 @@ TEST(EtherCatLink, OperatesABusAtAnInterface) {
   bus.start();
   io.start();
   bus.set("buttons_field", 3, true);
-  bus.set("axis_field", "321");
+  bus.set("q_field", "321");
   io.set("valves", 7, true);
   const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
   const auto done = [&] {

@@ -120,10 +120,10 @@ TEST(Master, RefusesABusThatIsNotTheExpectedOne) {
             "0x0af93052)");
   Cell missing;
   missing.bus.cut(3, true);
-  EXPECT_EQ(missing.refusal(), "EtherCAT: 3 slaves answer, expected 4: slave 3 (EL5101) is missing");
+  EXPECT_EQ(missing.refusal(), "EtherCAT: 3 slaves answer (EK1100, EL1809, EL2809), expected 4: slave 3 (EL5101) is missing");
   Cell further;
   further.slaves.pop_back();
-  EXPECT_EQ(further.refusal(), "EtherCAT: 4 slaves answer, expected 3: slave 3 is unknown");
+  EXPECT_EQ(further.refusal(), "EtherCAT: 4 slaves answer (EK1100, EL1809, EL2809, EL5101), expected 3: slave 3 is unknown");
   Cell silent;
   silent.wire.unplug(true);
   EXPECT_EQ(silent.refusal(), "EtherCAT: no frame comes back, expected an EtherCAT bus that is switched on");

@@ -1,6 +1,9 @@
 #include "components/io/ethercat/master/bus_setup.h"
 
 #include <algorithm>
+#include <cctype>
+#include <filesystem>
+#include <fstream>
 
 #include "models/support/error.h"
 
@@ -88,10 +91,17 @@ std::vector<std::uint8_t> read_sii_image(Exchange& exchange, std::uint16_t stati
   throw Error(place, "the categories of its SII have no end within " + std::to_string(kLargestImage) + " bytes");
 }
 
-std::vector<FoundSlave> scan_bus(Exchange& exchange, const std::string& place) {
+std::vector<FoundSlave> scan_bus(Exchange& exchange, const std::string& place, std::int64_t wait) {
   std::uint8_t type = 0;
-  reset_slaves(exchange);
-  const std::optional<std::uint16_t> count = exchange.transfer(Command::kBrd, at_position(0, reg::kType), type);
+  const std::int64_t end = exchange.wire().now() + wait;
+  std::optional<std::uint16_t> count;
+  do {
+    count = exchange.transfer(Command::kBrd, at_position(0, reg::kType), type);
+  } while (count.value_or(0) == 0 && exchange.wire().now() < end);
+  if (count.value_or(0) > 0) {
+    reset_slaves(exchange);
+    count = exchange.transfer(Command::kBrd, at_position(0, reg::kType), type);
+  }
   if (!count) throw Error(place, "no frame comes back, expected an EtherCAT bus that is switched on");
   if (*count == 0) throw Error(place, "frames come back unread, expected at least one EtherCAT slave");
   std::vector<FoundSlave> slaves(*count);
@@ -113,7 +123,8 @@ std::vector<FoundSlave> scan_bus(Exchange& exchange, const std::string& place) {
     read(slave.sync_managers, reg::kSyncManagerCount);
     read(slave.ports.dl_status, reg::kDlStatus);
     slave.ports.has_clock = (slave.features & feature::kClock) != 0;
-    slave.sii = read_sii(read_sii_image(exchange, slave.station, position_of(place, i)), position_of(place, i) + ", SII");
+    slave.image = read_sii_image(exchange, slave.station, position_of(place, i));
+    slave.sii = read_sii(slave.image, position_of(place, i) + ", SII");
   }
   return slaves;
 }
@@ -126,7 +137,8 @@ class Builder {
       : exchange_(exchange), expected_(expected), options_(options) {}
 
   BusSetup build() {
-    std::vector<FoundSlave> found = scan_bus(exchange_, options_.place);
+    std::vector<FoundSlave> found = scan_bus(exchange_, options_.place, options_.wait);
+    if (!options_.sii_folder.empty()) save_images(found);
     check_identities(found);
     for (std::size_t i = 0; i < found.size(); ++i) {
       BusSlave slave;
@@ -155,22 +167,40 @@ class Builder {
     return position_of(options_.place, i) + " (" + e.device + (e.name.empty() ? "" : ", " + e.name) + ")";
   }
 
+  static const std::string& order_of(const FoundSlave& slave) {
+    return slave.sii.general.order.empty() ? slave.sii.general.name : slave.sii.general.order;
+  }
+
+  void save_images(const std::vector<FoundSlave>& found) const {
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      std::string name = std::to_string(i) + "_" + order_of(found[i]);
+      std::replace_if(
+          name.begin(), name.end(), [](char c) { return !std::isalnum(static_cast<unsigned char>(c)) && c != '-'; }, '_');
+      const std::filesystem::path path = std::filesystem::path(options_.sii_folder) / (name + ".bin");
+      std::error_code ignored;
+      std::filesystem::create_directories(options_.sii_folder, ignored);
+      std::ofstream file(path, std::ios::binary);
+      file.write(reinterpret_cast<const char*>(found[i].image.data()), static_cast<std::streamsize>(found[i].image.size()));
+      if (!file.flush()) throw Error(path.string(), "cannot be written, expected a folder for SII images");
+    }
+  }
+
   void check_identities(const std::vector<FoundSlave>& found) const {
     const std::size_t common = std::min(found.size(), expected_.size());
     for (std::size_t i = 0; i < common; ++i) {
       const ExpectedSlave& e = expected_[i];
       const Sii& sii = found[i].sii;
       if ((e.vendor == 0 || e.vendor == sii.vendor) && (e.product == 0 || e.product == sii.product)) continue;
-      const std::string& order = sii.general.order.empty() ? sii.general.name : sii.general.order;
-      throw Error(position_of(options_.place, i), "is " + describe_identity(order, sii.vendor, sii.product) + ", expected " +
-                                                      describe_identity(e.device, e.vendor, e.product));
+      throw Error(position_of(options_.place, i), "is " + describe_identity(order_of(found[i]), sii.vendor, sii.product) +
+                                                      ", expected " + describe_identity(e.device, e.vendor, e.product));
     }
     if (found.size() == expected_.size()) return;
+    std::string list;
+    for (const FoundSlave& f : found) list += (list.empty() ? "" : ", ") + (order_of(f).empty() ? "a device" : order_of(f));
     const bool more = found.size() > expected_.size();
-    throw Error(options_.place,
-                std::to_string(found.size()) + " slaves answer, expected " + std::to_string(expected_.size()) + ": " +
-                    (more ? "slave " + std::to_string(common) + " is unknown"
-                          : "slave " + std::to_string(common) + " (" + expected_[common].device + ") is missing"));
+    throw Error(options_.place, std::to_string(found.size()) + " slaves answer (" + list + "), expected " +
+                                    std::to_string(expected_.size()) + ": slave " + std::to_string(common) +
+                                    (more ? " is unknown" : " (" + expected_[common].device + ") is missing"));
   }
 
   void check_sizes(const BusSlave& slave, std::size_t i) const {
@@ -496,7 +526,8 @@ class Builder {
 
   void compensate_drift() {
     std::array<std::uint8_t, 8> time{};
-    for (int n = 0; n < options_.drift_frames; ++n) {
+    const std::int64_t end = exchange_.wire().now() + options_.drift_time;
+    for (int n = 0; n < options_.drift_frames && exchange_.wire().now() < end; ++n) {
       exchange_.transfer(Command::kFrmw, at_station(time_.reference, reg::kSystemTime), time);
     }
   }

@@ -31,6 +31,7 @@ struct FoundSlave {
   std::uint16_t features = 0;
   std::uint8_t fmmus = 0, sync_managers = 0;
   SlavePorts ports;
+  std::vector<std::uint8_t> image;  // of its SII
   Sii sii;
 };
 
@@ -70,17 +71,20 @@ struct BusSetup {
 };
 
 struct SetupOptions {
-  std::string place = "EtherCAT";  // for messages: "interface eth1"
-  std::int64_t cycle = 1'000'000;  // ns, of SYNC0
-  bool clocks = false;             // distributed clocks
-  int drift_frames = 15'000;       // that compensate the drift of the clocks before SAFEOP
-  std::int64_t system_time = 0;    // ns since 2000-01-01, at Wire::now() == host_time
+  std::string place = "EtherCAT";           // for messages: "interface eth1"
+  std::int64_t cycle = 1'000'000;           // ns, of SYNC0
+  bool clocks = false;                      // distributed clocks
+  int drift_frames = 15'000;                // that compensate the drift of the clocks before SAFEOP
+  std::int64_t drift_time = 5'000'000'000;  // ns that they may take
+  std::int64_t wait = 0;                    // ns for which a silent bus is waited for
+  std::string sii_folder;                   // the SII images of all slaves are written there; empty: nowhere
+  std::int64_t system_time = 0;             // ns since 2000-01-01, at Wire::now() == host_time
   std::int64_t host_time = 0;
 };
 
-/// The slaves that answer, after all were reset to INIT: with station addresses 0x1001 … and their SII. Throws Error if the bus is silent or a
+/// The slaves that answer, after all were reset to INIT: with station addresses 0x1001 … and their SII. Throws Error if the bus is silent for `wait` (ns) or a
 /// slave does not let its SII be read.
-std::vector<FoundSlave> scan_bus(Exchange& exchange, const std::string& place);
+std::vector<FoundSlave> scan_bus(Exchange& exchange, const std::string& place, std::int64_t wait = 0);
 
 /// Reads the whole SII image of a slave by its registers 0x0502 to 0x0508. Throws Error `place: …`.
 std::vector<std::uint8_t> read_sii_image(Exchange& exchange, std::uint16_t station, const std::string& place);
