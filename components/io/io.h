@@ -20,6 +20,7 @@ class Io final : public Unit {
   void initialise(Time start) override;
   StepResult step(Time now, Duration h) override;
   bool restorable() const override { return link_->restorable(); }
+  TickSource* tick_source() override { return link_->tick_source(); }
 
  private:
   Io(std::vector<trajectory::Axis> joints, Settings& settings);

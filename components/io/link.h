@@ -42,6 +42,8 @@ class Link {
   virtual StepResult step(Time now, Duration h, const Command& command, Measured& measured) = 0;
   /// False if a step acts on a real robot and cannot be undone.
   virtual bool restorable() const = 0;
+  /// The clock of the robot or bus (Unit::tick_source); nullptr if there is none.
+  virtual TickSource* tick_source() { return nullptr; }
 };
 
 }  // namespace cotwin::io
