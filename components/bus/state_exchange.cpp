@@ -36,6 +36,7 @@ void StateExchange::request() {
 bool StateExchange::receive() {
   bool newer = false;
   copy_wanted_ = false;
+  const std::uint64_t gaps = counts_.gaps;
   for (std::span<const std::byte> message = transport_.receive(); !message.empty(); message = transport_.receive())
     newer |= take(message);
   // One copy answers all requests that came together.
@@ -45,9 +46,11 @@ bool StateExchange::receive() {
   }
   if (!replica_ || !replica_->behind()) {
     calls_to_request_ = 0;
-  } else if (--calls_to_request_ < 0) {
-    request();
+    return newer;
   }
+  // An owner that has just appeared did not get the requests before.
+  if (!replica_->complete() && counts_.gaps > gaps) calls_to_request_ = 0;
+  if (--calls_to_request_ < 0) request();
   return newer;
 }
 

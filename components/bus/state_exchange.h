@@ -16,11 +16,12 @@ class StateExchange {
   StateExchange(Transport& transport, std::optional<StateLayout> own, std::optional<StateLayout> other);
 
   StateOwner* owner() { return owner_ ? &*owner_ : nullptr; }
-  StateReplica* replica() { return replica_ ? &*replica_ : nullptr; }
+  const StateReplica* replica() const { return replica_ ? &*replica_ : nullptr; }
 
   /// Sends what changed in the owner's image.
   void publish(std::int64_t epoch);
-  /// Takes what has arrived, and requests a full copy if the replica is behind: at once, and then in every kRequestEvery-th call.
+  /// Takes what has arrived, and requests a full copy if the replica is behind: at once, and then in every kRequestEvery-th
+  /// call; before the first full copy also whenever an update arrives.
   /// Returns whether the replica has a newer state or epoch.
   bool receive();
   static constexpr int kRequestEvery = 8;

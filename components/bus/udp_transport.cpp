@@ -9,6 +9,7 @@ namespace cotwin::bus {
 namespace {
 
 constexpr std::uint32_t kMagic = 0x52465443;  // "CTFR"
+constexpr int kMostDropped = 10'000;          // datagrams at a restart, in case a sender never stops
 
 struct FragmentHeader {
   std::uint32_t magic = kMagic, message = 0;
@@ -26,6 +27,15 @@ std::size_t fragments_of(std::size_t bytes) {
 UdpTransport::UdpTransport(net::UdpAddress local, net::UdpAddress peer)
     : socket_(local), peer_(peer), datagram_(kHeader + kFragment + 1) {
   for (Partial& p : partials_) p.buffer.resize(max_bytes());
+}
+
+void UdpTransport::restart(net::UdpAddress peer) {
+  net::UdpAddress from;
+  for (int i = 0; i < kMostDropped && socket_.receive(datagram_, from); ++i) {
+  }
+  for (Partial& p : partials_) p.open = false;
+  peer_ = peer;
+  counts_ = {};
 }
 
 bool UdpTransport::send(std::span<const std::byte> message) {

@@ -34,6 +34,8 @@ class UdpTransport final : public Transport {
   net::UdpAddress local() const { return socket_.local(); }
   net::UdpAddress peer() const { return peer_; }
   void set_peer(net::UdpAddress peer) { peer_ = peer; }
+  /// Drops what has arrived, and counts from zero.
+  void restart(net::UdpAddress peer);
 
   struct Counts {
     std::uint64_t sent = 0, sent_bytes = 0;          // datagrams and their bytes, without the headers of UDP and IP
