@@ -11,7 +11,9 @@ namespace cotwin::bus {
 
 namespace {
 
-constexpr std::size_t kWord = 8, kBlock = 64;  // bytes
+constexpr std::size_t kWord = 8, kBlock = 64;      // bytes
+constexpr std::size_t kMostEarly = 8;              // updates
+constexpr std::size_t kMostEarlyBytes = 1u << 20;  // of all of them
 
 void put_text(std::vector<std::byte>& message, const std::string& text) {
   const auto length = static_cast<std::uint32_t>(text.size());
@@ -100,6 +102,8 @@ std::span<const std::byte> StateOwner::full() {
 
 StateReplica::StateReplica(StateLayout layout)
     : layout_(std::move(layout)), image_(layout_.bytes()), request_(text_bytes(layout_)) {
+  early_.resize(std::min(kMostEarly, kMostEarlyBytes / layout_.bytes()));
+  for (Early& e : early_) e.runs.resize(kRunHeader + layout_.bytes());
   put_text(request_, layout_.text());
 }
 
@@ -120,11 +124,37 @@ Reception StateReplica::update(const StateMessage& m) {
   wanted_session_ = m.session;
   if (m.session != session_ || !complete()) return Reception::kGap;
   if (m.version < version_ || (m.version == version_ && (m.base != version_ || m.epoch <= epoch_))) return Reception::kOld;
-  if (m.base != version_) return Reception::kGap;
+  if (m.base == version_) {
+    apply(m);
+    apply_early();
+    return Reception::kUpdated;
+  }
+  if (m.base == m.version || m.version - version_ > early_.size() || m.payload.size() > early_[0].runs.size())
+    return Reception::kGap;
+  Early& e = early_[m.version % early_.size()];
+  e.version = m.version;
+  e.epoch = m.epoch;
+  e.size = m.payload.size();
+  std::memcpy(e.runs.data(), m.payload.data(), e.size);
+  return Reception::kEarly;
+}
+
+void StateReplica::apply(const StateMessage& m) {
   write_runs(m, image_);
   version_ = m.version;
   epoch_ = m.epoch;
-  return Reception::kUpdated;
+}
+
+void StateReplica::apply_early() {
+  for (std::size_t i = 0; i < early_.size(); ++i) {
+    const Early& e = early_[(version_ + 1) % early_.size()];
+    if (e.version != version_ + 1) return;
+    StateMessage m;
+    m.version = e.version;
+    m.epoch = e.epoch;
+    m.payload = std::span(e.runs).first(e.size);
+    apply(m);
+  }
 }
 
 // A full copy of another session that no update announced may be a late one of an owner that has ended: it only causes a request.
@@ -138,11 +168,15 @@ Reception StateReplica::copy(const StateMessage& m) {
     if (!same && !announced) return Reception::kGap;
     if (same) missed_ += m.version - version_;
   }
+  if (!same) {
+    for (Early& e : early_) e.version = 0;
+  }
   std::memcpy(image_.data(), m.payload.data(), image_.size());
   session_ = m.session;
   version_ = m.version;
   epoch_ = m.epoch;
   other_layout_.clear();
+  apply_early();
   return Reception::kCopied;
 }
 

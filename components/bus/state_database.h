@@ -11,8 +11,8 @@
 #include "components/bus/state_message.h"
 
 /// State databases (V-D): one owner writes its states, others hold replicas. Only differences travel. A replica applies an update
-/// only if the base version of the update is its own version; otherwise it requests a full copy: after a loss, and when it joins
-/// late. Nothing here allocates after the constructors, except the text of a foreign layout.
+/// only if the base version of the update is its own version. It keeps updates that come too early for a while, and otherwise
+/// requests a full copy: after a loss, and when it joins late. Nothing here allocates after the constructors, except the text of a foreign layout.
 namespace cotwin::bus {
 
 /// A number that differs from that of an earlier or other owner: the wall clock in ns, mixed with the identity of the process.
@@ -52,6 +52,7 @@ enum class Reception : std::uint8_t {
   kUpdated,      // applied an update, or a newer epoch without changes
   kCopied,       // took over a full copy
   kOld,          // of an earlier version, or repeated
+  kEarly,        // kept an update until those before it come
   kGap,          // an update of another base: requests a full copy
   kOtherLayout,  // of a program with another layout, see StateReplica::other_layout()
   kOtherFormat,  // of a program with another wire format
@@ -81,6 +82,14 @@ class StateReplica {
   const std::string& other_layout() const { return other_layout_; }
 
  private:
+  struct Early {
+    std::uint64_t version = 0;  // 0: none
+    std::int64_t epoch = 0;
+    std::vector<std::byte> runs;  // the first `size` of them
+    std::size_t size = 0;
+  };
+  void apply(const StateMessage& m);
+  void apply_early();
   Reception update(const StateMessage& m);
   Reception copy(const StateMessage& m);
 
@@ -91,6 +100,7 @@ class StateReplica {
   std::int64_t epoch_ = 0;
   std::uint64_t missed_ = 0;
   std::vector<std::byte> image_, request_;
+  std::vector<Early> early_;  // of session_; the one of a version has the place version modulo size
   std::string other_layout_;
 };
 

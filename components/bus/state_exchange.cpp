@@ -82,6 +82,9 @@ bool StateExchange::take(std::span<const std::byte> message) {
     case Reception::kOld:
       ++counts_.old;
       return false;
+    case Reception::kEarly:
+      ++counts_.early;
+      return false;
     case Reception::kGap:
       ++counts_.gaps;
       return false;

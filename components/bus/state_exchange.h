@@ -32,6 +32,7 @@ class StateExchange {
     std::uint64_t published = 0, published_bytes = 0;  // updates
     std::uint64_t copies_sent = 0;                     // full copies on request
     std::uint64_t updates = 0, copies = 0;             // applied
+    std::uint64_t early = 0;                           // updates that were kept
     std::uint64_t old = 0, gaps = 0, damaged = 0;      // messages that were not applied
     std::uint64_t other_layout = 0, other_format = 0;
     std::uint64_t requests = 0;  // sent
@@ -47,7 +48,7 @@ class StateExchange {
   Transport& transport_;
   std::optional<StateOwner> owner_;
   std::optional<StateReplica> replica_;
-  int calls_to_request_ = 0;
+  int calls_to_request_ = 0;  // without one
   bool copy_wanted_ = false;
   std::string expected_layout_;
   Counts counts_;

@@ -24,14 +24,13 @@ std::size_t fragments_of(std::size_t bytes) {
 
 }  // namespace
 
-UdpTransport::UdpTransport(net::UdpAddress local, net::UdpAddress peer)
-    : socket_(local), peer_(peer), datagram_(kHeader + kFragment + 1) {
+UdpTransport::UdpTransport(net::Endpoint local, net::Endpoint peer, const std::string& place)
+    : socket_(local, place), peer_(peer), datagram_(kHeader + kFragment + 1) {
   for (Partial& p : partials_) p.buffer.resize(max_bytes());
 }
 
-void UdpTransport::restart(net::UdpAddress peer) {
-  net::UdpAddress from;
-  for (int i = 0; i < kMostDropped && socket_.receive(datagram_, from); ++i) {
+void UdpTransport::restart(net::Endpoint peer) {
+  for (int i = 0; i < kMostDropped && socket_.receive(datagram_); ++i) {
   }
   for (Partial& p : partials_) p.open = false;
   peer_ = peer;
@@ -49,7 +48,7 @@ bool UdpTransport::send(std::span<const std::byte> message) {
     std::memcpy(datagram_.data(), &h, kHeader);
     if (size > 0) std::memcpy(datagram_.data() + kHeader, message.data(), size);
     message = message.subspan(size);
-    if (!socket_.send(peer_, std::span(datagram_).first(kHeader + size))) {
+    if (!socket_.send(std::span(datagram_).first(kHeader + size), peer_)) {
       ++counts_.unsent;
       return false;
     }
@@ -60,15 +59,15 @@ bool UdpTransport::send(std::span<const std::byte> message) {
 }
 
 std::span<const std::byte> UdpTransport::receive() {
-  net::UdpAddress from;
-  while (const std::optional<std::size_t> size = socket_.receive(datagram_, from)) {
-    if (from != peer_) {
+  while (const std::optional<net::UdpSocket::Received> datagram = socket_.receive(datagram_)) {
+    if (datagram->from != peer_) {
       ++counts_.foreign;
       continue;
     }
     ++counts_.received;
-    counts_.received_bytes += *size;
-    const std::span<const std::byte> message = take_fragment(std::span(datagram_).first(*size));
+    counts_.received_bytes += datagram->size;
+    const std::span<const std::byte> message =
+        take_fragment(std::as_bytes(std::span(datagram_).first(std::min(datagram->size, datagram_.size()))));
     if (!message.empty()) return message;
   }
   return {};

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "components/bus/transport.h"
@@ -21,8 +22,8 @@ class UdpTransport final : public Transport {
   static constexpr std::size_t kHeader = 16, kFragment = 1384;  // bytes; together below the 1472 of a usual Ethernet frame
   static constexpr std::size_t kMaxFragments = 48;              // what the usual receive buffer of a Linux socket holds at once
 
-  /// Throws Error if `local` cannot be bound.
-  UdpTransport(net::UdpAddress local, net::UdpAddress peer);
+  /// Throws Error at `place` if `local` cannot be bound.
+  UdpTransport(net::Endpoint local, net::Endpoint peer, const std::string& place);
 
   bool send(std::span<const std::byte> message) override;
   std::span<const std::byte> receive() override;
@@ -31,11 +32,11 @@ class UdpTransport final : public Transport {
 
   /// Readable when a datagram has arrived.
   int descriptor() const { return socket_.descriptor(); }
-  net::UdpAddress local() const { return socket_.local(); }
-  net::UdpAddress peer() const { return peer_; }
-  void set_peer(net::UdpAddress peer) { peer_ = peer; }
+  net::Endpoint local() const { return socket_.local(); }
+  net::Endpoint peer() const { return peer_; }
+  void set_peer(net::Endpoint peer) { peer_ = peer; }
   /// Drops what has arrived, and counts from zero.
-  void restart(net::UdpAddress peer);
+  void restart(net::Endpoint peer);
 
   struct Counts {
     std::uint64_t sent = 0, sent_bytes = 0;          // datagrams and their bytes, without the headers of UDP and IP
@@ -58,9 +59,9 @@ class UdpTransport final : public Transport {
   Partial& partial_of(std::uint32_t message);
 
   net::UdpSocket socket_;
-  net::UdpAddress peer_;
+  net::Endpoint peer_;
   std::uint32_t next_ = 0;
-  std::vector<std::byte> datagram_;
+  std::vector<std::uint8_t> datagram_;
   std::array<Partial, 4> partials_;  // messages that may arrive mixed
   std::size_t oldest_ = 0;
   Counts counts_;

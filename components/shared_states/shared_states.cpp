@@ -10,6 +10,7 @@ namespace cotwin::shared_states {
 namespace {
 
 const char* const kPlace = "unit:shared_states";
+constexpr std::uint16_t kPort = 30200;        // if an address has none
 constexpr std::int64_t kRepeat = 50'000'000;  // ns until a request is repeated while initialise waits
 
 std::optional<FieldValues> values_of(Settings& settings, const std::string& key) {
@@ -75,11 +76,11 @@ void SharedStates::declare(Variables& v) {
 }
 
 void SharedStates::open() {
-  const net::UdpAddress peer = net::parse_udp_address(peer_, std::string(kPlace) + ".peer");
-  const net::UdpAddress local = net::parse_udp_address(listen_, std::string(kPlace) + ".listen");
+  const net::Endpoint peer = net::endpoint_of(peer_, kPort, std::string(kPlace) + ".peer");
+  const net::Endpoint local = net::endpoint_of(listen_, kPort, std::string(kPlace) + ".listen");
   if (!transport_ || address_ != listen_) {
     transport_.reset();
-    transport_ = std::make_unique<bus::UdpTransport>(local, peer);
+    transport_ = std::make_unique<bus::UdpTransport>(local, peer, std::string(kPlace) + ".listen");
   }
   address_ = listen_;
   transport_->restart(peer);

@@ -3,45 +3,39 @@
 #include <cstdint>
 #include <optional>
 #include <span>
-#include <string>
-#include <string_view>
+
+#include "models/net/endpoint.h"
 
 namespace cotwin::net {
 
-/// An IPv4 address and port.
-struct UdpAddress {
-  std::uint32_t host = 0;  // 127.0.0.1 is 0x7f000001
-  std::uint16_t port = 0;
-
-  friend bool operator==(const UdpAddress&, const UdpAddress&) = default;
-};
-
-/// Reads "192.168.0.10:30200". Throws Error `place: …`.
-UdpAddress parse_udp_address(std::string_view text, const std::string& place);
-std::string to_text(UdpAddress address);
-
-/// A non-blocking UDP socket (POSIX). Sending and receiving allocate nothing.
+/// A UDP socket (IPv4) that never blocks and allocates nothing after the constructor.
 class UdpSocket {
  public:
-  /// Binds to `local`; port 0: a free one. Throws Error that names the address, for example if another program has it.
-  explicit UdpSocket(UdpAddress local);
+  struct Received {
+    std::size_t size = 0;  // bytes of the datagram; more than the buffer has: the rest is lost
+    Endpoint from;
+    std::int64_t arrival = 0;  // ns of the monotonic clock, by the kernel's time stamp where the system has one
+  };
+
+  /// Binds to `local`; port 0: the system chooses one. Throws Error at `place`.
+  UdpSocket(const Endpoint& local, const std::string& place);
   ~UdpSocket();
   UdpSocket(UdpSocket&& other) noexcept;
   UdpSocket& operator=(UdpSocket&& other) noexcept;
 
-  /// With the port that the system chose.
-  UdpAddress local() const { return local_; }
-  /// Readable when a datagram has arrived.
+  /// The address and port that it is bound to.
+  Endpoint local() const { return local_; }
+  /// For ppoll; −1 after a move.
   int descriptor() const { return descriptor_; }
 
-  /// False: not sent, because the system's buffer is full or there is no way to the host.
-  bool send(UdpAddress to, std::span<const std::byte> datagram) noexcept;
-  /// The size of the next datagram, written to `buffer` and cut to its size, and its sender; nothing if none has arrived.
-  std::optional<std::size_t> receive(std::span<std::byte> buffer, UdpAddress& from) noexcept;
+  /// The next datagram that has arrived; none if there is none.
+  std::optional<Received> receive(std::span<std::uint8_t> buffer);
+  /// False if the system did not take the datagram: no buffer is free, or there is no way to `to`. It is lost then, as in a network.
+  bool send(std::span<const std::uint8_t> bytes, const Endpoint& to);
 
  private:
   int descriptor_ = -1;
-  UdpAddress local_;
+  Endpoint local_;
 };
 
 }  // namespace cotwin::net

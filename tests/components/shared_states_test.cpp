@@ -256,10 +256,11 @@ TEST(SharedStates, TicksWithThePeersPublications) {
 TEST(SharedStates, CountsDatagramsOfOthers) {
   End b("subscribe=x", address(1), address(0));
   b.start();
-  net::UdpSocket stranger(net::parse_udp_address(address(2), "test")), bad(net::parse_udp_address(address(0), "test"));
-  const std::vector<std::byte> noise(100, std::byte{7});
-  ASSERT_TRUE(stranger.send(net::parse_udp_address(address(1), "test"), noise));
-  ASSERT_TRUE(bad.send(net::parse_udp_address(address(1), "test"), noise));
+  net::UdpSocket stranger(net::endpoint_of(address(2), 0, "test"), "test"),
+      bad(net::endpoint_of(address(0), 0, "test"), "test");
+  const std::vector<std::uint8_t> noise(100, 7);
+  ASSERT_TRUE(stranger.send(noise, net::endpoint_of(address(1), 0, "test")));
+  ASSERT_TRUE(bad.send(noise, net::endpoint_of(address(1), 0, "test")));
   b.step();
   EXPECT_EQ(b.real("foreign"), 1);
   EXPECT_EQ(b.real("damaged"), 1);
@@ -276,12 +277,12 @@ TEST(SharedStates, NamesWhatIsWrongInItsSettings) {
   EXPECT_EQ(error("publish=q&subscribe=q", address(0), address(1)),
             "unit:shared_states: 'q' is published and subscribed, expected different names");
   EXPECT_THAT(error("subscribe=age", address(0), address(1)), HasSubstr("age: declared twice"));
-  EXPECT_THAT(error("publish=q", "here", address(1)), HasSubstr("unit:shared_states.listen: 'here', expected an IPv4 address"));
-  EXPECT_THAT(error("publish=q", address(0), "there:1"),
-              HasSubstr("unit:shared_states.peer: 'there:1', expected an IPv4 address"));
+  EXPECT_THAT(error("publish=q", "here", address(1)), HasSubstr("unit:shared_states.listen: 'here' is no IPv4 address"));
+  EXPECT_THAT(error("publish=q", address(0), "there:1"), HasSubstr("unit:shared_states.peer: 'there:1' is no IPv4 address"));
   End first("publish=q", address(0), address(1));
   first.start();
-  EXPECT_THAT(error("publish=q", address(0), address(1)), HasSubstr("udp " + address(0) + ": cannot listen: "));
+  EXPECT_THAT(error("publish=q", address(0), address(1)),
+              HasSubstr("unit:shared_states.listen: UDP socket at " + address(0) + ": bind: "));
   EXPECT_FALSE(first.unit().restorable());
 }
 
