@@ -21,7 +21,8 @@ class SharedStates final : public Unit, private TickSource {
   explicit SharedStates(Settings& settings);
 
   void declare(Variables& v) override;
-  /// Opens the socket; waits for the peer's states if `wait` > 0.
+  /// Opens the socket; waits for the peer's states if `wait` > 0. Until the next step, calls for the same time and addresses only
+  /// publish the inputs: the outputs must not change while the master looks for values that fit together.
   void initialise(Time start) override;
   StepResult step(Time now, Duration h) override;
   bool restorable() const override { return false; }
@@ -42,6 +43,7 @@ class SharedStates final : public Unit, private TickSource {
   std::unique_ptr<bus::UdpTransport> transport_;
   std::optional<bus::StateExchange> exchange_;
   std::string address_, peer_address_;  // of the open transport, as given
+  std::optional<Time> initialised_;     // at this time, and no step since then
   bool arrived_ = false;                // something new since the last step
 
   // Parameters, in the order of declaration.

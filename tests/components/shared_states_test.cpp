@@ -225,6 +225,29 @@ TEST(SharedStates, WaitsAtTheStartForItsPeer) {
   EXPECT_TRUE(b.boolean("connected"));
 }
 
+// The master repeats initialise until the values of all units fit together.
+TEST(SharedStates, KeepsItsOutputsWhileItIsInitialisedAgainWithoutAStep) {
+  End a("publish=x", address(0), address(1)), b("publish=y&subscribe=x", address(1), address(0));
+  a.start();
+  b.start();
+  a.set("x", 1);
+  for (int i = 0; i < 3; ++i) {
+    a.step();
+    b.step();
+  }
+  b.start();
+  a.set("x", 2);
+  a.step();
+  a.step();
+  b.start();
+  EXPECT_EQ(b.real("x"), 1);
+  for (int i = 0; i < 3; ++i) {
+    b.step();
+    a.step();
+  }
+  EXPECT_EQ(b.real("x"), 2);
+}
+
 TEST(SharedStates, TicksWithThePeersPublications) {
   End a("publish=x", address(0), address(1)), b("subscribe=x", address(1), address(0));
   EXPECT_EQ(a.unit().tick_source(), nullptr);
