@@ -99,25 +99,30 @@ void read_name(Reader& from, Name& name) {
   if (!name.assign({reinterpret_cast<const char*>(bytes.data()), bytes.size()})) from.fail(Fault::kCount);
 }
 
-void set_pose(Reader& from, const Schema& schema, const std::array<double, 12>& v, std::size_t count, Pose& X) {
+/// False if there is no pose: without elements, or with a quaternion that is no rotation (all zero: unknown).
+bool set_pose(Reader& from, const Schema& schema, const std::array<double, 12>& v, std::size_t count, Pose& X) {
+  if (count == 0) return false;
+  if (count != (schema.quaternions ? 7u : 12u)) {
+    from.fail(Fault::kCount);
+    return false;
+  }
   if (schema.quaternions) {
-    if (count != 7) return from.fail(Fault::kCount);
     const Eigen::Quaterniond q(v[3], v[4], v[5], v[6]);
     const double norm = q.norm();
-    if (!(norm > 0.5 && norm < 2)) return from.fail(Fault::kValue);
+    if (!(norm > 0.5 && norm < 2)) return false;
     X.R = Eigen::Quaterniond(q.coeffs() / norm).toRotationMatrix();
     X.p = Eigen::Vector3d(v[0], v[1], v[2]) * kMillimetre;
-    return;
+    return true;
   }
-  if (count != 12) return from.fail(Fault::kCount);
   for (Eigen::Index row = 0; row < 3; ++row) {
     const double* const values = &v[static_cast<std::size_t>(4 * row)];
     for (Eigen::Index column = 0; column < 3; ++column) X.R(row, column) = values[column];
     X.p[row] = values[3] * kMillimetre;
   }
+  return true;
 }
 
-void read_pose(Reader& from, const Schema& schema, Name& name, Pose& X, std::optional<std::int64_t>& time) {
+bool read_pose(Reader& from, const Schema& schema, Name& name, Pose& X, std::optional<std::int64_t>& time) {
   std::array<double, 12> values{};
   std::size_t count = 0;
   bool named = false;
@@ -138,19 +143,19 @@ void read_pose(Reader& from, const Schema& schema, Name& name, Pose& X, std::opt
     }
   });
   if (!named) from.fail(Fault::kMissing);
-  if (from.fault() == Fault::kNone) set_pose(from, schema, values, count, X);
+  return from.fault() == Fault::kNone && set_pose(from, schema, values, count, X);
 }
 
-void read_pose(Reader& from, const Schema& schema, Pose& X) {
+bool read_pose(Reader& from, const Schema& schema, Pose& X) {
   Name name;
   std::optional<std::int64_t> time;
-  read_pose(from, schema, name, X, time);
+  return read_pose(from, schema, name, X, time);
 }
 
 void read_transformation(Reader& from, const Schema& schema, Few<Transformation, kMaxTransformations>& to) {
   Transformation* const t = to.add();
   if (t == nullptr) return from.fail(Fault::kCount);
-  read_pose(from, schema, t->name, t->pose, t->time);
+  if (!read_pose(from, schema, t->name, t->pose, t->time)) from.fail(Fault::kValue);
 }
 
 void read_redundancy(Reader& from, Redundancy& redundancy) {
@@ -275,8 +280,7 @@ void read_monitor_data(Reader& from, const Schema& schema, std::size_t joints, M
         return schema.ios ? read_io(inner, m.ios) : inner.skip();
       case monitor::kMeasuredPose:
         if (!schema.quaternions) return inner.skip();
-        read_pose(inner, schema, m.X_measured);
-        m.fields |= M::kMeasuredPose;
+        if (read_pose(inner, schema, m.X_measured)) m.fields |= M::kMeasuredPose;
         return;
       case monitor::kRedundancy:
         if (!schema.quaternions) return inner.skip();
@@ -302,8 +306,7 @@ void read_ipo_data(Reader& from, const Schema& schema, std::size_t joints, Monit
         return;
       case ipo::kPose:
         if (!schema.quaternions) return inner.skip();
-        read_pose(inner, schema, m.X_interpolator);
-        m.fields |= M::kInterpolatorPose;
+        if (read_pose(inner, schema, m.X_interpolator)) m.fields |= M::kInterpolatorPose;
         return;
       case ipo::kRedundancy:
         if (!schema.quaternions) return inner.skip();
@@ -369,8 +372,7 @@ void read_command_data(Reader& from, const Schema& schema, std::size_t joints, C
         return schema.ios ? read_io(inner, c.ios) : inner.skip();
       case command::kPose:
         if (!schema.quaternions) return inner.skip();
-        read_pose(inner, schema, c.X);
-        c.fields |= C::kPose;
+        if (read_pose(inner, schema, c.X)) c.fields |= C::kPose;
         return;
       case command::kRedundancy:
         if (!schema.quaternions) return inner.skip();
