@@ -98,7 +98,11 @@ void SharedStates::initialise(Time start) {
   initialised_.reset();
   open();
   exchange_.reset();
-  exchange_.emplace(*transport_, layout_of(published_), layout_of(subscribed_));
+  try {
+    exchange_.emplace(*transport_, layout_of(published_), layout_of(subscribed_));
+  } catch (const Error& error) {
+    throw Error(kPlace, error.what());
+  }
   connected_ = fresh_ = arrived_ = false;
   age_ = peer_time_ = 0;
   warning_.clear();

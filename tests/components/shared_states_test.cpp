@@ -302,6 +302,8 @@ TEST(SharedStates, NamesWhatIsWrongInItsSettings) {
   EXPECT_THAT(error("subscribe=age", address(0), address(1)), HasSubstr("age: declared twice"));
   EXPECT_THAT(error("publish=q", "here", address(1)), HasSubstr("unit:shared_states.listen: 'here' is no IPv4 address"));
   EXPECT_THAT(error("publish=q", address(0), "there:1"), HasSubstr("unit:shared_states.peer: 'there:1' is no IPv4 address"));
+  EXPECT_EQ(error("publish=q:100000", address(0), address(1)),
+            "unit:shared_states: states: a full copy has 800070 bytes, expected at most 66432, the largest message");
   End first("publish=q", address(0), address(1));
   first.start();
   EXPECT_THAT(error("publish=q", address(0), address(1)),

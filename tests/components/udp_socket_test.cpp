@@ -1,4 +1,4 @@
-#include "components/io/net/udp_socket.h"
+#include "models/net/udp_socket.h"
 
 #include <gtest/gtest.h>
 #include <poll.h>
