@@ -1,6 +1,9 @@
-// The bus: latency from publish to the awake subscriber, beside a queue with std::mutex and std::condition_variable; cost of a
+// The bus: latency from publish to the awake subscriber, with real-time threads where permitted, beside a queue with std::mutex and
+// std::condition_variable; cost of a
 // message; bytes and time of a tick of a state database against full copies; and its property over 10^6 ticks with loss,
 // reordering, restart and late joins. The exit code is 1 if a replica ever differs from its owner.
+#include <pthread.h>
+#include <sched.h>
 #include <time.h>
 
 #include <algorithm>
@@ -54,6 +57,13 @@ class LockedQueue {
   std::deque<std::int64_t> queue_;
 };
 
+/// Gives the calling thread a real-time priority, as the control part of a twin has it, or takes it away. False: not permitted.
+bool set_real_time(bool on) {
+  sched_param parameters{};
+  parameters.sched_priority = on ? 50 : 0;
+  return pthread_setschedparam(pthread_self(), on ? SCHED_FIFO : SCHED_OTHER, &parameters) == 0;
+}
+
 /// Latencies of messages, in µs.
 class Latencies {
  public:
@@ -61,11 +71,13 @@ class Latencies {
   template <class Send, class Receive>
   void measure(const Send& send, const Receive& receive) {
     std::thread subscriber([&] {
+      set_real_time(true);
       for (int i = 0; i < kMessages; ++i) {
         const std::int64_t sent = receive();
         us_.push_back(1e-3 * static_cast<double>(monotonic_ns() - sent));
       }
     });
+    set_real_time(true);
     std::int64_t next = monotonic_ns();
     for (int i = 0; i < kMessages; ++i) {
       next += kApart;
@@ -74,6 +86,7 @@ class Latencies {
       send(monotonic_ns());
     }
     subscriber.join();
+    set_real_time(false);
   }
   double at(double share) {
     const auto place = us_.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(us_.size() - 1));
@@ -121,8 +134,10 @@ void latencies() {
     peer.measure([&](std::int64_t t) { locked.push(t); }, [&] { return locked.pop(); });
     udp.measure([&](std::int64_t t) { a.send(std::as_bytes(std::span(&t, 1))); }, receive);
   }
-  print_latency("publish to wake, in process", ours, "mutex and condition variable", peer, true);
-  print_latency("publish to wake, UDP on loopback", udp, "mutex and condition variable in process", peer, false);
+  const std::string threads = set_real_time(true) ? "SCHED_FIFO" : "no real-time priority";
+  set_real_time(false);
+  print_latency("publish to wake, in process, " + threads, ours, "mutex and condition variable", peer, true);
+  print_latency("publish to wake, UDP on loopback, " + threads, udp, "mutex and condition variable in process", peer, false);
 }
 
 void message_costs() {
