@@ -39,7 +39,7 @@ install(EXPORT cotwin NAMESPACE cotwin:: DESTINATION ${cmake_folder} FILE cotwin
 install(FILES master/api/cotwin.h DESTINATION include/cotwin COMPONENT cotwin-dev)
 set(headers FILES_MATCHING PATTERN "*.h" PATTERN robots EXCLUDE PATTERN scenes EXCLUDE PATTERN kernels EXCLUDE)
 install(DIRECTORY models fmu DESTINATION include/cotwin COMPONENT cotwin-dev ${headers})
-install(DIRECTORY components/unit DESTINATION include/cotwin/components COMPONENT cotwin-dev ${headers})
+install(DIRECTORY components/unit components/bus DESTINATION include/cotwin/components COMPONENT cotwin-dev ${headers})
 
 include(CMakePackageConfigHelpers)
 get_property(unit_interface GLOBAL PROPERTY COTWIN_UNIT_INTERFACE)

@@ -7,7 +7,7 @@
 #include <span>
 #include <vector>
 
-#include "components/io/net/udp_socket.h"
+#include "models/net/udp_socket.h"
 #include "components/unit/tick_source.h"
 
 namespace cotwin::io {

@@ -9,7 +9,7 @@
 #include "components/io/ethercat_field.h"
 #include "components/io/ethercat_slaves.h"
 #include "components/io/link.h"
-#include "components/io/net/raw_socket.h"
+#include "models/net/raw_socket.h"
 #include "components/unit/settings.h"
 
 namespace cotwin::io {

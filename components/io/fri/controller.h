@@ -9,7 +9,7 @@
 #include "components/io/fri/interpolator.h"
 #include "components/io/fri/rating.h"
 #include "components/io/fri/statistics.h"
-#include "components/io/net/endpoint.h"
+#include "models/net/endpoint.h"
 
 namespace cotwin::fri {
 

@@ -4,7 +4,7 @@
 #include <string>
 #include <utility>
 
-#include "components/io/net/udp_socket.h"
+#include "models/net/udp_socket.h"
 #include "models/support/error.h"
 
 namespace cotwin::net {

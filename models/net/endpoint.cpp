@@ -1,4 +1,4 @@
-#include "components/io/net/endpoint.h"
+#include "models/net/endpoint.h"
 
 #include <charconv>
 

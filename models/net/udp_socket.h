@@ -4,7 +4,7 @@
 #include <optional>
 #include <span>
 
-#include "components/io/net/endpoint.h"
+#include "models/net/endpoint.h"
 
 namespace cotwin::net {
 

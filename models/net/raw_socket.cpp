@@ -1,4 +1,4 @@
-#include "components/io/net/raw_socket.h"
+#include "models/net/raw_socket.h"
 
 #include <utility>
 

@@ -1,5 +1,5 @@
 // For POSIX; udp_socket_windows.cpp is for Windows.
-#include "components/io/net/udp_socket.h"
+#include "models/net/udp_socket.h"
 
 #include <arpa/inet.h>
 #include <fcntl.h>
