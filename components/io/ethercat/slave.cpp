@@ -47,6 +47,7 @@ Slave::Slave(std::vector<std::uint8_t> image, const SlaveOptions& options)
     make_objects();
     coe_.emplace(objects_, static_cast<ObjectOwner&>(*this), sii_.mailbox.out_size, sii_.mailbox.in_size);
   }
+  for (auto& list : assigned_) list.reserve(std::max<std::size_t>(kMostAssigned, sii_.rx_pdos.size() + sii_.tx_pdos.size()));
   measure_process_data();
 }
 
@@ -291,14 +292,14 @@ void Slave::refresh(const ObjectEntry& entry) {
     const bool outputs = is(n, SyncManagerType::kOutputs);
     if (!outputs && !is(n, SyncManagerType::kInputs)) continue;
     std::size_t at = begin[outputs];
-    visit_assigned(n, [&](const Pdo& p) {
-      for (const PdoEntry& e : p.entries) {
+    for (const Pdo* const p : assigned_[static_cast<std::size_t>(n)]) {
+      for (const PdoEntry& e : p->entries) {
         if (e.index == entry.index && e.subindex == entry.subindex && e.index != 0) {
           copy_bits(outputs ? outputs_ : inputs_, at, objects_.bytes(entry), e.bits);
         }
         at += e.bits;
       }
-    });
+    }
     begin[outputs] += 8 * expected_length(n);
   }
 }
@@ -356,18 +357,20 @@ const Pdo* Slave::pdo(std::uint16_t index) const {
   return nullptr;
 }
 
-template <class Visit>
-void Slave::visit_assigned(int n, Visit visit) const {
+/// The PDOs of sync manager n in their order: from the assignment object, or without CoE from the image.
+void Slave::list_assigned(int n) {
+  std::vector<const Pdo*>& list = assigned_[static_cast<std::size_t>(n)];
+  list.clear();
   if (coe_) {
     const auto index = static_cast<std::uint16_t>(kAssignment + n);
     const auto count = objects_.number(index, 0);
     for (std::uint8_t i = 1; i <= count; ++i) {
-      if (const Pdo* const p = pdo(static_cast<std::uint16_t>(objects_.number(index, i)))) visit(*p);
+      if (const Pdo* const p = pdo(static_cast<std::uint16_t>(objects_.number(index, i)))) list.push_back(p);
     }
     return;
   }
   for (const Pdo& p : is(n, SyncManagerType::kOutputs) ? sii_.rx_pdos : sii_.tx_pdos) {
-    if (p.sync_manager == n) visit(p);
+    if (p.sync_manager == n) list.push_back(&p);
   }
 }
 
@@ -378,10 +381,10 @@ std::optional<std::size_t> Slave::place_of(std::uint16_t wanted) const {
     const bool outputs = is(n, SyncManagerType::kOutputs);
     if (!outputs && !is(n, SyncManagerType::kInputs)) continue;
     std::size_t at = 8 * bytes[outputs];
-    visit_assigned(n, [&](const Pdo& p) {
-      if (p.index == wanted) found = at;
-      at += p.bits();
-    });
+    for (const Pdo* const p : assigned_[static_cast<std::size_t>(n)]) {
+      if (p->index == wanted) found = at;
+      at += p->bits();
+    }
     bytes[outputs] += expected_length(n);
   }
   return found;
@@ -398,7 +401,8 @@ void Slave::measure_process_data() {
     const bool outputs = is(n, SyncManagerType::kOutputs);
     if (!outputs && !is(n, SyncManagerType::kInputs)) continue;
     std::size_t bits = 0;
-    visit_assigned(n, [&](const Pdo& p) { bits += p.bits(); });
+    list_assigned(n);
+    for (const Pdo* const p : assigned_[static_cast<std::size_t>(n)]) bits += p->bits();
     length = (bits + 7) / 8;
     const std::vector<Pdo>& pdos = outputs ? sii_.rx_pdos : sii_.tx_pdos;
     const bool by_pdos = std::any_of(pdos.begin(), pdos.end(), [&](const Pdo& p) { return p.sync_manager == n; });

@@ -66,8 +66,7 @@ class Slave : private ObjectOwner {
 
   void make_objects();
   const Pdo* pdo(std::uint16_t index) const;
-  template <class Visit>
-  void visit_assigned(int n, Visit visit) const;
+  void list_assigned(int n);
   std::size_t expected_length(int n) const;
   void measure_process_data();
   bool is(int n, SyncManagerType type) const;
@@ -94,7 +93,8 @@ class Slave : private ObjectOwner {
   State state_ = State::kInit;
   std::optional<State> wanted_;  // requested, not reached yet
   std::int64_t wanted_at_ = 0, wanted_until_ = 0;
-  std::array<std::size_t, kMostSyncManagers> lengths_{};  // of the sync managers with process data, bytes
+  std::array<std::vector<const Pdo*>, kMostSyncManagers> assigned_;  // of sii_, per sync manager with process data
+  std::array<std::size_t, kMostSyncManagers> lengths_{};             // of the sync managers with process data, bytes
   std::size_t output_bytes_ = 0, input_bytes_ = 0;
   std::vector<std::uint8_t> outputs_, inputs_;
 };

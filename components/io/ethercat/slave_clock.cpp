@@ -75,13 +75,15 @@ void SlaveClock::receive(std::uint64_t received, int bits, std::uint64_t stamp, 
   mean_ += std::ldexp(e - mean_, -difference_depth_);
   const double g = std::ldexp(1.0, -std::max(speed_depth_ - 4, difference_depth_ + 4));
   const double most = kMostSlew * elapsed;
-  const double move = std::clamp(-g * mean_, -most, most);
+  const double before = mean_;
+  const double move = std::clamp(-g * before, -most, most);
   fraction_ += move;
   mean_ += move;
   if (std::abs(move) >= most) return;  // the phase is not reached yet: it says nothing about the speed
   const double start = std::max(speed_start_, kSlowestStart), largest = start - 0x7f;
   const double limit = deviation_of(largest, start);
-  deviation_ = std::clamp(deviation_ - g * g / 4 * mean_ / std::clamp(elapsed, kShortest, kLongest), -limit, limit);
+  const double integral = 1 - std::sqrt(1 - g);
+  deviation_ = std::clamp(deviation_ - integral * integral * before / std::clamp(elapsed, kShortest, kLongest), -limit, limit);
   speed_ = static_cast<std::int16_t>(std::clamp(std::round(speed_of(deviation_, start)), -largest, largest));
 }
 

@@ -15,10 +15,10 @@ struct ClockOptions {
 
 /// Local time, its copy of the system time and the loop that follows a reference:
 ///   d local/dt = (1 + drift) (1 + deviation),   copy = local + offset − delay,   e = copy − received;
-/// e passes a low-pass of depth 0x0934. With g = 1/N each received time moves the phase by −g e (at most a tenth of the elapsed
-/// time, as the real increments of 9 or 11 instead of 10 ns allow) and the deviation by −(g²/4) e / interval, which puts both poles
-/// of the loop at 1 − g/2. N = 2^(0x0935 − 4) ≥ 16 · 2^(0x0934): 256 for the defaults of the registers. The deviation is rounded to what
-/// the speed counter d (0x0932) and its start s (0x0930) can represent: d / (5 (s + 2 + d) (s + 2 − d)).
+/// e passes a low-pass of depth 0x0934. With g = 1/N each received time moves the phase by −g e (at most a tenth of the elapsed time, as
+/// the real increments of 9 or 11 instead of 10 ns allow) and the deviation by −(1 − √(1 − g))² e / interval, which puts both poles of the
+/// loop at √(1 − g). N = 2^(0x0935 − 4) ≥ 16 · 2^(0x0934): 256 for the defaults of the registers. The deviation is rounded to what the
+/// speed counter d (0x0932) and its start s (0x0930) can represent: d / (5 (s + 2 + d) (s + 2 − d)).
 /// The real loop is not published beyond its registers; g is our choice, so that it converges within the 10 000 to 15 000 frames that
 /// masters send.
 class SlaveClock {

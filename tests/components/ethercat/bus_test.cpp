@@ -214,6 +214,22 @@ TEST(DistributedClock, RunsAwayByItsDriftWithoutCorrection) {
   }
 }
 
+TEST(DistributedClock, AStepOfThePhaseDecaysWithTheDoublePoleOfItsLoop) {
+  // No low-pass, g = 2^-(12 - 4): e after k corrections is rho^k (1 - k (1 - rho) / rho) e of the start, rho = sqrt(1 - g).
+  SlaveClock clock({.start = 100'000});
+  clock.set_filters(0, 12);
+  const double rho = std::sqrt(1 - 1.0 / 256);
+  for (int k = 0; k <= 4000; ++k) {
+    const std::int64_t t = 1'000'000 * std::int64_t{k};
+    const double e = static_cast<double>(clock.local(t)) - static_cast<double>(t);
+    if (k > 0) {
+      const int n = k - 1;  // the first time only starts the loop
+      EXPECT_NEAR(e, std::pow(rho, n) * (1 - n * (1 - rho) / rho) * 1e5, 5) << k;
+    }
+    clock.receive(static_cast<std::uint64_t>(t), 64, clock.stamp(t), t);
+  }
+}
+
 TEST(DistributedClock, KeepsAllSlavesWithinAHundredNanosecondsOfTheReference) {
   for (const double jitter : {0.0, 20.0}) {
     for (const std::int64_t period : {250'000L, 1'000'000L, 4'000'000L}) {

@@ -201,24 +201,31 @@ TEST(Devices, TheCounterIsSetOnTheRisingEdge) {
   EXPECT_EQ(c.input<std::uint16_t>(1), 5001);
 }
 
-TEST(Devices, TheLayoutOf32BitsHasTheSameMeaning) {
-  Cell c;
+/// Assigns PDOs to the encoder, which is brought to PREOP.
+void assign(Cell& c, std::uint16_t out, const std::vector<std::uint16_t>& in) {
   c.wire.set_sync_managers(3);
   c.wire.request(0x1004, State::kPreOp);
   SdoClient client(246, 246);
-  const auto write = [&](std::uint16_t index, std::uint8_t subindex, const Bytes& data) {
-    client.download(index, subindex, data);
+  const auto write = [&](std::uint16_t index, std::size_t subindex, std::size_t value, std::size_t bytes) {
+    Bytes data = {static_cast<std::uint8_t>(value), static_cast<std::uint8_t>(value >> 8)};
+    data.resize(bytes);
+    client.download(index, static_cast<std::uint8_t>(subindex), data);
     Bytes mail(246);
     std::copy(client.request().begin(), client.request().end(), mail.begin());
     c.wire.write_bytes(0x1004, 0x1800, mail);
     EXPECT_EQ(client.receive(c.wire.read(0x1004, 0x18f6, 246).data), SdoClient::Result::kDone);
   };
-  for (const int sm : {2, 3}) {
-    const auto index = static_cast<std::uint16_t>(0x1c10 + sm);
-    write(index, 0, {0});
-    write(index, 1, sm == 2 ? Bytes{0x03, 0x16} : Bytes{0x04, 0x1a});
-    write(index, 0, {1});
-  }
+  write(0x1c12, 0, 0, 1);
+  write(0x1c12, 1, out, 2);
+  write(0x1c12, 0, 1, 1);
+  write(0x1c13, 0, 0, 1);
+  for (std::size_t i = 0; i < in.size(); ++i) write(0x1c13, i + 1, in[i], 2);
+  write(0x1c13, 0, in.size(), 1);
+}
+
+TEST(Devices, TheLayoutOf32BitsHasTheSameMeaning) {
+  Cell c;
+  assign(c, 0x1603, {0x1a04});
   c.start(6, 10);
   ASSERT_EQ(c.encoder->state(), State::kOp);
   EXPECT_EQ(c.cycle(), 6);
@@ -232,6 +239,41 @@ TEST(Devices, TheLayoutOf32BitsHasTheSameMeaning) {
   c.cycle();
   EXPECT_EQ(c.input<std::uint32_t>(2), 1u);
   EXPECT_EQ(c.input<std::uint16_t>(0) & 0x1f, 0x14);  // done, overflow
+}
+
+TEST(Devices, TheEncoderReportsFrequencyAndPeriodOfItsSignal) {
+  Cell c;
+  assign(c, 0x1600, {0x1a02, 0x1a03});  // the frequency first
+  c.start(3, 14);
+  ASSERT_EQ(c.encoder->state(), State::kOp);
+  c.encoder->set_position(0, c.wire.now);
+  const std::int64_t t = c.wire.now + 10 * kMillisecond;
+  c.encoder->set_position(-40, t);  // 4000 counts/s are 1000 periods/s
+  c.wire.now = t;
+  c.cycle();
+  EXPECT_EQ(c.input<std::uint32_t>(0), 100'000u);     // 0.01 Hz
+  EXPECT_EQ(c.input<std::uint16_t>(4), 2000);         // 500 ns
+  EXPECT_EQ(c.input<std::uint16_t>(8 + 2), 0xffd8u);  // counter of 0x1A03
+}
+
+TEST(Devices, WithSync0TheEncoderIsSampledAtItsPulses) {
+  Cell c;
+  c.start();
+  const std::uint64_t start = c.encoder->esc().clock().system_time(c.wire.now) + 5'000'000;
+  c.wire.write(0x1004, reg::kStartTime, start);
+  c.wire.write(0x1004, reg::kSync0Cycle, std::uint32_t{10'000'000});
+  c.encoder->set_position(100, c.wire.now);
+  c.wire.write(0x1004, reg::kActivation, std::uint8_t{3});
+  c.encoder->set_position(200, c.wire.now);
+  c.cycle();
+  EXPECT_EQ(c.input<std::uint16_t>(1), 100);  // no pulse yet
+  for (int i = 0; i < 6; ++i) c.cycle();
+  EXPECT_EQ(c.input<std::uint16_t>(1), 200);
+  c.encoder->set_position(300, c.wire.now);
+  c.cycle();
+  EXPECT_EQ(c.input<std::uint16_t>(1), 200);
+  for (int i = 0; i < 10; ++i) c.cycle();
+  EXPECT_EQ(c.input<std::uint16_t>(1), 300);
 }
 
 }  // namespace

@@ -365,6 +365,88 @@ TEST(Coe, ASegmentWithTheWrongToggleAborts) {
   EXPECT_EQ(client.abort_code(), SdoAbort::kToggle);
 }
 
+TEST(Coe, TheListOfObjectsCrossesSmallMailboxesInParts) {
+  Free owner;
+  for (const std::size_t size : {16u, 18u, 64u}) {
+    ObjectDictionary objects;
+    std::vector<std::uint16_t> expected;
+    for (std::uint16_t i = 0; i < 9; ++i) {
+      expected.push_back(static_cast<std::uint16_t>(0x2000 + 3 * i));
+      objects.add(expected.back(), 0, "count", object_type::kU8, 8, 1);
+      objects.add(expected.back(), 1, "value", object_type::kU16, 16, i);
+    }
+    CoeServer server(objects, owner, size, size);
+    Bytes request(16);
+    write_coe(request, CoeService::kSdoInformation, 1, 6)[kCoeHeader] = 1;
+    store(&request[kCoeHeader + 4], std::uint16_t{1});  // all objects
+    std::vector<std::uint16_t> found;
+    std::size_t left = 99;
+    for (auto mail = server.answer(request); !mail.empty(); mail = server.next_part()) {
+      ASSERT_LE(mail.size(), size);
+      const auto coe = read_coe(mail);
+      ASSERT_TRUE(coe && coe->service == CoeService::kSdoInformation);
+      const auto rest = load<std::uint16_t>(&coe->content[2]);
+      EXPECT_LT(rest, left);
+      left = rest;
+      EXPECT_EQ((coe->content[0] & 0x80) != 0, rest != 0);
+      for (std::size_t at = found.empty() ? 6 : 4; at + 2 <= coe->content.size(); at += 2) {
+        found.push_back(load<std::uint16_t>(&coe->content[at]));
+      }
+    }
+    EXPECT_EQ(left, 0u);
+    EXPECT_EQ(found, expected) << size;
+  }
+}
+
+TEST(Coe, AnObjectAndItsEntriesAreDescribed) {
+  Axis a;
+  a.wire.set_sync_managers(0);
+  a.request(State::kPreOp);
+  const auto ask = [&](std::uint8_t operation, std::uint16_t index, std::uint8_t subindex) {
+    Bytes mail(246);
+    write_coe(mail, CoeService::kSdoInformation, 1, 8)[kCoeHeader] = operation;
+    store(&mail[kCoeHeader + 4], index);
+    mail[kCoeHeader + 6] = subindex;
+    a.wire.write_bytes(kStation, 0x1800, mail);
+    const auto answer = a.wire.read(kStation, 0x18f6, 246);
+    const auto coe = read_coe(answer.data);
+    return coe ? Bytes(coe->content.begin(), coe->content.end()) : Bytes();
+  };
+  const Bytes object = ask(3, 0x1018, 0);
+  ASSERT_GE(object.size(), 10u);
+  EXPECT_EQ(object[0], 4);
+  EXPECT_EQ(object[8], 4);  // highest subindex
+  EXPECT_EQ(object[9], 9);  // record
+  EXPECT_EQ(std::string(object.begin() + 10, object.end()), "Identity");
+  const Bytes entry = ask(5, 0x1018, 2);
+  ASSERT_GE(entry.size(), 14u);
+  EXPECT_EQ(entry[0], 6);
+  EXPECT_EQ(load<std::uint16_t>(&entry[8]), object_type::kU32);
+  EXPECT_EQ(load<std::uint16_t>(&entry[10]), 32);
+  EXPECT_EQ(load<std::uint16_t>(&entry[12]), 0x07);  // read in PREOP, SAFEOP and OP
+  EXPECT_EQ(std::string(entry.begin() + 14, entry.end()), "Product code");
+  const Bytes none = ask(3, 0x5555, 0);
+  ASSERT_EQ(none.size(), 8u);
+  EXPECT_EQ(none[0], 7);
+  EXPECT_EQ(load<std::uint32_t>(&none[4]), static_cast<std::uint32_t>(SdoAbort::kNoObject));
+}
+
+TEST(Coe, TheStateOfTheMailboxCanBeMappedIntoTheProcessData) {
+  // As masters do: an FMMU on the status byte of sync manager 1, whose bit 3 is "full".
+  Axis a;
+  a.wire.set_sync_managers(0);
+  a.request(State::kPreOp);
+  a.wire.set_fmmu(kStation, 2, 0x500, 1, 0, 0, reg::kSyncManager + 8 + 5, 3, fmmu::kRead);
+  EXPECT_EQ(a.wire.send(Command::kLrd, 0x500, {0xf0}).data[0], 0xf0);
+  a.client.upload(0x1018, 1);
+  Bytes mail(246);
+  std::copy(a.client.request().begin(), a.client.request().end(), mail.begin());
+  a.wire.write_bytes(kStation, 0x1800, mail);
+  EXPECT_EQ(a.wire.send(Command::kLrd, 0x500, {0xf0}).data[0], 0xf1);
+  a.wire.read(kStation, 0x18f6, 246);
+  EXPECT_EQ(a.wire.send(Command::kLrd, 0x500, {0xf0}).data[0], 0xf0);
+}
+
 TEST(Slave, EveryRealImageMakesASlaveThatReachesOp) {
   const std::string folder = captures_folder() + "/sii_dumps";
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << "needs ../shared/data/captures/sii_dumps";
