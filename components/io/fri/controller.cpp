@@ -264,8 +264,11 @@ void Controller::advance_state(std::int64_t now) {
     if (state_ == SessionState::kCommandingWait && in_step_ >= kAnswersInStep) start_commanding(now);
     return;
   }
+  // Clients prepare their motion when MONITORING_READY begins: at least one message tells it.
+  const bool was_ready = state_ == SessionState::kMonitoringReady;
   state_ = quality >= Quality::kGood ? SessionState::kMonitoringReady : SessionState::kMonitoringWait;
-  if (!requested_ || !acknowledged_ || motion_ != Motion::kOwn || quality < settings_.enter || !robot_is_ready()) return;
+  if (!was_ready || !requested_ || !acknowledged_ || motion_ != Motion::kOwn || quality < settings_.enter || !robot_is_ready())
+    return;
   if (!lwr()) {
     state_ = SessionState::kCommandingWait;
     in_step_ = 0;
