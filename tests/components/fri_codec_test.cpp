@@ -280,7 +280,7 @@ TEST(FriSunrise, WritesTheBytesOfTheCapturedMessages) {
 }
 
 TEST(FriSunrise, HasTheChecksumOfZlib) {
-  // The check value of CRC-32/ISO-HDLC, and of one byte more and less than a multiple of four.
+  // The check value of CRC-32/ISO-HDLC, and of whole and broken words.
   const std::string digits = "123456789";
   const std::span<const std::uint8_t> all(reinterpret_cast<const std::uint8_t*>(digits.data()), digits.size());
   EXPECT_EQ(crc32(all), 0xcbf43926u);
@@ -382,6 +382,14 @@ TEST(FriSunrise, WritesPosesOfVersion2AsPositionAndQuaternion) {
   const double expected[] = {250, 500, 1000, std::sqrt(0.5), std::sqrt(0.5), 0, 0};
   ASSERT_EQ(bytes.size(), 10u + 2 + 2 + 2 + 7 * 9);
   for (std::size_t i = 0; i < 7; ++i) EXPECT_NEAR(value_at<double>(bytes, 16 + 9 * i + 1), expected[i], 1e-12);
+  // All zero: the sender has no pose. Another number of elements is a fault.
+  Bytes zero = bytes;
+  for (std::size_t i = 3; i < 7; ++i)
+    std::fill_n(zero.begin() + static_cast<std::ptrdiff_t>(16 + 9 * i + 1), 8, std::uint8_t{0});
+  ASSERT_EQ(decode(Protocol::kSunrise2_5, zero, 7, c), Fault::kNone);
+  EXPECT_EQ(c.fields, 0u);
+  const std::string six = "0a 08 08 81800d 10 02 18 01 12 3c 32 3a 0a 00" + repeated("11 0000000000000000", 6) + "42 00";
+  EXPECT_EQ(decode(Protocol::kSunrise2_5, bytes_of(six), 7, c), Fault::kCount);
 }
 
 class FriCodec : public ::testing::TestWithParam<Protocol> {};

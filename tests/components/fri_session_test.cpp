@@ -503,6 +503,29 @@ TEST(FriLwrSession, HasVariablesOfTheProgramAndImpedances) {
   EXPECT_EQ(x.controller.drop(), Drop::kFields);
 }
 
+// What a command does not claim to have may be anything.
+TEST(FriLwrSession, IgnoresTheQuantitiesWithoutAFlag) {
+  const Protocol p = Protocol::kLwr;
+  Controller c(controller_settings(p), "");
+  c.open(0);
+  c.request(true);
+  for (std::int64_t k = 0; k < 200; ++k) {
+    c.cycle(k * kMs);
+    Command command;
+    command.joints = 7;
+    command.fields = C::kPosition;
+    command.tau.fill(std::numeric_limits<double>::quiet_NaN());
+    command.F.fill(std::numeric_limits<double>::infinity());
+    command.counter = static_cast<std::uint32_t>(k);
+    command.reflected = c.robot().counter;
+    ASSERT_EQ(c.receive(testing::encoded(p, command), {1, 1}, k * kMs), Fault::kNone);
+  }
+  const Setpoint& s = c.setpoint(200 * kMs);
+  ASSERT_TRUE(s.active);
+  EXPECT_EQ(s.tau[3], 0);
+  EXPECT_EQ(s.F[3], 0);
+}
+
 TEST(FriLwrSession, BeginsNoCommandsWhileTheClientDoesNotMirror) {
   Exchange x(controller_settings(Protocol::kLwr), client_settings(Protocol::kLwr));
   x.program = [](double, Joints& q) { q.fill(0.5); };

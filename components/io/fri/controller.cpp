@@ -292,6 +292,8 @@ void Controller::start_commanding(std::int64_t now) {
   fields_ = command_.fields;
   has_pose_ = command_.has(C::kPose);
   setpoint_.fields = 0;
+  tau_.fill(0);
+  F_.setZero();
 }
 
 void Controller::leave(Drop why, std::int64_t now) {
@@ -313,8 +315,9 @@ void Controller::begin_command_period(std::int64_t now) {
   if (lost > settings_.max_lost * multiplier) return leave(Drop::kLost, now);
   interpolator_.begin_period(now, lost);
   if (newest_ < began_) return;
-  tau_ = command_.tau;
-  F_ = command_.F;
+  // A quantity that is not given may hold anything, and 0 times that need not be 0.
+  tau_ = command_.has(C::kTorque) ? command_.tau : Joints{};
+  F_ = command_.has(C::kWrench) ? command_.F : Wrench(Wrench::Zero());
   setpoint_.fields = command_.fields;
   setpoint_.X = command_.X;
   setpoint_.redundancy = command_.redundancy;
@@ -398,9 +401,8 @@ const Setpoint& Controller::setpoint(std::int64_t now) {
   total_position(now, setpoint_.q, setpoint_.dq);
   setpoint_.active = motion_ == Motion::kClient;
   const double share = motion_ == Motion::kOwn ? 0 : interpolator_.share_of_speed(now);
-  const double torque_share = (setpoint_.fields & C::kTorque) != 0 ? share : 0;
-  for (std::size_t i = 0; i < settings_.joints; ++i) setpoint_.tau[i] = torque_share * tau_[i];
-  setpoint_.F = ((setpoint_.fields & C::kWrench) != 0 ? share : 0) * F_;
+  for (std::size_t i = 0; i < settings_.joints; ++i) setpoint_.tau[i] = share * tau_[i];
+  setpoint_.F = share * F_;
   return setpoint_;
 }
 
