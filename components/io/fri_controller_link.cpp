@@ -113,7 +113,6 @@ void FriControllerLink::declare(Variables& v, JointVariables& joints) {
       "why commanding ended last: 0 not yet, 1 request, 2 quality, 3 lost commands, 4 speed, 5 position, 6 torque, 7 robot, "
       "8 other quantities, 9 closed");
   v.output("drops", drops_, "how often commanding ended for another reason than request");
-  v.output("local_port", local_port_, "UDP port that commands come to");
   if (lwr) krl_client_.declare_outputs(v, "krl_command", "to the robot's program, $FRI_FRM");
   writes_.declare_output(v, "io_command", "I/O values that the client has written");
   counts_.declare(v);
@@ -186,7 +185,6 @@ void FriControllerLink::initialise(Time start, Measured&) {
   datagrams_.set_source(controller_->settings().client, protocol_ == fri::Protocol::kLwr ? 16 : 32,
                         [this](auto bytes) { return stamp(bytes); });
   datagrams_.set_period(controller_->settings().send_period * receive_multiplier_);
-  local_port_ = datagrams_.local().port;
   q_own_ = hold_ ? q_ : q_d_;
   krl_client_ = {};
   since_drop_ = 0;

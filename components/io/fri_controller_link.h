@@ -80,7 +80,7 @@ class FriControllerLink final : public Link {
   std::vector<double> q_command_, dq_command_, tau_command_, stiffness_command_, damping_command_;
   std::array<double, 6> F_command_{};
   bool active_ = false, connected_ = false;
-  std::int32_t state_ = 0, quality_ = 0, drop_ = 0, drops_ = 0, local_port_ = 0;
+  std::int32_t state_ = 0, quality_ = 0, drop_ = 0, drops_ = 0;
   KrlPorts krl_client_;
   IoPorts writes_;
   ControllerCounts counts_;

@@ -125,6 +125,9 @@ void FriLink::declare(Variables& v, JointVariables& joints) {
             "mode=cartesian_impedance: stiffness x y z in N/m, about x y z in N.m/rad")
       .range(0, 1e9);
   v.tunable("cartesian_damping", cartesian_damping_, "1", "mode=cartesian_impedance: damping ratios").range(0, 1);
+  v.tunable("tau_e_gated", tau_e_gated_,
+            "tau_e is given only while the robot follows commands, else 0: a guided twin does not move away from a robot that "
+            "does not follow");
 }
 
 void FriLink::open() {
@@ -290,6 +293,7 @@ void FriLink::measure(Measured& measured) {
   const double old = dq_cutoff_ > 0 ? std::exp(-2 * std::numbers::pi * dq_cutoff_ * elapsed) : 0;
   measured.has_tau = m.has(fri::Monitoring::kMeasuredTorque);
   measured.has_tau_e = m.has(fri::Monitoring::kExternalTorque);
+  const bool gives_tau_e = measured.has_tau_e && (!tau_e_gated_ || (following_ && command_));
   for (std::size_t i = 0; i < n_; ++i) {
     if (elapsed > 0) {
       const double raw = (m.q_measured[i] - measured.q[i]) / elapsed;
@@ -299,7 +303,7 @@ void FriLink::measure(Measured& measured) {
     }
     measured.q[i] = m.q_measured[i];
     measured.tau[i] = measured.has_tau ? m.tau_measured[i] : 0;
-    measured.tau_e[i] = measured.has_tau_e ? m.tau_external[i] : 0;
+    measured.tau_e[i] = gives_tau_e ? m.tau_external[i] : 0;
     if (m.has(fri::Monitoring::kCommandedPosition)) q_robot_[i] = m.q_commanded[i];
     if (m.has(fri::Monitoring::kInterpolatorPosition)) q_own_[i] = m.q_interpolator[i];
   }

@@ -67,7 +67,7 @@ class FriLink final : public Link {
   KrlPorts krl_command_;
   IoPorts writes_;
   // Tunables.
-  bool command_ = true;
+  bool command_ = true, tau_e_gated_ = false;
   std::vector<double> K_P_, K_D_, stiffness_, damping_;
   std::array<double, 6> cartesian_stiffness_{}, cartesian_damping_{};
   // Outputs.
