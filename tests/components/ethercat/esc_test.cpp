@@ -351,6 +351,25 @@ TEST(Controller, AFrameThatIsNotValidIsPassedOnAndCounted) {
   EXPECT_TRUE(s.bus.transmit(frame, s.wire.now).has_value());
 }
 
+TEST(Controller, ReservedBitsAreIgnored) {
+  // KickCAT leaves one of them set.
+  Single s;
+  Bytes frame(60);
+  FrameWriter writer(frame);
+  writer.begin();
+  writer.add(Command::kBrd, 0, 0, 2);
+  writer.finish();
+  frame[15] |= 0x08;
+  frame[23] |= 0x10;
+  EXPECT_EQ(FrameReader(frame).fault(), FrameFault::kReserved);
+  ASSERT_TRUE(s.bus.transmit(frame, s.wire.now).has_value());
+  FrameReader reader(frame, FrameReader::Reserved::kIgnored);
+  Datagram d;
+  ASSERT_TRUE(reader.next(d));
+  EXPECT_EQ(d.working_counter, 1);
+  EXPECT_EQ(d.length, 2u);
+}
+
 TEST(Controller, OptionsThatDoNotFitAreRefused) {
   SlaveOptions options;
   options.esc.fmmus = 17;
