@@ -57,7 +57,7 @@ void set_bit(std::span<std::uint8_t> bytes, std::uint64_t n, bool value) {
 bool Esc::process(std::span<std::uint8_t> frame, std::int64_t now) {
   advance(now);
   latch_ = false;
-  FrameReader reader(frame);
+  FrameReader reader(frame, FrameReader::Reserved::kIgnored);
   if (reader.fault() == FrameFault::kNotEtherCat) return (memory_[reg::kDlControl] & 1) == 0;
   frame[6] |= 2;  // locally administered source address
   if (reader.fault() != FrameFault::kNone) {

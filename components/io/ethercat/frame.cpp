@@ -45,17 +45,18 @@ std::string_view describe(FrameFault fault) {
   return "unknown fault";
 }
 
-FrameReader::FrameReader(std::span<const std::uint8_t> frame) : frame_(frame), fault_(check()) {
+FrameReader::FrameReader(std::span<const std::uint8_t> frame, Reserved reserved)
+    : frame_(frame), fault_(check(reserved == Reserved::kFault)) {
   if (fault_ == FrameFault::kNone) end_ += load<std::uint16_t>(&frame_[14]) & kLengthBits;
 }
 
-FrameFault FrameReader::check() const {
+FrameFault FrameReader::check(bool strict) const {
   if (frame_.size() > kLongestFrame) return FrameFault::kTooLong;
   if (frame_.size() < kFrameHeader || frame_[12] != (kEtherType >> 8) || frame_[13] != (kEtherType & 0xff))
     return FrameFault::kNotEtherCat;
   const auto header = load<std::uint16_t>(&frame_[14]);
   if (header >> 12 != kDatagramProtocol) return FrameFault::kProtocol;
-  if (header & kFrameReserved) return FrameFault::kReserved;
+  if (strict && (header & kFrameReserved)) return FrameFault::kReserved;
   std::size_t left = header & kLengthBits;
   if (left > frame_.size() - kFrameHeader) return FrameFault::kCutShort;
   const std::uint8_t* d = frame_.data() + kFrameHeader;
@@ -65,7 +66,7 @@ FrameFault FrameReader::check() const {
     const auto bits = load<std::uint16_t>(d + 6);
     const std::size_t size = (bits & kLengthBits) + kDatagramOverhead;
     if (d[0] > kLastCommand) return FrameFault::kCommand;
-    if (bits & kDatagramReserved) return FrameFault::kReserved;
+    if (strict && (bits & kDatagramReserved)) return FrameFault::kReserved;
     if (size > left) return FrameFault::kCutDatagram;
     left -= size;
     d += size;

@@ -88,7 +88,10 @@ std::string_view describe(FrameFault fault);
 /// Reads the datagrams of a frame. The constructor checks the whole frame: a frame with a fault has no datagrams.
 class FrameReader {
  public:
-  explicit FrameReader(std::span<const std::uint8_t> frame);
+  /// Reserved bits are a fault, or ignored as slaves do.
+  enum class Reserved : std::uint8_t { kFault, kIgnored };
+
+  explicit FrameReader(std::span<const std::uint8_t> frame, Reserved reserved = Reserved::kFault);
 
   FrameFault fault() const { return fault_; }
   /// Sets `d` to the next datagram; false if there is none.
@@ -96,7 +99,7 @@ class FrameReader {
   std::span<const std::uint8_t> data(const Datagram& d) const { return frame_.subspan(d.data, d.length); }
 
  private:
-  FrameFault check() const;
+  FrameFault check(bool strict) const;
 
   std::span<const std::uint8_t> frame_;
   std::size_t at_ = kFrameHeader;  // of the next datagram

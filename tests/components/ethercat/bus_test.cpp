@@ -308,6 +308,19 @@ TEST(DistributedClock, ALateSlaveAndAStepOfTheReferenceAreFollowed) {
   for (std::size_t n = 1; n < 5; ++n) EXPECT_LE(std::abs(error(w, n)), 60) << n;
 }
 
+TEST(DistributedClock, ATimeOf32BitsIsComparedWithTheLowHalf) {
+  for (const std::size_t bytes : {4u, 8u}) {
+    Bus bus;
+    bus.append(clocked(0, 0, 5'000'000'000));
+    Wire w(bus);
+    w.number_stations();
+    w.send(Command::kFpwr, at_station(station(0), reg::kSystemTime), Bytes(bytes));
+    // 5 s more than the received 0: limited to 31 bits, or 5e9 - 2^32 ns.
+    const double difference = static_cast<double>(w.read(station(0), reg::kSystemTimeDifference, 4).value());
+    EXPECT_NEAR(difference, bytes == 8 ? 2147483647.0 : 5e9 - 4294967296.0, 1e4);
+  }
+}
+
 TEST(DistributedClock, TheSameSeedGivesTheSameBits) {
   std::vector<std::uint64_t> times[2];
   for (auto& list : times) {

@@ -178,6 +178,14 @@ TEST(Devices, TheLatchTakesThePulseCAndTheExternalEdge) {
   c.encoder->set_latch_input(false);
   c.cycle();
   EXPECT_EQ(c.input<std::uint16_t>(3), 17'000);
+  c.image[2] = 0;
+  c.cycle();
+  c.encoder->set_position(16'384, c.wire.now);
+  c.image[2] = 0x01;
+  c.cycle();
+  c.encoder->set_position(20'480, c.wire.now);  // from a pulse exactly to the next
+  c.cycle();
+  EXPECT_EQ(c.input<std::uint16_t>(3), 20'480);
 }
 
 TEST(Devices, TheCounterIsSetOnTheRisingEdge) {

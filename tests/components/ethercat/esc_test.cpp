@@ -62,7 +62,11 @@ TEST(Controller, EveryCommandReachesTheSlavesOfItsTable) {
   EXPECT_EQ(a.count, 1);
   EXPECT_EQ(a.position, 0x1002);
   EXPECT_EQ(w.read(0x1009, reg::kStation, 2).count, 0);
-  EXPECT_EQ(w.send(Command::kFprw, at_station(0x1002, reg::kProcessRam + 0x100), Bytes(2)).count, 3);
+  w.write(0x1002, reg::kProcessRam + 0x100, std::uint16_t{0x1234});
+  a = w.send(Command::kFprw, at_station(0x1002, reg::kProcessRam + 0x100), {0x78, 0x56});
+  EXPECT_EQ(a.count, 3);
+  EXPECT_EQ(a.value(), 0x1234u);
+  EXPECT_EQ(w.read(0x1002, reg::kProcessRam + 0x100, 2).value(), 0x5678u);
   // B: all; the data read are combined by OR: 0x1001 | 0x1002 | 0x1003 | 0x1004.
   a = w.send(Command::kBrd, position(0), Bytes(2));
   EXPECT_EQ(a.count, 4);
@@ -320,7 +324,8 @@ TEST(Controller, EventsOfTheSlavesAreCombinedInTheDatagram) {
   Cell c;
   EXPECT_EQ(c.wire.read(0x1001, reg::kType, 1).irq, 0);
   c.wire.send(Command::kBwr, at_position(0, reg::kEventMask), {4, 0});
-  c.wire.read(0x1004, reg::kDlStatus, 2);
+  for (std::uint16_t n = 2; n <= 4; ++n) c.wire.read(static_cast<std::uint16_t>(0x1000 + n), reg::kDlStatus, 2);
+  EXPECT_EQ(c.wire.read(0x1004, reg::kType, 1).irq, event::kDlStatus);  // of the first slave, through all others
   for (std::uint16_t n = 1; n <= 4; ++n) c.wire.read(static_cast<std::uint16_t>(0x1000 + n), reg::kDlStatus, 2);
   EXPECT_EQ(c.wire.read(0x1001, reg::kType, 1).irq, 0);
   c.bus.cut(3, true);
@@ -344,6 +349,25 @@ TEST(Controller, AFrameThatIsNotValidIsPassedOnAndCounted) {
   EXPECT_FALSE(s.bus.transmit(frame, s.wire.now).has_value());
   s.wire.write(kFirst, reg::kDlControl, std::uint8_t{0});
   EXPECT_TRUE(s.bus.transmit(frame, s.wire.now).has_value());
+}
+
+TEST(Controller, ReservedBitsAreIgnored) {
+  // KickCAT leaves one of them set.
+  Single s;
+  Bytes frame(60);
+  FrameWriter writer(frame);
+  writer.begin();
+  writer.add(Command::kBrd, 0, 0, 2);
+  writer.finish();
+  frame[15] |= 0x08;
+  frame[23] |= 0x10;
+  EXPECT_EQ(FrameReader(frame).fault(), FrameFault::kReserved);
+  ASSERT_TRUE(s.bus.transmit(frame, s.wire.now).has_value());
+  FrameReader reader(frame, FrameReader::Reserved::kIgnored);
+  Datagram d;
+  ASSERT_TRUE(reader.next(d));
+  EXPECT_EQ(d.working_counter, 1);
+  EXPECT_EQ(d.length, 2u);
 }
 
 TEST(Controller, OptionsThatDoNotFitAreRefused) {
