@@ -4,6 +4,8 @@
 #include <cstring>
 #include <optional>
 
+#include "components/bus/state_database.h"
+
 namespace cotwin::bus {
 
 namespace {
@@ -25,7 +27,7 @@ std::size_t fragments_of(std::size_t bytes) {
 }  // namespace
 
 UdpTransport::UdpTransport(net::Endpoint local, net::Endpoint peer, const std::string& place)
-    : socket_(local, place), peer_(peer), datagram_(kHeader + kFragment + 1) {
+    : socket_(local, place), peer_(peer), next_(static_cast<std::uint32_t>(new_session())), datagram_(kHeader + kFragment + 1) {
   for (Partial& p : partials_) p.buffer.resize(max_bytes());
 }
 
@@ -33,6 +35,7 @@ void UdpTransport::restart(net::Endpoint peer) {
   for (int i = 0; i < kMostDropped && socket_.receive(datagram_); ++i) {
   }
   for (Partial& p : partials_) p.open = false;
+  whole_.fill(std::nullopt);
   peer_ = peer;
   counts_ = {};
 }
@@ -59,18 +62,27 @@ bool UdpTransport::send(std::span<const std::byte> message) {
 }
 
 std::span<const std::byte> UdpTransport::receive() {
-  while (const std::optional<net::UdpSocket::Received> datagram = socket_.receive(datagram_)) {
-    if (datagram->from != peer_) {
-      ++counts_.foreign;
-      continue;
-    }
-    ++counts_.received;
-    counts_.received_bytes += datagram->size;
-    const std::span<const std::byte> message =
-        take_fragment(std::as_bytes(std::span(datagram_).first(std::min(datagram->size, datagram_.size()))));
+  std::span<const std::byte> message;
+  while (examined_ < kMostAtOnce && take_datagram(message)) {
+    ++examined_;
     if (!message.empty()) return message;
   }
+  examined_ = 0;
   return {};
+}
+
+/// False: no datagram has arrived. `message`: the one that it completes.
+bool UdpTransport::take_datagram(std::span<const std::byte>& message) {
+  const std::optional<net::UdpSocket::Received> datagram = socket_.receive(datagram_);
+  if (!datagram) return false;
+  if (datagram->from != peer_) {
+    ++counts_.foreign;
+    return true;
+  }
+  ++counts_.received;
+  counts_.received_bytes += datagram->size;
+  message = take_fragment(std::as_bytes(std::span(datagram_).first(std::min(datagram->size, datagram_.size()))));
+  return true;
 }
 
 /// The partial message with this number: a new one takes the place of the oldest.
@@ -97,6 +109,7 @@ std::span<const std::byte> UdpTransport::take_fragment(std::span<const std::byte
   const std::size_t offset = h.index * kFragment;
   if (part.size() != std::min<std::size_t>(kFragment, h.bytes - offset)) return damaged();
   if (h.count == 1) return part;
+  if (std::find(whole_.begin(), whole_.end(), h.message) != whole_.end()) return {};  // doubled
 
   Partial& p = partial_of(h.message);
   if (!p.open) {
@@ -110,6 +123,8 @@ std::span<const std::byte> UdpTransport::take_fragment(std::span<const std::byte
   p.missing &= ~(std::uint64_t{1} << h.index);
   if (p.missing != 0) return {};
   p.open = false;
+  last_whole_ = (last_whole_ + 1) % whole_.size();
+  whole_[last_whole_] = h.message;
   return std::span(p.buffer).first(p.bytes);
 }
 

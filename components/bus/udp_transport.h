@@ -2,6 +2,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -26,7 +27,9 @@ class UdpTransport final : public Transport {
   UdpTransport(net::Endpoint local, net::Endpoint peer, const std::string& place);
 
   bool send(std::span<const std::byte> message) override;
+  /// Returns nothing also after kMostAtOnce datagrams, so that a flood cannot hold a step.
   std::span<const std::byte> receive() override;
+  static constexpr int kMostAtOnce = 512;
   bool wait(std::int64_t deadline) override { return wait_readable(socket_.descriptor(), deadline); }
   std::size_t max_bytes() const override { return kMaxFragments * kFragment; }
 
@@ -55,15 +58,19 @@ class UdpTransport final : public Transport {
     std::uint64_t missing = 0;  // a bit per fragment
     std::vector<std::byte> buffer;
   };
+  bool take_datagram(std::span<const std::byte>& message);
   std::span<const std::byte> take_fragment(std::span<const std::byte> datagram);
   Partial& partial_of(std::uint32_t message);
 
   net::UdpSocket socket_;
   net::Endpoint peer_;
-  std::uint32_t next_ = 0;
+  std::uint32_t next_;  // number of the next message
+  int examined_ = 0;    // datagrams since receive() last returned nothing
   std::vector<std::uint8_t> datagram_;
   std::array<Partial, 4> partials_;  // messages that may arrive mixed
   std::size_t oldest_ = 0;
+  std::array<std::optional<std::uint32_t>, 8> whole_;  // messages that came last
+  std::size_t last_whole_ = 0;
   Counts counts_;
 };
 

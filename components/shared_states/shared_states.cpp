@@ -208,7 +208,7 @@ std::optional<Arrival> SharedStates::wait(std::int64_t deadline) {
       return Arrival{bus::monotonic_ns(), exchange_->replica()->epoch()};
     }
     const bool interrupted = waited && datagrams() == before;
-    if (interrupted || !transport_->wait(deadline)) return std::nullopt;
+    if (interrupted || (waited && bus::monotonic_ns() >= deadline) || !transport_->wait(deadline)) return std::nullopt;
   }
 }
 

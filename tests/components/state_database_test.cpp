@@ -463,6 +463,68 @@ TEST(UdpTransport, IgnoresAndCountsForeignSendersAndDamage) {
   EXPECT_EQ(b.counts().damaged, static_cast<std::uint64_t>(sent));
 }
 
+// Owner and reader behind a proxy that loses, doubles and reorders datagrams; full copies have six fragments.
+TEST(UdpTransport, CarriesAStateDatabaseThroughABadNetwork) {
+  net::UdpSocket to_owner(kAnyPort, "test"), to_reader(kAnyPort, "test");
+  UdpTransport a(kAnyPort, to_owner.local(), "test"), b(kAnyPort, to_reader.local(), "test");
+  StateExchange owner(a, layout("x:1000:1"), std::nullopt), reader(b, std::nullopt, layout("x:1000:1"));
+  std::mt19937_64 random(15);
+  std::vector<std::uint8_t> buffer(2000), held;
+  bool perfect = false;
+  const auto forward = [&](net::UdpSocket& from, net::UdpSocket& through, net::Endpoint to) {
+    while (const auto datagram = from.receive(buffer)) {
+      const std::span<const std::uint8_t> bytes = std::span(buffer).first(datagram->size);
+      const std::uint64_t fate = perfect ? 99 : random() % 100;
+      if (fate < 5) continue;
+      if (fate < 10 && held.empty()) {  // comes after the next one
+        held.assign(bytes.begin(), bytes.end());
+        continue;
+      }
+      (void)through.send(bytes, to);
+      if (fate < 15) (void)through.send(bytes, to);
+      if (!held.empty()) (void)through.send(held, to);
+      held.clear();
+    }
+    if (!held.empty()) (void)through.send(held, to);
+    held.clear();
+  };
+  constexpr std::int64_t kTicks = 3'000;
+  std::vector<std::vector<std::byte>> history(1);
+  std::uint64_t fresh = 0;
+  for (std::int64_t tick = 1; tick <= kTicks + 50; ++tick) {
+    perfect = tick > kTicks;
+    if (!perfect) change(owner.owner()->image(), random() % 400, random);
+    history.push_back(copy_of(owner.owner()->image()));
+    owner.publish(tick);
+    forward(to_owner, to_reader, b.local());
+    if (reader.receive()) ++fresh;
+    forward(to_reader, to_owner, a.local());
+    owner.receive();
+    forward(to_owner, to_reader, b.local());
+    if (!reader.replica()->complete()) continue;
+    ASSERT_TRUE(same(reader.replica()->image(), history[static_cast<std::size_t>(reader.replica()->epoch())])) << tick;
+  }
+  EXPECT_TRUE(same(reader.replica()->image(), owner.owner()->image()));
+  EXPECT_EQ(reader.replica()->epoch(), kTicks + 50);
+  EXPECT_GT(fresh, 1'000u);
+  EXPECT_GT(reader.counts().copies, 100u);
+  EXPECT_GT(b.counts().incomplete, 10u);
+  EXPECT_EQ(b.counts().damaged + b.counts().foreign, 0u);
+}
+
+TEST(UdpTransport, ReturnsFromAFlood) {
+  UdpTransport b(kAnyPort, {}, "test");
+  net::UdpSocket flood(kAnyPort, "test");
+  const std::vector<std::uint8_t> noise(8, 7);
+  // In each round as many as the socket keeps; together more than are examined at once.
+  for (std::uint64_t before = 0; b.counts().foreign < 2 * UdpTransport::kMostAtOnce; before = b.counts().foreign) {
+    for (int i = 0; i < 2 * UdpTransport::kMostAtOnce; ++i) (void)flood.send(noise, b.local());
+    EXPECT_TRUE(b.receive().empty());
+    EXPECT_GT(b.counts().foreign, before);
+    EXPECT_LE(b.counts().foreign, before + UdpTransport::kMostAtOnce);
+  }
+}
+
 TEST(UdpTransport, DropsAMessageOfWhichAFragmentIsLost) {
   UdpTransport b(kAnyPort, {}, "test");
   net::UdpSocket a(kAnyPort, "test");
