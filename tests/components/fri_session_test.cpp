@@ -627,6 +627,52 @@ TEST(FriController, SaysWhichSettingIsWrong) {
   EXPECT_EQ(testing::error_of([&] { Client(c, "io"); }), "io: protocol lwr with 6 joints, expected 7");
 }
 
+// LWR with Cartesian impedance: poses, stiffness, damping and a force in place of joint positions.
+TEST(FriLwrSession, CommandsPosesInCartesianImpedance) {
+  const Protocol p = Protocol::kLwr;
+  ControllerSettings settings = controller_settings(p, 4 * kMs);
+  settings.control = ControlMode::kCartesianImpedance;
+  Exchange x(settings, client_settings(p));
+  M& robot = x.controller.robot();
+  robot.fields |= M::kInterpolatorPose | M::kCommandedPose | M::kMeasuredPose;
+  robot.X_commanded = {rotation_from_rpy(3.0, 0.1, -0.2), {0.5, 0.1, 0.4}};
+  robot.X_interpolator = robot.X_commanded;
+  x.wanted.fields = C::kPose | C::kCartesianStiffness | C::kCartesianDamping | C::kWrench;
+  x.wanted.X = robot.X_commanded;
+  x.wanted.cartesian_stiffness << 2000, 1500, 1000, 300, 200, 100;
+  x.wanted.F << 0, 0, -10, 0.5, 0, 0;
+  x.run_seconds(0.6);
+  EXPECT_EQ(x.controller.setpoint(x.now).F, Wrench(Wrench::Zero()));
+  x.controller.request(true);
+  x.run_seconds(0.1);
+  ASSERT_EQ(x.controller.state(), SessionState::kCommandingActive);
+  const Setpoint& s = x.controller.setpoint(x.now);
+  EXPECT_EQ(s.fields, x.wanted.fields);
+  EXPECT_EQ(s.F, x.wanted.F);
+  EXPECT_EQ(s.cartesian_stiffness, x.wanted.cartesian_stiffness);
+  EXPECT_LT((s.X.p - robot.X_commanded.p).norm(), 1e-6);
+  EXPECT_LT((s.X.R - robot.X_commanded.R).norm(), 1e-6);
+  // 0.5 m/s, finely interpolated: no step between two samples of 50 µs is longer than the way of that time.
+  Eigen::Vector3d before = s.X.p;
+  double longest = 0;
+  x.want = [&] { x.wanted.X.p.y() += 0.5 * 4e-3; };
+  x.observe = [&] {
+    const Eigen::Vector3d now = x.controller.setpoint(x.now).X.p;
+    longest = std::max(longest, (now - before).norm());
+    before = now;
+  };
+  x.run_seconds(0.2);
+  EXPECT_EQ(x.controller.state(), SessionState::kCommandingActive);
+  EXPECT_NEAR(before.y(), 0.1 + 0.5 * 0.2 - 0.5 * 1.5 * 4e-3, 0.5 * 4e-3);
+  EXPECT_LT(longest, 0.5 * 50e-6 + 2e-7);
+  // What is no rotation is not taken; the motion is continued, and stopped.
+  x.want = [&] { x.wanted.X.R.setZero(); };
+  x.run_seconds(0.4);
+  EXPECT_GT(x.controller.statistics().faults.of(Fault::kValue), 5u);
+  EXPECT_EQ(x.controller.drop(), Drop::kLost);
+  EXPECT_LT(longest, 0.5 * 50e-6 + 2e-7);
+}
+
 // A Cartesian pose of 2.x in place of joint positions.
 TEST(FriSunriseSession, CommandsPoses) {
   const Protocol p = Protocol::kSunrise2_7;
