@@ -95,10 +95,11 @@ TEST_P(FriSession, PassesItsStatesInOrderAndTheRobotFollowsTheClient) {
   }
 }
 
-// The set point is continuous over all changes of state, and no faster than the limit, whatever the network does.
-TEST_P(FriSession, MovesNoJointFasterThanItsLimit) {
+// The set point is continuous over all changes of state, no faster than the limit and near what the client wants, whatever the
+// network does.
+TEST_P(FriSession, MovesNoJointFasterThanItsLimitAndTracksWithABoundedError) {
   const Protocol p = GetParam();
-  for (std::uint32_t seed = 1; seed <= 6; ++seed) {
+  for (std::uint32_t seed = 1; seed <= 4; ++seed) {
     ControllerSettings settings = controller_settings(p, seed % 2 == 0 ? 4 * kMs : kMs);
     settings.enter = settings.hold = Quality::kPoor;  // only losses in a row end commanding
     settings.max_lost = 8;
@@ -109,10 +110,15 @@ TEST_P(FriSession, MovesNoJointFasterThanItsLimit) {
     SineOverlay sine{0.25, 1.2};  // 1.9 rad/s of 2
     x.want = [&] { sine(x); };
     Joints before{};
-    double fastest = 0;
+    double fastest = 0, error = 0;
     std::uint64_t active = 0;
     x.observe = [&] {
       const Setpoint& s = x.controller.setpoint(x.now);
+      if (s.active && sine.began >= 0) {
+        const double t = static_cast<double>(x.now) * 1e-9 - sine.began;
+        error =
+            std::max(error, std::abs(s.q[0] - x.client.monitoring().q_interpolator[0] - 0.25 * std::sin(2 * kPi * 1.2 * t)));
+      }
       // Commands of a period of 1 ms are steps.
       const double time = settings.send_period == kMs ? 1e-3 : static_cast<double>(Exchange::kStep) * 1e-9;
       for (std::size_t i = 0; i < 7; ++i) fastest = std::max(fastest, std::abs(s.q[i] - before[i]) / time);
@@ -121,8 +127,10 @@ TEST_P(FriSession, MovesNoJointFasterThanItsLimit) {
       if (x.controller.drop() != Drop::kNone) x.controller.request(x.now / (400 * kMs) % 2 == 0);
     };
     x.controller.request(true);
-    x.run_seconds(8);
+    x.run_seconds(6);
     EXPECT_LE(fastest, 2.0 + 1e-6) << seed;
+    // The delays, and a gap that is bridged in the wrong direction: twice the way at full speed.
+    EXPECT_LE(error, 2 * 2.0 * (static_cast<double>((settings.max_lost + 2) * settings.send_period) * 1e-9 + 4e-3)) << seed;
     EXPECT_GT(active, 1000u) << seed;
     EXPECT_GT(x.controller.statistics().bridged, 10u) << seed;
     for (const double q : before) EXPECT_LT(std::abs(q), 2.9);
@@ -625,6 +633,52 @@ TEST(FriController, SaysWhichSettingIsWrong) {
   ClientSettings c = client_settings(Protocol::kLwr);
   c.joints = 6;
   EXPECT_EQ(testing::error_of([&] { Client(c, "io"); }), "io: protocol lwr with 6 joints, expected 7");
+}
+
+// LWR with Cartesian impedance: poses, stiffness, damping and a force in place of joint positions.
+TEST(FriLwrSession, CommandsPosesInCartesianImpedance) {
+  const Protocol p = Protocol::kLwr;
+  ControllerSettings settings = controller_settings(p, 4 * kMs);
+  settings.control = ControlMode::kCartesianImpedance;
+  Exchange x(settings, client_settings(p));
+  M& robot = x.controller.robot();
+  robot.fields |= M::kInterpolatorPose | M::kCommandedPose | M::kMeasuredPose;
+  robot.X_commanded = {rotation_from_rpy(3.0, 0.1, -0.2), {0.5, 0.1, 0.4}};
+  robot.X_interpolator = robot.X_commanded;
+  x.wanted.fields = C::kPose | C::kCartesianStiffness | C::kCartesianDamping | C::kWrench;
+  x.wanted.X = robot.X_commanded;
+  x.wanted.cartesian_stiffness << 2000, 1500, 1000, 300, 200, 100;
+  x.wanted.F << 0, 0, -10, 0.5, 0, 0;
+  x.run_seconds(0.6);
+  EXPECT_EQ(x.controller.setpoint(x.now).F, Wrench(Wrench::Zero()));
+  x.controller.request(true);
+  x.run_seconds(0.1);
+  ASSERT_EQ(x.controller.state(), SessionState::kCommandingActive);
+  const Setpoint& s = x.controller.setpoint(x.now);
+  EXPECT_EQ(s.fields, x.wanted.fields);
+  EXPECT_EQ(s.F, x.wanted.F);
+  EXPECT_EQ(s.cartesian_stiffness, x.wanted.cartesian_stiffness);
+  EXPECT_LT((s.X.p - robot.X_commanded.p).norm(), 1e-6);
+  EXPECT_LT((s.X.R - robot.X_commanded.R).norm(), 1e-6);
+  // 0.5 m/s, finely interpolated: no step between two samples of 50 µs is longer than the way of that time.
+  Eigen::Vector3d before = s.X.p;
+  double longest = 0;
+  x.want = [&] { x.wanted.X.p.y() += 0.5 * 4e-3; };
+  x.observe = [&] {
+    const Eigen::Vector3d now = x.controller.setpoint(x.now).X.p;
+    longest = std::max(longest, (now - before).norm());
+    before = now;
+  };
+  x.run_seconds(0.2);
+  EXPECT_EQ(x.controller.state(), SessionState::kCommandingActive);
+  EXPECT_NEAR(before.y(), 0.1 + 0.5 * 0.2 - 0.5 * 1.5 * 4e-3, 0.5 * 4e-3);
+  EXPECT_LT(longest, 0.5 * 50e-6 + 2e-7);
+  // What is no rotation is not taken; the motion is continued, and stopped.
+  x.want = [&] { x.wanted.X.R.setZero(); };
+  x.run_seconds(0.4);
+  EXPECT_GT(x.controller.statistics().faults.of(Fault::kValue), 5u);
+  EXPECT_EQ(x.controller.drop(), Drop::kLost);
+  EXPECT_LT(longest, 0.5 * 50e-6 + 2e-7);
 }
 
 // A Cartesian pose of 2.x in place of joint positions.

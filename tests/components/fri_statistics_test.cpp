@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "components/io/fri/interpolator.h"
+#include "components/io/fri/pose_interpolator.h"
 #include "components/io/fri/rating.h"
 #include "components/io/fri/statistics.h"
 
@@ -239,6 +240,52 @@ TEST(FriInterpolator, StepsThroughCommandsOfOneMillisecondAndKeepsTheLimits) {
   }
   EXPECT_EQ(q[0], 0.05);
   EXPECT_EQ(q[1], -0.05);
+}
+
+// A screw: constant speed along z and about it, as seen from the base. Two commands in three are lost.
+TEST(FriPoseInterpolator, ContinuesAScrewMotion) {
+  PoseInterpolatorSettings settings{10, 100, 4 * kMs, 1, 100 * kMs, 0};
+  PoseInterpolator frame(settings);
+  const auto screw = [](double k) { return Pose{rotation_from_rpy(0, 0, 0.2 * k), {0.5, 0, 0.01 * k}}; };
+  frame.start(screw(0), 0);
+  std::int64_t newest = 0;
+  for (std::int64_t k = 1; k <= 40; ++k) {  // 8 rad: more than a turn
+    const std::int64_t answered = k - 1;
+    if (answered > 0 && (answered < 3 || answered % 3 == 0))
+      frame.command(screw(static_cast<double>(answered)), newest = answered);
+    frame.begin_period(4 * kMs * k, answered - newest);
+    if (k < 3) continue;
+    for (const double share : {0.0, 0.25, 1.0}) {
+      const Pose at = frame.at(4 * kMs * k + static_cast<std::int64_t>(share * 4 * kMs));
+      const Pose expected = screw(static_cast<double>(k) - 2 + share);
+      EXPECT_LT((at.R - expected.R).cwiseAbs().maxCoeff(), 1e-12) << k;
+      EXPECT_LT((at.p - expected.p).norm(), 1e-12) << k;
+    }
+  }
+  // The stop takes half of the way that the speed would make in the stop time: 25 periods.
+  const Pose before = frame.at(41 * 4 * kMs);
+  frame.stop(41 * 4 * kMs);
+  const Pose after = frame.at(41 * 4 * kMs + 200 * kMs);
+  EXPECT_NEAR((before.R.transpose() * after.R - rotation_from_rpy(0, 0, 0.2 * 12.5)).norm(), 0, 1e-12);
+  EXPECT_NEAR(after.p.z() - before.p.z(), 0.01 * 12.5, 1e-12);
+}
+
+TEST(FriPoseInterpolator, KeepsTheSpeedLimits) {
+  PoseInterpolatorSettings settings{2, 4, 5 * kMs, 1, 100 * kMs, 0};
+  PoseInterpolator frame(settings);
+  const Pose origin;
+  const auto at = [](double z, double angle) { return Pose{rotation_from_rpy(angle, 0, 0), {0, 0, z}}; };
+  frame.start(origin, 10);
+  EXPECT_FALSE(frame.is_jump(at(0.0099, 0.0199), 11));
+  EXPECT_TRUE(frame.is_jump(at(0.0101, 0), 11));
+  EXPECT_TRUE(frame.is_jump(at(0, -0.0201), 11));
+  EXPECT_FALSE(frame.is_jump(at(0.0101, -0.0201), 12));
+  EXPECT_TRUE(frame.is_jump(at(std::nan(""), 0), 12));
+  frame.command(at(1, 3), 11);  // not checked: the set point moves at the limits
+  frame.begin_period(0, 0);
+  const Pose next = frame.at(5 * kMs);
+  EXPECT_NEAR(next.p.z(), 0.01, 1e-15);
+  EXPECT_NEAR((next.R - rotation_from_rpy(0.02, 0, 0)).norm(), 0, 1e-12);
 }
 
 }  // namespace

@@ -59,6 +59,21 @@ InterpolatorSettings interpolation_of(const ControllerSettings& s) {
   return i;
 }
 
+PoseInterpolatorSettings frame_interpolation_of(const ControllerSettings& s) {
+  return {s.linear_speed_limit * s.safety_factor,
+          s.angular_speed_limit * s.safety_factor,
+          s.send_period,
+          s.receive_multiplier,
+          s.stop_time,
+          s.slack};
+}
+
+/// To the rounding of single floats, and what clients with little care for it send.
+bool is_nearly_rotation(const Eigen::Matrix3d& R) {
+  constexpr double kTolerance = 1e-3;
+  return (R * R.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() < kTolerance && R.determinant() > 0;
+}
+
 bool all_finite(const Joints& values, std::size_t n) {
   return std::all_of(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(n),
                      [](double x) { return std::isfinite(x); });
@@ -77,6 +92,7 @@ Controller::Controller(const ControllerSettings& settings, const std::string& pl
       statistics_(settings.protocol == Protocol::kLwr ? 16 : 32),
       rating_(settings.rating, settings.send_period * settings.receive_multiplier),
       interpolator_(interpolation_of(settings)),
+      frame_(frame_interpolation_of(settings)),
       client_(settings.client) {
   robot_.joints = received_.joints = command_.joints = static_cast<std::uint32_t>(settings.joints);
   robot_.drives.fill(DriveState::kActive);
@@ -186,6 +202,7 @@ bool Controller::has_needed_fields() const {
 
 Fault Controller::use(std::int64_t index, std::int64_t arrival) {
   if (is_commanding(state_) && !has_needed_fields()) return Fault::kMissing;
+  if (received_.has(C::kPose) && !is_nearly_rotation(received_.X.R)) return Fault::kValue;
   if (state_ == SessionState::kCommandingActive) {
     if (const Drop drop = limit_exceeded(index); drop != Drop::kNone) {
       newest_ = index;
@@ -193,13 +210,16 @@ Fault Controller::use(std::int64_t index, std::int64_t arrival) {
       return Fault::kNone;
     }
     if (received_.has(C::kPosition)) interpolator_.command(received_.q, index);
-    has_pose_ = has_pose_ || received_.has(C::kPose);
+    if (received_.has(C::kPose)) {
+      if (!has_pose_) frame_.start(received_.X, index);
+      frame_.command(received_.X, index);
+      has_pose_ = true;
+    }
   }
   newest_ = index;
   std::swap(command_, received_);
   if (state_ == SessionState::kCommandingWait) {
-    const bool in_step = !command_.has(C::kPosition) || is_near(command_.q, index);
-    in_step_ = in_step ? in_step_ + 1 : 0;
+    in_step_ = is_near(command_, index) ? in_step_ + 1 : 0;
   }
   return Fault::kNone;
 }
@@ -214,14 +234,7 @@ Drop Controller::limit_exceeded(std::int64_t index) const {
     }
     if (interpolator_.is_jump(c.q, index)) return Drop::kSpeed;
   }
-  if (c.has(C::kPose) && has_pose_) {
-    const double time = static_cast<double>((index - newest_) * settings_.send_period) * 1e-9 * settings_.safety_factor;
-    const double way = (c.X.p - command_.X.p).norm();
-    const double angle = Eigen::AngleAxisd(command_.X.R.transpose() * c.X.R).angle();
-    constexpr double kRounding = 1e-5;  // m, rad: of single floats, and of the angle of nearly equal rotations
-    if (!(way <= settings_.linear_speed_limit * time + kRounding)) return Drop::kSpeed;
-    if (!(angle <= settings_.angular_speed_limit * time + 1e2 * kRounding)) return Drop::kSpeed;
-  }
+  if (c.has(C::kPose) && has_pose_ && frame_.is_jump(c.X, index)) return Drop::kSpeed;
   return overlay_exceeded();
 }
 
@@ -239,14 +252,18 @@ Drop Controller::overlay_exceeded() const {
   return Drop::kNone;
 }
 
-/// Whether q is the robot's position, which may have moved since message `index` was sent.
-bool Controller::is_near(const Joints& q, std::int64_t index) const {
+/// Whether the command is where the robot is, which may have moved since message `index` was sent.
+bool Controller::is_near(const Command& c, std::int64_t index) const {
   const double time = static_cast<double>((index_ - index + 1) * settings_.send_period) * 1e-9;
-  for (std::size_t i = 0; i < settings_.joints; ++i) {
+  for (std::size_t i = 0; i < settings_.joints && c.has(C::kPosition); ++i) {
     const double robot = robot_.q_interpolator[i] + offset_[i];
-    if (!(std::abs(q[i] - robot) <= settings_.synchronised + settings_.speed_limit[i] * time)) return false;
+    if (!(std::abs(c.q[i] - robot) <= settings_.synchronised + settings_.speed_limit[i] * time)) return false;
   }
-  return true;
+  if (!c.has(C::kPose) || !robot_.has(lwr() ? M::kCommandedPose : M::kInterpolatorPose)) return true;
+  const Pose& X = lwr() ? robot_.X_commanded : robot_.X_interpolator;
+  const double angle = Eigen::AngleAxisd(Eigen::Quaterniond(X.R.transpose() * c.X.R).normalized()).angle();
+  return (c.X.p - X.p).norm() <= settings_.synchronised + settings_.linear_speed_limit * time &&
+         angle <= settings_.synchronised + settings_.angular_speed_limit * time;
 }
 
 bool Controller::robot_is_ready() const {
@@ -276,7 +293,7 @@ void Controller::advance_state(std::int64_t now) {
     return;
   }
   const bool recent = index_ - newest_ <= 2 && has_client_;
-  const bool mirrored = !command_.has(C::kPosition) || is_near(command_.q, newest_);
+  const bool mirrored = is_near(command_, newest_);
   const bool complete =
       command_.has(C::kPosition) || (settings_.control == ControlMode::kCartesianImpedance && command_.has(C::kPose));
   if (recent && mirrored && complete) start_commanding(now);
@@ -291,7 +308,9 @@ void Controller::start_commanding(std::int64_t now) {
   interpolator_.start(q, newest_);
   motion_ = Motion::kClient;
   fields_ = command_.fields;
-  has_pose_ = command_.has(C::kPose);
+  // A robot that does not tell where its frame is gives the client nothing to mirror.
+  has_pose_ = command_.has(C::kPose) && robot_.has(lwr() ? M::kCommandedPose : M::kInterpolatorPose);
+  if (has_pose_) frame_.start(command_.X, newest_);
   setpoint_.fields = 0;
   tau_.fill(0);
   F_.setZero();
@@ -304,6 +323,7 @@ void Controller::leave(Drop why, std::int64_t now) {
   if (why != Drop::kRequest) acknowledged_ = false;
   if (motion_ != Motion::kClient) return;
   interpolator_.stop(now);
+  frame_.stop(now);
   motion_ = Motion::kStopping;
 }
 
@@ -315,12 +335,12 @@ void Controller::begin_command_period(std::int64_t now) {
   if (lost > 0) ++statistics_.bridged;
   if (lost > settings_.max_lost * multiplier) return leave(Drop::kLost, now);
   interpolator_.begin_period(now, lost);
+  frame_.begin_period(now, lost);
   if (newest_ < began_) return;
   // A quantity that is not given may hold anything, and 0 times that need not be 0.
   tau_ = command_.has(C::kTorque) ? command_.tau : Joints{};
   F_ = command_.has(C::kWrench) ? command_.F : Wrench(Wrench::Zero());
   setpoint_.fields = command_.fields;
-  setpoint_.X = command_.X;
   setpoint_.redundancy = command_.redundancy;
   setpoint_.joint_stiffness = command_.joint_stiffness;
   setpoint_.joint_damping = command_.joint_damping;
@@ -408,6 +428,7 @@ const Setpoint& Controller::setpoint(std::int64_t now) {
   const double share = motion_ == Motion::kOwn ? 0 : interpolator_.share_of_speed(now);
   for (std::size_t i = 0; i < settings_.joints; ++i) setpoint_.tau[i] = share * tau_[i];
   setpoint_.F = share * F_;
+  if ((setpoint_.fields & C::kPose) != 0) setpoint_.X = frame_.at(now);
   return setpoint_;
 }
 

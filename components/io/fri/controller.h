@@ -7,6 +7,7 @@
 
 #include "components/io/fri/fri.h"
 #include "components/io/fri/interpolator.h"
+#include "components/io/fri/pose_interpolator.h"
 #include "components/io/fri/rating.h"
 #include "components/io/fri/statistics.h"
 #include "models/net/endpoint.h"
@@ -33,7 +34,7 @@ struct ControllerSettings {
   std::uint32_t max_lost = 10;           // command periods without a command that are bridged; one more stops the robot
   std::int64_t stop_time = 200'000'000;  // ns, from the full speed to rest
   std::int64_t slack = 0;                // ns by which the times of a client's commands may differ from those of their messages
-  double synchronised = 1e-3;            // rad: difference from the interpolator at which COMMANDING_WAIT ends
+  double synchronised = 1e-3;            // rad, m: difference from the interpolator at which COMMANDING_WAIT ends
   ControlMode control = ControlMode::kPosition;
   ClientCommandMode command_mode = ClientCommandMode::kPosition;  // Sunrise
   OverlayType overlay = OverlayType::kJoint;                      // Sunrise
@@ -63,7 +64,7 @@ struct Setpoint {
   std::uint32_t fields = 0;  // Command::Field: which of the following the client has given
   Joints tau{};              // N.m; falls to 0 while the robot stops
   Wrench F = Wrench::Zero();
-  Pose X;
+  Pose X;  // interpolated as q
   Redundancy redundancy;
   Joints joint_stiffness{}, joint_damping{};
   Wrench cartesian_stiffness = Wrench::Zero(), cartesian_damping = Wrench::Zero();
@@ -150,7 +151,7 @@ class Controller {
   bool is_finite() const;
   Drop limit_exceeded(std::int64_t index) const;
   Drop overlay_exceeded() const;
-  bool is_near(const Joints& q, std::int64_t index) const;
+  bool is_near(const Command& command, std::int64_t index) const;
   bool robot_is_ready() const;
   void advance_state(std::int64_t now);
   void start_commanding(std::int64_t now);
@@ -164,6 +165,7 @@ class Controller {
   ControllerStatistics statistics_;
   Rating rating_;
   Interpolator interpolator_;
+  PoseInterpolator frame_;
   Monitoring robot_;
   Command command_, received_;
   Setpoint setpoint_;
