@@ -66,7 +66,7 @@ function(cotwin_library)
   add_library(cotwin_${name} STATIC ${arg_SOURCES})
   add_library(cotwin::${short} ALIAS cotwin_${name})
   set_target_properties(cotwin_${name} PROPERTIES EXPORT_NAME ${short})
-  if(path MATCHES "^(models/|components/unit|fmu)")   # what units are built with, inside and outside of this tree
+  if(path MATCHES "^(models/|components/(unit|bus)|fmu)")   # what units are built with, inside and outside of this tree
     set_property(GLOBAL APPEND PROPERTY COTWIN_LIBRARIES_FOR_UNITS cotwin_${name})
   endif()
   target_link_libraries(cotwin_${name} PUBLIC cotwin_settings ${arg_PUBLIC} PRIVATE ${arg_PRIVATE})

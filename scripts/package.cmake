@@ -8,7 +8,7 @@ set(cmake_folder lib/cmake/cotwin)
 file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/share/cotwin)
 file(CREATE_LINK ${PROJECT_SOURCE_DIR}/models ${CMAKE_BINARY_DIR}/share/cotwin/models SYMBOLIC)
 
-install(DIRECTORY models/robots models/scenes models/people DESTINATION share/cotwin/models COMPONENT cotwin)
+install(DIRECTORY models/robots models/scenes models/people models/scenarios DESTINATION share/cotwin/models COMPONENT cotwin)
 install(DIRECTORY examples DESTINATION share/cotwin COMPONENT cotwin USE_SOURCE_PERMISSIONS)
 install(FILES scripts/completion.bash DESTINATION share/bash-completion/completions RENAME cotwin COMPONENT cotwin)
 install(FILES README.md CHANGELOG.md DESTINATION share/doc/cotwin COMPONENT cotwin)
@@ -39,7 +39,7 @@ install(EXPORT cotwin NAMESPACE cotwin:: DESTINATION ${cmake_folder} FILE cotwin
 install(FILES master/api/cotwin.h DESTINATION include/cotwin COMPONENT cotwin-dev)
 set(headers FILES_MATCHING PATTERN "*.h" PATTERN robots EXCLUDE PATTERN scenes EXCLUDE PATTERN kernels EXCLUDE)
 install(DIRECTORY models fmu DESTINATION include/cotwin COMPONENT cotwin-dev ${headers})
-install(DIRECTORY components/unit DESTINATION include/cotwin/components COMPONENT cotwin-dev ${headers})
+install(DIRECTORY components/unit components/bus DESTINATION include/cotwin/components COMPONENT cotwin-dev ${headers})
 
 include(CMakePackageConfigHelpers)
 get_property(unit_interface GLOBAL PROPERTY COTWIN_UNIT_INTERFACE)

@@ -42,6 +42,13 @@ class Link {
   virtual StepResult step(Time now, Duration h, const Command& command, Measured& measured) = 0;
   /// False if a step acts on a real robot and cannot be undone.
   virtual bool restorable() const = 0;
+  /// The clock of the robot or bus (Unit::tick_source); nullptr if there is none.
+  virtual TickSource* tick_source() { return nullptr; }
+  /// Whether the link is the robot's side of a connection: it declares all ports itself, measurements as inputs and commands as
+  /// outputs.
+  virtual bool is_robot() const { return false; }
+  /// Appends sentences on the run so far (Unit::tell).
+  virtual void tell(std::vector<std::string>&) const {}
 };
 
 }  // namespace cotwin::io

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "components/unit/tick_source.h"
 #include "components/unit/time.h"
 #include "components/unit/variables.h"
 
@@ -58,6 +59,9 @@ class Unit {
   virtual void evaluate_partials(std::span<double>) {}
   /// Appends sentences on the run so far, for the summary.
   virtual void tell(std::vector<std::string>&) const {}
+  /// The clock of the robot or bus that the unit is connected to, for a scenario whose ticks follow it; nullptr if there is
+  /// none. Owned by the unit; does not change after declare.
+  virtual TickSource* tick_source() { return nullptr; }
 };
 
 }  // namespace cotwin

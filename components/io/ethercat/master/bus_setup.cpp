@@ -1,0 +1,549 @@
+#include "components/io/ethercat/master/bus_setup.h"
+
+#include <algorithm>
+#include <cctype>
+#include <filesystem>
+#include <fstream>
+
+#include "models/support/error.h"
+
+namespace cotwin::ethercat {
+
+namespace {
+
+constexpr std::uint16_t kFirstStation = 0x1001;
+constexpr std::size_t kLargestSegment = 1200;         // bytes; leaves room for clock and state in the same frame
+constexpr std::size_t kLargestImage = 32'768;         // bytes of an SII
+constexpr std::int64_t kSiiPatience = 1'000'000'000;  // ns that a slave may be busy with its EEPROM
+
+std::string position_of(const std::string& place, std::size_t i) { return place + ": slave " + std::to_string(i); }
+
+/// Reads 4 or 8 bytes of the SII at a word address.
+std::size_t read_sii_words(Exchange& exchange, std::uint16_t station, std::uint32_t word, std::span<std::uint8_t, 8> to,
+                           const std::string& place) {
+  const auto wait = [&]() -> std::uint16_t {
+    const std::int64_t end = exchange.wire().now() + kSiiPatience;
+    do {
+      const std::optional<std::uint16_t> status = exchange.read<std::uint16_t>(station, reg::kSiiControl);
+      if (!status) throw Error(place, "does not answer while its SII is read");
+      if ((*status & sii_control::kBusy) == 0) return *status;
+    } while (exchange.wire().now() < end);
+    throw Error(place, "its EEPROM interface stays busy, expected it to be ready within 1 s");
+  };
+  wait();
+  std::array<std::uint8_t, 6> request{};
+  store(request.data(), sii_control::kRead);
+  store(request.data() + 2, word);
+  if (exchange.transfer(Command::kFpwr, at_station(station, reg::kSiiControl), request) != 1) {
+    throw Error(place, "does not take requests to read its SII");
+  }
+  const std::uint16_t status = wait();
+  if ((status & (sii_control::kCommandError | sii_control::kNotLoaded)) != 0) {
+    throw Error(place, "reports an error when its SII is read: is its EEPROM empty?");
+  }
+  const std::size_t bytes = (status & sii_control::kReads8Bytes) != 0 ? 8 : 4;
+  if (exchange.transfer(Command::kFprd, at_station(station, reg::kSiiData), to.first(bytes)) != 1) {
+    throw Error(place, "does not answer while its SII is read");
+  }
+  return bytes;
+}
+
+void reset_slaves(Exchange& exchange) {
+  exchange.broadcast<std::uint8_t>(reg::kAliasControl, 0);
+  exchange.broadcast<std::uint16_t>(reg::kAlControl, static_cast<std::uint16_t>(State::kInit) | kStateError);
+  exchange.broadcast<std::uint8_t>(reg::kPortControl, 0);
+  exchange.broadcast<std::uint16_t>(reg::kEventMask, event::kDlStatus);
+  exchange.clear(reg::kErrorCounters, 8);
+  exchange.clear(reg::kFmmu, 16 * reg::kFmmuSize);
+  exchange.clear(reg::kSyncManager, 16 * reg::kSyncManagerSize);
+  exchange.clear(reg::kActivation, 1);
+  exchange.clear(reg::kSystemTime, 4);
+  exchange.broadcast<std::uint16_t>(reg::kSpeedCounterStart, 0x1000);
+  exchange.broadcast<std::uint16_t>(reg::kDifferenceFilter, 0x0c00);
+  // The EEPROM goes to the master, taken from the slave's application by force first.
+  exchange.broadcast<std::uint8_t>(reg::kSiiConfig, 2);
+  exchange.broadcast<std::uint8_t>(reg::kSiiConfig, 0);
+}
+
+}  // namespace
+
+std::vector<std::uint8_t> read_sii_image(Exchange& exchange, std::uint16_t station, const std::string& place) {
+  std::vector<std::uint8_t> image;
+  std::array<std::uint8_t, 8> part{};
+  const auto extend = [&](std::size_t bytes) {
+    while (image.size() < bytes) {
+      const std::size_t n = read_sii_words(exchange, station, static_cast<std::uint32_t>(image.size() / 2), part, place);
+      image.insert(image.end(), part.begin(), part.begin() + static_cast<std::ptrdiff_t>(n));
+    }
+  };
+  extend(128);
+  // The size in the image is not always right, so the categories are followed up to their end.
+  for (std::size_t at = 128; at + 4 <= kLargestImage;) {
+    extend(at + 2);
+    if (load<std::uint16_t>(image.data() + at) == 0xffff) {
+      image.resize(at + 2);
+      return image;
+    }
+    extend(at + 4);
+    at += 4 + 2 * std::size_t{load<std::uint16_t>(image.data() + at + 2)};
+    if (at <= kLargestImage) extend(at);
+  }
+  throw Error(place, "the categories of its SII have no end within " + std::to_string(kLargestImage) + " bytes");
+}
+
+std::vector<FoundSlave> scan_bus(Exchange& exchange, const std::string& place, std::int64_t wait) {
+  std::uint8_t type = 0;
+  const std::int64_t end = exchange.wire().now() + wait;
+  std::optional<std::uint16_t> count;
+  do {
+    count = exchange.transfer(Command::kBrd, at_position(0, reg::kType), type);
+  } while (count.value_or(0) == 0 && exchange.wire().now() < end);
+  if (count.value_or(0) > 0) {
+    reset_slaves(exchange);
+    count = exchange.transfer(Command::kBrd, at_position(0, reg::kType), type);
+  }
+  if (!count) throw Error(place, "no frame comes back, expected an EtherCAT bus that is switched on");
+  if (*count == 0) throw Error(place, "frames come back unread, expected at least one EtherCAT slave");
+  std::vector<FoundSlave> slaves(*count);
+  for (std::size_t i = 0; i < slaves.size(); ++i) {
+    FoundSlave& slave = slaves[i];
+    const auto position = static_cast<std::uint16_t>(i);
+    slave.station = static_cast<std::uint16_t>(kFirstStation + i);
+    std::uint16_t station = slave.station;
+    if (exchange.transfer(Command::kApwr, at_position(position, reg::kStation), station) != 1) {
+      throw Error(position_of(place, i), "does not take a station address");
+    }
+    const auto read = [&]<class T>(T& value, std::uint16_t offset) {
+      const std::optional<T> answer = exchange.read<T>(slave.station, offset);
+      if (!answer) throw Error(position_of(place, i), "does not answer under its station address");
+      value = *answer;
+    };
+    read(slave.features, reg::kFeatures);
+    read(slave.fmmus, reg::kFmmuCount);
+    read(slave.sync_managers, reg::kSyncManagerCount);
+    read(slave.ports.dl_status, reg::kDlStatus);
+    slave.ports.has_clock = (slave.features & feature::kClock) != 0;
+    slave.image = read_sii_image(exchange, slave.station, position_of(place, i));
+    slave.sii = read_sii(slave.image, position_of(place, i) + ", SII");
+  }
+  return slaves;
+}
+
+namespace {
+
+class Builder {
+ public:
+  Builder(Exchange& exchange, const std::vector<ExpectedSlave>& expected, const SetupOptions& options)
+      : exchange_(exchange), expected_(expected), options_(options) {}
+
+  BusSetup build() {
+    std::vector<FoundSlave> found = scan_bus(exchange_, options_.place, options_.wait);
+    if (!options_.sii_folder.empty()) save_images(found);
+    check_identities(found);
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      BusSlave slave;
+      slave.expected = expected_[i];
+      slave.found = std::move(found[i]);
+      const Sii& sii = slave.expected.sii ? *slave.expected.sii : slave.found.sii;
+      slave.setup = setup_of(sii, slave.expected.pdos, place_of(i));
+      check_sizes(slave, i);
+      bus_.slaves.push_back(std::move(slave));
+    }
+    measure_delays();
+    lay_out_image();
+    for (std::size_t i = 0; i < bus_.slaves.size(); ++i) plan(i);
+    time_ = {0, options_.system_time, options_.host_time};
+    if (bus_.reference >= 0) time_.reference = bus_.slaves[static_cast<std::size_t>(bus_.reference)].found.station;
+    // All clocks are set before the drift is compensated, and SYNC0 is started after it.
+    for (std::size_t i = 0; i < bus_.slaves.size(); ++i) run(i, std::span(bus_.slaves[i].start).first(clock_set_[i]));
+    if (bus_.reference >= 0) compensate_drift();
+    for (std::size_t i = 0; i < bus_.slaves.size(); ++i) run(i, std::span(bus_.slaves[i].start).subspan(clock_set_[i]));
+    return std::move(bus_);
+  }
+
+ private:
+  std::string place_of(std::size_t i) const {
+    const ExpectedSlave& e = expected_[i];
+    return position_of(options_.place, i) + " (" + e.device + (e.name.empty() ? "" : ", " + e.name) + ")";
+  }
+
+  static const std::string& order_of(const FoundSlave& slave) {
+    return slave.sii.general.order.empty() ? slave.sii.general.name : slave.sii.general.order;
+  }
+
+  void save_images(const std::vector<FoundSlave>& found) const {
+    for (std::size_t i = 0; i < found.size(); ++i) {
+      std::string name = std::to_string(i) + "_" + order_of(found[i]);
+      std::replace_if(
+          name.begin(), name.end(), [](char c) { return !std::isalnum(static_cast<unsigned char>(c)) && c != '-'; }, '_');
+      const std::filesystem::path path = std::filesystem::path(options_.sii_folder) / (name + ".bin");
+      std::error_code ignored;
+      std::filesystem::create_directories(options_.sii_folder, ignored);
+      std::ofstream file(path, std::ios::binary);
+      file.write(reinterpret_cast<const char*>(found[i].image.data()), static_cast<std::streamsize>(found[i].image.size()));
+      if (!file.flush()) throw Error(path.string(), "cannot be written, expected a folder for SII images");
+    }
+  }
+
+  void check_identities(const std::vector<FoundSlave>& found) const {
+    const std::size_t common = std::min(found.size(), expected_.size());
+    for (std::size_t i = 0; i < common; ++i) {
+      const ExpectedSlave& e = expected_[i];
+      const Sii& sii = found[i].sii;
+      if ((e.vendor == 0 || e.vendor == sii.vendor) && (e.product == 0 || e.product == sii.product)) continue;
+      throw Error(position_of(options_.place, i), "is " + describe_identity(order_of(found[i]), sii.vendor, sii.product) +
+                                                      ", expected " + describe_identity(e.device, e.vendor, e.product));
+    }
+    if (found.size() == expected_.size()) return;
+    std::string list;
+    for (const FoundSlave& f : found) list += (list.empty() ? "" : ", ") + (order_of(f).empty() ? "a device" : order_of(f));
+    const bool more = found.size() > expected_.size();
+    throw Error(options_.place, std::to_string(found.size()) + " slaves answer (" + list + "), expected " +
+                                    std::to_string(expected_.size()) + ": slave " + std::to_string(common) +
+                                    (more ? " is unknown" : " (" + expected_[common].device + ") is missing"));
+  }
+
+  void check_sizes(const BusSlave& slave, std::size_t i) const {
+    const ExpectedSlave& e = slave.expected;
+    const SlaveSetup& s = slave.setup;
+    if (e.input_bytes == s.input_bytes && e.output_bytes == s.output_bytes) return;
+    throw Error(place_of(i), "has " + std::to_string(s.output_bytes) + " bytes of outputs and " +
+                                 std::to_string(s.input_bytes) + " of inputs, expected " + std::to_string(e.output_bytes) +
+                                 " and " + std::to_string(e.input_bytes));
+  }
+
+  void measure_delays() {
+    std::vector<SlavePorts> ports;
+    if (options_.clocks) exchange_.broadcast<std::uint32_t>(reg::kReceiveTimes, 0);
+    for (std::size_t i = 0; i < bus_.slaves.size(); ++i) {
+      FoundSlave& f = bus_.slaves[i].found;
+      if (options_.clocks && f.ports.has_clock) {
+        const auto times = exchange_.read<std::array<std::uint32_t, 4>>(f.station, reg::kReceiveTimes);
+        if (!times) throw Error(place_of(i), "does not answer when its receive times are read");
+        f.ports.receive_times = *times;
+        if (bus_.reference < 0) bus_.reference = static_cast<int>(i);
+      } else {
+        f.ports.has_clock = false;
+      }
+      ports.push_back(f.ports);
+    }
+    if (options_.clocks && bus_.reference < 0) {
+      throw Error(options_.place, "no slave has a distributed clock, expected one (or clocks switched off)");
+    }
+    const std::vector<Place> places = find_topology(ports);
+    const std::vector<std::uint32_t> delays = propagation_delays(ports, places);
+    for (std::size_t i = 0; i < bus_.slaves.size(); ++i) {
+      BusSlave& s = bus_.slaves[i];
+      s.place = places[i];
+      s.delay = delays[i];
+      s.times = {s.delay, options_.cycle, s.expected.sync0_shift, static_cast<int>(i) == bus_.reference};
+    }
+  }
+
+  /// Packs slaves into segments in the order of the bus.
+  void lay_out_image() {
+    const bool combined = std::none_of(bus_.slaves.begin(), bus_.slaves.end(), [](const BusSlave& s) {
+      return (s.found.features & feature::kNoLrw) != 0 && s.setup.input_bytes + s.setup.output_bytes > 0;
+    });
+    std::vector<std::size_t> segment_of(bus_.slaves.size());
+    for (std::size_t i = 0; i < bus_.slaves.size(); ++i) {
+      BusSlave& s = bus_.slaves[i];
+      const std::size_t bytes = s.setup.input_bytes + s.setup.output_bytes;
+      if (bytes > kLargestSegment) {
+        throw Error(place_of(i), "has " + std::to_string(bytes) + " bytes of process data, expected at most " +
+                                     std::to_string(kLargestSegment));
+      }
+      s.inputs_at = bus_.input_bytes;
+      s.outputs_at = bus_.output_bytes;
+      bus_.input_bytes += s.setup.input_bytes;
+      bus_.output_bytes += s.setup.output_bytes;
+      if (bytes > 0) {
+        if (bus_.segments.empty() ||
+            bus_.segments.back().input_bytes + bus_.segments.back().output_bytes + bytes > kLargestSegment) {
+          Segment segment;
+          segment.logical = static_cast<std::uint32_t>(bus_.segments.size()) * kSegmentSpan;
+          segment.inputs_at = s.inputs_at;
+          segment.outputs_at = s.outputs_at;
+          segment.combined = combined;
+          bus_.segments.push_back(segment);
+        }
+        Segment& segment = bus_.segments.back();
+        segment.input_bytes += s.setup.input_bytes;
+        segment.output_bytes += s.setup.output_bytes;
+        if (s.setup.input_bytes > 0) ++segment.read_count;
+        if (s.setup.output_bytes > 0) ++segment.write_count;
+      }
+      segment_of[i] = bus_.segments.empty() ? 0 : bus_.segments.size() - 1;
+    }
+    for (std::size_t i = 0; i < bus_.slaves.size(); ++i) {
+      BusSlave& s = bus_.slaves[i];
+      if (s.setup.input_bytes + s.setup.output_bytes == 0) continue;
+      const Segment& segment = bus_.segments[segment_of[i]];
+      s.logical_outputs = segment.logical + static_cast<std::uint32_t>(s.outputs_at - segment.outputs_at);
+      s.logical_inputs = segment.logical + static_cast<std::uint32_t>(segment.output_bytes + s.inputs_at - segment.inputs_at);
+    }
+  }
+
+  // ------------------------------------------------------------------------------------------------------ the steps of a slave
+
+  static Step datagram(Command command, std::uint32_t address, std::vector<std::uint8_t> data, const char* what) {
+    Step step;
+    step.command = command;
+    step.address = address;
+    step.data = std::move(data);
+    step.what = what;
+    return step;
+  }
+
+  template <class T>
+  static Step write(std::uint16_t station, std::uint16_t offset, T value, const char* what) {
+    std::vector<std::uint8_t> bytes(sizeof value);
+    store(bytes.data(), value);
+    return datagram(Command::kFpwr, at_station(station, offset), std::move(bytes), what);
+  }
+
+  void go_to(std::vector<Step>& steps, std::uint16_t station, State state, const char* what) const {
+    steps.push_back(write(station, reg::kAlControl, static_cast<std::uint16_t>(state), what));
+    Step step = datagram(Command::kFprd, at_station(station, reg::kAlStatus), std::vector<std::uint8_t>(6), what);
+    step.kind = Step::Kind::kState;
+    step.mask = {0x1f};
+    step.expected = {static_cast<std::uint8_t>(state)};
+    step.timeout = state == State::kPreOp ? 3'000'000'000 : 10'000'000'000;
+    steps.push_back(std::move(step));
+  }
+
+  /// Requests `state` with and without acknowledging an error: terminals without a processor copy the acknowledgement to AL status, where
+  /// it reads as an error.
+  static void acknowledge(std::vector<Step>& steps, std::uint16_t station, State state, const char* what) {
+    const auto value = static_cast<std::uint16_t>(state);
+    steps.push_back(write(station, reg::kAlControl, static_cast<std::uint16_t>(value | kStateError), what));
+    steps.push_back(write(station, reg::kAlControl, value, what));
+  }
+
+  static void set_sync_manager(std::vector<Step>& steps, std::uint16_t station, int n, std::uint16_t start,
+                               std::uint16_t length, std::uint8_t control) {
+    std::vector<std::uint8_t> bytes(reg::kSyncManagerSize);
+    store(bytes.data(), start);
+    store(bytes.data() + 2, length);
+    bytes[4] = control;
+    bytes[6] = sync_manager::kEnabled;
+    steps.push_back(datagram(Command::kFpwr,
+                             at_station(station, static_cast<std::uint16_t>(reg::kSyncManager + n * reg::kSyncManagerSize)),
+                             std::move(bytes), "take the settings of its sync managers"));
+  }
+
+  /// Downloads a value: the mail, a wait until the answer is in the mailbox, and the answer.
+  void download(std::vector<Step>& steps, const BusSlave& s, const StartUpValue& value) const {
+    const SiiMailbox& box = s.setup.mailbox;
+    SdoClient client(box.out_size, box.in_size);
+    std::array<std::uint8_t, 4> bytes;
+    store(bytes.data(), value.value);
+    client.download(value.index, value.subindex, std::span<const std::uint8_t>(bytes).first(value.bytes));
+    std::vector<std::uint8_t> mail(client.request().begin(), client.request().end());
+    mail.resize(box.out_size);
+    steps.push_back(datagram(Command::kFpwr, at_station(s.found.station, box.out), std::move(mail), "take a mail"));
+    Step full = datagram(Command::kFprd, at_station(s.found.station, reg::kSyncManager + reg::kSyncManagerSize + 5),
+                         std::vector<std::uint8_t>(1), "answer a mail");
+    full.mask = full.expected = {sync_manager::kFull};
+    steps.push_back(std::move(full));
+    Step answer = datagram(Command::kFprd, at_station(s.found.station, box.in), std::vector<std::uint8_t>(box.in_size),
+                           "take the assignment of its PDOs");
+    answer.kind = Step::Kind::kMail;
+    answer.back = 1;
+    answer.mask.assign(12, 0);
+    answer.expected.assign(12, 0);
+    const auto expect = [&](std::size_t at, std::uint8_t mask, unsigned expected) {
+      answer.mask[at] = mask;
+      answer.expected[at] = static_cast<std::uint8_t>(expected);
+    };
+    expect(5, 0x0f, static_cast<unsigned>(MailType::kCoE));
+    expect(7, 0xf0, static_cast<unsigned>(CoeService::kSdoResponse) << 4);
+    expect(8, sdo::kServiceBits, sdo::kDownloaded);
+    expect(9, 0xff, value.index & 0xff);
+    expect(10, 0xff, value.index >> 8);
+    expect(11, 0xff, value.subindex);
+    steps.push_back(std::move(answer));
+  }
+
+  void map(std::vector<Step>& steps, const BusSlave& s, std::size_t i) const {
+    std::uint16_t fmmu = 0;
+    for (const bool outputs : {true, false}) {
+      const ProcessData* first = nullptr;
+      std::size_t length = 0;
+      const auto flush = [&] {
+        if (first == nullptr) return;
+        if (fmmu >= s.found.fmmus) {
+          throw Error(place_of(i), "has " + std::to_string(s.found.fmmus) + " FMMUs, expected more for its process data");
+        }
+        std::vector<std::uint8_t> bytes(reg::kFmmuSize);
+        const std::uint32_t logical =
+            (outputs ? s.logical_outputs : s.logical_inputs) + static_cast<std::uint32_t>(first->offset);
+        store(bytes.data(), logical);
+        store(bytes.data() + 4, static_cast<std::uint16_t>(length));
+        bytes[7] = 7;  // last bit of the last byte
+        store(bytes.data() + 8, first->start);
+        bytes[11] = outputs ? fmmu::kWrite : fmmu::kRead;
+        bytes[12] = 1;
+        steps.push_back(datagram(Command::kFpwr,
+                                 at_station(s.found.station, static_cast<std::uint16_t>(reg::kFmmu + fmmu * reg::kFmmuSize)),
+                                 std::move(bytes), "take the settings of its FMMUs"));
+        ++fmmu;
+        first = nullptr;
+      };
+      for (const ProcessData& data : s.setup.process_data) {
+        if (data.outputs != outputs) continue;
+        // Neighbouring buffers, as those of 16 outputs on two sync managers, share an FMMU.
+        if (first != nullptr && first->start + length == data.start) {
+          length += data.length;
+          continue;
+        }
+        flush();
+        first = &data;
+        length = data.length;
+      }
+      flush();
+    }
+  }
+
+  void set_clock(std::vector<Step>& steps, const BusSlave& s) const {
+    const std::uint16_t station = s.found.station;
+    Step step =
+        datagram(Command::kBwr, at_position(0, reg::kReceiveTimes), std::vector<std::uint8_t>(4), "latch the receive times");
+    step.kind = Step::Kind::kLatch;
+    steps.push_back(std::move(step));
+    step =
+        datagram(Command::kFprd, at_station(station, reg::kReceiveTime), std::vector<std::uint8_t>(8), "give its receive time");
+    step.kind = Step::Kind::kReadLocal;
+    steps.push_back(std::move(step));
+    if (!s.times.is_reference) {
+      const std::uint16_t reference = bus_.slaves[static_cast<std::size_t>(bus_.reference)].found.station;
+      step = datagram(Command::kFprd, at_station(reference, reg::kReceiveTime), std::vector<std::uint8_t>(16),
+                      "find the reference clock");
+      step.kind = Step::Kind::kReadSystem;
+      steps.push_back(std::move(step));
+    }
+    step = write<std::int64_t>(station, reg::kSystemTimeOffset, 0, "take the offset of its clock");
+    step.kind = Step::Kind::kWriteOffset;
+    steps.push_back(std::move(step));
+    steps.push_back(write(station, reg::kSystemTimeDelay, s.delay, "take the delay of its clock"));
+    steps.push_back(write<std::uint16_t>(station, reg::kSpeedCounterStart, 0x1000, "restart the loop of its clock"));
+  }
+
+  void start_sync(std::vector<Step>& steps, const BusSlave& s) const {
+    const std::uint16_t station = s.found.station;
+    const char* const what = "take the settings of SYNC0";
+    steps.push_back(write<std::uint16_t>(station, reg::kCyclicControl, 0, what));
+    Step step =
+        datagram(Command::kFprd, at_station(station, reg::kSystemTime), std::vector<std::uint8_t>(8), "give its system time");
+    step.kind = Step::Kind::kReadNow;
+    steps.push_back(std::move(step));
+    step = write<std::int64_t>(station, reg::kStartTime, 0, what);
+    step.kind = Step::Kind::kWriteStart;
+    steps.push_back(std::move(step));
+    steps.push_back(write(station, reg::kSync0Cycle, static_cast<std::uint32_t>(options_.cycle), what));
+    steps.push_back(write(station, reg::kCyclicControl, s.expected.sync_activation, what));
+  }
+
+  void plan(std::size_t i) {
+    BusSlave& s = bus_.slaves[i];
+    const std::uint16_t station = s.found.station;
+    // A slave that was off has lost its address, and may be another one.
+    const auto position = static_cast<std::uint16_t>(i);
+    const auto identity = [&](std::uint32_t word, std::uint32_t value) {
+      std::vector<std::uint8_t> request(6);
+      store(request.data(), sii_control::kRead);
+      store(request.data() + 2, word);
+      s.address.push_back(
+          datagram(Command::kApwr, at_position(position, reg::kSiiControl), std::move(request), "take requests to its SII"));
+      Step ready =
+          datagram(Command::kAprd, at_position(position, reg::kSiiControl), std::vector<std::uint8_t>(2), "read its SII");
+      ready.mask = {0, sii_control::kBusy >> 8};
+      ready.expected = {0, 0};
+      s.address.push_back(std::move(ready));
+      Step compare =
+          datagram(Command::kAprd, at_position(position, reg::kSiiData), std::vector<std::uint8_t>(4), "show its identity");
+      compare.mask.assign(4, 0xff);
+      compare.expected.resize(4);
+      store(compare.expected.data(), value);
+      compare.timeout = 0;  // another identity is final
+      s.address.push_back(std::move(compare));
+    };
+    identity(0x08, s.found.sii.vendor);
+    identity(0x0a, s.found.sii.product);
+    std::vector<std::uint8_t> bytes(2);
+    store(bytes.data(), station);
+    s.address.push_back(
+        datagram(Command::kApwr, at_position(position, reg::kStation), std::move(bytes), "take a station address"));
+
+    std::vector<Step>& steps = s.start;
+    acknowledge(steps, station, State::kInit, "go to INIT");
+    Step init = datagram(Command::kFprd, at_station(station, reg::kAlStatus), std::vector<std::uint8_t>(6), "go to INIT");
+    init.mask = {0x1f};
+    init.expected = {static_cast<std::uint8_t>(State::kInit)};
+    init.timeout = 5'000'000'000;
+    steps.push_back(std::move(init));
+    for (std::uint16_t n = 0; n < s.found.fmmus; ++n) {
+      steps.push_back(datagram(Command::kFpwr, at_station(station, static_cast<std::uint16_t>(reg::kFmmu + n * reg::kFmmuSize)),
+                               std::vector<std::uint8_t>(reg::kFmmuSize), "clear its FMMUs"));
+    }
+    const SiiMailbox& box = s.setup.mailbox;
+    if (box.out_size != 0) {
+      set_sync_manager(steps, station, 0, box.out, box.out_size, 0x26);
+      set_sync_manager(steps, station, 1, box.in, box.in_size, 0x22);
+    }
+    go_to(steps, station, State::kPreOp, "go to PREOP");
+    for (const StartUpValue& value : s.setup.start_up) download(steps, s, value);
+    for (const ProcessData& data : s.setup.process_data) {
+      set_sync_manager(steps, station, data.sync_manager, data.start, data.length, data.control);
+    }
+    map(steps, s, i);
+    const bool clock = bus_.reference >= 0 && s.found.ports.has_clock;
+    if (clock) set_clock(steps, s);
+    clock_set_.push_back(steps.size());
+    if (clock && s.expected.sync_activation != 0) start_sync(steps, s);
+    go_to(steps, station, State::kSafeOp, "go to SAFEOP");
+
+    acknowledge(s.run, station, State::kSafeOp, "clear its error");
+    Step safe = datagram(Command::kFprd, at_station(station, reg::kAlStatus), std::vector<std::uint8_t>(6), "clear its error");
+    safe.mask = {0x1f};
+    safe.expected = {static_cast<std::uint8_t>(State::kSafeOp)};
+    s.run.push_back(std::move(safe));
+    go_to(s.run, station, State::kOp, "go to OP");
+  }
+
+  void run(std::size_t i, std::span<const Step> steps) {
+    Sequence sequence;
+    sequence.start(steps, bus_.slaves[i].times, exchange_.wire().now());
+    std::vector<std::uint8_t> data;
+    while (sequence.status() == Sequence::Status::kBusy) {
+      data.assign(sequence.data().begin(), sequence.data().end());
+      const std::optional<std::uint16_t> count =
+          exchange_.transfer(sequence.command(), sequence.address(), std::span<std::uint8_t>(data));
+      sequence.receive(count.has_value(), count.value_or(0), data, time_, exchange_.wire().now());
+    }
+    if (sequence.status() == Sequence::Status::kFailed) throw Error(place_of(i), sequence.failure());
+  }
+
+  void compensate_drift() {
+    std::array<std::uint8_t, 8> time{};
+    const std::int64_t end = exchange_.wire().now() + options_.drift_time;
+    for (int n = 0; n < options_.drift_frames && exchange_.wire().now() < end; ++n) {
+      exchange_.transfer(Command::kFrmw, at_station(time_.reference, reg::kSystemTime), time);
+    }
+  }
+
+  Exchange& exchange_;
+  const std::vector<ExpectedSlave>& expected_;
+  const SetupOptions& options_;
+  BusSetup bus_;
+  BusTime time_;
+  std::vector<std::size_t> clock_set_;  // per slave: number of steps until its clock is set
+};
+
+}  // namespace
+
+BusSetup set_up_bus(Exchange& exchange, const std::vector<ExpectedSlave>& expected, const SetupOptions& options) {
+  return Builder(exchange, expected, options).build();
+}
+
+}  // namespace cotwin::ethercat

@@ -1,0 +1,32 @@
+#include "components/io/ethercat/master/exchange.h"
+
+#include <algorithm>
+
+namespace cotwin::ethercat {
+
+std::optional<std::uint16_t> Exchange::transfer(Command command, std::uint32_t address, std::span<std::uint8_t> data) {
+  for (int attempt = 0; attempt < options_.attempts; ++attempt) {
+    FrameWriter writer(sent_);
+    writer.begin();
+    if (!writer.add(command, ++index_, address, data)) return std::nullopt;
+    const std::int64_t deadline = wire_.now() + options_.timeout;
+    wire_.send(writer.finish());
+    while (const std::size_t size = wire_.receive(received_, deadline)) {
+      FrameReader reader(std::span<const std::uint8_t>(received_).first(size));
+      Datagram d;
+      // Answers to earlier attempts, and frames of others, are passed over.
+      if (!reader.next(d) || d.index != index_ || d.command != command || d.length != data.size()) continue;
+      const std::span<const std::uint8_t> answer = reader.data(d);
+      std::copy(answer.begin(), answer.end(), data.begin());
+      return d.working_counter;
+    }
+  }
+  return std::nullopt;
+}
+
+void Exchange::clear(std::uint16_t offset, std::size_t bytes) {
+  std::array<std::uint8_t, 256> zeros{};
+  transfer(Command::kBwr, at_position(0, offset), std::span<std::uint8_t>(zeros).first(bytes));
+}
+
+}  // namespace cotwin::ethercat

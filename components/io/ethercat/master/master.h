@@ -1,0 +1,127 @@
+#pragma once
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "components/io/ethercat/master/bus_setup.h"
+#include "components/io/ethercat/master/sequence.h"
+
+namespace cotwin::ethercat {
+
+/// A cyclic EtherCAT master. In each cycle it sends one frame per segment of the process image,
+///   FRMW system time of the reference | LRW process data | BRD AL status,
+/// and reads the answers to the last ones. Slaves that leave OP are brought back with one datagram per cycle, while the others go on.
+/// Outputs are the safe value (zeros) from the first cycle without all slaves in OP and the expected working counter until all are back.
+/// After the constructor nothing allocates, waits or throws.
+class Master {
+ public:
+  /// Happenings, counted from the start.
+  struct Counters {
+    std::int64_t cycles = 0;           // with frames sent
+    std::int64_t lost = 0;             // cycles without all answers
+    std::int64_t late = 0;             // answers that came after the next cycle began; their data are not used
+    std::int64_t foreign = 0;          // frames that are no answers to this master
+    std::int64_t unsent = 0;           // frames that the interface did not take
+    std::int64_t working_counter = 0;  // cycles with a wrong working counter
+    std::int64_t slave_lost = 0;       // slaves that stopped answering
+    std::int64_t slave_fault = 0;      // slaves that left OP with an error
+    std::int64_t wrong_slave = 0;      // other devices in the place of a slave
+    std::int64_t unexpected = 0;       // times at which more slaves answered than there should be
+    std::int64_t recovered = 0;        // slaves that were brought back to OP
+  };
+
+  struct SlaveStatus {
+    State state = State::kSafeOp;  // the last that was read
+    bool present = true;
+    bool down = false;            // lost, or left OP, and not yet back
+    int restarts = 0;             // times that it was brought up from INIT during operation
+    AlCode code = AlCode::kNone;  // of its last error
+  };
+
+  /// `cycle`: ns between two calls of cycle(). `patience`: ns without an answer after which the bus is not operational any more.
+  Master(BusSetup bus, std::int64_t cycle, std::int64_t patience, BusTime time);
+
+  /// Takes what the bus has answered, then sends the frames of the next cycle.
+  void cycle(Wire& wire);
+  /// Takes answers that come until `deadline`, or until all frames have been answered. Returns whether all have been.
+  bool collect(Wire& wire, std::int64_t deadline);
+  /// Sends zeros as outputs and brings all slaves to INIT. Waits for no answer.
+  void stop(Wire& wire);
+
+  /// Of one slave, as they arrived in the last cycle with the expected working counter.
+  std::span<const std::uint8_t> inputs(std::size_t slave) const;
+  /// Of one slave, sent with the next cycle.
+  std::span<std::uint8_t> outputs(std::size_t slave);
+
+  const BusSetup& bus() const { return bus_; }
+  /// All slaves are in OP and the last cycle was complete.
+  bool operational() const { return operational_; }
+  /// The last cycle brought valid inputs.
+  bool fresh() const { return fresh_; }
+  int present() const { return answering_; }
+  const Counters& counters() const { return counters_; }
+  const SlaveStatus& status(std::size_t slave) const { return status_[slave]; }
+  /// ns since 2000-01-01 at the reference clock, when the frame of the last cycle passed it; 0 without clocks or answer.
+  std::int64_t system_time() const { return system_time_; }
+  /// ns, Wire::now() in the middle between sending and receiving that frame.
+  std::int64_t system_time_at() const { return system_time_at_; }
+  /// Largest deviation from the reference that slaves report, ns (register 0x092C), of the last round over all slaves.
+  std::int64_t clock_difference() const { return clock_difference_; }
+
+ private:
+  struct Frame {
+    std::int64_t sent = 0;  // ns
+    bool answered = true;
+    bool complete = false;  // with the expected working counters
+  };
+  /// What the datagram beside the cyclic ones is for.
+  enum class Errand : std::uint8_t { kNone, kState, kSequence, kDifference };
+  /// The steps that bring a slave back.
+  enum class Way : std::uint8_t { kAddress, kStart, kRun };
+
+  void take(std::span<const std::uint8_t> frame, std::int64_t now);
+  void take_cyclic(FrameReader& reader, std::int64_t now);
+  void take_errand(bool answered, std::uint16_t working_counter, std::span<const std::uint8_t> data, std::int64_t now);
+  void close_cycle(std::int64_t now);
+  bool all_in_op() const;
+  void send_frames(Wire& wire);
+  void add_process_data(FrameWriter& writer, const Segment& s);
+  void choose_errand(std::int64_t now);
+  void send_errand(Wire& wire);
+  void see_state(bool present, std::span<const std::uint8_t> data, std::int64_t now);
+  void reach_op(std::size_t slave);
+  void begin(std::size_t slave, Way way, std::int64_t now);
+  void end_sequence(std::int64_t now);
+
+  BusSetup bus_;
+  std::int64_t patience_;
+  BusTime time_;
+  std::vector<std::uint8_t> inputs_, outputs_;
+  std::span<const std::uint8_t> arriving_;  // inputs in the frame that is being read
+  std::vector<Frame> frames_;               // one per segment, at least one
+  std::vector<SlaveStatus> status_;
+  std::vector<std::int64_t> retry_;  // per slave: it is left alone until then, ns
+  Counters counters_;
+  std::array<std::uint8_t, kLongestFrame> buffer_{};
+  std::uint8_t index_ = 0;  // of the cyclic datagrams: 0 to 127; errands have 128 to 255
+  bool sent_ = false;       // a cycle waits for answers
+  bool operational_ = false, fresh_ = false;
+  bool watching_ = true;  // something is wrong: the states of the slaves are read one by one
+  bool crowded_ = false;  // more slaves answer than there should be
+  std::int64_t last_good_ = 0;
+  int answering_ = 0;
+  std::uint8_t states_ = 0;  // of all slaves, combined by OR
+  std::int64_t system_time_ = 0, system_time_at_ = 0;
+  std::int64_t clock_difference_ = 0, difference_ = 0;  // of the last round over the slaves, of this one
+
+  Errand errand_ = Errand::kNone;
+  bool errand_open_ = false;  // it waits for its answer
+  std::uint8_t errand_index_ = 128;
+  std::size_t looked_at_ = 0;   // slave of kState and kDifference
+  std::size_t recovering_ = 0;  // slave of kSequence
+  Way way_ = Way::kStart;
+  Sequence sequence_;
+};
+
+}  // namespace cotwin::ethercat

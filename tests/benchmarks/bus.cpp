@@ -1,0 +1,233 @@
+// The bus: latency from publish to the awake subscriber, with real-time threads where permitted, beside a queue with std::mutex and
+// std::condition_variable; cost of a
+// message; bytes and time of a tick of a state database against full copies; and its property over 10^6 ticks with loss,
+// reordering, restart and late joins. The exit code is 1 if a replica ever differs from its owner.
+#include <pthread.h>
+#include <sched.h>
+#include <time.h>
+
+#include <algorithm>
+#include <condition_variable>
+#include <cstdio>
+#include <cstring>
+#include <deque>
+#include <mutex>
+#include <optional>
+#include <random>
+#include <thread>
+#include <vector>
+
+#include "components/bus/bus.h"
+#include "components/bus/udp_transport.h"
+#include "tests/benchmarks/measure.h"
+#include "tests/support/database_trial.h"
+
+namespace {
+
+using namespace cotwin;
+using namespace cotwin::bus;
+using benchmark::keep;
+using benchmark::measure;
+using benchmark::print;
+
+constexpr int kMessages = 2'000, kRounds = 10;  // the queues in turn, so that the load of the machine is the same for all
+constexpr std::int64_t kApart = 100'000;        // ns between two messages, so that the subscriber sleeps
+
+/// The peer: a queue with a lock.
+class LockedQueue {
+ public:
+  void push(std::int64_t value) {
+    {
+      const std::lock_guard lock(mutex_);
+      queue_.push_back(value);
+    }
+    filled_.notify_one();
+  }
+  std::int64_t pop() {
+    std::unique_lock lock(mutex_);
+    filled_.wait(lock, [this] { return !queue_.empty(); });
+    const std::int64_t value = queue_.front();
+    queue_.pop_front();
+    return value;
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable filled_;
+  std::deque<std::int64_t> queue_;
+};
+
+/// Gives the calling thread a real-time priority, as the control part of a twin has it, or takes it away. False: not permitted.
+bool set_real_time(bool on) {
+  sched_param parameters{};
+  parameters.sched_priority = on ? 50 : 0;
+  return pthread_setschedparam(pthread_self(), on ? SCHED_FIFO : SCHED_OTHER, &parameters) == 0;
+}
+
+/// Latencies of messages, in µs.
+class Latencies {
+ public:
+  /// `send` publishes a time, `receive` waits for the next one in another thread.
+  template <class Send, class Receive>
+  void measure(const Send& send, const Receive& receive) {
+    std::thread subscriber([&] {
+      set_real_time(true);
+      for (int i = 0; i < kMessages; ++i) {
+        const std::int64_t sent = receive();
+        us_.push_back(1e-3 * static_cast<double>(monotonic_ns() - sent));
+      }
+    });
+    set_real_time(true);
+    std::int64_t next = monotonic_ns();
+    for (int i = 0; i < kMessages; ++i) {
+      next += kApart;
+      const timespec t{next / 1'000'000'000, next % 1'000'000'000};
+      clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr);
+      send(monotonic_ns());
+    }
+    subscriber.join();
+    set_real_time(false);
+  }
+  double at(double share) {
+    const auto place = us_.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(us_.size() - 1));
+    std::nth_element(us_.begin(), place, us_.end());
+    return *place;
+  }
+
+ private:
+  std::vector<double> us_;
+};
+
+void print_latency(const std::string& name, Latencies& ours, const std::string& peer, Latencies& theirs, bool goals) {
+  print({name + ", p50", "us", ours.at(0.5), peer, theirs.at(0.5), goals ? 20.0 : 0.0, false});
+  print({name + ", p99", "us", ours.at(0.99), peer, theirs.at(0.99), goals ? 100.0 : 0.0, false});
+  print({name + ", p99.9", "us", ours.at(0.999), peer, theirs.at(0.999)});
+}
+
+void latencies() {
+  Topic<std::int64_t> topic;
+  Subscription<std::int64_t>& subscription = topic.subscribe(Policy::kQueue, 1024);
+  LockedQueue locked;
+  const net::Endpoint any{0x7f000001, 0};
+  UdpTransport a(any, {}, "bus"), b(any, a.local(), "bus");
+  a.set_peer(b.local());
+  const auto take = [&] {
+    std::int64_t sent = 0;
+    subscription.wait();
+    subscription.take(sent);
+    return sent;
+  };
+  const auto receive = [&] {
+    std::int64_t sent = 0;
+    for (;;) {
+      const std::span<const std::byte> message = b.receive();
+      if (message.size() == sizeof sent) {
+        std::memcpy(&sent, message.data(), sizeof sent);
+        return sent;
+      }
+      b.wait(kNever);
+    }
+  };
+  Latencies ours, peer, udp;
+  for (int round = 0; round < kRounds; ++round) {
+    ours.measure([&](std::int64_t t) { topic.publish(t); }, take);
+    peer.measure([&](std::int64_t t) { locked.push(t); }, [&] { return locked.pop(); });
+    udp.measure([&](std::int64_t t) { a.send(std::as_bytes(std::span(&t, 1))); }, receive);
+  }
+  const std::string threads = set_real_time(true) ? "SCHED_FIFO" : "no real-time priority";
+  set_real_time(false);
+  print_latency("publish to wake, in process, " + threads, ours, "mutex and condition variable", peer, true);
+  print_latency("publish to wake, UDP on loopback, " + threads, udp, "mutex and condition variable in process", peer, false);
+}
+
+void message_costs() {
+  Topic<std::int64_t> one, several(Publishers::kSeveral);
+  Subscription<std::int64_t>&spsc = one.subscribe(Policy::kQueue), &mpsc = several.subscribe(Policy::kQueue);
+  LockedQueue locked;
+  std::int64_t value = 0;
+  const auto lock = [&] {
+    locked.push(1);
+    keep(locked.pop());
+  };
+  const auto ours = [&](Topic<std::int64_t>& topic, Subscription<std::int64_t>& subscription) {
+    return [&] {
+      topic.publish(1);
+      subscription.take(value);
+      keep(value);
+    };
+  };
+  const auto a = measure(ours(one, spsc), lock, 31, 2e-3, benchmark::thread_seconds);
+  const auto b = measure(ours(several, mpsc), lock, 31, 2e-3, benchmark::thread_seconds);
+  print({"publish and take, one publisher", "ns", a.ours * 1e9, "mutex and condition variable", a.peer * 1e9});
+  print({"publish and take, several publishers", "ns", b.ours * 1e9, "mutex and condition variable", b.peer * 1e9});
+}
+
+void database_costs() {
+  constexpr std::size_t kWords = 1000;
+  const auto layout = [] { return StateLayout({{"x", StateField::Kind::kReal, kWords, "1"}}); };
+  for (const std::size_t changed : {std::size_t{0}, std::size_t{1}, std::size_t{10}, std::size_t{100}, kWords}) {
+    StateOwner owner(layout(), 1);
+    StateReplica replica(layout());
+    (void)owner.publish(0);
+    replica.receive(owner.full());
+    const auto full = static_cast<double>(owner.full().size());
+    std::mt19937_64 random(1);
+    std::int64_t tick = 0;
+    double bytes = 0;
+    const auto change = [&] {
+      for (std::size_t i = 0; i < changed; ++i) {
+        const std::uint64_t word = random();
+        std::memcpy(&owner.image()[i * (kWords / std::max<std::size_t>(changed, 1)) * 8], &word, 8);
+      }
+    };
+    const auto figures = measure(
+        [&] {
+          change();
+          const auto update = owner.publish(++tick);
+          bytes = static_cast<double>(update.size());
+          replica.receive(update);
+        },
+        [&] {
+          change();
+          (void)owner.publish(++tick);
+          replica.receive(owner.full());
+        },
+        31, 2e-3, benchmark::thread_seconds);
+    const std::string name = std::to_string(changed) + " of " + std::to_string(kWords) + " words changed";
+    print({"state database, bytes per tick, " + name, "B", bytes, "full copy", full});
+    print({"state database, publish and apply, " + name, "ns", figures.ours * 1e9, "full copy", figures.peer * 1e9});
+  }
+}
+
+bool property() {
+  bool right = true;
+  for (const bool rough : {false, true}) {
+    testing::DatabaseTrialSettings settings{.ticks = 1'000'000, .seed = 2};
+    if (rough) {
+      settings.loss = 0.3;
+      settings.delay = 10;
+    }
+    const double begin = benchmark::thread_seconds();
+    const testing::DatabaseTrial r = testing::run_database_trial(settings);
+    const double seconds = benchmark::thread_seconds() - begin;
+    right = right && r.wrong + r.unequal_at_end == 0;
+    const std::string name = rough ? "10^6 ticks, 30 % lost, delay 0 to 10 ticks" : "10^6 ticks, 5 % lost, delay 0 to 3 ticks";
+    print({name + ": replicas that differed", "", static_cast<double>(r.wrong + r.unequal_at_end), "updates applied",
+           static_cast<double>(r.updates)});
+    print({name + ": full copies", "", static_cast<double>(r.copies), "changes missed", static_cast<double>(r.missed)});
+    print({name + ": mean age", "ticks", r.mean_age, "longest age", static_cast<double>(r.longest_age)});
+    print({name + ": bytes per update", "B", static_cast<double>(r.update_bytes) / static_cast<double>(r.publications),
+           "full copy", static_cast<double>(settings.words * 8 + kStateHeader)});
+    print({name + ": time per tick and replica", "ns", seconds / 3e6 * 1e9, "", 0});
+  }
+  return right;
+}
+
+}  // namespace
+
+int main() {
+  latencies();
+  message_costs();
+  database_costs();
+  return property() ? 0 : 1;
+}

@@ -1,0 +1,345 @@
+// Queues, topics and requests between threads (components/bus/queue.h, bus.h).
+#include "components/bus/bus.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <cstring>
+#include <deque>
+#include <random>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "tests/support/allocations.h"
+#include "tests/support/error_of.h"
+
+namespace cotwin::bus {
+namespace {
+
+constexpr std::int64_t kLong = 60'000'000'000;  // ns; no test waits that long
+
+/// Words that belong together: torn if they are of different messages.
+struct Message {
+  std::uint64_t publisher = 0, number = 0, sum = 0;
+  std::uint64_t more[5] = {};
+};
+
+Message message_of(std::uint64_t publisher, std::uint64_t number) {
+  Message m{publisher, number, publisher * 31 + number * 7, {}};
+  for (std::uint64_t& word : m.more) word = m.sum;
+  return m;
+}
+
+bool whole(const Message& m) {
+  bool same = m.sum == m.publisher * 31 + m.number * 7;
+  for (const std::uint64_t word : m.more) same = same && word == m.sum;
+  return same;
+}
+
+TEST(SpscQueue, GivesWhatADequeGives) {
+  std::mt19937 random(1);
+  for (const std::size_t capacity : {1u, 2u, 5u, 64u}) {
+    SpscQueue<int> queue(capacity);
+    std::deque<int> expected;
+    for (int i = 0; i < 20'000; ++i) {
+      if (random() % 2 == 0) {
+        const bool room = expected.size() < queue.capacity();
+        ASSERT_EQ(queue.push(i), room);
+        if (room) expected.push_back(i);
+      } else {
+        int value = -1;
+        ASSERT_EQ(queue.pop(value), !expected.empty());
+        if (expected.empty()) continue;
+        ASSERT_EQ(value, expected.front());
+        expected.pop_front();
+      }
+    }
+  }
+}
+
+TEST(MpscQueue, GivesWhatADequeGives) {
+  std::mt19937 random(2);
+  for (const std::size_t capacity : {1u, 2u, 5u, 64u}) {
+    MpscQueue<int> queue(capacity);
+    std::deque<int> expected;
+    for (int i = 0; i < 20'000; ++i) {
+      if (random() % 2 == 0) {
+        const bool room = expected.size() < queue.capacity();
+        ASSERT_EQ(queue.push(i), room);
+        if (room) expected.push_back(i);
+      } else {
+        int value = -1;
+        ASSERT_EQ(queue.pop(value), !expected.empty());
+        if (expected.empty()) continue;
+        ASSERT_EQ(value, expected.front());
+        expected.pop_front();
+      }
+    }
+  }
+}
+
+TEST(ByteQueue, GivesWhatADequeGives) {
+  std::mt19937 random(3);
+  for (const std::size_t capacity : {1u, 200u, 4096u}) {
+    ByteQueue queue(capacity);
+    const std::size_t room = std::bit_ceil(std::max<std::size_t>(capacity, 64));
+    std::deque<std::string> expected;
+    std::size_t refused = 0;
+    for (int i = 0; i < 50'000; ++i) {
+      if (random() % 2 == 0) {
+        const std::string text(random() % (room / 2 - 7), static_cast<char>('a' + i % 26));
+        if (queue.push(std::as_bytes(std::span(text)))) {
+          expected.push_back(text);
+        } else {
+          ++refused;
+          ASSERT_FALSE(expected.empty()) << "an empty queue takes a message of " << text.size() << " of " << room << " bytes";
+        }
+      } else {
+        const std::span<const std::byte> front = queue.front();
+        ASSERT_EQ(front.data() == nullptr, expected.empty());
+        if (expected.empty()) continue;
+        ASSERT_EQ(std::string(reinterpret_cast<const char*>(front.data()), front.size()), expected.front());
+        expected.pop_front();
+        queue.drop();
+      }
+    }
+    EXPECT_GT(refused, 0u);
+    const std::string huge(room + 1, 'x');
+    EXPECT_FALSE(queue.push(std::as_bytes(std::span(huge))));
+  }
+}
+
+TEST(BusThread, ASpscQueueCarriesEverythingInOrder) {
+  SpscQueue<Message> queue(16);
+  constexpr std::uint64_t kCount = 20'000;
+  std::thread writer([&] {
+    for (std::uint64_t i = 1; i <= kCount; ++i)
+      while (!queue.push(message_of(1, i))) std::this_thread::yield();
+  });
+  Message m;
+  for (std::uint64_t i = 1; i <= kCount; ++i) {
+    while (!queue.pop(m)) std::this_thread::yield();
+    ASSERT_EQ(m.number, i);
+    ASSERT_TRUE(whole(m));
+  }
+  writer.join();
+}
+
+TEST(BusThread, AnMpscTopicKeepsTheOrderOfEachPublisherAndCountsWhatItDrops) {
+  Topic<Message> topic(Publishers::kSeveral);
+  Subscription<Message>& subscription = topic.subscribe(Policy::kQueue, 32);
+  constexpr std::uint64_t kCount = 5'000, kPublishers = 4;
+  std::atomic<std::uint64_t> published = 0, dropped = 0;
+  std::vector<std::thread> publishers;
+  for (std::uint64_t p = 0; p < kPublishers; ++p) {
+    publishers.emplace_back([&, p] {
+      for (std::uint64_t i = 1; i <= kCount; ++i, ++published) dropped += topic.publish(message_of(p, i));
+      for (++published; topic.publish(message_of(p, kCount + 1)) != 0; ++published, ++dropped) std::this_thread::yield();
+    });
+  }
+  std::vector<std::uint64_t> last(kPublishers);
+  std::uint64_t taken = 0, finished = 0;
+  Message m;
+  while (finished < kPublishers) {
+    ASSERT_TRUE(subscription.wait(monotonic_ns() + kLong));
+    while (subscription.take(m)) {
+      ++taken;
+      ASSERT_TRUE(whole(m));
+      ASSERT_GT(m.number, last[m.publisher]);
+      last[m.publisher] = m.number;
+      if (m.number == kCount + 1) ++finished;
+    }
+  }
+  for (std::thread& publisher : publishers) publisher.join();
+  // Every message was either taken or counted as lost.
+  EXPECT_EQ(subscription.lost(), dropped);
+  EXPECT_EQ(taken + dropped, published);
+}
+
+TEST(BusThread, TheLatestValueIsWholeAndTheLastOneStays) {
+  for (const Publishers publishers : {Publishers::kOne, Publishers::kSeveral}) {
+    Topic<Message> topic(publishers);
+    Subscription<Message>& subscription = topic.subscribe(Policy::kLatest);
+    constexpr std::uint64_t kCount = 20'000;
+    const std::uint64_t threads = publishers == Publishers::kOne ? 1 : 3;
+    std::vector<std::thread> running;
+    for (std::uint64_t p = 0; p < threads; ++p) {
+      running.emplace_back([&, p] {
+        for (std::uint64_t i = 1; i <= kCount; ++i) EXPECT_EQ(topic.publish(message_of(p, i)), 0u);
+      });
+    }
+    std::vector<std::uint64_t> last(threads);
+    std::uint64_t taken = 0;
+    Message m;
+    const auto take_all = [&] {
+      while (subscription.take(m)) {
+        ++taken;
+        ASSERT_TRUE(whole(m));
+        ASSERT_GT(m.number, last[m.publisher]);
+        last[m.publisher] = m.number;
+      }
+    };
+    for (int i = 0; i < 1000; ++i) take_all();
+    for (std::thread& thread : running) thread.join();
+    take_all();
+    EXPECT_EQ(taken + subscription.lost(), threads * kCount);
+    EXPECT_EQ(*std::max_element(last.begin(), last.end()), kCount);
+  }
+}
+
+TEST(BusThread, ATripleBufferShowsWholePublications) {
+  TripleBuffer buffer(64 * sizeof(std::uint64_t));
+  constexpr std::uint64_t kCount = 20'000;
+  std::thread writer([&] {
+    for (std::uint64_t i = 1; i <= kCount; ++i) {
+      for (std::size_t w = 0; w < 64; ++w) std::memcpy(&buffer.back()[w * sizeof i], &i, sizeof i);
+      buffer.publish();
+    }
+  });
+  std::uint64_t seen = 0, words[64];
+  while (seen < kCount) {
+    if (!buffer.take()) {
+      std::this_thread::yield();
+      continue;
+    }
+    std::memcpy(words, buffer.front().data(), sizeof words);
+    ASSERT_GT(words[0], seen);
+    for (const std::uint64_t word : words) ASSERT_EQ(word, words[0]);
+    seen = words[0];
+  }
+  writer.join();
+}
+
+// A notification that came between the check and the wait would leave the waiting thread asleep, and the test would end at the
+// deadline.
+TEST(BusThread, NoWakeUpIsLost) {
+  for (const Wake::Kind kind : {Wake::Kind::kBest, Wake::Kind::kPipe}) {
+    Topic<int> ping, pong;
+    Subscription<int>& at_pong = ping.subscribe(Policy::kQueue, 4, std::make_shared<Wake>(kind));
+    Subscription<int>& at_ping = pong.subscribe(Policy::kLatest, 1, std::make_shared<Wake>(kind));
+    constexpr int kRounds = 2'000;
+    std::thread other([&] {
+      int value = 0;
+      for (int i = 0; i < kRounds; ++i) {
+        ASSERT_TRUE(at_pong.wait(monotonic_ns() + kLong));
+        ASSERT_TRUE(at_pong.take(value));
+        pong.publish(value + 1);
+      }
+    });
+    int value = 0;
+    for (int i = 0; i < kRounds; ++i) {
+      ping.publish(value);
+      ASSERT_TRUE(at_ping.wait(monotonic_ns() + kLong));
+      ASSERT_TRUE(at_ping.take(value));
+    }
+    other.join();
+    EXPECT_EQ(value, kRounds);
+  }
+}
+
+TEST(BusThread, OneThreadWaitsForSeveralTopics) {
+  Topic<int> a, b;
+  const auto wake = std::make_shared<Wake>();
+  Subscription<int>&from_a = a.subscribe(Policy::kQueue, 2000, wake), &from_b = b.subscribe(Policy::kQueue, 2000, wake);
+  const auto publish = [](Topic<int>& topic) {
+    for (int i = 1; i <= 1000; ++i) topic.publish(i);
+  };
+  std::thread first([&] { publish(a); }), second([&] { publish(b); });
+  int sum = 0, value = 0;
+  while (sum < 1'001'000) {  // 2 · (1 + … + 1000)
+    ASSERT_TRUE(wake->wait([&] { return !from_a.empty() || !from_b.empty(); }, monotonic_ns() + kLong));
+    while (from_a.take(value)) sum += value;
+    while (from_b.take(value)) sum += value;
+  }
+  first.join();
+  second.join();
+  EXPECT_EQ(sum, 1'001'000);
+}
+
+TEST(BusThread, EachClientGetsTheAnswersToItsOwnRequests) {
+  Service<int, int> service(8);
+  constexpr int kClients = 3, kRequests = 1'000;
+  std::vector<Service<int, int>::Client*> clients;
+  for (int c = 0; c < kClients; ++c) clients.push_back(&service.add_client(4));
+  std::thread server([&] {
+    Service<int, int>::Call call;
+    for (int done = 0; done < kClients * kRequests; ++done) {
+      ASSERT_TRUE(service.wait(monotonic_ns() + kLong));
+      ASSERT_TRUE(service.take(call));
+      service.reply(call, call.request * call.request);
+    }
+  });
+  std::vector<std::thread> running;
+  for (int c = 0; c < kClients; ++c) {
+    running.emplace_back([&, c] {
+      std::deque<std::pair<std::uint64_t, int>> open;
+      Service<int, int>::Answer answer;
+      int asked = 0, answered = 0;
+      while (answered < kRequests) {
+        if (asked < kRequests) {
+          const int request = c * kRequests + asked;
+          if (const auto number = clients[static_cast<std::size_t>(c)]->ask(request)) {
+            open.emplace_back(*number, request);
+            ++asked;
+            continue;
+          }
+        }
+        if (open.empty()) {  // the queue of the server is full of others' requests
+          std::this_thread::yield();
+          continue;
+        }
+        ASSERT_TRUE(clients[static_cast<std::size_t>(c)]->wait(monotonic_ns() + kLong));
+        while (clients[static_cast<std::size_t>(c)]->take(answer)) {
+          ASSERT_EQ(answer.number, open.front().first);
+          ASSERT_EQ(answer.reply, open.front().second * open.front().second);
+          open.pop_front();
+          ++answered;
+        }
+      }
+    });
+  }
+  for (std::thread& thread : running) thread.join();
+  server.join();
+}
+
+TEST(Bus, WaitingEndsAtTheDeadline) {
+  Topic<int> topic;
+  Subscription<int>& subscription = topic.subscribe(Policy::kQueue);
+  const std::int64_t deadline = monotonic_ns() + 2'000'000;
+  EXPECT_FALSE(subscription.wait(deadline));
+  EXPECT_GE(monotonic_ns(), deadline);
+  EXPECT_FALSE(subscription.wait(0)) << "a deadline in the past";
+  topic.publish(1);
+  EXPECT_TRUE(subscription.wait(0)) << "there is a message";
+}
+
+TEST(Bus, PublishingAllocatesNothingWhateverTheSubscribersDo) {
+  for (const Publishers publishers : {Publishers::kOne, Publishers::kSeveral}) {
+    Topic<Message> topic(publishers);
+    Subscription<Message>& queue = topic.subscribe(Policy::kQueue, 4);
+    Subscription<Message>& latest = topic.subscribe(Policy::kLatest);
+    const std::uint64_t before = testing::allocations();
+    for (std::uint64_t i = 0; i < 1'000; ++i) topic.publish(message_of(0, i));
+    EXPECT_EQ(testing::allocations(), before);
+    EXPECT_EQ(queue.lost(), 1'000u - 4u);
+    EXPECT_EQ(latest.lost(), 1'000u - 1u);
+    Message m;
+    ASSERT_TRUE(queue.take(m));
+    EXPECT_EQ(m.number, 0u) << "a queue keeps the oldest messages";
+    ASSERT_TRUE(latest.take(m));
+    EXPECT_EQ(m.number, 999u);
+    EXPECT_FALSE(latest.take(m));
+  }
+}
+
+TEST(Bus, RefusesTheThirtyThirdSubscriber) {
+  Topic<int> topic;
+  for (std::size_t i = 0; i < Topic<int>::kMaxSubscribers; ++i) topic.subscribe(Policy::kLatest);
+  EXPECT_EQ(testing::error_of([&] { topic.subscribe(Policy::kLatest); }), "bus: a topic has 32 subscribers, expected no more");
+}
+
+}  // namespace
+}  // namespace cotwin::bus
