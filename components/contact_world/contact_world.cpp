@@ -136,14 +136,13 @@ void ContactWorld::build() {
   built_from_ = layout();
 }
 
-/// All parameters that build() reads, except start values of states.
+/// All parameters that build() reads, except start values of states and tunables.
 std::vector<double> ContactWorld::layout() const {
   Values all = gravity_;
   const auto add = [&](const Values& v) { all.insert(all.end(), v.begin(), v.end()); };
   for (const auto& body : bodies_) {
     add(body->p0);
     add(body->quat0);
-    if (body->foundation.any()) add(body->foundation.parameters());
   }
   for (const auto& robot : robots_) {
     add(robot->base_p0);
@@ -207,6 +206,7 @@ void ContactWorld::initialise(Time start) {
     robot->inertias.take(robot->place, *robot->mechanism);
     robot->tools_in_force = robot->tools_wanted;
   }
+  for (const auto& body : bodies_) body->foundation.take();
   build();
   for (const auto& robot : robots_) {
     robot->dq_before = robot->dq;
@@ -306,6 +306,9 @@ void ContactWorld::compute_mobility(Robot& r) {
 StepResult ContactWorld::step(Time now, Duration duration) {
   check_inputs(now);
   const double h = duration.seconds();
+  for (const auto& body : bodies_) {
+    if (body->foundation.any()) body->foundation.follow(place_, body->name, *world_, body->index);
+  }
   for (const auto& robot : robots_) {
     set_bodies(*robot);
     if (robot->link == Link::kInside) {
@@ -449,6 +452,9 @@ void ContactWorld::tell(std::vector<std::string>& notes) const {
 
 void ContactWorld::restored() {
   if (layout() != built_from_) build();
+  for (const auto& body : bodies_) {
+    if (body->foundation.any()) body->foundation.restored(*world_, body->index);
+  }
   for (const auto& robot : robots_) {
     Robot& r = *robot;
     r.inertias.restored(*r.mechanism);

@@ -17,16 +17,23 @@ class Foundation {
 
   bool any() const { return stiffness_ > 0; }
   void declare(Variables& v, const std::string& prefix);
-  /// Gives the parameters to all shapes of the body with a foundation.
+  void declare_state(Variables& v, const std::string& prefix);
+  /// Puts the tunables into force, before the world is built.
+  void take() { in_force_ = {stiffness_, yield_, breakthrough_}; }
+  /// Gives what is in force to all shapes of the body with a foundation.
   void apply(scene::Body& body) const;
-  std::vector<double> parameters() const { return {stiffness_, yield_, breakthrough_}; }
+  /// Brings changed tunables into force. Throws Error `place.variables.…` for values that a foundation cannot have. Allocates nothing.
+  void follow(const std::string& place, const std::string& variables, World& world, std::size_t body);
+  /// To be called after the state in force was restored.
+  void restored(World& world, std::size_t body) const;
   void write(const Yielding& result);
   void tell(std::vector<std::string>& notes) const;
 
  private:
   std::string name_;
   bool whole_ = false;
-  double stiffness_ = 0, yield_ = 0, breakthrough_ = 0;  // parameters; a limit of 0: none
+  double stiffness_ = 0, yield_ = 0, breakthrough_ = 0;  // tunables; a limit of 0: none
+  std::vector<double> in_force_ = {0, 0, 0};             // state: the same in force
   double dent_ = 0, pressed_ = 0, yield_energy_ = 0;     // outputs
   bool pierced_ = false;
 };

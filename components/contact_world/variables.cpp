@@ -159,6 +159,9 @@ void ContactWorld::declare(Variables& v) {
     }
     if (!r.tools.empty()) v.state(r.prefix + "tools_in_force", r.tools_in_force, "1", "the same of all tools, in force");
   }
+  for (const auto& body : bodies_) {
+    if (body->foundation.any()) body->foundation.declare_state(v, body->prefix);
+  }
 }
 
 }  // namespace cotwin::contact_world

@@ -19,11 +19,13 @@
 #include "models/robot/urdf.h"
 #include "models/support/error.h"
 #include "tests/support/allocations.h"
+#include "tests/support/error_of.h"
 #include "tests/support/places.h"
 
 namespace cotwin {
 namespace {
 
+using cotwin::testing::error_of;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using Values = std::vector<double>;
@@ -663,14 +665,6 @@ TEST(ContactWorld, AStepAllocatesNothingAndGoesOnFromARestoredSnapshotToTheSameB
 }
 
 TEST(ContactWorld, ReportsErrorsInItsSettingsAndInputs) {
-  const auto error_of = [](auto&& what) -> std::string {
-    try {
-      what();
-    } catch (const Error& error) {
-      return error.what();
-    }
-    return "";
-  };
   EXPECT_THAT(error_of([] { Subject("unit:contact_world?scene=nowhere"); }), HasSubstr("scenes/nowhere/scene.sdf"));
   EXPECT_THAT(error_of([] { Subject("unit:contact_world?robots=left"); }), HasSubstr("expected name:robot"));
   EXPECT_THAT(error_of([] { Subject("unit:contact_world?robots=a:" + kPusher + ",a:" + kPusher); }), HasSubstr("twice"));
@@ -699,6 +693,53 @@ TEST(ContactWorld, ReportsErrorsInItsSettingsAndInputs) {
   world.initialise();
   world["cube.f"][1] = std::numeric_limits<double>::quiet_NaN();
   EXPECT_THAT(error_of([&] { world.step(1e-3); }), HasSubstr("cube.f[2]"));
+}
+
+TEST(ContactWorld, FollowsTheTunablesOfAFoundationToTheSameBitsFromARestoredSnapshot) {
+  Subject world("unit:contact_world?scene=" + kData + "cushion.sdf"),
+      other("unit:contact_world?scene=" + kData + "cushion.sdf");
+  world.initialise();
+  other.initialise();
+  const auto run = [](Subject& subject) {
+    for (int i = 0; i < 1000; ++i) subject.step(1e-3);
+  };
+  const double weight = 10 * kGravity, area = 0.01;
+  run(world);
+  EXPECT_NEAR(world["block.p"][2], 0.05 - weight / (1e8 * area), 1e-9);
+  world.fill("pad.stiffness_per_area", 2e8);
+  const auto before = testing::allocations();
+  world.step(1e-3);
+  EXPECT_EQ(testing::allocations() - before, 0u);
+  run(world);
+  EXPECT_NEAR(world["block.p"][2], 0.05 - weight / (2e8 * area), 1e-9);
+  EXPECT_EQ(world["pad.dent"][0], 0);
+  Snapshot snapshot;
+  snapshot.take(world.variables(), world.unit());
+  // Softer than the pressure of the weight, it yields until it is changed again; the dent stays.
+  world.fill("pad.yield_stress", 0.9 * weight / area);
+  for (int i = 0; i < 50; ++i) world.step(1e-3);
+  world.fill("pad.yield_stress", 1e5);
+  run(world);
+  const double dent = world["pad.dent"][0];
+  EXPECT_NEAR(dent, 0.1 * kGravity * 0.05 * 0.05 / 2, 0.1 * dent);  // it falls with a tenth of g for 50 ms
+  EXPECT_NEAR(world["block.p"][2], 0.05 - dent - weight / (2e8 * area), 2e-6);
+  const Values there = world.values("world");
+  snapshot.restore(other.variables(), other.unit());
+  other.fill("pad.stiffness_per_area", 2e8);
+  other.fill("pad.yield_stress", 0.9 * weight / area);
+  for (int i = 0; i < 50; ++i) other.step(1e-3);
+  other.fill("pad.yield_stress", 1e5);
+  run(other);
+  EXPECT_EQ(other.values("world"), there);
+
+  EXPECT_THAT(error_of([&] { world.fill("pad.yield_stress", 0).step(1e-3); }),
+              HasSubstr("pad.yield_stress: is 0, expected a finite value > 0"));
+  world.fill("pad.yield_stress", 1e5);
+  EXPECT_THAT(error_of([&] { world.fill("pad.breakthrough", 0.01).step(1e-3); }),
+              HasSubstr("pad.breakthrough: is 0.01, expected 0 (never), as at the start"));
+  world.fill("pad.breakthrough", 0);
+  world["pad.foundation"][0] = -1;
+  EXPECT_THAT(error_of([&] { world.unit().restored(); }), HasSubstr("foundation of body 'pad': -1"));
 }
 
 TEST(ContactWorld, RefusesAStateThatIsDamaged) {

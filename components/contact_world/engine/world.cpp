@@ -184,6 +184,27 @@ void World::set_tool(std::size_t body, const std::string& tool, bool present) {
   }
   w.stale = true;
   w.restored = false;
+  w.guard.moved = true;
+}
+
+void World::set_foundation(std::size_t body, double foundation, double yield, double breakthrough) {
+  Impl& w = *impl_;
+  for (scene::Shape& shape : w.scene.bodies[body].shapes) {
+    scene::Material& m = shape.material;
+    if (m.foundation == 0) continue;
+    const bool same = (yield < scene::kInfinity) == (m.yield < scene::kInfinity) &&
+                      (breakthrough < scene::kInfinity) == (m.breakthrough < scene::kInfinity);
+    if (!(foundation > 0 && foundation < scene::kInfinity && yield > 0 && breakthrough > 0 && same))
+      throw Error("contact world", "foundation of body '" + w.scene.bodies[body].name + "': " + text::to_text(foundation) +
+                                       ", limit " + text::to_text(yield) + ", breakthrough " + text::to_text(breakthrough) +
+                                       ", expected positive values, and limits where there were some at the start");
+    m.foundation = foundation;
+    m.yield = yield;
+    m.breakthrough = breakthrough;
+  }
+  w.stale = true;
+  w.restored = false;
+  w.guard.moved = true;
 }
 
 void World::apply(std::size_t body, const Wrench& F_B_W) { impl_->applied[body] = F_B_W; }

@@ -80,6 +80,10 @@ class World {
   /// Adds the shapes of a tool (scene::Shape::tool) on a body that moves, or removes them; at first they are not there. Not part
   /// of the state, as set_body(). Allocates nothing.
   void set_tool(std::size_t body, const std::string& tool, bool present);
+  /// Changes the foundation of all shapes of the body that have one: pressure per depth or stiffness, limit (Pa or N) and depth of
+  /// breakthrough (m). Infinite limits must stay infinite, finite ones finite. Springs that are loaded change their energy; dents
+  /// stay. Not part of the state, as set_body(). Allocates nothing. Throws Error for other values.
+  void set_foundation(std::size_t body, double foundation, double yield, double breakthrough);
 
   std::span<const double> q() const;  // of each revolute or prismatic joint of the scene (0 for the others), rad or m
   std::span<const double> dq() const;
