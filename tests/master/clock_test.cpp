@@ -345,6 +345,29 @@ TEST_F(ClockedRun, ALockedClockStandsAtThePhaseOfTheSource) {
   }
 }
 
+TEST_F(ClockedRun, ALockedClockFollowsABusThatOnlyAnswersTheFramesOfSteps) {
+  for (const double rate : {50e-6, -50e-6}) {
+    World fresh;
+    build_.until(6);
+    clock().kind = ClockKind::kLocked;
+    clock().overrun = OverrunPolicy::kStop;
+    clock().silence = SilencePolicy::kStop;
+    const auto bus = [&](std::int64_t host) {
+      const auto passed = static_cast<double>(host - fresh.begin);
+      return kEpoch + 321'987 + host - fresh.begin + std::llround(rate * passed);
+    };
+    // The frame passes the reference clock 20 us after it was sent and is back after 50 us.
+    fresh.answer = [&] { fresh.source.send(fresh.host.now() + 50 * kUs, bus(fresh.host.now() + 20 * kUs)); };
+    Master master = load(fresh, build_);
+    const Summary s = run(master);
+    EXPECT_TRUE(s.clock.state.locked);
+    EXPECT_NEAR(s.clock.state.drift, -rate, 1e-8);
+    // Steps begin at the multiples of the bus's cycle, but for the 30 us from reading to receiving.
+    const std::int64_t phase = bus(fresh.begin + fresh.steps.back().host) % kMs;
+    EXPECT_NEAR(static_cast<double>(wrap(phase - 30 * kUs, kMs)), 0, 20) << rate;
+  }
+}
+
 TEST_F(ClockedRun, ALockedClockThatMovesATickIntoThePastIsNoOverrun) {
   for (const std::int64_t phase : {100 * kUs, 450 * kUs, 550 * kUs, 900 * kUs}) {
     World fresh;
