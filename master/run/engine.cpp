@@ -359,9 +359,9 @@ void Engine::start_workers(int threads, bool always) {
 
 void Engine::on_each_thread(Workers::Task task, void* context) {
   if (!workers_) return task(context, 0);
-  std::vector<std::uint8_t> thread_of(static_cast<std::size_t>(workers_->threads()));
+  std::array<std::uint8_t, 256> thread_of;
   std::iota(thread_of.begin(), thread_of.end(), std::uint8_t{0});
-  workers_->run(thread_of, task, context);
+  workers_->run(std::span(thread_of).first(static_cast<std::size_t>(workers_->threads())), task, context);
 }
 
 /// A tick that is timed for the report and the balances, or that belongs to a trial of a balance.

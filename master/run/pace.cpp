@@ -1,6 +1,7 @@
 #include "master/run/pace.h"
 
-#include <numeric>
+#include <algorithm>
+#include <atomic>
 #include <utility>
 
 #include "master/run/realtime.h"
@@ -71,11 +72,11 @@ Tick Pace::long_tick(const Engine& engine, std::int64_t tick) {
 }
 
 std::int64_t Pace::count_page_faults(Engine& engine) {
-  std::vector<std::int64_t> faults(static_cast<std::size_t>(engine.threads()));
+  std::atomic<std::int64_t> faults{0};
   engine.on_each_thread(
-      [](void* context, std::size_t i) { (*static_cast<std::vector<std::int64_t>*>(context))[i] = realtime::page_faults(); },
+      [](void* context, std::size_t) { *static_cast<std::atomic<std::int64_t>*>(context) += realtime::page_faults(); },
       &faults);
-  return std::accumulate(faults.begin(), faults.end(), std::int64_t{0});
+  return faults;
 }
 
 void Pace::finish(Engine& engine) {

@@ -3,17 +3,9 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
-
 #include <cmath>
-#include <fstream>
-#include <functional>
-#include <nlohmann/json.hpp>
 #include <random>
-#include <sstream>
-#include <thread>
 
-#include "master/program/report.h"
 #include "master/run/master.h"
 #include "models/support/choice.h"
 #include "tests/master/clocked_units.h"
@@ -23,68 +15,17 @@ namespace cotwin::master {
 namespace {
 
 using ::cotwin::testing::Build;
+using ::cotwin::testing::ClockedRun;
 using ::cotwin::testing::error_of;
 using ::cotwin::testing::gaussian;
 using ::cotwin::testing::kMs;
 using ::cotwin::testing::kUs;
-using ::cotwin::testing::SimulatedHost;
-using ::cotwin::testing::SimulatedSource;
 using ::cotwin::testing::value;
+using ::cotwin::testing::World;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
 const char* text_of(ClockKind kind) { return text::word_of(kind, kClockWords); }
-
-using ::cotwin::testing::World;
-using ::cotwin::testing::world;
-
-class ClockedRun : public ::testing::Test {
- protected:
-  ClockedRun() {
-    world = &world_;
-    build_.unit("busy", "busy").unit("io", "connected");
-    clock().kind = ClockKind::kWall;
-    clock().place = "test.ssd:5";
-  }
-  ~ClockedRun() override {
-    world = nullptr;
-    std::filesystem::remove_all(folder_);
-  }
-  ClockSpec& clock() { return build_.scenario.clock; }
-  Master load(MasterOptions options = {}) { return load(world_, build_, std::move(options)); }
-  /// The units of the master use `of` from now on.
-  static Master load(World& of, const Build& build, MasterOptions options = {}) {
-    world = &of;
-    options.types = cotwin::testing::clocked_types();
-    options.host = &of.host;
-    return Master(build.scenario, std::move(options));
-  }
-  Summary run(Master& master) {
-    master.initialise();
-    while (master.step_tick()) {
-    }
-    master.finish();
-    return master.summary();
-  }
-  Summary run() {
-    Master master = load();
-    return run(master);
-  }
-  /// Packets every `period` of the source's clock, which runs (1 + rate) times as fast as the host's.
-  void send(
-      int n, double rate = 0, const std::function<std::int64_t(int)>& delay = [](int) { return 0; },
-      const std::function<bool(int)>& lost = [](int) { return false; }, bool with_time = true) {
-    for (int i = 0; i < n; ++i) {
-      const double exact = static_cast<double>(i + 1) * static_cast<double>(kPeriod) / (1 + rate);
-      if (!lost(i)) world_.source.send(world_.begin + std::llround(exact) + delay(i), with_time ? kEpoch + i * kPeriod : 0);
-    }
-  }
-  static constexpr std::int64_t kPeriod = kMs, kEpoch = 793'000'000'000 * kMs;
-
-  World world_;
-  Build build_;
-  std::filesystem::path folder_ = std::filesystem::temp_directory_path() / ("cotwin_clock_" + std::to_string(::getpid()));
-};
 
 using Step = World::Step;
 
@@ -367,7 +308,7 @@ TEST_F(ClockedRun, ASilentSourceStopsTheRunOrPausesItIfTheScenarioSaysSo) {
   }
 }
 
-TEST_F(ClockedRun, ASourceThatNeverSpeaksIsWaitedForOnce) {
+TEST_F(ClockedRun, ASourceWithoutAnyPacketIsWaitedForUntilTheTimeOut) {
   clock().kind = ClockKind::kArrivals;
   run();
   ASSERT_EQ(world_.steps.size(), 10u);
@@ -401,6 +342,29 @@ TEST_F(ClockedRun, ALockedClockStandsAtThePhaseOfTheSource) {
       squares += std::pow(static_cast<double>(fresh.steps[i].host - *next - 200 * kUs), 2);
     }
     EXPECT_LE(std::sqrt(squares / 3000), 1.5 * 50e3 * std::sqrt(1.25 * 2 * M_PI * 1e-3));
+  }
+}
+
+TEST_F(ClockedRun, ALockedClockFollowsABusThatOnlyAnswersTheFramesOfSteps) {
+  for (const double rate : {50e-6, -50e-6}) {
+    World fresh;
+    build_.until(6);
+    clock().kind = ClockKind::kLocked;
+    clock().overrun = OverrunPolicy::kStop;
+    clock().silence = SilencePolicy::kStop;
+    const auto bus = [&](std::int64_t host) {
+      const auto passed = static_cast<double>(host - fresh.begin);
+      return kEpoch + 321'987 + host - fresh.begin + std::llround(rate * passed);
+    };
+    // The frame passes the reference clock 20 us after it was sent and is back after 50 us.
+    fresh.answer = [&] { fresh.source.send(fresh.host.now() + 50 * kUs, bus(fresh.host.now() + 20 * kUs)); };
+    Master master = load(fresh, build_);
+    const Summary s = run(master);
+    EXPECT_TRUE(s.clock.state.locked);
+    EXPECT_NEAR(s.clock.state.drift, -rate, 1e-8);
+    // Steps begin at the multiples of the bus's cycle, but for the 30 us from reading to receiving.
+    const std::int64_t phase = bus(fresh.begin + fresh.steps.back().host) % kMs;
+    EXPECT_NEAR(static_cast<double>(wrap(phase - 30 * kUs, kMs)), 0, 20) << rate;
   }
 }
 
@@ -464,7 +428,6 @@ TEST_F(ClockedRun, NoClockAllocatesAlsoWithOverrunsAndThreads) {
       options.always_threads = true;
       Master master = load(fresh, b, std::move(options));
       master.initialise();
-      master.step_tick();
       const std::uint64_t before = cotwin::testing::allocations();
       while (master.step_tick()) {
       }
@@ -474,118 +437,6 @@ TEST_F(ClockedRun, NoClockAllocatesAlsoWithOverrunsAndThreads) {
       EXPECT_EQ(master.summary().threads, 2);
     }
   }
-}
-
-TEST_F(ClockedRun, RecordsTheClockOnRequestOnly) {
-  build_.until(0.008);
-  build_.scenario.decimation = 2;
-  clock().overrun = OverrunPolicy::kSkip;
-  world_.work[3 * kMs] = 3400 * kUs;
-  build_.record("busy.steps").record("clock.overruns").record("clock.l*");
-  MasterOptions options;
-  options.results = folder_;
-  Master master = load(std::move(options));
-  run(master);
-  std::ifstream in(folder_ / "signals.csv");
-  const std::string csv((std::istreambuf_iterator<char>(in)), {});
-  // Rows every second tick, without those in the longer step from 4 to 7 ms.
-  EXPECT_EQ(csv,
-            "time,busy.steps,clock.lateness,clock.locked,clock.overruns\n"
-            "0,0,0,0,0\n0.002,2,0,0,0\n0.004,4,0,0,0\n0.007,5,0.0024,0,1\n0.008,6,0,0,1\n");
-  build_.scenario.recording.clear();
-  EXPECT_EQ(load().columns().size(), 2u);  // busy.steps, io.y
-  build_.record("clock.nothing");
-  EXPECT_THAT(error_of([&] { load(); }), HasSubstr("test.ssd:70: there is no variable 'clock.nothing'"));
-}
-
-TEST_F(ClockedRun, GoesOnAfterAResumption) {
-  for (const ClockKind kind : {ClockKind::kWall, ClockKind::kArrivals, ClockKind::kLocked}) {
-    World fresh;
-    clock().kind = kind;
-    build_.until(0.020);
-    for (int i = 0; i < 100; ++i) fresh.source.send(fresh.begin + i * kMs, kEpoch + i * kMs);
-    std::optional<RunState> saved;
-    for (const bool again : {false, true}) {
-      MasterOptions options;
-      if (again) options.resume = saved;
-      Master master = load(fresh, build_, std::move(options));
-      master.initialise();
-      EXPECT_EQ(master.tick(), again ? 10 : 0);
-      while (master.tick() < 10) master.step_tick();
-      if (!again) master.save([&](RunState state) { saved = std::move(state); });
-      while (again && master.step_tick()) {
-      }
-      if (!again) fresh.host.work(25 * kMs);  // between the two processes
-    }
-    ASSERT_EQ(fresh.steps.size(), 20u);
-    for (std::size_t i = 0; i < 20; ++i) EXPECT_EQ(fresh.steps[i].now, static_cast<std::int64_t>(i) * kMs);
-    for (std::size_t i = 12; i < 20; ++i)
-      EXPECT_NEAR(static_cast<double>(fresh.steps[i].host - fresh.steps[i - 1].host), 1e6, 2e5);
-  }
-}
-
-TEST_F(ClockedRun, NamesClocksThatDoNotFit) {
-  clock().kind = ClockKind::kArrivals;
-  clock().component = "busy";
-  EXPECT_EQ(error_of([&] { load(); }),
-            "test.ssd:5: 'busy' has no clock of a robot or bus that ticks can follow; those that have one: 'io'");
-  clock().component = "nobody";
-  EXPECT_THAT(error_of([&] { load(); }), HasSubstr("'nobody' is not a component"));
-  clock().component = "";
-  build_.unit("io2", "connected");
-  EXPECT_EQ(error_of([&] { load(); }),
-            "test.ssd:5: several components have a clock that ticks can follow: 'io', 'io2', expected one to be named");
-  build_.scenario.components.erase(build_.scenario.components.begin() + 1, build_.scenario.components.end());
-  EXPECT_THAT(error_of([&] { load(); }), HasSubstr("no component has the clock of a robot or bus"));
-  build_.unit("io", "connected");
-  clock().cycle = Duration{1'500'000};
-  EXPECT_THAT(error_of([&] { run(); }),
-              HasSubstr("'io' has cycles of 1.5 ms and a tick lasts 1 ms, expected one of them to be a multiple of the other"));
-  clock().cycle = Duration{4 * kMs};
-  clock().timeout = Duration{7 * kMs};
-  EXPECT_THAT(error_of([&] { run(); }), HasSubstr("the clock's timeout is 7 ms, expected at least two cycles of 'io' of 4 ms"));
-  clock() = {.kind = ClockKind::kWall, .cpus = {1'000'000}, .place = "test.ssd:5"};
-  EXPECT_THAT(error_of([&] { load(); }), HasSubstr("test.ssd:5: CPU 1000000, expected 0 to "));
-}
-
-TEST_F(ClockedRun, SetsUpItsThreadsOrSaysWhatIsNotPermitted) {
-  build_.unit("h1", "heavy").unit("h2", "heavy");
-  clock().priority = 1;
-  clock().cpus = {0};
-  MasterOptions options;
-  options.threads = 2;
-  options.always_threads = true;
-  Master master = load(std::move(options));
-  std::thread([&] { run(master); }).join();  // so that the thread of the other tests stays as it is
-  const Summary s = master.summary();
-  for (const std::string& warning : s.warnings)
-    EXPECT_TRUE(warning.find("cannot be given (SCHED_FIFO") != std::string::npos ||
-                warning.find("mlockall") != std::string::npos || warning.find("cannot be used") != std::string::npos)
-        << warning;
-  EXPECT_EQ(s.ticks, 10);
-  ASSERT_TRUE(s.clock.page_faults.has_value());
-  EXPECT_GE(*s.clock.page_faults, 0);
-}
-
-TEST_F(ClockedRun, ReportsItsFigures) {
-  clock().kind = ClockKind::kLocked;
-  build_.until(1);
-  send(2000, 20e-6);
-  const Summary s = run();
-  std::ostringstream text, json_text;
-  write_report(text, s, {});
-  EXPECT_THAT(text.str(), HasSubstr("clock of the source: locked, offset "));
-  EXPECT_THAT(text.str(), HasSubstr("delay of the start of ticks: median "));
-  EXPECT_THAT(text.str(), HasSubstr("page faults after the start"));
-  write_json(json_text, s, {});
-  const auto json = nlohmann::json::parse(json_text.str())["clock"];
-  EXPECT_EQ(json["kind"], "locked");
-  EXPECT_EQ(json["locked"], true);
-  EXPECT_NEAR(json["drift"].get<double>(), -20e-6, 1e-6);
-  EXPECT_EQ(json["start_delay"]["count"], 1000);
-  std::int64_t sum = 0;
-  for (const auto& bin : json["run_time"]["bins"]) sum += bin[1].get<std::int64_t>();
-  EXPECT_EQ(sum, 1000);
 }
 
 }  // namespace

@@ -1,4 +1,9 @@
 #pragma once
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -25,6 +30,7 @@ struct World {
     return empty;
   }();
   std::int64_t begin = host.now();
+  std::function<void()> answer;  // called by each step of the connected unit
 };
 inline World* world = nullptr;
 
@@ -52,7 +58,10 @@ class Connected final : public Unit {
  public:
   void declare(Variables& v) override { v.output("y", y_, "1", "nothing"); }
   void initialise(Time) override {}
-  StepResult step(Time, Duration) override { return StepResult::kDone; }
+  StepResult step(Time, Duration) override {
+    if (world->answer) world->answer();
+    return StepResult::kDone;
+  }
   TickSource* tick_source() override { return &world->source; }
 
  private:
@@ -69,5 +78,54 @@ inline std::span<const UnitType> clocked_types() {
   }();
   return kAll;
 }
+
+/// A run in simulated time of a unit that is busy and of one with a clock.
+class ClockedRun : public ::testing::Test {
+ protected:
+  ClockedRun() {
+    world = &world_;
+    build_.unit("busy", "busy").unit("io", "connected");
+    clock().kind = master::ClockKind::kWall;
+    clock().place = "test.ssd:5";
+  }
+  ~ClockedRun() override {
+    world = nullptr;
+    std::filesystem::remove_all(folder_);
+  }
+  master::ClockSpec& clock() { return build_.scenario.clock; }
+  master::Master load(master::MasterOptions options = {}) { return load(world_, build_, std::move(options)); }
+  /// The units of the master use `of` from now on.
+  static master::Master load(World& of, const Build& build, master::MasterOptions options = {}) {
+    world = &of;
+    options.types = clocked_types();
+    options.host = &of.host;
+    return master::Master(build.scenario, std::move(options));
+  }
+  master::Summary run(master::Master& master) {
+    master.initialise();
+    while (master.step_tick()) {
+    }
+    master.finish();
+    return master.summary();
+  }
+  master::Summary run() {
+    master::Master master = load();
+    return run(master);
+  }
+  /// Packets every `period` of the source's clock, which runs (1 + rate) times as fast as the host's.
+  void send(
+      int n, double rate = 0, const std::function<std::int64_t(int)>& delay = [](int) { return 0; },
+      const std::function<bool(int)>& lost = [](int) { return false; }, bool with_time = true) {
+    for (int i = 0; i < n; ++i) {
+      const double exact = static_cast<double>(i + 1) * static_cast<double>(kPeriod) / (1 + rate);
+      if (!lost(i)) world_.source.send(world_.begin + std::llround(exact) + delay(i), with_time ? kEpoch + i * kPeriod : 0);
+    }
+  }
+  static constexpr std::int64_t kPeriod = kMs, kEpoch = 793'000'000'000 * kMs;
+
+  World world_;
+  Build build_;
+  std::filesystem::path folder_ = std::filesystem::temp_directory_path() / ("cotwin_clock_" + std::to_string(::getpid()));
+};
 
 }  // namespace cotwin::testing

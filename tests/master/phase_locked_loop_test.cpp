@@ -92,7 +92,7 @@ TEST(PhaseLockedLoop, ConvergesForBothSignsOfTheDriftAndForJitter) {
   }
 }
 
-TEST(PhaseLockedLoop, ForgetsADriftAsItsPolesSay) {
+TEST(PhaseLockedLoop, AnErrorOfTheDriftDecaysWithThePoles) {
   // e(t) = δ t exp(−ωt) from f wrong by δ and e = 0, here without the averages of the beginning: 3 s in lock, then the drift changes.
   Plant p({.cycle = kMs, .bandwidth = 0.5}, 0, 0);
   p.run(3000);
@@ -159,7 +159,7 @@ TEST(PhaseLockedLoop, FollowsAStepOfTheSourceAtOnceAndIgnoresSingleOutliers) {
   EXPECT_EQ(p.loop.steps(), 0);
 }
 
-TEST(PhaseLockedLoop, StaysSaneForSenselessTimes) {
+TEST(PhaseLockedLoop, StaysBoundedForArbitraryTimes) {
   PhaseLockedLoop loop({.cycle = kMs});
   loop.start(0);
   std::mt19937_64 random(11);
