@@ -8,7 +8,7 @@ set(cmake_folder lib/cmake/cotwin)
 file(MAKE_DIRECTORY ${CMAKE_BINARY_DIR}/share/cotwin)
 file(CREATE_LINK ${PROJECT_SOURCE_DIR}/models ${CMAKE_BINARY_DIR}/share/cotwin/models SYMBOLIC)
 
-install(DIRECTORY models/robots models/scenes models/people DESTINATION share/cotwin/models COMPONENT cotwin)
+install(DIRECTORY models/robots models/scenes models/people models/scenarios DESTINATION share/cotwin/models COMPONENT cotwin)
 install(DIRECTORY examples DESTINATION share/cotwin COMPONENT cotwin USE_SOURCE_PERMISSIONS)
 install(FILES scripts/completion.bash DESTINATION share/bash-completion/completions RENAME cotwin COMPONENT cotwin)
 install(FILES README.md CHANGELOG.md DESTINATION share/doc/cotwin COMPONENT cotwin)

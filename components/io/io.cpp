@@ -1,5 +1,7 @@
 #include "components/io/io.h"
 
+#include "components/io/fri_controller_link.h"
+#include "components/io/fri_link.h"
 #include "components/io/recording_link.h"
 #include "components/io/sensor_link.h"
 #include "models/robot/robot_model.h"
@@ -20,9 +22,11 @@ std::vector<trajectory::Axis> axes_of(Settings& settings) {
 }
 
 std::unique_ptr<Link> make_link(Settings& settings, std::vector<trajectory::Axis> joints) {
-  if (settings.choice("link") == "sensors") {
+  const std::string link = settings.choice("link");
+  if (link == "sensors")
     return std::make_unique<SensorLink>(joints.size(), static_cast<std::size_t>(settings.integer("history")));
-  }
+  if (link == "fri") return std::make_unique<FriLink>(settings, std::move(joints));
+  if (link == "fri_controller") return std::make_unique<FriControllerLink>(settings, std::move(joints));
   return std::make_unique<RecordingLink>(settings, std::move(joints));
 }
 
@@ -31,8 +35,12 @@ std::unique_ptr<Link> make_link(Settings& settings, std::vector<trajectory::Axis
 void Io::declare_settings(SettingList& s) {
   s.robot("a name in models/robots, or a path to a URDF file, for the number of joints, their names and their limits", false);
   s.integer("joints", 1, 1, 1000, "number of joints").fallback_rule("the robot's, else 1");
-  s.choice("link", {"recording", "sensors"}, "what is behind the ports: a recording, or the sensors of an emulated robot");
+  s.choice(
+      "link", {"recording", "sensors", "fri", "fri_controller"},
+      "what is behind the ports: a recording, the sensors of an emulated robot, a KUKA robot (FRI), or, the other way round, "
+      "clients of an emulated KUKA robot");
   s.integer("history", 0, 0, 1'000'000, "link=sensors: samples kept for their delay, more than delay/step; 0: no delay");
+  declare_fri_settings(s);
 }
 
 Io::Io(Settings& settings) : Io(axes_of(settings), settings) {}
@@ -45,6 +53,7 @@ Io::Io(std::vector<trajectory::Axis> joints, Settings& settings)
 
 void Io::declare(Variables& v) {
   JointVariables joints(v, measures_);
+  if (link_->is_robot()) return link_->declare(v, joints);
   joints.input("q_command", command_.q, "rad", "commanded joint position");
   joints.input("tau_command", command_.tau, "N.m", "commanded joint torque");
   joints.output("q", measured_.q, "rad", "measured joint position");

@@ -9,7 +9,8 @@
 namespace cotwin::io {
 
 /// The interface between the twin and its robot. The ports (Measured and Command) are the same for a robot, an emulated robot
-/// and a recording. Links: `recording` (recording_link.h), `sensors` of an emulated robot (sensor_link.h).
+/// and a recording. Links: `recording` (recording_link.h), `sensors` of an emulated robot (sensor_link.h), `fri` of a KUKA robot
+/// (fri_link.h), and the robot's side of FRI, `fri_controller` (fri_controller_link.h), whose ports are the other way round.
 class Io final : public Unit {
  public:
   /// Declares the settings of the unit.
@@ -21,6 +22,7 @@ class Io final : public Unit {
   StepResult step(Time now, Duration h) override;
   bool restorable() const override { return link_->restorable(); }
   TickSource* tick_source() override { return link_->tick_source(); }
+  void tell(std::vector<std::string>& sentences) const override { link_->tell(sentences); }
 
  private:
   Io(std::vector<trajectory::Axis> joints, Settings& settings);

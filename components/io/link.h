@@ -44,6 +44,11 @@ class Link {
   virtual bool restorable() const = 0;
   /// The clock of the robot or bus (Unit::tick_source); nullptr if there is none.
   virtual TickSource* tick_source() { return nullptr; }
+  /// Whether the link is the robot's side of a connection: it declares all ports itself, measurements as inputs and commands as
+  /// outputs.
+  virtual bool is_robot() const { return false; }
+  /// Appends sentences on the run so far (Unit::tell).
+  virtual void tell(std::vector<std::string>&) const {}
 };
 
 }  // namespace cotwin::io

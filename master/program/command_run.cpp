@@ -420,6 +420,17 @@ void reject(const std::vector<CLI::Option*>& options, const std::string& what) {
 
 }  // namespace
 
+int run_scenario(const ScenarioRun& run) {
+  RunArguments arguments;
+  arguments.file = run.file;
+  arguments.out = run.out;
+  arguments.set = run.set;
+  arguments.record = run.record;
+  arguments.stop = run.stop;
+  arguments.quiet = run.quiet;
+  return run_scenario(std::move(arguments));
+}
+
 void add_run(CLI::App& app, Chosen& chosen) {
   const auto all = std::make_shared<RunArguments>();
   RunArguments& arguments = *all;

@@ -2,6 +2,7 @@
 #include <CLI/CLI.hpp>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -28,7 +29,18 @@ void add_excite(CLI::App& app, Chosen& chosen);
 void add_perturb(CLI::App& app, Chosen& chosen);
 void add_tool(CLI::App& app, Chosen& chosen);
 void add_search(CLI::App& app, Chosen& chosen);
+void add_robot(CLI::App& app, Chosen& chosen);
 void add_completion(CLI::App& app, Chosen& chosen);
+
+/// What of `cotwin run` another command can choose.
+struct ScenarioRun {
+  std::filesystem::path file, out;
+  std::vector<std::string> set, record;
+  std::optional<double> stop;  // s
+  bool quiet = false;
+};
+/// Runs a scenario as `cotwin run` does. Returns the exit code. Throws Error.
+int run_scenario(const ScenarioRun& run);
 
 /// Returns the units of this program, of the modules in COTWIN_UNITS (separated by ':') and of those given by --units. Loads the
 /// modules at the first call. Throws Error.

@@ -111,8 +111,9 @@ int run(int argc, char** argv) {
   add_perturb(app, chosen);
   add_tool(app, chosen);
   add_search(app, chosen);
+  add_robot(app, chosen);
   add_completion(app, chosen);
-  for (const char* name : {"run", "search", "pack", "check", "units", "describe", "reference"})
+  for (const char* name : {"run", "search", "robot", "pack", "check", "units", "describe", "reference"})
     add_units_option(*app.get_subcommand(name));
 
   try {
@@ -123,7 +124,7 @@ int run(int argc, char** argv) {
       throw CLI::ExtrasError(
           std::string("'") + argv[1] +
               "' is not a command, expected run, pack, info, check, units, describe, reference, tune, excite, "
-              "perturb, tool, search or completion",
+              "perturb, tool, search, robot or completion",
           CLI::ExitCodes::ExtrasError);
     }
     app.parse(argc, argv);

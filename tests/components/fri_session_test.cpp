@@ -87,6 +87,8 @@ TEST_P(FriSession, PassesItsStatesInOrderAndTheRobotFollowsTheClient) {
     EXPECT_EQ(x.client.statistics().faults.total() + x.controller.statistics().faults.total(), 0u);
     x.controller.close(x.now);
     EXPECT_EQ(x.controller.state(), SessionState::kIdle);
+    x.run_seconds(0.001);  // Sunrise tells it; clients of LWR see it by the silence
+    EXPECT_EQ(x.client.monitoring().state == SessionState::kIdle, p != Protocol::kLwr);
     EXPECT_TRUE(x.controller.cycle(x.now).empty());
     x.run_seconds(3.0);
     EXPECT_EQ(x.client.state(x.now), SessionState::kIdle);

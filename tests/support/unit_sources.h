@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <filesystem>
 #include <fstream>
 #include <string>
@@ -8,8 +9,8 @@
 #include "tests/support/places.h"
 
 /// All units for tests that do not name them. Settings and start values that a unit needs are in
-/// tests/components/properties/<unit>.sources (one line per variant: the query of its source) and <unit>.ssv, which applies to
-/// the first variant.
+/// tests/components/properties/<unit>.sources (one line per variant: the query of its source), <unit>.ssv for the first variant and
+/// <unit>.2.ssv … for the others.
 namespace cotwin::testing {
 
 inline std::filesystem::path properties_folder() {
@@ -29,9 +30,11 @@ inline std::vector<std::string> unit_sources(const UnitType& type) {
 /// The start values of a source of unit_sources(); none for most.
 inline std::vector<ParameterSet> start_values(const std::string& source) {
   const std::string unit = parse_unit_source(source).unit;
-  const std::filesystem::path file = properties_folder() / (unit + ".ssv");
-  const UnitType type{unit.c_str(), "", nullptr};
-  if (!std::filesystem::exists(file) || unit_sources(type).front() != source) return {};
+  const std::vector<std::string> all = unit_sources({unit.c_str(), "", nullptr});
+  const auto variant = std::find(all.begin(), all.end(), source) - all.begin() + 1;
+  const std::string number = variant > 1 ? "." + std::to_string(variant) : "";
+  const std::filesystem::path file = properties_folder() / (unit + number + ".ssv");
+  if (!std::filesystem::exists(file)) return {};
   return {load_parameter_set(file)};
 }
 

@@ -97,8 +97,9 @@ void Controller::open(std::int64_t now) {
 
 void Controller::close(std::int64_t now) {
   if (is_commanding(state_)) leave(Drop::kClosed, now);
+  const bool open = state_ != SessionState::kIdle;
   state_ = SessionState::kIdle;
-  next_ = std::numeric_limits<std::int64_t>::max();
+  next_ = open && !lwr() ? now : std::numeric_limits<std::int64_t>::max();
 }
 
 bool Controller::is_stranger(const net::Endpoint& from, std::int64_t arrival) const {
@@ -264,8 +265,11 @@ void Controller::advance_state(std::int64_t now) {
     if (state_ == SessionState::kCommandingWait && in_step_ >= kAnswersInStep) start_commanding(now);
     return;
   }
+  // Clients prepare their motion when a monitoring state begins: at least one message with it comes first.
+  const SessionState told = state_;
   state_ = quality >= Quality::kGood ? SessionState::kMonitoringReady : SessionState::kMonitoringWait;
-  if (!requested_ || !acknowledged_ || motion_ != Motion::kOwn || quality < settings_.enter || !robot_is_ready()) return;
+  if (state_ != told || quality < settings_.enter) return;
+  if (!requested_ || !acknowledged_ || motion_ != Motion::kOwn || !robot_is_ready()) return;
   if (!lwr()) {
     state_ = SessionState::kCommandingWait;
     in_step_ = 0;
@@ -340,8 +344,12 @@ void Controller::total_position(std::int64_t now, Joints& q, Joints& dq) const {
 }
 
 std::span<const std::uint8_t> Controller::cycle(std::int64_t now) {
-  if (state_ == SessionState::kIdle) return {};
   clock_ = std::max(clock_, now);
+  if (state_ == SessionState::kIdle) {  // the last message of a session, if it is due
+    if (std::exchange(next_, std::numeric_limits<std::int64_t>::max()) > now) return {};
+    ++index_;
+    return write_message(now);
+  }
   const std::int64_t skipped = std::max<std::int64_t>((now - next_) / settings_.send_period, 0);
   statistics_.skipped += static_cast<std::uint64_t>(skipped);
   next_ += (skipped + 1) * settings_.send_period;

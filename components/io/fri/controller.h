@@ -101,6 +101,7 @@ class Controller {
 
   /// Opens the session; the first message is due at `now` (ns).
   void open(std::int64_t now);
+  /// Sunrise: one more message, with the state IDLE, is due then.
   void close(std::int64_t now);
   /// The robot's program asks for commands of the client (friStart; a motion with overlay), or ends them.
   void request(bool commanding) {

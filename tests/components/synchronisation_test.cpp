@@ -1,0 +1,234 @@
+// PD synchronisation of robot and twin (V-D): components/io/synchronisation.h.
+#include "components/io/synchronisation.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <deque>
+#include <random>
+#include <vector>
+
+#include "models/numerics/jury.h"
+#include "tests/support/error_of.h"
+
+namespace cotwin::io {
+namespace {
+
+/// Largest magnitude of the zeros of c[0] zⁿ + … + c[n], as eigenvalues of the companion matrix.
+double spectral_radius(const std::vector<double>& c) {
+  const auto n = static_cast<Eigen::Index>(c.size()) - 1;
+  Eigen::MatrixXd companion = Eigen::MatrixXd::Zero(n, n);
+  for (Eigen::Index i = 0; i < n; ++i) companion(0, i) = -c[static_cast<std::size_t>(i) + 1] / c[0];
+  for (Eigen::Index i = 1; i < n; ++i) companion(i, i - 1) = 1;
+  return companion.eigenvalues().cwiseAbs().maxCoeff();
+}
+
+TEST(Jury, AgreesWithTheEigenvaluesOfTheCompanionMatrix) {
+  std::mt19937_64 random(1);
+  int stable = 0, decided = 0;
+  for (int k = 0; k < 20'000; ++k) {
+    std::vector<double> c(2 + random() % 7);
+    for (double& x : c) x = std::normal_distribution<>(0, 0.6)(random);
+    c[0] = k % 2 == 0 ? 1.5 : -0.7;
+    const double radius = spectral_radius(c);
+    if (std::abs(radius - 1) < 1e-6) continue;
+    ++decided;
+    ASSERT_EQ(numerics::is_stable_polynomial(c), radius < 1) << "draw " << k << ", radius " << radius;
+    if (radius < 1) ++stable;
+  }
+  EXPECT_GT(stable, decided / 10);
+  EXPECT_LT(stable, 9 * decided / 10);
+}
+
+TEST(Jury, RefusesWhatIsNoPolynomialOfTheGivenDegree) {
+  EXPECT_TRUE(numerics::is_stable_polynomial(std::array{2.0})) << "no zeros";
+  EXPECT_FALSE(numerics::is_stable_polynomial(std::array{1.0, -1.0})) << "on the circle: does not decay";
+  const std::string expected =
+      "stability of a polynomial: 2 coefficients, expected 1 to 64 finite ones of which the first is not 0";
+  EXPECT_EQ(testing::error_of([] { (void)numerics::is_stable_polynomial(std::array{0.0, 1.0}); }), expected);
+  EXPECT_EQ(testing::error_of([] { (void)numerics::is_stable_polynomial(std::array{1.0, std::nan("")}); }), expected);
+}
+
+/// A robot of one joint that moves by a share `a` of the distance to its command in each cycle, and its twin.
+struct Pair {
+  explicit Pair(double share, std::size_t delay = 0) : a(share), commands(delay + 1) {}
+
+  double a = 1, q_r = 0;
+  std::deque<double> commands;
+  Synchronisation synchronisation{1};
+  std::array<double, 1> K_P{}, K_D{}, dq_max{};
+  double h = 0.002;
+
+  Synchronisation::Gains gains() const { return {K_P, K_D, dq_max}; }
+  void start(double q) {
+    synchronisation.start(std::array{q});
+    q_r = q;
+    std::ranges::fill(commands, q);
+  }
+  /// One cycle: command, then the measurement of the same cycle, then the robot moves.
+  double cycle(double q_v) {
+    const double q_cmd = synchronisation.command(std::array{q_v}, gains(), h)[0];
+    synchronisation.measure(std::array{q_v}, std::array{q_r}, gains(), h);
+    commands.push_back(q_cmd);
+    commands.pop_front();
+    q_r += a * (commands.front() - q_r);
+    return q_cmd;
+  }
+};
+
+TEST(Synchronisation, StabilityRegionIsThatOfTheSimulatedLoop) {
+  std::mt19937_64 random(2);
+  std::uniform_real_distribution<> unit(0, 1);
+  int stable = 0, decided = 0;
+  for (int k = 0; k < 1500; ++k) {
+    const auto delay = static_cast<std::size_t>(random() % 5);
+    Pair pair(0.02 + 1.4 * unit(random), delay);
+    pair.K_P[0] = 4 * unit(random) - 0.5;
+    pair.K_D[0] = (2 * unit(random) - 0.5) * pair.h;
+    std::vector<double> c(4 + delay);  // of the header's formula
+    c[0] = 1;
+    c[1] = pair.a - 1;
+    c[2 + delay] += pair.a * (pair.K_P[0] + pair.K_D[0] / pair.h);
+    c[3 + delay] = -pair.a * pair.K_D[0] / pair.h;
+    const double radius = spectral_radius(c);
+    if (std::abs(radius - 1) < 0.01) continue;  // too slow to tell in 2000 cycles
+    ++decided;
+    pair.start(0);
+    double early = 0, late = 0;
+    for (int i = 0; i < 2000 && late < 1e100; ++i) {
+      pair.cycle(i == 0 ? 0.1 : 0);
+      if (i < 200) early = std::max(early, std::abs(pair.q_r));
+      if (i >= 1900 || std::abs(pair.q_r) > 1e100) late = std::max(late, std::abs(pair.q_r));
+    }
+    const bool expected = is_synchronisation_stable(pair.a, pair.K_P[0], pair.K_D[0] / pair.h, delay);
+    ASSERT_EQ(radius < 1, expected) << "draw " << k;
+    ASSERT_EQ(late < 1e-3 * early, expected)
+        << "draw " << k << ": a " << pair.a << ", K_P " << pair.K_P[0] << ", delay " << delay;
+    if (expected) ++stable;
+  }
+  EXPECT_GT(stable, decided / 10);
+  EXPECT_LT(stable, 9 * decided / 10);
+}
+
+TEST(Synchronisation, WithProportionalGainIsStableBelowTheInverseOfTheRobotsShare) {
+  // K_D = 0: z² − (1 − a) z + a K_P has both zeros inside for a K_P < 1 (its product) and, with K_P > −1, for 0 < a < 2.
+  for (const double a : {0.05, 0.3, 1.0}) {
+    EXPECT_TRUE(is_synchronisation_stable(a, 0.999 / a, 0));
+    EXPECT_FALSE(is_synchronisation_stable(a, 1.001 / a, 0));
+    EXPECT_TRUE(is_synchronisation_stable(a, -0.999, 0));
+    EXPECT_FALSE(is_synchronisation_stable(a, -1.001, 0));
+  }
+}
+
+TEST(Synchronisation, DividesTheLagInASteadyMotionByOnePlusTheGain) {
+  // q_r advances by v h = a (q_cmd − q_r), and q_cmd − q_r = e(k) + K_P e(k − 1); K_D has no share because e is constant.
+  for (const double K_P : {0.0, 1.0, 3.0}) {
+    Pair pair(0.2);
+    pair.K_P[0] = K_P;
+    pair.K_D[0] = 0.3 * pair.h;
+    pair.start(0);
+    const double v = 0.4;
+    for (int k = 0; k < 2000; ++k) pair.cycle(v * k * pair.h);
+    EXPECT_NEAR(pair.synchronisation.discrepancy()[0], v * pair.h / (0.2 * (1 + K_P)), 1e-12) << K_P;
+  }
+}
+
+TEST(Synchronisation, ApproachesATwinThatIsElsewhereAtTheSpeedLimit) {
+  Pair pair(1.0);
+  pair.K_P[0] = 0.5;
+  pair.dq_max[0] = 0.25;
+  pair.start(-0.1);
+  double before = -0.1;
+  for (int k = 0; k < 1000; ++k) {
+    const double q_cmd = pair.cycle(0.1);
+    ASSERT_LE(std::abs(q_cmd - before), 0.25 * pair.h * (1 + 1e-12)) << k;
+    if (k < 300) {
+      ASSERT_NEAR(q_cmd, -0.1 + 0.25 * pair.h * (k + 1), 1e-12) << "at the limit at first";
+    }
+    before = q_cmd;
+  }
+  EXPECT_NEAR(pair.q_r, 0.1, 1e-9);
+}
+
+/// Commands and measurements of a moving pair get lost, in bursts of at most `burst`, and come up to a cycle late.
+struct Disturbed {
+  double loss = 0;
+  int burst = 1;
+  bool jitter = false;
+};
+
+class SynchronisationOverALossyLink : public ::testing::TestWithParam<Disturbed> {};
+
+TEST_P(SynchronisationOverALossyLink, StaysNearTheTwinWithoutAJump) {
+  const Disturbed& link = GetParam();
+  constexpr double kAmplitude = 0.3, kRate = 3.14, kSpeed = kAmplitude * kRate, kMax = 1.5;
+  double rms_plain = 0;
+  for (const double K_P : {0.0, 1.0}) {
+    std::mt19937_64 random(3);
+    std::uniform_real_distribution<> unit(0, 1);
+    Pair pair(0.2);
+    pair.K_P[0] = K_P;
+    pair.K_D[0] = 0.2 * pair.h * K_P;
+    pair.dq_max[0] = kMax;
+    pair.start(0);
+    int command_lost = 0, measurement_lost = 0, since = 0;
+    double robot_command = 0, robot_speed = 0, sent = 0, late_q_r = 0, worst = 0, sum = 0;
+    const auto lost = [&](int& left) {
+      if (left == 0 && unit(random) < link.loss / link.burst) left = link.burst;
+      return left > 0 && left-- > 0;
+    };
+    constexpr int kCycles = 20'000;
+    for (int k = 0; k < kCycles; ++k) {
+      const double q_v = kAmplitude * std::sin(kRate * k * pair.h);
+      const double q_cmd = pair.synchronisation.command(std::array{q_v}, pair.gains(), pair.h)[0];
+      ASSERT_LE(std::abs(q_cmd - sent), kMax * pair.h * (1 + 1e-12)) << "cycle " << k;
+      ++since;
+      if (!lost(measurement_lost)) {
+        const double q_r = link.jitter && unit(random) < 0.5 ? late_q_r : pair.q_r;
+        pair.synchronisation.measure(std::array{q_v}, std::array{q_r}, pair.gains(), since * pair.h);
+        since = 0;
+      }
+      late_q_r = pair.q_r;
+      // The robot's controller goes on with the last speed if a command is lost.
+      if (lost(command_lost)) {
+        robot_command += robot_speed * pair.h;
+      } else {
+        robot_speed = std::clamp((q_cmd - robot_command) / pair.h, -kMax, kMax);
+        robot_command += robot_speed * pair.h;
+      }
+      sent = q_cmd;
+      pair.q_r += pair.a * (robot_command - pair.q_r);
+      if (k > 500) {
+        worst = std::max(worst, std::abs(q_v - pair.q_r));
+        sum += (q_v - pair.q_r) * (q_v - pair.q_r);
+      }
+    }
+    const double rms = std::sqrt(sum / kCycles);
+    const double lag = kSpeed * pair.h / 0.2 / (1 + K_P);  // of a steady motion without losses
+    // A command that is extrapolated over a burst is wrong by at most (speed + v_max) · burst · h.
+    const double bound =
+        lag + (link.loss > 0 ? (kSpeed + kMax) * link.burst * pair.h : 0) + (link.jitter ? kSpeed * pair.h : 0);
+    EXPECT_LT(worst, 1.05 * bound);
+    EXPECT_LT(rms, 1.1 * lag) << "worst " << worst;
+    EXPECT_GT(worst, 0.5 * lag);
+    if (K_P == 0) rms_plain = rms;
+    if (K_P == 1) {
+      EXPECT_LT(rms, 0.65 * rms_plain) << "the gain still halves the discrepancy";
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Links, SynchronisationOverALossyLink,
+                         ::testing::Values(Disturbed{}, Disturbed{0.05, 1, false}, Disturbed{0.2, 1, false},
+                                           Disturbed{0.2, 1, true}, Disturbed{0.2, 5, false}, Disturbed{0.2, 5, true},
+                                           Disturbed{0, 1, true}),
+                         [](const auto& link) {
+                           return "Loss" + std::to_string(static_cast<int>(100 * link.param.loss)) + "Burst" +
+                                  std::to_string(link.param.burst) + (link.param.jitter ? "Jitter" : "");
+                         });
+
+}  // namespace
+}  // namespace cotwin::io
