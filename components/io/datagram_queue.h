@@ -7,8 +7,8 @@
 #include <span>
 #include <vector>
 
-#include "models/net/udp_socket.h"
 #include "components/unit/tick_source.h"
+#include "models/net/udp_socket.h"
 
 namespace cotwin::io {
 

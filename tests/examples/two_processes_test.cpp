@@ -6,8 +6,10 @@
 
 #include <fstream>
 #include <map>
+#include <optional>
 #include <sstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "tests/support/files.h"
@@ -44,11 +46,39 @@ std::string address(int port) {
          std::to_string(1 + id % 250) + ":" + std::to_string(port);
 }
 
+fs::path example(const std::string& scenario) {
+  return fs::path(cotwin::places::source()) / "examples/18_shared_states" / (scenario + ".ssd");
+}
+
 Process start(const std::string& scenario, const std::string& component, int listen, int peer, const std::string& stop,
-              const fs::path& out) {
-  const fs::path file = fs::path(cotwin::places::source()) / "examples/18_shared_states" / (scenario + ".ssd");
+              const fs::path& out, fs::path file = {}) {
+  if (file.empty()) file = example(scenario);
   return start_program({"run", file.string(), "--quiet", "--stop", stop, "--out", (out / scenario).string(), "--set",
                         component + ".listen=" + address(listen), "--set", component + ".peer=" + address(peer)});
+}
+
+/// Compares the states in the recording of the slow run with those that the fast run had at that time. Returns the rows of the slow
+/// run and how many of them had new states.
+std::pair<std::size_t, std::size_t> compare(const fs::path& folder) {
+  std::map<std::string, std::map<std::string, std::string>> by_time;
+  for (auto& row : rows_of(folder / "control/signals.csv")) by_time[row.at("time")] = row;
+  const auto slow = rows_of(folder / "beside/signals.csv");
+  std::size_t compared = 0;
+  for (const auto& row : slow) {
+    if (row.at("control.fresh") != "1") continue;
+    const auto then = by_time.find(row.at("control.peer_time"));
+    if (then == by_time.end()) {
+      ADD_FAILURE() << "no tick at " << row.at("control.peer_time");
+      continue;
+    }
+    for (int joint = 1; joint <= 7; ++joint) {
+      const std::string element = "[" + std::to_string(joint) + "]";
+      EXPECT_EQ(row.at("control.q" + element), then->second.at("drive.q" + element)) << row.at("time");
+      EXPECT_EQ(row.at("control.dq" + element), then->second.at("drive.dq" + element)) << row.at("time");
+    }
+    ++compared;
+  }
+  return {slow.size(), compared};
 }
 
 TEST(TwoProcesses, HaveTheSameBitsAtTheSameTime) {
@@ -59,31 +89,41 @@ TEST(TwoProcesses, HaveTheSameBitsAtTheSameTime) {
   control.signal(SIGINT);
   const RunResult fast = control.wait();
   ASSERT_EQ(slow.code, 0) << slow.err;
-
-  std::map<std::string, std::map<std::string, std::string>> by_time;
-  for (auto& row : rows_of(folder.path() / "control/signals.csv")) by_time[row.at("time")] = row;
-  ASSERT_FALSE(by_time.empty()) << fast.err;
-  std::size_t compared = 0;
-  for (auto& row : rows_of(folder.path() / "beside/signals.csv")) {
-    if (row.at("control.fresh") != "1") continue;
-    const auto then = by_time.find(row.at("control.peer_time"));
-    ASSERT_NE(then, by_time.end()) << row.at("control.peer_time");
-    for (int joint = 1; joint <= 7; ++joint) {
-      const std::string element = "[" + std::to_string(joint) + "]";
-      EXPECT_EQ(row.at("control.q" + element), then->second.at("drive.q" + element)) << row.at("time");
-      EXPECT_EQ(row.at("control.dq" + element), then->second.at("drive.dq" + element)) << row.at("time");
-    }
-    ++compared;
-  }
+  const auto [rows, compared] = compare(folder.path());
+  EXPECT_EQ(rows, 51u) << fast.err;
   EXPECT_GT(compared, 1u);
+}
+
+// A tick of the slow run does not begin before the fast one has published the states of that time, whatever the speed.
+TEST(TwoProcesses, CanBePacedByOneOfThem) {
+  const cotwin::testing::TemporaryFolder folder("two_processes");
+  std::string scenario = cotwin::testing::content(example("beside"));
+  const std::string attribute = " clock=\"real-time\"", recording = "<cotwin:Recording>";
+  scenario.erase(scenario.find(attribute), attribute.size());
+  scenario.insert(scenario.find(recording),
+                  "<cotwin:Clock kind=\"arrivals\" component=\"control\" cycle=\"1 ms\" silence=\"wait\"/>");
+  Process control = start("control", "beside", 30'204, 30'205, "600", folder.path());
+  const RunResult slow =
+      start("beside", "control", 30'205, 30'204, "0.3", folder.path(), folder.write("beside.ssd", scenario)).wait();
+  control.signal(SIGINT);
+  const RunResult fast = control.wait();
+  ASSERT_EQ(slow.code, 0) << slow.err;
+  const auto [rows, compared] = compare(folder.path());
+  EXPECT_EQ(rows, 31u) << fast.err;
+  EXPECT_GT(compared, 1u);
+  std::optional<double> first;
+  for (const auto& row : rows_of(folder.path() / "beside/signals.csv")) {
+    const double peer_time = std::stod(row.at("control.peer_time")), begin = std::stod(row.at("time")) - 0.01;
+    if (!first) first = peer_time;
+    EXPECT_GE(peer_time, *first + begin - 1e-9);
+  }
 }
 
 TEST(TwoProcesses, NameTheStatesThatDiffer) {
   const cotwin::testing::TemporaryFolder folder("two_processes");
-  const fs::path file = fs::path(cotwin::places::source()) / "examples/18_shared_states/beside.ssd";
   Process control = start("control", "beside", 30'202, 30'203, "600", folder.path());
   const RunResult slow =
-      start_program({"run", file.string(), "--quiet", "--set", "control.listen=" + address(30'203), "--set",
+      start_program({"run", example("beside").string(), "--quiet", "--set", "control.listen=" + address(30'203), "--set",
                      "control.peer=" + address(30'202), "--set", "control.subscribe=q:7:rad,dq:7:rad/s,ddq:7:rad/s2"})
           .wait();
   EXPECT_NE(slow.code, 0);
