@@ -82,6 +82,11 @@ std::optional<Arrival> DatagramQueue::wait(std::int64_t deadline) {
   }
 }
 
+Arrival DatagramQueue::next_period() {
+  ++number_;
+  return {monotonic_now(), (number_ + 1) * period_};
+}
+
 bool DatagramQueue::wait_for_any(std::int64_t deadline) {
   take();
   while (count_ == 0 && socket_ && sleep(deadline)) take();

@@ -50,6 +50,9 @@ class DatagramQueue : public TickSource {
   std::optional<Arrival> wait(std::int64_t deadline) override;
   std::int64_t period() const override { return period_; }
 
+  /// A tick without a datagram: one period after the last one.
+  Arrival next_period();
+
   /// Blocks until there is a datagram to receive or until `deadline` (CLOCK_MONOTONIC, ns). For initialisation.
   bool wait_for_any(std::int64_t deadline);
 

@@ -143,6 +143,7 @@ void FriControllerLink::declare(Variables& v, JointVariables& joints) {
   joints.parameter("tau_command_max", tau_command_max_, "N.m", "limit of added torques").range(0, kNoLimit);
   v.tunable("request", request_, "the robot's program asks the client for commands (friStart); false: it ends commanding");
   v.tunable("ready", ready_, "the drives are on and there is no safety stop");
+  v.tunable("open", open_, "the session is open (friOpen); false: it ends (friClose), and nothing is sent");
   v.tunable("stiffness", stiffness_, "N.m/rad", "joint stiffness of the robot's program").range(0, 1e9);
   v.tunable("damping", damping_, "1", "joint damping ratio of the robot's program").range(0, 1);
 }
@@ -206,8 +207,8 @@ StepResult FriControllerLink::step(Time now, Duration h, const Command&, Measure
   }
   host_ = monotonic_now();
   at_ = now.ns;
-  if (!opened_) controller_->open(now.ns);
-  opened_ = stepped_ = true;
+  stepped_ = true;
+  open_or_close(now.ns);
   if (!hold_) q_own_ = q_d_;
   request(h.seconds());
   take_measurements(now.ns);
@@ -234,7 +235,14 @@ void FriControllerLink::send_first() {
   datagrams_.send(first_, controller_->client());
 }
 
+void FriControllerLink::open_or_close(std::int64_t now) {
+  if (open_ && !opened_) controller_->open(now);
+  if (!open_ && opened_) controller_->close(now);
+  opened_ = open_;
+}
+
 std::optional<Arrival> FriControllerLink::Datagrams::wait(std::int64_t deadline) {
+  if (!link_.open_) return next_period();
   constexpr std::int64_t kRepeat = 20'000'000;  // ns, until the first message is sent again
   while (!link_.answered_ && !link_.stepped_) {
     link_.send_first();

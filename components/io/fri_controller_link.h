@@ -38,7 +38,7 @@ class FriControllerLink final : public Link {
   struct Kinematics;  // of the robot, if its URDF is given
 
   /// The answers, also as ticks. A robot whose ticks begin with answers has to send first: a message one period before the start,
-  /// and again until the client answers for the first time.
+  /// and again until the client answers for the first time. While the session is closed, it does not wait.
   class Datagrams final : public DatagramQueue {
    public:
     explicit Datagrams(FriControllerLink& link) : link_(link) {}
@@ -52,6 +52,7 @@ class FriControllerLink final : public Link {
   std::optional<DatagramQueue::Stamp> stamp(std::span<const std::uint8_t> bytes);
   void send_first();
   void take_measurements(std::int64_t now);
+  void open_or_close(std::int64_t now);
   void request(double h);
   void write_outputs(std::int64_t now);
 
@@ -74,7 +75,7 @@ class FriControllerLink final : public Link {
   bool hold_ = true;
   std::vector<double> q_min_, q_max_, dq_max_, tau_command_max_;
   // Tunables.
-  bool request_ = true, ready_ = true;
+  bool request_ = true, ready_ = true, open_ = true;
   std::vector<double> stiffness_, damping_;
   // Outputs.
   std::vector<double> q_command_, dq_command_, tau_command_, stiffness_command_, damping_command_;

@@ -181,8 +181,10 @@ void FriLink::initialise(Time start, Measured& measured) {
   position_ = answered_ = -1;
   host_ = monotonic_now();
   at_ = start.ns;
+  waiting_ = false;
   if (wait_ <= 0) return;
-  const Command nothing(n_);
+  const Command nothing(n_);  // the robot's position is held
+  waiting_ = true;
   const std::int64_t deadline = host_ + Duration::from_seconds(wait_).ns;
   while (!measured.fresh) {
     if (!datagrams_.wait_for_any(deadline)) {
@@ -194,6 +196,7 @@ void FriLink::initialise(Time start, Measured& measured) {
       if (take(*datagram, start.ns, start.ns, nothing)) measure(measured);
     }
   }
+  waiting_ = false;
   datagrams_.set_period(std::llround(period_ * 1e6) * 1000);
   host_ = monotonic_now();
   write_outputs(start.ns);
@@ -259,7 +262,7 @@ void FriLink::follow(const Command& command, double elapsed) {
                              : m.has(fri::Monitoring::kCommandedPosition) ? m.q_commanded
                                                                           : m.q_measured;
   const bool commanding = client_->commanding() && mode_ != Mode::kMonitor;
-  const bool follows = commanding && command_;
+  const bool follows = commanding && command_ && !waiting_;
   if (!commanding) {
     synchronisation_.start({robot.data(), n_});
     wanted_.X = m.X_commanded;

@@ -89,6 +89,7 @@ class FriLink final : public Link {
   std::int64_t answered_ = -1;      // of the message answered last; −1: none
   bool following_ = false;          // q_command is followed; else the robot's own position is mirrored
   bool was_connected_ = false;
+  bool waiting_ = false;  // for the first message, in the initialisation
 };
 
 }  // namespace cotwin::io

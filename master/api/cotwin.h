@@ -233,7 +233,8 @@ class COTWIN_API Simulation {
   /// Present time, s.
   double time() const;
   /// Steps the scenario by one tick. Returns false, and does nothing, at the stop time and after a component has ended the run.
-  /// Throws Error for values that are not finite and steps that fail; then only result() may be called.
+  /// Throws Error for values that are not finite and steps that fail; then only result() may be called. With a clock it waits for
+  /// its tick; after 0.1 s or a signal it returns true without one.
   bool step();
   /// Steps until time() is `t` or, between two ticks, the next tick after it. Returns false if the run ended before.
   /// \param t s. Throws Error as step() does.

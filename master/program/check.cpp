@@ -7,6 +7,7 @@
 #include "master/program/coupling_check.h"
 #include "master/run/arrangement.h"
 #include "master/run/bonds.h"
+#include "master/run/clock.h"
 #include "master/run/events.h"
 #include "master/run/omissions.h"
 #include "master/run/recorder.h"
@@ -54,6 +55,7 @@ class Checker {
     each(scenario, &Scenario::reports, statistics);
     each(scenario, &Scenario::comparisons, statistics);
     each(scenario, &Scenario::bonds, [&](const Scenario& one) { Bonds(one, members_); });
+    attempt([&] { (void)make_clock(scenario.clock, scenario.tick, members_); });
     if (errors_ > 0) return;
     attempt([&] {
       for (Finding& finding : check_coupling(scenario, members_)) findings_.push_back(std::move(finding));

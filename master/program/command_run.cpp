@@ -12,6 +12,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 #include <sstream>
+#include <thread>
 
 #include "master/program/commands.h"
 #include "master/program/fmu_run.h"
@@ -88,6 +89,9 @@ struct RunArguments {
   std::string json;
   std::optional<double> stop;
   bool real_time = false, quiet = false, overwrite = false;
+  std::string clock, cpus;  // empty: the scenario's
+  std::optional<OverrunPolicy> overrun;
+  std::optional<int> priority;
   double checkpoint = 10;  // s of wall time; 0: none
   std::optional<int> threads;
   std::optional<CouplingChoice> coupling;
@@ -111,6 +115,10 @@ std::string options_of(const RunArguments& a) {
   if (a.stop) j["stop"] = *a.stop;
   if (a.coupling) j["coupling"] = text::word_of(*a.coupling, kCouplingWords);
   j["real_time"] = a.real_time;
+  if (!a.clock.empty()) j["clock"] = a.clock;
+  if (!a.cpus.empty()) j["cpu"] = a.cpus;
+  if (a.overrun) j["overrun"] = text::word_of(*a.overrun, kOverrunWords);
+  if (a.priority) j["priority"] = *a.priority;
   return j.dump();
 }
 
@@ -126,8 +134,35 @@ void read_options(const std::string& text, const std::string& place, RunArgument
     if (j.contains("stop")) a.stop = j["stop"].get<double>();
     if (j.contains("coupling")) a.coupling = text::choose(place, j["coupling"].get<std::string>(), kCouplingWords);
     a.real_time = j.at("real_time").get<bool>();
+    a.clock = j.value("clock", "");
+    a.cpus = j.value("cpu", "");
+    if (j.contains("overrun")) a.overrun = text::choose(place, j["overrun"].get<std::string>(), kOverrunWords);
+    if (j.contains("priority")) a.priority = j["priority"].get<int>();
   } catch (const nlohmann::json::exception&) {
     throw Error(place, "is damaged: its options cannot be read");
+  }
+}
+
+void read_clock(const RunArguments& arguments, ClockSpec& clock) {
+  if (arguments.real_time && !arguments.clock.empty())
+    throw Error("--real-time", "given with --clock " + arguments.clock + ", expected one of the two");
+  if (arguments.real_time) choose_clock(clock, "wall");
+  if (!arguments.clock.empty()) choose_clock(clock, arguments.clock);
+  const auto needs_deadlines = [&](const char* option, bool given) {
+    if (given && clock.kind == ClockKind::kFree)
+      throw Error(option, "does not apply to a free-running clock, expected also --clock wall, arrivals or locked");
+  };
+  needs_deadlines("--overrun", arguments.overrun.has_value());
+  needs_deadlines("--priority", arguments.priority.has_value());
+  needs_deadlines("--cpu", !arguments.cpus.empty());
+  if (arguments.overrun) clock.overrun = *arguments.overrun;
+  if (arguments.priority) clock.priority = *arguments.priority;
+  if (!arguments.cpus.empty()) {
+    try {
+      clock.cpus = parse_cpus(arguments.cpus);
+    } catch (const Error& error) {
+      throw Error("--cpu", error.what());
+    }
   }
 }
 
@@ -143,7 +178,7 @@ Scenario read_scenario(const RunArguments& arguments) {
                   "expected a time in seconds, " + text::to_text(kMaxSeconds) + " at most");
     scenario.stop = Time::from_seconds(*arguments.stop);
   }
-  if (arguments.real_time) scenario.clock = ClockKind::kRealTime;
+  read_clock(arguments, scenario.clock);
   if (arguments.coupling) scenario.coupling = *arguments.coupling;
   if (!arguments.record.empty()) {
     scenario.recording.clear();
@@ -328,7 +363,18 @@ int run_scenario(RunArguments arguments) {
     writing.due = [] { attention |= kCheckpointDue; };
     checkpoints.emplace(*master, std::move(writing));
   }
-  const Outcome outcome = run_to_the_end(*master, *master, !arguments.quiet, checkpoints ? &*checkpoints : nullptr);
+  const bool own_thread = master->scenario().clock.real_time_thread();
+  Outcome outcome;
+  const auto loop = [&] {
+    master->prepare_threads();
+    warnings.print(master->warnings());
+    outcome = run_to_the_end(*master, *master, !arguments.quiet && !own_thread, checkpoints ? &*checkpoints : nullptr);
+  };
+  if (own_thread) {
+    std::thread(loop).join();
+  } else {
+    loop();
+  }
   Summary summary = master->summary();
   if (checkpoints && !checkpoints->failure().empty()) summary.warnings.push_back("no checkpoint: " + checkpoints->failure());
   if (arguments.checkpoint > 0 && summary.wall_seconds > arguments.checkpoint && !master->unsavable().empty())
@@ -438,7 +484,22 @@ void add_run(CLI::App& app, Chosen& chosen) {
       ->check(CLI::IsMember({"auto", "explicit", "implicit"}))
       ->type_name("WORD");
   run_command->add_option("--json", arguments.json, "Write the summary as JSON, to stdout with -")->type_name("FILE|-");
-  run_command->add_flag("--real-time", arguments.real_time, "Synchronise simulated time with wall time");
+  run_command->add_flag("--real-time", arguments.real_time, "Synchronise simulated time with wall time (--clock wall)");
+  run_command
+      ->add_option("--clock", arguments.clock,
+                   "When ticks begin: free, wall, arrivals (of a robot's or bus's packets) or locked (to its clock), with the "
+                   "component after a colon if there are several; replaces that of the scenario")
+      ->type_name("WORD[:UNIT]");
+  run_command
+      ->add_option_function<std::string>(
+          "--overrun", [all](const std::string& word) { all->overrun = text::choose("--overrun", word, kOverrunWords); },
+          "Late ticks: catch_up, skip or stop; replaces that of the scenario")
+      ->check(CLI::IsMember({"catch_up", "skip", "stop"}))
+      ->type_name("WORD");
+  run_command->add_option("--priority", arguments.priority, "SCHED_FIFO priority of the loop, with locked memory; 0: none")
+      ->check(CLI::Range(0, 99))
+      ->type_name("N");
+  run_command->add_option("--cpu", arguments.cpus, "CPUs of the loop and of its further threads, e.g. 2,3")->type_name("LIST");
   run_command->add_flag("--quiet", arguments.quiet, "No progress bar and no table");
 
   FmuRunOptions& fmu = arguments.fmu;
@@ -482,13 +543,13 @@ void add_run(CLI::App& app, Chosen& chosen) {
   of_fmu.push_back(run_command->add_flag("--set-stop-time", fmu.set_stop_time, "Pass the stop time to the FMU")->group(group));
 
   std::vector<CLI::Option*> of_scenario;
-  for (const char* name : {"--set", "--out", "--record", "--attach", "--detach", "--threads", "--real-time", "--coupling",
-                           "--checkpoint", "--overwrite"}) {
+  for (const char* name : {"--set", "--out", "--record", "--attach", "--detach", "--threads", "--real-time", "--clock",
+                           "--overrun", "--priority", "--cpu", "--coupling", "--checkpoint", "--overwrite"}) {
     of_scenario.push_back(run_command->get_option(name));
   }
   std::vector<CLI::Option*> decided = of_fmu;
-  for (const char* name :
-       {"FILE", "--stop", "--set", "--out", "--record", "--attach", "--detach", "--real-time", "--coupling", "--overwrite"})
+  for (const char* name : {"FILE", "--stop", "--set", "--out", "--record", "--attach", "--detach", "--real-time", "--clock",
+                           "--overrun", "--priority", "--cpu", "--coupling", "--overwrite"})
     decided.push_back(run_command->get_option(name));
   run_command->callback([all, of_fmu, of_scenario, decided, &chosen] {
     chosen = [all, of_fmu, of_scenario, decided] {

@@ -117,7 +117,7 @@ class Search {
       throw Error("--stop " + text::to_text(*arguments.stop),
                   "expected a time in seconds, " + text::to_text(kMaxSeconds) + " at most");
     if (arguments.stop) scenario_.stop = Time::from_seconds(*arguments.stop);
-    scenario_.clock = ClockKind::kFree;
+    scenario_.clock = {};
     if (!(arguments.tolerance > 0 && arguments.tolerance < 1))
       throw Error("--tolerance", text::to_text(arguments.tolerance) + ", expected a share between 0 and 1");
   }

@@ -108,6 +108,33 @@ void write_loop(std::ostream& out, const LoopReport& loop) {
   out << '\n';
 }
 
+void write_delays(std::ostream& out, const char* what, const Histogram& h) {
+  const auto at = [&](double p) { return duration(1e-9 * static_cast<double>(h.quantile(p))); };
+  out << what << ": median " << at(0.5) << ", 99 % within " << at(0.99) << ", 99.99 % within " << at(0.9999) << ", "
+      << duration(1e-9 * static_cast<double>(h.max())) << " at most\n";
+}
+
+void write_clock(std::ostream& out, const Summary& s) {
+  if (s.overruns > 0) out << s.overruns << " ticks began late, by " << duration(s.worst_delay) << " at most\n";
+  const ClockReport& clock = s.clock;
+  if (clock.kind == ClockKind::kFree || clock.start_delays.count() == 0) return;
+  if (clock.state.skipped > 0) out << clock.state.skipped << " ticks were left out\n";
+  if (clock.kind != ClockKind::kWall) {
+    out << "clock of the source: "
+        << (clock.state.locked   ? "locked"
+            : clock.state.silent ? "silent"
+                                 : "not locked")
+        << ", offset " << number(1e6 * clock.rms_offset, 3) << " us rms, " << number(1e6 * clock.state.worst, 3)
+        << " us at most, drift " << number(1e6 * clock.state.drift, 3) << " ppm";
+    if (clock.state.missed > 0) out << "; " << clock.state.missed << " packets missed or far from their time";
+    if (clock.state.steps > 0) out << "; " << clock.state.steps << (clock.state.steps == 1 ? " step" : " steps");
+    out << '\n';
+  }
+  write_delays(out, "delay of the start of ticks", clock.start_delays);
+  if (clock.run_times.count() > 0) write_delays(out, "run time of ticks", clock.run_times);
+  if (clock.page_faults) out << *clock.page_faults << " page faults after the start\n";
+}
+
 void write_head(std::ostream& out, const Summary& s, const Outcome& outcome) {
   out << s.scenario << ": ";
   if (outcome.state == Outcome::State::kInterrupted) out << "interrupted at t = " << number(s.reached, 9) << " s; ";
@@ -116,7 +143,7 @@ void write_head(std::ostream& out, const Summary& s, const Outcome& outcome) {
       << duration(s.wall_seconds);
   if (s.ticks > 0) out << ": " << number(s.real_time_factor, 3) << " times real time";
   out << (s.threads > 1 ? " on " + std::to_string(s.threads) + " threads" : "") << '\n';
-  if (s.overruns > 0) out << s.overruns << " ticks began late, by " << duration(s.worst_delay) << " at most\n";
+  write_clock(out, s);
   if (!s.initialisation.loop.empty()) {
     out << "algebraic loop at initialisation solved in " << s.initialisation.iterations << " iterations:";
     for (const std::string& member : s.initialisation.loop) out << ' ' << member;
@@ -207,6 +234,45 @@ nlohmann::ordered_json finite(const std::vector<double>& values) {
   return list;
 }
 
+using nlohmann::ordered_json;
+
+ordered_json histogram_of(const Histogram& h) {
+  ordered_json bins = ordered_json::array();  // [upper edge, count] of those that are not empty
+  for (std::size_t bin = 0; bin < Histogram::kBins; ++bin) {
+    const std::int64_t edge = bin + 1 < Histogram::kBins ? Histogram::edge(bin) : h.max();
+    if (h.counts()[bin] > 0) bins.push_back({1e-9 * static_cast<double>(edge), h.counts()[bin]});
+  }
+  return {{"count", h.count()},
+          {"mean", 1e-9 * h.mean()},
+          {"median", 1e-9 * static_cast<double>(h.quantile(0.5))},
+          {"p99", 1e-9 * static_cast<double>(h.quantile(0.99))},
+          {"p99_99", 1e-9 * static_cast<double>(h.quantile(0.9999))},
+          {"max", 1e-9 * static_cast<double>(h.max())},
+          {"bins", bins}};
+}
+
+ordered_json clock_of(const ClockReport& clock) {
+  ordered_json j{{"kind", text::word_of(clock.kind, kClockWords)}};
+  if (clock.kind == ClockKind::kFree) return j;
+  const ClockState& state = clock.state;
+  if (clock.kind != ClockKind::kWall) {
+    j["locked"] = state.locked;
+    j["silent"] = state.silent;
+    j["offset"] = state.offset;
+    j["offset_rms"] = clock.rms_offset;
+    j["offset_worst"] = state.worst;
+    j["jitter"] = state.jitter;
+    j["drift"] = state.drift;
+    j["missed"] = state.missed;
+    j["steps"] = state.steps;
+  }
+  j["skipped"] = state.skipped;
+  j["start_delay"] = histogram_of(clock.start_delays);
+  j["run_time"] = histogram_of(clock.run_times);
+  j["page_faults"] = clock.page_faults ? ordered_json(*clock.page_faults) : ordered_json();
+  return j;
+}
+
 }  // namespace
 
 std::string duration(double seconds) {
@@ -228,7 +294,6 @@ void write_report(std::ostream& out, const Summary& s, const Outcome& outcome) {
 }
 
 void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
-  using nlohmann::ordered_json;
   ordered_json j;
   j["scenario"] = s.scenario;
   constexpr std::pair<const char*, Outcome::State> kWords[] = {
@@ -309,6 +374,7 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
                           {"unit_steps", loop.counts.evaluations},
                           {"divided", loop.counts.divided}});
   }
+  j["clock"] = clock_of(s.clock);
   j["overruns"] = s.overruns;
   j["worst_delay"] = s.worst_delay;
   j["recording"] = s.recording.string();

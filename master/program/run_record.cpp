@@ -125,7 +125,7 @@ RunRecord::RunRecord(Given given, const Master& master) : file_(std::move(given.
   j["start"] = scenario.start.seconds();
   j["stop"] = scenario.stop.seconds();
   j["tick"] = scenario.tick.seconds();
-  j["clock"] = text::word_of(scenario.clock, kClockWords);
+  j["clock"] = text::word_of(scenario.clock.kind, kClockWords);
   j["settings"] = scenario.settings;
   j["set"] = given.set;
   j["parameters"] = parameters(scenario);

@@ -179,7 +179,7 @@ void Engine::choose_groups(const Initialisation& initialised) {
     for (const Watch& watch : watches_) loops_[watch.loop].solved = loops_[watch.loop].needs_solving();
     std::erase_if(watches_, [&](const Watch& watch) {
       const LoopReport& loop = loops_[watch.loop];
-      return loop.solved || loop.unknowns > kMostWatched || scenario_.clock == ClockKind::kRealTime;
+      return loop.solved || loop.unknowns > kMostWatched || scenario_.clock.kind != ClockKind::kFree;
     });
   }
   arrange_solved();
@@ -355,6 +355,13 @@ void Engine::start_workers(int threads, bool always) {
     stage.unit_seconds.resize(movable.size());
     stage.balance = std::make_unique<Balance>(std::move(movable), wanted, barrier, always);
   }
+}
+
+void Engine::on_each_thread(Workers::Task task, void* context) {
+  if (!workers_) return task(context, 0);
+  std::vector<std::uint8_t> thread_of(static_cast<std::size_t>(workers_->threads()));
+  std::iota(thread_of.begin(), thread_of.end(), std::uint8_t{0});
+  workers_->run(thread_of, task, context);
 }
 
 /// A tick that is timed for the report and the balances, or that belongs to a trial of a balance.

@@ -98,6 +98,10 @@ class Engine {
   double clock_seconds() const { return clock_seconds_; }
   int threads_used() const { return threads_used_ ? workers_->threads() : 1; }
 
+  /// Calls task(context, i) once on each thread that may step units; i = 0: the caller's. Call after initialise().
+  void on_each_thread(Workers::Task task, void* context);
+  int threads() const { return workers_ ? workers_->threads() : 1; }
+
   const std::string& name(std::size_t slot) const { return members_[schedule.slots[slot].member].name(); }
 
   /// Measures the gains of the loops that step explicitly with coupling=auto. Call between two ticks; `tick`: length of one.
@@ -190,7 +194,7 @@ class Engine {
 
   std::size_t index(const Slot& slot) const { return static_cast<std::size_t>(&slot - schedule.slots.data()); }
   bool due(const Slot& slot) const {
-    return schedule.due(slot, tick_.index) && (slot.once ? !slot.stepped : slot.period == 1 || last_part_);
+    return schedule.due(slot, tick_) && (slot.once ? !slot.stepped : slot.period == 1 || last_part_);
   }
   /// Where the present step of the slot ends.
   Time target(const Slot& slot) const {

@@ -153,6 +153,7 @@ class Master::Loop {
   std::int64_t ticks() const { return engine_.schedule.ticks(); }
 
   void values_changed() { control_.forget(); }
+  void prepare_threads() { pace_.prepare_threads(engine_); }
   void save(std::function<void(RunState)> take);
   const std::string& unsavable() const { return unsavable_; }
   std::optional<std::uint64_t> sync_recording() const {
@@ -180,10 +181,10 @@ class Master::Loop {
   Engine engine_;
   StepControl control_;
   std::vector<std::string> omissions_;
+  Pace pace_;
   std::vector<Column> columns_;
   Statistics statistics_;
   bool has_statistics_;
-  std::unique_ptr<Clock> clock_;
   bool waits_;                       // for the clock
   std::filesystem::path recording_;  // empty if there is none
   std::unique_ptr<Recorder> recorder_;
@@ -210,11 +211,11 @@ Master::Loop::Loop(Scenario scenario, MasterOptions options)
       engine_(scenario_, members_, options.threads.value_or(scenario_.threads), options.always_threads),
       control_(engine_, members_, scenario_.tolerance, [this](std::int64_t tick) { return engine_.schedule.tick(tick); }),
       omissions_(find_omissions(scenario_, members_, engine_.links)),
-      columns_(choose_columns(scenario_, members_)),
+      pace_(scenario_, members_, std::move(options.clock), options.host),
+      columns_(choose_columns(scenario_, members_, &pace_.variables())),
       statistics_(scenario_, members_, columns_),
       has_statistics_(!statistics_.empty()),
-      clock_(options.clock ? std::move(options.clock) : make_clock(scenario_.clock)),
-      waits_(!clock_->never_waits()),
+      waits_(pace_.waits()),
       before_results_(std::move(options.before_results)),
       resume_(std::move(options.resume)) {
   const std::string place = scenario_.file.filename().string();
@@ -241,7 +242,7 @@ void Master::Loop::initialise() {
   times_.begin_run(ticks(), tick_);
   if (before_results_) before_results_();
   if (!recording_.empty()) {
-    Recorder::Options options{!clock_->real_time(), Recorder::Options{}.ring_bytes, {}};
+    Recorder::Options options{!pace_.real_time(), Recorder::Options{}.ring_bytes, {}};
     if (resume_) options.kept = resume_->recording;
     recorder_ = std::make_unique<Recorder>(columns_, recording_, options);
     if (!resume_) next_row_ = tick_;
@@ -250,7 +251,6 @@ void Master::Loop::initialise() {
   resume_.reset();
   begun_ = std::chrono::steady_clock::now();
   running_ = true;
-  clock_->start(now());
 }
 
 /// Hash of the bits of all numbers of all units.
@@ -341,15 +341,16 @@ double Master::Loop::wall_seconds() const {
 /// The loop body of "One master step" in docs/architecture.md.
 inline bool Master::Loop::step_tick() {
   if (at_end()) return false;
-  if (waits_ && !clock_->wait(now())) return true;
+  if (waits_ && !pace_.wait(engine_, tick_)) return true;
   const bool timed = tick_ >= times_.next();
   if (timed) times_.begin_tick();
 
   if (tick_ >= control_.next_checkpoint()) take_checkpoint();
-  const Tick tick = engine_.schedule.tick(tick_);
+  const Tick tick = pace_.next(engine_, tick_);
   const std::size_t discarded_by = control_.step(tick, timed);
   if (discarded_by != Engine::kNoSlot) fail_discarded(discarded_by);
-  ++tick_;
+  tick_ = tick.index + 1;
+  if (tick.skipped > 0) control_.forget();
   if (timed) times_.end_stepping();
 
   engine_.check_finite(tick.end);
@@ -357,6 +358,7 @@ inline bool Master::Loop::step_tick() {
 
   observe(tick.end);
   if (timed) times_.end_tick(tick.index, engine_);
+  if (waits_) pace_.end_tick();
   return true;
 }
 
@@ -379,13 +381,15 @@ inline void Master::Loop::observe(Time now) {
 
 void Master::Loop::record(Time now) {
   recorder_->sample(now);
-  const std::int64_t last = engine_.schedule.ticks(), next = tick_ + scenario_.decimation;
+  const std::int64_t last = engine_.schedule.ticks(), every = scenario_.decimation;
+  const std::int64_t next = tick_ < next_row_ + every ? next_row_ + every : tick_ + every - (tick_ - next_row_) % every;
   next_row_ = tick_ == last ? kNever : std::min(last, next);
 }
 
 void Master::Loop::finish() {
   if (finished_) return;
   finished_ = true;
+  pace_.finish(engine_);
   ended_ = std::chrono::steady_clock::now();
   if (!recorder_) return;
   recorder_->close();
@@ -409,6 +413,7 @@ std::vector<std::string> Master::Loop::warnings() const {
     for (const std::string& warning : warnings_of(member)) add(member.name() + ": " + warning);
   }
   for (const std::string& warning : engine_.tools.warnings()) add(warning);
+  for (const std::string& warning : pace_.refused()) add(warning);
   return all;
 }
 
@@ -476,8 +481,9 @@ Summary Master::Loop::summary() const {
                            " rows of the recording were dropped");
     }
   }
-  s.overruns = clock_->overruns();
-  s.worst_delay = clock_->worst_delay().seconds();
+  s.clock = pace_.report();
+  s.overruns = s.clock.state.overruns;
+  s.worst_delay = Duration{s.clock.start_delays.max()}.seconds();
   return s;
 }
 
@@ -488,6 +494,7 @@ Master::~Master() = default;
 
 void Master::initialise() { loop_->initialise(); }
 void Master::values_changed() { loop_->values_changed(); }
+void Master::prepare_threads() { loop_->prepare_threads(); }
 bool Master::step_tick() { return loop_->step_tick(); }
 void Master::finish() { loop_->finish(); }
 Time Master::now() const { return loop_->now(); }

@@ -9,10 +9,10 @@
 #include <vector>
 
 #include "master/run/bonds.h"
-#include "master/run/clock.h"
 #include "master/run/initialisation.h"
 #include "master/run/loop_report.h"
 #include "master/run/members.h"
+#include "master/run/pace.h"
 #include "master/run/recorder.h"
 #include "master/run/statistics.h"
 #include "master/ssp/scenario.h"
@@ -41,6 +41,7 @@ struct MasterOptions {
   std::optional<int> threads;                  // instead of the scenario's
   bool always_threads = false;                 // use the threads even where they are slower
   std::unique_ptr<Clock> clock;                // instead of the scenario's
+  HostTime* host = nullptr;                    // instead of the system's time; must outlive the master
   std::function<void()> before_results;        // called after the initialisation, before any file of results is changed
   std::optional<RunState> resume;              // continue from this state
 };
@@ -75,6 +76,7 @@ struct Summary {
   std::int64_t rows = 0, dropped_rows = 0;
   std::int64_t overruns = 0;   // late ticks of a real-time run
   double worst_delay = 0;      // s
+  ClockReport clock;           // since a resumption; without figures if the clock is free
   std::int64_t discarded = 0;  // tries of ticks that a unit discarded
   std::vector<std::pair<std::string, std::int64_t>> discarded_by;
   int most_parts = 1;  // largest number of parts of a tick
@@ -93,6 +95,9 @@ class Master {
   /// Initialises all units at the start time, opens the recording and takes the first sample. A failure before the recording is
   /// opened leaves the results of an earlier run unchanged.
   void initialise();
+  /// Gives the calling thread and the workers the priority, CPUs and memory that the scenario's clock asks for. Call after
+  /// initialise() on the thread that calls step_tick(); otherwise the first step_tick() does it. What is not permitted is a warning.
+  void prepare_threads();
   /// Makes one tick, at most to the stop time; none if a signal interrupted the wait for the clock. Returns false at the end of
   /// the run. Allocates nothing. Throws Error for a NaN, a discarded step that cannot be repeated, or a failure of a unit or of
   /// the recording; then only finish() and summary() may be called.

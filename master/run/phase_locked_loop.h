@@ -10,7 +10,7 @@ namespace cotwin::master {
 /// ±half a cycle, T the time since the last measurement, ω = 2π·bandwidth, and f the drift (host time / source time − 1):
 ///   instants −= 2ωT e      f −= ω²T e
 /// Both poles are at −ω: an error of 100 ppm of f is below 0.1 ppm after 1.6/bandwidth, white jitter σ of the measurements moves the
-/// instants by σ √(2.5 ωT) rms. The first measurements are averaged instead. ωT is limited to 0.25 for rare measurements.
+/// instants by σ √(1.25 ωT) rms. The first measurements are averaged instead. ωT is limited to 0.25 for rare measurements.
 /// A measurement off by more than a quarter of a cycle is an outlier; 16 in a row that agree are a step of the source's clock, and
 /// the instants move there at once. Without measurements the instants go on with the last f (holdover).
 class PhaseLockedLoop {

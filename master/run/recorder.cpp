@@ -16,6 +16,7 @@
 #include <system_error>
 #include <unordered_map>
 
+#include "master/run/clock.h"
 #include "models/support/atomic_file.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
@@ -30,6 +31,8 @@ constexpr auto kIdle = 2ms;     // sleep of the writer while the ring is empty: 
 constexpr auto kFlush = 200ms;  // largest age of a row in memory
 constexpr std::size_t kBuffer = std::size_t{1} << 18;  // bytes of text per write
 constexpr std::size_t kRoom = 28;                      // bytes of text for a number
+
+constexpr const char* kClockName = "clock";
 
 bool has_wildcard(const std::string& pattern) { return pattern.find_first_of("*?") != std::string::npos; }
 
@@ -60,9 +63,20 @@ char* write_time(char* to, std::int64_t ns) {
   return to + digits;
 }
 
+/// Those of any clock, for a scenario that does not run.
+const Variables& clock_variables() {
+  static ClockState state;
+  static const Variables variables = [] {
+    Variables v;
+    state.declare(v);
+    return v;
+  }();
+  return variables;
+}
+
 }  // namespace
 
-std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Member> members) {
+std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Member> members, const Variables* clock) {
   std::vector<bool> found(scenario.recording.size());
   std::unordered_map<std::string_view, std::vector<std::size_t>> plain;  // without a wildcard, by name
   std::vector<std::size_t> patterns;
@@ -104,6 +118,21 @@ std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Mem
       }
     }
   }
+  const auto is_clock = [](const Member& member) { return member.name() == kClockName; };
+  if (std::ranges::none_of(members, is_clock)) {
+    const std::string prefix = std::string(kClockName) + ".";
+    for (const Variable& variable : clock != nullptr ? *clock : clock_variables()) {
+      const std::string name = prefix + variable.name;
+      const auto selects = [&](const RecordSpec& spec) {
+        return spec.variables.starts_with(prefix) && glob(spec.variables, name);
+      };
+      bool any = false;
+      for (std::size_t r = 0; r < found.size(); ++r) {
+        if (selects(scenario.recording[r])) found[r] = any = true;
+      }
+      if (any) columns.push_back({{name}, {members.size(), &variable, 0, 1, name}});
+    }
+  }
   for (std::size_t r = 0; r < found.size(); ++r) {
     const RecordSpec& spec = scenario.recording[r];
     if (found[r]) continue;
@@ -130,8 +159,8 @@ class Recorder::Writer {
   }
 
   void run() {
-    using Clock = std::chrono::steady_clock;
-    auto flushed = Clock::now();
+    using Steady = std::chrono::steady_clock;
+    auto flushed = Steady::now();
     for (;;) {
       const bool closing = recorder_.closing_.load(std::memory_order_acquire);  // read before head_, so that no row is missed
       const std::uint64_t head = recorder_.head_.load(std::memory_order_acquire);
@@ -145,9 +174,9 @@ class Recorder::Writer {
       }
       if (tail == head) {
         if (closing) break;
-        if (Clock::now() - flushed >= kFlush) {
+        if (Steady::now() - flushed >= kFlush) {
           flush();
-          flushed = Clock::now();
+          flushed = Steady::now();
         }
         std::this_thread::sleep_for(kIdle);
         continue;
@@ -159,9 +188,9 @@ class Recorder::Writer {
         write_row(recorder_.ring_.get() + (tail & (recorder_.capacity_ - 1)) * (recorder_.width_ + 1));
       recorder_.tail_.store(tail, std::memory_order_release);
       recorder_.tail_.notify_one();
-      if (Clock::now() - flushed >= kFlush) {
+      if (Steady::now() - flushed >= kFlush) {
         flush();
-        flushed = Clock::now();
+        flushed = Steady::now();
       }
     }
     flush();

@@ -25,7 +25,9 @@ struct Column {
 /// The variables that the scenario selects, in the order of components and declarations; without a selection, all outputs.
 /// Patterns with * or ? match outputs, inputs, states and tunables; exact names match any variable but Strings. Throws Error at
 /// the entry's place for a String and for a pattern without a match.
-std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Member> members);
+/// `clock`: variables of the run's clock, which patterns that begin with "clock." select, unless a component has that name;
+/// their columns have a member past the end.
+std::vector<Column> choose_columns(const Scenario& scenario, std::span<const Member> members, const Variables* clock = nullptr);
 
 /// Copies rows into a ring in memory; another thread writes them: time first, numbers as the shortest text that reads back to
 /// the same bits, whole rows only. The file is <file>.part until close() renames it; a file that is not regular (a pipe) is

@@ -46,4 +46,11 @@ Schedule::Schedule(const Scenario& scenario, std::span<const Member> members, co
   }
 }
 
+Tick Schedule::long_tick(std::int64_t n, std::int64_t more, Time event) const {
+  const Time begin = time(n);
+  if (event > begin && event < stop_) more = std::min(more, (event.ns - begin.ns - 1) / tick_.ns);
+  more = std::clamp<std::int64_t>(more, 0, ticks_ - 1 - n);
+  return {n + more, begin, time(n + more + 1), more};
+}
+
 }  // namespace cotwin::master

@@ -18,6 +18,7 @@ inline constexpr std::size_t kNoGroup = static_cast<std::size_t>(-1);
 struct Tick {
   std::int64_t index = 0;
   Time begin, end;
+  std::int64_t skipped = 0;  // ticks before this one that were left out: it also covers their time
 };
 
 /// One unit. Slots are in the order of stepping: by stage and group, then as in the scenario.
@@ -62,9 +63,12 @@ class Schedule {
   Tick tick(std::int64_t n) const { return {n, time(n), time(n + 1)}; }
   Time stop() const { return stop_; }
   std::int64_t ticks() const { return ticks_; }
-  bool due(const Slot& slot, std::int64_t tick) const {
-    return slot.period == 1 || (tick + 1) % slot.period == 0 || tick + 1 == ticks_;
+  bool due(const Slot& slot, const Tick& tick) const {
+    const std::int64_t after = tick.index + 1, before = tick.index - tick.skipped;
+    return slot.period == 1 || after / slot.period > before / slot.period || after == ticks_;
   }
+  /// The tick `n` in which `more` ticks after it are left out. At most those before the last one and before `event` are.
+  Tick long_tick(std::int64_t n, std::int64_t more, Time event) const;
 
   std::vector<Slot> slots;
   std::vector<Stage> stages;

@@ -142,7 +142,7 @@ void StepControl::replay_until(std::int64_t tick) {
 std::size_t StepControl::step_in_parts(const Tick& tick, std::size_t discarded_by) {
   count_discard(discarded_by);
   if (not_restorable_) return discarded_by;
-  replay_until(tick.index);
+  replay_until(tick.index - tick.skipped);
   for (int parts = 2; parts <= most_parts_of(tick); parts *= 2) {
     discarded_by = engine_.step(tick, parts);
     if (discarded_by == Engine::kNoSlot) {

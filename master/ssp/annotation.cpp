@@ -8,6 +8,7 @@
 #include "master/ssp/system.h"
 #include "models/robot/tool.h"
 #include "models/robot/urdf_document.h"
+#include "models/support/choice.h"
 #include "models/support/error.h"
 #include "models/support/parameter_set_xml.h"
 #include "models/support/text.h"
@@ -102,6 +103,55 @@ void read_component(const xml::Element& e, Scenario& scenario, const ComponentIn
   if (found->process == fmu::ProcessChoice::kOwn && found->source.rfind("unit:", 0) == 0) {
     throw Error(e.place, "component '" + name + "' with process=\"own\" is a built-in unit, expected an FMU");
   }
+}
+
+/// The CPUs of a list "2, 3".
+std::vector<int> read_cpus(const xml::Element& e) {
+  try {
+    return parse_cpus(xml::text(e, "cpu"));
+  } catch (const Error& error) {
+    throw Error(e.place, "attribute 'cpu' of 'Clock': " + std::string(error.what()));
+  }
+}
+
+void read_clock(const xml::Element& e, Scenario& scenario, const ComponentIndex& index) {
+  xml::check_attributes(e, {"kind", "component", "overrun", "late", "silence", "timeout", "cycle", "shift", "bandwidth",
+                            "within", "priority", "cpu"});
+  ClockSpec clock;
+  clock.place = e.place;
+  clock.kind = xml::choice<ClockKind>(e, "kind", kClockWords);
+  const auto given = [&](const char* name) { return xml::find(e, name) != nullptr; };
+  const auto only_of = [&](std::initializer_list<const char*> names, bool applies, const char* kinds) {
+    for (const char* name : names) {
+      if (given(name) && !applies)
+        throw Error(e.place, "attribute '" + std::string(name) + "' of 'Clock' of kind '" +
+                                 text::word_of(clock.kind, kClockWords) + "', expected it only with " + kinds);
+    }
+  };
+  only_of({"overrun", "late", "priority", "cpu"}, clock.kind != ClockKind::kFree, "'wall', 'arrivals' or 'locked'");
+  only_of({"component", "silence", "timeout", "cycle"}, clock.follows(), "'arrivals' or 'locked'");
+  only_of({"shift", "bandwidth", "within"}, clock.kind == ClockKind::kLocked, "'locked'");
+  if (given("component")) {
+    clock.component = xml::text(e, "component");
+    if (!index.find(clock.component)) {
+      std::vector<std::string> names;
+      for (const ComponentSpec& c : scenario.components) names.push_back(c.name);
+      throw Error(e.place, xml::unknown("a component", clock.component, names));
+    }
+  }
+  clock.overrun = xml::choice(e, "overrun", kOverrunWords, clock.overrun);
+  clock.silence = xml::choice(e, "silence", kSilenceWords, clock.silence);
+  if (given("late")) clock.late = Duration{nanoseconds(e, "late", 0)};
+  if (given("timeout")) clock.timeout = Duration{nanoseconds(e, "timeout", 1e-9)};
+  if (given("cycle")) clock.cycle = Duration{nanoseconds(e, "cycle", 1e-9)};
+  if (given("shift")) clock.shift = Duration{nanoseconds(e, "shift", -kMaxSeconds)};
+  if (given("within")) clock.within = Duration{nanoseconds(e, "within", 1e-9)};
+  clock.bandwidth = xml::real(e, "bandwidth", clock.bandwidth);
+  if (!(clock.bandwidth >= 1e-3 && clock.bandwidth <= 1e3))
+    throw Error(e.place, "attribute 'bandwidth' of 'Clock': " + xml::text(e, "bandwidth") + ", expected 0.001 to 1000 Hz");
+  clock.priority = bounded(e, "priority", 0, 0, 99);
+  if (given("cpu")) clock.cpus = read_cpus(e);
+  scenario.clock = std::move(clock);
 }
 
 void read_setting(const xml::Element& e, Scenario& scenario) {
@@ -307,11 +357,13 @@ void read_annotation(const xml::Element& master, Scenario& scenario) {
   for (const xml::Element& c : master.children) {
     if (c.space != kAnnotationSpace) throw Error(c.place, "'" + c.name + "' of namespace '" + c.space + "' in our annotation");
   }
-  xml::check_children(master, kAnnotationSpace, {"Setting", "Component", "Event", "Recording", "Comparison", "Report", "Bond"});
+  xml::check_children(master, kAnnotationSpace,
+                      {"Clock", "Setting", "Component", "Event", "Recording", "Comparison", "Report", "Bond"});
 
   if (xml::find(master, "tick") != nullptr) scenario.tick = Duration{nanoseconds(master, "tick", 1e-9)};
   if (xml::find(master, "stop") != nullptr) scenario.stop = Time{nanoseconds(master, "stop", scenario.start.seconds())};
-  scenario.clock = xml::choice(master, "clock", kClockWords, ClockKind::kFree);
+  scenario.clock.kind = xml::choice(master, "clock", kClockWords, ClockKind::kFree);
+  scenario.clock.place = master.place;
   scenario.threads = bounded(master, "threads", 0, 0, 1024);
   scenario.tolerance = not_negative(master, "tolerance", 0);
   scenario.coupling = xml::choice(master, "coupling", kCouplingWords, CouplingChoice::kAuto);
@@ -320,8 +372,12 @@ void read_annotation(const xml::Element& master, Scenario& scenario) {
 
   const ComponentIndex index(scenario);
   std::set<std::string> components;
-  bool recording = false;
+  bool recording = false, clock = xml::find(master, "clock") != nullptr;
   for (const xml::Element& c : master.children) {
+    if (c.name == "Clock") {
+      if (std::exchange(clock, true)) throw Error(c.place, "a second clock");
+      read_clock(c, scenario, index);
+    }
     if (c.name == "Setting") read_setting(c, scenario);
     if (c.name == "Component") read_component(c, scenario, index, components);
     if (c.name == "Event") read_event(c, scenario.folder, scenario, index);
@@ -410,7 +466,7 @@ std::string unused_of_nested(const xml::Element& annotation, const Scenario& nes
   const auto given = [&](const char* name) { return xml::find(annotation, name) != nullptr; };
   compare("tick", given("tick"), nested.tick == scenario.tick);
   compare("stop", given("stop"), nested.stop == scenario.stop);
-  compare("clock", given("clock"), nested.clock == scenario.clock);
+  compare("clock", nested.clock.kind != ClockKind::kFree || given("clock"), nested.clock.kind == scenario.clock.kind);
   compare("threads", given("threads"), nested.threads == scenario.threads);
   compare("tolerance", given("tolerance"), nested.tolerance == scenario.tolerance);
   compare("coupling", given("coupling"), nested.coupling == scenario.coupling);

@@ -12,6 +12,7 @@
 #include "master/ssp/flatten.h"
 #include "master/ssp/system.h"
 #include "master/ssp/uri.h"
+#include "models/support/choice.h"
 #include "models/support/error.h"
 #include "models/support/parameter_set_xml.h"
 #include "models/support/text.h"
@@ -339,6 +340,51 @@ void add_tool_event(Scenario& scenario, bool attach, std::string_view text) {
   scenario.tools.push_back(read_tool(event, ""));
   std::stable_sort(scenario.tools.begin(), scenario.tools.end(),
                    [](const ToolSpec& a, const ToolSpec& b) { return a.time < b.time; });
+}
+
+std::vector<int> parse_cpus(const std::string& list) {
+  std::vector<int> cpus;
+  std::string blanks = list;
+  std::replace(blanks.begin(), blanks.end(), ',', ' ');
+  for (const std::string_view item : text::split(blanks, ' ')) {
+    if (item.empty()) continue;
+    const std::optional<double> number = text::parse_real(item);
+    if (!number || !(*number >= 0 && *number < 1e6) || *number != std::floor(*number))
+      throw Error("'" + list + "', expected numbers of CPUs such as '2' or '2 3'");
+    cpus.push_back(static_cast<int>(*number));
+  }
+  if (cpus.empty()) throw Error("'" + list + "', expected numbers of CPUs such as '2' or '2 3'");
+  return cpus;
+}
+
+void choose_clock(ClockSpec& clock, const std::string& text) {
+  const std::string place = "--clock " + text;
+  const std::size_t colon = text.find(':');
+  ClockSpec chosen;
+  chosen.kind = text::choose(place, text.substr(0, colon), kClockWords);
+  chosen.place = place;
+  if (colon != std::string::npos) {
+    if (!chosen.follows()) throw Error(place, "a component, expected one only with 'arrivals' or 'locked'");
+    chosen.component = text.substr(colon + 1);
+  }
+  if (chosen.kind != ClockKind::kFree) {
+    chosen.overrun = clock.overrun;
+    chosen.late = clock.late;
+    chosen.priority = clock.priority;
+    chosen.cpus = clock.cpus;
+  }
+  if (chosen.follows()) {
+    if (colon == std::string::npos) chosen.component = clock.component;
+    chosen.silence = clock.silence;
+    chosen.timeout = clock.timeout;
+    chosen.cycle = clock.cycle;
+  }
+  if (chosen.kind == ClockKind::kLocked) {
+    chosen.shift = clock.shift;
+    chosen.bandwidth = clock.bandwidth;
+    chosen.within = clock.within;
+  }
+  clock = std::move(chosen);
 }
 
 }  // namespace cotwin::master

@@ -155,9 +155,55 @@ struct ReportSpec {
   std::string place;
 };
 
-enum class ClockKind : std::uint8_t { kFree, kRealTime };
+/// When ticks begin.
+///   free      as fast as possible
+///   wall      on the wall clock
+///   arrivals  when packets of a robot or bus come
+///   locked    on the wall clock, kept in phase with the clock of a robot or bus by a phase-locked loop
+enum class ClockKind : std::uint8_t { kFree, kWall, kArrivals, kLocked };
 inline constexpr std::pair<const char*, ClockKind> kClockWords[] = {{"free", ClockKind::kFree},
-                                                                    {"real-time", ClockKind::kRealTime}};
+                                                                    {"wall", ClockKind::kWall},
+                                                                    {"arrivals", ClockKind::kArrivals},
+                                                                    {"locked", ClockKind::kLocked},
+                                                                    {"real-time", ClockKind::kWall}};
+
+/// What follows a tick that begins too late.
+///   catch_up  the late ticks run at once, one after the other
+///   skip      whole ticks are left out: the late one is a longer step, so that scenario time stays with the clock
+///   stop      the run ends with an error
+enum class OverrunPolicy : std::uint8_t { kCatchUp, kSkip, kStop };
+inline constexpr std::pair<const char*, OverrunPolicy> kOverrunWords[] = {
+    {"catch_up", OverrunPolicy::kCatchUp}, {"skip", OverrunPolicy::kSkip}, {"stop", OverrunPolicy::kStop}};
+
+/// What follows when the robot or bus is silent: the run goes on on the wall clock, ends with an error, or pauses.
+enum class SilencePolicy : std::uint8_t { kWall, kStop, kWait };
+inline constexpr std::pair<const char*, SilencePolicy> kSilenceWords[] = {
+    {"wall", SilencePolicy::kWall}, {"stop", SilencePolicy::kStop}, {"wait", SilencePolicy::kWait}};
+
+struct ClockSpec {
+  ClockKind kind = ClockKind::kFree;
+  std::string component{};  // whose robot or bus is followed; "": the only one that has such a clock
+  OverrunPolicy overrun = OverrunPolicy::kCatchUp;
+  Duration late{200'000};  // a tick that begins later is an overrun
+  SilencePolicy silence = SilencePolicy::kWall;
+  Duration timeout{100'000'000};  // without a packet the source is silent
+  Duration cycle{};               // of the source; 0: its own, or a tick
+  Duration shift{};               // locked: of the ticks after the beginnings of the source's cycles
+  double bandwidth = 1;           // locked: of the loop, Hz
+  Duration within{};              // locked: largest mean offset; 0: cycle/20
+  int priority = 0;               // of SCHED_FIFO; 0: ordinary scheduling and no locked memory
+  std::vector<int> cpus{};        // of the loop's thread, then of the workers; empty: any
+  std::string place{};
+
+  bool follows() const { return kind == ClockKind::kArrivals || kind == ClockKind::kLocked; }
+  bool real_time_thread() const { return priority > 0 || !cpus.empty(); }
+};
+
+/// The CPUs of a list such as "2", "2 3" or "2,3". Throws Error for other text.
+std::vector<int> parse_cpus(const std::string& list);
+/// Replaces kind and component of the clock by those of a text such as "wall" or "arrivals:io". Settings that the new kind does not
+/// have get their defaults. Throws Error for other text.
+void choose_clock(ClockSpec& clock, const std::string& text);
 
 /// How units of a loop of connections are stepped together.
 ///   explicit  each with the values that the others have sent it before
@@ -173,7 +219,7 @@ struct Scenario {
   std::filesystem::path folder;  // base of relative references
   Time start, stop;              // ssd:DefaultExperiment
   Duration tick{1'000'000};
-  ClockKind clock = ClockKind::kFree;
+  ClockSpec clock;
   int threads = 0;       // 0: chosen automatically
   double tolerance = 0;  // > 0: adaptive communication step (relative)
   CouplingChoice coupling = CouplingChoice::kAuto;

@@ -7,6 +7,7 @@
 #include "fmu/import/package.h"
 #include "master/run/recorder.h"
 #include "master/twin/twin_package.h"
+#include "models/support/choice.h"
 #include "models/support/error.h"
 #include "models/support/file.h"
 
@@ -36,7 +37,11 @@ class Packer {
   Packer(const Scenario& scenario, const PackageOptions& options)
       : scenario_(scenario), options_(options), members_(load_members(scenario, options.types, options.folders)) {
     package_.scenario = scenario;
+    if (scenario.clock.kind != ClockKind::kFree)
+      warnings_.push_back("the scenario's clock '" + std::string(text::word_of(scenario.clock.kind, kClockWords)) +
+                          "' is not used: the importer of an FMU decides when it steps");
     for (const Column& column : choose_columns(scenario, members_)) {
+      if (column.signal.member == members_.size()) continue;  // of the clock
       package_.outputs.insert(members_[column.signal.member].name() + "." + column.signal.variable->name);
     }
   }

@@ -218,18 +218,40 @@ class Writer {
     close(out_, 4, "cotwin:Event");
   }
 
+  void write_clock() {
+    const ClockSpec& clock = scenario_.clock;
+    if (clock.kind == ClockKind::kFree) return;
+    const ClockSpec plain;
+    std::string cpus;
+    for (const int cpu : clock.cpus) cpus += (cpus.empty() ? "" : " ") + std::to_string(cpu);
+    Tag(out_, 4, "cotwin:Clock")
+        .with("kind", text::word_of(clock.kind, kClockWords))
+        .with_if(!clock.component.empty(), "component", clock.component)
+        .with_if(clock.overrun != plain.overrun, "overrun", text::word_of(clock.overrun, kOverrunWords))
+        .with_if(clock.late != plain.late, "late", text::to_text(clock.late.seconds()))
+        .with_if(clock.silence != plain.silence, "silence", text::word_of(clock.silence, kSilenceWords))
+        .with_if(clock.timeout != plain.timeout, "timeout", text::to_text(clock.timeout.seconds()))
+        .with_if(clock.cycle != plain.cycle, "cycle", text::to_text(clock.cycle.seconds()))
+        .with_if(clock.shift != plain.shift, "shift", text::to_text(clock.shift.seconds()))
+        .with_if(clock.bandwidth != plain.bandwidth, "bandwidth", text::to_text(clock.bandwidth))
+        .with_if(clock.within != plain.within, "within", text::to_text(clock.within.seconds()))
+        .with_if(clock.priority != 0, "priority", std::to_string(clock.priority))
+        .with_if(!cpus.empty(), "cpu", cpus)
+        .end();
+  }
+
   void write_annotation() {
     Tag(out_, 1, "ssd:Annotations").open();
     Tag(out_, 2, "ssc:Annotation").with("type", kAnnotationType).open();
     Tag(out_, 3, "cotwin:Master")
         .with("xmlns:cotwin", kAnnotationSpace)
         .with("tick", scenario_.tick.seconds())
-        .with("clock", text::word_of(scenario_.clock, kClockWords))
         .with("threads", scenario_.threads)
         .with("tolerance", scenario_.tolerance)
         .with("coupling", text::word_of(scenario_.coupling, kCouplingWords))
         .with("unknownParameters", scenario_.ignore_unknown_parameters ? "ignore" : "error")
         .open();
+    write_clock();
     for (const Member& member : members_) {
       Tag(out_, 4, "cotwin:Component")
           .with("name", member.name())

@@ -106,8 +106,10 @@ TEST_F(Program, RecordsTheChosenVariablesIntoTheChosenFolder) {
 }
 
 TEST_F(Program, CtrlCEndsARunCleanlyWithEverythingOnDisk) {
-  for (const int signal : {SIGINT, SIGTERM}) {
-    Process child = start({"run", scenario(), "--real-time"});
+  for (const int signal : {SIGINT, SIGTERM, SIGHUP}) {
+    // SIGHUP: on a thread of its own
+    Process child = signal == SIGHUP ? start({"run", scenario(), "--clock", "wall", "--cpu", "0"})
+                                     : start({"run", scenario(), "--real-time"});
     const fs::path file = folder_ / "results/just_motion/signals.csv", growing = file.string() + ".part";
     for (int i = 0; i < 1000 && (!fs::exists(growing) || fs::file_size(growing) < 2000); ++i)
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
@@ -152,6 +154,25 @@ TEST_F(Program, NamesInvalidArguments) {
     const RunResult result = run({"run", scenario(), "--stop", stop});
     EXPECT_EQ(result.code, 2) << stop;
     EXPECT_THAT(result.err, HasSubstr("expected a time in seconds")) << stop;
+  }
+  const std::string file = scenario();
+  const std::pair<std::vector<std::string>, const char*> clocks[] = {
+      {{"--clock", "bus"}, "cotwin: --clock bus: 'bus', expected one of free, wall, arrivals, locked, real-time"},
+      {{"--overrun", "skip"}, "cotwin: --overrun: does not apply to a free-running clock, expected also --clock wall"},
+      {{"--clock", "free", "--cpu", "0"}, "cotwin: --cpu: does not apply to a free-running clock"},
+      {{"--clock", "wall", "--cpu", "a"}, "cotwin: --cpu: 'a', expected numbers of CPUs such as '2' or '2 3'"},
+      {{"--clock", "wall", "--cpu", "999999"}, "cotwin: --clock wall: CPU 999999, expected 0 to "},
+      {{"--clock", "wall", "--real-time"}, "cotwin: --real-time: given with --clock wall, expected one of the two"},
+      {{"--clock", "arrivals"}, "cotwin: --clock arrivals: no component has the clock of a robot or bus"},
+      {{"--clock", "locked:motion"},
+       "cotwin: --clock locked:motion: 'motion' has no clock of a robot or bus that ticks can follow"},
+      {{"--clock", "wall", "--priority", "100"}, "cotwin: --priority: "}};
+  for (const auto& [options, message] : clocks) {
+    std::vector<std::string> command = {"run", file};
+    command.insert(command.end(), options.begin(), options.end());
+    const RunResult result = run(command);
+    EXPECT_EQ(result.code, 2) << message;
+    EXPECT_THAT(result.err, StartsWith(message));
   }
   const RunResult robot = run({"describe", "motion?robot=nobody"});
   EXPECT_EQ(robot.code, 2);

@@ -10,6 +10,7 @@
 #include "fmu/archive/archive.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
+#include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/standard_validator.h"
@@ -124,7 +125,7 @@ TEST(ForeignSystemStructure, RunsWithDefaults) {
   EXPECT_EQ(s.start, Time{500'000'000});
   EXPECT_EQ(s.stop, Time{2'500'000'000});
   EXPECT_EQ(s.tick, Duration{1'000'000});
-  EXPECT_EQ(s.clock, ClockKind::kFree);
+  EXPECT_EQ(s.clock.kind, ClockKind::kFree);
   EXPECT_EQ(s.threads, 0);
   EXPECT_EQ(s.tolerance, 0);
   EXPECT_TRUE(s.ignore_unknown_parameters);
@@ -262,6 +263,54 @@ TEST(Documentation, ShowsAScenarioThatIsReadAndValid) {
   EXPECT_EQ(cotwin::testing::schema_errors(schema, file), "");
 }
 
+TEST(Annotation, ReadsAClockCompletely) {
+  const ClockSpec c = parse(annotated("",
+                                      "<t:Clock kind='locked' component='b' overrun='skip' late='50 us' silence='wait' "
+                                      "timeout='20 ms' cycle='500 us' shift='-0.1 ms' bandwidth='2.5' within='1 us' "
+                                      "priority='80' cpu='3, 1'/>"))
+                          .clock;
+  EXPECT_EQ(c.kind, ClockKind::kLocked);
+  EXPECT_EQ(c.component, "b");
+  EXPECT_EQ(c.overrun, OverrunPolicy::kSkip);
+  EXPECT_EQ(c.late, Duration{50'000});
+  EXPECT_EQ(c.silence, SilencePolicy::kWait);
+  EXPECT_EQ(c.timeout, Duration{20'000'000});
+  EXPECT_EQ(c.cycle, Duration{500'000});
+  EXPECT_EQ(c.shift, Duration{-100'000});
+  EXPECT_EQ(c.bandwidth, 2.5);
+  EXPECT_EQ(c.within, Duration{1'000});
+  EXPECT_EQ(c.priority, 80);
+  EXPECT_EQ(c.cpus, (std::vector<int>{3, 1}));
+  EXPECT_EQ(c.place, "f.ssd:3");
+  EXPECT_EQ(parse(annotated("clock='arrivals'", "")).clock.kind, ClockKind::kArrivals);
+}
+
+TEST(ChooseClock, KeepsTheSettingsThatTheNewKindHas) {
+  ClockSpec c;
+  c.kind = ClockKind::kLocked;
+  c.component = "io";
+  c.overrun = OverrunPolicy::kStop;
+  c.silence = SilencePolicy::kStop;
+  c.shift = Duration{1};
+  choose_clock(c, "arrivals:bus.io");
+  EXPECT_EQ(c.kind, ClockKind::kArrivals);
+  EXPECT_EQ(c.component, "bus.io");
+  EXPECT_EQ(c.overrun, OverrunPolicy::kStop);
+  EXPECT_EQ(c.silence, SilencePolicy::kStop);
+  EXPECT_EQ(c.shift, Duration{0});
+  choose_clock(c, "real-time");
+  EXPECT_EQ(c.kind, ClockKind::kWall);
+  EXPECT_EQ(c.overrun, OverrunPolicy::kStop);
+  EXPECT_EQ(c.silence, SilencePolicy::kWall);
+  EXPECT_EQ(c.component, "");
+  choose_clock(c, "free");
+  EXPECT_EQ(c.overrun, OverrunPolicy::kCatchUp);
+  EXPECT_EQ(cotwin::testing::error_of([&] { choose_clock(c, "wall:io"); }),
+            "--clock wall:io: a component, expected one only with 'arrivals' or 'locked'");
+  EXPECT_EQ(cotwin::testing::error_of([&] { choose_clock(c, "bus"); }),
+            "--clock bus: 'bus', expected one of free, wall, arrivals, locked, real-time");
+}
+
 TEST(Annotation, IsReadCompletely) {
   const Scenario s = parse(annotated(
       "tick='250 us' stop='2 s' clock='real-time' threads='4' tolerance='1e-4' unknownParameters='ignore'",
@@ -276,7 +325,7 @@ TEST(Annotation, IsReadCompletely) {
       "<t:Bond name='joint' effortA='a.tau' flowA='a.dq' effortB='b.tau' flowB='b.dq' tolerance='0.5'/>"));
   EXPECT_EQ(s.tick, Duration{250'000});
   EXPECT_EQ(s.stop, Time{2'000'000'000});
-  EXPECT_EQ(s.clock, ClockKind::kRealTime);
+  EXPECT_EQ(s.clock.kind, ClockKind::kWall);
   EXPECT_EQ(s.threads, 4);
   EXPECT_EQ(s.tolerance, 1e-4);
   EXPECT_TRUE(s.ignore_unknown_parameters);
@@ -684,8 +733,31 @@ INSTANTIATE_TEST_SUITE_P(
         Bad{"TickFraction", annotated("tick='1.5 ns'", ""),
             "f.ssd:2: attribute 'tick' of 'Master': '1.5 ns', expected a whole number of nanoseconds"},
         Bad{"StopBeforeStart", annotated("stop='-1'", ""), "f.ssd:2: attribute 'stop' of 'Master': '-1', expected 0 s to"},
-        Bad{"Clock", annotated("clock='wall'", ""),
-            "f.ssd:2: attribute 'clock' of 'Master': 'wall', expected one of 'free', 'real-time'"},
+        Bad{"Clock", annotated("clock='bus'", ""),
+            "f.ssd:2: attribute 'clock' of 'Master': 'bus', expected one of 'free', 'wall', 'arrivals', 'locked', 'real-time'"},
+        Bad{"ClockKind", annotated("", "<t:Clock kind='bus'/>"),
+            "f.ssd:3: attribute 'kind' of 'Clock': 'bus', expected one of"},
+        Bad{"ClockTwice", annotated("clock='wall'", "<t:Clock kind='wall'/>"), "f.ssd:3: a second clock"},
+        Bad{"ClockComponent", annotated("", "<t:Clock kind='locked' component='aa'/>"),
+            "f.ssd:3: 'aa' is not a component, did you mean 'a'?"},
+        Bad{"ClockFreeOverrun", annotated("", "<t:Clock kind='free' overrun='skip'/>"),
+            "f.ssd:3: attribute 'overrun' of 'Clock' of kind 'free', expected it only with 'wall', 'arrivals' or 'locked'"},
+        Bad{"ClockWallSilence", annotated("", "<t:Clock kind='wall' silence='stop'/>"),
+            "f.ssd:3: attribute 'silence' of 'Clock' of kind 'wall', expected it only with 'arrivals' or 'locked'"},
+        Bad{"ClockArrivalsShift", annotated("", "<t:Clock kind='arrivals' shift='1 us'/>"),
+            "f.ssd:3: attribute 'shift' of 'Clock' of kind 'arrivals', expected it only with 'locked'"},
+        Bad{"ClockOverrun", annotated("", "<t:Clock kind='wall' overrun='slip'/>"),
+            "f.ssd:3: attribute 'overrun' of 'Clock': 'slip', expected one of 'catch_up', 'skip', 'stop'"},
+        Bad{"ClockTimeout", annotated("", "<t:Clock kind='locked' timeout='0'/>"),
+            "f.ssd:3: attribute 'timeout' of 'Clock': '0', expected 1e-09 s to"},
+        Bad{"ClockBandwidth", annotated("", "<t:Clock kind='locked' bandwidth='0'/>"),
+            "f.ssd:3: attribute 'bandwidth' of 'Clock': 0, expected 0.001 to 1000 Hz"},
+        Bad{"ClockPriority", annotated("", "<t:Clock kind='wall' priority='100'/>"),
+            "f.ssd:3: attribute 'priority' of 'Clock': 100, expected 0 to 99"},
+        Bad{"ClockCpu", annotated("", "<t:Clock kind='wall' cpu='1.5'/>"),
+            "f.ssd:3: attribute 'cpu' of 'Clock': '1.5', expected numbers of CPUs such as '2' or '2 3'"},
+        Bad{"ClockAttribute", annotated("", "<t:Clock kind='wall' prioriti='1'/>"),
+            "f.ssd:3: 'prioriti' is not an attribute of 'Clock', did you mean 'priority'?"},
         Bad{"Threads", annotated("threads='-1'", ""), "f.ssd:2: attribute 'threads' of 'Master': -1, expected 0 to 1024"},
         Bad{"Tolerance", annotated("tolerance='-1'", ""),
             "f.ssd:2: attribute 'tolerance' of 'Master': -1, expected a finite number"},
