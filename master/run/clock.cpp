@@ -100,7 +100,7 @@ void SourceClock::check_silence() {
 
 void ArrivalClock::start(Time now) {
   cycle_ = choose_cycle();
-  heard_ = host_.now();
+  start_ = heard_ = host_.now();
   reached_ = now;
   any_ = false;
   followed_ = 0;
@@ -158,6 +158,7 @@ std::int64_t ArrivalClock::cycles_since(const Arrival& arrival, double& offset) 
 }
 
 void ArrivalClock::accept(const Arrival& arrival, Time now) {
+  if (!any_ && arrival.host < start_) return;  // it came during the initialisation: its tick would be late
   const bool begins = !any_ || pauses();
   double offset = 0;
   const std::int64_t cycles = begins ? 0 : cycles_since(arrival, offset);

@@ -148,6 +148,7 @@ class ArrivalClock final : public SourceClock {
   void accept(const Arrival& arrival, Time now);
   std::int64_t cycles_since(const Arrival& arrival, double& offset) const;
 
+  std::int64_t start_ = 0;   // host time
   bool any_ = false;         // there was a packet, or the wall clock stands in for it
   std::int64_t anchor_ = 0;  // host time at which the scenario time `reached_` was due
   Time reached_;

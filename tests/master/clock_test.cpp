@@ -169,6 +169,15 @@ TEST_F(ClockedRun, ArrivalsBeginTicksWhenTheirPacketsCome) {
   }
 }
 
+TEST_F(ClockedRun, PacketsFromBeforeTheStartBeginNoTick) {
+  clock().kind = ClockKind::kArrivals;
+  clock().overrun = OverrunPolicy::kStop;
+  for (int i = -3; i < 20; ++i) world_.source.send(world_.begin + i * kMs - 300 * kUs, kEpoch + i * kMs);
+  const Summary s = run();
+  EXPECT_EQ(s.ticks, 10);
+  EXPECT_EQ(world_.steps[0].host, 700 * kUs);
+}
+
 TEST_F(ClockedRun, ArrivalsThatAreLostDelayOneTickByHalfACycleAndNoneIsForgotten) {
   clock().kind = ClockKind::kArrivals;
   build_.until(5);
