@@ -274,7 +274,7 @@ TEST(FriController, RatesByTheTimeOfArrivalNotOfReading) {
   Controller controller(controller_settings(p), "controller");
   Client client(client_settings(p), "client");
   controller.open(0);
-  for (std::int64_t k = 0; k < 300; ++k) {
+  for (std::int64_t k = 0; k < 300; k += 2) {
     const std::int64_t t = k * kMs;
     const auto message = controller.cycle(t);
     if (client.receive(message, {1, 1}, t + 1000) == Client::Reception::kAnswerDue) {
@@ -286,7 +286,6 @@ TEST(FriController, RatesByTheTimeOfArrivalNotOfReading) {
         controller.receive(client.answer({}, t + kMs + 2000), {2, 2}, t + kMs + 100'000);
       }
     }
-    ++k;
   }
   EXPECT_EQ(controller.statistics().in_time, 300u);
   EXPECT_EQ(controller.statistics().missing, 0u);
