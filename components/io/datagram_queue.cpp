@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <utility>
 
 #ifndef _WIN32
 #include <poll.h>
@@ -24,6 +25,7 @@ void DatagramQueue::open(const net::Endpoint& local, const std::string& place) {
   take();
   first_ = count_ = 0;
   stamped_ = false;
+  newest_.reset();
 }
 
 void DatagramQueue::set_source(const net::Endpoint& from, unsigned bits,
@@ -44,8 +46,7 @@ bool DatagramQueue::is_newer(std::uint32_t number) {
   return true;
 }
 
-std::optional<Arrival> DatagramQueue::take() {
-  std::optional<Arrival> newest;
+void DatagramQueue::take() {
   while (socket_) {
     // The oldest datagrams are dropped: the newest ones matter.
     if (count_ == kSlots) {
@@ -61,13 +62,11 @@ std::optional<Arrival> DatagramQueue::take() {
     ++count_;
     if (!stamp_ || !source_.covers(slot.from)) continue;
     const std::optional<Stamp> stamp = stamp_({slot.bytes.data(), slot.size});
-    if (stamp && is_newer(stamp->number)) newest = Arrival{slot.arrival, (number_ + 1) * stamp->period};
+    if (stamp && is_newer(stamp->number)) newest_ = Arrival{slot.arrival, (number_ + 1) * stamp->period};
   }
-  return newest;
 }
 
 std::optional<DatagramQueue::Datagram> DatagramQueue::receive() {
-  if (count_ == 0) take();
   if (count_ == 0) return std::nullopt;
   const Slot& slot = slots_[first_];
   first_ = (first_ + 1) % kSlots;
@@ -77,7 +76,8 @@ std::optional<DatagramQueue::Datagram> DatagramQueue::receive() {
 
 std::optional<Arrival> DatagramQueue::wait(std::int64_t deadline) {
   for (;;) {
-    if (const std::optional<Arrival> newest = take()) return newest;
+    take();
+    if (newest_) return std::exchange(newest_, std::nullopt);
     if (!socket_ || !sleep(deadline)) return std::nullopt;
   }
 }

@@ -38,9 +38,9 @@ class DatagramQueue : public TickSource {
                   std::function<std::optional<Stamp>(std::span<const std::uint8_t>)> stamp);
   void set_period(std::int64_t period) { period_ = period; }
 
-  /// The next datagram that has come.
+  /// The next datagram that waiting() has counted. A step reads so many and no more: an answer may bring the next message at once.
   std::optional<Datagram> receive();
-  /// Datagrams that receive() has to give.
+  /// Takes what has come. The number of datagrams that receive() has to give.
   std::size_t waiting() {
     take();
     return count_;
@@ -65,8 +65,8 @@ class DatagramQueue : public TickSource {
   };
   static constexpr std::size_t kSlots = 64;
 
-  /// Takes what has come from the socket. The newest datagram of the source, if one came that is newer than all before.
-  std::optional<Arrival> take();
+  /// Takes what has come from the socket, and notes the newest datagram of the source if it is newer than all before.
+  void take();
   bool is_newer(std::uint32_t number);
   bool sleep(std::int64_t deadline) const;
 
@@ -79,7 +79,8 @@ class DatagramQueue : public TickSource {
   unsigned bits_ = 32;
   std::function<std::optional<Stamp>(std::span<const std::uint8_t>)> stamp_;
   bool stamped_ = false;
-  std::int64_t number_ = 0;  // of the newest datagram, without wrap
+  std::optional<Arrival> newest_;  // that the clock has not seen
+  std::int64_t number_ = 0;        // of the newest datagram, without wrap
 };
 
 /// ns, CLOCK_MONOTONIC.

@@ -198,7 +198,8 @@ void FriControllerLink::initialise(Time start, Measured&) {
 }
 
 StepResult FriControllerLink::step(Time now, Duration h, const Command&, Measured&) {
-  while (const auto datagram = datagrams_.receive()) {
+  for (std::size_t left = datagrams_.waiting(); left > 0; --left) {
+    const auto datagram = datagrams_.receive();
     controller_->receive(datagram->bytes, datagram->from, scenario_time(datagram->arrival, host_, at_, now.ns));
     if (const std::uint64_t commands = controller_->statistics().commands.received(); commands != commands_) {
       commands_ = commands;

@@ -204,7 +204,8 @@ void FriLink::initialise(Time start, Measured& measured) {
 
 StepResult FriLink::step(Time now, Duration h, const Command& command, Measured& measured) {
   measured.fresh = false;
-  while (const auto datagram = datagrams_.receive()) {
+  for (std::size_t left = datagrams_.waiting(); left > 0; --left) {
+    const auto datagram = datagrams_.receive();
     const std::int64_t arrival = scenario_time(datagram->arrival, host_, at_, now.ns);
     if (take(*datagram, arrival, now.ns, command)) measure(measured);
   }

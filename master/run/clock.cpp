@@ -148,9 +148,12 @@ std::int64_t ArrivalClock::cycles_since(const Arrival& arrival, double& offset) 
   double cycles = std::round(passed);
   if (arrival.source != 0 && source_ != 0) {
     const double counted = std::round((static_cast<double>(arrival.source) - static_cast<double>(source_)) / cycle);
-    const bool slower = spec_.silence == SilencePolicy::kWait;  // scenario time follows the source, however slow
     if (counted <= 0 && counted > -kReordered) return 0;
-    if (counted < passed + 1.5 && (slower || counted > passed - 1.5)) cycles = counted;
+    // The next packet is one cycle later, however slow or fast the source is. With `wait`, scenario time follows the source through
+    // losses, too; more cycles than can be lost in a row are those of a source that has begun anew.
+    constexpr double kMostLost = 256;
+    const bool any_speed = counted == 1 || (spec_.silence == SilencePolicy::kWait && counted <= kMostLost);
+    if (any_speed || (counted < passed + 1.5 && counted > passed - 1.5)) cycles = counted;
   }
   cycles = std::clamp(cycles, 0.0, 1e9);
   offset = cycle * (passed - cycles);

@@ -4,6 +4,9 @@
 //     "needs": ["../../../shared/…"],              files, relative to the folder, without which the test is skipped
 //     "scenario": "twin.ssd",                      if it is not <scenario>.ssd
 //     "command": "search",                         in place of run; its JSON is the summary
+//     "script": "run.sh",                          in place of run: a script of several processes, with a free UDP port in PORT and
+//                                                  the folder for results in OUT; figures have "of": a folder in it, and perhaps
+//                                                  "minus_of" for the signal that is subtracted
 //     "options": ["--set", "a.b=1"],               of the command
 //     "figures": [
 //       {"what": "…", "summary": "/ticks", …},                                     a JSON pointer into the summary
@@ -17,7 +20,10 @@
 // changes the scenario slightly (scripts/sensitivity.sh).
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
 #include <stdlib.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -139,6 +145,44 @@ void check(const json& figure, const json& summary, const Table& table) {
   }
 }
 
+/// A UDP port of 127.0.0.1 that is free at present.
+int free_port() {
+  const int socket = ::socket(AF_INET, SOCK_DGRAM, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof address;
+  EXPECT_EQ(::bind(socket, reinterpret_cast<sockaddr*>(&address), size), 0);
+  EXPECT_EQ(::getsockname(socket, reinterpret_cast<sockaddr*>(&address), &size), 0);
+  ::close(socket);
+  return ntohs(address.sin_port);
+}
+
+/// Runs the script of an example and checks the figures.
+void run_processes(const fs::path& script, const json& expected) {
+  const TemporaryFolder results("example");
+  const std::vector<std::string> environment = {"COTWIN=" + cotwin::places::program(), "OUT=" + results.path().string(),
+                                                "PORT=" + std::to_string(free_port())};
+  std::vector<std::string> command = {script, "--quiet"};
+  for (const std::string& option : expected.value("options", std::vector<std::string>{})) command.push_back(option);
+  const RunResult ran = cotwin::testing::run_command(command, {.environment = environment, .merge = true});
+  ASSERT_EQ(ran.code, 0) << ran.out;
+  std::map<std::string, Table> tables;
+  for (const json& figure : expected.at("figures")) {
+    const auto of = figure.at("of").get<std::string>();
+    if (!tables.contains(of)) tables[of] = read_table(results.path() / of / "signals.csv");
+    Table& table = tables[of];
+    if (figure.contains("minus_of")) {
+      const auto other = figure.at("minus_of").get<std::string>(), minus = figure.at("minus").get<std::string>();
+      const Table source = read_table(results.path() / other / "signals.csv");
+      ASSERT_NE(source.find(minus), nullptr) << minus;
+      table.columns[minus] = *source.find(minus);
+      for (auto& [name, values] : table.columns) values.resize(std::min(values.size(), table.columns[minus].size()));
+    }
+    check(figure, {}, table);
+  }
+}
+
 class Example : public testing::TestWithParam<std::string> {};
 
 TEST_P(Example, RunsAndGivesTheExpectedFigures) {
@@ -147,6 +191,8 @@ TEST_P(Example, RunsAndGivesTheExpectedFigures) {
   for (const std::string& need : expected.value("needs", std::vector<std::string>{})) {
     if (!fs::exists(file.parent_path() / need)) GTEST_SKIP() << "needs " << need;
   }
+  if (expected.contains("script"))
+    return run_processes(file.parent_path() / expected.at("script").get<std::string>(), expected);
   std::string scenario = file.string();
   scenario.replace(scenario.size() - std::string(".expected.json").size(), std::string::npos, ".ssd");
   if (expected.contains("scenario")) scenario = file.parent_path() / expected.at("scenario").get<std::string>();

@@ -1,0 +1,16 @@
+#!/bin/sh
+# Runs robot and twin as two processes that talk FRI over UDP: run.sh [OPTION…]; options are those of `cotwin run` for both. PORT: the
+# twin's UDP port (default: 49938). OUT: folder for the results. See ../common.sh for COTWIN.
+set -eu
+here=$(cd "$(dirname "$(readlink -f "$0")")" && pwd)
+. "$here/../common.sh"
+port=${PORT:-49938}
+out=${OUT:-results/guidance_over_fri}
+
+# The client is started first, as with a real robot.
+"$COTWIN" run "$here/twin.ssd" --out "$out/twin" --set "link.port=$port" "$@" &
+twin=$!
+trap 'kill $twin 2>/dev/null || true' EXIT
+"$COTWIN" run "$here/robot.ssd" --out "$out/robot" --set "controller.client=127.0.0.1:$port" "$@"
+trap - EXIT
+wait $twin
