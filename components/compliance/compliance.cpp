@@ -83,6 +83,7 @@ Compliance::Compliance(Settings& settings, const robot::RobotModel& robot, bool 
   met_.resize(n_);
   limit_.resize(n_);
   limits_.resize(n_);
+  link_sides_.resize(n_);
   if (settings.boolean("terms")) terms_ = std::make_unique<TorqueTerms>(n_);
   for (std::size_t i = 0; i < n_; ++i) {
     const robot::Joint& joint = robot.joints[i];
@@ -106,10 +107,13 @@ Compliance::Compliance(Settings& settings, const robot::RobotModel& robot, bool 
 Compliance::~Compliance() = default;
 
 void Compliance::initialise(Time) {
+  checked_ = false;
   check();
   take_spin();
   drive_in_force_ = drive_;
+  take_links();
   in_force_ = wanted_;
+  checked_ = true;
   links_.take_bodies(place_);
   warning_.clear();
   warning_.reserve(longest_warning(n_) + (cartesian_ ? CartesianMotion::longest_warning() : 0));  // a step allocates nothing
@@ -188,10 +192,13 @@ void Compliance::start_motion() {
 void Compliance::follow_tunables(double h) {
   const double remaining = transition_ > 0 ? std::exp(-h / transition_) : 0.0;
   const auto towards = [remaining](double value, double target) { return target + (value - target) * remaining; };
-  follow(drive_in_force_, drive_, robot::kDriveParameters, remaining);
-  follow(in_force_, wanted_, kGains, remaining);
+  if (!settled_) {
+    follow(drive_in_force_, drive_, robot::kDriveParameters, remaining);
+    take_links();
+    follow(in_force_, wanted_, kGains, remaining);
+  }
   if (cartesian_) cartesian_->follow(remaining, h);
-  for (std::size_t i = 0; i < n_ && !cartesian_; ++i) {
+  for (std::size_t i = 0; i < n_ && !cartesian_ && !settled_; ++i) {
     Admittance now{.M_a = in_force_.M_a[i], .S_a = in_force_.S_a[i]};
     Tank tank{tank_[i], tank_max_[i]};
     const Admittance next{.M_a = towards(now.M_a, wanted_.M_a[i]), .S_a = towards(now.S_a, wanted_.S_a[i])};
@@ -204,7 +211,9 @@ void Compliance::follow_tunables(double h) {
 }
 
 void Compliance::restored() {
+  checked_ = false;
   copy_fixed(drive_in_force_, drive_, robot::kDriveParameters);
+  take_links();
   links_.restored_bodies();
   if (cartesian_) cartesian_->restored();
 }
@@ -241,7 +250,7 @@ void Compliance::impede(double h) {
   tracking_.dtheta_c = dq_c_;
   take_gravity();
   for (std::size_t i = 0; i < n_; ++i) {
-    robot::LinkSide side = robot::link_side(drive_in_force_, i);
+    robot::LinkSide side = link_sides_[i];
     side.spring = {};  // part of the static torque
     tau_fl_[i] = side.at(q_c_[i], dq_c_[i], gravity_[i]).torque;
     tau_m_[i] += h > 0 ? (tau_fl_before_[i] + tau_fl_[i]) / 2 : tau_fl_[i];
@@ -288,7 +297,7 @@ void Compliance::move_compliantly(double h) {
 void Compliance::add_load(double h) {
   take_gravity();
   for (std::size_t i = 0; i < n_; ++i) {
-    tau_fl_[i] = robot::link_side(drive_in_force_, i).at(q_c_[i], dq_c_[i], gravity_[i]).torque;
+    tau_fl_[i] = link_sides_[i].at(q_c_[i], dq_c_[i], gravity_[i]).torque;
     load_mean_[i] = h > 0 ? (tau_fl_before_[i] + tau_fl_[i]) / 2 : tau_fl_[i];
     load_end_[i] = tau_fl_before_[i] = tau_fl_[i];
     if (!tau_e_acts_on_robot_) continue;
@@ -310,6 +319,10 @@ void Compliance::take_gravity() {
   if (std::ranges::all_of(drive_in_force_.link_load, [](double load) { return load == 0; })) return;
   const auto n = static_cast<Eigen::Index>(n_);
   links_.gravity(Eigen::Map<const Eigen::VectorXd>(q_c_.data(), n), Eigen::Map<Eigen::VectorXd>(gravity_.data(), n));
+}
+
+void Compliance::take_links() {
+  for (std::size_t i = 0; i < n_; ++i) link_sides_[i] = robot::link_side(drive_in_force_, i);
 }
 
 // Adds friction of the motors and applies the limits.

@@ -112,6 +112,7 @@ class Compliance final : public Unit {
   }
   double motor_friction(std::size_t i, double h);
   void take_gravity();
+  void take_links();
 
   std::string place_;  // for messages
   std::size_t n_ = 0;
@@ -149,8 +150,11 @@ class Compliance final : public Unit {
   bool saturated_ = false;
   std::string warning_;
   std::vector<std::int32_t> limit_;
-  std::unique_ptr<TorqueTerms> terms_;  // terms=true
+  std::unique_ptr<TorqueTerms> terms_;       // terms=true
+  std::vector<robot::LinkSide> link_sides_;  // of drive_in_force_
   // Handed from one phase of a step to the next.
+  bool settled_ = false;         // gains and drive in force are those wanted: they need not follow
+  bool checked_ = false;         // those in force are in their ranges
   Joints tau_fl_, tau_fm_;       // friction of the link (with its springs) and the motor side at the end of the step
   Joints gravity_;               // N.m: g(q_c), only where friction grows with the load
   Joints load_mean_, load_end_;  // friction and springs of the link less τ_e, over the step and at its end

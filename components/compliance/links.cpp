@@ -14,6 +14,11 @@ void Links::inverse_dynamics(const robot::VectorIn& q, const robot::VectorIn& dq
   reduced_inverse_dynamics(f.mechanism, f.data, f.inertia, q, dq, a, spin_, Wrench::Zero(), tau);
 }
 
+void Links::inverse_dynamics(const States& q, const States& dq, const States& a, States& tau) {
+  robot::inverse_dynamics_batch(mechanism_, data_, static_cast<std::size_t>(q.rows()), q.data(), dq.data(), a.data(),
+                                tau.data());
+}
+
 void Links::mass_matrix(const robot::VectorIn& q, robot::MatrixOut M) {
   if (!floating_) return robot::mass_matrix(mechanism_, data_, q, M);
   floating_inertia(floating_->mechanism, floating_->data, q, floating_->inertia);
@@ -38,6 +43,11 @@ Pose Links::forward_kinematics(const robot::VectorIn& q, const robot::FrameOnBod
 
 Pose Links::jacobian(const robot::VectorIn& q, const robot::FrameOnBody& frame, robot::MatrixOut J) {
   return robot::jacobian(mechanism_, data_, q, frame, J);
+}
+
+Pose Links::jacobian(const robot::VectorIn& q, const robot::VectorIn& dq, const robot::FrameOnBody& frame, robot::MatrixOut J,
+                     robot::MatrixOut dJ) {
+  return robot::jacobian(mechanism_, data_, q, dq, frame, J, dJ);
 }
 
 void Links::jacobian_dot_times_dq(const robot::VectorIn& q, const robot::VectorIn& dq, const robot::FrameOnBody& frame,

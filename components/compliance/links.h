@@ -17,12 +17,19 @@ class Links {
   /// Angular momentum of a floating robot about its centre of mass in the base's axes, N m s.
   void set_spin(const Eigen::Vector3d& spin) { spin_ = spin; }
   void inverse_dynamics(const robot::VectorIn& q, const robot::VectorIn& dq, const robot::VectorIn& a, robot::VectorOut tau);
+  /// Whether inverse_dynamics() of several states in one call is possible: not with a floating base.
+  bool has_batch() const { return !floating_; }
+  /// As robot::inverse_dynamics_batch(): one state per row.
+  using States = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic>;
+  void inverse_dynamics(const States& q, const States& dq, const States& a, States& tau);
   void mass_matrix(const robot::VectorIn& q, robot::MatrixOut M);
   void coriolis_matrix(const robot::VectorIn& q, const robot::VectorIn& dq, robot::MatrixOut C);
   void gravity(const robot::VectorIn& q, robot::VectorOut g);
   /// As those of models/robot/dynamics.h, in the axes of the base.
   Pose forward_kinematics(const robot::VectorIn& q, const robot::FrameOnBody& frame);
   Pose jacobian(const robot::VectorIn& q, const robot::FrameOnBody& frame, robot::MatrixOut J);
+  Pose jacobian(const robot::VectorIn& q, const robot::VectorIn& dq, const robot::FrameOnBody& frame, robot::MatrixOut J,
+                robot::MatrixOut dJ);
   void jacobian_dot_times_dq(const robot::VectorIn& q, const robot::VectorIn& dq, const robot::FrameOnBody& frame,
                              Eigen::Ref<Twist> a);
 

@@ -31,6 +31,7 @@ Followed follow(const Followed& from, double target, double w, double most, doub
 
 Tracking::Tracking(const robot::RobotModel& robot)
     : n_(static_cast<std::size_t>(robot.n())),
+      states_(robot.n()),
       M_(robot.n(), robot.n()),
       C_(robot.n(), robot.n()),
       q_(robot.n()),
@@ -51,23 +52,66 @@ void Tracking::start(Links& links, const Reference& reference, const Load& load,
 void Tracking::refer(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
                      const WindingUp& winding_up, double h) {
   const auto q_c = map(reference.q_c), dq_c = map(reference.dq_c), a = map(reference.mean_ddq_c);
-  links.inverse_dynamics(q_c, dq_c, map(reference.ddq_c), map(tau_c));
-  map(tau_c) += map(load.end);
   theta_c = reference.q_c;
   dtheta_c = reference.dq_c;
   a_theta_ = reference.mean_ddq_c;
   elastic_ = std::ranges::any_of(drives.K, [](double K) { return K > 0; });
-  if (!elastic_) return;
+  if (!elastic_) {
+    links.inverse_dynamics(q_c, dq_c, map(reference.ddq_c), map(tau_c));
+    map(tau_c) += map(load.end);
+    return;
+  }
 
   // The torque of the reference in the middle of the step is its mean over the step.
   q_ = q_c - h / 2 * dq_c + h * h / 8 * a;
   dq_ = dq_c - h / 2 * a;
-  links.inverse_dynamics(q_, dq_, a, tau_);
+  v_ = a;
+  sprung_ = std::ranges::any_of(drives.spring_sin, [](double amplitude) { return amplitude != 0; }) ||
+            std::ranges::any_of(drives.spring_cos, [](double amplitude) { return amplitude != 0; });
+  take_loads(links, reference, drives);
+  map(tau_c) += map(load.end);
   links.mass_matrix(q_, M_);
   tau_ += map(load.mean);
   M_.diagonal() += map(drives.B);
   const double left = std::exp(-winding_up.bandwidth * h);
   for (std::size_t i = 0; i < n_; ++i) wind_up(i, tau_[static_cast<Eigen::Index>(i)], drives, winding_up, h, left);
+}
+
+void Tracking::add_springs(const robot::DriveParameters& drives, const Eigen::VectorXd& at, Eigen::VectorXd& torque) const {
+  if (!sprung_) return;
+  for (std::size_t i = 0; i < n_; ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    torque[k] += robot::spring(drives, i).at(at[k]).torque;
+  }
+}
+
+/// Inverse dynamics of the reference at the end of the step and, into tau_, of (q_, dq_, v_) in its middle; g there and at q_ − e_.
+void Tracking::take_loads(Links& links, const Reference& reference, const robot::DriveParameters& drives) {
+  const auto e = map(e_);
+  if (links.has_batch()) {
+    states_.q.row(0) = map(reference.q_c);
+    states_.dq.row(0) = map(reference.dq_c);
+    states_.a.row(0) = map(reference.ddq_c);
+    states_.q.row(1) = states_.q.row(2) = q_;
+    states_.dq.row(1) = dq_;
+    states_.a.row(1) = v_;
+    v_ = q_ - e;
+    states_.q.row(3) = v_;
+    links.inverse_dynamics(states_.q, states_.dq, states_.a, states_.tau);
+    map(tau_c) = states_.tau.row(0);
+    tau_ = states_.tau.row(1);
+    g_c_ = states_.tau.row(2);
+    g_ = states_.tau.row(3);
+  } else {
+    links.inverse_dynamics(map(reference.q_c), map(reference.dq_c), map(reference.ddq_c), map(tau_c));
+    links.inverse_dynamics(q_, dq_, v_, tau_);
+    links.gravity(q_, g_c_);
+    v_ = q_ - e;
+    links.gravity(v_, g_);
+  }
+  add_springs(drives, q_, g_c_);
+  add_springs(drives, v_, g_);
+  at_error_ = true;
 }
 
 void Tracking::wind_up(std::size_t i, double tau, const robot::DriveParameters& drives, const WindingUp& winding_up, double h,
@@ -101,6 +145,7 @@ void Tracking::take_error(const Measured& measured, const robot::DriveParameters
     e_[i] = theta_c[i] - (elastic ? measured.theta[i] : measured.q[i]);
     de_[i] = dtheta_c[i] - (elastic ? measured.dtheta[i] : measured.dq[i]);
   }
+  at_error_ = false;
 }
 
 void Tracking::torque(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
@@ -140,24 +185,18 @@ void Tracking::torque_of_elastic(Links& links, const robot::DriveParameters& dri
   // q_c would need gains larger than the gradient of gravity. q̄ is found by one fixed-point correction of twice the usual size;
   // the remaining error then stabilises for any gains (docs/equations.md).
   const auto e = map(e_), de = map(de_);
-  const bool sprung = std::ranges::any_of(drives.spring_sin, [](double a) { return a != 0; }) ||
-                      std::ranges::any_of(drives.spring_cos, [](double b) { return b != 0; });
-  const auto g = [&](const Eigen::VectorXd& at, Eigen::VectorXd& torque) {
-    links.gravity(at, torque);
-    if (!sprung) return;
-    for (std::size_t i = 0; i < n_; ++i) {
-      const auto k = static_cast<Eigen::Index>(i);
-      torque[k] += robot::spring(drives, i).at(at[k]).torque;
-    }
-  };
-  v_ = q_ - e;  // q_: the reference in the middle of the step, by refer()
-  g(q_, g_c_);
-  g(v_, g_);
+  v_ = q_ - e;       // q_: the reference in the middle of the step, by refer()
+  if (!at_error_) {  // the error was taken after refer(): at the start
+    links.gravity(v_, g_);
+    add_springs(drives, v_, g_);
+  }
   for (std::size_t i = 0; i < n_; ++i) {
     const auto k = static_cast<Eigen::Index>(i);
     if (drives.K[i] > 0) v_[k] -= 2 * (g_[k] - g_c_[k]) / drives.K[i];
   }
-  g(v_, g_);
+  links.gravity(v_, g_);
+  add_springs(drives, v_, g_);
+  at_error_ = false;
   tau_ = g_ - g_c_;
 
   // K_P e + K_D ė
@@ -165,16 +204,16 @@ void Tracking::torque_of_elastic(Links& links, const robot::DriveParameters& dri
   if (p < 1) {
     const auto omega = map(gains.omega).array(), zeta = map(gains.zeta).array();
     s_ = (omega * e.array()).matrix();
-    v_.noalias() = M_ * s_;
+    v_.noalias() = M_.lazyProduct(s_);
     tau_.array() += (1 - p) * omega * v_.array();
     s_ = ((omega * zeta).sqrt() * de.array()).matrix();
-    v_.noalias() = M_ * s_;
+    v_.noalias() = M_.lazyProduct(s_);
     tau_.array() += (1 - p) * 2 * (omega * zeta).sqrt() * v_.array();
   }
   if (p > 0) {
     const auto Lambda = map(gains.Lambda).array(), K_s = map(gains.K_s).array();
     s_ = (Lambda.sqrt() * de.array()).matrix();
-    v_.noalias() = M_ * s_;
+    v_.noalias() = M_.lazyProduct(s_);
     tau_.array() += p * (Lambda.sqrt() * v_.array() + K_s * (de.array() + Lambda * e.array()));
   }
 

@@ -86,6 +86,8 @@ class Tracking {
   Joints tau_c;  // N.m; τ_J,c at the end of the step
 
  private:
+  void take_loads(Links& links, const Reference& reference, const robot::DriveParameters& drives);
+  void add_springs(const robot::DriveParameters& drives, const Eigen::VectorXd& at, Eigen::VectorXd& torque) const;
   void wind_up(std::size_t i, double tau, const robot::DriveParameters& drives, const WindingUp& winding_up, double h,
                double left);
   void torque_of_rigid(Links& links, const Reference& reference, const Load& load, const robot::DriveParameters& drives,
@@ -96,10 +98,17 @@ class Tracking {
   std::size_t n_;
   // Handed from one phase of a step to the next.
   bool elastic_ = false;              // any joint is
+  bool sprung_ = false;               // any link has a spring
   Joints e_, de_;                     // at the beginning of the step
+  bool at_error_ = false;             // g_ is that at q_ − e_
   Joints tau_w_before_, tau_w_mean_;  // τ_w at the beginning of the step and its mean over it
   Joints a_theta_;                    // mean of θ̈_c over the step
-  Eigen::MatrixXd M_;                 // of the reference in the middle of the step, with the motors' B
+  /// Four states by row: the reference at the end of the step, in its middle, there at rest, and this less e_.
+  struct States {
+    explicit States(Eigen::Index n) : q(Links::States::Zero(4, n)), dq(q), a(q), tau(q) {}
+    Links::States q, dq, a, tau;
+  } states_;
+  Eigen::MatrixXd M_;  // of the reference in the middle of the step, with the motors' B
   // Scratch.
   Eigen::MatrixXd C_;
   Eigen::VectorXd q_, dq_, v_, s_, tau_, g_, g_c_;

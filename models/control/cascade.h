@@ -3,6 +3,8 @@
 #include <Eigen/Eigenvalues>
 #include <vector>
 
+#include "models/control/small_matrices.h"
+
 /// Redundancy resolution at the acceleration level (IV-A3, [28]; derivations in docs/equations.md). Nothing here allocates
 /// after construction or throws.
 namespace cotwin::control {
@@ -11,8 +13,6 @@ using VectorIn = Eigen::Ref<const Eigen::VectorXd>;
 using VectorOut = Eigen::Ref<Eigen::VectorXd>;
 using MatrixIn = Eigen::Ref<const Eigen::MatrixXd>;
 using MatrixOut = Eigen::Ref<Eigen::MatrixXd>;
-
-inline constexpr int kMostRows = 6;  // of a task: a twist
 
 /// One task of a cascade: ẍ = J q̈ + J̇ q̇ should be followed, as far as the tasks before it leave freedom.
 struct Task {
@@ -62,6 +62,8 @@ class Cascade {
   void solve(VectorOut ddq);
   /// v ← N_r v.
   void project(VectorOut v);
+  /// v ← N_r (v + M⁻¹ τ).
+  void project(VectorOut v, const VectorIn& tau);
   /// τ ← N_rᵀ τ: the part of a joint torque that accelerates no task.
   void project_force(VectorOut tau);
   /// x ← M⁻¹ x.
@@ -78,6 +80,7 @@ class Cascade {
     Level(int rows, int n);
     std::vector<double> J_hat, W;  // rows x n, row-major: scaled J L⁻ᵀ, and this projected
     std::vector<double> R;         // rows x rows, lower triangular: W = R Y without damping
+    std::vector<double> inverse;   // rows: 1/R_ii
     std::vector<double> G;         // rows x rows: J_k|p J_k|pᵀ
     std::vector<double> t;         // rows
     Square damped;
@@ -87,32 +90,32 @@ class Cascade {
     bool active = false;
   };
 
-  // N: n if it is known to the compiler, otherwise 0.
-  template <int N>
-  bool decompose_as(const MatrixIn& M);
-  template <int N>
-  bool factorise(const MatrixIn& M);
-  template <int N>
-  void whiten(const Task& task, Level& level);
+  // n, m: integral constants if they are known to the compiler, otherwise int.
+  template <class N>
+  bool factorise(const MatrixIn& M, N n);
+  template <class N, class M>
+  void take(Task& task, Level& level, N n, M m);
+  template <class N>
+  void whiten(const Task& task, Level& level, N n);
   void project_row(const Level& level, double* row);
-  template <int N>
-  void gram(const Task& task, Level& level, bool projected);
-  template <int N>
-  void orthonormalise(Level& level, int rows);
+  template <class N, class M>
+  void gram(const Task& task, Level& level, bool projected, N n, M m);
+  template <class N, class M>
+  void orthonormalise(Level& level, N n, M m);
   void damp(Task& task, Level& level, int rows);
-  void forward(const double* x, double* y) const;   // y = Lᵀ x
-  void backward(const double* y, double* x) const;  // x = L⁻ᵀ y
-  void lower_solve(double* x) const;                // x ← L⁻¹ x
-  void remove(double* x);                           // x ← (I − Yᵀ Y) x
+  void forward(const double* x, double* y) const;
+  void backward(const double* y, double* x) const;
+  void lower_solve(double* x) const;
+  void remove(double* x);  // x ← (I − Yᵀ Y) x
 
   int n_ = 0;
   int rows_ = 0;  // of Y in use
   bool exact_ = true;
-  std::vector<double> L_;  // n x n, row-major, lower triangular
-  std::vector<double> inverse_diagonal_;
-  std::vector<double> columns_;  // n x kMostRows, scratch
-  std::vector<double> Y_;        // all rows x n, row-major
-  std::vector<double> c_;        // all rows
+  std::vector<double> l_;                    // n x n, row-major, below the diagonal: M = l D lᵀ, L = l √D
+  std::vector<double> root_, inverse_root_;  // √D, 1/√D
+  std::vector<double> columns_;              // n x kMostRows, scratch
+  std::vector<double> Y_;                    // all rows x n, row-major
+  std::vector<double> c_;                    // all rows
   std::vector<double> x_, z_;
   std::vector<Level> levels_;
 };

@@ -28,6 +28,7 @@ class NullSpace {
     VectorIn tau_e;     // n: external joint torque, N.m
     double yield = 0;   // s ≥ 0: 0: stiff against τ_e, 1: moves with the inertia of the robot, > 1: lighter
     double k_nu = 0;    // 1/s, ≥ 0; 0: self-motion never stops
+    const Eigen::VectorXd* also = nullptr;  // n: an acceleration that is added to ξ
   };
   /// After Cascade::decompose() at the same q, with dJ of the tasks. Computes the following.
   void evaluate(Cascade& cascade, const Inputs& inputs);
@@ -39,12 +40,8 @@ class NullSpace {
   double external_work = 0;  // W: s νᵀ τ_e
 
  private:
-  Eigen::VectorXd p_, Mnu_;
+  Eigen::VectorXd p_, force_, Mnu_;
   std::vector<Eigen::VectorXd> forces_;
 };
-
-/// Seconds h for central differences along a motion: h q̇ has no element beyond 1e-4 rad (m), so the error is about 1e-9 of the
-/// rate. 0 at rest.
-double rate_step(const VectorIn& dq);
 
 }  // namespace cotwin::control

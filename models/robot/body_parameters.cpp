@@ -65,9 +65,14 @@ void BodyParameters::take(const std::string& place, Mechanism& mechanism) {
 }
 
 bool BodyParameters::pending() const {
-  bool changed = false;
-  for (std::size_t k = 0; k < in_force.size() && !changed; ++k) changed = in_force[k] != wanted(k);
-  return changed;
+  int changed = 0;  // without branches, because it is called in every step
+  const double* pi = in_force.data();
+  for (std::size_t body = 0; body < mass.size(); ++body, pi += 10) {
+    changed += pi[0] != mass[body];
+    for (std::size_t k = 0; k < 3; ++k) changed += pi[1 + k] != first_moment[3 * body + k];
+    for (std::size_t k = 0; k < 6; ++k) changed += pi[4 + k] != inertia[6 * body + k];
+  }
+  return changed > 0;
 }
 
 bool BodyParameters::follow(const std::string& place, double remaining, Mechanism& mechanism) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/robot/jacobian_rate.h"
 #include "models/support/error.h"
 
 namespace cotwin::robot {
@@ -67,6 +68,7 @@ CoupledScratch::CoupledScratch(int n, int all)
       by_q(all, all),
       by_dq(all, all),
       J(6, all),
+      dJ(6, all),
       Y(all, 10 * all),
       reduced(n, n),
       J_reduced(6, n),
@@ -191,6 +193,15 @@ void CoupledDynamics::kinematics(const double* q, int body, const KernelPose& X_
   if (!J) return;
   J->setZero();
   for (int k = 0; k < model_.n; ++k) J->col(G_.leader[at(k)]) += G_.rate[at(k)] * s_.J.col(k);
+}
+
+void CoupledDynamics::jacobian_rate(const double* q, const double* dq, int body, const KernelPose& X_JF, KernelPose* X_BF,
+                                    MatrixOut J, MatrixOut dJ) {
+  kinematics(q, body, X_JF, X_BF, &J);
+  rates(dq, s_.dq);
+  robot::jacobian_rate(model_.n, s_.J.data(), s_.J.outerStride(), s_.dq.data(), s_.dJ.data(), s_.dJ.outerStride());
+  dJ.setZero();
+  for (int k = 0; k < model_.n; ++k) dJ.col(G_.leader[at(k)]) += G_.rate[at(k)] * s_.dJ.col(k);
 }
 
 void CoupledDynamics::jacobian_dot_times_dq(const double* q, const double* dq, int body, const KernelPose& X_JF, double* a) {

@@ -35,7 +35,7 @@ struct CoupledScratch {
 
   static constexpr std::size_t kBatch = 64;                     // states of inverse_dynamics_batch at once
   Eigen::VectorXd q, dq, ddq, tau, zeros;                       // all
-  Eigen::MatrixXd M, by_q, by_dq, J, Y;                         // all; J 6 x all, Y all x 10 all
+  Eigen::MatrixXd M, by_q, by_dq, J, dJ, Y;                     // all; J and dJ 6 x all, Y all x 10 all
   Eigen::MatrixXd reduced, J_reduced, J_by_M;                   // n x n, 6 x n, n x 6
   Eigen::VectorXd h;                                            // n
   std::vector<double> batch_q, batch_dq, batch_ddq, batch_tau;  // all · kBatch
@@ -61,6 +61,8 @@ class CoupledDynamics {
   void regressor(const double* q, const double* dq, const double* ddq, MatrixOut Y);
   /// J: nullptr if it is not needed. `body` as in the RobotModel.
   void kinematics(const double* q, int body, const KernelPose& X_JF, KernelPose* X_BF, MatrixOut* J);
+  void jacobian_rate(const double* q, const double* dq, int body, const KernelPose& X_JF, KernelPose* X_BF, MatrixOut J,
+                     MatrixOut dJ);
   void jacobian_dot_times_dq(const double* q, const double* dq, int body, const KernelPose& X_JF, double* a);
   void operational_inertia_inverse(const double* q, int body, const KernelPose& X_JF, MatrixOut Lambda_inverse);
   double potential_energy(const double* q);

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "models/robot/coupled_dynamics.h"
+#include "models/robot/jacobian_rate.h"
 #include "models/robot/kernels/kernels.h"
 
 namespace cotwin::robot {
@@ -443,6 +444,21 @@ Pose jacobian(const Mechanism& mechanism, Data& data, const VectorIn& q, const F
   m.kernels->kinematics(m.model, data.impl().scratch.get(), q.data(), frame.body, kernel_pose(frame.X_BF), &X_BF, J.data(),
                         J.outerStride());
   return pose_of(X_BF);
+}
+
+Pose jacobian(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq, const FrameOnBody& frame,
+              MatrixOut J, MatrixOut dJ) {
+  const auto& m = mechanism.impl();
+  assert(dq.size() == m.dofs && dJ.rows() == 6 && dJ.cols() == m.dofs);
+  if (m.coupling) {
+    assert(q.size() == m.dofs && frame.body < m.model.n && J.rows() == 6 && J.cols() == m.dofs);
+    KernelPose X_BF;
+    coupled(m, data).jacobian_rate(q.data(), dq.data(), frame.body, kernel_pose(frame.X_BF), &X_BF, J, dJ);
+    return pose_of(X_BF);
+  }
+  const Pose X = jacobian(mechanism, data, q, frame, J);
+  jacobian_rate(m.dofs, J.data(), J.outerStride(), dq.data(), dJ.data(), dJ.outerStride());
+  return X;
 }
 
 void jacobian_dot_times_dq(const Mechanism& mechanism, Data& data, const VectorIn& q, const VectorIn& dq,

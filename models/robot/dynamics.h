@@ -93,6 +93,9 @@ void regressor(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, c
 Pose forward_kinematics(const Mechanism&, Data&, const VectorIn& q, const FrameOnBody& frame);
 /// J_BF (6 x n), linear first, expressed in the base: V_BF = J q̇. Also returns the pose.
 Pose jacobian(const Mechanism&, Data&, const VectorIn& q, const FrameOnBody& frame, MatrixOut J);
+/// The same with J̇ (6 x n) at the velocities dq.
+Pose jacobian(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, const FrameOnBody& frame, MatrixOut J,
+              MatrixOut dJ);
 /// J̇ q̇ (6).
 void jacobian_dot_times_dq(const Mechanism&, Data&, const VectorIn& q, const VectorIn& dq, const FrameOnBody& frame,
                            Eigen::Ref<Twist> a);

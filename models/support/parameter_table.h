@@ -1,5 +1,6 @@
 #pragma once
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -65,6 +66,25 @@ void check_values(const Struct& parameters, const Table& table, const std::strin
                   "is " + text::to_text(value) + ", expected " + expected);
     }
   }
+}
+
+/// Returns whether all parameters that may change while the robot moves are the same, bit by bit. Without branches on values,
+/// because it is called in every step.
+template <class Struct, class Table>
+bool same(const Struct& a, const Struct& b, const Table& table) {
+  std::uint64_t difference = 0;
+  for (const auto& row : table) {
+    if (row.mutability == Mutability::kFixed) continue;
+    const double *x = (a.*row.values).data(), *y = (b.*row.values).data();
+    const std::size_t size = (a.*row.values).size();
+    std::size_t i = 0;
+    for (; i + 1 < size; i += 2) {
+      difference |= std::bit_cast<std::uint64_t>(x[i]) ^ std::bit_cast<std::uint64_t>(y[i]);
+      difference |= std::bit_cast<std::uint64_t>(x[i + 1]) ^ std::bit_cast<std::uint64_t>(y[i + 1]);
+    }
+    if (i < size) difference |= std::bit_cast<std::uint64_t>(x[i]) ^ std::bit_cast<std::uint64_t>(y[i]);
+  }
+  return difference == 0;
 }
 
 /// Returns whether a parameter with Mutability::kFollowed has not reached its wanted value.

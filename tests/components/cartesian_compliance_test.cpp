@@ -1,5 +1,7 @@
 // Cartesian compliance (3a), (3b) of the whole unit, alone and with the flexible robot behind it.
 #include <cstring>
+#include <memory>
+#include <utility>
 #include <vector>
 
 #include "models/support/error.h"
@@ -555,6 +557,32 @@ TEST(CartesianCompliance, StaysFiniteUnderAWrenchThatNoRobotCarries) {
     }
     EXPECT_LT(VectorXd(alone.unit["q_c"]).lpNorm<Eigen::Infinity>(), 3);
     EXPECT_NE(alone.unit.warning(), "");
+  }
+}
+
+TEST(CartesianCompliance, ValuesThatChangeAfterLongRestAreFollowedAndChecked) {
+  const auto at_rest = [](const std::string& query) {
+    auto unit = std::make_unique<Subject>("unit:compliance?space=cartesian" + query, "lwr4");
+    Subject& u = *unit;
+    desire(u, Kinematics("lwr4").at(lwr4_posture()));
+    u["q"] = u["theta"] = lwr4_posture();
+    u.initialise();
+    for (int n = 0; n < 100; ++n) u.step();
+    return unit;
+  };
+  const auto unit = at_rest("");
+  (*unit)["f_e"] << 10, 0, 0;
+  (*unit)["S_T"].setConstant(500);
+  for (int n = 0; n < 4000; ++n) unit->step();
+  EXPECT_NEAR((*unit)["Delta_p"][0], 10.0 / 500, 1e-8);
+  const std::pair<const char*, const char*> wrong[] = {
+      {"M_T_off", "1000"}, {"S_T", "nan"}, {"k_nu", "-1"}, {"B", "-1"}, {"omega", "-1"}};
+  for (const char* query : {"", "&render=impedance"}) {
+    for (const auto& [name, values] : wrong) {
+      const auto subject = at_rest(query);
+      subject->set(name, values);
+      EXPECT_NE(error_of([&] { subject->step(); }).find(name), std::string::npos) << name << query;
+    }
   }
 }
 

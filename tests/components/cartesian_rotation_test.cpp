@@ -42,6 +42,16 @@ TEST(CartesianRotation, AMomentTurnsByArcsinOfMomentOverStiffness) {
   }
 }
 
+TEST(CartesianRotation, SmallAnglesByTheirSeriesJoinThoseOfTheClosedForms) {
+  const Vector3d axis = Vector3d(1, -2, 0.5).normalized();
+  for (double angle = 1e-12; angle < 3; angle *= 1.07) {
+    const Quaterniond Q = quaternion_of(angle * axis);
+    EXPECT_NEAR(Q.w(), std::cos(angle / 2), 3e-16) << angle;
+    EXPECT_LT((Q.vec() - std::sin(angle / 2) * axis).norm(), 5e-16 * angle) << angle;
+    EXPECT_LT((axis_angle(Q) - angle * axis).norm(), 2e-15 * angle) << angle;
+  }
+}
+
 TEST(CartesianRotation, TheLogarithmTurnsInProportionToTheMoment) {
   const Impedance z = uniform(500);
   for (const double m : {10.0, 400.0, 1200.0}) {

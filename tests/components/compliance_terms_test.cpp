@@ -1,6 +1,7 @@
 // The terms of (2a) in the compliant motion, terms=true: closed forms of the planar arm, and their sum with friction.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 
@@ -19,6 +20,7 @@ class Controller {
       : instance_(
             make_unit("unit:compliance?" + query, {}, {std::filesystem::path(places::source()) / "models"}, unit_types())) {}
   std::span<double> operator[](const std::string& name) { return instance_.variables.at(name).reals(); }
+  std::string warning() { return instance_.variables.at("warning").strings()[0]; }
   bool has(const std::string& name) const { return instance_.variables.find(name) != nullptr; }
   void start() { instance_.unit->initialise({}); }
   void step() { ASSERT_EQ(instance_.unit->step({}, kTick), StepResult::kDone); }
@@ -87,6 +89,37 @@ TEST(ComplianceTerms, AddUpToInverseDynamicsWithFriction) {
       }
     }
     EXPECT_FALSE(plain.has("tau_gravity"));
+  }
+}
+
+// The first cut torque, limit and change that had to wait write the warning.
+TEST(ComplianceTerms, AllocateNothingWhenTorquesAreCutAndLimitsActForTheFirstTime) {
+  for (const char* query :
+       {"robot=planar2", "robot=lwr4", "robot=lwr4&space=cartesian", "robot=lwr4&space=cartesian&render=impedance"}) {
+    Controller c(std::string(query) + "&terms=true");
+    const auto set = [&](const char* name, double value) {
+      if (c.has(name)) std::ranges::fill(c[name], value);
+    };
+    set("tau_max", 500);
+    c.start();
+    c.step();
+    const std::uint64_t before = testing::allocations();
+    for (int i = 0; i < 600; ++i) {
+      if (i == 20) c["q"][0] = 0.3;
+      if (i == 40) set("tau_max", 1);
+      if (i == 100) set(c.has("p_d") ? "p_d" : "q_d", 3);
+      if (i == 200) set("dq_max", 0.1);
+      if (i == 300) {
+        set("q_min", -0.1);
+        set("q_max", 0.1);
+      }
+      if (i == 400) {
+        for (const char* name : {"S_a", "S_T", "M_T", "omega"}) set(name, 3000);
+      }
+      c.step();
+    }
+    EXPECT_EQ(testing::allocations(), before) << query;
+    EXPECT_NE(c.warning().find("reached tau_max"), std::string::npos) << query;
   }
 }
 

@@ -50,6 +50,30 @@ TEST(NullSpace, TakesTheDerivativeOfNFromTheRatesOfTheMassMatrixAndTheJacobians)
   });
 }
 
+TEST(NullSpace, AnAddedAccelerationActsThroughTheProjector) {
+  sweep_robots([](Robot& robot, Draw& draw) {
+    const int n = robot.n;
+    const VectorXd q = draw.numbers(n, -2, 2), dq = draw.numbers(n, -1, 1), added = draw.numbers(n, -3, 3);
+    Cascade cascade(n, {std::min(n, 2)});
+    cascade.sigma_0 = 1e-4;
+    robot.fill(cascade.tasks[0], q, dq, 0);
+    const MatrixXd M = robot.metric(q), dM = robot.metric_rate(q, dq);
+    ASSERT_TRUE(cascade.decompose(M));
+    if (cascade.tasks[0].sigma_min < 0.03) return;
+    const VectorXd gradient = draw.numbers(n, -1, 1), zero = VectorXd::Zero(n);
+    MatrixXd N(n, n);
+    cascade.projector(N);
+    NullSpace self_motion(cascade);
+    self_motion.evaluate(cascade, {dq, M, dM, gradient, zero, 0, 2});
+    const VectorXd without = self_motion.ddq;
+    self_motion.evaluate(cascade, {dq, M, dM, gradient, zero, 0, 2, &added});
+    EXPECT_LT((self_motion.ddq - without - N * added).norm(), 1e-10 * (1 + N.norm()) * (1 + without.norm()));
+    VectorXd v = added;
+    cascade.project(v, gradient);
+    EXPECT_LT((v - N * (added + M.inverse() * gradient)).norm(), 1e-9 * (1 + N.norm()) * (1 + v.norm()));
+  });
+}
+
 struct Balance {
   double start = 0, drift = 0, tip = 0, speed = 0, worst_rise = 0;
 };

@@ -308,6 +308,20 @@ TEST(Dynamics, JacobianRateTimesSpeedIsItsFiniteDifference) {
   });
 }
 
+TEST(Dynamics, JacobianRateIsTheFiniteDifferenceOfEachColumn) {
+  sweep(300, 15, [](Case& c, Draw&) {
+    MatrixXd after(6, c.n), before(6, c.n), J(6, c.n), dJ(6, c.n), alone(6, c.n);
+    for (int body = 0; body < c.n; ++body) {
+      jacobian(c.mechanism, c.data, c.q + kStep * c.dq, c.frame(body), after);
+      jacobian(c.mechanism, c.data, c.q - kStep * c.dq, c.frame(body), before);
+      const Pose X = jacobian(c.mechanism, c.data, c.q, c.dq, c.frame(body), J, dJ);
+      EXPECT_EQ(X.p, jacobian(c.mechanism, c.data, c.q, c.frame(body), alone).p);
+      EXPECT_EQ(J, alone);
+      EXPECT_LT(relative(dJ, (after - before) / (2 * kStep)), kDifference);
+    }
+  });
+}
+
 TEST(Dynamics, InverseOfTheOperationalInertiaIsTheJacobianAroundTheInverseMassMatrix) {
   sweep(1000, 14, [](Case& c, Draw&) {
     MatrixXd J(6, c.n);

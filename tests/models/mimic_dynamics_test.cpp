@@ -141,6 +141,11 @@ TEST(MimicDynamics, DerivativesAgreeWithDifferences) {
     Twist a;
     jacobian_dot_times_dq(mechanism, data, q, dq, frame, a);
     EXPECT_LT(relative(a, (J_high - J_low) / (2 * kStep) * dq), kDifference);
+    MatrixXd J(6, n), dJ(6, n), J_alone(6, n);
+    jacobian(mechanism, data, q, dq, frame, J, dJ);
+    jacobian(mechanism, data, q, frame, J_alone);
+    EXPECT_EQ(J, J_alone);
+    EXPECT_LT(relative(dJ, (J_high - J_low) / (2 * kStep)), kDifference);
   });
 }
 

@@ -54,9 +54,8 @@ Matrix3d projector(const std::vector<int>& directions, int first) {
   return P;
 }
 
-/// The impedance of the rendered directions, with rest and unit mass in the others. Returns `z` itself if all are rendered.
+/// The impedance of the rendered directions, with rest and unit mass in the others.
 Impedance restricted(const Impedance& z, const Matrix3d& P) {
-  if (P == Matrix3d::Identity()) return z;
   const Matrix3d rest = Matrix3d::Identity() - P;
   return {P * z.M * P + rest, P * z.D * P, P * z.S * P};
 }
@@ -160,11 +159,15 @@ void CartesianMotion::take_frames() {
 
 void CartesianMotion::check(const std::string& place) {
   self_motion_.check(place);
-  if (is_checked_ && wanted_ == checked_) return;
-  check_values(wanted_, kCartesian, place);
-  check_definite(wanted_, place);
-  checked_ = wanted_;
-  is_checked_ = true;
+  settled_ = same(in_force_, wanted_, kCartesian);
+  if (settled_ && in_force_is_checked_) return;
+  if (!is_checked_ || wanted_ != checked_) {
+    check_values(wanted_, kCartesian, place);
+    check_definite(wanted_, place);
+    checked_ = wanted_;
+    is_checked_ = true;
+  }
+  in_force_is_checked_ = in_force_is_checked_ || settled_;
 }
 
 JointMotionGains CartesianMotion::gains() const {
@@ -234,8 +237,8 @@ void CartesianMotion::take_wrench(Links& links, const FromJoints& in, std::vecto
     dF_ << R_BW * df, R_BW * dm;
   }
   const auto n = static_cast<Index>(tau.size());
-  Eigen::Map<VectorXd>(tau.data(), n).noalias() = J_.transpose() * F_;
-  Eigen::Map<VectorXd>(rate.data(), n).noalias() = J_.transpose() * dF_;
+  Eigen::Map<VectorXd>(tau.data(), n).noalias() = J_.transpose().lazyProduct(F_);
+  Eigen::Map<VectorXd>(rate.data(), n).noalias() = J_.transpose().lazyProduct(dF_);
 }
 
 /// Weight less inertia of what is mounted behind the sensor, in B about the sensor's origin, as the compliant motion moves it.
@@ -262,16 +265,28 @@ Wrench CartesianMotion::rendered(const Wrench& F) const {
 }
 
 void CartesianMotion::prepare(const Matrix3d& R_BA, const Matrix3d& R_d, double h) {
-  if (!is_prepared_ || !(prepared_ == in_force_)) {
+  if (!is_prepared_ || !(settled_ || prepared_ == in_force_)) {
     translation_ = translation_of(in_force_);
     rotation_ = rotation_of(in_force_);
     k_min_ = Eigen::SelfAdjointEigenSolver<Matrix3d>(rotation_.S, Eigen::EigenvaluesOnly).eigenvalues()[0];
+    rendered_T_ = translation_;
+    rendered_R_ = rotation_;
+    inverse_M_T_ = rendered_T_.M.inverse();
+    inverse_M_R_ = rendered_R_.M.inverse();
     prepared_ = in_force_;
     is_prepared_ = true;
   }
-  rendered_T_ = restricted(translation_, R_BA.transpose() * P_T_ * R_BA);
-  rendered_R_ = restricted(rotation_, R_d.transpose() * P_R_ * R_d);
-  if (h > 0) propagator_.prepare(rendered_T_, h);
+  if (P_T_ != Matrix3d::Identity()) {
+    rendered_T_ = restricted(translation_, R_BA.transpose() * P_T_ * R_BA);
+    inverse_M_T_ = rendered_T_.M.inverse();
+  }
+  if (P_R_ != Matrix3d::Identity()) {
+    rendered_R_ = restricted(rotation_, R_d.transpose() * P_R_ * R_d);
+    inverse_M_R_ = rendered_R_.M.inverse();
+  }
+  if (h <= 0) return;
+  propagator_.prepare(rendered_T_, h);
+  rotation_step_.prepare(rendered_R_, h);
 }
 
 /// The moment of (3b) in the axes of the desired frame. A spring fixed to the tool is moved by the force at p_c, whose moment
@@ -294,7 +309,7 @@ CartesianMotion::Motion CartesianMotion::compliant(const Motion& d, const Wrench
   const Vector3d x = R * Delta_, dx = R * dDelta_;
   const Vector3d m = moment_in_desired(R_d, F, x);
   const Vector3d moment = elastic_moment(potential_, rendered_R_.S, Q_dc);
-  const Vector3d dw_dc = rendered_R_.M.inverse() * (m - rendered_R_.D * w_dc_ - moment);
+  const Vector3d dw_dc = inverse_M_R_ * (m - rendered_R_.D * w_dc_ - moment);
   c.pose.V.tail<3>() = w_d + w;
   c.acceleration.tail<3>() = dw_d + R_d * dw_dc + w_d.cross(w);
 
@@ -303,8 +318,7 @@ CartesianMotion::Motion CartesianMotion::compliant(const Motion& d, const Wrench
     turn = axes_ == Axes::kDesired ? w_d : Vector3d(c.pose.V.tail<3>());
     dturn = axes_ == Axes::kDesired ? dw_d : Vector3d(c.acceleration.tail<3>());
   }
-  const Vector3d ddDelta =
-      rendered_T_.M.inverse() * (R.transpose() * F.head<3>() - rendered_T_.D * dDelta_ - rendered_T_.S * Delta_);
+  const Vector3d ddDelta = inverse_M_T_ * (R.transpose() * F.head<3>() - rendered_T_.D * dDelta_ - rendered_T_.S * Delta_);
   c.pose.p = d.pose.p + x;
   c.pose.V.head<3>() = d.pose.V.head<3>() + turn.cross(x) + dx;
   c.acceleration.head<3>() =
@@ -315,6 +329,7 @@ CartesianMotion::Motion CartesianMotion::compliant(const Motion& d, const Wrench
 void CartesianMotion::start(Links& links, const FromJoints& in) {
   take_frames();
   in_force_ = wanted_;
+  in_force_is_checked_ = true;
   is_prepared_ = false;
   met_ = 0;
   contact_turn_ = 0;
@@ -346,6 +361,8 @@ void CartesianMotion::start(Links& links, const FromJoints& in) {
 
 void CartesianMotion::follow(double remaining, double h) {
   news_ = false;
+  self_motion_.follow(remaining);
+  if (settled_) return;
   towards_ = wanted_;
   const bool bound = alpha_ > 0 && h > 0;
   const Quaterniond Q_dc = quaternion(quat_dc_);
@@ -355,7 +372,6 @@ void CartesianMotion::follow(double remaining, double h) {
     keep_slow(in_force_, towards_);
   }
   cotwin::follow(in_force_, towards_, kCartesian, remaining);
-  self_motion_.follow(remaining);
   const Vector3d turn = potential_ == Potential::kQuaternion ? Vector3d(2 * Q_dc.vec()) : axis_angle(Q_dc);
   Tank tank{tank_, tank_max_};
   if (!bound) paid_T = change(in_force_, wanted_, kTranslation, remaining, {Delta_, dDelta_}, tank);
@@ -375,8 +391,8 @@ void CartesianMotion::advance(Links& links, const FromJoints& in, std::span<cons
   const Vector3d x = Q_c0 * (Delta_ + h / 2 * dDelta_);
   const Vector3d m0 = moment_in_desired(R_d0, F0, x), m1 = moment_in_desired(R_d1, F1, x);
   if (potential_ == Potential::kQuaternion && k_min_ > 0 && std::max(m0.norm(), m1.norm()) > k_min_) note(kRunsAway);
-  const Turned turned = compliance::advance(potential_, rendered_R_, {quaternion(quat_dc_), w_dc_}, m0, (m1 - m0) / h, h);
   const Turn turn_before{quaternion(quat_dc_), w_dc_};
+  const Turned turned = rotation_step_.advance(potential_, turn_before, m0, (m1 - m0) / h);
   quat_dc_ = array(turned.turn.Q);
   w_dc_ = turned.turn.w;
 
@@ -428,14 +444,14 @@ void CartesianMotion::write_outputs(Links& links, const MovingPose& c) {
   if (lambda_ > 0) note(kSingular);
   const Pose X = links.forward_kinematics(joints_.q, joints_.frame());
   const Vector3d e_p = P_T_ * (c.p - X.p), e_r = P_R_ * axis_angle(c.Q * Quaterniond(X.R).conjugate());
-  task_error_ = std::hypot(e_p.norm(), JointMotion::kLength * e_r.norm());
+  task_error_ = std::sqrt(e_p.squaredNorm() + JointMotion::kLength * JointMotion::kLength * e_r.squaredNorm());
   if (task_error_ > 1e-3) note(kTask);
   if (self_motion_.contradicts(in_force_.sigma_0[0])) note(kContradiction);
 }
 
 void CartesianMotion::restored() {
   take_frames();
-  is_prepared_ = false;
+  is_prepared_ = in_force_is_checked_ = settled_ = false;
 }
 
 void CartesianMotion::note(Met what) {

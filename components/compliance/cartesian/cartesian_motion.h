@@ -139,6 +139,8 @@ class CartesianMotion {
   double tank_start_ = 1, tank_max_ = 10;  // J
   CartesianParameters wanted_, checked_;
   bool is_checked_ = false;
+  bool settled_ = false,
+       in_force_is_checked_ = false;  // the values in force are those wanted; are definite and in their ranges
   // States.
   CartesianParameters in_force_;
   Eigen::Vector3d Delta_ = Eigen::Vector3d::Zero(), dDelta_ = Eigen::Vector3d::Zero();  // in the chosen axes
@@ -178,7 +180,9 @@ class CartesianMotion {
   Impedance translation_, rotation_;   // with the damping of zeta
   Impedance rendered_T_, rendered_R_;  // of the rendered directions
   double k_min_ = 0;                   // N.m/rad
+  Eigen::Matrix3d inverse_M_T_ = Eigen::Matrix3d::Identity(), inverse_M_R_ = Eigen::Matrix3d::Identity();  // of these
   Propagator propagator_;
+  RotationStep rotation_step_;
   Eigen::VectorXd q_scratch_, dq_scratch_, ddq_scratch_, tau_scratch_;
   Eigen::Matrix<double, 6, Eigen::Dynamic> J_, J_S_;
   bool news_ = false;

@@ -44,35 +44,43 @@ JointMotion::JointMotion(const robot::RobotModel& robot, SelfMotion& self_motion
       null_space_(cascade_),
       p_(tasks_.size(), Vector3d::Zero()) {
   const Index n = robot.n();
-  for (VectorXd* v : {&q, &dq, &ddq, &q_mid_, &dq_mid_, &shifted_, &gradient_, &tau_}) v->setZero(n);
+  for (VectorXd* v : {&q, &dq, &ddq, &q_mid_, &dq_mid_, &gradient_, &tau_}) v->setZero(n);
   met.resize(static_cast<std::size_t>(n));
-  J6_.setZero(6, n);
-  held_J6_.setZero(6, n);
+  for (Eigen::MatrixXd* A : {&J6_, &dJ6_, &held_J6_, &held_dJ6_}) A->setZero(6, n);
   for (Eigen::MatrixXd* A : {&M_, &dM_, &C_}) A->setZero(n, n);
   for (std::size_t k = 0; k < tasks_.size(); ++k) {
     control::Task& task = cascade_.tasks[k];
-    J_before_.push_back(task.J);
     forces_.emplace_back(task.a);
     for (std::size_t i = 0; i < tasks_[k].directions.size(); ++i)
       task.scale[static_cast<Index>(i)] = tasks_[k].directions[i] < 3 ? 1 : kLength;
   }
 }
 
-/// The rows of task k; J6_ is the Jacobian of E.
-void JointMotion::jacobians(Links& links, const VectorXd& at, std::size_t k, Eigen::MatrixXd& J) {
-  const TaskEntry& task = tasks_[k];
-  if (task.held) p_[k] = links.jacobian(at, task.frame, held_J6_).p;
-  const Eigen::MatrixXd& from = task.held ? held_J6_ : J6_;
-  for (std::size_t i = 0; i < task.directions.size(); ++i) J.row(static_cast<Index>(i)) = from.row(task.directions[i]);
+void JointMotion::take_rows(const TaskEntry& task, const Eigen::MatrixXd& from, Eigen::MatrixXd& J) const {
+  const std::size_t m = task.directions.size();
+  const double* column = from.data();
+  double* to = J.data();
+  for (Index i = 0; i < from.cols(); ++i, column += 6, to += m) {
+    for (std::size_t r = 0; r < m; ++r) to[r] = column[task.directions[r]];
+  }
 }
 
-void JointMotion::evaluate(Links& links, const VectorXd& at, const JointMotionGains& gains) {
-  X_ = links.jacobian(at, E_, J6_);
+void JointMotion::evaluate(Links& links, const VectorXd& at, const VectorXd* velocity, const JointMotionGains& gains) {
+  const auto jacobian = [&](const robot::FrameOnBody& frame, Eigen::MatrixXd& J, Eigen::MatrixXd& dJ) {
+    return velocity ? links.jacobian(at, *velocity, frame, J, dJ) : links.jacobian(at, frame, J);
+  };
+  X_ = jacobian(E_, J6_, dJ6_);
   links.mass_matrix(at, M_);
   std::size_t held = 0;
   for (std::size_t k = 0; k < tasks_.size(); ++k) {
-    jacobians(links, at, k, cascade_.tasks[k].J);
-    if (tasks_[k].held) cascade_.tasks[k].activation = self_motion_.held(held++).activation;
+    const TaskEntry& entry = tasks_[k];
+    control::Task& task = cascade_.tasks[k];
+    if (entry.held) {
+      p_[k] = jacobian(entry.frame, held_J6_, held_dJ6_).p;
+      task.activation = self_motion_.held(held++).activation;
+    }
+    take_rows(entry, entry.held ? held_J6_ : J6_, task.J);
+    if (velocity) take_rows(entry, entry.held ? held_dJ6_ : dJ6_, task.dJ);
   }
   cascade_.sigma_0 = gains.sigma_0;
   cascade_.lambda_0 = std::max(gains.lambda_0, kLeastDamping);
@@ -87,27 +95,6 @@ void JointMotion::evaluate(Links& links, const VectorXd& at, const JointMotionGa
   }
 }
 
-/// Ṁ and J̇ at `at`, where the Jacobians were taken last; J6_ stays.
-void JointMotion::take_rates(Links& links, const VectorXd& at) {
-  links.coriolis_matrix(at, dq_mid_, C_);
-  dM_ = C_ + C_.transpose();
-  const double h = control::rate_step(dq_mid_);
-  if (h == 0) {
-    for (control::Task& task : cascade_.tasks) task.dJ.setZero();
-    return;
-  }
-  shifted_ = at - h * dq_mid_;
-  links.jacobian(shifted_, E_, J6_);
-  for (std::size_t k = 0; k < tasks_.size(); ++k) jacobians(links, shifted_, k, J_before_[k]);
-  shifted_ = at + h * dq_mid_;
-  links.jacobian(shifted_, E_, J6_);
-  for (std::size_t k = 0; k < tasks_.size(); ++k) {
-    Eigen::MatrixXd& dJ = cascade_.tasks[k].dJ;
-    jacobians(links, shifted_, k, dJ);
-    dJ = (dJ - J_before_[k]) / (2 * h);
-  }
-}
-
 void JointMotion::want(const Twist& acceleration) {
   for (std::size_t k = 0; k < tasks_.size(); ++k) {
     VectorXd& a = cascade_.tasks[k].a;
@@ -119,7 +106,7 @@ void JointMotion::want(const Twist& acceleration) {
 
 void JointMotion::start(Links& links, const VectorXd& at, const Twist& V, const JointMotionGains& gains) {
   q = at;
-  evaluate(links, q, gains);
+  evaluate(links, q, nullptr, gains);
   want(V);
   cascade_.solve(dq);
   ddq.setZero();
@@ -133,11 +120,12 @@ void JointMotion::advance(Links& links, const MovingPose& before, const MovingPo
   constexpr double kShort = 0.2, kMostParts = 100;
   const int count = static_cast<int>(std::clamp(std::ceil(h * gains.omega_k / kShort), 1.0, kMostParts));
   const double length = h / count;
-  const Twist mean = (after.V - before.V) / h, way = between(before, after);
+  const Twist mean = (after.V - before.V) / h;
+  const Twist way = count > 1 ? between(before, after) : Twist(Twist::Zero());
   std::ranges::fill(met, 0);
   for (int k = 0; k < count; ++k) {
     const double s = static_cast<double>(k) / count;
-    MovingPose from = moved(before, s * way + s * (1 - s) / 2 * h * (before.V - after.V));
+    MovingPose from = k == 0 ? before : moved(before, s * way + s * (1 - s) / 2 * h * (before.V - after.V));
     from.V = before.V + s * (after.V - before.V);
     part(links, from, mean, tau_e, limits, gains, length);
   }
@@ -157,11 +145,16 @@ void JointMotion::advance(Links& links, const MovingPose& before, const MovingPo
 void JointMotion::part(Links& links, const MovingPose& before, const Twist& acceleration, const VectorXd& tau_e,
                        std::span<const Limits> limits, const JointMotionGains& gains, double h) {
   q_mid_ = q + h / 2 * dq;
-  evaluate(links, q_mid_, gains);
+  dq_mid_ = dq + h / 2 * ddq;
+  evaluate(links, q_mid_, &dq_mid_, gains);
+  links.coriolis_matrix(q_mid_, dq_mid_, C_);
+  for (Index j = 0; j < C_.cols(); ++j) {  // Ṁ = C + Cᵀ
+    for (Index i = 0; i <= j; ++i) dM_(i, j) = dM_(j, i) = C_(i, j) + C_(j, i);
+  }
   const MovingPose target = moved(before, h / 2 * before.V);
   const Quaterniond E = target.Q * Quaterniond(X_.R).conjugate();
   Twist error, V;
-  V.noalias() = J6_ * dq;
+  V.noalias() = J6_.lazyProduct(dq);
   error << target.p - X_.p, 2 * E.w() * E.vec();
   const double K_v = 2 * gains.omega_k, K_p = gains.omega_k * gains.omega_k;
   const Twist feedback = K_v * (before.V - V) + K_p * error;
@@ -172,31 +165,29 @@ void JointMotion::part(Links& links, const MovingPose& before, const Twist& acce
     control::Task& task = cascade_.tasks[k];
     const SelfMotion::Held to = self_motion_.held(held++);
     const Vector3d e = to.target - p_[k];
-    task.a.noalias() = task.J * dq;
+    task.a.noalias() = task.J.lazyProduct(dq);
     for (std::size_t i = 0; i < tasks_[k].directions.size(); ++i) {
       double& a = task.a[static_cast<Index>(i)];
       a = to.omega * (to.omega * e[tasks_[k].directions[i]] - 2 * a) / (1 + to.omega * h);
     }
   }
-  dq_mid_ = dq + h / 2 * ddq;
-  take_rates(links, q_mid_);
   held = 0;
   for (std::size_t k = 0; k < tasks_.size(); ++k) {
     control::Task& task = cascade_.tasks[k];
     const double omega = tasks_[k].held ? self_motion_.held(held++).omega : gains.omega_k;
-    task.a.noalias() -= 1 / (1 + omega * h) * task.dJ * dq_mid_;  // the rest is in J q̇ of the middle
+    const double part = 1 / (1 + omega * h);  // the rest is in J q̇ of the middle
+    task.a.noalias() -= part * task.dJ.lazyProduct(dq_mid_);
   }
   cascade_.solve(ddq);
 
   gradient_.setZero();
   const double potential = self_motion_.add_goals(links, q_mid_, E_, gradient_);
-  null_space_.evaluate(cascade_, {dq_mid_, M_, dM_, gradient_, tau_e, self_motion_.yield()});
   // Damping of ν in the middle of the part, (ν + h/2 (a − k_ν ν_mid)) = ν_mid, for any k_ν.
   tau_ = -gains.k_nu * dq;
   if (posture_ != nullptr)
     tau_ += posture_->ddq + gains.k_nu * posture_->dq + gains.k_nu * gains.k_nu / 4 * (posture_->q - q_mid_);
-  cascade_.project(tau_);
-  ddq += (null_space_.ddq + tau_) / (1 + gains.k_nu * h / 2);
+  null_space_.evaluate(cascade_, {dq_mid_, M_, dM_, gradient_, tau_e, self_motion_.yield(), 0, &tau_});
+  ddq += null_space_.ddq / (1 + gains.k_nu * h / 2);
   self_motion_.write_outputs(
       {null_space_.nu, null_space_.energy, potential, null_space_.external_work - 2 * gains.k_nu * null_space_.energy});
   bound(limits, h);
@@ -254,7 +245,7 @@ void JointMotion::accelerations_of(const Twist& acceleration, Eigen::Ref<VectorX
 }
 
 Wrench JointMotion::wrench_of(Links& links, const robot::VectorIn& tau, const JointMotionGains& gains) {
-  evaluate(links, q, gains);
+  evaluate(links, q, nullptr, gains);
   tau_ = tau;
   cascade_.solve_mass(tau_);
   cascade_.split(tau_, forces_);

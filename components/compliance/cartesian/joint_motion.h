@@ -70,9 +70,9 @@ class JointMotion {
   std::vector<std::int32_t> met;  // Limit that acted, by joint
 
  private:
-  void evaluate(Links& links, const Eigen::VectorXd& at, const JointMotionGains& gains);
-  void take_rates(Links& links, const Eigen::VectorXd& at);
-  void jacobians(Links& links, const Eigen::VectorXd& at, std::size_t k, Eigen::MatrixXd& J);
+  /// Poses, Jacobians and M at q, and, if `dq` is not a nullptr, their rates.
+  void evaluate(Links& links, const Eigen::VectorXd& at, const Eigen::VectorXd* dq, const JointMotionGains& gains);
+  void take_rows(const TaskEntry& task, const Eigen::MatrixXd& from, Eigen::MatrixXd& J) const;
   /// Wanted accelerations of the tasks of E; those of held frames are 0.
   void want(const Twist& acceleration);
   void part(Links& links, const MovingPose& before, const Twist& acceleration, const Eigen::VectorXd& tau_e,
@@ -89,10 +89,9 @@ class JointMotion {
   // Scratch.
   Pose X_;                          // of E at the last evaluation
   std::vector<Eigen::Vector3d> p_;  // of held frames, by task
-  Eigen::MatrixXd J6_, held_J6_, M_, dM_, C_;
-  std::vector<Eigen::MatrixXd> J_before_;                      // by task
-  Eigen::VectorXd q_mid_, dq_mid_, shifted_, gradient_, tau_;  // n
-  std::vector<Eigen::VectorXd> forces_;                        // by task
+  Eigen::MatrixXd J6_, dJ6_, held_J6_, held_dJ6_, M_, dM_, C_;
+  Eigen::VectorXd q_mid_, dq_mid_, gradient_, tau_;  // n
+  std::vector<Eigen::VectorXd> forces_;              // by task
 };
 
 }  // namespace cotwin::compliance

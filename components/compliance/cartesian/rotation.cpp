@@ -12,18 +12,19 @@ using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
 /// The solution of Q₊ − Q₋ = ½ (0, r) ⊗ (Q₊ + Q₋)/2: a rotation by 4 atan(|r|/4) about r.
-Quaterniond turned(const Quaterniond& Q, const Vector3d& r) {
+inline Quaterniond turned(const Quaterniond& Q, const Vector3d& r) {
   const Vector3d a = r / 4;
   const double a2 = a.squaredNorm();
-  const Vector3d v = 2 * a / (1 + a2);
-  return Quaterniond((1 - a2) / (1 + a2), v.x(), v.y(), v.z()) * Q;
+  const double scale = 1 / (1 + a2);
+  const Vector3d v = 2 * scale * a;
+  return Quaterniond((1 - a2) * scale, v.x(), v.y(), v.z()) * Q;
 }
 
 Quaterniond positive(const Quaterniond& Q) { return Q.w() < 0 ? Quaterniond(-Q.coeffs()) : Q; }
 
 /// The elastic moment whose work over a turn by hΩ from Q to `next` is the difference of the potential.
-Vector3d mean_moment(Potential potential, const Matrix3d& S, const Quaterniond& Q, const Quaterniond& next,
-                     const Vector3d& h_Omega) {
+inline Vector3d mean_moment(Potential potential, const Matrix3d& S, const Quaterniond& Q, const Quaterniond& next,
+                            const Vector3d& h_Omega) {
   if (potential == Potential::kQuaternion) {
     const double eta = (Q.w() + next.w()) / 2;
     const Vector3d eps = (Q.vec() + next.vec()) / 2;
@@ -85,14 +86,25 @@ Matrix3d inverse_left_jacobian(const Vector3d& phi) {
 
 Vector3d axis_angle(const Quaterniond& Q) {
   const Quaterniond q = positive(Q);
-  const double s = q.vec().norm();
-  return s < 1e-9 ? Vector3d(2 * q.vec()) : Vector3d(q.vec() * (2 * std::atan2(s, q.w()) / s));
+  const double s2 = q.vec().squaredNorm();
+  if (s2 < 1e-6) return q.vec() * (2 + s2 * (1.0 / 3 + s2 * 0.15));  // of 2 asin(s)/s
+  const double s = std::sqrt(s2);
+  return q.vec() * (2 * std::atan2(s, q.w()) / s);
 }
 
 Quaterniond quaternion_of(const Vector3d& r) {
-  const double angle = r.norm();
-  const double s = angle < 1e-6 ? 0.5 - angle * angle / 48 : std::sin(angle / 2) / angle;
-  return {std::cos(angle / 2), s * r.x(), s * r.y(), s * r.z()};
+  const double angle2 = r.squaredNorm();
+  double c, s;
+  if (angle2 < 1e-4) {  // series of cos(angle/2) and sin(angle/2)/angle
+    const double x = angle2 / 4;
+    c = 1 - x / 2 * (1 - x / 12 * (1 - x / 30));
+    s = (1 - x / 6 * (1 - x / 20 * (1 - x / 42))) / 2;
+  } else {
+    const double angle = std::sqrt(angle2);
+    c = std::cos(angle / 2);
+    s = std::sin(angle / 2) / angle;
+  }
+  return {c, s * r.x(), s * r.y(), s * r.z()};
 }
 
 double potential_energy(Potential potential, const Matrix3d& S, const Quaterniond& Q) {
@@ -105,29 +117,39 @@ Vector3d elastic_moment(Potential potential, const Matrix3d& S, const Quaternion
   return mean_moment(potential, S, positive(Q), positive(Q), Vector3d::Zero());
 }
 
-Turned advance(Potential potential, const Impedance& z, const Turn& start, const Vector3d& m0, const Vector3d& m1, double h) {
-  const int count = parts(z, h);
-  const double part = h / count;
-  const Matrix3d inertia = 2 / part * z.M, resistance = inertia + z.D;
-  const Matrix3d solve = (resistance + part / 2 * z.S).inverse();
+void RotationStep::prepare(const Impedance& z, double h) {
+  if (h == h_ && z == impedance_) return;
+  h_ = h;
+  impedance_ = z;
+  count_ = parts(z, h);
+  part_ = h / count_;
+  inertia_ = 2 / part_ * z.M;
+  resistance_ = inertia_ + z.D;
+  inverse_ = (resistance_ + part_ / 2 * z.S).inverse();
+}
+
+Turned RotationStep::advance(Potential potential, const Turn& start, const Vector3d& m0, const Vector3d& m1) const {
+  const Impedance& z = impedance_;
+  const double part = part_;
   Turned result{start, 0};
   Turn& at = result.turn;
-  for (int k = 0; k < count; ++k) {
-    const Vector3d drive = inertia * at.w + m0 + m1 * ((k + 0.5) * part);
+  for (int k = 0; k < count_; ++k) {
+    const Vector3d drive = inertia_ * at.w + m0 + m1 * ((k + 0.5) * part);
     Vector3d Omega = at.w;
     Quaterniond next = at.Q;
     // Newton's method with the slope of the moment at ε = 0: contraction by (omega part)²/4 < 0.0025 or better, except where
-    // the parts are long (kMost).
+    // the parts are long (kMost). It ends where the next change would be less than rounding.
     constexpr int kMostIterations = 20;
     constexpr double kRounding = 1e-16, kConverged = 1e-8, kStill = 1e-5;  // the last in rad
-    double rest = 1;                                                       // last change, relative
-    for (int i = 0; i < kMostIterations && rest > kRounding; ++i) {
+    double rest = 1, contraction = 1;  // last change, relative, and its ratio to the one before
+    for (int i = 0; i < kMostIterations && rest * contraction > kRounding; ++i) {
       next = turned(at.Q, part * Omega);
       const Vector3d moment = mean_moment(potential, z.S, at.Q, next, part * Omega);
-      const Vector3d change = solve * (drive - resistance * Omega - moment);
+      const Vector3d change = inverse_ * (drive - resistance_ * Omega - moment);
       Omega += change;
-      const double largest = Omega.cwiseAbs().maxCoeff();
+      const double before = rest, largest = Omega.cwiseAbs().maxCoeff();
       rest = change.cwiseAbs().maxCoeff() / (largest + kStill / part);
+      contraction = i == 0 ? 1.0 : std::min(rest / before, 1.0);
     }
     const Turn before = at;
     at.Q = turned(at.Q, part * Omega);
@@ -140,6 +162,12 @@ Turned advance(Potential potential, const Impedance& z, const Turn& start, const
   }
   at.Q = positive(at.Q.normalized());
   return result;
+}
+
+Turned advance(Potential potential, const Impedance& z, const Turn& start, const Vector3d& m0, const Vector3d& m1, double h) {
+  RotationStep step;
+  step.prepare(z, h);
+  return step.advance(potential, start, m0, m1);
 }
 
 }  // namespace cotwin::compliance

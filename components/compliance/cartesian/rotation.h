@@ -36,6 +36,20 @@ struct Turned {
 Turned advance(Potential potential, const Impedance& impedance, const Turn& start, const Eigen::Vector3d& m0,
                const Eigen::Vector3d& m1, double h);
 
+/// advance() in steps of one length, with the matrices that depend on the impedance and on h prepared.
+class RotationStep {
+ public:
+  /// Prepares steps of `h` > 0 seconds. Returns at once if nothing has changed since the last call.
+  void prepare(const Impedance& impedance, double h);
+  Turned advance(Potential potential, const Turn& start, const Eigen::Vector3d& m0, const Eigen::Vector3d& m1) const;
+
+ private:
+  Impedance impedance_;
+  double h_ = 0, part_ = 0;  // s
+  int count_ = 0;
+  Eigen::Matrix3d inertia_, resistance_, inverse_;  // 2 M/part, this and D, and of this and S part/2 the inverse
+};
+
 /// φ̇ = J_l⁻¹(φ) Δω of an axis times angle φ, with Δω in the axes that do not turn with φ.
 Eigen::Matrix3d inverse_left_jacobian(const Eigen::Vector3d& phi);
 /// S(v) with S(v) w = v × w.
