@@ -36,11 +36,6 @@ struct Turned {
 Turned advance(Potential potential, const Impedance& impedance, const Turn& start, const Eigen::Vector3d& m0,
                const Eigen::Vector3d& m1, double h);
 
-/// φ̇ = J_l⁻¹(φ) Δω of an axis times angle φ, with Δω in the axes that do not turn with φ.
-Eigen::Matrix3d inverse_left_jacobian(const Eigen::Vector3d& phi);
-/// S(v) with S(v) w = v × w.
-Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v);
-
 /// advance() in steps of one length, with the matrices that depend on the impedance and on h prepared.
 class RotationStep {
  public:
@@ -54,6 +49,11 @@ class RotationStep {
   int count_ = 0;
   Eigen::Matrix3d inertia_, resistance_, inverse_;  // 2 M/part, this and D, and of this and S part/2 the inverse
 };
+
+/// φ̇ = J_l⁻¹(φ) Δω of an axis times angle φ, with Δω in the axes that do not turn with φ.
+Eigen::Matrix3d inverse_left_jacobian(const Eigen::Vector3d& phi);
+/// S(v) with S(v) w = v × w.
+Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v);
 
 /// Axis times angle of a unit quaternion, at most π.
 Eigen::Vector3d axis_angle(const Eigen::Quaterniond& Q);
