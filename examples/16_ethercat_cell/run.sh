@@ -23,5 +23,5 @@ for interface in ecat0 ecat1; do
 done
 "$COTWIN" run "$here/cell.ssd" --quiet &
 cell=$!
-trap 'kill -INT "$cell" 2>/dev/null || true; wait "$cell" || true' EXIT
+trap 'kill "$cell" 2>/dev/null || true; wait "$cell" || true' EXIT
 "$COTWIN" run "$here/twin.ssd" "$@"
