@@ -9,8 +9,8 @@
 #include "components/io/ethercat_field.h"
 #include "components/io/ethercat_slaves.h"
 #include "components/io/link.h"
-#include "models/net/raw_socket.h"
 #include "components/unit/settings.h"
+#include "models/net/raw_socket.h"
 
 namespace cotwin::io {
 
