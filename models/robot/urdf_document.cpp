@@ -17,11 +17,6 @@ namespace cotwin::robot {
 
 const double kNoLimit = 1e15;
 
-bool is_urdf_name(std::string_view name) {
-  const bool has_control = std::any_of(name.begin(), name.end(), [](char c) { return static_cast<unsigned char>(c) < 0x20; });
-  return !name.empty() && name.size() <= 1000 && !has_control && xml::is_xml_text(name);
-}
-
 namespace {
 
 using tinyxml2::XMLElement;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "models/mechanics/pose.h"
+#include "models/robot/urdf_name.h"
 
 namespace cotwin::robot {
 
@@ -47,9 +48,6 @@ struct UrdfDocument {
 /// Limits of at least this magnitude mean no limit: readers of URDF such as urdfdom do not accept infinity, and files contain
 /// 1e16, 3.4e38 or 1.8e308 instead. All other numbers must be smaller, because their products could overflow.
 extern const double kNoLimit;
-
-/// Whether a link or joint can have this name: 1 to 1000 bytes of UTF-8 without control characters.
-bool is_urdf_name(std::string_view name);
 
 /// How a joint with <mimic> moves: q = multiplier · q_leader + offset, with `leader` at the end of the chain of mimics.
 struct Following {

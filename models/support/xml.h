@@ -9,6 +9,8 @@
 #include <string_view>
 #include <vector>
 
+#include "models/support/xml_text.h"
+
 /// XML as a tree of plain values: namespaces are resolved, and every element has its position in the file.
 namespace cotwin::xml {
 
@@ -69,9 +71,6 @@ using Take = std::function<bool(std::span<const Element> around, Element& elemen
 /// five predefined entities and character references; entity declarations are errors; nothing outside `text` is read. With
 /// `take`, documents that are too large for a tree can be read.
 Element parse(std::string_view text, const std::string& place, const Take& take = nullptr);
-
-/// Whether `text` is UTF-8 with only characters that XML 1.0 allows.
-bool is_xml_text(std::string_view text);
 
 /// `text` as an attribute value between double quotes. Throws Error if XML 1.0 cannot represent it.
 std::string escaped(std::string_view text);
