@@ -161,7 +161,8 @@ std::int64_t ArrivalClock::cycles_since(const Arrival& arrival, double& offset) 
 }
 
 void ArrivalClock::accept(const Arrival& arrival, Time now) {
-  if (!any_ && arrival.host < start_) return;  // it came during the initialisation: its tick would be late
+  // A packet that came during the initialisation would begin a late tick. A source that waits for the answer sends no other one.
+  if (!any_ && arrival.host < start_ && spec_.silence != SilencePolicy::kWait) return;
   const bool begins = !any_ || pauses();
   double offset = 0;
   const std::int64_t cycles = begins ? 0 : cycles_since(arrival, offset);
