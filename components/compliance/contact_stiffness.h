@@ -53,7 +53,7 @@ struct FollowingRobot {
 class ContactSweep {
  public:
   static constexpr double kDelay = 0.1;  // steps
-  static constexpr double kShare = 0.8;
+  static constexpr double kShare = 0.5;
 
   explicit ContactSweep(int n);
 

@@ -261,10 +261,10 @@ TEST(CartesianImpedance, NoContactVibratesBelowKeMaxWhateverRobotInertiaAndGains
     double vibrates;  // of K_e_max; 0: bounded by the steps alone
   };
   const Design designs[] = {{"lwr4", 0.5, 500, 30, 3, 0, 0, 2, 4},
-                            {"lwr4", 1, 0, 60, 4, 0, 0, 0, 4},  // guided freely
+                            {"lwr4", 1, 0, 60, 4, 0, 0, 0, 6},  // guided freely
                             {"lwr4", 1, 500, 40, 2, 1e4, 1, 1, 6},
                             {"lwr4", 1, 500, 10, 3, 2e3, 0.2, 0, 0},  // light motors behind soft gears
-                            {"kr300_r2500", 5, 2000, 12, 2, 1e6, 50, 2, 4},
+                            {"kr300_r2500", 5, 2000, 12, 2, 1e6, 50, 2, 8},
                             {"kr300_r2500", 1, 500, 10, 1, 3e5, 20, 0, 0}};
   for (const Design& d : designs) {
     const auto which = &d - designs;
@@ -285,7 +285,7 @@ TEST(CartesianImpedance, NoContactVibratesBelowKeMaxWhateverRobotInertiaAndGains
     const double K_e = K_e_max[d.axis];
     EXPECT_GT(K_e_max.minCoeff(), 0) << which;
     EXPECT_GT(K_e, 500) << which;
-    EXPECT_LT(growth("", d.robot, K_e, set, Vector3d::Unit(d.axis)), 1) << which << ": " << K_e;
+    EXPECT_LT(growth("", d.robot, K_e, set, Vector3d::Unit(d.axis)), 0.5) << which << ": " << K_e;
     if (d.vibrates > 0) {
       EXPECT_GT(growth("", d.robot, d.vibrates * K_e, set, Vector3d::Unit(d.axis)), 0.5) << which << ": " << K_e;
     }
