@@ -72,7 +72,9 @@ void EtherCatBusLink::serve() {
     socket_->wait(monotonic() + kIdle);
     field_.apply(monotonic());
     field_.bus().advance(monotonic());
-    while (const std::optional<net::RawSocket::Received> received = socket_->receive(buffer)) {
+    while (!ends_) {
+      const std::optional<net::RawSocket::Received> received = socket_->receive(buffer);
+      if (!received) break;
       if (received->size > buffer.size()) continue;
       const std::span<std::uint8_t> frame = std::span(buffer).first(received->size);
       if (field_.bus().transmit(frame, monotonic()) && socket_->send(frame)) {

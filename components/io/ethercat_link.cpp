@@ -48,6 +48,7 @@ class EtherCatLink::Source final : public TickSource {
 
   std::optional<Arrival> wait(std::int64_t deadline) override {
     if (!link_.master_) return std::nullopt;
+    if (link_.master_->system_time_at() == 0) told_ = 0;
     link_.master_->collect(*link_.wire_, std::max<std::int64_t>(deadline, 1));
     if (link_.master_->system_time_at() == told_) {
       // Nothing more comes in this cycle.
@@ -228,7 +229,7 @@ void EtherCatLink::initialise(Time start, Measured& measured) {
   std::fill(measured.dq.begin(), measured.dq.end(), 0.0);
   std::fill(measured.ddq.begin(), measured.ddq.end(), 0.0);
   measured.fresh = false;
-  failed_ = restarted_ = false;
+  failed_ = restarted_ = was_operational_ = false;
   write_statistics();
 }
 
@@ -252,6 +253,7 @@ StepResult EtherCatLink::step(Time now, Duration h, const Command&, Measured& me
   const bool before = operational_;
   write_statistics();
   failed_ = failed_ || (before && !operational_);
+  was_operational_ = was_operational_ || operational_;
   return {};
 }
 
@@ -374,6 +376,14 @@ void EtherCatLink::write_statistics() {
 
 void EtherCatLink::tell(std::vector<std::string>& sentences) const {
   if (failed_) sentences.emplace_back(kNotOperational);
+  if (!was_operational_) {
+    std::string states;
+    for (std::size_t i = 0; i < slaves_.size(); ++i) {
+      states += (states.empty() ? "" : ", ") + slaves_[i].device + " " + std::to_string(state_[i]);
+      if (al_code_[i] != 0) states += " (AL status code 0x" + hex4(static_cast<unsigned>(al_code_[i])) + ")";
+    }
+    sentences.push_back("the bus was never operational, expected state 8 (OP) of all slaves: " + states);
+  }
   if (restarted_) sentences.emplace_back(kRestarted);
 }
 

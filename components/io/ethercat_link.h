@@ -55,8 +55,8 @@ class EtherCatLink final : public Link {
   std::unique_ptr<ethercat::Wire> wire_;
   std::unique_ptr<ethercat::Master> master_;
   std::unique_ptr<Source> source_;
-  bool failed_ = false, restarted_ = false;  // at some time of the run: told at its end
-  std::int64_t zero_ = 0;                    // of the emulated bus: its time at scenario time 0, ns
+  bool failed_ = false, restarted_ = false, was_operational_ = false;  // at some time of the run: told at its end
+  std::int64_t zero_ = 0;                                              // of the emulated bus: its time at scenario time 0, ns
 
   // Parameters.
   double cycle_ = 1e-3, timeout_ = 0.02, wait_ = 0, sync0_shift_ = 0, dq_cutoff_ = 50;

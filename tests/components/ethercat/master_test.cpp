@@ -3,10 +3,13 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <cstdlib>
 #include <memory>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "components/io/ethercat/devices.h"
@@ -315,6 +318,90 @@ TEST(Master, GivesALateSlaveTheTimeOfTheBus) {
     const auto own = static_cast<std::int64_t>(cell.bus.slave(s).esc().clock().system_time(now));
     EXPECT_LT(std::abs(own - reference), 100) << "slave " << s;
   }
+}
+
+TEST(Master, KeepsTheTimeOfTheBusWhenTheReferenceClockWasOff) {
+  Cell cell;
+  cell.set_up();
+  cell.cycles(100);
+  const std::int64_t before = cell.master->system_time();
+  EXPECT_LT(std::abs(before - cell.options.system_time), 60'000'000'000);
+  cell.bus.power(0, false, cell.wire.now());
+  cell.cycles(200);
+  EXPECT_FALSE(cell.master->operational());
+  cell.bus.power(0, true, cell.wire.now());
+  cell.cycles(20'000);
+  ASSERT_TRUE(cell.master->operational());
+  EXPECT_NEAR(static_cast<double>(cell.master->system_time() - before), 20.2e9, 0.02e9);
+  const std::int64_t now = cell.wire.now();
+  const auto reference = static_cast<std::int64_t>(cell.bus.slave(0).esc().clock().system_time(now));
+  for (std::size_t s = 1; s < 4; ++s) {
+    const auto own = static_cast<std::int64_t>(cell.bus.slave(s).esc().clock().system_time(now));
+    EXPECT_LT(std::abs(own - reference), 100) << "slave " << s;
+  }
+}
+
+TEST(Master, TakesOnlyAnswersToItsOwnFrames) {
+  // A wire that answers each cycle with one kind of datagram beside the states, all with the working counters of success.
+  class Liar final : public Wire {
+   public:
+    Liar(Command command, std::size_t longest, std::int64_t now) : command_(command), longest_(longest), now_(now) {}
+    bool send(std::span<const std::uint8_t> frame) override {
+      FrameReader reader(frame);
+      FrameWriter writer(answer_);
+      writer.begin();
+      Datagram d;
+      std::vector<std::uint16_t> counts;
+      while (reader.next(d)) {
+        if (d.command != command_ && d.command != Command::kBrd) continue;
+        std::vector<std::uint8_t> data(reader.data(d).begin(), reader.data(d).end());
+        if (d.command == Command::kBrd) {
+          data[0] = static_cast<std::uint8_t>(State::kOp);
+        } else {
+          data.resize(std::min(data.size(), longest_));
+        }
+        writer.add(d.command, d.index, d.address, data);
+      }
+      size_ = writer.finish().size();
+      FrameReader again(std::span<const std::uint8_t>(answer_).first(size_));
+      while (again.next(d)) {
+        store<std::uint16_t>(answer_.data() + d.data + d.length, d.command == Command::kBrd ? 4 : 6);
+      }
+      return true;
+    }
+    std::size_t receive(std::span<std::uint8_t> buffer, std::int64_t) override {
+      std::copy_n(answer_.begin(), size_, buffer.begin());
+      return std::exchange(size_, std::size_t{0});
+    }
+    std::int64_t now() const override { return now_; }
+    std::int64_t received_at() const override { return now_; }
+    void advance() { now_ += kMs; }
+
+   private:
+    Command command_;
+    std::size_t longest_;
+    std::int64_t now_;
+    std::array<std::uint8_t, kLongestFrame> answer_{};
+    std::size_t size_ = 0;
+  };
+  Cell cell(false);
+  cell.set_up();
+  cell.cycles(60);
+  ASSERT_TRUE(cell.master->operational());
+  for (const std::size_t longest : {std::size_t{0}, std::size_t{3}}) {
+    for (const Command command : {Command::kNop, Command::kLrw}) {
+      Liar liar(command, longest, cell.wire.now());
+      for (int i = 0; i < 50; ++i) {
+        liar.advance();
+        cell.master->cycle(liar);
+        if (i > 0) {
+          EXPECT_FALSE(cell.master->fresh());
+        }
+      }
+      EXPECT_FALSE(cell.master->operational());
+    }
+  }
+  EXPECT_GT(cell.master->counters().foreign, 100);
 }
 
 TEST(Master, AllocatesNothingInItsCycles) {

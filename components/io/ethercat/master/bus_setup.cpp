@@ -12,9 +12,10 @@ namespace cotwin::ethercat {
 namespace {
 
 constexpr std::uint16_t kFirstStation = 0x1001;
-constexpr std::size_t kLargestSegment = 1200;         // bytes; leaves room for clock and state in the same frame
-constexpr std::size_t kLargestImage = 32'768;         // bytes of an SII
-constexpr std::int64_t kSiiPatience = 1'000'000'000;  // ns that a slave may be busy with its EEPROM
+constexpr std::size_t kLargestSegment = 1200;  // bytes; leaves room for clock and state in the same frame
+constexpr std::size_t kLargestImage = 32'768;  // bytes of an SII
+constexpr std::uint16_t kWatchdogDivider = 0x09c2, kWatchdogTime = 1000;  // 100 us, and 1000 of them
+constexpr std::int64_t kSiiPatience = 1'000'000'000;                      // ns that a slave may be busy with its EEPROM
 
 std::string position_of(const std::string& place, std::size_t i) { return place + ": slave " + std::to_string(i); }
 
@@ -146,6 +147,7 @@ class Builder {
       slave.found = std::move(found[i]);
       const Sii& sii = slave.expected.sii ? *slave.expected.sii : slave.found.sii;
       slave.setup = setup_of(sii, slave.expected.pdos, place_of(i));
+      check_sii(slave, i);
       check_sizes(slave, i);
       bus_.slaves.push_back(std::move(slave));
     }
@@ -201,6 +203,23 @@ class Builder {
     throw Error(options_.place, std::to_string(found.size()) + " slaves answer (" + list + "), expected " +
                                     std::to_string(expected_.size()) + ": slave " + std::to_string(common) +
                                     (more ? " is unknown" : " (" + expected_[common].device + ") is missing"));
+  }
+
+  /// What the SII says must fit the controller, because it decides which registers are written.
+  void check_sii(const BusSlave& slave, std::size_t i) const {
+    const SiiMailbox& box = slave.setup.mailbox;
+    for (const std::uint16_t size : {box.out_size, box.in_size}) {
+      if (size != 0 && (size < kShortestMailbox || size > kLongestData)) {
+        throw Error(place_of(i), "its SII has a mailbox of " + std::to_string(size) + " bytes, expected " +
+                                     std::to_string(kShortestMailbox) + " to " + std::to_string(kLongestData));
+      }
+    }
+    for (const ProcessData& data : slave.setup.process_data) {
+      if (data.sync_manager >= slave.found.sync_managers) {
+        throw Error(place_of(i), "its SII has a sync manager " + std::to_string(data.sync_manager) +
+                                     ", but its controller only " + std::to_string(slave.found.sync_managers));
+      }
+    }
   }
 
   void check_sizes(const BusSlave& slave, std::size_t i) const {
@@ -333,9 +352,8 @@ class Builder {
   }
 
   /// Downloads a value: the mail, a wait until the answer is in the mailbox, and the answer.
-  void download(std::vector<Step>& steps, const BusSlave& s, const StartUpValue& value) const {
+  void download(std::vector<Step>& steps, const BusSlave& s, SdoClient& client, const StartUpValue& value) const {
     const SiiMailbox& box = s.setup.mailbox;
-    SdoClient client(box.out_size, box.in_size);
     std::array<std::uint8_t, 4> bytes;
     store(bytes.data(), value.value);
     client.download(value.index, value.subindex, std::span<const std::uint8_t>(bytes).first(value.bytes));
@@ -492,11 +510,19 @@ class Builder {
       set_sync_manager(steps, station, 1, box.in, box.in_size, 0x22);
     }
     go_to(steps, station, State::kPreOp, "go to PREOP");
-    for (const StartUpValue& value : s.setup.start_up) download(steps, s, value);
+    if (!s.setup.start_up.empty()) {
+      SdoClient client(box.out_size,
+                       box.in_size);  // one for all: a slave takes a mail with the counter of the last one for its repetition
+      for (const StartUpValue& value : s.setup.start_up) download(steps, s, client, value);
+    }
     for (const ProcessData& data : s.setup.process_data) {
       set_sync_manager(steps, station, data.sync_manager, data.start, data.length, data.control);
     }
     map(steps, s, i);
+    if (s.setup.output_bytes > 0) {  // whatever another master has left there
+      steps.push_back(write(station, reg::kWatchdogDivider, kWatchdogDivider, "take the time of its watchdog"));
+      steps.push_back(write(station, reg::kProcessDataWatchdog, kWatchdogTime, "take the time of its watchdog"));
+    }
     const bool clock = bus_.reference >= 0 && s.found.ports.has_clock;
     if (clock) set_clock(steps, s);
     clock_set_.push_back(steps.size());

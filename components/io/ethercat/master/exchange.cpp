@@ -1,6 +1,9 @@
 #include "components/io/ethercat/master/exchange.h"
 
 #include <algorithm>
+#include <string>
+
+#include "models/support/error.h"
 
 namespace cotwin::ethercat {
 
@@ -8,10 +11,13 @@ std::optional<std::uint16_t> Exchange::transfer(Command command, std::uint32_t a
   for (int attempt = 0; attempt < options_.attempts; ++attempt) {
     FrameWriter writer(sent_);
     writer.begin();
-    if (!writer.add(command, ++index_, address, data)) return std::nullopt;
+    if (!writer.add(command, ++index_, address, data)) {
+      throw Error("EtherCAT",
+                  "a datagram of " + std::to_string(data.size()) + " bytes, expected at most " + std::to_string(kLongestData));
+    }
     const std::int64_t deadline = wire_.now() + options_.timeout;
     wire_.send(writer.finish());
-    while (const std::size_t size = wire_.receive(received_, deadline)) {
+    for (std::size_t size; wire_.now() <= deadline && (size = wire_.receive(received_, deadline)) > 0;) {
       FrameReader reader(std::span<const std::uint8_t>(received_).first(size));
       Datagram d;
       // Answers to earlier attempts, and frames of others, are passed over.

@@ -1,6 +1,7 @@
 #include "components/io/ethercat/master/master.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <utility>
 
 #include "components/io/ethercat/little_endian.h"
@@ -9,8 +10,10 @@ namespace cotwin::ethercat {
 
 namespace {
 
-constexpr std::uint8_t kErrands = 0x80;       // indices of errands begin here
-constexpr std::int64_t kRetry = 100'000'000;  // ns from a failed recovery to the next attempt
+constexpr std::uint8_t kErrands = 0x80;          // indices of errands begin here
+constexpr std::int64_t kPlausible = 10'000'000;  // ns by which the reference clock may be off
+constexpr int kMostFrames = 64;                  // that a cycle reads
+constexpr std::int64_t kRetry = 100'000'000;     // ns from a failed recovery to the next attempt
 constexpr std::uint8_t kAllOp = static_cast<std::uint8_t>(State::kOp);
 
 }  // namespace
@@ -51,7 +54,7 @@ bool Master::collect(Wire& wire, std::int64_t deadline) {
     return std::all_of(frames_.begin(), frames_.end(), [](const Frame& f) { return f.answered; });
   };
   // A deadline of 0 takes everything that has come; another one is over when all answers are here.
-  while (deadline == 0 || !all_answered()) {
+  for (int n = 0; n < kMostFrames && (deadline == 0 || !all_answered()); ++n) {
     const std::size_t size = wire.receive(buffer_, deadline);
     if (size == 0) break;
     take(std::span<const std::uint8_t>(buffer_).first(size), wire.received_at());
@@ -78,53 +81,77 @@ void Master::take(std::span<const std::uint8_t> frame, std::int64_t now) {
     ++counters_.late;
     return;
   }
-  FrameReader again(frame);
-  take_cyclic(again, now);
+  take_cyclic(FrameReader(frame), std::max(now, frames_[0].sent));
 }
 
-void Master::take_cyclic(FrameReader& reader, std::int64_t now) {
-  std::size_t segment = 0;
+/// Whether the datagrams of an answer are those that were sent for a segment. Slaves change the address of broadcasts only.
+bool Master::is_answer(FrameReader reader, std::size_t segment) const {
   Datagram d;
-  bool complete = true;
-  while (reader.next(d)) {
-    const std::span<const std::uint8_t> data = reader.data(d);
-    if (d.command == Command::kFrmw && data.size() == 8) {
-      if (d.working_counter == 0) continue;
-      system_time_ = load<std::int64_t>(data.data());
-      system_time_at_ = frames_[0].sent + (now - frames_[0].sent) / 2;
-      time_.system = system_time_;
-      time_.host = system_time_at_;
-    } else if (d.command == Command::kBrd && data.size() == 2) {
-      states_ = data[0];
-      answering_ = d.working_counter;
-    } else if (is_logical(d.command)) {
-      segment = d.address / kSegmentSpan;
-      if (segment >= bus_.segments.size()) {
-        ++counters_.foreign;
-        return;
-      }
-      const Segment& s = bus_.segments[segment];
-      const std::size_t bytes = s.input_bytes + s.output_bytes;
-      const bool writes = d.command == Command::kLwr;
-      const std::uint16_t expected = writes ? s.write_count : s.expected();
-      if (d.working_counter != expected || (!writes && data.size() != (s.combined ? bytes : s.input_bytes))) {
-        complete = false;
-      } else if (!writes) {
-        arriving_ = data.last(s.input_bytes);
-      }
+  const auto next_is = [&](Command command, std::size_t length) {
+    return reader.next(d) && d.command == command && d.length == length;
+  };
+  if (segment == 0) {
+    if (bus_.reference >= 0 && !(next_is(time_command_, 8) && d.address == at_station(time_.reference, reg::kSystemTime)))
+      return false;
+    if (!(next_is(Command::kBrd, 2) && d.offset() == reg::kAlStatus)) return false;
+  }
+  if (segment < bus_.segments.size()) {
+    const Segment& s = bus_.segments[segment];
+    if (s.combined) {
+      if (!(next_is(Command::kLrw, s.output_bytes + s.input_bytes) && d.address == s.logical)) return false;
+    } else {
+      if (s.output_bytes > 0 && !(next_is(Command::kLwr, s.output_bytes) && d.address == s.logical)) return false;
+      const std::uint32_t inputs = s.logical + static_cast<std::uint32_t>(s.output_bytes);
+      if (s.input_bytes > 0 && !(next_is(Command::kLrd, s.input_bytes) && d.address == inputs)) return false;
     }
   }
-  Frame& frame = frames_[segment];
-  if (frame.answered) {
+  return !reader.next(d);
+}
+
+void Master::take_cyclic(const FrameReader& frame, std::int64_t now) {
+  std::size_t segment = 0;
+  while (segment < frames_.size() && !is_answer(frame, segment)) ++segment;
+  if (segment == frames_.size()) {
+    ++counters_.foreign;
+    return;
+  }
+  if (frames_[segment].answered) {
     ++counters_.late;
     return;
   }
-  frame.answered = true;
-  frame.complete = complete;
-  if (complete && segment < bus_.segments.size()) {
-    std::copy(arriving_.begin(), arriving_.end(),
+  FrameReader reader = frame;
+  Datagram d;
+  bool complete = true;
+  std::span<const std::uint8_t> arriving;
+  while (reader.next(d)) {
+    const std::span<const std::uint8_t> data = reader.data(d);
+    if (d.command == time_command_) {
+      take_system_time(load<std::int64_t>(data.data()), d.working_counter, now);
+    } else if (d.command == Command::kBrd) {
+      states_ = data[0];
+      answering_ = d.working_counter;
+    } else {
+      const Segment& s = bus_.segments[segment];
+      const bool writes = d.command == Command::kLwr;
+      if (d.working_counter != (writes ? s.write_count : s.expected())) complete = false;
+      if (!writes) arriving = data.last(s.input_bytes);
+    }
+  }
+  frames_[segment].answered = true;
+  frames_[segment].complete = complete;
+  if (complete && !arriving.empty()) {
+    std::copy(arriving.begin(), arriving.end(),
               inputs_.begin() + static_cast<std::ptrdiff_t>(bus_.segments[segment].inputs_at));
   }
+}
+
+/// The time of the reference clock, if it is plausible: a reference that was switched off answers with the time since then, and the writes of
+/// the others count even if it does not answer at all.
+void Master::take_system_time(std::int64_t time, std::uint16_t working_counter, std::int64_t now) {
+  const std::int64_t middle = std::min(frames_[0].sent + (now - frames_[0].sent) / 2, now);
+  if (working_counter == 0 || std::abs(time - time_.at(middle)) > kPlausible) return;
+  system_time_ = time_.system = time;
+  system_time_at_ = time_.host = middle;
 }
 
 void Master::close_cycle(std::int64_t now) {
@@ -160,13 +187,16 @@ bool Master::all_in_op() const {
 
 void Master::send_frames(Wire& wire) {
   index_ = static_cast<std::uint8_t>((index_ + 1) % kErrands);
+  // A reference that is away or not yet set again must not pass its time on.
+  const bool distributes = bus_.reference >= 0 && !status_[static_cast<std::size_t>(bus_.reference)].down &&
+                           (counters_.cycles == 0 || answering_ == static_cast<int>(bus_.slaves.size()));
+  time_command_ = distributes ? Command::kFrmw : Command::kFprd;
   ++counters_.cycles;
   for (std::size_t i = 0; i < frames_.size(); ++i) {
     FrameWriter writer(buffer_);
     writer.begin();
     if (i == 0) {
-      if (bus_.reference >= 0)
-        writer.add(Command::kFrmw, index_, at_station(time_.reference, reg::kSystemTime), std::size_t{8});
+      if (bus_.reference >= 0) writer.add(time_command_, index_, at_station(time_.reference, reg::kSystemTime), std::size_t{8});
       writer.add(Command::kBrd, index_, at_position(0, reg::kAlStatus), std::size_t{2});
     }
     if (i < bus_.segments.size()) add_process_data(writer, bus_.segments[i]);

@@ -81,7 +81,9 @@ class Master {
   enum class Way : std::uint8_t { kAddress, kStart, kRun };
 
   void take(std::span<const std::uint8_t> frame, std::int64_t now);
-  void take_cyclic(FrameReader& reader, std::int64_t now);
+  bool is_answer(FrameReader reader, std::size_t segment) const;
+  void take_cyclic(const FrameReader& frame, std::int64_t now);
+  void take_system_time(std::int64_t time, std::uint16_t working_counter, std::int64_t now);
   void take_errand(bool answered, std::uint16_t working_counter, std::span<const std::uint8_t> data, std::int64_t now);
   void close_cycle(std::int64_t now);
   bool all_in_op() const;
@@ -98,8 +100,7 @@ class Master {
   std::int64_t patience_;
   BusTime time_;
   std::vector<std::uint8_t> inputs_, outputs_;
-  std::span<const std::uint8_t> arriving_;  // inputs in the frame that is being read
-  std::vector<Frame> frames_;               // one per segment, at least one
+  std::vector<Frame> frames_;  // one per segment, at least one
   std::vector<SlaveStatus> status_;
   std::vector<std::int64_t> retry_;  // per slave: it is left alone until then, ns
   Counters counters_;
@@ -111,7 +112,8 @@ class Master {
   bool crowded_ = false;  // more slaves answer than there should be
   std::int64_t last_good_ = 0;
   int answering_ = 0;
-  std::uint8_t states_ = 0;  // of all slaves, combined by OR
+  Command time_command_ = Command::kFrmw;  // FPRD while the reference clock is not to be followed
+  std::uint8_t states_ = 0;                // of all slaves, combined by OR
   std::int64_t system_time_ = 0, system_time_at_ = 0;
   std::int64_t clock_difference_ = 0, difference_ = 0;  // of the last round over the slaves, of this one
 
