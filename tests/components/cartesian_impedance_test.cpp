@@ -264,7 +264,7 @@ TEST(CartesianImpedance, NoContactVibratesBelowKeMaxWhateverRobotInertiaAndGains
                             {"lwr4", 1, 0, 60, 4, 0, 0, 0, 6},  // guided freely
                             {"lwr4", 1, 500, 40, 2, 1e4, 1, 1, 6},
                             {"lwr4", 1, 500, 10, 3, 2e3, 0.2, 0, 0},  // light motors behind soft gears
-                            {"kr300_r2500", 5, 2000, 12, 2, 1e6, 50, 2, 8},
+                            {"kr300_r2500", 5, 2000, 12, 2, 1e6, 50, 2, 6.4},
                             {"kr300_r2500", 1, 500, 10, 1, 3e5, 20, 0, 0}};
   for (const Design& d : designs) {
     const auto which = &d - designs;
