@@ -8,7 +8,7 @@
 
 #include "components/unit/joint_settings.h"
 #include "components/unit/settings.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/scene/cell.h"
 #include "models/scene/sdf.h"
 #include "models/scene/urdf_shapes.h"

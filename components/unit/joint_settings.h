@@ -1,7 +1,7 @@
 #pragma once
 #include <string>
 
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 
 namespace cotwin {
 

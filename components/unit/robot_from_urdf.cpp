@@ -2,7 +2,7 @@
 
 #include "components/unit/joint_settings.h"
 #include "components/unit/settings.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 
 namespace cotwin {
 

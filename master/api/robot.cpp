@@ -5,7 +5,7 @@
 #include "master/program/folders.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/indices.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/text.h"
 
 namespace cotwin {

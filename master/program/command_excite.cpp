@@ -10,7 +10,7 @@
 #include "master/program/interrupt.h"
 #include "master/program/tuning/progress.h"
 #include "models/excitation/design.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/atomic_file.h"
 #include "models/support/choice.h"
 #include "models/support/csv.h"

@@ -3,7 +3,7 @@
 #include <memory>
 
 #include "master/program/commands.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 

@@ -9,7 +9,7 @@
 #include "models/robot/attachment.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/history.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/atomic_file.h"
 #include "models/support/error.h"
 #include "models/support/file.h"

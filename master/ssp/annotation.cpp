@@ -7,7 +7,7 @@
 
 #include "master/ssp/system.h"
 #include "models/robot/tool.h"
-#include "models/robot/urdf_document.h"
+#include "models/robot/urdf/urdf_document.h"
 #include "models/support/choice.h"
 #include "models/support/error.h"
 #include "models/support/parameter_set_xml.h"

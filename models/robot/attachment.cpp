@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "models/robot/urdf_name.h"
+#include "models/robot/urdf/urdf_name.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 

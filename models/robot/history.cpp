@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "models/robot/attachment.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 

@@ -1,6 +1,6 @@
 #include "models/robot/tool.h"
 
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "models/support/parameter_set_xml.h"
 

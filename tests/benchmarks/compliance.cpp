@@ -8,7 +8,7 @@
 
 #include "components/unit/unit_table.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "tests/benchmarks/compliance_peer.h"
 #include "tests/benchmarks/measure.h"

@@ -23,7 +23,7 @@
 #include "components/drive_train/drive_train.h"
 #include "components/unit/unit_table.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/support/places.h"
 

@@ -11,7 +11,7 @@
 
 #include "models/robot/dynamics.h"
 #include "models/robot/kernels/kernels.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "tests/benchmarks/dynamics_peers.h"
 #include "tests/benchmarks/measure.h"

@@ -9,7 +9,7 @@
 
 #include "models/identification/identification.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/models/identification_samples.h"
 #include "tests/support/places.h"

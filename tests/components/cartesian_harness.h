@@ -13,7 +13,7 @@
 #include "components/unit/unit_table.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/robot_model.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/support/places.h"
 
 /// The compliance unit with space=cartesian, alone or with the drive train of its robot.

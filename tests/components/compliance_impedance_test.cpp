@@ -9,7 +9,7 @@
 #include <functional>
 
 #include "components/compliance/cartesian/impedance_control.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/components/elastic_robot.h"
 #include "tests/support/places.h"
 

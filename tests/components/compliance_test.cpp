@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "tests/support/places.h"
 

@@ -15,7 +15,7 @@
 
 #include "components/contact_world/robot_links.h"
 #include "components/unit/unit_table.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/support/places.h"
 
 namespace cotwin {

@@ -9,7 +9,7 @@
 #include "components/contact_world/engine/world.h"
 #include "components/contact_world/robot_links.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"

@@ -10,7 +10,7 @@
 #include "components/contact_world/assemble.h"
 #include "components/contact_world/engine/world.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/models/random_robots.h"
 #include "tests/support/contact_scenes.h"
 #include "tests/support/places.h"

@@ -16,7 +16,7 @@
 #include "components/contact_world/robot_links.h"
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"

@@ -6,7 +6,7 @@
 #include <functional>
 
 #include "components/drive_train/exponential.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/components/drive_train_harness.h"
 
 namespace cotwin::testing {

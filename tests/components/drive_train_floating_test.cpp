@@ -12,7 +12,7 @@
 #include "components/contact_world/assemble.h"
 #include "components/contact_world/engine/world.h"
 #include "models/robot/floating_base.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/components/drive_train_harness.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"

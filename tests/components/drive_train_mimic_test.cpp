@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/components/drive_train_harness.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"

@@ -5,7 +5,7 @@
 #include <Eigen/Cholesky>
 
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/components/drive_train_harness.h"
 #include "tests/support/places.h"
 

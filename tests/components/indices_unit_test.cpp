@@ -10,7 +10,7 @@
 #include "components/unit/unit_table.h"
 #include "models/robot/attachment.h"
 #include "models/robot/indices.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"

@@ -10,7 +10,7 @@
 #include "components/motion/motion.h"
 #include "components/unit/unit_table.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 #include "tests/components/motion_subject.h"

@@ -18,7 +18,7 @@
 #include "models/robot/attachment.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/perturbed.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "tests/support/allocations.h"
 #include "tests/support/places.h"

@@ -12,7 +12,7 @@
 #include "fmu/archive/uri.h"
 #include "fmu/description/model_description.h"
 #include "fmu/export/package.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"

@@ -8,7 +8,7 @@
 
 #include "models/robot/attachment.h"
 #include "models/robot/history.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 
 namespace {

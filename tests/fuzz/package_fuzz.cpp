@@ -14,7 +14,7 @@
 #include "fmu/import/variables.h"
 #include "master/twin/twin_package.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/bytes.h"
 #include "models/support/error.h"
 #include "tests/fuzz/edits.h"

@@ -11,7 +11,7 @@
 #include "fmu/archive/archive.h"
 #include "fmu/export/export.h"
 #include "fmu/export/package.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/scene/cell.h"
 #include "models/scene/sdf.h"
 #include "models/scene/urdf_shapes.h"

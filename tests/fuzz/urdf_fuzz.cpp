@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 
 namespace {

@@ -17,7 +17,7 @@
 #include "master/twin/twin_package.h"
 #include "models/robot/attachment.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 #include "tests/support/allocations.h"

@@ -6,7 +6,7 @@
 
 #include "master/program/tuning/tuning.h"
 #include "models/robot/attachment.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/synthetic_log.h"

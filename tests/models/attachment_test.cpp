@@ -5,7 +5,7 @@
 
 #include <random>
 
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"

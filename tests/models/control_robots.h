@@ -6,7 +6,7 @@
 
 #include "models/control/null_space.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/models/random_robots.h"
 #include "tests/support/places.h"
 

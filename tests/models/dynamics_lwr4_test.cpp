@@ -7,7 +7,7 @@
 #include <string>
 
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/csv.h"
 #include "tests/support/places.h"
 

@@ -8,7 +8,7 @@
 #include <numbers>
 
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "models/support/threads.h"
 #include "tests/support/places.h"

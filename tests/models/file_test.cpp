@@ -10,7 +10,7 @@
 #include <filesystem>
 #include <fstream>
 
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/scene/mesh.h"
 #include "models/scene/sdf.h"
 #include "models/support/csv.h"

@@ -10,7 +10,7 @@
 #include <Eigen/SVD>
 #include <cmath>
 
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "tests/models/maximal_coordinates.h"
 #include "tests/models/random_robots.h"

@@ -9,7 +9,7 @@
 #include "models/robot/attachment.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/tool.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"

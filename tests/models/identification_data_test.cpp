@@ -8,7 +8,7 @@
 #include <numbers>
 
 #include "models/identification/identification.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "models/trajectory/recording.h"
 #include "tests/support/allocations.h"

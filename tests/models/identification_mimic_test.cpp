@@ -6,7 +6,7 @@
 
 #include "models/identification/identification.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "tests/models/identification_samples.h"
 #include "tests/support/error_of.h"

@@ -7,7 +7,7 @@
 #include <functional>
 
 #include "models/identification/drive_terms.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "tests/models/identification_samples.h"
 #include "tests/models/random_robots.h"

@@ -11,7 +11,7 @@
 #include <cmath>
 #include <limits>
 
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/models/random_robots.h"
 #include "tests/support/allocations.h"
 #include "tests/support/places.h"

@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <numbers>
 
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "tests/models/random_robots.h"
 #include "tests/support/error_of.h"

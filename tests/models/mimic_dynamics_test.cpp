@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "tests/models/maximal_coordinates.h"
 #include "tests/models/random_robots.h"

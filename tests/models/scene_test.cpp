@@ -8,7 +8,7 @@
 #include <filesystem>
 #include <fstream>
 
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/scene/hull.h"
 #include "models/scene/mesh.h"
 #include "models/scene/sdf.h"

@@ -6,8 +6,8 @@
 
 #include "models/robot/attachment.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
-#include "models/robot/urdf_update.h"
+#include "models/robot/urdf/urdf.h"
+#include "models/robot/urdf/urdf_update.h"
 #include "models/support/error.h"
 
 namespace cotwin::robot {

@@ -1,4 +1,4 @@
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 
 #include <console_bridge/console.h>
 #include <gmock/gmock.h>

@@ -1,12 +1,12 @@
 // Writes a robot's values into the URDF from which it was read, and perturbs robots.
-#include "models/robot/urdf_update.h"
+#include "models/robot/urdf/urdf_update.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "models/robot/attachment.h"
 #include "models/robot/perturbed.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "tests/support/places.h"
 

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "models/robot/indices.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/support/places.h"
 
 namespace cotwin::robot {

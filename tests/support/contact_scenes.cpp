@@ -8,7 +8,7 @@
 
 #include "components/contact_world/assemble.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "tests/support/places.h"
 
 namespace cotwin::testing {

@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "models/robot/dynamics.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/csv.h"
 #include "tests/support/files.h"
 

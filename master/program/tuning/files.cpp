@@ -10,7 +10,7 @@
 #include "models/identification/motor_inertia.h"
 #include "models/robot/drive_parameters.h"
 #include "models/robot/friction.h"
-#include "models/robot/urdf_update.h"
+#include "models/robot/urdf/urdf_update.h"
 #include "models/support/error.h"
 #include "models/support/file.h"
 

@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "components/unit/joint_settings.h"
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 #include "models/support/choice.h"
 #include "models/support/error.h"
 #include "models/support/text.h"

@@ -1,4 +1,4 @@
-#include "models/robot/urdf.h"
+#include "models/robot/urdf/urdf.h"
 
 #include <console_bridge/console.h>
 #include <urdf_model/model.h>
@@ -11,7 +11,7 @@
 #include <optional>
 #include <thread>
 
-#include "models/robot/urdf_document.h"
+#include "models/robot/urdf/urdf_document.h"
 #include "models/support/error.h"
 #include "models/support/file.h"
 #include "models/support/text.h"

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "models/mechanics/pose.h"
-#include "models/robot/urdf_name.h"
+#include "models/robot/urdf/urdf_name.h"
 
 namespace cotwin::robot {
 

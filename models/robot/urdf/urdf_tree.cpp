@@ -1,7 +1,7 @@
 #include <set>
 #include <utility>
 
-#include "models/robot/urdf_document.h"
+#include "models/robot/urdf/urdf_document.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 

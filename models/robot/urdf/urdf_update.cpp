@@ -1,11 +1,11 @@
-#include "models/robot/urdf_update.h"
+#include "models/robot/urdf/urdf_update.h"
 
 #include <tinyxml2.h>
 
 #include <map>
 
-#include "models/robot/urdf.h"
-#include "models/robot/urdf_document.h"
+#include "models/robot/urdf/urdf.h"
+#include "models/robot/urdf/urdf_document.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 

@@ -1,4 +1,4 @@
-#include "models/robot/urdf_document.h"
+#include "models/robot/urdf/urdf_document.h"
 
 #include <tinyxml2.h>
 

@@ -1,4 +1,4 @@
-#include "models/robot/urdf_name.h"
+#include "models/robot/urdf/urdf_name.h"
 
 #include <algorithm>
 

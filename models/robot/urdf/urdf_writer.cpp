@@ -5,8 +5,8 @@
 #include <cmath>
 #include <set>
 
-#include "models/robot/urdf.h"
-#include "models/robot/urdf_document.h"
+#include "models/robot/urdf/urdf.h"
+#include "models/robot/urdf/urdf_document.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
