@@ -157,8 +157,8 @@ void Indices::EllipsoidPorts::write(const robot::Ellipsoid& ellipsoid, const Eig
 void Indices::take_body_parts() {
   parts_.clear();
   if (names_.empty()) return;
-  const std::vector<BodyPart> all = load_body_parts(settings_.file(body_parts_));
-  for (const std::string& name : names_) parts_.push_back(find_body_part(all, name, place_ + ": parts"));
+  const std::vector<robot::BodyPart> all = robot::load_body_parts(settings_.file(body_parts_));
+  for (const std::string& name : names_) parts_.push_back(robot::find_body_part(all, name, place_ + ": parts"));
 }
 
 void Indices::check() const {
@@ -298,7 +298,7 @@ void Indices::compute() {
 void Indices::compute_body_parts(double mass, double speed) {
   bool news = false;
   for (std::size_t i = 0; i < parts_.size(); ++i) {
-    const BodyPart& part = parts_[i];
+    const robot::BodyPart& part = parts_[i];
     const double force = (transient_ ? part.transient : part.quasi_static).on(area_);
     mu_[i] = robot::reduced_mass(mass, part.mass);
     collision_[i] = robot::collision_energy(mu_[i], speed);

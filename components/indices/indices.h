@@ -5,11 +5,11 @@
 #include <string>
 #include <vector>
 
-#include "components/indices/body_parts.h"
 #include "components/unit/joint_variables.h"
 #include "components/unit/settings.h"
 #include "components/unit/unit.h"
 #include "models/robot/body_parameters.h"
+#include "models/robot/body_parts.h"
 #include "models/robot/drive_parameters.h"
 #include "models/robot/indices.h"
 
@@ -104,7 +104,7 @@ class Indices final : public Unit {
   Joints mu_, collision_, v_max_;
   std::string warning_;
 
-  std::vector<BodyPart> parts_;  // selected
+  std::vector<robot::BodyPart> parts_;  // selected
   // Of a floating robot with the six joints of its base first.
   Eigen::VectorXd q_all_, dq_all_, tau_max_all_, gradient_all_;
   robot::FrameInertia inertia_at_E_;

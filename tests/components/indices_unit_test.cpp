@@ -9,6 +9,7 @@
 #include "components/indices/indices.h"
 #include "components/unit/unit_table.h"
 #include "models/robot/attachment.h"
+#include "models/robot/body_parts.h"
 #include "models/robot/indices.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
@@ -21,6 +22,9 @@ namespace {
 
 using cotwin::testing::error_of;
 using cotwin::testing::TemporaryFolder;
+using robot::BodyPart;
+using robot::find_body_part;
+using robot::load_body_parts;
 using ::testing::HasSubstr;
 
 constexpr Duration kTick{1'000'000};

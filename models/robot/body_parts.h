@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-namespace cotwin::indices {
+namespace cotwin::robot {
 
 /// A part of a person's body in a collision: a mass behind a spring, and what it may receive.
 struct BodyPart {
@@ -31,4 +31,4 @@ std::vector<BodyPart> load_body_parts(const std::filesystem::path& file);
 /// with the closest name.
 const BodyPart& find_body_part(const std::vector<BodyPart>& parts, const std::string& name, const std::string& place);
 
-}  // namespace cotwin::indices
+}  // namespace cotwin::robot

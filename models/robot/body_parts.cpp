@@ -1,4 +1,4 @@
-#include "components/indices/body_parts.h"
+#include "models/robot/body_parts.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,7 +8,7 @@
 #include "models/support/error.h"
 #include "models/support/text.h"
 
-namespace cotwin::indices {
+namespace cotwin::robot {
 namespace {
 
 double positive(const csv::Reader& table, std::size_t column) {
@@ -74,4 +74,4 @@ const BodyPart& find_body_part(const std::vector<BodyPart>& parts, const std::st
                          (closest.empty() ? ", expected a name of its table" : "; did you mean '" + closest + "'?"));
 }
 
-}  // namespace cotwin::indices
+}  // namespace cotwin::robot
