@@ -1,4 +1,4 @@
-#include "components/contact_world/engine/collision.h"
+#include "components/contact_world/engine/collision/collision.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

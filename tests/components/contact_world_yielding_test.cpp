@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "components/contact_world/engine/collision.h"
+#include "components/contact_world/engine/collision/collision.h"
 #include "components/contact_world/engine/soft_contact.h"
 #include "components/contact_world/engine/world.h"
 #include "tests/components/contact_world_shapes.h"

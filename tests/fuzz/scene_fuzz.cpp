@@ -4,7 +4,7 @@
 #include <cstdlib>
 #include <string_view>
 
-#include "components/contact_world/engine/collision.h"
+#include "components/contact_world/engine/collision/collision.h"
 #include "models/scene/sdf.h"
 #include "models/support/error.h"
 

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/body.h"
-#include "components/contact_world/engine/collision.h"
+#include "components/contact_world/engine/collision/collision.h"
 #include "models/scene/scene.h"
 
 namespace cotwin::contact_world {

@@ -9,7 +9,7 @@
 
 #include "components/contact_world/engine/body.h"
 #include "components/contact_world/engine/dantzig.h"
-#include "components/contact_world/engine/forest.h"
+#include "components/contact_world/engine/joints/forest.h"
 #include "components/contact_world/engine/soft_contact.h"
 
 namespace cotwin::contact_world {

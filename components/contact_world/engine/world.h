@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "components/contact_world/engine/collision.h"
+#include "components/contact_world/engine/collision/collision.h"
 #include "models/mechanics/pose.h"
 #include "models/scene/scene.h"
 

@@ -4,12 +4,12 @@
 #include <vector>
 
 #include "components/contact_world/engine/advance.h"
-#include "components/contact_world/engine/axes.h"
 #include "components/contact_world/engine/body.h"
-#include "components/contact_world/engine/collision.h"
-#include "components/contact_world/engine/forest.h"
+#include "components/contact_world/engine/collision/collision.h"
 #include "components/contact_world/engine/guard.h"
-#include "components/contact_world/engine/joint.h"
+#include "components/contact_world/engine/joints/axes.h"
+#include "components/contact_world/engine/joints/forest.h"
+#include "components/contact_world/engine/joints/joint.h"
 #include "components/contact_world/engine/rows.h"
 #include "components/contact_world/engine/world.h"
 

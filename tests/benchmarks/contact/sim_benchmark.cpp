@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 
-#include "components/contact_world/engine/collision.h"
+#include "components/contact_world/engine/collision/collision.h"
 #include "tests/benchmarks/contact/cases.h"
 #include "tests/benchmarks/contact/run.h"
 #include "tests/support/contact_scenes.h"

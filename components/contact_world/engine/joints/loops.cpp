@@ -1,4 +1,4 @@
-#include "components/contact_world/engine/loops.h"
+#include "components/contact_world/engine/joints/loops.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>

@@ -1,10 +1,10 @@
-#include "components/contact_world/engine/pair.h"
+#include "components/contact_world/engine/collision/pair.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "components/contact_world/engine/separation.h"
+#include "components/contact_world/engine/collision/separation.h"
 
 namespace cotwin::contact_world {
 

@@ -3,7 +3,7 @@
 #include <array>
 #include <cmath>
 
-#include "components/contact_world/engine/separation.h"
+#include "components/contact_world/engine/collision/separation.h"
 
 namespace cotwin::contact_world {
 

@@ -1,4 +1,4 @@
-#include "components/contact_world/engine/axes.h"
+#include "components/contact_world/engine/joints/axes.h"
 
 #include <algorithm>
 #include <cmath>

@@ -2,9 +2,9 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "components/contact_world/engine/convex.h"
-#include "components/contact_world/engine/manifold.h"
-#include "components/contact_world/engine/separation.h"
+#include "components/contact_world/engine/collision/convex.h"
+#include "components/contact_world/engine/collision/manifold.h"
+#include "components/contact_world/engine/collision/separation.h"
 
 namespace cotwin::contact_world {
 

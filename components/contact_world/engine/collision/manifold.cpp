@@ -1,4 +1,4 @@
-#include "components/contact_world/engine/manifold.h"
+#include "components/contact_world/engine/collision/manifold.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>

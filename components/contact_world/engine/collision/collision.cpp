@@ -1,4 +1,4 @@
-#include "components/contact_world/engine/collision.h"
+#include "components/contact_world/engine/collision/collision.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -6,9 +6,9 @@
 #include <limits>
 #include <utility>
 
-#include "components/contact_world/engine/convex.h"
-#include "components/contact_world/engine/pair.h"
-#include "components/contact_world/engine/patch.h"
+#include "components/contact_world/engine/collision/convex.h"
+#include "components/contact_world/engine/collision/pair.h"
+#include "components/contact_world/engine/collision/patch.h"
 
 namespace cotwin::contact_world {
 

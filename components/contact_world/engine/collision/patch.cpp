@@ -1,4 +1,4 @@
-#include "components/contact_world/engine/patch.h"
+#include "components/contact_world/engine/collision/patch.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "components/contact_world/engine/separation.h"
+#include "components/contact_world/engine/collision/separation.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>

@@ -1,7 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 
-#include "components/contact_world/engine/convex.h"
+#include "components/contact_world/engine/collision/convex.h"
 
 namespace cotwin::contact_world {
 

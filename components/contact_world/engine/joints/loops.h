@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/body.h"
-#include "components/contact_world/engine/joint.h"
+#include "components/contact_world/engine/joints/joint.h"
 
 namespace cotwin::contact_world {
 

@@ -1,4 +1,4 @@
-#include "components/contact_world/engine/forest.h"
+#include "components/contact_world/engine/joints/forest.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>

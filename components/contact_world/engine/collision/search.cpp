@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "components/contact_world/engine/separation.h"
+#include "components/contact_world/engine/collision/separation.h"
 
 namespace cotwin::contact_world {
 

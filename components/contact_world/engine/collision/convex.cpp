@@ -1,4 +1,4 @@
-#include "components/contact_world/engine/convex.h"
+#include "components/contact_world/engine/collision/convex.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>

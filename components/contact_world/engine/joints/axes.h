@@ -3,8 +3,8 @@
 #include <limits>
 #include <span>
 
-#include "components/contact_world/engine/forest.h"
-#include "components/contact_world/engine/joint.h"
+#include "components/contact_world/engine/joints/forest.h"
+#include "components/contact_world/engine/joints/joint.h"
 
 namespace cotwin::contact_world {
 

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "components/contact_world/engine/body.h"
-#include "components/contact_world/engine/joint.h"
-#include "components/contact_world/engine/loops.h"
+#include "components/contact_world/engine/joints/joint.h"
+#include "components/contact_world/engine/joints/loops.h"
 
 namespace cotwin::contact_world {
 

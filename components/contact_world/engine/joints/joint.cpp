@@ -1,4 +1,4 @@
-#include "components/contact_world/engine/joint.h"
+#include "components/contact_world/engine/joints/joint.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
