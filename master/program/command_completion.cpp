@@ -5,8 +5,8 @@
 #include <memory>
 #include <sstream>
 
+#include "master/engine/members.h"
 #include "master/program/commands.h"
-#include "master/run/members.h"
 #include "master/ssp/scenario.h"
 #include "models/support/error.h"
 

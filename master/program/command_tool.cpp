@@ -4,8 +4,8 @@
 #include <memory>
 
 #include "components/unit/settings.h"
+#include "master/engine/tools.h"
 #include "master/program/commands.h"
-#include "master/run/tools.h"
 #include "models/robot/attachment.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/history.h"

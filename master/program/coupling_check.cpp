@@ -4,9 +4,9 @@
 #include <cmath>
 #include <map>
 
+#include "master/engine/arrangement.h"
+#include "master/engine/engine.h"
 #include "master/program/report.h"
-#include "master/run/arrangement.h"
-#include "master/run/engine.h"
 #include "models/support/text.h"
 
 namespace cotwin::master {

@@ -3,7 +3,7 @@
 #include <vector>
 
 #include "fmu/check/check.h"
-#include "master/run/members.h"
+#include "master/engine/members.h"
 #include "master/ssp/scenario.h"
 
 namespace cotwin::master {

@@ -4,7 +4,7 @@
 #include <variant>
 #include <vector>
 
-#include "master/run/members.h"
+#include "master/engine/members.h"
 #include "models/support/bytes.h"
 #include "models/support/file_hash.h"
 #include "models/support/text.h"

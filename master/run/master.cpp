@@ -11,10 +11,10 @@
 #include <variant>
 
 #include "fmu/import/fmu_unit.h"
-#include "master/run/engine.h"
+#include "master/engine/engine.h"
+#include "master/engine/step_control.h"
 #include "master/run/omissions.h"
 #include "master/run/recorder.h"
-#include "master/run/step_control.h"
 #include "models/support/bytes.h"
 #include "models/support/error.h"
 #include "models/support/text.h"

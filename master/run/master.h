@@ -8,10 +8,10 @@
 #include <string>
 #include <vector>
 
-#include "master/run/bonds.h"
-#include "master/run/initialisation.h"
-#include "master/run/loop_report.h"
-#include "master/run/members.h"
+#include "master/engine/bonds.h"
+#include "master/engine/initialisation.h"
+#include "master/engine/loop_report.h"
+#include "master/engine/members.h"
 #include "master/run/pace.h"
 #include "master/run/recorder.h"
 #include "master/run/statistics.h"

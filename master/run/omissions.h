@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
-#include "master/run/members.h"
-#include "master/run/wiring.h"
+#include "master/engine/members.h"
+#include "master/engine/wiring.h"
 
 namespace cotwin::master {
 

@@ -4,7 +4,7 @@
 #include <atomic>
 #include <utility>
 
-#include "master/run/realtime.h"
+#include "master/clock/realtime.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 

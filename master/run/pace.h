@@ -7,8 +7,8 @@
 #include <thread>
 #include <vector>
 
-#include "master/run/clock.h"
-#include "master/run/engine.h"
+#include "master/clock/clock.h"
+#include "master/engine/engine.h"
 
 namespace cotwin::master {
 

@@ -16,7 +16,7 @@
 #include <system_error>
 #include <unordered_map>
 
-#include "master/run/clock.h"
+#include "master/clock/clock.h"
 #include "models/support/atomic_file.h"
 #include "models/support/error.h"
 #include "models/support/text.h"

@@ -10,8 +10,8 @@
 #include <vector>
 
 #include "components/unit/time.h"
+#include "master/engine/members.h"
 #include "master/run/crash.h"
-#include "master/run/members.h"
 
 /// Records selected variables over time as CSV.
 namespace cotwin::master {

@@ -5,8 +5,8 @@
 #include <limits>
 #include <type_traits>
 
-#include "master/run/bonds.h"
-#include "master/run/schedule.h"
+#include "master/engine/bonds.h"
+#include "master/engine/schedule.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 

@@ -84,7 +84,7 @@ struct EventSpec {
   std::string place;
 };
 
-/// At `time`, a tool is mounted on a robot or removed from it (master/run/tools.h). Lengths in m, angles in rad.
+/// At `time`, a tool is mounted on a robot or removed from it (master/engine/tools.h). Lengths in m, angles in rad.
 struct ToolSpec {
   /// A further frame on the tool, in the tool's frame.
   struct Frame {

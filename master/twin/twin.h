@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "components/unit/unit.h"
-#include "master/run/engine.h"
-#include "master/run/step_control.h"
+#include "master/engine/engine.h"
+#include "master/engine/step_control.h"
 #include "master/ssp/scenario.h"
 
 namespace cotwin::master {

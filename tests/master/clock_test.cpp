@@ -1,5 +1,5 @@
 // Clocks of the loop against simulated time: nothing here depends on the speed of the machine.
-#include "master/run/clock.h"
+#include "master/clock/clock.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

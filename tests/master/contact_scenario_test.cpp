@@ -7,7 +7,7 @@
 #include <string>
 
 #include "components/unit/unit_table.h"
-#include "master/run/members.h"
+#include "master/engine/members.h"
 #include "master/ssp/scenario.h"
 #include "master/twin/twin.h"
 #include "tests/support/places.h"

@@ -7,8 +7,8 @@
 #include <filesystem>
 #include <fstream>
 
+#include "master/engine/engine.h"
 #include "master/program/check.h"
-#include "master/run/engine.h"
 #include "tests/master/test_units.h"
 #include "tests/support/linear_units.h"
 

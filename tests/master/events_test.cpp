@@ -1,4 +1,4 @@
-#include "master/run/events.h"
+#include "master/engine/events.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -9,8 +9,8 @@
 
 #include "components/unit/unit_table.h"
 #include "fmu/description/describe.h"
+#include "master/engine/members.h"
 #include "master/run/master.h"
-#include "master/run/members.h"
 #include "master/ssp/scenario.h"
 #include "tests/support/places.h"
 

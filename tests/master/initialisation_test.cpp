@@ -1,4 +1,4 @@
-#include "master/run/initialisation.h"
+#include "master/engine/initialisation.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

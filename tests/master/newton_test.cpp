@@ -1,4 +1,4 @@
-#include "master/run/newton.h"
+#include "master/engine/newton.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "master/run/phase_locked_loop.h"
+#include "master/clock/phase_locked_loop.h"
 
 #include <gtest/gtest.h>
 
@@ -6,7 +6,7 @@
 #include <functional>
 #include <random>
 
-#include "master/run/histogram.h"
+#include "master/clock/histogram.h"
 #include "tests/master/simulated_source.h"
 
 namespace cotwin::master {

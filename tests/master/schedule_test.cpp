@@ -1,5 +1,5 @@
-#include "master/run/schedule.h"
-#include "master/run/arrangement.h"
+#include "master/engine/schedule.h"
+#include "master/engine/arrangement.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -7,7 +7,7 @@
 #include <random>
 
 #include "components/unit/tick_source.h"
-#include "master/run/host_time.h"
+#include "master/clock/host_time.h"
 
 /// Time and a robot or bus of tests, which do not depend on the speed of the machine.
 namespace cotwin::testing {

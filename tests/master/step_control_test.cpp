@@ -1,4 +1,4 @@
-#include "master/run/step_control.h"
+#include "master/engine/step_control.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
-// Tools that come and go in a run (IV-A2): master/run/tools.h.
-#include "master/run/tools.h"
+// Tools that come and go in a run (IV-A2): master/engine/tools.h.
+#include "master/engine/tools.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,8 +9,8 @@
 
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
+#include "master/engine/wiring.h"
 #include "master/run/master.h"
-#include "master/run/wiring.h"
 #include "master/ssp/scenario.h"
 #include "master/twin/ssd_write.h"
 #include "master/twin/twin.h"

@@ -5,7 +5,7 @@
 
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
-#include "master/run/members.h"
+#include "master/engine/members.h"
 #include "master/ssp/scenario.h"
 #include "master/twin/twin.h"
 #include "models/identification/motor_inertia.h"

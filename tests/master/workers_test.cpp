@@ -1,4 +1,4 @@
-#include "master/run/workers.h"
+#include "master/engine/workers.h"
 
 #include <gtest/gtest.h>
 

@@ -1,0 +1,256 @@
+#include "master/engine/step_control.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
+constexpr std::int64_t kWatchEvery = 4096;  // ticks between two measurements of the gains of loops, at checkpoints
+constexpr std::int64_t kCarefulTicks = 64;  // after a discarded one, with a checkpoint each
+
+// Steps to a tolerance. A jump within a step of the shortest length changes an integral over the tick by no more than the
+// tolerance, as part of the jump.
+constexpr double kShortest = 1.0 / 1024;  // of the tick; or the tolerance if that is smaller
+constexpr double kFirst = 0.0073;         // of the tick, for the first step and after an event; no simple fraction, so that a
+                                          // signal with such a period is seen
+constexpr double kDiscardError = 2.56;    // counts for a discarded step: the next one has half its length
+
+/// Length of the next step / length of one with this error.
+double factor(double error) { return std::clamp(0.8 / std::sqrt(std::max(error, 1e-12)), 0.3, 2.0); }
+
+int most_parts_of(const Tick& tick) { return static_cast<int>(std::min<std::int64_t>(kMostParts, (tick.end - tick.begin).ns)); }
+
+}  // namespace
+
+void Checkpoint::take(std::int64_t tick, std::span<const Member> members, const Engine& engine) {
+  tick_ = tick;
+  snapshots_.resize(members.size());
+  progress_.clear();
+  for (const Slot& slot : engine.schedule.slots) {
+    const Member& member = members[slot.member];
+    if (!slot.once) snapshots_[slot.member].take(member.variables(), *slot.unit);
+    progress_.push_back({slot.time, slot.last_step});
+  }
+  engine.events.save(events_);
+  engine.save_coupling(coupling_);
+}
+
+void Checkpoint::restore(std::span<const Member> members, Engine& engine) const {
+  for (std::size_t i = 0; i < progress_.size(); ++i) {
+    Slot& slot = engine.schedule.slots[i];
+    if (slot.once) continue;
+    snapshots_[slot.member].restore(members[slot.member].variables(), *slot.unit);
+    slot.time = progress_[i].time;
+    slot.last_step = progress_[i].last_step;
+  }
+  engine.events.restore(events_);
+  engine.restore_coupling(coupling_);
+}
+
+void Checkpoint::write(ByteWriter& out) const {
+  out.value(tick_);
+  out.value(static_cast<std::uint64_t>(snapshots_.size()));
+  for (const Snapshot& snapshot : snapshots_) out.text(snapshot.serialise());
+  out.value(static_cast<std::uint64_t>(progress_.size()));
+  for (const Progress& p : progress_) {
+    out.value(p.time.ns);
+    out.value(p.last_step.ns);
+  }
+  events_.write(out);
+  out.list(coupling_);
+}
+
+void Checkpoint::read(ByteReader& in, std::span<const Member> members, const Engine& engine) {
+  const Schedule& schedule = engine.schedule;
+  tick_ = in.value<std::int64_t>();
+  if (tick_ < 0 || tick_ > schedule.ticks()) in.fail("is at tick " + std::to_string(tick_) + " of another run");
+  if (in.count(sizeof(std::uint64_t)) != members.size()) in.fail("has the states of other units");
+  snapshots_.clear();
+  for (std::size_t m = 0; m < members.size(); ++m) snapshots_.push_back(Snapshot::deserialise(in.text()));
+  if (in.count(2 * sizeof(std::int64_t)) != schedule.slots.size()) in.fail("has the states of other units");
+  progress_.clear();
+  for (std::size_t i = 0; i < schedule.slots.size(); ++i) {
+    const Time time{in.value<std::int64_t>()};
+    const Duration last{in.value<std::int64_t>()};
+    if (time < schedule.time(0) || time > schedule.time(tick_) || last.ns < 0) in.fail("has impossible times of steps");
+    progress_.push_back({time, last});
+  }
+  events_.read(in);
+  if (!engine.events.is_valid(events_)) in.fail("is amid other events");
+  if (in.count(sizeof(double)) != engine.coupling_size()) in.fail("has other loops");
+  coupling_.resize(engine.coupling_size());
+  for (double& number : coupling_) number = in.value<double>();
+}
+
+StepControl::StepControl(Engine& engine, std::span<const Member> members, double tolerance, Recall recall)
+    : engine_(engine), members_(members), recall_(std::move(recall)), discarded_by_(members.size()), tolerance_(tolerance) {
+  const auto found = std::ranges::find_if(members, [](const Member& m) { return !m.instance.unit->restorable(); });
+  if (found != members.end()) {
+    not_restorable_ = &*found;
+    next_checkpoint_ = kNever;
+  }
+  if (tolerance > 0) input_error_.emplace(engine.links, members, tolerance);
+}
+
+void StepControl::initialise() {
+  if (not_restorable_ == nullptr) take_checkpoint(0);
+  if (!input_error_) return;
+  input_error_->start(engine_);
+  step_begin_.take(0, members_, engine_);
+  energies_.assign(engine_.bonds.state().begin(), engine_.bonds.state().end());
+  next_ = {};
+}
+
+void StepControl::take_checkpoint(std::int64_t tick) {
+  if (tick > 0 && tick % kWatchEvery == 0 && !input_error_) {
+    const Tick next = engine_.schedule.tick(tick);
+    engine_.watch_loops(next.end - next.begin);
+  }
+  checkpoint_.take(tick, members_, engine_);
+  find_next_checkpoint(tick);
+}
+
+void StepControl::find_next_checkpoint(std::int64_t tick) {
+  const bool every_tick = tick < careful_until_ || input_error_;
+  next_checkpoint_ = every_tick ? tick + 1 : (tick / kCheckpointEvery + 1) * kCheckpointEvery;
+}
+
+/// Restores the last checkpoint and steps the ticks since then again, to the same bits. In most runs this is cheaper than a
+/// checkpoint in every tick.
+void StepControl::replay_until(std::int64_t tick) {
+  restore_checkpoint();
+  for (std::int64_t past = checkpoint_.tick(); past < tick; ++past) {
+    const Tick again = recall_(past);
+    const std::size_t discarded_by = engine_.step(again);
+    if (discarded_by == Engine::kNoSlot) continue;
+    throw Error("'" + engine_.name(discarded_by) + "' discards at t = " + text::to_text(again.begin.seconds()) +
+                " s a step that it has made before: its declared variables do not contain its whole state");
+  }
+  recall_(tick);
+  careful_until_ = tick + kCarefulTicks;
+  take_checkpoint(tick);
+}
+
+std::size_t StepControl::step_in_parts(const Tick& tick, std::size_t discarded_by) {
+  count_discard(discarded_by);
+  if (not_restorable_) return discarded_by;
+  replay_until(tick.index - tick.skipped);
+  for (int parts = 2; parts <= most_parts_of(tick); parts *= 2) {
+    discarded_by = engine_.step(tick, parts);
+    if (discarded_by == Engine::kNoSlot) {
+      most_parts_ = std::max(most_parts_, parts);
+      return discarded_by;
+    }
+    restore_checkpoint();
+  }
+  forget();
+  return discarded_by;
+}
+
+/// Length of the next step, so that no short rest is left before the next event or the end of the tick.
+Duration StepControl::length(Duration left) const {
+  if (next_ >= left) return left;
+  return 2 * next_ > left ? Duration{(left.ns + 1) / 2} : next_;
+}
+
+void StepControl::choose_next(Duration made, double error, Duration shortest, Duration longest) {
+  const Duration proposed{static_cast<std::int64_t>(factor(error) * static_cast<double>(made.ns))};
+  const bool shortened = made < next_ && proposed >= made;  // for an event or the end of the tick
+  next_ = std::clamp(shortened ? std::max(next_, proposed) : proposed, shortest, longest);
+}
+
+/// Steps of free length that end at the events and at the end of the tick. A step whose error is too large, or that a unit
+/// discards, is repeated with a shorter one.
+std::size_t StepControl::step_to_tolerance(const Tick& tick, bool timed) {
+  const Duration whole = tick.end - tick.begin;
+  const auto share = [&](double s) {
+    return Duration{std::max<std::int64_t>(1, std::llround(s * static_cast<double>(whole.ns)))};
+  };
+  const Duration shortest = share(std::min(kShortest, tolerance_)), first = std::max(shortest, share(kFirst));
+  if (next_.ns == 0) next_ = first;
+  int parts = 0;
+  Time now = tick.begin;
+  bool finished = false;
+  engine_.begin_tick();
+  while (now < tick.end && !finished) {
+    const Time event = engine_.events.next_after(now), limit = std::min(tick.end, event);
+    const Duration h = length(limit - now);
+    step_begin_.take(tick.index, members_, engine_);
+    energies_.assign(engine_.bonds.state().begin(), engine_.bonds.state().end());
+    input_error_->begin(h);
+    const std::size_t discarded_by = engine_.step_between(tick, now, now + h, timed);
+    const bool is_discarded = discarded_by != Engine::kNoSlot;
+    if (is_discarded) {
+      count_discard(discarded_by);
+      if (h <= shortest || engine_.schedule.slots[discarded_by].once) return discarded_by;
+    }
+    const double error =
+        is_discarded ? kDiscardError : std::max(input_error_->end(), engine_.bonds.error(energies_, tolerance_));
+    if (is_discarded || (error > 1 && h > shortest)) {
+      ++rejected_;
+      next_ = std::max(shortest, Duration{static_cast<std::int64_t>(factor(error) * static_cast<double>(h.ns))});
+      step_begin_.restore(members_, engine_);
+      continue;
+    }
+    if (error > 1) ++tolerance_missed_;
+    input_error_->accept(h, h <= shortest);
+    finished = engine_.finished_by() != Engine::kNoSlot;
+    now = now + h;
+    ++parts;
+    choose_next(h, error, shortest, whole);
+    if (now == event) next_ = std::min(next_, first);
+  }
+  parts_sum_ += parts;
+  most_parts_ = std::max(most_parts_, parts);
+  return Engine::kNoSlot;
+}
+
+std::int64_t StepControl::discarded() const {
+  return std::accumulate(discarded_by_.begin(), discarded_by_.end(), std::int64_t{0});
+}
+
+double StepControl::mean_parts(std::int64_t ticks) const {
+  return input_error_ && ticks > 0 ? static_cast<double>(parts_sum_) / static_cast<double>(ticks) : 1;
+}
+
+double StepControl::mean_tries(std::int64_t ticks) const {
+  return input_error_ && ticks > 0 ? static_cast<double>(parts_sum_ + rejected_) / static_cast<double>(ticks) : 1;
+}
+
+void StepControl::write(ByteWriter& out) const {
+  checkpoint_.write(out);
+  out.value(careful_until_);
+  out.value(static_cast<std::uint64_t>(discarded_by_.size()));
+  for (const std::int64_t count : discarded_by_) out.value(count);
+  out.value(static_cast<std::int32_t>(most_parts_));
+  for (const std::int64_t number : {next_.ns, parts_sum_, rejected_, tolerance_missed_}) out.value(number);
+  engine_.write_counts(out);
+  out.value(static_cast<std::uint8_t>(input_error_.has_value()));
+  if (input_error_) input_error_->write(out);
+}
+
+std::int64_t StepControl::restore(ByteReader& in) {
+  checkpoint_.read(in, members_, engine_);
+  careful_until_ = in.value<std::int64_t>();
+  if (in.count(sizeof(std::int64_t)) != discarded_by_.size()) in.fail("has the states of other units");
+  for (std::int64_t& count : discarded_by_) count = in.value<std::int64_t>();
+  most_parts_ = in.value<std::int32_t>();
+  for (std::int64_t* number : {&next_.ns, &parts_sum_, &rejected_, &tolerance_missed_}) *number = in.value<std::int64_t>();
+  if (most_parts_ < 1 || next_.ns < 0) in.fail("is damaged");
+  engine_.read_counts(in);
+  if ((in.value<std::uint8_t>() != 0) != input_error_.has_value()) in.fail("is of another tolerance");
+  if (input_error_) input_error_->read(in);
+  restore_checkpoint();
+  find_next_checkpoint(checkpoint_.tick());
+  return checkpoint_.tick();
+}
+
+}  // namespace cotwin::master
