@@ -124,14 +124,17 @@ function(cotwin_unit_table)
   target_link_libraries(cotwin_units PUBLIC cotwin_settings cotwin::unit PRIVATE ${libraries})
 endfunction()
 
-# cotwin_test(name SOURCES … LINK … [THREADS pattern…] [LONG] [SERIAL]): one GoogleTest program; every TEST in it is a CTest test of its own.
-# THREADS: tests that match one of the patterns also run under the thread sanitizer. LONG: not built with the address sanitizer, because tests that
-# cost less run the same code there: property tests of the units, scenarios, files of others. SERIAL: no other test runs at the same time.
+# cotwin_test(name SOURCES … LINK … [THREADS pattern…] [TOGETHER pattern…] [LONG] [LONG_TESTS pattern…] [SERIAL]): one GoogleTest program;
+# every TEST in it is a CTest test of its own. THREADS: tests that match one of the patterns also run under the thread sanitizer. TOGETHER: the
+# tests that match a pattern are one CTest test, run by one process, and those that match none are another: for hundreds of quick tests, and for
+# tests that share a costly set-up. The output names each test that fails. LONG: not built with the address sanitizer, because tests that cost
+# less run the same code there: property tests of the units, scenarios, files of others. LONG_TESTS: the same for the tests that match a pattern
+# (not with TOGETHER). SERIAL: no other test runs at the same time.
 function(cotwin_test name)
   if(NOT COTWIN_TESTS)
     return()
   endif()
-  cmake_parse_arguments(arg "LONG;SERIAL" "" "SOURCES;LINK;THREADS" ${ARGN})
+  cmake_parse_arguments(arg "LONG;SERIAL" "" "SOURCES;LINK;THREADS;TOGETHER;LONG_TESTS" ${ARGN})
   if(COTWIN_SANITIZE STREQUAL "thread")
     if(NOT arg_THREADS)
       return()
@@ -143,12 +146,31 @@ function(cotwin_test name)
   if(COTWIN_SANITIZE STREQUAL "thread")
     list(APPEND arg_SOURCES ${PROJECT_SOURCE_DIR}/tests/support/thread_sanitizer.cpp)
     list(JOIN arg_THREADS ":" filter)
+  elseif(COTWIN_SANITIZE AND arg_LONG_TESTS)
+    list(JOIN arg_LONG_TESTS ":" filter)
+    set(filter "-${filter}")
   endif()
   add_executable(${name} ${arg_SOURCES})
   target_link_libraries(${name} PRIVATE cotwin_settings ${arg_LINK} cotwin::places GTest::gtest_main GTest::gmock)
   target_compile_options(${name} PRIVATE $<$<CONFIG:Release>:-O1>)   # compiles in two thirds of the time of -O3
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
-  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 120 TEST_FILTER "${filter}" PROPERTIES TIMEOUT 600 RUN_SERIAL ${arg_SERIAL})
+  if(NOT arg_TOGETHER)
+    gtest_discover_tests(${name} DISCOVERY_TIMEOUT 120 TEST_FILTER "${filter}" PROPERTIES TIMEOUT 600 RUN_SERIAL ${arg_SERIAL})
+    return()
+  endif()
+  if(filter)
+    set(filters ${filter})
+  else()
+    set(filters ${arg_TOGETHER})
+    if(NOT "*" IN_LIST filters)
+      list(JOIN arg_TOGETHER ":" others)
+      list(APPEND filters "-${others}")
+    endif()
+  endif()
+  foreach(filter IN LISTS filters)
+    add_test(NAME "${name}(${filter})" COMMAND ${name} --gtest_brief=1 "--gtest_filter=${filter}")
+    set_tests_properties("${name}(${filter})" PROPERTIES TIMEOUT 1800 RUN_SERIAL ${arg_SERIAL})
+  endforeach()
 endfunction()
 
 # cotwin_benchmark(name SOURCES … LINK …): a program that prints one JSON object per line (tests/benchmarks/measure.h).

@@ -45,6 +45,11 @@ std::vector<Subject> subjects() {
   return all;
 }
 
+/// Unit and version, as "motion_fmi2".
+std::string type_of(const Subject& subject) {
+  return parse_unit_source(subject.source).unit + "_fmi" + std::to_string(static_cast<int>(subject.version));
+}
+
 class BothWays : public ::testing::TestWithParam<Subject> {
  protected:
   void SetUp() override {
@@ -57,8 +62,9 @@ class BothWays : public ::testing::TestWithParam<Subject> {
     request.values = cotwin::testing::start_values(request.source);
     unit_ = make_unit(request.source, request.defaults, request.folders, request.types);
     for (const ParameterSet& set : request.values) apply(set, unit_.variables);
-    archive_ = folder_.path() / "unit.fmu";
-    pack_unit(request, archive_);
+    static TemporaryFolder archives;  // each is written once
+    archive_ = archives.path() / (type_of(GetParam()) + ".fmu");
+    if (!fs::exists(archive_)) pack_unit(request, archive_);
     fmu_ = load_fmu();
   }
   Instance load_fmu() const {
@@ -96,7 +102,6 @@ class BothWays : public ::testing::TestWithParam<Subject> {
     }
     return text.str();
   }
-  TemporaryFolder folder_;
   fs::path archive_;
   Instance unit_, fmu_;
 };
@@ -173,9 +178,7 @@ TEST_P(BothWays, AFreshInstanceGoesOnFromASnapshotAsTheUnitDoes) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Units, BothWays, ::testing::ValuesIn(subjects()), [](const auto& subject) {
-  std::string name = parse_unit_source(subject.param.source).unit;
-  return name + "_fmi" + std::to_string(static_cast<int>(subject.param.version)) + "_" +
-         text::word_of(subject.param.process, kProcessWords);
+  return type_of(subject.param) + "_" + text::word_of(subject.param.process, kProcessWords);
 });
 
 }  // namespace
