@@ -70,7 +70,7 @@ set(CPACK_STRIP_FILES ON)
 set(CPACK_DEBIAN_COTWIN_DESCRIPTION "The program cotwin runs scenarios of flexible-joint robots, contact worlds, controllers and recordings, exports units and scenarios as FMUs (FMI 2 and 3) and tunes a robot's model to measured torques.")
 set(CPACK_DEBIAN_COTWIN-DEV_PACKAGE_NAME cotwin-dev)
 set(CPACK_DEBIAN_COTWIN-DEV_PACKAGE_SECTION libdevel)
-set(CPACK_DEBIAN_COTWIN-DEV_PACKAGE_DEPENDS "cotwin (= ${PROJECT_VERSION}), libeigen3-dev, libsundials-dev, liburdfdom-dev, libtinyxml2-dev, libexpat1-dev, libzip-dev, nlohmann-json3-dev, pkg-config")
+set(CPACK_DEBIAN_COTWIN-DEV_PACKAGE_DEPENDS "cotwin (= ${PROJECT_VERSION}), libeigen3-dev, libsundials-dev, liburdfdom-dev, libtinyxml2-dev, libexpat1-dev, libzip-dev, libpng-dev, nlohmann-json3-dev, pkg-config")
 set(CPACK_DEBIAN_COTWIN-DEV_DESCRIPTION "Headers, libraries and CMake package, for programs that use cotwin as a library and for units from outside of its source tree.")
 include(CPack)
 

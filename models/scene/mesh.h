@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -33,6 +34,10 @@ std::vector<Eigen::Vector3d> load_hull(const std::filesystem::path& file,
                                        const Eigen::Vector3d& scale = Eigen::Vector3d::Ones());
 std::vector<Eigen::Vector3d> parse_hull(std::string_view bytes, MeshFormat format, const std::string& place,
                                         const Eigen::Vector3d& scale = Eigen::Vector3d::Ones());
+
+/// The triangles as shapes, numbered from 1, with solid of these depths (m, one per triangle) behind them. Edges that are smooth or
+/// concave are marked.
+std::vector<Shape> triangle_shapes(const Mesh& mesh, std::span<const double> depths);
 
 /// What a mesh is for contacts.
 struct MeshSurface {

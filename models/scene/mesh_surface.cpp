@@ -2,7 +2,6 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <map>
 #include <utility>
 
@@ -56,6 +55,17 @@ Inertia solid(const Mesh& mesh) {
   return inertia;
 }
 
+/// The triangle of each directed edge; of an edge that several have, the first.
+std::map<Edge, std::size_t> owners_of_edges(const Mesh& mesh, bool& manifold) {
+  std::map<Edge, std::size_t> owner;
+  manifold = true;
+  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
+    for (std::size_t k = 0; k < 3; ++k)
+      manifold = owner.emplace(Edge{mesh.triangles[t][k], mesh.triangles[t][(k + 1) % 3]}, t).second && manifold;
+  }
+  return owner;
+}
+
 /// Distance along d from p to a triangle; infinite if the ray misses it [Möller, Trumbore 1997].
 double distance(const Mesh& mesh, const Triangle& t, const Vector3d& p, const Vector3d& d) {
   const Vector3d u = mesh.vertices[t[1]] - mesh.vertices[t[0]], v = mesh.vertices[t[2]] - mesh.vertices[t[0]];
@@ -84,6 +94,35 @@ double depth_behind(const Mesh& mesh, const Triangle& own, double deepest) {
 
 }  // namespace
 
+std::vector<Shape> triangle_shapes(const Mesh& mesh, std::span<const double> depths) {
+  bool manifold = true;
+  const std::map<Edge, std::size_t> owner = owners_of_edges(mesh, manifold);
+  std::vector<Shape> shapes;
+  shapes.reserve(mesh.triangles.size());
+  for (std::size_t i = 0; i < mesh.triangles.size(); ++i) {
+    const Triangle& t = mesh.triangles[i];
+    Shape shape;
+    shape.type = ShapeType::kTriangle;
+    shape.name = std::to_string(i + 1);
+    const Vector3d n = normal(mesh, t);
+    int edges = 0;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Vector3d& p = mesh.vertices[t[k]];
+      shape.vertices.push_back(p);
+      const auto neighbour = owner.find({t[(k + 1) % 3], t[k]});
+      if (neighbour == owner.end()) continue;
+      // Convex where the neighbour's third corner is below this triangle's plane by more than the angle of a smooth edge.
+      const Vector3d across = (mesh.vertices[t[(k + 1) % 3]] - p).cross(n);  // outwards
+      const Vector3d m = normal(mesh, mesh.triangles[neighbour->second]);
+      const double angle = std::atan2(m.dot(across.normalized()), m.dot(n));
+      if (angle < kSmooth) edges |= 1 << k;
+    }
+    shape.size = {depths[i], static_cast<double>(edges), 0};
+    shapes.push_back(std::move(shape));
+  }
+  return shapes;
+}
+
 MeshSurface surface_of(Mesh mesh, bool is_static) {
   MeshSurface surface;
   const auto remark = [&](const std::string& what) { surface.remarks.push_back(what); };
@@ -100,24 +139,17 @@ MeshSurface surface_of(Mesh mesh, bool is_static) {
     return surface;
   }
 
-  std::map<Edge, std::size_t> owner;  // triangle of each directed edge
   bool manifold = true;
-  for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
-    for (std::size_t k = 0; k < 3; ++k)
-      manifold = owner.emplace(Edge{mesh.triangles[t][k], mesh.triangles[t][(k + 1) % 3]}, t).second && manifold;
-  }
-  const auto opposite = [&](const Edge& edge) { return owner.find({edge.second, edge.first}); };
-  const bool closed = manifold && std::all_of(owner.begin(), owner.end(),
-                                              [&](const auto& edge) { return opposite(edge.first) != owner.end(); });
+  const std::map<Edge, std::size_t> owner = owners_of_edges(mesh, manifold);
+  const bool closed = manifold && std::all_of(owner.begin(), owner.end(), [&](const auto& edge) {
+                        return owner.contains({edge.first.second, edge.first.first});
+                      });
   Vector3d low = mesh.vertices[0], high = low;
   for (const Vector3d& v : mesh.vertices) low = low.cwiseMin(v), high = high.cwiseMax(v);
   const double size = (high - low).norm();
   if (closed) {
     if (volume(mesh) < 0) {
       for (Triangle& t : mesh.triangles) std::swap(t[1], t[2]);
-      std::map<Edge, std::size_t> turned;
-      for (const auto& [edge, t] : owner) turned[{edge.second, edge.first}] = t;
-      owner = std::move(turned);
       remark("its triangles face inwards; they are turned");
     }
     const double hull = convex_hull(mesh.vertices).volume(), own = volume(mesh);
@@ -142,27 +174,12 @@ MeshSurface surface_of(Mesh mesh, bool is_static) {
     throw Error(std::to_string(mesh.triangles.size()) + " triangles of a concave mesh on a " +
                 (is_static ? "static" : "moving") + " body, expected " + std::to_string(most) + " at most: simplify it");
   }
+  std::vector<double> depths;
   for (const Triangle& t : mesh.triangles) {
-    Shape shape;
-    shape.type = ShapeType::kTriangle;
-    shape.name = std::to_string(surface.shapes.size() + 1);
-    const Vector3d n = normal(mesh, t);
-    int edges = 0;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const Vector3d& p = mesh.vertices[t[k]];
-      shape.vertices.push_back(p);
-      const auto neighbour = opposite({t[k], t[(k + 1) % 3]});
-      if (neighbour == owner.end()) continue;
-      // Convex where the neighbour's third corner is below this triangle's plane by more than the angle of a smooth edge.
-      const Vector3d across = (mesh.vertices[t[(k + 1) % 3]] - p).cross(n);  // outwards
-      const Vector3d m = normal(mesh, mesh.triangles[neighbour->second]);
-      const double angle = std::atan2(m.dot(across.normalized()), m.dot(n));
-      if (angle < kSmooth) edges |= 1 << k;
-    }
     const double depth = closed ? depth_behind(mesh, t, kDeepest * size) : kDeepest * size;
-    shape.size = {std::max(depth, kShallowest * size), static_cast<double>(edges), 0};
-    surface.shapes.push_back(std::move(shape));
+    depths.push_back(std::max(depth, kShallowest * size));
   }
+  surface.shapes = triangle_shapes(mesh, depths);
   return surface;
 }
 

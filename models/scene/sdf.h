@@ -16,9 +16,11 @@ namespace cotwin::scene {
 ///              folder or in the parent of that), name, pose, static
 ///   link       pose, inertial (also auto="true" with density), kinematic (prescribed motion: Motion::kDriven), collision;
 ///              cotwin:velocity: initial [v; w] of the link's frame, expressed in the world
-///   collision  pose, density, geometry (box, sphere, cylinder, capsule, ellipsoid, cone, plane, mesh, cotwin:round_hole), surface:
+///   collision  pose, density, geometry (box, sphere, cylinder, capsule, ellipsoid, cone, plane, mesh, heightmap,
+///              cotwin:round_hole), surface:
 ///              friction/ode/mu, mu2, fdir1, friction/torsional, bounce/restitution_coefficient, contact/ode/kp and kd (kp absent
-///              or 10¹²: rigid), contact/cotwin:foundation. Convex meshes become hulls, concave ones triangles (mesh.h), with a warning
+///              or 10¹²: rigid), contact/cotwin:foundation. Convex meshes become hulls, concave ones triangles (mesh.h), with a warning;
+///              heightmap: uri (a PNG with grey pixels), size, pos, sampling, on static bodies only (heightmap.h)
 ///   joint      revolute, continuous, prismatic, ball, fixed, screw (screw_thread_pitch, thread_pitch), universal and revolute2
 ///              (two hinges `name`, `name.axis2` and a light body `name.cross`); pose, parent, child, axis, axis2: xyz, limit,
 ///              dynamics (damping, friction, spring_stiffness, spring_reference)
