@@ -22,7 +22,7 @@ namespace {
 using sdf::only;
 using xml::Element;
 
-constexpr int kNoBody = -2, kWorld = -1;
+constexpr int kNoBody = -2, kWorld = -1, kNoJoint = -1;
 
 std::string read_sdf(const fs::path& file) { return text::read_file(file, "an SDF file", 16'000'000); }
 
@@ -34,6 +34,7 @@ struct Scope {
     std::string attached_to;  // of a frame: the frame or link that it moves with
     Pose X;                   // in relative_to
     int body = kNoBody;       // of a link
+    int joint = kNoJoint;     // of a joint: index of its first axis
     bool busy = false;        // during the search; detects circular poses
   };
   std::string place;
@@ -70,10 +71,14 @@ class Reader {
   double read_pitch(const Element& element) const;
   void join_by_cross(Joint& first, Joint& second, const Pose& X_WJ);
   void read_axis(const Element& element, Joint& joint, Scope& scope, const Pose& X_WJ);
+  void read_mimics(const Element& element, const Scope& scope);
+  void read_gearbox(const Element& element, Scope& scope);
+  int find_hinge(int reference, int link, const Eigen::Vector3d& axis_W, double& sign, const Element& gearbox) const;
 
   void name(Scope& scope, const Element& element, const std::string& fallback);
   Pose pose_of(Scope& scope, const std::string& name, const std::string& place) const;
   int body_of(const Scope& scope, const std::string& name, const std::string& place, int depth = 0) const;
+  int joint_of(const Scope& scope, const std::string& name, const std::string& place) const;
   std::string known(const Scope& scope, const std::string& name) const;
   sdf::Warn warn() const {
     return [this](const std::string& place, const std::string& what) {
@@ -101,7 +106,7 @@ void Reader::name(Scope& scope, const Element& element, const std::string& fallb
   if (own.empty() || own.find("::") != std::string::npos || own.rfind("__", 0) == 0 || own == "world") {
     throw Error(element.place, "'" + own + "' is an invalid name for a <" + element.name + ">");
   }
-  Scope::Frame frame{element.place, fallback, xml::text(element, "attached_to", ""), {}, kNoBody, false};
+  Scope::Frame frame{element.place, fallback, xml::text(element, "attached_to", ""), {}, kNoBody, kNoJoint, false};
   if (const Element* pose = only(element, "pose")) {
     frame.X = sdf::pose(*pose);
     frame.relative_to = xml::text(*pose, "relative_to", frame.relative_to);
@@ -151,6 +156,19 @@ int Reader::body_of(const Scope& scope, const std::string& name, const std::stri
   throw Error(place, "'" + name + "' is neither a link nor a frame attached to a link");
 }
 
+/// Index of the first axis of the joint with this name.
+int Reader::joint_of(const Scope& scope, const std::string& name, const std::string& place) const {
+  if (const std::size_t inner = name.find("::"); inner != std::string::npos) {
+    const auto model = scope.models.find(name.substr(0, inner));
+    if (model == scope.models.end()) throw Error(place, known(scope, name.substr(0, inner)));
+    return joint_of(*model->second, name.substr(inner + 2), place);
+  }
+  const auto found = scope.frames.find(name);
+  if (found == scope.frames.end() || found->second.joint == kNoJoint)
+    throw Error(place, "'" + name + "' is no joint here, expected a joint with an axis");
+  return found->second.joint;
+}
+
 void Reader::read_links(const Element& model, Scope& scope, const Inherited& from) {
   const auto is_link = [](const Element& e) { return e.name == "link" && e.space.empty(); };
   const bool several = std::count_if(model.children.begin(), model.children.end(), is_link) > 1;
@@ -174,7 +192,7 @@ void Reader::read_links(const Element& model, Scope& scope, const Inherited& fro
 }
 
 void Reader::read_axis(const Element& element, Joint& joint, Scope& scope, const Pose& X_WJ) {
-  sdf::check_children(element, {"xyz", "limit", "dynamics"}, {}, {}, warn());
+  sdf::check_children(element, {"xyz", "limit", "dynamics", "mimic"}, {}, {}, warn());
   const Element& xyz = sdf::required(element, "xyz");
   Eigen::Vector3d axis = sdf::vector(xyz);
   const double length = axis.norm();
@@ -231,6 +249,74 @@ void Reader::join_by_cross(Joint& first, Joint& second, const Pose& X_WJ) {
   scene_.joints.push_back(std::move(second));
 }
 
+/// q_follower = multiplier (q_leader − reference) + offset. Call when all joints of the scope have been read.
+void Reader::read_mimics(const Element& element, const Scope& scope) {
+  const auto second = [](const std::string& axis) { return axis == "axis2" ? 1 : 0; };
+  for (const char* axis : {"axis", "axis2"}) {
+    const Element* of = only(element, axis);
+    const Element* mimic = of != nullptr ? only(*of, "mimic") : nullptr;
+    if (mimic == nullptr) continue;
+    sdf::check_children(*mimic, {"multiplier", "offset", "reference"}, {}, {}, warn());
+    const std::string& leader_axis = xml::text(*mimic, "axis", "axis");
+    Gear gear;
+    gear.leader = joint_of(scope, xml::text(*mimic, "joint"), mimic->place) + second(leader_axis);
+    gear.follower = joint_of(scope, xml::text(element, "name"), mimic->place) + second(axis);
+    gear.ratio = sdf::number(*mimic, "multiplier", 1);
+    gear.offset = sdf::number(*mimic, "offset", 0) - gear.ratio * sdf::number(*mimic, "reference", 0);
+    const auto has_one = [&](int j) {
+      return j < static_cast<int>(scene_.joints.size()) &&
+             (scene_.joints[static_cast<std::size_t>(j)].type == JointType::kRevolute ||
+              scene_.joints[static_cast<std::size_t>(j)].type == JointType::kPrismatic);
+    };
+    if (gear.leader == gear.follower || !has_one(gear.leader) || !has_one(gear.follower))
+      throw Error(mimic->place, "<mimic> between these joints, expected two different hinges or prismatic joints");
+    scene_.gears.push_back(gear);
+  }
+}
+
+/// The hinge between two bodies about an axis. `sign`: of its angle against that of `link` from `reference` about the axis.
+int Reader::find_hinge(int reference, int link, const Eigen::Vector3d& axis_W, double& sign, const Element& gearbox) const {
+  for (std::size_t j = 0; j < scene_.joints.size(); ++j) {
+    const Joint& joint = scene_.joints[j];
+    const bool forth = joint.parent == reference && joint.child == link;
+    if (joint.type != JointType::kRevolute || !(forth || (joint.parent == link && joint.child == reference))) continue;
+    const Body& child = scene_.bodies[static_cast<std::size_t>(joint.child)];
+    const double along = axis_W.dot(child.X_WB.R * (joint.X_CJ.R * joint.axis));
+    constexpr double kParallel = 0.999;
+    if (std::abs(along) < kParallel) continue;
+    sign = (along > 0) == forth ? 1 : -1;
+    return static_cast<int>(j);
+  }
+  throw Error(gearbox.place,
+              "no hinge about the axis between the gearbox's reference body and its parent or child, expected both");
+}
+
+/// θ_2 = −ratio θ_1: θ_1 of the parent about `axis`, θ_2 of the child about `axis2`, both from the reference body.
+void Reader::read_gearbox(const Element& element, Scope& scope) {
+  sdf::check_children(element, {"pose", "parent", "child", "axis", "axis2", "gearbox_ratio", "gearbox_reference_body"},
+                      {"sensor"}, {}, warn());
+  const auto body = [&](const char* name) {
+    const Element& link = sdf::required(element, name);
+    return body_of(scope, link.content, link.place);
+  };
+  const int reference = body("gearbox_reference_body");
+  const Pose X_WJ = pose_of(scope, xml::text(element, "name"), element.place);
+  const Element& first = sdf::required(element, "axis");
+  const Element* second = only(element, "axis2");
+  const auto direction = [&](const Element& axis) {
+    Joint joint;
+    read_axis(axis, joint, scope, X_WJ);
+    return Eigen::Vector3d(X_WJ.R * joint.axis);
+  };
+  double leads = 1, follows = 1;
+  Gear gear;
+  gear.leader = find_hinge(reference, body("parent"), direction(first), leads, element);
+  gear.follower = find_hinge(reference, body("child"), direction(second != nullptr ? *second : first), follows, element);
+  if (gear.leader == gear.follower) throw Error(element.place, "parent and child are the same, expected two links");
+  gear.ratio = -sdf::number(sdf::required(element, "gearbox_ratio")) * leads * follows;
+  scene_.gears.push_back(gear);
+}
+
 void Reader::read_joint(const Element& element, Scope& scope) {
   sdf::check_children(element, {"pose", "parent", "child", "axis", "axis2", "thread_pitch", "screw_thread_pitch"}, {"sensor"},
                       {}, warn());
@@ -241,12 +327,14 @@ void Reader::read_joint(const Element& element, Scope& scope) {
   const std::string& type = xml::text(element, "type");
   const auto known_type = kTypes.find(type);
   if (known_type == kTypes.end()) {
-    throw Error(element.place, "a joint of type '" + type +
-                                   "', expected revolute, continuous, prismatic, ball, fixed, screw, universal or revolute2");
+    throw Error(element.place,
+                "a joint of type '" + type +
+                    "', expected revolute, continuous, prismatic, ball, fixed, screw, universal, revolute2 or gearbox");
   }
   Joint joint;
   const std::string& own = xml::text(element, "name");
   joint.name = scope.prefix + own;
+  scope.frames.at(own).joint = static_cast<int>(scene_.joints.size());
   joint.type = known_type->second;
   const Element& parent = sdf::required(element, "parent");
   const Element& child = sdf::required(element, "child");
@@ -290,7 +378,7 @@ void Reader::read_include(const Element& include, Scope& scope, const Inherited&
   const Element* renamed = only(include, "name");
   const std::string name = renamed != nullptr ? renamed->content : xml::text(content, "name");
 
-  Scope::Frame frame{include.place, "", "", {}, kNoBody, false};
+  Scope::Frame frame{include.place, "", "", {}, kNoBody, kNoJoint, false};
   const Element* pose = only(include, "pose");
   if (pose != nullptr) {
     frame.X = sdf::pose(*pose);
@@ -338,8 +426,17 @@ void Reader::read_parts(const Element& element, Scope& scope, const Inherited& f
     read_model(c, *inner, {from.is_static, from.depth, from.folder});
     scope.models.emplace(own, std::move(inner));
   }
+  const auto is_gearbox = [](const Element& c) { return xml::text(c, "type", "") == "gearbox"; };
   for (const Element& c : element.children) {
-    if (c.space.empty() && c.name == "joint") read_joint(c, scope);
+    if (c.space.empty() && c.name == "joint" && !is_gearbox(c)) read_joint(c, scope);
+  }
+  for (const Element& c : element.children) {
+    if (!c.space.empty() || c.name != "joint") continue;
+    if (is_gearbox(c)) {
+      read_gearbox(c, scope);
+    } else {
+      read_mimics(c, scope);
+    }
   }
 }
 

@@ -22,8 +22,9 @@ namespace cotwin::scene {
 ///              or 10¹²: rigid), contact/cotwin:foundation. Convex meshes become hulls, concave ones triangles (mesh.h), with a warning;
 ///              heightmap: uri (a PNG with grey pixels), size, pos, sampling, on static bodies only (heightmap.h)
 ///   joint      revolute, continuous, prismatic, ball, fixed, screw (screw_thread_pitch, thread_pitch), universal and revolute2
-///              (two hinges `name`, `name.axis2` and a light body `name.cross`); pose, parent, child, axis, axis2: xyz, limit,
-///              dynamics (damping, friction, spring_stiffness, spring_reference)
+///              (two hinges `name`, `name.axis2` and a light body `name.cross`), gearbox (a gear between two hinges on its
+///              reference body); pose, parent, child, axis, axis2: xyz, limit, dynamics (damping, friction, spring_stiffness,
+///              spring_reference), mimic (a gear)
 ///   poses      relative_to, degrees, rotation_format
 /// The namespace of cotwin: is urn:cotwin:scene:1; cotwin:round_hole has radius, depth, size (two edges), chamfer, facets.
 /// cotwin:foundation has young_modulus (Pa) and thickness (m), which give the pressure per depth, damping (Pa.s/m) and yield_stress

@@ -98,6 +98,49 @@ TEST(SdfJoints, AUniversalJointTurnsAtHookesRatio) {
   EXPECT_NEAR(least, 5 * std::cos(kBeta), 0.01);
 }
 
+/// Two wheels of 0.2 and 0.05 kg.m2 on a static carrier; the second turns about −z.
+std::string two_wheels(const std::string& more, const std::string& of_second = "") {
+  return "<model name='fixed'><static>true</static><link name='carrier'/></model><model name='a'><link name='l'>" +
+         inertial(1, 0.2, 0.2, 0.2) + "</link></model><model name='b'><pose>1 0 0 0 0 0</pose><link name='l'>" +
+         inertial(1, 0.05, 0.05, 0.05) +
+         "</link></model><joint name='first' type='revolute'><parent>fixed::carrier</parent><child>a::l</child><axis><xyz>0 0 "
+         "1</xyz>"
+         "</axis></joint><joint name='second' type='revolute'><parent>fixed::carrier</parent><child>b::l</child><axis><xyz>0 0 "
+         "-1</xyz>" +
+         of_second + "</axis></joint>" + more;
+}
+
+// θ_2 = −ratio θ_1 about the gearbox's axes; a torque on the first wheel moves I_1 + ratio² I_2.
+TEST(SdfJoints, AGearboxTurnsTheSecondWheelAgainstTheFirstByItsRatio) {
+  const std::string gearbox =
+      "<joint name='gears' type='gearbox'><parent>a::l</parent><child>b::l</child><gearbox_ratio>3</gearbox_ratio>"
+      "<gearbox_reference_body>fixed::carrier</gearbox_reference_body><axis><xyz>0 0 1</xyz></axis><axis2><xyz>0 0 "
+      "1</xyz></axis2>"
+      "</joint>";
+  World w(read(two_wheels(gearbox)), {});
+  constexpr double kTorque = 2;
+  w.set_motor(0, 1000, kTorque);
+  run(w, 0.5);
+  const double speed = kTorque * 0.5 / (0.2 + 3 * 3 * 0.05);
+  EXPECT_NEAR(w.twists()[1][5], speed, 1e-6 * speed);
+  EXPECT_NEAR(w.twists()[2][5], -3 * speed, 1e-6 * speed);
+  EXPECT_NEAR(w.q()[1], 3 * w.q()[0], 1e-9);
+}
+
+TEST(SdfJoints, AMimicFollowsItsLeaderByMultiplierOffsetAndReference) {
+  std::vector<std::string> warnings;
+  const std::string mimic =
+      "<mimic joint='first'><multiplier>-2.5</multiplier><reference>0.2</reference><offset>-0.5</offset></mimic>";
+  World w(read(two_wheels("", mimic), nullptr, &warnings), {});
+  EXPECT_TRUE(warnings.empty()) << warnings.front();
+  constexpr double kTorque = 2;
+  w.set_motor(0, 1000, kTorque);
+  run(w, 0.5);
+  const double speed = kTorque * 0.5 / (0.2 + 2.5 * 2.5 * 0.05);
+  EXPECT_NEAR(w.dq()[0], speed, 1e-6 * speed);
+  EXPECT_NEAR(w.q()[1], -2.5 * w.q()[0], 1e-9);
+}
+
 TEST(SdfJoints, ASpringSwingsAboutItsReferenceAndKeepsItsEnergy) {
   constexpr double kMass = 0.5, kStiffness = 50, kReference = 0.1;
   World w(

@@ -554,7 +554,15 @@ TEST(Sdf, RefusesInvalidAndUnsupportedElements) {
            "<link "
            "name=\"l\"><inertial><mass>1</mass><inertia><ixx>1</ixx><iyy>1</iyy><izz>3</izz></inertia></inertial></link>")),
        "triangle inequality"},
-      {joint("gearbox", "<parent>a</parent><child>b</child>"), "a joint of type 'gearbox'"},
+      {joint("rope", "<parent>a</parent><child>b</child>"), "a joint of type 'rope'"},
+      {joint("gearbox",
+             "<parent>a</parent><child>b</child><gearbox_ratio>2</gearbox_ratio><axis><xyz>0 0 1</xyz></axis>"
+             "<gearbox_reference_body>a</gearbox_reference_body>"),
+       "no hinge about the axis between the gearbox's reference body"},
+      {joint("revolute", "<parent>a</parent><child>b</child><axis><xyz>0 0 1</xyz><mimic joint=\"k\"/></axis>"),
+       "'k' is no joint here"},
+      {joint("revolute", "<parent>a</parent><child>b</child><axis><xyz>0 0 1</xyz><mimic joint=\"j\"/></axis>"),
+       "expected two different hinges"},
       {joint("universal", "<parent>a</parent><child>b</child><axis><xyz>1 0 0</xyz></axis><axis2><xyz>2 0 0</xyz></axis2>"),
        "<axis> and <axis2> are parallel"},
       {joint("screw", "<parent>a</parent><child>b</child><axis><xyz>1 0 0</xyz></axis>"), "without <screw_thread_pitch>"},
