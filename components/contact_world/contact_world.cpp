@@ -129,11 +129,26 @@ void ContactWorld::build() {
       scene.joints[joint].q_max = scene::kInfinity;
     }
   }
+  note_limits(scene);
   options_.iterations = iterations_;
   options_.tolerance = tolerance_;
   world_ = std::make_unique<World>(std::move(scene), options_);
   for (const auto& robot : robots_) show_tools(*robot, false);
   built_from_ = layout();
+}
+
+/// Notes the joints that start beyond a limit: position correction brings them back slowly.
+void ContactWorld::note_limits(const scene::Scene& scene) {
+  beyond_limits_.clear();
+  constexpr double kRounding = 1e-9;
+  for (const scene::Joint& joint : scene.joints) {
+    const bool below = joint.q < joint.q_min - kRounding;
+    if (!below && !(joint.q > joint.q_max + kRounding)) continue;
+    const std::string si = joint.type == scene::JointType::kPrismatic ? " m" : " rad";
+    beyond_limits_.push_back("joint '" + joint.name + "' starts at " + text::to_text(joint.q, 6) + si + ", beyond its " +
+                             (below ? "lower" : "upper") + " limit " + text::to_text(below ? joint.q_min : joint.q_max, 6) +
+                             si + ": it is brought back slowly");
+  }
 }
 
 /// All parameters that build() reads, except start values of states and tunables.
@@ -440,6 +455,7 @@ void ContactWorld::write_outputs(double h) {
 }
 
 void ContactWorld::tell(std::vector<std::string>& notes) const {
+  notes.insert(notes.end(), beyond_limits_.begin(), beyond_limits_.end());
   for (const auto& body : bodies_) body->foundation.tell(notes);
   if (world_->forgotten_dents() > 0) {
     notes.push_back(std::to_string(world_->forgotten_dents()) +

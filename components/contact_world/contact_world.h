@@ -55,6 +55,7 @@ class ContactWorld final : public Unit {
   void declare_robot(Variables& v, Robot& robot);
   void declare_body(Variables& v, Body& body);
   void build();
+  void note_limits(const scene::Scene& scene);
   std::vector<double> layout() const;
   void check_parameters() const;
   void check_inputs(Time now) const;
@@ -86,6 +87,7 @@ class ContactWorld final : public Unit {
   double joint_gap_limit_ = 0.01, energy_limit_ = 0.25;
 
   std::vector<double> state_;                                // of the world
+  std::vector<std::string> beyond_limits_;                   // notes on joints that start there
   double h_before_ = 0;                                      // state
   std::vector<double> contact_p_, contact_f_, contact_gap_;  // outputs
   std::vector<std::int32_t> contact_bodies_;

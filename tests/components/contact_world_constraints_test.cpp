@@ -115,6 +115,23 @@ TEST_P(Constraints, LimitStopsAJointAndCarriesIt) {
   EXPECT_NEAR(w.dq()[0], 0, 1e-9);
 }
 
+TEST_P(Constraints, ALimitThatIsViolatedAtTheStartIsReachedWithoutALeap) {
+  const double inertia = 0.1 + 5 / kGravity, fastest = 0.1;  // kg.m2, rad/s
+  for (const double h : {1e-3, 1e-4}) {
+    scene::Scene scene = wheel();
+    scene.gravity.setZero();
+    scene.joints[0].q_min = 0.06;
+    World w = world(scene);
+    double largest = 0;
+    for (int k = 0; k < std::lround(1 / h); ++k) {
+      w.step(h);
+      largest = std::max(largest, w.energy());
+    }
+    EXPECT_LE(largest, inertia * fastest * fastest / 2 * (1 + 1e-6)) << h;
+    EXPECT_GE(w.q()[0], 0.06 - 1e-6) << h;
+  }
+}
+
 /// Four bars that form a parallelogram in the plane perpendicular to y, suspended at both ends.
 scene::Scene four_bars(bool doubled) {
   scene::Scene scene;

@@ -245,6 +245,28 @@ TEST(ContactWorld, ASoftWallPushesWithItsSpring) {
   EXPECT_NEAR(force[0], force[1], 2e-3 * force[1]);
 }
 
+TEST(ContactWorld, NotesJointsThatStartBeyondTheirLimits) {
+  const auto notes = [](Subject& world) {
+    std::vector<std::string> all;
+    world.unit().tell(all);
+    return all;
+  };
+  const std::string source = "unit:contact_world?scene=none&robot=" + kPusher;
+  Subject outside(source + "&link=outside");
+  outside.set("q0", {20.5, -20.25}).set("gravity", {0, 0, 0}).initialise();
+  EXPECT_THAT(notes(outside),
+              ElementsAre("joint 'shoulder' starts at 20.5 rad, beyond its upper limit 20 rad: it is brought back slowly",
+                          "joint 'elbow' starts at -20.25 rad, beyond its lower limit -20 rad: it is brought back slowly"));
+  for (int i = 0; i < 1000; ++i) outside.step(1e-3);
+  EXPECT_LT(outside["q"][0], 20.5);
+  EXPECT_GT(outside["q"][1], -20.25);
+  outside.set("q0", {20, -20}).initialise();
+  EXPECT_THAT(notes(outside), ElementsAre());
+  Subject inside(source + "&link=inside");  // the limits are the drive train's
+  inside.set("q", {20.5, -20.25}).initialise();
+  EXPECT_THAT(notes(inside), ElementsAre());
+}
+
 TEST(ContactWorld, CountsTheTurnsOfAJointFromItsStart) {
   Subject world("unit:contact_world?link=outside&robot=" + kPusher);
   world.set("q0", {4, -7}).set("gravity", {0, 0, 0}).initialise();
