@@ -19,7 +19,12 @@
 #include <cerrno>
 #include <cstring>
 
+#include "models/net/posix_socket.h"
+
 namespace cotwin::net {
+
+using posix::kSecond;
+using posix::now_of;
 
 namespace {
 
@@ -28,30 +33,6 @@ constexpr int kIgnoreOutgoing = 23;  // Linux 4.20
 #else
 constexpr int kIgnoreOutgoing = PACKET_IGNORE_OUTGOING;
 #endif
-
-constexpr std::int64_t kSecond = 1'000'000'000;  // ns
-
-std::int64_t ns_of(const timespec& t) { return static_cast<std::int64_t>(t.tv_sec) * kSecond + t.tv_nsec; }
-
-std::int64_t now_of(clockid_t clock) {
-  timespec t{};
-  clock_gettime(clock, &t);
-  return ns_of(t);
-}
-
-/// Time of arrival by the monotonic clock; the kernel's stamp is of the real-time clock. A stamp that would be in the future or older than
-/// a minute (the clock was set) is not used.
-std::int64_t arrival_of(msghdr& message) {
-  const std::int64_t now = now_of(CLOCK_MONOTONIC);
-  for (cmsghdr* c = CMSG_FIRSTHDR(&message); c != nullptr; c = CMSG_NXTHDR(&message, c)) {
-    if (c->cmsg_level != SOL_SOCKET || c->cmsg_type != SCM_TIMESTAMPNS) continue;
-    timespec stamp{};
-    std::memcpy(&stamp, CMSG_DATA(c), sizeof stamp);
-    const std::int64_t age = now_of(CLOCK_REALTIME) - ns_of(stamp);
-    if (age > 0 && age < 60 * kSecond) return now - age;
-  }
-  return now;
-}
 
 std::string interfaces() {
   std::string names;
@@ -88,8 +69,8 @@ RawSocket::RawSocket(const std::string& interface, std::uint16_t ether_type, con
   if (!(request.ifr_flags & IFF_UP)) fail("it is down, expected up (ip link set " + interface + " up)");
   check(::ioctl(descriptor_, SIOCGIFHWADDR, &request), "SIOCGIFHWADDR");
   std::memcpy(address_.data(), request.ifr_hwaddr.sa_data, address_.size());
+  posix::request_arrival_times(descriptor_);
   const int on = 1;
-  ::setsockopt(descriptor_, SOL_SOCKET, SO_TIMESTAMPNS, &on, sizeof on);   // else times of reading are used
   ::setsockopt(descriptor_, SOL_PACKET, kIgnoreOutgoing, &on, sizeof on);  // else receive() leaves these frames out
   packet_mreq all{};
   all.mr_ifindex = static_cast<int>(index);
@@ -108,35 +89,20 @@ RawSocket::~RawSocket() {
 
 std::optional<RawSocket::Received> RawSocket::receive(std::span<std::uint8_t> buffer) {
   sockaddr_ll from{};
-  iovec place{buffer.data(), buffer.size()};
-  alignas(cmsghdr) char control[128];
-  msghdr message{};
   for (int tries = 0; tries < 64; ++tries) {
-    message.msg_name = &from;
-    message.msg_namelen = sizeof from;
-    message.msg_iov = &place;
-    message.msg_iovlen = 1;
-    message.msg_control = control;
-    message.msg_controllen = sizeof control;
-    message.msg_flags = 0;
-    const ssize_t size = ::recvmsg(descriptor_, &message, MSG_DONTWAIT);
-    if (size >= 0) {
-      if (from.sll_pkttype == PACKET_OUTGOING) continue;
-      const bool cut = (message.msg_flags & MSG_TRUNC) != 0;
-      return Received{cut ? buffer.size() + 1 : static_cast<std::size_t>(size), arrival_of(message)};
-    }
-    if (errno == EAGAIN || errno == EWOULDBLOCK) return std::nullopt;
-    // Others are interruptions, and a link that went down, which is reported once.
+    const std::optional<posix::Datagram> datagram = posix::receive(descriptor_, buffer, &from, sizeof from);
+    if (!datagram) break;
+    if (from.sll_pkttype != PACKET_OUTGOING) return Received{datagram->size, datagram->arrival};
   }
   return std::nullopt;
 }
 
-void RawSocket::wait(std::int64_t deadline) const {
+bool RawSocket::wait(std::int64_t deadline) const {
   const std::int64_t left = deadline - now_of(CLOCK_MONOTONIC);
-  if (left <= 0) return;
+  if (left <= 0) return true;
   pollfd poll{descriptor_, POLLIN, 0};
   const timespec timeout{left / kSecond, left % kSecond};
-  ::ppoll(&poll, 1, &timeout, nullptr);
+  return ::ppoll(&poll, 1, &timeout, nullptr) >= 0 || errno != EINTR;
 }
 
 bool RawSocket::send(std::span<const std::uint8_t> frame) {
@@ -153,7 +119,7 @@ RawSocket::RawSocket(const std::string& interface, std::uint16_t, const std::str
 }
 RawSocket::~RawSocket() = default;
 std::optional<RawSocket::Received> RawSocket::receive(std::span<std::uint8_t>) { return std::nullopt; }
-void RawSocket::wait(std::int64_t) const {}
+bool RawSocket::wait(std::int64_t) const { return true; }
 bool RawSocket::send(std::span<const std::uint8_t>) { return false; }
 
 #endif

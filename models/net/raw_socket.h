@@ -31,8 +31,9 @@ class RawSocket {
   /// The next frame that has arrived, from its destination address on, without check sequence; none if there is none. Frames that this
   /// machine sends are not received.
   std::optional<Received> receive(std::span<std::uint8_t> buffer);
-  /// Waits until a frame has arrived, `deadline` (ns of the monotonic clock) has passed, or a signal has come.
-  void wait(std::int64_t deadline) const;
+  /// Waits until a frame has arrived, `deadline` (ns of the monotonic clock) has passed, or a signal has come; returns false for the
+  /// last.
+  bool wait(std::int64_t deadline) const;
   /// False if the system did not take the frame: its queue is full, or the interface is down. It is lost then.
   bool send(std::span<const std::uint8_t> frame);
 
