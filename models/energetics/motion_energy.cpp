@@ -1,0 +1,258 @@
+#include "models/energetics/motion_energy.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::energetics {
+namespace {
+
+/// Places at which a path is divided, and the states at the nodes between them. Arrays by joint: joint j of node s at [j · count + s].
+struct Nodes {
+  std::vector<double> cuts;
+  std::size_t n = 0, count = 0;  // joints, nodes
+  std::vector<double> q, dq, ddq, tau;
+  double length(std::size_t k) const { return cuts[k + 1] - cuts[k]; }
+};
+
+double sign(double x) { return (x > 0) - (x < 0); }
+
+/// The time in [a, b] at which the joint's velocity changes its sign.
+double reversal(const trajectory::Path& path, std::size_t joint, double a, double b, std::vector<double>& q,
+                std::vector<double>& dq, std::vector<double>& ddq) {
+  const auto velocity = [&](double t) {
+    path.at(t, q, dq, ddq);
+    return dq[joint];
+  };
+  const bool rises = velocity(a) < 0;
+  for (int k = 0; k < 60; ++k) {
+    const double middle = 0.5 * (a + b);
+    if (!(middle > a && middle < b)) break;
+    ((velocity(middle) < 0) == rises ? a : b) = middle;
+  }
+  return 0.5 * (a + b);
+}
+
+Nodes make_nodes(const RigidRobot& robot, const trajectory::Path& path, MotionGrid grid) {
+  if (path.joints() != robot.n()) {
+    throw Error("motion", "has " + std::to_string(path.joints()) + " joints, expected " + std::to_string(robot.n()));
+  }
+  if (grid.intervals < 1) throw Error("motion", std::to_string(grid.intervals) + " intervals, expected at least 1");
+  Nodes nodes;
+  nodes.n = robot.n();
+  std::vector<double> q(nodes.n), dq(nodes.n), ddq(nodes.n), before(nodes.n);
+  std::vector<double>& cuts = nodes.cuts;
+  const auto times = path.times();
+  for (std::size_t k = 0; k + 1 < times.size(); ++k) {
+    for (int part = 0; part < grid.intervals; ++part) {
+      const double a = times[k] + (times[k + 1] - times[k]) * part / grid.intervals;
+      const double b = times[k] + (times[k + 1] - times[k]) * (part + 1) / grid.intervals;
+      cuts.push_back(a);
+      path.at(a, q, before, ddq);
+      path.at(b, q, dq, ddq);
+      const std::vector<double> after = dq;
+      for (std::size_t j = 0; j < nodes.n; ++j) {
+        if (before[j] * after[j] < 0) cuts.push_back(reversal(path, j, a, b, q, dq, ddq));
+      }
+    }
+  }
+  cuts.push_back(times.back());
+  std::ranges::sort(cuts);
+  nodes.count = (cuts.size() - 1) * kNodes;
+  for (auto* v : {&nodes.q, &nodes.dq, &nodes.ddq, &nodes.tau}) v->resize(nodes.n * nodes.count);
+  for (std::size_t k = 0; k + 1 < cuts.size(); ++k) {
+    for (std::size_t g = 0; g < kNodes; ++g) {
+      path.at(cuts[k] + kNode[g] * nodes.length(k), q, dq, ddq);
+      for (std::size_t j = 0; j < nodes.n; ++j) {
+        const std::size_t at = j * nodes.count + k * kNodes + g;
+        nodes.q[at] = q[j];
+        nodes.dq[at] = dq[j];
+        nodes.ddq[at] = ddq[j];
+      }
+    }
+  }
+  return nodes;
+}
+
+struct EndStates {
+  double kinetic = 0, potential = 0;
+  std::vector<double> position;  // end minus beginning, per joint
+};
+
+EndStates end_states(const RigidRobot& robot, robot::Data& data, const trajectory::Path& path, double stretch) {
+  const auto n = static_cast<Eigen::Index>(robot.n());
+  EndStates change;
+  change.position.assign(robot.n(), 0);
+  Eigen::VectorXd q(n), dq(n), ddq(n);
+  for (const double side : {-1.0, 1.0}) {
+    path.at(side < 0 ? path.begin() : path.end(), {q.data(), robot.n()}, {dq.data(), robot.n()}, {ddq.data(), robot.n()});
+    dq /= stretch;
+    double kinetic = kinetic_energy(robot.mechanism, data, q, dq);
+    for (std::size_t j = 0; j < robot.n(); ++j) {
+      const double v = dq[static_cast<Eigen::Index>(j)];
+      kinetic += 0.5 * robot.B[j] * v * v;
+      change.position[j] += side * q[static_cast<Eigen::Index>(j)];
+    }
+    change.kinetic += side * kinetic;
+    change.potential += side * potential_energy(robot.mechanism, data, q);
+  }
+  return change;
+}
+
+}  // namespace
+
+RigidRobot::RigidRobot(const robot::RobotModel& robot)
+    : mechanism(robot), B(static_cast<std::size_t>(robot.n())), tau_C(B), sigma(B), tau_0(B), passive(B.size()) {
+  for (std::size_t j = 0; j < n(); ++j) passive[j] = robot.joints[j].passive;
+}
+
+RigidRobot::RigidRobot(const robot::RobotModel& robot, const robot::DriveParameters& p) : RigidRobot(robot) {
+  for (std::size_t j = 0; j < n(); ++j) {
+    if (passive[j]) continue;
+    B[j] = p.B[j];
+    tau_C[j] = p.tau_C[j] + p.link_tau_C[j];
+    sigma[j] = p.sigma2[j] + p.link_sigma2[j];
+    tau_0[j] = p.tau_0[j] + p.link_tau_0[j];
+  }
+}
+
+MotionEnergy energy_of_motion(const RigidRobot& robot, const trajectory::Path& path, Accountant& accountant,
+                              const Standby& standby, double stretch, double V, MotionGrid grid) {
+  if (!(stretch > 0 && std::isfinite(stretch)))
+    throw Error("stretch", text::to_text(stretch) + ", expected a finite value > 0");
+  accountant.check("drives");
+  accountant.adopt();
+  Nodes nodes = make_nodes(robot, path, grid);
+  for (double& dq : nodes.dq) dq /= stretch;
+  for (double& ddq : nodes.ddq) ddq /= stretch * stretch;
+  robot::Data data(robot.mechanism);
+  inverse_dynamics_batch(robot.mechanism, data, nodes.count, nodes.q.data(), nodes.dq.data(), nodes.ddq.data(),
+                         nodes.tau.data());
+  const std::size_t n = robot.n();
+  MotionEnergy energy;
+  energy.books = EnergyBooks(n);
+  energy.V = V > 0 ? V : accountant.link.V_min;
+  for (std::size_t k = 0; k + 1 < nodes.cuts.size(); ++k) {
+    const double h = stretch * nodes.length(k);
+    if (!(h > 0)) continue;  // several joints reverse at the same time
+    for (std::size_t g = 0; g < kNodes; ++g) {
+      for (std::size_t j = 0; j < n; ++j) {
+        const std::size_t at = j * nodes.count + k * kNodes + g, node = g * n + j;
+        const double dq = nodes.dq[at];
+        const double tau_f = robot.tau_C[j] * sign(dq) + robot.sigma[j] * dq + robot.tau_0[j];
+        accountant.tau[node] = robot.passive[j] ? 0 : nodes.tau[at] + robot.B[j] * nodes.ddq[at] + tau_f;
+        accountant.speed[node] = dq;
+        energy.friction += h * kWeight[g] * tau_f * dq;
+      }
+    }
+    accountant.currents_from_torques();
+    const double peak = energy.books.peak_power;
+    accountant.add(h, true, standby.P_0 + standby.P_brake, 0, standby.controller, energy.V, energy.books);
+    if (energy.books.peak_power > peak) energy.t_peak = stretch * (nodes.cuts[k] - path.begin()) + 0.5 * h;
+  }
+  const EndStates change = end_states(robot, data, path, stretch);
+  energy.kinetic = change.kinetic;
+  energy.potential = change.potential;
+  return energy;
+}
+
+double StretchEnergy::at(double k) const { return ((c3 / k + c2) / k + c1) / k + c0 + idle * k; }
+
+double StretchEnergy::best(double low, double high) const {
+  double best = low, least = at(low);
+  const auto compare = [&](double k) {
+    if (!(k > low && k <= high) || !std::isfinite(k) || !(at(k) < least)) return;
+    best = k;
+    least = at(k);
+  };
+  compare(high);
+  // E′ κ⁴ = idle κ⁴ − c1 κ² − 2 c2 κ − 3 c3 = 0, as eigenvalues of its companion matrix.
+  if (idle != 0) {
+    Eigen::Matrix4d companion = Eigen::Matrix4d::Zero();
+    companion.diagonal(-1).setOnes();
+    companion.col(3) << 3 * c3 / idle, 2 * c2 / idle, c1 / idle, 0;
+    const Eigen::EigenSolver<Eigen::Matrix4d> roots(companion, false);
+    for (const auto& root : roots.eigenvalues()) {
+      if (std::abs(root.imag()) <= 1e-6 * std::abs(root)) compare(root.real());
+    }
+  }
+  return best;
+}
+
+StretchEnergy stretch_energy(const RigidRobot& robot, const trajectory::Path& path, const Accountant& accountant, double P,
+                             bool only_torques, MotionGrid grid) {
+  Nodes nodes = make_nodes(robot, path, grid);
+  robot::Data data(robot.mechanism);
+  const std::vector<double> rest(nodes.n * nodes.count);
+  std::vector<double> gravity(rest.size());
+  inverse_dynamics_batch(robot.mechanism, data, nodes.count, nodes.q.data(), nodes.dq.data(), nodes.ddq.data(),
+                         nodes.tau.data());
+  inverse_dynamics_batch(robot.mechanism, data, nodes.count, nodes.q.data(), rest.data(), rest.data(), gravity.data());
+  StretchEnergy e;
+  e.duration = path.end() - path.begin();
+  for (std::size_t j = 0; j < nodes.n; ++j) {
+    if (robot.passive[j]) continue;
+    const double k_t = accountant.losses.k_t[j];
+    const double r = copper_factor(accountant.current) * accountant.losses.R[j] / (k_t * k_t);
+    for (std::size_t s = 0; s < nodes.count; ++s) {
+      const double w = kWeight[s % kNodes] * nodes.length(s / kNodes);
+      const std::size_t at = j * nodes.count + s;
+      const double dq = nodes.dq[at];
+      const double a = nodes.tau[at] - gravity[at] + robot.B[j] * nodes.ddq[at];
+      const double b = gravity[at] + robot.tau_C[j] * sign(dq) + robot.tau_0[j];
+      const double v = robot.sigma[j] * dq;
+      e.c3 += w * r * a * a;
+      e.c2 += w * r * 2 * a * v;
+      e.c1 += w * r * (v * v + 2 * a * b);
+      e.c0 += w * r * 2 * v * b;
+      e.idle += w * r * b * b;
+      if (only_torques) continue;
+      e.c1 += w * (robot.sigma[j] + accountant.losses.k_e[j]) * dq * dq;
+      e.c0 += w * ((robot.tau_C[j] + accountant.losses.k_h[j]) * std::abs(dq) + robot.tau_0[j] * dq);
+    }
+  }
+  if (only_torques) return e;
+  e.idle += P * e.duration;
+  const EndStates change = end_states(robot, data, path, 1);
+  e.c0 += change.potential;
+  e.c2 += change.kinetic;
+  return e;
+}
+
+BestSpeed best_speed(const StretchEnergy& energy, const Standby& standby, double P_hold, double cycle, double low,
+                     double high) {
+  if (!(low > 0 && high >= low)) {
+    throw Error("stretch", text::to_text(low) + " to " + text::to_text(high) + ", expected 0 < low <= high");
+  }
+  const auto whole = [&](double stretch) {
+    BestSpeed at;
+    at.stretch = stretch;
+    at.motion = energy.at(stretch);
+    if (cycle > 0) at.waiting = wait(standby, P_hold, std::max(cycle - stretch * energy.duration, 0.0));
+    at.energy = at.motion + at.waiting.energy;
+    return at;
+  };
+  if (cycle <= 0) return whole(energy.best(low, high));
+  if (low * energy.duration > cycle * (1 + 1e-12)) {
+    throw Error("cycle", text::to_text(cycle) + " s, expected at least the fastest motion's " +
+                             text::to_text(low * energy.duration) + " s");
+  }
+  // The wait is linear in the stretch below and above the break-even time, so each part has its own polynomial.
+  const double longest = std::clamp(cycle / energy.duration, low, high);
+  const double change = std::clamp((cycle - wait(standby, P_hold, 0).break_even) / energy.duration, low, longest);
+  const auto best_with = [&](double P_waiting, double a, double b) {
+    StretchEnergy sum = energy;
+    sum.idle -= P_waiting * energy.duration;
+    return whole(sum.best(a, b));
+  };
+  const BestSpeed closed = best_with(standby.P_off, low, change);
+  const BestSpeed held = best_with(standby.P_0 + standby.P_brake + P_hold, change, longest);
+  return closed.energy <= held.energy ? closed : held;
+}
+
+double best_duration(double P, double A) { return std::pow(3 * A / P, 0.25); }
+
+}  // namespace cotwin::energetics
