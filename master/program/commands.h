@@ -29,6 +29,7 @@ void add_excite(CLI::App& app, Chosen& chosen);
 void add_perturb(CLI::App& app, Chosen& chosen);
 void add_tool(CLI::App& app, Chosen& chosen);
 void add_search(CLI::App& app, Chosen& chosen);
+void add_fit_energy(CLI::App& app, Chosen& chosen);
 void add_robot(CLI::App& app, Chosen& chosen);
 void add_completion(CLI::App& app, Chosen& chosen);
 

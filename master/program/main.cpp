@@ -109,6 +109,7 @@ int run(int argc, char** argv) {
   add_tune(app, chosen);
   add_excite(app, chosen);
   add_perturb(app, chosen);
+  add_fit_energy(app, chosen);
   add_tool(app, chosen);
   add_search(app, chosen);
   add_robot(app, chosen);
