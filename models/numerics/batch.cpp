@@ -1,6 +1,7 @@
 #include "models/numerics/batch.h"
 
 #include <algorithm>
+#include <cstring>
 
 #include "models/numerics/kernels/kernels.h"
 
@@ -17,6 +18,24 @@ BatchMatrix::BatchMatrix(std::size_t rows, std::size_t columns, const double* A)
 
 void BatchMatrix::times(const double* x, std::size_t stride, double* y) const {
   kernels().times(rows_, columns_, packed_.data(), first_.data(), x, stride, y);
+}
+
+void combine(std::size_t rows, std::size_t columns, std::size_t count, const double* X, const double* A, std::size_t stride,
+             double* y) {
+  kernels().combine(rows, columns, count, X, A, stride, y);
+}
+
+LaneRange range_of(std::size_t rows, std::size_t step, const double* y) {
+  static_assert(sizeof(LaneRange) == 4 * BatchMatrix::kLanes * sizeof(double));
+  LaneRange range;
+  std::array<double, 4 * BatchMatrix::kLanes> all;
+  kernels().range(rows, step, y, all.data());
+  std::memcpy(&range, all.data(), sizeof range);
+  return range;
+}
+
+void add_moments(std::size_t rows, std::size_t count, const double* w, const double* y, double* squares, double* most) {
+  kernels().moments(rows, count, w, y, squares, most);
 }
 
 }  // namespace cotwin::numerics

@@ -53,12 +53,33 @@ struct Maximum {
   }
 };
 
+/// The first value above `limit` that halving finds in parts whose control points exceed it.
+bool find_above(const Points& points, std::size_t size, double limit, double tolerance, int depth, double& value) {
+  double bound = points[0];
+  for (std::size_t i = 1; i < size; ++i) bound = std::max(bound, points[i]);
+  value = std::max(points[0], points[size - 1]);
+  if (value > limit) return true;
+  if (!(bound > limit + tolerance) || depth == 0) return false;
+  Points left, right;
+  std::copy_n(points.begin(), size, right.begin());
+  left[0] = points[0];
+  for (std::size_t level = 1; level < size; ++level) {  // de Casteljau at the middle
+    for (std::size_t i = 0; i + level < size; ++i) right[i] = 0.5 * (right[i] + right[i + 1]);
+    left[level] = right[0];
+  }
+  return find_above(left, size, limit, tolerance, depth - 1, value) ||
+         find_above(right, size, limit, tolerance, depth - 1, value);
+}
+
+double tolerance_of(double least, double greatest) {
+  // The second term exceeds rounding; without it, a flat polynomial would be halved to the full depth everywhere.
+  return 1e-13 * (greatest - least) + 1e-14 * std::max(std::abs(least), std::abs(greatest));
+}
+
 Extreme maximum(const Points& points, std::size_t size) {
   const auto end = points.begin() + static_cast<std::ptrdiff_t>(size);
   const auto [least, greatest] = std::minmax_element(points.begin(), end);
-  // The second term exceeds rounding; without it, a flat polynomial would be halved to the full depth everywhere.
-  const double tolerance = 1e-13 * (*greatest - *least) + 1e-14 * std::max(std::abs(*least), std::abs(*greatest));
-  Maximum search{tolerance, {points[0], 0}};
+  Maximum search{tolerance_of(*least, *greatest), {points[0], 0}};
   if (points[size - 1] > points[0]) search.best = {points[size - 1], 1};
   constexpr int kDepth = 50;  // halves down to 1e-15
   search.search(points, size, 0, 1, kDepth);
@@ -120,6 +141,16 @@ Extremes extremes(std::span<const double> b, int derivative) {
   found.min = maximum(points, size);
   found.min.value = -found.min.value;
   return found;
+}
+
+std::optional<double> value_above(std::span<const double> b, int derivative, double limit) {
+  std::size_t size = 0;
+  const Points points = derivative_points(b, derivative, size);
+  const auto [least, greatest] = std::minmax_element(points.begin(), points.begin() + static_cast<std::ptrdiff_t>(size));
+  constexpr int kDepth = 50;
+  double value = 0;
+  if (!find_above(points, size, limit, tolerance_of(*least, *greatest), kDepth, value)) return std::nullopt;
+  return value;
 }
 
 Hull hull(std::span<const double> b, int derivative) {

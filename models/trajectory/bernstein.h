@@ -1,5 +1,6 @@
 #pragma once
 #include <array>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -31,6 +32,10 @@ struct Extremes {
 /// control polygon. The values are attained and within 1e-13 of the span (plus 1e-14 of the magnitude) of the derivative's
 /// control points of the true extremes.
 Extremes extremes(std::span<const double> b, int derivative = 0);
+
+/// A value of the derivative of this order that exceeds `limit`, or none if it does not exceed it by more than the accuracy of
+/// extremes(). Faster than extremes(): parts of [0, 1] that stay below the limit are skipped.
+std::optional<double> value_above(std::span<const double> b, int derivative, double limit);
 
 /// Fast bounds of the same: the least and the greatest control point of the derivative.
 struct Hull {

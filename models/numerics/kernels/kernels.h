@@ -25,6 +25,14 @@ struct NumericsKernels {
   /// before first[r / 8] are zero; x: coordinate c at [c · stride]; y: row r at [8 r], rows rounded up to eight.
   void (*times)(size_t rows, size_t columns, const double* A, const size_t* first, const double* x, size_t stride, double* y);
   void (*move)(const Move&);
+  /// y = X A: X rows x columns row-major, A columns x count with `stride` between its rows, y rows x count row-major. `count` is a
+  /// multiple of eight.
+  void (*combine)(size_t rows, size_t columns, size_t count, const double* X, const double* A, size_t stride, double* y);
+  /// Least and greatest values of each of eight lanes over the rows y[8 r]: of all rows in range[0 … 15], and of every `step`-th
+  /// row, beginning with the first, in range[16 … 31].
+  void (*range)(size_t rows, size_t step, const double* y, double* range);
+  /// Of each row of y (rows x count): adds Σ w y² to squares[r] and raises most[r] to max |y|. `count` is a multiple of eight.
+  void (*moments)(size_t rows, size_t count, const double* w, const double* y, double* squares, double* most);
 };
 
 extern const NumericsKernels kernels_v2;
@@ -33,7 +41,7 @@ extern const NumericsKernels kernels_v3, kernels_v4;
 #endif
 
 /// The kernels of the machine's highest level, or those that COTWIN_CPU selects. The highest level is the fastest one for all
-/// three functions (`./bench.sh instruction_sets`).
+/// functions (`./bench.sh instruction_sets`).
 const NumericsKernels& kernels();
 /// The kernels of one instruction set ("x86-64-v3"), or the best ones where the machine lacks it: for tests.
 const NumericsKernels& kernels(const char* isa);
