@@ -1,0 +1,291 @@
+#include "models/optimisation/evaluation.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "models/trajectory/bernstein.h"
+
+namespace cotwin::optimisation {
+
+namespace {
+
+constexpr std::size_t kGroup = 8;  // nodes of a panel of the quadrature
+constexpr std::size_t kPart = 64;  // samples of a motion whose dynamics are computed together
+constexpr int kParts = 8;          // of the hulls
+constexpr double kSlack = 1e-9;    // relative rounding of bounds that an end attains
+constexpr double kRest = 1e-3;     // rad/s, v_0 of DriveTerms
+
+double scale_of(double low, double high) {
+  const double range = high - low;
+  return std::isfinite(range) && range > 0 ? range : 1.0;
+}
+
+}  // namespace
+
+Evaluator::Scratch::Scratch(const Evaluator& e) : data(e.mechanism_) {
+  const std::size_t n = e.n_;
+  for (auto& part : x) part.assign(n * e.basis_.columns() * kLanes, 0.0);
+  std::size_t room = std::max(e.exact_tables_[0].room(), e.exact_tables_[1].room());
+  for (const auto& hull : e.hull_) room = std::max(room, hull.room());
+  rows.resize(room);
+  undecided.reserve(4 * n * kLanes);
+  own.resize(n * e.basis_.columns());
+  for (auto* part : {&q, &dq, &ddq, &tau}) part->assign(n * kPart, 0.0);
+  largest.resize(n);
+  squares.resize(n);
+  power.resize(kPart);
+  sums.resize(e.problem_.costs.size());
+  if (e.electrical_) drawn.resize(e.samples());
+}
+
+Evaluator::Evaluator(const Problem& problem)
+    : problem_((check(problem), problem)),
+      n_(problem.robot.joints.size()),
+      basis_(problem.degree, problem.ends.at_rest()),
+      mechanism_(problem.robot),
+      nodes_(gauss_panels((problem.samples + kGroup - 1) / kGroup)),
+      exact_(gauss_legendre(static_cast<std::size_t>(problem.degree))) {
+  for (int r = 0; r < 4; ++r) hull_[static_cast<std::size_t>(r)] = basis_.hull(kParts, r);
+  for (int r = 0; r < 3; ++r)
+    for (std::size_t c = 0; c < basis_.columns(); ++c)
+      for (const double place : nodes_.s)
+        tables_[static_cast<std::size_t>(r)].push_back(
+            trajectory::bernstein::evaluate(basis_.points(c), place)[static_cast<std::size_t>(r)]);
+  for (int r = 2; r < 4; ++r) exact_tables_[static_cast<std::size_t>(r - 2)] = basis_.table(exact_.s, r);
+  torques_ =
+      std::any_of(problem.costs.begin(), problem.costs.end(), [](const CostTerm& t) { return needs_torques(t.quantity); });
+  for (double limit : problem.bounds.tau) torques_ = torques_ || std::isfinite(limit);
+  const auto is_energy = [](const CostTerm& t) { return t.quantity == Quantity::kEnergy; };
+  if (std::any_of(problem.costs.begin(), problem.costs.end(), is_energy)) electrical_.emplace(*problem.electrical, n_);
+}
+
+Evaluator::~Evaluator() = default;
+
+Motions Evaluator::motions() const {
+  Motions m;
+  m.c.assign(n_ * basis_.redundant() * kLanes, 0.0);
+  m.q_to.resize(n_ * kLanes);
+  for (std::size_t j = 0; j < n_; ++j)
+    std::fill_n(m.q_to.begin() + static_cast<std::ptrdiff_t>(j * kLanes), kLanes, problem_.ends.q_to[j]);
+  m.T.fill(problem_.T_max);
+  return m;
+}
+
+Values Evaluator::values() const {
+  Values v;
+  v.costs.assign(problem_.costs.size() * kLanes, 0.0);
+  return v;
+}
+
+std::unique_ptr<Evaluator::Scratch> Evaluator::scratch() const { return std::make_unique<Scratch>(*this); }
+
+void Evaluator::set_coordinates(const Motions& m, Scratch& s) const {
+  const std::size_t columns = basis_.columns(), first = basis_.boundary_columns(), K = basis_.redundant();
+  const Ends& ends = problem_.ends;
+  for (std::size_t k = 0; k < kLanes; ++k) {
+    const double T = m.T[k];
+    for (std::size_t j = 0; j < n_; ++j) {
+      double* x = s.x[0].data() + j * columns * kLanes + k;
+      x[0] = ends.q_from[j];
+      x[kLanes] = m.q_to[j * kLanes + k];
+      if (!basis_.at_rest()) {
+        x[2 * kLanes] = T * ends.dq_from[j];
+        x[3 * kLanes] = T * T * ends.ddq_from[j];
+        x[4 * kLanes] = T * ends.dq_to[j];
+        x[5 * kLanes] = T * T * ends.ddq_to[j];
+      }
+      for (std::size_t i = 0; i < K; ++i) x[(first + i) * kLanes] = m.c[(j * K + i) * kLanes + k];
+    }
+  }
+  std::array<double, kLanes> rate;
+  for (std::size_t k = 0; k < kLanes; ++k) rate[k] = 1 / m.T[k];
+  for (std::size_t r = 1; r < 4; ++r)
+    for (std::size_t i = 0; i < n_ * columns; ++i)
+      for (std::size_t k = 0; k < kLanes; ++k) s.x[r][i * kLanes + k] = s.x[r - 1][i * kLanes + k] * rate[k];
+}
+
+double Evaluator::violation(const Scratch& s, std::size_t j, int derivative, std::size_t lane, double low, double high) const {
+  const std::size_t r = static_cast<std::size_t>(derivative), columns = basis_.columns();
+  std::array<double, trajectory::bernstein::kMaxDegree + 1> b{};
+  const std::size_t size = static_cast<std::size_t>(basis_.degree()) + 1;
+  for (std::size_t c = 0; c < columns; ++c) {
+    const double x = s.x[r][(j * columns + c) * kLanes + lane];
+    const auto points = basis_.points(c);
+    for (std::size_t i = 0; i < size; ++i) b[i] += x * points[i];
+  }
+  const std::span<double> own(b.data(), size);
+  const auto above = trajectory::bernstein::value_above(own, derivative, high);
+  for (double& x : own) x = -x;
+  const auto below = trajectory::bernstein::value_above(own, derivative, -low);
+  return std::max(above ? *above - high : 0.0, below ? *below + low : 0.0);
+}
+
+void Evaluator::check_kinematics(Scratch& s, Values& values) const {
+  values.kinematic.fill(0);
+  const Bounds& limits = problem_.bounds;
+  const std::size_t columns = basis_.columns();
+  const auto limits_of = [&](int r, std::size_t j) {
+    const double high = (r == 0 ? limits.q_max : r == 1 ? limits.dq : r == 2 ? limits.ddq : limits.dddq)[j];
+    return std::pair{r == 0 ? limits.q_min[j] : -high, high};
+  };
+  s.undecided.clear();
+  for (int r = 3; r >= 0; --r) {
+    const std::size_t order = static_cast<std::size_t>(r), own = static_cast<std::size_t>(basis_.degree() - r);
+    for (std::size_t j = 0; j < n_; ++j) {
+      const auto [low, high] = limits_of(r, j);
+      if (!std::isfinite(high) && !std::isfinite(low)) continue;
+      hull_[order].times(s.x[order].data() + j * columns * kLanes, kLanes, s.rows.data());
+      const numerics::LaneRange range = numerics::range_of(kParts * own + 1, own, s.rows.data());
+      const double scale = r == 0 ? scale_of(low, high) : high;
+      for (std::size_t k = 0; k < kLanes; ++k) {
+        if (std::max(range.most[k] - high, low - range.least[k]) <= kSlack * scale) continue;
+        const double attained = std::max(range.most_of_few[k] - high, low - range.least_of_few[k]) / scale;
+        if (attained <= kSlack)
+          s.undecided.push_back({r, j, k});
+        else
+          values.kinematic[k] += attained;
+      }
+    }
+  }
+  // The exact search is slow. A motion that is pruned anyway does not need it.
+  std::array<bool, kLanes> pruned;
+  for (std::size_t k = 0; k < kLanes; ++k) pruned[k] = values.kinematic[k] > 0;
+  for (const auto& [r, j, k] : s.undecided) {
+    if (pruned[k]) continue;
+    const auto [low, high] = limits_of(r, j);
+    const double scale = r == 0 ? scale_of(low, high) : high, slack = kSlack * scale;
+    const double beyond = violation(s, j, r, k, low - slack, high + slack) / scale;
+    if (!(beyond <= 0)) values.kinematic[k] += beyond;
+  }
+}
+
+void Evaluator::exact_costs(const Motions& m, Scratch& s, Values& values) const {
+  const std::size_t columns = basis_.columns();
+  for (std::size_t term = 0; term < problem_.costs.size(); ++term) {
+    const Quantity quantity = problem_.costs[term].quantity;
+    double* cost = values.costs.data() + term * kLanes;
+    if (quantity == Quantity::kTime) std::copy(m.T.begin(), m.T.end(), cost);
+    if (quantity != Quantity::kAcceleration && quantity != Quantity::kJerk) continue;
+    const std::size_t r = quantity == Quantity::kAcceleration ? 2 : 3;
+    std::fill_n(cost, kLanes, 0.0);
+    for (std::size_t j = 0; j < n_; ++j) {
+      exact_tables_[r - 2].times(s.x[r].data() + j * columns * kLanes, kLanes, s.rows.data());
+      for (std::size_t i = 0; i < exact_.s.size(); ++i)
+        for (std::size_t k = 0; k < kLanes; ++k) cost[k] += exact_.w[i] * s.rows[i * kLanes + k] * s.rows[i * kLanes + k];
+    }
+    for (std::size_t k = 0; k < kLanes; ++k) cost[k] *= m.T[k];
+  }
+}
+
+void Evaluator::add_drives(Scratch& s, std::size_t count) const {
+  const DriveTerms& d = problem_.drives;
+  for (std::size_t j = 0; j < n_; ++j) {
+    double* tau = s.tau.data() + j * count;
+    const double *dq = s.dq.data() + j * count, *ddq = s.ddq.data() + j * count;
+    if (!d.B.empty() && d.B[j] != 0)
+      for (std::size_t i = 0; i < count; ++i) tau[i] += d.B[j] * ddq[i];
+    if (!d.sigma2.empty() && d.sigma2[j] != 0)
+      for (std::size_t i = 0; i < count; ++i) tau[i] += d.sigma2[j] * dq[i];
+    if (!d.tau_C.empty() && d.tau_C[j] != 0)
+      for (std::size_t i = 0; i < count; ++i) tau[i] += d.tau_C[j] * std::min(std::max(dq[i] / kRest, -1.0), 1.0);
+    if (!d.tau_0.empty() && d.tau_0[j] != 0)
+      for (std::size_t i = 0; i < count; ++i) tau[i] += d.tau_0[j];
+  }
+}
+
+void Evaluator::dynamics(const Motions& m, std::size_t lane, Scratch& s, Values& values, const Visit& visit) const {
+  const std::size_t columns = basis_.columns(), S = nodes_.s.size();
+  std::fill(s.largest.begin(), s.largest.end(), 0.0);
+  std::fill(s.squares.begin(), s.squares.end(), 0.0);
+  std::fill(s.sums.begin(), s.sums.end(), 0.0);
+  for (std::size_t first = 0; first < S; first += kPart) {
+    const std::size_t count = std::min(kPart, S - first);
+    for (std::size_t r = 0; r < 3; ++r) {
+      for (std::size_t i = 0; i < n_ * columns; ++i) s.own[i] = s.x[r][i * kLanes + lane];
+      numerics::combine(n_, columns, count, s.own.data(), tables_[r].data() + first, S,
+                        (r == 0   ? s.q
+                         : r == 1 ? s.dq
+                                  : s.ddq)
+                            .data());
+    }
+    robot::inverse_dynamics_batch(mechanism_, s.data, count, s.q.data(), s.dq.data(), s.ddq.data(), s.tau.data());
+    add_drives(s, count);
+    if (visit) visit(lane, first, count, s.tau.data(), s.dq.data());
+    const double* w = nodes_.w.data() + first;
+    numerics::add_moments(n_, count, w, s.tau.data(), s.squares.data(), s.largest.data());
+    for (std::size_t term = 0; term < problem_.costs.size(); ++term) {
+      const CostTerm& cost = problem_.costs[term];
+      switch (cost.quantity) {
+        case Quantity::kWork:
+        case Quantity::kSharedWork: {
+          const bool shared = cost.quantity == Quantity::kSharedWork;
+          std::fill_n(s.power.begin(), count, 0.0);
+          for (std::size_t j = 0; j < n_; ++j)
+            for (std::size_t i = 0; i < count; ++i) {
+              const double own = s.tau[j * count + i] * s.dq[j * count + i];
+              s.power[i] += shared ? own : std::max(own, 0.0);
+            }
+          for (std::size_t i = 0; i < count; ++i) s.sums[term] += w[i] * std::max(s.power[i], 0.0);
+          break;
+        }
+        case Quantity::kPower:
+          cost.power(count, s.tau.data(), s.dq.data(), s.power.data());
+          for (std::size_t i = 0; i < count; ++i) s.sums[term] += w[i] * s.power[i];
+          break;
+        case Quantity::kEnergy:
+          electrical_->power(count, s.tau.data(), s.dq.data(), s.drawn.data() + first);
+          break;
+        case Quantity::kTorque:
+        case Quantity::kTime:
+        case Quantity::kAcceleration:
+        case Quantity::kJerk:
+          break;
+      }
+    }
+  }
+  for (std::size_t term = 0; term < problem_.costs.size(); ++term) {
+    const Quantity quantity = problem_.costs[term].quantity;
+    if (!needs_torques(quantity)) continue;
+    double& cost = values.costs[term * kLanes + lane];
+    if (quantity == Quantity::kEnergy)
+      cost = electrical_->drawn(s.drawn, nodes_.w, m.T[lane]);
+    else if (quantity == Quantity::kTorque)
+      cost = std::accumulate(s.squares.begin(), s.squares.end(), 0.0) * m.T[lane];
+    else
+      cost = s.sums[term] * m.T[lane];
+  }
+  const double share = 1 - problem_.torque_margin;
+  for (std::size_t j = 0; j < n_; ++j) {
+    const double beyond = s.largest[j] / (share * problem_.bounds.tau[j]) - 1;
+    if (!(beyond <= 0)) values.torque[lane] += beyond;
+  }
+}
+
+void Evaluator::evaluate(const Motions& motions, Scratch& s, Values& values, bool all, const Visit& visit) const {
+  set_coordinates(motions, s);
+  check_kinematics(s, values);
+  values.torque.fill(0);
+  exact_costs(motions, s, values);
+  for (std::size_t k = 0; k < kLanes; ++k) {
+    values.pruned[k] = !all && values.kinematic[k] > 0;
+    if (torques_ && !values.pruned[k] && k < motions.count) dynamics(motions, k, s, values, visit);
+  }
+}
+
+const double* Evaluator::coordinates(const Scratch& s, int derivative, std::size_t joint) const {
+  return s.x[static_cast<std::size_t>(derivative)].data() + joint * basis_.columns() * kLanes;
+}
+
+std::vector<double> Evaluator::control_points(const Motions& m, std::size_t lane, std::size_t joint) const {
+  const Ends& e = problem_.ends;
+  const std::size_t K = basis_.redundant();
+  std::vector<double> c(K);
+  for (std::size_t i = 0; i < K; ++i) c[i] = m.c[(joint * K + i) * kLanes + lane];
+  const trajectory::Boundary from{e.q_from[joint], e.dq_from[joint], e.ddq_from[joint], {}};
+  const trajectory::Boundary to{m.q_to[joint * kLanes + lane], e.dq_to[joint], e.ddq_to[joint], {}};
+  return trajectory::make_polynomial(from, to, m.T[lane], basis_.terms(), c);
+}
+
+}  // namespace cotwin::optimisation

@@ -1,0 +1,113 @@
+#pragma once
+#include <array>
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "models/optimisation/drive_power.h"
+#include "models/optimisation/problem.h"
+#include "models/optimisation/quadrature.h"
+#include "models/robot/dynamics.h"
+
+namespace cotwin::optimisation {
+
+inline constexpr std::size_t kLanes = numerics::BatchMatrix::kLanes;
+
+/// Eight motions, one per lane: element i of lane k at [i · kLanes + k].
+struct Motions {
+  std::vector<double> c;           // n · (degree − 5) coefficients c_r, joint by joint
+  std::vector<double> q_to;        // n
+  std::array<double, kLanes> T{};  // s
+  std::size_t count = kLanes;      // motions in use, those of the first lanes
+};
+
+/// What was found of eight motions.
+struct Values {
+  std::vector<double> costs;  // of each cost term; unspecified for motions that were pruned
+  /// Relative violations of position, speed, acceleration and jerk: the sum of what is found at nine places, else the sum of the
+  /// exact ones between them; 0 if and only if there is none.
+  std::array<double, kLanes> kinematic{};
+  /// Sum over the joints of the relative violation of the torque bound less its margin, at the samples; 0: none.
+  std::array<double, kLanes> torque{};
+  /// Motions with a violated kinematic bound are pruned: their torques are not computed.
+  std::array<bool, kLanes> pruned{};
+};
+
+/// Costs and violations of motions of one problem. May be shared by threads; scratch memory is per thread. Allocates nothing
+/// after construction.
+class Evaluator {
+ public:
+  explicit Evaluator(const Problem& problem);
+  ~Evaluator();
+
+  const Problem& problem() const { return problem_; }
+  const MotionBasis& basis() const { return basis_; }
+  std::size_t joints() const { return n_; }
+  std::size_t samples() const { return nodes_.s.size(); }
+  /// Weights of the samples' quadrature, Σ w = 1.
+  std::span<const double> weights() const { return nodes_.w; }
+  /// Their places s = t/T.
+  std::span<const double> nodes() const { return nodes_.s; }
+  Motions motions() const;
+  Values values() const;
+
+  class Scratch;
+  std::unique_ptr<Scratch> scratch() const;
+
+  /// Torques of the samples first … first + count − 1 of the motion in one lane: of joint j at sample first + s at
+  /// tau[j · count + s].
+  using Visit =
+      std::function<void(std::size_t lane, std::size_t first, std::size_t count, const double* tau, const double* dq)>;
+  /// `all`: computes torques of pruned motions as well. `visit` may be empty.
+  void evaluate(const Motions& motions, Scratch& scratch, Values& values, bool all = false, const Visit& visit = {}) const;
+
+  /// Coordinates of a joint in the basis divided by Tʳ, of the last evaluate(): what the tables of dʳq/dtʳ are multiplied with.
+  const double* coordinates(const Scratch& scratch, int derivative, std::size_t joint) const;
+
+  /// Control points of joint j of lane k over s.
+  std::vector<double> control_points(const Motions& motions, std::size_t lane, std::size_t joint) const;
+
+ private:
+  void set_coordinates(const Motions& motions, Scratch& s) const;
+  double violation(const Scratch& s, std::size_t joint, int derivative, std::size_t lane, double low, double high) const;
+  void check_kinematics(Scratch& s, Values& values) const;
+  void exact_costs(const Motions& motions, Scratch& s, Values& values) const;
+  void dynamics(const Motions& motions, std::size_t lane, Scratch& s, Values& values, const Visit& visit) const;
+  void add_drives(Scratch& s, std::size_t count) const;
+
+  Problem problem_;
+  std::size_t n_;
+  MotionBasis basis_;
+  robot::Mechanism mechanism_;
+  Quadrature nodes_, exact_;
+  std::array<numerics::BatchMatrix, 4> hull_;
+  std::array<std::vector<double>, 3> tables_;          // of q, q′ and q″: column c at the samples from [c · samples()] on
+  std::array<numerics::BatchMatrix, 2> exact_tables_;  // q″ and q‴ at the nodes of exact_
+  std::optional<DrivePower> electrical_;
+  bool torques_ = false;
+};
+
+class Evaluator::Scratch {
+ public:
+  explicit Scratch(const Evaluator& e);
+
+ private:
+  friend class Evaluator;
+  robot::Data data;
+  std::array<std::vector<double>, 4> x;  // n · columns · kLanes: coordinates divided by Tʳ
+  std::vector<double> rows;              // of hulls and exact tables
+  struct Undecided {                     // bounds of the derivative of a joint that the hull does not decide
+    int derivative;
+    std::size_t joint, lane;
+  };
+  std::vector<Undecided> undecided;
+  std::vector<double> own;              // n · columns: coordinates of one motion
+  std::vector<double> q, dq, ddq, tau;  // n · samples of a part
+  std::vector<double> largest;          // n: max |τ_m|
+  std::vector<double> squares;          // n: ∫ τ_m² ds
+  std::vector<double> power, sums;      // W; of each cost
+  std::vector<double> drawn;            // electrical power of all samples, W
+};
+
+}  // namespace cotwin::optimisation
