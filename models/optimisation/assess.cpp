@@ -1,0 +1,125 @@
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "models/optimisation/search.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::optimisation {
+
+namespace {
+
+constexpr const char* kRevolute[] = {"rad", "rad/s", "rad/s^2", "rad/s^3", "N m"};
+constexpr const char* kPrismatic[] = {"m", "m/s", "m/s^2", "m/s^3", "N"};
+constexpr const char* kNames[] = {"q", "dq", "ddq", "dddq", "tau"};
+
+/// The peak of a range: the end that uses more of its bound.
+Peak peak_of(const trajectory::Path::Range& range, double low, double high) {
+  const double middle = std::isfinite(low + high) ? 0.5 * (low + high) : 0;
+  const auto share = [&](double value) {
+    const double bound = value > middle ? high : low;
+    return !std::isfinite(bound) ? 0.0
+                                 : (bound == middle ? (value == middle ? 1.0 : 2.0) : (value - middle) / (bound - middle));
+  };
+  const double of_max = share(range.max.value), of_min = share(range.min.value);
+  const bool max = of_max != of_min ? of_max > of_min : range.max.value >= -range.min.value;
+  const trajectory::Peak& at = max ? range.max : range.min;
+  Peak peak;
+  peak.value = at.value;
+  peak.t = at.t;
+  peak.limit = at.value > middle ? high : low;
+  peak.share = std::max(of_max, of_min);
+  return peak;
+}
+
+}  // namespace
+
+const char* to_text(Status status) {
+  return status == Status::kFeasible ? "feasible" : status == Status::kBestEffort ? "best-effort" : "infeasible";
+}
+
+Solution assess(const Problem& problem, std::span<const double> c, std::span<const double> q_to, double T) {
+  Problem dense = problem;
+  dense.samples = 10 * problem.samples;
+  dense.torque_margin = 0;
+  const Evaluator evaluator(dense);
+  const std::size_t n = evaluator.joints(), K = evaluator.basis().redundant();
+  if (c.size() != n * K || q_to.size() != n)
+    throw Error("optimisation", std::to_string(c.size()) + " coefficients and an end of " + std::to_string(q_to.size()) +
+                                    " joints, expected " + std::to_string(n * K) + " and " + std::to_string(n));
+  if (!(T > 0 && std::isfinite(T))) throw Error("optimisation", "duration " + text::to_text(T) + " s, expected > 0");
+  Motions motions = evaluator.motions();
+  motions.count = 1;
+  for (std::size_t i = 0; i < c.size(); ++i) motions.c[i * kLanes] = c[i];
+  for (std::size_t j = 0; j < n; ++j) motions.q_to[j * kLanes] = q_to[j];
+  motions.T[0] = T;
+  std::vector<Peak> torques(n);
+  const auto scratch = evaluator.scratch();
+  Values values = evaluator.values();
+  evaluator.evaluate(motions, *scratch, values, true,
+                     [&](std::size_t, std::size_t first, std::size_t count, const double* tau, const double*) {
+                       for (std::size_t j = 0; j < n; ++j)
+                         for (std::size_t s = 0; s < count; ++s) {
+                           const double torque = tau[j * count + s];
+                           if (!(std::abs(torque) < std::abs(torques[j].value))) {
+                             torques[j].value = torque;
+                             torques[j].t = evaluator.nodes()[first + s] * T;
+                           }
+                         }
+                     });
+
+  Solution solution;
+  solution.T = T;
+  solution.degree = problem.degree;
+  solution.c.assign(c.begin(), c.end());
+  solution.q_to.assign(q_to.begin(), q_to.end());
+  for (std::size_t i = 0; i < dense.costs.size(); ++i) {
+    solution.costs.push_back(values.costs[i * kLanes]);
+    solution.cost += dense.costs[i].weight * values.costs[i * kLanes];
+  }
+  std::vector<double> control;
+  for (std::size_t j = 0; j < n; ++j) {
+    const std::vector<double> own = evaluator.control_points(motions, 0, j);
+    control.insert(control.end(), own.begin(), own.end());
+  }
+  solution.path = trajectory::Path(n, {0, T}, problem.degree, std::move(control));
+
+  const Bounds& b = problem.bounds;
+  for (std::size_t j = 0; j < n; ++j) {
+    for (int r = 0; r < 5; ++r) {
+      const double high = (r == 0 ? b.q_max : r == 1 ? b.dq : r == 2 ? b.ddq : r == 3 ? b.dddq : b.tau)[j];
+      Peak peak;
+      if (r < 4) {
+        peak = peak_of(solution.path.range(j, r), r == 0 ? b.q_min[j] : -high, high);
+      } else {
+        peak = torques[j];
+        peak.limit = std::copysign(high, peak.value);
+        peak.share = std::abs(peak.value) / high;
+      }
+      peak.bound = kNames[r];
+      peak.joint = j;
+      solution.peaks.push_back(peak);
+    }
+  }
+  double worst = 1 + 1e-9;
+  for (const Peak& peak : solution.peaks) {
+    const bool finite = std::isfinite(peak.value) && !std::isnan(peak.share);
+    if (finite && peak.share <= worst) continue;
+    worst = finite ? peak.share : std::numeric_limits<double>::infinity();
+    const std::size_t order = static_cast<std::size_t>(std::find(kNames, kNames + 5, peak.bound) - kNames);
+    const robot::Joint& joint = problem.robot.joints[peak.joint];
+    const char* unit = (joint.type == robot::JointType::kRevolute ? kRevolute : kPrismatic)[order];
+    solution.reason = "joint " + joint.name + ": " + peak.bound + " = " + text::to_text(peak.value, 6) + " " + unit + " at " +
+                      text::to_text(peak.t, 4) + " s, bound " + text::to_text(peak.limit, 6) + " " + unit;
+    if (!finite) break;
+  }
+  if (!std::isfinite(solution.cost) && std::isfinite(worst)) {
+    worst = std::numeric_limits<double>::infinity();
+    solution.reason = "the cost " + text::to_text(solution.cost) + " is not finite";
+  }
+  solution.status = worst <= 1 + 1e-9 ? Status::kFeasible : worst < 1.01 ? Status::kBestEffort : Status::kInfeasible;
+  return solution;
+}
+
+}  // namespace cotwin::optimisation

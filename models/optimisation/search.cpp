@@ -1,0 +1,446 @@
+#include "models/optimisation/search.h"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "models/numerics/swarm.h"
+#include "models/optimisation/barrier.h"
+#include "models/optimisation/budget.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+#include "models/trajectory/bernstein.h"
+
+namespace cotwin::optimisation {
+
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr double kEnough = 1e-3;                               // relative improvement below which the refinement ends
+constexpr double kTorqueTier = 1e100, kKinematicTier = 1e200;  // Deb's rules as one number: costs are far below
+
+/// A bound of a cost from an earlier search of minimise_in_order.
+struct CostBound {
+  std::size_t term = 0;
+  double most = 0;
+};
+
+/// Keeps the swarm inside the bounds, so that the barrier starts with slack. A motion without free coefficients has none to lose.
+Problem tightened(Problem problem) {
+  if (problem.degree == 5) return problem;
+  constexpr double kShare = 1 - 2e-3;
+  for (auto* bounds : {&problem.bounds.dq, &problem.bounds.ddq, &problem.bounds.dddq, &problem.bounds.tau})
+    for (double& bound : *bounds) bound *= kShare;
+  return problem;
+}
+
+std::chrono::steady_clock::time_point end_of_time(double limit) {
+  using Clock = std::chrono::steady_clock;
+  constexpr double kYear = 3.15e7;
+  if (!(limit < kYear)) return Clock::time_point::max();
+  return Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(limit));
+}
+
+struct Point {
+  VectorXd c;
+  double u = 1, z = 0.5;  // of ln T and of the end postures, in [0, 1]
+};
+
+class Search {
+ public:
+  Search(const Problem& problem, const SearchOptions& options, std::vector<CostBound> bounds, numerics::Threads* threads)
+      : options_(options), bounds_(std::move(bounds)), threads_(threads), problem_(problem), evaluator_(tightened(problem)) {
+    const std::size_t blocks =
+        (static_cast<std::size_t>(std::max(options.particles, 1)) + numerics::kSwarmBlock - 1) / numerics::kSwarmBlock;
+    for (std::size_t i = 0; i < blocks; ++i) {
+      scratch_.push_back(evaluator_.scratch());
+      motions_.push_back(evaluator_.motions());
+      values_.push_back(evaluator_.values());
+      decoded_.emplace_back(evaluator_.joints() * evaluator_.basis().redundant() * kLanes + 8 * kLanes);
+    }
+  }
+
+  const Problem& problem() const { return problem_; }
+
+  Solution run(const std::optional<Point>& start) {
+    const std::size_t d = evaluator_.joints() * evaluator_.basis().redundant();
+    Point best = start ? *start : Point{VectorXd::Zero(static_cast<Index>(d)), 1, 0.5};
+    if (!start && !problem().end_postures.empty()) best.z = nearest_posture();
+    // Each stage: its share of the rounds, the size of the swarm in the metric, and the number of coefficients per joint. A swarm
+    // of few dimensions finds the region, because φ_k are the same for all degrees.
+    struct Stage {
+      double share, spread;
+      std::size_t terms;
+    };
+    constexpr Stage kStages[] = {{0.3, 0.5, 2}, {0.3, 0.1, 4}, {0.2, 0.05, 10}, {0.2, 0.01, 26}};
+    int left = options_.rounds;
+    for (std::size_t i = 0; i < std::size(kStages) && going_; ++i) {
+      const bool last = i + 1 == std::size(kStages);
+      const int rounds = last ? left : std::min(left, static_cast<int>(kStages[i].share * options_.rounds));
+      if (rounds > 0) best = stage(static_cast<int>(i), rounds, kStages[i].spread, kStages[i].terms, best);
+      left -= rounds;
+    }
+    if (still_going() && options_.refine) best = refined(best);
+    best_ = best;
+    Solution solution = assess(problem(), {best.c.data(), d}, end_of(best.z), duration(best.u));
+    solution.history = history_;
+    solution.evaluations = evaluations_;
+    solution.pruned = pruned_;
+    solution.complete = going_;
+    return solution;
+  }
+  const Point& best() const { return best_; }
+
+ private:
+  bool still_going(std::uint64_t further = 0) {
+    if (evaluations_ + further >= options_.evaluations || std::chrono::steady_clock::now() >= end_) going_ = false;
+    return going_;
+  }
+
+  double duration(double u) const {
+    const Problem& p = problem();
+    return p.T_min == p.T_max ? p.T_min : std::clamp(p.T_min * std::pow(p.T_max / p.T_min, u), p.T_min, p.T_max);
+  }
+
+  std::vector<double> end_of(double z) const {
+    const auto& postures = problem().end_postures;
+    if (postures.empty()) return problem().ends.q_to;
+    if (postures.size() == 1) return postures.front();
+    const double at = z * static_cast<double>(postures.size() - 1);
+    const std::size_t k = std::min(static_cast<std::size_t>(at), postures.size() - 2);
+    const double share = at - static_cast<double>(k);
+    std::vector<double> q(evaluator_.joints());
+    for (std::size_t j = 0; j < q.size(); ++j) q[j] = (1 - share) * postures[k][j] + share * postures[k + 1][j];
+    return q;
+  }
+
+  /// The end posture nearest to the start of the motion.
+  double nearest_posture() const {
+    const auto& postures = problem().end_postures;
+    std::size_t nearest = 0;
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t k = 0; k < postures.size(); ++k) {
+      double distance = 0;
+      for (std::size_t j = 0; j < evaluator_.joints(); ++j)
+        distance += (postures[k][j] - problem().ends.q_from[j]) * (postures[k][j] - problem().ends.q_from[j]);
+      if (distance < least) {
+        least = distance;
+        nearest = k;
+      }
+    }
+    return postures.size() < 2 ? 0.5 : static_cast<double>(nearest) / static_cast<double>(postures.size() - 1);
+  }
+
+  void set_lane(Motions& m, std::size_t lane, const VectorXd& c, double u, double z) const {
+    for (Index i = 0; i < c.size(); ++i) m.c[static_cast<std::size_t>(i) * kLanes + lane] = c[i];
+    const std::vector<double> q = end_of(z);
+    for (std::size_t j = 0; j < q.size(); ++j) m.q_to[j * kLanes + lane] = q[j];
+    m.T[lane] = duration(u);
+  }
+
+  /// The Hessian of ½ ∫ Σ τ² dt by c at a point (Gauss–Newton: derivatives of τ by differences), with a small share of that of
+  /// ∫ Σ q̈² dt, which alone is the metric of a problem without torques. `size`: √ of the integral at the point.
+  MatrixXd metric(const Point& at, double& size) {
+    const std::size_t n = evaluator_.joints(), K = evaluator_.basis().redundant(), d = n * K;
+    const Index D = static_cast<Index>(d);
+    const double T = duration(at.u);
+    const Quadrature rule = gauss_legendre(static_cast<std::size_t>(evaluator_.basis().degree()));
+    MatrixXd bending = MatrixXd::Zero(D, D);
+    MatrixXd curvature(static_cast<Index>(rule.s.size()), static_cast<Index>(K));
+    for (std::size_t i = 0; i < rule.s.size(); ++i)
+      for (std::size_t k = 0; k < K; ++k)
+        curvature(static_cast<Index>(i), static_cast<Index>(k)) =
+            std::sqrt(rule.w[i]) *
+            trajectory::bernstein::evaluate(evaluator_.basis().points(evaluator_.basis().boundary_columns() + k), rule.s[i])[2];
+    const MatrixXd gram = curvature.transpose() * curvature / (T * T * T);
+    for (std::size_t j = 0; j < n; ++j) {
+      const Index first = static_cast<Index>(j * K);
+      bending.block(first, first, static_cast<Index>(K), static_cast<Index>(K)) = gram;
+    }
+    const bool torques =
+        std::any_of(problem().costs.begin(), problem().costs.end(),
+                    [](const CostTerm& t) { return needs_torques(t.quantity); }) ||
+        std::any_of(problem().bounds.tau.begin(), problem().bounds.tau.end(), [](double x) { return std::isfinite(x); });
+    Motions& m = motions_[0];
+    const std::size_t samples = evaluator_.samples();
+    const Index rows = static_cast<Index>(samples * n);
+    size = 0;
+    const auto from = problem().ends.q_from;
+    const std::vector<double> to = end_of(at.z);
+    for (std::size_t j = 0; j < n; ++j) size += 120.0 / 7 * (to[j] - from[j]) * (to[j] - from[j]) / (T * T * T);
+    size = std::sqrt(size);
+    if (!torques) return bending;
+    const double step = 1e-5;
+    MatrixXd J(rows, D);
+    VectorXd tau_0(rows);
+    for (std::size_t first = 0; first < d; first += kLanes - 1) {
+      const std::size_t count = std::min(kLanes - 1, d - first);
+      for (std::size_t lane = 0; lane < kLanes; ++lane) {
+        VectorXd c = at.c;
+        if (lane > 0 && lane <= count) c[static_cast<Index>(first + lane - 1)] += step;
+        set_lane(m, lane, c, at.u, at.z);
+      }
+      m.count = count + 1;
+      std::array<std::vector<double>, kLanes> tau;
+      evaluator_.evaluate(m, *scratch_[0], values_[0], true,
+                          [&](std::size_t lane, std::size_t begin, std::size_t part, const double* values, const double*) {
+                            tau[lane].resize(static_cast<std::size_t>(rows));
+                            for (std::size_t j = 0; j < n; ++j)
+                              for (std::size_t s = 0; s < part; ++s)
+                                tau[lane][j * samples + begin + s] =
+                                    std::sqrt(evaluator_.weights()[begin + s] * T) * values[j * part + s];
+                          });
+      m.count = kLanes;
+      tau_0 = Eigen::Map<const VectorXd>(tau[0].data(), rows);
+      for (std::size_t k = 0; k < count; ++k)
+        J.col(static_cast<Index>(first + k)) = (Eigen::Map<const VectorXd>(tau[k + 1].data(), rows) - tau_0) / step;
+    }
+    MatrixXd H = J.transpose() * J;
+    if (!H.allFinite() || !(H.trace() > 0)) return bending;
+    size = tau_0.norm();
+    return H + 1e-4 * H.trace() / bending.trace() * bending;
+  }
+
+  double deb(const Values& v, std::size_t lane) const {
+    if (v.kinematic[lane] > 0) return kKinematicTier * v.kinematic[lane];
+    double beyond = v.torque[lane];
+    for (const CostBound& bound : bounds_)
+      beyond += std::max(0.0, (v.costs[bound.term * kLanes + lane] - bound.most) / std::max(std::abs(bound.most), 1e-300));
+    if (beyond > 0) return kTorqueTier * beyond;
+    double cost = 0;
+    for (std::size_t i = 0; i < problem().costs.size(); ++i)
+      if (problem().costs[i].weight != 0) cost += problem().costs[i].weight * v.costs[i * kLanes + lane];
+    return cost;
+  }
+
+  /// Newton's method on the logarithmic barrier with ever more coefficients per joint: φ_k are the same for all degrees, so each
+  /// result is the start of the next one and a higher degree is not slower than a lower one. (With all of them at once it often
+  /// stalls at degree 13 and 15.)
+  Point refined(const Point& from) {
+    const std::size_t K = evaluator_.basis().redundant();
+    Refinement state{from, from, std::numeric_limits<double>::infinity(), 1e-4};
+    const Evaluator exact(problem());
+    const auto scratch = exact.scratch();
+    if (const Solution first = check(from); first.status == Status::kFeasible) state.least = first.cost;
+    constexpr std::size_t kFirst = 4;
+    constexpr int kFew = 2, kAttempts = 8;
+    for (std::size_t terms = std::min(K, kFirst); terms < K && going_; terms += std::max<std::size_t>(2, terms / 3))
+      refine(state, exact, *scratch, terms, kFew);
+    refine(state, exact, *scratch, K, kAttempts);
+    return state.best;
+  }
+
+  struct Refinement {
+    Point best, current;
+    double least;   // cost of `best`, ∞ if it is not feasible
+    double margin;  // of the barrier's bounds
+  };
+
+  Solution check(const Point& p) const {
+    return assess(problem(), {p.c.data(), static_cast<std::size_t>(p.c.size())}, end_of(p.z), duration(p.u));
+  }
+
+  /// Repeats the barrier from its results as long as they improve. Bounds that the barrier's samples miss are tightened by what the
+  /// exact peaks exceed.
+  void refine(Refinement& state, const Evaluator& exact, Evaluator::Scratch& scratch, std::size_t terms, int attempts) {
+    const bool free_T = problem().T_min<problem().T_max, free_end = problem().end_postures.size()> 1;
+    if (state.least < std::numeric_limits<double>::infinity()) state.current = state.best;
+    for (int attempt = 0; attempt < attempts && still_going(); ++attempt) {
+      const Point current = state.current;
+      const MatrixXd map = coordinates(current, terms);
+      const std::size_t d = static_cast<std::size_t>(map.cols());
+      const std::size_t variables = d + (free_T ? 1 : 0) + (free_end ? 1 : 0);
+      if (variables == 0) return;
+      const auto point = [&](const VectorXd& y) {
+        Point p = current;
+        if (d > 0) p.c += map * y.head(static_cast<Index>(d));
+        if (free_T) p.u += y[static_cast<Index>(d)];
+        if (free_end) p.z = std::clamp(p.z + y[static_cast<Index>(variables) - 1], 0.0, 1.0);
+        return p;
+      };
+      std::vector<BarrierBox> boxes;
+      if (free_T) boxes.push_back({d, -1e-9 - current.u, 1 + 1e-9 - current.u});
+      if (free_end) boxes.push_back({variables - 1, -1e-9 - current.z, 1 + 1e-9 - current.z});
+      for (const CostBound& bound : bounds_)
+        boxes.push_back({variables + bound.term, -std::numeric_limits<double>::infinity(), bound.most});
+      Barrier barrier(exact, scratch, boxes, variables, state.margin, [&](const VectorXd& y, std::size_t lane, Motions& m) {
+        const Point p = point(y);
+        set_lane(m, lane, p.c, p.u, p.z);
+      });
+      barrier.set_going([this](std::uint64_t further) {
+        if (still_going(further) && options_.on_step) going_ = options_.on_step();
+        return going_;
+      });
+      state.current = point(barrier.minimise());
+      evaluations_ += barrier.evaluations();
+      const Solution found = check(state.current);
+      if (found.status == Status::kFeasible) {
+        const bool enough = !(found.cost < state.least - kEnough * std::abs(state.least));
+        if (found.cost < state.least) {
+          state.least = found.cost;
+          state.best = state.current;
+        }
+        if (enough) return;
+      } else {
+        double worst = 0;
+        for (const Peak& peak : found.peaks) worst = std::max(worst, peak.share - 1);
+        state.margin += 1.5 * std::min(worst, 0.01);
+      }
+    }
+  }
+
+  /// c = centre + map · y with the first `terms` coefficients of each joint: y has the metric of ∫ Σ τ² dt, and |y| = 1 the size
+  /// of the integral at the centre.
+  MatrixXd coordinates(const Point& centre, std::size_t terms) {
+    const std::size_t n = evaluator_.joints(), K = evaluator_.basis().redundant();
+    std::vector<Index> chosen;
+    for (std::size_t j = 0; j < n; ++j)
+      for (std::size_t k = 0; k < std::min(terms, K); ++k) chosen.push_back(static_cast<Index>(j * K + k));
+    const Index m = static_cast<Index>(chosen.size());
+    MatrixXd map = MatrixXd::Zero(centre.c.size(), m);
+    if (m == 0) return map;
+    double size = 0;
+    const MatrixXd H = metric(centre, size);
+    const MatrixXd own = H(chosen, chosen);
+    const Eigen::LLT<MatrixXd> L(own);
+    if (L.info() != Eigen::Success) throw Error("optimisation", "the metric of the motion is not positive definite");
+    // A motion without displacement still may move by 0.1 rad.
+    const double radius = std::max(size, 0.1 * std::sqrt(own.diagonal().maxCoeff()));
+    map(chosen, Eigen::all) = radius * MatrixXd(L.matrixU().solve(MatrixXd::Identity(m, m)));
+    return map;
+  }
+
+  Point stage(int number, int rounds, double spread, std::size_t terms, const Point& centre) {
+    const MatrixXd map = coordinates(centre, terms);
+    const std::size_t all = static_cast<std::size_t>(map.rows()), d = static_cast<std::size_t>(map.cols());
+    const bool free_T = problem().T_min<problem().T_max, free_end = problem().end_postures.size()> 1;
+    std::vector<double> flat(all * d);
+    for (std::size_t r = 0; r < all; ++r)
+      for (std::size_t c = 0; c < d; ++c) flat[r * d + c] = map(static_cast<Index>(r), static_cast<Index>(c));
+    const numerics::BatchMatrix decode(all, d, flat.data());
+    // Coordinates: d of c, then u and z.
+    std::vector<double> lower(d, -4.0), upper(d, 4.0), start(d, 0.0), width(d, spread / std::sqrt(static_cast<double>(d + 1)));
+    const auto add = [&](double value) {
+      lower.push_back(0);
+      upper.push_back(1);
+      start.push_back(value);
+      width.push_back(0.5 * spread);
+    };
+    add(free_T ? centre.u : 1);
+    add(free_end ? centre.z : 0);
+    if (!free_T) lower[d] = 1, width[d] = 0;
+    if (!free_end) upper[d + 1] = 0, width[d + 1] = 0;
+    const double fixed_z = centre.z;
+
+    const auto cost = [&](std::size_t block, std::size_t count, const double* x, std::size_t stride, double* result) {
+      Motions& m = motions_[block];
+      std::vector<double>& c = decoded_[block];
+      decode.times(x, stride, c.data());
+      for (std::size_t i = 0; i < all; ++i)
+        for (std::size_t k = 0; k < kLanes; ++k) m.c[i * kLanes + k] = c[i * kLanes + k] + centre.c[static_cast<Index>(i)];
+      for (std::size_t k = 0; k < kLanes; ++k) m.T[k] = duration(x[d * stride + k]);
+      if (free_end || number == 0) {
+        for (std::size_t k = 0; k < kLanes; ++k) {
+          const std::vector<double> q = end_of(free_end ? x[(d + 1) * stride + k] : fixed_z);
+          for (std::size_t j = 0; j < q.size(); ++j) m.q_to[j * kLanes + k] = q[j];
+        }
+      }
+      evaluator_.evaluate(m, *scratch_[block], values_[block]);
+      for (std::size_t k = 0; k < count; ++k) result[k] = deb(values_[block], k);
+    };
+    numerics::SwarmOptions swarm_options;
+    swarm_options.particles = options_.particles;
+    swarm_options.rounds = rounds;
+    swarm_options.seed = options_.seed + 0x9E3779B97F4A7C15ULL * static_cast<std::uint64_t>(number);
+    swarm_options.threshold = -std::numeric_limits<double>::infinity();
+    swarm_options.stagnation_rounds = 0;
+    numerics::Swarm swarm(lower, upper, start, width, cost, swarm_options);
+    bool more = true;
+    for (int round = 0; more && going_; ++round) {
+      more = swarm.round(threads_) == numerics::SwarmStatus::kRunning;
+      evaluations_ += swarm.state().particles;
+      for (const Values& v : values_) pruned_ += static_cast<std::uint64_t>(std::count(v.pruned.begin(), v.pruned.end(), true));
+      history_.push_back(swarm.best_cost());
+      if (options_.on_round) going_ = options_.on_round(particles(number, round));
+      still_going();
+    }
+    std::vector<double> y(d + 2);
+    swarm.best(y);
+    Point best = centre;
+    for (std::size_t i = 0; i < all; ++i)
+      for (std::size_t k = 0; k < d; ++k) best.c[static_cast<Index>(i)] += flat[i * d + k] * y[k];
+    if (free_T) best.u = y[d];
+    if (free_end) best.z = y[d + 1];
+    return best;
+  }
+
+  Round particles(int stage, int round) const {
+    Round all{stage, round, {}};
+    const std::size_t n = evaluator_.joints(), d = n * evaluator_.basis().redundant();
+    for (std::size_t block = 0; block < motions_.size(); ++block)
+      for (std::size_t k = 0; k < kLanes; ++k) {
+        const Motions& m = motions_[block];
+        const Values& v = values_[block];
+        Round::Particle p;
+        for (std::size_t i = 0; i < d; ++i) p.c.push_back(m.c[i * kLanes + k]);
+        for (std::size_t j = 0; j < n; ++j) p.q_to.push_back(m.q_to[j * kLanes + k]);
+        p.T = m.T[k];
+        for (std::size_t i = 0; i < problem().costs.size(); ++i)
+          p.costs.push_back(v.pruned[k] ? std::numeric_limits<double>::quiet_NaN() : v.costs[i * kLanes + k]);
+        p.kinematic = v.kinematic[k];
+        p.torque = v.torque[k];
+        all.particles.push_back(std::move(p));
+      }
+    return all;
+  }
+
+  SearchOptions options_;
+  std::vector<CostBound> bounds_;
+  numerics::Threads* threads_;
+  Problem problem_;
+  Evaluator evaluator_;
+  std::vector<std::unique_ptr<Evaluator::Scratch>> scratch_;
+  std::vector<Motions> motions_;
+  std::vector<Values> values_;
+  std::vector<std::vector<double>> decoded_;
+  std::vector<double> history_;
+  std::uint64_t evaluations_ = 0, pruned_ = 0;
+  bool going_ = true;
+  const std::chrono::steady_clock::time_point end_ = end_of_time(options_.limit);
+  Point best_;
+};
+
+}  // namespace
+
+Solution minimise(const Problem& problem, const SearchOptions& options, numerics::Threads* threads) {
+  return Search(problem, options, {}, threads).run({});
+}
+
+Solution minimise_in_order(const Problem& problem, double tolerance, const SearchOptions& options, numerics::Threads* threads) {
+  if (!(tolerance >= 0)) throw Error("optimisation", "tolerance " + text::to_text(tolerance) + ", expected 0 or more");
+  Problem own = problem;
+  std::vector<CostBound> bounds;
+  std::optional<Point> start;
+  Solution solution;
+  Budget budget(options);
+  for (std::size_t i = 0; i < own.costs.size(); ++i) {
+    for (std::size_t k = 0; k < own.costs.size(); ++k) own.costs[k].weight = k == i ? 1 : 0;
+    Search search(own, budget.left(), bounds, threads);
+    Solution next = search.run(start);
+    budget.spend(next.evaluations);
+    next.complete = next.complete && solution.complete;
+    next.evaluations += solution.evaluations;
+    next.pruned += solution.pruned;
+    next.history.insert(next.history.begin(), solution.history.begin(), solution.history.end());
+    solution = std::move(next);
+    start = search.best();
+    bounds.push_back({i, solution.costs[i] + tolerance * std::abs(solution.costs[i])});
+  }
+  return solution;
+}
+
+}  // namespace cotwin::optimisation
