@@ -1,0 +1,89 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include "models/optimisation/search.h"
+
+/// Services: pure functions (robot, request) → reply. The same request gives the same bits.
+///   services.h          feasibility, cycle time, torques, power, jerk, throughput
+///   energy_service.h    energy of a motion and its best duration
+///   contact_service.h   effective mass and safety of persons along a motion
+///   robots.h            robots with the data beside their URDF
+///   json.h, schemas.h   the same as JSON
+namespace cotwin::services {
+
+/// A motion from rest to rest: a polynomial of degree 5 and more, see models/trajectory/polynomial.h.
+struct Move {
+  std::vector<double> from_q, to_q;  // n, rad or m
+  double T = 0;                      // s; 0: the shortest one within the bounds
+  int degree = 5;
+  std::vector<double> c;        // n · (degree − 5), joint by joint; empty: zeros
+  optimisation::Bounds bounds;  // empty vectors: those of the robot
+  optimisation::DriveTerms drives;
+};
+
+/// A move with its duration.
+struct Plan {
+  optimisation::Problem problem;                             // with the costs below
+  optimisation::Solution solution;                           // path, T, peaks of the joints, and verdict
+  double torque() const { return solution.costs[0]; }        // ∫ Σ τ² dt, N² m² s
+  double work() const { return solution.costs[1]; }          // J, see optimisation::Quantity
+  double shared_work() const { return solution.costs[2]; }   // J
+  double acceleration() const { return solution.costs[3]; }  // ∫ Σ q̈² dt
+  double jerk() const { return solution.costs[4]; }          // ∫ Σ (d³q/dt³)² dt
+};
+/// With T = 0 the shortest duration is taken; if there is none, kLongest, and the verdict names the bound that no duration meets.
+/// Throws Error for a request that does not fit the robot.
+Plan plan(const robot::RobotModel& robot, const Move& move);
+inline constexpr double kLongest = 1e4;  // s
+
+/// Verdict on a move with what decides it.
+struct Feasibility {
+  bool feasible = false;
+  std::string reason;                     // joint, time and bound; empty if feasible
+  double T = 0;                           // s
+  std::vector<optimisation::Peak> peaks;  // of each joint: q, dq, ddq, dddq, tau
+  double torque = 0;                      // ∫ Σ τ² dt, N² m² s
+  double work = 0, shared_work = 0;       // J, see optimisation::Quantity
+};
+/// plan() without the path.
+Feasibility feasibility(const robot::RobotModel& robot, const Move& move);
+
+/// The T of a rest-to-rest move of given shape from which on every longer duration meets the bounds, s, to 1e-9; +∞ if there is
+/// none. Without friction it is the shortest possible one: the torque at a sample is linear in 1/T².
+double shortest_duration(const robot::RobotModel& robot, const Move& move);
+
+/// Torques of a move at equidistant times, n values per sample, row by row, N m or N.
+struct Torques {
+  std::vector<double> t;                                   // s
+  std::vector<double> q, dq, ddq;                          // rad or m, and derivatives
+  std::vector<double> inertial, coriolis, gravity, drive;  // M q̈, C q̇, g, and the terms of the motors
+  std::vector<double> power;                               // Σ τ q̇ of each sample, W
+  double peak_power = 0, peak_power_t = 0;                 // largest Σ τ q̇ at a sample, W, s
+};
+Torques torques(const robot::RobotModel& robot, const Move& move, std::size_t samples);
+
+/// Mechanical power of the motors.
+struct PeakPower {
+  struct Extreme {
+    double power = 0, t = 0;  // W, s
+  };
+  Extreme drawn, returned;              // largest and least Σ τ q̇
+  std::vector<Extreme> joint_drawn;     // largest τ q̇ of each joint
+  std::vector<Extreme> joint_returned;  // least, negative where a motor brakes
+};
+/// From 4001 samples with a parabola through the three about each extreme.
+PeakPower peak_power(const robot::RobotModel& robot, const Move& move);
+
+/// Time after which the step response of M ẍ + D ẋ + S x = S x_d remains within `share` of its end, s: from the poles. Throws Error
+/// unless M, D, S > 0 and 0 < share < 1.
+double settling_time(double M, double D, double S, double share);
+
+/// Time of a cycle and moves per hour under compliance.
+struct Throughput {
+  double T_move = 0, T_settle = 0, T_process = 0, T_cycle = 0;  // s
+  double per_hour = 0;
+};
+Throughput throughput(double T_move, double T_settle, double T_process);
+
+}  // namespace cotwin::services
