@@ -1,0 +1,487 @@
+#include "models/services/schemas.h"
+
+#include <nlohmann/json.hpp>
+#include <vector>
+
+#include "models/services/json.h"
+
+namespace cotwin::services {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr const char* kDialect = "https://json-schema.org/draft/2020-12/schema";
+constexpr const char* kValueNames =
+    "^(q|dq|ddq|dddq|tau|inertial|coriolis|gravity|drive|limit|quintic_dddq|rigid_tau|tracking_error|"
+    "end_error)_(rad|rad_per_s|rad_per_s2|rad_per_s3|Nm|m|m_per_s|m_per_s2|m_per_s3|N)$";
+
+Json described(Json type, const char* description) {
+  type["description"] = description;
+  return type;
+}
+
+const Json kNumber{{"type", "number"}};
+const Json kNumberOrNull{{"type", {"number", "null"}}};
+const Json kBoolean{{"type", "boolean"}};
+const Json kText{{"type", "string"}};
+const Json kNumbers{{"type", "array"}, {"items", kNumber}};
+const Json kNumbersOrNull{{"type", "array"}, {"items", kNumberOrNull}};
+
+Json positive() { return {{"type", "number"}, {"exclusiveMinimum", 0}}; }
+Json at_least_zero() { return {{"type", "number"}, {"minimum", 0}}; }
+Json whole(int least, int most, int other) {
+  return {{"type", "integer"}, {"minimum", least}, {"maximum", most}, {"default", other}};
+}
+Json words(std::initializer_list<const char*> all) {
+  Json list = Json::array();
+  for (const char* word : all) list.push_back(word);
+  return {{"type", "string"}, {"enum", list}, {"default", list[0]}};
+}
+Json array_of(Json items) { return {{"type", "array"}, {"items", std::move(items)}}; }
+
+/// A strict object: `required` names come first in `members`, further ones are optional.
+struct Object {
+  Json members = Json::object(), required = Json::array(), patterns = Json::object(), choices = Json::array();
+  Object& must(const char* name, Json type) {
+    members[name] = std::move(type);
+    required.push_back(name);
+    return *this;
+  }
+  Object& may(const char* name, Json type) {
+    members[name] = std::move(type);
+    return *this;
+  }
+  /// At least one of these members.
+  Object& one_of(std::initializer_list<const char*> names) {
+    Json any = Json::array();
+    for (const char* name : names) any.push_back({{"required", {name}}});
+    choices.push_back({{"anyOf", any}});
+    return *this;
+  }
+  Object& like(const char* pattern, Json type) {
+    patterns[pattern] = std::move(type);
+    return *this;
+  }
+  operator Json() const {
+    Json all{{"type", "object"}, {"properties", members}};
+    if (!required.empty()) all["required"] = required;
+    if (!choices.empty()) all["allOf"] = choices;
+    if (!patterns.empty()) all["patternProperties"] = patterns;
+    all["additionalProperties"] = false;
+    return all;
+  }
+};
+
+Json or_null(Json object) {
+  object["type"] = {"object", "null"};
+  return object;
+}
+
+Object request(const char* service) {
+  Object o;
+  o.must("service", {{"const", service}});
+  o.may("robot", described(kText, "name of a robot"));
+  o.may("locked_q", {{"type", "object"},
+                     {"additionalProperties", kNumber},
+                     {"description", "joints that stand still, by name: position in rad or m"}});
+  return o;
+}
+
+/// A member of joints: with the suffix of revolute ones, without it for robots with prismatic joints.
+void joints(Object& o, const std::string& plain, const char* si, const Json& type, const char* what) {
+  o.may((plain + "_" + si).c_str(), described(type, (std::string(what) + ", one per joint").c_str()));
+  o.may(plain.c_str(),
+        described(type,
+                  (std::string(what) + ", one per joint of a robot with prismatic joints, those in m, m/s, … and N").c_str()));
+  if (std::string_view(si) == "rad")
+    o.may((plain + "_deg").c_str(), described(type, (std::string(what) + ", in degrees").c_str()));
+}
+
+void move(Object& o, bool timed) {
+  joints(o, "from_q", "rad", kNumbers, "posture at the start");
+  joints(o, "to_q", "rad", kNumbers, "posture at the end");
+  o.one_of({"from_q_rad", "from_q_deg", "from_q"}).one_of({"to_q_rad", "to_q_deg", "to_q"});
+  if (timed)
+    o.may("T_s",
+          {{"type", "number"}, {"minimum", 1e-4}, {"maximum", 1e4}, {"description", "duration; without it the shortest one"}});
+  o.may("degree", described(whole(5, 31, 5), "of the polynomials"));
+  joints(o, "c_r", "rad", kNumbers, "redundant coefficients, joint by joint, (degree - 5) each");
+  joints(o, "q_min", "rad", kNumbersOrNull, "bound in place of the robot's, null: none");
+  joints(o, "q_max", "rad", kNumbersOrNull, "bound in place of the robot's, null: none");
+  joints(o, "dq_max", "rad_per_s", kNumbersOrNull, "bound in place of the robot's, null: none");
+  joints(o, "ddq_max", "rad_per_s2", kNumbersOrNull, "bound, null: none");
+  joints(o, "dddq_max", "rad_per_s3", kNumbersOrNull, "bound, null: none");
+  joints(o, "tau_max", "Nm", kNumbersOrNull, "bound of the motors behind the gears in place of the robot's, null: none");
+  o.may("drives", described(words({"robot", "none"}), "whether inertia and friction of the motors count"));
+  o.may("detail", described(words({"margins", "verdict", "series", "all"}), "how much the reply tells"));
+}
+
+void samples(Object& o, int other) { o.may("samples", whole(2, 100000, other)); }
+
+Object joint() { return Object().must("joint", kText); }
+
+Json peak() { return Object().must("value", kNumber).must("t_s", kNumber).may("limit", kNumber).may("share", kNumber); }
+Json peaks() { return array_of(joint().like(kValueNames, peak())); }
+Json limiting() {
+  return or_null(Object()
+                     .must("joint", kText)
+                     .must("bound", kText)
+                     .must("unit", kText)
+                     .must("value", kNumber)
+                     .must("t_s", kNumber)
+                     .may("limit", kNumber)
+                     .may("share", kNumber));
+}
+Json series() {
+  return Object().must("t_s", kNumbers).must("joints", array_of(joint().like(kValueNames, kNumbers))).may("power_W", kNumbers);
+}
+Json motion() {
+  return Object()
+      .must("unit", kText)
+      .must("T_s", kNumber)
+      .may("q_start_rad", kNumbers)
+      .may("q_end_rad", kNumbers)
+      .may("c_r_rad", kNumbers)
+      .may("q_start", kNumbers)
+      .may("q_end", kNumbers)
+      .may("c_r", kNumbers);
+}
+Json extreme() { return Object().must("power_W", kNumber).must("t_s", kNumber); }
+
+void contact(Object& o) {
+  o.may("frame", described(kText, "of the URDF; without it the end effector"));
+  o.may("direction", {{"type", "array"},
+                      {"items", kNumber},
+                      {"minItems", 3},
+                      {"maxItems", 3},
+                      {"description", "in the axes of the base; without it along the velocity of the frame"}});
+  o.may("motors", described(words({"free", "held"}), "free: a blow; held: slower motions, the motors' inertias count"));
+  samples(o, 401);
+}
+Json place() { return Object().must("mass_kg", kNumberOrNull).must("speed_m_per_s", kNumber).must("t_s", kNumber); }
+Json masses() {
+  return Object()
+      .must("t_s", kNumbers)
+      .must("mass_kg", kNumbersOrNull)
+      .must("inertia_kgm2", kNumbersOrNull)
+      .must("speed_m_per_s", kNumbers);
+}
+
+void verification(Object& o) {
+  o.may("settle_s", described(positive(), "rest after the move that is also simulated"));
+  for (const char* name : {"tracking_max_rad", "tracking_max"})
+    o.may(name, described(positive(), "largest tracking error, of any joint"));
+}
+Json verified() {
+  return Object()
+      .must("feasible", kBoolean)
+      .must("reason", kText)
+      .must("T_s", kNumber)
+      .must("settle_s", kNumber)
+      .must("tracking_error_max", kNumber)
+      .must("work_J", kNumber)
+      .must("rigid_work_J", kNumber)
+      .must("friction_J", kNumber)
+      .may("drawn_J", kNumber)
+      .may("rigid_drawn_J", kNumber)
+      .may("joints", array_of(joint().like(kValueNames, kNumber).may("share", kNumber)));
+}
+constexpr const char* kCosts[] = {"time_s",        "torque_squared_integral",       "work_J",
+                                  "shared_work_J", "acceleration_squared_integral", "jerk_squared_integral",
+                                  "energy_J"};
+Json costs() {
+  Object o;
+  for (const char* name : kCosts) o.may(name, kNumber);
+  return o;
+}
+
+struct Service {
+  const char *name, *description;
+  Object (*request)();
+  Json (*reply)();
+};
+
+const Service kServices[] = {
+    {"feasibility", "Can the robot make the move? Names joint, time and bound.",
+     [] {
+       Object o = request("feasibility");
+       move(o, true);
+       samples(o, 101);
+       return o;
+     },
+     []() -> Json {
+       return Object()
+           .must("feasible", kBoolean)
+           .must("reason", kText)
+           .must("T_s", kNumberOrNull)
+           .must("limiting", limiting())
+           .may("joints", peaks())
+           .may("series", series())
+           .may("torque_squared_integral", kNumber)
+           .may("work_J", kNumber)
+           .may("shared_work_J", kNumber)
+           .may("motion", motion());
+     }},
+    {"cycle_time", "The shortest duration of the move within the bounds.",
+     [] {
+       Object o = request("cycle_time");
+       move(o, false);
+       o.may("T_process_s", at_least_zero());
+       return o;
+     },
+     []() -> Json {
+       return Object()
+           .must("feasible", kBoolean)
+           .must("reason", kText)
+           .must("T_s", kNumberOrNull)
+           .must("T_cycle_s", kNumberOrNull)
+           .must("moves_per_hour", kNumberOrNull)
+           .must("limiting", limiting())
+           .may("joints", peaks())
+           .may("series", series())
+           .may("motion", motion());
+     }},
+    {"energy", "What the move costs: books from the mains to the joints, and the duration of least energy.",
+     [] {
+       Object o = request("energy");
+       move(o, true);
+       o.may("bus", described(words({"shared", "none", "grid"}), "DC link: shared, split (none), or regenerating (grid)"));
+       o.may("cycle_s", described(positive(), "time for the move and the wait after it"));
+       o.may("price_per_kWh", at_least_zero());
+       o.may("co2_kg_per_kWh", at_least_zero());
+       o.may("best", {{"type", "boolean"}, {"default", false}, {"description", "also the duration of least energy"}});
+       o.may("T_max_s", described(positive(), "longest duration for that"));
+       return o;
+     },
+     []() -> Json {
+       Object o;
+       o.must("T_s", kNumber).must("feasible", kBoolean).must("reason", kText);
+       o.must("boundary", {{"type", "string"}, {"enum", {"mains", "joints"}}}).must("energy_J", kNumber);
+       o.may("price", described(kNumberOrNull, "null: the price of energy is unknown"))
+           .may("co2_kg", kNumberOrNull)
+           .may("assumed", described(kText, "parameters of the drives that are assumptions"));
+       o.may("best", Object()
+                         .must("T_s", kNumber)
+                         .must("energy_J", kNumber)
+                         .must("saved_J", kNumber)
+                         .must("at_shortest", kBoolean)
+                         .must("at_longest", kBoolean)
+                         .must("brakes_close", kBoolean));
+       for (const char* name : {"work_positive_J", "work_negative_J", "friction_J",   "kinetic_J",      "potential_J",
+                                "copper_J",        "converter_J",     "iron_J",       "idle_J",         "regenerable_J",
+                                "supplied_J",      "returned_J",      "chopped_J",    "stored_J",       "supply_losses_J",
+                                "controller_J",    "drawn_J",         "peak_power_W", "peak_power_t_s", "residual_J"})
+         o.may(name, kNumber);
+       o.may("waiting", Object().must("T_s", kNumber).must("energy_J", kNumber).must("brakes_close", kBoolean));
+       o.may("joints", array_of(joint()
+                                    .must("work_positive_J", kNumber)
+                                    .must("work_negative_J", kNumber)
+                                    .may("copper_J", kNumber)
+                                    .may("converter_J", kNumber)
+                                    .may("iron_J", kNumber)));
+       o.may("series", Object().must("t_s", kNumbers).must("mechanical_power_W", kNumbers));
+       return o;
+     }},
+    {"torques", "Torques of the move by terms: inertia, Coriolis, gravity, drives.",
+     [] {
+       Object o = request("torques");
+       move(o, true);
+       samples(o, 101);
+       return o;
+     },
+     []() -> Json {
+       return Object()
+           .must("T_s", kNumber)
+           .must("feasible", kBoolean)
+           .must("reason", kText)
+           .may("joints", array_of(joint().must("t_s", kNumber).like(kValueNames, kNumber).may("share", kNumber)))
+           .may("series", series())
+           .may("torque_squared_integral", kNumber);
+     }},
+    {"peak_power", "The largest mechanical power of the motors, drawn and returned.",
+     [] {
+       Object o = request("peak_power");
+       move(o, true);
+       samples(o, 101);
+       o.may("power_max_W", described(positive(), "bound for a verdict"));
+       return o;
+     },
+     []() -> Json {
+       return Object()
+           .must("T_s", kNumber)
+           .must("feasible", kBoolean)
+           .must("reason", kText)
+           .must("drawn", extreme())
+           .must("returned", extreme())
+           .may("joints", array_of(joint().must("drawn", extreme()).must("returned", extreme())))
+           .may("series", Object().must("t_s", kNumbers).must("power_W", kNumbers));
+     }},
+    {"jerk", "Jerk of the move against its bound and against the quintic of the same duration.",
+     [] {
+       Object o = request("jerk");
+       move(o, true);
+       return o;
+     },
+     []() -> Json {
+       return Object()
+           .must("T_s", kNumber)
+           .may("jerk_squared_integral_rad2_per_s5", kNumber)
+           .may("acceleration_squared_integral_rad2_per_s3", kNumber)
+           .may("jerk_squared_integral", kNumber)
+           .may("acceleration_squared_integral", kNumber)
+           .must("share_of_quintic", kNumberOrNull)
+           .may("joints", array_of(joint().must("t_s", kNumber).like(kValueNames, kNumber).may("share", kNumber)));
+     }},
+    {"effective_mass", "Mass that a frame shows along the move. null: it cannot move in that direction.",
+     [] {
+       Object o = request("effective_mass");
+       move(o, true);
+       contact(o);
+       return o;
+     },
+     []() -> Json {
+       return Object()
+           .must("feasible", kBoolean)
+           .must("reason", kText)
+           .must("T_s", kNumber)
+           .must("lightest", place())
+           .must("heaviest", place())
+           .may("fastest", place())
+           .may("start", place())
+           .may("end", place())
+           .may("series", masses());
+     }},
+    {"safety", "Speeds of a frame against limits of body parts (ISO/TS 15066). Not a proof of safety.",
+     [] {
+       Object o = request("safety");
+       move(o, true);
+       contact(o);
+       o.may("parts", {{"type", {"array", "string"}}, {"items", kText}, {"description", "body parts or regions"}});
+       o.may("contact", words({"transient", "quasi_static"}));
+       o.may("contact_area_m2", described(positive(), "also the permissible pressure counts"));
+       return o;
+     },
+     []() -> Json {
+       return Object()
+           .must("feasible", kBoolean)
+           .must("reason", kText)
+           .must("safe", kBoolean)
+           .must("T_s", kNumber)
+           .must("T_safe_s", described(kNumberOrNull,
+                                       "duration from which on the move is within the limits; null: contact is not permitted"))
+           .must("worst_part", kText)
+           .may("parts", array_of(Object()
+                                      .must("part", kText)
+                                      .must("share", kNumberOrNull)
+                                      .must("t_s", kNumber)
+                                      .must("speed_m_per_s", kNumber)
+                                      .must("limit_m_per_s", kNumberOrNull)
+                                      .must("energy_J", kNumberOrNull)
+                                      .must("energy_t_s", kNumber)
+                                      .must("T_safe_s", kNumberOrNull)))
+           .may("heaviest", place())
+           .may("fastest", place())
+           .may("series", masses());
+     }},
+    {"throughput", "Time of a cycle and moves per hour when a compliance M x'' + D x' + S x must settle after the move.",
+     [] {
+       Object o = request("throughput");
+       move(o, true);
+       const Json one_or_more{{"type", {"number", "array"}}, {"items", kNumber}, {"minItems", 1}};
+       o.must("M_kg", one_or_more).must("S_N_per_m", one_or_more).may("D_Ns_per_m", one_or_more);
+       o.may("zeta", described(one_or_more, "in place of D_Ns_per_m"));
+       o.one_of({"D_Ns_per_m", "zeta"});
+       o.may("settled_share", {{"type", "number"}, {"exclusiveMinimum", 0}, {"exclusiveMaximum", 1}, {"default", 0.02}});
+       o.may("T_process_s", at_least_zero());
+       return o;
+     },
+     []() -> Json {
+       return Object()
+           .must("feasible", kBoolean)
+           .must("reason", kText)
+           .must("T_move_s", kNumber)
+           .must("T_settle_s", kNumber)
+           .must("T_process_s", kNumber)
+           .must("T_cycle_s", kNumber)
+           .must("moves_per_hour", kNumber)
+           .may("axes_T_settle_s", kNumbers)
+           .may("stiff_moves_per_hour", kNumber)
+           .may("lost_share", kNumber);
+     }},
+    {"optimise", "The better motion: redundant coefficients and duration of least cost within the bounds.",
+     [] {
+       Object o = request("optimise");
+       move(o, false);
+       o.must("T_min_s", positive()).may("T_max_s", described(positive(), "without it the duration is fixed"));
+       o.may("cost",
+             {{"type", {"string", "array"}},
+              {"minItems", 1},
+              {"items", Object().must("name", kText).may("weight", at_least_zero())},
+              {"description", "time, torque, work, shared_work, acceleration, jerk or energy, or several with weights"}});
+       o.may("bus", described(words({"shared", "none", "grid"}),
+                              "for the cost energy: DC link shared, split (none), or regenerating (grid)"));
+       o.may("rule", words({"weighted", "lexicographic", "pareto"}));
+       o.may("tolerance",
+             described(at_least_zero(), "lexicographic: by which an earlier cost may exceed its optimum, relative"));
+       o.may("directions", described(whole(2, 1000, 11), "pareto: searches with different weights"));
+       o.may("particles", whole(8, 100000, 200)).may("rounds", whole(1, 100000, 500)).may("seed", whole(0, 2147483647, 1));
+       o.may("refine", {{"type", "boolean"}, {"default", true}, {"description", "Newton's method after the swarm"}});
+       o.may("evaluations_max",
+             described(whole(1, 1000000000, 10000000), "motions that are tried before the search ends early"));
+       o.may("limit_s", described(positive(), "real time before the search ends early; the reply then depends on the machine"));
+       o.may("verify", {{"type", "boolean"}, {"default", false}, {"description", "also a co-simulation of the twin"}});
+       verification(o);
+       return o;
+     },
+     []() -> Json {
+       Object o;
+       o.must("status", {{"type", "string"}, {"enum", {"feasible", "best-effort", "infeasible"}}}).must("reason", kText);
+       o.may("complete", described(kBoolean, "false: ended early by evaluations_max or limit_s"));
+       o.may("feasible", kBoolean).may("T_s", kNumber).may("cost", kNumber).may("costs", costs());
+       o.may("quintic", Object()
+                            .must("T_s", kNumber)
+                            .must("feasible", kBoolean)
+                            .must("reason", kText)
+                            .must("cost", kNumber)
+                            .must("costs", costs()));
+       Object shares;
+       for (const char* name : kCosts) shares.may(name, kNumberOrNull);
+       o.may("saved_share", kNumberOrNull).may("saved_shares", shares).may("limiting", limiting()).may("motion", motion());
+       o.may("evaluations", {{"type", "integer"}}).may("pruned", {{"type", "integer"}}).may("joints", peaks());
+       o.may("history", kNumbers).may("verification", verified());
+       o.may("front", array_of(Object().must("T_s", kNumber).must("costs", costs()).may("motion", motion())));
+       return o;
+     }},
+    {"verify", "The move in a co-simulation of the twin with elastic joints and friction.",
+     [] {
+       Object o = request("verify");
+       move(o, true);
+       verification(o);
+       return o;
+     },
+     [] { return verified(); }},
+};
+
+}  // namespace
+
+std::string schema(const std::string& name) {
+  for (const Service& s : kServices) {
+    if (name != s.name) continue;
+    Json ask = s.request(), reply = s.reply();
+    ask["$schema"] = reply["$schema"] = kDialect;
+    return Json{{"title", s.name}, {"description", s.description}, {"request", ask}, {"reply", reply}}.dump();
+  }
+  throw Error("schema", "'" + name + "' is no service, expected one of those that service_names() lists");
+}
+
+std::string problem_schema() {
+  Json all = Object()
+                 .must("title", kText)
+                 .must("detail", kText)
+                 .may("pointer", described(kText, "RFC 6901, of the member of the request"));
+  all["$schema"] = kDialect;
+  return all.dump();
+}
+
+}  // namespace cotwin::services
