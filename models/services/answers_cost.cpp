@@ -1,0 +1,224 @@
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "models/services/answers.h"
+#include "models/services/contact_service.h"
+#include "models/services/energy_service.h"
+
+namespace cotwin::services {
+
+namespace {
+
+/// +∞ has no number in JSON: null.
+Json finite(double x) { return std::isinf(x) ? Json(nullptr) : Json(x); }
+
+Json all_finite(const std::vector<double>& values) {
+  Json all = Json::array();
+  for (const double x : values) all.push_back(finite(x));
+  return all;
+}
+
+double sum(const std::vector<double>& x) { return std::accumulate(x.begin(), x.end(), 0.0); }
+
+EnergyOptions read_energy_options(Reader& r) {
+  EnergyOptions o;
+  o.bus = bus_of(r.word("bus", {"shared", "none", "grid"}));
+  if (r.has("cycle_s")) o.cycle = r.positive("cycle_s");
+  const auto rate = [&](const char* name) -> std::optional<double> {
+    if (!r.has(name)) return {};
+    const double x = r.number(name);
+    if (x < 0) throw RequestError(r.pointer(name), "is negative, expected 0 or more");
+    return x;
+  };
+  o.price_per_kWh = rate("price_per_kWh");
+  o.co2_per_kWh = rate("co2_kg_per_kWh");
+  o.best = r.boolean("best", false);
+  if (r.has("T_max_s")) o.T_longest = r.positive("T_max_s");
+  return o;
+}
+
+ContactOptions read_contact(const Robot& robot, Reader& r) {
+  ContactOptions o;
+  o.frame = r.text("frame", "");
+  if (!o.frame.empty()) {
+    try {
+      robot.model.frame(o.frame);
+    } catch (const Error& e) {
+      throw RequestError(r.pointer("frame"), e.what());
+    }
+  }
+  if (r.has("direction")) {
+    const std::vector<double> u = r.numbers("direction");
+    if (u.size() != 3 || !(Eigen::Vector3d(u[0], u[1], u[2]).norm() > 0))
+      throw RequestError(r.pointer("direction"), "expected three numbers in the axes of the base, not all 0");
+    o.u = Eigen::Vector3d(u[0], u[1], u[2]);
+  }
+  o.motors_held = r.word("motors", {"free", "held"}) == "held";
+  if (o.motors_held && !robot.drives)
+    throw RequestError(r.pointer("motors"),
+                       "is held, but the robot has no drive_train.ssv with the inertias of its motors, expected free");
+  if (robot.drives) o.B = robot.drives->B;
+  o.samples = static_cast<std::size_t>(r.integer("samples", 2, 100000, 401));
+  return o;
+}
+
+/// The move with its duration, and the plan's verdict as the first members of the reply. An error where no duration is possible.
+Move planned(const Robot& robot, Move m, Json& reply) {
+  const optimisation::Solution s = plan(robot.model, m).solution;
+  const bool feasible = s.status == optimisation::Status::kFeasible;
+  if (m.T == 0 && !feasible)
+    throw RequestError("", "no duration of the move can be given (" + s.reason + "), expected T_s or other bounds");
+  m.T = s.T;
+  reply["feasible"] = feasible;
+  reply["reason"] = s.reason;
+  return m;
+}
+
+Json place(const MassAt& at) { return {{"mass_kg", finite(at.mass)}, {"speed_m_per_s", at.speed}, {"t_s", at.t}}; }
+
+Json series_of(const PathMasses& m) {
+  return {{"t_s", m.t}, {"mass_kg", all_finite(m.mass)}, {"inertia_kgm2", all_finite(m.inertia)}, {"speed_m_per_s", m.speed}};
+}
+
+}  // namespace
+
+Json answer_energy(const Robot& robot, Reader& r, const Context&) {
+  const Move m = read_move(robot, r, true);
+  const EnergyOptions options = read_energy_options(r);
+  const Detail detail = read_detail(r);
+  r.finish();
+  if (options.best && !robot.energy)
+    throw RequestError(
+        "/best", "is true, but the robot has no energy.ssv beside its URDF, expected one: work alone has no best duration");
+  if (options.cycle > 0 && !robot.energy)
+    throw RequestError("/cycle_s",
+                       "is given, but the robot has no energy.ssv beside its URDF, expected one with its stand-by power");
+  const MotionCost c = energy_of(robot, m, options);
+  const energetics::EnergyBooks& b = c.energy.books;
+  const optimisation::Solution& s = c.plan.solution;
+  Json reply{{"T_s", s.T},
+             {"feasible", s.status == optimisation::Status::kFeasible},
+             {"reason", s.reason},
+             {"boundary", c.with_drives ? "mains" : "joints"},
+             {"energy_J", c.with_drives ? c.total() : sum(b.mechanical_positive)}};
+  if (c.with_drives) {
+    // 0 in energy.ssv means that the rate is unknown.
+    const energetics::Supply& supply = robot.energy->supply;
+    reply["price"] = options.price_per_kWh || supply.price_per_kWh > 0 ? Json(c.price) : Json(nullptr);
+    reply["co2_kg"] = options.co2_per_kWh || supply.co2_per_kWh > 0 ? Json(c.co2) : Json(nullptr);
+    reply["assumed"] = c.assumed;
+  }
+  if (c.best) {
+    reply["best"] = {{"T_s", c.best->T},
+                     {"energy_J", c.best->energy},
+                     {"saved_J", c.best->energy_here - c.best->energy},
+                     {"at_shortest", c.best->at_shortest},
+                     {"at_longest", c.best->at_longest},
+                     {"brakes_close", c.best->brakes_close}};
+  }
+  if (detail < Detail::kMargins) return reply;
+  reply["work_positive_J"] = sum(b.mechanical_positive);
+  reply["work_negative_J"] = sum(b.mechanical_negative);
+  reply["friction_J"] = c.energy.friction;
+  reply["kinetic_J"] = c.energy.kinetic;
+  reply["potential_J"] = c.energy.potential;
+  if (c.with_drives) {
+    reply["copper_J"] = sum(b.copper);
+    reply["converter_J"] = sum(b.converter);
+    reply["iron_J"] = sum(b.iron);
+    reply["idle_J"] = b.idle;
+    reply["regenerable_J"] = b.regenerable;
+    reply["supplied_J"] = b.link.supplied;
+    reply["returned_J"] = b.link.returned;
+    reply["chopped_J"] = b.link.chopped;
+    reply["stored_J"] = b.stored;
+    reply["supply_losses_J"] = b.supply_losses;
+    reply["controller_J"] = b.controller;
+    reply["drawn_J"] = b.drawn;
+    reply["peak_power_W"] = b.peak_power;
+    reply["peak_power_t_s"] = c.energy.t_peak;
+    if (options.cycle > 0)
+      reply["waiting"] = {{"T_s", options.cycle - s.T}, {"energy_J", c.waiting_energy}, {"brakes_close", c.waiting.closes}};
+  }
+  Json joints = Json::array();
+  for (std::size_t j = 0; j < robot.model.joints.size(); ++j) {
+    Json own{{"joint", robot.model.joints[j].name},
+             {"work_positive_J", b.mechanical_positive[j]},
+             {"work_negative_J", b.mechanical_negative[j]}};
+    if (c.with_drives) {
+      own["copper_J"] = b.copper[j];
+      own["converter_J"] = b.converter[j];
+      own["iron_J"] = b.iron[j];
+    }
+    joints.push_back(own);
+  }
+  reply["joints"] = joints;
+  if (detail < Detail::kSeries) return reply;
+  Move timed = m;
+  timed.T = s.T;
+  const Torques t = torques(robot.model, timed, 201);
+  reply["series"] = {{"t_s", t.t}, {"mechanical_power_W", t.power}};
+  if (detail == Detail::kAll) reply["residual_J"] = c.energy.residual();
+  return reply;
+}
+
+Json answer_effective_mass(const Robot& robot, Reader& r, const Context&) {
+  const Move m = read_move(robot, r, true);
+  const ContactOptions o = read_contact(robot, r);
+  const Detail detail = read_detail(r);
+  r.finish();
+  Json reply = Json::object();
+  const PathMasses masses = masses_along(robot.model, planned(robot, m, reply), o);
+  reply.update(Json{{"T_s", masses.T}, {"lightest", place(masses.lightest)}, {"heaviest", place(masses.heaviest)}});
+  if (detail >= Detail::kMargins) {
+    reply["fastest"] = place(masses.fastest);
+    reply["start"] = place(masses.start);
+    reply["end"] = place(masses.end);
+  }
+  if (detail >= Detail::kSeries) reply["series"] = series_of(masses);
+  return reply;
+}
+
+Json answer_safety(const Robot& robot, Reader& r, const Context&) {
+  const Move m = read_move(robot, r, true);
+  ContactOptions o = read_contact(robot, r);
+  if (robot.parts.empty())
+    throw RequestError("", "there is no table of body parts, expected people/iso_ts_15066.csv beside the folder of robots");
+  for (const std::string& name : r.texts("parts", {"hands_and_fingers", "chest"})) {
+    try {
+      o.parts.push_back(robot::find_body_part(robot.parts, name, "parts"));
+    } catch (const Error& e) {
+      throw RequestError(r.pointer("parts"), e.what());
+    }
+  }
+  o.transient = r.word("contact", {"transient", "quasi_static"}) == "transient";
+  if (r.has("contact_area_m2")) o.area = r.positive("contact_area_m2");
+  const Detail detail = read_detail(r);
+  r.finish();
+  Json reply = Json::object();
+  const PathSafety s = safety_along(robot.model, planned(robot, m, reply), o);
+  const PartRisk* worst = &s.parts.front();
+  for (const PartRisk& part : s.parts)
+    if (part.share > worst->share) worst = &part;
+  reply.update(Json{{"safe", s.safe}, {"T_s", s.T}, {"T_safe_s", finite(worst->T_safe)}, {"worst_part", worst->name}});
+  if (detail >= Detail::kMargins) {
+    Json parts = Json::array();
+    for (const PartRisk& p : s.parts)
+      parts.push_back({{"part", p.name},
+                       {"share", finite(p.share)},
+                       {"t_s", p.t},
+                       {"speed_m_per_s", p.speed},
+                       {"limit_m_per_s", finite(p.limit)},
+                       {"energy_J", p.energy},
+                       {"energy_t_s", p.t_energy},
+                       {"T_safe_s", finite(p.T_safe)}});
+    reply["parts"] = parts;
+    reply["heaviest"] = place(s.masses.heaviest);
+    reply["fastest"] = place(s.masses.fastest);
+  }
+  if (detail >= Detail::kSeries) reply["series"] = series_of(s.masses);
+  return reply;
+}
+
+}  // namespace cotwin::services
