@@ -14,14 +14,14 @@
 #include "components/bus/wake.h"
 #include "models/support/error.h"
 
-/// Messages between threads: topics that are published and subscribed, and requests with replies. Publishing never blocks and
-/// never allocates; waiting never polls.
+/// Messages between threads: topics that are published and subscribed. Publishing never blocks and never allocates; waiting never
+/// polls. Signals whose readers come and go: feed.h. Requests with replies: service.h.
 namespace cotwin::bus {
 
 /// What a subscriber gets that reads more slowly than messages come.
 enum class Policy : std::uint8_t {
   kLatest,  // the latest message; earlier ones are replaced
-  kQueue    // the messages in their order, up to the capacity of its queue; later ones are dropped
+  kQueue    // the messages in their order, up to the capacity of its queue; later ones are dropped (Feed drops the oldest)
 };
 
 /// Who calls publish(): one thread, or up to LatestValue::kMaxWriters at the same time.
@@ -108,80 +108,6 @@ class Topic {
   std::mutex adding_;
   std::array<std::unique_ptr<Subscription<T>>, kMaxSubscribers> subscribers_;
   std::atomic<std::size_t> count_ = 0;
-};
-
-/// Requests from several clients, each used by one thread, to a server thread, and its replies.
-template <class Request, class Reply>
-class Service {
- public:
-  struct Answer {
-    std::uint64_t number = 0;  // of the request
-    Reply reply{};
-  };
-  struct Call {
-    std::size_t client = 0;
-    std::uint64_t number = 0;
-    Request request{};
-  };
-
-  class Client {
-   public:
-    Client(Service& service, std::size_t index, std::size_t capacity) : service_(service), index_(index), answers_(capacity) {}
-
-    /// Sends a request and returns its number. Nothing, if the server's queue is full or as many requests as a client may have
-    /// are without an answer that was taken.
-    std::optional<std::uint64_t> ask(const Request& request) {
-      if (open_ == answers_.capacity()) return std::nullopt;
-      if (!service_.calls_.push({index_, number_ + 1, request})) return std::nullopt;
-      service_.wake_.notify();
-      ++open_;
-      return ++number_;
-    }
-    /// False: there is no answer.
-    bool take(Answer& answer) {
-      if (!answers_.pop(answer)) return false;
-      --open_;
-      return true;
-    }
-    bool wait(std::int64_t deadline = kNever) {
-      return wake_.wait([this] { return !answers_.empty(); }, deadline);
-    }
-
-   private:
-    friend Service;
-    Service& service_;
-    const std::size_t index_;
-    SpscQueue<Answer> answers_;
-    Wake wake_;
-    std::uint64_t number_ = 0;
-    std::size_t open_ = 0;
-  };
-
-  /// `capacity`: requests that wait for the server.
-  explicit Service(std::size_t capacity = 64) : calls_(capacity) {}
-
-  /// Adds a client with at most `open` requests at once (rounded up to a power of two). Before the server starts. Allocates.
-  Client& add_client(std::size_t open = 8) {
-    clients_.push_back(std::make_unique<Client>(*this, clients_.size(), open));
-    return *clients_.back();
-  }
-
-  /// By the server: the next request; false: there is none.
-  bool take(Call& call) { return calls_.pop(call); }
-  bool wait(std::int64_t deadline = kNever) {
-    return wake_.wait([this] { return !calls_.empty(); }, deadline);
-  }
-  /// Each request that was taken is answered once. There is always room for the answer.
-  void reply(const Call& call, const Reply& reply) {
-    Client& client = *clients_[call.client];
-    (void)client.answers_.push({call.number, reply});
-    client.wake_.notify();
-  }
-
- private:
-  MpscQueue<Call> calls_;
-  Wake wake_;
-  std::vector<std::unique_ptr<Client>> clients_;
 };
 
 }  // namespace cotwin::bus

@@ -1,5 +1,6 @@
 // Queues, topics and requests between threads (components/bus/queue.h, bus.h).
 #include "components/bus/bus.h"
+#include "components/bus/service.h"
 
 #include <gtest/gtest.h>
 
