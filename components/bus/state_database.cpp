@@ -4,8 +4,12 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cstring>
+#include <random>
 #include <utility>
+
+#include "models/support/bytes.h"
 
 namespace cotwin::bus {
 
@@ -26,10 +30,12 @@ std::size_t text_bytes(const StateLayout& layout) { return kStateHeader + sizeof
 }  // namespace
 
 std::uint64_t new_session() {
+  static std::atomic<std::uint64_t> count = 0;
   timespec t{};
   clock_gettime(CLOCK_REALTIME, &t);
   const std::uint64_t now = static_cast<std::uint64_t>(t.tv_sec) * 1'000'000'000u + static_cast<std::uint64_t>(t.tv_nsec);
-  return now ^ static_cast<std::uint64_t>(getpid()) << 40;
+  const std::uint64_t numbers[] = {now, static_cast<std::uint64_t>(getpid()), ++count, std::random_device()()};
+  return hash_of({reinterpret_cast<const char*>(numbers), sizeof numbers}) | 1;
 }
 
 StateOwner::StateOwner(StateLayout layout, std::uint64_t session)
@@ -93,15 +99,21 @@ std::span<const std::byte> StateOwner::publish(std::int64_t epoch) {
   return std::span(update_).first(end);
 }
 
-std::span<const std::byte> StateOwner::full() {
+std::span<const std::byte> StateOwner::full(std::uint64_t request) {
   if (version_ == 0) return {};
   std::memcpy(full_.data() + text_bytes(layout_), shadow_.data(), shadow_.size());
-  write_header(full_, header(StateMessage::Kind::kFull), full_.size() - kStateHeader);
+  StateMessage m = header(StateMessage::Kind::kFull);
+  m.base = request;
+  write_header(full_, m, full_.size() - kStateHeader);
   return full_;
 }
 
 StateReplica::StateReplica(StateLayout layout)
-    : layout_(std::move(layout)), image_(layout_.bytes()), request_(text_bytes(layout_)) {
+    : layout_(std::move(layout)),
+      requested_(new_session()),
+      answered_(requested_),
+      image_(layout_.bytes()),
+      request_(text_bytes(layout_)) {
   early_.resize(std::min(kMostEarly, kMostEarlyBytes / layout_.bytes()));
   for (Early& e : early_) e.runs.resize(kRunHeader + layout_.bytes());
   put_text(request_, layout_.text());
@@ -157,27 +169,34 @@ void StateReplica::apply_early() {
   }
 }
 
-// A full copy of another session that no update announced may be a late one of an owner that has ended: it only causes a request.
 // The versions of a session count from the last full copy: a damaged number is forgotten with it.
 Reception StateReplica::copy(const StateMessage& m) {
-  const bool announced = m.session == wanted_session_, same = m.session == session_;
+  const bool same = complete() && m.session == session_;
+  if (!same && m.base - answered_ - 1 >= requested_ - answered_) return Reception::kOld;  // modulo 2^64
   newest_ = m.version;
   wanted_session_ = m.session;
-  if (complete()) {
-    if (same && (m.version < version_ || (m.version == version_ && m.epoch <= epoch_))) return Reception::kOld;
-    if (!same && !announced) return Reception::kGap;
-    if (same) missed_ += m.version - version_;
-  }
-  if (!same) {
-    for (Early& e : early_) e.version = 0;
+  if (same) {
+    if (m.version < version_ || (m.version == version_ && m.epoch <= epoch_)) return Reception::kOld;
+    missed_ += m.version - version_;
+  } else {
+    follow(m.session);
   }
   std::memcpy(image_.data(), m.payload.data(), image_.size());
-  session_ = m.session;
   version_ = m.version;
   epoch_ = m.epoch;
   other_layout_.clear();
   apply_early();
   return Reception::kCopied;
+}
+
+void StateReplica::follow(std::uint64_t session) {
+  if (complete()) {
+    if (std::find(former_.begin(), former_.end(), session) != former_.end()) ++returns_;
+    former_[restarts_++ % former_.size()] = session_;
+  }
+  session_ = session;
+  answered_ = requested_;
+  for (Early& e : early_) e.version = 0;
 }
 
 std::span<const std::byte> StateReplica::request() {
@@ -186,6 +205,7 @@ std::span<const std::byte> StateReplica::request() {
   m.layout = layout_.hash();
   m.session = wanted_session_;
   m.version = version_;
+  m.base = ++requested_;
   write_header(request_, m, request_.size() - kStateHeader);
   return request_;
 }

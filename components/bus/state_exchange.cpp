@@ -41,7 +41,7 @@ bool StateExchange::receive() {
     newer |= take(message);
   // One copy answers all requests that came together.
   if (copy_wanted_) {
-    transport_.send(owner_->full());
+    transport_.send(owner_->full(asked_));
     ++counts_.copies_sent;
   }
   if (!replica_ || !replica_->behind()) {
@@ -57,6 +57,7 @@ bool StateExchange::receive() {
 // A request with another layout is answered, too, so that the other end can name the difference.
 void StateExchange::answer(const StateMessage& request) {
   if (owner_ && owner_->version() > 0) copy_wanted_ = true;
+  asked_ = request.base;
   if (!owner_) {
     ++counts_.other_layout;
   } else if (request.layout != owner_->layout().hash()) {

@@ -50,6 +50,7 @@ class StateExchange {
   std::optional<StateReplica> replica_;
   int calls_to_request_ = 0;  // without one
   bool copy_wanted_ = false;
+  std::uint64_t asked_ = 0;  // number of the last request of the other end
   std::string expected_layout_;
   Counts counts_;
 };

@@ -4,6 +4,7 @@
 #include <cctype>
 #include <limits>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "models/support/bytes.h"
@@ -33,11 +34,11 @@ bool is_name(const std::string& name) {
 
 StateLayout::StateLayout(std::vector<StateField> fields) : fields_(std::move(fields)) {
   if (fields_.empty()) throw Error("states", "no field, expected at least one, as 'q:7:rad'");
+  std::set<std::string_view> names;
   for (std::size_t i = 0; i < fields_.size(); ++i) {
     const StateField& f = fields_[i];
     if (!is_name(f.name)) throw Error("states", "name '" + f.name + "', expected letters, digits and _");
-    for (std::size_t j = 0; j < i; ++j)
-      if (fields_[j].name == f.name) throw Error("states", "a second field '" + f.name + "'");
+    if (!names.insert(f.name).second) throw Error("states", "a second field '" + f.name + "'");
     if (f.size == 0 || f.size > kMaxBytes / element_bytes(f.kind)) {
       throw Error("states", f.name + " has " + std::to_string(f.size) + " elements, expected 1 to " +
                                 std::to_string(kMaxBytes / element_bytes(f.kind)));

@@ -61,7 +61,7 @@ bool decode(std::span<const std::byte> bytes, std::uint64_t layout, std::size_t 
     const bool consistent = m.version >= 1 && (m.base == m.version ? m.runs == 0 : m.base + 1 == m.version && m.runs > 0);
     return consistent && (m.layout != layout || runs_fit(m.payload, m.runs, image_bytes));
   }
-  if (m.runs != 0 || m.base != 0 || m.payload.size() < sizeof(std::uint32_t)) return false;
+  if (m.runs != 0 || m.payload.size() < sizeof(std::uint32_t)) return false;
   const std::size_t length = read_at<std::uint32_t>(m.payload, 0);
   m.payload = m.payload.subspan(sizeof(std::uint32_t));
   if (length > m.payload.size()) return false;

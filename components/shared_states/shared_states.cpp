@@ -10,7 +10,7 @@ namespace cotwin::shared_states {
 namespace {
 
 const char* const kPlace = "unit:shared_states";
-constexpr std::uint16_t kPort = 30200;        // if an address has none
+constexpr std::uint16_t kPort = 30260;        // if an address has none; FRI has 30200
 constexpr std::int64_t kRepeat = 50'000'000;  // ns until a request is repeated while initialise waits
 
 std::optional<FieldValues> values_of(Settings& settings, const std::string& key) {
@@ -73,6 +73,7 @@ void SharedStates::declare(Variables& v) {
   v.output("foreign", foreign_, "1", "number of datagrams of other senders, ignored").discrete();
   v.output("damaged", damaged_, "1", "number of datagrams and messages of the peer that are damaged, ignored").discrete();
   v.output("warning", warning_, "warnings for the summary of the run; empty: none");
+  v.output("restarts", restarts_, "1", "number of times that the peer was started again").discrete();
 }
 
 void SharedStates::open() {
@@ -135,6 +136,7 @@ void SharedStates::receive() {
   arrived_ |= exchange_->receive();
   const bus::StateExchange::Counts& c = exchange_->counts();
   if (c.other_layout + c.other_format > 0) refuse_other_layout();
+  if (subscribed_ && exchange_->replica()->returns() > 0) warn_of_two_owners();
 }
 
 /// What differs between the peer and this unit; empty as long as it is not known.
@@ -144,6 +146,11 @@ std::string SharedStates::mismatch() const {
   if (replica != nullptr && !replica->other_layout().empty())
     return "publishes '" + replica->other_layout() + "', expected '" + replica->layout().text() + "' (setting subscribe)";
   return "";
+}
+
+void SharedStates::warn_of_two_owners() {
+  if (!warning_.empty()) return;
+  warning_ = "the peer " + peer_ + " came back to an earlier start, expected one program that publishes from this address";
 }
 
 // A peer with other states is an error before the first states of the right ones. Later it may be a program that was started by
@@ -185,6 +192,7 @@ void SharedStates::write_outputs() {
     connected_ = replica->complete() && age_ <= timeout_;
     peer_time_ = Time{replica->epoch()}.seconds();
     missed_ = number(replica->missed());
+    restarts_ = number(replica->restarts());
   }
   updates_ = number(c.updates);
   recoveries_ = number(c.copies);
@@ -217,6 +225,7 @@ void SharedStates::tell(std::vector<std::string>& sentences) const {
   if (subscribed_) {
     sentences.push_back("states of the peer " + peer_ + ": " + text::to_text(updates_, 12) + " updates, " +
                         text::to_text(recoveries_, 12) + " full copies, " + text::to_text(missed_, 12) + " changes missed" +
+                        (restarts_ > 0 ? ", " + text::to_text(restarts_, 12) + " restarts" : "") +
                         (connected_ ? "" : "; it was silent at the end"));
   }
   if (published_) {

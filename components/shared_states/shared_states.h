@@ -36,6 +36,7 @@ class SharedStates final : public Unit, private TickSource {
   void await_peer();
   void receive();
   void refuse_other_layout();
+  void warn_of_two_owners();
   void write_outputs();
   std::string mismatch() const;
 
@@ -47,7 +48,7 @@ class SharedStates final : public Unit, private TickSource {
   bool arrived_ = false;                // something new since the last step
 
   // Parameters, in the order of declaration.
-  std::string listen_ = "127.0.0.1:30200", peer_ = "127.0.0.1:30201";
+  std::string listen_ = "127.0.0.1:30260", peer_ = "127.0.0.1:30261";
   double timeout_ = 0.1, wait_ = 0;  // s
   // Outputs.
   bool connected_ = false, fresh_ = false;
@@ -55,6 +56,7 @@ class SharedStates final : public Unit, private TickSource {
   double updates_ = 0, recoveries_ = 0, missed_ = 0, old_ = 0, refused_ = 0;
   double sent_ = 0, sent_bytes_ = 0, received_ = 0, received_bytes_ = 0, unsent_ = 0, foreign_ = 0, damaged_ = 0;
   std::string warning_;
+  double restarts_ = 0;
 };
 
 }  // namespace cotwin::shared_states

@@ -150,6 +150,32 @@ TEST(SharedStates, FollowsAPeerThatWasStartedAgain) {
   EXPECT_EQ(b.real("x"), -1);
   EXPECT_EQ(b.real("peer_time"), 0.002);
   EXPECT_EQ(b.real("recoveries"), 2);
+  EXPECT_EQ(b.real("restarts"), 1);
+  EXPECT_EQ(b.text("warning"), "");
+}
+
+TEST(SharedStates, WarnsOfTwoProgramsThatPublishFromOneAddress) {
+  auto one = std::make_unique<bus::UdpTransport>(net::endpoint_of(address(0), 0, "test"),
+                                                 net::endpoint_of(address(1), 0, "test"), "test");
+  const bus::StateLayout layout = bus::StateLayout::parse("x", "test");
+  bus::StateOwner owners[] = {bus::StateOwner(layout, 1), bus::StateOwner(layout, 2)};
+  End b("subscribe=x", address(1), address(0));
+  b.start();
+  for (int i = 0; i < 6; ++i) {
+    bus::StateOwner& owner = owners[i % 2];
+    ASSERT_TRUE(one->send(owner.publish(i)));
+    b.step();  // requests
+    bus::StateMessage request;
+    const std::span<const std::byte> message = one->receive();
+    ASSERT_TRUE(bus::decode(message, 0, 0, request));
+    ASSERT_TRUE(one->send(owner.full(request.base)));
+    b.step();
+    while (!one->receive().empty()) {
+    }
+  }
+  EXPECT_EQ(b.text("warning"),
+            "the peer " + address(0) + " came back to an earlier start, expected one program that publishes from this address");
+  EXPECT_EQ(b.real("restarts"), 5);
 }
 
 TEST(SharedStates, SendsAFewBytesIfLittleChanges) {

@@ -34,6 +34,12 @@ std::vector<std::byte> copy_of(std::span<const std::byte> bytes) { return {bytes
 
 bool same(std::span<const std::byte> a, std::span<const std::byte> b) { return std::ranges::equal(a, b); }
 
+/// The owner's answer to a new request of the replica.
+std::span<const std::byte> answer(StateOwner& owner, StateReplica& replica) {
+  (void)replica.request();
+  return owner.full(replica.requested());
+}
+
 /// Changes `count` random words of the image to new values.
 void change(std::span<std::byte> image, std::size_t count, std::mt19937_64& random) {
   for (std::size_t i = 0; i < count; ++i) {
@@ -64,7 +70,16 @@ TEST(StateLayout, RefusesWhatIsNoLayout) {
   EXPECT_EQ(error("q:1:m:2"), "test: 'q:1:m:2': 4 parts, expected NAME:SIZE:MEASURE as 'q:7:rad'");
   EXPECT_EQ(error("q,q"), "test: states: a second field 'q'");
   EXPECT_EQ(error(""), "test: states: name '', expected letters, digits and _");
+  for (const char* name : {"q d", "q[1]", "q.d", "\xc3\xbc", "q-1"})
+    EXPECT_EQ(error(name), "test: states: name '" + std::string(name) + "', expected letters, digits and _");
   EXPECT_THAT(error("q:99999999999"), HasSubstr("q has 99999999999 elements, expected 1 to 2097152"));
+}
+
+TEST(StateLayout, HasAHundredThousandFields) {
+  std::string text;
+  for (int i = 0; i < 100'000; ++i) text += (i == 0 ? "x" : ",x") + std::to_string(i);
+  EXPECT_EQ(layout(text).bytes(), 800'000u);
+  EXPECT_EQ(testing::error_of([&] { layout(text + ",x77"); }), "test: states: a second field 'x77'");
 }
 
 TEST(StateDatabase, SendsBytesInProportionToTheChangedWords) {
@@ -94,7 +109,7 @@ TEST(StateDatabase, NeverSendsMuchMoreThanTheWholeImage) {
   StateOwner owner(layout("x:11:1"), 1);
   StateReplica replica(layout("x:11:1"));
   (void)owner.publish(0);
-  replica.receive(owner.full());
+  replica.receive(answer(owner, replica));
   for (unsigned subset = 1; subset < 1u << kWords; ++subset) {
     for (unsigned i = 0; i < kWords; ++i) {
       if ((subset >> i & 1) != 0) owner.image()[i * 8 + subset % 8] ^= std::byte{1};
@@ -110,12 +125,12 @@ TEST(StateDatabase, AppliesAnUpdateOnlyToItsBase) {
   StateOwner owner(layout(), 7);
   StateReplica replica(layout());
   std::mt19937_64 random(5);
-  EXPECT_TRUE(owner.full().empty()) << "nothing is published yet";
+  EXPECT_TRUE(owner.full(1).empty()) << "nothing is published yet";
   change(owner.image(), 3, random);
   EXPECT_EQ(replica.receive(owner.publish(10)), Reception::kGap) << "a replica that joins needs a full copy";
   EXPECT_FALSE(replica.complete());
   EXPECT_TRUE(replica.behind());
-  EXPECT_EQ(replica.receive(owner.full()), Reception::kCopied);
+  EXPECT_EQ(replica.receive(answer(owner, replica)), Reception::kCopied);
   EXPECT_FALSE(replica.behind());
   EXPECT_TRUE(same(replica.image(), owner.image()));
 
@@ -135,6 +150,7 @@ TEST(StateDatabase, AppliesAnUpdateOnlyToItsBase) {
   EXPECT_TRUE(same(replica.image(), owner.image()));
   EXPECT_EQ(replica.epoch(), 12);
   EXPECT_EQ(replica.receive(owner.publish(13)), Reception::kUpdated) << "no change, but a newer epoch";
+  EXPECT_EQ(replica.receive(owner.publish(13)), Reception::kOld) << "no change, and the same epoch";
   EXPECT_EQ(replica.epoch(), 13);
   EXPECT_EQ(replica.version(), owner.version());
 }
@@ -145,7 +161,7 @@ TEST(StateDatabase, AppliesUpdatesInAnyOrderWithinAWindowOfEight) {
     StateOwner owner(layout(), 7);
     StateReplica replica(layout());
     (void)owner.publish(0);
-    replica.receive(owner.full());
+    replica.receive(answer(owner, replica));
     std::vector<std::vector<std::byte>> updates;
     for (int i = 1; i <= 8; ++i) {
       change(owner.image(), 5, random);
@@ -167,7 +183,7 @@ TEST(StateDatabase, NeedsACopyIfTheGapIsWide) {
   StateReplica replica(layout());
   std::mt19937_64 random(14);
   (void)owner.publish(0);
-  replica.receive(owner.full());
+  replica.receive(answer(owner, replica));
   for (int i = 1; i <= 9; ++i) {
     change(owner.image(), 5, random);
     const std::span<const std::byte> update = owner.publish(i);
@@ -175,7 +191,7 @@ TEST(StateDatabase, NeedsACopyIfTheGapIsWide) {
     EXPECT_EQ(replica.receive(update), i < 9 ? Reception::kEarly : Reception::kGap) << i;
   }
   EXPECT_EQ(replica.version(), 1u);
-  EXPECT_EQ(replica.receive(owner.full()), Reception::kCopied);
+  EXPECT_EQ(replica.receive(answer(owner, replica)), Reception::kCopied);
   EXPECT_TRUE(same(replica.image(), owner.image()));
   // What was kept is not applied to it.
   change(owner.image(), 5, random);
@@ -184,25 +200,89 @@ TEST(StateDatabase, NeedsACopyIfTheGapIsWide) {
   EXPECT_EQ(replica.missed(), 9u);
 }
 
-TEST(StateDatabase, FollowsAnOwnerThatStartsAgainAndNotALateCopyOfTheOldOne) {
+// The second life begins at the epoch of the first one, with fewer changes: neither versions nor epochs tell them apart.
+TEST(StateDatabase, FollowsAnOwnerThatStartsAgainAndNoLateMessageOfItsEarlierLife) {
   StateReplica replica(layout());
   std::mt19937_64 random(6);
-  StateOwner first(layout(), 1), second(layout(), 2);
-  change(first.image(), 20, random);
-  (void)first.publish(100);
-  replica.receive(first.full());
-  const auto late = copy_of(first.full());
+  StateOwner first(layout(), 2), second(layout(), 1);
+  std::vector<std::vector<std::byte>> late;
+  (void)first.publish(0);
+  replica.receive(answer(first, replica));
+  for (int i = 0; i < 5; ++i) {
+    change(first.image(), 20, random);
+    late.push_back(copy_of(first.publish(100)));
+    replica.receive(late.back());
+  }
+  EXPECT_EQ(replica.version(), 6u);
+  for (int i = 0; i < 4; ++i) late.push_back(copy_of(answer(first, replica)));  // on their way when it ends
 
   change(second.image(), 20, random);
-  EXPECT_EQ(replica.receive(second.publish(0)), Reception::kGap) << "epoch and version of a new owner may be smaller";
+  EXPECT_EQ(replica.receive(second.publish(100)), Reception::kGap);
+  EXPECT_TRUE(same(replica.image(), first.image())) << "until the copy of the new life";
   EXPECT_TRUE(replica.behind());
-  EXPECT_EQ(replica.receive(second.full()), Reception::kCopied);
+  EXPECT_EQ(replica.receive(late.back()), Reception::kOld);
+  EXPECT_EQ(replica.receive(answer(second, replica)), Reception::kCopied);
   EXPECT_TRUE(same(replica.image(), second.image()));
-  EXPECT_EQ(replica.receive(late), Reception::kGap);
-  EXPECT_TRUE(same(replica.image(), second.image()));
-  EXPECT_TRUE(replica.behind()) << "it asks which one is the owner";
-  EXPECT_EQ(replica.receive(second.full()), Reception::kOld);
+  EXPECT_EQ(replica.epoch(), 100);
+  EXPECT_EQ(replica.version(), 1u);
+  EXPECT_EQ(replica.restarts(), 1u);
+  for (int twice = 0; twice < 2; ++twice) {
+    for (const auto& message : late) {
+      const Reception reception = replica.receive(message);
+      EXPECT_TRUE(reception == Reception::kOld || reception == Reception::kGap);
+      EXPECT_TRUE(same(replica.image(), second.image()));
+    }
+  }
+  replica.receive(answer(second, replica));
   EXPECT_FALSE(replica.behind());
+  change(second.image(), 20, random);
+  EXPECT_EQ(replica.receive(second.publish(100)), Reception::kUpdated);
+  EXPECT_TRUE(same(replica.image(), second.image()));
+  EXPECT_EQ(replica.returns(), 0u);
+}
+
+TEST(StateDatabase, ANewReplicaTakesNoCopyThatAnEarlierOneRequested) {
+  StateOwner owner(layout("x"), 5);
+  (void)owner.publish(0);
+  StateReplica earlier(layout("x")), replica(layout("x"));
+  const auto late = copy_of(answer(owner, earlier));
+  EXPECT_EQ(replica.receive(late), Reception::kOld);
+  (void)replica.request();
+  EXPECT_EQ(replica.receive(late), Reception::kOld);
+  EXPECT_FALSE(replica.complete());
+  EXPECT_EQ(replica.receive(answer(owner, replica)), Reception::kCopied);
+}
+
+TEST(StateDatabase, AnEarlyUpdateOfTheEarlierLifeIsNotAppliedToTheNextOne) {
+  std::mt19937_64 random(16);
+  StateOwner first(layout(), 1), second(layout(), 2);
+  StateReplica replica(layout());
+  (void)first.publish(0);
+  replica.receive(answer(first, replica));
+  change(first.image(), 3, random);
+  (void)first.publish(1);  // lost
+  change(first.image(), 3, random);
+  EXPECT_EQ(replica.receive(first.publish(2)), Reception::kEarly) << "version 3";
+  for (int i = 0; i < 2; ++i) {
+    change(second.image(), 3, random);
+    replica.receive(second.publish(i));
+  }
+  EXPECT_EQ(replica.receive(answer(second, replica)), Reception::kCopied);
+  EXPECT_EQ(replica.version(), 2u);
+  EXPECT_TRUE(same(replica.image(), second.image()));
+}
+
+TEST(StateDatabase, CountsThatTwoOwnersSend) {
+  StateOwner one(layout("x"), 1), other(layout("x"), 2);
+  StateReplica replica(layout("x"));
+  for (int i = 0; i < 3; ++i) {
+    for (StateOwner* owner : {&one, &other}) {
+      replica.receive(owner->publish(i));
+      replica.receive(answer(*owner, replica));
+    }
+  }
+  EXPECT_EQ(replica.restarts(), 5u);
+  EXPECT_EQ(replica.returns(), 4u);
 }
 
 TEST(StateDatabase, RefusesAnotherLayoutAndNamesIt) {
@@ -210,12 +290,14 @@ TEST(StateDatabase, RefusesAnotherLayoutAndNamesIt) {
   StateReplica replica(layout("q:6:rad,dq:6:rad/s"));
   const auto first = copy_of(owner.publish(0));
   EXPECT_EQ(replica.receive(first), Reception::kOtherLayout);
-  EXPECT_EQ(replica.receive(owner.full()), Reception::kOtherLayout);
+  EXPECT_EQ(replica.receive(answer(owner, replica)), Reception::kOtherLayout);
   EXPECT_EQ(replica.other_layout(), "q:7:rad,dq:7:rad/s");
   EXPECT_FALSE(replica.complete());
-  auto future = copy_of(owner.full());
-  future[4] = std::byte{2};
-  EXPECT_EQ(replica.receive(future), Reception::kOtherFormat);
+  auto future = copy_of(owner.full(1));
+  for (const int format : {1, 3}) {
+    future[4] = static_cast<std::byte>(format);
+    EXPECT_EQ(replica.receive(future), Reception::kOtherFormat);
+  }
 }
 
 TEST(StateDatabase, TakesNoDamagedMessage) {
@@ -225,7 +307,7 @@ TEST(StateDatabase, TakesNoDamagedMessage) {
   std::mt19937_64 random(7);
   change(owner.image(), 5, random);
   (void)owner.publish(0);
-  base.receive(owner.full());
+  base.receive(answer(owner, base));
   change(owner.image(), 5, random);
   const auto update = copy_of(owner.publish(1));
   for (std::size_t size = 0; size < update.size(); ++size)
@@ -244,7 +326,9 @@ TEST(StateDatabase, TakesNoDamagedMessage) {
 TEST(StateDatabase, ReplicasEqualTheirOwnerAfterLossReorderingAndLateJoin) {
   const testing::DatabaseTrial result = testing::run_database_trial({.ticks = 100'000, .seed = 11});
   EXPECT_EQ(result.wrong, 0u) << "a replica of a version differed from its owner's states of that version";
+  EXPECT_EQ(result.went_back, 0u);
   EXPECT_EQ(result.unequal_at_end, 0u);
+  EXPECT_EQ(result.restarts, 4u + 3u + 1u) << "of five lives; the replicas join in the first, second and fourth";
   EXPECT_GT(result.copies, 1000u);
   EXPECT_GT(result.updates, 50'000u);
 }
@@ -252,6 +336,7 @@ TEST(StateDatabase, ReplicasEqualTheirOwnerAfterLossReorderingAndLateJoin) {
 TEST(StateDatabase, ReplicasFollowAlsoIfMostIsLost) {
   const testing::DatabaseTrial result = testing::run_database_trial({.ticks = 20'000, .seed = 12, .loss = 0.6, .delay = 20});
   EXPECT_EQ(result.wrong, 0u);
+  EXPECT_EQ(result.went_back, 0u);
   EXPECT_EQ(result.unequal_at_end, 0u);
 }
 
@@ -348,7 +433,7 @@ TEST(StateCut, IsTheNewestEpochThatAllDatabasesHave) {
   const auto add = [&](std::size_t database, std::int64_t epoch) {
     std::array<std::byte, 8> image;
     std::memcpy(image.data(), &epoch, 8);
-    cut.add(database, epoch, image);
+    cut.add(database, 1, epoch, image);
   };
   EXPECT_EQ(cut.epoch(), StateCut::kNone);
   add(0, 0);
@@ -371,6 +456,50 @@ TEST(StateCut, IsTheNewestEpochThatAllDatabasesHave) {
   EXPECT_FALSE(cut.take());
 }
 
+// Each life begins at epoch 0 again. An image holds session and epoch.
+TEST(StateCut, FollowsOwnersThatStartAgainAndMixesNoTwoLives) {
+  StateCut cut({{16, 1, 0}, {16, 1, 0}, {16, 1, 1}});
+  const auto add = [&](std::size_t database, std::uint64_t session, std::int64_t epoch) {
+    std::array<std::byte, 16> image;
+    std::memcpy(image.data(), &session, 8);
+    std::memcpy(image.data() + 8, &epoch, 8);
+    cut.add(database, session, epoch, image);
+  };
+  const auto expect_cut = [&](std::int64_t epoch, std::uint64_t of_first, std::uint64_t of_second) {
+    ASSERT_TRUE(cut.take());
+    EXPECT_EQ(cut.epoch(), epoch);
+    for (const std::size_t d : {0u, 1u, 2u}) {
+      std::uint64_t session;
+      std::memcpy(&session, cut.image(d).data(), 8);
+      EXPECT_EQ(session, d < 2 ? of_first : of_second);
+      EXPECT_EQ(cut.session(d), session);
+      EXPECT_EQ(cut.published(d), epoch);
+    }
+  };
+  for (std::int64_t epoch = 0; epoch <= 5; ++epoch) {
+    for (const std::size_t d : {0u, 1u, 2u}) add(d, d < 2 ? 1 : 2, epoch);
+    expect_cut(epoch, 1, 2);
+  }
+  // The first owner starts again; of its second database only the earlier life is known, with the same epochs.
+  for (std::int64_t epoch = 0; epoch <= 5; ++epoch) {
+    add(0, 3, epoch);
+    EXPECT_FALSE(cut.take()) << epoch;
+  }
+  EXPECT_EQ(cut.epoch(), 5) << "the reader keeps the last cut";
+  for (std::int64_t epoch = 0; epoch <= 5; ++epoch) {
+    add(1, 3, epoch);
+    expect_cut(epoch, 3, 2);
+  }
+  // The other owner starts again at the epoch at which it ended.
+  add(2, 4, 5);
+  expect_cut(5, 3, 4);
+  add(2, 5, 6);
+  EXPECT_FALSE(cut.take()) << "at 5 the third database is of the life before";
+  add(0, 3, 6);
+  add(1, 3, 6);
+  expect_cut(6, 3, 5);
+}
+
 TEST(StateCutThread, NeverMixesEpochs) {
   // Two databases that arrive with different delays and gaps; each image holds its epoch in every word.
   constexpr std::size_t kBytes = 512;
@@ -385,7 +514,7 @@ TEST(StateCutThread, NeverMixesEpochs) {
       if (at[d] == kTicks || at[d] > at[1 - d] + 5) d = 1 - d;
       at[d] = random() % 10 == 0 ? std::min(at[d] + 2, kTicks) : at[d] + 1;  // some are lost
       for (std::size_t i = 0; i < kBytes; i += 8) std::memcpy(&image[i], &at[d], 8);
-      cut.add(d, at[d], image);
+      cut.add(d, 1, at[d], image);
     }
   });
   std::int64_t seen = 0;

@@ -25,7 +25,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   StateReplica replica(layout());
   for (std::size_t i = 0; i < owner.image().size(); i += 3) owner.image()[i] = static_cast<std::byte>(i);
   (void)owner.publish(1);
-  if (data[0] % 2 == 1) replica.receive(owner.full());
+  (void)replica.request();
+  if (data[0] % 2 == 1) replica.receive(owner.full(replica.requested()));
   const bool edits = data[0] % 4 >= 2;
   ++data;
   --size;
@@ -35,7 +36,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     std::string message(reinterpret_cast<const char*>(data + 1), part);
     if (edits) {
       owner.image()[static_cast<std::size_t>(i) * 8] ^= std::byte{1};
-      const std::string good = text_of(i % 3 == 2 ? owner.full() : owner.publish(i + 2));
+      const std::string good = text_of(i % 3 == 2 ? owner.full(replica.requested()) : owner.publish(i + 2));
       message = cotwin::fuzz::edited(good, data + 1, part);
     }
     const std::string before = text_of(replica.image());

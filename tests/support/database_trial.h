@@ -87,31 +87,35 @@ struct DatabaseTrialSettings {
   std::int64_t ticks = 100'000;
   std::uint64_t seed = 1;
   double loss = 0.05, doubled = 0.02;
-  int delay = 3;  // ticks
-  std::size_t replicas =
-      3;  // the second joins after a third of the ticks, the third after two thirds; the owner restarts at 1/2
-  std::size_t words = 256;  // of the state
-  double changed = 4;       // words per tick, on average
+  int delay = 3;             // ticks
+  std::size_t replicas = 3;  // the second joins after a third of the ticks, the third after two thirds
+  int lives = 5;             // of the owner, of equal length; each begins at epoch 0
+  std::size_t words = 256;   // of the state
+  double changed = 4;        // words per tick, on average
 };
 
 struct DatabaseTrial {
-  std::uint64_t wrong = 0;           // replicas that differed from what their owner had at their epoch
+  std::uint64_t wrong = 0;           // replicas that differed from what their owner had at their epoch of its life
+  std::uint64_t went_back = 0;       // replicas that took states of an earlier life or epoch than before
   std::uint64_t unequal_at_end = 0;  // replicas that differ after the last tick, when nothing is lost any more
-  std::uint64_t updates = 0, copies = 0, missed = 0, old = 0;
+  std::uint64_t updates = 0, copies = 0, missed = 0, old = 0, restarts = 0;
   std::uint64_t update_bytes = 0, changed_words = 0, publications = 0;
   std::int64_t longest_age = 0;  // ticks between an owner and a complete replica
   double mean_age = 0;           // ticks
 };
 
 /// An owner and replicas, each behind networks of its own. In every tick the owner changes random words and publishes; every
-/// replica is compared with what the owner had at the replica's epoch, byte for byte.
+/// replica is compared with what the owner had at the replica's epoch, byte for byte. Messages of an earlier life of the owner stay
+/// in the networks.
 inline DatabaseTrial run_database_trial(const DatabaseTrialSettings& s) {
   using namespace bus;
   const auto layout = [&] { return StateLayout({{"x", StateField::Kind::kReal, s.words, "1"}}); };
   struct Reader {
     std::unique_ptr<LossyNetwork> there, back;
     std::unique_ptr<LossyTransport> owner_end, reader_end;
-    std::unique_ptr<StateExchange> owner, replica;  // all owners have the same image
+    std::unique_ptr<StateExchange> owner, replica;                // all owners have the same image
+    std::vector<std::pair<std::uint64_t, std::int64_t>> lives{};  // of the owner: session and the tick of epoch 0
+    std::int64_t seen = 0;                                        // tick of the states that the replica had last
   };
   std::mt19937_64 random(s.seed);
   std::vector<Reader> readers(s.replicas);
@@ -121,7 +125,6 @@ inline DatabaseTrial run_database_trial(const DatabaseTrialSettings& s) {
     reader.back = std::make_unique<LossyNetwork>(random(), s.loss, s.doubled, s.delay);
     reader.owner_end = std::make_unique<LossyTransport>(*reader.there, *reader.back);
     reader.reader_end = std::make_unique<LossyTransport>(*reader.back, *reader.there);
-    reader.owner = std::make_unique<StateExchange>(*reader.owner_end, layout(), std::nullopt);
   }
   constexpr std::size_t kHistory = 8192;
   const std::size_t bytes = s.words * 8;
@@ -143,7 +146,10 @@ inline DatabaseTrial run_database_trial(const DatabaseTrialSettings& s) {
               history.begin() + static_cast<std::ptrdiff_t>(static_cast<std::size_t>(tick) % kHistory * bytes));
     for (std::size_t r = 0; r < readers.size(); ++r) {
       Reader& reader = readers[r];
-      if (tick == s.ticks / 2) reader.owner = std::make_unique<StateExchange>(*reader.owner_end, layout(), std::nullopt);
+      if (tick <= s.ticks && (tick - 1) % ((s.ticks + s.lives - 1) / s.lives) == 0) {
+        reader.owner = std::make_unique<StateExchange>(*reader.owner_end, layout(), std::nullopt);
+        reader.lives.emplace_back(reader.owner->owner()->session(), tick);
+      }
       if (tick == static_cast<std::int64_t>(r) * s.ticks / static_cast<std::int64_t>(s.replicas) + 1)
         reader.replica = std::make_unique<StateExchange>(*reader.reader_end, std::nullopt, layout());
       if (tick > s.ticks) {
@@ -153,7 +159,7 @@ inline DatabaseTrial run_database_trial(const DatabaseTrialSettings& s) {
       reader.there->tick();
       reader.back->tick();
       std::copy(image.begin(), image.end(), reader.owner->owner()->image().begin());
-      reader.owner->publish(tick);
+      reader.owner->publish(tick - reader.lives.back().second);
       reader.owner->receive();
       if (!reader.replica) {
         while (!reader.there->receive().empty()) {
@@ -163,10 +169,17 @@ inline DatabaseTrial run_database_trial(const DatabaseTrialSettings& s) {
       reader.replica->receive();
       const StateReplica& replica = *reader.replica->replica();
       if (!replica.complete()) continue;
-      const std::int64_t age = tick - replica.epoch();
+      const auto life = std::ranges::find(reader.lives, replica.session(), &std::pair<std::uint64_t, std::int64_t>::first);
+      if (life == reader.lives.end()) {
+        ++result.wrong;
+        continue;
+      }
+      const std::int64_t at = life->second + replica.epoch(), age = tick - at;
+      if (at < reader.seen) ++result.went_back;
+      reader.seen = at;
       ages += static_cast<std::uint64_t>(age);
       result.longest_age = std::max(result.longest_age, age);
-      const std::size_t then = static_cast<std::size_t>(replica.epoch()) % kHistory;
+      const std::size_t then = static_cast<std::size_t>(at) % kHistory;
       if (age >= static_cast<std::int64_t>(kHistory) || std::memcmp(replica.image().data(), &history[then * bytes], bytes) != 0)
         ++result.wrong;
     }
@@ -177,6 +190,7 @@ inline DatabaseTrial run_database_trial(const DatabaseTrialSettings& s) {
     result.updates += replica.updates;
     result.copies += replica.copies;
     result.old += replica.old;
+    result.restarts += reader.replica->replica()->restarts();
     result.missed += reader.replica->replica()->missed();
     result.update_bytes += owner.published_bytes;
     result.publications += owner.published;
