@@ -32,6 +32,7 @@ struct Partial {
 ///   4.   inputs and tunables are written
 ///   5. step         from now to now + h; 4 and 5 repeat; `now` is the end of the last step
 ///   6. restored     after a snapshot was written into the variables; then 4
+///   7. end          after the last step; then 2 for a new start
 /// A unit is used by one thread at a time, not always the same one. Two units share nothing that either writes.
 class Unit {
  public:
@@ -62,6 +63,10 @@ class Unit {
   /// The clock of the robot or bus that the unit is connected to, for a scenario whose ticks follow it; nullptr if there is
   /// none. Owned by the unit; does not change after declare.
   virtual TickSource* tick_source() { return nullptr; }
+  /// The run is over, at its stop time or by an error or a signal: what the unit operates goes to its safe state. May wait, for less
+  /// than a second. Afterwards only tell() and initialise() are called. May be called repeatedly, and before initialise(). The
+  /// destructor of a unit that was not ended does the same.
+  virtual void end() noexcept {}
 };
 
 }  // namespace cotwin

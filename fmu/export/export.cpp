@@ -195,6 +195,7 @@ void Exported::exit_initialisation() {
 void Exported::terminate() {
   memory_.state = kTerminated;
   if (unit_ == nullptr) return;
+  unit_->end();
   std::vector<std::string> notes;
   unit_->tell(notes);
   for (const std::string& note : notes) report(Status::kWarning, note);

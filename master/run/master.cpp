@@ -390,6 +390,7 @@ void Master::Loop::finish() {
   if (finished_) return;
   finished_ = true;
   pace_.finish(engine_);
+  for (const Member& member : members_) member.instance.unit->end();
   ended_ = std::chrono::steady_clock::now();
   if (!recorder_) return;
   recorder_->close();

@@ -140,6 +140,10 @@ void Twin::tell(std::vector<std::string>& notes) const {
   }
 }
 
+void Twin::end() noexcept {
+  for (const Member& member : members_) member.instance.unit->end();
+}
+
 StepResult Twin::step(Time now, Duration h) {
   const std::int64_t ticks = (h.ns - 1) / scenario_.tick.ns + 1;
   Time begin = now;

@@ -38,6 +38,7 @@ class Twin final : public Unit {
   /// Whether a host may save states and restore them anywhere.
   bool restorable() const override { return control_->not_restorable() == nullptr && states_leave_; }
   void tell(std::vector<std::string>& notes) const override;
+  void end() noexcept override;
 
  private:
   /// A tick since the last checkpoint, with what the host had written before it.

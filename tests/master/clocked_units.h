@@ -31,6 +31,7 @@ struct World {
   }();
   std::int64_t begin = host.now();
   std::function<void()> answer;  // called by each step of the connected unit
+  int ended = 0;                 // times that the connected unit was ended
 };
 inline World* world = nullptr;
 
@@ -63,6 +64,7 @@ class Connected final : public Unit {
     return StepResult::kDone;
   }
   TickSource* tick_source() override { return &world->source; }
+  void end() noexcept override { ++world->ended; }
 
  private:
   double y_ = 0;
