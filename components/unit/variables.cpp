@@ -156,6 +156,12 @@ Variables::Declared& Variables::Declared::essential() {
   return *this;
 }
 
+Variables::Declared& Variables::Declared::required() {
+  essential();
+  list_.list_[index_].required = true;
+  return *this;
+}
+
 Variables::Declared& Variables::Declared::nominal(double magnitude) {
   Variable& variable = list_.list_[index_];
   if (variable.kind() != Kind::kReal) throw Error(variable.name, "nominal() is only for reals");

@@ -47,7 +47,8 @@ struct Variable {
   bool discrete = false;      // of a real output: not a point of a curve (a mean over the step); inputs hold it
   bool essential =
       false;  // of an input, parameter or state: without a connection, a start value or an event the unit cannot be used
-  double nominal = 0;  // of a real: typical magnitude in `si`, to which tolerances are relative; 0: not declared
+  bool required = false;  // essential, and a scenario that leaves it out is refused
+  double nominal = 0;     // of a real: typical magnitude in `si`, to which tolerances are relative; 0: not declared
 
   Kind kind() const { return static_cast<Kind>(storage.index()); }
   std::size_t size() const {
@@ -84,6 +85,9 @@ class Variables {
     /// The input, parameter or state has no useful default: a scenario without a connection or a value for it gets a warning.
     /// Throws Error for an output.
     Declared& essential();
+    /// As essential(), for values whose default is dangerous, as a position that a robot would move to: a scenario without a
+    /// connection or a value for it is refused.
+    Declared& required();
     /// The typical magnitude of the real variable, in its unit of measure. It is not part of the fingerprint. Throws Error if
     /// it is not positive and finite, or the variable not real.
     Declared& nominal(double magnitude);

@@ -7,6 +7,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include "models/support/error.h"
 #include "models/support/text.h"
 
 namespace cotwin::master {
@@ -85,7 +86,7 @@ class Finder {
   struct Port {
     std::size_t member;
     const Variable* variable;
-    bool essential;
+    bool essential, required;
     std::vector<bool> given{};  // element by element
     bool fed = false;           // by a connection
     std::vector<Push> pushes{};
@@ -100,11 +101,12 @@ class Finder {
       if (unit) member.instance.unit->declare(as_started);
       for (std::size_t i = 0; i < member.variables().size(); ++i) {
         const Variable& variable = member.variables().all()[i];
-        const bool essential = unit ? as_started.all()[i].essential : variable.essential;
+        const Variable& started = unit ? as_started.all()[i] : variable;
+        const bool essential = started.essential;
         if (!essential && !(unit && variable.role == Role::kInput)) continue;
         index_.emplace(&variable, ports_.size());
         by_name_.emplace(member.name() + "." + variable.name, ports_.size());
-        ports_.push_back({m, &variable, essential});
+        ports_.push_back({m, &variable, essential, started.required});
         ports_.back().given.resize(variable.size());
       }
       if (first_port_.back() == ports_.size()) continue;
@@ -158,7 +160,8 @@ class Finder {
       Port& port = ports_[found->second];
       const std::string element = event.variable.substr(name.size());
       const auto number = element.size() > 2 ? text::parse_integer(element.substr(1, element.size() - 2)) : std::nullopt;
-      mark(port, number ? static_cast<std::ptrdiff_t>(*number - 1) : -1);
+      // Until the event, a unit acts on the default.
+      if (!port.required || event.time <= scenario_.start) mark(port, number ? static_cast<std::ptrdiff_t>(*number - 1) : -1);
       if (is_effort(*port.variable)) port.pushes.push_back({event.time, element, normalised(event.value), event.ramp, true});
     }
   }
@@ -183,6 +186,11 @@ class Finder {
     }
     if (count == 0) return;
     const std::string what = (count == port.given.size() ? name_of(port) : missing) + " (" + v.description + ")";
+    if (port.required) {
+      const std::string& place = members_[port.member].spec.place;
+      throw Error((place.empty() ? "" : place + ": ") + what + " is not connected and has no value" +
+                  ", but the unit would act on it; expected a connection or a value");
+    }
     std::string value = v.kind() == Kind::kString ? "it is empty" : "the default is kept";
     if (v.kind() == Kind::kReal) {
       const std::span<double> values = v.reals();

@@ -6,6 +6,7 @@
 
 #include "master/program/check.h"
 #include "tests/master/test_units.h"
+#include "tests/support/error_of.h"
 #include "tests/support/places.h"
 
 namespace cotwin::master {
@@ -80,6 +81,38 @@ TEST(Omissions, AGivenZeroIsNotReported) {
   Robot later("drive.tau_m");
   later.event(0.5, "drive.tau_m", "1 1");
   EXPECT_THAT(warnings_of(later), IsEmpty());
+}
+
+/// A KUKA robot behind FRI, which would move to the zeros of an input that is not connected.
+Build kuka(const std::string& mode) {
+  Build build;
+  build.until(1);
+  build.unit("link", "io?robot=lwr4&link=fri&protocol=lwr");
+  if (!mode.empty()) build.with("mode", mode);
+  return build;
+}
+
+TEST(Omissions, ACommandThatARobotWouldFollowIsRequired) {
+  const auto error = [](const Build& build) { return testing::error_of([&] { (void)warnings_of(build); }); };
+  EXPECT_EQ(error(kuka("")), "") << "nothing is commanded by default";
+  EXPECT_EQ(error(kuka("monitor")), "");
+  EXPECT_THAT(
+      error(kuka("position")),
+      HasSubstr("link.q_command (commanded joint position) is not connected and has no value, but the unit would act on "
+                "it; expected a connection or a value"));
+  EXPECT_THAT(error(kuka("joint_impedance")), HasSubstr("link.q_command"));
+  EXPECT_THAT(error(kuka("cartesian_impedance")), HasSubstr("link.p_command"));
+  const std::string q = "0 0.3 0 -1.2 0 0.9 0";
+  EXPECT_EQ(error(kuka("position").with("q_command", q)), "");
+  EXPECT_THAT(error(kuka("torque").with("q_command", q)), HasSubstr("link.tau_command"));
+  EXPECT_THAT(error(kuka("wrench").with("q_command", q)), HasSubstr("link.F_command"));
+  EXPECT_EQ(error(kuka("wrench").with("q_command", q).with("F_command", std::string("0"))), "");
+  Build late = kuka("position");
+  late.event(0.5, "link.q_command", q);
+  EXPECT_THAT(error(late), HasSubstr("link.q_command")) << "it would move to the zeros until then";
+  Build first = kuka("position");
+  first.event(0, "link.q_command", q);
+  EXPECT_EQ(error(first), "");
 }
 
 TEST(Omissions, AMissingElementIsNamed) {
