@@ -81,7 +81,7 @@ std::vector<SlaveChoice> read_slaves(Settings& settings, const std::string& plac
     }
     if (choice.device.ends_with(".bin")) {
       choice.kind = SlaveChoice::Kind::kImage;
-      const std::filesystem::path path = settings.file(choice.device);
+      const std::filesystem::path path = settings.data_file(choice.device);
       choice.image = read_image(path);
       const ethercat::Sii sii = ethercat::read_sii(choice.image, path.string());
       choice.setup = ethercat::setup_of(sii, {}, path.string());

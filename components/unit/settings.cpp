@@ -181,6 +181,29 @@ fs::path Settings::file(const std::string& name, const std::string& hint) const 
   throw Error("unit:" + unit_, "no file " + name + hint + "; looked for" + lines);
 }
 
+fs::path Settings::data_file(const std::string& name) {
+  const fs::path found = file(name);
+  data_files_.push_back({name, found});
+  return found;
+}
+
+void Settings::rename_data_files(const std::map<std::string, std::string>& names) {
+  const auto rename = [&](std::string& value) {
+    std::string out;
+    for (std::size_t at = 0; at <= value.size();) {
+      const std::size_t end = std::min(value.find_first_of(",:", at), value.size());
+      const std::string word = value.substr(at, end - at);
+      const auto found = names.find(word);
+      out += found == names.end() ? word : found->second;
+      if (end < value.size()) out += value[end];
+      at = end + 1;
+    }
+    value = out;
+  };
+  for (auto& [key, value] : query_) rename(value);
+  for (auto& [key, value] : defaults_) rename(value);
+}
+
 fs::path Settings::robot_file(const std::string& key) {
   const std::string robot = text(key);
   if (robot.empty()) fail_missing(key);

@@ -83,6 +83,18 @@ class Settings {
   /// of the file.
   std::filesystem::path file(const std::string& name, const std::string& hint = "") const;
 
+  /// The same for a file that is part of the value of a setting, after a comma or a colon, as in slaves=EK1100,door:EL1004.bin. An
+  /// exported unit takes it along.
+  std::filesystem::path data_file(const std::string& name);
+  struct DataFile {
+    std::string name;  // in the setting
+    std::filesystem::path path;
+  };
+  /// The results of data_file().
+  const std::vector<DataFile>& data_files() const { return data_files_; }
+  /// Replaces the names of such files in query(), from their names to new ones.
+  void rename_data_files(const std::map<std::string, std::string>& names);
+
   /// Adds a warning, shown once after loading.
   void warn(std::string message) { warnings_.push_back(std::move(message)); }
   const std::vector<std::string>& warnings() const { return warnings_; }
@@ -112,6 +124,7 @@ class Settings {
   std::vector<std::string> defaults_used_;
   std::vector<std::string> warnings_;
   std::vector<std::filesystem::path> robot_files_;
+  std::vector<DataFile> data_files_;
   std::shared_ptr<const robot::RobotModel> robot_;
   std::shared_ptr<const scene::Cell> cell_;
 };

@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <ctime>
 #include <fstream>
+#include <map>
 #include <memory>
 #include <set>
 #include <sstream>
@@ -131,8 +132,19 @@ void add_libraries(const PackContent& content, const PackRequest& request, std::
 
 }  // namespace
 
-std::vector<ArchiveFile> take_files(const Settings& settings, const Variables& variables, std::set<std::string>& names) {
+std::vector<ArchiveFile> take_files(Settings& settings, const Variables& variables, std::set<std::string>& names) {
   std::vector<ArchiveFile> files;
+  const auto take = [&](const fs::path& file) {
+    std::string name = file.filename().string();
+    for (int i = 2; !names.insert(name).second; ++i) name = std::to_string(i) + "_" + file.filename().string();
+    files.push_back({"resources/" + name, read(file)});
+    return name;
+  };
+  std::map<std::string, std::string> renamed;  // before any of them is renamed, so that a new name is not taken for an old one
+  for (const Settings::DataFile& data : settings.data_files()) {
+    if (!renamed.contains(data.name)) renamed[data.name] = take(data.path);
+  }
+  settings.rename_data_files(renamed);
   for (const Variable& v : variables) {
     if (v.kind() != Kind::kString || (v.role != Role::kParameter && v.role != Role::kTunable)) continue;
     for (std::string& value : v.strings()) {
@@ -144,10 +156,7 @@ std::vector<ArchiveFile> take_files(const Settings& settings, const Variables& v
         continue;  // not a file, or one that exists only on the host's machine
       }
       if (!fs::is_regular_file(file)) continue;
-      std::string name = file.filename().string();
-      for (int i = 2; !names.insert(name).second; ++i) name = std::to_string(i) + "_" + file.filename().string();
-      files.push_back({"resources/" + name, read(file)});
-      value = name;
+      value = take(file);
     }
   }
   return files;
@@ -183,6 +192,8 @@ std::string packed_query(const Settings& settings) {
 void try_initialisation(const PackRequest& request) {
   Instance trial = make_unit(request.source, request.defaults, request.folders, request.types);
   for (const ParameterSet& values : request.values) apply(values, trial.variables);
+  // A robot or bus is not operated for a trial, and is at the host's machine, not here.
+  if (!trial.unit->restorable()) return;
   try {
     trial.unit->initialise({});
   } catch (const Error& error) {

@@ -58,9 +58,9 @@ struct PackContent {
 /// Writes the FMU of a built unit. Uses only the members of the request after `values`.
 void pack(const PackContent& content, const PackRequest& request, const std::filesystem::path& out);
 
-/// Returns the files that parameters name, as resources/<name>, and changes the parameters to the new names. `names`: names in
+/// Returns the files that parameters and settings name, as resources/<name>, and changes both to the new names. `names`: names in
 /// use, extended by the new ones.
-std::vector<ArchiveFile> take_files(const Settings& settings, const Variables& variables, std::set<std::string>& names);
+std::vector<ArchiveFile> take_files(Settings& settings, const Variables& variables, std::set<std::string>& names);
 
 /// Returns the unit's settings without paths of this machine: robots and scenes are packed, so names replace their files.
 std::string packed_query(const Settings& settings);

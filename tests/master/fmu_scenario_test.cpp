@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "components/io/ethercat/sii.h"
 #include "fmu/archive/archive.h"
 #include "fmu/export/pack.h"
 #include "master/program/check.h"
@@ -38,12 +39,13 @@ using ::testing::StartsWith;
 const fs::path kExample = fs::path(places::source()) / "examples/02_free_motion_lwr4/twin.ssd";
 const std::vector<fs::path> kFolders = {fs::path(places::source()) / "models"};
 
+const bool kSanitized = !std::string(COTWIN_SANITIZERS).empty();
+
 /// The findings of `cotwin check`; with sanitizers only errors, because then Cotwin's libraries need those of the sanitizers.
 std::vector<std::string> complaints(const fs::path& file) {
-  const bool sanitized = !std::string(COTWIN_SANITIZERS).empty();
   std::vector<std::string> texts;
   for (const auto& finding : check_scenario(file, unit_types(), kFolders)) {
-    if (!sanitized || finding.level == fmu::Finding::Level::kError) texts.push_back(finding.text);
+    if (!kSanitized || finding.level == fmu::Finding::Level::kError) texts.push_back(finding.text);
   }
   return texts;
 }
@@ -489,6 +491,45 @@ TEST_F(FmuScenario, TheProgramPacksInspectsAndRunsAnFmu) {
   write("not.fmu", "no archive");
   EXPECT_EQ(program("check not.fmu").first, 2);
   EXPECT_EQ(program("run not.fmu").first, 2);
+}
+
+
+TEST_F(FmuScenario, PacksAnEtherCatMasterWithTheImagesOfItsSlaves) {
+  // Two devices, 8 and 16 inputs, whose images have the same name in different folders.
+  for (const std::uint8_t bits : {std::uint8_t{8}, std::uint8_t{16}}) {
+    ethercat::Sii sii;
+    sii.vendor = 0x1234;
+    sii.product = bits;
+    sii.general.order = "XY" + std::to_string(bits);
+    sii.fmmus = {2};
+    sii.sync_managers = {{0x1000, 0, 0x20, 0, 1, ethercat::SyncManagerType::kInputs}};
+    ethercat::Pdo in;
+    in.index = 0x1a00;
+    in.sync_manager = 0;
+    in.entries = {{0x6000, 1, "a", 5, bits, 0}};
+    sii.tx_pdos = {in};
+    const std::vector<std::uint8_t> image = ethercat::write_sii(sii);
+    fs::create_directories(folder_ / std::to_string(bits));
+    write(std::to_string(bits) + "/device.bin", std::string(image.begin(), image.end()));
+  }
+  const auto pack_bus = [&](const std::string& more, const std::string& to) {
+    return program("pack unit:io?link=ethercat" + more +
+                   "&slaves=EK1100,a:8/device.bin,b:" + (folder_ / "16/device.bin").string() + ",axis:EL5101 -o " + to);
+  };
+  ASSERT_EQ(pack_bus("", "bus.fmu"), std::pair(0, std::string()));
+  // Packing does not operate a bus: the interface is at the host's machine.
+  ASSERT_EQ(pack_bus("&interface=none0", "there.fmu"), std::pair(0, std::string()));
+  ASSERT_EQ(pack_bus("_bus&interface=none0", "field.fmu"), std::pair(0, std::string()));
+  fs::remove_all(folder_ / "8");
+  fs::remove_all(folder_ / "16");
+  EXPECT_EQ(program("check bus.fmu").first, 0);
+  const auto [code, output] =
+      program("run bus.fmu --stop-time 0.2 --output-interval 0.001 --output-variable operational --output-variable answering");
+  EXPECT_EQ(code, 0) << output;
+  EXPECT_THAT(content(folder_ / "bus_out.csv"), HasSubstr("0.2,4,1"));
+  const auto [failed, message] = program("run there.fmu --stop-time 0.2 --output-interval 0.001");
+  EXPECT_NE(failed, 0);
+  EXPECT_THAT(message, HasSubstr("interface 'none0': there is no such interface"));
 }
 
 TEST_F(FmuScenario, PacksNoUnitThatNoHostCouldInitialise) {
