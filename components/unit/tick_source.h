@@ -24,6 +24,12 @@ class TickSource {
   /// Nominal ns from one cycle of the source to the next; 0 if it is not known, which means one tick of the scenario. Valid after
   /// Unit::initialise.
   virtual std::int64_t period() const { return 0; }
+  /// Tells, before ticks wait for packets, whether they wait however long it takes (silence=wait of a clock that ticks with their
+  /// arrival). Throws Error if they cannot.
+  virtual void set_waits(bool) {}
+  /// Whether packets come only as answers to what the unit's steps have sent, as on a bus whose master the unit is. Such a source
+  /// cannot begin ticks by its packets, and ticks must not wait for it while it is silent.
+  virtual bool answers_only() const { return false; }
 };
 
 }  // namespace cotwin

@@ -100,6 +100,7 @@ void SourceClock::check_silence() {
 
 void ArrivalClock::start(Time now) {
   cycle_ = choose_cycle();
+  source_.set_waits(spec_.silence == SilencePolicy::kWait);
   start_ = heard_ = host_.now();
   reached_ = now;
   any_ = false;
@@ -146,14 +147,15 @@ std::int64_t ArrivalClock::cycles_since(const Arrival& arrival, double& offset) 
   const auto cycle = static_cast<double>(cycle_);
   const double passed = (static_cast<double>(arrival.host) - grid_) / cycle;
   double cycles = std::round(passed);
-  if (arrival.source != 0 && source_ != 0) {
-    const double counted = std::round((static_cast<double>(arrival.source) - static_cast<double>(source_)) / cycle);
+  if (arrival.source != 0 && source_time_ != 0) {
+    const double counted = std::round((static_cast<double>(arrival.source) - static_cast<double>(source_time_)) / cycle);
     if (counted <= 0 && counted > -kReordered) return 0;
     // The next packet is one cycle later, however slow or fast the source is. With `wait`, scenario time follows the source through
-    // losses, too; more cycles than can be lost in a row are those of a source that has begun anew.
+    // losses, too; more cycles than can be lost in a row are those of a source that has begun anew, with this packet.
     constexpr double kMostLost = 256;
-    const bool any_speed = counted == 1 || (spec_.silence == SilencePolicy::kWait && counted <= kMostLost);
-    if (any_speed || (counted < passed + 1.5 && counted > passed - 1.5)) cycles = counted;
+    const bool waits = spec_.silence == SilencePolicy::kWait, follows = counted > 0 && counted <= kMostLost;
+    if (counted == 1 || (waits && follows) || (counted < passed + 1.5 && counted > passed - 1.5)) cycles = counted;
+    if (waits && !follows) cycles = 1;
   }
   cycles = std::clamp(cycles, 0.0, 1e9);
   offset = cycle * (passed - cycles);
@@ -187,7 +189,7 @@ void ArrivalClock::accept(const Arrival& arrival, Time now) {
   }
   any_ = true;
   anchor_ = arrival.host;
-  source_ = arrival.source;
+  source_time_ = arrival.source;
 }
 
 void LockedClock::start(Time now) {
@@ -234,6 +236,20 @@ void LockedClock::accept(const Arrival& arrival) {
   note_offset(loop_->offset());
 }
 
+namespace {
+
+/// A source that only answers falls silent with the ticks that wait for it.
+void check_follows(const ClockSpec& spec, const TickSource& source, const std::string& name) {
+  if (!source.answers_only()) return;
+  const std::string fact = "'" + name + "' only gets answers to what its steps send, so that ";
+  if (spec.kind == ClockKind::kArrivals)
+    fail(spec.place, fact + "packets cannot begin ticks (kind=arrivals), expected kind=locked");
+  if (spec.silence == SilencePolicy::kWait)
+    fail(spec.place, fact + "ticks that wait for it would wait for ever (silence=wait), expected silence=wall or stop");
+}
+
+}  // namespace
+
 std::unique_ptr<Clock> make_clock(const ClockSpec& spec, Duration tick, std::span<const Member> members, HostTime& host) {
   if (spec.kind == ClockKind::kFree) return std::make_unique<FreeClock>();
   if (spec.kind == ClockKind::kWall) return std::make_unique<RealTimeClock>(spec.late, host);
@@ -255,6 +271,7 @@ std::unique_ptr<Clock> make_clock(const ClockSpec& spec, Duration tick, std::spa
   TickSource* const source = chosen->instance.unit->tick_source();
   if (source == nullptr)
     fail(spec.place, "'" + spec.component + "' has no clock of a robot or bus that ticks can follow" + which);
+  check_follows(spec, *source, chosen->name());
   if (spec.kind == ClockKind::kArrivals) return std::make_unique<ArrivalClock>(spec, tick, *source, chosen->name(), host);
   return std::make_unique<LockedClock>(spec, tick, *source, chosen->name(), host);
 }

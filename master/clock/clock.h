@@ -127,9 +127,9 @@ class SourceClock : public Clock {
   std::int64_t tick_;       // ns
   std::int64_t cycle_;      // ns
   std::int64_t heard_ = 0;  // host time of the last packet, or of the start
+  TickSource& source_;
 
  private:
-  TickSource& source_;
   std::string name_;
 };
 
@@ -153,7 +153,7 @@ class ArrivalClock final : public SourceClock {
   std::int64_t anchor_ = 0;  // host time at which the scenario time `reached_` was due
   Time reached_;
   double grid_ = 0;               // anchor_ without jitter
-  std::int64_t source_ = 0;       // source's time of the last packet
+  std::int64_t source_time_ = 0;  // of the last packet
   double mean_ = 0, square_ = 0;  // of the offset
   std::int64_t followed_ = 0;     // packets since the source was silent
 };

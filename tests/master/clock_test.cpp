@@ -317,6 +317,22 @@ TEST_F(ClockedRun, ASilentSourceStopsTheRunOrPausesItIfTheScenarioSaysSo) {
   }
 }
 
+TEST_F(ClockedRun, TicksThatWaitGoOnWithASourceThatHasBegunAnew) {
+  for (const std::int64_t jump : {std::int64_t{-30}, std::int64_t{5000}}) {  // cycles
+    World fresh;
+    clock().kind = ClockKind::kArrivals;
+    clock().silence = SilencePolicy::kWait;
+    // Faster than their period from packet 50 on, so that the time that has passed tells nothing.
+    const auto host = [](int i) { return i < 50 ? (i + 1) * kMs : 50 * kMs + (i - 49) * 300 * kUs; };
+    for (int i = 0; i < 600; ++i) fresh.source.send(fresh.begin + host(i), kEpoch + (i < 50 ? i : i + jump) * kMs);
+    build_.until(0.1);
+    Master master = load(fresh, build_);
+    run(master);
+    ASSERT_EQ(fresh.steps.size(), 100u);
+    for (int i = 0; i < 100; ++i) EXPECT_EQ(fresh.steps[static_cast<std::size_t>(i)].host, host(i)) << i;
+  }
+}
+
 TEST_F(ClockedRun, ASourceWithoutAnyPacketIsWaitedForUntilTheTimeOut) {
   clock().kind = ClockKind::kArrivals;
   run();
@@ -375,6 +391,38 @@ TEST_F(ClockedRun, ALockedClockFollowsABusThatOnlyAnswersTheFramesOfSteps) {
     const std::int64_t phase = bus(fresh.begin + fresh.steps.back().host) % kMs;
     EXPECT_NEAR(static_cast<double>(wrap(phase - 30 * kUs, kMs)), 0, 20) << rate;
   }
+}
+
+TEST_F(ClockedRun, ASourceThatOnlyAnswersNeitherBeginsTicksNorIsWaitedFor) {
+  world_.source.answers_only_ = true;
+  clock().kind = ClockKind::kArrivals;
+  const std::string arrivals = error_of([&] { load(); });
+  EXPECT_THAT(arrivals, HasSubstr("test.ssd:5: 'io' only gets answers to what its steps send"));
+  EXPECT_THAT(arrivals, HasSubstr("(kind=arrivals), expected kind=locked"));
+  clock().kind = ClockKind::kLocked;
+  clock().silence = SilencePolicy::kWait;
+  EXPECT_THAT(error_of([&] { load(); }), HasSubstr("(silence=wait), expected silence=wall or stop"));
+  clock().silence = SilencePolicy::kWall;
+  EXPECT_EQ(error_of([&] { load(); }), "");
+}
+
+TEST_F(ClockedRun, UnitsAreEndedOnceTheRunIsOverAlsoAfterAnError) {
+  clock().kind = ClockKind::kFree;
+  run();
+  EXPECT_EQ(world_.ended, 1);
+  World fresh;
+  Master failed = load(fresh, build_);
+  failed.initialise();
+  fresh.answer = [] { throw Error("a step that fails"); };
+  EXPECT_THAT(error_of([&] {
+                while (failed.step_tick()) {
+                }
+              }),
+              HasSubstr("a step that fails"));
+  EXPECT_EQ(fresh.ended, 0);
+  failed.finish();
+  failed.finish();
+  EXPECT_EQ(fresh.ended, 1);
 }
 
 TEST_F(ClockedRun, ALockedClockThatMovesATickIntoThePastIsNoOverrun) {

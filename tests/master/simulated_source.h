@@ -56,6 +56,7 @@ class SimulatedSource final : public TickSource {
     return std::nullopt;
   }
   std::int64_t period() const override { return period_; }
+  bool answers_only() const override { return answers_only_; }
 
   /// Packets in the order in which they come.
   void send(std::int64_t host, std::int64_t source) {
@@ -64,6 +65,7 @@ class SimulatedSource final : public TickSource {
   }
 
   std::int64_t period_ = 0;
+  bool answers_only_ = false;
   int waits_ = 0;
 
  private:
