@@ -59,8 +59,11 @@ Io::Io(std::vector<trajectory::Axis> joints, Settings& settings)
 void Io::declare(Variables& v) {
   JointVariables joints(v, measures_);
   if (link_->is_robot()) return link_->declare(v, joints);
-  joints.input("q_command", command_.q, "rad", "commanded joint position");
-  joints.input("tau_command", command_.tau, "N.m", "commanded joint torque");
+  const Link::Needs needs = link_->needs();
+  Variables::Declared q_command = joints.input("q_command", command_.q, "rad", "commanded joint position");
+  if (needs.q) q_command.required();
+  Variables::Declared tau_command = joints.input("tau_command", command_.tau, "N.m", "commanded joint torque");
+  if (needs.tau) tau_command.required();
   joints.output("q", measured_.q, "rad", "measured joint position");
   joints.output("dq", measured_.dq, "rad/s", "measured joint velocity").derivative_of("q");
   joints.output("ddq", measured_.ddq, "rad/s2", "joint acceleration, derived from measurements").derivative_of("dq");
@@ -72,13 +75,23 @@ void Io::declare(Variables& v) {
   v.output("has_tau_e", measured_.has_tau_e, "whether the robot reports external joint torques");
   v.output("warning", measured_.warning, "warnings for the summary of the run; empty: none");
   link_->declare(v, joints);
+  v.output("t_measured", measured_.t, "s",
+           "time of the last measurement, by the robot's clock from one to the next; connect it to the tuner's")
+      .discrete();
 }
 
 void Io::initialise(Time start) {
   measured_.warning.clear();
+  measured_.t = start.seconds();
   link_->initialise(start, measured_);
 }
 
-StepResult Io::step(Time now, Duration h) { return link_->step(now, h, command_, measured_); }
+StepResult Io::step(Time now, Duration h) {
+  measured_.elapsed = 0;
+  const StepResult result = link_->step(now, h, command_, measured_);
+  if (measured_.fresh || measured_.between)
+    measured_.t = measured_.elapsed > 0 ? measured_.t + measured_.elapsed : (now + h).seconds();
+  return result;
+}
 
 }  // namespace cotwin::io

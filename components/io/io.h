@@ -10,7 +10,8 @@ namespace cotwin::io {
 
 /// The interface between the twin and its robot. The ports (Measured and Command) are the same for a robot, an emulated robot
 /// and a recording. Links: `recording` (recording_link.h), `sensors` of an emulated robot (sensor_link.h), `fri` of a KUKA robot
-/// (fri_link.h), and the robot's side of FRI, `fri_controller` (fri_controller_link.h), whose ports are the other way round.
+/// (fri_link.h), `rtde` of a Universal Robots arm (rtde_link.h), and the robot's sides of both, `fri_controller` (fri_controller_link.h) and
+/// `rtde_controller` (rtde_controller_link.h), whose ports are the other way round.
 class Io final : public Unit {
  public:
   /// Declares the settings of the unit.
@@ -23,6 +24,7 @@ class Io final : public Unit {
   bool restorable() const override { return link_->restorable(); }
   TickSource* tick_source() override { return link_->tick_source(); }
   void tell(std::vector<std::string>& sentences) const override { link_->tell(sentences); }
+  void end() noexcept override { link_->end(); }
 
  private:
   Io(std::vector<trajectory::Axis> joints, Settings& settings);

@@ -1,12 +1,16 @@
 #pragma once
 #include <cstddef>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "components/unit/joint_variables.h"
 #include "components/unit/unit.h"
 
 namespace cotwin::io {
+
+/// rad/s (prismatic: m/s), largest default limit of commanded positions.
+inline constexpr double kSafeSpeed = 0.5;
 
 /// Measurements of a robot's n joints, in SI and in the order and with the signs of the URDF.
 struct Measured {
@@ -16,9 +20,19 @@ struct Measured {
   std::vector<double> tau;         // N.m, measured by sensors or motors; 0 if has_tau is false
   std::vector<double> tau_e;       // N.m, exerted by the environment; 0 if has_tau_e is false
   bool has_tau = false, has_tau_e = false;
-  bool fresh = false;   // measured within the last step
-  bool done = false;    // no further measurements
-  std::string warning;  // after initialise(): warnings for the user; empty: none
+  bool fresh = false;    // measured within the last step
+  double elapsed = 0;    // s, by the robot's clock, from the last measurement of an earlier step to this one; 0: not known
+  double t = 0;          // s, time of the last measurement; kept by the unit
+  bool between = false;  // the values are those of each instant, interpolated between measurements
+  bool done = false;     // no further measurements
+  std::string warning;   // after initialise(): warnings for the user; empty: none
+
+  /// Adds a sentence to the warnings, once. Allocates nothing within what initialise() has reserved.
+  void warn(std::string_view sentence) {
+    if (warning.find(sentence) != std::string::npos) return;
+    if (!warning.empty()) warning += "; ";
+    warning += sentence;
+  }
 };
 
 /// Commands to a robot.
@@ -47,8 +61,15 @@ class Link {
   /// Whether the link is the robot's side of a connection: it declares all ports itself, measurements as inputs and commands as
   /// outputs.
   virtual bool is_robot() const { return false; }
+  /// Commands without which the link must not drive the robot, as its parameters are at present (Variable::required).
+  struct Needs {
+    bool q = false, tau = false;
+  };
+  virtual Needs needs() const { return {}; }
   /// Appends sentences on the run so far (Unit::tell).
   virtual void tell(std::vector<std::string>&) const {}
+  /// Brings what is behind the link to its safe state (Unit::end).
+  virtual void end() noexcept {}
 };
 
 }  // namespace cotwin::io

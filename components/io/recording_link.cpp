@@ -95,6 +95,8 @@ void RecordingLink::load(const Source& source) {
     return cutoff > 0 && series.size() > 0 ? trajectory::smooth(series, cutoff, source.filter_order) : std::move(series);
   };
   instants_ = recording.q.t;
+  constexpr double kIrregular = 1.5;
+  gap_ = kIrregular * (instants_.size() < 2 ? 0 : trajectory::median_step(instants_));
   q_ = trajectory::interpolate(smoothed(recording.q, source.q_cutoff));
   dq_ = {};
   if (source.velocity_columns) {
@@ -154,7 +156,8 @@ StepResult RecordingLink::step(Time now, Duration h, const Command&, Measured& m
   return StepResult::kDone;
 }
 
-// Sets all measurements at the scenario's time `to`; fresh if there is a sample after `from`.
+// Sets all measurements at the scenario's time `to`; fresh if there is a sample after `from`. Between samples on both sides of a gap
+// the values are of no use to one who learns from them.
 void RecordingLink::measure(double from, double to, Measured& measured) {
   const double t = std::min(start_ + to, last_);
   q_.at(t, measured.q, measured.dq, measured.ddq);
@@ -169,6 +172,10 @@ void RecordingLink::measure(double from, double to, Measured& measured) {
     return std::upper_bound(instants_.begin(), instants_.end(), std::min(start_ + instant, last_)) - instants_.begin();
   };
   measured.fresh = until(to) > until(from);
+  const auto next = std::lower_bound(instants_.begin(), instants_.end(), start_ + to);
+  const bool at_sample = next != instants_.end() && *next == start_ + to;
+  measured.between = start_ + to <= last_ && next != instants_.end() &&
+                     (at_sample || (next != instants_.begin() && *next - *(next - 1) < gap_));
   measured.done = start_ + to >= last_;
 }
 

@@ -66,6 +66,7 @@ class RecordingLink final : public Link {
   trajectory::Path q_, dq_;         // dq_ with derivative = columns
   trajectory::Series tau_, tau_e_;  // empty if not recorded
   std::vector<double> instants_;    // of the samples
+  double gap_ = 0;                  // s, shortest interval of samples that is a gap
   double last_ = 0;                 // s, time in the recording at which playback ends
   std::string time_warning_;        // warnings about its time stamps
   std::string ended_;               // the warning for the end of the recording

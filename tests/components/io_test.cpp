@@ -151,6 +151,22 @@ TEST(Io, FreshTellsWhetherASampleCameWithinTheStep) {
   EXPECT_TRUE(at_sample.boolean("fresh"));
 }
 
+// Samples each 10 ms to 0.2 s, none between 0.1 and 0.14 s.
+TEST(Io, ARecordingsTimeOfMeasurementGoesOnBetweenSamplesButNotInGapsNorAfterItsEnd) {
+  std::string text = "t,q1\n";
+  for (int i = 0; i <= 20; ++i) {
+    if (i <= 10 || i >= 14) text += std::to_string(i * 0.01) + "," + std::to_string(std::sin(i * 0.1)) + "\n";
+  }
+  const TemporaryFile file(text);
+  Subject s("joints=1", {{"file", file.path()}});
+  s.initialise();
+  for (int k = 1; k <= 300; ++k) {
+    s.to(k * 0.001);
+    const int expected = k > 200 ? 200 : k > 100 && k < 140 ? 100 : k;
+    EXPECT_NEAR(s.real("t_measured", 0), expected * 0.001, 1e-12) << k;
+  }
+}
+
 TEST(Io, AfterItsEndTheJointsRestWhereTheyAre) {
   const TemporaryFile file(recording(true));
   Subject s("joints=2", {{"file", file.path()}, {"start", "1"}, {"end", "2.25"}});
