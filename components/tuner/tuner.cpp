@@ -21,6 +21,13 @@ constexpr const char* kNotFinite = "samples with values that are not finite were
 constexpr std::size_t kMaxLength = 400;  // characters of a text that a step writes
 constexpr std::int32_t kMaxDecimation = 1000000, kMaxRounds = 1000000, kMinParticles = 8, kMaxParticles = 100000;
 constexpr double kMinInterval = 1e-3, kMaxInterval = 1e9;  // s
+constexpr double kCalm = 1e6;                              // s, longest time that is counted
+constexpr double kLatest = 9.2e9;                          // s, what 64 bits of nanoseconds hold
+constexpr double kSlowest = 0.1;                           // s, longest interval of measurements that is not a gap for itself
+constexpr double kPatience = 5;                            // s, time without usable measurements after `settle`
+constexpr const char* kFruitless =
+    "measurements came for longer than settle + 5 s, but so irregularly or seldom that none became a sample (outputs samples, "
+    "measurements; parameters bridge, settle)";
 
 /// Copies the first kMaxLength characters. Allocates nothing.
 void write(std::string& to, std::string_view text) { to.assign(text.substr(0, kMaxLength)); }
@@ -33,6 +40,9 @@ bool all_finite(std::span<const double> v) {
 void increment(std::int32_t& counter) {
   if (counter < std::numeric_limits<std::int32_t>::max()) ++counter;
 }
+
+/// Whole nanoseconds: sums and differences of times in seconds are compared in these.
+double to_ns(double seconds) { return std::round(seconds * 1e9); }
 
 void expect_within(const char* place, double value, double least, double greatest) {
   if (value >= least && value <= greatest) return;
@@ -151,6 +161,18 @@ void Tuner::declare(Variables& v) {
   v.state("tools", tools_, "1", "the same of the tools in force");
   v.state("restarted", restarted_, "1", "restart at the last step");
   v.state("outdated", outdated_, "whether the running estimation is of samples that were dropped");
+  v.input("t_measured", t_measured_, "s",
+          "time at which q, dq and tau were measured, by any clock: unchanged means held; without a connection: measured in "
+          "each step");
+  v.parameter("bridge", bridge_, "s",
+              "longest time without measurements that the filter crosses in a straight line; at least 2.5 times their interval")
+      .range(0, 1);
+  v.state("measured", measured_, "s", "t_measured of the last measurement");
+  v.state("heard", heard_, "s", "end of the step that got it");
+  v.state("cadence", cadence_, "s", "time between the last two");
+  v.state("calm", calm_, "s", "time since a measurement that came later than usual");
+  v.state("fruitless", fruitless_, "s", "time of measurements since the last one that was usable as a sample");
+  v.output("measurements", measurements_, "measurements that came while enabled");
 }
 
 /// Makes whatever depends on parameters, where they have changed.
@@ -184,7 +206,12 @@ void Tuner::initialise(Time start) {
   restarted_ = restart_;
   outdated_ = false;
   free_passive_joints();
-  gap_ = !(all_finite(q_) && all_finite(dq_) && all_finite(tau_));
+  measured_ = std::isfinite(t_measured_) ? t_measured_ : 0;
+  heard_ = start.seconds();
+  cadence_ = fruitless_ = 0;
+  measurements_ = 0;
+  calm_ = kCalm;
+  gap_ = is_told() || !(all_finite(q_) && all_finite(dq_) && all_finite(tau_));
   std::ranges::fill(filter_.state(), 0.0);
   if (!gap_) filter_.reset(q_, dq_, tau_);
   robot_ = prior_;
@@ -264,16 +291,45 @@ void Tuner::write_bodies() {
   }
 }
 
-/// Filters the inputs and takes a sample if it is time for one. Returns false for inputs that are not finite.
-bool Tuner::gather(double h) {
+/// Whether a source says when it has measured.
+bool Tuner::is_told() const { return t_measured_ != kEachStep; }
+
+/// The longest interval of measurements that is not a gap, ns. Steps of h seconds see those of a regular source up to 2 h apart.
+double Tuner::longest_wait(double h) const {
+  constexpr double kOneLost = 2.5;
+  return to_ns(std::max({bridge_, kOneLost * std::min(cadence_, kSlowest), 2 * h}));
+}
+
+/// Filters new measurements and takes a sample if it is time for one. Returns false for inputs that are not finite.
+bool Tuner::gather(Time end, double h) {
   free_passive_joints();
   if (follow_tools()) gathering_ = 0;  // the filter still has the torque before the change
-  bool usable = all_finite(q_) && all_finite(dq_) && all_finite(tau_);
+  if (is_told() && t_measured_ == measured_) return true;
+  if (enabled_) increment(measurements_);
+  bool usable = std::isfinite(t_measured_) && all_finite(q_) && all_finite(dq_) && all_finite(tau_);
+  double interval = h;  // s, since the last measurement
+  bool regular = true;
+  if (is_told() && std::isfinite(t_measured_)) {
+    const double since = t_measured_ - std::exchange(measured_, t_measured_);
+    interval = std::clamp(since, 0.0, kLatest);
+    const double silent = end.seconds() - heard_;
+    if (since <= 0 || to_ns(since) > longest_wait(h) || to_ns(silent) > longest_wait(h) + to_ns(2 * h)) {
+      gap_ = true;
+      gathering_ = 0;
+    }
+    // A source that measures less often than the tuner steps is regular; one with losses gives speeds that are means over the gap.
+    constexpr double kIrregular = 1.5;
+    regular = !gap_ && (to_ns(interval) <= to_ns(kIrregular * cadence_) || to_ns(interval) < to_ns(2 * h));
+    cadence_ = interval;
+    if (gap_) interval = h;
+  }
+  calm_ = regular ? std::min(calm_ + interval, kCalm) : 0;
+  heard_ = end.seconds();
   if (usable) {
     if (std::exchange(gap_, false)) {
       filter_.reset(q_, dq_, tau_);
     } else {
-      filter_.step(h, q_, dq_, tau_);
+      filter_.step(interval, q_, dq_, tau_);
     }
     usable = all_finite(filter_.state());  // the difference of two huge numbers may be infinite
     if (!usable) std::ranges::fill(filter_.state(), 0.0);
@@ -284,8 +340,14 @@ bool Tuner::gather(double h) {
     write(warning_, kNotFinite);
     return false;
   }
-  gathering_ = enabled_ ? gathering_ + h : 0;
-  if (gathering_ <= settle_) return true;
+  gathering_ = enabled_ ? gathering_ + interval : 0;
+  constexpr double kForgotten = 2.5;  // delays of the filter, after which it has 4 % of a step before
+  if (gathering_ <= settle_ || calm_ < kForgotten * filter_.delay()) {
+    fruitless_ = enabled_ ? std::min(fruitless_ + std::min(std::max(interval, cadence_), kSlowest), kLatest) : 0;
+    if (fruitless_ > settle_ + kPatience) write(warning_, kFruitless);
+    return true;
+  }
+  fruitless_ = 0;
   if (countdown_ > 0) {
     --countdown_;
     return true;
@@ -314,7 +376,6 @@ void Tuner::save_memory(std::string& bytes) {
 
 /// Throws Error unless the values of a restored state are such as a tuner has: the state may come from anywhere.
 void Tuner::check_restored() {
-  constexpr double kLatest = 9.2e9;  // s, what 64 bits of nanoseconds hold
   if (!wait_) throw Error("wait", "false, expected true: the state of a tuner that does not wait cannot be restored");
   if (!all_finite(filter_.state())) throw Error("filter", "has numbers that are not finite");
   expect_within("decimation", decimation_, 1, kMaxDecimation);
@@ -325,6 +386,10 @@ void Tuner::check_restored() {
   expect_within("next", next_, -kLatest, kLatest);
   expect_within("estimation_start", estimation_start_, -kLatest, kLatest);
   expect_within("due", due_, -kLatest, kLatest);
+  expect_within("heard", heard_, -kLatest, kLatest);
+  expect_within("fruitless", fruitless_, 0, kLatest);
+  expect_within("cadence", cadence_, 0, kLatest);
+  expect_within("calm", calm_, 0, kCalm);
 }
 
 void Tuner::restore_memory(const std::string& bytes) {
@@ -356,8 +421,8 @@ void Tuner::restore_memory(const std::string& bytes) {
 
 // Phases of a step: a sample; adoption of the estimate that is due; start of the next estimation.
 StepResult Tuner::step(Time now, Duration h) {
-  if (!gather(h.seconds())) increment(skipped_);
   const Time end = now + h;
+  if (!gather(end, h.seconds())) increment(skipped_);
   if (estimating_ && end >= Time::from_seconds(due_)) {
     if (wait_) worker_->wait();
     if (worker_->ready()) {
@@ -366,8 +431,20 @@ StepResult Tuner::step(Time now, Duration h) {
       overdue_ = true;
     }
   }
-  if (!estimating_ && enabled_ && end >= Time::from_seconds(next_) && samples_ >= least_) start_estimation(end);
+  const bool measuring = to_ns(end.seconds() - heard_) <= longest_wait(h.seconds());
+  if (!estimating_ && enabled_ && measuring && end >= Time::from_seconds(next_) && samples_ >= least_) start_estimation(end);
   return StepResult::kDone;
+}
+
+void Tuner::tell(std::vector<std::string>& sentences) const {
+  if (samples_ > 0 || !warning_.empty()) return;
+  if (is_told() && measurements_ == 0) {
+    sentences.push_back("no measurement came (t_measured did not change while enabled), so nothing was learnt");
+  } else if (measurements_ > 0) {
+    const std::string interval = is_told() ? ", the last two " + text::to_text(cadence_, 3) + " s apart" : "";
+    sentences.push_back("no sample was taken of " + std::to_string(measurements_) + " measurements" + interval +
+                        "; expected regular ones for longer than settle, " + text::to_text(settle_, 3) + " s");
+  }
 }
 
 void Tuner::start_estimation(Time now) {

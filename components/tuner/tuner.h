@@ -22,6 +22,12 @@ class Worker;
 /// as soon as it is ready and counted in `late` (wait=false, for runs on a clock). The outputs feed the tunables `mass`,
 /// `first_moment`, `inertia` (and friction) of drive train and compliance, which follow them without a jump.
 ///
+/// A source that does not measure in every step (a robot behind a network) says in the input `t_measured` when it has: the inputs are
+/// a new measurement where it has changed since the last step, whatever the tuner's period is. Held values are not samples: the
+/// filter goes from one measurement to the next in a straight line, by the difference of `t_measured`. It begins again behind a gap,
+/// with `settle` before the next sample. A gap is longer than `bridge`, 2.5 times the interval before (of at most 0.1 s) and two
+/// steps of the tuner. After a shorter irregularity there are no samples until the filter has forgotten it.
+///
 /// A tool that is attached during the run is known or not. The tunables `tool_mass`, `tool_first_moment`, `tool_inertia` are what
 /// known tools add to the bodies: their torque is subtracted from the measured one, so that earlier samples remain valid, and
 /// they are added to the estimate. After an unknown tool, `restart` changes: the samples and a running estimation are dropped.
@@ -45,6 +51,7 @@ class Tuner final : public Unit {
   /// Throws Error for values and bytes that no tuner saved, and with wait=false.
   void restore_memory(const std::string& bytes) override;
   bool restorable() const override { return wait_; }
+  void tell(std::vector<std::string>& sentences) const override;
 
   /// The robot with the last adopted estimate, without known tools; its history names each estimate. After a restore the history starts with the
   /// last estimate before the snapshot.
@@ -53,13 +60,17 @@ class Tuner final : public Unit {
  private:
   using Values = std::vector<double>;
 
+  static constexpr double kEachStep = -1e10;  // s, before any time: the value of t_measured without a connection
+
   void free_passive_joints();
   bool follow_tools();
   void take_tools();
   void write_bodies();
   void prepare();
   void check_restored();
-  bool gather(double h);
+  bool is_told() const;
+  double longest_wait(double h) const;
+  bool gather(Time end, double h);
   void start_estimation(Time now);
   void adopt();
 
@@ -73,7 +84,9 @@ class Tuner final : public Unit {
 
   Values q_, dq_, tau_;  // inputs
   bool enabled_ = true;
-  double cutoff_ = 10, settle_ = 1, interval_ = 5, latency_ = 1, threshold_ = 0, forgetting_ = 1;  // parameters
+  double t_measured_ = kEachStep;  // s
+  double cutoff_ = 10, settle_ = 1, interval_ = 5, latency_ = 1, threshold_ = 0, forgetting_ = 1,
+         bridge_ = 0.01;  // parameters
   double prior_weight_ = identification::kPriorWeightOfShortData;
   std::int32_t decimation_ = 5, rounds_ = 200, particles_ = 64, seed_ = 1, least_ = 200;
 
@@ -96,7 +109,8 @@ class Tuner final : public Unit {
   std::int32_t samples_ = 0, tunings_ = 0, late_ = 0, skipped_ = 0, rank_ = 0;
   std::string warning_, log_;
 
-  double gathering_ = 0;                              // s, see the declaration of the states
+  double gathering_ = 0, measured_ = 0, heard_ = 0, cadence_ = 0, calm_ = 0, fruitless_ = 0;  // s, see the declared states
+  std::int32_t measurements_ = 0;
   std::int32_t countdown_ = 0;                        // steps to the next sample
   double next_ = 0, due_ = 0, estimation_start_ = 0;  // s
   bool estimating_ = false, overdue_ = false;
