@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <optional>
 #include <span>
 #include <vector>
@@ -37,6 +38,20 @@ class DatagramQueue : public TickSource {
   void set_source(const net::Endpoint& from, unsigned bits,
                   std::function<std::optional<Stamp>(std::span<const std::uint8_t>)> stamp);
   void set_period(std::int64_t period) { period_ = period; }
+  /// From now on datagrams of others than `sender` are counted and forgotten, so that a flood of them displaces none of the
+  /// sender's. An address or a port of 0 stands for any. After `silence` ns without a datagram that has a number others are let
+  /// through, and old numbers that come twice, or one after the other, are those of a sender that has begun anew.
+  void keep_only(const net::Endpoint& sender, std::int64_t silence = std::numeric_limits<std::int64_t>::max()) {
+    sender_ = sender;
+    silence_ = silence;
+  }
+  /// The next newer number is one period after the last one, whatever is between them.
+  void skip_numbers() { skips_ = true; }
+  /// ns, CLOCK_MONOTONIC: when the last datagram with a number came, also an old one.
+  std::int64_t heard() const { return heard_; }
+  /// Datagrams since open() of others than the sender, and of the sender that were displaced by newer ones before they were read.
+  std::uint64_t strangers() const { return strangers_; }
+  std::uint64_t displaced() const { return displaced_; }
 
   /// The next datagram that waiting() has counted. A step reads so many and no more: an answer may bring the next message at once.
   std::optional<Datagram> receive();
@@ -50,8 +65,8 @@ class DatagramQueue : public TickSource {
   std::optional<Arrival> wait(std::int64_t deadline) override;
   std::int64_t period() const override { return period_; }
 
-  /// A tick without a datagram: one period after the last one.
-  Arrival next_period();
+  /// A tick without a datagram: one period after the last one. `numbers`: that a period has.
+  Arrival next_period(std::int64_t numbers);
 
   /// Blocks until there is a datagram to receive or until `deadline` (CLOCK_MONOTONIC, ns). For initialisation.
   bool wait_for_any(std::int64_t deadline);
@@ -64,10 +79,13 @@ class DatagramQueue : public TickSource {
     std::int64_t arrival = 0;
   };
   static constexpr std::size_t kSlots = 64;
+  static constexpr int kMostTaken = 512;  // datagrams at a time; more than a socket's usual buffer has
 
-  /// Takes what has come from the socket, and notes the newest datagram of the source if it is newer than all before.
+  /// Takes what has come from the socket, and notes the newest datagram of the source if it is newer than all before. A flood
+  /// does not keep it busy without end.
   void take();
-  bool is_newer(std::uint32_t number);
+  bool is_newer(std::uint32_t number, const net::Endpoint& from, std::int64_t arrival);
+  bool begins_anew(std::uint32_t number);
   bool sleep(std::int64_t deadline) const;
 
   std::optional<net::UdpSocket> socket_;
@@ -75,12 +93,18 @@ class DatagramQueue : public TickSource {
   std::vector<Slot> slots_;
   std::size_t first_ = 0, count_ = 0;
   std::int64_t period_ = 0;
-  net::Endpoint source_;
+  std::uint64_t strangers_ = 0, displaced_ = 0;
+  net::Endpoint sender_, source_;
   unsigned bits_ = 32;
   std::function<std::optional<Stamp>(std::span<const std::uint8_t>)> stamp_;
-  bool stamped_ = false;
-  std::optional<Arrival> newest_;  // that the clock has not seen
-  std::int64_t number_ = 0;        // of the newest datagram, without wrap
+  std::int64_t silence_ = std::numeric_limits<std::int64_t>::max();
+  bool stamped_ = false, skips_ = false;
+  std::optional<Arrival> newest_;           // that the clock has not seen
+  std::int64_t position_ = 0;               // of the newest datagram, without wrap
+  std::uint32_t number_ = 0;                // its number
+  net::Endpoint from_;                      // its sender
+  std::int64_t newest_at_ = 0, heard_ = 0;  // ns, CLOCK_MONOTONIC: when it came, and the last one with a number
+  std::optional<std::uint32_t> last_old_;   // number of the last datagram if it was old and came after a silence
 };
 
 /// ns, CLOCK_MONOTONIC.

@@ -1,7 +1,6 @@
 #pragma once
 #include <array>
 #include <cstdint>
-#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -10,6 +9,7 @@
 #include "components/io/fri/controller.h"
 #include "components/io/fri_values.h"
 #include "components/io/link.h"
+#include "components/io/robot_kinematics.h"
 #include "components/unit/settings.h"
 #include "models/trajectory/axes.h"
 
@@ -35,22 +35,29 @@ class FriControllerLink final : public Link {
   void tell(std::vector<std::string>& sentences) const override;
 
  private:
-  struct Kinematics;  // of the robot, if its URDF is given
-
-  /// The answers, also as ticks. A robot whose ticks begin with answers has to send first: a message one period before the start,
-  /// and again until the client answers for the first time. While the session is closed, it does not wait.
+  /// The answers, also as ticks. A robot whose ticks begin with answers has to send first: a message one period before the start.
+  /// After 20 ms without an answer the last message is sent again, with the same counter, because it or its answer may be lost
+  /// and both sides wait for each other. While the session is closed, it does not wait.
   class Datagrams final : public DatagramQueue {
    public:
     explicit Datagrams(FriControllerLink& link) : link_(link) {}
     std::optional<Arrival> wait(std::int64_t deadline) override;
+    void set_waits(bool waits) override;
 
    private:
+    std::optional<Arrival> wait_closed(std::int64_t deadline);
+
     FriControllerLink& link_;
+    bool waits_ = false;  // ticks wait without a limit
   };
 
-  fri::ControllerSettings controller_settings() const;
+  fri::ControllerSettings controller_settings();
   std::optional<DatagramQueue::Stamp> stamp(std::span<const std::uint8_t> bytes);
-  void send_first();
+  void receive(const DatagramQueue::Datagram& datagram, std::int64_t now);
+  void send(std::span<const std::uint8_t> message);
+  void send_again();
+  void warn(const char* sentence);
+  std::string what_was_rejected() const;
   void take_measurements(std::int64_t now);
   void open_or_close(std::int64_t now);
   void request(double h);
@@ -59,10 +66,9 @@ class FriControllerLink final : public Link {
   fri::Protocol protocol_;
   std::size_t n_;
   Datagrams datagrams_{*this};
-  fri::Command seen_;                // by the clock
-  std::vector<std::uint8_t> first_;  // message
+  fri::Command seen_;  // by the clock
   std::optional<fri::Controller> controller_;
-  std::unique_ptr<Kinematics> kinematics_;
+  std::optional<RobotKinematics> kinematics_;  // if the robot's URDF is given
   // Inputs.
   std::vector<double> q_, tau_, tau_e_, q_d_;
   KrlPorts krl_;
@@ -72,6 +78,9 @@ class FriControllerLink final : public Link {
   std::int32_t port_, receive_multiplier_ = 1, window_ = 100, max_lost_ = 10;
   double period_ = 0.005, excellent_ = 0.99, good_ = 0.95, fair_ = 0.75, excellent_latency_ = 0.5, stop_time_ = 0.2;
   double safety_factor_ = 1, restart_ = 0;
+  double force_max_ = 1e9, moment_max_ = 1e9, stiffness_max_ = 5000, translational_stiffness_max_ = 5000,
+         rotational_stiffness_max_ = 300, v_command_max_ = 2, w_command_max_ = 4;
+  double start_time_ = 1.7e9, spacing_ = 0;  // s
   bool hold_ = true;
   std::vector<double> q_min_, q_max_, dq_max_, tau_command_max_;
   // Tunables.
@@ -85,11 +94,21 @@ class FriControllerLink final : public Link {
   KrlPorts krl_client_;
   IoPorts writes_;
   ControllerCounts counts_;
+  std::int32_t unsent_ = 0, unmatched_ = 0, displaced_ = 0, last_fault_ = 0;
+  double latency_median_ = 0, latency_99_ = 0, latency_max_ = 0;
+  std::string warning_;
   // Of the session.
-  std::vector<double> q_own_;
-  std::int64_t host_ = 0, at_ = 0;  // ns: of the last step on the monotonic clock and in the scenario
-  double since_drop_ = 0;           // s
-  bool opened_ = false, answered_ = false, stepped_ = false;
+  std::vector<double> q_own_, q_total_;  // rad: own motion, and with the distance that a stop has left
+  std::vector<double> tau_F_;            // N.m, of F_command
+  std::vector<std::uint8_t> rejected_;   // the last datagram of the client that was no command
+  std::int64_t sent_at_ = 0;             // ns, CLOCK_MONOTONIC
+  std::int64_t closed_at_ = 0;           // ns, CLOCK_MONOTONIC: of the last period without a session
+  std::uint64_t latencies_ = 0;          // in the outputs
+  std::int64_t host_ = 0, at_ = 0;       // ns: of the last step on the monotonic clock and in the scenario
+  std::int64_t next_at_ = 0;             // ns: of the next step in the scenario
+  double since_drop_ = 0;                // s
+  std::int64_t opened_at_ = 0;           // ns, scenario time
+  bool opened_ = false, waited_ = false;
   std::uint64_t commands_ = 0;    // of the client so far
   std::int64_t answered_at_ = 0;  // ns, scenario time of the last one
 };

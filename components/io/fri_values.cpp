@@ -46,7 +46,9 @@ void KrlPorts::read(const fri::KrlVariables& values) {
 void KrlPorts::write(fri::KrlVariables& values) const {
   values.boolean = 0;
   for (std::size_t i = 0; i < real.size(); ++i) {
-    values.real[i] = static_cast<float>(real[i]);
+    // What is not finite keeps the value before: neither side's program has to expect it.
+    if (std::abs(real[i]) <= static_cast<double>(std::numeric_limits<float>::max()))
+      values.real[i] = static_cast<float>(real[i]);
     values.integer[i] = integer[i];
     values.boolean = static_cast<std::uint16_t>(values.boolean | (boolean[i] ? 1 : 0) << i);
   }
@@ -100,8 +102,10 @@ void IoPorts::write(fri::Few<fri::Io, fri::kMaxIos>& values) const {
   values.count = 0;
   for (std::size_t i = 0; i < ios_.size(); ++i) {
     fri::Io& io = *values.add();
+    // What is not finite keeps the value before.
+    const double before = io.type == fri::Io::Type::kAnalog ? io.analog : static_cast<double>(io.digital);
+    const double value = std::isfinite(values_[i]) ? values_[i] : before;
     io = ios_[i];
-    const double value = std::isfinite(values_[i]) ? values_[i] : 0;
     io.analog = io.type == fri::Io::Type::kAnalog ? value : 0;
     io.digital = 0;
     if (io.type == fri::Io::Type::kBoolean) io.digital = value != 0 ? 1 : 0;

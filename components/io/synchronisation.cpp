@@ -1,6 +1,7 @@
 #include "components/io/synchronisation.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "models/numerics/jury.h"
 
@@ -16,10 +17,13 @@ void Synchronisation::start(std::span<const double> q) {
 }
 
 void Synchronisation::measure(std::span<const double> q_v, std::span<const double> q_r, const Gains& gains, double elapsed) {
+  if (measured_ && elapsed <= 0) return;
   for (std::size_t i = 0; i < e_.size(); ++i) {
     const double e = q_v[i] - q_r[i];
-    const double de = measured_ && elapsed > 0 ? (e - e_[i]) / elapsed : 0;
-    correction_[i] = gains.K_P[i] * e + gains.K_D[i] * de;
+    const double de = measured_ ? (e - e_[i]) / elapsed : 0;
+    const double correction = gains.K_P[i] * e + gains.K_D[i] * de;
+    if (!std::isfinite(e) || !std::isfinite(correction)) continue;
+    correction_[i] = correction;
     e_[i] = e;
   }
   measured_ = true;
@@ -29,7 +33,8 @@ std::span<const double> Synchronisation::command(std::span<const double> q_v, co
   for (std::size_t i = 0; i < q_.size(); ++i) {
     const double q = q_v[i] + correction_[i];
     const double most = gains.dq_max[i] * h;
-    q_[i] = gains.dq_max[i] > 0 ? std::clamp(q, q_[i] - most, q_[i] + most) : q;
+    if (!std::isfinite(q) || !(most >= 0)) continue;
+    q_[i] = std::clamp(q, q_[i] - most, q_[i] + most);
   }
   return q_;
 }

@@ -9,22 +9,24 @@ namespace cotwin::io {
 /// robot in cycle k, of h seconds:
 ///   q_cmd(k) = q_v(k) + K_P e(k−1) + K_D (e(k−1) − e(k−2))/h
 /// For cycles without a measurement (lost packets) the correction is held, and the difference is taken over the time between the
-/// two last measurements. A command differs from the one before by at most dq_max h: a twin that is elsewhere when commanding
-/// begins, or a correction after a loss, is approached at that speed.
+/// two last measurements. A command differs from the one before by at most dq_max h, with h from that one on: a twin that is
+/// elsewhere when commanding begins, or a correction after a loss, is approached at that speed. Values that are not finite change
+/// nothing: the command or the correction before is kept.
 class Synchronisation {
  public:
   /// Per joint.
   struct Gains {
     std::span<const double> K_P;     // 1
     std::span<const double> K_D;     // s
-    std::span<const double> dq_max;  // rad/s; 0: not limited
+    std::span<const double> dq_max;  // rad/s; ∞: not limited
   };
 
   explicit Synchronisation(std::size_t joints);
 
   /// Begins at the command that the robot has at present.
   void start(std::span<const double> q);
-  /// A measurement: e, `elapsed` seconds after the last one. Takes effect in the next command.
+  /// A measurement: e, `elapsed` seconds after the last one. Takes effect in the next command. One that is
+  /// not younger than the last one changes nothing.
   void measure(std::span<const double> q_v, std::span<const double> q_r, const Gains& gains, double elapsed);
   /// The command of a cycle, h seconds after the last one.
   std::span<const double> command(std::span<const double> q_v, const Gains& gains, double h);

@@ -15,6 +15,7 @@
 
 #include "components/io/datagram_queue.h"
 #include "components/unit/unit_table.h"
+#include "tests/components/io_ports.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 #include "tests/support/lossy_line.h"
@@ -24,32 +25,6 @@ namespace cotwin::io {
 namespace {
 
 namespace fs = std::filesystem;
-
-constexpr std::int64_t kPatience = 20'000'000'000;  // ns
-
-Instance make(const std::string& query) {
-  return make_unit("unit:io?" + query, {}, {fs::path(places::source()) / "models"}, unit_types());
-}
-
-/// Ports of a unit by name.
-struct Ports {
-  Instance instance;
-
-  explicit Ports(const std::string& query) : instance(make(query)) {}
-  void set(const std::string& name, const std::string& value) { assign_text(instance.variables.at(name), value); }
-  std::span<double> reals(const std::string& name) { return instance.variables.at(name).reals(); }
-  double real(const std::string& name, std::size_t i = 0) { return reals(name)[i]; }
-  int integer(const std::string& name, std::size_t i = 0) { return instance.variables.at(name).integers()[i]; }
-  bool boolean(const std::string& name, std::size_t i = 0) { return instance.variables.at(name).booleans()[i]; }
-  DatagramQueue& datagrams() { return *static_cast<DatagramQueue*>(instance.unit->tick_source()); }
-  /// Waits until so many datagrams have come that the next step will read.
-  bool has(std::size_t count) {
-    const std::int64_t deadline = monotonic_now() + kPatience;
-    while (datagrams().waiting() < count && monotonic_now() < deadline) std::this_thread::yield();
-    return datagrams().waiting() == count;
-  }
-  bool heard() { return instance.unit->tick_source()->wait(monotonic_now() + kPatience).has_value(); }
-};
 
 /// A client unit and a controller unit; the robot behind the latter follows its commands with the share `a` of the way in each
 /// step, from `q0`.
@@ -63,6 +38,8 @@ struct Session {
     robot.set("port", "0");
     robot.set("period", "0.002");
     robot.set("window", "20");
+    twin.set("mode", "position");
+    std::ranges::copy(robot.reals("dq_max"), twin.reals("dq_command_max").begin());  // the URDF's: faster than the default
   }
 
   void start() {
@@ -180,6 +157,7 @@ TEST_P(FriLink, MeasuresAreThoseOfTheRobotAndSpeedsItsDifferences) {
     s.period();
     ASSERT_FALSE(HasFatalFailure());
     ASSERT_TRUE(s.twin.boolean("fresh"));
+    ASSERT_NEAR(s.twin.real("t_measured"), (k + 1) * s.h.seconds(), 1e-7);
     for (std::size_t i = 0; i < 7; ++i) {
       ASSERT_NEAR(s.twin.real("q", i), q[i], rounding());
       ASSERT_NEAR(s.twin.real("tau", i), 10 + static_cast<double>(i) - t, 1e6 * rounding() / 1e5 + 1e-12);
@@ -208,13 +186,14 @@ TEST_P(FriLink, HoldsWhenTheRobotIsSilentAndRecoversWithoutAStep) {
   ASSERT_NEAR(s.twin.real("tau_e", 2), 3, 1e-6);
   // Silence for 0.1 s: nothing changes before, and the connection is lost within timeout and one step.
   int until_lost = 0;
-  const double q = s.twin.real("q", 3);
+  const double q = s.twin.real("q", 3), measured = s.twin.real("t_measured");
   while (s.twin.boolean("connected")) {
     s.period(true, false);
     ASSERT_FALSE(HasFatalFailure());
     ASSERT_LT(++until_lost, 100);
     ASSERT_EQ(s.twin.real("q", 3), q);
     ASSERT_FALSE(s.twin.boolean("fresh"));
+    ASSERT_EQ(s.twin.real("t_measured"), measured);
   }
   EXPECT_NEAR(until_lost * s.h.seconds(), 0.1, 2 * s.h.seconds());
   EXPECT_EQ(s.twin.real("tau_e", 2), 0) << "no torque of a robot that is not there may move the twin";
@@ -426,6 +405,8 @@ TEST_P(FriLink, CountsWhatALossyNetworkHasDone) {
   EXPECT_EQ(s.twin.integer("duplicates"), s.down.counts().duplicates);
   EXPECT_EQ(s.twin.integer("reordered"), s.down.counts().overtaken);
   EXPECT_EQ(s.twin.integer("received"), s.down.counts().delivered - s.down.counts().duplicates);
+  const int sent = s.twin.integer("received") + s.twin.integer("lost");
+  EXPECT_NEAR(s.twin.real("t_measured"), sent * s.h.seconds(), 1e-6) << "whatever was lost or came together";
   EXPECT_GT(s.up.counts().lost, 50);
   EXPECT_EQ(s.robot.integer("lost"), s.up.counts().lost);
   EXPECT_EQ(s.robot.integer("duplicates"), s.up.counts().duplicates);
@@ -452,8 +433,8 @@ TEST_P(FriLink, IgnoresAndCountsDatagramsOfOthersAndDamagedOnes) {
     stranger.send(noise, s.to_robot);
     s.twin_side.send(std::span(noise).first(static_cast<std::size_t>(k)), s.to_twin);
     s.robot_side.send(std::span(noise).first(static_cast<std::size_t>(k)), s.to_robot);
-    ASSERT_TRUE(s.twin.has(2));
-    ASSERT_TRUE(s.robot.has(3)) << "and the last answer";
+    ASSERT_TRUE(s.twin.has(1)) << "those of strangers are not kept";
+    ASSERT_TRUE(s.robot.has(2)) << "and the last answer";
     s.period();
     ASSERT_FALSE(HasFatalFailure());
   }

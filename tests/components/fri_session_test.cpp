@@ -1,4 +1,5 @@
 // Both sides of FRI against each other in simulated time, through a network that loses, delays, doubles and reorders datagrams.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <array>
@@ -46,6 +47,13 @@ std::string name_of(const ::testing::TestParamInfo<Protocol>& information) {
   std::string name = to_text(information.param);
   for (char& c : name) c = c == '-' || c == '.' ? '_' : c;
   return name;
+}
+
+/// A controller whose messages have measured positions, without which a client does not use them.
+Controller make_controller(const ControllerSettings& settings) {
+  Controller controller(settings, "controller");
+  controller.robot().fields |= M::kMeasuredPosition;
+  return controller;
 }
 
 class FriSession : public ::testing::TestWithParam<Protocol> {};
@@ -271,7 +279,7 @@ TEST_P(FriSession, RatesLateAnswersAsLate) {
 // The caller reads the socket late, but the datagram had arrived in time.
 TEST(FriController, RatesByTheTimeOfArrivalNotOfReading) {
   const Protocol p = Protocol::kSunrise1_15;
-  Controller controller(controller_settings(p), "controller");
+  Controller controller = make_controller(controller_settings(p));
   Client client(client_settings(p), "client");
   controller.open(0);
   for (std::int64_t k = 0; k < 300; k += 2) {
@@ -366,6 +374,74 @@ TEST_P(FriSession, IgnoresValuesThatAreNotFinite) {
   EXPECT_EQ(x.controller.state(), SessionState::kCommandingActive);
 }
 
+// Beside positions: variables of the program, I/O values, transformations, poses.
+TEST_P(FriSession, RefusesACommandAsAWholeIfAnyOfItsValuesIsNotFinite) {
+  const Protocol p = GetParam();
+  const double bad[] = {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()};
+  const bool lwr = p == Protocol::kLwr, two = p >= Protocol::kSunrise2_5;
+  const std::function<void(Command&, double)> spoil[] = {
+      [&](Command& c, double x) { lwr ? void(c.krl.real[15] = static_cast<float>(x)) : void(c.q[6] = x); },
+      [&](Command& c, double x) { lwr || p == Protocol::kSunrise1_11 ? void(c.q[0] = x) : void(c.ios.add()->analog = x); },
+      [&](Command& c, double x) { lwr ? void(c.q[0] = x) : void(c.transformations.add()->pose.p[1] = x); },
+      [&](Command& c, double x) { lwr ? void(c.q[0] = x) : void(c.transformations.add()->pose.p[1] = x); },
+      [&](Command& c, double x) {
+        if (!lwr && !two) return void(c.tau[6] = x);
+        c.fields |= C::kPose;
+        c.X.p[2] = x;
+      },
+      [&](Command& c, double x) {
+        c.fields |= C::kWrench;
+        c.F[5] = x;
+      },
+  };
+  for (const auto& each : spoil) {
+    for (const double value : bad) {
+      Controller controller(controller_settings(p), "");
+      controller.open(0);
+      controller.cycle(0);
+      Command command;
+      command.joints = 7;
+      command.fields = C::kPosition | C::kTorque;
+      command.counter = 1;
+      command.reflected = 1;
+      Command spoilt = command;
+      each(spoilt, value);
+      for (Io& io : spoilt.ios.values) io.type = Io::Type::kAnalog;
+      const auto index = &each - spoil;
+      EXPECT_NE(controller.receive(testing::encoded(p, spoilt), {1, 1}, kMs / 2), Fault::kNone) << index;
+      EXPECT_EQ(controller.statistics().faults.total(), 1u) << index;
+      EXPECT_EQ(controller.statistics().commands.received(), 0u) << index << ": it counts as lost";
+      EXPECT_EQ(controller.statistics().in_time, 0u) << index;
+      EXPECT_EQ(controller.receive(testing::encoded(p, command), {1, 1}, kMs / 2), Fault::kNone);
+    }
+  }
+}
+
+TEST_P(FriSession, LetsNobodyTakeOverWhileTheRobotFollowsAClient) {
+  const Protocol p = GetParam();
+  ControllerSettings settings = controller_settings(p, 20 * kMs);
+  settings.max_lost = 255;  // 5.1 s
+  settings.rating.fair = 0;
+  Exchange x(settings, client_settings(p));
+  x.run_seconds(2.2);
+  x.controller.request(true);
+  x.run_seconds(0.3);
+  ASSERT_EQ(x.controller.state(), SessionState::kCommandingActive);
+  x.to_controller.loss = 1;
+  x.run_seconds(1.5);
+  ASSERT_EQ(x.controller.state(), SessionState::kCommandingActive);
+  Command other;
+  other.joints = 7;
+  other.fields = C::kPosition;
+  other.reflected = x.controller.robot().counter;
+  const net::Endpoint stranger{0x0a000001, 30200};
+  EXPECT_EQ(x.controller.receive(testing::encoded(p, other), stranger, x.now), Fault::kStranger);
+  x.run_seconds(5);
+  EXPECT_TRUE(is_monitoring(x.controller.state()));
+  other.reflected = x.controller.robot().counter;
+  EXPECT_EQ(x.controller.receive(testing::encoded(p, other), stranger, x.now), Fault::kNone);
+}
+
 TEST_P(FriSession, IgnoresAndCountsStrangersAndGarbage) {
   const Protocol p = GetParam();
   Exchange x(controller_settings(p), client_settings(p));
@@ -402,7 +478,7 @@ TEST_P(FriSession, GoesOnWhenTheCountersWrap) {
   const Protocol p = GetParam();
   if (p != Protocol::kLwr && p != Protocol::kSunrise2_7) return;  // the others have the same counters
   ControllerSettings settings = controller_settings(p);
-  Controller controller(settings, "");
+  Controller controller = make_controller(settings);
   Client client(client_settings(p), "");
   controller.open(0);
   for (std::int64_t k = 0; k < 70'000; ++k) {
@@ -568,7 +644,7 @@ TEST_P(FriSession, GoesOnWithAClientThatWasStartedAnew) {
     EXPECT_EQ(x.controller.quality(), Quality::kExcellent) << seconds;
   }
   // And the client with a controller that was started anew.
-  x.controller = Controller(controller_settings(p), "again");
+  x.controller = make_controller(controller_settings(p));
   x.controller.open(x.now);
   x.run_seconds(0.2);
   EXPECT_EQ(x.controller.quality(), Quality::kExcellent);
@@ -594,7 +670,7 @@ TEST_P(FriSession, LimitsTheSpeedOfTheClientsCommands) {
 
 TEST_P(FriSession, AllocatesNothing) {
   const Protocol p = GetParam();
-  Controller controller(controller_settings(p), "");
+  Controller controller = make_controller(controller_settings(p));
   Client client(client_settings(p), "");
   Command wanted;
   wanted.fields = C::kPosition;
@@ -629,6 +705,19 @@ TEST(FriController, SaysWhichSettingIsWrong) {
   s = controller_settings(Protocol::kLwr);
   s.receive_multiplier = 2;
   EXPECT_EQ(error(), "io: receive_multiplier is 2, expected 1 to 1");
+  s = controller_settings(Protocol::kLwr);
+  s.rating.good = 0.7;
+  EXPECT_EQ(error(), "io: rating.fair is 0.75, expected 0 to 0.7");
+  s.rating.good = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(error(), "io: rating.good is nan, expected 0 to 0.99");
+  s = controller_settings(Protocol::kSunrise1_16);
+  s.command_mode = ClientCommandMode::kCartesianPose;
+  EXPECT_EQ(error(),
+            "io: the client has to command poses with protocol sunrise-1.16, expected sunrise-2.5 or -2.7: messages of older "
+            "versions have no poses");
+  s = controller_settings(Protocol::kLwr);
+  s.torque_limit[2] = -1;
+  EXPECT_THAT(error(), ::testing::HasSubstr("torque_limit is -1, expected 0 to"));
   ClientSettings c = client_settings(Protocol::kLwr);
   c.joints = 6;
   EXPECT_EQ(testing::error_of([&] { Client(c, "io"); }), "io: protocol lwr with 6 joints, expected 7");

@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <deque>
+#include <limits>
 #include <random>
 #include <vector>
 
@@ -59,7 +60,7 @@ struct Pair {
   double a = 1, q_r = 0;
   std::deque<double> commands;
   Synchronisation synchronisation{1};
-  std::array<double, 1> K_P{}, K_D{}, dq_max{};
+  std::array<double, 1> K_P{}, K_D{}, dq_max{std::numeric_limits<double>::infinity()};
   double h = 0.002;
 
   Synchronisation::Gains gains() const { return {K_P, K_D, dq_max}; }
@@ -78,6 +79,19 @@ struct Pair {
     return q_cmd;
   }
 };
+
+TEST(Synchronisation, ALateMeasurementChangesNothing) {
+  const std::array K_P{0.5}, K_D{0.1}, dq_max{1e9};
+  const Synchronisation::Gains gains{K_P, K_D, dq_max};
+  Synchronisation s(1);
+  s.start(std::array{0.0});
+  s.measure(std::array{1.0}, std::array{0.9}, gains, 0.01);
+  s.measure(std::array{1.0}, std::array{0.8}, gains, 0.01);
+  const double correction = 0.5 * 0.2 + 0.1 * (0.2 - 0.1) / 0.01;
+  EXPECT_NEAR(s.correction()[0], correction, 1e-12);
+  s.measure(std::array{1.0}, std::array{0.95}, gains, 0);
+  EXPECT_NEAR(s.correction()[0], correction, 1e-12);
+}
 
 TEST(Synchronisation, StabilityRegionIsThatOfTheSimulatedLoop) {
   std::mt19937_64 random(2);
@@ -136,6 +150,25 @@ TEST(Synchronisation, DividesTheLagInASteadyMotionByOnePlusTheGain) {
   }
 }
 
+TEST(Synchronisation, KeepsItsSpeedLimitThroughValuesThatAreNotFinite) {
+  const double nan = std::nan(""), infinity = std::numeric_limits<double>::infinity();
+  for (const double bad : {nan, infinity, -infinity}) {
+    Pair pair(1.0);
+    pair.K_P[0] = 0.5;
+    pair.dq_max[0] = 0.25;
+    pair.start(0);
+    double before = 0;
+    for (int k = 0; k < 40; ++k) {
+      const double q_cmd = pair.cycle(k % 8 == 3 ? bad : 0.5);
+      ASSERT_TRUE(std::isfinite(q_cmd));
+      ASSERT_LE(std::abs(q_cmd - before), 0.25 * pair.h * (1 + 1e-12)) << k;
+      before = q_cmd;
+    }
+    pair.synchronisation.measure(std::array{0.5}, std::array{nan}, pair.gains(), pair.h);
+    EXPECT_NEAR(pair.cycle(0.5), before + 0.25 * pair.h, 1e-12);
+  }
+}
+
 TEST(Synchronisation, ApproachesATwinThatIsElsewhereAtTheSpeedLimit) {
   Pair pair(1.0);
   pair.K_P[0] = 0.5;
@@ -158,6 +191,7 @@ struct Disturbed {
   double loss = 0;
   int burst = 1;
   bool jitter = false;
+  std::size_t delay = 0;  // cycles of the commands
 };
 
 class SynchronisationOverALossyLink : public ::testing::TestWithParam<Disturbed> {};
@@ -169,7 +203,7 @@ TEST_P(SynchronisationOverALossyLink, StaysNearTheTwinWithoutAJump) {
   for (const double K_P : {0.0, 1.0}) {
     std::mt19937_64 random(3);
     std::uniform_real_distribution<> unit(0, 1);
-    Pair pair(0.2);
+    Pair pair(0.2, link.delay);
     pair.K_P[0] = K_P;
     pair.K_D[0] = 0.2 * pair.h * K_P;
     pair.dq_max[0] = kMax;
@@ -200,17 +234,20 @@ TEST_P(SynchronisationOverALossyLink, StaysNearTheTwinWithoutAJump) {
         robot_command += robot_speed * pair.h;
       }
       sent = q_cmd;
-      pair.q_r += pair.a * (robot_command - pair.q_r);
+      pair.commands.push_back(robot_command);
+      pair.commands.pop_front();
+      pair.q_r += pair.a * (pair.commands.front() - pair.q_r);
       if (k > 500) {
         worst = std::max(worst, std::abs(q_v - pair.q_r));
         sum += (q_v - pair.q_r) * (q_v - pair.q_r);
       }
     }
     const double rms = std::sqrt(sum / kCycles);
-    const double lag = kSpeed * pair.h / 0.2 / (1 + K_P);  // of a steady motion without losses
-    // A command that is extrapolated over a burst is wrong by at most (speed + v_max) · burst · h.
-    const double bound =
-        lag + (link.loss > 0 ? (kSpeed + kMax) * link.burst * pair.h : 0) + (link.jitter ? kSpeed * pair.h : 0);
+    const double cycles = 1 / 0.2 + static_cast<double>(link.delay);
+    const double lag = kSpeed * pair.h * cycles / (1 + K_P);  // of a steady motion without losses
+    // A command that is extrapolated over a burst is wrong by at most (speed + v_max) · burst · h, until the delay is over.
+    const double wrong = link.loss > 0 ? link.burst + static_cast<double>(link.delay) : 0;  // cycles
+    const double bound = lag + (kSpeed + kMax) * wrong * pair.h + (link.jitter ? kSpeed * pair.h : 0);
     EXPECT_LT(worst, 1.05 * bound);
     EXPECT_LT(rms, 1.1 * lag) << "worst " << worst;
     EXPECT_GT(worst, 0.5 * lag);
@@ -224,10 +261,11 @@ TEST_P(SynchronisationOverALossyLink, StaysNearTheTwinWithoutAJump) {
 INSTANTIATE_TEST_SUITE_P(Links, SynchronisationOverALossyLink,
                          ::testing::Values(Disturbed{}, Disturbed{0.05, 1, false}, Disturbed{0.2, 1, false},
                                            Disturbed{0.2, 1, true}, Disturbed{0.2, 5, false}, Disturbed{0.2, 5, true},
-                                           Disturbed{0, 1, true}),
+                                           Disturbed{0, 1, true}, Disturbed{0, 1, false, 4}, Disturbed{0.2, 5, true, 2}),
                          [](const auto& link) {
                            return "Loss" + std::to_string(static_cast<int>(100 * link.param.loss)) + "Burst" +
-                                  std::to_string(link.param.burst) + (link.param.jitter ? "Jitter" : "");
+                                  std::to_string(link.param.burst) + (link.param.jitter ? "Jitter" : "") +
+                                  (link.param.delay > 0 ? "Delay" + std::to_string(link.param.delay) : "");
                          });
 
 }  // namespace

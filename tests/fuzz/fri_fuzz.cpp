@@ -2,15 +2,22 @@
 //   decoders   a message that was read is written and read again with the same result
 //   sessions   pieces of the rest, each after its length, reach a client and a controller between good datagrams; the set point
 //              stays finite and within the limits of position and speed
+//   twins      such pieces, each after its length in two bytes, reach the unit of a twin (link=fri) between good messages; its outputs stay finite, and so does what
+//              it sends
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
+#include <memory>
 #include <span>
+#include <string>
 
+#include "components/io/datagram_queue.h"
 #include "components/io/fri/client.h"
 #include "components/io/fri/controller.h"
+#include "components/unit/unit_table.h"
+#include "models/net/udp_socket.h"
 
 namespace {
 
@@ -50,6 +57,7 @@ void run_sessions(Protocol protocol, Bytes pieces) {
   Client client(client_settings, "client");
   Command wanted;
   wanted.fields = Command::kPosition;
+  controller.robot().fields |= Monitoring::kMeasuredPosition;
   controller.open(0);
   Joints before{};
   for (std::int64_t k = 0; k < 60; ++k) {
@@ -77,6 +85,76 @@ void run_sessions(Protocol protocol, Bytes pieces) {
   }
 }
 
+/// The unit, made once per protocol: the socket stays.
+struct Twin {
+  explicit Twin(Protocol protocol)
+      : instance(cotwin::make_unit(std::string("unit:io?joints=7&link=fri&protocol=") + to_text(protocol), {}, {},
+                                   cotwin::unit_types())) {
+    set("address", "127.0.0.1");
+    set("port", "0");
+    set("mode", "position");
+    set("K_P", "0.5");
+    set("K_D", "0.001");
+  }
+  void set(const char* name, const char* value) { cotwin::assign_text(instance.variables.at(name), value); }
+  void initialise() {
+    instance.unit->initialise(cotwin::Time{});
+    local = static_cast<cotwin::io::DatagramQueue*>(instance.unit->tick_source())->local();
+  }
+  void check() const {
+    for (const cotwin::Variable& v : instance.variables) {
+      if (v.role != cotwin::Role::kOutput || v.kind() != cotwin::Kind::kReal) continue;
+      for (const double value : v.reals()) require(std::isfinite(value));
+    }
+  }
+
+  cotwin::Instance instance;
+  cotwin::net::Endpoint local;
+};
+
+void run_twin(std::size_t index, Bytes pieces) {
+  static std::array<std::unique_ptr<Twin>, kProtocols.size()> twins;
+  static cotwin::net::UdpSocket robot(cotwin::net::Endpoint{0x7f000001, 0}, "robot");
+  const Protocol protocol = kProtocols[index];
+  if (!twins[index]) twins[index] = std::make_unique<Twin>(protocol);
+  Twin& twin = *twins[index];
+  std::array<std::uint8_t, 2048> bytes;
+  while (robot.receive(bytes)) {
+  }
+  twin.initialise();
+  static Monitoring message;
+  message = {};
+  message.joints = 7;
+  message.fields = Monitoring::kMeasuredPosition | Monitoring::kMeasuredTorque | Monitoring::kExternalTorque |
+                   Monitoring::kInterpolatorPosition | Monitoring::kCommandMode | Monitoring::kTime;
+  if (protocol < Protocol::kSunrise2_5) message.fields |= Monitoring::kCommandedPosition;
+  message.quality = Quality::kExcellent;
+  message.command_mode = ClientCommandMode::kPosition;
+  message.send_period = 1e-3;
+  constexpr cotwin::Duration kTick{kPeriod};
+  for (std::int64_t k = 0; k < 40; ++k) {
+    message.state = k % 20 < 8 ? SessionState::kMonitoringReady : SessionState::kCommandingActive;
+    std::array<std::uint8_t, kMaxDatagram> good;
+    const std::size_t size = encode(protocol, message, good);
+    require(size > 0);
+    ++message.counter;
+    message.time += kPeriod;
+    if (pieces.size() >= 2) {
+      const std::size_t length = std::min<std::size_t>(pieces[0] + pieces[1] * 256u, pieces.size() - 2);
+      robot.send(pieces.subspan(2, length), twin.local);
+      pieces = pieces.subspan(2 + length);
+    }
+    if (k % 7 != 5) robot.send(std::span(good).first(size), twin.local);
+    require(twin.instance.unit->step(cotwin::Time{k * kPeriod}, kTick) == cotwin::StepResult::kDone);
+    twin.check();
+    while (const auto received = robot.receive(bytes)) {
+      static Command command;
+      if (decode(protocol, std::span(bytes).first(received->size), 7, command) != Fault::kNone) continue;
+      for (std::size_t i = 0; i < 7; ++i) require(std::isfinite(command.q[i]) && std::isfinite(command.tau[i]));
+    }
+  }
+}
+
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
@@ -85,7 +163,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const Bytes rest{data + 1, size - 1};
   const int what = data[0] / 8 % 4;
   if (what == 3) {
-    run_sessions(protocol, rest);
+    if (data[0] >= 224) {
+      run_twin(data[0] % kProtocols.size(), rest);
+    } else {
+      run_sessions(protocol, rest);
+    }
     return 0;
   }
   const std::size_t joints = protocol == Protocol::kLwr || what < 2 ? 7 : 1 + data[0] / 32 % 8;

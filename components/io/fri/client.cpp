@@ -23,7 +23,25 @@ bool all_finite(const Joints& values, std::size_t n) {
                      [](double x) { return std::isfinite(x); });
 }
 
+bool all_usable(const Joints& values, std::size_t n) {
+  return std::all_of(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(n), is_usable);
+}
+
 bool is_finite(const Pose& X) { return X.R.allFinite() && X.p.allFinite(); }
+bool all_usable(const Pose& X) {
+  return std::all_of(X.R.data(), X.R.data() + X.R.size(), is_usable) && std::all_of(X.p.data(), X.p.data() + 3, is_usable);
+}
+
+bool is_period(double s) {
+  constexpr double kRounding = 1e-6;  // of a single float
+  return s >= kShortestPeriod * (1 - kRounding) && s <= kLongestPeriod * (1 + kRounding);
+}
+
+/// Whether the message has what a command can begin at.
+bool has_place(const Monitoring& m) {
+  const bool pose = m.has(M::kCommandMode) && m.command_mode == ClientCommandMode::kCartesianPose;
+  return pose ? m.has(M::kInterpolatorPose) : m.has(M::kInterpolatorPosition) || m.has(M::kCommandedPosition);
+}
 
 void take(Joints& to, const Joints& from, std::size_t n) {
   if (all_finite(from, n)) to = from;
@@ -44,55 +62,96 @@ Client::Client(const ClientSettings& settings, const std::string& place)
   sent_.joints = static_cast<std::uint32_t>(settings.joints);
 }
 
-bool Client::connected(std::int64_t now) const {
+Fault usability(const Monitoring& m) {
+  if (!is_period(m.send_period) || !is_period(m.send_period * m.receive_multiplier)) return Fault::kValue;
+  if (!m.has(M::kMeasuredPosition) || (is_commanding(m.state) && !has_place(m))) return Fault::kMissing;
+  const std::size_t n = m.joints;
+  const auto usable = [&](std::uint32_t field, const auto& values) { return !m.has(field) || all_usable(values, n); };
+  const auto usable_pose = [&](std::uint32_t field, const Pose& X) { return !m.has(field) || all_usable(X); };
+  const auto usable_angle = [&](std::uint32_t field, const Redundancy& r) { return !m.has(field) || is_usable(r.value); };
+  const bool all = usable(M::kMeasuredPosition, m.q_measured) && usable(M::kCommandedPosition, m.q_commanded) &&
+                   usable(M::kInterpolatorPosition, m.q_interpolator) && usable(M::kMeasuredTorque, m.tau_measured) &&
+                   usable(M::kCommandedTorque, m.tau_commanded) && usable(M::kExternalTorque, m.tau_external) &&
+                   usable_pose(M::kMeasuredPose, m.X_measured) && usable_pose(M::kCommandedPose, m.X_commanded) &&
+                   usable_pose(M::kInterpolatorPose, m.X_interpolator) &&
+                   usable_angle(M::kMeasuredRedundancy, m.redundancy_measured) &&
+                   usable_angle(M::kInterpolatorRedundancy, m.redundancy_interpolator) &&
+                   (!m.has(M::kExternalWrench) || std::all_of(m.F_external.begin(), m.F_external.end(), is_usable));
+  return all ? Fault::kNone : Fault::kNotFinite;
+}
+
+std::int64_t Client::longest_silence() const {
   const double periods = kSilentPeriods * monitoring().send_period * 1e9;
-  const auto silence = std::max(settings_.timeout, periods > 0 && periods < 1e12 ? static_cast<std::int64_t>(periods) : 0);
-  return started_ && now - latest_ <= silence;
+  return std::max(settings_.timeout, static_cast<std::int64_t>(periods));
 }
 
-bool Client::is_stranger(const net::Endpoint& from, std::int64_t arrival) const {
-  return !settings_.controller.covers(from) || (connected(arrival) && !(from == controller_));
-}
+bool Client::connected(std::int64_t now) const { return started_ && now - latest_ <= longest_silence(); }
 
-bool Client::is_finite(const Monitoring& m) const {
-  const std::size_t n = settings_.joints;
-  return (!m.has(M::kMeasuredPosition) || all_finite(m.q_measured, n)) &&
-         (!m.has(M::kCommandedPosition) || all_finite(m.q_commanded, n)) &&
-         (!m.has(M::kInterpolatorPosition) || all_finite(m.q_interpolator, n)) &&
-         (!m.has(M::kMeasuredTorque) || all_finite(m.tau_measured, n)) &&
-         (!m.has(M::kExternalTorque) || all_finite(m.tau_external, n)) && std::isfinite(m.send_period);
-}
-
-Client::Reception Client::receive(std::span<const std::uint8_t> bytes, const net::Endpoint& from, std::int64_t arrival) {
-  FaultCounts& faults = statistics_.faults;
-  if (is_stranger(from, arrival)) {
-    faults.add(Fault::kStranger);
-    return Reception::kRefused;
-  }
+/// Decodes a datagram into the free message and examines it.
+Fault Client::fault_of(std::span<const std::uint8_t> bytes, bool stranger) {
+  if (stranger) return Fault::kStranger;
   Monitoring& message = messages_[1 - newest_];
-  if (faults.add(decode(settings_.protocol, bytes, settings_.joints, message)) != Fault::kNone) return Reception::kRefused;
-  if (!is_finite(message)) {
-    faults.add(Fault::kNotFinite);
-    return Reception::kRefused;
-  }
-  if (started_ && !(from == controller_)) statistics_.monitoring.forget();
-  const SequenceTracker::Arrival order = statistics_.monitoring.add(message.counter);
+  const Fault fault = decode(settings_.protocol, bytes, settings_.joints, message);
+  return fault != Fault::kNone ? fault : usability(message);
+}
+
+/// Whether a message that is `messages` after the newest one, and came `elapsed` ns later, can be of the same session. A controller
+/// that has begun anew may have any counters and time stamps: more messages than there was time for, or a clock that jumps.
+bool Client::continues(const Monitoring& message, std::int64_t messages, std::int64_t elapsed) const {
+  constexpr std::int64_t kJump = 1'000'000'000;  // ns; time stamps of LWR are single floats
+  const auto passed = messages * static_cast<std::int64_t>(message.send_period * 1e9);
+  if (messages > 1 && passed > elapsed + longest_silence()) return false;
+  const bool timed = message.has(M::kTime) && monitoring().has(M::kTime);
+  return !timed || std::abs(message.time - monitoring().time - passed) <= kJump + elapsed;
+}
+
+Client::Reception Client::receive(std::span<const std::uint8_t> bytes, const net::Endpoint& from, std::int64_t arrival,
+                                  std::int64_t host) {
+  const bool lost = !connected(arrival), other = !(from == controller_);
+  const bool silent = started_ && host - latest_host_ > longest_silence();
+  last_fault_ = statistics_.faults.add(fault_of(bytes, !settings_.controller.covers(from) || (other && !lost && !silent)));
+  if (last_fault_ != Fault::kNone) return Reception::kRefused;
+  const Monitoring& message = messages_[1 - newest_];
+  SequenceTracker& tracker = statistics_.monitoring;
+  const std::uint64_t restarts = tracker.restarts();
+  if (started_ && other) tracker.forget();
+  const SequenceTracker::Arrival order = tracker.add(message.counter, silent);
   if (order == SequenceTracker::Arrival::kDuplicate || order == SequenceTracker::Arrival::kStale) return Reception::kRefused;
-  position_ = statistics_.monitoring.position();
+  position_ = tracker.position();
   arrival_ = arrival;
   answering_ = message.counter;
   if (order == SequenceTracker::Arrival::kNew) {
-    note_interval(message, arrival);
-    note_reflected(message.reflected, arrival);
+    const bool begun = started_ && (other || tracker.restarts() != restarts);
+    const std::int64_t elapsed = std::max(arrival - latest_, host - latest_host_);
+    const bool jumped = started_ && !begun && !continues(message, position_ - newest_position_, elapsed);
+    if (jumped) tracker.begin_at_newest();
+    const bool anew = begun || jumped, reopened = monitoring().state == SessionState::kIdle;
+    if (!anew) note_interval(message, arrival);
+    if (!anew) note_reflected(message.reflected, arrival);
+    if (anew && !lost && !(jumped && reopened)) ++statistics_.restarts;
     newest_ = 1 - newest_;
     newest_position_ = position_;
     latest_ = arrival;
+    latest_host_ = host;
     controller_ = from;
+    if (anew || lost) begin_session();
     started_ = true;
   }
   if (message.state == SessionState::kIdle) return Reception::kNoAnswerDue;
   ++since_answer_;
   return since_answer_ >= message.receive_multiplier ? Reception::kAnswerDue : Reception::kNoAnswerDue;
+}
+
+void Client::begin_session() {
+  const Monitoring& m = monitoring();
+  sent_.q = m.has(M::kCommandedPosition) ? m.q_commanded : m.q_measured;
+  sent_.X = m.has(M::kCommandedPose) ? m.X_commanded : m.has(M::kMeasuredPose) ? m.X_measured : m.X_interpolator;
+  sent_.tau.fill(0);
+  sent_.F.setZero();
+  answered_ = position_ - 1;
+  since_answer_ = 0;
+  has_reflected_ = false;
+  ++statistics_.sessions;
 }
 
 void Client::note_interval(const Monitoring& message, std::int64_t arrival) {
@@ -143,6 +202,22 @@ void Client::limit_speed(const Joints& before) {
   }
 }
 
+std::uint32_t Client::taken() const {
+  const Monitoring& m = monitoring();
+  if (settings_.protocol == Protocol::kLwr) return sent_.fields;  // it must not change any more
+  const ClientCommandMode mode = m.has(M::kCommandMode) ? m.command_mode : ClientCommandMode::kPosition;
+  switch (mode) {
+    case ClientCommandMode::kCartesianPose:
+      return m.has(M::kInterpolatorRedundancy) ? C::kPose | C::kRedundancy : C::kPose;
+    case ClientCommandMode::kTorque:
+      return C::kPosition | C::kTorque;
+    case ClientCommandMode::kWrench:
+      return C::kPosition | C::kWrench;
+    default:
+      return C::kPosition;
+  }
+}
+
 void Client::compose_lwr(const Command& wanted) {
   const Monitoring& m = monitoring();
   const Joints before = sent_.q;
@@ -171,11 +246,7 @@ void Client::compose_sunrise(const Command& wanted) {
     if (!two && m.has(M::kCommandedPosition)) sent_.fields = C::kPosition;
     return;
   }
-  const bool pose = m.command_mode == ClientCommandMode::kCartesianPose && m.has(M::kCommandMode);
-  sent_.fields = pose ? C::kPose : C::kPosition;
-  if (pose && m.has(M::kInterpolatorRedundancy)) sent_.fields |= C::kRedundancy;
-  if (m.has(M::kCommandMode) && m.command_mode == ClientCommandMode::kTorque) sent_.fields |= C::kTorque;
-  if (m.has(M::kCommandMode) && m.command_mode == ClientCommandMode::kWrench) sent_.fields |= C::kWrench;
+  sent_.fields = taken();
   const std::uint32_t given = m.state == SessionState::kCommandingActive ? wanted.fields & sent_.fields : 0;
   // What the user does not give is the interpolator's, without an overlay.
   if (m.has(M::kInterpolatorPosition) && (given & C::kPosition) == 0) sent_.q = m.q_interpolator;
@@ -190,9 +261,6 @@ void Client::compose_sunrise(const Command& wanted) {
 std::span<const std::uint8_t> Client::answer(const Command& wanted, std::int64_t now) {
   const Monitoring& m = monitoring();
   if (!started_ || m.state == SessionState::kIdle) return {};
-  if (statistics_.answers == 0) {  // a robot that is in a commanding state already
-    sent_.q = m.has(M::kCommandedPosition) ? m.q_commanded : m.has(M::kInterpolatorPosition) ? m.q_interpolator : m.q_measured;
-  }
   since_answer_ = 0;
   sent_.counter = counter_;
   sent_.reflected = answering_;

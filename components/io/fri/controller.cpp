@@ -45,10 +45,27 @@ const ControllerSettings& checked(const ControllerSettings& s, const std::string
   }
   check_range(s.receive_multiplier, 1, s.protocol == Protocol::kLwr ? 1 : 100, "receive_multiplier", place);
   check_range(s.safety_factor, 0, 1, "safety_factor", place);
-  check_range(s.rating.window, 1, 100'000, "rating.window", place);
+  check_range(s.rating.window, 1, 10'000, "rating.window", place);
+  check_range(s.rating.excellent, 0, 1, "rating.excellent", place);
+  check_range(s.rating.good, 0, s.rating.excellent, "rating.good", place);
+  check_range(s.rating.fair, 0, s.rating.good, "rating.fair", place);
+  check_range(s.rating.excellent_latency, 0, 1, "rating.excellent_latency", place);
+  check_range(s.max_lost, 0, 255, "max_lost", place);
   check_range(static_cast<double>(s.stop_time) * 1e-9, 0, 10, "stop_time in s", place);
   check_range(static_cast<double>(s.slack) * 1e-9, 0, 1, "slack in s", place);
   for (const double limit : s.speed_limit) check_range(limit, 0, 1e3, "speed_limit", place);
+  constexpr double kAny = std::numeric_limits<double>::infinity();
+  for (const double limit : s.torque_limit) check_range(limit, 0, kAny, "torque_limit", place);
+  check_range(s.force_limit, 0, kAny, "force_limit", place);
+  check_range(s.moment_limit, 0, kAny, "moment_limit", place);
+  check_range(s.joint_stiffness_limit, 0, kAny, "joint_stiffness_limit", place);
+  check_range(s.linear_stiffness_limit, 0, kAny, "linear_stiffness_limit", place);
+  check_range(s.angular_stiffness_limit, 0, kAny, "angular_stiffness_limit", place);
+  if (s.protocol != Protocol::kLwr && s.protocol < Protocol::kSunrise2_5 &&
+      s.command_mode == ClientCommandMode::kCartesianPose) {
+    throw Error(place, std::string("the client has to command poses with protocol ") + to_text(s.protocol) +
+                           ", expected sunrise-2.5 or -2.7: messages of older versions have no poses");
+  }
   return s;
 }
 
@@ -71,7 +88,8 @@ PoseInterpolatorSettings frame_interpolation_of(const ControllerSettings& s) {
 /// To the rounding of single floats, and what clients with little care for it send.
 bool is_nearly_rotation(const Eigen::Matrix3d& R) {
   constexpr double kTolerance = 1e-3;
-  return (R * R.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() < kTolerance && R.determinant() > 0;
+  const Eigen::Matrix3d error = R * R.transpose() - Eigen::Matrix3d::Identity();
+  return (error.array().abs() < kTolerance).all() && R.determinant() > 0;  // false for NaN of huge elements
 }
 
 bool all_finite(const Joints& values, std::size_t n) {
@@ -79,11 +97,15 @@ bool all_finite(const Joints& values, std::size_t n) {
                      [](double x) { return std::isfinite(x); });
 }
 
+bool is_finite(const Pose& X) { return X.R.allFinite() && X.p.allFinite(); }
+
+bool is_within(double value, double limit) { return value >= 0 && value <= limit; }
+
 }  // namespace
 
 const char* to_text(Drop drop) {
-  constexpr std::array<const char*, kDrops> kTexts{"none",     "request", "quality", "lost",   "speed",
-                                                   "position", "torque",  "robot",   "fields", "closed"};
+  constexpr std::array<const char*, kDrops> kTexts{"none",   "request", "quality", "lost",   "speed",     "position",
+                                                   "torque", "robot",   "fields",  "closed", "stiffness", "posture"};
   return kTexts.at(static_cast<std::size_t>(drop));
 }
 
@@ -120,7 +142,8 @@ void Controller::close(std::int64_t now) {
 
 bool Controller::is_stranger(const net::Endpoint& from, std::int64_t arrival) const {
   if (state_ == SessionState::kIdle || !settings_.client.covers(from)) return true;
-  return has_client_ && !(from == client_) && arrival - client_time_ < kSilence;
+  // Nobody takes over while the robot follows another client.
+  return has_client_ && !(from == client_) && (is_commanding(state_) || arrival - client_time_ < kSilence);
 }
 
 std::int64_t Controller::index_of(std::uint32_t reflected) const {
@@ -169,16 +192,20 @@ void Controller::rate(std::int64_t index, std::int64_t arrival) {
   statistics_.answer_time.add(latency);
 }
 
+/// All that the command claims to have: what has no flag in a packed struct may be anything.
 bool Controller::is_finite() const {
   const Command& c = received_;
   const std::size_t n = settings_.joints;
   return (!c.has(C::kPosition) || all_finite(c.q, n)) && (!c.has(C::kTorque) || all_finite(c.tau, n)) &&
-         (!c.has(C::kWrench) || c.F.allFinite()) && (!c.has(C::kPose) || (c.X.R.allFinite() && c.X.p.allFinite())) &&
+         (!c.has(C::kWrench) || c.F.allFinite()) && (!c.has(C::kPose) || fri::is_finite(c.X)) &&
          (!c.has(C::kRedundancy) || std::isfinite(c.redundancy.value)) &&
          (!c.has(C::kJointStiffness) || all_finite(c.joint_stiffness, n)) &&
          (!c.has(C::kJointDamping) || all_finite(c.joint_damping, n)) &&
          (!c.has(C::kCartesianStiffness) || c.cartesian_stiffness.allFinite()) &&
-         (!c.has(C::kCartesianDamping) || c.cartesian_damping.allFinite());
+         (!c.has(C::kCartesianDamping) || c.cartesian_damping.allFinite()) &&
+         (!lwr() || std::ranges::all_of(c.krl.real, [](float x) { return std::isfinite(x); })) &&
+         std::ranges::all_of(c.ios.all(), [](const Io& io) { return std::isfinite(io.analog); }) &&
+         std::ranges::all_of(c.transformations.all(), [](const Transformation& t) { return fri::is_finite(t.pose); });
 }
 
 bool Controller::has_needed_fields() const {
@@ -209,7 +236,7 @@ Fault Controller::use(std::int64_t index, std::int64_t arrival) {
       leave(drop, std::max(arrival, clock_));  // the set point must not go back to the time of arrival
       return Fault::kNone;
     }
-    if (received_.has(C::kPosition)) interpolator_.command(received_.q, index);
+    if (received_.has(C::kPosition) || commands_pose()) interpolator_.command(received_.q, index);
     if (received_.has(C::kPose)) {
       if (!has_pose_) frame_.start(received_.X, index);
       frame_.command(received_.X, index);
@@ -224,30 +251,62 @@ Fault Controller::use(std::int64_t index, std::int64_t arrival) {
   return Fault::kNone;
 }
 
-Drop Controller::limit_exceeded(std::int64_t index) const {
-  const Command& c = received_;
+bool Controller::commands_pose() const {
+  if (!received_.has(C::kPose) || !settings_.posture) return false;
+  return lwr() ? settings_.control == ControlMode::kCartesianImpedance || !received_.has(C::kPosition)
+               : settings_.command_mode == ClientCommandMode::kCartesianPose;
+}
+
+Drop Controller::limit_exceeded(std::int64_t index) {
+  Command& c = received_;
   if (lwr() && c.fields != fields_) return Drop::kFields;
-  if (c.has(C::kPosition)) {
-    for (std::size_t i = 0; i < settings_.joints; ++i) {
-      if (!settings_.lower.empty() && c.q[i] < settings_.lower[i]) return Drop::kPosition;
-      if (!settings_.upper.empty() && c.q[i] > settings_.upper[i]) return Drop::kPosition;
-    }
-    if (interpolator_.is_jump(c.q, index)) return Drop::kSpeed;
-  }
   if (c.has(C::kPose) && has_pose_ && frame_.is_jump(c.X, index)) return Drop::kSpeed;
-  return overlay_exceeded();
+  const bool by_pose = commands_pose();
+  if (by_pose) {
+    c.q = interpolator_.newest();
+    if (!settings_.posture(c.X, c.has(C::kRedundancy) ? &c.redundancy : nullptr, c.q)) return Drop::kPosture;
+  }
+  if (by_pose || c.has(C::kPosition)) {
+    if (const Drop drop = joints_exceeded(index); drop != Drop::kNone) return drop;
+  }
+  const Drop stiffness = stiffness_exceeded();
+  return stiffness != Drop::kNone ? stiffness : overlay_exceeded();
+}
+
+Drop Controller::joints_exceeded(std::int64_t index) const {
+  const Joints& q = received_.q;
+  for (std::size_t i = 0; i < settings_.joints; ++i) {
+    if (!settings_.lower.empty() && q[i] < settings_.lower[i]) return Drop::kPosition;
+    if (!settings_.upper.empty() && q[i] > settings_.upper[i]) return Drop::kPosition;
+  }
+  return interpolator_.is_jump(q, index) ? Drop::kSpeed : Drop::kNone;
+}
+
+Drop Controller::stiffness_exceeded() const {
+  const Command& c = received_;
+  for (std::size_t i = 0; i < settings_.joints; ++i) {
+    if (c.has(C::kJointStiffness) && !is_within(c.joint_stiffness[i], settings_.joint_stiffness_limit)) return Drop::kStiffness;
+    if (c.has(C::kJointDamping) && !is_within(c.joint_damping[i], 1)) return Drop::kStiffness;
+  }
+  for (Eigen::Index i = 0; i < 6; ++i) {
+    const double most = i < 3 ? settings_.linear_stiffness_limit : settings_.angular_stiffness_limit;
+    if (c.has(C::kCartesianStiffness) && !is_within(c.cartesian_stiffness[i], most)) return Drop::kStiffness;
+    if (c.has(C::kCartesianDamping) && !is_within(c.cartesian_damping[i], 1)) return Drop::kStiffness;
+  }
+  return Drop::kNone;
 }
 
 Drop Controller::overlay_exceeded() const {
   const Command& c = received_;
-  if (c.has(C::kTorque) && !settings_.torque_limit.empty()) {
-    for (std::size_t i = 0; i < settings_.joints; ++i) {
-      if (std::abs(c.tau[i]) > settings_.torque_limit[i] * settings_.safety_factor) return Drop::kTorque;
-    }
-  }
+  Joints tau{};
   if (c.has(C::kWrench)) {
-    if (c.F.head<3>().norm() > settings_.force_limit * settings_.safety_factor) return Drop::kTorque;
-    if (c.F.tail<3>().norm() > settings_.moment_limit * settings_.safety_factor) return Drop::kTorque;
+    if (c.F.head<3>().stableNorm() > settings_.force_limit * settings_.safety_factor) return Drop::kTorque;
+    if (c.F.tail<3>().stableNorm() > settings_.moment_limit * settings_.safety_factor) return Drop::kTorque;
+    if (settings_.torque_of_wrench) settings_.torque_of_wrench(c.F, tau);
+  }
+  for (std::size_t i = 0; i < settings_.joints && !settings_.torque_limit.empty(); ++i) {
+    if (c.has(C::kTorque)) tau[i] += c.tau[i];
+    if (!(std::abs(tau[i]) <= settings_.torque_limit[i] * settings_.safety_factor)) return Drop::kTorque;
   }
   return Drop::kNone;
 }
@@ -414,10 +473,10 @@ std::span<const std::uint8_t> Controller::write_message(std::int64_t now) {
   m.command_mode = settings_.command_mode;
   m.overlay = settings_.overlay;
   m.fields |= M::kCommandedPosition | M::kInterpolatorPosition | M::kControlMode | M::kCommandMode | M::kOverlay | M::kTracking;
-  const std::size_t size = encode(settings_.protocol, m, datagram_);
+  size_ = encode(settings_.protocol, m, datagram_);
   m.q_interpolator = own;
-  if (size > 0) ++statistics_.sent;
-  return std::span(datagram_).first(size);
+  if (size_ > 0) ++statistics_.sent;
+  return message();
 }
 
 const Setpoint& Controller::setpoint(std::int64_t now) {

@@ -1,6 +1,7 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <span>
 #include <vector>
@@ -25,6 +26,9 @@ struct ControllerSettings {
   std::vector<double> torque_limit;      // N.m, of overlaid torques; empty: no limits
   double force_limit = std::numeric_limits<double>::infinity();   // N, of an overlaid force
   double moment_limit = std::numeric_limits<double>::infinity();  // N.m, of an overlaid moment
+  double joint_stiffness_limit = 5000;                            // N.m/rad, of a client of LWR
+  double linear_stiffness_limit = 5000;                           // N/m, likewise
+  double angular_stiffness_limit = 300;                           // N.m/rad, likewise
   double linear_speed_limit = 2;                                  // m/s, of commanded poses
   double angular_speed_limit = 4;                                 // rad/s, of commanded poses
   double safety_factor = 1;  // 0 to 1, of friStart: scales all limits of speed, force and torque
@@ -38,22 +42,29 @@ struct ControllerSettings {
   ControlMode control = ControlMode::kPosition;
   ClientCommandMode command_mode = ClientCommandMode::kPosition;  // Sunrise
   OverlayType overlay = OverlayType::kJoint;                      // Sunrise
+  /// The posture near `q` (rad) in which the robot's frame has the pose X, and the redundancy if there is one; false if there is
+  /// none. Without this function poses are passed on in Setpoint::X, and the joints rest. Must not allocate or throw.
+  std::function<bool(const Pose& X, const Redundancy* redundancy, Joints& q)> posture;
+  /// Joint torques of a wrench at the tool, N.m; with it torque_limit limits wrenches, too. Must not allocate or throw.
+  std::function<void(const Wrench& F, Joints& tau)> torque_of_wrench;
 };
 
 /// Why a commanding state ended.
 enum class Drop : std::uint8_t {
   kNone,
-  kRequest,   // by the robot's program: friStop, end of the motion
-  kQuality,   // below `hold`
-  kLost,      // more commands missing than are bridged
-  kSpeed,     // a step beyond a speed limit
-  kPosition,  // beyond a position limit
-  kTorque,    // beyond a limit of torque, force or moment
-  kRobot,     // a drive is off, or a safety stop
-  kFields,    // LWR: another set of commanded quantities
-  kClosed     // friClose
+  kRequest,    // by the robot's program: friStop, end of the motion
+  kQuality,    // below `hold`
+  kLost,       // more commands missing than are bridged
+  kSpeed,      // a step beyond a speed limit
+  kPosition,   // beyond a position limit
+  kTorque,     // beyond a limit of torque, force or moment
+  kRobot,      // a drive is off, or a safety stop
+  kFields,     // LWR: another set of commanded quantities
+  kClosed,     // friClose
+  kStiffness,  // LWR: stiffness or damping out of range
+  kPosture     // no posture for a commanded pose
 };
-inline constexpr std::size_t kDrops = static_cast<std::size_t>(Drop::kClosed) + 1;
+inline constexpr std::size_t kDrops = static_cast<std::size_t>(Drop::kPosture) + 1;
 const char* to_text(Drop drop);
 
 /// What the controller asks from the drives.
@@ -78,7 +89,7 @@ struct ControllerStatistics {
   FaultCounts faults;
   std::uint64_t sent = 0;                            // messages
   std::uint64_t in_time = 0, late = 0, missing = 0;  // answers, by command period
-  std::uint64_t unmatched = 0;                       // commands that answer no message of the last 256
+  std::uint64_t unmatched = 0;                       // commands that answer no message of the session's last 256
   std::uint64_t bridged = 0;                         // command periods without a command in a commanding state
   std::uint64_t skipped = 0;                         // messages not sent because cycle() came too late
   std::array<std::uint64_t, kDrops> drops{};         // by reason
@@ -122,6 +133,10 @@ class Controller {
   /// Rates the answers, changes the state, and makes the message that is due. Call it at next() or as soon as possible after it.
   /// Empty when closed.
   std::span<const std::uint8_t> cycle(std::int64_t now);
+  /// The message of the last cycle().
+  std::span<const std::uint8_t> message() const { return std::span(datagram_).first(size_); }
+  /// rad: of the robot from its own motion, where the last stop has left it.
+  const Joints& offset() const { return offset_; }
   /// The set point at `now`, for a robot whose own motion is at q_interpolator of robot().
   const Setpoint& setpoint(std::int64_t now);
 
@@ -149,7 +164,11 @@ class Controller {
   Fault use(std::int64_t index, std::int64_t arrival);
   bool has_needed_fields() const;
   bool is_finite() const;
-  Drop limit_exceeded(std::int64_t index) const;
+  /// Whether the newest command moves the joints by its pose.
+  bool commands_pose() const;
+  Drop limit_exceeded(std::int64_t index);
+  Drop joints_exceeded(std::int64_t index) const;
+  Drop stiffness_exceeded() const;
   Drop overlay_exceeded() const;
   bool is_near(const Command& command, std::int64_t index) const;
   bool robot_is_ready() const;
@@ -170,6 +189,7 @@ class Controller {
   Command command_, received_;
   Setpoint setpoint_;
   std::array<std::uint8_t, kMaxDatagram> datagram_{};
+  std::size_t size_ = 0;
   net::Endpoint client_;
   std::int64_t client_time_ = 0;  // ns, of the newest command
   bool has_client_ = false;

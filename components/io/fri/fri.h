@@ -236,10 +236,10 @@ enum class Fault : std::uint8_t {
   kTruncated,   // ends within a field
   kWireType,    // a field of another type than its number has, or an invalid key
   kCount,       // another number of joints or elements, or more than the protocol allows
-  kMissing,     // without a required field
-  kValue,       // an enumeration out of its range
+  kMissing,     // without a required field, or without what a session needs
+  kValue,       // an enumeration or a period out of its range
   kChecksum,    // Sunrise 2.7: wrong checksum
-  kNotFinite,   // an infinite or undefined number where a session needs one
+  kNotFinite,   // an infinite, undefined or huge number where a session needs one
   kStranger     // from another sender
 };
 inline constexpr std::size_t kFaults = static_cast<std::size_t>(Fault::kStranger) + 1;

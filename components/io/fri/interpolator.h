@@ -32,6 +32,7 @@ class Interpolator {
   void start(const Joints& q, std::int64_t index);
   /// The client's command as an answer to message `index`, which is newer than the ones before.
   void command(const Joints& q, std::int64_t index);
+  const Joints& newest() const { return q_; }  // command
   /// Whether q is a step to message `index` beyond a joint's speed limit, from the newest command, or too far from the set
   /// point; apart from the rounding of single floats.
   bool is_jump(const Joints& q, std::int64_t index) const;

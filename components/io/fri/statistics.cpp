@@ -56,7 +56,17 @@ void SequenceTracker::begin(std::uint32_t number) {
   ++received_;
 }
 
-SequenceTracker::Arrival SequenceTracker::add(std::uint32_t number) {
+void SequenceTracker::begin_at_newest() {
+  lost_ -= gap_;
+  longest_gap_ = longest_before_;
+  gap_ = 0;
+  seen_.fill(0);
+  first_ = newest_;
+  mark(newest_, true);
+  ++restarts_;
+}
+
+SequenceTracker::Arrival SequenceTracker::add(std::uint32_t number, bool silent) {
   if (!started_) {
     started_ = true;
     begin(number);
@@ -66,9 +76,10 @@ SequenceTracker::Arrival SequenceTracker::add(std::uint32_t number) {
   const std::int64_t difference = static_cast<std::int32_t>((number - number_) << shift) >> shift;
   position_ = newest_ + difference;
   if (difference > 0 && difference <= kLargestGap) {
-    const std::int64_t gap = difference - 1;
-    lost_ += static_cast<std::uint64_t>(gap);
-    longest_gap_ = std::max(longest_gap_, static_cast<std::uint64_t>(gap));
+    gap_ = static_cast<std::uint64_t>(difference - 1);
+    lost_ += gap_;
+    longest_before_ = longest_gap_;
+    longest_gap_ = std::max(longest_gap_, gap_);
     for (std::int64_t p = std::max(newest_ + 1, position_ - kWindow + 1); p < position_; ++p) mark(p, false);
     mark(position_, true);
     newest_ = position_;
@@ -78,9 +89,10 @@ SequenceTracker::Arrival SequenceTracker::add(std::uint32_t number) {
     return Arrival::kNew;
   }
   // Not newer: a straggler, or the first of a sender that has begun anew.
-  run_ = number << shift == after_ << shift ? run_ + 1 : 1;
+  const bool again = silent && (number + 1) << shift == after_ << shift;
+  run_ = again || number << shift == after_ << shift ? run_ + 1 : 1;
   after_ = number + 1;
-  if (difference > 0 || difference <= -kWindow) {
+  if (difference > 0 || difference <= -kWindow || (silent && difference != 0)) {
     if (run_ >= 2) {
       ++restarts_;
       begin(number);

@@ -52,7 +52,12 @@ class SequenceTracker {
   /// `bits` of the numbers: 16 or 32.
   explicit SequenceTracker(unsigned bits) : bits_(bits) {}
 
-  Arrival add(std::uint32_t number);
+  /// `silent`: nothing newer came for so long that stragglers have come, too. Then an old one that comes twice is that of a sender
+  /// that has begun anew and repeats its first packet.
+  Arrival add(std::uint32_t number, bool silent = false);
+  /// The packet that was added last, newer than all before, is the first of a sender that has begun anew: the gap before it is
+  /// no loss.
+  void begin_at_newest();
   /// The next packet is of another sender.
   void forget() { started_ = false; }
   /// Position in the stream of the packet that was added last, without the wrap of its number.
@@ -80,6 +85,7 @@ class SequenceTracker {
   std::array<std::uint64_t, kWindow / 64> seen_{};  // bit: position modulo kWindow
   std::uint32_t after_ = 0, run_ = 0;  // packets in a row that are not newer, and the number that would continue them
   std::uint64_t received_ = 0, lost_ = 0, reordered_ = 0, duplicates_ = 0, stale_ = 0, restarts_ = 0, longest_gap_ = 0;
+  std::uint64_t gap_ = 0, longest_before_ = 0;  // before the newest packet, and the longest one up to then
 };
 
 /// Datagrams that were not accepted, by the reason.

@@ -46,8 +46,9 @@ void read_message(Reader& from, Content&& content) {
   from.fail(inner.fault());
 }
 
-/// True if there are values, and then exactly `n` of them.
-bool read_joints(Reader& from, std::size_t n, Joints& values) {
+/// The numbers of the message of the current field. True if there are values, and then exactly `n` of them.
+template <std::size_t room>
+bool read_reals(Reader& from, std::size_t n, std::array<double, room>& values) {
   std::size_t count = 0;
   read_message(from, [&](Reader& inner) {
     if (inner.field() == 1) {
@@ -62,16 +63,7 @@ bool read_joints(Reader& from, std::size_t n, Joints& values) {
 
 bool read_wrench(Reader& from, Wrench& F) {
   std::array<double, 6> values{};
-  std::size_t count = 0;
-  read_message(from, [&](Reader& inner) {
-    if (inner.field() == 1) {
-      inner.reals(values, count);
-    } else {
-      inner.skip();
-    }
-  });
-  if (count != 0 && count != values.size()) from.fail(Fault::kCount);
-  if (count != values.size()) return false;
+  if (!read_reals(from, values.size(), values)) return false;
   for (std::size_t i = 0; i < values.size(); ++i) F[kIndexOfRotation[i]] = values[i];
   return true;
 }
@@ -99,7 +91,8 @@ void read_name(Reader& from, Name& name) {
   if (!name.assign({reinterpret_cast<const char*>(bytes.data()), bytes.size()})) from.fail(Fault::kCount);
 }
 
-/// False if there is no pose: without elements, or with a quaternion that is no rotation (all zero: unknown).
+/// False if there is no pose: without elements, or with a quaternion that is no rotation (all zero: unknown). Elements that are not
+/// finite are passed on.
 bool set_pose(Reader& from, const Schema& schema, const std::array<double, 12>& v, std::size_t count, Pose& X) {
   if (count == 0) return false;
   if (count != (schema.quaternions ? 7u : 12u)) {
@@ -109,7 +102,7 @@ bool set_pose(Reader& from, const Schema& schema, const std::array<double, 12>& 
   if (schema.quaternions) {
     const Eigen::Quaterniond q(v[3], v[4], v[5], v[6]);
     const double norm = q.norm();
-    if (!(norm > 0.5 && norm < 2)) return false;
+    if (norm <= 0.5 || norm >= 2) return false;
     X.R = Eigen::Quaterniond(q.coeffs() / norm).toRotationMatrix();
     X.p = Eigen::Vector3d(v[0], v[1], v[2]) * kMillimetre;
     return true;
@@ -146,7 +139,12 @@ bool read_pose(Reader& from, const Schema& schema, Name& name, Pose& X, std::opt
   return from.fault() == Fault::kNone && set_pose(from, schema, values, count, X);
 }
 
+/// False also for versions without such a pose.
 bool read_pose(Reader& from, const Schema& schema, Pose& X) {
+  if (!schema.quaternions) {
+    from.skip();
+    return false;
+  }
   Name name;
   std::optional<std::int64_t> time;
   return read_pose(from, schema, name, X, time);
@@ -158,7 +156,12 @@ void read_transformation(Reader& from, const Schema& schema, Few<Transformation,
   if (!read_pose(from, schema, t->name, t->pose, t->time)) from.fail(Fault::kValue);
 }
 
-void read_redundancy(Reader& from, Redundancy& redundancy) {
+/// False for versions without it.
+bool read_redundancy(Reader& from, const Schema& schema, Redundancy& redundancy) {
+  if (!schema.quaternions) {
+    from.skip();
+    return false;
+  }
   std::uint32_t seen = 0;
   read_message(from, [&](Reader& inner) {
     switch (inner.field()) {
@@ -173,6 +176,7 @@ void read_redundancy(Reader& from, Redundancy& redundancy) {
     }
   });
   if (seen != 3) from.fail(Fault::kMissing);
+  return true;
 }
 
 void read_io(Reader& from, Few<Io, kMaxIos>& to) {
@@ -258,7 +262,7 @@ void read_robot_info(Reader& from, std::size_t joints, Monitoring& m) {
 
 void read_monitor_data(Reader& from, const Schema& schema, std::size_t joints, Monitoring& m) {
   const auto vector = [&](Reader& inner, Joints& values, std::uint32_t field) {
-    if (read_joints(inner, joints, values)) m.fields |= field;
+    if (read_reals(inner, joints, values)) m.fields |= field;
   };
   read_message(from, [&](Reader& inner) {
     switch (inner.field()) {
@@ -279,13 +283,10 @@ void read_monitor_data(Reader& from, const Schema& schema, std::size_t joints, M
       case monitor::kIos:
         return schema.ios ? read_io(inner, m.ios) : inner.skip();
       case monitor::kMeasuredPose:
-        if (!schema.quaternions) return inner.skip();
         if (read_pose(inner, schema, m.X_measured)) m.fields |= M::kMeasuredPose;
         return;
       case monitor::kRedundancy:
-        if (!schema.quaternions) return inner.skip();
-        read_redundancy(inner, m.redundancy_measured);
-        m.fields |= M::kMeasuredRedundancy;
+        if (read_redundancy(inner, schema, m.redundancy_measured)) m.fields |= M::kMeasuredRedundancy;
         return;
       case monitor::kTimestamp:
         m.time = read_time(inner);
@@ -302,16 +303,13 @@ void read_ipo_data(Reader& from, const Schema& schema, std::size_t joints, Monit
   read_message(from, [&](Reader& inner) {
     switch (inner.field()) {
       case ipo::kPosition:
-        if (read_joints(inner, joints, m.q_interpolator)) m.fields |= M::kInterpolatorPosition;
+        if (read_reals(inner, joints, m.q_interpolator)) m.fields |= M::kInterpolatorPosition;
         return;
       case ipo::kPose:
-        if (!schema.quaternions) return inner.skip();
         if (read_pose(inner, schema, m.X_interpolator)) m.fields |= M::kInterpolatorPose;
         return;
       case ipo::kRedundancy:
-        if (!schema.quaternions) return inner.skip();
-        read_redundancy(inner, m.redundancy_interpolator);
-        m.fields |= M::kInterpolatorRedundancy;
+        if (read_redundancy(inner, schema, m.redundancy_interpolator)) m.fields |= M::kInterpolatorRedundancy;
         return;
       case ipo::kCommandMode:
         if (set_if_known(inner, last, m.command_mode)) m.fields |= M::kCommandMode;
@@ -358,26 +356,23 @@ void read_command_data(Reader& from, const Schema& schema, std::size_t joints, C
   read_message(from, [&](Reader& inner) {
     switch (inner.field()) {
       case command::kPosition:
-        if (read_joints(inner, joints, c.q)) c.fields |= C::kPosition;
+        if (read_reals(inner, joints, c.q)) c.fields |= C::kPosition;
         return;
       case command::kWrench:
         if (read_wrench(inner, c.F)) c.fields |= C::kWrench;
         return;
       case command::kTorque:
-        if (read_joints(inner, joints, c.tau)) c.fields |= C::kTorque;
+        if (read_reals(inner, joints, c.tau)) c.fields |= C::kTorque;
         return;
       case command::kTransformations:
         return read_transformation(inner, schema, c.transformations);
       case command::kIos:
         return schema.ios ? read_io(inner, c.ios) : inner.skip();
       case command::kPose:
-        if (!schema.quaternions) return inner.skip();
         if (read_pose(inner, schema, c.X)) c.fields |= C::kPose;
         return;
       case command::kRedundancy:
-        if (!schema.quaternions) return inner.skip();
-        read_redundancy(inner, c.redundancy);
-        c.fields |= C::kRedundancy;
+        if (read_redundancy(inner, schema, c.redundancy)) c.fields |= C::kRedundancy;
         return;
       default:
         inner.skip();
