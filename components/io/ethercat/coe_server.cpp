@@ -87,6 +87,7 @@ CoeServer::CoeServer(ObjectDictionary& objects, ObjectOwner& owner, std::size_t 
 void CoeServer::reset() {
   transfer_ = Transfer::kNone;
   listed_ = to_list_ = 0;
+  heard_ = 0;
 }
 
 /// A mail with the first `size` bytes of content_.
@@ -110,9 +111,11 @@ std::span<const std::uint8_t> CoeServer::abort(std::uint16_t index, std::uint8_t
 }
 
 std::span<const std::uint8_t> CoeServer::answer(std::span<const std::uint8_t> mail) {
-  listed_ = to_list_ = 0;
   const auto header = read_mail_header(mail);
+  if (header && header->counter != 0 && header->counter == heard_) return {};
+  listed_ = to_list_ = 0;
   if (!header) return mail_error(kInvalidHeader);
+  heard_ = header->counter;
   if (header->type != MailType::kCoE) return mail_error(kUnsupportedProtocol);
   const auto coe = read_coe(mail);
   if (!coe || coe->content.size() < (coe->service == CoeService::kSdoInformation ? kInformationHeader : 8)) {

@@ -68,7 +68,8 @@ class CoeServer {
   /// `out`, `in`: bytes of the mailboxes that the master writes and reads, at least 16. `largest`: of a downloaded value, bytes.
   CoeServer(ObjectDictionary& objects, ObjectOwner& owner, std::size_t out, std::size_t in, std::size_t largest = 4096);
 
-  /// The answer to a mail; empty: none. Valid until the next call.
+  /// The answer to a mail; empty: none. Valid until the next call. A mail with the counter of the last one is that one again, sent by a
+  /// master that missed the answer of the bus: it is dropped. (The master gets a lost answer again by the sync manager's repeat bit.)
   std::span<const std::uint8_t> answer(std::span<const std::uint8_t> mail);
   /// The next part of an answer that is longer than a mailbox; empty: none.
   std::span<const std::uint8_t> next_part();
@@ -98,6 +99,7 @@ class CoeServer {
   std::vector<std::uint8_t> reply_, data_;
   std::span<std::uint8_t> content_;  // of reply_, after the CoE header
   std::uint8_t counter_ = 0;
+  std::uint8_t heard_ = 0;  // counter of the last mail
   Transfer transfer_ = Transfer::kNone;
   std::uint16_t index_ = 0;
   std::uint8_t subindex_ = 0, toggle_ = 0;

@@ -27,7 +27,8 @@ struct EscOptions {
   std::uint16_t features = 0x01cc;
   ClockUnit clock_unit = ClockUnit::kFull;
   ClockOptions clock;
-  std::int64_t sii_time = 0;  // ns that the controller is busy with an access to the SII
+  std::int64_t sii_time = 0;   // ns that the controller is busy with an access to the SII
+  std::int64_t load_time = 0;  // ns after power-on for which it refuses commands, because it loads the SII itself
 };
 
 /// An emulated EtherCAT slave controller: memory of 64 KiB with registers, sync managers, FMMUs, SII access, process-data watchdog,
@@ -163,6 +164,7 @@ class Esc {
   std::uint16_t sii_errors_ = 0;   // bits of the SII status
   std::uint16_t sii_running_ = 0;  // the command that the controller is busy with
   std::int64_t sii_done_ = 0;      // when it is not busy any more
+  std::int64_t loaded_at_ = 0;     // when it takes commands
 };
 
 }  // namespace cotwin::ethercat

@@ -151,6 +151,7 @@ void Esc::reset(std::int64_t now) {
   event_ = 0;
   al_request_ = watchdog_runs_ = watchdog_expired_ = latch_ = false;
   sii_running_ = 0;
+  loaded_at_ = now + options_.load_time;
   load_sii();
   update_links();
 }
@@ -445,7 +446,7 @@ void Esc::command_sii() {
   const std::size_t at = 2 * std::size_t{get<std::uint32_t>(reg::kSiiAddress)};
   sii_errors_ &= sii_control::kChecksumError | sii_control::kNotLoaded;
   if (command == 0) return;
-  if (memory_[reg::kSiiConfig] & 1) {  // the application has the SII
+  if ((memory_[reg::kSiiConfig] & 1) || now_ < loaded_at_) {  // the application or the controller itself has the SII
     sii_errors_ |= sii_control::kCommandError;
     return;
   }

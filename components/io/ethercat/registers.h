@@ -94,6 +94,7 @@ inline constexpr std::uint16_t kNotLoaded = 0x1000;
 inline constexpr std::uint16_t kCommandError = 0x2000;
 inline constexpr std::uint16_t kWriteError = 0x4000;
 inline constexpr std::uint16_t kBusy = 0x8000;
+inline constexpr std::uint16_t kErrors = kCommandError | kNotLoaded;  // of a command to read
 }  // namespace sii_control
 
 /// States of the application layer; the values are those of AL control and AL status.

@@ -29,11 +29,11 @@ std::unique_ptr<Slave> clocked(double drift = 0, double jitter = 0, std::uint64_
 }
 
 /// Receive time of a frame at a port.
-std::int64_t received(Wire& w, std::size_t n, int port) {
+std::int64_t received(BusWire& w, std::size_t n, int port) {
   return static_cast<std::int64_t>(w.read(station(n), static_cast<std::uint16_t>(reg::kReceiveTimes + 4 * port), 4).value());
 }
 
-void latch(Wire& w) { w.send(Command::kBwr, at_position(0, reg::kReceiveTimes), Bytes(4)); }
+void latch(BusWire& w) { w.send(Command::kBwr, at_position(0, reg::kReceiveTimes), Bytes(4)); }
 
 TEST(Bus, TheDelaysOfALineFollowFromItsReceiveTimesAsInTheExampleOfTheCoupler) {
   // EK1100, EL1809, EL2809, EL5101: 1800, 1200 and 600 ns around the loops behind each.
@@ -42,7 +42,7 @@ TEST(Bus, TheDelaysOfALineFollowFromItsReceiveTimesAsInTheExampleOfTheCoupler) {
   bus.append(std::make_unique<El1809>());
   bus.append(std::make_unique<El2809>());
   bus.append(std::make_unique<El5101>());
-  Wire w(bus);
+  BusWire w(bus);
   w.number_stations();
   latch(w);
   std::int64_t loop[4] = {};
@@ -70,7 +70,7 @@ TEST(Bus, AFrameVisitsABranchInTheOrderOfThePorts) {
   bus.append(clocked(), {.parent = 1, .port = 1, .cable = 200, .forward = 300, .backward = 300});
   bus.append(clocked(), {.parent = 0, .port = 1, .cable = 50, .forward = 300, .backward = 300});
   bus.append(clocked(), {.parent = 0, .port = 2, .cable = 70, .forward = 300, .backward = 300});
-  Wire w(bus);
+  BusWire w(bus);
   w.number_stations();  // numbers in the order of the ports are those of append()
   for (std::size_t n = 0; n < 5; ++n) EXPECT_EQ(bus.slave(n).esc().word(reg::kStation), station(n));
   latch(w);
@@ -93,7 +93,7 @@ TEST(Bus, TheLastBitComesBackAfterAllDelaysAndTheLengthOfTheFrame) {
   Bus bus;
   bus.append(clocked(), {.parent = 0, .port = 1, .cable = 500, .forward = 300, .backward = 200});
   bus.append(clocked(), {.parent = 0, .port = 1, .cable = 530, .forward = 310, .backward = 200});
-  Wire w(bus);
+  BusWire w(bus);
   w.send(Command::kNop, 0, Bytes(2));
   // 60 bytes, preamble 8 and check sequence 4 at 80 ns each.
   EXPECT_EQ(w.arrival - w.now, 500 + 300 + 530 + 310 + 530 + 200 + 500 + 72 * 80);
@@ -113,7 +113,7 @@ TEST(Bus, PlacesThatAreTakenOrMissingAreNamed) {
 TEST(Bus, ACutCableShortensTheBusAndIsCounted) {
   Bus bus;
   for (int i = 0; i < 4; ++i) bus.append(clocked());
-  Wire w(bus);
+  BusWire w(bus);
   w.number_stations();
   const auto count = [&] { return w.send(Command::kBrd, 0, Bytes(1)).count; };
   EXPECT_EQ(count(), 4);
@@ -137,7 +137,7 @@ TEST(Bus, ACutCableShortensTheBusAndIsCounted) {
 TEST(Bus, APortThatIsForcedClosedEndsTheBusAndForcedOpenLosesTheFrame) {
   Bus bus;
   for (int i = 0; i < 3; ++i) bus.append(clocked());
-  Wire w(bus);
+  BusWire w(bus);
   w.number_stations();
   w.write(station(0), reg::kPortControl, std::uint8_t{0x0c});
   EXPECT_EQ(w.send(Command::kBrd, 0, Bytes(1)).count, 1);
@@ -150,7 +150,7 @@ TEST(Bus, APortThatIsForcedClosedEndsTheBusAndForcedOpenLosesTheFrame) {
 TEST(Bus, ADamagedFrameHasNoEffectAndIsCountedFromWhereItHappened) {
   Bus bus;
   for (int i = 0; i < 3; ++i) bus.append(clocked());
-  Wire w(bus);
+  BusWire w(bus);
   w.number_stations();
   bus.damage_next(1);
   EXPECT_EQ(w.send(Command::kBwr, at_position(0, reg::kProcessRam), {1}).count, -1);
@@ -166,7 +166,7 @@ TEST(Bus, ADamagedFrameHasNoEffectAndIsCountedFromWhereItHappened) {
 // ------------------------------------------------------------------------------------------------------- distributed clocks
 
 /// Sets offsets and delays of all slaves from the known ones, as a master finds them, with the first as reference.
-void set_clocks(Wire& w) {
+void set_clocks(BusWire& w) {
   latch(w);
   const std::int64_t reference = 700'000'000'000'000'000;  // ns since 2000
   for (std::size_t n = 0; n < w.bus.size(); ++n) {
@@ -179,12 +179,12 @@ void set_clocks(Wire& w) {
 }
 
 /// Error of a slave's system time against the first slave's, ns, at the same instant.
-std::int64_t error(Wire& w, std::size_t n) {
+std::int64_t error(BusWire& w, std::size_t n) {
   return static_cast<std::int64_t>(w.bus.slave(n).esc().clock().system_time(w.now) -
                                    w.bus.slave(0).esc().clock().system_time(w.now));
 }
 
-void distribute(Wire& w, int frames, std::int64_t period = 1'000'000) {
+void distribute(BusWire& w, int frames, std::int64_t period = 1'000'000) {
   for (int i = 0; i < frames; ++i) {
     w.now += period - 1000;
     w.send(Command::kFrmw, at_station(station(0), reg::kSystemTime), Bytes(8));
@@ -207,7 +207,7 @@ Bus drifting_bus(double jitter) {
 TEST(DistributedClock, RunsAwayByItsDriftWithoutCorrection) {
   Bus bus;
   bus.append(clocked(50e-6, 0, 123));
-  Wire w(bus);
+  BusWire w(bus);
   // local = start + t (1 + drift)
   for (const std::int64_t t : {1'000L, 1'000'000'000L, 3'600'000'000'000L}) {
     EXPECT_EQ(bus.slave(0).esc().clock().local(t), 123u + static_cast<std::uint64_t>(t + t / 20000)) << t;
@@ -234,7 +234,7 @@ TEST(DistributedClock, KeepsAllSlavesWithinAHundredNanosecondsOfTheReference) {
   for (const double jitter : {0.0, 20.0}) {
     for (const std::int64_t period : {250'000L, 1'000'000L, 4'000'000L}) {
       Bus bus = drifting_bus(jitter);
-      Wire w(bus);
+      BusWire w(bus);
       w.number_stations();
       set_clocks(w);
       w.send(Command::kBwr, at_position(0, reg::kDifferenceFilter), {0, 0x0c});  // as masters do
@@ -255,7 +255,7 @@ TEST(DistributedClock, KeepsAllSlavesWithinAHundredNanosecondsOfTheReference) {
 
 TEST(DistributedClock, TheReferenceIsNotChanged) {
   Bus bus = drifting_bus(0);
-  Wire w(bus);
+  BusWire w(bus);
   w.number_stations();
   set_clocks(w);
   const SlaveClock& clock = bus.slave(0).esc().clock();
@@ -269,7 +269,7 @@ TEST(DistributedClock, TheReferenceIsNotChanged) {
 TEST(DistributedClock, EveryFrameReadsTheSameTimeFromAllSlavesOnceTheyAgree) {
   // A frame reads at 0x0910 the time when it passed the reference clock.
   Bus bus = drifting_bus(0);
-  Wire w(bus);
+  BusWire w(bus);
   w.number_stations();
   set_clocks(w);
   distribute(w, 8000);
@@ -289,7 +289,7 @@ TEST(DistributedClock, EveryFrameReadsTheSameTimeFromAllSlavesOnceTheyAgree) {
 
 TEST(DistributedClock, ALateSlaveAndAStepOfTheReferenceAreFollowed) {
   Bus bus = drifting_bus(10);
-  Wire w(bus);
+  BusWire w(bus);
   w.number_stations();
   bus.power(4, false, w.now);
   set_clocks(w);
@@ -312,7 +312,7 @@ TEST(DistributedClock, ATimeOf32BitsIsComparedWithTheLowHalf) {
   for (const std::size_t bytes : {4u, 8u}) {
     Bus bus;
     bus.append(clocked(0, 0, 5'000'000'000));
-    Wire w(bus);
+    BusWire w(bus);
     w.number_stations();
     w.send(Command::kFpwr, at_station(station(0), reg::kSystemTime), Bytes(bytes));
     // 5 s more than the received 0: limited to 31 bits, or 5e9 - 2^32 ns.
@@ -325,7 +325,7 @@ TEST(DistributedClock, TheSameSeedGivesTheSameBits) {
   std::vector<std::uint64_t> times[2];
   for (auto& list : times) {
     Bus bus = drifting_bus(20);
-    Wire w(bus);
+    BusWire w(bus);
     w.number_stations();
     set_clocks(w);
     for (int i = 0; i < 100; ++i) {
@@ -338,7 +338,7 @@ TEST(DistributedClock, TheSameSeedGivesTheSameBits) {
 
 TEST(DistributedClock, Sync0OfAllSlavesComesAtTheSameInstant) {
   Bus bus = drifting_bus(0);
-  Wire w(bus);
+  BusWire w(bus);
   w.number_stations();
   set_clocks(w);
   distribute(w, 8000);

@@ -58,7 +58,7 @@ struct Cell {
   El1809* inputs;
   El2809* outputs;
   El5101* encoder;
-  Wire wire{bus};
+  BusWire wire{bus};
   Bytes image;
   std::uint16_t out_ = 3, in_ = 5;
 };

@@ -33,7 +33,7 @@ struct Cell {
   El1809* inputs;
   El2809* outputs;
   El5101* encoder;
-  Wire wire{bus};
+  BusWire wire{bus};
 };
 
 /// One slave with RAM, 8 FMMUs and 8 sync managers.
@@ -43,12 +43,12 @@ struct Single {
     wire.number_stations();
   }
   Bus bus;
-  Wire wire{bus};
+  BusWire wire{bus};
 };
 
 TEST(Controller, EveryCommandReachesTheSlavesOfItsTable) {
   Cell c;
-  Wire& w = c.wire;
+  BusWire& w = c.wire;
   const auto position = [](std::uint16_t n) { return at_position(n, reg::kStation); };
   // AP: the slave that receives position 0; every slave counts up.
   auto a = w.send(Command::kAprd, position(2), Bytes(2));
@@ -92,7 +92,7 @@ TEST(Controller, TheAliasIsReachedOnlyWhenItIsSwitchedOn) {
   sii.alias = 77;
   Bus bus;
   bus.append(std::make_unique<Slave>(write_sii(sii)));
-  Wire w(bus);
+  BusWire w(bus);
   EXPECT_EQ(w.read(77, reg::kAlias, 2).count, 0);
   w.send(Command::kBwr, at_position(0, reg::kAliasControl), {1});
   EXPECT_EQ(w.read(77, reg::kAlias, 2).value(), 77u);
@@ -115,7 +115,7 @@ TEST(Controller, TheImageOfTheSiiIsReadWordByWordAndWrittenWithPermission) {
   SlaveOptions options;
   options.esc.sii_time = 2500;
   Single s(options);
-  Wire& w = s.wire;
+  BusWire& w = s.wire;
   const auto read_word = [&](std::uint32_t word) {
     Bytes request = {0x00, 0x01, 0, 0, 0, 0};
     store(&request[2], word);
@@ -157,7 +157,7 @@ TEST(Controller, AnImageWithAWrongChecksumIsNotLoaded) {
   image[14] ^= 1;
   Bus bus;
   bus.append(std::make_unique<Slave>(image));
-  Wire w(bus);
+  BusWire w(bus);
   w.number_stations();
   EXPECT_EQ(w.read(kFirst, reg::kSiiControl, 2).value(),
             sii_control::kReads8Bytes | sii_control::kChecksumError | sii_control::kNotLoaded);
@@ -173,7 +173,7 @@ TEST(Controller, AnFmmuMapsBitsBothWays) {
       for (const int bits : {1, 2, 7, 8, 9, 16, 20}) {
         const int end = first + bits - 1;
         Single s;
-        Wire& w = s.wire;
+        BusWire& w = s.wire;
         w.set_fmmu(kFirst, 0, 0x10002, static_cast<std::uint16_t>(end / 8 + 1), first, end % 8, 0x1800, physical, fmmu::kRead);
         w.set_fmmu(kFirst, 1, 0x20002, static_cast<std::uint16_t>(end / 8 + 1), first, end % 8, 0x1900, physical, fmmu::kWrite);
         const Bytes stored = {0x35, 0xca, 0x93, 0x6e};
@@ -242,7 +242,7 @@ TEST(Controller, AControllerWithoutLrwIgnoresIt) {
 
 TEST(Controller, ABufferIsPassedOnWithItsLastByte) {
   Single s;
-  Wire& w = s.wire;
+  BusWire& w = s.wire;
   Esc& esc = s.bus.slave(0).esc();
   w.set_sync_manager(kFirst, 2, 0x1100, 4, 0x24);
   EXPECT_EQ(w.write_bytes(kFirst, 0x1102, {7}), 0);  // does not begin at the first byte
@@ -273,7 +273,7 @@ TEST(Controller, ASyncManagerInUseKeepsItsSetUp) {
 
 TEST(Controller, AMailboxIsFullUntilItIsRead) {
   Single s;
-  Wire& w = s.wire;
+  BusWire& w = s.wire;
   Esc& esc = s.bus.slave(0).esc();
   w.set_sync_manager(kFirst, 0, 0x1000, 8, 0x26);
   w.set_sync_manager(kFirst, 1, 0x1080, 8, 0x22);
@@ -300,7 +300,7 @@ TEST(Controller, AMailboxIsFullUntilItIsRead) {
 
 TEST(Controller, TheWatchdogExpiresAfterItsTimeAndCounts) {
   Cell c;
-  Wire& w = c.wire;
+  BusWire& w = c.wire;
   w.set_sync_managers(2);
   w.write_bytes(0x1003, reg::kDigitalOutputs, {1, 2});
   EXPECT_EQ(w.read(0x1003, reg::kWatchdogStatus, 2).value(), 1u);

@@ -64,7 +64,7 @@ struct Axis {
 
   Bus bus;
   El5101* encoder;
-  Wire wire{bus};
+  BusWire wire{bus};
   SdoClient client{246, 246};
 };
 
@@ -184,7 +184,7 @@ TEST(StateMachine, ATerminalWithoutProcessorCopiesTheRequest) {
   // As in the captures: AL status is 0x11 after a request of INIT with acknowledgement.
   Bus bus;
   bus.append(std::make_unique<El1809>());
-  Wire w(bus);
+  BusWire w(bus);
   w.number_stations();
   EXPECT_EQ(w.request(kStation, State::kInit, true), 0x11);
   EXPECT_EQ(w.request(kStation, State::kOp), 0x08);
@@ -402,9 +402,10 @@ TEST(Coe, AnObjectAndItsEntriesAreDescribed) {
   Axis a;
   a.wire.set_sync_managers(0);
   a.request(State::kPreOp);
+  std::uint8_t counter = 0;
   const auto ask = [&](std::uint8_t operation, std::uint16_t index, std::uint8_t subindex) {
     Bytes mail(246);
-    write_coe(mail, CoeService::kSdoInformation, 1, 8)[kCoeHeader] = operation;
+    write_coe(mail, CoeService::kSdoInformation, ++counter, 8)[kCoeHeader] = operation;
     store(&mail[kCoeHeader + 4], index);
     mail[kCoeHeader + 6] = subindex;
     a.wire.write_bytes(kStation, 0x1800, mail);
@@ -454,7 +455,7 @@ TEST(Slave, EveryRealImageMakesASlaveThatReachesOp) {
                                  "hbm_clipx_eeprom_dump.bin"}) {
     Bus bus;
     Slave& slave = bus.append(std::make_unique<Slave>(file_bytes(folder + "/" + name)));
-    Wire w(bus);
+    BusWire w(bus);
     w.number_stations();
     int n = 0;
     std::size_t outputs = 0;

@@ -12,7 +12,7 @@
 namespace cotwin::ethercat {
 
 /// A master's hand on an emulated bus: one datagram per frame, one frame per microsecond.
-class Wire {
+class BusWire {
  public:
   struct Answer {
     int count = -1;  // working counter; -1: no frame came back
@@ -27,7 +27,7 @@ class Wire {
     }
   };
 
-  explicit Wire(Bus& b) : bus(b) {}
+  explicit BusWire(Bus& b) : bus(b) {}
 
   Answer send(Command command, std::uint32_t address, std::vector<std::uint8_t> data) {
     FrameWriter writer(buffer_);

@@ -11,126 +11,9 @@ namespace cotwin::ethercat {
 
 namespace {
 
-constexpr std::uint16_t kFirstStation = 0x1001;
 constexpr std::size_t kLargestSegment = 1200;  // bytes; leaves room for clock and state in the same frame
-constexpr std::size_t kLargestImage = 32'768;  // bytes of an SII
 constexpr std::uint16_t kWatchdogDivider = 0x09c2, kWatchdogTime = 1000;  // 100 us, and 1000 of them
-constexpr std::int64_t kSiiPatience = 1'000'000'000;                      // ns that a slave may be busy with its EEPROM
-
-std::string position_of(const std::string& place, std::size_t i) { return place + ": slave " + std::to_string(i); }
-
-/// Reads 4 or 8 bytes of the SII at a word address.
-std::size_t read_sii_words(Exchange& exchange, std::uint16_t station, std::uint32_t word, std::span<std::uint8_t, 8> to,
-                           const std::string& place) {
-  const auto wait = [&]() -> std::uint16_t {
-    const std::int64_t end = exchange.wire().now() + kSiiPatience;
-    do {
-      const std::optional<std::uint16_t> status = exchange.read<std::uint16_t>(station, reg::kSiiControl);
-      if (!status) throw Error(place, "does not answer while its SII is read");
-      if ((*status & sii_control::kBusy) == 0) return *status;
-    } while (exchange.wire().now() < end);
-    throw Error(place, "its EEPROM interface stays busy, expected it to be ready within 1 s");
-  };
-  wait();
-  std::array<std::uint8_t, 6> request{};
-  store(request.data(), sii_control::kRead);
-  store(request.data() + 2, word);
-  if (exchange.transfer(Command::kFpwr, at_station(station, reg::kSiiControl), request) != 1) {
-    throw Error(place, "does not take requests to read its SII");
-  }
-  const std::uint16_t status = wait();
-  if ((status & (sii_control::kCommandError | sii_control::kNotLoaded)) != 0) {
-    throw Error(place, "reports an error when its SII is read: is its EEPROM empty?");
-  }
-  const std::size_t bytes = (status & sii_control::kReads8Bytes) != 0 ? 8 : 4;
-  if (exchange.transfer(Command::kFprd, at_station(station, reg::kSiiData), to.first(bytes)) != 1) {
-    throw Error(place, "does not answer while its SII is read");
-  }
-  return bytes;
-}
-
-void reset_slaves(Exchange& exchange) {
-  exchange.broadcast<std::uint8_t>(reg::kAliasControl, 0);
-  exchange.broadcast<std::uint16_t>(reg::kAlControl, static_cast<std::uint16_t>(State::kInit) | kStateError);
-  exchange.broadcast<std::uint8_t>(reg::kPortControl, 0);
-  exchange.broadcast<std::uint16_t>(reg::kEventMask, event::kDlStatus);
-  exchange.clear(reg::kErrorCounters, 8);
-  exchange.clear(reg::kFmmu, 16 * reg::kFmmuSize);
-  exchange.clear(reg::kSyncManager, 16 * reg::kSyncManagerSize);
-  exchange.clear(reg::kActivation, 1);
-  exchange.clear(reg::kSystemTime, 4);
-  exchange.broadcast<std::uint16_t>(reg::kSpeedCounterStart, 0x1000);
-  exchange.broadcast<std::uint16_t>(reg::kDifferenceFilter, 0x0c00);
-  // The EEPROM goes to the master, taken from the slave's application by force first.
-  exchange.broadcast<std::uint8_t>(reg::kSiiConfig, 2);
-  exchange.broadcast<std::uint8_t>(reg::kSiiConfig, 0);
-}
-
-}  // namespace
-
-std::vector<std::uint8_t> read_sii_image(Exchange& exchange, std::uint16_t station, const std::string& place) {
-  std::vector<std::uint8_t> image;
-  std::array<std::uint8_t, 8> part{};
-  const auto extend = [&](std::size_t bytes) {
-    while (image.size() < bytes) {
-      const std::size_t n = read_sii_words(exchange, station, static_cast<std::uint32_t>(image.size() / 2), part, place);
-      image.insert(image.end(), part.begin(), part.begin() + static_cast<std::ptrdiff_t>(n));
-    }
-  };
-  extend(128);
-  // The size in the image is not always right, so the categories are followed up to their end.
-  for (std::size_t at = 128; at + 4 <= kLargestImage;) {
-    extend(at + 2);
-    if (load<std::uint16_t>(image.data() + at) == 0xffff) {
-      image.resize(at + 2);
-      return image;
-    }
-    extend(at + 4);
-    at += 4 + 2 * std::size_t{load<std::uint16_t>(image.data() + at + 2)};
-    if (at <= kLargestImage) extend(at);
-  }
-  throw Error(place, "the categories of its SII have no end within " + std::to_string(kLargestImage) + " bytes");
-}
-
-std::vector<FoundSlave> scan_bus(Exchange& exchange, const std::string& place, std::int64_t wait) {
-  std::uint8_t type = 0;
-  const std::int64_t end = exchange.wire().now() + wait;
-  std::optional<std::uint16_t> count;
-  do {
-    count = exchange.transfer(Command::kBrd, at_position(0, reg::kType), type);
-  } while (count.value_or(0) == 0 && exchange.wire().now() < end);
-  if (count.value_or(0) > 0) {
-    reset_slaves(exchange);
-    count = exchange.transfer(Command::kBrd, at_position(0, reg::kType), type);
-  }
-  if (!count) throw Error(place, "no frame comes back, expected an EtherCAT bus that is switched on");
-  if (*count == 0) throw Error(place, "frames come back unread, expected at least one EtherCAT slave");
-  std::vector<FoundSlave> slaves(*count);
-  for (std::size_t i = 0; i < slaves.size(); ++i) {
-    FoundSlave& slave = slaves[i];
-    const auto position = static_cast<std::uint16_t>(i);
-    slave.station = static_cast<std::uint16_t>(kFirstStation + i);
-    std::uint16_t station = slave.station;
-    if (exchange.transfer(Command::kApwr, at_position(position, reg::kStation), station) != 1) {
-      throw Error(position_of(place, i), "does not take a station address");
-    }
-    const auto read = [&]<class T>(T& value, std::uint16_t offset) {
-      const std::optional<T> answer = exchange.read<T>(slave.station, offset);
-      if (!answer) throw Error(position_of(place, i), "does not answer under its station address");
-      value = *answer;
-    };
-    read(slave.features, reg::kFeatures);
-    read(slave.fmmus, reg::kFmmuCount);
-    read(slave.sync_managers, reg::kSyncManagerCount);
-    read(slave.ports.dl_status, reg::kDlStatus);
-    slave.ports.has_clock = (slave.features & feature::kClock) != 0;
-    slave.image = read_sii_image(exchange, slave.station, position_of(place, i));
-    slave.sii = read_sii(slave.image, position_of(place, i) + ", SII");
-  }
-  return slaves;
-}
-
-namespace {
+constexpr int kLatches = 5;  // broadcasts that latch the receive times, until all clocks have taken one
 
 class Builder {
  public:
@@ -231,9 +114,23 @@ class Builder {
                                  " and " + std::to_string(e.input_bytes));
   }
 
+  /// Makes all slaves latch the receive times of one frame.
+  void latch_receive_times() {
+    const auto clocks = std::count_if(bus_.slaves.begin(), bus_.slaves.end(),
+                                      [](const BusSlave& s) { return (s.found.features & feature::kClock) != 0; });
+    std::optional<std::uint16_t> count;
+    for (int n = 0; n < kLatches; ++n) {
+      count = exchange_.broadcast<std::uint32_t>(reg::kReceiveTimes, 0);
+      if (count && *count >= clocks && *count <= bus_.slaves.size()) return;
+    }
+    throw Error(options_.place, (count ? std::to_string(*count) : "none") +
+                                    " of the slaves take the command to latch their receive times, expected " +
+                                    std::to_string(clocks) + " to " + std::to_string(bus_.slaves.size()));
+  }
+
   void measure_delays() {
     std::vector<SlavePorts> ports;
-    if (options_.clocks) exchange_.broadcast<std::uint32_t>(reg::kReceiveTimes, 0);
+    if (options_.clocks) latch_receive_times();
     for (std::size_t i = 0; i < bus_.slaves.size(); ++i) {
       FoundSlave& f = bus_.slaves[i].found;
       if (options_.clocks && f.ports.has_clock) {
@@ -249,11 +146,15 @@ class Builder {
     if (options_.clocks && bus_.reference < 0) {
       throw Error(options_.place, "no slave has a distributed clock, expected one (or clocks switched off)");
     }
-    const std::vector<Place> places = find_topology(ports);
-    const std::vector<std::uint32_t> delays = propagation_delays(ports, places);
+    // Without clocks nothing depends on the tree.
+    std::vector<std::uint32_t> delays(bus_.slaves.size());
+    if (options_.clocks) {
+      const std::vector<Place> places = find_topology(ports);
+      delays = propagation_delays(ports, places);
+      for (std::size_t i = 0; i < bus_.slaves.size(); ++i) bus_.slaves[i].place = places[i];
+    }
     for (std::size_t i = 0; i < bus_.slaves.size(); ++i) {
       BusSlave& s = bus_.slaves[i];
-      s.place = places[i];
       s.delay = delays[i];
       s.times = {s.delay, options_.cycle, s.expected.sync0_shift, static_cast<int>(i) == bus_.reference};
     }
@@ -359,7 +260,9 @@ class Builder {
     client.download(value.index, value.subindex, std::span<const std::uint8_t>(bytes).first(value.bytes));
     std::vector<std::uint8_t> mail(client.request().begin(), client.request().end());
     mail.resize(box.out_size);
-    steps.push_back(datagram(Command::kFpwr, at_station(s.found.station, box.out), std::move(mail), "take a mail"));
+    Step send = datagram(Command::kFpwr, at_station(s.found.station, box.out), std::move(mail), "take a mail");
+    send.may_refuse = true;
+    steps.push_back(std::move(send));
     Step full = datagram(Command::kFprd, at_station(s.found.station, reg::kSyncManager + reg::kSyncManagerSize + 5),
                          std::vector<std::uint8_t>(1), "answer a mail");
     full.mask = full.expected = {sync_manager::kFull};
@@ -368,6 +271,8 @@ class Builder {
                            "take the assignment of its PDOs");
     answer.kind = Step::Kind::kMail;
     answer.back = 1;
+    answer.may_refuse = true;
+    answer.repeat = at_station(s.found.station, reg::kSyncManager + reg::kSyncManagerSize + 6);
     answer.mask.assign(12, 0);
     answer.expected.assign(12, 0);
     const auto expect = [&](std::size_t at, std::uint8_t mask, unsigned expected) {
@@ -428,6 +333,7 @@ class Builder {
     Step step =
         datagram(Command::kBwr, at_position(0, reg::kReceiveTimes), std::vector<std::uint8_t>(4), "latch the receive times");
     step.kind = Step::Kind::kLatch;
+    step.least = s.times.is_reference ? 1 : 2;
     steps.push_back(std::move(step));
     step =
         datagram(Command::kFprd, at_station(station, reg::kReceiveTime), std::vector<std::uint8_t>(8), "give its receive time");
@@ -438,6 +344,7 @@ class Builder {
       step = datagram(Command::kFprd, at_station(reference, reg::kReceiveTime), std::vector<std::uint8_t>(16),
                       "find the reference clock");
       step.kind = Step::Kind::kReadSystem;
+      step.back = 2;  // to the latch
       steps.push_back(std::move(step));
     }
     step = write<std::int64_t>(station, reg::kSystemTimeOffset, 0, "take the offset of its clock");
@@ -460,6 +367,11 @@ class Builder {
     steps.push_back(std::move(step));
     steps.push_back(write(station, reg::kSync0Cycle, static_cast<std::uint32_t>(options_.cycle), what));
     steps.push_back(write(station, reg::kCyclicControl, s.expected.sync_activation, what));
+    // A begin in the past never comes.
+    step = datagram(Command::kFprd, at_station(station, reg::kSystemTime), std::vector<std::uint8_t>(8), "start SYNC0 in time");
+    step.kind = Step::Kind::kCheckStart;
+    step.back = 5;  // to the first step of these
+    steps.push_back(std::move(step));
   }
 
   void plan(std::size_t i) {
@@ -475,19 +387,27 @@ class Builder {
           datagram(Command::kApwr, at_position(position, reg::kSiiControl), std::move(request), "take requests to its SII"));
       Step ready =
           datagram(Command::kAprd, at_position(position, reg::kSiiControl), std::vector<std::uint8_t>(2), "read its SII");
-      ready.mask = {0, sii_control::kBusy >> 8};
+      ready.mask = {0, (sii_control::kBusy | sii_control::kErrors) >> 8};
       ready.expected = {0, 0};
+      ready.back = 1;
       s.address.push_back(std::move(ready));
       Step compare =
           datagram(Command::kAprd, at_position(position, reg::kSiiData), std::vector<std::uint8_t>(4), "show its identity");
       compare.mask.assign(4, 0xff);
       compare.expected.resize(4);
       store(compare.expected.data(), value);
-      compare.timeout = 0;  // another identity is final
+      compare.identity = true;
       s.address.push_back(std::move(compare));
     };
     identity(0x08, s.found.sii.vendor);
     identity(0x0a, s.found.sii.product);
+    // One that has an address did not restart: it is another slave, at another place since this one has gone.
+    Step fresh = datagram(Command::kAprd, at_position(position, reg::kStation), std::vector<std::uint8_t>(2),
+                          "come without a station address");
+    fresh.mask = {0xff, 0xff};
+    fresh.expected = {0, 0};
+    fresh.identity = true;
+    s.address.push_back(std::move(fresh));
     std::vector<std::uint8_t> bytes(2);
     store(bytes.data(), station);
     s.address.push_back(
@@ -516,7 +436,9 @@ class Builder {
       for (const StartUpValue& value : s.setup.start_up) download(steps, s, client, value);
     }
     for (const ProcessData& data : s.setup.process_data) {
-      set_sync_manager(steps, station, data.sync_manager, data.start, data.length, data.control);
+      // Not all SIIs ask for the watchdog: outputs would stay on for ever when the cable breaks.
+      const auto control = static_cast<std::uint8_t>(data.control | (data.outputs ? sync_manager::kWatchdog : 0));
+      set_sync_manager(steps, station, data.sync_manager, data.start, data.length, control);
     }
     map(steps, s, i);
     if (s.setup.output_bytes > 0) {  // whatever another master has left there

@@ -40,7 +40,7 @@ struct BusSlave {
   ExpectedSlave expected;
   FoundSlave found;
   SlaveSetup setup;
-  Place place;
+  Place place;                                            // with clocks
   std::uint32_t delay = 0;                                // ns from the reference clock
   std::size_t inputs_at = 0, outputs_at = 0;              // of its bytes in the images of all inputs and outputs
   std::uint32_t logical_inputs = 0, logical_outputs = 0;  // first logical addresses
@@ -88,6 +88,9 @@ std::vector<FoundSlave> scan_bus(Exchange& exchange, const std::string& place, s
 
 /// Reads the whole SII image of a slave by its registers 0x0502 to 0x0508. Throws Error `place: …`.
 std::vector<std::uint8_t> read_sii_image(Exchange& exchange, std::uint16_t station, const std::string& place);
+
+/// "interface eth1: slave 2", for messages.
+inline std::string position_of(const std::string& place, std::size_t i) { return place + ": slave " + std::to_string(i); }
 
 /// Brings the expected slaves to SAFEOP. Throws Error that names the position, what answers there and what is expected, or the slave,
 /// the state that it does not reach and its AL status code.

@@ -17,15 +17,19 @@ std::optional<std::uint16_t> Exchange::transfer(Command command, std::uint32_t a
     }
     const std::int64_t deadline = wire_.now() + options_.timeout;
     wire_.send(writer.finish());
-    for (std::size_t size; wire_.now() <= deadline && (size = wire_.receive(received_, deadline)) > 0;) {
+    do {  // a wait may end early by a signal
+      const std::size_t size = wire_.receive(received_, deadline);
+      if (size == 0) continue;
       FrameReader reader(std::span<const std::uint8_t>(received_).first(size));
       Datagram d;
       // Answers to earlier attempts, and frames of others, are passed over.
-      if (!reader.next(d) || d.index != index_ || d.command != command || d.length != data.size()) continue;
+      if (!reader.next(d) || d.index != index_ || d.command != command || d.length != data.size() ||
+          d.offset() != static_cast<std::uint16_t>(address >> 16))
+        continue;
       const std::span<const std::uint8_t> answer = reader.data(d);
       std::copy(answer.begin(), answer.end(), data.begin());
       return d.working_counter;
-    }
+    } while (wire_.now() < deadline);
   }
   return std::nullopt;
 }

@@ -1,7 +1,6 @@
 #include "components/io/ethercat/master/master.h"
 
 #include <algorithm>
-#include <cstdlib>
 #include <utility>
 
 #include "components/io/ethercat/little_endian.h"
@@ -10,10 +9,12 @@ namespace cotwin::ethercat {
 
 namespace {
 
-constexpr std::uint8_t kErrands = 0x80;          // indices of errands begin here
-constexpr std::int64_t kPlausible = 10'000'000;  // ns by which the reference clock may be off
-constexpr int kMostFrames = 64;                  // that a cycle reads
-constexpr std::int64_t kRetry = 100'000'000;     // ns from a failed recovery to the next attempt
+constexpr std::uint8_t kErrands = 0x80;       // indices of errands begin here
+constexpr int kMostFrames = 64;               // that a cycle reads
+constexpr int kAnswersElsewhere = 50;         // of the reference clock in a row after which a step of it is followed
+constexpr std::int64_t kRetry = 100'000'000;  // ns from a failed recovery to the next attempt
+constexpr int kTurns = 4;                     // every which errand is for the states, while slaves are brought back
+constexpr std::int64_t kAnswer = 5'000'000;   // ns that an answer may take at the end of operation
 constexpr std::uint8_t kAllOp = static_cast<std::uint8_t>(State::kOp);
 
 }  // namespace
@@ -24,8 +25,8 @@ Master::Master(BusSetup bus, std::int64_t cycle, std::int64_t patience, BusTime 
   outputs_.resize(bus_.output_bytes);
   frames_.resize(std::max<std::size_t>(bus_.segments.size(), 1));
   status_.resize(bus_.slaves.size());
-  retry_.resize(bus_.slaves.size());
-  sequence_.reserve(kLongestFrame);
+  recoveries_.resize(bus_.slaves.size());
+  for (Recovery& r : recoveries_) r.sequence.reserve(kLongestFrame);
   if (bus_.reference >= 0) time_.reference = bus_.slaves[static_cast<std::size_t>(bus_.reference)].found.station;
 }
 
@@ -70,29 +71,30 @@ void Master::take(std::span<const std::uint8_t> frame, std::int64_t now) {
     return;
   }
   if (d.index >= kErrands) {
-    if (errand_open_ && d.index == errand_index_) {
+    if (!is_errand(d)) {
+      ++counters_.foreign;
+    } else if (errand_open_ && d.index == errand_index_) {
       take_errand(true, d.working_counter, reader.data(d), now);
     } else {
       ++counters_.late;
     }
     return;
   }
-  if (d.index != index_ || !sent_) {
-    ++counters_.late;
-    return;
-  }
-  take_cyclic(FrameReader(frame), std::max(now, frames_[0].sent));
+  take_cyclic(FrameReader(frame), d.index, std::max(now, frames_[0].sent));
 }
 
-/// Whether the datagrams of an answer are those that were sent for a segment. Slaves change the address of broadcasts only.
+/// Whether the datagrams of an answer are those that are sent for a segment in this cycle or in another one. Slaves change the address of
+/// broadcasts only.
 bool Master::is_answer(FrameReader reader, std::size_t segment) const {
   Datagram d;
   const auto next_is = [&](Command command, std::size_t length) {
     return reader.next(d) && d.command == command && d.length == length;
   };
   if (segment == 0) {
-    if (bus_.reference >= 0 && !(next_is(time_command_, 8) && d.address == at_station(time_.reference, reg::kSystemTime)))
-      return false;
+    if (bus_.reference >= 0) {
+      const bool time = reader.next(d) && (d.command == Command::kFrmw || d.command == Command::kFprd) && d.length == 8;
+      if (!time || d.address != at_station(time_.reference, reg::kSystemTime)) return false;
+    }
     if (!(next_is(Command::kBrd, 2) && d.offset() == reg::kAlStatus)) return false;
   }
   if (segment < bus_.segments.size()) {
@@ -108,19 +110,29 @@ bool Master::is_answer(FrameReader reader, std::size_t segment) const {
   return !reader.next(d);
 }
 
-void Master::take_cyclic(const FrameReader& frame, std::int64_t now) {
+/// Whether a datagram is that of the last errand with its index. Slaves change the position in the address, and the offset never.
+bool Master::is_errand(const Datagram& d) const {
+  const Datagram& sent = errands_sent_[d.index - kErrands];
+  const bool by_position = d.command == Command::kAprd || d.command == Command::kApwr || d.command == Command::kBwr;
+  return d.command == sent.command && d.length == sent.length &&
+         (by_position ? d.offset() == sent.offset() : d.address == sent.address);
+}
+
+void Master::take_cyclic(const FrameReader& frame, std::uint8_t index, std::int64_t now) {
   std::size_t segment = 0;
   while (segment < frames_.size() && !is_answer(frame, segment)) ++segment;
   if (segment == frames_.size()) {
     ++counters_.foreign;
     return;
   }
-  if (frames_[segment].answered) {
+  FrameReader reader = frame;
+  Datagram d;
+  const bool other_command = segment == 0 && bus_.reference >= 0 && reader.next(d) && d.command != time_command_;
+  reader = frame;
+  if (!sent_ || index != index_ || other_command || frames_[segment].answered) {
     ++counters_.late;
     return;
   }
-  FrameReader reader = frame;
-  Datagram d;
   bool complete = true;
   std::span<const std::uint8_t> arriving;
   while (reader.next(d)) {
@@ -146,36 +158,46 @@ void Master::take_cyclic(const FrameReader& frame, std::int64_t now) {
 }
 
 /// The time of the reference clock, if it is plausible: a reference that was switched off answers with the time since then, and the writes of
-/// the others count even if it does not answer at all.
+/// the others count even if it does not answer at all. After a gap in the host's clock (a suspended machine) it is never plausible again,
+/// so that of a reference which did not restart is taken when it has gone on evenly for a while.
 void Master::take_system_time(std::int64_t time, std::uint16_t working_counter, std::int64_t now) {
   const std::int64_t middle = std::min(frames_[0].sent + (now - frames_[0].sent) / 2, now);
-  if (working_counter == 0 || std::abs(time - time_.at(middle)) > kPlausible) return;
+  if (working_counter == 0 || (time_command_ == Command::kFrmw && time == sent_time_)) return;
+  if (!time_.is_plausible(time, middle)) {
+    const bool even = elsewhere_answers_ > 0 && elsewhere_.is_plausible(time, middle);
+    elsewhere_answers_ = even ? elsewhere_answers_ + 1 : 1;
+    elsewhere_.system = time;
+    elsewhere_.host = middle;
+    if (elsewhere_answers_ < kAnswersElsewhere || status_[static_cast<std::size_t>(bus_.reference)].down) return;
+    ++counters_.clock_steps;
+  }
+  elsewhere_answers_ = 0;
+  reference_read_ = true;
   system_time_ = time_.system = time;
   system_time_at_ = time_.host = middle;
 }
 
 void Master::close_cycle(std::int64_t now) {
   sent_ = false;
-  bool answered = true, complete = true;
+  bool answered = true, complete = true, wrong = false;
   for (const Frame& f : frames_) {
     answered = answered && f.answered;
     complete = complete && f.complete;
+    wrong = wrong || (f.answered && !f.complete);
   }
-  if (!answered) {
-    ++counters_.lost;
-  } else if (!complete) {
-    ++counters_.working_counter;
-  }
+  if (!answered) ++counters_.lost;
+  if (wrong) ++counters_.working_counter;
   const int slaves = static_cast<int>(bus_.slaves.size());
   if (frames_[0].answered && answering_ > slaves && !crowded_) ++counters_.unexpected;
   if (frames_[0].answered) crowded_ = answering_ > slaves;
   fresh_ = answered && complete;
-  const bool good = fresh_ && answering_ == slaves && states_ == kAllOp;
+  const bool bad = wrong || (frames_[0].answered && (answering_ != slaves || states_ != kAllOp));
+  const bool good = fresh_ && !bad;
   if (good) {
     last_good_ = now;
     operational_ = all_in_op();
-  } else if (answered || now - last_good_ > patience_) {
-    // A lost frame is tolerated for a while; missing slaves and slaves that left OP are not.
+  } else if (bad || now - last_good_ > patience_) {
+    // A lost frame is tolerated for a while; missing slaves and slaves that left OP are not, whatever else was lost.
     operational_ = false;
   }
   watching_ = !good || !operational_;
@@ -187,16 +209,21 @@ bool Master::all_in_op() const {
 
 void Master::send_frames(Wire& wire) {
   index_ = static_cast<std::uint8_t>((index_ + 1) % kErrands);
-  // A reference that is away or not yet set again must not pass its time on.
-  const bool distributes = bus_.reference >= 0 && !status_[static_cast<std::size_t>(bus_.reference)].down &&
-                           (counters_.cycles == 0 || answering_ == static_cast<int>(bus_.slaves.size()));
+  // A reference that is away or not yet set again must not pass its time on. Whether it is there, the last cycle has shown; if it has
+  // gone since then, the others take over what is sent: the extrapolated time.
+  const bool distributes = std::exchange(reference_read_, false) && !status_[static_cast<std::size_t>(bus_.reference)].down &&
+                           answering_ == static_cast<int>(bus_.slaves.size());
   time_command_ = distributes ? Command::kFrmw : Command::kFprd;
   ++counters_.cycles;
   for (std::size_t i = 0; i < frames_.size(); ++i) {
     FrameWriter writer(buffer_);
     writer.begin();
     if (i == 0) {
-      if (bus_.reference >= 0) writer.add(time_command_, index_, at_station(time_.reference, reg::kSystemTime), std::size_t{8});
+      if (bus_.reference >= 0) {
+        std::array<std::uint8_t, 8> time;
+        store(time.data(), sent_time_ = time_.at(wire.now()));
+        writer.add(time_command_, index_, at_station(time_.reference, reg::kSystemTime), time);
+      }
       writer.add(Command::kBrd, index_, at_position(0, reg::kAlStatus), std::size_t{2});
     }
     if (i < bus_.segments.size()) add_process_data(writer, bus_.segments[i]);
@@ -208,7 +235,7 @@ void Master::send_frames(Wire& wire) {
 
 void Master::add_process_data(FrameWriter& writer, const Segment& s) {
   const auto set_outputs = [&](std::size_t at) {
-    if (at == 0 || !operational_) return;
+    if (at == 0 || !operational_ || held_) return;
     std::copy_n(outputs_.begin() + static_cast<std::ptrdiff_t>(s.outputs_at), s.output_bytes,
                 buffer_.begin() + static_cast<std::ptrdiff_t>(at));
   };
@@ -222,15 +249,42 @@ void Master::add_process_data(FrameWriter& writer, const Segment& s) {
   }
 }
 
-void Master::choose_errand(std::int64_t now) {
-  if (errand_ == Errand::kSequence) {
-    if (sequence_.status() == Sequence::Status::kBusy) return;
-    end_sequence(now);
-    if (errand_ == Errand::kSequence) return;
+/// The next slave that is brought back. One that sets its clock has the latched receive times of all for itself.
+bool Master::choose_recovery() {
+  const std::size_t slaves = recoveries_.size();
+  const bool latched = std::any_of(recoveries_.begin(), recoveries_.end(),
+                                   [](const Recovery& r) { return r.way != Way::kNone && r.sequence.holds_latch(); });
+  for (std::size_t n = 1; n <= slaves; ++n) {
+    const std::size_t slave = (recovering_ + n) % slaves;
+    const Recovery& r = recoveries_[slave];
+    if (r.way == Way::kNone || (latched && r.sequence.latches())) continue;
+    recovering_ = slave;
+    errand_ = Errand::kSequence;
+    return true;
   }
+  return false;
+}
+
+void Master::choose_errand(std::int64_t now) {
   const std::size_t slaves = bus_.slaves.size();
+  for (std::size_t i = 0; i < slaves; ++i) {
+    Recovery& r = recoveries_[i];
+    // Positions count only while all slaves answer.
+    const bool lost_place = r.way == Way::kAddress && answering_ != static_cast<int>(slaves);
+    if (r.way != Way::kNone && (lost_place || r.sequence.status() != Sequence::Status::kBusy)) end_sequence(i, now);
+  }
   errand_ = Errand::kNone;
-  looked_at_ = (looked_at_ + 1) % slaves;
+  turn_ = (turn_ + 1) % kTurns;
+  if (turn_ != 0 && choose_recovery()) return;
+  // A slave that gets its address does not answer under it yet.
+  std::size_t n = 0;
+  do {
+    looked_at_ = (looked_at_ + 1) % slaves;
+  } while (recoveries_[looked_at_].way == Way::kAddress && ++n < slaves);
+  if (n == slaves) {
+    choose_recovery();
+    return;
+  }
   if (watching_) {
     errand_ = Errand::kState;
   } else if (bus_.reference >= 0) {
@@ -246,12 +300,19 @@ void Master::send_errand(Wire& wire) {
   FrameWriter writer(buffer_);
   writer.begin();
   const std::uint16_t station = bus_.slaves[looked_at_].found.station;
+  Datagram& d = errands_sent_[errand_index_ - kErrands];
   if (errand_ == Errand::kSequence) {
-    writer.add(sequence_.command(), errand_index_, sequence_.address(), sequence_.data());
-  } else if (errand_ == Errand::kState) {
-    writer.add(Command::kFprd, errand_index_, at_station(station, reg::kAlStatus), std::size_t{6});
+    const Sequence& sequence = recoveries_[recovering_].sequence;
+    d.command = sequence.command();
+    d.address = sequence.address();
+    d.length = sequence.data().size();
+    writer.add(d.command, errand_index_, d.address, sequence.data());
   } else {
-    writer.add(Command::kFprd, errand_index_, at_station(station, reg::kSystemTimeDifference), std::size_t{4});
+    const bool state = errand_ == Errand::kState;
+    d.command = Command::kFprd;
+    d.address = at_station(station, state ? reg::kAlStatus : reg::kSystemTimeDifference);
+    d.length = state ? 6 : 4;
+    writer.add(d.command, errand_index_, d.address, d.length);
   }
   errand_open_ = true;
   if (!wire.send(writer.finish())) ++counters_.unsent;
@@ -260,7 +321,7 @@ void Master::send_errand(Wire& wire) {
 void Master::take_errand(bool answered, std::uint16_t working_counter, std::span<const std::uint8_t> data, std::int64_t now) {
   errand_open_ = false;
   if (errand_ == Errand::kSequence) {
-    sequence_.receive(answered, working_counter, data, time_, now);
+    recoveries_[recovering_].sequence.receive(answered, working_counter, data, time_, now);
   } else if (!answered) {
     return;
   } else if (errand_ == Errand::kState && data.size() == 6) {
@@ -273,16 +334,19 @@ void Master::take_errand(bool answered, std::uint16_t working_counter, std::span
 void Master::see_state(bool present, std::span<const std::uint8_t> data, std::int64_t now) {
   const std::size_t slave = looked_at_;
   SlaveStatus& status = status_[slave];
+  Recovery& recovery = recoveries_[slave];
   const int slaves = static_cast<int>(bus_.slaves.size());
   if (!present) {
     if (status.present) ++counters_.slave_lost;
     status.present = false;
     status.down = true;
+    if (std::exchange(recovery.way, Way::kNone) != Way::kNone) return;  // it has gone again
     // All slaves answer, but this one not under its address: it has been switched off and on, or replaced.
-    if (answering_ == slaves && now >= retry_[slave]) begin(slave, Way::kAddress, now);
+    if (answering_ == slaves && now >= recovery.retry) begin(slave, Way::kAddress, now);
     return;
   }
   status.present = true;
+  recovery.wrong = false;
   const auto state = static_cast<State>(data[0] & kStateBits);
   const bool error = (data[0] & kStateError) != 0;
   if (error) status.code = static_cast<AlCode>(load<std::uint16_t>(data.data() + 4));
@@ -291,8 +355,9 @@ void Master::see_state(bool present, std::span<const std::uint8_t> data, std::in
     status.down = true;
   }
   status.state = error && state == State::kOp ? State::kSafeOp : state;
+  if (recovery.way != Way::kNone) return;
   if (state == State::kOp && !error) return reach_op(slave);
-  if (now >= retry_[slave]) begin(slave, state == State::kSafeOp ? Way::kRun : Way::kStart, now);
+  if (now >= recovery.retry) begin(slave, state == State::kSafeOp ? Way::kRun : Way::kStart, now);
 }
 
 void Master::reach_op(std::size_t slave) {
@@ -305,34 +370,82 @@ void Master::reach_op(std::size_t slave) {
 
 void Master::begin(std::size_t slave, Way way, std::int64_t now) {
   const BusSlave& s = bus_.slaves[slave];
-  errand_ = Errand::kSequence;
-  recovering_ = slave;
-  way_ = way;
-  sequence_.start(way == Way::kAddress ? s.address : way == Way::kStart ? s.start : s.run, s.times, now);
+  Recovery& r = recoveries_[slave];
+  r.way = way;
+  r.sequence.start(way == Way::kAddress ? s.address : way == Way::kStart ? s.start : s.run, s.times, now);
 }
 
-void Master::end_sequence(std::int64_t now) {
-  errand_ = Errand::kNone;
-  if (sequence_.status() == Sequence::Status::kFailed) {
-    if (sequence_.al_code() != AlCode::kNone) status_[recovering_].code = sequence_.al_code();
-    if (way_ == Way::kAddress && sequence_.answered_otherwise()) ++counters_.wrong_slave;
-    retry_[recovering_] = now + kRetry;
+void Master::end_sequence(std::size_t slave, std::int64_t now) {
+  Recovery& r = recoveries_[slave];
+  const Way way = std::exchange(r.way, Way::kNone);
+  if (r.sequence.status() != Sequence::Status::kDone) {
+    if (r.sequence.al_code() != AlCode::kNone) status_[slave].code = r.sequence.al_code();
+    if (way == Way::kAddress && r.sequence.status() == Sequence::Status::kFailed && r.sequence.found_another() &&
+        !std::exchange(r.wrong, true))
+      ++counters_.wrong_slave;
+    r.retry = now + kRetry;
     return;
   }
-  if (way_ == Way::kRun) return reach_op(recovering_);
-  if (way_ == Way::kStart) ++status_[recovering_].restarts;
-  begin(recovering_, way_ == Way::kAddress ? Way::kStart : Way::kRun, now);
+  if (way == Way::kRun) return reach_op(slave);
+  if (way == Way::kStart) ++status_[slave].restarts;
+  begin(slave, way == Way::kAddress ? Way::kStart : Way::kRun, now);
 }
 
-void Master::stop(Wire& wire) {
-  operational_ = false;
-  send_frames(wire);
+/// Sends one broadcast and waits for its answer until `deadline`. Returns the working counter; nothing without an answer.
+std::optional<std::uint16_t> Master::ask(Wire& wire, Command command, std::uint16_t offset, std::span<std::uint8_t> data,
+                                         std::int64_t deadline) {
+  errand_index_ = static_cast<std::uint8_t>(kErrands | (errand_index_ + 1));
   FrameWriter writer(buffer_);
   writer.begin();
-  std::array<std::uint8_t, 2> init{};
-  store(init.data(), static_cast<std::uint16_t>(static_cast<std::uint16_t>(State::kInit) | kStateError));
-  writer.add(Command::kBwr, kErrands, at_position(0, reg::kAlControl), init);
+  writer.add(command, errand_index_, at_position(0, offset), data);
   wire.send(writer.finish());
+  const std::int64_t end = std::min(wire.now() + kAnswer, deadline);
+  do {
+    const std::size_t size = wire.receive(buffer_, end);
+    FrameReader reader(std::span<const std::uint8_t>(buffer_).first(size));
+    Datagram d;
+    if (size == 0 || !reader.next(d) || d.index != errand_index_ || d.command != command || d.length != data.size()) continue;
+    const std::span<const std::uint8_t> answer = reader.data(d);
+    std::copy(answer.begin(), answer.end(), data.begin());
+    return d.working_counter;
+  } while (wire.now() < end);
+  return std::nullopt;
+}
+
+/// Requests a state of all slaves, and waits until all that answer have it.
+bool Master::bring_all_to(Wire& wire, State state, std::int64_t deadline) {
+  do {
+    std::array<std::uint8_t, 2> control{}, status{};
+    const auto value = static_cast<std::uint16_t>(state);
+    if (state == State::kInit) {  // with and without acknowledging errors, as in bus_setup.cpp
+      store(control.data(), static_cast<std::uint16_t>(value | kStateError));
+      ask(wire, Command::kBwr, reg::kAlControl, control, deadline);
+    }
+    store(control.data(), value);
+    ask(wire, Command::kBwr, reg::kAlControl, control, deadline);
+    const std::optional<std::uint16_t> count = ask(wire, Command::kBrd, reg::kAlStatus, status, deadline);
+    if (count && *count > 0 && status[0] == value) return *count >= bus_.slaves.size();
+  } while (wire.now() < deadline);
+  return false;
+}
+
+bool Master::stop(Wire& wire) {
+  operational_ = false;
+  const std::int64_t begin = wire.now();
+  for (Recovery& r : recoveries_) r.way = Way::kNone;
+  errand_open_ = false;
+  for (int n = 0; n < 3; ++n) {
+    send_frames(wire);
+    if (collect(wire, wire.now() + kAnswer)) break;
+  }
+  sent_ = false;
+  bring_all_to(wire, State::kSafeOp, begin + kLongestStop / 3);
+  const bool all = bring_all_to(wire, State::kInit, begin + kLongestStop * 2 / 3);
+  std::array<std::uint8_t, 1> off{};
+  for (int n = 0; bus_.reference >= 0 && n < 3; ++n) {
+    if (ask(wire, Command::kBwr, reg::kActivation, off, begin + kLongestStop)) break;
+  }
+  return all;
 }
 
 }  // namespace cotwin::ethercat

@@ -1,6 +1,7 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -11,7 +12,8 @@ namespace cotwin::ethercat {
 
 /// A cyclic EtherCAT master. In each cycle it sends one frame per segment of the process image,
 ///   FRMW system time of the reference | LRW process data | BRD AL status,
-/// and reads the answers to the last ones. Slaves that leave OP are brought back with one datagram per cycle, while the others go on.
+/// and reads the answers to the last ones. Slaves that leave OP are brought back with one datagram per cycle, in turn, while the others
+/// go on.
 /// Outputs are the safe value (zeros) from the first cycle without all slaves in OP and the expected working counter until all are back.
 /// After the constructor nothing allocates, waits or throws.
 class Master {
@@ -26,9 +28,10 @@ class Master {
     std::int64_t working_counter = 0;  // cycles with a wrong working counter
     std::int64_t slave_lost = 0;       // slaves that stopped answering
     std::int64_t slave_fault = 0;      // slaves that left OP with an error
-    std::int64_t wrong_slave = 0;      // other devices in the place of a slave
+    std::int64_t wrong_slave = 0;      // other devices found in the place of a slave, once until it is back
     std::int64_t unexpected = 0;       // times at which more slaves answered than there should be
     std::int64_t recovered = 0;        // slaves that were brought back to OP
+    std::int64_t clock_steps = 0;      // times at which the reference clock went on elsewhere, and was followed
   };
 
   struct SlaveStatus {
@@ -46,13 +49,18 @@ class Master {
   void cycle(Wire& wire);
   /// Takes answers that come until `deadline`, or until all frames have been answered. Returns whether all have been.
   bool collect(Wire& wire, std::int64_t deadline);
-  /// Sends zeros as outputs and brings all slaves to INIT. Waits for no answer.
-  void stop(Wire& wire);
+  /// The end of operation: sends zeros as outputs until they have arrived, then brings all slaves to SAFEOP, to INIT, and switches SYNC0
+  /// off. Waits for answers, at most kLongestStop altogether. Returns whether all slaves answered that they are in INIT.
+  bool stop(Wire& wire);
+  static constexpr std::int64_t kLongestStop = 300'000'000;  // ns
 
   /// Of one slave, as they arrived in the last cycle with the expected working counter.
   std::span<const std::uint8_t> inputs(std::size_t slave) const;
   /// Of one slave, sent with the next cycle.
   std::span<std::uint8_t> outputs(std::size_t slave);
+
+  /// Whether zeros are sent instead of the outputs, also while the bus is operational.
+  void hold_outputs(bool held) { held_ = held; }
 
   const BusSetup& bus() const { return bus_; }
   /// All slaves are in OP and the last cycle was complete.
@@ -78,11 +86,18 @@ class Master {
   /// What the datagram beside the cyclic ones is for.
   enum class Errand : std::uint8_t { kNone, kState, kSequence, kDifference };
   /// The steps that bring a slave back.
-  enum class Way : std::uint8_t { kAddress, kStart, kRun };
+  enum class Way : std::uint8_t { kNone, kAddress, kStart, kRun };
+  struct Recovery {
+    Way way = Way::kNone;
+    Sequence sequence;
+    std::int64_t retry = 0;  // ns; it is left alone until then
+    bool wrong = false;      // another device is in its place
+  };
 
   void take(std::span<const std::uint8_t> frame, std::int64_t now);
   bool is_answer(FrameReader reader, std::size_t segment) const;
-  void take_cyclic(const FrameReader& frame, std::int64_t now);
+  bool is_errand(const Datagram& d) const;
+  void take_cyclic(const FrameReader& frame, std::uint8_t index, std::int64_t now);
   void take_system_time(std::int64_t time, std::uint16_t working_counter, std::int64_t now);
   void take_errand(bool answered, std::uint16_t working_counter, std::span<const std::uint8_t> data, std::int64_t now);
   void close_cycle(std::int64_t now);
@@ -94,7 +109,11 @@ class Master {
   void see_state(bool present, std::span<const std::uint8_t> data, std::int64_t now);
   void reach_op(std::size_t slave);
   void begin(std::size_t slave, Way way, std::int64_t now);
-  void end_sequence(std::int64_t now);
+  void end_sequence(std::size_t slave, std::int64_t now);
+  bool choose_recovery();
+  std::optional<std::uint16_t> ask(Wire& wire, Command command, std::uint16_t offset, std::span<std::uint8_t> data,
+                                   std::int64_t deadline);
+  bool bring_all_to(Wire& wire, State state, std::int64_t deadline);
 
   BusSetup bus_;
   std::int64_t patience_;
@@ -102,28 +121,33 @@ class Master {
   std::vector<std::uint8_t> inputs_, outputs_;
   std::vector<Frame> frames_;  // one per segment, at least one
   std::vector<SlaveStatus> status_;
-  std::vector<std::int64_t> retry_;  // per slave: it is left alone until then, ns
+  std::vector<Recovery> recoveries_;  // per slave
   Counters counters_;
   std::array<std::uint8_t, kLongestFrame> buffer_{};
   std::uint8_t index_ = 0;  // of the cyclic datagrams: 0 to 127; errands have 128 to 255
   bool sent_ = false;       // a cycle waits for answers
-  bool operational_ = false, fresh_ = false;
+  bool operational_ = false, fresh_ = false, held_ = false;
   bool watching_ = true;  // something is wrong: the states of the slaves are read one by one
   bool crowded_ = false;  // more slaves answer than there should be
   std::int64_t last_good_ = 0;
   int answering_ = 0;
-  Command time_command_ = Command::kFrmw;  // FPRD while the reference clock is not to be followed
-  std::uint8_t states_ = 0;                // of all slaves, combined by OR
+  // FPRD while the reference clock is not to be followed, and after each cycle in which it was not read.
+  Command time_command_ = Command::kFprd;
+  bool reference_read_ = false;  // a plausible time came with the last cycle
+  std::int64_t sent_time_ = 0;   // ns, that slaves take over if the reference does not replace it
+  BusTime elsewhere_;            // the last time of the reference that was not plausible
+  int elsewhere_answers_ = 0;    // in a row that go on from one another
+  std::uint8_t states_ = 0;      // of all slaves, combined by OR
   std::int64_t system_time_ = 0, system_time_at_ = 0;
   std::int64_t clock_difference_ = 0, difference_ = 0;  // of the last round over the slaves, of this one
 
   Errand errand_ = Errand::kNone;
   bool errand_open_ = false;  // it waits for its answer
   std::uint8_t errand_index_ = 128;
-  std::size_t looked_at_ = 0;   // slave of kState and kDifference
-  std::size_t recovering_ = 0;  // slave of kSequence
-  Way way_ = Way::kStart;
-  Sequence sequence_;
+  std::array<Datagram, 128> errands_sent_;  // the last ones, by their indices
+  std::size_t looked_at_ = 0;               // slave of kState and kDifference
+  std::size_t recovering_ = 0;              // slave of kSequence
+  int turn_ = 0;                            // errands since the last one for the states, while slaves are brought back
 };
 
 }  // namespace cotwin::ethercat

@@ -9,6 +9,9 @@ namespace cotwin::ethercat {
 namespace {
 
 constexpr std::int64_t kSyncLead = 100'000'000;  // ns from the set-up of SYNC0 to its first pulse
+constexpr std::int64_t kSyncCycles = 40;         // … at least, because an operating bus has one datagram per cycle for it
+constexpr int kMostRefusals = 30;                // answers in a row with which no slave takes a datagram …
+constexpr std::int64_t kAbsent = 20'000'000;     // … for so many ns: the slave has gone
 
 std::string hex(std::uint32_t value) {
   static constexpr char kDigits[] = "0123456789abcdef";
@@ -17,15 +20,22 @@ std::string hex(std::uint32_t value) {
   return text;
 }
 
+/// Local time of the reference at the latch, and its offset.
+std::int64_t system_time_in(std::span<const std::uint8_t> answer) {
+  return static_cast<std::int64_t>(load<std::uint64_t>(answer.data()) + load<std::uint64_t>(answer.data() + 8));
+}
+
 }  // namespace
 
 void Sequence::start(std::span<const Step> steps, const SlaveTimes& times, std::int64_t now) {
   steps_ = steps;
   times_ = times;
-  at_ = 0;
+  at_ = furthest_ = 0;
   al_code_ = AlCode::kNone;
   abort_ = SdoAbort::kNone;
   silent_ = true;
+  refusals_ = 0;
+  absent_ = repeat_ = repeating_ = holds_latch_ = false;
   status_ = steps_.empty() ? Status::kDone : Status::kBusy;
   if (status_ == Status::kBusy) {
     deadline_ = now + step().timeout;
@@ -34,6 +44,10 @@ void Sequence::start(std::span<const Step> steps, const SlaveTimes& times, std::
 }
 
 void Sequence::prepare(const BusTime& time) {
+  if (repeating_) {
+    data_.assign(1, static_cast<std::uint8_t>(sync_manager::kEnabled | (repeat_ ? sync_manager::kRepeat : 0)));
+    return;
+  }
   data_.assign(step().data.begin(), step().data.end());
   if (step().kind == Step::Kind::kWriteOffset) {
     // The reference continues the time of the bus; all others take it over with the delay of the frame that latched both.
@@ -41,17 +55,58 @@ void Sequence::prepare(const BusTime& time) {
     store(data_.data(), system - local_);
   } else if (step().kind == Step::Kind::kWriteStart) {
     const std::int64_t cycle = std::max<std::int64_t>(times_.sync0_cycle, 1);
-    store(data_.data(), ((system_ + kSyncLead) / cycle + 1) * cycle + times_.sync0_shift);
+    const std::int64_t shift = (times_.sync0_shift % cycle + cycle) % cycle;
+    sync_start_ = ((system_ + std::max(kSyncLead, kSyncCycles * cycle)) / cycle + 1) * cycle + shift;
+    store(data_.data(), sync_start_);
   }
 }
 
-bool Sequence::fits(std::span<const std::uint8_t> answer) const {
+bool Sequence::fits(std::span<const std::uint8_t> answer, const BusTime& time) const {
   const Step& s = step();
   if (answer.size() < s.mask.size()) return false;
+  // A reference that was switched off, too, does not have the time of the bus yet.
+  if (s.kind == Step::Kind::kReadSystem) return time.is_plausible(system_time_in(answer), latched_at_);
+  if (s.kind == Step::Kind::kCheckStart) return load<std::int64_t>(answer.data()) < sync_start_;
   for (std::size_t i = 0; i < s.mask.size(); ++i) {
     if ((answer[i] & s.mask[i]) != s.expected[i]) return false;
   }
   return true;
+}
+
+/// Repeats earlier steps, within the time of the furthest one.
+void Sequence::go_back(const BusTime& time) {
+  at_ -= std::min(at_, step().back);
+  holds_latch_ = false;
+  prepare(time);
+}
+
+/// Whether the slave has gone: a master need not wait for the time-out of the step then.
+bool Sequence::note_absence(std::int64_t now) {
+  if (refusals_++ == 0) refused_since_ = now;
+  return absent_ = refusals_ >= kMostRefusals && now - refused_since_ >= kAbsent;
+}
+
+void Sequence::take_value(std::span<const std::uint8_t> answer, std::int64_t now) {
+  switch (step().kind) {
+    case Step::Kind::kLatch:
+      latched_at_ = now;
+      holds_latch_ = true;
+      break;
+    case Step::Kind::kReadLocal:
+      local_ = load<std::int64_t>(answer.data());
+      break;
+    case Step::Kind::kReadSystem:
+      system_ = system_time_in(answer);
+      break;
+    case Step::Kind::kWriteOffset:
+      holds_latch_ = false;
+      break;
+    case Step::Kind::kReadNow:
+      system_ = load<std::int64_t>(answer.data());
+      break;
+    default:
+      break;
+  }
 }
 
 Sequence::Status Sequence::receive(bool answered, std::uint16_t working_counter, std::span<const std::uint8_t> answer,
@@ -59,38 +114,55 @@ Sequence::Status Sequence::receive(bool answered, std::uint16_t working_counter,
   if (status_ != Status::kBusy) return status_;
   const Step& s = step();
   const bool broadcast = s.command == Command::kBwr || s.command == Command::kBrd;
-  const bool taken = answered && (broadcast ? working_counter > 0 : working_counter == 1) && answer.size() == data_.size();
+  const bool taken =
+      answered && (broadcast ? working_counter >= s.least : working_counter == 1) && answer.size() == data_.size();
   silent_ = silent_ && !answered;
-  bool done = taken && fits(answer);
+  if (taken || s.may_refuse) {
+    refusals_ = 0;
+  } else if (answered && note_absence(now)) {
+    return fail();
+  }
+  if (repeating_) {
+    if (taken) {  // wait for the mail again
+      repeating_ = false;
+      go_back(time);
+    }
+    return !taken && now >= deadline_ ? fail() : status_;
+  }
+  const bool done = taken && fits(answer, time);
   if (taken && s.kind == Step::Kind::kState && !done && (answer[0] & kStateError) != 0) {
     al_code_ = static_cast<AlCode>(load<std::uint16_t>(answer.data() + 4));
-    return status_ = Status::kFailed;
+    return fail();
   }
   if (taken && s.kind == Step::Kind::kMail && !done) {
     const std::optional<CoeMail> mail = read_coe(answer);
     if (mail && mail->service != CoeService::kEmergency && mail->content.size() >= 8 && mail->content[0] == sdo::kAbort) {
       abort_ = static_cast<SdoAbort>(load<std::uint32_t>(mail->content.data() + 4));
-      return status_ = Status::kFailed;
+      return fail();
     }
   }
   if (!done) {
-    if (now >= deadline_) return status_ = Status::kFailed;
-    if (taken && s.back > 0) {
-      at_ -= std::min(at_, s.back);
+    if (now >= deadline_ || (taken && s.identity)) return fail();
+    if (!taken && s.kind == Step::Kind::kMail) {
+      // The frame that took the mail out of the mailbox may be lost: the slave is asked for it again.
+      repeat_ = !repeat_;
+      repeating_ = true;
       prepare(time);
+    } else if (taken && s.back > 0) {
+      go_back(time);
     }
     return status_;
   }
-  if (s.kind == Step::Kind::kReadLocal) local_ = load<std::int64_t>(answer.data());
-  if (s.kind == Step::Kind::kLatch) latched_at_ = now;
-  if (s.kind == Step::Kind::kReadNow) system_ = load<std::int64_t>(answer.data());
-  if (s.kind == Step::Kind::kReadSystem) system_ = load<std::int64_t>(answer.data()) + load<std::int64_t>(answer.data() + 8);
+  take_value(answer, now);
   if (++at_ == steps_.size()) {
     --at_;
     return status_ = Status::kDone;
   }
-  silent_ = true;
-  deadline_ = now + step().timeout;
+  if (at_ > furthest_) {
+    furthest_ = at_;
+    silent_ = true;
+    deadline_ = now + step().timeout;
+  }
   prepare(time);
   return status_;
 }
@@ -101,6 +173,7 @@ std::string Sequence::failure() const {
   if (abort_ != SdoAbort::kNone) {
     return text + "SDO abort " + hex(static_cast<std::uint32_t>(abort_)) + ", " + std::string(describe(abort_));
   }
+  if (absent_) return text + "frames pass, but no slave takes them there";
   return text + (silent_ ? "no answer" : "another answer") + " within " + std::to_string(step().timeout / 1'000'000) + " ms";
 }
 

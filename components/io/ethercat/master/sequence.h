@@ -1,5 +1,6 @@
 #pragma once
 #include <cstdint>
+#include <cstdlib>
 #include <span>
 #include <string>
 #include <vector>
@@ -18,6 +19,11 @@ struct BusTime {
   std::int64_t system = 0;      // ns since 2000-01-01, at `host`
   std::int64_t host = 0;        // ns, Wire::now()
   std::int64_t at(std::int64_t now) const { return system + (now - host); }
+  /// Whether the reference clock can show `time` at `now`: 10 ms off, and 500 ppm of the time since the last answer, by which its
+  /// crystal and the host's may have come apart.
+  bool is_plausible(std::int64_t time, std::int64_t now) const {
+    return std::abs(time - at(now)) <= 10'000'000 + std::abs(now - host) / 2000;
+  }
 };
 
 /// One datagram, repeated until its answer fits or `timeout` is over.
@@ -31,7 +37,8 @@ struct Step {
     kReadSystem,   // local time of the reference at the latch, and its offset
     kWriteOffset,  // system − local
     kReadNow,      // system time of the slave
-    kWriteStart,   // begin of SYNC0: the next multiple of its cycle after `lead` has passed, and its shift
+    kWriteStart,   // begin of SYNC0: the next multiple of its cycle after a lead has passed, and its shift
+    kCheckStart,   // system time of the slave; fits if it is before that begin
   };
 
   Kind kind = Kind::kDatagram;
@@ -42,6 +49,10 @@ struct Step {
       expected;  // answer fits if (answer & mask) == expected; shorter than the data: the rest does not count
   std::int64_t timeout = 1'000'000'000;  // ns
   std::size_t back = 0;                  // steps to go back if the answer does not fit
+  std::uint16_t least = 1;               // working counter of broadcasts
+  bool may_refuse = false;               // a mailbox, which is not accessible while it is full or empty
+  bool identity = false;                 // an answer that does not fit is final: it is another device
+  std::uint32_t repeat = 0;              // kMail: address of the activate byte of its sync manager
   const char* what = "";                 // for messages: "go to PREOP"
 };
 
@@ -61,8 +72,8 @@ class Sequence {
   void start(std::span<const Step> steps, const SlaveTimes& times, std::int64_t now);
   Status status() const { return status_; }
 
-  Command command() const { return step().command; }
-  std::uint32_t address() const { return step().address; }
+  Command command() const { return repeating_ ? Command::kFpwr : step().command; }
+  std::uint32_t address() const { return repeating_ ? step().repeat : step().address; }
   /// The data of the next datagram. Allocates nothing after it was reserved.
   std::span<const std::uint8_t> data() const { return data_; }
   /// Takes the answer to the last datagram; `answered`: false if it was lost. Updates `time` if the sequence read the reference.
@@ -71,26 +82,41 @@ class Sequence {
   /// The longest datagram that sequences may have, bytes. Call once before cyclic operation.
   void reserve(std::size_t bytes) { data_.reserve(bytes); }
 
-  /// After kFailed: the AL status code, if the slave gave one, and whether it answered at all.
+  /// Its next datagram makes all slaves latch their receive times.
+  bool latches() const { return status_ == Status::kBusy && step().kind == Step::Kind::kLatch; }
+  /// It has made them do so and has not read all of them yet: nobody else may.
+  bool holds_latch() const { return holds_latch_ && status_ == Status::kBusy; }
+
+  /// After kFailed: the AL status code, if the slave gave one, and whether it answered that it is another device.
   AlCode al_code() const { return al_code_; }
-  bool answered_otherwise() const { return !silent_; }
+  bool found_another() const { return !silent_ && !absent_ && step().identity; }
   /// "slave 2 (EL5101, axis) did not go to PREOP: AL status code 0x0016".
   std::string failure() const;
 
  private:
   const Step& step() const { return steps_[at_]; }
+  Status fail() { return status_ = Status::kFailed; }
+  bool note_absence(std::int64_t now);
+  void take_value(std::span<const std::uint8_t> answer, std::int64_t now);
   void prepare(const BusTime& time);
-  bool fits(std::span<const std::uint8_t> answer) const;
+  bool fits(std::span<const std::uint8_t> answer, const BusTime& time) const;
+  void go_back(const BusTime& time);
 
   std::span<const Step> steps_;
   SlaveTimes times_;
-  std::size_t at_ = 0;
+  std::size_t at_ = 0, furthest_ = 0;
   std::int64_t deadline_ = 0;
   std::vector<std::uint8_t> data_;
   Status status_ = Status::kDone;
   AlCode al_code_ = AlCode::kNone;
   SdoAbort abort_ = SdoAbort::kNone;
   bool silent_ = true;
+  int refusals_ = 0;  // answers in a row with which no slave took the datagram
+  std::int64_t refused_since_ = 0;
+  bool absent_ = false;
+  bool repeat_ = false, repeating_ = false;  // bit of the sync manager; it is written now
+  bool holds_latch_ = false;
+  std::int64_t sync_start_ = 0;          // ns, system time of the first SYNC0
   std::int64_t latched_at_ = 0;          // ns, Wire::now()
   std::int64_t local_ = 0, system_ = 0;  // ns, at the latch; system_ also: now
 };
