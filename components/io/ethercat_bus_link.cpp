@@ -12,6 +12,7 @@ namespace cotwin::io {
 namespace {
 
 const std::string kPlace = "unit:io?link=ethercat_bus";
+constexpr int kMostFrames = 64;
 constexpr std::int64_t kIdle = 1'000'000;  // ns without a frame after which watchdogs and filters are looked at
 
 std::int64_t monotonic() {
@@ -36,7 +37,7 @@ EtherCatBusLink::EtherCatBusLink(Settings& settings, std::size_t joints)
 
 EtherCatBusLink::~EtherCatBusLink() { stop(); }
 
-void EtherCatBusLink::stop() {
+void EtherCatBusLink::stop() noexcept {
   if (!thread_.joinable()) return;
   ends_ = true;
   thread_.join();
@@ -72,7 +73,7 @@ void EtherCatBusLink::serve() {
     socket_->wait(monotonic() + kIdle);
     field_.apply(monotonic());
     field_.bus().advance(monotonic());
-    while (!ends_) {
+    for (int n = 0; n < kMostFrames && !ends_; ++n) {  // also under a flood of frames the field is served
       const std::optional<net::RawSocket::Received> received = socket_->receive(buffer);
       if (!received) break;
       if (received->size > buffer.size()) continue;

@@ -27,10 +27,12 @@ class EtherCatBusLink final : public Link {
   StepResult step(Time now, Duration h, const Command& command, Measured& measured) override;
   bool restorable() const override { return false; }
   bool is_robot() const override { return true; }
+  /// From now on no frame is answered: terminals whose master goes on would move after the run.
+  void end() noexcept override { stop(); }
 
  private:
   void serve();
-  void stop();
+  void stop() noexcept;
 
   std::string interface_;
   std::vector<SlaveChoice> slaves_;

@@ -6,10 +6,12 @@
 #include <limits>
 #include <numbers>
 #include <thread>
+#include <utility>
 
 #include "components/io/ethercat/master/raw_wire.h"
 #include "components/unit/tick_source.h"
 #include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::io {
 
@@ -24,6 +26,16 @@ constexpr const char* kNotOperational = "the bus was not operational at some tim
 constexpr const char* kRestarted =
     "an encoder terminal was switched off and on: its position continues from the last known one, movements meanwhile are "
     "unknown";
+
+constexpr const char* kWrapped =
+    "an encoder's counter of 16 bits was not read for longer than timeout: its position may be off by multiples of 65536 "
+    "counts "
+    "(encoder_bits=32 has room for hours)";
+constexpr const char* kNotStopped =
+    "not all slaves answered at the end of the run that they are in INIT: their outputs are off when their watchdogs expire";
+constexpr double kHalfACycle = -1;  // value of sync0_shift
+constexpr const char* kAcknowledged = "acknowledged";
+constexpr const char* kAutomatic = "automatic";
 
 std::int64_t nanoseconds(double seconds) { return std::llround(seconds * 1e9); }
 
@@ -59,6 +71,7 @@ class EtherCatLink::Source final : public TickSource {
     return Arrival{told_, link_.master_->system_time()};
   }
   std::int64_t period() const override { return nanoseconds(link_.cycle_); }
+  bool answers_only() const override { return true; }
 
  private:
   EtherCatLink& link_;
@@ -70,20 +83,13 @@ struct EtherCatLink::Device {
   std::array<bool, 16> channels{};                  // EL1809, EL2809
   std::unique_ptr<bool[]> input_bits, output_bits;  // of slaves whose channels are bits
   std::vector<std::int32_t> inputs, outputs;        // other channels of the SII's PDOs
-  // EL5101
-  std::int32_t count = 0, latch = 0, set_value = 0;
-  bool set = false, set_done = false, latch_c = false, latch_rising = false, latch_falling = false, latched = false;
-  std::uint32_t last = 0;          // counter of the terminal
-  std::int64_t counts = 0;         // since the start
-  std::int64_t counts_before = 0;  // one step ago
-  bool known = false;              // `last` is valid
-  int restarts = 0;
+  std::optional<EtherCatEncoder> encoder;           // EL5101
+  int restarts = 0;                                 // that the encoder has taken into account
 };
 
 EtherCatLink::EtherCatLink(Settings& settings, std::size_t joints)
     : interface_(settings.text("interface")),
       clocks_(settings.boolean("clocks")),
-      wide_(settings.integer("encoder_bits") == 32),
       slaves_(read_slaves(settings, kPlace)),
       devices_(slaves_.size()),
       n_(joints),
@@ -92,14 +98,22 @@ EtherCatLink::EtherCatLink(Settings& settings, std::size_t joints)
       state_(slaves_.size()),
       al_code_(slaves_.size()) {
   for (std::size_t i = 0; i < slaves_.size(); ++i) {
-    if (slaves_[i].kind == Kind::kEncoder) encoders_.push_back(i);
+    if (slaves_[i].kind != Kind::kEncoder) continue;
+    encoders_.push_back(i);
+    devices_[i].encoder.emplace(settings.integer("encoder_bits") == 32);
   }
   check_encoders(slaves_, n_, kPlace);
   if (interface_ == "emulated") field_.emplace(slaves_, n_);
 }
 
-EtherCatLink::~EtherCatLink() {
-  if (master_) master_->stop(*wire_);
+EtherCatLink::~EtherCatLink() { end(); }
+
+void EtherCatLink::end() noexcept {
+  if (!master_ || std::exchange(ended_, true)) return;
+  stopped_ = master_->stop(*wire_);
+  if (!field_) return;
+  field_->apply(wire_->now());
+  field_->exchange();
 }
 
 TickSource* EtherCatLink::tick_source() {
@@ -134,11 +148,31 @@ void EtherCatLink::declare(Variables& v, JointVariables& joints) {
   v.parameter("sii_folder", sii_folder_,
               "folder to which the SII images of all slaves are written at the start, for devices that are described by them");
   v.parameter("sync0", sync0_, "whether the EL5101 work with SYNC0 of the distributed clocks");
-  v.parameter("sync0_shift", sync0_shift_, "s", "of SYNC0 against the multiples of the cycle").range(-1, 1);
+  v.parameter(
+       "sync0_shift", sync0_shift_, "s",
+       "of SYNC0 against the multiples of the cycle, at which ticks begin that follow the bus; -1: half of the cycle, so that "
+       "the terminals act when the frames of the cycle have passed")
+      .range(-1, 1);
   v.parameter("dq_cutoff", dq_cutoff_, "Hz", "cut-off frequency of the low-pass of dq; 0: none").range(0, 1e6);
   joints.parameter("q_scale", q_scale_, "rad", "joint position per count of the encoder");
   joints.parameter("q_offset", q_offset_, "rad", "joint position at the start of the run");
   if (field_) field_->declare(v, joints);
+  for (const std::size_t i : encoders_) {
+    v.output(
+        slaves_[i].name + "_uncertain", devices_[i].encoder->uncertain,
+        "whether movements may have been missed since the start or the last setting: the terminal was off, or a counter of "
+        "16 bits was not read for longer than timeout");
+  }
+  v.output("clock_steps", clock_steps_,
+           "times at which the reference clock went on elsewhere without a restart (the host was suspended), and was followed");
+  v.output("awaits_acknowledgement", awaits_acknowledgement_,
+           "whether outputs are off after a loss of operation until acknowledge rises (restart=acknowledged)");
+  v.input("acknowledge", acknowledge_,
+          "a rising edge while the bus is operational switches the outputs on again after a loss of operation");
+  v.parameter(
+      "restart", restart_,
+      "outputs after a loss of operation: acknowledged (off until acknowledge rises) or automatic (on as soon as the bus "
+      "is operational)");
 }
 
 void EtherCatLink::declare_device(Variables& v, std::size_t i) {
@@ -149,15 +183,16 @@ void EtherCatLink::declare_device(Variables& v, std::size_t i) {
   } else if (s.kind == Kind::kDigitalOutputs) {
     v.input(s.name, d.channels, "channels of the " + s.device + "; off while the bus is not operational");
   } else if (s.kind == Kind::kEncoder) {
-    v.output(s.name + "_count", d.count, "counts of the " + s.device + " since the start (4 per line), modulo 2^32");
-    v.output(s.name + "_latch", d.latch, "counter of the terminal at the last latch");
-    v.output(s.name + "_latched", d.latched, "whether a latch was taken since it was enabled");
-    v.output(s.name + "_set_done", d.set_done, "whether the counter was set since the last rising edge of " + s.name + "_set");
-    v.input(s.name + "_set", d.set, "a rising edge sets the counter of the terminal, and count, to " + s.name + "_set_value");
-    v.input(s.name + "_set_value", d.set_value, "the counter after setting");
-    v.input(s.name + "_latch_C", d.latch_c, "enables the latch by the encoder's zero pulse");
-    v.input(s.name + "_latch_rising", d.latch_rising, "enables the latch by a rising edge of the external input");
-    v.input(s.name + "_latch_falling", d.latch_falling, "enables the latch by a falling edge of the external input");
+    EtherCatEncoder& e = *d.encoder;
+    v.output(s.name + "_count", e.count, "counts of the " + s.device + " since the start (4 per line), modulo 2^32");
+    v.output(s.name + "_latch", e.latch, "counter of the terminal at the last latch");
+    v.output(s.name + "_latched", e.latched, "whether a latch was taken since it was enabled");
+    v.output(s.name + "_set_done", e.set_done, "whether the counter was set since the last rising edge of " + s.name + "_set");
+    v.input(s.name + "_set", e.set, "a rising edge sets the counter of the terminal, and count, to " + s.name + "_set_value");
+    v.input(s.name + "_set_value", e.set_value, "the counter after setting");
+    v.input(s.name + "_latch_C", e.latch_c, "enables the latch by the encoder's zero pulse");
+    v.input(s.name + "_latch_rising", e.latch_rising, "enables the latch by a rising edge of the external input");
+    v.input(s.name + "_latch_falling", e.latch_falling, "enables the latch by a falling edge of the external input");
   } else if (s.kind == Kind::kImage) {
     for (const bool outputs : {true, false}) {
       const std::vector<ethercat::Channel>& channels = outputs ? s.setup.outputs : s.setup.inputs;
@@ -198,6 +233,10 @@ void EtherCatLink::declare_device(Variables& v, std::size_t i) {
 }
 
 void EtherCatLink::initialise(Time start, Measured& measured) {
+  end();
+  if (restart_ != kAcknowledged && restart_ != kAutomatic) {
+    throw Error(kPlace, "restart is '" + restart_ + "', expected " + kAcknowledged + " or " + kAutomatic);
+  }
   master_.reset();
   wire_.reset();
   ethercat::SetupOptions options;
@@ -216,30 +255,44 @@ void EtherCatLink::initialise(Time start, Measured& measured) {
   }
   options.host_time = wire_->now();
   ethercat::Exchange exchange(*wire_);
-  ethercat::BusSetup bus = ethercat::set_up_bus(exchange, expected_slaves(slaves_, sync0_, sync0_shift_), options);
+  const double shift = sync0_shift_ == kHalfACycle ? cycle_ / 2 : sync0_shift_;
+  ethercat::BusSetup bus = ethercat::set_up_bus(exchange, expected_slaves(slaves_, sync0_, shift), options);
   master_ = std::make_unique<ethercat::Master>(std::move(bus), options.cycle, nanoseconds(timeout_),
                                                ethercat::BusTime{0, options.system_time, options.host_time});
   zero_ = wire_->now() - start.ns;
   for (Device& d : devices_) {
-    d.counts = d.counts_before = 0;
-    d.known = false;
+    if (d.encoder) d.encoder->reset();
     d.restarts = 0;
   }
   measured.q = q_offset_;
   std::fill(measured.dq.begin(), measured.dq.end(), 0.0);
   std::fill(measured.ddq.begin(), measured.ddq.end(), 0.0);
   measured.fresh = false;
-  failed_ = restarted_ = was_operational_ = false;
+  failed_ = was_operational_ = ended_ = stepped_ = awaits_acknowledgement_ = false;
+  acknowledged_ = true;  // an input that is on from the start has not risen
+  stopped_ = true;
   write_statistics();
 }
 
+/// A clock at another cycle than that of the steps would give SYNC0 and the ticks different rates. Later steps may be longer, where
+/// ticks are left out.
+void EtherCatLink::check_cycle(Duration h) {
+  if (std::exchange(stepped_, true) || h.ns == nanoseconds(cycle_)) return;
+  const auto milliseconds = [](double ns) { return text::to_text(1e-6 * ns, 6) + " ms"; };
+  throw Error(kPlace, "cycle is " + milliseconds(1e9 * cycle_) + ", but a step lasts " +
+                          milliseconds(static_cast<double>(h.ns)) +
+                          ", expected the same (parameter cycle, or the tick of the scenario)");
+}
+
 StepResult EtherCatLink::step(Time now, Duration h, const Command&, Measured& measured) {
+  check_cycle(h);
   if (field_) {
     field_->exchange();
     auto& wire = static_cast<ethercat::EmulatedWire&>(*wire_);
     wire.advance_to(zero_ + now.ns);
     field_->apply(wire.now());
   }
+  decide_restart();
   write_devices();
   master_->cycle(*wire_);
   if (field_) {
@@ -248,13 +301,23 @@ StepResult EtherCatLink::step(Time now, Duration h, const Command&, Measured& me
     field_->exchange();
   }
   measured.fresh = master_->fresh();
+  for (const std::size_t i : encoders_) devices_[i].encoder->advance(h.seconds());
   if (measured.fresh) read_devices();
-  measure(h.seconds(), measured);
+  measure(measured);
   const bool before = operational_;
   write_statistics();
   failed_ = failed_ || (before && !operational_);
+  awaits_acknowledgement_ = awaits_acknowledgement_ || (before && !operational_ && restart_ == kAcknowledged);
   was_operational_ = was_operational_ || operational_;
   return {};
+}
+
+/// A cable that is plugged in again must not move anything by itself. The edge counts only when the bus is back.
+void EtherCatLink::decide_restart() {
+  const bool before = std::exchange(acknowledged_, acknowledge_);
+  const bool rises = acknowledge_ && !before;
+  if ((rises && operational_) || restart_ != kAcknowledged) awaits_acknowledgement_ = false;
+  master_->hold_outputs(awaits_acknowledgement_);
 }
 
 void EtherCatLink::write_devices() {
@@ -265,12 +328,7 @@ void EtherCatLink::write_devices() {
     if (s.kind == Kind::kDigitalOutputs) {
       for (std::size_t c = 0; c < d.channels.size(); ++c) write_bits(out, c, 1, d.channels[c] ? 1 : 0);
     } else if (s.kind == Kind::kEncoder) {
-      // The first four bits of the control byte are the same in both layouts; the value follows after one or two bytes.
-      write_bits(out, 0, 1, d.latch_c ? 1 : 0);
-      write_bits(out, 1, 1, d.latch_rising ? 1 : 0);
-      write_bits(out, 2, 1, d.set ? 1 : 0);
-      write_bits(out, 3, 1, d.latch_falling ? 1 : 0);
-      write_bits(out, wide_ ? 16 : 8, wide_ ? 32 : 16, static_cast<std::uint32_t>(d.set_value));
+      d.encoder->write(out, master_->operational() && !awaits_acknowledgement_);
     } else if (s.kind == Kind::kImage) {
       for (std::size_t c = 0; c < s.setup.outputs.size(); ++c) {
         const ethercat::Channel& channel = s.setup.outputs[c];
@@ -290,7 +348,8 @@ void EtherCatLink::read_devices() {
     if (s.kind == Kind::kDigitalInputs) {
       for (std::size_t c = 0; c < d.channels.size(); ++c) d.channels[c] = read_bits(in, c, 1) != 0;
     } else if (s.kind == Kind::kEncoder) {
-      read_counter(i, in);
+      const int restarts = master_->status(i).restarts;
+      d.encoder->read(in, restarts != std::exchange(d.restarts, restarts), timeout_);
     } else if (s.kind == Kind::kImage) {
       for (std::size_t c = 0; c < s.setup.inputs.size(); ++c) {
         const ethercat::Channel& channel = s.setup.inputs[c];
@@ -305,46 +364,22 @@ void EtherCatLink::read_devices() {
   }
 }
 
-void EtherCatLink::read_counter(std::size_t i, std::span<const std::uint8_t> in) {
-  Device& d = devices_[i];
-  const int restarts = master_->status(i).restarts;
-  // A terminal that was switched off has forgotten its counter: the position continues from the last one.
-  if (restarts != d.restarts && d.known) {
-    d.known = false;
-    restarted_ = true;
-  }
-  d.restarts = restarts;
-  const std::size_t bits = wide_ ? 32 : 16;
-  const std::uint32_t counter = read_bits(in, wide_ ? 16 : 8, bits);
-  const bool done = read_bits(in, 2, 1) != 0;
-  d.latched = read_bits(in, 0, 2) != 0;
-  const std::uint32_t latch = read_bits(in, (wide_ ? 16 : 8) + bits, bits);
-  d.latch = wide_ ? static_cast<std::int32_t>(latch) : static_cast<std::int16_t>(latch);
-  if (!d.known) {
-    d.known = true;
-  } else if (done && !d.set_done) {
-    // The counter jumped because it was set: count continues there.
-    d.counts = d.set_value;
-    d.counts_before = d.counts;
-  } else {
-    const std::uint32_t moved = counter - d.last;
-    d.counts += wide_ ? static_cast<std::int32_t>(moved) : static_cast<std::int16_t>(moved);
-  }
-  d.last = counter;
-  d.set_done = done;
-  d.count = static_cast<std::int32_t>(static_cast<std::uint32_t>(d.counts));
-}
-
-void EtherCatLink::measure(double h, Measured& measured) {
-  const double share = dq_cutoff_ > 0 ? -std::expm1(-2 * std::numbers::pi * dq_cutoff_ * h) : 1;
+/// q̇ is the low-pass of the mean speed since the last data. Without data it is held for `timeout`, and is 0 afterwards.
+void EtherCatLink::measure(Measured& measured) {
+  const double patience = std::max(timeout_, 3 * cycle_);
   for (std::size_t j = 0; j < encoders_.size(); ++j) {
-    Device& d = devices_[encoders_[j]];
-    measured.q[j] = q_scale_[j] * static_cast<double>(d.counts) + q_offset_[j];
-    const double speed = h > 0 ? q_scale_[j] * static_cast<double>(d.counts - d.counts_before) / h : 0;
-    d.counts_before = d.counts;
-    const double before = measured.dq[j];
-    measured.dq[j] += share * (speed - measured.dq[j]);
-    measured.ddq[j] = h > 0 ? (measured.dq[j] - before) / h : 0;
+    EtherCatEncoder& e = *devices_[encoders_[j]].encoder;
+    measured.q[j] = q_scale_[j] * static_cast<double>(e.counts()) + q_offset_[j];
+    measured.ddq[j] = 0;
+    const std::optional<EtherCatEncoder::Speed> speed = e.take_speed();
+    if (e.unread() > patience || (speed && speed->duration > patience)) {
+      measured.dq[j] = 0;
+    } else if (speed) {
+      const double share = dq_cutoff_ > 0 ? -std::expm1(-2 * std::numbers::pi * dq_cutoff_ * speed->duration) : 1;
+      const double change = share * (q_scale_[j] * speed->value - measured.dq[j]);
+      measured.dq[j] += change;
+      measured.ddq[j] = change / speed->duration;
+    }
   }
 }
 
@@ -371,6 +406,7 @@ void EtherCatLink::write_statistics() {
   wrong_slaves_ = narrow(c.wrong_slave);
   unexpected_slaves_ = narrow(c.unexpected);
   recovered_ = narrow(c.recovered);
+  clock_steps_ = narrow(c.clock_steps);
   clock_difference_ = 1e-9 * static_cast<double>(master_->clock_difference());
 }
 
@@ -384,7 +420,12 @@ void EtherCatLink::tell(std::vector<std::string>& sentences) const {
     }
     sentences.push_back("the bus was never operational, expected state 8 (OP) of all slaves: " + states);
   }
-  if (restarted_) sentences.emplace_back(kRestarted);
+  const auto any = [&](bool (EtherCatEncoder::*what)() const) {
+    return std::any_of(encoders_.begin(), encoders_.end(), [&](std::size_t i) { return (*devices_[i].encoder.*what)(); });
+  };
+  if (any(&EtherCatEncoder::was_restarted)) sentences.emplace_back(kRestarted);
+  if (any(&EtherCatEncoder::may_have_wrapped)) sentences.emplace_back(kWrapped);
+  if (!stopped_) sentences.emplace_back(kNotStopped);
 }
 
 }  // namespace cotwin::io

@@ -2,19 +2,24 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
+#include <atomic>
 #include <chrono>
+#include <csignal>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <string>
 #include <thread>
 #ifdef __linux__
+#include <pthread.h>
 #include <sched.h>
 #endif
 
 #include "components/io/ethercat/devices.h"
 #include "components/unit/tick_source.h"
 #include "components/unit/unit_table.h"
+#include "models/net/raw_socket.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
@@ -112,6 +117,7 @@ TEST(EtherCatLink, SetsTheCounterOnARisingEdge) {
 
 TEST(EtherCatLink, SwitchesOffAndTellsIfACableIsCutAndAPositionIsLost) {
   Ports io(kCell);
+  io.set("restart", "automatic");
   io.start();
   io.set("valves", 0, true);
   io.steps(80);
@@ -137,12 +143,157 @@ TEST(EtherCatLink, SwitchesOffAndTellsIfACableIsCutAndAPositionIsLost) {
   io.steps(300);
   EXPECT_TRUE(io.boolean("operational"));
   EXPECT_EQ(io.integer("axis_count"), 600) << "the terminal has forgotten its counter";
-  EXPECT_EQ(io.integer("recovered"), 1) << "after 4 ms without the cable the terminal was still in OP";
+  EXPECT_EQ(io.integer("recovered"), io.integer("slaves_lost"));
+  EXPECT_TRUE(io.boolean("axis_uncertain"));
   std::vector<std::string> told;
   io.instance.unit->tell(told);
   ASSERT_EQ(told.size(), 2u);
   EXPECT_THAT(told[0], HasSubstr("was not operational at some time"));
   EXPECT_THAT(told[1], HasSubstr("an encoder terminal was switched off and on"));
+}
+
+TEST(EtherCatLink, SwitchesOutputsOnAgainAsItsRestartSays) {
+  for (const std::string restart : {"acknowledged", "automatic"}) {
+    Ports io(kCell);
+    if (restart != "acknowledged") io.set("restart", restart);  // which is the default
+    io.set("acknowledge", 0, true);                             // from the start: no edge
+    io.start();
+    io.set("valves", 0, true);
+    io.steps(80);
+    ASSERT_TRUE(io.boolean("valves_field", 0)) << "no acknowledgement is needed for the first start";
+    for (int loss = 0; loss < 2; ++loss) {
+      io.set("cut", "3");
+      io.steps(10);
+      EXPECT_FALSE(io.boolean("valves_field", 0));
+      io.set("acknowledge", 0, false);
+      io.steps(5);
+      io.set("acknowledge", 0, true);  // too early
+      io.steps(5);
+      io.set("cut", "-1");
+      io.steps(300);
+      ASSERT_TRUE(io.boolean("operational"));
+      EXPECT_EQ(io.boolean("valves_field", 0), restart == "automatic");
+      EXPECT_EQ(io.boolean("awaits_acknowledgement"), restart == "acknowledged");
+      io.set("acknowledge", 0, false);
+      io.steps(5);
+      EXPECT_EQ(io.boolean("valves_field", 0), restart == "automatic");
+      io.set("acknowledge", 0, true);
+      io.steps(3);
+      EXPECT_TRUE(io.boolean("valves_field", 0)) << restart;
+      EXPECT_FALSE(io.boolean("awaits_acknowledgement"));
+    }
+  }
+  Ports io(kCell);
+  io.set("restart", "never");
+  EXPECT_THAT(error_of([&] { io.start(); }), HasSubstr("restart is 'never', expected acknowledged or automatic"));
+}
+
+TEST(EtherCatLink, SetsTheCounterOnceAlsoIfACycleIsBad) {
+  Ports io(kCell + "&encoder_bits=32");
+  io.start();
+  io.steps(60);
+  io.set("axis_set_value", "1000");
+  io.set("axis_set", 0, true);
+  io.steps(4);
+  ASSERT_TRUE(io.boolean("axis_set_done"));
+  io.set("q_field", "50");
+  io.steps(3);
+  ASSERT_EQ(io.integer("axis_count"), 1050);
+  io.set("cut", "3");
+  io.steps(3);
+  io.set("cut", "-1");
+  io.steps(100);
+  ASSERT_TRUE(io.boolean("operational"));
+  EXPECT_EQ(io.integer("axis_count"), 1050) << "the axis did not move";
+  EXPECT_FALSE(io.boolean("axis_uncertain"));
+}
+
+TEST(EtherCatLink, GivesASpeedWithoutJumpsWhenDataAreMissing) {
+  for (const int missing : {3, 200}) {  // ms; timeout is 20 ms
+    Ports io(kCell + "&encoder_bits=32");
+    io.set("q_scale", "1e-3");
+    io.start();
+    int i = 0;
+    const auto move = [&](int n) {
+      for (const int end = i + n; i < end; ++i) {
+        io.set("q_field", std::to_string(5 * i));
+        io.steps(1);
+        // 5 counts per ms of 1e-3
+        if (i > 200) {
+          ASSERT_GE(io.real("dq"), 0.0) << i;
+          ASSERT_LE(io.real("dq"), 5.001) << i;
+        }
+      }
+    };
+    move(300);
+    EXPECT_NEAR(io.real("dq"), 5.0, 1e-6);
+    io.set("cut", "3");
+    move(missing);
+    EXPECT_NEAR(io.real("dq"), missing == 3 ? 5.0 : 0.0, 1e-6) << missing;
+    io.set("cut", "-1");
+    move(300);
+    EXPECT_NEAR(io.real("dq"), 5.0, 1e-6);
+  }
+}
+
+TEST(EtherCatLink, SwitchesOutputsOffAtTheEndOfTheRunAndMayBeStartedAgain) {
+  Ports io(kCell);
+  io.instance.unit->end();  // before the start nothing is to be done
+  io.start();
+  io.set("valves", 4, true);
+  io.set("q_field", "10");
+  io.steps(80);
+  io.set("q_field", "300");
+  io.steps(5);
+  ASSERT_TRUE(io.boolean("valves_field", 4));
+  EXPECT_EQ(io.integer("axis_count"), 290);
+  io.instance.unit->end();
+  io.instance.unit->end();
+  EXPECT_FALSE(io.boolean("valves_field", 4));
+  for (std::size_t i = 0; i < 4; ++i) EXPECT_EQ(io.integer("bus_state", i), 1) << i;
+  std::vector<std::string> told;
+  io.instance.unit->tell(told);
+  EXPECT_TRUE(told.empty());
+  for (const bool ended : {true, false}) {
+    if (ended) io.instance.unit->end();
+    io.start();
+    EXPECT_FALSE(io.boolean("operational"));
+    EXPECT_FALSE(io.boolean("valves_field", 4));
+    EXPECT_EQ(io.integer("cycles"), 0);
+    io.steps(80);
+    EXPECT_TRUE(io.boolean("operational"));
+    EXPECT_TRUE(io.boolean("valves_field", 4));
+    EXPECT_EQ(io.integer("axis_count"), 0) << "the position counts from the new start";
+    EXPECT_EQ(io.integer("recovered") + io.integer("slaves_lost"), 0);
+  }
+}
+
+TEST(EtherCatLink, TellsWhatIsWrongIfTheBusNeverBecomesOperational) {
+  Ports io(kCell);
+  io.start();
+  io.set("off", "2");
+  io.steps(200);
+  io.instance.unit->end();
+  std::vector<std::string> told;
+  io.instance.unit->tell(told);
+  ASSERT_EQ(told.size(), 2u);
+  EXPECT_EQ(told[0],
+            "the bus was never operational, expected state 8 (OP) of all slaves: EK1100 8, EL1809 8, EL2809 0, EL5101 0");
+  EXPECT_THAT(told[1], HasSubstr("not all slaves answered at the end of the run that they are in INIT"));
+}
+
+TEST(EtherCatLink, RefusesStepsOfAnotherLengthThanItsCycle) {
+  Ports io(kCell);
+  io.set("cycle", "2e-3");
+  io.start();
+  EXPECT_THAT(
+      error_of([&] { io.steps(1); }),
+      HasSubstr("cycle is 2 ms, but a step lasts 1 ms, expected the same (parameter cycle, or the tick of the scenario)"));
+  Ports fits(kCell);
+  fits.start();
+  fits.steps(5);
+  // Ticks that are left out make longer steps.
+  ASSERT_EQ(fits.instance.unit->step(fits.now, Duration{3 * kTick.ns}), StepResult::kDone);
 }
 
 TEST(EtherCatLink, UsesADeviceByItsSii) {
@@ -219,6 +370,78 @@ bool make_interfaces() {
   return run("ip link add cotwin0 type veth peer name cotwin1 2>/dev/null") &&
          run("sysctl -qw net.ipv6.conf.cotwin0.disable_ipv6=1 net.ipv6.conf.cotwin1.disable_ipv6=1 2>/dev/null || true") &&
          run("ip link set cotwin0 up && ip link set cotwin1 up");
+}
+
+TEST(EtherCatLink, AWaitForASilentBusGoesOnAfterSignals) {
+  if (!make_interfaces()) GTEST_SKIP() << "needs the permission for network namespaces and virtual interfaces (root)";
+  struct sigaction action = {}, before = {};
+  action.sa_handler = [](int) {};
+  sigaction(SIGUSR1, &action, &before);
+  Ports io(kCell + "&interface=cotwin0");
+  io.set("wait", "0.3");
+  std::atomic<bool> over{false};
+  const pthread_t self = pthread_self();
+  std::thread signals([&] {
+    while (!over) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+      pthread_kill(self, SIGUSR1);
+    }
+  });
+  const auto begin = std::chrono::steady_clock::now();
+  const std::string error = error_of([&] { io.start(); });
+  over = true;
+  signals.join();
+  sigaction(SIGUSR1, &before, nullptr);
+  EXPECT_THAT(error, HasSubstr("no frame comes back")) << "signals of others are no reason to give up";
+  EXPECT_GT(std::chrono::steady_clock::now() - begin, std::chrono::milliseconds(290));
+}
+
+TEST(EtherCatLink, AFloodOfFramesNeitherHoldsTheEndOfABusNorItsTerminals) {
+  if (!make_interfaces()) GTEST_SKIP() << "needs the permission for network namespaces and virtual interfaces (root)";
+  std::atomic<bool> over{false};
+  std::thread flood;
+  {
+    Ports bus("link=ethercat_bus&interface=cotwin1&slaves=EK1100,buttons:EL1809,valves:EL2809,axis:EL5101");
+    bus.start();
+    net::RawSocket socket("cotwin0", ethercat::kEtherType, "test");
+    std::atomic<int> answering{0};
+    flood = std::thread([&over, &answering, socket = std::move(socket)]() mutable {
+      std::array<std::uint8_t, ethercat::kLongestFrame> buffer{};
+      while (!over) {
+        ethercat::FrameWriter writer(buffer);
+        writer.begin();
+        writer.add(ethercat::Command::kBrd, 1, ethercat::at_position(0, ethercat::reg::kType), std::size_t{1});
+        socket.send(writer.finish());
+        while (const auto received = socket.receive(buffer)) {
+          ethercat::FrameReader reader(std::span<const std::uint8_t>(buffer).first(std::min(received->size, buffer.size())));
+          ethercat::Datagram d;
+          if (reader.next(d)) answering = d.working_counter;
+        }
+      }
+    });
+    const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+    const auto wait_for = [&](auto&& done) {
+      while (!done() && std::chrono::steady_clock::now() < deadline) {
+        bus.steps(1);
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      }
+      return done();
+    };
+    EXPECT_TRUE(wait_for([&] { return bus.integer("frames") > 1000 && answering == 4; }));
+    bus.set("cut", "2");
+    EXPECT_TRUE(wait_for([&] { return answering == 2; }));
+  }  // the bus ends here, under the flood
+  over = true;
+  flood.join();
+}
+
+TEST(EtherCatLink, AnEmulatedBusAnswersNobodyAfterItsEnd) {
+  if (!make_interfaces()) GTEST_SKIP() << "needs the permission for network namespaces and virtual interfaces (root)";
+  Ports bus("link=ethercat_bus&interface=cotwin1&slaves=EK1100,buttons:EL1809,valves:EL2809,axis:EL5101");
+  bus.start();
+  bus.instance.unit->end();
+  Ports io(kCell + "&interface=cotwin0");
+  EXPECT_THAT(error_of([&] { io.start(); }), HasSubstr("no frame comes back"));
 }
 
 TEST(EtherCatLink, OperatesABusAtAnInterface) {
