@@ -6,6 +6,7 @@
 #include "components/io/fri_link.h"
 #include "components/io/recording_link.h"
 #include "components/io/rtde_controller_link.h"
+#include "components/io/rtde_link.h"
 #include "components/io/sensor_link.h"
 #include "models/robot/robot_model.h"
 #include "models/support/error.h"
@@ -32,6 +33,7 @@ std::unique_ptr<Link> make_link(Settings& settings, std::vector<trajectory::Axis
   if (link == "ethercat_bus") return std::make_unique<EtherCatBusLink>(settings, joints.size());
   if (link == "fri") return std::make_unique<FriLink>(settings, std::move(joints));
   if (link == "fri_controller") return std::make_unique<FriControllerLink>(settings, std::move(joints));
+  if (link == "rtde") return std::make_unique<RtdeLink>(settings, joints);
   if (link == "rtde_controller") return std::make_unique<RtdeControllerLink>(settings, joints);
   return std::make_unique<RecordingLink>(settings, std::move(joints));
 }
@@ -41,9 +43,9 @@ std::unique_ptr<Link> make_link(Settings& settings, std::vector<trajectory::Axis
 void Io::declare_settings(SettingList& s) {
   s.robot("a name in models/robots, or a path to a URDF file, for the number of joints, their names and their limits", false);
   s.integer("joints", 1, 1, 1000, "number of joints").fallback_rule("the robot's, else 1");
-  s.choice("link", {"recording", "sensors", "fri", "fri_controller", "ethercat", "ethercat_bus", "rtde_controller"},
+  s.choice("link", {"recording", "sensors", "fri", "fri_controller", "ethercat", "ethercat_bus", "rtde", "rtde_controller"},
            "what is behind the ports: a recording, the sensors of an emulated robot, a KUKA robot (FRI), devices on an "
-           "EtherCAT bus; or, the other way round, clients of an emulated KUKA or Universal "
+           "EtherCAT bus, a Universal Robots arm (RTDE); or, the other way round, clients of an emulated KUKA or Universal "
            "Robots arm, or the master of an emulated EtherCAT bus");
   s.integer("history", 0, 0, 1'000'000, "link=sensors: samples kept for their delay, more than delay/step; 0: no delay");
   declare_fri_settings(s);
