@@ -1,4 +1,6 @@
 // cotwin robot: an emulated robot with its controller, for clients of the robot's interface.
+#include <chrono>
+#include <fstream>
 #include <iostream>
 #include <memory>
 
@@ -14,43 +16,90 @@ namespace {
 namespace fs = std::filesystem;
 
 struct RobotArguments {
-  std::string fri, robot = "lwr4", address, client, q0, mode = "position";
+  std::string fri, robot, address, client, q0, mode = "position";
   std::optional<int> port;
-  double period = 5;  // ms
+  double period = 5;       // ms
+  double frequency = 500;  // Hz
   std::optional<double> seconds;
   fs::path out = "results/robot";
   std::vector<std::string> set, record;
-  bool once = false, quiet = false;
+  bool once = false, quiet = false, rtde = false, script = false;
 };
+
+constexpr double kSpacing = 0.25e-3;  // s per ms of the period, between messages of a run that is late
 
 /// lwr, sunrise (1.15), sunrise-1.11 …: the setting of unit:io, which checks it.
 std::string protocol_of(const std::string& fri) { return fri == "sunrise" ? "sunrise-1.15" : fri; }
 
-fs::path scenario_file() {
+/// models/scenarios/<name>
+fs::path scenario_file(const std::string& name) {
   for (const fs::path& folder : model_folders({})) {
-    const fs::path file = folder / "scenarios/fri_robot.ssd";
+    const fs::path file = folder / "scenarios" / name;
     std::error_code none;
     if (fs::is_regular_file(file, none)) return file;
   }
-  throw Error("scenarios/fri_robot.ssd",
-              "is not in the model folders, expected it in those of Cotwin (COTWIN_MODELS adds others)");
+  throw Error("scenarios/" + name, "is not in the model folders, expected it in those of Cotwin (COTWIN_MODELS adds others)");
 }
 
-int emulate(const RobotArguments& a) {
-  const std::string protocol = protocol_of(a.fri);
-  const bool lwr = protocol == "lwr";
+/// The program for a Universal Robots controller, to the standard output.
+int print_script() {
+  std::ifstream file(scenario_file("rtde_follow.script"));
+  std::cout << file.rdbuf() << std::flush;
+  return file && std::cout ? 0 : 1;
+}
+
+ScenarioRun run_of(const RobotArguments& a, const char* scenario) {
   ScenarioRun run;
-  run.file = scenario_file();
+  run.file = scenario_file(scenario);
   run.out = a.out;
   run.record = a.record;
   run.stop = a.seconds;
   run.quiet = a.quiet;
+  return run;
+}
+
+std::string duration_of(const RobotArguments& a) {
+  return a.seconds ? "for " + text::to_text(*a.seconds) + " s" : "until Ctrl-C";
+}
+
+int emulate_rtde(const RobotArguments& a) {
+  ScenarioRun run = run_of(a, "rtde_robot.ssd");
+  const auto set = [&](const std::string& name, const std::string& value) { run.set.push_back(name + "=" + value); };
+  const std::string robot = a.robot.empty() ? "ur5e" : a.robot, address = a.address.empty() ? "127.0.0.1" : a.address;
+  set("robot", urdf_of(robot).string());
+  set("controller.address", address);
+  set("controller.frequency", text::to_text(a.frequency));
+  if (a.port) set("controller.port", std::to_string(*a.port));
+  set("drive.q0", a.q0.empty() ? "0 -1.57 1.57 -1.57 -1.57 0" : a.q0);
+  run.set.insert(run.set.end(), a.set.begin(), a.set.end());
+  if (!a.quiet) {
+    std::cout << "robot " << robot << " with RTDE at " << address << ":" << a.port.value_or(30004) << ", "
+              << text::to_text(a.frequency) << " Hz; " << duration_of(a) << std::endl;
+  }
+  return run_scenario(run);
+}
+
+int emulate(const RobotArguments& a) {
+  if (a.script) return print_script();
+  if (a.rtde == !a.fri.empty()) throw Error("cotwin robot", "expected either --fri or --rtde");
+  if (a.rtde) return emulate_rtde(a);
+  const std::string protocol = protocol_of(a.fri), robot = a.robot.empty() ? "lwr4" : a.robot;
+  const bool lwr = protocol == "lwr";
+  if (lwr && a.mode != "position") {
+    throw Error("cotwin robot --mode", "'" + a.mode +
+                                           "' with --fri lwr, expected it only with sunrise: the flags of an LWR client's "
+                                           "commands say what it commands");
+  }
+  ScenarioRun run = run_of(a, "fri_robot.ssd");
   const auto set = [&](const std::string& name, const std::string& value) { run.set.push_back(name + "=" + value); };
   set("controller.protocol", protocol);
-  set("robot", urdf_of(a.robot).string());
+  set("robot", urdf_of(robot).string());
   set("controller.period", text::to_text(a.period * 1e-3));
+  set("controller.spacing", text::to_text(a.period * kSpacing));
   set("controller.client_mode", a.mode);
   set("controller.restart", a.once ? "0" : "1");
+  const auto since_1970 = std::chrono::system_clock::now().time_since_epoch();
+  set("controller.start_time", std::to_string(std::chrono::duration_cast<std::chrono::seconds>(since_1970).count()));
   const std::string address = a.address.empty() ? (lwr ? "127.0.0.1" : "127.0.0.2") : a.address;
   const std::string client = a.client.empty() ? "127.0.0.1" : a.client;
   set("controller.address", address);
@@ -60,13 +109,12 @@ int emulate(const RobotArguments& a) {
   if (!a.q0.empty()) set("drive.q0", a.q0);
   run.set.insert(run.set.end(), a.set.begin(), a.set.end());
   if (!a.quiet) {
-    std::cout << "robot " << a.robot << " with FRI " << protocol << " at " << address
+    std::cout << "robot " << robot << " with FRI " << protocol << " at " << address
               << (a.port ? ":" + std::to_string(*a.port)
                   : lwr  ? ""
                          : ":30200")
               << ", client expected at " << (client.find(':') == std::string::npos ? client + ":" + default_port : client)
-              << ", a message every " << text::to_text(a.period) << " ms; "
-              << (a.seconds ? "for " + text::to_text(*a.seconds) + " s" : "until Ctrl-C") << std::endl;
+              << ", a message every " << text::to_text(a.period) << " ms; " << duration_of(a) << std::endl;
   }
   return run_scenario(run);
 }
@@ -76,34 +124,49 @@ int emulate(const RobotArguments& a) {
 void add_robot(CLI::App& app, Chosen& chosen) {
   const auto all = std::make_shared<RobotArguments>();
   RobotArguments& a = *all;
-  CLI::App* command =
-      app.add_subcommand("robot", "Emulate a robot with its controller, for clients of its interface (docs/fri.md)");
+  CLI::App* command = app.add_subcommand(
+      "robot", "Emulate a robot with its controller, for clients of its interface (docs/fri.md, docs/rtde.md)");
   command
       ->add_option("--fri", a.fri,
                    "KUKA's FRI: lwr (LWR 4+, FRI 1.0), sunrise (1.15), or sunrise-1.11, -1.14, -1.16, -2.5, -2.7")
-      ->required()
       ->type_name("PROTOCOL");
-  command->add_option("--robot", a.robot, "URDF, or name of a robot in models/robots")
-      ->capture_default_str()
+  command->add_flag("--rtde", a.rtde,
+                    "Universal Robots' RTDE instead of FRI, for robots with 6 joints (ur3e, ur5e, ur10e, ur16e, ur20)");
+  command->add_flag("--rtde-script", a.script,
+                    "Print the program for a real Universal Robots controller that follows commands over RTDE, and exit");
+  command->add_option("--robot", a.robot, "URDF, or name of a robot in models/robots (default: lwr4, with --rtde ur5e)")
       ->type_name("URDF");
-  command->add_option("--period", a.period, "Send period in milliseconds, 1 to 100")->capture_default_str()->type_name("MS");
+  command->add_option("--frequency", a.frequency, "RTDE: control cycles in Hz: 500 (e-Series) or 125 (CB3)")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 1000))
+      ->type_name("HZ");
+  command->add_option("--period", a.period, "FRI: send period in milliseconds, 1 to 100")
+      ->capture_default_str()
+      ->type_name("MS");
   command
       ->add_option("--client", a.client,
                    "IPv4 address of the client, perhaps with :port (default: 127.0.0.1, port 49938 or 30200)")
       ->type_name("ADDRESS");
   command
-      ->add_option(
-          "--address", a.address,
-          "IPv4 address that the controller sends from (default: 127.0.0.1 for lwr, 127.0.0.2 for sunrise, reached from "
-          "this machine only)")
+      ->add_option("--address", a.address,
+                   "IPv4 address that the controller sends from, or listens at (default: 127.0.0.1 for lwr and RTDE, 127.0.0.2 "
+                   "for sunrise, reached "
+                   "from this machine only)")
       ->type_name("ADDRESS");
-  command->add_option("--port", a.port, "UDP port that the controller sends from (default: any for lwr, 30200 for sunrise)")
+  command
+      ->add_option("--port", a.port,
+                   "UDP port that the controller sends from (default: any for lwr, 30200 for sunrise), or TCP port that it "
+                   "listens at (30004)")
       ->check(CLI::Range(0, 65535))
       ->type_name("PORT");
-  command->add_option("--mode", a.mode, "Sunrise: what the client has to command: position, torque, wrench or pose")
+  command
+      ->add_option("--mode", a.mode, "Sunrise: what the client has to command: position, torque, wrench, or (2.5 and 2.7) pose")
       ->capture_default_str()
       ->type_name("MODE");
-  command->add_option("--q0", a.q0, "Joint positions at the start in rad, e.g. '0 0.3 0 -1.2 0 0.9 0' (default: 0)")
+  command
+      ->add_option(
+          "--q0", a.q0,
+          "Joint positions at the start in rad, e.g. '0 0.3 0 -1.2 0 0.9 0' (default: 0, RTDE: 0 -1.57 1.57 -1.57 -1.57 0)")
       ->type_name("LIST");
   command->add_flag("--once", a.once,
                     "After an end of commanding for a reason (lost commands, limits …), do not begin it again");
@@ -120,6 +183,8 @@ void add_robot(CLI::App& app, Chosen& chosen) {
       ->allow_extra_args(false);
   command->add_option("--out", a.out, "Folder for the results")->capture_default_str()->type_name("FOLDER");
   command->add_flag("--quiet", a.quiet, "No progress bar and no table");
+  for (const char* of_fri : {"--client", "--mode", "--period", "--once"}) command->get_option(of_fri)->excludes("--rtde");
+  command->get_option("--frequency")->excludes("--fri");
   command->callback([all, &chosen] { chosen = [all] { return emulate(*all); }; });
 }
 

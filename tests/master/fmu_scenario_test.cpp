@@ -493,6 +493,18 @@ TEST_F(FmuScenario, TheProgramPacksInspectsAndRunsAnFmu) {
   EXPECT_EQ(program("run not.fmu").first, 2);
 }
 
+TEST_F(FmuScenario, PacksBothSidesOfAUrRobot) {
+  EXPECT_EQ(program("pack unit:io?robot=ur5e&link=rtde_controller --set port=0 -o robot.fmu"), std::pair(0, std::string()));
+  EXPECT_EQ(program("pack unit:io?robot=ur5e&link=rtde --set controller=127.0.0.1:9 --set mode=position -o twin.fmu"),
+            std::pair(0, std::string()));
+  for (const char* name : {"robot", "twin"}) {
+    const std::string fmu = std::string(name) + ".fmu";
+    EXPECT_THAT(program("check " + fmu).second, HasSubstr(kSanitized ? "0 errors" : "0 errors, 0 warnings"));
+    const auto [code, output] = program("run " + fmu + " --stop-time 0.02 --output-interval 0.01 --output-variable q" +
+                                        (fmu == "robot.fmu" ? "_command" : ""));
+    EXPECT_EQ(code, 0) << output;
+  }
+}
 
 TEST_F(FmuScenario, PacksAnEtherCatMasterWithTheImagesOfItsSlaves) {
   // Two devices, 8 and 16 inputs, whose images have the same name in different folders.
