@@ -1,4 +1,5 @@
-# For the scripts of the examples, which set `here` to their own folder: finds the program and public data, or reports where they come from.
+# For the scripts of the examples, which set `here` to their own folder: finds the program and public data, or reports where they come from, and
+# runs several processes.
 # COTWIN: the program; DATA: a folder with models/ and measurements/ as examples/public_data.md describes them.
 top=$(cd "$here/../.." && pwd)   # of the repository, or share/cotwin where Cotwin is installed
 data=${DATA:-$top/../shared/data}
@@ -28,4 +29,47 @@ need() {
   echo "These are public measurements and models, not part of Cotwin. $top/examples/public_data.md lists where each comes from and which" >&2
   echo "form is expected; put them into one folder and name it by DATA=FOLDER." >&2
   exit 2
+}
+
+# start ARGUMENT...: starts the program with these arguments beside the script; $! is its process. However the script ends (Ctrl-C, SIGTERM, an
+# error), the processes that still run get SIGTERM, and the script waits until they have written their results.
+started=
+start() {
+  if [ -z "$started" ]; then
+    trap end_started EXIT
+    trap 'exit 129' HUP
+    trap 'exit 130' INT
+    trap 'exit 143' TERM
+  fi
+  "$COTWIN" "$@" &
+  started="$started $!"
+}
+
+# finish PROCESS...: waits for the end of these. If any started process fails, the script ends with its exit code.
+finish() {
+  while true; do
+    running=
+    for process in $started; do
+      if kill -0 "$process" 2>/dev/null; then
+        running="$running $process"
+      else
+        wait "$process" || exit $?
+      fi
+    done
+    started=$running
+    left=
+    for process in "$@"; do
+      case " $started " in *" $process "*) left=1 ;; esac
+    done
+    [ -n "$left" ] || return 0
+    sleep 0.1
+  done
+}
+
+end_started() {
+  code=$?
+  trap - EXIT HUP INT TERM
+  for process in $started; do kill "$process" 2>/dev/null || true; done
+  for process in $started; do wait "$process" || true; done
+  exit "$code"
 }

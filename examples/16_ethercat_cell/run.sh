@@ -1,6 +1,7 @@
 #!/bin/sh
 # Runs the emulated cell and, in a second process, its twin: run.sh [options of cotwin run for the twin]. Both have a network namespace of their own
-# with a pair of virtual interfaces, ecat0 and ecat1; nothing of the machine's network is touched. See ../common.sh for COTWIN.
+# with a pair of virtual interfaces, ecat0 and ecat1; nothing of the machine's network is touched. OUT: folder for the results. See ../common.sh for
+# COTWIN.
 set -eu
 here=$(cd "$(dirname "$(readlink -f "$0")")" && pwd)
 . "$here/../common.sh"
@@ -21,7 +22,7 @@ for interface in ecat0 ecat1; do
   sysctl -qw "net.ipv6.conf.$interface.disable_ipv6=1" 2>/dev/null || true   # no neighbour discovery on the bus
   ip link set "$interface" up
 done
-"$COTWIN" run "$here/cell.ssd" --quiet &
-cell=$!
-trap 'kill "$cell" 2>/dev/null || true; wait "$cell" || true' EXIT
-"$COTWIN" run "$here/twin.ssd" "$@"
+out=${OUT:-results/ethercat_cell}
+start run "$here/cell.ssd" --out "$out/cell" --quiet
+start run "$here/twin.ssd" --out "$out/twin" "$@"
+finish $!

@@ -7,17 +7,8 @@ here=$(cd "$(dirname "$(readlink -f "$0")")" && pwd)
 port=${PORT:-49938}
 out=${OUT:-results/shadow}
 
-# The client is started first, as with a real robot. If one process fails, the other one is ended.
-"$COTWIN" run "$here/twin.ssd" --out "$out/twin" --set "link.port=$port" "$@" &
+# The client is started first, as with a real robot.
+start run "$here/twin.ssd" --out "$out/twin" --set "link.port=$port" "$@"
 twin=$!
-"$COTWIN" run "$here/robot.ssd" --out "$out/robot" --set "fri.client=127.0.0.1:$port" "$@" &
-robot=$!
-trap 'kill $twin $robot 2>/dev/null || true' EXIT
-while kill -0 $twin 2>/dev/null && kill -0 $robot 2>/dev/null; do sleep 0.1; done
-if kill -0 $twin 2>/dev/null; then
-  wait $robot
-  wait $twin
-else
-  wait $twin
-  wait $robot
-fi
+start run "$here/robot.ssd" --out "$out/robot" --set "fri.client=127.0.0.1:$port" "$@"
+finish $twin $!

@@ -5,47 +5,27 @@
 #include <cmath>
 #include <cstdlib>
 #include <filesystem>
-#include <fstream>
-#include <map>
-#include <sstream>
 #include <string>
-#include <vector>
 
 #include "tests/support/files.h"
 #include "tests/support/places.h"
+#include "tests/support/recording.h"
 #include "tests/support/run_program.h"
 
 namespace {
 
 namespace fs = std::filesystem;
 
-/// Columns of a recording by name.
-std::map<std::string, std::vector<double>> columns_of(const fs::path& file) {
-  std::ifstream in(file);
-  std::string line, cell;
-  std::getline(in, line);
-  std::vector<std::string> names;
-  for (std::istringstream header(line); std::getline(header, cell, ',');) names.push_back(cell);
-  std::map<std::string, std::vector<double>> columns;
-  while (std::getline(in, line)) {
-    std::size_t i = 0;
-    for (std::istringstream values(line); i < names.size() && std::getline(values, cell, ','); ++i)
-      columns[names[i]].push_back(std::strtod(cell.c_str(), nullptr));
-  }
-  return columns;
-}
-
 TEST(EtherCatCell, IsOperatedByItsTwinOnTheClockOfTheBus) {
   if (std::system("unshare --net true 2>/dev/null") != 0) GTEST_SKIP() << "needs the permission for network namespaces (root)";
   const cotwin::testing::TemporaryFolder folder("ethercat_cell");
   const fs::path script = fs::path(cotwin::places::source()) / "examples/16_ethercat_cell/run.sh";
   cotwin::testing::RunOptions options;
-  options.environment = {"COTWIN=" + cotwin::places::program()};
+  options.environment = {"COTWIN=" + cotwin::places::program(), "OUT=" + folder.path().string()};
   options.merge = true;
-  const cotwin::testing::RunResult run =
-      cotwin::testing::run_command({script.string(), "--quiet", "--out", (folder.path() / "twin").string()}, options);
+  const cotwin::testing::RunResult run = cotwin::testing::run_command({script.string(), "--quiet"}, options);
   ASSERT_EQ(run.code, 0) << run.out;
-  const auto columns = columns_of(folder.path() / "twin/signals.csv");
+  const auto columns = cotwin::testing::read_recording(folder.path() / "twin/signals.csv");
   const auto last = [&](const std::string& name) { return columns.at(name).back(); };
   for (int slave = 1; slave <= 4; ++slave) EXPECT_EQ(last("io.state[" + std::to_string(slave) + "]"), 8) << slave;
   EXPECT_EQ(last("io.operational"), 1);

@@ -20,10 +20,7 @@
 // changes the scenario slightly (scripts/sensitivity.sh).
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <netinet/in.h>
 #include <stdlib.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -32,12 +29,13 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include "tests/support/files.h"
+#include "tests/support/free_port.h"
 #include "tests/support/places.h"
+#include "tests/support/recording.h"
 #include "tests/support/run_program.h"
 
 namespace {
@@ -75,20 +73,7 @@ struct Table {
   }
 };
 
-Table read_table(const fs::path& file) {
-  std::ifstream in(file);
-  Table table;
-  std::vector<std::vector<double>*> order;
-  std::string line, cell;
-  std::getline(in, line);
-  for (std::istringstream header(line); std::getline(header, cell, ',');) order.push_back(&table.columns[cell]);
-  while (std::getline(in, line)) {
-    std::istringstream row(line);
-    for (std::size_t i = 0; i < order.size() && std::getline(row, cell, ','); ++i)
-      order[i]->push_back(std::strtod(cell.c_str(), nullptr));
-  }
-  return table;
-}
+Table read_table(const fs::path& file) { return {cotwin::testing::read_recording(file)}; }
 
 /// The values that a figure refers to. Empty, with a test failure, if there are none.
 std::vector<double> values_of(const json& figure, const json& summary, const Table& table) {
@@ -145,24 +130,11 @@ void check(const json& figure, const json& summary, const Table& table) {
   }
 }
 
-/// A UDP port of 127.0.0.1 that is free at present.
-int free_port() {
-  const int socket = ::socket(AF_INET, SOCK_DGRAM, 0);
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  socklen_t size = sizeof address;
-  EXPECT_EQ(::bind(socket, reinterpret_cast<sockaddr*>(&address), size), 0);
-  EXPECT_EQ(::getsockname(socket, reinterpret_cast<sockaddr*>(&address), &size), 0);
-  ::close(socket);
-  return ntohs(address.sin_port);
-}
-
 /// Runs the script of an example and checks the figures.
 void run_processes(const fs::path& script, const json& expected) {
   const TemporaryFolder results("example");
   const std::vector<std::string> environment = {"COTWIN=" + cotwin::places::program(), "OUT=" + results.path().string(),
-                                                "PORT=" + std::to_string(free_port())};
+                                                "PORT=" + std::to_string(cotwin::testing::free_ports())};
   std::vector<std::string> command = {script, "--quiet"};
   for (const std::string& option : expected.value("options", std::vector<std::string>{})) command.push_back(option);
   const RunResult ran = cotwin::testing::run_command(command, {.environment = environment, .merge = true});

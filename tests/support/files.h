@@ -15,6 +15,13 @@ inline std::string content(const std::filesystem::path& file) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
+/// Of a file, bytes; 0 if there is none.
+inline std::size_t size_of(const std::filesystem::path& file) {
+  std::error_code error;
+  const std::uintmax_t size = std::filesystem::file_size(file, error);
+  return error ? 0 : static_cast<std::size_t>(size);
+}
+
 /// A new folder; the destructor removes it.
 class TemporaryFolder {
  public:
