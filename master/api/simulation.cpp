@@ -91,6 +91,12 @@ struct Simulation::Impl {
     master.initialise();
     started = true;
   }
+  /// At the end of the run the files are closed, and an error of a last step beside the loop is thrown.
+  bool step_tick() {
+    if (master.step_tick()) return true;
+    master.finish();
+    return false;
+  }
   /// A call that steps; after an error nothing can be stepped.
   template <class Call>
   auto stepping(Call call) {
@@ -179,14 +185,14 @@ std::string Simulation::get_text(std::string_view name) const {
 void Simulation::start() { impl_->start(); }
 double Simulation::time() const { return impl_->master.now().seconds(); }
 bool Simulation::step() {
-  return impl_->stepping([this] { return impl_->master.step_tick(); });
+  return impl_->stepping([this] { return impl_->step_tick(); });
 }
 
 bool Simulation::run_to(double t) {
   const Time end = Time::from_seconds(t);
   return impl_->stepping([&] {
     while (impl_->master.now() < end) {
-      if (!impl_->master.step_tick()) return false;
+      if (!impl_->step_tick()) return false;
     }
     return true;
   });

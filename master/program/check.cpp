@@ -6,6 +6,7 @@
 #include "fmu/process/process.h"
 #include "master/clock/clock.h"
 #include "master/engine/arrangement.h"
+#include "master/engine/beside.h"
 #include "master/engine/bonds.h"
 #include "master/engine/events.h"
 #include "master/engine/schedule.h"
@@ -105,6 +106,7 @@ class Checker {
 
   void check_connections(const Scenario& scenario) {
     const std::size_t errors_before = errors_;
+    attempt([&] { put_beside(scenario, members_, BesideMode::kInStep); });
     const std::vector<Link> links = resolve_links(scenario, members_, [&](const Error& error) { add(error.what()); });
     for (const Link& link : links) fed_.push_back(link.to);
     if (errors_ > errors_before) return;

@@ -221,7 +221,7 @@ template <class Run>
 Outcome run_to_the_end(Run& run, const Master& master, bool progress_wanted, Checkpoints* checkpoints) {
   Outcome outcome;
   try {
-    Progress progress(master, progress_wanted);
+    std::optional<Progress> progress(std::in_place, master, progress_wanted);
     for (;;) {
       if (attention.load(std::memory_order_relaxed) != 0) [[unlikely]] {
         if (stop_signal() != 0) break;
@@ -229,8 +229,9 @@ Outcome run_to_the_end(Run& run, const Master& master, bool progress_wanted, Che
         if (checkpoints != nullptr) checkpoints->take();
       }
       if (!run.step_tick()) break;
-      if (master.tick() % 64 == 0) progress.update();
+      if (master.tick() % 64 == 0) progress->update();
     }
+    progress.reset();
     if (stop_signal() != 0 && master.tick() < master.ticks())
       outcome = {Outcome::State::kInterrupted, std::string("stopped by ") + name_of_signal(stop_signal())};
     if (checkpoints != nullptr) checkpoints->end(outcome.state == Outcome::State::kInterrupted);
@@ -347,6 +348,13 @@ int run_scenario(RunArguments arguments) {
     record.emplace(std::move(given), *master);
   };
   if (earlier) options.resume = earlier->state;
+  options.waiting = [](const std::vector<std::string>& names) {
+    end_at_once_on_signals();
+    std::string all;
+    for (const std::string& name : names) all += (all.empty() ? "'" : ", '") + name + "'";
+    std::cerr << "cotwin: waiting for the last step beside the loop of " << all
+              << "; the recording is closed, Ctrl-C ends now\n";
+  };
   master.emplace(std::move(scenario), std::move(options));
   Warnings warnings;
   warnings.print(master->warnings());

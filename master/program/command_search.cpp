@@ -189,11 +189,11 @@ class Search {
     look();
     try {
       while (!result.holds && stop_signal() == 0 && master.step_tick()) look();
+      master.finish();
     } catch (const Error& error) {
       throw Error(varied_.name + "=" + text::to_text(value), error.what());
     }
     result.time = master.now().seconds();
-    master.finish();
     runs_now_ = false;
     if (stop_signal() != 0) return false;
     runs_.push_back(result);

@@ -79,6 +79,13 @@ void note_signals() {
   catch_signals();
 }
 
+void end_at_once_on_signals() {
+  for (const int signal : kStopSignals) {
+    struct sigaction now = {};
+    if (sigaction(signal, nullptr, &now) == 0 && now.sa_handler == on_signal) std::signal(signal, SIG_DFL);
+  }
+}
+
 void ignore_signals_of_writing() {
   std::signal(SIGPIPE, SIG_IGN);
   std::signal(SIGXFSZ, SIG_IGN);

@@ -19,6 +19,8 @@ const char* name_of_signal(int signal);
 void end_on_signals(const char* message);
 /// From now on a stop signal sets `attention`.
 void note_signals();
+/// From now on a stop signal ends the process at once, also after note_signals().
+void end_at_once_on_signals();
 /// Makes a write to a closed pipe, or beyond the limit of a file's size, an error of the write instead of a signal.
 void ignore_signals_of_writing();
 

@@ -7,14 +7,17 @@
 #include <cstring>
 #include <limits>
 #include <set>
+#include <thread>
 #include <utility>
 #include <variant>
 
 #include "fmu/import/fmu_unit.h"
+#include "master/engine/beside.h"
 #include "master/engine/engine.h"
 #include "master/engine/step_control.h"
 #include "master/run/omissions.h"
 #include "master/run/recorder.h"
+#include "master/run/tick_times.h"
 #include "models/support/bytes.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
@@ -24,64 +27,6 @@ namespace cotwin::master {
 namespace {
 
 constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
-
-/// Where the loop's time goes, sampled: reading the clock costs as much as a light unit, so only some ticks are timed.
-class TickTimes {
- public:
-  /// `ticks`: of the run; `first`: where it begins.
-  void begin_run(std::int64_t ticks, std::int64_t first) {
-    all_ = ticks < kTimeAll;
-    next_ = first + (all_ ? 0 : 1);
-  }
-  /// The next tick to be timed.
-  std::int64_t next() const { return next_; }
-  void begin_tick() { last_ = Clock::now(); }
-  void end_stepping() { stepping_ += lap(); }
-  void end_checking() { checking_ += lap(); }
-  void end_tick(std::int64_t tick, const Engine& engine) {
-    observing_ += lap();
-    ++samples_;
-    next_ = tick + interval(engine);
-  }
-
-  /// Seconds that `ticks` ticks took, without those of the units: events, exchange, checkpoints …
-  double stepping(std::int64_t ticks, const Engine& engine) const {
-    return scale(ticks) * std::max(0.0, stepping_ - engine.timed_seconds() - engine.measuring_seconds());
-  }
-  double checking(std::int64_t ticks) const { return scale(ticks) * checking_; }    // … searching for NaN …
-  double observing(std::int64_t ticks) const { return scale(ticks) * observing_; }  // … statistics and recording
-
- private:
-  using Clock = std::chrono::steady_clock;
-  // Ticks between two timed ones: the smallest that costs at most kMeasuring. Primes, so that no period of the scenario is
-  // always hit or always missed.
-  static constexpr std::array<std::int64_t, 5> kIntervals = {61, 127, 251, 509, 1021};
-  static constexpr double kMeasuring = 0.01;      // of the run's time
-  static constexpr int kReadings = 4;             // of the clock in a timed tick, without those of its units
-  static constexpr std::int64_t kTimeAll = 1024;  // a run of fewer ticks is timed throughout
-
-  double lap() {
-    const auto before = std::exchange(last_, Clock::now());
-    return std::chrono::duration<double>(last_ - before).count();
-  }
-  std::int64_t interval(const Engine& engine) const {
-    if (all_) return 1;
-    const double seconds = stepping_ + checking_ + observing_;
-    const double measuring = engine.measuring_seconds() + kReadings * static_cast<double>(samples_) * engine.clock_seconds();
-    for (const std::int64_t every : kIntervals) {
-      if (measuring <= kMeasuring * static_cast<double>(every) * (seconds - measuring)) return every;
-    }
-    return kIntervals.back();
-  }
-  double scale(std::int64_t ticks) const {
-    return static_cast<double>(ticks) / static_cast<double>(std::max<std::int64_t>(1, samples_));
-  }
-
-  bool all_ = false;
-  std::int64_t next_ = 0, samples_ = 0;
-  Clock::time_point last_;
-  double stepping_ = 0, checking_ = 0, observing_ = 0;  // s, of the timed ticks
-};
 
 /// Warnings from building the unit, and those in an output called `warning`.
 std::vector<std::string> warnings_of(const Member& member) {
@@ -167,6 +112,7 @@ class Master::Loop {
 
  private:
   bool at_end() const { return tick_ >= engine_.schedule.ticks() || engine_.finished_by() != Engine::kNoSlot; }
+  void end_beside() const;
   void observe(Time now);
   void record(Time now);
   [[noreturn]] void fail_discarded(std::size_t slot) const;
@@ -198,6 +144,7 @@ class Master::Loop {
   // For saving the run for another process.
   std::function<void()> before_results_;
   std::optional<RunState> resume_;
+  std::function<void(const std::vector<std::string>&)> waiting_;
   std::function<void(RunState)> state_taker_;  // empty unless a state was asked for
   bool saves_anywhere_ = true;                 // saving a unit does not change its later steps
   std::string unsavable_;
@@ -205,9 +152,20 @@ class Master::Loop {
   double earlier_seconds_ = 0;  // of processes before this one
 };
 
+namespace {
+
+std::vector<Member> load(const Scenario& scenario, const MasterOptions& options) {
+  std::vector<Member> members = load_members(scenario, options.types, options.folders);
+  const bool free = options.clock ? options.clock->never_waits() : scenario.clock.kind == ClockKind::kFree;
+  put_beside(scenario, members, free ? BesideMode::kWait : BesideMode::kHold);
+  return members;
+}
+
+}  // namespace
+
 Master::Loop::Loop(Scenario scenario, MasterOptions options)
     : scenario_(std::move(scenario)),
-      members_(load_members(scenario_, options.types, options.folders)),
+      members_(load(scenario_, options)),
       engine_(scenario_, members_, options.threads.value_or(scenario_.threads), options.always_threads),
       control_(engine_, members_, scenario_.tolerance, [this](std::int64_t tick) { return engine_.schedule.tick(tick); }),
       omissions_(find_omissions(scenario_, members_, engine_.links)),
@@ -217,7 +175,8 @@ Master::Loop::Loop(Scenario scenario, MasterOptions options)
       has_statistics_(!statistics_.empty()),
       waits_(pace_.waits()),
       before_results_(std::move(options.before_results)),
-      resume_(std::move(options.resume)) {
+      resume_(std::move(options.resume)),
+      waiting_(std::move(options.waiting)) {
   const std::string place = scenario_.file.filename().string();
   if (scenario_.decimation < 1) fail(place, "decimation " + std::to_string(scenario_.decimation) + ", expected >= 1 ticks");
   if (!options.results.empty() && !columns_.empty()) recording_ = options.results / "signals.csv";
@@ -281,7 +240,8 @@ std::string Master::Loop::why_unsavable() {
     if (is_unit(member.spec)) continue;
     saves_anywhere_ = false;  // a Model Exchange solver restarts where it is saved
     std::string memory;
-    member.instance.unit->save_memory(memory);
+    Beside* const beside = beside_of(member);
+    (beside != nullptr ? beside->inner() : *member.instance.unit).save_memory(memory);
     if (!fmu::holds_state(memory)) return "the states of the FMU '" + member.name() + "' cannot leave its process";
   }
   return "";
@@ -390,11 +350,50 @@ void Master::Loop::finish() {
   if (finished_) return;
   finished_ = true;
   pace_.finish(engine_);
-  for (const Member& member : members_) member.instance.unit->end();
+  std::string failure;
+  const auto attempt = [&](const auto& call) {
+    try {
+      call();
+    } catch (const std::exception& error) {
+      failure += (failure.empty() ? "" : "; ") + std::string(error.what());
+    }
+  };
+  // Steps beside the loop may last long: robots and files do not wait for them.
+  for (const Member& member : members_) {
+    if (beside_of(member) == nullptr) member.instance.unit->end();
+  }
+  if (recorder_) attempt([&] { recorder_->close(); });
+  end_beside();
+  for (const Member& member : members_) {
+    if (Beside* const beside = beside_of(member)) attempt([&] { beside->check_last_step(); });
+  }
   ended_ = std::chrono::steady_clock::now();
-  if (!recorder_) return;
-  recorder_->close();
-  ended_ = std::chrono::steady_clock::now();
+  if (!failure.empty()) throw Error(failure);
+}
+
+/// Ends the units beside the loop, each as soon as its last step has ended.
+void Master::Loop::end_beside() const {
+  std::vector<const Member*> left;
+  for (const Member& member : members_) {
+    if (beside_of(member) != nullptr) left.push_back(&member);
+  }
+  const auto limit = std::chrono::steady_clock::now() + std::chrono::seconds(1);
+  for (bool reported = !waiting_;;) {
+    std::erase_if(left, [](const Member* member) {
+      Beside* const beside = beside_of(*member);
+      const bool ready = !beside->stepping();
+      if (ready) beside->end();
+      return ready;
+    });
+    if (left.empty()) return;
+    if (!reported && std::chrono::steady_clock::now() >= limit) {
+      reported = true;
+      std::vector<std::string> names;
+      for (const Member* member : left) names.push_back(member->name());
+      waiting_(names);
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
 }
 
 /// Each once: a unit may repeat a warning of its construction after its initialisation.

@@ -44,6 +44,8 @@ struct MasterOptions {
   HostTime* host = nullptr;                    // instead of the system's time; must outlive the master
   std::function<void()> before_results;        // called after the initialisation, before any file of results is changed
   std::optional<RunState> resume;              // continue from this state
+  /// Called by finish() after a second of waiting for steps beside the loop, with the names of their components.
+  std::function<void(const std::vector<std::string>&)> waiting{};
 };
 
 /// Result of a run.
@@ -106,7 +108,9 @@ class Master {
   void values_changed();
   /// The warnings so far: of the scenario, its probable omissions, and its units.
   std::vector<std::string> warnings() const;
-  /// Writes all data and closes the files. May be called at any time, and repeatedly.
+  /// Ends the units, writes all data and closes the files; then waits for the steps beside the loop. May be called at any time,
+  /// and repeatedly. Throws Error, after all that, if the files cannot be written or the last step of a component beside the loop has
+  /// failed.
   void finish();
 
   /// Why another process could not continue this run, "'io' cannot be saved"; empty if it could. Valid after initialise().

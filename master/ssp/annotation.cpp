@@ -86,7 +86,7 @@ std::string variable(const xml::Element& e, const char* name, const Scenario& sc
 }
 
 void read_component(const xml::Element& e, Scenario& scenario, const ComponentIndex& index, std::set<std::string>& seen) {
-  xml::check_attributes(e, {"name", "stage", "period", "threads", "process"});
+  xml::check_attributes(e, {"name", "stage", "period", "threads", "process", "beside"});
   const std::string& name = xml::text(e, "name");
   const std::optional<std::size_t> at = index.find(name);
   if (!at) {
@@ -99,6 +99,7 @@ void read_component(const xml::Element& e, Scenario& scenario, const ComponentIn
   found->stage = bounded(e, "stage", found->stage, 0, 1'000'000);
   found->period = bounded(e, "period", found->period, 1, 1'000'000'000);
   found->threads = xml::boolean(e, "threads", found->threads);
+  found->beside = xml::boolean(e, "beside", found->beside);
   found->process = xml::choice(e, "process", fmu::kProcessWords, found->process);
   if (found->process == fmu::ProcessChoice::kOwn && found->source.rfind("unit:", 0) == 0) {
     throw Error(e.place, "component '" + name + "' with process=\"own\" is a built-in unit, expected an FMU");
@@ -417,6 +418,7 @@ Scenario read_nested_annotation(const xml::Element& annotation, const std::strin
     to.stage = from.stage;
     to.period = from.period;
     to.threads = from.threads;
+    to.beside = from.beside;
     to.process = from.process;
   }
   for (const auto& [name, value] : nested.settings) {

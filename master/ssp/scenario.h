@@ -57,6 +57,7 @@ struct ComponentSpec {
   int stage = 0;                             // stages run one after another within a tick; within a stage: Jacobi
   int period = 1;                            // in ticks
   bool threads = true;                       // false: never on a worker thread
+  bool beside = false;                       // steps beside the loop, on a thread of its own (master/engine/beside.h)
   fmu::InterfaceChoice implementation = fmu::InterfaceChoice::kAny;  // of an FMU that has several
   fmu::ProcessChoice process = fmu::ProcessChoice::kAuto;            // of an FMU
 };

@@ -258,6 +258,7 @@ class Writer {
           .with("stage", member.spec.stage)
           .with("period", member.spec.period)
           .with_if(!member.spec.threads, "threads", "false")
+          .with_if(member.spec.beside, "beside", "true")
           .with_if(member.spec.process != fmu::ProcessChoice::kAuto, "process",
                    text::word_of(member.spec.process, fmu::kProcessWords))
           .end();

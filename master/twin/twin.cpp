@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <limits>
 
+#include "master/engine/beside.h"
 #include "models/support/bytes.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
@@ -42,6 +43,7 @@ Variables::Declared declare_as(Role role, Variables& variables, const std::strin
 Twin::Twin(Scenario scenario, std::vector<Member> members, const std::set<std::string>& outputs, bool states_leave)
     : scenario_(std::move(scenario)), members_(std::move(members)), outputs_(outputs), states_leave_(states_leave) {
   scenario_.bonds.clear();
+  put_beside(scenario_, members_, BesideMode::kInStep);
   build_engine();
 }
 

@@ -13,7 +13,7 @@ namespace cotwin::master {
 
 namespace {
 
-constexpr std::uint64_t kMagic = 0x344e495754544f43u;  // the bytes "COTTWIN4": the format and its version
+constexpr std::uint64_t kMagic = 0x354e495754544f43u;  // the bytes "COTTWIN5": the format and its version
 
 // put() and get() of a type handle the same fields in the same order.
 void put(ByteWriter& out, const Port& port) {
@@ -27,11 +27,13 @@ void put(ByteWriter& out, const ComponentSpec& component) {
   out.text(component.name);
   out.value(static_cast<std::int32_t>(component.stage));
   out.value(static_cast<std::int32_t>(component.period));
+  out.value(static_cast<std::uint8_t>(component.beside));
 }
 void get(ByteReader& in, ComponentSpec& component) {
   component.name = in.text();
   component.stage = in.value<std::int32_t>();
   component.period = in.value<std::int32_t>();
+  component.beside = in.value<std::uint8_t>() != 0;
 }
 
 void put(ByteWriter& out, const ConnectionSpec& connection) {

@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <optional>
+#include <utility>
 
 #include "models/support/choice.h"
 #include "tests/fmu/foreign.h"
@@ -64,11 +65,12 @@ class ForeignRun : public ::testing::TestWithParam<std::string> {
 // Continuing in another process
 
 TEST_P(ForeignRun, IsSavedAtCheckpointsOfTheLoopAndResumesToTheSameBits) {
-  for (const char* process : {"", "?process=own"}) {
+  for (const auto& [process, beside] : {std::pair{"", false}, std::pair{"?process=own", false}, std::pair{"", true}}) {
     Build b;
     b.until(0.4);
     fmu(b, "a", process);
     b.with("u", 1.0);
+    b.scenario.components.back().beside = beside;
     Master straight = b.load();
     run(straight);
     std::optional<RunState> state;
@@ -91,14 +93,16 @@ TEST_P(ForeignRun, IsSavedAtCheckpointsOfTheLoopAndResumesToTheSameBits) {
     EXPECT_EQ(resumed.tick(), 256);
     while (resumed.step_tick()) {
     }
-    for (const char* name : {"a.x", "a.y"}) EXPECT_EQ(value(resumed, name), value(straight, name)) << name << process;
+    for (const char* name : {"a.x", "a.y"}) EXPECT_EQ(value(resumed, name), value(straight, name)) << name << process << beside;
   }
 }
 
 TEST_P(ForeignRun, ReportsStatesThatCannotBeSaved) {
-  for (const char* query : {"", "?rollback=true"}) {
+  for (const auto& [query, beside] :
+       {std::pair{"", false}, std::pair{"?rollback=true", false}, std::pair{"?rollback=true", true}}) {
     Build b = second();
     fmu(b, "a", query, without_serialisation());
+    b.scenario.components.back().beside = beside;
     Master master = b.load();
     master.initialise();
     EXPECT_THAT(master.unsavable(), AllOf(HasSubstr("'a'"), HasSubstr("cannot")));

@@ -315,7 +315,7 @@ TEST(Annotation, IsReadCompletely) {
   const Scenario s = parse(annotated(
       "tick='250 us' stop='2 s' clock='real-time' threads='4' tolerance='1e-4' unknownParameters='ignore'",
       "<t:Setting name='robot' value='lwr4'/><t:Setting name='joints' value='7'/>"
-      "<t:Component name='b' stage='3' period='10' threads='false'/>"
+      "<t:Component name='b' stage='3' period='10' threads='false' beside='true'/>"
       "<t:Event time='0.5' variable='a.x[2]' value='1 2' ramp='0.25'/><t:Event time='0.1 s' variable='b.y' value='true'/>"
       "<t:Event time='0.5' variable='a.z' value='second of its time'/>"
       "<t:Recording decimation='20'><t:Record variables='a.*, b.y\n*.tau_J'/><t:Record variables='a.z'/></t:Recording>"
@@ -334,6 +334,8 @@ TEST(Annotation, IsReadCompletely) {
   EXPECT_EQ(s.components[1].stage, 3);
   EXPECT_EQ(s.components[1].period, 10);
   EXPECT_FALSE(s.components[1].threads);
+  EXPECT_TRUE(s.components[1].beside);
+  EXPECT_FALSE(s.components[0].beside);
   ASSERT_EQ(s.events.size(), 3U);  // by time, those of equal time in the order of the file
   EXPECT_EQ(s.events[0].variable, "b.y");
   EXPECT_EQ(s.events[1].value, "1 2");
