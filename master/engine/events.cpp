@@ -154,6 +154,18 @@ void Events::find_next_time() {
   next_time_ = !ramps_.empty() ? Time{Limits::min()} : next_ < changes_.size() ? changes_[next_].time : Time{Limits::max()};
 }
 
+void Events::end_ramp(const double* value) {
+  if (ramps_.empty()) return;
+  std::erase_if(ramps_, [&](const Ramp& ramp) {
+    const Change& change = changes_[ramp.change];
+    if (change.value != value) return false;
+    active_[ramp.change] = 0;
+    if (change.rate) *change.rate = 0;
+    return true;
+  });
+  find_next_time();
+}
+
 Time Events::next_after(Time now) const {
   Time next{std::numeric_limits<std::int64_t>::max()};
   const auto consider_end = [&](const Change& change) {

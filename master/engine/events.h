@@ -61,6 +61,9 @@ class Events {
     if (now >= next_time_) apply_due(now, h);
   }
 
+  /// Ends a ramp of this value, which was set from outside. Allocates nothing.
+  void end_ramp(const double* value);
+
   /// The first time after `now` at which an event happens or a ramp ends; the largest time if there is none.
   Time next_after(Time now) const;
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <utility>
 
 #include "models/support/error.h"
 #include "models/support/text.h"
@@ -175,6 +176,7 @@ std::size_t StepControl::step_to_tolerance(const Tick& tick, bool timed) {
     return Duration{std::max<std::int64_t>(1, std::llround(s * static_cast<double>(whole.ns)))};
   };
   const Duration shortest = share(std::min(kShortest, tolerance_)), first = std::max(shortest, share(kFirst));
+  if (std::exchange(jump_, false)) next_ = std::min(next_, first);
   if (next_.ns == 0) next_ = first;
   int parts = 0;
   Time now = tick.begin;

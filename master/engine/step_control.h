@@ -61,6 +61,8 @@ class StepControl {
   void forget() {
     if (not_restorable_ == nullptr) next_checkpoint_ = careful_until_ = 0;
   }
+  /// Values jump at the beginning of the next tick, as by an event: with a tolerance its first step is short.
+  void jump() { jump_ = true; }
   /// The first member that cannot be restored; nullptr if all can.
   const Member* not_restorable() const { return not_restorable_; }
 
@@ -118,6 +120,7 @@ class StepControl {
   Checkpoint step_begin_;
   std::vector<double> energies_;  // of the bonds at the beginning of the step
   Duration next_{};               // length of the next step; 0: that of a first one
+  bool jump_ = false;
   std::int64_t parts_sum_ = 0, rejected_ = 0, tolerance_missed_ = 0;
 };
 

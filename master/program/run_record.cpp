@@ -83,6 +83,20 @@ ordered_json columns(std::span<const Column> columns) {
   return all;
 }
 
+/// What observers did. A change is repeated by an event with its time, name and value.
+ordered_json influence(const Influence& i) {
+  ordered_json changes = ordered_json::array();
+  for (const Influence::Change& c : i.changes) {
+    ordered_json change = {{"tick", c.tick}, {"time", c.time}, {"name", c.name}};
+    if (c.kind == Kind::kReal) change["value"] = c.value;
+    if (c.kind == Kind::kInteger) change["value"] = static_cast<std::int32_t>(c.value);
+    if (c.kind == Kind::kBoolean) change["value"] = c.value != 0;
+    changes.push_back(std::move(change));
+  }
+  return {{"changes", changes}, {"changes_not_listed", i.more},       {"refused_requests", i.refused},
+          {"pauses", i.pauses}, {"paused_seconds", i.paused_seconds}, {"stopped", i.stopped}};
+}
+
 std::string dump(const ordered_json& json) { return json.dump(1, ' ', false, ordered_json::error_handler_t::replace) + "\n"; }
 
 /// Reserves space after the end of the file, so that close() succeeds on a full disk. Not all file systems support it.
@@ -167,6 +181,7 @@ void RunRecord::close(const Summary& summary, const Outcome& outcome) {
   j["wall_seconds"] = summary.wall_seconds;
   j["threads"] = summary.threads;
   j["warnings"] = summary.warnings;
+  if (const Influence& i = summary.influence; i.count() + i.pauses > 0 || i.stopped) j["from_outside"] = influence(i);
   const std::string text = dump(j);
   try {
     write_file(file_, text);

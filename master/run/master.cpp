@@ -15,6 +15,7 @@
 #include "master/engine/beside.h"
 #include "master/engine/engine.h"
 #include "master/engine/step_control.h"
+#include "master/run/live_loop.h"
 #include "master/run/omissions.h"
 #include "master/run/recorder.h"
 #include "master/run/tick_times.h"
@@ -111,8 +112,13 @@ class Master::Loop {
   std::int64_t tick_ = 0;
 
  private:
-  bool at_end() const { return tick_ >= engine_.schedule.ticks() || engine_.finished_by() != Engine::kNoSlot; }
+  bool at_end() const {
+    return tick_ >= engine_.schedule.ticks() || engine_.finished_by() != Engine::kNoSlot || (live_ && live_->stopped());
+  }
+  void begin_observation();
+  bool begin_live_tick();
   void end_beside() const;
+  std::vector<bus::RunObserver*> observers() const;
   void observe(Time now);
   void record(Time now);
   [[noreturn]] void fail_discarded(std::size_t slot) const;
@@ -146,7 +152,9 @@ class Master::Loop {
   std::optional<RunState> resume_;
   std::function<void(const std::vector<std::string>&)> waiting_;
   std::function<void(RunState)> state_taker_;  // empty unless a state was asked for
-  bool saves_anywhere_ = true;                 // saving a unit does not change its later steps
+  bus::RunObserver* observer_ = nullptr;
+  std::unique_ptr<LiveLoop> live_;  // nullptr: nobody observes the run
+  bool saves_anywhere_ = true;      // saving a unit does not change its later steps
   std::string unsavable_;
   std::uint64_t beginning_ = 0;
   double earlier_seconds_ = 0;  // of processes before this one
@@ -176,7 +184,8 @@ Master::Loop::Loop(Scenario scenario, MasterOptions options)
       waits_(pace_.waits()),
       before_results_(std::move(options.before_results)),
       resume_(std::move(options.resume)),
-      waiting_(std::move(options.waiting)) {
+      waiting_(std::move(options.waiting)),
+      observer_(options.observer) {
   const std::string place = scenario_.file.filename().string();
   if (scenario_.decimation < 1) fail(place, "decimation " + std::to_string(scenario_.decimation) + ", expected >= 1 ticks");
   if (!options.results.empty() && !columns_.empty()) recording_ = options.results / "signals.csv";
@@ -197,6 +206,7 @@ void Master::Loop::initialise() {
   control_.initialise();
   beginning_ = hash_of_values();
   unsavable_ = why_unsavable();
+  begin_observation();
   if (resume_) restore(*resume_);
   times_.begin_run(ticks(), tick_);
   if (before_results_) before_results_();
@@ -210,6 +220,39 @@ void Master::Loop::initialise() {
   resume_.reset();
   begun_ = std::chrono::steady_clock::now();
   running_ = true;
+  if (live_) {
+    for (bus::RunObserver* observer : observers()) observer->observe(live_->run());
+  }
+}
+
+/// The units that observe the run, and the observer of the options.
+std::vector<bus::RunObserver*> Master::Loop::observers() const {
+  std::vector<bus::RunObserver*> all = LiveLoop::observers(members_);
+  if (observer_ != nullptr) all.push_back(observer_);
+  return all;
+}
+
+void Master::Loop::begin_observation() {
+  if (observers().empty()) return;
+  std::string unpausable;
+  if (scenario_.clock.follows()) {
+    unpausable = "its ticks follow the clock of a robot or bus, which goes on";
+  } else {
+    const auto connected =
+        std::ranges::find_if(members_, [](const Member& m) { return m.instance.unit->tick_source() != nullptr; });
+    if (connected != members_.end()) unpausable = "'" + connected->name() + "' is connected to a robot or bus, which goes on";
+  }
+  live_ = std::make_unique<LiveLoop>(scenario_, members_, engine_, std::move(unpausable));
+}
+
+/// Requests to an observed run. Returns false if the tick must not begin.
+bool Master::Loop::begin_live_tick() {
+  const bool goes_on = live_->begin_tick(tick_, now());
+  if (live_->take_changed()) {
+    control_.forget();
+    control_.jump();
+  }
+  return goes_on;
 }
 
 /// Hash of the bits of all numbers of all units.
@@ -275,6 +318,7 @@ std::string Master::Loop::state() const {
   control_.write(out);
   statistics_.write(out);
   out.value(next_row_);
+  if (live_) live_->write(out);
   return out.bytes();
 }
 
@@ -286,6 +330,7 @@ void Master::Loop::restore(const RunState& run) {
   tick_ = control_.restore(in);
   statistics_.read(in, engine_.schedule.time(0), now());
   next_row_ = in.value<std::int64_t>();
+  if (live_) live_->read(in, tick_);
   in.expect_end();
   if (next_row_ <= tick_ || run.recording.has_value() != !recording_.empty()) in.fail("is damaged");
   engine_.check_finite(now());
@@ -301,7 +346,17 @@ double Master::Loop::wall_seconds() const {
 /// The loop body of "One master step" in docs/architecture.md.
 inline bool Master::Loop::step_tick() {
   if (at_end()) return false;
-  if (waits_ && !pace_.wait(engine_, tick_)) return true;
+  if (live_) [[unlikely]] {
+    if (!begin_live_tick()) {
+      if (live_->paused()) live_->wait(tick_);
+      return !live_->stopped();
+    }
+    if (live_->take_resumed()) pace_.restart(engine_, tick_);
+  }
+  if (waits_) {
+    if (!pace_.wait(engine_, tick_)) return true;
+    if (live_ && !begin_live_tick()) return !live_->stopped();  // asked for while it waited
+  }
   const bool timed = tick_ >= times_.next();
   if (timed) times_.begin_tick();
 
@@ -317,6 +372,8 @@ inline bool Master::Loop::step_tick() {
   if (timed) times_.end_checking();
 
   observe(tick.end);
+  if (live_) [[unlikely]]
+    live_->end_tick(tick_);
   if (timed) times_.end_tick(tick.index, engine_);
   if (waits_) pace_.end_tick();
   return true;
@@ -350,6 +407,7 @@ void Master::Loop::finish() {
   if (finished_) return;
   finished_ = true;
   pace_.finish(engine_);
+  if (live_) live_->end(tick_);
   std::string failure;
   const auto attempt = [&](const auto& call) {
     try {
@@ -409,6 +467,8 @@ std::vector<std::string> Master::Loop::warnings() const {
     add("'" + engine_.name(engine_.finished_by()) + "' asked for the end of the run at t = " + text::to_text(now().seconds()) +
         " s");
   }
+  if (live_ && live_->stopped())
+    add("the end of the run was asked for from outside at t = " + text::to_text(now().seconds()) + " s");
   for (const Member& member : members_) {
     for (const std::string& warning : warnings_of(member)) add(member.name() + ": " + warning);
   }
@@ -481,6 +541,12 @@ Summary Master::Loop::summary() const {
                            " rows of the recording were dropped");
     }
   }
+  if (live_) s.influence = live_->influence();
+  if (const std::int64_t changes = s.influence.count(); changes > 0)
+    s.notes.push_back(std::to_string(changes) + " values were set from outside during the run (listed in run.json)");
+  if (s.influence.pauses > 0)
+    s.notes.push_back("the run was paused " + std::to_string(s.influence.pauses) + " times from outside, for " +
+                      text::to_text(s.influence.paused_seconds, 3) + " s in total");
   s.clock = pace_.report();
   s.overruns = s.clock.state.overruns;
   s.worst_delay = Duration{s.clock.start_delays.max()}.seconds();

@@ -8,10 +8,12 @@
 #include <string>
 #include <vector>
 
+#include "components/bus/live_run.h"
 #include "master/engine/bonds.h"
 #include "master/engine/initialisation.h"
 #include "master/engine/loop_report.h"
 #include "master/engine/members.h"
+#include "master/run/live_loop.h"
 #include "master/run/pace.h"
 #include "master/run/recorder.h"
 #include "master/run/statistics.h"
@@ -46,6 +48,8 @@ struct MasterOptions {
   std::optional<RunState> resume;              // continue from this state
   /// Called by finish() after a second of waiting for steps beside the loop, with the names of their components.
   std::function<void(const std::vector<std::string>&)> waiting{};
+  /// Watches and influences the run, beside the units that do (bus::RunObserver). May be nullptr; used by initialise().
+  bus::RunObserver* observer = nullptr;
 };
 
 /// Result of a run.
@@ -85,6 +89,7 @@ struct Summary {
   double mean_parts = 1;
   std::int64_t rejected = 0;      // steps that missed the tolerance and were repeated
   std::vector<LoopReport> loops;  // of continuous connections
+  Influence influence;            // by observers of the run
 };
 
 class Master {
@@ -100,7 +105,7 @@ class Master {
   /// Gives the calling thread and the workers the priority, CPUs and memory that the scenario's clock asks for. Call after
   /// initialise() on the thread that calls step_tick(); otherwise the first step_tick() does it. What is not permitted is a warning.
   void prepare_threads();
-  /// Makes one tick, at most to the stop time; none if a signal interrupted the wait for the clock. Returns false at the end of
+  /// Makes one tick, at most to the stop time; none if a signal interrupted the wait for the clock, and while the run is paused. Returns false at the end of
   /// the run. Allocates nothing. Throws Error for a NaN, a discarded step that cannot be repeated, or a failure of a unit or of
   /// the recording; then only finish() and summary() may be called.
   bool step_tick();

@@ -48,6 +48,10 @@ class Pace {
     return late_ticks_ == 0 ? engine.schedule.tick(tick) : long_tick(engine, tick);
   }
   void end_tick() { clock_->end_tick(); }
+  /// Call after the loop stood still: the next tick is due at once. Not for clocks that follow a source.
+  void restart(const Engine& engine, std::int64_t tick) {
+    if (started_) clock_->start(engine.schedule.time(tick));
+  }
 
   /// Counts the page faults. Call on the thread of the loop.
   void finish(Engine& engine);

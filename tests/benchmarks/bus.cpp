@@ -19,6 +19,7 @@
 
 #include "components/bus/bus.h"
 #include "components/bus/udp_transport.h"
+#include "tests/benchmarks/live_run.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/support/database_trial.h"
 
@@ -227,9 +228,14 @@ bool property() {
 
 }  // namespace
 
-int main() {
+int main(int count, char** words) {
+  if (count > 1 && std::string(words[1]) == "live") {
+    live_run_costs();
+    return 0;
+  }
   latencies();
   message_costs();
   database_costs();
+  live_run_costs();
   return property() ? 0 : 1;
 }
