@@ -31,6 +31,7 @@ void add_tool(CLI::App& app, Chosen& chosen);
 void add_search(CLI::App& app, Chosen& chosen);
 void add_fit_energy(CLI::App& app, Chosen& chosen);
 void add_robot(CLI::App& app, Chosen& chosen);
+void add_ask(CLI::App& app, Chosen& chosen);
 void add_completion(CLI::App& app, Chosen& chosen);
 
 /// What of `cotwin run` another command can choose.

@@ -113,6 +113,7 @@ int run(int argc, char** argv) {
   add_tool(app, chosen);
   add_search(app, chosen);
   add_robot(app, chosen);
+  add_ask(app, chosen);
   add_completion(app, chosen);
   for (const char* name : {"run", "search", "robot", "pack", "check", "units", "describe", "reference"})
     add_units_option(*app.get_subcommand(name));

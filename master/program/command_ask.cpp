@@ -1,0 +1,233 @@
+// cotwin ask: questions about motions (models/services), from options, from files of requests, or line by line from a queue.
+#include <algorithm>
+#include <fstream>
+#include <iostream>
+#include <iterator>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <thread>
+
+#include "master/program/commands.h"
+#include "master/services/motion_file.h"
+#include "master/services/verify.h"
+#include "master/services/worker.h"
+#include "models/services/schemas.h"
+#include "models/services/tasks.h"
+#include "models/support/atomic_file.h"
+#include "models/support/error.h"
+
+namespace cotwin::master {
+
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+struct AskArguments {
+  std::string service, robot = "lwr4", more, detail, table, schema;
+  std::vector<double> from, to;
+  std::optional<double> T;
+  std::vector<fs::path> files, robots;
+  std::optional<fs::path> motion, particles;
+  int threads = 0;
+  bool worker = false;
+};
+
+/// Robots by name, from --robots or the model folders.
+services::Robots robots_of(const AskArguments& a, bool paths) {
+  std::vector<fs::path> folders;
+  for (const fs::path& folder : a.robots) {
+    if (!fs::is_directory(folder)) throw Error("--robots " + folder.string(), "is not a folder, expected one with robots");
+    folders.push_back(folder);
+  }
+  fs::path people;
+  for (const fs::path& folder : model_folders({})) {
+    if (a.robots.empty()) folders.push_back(folder / "robots");
+    if (const fs::path file = folder / "people/iso_ts_15066.csv"; people.empty() && fs::is_regular_file(file)) people = file;
+  }
+  return services::Robots(folders, a.robot, paths, people);
+}
+
+services::Context context_of(numerics::Threads* threads) {
+  services::Context context;
+  context.threads = threads;
+  context.verify = [](const services::Robot& robot, const services::Move& move, double T,
+                      const services::VerificationOptions& options) {
+    return verify(units(), model_folders({}), robot, move, T, options);
+  };
+  return context;
+}
+
+std::string names_of_services() {
+  std::string names;
+  for (const std::string& name : services::service_names()) names += (names.empty() ? "" : ", ") + name;
+  return names;
+}
+
+/// The request of the command line.
+Json request_of(const AskArguments& a) {
+  if (a.service.empty()) throw Error("cotwin ask", "names no service, expected one of " + names_of_services() + ", or --file");
+  Json request = Json::object();
+  try {
+    if (!a.more.empty()) request = services::parse_object(a.more);
+  } catch (const services::RequestError& e) {
+    throw Error("--with", e.detail() + "; an example: {\"degree\": 9}");
+  }
+  request["service"] = a.service;
+  const bool degrees = request.contains("from_q_deg"), plain = request.contains("from_q");
+  if (!a.from.empty() || !(degrees || plain)) request["from_q_rad"] = a.from;
+  if (!a.to.empty() || !(request.contains("to_q_deg") || request.contains("to_q"))) request["to_q_rad"] = a.to;
+  if (a.T && (a.service == "cycle_time"))
+    throw Error("--duration", "is given for cycle_time, which finds the duration, expected another service");
+  if (a.T) request[a.service == "optimise" ? "T_min_s" : "T_s"] = *a.T;
+  if (!a.detail.empty()) request["detail"] = a.detail;
+  return request;
+}
+
+int ask_one(const AskArguments& a, services::Robots& robots, services::Context context) {
+  Json request = request_of(a);
+  // Robots with prismatic joints have no common unit of measure: --from and --to are then in rad and m.
+  const std::string robot =
+      request.contains("robot") && request["robot"].is_string() ? request["robot"].get<std::string>() : a.robot;
+  if (std::ranges::any_of(robots.find(robot)->model.joints,
+                          [](const robot::Joint& joint) { return joint.type == robot::JointType::kPrismatic; }))
+    for (const std::string name : {"from_q", "to_q"}) {
+      if (!request.contains(name + "_rad")) continue;
+      request[name] = request[name + "_rad"];
+      request.erase(name + "_rad");
+    }
+  if (a.motion && !request.contains("detail") && a.service != "optimise") request["detail"] = "all";
+  std::ostringstream particles;
+  if (a.particles) {
+    if (a.service != "optimise")
+      throw Error("--particles", "is given for the service " + a.service + ", expected it with optimise");
+    context.particles = &particles;
+  }
+  const Json reply = Json::parse(services::answer_object(robots, request, context));
+  if (a.particles) write_file(*a.particles, particles.str());
+  if (a.motion && reply.contains("feasible") && reply["feasible"] == false) {
+    std::cout << reply.dump(2) << "\n";
+    std::cerr << "cotwin: --motion " << a.motion->string()
+              << ": not written, the move is not feasible: " << reply.value("reason", "") << "\n";
+    return kExitRunFailed;
+  }
+  if (a.motion) {
+    if (!reply.contains("motion"))
+      throw Error("--motion",
+                  "the service " + a.service + " replies with no motion, expected feasibility, cycle_time or optimise");
+    write_file(*a.motion, motion_file(reply["motion"].dump()));
+  }
+  std::cout << reply.dump(2) << "\n";
+  return kExitDone;
+}
+
+int ask_files(const AskArguments& a, services::Robots& robots, const services::Context& context) {
+  std::vector<services::Task> tasks;
+  for (const fs::path& file : a.files) {
+    if (fs::is_directory(file)) throw Error(file.string(), "is a folder, expected a file with requests");
+    std::ifstream in(file, std::ios::binary);
+    if (!in) throw Error(file.string(), "cannot be read, expected a file with requests");
+    const std::string content{std::istreambuf_iterator<char>(in), {}};
+    // A table has room for verdicts.
+    const std::string detail = !a.detail.empty() ? a.detail : a.table.empty() ? "" : "verdict";
+    for (services::Task& task : services::read_tasks(content, file.string(), {a.robot, detail, file.parent_path()}))
+      tasks.push_back(std::move(task));
+  }
+  const std::vector<services::Row> rows = services::ask_all(robots, tasks, context);
+  if (a.table.empty())
+    std::cout << Json::parse(services::to_json(rows)).dump(2) << "\n";
+  else
+    std::cout << (a.table == "csv" ? services::to_csv(rows) : services::to_text_table(rows));
+  std::size_t refused = 0;
+  for (const services::Row& row : rows) refused += row.problem.empty() ? 0 : 1;
+  if (refused == 0) return kExitDone;
+  std::cerr << "cotwin: " << refused << " of " << rows.size() << " tasks could not be answered\n";
+  return kExitRunFailed;
+}
+
+/// Refuses options that would have no effect beside `chosen`.
+void refuse_others(const AskArguments& a, const std::string& chosen, const std::vector<std::string>& allowed) {
+  const std::pair<const char*, bool> given[] = {
+      {"SERVICE", !a.service.empty()}, {"--from", !a.from.empty()},     {"--to", !a.to.empty()},
+      {"--duration", a.T.has_value()}, {"--with", !a.more.empty()},     {"--detail", !a.detail.empty()},
+      {"--motion", !!a.motion},        {"--particles", !!a.particles},  {"--file", !a.files.empty()},
+      {"--table", !a.table.empty()},   {"--schema", !a.schema.empty()}, {"--robots", !a.robots.empty()},
+      {"--threads", a.threads != 0},   {"--worker", a.worker}};
+  for (const auto& [name, is_given] : given)
+    if (is_given && name != chosen && std::ranges::find(allowed, name) == allowed.end())
+      throw Error(chosen == "SERVICE" ? "cotwin ask " + a.service : "cotwin ask " + chosen,
+                  (name == std::string("SERVICE") ? "the service " + a.service : name) +
+                      " is also given and would have no effect, expected it without");
+}
+
+int ask(const AskArguments& a) {
+  if (!a.schema.empty())
+    refuse_others(a, "--schema", {});
+  else if (a.worker)
+    refuse_others(a, "--worker", {"--robots", "--threads"});
+  else if (!a.files.empty())
+    refuse_others(a, "--file", {"--detail", "--table", "--robots", "--threads"});
+  else
+    refuse_others(a, "SERVICE",
+                  {"--from", "--to", "--duration", "--with", "--detail", "--motion", "--particles", "--robots", "--threads"});
+  if (!a.schema.empty()) {
+    const std::vector<std::string> names = services::service_names();
+    if (std::ranges::find(names, a.schema) == names.end())
+      throw Error("--schema", "'" + a.schema + "' is no service, expected one of " + names_of_services());
+    std::cout << Json::parse(services::schema(a.schema)).dump(2) << "\n";
+    return kExitDone;
+  }
+  if (a.worker) {
+    numerics::Threads threads(std::max(1, a.threads));
+    services::Robots robots = robots_of(a, false);
+    std::ios::sync_with_stdio(false);
+    return run_worker(std::cin, std::cout, robots, context_of(&threads)) ? kExitDone : kExitRunFailed;
+  }
+  numerics::Threads threads(a.threads > 0 ? a.threads : std::max(1, static_cast<int>(std::thread::hardware_concurrency())));
+  services::Robots robots = robots_of(a, true);
+  const services::Context context = context_of(&threads);
+  if (a.files.empty()) return ask_one(a, robots, context);
+  return ask_files(a, robots, context);
+}
+
+}  // namespace
+
+void add_ask(CLI::App& app, Chosen& chosen) {
+  const auto all = std::make_shared<AskArguments>();
+  AskArguments& a = *all;
+  CLI::App* command =
+      app.add_subcommand("ask", "Answer a question about a motion: feasible, how long, what it costs, which is cheaper");
+  command->add_option("service", a.service, names_of_services());
+  command->add_option("--robot", a.robot, "URDF, or name of a robot in models/robots")
+      ->capture_default_str()
+      ->type_name("URDF");
+  command->add_option("--from", a.from, "Posture at the start, rad (m), separated by commas")->delimiter(',')->type_name("Q");
+  command->add_option("--to", a.to, "Posture at the end, rad (m), separated by commas")->delimiter(',')->type_name("Q");
+  command->add_option("--duration", a.T, "Duration in seconds; without it the shortest one")->type_name("S");
+  command->add_option("--with", a.more, "Further members of the request as a JSON object, for example {\"degree\": 9}")
+      ->type_name("JSON");
+  command->add_option("--detail", a.detail, "How much the reply tells: verdict, margins, series or all")->type_name("LEVEL");
+  command->add_option("--motion", a.motion, "Write the move as parameters of unit:motion (SSV)")->type_name("FILE");
+  command->add_option("--particles", a.particles, "Write all motions that optimise tries as a table (CSV)")->type_name("FILE");
+  command->add_option("--file", a.files, "Files with requests in JSON: one, an array, or robots and tasks (docs/services.md)")
+      ->type_name("FILE");
+  command->add_option("--table", a.table, "The answers of --file as a table: text or csv")
+      ->check(CLI::IsMember({"text", "csv"}))
+      ->type_name("FORM");
+  command->add_option("--schema", a.schema, "Print the JSON Schemas of a service")->type_name("SERVICE");
+  command
+      ->add_option(
+          "--robots", a.robots,
+          "Folder with robots, FOLDER/NAME/robot.urdf or FOLDER/NAME.urdf; may be repeated, the first folder that has a "
+          "robot counts; default: models/robots")
+      ->allow_extra_args(false)
+      ->type_name("FOLDER");
+  command->add_option("--threads", a.threads, "Threads of an optimisation (default: one per core; of a worker: one)")
+      ->check(CLI::Range(1, 255))
+      ->type_name("N");
+  command->add_flag("--worker", a.worker, "Answer requests of queues, one per line on stdin, see docs/services.md");
+  command->callback([&chosen, all] { chosen = [all] { return ask(*all); }; });
+}
+
+}  // namespace cotwin::master

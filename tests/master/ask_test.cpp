@@ -1,0 +1,392 @@
+// cotwin ask: requests from lines of a queue, from options and from files.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "components/unit/unit_table.h"
+#include "master/services/motion_file.h"
+#include "master/services/verify.h"
+#include "master/services/worker.h"
+#include "models/services/schemas.h"
+#include "models/services/tasks.h"
+#include "tests/support/files.h"
+#include "tests/support/places.h"
+#include "tests/support/run_program.h"
+
+namespace {
+
+namespace fs = std::filesystem;
+using cotwin::services::Robots;
+using cotwin::testing::run_program;
+using nlohmann::json;
+using ::testing::HasSubstr;
+
+fs::path robots_folder() { return fs::path(cotwin::places::source()) / "models/robots"; }
+
+/// The lines that a worker writes for these lines.
+std::vector<json> work(const std::string& lines, Robots&& robots = Robots({robots_folder()})) {
+  std::istringstream in(lines);
+  std::ostringstream out;
+  EXPECT_TRUE(cotwin::master::run_worker(in, out, robots, {}));
+  std::vector<json> all;
+  std::istringstream written(out.str());
+  for (std::string line; std::getline(written, line);) all.push_back(json::parse(line));
+  return all;
+}
+
+const std::string kEnds = R"("from_q_rad":[0,0.5,0,-1,0,0.6,0],"to_q_rad":[1,0,0.4,0.7,-0.5,-0.3,0.8])";
+
+TEST(Worker, AnswersEachLineWithItsIdentity) {
+  const auto lines = work(R"({"id":"a","request":{"service":"feasibility","robot":"lwr4","T_s":3,)" + kEnds + "}}\n\n" +
+                          R"({"id":7,"request":{"service":"feasibility","robot":"lwr4","T_s":0.1,)" + kEnds + "}}");
+  ASSERT_EQ(lines.size(), 2U);
+  EXPECT_EQ(lines[0]["id"], "a");
+  EXPECT_EQ(lines[0]["reply"]["feasible"], true);
+  EXPECT_EQ(lines[1]["id"], 7);
+  EXPECT_EQ(lines[1]["reply"]["feasible"], false);
+}
+
+TEST(Worker, TellsTheProgressOfAnOptimisation) {
+  const auto lines = work(
+      R"({"id":"o","request":{"service":"optimise","robot":"lwr4","T_min_s":2,"particles":16,"rounds":20,)" + kEnds + "}}\n");
+  ASSERT_GE(lines.size(), 3U);
+  double last = 0;
+  for (std::size_t i = 0; i + 1 < lines.size(); ++i) {
+    EXPECT_EQ(lines[i]["id"], "o");
+    EXPECT_GT(lines[i]["progress"].get<double>(), last);
+    last = lines[i]["progress"];
+  }
+  EXPECT_LE(last, 1);
+  EXPECT_EQ(lines.back()["reply"]["status"], "feasible");
+}
+
+TEST(Worker, SurvivesLinesThatAreNoRequests) {
+  const std::string huge(cotwin::master::kLongestLine + 10, 'x');
+  const std::string deep(100000, '[');
+  const std::string lines =
+      "{\n[1]\n\x80\xff\n" + huge + "\n" + deep + "\n" +
+      R"({"request":{}})"
+      "\n"
+      R"({"id":"1"})"
+      "\n"
+      R"({"id":"2","request":3})"
+      "\n"
+      R"({"id":"3","id":"4","request":{}})"
+      "\n"
+      R"({"id":"5","request":{"service":"dance","robot":"lwr4"}})"
+      "\n"
+      R"({"id":"6","request":{"service":"feasibility","robot":"../robots/lwr4"}})"
+      "\n"
+      R"({"id":"7","request":{"service":"feasibility","robot":"lwr5"}})"
+      "\n"
+      R"({"id":"8","request":{"service":"feasibility","robot":"lwr4","from_q_rad":[NaN]}})"
+      "\n"
+      R"({"id":"9","request":{"service":"feasibility","robot":"lwr4","from_q_rad":[0,"a"],"to_q_rad":[]}})"
+      "\n"
+      R"({"id":"10","request":{"service":"feasibility","robot":"lwr4",)" +
+      kEnds +
+      R"(,"T_s":1e999}})"
+      "\n"
+      R"({"id":"11","request":{"service":"feasibility","robot":"lwr4",)" +
+      kEnds + "}}";
+  const auto replies = work(lines);
+  ASSERT_EQ(replies.size(), 16U);
+  for (std::size_t i = 0; i + 1 < replies.size(); ++i) {
+    ASSERT_TRUE(replies[i].contains("problem")) << replies[i];
+    EXPECT_FALSE(replies[i]["problem"]["detail"].get<std::string>().empty());
+  }
+  EXPECT_TRUE(replies[3]["id"].is_null());
+  EXPECT_THAT(replies[3]["problem"]["detail"].get<std::string>(), HasSubstr("4194304"));
+  EXPECT_EQ(replies[9]["problem"]["pointer"], "/service");
+  EXPECT_EQ(replies[10]["problem"]["pointer"], "/robot");
+  EXPECT_THAT(replies[11]["problem"]["detail"].get<std::string>(), HasSubstr("lwr4"));
+  EXPECT_EQ(replies[13]["problem"]["pointer"], "/from_q_rad/1");
+  EXPECT_EQ(replies.back()["reply"]["feasible"], true);
+}
+
+TEST(Worker, ReadsARobotAgainWhenItsFileHasChanged) {
+  const cotwin::testing::TemporaryFolder folder("robots");
+  fs::create_directory(folder.path() / "arm");
+  fs::copy_file(robots_folder() / "planar2/robot.urdf", folder.path() / "arm/robot.urdf");
+  Robots robots({folder.path()});
+  const auto first = robots.find("arm");
+  EXPECT_EQ(robots.find("arm"), first);
+  EXPECT_EQ(first->model.joints.size(), 2U);
+  EXPECT_EQ(robots.names(), std::vector<std::string>{"arm"});
+  fs::copy_file(robots_folder() / "lwr4/robot.urdf", folder.path() / "arm/robot.urdf", fs::copy_options::overwrite_existing);
+  fs::last_write_time(folder.path() / "arm/robot.urdf", fs::file_time_type::clock::now() + std::chrono::hours(1));
+  EXPECT_EQ(robots.find("arm")->model.joints.size(), 7U);
+}
+
+const char* kLibrary = R"({"robots": ["lwr4", {"name": "elbow held", "robot": "lwr4", "locked_q": {"joint_4": -1}}],
+  "defaults": {"service": "cycle_time"},
+  "tasks": [
+    {"name": "turn", "from_q_deg": [0,0,0,0,0,0,0], "to_q_deg": [57.29577951308232,0,0,0,0,0,0], "robots": ["lwr4"]},
+    {"name": "cost", "service": "energy", "T_s": 2, "from_q_rad": [0,0,0,0,0,0], "to_q_rad": [1,0,0,0,0,0]},
+    {"name": "odd, \"one\"", "from_q_rad": [0], "to_q_rad": [1], "robot": "planar2"},
+    7]})";
+
+TEST(Tasks, AreCrossedWithRobotsAndDoNotLoseOneAnother) {
+  Robots robots({robots_folder()});
+  const auto tasks = cotwin::services::read_tasks(kLibrary, "library", {"lwr4", "verdict", {}});
+  ASSERT_EQ(tasks.size(), 5U);
+  EXPECT_EQ(tasks[2].robot, "elbow held");
+  const auto rows = cotwin::services::ask_all(robots, tasks);
+  const json all = json::parse(cotwin::services::to_json(rows));
+  EXPECT_NEAR(all[0]["reply"]["T_s"].get<double>(), 1.875 / robots.find("lwr4")->model.joints[0].dq_max, 1e-6);
+  EXPECT_EQ(all[1]["problem"]["pointer"], "/from_q_rad");  // 6 values for 7 joints
+  EXPECT_GT(all[2]["reply"]["energy_J"].get<double>(), 0);
+  EXPECT_TRUE(all[3].contains("problem"));
+  EXPECT_TRUE(all[4].contains("problem"));
+  const std::string csv = cotwin::services::to_csv(rows);
+  EXPECT_THAT(csv, HasSubstr("task,robot,service,feasible,reason,T_s"));
+  EXPECT_THAT(csv, HasSubstr("\n\"odd, \"\"one\"\"\",planar2,cycle_time,"));
+  const std::string text = cotwin::services::to_text_table(rows);
+  EXPECT_EQ(std::count(text.begin(), text.end(), '\n'), 6);
+  EXPECT_THAT(text, HasSubstr("elbow held"));
+  for (const char* bad :
+       {"", "3", "[]", "{\"tasks\": 3}", "{\"tasks\": [], \"robot\": 1}", "{\"tasks\": [{}], \"robots\": [1]}"})
+    EXPECT_THROW(cotwin::services::read_tasks(bad, "bad", {"lwr4", "", {}}), cotwin::Error) << bad;
+}
+
+TEST(Tasks, FromFilesGiveATableAndAnExitCode) {
+  const cotwin::testing::TemporaryFolder folder("tasks");
+  std::ofstream(folder / "tasks.json") << kLibrary;
+  const auto table = run_program({"ask", "--file", folder / "tasks.json", "--table", "csv"});
+  EXPECT_EQ(table.code, 1);
+  EXPECT_THAT(table.err, HasSubstr("3 of 5 tasks"));
+  EXPECT_EQ(std::count(table.out.begin(), table.out.end(), '\n'), 6);
+  std::ofstream(folder / "one.json") << R"({"service":"jerk","T_s":1,"from_q_deg":[0,0],"to_q_deg":[30,60],"robot":"planar2"})";
+  const auto one = run_program({"ask", "--file", folder / "one.json"});
+  EXPECT_EQ(one.code, 0) << one.err;
+  EXPECT_EQ(json::parse(one.out)[0]["reply"]["share_of_quintic"], 1);
+  EXPECT_EQ(run_program({"ask", "--file", folder / "none.json"}).code, 2);
+  const auto request =
+      run_program({"ask", "cycle_time", "--robot", "planar2", "--from", "0,0", "--to", "1,1", "--detail", "verdict"});
+  EXPECT_EQ(request.code, 0) << request.err;
+  EXPECT_EQ(run_program({"ask", "dance"}).code, 2);
+}
+
+TEST(MotionFile, IsNotWrittenForAMotionThatIsNotFeasible) {
+  const cotwin::testing::TemporaryFolder folder("infeasible");
+  const std::vector<std::string> move{"--robot", "planar2",  "--from",         "0,0",   "--to",
+                                      "1,1",     "--motion", folder / "m.ssv", "--with"};
+  const auto refused = [&](std::vector<std::string> words, const std::string& more) {
+    words.insert(words.begin(), "ask");
+    words.insert(words.end(), move.begin(), move.end());
+    words.push_back(more);
+    const auto run = run_program(words);
+    EXPECT_EQ(run.code, 1) << run.out;
+    EXPECT_THAT(run.err, HasSubstr("not written"));
+    EXPECT_FALSE(fs::exists(folder.path() / "m.ssv"));
+  };
+  refused({"cycle_time"}, R"({"q_max_rad":[0.1,0.1]})");
+  refused({"feasibility", "--duration", "0.001"}, R"({"tau_max_Nm":[0.001,0.001]})");
+  refused({"optimise", "--duration", "0.001"}, R"({"tau_max_Nm":[0.001,0.001],"particles":8,"rounds":2})");
+}
+
+TEST(Tasks, WithoutARobotAreRefusedAndNotLost) {
+  Robots robots({robots_folder()});
+  const auto rows = cotwin::services::ask_all(
+      robots, cotwin::services::read_tasks(
+                  R"({"tasks": [{"name": "one\ntwo", "robots": []}, {"service": "jerk", "robot": "planar2", "T_s": 1,
+                      "from_q_rad": [0, 0], "to_q_rad": [1, 1]}]})",
+                  "library", {"lwr4", "verdict", {}}));
+  ASSERT_EQ(rows.size(), 2U);
+  EXPECT_EQ(json::parse(rows[0].problem)["pointer"], "/robots");
+  EXPECT_EQ(rows[1].problem, "");
+  const std::string table = cotwin::services::to_text_table(rows);
+  EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 3) << table;
+}
+
+TEST(Tasks, WithDoubledMembersOrDeepNestingAreRefused) {
+  const auto refusal = [](const std::string& text) -> std::string {
+    try {
+      cotwin::services::read_tasks(text, "file", {"lwr4", "", {}});
+    } catch (const cotwin::Error& e) {
+      return e.what();
+    }
+    return "";
+  };
+  EXPECT_THAT(refusal(R"({"service":"jerk","service":"energy"})"), HasSubstr("file: has the member 'service' twice"));
+  EXPECT_THAT(refusal(R"([{"tasks":[],"a":{"b":1,"b":2}}])"), HasSubstr("'b' twice"));
+  EXPECT_THAT(refusal(std::string(1000, '[')), HasSubstr("deeper than 32"));
+}
+
+TEST(AskCommand, RefusesOptionsThatWouldHaveNoEffect) {
+  const cotwin::testing::TemporaryFolder folder("options");
+  const std::string file = folder / "one.json";
+  std::ofstream(file) << R"({"service":"jerk","T_s":1,"from_q_deg":[0,0],"to_q_deg":[30,60],"robot":"planar2"})";
+  const auto expect = [](std::vector<std::string> options, const std::string& part) {
+    options.insert(options.begin(), "ask");
+    const auto run = run_program(options);
+    EXPECT_NE(run.code, 0) << ::testing::PrintToString(options);
+    EXPECT_THAT(run.err, HasSubstr(part));
+    EXPECT_EQ(run.out, "");
+  };
+  expect({"--file", file, "--from", "0,0"}, "--from");
+  expect({"--file", file, "--to", "0,0"}, "--to");
+  expect({"--file", file, "--duration", "2"}, "--duration");
+  expect({"--file", file, "--with", "{}"}, "--with");
+  expect({"--file", file, "--motion", folder / "m.ssv"}, "--motion");
+  expect({"jerk", "--file", file}, "jerk");
+  expect({"jerk", "--robot", "planar2", "--from", "0,0", "--to", "1,1", "--table", "csv"}, "--table");
+  expect({"--worker", "--from", "0,0"}, "--from");
+  expect({"--schema", "energy", "--worker"}, "--worker");
+  expect({"--schema", "frog"}, "expected one of feasibility");
+  expect({"--file", folder.path()}, "is a folder");
+  expect({"cycle_time", "--robot", "planar2", "--from", "0,0", "--to", "1,1", "--duration", "2"}, "--duration");
+  expect({"jerk", "--robot", "planar2", "--from", "0,0", "--to", "1,1", "--with", R"({"T_s":2,"T_s":3})"}, "'T_s' twice");
+  expect({"jerk", "--robot", "planar2", "--from", "0,0", "--to", "1,1", "--particles", folder / "p.csv"}, "--particles");
+  EXPECT_FALSE(fs::exists(folder / "m.ssv"));
+  EXPECT_EQ(run_program({"ask", "--file", file}).code, 0);
+}
+
+TEST(AskCommand, WritesTheParticlesOfASearch) {
+  const cotwin::testing::TemporaryFolder folder("particles");
+  const auto run =
+      run_program({"ask", "optimise", "--robot", "planar2", "--from", "0,0.3", "--to", "1,-0.4", "--duration", "1.5", "--with",
+                   R"({"degree":31,"particles":16,"rounds":5,"refine":false})", "--particles", folder / "particles.csv"});
+  ASSERT_EQ(run.code, 0) << run.err;
+  const std::string table = cotwin::testing::content(folder / "particles.csv");
+  EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 1 + 16 * 5);
+  EXPECT_THAT(table, HasSubstr("c_r[2;26]"));
+}
+
+// The script of the example, whose output the README explains.
+TEST(AskCommand, RunsTheExampleOfTheCheaperMotion) {
+  const cotwin::testing::TemporaryFolder folder("example");
+  const std::string out = folder / "out";
+  const auto run =
+      cotwin::testing::run_command({fs::path(cotwin::places::source()) / "examples/11_cheaper_motion/run.sh", "--quiet"},
+                                   {.folder = folder.path(),
+                                    .environment = {"PATH=/usr/bin:/bin", "COTWIN=" + cotwin::places::program(), "OUT=" + out},
+                                    .only_this_environment = true,
+                                    .merge = true});
+  ASSERT_EQ(run.code, 0) << run.out;
+  const json answer = json::parse(cotwin::testing::content(fs::path(out) / "answer.json"));
+  EXPECT_EQ(answer["status"], "feasible");
+  EXPECT_GT(answer["saved_share"].get<double>(), 0);
+  const json reply_schema = json::parse(cotwin::services::schema("optimise"))["reply"];
+  for (const auto& [name, unused] : answer.items()) EXPECT_TRUE(reply_schema["properties"].contains(name)) << name;
+  for (const auto& [name, unused] : answer["verification"].items())
+    EXPECT_TRUE(reply_schema["properties"]["verification"]["properties"].contains(name)) << name;
+  EXPECT_TRUE(fs::exists(fs::path(out) / "twins/signals.csv"));
+}
+
+cotwin::services::Verification twin_of(const cotwin::services::Robot& robot, const cotwin::services::Move& move, double T) {
+  return cotwin::master::verify(cotwin::unit_types(), {cotwin::places::source() + "/models"}, robot, move, T, {});
+}
+
+// The twin with elastic joints and LuGre friction does about what the rigid formula with Coulomb and viscous friction says.
+TEST(Verify, AgreesWithTheRigidPredictionOfASmoothMove) {
+  Robots robots({robots_folder()});
+  const auto robot = robots.find("lwr4");
+  cotwin::services::Move move;
+  move.from_q = {0, 0.5, 0, -1, 0, 0.6, 0};
+  move.to_q = {1.2, -0.2, 0.4, 0.7, -0.5, -0.3, 0.8};
+  const auto v = twin_of(*robot, move, 2);
+  EXPECT_TRUE(v.feasible) << v.reason;
+  EXPECT_NEAR(v.work, v.work_rigid, 0.02 * v.work_rigid);
+  EXPECT_NEAR(v.drawn, v.drawn_rigid, 0.01 * v.drawn_rigid);
+  for (std::size_t j = 0; j < 7; ++j) {
+    EXPECT_LT(v.tracking[j], 1e-3);
+    EXPECT_NEAR(v.tau[j], v.tau_rigid[j], 0.1 * v.tau_rigid[j] + 0.3) << j;
+  }
+  // The same request, the same bits.
+  EXPECT_EQ(twin_of(*robot, move, 2).drawn, v.drawn);
+  const auto fast = twin_of(*robot, move, 0.5);
+  EXPECT_FALSE(fast.feasible);
+  EXPECT_THAT(fast.reason, HasSubstr("joint "));
+}
+
+// The controller cuts torques at the robot's limits: the rigid move needs 322.6 N m of the 176 of joint 2.
+TEST(Verify, DetectsTorquesThatTheMotorsCannotGive) {
+  Robots robots({robots_folder()});
+  const auto robot = robots.find("lwr4");
+  cotwin::services::Move move;
+  move.from_q = move.to_q = {0, 0.5, 0, -1, 0, 0.6, 0};
+  move.to_q[1] = 0.509;
+  const auto v = twin_of(*robot, move, 0.03);
+  EXPECT_FALSE(v.feasible);
+  EXPECT_GT(v.tau[1], 1.2 * 176);
+  EXPECT_GT(v.tau_cut[1], 0.2 * 176);
+  // Without a bound of torque in the request the plan is feasible, and the motors are still too weak.
+  move.bounds.tau.assign(7, std::numeric_limits<double>::infinity());
+  const auto unbound = twin_of(*robot, move, 0.03);
+  EXPECT_FALSE(unbound.feasible);
+  EXPECT_THAT(unbound.reason, HasSubstr("motor torque"));
+  EXPECT_THAT(unbound.reason, HasSubstr("bound 176"));
+}
+
+TEST(Verify, TakesBoundsOfPositionAccelerationAndJerkFromThePlan) {
+  Robots robots({robots_folder()});
+  const auto robot = robots.find("lwr4");
+  cotwin::services::Move move;
+  move.from_q = move.to_q = std::vector<double>(7, 0.0);
+  move.to_q[3] = 3;  // limit 2.094
+  const auto beyond = twin_of(*robot, move, 4);
+  EXPECT_FALSE(beyond.feasible);
+  EXPECT_THAT(beyond.reason, HasSubstr("joint joint_4: q"));
+  move.to_q[3] = 0.5;
+  EXPECT_TRUE(twin_of(*robot, move, 2).feasible);
+  move.bounds.ddq.assign(7, 0.1);  // 5.77·0.5/4 rad/s² is needed
+  EXPECT_THAT(twin_of(*robot, move, 2).reason, HasSubstr("ddq"));
+  move.bounds.ddq.clear();
+  move.bounds.dddq.assign(7, 0.1);
+  EXPECT_THAT(twin_of(*robot, move, 2).reason, HasSubstr("dddq"));
+}
+
+TEST(Verify, RefusesRobotsWithoutElasticDrives) {
+  Robots robots({robots_folder()});
+  cotwin::services::Move move;
+  move.from_q = move.to_q = std::vector<double>(6, 0.0);
+  EXPECT_THROW(twin_of(*robots.find("ur5e"), move, 1), cotwin::Error);
+  EXPECT_THROW(twin_of(*robots.find("lwr4", {{"joint_3", 0}}), move, 1), cotwin::Error);
+}
+
+TEST(MotionFile, IsReadByTheUnitAsTheSameMotion) {
+  const cotwin::testing::TemporaryFolder folder("motion");
+  const auto asked =
+      run_program({"ask", "optimise", "--robot", "planar2", "--from", "0,0.3", "--to", "1,-0.4", "--duration", "1.5", "--with",
+                   R"({"degree":7,"particles":8,"rounds":4})", "--motion", folder / "motion.ssv"});
+  ASSERT_EQ(asked.code, 0) << asked.err;
+  const json reply = json::parse(asked.out);
+  std::ofstream(folder / "run.ssd") << R"(<?xml version="1.0" encoding="UTF-8"?>
+<ssd:SystemStructureDescription version="1.0" name="run" xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
+ xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"><ssd:System name="run"><ssd:Elements>
+<ssd:Component name="motion" source="unit:motion?robot=planar2&amp;kind=polynomial&amp;degree=7" type="application/x-cotwin-unit">
+<ssd:ParameterBindings><ssd:ParameterBinding source="motion.ssv"/></ssd:ParameterBindings></ssd:Component>
+</ssd:Elements></ssd:System><ssd:DefaultExperiment startTime="0" stopTime="1.5"/></ssd:SystemStructureDescription>)";
+  const auto run = run_program({"run", folder / "run.ssd", "--out", folder / "results", "--quiet"});
+  ASSERT_EQ(run.code, 0) << run.err << run.out;
+  // The last row is the end of the motion; the largest speed is that of the reply.
+  std::istringstream rows(cotwin::testing::content(folder / "results/signals.csv"));
+  std::string line, header;
+  std::getline(rows, header);
+  std::vector<std::string> names;
+  std::istringstream head(header);
+  for (std::string name; std::getline(head, name, ',');) names.push_back(name);
+  double largest = 0, last = 0;
+  while (std::getline(rows, line)) {
+    std::istringstream cells(line);
+    std::size_t k = 0;
+    for (std::string cell; std::getline(cells, cell, ','); ++k) {
+      if (names.at(k).find("dq_d[1]") != std::string::npos && names[k].find("ddq") == std::string::npos)
+        largest = std::max(largest, std::abs(std::stod(cell)));
+      if (names.at(k).find("q_d[2]") != std::string::npos && names[k].find("dq") == std::string::npos) last = std::stod(cell);
+    }
+  }
+  EXPECT_NEAR(last, -0.4, 1e-9);
+  EXPECT_NEAR(largest, std::abs(reply["joints"][0]["dq_rad_per_s"]["value"].get<double>()), 1e-4);
+  EXPECT_THROW(cotwin::master::motion_file("{}"), cotwin::Error);
+  EXPECT_THROW(cotwin::master::motion_file("["), cotwin::Error);
+}
+
+}  // namespace
