@@ -1,0 +1,131 @@
+// Services: motions that were found for random moves, against the quintic, Ipopt and the time-optimal motion on the same path.
+//   services_moves [--robots lwr4] [--moves N] [--part energy|drives|ipopt|time] [--table]
+// Without --moves five of energy and drives and one of each other part, so that it ends soon.
+// A robot is a folder of models/robots or, with a slash, a path to a URDF file, which then has the drives of kr300_r2500.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <string>
+#include <vector>
+
+#include "tests/benchmarks/measure.h"
+#include "tests/benchmarks/services/moves.h"
+#include "tests/models/time_optimal_path.h"
+
+namespace {
+
+using namespace cotwin;
+using namespace cotwin::optimisation;
+using namespace cotwin::benchmark;
+
+/// The value below which this share of the values lies, linear between them.
+double quantile(std::vector<double> values, double share) {
+  std::sort(values.begin(), values.end());
+  const double at = share * static_cast<double>(values.size() - 1);
+  const std::size_t low = static_cast<std::size_t>(at), high = std::min(low + 1, values.size() - 1);
+  return values[low] + (at - static_cast<double>(low)) * (values[high] - values[low]);
+}
+
+constexpr double kLonger = 1.2;  // duration over the shortest one of the quintic
+
+/// Energy from the mains that the best motion of degree 9 saves, %. `drives`: of the drives alone, without stand-by and controller.
+void energy(const Arm& arm, std::size_t moves, bool drives, bool table) {
+  std::vector<double> saved, joules;
+  for (const RandomMove& move : random_moves(arm, moves, 1)) {
+    Problem p = problem_of(arm, move, 9, kLonger * move.T_quintic, Quantity::kEnergy);
+    if (drives) p.electrical->standby = {};
+    SearchOptions options;
+    options.particles = 104;
+    options.rounds = 200;
+    const Solution best = minimise(p, options), quintic = quintic_of(p, p.T_max);
+    if (best.status != Status::kFeasible) {
+      std::fprintf(stderr, "services_moves: no feasible motion of %s: %s\n", arm.name.c_str(), best.reason.c_str());
+      std::exit(1);
+    }
+    saved.push_back(100 * (1 - best.cost / quintic.cost));
+    joules.push_back(quintic.cost - best.cost);
+  }
+  if (table) {
+    std::printf("| %s | %s | %.1f %% | %.1f %% | %.1f %% | %.4g J |\n", arm.name.c_str(), drives ? "drives" : "all",
+                quantile(saved, 0.25), quantile(saved, 0.5), quantile(saved, 0.75), quantile(joules, 0.5));
+    std::fflush(stdout);
+    return;
+  }
+  print({std::string("energy saved against the quintic, ") + (drives ? "drives of " : "") + arm.name + ", " +
+             std::to_string(moves) + " random moves, median",
+         "%", quantile(saved, 0.5), "upper quartile", quantile(saved, 0.75), 0, false});
+}
+
+/// Torque cost of motions of degree 7 over that of Ipopt.
+void ipopt(const Arm& arm, std::size_t moves) {
+  std::vector<double> ratios;
+  std::size_t solved = 0;
+  for (const RandomMove& move : random_moves(arm, moves, 2)) {
+    Problem p = problem_of(arm, move, 7, kLonger * move.T_quintic, Quantity::kTorque);
+    p.samples = 80;
+    const Solution ours = minimise(p);
+    const PeerSolution peer = minimise_by_ipopt(p, p.T_max);
+    if (peer.share > 1.01) continue;  // not a motion within the bounds
+    ++solved;
+    ratios.push_back(ours.status == Status::kFeasible ? ours.cost / peer.cost : 1e9);
+  }
+  if (ratios.empty()) return;
+  const std::string name = "torque cost over that of Ipopt, " + arm.name + ", " + std::to_string(solved) + " random moves";
+  print({name + ", median", "1", quantile(ratios, 0.5), "Ipopt", 1, 1.01, false});
+  print({name + ", largest", "1", quantile(ratios, 1), "Ipopt", 1, 1.01, false});
+}
+
+/// Time-optimal motions of degree 21 over the time-optimal motion on the same path.
+void time(const Arm& arm, std::size_t moves) {
+  std::vector<double> ratios;
+  for (const RandomMove& move : random_moves(arm, moves, 3)) {
+    Problem p = problem_of(arm, move, 21, 1, Quantity::kTime);
+    p.samples = 96;
+    p.T_min = 0.3 * move.T_quintic;
+    p.T_max = 1.2 * move.T_quintic;
+    SearchOptions options;
+    options.rounds = 100;
+    const Solution s = minimise(p, options);
+    const double bound = optimisation::testing::time_optimal(p.robot, s.path, p.bounds.dq, p.bounds.tau, 1000);
+    ratios.push_back(s.status == Status::kFeasible ? s.T / bound : 1e9);
+  }
+  const std::string name = "duration of degree 21 over the time-optimal one on the same path, " + arm.name + ", " +
+                           std::to_string(moves) + " random moves";
+  print({name + ", median", "1", quantile(ratios, 0.5), "bound", 1, 1.05, false});
+  print({name + ", largest", "1", quantile(ratios, 1), "bound", 1, 1.05, false});
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  std::string robots = "lwr4", part;
+  std::size_t moves = 0;
+  bool table = false;
+  for (int i = 1; i < argc; ++i) {
+    const std::string name = argv[i];
+    if (name == "--table") {
+      table = true;
+    } else if (i + 1 < argc && name == "--robots") {
+      robots = argv[++i];
+    } else if (i + 1 < argc && name == "--moves") {
+      moves = static_cast<std::size_t>(std::max(1, std::atoi(argv[++i])));
+    } else if (i + 1 < argc && name == "--part") {
+      part = argv[++i];
+    } else {
+      std::fprintf(stderr, "services_moves: argument '%s', expected --robots, --moves, --part or --table\n", argv[i]);
+      return 2;
+    }
+  }
+  for (std::size_t begin = 0; begin <= robots.size();) {
+    const std::size_t end = std::min(robots.find(',', begin), robots.size());
+    const std::string robot = robots.substr(begin, end - begin);
+    begin = end + 1;
+    const Arm arm = load_arm(robot, robot == "lwr4" ? "lwr4" : "kr300_r2500");
+    for (const bool drives : {false, true})
+      if (part.empty() || part == (drives ? "drives" : "energy")) energy(arm, moves > 0 ? moves : 5, drives, table);
+    if (part.empty() || part == "ipopt") ipopt(arm, moves > 0 ? moves : 1);
+    if (part.empty() || part == "time") time(arm, moves > 0 ? moves : 1);
+  }
+  return 0;
+}
