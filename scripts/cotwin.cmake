@@ -87,11 +87,12 @@ function(cotwin_left_out out)
   endforeach()
 endfunction()
 
-# cotwin_unit(CLASS DriveTrain SUMMARY "…"): the current folder's library holds a unit. Its name is the folder's, its header is
+# cotwin_unit(CLASS DriveTrain SUMMARY "…" [HOST_ONLY]): the current folder's library holds a unit. Its name is the folder's, its header is
 # <folder>/<folder>.h and its class cotwin::<folder>::<CLASS>, constructible from Settings&, with a static member
 # declare_settings(SettingList&). This line makes it a scenario source `unit:<folder>`, an FMU, a reference page and a case of the property tests.
+# HOST_ONLY: the program has it, but no FMU can contain it.
 function(cotwin_unit)
-  cmake_parse_arguments(arg "" "CLASS;SUMMARY" "" ${ARGN})
+  cmake_parse_arguments(arg "HOST_ONLY" "CLASS;SUMMARY" "" ${ARGN})
   cmake_path(GET CMAKE_CURRENT_SOURCE_DIR FILENAME name)
   get_property(why GLOBAL PROPERTY COTWIN_LEFT_OUT_cotwin::${name})
   if(why)
@@ -99,15 +100,27 @@ function(cotwin_unit)
     set_property(GLOBAL APPEND PROPERTY COTWIN_UNITS_LEFT_OUT ${name})
     return()
   endif()
-  set_property(GLOBAL APPEND PROPERTY COTWIN_UNITS ${name})
+  if(arg_HOST_ONLY)
+    set_property(GLOBAL APPEND PROPERTY COTWIN_UNITS_OF_HOST ${name})
+  else()
+    set_property(GLOBAL APPEND PROPERTY COTWIN_UNITS ${name})
+  endif()
   set_property(GLOBAL PROPERTY COTWIN_UNIT_${name}_HEADER components/${name}/${name}.h)
   set_property(GLOBAL PROPERTY COTWIN_UNIT_${name}_CLASS cotwin::${name}::${arg_CLASS})
   set_property(GLOBAL PROPERTY COTWIN_UNIT_${name}_SUMMARY ${arg_SUMMARY})
 endfunction()
 
-# Writes the table of all units, the library cotwin::units.
-function(cotwin_unit_table)
-  get_property(units GLOBAL PROPERTY COTWIN_UNITS)
+# Writes the tables of units: the library cotwin::units with all, and cotwin::exported_units with those that FMUs can contain.
+function(cotwin_unit_tables)
+  get_property(exported GLOBAL PROPERTY COTWIN_UNITS)
+  get_property(of_host GLOBAL PROPERTY COTWIN_UNITS_OF_HOST)
+  cotwin_unit_table(exported_units ${exported})
+  cotwin_unit_table(units ${exported} ${of_host})
+endfunction()
+
+# cotwin_unit_table(name units…): the library cotwin::<name>, which defines unit_types() with these units.
+function(cotwin_unit_table table)
+  set(units ${ARGN})
   set(includes "")
   set(rows "")
   set(libraries "")
@@ -118,10 +131,10 @@ function(cotwin_unit_table)
     string(APPEND rows "    {${row}},\n")
     list(APPEND libraries cotwin::${unit})
   endforeach()
-  configure_file(${PROJECT_SOURCE_DIR}/components/unit/unit_table.cpp.in ${CMAKE_BINARY_DIR}/generated/unit_table.cpp @ONLY)
-  add_library(cotwin_units STATIC ${CMAKE_BINARY_DIR}/generated/unit_table.cpp)
-  add_library(cotwin::units ALIAS cotwin_units)
-  target_link_libraries(cotwin_units PUBLIC cotwin_settings cotwin::unit PRIVATE ${libraries})
+  configure_file(${PROJECT_SOURCE_DIR}/components/unit/unit_table.cpp.in ${CMAKE_BINARY_DIR}/generated/${table}_table.cpp @ONLY)
+  add_library(cotwin_${table} STATIC ${CMAKE_BINARY_DIR}/generated/${table}_table.cpp)
+  add_library(cotwin::${table} ALIAS cotwin_${table})
+  target_link_libraries(cotwin_${table} PUBLIC cotwin_settings cotwin::unit PRIVATE ${libraries})
 endfunction()
 
 # cotwin_test(name SOURCES … LINK … [THREADS pattern…] [TOGETHER pattern…] [LONG] [LONG_TESTS pattern…] [SERIAL]): one GoogleTest program;

@@ -37,6 +37,7 @@ void PrintTo(const Subject& s, std::ostream* out) {
 std::vector<Subject> subjects() {
   std::vector<Subject> all;
   for (const UnitType& type : unit_types()) {
+    if (cotwin::testing::is_host_only(type)) continue;
     const std::string source = cotwin::testing::unit_sources(type).front();
     all.push_back({source, Version::k2, ProcessChoice::kShared});
     all.push_back({source, Version::k3, ProcessChoice::kShared});

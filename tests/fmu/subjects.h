@@ -33,6 +33,7 @@ inline void PrintTo(const Subject& subject, std::ostream* out) {
 inline std::vector<Subject> subjects(bool variants) {
   std::vector<Subject> all;
   for (const UnitType& type : unit_types()) {
+    if (cotwin::testing::is_host_only(type)) continue;
     std::vector<std::string> sources = cotwin::testing::unit_sources(type);
     if (!variants) sources.resize(1);
     for (const std::string& s : sources) {

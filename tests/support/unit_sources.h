@@ -3,6 +3,7 @@
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "components/unit/unit_table.h"
@@ -16,6 +17,9 @@ namespace cotwin::testing {
 inline std::filesystem::path properties_folder() {
   return std::filesystem::path(places::source()) / "tests/components/properties";
 }
+
+/// Whether no FMU can contain the unit (HOST_ONLY of cotwin_unit).
+inline bool is_host_only(const UnitType& type) { return std::string_view(type.name) == "gateway"; }
 
 /// The sources of all variants of a unit, at least one.
 inline std::vector<std::string> unit_sources(const UnitType& type) {
