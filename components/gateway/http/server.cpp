@@ -1,0 +1,205 @@
+#include "components/gateway/http/server.h"
+
+#include <openssl/ssl.h>
+
+#include <boost/asio/ip/v6_only.hpp>
+#include <nlohmann/json.hpp>
+
+#include "components/gateway/http/server_impl.h"
+#include "models/support/error.h"
+
+namespace cotwin::gateway::http {
+
+namespace {
+
+constexpr int kBacklog = 128;
+constexpr std::chrono::milliseconds kPause{100};  // after an accept that failed, as for want of descriptors
+
+asio::ip::address address_of(const std::string& text, const std::string& place) {
+  ErrorCode error;
+  const asio::ip::address address = asio::ip::make_address(text, error);
+  if (error) throw Error(place, "'" + text + "' is no IPv4 or IPv6 address, expected one such as 127.0.0.1 or ::1");
+  return address;
+}
+
+std::string text_of(const asio::ip::address& address) {
+  return address.is_v6() ? "[" + address.to_string() + "]" : address.to_string();
+}
+
+}  // namespace
+
+bool is_loopback(const std::string& address, const std::string& place) { return address_of(address, place).is_loopback(); }
+
+Server::Impl::Impl(ServerOptions given, const Router& table)
+    : options(std::move(given)), router(table), pool_(static_cast<std::size_t>(std::max(1, options.threads))) {
+  if (options.certificate.empty() != options.key.empty())
+    throw Error(options.place, "certificate and key must be given together, expected both or neither");
+  for (const auto* addresses : {&options.addresses, &options.if_there}) {
+    for (const std::string& text : *addresses) {
+      const asio::ip::address address = address_of(text, options.place);
+      options.authority.hosts.push_back(text_of(address));
+      if (address.is_loopback() || (!options.certificate.empty() && !options.tokens.empty())) continue;
+      throw Error(options.place,
+                  "address " + text +
+                      " can be reached from other machines, expected a certificate, a key and a file of tokens " +
+                      "for it (or 127.0.0.1, which needs none)");
+    }
+  }
+  if (!options.certificate.empty()) load_certificate();
+}
+
+void Server::Impl::load_certificate() {
+  check_secret(options.key);
+  tls.emplace(asio::ssl::context::tls_server);
+  SSL_CTX* const ssl = tls->native_handle();
+  // RFC 9325: TLS 1.2 with forward secrecy and authenticated encryption, or 1.3.
+  SSL_CTX_set_min_proto_version(ssl, TLS1_2_VERSION);
+  SSL_CTX_set_cipher_list(ssl, "ECDHE+AESGCM:ECDHE+CHACHA20");
+  SSL_CTX_set_options(ssl, SSL_OP_NO_RENEGOTIATION | SSL_OP_NO_COMPRESSION | SSL_OP_CIPHER_SERVER_PREFERENCE);
+  ErrorCode error;
+  tls->use_certificate_chain_file(options.certificate.string(), error);
+  if (error) throw Error(options.certificate.string(), "cannot be used as a certificate (PEM): " + error.message());
+  tls->use_private_key_file(options.key.string(), asio::ssl::context::pem, error);
+  if (error)
+    throw Error(options.key.string(),
+                "cannot be used as the key of " + options.certificate.string() + " (PEM): " + error.message());
+}
+
+bool Server::Impl::listen(const std::string& text, bool must) {
+  const asio::ip::address address = address_of(text, options.place);
+  auto listener = std::make_unique<Listener>(context);
+  tcp::acceptor& acceptor = listener->acceptor;
+  const tcp::endpoint endpoint(address, port);
+  ErrorCode error;
+  const auto failed = [&](const char* what) {
+    if (!error) return false;
+    if (!must) return true;
+    throw Error(options.place, "cannot listen at " + text_of(address) + ":" + std::to_string(endpoint.port()) + ": " + what +
+                                   ": " + error.message());
+  };
+  acceptor.open(endpoint.protocol(), error);
+  if (failed("socket")) return false;
+  acceptor.set_option(tcp::acceptor::reuse_address(true), error);
+  if (address.is_v6()) acceptor.set_option(asio::ip::v6_only(true), error);
+  acceptor.bind(endpoint, error);
+  if (failed("bind")) return false;
+  acceptor.listen(kBacklog, error);
+  if (failed("listen")) return false;
+  if (port == 0) port = acceptor.local_endpoint().port();
+  listeners_.push_back(std::move(listener));
+  return true;
+}
+
+void Server::Impl::open() {
+  port = options.port;
+  for (const std::string& address : options.addresses) listen(address, true);
+  for (const std::string& address : options.if_there) listen(address, false);
+  if (listeners_.empty()) throw Error(options.place, "no address to listen at");
+}
+
+void Server::Impl::start() {
+  for (const auto& listener : listeners_) accept(*listener);
+  thread_ = std::thread([this] {
+    const auto work = asio::make_work_guard(context);
+    context.run();
+  });
+}
+
+void Server::Impl::accept(Listener& listener) {
+  listener.acceptor.async_accept(context, [this, &listener](const ErrorCode& error, tcp::socket socket) {
+    if (error == asio::error::operation_aborted) return;
+    if (error) {
+      listener.pause.expires_after(kPause);
+      listener.pause.async_wait([this, &listener](const ErrorCode& stopped) {
+        if (!stopped) accept(listener);
+      });
+      return;
+    }
+    ++counts.connections;
+    ErrorCode none;
+    if (clients.size() >= options.limits.connections) {
+      ++counts.refused;
+      static const std::string kBusy =
+          "HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/problem+json\r\nRetry-After: 1\r\nConnection: "
+          "close\r\n"
+          "Content-Length: 98\r\n\r\n"
+          "{\"type\":\"about:blank\",\"title\":\"Service Unavailable\",\"status\":503,\"detail\":\"too many connections\"}\n";
+      socket.non_blocking(true, none);
+      if (!tls) socket.write_some(asio::buffer(kBusy), none);
+      socket.shutdown(tcp::socket::shutdown_send, none);
+      socket.close(none);
+    } else {
+      socket.set_option(tcp::no_delay(true), none);
+      serve(*this, std::move(socket));
+    }
+    accept(listener);
+  });
+}
+
+void Server::Impl::handle(const Router::Entry& entry, std::shared_ptr<Request> request, Reply reply) {
+  const auto run = [&entry, request, reply] {
+    try {
+      entry.handler(*request, reply);
+    } catch (const Refusal& refusal) {
+      reply(to_response(refusal.problem, refusal.fields));
+    } catch (const Error& error) {
+      reply(to_response({422, error.what(), "", ""}));
+    } catch (const std::bad_alloc&) {
+      reply(to_response({503, "not enough memory", "", ""}, {{"Retry-After", "1"}}));
+    } catch (const std::exception&) {
+      reply(to_response({500, "the request could not be answered", "", ""}));
+    }
+  };
+  if (!entry.route.slow) return run();
+  if (queued_.fetch_add(1) >= options.limits.queue_requests) {
+    --queued_;
+    return reply(to_response({503, "too many requests wait for an answer", "", ""}, {{"Retry-After", "1"}}));
+  }
+  asio::post(pool_, [this, run] {
+    --queued_;
+    run();
+  });
+}
+
+void Server::Impl::stop() noexcept {
+  if (stopped_) return;
+  stopped_ = true;
+  if (thread_.joinable()) {
+    gate->post([this] {
+      ErrorCode none;
+      for (const auto& listener : listeners_) {
+        listener->acceptor.close(none);
+        listener->pause.cancel();
+      }
+      while (!clients.empty()) clients.begin()->second->abort();
+      context.stop();
+    });
+    gate->shut();
+    thread_.join();
+  }
+  gate->shut();
+  pool_.stop();
+  pool_.join();
+}
+
+Server::Server(ServerOptions options, const Router& router) : impl_(std::make_unique<Impl>(std::move(options), router)) {
+  impl_->open();
+  impl_->start();
+}
+
+Server::~Server() { stop(); }
+
+std::uint16_t Server::port() const { return impl_->port; }
+
+std::string Server::url() const {
+  const ServerOptions& o = impl_->options;
+  const std::string& first = o.addresses.empty() ? o.if_there.front() : o.addresses.front();
+  return std::string(impl_->tls ? "https" : "http") + "://" + text_of(address_of(first, o.place)) + ":" +
+         std::to_string(impl_->port);
+}
+
+void Server::stop() noexcept { impl_->stop(); }
+
+const Server::Counts& Server::counts() const { return impl_->counts; }
+
+}  // namespace cotwin::gateway::http

@@ -1,0 +1,90 @@
+#pragma once
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <boost/beast/http.hpp>
+#include <map>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "components/gateway/http/any_stream.h"
+#include "components/gateway/http/channel.h"
+#include "components/gateway/http/server.h"
+
+namespace cotwin::gateway::http {
+
+/// The way of other threads to the server's one. Outlives the server.
+class Gate {
+ public:
+  explicit Gate(asio::io_context& context) : context_(&context) {}
+  /// Runs the function on the server's thread, unless the server has stopped.
+  template <class Function>
+  void post(Function function) {
+    const std::lock_guard lock(mutex_);
+    if (context_ != nullptr) asio::post(*context_, std::move(function));
+  }
+  void shut() {
+    const std::lock_guard lock(mutex_);
+    context_ = nullptr;
+  }
+
+ private:
+  std::mutex mutex_;
+  asio::io_context* context_;
+};
+
+/// A connection. Lives until it removes itself from the server, and is used only on the server's thread.
+class Client {
+ public:
+  virtual ~Client() = default;
+  /// Closes the connection at once.
+  virtual void abort() = 0;
+};
+
+struct Server::Impl {
+  Impl(ServerOptions given, const Router& table);
+  void open();
+  void start();
+  void stop() noexcept;
+
+  void add(const std::shared_ptr<Client>& client) { clients[client.get()] = client; }
+  void remove(Client* client) { clients.erase(client); }
+  /// Runs a handler: here, or on the pool. `reply` is called on any thread.
+  void handle(const Router::Entry& entry, std::shared_ptr<Request> request, Reply reply);
+
+  ServerOptions options;
+  const Router& router;
+  Counts counts;
+  asio::io_context context{1};
+  std::optional<asio::ssl::context> tls;
+  std::shared_ptr<Gate> gate = std::make_shared<Gate>(context);
+  std::map<Client*, std::shared_ptr<Client>> clients;
+  std::uint16_t port = 0;
+
+ private:
+  struct Listener {
+    explicit Listener(asio::io_context& c) : acceptor(c), pause(c) {}
+    tcp::acceptor acceptor;
+    asio::steady_timer pause;
+  };
+  void load_certificate();
+  bool listen(const std::string& address, bool must);
+  void accept(Listener& listener);
+
+  std::vector<std::unique_ptr<Listener>> listeners_;
+  asio::thread_pool pool_;
+  std::atomic<std::size_t> queued_ = 0;
+  std::thread thread_;
+  bool stopped_ = false;
+};
+
+/// Begins to serve a connection (connection.cpp).
+void serve(Server::Impl& server, tcp::socket socket);
+
+/// Makes a WebSocket of a connection whose request was granted (web_socket.cpp).
+void upgrade(Server::Impl& server, AnyStream stream, const beast::http::request<beast::http::string_body>& request,
+             std::function<void(const std::shared_ptr<Stream>&)> opened);
+
+}  // namespace cotwin::gateway::http
