@@ -1,0 +1,516 @@
+#include "components/gateway/live/live.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "components/bus/errors.h"
+#include "models/services/json.h"
+#include "models/support/choice.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::gateway::live {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+using bus::LiveRun;
+using bus::RunVerb;
+using http::Refusal;
+using http::Request;
+using http::Response;
+
+constexpr std::int64_t kValuesWait = 1'000'000'000, kAnswerWait = 2'000'000'000;  // ns
+constexpr std::size_t kMostNames = 256, kMostElements = LiveRun::kMaxWatched / 4;
+
+constexpr std::pair<const char*, RunVerb> kVerbWords[] = {{"set", RunVerb::kSet},
+                                                          {"pause", RunVerb::kPause},
+                                                          {"resume", RunVerb::kResume},
+                                                          {"step", RunVerb::kStep},
+                                                          {"stop", RunVerb::kStop}};
+
+[[noreturn]] void refuse(int status, const std::string& detail, const std::string& pointer = "") {
+  std::vector<http::Field> fields;
+  if (status == 503) fields.push_back({"Retry-After", "1"});
+  throw Refusal{{status, detail, pointer, ""}, fields};
+}
+
+/// The detail of an error of the bus, without its place.
+std::string detail_of(const Error& error) {
+  const std::string text = error.what();
+  return text.starts_with("run: ") ? text.substr(5) : text;
+}
+
+/// In a handler of exceptions of the bus: the refusal that tells what the client can do.
+[[noreturn]] void refuse_error(const std::string& pointer = "") {
+  try {
+    throw;
+  } catch (const bus::NoRoom& error) {
+    refuse(503, detail_of(error));
+  } catch (const bus::RunEnded&) {
+    refuse(409, "the run has ended");
+  } catch (const Error& error) {
+    refuse(422, detail_of(error), pointer);
+  }
+}
+
+/// Throws Error for unknown names and texts, and Refusal for more elements than one client may watch: others need room, too.
+void check_names(const LiveRun& run, const std::vector<std::string>& names) {
+  std::size_t elements = 0;
+  for (const std::string& name : names) {
+    const bus::LiveElements e = run.find(name);
+    if (e.signal->kind == Kind::kString) throw Error("run", "'" + name + "' is a text, which cannot be watched");
+    elements += e.count;
+  }
+  if (elements > kMostElements)
+    refuse(422,
+           "the names stand for " + std::to_string(elements) + " values, expected at most " + std::to_string(kMostElements));
+}
+
+Json parse(std::string_view body) {
+  try {
+    return services::parse_object(body);
+  } catch (const services::RequestError& error) {
+    refuse(400, error.detail(), error.pointer());
+  }
+}
+
+void check_members(const Json& object, std::initializer_list<const char*> known) {
+  for (const auto& member : object.items()) {
+    const std::string& name = member.key();
+    if (std::ranges::none_of(known, [&](const char* k) { return name == k; })) {
+      std::string expected;
+      for (const char* k : known) expected += (expected.empty() ? "" : ", ") + std::string(k);
+      refuse(422, "unknown member, expected " + expected, "/" + name);
+    }
+  }
+}
+
+double number_of(const Json& value, const std::string& pointer) {
+  if (value.is_boolean()) return value.get<bool>() ? 1 : 0;
+  if (!value.is_number()) refuse(422, "expected a number, true, false, or an array of them", pointer);
+  const double number = value.get<double>();
+  if (!std::isfinite(number)) refuse(422, "expected a finite number", pointer);
+  return number;
+}
+
+std::vector<double> numbers_of(const Json& value, const std::string& pointer) {
+  if (!value.is_array()) return {number_of(value, pointer)};
+  if (value.empty() || value.size() > LiveRun::kMaxSet)
+    refuse(422, "expected 1 to " + std::to_string(LiveRun::kMaxSet) + " values", pointer);
+  std::vector<double> all;
+  for (std::size_t i = 0; i < value.size(); ++i) all.push_back(number_of(value[i], pointer + "/" + std::to_string(i)));
+  return all;
+}
+
+std::optional<Time> time_of(const Json& object) {
+  if (!object.contains("time_s")) return std::nullopt;
+  const Json& value = object["time_s"];
+  constexpr double kMost = 9e9;  // s; 2^63 ns is 9.22e9 s
+  if (!value.is_number() || !(std::abs(value.get<double>()) <= kMost)) refuse(422, "expected a time in seconds", "/time_s");
+  return Time::from_seconds(value.get<double>());
+}
+
+const char* causality(Role role) {
+  switch (role) {
+    case Role::kInput:
+      return "input";
+    case Role::kOutput:
+      return "output";
+    case Role::kState:
+      return "local";
+    default:
+      return "parameter";
+  }
+}
+
+/// The names of FMI.
+const char* variability(const bus::LiveSignal& s) {
+  if (s.role == Role::kParameter) return "fixed";
+  if (s.role == Role::kTunable) return "tunable";
+  return s.kind == Kind::kReal && !s.discrete ? "continuous" : "discrete";
+}
+
+const char* type_of(Kind kind) {
+  switch (kind) {
+    case Kind::kReal:
+      return "Real";
+    case Kind::kInteger:
+      return "Integer";
+    case Kind::kBoolean:
+      return "Boolean";
+    default:
+      return "String";
+  }
+}
+
+Json describe(const bus::LiveSignal& s) {
+  Json j{{"name", s.name},
+         {"component", s.component},
+         {"variable", s.variable},
+         {"type", type_of(s.kind)},
+         {"size", s.size},
+         {"causality", causality(s.role)},
+         {"variability", variability(s)},
+         {"settable", s.settable()},
+         {"watchable", s.kind != Kind::kString}};
+  if (!s.si.empty()) j["unit"] = s.si;
+  if (!s.description.empty()) j["description"] = s.description;
+  if (std::isfinite(s.min)) j["min"] = s.min;
+  if (std::isfinite(s.max)) j["max"] = s.max;
+  const auto value = [&](double x) -> Json {
+    if (s.kind == Kind::kBoolean) return x != 0;
+    if (s.kind == Kind::kInteger) return static_cast<std::int32_t>(x);
+    return std::isfinite(x) ? Json(x) : Json(nullptr);
+  };
+  if (s.start.size() == 1) j["start"] = value(s.start[0]);
+  if (s.start.size() > 1) {
+    j["start"] = Json::array();
+    for (const double x : s.start) j["start"].push_back(value(x));
+  }
+  return j;
+}
+
+std::vector<std::string> names_of(const Request& request) {
+  const std::string* const list = request.query_value("names");
+  if (list == nullptr) refuse(400, "the query has no names, expected ?names=component.variable,…");
+  std::vector<std::string> names;
+  // Names of foreign variables may have commas in brackets: "A[1,2]".
+  int depth = 0;
+  std::string name;
+  for (const char c : *list + ",") {
+    if (c == '[') ++depth;
+    if (c == ']') --depth;
+    if (c != ',' || depth > 0) {
+      name += c;
+      continue;
+    }
+    if (!name.empty()) names.push_back(std::exchange(name, ""));
+  }
+  if (names.empty() || names.size() > kMostNames)
+    refuse(400, "the query has " + std::to_string(names.size()) + " names, expected 1 to " + std::to_string(kMostNames));
+  return names;
+}
+
+double number_in_query(const Request& request, const char* name, double fallback, double least, double most) {
+  const std::string* const given = request.query_value(name);
+  if (given == nullptr) return fallback;
+  double value = 0;
+  const auto [end, error] = std::from_chars(given->data(), given->data() + given->size(), value);
+  if (error != std::errc() || end != given->data() + given->size() || !(value >= least && value <= most)) {
+    refuse(400, std::string("the query has ") + name + "=" + *given + ", expected " + text::to_text(least) + " to " +
+                    text::to_text(most));
+  }
+  return value;
+}
+
+Response give(std::string body) {
+  Response response;
+  response.body = std::move(body) + "\n";
+  return response;
+}
+
+}  // namespace
+
+RunRequest read_command(std::string_view body) {
+  const Json j = parse(body);
+  RunRequest request;
+  if (!j.contains("command") || !j["command"].is_string()) refuse(422, "expected a word", "/command");
+  try {
+    request.verb = text::choose("", j["command"].get<std::string>(), kVerbWords);
+  } catch (const Error& error) {
+    refuse(422, error.what(), "/command");
+  }
+  switch (request.verb) {
+    case RunVerb::kSet:
+      check_members(j, {"command", "values", "time_s"});
+      if (!j.contains("values") || !j["values"].is_object() || j["values"].empty())
+        refuse(422, "expected an object of names and values", "/values");
+      for (const auto& [name, value] : j["values"].items())
+        request.changes.push_back({name, numbers_of(value, "/values/" + name)});
+      request.at = time_of(j);
+      break;
+    case RunVerb::kStep:
+      check_members(j, {"command", "ticks"});
+      if (!j.contains("ticks") || !j["ticks"].is_number_integer() || j["ticks"].get<double>() < 1 ||
+          j["ticks"].get<double>() > 1e15)
+        refuse(422, "expected an integer from 1 to 1e15", "/ticks");
+      request.ticks = j["ticks"].get<std::int64_t>();
+      break;
+    default:
+      check_members(j, {"command"});
+  }
+  return request;
+}
+
+Live::~Live() { end(); }
+
+void Live::observe(std::shared_ptr<LiveRun> run) {
+  const std::lock_guard lock(mutex_);
+  streams_.reset();
+  run_ = std::move(run);
+  streams_ = std::make_unique<Streams>(run_);
+}
+
+void Live::end() noexcept {
+  std::unique_ptr<Streams> streams;
+  {
+    const std::lock_guard lock(mutex_);
+    streams = std::move(streams_);
+  }
+}
+
+std::shared_ptr<LiveRun> Live::find_run() const {
+  const std::lock_guard lock(mutex_);
+  return run_;
+}
+
+std::shared_ptr<LiveRun> Live::run() const {
+  std::shared_ptr<LiveRun> run = find_run();
+  if (!run) refuse(503, "the run has not begun");
+  return run;
+}
+
+std::string Live::state() const {
+  const std::shared_ptr<LiveRun> r = run();
+  const bus::RunFacts& f = r->facts();
+  Json j = Json::parse(to_json(r->position()));
+  j["scenario"] = f.scenario;
+  j["start_s"] = f.start.seconds();
+  j["stop_s"] = f.stop.seconds();
+  j["tick_s"] = f.tick.seconds();
+  j["ticks"] = f.ticks;
+  j["clock"] = f.clock;
+  j["can_pause"] = f.unpausable.empty();
+  if (!f.unpausable.empty()) j["why_not"] = f.unpausable;
+  j["signals"] = r->signals().size();
+  return j.dump();
+}
+
+std::string Live::signals(const std::string& component) const {
+  const std::shared_ptr<LiveRun> r = run();
+  Json all = Json::array();
+  for (const bus::LiveSignal& s : r->signals()) {
+    if (component.empty() || s.component == component) all.push_back(describe(s));
+  }
+  return Json{{"signals", all}}.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+/// The newest values of these signals.
+LiveRun::Sample Live::read(LiveRun::Watch& watch, const LiveRun& run) const {
+  LiveRun::Sample sample;
+  const std::int64_t limit = bus::monotonic_ns() + kValuesWait;
+  constexpr std::int64_t kSlice = 20'000'000;
+  while (!watch.wait(std::min(limit, bus::monotonic_ns() + kSlice))) {
+    if (run.position().phase == bus::RunPhase::kEnded) refuse(409, "the run has ended");
+    if (bus::monotonic_ns() >= limit) refuse(503, "the run has been within a tick for a second");
+  }
+  (void)watch.take_newest(sample);
+  return sample;
+}
+
+std::string Live::values(const std::vector<std::string>& names) const {
+  const std::shared_ptr<LiveRun> r = run();
+  try {
+    check_names(*r, names);
+    LiveRun::Watch watch(r, names, 0);
+    const LiveRun::Sample sample = read(watch, *r);
+    return to_json(watch.elements(), sample, 0);
+  } catch (const Error&) {
+    refuse_error();
+  }
+}
+
+std::string Live::ask(const RunRequest& request) const {
+  const std::shared_ptr<LiveRun> r = run();
+  if (r->position().phase == bus::RunPhase::kEnded) refuse(409, "the run has ended");
+  std::optional<LiveRun::Answer> answer;
+  try {
+    LiveRun::Control control(r);
+    if (request.verb == RunVerb::kSet) {
+      control.set(request.changes, request.at);
+    } else {
+      if (!r->facts().unpausable.empty() && request.verb != RunVerb::kStop)
+        refuse(409, "the run cannot pause: " + r->facts().unpausable, "/command");
+      control.command(request.verb, request.ticks);
+    }
+    answer = control.wait(bus::monotonic_ns() + kAnswerWait);
+  } catch (const Error&) {
+    refuse_error();
+  }
+  if (!answer)
+    refuse(503, "the run has been within a tick for two seconds; the request is withdrawn, unless the loop has just taken it");
+  switch (answer->reply) {
+    case bus::RunReply::kPast:
+      refuse(409, "the time has passed: the run is at " + text::to_text(r->position().time.seconds()) + " s", "/time_s");
+    case bus::RunReply::kFull:
+      refuse(503, "too many values wait for their time");
+    case bus::RunReply::kEnded:
+      refuse(409, "the run has ended");
+    case bus::RunReply::kDone:
+      break;
+  }
+  return Json{{"command", text::word_of(request.verb, kVerbWords)},
+              {"tick", answer->tick},
+              {"time_s", r->time(answer->tick).seconds()},
+              {"phase", text::word_of(r->position().phase, bus::kRunPhaseWords)}}
+      .dump();
+}
+
+void Live::add_routes(http::Router& router) {
+  add_schemas(router);
+  const auto route = [](const char* method, const char* pattern, const char* id, const char* summary, const char* schema) {
+    http::Route r;
+    r.method = method;
+    r.pattern = pattern;
+    r.id = id;
+    r.summary = summary;
+    r.tag = "run";
+    r.answers = {{200, schema, "Done"},
+                 {503, "Problem", "The run has not begun, or is within a long tick", "application/problem+json"}};
+    return r;
+  };
+  const http::Answer wrong{422, "Problem", "An unknown name, or a value that is not permitted", "application/problem+json"};
+  const http::Answer malformed{400, "Problem", "A query or a body that cannot be read", "application/problem+json"};
+  const http::Answer ended{409, "Problem", "The run has ended, cannot pause, or the time has passed",
+                           "application/problem+json"};
+  const http::Parameter names{"names", "query",
+                              "signals, component.variable or component.variable[element], separated by commas",
+                              R"({"type":"string"})", true};
+
+  router.add(route("GET", "/run", "getRun", "State of the run", "Run"), [this](const Request&) { return give(state()); });
+
+  http::Route list = route("GET", "/run/signals", "listSignals", "The variables of the run", "Signals");
+  list.parameters = {{"component", "query", "only those of this component"}};
+  list.slow = true;  // a run may have thousands of variables
+  router.add(list, [this](const Request& request) {
+    const std::string* const component = request.query_value("component");
+    return give(signals(component != nullptr ? *component : ""));
+  });
+
+  http::Route values_route = route("GET", "/run/values", "getValues", "Present values of signals, all of one tick", "Sample");
+  values_route.parameters = {names};
+  values_route.answers.push_back(malformed);
+  values_route.answers.push_back(wrong);
+  values_route.answers.push_back(ended);
+  values_route.slow = true;
+  router.add(values_route, [this](const Request& request) { return give(values(names_of(request))); });
+
+  http::Route put = route("PUT", "/run/tunables/{name}", "setTunable", "Sets a tunable or a free input", "Accepted");
+  put.scope = http::Scope::kOperate;
+  put.takes = "TunableValue";
+  put.answers.push_back(malformed);
+  put.answers.push_back(wrong);
+  put.answers.push_back(ended);
+  put.slow = true;
+  router.add(put, [this](const Request& request) {
+    const Json j = parse(request.body);
+    check_members(j, {"value", "time_s"});
+    if (!j.contains("value")) refuse(422, "is missing", "/value");
+    RunRequest set;
+    set.changes.push_back({request.part("name"), numbers_of(j["value"], "/value")});
+    set.at = time_of(j);
+    return give(ask(set));
+  });
+
+  http::Route command =
+      route("POST", "/run/commands", "commandRun", "Pause, resume, step, stop, or set several values at once", "Accepted");
+  command.scope = http::Scope::kOperate;
+  command.takes = "RunCommand";
+  command.answers.push_back(malformed);
+  command.answers.push_back(wrong);
+  command.answers.push_back(ended);
+  command.slow = true;
+  router.add(command, [this](const Request& request) { return give(ask(read_command(request.body))); });
+
+  http::Route events =
+      route("GET", "/run/stream", "streamRun",
+            "Values and state of the run as server-sent events, or over a WebSocket with the same messages", "Sample");
+  events.gives = "text/event-stream";
+  events.ticket = true;
+  events.parameters = {
+      names,
+      {"rate_hz", "query", "most messages per second, 0.01 to 200; default 20", R"({"type":"number"})"},
+      {"every", "query", "ticks between two records, which are all sent; default: the newest one with each message",
+       R"({"type":"integer"})"}};
+  events.answers.push_back(malformed);
+  events.answers.push_back(wrong);
+  events.answers.push_back(ended);
+  router.add(events, [this](const Request& request) {
+    StreamOrder order;
+    order.names = names_of(request);
+    order.rate_hz = number_in_query(request, "rate_hz", 20, Streams::kLowest, Streams::kHighest);
+    order.every = static_cast<std::int64_t>(number_in_query(request, "every", 0, 0, 1e9));
+    const std::shared_ptr<LiveRun> r = run();
+    try {
+      check_names(*r, order.names);
+    } catch (const Error&) {
+      refuse_error();
+    }
+    if (r->position().phase == bus::RunPhase::kEnded) refuse(409, "the run has ended");
+    Response response;
+    response.stream = [this, order](const std::shared_ptr<http::Stream>& to) { begin(to, order); };
+    return response;
+  });
+}
+
+/// On the server's thread.
+void Live::begin(const std::shared_ptr<http::Stream>& to, const StreamOrder& order) {
+  const std::lock_guard lock(mutex_);
+  try {
+    if (!streams_) throw bus::RunEnded("run", "it has ended");
+    streams_->add(to, order);
+  } catch (const Error& error) {
+    const int status = dynamic_cast<const bus::RunEnded*>(&error) != nullptr ? 409 : 503;
+    (void)to->send(
+        {"problem", "", Json{{"title", http::reason_of(status)}, {"status", status}, {"detail", detail_of(error)}}.dump()});
+    to->close();
+  }
+}
+
+void Live::fill(Json& request, const PostureName& posture) const {
+  if (!request.is_object() || !request.contains("from") || request["from"] != "run") {
+    if (request.is_object() && request.contains("from_signal"))
+      refuse(422, "needs the member \"from\": \"run\"", "/from_signal");
+    return;
+  }
+  for (const char* given : {"from_q_rad", "from_q_deg", "from_q"}) {
+    if (request.contains(given)) refuse(422, "is given beside " + std::string(given) + ", expected one of the two", "/from");
+  }
+  const std::string member = posture ? posture(request) : "from_q_rad";
+  const std::shared_ptr<LiveRun> r = run();
+  std::string name;
+  if (request.contains("from_signal")) {
+    if (!request["from_signal"].is_string()) refuse(422, "expected the name of a signal", "/from_signal");
+    name = request["from_signal"].get<std::string>();
+  } else {
+    std::string found;
+    for (const bus::LiveSignal& s : r->signals()) {
+      if (s.variable != "q" || s.kind != Kind::kReal || (s.role != Role::kOutput && s.role != Role::kState)) continue;
+      found += (name.empty() ? "" : ", ") + s.name;
+      name = s.name;
+    }
+    if (name.empty()) refuse(422, "no component of the run has an output q, expected from_signal", "/from");
+    if (found != name)
+      refuse(422, "several components of the run have an output q (" + found + "), expected from_signal", "/from");
+  }
+  LiveRun::Sample sample;
+  try {
+    if (r->find(name).signal->kind != Kind::kReal) refuse(422, "'" + name + "' is not real", "/from_signal");
+    LiveRun::Watch watch(r, std::vector<std::string>{name}, 0);
+    sample = read(watch, *r);
+  } catch (const Error&) {
+    refuse_error("/from_signal");
+  }
+  Json filled = Json::object();
+  for (const auto& [key, value] : request.items()) {
+    if (key == "from_signal") continue;
+    if (key != "from") filled[key] = value;
+    if (key == "from") filled[member] = sample.values;
+  }
+  request = std::move(filled);
+}
+
+}  // namespace cotwin::gateway::live

@@ -1,0 +1,74 @@
+#pragma once
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <nlohmann/json_fwd.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "components/bus/live_run.h"
+#include "components/gateway/http/router.h"
+#include "components/gateway/live/streams.h"
+
+/// The run that the gateway is in, for clients: its signals, its tunables, commands.
+namespace cotwin::gateway::live {
+
+/// A value or a command that a client sends, as JSON. Throws http::Refusal for anything that is not as described in docs/gateway_run.md.
+struct RunRequest {
+  bus::RunVerb verb = bus::RunVerb::kSet;
+  std::vector<bus::LiveRun::Change> changes;
+  std::optional<Time> at;
+  std::int64_t ticks = 0;
+};
+/// {"command": "pause"}, {"command": "step", "ticks": 10}, {"command": "set", "values": {"drive.K": 100}, "time_s": 1.5}
+RunRequest read_command(std::string_view body);
+
+/// The member of a request to a service that has the posture at the beginning: "from_q_rad", or "from_q" for a robot with prismatic joints.
+using PostureName = std::function<std::string(const nlohmann::ordered_json& request)>;
+
+/// The run, for all threads of the gateway. Without a run all requests are refused with status 503.
+class Live {
+ public:
+  Live() = default;
+  ~Live();
+  Live(const Live&) = delete;
+  Live& operator=(const Live&) = delete;
+
+  void observe(std::shared_ptr<bus::LiveRun> run);
+  /// Closes the streams. The run can still be asked for.
+  void end() noexcept;
+
+  /// Throws http::Refusal without one.
+  std::shared_ptr<bus::LiveRun> run() const;
+  /// The run, or nullptr.
+  std::shared_ptr<bus::LiveRun> find_run() const;
+
+  /// What the routes and MQTT answer; JSON text. Throw http::Refusal.
+  std::string state() const;
+  std::string signals(const std::string& component) const;
+  /// Waits up to a second for the end of the tick.
+  std::string values(const std::vector<std::string>& names) const;
+  /// Waits up to two seconds for the loop.
+  std::string ask(const RunRequest& request) const;
+
+  /// GET /run, /run/signals, /run/values, /run/stream; PUT /run/tunables/{name}; POST /run/commands. The table of routes ends before this.
+  void add_routes(http::Router& router);
+
+  /// Replaces the members "from": "run" and "from_signal" of a request to a service by the member `name` (default: "from_q_rad"), the
+  /// present values of that signal: "drive.q"; without a name the only vector q of the run. Leaves other requests as they are. Throws
+  /// http::Refusal.
+  void fill(nlohmann::ordered_json& request, const PostureName& name = {}) const;
+
+ private:
+  static void add_schemas(http::Router& router);
+  void begin(const std::shared_ptr<http::Stream>& to, const StreamOrder& order);
+  bus::LiveRun::Sample read(bus::LiveRun::Watch& watch, const bus::LiveRun& run) const;
+
+  mutable std::mutex mutex_;
+  std::shared_ptr<bus::LiveRun> run_;
+  std::unique_ptr<Streams> streams_;
+};
+
+}  // namespace cotwin::gateway::live
