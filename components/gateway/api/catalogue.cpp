@@ -1,0 +1,23 @@
+#include "components/gateway/api/catalogue.h"
+
+#include <nlohmann/json.hpp>
+
+#include "models/services/json.h"
+#include "models/services/schemas.h"
+
+namespace cotwin::gateway {
+
+const std::vector<ServiceInfo>& all_services() {
+  static const std::vector<ServiceInfo> kAll = [] {
+    std::vector<ServiceInfo> all;
+    for (const std::string& name : services::service_names()) {
+      const auto schema = nlohmann::ordered_json::parse(services::schema(name));
+      const bool is_long = name == "optimise" || name == "verify";
+      all.push_back({name, schema.at("description"), is_long, schema.at("request").dump(), schema.at("reply").dump()});
+    }
+    return all;
+  }();
+  return kAll;
+}
+
+}  // namespace cotwin::gateway

@@ -1,0 +1,17 @@
+#pragma once
+#include <string>
+#include <vector>
+
+namespace cotwin::gateway {
+
+/// A service that can be asked.
+struct ServiceInfo {
+  std::string name, summary;
+  bool is_long = false;                      // answered by a job
+  std::string request_schema, reply_schema;  // JSON Schema 2020-12
+};
+
+/// Those of models/services.
+const std::vector<ServiceInfo>& all_services();
+
+}  // namespace cotwin::gateway

@@ -1,0 +1,230 @@
+// What can be asked at once: robots, services.
+#include <cmath>
+#include <new>
+
+#include "components/gateway/api/api.h"
+#include "components/gateway/api/catalogue.h"
+#include "components/gateway/api/job_board.h"
+#include "components/gateway/api/json_tools.h"
+#include "models/services/json.h"
+#include "models/support/error.h"
+
+namespace cotwin::gateway {
+
+namespace {
+
+using http::Request;
+using http::Response;
+
+constexpr std::size_t kLargestReply = 2 << 20;  // bytes of an immediate answer
+constexpr double kPatience = 10;                // s that a client waits for a long service without saying how long
+
+std::string schema_name(const std::string& service) {
+  std::string name;
+  bool upper = true;
+  for (const char c : service) {
+    if (c == '_') {
+      upper = true;
+      continue;
+    }
+    name += upper && c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
+    upper = false;
+  }
+  return name + "Request";
+}
+
+Json limit(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+
+Json robot_json(const services::Robot& robot) {
+  Json joints = Json::array();
+  for (const robot::Joint& j : robot.model.joints) {
+    const bool slides = j.type == robot::JointType::kPrismatic;
+    const std::string m = slides ? "m" : "rad";
+    joints.push_back({{"name", j.name},
+                      {"type", slides ? "prismatic" : "revolute"},
+                      {"q_min_" + m, limit(j.q_min)},
+                      {"q_max_" + m, limit(j.q_max)},
+                      {"dq_max_" + m + "_per_s", limit(j.dq_max)},
+                      {slides ? "tau_max_N" : "tau_max_Nm", limit(j.tau_max)}});
+  }
+  return {{"name", robot.name},
+          {"joints", std::move(joints)},
+          {"has_drives", robot.drives.has_value()},
+          {"has_energy", robot.energy.has_value()}};
+}
+
+Json master_json(const ServiceInfo& service) {
+  return {{"ID", service.name},
+          {"Description", Json::array({{{"Locale", "en"}, {"Text", service.summary}}})},
+          {"Immediate", !service.is_long},
+          {"Href", "/services/" + service.name},
+          {"RequestSchema", Json::parse(service.request_schema)},
+          {"ReplySchema", Json::parse(service.reply_schema)}};
+}
+
+const ServiceInfo* find_service(const std::string& name) {
+  for (const ServiceInfo& s : all_services()) {
+    if (s.name == name) return &s;
+  }
+  return nullptr;
+}
+
+const ServiceInfo& service_of(const std::string& name) {
+  const ServiceInfo* const service = find_service(name);
+  if (service == nullptr) throw refusal(404, "there is no service '" + name.substr(0, 40) + "', expected one of /work-masters");
+  return *service;
+}
+
+/// The request with the service of the path.
+Json with_service(const Request& request, const ServiceInfo& service) {
+  Json object = object_of(request.body);
+  if (object.contains("service") && object["service"] != service.name)
+    throw refusal(422, "is not '" + service.name + "', the service of the path; it may be left out", "/service");
+  object["service"] = service.name;
+  return object;
+}
+
+Response answer_now(services::Robots& robots, const Json& object) {
+  try {
+    std::string reply = services::answer_object(robots, object);
+    if (reply.size() > kLargestReply) {
+      throw refusal(422, "the reply has " + std::to_string(reply.size()) + " bytes, expected at most " +
+                             std::to_string(kLargestReply) + " of an immediate answer: ask for fewer samples, or order a job");
+    }
+    return give_text(std::move(reply));
+  } catch (const services::RequestError& error) {
+    throw refusal(422, error.detail(), error.pointer());
+  }
+}
+
+void answer_by_job(const std::shared_ptr<JobBoard>& board, const Request& request, const Json& object, bool promised,
+                   const http::Reply& reply) {
+  JobOrder order;
+  order.request = object.dump();
+  const JobReply stored = store_for(board->jobs(), request, order);
+  const double seconds =
+      request.field("Prefer") != nullptr || request.query_value("wait") != nullptr ? wait_of(request) : kPatience;
+  board->wait(stored.id, seconds, [board, id = stored.id, promised, reply](bool done) {
+    Response response;
+    try {
+      response = done ? board->reply_of(id) : give(board->job_json(id), 202);
+    } catch (const http::Refusal& refused) {
+      response = http::to_response(refused.problem, refused.fields);
+    } catch (const std::exception& error) {
+      response = http::to_response({500, error.what(), "", ""});
+    }
+    const std::string encoded = http::encode_segment(id);
+    if (done) {
+      response.fields.push_back({"Content-Location", "/job-responses/" + encoded});
+    } else {
+      response.fields.push_back({"Location", "/job-responses/" + encoded});
+      response.fields.push_back({"Retry-After", "1"});
+    }
+    if (promised) response.fields.push_back({"Preference-Applied", "respond-async"});
+    reply(std::move(response));
+  });
+}
+
+}  // namespace
+
+void add_service_routes(http::Router& router, services::Robots& robots, const std::shared_ptr<JobBoard>& board,
+                        const Fill& fill) {
+  router.add_schema("Joint", R"({
+    "type": "object", "description": "Limits without a value are null; units of measure are in the names",
+    "properties": {"name": {"type": "string"}, "type": {"enum": ["revolute", "prismatic"]}}, "required": ["name", "type"]})");
+  router.add_schema("Robot", R"({
+    "type": "object",
+    "properties": {
+      "name": {"type": "string"}, "joints": {"type": "array", "items": {"$ref": "#/components/schemas/Joint"}},
+      "has_drives": {"type": "boolean"}, "has_energy": {"type": "boolean"}},
+    "required": ["name", "joints"]})");
+  router.add_schema("Robots", R"({
+    "type": "object",
+    "properties": {"robots": {"type": "array", "items": {"type": "string"}}, "default": {"type": "string"}},
+    "required": ["robots"]})");
+  router.add_schema("WorkMaster", R"({
+    "type": "object", "description": "A service: ISA95WorkMasterDataType of OPC 10031-4, and the JSON Schema of its request",
+    "properties": {
+      "ID": {"type": "string"}, "Description": {"type": "array", "items": {"$ref": "#/components/schemas/LocalizedText"}},
+      "Immediate": {"type": "boolean", "description": "Answered at once by POST to Href; else by a job"},
+      "Href": {"type": "string"}, "RequestSchema": {"type": "object"}, "ReplySchema": {"type": "object"}},
+    "required": ["ID", "Description", "RequestSchema"]})");
+  router.add_schema("WorkMasters", R"({
+    "type": "object",
+    "properties": {"WorkMasters": {"type": "array", "items": {"$ref": "#/components/schemas/WorkMaster"}}}, "required": ["WorkMasters"]})");
+  router.add_schema("LocalizedText", R"({
+    "type": "object", "properties": {"Locale": {"type": "string"}, "Text": {"type": "string"}}, "required": ["Text"]})");
+  router.add_schema("Reply",
+                    R"({"type": "object", "description": "The reply of the service; the same request gives the same bytes"})");
+  Json any = Json::array();
+  for (const ServiceInfo& service : all_services()) {
+    router.add_schema(schema_name(service.name), service.request_schema);
+    any.push_back({{"$ref", "#/components/schemas/" + schema_name(service.name)}});
+  }
+  router.add_schema("ServiceRequest", Json{{"type", "object"}, {"anyOf", any}}.dump());
+
+  const auto get = [&](const char* pattern, const char* id, const char* summary, const char* schema) {
+    http::Route r;
+    r.method = "GET";
+    r.pattern = pattern;
+    r.id = id;
+    r.summary = summary;
+    r.tag = "services";
+    r.answers = {{200, schema, summary}};
+    r.slow = true;  // reads files
+    return r;
+  };
+  router.add(get("/robots", "listRobots", "Names of the robots that requests may name", "Robots"), [&robots](const Request&) {
+    return give({{"robots", robots.names()}, {"default", robots.fallback()}});
+  });
+  router.add(get("/robots/{name}", "getRobot", "Joints and limits of a robot", "Robot"), [&robots](const Request& request) {
+    try {
+      return give(robot_json(*robots.find(request.part("name"))));
+    } catch (const Error& error) {
+      throw refusal(404, error.what());
+    }
+  });
+  router.add(get("/work-masters", "listWorkMasters", "The services with the JSON Schemas of their requests", "WorkMasters"),
+             [](const Request&) {
+               Json all = Json::array();
+               for (const ServiceInfo& service : all_services()) all.push_back(master_json(service));
+               return give({{"WorkMasters", std::move(all)}});
+             });
+  router.add(get("/work-masters/{name}", "getWorkMaster", "A service with the JSON Schema of its request", "WorkMaster"),
+             [](const Request& request) { return give(master_json(service_of(request.part("name")))); });
+
+  http::Route ask;
+  ask.method = "POST";
+  ask.pattern = "/services/{name}";
+  ask.id = "askService";
+  ask.tag = "services";
+  ask.summary = "The answer to a request: at once, or by a job for long services and with Prefer: respond-async";
+  ask.takes = "ServiceRequest";
+  ask.slow = true;
+  ask.answers = {{200, "Reply", "The reply of the service"}};
+  if (board) {
+    ask.answers.push_back({202, "JobOrderAndState", "A job was ordered, Location has its response"});
+    ask.parameters = {{"Prefer", "header", "respond-async, wait=SECONDS (RFC 7240)"},
+                      {"Idempotency-Key", "header", "for answers by a job: a repeated request gives the same job"},
+                      {"wait", "query", "the same as wait of Prefer", R"({"type":"number","minimum":0,"maximum":30})"}};
+  }
+  router.add_later(ask, [&robots, board, fill](const Request& request, const http::Reply& reply) {
+    const ServiceInfo& service = service_of(request.part("name"));
+    const std::string* const prefer = request.field("Prefer");
+    const bool promised = prefer != nullptr && http::preference(*prefer, "respond-async").has_value();
+    Json object = with_service(request, service);
+    if (fill) fill(object);
+    if (!board && service.is_long)
+      throw refusal(
+          501,
+          service.name + " takes long and is answered by jobs, but this gateway has no database for them (parameter database)");
+    if (board && (service.is_long || promised)) {
+      if (request.scope != http::Scope::kOperate)
+        throw refusal(403, "the token may read only, expected one with the scope operate: the answer is a job");
+      return answer_by_job(board, request, object, promised, reply);
+    }
+    reply(answer_now(robots, object));
+  });
+}
+
+}  // namespace cotwin::gateway
