@@ -1,0 +1,247 @@
+#include "components/gateway/gateway.h"
+
+#include <filesystem>
+#include <optional>
+
+#include "components/gateway/api/api.h"
+#include "components/gateway/api/job_board.h"
+#include "components/gateway/http/server.h"
+#include "models/services/json.h"
+#include "models/services/robots.h"
+#include "models/support/atomic_file.h"
+#include "models/support/error.h"
+#include "models/support/file_hash.h"
+#include "models/support/installation.h"
+#include "models/support/text.h"
+
+namespace cotwin::gateway {
+
+namespace {
+
+const char* const kPlace = "unit:gateway";
+
+/// The items of a list "a, b", without blanks.
+std::vector<std::string> items(const std::string& list) {
+  std::vector<std::string> all;
+  for (const std::string_view item : text::split(list, ',')) {
+    if (const std::string_view name = text::trim(item); !name.empty()) all.emplace_back(name);
+  }
+  return all;
+}
+
+/// Version and program: another build of the same version may give other replies.
+std::string producer_of(const std::string& program) {
+  std::error_code none;
+  const std::string version = COTWIN_VERSION;
+  return std::filesystem::is_regular_file(program, none) ? version + " " + hexadecimal(hash_of_file(program)) : version;
+}
+
+}  // namespace
+
+struct Gateway::Parameters {
+  std::string address, tokens, certificate, key, hosts, origins, url_file, robot;
+  std::int32_t port = 0, threads = 0, connections = 0;
+  std::string database, program;
+  std::int32_t workers = 0;
+  bool operator==(const Parameters&) const = default;
+};
+
+/// The server and all that its routes use, in the order in which it is made.
+struct Gateway::Running {
+  Parameters parameters;
+  std::vector<std::string> folders;
+  services::Robots robots;
+  std::optional<Jobs> jobs;
+  std::shared_ptr<JobBoard> board;
+  http::Router router;
+  std::shared_ptr<http::Tickets> tickets = std::make_shared<http::Tickets>();
+  std::optional<http::Server> server;
+  std::uint64_t requests = 0, refused = 0, dropped = 0;  // before the last initialise
+
+  Running(const Parameters& p, const std::vector<std::string>& robot_folders, RunSide& run_side)
+      : parameters(p), folders(robot_folders), robots({robot_folders.begin(), robot_folders.end()}, p.robot) {
+    (void)robots.find(p.robot);
+    if (!p.database.empty()) {
+      jobs.emplace(job_options());
+      board = std::make_shared<JobBoard>(*jobs);
+      jobs->subscribe([&run_side](const JobChange& change) {
+        if (change.kind != JobChange::Kind::kState && change.kind != JobChange::Kind::kRemoved) return;
+        Json event = JobBoard::to_json(change.job);
+        event["Event"] = change.kind == JobChange::Kind::kState ? "state" : "removed";
+        event["Version"] = change.job.version;  // the same for an event that comes twice
+        run_side.event("jobs/" + http::encode_segment(change.job.order.id), event.dump());
+      });
+    }
+    add_general_routes(router, tickets, COTWIN_VERSION);
+    const Fill complete = [this, &run_side](Json& request) { fill(request, run_side); };
+    add_service_routes(router, robots, board, complete);
+    if (board) add_job_routes(router, board, complete);
+    run_side.add_routes(router);
+    server.emplace(options(), router);
+  }
+  // Those who wait get their answers while the server is still there. Jobs that run go back to the queue.
+  ~Running() {
+    if (board) board->stop();
+    if (server) server->stop();
+    if (jobs) jobs->close();
+  }
+
+  void fill(Json& request, const RunSide& run_side) {
+    run_side.fill(request, [this](const Json& r) { return services::posture_member(robots, r, "from_q"); });
+  }
+
+  JobsOptions job_options() {
+    JobsOptions o;
+    o.database = parameters.database;
+    const std::string program = parameters.program.empty() ? (installation() / "bin/cotwin").string() : parameters.program;
+    o.command = {program, "ask", "--worker"};
+    o.command.insert(o.command.end(), {"--robot", parameters.robot});
+    for (const std::string& folder : folders) o.command.insert(o.command.end(), {"--robots", folder});
+    o.workers = parameters.workers;
+    o.producer = producer_of(program);
+    o.robot_hash = [this](const std::string& name) { return hash_of_robot(name); };
+    return o;
+  }
+
+  /// Of all files in the robot's folder that its data can come from. Of a request that names no robot: also of its name.
+  std::string hash_of_robot(const std::string& name) {
+    namespace fs = std::filesystem;
+    const std::string& robot = name.empty() ? parameters.robot : name;
+    const fs::path urdf = robots.find(robot)->urdf;
+    std::string hash = name.empty() ? robot + ":" : "";
+    for (const fs::path& file : {urdf, urdf.parent_path() / "drive_train.ssv", urdf.parent_path() / "energy.ssv"}) {
+      std::error_code none;
+      if (fs::is_regular_file(file, none)) hash += hexadecimal(hash_of_file(file));
+      hash += '.';
+    }
+    return hash;
+  }
+
+  http::ServerOptions options() const {
+    http::ServerOptions o;
+    o.place = kPlace;
+    o.tickets = tickets;
+    for (const std::string& address : items(parameters.address)) {
+      if (address == "localhost") {
+        o.addresses.push_back("127.0.0.1");
+        o.if_there.push_back("::1");
+      } else {
+        o.addresses.push_back(address);
+      }
+    }
+    o.port = static_cast<std::uint16_t>(parameters.port);
+    o.certificate = parameters.certificate;
+    o.key = parameters.key;
+    if (!parameters.tokens.empty()) o.tokens = http::Tokens::load(parameters.tokens);
+    o.authority.hosts = {"localhost"};
+    for (const std::string& host : items(parameters.hosts)) {
+      const std::optional<std::string> name = http::host_of(host);
+      if (name != host)
+        throw Error(std::string(kPlace) + ".hosts",
+                    "'" + host + "' is no host, expected names or addresses in lower case without ports");
+      o.authority.hosts.push_back(host);
+    }
+    o.authority.origins = items(parameters.origins);
+    for (const std::string& origin : o.authority.origins) http::check_origin_setting(origin, std::string(kPlace) + ".origins");
+    o.limits.connections = static_cast<std::size_t>(parameters.connections);
+    o.threads = parameters.threads;
+    return o;
+  }
+};
+
+void Gateway::declare_settings(SettingList& s) {
+  s.text("robots", "robots", "folders with robots that requests may name, FOLDER/NAME/robot.urdf, separated by commas");
+}
+
+Gateway::Gateway(Settings& settings) {
+  for (const std::string& folder : items(settings.text("robots"))) robot_folders_.push_back(settings.file(folder).string());
+}
+
+Gateway::~Gateway() { end(); }
+
+void Gateway::declare(Variables& v) {
+  v.parameter("address", address_,
+              "addresses to listen at, separated by commas; localhost: 127.0.0.1 and, if there, ::1. Addresses that other "
+              "machines reach "
+              "need tokens, certificate and key");
+  v.parameter("port", port_, "TCP port; 0: a free one").range(0, 65535);
+  v.parameter("tokens", tokens_,
+              "file of tokens that clients must send, lines `read TOKEN` or `operate TOKEN`, mode 600; empty: no tokens");
+  v.parameter("certificate", certificate_, "file of the certificate and its chain, PEM, for TLS; empty: no TLS");
+  v.parameter("key", key_, "file of the certificate's key, PEM, mode 600");
+  v.parameter("hosts", hosts_,
+              "names beside localhost and the addresses by which clients may call the gateway, separated by commas");
+  v.parameter("origins", origins_,
+              "origins of web pages that may call the gateway, such as https://mes.example:8443, separated by commas");
+  v.parameter("url_file", url_file_, "file to which the URL is written at the start; empty: none");
+  v.parameter("robot", robot_, "robot of requests that name none");
+  v.parameter("threads", threads_, "threads that compute answers").range(1, 64);
+  v.parameter("connections", connections_, "most connections at the same time").range(1, 10000);
+  v.parameter("database", database_, "SQLite file of the jobs and their results, made if it is missing; empty: no jobs");
+  v.parameter("program", program_, "program whose `ask --worker` computes jobs; empty: the cotwin of this installation");
+  v.parameter("workers", workers_, "processes that compute jobs at the same time").range(1, 256);
+  v.output("requests", requests_, "1", "number of requests that were answered").discrete();
+  v.output("refused", refused_, "1", "number of those with a status of 400 and above, and of connections beyond the limit")
+      .discrete();
+  v.output("open", open_, "1", "number of connections at present").discrete();
+  v.output("streams", streams_, "1", "number of open event streams and WebSockets").discrete();
+  v.output("dropped", dropped_, "1", "number of streams that were closed because their clients were too slow").discrete();
+  run_side_.declare(v);
+}
+
+Gateway::Parameters Gateway::parameters() const {
+  return {address_, tokens_, certificate_, key_,         hosts_,    origins_, url_file_,
+          robot_,   port_,   threads_,     connections_, database_, program_, workers_};
+}
+
+void Gateway::initialise(Time) {
+  const Parameters wanted = parameters();
+  if (!running_ || !(running_->parameters == wanted)) {
+    run_side_.end();
+    running_.reset();
+    run_side_.begin();  // before the jobs, whose events go there
+    running_ = std::make_unique<Running>(wanted, robot_folders_, run_side_);
+    if (!url_file_.empty()) write_file(url_file_, running_->server->url() + "\n");
+  }
+  run_side_.begin();
+  run_side_.serve([this](Json& request) {
+    running_->fill(request, run_side_);
+    return services::answer_object(running_->robots, request);
+  });
+  const http::Server::Counts& c = running_->server->counts();
+  running_->requests = c.requests;
+  running_->refused = c.refused;
+  running_->dropped = c.dropped;
+  write_outputs();
+}
+
+StepResult Gateway::step(Time, Duration) {
+  write_outputs();
+  return StepResult::kDone;
+}
+
+void Gateway::write_outputs() {
+  const http::Server::Counts& c = running_->server->counts();
+  const auto since = [](const std::atomic<std::uint64_t>& count, std::uint64_t before) {
+    return static_cast<double>(count.load() - before);
+  };
+  requests_ = since(c.requests, running_->requests);
+  refused_ = since(c.refused, running_->refused);
+  dropped_ = since(c.dropped, running_->dropped);
+  open_ = since(c.open, 0);
+  streams_ = since(c.streams, 0);
+}
+
+void Gateway::tell(std::vector<std::string>& sentences) const {
+  run_side_.tell(sentences);
+  if (requests_ == 0) return;
+  sentences.push_back("answered " + text::to_text(requests_) + " requests, of which " + text::to_text(refused_) +
+                      " were refused");
+}
+
+void Gateway::end() noexcept {
+  run_side_.end();
+  running_.reset();
+}
+
+}  // namespace cotwin::gateway
