@@ -95,7 +95,8 @@ struct RunArguments {
   double checkpoint = 10;  // s of wall time; 0: none
   std::optional<int> threads;
   std::optional<CouplingChoice> coupling;
-  FmuRunOptions fmu;  // for a single FMU
+  FmuRunOptions fmu;              // for a single FMU
+  std::function<void()> started;  // empty: nothing
 };
 
 void save_json(const fs::path& file, const Summary& summary, const Outcome& outcome) {
@@ -360,6 +361,7 @@ int run_scenario(RunArguments arguments) {
   warnings.print(master->warnings());
   master->initialise();
   warnings.print(master->warnings());
+  if (arguments.started) arguments.started();
   if (!kept.empty() && !arguments.quiet) std::cout << "earlier results: moved to " << kept.string() << '\n';
   std::optional<Checkpoints> checkpoints;
   if (arguments.checkpoint > 0 && master->unsavable().empty()) {
@@ -436,6 +438,7 @@ int run_scenario(const ScenarioRun& run) {
   arguments.record = run.record;
   arguments.stop = run.stop;
   arguments.quiet = run.quiet;
+  arguments.started = run.started;
   return run_scenario(std::move(arguments));
 }
 

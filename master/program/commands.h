@@ -32,6 +32,7 @@ void add_search(CLI::App& app, Chosen& chosen);
 void add_fit_energy(CLI::App& app, Chosen& chosen);
 void add_robot(CLI::App& app, Chosen& chosen);
 void add_ask(CLI::App& app, Chosen& chosen);
+void add_serve(CLI::App& app, Chosen& chosen);
 void add_completion(CLI::App& app, Chosen& chosen);
 
 /// What of `cotwin run` another command can choose.
@@ -40,6 +41,7 @@ struct ScenarioRun {
   std::vector<std::string> set, record;
   std::optional<double> stop;  // s
   bool quiet = false;
+  std::function<void()> started = {};  // called when the first tick is about to begin
 };
 /// Runs a scenario as `cotwin run` does. Returns the exit code. Throws Error.
 int run_scenario(const ScenarioRun& run);

@@ -114,6 +114,7 @@ int run(int argc, char** argv) {
   add_search(app, chosen);
   add_robot(app, chosen);
   add_ask(app, chosen);
+  add_serve(app, chosen);
   add_completion(app, chosen);
   for (const char* name : {"run", "search", "robot", "pack", "check", "units", "describe", "reference"})
     add_units_option(*app.get_subcommand(name));
@@ -126,7 +127,7 @@ int run(int argc, char** argv) {
       throw CLI::ExtrasError(
           std::string("'") + argv[1] +
               "' is not a command, expected run, pack, info, check, units, describe, reference, tune, excite, "
-              "perturb, tool, search, robot or completion",
+              "perturb, tool, search, robot, ask, serve or completion",
           CLI::ExitCodes::ExtrasError);
     }
     app.parse(argc, argv);

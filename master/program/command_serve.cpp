@@ -1,0 +1,148 @@
+// cotwin serve: the gateway as a program of its own, for clients over HTTP (docs/gateway.md).
+#include <fstream>
+#include <iostream>
+#include <memory>
+
+#include "master/program/commands.h"
+#include "models/support/atomic_file.h"
+#include "models/support/error.h"
+
+namespace cotwin::master {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct ServeArguments {
+  std::string address = "localhost", robot = "lwr4";
+  int port = 8080, workers = 1, threads = 2, connections = 128;
+  fs::path tokens, certificate, key, robots, out = "results/serve";
+  std::optional<fs::path> database;
+  std::vector<std::string> hosts, origins, set;
+  std::optional<double> seconds;
+  bool no_jobs = false, quiet = false;
+};
+
+std::string list_of(const std::vector<std::string>& items) {
+  std::string list;
+  for (const std::string& item : items) list += (list.empty() ? "" : ",") + item;
+  return list;
+}
+
+fs::path serve_scenario() {
+  for (const fs::path& folder : model_folders({})) {
+    const fs::path file = folder / "scenarios/serve.ssd";
+    std::error_code none;
+    if (fs::is_regular_file(file, none)) return file;
+  }
+  throw Error("scenarios/serve.ssd", "is not in the model folders, expected it in those of Cotwin (COTWIN_MODELS adds others)");
+}
+
+/// The folders robots/ of the model folders.
+std::string robot_folders(const ServeArguments& a) {
+  if (!a.robots.empty()) return fs::absolute(a.robots).string();
+  std::vector<std::string> all;
+  for (const fs::path& folder : model_folders({})) {
+    std::error_code none;
+    if (fs::is_directory(folder / "robots", none)) all.push_back(fs::absolute(folder / "robots").string());
+  }
+  return list_of(all);
+}
+
+int serve(const ServeArguments& a) {
+  if (a.no_jobs && a.database) throw Error("--database", "given with --no-jobs, expected one of the two");
+  const fs::path url_file = a.out / "url.txt";
+  make_folder(a.out);
+  ScenarioRun run;
+  run.file = serve_scenario();
+  run.out = a.out;
+  run.stop = a.seconds;
+  run.quiet = true;
+  const auto set = [&](const std::string& name, const std::string& value) {
+    run.set.push_back("gateway." + name + "=" + value);
+  };
+  set("address", a.address);
+  set("port", std::to_string(a.port));
+  set("tokens", a.tokens.string());
+  set("certificate", a.certificate.string());
+  set("key", a.key.string());
+  set("hosts", list_of(a.hosts));
+  set("origins", list_of(a.origins));
+  set("robot", a.robot);
+  set("robots", robot_folders(a));
+  set("threads", std::to_string(a.threads));
+  set("connections", std::to_string(a.connections));
+  set("workers", std::to_string(a.workers));
+  set("database", a.no_jobs ? "" : a.database.value_or(a.out / "jobs.sqlite").string());
+  set("url_file", url_file.string());
+  run.set.insert(run.set.end(), a.set.begin(), a.set.end());
+  run.started = [&] {
+    std::ifstream in(url_file);
+    std::string url;
+    std::getline(in, url);
+    if (!a.quiet) std::cout << "gateway at " << url << ", described by " << url << "/openapi.json; Ctrl-C ends" << std::endl;
+  };
+  return run_scenario(run);
+}
+
+}  // namespace
+
+void add_serve(CLI::App& app, Chosen& chosen) {
+  const auto all = std::make_shared<ServeArguments>();
+  ServeArguments& a = *all;
+  CLI::App* command = app.add_subcommand("serve", "Answer requests over HTTP: services, jobs, events (docs/gateway.md)");
+  command
+      ->add_option("--address", a.address,
+                   "Addresses to listen at, separated by commas; those that other machines reach need --token-file, "
+                   "--certificate and --key")
+      ->capture_default_str()
+      ->type_name("ADDRESS");
+  command->add_option("--port", a.port, "TCP port; 0: a free one")
+      ->capture_default_str()
+      ->check(CLI::Range(0, 65535))
+      ->type_name("PORT");
+  command
+      ->add_option("--token-file", a.tokens, "Tokens that clients must send: lines 'read TOKEN' or 'operate TOKEN', mode 600")
+      ->type_name("FILE");
+  command->add_option("--certificate", a.certificate, "Certificate and its chain for TLS, PEM")->type_name("FILE");
+  command->add_option("--key", a.key, "Key of the certificate, PEM, mode 600")->type_name("FILE");
+  command->add_option("--host", a.hosts, "Further name by which clients call the gateway; may be repeated")
+      ->type_name("NAME")
+      ->allow_extra_args(false);
+  command
+      ->add_option("--origin", a.origins,
+                   "Origin of web pages that may call the gateway, as https://mes.example; may be repeated")
+      ->type_name("ORIGIN")
+      ->allow_extra_args(false);
+  command->add_option("--database", a.database, "SQLite file of jobs and results (default: jobs.sqlite in the folder of --out)")
+      ->type_name("FILE");
+  command->add_flag("--no-jobs", a.no_jobs, "No database: only immediate answers");
+  command->add_option("--workers", a.workers, "Processes that compute jobs")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 256))
+      ->type_name("N");
+  command->add_option("--threads", a.threads, "Threads that compute immediate answers")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 64))
+      ->type_name("N");
+  command->add_option("--connections", a.connections, "Most connections at the same time")
+      ->capture_default_str()
+      ->check(CLI::Range(1, 10000))
+      ->type_name("N");
+  command->add_option("--robot", a.robot, "Robot of requests that name none")->capture_default_str()->type_name("NAME");
+  command->add_option("--robots", a.robots, "Folder with robots that requests may name (default: those of the model folders)")
+      ->type_name("FOLDER");
+  command->add_option("--seconds", a.seconds, "Duration (default: until Ctrl-C)")
+      ->check(CLI::PositiveNumber)
+      ->type_name("SECONDS");
+  command->add_option("--set", a.set, "As in cotwin run, for the component gateway; may be repeated")
+      ->type_name("NAME=VALUE")
+      ->allow_extra_args(false);
+  command->add_option("--out", a.out, "Folder for url.txt, jobs and the record of the run")
+      ->capture_default_str()
+      ->type_name("FOLDER");
+  command->add_flag("--quiet", a.quiet, "Do not print the URL");
+  command->callback([all, &chosen] { chosen = [all] { return serve(*all); }; });
+}
+
+}  // namespace cotwin::master
