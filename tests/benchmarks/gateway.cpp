@@ -1,0 +1,128 @@
+// The gateway: time from a request to its whole answer, for 50 clients that send 100 requests a second together over connections that
+// stay open. The peer is Python's http.server with an answer of the same size that is there already.
+#include <atomic>
+#include <chrono>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "components/gateway/api/api.h"
+#include "components/gateway/http/server.h"
+#include "tests/benchmarks/measure.h"
+#include "tests/support/http_client.h"
+#include "tests/support/places.h"
+#include "tests/support/run_program.h"
+
+namespace {
+
+using namespace cotwin;
+using testing::http_request;
+using testing::RawClient;
+
+constexpr int kClients = 50, kRounds = 20;  // of each client
+constexpr double kPeriod = 0.5;             // s, between the requests of a client: 100 a second of all
+
+const char* const kPeer = R"(
+import sys
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+class Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+    body = b"x" * int(sys.argv[1])
+    def do_POST(self):
+        self.rfile.read(int(self.headers["Content-Length"]))
+        self.send_response(200)
+        self.send_header("Content-Length", str(len(self.body)))
+        self.end_headers()
+        self.wfile.write(self.body)
+    def log_message(self, *unused):
+        pass
+class Server(ThreadingHTTPServer):
+    request_queue_size = 128
+server = Server(("127.0.0.1", 0), Handler)
+print(server.server_address[1], flush=True)
+server.serve_forever()
+)";
+
+struct Latency {
+  double median = 0, p99 = 0;
+  std::size_t bytes = 0;
+};
+
+double share(std::vector<double>& v, double part) {
+  const auto at = static_cast<std::ptrdiff_t>(part * static_cast<double>(v.size() - 1));
+  std::nth_element(v.begin(), v.begin() + at, v.end());
+  return v[static_cast<std::size_t>(at)];
+}
+
+Latency measure_clients(std::uint16_t port, const std::string& request) {
+  std::vector<std::vector<double>> times(kClients);
+  std::atomic<int> failed = 0;
+  std::atomic<std::size_t> bytes = 0;
+  const auto begin = std::chrono::steady_clock::now() + std::chrono::milliseconds(200);
+  std::vector<std::thread> threads;
+  for (int c = 0; c < kClients; ++c) {
+    threads.emplace_back([&, c] {
+      RawClient client(port);
+      for (int r = 0; r < kRounds; ++r) {
+        std::this_thread::sleep_until(begin + std::chrono::duration<double>(kPeriod * (r + static_cast<double>(c) / kClients)));
+        const double start = benchmark::wall_seconds();
+        client.send(request);
+        const testing::HttpReply reply = client.reply();
+        times[static_cast<std::size_t>(c)].push_back(benchmark::wall_seconds() - start);
+        if (reply.status != 200) ++failed;
+        bytes = reply.body.size();
+      }
+    });
+  }
+  for (std::thread& t : threads) t.join();
+  if (failed != 0) std::fprintf(stderr, "%d requests failed\n", failed.load());
+  std::vector<double> all;
+  for (const auto& each : times) all.insert(all.end(), each.begin(), each.end());
+  return {share(all, 0.5), share(all, 0.99), bytes};
+}
+
+}  // namespace
+
+int main() {
+  services::Robots robots({places::source() + "/models/robots"}, "lwr4");
+  gateway::http::Router router;
+  gateway::http::ServerOptions options;
+  options.addresses = {"127.0.0.1"};
+  options.authority.hosts = {"localhost"};
+  gateway::add_general_routes(router, options.tickets, "benchmark");
+  gateway::add_service_routes(router, robots, nullptr);
+  const gateway::http::Server server(std::move(options), router);
+  const std::string move = R"({"robot":"lwr4","from_q_rad":[0,-0.9,0,1.2,0,0.6,0],"to_q_rad":[1.2,0.9,0,-1.2,0,-0.6,0])";
+  const std::string given = http_request("POST", "/services/feasibility", move + R"(,"T_s":1.6})");
+  const std::string shortest = http_request("POST", "/services/feasibility", move + "}");
+  (void)measure_clients(server.port(), given);
+  const Latency ours = measure_clients(server.port(), given);
+  testing::RunOptions to_file;
+  const std::string ports = std::filesystem::temp_directory_path() / ("cotwin_gateway_benchmark_" + std::to_string(::getpid()));
+  to_file.out = ports;
+  testing::Process python({"python3", "-c", kPeer, std::to_string(ours.bytes)}, to_file);
+  std::uint16_t port = 0;
+  for (int i = 0; i < 1000 && port == 0; ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    if (std::FILE* const file = std::fopen(ports.c_str(), "r")) {
+      unsigned number = 0;
+      if (std::fscanf(file, "%u\n", &number) == 1) port = static_cast<std::uint16_t>(number);
+      std::fclose(file);
+    }
+  }
+  const Latency peer = port == 0 ? Latency{} : measure_clients(port, given);
+  python.signal(15);
+  std::remove(ports.c_str());
+  const char* const kPeerName = "python3 http.server with a fixed answer";
+  benchmark::print({"feasibility over HTTP, T given, 100 requests/s, 50 clients, median", "ms", 1e3 * ours.median, kPeerName,
+                    1e3 * peer.median, 2, false});
+  benchmark::print({"the same, 99th percentile", "ms", 1e3 * ours.p99, kPeerName, 1e3 * peer.p99, 0, false});
+  const Latency searched = measure_clients(server.port(), shortest);
+  benchmark::print(
+      {"feasibility over HTTP, shortest T, median", "ms", 1e3 * searched.median, kPeerName, 1e3 * peer.median, 2, false});
+  const Latency health = measure_clients(server.port(), http_request("GET", "/health"));
+  benchmark::print({"GET /health, median", "ms", 1e3 * health.median, kPeerName, 1e3 * peer.median, 0, false});
+  return 0;
+}
