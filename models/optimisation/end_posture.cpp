@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/optimisation/budget.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -74,7 +75,7 @@ std::vector<std::vector<double>> self_motion(const robot::RobotModel& robot, rob
     return true;
   };
   if (!allowed(start)) fail("the posture at the pose exceeds the joint limits");
-  if (free == 0) return {list(start)};
+  if (free <= 0) return {list(start)};
   const VectorXd first = tracer.null();
   std::vector<std::vector<double>> all{list(start)};
   bool closed = false;
@@ -102,38 +103,49 @@ std::vector<std::vector<double>> self_motion(const robot::RobotModel& robot, rob
 
 Solution minimise_to_pose(const Problem& problem, robot::InverseKinematics& kinematics, const robot::PoseTarget& target,
                           const SearchOptions& options, numerics::Threads* threads, const SelfMotionOptions& self) {
+  check(problem);
   Problem own = problem;
-  own.end_postures = self_motion(problem.robot, kinematics, target, problem.ends.q_to, self);
+  robot::RobotModel bounded = problem.robot;
+  for (std::size_t j = 0; j < bounded.joints.size(); ++j) {
+    bounded.joints[j].q_min = problem.bounds.q_min[j];
+    bounded.joints[j].q_max = problem.bounds.q_max[j];
+  }
+  own.end_postures = self_motion(bounded, kinematics, target, problem.ends.q_to, self);
   Tracer tracer(kinematics, target);
   VectorXd end = Eigen::Map<const VectorXd>(problem.ends.q_to.data(), kinematics.n());
   tracer.correct(end);
+  Budget budget(options);
+  bool complete = true;
+  std::uint64_t evaluations = 0, pruned = 0;
+  const auto search = [&](const Problem& p) {
+    Solution s = minimise(p, budget.left(), threads);
+    budget.spend(s.evaluations);
+    complete = complete && s.complete;
+    evaluations += s.evaluations;
+    pruned += s.pruned;
+    return s;
+  };
   // The given end may be in the valley of a better local optimum than the one that the swarm chooses.
   Problem given = problem;
   given.end_postures.clear();
   given.ends.q_to = list(end);
-  Solution best = minimise(given, options, threads);
-  if (own.end_postures.size() == 1) return best;
-  own.ends.q_to = own.end_postures.front();
-  const Solution found = minimise(own, options, threads);
-  end = Eigen::Map<const VectorXd>(found.q_to.data(), kinematics.n());
-  if (!tracer.correct(end)) throw Error("self-motion", "the end between two postures does not lead to the pose");
-  own.end_postures.clear();
-  own.ends.q_to = list(end);
-  Solution exact = assess(own, found.c, own.ends.q_to, found.T);
-  if (exact.status != Status::kFeasible && found.status == Status::kFeasible) {
-    exact = minimise(own, options, threads);
-    exact.evaluations += found.evaluations;
-    exact.pruned += found.pruned;
-  } else {
+  Solution best = search(given);
+  if (own.end_postures.size() > 1 && complete) {
+    own.ends.q_to = own.end_postures.front();
+    const Solution found = search(own);
+    end = Eigen::Map<const VectorXd>(found.q_to.data(), kinematics.n());
+    if (!tracer.correct(end)) throw Error("self-motion", "the end between two postures does not lead to the pose");
+    own.end_postures.clear();
+    own.ends.q_to = list(end);
+    Solution exact = assess(own, found.c, own.ends.q_to, found.T);
     exact.history = found.history;
-    exact.evaluations = found.evaluations;
-    exact.pruned = found.pruned;
+    if (exact.status != Status::kFeasible && found.status == Status::kFeasible && complete) exact = search(own);
+    const auto rank = [](const Solution& s) { return static_cast<int>(s.status); };
+    if (rank(exact) < rank(best) || (rank(exact) == rank(best) && exact.cost < best.cost)) best = std::move(exact);
   }
-  const std::uint64_t evaluations = best.evaluations + exact.evaluations, pruned = best.pruned + exact.pruned;
-  const auto rank = [](const Solution& s) { return static_cast<int>(s.status); };
-  if (rank(exact) < rank(best) || (rank(exact) == rank(best) && exact.cost < best.cost)) best = std::move(exact);
   best.evaluations = evaluations;
   best.pruned = pruned;
+  best.complete = complete;
   return best;
 }
 

@@ -23,10 +23,12 @@ using Eigen::VectorXd;
 constexpr double kEnough = 1e-3;                               // relative improvement below which the refinement ends
 constexpr double kTorqueTier = 1e100, kKinematicTier = 1e200;  // Deb's rules as one number: costs are far below
 
-/// A bound of a cost from an earlier search of minimise_in_order.
+/// A bound of a cost from an earlier search of minimise_in_order. The swarm and the barrier see the cost at fewer samples than the
+/// final check, so that they have a bound of their own.
 struct CostBound {
   std::size_t term = 0;
-  double most = 0;
+  double most = 0;        // of the cost as assess() sees it
+  double at_samples = 0;  // of that at the samples of the search
 };
 
 /// Keeps the swarm inside the bounds, so that the barrier starts with slack. A motion without free coefficients has none to lose.
@@ -85,8 +87,15 @@ class Search {
       left -= rounds;
     }
     if (still_going() && options_.refine) best = refined(best);
+    Solution solution = check(best);
+    if (start) {  // it meets the bounds of the earlier costs
+      Solution first = check(*start);
+      if (first.status == Status::kFeasible && (solution.status != Status::kFeasible || first.cost < solution.cost)) {
+        solution = std::move(first);
+        best = *start;
+      }
+    }
     best_ = best;
-    Solution solution = assess(problem(), {best.c.data(), d}, end_of(best.z), duration(best.u));
     solution.history = history_;
     solution.evaluations = evaluations_;
     solution.pruned = pruned_;
@@ -94,6 +103,12 @@ class Search {
     return solution;
   }
   const Point& best() const { return best_; }
+  /// A cost of a motion at the samples of the search.
+  double cost_at_samples(const Point& p, std::size_t term) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) set_lane(motions_[0], lane, p.c, p.u, p.z);
+    evaluator_.evaluate(motions_[0], *scratch_[0], values_[0], true);
+    return values_[0].costs[term * kLanes];
+  }
 
  private:
   bool still_going(std::uint64_t further = 0) {
@@ -209,7 +224,8 @@ class Search {
     if (v.kinematic[lane] > 0) return kKinematicTier * v.kinematic[lane];
     double beyond = v.torque[lane];
     for (const CostBound& bound : bounds_)
-      beyond += std::max(0.0, (v.costs[bound.term * kLanes + lane] - bound.most) / std::max(std::abs(bound.most), 1e-300));
+      beyond += std::max(
+          0.0, (v.costs[bound.term * kLanes + lane] - bound.at_samples) / std::max(std::abs(bound.at_samples), 1e-300));
     if (beyond > 0) return kTorqueTier * beyond;
     double cost = 0;
     for (std::size_t i = 0; i < problem().costs.size(); ++i)
@@ -241,7 +257,15 @@ class Search {
   };
 
   Solution check(const Point& p) const {
-    return assess(problem(), {p.c.data(), static_cast<std::size_t>(p.c.size())}, end_of(p.z), duration(p.u));
+    Solution s = assess(problem(), {p.c.data(), static_cast<std::size_t>(p.c.size())}, end_of(p.z), duration(p.u));
+    for (const CostBound& bound : bounds_) {
+      if (s.status != Status::kFeasible || s.costs[bound.term] <= bound.most) continue;
+      s.status = Status::kBestEffort;
+      s.reason = std::string("the cost ") + to_text(problem().costs[bound.term].quantity) + " is " +
+                 text::to_text(s.costs[bound.term]) + ", bound " + text::to_text(bound.most) +
+                 " by its optimum and the tolerance";
+    }
+    return s;
   }
 
   /// Repeats the barrier from its results as long as they improve. Bounds that the barrier's samples miss are tightened by what the
@@ -266,7 +290,7 @@ class Search {
       if (free_T) boxes.push_back({d, -1e-9 - current.u, 1 + 1e-9 - current.u});
       if (free_end) boxes.push_back({variables - 1, -1e-9 - current.z, 1 + 1e-9 - current.z});
       for (const CostBound& bound : bounds_)
-        boxes.push_back({variables + bound.term, -std::numeric_limits<double>::infinity(), bound.most});
+        boxes.push_back({variables + bound.term, -std::numeric_limits<double>::infinity(), bound.at_samples});
       Barrier barrier(exact, scratch, boxes, variables, state.margin, [&](const VectorXd& y, std::size_t lane, Motions& m) {
         const Point p = point(y);
         set_lane(m, lane, p.c, p.u, p.z);
@@ -438,7 +462,10 @@ Solution minimise_in_order(const Problem& problem, double tolerance, const Searc
     next.history.insert(next.history.begin(), solution.history.begin(), solution.history.end());
     solution = std::move(next);
     start = search.best();
-    bounds.push_back({i, solution.costs[i] + tolerance * std::abs(solution.costs[i])});
+    constexpr double kOfTolerance = 0.99;  // the samples of the search and those of the final check may differ a little
+    const double at_samples = search.cost_at_samples(*start, i);
+    bounds.push_back({i, solution.costs[i] + tolerance * std::abs(solution.costs[i]),
+                      at_samples + kOfTolerance * tolerance * std::abs(at_samples)});
   }
   return solution;
 }
