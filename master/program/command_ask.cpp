@@ -87,6 +87,8 @@ Json request_of(const AskArguments& a) {
 
 int ask_one(const AskArguments& a, services::Robots& robots, services::Context context) {
   Json request = request_of(a);
+  if (a.threads != 0 && a.service != "optimise")
+    throw Error("--threads", "is given for the service " + a.service + ", which uses one thread, expected it with optimise");
   // Robots with prismatic joints have no common unit of measure: --from and --to are then in rad and m.
   const std::string robot =
       request.contains("robot") && request["robot"].is_string() ? request["robot"].get<std::string>() : a.robot;

@@ -73,6 +73,7 @@ Json answer_feasibility(const Robot& robot, Reader& r, const Context&) {
              {"reason", s.reason},
              {"T_s", none ? Json(nullptr) : Json(s.T)},
              {"limiting", limiting_of(robot.model, s.peaks)}};
+  add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) reply["joints"] = peaks_of(robot.model, s.peaks);
   if (detail >= Detail::kSeries && !none)
     reply["series"] = series_of(robot.model, torques(robot.model, at(m, s.T), static_cast<std::size_t>(samples)), false);
@@ -100,6 +101,7 @@ Json answer_cycle_time(const Robot& robot, Reader& r, const Context&) {
              {"T_cycle_s", possible ? Json(T + process) : Json(nullptr)},
              {"moves_per_hour", possible ? Json(3600 / (T + process)) : Json(nullptr)},
              {"limiting", limiting_of(robot.model, p.solution.peaks)}};
+  add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) reply["joints"] = peaks_of(robot.model, p.solution.peaks);
   if (detail >= Detail::kSeries && possible)
     reply["series"] = series_of(robot.model, torques(robot.model, at(m, T), 101), false);
@@ -114,6 +116,7 @@ Json answer_torques(const Robot& robot, Reader& r, const Context&) {
   r.finish();
   const Plan p = plan_of(robot, m);
   Json reply{{"T_s", p.solution.T}, {"feasible", feasible(p)}, {"reason", p.solution.reason}};
+  add_notes(reply, p.notes);
   const Torques t = torques(robot.model, at(m, p.solution.T), static_cast<std::size_t>(samples));
   const JointUnits units(robot.model);
   const std::size_t n = robot.model.joints.size();
@@ -169,6 +172,7 @@ Json answer_peak_power(const Robot& robot, Reader& r, const Context&) {
                                                 text::to_text(peak.drawn.t, 4) + " s, bound " + text::to_text(bound, 6) + " W"},
       {"drawn", extreme(peak.drawn)},
       {"returned", extreme(peak.returned)}};
+  add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) {
     Json joints = Json::array();
     for (std::size_t j = 0; j < robot.model.joints.size(); ++j)
@@ -199,6 +203,7 @@ Json answer_jerk(const Robot& robot, Reader& r, const Context&) {
       {units.all_revolute() ? "jerk_squared_integral_rad2_per_s5" : "jerk_squared_integral", p.jerk()},
       {units.all_revolute() ? "acceleration_squared_integral_rad2_per_s3" : "acceleration_squared_integral", p.acceleration()},
       {"share_of_quintic", reference.jerk() > 0 ? Json(p.jerk() / reference.jerk()) : Json(nullptr)}};
+  add_notes(reply, p.notes);
   if (detail < Detail::kMargins) return reply;
   Json joints = Json::array();
   for (std::size_t j = 0; j < robot.model.joints.size(); ++j) {
@@ -252,6 +257,7 @@ Json answer_throughput(const Robot& robot, Reader& r, const Context&) {
   Json reply{{"feasible", feasible(p)},     {"reason", p.solution.reason}, {"T_move_s", t.T_move},
              {"T_settle_s", t.T_settle},    {"T_process_s", t.T_process},  {"T_cycle_s", t.T_cycle},
              {"moves_per_hour", t.per_hour}};
+  add_notes(reply, p.notes);
   if (detail >= Detail::kMargins) {
     const Throughput stiff = throughput(p.solution.T, 0, process);
     reply["axes_T_settle_s"] = settle;

@@ -34,7 +34,7 @@ EnergyOptions read_energy_options(Reader& r) {
   o.price_per_kWh = rate("price_per_kWh");
   o.co2_per_kWh = rate("co2_kg_per_kWh");
   o.best = r.boolean("best", false);
-  if (r.has("T_max_s")) o.T_longest = r.positive("T_max_s");
+  if (r.has("T_max_s")) o.T_longest = read_duration(r, "T_max_s");
   return o;
 }
 
@@ -65,13 +65,15 @@ ContactOptions read_contact(const Robot& robot, Reader& r) {
 
 /// The move with its duration, and the plan's verdict as the first members of the reply. An error where no duration is possible.
 Move planned(const Robot& robot, Move m, Json& reply) {
-  const optimisation::Solution s = plan(robot.model, m).solution;
+  const Plan p = plan(robot.model, m);
+  const optimisation::Solution& s = p.solution;
   const bool feasible = s.status == optimisation::Status::kFeasible;
   if (m.T == 0 && !feasible)
     throw RequestError("", "no duration of the move can be given (" + s.reason + "), expected T_s or other bounds");
   m.T = s.T;
   reply["feasible"] = feasible;
   reply["reason"] = s.reason;
+  add_notes(reply, p.notes);
   return m;
 }
 
@@ -86,6 +88,9 @@ Json series_of(const PathMasses& m) {
 Json answer_energy(const Robot& robot, Reader& r, const Context&) {
   const Move m = read_move(robot, r, true);
   const EnergyOptions options = read_energy_options(r);
+  for (const char* name : {"bus", "price_per_kWh", "co2_kg_per_kWh"})
+    r.only_if(robot.energy.has_value(), name, "an energy.ssv beside the URDF");
+  r.only_if(options.best, "T_max_s", "best");
   const Detail detail = read_detail(r);
   r.finish();
   if (options.best && !robot.energy)
@@ -102,6 +107,7 @@ Json answer_energy(const Robot& robot, Reader& r, const Context&) {
              {"reason", s.reason},
              {"boundary", c.with_drives ? "mains" : "joints"},
              {"energy_J", c.with_drives ? c.total() : sum(b.mechanical_positive)}};
+  add_notes(reply, c.plan.notes);
   if (c.with_drives) {
     // 0 in energy.ssv means that the rate is unknown.
     const energetics::Supply& supply = robot.energy->supply;

@@ -4,7 +4,10 @@
 
 #include "models/optimisation/particle_table.h"
 #include "models/services/answers.h"
+#include "models/services/compliance_json.h"
+#include "models/services/end_pose_json.h"
 #include "models/services/energy_service.h"
+#include "models/services/verify_json.h"
 
 namespace cotwin::services {
 
@@ -49,7 +52,7 @@ CostTerm term_of(const std::string& name, double weight, const std::string& poin
   return term;
 }
 
-std::vector<CostTerm> read_costs(Reader& r) {
+std::vector<CostTerm> read_costs(Reader& r, const std::string& rule) {
   const Json* given = r.any("cost");
   if (!given) return {term_of("torque", 1, "/cost")};
   if (given->is_string()) return {term_of(given->get<std::string>(), 1, r.pointer("cost"))};
@@ -59,6 +62,7 @@ std::vector<CostTerm> read_costs(Reader& r) {
   for (std::size_t i = 0; i < given->size(); ++i) {
     Reader one((*given)[i], r.pointer("cost") + "/" + std::to_string(i));
     const std::string name = one.text("name");
+    one.only_if(rule == "weighted", "weight", "the rule weighted");
     const double weight = one.number("weight", 1);
     one.finish();
     if (weight < 0) throw RequestError(one.pointer("weight"), "is negative, expected 0 or more");
@@ -73,7 +77,7 @@ Json costs_of(const Problem& p, const std::vector<double>& costs) {
   return all;
 }
 
-Problem problem_of(const Robot& robot, const Move& m, Reader& r) {
+Problem problem_of(const Robot& robot, const Move& m, const std::string& rule, Reader& r) {
   Problem p;
   p.robot = robot.model;
   const std::vector<double> zero(robot.model.joints.size(), 0.0);
@@ -90,11 +94,13 @@ Problem problem_of(const Robot& robot, const Move& m, Reader& r) {
   take(p.bounds.ddq, m.bounds.ddq);
   take(p.bounds.dddq, m.bounds.dddq);
   take(p.bounds.tau, m.bounds.tau);
-  p.T_min = r.positive("T_min_s");
-  p.T_max = r.has("T_max_s") ? r.positive("T_max_s") : p.T_min;
+  p.T_min = read_duration(r, "T_min_s");
+  p.T_max = r.has("T_max_s") ? read_duration(r, "T_max_s") : p.T_min;
   if (p.T_max < p.T_min) throw RequestError("/T_max_s", "is less than T_min_s, expected at least that");
-  p.costs = read_costs(r);
+  p.costs = read_costs(r, rule);
   const std::string bus = r.word("bus", {"shared", "none", "grid"});
+  r.only_if(std::ranges::any_of(p.costs, [](const CostTerm& t) { return t.quantity == optimisation::Quantity::kEnergy; }),
+            "bus", "the cost energy");
   for (const CostTerm& term : p.costs) {
     if (term.quantity != optimisation::Quantity::kEnergy) continue;
     if (!robot.energy)
@@ -105,19 +111,35 @@ Problem problem_of(const Robot& robot, const Move& m, Reader& r) {
   return p;
 }
 
-/// Progress in steps of one percent over all searches. Copies of the function count together.
-std::function<bool(const optimisation::Round&)> progress_of(const Context& context, long long rounds) {
-  if (!context.progress) return {};
-  struct Count {
-    long long round = 0, told = 0;
-  };
-  return [&context, rounds, count = std::make_shared<Count>()](const optimisation::Round&) {
-    const long long percent = std::min(100LL, 100 * ++count->round / rounds);
-    if (percent > count->told) context.progress(0.01 * static_cast<double>(percent), "round " + std::to_string(count->round));
-    count->told = std::max(count->told, percent);
-    return true;
-  };
-}
+/// Progress in steps of one percent: the rounds of all searches up to `most` of the work, finish() the rest.
+class Progress {
+ public:
+  Progress(const Context& context, long long rounds, double most)
+      : context_(context), percent_per_round_(100 * most / static_cast<double>(rounds)), most_(100 * most) {}
+  std::function<bool(const optimisation::Round&)> on_round() {
+    if (!context_.progress) return {};
+    return [this](const optimisation::Round&) {
+      ++round_;
+      tell(std::floor(std::min(most_, percent_per_round_ * static_cast<double>(round_) + 1e-9)),
+           "round " + std::to_string(round_));
+      return true;
+    };
+  }
+  void finish() {
+    if (context_.progress) tell(100, "done");
+  }
+
+ private:
+  void tell(double percent, const std::string& message) {
+    if (percent <= told_) return;
+    told_ = percent;
+    context_.progress(0.01 * percent, message);
+  }
+
+  const Context& context_;
+  double percent_per_round_, most_, told_ = 0;
+  long long round_ = 0;
+};
 
 /// By how much each cost is below that of the quintic, relative.
 Json shares_of(const Problem& p, const std::vector<double>& costs, const std::vector<double>& quintic) {
@@ -127,57 +149,39 @@ Json shares_of(const Problem& p, const std::vector<double>& costs, const std::ve
   return all;
 }
 
-VerificationOptions read_verification(const Robot& robot, Reader& r) {
-  VerificationOptions o;
-  if (r.has("settle_s")) o.settle = r.positive("settle_s");
-  if (o.settle > 60) throw RequestError("/settle_s", "is more than 60, expected at most that");
-  const std::string name = JointUnits(robot.model).name("tracking_max", 0);
-  if (r.has(name.c_str())) o.tracking_max = r.positive(name.c_str());
-  return o;
+/// Refuses members that have no effect with the rule and without a verification.
+void refuse_unused(const Robot& robot, Reader& r, const std::string& rule, bool verify) {
+  r.only_if(rule == "lexicographic", "tolerance", "the rule lexicographic");
+  r.only_if(rule == "pareto", "directions", "the rule pareto");
+  for (const std::string& name : {std::string("settle_s"), JointUnits(robot.model).name("tracking_max", 0)})
+    r.only_if(verify, name.c_str(), "verify");
 }
 
-Json verification_json(const Robot& robot, const Move& m, double T, const VerificationOptions& options, const Context& context,
-                       Detail detail) {
-  if (!context.verify)
-    throw RequestError("/verify", "needs a co-simulation, which this program does not have, expected cotwin ask");
-  const Verification v = context.verify(robot, m, T, options);
-  const JointUnits units(robot.model);
-  Json reply{{"feasible", v.feasible},
-             {"reason", v.reason},
-             {"T_s", v.T},
-             {"settle_s", v.settle},
-             {"tracking_error_max", *std::ranges::max_element(v.tracking)},
-             {"work_J", v.work},
-             {"rigid_work_J", v.work_rigid},
-             {"friction_J", v.friction}};
-  if (v.with_drives) {
-    reply["drawn_J"] = v.drawn;
-    reply["rigid_drawn_J"] = v.drawn_rigid;
+Json front_of(const Robot& robot, const Move& m, const Problem& p, const std::vector<optimisation::Round::Particle>& particles,
+              bool complete, Detail detail) {
+  Json front = Json::array();
+  for (const auto& particle : particles) {
+    Move found = m;
+    found.degree = p.degree;
+    found.c = particle.c;
+    Json one{{"T_s", particle.T}, {"costs", costs_of(p, particle.costs)}};
+    if (detail >= Detail::kMargins) one["motion"] = motion_of(robot, found, particle.T);
+    front.push_back(one);
   }
-  if (detail < Detail::kMargins) return reply;
-  Json joints = Json::array();
-  for (std::size_t j = 0; j < robot.model.joints.size(); ++j) {
-    Json own{{"joint", robot.model.joints[j].name},
-             {std::string("tracking_error_") + units.of(j, 0), v.tracking[j]},
-             {std::string("end_error_") + units.of(j, 0), v.end_error[j]},
-             {std::string("dq_") + units.of(j, 1), v.dq[j]},
-             {std::string("tau_") + units.of(j, 4), v.tau[j]},
-             {std::string("rigid_tau_") + units.of(j, 4), v.tau_rigid[j]}};
-    if (std::isfinite(v.tau_limit[j])) {
-      own[std::string("limit_") + units.of(j, 4)] = v.tau_limit[j];
-      own["share"] = v.tau[j] / v.tau_limit[j];
-    }
-    joints.push_back(own);
-  }
-  reply["joints"] = joints;
-  return reply;
+  const bool some = !front.empty();
+  return {{"status", some ? "feasible" : "infeasible"},
+          {"reason", some ? "" : "no motion within the bounds was found, expected a longer T_max_s or other bounds"},
+          {"complete", complete},
+          {"front", front}};
 }
 
 }  // namespace
 
 Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, false);
-  Problem p = problem_of(robot, m, r);
+  const std::string rule = r.word("rule", {"weighted", "lexicographic", "pareto"});
+  const bool pareto = rule == "pareto", lexicographic = rule == "lexicographic";
+  Problem p = problem_of(robot, m, rule, r);
   optimisation::SearchOptions options;
   options.particles = r.integer("particles", 8, 100000, 200);
   options.rounds = r.integer("rounds", 1, 100000, 500);
@@ -185,55 +189,51 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
   options.refine = r.boolean("refine", true);
   options.evaluations = static_cast<std::uint64_t>(r.integer("evaluations_max", 1, 1000000000, 10000000));
   if (r.has("limit_s")) options.limit = r.positive("limit_s");
-  const std::string rule = r.word("rule", {"weighted", "lexicographic", "pareto"});
   const double tolerance = r.number("tolerance", 0.01);
   const int directions = r.integer("directions", 2, 1000, 11);
   const bool verify = r.boolean("verify", false);
   const VerificationOptions verification = read_verification(robot, r);
+  std::optional<EndPose> end = read_end_pose(r, p);
+  const std::optional<ComplianceRequest> compliance = read_compliance(r);
   const Detail detail = read_detail(r);
+  refuse_unused(robot, r, rule, verify);
   r.finish();
   const JointUnits units(robot.model);
   if (!m.c.empty())
     throw RequestError("/" + units.name("c_r", 0), "is given, expected it only for a move that is not optimised");
   if (!(tolerance >= 0)) throw RequestError("/tolerance", "is negative, expected 0 or more");
-  const bool pareto = rule == "pareto";
   if (pareto && p.costs.size() < 2) throw RequestError("/cost", "has one cost, expected two or more for a Pareto front");
-  if (pareto && verify)
-    throw RequestError("/verify",
-                       "is true with the rule pareto, expected it with one motion: the rule weighted or lexicographic");
+  if (pareto && (verify || compliance))
+    throw RequestError(verify ? "/verify" : "/compliance", std::string("is ") + (verify ? "true" : "given") +
+                                                               " with the rule pareto, expected it with one motion: the rule "
+                                                               "weighted or lexicographic");
+  if (end && rule != "weighted")
+    throw RequestError("/to_pose", "is given with the rule " + rule + ", expected the rule weighted");
   const long long costs = static_cast<long long>(p.costs.size());
-  const long long searches = pareto ? costs + directions - 2 : rule == "lexicographic" ? costs : 1;
-  options.on_round = progress_of(context, searches * options.rounds);
+  constexpr int kSearchesToPose = 3;
+  const long long searches = pareto ? costs + directions - 2 : lexicographic ? costs : end ? kSearchesToPose : 1;
+  Progress progress(context, searches * options.rounds, options.refine || verify ? 0.9 : 1);
+  options.on_round = progress.on_round();
   std::optional<optimisation::ParticleTable> table;
   if (context.particles) options.on_round = table.emplace(*context.particles, p).on_round(options.on_round);
 
   if (pareto) {
-    Json front = Json::array();
     bool complete = true;
-    for (const auto& particle : optimisation::pareto_front(p, directions, options, context.threads, &complete)) {
-      Move found = m;
-      found.degree = p.degree;
-      found.c = particle.c;
-      Json one{{"T_s", particle.T}, {"costs", costs_of(p, particle.costs)}};
-      if (detail >= Detail::kMargins) one["motion"] = motion_of(robot, found, particle.T);
-      front.push_back(one);
-    }
-    const bool some = !front.empty();
-    return {{"status", some ? "feasible" : "infeasible"},
-            {"reason", some ? "" : "no motion within the bounds was found, expected a longer T_max_s or other bounds"},
-            {"complete", complete},
-            {"front", front}};
+    const auto particles = optimisation::pareto_front(p, directions, options, context.threads, &complete);
+    progress.finish();
+    return front_of(robot, m, p, particles, complete, detail);
   }
 
-  const Solution s = rule == "lexicographic" ? optimisation::minimise_in_order(p, tolerance, options, context.threads)
-                                             : optimisation::minimise(p, options, context.threads);
+  const Solution s = lexicographic ? optimisation::minimise_in_order(p, tolerance, options, context.threads)
+                     : end         ? optimisation::minimise_to_pose(p, *end->kinematics, end->target, options, context.threads)
+                                   : optimisation::minimise(p, options, context.threads);
   Move found = m;
   found.degree = s.degree;
   found.c = s.c;
   found.to_q = s.q_to;
   Problem quintic = p;
   quintic.degree = 5;
-  if (rule == "lexicographic")  // cost is the last one, as in the search
+  if (lexicographic)  // cost is the last one, as in the search
     for (CostTerm& term : quintic.costs) term.weight = &term == &quintic.costs.back() ? 1 : 0;
   const Solution reference = optimisation::assess(quintic, {}, p.ends.q_to, s.T);
   Json reply{{"status", optimisation::to_text(s.status)},
@@ -253,26 +253,30 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
              {"saved_shares", shares_of(p, s.costs, reference.costs)},
              {"limiting", limiting_of(robot.model, s.peaks)},
              {"motion", motion_of(robot, found, s.T)}};
+  if (p.T_min < p.T_max)
+    if (const std::string note = creeping(p, s); !note.empty()) add_notes(reply, {note});
+  if (end && !end->has_freedom) add_notes(reply, {"to_pose leaves the joints no freedom: the end posture is the given one"});
+  if (compliance) {
+    reply["compliance"] = compliance_json(*compliance, s.T, options.seed);
+    if (reply["feasible"] == true && reply["compliance"]["feasible"] == false) {
+      reply["feasible"] = false;
+      reply["reason"] = "compliance: " + reply["compliance"]["reason"].get<std::string>();
+    }
+  }
   if (detail >= Detail::kMargins) {
     reply["evaluations"] = s.evaluations;
     reply["pruned"] = s.pruned;
     reply["joints"] = peaks_of(robot.model, s.peaks);
   }
   if (detail == Detail::kAll) reply["history"] = s.history;
-  if (verify) reply["verification"] = verification_json(robot, found, s.T, verification, context, detail);
+  if (verify) {
+    Json twin = verification_json(robot, found, s.T, verification, context, detail);
+    add_notes(reply, twin.value("notes", std::vector<std::string>{}));
+    twin.erase("notes");
+    reply["verification"] = std::move(twin);
+  }
+  progress.finish();
   return reply;
-}
-
-Json answer_verify(const Robot& robot, Reader& r, const Context& context) {
-  const Move m = read_move(robot, r, true);
-  const VerificationOptions options = read_verification(robot, r);
-  const Detail detail = read_detail(r);
-  r.finish();
-  const Plan p = plan(robot.model, m);
-  if (m.T == 0 && p.solution.status != Status::kFeasible)
-    throw RequestError("",
-                       "no duration of the move meets the bounds (" + p.solution.reason + "), expected T_s or other bounds");
-  return verification_json(robot, m, p.solution.T, options, context, detail);
 }
 
 }  // namespace cotwin::services

@@ -26,10 +26,19 @@ constexpr std::pair<const char*, Answer> kServices[] = {
     {"verify", answer_verify},
 };
 
+/// The reply with the notes on the robot before its own, as the last member.
+Json with_notes(Json reply, const Robot& robot) {
+  const Json own = reply.value("notes", Json::array());
+  reply.erase("notes");
+  add_notes(reply, robot.notes);
+  for (const Json& note : own) reply["notes"].push_back(note);
+  return reply;
+}
+
 Json reply_to(const Robot& robot, Reader& r, const Context& context) {
   const std::string service = r.text("service");
   for (const auto& [name, answer] : kServices)
-    if (service == name) return answer(robot, r, context);
+    if (service == name) return with_notes(answer(robot, r, context), robot);
   r.word("service", service_names());
   throw RequestError("/service", "is unknown");
 }

@@ -118,11 +118,19 @@ Move read_move(const Robot& robot, Reader& r, bool timed) {
   m.bounds.tau = units.read_bounds(r, "tau_max", 4, kNone);
   if (r.word("drives", {"robot", "none"}) == "robot") m.drives = drive_terms(robot);
   if (!timed || !r.has("T_s")) return m;
-  m.T = r.positive("T_s");
-  constexpr double kLeast = 1e-4;
-  if (m.T < kLeast || m.T > kLongest)
-    throw RequestError(r.pointer("T_s"), "is " + Json(m.T).dump() + ", expected 0.0001 to 10000 s");
+  m.T = read_duration(r, "T_s");
   return m;
+}
+
+double read_duration(Reader& r, const char* name) {
+  const double T = r.positive(name);
+  if (T < kBriefest || T > kLongest)
+    throw RequestError(r.pointer(name), "is " + Json(T).dump() + ", expected 0.0001 to 10000 s");
+  return T;
+}
+
+void add_notes(Json& reply, const std::vector<std::string>& notes) {
+  for (const std::string& note : notes) reply["notes"].push_back(note);
 }
 
 Detail read_detail(Reader& r) {

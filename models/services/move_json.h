@@ -35,6 +35,10 @@ class JointUnits {
 /// The members of a move. With `timed` T_s; else there is none.
 Move read_move(const Robot& robot, Reader& r, bool timed);
 Detail read_detail(Reader& r);
+/// A duration of a move, kBriefest to kLongest, s.
+double read_duration(Reader& r, const char* name);
+/// Adds texts to the member "notes" of a reply, which only exists where there are notes.
+void add_notes(Json& reply, const std::vector<std::string>& notes);
 /// "shared", "none" or "grid".
 energetics::Bus bus_of(const std::string& word);
 

@@ -127,6 +127,11 @@ std::vector<std::string> Reader::texts(const char* name, const std::vector<std::
 
 const Json* Reader::any(const char* name) { return find(name, true); }
 
+void Reader::only_if(bool used, const char* name, const std::string& without) {
+  if (find(name, true) && !used)
+    throw RequestError(pointer(name), "is given, but has no effect without " + without + ", expected it only with that");
+}
+
 void Reader::finish() const {
   for (const auto& [name, value] : object_.items()) {
     if (read_.contains(name)) continue;

@@ -37,6 +37,8 @@ class Reader {
   std::vector<std::string> texts(const char* name, const std::vector<std::string>& other);
   /// The member itself, or nullptr.
   const Json* any(const char* name);
+  /// Refuses the member `name` unless `used`: "is given, but has no effect without `without`, expected it only with that".
+  void only_if(bool used, const char* name, const std::string& without);
   std::string pointer(const char* name) const { return pointer_ + "/" + pointer_part(name); }
   void finish() const;
 

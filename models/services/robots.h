@@ -29,14 +29,19 @@ struct Robot {
   std::string name;
   std::filesystem::path urdf;  // empty: the model is not from a file
   robot::RobotModel model;
+  std::vector<std::string> notes;  // what the URDF reader warned of
+  /// The joints of the model among the `file_joints` joints of the file, from 0; not set for a model that is not from a file.
+  std::vector<std::size_t> joints_kept;
+  std::size_t file_joints = 0;
   std::optional<robot::DriveParameters> drives;  // drive_train.ssv
   std::optional<EnergyData> energy;              // energy.ssv
   std::vector<robot::BodyPart> parts;            // of persons
 };
 
-/// Reads a URDF, and drive_train.ssv and energy.ssv in its folder. `locked` as in robot::UrdfOptions. Values per joint may be one
-/// for all joints, one per joint in one text, or single elements "K[3]"; of joints that are locked nothing is left out, so the
-/// files count the joints of the unlocked robot. Throws Error.
+/// Reads a URDF, and drive_train.ssv and energy.ssv in its folder, whatever the URDF's name. `locked` as in robot::UrdfOptions.
+/// Values per joint may be one for all joints, one per joint in one text, or single elements "K[3]"; of joints that are locked
+/// nothing is left out, so the files count the joints of the unlocked robot. Values must be in the units of measure of
+/// docs/reference (N.m/rad, for prismatic joints N/m). Throws Error, also for a name that the unit does not have.
 Robot load_robot(const std::filesystem::path& urdf, const std::string& name, const std::map<std::string, double>& locked = {});
 
 /// Robots by name from folders, read once and again when a file has changed. Thread-safe.

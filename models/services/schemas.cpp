@@ -29,6 +29,9 @@ const Json kNumbers{{"type", "array"}, {"items", kNumber}};
 const Json kNumbersOrNull{{"type", "array"}, {"items", kNumberOrNull}};
 
 Json positive() { return {{"type", "number"}, {"exclusiveMinimum", 0}}; }
+Json duration(const char* what) {
+  return {{"type", "number"}, {"minimum", kBriefest}, {"maximum", kLongest}, {"description", what}};
+}
 Json at_least_zero() { return {{"type", "number"}, {"minimum", 0}}; }
 Json whole(int least, int most, int other) {
   return {{"type", "integer"}, {"minimum", least}, {"maximum", most}, {"default", other}};
@@ -102,9 +105,7 @@ void move(Object& o, bool timed) {
   joints(o, "from_q", "rad", kNumbers, "posture at the start");
   joints(o, "to_q", "rad", kNumbers, "posture at the end");
   o.one_of({"from_q_rad", "from_q_deg", "from_q"}).one_of({"to_q_rad", "to_q_deg", "to_q"});
-  if (timed)
-    o.may("T_s",
-          {{"type", "number"}, {"minimum", 1e-4}, {"maximum", 1e4}, {"description", "duration; without it the shortest one"}});
+  if (timed) o.may("T_s", duration("duration; without it the shortest one"));
   o.may("degree", described(whole(5, 31, 5), "of the polynomials"));
   joints(o, "c_r", "rad", kNumbers, "redundant coefficients, joint by joint, (degree - 5) each");
   joints(o, "q_min", "rad", kNumbersOrNull, "bound in place of the robot's, null: none");
@@ -183,9 +184,47 @@ Json verified() {
       .must("work_J", kNumber)
       .must("rigid_work_J", kNumber)
       .must("friction_J", kNumber)
+      .must("drives", {{"type", "string"}, {"enum", {"elastic", "rigid"}}})
       .may("drawn_J", kNumber)
       .may("rigid_drawn_J", kNumber)
       .may("joints", array_of(joint().like(kValueNames, kNumber).may("share", kNumber)));
+}
+Json end_pose() {
+  const Json names{"all", "x", "y", "z", "rx", "ry", "rz"};
+  const auto vector = [](int size) {
+    return Json{{"type", "array"}, {"items", kNumber}, {"minItems", size}, {"maxItems", size}};
+  };
+  return Object()
+      .may("frame", described(kText, "of the URDF; without it the end effector"))
+      .may("directions", {{"type", {"array", "string"}},
+                          {"items", {{"type", "string"}, {"enum", names}}},
+                          {"minItems", 1},
+                          {"description", "that have to be reached; the joints may have one more; without it all six"}})
+      .may("axes", described(words({"base", "tool"}), "of the directions"))
+      .may("p_m", described(vector(3), "in the base"))
+      .may("quaternion_wxyz", described(vector(4), "of the frame in the base"));
+}
+Json range(const char* what) {
+  return {{"type", {"number", "array"}}, {"items", positive()}, {"exclusiveMinimum", 0}, {"minItems", 2}, {"maxItems", 2},
+          {"description", what}};
+}
+Json compliance() {
+  return Object()
+      .must("M_kg", range("a number, or least and most"))
+      .must("D_Ns_per_m", range("a number, or least and most"))
+      .must("S_N_per_m", range("a number, or least and most"))
+      .may("zeta_min", described(positive(), "least damping ratio D/(2 sqrt(M S))"))
+      .may("omega_max_rad_per_s", described(positive(), "largest natural frequency sqrt(S/M)"))
+      .may("settled_share", {{"type", "number"}, {"exclusiveMinimum", 0}, {"exclusiveMaximum", 1}, {"default", 0.02}})
+      .may("T_process_s", at_least_zero());
+}
+Json found_compliance() {
+  Object o;
+  o.must("feasible", kBoolean).must("reason", kText);
+  for (const char* name :
+       {"M_kg", "D_Ns_per_m", "S_N_per_m", "zeta", "omega_rad_per_s", "T_settle_s", "T_cycle_s", "moves_per_hour"})
+    o.must(name, described(kNumberOrNull, "null: no parameters meet the conditions"));
+  return o;
 }
 constexpr const char* kCosts[] = {"time_s",        "torque_squared_integral",       "work_J",
                                   "shared_work_J", "acceleration_squared_integral", "jerk_squared_integral",
@@ -251,7 +290,7 @@ const Service kServices[] = {
        o.may("price_per_kWh", at_least_zero());
        o.may("co2_kg_per_kWh", at_least_zero());
        o.may("best", {{"type", "boolean"}, {"default", false}, {"description", "also the duration of least energy"}});
-       o.may("T_max_s", described(positive(), "longest duration for that"));
+       o.may("T_max_s", duration("longest duration for that"));
        return o;
      },
      []() -> Json {
@@ -413,7 +452,7 @@ const Service kServices[] = {
      [] {
        Object o = request("optimise");
        move(o, false);
-       o.must("T_min_s", positive()).may("T_max_s", described(positive(), "without it the duration is fixed"));
+       o.must("T_min_s", duration("shortest one")).may("T_max_s", duration("longest one; without it the duration is T_min_s"));
        o.may("cost",
              {{"type", {"string", "array"}},
               {"minItems", 1},
@@ -432,6 +471,10 @@ const Service kServices[] = {
        o.may("limit_s", described(positive(), "real time before the search ends early; the reply then depends on the machine"));
        o.may("verify", {{"type", "boolean"}, {"default", false}, {"description", "also a co-simulation of the twin"}});
        verification(o);
+       o.may("to_pose", described(end_pose(),
+                                  "the motion may end in any posture that reaches this pose; without p_m and "
+                                  "quaternion_wxyz the pose at to_q"));
+       o.may("compliance", described(compliance(), "parameters of M x'' + D x' + S x of least settling time after the move"));
        return o;
      },
      []() -> Json {
@@ -449,11 +492,12 @@ const Service kServices[] = {
        for (const char* name : kCosts) shares.may(name, kNumberOrNull);
        o.may("saved_share", kNumberOrNull).may("saved_shares", shares).may("limiting", limiting()).may("motion", motion());
        o.may("evaluations", {{"type", "integer"}}).may("pruned", {{"type", "integer"}}).may("joints", peaks());
-       o.may("history", kNumbers).may("verification", verified());
+       o.may("history", kNumbers).may("verification", verified()).may("compliance", found_compliance());
        o.may("front", array_of(Object().must("T_s", kNumber).must("costs", costs()).may("motion", motion())));
        return o;
      }},
-    {"verify", "The move in a co-simulation of the twin with elastic joints and friction.",
+    {"verify",
+     "The move in a co-simulation of the twin, with elastic joints and friction where the robot has data of its drives.",
      [] {
        Object o = request("verify");
        move(o, true);
@@ -469,6 +513,7 @@ std::string schema(const std::string& name) {
   for (const Service& s : kServices) {
     if (name != s.name) continue;
     Json ask = s.request(), reply = s.reply();
+    reply["properties"]["notes"] = described(array_of(kText), "what else the reader of the reply has to know");
     ask["$schema"] = reply["$schema"] = kDialect;
     return Json{{"title", s.name}, {"description", s.description}, {"request", ask}, {"reply", reply}}.dump();
   }

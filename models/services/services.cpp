@@ -42,7 +42,9 @@ Problem problem_of(const robot::RobotModel& robot, const Move& move) {
     term.quantity = q;
     p.costs.push_back(term);
   }
-  if (move.T < 0 || !std::isfinite(move.T)) throw Error("move", "T " + text::to_text(move.T) + " s, expected 0 or more");
+  if (move.T != 0 && !(move.T >= kBriefest && move.T <= kLongest))
+    throw Error("move", "T " + text::to_text(move.T) + " s, expected 0 or " + text::to_text(kBriefest) + " to " +
+                            text::to_text(kLongest) + " s");
   p.T_min = p.T_max = move.T > 0 ? move.T : 1.0;
   optimisation::check(p);
   return p;
@@ -162,6 +164,8 @@ Plan plan(const robot::RobotModel& robot, const Move& move) {
     plan.solution.status = optimisation::Status::kInfeasible;
     plan.solution.reason = "no bound limits the duration, expected bounds of speed, acceleration, jerk or torque";
   }
+  if (move.T == 0 && plan.solution.status == optimisation::Status::kFeasible)
+    if (const std::string note = creeping(plan.problem, plan.solution); !note.empty()) plan.notes.push_back(note);
   return plan;
 }
 

@@ -26,6 +26,7 @@ struct Move {
 struct Plan {
   optimisation::Problem problem;                             // with the costs below
   optimisation::Solution solution;                           // path, T, peaks of the joints, and verdict
+  std::vector<std::string> notes;                            // see creeping()
   double torque() const { return solution.costs[0]; }        // ∫ Σ τ² dt, N² m² s
   double work() const { return solution.costs[1]; }          // J, see optimisation::Quantity
   double shared_work() const { return solution.costs[2]; }   // J
@@ -35,7 +36,11 @@ struct Plan {
 /// With T = 0 the shortest duration is taken; if there is none, kLongest, and the verdict names the bound that no duration meets.
 /// Throws Error for a request that does not fit the robot.
 Plan plan(const robot::RobotModel& robot, const Move& move);
-inline constexpr double kLongest = 1e4;  // s
+inline constexpr double kBriefest = 1e-4, kLongest = 1e4;  // s, durations of moves
+
+/// Why the duration of a motion whose duration was searched is more than ten times what the bounds of speed, acceleration and jerk
+/// need: gravity and Coulomb friction of a joint take nearly all of its torque. "" if it is not, or for another reason.
+std::string creeping(const optimisation::Problem& problem, const optimisation::Solution& motion);
 
 /// Verdict on a move with what decides it.
 struct Feasibility {

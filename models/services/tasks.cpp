@@ -86,10 +86,14 @@ void cross(const Json& library, const std::string& place, const TaskDefaults& de
   }
 }
 
-/// Numbers, words and truth values of a reply by name.
+/// Numbers, words and truth values of a reply by name, and its notes as one text.
 void flatten(const Json& value, const std::string& name, std::vector<std::pair<std::string, Json>>& cells) {
   if (value.is_object()) {
     for (const auto& [member, own] : value.items()) flatten(own, name.empty() ? member : name + "." + member, cells);
+  } else if (name == "notes") {
+    std::string all;
+    for (const Json& note : value) all += (all.empty() ? "" : "; ") + note.get<std::string>();
+    cells.emplace_back(name, all);
   } else if (!value.is_array()) {
     cells.emplace_back(name, value);
   }

@@ -41,7 +41,7 @@ std::vector<Row> ask_all(Robots& robots, const std::vector<Task>& tasks, const C
 /// [{"task", "robot", "service", "reply" or "problem"}], one line.
 std::string to_json(const std::vector<Row>& rows);
 /// A table of the numbers, words and truth values of the replies: columns task, robot, service, the members in the order in which they
-/// first come ("limiting.joint" for members of members; arrays are left out), and the problem if there is any. Text is aligned, with
+/// first come ("limiting.joint" for members of members; arrays other than notes are left out), and the problem if there is any. Text is aligned, with
 /// six digits; CSV (RFC 4180) has all digits.
 std::string to_text_table(const std::vector<Row>& rows);
 std::string to_csv(const std::vector<Row>& rows);

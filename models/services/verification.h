@@ -8,7 +8,7 @@
 
 namespace cotwin::services {
 
-/// What a co-simulation of the twin with elastic joints and friction made of a planned move.
+/// Result of a co-simulation of a planned move by the twin with elastic joints and friction.
 struct Verification {
   bool feasible = false;     // the plan is feasible, and the run kept torque, speed, position and tracking error within bounds
   std::string reason;        // of the plan, else the first bound that the run did not meet; empty if feasible
@@ -24,11 +24,14 @@ struct Verification {
   double friction = 0;                // J
   bool with_drives = false;           // the robot has data of its drives: drawn is valid
   double drawn = 0, drawn_rigid = 0;  // J from the mains, of the move without the rest
+  bool rigid = false;                 // the twin had rigid joints
+  std::vector<std::string> notes;     // which drives the twin had, and what its units warned of
 };
 
 struct VerificationOptions {
   double settle = 0.3;         // s
   double tracking_max = 0.01;  // rad or m
+  bool rigid = false;          // rigid joints without motor inertia and friction, also of a robot that has data of its drives
 };
 
 /// Runs a move in the twin. Throws Error.

@@ -486,7 +486,7 @@ TEST(ServiceReplies, OptimiseBeatsTheQuinticAndGivesItsMotion) {
 TEST(ServiceReplies, CompareTheLastCostOfALexicographicOrderWithThatOfTheQuintic) {
   Robots robots({robots_folder()});
   json request = lwr_move("optimise");
-  request.update({{"cost", {{{"name", "torque"}, {"weight", 3}}, {{"name", "jerk"}, {"weight", 5}}}},
+  request.update({{"cost", {{{"name", "torque"}}, {{"name", "jerk"}}}},
                   {"rule", "lexicographic"},
                   {"tolerance", 10}});
   const json reply = ask(robots, request);
