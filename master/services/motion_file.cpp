@@ -3,6 +3,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "components/unit/si.h"
 #include "models/support/error.h"
 #include "models/support/parameter_set.h"
 #include "models/support/text.h"
@@ -34,6 +35,7 @@ std::string motion_file(const std::string& motion) {
       set.values.push_back({name, list, "", ""});
     }
   }
+  si::define_units(set);
   std::ostringstream out;
   write_parameter_set(out, set);
   return out.str();

@@ -5,6 +5,7 @@
 #include <numeric>
 
 #include "master/run/master.h"
+#include "master/services/robot_folder.h"
 #include "models/services/energy_service.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
@@ -16,7 +17,8 @@ namespace {
 namespace fs = std::filesystem;
 using services::Verification;
 
-constexpr double kTick = 1e-3;  // s
+constexpr double kTick = 1e-3;     // s
+constexpr double kLongest = 1000;  // s, of a move
 
 std::string list(const std::vector<double>& values) {
   std::string all;
@@ -88,7 +90,6 @@ std::string violation(const services::Robot& robot, const optimisation::Bounds& 
     };
     const char* torque = revolute ? "N m" : "N";
     if (v.tau[j] > b.tau[j]) return say("motor torque", v.tau[j], b.tau[j], torque);
-    if (v.tau_cut[j] > 0) return say("motor torque", v.tau[j], v.tau[j] - v.tau_cut[j], torque);
     if (v.dq[j] > b.dq[j] * (1 + kSpeedShare)) return say("speed", v.dq[j], b.dq[j], std::string(unit) + "/s");
     const double slack = kPositionShare * (b.q_max[j] - b.q_min[j]);
     if (v.q_max[j] > b.q_max[j] + slack) return say("position", v.q_max[j], b.q_max[j], unit);
@@ -98,27 +99,42 @@ std::string violation(const services::Robot& robot, const optimisation::Bounds& 
   return "";
 }
 
-}  // namespace
+/// The controller's limits: the torque bounds of the move. Positions and speeds are judged after the run, not held by the controller.
+std::string limits(const optimisation::Bounds& b) {
+  constexpr double kWindUp = 0.45;  // of the torque, as unit:compliance has it by default
+  std::vector<double> tau, wind_up;
+  for (const double bound : b.tau) {
+    tau.push_back(std::isfinite(bound) ? bound : 0);
+    wind_up.push_back(kWindUp * tau.back());
+  }
+  return parameter("tau_max", list(tau)) + parameter("tau_wind_up", list(wind_up)) + parameter("q_min", "0") +
+         parameter("q_max", "0") + parameter("dq_max", "0");
+}
 
-std::string verification_scenario(const services::Robot& robot, const services::Move& move, double T,
-                                  const services::VerificationOptions& options) {
-  if (robot.urdf.empty()) throw Error("verify", "the robot is not from a file, expected a URDF");
-  if (!robot.model.locked.empty()) throw Error("verify", "the robot has locked joints, expected the whole robot");
-  if (!robot.drives)
-    throw Error("verify",
-                "the robot '" + robot.name + "' has no drive_train.ssv beside its URDF, expected one with its elastic joints");
+std::string drives_note(const services::Robot& robot, bool rigid) {
+  if (!rigid) return "the twin's drives are those of drive_train.ssv beside " + robot.urdf.filename().string();
+  return std::string("the twin has rigid joints without motor inertia and friction: ") +
+         (robot.drives ? "the request says drives = none" : "there is no drive_train.ssv beside the URDF");
+}
+
+/// The scenario of a verification as SSD text: unit:motion runs the polynomial, unit:compliance tracks it, unit:drive_train is the
+/// robot with elastic joints and friction, or with rigid ones, and unit:energy measures it where the robot has an energy.ssv.
+std::string scenario_of(const services::Robot& robot, const RobotFolder& folder, const services::Move& move, double T,
+                        const optimisation::Bounds& bounds, const services::VerificationOptions& options) {
   std::string polynomial = parameter("T", text::to_text(T)) + parameter("q_start", list(move.from_q)) +
                            parameter("q_end", list(move.to_q)) + parameter("limits", "ignore");
   if (move.degree > 5)
     polynomial += parameter(
         "c_r",
         list(move.c.empty() ? std::vector<double>(move.from_q.size() * static_cast<std::size_t>(move.degree - 5)) : move.c));
-  std::string gains;
-  std::error_code none;
-  if (!fs::is_regular_file(robot.urdf.parent_path() / "compliance.ssv", none)) {
+  std::string controller = limits(bounds), drive = parameter("q0", list(move.from_q));
+  if (options.rigid) {
+    controller += parameter("K", "0") + parameter("B", "0");
+    drive += parameter("B", "0");
+  } else if (!folder.has("compliance.ssv")) {
     const robot::DriveParameters& d = *robot.drives;
     for (const auto& [name, values] : {std::pair{"K", &d.K}, {"B", &d.B}, {"sigma2", &d.sigma2}, {"tau_C", &d.tau_C}})
-      gains += parameter(name, list(*values));
+      controller += parameter(name, list(*values));
   }
   const bool energy = robot.energy.has_value();
   const double stop = std::ceil((T + options.settle) / kTick) * kTick;
@@ -129,8 +145,8 @@ std::string verification_scenario(const services::Robot& robot, const services::
       "xmlns:ssv=\"http://ssp-standard.org/SSP1/SystemStructureParameterValues\"><ssd:System "
       "name=\"verification\"><ssd:Elements>\n";
   xml += component("motion", "unit:motion?kind=polynomial&degree=" + std::to_string(move.degree), polynomial);
-  xml += component("compliance", "unit:compliance", gains);
-  xml += component("drive", "unit:drive_train", parameter("q0", list(move.from_q)));
+  xml += component("compliance", "unit:compliance", controller);
+  xml += component("drive", options.rigid ? "unit:drive_train?transmission=rigid" : "unit:drive_train", drive);
   if (energy) xml += component("energy", "unit:energy", "");
   xml += "</ssd:Elements><ssd:Connections>\n";
   for (const char* name : {"q_d", "dq_d", "ddq_d"}) xml += connection("motion", "compliance", name);
@@ -143,7 +159,7 @@ std::string verification_scenario(const services::Robot& robot, const services::
   xml += "</ssd:Connections></ssd:System><ssd:DefaultExperiment startTime=\"0\" stopTime=\"" + text::to_text(stop) +
          "\"/><ssd:Annotations><ssc:Annotation type=\"cotwin.master\"><cotwin:Master xmlns:cotwin=\"urn:cotwin:master:1\" "
          "tick=\"1 ms\"><cotwin:Setting name=\"robot\" value=\"" +
-         escaped(fs::absolute(robot.urdf).string()) + "\"/>";
+         escaped(folder.urdf().string()) + "\"/>";
   int stage = 0;
   for (const char* name : {"motion", "compliance", "drive", "energy"})
     if (energy || std::string_view(name) != "energy")
@@ -151,22 +167,11 @@ std::string verification_scenario(const services::Robot& robot, const services::
   return xml + "</cotwin:Master></ssc:Annotation></ssd:Annotations></ssd:SystemStructureDescription>\n";
 }
 
-Verification verify(std::span<const UnitType> types, const std::vector<fs::path>& folders, const services::Robot& robot,
-                    const services::Move& move, double T, const services::VerificationOptions& options) {
-  const std::string xml = verification_scenario(robot, move, T, options);
-  services::Move timed = move;
-  timed.T = T;
-  if (timed.drives.B.empty()) timed.drives = services::drive_terms(robot);
-  const services::MotionCost rigid = services::energy_of(robot, timed);
-
-  MasterOptions run;
-  run.types = types;
-  run.folders = folders;
-  run.threads = 1;
-  Master master(parse_scenario(xml, "verification", robot.urdf.parent_path()), std::move(run));
-  master.initialise();
+/// Runs the initialised twin to its end.
+Verification watched(Master& master, bool with_energy, double T, const services::VerificationOptions& options) {
   Verification v;
-  v.with_drives = robot.energy.has_value();
+  v.rigid = options.rigid;
+  v.with_drives = with_energy;
   v.T = T;
   v.settle = options.settle;
   const Signals s(master.members(), v.with_drives);
@@ -181,7 +186,7 @@ Verification verify(std::span<const UnitType> types, const std::vector<fs::path>
     const double now = master.now().seconds();
     for (std::size_t j = 0; j < n; ++j) {
       v.tracking[j] = std::max(v.tracking[j], std::abs(s.q[j] - s.q_d[j]));
-      // The controller cuts what it asks of the motors at the robot's limits; the excess is a second output.
+      // The controller cuts what it asks of the motors at the bounds of the move; the excess is a second output.
       v.tau[j] = std::max(v.tau[j], std::abs(s.tau_m[j] + s.tau_excess[j]));
       v.tau_cut[j] = std::max(v.tau_cut[j], std::abs(s.tau_excess[j]));
       v.q_min[j] = std::min(v.q_min[j], s.q[j]);
@@ -201,7 +206,14 @@ Verification verify(std::span<const UnitType> types, const std::vector<fs::path>
   }
   for (std::size_t j = 0; j < n; ++j) v.end_error[j] = std::abs(s.q[j] - s.q_d[j]);
   master.finish();
+  for (const std::string& warning : master.summary().warnings) v.notes.push_back("in the twin, " + warning);
+  return v;
+}
 
+/// Adds the prediction of the rigid formula and the verdict.
+void compare(const services::Robot& robot, const services::MotionCost& rigid, const services::VerificationOptions& options,
+             Verification& v) {
+  const std::size_t n = v.tau.size();
   v.work_rigid = rigid.energy.books.mechanical();
   v.drawn_rigid = v.with_drives ? rigid.energy.books.drawn : 0;
   for (std::size_t j = 0; j < n; ++j) {
@@ -213,7 +225,40 @@ Verification verify(std::span<const UnitType> types, const std::vector<fs::path>
                  ? violation(robot, rigid.plan.problem.bounds, v, options.tracking_max)
                  : planned.reason;
   v.feasible = v.reason.empty();
-  return v;
+}
+
+}  // namespace
+
+Verification verify(std::span<const UnitType> types, const std::vector<fs::path>& folders, const services::Robot& robot,
+                    const services::Move& move, double T, const services::VerificationOptions& wanted) {
+  if (!(T > 0 && T <= kLongest))
+    throw Error("verify",
+                "a move of " + text::to_text(T) + " s, expected at most " + text::to_text(kLongest) + " s for a co-simulation");
+  services::VerificationOptions options = wanted;
+  options.rigid = wanted.rigid || !robot.drives;
+  const RobotFolder folder(robot, options.rigid);
+  services::Move timed = move;
+  timed.T = T;
+  timed.drives = options.rigid ? optimisation::DriveTerms{} : services::drive_terms(robot);
+  const services::MotionCost rigid = services::energy_of(robot, timed);
+  const optimisation::Bounds& bounds = rigid.plan.problem.bounds;
+
+  MasterOptions run;
+  run.types = types;
+  run.folders = folders;
+  run.threads = 1;
+  try {
+    Master master(
+        parse_scenario(scenario_of(robot, folder, move, T, bounds, options), "verification", folder.urdf().parent_path()),
+        std::move(run));
+    master.initialise();
+    Verification v = watched(master, robot.energy.has_value(), T, options);
+    v.notes.insert(v.notes.begin(), drives_note(robot, options.rigid));
+    compare(robot, rigid, options, v);
+    return v;
+  } catch (const Error& e) {
+    throw Error(folder.in_own_folder(e.what()));
+  }
 }
 
 }  // namespace cotwin::master

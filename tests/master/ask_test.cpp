@@ -2,6 +2,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <filesystem>
 #include <limits>
 #include <nlohmann/json.hpp>
@@ -306,8 +307,8 @@ TEST(Verify, AgreesWithTheRigidPredictionOfASmoothMove) {
   EXPECT_THAT(fast.reason, HasSubstr("joint "));
 }
 
-// The controller cuts torques at the robot's limits: the rigid move needs 322.6 N m of the 176 of joint 2.
-TEST(Verify, DetectsTorquesThatTheMotorsCannotGive) {
+// The rigid move needs 322.6 N m of the 176 of joint 2. The controller cuts torques at the bounds of the move.
+TEST(Verify, CutsTorquesAtTheBoundsOfTheMove) {
   Robots robots({robots_folder()});
   const auto robot = robots.find("lwr4");
   cotwin::services::Move move;
@@ -317,12 +318,30 @@ TEST(Verify, DetectsTorquesThatTheMotorsCannotGive) {
   EXPECT_FALSE(v.feasible);
   EXPECT_GT(v.tau[1], 1.2 * 176);
   EXPECT_GT(v.tau_cut[1], 0.2 * 176);
-  // Without a bound of torque in the request the plan is feasible, and the motors are still too weak.
+  // Without a bound of torque in the request nothing is cut, and with a smaller one more is.
   move.bounds.tau.assign(7, std::numeric_limits<double>::infinity());
   const auto unbound = twin_of(*robot, move, 0.03);
-  EXPECT_FALSE(unbound.feasible);
-  EXPECT_THAT(unbound.reason, HasSubstr("motor torque"));
-  EXPECT_THAT(unbound.reason, HasSubstr("bound 176"));
+  EXPECT_TRUE(unbound.feasible) << unbound.reason;
+  EXPECT_EQ(unbound.tau_cut[1], 0);
+  EXPECT_LT(unbound.tracking[1], v.tracking[1]);
+  move.bounds.tau.assign(7, 100);
+  const auto weak = twin_of(*robot, move, 0.03);
+  EXPECT_FALSE(weak.feasible);
+  EXPECT_NEAR(weak.tau[1] - weak.tau_cut[1], 100, 1e-9);
+}
+
+// A speed limit or range of the robot that the request lifts does not hold the motion back.
+TEST(Verify, FollowsAMoveBeyondTheRobotsLimitsIfTheRequestLiftsThem) {
+  Robots robots({robots_folder()});
+  const auto robot = robots.find("lwr4");
+  cotwin::services::Move move;
+  move.from_q = move.to_q = std::vector<double>(7, 0.0);
+  move.to_q[6] = 3.2;  // limit 2.967, at up to 4 rad/s, limit 3.141
+  move.bounds.q_max.assign(7, 4);
+  move.bounds.dq.assign(7, 5);
+  const auto v = twin_of(*robot, move, 1.5);
+  EXPECT_TRUE(v.feasible) << v.reason;
+  EXPECT_GT(v.q_max[6], 3.19);
 }
 
 TEST(Verify, TakesBoundsOfPositionAccelerationAndJerkFromThePlan) {
@@ -343,12 +362,139 @@ TEST(Verify, TakesBoundsOfPositionAccelerationAndJerkFromThePlan) {
   EXPECT_THAT(twin_of(*robot, move, 2).reason, HasSubstr("dddq"));
 }
 
-TEST(Verify, RefusesRobotsWithoutElasticDrives) {
+// Drives and electrical data are those beside the URDF, whatever its name.
+TEST(Verify, TakesTheDrivesBesideAUrdfOfAnyName) {
+  const cotwin::testing::TemporaryFolder folder("named");
+  for (const char* name : {"drive_train.ssv", "compliance.ssv", "energy.ssv"})
+    fs::copy_file(robots_folder() / "lwr4" / name, folder.path() / name);
+  fs::copy_file(robots_folder() / "lwr4/robot.urdf", folder.path() / "arm.urdf");
+  Robots own({robots_folder()}), named({folder.path()});
+  cotwin::services::Move move;
+  move.from_q = {0, 0.5, 0, -1, 0, 0.6, 0};
+  move.to_q = {1.2, -0.2, 0.4, 0.7, -0.5, -0.3, 0.8};
+  const auto v = twin_of(*named.find("arm"), move, 2), as_robot = twin_of(*own.find("lwr4"), move, 2);
+  EXPECT_EQ(v.tau, as_robot.tau);
+  EXPECT_EQ(v.drawn, as_robot.drawn);
+  ASSERT_FALSE(v.notes.empty());
+  EXPECT_EQ(v.notes[0], "the twin's drives are those of drive_train.ssv beside arm.urdf");
+  // Softer gears than those of the model folder make a difference.
+  std::string soft = cotwin::testing::content(folder / "drive_train.ssv");
+  for (std::size_t at = soft.find("\"12000\""); at != std::string::npos; at = soft.find("\"12000\"", at))
+    soft.replace(at, 7, "\"2000\"");
+  std::ofstream(folder / "drive_train.ssv") << soft;
+  Robots again({folder.path()});
+  EXPECT_GT(twin_of(*again.find("arm"), move, 2).tracking[1], 2 * v.tracking[1]);
+  // An error in a file names the robot's folder.
+  std::ofstream(folder / "compliance.ssv") << "<ssv:ParameterSet>";
+  try {
+    twin_of(*again.find("arm"), move, 2);
+    FAIL() << "a damaged file was accepted";
+  } catch (const cotwin::Error& e) {
+    EXPECT_THAT(e.what(), HasSubstr((folder / "compliance.ssv").string()));
+  }
+}
+
+// Without motor inertia and friction the computed torque is that of the rigid formula.
+TEST(Verify, HasRigidJointsForRobotsWithoutDrives) {
   Robots robots({robots_folder()});
   cotwin::services::Move move;
-  move.from_q = move.to_q = std::vector<double>(6, 0.0);
-  EXPECT_THROW(twin_of(*robots.find("ur5e"), move, 1), cotwin::Error);
-  EXPECT_THROW(twin_of(*robots.find("lwr4", {{"joint_3", 0}}), move, 1), cotwin::Error);
+  move.from_q = {0, -1, 1, -1, -1, 0};
+  move.to_q = {0.6, -1.4, 1.3, -0.6, -1.2, 0.5};
+  const auto v = twin_of(*robots.find("ur5e"), move, 2);
+  EXPECT_TRUE(v.feasible) << v.reason;
+  EXPECT_TRUE(v.rigid);
+  EXPECT_THAT(v.notes.at(0), HasSubstr("rigid joints"));
+  EXPECT_THAT(v.notes.at(0), HasSubstr("no drive_train.ssv"));
+  EXPECT_NEAR(v.work, v.work_rigid, 0.005 * std::abs(v.work_rigid) + 0.01);
+  EXPECT_NEAR(v.friction, 0, 1e-6);
+  for (std::size_t j = 0; j < 6; ++j) {
+    EXPECT_LT(v.tracking[j], 1e-3);
+    EXPECT_NEAR(v.tau[j], v.tau_rigid[j], 0.02 * v.tau_rigid[j] + 0.1) << j;
+  }
+  // A robot with drives, asked without them.
+  cotwin::services::VerificationOptions rigid;
+  rigid.rigid = true;
+  cotwin::services::Move arm;
+  arm.from_q = {0, 0.5, 0, -1, 0, 0.6, 0};
+  arm.to_q = {1.2, -0.2, 0.4, 0.7, -0.5, -0.3, 0.8};
+  const auto without =
+      cotwin::master::verify(cotwin::unit_types(), {cotwin::places::source() + "/models"}, *robots.find("lwr4"), arm, 2, rigid);
+  EXPECT_TRUE(without.feasible) << without.reason;
+  EXPECT_THAT(without.notes.at(0), HasSubstr("drives = none"));
+  EXPECT_NEAR(without.work, without.work_rigid, 0.005 * std::abs(without.work_rigid) + 0.01);
+  EXPECT_LT(without.work, 0.9 * twin_of(*robots.find("lwr4"), arm, 2).work);
+}
+
+// Joints that are locked at the positions at which they also stand in the whole robot: the motion is the same.
+TEST(Verify, HoldsLockedJoints) {
+  Robots robots({robots_folder()});
+  cotwin::services::Move whole, part;
+  whole.from_q = {0, 0.5, 0.2, -1, 0, 0.6, 0.3};
+  whole.to_q = {0.8, 0.1, 0.2, -0.4, 0, 0.2, 0.3};
+  part.from_q = {0, 0.5, -1, 0.6};
+  part.to_q = {0.8, 0.1, -0.4, 0.2};
+  const auto v = twin_of(*robots.find("lwr4", {{"joint_3", 0.2}, {"joint_5", 0}, {"joint_7", 0.3}}), part, 2);
+  const auto all = twin_of(*robots.find("lwr4"), whole, 2);
+  EXPECT_TRUE(v.feasible) << v.reason;
+  ASSERT_EQ(v.tau.size(), 4U);
+  for (const auto& [own, other] : {std::pair<std::size_t, std::size_t>{0, 0}, {1, 1}, {2, 3}, {3, 5}})
+    EXPECT_NEAR(v.tau[own], all.tau[other], 0.05 * all.tau[other] + 0.1) << own;
+  // A robot of one joint that is left.
+  cotwin::services::Move one;
+  one.from_q = {0};
+  one.to_q = {0.5};
+  EXPECT_TRUE(twin_of(*robots.find("planar2", {{"elbow", 0}}), one, 3).tau.size() == 1);
+}
+
+TEST(Verify, RefusesMovesThatTakeTooLongToSimulate) {
+  Robots robots({robots_folder()});
+  cotwin::services::Move move;
+  move.from_q = move.to_q = {0, 0};
+  EXPECT_THROW(twin_of(*robots.find("planar2"), move, 1001), cotwin::Error);
+  EXPECT_EQ(twin_of(*robots.find("planar2"), move, 1e-4).T, 1e-4);
+}
+
+// The whole way: request in JSON, twin, reply with its notes.
+TEST(AskCommand, VerifiesWithTheBoundsAndDrivesOfTheRequest) {
+  const cotwin::testing::TemporaryFolder folder("verify");
+  fs::copy_file(robots_folder() / "lwr4/robot.urdf", folder.path() / "arm.urdf");
+  const auto asked = [&](const std::string& robot, const std::string& more) {
+    return run_program({"ask", "verify", "--robot", robot, "--from", "0,0.5,0,-1,0,0.6,0", "--to", "0,0.509,0,-1,0,0.6,0",
+                        "--duration", "0.03", "--with", more});
+  };
+  const auto rigid = asked(folder / "arm.urdf", "{}");
+  ASSERT_EQ(rigid.code, 0) << rigid.err;
+  const json reply = json::parse(rigid.out);
+  EXPECT_EQ(reply["drives"], "rigid");
+  EXPECT_THAT(reply["notes"][0].get<std::string>(), HasSubstr("there is no drive_train.ssv beside the URDF"));
+  const auto relaxed = asked("lwr4", R"({"tau_max_Nm": [null, null, null, null, null, null, null]})");
+  ASSERT_EQ(relaxed.code, 0) << relaxed.err;
+  EXPECT_EQ(json::parse(relaxed.out)["feasible"], true) << relaxed.out;
+  EXPECT_EQ(json::parse(relaxed.out)["drives"], "elastic");
+  EXPECT_THAT(asked("lwr4", R"({"settle_s": 61})").err, HasSubstr("/settle_s"));
+  const auto threads = run_program({"ask", "jerk", "--robot", "planar2", "--from", "0,0", "--to", "1,1", "--threads", "2"});
+  EXPECT_NE(threads.code, 0);
+  EXPECT_THAT(threads.err, HasSubstr("--threads"));
+}
+
+// The services accept in drive_train.ssv and energy.ssv every parameter of the units, as the units do.
+TEST(FilesBesideTheRobot, MayHaveEveryParameterOfTheUnits) {
+  for (const char* unit : {"drive_train", "energy"}) {
+    const cotwin::testing::TemporaryFolder folder("parameters");
+    fs::copy_file(robots_folder() / "planar2/robot.urdf", folder.path() / "arm.urdf");
+    const auto instance = cotwin::make_unit(std::string("unit:") + unit + "?robot=planar2", {},
+                                            {cotwin::places::source() + "/models"}, cotwin::unit_types());
+    for (const cotwin::Variable& v : instance.variables.all()) {
+      if ((v.role != cotwin::Role::kParameter && v.role != cotwin::Role::kTunable) || v.kind() != cotwin::Kind::kReal) continue;
+      const auto values = v.reals();
+      std::ofstream(folder.path() / (std::string(unit) + ".ssv"))
+          << R"(<ssv:ParameterSet version="1.0" name="x" xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues">)"
+          << "<ssv:Parameters><ssv:Parameter name=\"" << v.name << (v.size() > 1 ? "[1]" : "") << "\"><ssv:Real value=\""
+          << (std::isfinite(values[0]) ? values[0] : 0.0) << "\" unit=\"" << v.si
+          << "\"/></ssv:Parameter></ssv:Parameters></ssv:ParameterSet>";
+      EXPECT_NO_THROW(Robots({folder.path()}).find("arm")) << unit << " " << v.name << " " << v.si;
+    }
+  }
 }
 
 TEST(MotionFile, IsReadByTheUnitAsTheSameMotion) {
@@ -385,6 +531,24 @@ TEST(MotionFile, IsReadByTheUnitAsTheSameMotion) {
   }
   EXPECT_NEAR(last, -0.4, 1e-9);
   EXPECT_NEAR(largest, std::abs(reply["joints"][0]["dq_rad_per_s"]["value"].get<double>()), 1e-4);
+  // The file defines the units of measure that it uses; one that does not fit is refused when the scenario is read.
+  const std::string file = cotwin::testing::content(folder / "motion.ssv");
+  EXPECT_THAT(file, HasSubstr("<ssc:Unit name=\"s\">"));
+  for (const auto& [unit, part] : {std::pair{"kg", "T: kg cannot give s"}, {"furlong", "furlong"}}) {
+    std::string other = file;
+    other.replace(other.find("unit=\"s\""), 8, std::string("unit=\"") + unit + "\"");
+    std::ofstream(folder / "motion.ssv") << other;
+    const auto refused = run_program({"run", folder / "run.ssd", "--out", folder / "results", "--quiet"});
+    EXPECT_EQ(refused.code, 2) << unit;
+    EXPECT_THAT(refused.err, HasSubstr(part));
+    EXPECT_THAT(refused.err, HasSubstr("motion.ssv"));
+  }
+  std::string unknown = file;
+  unknown.replace(unknown.find("name=\"T\""), 8, "name=\"duration\"");
+  std::ofstream(folder / "motion.ssv") << unknown;
+  const auto refused = run_program({"run", folder / "run.ssd", "--out", folder / "results", "--quiet"});
+  EXPECT_EQ(refused.code, 2);
+  EXPECT_THAT(refused.err, HasSubstr("duration"));
   EXPECT_THROW(cotwin::master::motion_file("{}"), cotwin::Error);
   EXPECT_THROW(cotwin::master::motion_file("["), cotwin::Error);
 }
