@@ -243,6 +243,9 @@ TEST_F(GatewayMqtt, GetsNoMessageThatIsTooLarge) {
     listener.send("cotwin/cell/commands", "{}", "mes/reply");
     return listener.count("mes/reply") > 0;
   }));
+  // Messages keep their order: after this reply all of the commands above have been counted, however slow the machine is.
+  listener.send("cotwin/cell/commands", "first", "mes/reply");
+  ASSERT_TRUE(listener.next("mes/reply", "first"));
   const std::uint64_t before = plant.counts().received;
   listener.send("cotwin/cell/commands", std::string(2 << 20, 'x'), "mes/reply");
   listener.send("cotwin/cell/commands", "last", "mes/reply");
