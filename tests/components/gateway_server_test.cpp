@@ -40,7 +40,9 @@ Route route(const std::string& method, const std::string& pattern) {
 /// A server with routes for the tests.
 struct Subject {
   explicit Subject(ServerOptions options = {}) {
-    router.add("GET", "/hello", [](const Request& r) {
+    Route hello = route("GET", "/hello");
+    hello.parameters = {{"name", "query", "who is greeted"}};
+    router.add(hello, [](const Request& r) {
       Response response;
       response.body =
           "{\"hello\":\"" + (r.query_value("name") == nullptr ? std::string("you") : *r.query_value("name")) + "\"}";
@@ -169,6 +171,9 @@ TEST(GatewayServer, NamesWhatIsWrongWithARequest) {
       {"GET //hello HTTP/1.1\r\n" + host + "\r\n", 400, "segment ''"},
       {"GET hello HTTP/1.1\r\n" + host + "\r\n", 400, "not a path"},
       {"GET /hello?a=%f HTTP/1.1\r\n" + host + "\r\n", 400, "query is damaged"},
+      {"GET /hello?nam=a HTTP/1.1\r\n" + host + "\r\n", 400, "the query has 'nam', expected name"},
+      {"GET /hello?name=a&name=b HTTP/1.1\r\n" + host + "\r\n", 400, "the query has 'name' twice"},
+      {"GET /fails?x HTTP/1.1\r\n" + host + "\r\n", 400, "expected no query"},
       {"GET /nothing HTTP/1.1\r\n" + host + "\r\n", 404, "/nothing"},
       {"DELETE /hello HTTP/1.1\r\n" + host + "\r\n", 405, "expected GET, HEAD"},
       {"BREW /hello HTTP/1.1\r\n" + host + "\r\n", 501, "method"},
@@ -348,19 +353,27 @@ TEST(GatewayAccess, TakesATicketOnce) {
   options.tokens = Tokens::parse("read aaaaaaaaaaaaaaaaaaaa", "tokens");
   const auto tickets = options.tickets;
   Subject subject(std::move(options));
-  const std::string ticket = tickets->issue(Scope::kRead, std::chrono::steady_clock::now());
+  const std::string ticket = tickets->issue({Scope::kRead, "a"}, "a", std::chrono::steady_clock::now());
   EXPECT_EQ(http_call(subject.port(), "GET", "/hello?ticket=" + ticket).status, 401) << "only for streams";
   RawClient client(subject.port());
   client.send(http_request("GET", "/events?ticket=" + ticket));
   EXPECT_TRUE(client.receive_until("200 OK"));
   EXPECT_EQ(http_call(subject.port(), "GET", "/events?ticket=" + ticket).status, 401);
   const auto now = std::chrono::steady_clock::now();
-  EXPECT_FALSE(tickets->redeem(tickets->issue(Scope::kRead, now), now + Tickets::kLife));
+  EXPECT_FALSE(tickets->redeem(tickets->issue({Scope::kRead, "a"}, "a", now), now + Tickets::kLife));
+  // Unused tickets are limited: of one party, so that it leaves some for others, and of all.
   std::set<std::string> all;
-  for (std::size_t i = 0; i < Tickets::kMost; ++i) all.insert(tickets->issue(Scope::kRead, now));
+  const auto issue = [&](const std::string& party) { return tickets->issue({Scope::kRead, ""}, party, now); };
+  for (std::size_t i = 0; i < Tickets::kMostOfOne; ++i) all.insert(issue("0"));
+  EXPECT_EQ(issue("0"), "");
+  for (std::size_t i = Tickets::kMostOfOne; i < Tickets::kMost; ++i) all.insert(issue(std::to_string(i / Tickets::kMostOfOne)));
   EXPECT_EQ(all.size(), Tickets::kMost);
-  EXPECT_EQ(tickets->issue(Scope::kRead, now), "") << "unused tickets are limited";
-  EXPECT_NE(tickets->issue(Scope::kRead, now + Tickets::kLife), "");
+  EXPECT_EQ(issue("another"), "");
+  EXPECT_NE(tickets->issue({Scope::kRead, ""}, "0", now + Tickets::kLife), "");
+  const auto grant = tickets->redeem(tickets->issue({Scope::kOperate, "who"}, "0", now + Tickets::kLife), now + Tickets::kLife);
+  ASSERT_TRUE(grant);
+  EXPECT_EQ(grant->scope, Scope::kOperate);
+  EXPECT_EQ(grant->client, "who");
 }
 
 TEST(GatewayAccess, RefusesTokenFilesThatOthersCanRead) {

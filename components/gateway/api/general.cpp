@@ -20,15 +20,21 @@ void add_common_schemas(http::Router& router) {
     "properties": {
       "type": {"type": "string", "format": "uri-reference"}, "title": {"type": "string"}, "status": {"type": "integer"},
       "detail": {"type": "string", "description": "Place, fact and expectation"},
-      "pointer": {"type": "string", "format": "json-pointer", "description": "Member of the request's body that is wrong"}},
+      "pointer": {"type": "string", "format": "json-pointer", "description": "Member of the request's body that is wrong"},
+      "ReturnStatus": {"type": "string", "pattern": "^[0-9]+$", "description": "Of job control (OPC 10031-4): a set of 64 bits as a decimal number"},
+      "JobOrderID": {"type": "string", "description": "The job order that is meant"}},
     "required": ["type", "title", "status"]})");
+  router.add_schema("Nothing",
+                    R"({"type": "object", "description": "An object without members", "additionalProperties": false})");
   router.add_schema("Health", R"({
-    "type": "object", "properties": {"status": {"const": "ok"}, "version": {"type": "string"}}, "required": ["status", "version"]})");
+    "type": "object", "properties": {"status": {"const": "ok"}, "version": {"type": "string"}}, "required": ["status", "version"], "additionalProperties": false})");
   router.add_schema("Ticket", R"({
     "type": "object",
     "properties": {"ticket": {"type": "string"}, "expires_s": {"type": "integer", "description": "Lifetime"}},
-    "required": ["ticket", "expires_s"]})");
-  router.add_schema("OpenApi", R"({"type": "object", "properties": {"openapi": {"type": "string"}}, "required": ["openapi"]})");
+    "required": ["ticket", "expires_s"], "additionalProperties": false})");
+  router.add_schema("OpenApi", R"({
+    "type": "object", "properties": {"openapi": {"type": "string"}, "info": {"type": "object"}, "paths": {"type": "object"}},
+    "required": ["openapi", "info", "paths"]})");
 }
 
 void add_general_routes(http::Router& router, std::shared_ptr<http::Tickets> tickets, const std::string& version) {
@@ -68,7 +74,7 @@ void add_general_routes(http::Router& router, std::shared_ptr<http::Tickets> tic
   ticket.summary = "A ticket for one event stream or WebSocket, for browsers: they cannot send a token there";
   ticket.answers = {{201, "Ticket", "Use it once, as ?ticket=…"}};
   router.add(ticket, [tickets = std::move(tickets)](const Request& request) {
-    const std::string made = tickets->issue(request.scope, std::chrono::steady_clock::now());
+    const std::string made = tickets->issue({request.scope, request.client}, request.party, std::chrono::steady_clock::now());
     if (made.empty()) throw http::Refusal{{503, "too many tickets are not used yet", "", ""}, {{"Retry-After", "30"}}};
     return give({{"ticket", made}, {"expires_s", http::Tickets::kLife.count()}}, 201);
   });

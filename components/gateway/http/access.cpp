@@ -105,7 +105,7 @@ void check_secret(const std::filesystem::path& file) {
   }
 }
 
-std::string Tickets::issue(Scope scope, Time now) {
+std::string Tickets::issue(Grant grant, const std::string& party, Time now) {
   std::array<unsigned char, 24> random{};
   if (RAND_bytes(random.data(), static_cast<int>(random.size())) != 1) return "";
   static const char* const kDigits = "0123456789abcdef";
@@ -116,20 +116,21 @@ std::string Tickets::issue(Scope scope, Time now) {
   }
   const std::lock_guard lock(mutex_);
   std::erase_if(entries_, [&](const auto& entry) { return entry.second.end <= now; });
-  if (entries_.size() >= kMost) return "";
-  entries_[digest_of(ticket)] = {scope, now + kLife};
+  const auto own = std::count_if(entries_.begin(), entries_.end(), [&](const auto& e) { return e.second.party == party; });
+  if (entries_.size() >= kMost || static_cast<std::size_t>(own) >= kMostOfOne) return "";
+  entries_[digest_of(ticket)] = {std::move(grant), party, now + kLife};
   return ticket;
 }
 
-std::optional<Scope> Tickets::redeem(std::string_view ticket, Time now) {
+std::optional<Tickets::Grant> Tickets::redeem(std::string_view ticket, Time now) {
   const Digest digest = digest_of(ticket);
   const std::lock_guard lock(mutex_);
   const auto found = entries_.find(digest);  // of hashes: their order tells nothing about tickets
   if (found == entries_.end()) return std::nullopt;
-  const Entry entry = found->second;
+  Entry entry = std::move(found->second);
   entries_.erase(found);
   if (entry.end <= now) return std::nullopt;
-  return entry.scope;
+  return std::move(entry.grant);
 }
 
 std::optional<std::string> host_of(std::string_view authority) {

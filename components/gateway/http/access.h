@@ -52,14 +52,21 @@ class Tickets {
   static constexpr std::size_t kMost = 1024;
   using Time = std::chrono::steady_clock::time_point;
 
-  /// Empty, if there are kMost.
-  std::string issue(Scope scope, Time now);
-  /// The scope of a ticket that is valid; it is not valid any more then.
-  std::optional<Scope> redeem(std::string_view ticket, Time now);
+  static constexpr std::size_t kMostOfOne = 64;
+  struct Grant {
+    Scope scope = Scope::kRead;
+    std::string client;  // who asked for the ticket: Request::client
+  };
+
+  /// `party`: who asks (Request::party). Empty, if there are kMost that are not used yet, or kMostOfOne of this party.
+  std::string issue(Grant grant, const std::string& party, Time now);
+  /// What a valid ticket grants; it is not valid any more then.
+  std::optional<Grant> redeem(std::string_view ticket, Time now);
 
  private:
   struct Entry {
-    Scope scope = Scope::kRead;
+    Grant grant;
+    std::string party;
     Time end;
   };
   std::mutex mutex_;

@@ -90,11 +90,6 @@ void Channel::on_close(std::function<void()> function) {
   function();
 }
 
-void Channel::on_message(std::function<void(std::string)> function) {
-  const std::lock_guard lock(mutex_);
-  at_message_ = std::move(function);
-}
-
 bool Channel::take(std::string& text) {
   const std::lock_guard lock(mutex_);
   if (texts_.empty()) return false;
@@ -116,16 +111,6 @@ Channel::Wish Channel::wish() const {
   return closing_ && texts_.empty() ? Wish::kCloseInOrder : Wish::kStay;
 }
 
-void Channel::receive(std::string text) {
-  std::function<void(std::string)> function;
-  {
-    const std::lock_guard lock(mutex_);
-    if (closing_ || aborted_ || ended_) return;
-    function = at_message_;
-  }
-  if (function) function(std::move(text));
-}
-
 void Channel::end() {
   std::vector<std::function<void()>> functions;
   {
@@ -135,7 +120,6 @@ void Channel::end() {
     texts_.clear();
     bytes_ = taken_ = 0;
     functions.swap(at_close_);
-    at_message_ = nullptr;
     wake_ = [] {};
   }
   for (const auto& function : functions) function();

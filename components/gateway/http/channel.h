@@ -23,7 +23,6 @@ class Channel final : public Stream {
   bool closed() const override;
   void close() override;
   void on_close(std::function<void()> function) override;
-  void on_message(std::function<void(std::string)> function) override;
 
   // By the connection.
 
@@ -33,7 +32,6 @@ class Channel final : public Stream {
   /// Whether the connection should close: at once, or because all is sent.
   enum class Wish { kStay, kCloseInOrder, kAbort };
   Wish wish() const;
-  void receive(std::string text);
   /// The connection is closed. Calls the functions of on_close.
   void end();
 
@@ -49,7 +47,6 @@ class Channel final : public Stream {
   std::size_t bytes_ = 0, taken_ = 0;
   bool closing_ = false, aborted_ = false, ended_ = false;
   std::vector<std::function<void()>> at_close_;
-  std::function<void(std::string)> at_message_;
 };
 
 }  // namespace cotwin::gateway::http

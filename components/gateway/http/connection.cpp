@@ -1,4 +1,5 @@
 // One HTTP connection: request after request, or a stream of server-sent events at last.
+#include <algorithm>
 #include <array>
 #include <boost/asio/write.hpp>
 
@@ -40,8 +41,10 @@ std::string field_value(std::string value) {
 
 class Connection final : public Client, public std::enable_shared_from_this<Connection> {
  public:
-  Connection(Server::Impl& server, tcp::socket socket)
+  Connection(Server::Impl& server, tcp::socket socket, std::unique_ptr<Seat> seat, std::string party)
       : server_(server),
+        seat_(std::move(seat)),
+        party_(std::move(party)),
         limits_(server.options.limits),
         stream_(std::move(socket), server.tls ? &*server.tls : nullptr),
         timer_(server.context),
@@ -51,11 +54,27 @@ class Connection final : public Client, public std::enable_shared_from_this<Conn
   ~Connection() override { --server_.counts.open; }
 
   void start() { server_.tls ? expect_tls() : read(); }
+  /// Sends a refusal to a client for which there is no room.
+  void turn_away(Response refusal) {
+    turned_away_ = true;
+    ++server_.refusing;
+    respond(std::move(refusal));
+  }
   void abort() override { finish(); }
   void respond(Response response);
 
  private:
   using Parser = bhttp::request_parser<bhttp::string_body>;
+
+  /// A request that a handler answers. Carries the response to the server's thread, where alone connections live.
+  struct Pending {
+    std::shared_ptr<Gate> gate;
+    std::weak_ptr<Connection> connection;
+    std::atomic<bool> done = false;
+
+    void send(Response response);
+    ~Pending();
+  };
 
   // Deadlines. The socket's operations end when it is cancelled; then late_ says why.
   void arm(double seconds);
@@ -74,6 +93,7 @@ class Connection final : public Client, public std::enable_shared_from_this<Conn
   std::optional<Response> check_names(Request& request);
   std::optional<Response> check_route(Request& request);
   std::optional<Response> check_access(Request& request);
+  std::optional<Response> check_query(const Request& request);
   std::optional<Response> check_body(const Request& request);
   Response preflight(const Request& request) const;
   Response failure(const ErrorCode& error) const;
@@ -81,6 +101,8 @@ class Connection final : public Client, public std::enable_shared_from_this<Conn
   void refuse(Response response);
   std::string head_of(const Response& response) const;
 
+  /// The handler has not answered in time.
+  void answer_late();
   void begin_stream(Response response);
   void watch();
   void pump();
@@ -92,6 +114,8 @@ class Connection final : public Client, public std::enable_shared_from_this<Conn
   void finish();
 
   Server::Impl& server_;
+  std::unique_ptr<Seat> seat_;
+  const std::string party_;
   const Limits& limits_;
   AnyStream stream_;
   asio::steady_timer timer_;
@@ -103,7 +127,9 @@ class Connection final : public Client, public std::enable_shared_from_this<Conn
   const Router::Entry* entry_ = nullptr;
   std::string allowed_origin_;  // of the present request; "": none that must be named in the response
   std::string out_;
-  bool keep_ = false, head_ = false, finished_ = false;
+  std::weak_ptr<Pending> pending_;  // of the request that waits for its handler
+  bool waiting_ = false;
+  bool keep_ = false, head_ = false, finished_ = false, turned_away_ = false;
   std::array<unsigned char, 1024> scrap_{};
   std::size_t drained_ = 0;
   std::shared_ptr<Channel> channel_;
@@ -116,6 +142,7 @@ void Connection::arm(double seconds) {
   timer_.expires_after(std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(seconds)));
   timer_.async_wait([self = shared_from_this(), number](const ErrorCode& error) {
     if (error || number != self->armed_) return;
+    if (self->waiting_) return self->answer_late();
     if (self->channel_ && !self->writing_) {
       self->channel_->send({"heartbeat", "", "{}"});
       self->pump();
@@ -201,6 +228,7 @@ void Connection::examine() {
   if (request.method == "OPTIONS") return refuse(preflight(request));
   if (auto wrong = check_route(request)) return refuse(std::move(*wrong));
   if (auto wrong = check_access(request)) return refuse(std::move(*wrong));
+  if (auto wrong = check_query(request)) return refuse(std::move(*wrong));
   if (auto wrong = check_body(request)) return refuse(std::move(*wrong));
   if (message[bhttp::field::expect].empty() || parser_->is_done()) return read_body();
   if (!beast::iequals(message[bhttp::field::expect], "100-continue"))
@@ -279,8 +307,10 @@ std::optional<Response> Connection::check_access(Request& request) {
   const Tokens& tokens = server_.options.tokens;
   if (tokens.empty()) {
     request.scope = Scope::kOperate;
+    request.party = party_;
     return std::nullopt;
   }
+  request.party = party_;
   if (route.scope == Scope::kNone) return std::nullopt;
   std::size_t fields = 0;
   for (const Field& f : request.fields) fields += equal_names(f.name, "Authorization") ? 1 : 0;
@@ -296,7 +326,10 @@ std::optional<Response> Connection::check_access(Request& request) {
       granted = tokens.scope_of(value.substr(kBearer.size()));
     if (granted) client = short_name(value.substr(kBearer.size()));
   } else if (ticket != nullptr) {
-    granted = server_.options.tickets->redeem(*ticket, std::chrono::steady_clock::now());
+    if (auto grant = server_.options.tickets->redeem(*ticket, std::chrono::steady_clock::now())) {
+      granted = grant->scope;
+      client = std::move(grant->client);
+    }
   } else {
     return refusal(401, "expected a token: Authorization: Bearer TOKEN", {{"WWW-Authenticate", "Bearer"}});
   }
@@ -311,9 +344,31 @@ std::optional<Response> Connection::check_access(Request& request) {
   }
   request.scope = *granted;
   request.client = std::move(client);
+  request.party = request.client.empty() ? party_ : "token " + request.client;
   if (static_cast<int>(*granted) < static_cast<int>(route.scope))
     return refusal(403, "the token may read only, expected one with the scope operate",
                    {{"WWW-Authenticate", "Bearer error=\"insufficient_scope\", scope=\"operate\""}});
+  return std::nullopt;
+}
+
+/// A name that the route does not read, as one that is misspelt, would be ignored in silence.
+std::optional<Response> Connection::check_query(const Request& request) {
+  const Route& route = entry_->route;
+  for (auto pair = request.query.begin(); pair != request.query.end(); ++pair) {
+    const std::string& name = pair->first;
+    const auto is_it = [&](const auto& other) { return other.first == name; };
+    if (std::any_of(request.query.begin(), pair, is_it))
+      return refusal(400, "the query has '" + name.substr(0, 40) + "' twice");
+    std::string known = route.ticket ? "ticket" : "";
+    bool found = route.ticket && name == "ticket";
+    for (const Parameter& p : route.parameters) {
+      if (p.in != "query") continue;
+      found = found || p.name == name;
+      known += (known.empty() ? "" : ", ") + p.name;
+    }
+    if (!found)
+      return refusal(400, "the query has '" + name.substr(0, 40) + "', expected " + (known.empty() ? "no query" : known));
+  }
   return std::nullopt;
 }
 
@@ -350,25 +405,35 @@ void Connection::read_body() {
   });
 }
 
-void Connection::dispatch() {
-  /// Carries the response to the server's thread, where alone connections live.
-  struct Pending {
-    std::shared_ptr<Gate> gate;
-    std::weak_ptr<Connection> connection;
-    std::atomic<bool> done = false;
+void Connection::Pending::send(Response response) {
+  if (done.exchange(true)) return;
+  gate->post([to = connection, response = std::move(response)]() mutable {
+    if (const auto c = to.lock()) c->respond(std::move(response));
+  });
+}
 
-    void send(Response response) {
-      if (done.exchange(true)) return;
-      gate->post([to = connection, response = std::move(response)]() mutable {
-        if (const auto c = to.lock()) c->respond(std::move(response));
-      });
-    }
-    ~Pending() { send(refusal(500, "the request was not answered")); }
-  };
-  auto pending = std::make_shared<Pending>();
+Connection::Pending::~Pending() { send(refusal(500, "the request was not answered")); }
+
+void Connection::dispatch() {
+  const auto pending = std::make_shared<Pending>();
   pending->gate = server_.gate;
   pending->connection = weak_from_this();
-  server_.handle(*entry_, request_, [pending](Response response) { pending->send(std::move(response)); });
+  pending_ = pending;
+  waiting_ = true;
+  arm(limits_.answer);
+  server_.handle(
+      *entry_, request_, [pending](Response response) { pending->send(std::move(response)); },
+      [watched = std::weak_ptr<Pending>(pending)] {
+        const auto p = watched.lock();
+        return !p || p->done || p->connection.expired();
+      });
+}
+
+void Connection::answer_late() {
+  const auto pending = pending_.lock();
+  if (!pending || pending->done.exchange(true)) return;  // the response is on its way
+  respond(refusal(503, "there was no answer within " + std::to_string(static_cast<int>(limits_.answer)) + " s",
+                  {{"Retry-After", "10"}}));
 }
 
 void Connection::refuse(Response response) {
@@ -401,11 +466,12 @@ std::string Connection::head_of(const Response& response) const {
 
 void Connection::respond(Response response) {
   if (finished_) return;
+  waiting_ = false;
   ++server_.counts.requests;
   if (response.status >= 400) ++server_.counts.refused;
   if (response.stream && request_ && request_->upgrade) {
-    timer_.cancel();
-    upgrade(server_, std::move(stream_), parser_->get(), std::move(response.stream));
+    disarm();
+    upgrade(server_, std::move(stream_), std::move(seat_), parser_->get(), std::move(response.stream));
     finished_ = true;
     server_.remove(this);
     return;
@@ -442,7 +508,11 @@ void Connection::begin_stream(Response response) {
                       self->writing_ = false;
                       if (error) return self->finish();
                       self->watch();
-                      opened(self->channel_);
+                      try {
+                        opened(self->channel_);
+                      } catch (const std::exception&) {
+                        return self->finish();
+                      }
                       self->pump();
                     });
 }
@@ -457,9 +527,11 @@ void Connection::watch() {
 }
 
 void Connection::pump() {
-  if (finished_ || writing_ || !channel_) return;
+  if (finished_ || !channel_) return;
   const Channel::Wish wish = channel_->wish();
-  if (wish != Channel::Wish::kStay) return finish();
+  if (wish == Channel::Wish::kAbort) return finish();  // also during a write that the client does not take
+  if (writing_) return;
+  if (wish == Channel::Wish::kCloseInOrder) return finish();
   if (!channel_->take(out_)) return arm(limits_.heartbeat);
   writing_ = true;
   arm(limits_.response);
@@ -499,6 +571,7 @@ void Connection::drain() {
 void Connection::finish() {
   if (finished_) return;
   finished_ = true;
+  if (turned_away_) --server_.refusing;
   const auto self = shared_from_this();
   disarm();
   ErrorCode none;
@@ -512,10 +585,16 @@ void Connection::finish() {
 
 }  // namespace
 
-void serve(Server::Impl& server, tcp::socket socket) {
-  const auto connection = std::make_shared<Connection>(server, std::move(socket));
+void serve(Server::Impl& server, tcp::socket socket, std::unique_ptr<Seat> seat, std::string party) {
+  const auto connection = std::make_shared<Connection>(server, std::move(socket), std::move(seat), std::move(party));
   server.add(connection);
   connection->start();
+}
+
+void turn_away(Server::Impl& server, tcp::socket socket, Response refusal) {
+  const auto connection = std::make_shared<Connection>(server, std::move(socket), nullptr, "");
+  server.add(connection);
+  connection->turn_away(std::move(refusal));
 }
 
 }  // namespace cotwin::gateway::http

@@ -17,6 +17,10 @@ bool is_name(std::string_view text) {
 
 }  // namespace
 
+Answer problem_answer(int status, std::string description) {
+  return {status, "Problem", std::move(description), "application/problem+json", {}};
+}
+
 void Router::add(Route route, Handler handler) {
   add_later(std::move(route),
             [handler = std::move(handler)](const Request& request, const Reply& reply) { reply(handler(request)); });

@@ -14,11 +14,17 @@ struct Answer {
   int status = 200;
   std::string schema, description;
   std::string type = "application/json";
+  std::vector<std::string> fields = {};  // of the header that the answer always has: "ETag"
 };
 
-/// A value in the query or the header that a route reads. `schema`: JSON Schema of the value as text.
+/// A message of a stream. `schema`: of its data.
+struct Message {
+  std::string name, schema, description;
+};
+
+/// A value in the query or the header that a route reads, or a part of its path. `schema`: JSON Schema of the value as text.
 struct Parameter {
-  std::string name, in, description;  // in: "query" or "header"
+  std::string name, in, description;  // in: "query", "header" or "path"
   std::string schema = R"({"type":"string"})";
   bool required = false;
 };
@@ -33,11 +39,15 @@ struct Route {
   /// Media type of a success; "": no body. "text/event-stream": also over a WebSocket, if the client asks for the upgrade;
   /// "websocket": only over one.
   std::string gives = "application/json";
-  std::vector<Answer> answers;
+  std::vector<Answer> answers;    // those that are no problems, and problems that only this route has
+  std::vector<Message> messages;  // of a stream
   std::vector<Parameter> parameters;
   bool slow = false;    // the handler runs on a thread of the pool, not on that of the sockets
   bool ticket = false;  // a ticket in the query (?ticket=…) is enough instead of a token
 };
+
+/// An answer that is a problem (RFC 9457).
+Answer problem_answer(int status, std::string description);
 
 /// Answers at once. May throw Refusal; an Error becomes status 422, anything else 500.
 using Handler = std::function<Response(const Request&)>;

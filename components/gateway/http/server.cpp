@@ -13,6 +13,7 @@ namespace cotwin::gateway::http {
 namespace {
 
 constexpr int kBacklog = 128;
+constexpr std::size_t kMostRefusing = 32;         // connections that are told at the same time that there are too many
 constexpr std::chrono::milliseconds kPause{100};  // after an accept that failed, as for want of descriptors
 
 asio::ip::address address_of(const std::string& text, const std::string& place) {
@@ -26,12 +27,30 @@ std::string text_of(const asio::ip::address& address) {
   return address.is_v6() ? "[" + address.to_string() + "]" : address.to_string();
 }
 
+/// Of an IPv6 address its network of 64 bits: a client may have all addresses of one.
+std::string client_address(const asio::ip::address& address) {
+  if (!address.is_v6() || address.is_loopback()) return address.to_string();
+  asio::ip::address_v6::bytes_type bytes = address.to_v6().to_bytes();
+  std::fill(bytes.begin() + 8, bytes.end(), 0);
+  return asio::ip::address_v6(bytes).to_string() + "/64";
+}
+
+FairPool::Options pool_options(const ServerOptions& o) {
+  FairPool::Options pool;
+  pool.threads = static_cast<std::size_t>(std::max(1, o.threads));
+  pool.many = pool.threads + 6;
+  pool.most = pool.threads + 14;
+  pool.waiting = o.limits.queue_requests;
+  pool.party_waiting = o.limits.party_requests;
+  return pool;
+}
+
 }  // namespace
 
 bool is_loopback(const std::string& address, const std::string& place) { return address_of(address, place).is_loopback(); }
 
 Server::Impl::Impl(ServerOptions given, const Router& table)
-    : options(std::move(given)), router(table), pool_(static_cast<std::size_t>(std::max(1, options.threads))) {
+    : options(std::move(given)), router(table), pool_(pool_options(options)) {
   if (options.certificate.empty() != options.key.empty())
     throw Error(options.place, "certificate and key must be given together, expected both or neither");
   for (const auto* addresses : {&options.addresses, &options.if_there}) {
@@ -101,7 +120,14 @@ void Server::Impl::start() {
   for (const auto& listener : listeners_) accept(*listener);
   thread_ = std::thread([this] {
     const auto work = asio::make_work_guard(context);
-    context.run();
+    for (;;) {
+      try {
+        context.run();
+        return;
+      } catch (const std::exception&) {
+        // Want of memory in one connection: the others go on, and its deadline ends it.
+      }
+    }
   });
 }
 
@@ -115,28 +141,42 @@ void Server::Impl::accept(Listener& listener) {
       });
       return;
     }
-    ++counts.connections;
-    ErrorCode none;
-    if (clients.size() >= options.limits.connections) {
-      ++counts.refused;
-      static const std::string kBusy =
-          "HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/problem+json\r\nRetry-After: 1\r\nConnection: "
-          "close\r\n"
-          "Content-Length: 98\r\n\r\n"
-          "{\"type\":\"about:blank\",\"title\":\"Service Unavailable\",\"status\":503,\"detail\":\"too many connections\"}\n";
-      socket.non_blocking(true, none);
-      if (!tls) socket.write_some(asio::buffer(kBusy), none);
-      socket.shutdown(tcp::socket::shutdown_send, none);
-      socket.close(none);
-    } else {
-      socket.set_option(tcp::no_delay(true), none);
-      serve(*this, std::move(socket));
-    }
+    welcome(std::move(socket));
     accept(listener);
   });
 }
 
-void Server::Impl::handle(const Router::Entry& entry, std::shared_ptr<Request> request, Reply reply) {
+void Server::Impl::welcome(tcp::socket socket) {
+  const std::uint64_t number = ++counts.connections;
+  ErrorCode none;
+  const tcp::endpoint from = socket.remote_endpoint(none);
+  if (none) return;  // it has gone again
+  socket.set_option(tcp::no_delay(true), none);
+  const std::string address = client_address(from.address());
+  const auto seated = seats.find(address);
+  std::optional<Problem> problem;
+  if (clients.size() - refusing >= options.limits.connections) {
+    problem = Problem{503, "too many connections", "", ""};
+  } else if (seated != seats.end() && seated->second >= options.limits.address_connections) {
+    problem = Problem{
+        429, "too many connections of this address, expected at most " + std::to_string(options.limits.address_connections), "",
+        ""};
+  }
+  if (!problem) {
+    // At the loopback address all programs of this machine have the same one.
+    std::string party = from.address().is_loopback() ? "connection " + std::to_string(number) : "address " + address;
+    return serve(*this, std::move(socket), std::make_unique<Seat>(*this, address), std::move(party));
+  }
+  // Without TLS the client could not read it, and a handshake costs more than the refusal saves.
+  if (tls || refusing >= kMostRefusing) {
+    ++counts.refused;
+    return;
+  }
+  turn_away(*this, std::move(socket), to_response(*problem, {{"Retry-After", "1"}}));
+}
+
+void Server::Impl::handle(const Router::Entry& entry, std::shared_ptr<Request> request, Reply reply,
+                          std::function<bool()> given_up) {
   const auto run = [&entry, request, reply] {
     try {
       entry.handler(*request, reply);
@@ -146,19 +186,26 @@ void Server::Impl::handle(const Router::Entry& entry, std::shared_ptr<Request> r
       reply(to_response({422, error.what(), "", ""}));
     } catch (const std::bad_alloc&) {
       reply(to_response({503, "not enough memory", "", ""}, {{"Retry-After", "1"}}));
-    } catch (const std::exception&) {
+    } catch (...) {
       reply(to_response({500, "the request could not be answered", "", ""}));
     }
   };
   if (!entry.route.slow) return run();
-  if (queued_.fetch_add(1) >= options.limits.queue_requests) {
-    --queued_;
-    return reply(to_response({503, "too many requests wait for an answer", "", ""}, {{"Retry-After", "1"}}));
-  }
-  asio::post(pool_, [this, run] {
-    --queued_;
-    run();
+  const auto verdict = pool_.post(request->party, [run, given_up = std::move(given_up)] {
+    if (!given_up()) run();
   });
+  switch (verdict) {
+    case FairPool::Verdict::kTaken:
+      return;
+    case FairPool::Verdict::kPartyFull:
+      return reply(to_response({429,
+                                "too many requests of this client wait for an answer, expected at most " +
+                                    std::to_string(options.limits.party_requests),
+                                "", ""},
+                               {{"Retry-After", "1"}}));
+    case FairPool::Verdict::kFull:
+      return reply(to_response({503, "too many requests wait for an answer", "", ""}, {{"Retry-After", "1"}}));
+  }
 }
 
 void Server::Impl::stop() noexcept {
@@ -179,7 +226,6 @@ void Server::Impl::stop() noexcept {
   }
   gate->shut();
   pool_.stop();
-  pool_.join();
 }
 
 Server::Server(ServerOptions options, const Router& router) : impl_(std::make_unique<Impl>(std::move(options), router)) {

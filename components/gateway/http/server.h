@@ -15,13 +15,17 @@ namespace cotwin::gateway::http {
 /// Bounds on what clients can take from the server: memory is at most about connections · (header + body + queue).
 struct Limits {
   std::size_t connections = 256;
+  std::size_t address_connections = 128;  // of one address, or one IPv6 network of 64 bits
   std::size_t header_bytes = 16 << 10;
   std::size_t body_bytes = 1 << 20;
   std::size_t message_bytes = 64 << 10;  // of a WebSocket's message from the client
   std::size_t queue_bytes = 256 << 10;   // that wait for a client of a stream
+  std::size_t stream_bytes = 1 << 20;    // that a client of a stream may send in 10 s; what it sends is not read
   std::size_t queue_requests = 256;      // that wait for a thread of the pool
+  std::size_t party_requests = 128;      // of them, of one party (Request::party)
   double handshake = 10;                 // s, TLS
   double request = 10;                   // s, from the first byte of a request to its last
+  double answer = 60;                    // s, until a handler has answered
   double idle = 60;                      // s, until the first byte
   double response = 30;                  // s, to write a response or what waits in a stream
   double heartbeat = 15;                 // s, between events "heartbeat" of a stream without others
@@ -36,7 +40,7 @@ struct ServerOptions {
   std::shared_ptr<Tickets> tickets = std::make_shared<Tickets>();
   Authority authority;  // the addresses themselves are added to its hosts
   Limits limits;
-  int threads = 2;                // of the pool for slow routes
+  int threads = 2;                // of the pool for slow routes; up to 14 more while requests take long (FairPool)
   std::string place = "gateway";  // in messages
 };
 

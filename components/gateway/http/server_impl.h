@@ -1,7 +1,6 @@
 #pragma once
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/steady_timer.hpp>
-#include <boost/asio/thread_pool.hpp>
 #include <boost/beast/http.hpp>
 #include <map>
 #include <mutex>
@@ -11,6 +10,7 @@
 
 #include "components/gateway/http/any_stream.h"
 #include "components/gateway/http/channel.h"
+#include "components/gateway/http/fair_pool.h"
 #include "components/gateway/http/server.h"
 
 namespace cotwin::gateway::http {
@@ -51,12 +51,14 @@ struct Server::Impl {
 
   void add(const std::shared_ptr<Client>& client) { clients[client.get()] = client; }
   void remove(Client* client) { clients.erase(client); }
-  /// Runs a handler: here, or on the pool. `reply` is called on any thread.
-  void handle(const Router::Entry& entry, std::shared_ptr<Request> request, Reply reply);
+  /// Runs a handler: here, or on the pool, unless `given_up` by then. `reply` is called on any thread.
+  void handle(const Router::Entry& entry, std::shared_ptr<Request> request, Reply reply, std::function<bool()> given_up);
 
   ServerOptions options;
   const Router& router;
   Counts counts;
+  std::map<std::string, std::size_t> seats;  // connections by address; only those with any
+  std::size_t refusing = 0;                  // connections that only get a refusal
   asio::io_context context{1};
   std::optional<asio::ssl::context> tls;
   std::shared_ptr<Gate> gate = std::make_shared<Gate>(context);
@@ -72,19 +74,37 @@ struct Server::Impl {
   void load_certificate();
   bool listen(const std::string& address, bool must);
   void accept(Listener& listener);
+  void welcome(tcp::socket socket);
 
   std::vector<std::unique_ptr<Listener>> listeners_;
-  asio::thread_pool pool_;
-  std::atomic<std::size_t> queued_ = 0;
+  FairPool pool_;
   std::thread thread_;
   bool stopped_ = false;
 };
 
-/// Begins to serve a connection (connection.cpp).
-void serve(Server::Impl& server, tcp::socket socket);
+/// The place of a connection among those of its address.
+class Seat {
+ public:
+  Seat(Server::Impl& server, std::string address) : server_(server), address_(std::move(address)) { ++server_.seats[address_]; }
+  ~Seat() {
+    if (--server_.seats[address_] == 0) server_.seats.erase(address_);
+  }
+  Seat(const Seat&) = delete;
+  Seat& operator=(const Seat&) = delete;
+
+ private:
+  Server::Impl& server_;
+  const std::string address_;
+};
+
+/// Begins to serve a connection (connection.cpp). `party`: of requests without a token.
+void serve(Server::Impl& server, tcp::socket socket, std::unique_ptr<Seat> seat, std::string party);
+/// Sends a refusal and closes the connection, in order.
+void turn_away(Server::Impl& server, tcp::socket socket, Response refusal);
 
 /// Makes a WebSocket of a connection whose request was granted (web_socket.cpp).
-void upgrade(Server::Impl& server, AnyStream stream, const beast::http::request<beast::http::string_body>& request,
+void upgrade(Server::Impl& server, AnyStream stream, std::unique_ptr<Seat> seat,
+             const beast::http::request<beast::http::string_body>& request,
              std::function<void(const std::shared_ptr<Stream>&)> opened);
 
 }  // namespace cotwin::gateway::http

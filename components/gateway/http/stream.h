@@ -26,8 +26,6 @@ class Stream {
   virtual void close() = 0;
   /// Calls the function once, when the stream is closed: on the server's thread, or at once if it is closed already.
   virtual void on_close(std::function<void()> function) = 0;
-  /// Calls the function on the server's thread with each text message of a WebSocket. It must not wait.
-  virtual void on_message(std::function<void(std::string)> function) = 0;
 };
 
 }  // namespace cotwin::gateway::http
