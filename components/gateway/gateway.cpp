@@ -42,7 +42,7 @@ struct Gateway::Parameters {
   std::string address, tokens, certificate, key, hosts, origins, url_file, robot;
   std::int32_t port = 0, threads = 0, connections = 0;
   std::string database, program;
-  std::int32_t workers = 0;
+  std::int32_t workers = 0, address_connections = 0;
   bool operator==(const Parameters&) const = default;
 };
 
@@ -144,6 +144,7 @@ struct Gateway::Running {
     o.authority.origins = items(parameters.origins);
     for (const std::string& origin : o.authority.origins) http::check_origin_setting(origin, std::string(kPlace) + ".origins");
     o.limits.connections = static_cast<std::size_t>(parameters.connections);
+    o.limits.address_connections = static_cast<std::size_t>(parameters.address_connections);
     o.threads = parameters.threads;
     return o;
   }
@@ -175,7 +176,9 @@ void Gateway::declare(Variables& v) {
               "origins of web pages that may call the gateway, such as https://mes.example:8443, separated by commas");
   v.parameter("url_file", url_file_, "file to which the URL is written at the start; empty: none");
   v.parameter("robot", robot_, "robot of requests that name none");
-  v.parameter("threads", threads_, "threads that compute answers").range(1, 64);
+  v.parameter("threads", threads_,
+              "threads that compute answers; up to 14 more while there are long requests of several clients")
+      .range(1, 64);
   v.parameter("connections", connections_, "most connections at the same time").range(1, 10000);
   v.parameter("database", database_, "SQLite file of the jobs and their results, made if it is missing; empty: no jobs");
   v.parameter("program", program_, "program whose `ask --worker` computes jobs; empty: the cotwin of this installation");
@@ -187,15 +190,19 @@ void Gateway::declare(Variables& v) {
   v.output("streams", streams_, "1", "number of open event streams and WebSockets").discrete();
   v.output("dropped", dropped_, "1", "number of streams that were closed because their clients were too slow").discrete();
   run_side_.declare(v);
+  v.parameter("commands", commands_,
+              "whether clients may pause, step and stop the run and set its values; false: they can only watch it");
+  v.parameter("address_connections", address_connections_, "most connections of one address at the same time").range(1, 10000);
 }
 
 Gateway::Parameters Gateway::parameters() const {
-  return {address_, tokens_, certificate_, key_,         hosts_,    origins_, url_file_,
-          robot_,   port_,   threads_,     connections_, database_, program_, workers_};
+  return {address_, tokens_,  certificate_, key_,      hosts_,   origins_, url_file_,           robot_,
+          port_,    threads_, connections_, database_, program_, workers_, address_connections_};
 }
 
 void Gateway::initialise(Time) {
   const Parameters wanted = parameters();
+  run_side_.permit_commands(commands_);
   if (!running_ || !(running_->parameters == wanted)) {
     run_side_.end();
     running_.reset();

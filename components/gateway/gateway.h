@@ -49,6 +49,8 @@ class Gateway final : public Unit, public bus::RunObserver {
   double requests_ = 0, refused_ = 0, open_ = 0, streams_ = 0, dropped_ = 0;
 
   RunSide run_side_;
+  bool commands_ = true;
+  std::int32_t address_connections_ = 64;
 };
 
 }  // namespace cotwin::gateway

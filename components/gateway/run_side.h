@@ -27,6 +27,8 @@ class RunSide {
   /// From now on requests to services are answered. May be replaced at any time.
   void serve(Answer answer);
   void observe(std::shared_ptr<bus::LiveRun> run);
+  /// Whether clients may command the run and set its values, over HTTP and MQTT.
+  void permit_commands(bool permitted) { live_.permit_commands(permitted); }
   /// See live::Live::fill.
   void fill(nlohmann::ordered_json& request, const live::PostureName& name) const { live_.fill(request, name); }
   /// An event of a job for the plant: "jobs/7". From any thread; never waits.

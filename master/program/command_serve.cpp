@@ -20,7 +20,7 @@ struct ServeArguments {
   std::optional<fs::path> database;
   std::vector<std::string> hosts, origins, set;
   std::optional<double> seconds;
-  bool no_jobs = false, quiet = false;
+  bool no_jobs = false, commands = false, quiet = false;
 };
 
 std::string list_of(const std::vector<std::string>& items) {
@@ -74,6 +74,7 @@ int serve(const ServeArguments& a) {
   set("connections", std::to_string(a.connections));
   set("workers", std::to_string(a.workers));
   set("database", a.no_jobs ? "" : a.database.value_or(a.out / "jobs.sqlite").string());
+  set("commands", a.commands ? "true" : "false");
   set("url_file", url_file.string());
   run.set.insert(run.set.end(), a.set.begin(), a.set.end());
   run.started = [&] {
@@ -117,6 +118,9 @@ void add_serve(CLI::App& app, Chosen& chosen) {
   command->add_option("--database", a.database, "SQLite file of jobs and results (default: jobs.sqlite in the folder of --out)")
       ->type_name("FILE");
   command->add_flag("--no-jobs", a.no_jobs, "No database: only immediate answers");
+  command->add_flag(
+      "--commands", a.commands,
+      "Clients may also pause and stop this program's own run (POST /run/commands); without it they get status 403");
   command->add_option("--workers", a.workers, "Processes that compute jobs")
       ->capture_default_str()
       ->check(CLI::Range(1, 256))

@@ -170,7 +170,7 @@ TEST(GatewayLive, RefusesWrongValuesAndCommands) {
   EXPECT_EQ(put("g.y", R"({"value": 1})").status, 422);
   EXPECT_EQ(put("i.u", R"({"value": 1})").status, 422);
   EXPECT_EQ(put("g.bias", R"({"value": 1})").status, 422);
-  EXPECT_EQ(put("nothing", R"({"value": 1})").status, 422);
+  EXPECT_EQ(put("nothing", R"({"value": 1})").status, 404);
   EXPECT_EQ(put("m.integer", R"({"value": 1.5})").status, 422);
   EXPECT_EQ(put("g.gain", R"({"value": 1, "time_s": 2e6})").status, 422);
   EXPECT_EQ(put("g.gain", R"({"value": 1, "time_s": "soon"})").status, 422);
@@ -295,6 +295,67 @@ TEST(GatewayLive, TellsWantOfRoomFromWrongRequests) {
   for (int i = 1; i < 256; ++i) names += ",robot.y";
   EXPECT_THAT(s.call("GET", "/run/values?names=" + names).body, HasSubstr("1792 values, expected at most 1024"));
   EXPECT_EQ(s.call("GET", "/run/stream?names=" + names).status, 422);
+}
+
+TEST(GatewayLive, LeavesPlacesForOthersWhateverOneClientWatches) {
+  Subject s;
+  std::string names = "robot.y";
+  for (int i = 1; i < 146; ++i) names += ",robot.y";  // 1022 values
+  std::vector<std::unique_ptr<RawClient>> greedy;
+  for (int i = 0; i < 3; ++i) {
+    greedy.push_back(std::make_unique<RawClient>(s.server->port()));
+    greedy.back()->send(http_request("GET", "/run/stream?names=" + names));
+    ASSERT_EQ(next_event(*greedy.back(), "run")["phase"], "running") << i;
+  }
+  // Of 4096 places 3066 are taken: a client may have half of the others.
+  const HttpReply full = s.call("GET", "/run/stream?names=" + names);
+  EXPECT_EQ(full.status, 429) << full.body;
+  EXPECT_EQ(full.field("Retry-After"), "1");
+  EXPECT_THAT(full.body, HasSubstr("more than the 515 values"));
+  EXPECT_EQ(s.call("GET", "/run/values?names=" + names).status, 429);
+  RawClient modest(s.server->port());
+  modest.send(http_request("GET", "/run/stream?names=robot.y,g.gain"));
+  EXPECT_EQ(next_event(modest, "run")["phase"], "running");
+  EXPECT_EQ(s.call("GET", "/run/values?names=robot.y").status, 200);
+  greedy.clear();
+  EXPECT_TRUE(within_patience([&] { return s.call("GET", "/run/values?names=" + names).status == 200; }));
+}
+
+TEST(GatewayLive, SharesGiveEachPartyAtMostHalfOfWhatOthersLeave) {
+  std::size_t permitted = 0;
+  std::shared_ptr<Shares::Share> late;
+  {
+    const Shares shares(100);
+    auto a = shares.take("a", 30, permitted), more = shares.take("a", 20, permitted);
+    ASSERT_TRUE(a && more);
+    EXPECT_FALSE(shares.take("a", 1, permitted));
+    EXPECT_EQ(permitted, 50u);
+    EXPECT_FALSE(shares.take("b", 26, permitted));
+    EXPECT_EQ(permitted, 25u);
+    const auto b = shares.take("b", 25, permitted);
+    ASSERT_TRUE(b);
+    EXPECT_TRUE(shares.take("c", 12, permitted)) << "and given back at once";
+    EXPECT_TRUE(shares.take("d", 12, permitted));
+    a.reset();
+    EXPECT_FALSE(shares.take("a", 18, permitted));
+    EXPECT_EQ(permitted, 37u);
+    late = shares.take("a", 17, permitted);
+    EXPECT_TRUE(late);
+  }
+  late.reset();  // after the end of the shares
+}
+
+TEST(GatewayLive, LetsClientsWatchButNotCommandWhereCommandsAreNotPermitted) {
+  Subject s;
+  s.live.permit_commands(false);
+  const HttpReply put = s.call("PUT", "/run/tunables/g.gain", R"({"value": 2.5})");
+  EXPECT_EQ(put.status, 403);
+  EXPECT_THAT(put.body, HasSubstr("takes no commands"));
+  EXPECT_EQ(s.call("POST", "/run/commands", R"({"command":"stop"})").status, 403);
+  EXPECT_EQ(s.call("POST", "/run/commands", R"({"command":"set","values":{"g.gain":1}})").status, 403);
+  EXPECT_EQ(s.get("/run")["phase"], "running");
+  EXPECT_NE(s.get("/run/values?names=g.gain")["values"]["g.gain"], 2.5);
+  EXPECT_EQ(s.get("/run")["changes"], 0);
 }
 
 TEST(GatewayLive, FillsRequestsToServicesWithThePresentPosture) {

@@ -24,6 +24,8 @@ using http::Response;
 
 constexpr std::int64_t kValuesWait = 1'000'000'000, kAnswerWait = 2'000'000'000;  // ns
 constexpr std::size_t kMostNames = 256, kMostElements = LiveRun::kMaxWatched / 4;
+// The other watchers are the threads that answer requests for values, at most 16 by default, and MQTT.
+constexpr std::size_t kMostStreams = bus::Feed::kMaxReaders - 16;
 
 constexpr std::pair<const char*, RunVerb> kVerbWords[] = {{"set", RunVerb::kSet},
                                                           {"pause", RunVerb::kPause},
@@ -33,7 +35,7 @@ constexpr std::pair<const char*, RunVerb> kVerbWords[] = {{"set", RunVerb::kSet}
 
 [[noreturn]] void refuse(int status, const std::string& detail, const std::string& pointer = "") {
   std::vector<http::Field> fields;
-  if (status == 503) fields.push_back({"Retry-After", "1"});
+  if (status == 503 || status == 429) fields.push_back({"Retry-After", "1"});
   throw Refusal{{status, detail, pointer, ""}, fields};
 }
 
@@ -56,8 +58,8 @@ std::string detail_of(const Error& error) {
   }
 }
 
-/// Throws Error for unknown names and texts, and Refusal for more elements than one client may watch: others need room, too.
-void check_names(const LiveRun& run, const std::vector<std::string>& names) {
+/// The number of elements. Throws Error for unknown names and texts, and Refusal for more than one request may watch.
+std::size_t count_elements(const LiveRun& run, const std::vector<std::string>& names) {
   std::size_t elements = 0;
   for (const std::string& name : names) {
     const bus::LiveElements e = run.find(name);
@@ -67,6 +69,7 @@ void check_names(const LiveRun& run, const std::vector<std::string>& names) {
   if (elements > kMostElements)
     refuse(422,
            "the names stand for " + std::to_string(elements) + " values, expected at most " + std::to_string(kMostElements));
+  return elements;
 }
 
 Json parse(std::string_view body) {
@@ -245,6 +248,8 @@ RunRequest read_command(std::string_view body) {
   return request;
 }
 
+Live::Live() : watches_(kMostStreams), elements_(LiveRun::kMaxWatched) {}
+
 Live::~Live() { end(); }
 
 void Live::observe(std::shared_ptr<LiveRun> run) {
@@ -311,10 +316,20 @@ LiveRun::Sample Live::read(LiveRun::Watch& watch, const LiveRun& run) const {
   return sample;
 }
 
-std::string Live::values(const std::vector<std::string>& names) const {
+/// The places of a client among the watched values. Throws Refusal 429 if it has its share already.
+std::shared_ptr<Shares::Share> Live::take_elements(const std::string& party, std::size_t elements) const {
+  std::size_t permitted = 0;
+  auto share = elements_.take(party, elements, permitted);
+  if (!share)
+    refuse(429, "this client would watch more than the " + std::to_string(permitted) +
+                    " values that it may watch now: half of those that others leave");
+  return share;
+}
+
+std::string Live::values(const std::vector<std::string>& names, const std::string& party) const {
   const std::shared_ptr<LiveRun> r = run();
   try {
-    check_names(*r, names);
+    const auto share = take_elements(party, count_elements(*r, names));
     LiveRun::Watch watch(r, names, 0);
     const LiveRun::Sample sample = read(watch, *r);
     return to_json(watch.elements(), sample, 0);
@@ -323,7 +338,13 @@ std::string Live::values(const std::vector<std::string>& names) const {
   }
 }
 
+void Live::must_permit_commands() const {
+  if (!commands_)
+    refuse(403, "this gateway takes no commands to the run and sets no values (parameter commands of unit:gateway)");
+}
+
 std::string Live::ask(const RunRequest& request) const {
+  must_permit_commands();
   const std::shared_ptr<LiveRun> r = run();
   if (r->position().phase == bus::RunPhase::kEnded) refuse(409, "the run has ended");
   std::optional<LiveRun::Answer> answer;
@@ -369,13 +390,12 @@ void Live::add_routes(http::Router& router) {
     r.summary = summary;
     r.tag = "run";
     r.answers = {{200, schema, "Done"},
-                 {503, "Problem", "The run has not begun, or is within a long tick", "application/problem+json"}};
+                 http::problem_answer(503, "The run has not begun, or is within a long tick, or there is no room")};
     return r;
   };
-  const http::Answer wrong{422, "Problem", "An unknown name, or a value that is not permitted", "application/problem+json"};
-  const http::Answer malformed{400, "Problem", "A query or a body that cannot be read", "application/problem+json"};
-  const http::Answer ended{409, "Problem", "The run has ended, cannot pause, or the time has passed",
-                           "application/problem+json"};
+  const http::Answer forbidden = http::problem_answer(403, "The token may read only, or this gateway takes no commands");
+  const http::Answer wrong = http::problem_answer(422, "An unknown name, or a value that is not permitted");
+  const http::Answer ended = http::problem_answer(409, "The run has ended, cannot pause, or the time has passed");
   const http::Parameter names{"names", "query",
                               "signals, component.variable or component.variable[element], separated by commas",
                               R"({"type":"string"})", true};
@@ -392,25 +412,31 @@ void Live::add_routes(http::Router& router) {
 
   http::Route values_route = route("GET", "/run/values", "getValues", "Present values of signals, all of one tick", "Sample");
   values_route.parameters = {names};
-  values_route.answers.push_back(malformed);
   values_route.answers.push_back(wrong);
   values_route.answers.push_back(ended);
   values_route.slow = true;
-  router.add(values_route, [this](const Request& request) { return give(values(names_of(request))); });
+  router.add(values_route, [this](const Request& request) { return give(values(names_of(request), request.party)); });
 
   http::Route put = route("PUT", "/run/tunables/{name}", "setTunable", "Sets a tunable or a free input", "Accepted");
   put.scope = http::Scope::kOperate;
   put.takes = "TunableValue";
-  put.answers.push_back(malformed);
+  put.answers.push_back(forbidden);
   put.answers.push_back(wrong);
   put.answers.push_back(ended);
   put.slow = true;
   router.add(put, [this](const Request& request) {
+    must_permit_commands();
     const Json j = parse(request.body);
     check_members(j, {"value", "time_s"});
     if (!j.contains("value")) refuse(422, "is missing", "/value");
     RunRequest set;
-    set.changes.push_back({request.part("name"), numbers_of(j["value"], "/value")});
+    const std::string& name = request.part("name");
+    try {
+      (void)run()->find(name);
+    } catch (const Error& error) {
+      refuse(404, detail_of(error));
+    }
+    set.changes.push_back({name, numbers_of(j["value"], "/value")});
     set.at = time_of(j);
     return give(ask(set));
   });
@@ -419,33 +445,49 @@ void Live::add_routes(http::Router& router) {
       route("POST", "/run/commands", "commandRun", "Pause, resume, step, stop, or set several values at once", "Accepted");
   command.scope = http::Scope::kOperate;
   command.takes = "RunCommand";
-  command.answers.push_back(malformed);
+  command.answers.push_back(forbidden);
   command.answers.push_back(wrong);
   command.answers.push_back(ended);
   command.slow = true;
-  router.add(command, [this](const Request& request) { return give(ask(read_command(request.body))); });
+  router.add(command, [this](const Request& request) {
+    must_permit_commands();
+    return give(ask(read_command(request.body)));
+  });
 
   http::Route events =
       route("GET", "/run/stream", "streamRun",
-            "Values and state of the run as server-sent events, or over a WebSocket with the same messages", "Sample");
+            "Values and state of the run as server-sent events, or over a WebSocket with the same messages", "");
+  events.answers.front() = {200, "", "Messages, until the run ends", "text/event-stream"};
+  events.messages = {{"run", "RunPosition", "At the beginning and when the phase changes"},
+                     {"sample", "Sample", "The newest values (without every)"},
+                     {"samples", "Samples", "The records since the last message (with every)"},
+                     {"problem", "Problem", "Why the stream ends: there was no room any more"},
+                     {"heartbeat", "Nothing", "There were no others for a while"}};
   events.gives = "text/event-stream";
   events.ticket = true;
-  events.parameters = {
-      names,
-      {"rate_hz", "query", "most messages per second, 0.01 to 200; default 20", R"({"type":"number"})"},
-      {"every", "query", "ticks between two records, which are all sent; default: the newest one with each message",
-       R"({"type":"integer"})"}};
-  events.answers.push_back(malformed);
+  events.parameters = {names,
+                       {"rate_hz", "query", "most messages per second, 0.01 to 200; default 20",
+                        R"({"type":"number","minimum":0.01,"maximum":200,"default":20})"},
+                       {"every", "query", "ticks between two records, which are all sent; 0: the newest one with each message",
+                        R"({"type":"integer","minimum":0,"maximum":1000000000,"default":0})"}};
   events.answers.push_back(wrong);
   events.answers.push_back(ended);
   router.add(events, [this](const Request& request) {
     StreamOrder order;
     order.names = names_of(request);
     order.rate_hz = number_in_query(request, "rate_hz", 20, Streams::kLowest, Streams::kHighest);
-    order.every = static_cast<std::int64_t>(number_in_query(request, "every", 0, 0, 1e9));
+    const double every = number_in_query(request, "every", 0, 0, 1e9);
+    if (every != std::floor(every))
+      refuse(400, "the query has every=" + *request.query_value("every") + ", expected an integer");
+    order.every = static_cast<std::int64_t>(every);
     const std::shared_ptr<LiveRun> r = run();
     try {
-      check_names(*r, order.names);
+      std::size_t permitted = 0;
+      order.elements = take_elements(request.party, count_elements(*r, order.names));
+      order.watch = watches_.take(request.party, 1, permitted);
+      if (!order.watch)
+        refuse(429,
+               "this client has " + std::to_string(permitted) + " streams, expected no more: half of those that others leave");
     } catch (const Error&) {
       refuse_error();
     }
@@ -465,7 +507,9 @@ void Live::begin(const std::shared_ptr<http::Stream>& to, const StreamOrder& ord
   } catch (const Error& error) {
     const int status = dynamic_cast<const bus::RunEnded*>(&error) != nullptr ? 409 : 503;
     (void)to->send(
-        {"problem", "", Json{{"title", http::reason_of(status)}, {"status", status}, {"detail", detail_of(error)}}.dump()});
+        {"problem", "",
+         Json{{"type", "about:blank"}, {"title", http::reason_of(status)}, {"status", status}, {"detail", detail_of(error)}}
+             .dump()});
     to->close();
   }
 }

@@ -1,4 +1,5 @@
 #pragma once
+#include <atomic>
 #include <cstddef>
 #include <functional>
 #include <memory>
@@ -10,6 +11,7 @@
 
 #include "components/bus/live_run.h"
 #include "components/gateway/http/router.h"
+#include "components/gateway/live/shares.h"
 #include "components/gateway/live/streams.h"
 
 /// The run that the gateway is in, for clients: its signals, its tunables, commands.
@@ -31,12 +33,14 @@ using PostureName = std::function<std::string(const nlohmann::ordered_json& requ
 /// The run, for all threads of the gateway. Without a run all requests are refused with status 503.
 class Live {
  public:
-  Live() = default;
+  Live();
   ~Live();
   Live(const Live&) = delete;
   Live& operator=(const Live&) = delete;
 
   void observe(std::shared_ptr<bus::LiveRun> run);
+  /// Whether ask() is permitted; without a call it is.
+  void permit_commands(bool permitted) { commands_ = permitted; }
   /// Closes the streams. The run can still be asked for.
   void end() noexcept;
 
@@ -48,9 +52,9 @@ class Live {
   /// What the routes and MQTT answer; JSON text. Throw http::Refusal.
   std::string state() const;
   std::string signals(const std::string& component) const;
-  /// Waits up to a second for the end of the tick.
-  std::string values(const std::vector<std::string>& names) const;
-  /// Waits up to two seconds for the loop.
+  /// Waits up to a second for the end of the tick. `party`: whose share of the watched values it takes meanwhile.
+  std::string values(const std::vector<std::string>& names, const std::string& party) const;
+  /// Waits up to two seconds for the loop. Refuses with status 403 where commands are not permitted.
   std::string ask(const RunRequest& request) const;
 
   /// GET /run, /run/signals, /run/values, /run/stream; PUT /run/tunables/{name}; POST /run/commands. The table of routes ends before this.
@@ -63,9 +67,13 @@ class Live {
 
  private:
   static void add_schemas(http::Router& router);
+  void must_permit_commands() const;
   void begin(const std::shared_ptr<http::Stream>& to, const StreamOrder& order);
+  std::shared_ptr<Shares::Share> take_elements(const std::string& party, std::size_t elements) const;
   bus::LiveRun::Sample read(bus::LiveRun::Watch& watch, const bus::LiveRun& run) const;
 
+  std::atomic<bool> commands_ = true;
+  const Shares watches_, elements_;
   mutable std::mutex mutex_;
   std::shared_ptr<bus::LiveRun> run_;
   std::unique_ptr<Streams> streams_;

@@ -70,6 +70,8 @@ Streams::~Streams() { end(); }
 void Streams::add(std::shared_ptr<http::Stream> to, const StreamOrder& order) {
   auto client = std::make_unique<Client>();
   client->watch = std::make_unique<LiveRun::Watch>(run_, order.names, order.every, order.every > 0 ? nullptr : records_);
+  client->places[0] = order.watch;
+  client->places[1] = order.elements;
   client->to = std::move(to);
   client->names = order.names;
   client->every = order.every;

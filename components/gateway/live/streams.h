@@ -8,6 +8,7 @@
 
 #include "components/bus/live_run.h"
 #include "components/gateway/http/stream.h"
+#include "components/gateway/live/shares.h"
 
 namespace cotwin::gateway::live {
 
@@ -16,6 +17,7 @@ struct StreamOrder {
   std::vector<std::string> names;
   double rate_hz = 20;     // messages per second of wall time, at most
   std::int64_t every = 0;  // ticks between two records, which are all sent; 0: the newest values with each message
+  std::shared_ptr<Shares::Share> watch, elements;  // its places among the watchers and the watched values
 };
 
 /// Records of the run as JSON: {"tick":…,"time_s":…,"values":{"drive.q":[…]}}. Numbers that are not finite are null.
@@ -41,6 +43,7 @@ class Streams {
  private:
   struct Client {
     std::shared_ptr<http::Stream> to;
+    std::shared_ptr<Shares::Share> places[2];  // given back after the watch has ended
     std::unique_ptr<bus::LiveRun::Watch> watch;
     std::vector<std::string> names;
     std::int64_t every = 0, period = 0, due = 0;  // period and due: ns of CLOCK_MONOTONIC
