@@ -48,9 +48,17 @@ const std::string kSearch = R"({"service":"optimise",)" + kMove +
 /// The program `cotwin serve` at a free port.
 class Gateway {
  public:
-  explicit Gateway(const fs::path& out, std::vector<std::string> options = {}) : out_(out) {
+  explicit Gateway(const fs::path& out, const std::vector<std::string>& options = {})
+      : Gateway(options, out, {"serve", "--port", "0", "--out", out, "--quiet"}) {}
+  /// The unit in a run, with everything that clients can ask of it.
+  static Gateway in_run(const fs::path& scenario, const fs::path& out) {
+    const std::string set = "gateway.";
+    return Gateway({"--set", set + "port=0", "--set", set + "url_file=" + (out / "url.txt").string(), "--set",
+                    set + "database=" + (out / "jobs.sqlite").string()},
+                   out, {"run", scenario, "--out", out, "--quiet"});
+  }
+  Gateway(const std::vector<std::string>& options, const fs::path& out, std::vector<std::string> arguments) : out_(out) {
     fs::remove(out / "url.txt");
-    std::vector<std::string> arguments = {"serve", "--port", "0", "--out", out, "--quiet"};
     arguments.insert(arguments.end(), options.begin(), options.end());
     process_ = std::make_unique<Process>(start_program(std::move(arguments)));
     if (!within_patience([&] { return !url().empty(); })) throw std::runtime_error("no gateway: " + process_->wait().err);
@@ -150,6 +158,23 @@ TEST(ServeCommand, DescribesEachOfItsRoutesAndNothingElse) {
     EXPECT_EQ(gateway.get("/work-masters/" + master["ID"].get<std::string>()), master);
     EXPECT_EQ(master["RequestSchema"].value("type", ""), "object") << master["ID"];
   }
+}
+
+TEST(ServeCommand, AnswersEachPathAsItsDocumentSays) {
+  if (run_command({"python3", "-c", "import jsonschema"}).code != 0) GTEST_SKIP() << "needs python3-jsonschema";
+  const TemporaryFolder folder("serve");
+  const fs::path tests = fs::path(cotwin::places::source()) / "tests/components";
+  const std::string tokens = folder.path() / "tokens";
+  std::ofstream(tokens) << "read 0123456789abcdef-read\noperate 0123456789abcdef-operate\n";
+  fs::permissions(tokens, fs::perms(0600));
+  fs::create_directories(folder.path() / "run");
+  const Gateway run = Gateway::in_run(tests / "gateway_openapi.ssd", folder.path() / "run");
+  const Gateway closed(folder.path() / "closed", {"--token-file", tokens});
+  const Gateway plain(folder.path() / "plain", {"--no-jobs"});
+  std::vector<std::string> command = {"python3", tests / "gateway_openapi.py"};
+  for (const Gateway* gateway : {&run, &closed, &plain}) command.push_back(std::to_string(gateway->port()));
+  const RunResult result = run_command(std::move(command));
+  EXPECT_EQ(result.code, 0) << result.out << result.err;
 }
 
 TEST(ServeCommand, AnswersAsTheProgramDoes) {

@@ -64,6 +64,20 @@ http::Refusal refusal_of(const JobReply& reply) {
   return {std::move(problem), std::move(fields)};
 }
 
+http::Response response_of(const std::function<http::Response()>& function) {
+  try {
+    return function();
+  } catch (const http::Refusal& refused) {
+    return http::to_response(refused.problem, refused.fields);
+  } catch (const Unavailable& error) {
+    return http::to_response({503, error.what(), "", ""}, {{"Retry-After", "5"}});
+  } catch (const Error& error) {
+    return http::to_response({422, error.what(), "", ""});
+  } catch (const std::exception& error) {
+    return http::to_response({500, error.what(), "", ""});
+  }
+}
+
 JobReply store_for(Jobs& jobs, const http::Request& client, const JobOrder& order, bool start) {
   StoreOptions options;
   options.start = start;
@@ -112,8 +126,13 @@ void JobBoard::wait(const std::string& id, double seconds, std::function<void(bo
     // Before the job is looked at: a change in between is noticed by on_change.
     if (!full) waiters_.push_back({id, end, function});
   }
-  const std::optional<Job> job = jobs_.find(id);
-  const bool done = !job || is_done(job->state);
+  bool done = true;
+  try {
+    const std::optional<Job> job = jobs_.find(id);
+    done = !job || is_done(job->state);
+  } catch (const Unavailable&) {
+    // The function asks for the job again, and gets the reason.
+  }
   if (full) return function(done);
   if (!done) {
     changed_.notify_all();

@@ -69,6 +69,9 @@ class JobBoard {
 /// key was used for a job order that was removed since.
 JobReply store_for(Jobs& jobs, const http::Request& client, const JobOrder& order, bool start = true);
 
+/// The response of a function, also if it throws: 503 for Unavailable, 422 for another Error, else 500.
+http::Response response_of(const std::function<http::Response()>& function);
+
 /// The refusal for a reply with an error: status by the ReturnStatus, which is a member of the problem.
 http::Refusal refusal_of(const JobReply& reply);
 

@@ -1,7 +1,8 @@
 // Job control over HTTP: the verbs of OPC 10031-4.
-#include <cmath>
+#include <algorithm>
 
 #include "components/gateway/api/api.h"
+#include "components/gateway/api/catalogue.h"
 #include "components/gateway/api/job_board.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
@@ -46,6 +47,15 @@ UtcTime time_of_member(const Json& value, const std::string& pointer) {
   return *time;
 }
 
+/// The service that a request names. Throws Refusal 422 for none that is there.
+std::string service_name(const Json& request, const std::string& place) {
+  if (!request.contains("service")) throw refusal(422, "is missing, expected one of /work-masters", place + "/service");
+  const Json& name = request["service"];
+  if (std::none_of(all_services().begin(), all_services().end(), [&](const ServiceInfo& s) { return name == s.name; }))
+    throw refusal(422, "is no service, expected one of /work-masters", place + "/service");
+  return name;
+}
+
 void read_parameter(const Json& one, const std::string& pointer, const Fill& fill, JobOrder& order) {
   if (!one.is_object()) throw refusal(422, "is no object, expected {ID, Value}", pointer);
   expect_members(one, {"ID", "Value"}, pointer);
@@ -62,6 +72,7 @@ void read_parameter(const Json& one, const std::string& pointer, const Fill& fil
       if (!refused.problem.pointer.empty()) refused.problem.pointer.insert(0, place);
       throw;
     }
+    (void)service_name(request, place);
     order.request = request.dump();
   } else if (id == "Deadline") {
     order.deadline = time_of_member(value, place);
@@ -186,6 +197,14 @@ std::optional<UtcTime> query_time(const Request& request, const char* name) {
   return time;
 }
 
+bool newest_first(const Request& request, bool otherwise) {
+  const std::string* const order = request.query_value("order");
+  if (order == nullptr) return otherwise;
+  if (*order != "newest" && *order != "oldest")
+    throw refusal(400, "?order=" + order->substr(0, 40) + ", expected newest or oldest");
+  return *order == "newest";
+}
+
 void add_next(Response& response, const Request& request, const std::string& next) {
   if (next.empty()) return;
   std::string target = request.path + "?";
@@ -209,11 +228,13 @@ Response list(JobBoard& board, const Request& request) {
   filter.robot = query_text(request, "robot");
   filter.stored_from = query_time(request, "from");
   filter.stored_before = query_time(request, "before");
-  filter.newest_first = query_text(request, "order") == "newest";
+  filter.newest_first = newest_first(request, false);
   const auto limit = static_cast<std::size_t>(query_integer(request, "limit", 1, 1000, 100));
   JobPage page;
   try {
     page = board.jobs().list(filter, query_text(request, "cursor"), limit);
+  } catch (const Unavailable&) {
+    throw;
   } catch (const Error& error) {
     throw refusal(400, error.what());
   }
@@ -252,11 +273,13 @@ Response results(JobBoard& board, const Request& request, const std::string& equ
   filter.robot = query_text(request, "robot");
   filter.stored_from = query_time(request, "from");
   filter.stored_before = query_time(request, "before");
-  filter.newest_first = query_text(request, "order") != "oldest";
+  filter.newest_first = newest_first(request, true);
   const auto limit = static_cast<std::size_t>(query_integer(request, "limit", 1, 1000, 100));
   ResultPage page;
   try {
     page = board.jobs().results(filter, query_text(request, "cursor"), limit);
+  } catch (const Unavailable&) {
+    throw;
   } catch (const Error& error) {
     throw refusal(400, error.what());
   }
@@ -301,41 +324,54 @@ Response job_response_data(JobBoard& board, const std::string& id, http::Scope s
 
 void add_job_schemas(http::Router& router) {
   router.add_schema("JobState", R"({
-    "type": "array", "description": "ISA95StateDataType[] of OPC 10031-4, the first one is the top state",
+    "type": "array", "minItems": 1, "description": "ISA95StateDataType[] of OPC 10031-4, the first one is the top state",
     "items": {"type": "object", "properties": {
       "BrowsePath": {"type": ["string", "null"]},
       "StateText": {"enum": ["NotAllowedToStart", "AllowedToStart", "Running", "Interrupted", "Ended", "Aborted"]},
-      "StateNumber": {"type": "integer", "minimum": 1, "maximum": 6}}, "required": ["StateText", "StateNumber"]}})");
+      "StateNumber": {"type": "integer", "minimum": 1, "maximum": 6}},
+      "required": ["BrowsePath", "StateText", "StateNumber"], "additionalProperties": false}})");
   router.add_schema("JobParameter", R"({
-    "type": "object", "description": "ISA95ParameterDataType; orders take Request: an object, required; Deadline: a time; TimeLimit: s; Reuse: true or false",
-    "properties": {"ID": {"type": "string"}, "Value": true}, "required": ["ID", "Value"], "additionalProperties": false
-})");
+    "type": "object", "description": "ISA95ParameterDataType",
+    "properties": {"ID": {"type": "string"}, "Value": true}, "required": ["ID", "Value"], "additionalProperties": false})");
+  router.add_schema("OrderParameter", R"({
+    "type": "object", "description": "ISA95ParameterDataType of an order",
+    "properties": {"ID": {"enum": ["Request", "Deadline", "TimeLimit", "Reuse"]}, "Value": true},
+    "required": ["ID", "Value"], "additionalProperties": false,
+    "oneOf": [
+      {"properties": {"ID": {"const": "Request"}, "Value": {"$ref": "#/components/schemas/NamedRequest"}}},
+      {"properties": {"ID": {"const": "Deadline"}, "Value": {"type": "string", "format": "date-time"}}},
+      {"properties": {"ID": {"const": "TimeLimit"}, "Value": {"type": "number", "exclusiveMinimum": 0, "maximum": 1e6, "description": "s of running"}}},
+      {"properties": {"ID": {"const": "Reuse"}, "Value": {"type": "boolean", "description": "false: compute again"}}}]})");
   router.add_schema("JobOrder", R"({
     "type": "object", "description": "ISA95JobOrderDataType",
     "properties": {
-      "JobOrderID": {"type": "string", "minLength": 1, "maxLength": 200}, "Description": {"type": "array", "items": {"$ref": "#/components/schemas/LocalizedText"}},
-      "WorkMasterID": {"type": "array", "maxItems": 1, "items": {"type": "object", "properties": {"ID": {"type": "string"}}}},
+      "JobOrderID": {"type": "string", "minLength": 1, "maxLength": 200, "pattern": "^[!-.0-~]+$"},
+      "Description": {"type": "array", "maxItems": 64, "items": {"$ref": "#/components/schemas/LocalizedText"}},
+      "WorkMasterID": {"type": "array", "minItems": 1, "maxItems": 1, "description": "the service of the request",
+        "items": {"type": "object", "properties": {"ID": {"type": "string"}}, "required": ["ID"]}},
       "StartTime": {"type": "string", "format": "date-time"}, "EndTime": {"type": "string", "format": "date-time"},
       "Priority": {"type": "integer", "minimum": -32768, "maximum": 32767, "description": "higher is more urgent"},
-      "JobOrderParameters": {"type": "array", "items": {"$ref": "#/components/schemas/JobParameter"}}},
+      "JobOrderParameters": {"type": "array", "items": {"$ref": "#/components/schemas/OrderParameter"},
+        "contains": {"properties": {"ID": {"const": "Request"}}}}},
     "required": ["JobOrderParameters"], "additionalProperties": false})");
   router.add_schema("JobOrderAndState", R"({
     "type": "object",
     "properties": {
-      "JobOrder": {"$ref": "#/components/schemas/JobOrder"}, "State": {"$ref": "#/components/schemas/JobState"},
+      "JobOrder": {"allOf": [{"$ref": "#/components/schemas/JobOrder"}], "required": ["JobOrderID", "Description", "WorkMasterID", "Priority"]},
+      "State": {"$ref": "#/components/schemas/JobState"},
       "JobExecutionMode": {"const": "SimulationMode"}, "JobResult": {"enum": ["Unknown", "Successful", "Unsuccessful"]},
       "Progress": {"type": "number", "minimum": 0, "maximum": 1}, "ProgressMessage": {"type": "string"},
       "ReasonForStateChange": {"type": "string"}, "Stored": {"type": "string", "format": "date-time"}, "Version": {"type": "integer"}},
-    "required": ["JobOrder", "State"]})");
+    "required": ["JobOrder", "State", "JobExecutionMode", "JobResult", "Progress", "Stored", "Version"], "additionalProperties": false})");
   router.add_schema("JobOrders", R"({
     "type": "object",
     "properties": {"JobOrders": {"type": "array", "items": {"$ref": "#/components/schemas/JobOrderAndState"}},
                    "Next": {"type": "string", "description": "cursor of the next page; empty: this is the last one"}},
-    "required": ["JobOrders", "Next"]})");
+    "required": ["JobOrders", "Next"], "additionalProperties": false})");
   router.add_schema("JobCommand", R"({
     "type": "object",
     "properties": {"Command": {"enum": ["Start", "RevokeStart", "Pause", "Resume", "Stop", "Abort", "Cancel", "Clear"]},
-                   "Comment": {"type": "array", "items": {"$ref": "#/components/schemas/LocalizedText"}}},
+                   "Comment": {"type": "array", "maxItems": 64, "items": {"$ref": "#/components/schemas/LocalizedText"}}},
     "required": ["Command"], "additionalProperties": false})");
   router.add_schema("JobResponse", R"({
     "type": "object", "description": "ISA95JobResponseDataType; Reply among the data is the reply of the service, byte for byte",
@@ -343,26 +379,29 @@ void add_job_schemas(http::Router& router) {
       "JobResponseID": {"type": "string"}, "JobOrderID": {"type": "string"}, "StartTime": {"type": "string", "format": "date-time"},
       "EndTime": {"type": "string", "format": "date-time"}, "JobState": {"$ref": "#/components/schemas/JobState"},
       "JobResponseData": {"type": "array", "items": {"$ref": "#/components/schemas/JobParameter"}}},
-    "required": ["JobResponseID", "JobOrderID", "JobState", "JobResponseData"]})");
+    "required": ["JobResponseID", "JobOrderID", "JobState", "JobResponseData"], "additionalProperties": false})");
   router.add_schema("Result", R"({
     "type": "object",
     "properties": {
       "Number": {"type": "integer"}, "JobOrderID": {"type": "string"}, "Service": {"type": "string"}, "Robot": {"type": "string"},
       "RequestHash": {"type": "string"}, "RobotHash": {"type": "string"}, "Producer": {"type": "string"},
       "Stored": {"type": "string", "format": "date-time"}, "Busy_s": {"type": "number"}, "Reused": {"type": "boolean"},
-      "Bytes": {"type": "integer"}, "Request": {"type": "object"}, "Reply": {"type": "object"}},
-    "required": ["Number", "JobOrderID", "Service", "RequestHash", "Stored"]})");
+      "Bytes": {"type": "integer", "description": "of the reply"}, "Request": {"$ref": "#/components/schemas/NamedRequest"},
+      "Reply": {"$ref": "#/components/schemas/Reply"}},
+    "required": ["Number", "JobOrderID", "Service", "Robot", "RequestHash", "RobotHash", "Producer", "Stored", "Busy_s", "Reused", "Bytes", "Request"],
+    "additionalProperties": false})");
   router.add_schema("Results", R"({
     "type": "object",
-    "properties": {"Results": {"type": "array", "items": {"$ref": "#/components/schemas/Result"}}, "Next": {"type": "string"}},
-    "required": ["Results", "Next"]})");
+    "properties": {"Results": {"type": "array", "items": {"$ref": "#/components/schemas/Result"}},
+                   "Next": {"type": "string", "description": "cursor of the next page; empty: this is the last one"}},
+    "required": ["Results", "Next"], "additionalProperties": false})");
   router.add_schema("JobEvent", R"({
-    "type": "object", "description": "Data of the event job; its id is the version of the job. An event resync without data: events were lost, list the jobs again",
+    "type": "object",
     "properties": {
       "JobOrderID": {"type": "string"}, "Change": {"enum": ["state", "order", "progress", "removed"]}, "State": {"$ref": "#/components/schemas/JobState"},
       "JobResult": {"enum": ["Unknown", "Successful", "Unsuccessful"]}, "Progress": {"type": "number"}, "ProgressMessage": {"type": "string"},
       "ReasonForStateChange": {"type": "string"}},
-    "required": ["JobOrderID", "Change", "State"]})");
+    "required": ["JobOrderID", "Change", "State", "JobResult", "Progress"], "additionalProperties": false})");
 }
 
 }  // namespace
@@ -380,6 +419,9 @@ void add_job_routes(http::Router& router, const std::shared_ptr<JobBoard>& board
     r.slow = true;  // the database
     return r;
   };
+  const auto add = [&](const http::Route& route, http::Handler handler) {
+    router.add(route, [handler = std::move(handler)](const Request& r) { return response_of([&] { return handler(r); }); });
+  };
   const std::vector<http::Parameter> pages = {
       {"service", "query", "only of this service"},
       {"robot", "query", "only of this robot"},
@@ -394,34 +436,46 @@ void add_job_routes(http::Router& router, const std::shared_ptr<JobBoard>& board
   post.takes = "JobOrder";
   post.parameters = {{"start", "query", "false: Store", R"({"type":"boolean","default":true})"},
                      {"Idempotency-Key", "header", "a repeated order with this key is the same job"}};
-  post.answers = {{201, "JobOrderAndState", "Stored"}, {200, "JobOrderAndState", "The key was used before: the same job"}};
-  router.add(post, [board, fill](const Request& r) { return stored(*board, r, order_of(object_of(r.body), fill)); });
+  const auto with = [](http::Answer given, std::vector<std::string> fields) {
+    given.fields = std::move(fields);
+    return given;
+  };
+  const http::Answer conflict = http::problem_answer(409, "The state of the job does not permit that (ReturnStatus)");
+  const http::Answer in_use = http::problem_answer(409, "The identifier is or was in use, or the run has ended");
+  post.answers = {with({201, "JobOrderAndState", "Stored"}, {"ETag", "Location"}),
+                  with({200, "JobOrderAndState", "The key was used before: the same job"}, {"ETag"}), in_use,
+                  http::problem_answer(410, "The key was used for a job order that was removed")};
+  add(post, [board, fill](const Request& r) { return stored(*board, r, order_of(object_of(r.body), fill)); });
 
   http::Route all = make("GET", "/job-orders", "listJobOrders", "JobOrderList, by pages", http::Scope::kRead);
   all.parameters = pages;
   all.parameters.push_back({"state", "query", "names of states, separated by commas"});
   all.answers = {{200, "JobOrders", "A page"}};
-  router.add(all, [board](const Request& r) { return list(*board, r); });
+  add(all, [board](const Request& r) { return list(*board, r); });
 
   http::Route one =
       make("GET", "/job-orders/{id}", "getJobOrder", "A job order and its state; the ETag is its version", http::Scope::kRead);
-  one.answers = {{200, "JobOrderAndState", "It"}};
-  router.add(one, [board](const Request& r) { return job_response(*board, r.part("id")); });
+  one.answers = {with({200, "JobOrderAndState", "It"}, {"ETag"})};
+  add(one, [board](const Request& r) { return job_response(*board, r.part("id")); });
 
   http::Route replace = make("PUT", "/job-orders/{id}", "putJobOrder", "Store with If-None-Match: *; Update with If-Match",
                              http::Scope::kOperate);
   replace.takes = "JobOrder";
   replace.parameters = {{"If-None-Match", "header", "*: a new order"},
                         {"If-Match", "header", "ETag of the order that is changed"},
+                        {"Idempotency-Key", "header", "a repeated order with this key is the same job"},
                         {"start", "query", "false: Store", R"({"type":"boolean","default":true})"}};
-  replace.answers = {{201, "JobOrderAndState", "Stored"}, {200, "JobOrderAndState", "Updated"}};
-  router.add(replace, [board, fill](const Request& r) { return put(*board, r, fill); });
+  replace.answers = {with({201, "JobOrderAndState", "Stored"}, {"ETag", "Location"}),
+                     with({200, "JobOrderAndState", "Updated"}, {"ETag"}), in_use,
+                     http::problem_answer(412, "The job order is there already, or has another version"),
+                     http::problem_answer(428, "Neither If-None-Match: * nor If-Match is given")};
+  add(replace, [board, fill](const Request& r) { return put(*board, r, fill); });
 
   http::Route remove = make("DELETE", "/job-orders/{id}", "removeJobOrder",
                             "Cancel of a waiting job, Clear of one that is done", http::Scope::kOperate);
   remove.gives = "";
-  remove.answers = {{204, "", "Removed"}};
-  router.add(remove, [board](const Request& r) {
+  remove.answers = {{204, "", "Removed"}, conflict};
+  add(remove, [board](const Request& r) {
     const JobReply reply = board->jobs().remove(r.part("id"));
     if (!reply.ok()) throw refusal_of(reply);
     Response gone;
@@ -433,9 +487,10 @@ void add_job_routes(http::Router& router, const std::shared_ptr<JobBoard>& board
   http::Route verb = make("POST", "/job-orders/{id}/commands", "commandJob",
                           "Start, RevokeStart, Pause, Resume, Stop, Abort, Cancel, Clear", http::Scope::kOperate);
   verb.takes = "JobCommand";
-  verb.answers = {{202, "JobOrderAndState", "The command is taken; events tell its effect"},
-                  {204, "", "Removed (Cancel, Clear)"}};
-  router.add(verb, [board](const Request& r) { return command(*board, r); });
+  verb.answers = {with({202, "JobOrderAndState", "The command is taken; events tell its effect"}, {"ETag"}),
+                  {204, "", "Removed (Cancel, Clear)"},
+                  conflict};
+  add(verb, [board](const Request& r) { return command(*board, r); });
 
   http::Route answer = make("GET", "/job-responses/{id}", "getJobResponse",
                             "State, progress and reply of a job; waits for its end with wait", http::Scope::kRead);
@@ -445,13 +500,7 @@ void add_job_routes(http::Router& router, const std::shared_ptr<JobBoard>& board
   router.add_later(answer, [board](const Request& r, const http::Reply& reply) {
     const std::string id = r.part("id");
     const auto now = [board, id, scope = r.scope, reply](bool) {
-      try {
-        reply(job_response_data(*board, id, scope));
-      } catch (const http::Refusal& refused) {
-        reply(http::to_response(refused.problem, refused.fields));
-      } catch (const std::exception& error) {
-        reply(http::to_response({500, error.what(), "", ""}));
-      }
+      reply(response_of([&] { return job_response_data(*board, id, scope); }));
     };
     const double seconds = wait_of(r);
     seconds > 0 ? board->wait(id, seconds, now) : now(true);
@@ -463,17 +512,22 @@ void add_job_routes(http::Router& router, const std::shared_ptr<JobBoard>& board
   kept.parameters.push_back({"job", "query", "only of this job order"});
   kept.parameters.push_back({"request_hash", "query", "SHA-256 of the request's canonical JSON"});
   kept.answers = {{200, "Results", "A page"}};
-  router.add(kept, [board](const Request& r) { return results(*board, r, ""); });
+  add(kept, [board](const Request& r) { return results(*board, r, ""); });
 
   http::Route equal = make("POST", "/results/find", "findResults", "Results of requests equal to the body", http::Scope::kRead);
-  equal.takes = "ServiceRequest";
+  equal.takes = "NamedRequest";
   equal.parameters = pages;
   equal.answers = {{200, "Results", "A page"}};
-  router.add(equal, [board](const Request& r) { return results(*board, r, object_of(r.body).dump()); });
+  add(equal, [board](const Request& r) {
+    const Json request = object_of(r.body);
+    (void)service_name(request, "");
+    return results(*board, r, request.dump());
+  });
 
   http::Route result = make("GET", "/results/{number}", "getResult", "A result with its reply", http::Scope::kRead);
+  result.parameters = {{"number", "path", "Number of the result", R"({"type":"integer","minimum":1})"}};
   result.answers = {{200, "Result", "It"}};
-  router.add(result, [board](const Request& r) {
+  add(result, [board](const Request& r) {
     const std::optional<long long> number = text::parse_integer(r.part("number"));
     const std::optional<Result> found = number ? board->jobs().result(*number) : std::nullopt;
     if (!found) throw refusal(404, "there is no result " + r.part("number").substr(0, 40));
@@ -486,7 +540,10 @@ void add_job_routes(http::Router& router, const std::shared_ptr<JobBoard>& board
   events.ticket = true;
   events.slow = false;
   events.parameters = {{"Last-Event-ID", "header", "id of the last event that was received"}};
-  events.answers = {{200, "JobEvent", "Events job, resync and heartbeat", "text/event-stream"}};
+  events.answers = {{200, "", "Changes of jobs, as long as the client listens", "text/event-stream"}};
+  events.messages = {{"job", "JobEvent", "A change; the event's id is the version of the job, progress has none"},
+                     {"resync", "Nothing", "Events were lost: list the jobs again"},
+                     {"heartbeat", "Nothing", "There were no others for a while"}};
   router.add(events, [board](const Request& r) {
     const std::string* const last = r.field("Last-Event-ID");
     Response response;

@@ -30,7 +30,37 @@ std::string schema_name(const std::string& service) {
     name += upper && c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
     upper = false;
   }
-  return name + "Request";
+  return name;
+}
+
+/// The request of a service as a schema within the document, as POST /services/{name} takes it: with the present posture of the run as
+/// another start, and without "service", which is in the path.
+Json request_schema(const ServiceInfo& service) {
+  Json schema = Json::parse(service.request_schema);
+  schema.erase("$schema");  // only the root of a document may have it
+  Json& required = schema["required"];
+  for (auto name = required.begin(); name != required.end();) name = *name == "service" ? required.erase(name) : name + 1;
+  if (required.empty()) schema.erase("required");
+  Json& members = schema["properties"];
+  if (!members.contains("from_q_rad")) return schema;
+  members["from"] = {{"const", "run"}, {"description", "the present joint positions of the run, in place of from_q_rad"}};
+  members["from_signal"] = {{"type", "string"}, {"description", "the signal that has them; without it the only q of the run"}};
+  for (Json& choice : schema["allOf"]) {
+    if (choice["anyOf"][0]["required"][0] == "from_q_rad") choice["anyOf"].push_back({{"required", Json::array({"from"})}});
+  }
+  return schema;
+}
+
+Json reply_schema(const ServiceInfo& service) {
+  Json schema = Json::parse(service.reply_schema);
+  schema.erase("$schema");
+  return schema;
+}
+
+std::string service_names_schema() {
+  Json names = Json::array();
+  for (const ServiceInfo& service : all_services()) names.push_back(service.name);
+  return Json{{"enum", names}}.dump();
 }
 
 Json limit(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
@@ -105,14 +135,7 @@ void answer_by_job(const std::shared_ptr<JobBoard>& board, const Request& reques
   const double seconds =
       request.field("Prefer") != nullptr || request.query_value("wait") != nullptr ? wait_of(request) : kPatience;
   board->wait(stored.id, seconds, [board, id = stored.id, promised, reply](bool done) {
-    Response response;
-    try {
-      response = done ? board->reply_of(id) : give(board->job_json(id), 202);
-    } catch (const http::Refusal& refused) {
-      response = http::to_response(refused.problem, refused.fields);
-    } catch (const std::exception& error) {
-      response = http::to_response({500, error.what(), "", ""});
-    }
+    Response response = response_of([&] { return done ? board->reply_of(id) : give(board->job_json(id), 202); });
     const std::string encoded = http::encode_segment(id);
     if (done) {
       response.fields.push_back({"Content-Location", "/job-responses/" + encoded});
@@ -131,37 +154,61 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
                         const Fill& fill) {
   router.add_schema("Joint", R"({
     "type": "object", "description": "Limits without a value are null; units of measure are in the names",
-    "properties": {"name": {"type": "string"}, "type": {"enum": ["revolute", "prismatic"]}}, "required": ["name", "type"]})");
+    "properties": {
+      "name": {"type": "string"}, "type": {"enum": ["revolute", "prismatic"]},
+      "q_min_rad": {"type": ["number", "null"]}, "q_max_rad": {"type": ["number", "null"]},
+      "dq_max_rad_per_s": {"type": ["number", "null"]}, "tau_max_Nm": {"type": ["number", "null"]},
+      "q_min_m": {"type": ["number", "null"]}, "q_max_m": {"type": ["number", "null"]},
+      "dq_max_m_per_s": {"type": ["number", "null"]}, "tau_max_N": {"type": ["number", "null"]}},
+    "required": ["name", "type"], "additionalProperties": false,
+    "if": {"properties": {"type": {"const": "revolute"}}}, "then": {"required": ["q_min_rad", "q_max_rad", "dq_max_rad_per_s", "tau_max_Nm"]},
+    "else": {"required": ["q_min_m", "q_max_m", "dq_max_m_per_s", "tau_max_N"]}})");
   router.add_schema("Robot", R"({
     "type": "object",
     "properties": {
       "name": {"type": "string"}, "joints": {"type": "array", "items": {"$ref": "#/components/schemas/Joint"}},
       "has_drives": {"type": "boolean"}, "has_energy": {"type": "boolean"}},
-    "required": ["name", "joints"]})");
+    "required": ["name", "joints", "has_drives", "has_energy"], "additionalProperties": false})");
   router.add_schema("Robots", R"({
     "type": "object",
     "properties": {"robots": {"type": "array", "items": {"type": "string"}}, "default": {"type": "string"}},
-    "required": ["robots"]})");
+    "required": ["robots", "default"], "additionalProperties": false})");
   router.add_schema("WorkMaster", R"({
     "type": "object", "description": "A service: ISA95WorkMasterDataType of OPC 10031-4, and the JSON Schema of its request",
     "properties": {
       "ID": {"type": "string"}, "Description": {"type": "array", "items": {"$ref": "#/components/schemas/LocalizedText"}},
       "Immediate": {"type": "boolean", "description": "Answered at once by POST to Href; else by a job"},
       "Href": {"type": "string"}, "RequestSchema": {"type": "object"}, "ReplySchema": {"type": "object"}},
-    "required": ["ID", "Description", "RequestSchema"]})");
+    "required": ["ID", "Description", "Immediate", "Href", "RequestSchema", "ReplySchema"], "additionalProperties": false})");
   router.add_schema("WorkMasters", R"({
     "type": "object",
-    "properties": {"WorkMasters": {"type": "array", "items": {"$ref": "#/components/schemas/WorkMaster"}}}, "required": ["WorkMasters"]})");
+    "properties": {"WorkMasters": {"type": "array", "items": {"$ref": "#/components/schemas/WorkMaster"}}},
+    "required": ["WorkMasters"], "additionalProperties": false})");
   router.add_schema("LocalizedText", R"({
-    "type": "object", "properties": {"Locale": {"type": "string"}, "Text": {"type": "string"}}, "required": ["Text"]})");
-  router.add_schema("Reply",
-                    R"({"type": "object", "description": "The reply of the service; the same request gives the same bytes"})");
-  Json any = Json::array();
+    "type": "object", "properties": {"Locale": {"type": "string"}, "Text": {"type": "string"}}, "required": ["Text"], "additionalProperties": false})");
+  Json requests = Json::array(), replies = Json::array();
   for (const ServiceInfo& service : all_services()) {
-    router.add_schema(schema_name(service.name), service.request_schema);
-    any.push_back({{"$ref", "#/components/schemas/" + schema_name(service.name)}});
+    const std::string name = schema_name(service.name);
+    router.add_schema(name + "Request", request_schema(service).dump());
+    router.add_schema(name + "Reply", reply_schema(service).dump());
+    requests.push_back({{"$ref", "#/components/schemas/" + name + "Request"}});
+    replies.push_back({{"$ref", "#/components/schemas/" + name + "Reply"}});
   }
-  router.add_schema("ServiceRequest", Json{{"type", "object"}, {"anyOf", any}}.dump());
+  router.add_schema("ServiceRequest", Json{{"description", "That of the service in the path, whose name may be left out here"},
+                                           {"type", "object"},
+                                           {"anyOf", requests}}
+                                          .dump());
+  if (board)
+    router.add_schema("NamedRequest", Json{{"description", "The request of the service that its member service names"},
+                                           {"type", "object"},
+                                           {"required", Json::array({"service"})},
+                                           {"anyOf", requests}}
+                                          .dump());
+  router.add_schema("Reply", Json{{"description", "The reply of the service; the same request gives the same bytes"},
+                                  {"type", "object"},
+                                  {"anyOf", replies}}
+                                 .dump());
+  const http::Parameter service_part{"name", "path", "name of the service", service_names_schema()};
 
   const auto get = [&](const char* pattern, const char* id, const char* summary, const char* schema) {
     http::Route r;
@@ -190,8 +237,10 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
                for (const ServiceInfo& service : all_services()) all.push_back(master_json(service));
                return give({{"WorkMasters", std::move(all)}});
              });
-  router.add(get("/work-masters/{name}", "getWorkMaster", "A service with the JSON Schema of its request", "WorkMaster"),
-             [](const Request& request) { return give(master_json(service_of(request.part("name")))); });
+  http::Route master =
+      get("/work-masters/{name}", "getWorkMaster", "A service with the JSON Schema of its request", "WorkMaster");
+  master.parameters = {service_part};
+  router.add(master, [](const Request& request) { return give(master_json(service_of(request.part("name")))); });
 
   http::Route ask;
   ask.method = "POST";
@@ -201,12 +250,22 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
   ask.summary = "The answer to a request: at once, or by a job for long services and with Prefer: respond-async";
   ask.takes = "ServiceRequest";
   ask.slow = true;
-  ask.answers = {{200, "Reply", "The reply of the service"}};
+  ask.answers = {{200, "Reply", "The reply of the service; after a job Content-Location has its response"},
+                 http::problem_answer(409, "The run whose posture is asked for has ended")};
+  ask.parameters = {service_part};
   if (board) {
-    ask.answers.push_back({202, "JobOrderAndState", "A job was ordered, Location has its response"});
-    ask.parameters = {{"Prefer", "header", "respond-async, wait=SECONDS (RFC 7240)"},
+    http::Answer ordered{202, "JobOrderAndState", "A job was ordered, Location has its response"};
+    ordered.fields = {"Location", "Retry-After"};
+    ask.answers.push_back(std::move(ordered));
+    ask.answers.push_back(http::problem_answer(403, "The token may read only, and the answer is a job"));
+    ask.answers.push_back(http::problem_answer(410, "The key was used for a job order that was removed"));
+    ask.answers.push_back(http::problem_answer(500, "The job ended without a reply: it was stopped, or its workers died"));
+    ask.parameters = {service_part,
+                      {"Prefer", "header", "respond-async, wait=SECONDS (RFC 7240)"},
                       {"Idempotency-Key", "header", "for answers by a job: a repeated request gives the same job"},
                       {"wait", "query", "the same as wait of Prefer", R"({"type":"number","minimum":0,"maximum":30})"}};
+  } else {
+    ask.answers.push_back(http::problem_answer(501, "The service is answered by jobs, and this gateway has none"));
   }
   router.add_later(ask, [&robots, board, fill](const Request& request, const http::Reply& reply) {
     const ServiceInfo& service = service_of(request.part("name"));

@@ -8,20 +8,14 @@
 #include <string_view>
 #include <utility>
 
+#include "components/gateway/jobs/errors.h"
 #include "components/gateway/jobs/job.h"
-#include "models/support/error.h"
 
 struct sqlite3;
 struct sqlite3_stmt;
 
 /// SQLite behind values and exceptions. Not thread-safe.
 namespace cotwin::gateway {
-
-/// A statement of SQLite failed: disk full, file damaged, no permission.
-class DatabaseError : public Error {
- public:
-  using Error::Error;
-};
 
 /// A file that one process at a time may own: <database>.owner. The kernel releases it when the process ends, however it ends.
 class OwnerLock {

@@ -86,7 +86,7 @@ struct Jobs::Impl {
     return {status, id, message, false};
   }
   void must_be_open() const {
-    if (closed) throw Error("jobs", "the queue is closed");
+    if (closed) throw Unavailable("jobs", "the queue is closed");
   }
   /// Runs a verb with the mutex; a database that cannot be written is a reply.
   template <class Verb>

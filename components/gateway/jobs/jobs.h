@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "components/gateway/jobs/errors.h"
 #include "components/gateway/jobs/job.h"
 
 namespace cotwin::gateway {
@@ -81,6 +82,8 @@ class Jobs {
   /// Cancel in state 1 or 2, Clear if the job is done, else kInvalidJobOrderStatus.
   JobReply remove(const std::string& id);
 
+  // These throw Unavailable if the database cannot be read.
+
   /// nullopt: no job order has this identifier, or it was removed.
   std::optional<Job> find(const std::string& id);
   /// As find; marks a job that is done as read, so that its result may be removed when the limits are reached.
@@ -104,7 +107,7 @@ class Jobs {
   JobsStatus status();
   /// Applies the limits of results and identifiers now; done by itself once a minute.
   void clean();
-  /// Kills the workers; running jobs run again after the next start. Later calls of other functions throw Error or reply
+  /// Kills the workers; running jobs run again after the next start. Later calls of other functions throw Unavailable or reply
   /// kUnableToAccept. The destructor closes the database.
   void close();
 
