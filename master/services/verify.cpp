@@ -130,7 +130,7 @@ std::string scenario_of(const services::Robot& robot, const RobotFolder& folder,
   std::string controller = limits(bounds), drive = parameter("q0", list(move.from_q));
   if (options.rigid) {
     controller += parameter("K", "0") + parameter("B", "0");
-    drive += parameter("B", "0");
+    drive += parameter("B", "1e-9");  // kg m^2; the unit demands more than 0
   } else if (!folder.has("compliance.ssv")) {
     const robot::DriveParameters& d = *robot.drives;
     for (const auto& [name, values] : {std::pair{"K", &d.K}, {"B", &d.B}, {"sigma2", &d.sigma2}, {"tau_C", &d.tau_C}})
