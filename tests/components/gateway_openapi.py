@@ -351,7 +351,7 @@ def check_services(g):
     g.call("POST", "/services/{name}", 200, feasibility, body={**from_run, "from": "run"})
     g.call("POST", "/services/{name}", 200, feasibility, body={**from_run, "from": "run", "from_signal": "drive.theta"})
     g.call("POST", "/services/{name}", 422, feasibility, body={**from_run, "from": "run", "from_signal": "drive.x"}, well_formed=True)
-    g.call("POST", "/services/{name}", 404, {"name": "nobody"}, body=MOVE, well_formed=True)
+    g.call("POST", "/services/{name}", 404, {"name": "nobody"}, body={})
     g.call("POST", "/services/{name}", 202, feasibility, body={**MOVE, "T_s": 3}, fields={"Prefer": "respond-async"})
     key = {"Idempotency-Key": "service-1"}
     _, header = g.call("POST", "/services/{name}", 200, {"name": "optimise"}, {"wait": "30"}, body={**SEARCH, "seed": 2}, fields=key)

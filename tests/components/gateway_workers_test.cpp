@@ -134,6 +134,7 @@ TEST(Workers, LeaveTheirPlaceIfTheyEndBeforeTheirJobIsInterrupted) {
   Jobs jobs(trial.options);
   sqlite3* other = nullptr;
   ASSERT_EQ(sqlite3_open_v2((trial.folder / "jobs.db").c_str(), &other, SQLITE_OPEN_READWRITE, nullptr), SQLITE_OK);
+  sqlite3_busy_timeout(other, 60000);  // the jobs' thread may be writing
   const auto execute = [&](const char* sql) { return sqlite3_exec(other, sql, nullptr, nullptr, nullptr); };
   bool paused = false;
   std::string id;

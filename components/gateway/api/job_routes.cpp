@@ -357,7 +357,13 @@ void add_job_schemas(http::Router& router) {
   router.add_schema("JobOrderAndState", R"({
     "type": "object",
     "properties": {
-      "JobOrder": {"allOf": [{"$ref": "#/components/schemas/JobOrder"}], "required": ["JobOrderID", "Description", "WorkMasterID", "Priority"]},
+      "JobOrder": {"type": "object", "description": "JobOrder as it was stored; its request may be one that the service refuses",
+        "properties": {
+          "JobOrderID": {"type": "string"}, "Description": {"type": "array", "items": {"$ref": "#/components/schemas/LocalizedText"}},
+          "WorkMasterID": {"type": "array", "items": {"type": "object", "properties": {"ID": {"type": "string"}}, "required": ["ID"]}},
+          "StartTime": {"type": "string", "format": "date-time"}, "EndTime": {"type": "string", "format": "date-time"},
+          "Priority": {"type": "integer"}, "JobOrderParameters": {"type": "array", "items": {"$ref": "#/components/schemas/JobParameter"}}},
+        "required": ["JobOrderID", "Description", "WorkMasterID", "Priority", "JobOrderParameters"], "additionalProperties": false},
       "State": {"$ref": "#/components/schemas/JobState"},
       "JobExecutionMode": {"const": "SimulationMode"}, "JobResult": {"enum": ["Unknown", "Successful", "Unsuccessful"]},
       "Progress": {"type": "number", "minimum": 0, "maximum": 1}, "ProgressMessage": {"type": "string"},
