@@ -115,7 +115,7 @@ TEST(JobDatabase, LeavesNoWorkerBehindWhenItsProcessIsKilled) {
   const auto workers = [&] {
     int count = 0;
     for (const auto& entry : std::filesystem::directory_iterator("/proc"))
-      count += cotwin::testing::content(entry.path() / "cmdline").find(mark) != std::string::npos ? 1 : 0;
+      count += command_line(entry.path()).find(mark) != std::string::npos ? 1 : 0;
     return count;
   };
   EXPECT_GE(workers(), 1);  // and a moment of the shell's own child

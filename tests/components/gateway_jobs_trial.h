@@ -73,6 +73,14 @@ struct Trial {
   JobsOptions options;
 };
 
+/// Of a process, its folder below /proc. Empty if it has ended, also if that is while it is read: then the system tells an error, not an end.
+inline std::string command_line(const std::filesystem::path& process) {
+  std::ifstream in(process / "cmdline", std::ios::binary);
+  std::string text;
+  std::getline(in, text);  // throws nothing
+  return text;
+}
+
 inline JobOrder order_of(const std::string& id, const std::string& service, const std::string& more = "") {
   JobOrder order;
   order.id = id;

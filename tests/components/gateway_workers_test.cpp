@@ -26,7 +26,7 @@ int processes_of(const std::string& text) {
   int count = 0;
   std::error_code ignored;
   for (const auto& entry : std::filesystem::directory_iterator("/proc", ignored)) {
-    const std::string command = cotwin::testing::content(entry.path() / "cmdline");
+    const std::string command = command_line(entry.path());
     count += command.find(text) != std::string::npos && entry.path().filename() != std::to_string(getpid()) ? 1 : 0;
   }
   return count;
