@@ -10,6 +10,7 @@
 #include "master/program/interrupt.h"
 #include "master/program/tuning/progress.h"
 #include "models/excitation/design.h"
+#include "models/excitation/samples.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/support/atomic_file.h"
 #include "models/support/choice.h"
@@ -44,20 +45,16 @@ std::vector<std::string> column_names(std::size_t n) {
 void write_motion(const fs::path& place, const excitation::FourierSeries& series, double rate, int periods) {
   AtomicFile file(place);
   csv::Writer writer(file.stream(), column_names(series.joints));
-  const auto samples = static_cast<std::size_t>(std::llround(series.period * rate));
   std::vector<double> row(1 + 3 * series.joints);
-  for (std::size_t k = 0; k <= samples * static_cast<std::size_t>(periods); ++k) {
-    row[0] = static_cast<double>(k) / rate;
-    // Time within the period, so that all periods have the same bits.
-    const double t = series.period * static_cast<double>(k % samples) / static_cast<double>(samples);
+  excitation::for_each_sample(series, rate, periods, [&](double t, std::span<const excitation::FourierSeries::State> states) {
+    row[0] = t;
     for (std::size_t j = 0; j < series.joints; ++j) {
-      const excitation::FourierSeries::State at = series.at(j, t);
-      row[1 + j] = at.q;
-      row[1 + series.joints + j] = at.dq;
-      row[1 + 2 * series.joints + j] = at.ddq;
+      row[1 + j] = states[j].q;
+      row[1 + series.joints + j] = states[j].dq;
+      row[1 + 2 * series.joints + j] = states[j].ddq;
     }
     writer.row(row);
-  }
+  });
   file.commit();
 }
 
@@ -86,11 +83,7 @@ int excite(ExciteArguments& a) {
   a.design.criterion = text::choose<excitation::Criterion>(
       "--criterion", a.criterion,
       {{"condition", excitation::Criterion::kCondition}, {"determinant", excitation::Criterion::kDeterminant}});
-  const double samples = a.design.period * a.rate;
-  if (!(a.rate > 0) || !(samples >= 10 && samples <= 1e8) || std::abs(samples - std::round(samples)) > 1e-6 * samples) {
-    throw Error("--rate " + text::to_text(a.rate),
-                "gives " + text::to_text(samples, 6) + " samples a period, expected a whole number of at least 10");
-  }
+  excitation::check_samples("--rate", a.design.period, a.rate);
   const fs::path out = a.out.empty() ? fs::path(file_name_of("excitation_" + robot.name) + ".csv") : a.out;
   for (const std::string& warning : warnings) std::cerr << "warning: " << warning << '\n';
 
