@@ -3,6 +3,8 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -14,7 +16,7 @@
 
 /// \file
 /// The public interface of Cotwin, installed as `cotwin/cotwin.h`: run a scenario, evaluate the dynamics of a robot, tune a
-/// robot to measured torques. It is stable by promise: within a major version (before 1.0: within a minor version) it is only
+/// robot to measured torques, design exciting motions, ask the motion services. It is stable by promise: within a major version (before 1.0: within a minor version) it is only
 /// extended. Other headers below `cotwin/` may change at any time.
 ///
 /// Conventions: SI (m, kg, s, rad, N, N.m) everywhere; vectors of n elements in the order of the robot's joints (URDF,
@@ -145,10 +147,105 @@ class COTWIN_API Robot {
   Manipulability dynamic_manipulability(std::span<const double> q, std::span<const double> dq, std::span<const double> tau_max,
                                         const std::string& frame = "", std::span<const double> motor_inertia = {});
 
+  /// The links whose masses move with the joints, in the order of the parameters of regressor(): those of the n joints, then those
+  /// of mimic joints.
+  std::size_t bodies() const;
+  /// pi, 10 bodies(): of each body its mass (kg), mass times centre of mass x, y, z (kg.m), and inertia xx, xy, xz, yy, yz, zz about
+  /// the origin of its link's frame and in its axes (kg.m^2).
+  std::vector<double> inertial_parameters() const;
+
+  // Many states at once. Arrays are by rows: joint j of state s at [s n() + j]; the number of states follows from the length of q.
+  // Results are written to the last argument, whose length must fit; it must not overlap another array. Nothing is allocated.
+
+  /// M of each state at [s n^2]. \param q states x n, rad or m \param M states x n x n, as mass_matrix()
+  void mass_matrix(std::span<const double> q, std::span<double> M);
+  /// g of each state. \param q states x n, rad or m \param g states x n, N.m or N
+  void gravity(std::span<const double> q, std::span<double> g);
+  /// C dq + g of each state. \param q states x n, rad or m \param dq states x n, rad/s or m/s \param h states x n, N.m or N
+  void bias(std::span<const double> q, std::span<const double> dq, std::span<double> h);
+  /// C(q, dq) of each state, for which dM/dt - 2C is skew-symmetric. \param q states x n, rad or m \param dq states x n, rad/s or
+  /// m/s \param C states x n x n, by rows
+  void coriolis_matrix(std::span<const double> q, std::span<const double> dq, std::span<double> C);
+  /// tau of each state. A state of many is computed in SIMD lanes and agrees with the same state alone to rounding. \param q states x
+  /// n, rad or m \param dq states x n, rad/s or m/s \param ddq states x n, rad/s^2 or m/s^2 \param tau states x n, N.m or N
+  void inverse_dynamics(std::span<const double> q, std::span<const double> dq, std::span<const double> ddq,
+                        std::span<double> tau);
+  /// The same with arrays by joints: joint j of state s at [j states + s]. This is the order in which the lanes are computed, and
+  /// faster. \param q n x states, rad or m \param dq n x states, rad/s or m/s \param ddq n x states, rad/s^2 or m/s^2
+  /// \param tau n x states, N.m or N
+  void inverse_dynamics_by_joint(std::span<const double> q, std::span<const double> dq, std::span<const double> ddq,
+                                 std::span<double> tau);
+  /// ddq of each state. \param q states x n, rad or m \param dq states x n, rad/s or m/s \param tau states x n, N.m or N
+  /// \param ddq states x n, rad/s^2 or m/s^2
+  void forward_dynamics(std::span<const double> q, std::span<const double> dq, std::span<const double> tau,
+                        std::span<double> ddq);
+  /// Y of each state, with tau = Y pi of inertial_parameters(). \param q states x n, rad or m \param dq states x n, rad/s or m/s
+  /// \param ddq states x n, rad/s^2 or m/s^2 \param Y states x n x 10 bodies(), by rows
+  void regressor(std::span<const double> q, std::span<const double> dq, std::span<const double> ddq, std::span<double> Y);
+  /// Pose of a frame in each state. \param q states x n, rad or m \param frame as above \param R states x 9, R_BF by rows
+  /// \param p states x 3, p_BF, m
+  void forward_kinematics(std::span<const double> q, const std::string& frame, std::span<double> R, std::span<double> p);
+  /// J of each state. \param q states x n, rad or m \param frame as above \param J states x 6 x n, by rows, as jacobian()
+  void jacobian(std::span<const double> q, const std::string& frame, std::span<double> J);
+
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+// ---- Units of the calling program ------------------------------------------------------------------------------------------
+
+/// A real variable of a ProgramUnit, in memory of the unit.
+struct ProgramVariable {
+  std::string role;          ///< "input", "output", "parameter", "tunable" or "state"
+  std::string name;          ///< letters, digits, '_' and '.'; unique within the unit
+  std::span<double> values;  ///< the elements; at first the start values. Address and length must not change
+  std::string si;            ///< unit of measure, "N.m"; "1" for a pure number
+  std::string description;   ///< one sentence
+  double min = -std::numeric_limits<double>::infinity();  ///< lower bound of a parameter or input
+  double max = std::numeric_limits<double>::infinity();   ///< upper bound
+};
+
+/// A co-simulation unit that the calling program implements, for prototypes. The order of calls is variables(), then any number of
+/// initialise() and step(). An exception of a call ends the loading or the run. All calls are on the thread that loads or steps the
+/// Simulation, except where the scenario steps the component beside the loop.
+class ProgramUnit {
+ public:
+  virtual ~ProgramUnit() = default;
+  /// The variables, once. Everything that a step remembers is a state, or passed by save() and restore().
+  virtual std::vector<ProgramVariable> variables() = 0;
+  /// Makes states and outputs agree with parameters and inputs; may be called repeatedly. \param t start time, s
+  virtual void initialise(double t) = 0;
+  /// Steps from t to t + h. Returns false if the run shall end after this step. \param t s \param h > 0, s
+  virtual bool step(double t, double h) = 0;
+  /// What steps remember outside of the variables, for a way back. \param bytes is replaced
+  virtual void save(std::string& bytes) { bytes.clear(); }
+  /// Takes back what save() returned, after the variables were written. \param bytes of save()
+  virtual void restore(const std::string& bytes) { static_cast<void>(bytes); }
+  /// False for a unit whose steps cannot be taken back.
+  virtual bool restorable() const { return true; }
+};
+
+/// A kind of units of the calling program: a source `unit:NAME` of scenarios.
+struct ProgramUnitType {
+  std::string name;                                    ///< no name of another unit
+  std::string summary;                                 ///< one sentence
+  std::function<std::unique_ptr<ProgramUnit>()> make;  ///< called for each component with this source
+};
+
+// ---- Recordings ------------------------------------------------------------------------------------------------------------
+
+/// A table of numbers over time.
+struct Recording {
+  std::vector<std::string> names;  ///< of the columns: "time", then "drive.q[1]", "drive.q[2]" …
+  std::size_t rows = 0;            ///< number of rows
+  std::vector<double> values;      ///< rows x names.size(), by rows; time in s, others in the variables' units of measure
+  bool cut = false;                ///< the file ends within a row, which was left out
+};
+
+/// Reads a recording, or any other CSV file of numbers with a header. \param file signals.csv. Throws Error, with file and line, if
+/// it cannot be read and for cells that are no numbers; "nan" and "inf" are numbers.
+COTWIN_API Recording load_recording(const std::filesystem::path& file);
 
 // ---- Scenarios -------------------------------------------------------------------------------------------------------------
 
@@ -161,6 +258,15 @@ struct SimulationOptions {
   std::vector<std::filesystem::path> units;    ///< modules with further units, as `cotwin run --units` takes them
   std::vector<std::filesystem::path> folders;  ///< where robots and scenes are looked up before the default folders
   std::optional<int> threads;                  ///< at most so many; results do not depend on them
+  std::vector<ProgramUnitType> program_units;  ///< further units, of the calling program
+  bool keep_rows = false;                      ///< keep the recorded rows in memory, for Simulation::recording()
+};
+
+/// A scenario in memory.
+struct ScenarioText {
+  std::string xml;                ///< as in an .ssd file
+  std::string name = "scenario";  ///< in messages, in place of the file
+  std::filesystem::path folder;   ///< relative references are looked up here; empty: the working directory
 };
 
 /// A variable of a component.
@@ -202,6 +308,8 @@ class COTWIN_API Simulation {
  public:
   /// Loads a scenario (.ssd or .ssp) with its units and FMUs. Throws Error for what is wrong with the scenario, with the line.
   explicit Simulation(const std::filesystem::path& scenario, const SimulationOptions& options = {});
+  /// The same for a scenario in memory.
+  explicit Simulation(const ScenarioText& scenario, const SimulationOptions& options = {});
   ~Simulation();
   /// Moves; the source may only be destroyed or assigned afterwards.
   Simulation(Simulation&&) noexcept;
@@ -226,6 +334,9 @@ class COTWIN_API Simulation {
   std::vector<double> get(std::string_view name) const;
   /// The value of a string variable of size 1. \param name of the variable. Throws Error for an unknown name and other kinds.
   std::string get_text(std::string_view name) const;
+  /// The memory of a real variable, or of one element, which has its present value after each step; to be read only while no step
+  /// runs. It is valid as long as this object. \param name of the variable. Throws Error for an unknown name and other kinds.
+  std::span<const double> view(std::string_view name) const;
 
   /// Initialises all components at the start time and opens the recording. step(), run_to() and run() do it if need be. Throws
   /// Error if the components cannot agree on their start values, and if it was called before.
@@ -242,8 +353,15 @@ class COTWIN_API Simulation {
   /// Steps to the stop time, closes the recording and returns result(). Throws Error as step() does, and if the recording
   /// cannot be written.
   RunResult run();
+  /// Ends the run at the present time: ends the units, writes the recording and closes it. Later steps do nothing. Throws Error if
+  /// the recording cannot be written.
+  void finish();
   /// The run so far.
   RunResult result() const;
+  /// Stop time of the scenario, s.
+  double stop() const;
+  /// The rows so far, if SimulationOptions::keep_rows is set: columns and instants as in signals.csv. Throws Error if it is not.
+  Recording recording() const;
 
  private:
   struct Impl;
@@ -271,6 +389,10 @@ struct TuneOptions {
   std::string q_columns;               ///< pattern of the position columns, "pos_{}"; "": q1, q2, …
   std::string dq_columns;              ///< of the velocities, "none" for none; "": dq1, dq2, … where there are any
   std::string tau_columns;             ///< of the torques; "": tau1, tau2, …
+  /// Called on the calling thread with a phase and the share of it that is done, 0 to 1; may be empty.
+  std::function<void(const std::string& what, double share)> progress;
+  /// Called often, on any thread; true: end with the best result so far. May be empty.
+  std::function<bool()> stop;
 };
 
 /// A parameter of unit:drive_train.
@@ -291,10 +413,72 @@ struct TuneResult {
   std::vector<double> prior_held_out_rms;  ///< n, N.m or N: of the URDF as it was given
   std::vector<std::string> warnings;       ///< of robot and logs
   std::vector<std::string> alarms;         ///< joints that are predicted worse than by no model or by the prior
+  bool interrupted = false;                ///< by TuneOptions::stop during the search
 };
 
 /// Tunes a robot's inertias, friction and motors to measured torques. Writes the files of `cotwin tune` into options.out.
-/// \param options robot, logs and method. Throws Error for what is wrong with options, robot or logs.
+/// \param options robot, logs and method. Throws Error for what is wrong with options, robot or logs, and if TuneOptions::stop ended
+/// it before the search; then nothing was written.
 COTWIN_API TuneResult tune(const TuneOptions& options);
+
+// ---- Exciting motions ------------------------------------------------------------------------------------------------------
+
+/// A motion for the measurement of a robot's dynamics: the options of `cotwin excite`.
+struct ExciteOptions {
+  std::string robot;                        ///< URDF, or the name of a robot that comes with Cotwin
+  double period = 10;                       ///< s
+  int periods = 1;                          ///< of the samples
+  double rate = 250;                        ///< samples per second; a whole number of at least 10 per period
+  int harmonics = 5;                        ///< of the Fourier series of each joint
+  double share = 0.9;                       ///< of every limit that the motion may use, in (0, 1]
+  double ddq_max = 10;                      ///< acceleration limit of every joint, rad/s^2 or m/s^2
+  std::optional<double> dq_max;             ///< further speed limit of every joint, rad/s or m/s
+  std::vector<double> q_min;                ///< n, rad or m: lower limits, within those of the URDF; empty: those of the URDF
+  std::vector<double> q_max;                ///< n, rad or m: upper limits, likewise
+  std::string criterion = "condition";      ///< "condition" (least) or "determinant" (largest)
+  std::uint64_t seed = 1;                   ///< equal seeds give equal bits
+  int rounds = 150;                         ///< of the swarm
+  int particles = 40;                       ///< of the swarm
+  int threads = 1;                          ///< the result does not depend on them
+  std::function<bool(int round)> progress;  ///< called after each round; false ends the search, with an Error. May be empty
+};
+
+/// An exciting motion: a Fourier series, sampled. At rest at both ends of each period.
+struct ExcitingMotion {
+  std::size_t joints = 0;             ///< n
+  std::vector<double> t;              ///< samples, s
+  std::vector<double> q;              ///< samples x n by rows, rad or m
+  std::vector<double> dq;             ///< samples x n by rows, rad/s or m/s
+  std::vector<double> ddq;            ///< samples x n by rows, rad/s^2 or m/s^2
+  double condition = 0;               ///< condition number of the base regressor with columns of unit length
+  int excited = 0;                    ///< base parameters that the motion excites
+  int base = 0;                       ///< all base parameters
+  std::vector<std::string> warnings;  ///< of the robot
+};
+
+/// Designs an exciting motion within the limits of the robot; it is not checked for collisions. \param options robot, limits and
+/// search. Throws Error for what is wrong with them, and if the progress function ended the search.
+COTWIN_API ExcitingMotion excite(const ExciteOptions& options);
+
+// ---- Services --------------------------------------------------------------------------------------------------------------
+
+/// What ask() may use.
+struct AskOptions {
+  std::string robot = "lwr4";  ///< of a request that names none: URDF, or the name of a robot that comes with Cotwin
+  std::vector<std::filesystem::path> robots;  ///< folders with robots, in place of those of Cotwin
+  int threads = 1;                            ///< of a search; the reply does not depend on them
+  /// Called on the calling thread during a search with the share that is done, 0 to 1, at each percent; false ends the search, with
+  /// an Error. May be empty.
+  std::function<bool(double share, const std::string& message)> progress;
+};
+
+/// The names of the services: "feasibility", "energy" …
+COTWIN_API std::vector<std::string> service_names();
+/// The JSON Schemas of a service's request and reply, as JSON. \param service a name of service_names(). Throws Error for another one.
+COTWIN_API std::string service_schema(const std::string& service);
+/// Answers a question about a motion, as `cotwin ask` does (docs/services.md). The same request gives the same reply, byte for byte.
+/// \param request a JSON object, {"service": "energy", "from_q_rad": […], "to_q_rad": […]} \param options robots and threads. Throws
+/// Error with the JSON pointer of the member that is wrong.
+COTWIN_API std::string ask(const std::string& request, const AskOptions& options = {});
 
 }  // namespace cotwin

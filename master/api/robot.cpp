@@ -20,6 +20,37 @@ struct Robot::Impl {
     }
     return {values.data(), model.n()};
   }
+  /// Number of states of an array with n values per state.
+  std::size_t states(std::span<const double> q) const {
+    const std::size_t n = model.joints.size();
+    if (n == 0 || q.size() % n != 0) {
+      throw Error("q of " + model.name,
+                  "has " + std::to_string(q.size()) + " elements, expected a multiple of " + std::to_string(n));
+    }
+    return q.size() / n;
+  }
+  /// Throws Error unless `size` values are `per_state` for each state.
+  void check(const char* name, std::size_t size, std::size_t count, std::size_t per_state) const {
+    if (size == count * per_state) return;
+    throw Error(std::string(name) + " of " + model.name,
+                "has " + std::to_string(size) + " elements, expected " + std::to_string(count * per_state) + ", " +
+                    std::to_string(per_state) + " for each of " + std::to_string(count) + " states");
+  }
+  Eigen::Map<const Eigen::VectorXd> state(std::span<const double> values, std::size_t s) const {
+    return {values.data() + s * model.joints.size(), model.n()};
+  }
+  Eigen::Map<Eigen::VectorXd> state(std::span<double> values, std::size_t s) const {
+    return {values.data() + s * model.joints.size(), model.n()};
+  }
+  /// Writes a matrix by rows to the block `s` of an array.
+  template <class Compute>
+  void by_rows(std::span<double> to, std::size_t s, Eigen::Index rows, Eigen::Index columns, Compute compute) {
+    if (by_columns.rows() != rows || by_columns.cols() != columns) by_columns.resize(rows, columns);
+    compute(by_columns);
+    Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>(
+        to.data() + s * static_cast<std::size_t>(rows * columns), rows, columns) = by_columns;
+  }
+
   robot::FrameOnBody frame(const std::string& name) const {
     return robot::on_body(name.empty() ? model.end_effector() : model.frame(name));
   }
@@ -51,9 +82,14 @@ struct Robot::Impl {
   robot::RobotModel model;
   robot::Mechanism mechanism;
   robot::Data data;
+  Eigen::MatrixXd by_columns;  // of one state
+  std::vector<double> lanes;   // arrays by joints of a block of states
 };
 
 namespace {
+
+constexpr std::size_t kLanes = 8;    // fewer states are computed one by one
+constexpr std::size_t kBlock = 128;  // states
 
 /// A vector of n elements that `compute` fills.
 template <class Compute>
@@ -192,6 +228,143 @@ Manipulability Robot::dynamic_manipulability(std::span<const double> q, std::spa
   robot::Manipulability found(impl_->model.n());
   robot::dynamic_manipulability(impl_->mechanism, impl_->data, position, speed, at.on, at.inertia, torque, found);
   return {ellipsoid_of(found.translation), ellipsoid_of(found.rotation)};
+}
+
+std::size_t Robot::bodies() const { return static_cast<std::size_t>(impl_->mechanism.body_count()); }
+
+std::vector<double> Robot::inertial_parameters() const {
+  std::vector<double> pi;
+  for (const robot::Body& body : impl_->model.bodies) {
+    const auto of_body = body.inertia.parameters();
+    pi.insert(pi.end(), of_body.begin(), of_body.end());
+  }
+  return pi;
+}
+
+void Robot::mass_matrix(std::span<const double> q, std::span<double> M) {
+  Impl& r = *impl_;
+  const std::size_t n = this->n(), count = r.states(q);
+  r.check("M", M.size(), count, n * n);
+  for (std::size_t s = 0; s < count; ++s) {  // symmetric: rows are columns
+    robot::mass_matrix(r.mechanism, r.data, r.state(q, s),
+                       Eigen::Map<Eigen::MatrixXd>(M.data() + s * n * n, r.model.n(), r.model.n()));
+  }
+}
+
+void Robot::gravity(std::span<const double> q, std::span<double> g) {
+  Impl& r = *impl_;
+  const std::size_t count = r.states(q);
+  r.check("g", g.size(), count, n());
+  for (std::size_t s = 0; s < count; ++s) robot::gravity(r.mechanism, r.data, r.state(q, s), r.state(g, s));
+}
+
+void Robot::bias(std::span<const double> q, std::span<const double> dq, std::span<double> h) {
+  Impl& r = *impl_;
+  const std::size_t count = r.states(q);
+  r.check("dq", dq.size(), count, n());
+  r.check("h", h.size(), count, n());
+  for (std::size_t s = 0; s < count; ++s) robot::bias(r.mechanism, r.data, r.state(q, s), r.state(dq, s), r.state(h, s));
+}
+
+void Robot::coriolis_matrix(std::span<const double> q, std::span<const double> dq, std::span<double> C) {
+  Impl& r = *impl_;
+  const std::size_t count = r.states(q);
+  r.check("dq", dq.size(), count, n());
+  r.check("C", C.size(), count, n() * n());
+  for (std::size_t s = 0; s < count; ++s) {
+    r.by_rows(C, s, r.model.n(), r.model.n(),
+              [&](Eigen::MatrixXd& one) { robot::coriolis_matrix(r.mechanism, r.data, r.state(q, s), r.state(dq, s), one); });
+  }
+}
+
+void Robot::inverse_dynamics(std::span<const double> q, std::span<const double> dq, std::span<const double> ddq,
+                             std::span<double> tau) {
+  Impl& r = *impl_;
+  const std::size_t n = this->n(), count = r.states(q);
+  r.check("dq", dq.size(), count, n);
+  r.check("ddq", ddq.size(), count, n);
+  r.check("tau", tau.size(), count, n);
+  if (count < kLanes) {
+    for (std::size_t s = 0; s < count; ++s)
+      robot::inverse_dynamics(r.mechanism, r.data, r.state(q, s), r.state(dq, s), r.state(ddq, s), r.state(tau, s));
+    return;
+  }
+  // Blocks of states that stay in the first cache, turned to arrays by joints and back.
+  r.lanes.resize(4 * n * kBlock);
+  double* const block[] = {r.lanes.data(), r.lanes.data() + n * kBlock, r.lanes.data() + 2 * n * kBlock,
+                           r.lanes.data() + 3 * n * kBlock};
+  for (std::size_t first = 0; first < count; first += kBlock) {
+    const std::size_t size = std::min(kBlock, count - first);
+    const double* const from[] = {q.data() + first * n, dq.data() + first * n, ddq.data() + first * n};
+    for (int k = 0; k < 3; ++k) {
+      for (std::size_t j = 0; j < n; ++j) {
+        for (std::size_t s = 0; s < size; ++s) block[k][j * size + s] = from[k][s * n + j];
+      }
+    }
+    robot::inverse_dynamics_batch(r.mechanism, r.data, size, block[0], block[1], block[2], block[3]);
+    double* const to = tau.data() + first * n;
+    for (std::size_t j = 0; j < n; ++j) {
+      for (std::size_t s = 0; s < size; ++s) to[s * n + j] = block[3][j * size + s];
+    }
+  }
+}
+
+void Robot::inverse_dynamics_by_joint(std::span<const double> q, std::span<const double> dq, std::span<const double> ddq,
+                                      std::span<double> tau) {
+  Impl& r = *impl_;
+  const std::size_t count = r.states(q);
+  r.check("dq", dq.size(), count, n());
+  r.check("ddq", ddq.size(), count, n());
+  r.check("tau", tau.size(), count, n());
+  robot::inverse_dynamics_batch(r.mechanism, r.data, count, q.data(), dq.data(), ddq.data(), tau.data());
+}
+
+void Robot::forward_dynamics(std::span<const double> q, std::span<const double> dq, std::span<const double> tau,
+                             std::span<double> ddq) {
+  Impl& r = *impl_;
+  const std::size_t count = r.states(q);
+  r.check("dq", dq.size(), count, n());
+  r.check("tau", tau.size(), count, n());
+  r.check("ddq", ddq.size(), count, n());
+  for (std::size_t s = 0; s < count; ++s)
+    robot::forward_dynamics(r.mechanism, r.data, r.state(q, s), r.state(dq, s), r.state(tau, s), r.state(ddq, s));
+}
+
+void Robot::regressor(std::span<const double> q, std::span<const double> dq, std::span<const double> ddq, std::span<double> Y) {
+  Impl& r = *impl_;
+  const std::size_t count = r.states(q), columns = 10 * bodies();
+  r.check("dq", dq.size(), count, n());
+  r.check("ddq", ddq.size(), count, n());
+  r.check("Y", Y.size(), count, n() * columns);
+  for (std::size_t s = 0; s < count; ++s) {
+    r.by_rows(Y, s, r.model.n(), static_cast<Eigen::Index>(columns), [&](Eigen::MatrixXd& one) {
+      robot::regressor(r.mechanism, r.data, r.state(q, s), r.state(dq, s), r.state(ddq, s), one);
+    });
+  }
+}
+
+void Robot::forward_kinematics(std::span<const double> q, const std::string& frame, std::span<double> R, std::span<double> p) {
+  Impl& r = *impl_;
+  const std::size_t count = r.states(q);
+  r.check("R", R.size(), count, 9);
+  r.check("p", p.size(), count, 3);
+  const robot::FrameOnBody on = r.frame(frame);
+  for (std::size_t s = 0; s < count; ++s) {
+    const Pose X_BF = robot::forward_kinematics(r.mechanism, r.data, r.state(q, s), on);
+    Eigen::Map<Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(R.data() + 9 * s) = X_BF.R;
+    Eigen::Map<Eigen::Vector3d>(p.data() + 3 * s) = X_BF.p;
+  }
+}
+
+void Robot::jacobian(std::span<const double> q, const std::string& frame, std::span<double> J) {
+  Impl& r = *impl_;
+  const std::size_t count = r.states(q);
+  r.check("J", J.size(), count, 6 * n());
+  const robot::FrameOnBody on = r.frame(frame);
+  for (std::size_t s = 0; s < count; ++s) {
+    r.by_rows(J, s, 6, r.model.n(),
+              [&](Eigen::MatrixXd& one) { robot::jacobian(r.mechanism, r.data, r.state(q, s), on, one); });
+  }
 }
 
 }  // namespace cotwin

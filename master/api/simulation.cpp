@@ -3,6 +3,7 @@
 
 #include "components/unit/unit_module.h"
 #include "master/api/cotwin.h"
+#include "master/api/program_units.h"
 #include "master/program/folders.h"
 #include "master/run/master.h"
 #include "models/support/text.h"
@@ -13,16 +14,58 @@ namespace {
 
 namespace fs = std::filesystem;
 
-master::Scenario load(const fs::path& file, const SimulationOptions& options, std::span<const UnitType> types) {
-  master::Scenario scenario = master::load_scenario(file);
+/// The scenario with the changes of the options.
+master::Scenario changed(master::Scenario scenario, const SimulationOptions& options, std::span<const UnitType> types) {
   for (const std::string& assignment : options.set) master::assign(scenario, assignment, types);
   if (options.stop) {
     constexpr double kMaxSeconds = 9e9;  // 2^63 ns is 9.22e9 s
     if (!(std::abs(*options.stop) <= kMaxSeconds)) throw Error("stop", "expected a time in seconds, 9e9 at most");
     scenario.stop = Time::from_seconds(*options.stop);
   }
+  keep_on_the_loops_thread(options.program_units, scenario);
   return scenario;
 }
+
+master::Scenario parse(const ScenarioText& text) {
+  const fs::path folder = text.folder.empty() ? fs::current_path() : fs::absolute(text.folder);
+  return master::parse_scenario(text.xml, text.name, folder);
+}
+
+/// The recorded rows of a run in memory.
+class Rows {
+ public:
+  explicit Rows(const master::Master& master) : columns_(master.columns()), every_(master.scenario().decimation) {
+    recording_.names = {"time"};
+    for (const master::Column& column : columns_)
+      recording_.names.insert(recording_.names.end(), column.names.begin(), column.names.end());
+  }
+
+  /// After the start and after each tick: a row at each multiple of the decimation, and at the end, as the recorder makes them.
+  void sample(const master::Master& master) {
+    if (master.tick() < next_ || master.tick() == last_) return;
+    last_ = master.tick();
+    next_ = std::min(master.ticks(), (last_ / every_ + 1) * every_);
+    recording_.values.push_back(master.now().seconds());
+    for (const master::Column& column : columns_) {
+      std::visit(
+          [&](auto all) {
+            if constexpr (!std::is_same_v<typename decltype(all)::value_type, std::string>) {
+              for (const auto value : all.subspan(column.signal.first, column.signal.count))
+                recording_.values.push_back(static_cast<double>(value));
+            }
+          },
+          column.signal.variable->storage);
+    }
+    ++recording_.rows;
+  }
+
+  const Recording& recording() const { return recording_; }
+
+ private:
+  std::span<const master::Column> columns_;
+  std::int64_t every_, next_ = 0, last_ = -1;
+  Recording recording_;
+};
 
 master::MasterOptions options_of(const SimulationOptions& options, const master::Scenario& scenario,
                                  std::span<const UnitType> types) {
@@ -38,14 +81,15 @@ master::MasterOptions options_of(const SimulationOptions& options, const master:
   return made;
 }
 
-/// `value` as an element of a variable; Error if it is none of the variable's values.
+/// `value` as an element of a signal; Error if it is none of its variable's values.
 template <class Element>
-Element element_of(const Variable& v, double value) {
+Element element_of(const master::Signal& signal, double value) {
+  const Variable& v = *signal.variable;
   const bool whole = std::is_same_v<Element, double> || value == std::floor(value);
   const double least = std::is_same_v<Element, bool> ? 0 : v.min, most = std::is_same_v<Element, bool> ? 1 : v.max;
   const bool fits = !std::is_same_v<Element, std::int32_t> || std::abs(value) <= 2147483647;
   if (!std::isfinite(value) || !whole || !fits || value < least || value > most)
-    throw Error(v.name + " = " + text::to_text(value),
+    throw Error(signal.name + " = " + text::to_text(value),
                 "expected " + (std::is_same_v<Element, bool> ? "0 or 1" : allowed_values(v)));
   return static_cast<Element>(value);
 }
@@ -53,11 +97,15 @@ Element element_of(const Variable& v, double value) {
 }  // namespace
 
 struct Simulation::Impl {
-  Impl(const fs::path& file, const SimulationOptions& options)
-      : types(load_units(unit_types(), options.units).types), master(make(load(file, options, types), options)) {}
+  Impl(master::Scenario scenario, const SimulationOptions& options)
+      : program_units(options.program_units, load_units(unit_types(), options.units).types),
+        master(make(changed(std::move(scenario), options, program_units.types()), options)) {
+    if (options.keep_rows) rows.emplace(master);
+  }
 
   master::Master make(master::Scenario scenario, const SimulationOptions& options) const {
-    master::MasterOptions chosen = options_of(options, scenario, types);
+    master::MasterOptions chosen = options_of(options, scenario, program_units.types());
+    const ProgramUnits::Loading loading(program_units);
     return master::Master(std::move(scenario), std::move(chosen));
   }
 
@@ -90,12 +138,17 @@ struct Simulation::Impl {
     if (started) throw Error(master.scenario().name, "was started before");
     master.initialise();
     started = true;
+    if (rows) rows->sample(master);
   }
-  /// At the end of the run the files are closed, and an error of a last step beside the loop is thrown.
   bool step_tick() {
-    if (master.step_tick()) return true;
+    if (ended || !master.step_tick()) return false;
+    if (rows) rows->sample(master);
+    return true;
+  }
+  /// Closes the files; an error of a last step beside the loop is thrown.
+  void finish() {
+    ended = true;
     master.finish();
-    return false;
   }
   /// A call that steps; after an error nothing can be stepped.
   template <class Call>
@@ -110,13 +163,16 @@ struct Simulation::Impl {
     }
   }
 
-  const std::vector<UnitType> types;
+  const ProgramUnits program_units;
   master::Master master;
-  bool started = false, failed = false;
+  std::optional<Rows> rows;
+  bool started = false, failed = false, ended = false;
 };
 
 Simulation::Simulation(const fs::path& scenario, const SimulationOptions& options)
-    : impl_(std::make_unique<Impl>(scenario, options)) {}
+    : impl_(std::make_unique<Impl>(master::load_scenario(scenario), options)) {}
+Simulation::Simulation(const ScenarioText& scenario, const SimulationOptions& options)
+    : impl_(std::make_unique<Impl>(parse(scenario), options)) {}
 Simulation::~Simulation() = default;
 Simulation::Simulation(Simulation&&) noexcept = default;
 Simulation& Simulation::operator=(Simulation&&) noexcept = default;
@@ -144,7 +200,7 @@ void Simulation::set(std::string_view name, std::span<const double> values) {
         if constexpr (std::is_same_v<Element, std::string>) {
           throw Error(signal.name, "is a string, expected set_text()");
         } else {
-          for (const double value : values) (void)element_of<Element>(*signal.variable, value);
+          for (const double value : values) (void)element_of<Element>(signal, value);
           for (std::size_t i = 0; i < values.size(); ++i) all[signal.first + i] = static_cast<Element>(values[i]);
         }
       },
@@ -182,17 +238,30 @@ std::string Simulation::get_text(std::string_view name) const {
   return signal.variable->strings()[signal.first];
 }
 
+std::span<const double> Simulation::view(std::string_view name) const {
+  const master::Signal signal = impl_->find(name);
+  if (signal.variable->kind() != Kind::kReal) throw Error(signal.name, "is not real, expected get()");
+  return signal.reals();
+}
+
 void Simulation::start() { impl_->start(); }
 double Simulation::time() const { return impl_->master.now().seconds(); }
 bool Simulation::step() {
-  return impl_->stepping([this] { return impl_->step_tick(); });
+  return impl_->stepping([this] {
+    if (impl_->step_tick()) return true;
+    impl_->finish();
+    return false;
+  });
 }
 
 bool Simulation::run_to(double t) {
   const Time end = Time::from_seconds(t);
   return impl_->stepping([&] {
     while (impl_->master.now() < end) {
-      if (!impl_->step_tick()) return false;
+      if (!impl_->step_tick()) {
+        impl_->finish();
+        return false;
+      }
     }
     return true;
   });
@@ -200,12 +269,20 @@ bool Simulation::run_to(double t) {
 
 RunResult Simulation::run() {
   impl_->stepping([this] {
-    while (impl_->master.step_tick()) {
+    while (impl_->step_tick()) {
     }
-    impl_->master.finish();
+    impl_->finish();
     return true;
   });
   return result();
+}
+
+void Simulation::finish() { impl_->finish(); }
+double Simulation::stop() const { return impl_->master.scenario().stop.seconds(); }
+
+Recording Simulation::recording() const {
+  if (!impl_->rows) throw Error(impl_->master.scenario().name, "keeps no rows, expected keep_rows among its options");
+  return impl_->rows->recording();
 }
 
 RunResult Simulation::result() const {

@@ -39,10 +39,20 @@ TuneResult tune(const TuneOptions& options) {
   if (options.out.empty()) throw Error("out", "is empty, expected a folder for the results");
   if (options.threads < 1) throw Error("threads", "expected at least 1");
   tuning::Settings settings = settings_of(options);
+  const tuning::Hooks hooks{options.progress, options.stop};
+  const auto before_the_search = [](const auto& call) {
+    try {
+      return call();
+    } catch (const tuning::Stopped&) {
+      throw Error("tune", "was stopped before the search; nothing was written");
+    }
+  };
   if (options.cross_validate) {
-    settings = tuning::cross_validate(settings, {options.cutoff == 0, true, !options.prior_weight}, options.threads, {});
+    settings = before_the_search([&] {
+      return tuning::cross_validate(settings, {options.cutoff == 0, true, !options.prior_weight}, options.threads, hooks);
+    });
   }
-  const tuning::Data data = tuning::load_data(settings, {});
+  const tuning::Data data = before_the_search([&] { return tuning::load_data(settings, hooks); });
   std::error_code error;
   std::filesystem::create_directories(options.out, error);
   if (error) throw Error(options.out.string(), "cannot be made: " + error.message());
@@ -51,7 +61,7 @@ TuneResult tune(const TuneOptions& options) {
   run.threads = options.threads;
   run.checkpoint = 0;
   run.program = "cotwin " + version();
-  const tuning::Result found = tuning::tune(settings, run, {}, data);
+  const tuning::Result found = before_the_search([&] { return tuning::tune(settings, run, hooks, data); });
 
   TuneResult result;
   result.robot = options.out / "robot.urdf";
@@ -69,6 +79,7 @@ TuneResult tune(const TuneOptions& options) {
   }
   result.warnings = data.warnings;
   result.alarms = found.alarms;
+  result.interrupted = found.interrupted;
   return result;
 }
 
