@@ -2,6 +2,7 @@
 # program finds its files relative to itself (models/support/installation.h).
 #   component cotwin      the program, the shared library, robots, scenes, libraries of FMUs, examples, licences
 #   component cotwin-dev  headers, static libraries and cotwinConfig.cmake, for find_package(cotwin)
+#   component cotwin-python  the package `cotwin` for Python, if it is built
 set(cmake_folder lib/cmake/cotwin)
 
 # The same layout in the build tree: robots and scenes beside bin/ and lib/.
@@ -72,6 +73,16 @@ set(CPACK_DEBIAN_COTWIN-DEV_PACKAGE_NAME cotwin-dev)
 set(CPACK_DEBIAN_COTWIN-DEV_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_COTWIN-DEV_PACKAGE_DEPENDS "cotwin (= ${PROJECT_VERSION}), libeigen3-dev, libsundials-dev, liburdfdom-dev, libtinyxml2-dev, libexpat1-dev, libzip-dev, libpng-dev, nlohmann-json3-dev, pkg-config")
 set(CPACK_DEBIAN_COTWIN-DEV_DESCRIPTION "Headers, libraries and CMake package, for programs that use cotwin as a library and for units from outside of its source tree.")
+if(TARGET cotwin_python)
+  find_package(Python3 COMPONENTS Interpreter QUIET)
+  math(EXPR next_python "${Python3_VERSION_MINOR} + 1")
+  list(APPEND CPACK_COMPONENTS_ALL cotwin-python)
+  install(FILES ${copyright} DESTINATION share/doc/python3-cotwin COMPONENT cotwin-python)
+  set(CPACK_DEBIAN_COTWIN-PYTHON_PACKAGE_NAME python3-cotwin)
+  set(CPACK_DEBIAN_COTWIN-PYTHON_PACKAGE_SECTION python)
+  set(CPACK_DEBIAN_COTWIN-PYTHON_PACKAGE_DEPENDS "cotwin (= ${PROJECT_VERSION}), python3 (>= ${Python3_VERSION_MAJOR}.${Python3_VERSION_MINOR}), python3 (<< ${Python3_VERSION_MAJOR}.${next_python}), python3-numpy")
+  set(CPACK_DEBIAN_COTWIN-PYTHON_DESCRIPTION "The package cotwin for Python: scenarios, recordings, robot dynamics on NumPy arrays, tuning and motion services.")
+endif()
 include(CPack)
 
 # Pages of the public API.

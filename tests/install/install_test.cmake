@@ -92,6 +92,13 @@ expect(0 "" ${cotwin} run ${WORK}/run/motion.fmu --stop-time 0.1 --process own -
 expect(0 "complete" ${cotwin} completion bash)
 expect(0 "" bash -c "PATH=${prefix}/bin:$PATH; source ${prefix}/share/bash-completion/completions/cotwin && complete -p cotwin")
 
+# The package for Python finds its library and the robots relative to itself.
+file(GLOB python LIST_DIRECTORIES true ${prefix}/lib/python3/dist-packages)
+if(python)
+  expect_file(${python}/cotwin/py.typed ${python}/cotwin/_native.pyi)
+  expect(0 "(7,)" env PYTHONPATH=${python} /usr/bin/python3 -c "import cotwin; print(cotwin.Robot('lwr4').gravity([0] * 7).shape)")
+endif()
+
 # The scripts of examples find the program installed beside them, also through a link; without public data they report what is missing.
 foreach(example IN ITEMS 03_dynamics_capture 06_real_robots)
   set(script ${prefix}/share/cotwin/examples/${example}/run.sh)
