@@ -1,0 +1,86 @@
+import unittest
+import warnings
+
+import numpy as np
+
+import cotwin
+from support import Case
+
+try:
+    import pandas
+except ImportError:
+    pandas = None
+
+
+class Load(Case):
+    def write(self, text, name="signals.csv"):
+        (self.folder / name).write_bytes(text.encode())
+        return self.folder / name
+
+    def test_signals_are_vectors_or_scalars(self):
+        r = cotwin.Recording.load(self.write('time,a.q[1],a.q[2],b.y\n0,1,2,3\n0.001,4,5,6\n'))
+        self.assertEqual(r.signals, ["a.q", "b.y"])
+        np.testing.assert_array_equal(r["a.q"], [[1, 2], [4, 5]])
+        np.testing.assert_array_equal(r["a.q[2]"], [2, 5])
+        np.testing.assert_array_equal(r["b.y"], [3, 6])
+        np.testing.assert_array_equal(r.time, [0, 0.001])
+        self.assertTrue(np.shares_memory(r["a.q"], r.values))
+        self.assertEqual((len(r), list(r), "a.q" in r, "a.z" in r), (2, ["a.q", "b.y"], True, False))
+        with self.assertError("'a.z'", "a.q, b.y"):
+            r["a.z"]
+
+    def test_columns_that_are_no_neighbours_are_put_together(self):
+        r = cotwin.Recording(["time", "q[1]", "y", "q[2]"], np.array([[0, 1, 9, 2.0]]))
+        np.testing.assert_array_equal(r["q"], [[1, 2]])
+
+    def test_a_file_that_is_cut_short_loses_its_last_row_with_a_warning(self):
+        file = self.write("time,y\n0,1\n1,2\n2,3")
+        with self.assertWarnsRegex(RuntimeWarning, "ends within a row"):
+            r = cotwin.Recording.load(file)
+        self.assertTrue(r.cut)
+        np.testing.assert_array_equal(r["y"], [1, 2])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            for size in range(len("time,y\n"), len("time,y\n0,1\n1,2\n")):
+                r = cotwin.Recording.load(self.write("time,y\n0,1\n1,2\n"[:size]))
+                self.assertEqual(len(r), 0 if size < 11 else 1)
+
+    def test_the_part_of_a_killed_run_is_read(self):
+        self.write("time,y\n0,1\n", "signals.csv.part")
+        self.assertEqual(len(cotwin.Recording.load(self.folder)), 1)
+
+    def test_not_a_number_is_a_number_of_a_recording(self):
+        r = cotwin.Recording.load(self.write("time,y\n0,nan\n1,inf\n2,-inf\n"))
+        self.assertTrue(np.isnan(r["y"][0]))
+        self.assertEqual(r["y"][1:].tolist(), [np.inf, -np.inf])
+
+    def test_markup_in_names_stays_a_name(self):
+        r = cotwin.Recording.load(self.write('time,"<script>alert(1)</script>"\n0,1\n'))
+        self.assertEqual(r.signals, ["<script>alert(1)</script>"])
+
+    def test_damaged_files_are_errors_with_their_line(self):
+        with self.assertError("signals.csv"):
+            cotwin.Recording.load(self.folder)
+        with self.assertError("signals.csv:3"):
+            cotwin.Recording.load(self.write("time,y\n0,1\n1\n"))
+        with self.assertError("signals.csv:2", "abc", "expected a number"):
+            cotwin.Recording.load(self.write("time,y\n0,abc\n"))
+        with self.assertError("signals.csv"):
+            cotwin.Recording.load(self.write(""))
+        with self.assertError("signals.csv"):
+            cotwin.Recording.load(self.write("\0\0\0\0\n\0\n"))
+        with self.assertError("(1, 2)", "(rows, 3)"):
+            cotwin.Recording(["time", "a", "b"], np.zeros((1, 2)))
+
+    @unittest.skipIf(pandas is None, "pandas is missing (Debian: python3-pandas)")
+    def test_a_frame_has_the_time_as_index_and_a_column_per_element(self):
+        r = cotwin.Recording.load(self.write("time,a.q[1],a.q[2],b.y\n0,1,2,3\n0.5,4,5,6\n"))
+        frame = r.to_pandas()
+        self.assertEqual(list(frame.columns), ["a.q[1]", "a.q[2]", "b.y"])
+        self.assertEqual(frame.index.name, "time")
+        self.assertEqual(frame.loc[0.5, "a.q[2]"], 5)
+        np.testing.assert_array_equal(frame.to_numpy(), r.values[:, 1:])
+
+
+if __name__ == "__main__":
+    unittest.main()

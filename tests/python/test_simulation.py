@@ -1,0 +1,194 @@
+import gc
+import os
+import subprocess
+import threading
+import unittest
+import warnings
+
+import numpy as np
+
+import cotwin
+from support import PROGRAM, SOURCE, Case, Q0, Q1, arm
+
+EXAMPLE = SOURCE / "examples/02_free_motion_lwr4/twin.ssd"
+
+
+class Run(Case):
+    def test_writes_the_same_bits_as_the_program(self):
+        command = [PROGRAM, "run", EXAMPLE, "--stop", "0.6", "--set", "drive.K=2e4", "--out", self.folder / "program"]
+        subprocess.run(command, check=True, capture_output=True, cwd=self.folder)
+        result = cotwin.run(EXAMPLE, stop=0.6, set={"drive.K": 2e4}, results=self.folder / "python")
+        self.assertEqual(result.run.recording_file, self.folder / "python/signals.csv")
+        self.assertEqual((self.folder / "python/signals.csv").read_bytes(), (self.folder / "program/signals.csv").read_bytes())
+
+    def test_steps_one_by_one_give_the_bits_of_a_run(self):
+        whole = cotwin.run(EXAMPLE, stop=0.1)
+        simulation = cotwin.Simulation(EXAMPLE, stop=0.1)
+        while simulation.step():
+            simulation["drive.tau_J"]
+        np.testing.assert_array_equal(simulation.recording().values, whole.recording.values)
+
+    def test_rows_in_memory_are_those_of_the_file(self):
+        for stop in (0.1, 0.105):  # the second ends between two recorded ticks
+            with self.subTest(stop):
+                folder = self.folder / str(stop)
+                result = cotwin.run(EXAMPLE, stop=stop, results=folder)
+                file = cotwin.Recording.load(folder)
+                self.assertEqual(result.recording.names, file.names)
+                np.testing.assert_array_equal(result.recording.values, file.values)
+                self.assertEqual(len(file), result.run.rows)
+
+    def test_figures_and_times_are_those_of_the_run(self):
+        result = cotwin.run(EXAMPLE, stop=0.7)
+        self.assertEqual((result.run.start, result.reached, result.run.stop, result.run.ticks), (0, 0.7, 0.7, 700))
+        figure = result.figures["joint torque"]
+        self.assertEqual((figure.signal, figure.si, figure.rms.shape), ("drive.tau_J", "N.m", (7,)))
+        self.assertGreaterEqual(figure.total_max, np.max(figure.max))
+
+    def test_without_keep_nothing_is_kept(self):
+        result = cotwin.run(EXAMPLE, stop=0.01, keep=False)
+        with self.assertError("keep_rows"):
+            result.recording
+
+
+class Step(Case):
+    def setUp(self):
+        super().setUp()
+        self.simulation = cotwin.Simulation(arm(stop=0.5))
+
+    def test_values_are_set_and_read(self):
+        s = self.simulation
+        s["drive.K"] = np.full(7, 2e4)
+        s.set("drive.K[2]", 1e4)
+        np.testing.assert_array_equal(s["drive.K"], [2e4, 1e4, 2e4, 2e4, 2e4, 2e4, 2e4])
+        self.assertTrue(s.step())
+        self.assertEqual(s.time, 0.001)
+        s["drive.tau_e"] = [1, 2, 3, 4, 5, 6, 7]
+        s["drive.tau_e[7]"] = 8
+        self.assertEqual(s["drive.tau_e"].tolist(), [1, 2, 3, 4, 5, 6, 8])
+        self.assertTrue(s.run_to(0.0105))
+        self.assertEqual(s.time, 0.011)
+        self.assertEqual(s.stop, 0.5)
+
+    def test_a_view_shows_the_present_values_and_keeps_the_simulation_alive(self):
+        q = self.simulation.view("drive.q")
+        self.assertFalse(q.flags.writeable)
+        self.assertFalse(q.flags.owndata)
+        with self.assertRaises(ValueError):
+            q[0] = 1
+        self.simulation.run_to(0.3)
+        first = q.copy()
+        np.testing.assert_array_equal(q, self.simulation["drive.q"])
+        self.simulation.run_to(0.35)
+        self.assertTrue(np.any(q != first))
+        del self.simulation
+        gc.collect()
+        self.assertTrue(np.all(np.isfinite(q)))
+
+    def test_variables_have_role_unit_and_meaning(self):
+        found = {v.name: v for v in self.simulation.variables()}
+        self.assertEqual((found["drive.tau_J"].role, found["drive.tau_J"].si, found["drive.tau_J"].size), ("output", "N.m", 7))
+        self.assertEqual(found["motion.passing"].kind, "string")
+        self.simulation.set("motion.passing", "through")
+        self.assertEqual(self.simulation.get_text("motion.passing"), "through")
+
+    def test_values_that_do_not_fit_are_errors_and_change_nothing(self):
+        s = self.simulation
+        before = s["drive.K"]
+        for value, part in ((np.full(7, np.nan), "nan"), (np.full(7, -1.0), "expected"), ([1, 2], "2 values"), (np.zeros((7, 1)), "(7, 1)")):
+            with self.subTest(value), self.assertError("drive.K", part):
+                s["drive.K"] = value
+        with self.assertError("drive.K", "string"):
+            s["drive.K"] = "soft"
+        with self.assertError("drive.K"):
+            s["drive.K"] = np.zeros(14)[::2]
+        with self.assertError("no variable 'drive.tau_j'", "did you mean"):
+            s["drive.tau_j"]
+        with self.assertError("drive.q[8]"):
+            s["drive.q[8]"]
+        np.testing.assert_array_equal(s["drive.K"], before)
+        s.step()
+        with self.assertError("drive.K", "parameter"):
+            s["drive.K"] = 1e4
+        with self.assertError("drive.tau_m", "is fed by compliance.tau_m"):
+            s["drive.tau_m"] = np.zeros(7)
+        with self.assertError("motion.passing", "string"):
+            s["motion.passing"]
+        with self.assertError("t is not finite"):
+            s.run_to(float("inf"))
+
+    def test_after_the_end_steps_do_nothing(self):
+        self.assertFalse(self.simulation.run_to(1))
+        self.assertFalse(self.simulation.step())
+        self.assertEqual(self.simulation.time, 0.5)
+        with self.assertError("started before"):
+            self.simulation.start()
+
+    def test_finish_keeps_the_rows_so_far(self):
+        with cotwin.Simulation(EXAMPLE, results=self.folder) as s:
+            s.run_to(0.2)
+        self.assertFalse(s.step())
+        self.assertEqual(cotwin.Recording.load(self.folder).time[-1], 0.2)
+
+
+class Threads(Case):
+    def test_two_threads_at_once_are_refused(self):
+        class Wait(cotwin.Unit):
+            inside, go = threading.Event(), threading.Event()
+
+            def declare(self):
+                self.output("y")
+
+            def step(self, t, h):
+                self.inside.set()
+                self.go.wait(30)
+
+        simulation = cotwin.Simulation(cotwin.Scenario(stop=0.001).add("wait", Wait))
+        thread = threading.Thread(target=simulation.step)
+        thread.start()
+        self.assertTrue(Wait.inside.wait(30))
+        with self.assertError("in use by another thread"):
+            simulation.step()
+        with self.assertError("in use"):
+            simulation["wait.y"]
+        Wait.go.set()
+        thread.join()
+        self.assertEqual(simulation.time, 0.001)
+
+    def test_runs_in_threads_do_not_disturb_one_another(self):
+        expected = cotwin.run(EXAMPLE, stop=0.3).recording.values
+        results = [None] * 3
+
+        def work(i):
+            results[i] = cotwin.run(EXAMPLE, stop=0.3).recording.values
+
+        threads = [threading.Thread(target=work, args=(i,)) for i in range(3)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        for values in results:
+            np.testing.assert_array_equal(values, expected)
+
+    def test_a_forked_process_is_refused_and_ends_cleanly(self):
+        simulation = cotwin.Simulation(EXAMPLE, stop=0.2, results=self.folder)
+        simulation.run_to(0.1)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            child = os.fork()
+        if child == 0:
+            code = 1
+            try:
+                simulation.step()
+            except cotwin.Error as error:
+                code = 0 if "another process" in str(error) else 2
+            del simulation
+            gc.collect()
+            os._exit(code)
+        self.assertEqual(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), 0)
+        simulation.run()
+        self.assertEqual(cotwin.Recording.load(self.folder).time[-1], 0.2)
+
+
+if __name__ == "__main__":
+    unittest.main()
