@@ -236,6 +236,15 @@ nlohmann::ordered_json finite(const std::vector<double>& values) {
 
 using nlohmann::ordered_json;
 
+/// The signals of a difference a − (factor · b + offset).
+void write_signals(ordered_json& entry, const std::string& a, const std::string& b, double factor, double offset) {
+  entry["a"] = a;
+  if (b.empty()) return;
+  entry["b"] = b;
+  if (factor != 1) entry["factor"] = factor;
+  if (offset != 0) entry["offset"] = offset;
+}
+
 ordered_json histogram_of(const Histogram& h) {
   ordered_json bins = ordered_json::array();  // [upper edge, count] of those that are not empty
   for (std::size_t bin = 0; bin < Histogram::kBins; ++bin) {
@@ -320,6 +329,7 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
                             {"time_of_max", finite(t.time_of_max)},
                             {"total_rms", finite(t.total_rms)},
                             {"total_max", finite(t.total_max)}});
+    write_signals(j["signals"].back(), t.a, t.b, t.factor, t.offset);
   }
   j["comparisons"] = ordered_json::array();
   for (const Compared& c : s.comparisons) {
@@ -334,6 +344,7 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
                                 {"time_of_max", finite(c.time_of_max)},
                                 {"segment_rms", segments},
                                 {"rms", finite(c.rms)}});
+    write_signals(j["comparisons"].back(), c.a, c.b, c.factor, c.offset);
   }
   j["energy"] = ordered_json::array();
   for (const Work& w : s.works)
@@ -380,6 +391,8 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
   j["recording"] = s.recording.string();
   j["rows"] = s.rows;
   j["dropped_rows"] = s.dropped_rows;
+  j["end"] = ordered_json::object();
+  for (const Summary::End& end : s.ends) j["end"][end.name] = {{"unit", end.si}, {"values", finite(end.values)}};
   j["notes"] = s.notes;
   j["warnings"] = s.warnings;
   out << j.dump(2, ' ', false, nlohmann::ordered_json::error_handler_t::replace) << '\n';

@@ -23,6 +23,7 @@ namespace {
 using nlohmann::ordered_json;
 
 constexpr off_t kReserve = 64 << 10;  // bytes, for the text that close() adds
+constexpr std::size_t kMostEvents = 1000;
 
 std::string utc_now() {
   const std::time_t now = std::time(nullptr);
@@ -71,6 +72,30 @@ ordered_json parameters(const Scenario& scenario) {
       entry = ordered_json{{"value", value_of(value)}};
       if (!value.unit.empty()) entry["unit"] = value.unit;
     }
+  }
+  return all;
+}
+
+ordered_json components(const Scenario& scenario) {
+  ordered_json all = ordered_json::array();
+  for (const ComponentSpec& c : scenario.components) {
+    all.push_back({{"name", c.name}, {"source", c.source}, {"stage", c.stage}, {"period", c.period}});
+    if (c.beside) all.back()["beside"] = true;
+  }
+  return all;
+}
+
+/// The scheduled changes of values and tools, by time.
+ordered_json events(const Scenario& scenario) {
+  ordered_json all = ordered_json::array();
+  for (const EventSpec& e : scenario.events) {
+    if (all.size() == kMostEvents) return all;
+    all.push_back({{"time", e.time.seconds()}, {"name", e.variable}, {"value", e.value}});
+    if (e.ramp.ns > 0) all.back()["ramp"] = e.ramp.seconds();
+  }
+  for (const ToolSpec& tool : scenario.tools) {
+    if (all.size() == kMostEvents) return all;
+    all.push_back({{"time", tool.time.seconds()}, {tool.attach ? "attach" : "detach", tool.name}});
   }
   return all;
 }
@@ -142,7 +167,9 @@ RunRecord::RunRecord(Given given, const Master& master) : file_(std::move(given.
   j["clock"] = text::word_of(scenario.clock.kind, kClockWords);
   j["settings"] = scenario.settings;
   j["set"] = given.set;
+  j["components"] = components(scenario);
   j["parameters"] = parameters(scenario);
+  j["events"] = events(scenario);
   if (!master.unsavable().empty()) j["no_checkpoints"] = master.unsavable();
   if (!given.results.empty()) {
     j["recording"] = {{"file", given.results.filename().string()}, {"every", scenario.decimation}};

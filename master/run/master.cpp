@@ -477,6 +477,23 @@ std::vector<std::string> Master::Loop::warnings() const {
   return all;
 }
 
+namespace {
+
+/// The values of a variable that is no text.
+std::vector<double> values_of(const Variable& variable) {
+  std::vector<double> values;
+  std::visit(
+      [&](auto all) {
+        if constexpr (!std::is_same_v<typename decltype(all)::value_type, std::string>) {
+          for (const auto value : all) values.push_back(static_cast<double>(value));
+        }
+      },
+      variable.storage);
+  return values;
+}
+
+}  // namespace
+
 Summary Master::Loop::summary() const {
   Summary s;
   s.scenario = scenario_.name;
@@ -503,6 +520,10 @@ Summary Master::Loop::summary() const {
     std::vector<std::string> notes;
     members_[m].instance.unit->tell(notes);
     for (const std::string& note : notes) s.notes.push_back(members_[m].name() + ": " + note);
+    for (const Variable& variable : members_[m].variables()) {
+      if (variable.role != Role::kOutput || variable.kind() == Kind::kString || variable.size() > kMostElementsOfEnds) continue;
+      s.ends.push_back({members_[m].name() + "." + variable.name, variable.si, values_of(variable)});
+    }
     if (const std::int64_t count = control_.discarded_by()[m]; count > 0)
       s.discarded_by.emplace_back(members_[m].name(), count);
   }

@@ -52,6 +52,9 @@ struct MasterOptions {
   bus::RunObserver* observer = nullptr;
 };
 
+/// Elements of an output whose values at the end are in the summary.
+inline constexpr std::size_t kMostElementsOfEnds = 64;
+
 /// Result of a run.
 struct Summary {
   struct Share {
@@ -59,6 +62,11 @@ struct Summary {
     double seconds_per_step = 0;  // mean of the timed steps
     double share = 0;             // of the loop's time, without waiting for the clock
     std::int64_t samples = 0;     // timed steps
+  };
+  /// An output at the end.
+  struct End {
+    std::string name, si;        // "drive.q"
+    std::vector<double> values;  // all of its elements
   };
   std::string scenario;
   double start = 0, reached = 0, stop = 0;  // s
@@ -90,6 +98,7 @@ struct Summary {
   std::int64_t rejected = 0;      // steps that missed the tolerance and were repeated
   std::vector<LoopReport> loops;  // of continuous connections
   Influence influence;            // by observers of the run
+  std::vector<End> ends;          // of outputs with at most kMostElementsOfEnds elements that are no text
 };
 
 class Master {

@@ -25,9 +25,10 @@ double root_mean(double squares, std::int64_t count) {
 
 Statistics::Difference Statistics::make_difference(const Signal& a, const Signal* b, std::string name,
                                                    const std::string& place) {
-  Difference d{std::move(name), a.name, a.variable->si, a.reals(), {}, 1, 0};
+  Difference d{std::move(name), a.name, a.variable->si, a.reals(), {}, 1, 0, a.name, ""};
   if (b) {
     d.what = a.name + " - " + b->name;
+    d.name_of_b = b->name;
     if (a.count != b->count) {
       fail(place, d.what + ": " + std::to_string(a.count) + " elements cannot be compared with " + std::to_string(b->count));
     }
@@ -198,7 +199,8 @@ std::vector<Tally> Statistics::tallies() const {
   std::vector<Tally> result;
   std::size_t first = 0;
   for (const Difference& d : tallies_) {
-    Tally& tally = result.emplace_back(Tally{d.name, d.what, d.si, {}, {}, {}, 0, 0});
+    Tally& tally =
+        result.emplace_back(Tally{d.name, d.what, d.si, {}, {}, {}, 0, 0, d.name_of_a, d.name_of_b, d.factor, d.offset});
     double squares = 0;
     for (const Tallied& t : std::span(tallied_).subspan(first, d.a.size())) {
       tally.rms.push_back(root_mean(t.sum.squares, samples_));
@@ -223,7 +225,8 @@ std::vector<Compared> Statistics::comparisons() const {
   std::vector<Compared> result;
   for (const ComparisonState& c : comparisons_) {
     const Difference& d = c.difference;
-    Compared& compared = result.emplace_back(Compared{d.name, d.what, d.si, c.from.seconds(), c.to.seconds(), {}, {}, {}, {}});
+    Compared& compared = result.emplace_back(Compared{
+        d.name, d.what, d.si, c.from.seconds(), c.to.seconds(), {}, {}, {}, {}, d.name_of_a, d.name_of_b, d.factor, d.offset});
     for (const Sum& e : c.all.elements) {
       compared.max.push_back(e.max);
       compared.time_of_max.push_back(e.time_of_max.seconds());

@@ -19,6 +19,8 @@ struct Tally {
   std::vector<double> rms, max;         // per element
   std::vector<double> time_of_max;      // s
   double total_rms = 0, total_max = 0;  // over all elements
+  std::string a{}, b{};                 // the signals; b is empty if there is one alone
+  double factor = 1, offset = 0;        // a − (factor · b + offset)
 };
 
 /// ∫ Σ effort · flow dt, split into positive and negative parts element by element: if one joint drives and another brakes,
@@ -36,6 +38,8 @@ struct Compared {
   std::vector<double> time_of_max;               // s
   std::vector<std::vector<double>> segment_rms;  // [segment][element]; NaN for segments that the run did not reach
   std::vector<double> rms;                       // per element, over all segments
+  std::string a{}, b{};                          // the signals
+  double factor = 1, offset = 0;                 // a − (factor · b + offset)
 };
 
 class Statistics {
@@ -67,6 +71,7 @@ class Statistics {
     std::string name, what, si;
     std::span<const double> a, b;
     double factor = 1, offset = 0;
+    std::string name_of_a{}, name_of_b{};
   };
   struct Sum {
     double squares = 0, max = 0;

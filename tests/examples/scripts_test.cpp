@@ -97,7 +97,7 @@ TEST_P(Script, LeavesNoProcessAndWholeResultsWhenItIsInterrupted) {
       expect_whole(out / part / "signals.csv");
       std::vector<std::string> files;
       for (const auto& entry : fs::directory_iterator(out / part)) files.push_back(entry.path().filename());
-      EXPECT_THAT(files, ::testing::UnorderedElementsAre("run.json", "signals.csv")) << "nothing half-written";
+      EXPECT_THAT(files, ::testing::UnorderedElementsAre("run.json", "signals.csv", "summary.json")) << "nothing half-written";
     }
   }
 }

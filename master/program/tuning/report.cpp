@@ -262,6 +262,43 @@ void write_twin(std::ostream& out, const Data& data, const Result& result) {
   table.write_markdown(out);
 }
 
+json body_json(const Inertia& inertia) {
+  const Eigen::Vector3d moments = inertia.I_CC.selfadjointView<Eigen::Lower>().eigenvalues();
+  return {{"mass", inertia.mass},
+          {"centre", std::vector<double>(inertia.p_LC.begin(), inertia.p_LC.end())},
+          {"moments", std::vector<double>(moments.begin(), moments.end())}};
+}
+
+json drive_json(const identification::JointDrive& d) {
+  return {{"B", d.B},     {"tau_C", d.tau_C},   {"tau_S", d.tau_S}, {"v_R", d.v_R},   {"s", d.s},
+          {"v_S", d.v_S}, {"sigma2", d.sigma2}, {"tau_0", d.tau_0}, {"load", d.load}, {"harmonics", d.harmonics}};
+}
+
+/// The parameters before and after, and how well the data determine them.
+void add_parameters(json& object, const Data& data, const Result& result) {
+  object["bodies"] = json::array();
+  for (std::size_t i = 0; i < result.robot.bodies.size(); ++i) {
+    object["bodies"].push_back({{"name", result.robot.bodies[i].name},
+                                {"before", body_json(data.robot.bodies[i].inertia)},
+                                {"after", body_json(result.robot.bodies[i].inertia)}});
+  }
+  object["drives"] = json::array();
+  const auto &before = result.candidates.front().estimate.drive, &after = result.candidates[result.tuned].estimate.drive;
+  for (std::size_t j = 0; j < after.size(); ++j) {
+    object["drives"].push_back(
+        {{"joint", data.robot.joints[j].name}, {"before", drive_json(before[j])}, {"after", drive_json(after[j])}});
+  }
+  object["determination"] = json::array();
+  for (const identification::Determination& unknown : result.excitation.unknown) {
+    json entry = {{"name", unknown.name}, {"determined", unknown.determined}};
+    if (unknown.determined) {
+      entry["value"] = unknown.value;
+      entry["deviation"] = unknown.deviation * result.deviation_factor;
+    }
+    object["determination"].push_back(std::move(entry));
+  }
+}
+
 json part_json(const PartErrors& part, const Result& result) {
   const auto list = [](const VectorXd& v) { return std::vector<double>(v.data(), v.data() + v.size()); };
   json object;
@@ -360,6 +397,10 @@ std::string figures_json(const Settings& settings, const Data& data, const Resul
   object["rank"] = result.excitation.rank;
   object["unknowns"] = result.excitation.unknowns;
   object["condition"] = result.excitation.condition;
+  object["robot"] = data.robot.name;
+  object["every"] = result.evaluation.every;
+  if (!result.chosen.empty()) object["note"] = result.chosen;
+  add_parameters(object, data, result);
   for (const identification::Torsion& t : result.evaluation.torsion) {
     object["stiffness"].push_back(t.K);
     object["lag"].push_back(t.lag);
