@@ -4,5 +4,5 @@ set -euo pipefail
 root=$(cd "$(dirname "$(readlink -f "$0")")" && pwd)
 "$root/scripts/install.sh" build
 "$root/scripts/build.sh" release -DCMAKE_BUILD_TYPE=Release -DCOTWIN_TESTS=OFF
-[ $# -gt 0 ] || set -- "$root/examples/02_free_motion_lwr4/twin.ssd"
+[ $# -gt 0 ] || set -- "$root/examples/02_free_motion_lwr4/twin.ssd" --report
 exec "$root/build/release/bin/cotwin" run "$@"

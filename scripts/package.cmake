@@ -67,6 +67,7 @@ set(CPACK_COMPONENTS_ALL cotwin cotwin-dev)
 set(CPACK_DEBIAN_PACKAGE_SECTION science)
 set(CPACK_DEBIAN_COTWIN_PACKAGE_NAME cotwin)
 set(CPACK_DEBIAN_COTWIN_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_COTWIN_PACKAGE_SUGGESTS gnuplot-nox)   # plots of `cotwin report`
 set(CPACK_STRIP_FILES ON)
 set(CPACK_DEBIAN_COTWIN_DESCRIPTION "The program cotwin runs scenarios of flexible-joint robots, contact worlds, controllers and recordings, exports units and scenarios as FMUs (FMI 2 and 3) and tunes a robot's model to measured torques.")
 set(CPACK_DEBIAN_COTWIN-DEV_PACKAGE_NAME cotwin-dev)

@@ -80,15 +80,17 @@ class Progress {
 };
 
 constexpr const char* kRecord = "run.json";
+constexpr const char* kSummary = "summary.json";
 constexpr const char* kCheckpoint = "run.checkpoint";
 constexpr const char* kHistory = "history.json";
+constexpr const char* kPage = "report.html";
 
 struct RunArguments {
   fs::path file, out, resume;
   std::vector<std::string> set, record, attach, detach;
   std::string json;
   std::optional<double> stop;
-  bool real_time = false, quiet = false, overwrite = false;
+  bool real_time = false, quiet = false, overwrite = false, report = false;
   std::string clock, cpus;  // empty: the scenario's
   std::optional<OverrunPolicy> overrun;
   std::optional<int> priority;
@@ -338,10 +340,11 @@ int run_scenario(RunArguments arguments) {
   options.before_results = [&] {
     note_signals();
     results.open();
-    const std::array<std::string, 5> names = {"signals.csv", "signals.csv.part", kRecord, kCheckpoint, kHistory};
+    const std::array<std::string, 7> names = {"signals.csv", "signals.csv.part", kRecord, kSummary,
+                                              kCheckpoint,   kHistory,           kPage};
     if (!earlier && !arguments.overwrite) kept = results.keep_earlier(names);
     if (!earlier && arguments.overwrite) {
-      for (const char* name : {kCheckpoint, kHistory}) fs::remove(out / name);
+      for (const char* name : {kSummary, kCheckpoint, kHistory, kPage}) fs::remove(out / name);
     }
     RunRecord::Given given{out / kRecord, build, hash, arguments.set, {}, {}};
     if (!master->columns().empty()) given.results = out / "signals.csv";
@@ -401,7 +404,13 @@ int run_scenario(RunArguments arguments) {
     }
   }
   record->close(summary, outcome);
+  try {
+    save_json(out / kSummary, summary, outcome);
+  } catch (const Error& error) {
+    summary.warnings.push_back(std::string("no summary of the run in a file: ") + error.what());
+  }
   const int code = report(arguments, summary, outcome, warnings);
+  if (arguments.report) write_report_page(out, arguments.quiet);
   if (outcome.state != Outcome::State::kDone && checkpoints && checkpoints->any())
     std::cerr << "cotwin: continue with: cotwin run --resume " << out.string() << '\n';
   return code;
@@ -512,6 +521,7 @@ void add_run(CLI::App& app, Chosen& chosen) {
       ->type_name("N");
   run_command->add_option("--cpu", arguments.cpus, "CPUs of the loop and of its further threads, e.g. 2,3")->type_name("LIST");
   run_command->add_flag("--quiet", arguments.quiet, "No progress bar and no table");
+  run_command->add_flag("--report", arguments.report, "Write report.html beside the results, as cotwin report does");
 
   FmuRunOptions& fmu = arguments.fmu;
   const std::string group = "For an FMU (as in fmusim)";
@@ -555,7 +565,7 @@ void add_run(CLI::App& app, Chosen& chosen) {
 
   std::vector<CLI::Option*> of_scenario;
   for (const char* name : {"--set", "--out", "--record", "--attach", "--detach", "--threads", "--real-time", "--clock",
-                           "--overrun", "--priority", "--cpu", "--coupling", "--checkpoint", "--overwrite"}) {
+                           "--overrun", "--priority", "--cpu", "--coupling", "--checkpoint", "--overwrite", "--report"}) {
     of_scenario.push_back(run_command->get_option(name));
   }
   std::vector<CLI::Option*> decided = of_fmu;
@@ -567,8 +577,9 @@ void add_run(CLI::App& app, Chosen& chosen) {
       if (!all->resume.empty()) {
         for (const CLI::Option* option : decided) {
           if (option->count() > 0)
-            throw Error(option->get_name(),
-                        "cannot be changed when a run is resumed, expected only --threads, --json, --checkpoint or --quiet");
+            throw Error(
+                option->get_name(),
+                "cannot be changed when a run is resumed, expected only --threads, --json, --checkpoint, --report or --quiet");
         }
         return run_scenario(*all);
       }

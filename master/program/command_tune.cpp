@@ -38,8 +38,8 @@ struct TuneArguments {
 };
 
 /// The result files of a tuning.
-const std::array<std::string, 7> kResults = {"robot.urdf",   "drive_train.ssv", "twin.ssd",   "torques.csv",
-                                             "figures.json", "report.md",       "resume.json"};
+const std::array<std::string, 8> kResults = {"robot.urdf",   "drive_train.ssv", "twin.ssd",    "torques.csv",
+                                             "figures.json", "report.md",       "report.html", "resume.json"};
 
 tuning::Settings settings_of(const TuneArguments& a) {
   tuning::Settings s = a.settings;
@@ -124,6 +124,7 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
       if (result.evaluation.replay) std::cout << "the tuned twin: cotwin run " << (run.out / "twin.ssd").string() << '\n';
     }
     if (!std::cout.flush()) throw Error("stdout", "cannot be written");
+    write_report_page(run.out, arguments.quiet);
     if (!result.interrupted) {
       for (const std::string& alarm : result.alarms) std::cerr << "cotwin: " << alarm << '\n';
       if (result.alarms.empty() || arguments.accept_result) return kExitDone;

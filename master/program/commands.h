@@ -27,6 +27,7 @@ void add_catalogue(CLI::App& app, Chosen& chosen);   // units, describe, referen
 void add_tune(CLI::App& app, Chosen& chosen);
 void add_excite(CLI::App& app, Chosen& chosen);
 void add_perturb(CLI::App& app, Chosen& chosen);
+void add_report(CLI::App& app, Chosen& chosen);
 void add_tool(CLI::App& app, Chosen& chosen);
 void add_search(CLI::App& app, Chosen& chosen);
 void add_fit_energy(CLI::App& app, Chosen& chosen);
@@ -45,6 +46,10 @@ struct ScenarioRun {
 };
 /// Runs a scenario as `cotwin run` does. Returns the exit code. Throws Error.
 int run_scenario(const ScenarioRun& run);
+
+/// Writes the page of the results in a folder beside them (`cotwin report`) and, unless `quiet`, prints its name and what it lacks.
+/// Errors go to stderr: results without a page are results.
+void write_report_page(const std::filesystem::path& folder, bool quiet = false);
 
 /// Returns the units of this program, of the modules in COTWIN_UNITS (separated by ':') and of those given by --units. Loads the
 /// modules at the first call. Throws Error.

@@ -110,6 +110,7 @@ int run(int argc, char** argv) {
   add_excite(app, chosen);
   add_perturb(app, chosen);
   add_fit_energy(app, chosen);
+  add_report(app, chosen);
   add_tool(app, chosen);
   add_search(app, chosen);
   add_robot(app, chosen);
@@ -127,7 +128,7 @@ int run(int argc, char** argv) {
       throw CLI::ExtrasError(
           std::string("'") + argv[1] +
               "' is not a command, expected run, pack, info, check, units, describe, reference, tune, excite, "
-              "perturb, tool, search, robot, ask, serve or completion",
+              "perturb, report, tool, search, robot, ask, serve or completion",
           CLI::ExitCodes::ExtrasError);
     }
     app.parse(argc, argv);

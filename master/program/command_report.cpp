@@ -1,0 +1,47 @@
+// cotwin report: writes the results of runs and tunings as one HTML page.
+#include <iostream>
+#include <memory>
+
+#include "master/program/commands.h"
+#include "master/report/report.h"
+#include "models/support/error.h"
+
+namespace cotwin::master {
+
+void write_report_page(const std::filesystem::path& folder, bool quiet) {
+  try {
+    const report::WrittenPage page = report::write_page({{folder}, {}, {}, COTWIN_VERSION});
+    if (quiet) return;
+    std::cout << "report: " << page.file.string() << (page.lacking.empty() ? "" : " (" + page.lacking + ")") << std::endl;
+  } catch (const Error& error) {
+    std::cerr << "cotwin: no report: " << error.what() << '\n';
+  }
+}
+
+void add_report(CLI::App& app, Chosen& chosen) {
+  const auto options = std::make_shared<report::PageOptions>();
+  CLI::App* command = app.add_subcommand("report", "Write the results of runs and tunings as one HTML page");
+  command
+      ->add_option("RESULTS", options->results,
+                   "Folders with results of `cotwin run` or `cotwin tune`, or recordings (CSV); the first is the reference")
+      ->type_name("RESULTS")
+      ->required();
+  command
+      ->add_option("-o,--out", options->out,
+                   "The page (default: report.html in the folder, comparison.html in the first of several folders)")
+      ->type_name("FILE.html");
+  command->add_option("--signals", options->signals, "Signals to plot, e.g. 'drive.*' (default: all); may be repeated")
+      ->type_name("GLOB")
+      ->allow_extra_args(false);
+  command->callback([options, &chosen] {
+    chosen = [options] {
+      options->version = COTWIN_VERSION;
+      const report::WrittenPage page = report::write_page(*options);
+      if (!page.lacking.empty()) std::cerr << "cotwin: " << page.lacking << '\n';
+      std::cout << "report: " << page.file.string() << '\n';
+      return kExitDone;
+    };
+  });
+}
+
+}  // namespace cotwin::master

@@ -1,0 +1,47 @@
+#pragma once
+#include <span>
+#include <string>
+
+#include "master/report/gnuplot.h"
+#include "master/report/page.h"
+#include "master/report/plot.h"
+#include "master/report/results.h"
+
+/// The parts of a page.
+namespace cotwin::report {
+
+/// Draws plots on a page. What cannot be drawn becomes a note.
+class Artist {
+ public:
+  Artist(Page& page, const Gnuplot& gnuplot) : page_(page), gnuplot_(gnuplot) {}
+  /// `caption_html`: above the plot; the key is below it. Without gnuplot and without points nothing is written.
+  void plot(Plot plot, const std::string& caption_html);
+
+ private:
+  Page& page_;
+  const Gnuplot& gnuplot_;
+};
+
+/// A run: what was run, figures, energy, contacts, residuals, signals, parameters. `level`: of its first heading.
+void write_run(Page& page, const Results& results, const Gnuplot& gnuplot);
+
+/// A tuning: errors, torques before and after, convergence, parameters.
+void write_tuning(Page& page, const Results& results, const Gnuplot& gnuplot);
+
+/// Several runs or tunings beside each other; the first one is the reference.
+void write_comparison(Page& page, std::span<const Results> all, const Gnuplot& gnuplot);
+
+/// The table of recorded figures of a group of columns, and one plot for each eight of them.
+void write_group(Page& page, const LoadedRecording& recording, const ColumnGroup& group, const Gnuplot& gnuplot);
+
+/// "[3]" of "drive.q[3]", or the name without its component.
+std::string element_of(const std::string& name);
+
+/// The state of a run in words, and whether it is one to worry about.
+struct RunState {
+  std::string words;
+  bool good = true;
+};
+RunState state_of(const Results& results);
+
+}  // namespace cotwin::report
