@@ -1,0 +1,572 @@
+import * as three from 'three';
+import { kCues, kRoles } from './colours';
+import { element, short } from './dom';
+import type { FigureView, Shown } from './figures';
+import type { PageData } from './format';
+import { reach_of } from './kinematics';
+import { between, type Place, type Recording } from './recording';
+import { principal_of, quadratic } from './symmetric';
+
+/// What the cues draw from.
+export interface Scenery {
+  data: PageData;
+  recording: Recording;
+  /// The calculated table; undefined if there is none.
+  calculated: Recording | undefined;
+  figures: FigureView[];
+  scene: three.Scene;
+}
+
+/// Something that can be switched on in the 3D view. `lacks`: what must be recorded for it, empty if it can be shown.
+export interface Cue {
+  readonly id: string;
+  readonly label: string;
+  readonly key: string;
+  readonly colour: string;
+  readonly lacks: string;
+  /// Signals to be unpacked before it is shown: of the recording and of the calculated table.
+  readonly needs: string[];
+  readonly calculates: string[];
+  /// Called once, when the signals are there.
+  build(): void;
+  show(on: boolean): void;
+  /// Moves everything to the place in the recording at time t. Returns lines for people.
+  update(place: Place, t: number): string[];
+  /// Further content of its entry in the list.
+  readonly content?: HTMLElement;
+}
+
+/// An arrow from a point along a vector.
+class Arrow {
+  readonly group = new three.Group();
+  private readonly shaft: three.Mesh;
+  private readonly head: three.Mesh;
+  private static readonly kUp = new three.Vector3(0, 1, 0);
+  private readonly direction = new three.Vector3();
+
+  constructor(
+    colour: string,
+    private readonly thickness: number,
+  ) {
+    const material = new three.MeshLambertMaterial({ color: colour });
+    this.shaft = new three.Mesh(new three.CylinderGeometry(1, 1, 1, 12).translate(0, 0.5, 0), material);
+    this.head = new three.Mesh(new three.ConeGeometry(1, 1, 16).translate(0, 0.5, 0), material);
+    this.group.add(this.shaft, this.head);
+  }
+  set(from: three.Vector3, along: three.Vector3): void {
+    const length = along.length();
+    this.group.visible = length > 1e-9 && Number.isFinite(length + from.length());
+    if (!this.group.visible) return;
+    const thick = Math.min(this.thickness, 0.15 * length);
+    const head = Math.min(4.2 * thick, 0.6 * length);
+    this.group.position.copy(from);
+    this.group.quaternion.setFromUnitVectors(Arrow.kUp, this.direction.copy(along).normalize());
+    this.shaft.scale.set(thick, length - head, thick);
+    this.head.position.set(0, length - head, 0);
+    this.head.scale.set(2.3 * thick, head, 2.3 * thick);
+  }
+}
+
+/// An ellipsoid, transparent, with its three half-axes.
+class Ellipsoid {
+  readonly group = new three.Group();
+  constructor(colour: string) {
+    const material = new three.MeshLambertMaterial({ color: colour, transparent: true, opacity: 0.33, depthWrite: false });
+    const ends = [0, 1, 2].flatMap((axis) => [-1, 1].map((end) => new three.Vector3().setComponent(axis, end)));
+    const lines = new three.LineSegments(new three.BufferGeometry().setFromPoints(ends), new three.LineBasicMaterial({ color: colour }));
+    this.group.add(new three.Mesh(new three.SphereGeometry(1, 28, 18), material), lines);
+    this.group.matrixAutoUpdate = false;
+  }
+  /// `axes`: in the axes of `base`; `lengths`: of the half-axes, m.
+  set(centre: three.Vector3, base: three.Matrix4, axes: [number, number, number][], lengths: number[]): void {
+    this.group.visible = lengths.every((length) => Number.isFinite(length) && length >= 0);
+    if (!this.group.visible) return;
+    const columns = axes.map((axis, i) => new three.Vector3(...axis).transformDirection(base).multiplyScalar(Math.max(lengths[i]!, 1e-4)));
+    this.group.matrix.makeBasis(columns[0]!, columns[1]!, columns[2]!).setPosition(centre);
+    this.group.matrixWorldNeedsUpdate = true;
+  }
+}
+
+/// Values of six columns at a place: a symmetric matrix.
+function matrix_at(table: Recording, name: string, place: Place): number[] | undefined {
+  return table.values(name)?.map((column) => between(column, place));
+}
+
+/// The value that 95 % of the numbers do not exceed; 1 if there is none above 0.
+export function usual_largest(values: Iterable<number>): number {
+  const sorted = [...values].filter((x) => Number.isFinite(x) && x > 0).sort((a, b) => a - b);
+  return sorted[Math.floor(0.95 * (sorted.length - 1))] ?? 1;
+}
+
+/// A length of 1, 2 or 5 times a power of ten, at most x.
+export function round_down(x: number): number {
+  const power = 10 ** Math.floor(Math.log10(x));
+  const head = x / power;
+  return (head >= 5 ? 5 : head >= 2 ? 2 : 1) * power;
+}
+
+const several = (figures: FigureView[], figure: FigureView): string => (figures.length > 1 ? `${figure.figure.name}: ` : '');
+
+/// Other positions of the same robot: desired, compliant, measured.
+class Ghosts implements Cue {
+  readonly id = 'ghosts';
+  readonly label = 'ghosts';
+  readonly key = 'g';
+  readonly colour = kRoles.desired;
+  readonly lacks: string;
+  readonly needs: string[] = [];
+  readonly calculates: string[] = [];
+  constructor(private readonly s: Scenery) {
+    const any = s.figures.some((figure) => figure.ghosts.length > 0);
+    this.lacks = any ? '' : 'record further joint positions of the robot, for example motion.q_d (desired), compliance.q_c (compliant) or those of the real robot';
+  }
+  build(): void {}
+  show(on: boolean): void {
+    for (const figure of this.s.figures) for (const ghost of figure.ghosts) ghost.group.visible = on;
+  }
+  update(place: Place): string[] {
+    const words = { main: '', desired: 'desired', compliant: 'compliant', other: 'beside' };
+    return this.s.figures.flatMap((figure) => {
+      figure.place(place);
+      return figure.ghosts.map((ghost) => `${words[ghost.track.role]}: ${ghost.track.signal}`);
+    });
+  }
+}
+
+/// The way of the tips.
+class Trails implements Cue {
+  readonly id = 'trails';
+  readonly label = 'trails of the tip';
+  readonly key = 't';
+  readonly colour = kRoles.main;
+  readonly lacks: string;
+  readonly needs: string[] = [];
+  readonly calculates: string[] = [];
+  private readonly group = new three.Group();
+  constructor(private readonly s: Scenery) {
+    this.lacks = s.figures.some((figure) => figure.figure.tracks.length > 0) ? '' : 'record the joint positions of a robot, for example drive.q';
+  }
+  build(): void {
+    for (const figure of this.s.figures) {
+      for (const shown of [figure.main, ...figure.ghosts] as Shown[]) {
+        const points = figure.trail(shown, this.s.recording, 3000);
+        if (points.some((x) => !Number.isFinite(x))) continue;
+        const geometry = new three.BufferGeometry().setAttribute('position', new three.BufferAttribute(points, 3));
+        this.group.add(new three.Line(geometry, new three.LineBasicMaterial({ color: kRoles[shown.track.role] })));
+      }
+    }
+    this.s.scene.add(this.group);
+  }
+  show(on: boolean): void {
+    this.group.visible = on;
+  }
+  update(): string[] {
+    return this.s.figures.map((figure) => `${several(this.s.figures, figure)}of ${figure.robot.frames[figure.robot.tip]?.name ?? 'the tip'}`);
+  }
+}
+
+/// Forces at contact points, or of a hand.
+class Forces implements Cue {
+  readonly needs: string[];
+  readonly calculates: string[] = [];
+  private readonly group = new three.Group();
+  private readonly arrows: { arrow: Arrow; p: string; f: string; k: number; figure: number }[] = [];
+  private scale = 1;
+  private text = '';
+  constructor(
+    private readonly s: Scenery,
+    readonly id: string,
+    readonly label: string,
+    readonly key: string,
+    readonly colour: string,
+    readonly lacks: string,
+    private readonly sources: { p: string; f: string; figure: number }[],
+    private readonly size: number,
+  ) {
+    this.needs = sources.flatMap((source) => [source.p, source.f]);
+  }
+  build(): void {
+    const magnitudes: number[] = [];
+    for (const source of this.sources) {
+      const p = this.s.recording.values(source.p);
+      const f = this.s.recording.values(source.f);
+      if (p === undefined || f === undefined) continue;
+      for (let k = 0; 3 * k + 2 < Math.min(p.length, f.length); ++k) {
+        const arrow = new Arrow(this.colour, 0.012 * this.size);
+        this.arrows.push({ arrow, p: source.p, f: source.f, k, figure: source.figure });
+        this.group.add(arrow.group);
+        const stride = Math.max(1, Math.floor(this.s.recording.rows / 5000));
+        for (let i = 0; i < this.s.recording.rows; i += stride) magnitudes.push(Math.hypot(f[3 * k]![i]!, f[3 * k + 1]![i]!, f[3 * k + 2]![i]!));
+      }
+    }
+    const newtons = usual_largest(magnitudes);
+    this.scale = (0.35 * this.size) / newtons;
+    const unit = round_down(newtons);
+    this.text = `${short(unit)} N: ${short(unit * this.scale)} m`;
+    this.s.scene.add(this.group);
+  }
+  show(on: boolean): void {
+    this.group.visible = on;
+  }
+  update(place: Place): string[] {
+    let count = 0;
+    let largest = 0;
+    for (const { arrow, p, f, k, figure } of this.arrows) {
+      const vector = (name: string): three.Vector3 => {
+        const columns = this.s.recording.values(name)!;
+        // Contact points come and go, so they are not interpolated.
+        return new three.Vector3(columns[3 * k]![place.row], columns[3 * k + 1]![place.row], columns[3 * k + 2]![place.row]);
+      };
+      const force = vector(f);
+      const at = vector(p);
+      const view = this.s.figures[figure];
+      if (view !== undefined) {
+        at.applyMatrix4(view.base);
+        const size = force.length();
+        force.transformDirection(view.base).multiplyScalar(size);
+      }
+      if (force.length() > 0) ++count;
+      largest = Math.max(largest, force.length() || 0);
+      arrow.set(at, force.multiplyScalar(this.scale));
+    }
+    return [`${count} of ${this.arrows.length}, largest ${short(largest)} N`, this.text];
+  }
+}
+
+/// External torques as rings about the axes of the joints.
+class Torques implements Cue {
+  readonly id = 'tau_e';
+  readonly label = 'external joint torques τ_e';
+  readonly key = 'e';
+  readonly colour = kCues.torque;
+  readonly lacks: string;
+  readonly needs: string[];
+  readonly calculates: string[] = [];
+  private readonly group = new three.Group();
+  private readonly rings: { figure: FigureView; joint: number; ring: three.Mesh; radius: number; drawn: number }[] = [];
+  private largest = 1;
+  constructor(private readonly s: Scenery) {
+    this.needs = s.figures.flatMap((figure) => figure.figure.tau_e.signals);
+    this.lacks = this.needs.length > 0 ? '' : (s.figures[0]?.figure.tau_e.lacks ?? 'there is no robot');
+  }
+  build(): void {
+    const material = new three.MeshLambertMaterial({ color: this.colour, side: three.DoubleSide });
+    const magnitudes: number[] = [];
+    for (const figure of this.s.figures) {
+      const name = figure.figure.tau_e.signals[0];
+      const columns = name === undefined ? undefined : this.s.recording.values(name);
+      if (columns === undefined) continue;
+      const stride = Math.max(1, Math.floor(this.s.recording.rows / 5000));
+      for (const column of columns) for (let i = 0; i < column.length; i += stride) magnitudes.push(Math.abs(column[i]!));
+      for (let joint = 0; joint < figure.robot.n; ++joint) {
+        const ring = new three.Mesh(new three.BufferGeometry(), material);
+        ring.matrixAutoUpdate = false;
+        this.rings.push({ figure, joint, ring, radius: 0.085 * reach_of(figure.robot), drawn: NaN });
+        this.group.add(ring);
+      }
+    }
+    this.largest = usual_largest(magnitudes);
+    this.s.scene.add(this.group);
+  }
+  show(on: boolean): void {
+    this.group.visible = on;
+  }
+  update(place: Place): string[] {
+    const lines: string[] = [`${short(this.largest)} N·m: three quarters of a turn`];
+    for (const entry of this.rings) {
+      const { figure, joint, ring, radius } = entry;
+      const columns = this.s.recording.values(figure.figure.tau_e.signals[0]!)!;
+      const column = columns[joint];
+      const torque = column === undefined ? NaN : between(column, place);
+      if (joint === 0) lines.push(`${several(this.s.figures, figure)}${columns.map((values) => short(between(values, place))).join('  ')} N·m`);
+      const turn = Math.min(1.95, Math.max(-1.95, (1.5 * torque) / this.largest)) * Math.PI;
+      ring.visible = Math.abs(turn) > 0.02;
+      if (!ring.visible) continue;
+      const rounded = Math.round(turn * 50) / 50;
+      if (rounded !== entry.drawn) {
+        ring.geometry.dispose();
+        ring.geometry = new three.TorusGeometry(radius, 0.12 * radius, 8, Math.max(4, Math.ceil(Math.abs(turn) * 8)), Math.abs(turn));
+        if (turn < 0) ring.geometry.rotateX(Math.PI);
+        entry.drawn = rounded;
+      }
+      const axis = new three.Vector3(...figure.robot.joints[joint]!.axis);
+      ring.matrix
+        .makeRotationFromQuaternion(new three.Quaternion().setFromUnitVectors(new three.Vector3(0, 0, 1), axis))
+        .premultiply(figure.main.poses[joint]!)
+        .premultiply(figure.base);
+      ring.matrixWorldNeedsUpdate = true;
+    }
+    return lines;
+  }
+}
+
+/// Effective mass of the tip: an arrow along its motion, and the ellipsoid of the masses along the principal directions.
+class EffectiveMass implements Cue {
+  readonly id = 'mass';
+  readonly label = 'effective mass';
+  readonly key = 'm';
+  readonly colour = kCues.mass;
+  readonly lacks: string;
+  readonly needs: string[] = [];
+  readonly calculates: string[];
+  private readonly group = new three.Group();
+  private readonly parts: { figure: FigureView; ellipsoid: Ellipsoid; arrow: Arrow; direction: three.Vector3; scale: number; cap: number }[] = [];
+  constructor(private readonly s: Scenery) {
+    this.calculates = s.figures.map((figure) => figure.figure.mobility).filter((name) => name !== '');
+    this.lacks = this.calculates.length > 0 ? '' : 'record the joint positions of a robot whose URDF has masses, for example drive.q';
+  }
+  build(): void {
+    for (const figure of this.s.figures) {
+      const columns = this.s.calculated?.values(figure.figure.mobility);
+      if (columns === undefined) continue;
+      const reach = reach_of(figure.robot);
+      const masses: number[] = [];
+      const stride = Math.max(1, Math.floor(columns[0]!.length / 500));
+      for (let i = 0; i < columns[0]!.length; i += stride) masses.push(1 / principal_of(columns.map((column) => column[i]!)).values[1]);
+      const scale = (0.16 * reach) / usual_largest(masses);
+      const part = { figure, ellipsoid: new Ellipsoid(this.colour), arrow: new Arrow(this.colour, 0.012 * reach), direction: new three.Vector3(0, 0, 1), scale, cap: 0.5 * reach };
+      this.parts.push(part);
+      this.group.add(part.ellipsoid.group, part.arrow.group);
+    }
+    this.s.scene.add(this.group);
+  }
+  show(on: boolean): void {
+    this.group.visible = on;
+  }
+  update(place: Place, t: number): string[] {
+    return this.parts.flatMap((part) => {
+      const { figure, scale, cap } = part;
+      const table = this.s.calculated!;
+      const mobility = matrix_at(table, figure.figure.mobility, table.place(t))!;
+      const { values, axes } = principal_of(mobility);
+      const centre = new three.Vector3().setFromMatrixPosition(figure.frame(figure.robot.tip));
+      part.ellipsoid.set(centre, figure.base, axes, values.map((value) => Math.min(cap, scale / Math.max(value, 1e-12))));
+      const u = this.motion(part.figure, place, part.direction);
+      const mass = 1 / quadratic(mobility, u.toArray());
+      const world = u.clone().transformDirection(figure.base);
+      part.arrow.set(centre, world.clone().multiplyScalar(Math.min(cap, scale * mass)));
+      const unit = round_down((0.16 * reach_of(figure.robot)) / scale);
+      return [
+        `${several(this.s.figures, figure)}${short(mass)} kg along (${world.toArray().map((x) => x.toFixed(2)).join(', ')})`,
+        `principal: ${values.map((value) => short(1 / Math.max(value, 1e-12))).reverse().join('  ')} kg; ${short(unit)} kg: ${short(unit * scale)} m`,
+      ];
+    });
+  }
+  /// Direction of the tip's motion in the base; where it rests, the last one.
+  private motion(figure: FigureView, place: Place, last: three.Vector3): three.Vector3 {
+    const columns = this.s.recording.values(figure.main.track.signal);
+    if (columns === undefined) return last;
+    const at = (row: number): three.Vector3 => {
+      const poses = figure.main.mechanism.bodies();
+      figure.main.mechanism.place(figure.main.q.map((q, i) => (Number.isFinite(columns[i]?.[row]) ? columns[i]![row]! : q)), poses);
+      const { body, p } = figure.robot.frames[figure.robot.tip]!;
+      const tip = new three.Vector3(...p);
+      return body >= 0 ? tip.applyMatrix4(poses[body]!) : tip;
+    };
+    const before = place.next === place.row ? Math.max(0, place.row - 1) : place.row;
+    const way = at(place.next).sub(at(before));
+    const time = this.s.recording.time[place.next]! - this.s.recording.time[before]!;
+    if (time > 0 && way.length() / time > 1e-3) last.copy(way.normalize());
+    return last;
+  }
+}
+
+/// Velocities of the tip for joint speeds of norm one.
+class Manipulability implements Cue {
+  readonly id = 'manipulability';
+  readonly label = 'manipulability';
+  readonly key = 'v';
+  readonly colour = kCues.velocity;
+  readonly lacks: string;
+  readonly needs: string[] = [];
+  readonly calculates: string[];
+  private readonly group = new three.Group();
+  private readonly parts: { figure: FigureView; ellipsoid: Ellipsoid; scale: number }[] = [];
+  constructor(private readonly s: Scenery) {
+    this.calculates = s.figures.map((figure) => figure.figure.velocity).filter((name) => name !== '');
+    this.lacks = this.calculates.length > 0 ? '' : 'record the joint positions of a robot, for example drive.q';
+  }
+  build(): void {
+    for (const figure of this.s.figures) {
+      if (this.s.calculated?.values(figure.figure.velocity) === undefined) continue;
+      const part = { figure, ellipsoid: new Ellipsoid(this.colour), scale: 0.22 };
+      this.parts.push(part);
+      this.group.add(part.ellipsoid.group);
+    }
+    this.s.scene.add(this.group);
+  }
+  show(on: boolean): void {
+    this.group.visible = on;
+  }
+  update(_: Place, t: number): string[] {
+    return this.parts.flatMap(({ figure, ellipsoid, scale }) => {
+      const table = this.s.calculated!;
+      const { values, axes } = principal_of(matrix_at(table, figure.figure.velocity, table.place(t))!);
+      const lengths = values.map((value) => Math.sqrt(Math.max(0, value)));
+      ellipsoid.set(new three.Vector3().setFromMatrixPosition(figure.frame(figure.robot.tip)), figure.base, axes, lengths.map((length) => length * scale));
+      return [`${several(this.s.figures, figure)}volume ${short(lengths[0]! * lengths[1]! * lengths[2]!)} m³/s³, half-axes ${lengths.map(short).join('  ')} m/s`, `1 m/s: ${scale} m`];
+    });
+  }
+}
+
+/// Stiffness of the tip.
+class Stiffness implements Cue {
+  readonly id = 'stiffness';
+  readonly label = 'stiffness of the tip';
+  readonly key = 's';
+  readonly colour = kCues.stiffness;
+  readonly lacks: string;
+  readonly needs: string[] = [];
+  readonly calculates: string[];
+  private readonly group = new three.Group();
+  private readonly parts: { figure: FigureView; ellipsoid: Ellipsoid; scale: number; cap: number }[] = [];
+  constructor(private readonly s: Scenery) {
+    this.calculates = s.figures.flatMap((figure) => figure.figure.stiffness.signals);
+    this.lacks = this.calculates.length > 0 ? '' : (s.figures[0]?.figure.stiffness.lacks ?? 'there is no robot');
+  }
+  build(): void {
+    for (const figure of this.s.figures) {
+      const columns = this.s.calculated?.values(figure.figure.stiffness.signals[0] ?? '');
+      if (columns === undefined) continue;
+      const reach = reach_of(figure.robot);
+      const middle: number[] = [];
+      const stride = Math.max(1, Math.floor(columns[0]!.length / 500));
+      for (let i = 0; i < columns[0]!.length; i += stride) middle.push(principal_of(columns.map((column) => column[i]!)).values[1]);
+      const part = { figure, ellipsoid: new Ellipsoid(this.colour), scale: (0.16 * reach) / usual_largest(middle), cap: 0.5 * reach };
+      this.parts.push(part);
+      this.group.add(part.ellipsoid.group);
+    }
+    this.s.scene.add(this.group);
+  }
+  show(on: boolean): void {
+    this.group.visible = on;
+  }
+  update(_: Place, t: number): string[] {
+    return this.parts.flatMap(({ figure, ellipsoid, scale, cap }) => {
+      const table = this.s.calculated!;
+      const { values, axes } = principal_of(matrix_at(table, figure.figure.stiffness.signals[0]!, table.place(t))!);
+      ellipsoid.set(new three.Vector3().setFromMatrixPosition(figure.frame(figure.robot.tip)), figure.base, axes, values.map((value) => Math.min(cap, scale * Math.max(value, 0))));
+      const unit = round_down((0.16 * reach_of(figure.robot)) / scale);
+      return [`${several(this.s.figures, figure)}${values.map(short).join('  ')} N/m`, `${short(unit)} N/m: ${short(unit * scale)} m`];
+    });
+  }
+}
+
+/// A bar from low to high with a filled part.
+class Bar {
+  readonly box: HTMLElement;
+  private readonly fill = element('div', { class: 'fill' });
+  private readonly number = element('div', { class: 'number' });
+  constructor(name: string) {
+    this.box = element('div', { class: 'bar' }, element('div', { class: 'name', title: name }, name), element('div', { class: 'rail' }, this.fill), this.number);
+  }
+  /// `from`, `to`: shares of the rail.
+  set(from: number, to: number, colour: string, text: string): void {
+    const [a, b] = [Math.min(from, to), Math.max(from, to)].map((x) => Math.min(Math.max(x, 0), 1)) as [number, number];
+    this.fill.style.left = `${100 * a}%`;
+    this.fill.style.width = `${100 * Math.max(b - a, 0.02)}%`;
+    this.fill.style.background = colour;
+    this.number.textContent = text;
+  }
+}
+
+/// Where each joint is between its limits.
+class Limits implements Cue {
+  readonly id = 'limits';
+  readonly label = 'joint limits';
+  readonly key = 'l';
+  readonly colour = kRoles.main;
+  readonly lacks: string;
+  readonly needs: string[] = [];
+  readonly calculates: string[] = [];
+  readonly content = element('div', { class: 'bars' });
+  private readonly bars: { figure: FigureView; joint: number; bar: Bar }[] = [];
+  constructor(private readonly s: Scenery) {
+    const limited = s.figures.some((figure) => figure.figure.tracks.length > 0 && figure.robot.joints.some((joint) => joint.min !== null && joint.max !== null));
+    this.lacks = limited ? '' : 'record the joint positions of a robot whose URDF has limits, for example drive.q';
+  }
+  build(): void {
+    for (const figure of this.s.figures) {
+      for (let joint = 0; joint < figure.robot.n; ++joint) {
+        const bar = new Bar(`${several(this.s.figures, figure)}${figure.robot.names[joint]}`);
+        this.bars.push({ figure, joint, bar });
+        this.content.append(bar.box);
+      }
+    }
+  }
+  show(on: boolean): void {
+    this.content.hidden = !on;
+  }
+  update(): string[] {
+    for (const { figure, joint, bar } of this.bars) {
+      const { min, max, type } = figure.robot.joints[joint]!;
+      const q = figure.main.q[joint]!;
+      const text = type === 'revolute' ? `${((q * 180) / Math.PI).toFixed(1)}°` : `${short(q)} m`;
+      if (min === null || max === null) {
+        bar.set(0, 0, 'transparent', `${text} free`);
+        continue;
+      }
+      const share = (q - min) / (max - min);
+      const near = Math.min(share, 1 - share);
+      bar.set(0.5, share, near < 0.05 ? kCues.contact : 'var(--accent)', near < 0 ? `${text} beyond` : near < 0.05 ? `${text} near` : text);
+    }
+    return [];
+  }
+}
+
+/// Energy that came in, is stored and was lost.
+class Energy implements Cue {
+  readonly id = 'energy';
+  readonly label = 'energy flow';
+  readonly key = 'n';
+  readonly colour = kCues.hand;
+  readonly lacks: string;
+  readonly needs: string[];
+  readonly calculates: string[] = [];
+  readonly content = element('div', { class: 'bars' });
+  private readonly bars: { signal: string; kind: 'in' | 'stored' | 'lost'; bar: Bar }[] = [];
+  private largest = 1;
+  constructor(private readonly s: Scenery) {
+    this.needs = s.data.energy.map((term) => term.signal);
+    this.lacks = s.data.energy.length > 0 ? '' : s.data.energy_lacks;
+  }
+  build(): void {
+    const words = { in: '→ ', stored: '= ', lost: '✕ ' };
+    for (const term of this.s.data.energy) {
+      const bar = new Bar(words[term.kind] + term.label);
+      bar.box.title = term.signal;
+      this.bars.push({ signal: term.signal, kind: term.kind, bar });
+      this.content.append(bar.box);
+      for (const x of this.s.recording.values(term.signal)?.[0] ?? []) if (Number.isFinite(x)) this.largest = Math.max(this.largest, Math.abs(x));
+    }
+  }
+  show(on: boolean): void {
+    this.content.hidden = !on;
+  }
+  update(place: Place): string[] {
+    const colours = { in: kCues.velocity, stored: kCues.stiffness, lost: kCues.contact };
+    for (const { signal, kind, bar } of this.bars) {
+      const columns = this.s.recording.values(signal)!;
+      const joules = columns.reduce((sum, column) => sum + between(column, place), 0);
+      bar.set(0.5, 0.5 + (0.5 * joules) / this.largest, colours[kind], `${short(joules)} J`);
+    }
+    return ['→ came in, = stored, ✕ lost since the start'];
+  }
+}
+
+/// All cues of a page, in the order of the list.
+export function cues_of(s: Scenery, size: number): Cue[] {
+  const all = s.data.contacts.map((contact) => ({ ...contact, figure: -1 }));
+  return [
+    new Ghosts(s),
+    new Trails(s),
+    new EffectiveMass(s),
+    new Manipulability(s),
+    new Stiffness(s),
+    new Torques(s),
+    new Forces(s, 'contacts', 'contact forces', 'c', kCues.contact, all.length > 0 ? '' : s.data.contacts_lack, all, size),
+    new Forces(s, 'hand', 'forces of hands', 'h', kCues.hand, s.data.forces.length > 0 ? '' : 'record f and p of a unit operator_hand, for example hand.f and hand.p', s.data.forces, size),
+    new Limits(s),
+    new Energy(s),
+  ];
+}

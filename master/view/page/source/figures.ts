@@ -1,0 +1,222 @@
+import * as three from 'three';
+import { kRoles } from './colours';
+import type { Body, Figure, PageData, Robot, Track, Visual } from './format';
+import { Mechanism, frame_pose, matrix_of } from './kinematics';
+import { between, type Place, type Recording } from './recording';
+import { clean_shapes, looks_of, visual_object, type Meshes } from './shapes';
+
+/// Poses of a frame that is recorded as position and quaternion (w, x, y, z); where there are none, the given one.
+export class RecordedPose {
+  private readonly fallback: three.Matrix4;
+  private readonly a = new three.Quaternion();
+  private readonly b = new three.Quaternion();
+  private readonly p = new three.Vector3();
+
+  constructor(
+    pose: { p: [number, number, number]; quat: [number, number, number, number] },
+    private readonly recording: Recording,
+    private readonly p_signal: string,
+    private readonly quat_signal: string,
+  ) {
+    this.fallback = matrix_of(pose);
+  }
+
+  /// Whether anything of it is recorded.
+  get moves(): boolean {
+    return this.recording.signal(this.p_signal) !== undefined || this.recording.signal(this.quat_signal) !== undefined;
+  }
+
+  at(place: Place, matrix: three.Matrix4): void {
+    matrix.copy(this.fallback);
+    const p = this.recording.values(this.p_signal);
+    const quat = this.recording.values(this.quat_signal);
+    if (quat?.length === 4) {
+      const [w, x, y, z] = quat as [Float32Array, Float32Array, Float32Array, Float32Array];
+      this.a.set(x[place.row]!, y[place.row]!, z[place.row]!, w[place.row]!);
+      this.b.set(x[place.next]!, y[place.next]!, z[place.next]!, w[place.next]!);
+      const length = this.a.length();
+      if (length > 0.5 && length < 2) {
+        this.a.normalize();
+        if (place.share > 0 && Number.isFinite(this.b.length())) this.a.slerp(this.b.normalize(), place.share);
+        this.p.setFromMatrixPosition(matrix);
+        matrix.makeRotationFromQuaternion(this.a).setPosition(this.p);
+      }
+    }
+    if (p?.length === 3) {
+      this.p.set(between(p[0]!, place), between(p[1]!, place), between(p[2]!, place));
+      if (Number.isFinite(this.p.x + this.p.y + this.p.z)) matrix.setPosition(this.p);
+    }
+  }
+}
+
+/// A robot that follows one signal.
+export class Shown {
+  readonly group = new three.Group();
+  readonly poses: three.Matrix4[];
+  readonly q: number[];
+  private readonly parts: three.Group[] = [];
+
+  constructor(
+    readonly mechanism: Mechanism,
+    readonly track: Track,
+    start: number[],
+    visuals: three.Group[],
+    private readonly recording: Recording,
+  ) {
+    this.poses = mechanism.bodies();
+    this.q = Array.from({ length: mechanism.robot.n }, (_, i) => start[i] ?? 0);
+    for (const part of visuals) {
+      part.matrixAutoUpdate = false;
+      this.parts.push(part);
+      this.group.add(part);
+    }
+    this.group.matrixAutoUpdate = false;
+  }
+
+  /// Positions that are not finite leave the joint where it is.
+  place(place: Place, base: three.Matrix4): void {
+    const columns = this.recording.values(this.track.signal);
+    columns?.forEach((column, i) => {
+      const value = between(column, place);
+      if (Number.isFinite(value) && i < this.q.length) this.q[i] = value;
+    });
+    this.mechanism.place(this.q, this.poses);
+    this.group.matrix.copy(base);
+    this.parts.forEach((part, i) => {
+      if (i > 0) part.matrix.copy(this.poses[i - 1]!);
+    });
+    this.group.matrixWorldNeedsUpdate = true;
+  }
+}
+
+/// A robot on the stage with its ghosts.
+export class FigureView {
+  readonly base = new three.Matrix4();
+  readonly main: Shown;
+  readonly ghosts: Shown[] = [];
+  readonly group = new three.Group();
+  private readonly base_pose: RecordedPose;
+
+  constructor(
+    readonly figure: Figure,
+    readonly robot: Robot,
+    recording: Recording,
+    points: (visual: object) => Float32Array | undefined,
+    meshes: Meshes,
+  ) {
+    const mechanism = new Mechanism(robot);
+    this.base_pose = new RecordedPose(figure.base, recording, figure.base_p, figure.base_quat);
+    const dressed = (track: Track): three.Group[] => {
+      const ghost = track.role !== 'main';
+      const looks = looks_of(kRoles[track.role], ghost ? 0.3 : 1);
+      const objects = (visuals: Visual[][]): three.Group[] =>
+        visuals.map((list) => {
+          const group = new three.Group();
+          for (const visual of list) {
+            const object = visual_object(visual, points(visual), meshes, looks.body, ghost);
+            if (object !== undefined) group.add(object);
+          }
+          return group;
+        });
+      const filled = (groups: three.Group[]): number => groups.filter((group) => group.children.length > 0).length;
+      const visuals = objects(robot.visuals);
+      if (filled(visuals) > 0) return visuals;
+      const solids = objects(robot.solids);
+      if (filled(solids) > robot.joints.length / 2) return solids;
+      // A few shapes are those of a tool: they are added to the clean shape.
+      const groups = clean_shapes(robot, looks);
+      solids.forEach((group, i) => groups[i]!.add(group));
+      return groups;
+    };
+    const none: Track = { role: 'main', signal: '' };
+    const main = figure.tracks.find((track) => track.role === 'main') ?? none;
+    this.main = new Shown(mechanism, main, figure.q0, dressed(main), recording);
+    this.group.add(this.main.group);
+    for (const track of figure.tracks) {
+      if (track === main) continue;
+      const ghost = new Shown(mechanism, track, figure.q0, dressed(track), recording);
+      ghost.group.visible = false;
+      this.ghosts.push(ghost);
+      this.group.add(ghost.group);
+    }
+  }
+
+  place(place: Place): void {
+    this.base_pose.at(place, this.base);
+    this.main.place(place, this.base);
+    for (const ghost of this.ghosts) {
+      if (ghost.group.visible) ghost.place(place, this.base);
+    }
+  }
+
+  /// The pose of a frame in the world.
+  frame(index: number): three.Matrix4 {
+    return frame_pose(this.robot, index, this.main.poses).premultiply(this.base);
+  }
+
+  /// Positions of the tip in the world along the whole recording, at most `most`, of one of the tracks: x, y, z of each.
+  trail(shown: Shown, recording: Recording, most: number): Float32Array {
+    const rows = recording.rows;
+    const count = Math.min(rows, most);
+    const points = new Float32Array(3 * count);
+    const columns = recording.values(shown.track.signal);
+    const poses = shown.mechanism.bodies();
+    const q = [...shown.q];
+    const base = new three.Matrix4();
+    for (let k = 0; k < count; ++k) {
+      const row = count > 1 ? Math.round((k * (rows - 1)) / (count - 1)) : 0;
+      columns?.forEach((column, i) => {
+        if (Number.isFinite(column[row]!) && i < q.length) q[i] = column[row]!;
+      });
+      shown.mechanism.place(q, poses);
+      this.base_pose.at({ row, next: row, share: 0 }, base);
+      const tip = frame_pose(this.robot, this.robot.tip, poses).premultiply(base);
+      points[3 * k] = tip.elements[12]!;
+      points[3 * k + 1] = tip.elements[13]!;
+      points[3 * k + 2] = tip.elements[14]!;
+    }
+    return points;
+  }
+}
+
+/// A body of the scene.
+export class BodyView {
+  readonly group = new three.Group();
+  private readonly pose: RecordedPose;
+
+  constructor(
+    readonly body: Body,
+    recording: Recording,
+    points: (visual: object) => Float32Array | undefined,
+    meshes: Meshes,
+    material: three.Material,
+  ) {
+    this.pose = new RecordedPose(body, recording, body.p_signal, body.quat_signal);
+    this.group.matrixAutoUpdate = false;
+    for (const visual of body.visuals) {
+      const object = visual_object(visual, points(visual), meshes, material, false);
+      if (object !== undefined) this.group.add(object);
+    }
+    this.place({ row: 0, next: 0, share: 0 });
+  }
+
+  get moves(): boolean {
+    return this.pose.moves;
+  }
+  place(place: Place): void {
+    this.pose.at(place, this.group.matrix);
+    this.group.matrixWorldNeedsUpdate = true;
+  }
+}
+
+/// Names of all signals that the stage needs.
+export function needed_signals(data: PageData): string[] {
+  const names = new Set<string>();
+  for (const figure of data.figures) {
+    for (const track of figure.tracks) names.add(track.signal);
+    names.add(figure.base_p).add(figure.base_quat);
+  }
+  for (const body of data.bodies) names.add(body.p_signal).add(body.quat_signal);
+  names.delete('');
+  return [...names];
+}

@@ -1,0 +1,172 @@
+/// The content of the page, as master/view writes it: JSON in the element #cotwin-data, and packed numbers as base64 in #cotwin-numbers.
+
+/// A stream of numbers: deflated bytes (zlib) from byte `at` of the packed numbers on. `at` is a multiple of three, so that a stream begins with a
+/// whole group of base64.
+export interface Packed {
+  at: number;
+  size: number;
+  count: number;
+  /// steps: least + step · k; float: the bits of float32, mapped to integers in the order of the numbers; whole: integers below 2^53.
+  kind: 'steps' | 'float' | 'whole';
+  /// How often the integers were replaced by their differences: 0, 1 or 2.
+  order: number;
+  least?: number;
+  step?: number;
+  /// Of steps: what is not finite: from this element on, so many, and what: 0 NaN, 1 ∞, -1 -∞.
+  gaps?: [number, number, number][];
+}
+
+/// A recorded variable. Its values are `count` columns of the table from `first` on.
+export interface Signal {
+  name: string;
+  unit: string;
+  first: number;
+  count: number;
+}
+
+/// Rows of numbers over time. `time` in ns.
+export interface Table {
+  rows: number;
+  time: Packed;
+  columns: Packed[];
+  signals: Signal[];
+}
+
+export type Vector = [number, number, number];
+/// (w, x, y, z)
+export type Quaternion = [number, number, number, number];
+
+export interface Pose {
+  p: Vector;
+  quat: Quaternion;
+}
+
+export interface Visual extends Pose {
+  kind: 'box' | 'sphere' | 'cylinder' | 'capsule' | 'ellipsoid' | 'plane' | 'hull' | 'triangles' | 'mesh';
+  /// box: edges; sphere: radius; cylinder, capsule: radius, length; ellipsoid: radii; mesh: scale.
+  size: Vector;
+  /// red, green, blue, opacity, each 0 to 1; absent: the page's choice.
+  colour?: [number, number, number, number];
+  /// hull: corners; triangles: three corners each. x, y, z of each.
+  points?: Packed;
+  /// mesh: index in PageData.meshes.
+  mesh?: number;
+}
+
+export interface Mesh {
+  name: string;
+  format: 'stl' | 'obj' | 'dae' | 'gltf' | 'glb';
+  at: number;
+  size: number;
+  count: number;
+}
+
+/// The joint that moves a body relative to its parent body (-1: the base): position = multiplier · q[leader] + offset.
+export interface Joint extends Pose {
+  name: string;
+  type: 'revolute' | 'prismatic';
+  parent: number;
+  axis: Vector;
+  leader: number;
+  multiplier: number;
+  offset: number;
+  /// rad or m; null: none
+  min: number | null;
+  max: number | null;
+}
+
+export interface Frame extends Pose {
+  name: string;
+  body: number;
+}
+
+/// A robot. joints[i] moves body i; parents come first in `order`.
+export interface Robot {
+  name: string;
+  n: number;
+  joints: Joint[];
+  order: number[];
+  frames: Frame[];
+  tip: number;
+  /// Names of the independent joints.
+  names: string[];
+  /// Of the base, then of each body: what the URDF shows, and the shapes that touch others.
+  visuals: Visual[][];
+  solids: Visual[][];
+}
+
+/// What moves a figure: a signal with n elements.
+export interface Track {
+  role: 'main' | 'desired' | 'compliant' | 'other';
+  signal: string;
+}
+
+/// Names of the signals of a cue, or what must be recorded for it.
+export interface Source {
+  signals: string[];
+  lacks: string;
+}
+
+/// One robot on the stage.
+export interface Figure {
+  name: string;
+  robot: number;
+  base: Pose;
+  base_p: string;
+  base_quat: string;
+  q0: number[];
+  tracks: Track[];
+  tau_e: Source;
+  /// Signals of the calculated table: Λ_v⁻¹ and J_v J_vᵀ of the tip in the base, xx xy xz yy yz zz; empty if they cannot be calculated.
+  mobility: string;
+  velocity: string;
+  /// Stiffness of the tip in the base, in the same order.
+  stiffness: Source;
+}
+
+export interface Body extends Pose {
+  name: string;
+  fixed: boolean;
+  p_signal: string;
+  quat_signal: string;
+  visuals: Visual[];
+}
+
+export interface Contacts {
+  p: string;
+  f: string;
+}
+
+/// A force (N) at a point in the world, for example of a hand.
+export interface Force {
+  name: string;
+  p: string;
+  f: string;
+  figure: number;
+}
+
+/// A term of the energy of a component.
+export interface EnergyTerm {
+  signal: string;
+  kind: 'in' | 'stored' | 'lost';
+  label: string;
+}
+
+export interface PageData {
+  format: number;
+  name: string;
+  state: string;
+  facts: [string, string][];
+  remarks: string[];
+  tables: Table[];
+  robots: Robot[];
+  figures: Figure[];
+  bodies: Body[];
+  meshes: Mesh[];
+  contacts: Contacts[];
+  contacts_lack: string;
+  forces: Force[];
+  energy: EnergyTerm[];
+  energy_lacks: string;
+  plots: string[];
+}

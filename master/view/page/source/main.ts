@@ -1,0 +1,389 @@
+import 'uplot/dist/uPlot.min.css';
+import './style.css';
+import * as three from 'three';
+import { cues_of, type Cue } from './cues';
+import { button, element } from './dom';
+import { BodyView, FigureView, needed_signals } from './figures';
+import type { PageData, Visual } from './format';
+import { reach_of } from './kinematics';
+import { load_meshes } from './meshes';
+import { unpack } from './packed';
+import { Player } from './player';
+import { Plot, TimeWindow } from './plots';
+import { Recording } from './recording';
+import { Stage } from './stage';
+
+const kKeys: [string, string][] = [
+  ['Space', 'play or stop'],
+  ['← →', 'one row back or on; with Shift a fiftieth of what the plots show'],
+  ['Home End', 'beginning and end'],
+  ['+ -', 'faster, slower'],
+  ['[ ]', 'plots: closer, farther'],
+  ['0', 'plots: the whole recording; view: everything'],
+  ['d', 'dark or light'],
+  ['?', 'this page'],
+];
+
+/// The text of a script element that holds data.
+function content_of(id: string): string {
+  return document.getElementById(id)?.textContent ?? '';
+}
+
+class Page {
+  private readonly app = document.getElementById('app')!;
+  private readonly recording: Recording;
+  private readonly calculated: Recording | undefined;
+  private readonly numbers = content_of('cotwin-numbers');
+  private player = new Player(0, 0);
+  private range = new TimeWindow(0, 0);
+  private stage!: Stage;
+  private figures: FigureView[] = [];
+  private bodies: BodyView[] = [];
+  private cues: Cue[] = [];
+  private readonly shown = new Set<string>();
+  private readonly built = new Set<string>();
+  private readonly entries = new Map<string, { box: HTMLInputElement; text: HTMLElement }>();
+  private plots: Plot[] = [];
+  private dirty = true;
+  private last = 0;
+  private readonly frames: number[] = [];
+
+  private readonly canvas = element('canvas', { tabindex: '0', 'aria-label': '3D view: drag to turn, right button to move, wheel to come closer' });
+  private readonly play = button('▶', 'play or stop (Space)', () => this.toggle());
+  private readonly slider = element('input', { type: 'range', min: '0', max: '1', step: 'any', value: '0', 'aria-label': 'time' });
+  private readonly clock = element('output', {});
+  private readonly speed = element('select', { 'aria-label': 'speed' });
+  private readonly plot_list = element('div', {});
+  private readonly remarks = element('ul', { class: 'remarks' });
+  private readonly help = element('dialog', {});
+
+  constructor(private readonly data: PageData) {
+    this.recording = new Recording(data.tables[0]!, this.numbers);
+    this.calculated = data.tables[1] === undefined ? undefined : new Recording(data.tables[1], this.numbers);
+  }
+
+  async open(): Promise<void> {
+    const { data } = this;
+    document.title = `${data.name} · cotwin view`;
+    await Promise.all([this.recording.open(), this.calculated?.open(), ...needed_signals(data).map((name) => this.recording.load(name))]);
+    const { time, rows } = this.recording;
+    this.player = new Player(rows > 0 ? time[0]! : 0, rows > 0 ? time[rows - 1]! : 0);
+    this.range = new TimeWindow(this.player.begin, this.player.end);
+    this.lay_out();
+    for (const remark of data.remarks) this.remark(remark);
+    if (rows === 0) this.remark('the recording has no rows: only the start is shown');
+    const plotted = data.plots.map((name) => this.add_plot(name));
+    try {
+      await this.set_the_stage();
+    } catch (error) {
+      this.remark(`no 3D view: ${error instanceof Error ? error.message : String(error)}`);
+    }
+    await Promise.all(plotted);
+    this.listen();
+    this.update();
+    requestAnimationFrame((now) => this.frame(now));
+  }
+
+  /// Poses in the world, as column-major matrices: of all bodies of a robot and of its tip, or of a body of the scene. For tests.
+  poses(figure: number): { bodies: number[][]; tip: number[] } {
+    const view = this.figures[figure]!;
+    return { bodies: view.main.poses.map((pose) => pose.clone().premultiply(view.base).toArray()), tip: view.frame(view.robot.tip).toArray() };
+  }
+  body_pose(name: string): number[] | undefined {
+    return this.bodies.find((view) => view.body.name === name)?.group.matrix.toArray();
+  }
+  seek(t: number): void {
+    this.player.seek(t);
+    this.update();
+  }
+  get time(): number {
+    return this.player.time;
+  }
+  plot_values(): Record<string, string[]> {
+    return Object.fromEntries(this.plots.map((plot) => [plot.name, plot.texts()]));
+  }
+  /// Frames per second of the last 60 frames while playing.
+  get rate(): number {
+    const n = this.frames.length;
+    return n < 2 ? 0 : ((n - 1) * 1000) / (this.frames[n - 1]! - this.frames[0]!);
+  }
+
+  private lay_out(): void {
+    const { data } = this;
+    const facts = element('table', {}, ...data.facts.map(([name, value]) => element('tr', {}, element('td', {}, name), element('td', {}, value))));
+    const keys = element('table', {});
+    const close = button('close', 'close', () => this.help.close());
+    this.help.append(element('h2', {}, 'Keys'), keys, element('h2', {}, 'In a plot'), element('p', {}, 'Drag: the time. Shift and drag: the shown range. Wheel: closer, farther. Double click: everything.'), element('h2', {}, 'This run'), facts, close);
+    const add = element('select', { 'aria-label': 'add a plot' }, element('option', { value: '' }, 'add a plot …'));
+    for (const signal of this.recording.table.signals) add.append(element('option', { value: signal.name }, signal.count > 1 ? `${signal.name} (${signal.count})` : signal.name));
+    add.addEventListener('change', () => {
+      void this.add_plot(add.value);
+      add.value = '';
+      add.blur();
+    });
+    for (const speed of Player.kSpeeds) this.speed.append(element('option', { value: String(speed) }, `${speed} ×`));
+    this.speed.addEventListener('change', () => {
+      this.player.speed = Number(this.speed.value);
+      this.speed.blur();
+    });
+    this.slider.min = String(this.player.begin);
+    this.slider.max = String(this.player.end);
+    this.slider.addEventListener('input', () => this.seek(Number(this.slider.value)));
+    const panel = element('details', { class: 'cues', open: '' }, element('summary', {}, 'Cues'));
+    panel.id = 'cues';
+    this.app.append(
+      element(
+        'div',
+        { class: 'top' },
+        element('h1', {}, data.name),
+        element('span', { class: 'state' }, data.state),
+        element('span', { class: 'space' }),
+        button('view all', 'put everything into view (0)', () => this.view_all()),
+        button('dark / light', 'dark or light (d)', () => this.change_theme()),
+        button('?', 'keys and facts (?)', () => this.help.showModal()),
+      ),
+      panel,
+      element('div', { class: 'stage' }, this.canvas, this.remarks),
+      element('aside', { class: 'side' }, element('div', { class: 'add' }, add), this.plot_list),
+      element('div', { class: 'line' }, this.play, this.speed, this.slider, this.clock),
+      this.help,
+    );
+    for (const [key, what] of kKeys) keys.append(element('tr', {}, element('td', {}, key), element('td', {}, what)));
+    keys.id = 'keys';
+  }
+
+  private remark(text: string): void {
+    this.remarks.append(element('li', {}, text));
+  }
+
+  private async set_the_stage(): Promise<void> {
+    const { data } = this;
+    const points = new Map<object, Float32Array>();
+    const visuals: Visual[] = [...data.robots.flatMap((robot) => [...robot.visuals, ...robot.solids].flat()), ...data.bodies.flatMap((body) => body.visuals)];
+    const [meshes] = await Promise.all([
+      load_meshes(data.meshes, this.numbers, (text) => this.remark(text)),
+      ...visuals.map(async (visual) => {
+        if (visual.points !== undefined) points.set(visual, (await unpack(this.numbers, visual.points)) as Float32Array);
+      }),
+    ]);
+    this.stage = new Stage(this.canvas);
+    const of = (visual: object): Float32Array | undefined => points.get(visual);
+    this.figures = data.figures.map((figure) => new FigureView(figure, data.robots[figure.robot]!, this.recording, of, meshes));
+    const fixed = new three.MeshLambertMaterial({ color: '#aab3bf', side: three.DoubleSide });
+    const moving = new three.MeshLambertMaterial({ color: '#56a0c9', side: three.DoubleSide });
+    this.bodies = data.bodies.map((body) => new BodyView(body, this.recording, of, meshes, body.fixed ? fixed : moving));
+    for (const view of [...this.figures, ...this.bodies]) this.stage.scene.add(view.group);
+    const place = this.recording.place(this.player.time);
+    for (const view of this.figures) view.place(place);
+    this.stage.dress(Math.max(1.5, ...this.figures.map((view) => 1.2 * reach_of(view.robot))));
+    this.add_cues();
+    this.view_all();
+  }
+
+  private add_cues(): void {
+    const { data, recording, calculated, figures } = this;
+    const size = Math.max(0.3, ...figures.map((view) => reach_of(view.robot)));
+    this.cues = cues_of({ data, recording, calculated, figures, scene: this.stage.scene }, figures.length > 0 ? size : 1);
+    const panel = document.getElementById('cues')!;
+    const keys = document.getElementById('keys')!;
+    for (const cue of this.cues) {
+      const box = element('input', { type: 'checkbox' });
+      const text = element('div', { class: 'figures' });
+      const swatch = element('span', { class: 'swatch' });
+      swatch.style.background = cue.lacks === '' ? cue.colour : 'transparent';
+      box.disabled = cue.lacks !== '';
+      const label = element('label', cue.lacks === '' ? {} : { class: 'lacking' }, box, swatch, cue.label, element('kbd', {}, cue.key));
+      const entry = element('div', { class: 'cue', 'data-cue': cue.id }, label);
+      if (cue.lacks !== '') entry.append(element('div', { class: 'lacks' }, `no data: ${cue.lacks}`));
+      entry.append(text);
+      if (cue.content !== undefined) entry.append(cue.content);
+      panel.append(entry);
+      this.entries.set(cue.id, { box, text });
+      box.addEventListener('change', () => void this.switch_cue(cue, box.checked));
+      keys.append(element('tr', {}, element('td', {}, cue.key), element('td', {}, cue.label)));
+    }
+  }
+
+  private async switch_cue(cue: Cue, on: boolean): Promise<void> {
+    const entry = this.entries.get(cue.id)!;
+    if (cue.lacks !== '') return;
+    entry.box.checked = on;
+    if (on && !this.built.has(cue.id)) {
+      this.built.add(cue.id);
+      await Promise.all([...cue.needs.map((name) => this.recording.load(name)), ...cue.calculates.map((name) => this.calculated!.load(name))]);
+      cue.build();
+    }
+    if (on) this.shown.add(cue.id);
+    else this.shown.delete(cue.id);
+    cue.show(on);
+    if (!on) entry.text.textContent = '';
+    this.update();
+  }
+
+  private async add_plot(name: string): Promise<void> {
+    const signal = this.recording.signal(name);
+    if (signal === undefined || this.plots.some((plot) => plot.name === name)) return;
+    const slot = element('div', {});
+    this.plot_list.append(slot);
+    await this.recording.load(name);
+    const plot = new Plot(
+      name,
+      signal.unit,
+      this.recording,
+      this.recording.values(name)!,
+      this.range,
+      (t) => this.seek(t),
+      () => this.draw_plots(),
+      () => {
+        this.plots = this.plots.filter((other) => other !== plot);
+        plot.destroy();
+      },
+    );
+    this.plots.push(plot);
+    slot.replaceWith(plot.box);
+    plot.build();
+    plot.follow(this.player.time);
+  }
+
+  private draw_plots(): void {
+    for (const plot of this.plots) {
+      plot.draw();
+      plot.follow(this.player.time);
+    }
+  }
+
+  private view_all(): void {
+    if (this.stage === undefined) return;
+    const box = new three.Box3();
+    for (const view of [...this.figures, ...this.bodies]) {
+      view.group.updateMatrixWorld(true);
+      const own = new three.Box3().setFromObject(view.group);
+      if (own.getSize(new three.Vector3()).length() < 15) box.union(own);
+    }
+    if (box.isEmpty()) box.set(new three.Vector3(-0.5, -0.5, 0), new three.Vector3(0.5, 0.5, 1));
+    this.stage.look_at(box);
+  }
+
+  private change_theme(): void {
+    const dark = getComputedStyle(document.documentElement).getPropertyValue('--panel').trim() !== '#ffffff';
+    document.documentElement.dataset['theme'] = dark ? 'light' : 'dark';
+    this.stage?.dress(Math.max(1.5, ...this.figures.map((view) => 1.2 * reach_of(view.robot))));
+    for (const plot of this.plots) plot.build();
+    this.update();
+  }
+
+  private toggle(): void {
+    this.player.toggle();
+    this.frames.length = 0;
+    this.update();
+  }
+
+  private update(): void {
+    this.dirty = true;
+    this.play.textContent = this.player.playing ? '❚❚' : '▶';
+    this.speed.value = String(this.player.speed);
+  }
+
+  private frame(now: number): void {
+    const elapsed = Math.min(0.25, Math.max(0, now - this.last) / 1000);
+    this.last = now;
+    const was_playing = this.player.playing;
+    if (this.player.advance(elapsed)) {
+      this.dirty = true;
+      this.frames.push(now);
+      if (this.frames.length > 60) this.frames.shift();
+    }
+    if (this.dirty) {
+      this.dirty = false;
+      this.show();
+      if (was_playing && !this.player.playing) this.update();
+    }
+    this.stage?.draw(was_playing ? elapsed : 0);
+    requestAnimationFrame((next) => this.frame(next));
+  }
+
+  /// Brings everything to the present time.
+  private show(): void {
+    const t = this.player.time;
+    this.slider.value = String(t);
+    this.clock.textContent = `${t.toFixed(3)} / ${this.player.end.toFixed(3)} s`;
+    const { from, to } = this.range;
+    this.range.reveal(t);
+    if (from !== this.range.from || to !== this.range.to) for (const plot of this.plots) plot.draw();
+    for (const plot of this.plots) plot.follow(t);
+    if (this.stage === undefined) return;
+    const place = this.recording.place(t);
+    for (const view of this.figures) view.place(place);
+    for (const view of this.bodies) if (view.moves) view.place(place);
+    for (const cue of this.cues) {
+      if (!this.shown.has(cue.id)) continue;
+      this.entries.get(cue.id)!.text.textContent = cue.update(place, t).join('\n');
+    }
+    this.stage.invalidate();
+  }
+
+  private listen(): void {
+    document.addEventListener('keydown', (event) => {
+      if (event.ctrlKey || event.altKey || event.metaKey || this.help.open) return;
+      const target = event.target;
+      if (target instanceof HTMLSelectElement) return;
+      if (target instanceof HTMLButtonElement && (event.key === ' ' || event.key === 'Enter')) return;
+      if (target instanceof HTMLInputElement && target.type === 'checkbox' && event.key === ' ') return;
+      if (this.key(event.key, event.shiftKey)) event.preventDefault();
+    });
+  }
+
+  /// What a key does. Returns whether it does anything.
+  private key(key: string, shift: boolean): boolean {
+    const row = this.recording.nearest(this.player.time);
+    const step = (rows: number): void => {
+      this.player.playing = false;
+      if (shift) this.seek(this.player.time + (rows * (this.range.to - this.range.from)) / 50);
+      else this.seek(this.recording.time[Math.min(Math.max(row + rows, 0), this.recording.rows - 1)] ?? 0);
+    };
+    const actions: Record<string, () => void> = {
+      ' ': () => this.toggle(),
+      ArrowLeft: () => step(-1),
+      ArrowRight: () => step(1),
+      Home: () => this.seek(this.player.begin),
+      End: () => this.seek(this.player.end),
+      '+': () => this.player.change_speed(1),
+      '-': () => this.player.change_speed(-1),
+      '[': () => this.range.zoom(0.5, this.player.time),
+      ']': () => this.range.zoom(2, this.player.time),
+      '0': () => {
+        this.range.all();
+        this.view_all();
+      },
+      d: () => this.change_theme(),
+      '?': () => this.help.showModal(),
+    };
+    const action = actions[key];
+    if (action !== undefined) {
+      action();
+      if (['[', ']', '0'].includes(key)) this.draw_plots();
+      this.update();
+      return true;
+    }
+    const cue = this.cues.find((candidate) => candidate.key === key);
+    if (cue === undefined) return false;
+    void this.switch_cue(cue, !this.shown.has(cue.id));
+    return true;
+  }
+}
+
+function fail(text: string): void {
+  document.getElementById('app')!.replaceChildren(element('p', { class: 'failure' }, text));
+}
+
+async function start(): Promise<void> {
+  const text = content_of('cotwin-data');
+  if (text === '') return fail('This page has no recording in it. `cotwin view RESULTS` writes one that has.');
+  if (typeof DecompressionStream === 'undefined') return fail('This browser cannot unpack the recording: it has no DecompressionStream. Browsers of 2023 and later have it.');
+  const page = new Page(JSON.parse(text) as PageData);
+  await page.open();
+  Object.assign(window, { cotwin: page });
+  document.documentElement.dataset['ready'] = 'true';
+}
+
+start().catch((error: unknown) => fail(`The page cannot be shown: ${error instanceof Error ? error.message : String(error)}`));

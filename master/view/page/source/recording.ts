@@ -1,0 +1,101 @@
+import type { Signal, Table } from './format';
+import { unpack } from './packed';
+
+/// Index of the last element that is not above x; 0 if all are. `sorted` has at least one element.
+export function last_not_above(sorted: ArrayLike<number>, x: number): number {
+  let low = 0;
+  let high = sorted.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (sorted[middle]! <= x) low = middle;
+    else high = middle - 1;
+  }
+  return low;
+}
+
+/// Two rows and the share of the second in what lies between them.
+export interface Place {
+  row: number;
+  next: number;
+  share: number;
+}
+
+/// A table whose columns are unpacked when they are first needed. Times in s.
+export class Recording {
+  time: Float64Array = new Float64Array(0);
+  private readonly columns = new Map<number, Float32Array>();
+  private readonly pending = new Map<number, Promise<Float32Array>>();
+  private readonly by_name = new Map<string, Signal>();
+
+  constructor(
+    readonly table: Table,
+    private readonly text: string,
+  ) {
+    for (const signal of table.signals) this.by_name.set(signal.name, signal);
+  }
+
+  async open(): Promise<void> {
+    const ns = await unpack(this.text, this.table.time);
+    this.time = Float64Array.from(ns, (t) => t / 1e9);
+  }
+
+  get rows(): number {
+    return this.table.rows;
+  }
+  signal(name: string): Signal | undefined {
+    return this.by_name.get(name);
+  }
+  /// Unpacks the columns of a signal. Returns whether there is such a signal.
+  async load(name: string): Promise<boolean> {
+    const signal = this.signal(name);
+    if (signal === undefined) return false;
+    await Promise.all(Array.from({ length: signal.count }, (_, i) => this.column(signal.first + i)));
+    return true;
+  }
+  column(index: number): Promise<Float32Array> {
+    let found = this.pending.get(index);
+    if (found === undefined) {
+      found = unpack(this.text, this.table.columns[index]!).then((values) => {
+        this.columns.set(index, values as Float32Array);
+        return values as Float32Array;
+      });
+      this.pending.set(index, found);
+    }
+    return found;
+  }
+  /// The columns of a signal that was loaded; undefined otherwise.
+  values(name: string): Float32Array[] | undefined {
+    const signal = this.signal(name);
+    if (signal === undefined) return undefined;
+    const columns: Float32Array[] = [];
+    for (let i = 0; i < signal.count; ++i) {
+      const column = this.columns.get(signal.first + i);
+      if (column === undefined) return undefined;
+      columns.push(column);
+    }
+    return columns;
+  }
+
+  /// The row that is nearest to the time t.
+  nearest(t: number): number {
+    const { row, next, share } = this.place(t);
+    return share < 0.5 ? row : next;
+  }
+  place(t: number): Place {
+    if (this.rows === 0) return { row: 0, next: 0, share: 0 };
+    const row = last_not_above(this.time, t);
+    const next = Math.min(row + 1, this.rows - 1);
+    const length = this.time[next]! - this.time[row]!;
+    const share = length > 0 ? Math.min(Math.max((t - this.time[row]!) / length, 0), 1) : 0;
+    return { row, next, share };
+  }
+}
+
+/// The value of a column between two rows; that of the other row where one is not finite.
+export function between(column: Float32Array, { row, next, share }: Place): number {
+  const a = column[row]!;
+  const b = column[next]!;
+  if (share === 0 || !Number.isFinite(b)) return a;
+  if (!Number.isFinite(a)) return b;
+  return a + share * (b - a);
+}

@@ -1,0 +1,165 @@
+// Tests without a browser: unpacking, decimation, kinematics, time.
+import assert from 'node:assert/strict';
+import { test } from 'node:test';
+import { Matrix4 } from 'three';
+import { round_down, usual_largest } from '../source/cues';
+import { Extremes, decimate } from '../source/decimate';
+import { short } from '../source/dom';
+import type { Robot } from '../source/format';
+import { Mechanism, frame_pose, reach_of } from '../source/kinematics';
+import { without_images } from '../source/meshes';
+import { from_base64, integers, long_integers, numbers } from '../source/packed';
+import { Player } from '../source/player';
+import { between, last_not_above } from '../source/recording';
+import { principal_of, quadratic } from '../source/symmetric';
+
+/// The bytes of integers as master/view/packer.cpp writes them: differences of an order, sign in the lowest bit, low bytes first.
+function bytes_of(values: number[], order: number, width: number): Uint8Array {
+  let list = values.map(BigInt);
+  for (let k = 0; k < order; ++k) list = list.map((value, i) => value - (i > 0 ? list[i - 1]! : 0n));
+  const bytes = new Uint8Array(width * list.length);
+  list.forEach((value, i) => {
+    let u = value < 0n ? -2n * value - 1n : 2n * value;
+    for (let k = 0; k < width; ++k, u >>= 8n) bytes[k * list.length + i] = Number(u & 255n);
+  });
+  return bytes;
+}
+
+test('integers come back from differences of every order', () => {
+  const values = [5, -3, 0, 8388608, -8388608, 7, 7, 7];
+  for (const order of [0, 1, 2]) assert.deepEqual([...integers(bytes_of(values, order, 4), values.length, order)], values);
+});
+
+test('times of a month in nanoseconds come back exactly', () => {
+  const values = [0, 1_000_000, 2_000_000, 2_592_000_000_000_000, 2_592_000_000_000_001];
+  for (const order of [0, 1, 2]) assert.deepEqual([...long_integers(bytes_of(values, order, 7), values.length, order)], values);
+});
+
+test('steps have gaps where the recording has no number', () => {
+  const packed = { at: 0, size: 0, count: 5, kind: 'steps', order: 1, least: -1, step: 0.5, gaps: [[1, 2, 0], [4, 1, -1]] } as const;
+  const values = numbers(bytes_of([0, 0, 0, 4, 4], 1, 4), structuredClone(packed) as never);
+  assert.deepEqual([...values], [-1, NaN, NaN, 1, -Infinity]);
+});
+
+test('float32 comes back to the last bit, whatever its sign', () => {
+  const wanted = new Float32Array([0, -0, 1.5, -1.5, 1e-30, -3e38, NaN, Infinity]);
+  const bits = [...new Int32Array(wanted.buffer)].map((b) => (b < 0 ? b ^ 0x7fffffff : b));
+  const values = numbers(bytes_of(bits, 0, 4), { at: 0, size: 0, count: bits.length, kind: 'float', order: 0 });
+  assert.deepEqual(new Int32Array(values.buffer as ArrayBuffer), new Int32Array(wanted.buffer));
+});
+
+test('a stream of another length is an error', () => {
+  assert.throws(() => numbers(new Uint8Array(9), { at: 0, size: 0, count: 2, kind: 'steps', order: 0 }), /9 bytes for 2 numbers/);
+});
+
+test('base64 has all values of a byte', () => {
+  const bytes = Uint8Array.from({ length: 255 }, (_, i) => i + 1);
+  assert.deepEqual(from_base64(Buffer.from(bytes).toString('base64')), bytes);
+});
+
+test('the least and largest values of blocks are those of their numbers', () => {
+  const values = Float32Array.from({ length: 5000 }, (_, i) => Math.sin(i * i));
+  values[1234] = NaN;
+  values[77] = 9;
+  const extremes = new Extremes(values);
+  for (const [begin, end] of [[0, 5000], [17, 4001], [100, 101], [70, 80], [1234, 1235], [300, 300], [255, 513]] as const) {
+    const finite = [...values.subarray(begin, end)].filter((x) => !Number.isNaN(x));
+    assert.deepEqual(extremes.range(begin, end), [Math.min(...finite), Math.max(...finite)]);
+  }
+});
+
+test('a plot of a million rows keeps a single peak', () => {
+  const n = 1_000_000;
+  const values = new Float32Array(n);
+  values[654_321] = 7;
+  const time = Float64Array.from({ length: n }, (_, i) => i / 1000);
+  const drawn = decimate(time, [new Extremes(values)], [values], 0, n, 600);
+  assert.equal(drawn.t.length, 1200);
+  assert.equal(Math.max(...(drawn.values[0] as number[])), 7);
+  assert.ok(drawn.t.every((t, i) => i === 0 || t >= drawn.t[i - 1]!));
+});
+
+test('few rows are drawn as they are, with gaps for what is no number', () => {
+  const values = Float32Array.from([1, NaN, 3, Infinity]);
+  const drawn = decimate(Float64Array.from([0, 1, 2, 3]), [new Extremes(values)], [values], 0, 4, 100);
+  assert.deepEqual(drawn, { t: [0, 1, 2, 3], values: [[1, null, 3, null]] });
+});
+
+const kArm: Robot = {
+  name: 'arm',
+  n: 2,
+  joints: [
+    { name: 'a', type: 'revolute', parent: -1, p: [0, 0, 1], quat: [1, 0, 0, 0], axis: [0, 0, 1], leader: 0, multiplier: 1, offset: 0, min: -1, max: 1 },
+    { name: 'b', type: 'prismatic', parent: 0, p: [2, 0, 0], quat: [Math.SQRT1_2, 0, 0, Math.SQRT1_2], axis: [1, 0, 0], leader: 1, multiplier: 1, offset: 0, min: 0, max: 3 },
+    { name: 'c', type: 'revolute', parent: 1, p: [0, 0, 0], quat: [1, 0, 0, 0], axis: [0, 0, 1], leader: 0, multiplier: -2, offset: 0.5, min: null, max: null },
+  ],
+  order: [0, 1, 2],
+  frames: [{ name: 'tool', body: 2, p: [1, 0, 0], quat: [1, 0, 0, 0] }],
+  tip: 0,
+  names: ['a', 'b'],
+  visuals: [[], [], [], []],
+  solids: [[], [], [], []],
+};
+
+test('a turn, a slide and a mimic joint place the tool', () => {
+  const mechanism = new Mechanism(kArm);
+  const poses = mechanism.bodies();
+  const [a, b] = [0.3, 0.7];
+  mechanism.place([a, b], poses);
+  const tool = frame_pose(kArm, 0, poses).elements;
+  // The slide goes along y of the first body, the mimic turns by 0.5 - 2a about z after the quarter turn.
+  const turn = a + Math.PI / 2 + 0.5 - 2 * a;
+  const wanted = [2 * Math.cos(a) - b * Math.sin(a) + Math.cos(turn), 2 * Math.sin(a) + b * Math.cos(a) + Math.sin(turn), 1];
+  wanted.forEach((x, i) => assert.ok(Math.abs(tool[12 + i]! - x) < 1e-12));
+  assert.equal(reach_of(kArm), 1 + 0 + 2 + 3 + 1);
+  assert.ok(poses.every((pose) => pose instanceof Matrix4));
+});
+
+test('principal directions of a symmetric matrix', () => {
+  const m = [4, 1, -2, 3, 0.5, 6];
+  const { values, axes } = principal_of(m);
+  assert.ok(values[0] >= values[1] && values[1] >= values[2]);
+  assert.ok(Math.abs(values[0] + values[1] + values[2] - 13) < 1e-12);
+  axes.forEach((axis, i) => assert.ok(Math.abs(quadratic(m, axis) - values[i]!) < 1e-12));
+  const [x, y, z] = axes as unknown as [number[], number[], number[]];
+  assert.ok(Math.abs(x[0]! * (y[1]! * z[2]! - y[2]! * z[1]!) + x[1]! * (y[2]! * z[0]! - y[0]! * z[2]!) + x[2]! * (y[0]! * z[1]! - y[1]! * z[0]!) - 1) < 1e-12);
+  assert.deepEqual(principal_of([1, 0, 0, 2, 0, 3]).values, [3, 2, 1]);
+});
+
+test('the time stays within the recording and stops at its end', () => {
+  const player = new Player(1, 3);
+  player.seek(99);
+  assert.equal(player.time, 3);
+  player.toggle();
+  assert.equal(player.time, 1);
+  player.change_speed(1);
+  assert.equal(player.speed, 2);
+  assert.ok(player.advance(0.25));
+  assert.equal(player.time, 1.5);
+  player.advance(10);
+  assert.equal(player.time, 3);
+  assert.equal(player.playing, false);
+  player.seek(NaN);
+  assert.equal(player.time, 3);
+  for (let i = 0; i < 50; ++i) player.change_speed(-1);
+  assert.equal(player.speed, Player.kSpeeds[0]);
+});
+
+test('rows are found by time, and a gap takes the number beside it', () => {
+  assert.deepEqual([-1, 0, 0.5, 1, 7, 9].map((t) => last_not_above([0, 1, 1, 7], t)), [0, 0, 0, 2, 3, 3]);
+  const column = Float32Array.from([1, 2, NaN]);
+  assert.equal(between(column, { row: 0, next: 1, share: 0.25 }), 1.25);
+  assert.equal(between(column, { row: 1, next: 2, share: 0.5 }), 2);
+});
+
+test('numbers for people', () => {
+  assert.deepEqual([0, 1234.56, 0.00012345, -7, NaN, -Infinity].map(short), ['0', '1235', '1.234e-4', '-7.000', 'NaN', '-∞']);
+  assert.deepEqual([1, 4.9, 0.07, 600].map(round_down), [1, 2, 0.05, 500]);
+  assert.equal(usual_largest([NaN, -1]), 1);
+});
+
+test('images are taken out of glTF, so that nothing is loaded', () => {
+  const json = JSON.stringify({ asset: { version: '2.0' }, images: [{ uri: 'x.png' }], textures: [{}], materials: [{ pbrMetallicRoughness: { baseColorTexture: { index: 0 }, metallicFactor: 0 } }] });
+  const plain = new TextDecoder().decode(without_images(new TextEncoder().encode(json), false));
+  assert.deepEqual(JSON.parse(plain), { asset: { version: '2.0' }, materials: [{ pbrMetallicRoughness: { metallicFactor: 0 } }] });
+});
