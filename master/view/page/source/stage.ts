@@ -2,6 +2,16 @@ import * as three from 'three';
 import { OrbitControls } from 'three/examples/jsm/controls/OrbitControls.js';
 import { style_colour } from './colours';
 
+/// Whether the processor draws, without a graphics card: smooth edges would cost it most of its time.
+function draws_in_software(): boolean {
+  const gl = document.createElement('canvas').getContext('webgl2');
+  if (gl === null) return false;
+  const names = gl.getExtension('WEBGL_debug_renderer_info');
+  const renderer = String(gl.getParameter(names?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER));
+  gl.getExtension('WEBGL_lose_context')?.loseContext();
+  return /swiftshader|llvmpipe|software|basic render/i.test(renderer);
+}
+
 /// The 3D view: camera, light and ground. It draws only when something has changed. Where drawing is slow (no graphics card), it draws fewer pixels.
 export class Stage {
   readonly scene = new three.Scene();
@@ -16,7 +26,7 @@ export class Stage {
   private height = 0;
 
   constructor(private readonly canvas: HTMLCanvasElement) {
-    this.renderer = new three.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
+    this.renderer = new three.WebGLRenderer({ canvas, antialias: !draws_in_software() });
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener('change', () => this.invalidate());

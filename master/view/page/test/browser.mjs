@@ -24,7 +24,7 @@ export class Browser {
 
   async #start(chromium, width, height, dark) {
     this.#folder = mkdtempSync(join(tmpdir(), 'cotwin_browser_'));
-    const options = ['--headless=new', '--remote-debugging-pipe', '--no-sandbox', '--disable-dev-shm-usage', '--enable-unsafe-swiftshader', '--use-gl=angle', '--use-angle=swiftshader',
+    const options = ['--headless=new', '--remote-debugging-pipe', '--no-sandbox', '--disable-dev-shm-usage', '--enable-unsafe-swiftshader',
       '--disable-background-networking', '--disable-component-update', '--no-first-run', '--disable-extensions', `--window-size=${width},${height}`, `--user-data-dir=${this.#folder}`, 'about:blank'];
     this.#process = spawn(chromium, options, { stdio: ['ignore', 'ignore', 'pipe', 'pipe', 'pipe'], env: { ...process.env, HOME: this.#folder, XDG_CONFIG_HOME: this.#folder, XDG_CACHE_HOME: this.#folder } });
     let said = '';
