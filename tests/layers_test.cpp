@@ -131,7 +131,8 @@ void expect_rooms_in_order(const std::string& folder, const std::vector<std::str
 
 TEST(Layers, RoomsOfAFolderIncludeThoseBelowThem) {
   expect_rooms_in_order("fmu", {"archive", "description", "import", "process", "check", "export"});
-  expect_rooms_in_order("master", {"ssp", "engine", "clock", "run", "twin", "services", "report", "program", "api", "python"});
+  expect_rooms_in_order("master",
+                        {"ssp", "engine", "clock", "run", "twin", "services", "report", "view", "program", "api", "python"});
 }
 
 TEST(Layers, TheEngineOfTheContactWorldIncludesNoUnit) {

@@ -116,8 +116,9 @@ int run(int argc, char** argv) {
   add_robot(app, chosen);
   add_ask(app, chosen);
   add_serve(app, chosen);
+  add_view(app, chosen);
   add_completion(app, chosen);
-  for (const char* name : {"run", "search", "robot", "pack", "check", "units", "describe", "reference"})
+  for (const char* name : {"run", "search", "robot", "view", "pack", "check", "units", "describe", "reference"})
     add_units_option(*app.get_subcommand(name));
 
   try {
@@ -129,6 +130,7 @@ int run(int argc, char** argv) {
           std::string("'") + argv[1] +
               "' is not a command, expected run, pack, info, check, units, describe, reference, tune, excite, "
               "perturb, report, tool, search, robot, ask, serve or completion",
+              "perturb, tool, search, robot, ask, serve, view or completion",
           CLI::ExitCodes::ExtrasError);
     }
     app.parse(argc, argv);

@@ -156,7 +156,10 @@ RunRecord::RunRecord(Given given, const Master& master) : file_(std::move(given.
   j["format"] = "cotwin run 1";
   j["state"] = "running";
   j["program"] = {{"version", given.build.version}, {"build", hexadecimal(given.build.file)}};
-  j["scenario"] = {{"name", scenario.name}, {"file", scenario.file.string()}, {"hash", hexadecimal(given.scenario)}};
+  j["scenario"] = {{"name", scenario.name},
+                   {"file", scenario.file.string()},
+                   {"folder", std::filesystem::current_path().string()},
+                   {"hash", hexadecimal(given.scenario)}};
   j["begun"] = utc_now();
   if (given.resumed_at) j["resumed_at"] = *given.resumed_at;
   j["process"] = ::getpid();

@@ -1,9 +1,13 @@
 // Builds view.html: one file with script and styles inside. A content security policy permits exactly these two, by their hashes, and no
 // connection. `cotwin view` replaces the line <!--data--> by the recording.
 import { createHash } from 'node:crypto';
+import { readFileSync } from 'node:fs';
 import { defineConfig } from 'vite';
 
 const hash_of = (text) => `'sha256-${createHash('sha256').update(text, 'utf8').digest('base64')}'`;
+
+/// Licences of what the page contains.
+const licences = ['three', 'uplot'].map((name) => `${name}\n\n${readFileSync(`node_modules/${name}/LICENSE`, 'utf8')}`).join('\n').replaceAll('--', '- -');
 
 function one_file() {
   return {
@@ -21,7 +25,7 @@ function one_file() {
       script = script.replaceAll('</script', '<\\/script').replaceAll('<!--', '\\x3c!--').trim();
       style = style.trim();
       if (/<\//.test(style)) throw new Error('the style sheet contains </');
-      const policy = `default-src 'none'; script-src ${hash_of(script)}; style-src ${hash_of(style)}; img-src data: blob:; base-uri 'none'; form-action 'none'`;
+      const policy = `default-src 'none'; script-src ${hash_of(script)}; style-src ${hash_of(style)}; img-src data: blob:; connect-src data:; base-uri 'none'; form-action 'none'`;
       const page = [
         '<!doctype html>',
         '<html lang="en">',
@@ -37,6 +41,7 @@ function one_file() {
         '<div id="app"></div>',
         '<!--data-->',
         `<script>${script}</script>`,
+        `<!--\n${licences}-->`,
         '</body>',
         '</html>',
         '',

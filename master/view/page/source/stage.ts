@@ -59,7 +59,7 @@ export class Stage {
     const centre = box.getCenter(new three.Vector3());
     const radius = Math.max(0.25, 0.5 * box.getSize(new three.Vector3()).length());
     const narrow = Math.min(1, this.camera.aspect);
-    const distance = (1.12 * radius) / Math.sin((this.camera.fov * Math.PI) / 360) / narrow;
+    const distance = (0.95 * radius) / Math.sin((this.camera.fov * Math.PI) / 360) / narrow;
     this.camera.position.copy(centre).addScaledVector(new three.Vector3(0.95, -1.15, 0.6).normalize(), distance);
     this.camera.near = distance / 100;
     this.camera.far = distance * 20;

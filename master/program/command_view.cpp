@@ -1,0 +1,65 @@
+// cotwin view: writes results as a page for a browser, and opens it.
+#include <spawn.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <iostream>
+#include <memory>
+
+#include "master/program/commands.h"
+#include "master/view/view.h"
+#include "models/support/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Shows the page in the browser of a desktop, if a person is there: stdout is a terminal, and there is a display. The
+/// browser goes on alone.
+void open_in_browser(const fs::path& page) {
+  const bool has_display = std::getenv("DISPLAY") != nullptr || std::getenv("WAYLAND_DISPLAY") != nullptr;
+  if (!isatty(STDOUT_FILENO) || !has_display) return;
+  std::string program = "xdg-open", file = fs::absolute(page).string();
+  char* arguments[] = {program.data(), file.data(), nullptr};
+  pid_t process = 0;
+  if (::posix_spawnp(&process, program.c_str(), nullptr, nullptr, arguments, environ) != 0)
+    std::cerr << "cotwin: warning: xdg-open cannot be started; open the page yourself\n";
+}
+
+int view(const ViewOptions& options, bool opens) {
+  const ViewSummary summary = write_view(options, units());
+  for (const std::string& remark : summary.remarks) std::cerr << "cotwin: note: " << remark << '\n';
+  std::cout << "page: " << summary.page.string() << " (" << text::to_text(static_cast<double>(summary.bytes) * 1e-6, 2)
+            << " MB, " << summary.rows << (summary.rows == 1 ? " row" : " rows") << ", " << summary.columns << " columns, "
+            << summary.robots << (summary.robots == 1 ? " robot" : " robots") << "): open it in a browser\n";
+  if (opens) open_in_browser(summary.page);
+  return kExitDone;
+}
+
+}  // namespace
+
+void add_view(CLI::App& app, Chosen& chosen) {
+  const auto options = std::make_shared<ViewOptions>();
+  const auto stays_closed = std::make_shared<bool>(false);
+  CLI::App* command = app.add_subcommand(
+      "view",
+      "Write results as a page for a browser: the robots in 3D over time, with plots; one file, which needs no network");
+  command->add_option("RESULTS", options->results, "Folder of a run, or a recording (CSV)")->type_name("RESULTS")->required();
+  command->add_option("-o,--out", options->out, "The page (default: view.html beside the recording)")->type_name("FILE");
+  command->add_option("--plot", options->plots, "Signal to plot at the beginning, e.g. drive.tau_J; may be repeated")
+      ->type_name("NAME")
+      ->allow_extra_args(false);
+  command->add_option("--scenario", options->scenario, "Scenario of the run (default: the one that run.json names)")
+      ->type_name("FILE");
+  command->add_option("--robot", options->robot, "URDF, or the name of a robot, in place of the scenario's robots")
+      ->type_name("ROBOT");
+  command->add_flag("--no-open", *stays_closed, "Only write the page (default: open it, on a terminal with a display)");
+  command->callback([=, &chosen] {
+    options->model_folders = model_folders;
+    chosen = [=] { return view(*options, !*stays_closed); };
+  });
+}
+
+}  // namespace cotwin::master

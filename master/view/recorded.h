@@ -1,0 +1,37 @@
+#pragma once
+#include <cstdint>
+#include <filesystem>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace cotwin::master {
+
+/// Columns of a recording that belong together: the elements of one variable.
+struct RecordedSignal {
+  std::string name;                  // "drive.q"; of a single element "drive.q[3]"
+  std::string unit = {};             // of measure; "" if it is not known
+  std::size_t first = 0, count = 0;  // columns
+};
+
+/// A recording as it is in its file, however it ended.
+struct Recorded {
+  std::vector<std::int64_t> time;            // ns, does not decrease
+  std::vector<std::vector<double>> columns;  // without the time; NaN for cells that are no numbers
+  std::vector<RecordedSignal> signals;
+  std::vector<std::string> remarks;  // for people: what was left out
+
+  const RecordedSignal* find(std::string_view name) const;
+  std::span<const double> column(const RecordedSignal& signal, std::size_t element) const {
+    return columns[signal.first + element];
+  }
+};
+
+/// Reads a recording (CSV). The time is the column time, t or timestamp, otherwise the first one, in s. Columns x[1], x[2] …, and x1, x2
+/// …, become one signal. Reading ends, with a remark, at a row that has too few or too many cells; so does a last row without a line
+/// end, because a number in it may be cut. Rows whose time is not finite, decreases or is beyond 10⁶ s are left out, with a remark.
+/// Throws Error if the file cannot be opened, has no header or no column besides the time.
+Recorded load_recorded(const std::filesystem::path& file);
+
+}  // namespace cotwin::master

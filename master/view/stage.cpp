@@ -1,0 +1,344 @@
+#include "master/view/stage.h"
+
+#include <algorithm>
+#include <array>
+#include <functional>
+#include <numeric>
+#include <sstream>
+#include <string_view>
+#include <utility>
+
+#include <Eigen/Geometry>
+
+#include "components/unit/settings.h"
+#include "master/engine/members.h"
+#include "models/support/error.h"
+#include "models/support/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Variables with joint positions, those that show best where a robot was first.
+constexpr std::array<std::string_view, 4> kPositions = {"q", "q_link", "q_c", "q_d"};
+constexpr std::array<std::string_view, 3> kDesired = {"q_d", "dq_d", "ddq_d"};
+
+/// A component, or one of the robots of a contact world.
+struct Node {
+  std::string component, prefix;  // "world", "world.left."
+  std::string robot;              // "left"; "" for a single robot
+  std::size_t model = 0;
+  bool in_world = false;
+};
+
+bool without_element(std::string_view variable, std::string_view name) {
+  return variable == name || (variable.starts_with(name) && variable.size() > name.size() && variable[name.size()] == '[');
+}
+
+/// Disjoint sets of nodes.
+class Groups {
+ public:
+  explicit Groups(std::size_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), std::size_t{0}); }
+  std::size_t find(std::size_t i) {
+    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
+    return i;
+  }
+  void join(std::size_t a, std::size_t b) { parent_[std::max(find(a), find(b))] = std::min(find(a), find(b)); }
+
+ private:
+  std::vector<std::size_t> parent_;
+};
+
+class Builder {
+ public:
+  Builder(const Scenario& scenario, const Recorded& recorded, std::span<const UnitType> types,
+          const std::vector<fs::path>& folders)
+      : scenario_(scenario), recorded_(recorded), types_(types), folders_(folders) {}
+
+  Stage build();
+
+ private:
+  void take(const ComponentSpec& component);
+  void take_cell(const ComponentSpec& component, Settings& settings);
+  std::size_t add_model(robot::RobotModel model, const fs::path& urdf);
+  /// The node that has the variable, or nodes_.size().
+  std::size_t node_of(const Port& port, std::string_view* variable) const;
+  void group();
+  void add_tracks(StagedRobot& robot, const std::vector<std::size_t>& members, const std::vector<std::size_t>& desired) const;
+  /// Whether two nodes have robots with the same joints. They may differ in masses, as a robot and its twin.
+  bool is_same_robot(std::size_t a, std::size_t b) const;
+  bool recorded_positions(const std::string& signal, std::size_t model) const;
+  /// Whether the positions come from another recorded signal by a connection.
+  bool is_copy(const Node& node) const;
+  void place(StagedRobot& robot, const Node& node) const;
+
+  const Scenario& scenario_;
+  const Recorded& recorded_;
+  const std::span<const UnitType> types_;
+  const std::vector<fs::path>& folders_;
+  std::vector<Node> nodes_;
+  Stage stage_;
+};
+
+std::size_t Builder::add_model(robot::RobotModel model, const fs::path& urdf) {
+  for (std::size_t i = 0; i < stage_.models.size(); ++i) {
+    if (stage_.models[i].urdf == urdf && *stage_.models[i].model == model) return i;
+  }
+  stage_.models.push_back({std::make_shared<const robot::RobotModel>(std::move(model)), urdf});
+  return stage_.models.size() - 1;
+}
+
+void Builder::take_cell(const ComponentSpec& component, Settings& settings) {
+  const scene::Cell cell = settings.cell();
+  stage_.worlds.push_back(component.name);
+  const std::vector<fs::path> files = settings.robot_files();
+  for (std::size_t i = 0; i < cell.robots.size(); ++i) {
+    const scene::PlacedRobot& placed = cell.robots[i];
+    const std::string prefix = component.name + "." + (placed.name.empty() ? "" : placed.name + ".");
+    nodes_.push_back(
+        {component.name, prefix, placed.name, add_model(placed.model, i < files.size() ? files[i] : fs::path()), true});
+  }
+  for (const scene::Body& body : cell.scene.bodies) {
+    std::string id = body.name;  // as the contact world names its variables
+    for (char& c : id) {
+      const bool fits = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '.';
+      if (!fits) c = '_';
+    }
+    stage_.bodies.push_back({body, component.name + "." + id});
+  }
+}
+
+void Builder::take(const ComponentSpec& component) {
+  if (!is_unit(component)) return;
+  const UnitSource source = parse_unit_source(component.source);
+  const UnitType& type = find_type(source.unit, types_);
+  const bool has_cell = has_setting(component.source, "scene", types_) && has_setting(component.source, "robots", types_);
+  if (!has_cell && !has_setting(component.source, "robot", types_)) return;
+  Settings settings(source.unit, source.query, settings_for(scenario_, component.name), folders_);
+  settings.declare(settings_of(type));
+  if (has_cell) {
+    take_cell(component, settings);
+    return;
+  }
+  if (const std::string name = settings.given("robot").value_or(""); name.empty() || name == "none") return;
+  robot::RobotModel model = settings.robot(Settings::Masses::kUnused);
+  const fs::path urdf = settings.robot_files().empty() ? fs::path() : settings.robot_files().front();
+  nodes_.push_back({component.name, component.name + ".", "", add_model(std::move(model), urdf), false});
+}
+
+std::size_t Builder::node_of(const Port& port, std::string_view* variable) const {
+  std::size_t best = nodes_.size();
+  const std::string whole = port.component + "." + port.variable;
+  for (std::size_t i = 0; i < nodes_.size(); ++i) {
+    if (!whole.starts_with(nodes_[i].prefix)) continue;
+    if (best == nodes_.size() || nodes_[i].prefix.size() > nodes_[best].prefix.size()) best = i;
+  }
+  if (best < nodes_.size())
+    *variable = std::string_view(port.variable).substr(nodes_[best].prefix.size() - port.component.size() - 1);
+  return best;
+}
+
+bool Builder::is_same_robot(std::size_t a, std::size_t b) const {
+  if (nodes_[a].model == nodes_[b].model) return true;
+  const auto name = [](const robot::Joint& joint) { return joint.name; };
+  return std::ranges::equal(stage_.models[nodes_[a].model].model->joints, stage_.models[nodes_[b].model].model->joints, {},
+                            name, name);
+}
+
+bool Builder::recorded_positions(const std::string& signal, std::size_t model) const {
+  const RecordedSignal* found = recorded_.find(signal);
+  return found != nullptr && found->count == static_cast<std::size_t>(stage_.models[model].model->n());
+}
+
+bool Builder::is_copy(const Node& node) const {
+  for (const ConnectionSpec& connection : scenario_.connections) {
+    std::string_view to, from;
+    const std::size_t target = node_of(connection.to, &to);
+    if (target == nodes_.size() || &nodes_[target] != &node || !without_element(to, "q")) continue;
+    const std::size_t source = node_of(connection.from, &from);
+    if (source == nodes_.size() || source == target) continue;
+    for (const std::string_view name : {"q", "q_link"}) {
+      if (without_element(from, name) && recorded_positions(nodes_[source].prefix + std::string(name), node.model)) return true;
+    }
+  }
+  return false;
+}
+
+void Builder::add_tracks(StagedRobot& robot, const std::vector<std::size_t>& members,
+                         const std::vector<std::size_t>& desired) const {
+  using Role = StagedTrack::Role;
+  const auto is_known = [&](const std::string& signal) {
+    return std::ranges::any_of(robot.tracks, [&](const StagedTrack& track) { return track.signal == signal; });
+  };
+  for (const std::string_view name : kPositions) {
+    const bool measured = name == "q" || name == "q_link";
+    std::vector<std::size_t> from = members;
+    if (name == "q_d") from.insert(from.end(), desired.begin(), desired.end());
+    for (const std::size_t i : from) {
+      const std::string signal = nodes_[i].prefix + std::string(name);
+      if (!recorded_positions(signal, robot.model) || is_known(signal)) continue;
+      if (measured && is_copy(nodes_[i])) continue;
+      const Role role = robot.tracks.empty() ? Role::kMain
+                        : name == "q_d"      ? Role::kDesired
+                        : name == "q_c"      ? Role::kCompliant
+                                             : Role::kOther;
+      robot.tracks.push_back({role, signal});
+    }
+  }
+}
+
+void Builder::place(StagedRobot& robot, const Node& node) const {
+  robot.in_world = true;
+  const std::string prefix = node.robot.empty() ? "" : node.robot + ".";
+  const std::vector<double> p = given_numbers(scenario_, node.component, prefix + "base_p0");
+  const std::vector<double> quat = given_numbers(scenario_, node.component, prefix + "base_quat0");
+  if (p.size() == 3) robot.X_WB.p = {p[0], p[1], p[2]};
+  if (quat.size() == 4) robot.X_WB.R = Eigen::Quaterniond(quat[0], quat[1], quat[2], quat[3]).normalized().toRotationMatrix();
+  robot.base_p = node.prefix + "base_p";
+  robot.base_quat = node.prefix + "base_quat";
+}
+
+void Builder::group() {
+  Groups groups(nodes_.size());
+  std::vector<std::pair<std::size_t, std::size_t>> desired;  // source of a desired motion, and who follows it
+  for (const ConnectionSpec& connection : scenario_.connections) {
+    std::string_view from, to;
+    const std::size_t a = node_of(connection.from, &from), b = node_of(connection.to, &to);
+    if (a == nodes_.size() || b == nodes_.size() || a == b || !is_same_robot(a, b)) continue;
+    const bool is_desired = std::ranges::any_of(kDesired, [&](std::string_view name) { return without_element(from, name); });
+    if (is_desired) {
+      desired.emplace_back(a, b);
+    } else {
+      groups.join(a, b);
+    }
+  }
+  std::map<std::size_t, std::vector<std::size_t>> members;
+  for (std::size_t i = 0; i < nodes_.size(); ++i) members[groups.find(i)].push_back(i);
+  for (const auto& [root, of_group] : members) {
+    std::vector<std::size_t> sources;
+    bool is_source = false;
+    for (const auto& [source, follower] : desired) {
+      if (groups.find(follower) == root && groups.find(source) != root) sources.push_back(source);
+      is_source = is_source || (groups.find(source) == root && groups.find(follower) != root);
+    }
+    if (is_source && of_group.size() == 1 && !nodes_[of_group.front()].in_world) continue;  // shown with those that follow it
+    StagedRobot robot;
+    robot.model = nodes_[root].model;
+    robot.name = nodes_[root].component + (nodes_[root].robot.empty() ? "" : "." + nodes_[root].robot);
+    for (const std::size_t i : of_group) {
+      robot.prefixes.push_back(nodes_[i].prefix);
+      robot.components.push_back(nodes_[i].component);
+      if (nodes_[i].in_world) place(robot, nodes_[i]);
+    }
+    add_tracks(robot, of_group, sources);
+    for (const std::size_t i : of_group) {
+      const bool leads = !robot.tracks.empty() && robot.tracks.front().signal.starts_with(nodes_[i].prefix);
+      if (nodes_[i].in_world || (leads && !robot.in_world)) robot.model = nodes_[i].model;
+    }
+    const auto n = static_cast<std::size_t>(stage_.models[robot.model].model->n());
+    for (const std::size_t i : of_group) {
+      std::vector<double> q0 = given_numbers(scenario_, nodes_[i].component,
+                                             (nodes_[i].robot.empty() ? "" : nodes_[i].robot + ".") + std::string("q0"));
+      if (q0.size() == n && robot.q0.empty()) robot.q0 = std::move(q0);
+    }
+    robot.q0.resize(n, 0);
+    if (robot.tracks.empty() && !robot.in_world && of_group.size() == 1)
+      continue;  // only names and limits of the robot are used
+    if (robot.tracks.empty()) {
+      stage_.remarks.push_back("robot of " + robot.name + ": no joint positions are recorded, so it stands still; record " +
+                               robot.prefixes.front() + "q");
+    }
+    stage_.robots.push_back(std::move(robot));
+  }
+}
+
+/// Robots without a place stand one beside the other.
+void spread(Stage& stage) {
+  double y = 0;
+  std::size_t count = 0;
+  for (StagedRobot& robot : stage.robots) {
+    if (robot.in_world) return;
+    double reach = 0.5;
+    for (const robot::Joint& joint : stage.models[robot.model].model->joints) reach += joint.X_PJ.p.norm();
+    if (count++ > 0) y += 0.7 * reach;
+    robot.X_WB.p.y() = y;
+    y += 0.7 * reach;
+  }
+  if (count > 1) stage.remarks.push_back("the scenario gives the robots no places: they are shown beside one another, along y");
+}
+
+Stage Builder::build() {
+  for (const ComponentSpec& component : scenario_.components) {
+    try {
+      take(component);
+    } catch (const Error& error) {
+      stage_.remarks.push_back(component.name + " is not shown: " + error.what());
+    }
+  }
+  group();
+  spread(stage_);
+  return std::move(stage_);
+}
+
+}  // namespace
+
+std::vector<double> given_numbers(const Scenario& scenario, const std::string& component, const std::string& parameter) {
+  std::vector<double> numbers;
+  for (const ComponentSpec& spec : scenario.components) {
+    if (spec.name != component) continue;
+    for (const ParameterValue& value : spec.start_values) {
+      if (value.name != parameter) continue;
+      numbers.clear();
+      if (const double* real = std::get_if<double>(&value.value)) numbers.push_back(*real);
+      if (const std::int64_t* whole = std::get_if<std::int64_t>(&value.value)) numbers.push_back(static_cast<double>(*whole));
+      if (const std::string* list = std::get_if<std::string>(&value.value)) {
+        std::string words = *list;
+        std::replace(words.begin(), words.end(), ',', ' ');
+        std::istringstream in(words);
+        for (std::string word; in >> word;) {
+          if (const std::optional<double> x = text::parse_real(word)) numbers.push_back(*x);
+        }
+      }
+    }
+  }
+  return numbers;
+}
+
+Stage stage_of(const Scenario& scenario, const Recorded& recorded, std::span<const UnitType> types,
+               const std::vector<fs::path>& folders) {
+  return Builder(scenario, recorded, types, folders).build();
+}
+
+Stage stage_of(const StagedModel& model, const Recorded& recorded) {
+  using Role = StagedTrack::Role;
+  Stage stage;
+  stage.models.push_back(model);
+  StagedRobot robot;
+  robot.name = model.model->name;
+  const auto n = static_cast<std::size_t>(model.model->n());
+  robot.q0.resize(n, 0);
+  for (const std::string_view name : kPositions) {
+    for (const RecordedSignal& signal : recorded.signals) {
+      const bool fits = signal.name == name || signal.name.ends_with("." + std::string(name));
+      if (!fits || signal.count != n) continue;
+      const Role role = robot.tracks.empty() ? Role::kMain
+                        : name == "q_d"      ? Role::kDesired
+                        : name == "q_c"      ? Role::kCompliant
+                                             : Role::kOther;
+      robot.tracks.push_back({role, signal.name});
+      robot.prefixes.push_back(signal.name.substr(0, signal.name.size() - name.size()));
+      std::string component = robot.prefixes.back();
+      if (component.ends_with('.')) component.pop_back();
+      robot.components.push_back(component);
+    }
+  }
+  if (robot.tracks.empty())
+    stage.remarks.push_back("no signal q with " + std::to_string(n) + " elements, the joints of robot '" + model.model->name +
+                            "', so it stands still");
+  stage.robots.push_back(std::move(robot));
+  return stage;
+}
+
+}  // namespace cotwin::master

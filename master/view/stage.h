@@ -1,0 +1,71 @@
+#pragma once
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <optional>
+#include <set>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "components/unit/unit_table.h"
+#include "master/ssp/scenario.h"
+#include "master/view/recorded.h"
+#include "models/robot/robot_model.h"
+#include "models/scene/cell.h"
+
+/// What is on the stage of a page: robots, what moves them, and the bodies around them. Found by the names of settings and variables, so that no
+/// unit is made.
+namespace cotwin::master {
+
+/// A robot with its file, from which visuals and collision shapes are read.
+struct StagedModel {
+  std::shared_ptr<const robot::RobotModel> model;
+  std::filesystem::path urdf;
+};
+
+/// Joint positions that a recording has of a robot.
+struct StagedTrack {
+  enum class Role { kMain, kDesired, kCompliant, kOther };
+  Role role = Role::kOther;
+  std::string signal;  // n elements
+};
+
+/// One robot on the stage: the components that compute or control it.
+struct StagedRobot {
+  std::string name;
+  std::size_t model = 0;                // in Stage::models
+  std::vector<std::string> prefixes;    // of its variables: "drive.", "world.left."
+  std::vector<std::string> components;  // "drive", "world"
+  std::vector<StagedTrack> tracks;      // the main one first
+  Pose X_WB;
+  std::string base_p, base_quat;  // signals; may not be recorded
+  bool in_world = false;          // in a contact world
+  std::vector<double> q0;         // n
+};
+
+struct StagedBody {
+  scene::Body body;
+  std::string prefix;  // of its variables: "world.block"
+};
+
+struct Stage {
+  std::vector<StagedModel> models;
+  std::vector<StagedRobot> robots;
+  std::vector<StagedBody> bodies;
+  std::vector<std::string> worlds;  // components with a contact world
+  std::vector<std::string> remarks;
+};
+
+/// The stage of a scenario with its recording. Components whose robot or scene cannot be read are left out, with a remark.
+Stage stage_of(const Scenario& scenario, const Recorded& recorded, std::span<const UnitType> types,
+               const std::vector<std::filesystem::path>& folders);
+
+/// A stage with one robot whose joints follow all recorded signals with names of positions and as many elements as joints: q, q_d, q_c,
+/// q_link, also after a component's name.
+Stage stage_of(const StagedModel& model, const Recorded& recorded);
+
+/// The values of a parameter of a component that the scenario gives, such as "0 0 0.5" as three numbers; empty if it gives none.
+std::vector<double> given_numbers(const Scenario& scenario, const std::string& component, const std::string& parameter);
+
+}  // namespace cotwin::master

@@ -1,0 +1,433 @@
+#include "master/view/stage_json.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <map>
+#include <optional>
+#include <utility>
+
+#include "fmu/import/fmu_store.h"
+#include "master/engine/members.h"
+#include "master/view/calculated.h"
+#include "models/scene/urdf_shapes.h"
+#include "models/scene/urdf_visuals.h"
+#include "models/support/error.h"
+#include "models/support/file.h"
+
+namespace cotwin::master {
+
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr std::uint64_t kMostMeshBytes = 20'000'000;  // of one file
+constexpr std::uint64_t kMostMeshBytesInAll = 60'000'000;
+
+Json vector_json(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+
+void add_pose(Json& json, const Pose& X) {
+  const Eigen::Quaterniond quat(X.R);
+  json["p"] = vector_json(X.p);
+  json["quat"] = {quat.w(), quat.x(), quat.y(), quat.z()};
+}
+
+Json limit_json(double limit) { return std::isfinite(limit) ? Json(limit) : Json(nullptr); }
+
+/// A glTF with the contents of the files that it names inside. They must be beside it or below. Throws Error.
+std::string with_buffers_inside(const fs::path& file, const std::string& gltf) {
+  Json json = Json::parse(gltf, nullptr, false);
+  if (!json.is_object()) throw Error(file.string(), "is no JSON, expected glTF");
+  if (!json.contains("buffers") || !json["buffers"].is_array()) return gltf;
+  for (Json& buffer : json["buffers"]) {
+    if (!buffer.is_object() || !buffer.contains("uri") || !buffer["uri"].is_string()) continue;
+    const std::string uri = buffer["uri"].get<std::string>();
+    if (uri.starts_with("data:")) continue;
+    const fs::path named = fs::path(uri).lexically_normal();
+    if (uri.find(':') != std::string::npos || named.is_absolute() || (!named.empty() && *named.begin() == ".."))
+      throw Error(file.string(), "has its data in '" + uri + "', expected a file beside it");
+    const std::string bytes = text::read_file(file.parent_path() / named, "the data of a glTF", kMostMeshBytes);
+    buffer["uri"] = "data:application/octet-stream;base64," + to_base64(bytes);
+  }
+  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+class Writer {
+ public:
+  Writer(const StageContent& content, const std::vector<std::size_t>& rows, CalculatedTable& calculated, Packer& packer,
+         std::vector<std::string>& remarks)
+      : stage_(content.stage),
+        recorded_(content.recorded),
+        content_(content),
+        rows_(rows),
+        calculated_(calculated),
+        packer_(packer),
+        remarks_(remarks) {}
+
+  Json write();
+
+ private:
+  Json robot_json(const StagedModel& staged);
+  Json shape_json(const scene::Shape& shape);
+  Json shapes_json(const std::vector<scene::Shape>& shapes);
+  Json visual_json(const scene::Visual& visual);
+  std::optional<std::size_t> mesh(const fs::path& file);
+  Json figure_json(const StagedRobot& robot, std::size_t index);
+  Json tau_e_json(const StagedRobot& robot) const;
+  std::string add_matrix(const std::string& name, const MatrixOverTime& matrix, const char* unit);
+  /// The controller of a robot whose stiffness is shown, as a function of the row; `lacks` says what must be recorded.
+  std::function<std::optional<Compliant>(std::size_t)> stiffness_of(const StagedRobot& robot, std::string& lacks);
+  bool is_recorded(const std::string& signal, std::size_t count) const {
+    const RecordedSignal* found = recorded_.find(signal);
+    return found != nullptr && found->count == count;
+  }
+  Json contacts_json() const;
+  Json forces_json() const;
+  Json energy_json() const;
+
+  const Stage& stage_;
+  const Recorded& recorded_;
+  const StageContent& content_;
+  const std::vector<std::size_t>& rows_;
+  CalculatedTable& calculated_;
+  Packer& packer_;
+  std::vector<std::string>& remarks_;
+  std::map<fs::path, std::optional<std::size_t>> known_meshes_;
+  std::uint64_t mesh_bytes_ = 0;
+  Json meshes_ = Json::array();
+};
+
+std::optional<std::size_t> Writer::mesh(const fs::path& file) {
+  const auto [known, is_new] = known_meshes_.emplace(file, std::nullopt);
+  if (!is_new) return known->second;
+  std::string format = file.extension().string();
+  std::transform(format.begin(), format.end(), format.begin(),
+                 [](unsigned char c) { return static_cast<char>(std::tolower(c)); });
+  if (!format.empty()) format.erase(0, 1);
+  constexpr std::array<std::string_view, 5> kFormats = {"stl", "obj", "dae", "gltf", "glb"};
+  try {
+    if (std::ranges::find(kFormats, format) == kFormats.end())
+      throw Error(file.string(), "is a mesh in a format that is not shown, expected stl, obj, dae, gltf or glb");
+    std::string bytes = text::read_file(file, "a mesh", kMostMeshBytes);
+    if (format == "gltf") bytes = with_buffers_inside(file, bytes);
+    mesh_bytes_ += bytes.size();
+    if (mesh_bytes_ > kMostMeshBytesInAll)
+      throw Error(file.string(),
+                  "is left out: all meshes together have more than " + std::to_string(kMostMeshBytesInAll) + " bytes");
+    Json entry = packer_.add_bytes(bytes);
+    entry["name"] = file.filename().string();
+    entry["format"] = format;
+    meshes_.push_back(std::move(entry));
+    known->second = meshes_.size() - 1;
+  } catch (const Error& error) {
+    remarks_.push_back(error.what());
+  }
+  return known->second;
+}
+
+Json Writer::visual_json(const scene::Visual& visual) {
+  static constexpr const char* kWords[] = {"box", "sphere", "cylinder", "capsule", "mesh"};
+  Json json = {{"kind", kWords[static_cast<std::size_t>(visual.type)]}, {"size", vector_json(visual.size)}};
+  add_pose(json, visual.X_BS);
+  if (visual.colour) json["colour"] = *visual.colour;
+  if (visual.type == scene::VisualType::kMesh) {
+    const std::optional<std::size_t> index = mesh(visual.mesh);
+    if (!index) return nullptr;
+    json["mesh"] = *index;
+  }
+  return json;
+}
+
+Json Writer::shape_json(const scene::Shape& shape) {
+  using scene::ShapeType;
+  static constexpr std::pair<ShapeType, const char*> kWords[] = {
+      {ShapeType::kSphere, "sphere"},       {ShapeType::kBox, "box"},   {ShapeType::kCylinder, "cylinder"},
+      {ShapeType::kCapsule, "capsule"},     {ShapeType::kHull, "hull"}, {ShapeType::kPlane, "plane"},
+      {ShapeType::kEllipsoid, "ellipsoid"},
+  };
+  for (const auto& [type, word] : kWords) {
+    if (shape.type != type) continue;
+    Json json = {{"kind", word}, {"size", vector_json(shape.size)}};
+    add_pose(json, shape.X_BS);
+    if (type == ShapeType::kHull) {
+      std::vector<double> points;
+      for (const Eigen::Vector3d& p : shape.vertices) points.insert(points.end(), p.data(), p.data() + 3);
+      json["points"] = packer_.add_reals(points);
+    }
+    return json;
+  }
+  return nullptr;
+}
+
+/// Triangles of a surface become one visual.
+Json Writer::shapes_json(const std::vector<scene::Shape>& shapes) {
+  Json visuals = Json::array();
+  std::vector<double> triangles;
+  for (const scene::Shape& shape : shapes) {
+    if (shape.type == scene::ShapeType::kTriangle) {
+      for (const Eigen::Vector3d& corner : shape.vertices) {
+        const Eigen::Vector3d p = shape.X_BS * corner;
+        triangles.insert(triangles.end(), p.data(), p.data() + 3);
+      }
+    } else if (Json visual = shape_json(shape); !visual.is_null()) {
+      visuals.push_back(std::move(visual));
+    }
+  }
+  if (!triangles.empty()) {
+    Json surface = {{"kind", "triangles"}, {"size", {1, 1, 1}}};
+    add_pose(surface, {});
+    surface["points"] = packer_.add_reals(triangles);
+    visuals.push_back(std::move(surface));
+  }
+  return visuals;
+}
+
+Json Writer::robot_json(const StagedModel& staged) {
+  const robot::RobotModel& robot = *staged.model;
+  Json json = {{"name", robot.name}, {"n", robot.n()}, {"joints", Json::array()}};
+  for (int body = 0; body < robot.body_count(); ++body) {
+    const robot::Joint& joint = robot.joint_of(body);
+    const bool follows = body >= robot.n();
+    Json entry = {{"name", joint.name},
+                  {"type", joint.type == robot::JointType::kRevolute ? "revolute" : "prismatic"},
+                  {"parent", joint.parent},
+                  {"axis", vector_json(joint.axis)},
+                  {"leader", robot.leader_of(body)},
+                  {"multiplier", follows ? robot.mimics[static_cast<std::size_t>(body - robot.n())].multiplier : 1.0},
+                  {"offset", follows ? robot.mimics[static_cast<std::size_t>(body - robot.n())].offset : 0.0},
+                  {"min", limit_json(joint.q_min)},
+                  {"max", limit_json(joint.q_max)}};
+    add_pose(entry, joint.X_PJ);
+    json["joints"].push_back(std::move(entry));
+  }
+  json["order"] = robot.depth_first();
+  json["frames"] = Json::array();
+  std::size_t tip = 0;
+  const robot::Frame& end = robot.end_effector();
+  for (const robot::Frame& frame : robot.frames) {
+    if (&frame == &end) tip = json["frames"].size();
+    Json entry = {{"name", frame.name}, {"body", frame.body}};
+    add_pose(entry, frame.X_BF);
+    json["frames"].push_back(std::move(entry));
+  }
+  json["tip"] = tip;
+  json["names"] = Json::array();
+  for (const robot::Joint& joint : robot.joints) json["names"].push_back(joint.name);
+
+  json["visuals"] = Json::array();
+  for (std::size_t i = 0; i <= robot.bodies.size(); ++i) json["visuals"].push_back(Json::array());
+  json["solids"] = json["visuals"];
+  if (staged.urdf.empty()) return json;
+  try {
+    std::vector<std::string> warnings;
+    const auto visuals = scene::visuals_of_urdf(staged.urdf, robot, &warnings);
+    for (std::size_t i = 0; i < visuals.size(); ++i) {
+      for (const scene::Visual& visual : visuals[i]) {
+        if (Json entry = visual_json(visual); !entry.is_null()) json["visuals"][i].push_back(std::move(entry));
+      }
+    }
+    const auto shapes = scene::shapes_of_urdf(staged.urdf, robot);
+    for (std::size_t i = 0; i < shapes.size(); ++i) json["solids"][i] = shapes_json(shapes[i]);
+    remarks_.insert(remarks_.end(), warnings.begin(), warnings.end());
+  } catch (const Error& error) {
+    remarks_.push_back(std::string("shapes of robot '") + robot.name + "' are left out: " + error.what());
+  }
+  return json;
+}
+
+std::string Writer::add_matrix(const std::string& name, const MatrixOverTime& matrix, const char* unit) {
+  calculated_.signals.push_back({name, unit, calculated_.columns.size(), matrix.size()});
+  for (const std::vector<double>& column : matrix) calculated_.columns.push_back(column);
+  return name;
+}
+
+std::function<std::optional<Compliant>(std::size_t)> Writer::stiffness_of(const StagedRobot& robot, std::string& lacks) {
+  const auto none = [](std::size_t) -> std::optional<Compliant> { return std::nullopt; };
+  const auto n = static_cast<std::size_t>(stage_.models[robot.model].model->n());
+  lacks = "the robot has no controller with a stiffness; a component of unit:compliance has one";
+  if (content_.scenario == nullptr) return none;
+  for (const std::string& component : robot.components) {
+    const auto spec = std::ranges::find(content_.scenario->components, component, &ComponentSpec::name);
+    if (spec == content_.scenario->components.end() || !is_unit(*spec) || !has_setting(spec->source, "render", content_.types))
+      continue;
+    const RecordedSignal* recorded = nullptr;
+    for (const char* name : {".S_a", ".S_T"}) {
+      const RecordedSignal* found = recorded_.find(component + name);
+      if (found != nullptr && found->count == (std::string_view(name) == ".S_a" ? n : 3)) recorded = found;
+    }
+    lacks = "record " + component + ".S_a (joints) or " + component + ".S_T (Cartesian)";
+    try {
+      fmu::FmuStore fmus;
+      const Member member = load_member(*spec, *content_.scenario, content_.types, content_.folders, fmus);
+      apply(start_values(*content_.scenario, member), member.variables());
+      const bool cartesian = member.variables().find("S_T") != nullptr;
+      const Variable* variable = member.variables().find(cartesian ? "S_T" : "S_a");
+      if (variable == nullptr) continue;
+      const std::span<const double> start = variable->reals();
+      const std::vector<double> values(start.begin(), start.end());
+      const UnitSource source = parse_unit_source(spec->source);
+      Settings settings(source.unit, source.query, settings_for(*content_.scenario, component), content_.folders);
+      const bool in_tool = settings.given("axes").value_or("world") != "world";
+      if (cartesian && values.size() != 3 && values.size() != 9) continue;
+      lacks.clear();
+      return [this, recorded, values, cartesian, in_tool](std::size_t row) -> std::optional<Compliant> {
+        std::vector<double> now = values;
+        for (std::size_t i = 0; recorded != nullptr && i < now.size(); ++i) now[i] = recorded_.column(*recorded, i)[row];
+        Compliant compliant;
+        if (!cartesian) {
+          compliant.joints = std::move(now);
+        } else {
+          const std::size_t stride = now.size() == 9 ? 4 : 1;  // the diagonal of a matrix
+          compliant.frame = {now[0], now[stride], now[2 * stride]};
+          compliant.in_tool = in_tool;
+        }
+        return compliant;
+      };
+    } catch (const Error& error) {
+      remarks_.push_back(component + ": its stiffness is not shown: " + error.what());
+    }
+  }
+  return none;
+}
+
+Json Writer::tau_e_json(const StagedRobot& robot) const {
+  const auto n = static_cast<std::size_t>(stage_.models[robot.model].model->n());
+  std::string wanted;
+  for (const std::string& prefix : robot.prefixes) {
+    if (is_recorded(prefix + "tau_e", n)) return {{"signals", {prefix + "tau_e"}}, {"lacks", ""}};
+    wanted += (wanted.empty() ? "" : " or ") + prefix + "tau_e";
+  }
+  return {{"signals", Json::array()}, {"lacks", "record " + wanted}};
+}
+
+Json Writer::figure_json(const StagedRobot& robot, std::size_t index) {
+  static constexpr const char* kRoles[] = {"main", "desired", "compliant", "other"};
+  Json json = {{"name", robot.name}, {"robot", robot.model}};
+  json["base"] = Json::object();
+  add_pose(json["base"], robot.X_WB);
+  json["base_p"] = is_recorded(robot.base_p, 3) ? robot.base_p : "";
+  json["base_quat"] = is_recorded(robot.base_quat, 4) ? robot.base_quat : "";
+  json["q0"] = robot.q0;
+  json["tracks"] = Json::array();
+  for (const StagedTrack& track : robot.tracks)
+    json["tracks"].push_back({{"role", kRoles[static_cast<std::size_t>(track.role)]}, {"signal", track.signal}});
+  json["tau_e"] = tau_e_json(robot);
+  std::string lacks;
+  const auto compliant = stiffness_of(robot, lacks);
+  std::string mobility, velocity;
+  Json stiffness = Json::array();
+  if (!robot.tracks.empty() && !rows_.empty()) {
+    const TipMatrices matrices = tip_matrices(*stage_.models[robot.model].model, recorded_,
+                                              *recorded_.find(robot.tracks.front().signal), rows_, compliant);
+    const std::string of = "figure " + std::to_string(index);
+    if (matrices.mobility) mobility = add_matrix(of + " mobility", *matrices.mobility, "1/kg");
+    velocity = add_matrix(of + " velocity", matrices.velocity, "m2/s2");
+    if (matrices.stiffness) stiffness.push_back(add_matrix(of + " stiffness", *matrices.stiffness, "N/m"));
+  } else if (lacks.empty()) {
+    lacks = "record the joint positions of the robot, for example drive.q";
+  }
+  json["mobility"] = mobility;
+  json["velocity"] = velocity;
+  json["stiffness"] = {{"signals", stiffness}, {"lacks", lacks}};
+  return json;
+}
+
+Json Writer::contacts_json() const {
+  Json contacts = Json::array();
+  for (const RecordedSignal& signal : recorded_.signals) {
+    if (!signal.name.ends_with(".contact_p")) continue;
+    const std::string f = signal.name.substr(0, signal.name.size() - 1) + "f";
+    if (is_recorded(f, signal.count)) contacts.push_back({{"p", signal.name}, {"f", f}});
+  }
+  return contacts;
+}
+
+/// Forces of hands: the signals f and p of a component that belongs to a robot.
+Json Writer::forces_json() const {
+  Json forces = Json::array();
+  for (std::size_t figure = 0; figure < stage_.robots.size(); ++figure) {
+    for (const std::string& prefix : stage_.robots[figure].prefixes) {
+      if (is_recorded(prefix + "f", 3) && is_recorded(prefix + "p", 3))
+        forces.push_back({{"name", prefix}, {"p", prefix + "p"}, {"f", prefix + "f"}, {"figure", figure}});
+    }
+  }
+  return forces;
+}
+
+Json Writer::energy_json() const {
+  struct Term {
+    const char *variable, *kind, *label;
+  };
+  static constexpr Term kTerms[] = {
+      {"work_m", "in", "motors"},
+      {"work_e", "in", "external forces"},
+      {"drawn", "in", "from the mains"},
+      {"energy_kinetic", "stored", "kinetic"},
+      {"energy_potential", "stored", "potential"},
+      {"energy_elastic", "stored", "elastic"},
+      {"stored", "stored", "DC link"},
+      {"energy_dissipated", "lost", "friction"},
+      {"copper", "lost", "windings"},
+      {"converter", "lost", "converters"},
+      {"iron", "lost", "iron"},
+      {"chopped", "lost", "brake resistors"},
+      {"idle", "lost", "stand-by, brakes"},
+      {"controller_energy", "lost", "controller"},
+      {"supply_losses", "lost", "supply"},
+  };
+  Json terms = Json::array();
+  for (const Term& term : kTerms) {
+    for (const RecordedSignal& signal : recorded_.signals) {
+      const std::size_t dot = signal.name.rfind('.');
+      if (dot == std::string::npos || signal.name.substr(dot + 1) != term.variable) continue;
+      terms.push_back({{"signal", signal.name}, {"kind", term.kind}, {"label", term.label}});
+    }
+  }
+  return terms;
+}
+
+Json Writer::write() {
+  Json json;
+  json["robots"] = Json::array();
+  for (const StagedModel& model : stage_.models) json["robots"].push_back(robot_json(model));
+  json["figures"] = Json::array();
+  for (std::size_t i = 0; i < stage_.robots.size(); ++i) json["figures"].push_back(figure_json(stage_.robots[i], i));
+  json["bodies"] = Json::array();
+  std::string still;
+  for (const StagedBody& staged : stage_.bodies) {
+    const std::string p = staged.prefix + ".p", quat = staged.prefix + ".quat";
+    Json body = {{"name", staged.body.name}, {"fixed", staged.body.motion == scene::Motion::kStatic}};
+    add_pose(body, staged.body.X_WB);
+    body["p_signal"] = is_recorded(p, 3) ? p : "";
+    body["quat_signal"] = is_recorded(quat, 4) ? quat : "";
+    body["visuals"] = shapes_json(staged.body.shapes);
+    json["bodies"].push_back(std::move(body));
+    const bool moves = staged.body.motion != scene::Motion::kStatic;
+    if (moves && (!is_recorded(p, 3) || !is_recorded(quat, 4)) && still.size() < 200)
+      still += (still.empty() ? "" : ", ") + p + " and " + quat;
+  }
+  if (!still.empty())
+    remarks_.push_back("bodies stand where they were at the start, because their poses are not recorded; record " + still);
+  json["meshes"] = std::move(meshes_);
+  json["contacts"] = contacts_json();
+  json["contacts_lack"] = stage_.worlds.empty()
+                              ? "the scenario has no contact world"
+                              : "record " + stage_.worlds.front() + ".contact_p and " + stage_.worlds.front() + ".contact_f";
+  json["forces"] = forces_json();
+  json["energy"] = energy_json();
+  json["energy_lacks"] =
+      "record the energies of a drive train, for example drive.energy_* and drive.work_*, or of a unit energy";
+  return json;
+}
+
+}  // namespace
+
+Json stage_json(const StageContent& content, const std::vector<std::size_t>& rows, CalculatedTable& calculated, Packer& packer,
+                std::vector<std::string>& remarks) {
+  return Writer(content, rows, calculated, packer, remarks).write();
+}
+
+}  // namespace cotwin::master

@@ -1,0 +1,293 @@
+#include "master/view/view.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <array>
+#include <cctype>
+#include <cmath>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <utility>
+
+#include "components/unit/settings.h"
+#include "master/engine/members.h"
+#include "master/run/identity.h"
+#include "master/view/calculated.h"
+#include "master/view/packer.h"
+#include "master/view/recorded.h"
+#include "master/view/stage.h"
+#include "master/view/stage_json.h"
+#include "models/robot/urdf/urdf.h"
+#include "models/support/atomic_file.h"
+#include "models/support/error.h"
+#include "models/support/file.h"
+#include "models/support/installation.h"
+#include "models/support/text.h"
+
+namespace cotwin::master {
+
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+
+constexpr const char* kMark = "<!--data-->";
+constexpr double kMatricesPerSecond = 50;
+constexpr std::size_t kMostMatrices = 6000;
+
+/// The results that are shown.
+struct Results {
+  fs::path recording;
+  Json record;  // run.json; null without one
+  std::vector<std::string> remarks;
+};
+
+Results find_results(const fs::path& given) {
+  Results results;
+  std::error_code none;
+  if (!fs::exists(given, none))
+    throw Error(given.string(), "does not exist, expected the folder of a run, or a recording (CSV)");
+  if (!fs::is_directory(given, none)) {
+    results.recording = given;
+    return results;
+  }
+  const fs::path whole = given / "signals.csv", part = given / "signals.csv.part", record = given / "run.json";
+  if (fs::is_regular_file(whole, none)) {
+    results.recording = whole;
+  } else if (fs::is_regular_file(part, none)) {
+    results.recording = part;
+    results.remarks.push_back("the run has not ended, or its process was killed: signals.csv.part is shown");
+  } else {
+    throw Error(given.string(), "has no signals.csv, expected the folder of a run that recorded something");
+  }
+  if (fs::is_regular_file(record, none)) {
+    try {
+      results.record = Json::parse(text::read_file(record, "the record of a run"));
+      if (!results.record.is_object()) throw Error(record.string(), "is no object");
+    } catch (const std::exception& error) {
+      results.record = nullptr;
+      results.remarks.push_back("run.json cannot be read: " + std::string(error.what()));
+    }
+  }
+  return results;
+}
+
+/// A text of run.json; "" where there is none.
+std::string text_of(const Json& record, std::initializer_list<const char*> path) {
+  const Json* at = &record;
+  for (const char* key : path) {
+    if (!at->is_object() || !at->contains(key)) return "";
+    at = &(*at)[key];
+  }
+  return at->is_string() ? at->get<std::string>() : at->is_number() ? at->dump() : "";
+}
+
+/// The scenario of the run with its --set, or nothing with a remark.
+std::optional<Scenario> find_scenario(const ViewOptions& options, const Results& results, std::span<const UnitType> types,
+                                      std::vector<std::string>& remarks) {
+  fs::path file = options.scenario;
+  const std::string recorded = text_of(results.record, {"scenario", "file"});
+  std::error_code none;
+  if (file.empty() && !recorded.empty()) {
+    const fs::path folder = text_of(results.record, {"scenario", "folder"});
+    for (const fs::path& candidate : {folder / recorded, fs::path(recorded)}) {
+      if (file.empty() && fs::is_regular_file(candidate, none)) file = candidate;
+    }
+    if (file.empty())
+      remarks.push_back("the scenario " + recorded +
+                        " was not found, so no robot is shown; give it by --scenario FILE, or the robot by --robot");
+  }
+  if (file.empty()) return std::nullopt;
+  try {
+    Scenario scenario = load_scenario(file);
+    if (results.record.contains("set") && results.record["set"].is_array()) {
+      for (const Json& assignment : results.record["set"]) {
+        if (assignment.is_string()) assign(scenario, assignment.get<std::string>(), types);
+      }
+    }
+    if (results.record.contains("stop") && results.record["stop"].is_number())
+      scenario.stop = Time::from_seconds(results.record["stop"].get<double>());
+    const std::string hash = text_of(results.record, {"scenario", "hash"});
+    if (!hash.empty() && hash != hexadecimal(hash_of(scenario)))
+      remarks.push_back(
+          file.string() +
+          " or a file that it names has changed since the run, or the run had other options: what is shown may differ");
+    return scenario;
+  } catch (const Error& error) {
+    if (!options.scenario.empty()) throw;
+    remarks.push_back("the scenario cannot be read, so no robot is shown: " + std::string(error.what()));
+    return std::nullopt;
+  }
+}
+
+StagedModel named_robot(const std::string& name, const std::vector<fs::path>& folders) {
+  Settings settings("view", "", {}, folders);
+  const fs::path urdf = settings.robot_file(name, " (another robot: --robot PATH.urdf)");
+  robot::UrdfOptions options;
+  options.unphysical = robot::Unphysical::kWarn;
+  return {std::make_shared<const robot::RobotModel>(robot::load_urdf(urdf, options)), urdf};
+}
+
+/// Units of measure from run.json.
+void name_units(const Json& record, Recorded& recorded) {
+  if (!record.contains("recording") || !record["recording"].contains("columns")) return;
+  for (const Json& column : record["recording"]["columns"]) {
+    const std::string name = text_of(column, {"name"});
+    for (RecordedSignal& signal : recorded.signals) {
+      if (signal.name == name) signal.unit = text_of(column, {"unit"});
+    }
+  }
+}
+
+/// What people should know of the run, as pairs of texts.
+Json facts_of(const Results& results, const Recorded& recorded) {
+  Json facts = Json::array();
+  const auto add = [&](const char* name, const std::string& value) {
+    if (!value.empty()) facts.push_back({name, value});
+  };
+  const Json& record = results.record;
+  add("recording", results.recording.string());
+  add("scenario", text_of(record, {"scenario", "file"}));
+  add("begun", text_of(record, {"begun"}));
+  add("cotwin", text_of(record, {"program", "version"}));
+  add("tick", text_of(record, {"tick"}).empty() ? "" : text_of(record, {"tick"}) + " s");
+  add("rows", std::to_string(recorded.time.size()));
+  std::string set;
+  if (record.contains("set") && record["set"].is_array()) {
+    for (const Json& one : record["set"])
+      set += (set.empty() ? "" : ", ") + (one.is_string() ? one.get<std::string>() : one.dump());
+  }
+  add("--set", set);
+  add("accuracy", "a plotted number is within 1/16777216 of its signal's range, or of itself, of the recorded one");
+  return facts;
+}
+
+std::string state_of(const Json& record) {
+  const std::string state = text_of(record, {"state"}), reason = text_of(record, {"reason"});
+  if (state.empty() || state == "complete") return state;
+  return state + (reason.empty() ? "" : ": " + reason);
+}
+
+Json table_of(const std::vector<std::int64_t>& time, const std::vector<std::vector<double>>& columns,
+              const std::vector<RecordedSignal>& signals, Packer& packer) {
+  Json table = {
+      {"rows", time.size()}, {"time", packer.add_integers(time)}, {"columns", Json::array()}, {"signals", Json::array()}};
+  for (const std::vector<double>& column : columns) table["columns"].push_back(packer.add_reals(column));
+  for (const RecordedSignal& signal : signals)
+    table["signals"].push_back(
+        {{"name", signal.name}, {"unit", signal.unit}, {"first", signal.first}, {"count", signal.count}});
+  return table;
+}
+
+/// Plots at the beginning: what the scenario reports, otherwise the first signals.
+Json plots_of(const ViewOptions& options, const std::optional<Scenario>& scenario, const Recorded& recorded) {
+  constexpr std::size_t kMost = 3;
+  std::vector<std::string> names;
+  const auto add = [&](const std::string& name, std::size_t most) {
+    const bool known = recorded.find(name) != nullptr && std::ranges::find(names, name) == names.end();
+    if (known && names.size() < most) names.push_back(name);
+  };
+  for (const std::string& name : options.plots) {
+    if (recorded.find(name) == nullptr) {
+      std::vector<std::string> all;
+      for (const RecordedSignal& signal : recorded.signals) all.push_back(signal.name);
+      throw Error("--plot " + name, "is not recorded" + suggestion(name, all));
+    }
+    add(name, recorded.signals.size());
+  }
+  if (!names.empty()) return names;
+  if (scenario) {
+    for (const ComparisonSpec& comparison : scenario->comparisons) add(comparison.a, kMost);
+    for (const ReportSpec& report : scenario->reports) add(report.a, kMost);
+  }
+  for (const RecordedSignal& signal : recorded.signals) {
+    if (signal.count > 1) add(signal.name, kMost);
+  }
+  for (const RecordedSignal& signal : recorded.signals) add(signal.name, kMost);
+  return names;
+}
+
+/// Text for a script element: no "<" can end it or begin a comment.
+std::string for_script(const Json& json) {
+  const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  std::string safe;
+  safe.reserve(text.size());
+  for (const char c : text) {
+    if (c == '<') {
+      safe += "\\u003c";
+    } else {
+      safe += c;
+    }
+  }
+  return safe;
+}
+
+}  // namespace
+
+fs::path empty_page() {
+  const fs::path page = installation() / "share/cotwin/view/view.html";
+  std::error_code none;
+  if (fs::is_regular_file(page, none)) return page;
+  throw Error(
+      page.string(),
+      "does not exist: this build of Cotwin has no page. It needs nodejs and npm (group view of scripts/packages.txt) and "
+      "the npm registry while it is built; install them, then configure and build again");
+}
+
+ViewSummary write_view(const ViewOptions& options, std::span<const UnitType> types) {
+  const std::string empty = text::read_file(empty_page(), "the page without a recording");
+  const std::size_t mark = empty.find(kMark);
+  if (mark == std::string::npos) throw Error(empty_page().string(), std::string("has no ") + kMark);
+  const Results results = find_results(options.results);
+  Recorded recorded = load_recorded(results.recording);
+  name_units(results.record, recorded);
+  ViewSummary summary;
+  std::vector<std::string>& remarks = summary.remarks;
+  remarks = results.remarks;
+  remarks.insert(remarks.end(), recorded.remarks.begin(), recorded.remarks.end());
+
+  const std::optional<Scenario> scenario = find_scenario(options, results, types, remarks);
+  const std::vector<fs::path> folders = options.model_folders(scenario ? scenario->folder : fs::path());
+  Stage stage;
+  if (!options.robot.empty()) {
+    stage = stage_of(named_robot(options.robot, folders), recorded);
+  } else if (scenario) {
+    stage = stage_of(*scenario, recorded, types, folders);
+  }
+  remarks.insert(remarks.end(), stage.remarks.begin(), stage.remarks.end());
+
+  Packer packer;
+  const std::string name = scenario ? scenario->name : text_of(results.record, {"scenario", "name"});
+  Json page = {{"format", 1},
+               {"name", name.empty() ? results.recording.filename().string() : name},
+               {"state", state_of(results.record)},
+               {"facts", facts_of(results, recorded)}};
+  page["remarks"] = Json::array();
+  page["tables"] = Json::array();
+  page["tables"].push_back(table_of(recorded.time, recorded.columns, recorded.signals, packer));
+  const std::vector<std::size_t> rows = chosen_rows(recorded, kMatricesPerSecond, kMostMatrices);
+  CalculatedTable calculated;
+  for (const std::size_t row : rows) calculated.time.push_back(recorded.time[row]);
+  page.update(
+      stage_json({stage, recorded, scenario ? &*scenario : nullptr, types, folders}, rows, calculated, packer, remarks));
+  if (!calculated.signals.empty())
+    page["tables"].push_back(table_of(calculated.time, calculated.columns, calculated.signals, packer));
+  page["remarks"] = remarks;
+  page["plots"] = plots_of(options, scenario, recorded);
+
+  summary.page = options.out.empty() ? results.recording.parent_path() / "view.html" : options.out;
+  AtomicFile out(summary.page);
+  const std::string data = for_script(page), numbers = packer.base64();
+  out.stream() << std::string_view(empty).substr(0, mark) << "<script type=\"application/json\" id=\"cotwin-data\">" << data
+               << "</script>\n<script type=\"text/plain\" id=\"cotwin-numbers\">" << numbers << "</script>"
+               << std::string_view(empty).substr(mark + std::string_view(kMark).size());
+  out.commit();
+  summary.rows = recorded.time.size();
+  summary.columns = recorded.columns.size();
+  summary.robots = stage.robots.size();
+  summary.bodies = stage.bodies.size();
+  summary.bytes = empty.size() + data.size() + numbers.size();
+  return summary;
+}
+
+}  // namespace cotwin::master
