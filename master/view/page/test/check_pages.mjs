@@ -1,0 +1,182 @@
+// check_pages.mjs CHROMIUM PLAN.json [FOLDER]: opens pages in Chromium and compares them with what a plan expects. Writes one line per failure and
+// ends with 1 if there is one. FOLDER: for screenshots. The plan is a list of
+//   { file, size?, dark?, title?, figures?, seeks?: [{ t, figures?: [{ bodies, tip }], bodies?: { name: matrix }, plots?: { name: values } }],
+//     cues?: [ids that have data], lacking?: [ids], remarks?: [texts], keys?: true, themes?: true, zoom?: name of a plot, frames? }
+import { readFileSync, writeFileSync } from 'node:fs';
+import { join } from 'node:path';
+import { pathToFileURL } from 'node:url';
+import { Browser } from './browser.mjs';
+
+const [chromium, plan_file, folder] = process.argv.slice(2);
+const plan = JSON.parse(readFileSync(plan_file, 'utf8'));
+let failures = 0;
+let place = '';
+
+function check(is_good, text) {
+  if (is_good) return;
+  ++failures;
+  console.log(`${place}: ${text}`);
+}
+
+/// float32 keeps 24 bits of a joint's position; a pose adds up some of them.
+function near(found, wanted, what, tolerance = 2e-6) {
+  const worst = found && wanted && found.length === wanted.length ? Math.max(...wanted.map((x, i) => Math.abs(x - found[i]))) : NaN;
+  check(worst <= tolerance, `${what} differs by ${worst}: ${JSON.stringify(found)}, expected ${JSON.stringify(wanted)}`);
+}
+
+/// Colours that the 3D view shows, by their number of pixels, after it was drawn now.
+const kColours = `(() => {
+  const { stage } = cotwin;
+  stage.invalidate();
+  stage.draw(0);
+  const gl = stage.renderer.getContext();
+  const [width, height] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
+  const pixels = new Uint8Array(4 * width * height);
+  gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+  const counts = {};
+  for (let i = 0; i < pixels.length; i += 4) {
+    const colour = (pixels[i] << 16) | (pixels[i + 1] << 8) | pixels[i + 2];
+    counts[colour] = (counts[colour] ?? 0) + 1;
+  }
+  return { pixels: width * height, colours: Object.keys(counts).length, background: Math.max(...Object.values(counts)) };
+})()`;
+
+async function look(browser, step) {
+  await browser.evaluate(`cotwin.seek(${step.t})`);
+  await browser.drawn();
+  for (const [i, figure] of (step.figures ?? []).entries()) {
+    const found = await browser.evaluate(`cotwin.poses(${i})`);
+    figure.bodies.forEach((pose, k) => near(found.bodies[k], pose, `t = ${step.t}: body ${k} of figure ${i}`));
+    near(found.tip, figure.tip, `t = ${step.t}: tip of figure ${i}`);
+  }
+  for (const [name, pose] of Object.entries(step.bodies ?? {})) near(await browser.evaluate(`cotwin.body_pose(${JSON.stringify(name)})`), pose, `t = ${step.t}: body ${name}`);
+  const shown = await browser.evaluate('cotwin.plot_values()');
+  for (const [name, values] of Object.entries(step.plots ?? {})) {
+    values.forEach((value, i) => {
+      const text = shown[name]?.[i];
+      const number = text === '∞' ? Infinity : text === '-∞' ? -Infinity : Number(text);
+      const is_same = value === null ? text === 'NaN' : Math.abs(number - value) <= 6e-4 * Math.abs(value) + 1e-7 * (step.range ?? 1);
+      check(is_same, `t = ${step.t}: the plot of ${name} shows ${text} for element ${i + 1}, recorded is ${value}`);
+    });
+  }
+}
+
+async function press_keys(browser) {
+  const state = () => browser.evaluate('({ t: cotwin.time, begin: cotwin.player.begin, end: cotwin.player.end, playing: cotwin.player.playing, speed: cotwin.player.speed })');
+  await browser.key('End');
+  let now = await state();
+  check(now.t === now.end, `End leads to ${now.t}, expected ${now.end}`);
+  await browser.key('ArrowLeft');
+  const before = await browser.evaluate('cotwin.recording.time[cotwin.recording.rows - 2]');
+  check((await state()).t === before, `the left arrow leads to ${(await state()).t}, expected the row before the last, ${before}`);
+  await browser.key('Home');
+  await browser.key('ArrowRight');
+  const second = await browser.evaluate('cotwin.recording.time[1]');
+  check((await state()).t === second, `the right arrow leads to ${(await state()).t}, expected the second row, ${second}`);
+  await browser.key('+');
+  check((await state()).speed === 2, `+ leads to the speed ${(await state()).speed}, expected 2`);
+  await browser.key('-');
+  await browser.key(' ');
+  await browser.until(`cotwin.time > ${second}`);
+  await browser.key(' ');
+  now = await state();
+  await browser.drawn();
+  check(!now.playing && (await state()).t === now.t, 'the space bar does not stop the time');
+  await browser.key('?');
+  check(await browser.evaluate("document.querySelector('dialog').open"), '? does not show the help');
+  await browser.key('Escape');
+  await browser.evaluate("document.querySelector('dialog').close()");
+}
+
+async function switch_cues(browser, page) {
+  const entries = await browser.evaluate("Object.fromEntries([...document.querySelectorAll('.cue')].map((cue) => [cue.dataset.cue, { off: cue.querySelector('input').disabled, key: cue.querySelector('kbd').textContent, text: cue.textContent }]))");
+  for (const id of page.lacking ?? []) {
+    check(entries[id]?.off === true && /no data: \S/.test(entries[id].text), `cue ${id} should say what must be recorded, it is: ${JSON.stringify(entries[id])}`);
+  }
+  for (const id of page.cues ?? []) {
+    check(entries[id]?.off === false, `cue ${id} has no data: ${entries[id]?.text}`);
+    if (entries[id]?.off !== false) continue;
+    await browser.key(entries[id].key);
+    await browser.until(`cotwin.shown.has('${id}')`);
+    await browser.drawn();
+    const text = await browser.evaluate(`document.querySelector('[data-cue="${id}"]').textContent`);
+    check(text.length > entries[id].text.length && !/NaN|undefined/.test(text), `cue ${id} shows no figures: ${text}`);
+  }
+}
+
+async function change_themes(browser) {
+  const brightness = () => browser.evaluate("getComputedStyle(document.body).backgroundColor.match(/\\d+/g).slice(0, 3).reduce((sum, x) => sum + Number(x), 0)");
+  const is_light = (await brightness()) > 384;
+  await browser.key('d');
+  check((await brightness()) > 384 !== is_light, 'd does not change dark and light');
+  await browser.key('d');
+  // The lines' colours: every pair differs for people who do not see red or green (Viénot, Brettel, Mollon 1999), and each from the background.
+  const colours = await browser.evaluate("cotwin.plots.flatMap((plot) => [...plot.box.querySelectorAll('.key')].map((key) => getComputedStyle(key).borderTopColor)).slice(0, 7)");
+  const linear = colours.map((text) => text.match(/\d+/g).slice(0, 3).map((x) => (Number(x) / 255) ** 2.2));
+  const seen = { normal: ([r, g, b]) => [r, g, b], protan: ([r, g, b]) => [0.11238 * r + 0.88762 * g, 0.11238 * r + 0.88762 * g, 0.00401 * r - 0.00401 * g + b], deutan: ([r, g, b]) => [0.29275 * r + 0.70725 * g, 0.29275 * r + 0.70725 * g, -0.02234 * r + 0.02234 * g + b] };
+  for (const [who, of] of Object.entries(seen)) {
+    linear.forEach((a, i) => linear.slice(0, i).forEach((b, k) => {
+      const distance = Math.hypot(...of(a).map((x, c) => Math.max(0, x) ** (1 / 2.2) - Math.max(0, of(b)[c]) ** (1 / 2.2)));
+      check(distance > 0.09, `${who}: lines ${i + 1} (${colours[i]}) and ${k + 1} (${colours[k]}) are too similar: ${distance}`);
+    }));
+  }
+}
+
+async function use_mouse(browser, name) {
+  const box = await browser.evaluate(`(() => { const plot = cotwin.plots.find((p) => p.name === ${JSON.stringify(name)}); plot.box.scrollIntoView(); const { left, top, width, height } = plot.chart.over.getBoundingClientRect(); return { left, top, width, height }; })()`);
+  const y = box.top + box.height / 2;
+  const range = () => browser.evaluate('[cotwin.range.from, cotwin.range.to]');
+  const [from, to] = await range();
+  await browser.mouse('mousePressed', box.left + box.width / 4, y);
+  await browser.mouse('mouseMoved', box.left + box.width / 2, y);
+  await browser.mouse('mouseReleased', box.left + box.width / 2, y);
+  const t = await browser.evaluate('cotwin.time');
+  check(Math.abs(t - (from + to) / 2) <= ((to - from) * 3) / box.width, `dragging to the middle of ${name} leads to ${t}, expected ${(from + to) / 2}`);
+  await browser.mouse('mouseWheel', box.left + box.width / 2, y, { delta: -400 });
+  await browser.until(`cotwin.range.to - cotwin.range.from < ${0.9 * (to - from)}`);
+  const drawn = await browser.evaluate(`(() => { const plot = cotwin.plots.find((p) => p.name === ${JSON.stringify(name)}); return { points: plot.chart.data[0].length, first: plot.chart.scales.x.min }; })()`);
+  check(drawn.points >= 2 && Math.abs(drawn.first - (await range())[0]) < 1e-9, `the plot of ${name} does not show the closer range: ${JSON.stringify(drawn)}`);
+  await browser.key('0');
+  check(JSON.stringify(await range()) === JSON.stringify([from, to]), '0 does not show the whole recording');
+}
+
+for (const [index, page] of plan.entries()) {
+  place = page.file.split('/').slice(-2).join('/');
+  const [width, height] = page.size ?? [1280, 800];
+  const browser = await Browser.start(chromium, { width, height, dark: page.dark === true });
+  try {
+    const ms = await browser.open(pathToFileURL(page.file).href);
+    if (page.figures_of_speed) console.log(`${place}: ready after ${ms} ms`);
+    check(await browser.evaluate("document.querySelector('.failure') === null"), `the page says: ${await browser.evaluate("document.querySelector('.failure')?.textContent ?? ''")}`);
+    if (page.title !== undefined) {
+      const heading = await browser.evaluate("document.querySelector('h1').textContent");
+      check(heading === page.title, `the heading is ${heading}, expected ${page.title}`);
+    }
+    for (const step of page.seeks ?? []) await look(browser, step);
+    const remarks = await browser.evaluate("document.querySelector('.remarks').textContent");
+    for (const text of page.remarks ?? []) check(remarks.includes(text), `the remarks do not say '${text}': ${remarks}`);
+    const view = await browser.evaluate(kColours);
+    check(view.colours > 20 && view.background < 0.995 * view.pixels, `the 3D view is empty: ${JSON.stringify(view)}`);
+    if (page.cues !== undefined || page.lacking !== undefined) await switch_cues(browser, page);
+    if (page.keys) await press_keys(browser);
+    if (page.themes) await change_themes(browser);
+    if (page.zoom !== undefined) await use_mouse(browser, page.zoom);
+    if (page.figures_of_speed) {
+      await browser.key('Home');
+      await browser.key(' ');
+      await new Promise((resolve) => setTimeout(resolve, 4000));
+      console.log(`${place}: ${(await browser.evaluate('cotwin.rate')).toFixed(1)} frames a second at ${await browser.evaluate('cotwin.stage.scale')} of the resolution`);
+    }
+    check(browser.errors.length === 0, `the console says: ${browser.errors.join('; ')}`);
+    const others = browser.requests.filter((url) => !url.startsWith('file:') && !url.startsWith('data:') && !url.startsWith('blob:'));
+    check(others.length === 0 && browser.requests.filter((url) => url.startsWith('file:')).length === 1, `the page asks for ${browser.requests.join(', ')}`);
+    check(await browser.evaluate('globalThis.hacked === undefined'), 'a script from the data was run');
+    if (folder) writeFileSync(join(folder, `page_${index + 1}.png`), await browser.screenshot());
+  } catch (error) {
+    check(false, error instanceof Error ? error.message : String(error));
+  } finally {
+    await browser.close();
+  }
+}
+console.log(failures === 0 ? `${plan.length} pages are as expected` : `${failures} failures`);
+process.exit(failures === 0 ? 0 : 1);

@@ -1,0 +1,206 @@
+// The pages of `cotwin view` in Chromium: what they show is compared with forward kinematics and with the recording.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "master/view/recorded.h"
+#include "models/robot/frame_kinematics.h"
+#include "models/robot/urdf/urdf.h"
+#include "tests/support/files.h"
+#include "tests/support/places.h"
+#include "tests/support/run_program.h"
+
+namespace cotwin::master {
+namespace {
+
+namespace fs = std::filesystem;
+using cotwin::testing::RunResult;
+using cotwin::testing::TemporaryFolder;
+using nlohmann::json;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+/// Four columns of four, as the page has its matrices.
+json matrix_of(const Eigen::Matrix3d& R, const Eigen::Vector3d& p) {
+  json list = json::array();
+  for (int column = 0; column < 3; ++column) {
+    for (int row = 0; row < 3; ++row) list.push_back(R(row, column));
+    list.push_back(0);
+  }
+  for (const double x : {p.x(), p.y(), p.z(), 1.0}) list.push_back(x);
+  return list;
+}
+
+/// Forward kinematics of all bodies and of the tip.
+json poses_of(const robot::RobotModel& robot, const Eigen::VectorXd& q, const Eigen::Vector3d& base = Eigen::Vector3d::Zero()) {
+  const Eigen::VectorXd rest = Eigen::VectorXd::Zero(robot.n());
+  const auto pose = [&](const robot::Frame& frame) {
+    const robot::FrameMotion motion = robot::FrameKinematics(robot, frame).at(q, rest, rest);
+    return matrix_of(motion.Q.toRotationMatrix(), base + motion.p);
+  };
+  json figure = {{"bodies", json::array()}, {"tip", pose(robot.end_effector())}};
+  for (int body = 0; body < robot.body_count(); ++body) figure["bodies"].push_back(pose({"", body, {}}));
+  return figure;
+}
+
+Eigen::VectorXd values_of(const Recorded& recorded, const std::string& name, std::size_t row) {
+  const RecordedSignal* signal = recorded.find(name);
+  if (signal == nullptr) throw std::runtime_error(name + " is not recorded");
+  Eigen::VectorXd values(static_cast<Eigen::Index>(signal->count));
+  for (std::size_t i = 0; i < signal->count; ++i) values[static_cast<Eigen::Index>(i)] = recorded.column(*signal, i)[row];
+  return values;
+}
+
+json list_of(const Eigen::VectorXd& values) {
+  json list = json::array();
+  for (const double x : values) list.push_back(std::isnan(x) ? json(nullptr) : json(x));
+  return list;
+}
+
+class Page : public ::testing::Test {
+ protected:
+  RunResult cotwin(std::vector<std::string> arguments) {
+    return cotwin::testing::run_program(std::move(arguments), {.folder = folder_.path()});
+  }
+  /// Opens the pages in the browser and compares them with the plan.
+  void check(const json& plan) {
+    const fs::path file = folder_.write("plan.json", plan.dump());
+    const fs::path script = fs::path(places::source()) / "master/view/page/test/check_pages.mjs";
+    std::vector<std::string> command = {COTWIN_NODE, script.string(), COTWIN_CHROMIUM, file.string()};
+    if (const char* shots = std::getenv("COTWIN_SCREENSHOTS")) command.emplace_back(shots);
+    const RunResult result = cotwin::testing::run_command(command, {.merge = true, .limit = std::chrono::seconds(500)});
+    EXPECT_EQ(result.code, 0) << result.out << result.err;
+  }
+  std::string page(const std::string& name) const { return (folder_ / name).string(); }
+
+  const TemporaryFolder folder_{"page"};
+  const fs::path root_ = places::source();
+};
+
+TEST_F(Page, ShowsTheMainExampleAsForwardKinematicsAndTheRecordingHaveIt) {
+  const RunResult run =
+      cotwin({"run", (root_ / "examples/02_free_motion_lwr4/twin.ssd").string(), "--stop", "4", "--out", "results", "--quiet"});
+  ASSERT_EQ(run.code, 0) << run.err;
+  const RunResult view = cotwin({"view", "results", "--plot", "drive.tau_J", "--plot", "drive.q"});
+  ASSERT_EQ(view.code, 0) << view.err;
+  EXPECT_THAT(view.out, HasSubstr("page: results/view.html"));
+  EXPECT_EQ(view.err, "");
+  const Recorded recorded = load_recorded(folder_ / "results/signals.csv");
+  const robot::RobotModel arm = robot::load_urdf(root_ / "models/robots/lwr4/robot.urdf");
+  json seeks = json::array();
+  for (const std::size_t row : {std::size_t{0}, std::size_t{123}, std::size_t{250}, recorded.time.size() - 1}) {
+    seeks.push_back({{"t", static_cast<double>(recorded.time[row]) * 1e-9},
+                     {"range", 100},
+                     {"figures", {poses_of(arm, values_of(recorded, "drive.q", row))}},
+                     {"plots",
+                      {{"drive.tau_J", list_of(values_of(recorded, "drive.tau_J", row))},
+                       {"drive.q", list_of(values_of(recorded, "drive.q", row))}}}});
+  }
+  const json common = {{"file", page("results/view.html")}, {"title", "free_motion_lwr4"}};
+  json first = common, second = common;
+  first.update({{"seeks", seeks}, {"keys", true}, {"themes", true}, {"zoom", "drive.q"}});
+  second.update({{"dark", true},
+                 {"size", {700, 900}},
+                 {"themes", true},
+                 {"cues", {"ghosts", "trails", "mass", "manipulability", "stiffness", "limits", "energy"}},
+                 {"lacking", {"tau_e", "contacts", "hand"}}});
+  check({first, second});
+}
+
+TEST_F(Page, ShowsTwoRobotsAndABodyInContact) {
+  const RunResult run = cotwin({"run", (root_ / "examples/10_cooperation/clamping.ssd").string(), "--stop", "1", "--out",
+                                "results", "--quiet", "--record", "world.*.q_link", "--record", "world.block.*", "--record",
+                                "world.contact_*", "--record", "world.*.tau_e"});
+  ASSERT_EQ(run.code, 0) << run.err;
+  ASSERT_EQ(cotwin({"view", "results"}).code, 0);
+  const Recorded recorded = load_recorded(folder_ / "results/signals.csv");
+  const robot::RobotModel arm = robot::load_urdf(root_ / "examples/10_cooperation/lwr4_punch.urdf");
+  json seeks = json::array();
+  for (const std::size_t row : {std::size_t{0}, recorded.time.size() / 2, recorded.time.size() - 1}) {
+    const Eigen::VectorXd p = values_of(recorded, "world.block.p", row), quat = values_of(recorded, "world.block.quat", row);
+    const Eigen::Matrix3d R = Eigen::Quaterniond(quat[0], quat[1], quat[2], quat[3]).toRotationMatrix();
+    seeks.push_back({{"t", static_cast<double>(recorded.time[row]) * 1e-9},
+                     {"figures",
+                      {poses_of(arm, values_of(recorded, "world.left.q_link", row)),
+                       poses_of(arm, values_of(recorded, "world.right.q_link", row), Eigen::Vector3d(1.4, 0, 0))}},
+                     {"bodies", {{"block", matrix_of(R, p)}}}});
+  }
+  check({{{"file", page("results/view.html")},
+          {"seeks", seeks},
+          {"cues", {"contacts", "tau_e", "trails", "mass"}},
+          {"lacking", {"energy"}}}});
+}
+
+TEST_F(Page, RunsNothingFromNamesAndShowsWhatIsLeftOfARecording) {
+  const std::string name = "</script><script>hacked=1</script><img src=x onerror=hacked=1>";
+  folder_.write("twin.csv", "t,q1,q2,<!--" + name +
+                                "\n0,0.1,0.2,nan\n0.1,nan,0.3,1e300\n0.2,0.2,0.4,-inf\n0.3,0.3,oops,5\n0.4,0.4,0.5,6\n0.5,0.");
+  const RunResult view = cotwin({"view", "twin.csv", "--robot", "planar2", "--out", "page.html", "--plot", "<!--" + name});
+  ASSERT_EQ(view.code, 0) << view.err;
+  const std::string html = cotwin::testing::content(folder_ / "page.html");
+  EXPECT_THAT(html, Not(HasSubstr("<script>hacked")));
+  EXPECT_THAT(html, Not(HasSubstr("<img")));
+  const robot::RobotModel arm = robot::load_urdf(root_ / "models/robots/planar2/robot.urdf");
+  folder_.write("empty.csv", "time,q[1],q[2],drive.tau[1]\n");
+  ASSERT_EQ(cotwin({"view", "empty.csv", "--robot", "planar2", "--out", "empty.html"}).code, 0);
+  check(
+      {{{"file", page("page.html")},
+        {"title", "twin.csv"},
+        // The first joint, without a number at 0.1 s, stays between its neighbours' numbers; at 0 s it is at the recorded one.
+        {"seeks",
+         {{{"t", 0}, {"figures", {poses_of(arm, Eigen::Vector2d(0.1, 0.2))}}, {"plots", {{"<!--" + name, {nullptr}}}}},
+          {{"t", 0.2}, {"figures", {poses_of(arm, Eigen::Vector2d(0.2, 0.4))}}},
+          {{"t", 0.4}, {"figures", {poses_of(arm, Eigen::Vector2d(0.4, 0.5))}}, {"plots", {{"<!--" + name, {6}}}}}}},
+        {"remarks", {"cut short", "no number"}},
+        {"cues", {"trails", "limits"}}},
+       {{"file", page("empty.html")}, {"remarks", {"the recording has no rows"}}}});
+}
+
+TEST_F(Page, ShowsMeshesAndLeavesOutWhatIsNone) {
+  const auto facet = [](const std::string& a, const std::string& b, const std::string& c) {
+    return "facet normal 0 0 0\nouter loop\nvertex " + a + "\nvertex " + b + "\nvertex " + c + "\nendloop\nendfacet\n";
+  };
+  folder_.write("arm/body.stl",
+                "solid x\n" + facet("0 0 0", "0.1 0 0", "0 0.1 0.4") + facet("0 0 0", "0 0.1 0.4", "0.1 0 0") + "endsolid x\n");
+  folder_.write("arm/body.obj", "v 0 0 0\nv 0.2 0 0\nv 0 0.2 0.3\nf 1 2 3\n");
+  folder_.write("arm/body.dae",
+                R"(<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="meter" meter="1"/><up_axis>Z_UP</up_axis></asset>
+<library_images><image id="i"><init_from>http://example.invalid/x.png</init_from></image></library_images>
+<library_effects><effect id="e"><profile_COMMON><technique sid="c"><phong><diffuse><color>0 0.6 0.2 1</color></diffuse></phong></technique></profile_COMMON></effect></library_effects>
+<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>
+<library_geometries><geometry id="g"><mesh><source id="p"><float_array id="pa" count="9">0 0 0 0.3 0 0 0 0.3 0.2</float_array><technique_common>
+<accessor source="#pa" count="3" stride="3"><param name="X" type="float"/><param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices><triangles count="1" material="s"><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 2</p></triangles></mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s"><node><instance_geometry url="#g"><bind_material><technique_common><instance_material symbol="s" target="#m"/></technique_common></bind_material></instance_geometry></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>)");
+  folder_.write("arm/body.gltf", R"({"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+"meshes":[{"primitives":[{"attributes":{"POSITION":0},"material":0}]}],"images":[{"uri":"http://example.invalid/y.png"}],"textures":[{"source":0}],
+"materials":[{"pbrMetallicRoughness":{"baseColorFactor":[0.8,0.1,0.1,1],"baseColorTexture":{"index":0}}}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}],"bufferViews":[{"buffer":0,"byteLength":36}],
+"buffers":[{"byteLength":36,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]})");
+  folder_.write("arm/bad.stl", "this is no mesh");
+  std::string visuals;
+  for (const char* name : {"body.stl", "body.obj", "body.dae", "body.gltf", "bad.stl", "none.stl"})
+    visuals += "<visual><geometry><mesh filename='package://arm/" + std::string(name) + "'/></geometry></visual>";
+  folder_.write(
+      "arm/arm.urdf",
+      "<robot name='arm'><link name='base'/><link name='a'><inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' "
+      "ixy='0' ixz='0' iyz='0'/></inertial>" +
+          visuals +
+          "</link><joint name='j' type='continuous'><parent link='base'/>"
+          "<child link='a'/><axis xyz='0 0 1'/></joint></robot>");
+  folder_.write("r.csv", "t,q\n0,0\n1,1\n");
+  const RunResult view = cotwin({"view", "r.csv", "--robot", "arm/arm.urdf"});
+  ASSERT_EQ(view.code, 0) << view.err;
+  EXPECT_THAT(view.err, HasSubstr("none.stl' not found"));
+  check({{{"file", page("view.html")}, {"remarks", {"none.stl", "bad.stl is left out"}}}});
+}
+
+}  // namespace
+}  // namespace cotwin::master

@@ -1,0 +1,296 @@
+// The C++ side of `cotwin view`: packing of numbers, recordings as they are left behind, what is on the stage.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <zlib.h>
+
+#include <Eigen/Dense>
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "components/unit/unit_table.h"
+#include "master/ssp/scenario.h"
+#include "master/view/calculated.h"
+#include "master/view/packer.h"
+#include "master/view/recorded.h"
+#include "master/view/stage.h"
+#include "models/robot/indices.h"
+#include "models/robot/urdf/urdf.h"
+#include "models/support/error.h"
+#include "tests/support/error_of.h"
+#include "tests/support/files.h"
+#include "tests/support/places.h"
+
+namespace cotwin::master {
+
+void PrintTo(const StagedTrack& track, std::ostream* out) { *out << static_cast<int>(track.role) << ' ' << track.signal; }
+
+namespace {
+
+namespace fs = std::filesystem;
+using cotwin::testing::error_of;
+using cotwin::testing::TemporaryFile;
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN(), kInfinity = std::numeric_limits<double>::infinity();
+
+std::string bytes_of_base64(const std::string& text) {
+  std::string bytes;
+  unsigned group = 0, digits = 0;
+  for (const char c : text) {
+    const unsigned digit = c >= 'A' && c <= 'Z'   ? static_cast<unsigned>(c - 'A')
+                           : c >= 'a' && c <= 'z' ? static_cast<unsigned>(c - 'a' + 26)
+                           : c >= '0' && c <= '9' ? static_cast<unsigned>(c - '0' + 52)
+                           : c == '+'             ? 62u
+                                                  : 63u;
+    if (c == '=') break;
+    group = group << 6 | digit;
+    if (++digits % 4 != 0) continue;
+    for (const int shift : {16, 8, 0}) bytes += static_cast<char>(group >> shift & 255);
+    group = 0;
+  }
+  return bytes;
+}
+
+/// Reads a stream as the page does (page/source/packed.ts).
+std::vector<double> unpacked(const Packer& packer, const Packer::Json& stream) {
+  const std::string all = bytes_of_base64(packer.base64());
+  const std::size_t n = stream["count"], width = stream["kind"] == "whole" ? 7 : 4;
+  std::vector<unsigned char> bytes(width * n);
+  uLongf size = static_cast<uLongf>(bytes.size());
+  EXPECT_EQ(stream["at"].get<std::size_t>() % 3, 0u);
+  EXPECT_EQ(uncompress(bytes.data(), &size, reinterpret_cast<const Bytef*>(all.data()) + stream["at"].get<std::size_t>(),
+                       stream["size"].get<uLong>()),
+            Z_OK);
+  EXPECT_EQ(size, bytes.size());
+  std::vector<std::int64_t> whole(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    std::uint64_t u = 0;
+    for (std::size_t k = width; k-- > 0;) u = u << 8 | bytes[k * n + i];
+    whole[i] = static_cast<std::int64_t>(u >> 1) ^ -static_cast<std::int64_t>(u & 1);
+  }
+  for (int k = 0; k < stream["order"]; ++k) {
+    for (std::size_t i = 1; i < n; ++i) whole[i] += whole[i - 1];
+  }
+  std::vector<double> values(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    if (stream["kind"] == "whole") {
+      values[i] = static_cast<double>(whole[i]);
+    } else if (stream["kind"] == "steps") {
+      values[i] = stream["least"].get<double>() + stream["step"].get<double>() * static_cast<double>(whole[i]);
+    } else {
+      const auto bits = static_cast<std::int32_t>(whole[i]);
+      values[i] = static_cast<double>(std::bit_cast<float>(bits < 0 ? bits ^ 0x7fffffff : bits));
+    }
+  }
+  for (const auto& gap : stream.value("gaps", Packer::Json::array())) {
+    for (std::size_t i = 0; i < gap[1]; ++i)
+      values[gap[0].get<std::size_t>() + i] = gap[2] == 0 ? kNan : gap[2] == 1 ? kInfinity : -kInfinity;
+  }
+  return values;
+}
+
+TEST(Packer, KeepsEveryNumberWithinTheStatedShareOfTheRange) {
+  std::vector<double> values;
+  for (int i = 0; i < 10'000; ++i) values.push_back(3 + 40 * std::sin(1e-3 * i) + 1e-3 * std::cos(i * i));
+  Packer packer;
+  packer.add_reals(std::vector<double>{1.0});
+  const Packer::Json stream = packer.add_reals(values);
+  EXPECT_EQ(stream["kind"], "steps");
+  const std::vector<double> read = unpacked(packer, stream);
+  const auto [least, largest] = std::minmax_element(values.begin(), values.end());
+  const double bound = (*largest - *least) / (1 << 24) * (1 + 1e-6);  // rounding of the step
+  for (std::size_t i = 0; i < values.size(); ++i) ASSERT_NEAR(read[i], values[i], bound);
+}
+
+TEST(Packer, KeepsSmallNumbersBesideAFewHugeOnes) {
+  std::vector<double> values;
+  for (int i = 0; i < 1000; ++i) values.push_back(i % 100 == 7 ? 1e12 : 4 + std::sin(0.1 * i));  // 1e12: cannot move
+  Packer packer;
+  const Packer::Json stream = packer.add_reals(values);
+  EXPECT_EQ(stream["kind"], "float");
+  const std::vector<double> read = unpacked(packer, stream);
+  for (std::size_t i = 0; i < values.size(); ++i) ASSERT_NEAR(read[i], values[i], std::abs(values[i]) / (1 << 24));
+}
+
+TEST(Packer, KeepsWholeNumbersConstantsAndGapsExactly) {
+  Packer packer;
+  const std::vector<std::vector<double>> lists = {
+      {0, 1, 1, 0, -4000000, 3}, {2.5, 2.5, 2.5}, {}, {kNan, kNan, 1, kInfinity, 2, -kInfinity, kNan}, {kNan}, {-0.25}};
+  std::vector<Packer::Json> streams;
+  for (const std::vector<double>& list : lists) streams.push_back(packer.add_reals(list));
+  for (std::size_t k = 0; k < lists.size(); ++k) {
+    const std::vector<double> read = unpacked(packer, streams[k]);
+    ASSERT_EQ(read.size(), lists[k].size());
+    for (std::size_t i = 0; i < read.size(); ++i) {
+      if (std::isnan(lists[k][i])) {
+        EXPECT_TRUE(std::isnan(read[i])) << k << ", " << i;
+      } else {
+        EXPECT_EQ(read[i], lists[k][i]) << k << ", " << i;
+      }
+    }
+  }
+  std::vector<double> holes(3000, kNan);  // too many gaps for a list
+  for (std::size_t i = 0; i < holes.size(); i += 2) holes[i] = 0.5 * static_cast<double>(i);
+  const std::vector<double> read = unpacked(packer, packer.add_reals(holes));
+  for (std::size_t i = 0; i < holes.size(); ++i) ASSERT_TRUE(i % 2 == 0 ? read[i] == holes[i] : std::isnan(read[i]));
+}
+
+TEST(Packer, KeepsNanosecondsOfDaysExactlyAndInFewBytes) {
+  std::vector<std::int64_t> times;
+  for (std::int64_t i = 0; i < 60'000; ++i) times.push_back(900'000'000'000'000 + i * 1'000'000);
+  Packer packer;
+  const Packer::Json stream = packer.add_integers(times);
+  EXPECT_LT(stream["size"], 2000);
+  const std::vector<double> read = unpacked(packer, stream);
+  for (std::size_t i = 0; i < times.size(); ++i) ASSERT_EQ(read[i], static_cast<double>(times[i]));
+}
+
+TEST(Recorded, JoinsElementsOfVectors) {
+  const TemporaryFile file(
+      "time,drive.q[1],drive.q[2],drive.energy,a[2],q0,q1,q2,x9\n0,1,2,3,4,5,6,7,8\n0.5,1,2,3,4,5,6,7,8\n");
+  const Recorded recorded = load_recorded(file.path());
+  std::vector<std::pair<std::string, std::size_t>> found;
+  for (const RecordedSignal& signal : recorded.signals) found.emplace_back(signal.name, signal.count);
+  using Found = std::pair<std::string, std::size_t>;
+  EXPECT_THAT(found,
+              ElementsAre(Found{"drive.q", 2}, Found{"drive.energy", 1}, Found{"a[2]", 1}, Found{"q", 3}, Found{"x9", 1}));
+  EXPECT_THAT(recorded.time, ElementsAre(0, 500'000'000));
+  EXPECT_EQ(recorded.column(*recorded.find("q"), 2)[1], 7);
+  EXPECT_THAT(recorded.remarks, IsEmpty());
+}
+
+TEST(Recorded, EndsBeforeWhatWasCutShort) {
+  const TemporaryFile in_a_number("time,x\n0,1.25\n1,2.5\n2,3.1");  // 3.125 was meant
+  const Recorded cut = load_recorded(in_a_number.path());
+  EXPECT_EQ(cut.time.size(), 2u);
+  EXPECT_THAT(cut.remarks, ElementsAre(HasSubstr("cut short")));
+  const TemporaryFile in_a_row("time,x,y\n0,1,2\n1,2\n2,3,4\n");
+  const Recorded short_row = load_recorded(in_a_row.path());
+  EXPECT_EQ(short_row.time.size(), 1u);
+  EXPECT_THAT(short_row.remarks, ElementsAre(HasSubstr(":3")));
+  const TemporaryFile heading("time,x\n");
+  EXPECT_EQ(load_recorded(heading.path()).time.size(), 0u);
+}
+
+TEST(Recorded, ShowsWhatIsNoNumberAsGapsAndLeavesOutTimesThatGoBack) {
+  const TemporaryFile file("t,x\n0,nan\n1,abc\n1,inf\n0.5,7\nnan,8\n1e300,9\n2,10\n");
+  const Recorded recorded = load_recorded(file.path());
+  EXPECT_THAT(recorded.time, ElementsAre(0, 1'000'000'000, 1'000'000'000, 2'000'000'000));
+  EXPECT_TRUE(std::isnan(recorded.columns[0][0]) && std::isnan(recorded.columns[0][1]) && std::isinf(recorded.columns[0][2]));
+  EXPECT_THAT(recorded.remarks, ElementsAre(HasSubstr("3 rows left out"), HasSubstr("no number")));
+}
+
+TEST(Recorded, WithoutColumnsOrContentIsAnError) {
+  EXPECT_THAT(error_of([] { load_recorded(TemporaryFile("time\n0\n").path()); }), HasSubstr("besides the time"));
+  EXPECT_NE(error_of([] { load_recorded(TemporaryFile("").path()); }), "");
+  EXPECT_NE(error_of([] { load_recorded("nowhere.csv"); }), "");
+}
+
+/// A recording of these signals without rows.
+Recorded recording_of(const std::vector<std::pair<std::string, std::size_t>>& signals) {
+  Recorded recorded;
+  for (const auto& [name, count] : signals) {
+    recorded.signals.push_back({name, "", recorded.columns.size(), count});
+    recorded.columns.resize(recorded.columns.size() + count);
+  }
+  return recorded;
+}
+
+Stage stage_of_example(const std::string& file, const Recorded& recorded) {
+  const fs::path root = places::source();
+  const Scenario scenario = load_scenario(root / "examples" / file);
+  return stage_of(scenario, recorded, unit_types(), {scenario.folder, root / "models"});
+}
+
+std::vector<std::string> words_of(const StagedRobot& robot) {
+  static constexpr const char* kWords[] = {"main ", "desired ", "compliant ", "other "};
+  std::vector<std::string> words;
+  for (const StagedTrack& track : robot.tracks) words.push_back(kWords[static_cast<std::size_t>(track.role)] + track.signal);
+  return words;
+}
+
+TEST(Stage, ShowsTheDrivenRobotWithItsDesiredMotionAsAGhost) {
+  const Recorded recorded =
+      recording_of({{"motion.q_d", 7}, {"drive.q", 7}, {"drive.tau_J", 7}, {"compliance.q_c", 7}, {"compliance.q", 7}});
+  const Stage stage = stage_of_example("02_free_motion_lwr4/twin.ssd", recorded);
+  ASSERT_EQ(stage.robots.size(), 1u);
+  // compliance.q is connected to drive.q: it shows nothing else.
+  EXPECT_THAT(words_of(stage.robots[0]), ElementsAre("main drive.q", "compliant compliance.q_c", "desired motion.q_d"));
+  EXPECT_EQ(stage.models[stage.robots[0].model].model->n(), 7);
+  EXPECT_THAT(stage.robots[0].q0, ElementsAre(0, 0.3, 0, -1.2, 0, 0.9, 0));
+  EXPECT_THAT(stage.remarks, IsEmpty());
+}
+
+TEST(Stage, TellsWhatMustBeRecordedForARobotToMove) {
+  const Stage stage = stage_of_example("02_free_motion_lwr4/twin.ssd", recording_of({{"drive.q", 6}, {"drive.q[3]", 1}}));
+  ASSERT_EQ(stage.robots.size(), 1u);
+  EXPECT_THAT(stage.robots[0].tracks, IsEmpty());
+  EXPECT_THAT(stage.remarks, ElementsAre(HasSubstr("record ")));
+}
+
+TEST(Stage, ShowsTwoRobotsAtTheirPlacesInAContactWorldWithItsBodies) {
+  const Recorded recorded = recording_of({{"world.left.q_link", 7}, {"world.right.q_link", 7}});
+  const Stage stage = stage_of_example("10_cooperation/clamping.ssd", recorded);
+  ASSERT_EQ(stage.robots.size(), 2u);
+  for (const StagedRobot& robot : stage.robots) {
+    EXPECT_TRUE(robot.in_world);
+    EXPECT_EQ(robot.tracks.size(), 1u) << robot.name;
+  }
+  EXPECT_GT((stage.robots[0].X_WB.p - stage.robots[1].X_WB.p).norm(), 0.5);
+  EXPECT_FALSE(stage.bodies.empty());
+  EXPECT_THAT(stage.worlds, ElementsAre("world"));
+}
+
+TEST(Stage, OfARobotAloneTakesSignalsWithItsNumberOfJoints) {
+  const auto model = std::make_shared<const robot::RobotModel>(
+      robot::load_urdf(fs::path(places::source()) / "models/robots/planar2/robot.urdf"));
+  const Stage stage = stage_of({model, ""}, recording_of({{"q", 2}, {"twin.q_d", 2}, {"other.q", 3}}));
+  ASSERT_EQ(stage.robots.size(), 1u);
+  EXPECT_THAT(words_of(stage.robots[0]), ElementsAre("main q", "desired twin.q_d"));
+}
+
+TEST(TipMatrices, AreThoseOfTheIndices) {
+  const robot::RobotModel arm = robot::load_urdf(fs::path(places::source()) / "models/robots/lwr4/robot.urdf");
+  Recorded recorded = recording_of({{"q", 7}});
+  const std::vector<double> q = {0.3, 0.5, -0.2, -1.1, 0.4, 0.9, 0.1};
+  recorded.time = {0, 1'000'000'000};
+  for (std::size_t i = 0; i < 7; ++i) recorded.columns[i] = {q[i], kNan};  // the second row repeats the first
+  const auto soft = [](std::size_t) { return Compliant{std::nullopt, false, std::vector<double>(7, 200.0)}; };
+  const TipMatrices matrices = tip_matrices(arm, recorded, *recorded.find("q"), {0, 1}, soft);
+  const robot::Mechanism mechanism(arm);
+  robot::Data data(mechanism);
+  robot::FrameInertia inertia(7);
+  robot::frame_inertia(mechanism, data, Eigen::Map<const Eigen::VectorXd>(q.data(), 7), Eigen::VectorXd(0),
+                       robot::on_body(arm.end_effector()), inertia);
+  const Eigen::Vector3d u = Eigen::Vector3d(1, -2, 0.5).normalized();
+  const auto matrix = [](const MatrixOverTime& m, std::size_t row) {
+    Eigen::Matrix3d M;
+    M << m[0][row], m[1][row], m[2][row], m[1][row], m[3][row], m[4][row], m[2][row], m[4][row], m[5][row];
+    return M;
+  };
+  for (const std::size_t row : {0u, 1u}) {
+    EXPECT_NEAR(1 / u.dot(matrix(*matrices.mobility, row) * u), robot::effective_mass(inertia, u), 1e-9);
+    // A force f at the tip moves it by K⁻¹ f, and the joints by Jᵀ f / 200.
+    const Eigen::Vector3d f(3, 1, -2);
+    const Eigen::Vector3d way = inertia.J.topRows<3>() * (inertia.J.topRows<3>().transpose() * f) / 200;
+    EXPECT_LT((matrix(*matrices.stiffness, row) * way - f).norm(), 1e-4 * f.norm());
+    EXPECT_NEAR(matrix(matrices.velocity, row).trace(), inertia.J.topRows<3>().squaredNorm(), 1e-12);
+  }
+}
+
+TEST(TipMatrices, AreMadeForRowsSpreadOverTheRecordingWithItsEnds) {
+  Recorded recorded;
+  for (std::int64_t i = 0; i < 10'001; ++i) recorded.time.push_back(i * 1'000'000);
+  const std::vector<std::size_t> rows = chosen_rows(recorded, 50, 6000);
+  EXPECT_EQ(rows.front(), 0u);
+  EXPECT_EQ(rows.back(), 10'000u);
+  EXPECT_EQ(rows.size(), 501u);
+  EXPECT_LE(chosen_rows(recorded, 1e9, 100).size(), 101u);
+  EXPECT_THAT(chosen_rows({}, 50, 100), IsEmpty());
+}
+
+}  // namespace
+}  // namespace cotwin::master
