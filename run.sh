@@ -1,8 +1,11 @@
 #!/usr/bin/env bash
-# Installs what is missing, builds, and runs the main example, or the scenario given: ./run.sh [SCENARIO.ssd [options of cotwin run…]]
+# Installs what is missing, builds, and runs the main example, which then can be seen in a browser; or runs the scenario given:
+# ./run.sh [SCENARIO.ssd [options of cotwin run…]]
 set -euo pipefail
 root=$(cd "$(dirname "$(readlink -f "$0")")" && pwd)
-"$root/scripts/install.sh" build
+"$root/scripts/install.sh" build view
 "$root/scripts/build.sh" release -DCMAKE_BUILD_TYPE=Release -DCOTWIN_TESTS=OFF
-[ $# -gt 0 ] || set -- "$root/examples/02_free_motion_lwr4/twin.ssd" --report
-exec "$root/build/release/bin/cotwin" run "$@"
+cotwin=$root/build/release/bin/cotwin
+[ $# -eq 0 ] || exec "$cotwin" run "$@"
+"$cotwin" run "$root/examples/02_free_motion_lwr4/twin.ssd" --report
+exec "$cotwin" view results/free_motion_lwr4

@@ -2,7 +2,7 @@
 # Installs what is missing, builds and runs all tests: ./test.sh [options of ctest…]
 set -euo pipefail
 root=$(cd "$(dirname "$(readlink -f "$0")")" && pwd)
-"$root/scripts/install.sh" build test
+"$root/scripts/install.sh" build view test
 "$root/scripts/build.sh" test -DCMAKE_BUILD_TYPE=Release -DCOTWIN_TESTS=ON ${CI:+-DCOTWIN_WERROR=ON}
 echo "running the tests of build/test"
 exec ctest --test-dir "$root/build/test" --output-on-failure -j "$(nproc)" "$@"
