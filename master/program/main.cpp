@@ -129,8 +129,7 @@ int run(int argc, char** argv) {
       throw CLI::ExtrasError(
           std::string("'") + argv[1] +
               "' is not a command, expected run, pack, info, check, units, describe, reference, tune, excite, "
-              "perturb, report, tool, search, robot, ask, serve or completion",
-              "perturb, tool, search, robot, ask, serve, view or completion",
+              "perturb, report, tool, search, robot, ask, serve, view or completion",
           CLI::ExitCodes::ExtrasError);
     }
     app.parse(argc, argv);

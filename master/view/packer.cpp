@@ -71,9 +71,11 @@ bool has_far_numbers(std::span<const double> values, const Range& range) {
   return range.largest - range.least > kFar * middle && range.largest > range.least;
 }
 
-/// Float32 bits as integers in the order of the numbers.
+/// Float32 bits as integers in the order of the numbers. Finite numbers beyond float32 become its largest ones.
 std::int32_t ordered_bits(double value) {
-  const auto bits = std::bit_cast<std::int32_t>(static_cast<float>(value));
+  constexpr double kMost = std::numeric_limits<float>::max();
+  const double held = std::isfinite(value) ? std::clamp(value, -kMost, kMost) : value;
+  const auto bits = std::bit_cast<std::int32_t>(static_cast<float>(held));
   return bits < 0 ? bits ^ 0x7fffffff : bits;
 }
 

@@ -121,7 +121,8 @@ Recorded load_recorded(const std::filesystem::path& file) {
       recorded.remarks.push_back(name + " was cut short: its last row, which has no end, is left out");
     }
   } catch (const Error& error) {
-    recorded.remarks.push_back(std::string("the recording is shown up to a row that cannot be read: ") + error.what());
+    recorded.remarks.push_back(name + (whole ? " is shown up to a row that cannot be read: " : " was cut short: ") +
+                               error.what());
   }
   if (bad_times > 0)
     recorded.remarks.push_back(name + ": " + rows(bad_times) + " left out, because their times are no numbers or go back");

@@ -132,7 +132,7 @@ std::size_t Builder::node_of(const Port& port, std::string_view* variable) const
   std::size_t best = nodes_.size();
   const std::string whole = port.component + "." + port.variable;
   for (std::size_t i = 0; i < nodes_.size(); ++i) {
-    if (!whole.starts_with(nodes_[i].prefix)) continue;
+    if (nodes_[i].component != port.component || !whole.starts_with(nodes_[i].prefix)) continue;
     if (best == nodes_.size() || nodes_[i].prefix.size() > nodes_[best].prefix.size()) best = i;
   }
   if (best < nodes_.size())
@@ -195,7 +195,8 @@ void Builder::place(StagedRobot& robot, const Node& node) const {
   const std::vector<double> p = given_numbers(scenario_, node.component, prefix + "base_p0");
   const std::vector<double> quat = given_numbers(scenario_, node.component, prefix + "base_quat0");
   if (p.size() == 3) robot.X_WB.p = {p[0], p[1], p[2]};
-  if (quat.size() == 4) robot.X_WB.R = Eigen::Quaterniond(quat[0], quat[1], quat[2], quat[3]).normalized().toRotationMatrix();
+  if (quat.size() == 4 && Eigen::Map<const Eigen::Vector4d>(quat.data()).norm() > 0.5)
+    robot.X_WB.R = Eigen::Quaterniond(quat[0], quat[1], quat[2], quat[3]).normalized().toRotationMatrix();
   robot.base_p = node.prefix + "base_p";
   robot.base_quat = node.prefix + "base_quat";
 }
@@ -233,6 +234,7 @@ void Builder::group() {
       if (nodes_[i].in_world) place(robot, nodes_[i]);
     }
     add_tracks(robot, of_group, sources);
+    if (!robot.tracks.empty()) robot.name = robot.tracks.front().signal.substr(0, robot.tracks.front().signal.rfind('.'));
     for (const std::size_t i : of_group) {
       const bool leads = !robot.tracks.empty() && robot.tracks.front().signal.starts_with(nodes_[i].prefix);
       if (nodes_[i].in_world || (leads && !robot.in_world)) robot.model = nodes_[i].model;
@@ -247,19 +249,21 @@ void Builder::group() {
     if (robot.tracks.empty() && !robot.in_world && of_group.size() == 1)
       continue;  // only names and limits of the robot are used
     if (robot.tracks.empty()) {
+      std::string wanted;
+      for (const std::string& prefix : robot.prefixes) wanted += (wanted.empty() ? "" : " or ") + prefix + "q";
       stage_.remarks.push_back("robot of " + robot.name + ": no joint positions are recorded, so it stands still; record " +
-                               robot.prefixes.front() + "q");
+                               wanted);
     }
     stage_.robots.push_back(std::move(robot));
   }
 }
 
-/// Robots without a place stand one beside the other.
+/// Robots without a place stand one beside the other, unless there is a contact world.
 void spread(Stage& stage) {
   double y = 0;
   std::size_t count = 0;
+  if (std::ranges::any_of(stage.robots, [](const StagedRobot& robot) { return robot.in_world; })) return;
   for (StagedRobot& robot : stage.robots) {
-    if (robot.in_world) return;
     double reach = 0.5;
     for (const robot::Joint& joint : stage.models[robot.model].model->joints) reach += joint.X_PJ.p.norm();
     if (count++ > 0) y += 0.7 * reach;

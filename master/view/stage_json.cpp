@@ -281,7 +281,7 @@ std::function<std::optional<Compliant>(std::size_t)> Writer::stiffness_of(const 
           compliant.joints = std::move(now);
         } else {
           const std::size_t stride = now.size() == 9 ? 4 : 1;  // the diagonal of a matrix
-          compliant.frame = {now[0], now[stride], now[2 * stride]};
+          compliant.frame = std::array<double, 3>{now[0], now[stride], now[2 * stride]};
           compliant.in_tool = in_tool;
         }
         return compliant;
@@ -297,7 +297,7 @@ Json Writer::tau_e_json(const StagedRobot& robot) const {
   const auto n = static_cast<std::size_t>(stage_.models[robot.model].model->n());
   std::string wanted;
   for (const std::string& prefix : robot.prefixes) {
-    if (is_recorded(prefix + "tau_e", n)) return {{"signals", {prefix + "tau_e"}}, {"lacks", ""}};
+    if (is_recorded(prefix + "tau_e", n)) return {{"signals", Json::array({prefix + "tau_e"})}, {"lacks", ""}};
     wanted += (wanted.empty() ? "" : " or ") + prefix + "tau_e";
   }
   return {{"signals", Json::array()}, {"lacks", "record " + wanted}};

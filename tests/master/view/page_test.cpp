@@ -37,11 +37,12 @@ json matrix_of(const Eigen::Matrix3d& R, const Eigen::Vector3d& p) {
 }
 
 /// Forward kinematics of all bodies and of the tip.
-json poses_of(const robot::RobotModel& robot, const Eigen::VectorXd& q, const Eigen::Vector3d& base = Eigen::Vector3d::Zero()) {
+json poses_of(const robot::RobotModel& robot, const Eigen::VectorXd& q, const Pose& X_WB = {}) {
   const Eigen::VectorXd rest = Eigen::VectorXd::Zero(robot.n());
   const auto pose = [&](const robot::Frame& frame) {
     const robot::FrameMotion motion = robot::FrameKinematics(robot, frame).at(q, rest, rest);
-    return matrix_of(motion.Q.toRotationMatrix(), base + motion.p);
+    const Pose X_WF = X_WB * Pose{motion.Q.toRotationMatrix(), motion.p};
+    return matrix_of(X_WF.R, X_WF.p);
   };
   json figure = {{"bodies", json::array()}, {"tip", pose(robot.end_effector())}};
   for (int body = 0; body < robot.body_count(); ++body) figure["bodies"].push_back(pose({"", body, {}}));
@@ -96,7 +97,7 @@ TEST_F(Page, ShowsTheMainExampleAsForwardKinematicsAndTheRecordingHaveIt) {
   for (const std::size_t row : {std::size_t{0}, std::size_t{123}, std::size_t{250}, recorded.time.size() - 1}) {
     seeks.push_back({{"t", static_cast<double>(recorded.time[row]) * 1e-9},
                      {"range", 100},
-                     {"figures", {poses_of(arm, values_of(recorded, "drive.q", row))}},
+                     {"figures", json::array({poses_of(arm, values_of(recorded, "drive.q", row))})},
                      {"plots",
                       {{"drive.tau_J", list_of(values_of(recorded, "drive.tau_J", row))},
                        {"drive.q", list_of(values_of(recorded, "drive.q", row))}}}});
@@ -105,11 +106,11 @@ TEST_F(Page, ShowsTheMainExampleAsForwardKinematicsAndTheRecordingHaveIt) {
   json first = common, second = common;
   first.update({{"seeks", seeks}, {"keys", true}, {"themes", true}, {"zoom", "drive.q"}});
   second.update({{"dark", true},
-                 {"size", {700, 900}},
+                 {"size", json::array({700, 900})},
                  {"themes", true},
-                 {"cues", {"ghosts", "trails", "mass", "manipulability", "stiffness", "limits", "energy"}},
-                 {"lacking", {"tau_e", "contacts", "hand"}}});
-  check({first, second});
+                 {"cues", json::array({"ghosts", "trails", "mass", "manipulability", "stiffness", "limits", "energy"})},
+                 {"lacking", json::array({"tau_e", "contacts", "hand"})}});
+  check(json::array({first, second}));
 }
 
 TEST_F(Page, ShowsTwoRobotsAndABodyInContact) {
@@ -120,6 +121,7 @@ TEST_F(Page, ShowsTwoRobotsAndABodyInContact) {
   ASSERT_EQ(cotwin({"view", "results"}).code, 0);
   const Recorded recorded = load_recorded(folder_ / "results/signals.csv");
   const robot::RobotModel arm = robot::load_urdf(root_ / "examples/10_cooperation/lwr4_punch.urdf");
+  const Pose facing{Eigen::Vector3d(-1, -1, 1).asDiagonal(), {1.4, 0, 0}};  // half a turn about z
   json seeks = json::array();
   for (const std::size_t row : {std::size_t{0}, recorded.time.size() / 2, recorded.time.size() - 1}) {
     const Eigen::VectorXd p = values_of(recorded, "world.block.p", row), quat = values_of(recorded, "world.block.quat", row);
@@ -127,13 +129,14 @@ TEST_F(Page, ShowsTwoRobotsAndABodyInContact) {
     seeks.push_back({{"t", static_cast<double>(recorded.time[row]) * 1e-9},
                      {"figures",
                       {poses_of(arm, values_of(recorded, "world.left.q_link", row)),
-                       poses_of(arm, values_of(recorded, "world.right.q_link", row), Eigen::Vector3d(1.4, 0, 0))}},
+                       poses_of(arm, values_of(recorded, "world.right.q_link", row), facing)}},
                      {"bodies", {{"block", matrix_of(R, p)}}}});
   }
-  check({{{"file", page("results/view.html")},
-          {"seeks", seeks},
-          {"cues", {"contacts", "tau_e", "trails", "mass"}},
-          {"lacking", {"energy"}}}});
+  const json shown = {{"file", page("results/view.html")},
+                      {"seeks", seeks},
+                      {"cues", json::array({"contacts", "tau_e", "trails", "mass"})},
+                      {"lacking", json::array({"energy"})}};
+  check(json::array({shown}));
 }
 
 TEST_F(Page, RunsNothingFromNamesAndShowsWhatIsLeftOfARecording) {
@@ -148,17 +151,19 @@ TEST_F(Page, RunsNothingFromNamesAndShowsWhatIsLeftOfARecording) {
   const robot::RobotModel arm = robot::load_urdf(root_ / "models/robots/planar2/robot.urdf");
   folder_.write("empty.csv", "time,q[1],q[2],drive.tau[1]\n");
   ASSERT_EQ(cotwin({"view", "empty.csv", "--robot", "planar2", "--out", "empty.html"}).code, 0);
-  check(
-      {{{"file", page("page.html")},
-        {"title", "twin.csv"},
-        // The first joint, without a number at 0.1 s, stays between its neighbours' numbers; at 0 s it is at the recorded one.
-        {"seeks",
-         {{{"t", 0}, {"figures", {poses_of(arm, Eigen::Vector2d(0.1, 0.2))}}, {"plots", {{"<!--" + name, {nullptr}}}}},
-          {{"t", 0.2}, {"figures", {poses_of(arm, Eigen::Vector2d(0.2, 0.4))}}},
-          {{"t", 0.4}, {"figures", {poses_of(arm, Eigen::Vector2d(0.4, 0.5))}}, {"plots", {{"<!--" + name, {6}}}}}}},
-        {"remarks", {"cut short", "no number"}},
-        {"cues", {"trails", "limits"}}},
-       {{"file", page("empty.html")}, {"remarks", {"the recording has no rows"}}}});
+  // The first joint, which has no number at 0.1 s, does not move then; afterwards all is as recorded.
+  json seeks = json::array();
+  seeks.push_back({{"t", 0}, {"figures", json::array({poses_of(arm, Eigen::Vector2d(0.1, 0.2))})}});
+  seeks.back()["plots"]["<!--" + name] = json::array({nullptr});
+  seeks.push_back({{"t", 0.1}, {"figures", json::array({poses_of(arm, Eigen::Vector2d(0.1, 0.3))})}});
+  seeks.push_back({{"t", 0.4}, {"figures", json::array({poses_of(arm, Eigen::Vector2d(0.4, 0.5))})}});
+  seeks.back()["plots"]["<!--" + name] = json::array({6});
+  json left = {{"file", page("page.html")}, {"title", "twin.csv"}, {"seeks", seeks}};
+  left["remarks"] = {"cut short", "no number"};
+  left["cues"] = {"trails", "limits"};
+  json empty = {{"file", page("empty.html")}, {"title", "empty.csv"}};
+  empty["remarks"] = json::array({"the recording has no rows"});
+  check(json::array({left, empty}));
 }
 
 TEST_F(Page, ShowsMeshesAndLeavesOutWhatIsNone) {
@@ -199,7 +204,8 @@ TEST_F(Page, ShowsMeshesAndLeavesOutWhatIsNone) {
   const RunResult view = cotwin({"view", "r.csv", "--robot", "arm/arm.urdf"});
   ASSERT_EQ(view.code, 0) << view.err;
   EXPECT_THAT(view.err, HasSubstr("none.stl' not found"));
-  check({{{"file", page("view.html")}, {"remarks", {"none.stl", "bad.stl is left out"}}}});
+  const json shown = {{"file", page("view.html")}, {"remarks", json::array({"none.stl", "bad.stl is left out"})}};
+  check(json::array({shown}));
 }
 
 }  // namespace
