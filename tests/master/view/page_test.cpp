@@ -208,5 +208,34 @@ TEST_F(Page, ShowsMeshesAndLeavesOutWhatIsNone) {
   check(json::array({shown}));
 }
 
+TEST_F(Page, ThatIsNotThereIsAnErrorThatNamesWhatTheBuildLacked) {
+  // The program looks for the page beside itself.
+  fs::create_directories(folder_ / "bin");
+  fs::copy_file(places::program(), folder_ / "bin/cotwin");
+  folder_.write("r.csv", "t,q\n0,0\n1,1\n");
+  const RunResult view = cotwin::testing::run_command({page("bin/cotwin"), "view", page("r.csv")});
+  EXPECT_EQ(view.code, 2);
+  EXPECT_THAT(view.err, HasSubstr("share/cotwin/view/view.html"));
+  EXPECT_THAT(view.err, HasSubstr("nodejs and npm"));
+  EXPECT_FALSE(fs::exists(folder_ / "view.html"));
+}
+
+TEST_F(Page, OfResultsThatAreNoneIsAnErrorWithThePlace) {
+  folder_.write("empty/run.json", "{}");
+  folder_.write("empty.csv", "");
+  folder_.write("r.csv", "t,q\n0,0\n1,1\n");
+  for (const auto& [arguments, message] : std::vector<std::pair<std::vector<std::string>, std::string>>{
+           {{"view", "nowhere"}, "nowhere: does not exist"},
+           {{"view", "empty"}, "has no signals.csv"},
+           {{"view", "empty.csv"}, "empty.csv"},
+           {{"view", "r.csv", "--robot", "none_such"}, "none_such"},
+           {{"view", "r.csv", "--plot", "qq"}, "did you mean 'q'"},
+           {{"view", "r.csv", "--scenario", "none.ssd"}, "none.ssd"}}) {
+    const RunResult view = cotwin(arguments);
+    EXPECT_EQ(view.code, 2) << arguments[1];
+    EXPECT_THAT(view.err, HasSubstr(message));
+  }
+}
+
 }  // namespace
 }  // namespace cotwin::master

@@ -24,8 +24,6 @@
 
 namespace cotwin::master {
 
-void PrintTo(const StagedTrack& track, std::ostream* out) { *out << static_cast<int>(track.role) << ' ' << track.signal; }
-
 namespace {
 
 namespace fs = std::filesystem;

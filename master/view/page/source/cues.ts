@@ -124,12 +124,10 @@ class Ghosts implements Cue {
   show(on: boolean): void {
     for (const figure of this.s.figures) for (const ghost of figure.ghosts) ghost.group.visible = on;
   }
-  update(place: Place): string[] {
+  /// The ghosts that are shown follow with their figures.
+  update(): string[] {
     const words = { main: '', desired: 'desired', compliant: 'compliant', other: 'beside' };
-    return this.s.figures.flatMap((figure) => {
-      figure.place(place);
-      return figure.ghosts.map((ghost) => `${words[ghost.track.role]}: ${ghost.track.signal}`);
-    });
+    return this.s.figures.flatMap((figure) => figure.ghosts.map((ghost) => `${words[ghost.track.role]}: ${ghost.track.signal}`));
   }
 }
 
