@@ -67,7 +67,8 @@ bool has_far_numbers(std::span<const double> values, const Range& range) {
   }
   if (sample.empty()) return false;
   std::sort(sample.begin(), sample.end());
-  const double middle = sample[sample.size() * 95 / 100] - sample[sample.size() * 5 / 100];
+  const std::size_t last = sample.size() - 1;
+  const double middle = sample[last * 95 / 100] - sample[last * 5 / 100];
   return range.largest - range.least > kFar * middle && range.largest > range.least;
 }
 

@@ -127,8 +127,7 @@ Recorded load_recorded(const std::filesystem::path& file) {
   if (bad_times > 0)
     recorded.remarks.push_back(name + ": " + rows(bad_times) + " left out, because their times are no numbers or go back");
   if (no_numbers > 0)
-    recorded.remarks.push_back(first_text + ": no number; shown as gaps, as are " + std::to_string(no_numbers - 1) +
-                               " other cells");
+    recorded.remarks.push_back(first_text + ": no number; such cells are shown as gaps (" + std::to_string(no_numbers) + ")");
   return recorded;
 }
 

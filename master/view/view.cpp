@@ -82,9 +82,9 @@ std::string text_of(const Json& record, std::initializer_list<const char*> path)
   return at->is_string() ? at->get<std::string>() : at->is_number() ? at->dump() : "";
 }
 
-/// The scenario of the run with its --set, or nothing with a remark.
+/// The scenario of the run with its --set, or nothing with a remark. `changed`: what is known of changes since then.
 std::optional<Scenario> find_scenario(const ViewOptions& options, const Results& results, std::span<const UnitType> types,
-                                      std::vector<std::string>& remarks) {
+                                      std::vector<std::string>& remarks, std::string& changed) {
   fs::path file = options.scenario;
   const std::string recorded = text_of(results.record, {"scenario", "file"});
   std::error_code none;
@@ -109,9 +109,7 @@ std::optional<Scenario> find_scenario(const ViewOptions& options, const Results&
       scenario.stop = Time::from_seconds(results.record["stop"].get<double>());
     const std::string hash = text_of(results.record, {"scenario", "hash"});
     if (!hash.empty() && hash != hexadecimal(hash_of(scenario)))
-      remarks.push_back(
-          file.string() +
-          " or a file that it names has changed since the run, or the run had other options: what is shown may differ");
+      changed = "since the run it, or a file that it names, has changed, or the run had other options";
     return scenario;
   } catch (const Error& error) {
     if (!options.scenario.empty()) throw;
@@ -246,7 +244,8 @@ ViewSummary write_view(const ViewOptions& options, std::span<const UnitType> typ
   remarks = results.remarks;
   remarks.insert(remarks.end(), recorded.remarks.begin(), recorded.remarks.end());
 
-  const std::optional<Scenario> scenario = find_scenario(options, results, types, remarks);
+  std::string changed;
+  const std::optional<Scenario> scenario = find_scenario(options, results, types, remarks, changed);
   const std::vector<fs::path> folders = options.model_folders(scenario ? scenario->folder : fs::path());
   Stage stage;
   if (!options.robot.empty()) {
@@ -262,6 +261,7 @@ ViewSummary write_view(const ViewOptions& options, std::span<const UnitType> typ
                {"name", name.empty() ? results.recording.filename().string() : name},
                {"state", state_of(results.record)},
                {"facts", facts_of(results, recorded)}};
+  if (!changed.empty()) page["facts"].push_back(Json::array({"scenario now", changed}));
   page["remarks"] = Json::array();
   page["tables"] = Json::array();
   page["tables"].push_back(table_of(recorded.time, recorded.columns, recorded.signals, packer));

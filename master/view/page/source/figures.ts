@@ -119,13 +119,14 @@ export class FigureView {
           return group;
         });
       const filled = (groups: three.Group[]): number => groups.filter((group) => group.children.length > 0).length;
+      const most = robot.joints.length / 2;
       const visuals = objects(robot.visuals);
-      if (filled(visuals) > 0) return visuals;
+      if (filled(visuals) > most) return visuals;
       const solids = objects(robot.solids);
-      if (filled(solids) > robot.joints.length / 2) return solids;
+      if (filled(solids) > most) return solids;
       // A few shapes are those of a tool: they are added to the clean shape.
       const groups = clean_shapes(robot, looks);
-      solids.forEach((group, i) => groups[i]!.add(group));
+      (filled(visuals) > 0 ? visuals : solids).forEach((group, i) => groups[i]!.add(group));
       return groups;
     };
     const none: Track = { role: 'main', signal: '' };

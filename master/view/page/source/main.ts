@@ -260,6 +260,10 @@ class Page {
       const own = new three.Box3().setFromObject(view.group);
       if (own.getSize(new three.Vector3()).length() < 15) box.union(own);
     }
+    for (const view of this.figures) {
+      const way = view.trail(view.main, this.recording, 100);
+      for (let i = 0; i + 2 < way.length; i += 3) box.expandByPoint(new three.Vector3(way[i], way[i + 1], way[i + 2]));
+    }
     if (box.isEmpty()) box.set(new three.Vector3(-0.5, -0.5, 0), new three.Vector3(0.5, 0.5, 1));
     this.stage.look_at(box);
   }

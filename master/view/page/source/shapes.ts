@@ -13,7 +13,8 @@ export interface Looks {
 
 export function looks_of(colour: string, opacity: number): Looks {
   const transparent = opacity < 1;
-  const common = { transparent, opacity, depthWrite: !transparent };
+  // A ghost that is where its robot is does not cover it.
+  const common = { transparent, opacity, depthWrite: !transparent, polygonOffset: transparent, polygonOffsetFactor: 2, polygonOffsetUnits: 8 };
   return {
     body: new three.MeshLambertMaterial({ color: transparent ? colour : '#c9cdd3', ...common }),
     joint: new three.MeshLambertMaterial({ color: colour, ...common }),
