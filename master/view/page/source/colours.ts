@@ -10,7 +10,7 @@ export const kPalette = {
 } as const;
 
 /// Of the elements of a signal, in their order. Beyond these the lines are dashed.
-export const kSeries: string[] = [kPalette.blue, kPalette.orange, kPalette.green, kPalette.purple, kPalette.sky, kPalette.vermilion, '#8a8a8a'];
+export const kSeries: string[] = [kPalette.blue, kPalette.orange, kPalette.green, kPalette.purple, kPalette.sky, kPalette.vermilion, '#6b6b6b'];
 
 /// What a role of a track looks like.
 export const kRoles = {

@@ -12,7 +12,8 @@ function draws_in_software(): boolean {
   return /swiftshader|llvmpipe|software|basic render/i.test(renderer);
 }
 
-/// The 3D view: camera, light and ground. It draws only when something has changed. Where drawing is slow (no graphics card), it draws fewer pixels.
+/// The 3D view: camera, light and ground. It draws only when something has changed. Where drawing is slow (no graphics card), it draws fewer pixels
+/// while the time runs.
 export class Stage {
   readonly scene = new three.Scene();
   readonly camera = new three.PerspectiveCamera(40, 1, 0.01, 200);
@@ -22,6 +23,7 @@ export class Stage {
   private dirty = true;
   private scale = 1;
   private slow = 0;
+  private moving = false;
   private width = 0;
   private height = 0;
 
@@ -76,6 +78,10 @@ export class Stage {
   /// Draws if something has changed. `elapsed`: seconds since the last frame, while the animation runs, otherwise 0.
   draw(elapsed: number): void {
     if (elapsed > 0) this.adapt(elapsed);
+    if (elapsed > 0 !== this.moving) {
+      this.moving = elapsed > 0;
+      this.resize(true);
+    }
     if (!this.dirty) return;
     this.dirty = false;
     this.renderer.render(this.scene, this.camera);
@@ -98,9 +104,9 @@ export class Stage {
     this.height = height;
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2) * this.scale);
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2) * (this.moving ? this.scale : 1));
     this.renderer.setSize(width, height, false);
-    this.invalidate();
-    this.draw(0);
+    this.dirty = false;
+    this.renderer.render(this.scene, this.camera);
   }
 }
