@@ -117,6 +117,7 @@ int run(int argc, char** argv) {
   add_ask(app, chosen);
   add_serve(app, chosen);
   add_view(app, chosen);
+  add_new(app, chosen);
   add_completion(app, chosen);
   for (const char* name : {"run", "search", "robot", "view", "pack", "check", "units", "describe", "reference"})
     add_units_option(*app.get_subcommand(name));
@@ -126,11 +127,12 @@ int run(int argc, char** argv) {
     const auto commands = app.get_subcommands([](const CLI::App*) { return true; });
     const auto is_asked = [&](const CLI::App* command) { return command->check_name(argv[1]); };
     if (argc > 1 && argv[1][0] != '-' && std::none_of(commands.begin(), commands.end(), is_asked)) {
-      throw CLI::ExtrasError(
-          std::string("'") + argv[1] +
-              "' is not a command, expected run, pack, info, check, units, describe, reference, tune, excite, "
-              "perturb, report, tool, search, robot, ask, serve, view or completion",
-          CLI::ExitCodes::ExtrasError);
+      std::string names;
+      for (const CLI::App* command : commands) {
+        const char* const before = names.empty() ? "" : command == commands.back() ? " or " : ", ";
+        names += before + command->get_name();
+      }
+      throw CLI::ExtrasError(std::string("'") + argv[1] + "' is not a command, expected " + names, CLI::ExitCodes::ExtrasError);
     }
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -142,4 +142,16 @@ Path make_path(const Waypoints& points, Passing passing, int degree, std::span<c
   return Path(n, std::move(knots.t), degree, std::move(control));
 }
 
+double calm_duration(std::span<const Axis> axes, std::span<const double> from, std::span<const double> to) {
+  constexpr double kPeakSpeed = 1.875, kPeakAcceleration = 5.774;  // of a quintic over a unit way in unit time: 15/8, 10/√3
+  double T = 1;
+  for (std::size_t j = 0; j < axes.size(); ++j) {
+    const double way = std::abs(to[j] - from[j]);
+    const double speed = std::isfinite(axes[j].dq_max) ? 0.3 * axes[j].dq_max : axes[j].revolute ? 0.5 : 0.1;
+    const double acceleration = axes[j].revolute ? 2 : 0.5;
+    T = std::max({T, kPeakSpeed * way / speed, std::sqrt(kPeakAcceleration * way / acceleration)});
+  }
+  return std::ceil(10 * T - 1e-9) / 10;
+}
+
 }  // namespace cotwin::trajectory

@@ -35,4 +35,8 @@ Waypoints load_waypoints(const std::filesystem::path& file, std::span<const Axis
 /// reached before the previous one is left, or a wrong number of c_r.
 Path make_path(const Waypoints& points, Passing passing, int degree = 5, std::span<const double> c_r = {});
 
+/// A calm duration from rest at `from` to rest at `to` by quintics, in s, a multiple of 0.1 s and at least 1 s: 30 % of the speed
+/// limits (without a limit 0.5 rad/s or 0.1 m/s) and accelerations of 2 rad/s² or 0.5 m/s².
+double calm_duration(std::span<const Axis> axes, std::span<const double> from, std::span<const double> to);
+
 }  // namespace cotwin::trajectory
