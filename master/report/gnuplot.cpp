@@ -19,6 +19,7 @@
 #include "models/support/atomic_file.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
+#include "models/support/xml.h"
 
 namespace cotwin::report {
 
@@ -147,13 +148,21 @@ std::string Gnuplot::run(std::string_view script, std::chrono::seconds limit) co
 }
 
 std::string Gnuplot::quoted(std::string_view text) {
-  std::string out = "'";
-  for (const char c : text) {
-    if (c == '\'') {
-      out += "’";
-    } else {
-      out += static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? ' ' : c;
+  std::string plain;
+  for (const char c : text) plain += static_cast<unsigned char>(c) < 0x20 || c == 0x7f ? ' ' : c;
+  try {
+    static_cast<void>(xml::escaped(plain));
+  } catch (const Error&) {
+    for (char& c : plain) {
+      if (static_cast<unsigned char>(c) >= 0x80) c = '?';
     }
+  }
+  std::string out = "'";
+  for (const char c : plain) {
+    if (c == '\'')
+      out += "’";
+    else
+      out += c;
   }
   return out + "'";
 }

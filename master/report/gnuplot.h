@@ -21,8 +21,8 @@ class Gnuplot {
   /// done after `limit`, or is not available.
   std::string run(std::string_view script, std::chrono::seconds limit = std::chrono::seconds(60)) const;
 
-  /// `text` as a string in single quotes, in which gnuplot replaces nothing. Control characters become blanks and apostrophes
-  /// typographic ones, because gnuplot 5.4 ends a string at a doubled quote at its beginning.
+  /// `text` as a string in single quotes, in which gnuplot replaces nothing. Control characters become blanks, bytes that
+  /// are not UTF-8 question marks, and apostrophes typographic ones, because gnuplot 5.4 ends a string at a doubled quote at its beginning.
   static std::string quoted(std::string_view text);
 
  private:
