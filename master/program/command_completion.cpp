@@ -3,12 +3,16 @@
 #include <filesystem>
 #include <iostream>
 #include <memory>
+#include <optional>
+#include <span>
 #include <sstream>
 
 #include "master/engine/members.h"
 #include "master/program/commands.h"
 #include "master/ssp/scenario.h"
+#include "models/support/csv.h"
 #include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::master {
 
@@ -31,28 +35,67 @@ _cotwin() {
 complete -o default -F _cotwin cotwin
 )";
 
+// zsh and fish show the descriptions. A candidate that ends with '=', '.' or '?' is completed without a blank.
+constexpr const char* kZsh = R"(# zsh completion of cotwin, after compinit: source <(cotwin completion zsh)
+_cotwin() {
+  local candidate name
+  local -a whole whole_texts open open_texts
+  local line="${(j: :)words[1,CURRENT-1]} ${(Q)PREFIX}"
+  for candidate in "${(@f)$("${words[1]}" completion described "$line" 2>/dev/null)}"; do
+    name=${candidate%%$'\t'*}
+    [[ -z $name ]] && continue
+    if [[ $name == *[=.?] ]]; then
+      open+=("$name") open_texts+=("${candidate/$'\t'/  }")
+    else
+      whole+=("$name") whole_texts+=("${candidate/$'\t'/  }")
+    fi
+  done
+  (( $#whole + $#open )) || { _files; return }
+  compadd -l -d whole_texts -a whole
+  compadd -l -d open_texts -S '' -a open
+}
+compdef _cotwin cotwin
+)";
+constexpr const char* kFish = R"(# fish completion of cotwin: cotwin completion fish | source
+function __cotwin_candidates
+  set -l words (commandline -cp)
+  set -l found (cotwin completion described "$words" 2>/dev/null)
+  if test (count $found) -gt 0
+    printf '%s\n' $found
+  else
+    __fish_complete_path (commandline -ct)
+  end
+end
+complete -c cotwin -f -a '(__cotwin_candidates)'
+)";
+
+struct Candidate {
+  std::string text, description = {};
+};
+using Candidates = std::vector<Candidate>;
+
 /// Adds "name=value" for each value of a setting with listed values, else "name=".
-void add_setting(std::vector<std::string>& found, const std::string& name, const Setting& setting) {
+void add_setting(Candidates& found, const std::string& name, const Setting& setting) {
   switch (setting.kind) {
     case Setting::Kind::kChoice:
-      for (const std::string& choice : setting.choices) found.push_back(name + "=" + choice);
+      for (const std::string& choice : setting.choices) found.push_back({name + "=" + choice, setting.description});
       return;
     case Setting::Kind::kBoolean:
-      found.push_back(name + "=true");
-      found.push_back(name + "=false");
+      found.push_back({name + "=true", setting.description});
+      found.push_back({name + "=false", setting.description});
       return;
     case Setting::Kind::kInteger:
     case Setting::Kind::kText:
-      found.push_back(name + "=");
+      found.push_back({name + "=", setting.description});
       return;
   }
 }
 
 /// Returns the candidates after --set for this scenario. For a component that cannot be built, these are its settings.
-std::vector<std::string> assignments(const fs::path& file) {
+Candidates assignments(const fs::path& file) {
   const Scenario scenario = load_scenario(file);
   const std::vector<fs::path> folders = model_folders(scenario.folder);
-  std::vector<std::string> found;
+  Candidates found;
   fmu::FmuStore fmus;
   for (const ComponentSpec& spec : scenario.components) {
     if (is_unit(spec)) {
@@ -65,26 +108,28 @@ std::vector<std::string> assignments(const fs::path& file) {
     try {
       const Member member = load_member(spec, scenario, units(), folders, fmus);
       for (const Variable& v : member.variables()) {
-        if (v.role != Role::kOutput || v.has_start) found.push_back(spec.name + "." + v.name + "=");
+        if (v.role != Role::kOutput || v.has_start) found.push_back({spec.name + "." + v.name + "=", v.description});
       }
     } catch (const Error&) {
       continue;
     }
   }
-  std::sort(found.begin(), found.end());
-  found.erase(std::unique(found.begin(), found.end()), found.end());
+  const auto text = &Candidate::text;
+  std::ranges::stable_sort(found, {}, text);
+  const auto same = std::ranges::unique(found, {}, text);
+  found.erase(same.begin(), same.end());
   return found;
 }
 
 /// Returns the sources of units or, after a '?', the settings of that unit.
-std::vector<std::string> sources(const std::string& word) {
-  std::vector<std::string> found;
+Candidates sources(const std::string& word) {
+  Candidates found;
   const std::size_t question = word.find('?');
   for (const UnitType& type : units()) {
     for (const std::string prefix : {"", "unit:"}) {
       const std::string source = prefix + type.name;
       if (question == std::string::npos) {
-        found.push_back(source);
+        found.push_back({source, type.summary});
       } else if (word.substr(0, question) == source) {
         const std::string given =
             word.substr(0, std::max(question, word.find('&') == std::string::npos ? 0 : word.rfind('&')) + 1);
@@ -95,45 +140,109 @@ std::vector<std::string> sources(const std::string& word) {
   return found;
 }
 
-std::vector<std::string> candidates(const CLI::App& app, const std::string& line) {
+/// The names of the robots in the model folders.
+Candidates robots() {
+  Candidates found;
+  for (const fs::path& folder : model_folders({})) {
+    std::error_code none;
+    for (const fs::directory_entry& entry : fs::directory_iterator(folder / "robots", none)) {
+      if (fs::is_regular_file(entry.path() / "robot.urdf", none)) found.push_back({entry.path().filename().string()});
+    }
+  }
+  return found;
+}
+
+/// The signals of a recording.
+Candidates signals_of(const fs::path& results) {
+  Candidates found;
+  std::error_code none;
+  for (const fs::path& file : {results, results / "signals.csv", results / "signals.csv.part"}) {
+    if (!fs::is_regular_file(file, none)) continue;
+    const csv::Reader recording(file);
+    for (const std::string& name : recording.names()) {
+      const std::string variable = name.substr(0, name.rfind('['));
+      if (found.empty() || found.back().text != variable) found.push_back({variable});
+    }
+    break;
+  }
+  return found;
+}
+
+/// The words between braces in the description of an option's values, as CLI::IsMember writes them.
+Candidates values_of(const CLI::Option& option) {
+  Candidates found;
+  const std::string type = option.get_type_name();
+  const std::size_t open = type.find('{'), close = type.find('}');
+  if (open == std::string::npos || close == std::string::npos) return found;
+  for (const std::string_view word : text::split(std::string_view(type).substr(open + 1, close - open - 1), ','))
+    found.push_back({std::string(word)});
+  return found;
+}
+
+/// The first existing file among the words.
+std::optional<fs::path> file_among(std::span<const std::string> words) {
+  std::error_code none;
+  const auto file = std::ranges::find_if(words, [&](const std::string& w) { return fs::is_regular_file(w, none); });
+  return file == words.end() ? std::nullopt : std::optional<fs::path>(*file);
+}
+
+Candidates candidates(const CLI::App& app, const std::string& line) {
   std::vector<std::string> words;
   std::istringstream in(line);
   for (std::string word; in >> word;) words.push_back(word);
   if (line.empty() || line.back() == ' ') words.emplace_back();
-  std::vector<std::string> found;
-  const std::vector<const CLI::App*> commands = app.get_subcommands([](const CLI::App*) { return true; });
-  if (words.size() <= 2) {
-    for (const CLI::App* command : commands) found.push_back(command->get_name());
+  Candidates found;
+  const auto all = [](const CLI::App* a) { return a->get_subcommands([](const CLI::App*) { return true; }); };
+  const auto names_of = [&](const CLI::App* a) {
+    for (const CLI::App* command : all(a)) found.push_back({command->get_name(), command->get_description()});
     return found;
+  };
+  const auto find = [&](const CLI::App* a, const std::string& name) {
+    const std::vector<const CLI::App*> commands = all(a);
+    const auto named = std::ranges::find(commands, name, [](const CLI::App* c) { return c->get_name(); });
+    return named == commands.end() ? nullptr : *named;
+  };
+  if (words.size() <= 2) return names_of(&app);
+  const std::string &word = words.back(), &before = words[words.size() - 2];
+  const CLI::App* command = find(&app, words[1]);
+  if (command == nullptr) return found;
+  if (!all(command).empty()) {
+    if (words.size() == 3) return names_of(command);
+    if (const CLI::App* part = find(command, words[2])) command = part;
   }
-  const std::string& word = words.back();
-  const auto named =
-      std::find_if(commands.begin(), commands.end(), [&](const CLI::App* c) { return c->get_name() == words[1]; });
-  if (named == commands.end()) return found;
-  const CLI::App* command = *named;
-  if (const auto parts = command->get_subcommands([](const CLI::App*) { return true; }); !parts.empty()) {
-    if (words.size() == 3) {
-      for (const CLI::App* part : parts) found.push_back(part->get_name());
-      return found;
-    }
-    const auto part = std::find_if(parts.begin(), parts.end(), [&](const CLI::App* p) { return p->get_name() == words[2]; });
-    if (part != parts.end()) command = *part;
+  if (before == "--set") {
+    const auto file = file_among(std::span(words).subspan(2, words.size() - 4));
+    return file ? assignments(*file) : found;
   }
-  if (words[words.size() - 2] == "--set") {
-    const auto file = std::find_if(words.begin() + 2, words.end() - 2, [](const std::string& w) {
-      std::error_code none;
-      return fs::is_regular_file(w, none);
-    });
-    return file == words.end() - 2 ? found : assignments(*file);
+  if (before == "--robot") return robots();
+  if (before.starts_with('-')) {
+    if (const CLI::Option* option = command->get_option_no_throw(before); option != nullptr && option->get_items_expected() > 0)
+      return values_of(*option);
   }
-  if (word.rfind('-', 0) == 0) {
+  if (word.starts_with('-')) {
     for (const CLI::Option* option : command->get_options()) {
-      for (const std::string& name : option->get_lnames()) found.push_back("--" + name);
+      for (const std::string& name : option->get_lnames()) found.push_back({"--" + name, option->get_description()});
     }
-  } else if (words[1] == "describe" || (words[1] == "pack" && word.rfind("unit:", 0) == 0)) {
+  } else if (words[1] == "describe" || (words[1] == "pack" && word.starts_with("unit:"))) {
     return sources(word);
+  } else if (words[1] == "plot" && words.size() > 3) {
+    return signals_of(words[2]);
+  } else if (words.size() == 3) {
+    for (const CLI::Option* option : command->get_options()) {
+      if (option->nonpositional() || !found.empty()) continue;
+      found = values_of(*option);
+    }
   }
   return found;
+}
+
+/// On one line and without the end that a list has no room for.
+std::string brief(std::string description) {
+  constexpr std::size_t kMost = 90;
+  std::ranges::replace_if(
+      description, [](char c) { return static_cast<unsigned char>(c) < 0x20; }, ' ');
+  if (description.size() <= kMost) return description;
+  return description.substr(0, description.rfind(' ', kMost)) + " …";
 }
 
 }  // namespace
@@ -144,16 +253,27 @@ void add_completion(CLI::App& app, Chosen& chosen) {
   };
   const auto all = std::make_shared<Arguments>();
   CLI::App* command = app.add_subcommand("completion", "Write a shell script for the completion of command lines");
-  command->add_option("SHELL", all->what, "bash; or 'candidates': list the completions of LINE")
+  command
+      ->add_option(
+          "SHELL", all->what,
+          "bash, zsh or fish; or 'candidates': list the completions of LINE, 'described': with a tab and a description")
       ->required()
-      ->check(CLI::IsMember({"bash", "candidates"}));
-  command->add_option("LINE", all->line, "Command line up to the cursor, for 'candidates'");
+      ->check(CLI::IsMember({"bash", "zsh", "fish", "candidates", "described"}));
+  command->add_option("LINE", all->line, "Command line up to the cursor, for 'candidates' and 'described'");
   command->callback([all, &app, &chosen] {
     chosen = [all, &app] {
       if (all->what == "bash") {
         std::cout << kBash;
+      } else if (all->what == "zsh") {
+        std::cout << kZsh;
+      } else if (all->what == "fish") {
+        std::cout << kFish;
       } else {
-        for (const std::string& candidate : candidates(app, all->line)) std::cout << candidate << '\n';
+        for (const Candidate& candidate : candidates(app, all->line)) {
+          std::cout << candidate.text;
+          if (all->what == "described" && !candidate.description.empty()) std::cout << '\t' << brief(candidate.description);
+          std::cout << '\n';
+        }
       }
       return kExitDone;
     };

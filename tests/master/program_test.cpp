@@ -262,7 +262,7 @@ TEST_F(Program, WarnsBeforeARunOfOmissionsInTheScenario) {
 
 TEST_F(Program, CompletesCommandsOptionsUnitsAndSettings) {
   EXPECT_THAT(run({"completion", "bash"}).out, HasSubstr("complete -o default -F _cotwin cotwin"));
-  EXPECT_EQ(run({"completion", "fish"}).code, 2);
+  EXPECT_EQ(run({"completion", "powershell"}).code, 2);
   const auto completed = [&](const std::string& line) {
     const RunResult result = run({"completion", "candidates", line});
     EXPECT_EQ(result.code, 0) << result.err;
