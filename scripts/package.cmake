@@ -14,6 +14,7 @@ install(DIRECTORY examples DESTINATION share/cotwin COMPONENT cotwin USE_SOURCE_
 install(FILES scripts/completion.bash DESTINATION share/bash-completion/completions RENAME cotwin COMPONENT cotwin)
 install(FILES scripts/completion.zsh DESTINATION share/zsh/site-functions RENAME _cotwin COMPONENT cotwin)
 install(FILES scripts/completion.fish DESTINATION share/fish/vendor_completions.d RENAME cotwin.fish COMPONENT cotwin)
+install(DIRECTORY ${CMAKE_BINARY_DIR}/share/man/man1 DESTINATION share/man COMPONENT cotwin)   # written by `cotwin manual`
 install(FILES README.md CHANGELOG.md DESTINATION share/doc/cotwin COMPONENT cotwin)
 install(DIRECTORY docs DESTINATION share/doc/cotwin COMPONENT cotwin FILES_MATCHING PATTERN "*.md")
 

@@ -119,6 +119,7 @@ int run(int argc, char** argv) {
   add_view(app, chosen);
   add_new(app, chosen);
   add_plot(app, chosen);
+  add_manual(app, chosen);
   add_completion(app, chosen);
   for (const char* name : {"run", "search", "robot", "view", "pack", "check", "units", "describe", "reference"})
     add_units_option(*app.get_subcommand(name));
