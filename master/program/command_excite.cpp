@@ -8,7 +8,7 @@
 
 #include "master/program/commands.h"
 #include "master/program/interrupt.h"
-#include "master/program/tuning/progress.h"
+#include "master/program/progress_line.h"
 #include "models/excitation/design.h"
 #include "models/excitation/samples.h"
 #include "models/robot/urdf/urdf.h"
@@ -89,7 +89,7 @@ int excite(ExciteArguments& a) {
 
   note_signals();
   numerics::Threads threads(a.threads);
-  tuning::ProgressLine line(!a.quiet);
+  ProgressLine line(!a.quiet);
   const excitation::Design design = excitation::design_excitation(robot, a.design, &threads, [&](int round) {
     line.update("round " + std::to_string(round), static_cast<double>(round) / a.design.rounds);
     return stop_signal() == 0;

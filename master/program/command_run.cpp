@@ -1,7 +1,4 @@
 // cotwin run: runs a scenario, a package, or one FMU with the option names of fmusim (Reference FMUs).
-#include <sys/ioctl.h>
-#include <unistd.h>
-
 #include <array>
 #include <cerrno>
 #include <chrono>
@@ -17,6 +14,7 @@
 #include "master/program/commands.h"
 #include "master/program/fmu_run.h"
 #include "master/program/interrupt.h"
+#include "master/program/progress_line.h"
 #include "master/program/report.h"
 #include "master/program/results_folder.h"
 #include "master/program/run_record.h"
@@ -36,47 +34,27 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// A progress line on the terminal that overwrites itself. Prints nothing if stderr is not a terminal.
+/// How far the run is.
 class Progress {
  public:
-  Progress(const Master& master, bool wanted) : master_(master), shown_(wanted && isatty(STDERR_FILENO)) {}
-  ~Progress() {
-    if (drawn_) std::cerr << "\r\x1b[K" << std::flush;
-  }
+  Progress(const Master& master, bool wanted) : master_(master), line_(wanted) {}
   void update() {
-    if (!shown_) return;
-    const auto now = Clock::now();
-    if (now - last_ < std::chrono::milliseconds(100)) return;
-    last_ = now;
-    drawn_ = true;
-    const double wall = std::chrono::duration<double>(now - begin_).count();
-    const double simulated = (master_.now() - master_.scenario().start).seconds();
-    const std::string figures =
-        text::to_text(simulated, 4) + " s, " + text::to_text(wall > 0 ? simulated / wall : 0, 3) + " times real time";
-    std::cerr << "\r\x1b[K" << bar(columns(), figures.size()) << figures << std::flush;
+    if (!line_.is_due()) return;
+    const auto wall = Clock::now() - begin_;
+    if (wall < std::chrono::milliseconds(100)) return;  // short runs have no line
+    const double speed = (master_.now() - begin_time_).seconds() / std::chrono::duration<double>(wall).count();
+    line_.update(text::to_text((master_.now() - master_.scenario().start).seconds(), 4) + " s, " + text::to_text(speed, 3) +
+                     " times real time",
+                 static_cast<double>(master_.tick()) / static_cast<double>(master_.ticks()));
   }
 
  private:
   using Clock = std::chrono::steady_clock;
 
-  static std::size_t columns() {
-    winsize size{};
-    const bool known = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
-    return known ? size.ws_col : 80;
-  }
-  /// Returns a bar that fits before the figures, because a wrapped line cannot be overwritten.
-  std::string bar(std::size_t columns, std::size_t taken) const {
-    constexpr std::size_t kMost = 40, kLeast = 4, kFrame = 4;  // "[", "] " and the last column, which stays free
-    if (columns < taken + kFrame + kLeast) return "";
-    const std::size_t width = std::min(kMost, columns - taken - kFrame);
-    const double share = static_cast<double>(master_.tick()) / static_cast<double>(master_.ticks());
-    const auto full = static_cast<std::size_t>(share * static_cast<double>(width));
-    return "[" + std::string(full, '#') + std::string(width - full, '.') + "] ";
-  }
-
   const Master& master_;
-  bool shown_, drawn_ = false;
-  Clock::time_point begin_ = Clock::now(), last_ = begin_;
+  ProgressLine line_;
+  Clock::time_point begin_ = Clock::now();
+  Time begin_time_ = master_.now();  // not the start if the run is resumed
 };
 
 constexpr const char* kRecord = "run.json";

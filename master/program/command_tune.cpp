@@ -10,6 +10,7 @@
 
 #include "master/program/commands.h"
 #include "master/program/interrupt.h"
+#include "master/program/progress_line.h"
 #include "master/program/results_folder.h"
 #include "master/program/tuning/cross_validation.h"
 #include "master/program/tuning/report.h"
@@ -96,7 +97,7 @@ int tune_command(const TuneArguments& arguments, const std::vector<std::string>&
   run.threads = arguments.threads.value_or(std::min(cores, 8));
 
   note_signals();
-  tuning::ProgressLine line(!arguments.quiet);
+  ProgressLine line(!arguments.quiet);
   const tuning::Hooks hooks{[&](const std::string& what, double share) { line.update(what, share); },
                             [] { return stop_signal() != 0; }};
   try {

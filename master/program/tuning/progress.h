@@ -1,6 +1,4 @@
 #pragma once
-#include <chrono>
-#include <cstddef>
 #include <functional>
 #include <string>
 
@@ -14,21 +12,6 @@ struct Hooks {
     if (progress) progress(what, share);
   }
   bool stopped() const { return stop && stop(); }
-};
-
-/// A progress bar on one line of the terminal; nothing if stderr is not a terminal.
-class ProgressLine {
- public:
-  explicit ProgressLine(bool wanted);
-  ~ProgressLine();
-  ProgressLine(const ProgressLine&) = delete;
-  ProgressLine& operator=(const ProgressLine&) = delete;
-  void update(const std::string& what, double share);
-  void clear();
-
- private:
-  bool shown_, drawn_ = false;
-  std::chrono::steady_clock::time_point last_;
 };
 
 }  // namespace cotwin::master::tuning
