@@ -18,9 +18,11 @@
 #include "master/program/report.h"
 #include "master/program/results_folder.h"
 #include "master/program/run_record.h"
+#include "master/program/waypoints.h"
 #include "master/run/checkpoint.h"
 #include "master/run/identity.h"
 #include "master/run/master.h"
+#include "master/ssp/event_text.h"
 #include "models/robot/history.h"
 #include "models/robot/kernels/kernels.h"
 #include "models/support/atomic_file.h"
@@ -65,7 +67,7 @@ constexpr const char* kPage = "report.html";
 
 struct RunArguments {
   fs::path file, out, resume;
-  std::vector<std::string> set, record, attach, detach;
+  std::vector<std::string> set, record, attach, detach, events, waypoints;
   std::string json;
   std::optional<double> stop;
   bool real_time = false, quiet = false, overwrite = false, report = false;
@@ -93,6 +95,8 @@ std::string options_of(const RunArguments& a) {
   j["record"] = a.record;
   j["attach"] = a.attach;
   j["detach"] = a.detach;
+  j["events"] = a.events;
+  j["waypoints"] = a.waypoints;
   if (a.stop) j["stop"] = *a.stop;
   if (a.coupling) j["coupling"] = text::word_of(*a.coupling, kCouplingWords);
   j["real_time"] = a.real_time;
@@ -112,6 +116,8 @@ void read_options(const std::string& text, const std::string& place, RunArgument
     a.record = j.at("record").get<std::vector<std::string>>();
     a.attach = j.at("attach").get<std::vector<std::string>>();
     a.detach = j.at("detach").get<std::vector<std::string>>();
+    a.events = j.at("events").get<std::vector<std::string>>();
+    a.waypoints = j.at("waypoints").get<std::vector<std::string>>();
     if (j.contains("stop")) a.stop = j["stop"].get<double>();
     if (j.contains("coupling")) a.coupling = text::choose(place, j["coupling"].get<std::string>(), kCouplingWords);
     a.real_time = j.at("real_time").get<bool>();
@@ -150,6 +156,8 @@ void read_clock(const RunArguments& arguments, ClockSpec& clock) {
 Scenario read_scenario(const RunArguments& arguments) {
   Scenario scenario = load_scenario(arguments.file);
   for (const std::string& assignment : arguments.set) assign(scenario, assignment, units());
+  for (const std::string& event : arguments.events) add_event(scenario, event);
+  for (const std::string& points : arguments.waypoints) set_waypoints(scenario, points, !arguments.stop, units());
   for (const std::string& tool : arguments.detach) add_tool_event(scenario, false, tool);
   for (const std::string& tool : arguments.attach) add_tool_event(scenario, true, tool);
   if (arguments.stop) {
@@ -324,7 +332,7 @@ int run_scenario(RunArguments arguments) {
     if (!earlier && arguments.overwrite) {
       for (const char* name : {kSummary, kCheckpoint, kHistory, kPage}) fs::remove(out / name);
     }
-    RunRecord::Given given{out / kRecord, build, hash, arguments.set, {}, {}};
+    RunRecord::Given given{out / kRecord, build, hash, arguments.set, arguments.events, arguments.waypoints, {}, {}};
     if (!master->columns().empty()) given.results = out / "signals.csv";
     if (earlier) given.resumed_at = master->now().seconds();
     record.emplace(std::move(given), *master);
@@ -452,6 +460,20 @@ void add_run(CLI::App& app, Chosen& chosen) {
       ->allow_extra_args(false);
   run_command
       ->add_option(
+          "--waypoints", arguments.waypoints,
+          "Waypoints of the desired joint motion in place of the scenario's: a CSV file (t, q1 …, dwell), or points such as "
+          "'0 0.3 0; 0.5 1 0' in rad and m, with times '0: 0 0.3 0; 2: 0.5 1 0'. The drives begin at the first one. With "
+          "several motions MOTION=FILE; may be repeated")
+      ->type_name("FILE|POINTS")
+      ->allow_extra_args(false);
+  run_command
+      ->add_option("--event", arguments.events,
+                   "Change of a tunable or of an input without a connection, e.g. 't=2 compliance.S_a[1]=500 ramp=10 ms'; in "
+                   "addition to the scenario's events; may be repeated")
+      ->type_name("'t=TIME NAME=VALUE'")
+      ->allow_extra_args(false);
+  run_command
+      ->add_option(
           "--attach", arguments.attach,
           "Mount a tool, e.g. 'gripper,parent=link_7,mass=0.8,com=0 0 0.05,inertia=1e-3 0 0 1e-3 0 1e-3@3'; the items are "
           "those of an attach event (docs/scenario.md); may be repeated")
@@ -542,13 +564,14 @@ void add_run(CLI::App& app, Chosen& chosen) {
   of_fmu.push_back(run_command->add_flag("--set-stop-time", fmu.set_stop_time, "Pass the stop time to the FMU")->group(group));
 
   std::vector<CLI::Option*> of_scenario;
-  for (const char* name : {"--set", "--out", "--record", "--attach", "--detach", "--threads", "--real-time", "--clock",
-                           "--overrun", "--priority", "--cpu", "--coupling", "--checkpoint", "--overwrite", "--report"}) {
+  for (const char* name :
+       {"--set", "--out", "--record", "--waypoints", "--event", "--attach", "--detach", "--threads", "--real-time", "--clock",
+        "--overrun", "--priority", "--cpu", "--coupling", "--checkpoint", "--overwrite", "--report"}) {
     of_scenario.push_back(run_command->get_option(name));
   }
   std::vector<CLI::Option*> decided = of_fmu;
-  for (const char* name : {"FILE", "--stop", "--set", "--out", "--record", "--attach", "--detach", "--real-time", "--clock",
-                           "--overrun", "--priority", "--cpu", "--coupling", "--overwrite"})
+  for (const char* name : {"FILE", "--stop", "--set", "--out", "--record", "--waypoints", "--event", "--attach", "--detach",
+                           "--real-time", "--clock", "--overrun", "--priority", "--cpu", "--coupling", "--overwrite"})
     decided.push_back(run_command->get_option(name));
   run_command->callback([all, of_fmu, of_scenario, decided, &chosen] {
     chosen = [all, of_fmu, of_scenario, decided] {

@@ -170,6 +170,8 @@ RunRecord::RunRecord(Given given, const Master& master) : file_(std::move(given.
   j["clock"] = text::word_of(scenario.clock.kind, kClockWords);
   j["settings"] = scenario.settings;
   j["set"] = given.set;
+  if (!given.events.empty()) j["event"] = given.events;
+  if (!given.waypoints.empty()) j["waypoints"] = given.waypoints;
   j["components"] = components(scenario);
   j["parameters"] = parameters(scenario);
   j["events"] = events(scenario);

@@ -17,10 +17,11 @@ class RunRecord {
   struct Given {
     std::filesystem::path file;  // run.json
     Build build;
-    std::uint64_t scenario = 0;        // hash_of(Scenario)
-    std::vector<std::string> set;      // --set
-    std::filesystem::path results;     // signals.csv; empty if nothing is recorded
-    std::optional<double> resumed_at;  // s
+    std::uint64_t scenario = 0;                  // hash_of(Scenario)
+    std::vector<std::string> set;                // --set
+    std::vector<std::string> events, waypoints;  // --event, --waypoints
+    std::filesystem::path results;               // signals.csv; empty if nothing is recorded
+    std::optional<double> resumed_at;            // s
   };
   /// Writes the file for the initialised master, with the state "running". Throws Error if it cannot be written.
   RunRecord(Given given, const Master& master);

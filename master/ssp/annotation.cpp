@@ -202,10 +202,7 @@ void read_event(const xml::Element& e, const std::filesystem::path& folder, Scen
     scenario.tools.push_back(read_tool(e, folder));
     return;
   }
-  xml::check_attributes(e, {"time", "variable", "value", "ramp"});
-  const Duration ramp{xml::find(e, "ramp") != nullptr ? nanoseconds(e, "ramp", 0) : 0};
-  scenario.events.push_back({Time{nanoseconds(e, "time", -kMaxSeconds)}, variable(e, "variable", scenario, index),
-                             xml::text(e, "value"), ramp, e.place});
+  scenario.events.push_back(read_change(e, scenario, index));
 }
 
 void read_recording(const xml::Element& e, Scenario& scenario) {
@@ -277,6 +274,13 @@ void reject_elsewhere(const xml::Element& element, const std::vector<const xml::
 }
 
 }  // namespace
+
+EventSpec read_change(const xml::Element& e, const Scenario& scenario, const ComponentIndex& index) {
+  xml::check_attributes(e, {"time", "variable", "value", "ramp"});
+  const Duration ramp{xml::find(e, "ramp") != nullptr ? nanoseconds(e, "ramp", 0) : 0};
+  return {Time{nanoseconds(e, "time", -kMaxSeconds)}, variable(e, "variable", scenario, index), xml::text(e, "value"), ramp,
+          e.place};
+}
 
 ToolSpec read_tool(const xml::Element& e, const std::filesystem::path& folder) {
   ToolSpec tool;

@@ -16,6 +16,9 @@ const xml::Element* find_annotation(const xml::Element& document);
 /// components and for values out of range.
 void read_annotation(const xml::Element& annotation, Scenario& scenario);
 
+/// Reads an Event with the attribute `variable`. `index`: of the scenario.
+EventSpec read_change(const xml::Element& event, const Scenario& scenario, const ComponentIndex& index);
+
 /// Reads an Event with the attribute `attach` or `detach`. A tool's relative file is looked up in `folder`.
 ToolSpec read_tool(const xml::Element& event, const std::filesystem::path& folder);
 
