@@ -191,8 +191,11 @@ TEST_F(Page, ShowsMeshesAndLeavesOutWhatIsNone) {
 "buffers":[{"byteLength":36,"uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAAAACAPwAAAAAAAAAAAAAAAAAAgD8AAAAA"}]})");
   folder_.write("arm/bad.stl", "this is no mesh");
   std::string visuals;
+  int at = 0;  // beside each other
   for (const char* name : {"body.stl", "body.obj", "body.dae", "body.gltf", "bad.stl", "none.stl"})
-    visuals += "<visual><geometry><mesh filename='package://arm/" + std::string(name) + "'/></geometry></visual>";
+    visuals += "<visual><origin xyz='0 " + std::to_string(0.4 * at++) + " 0'/><geometry><mesh filename='package://arm/" +
+               std::string(name) + "' scale='" + (std::string(name) == "body.gltf" ? "0.3 0.3 0.3" : "1 1 1") +
+               "'/></geometry></visual>";
   folder_.write(
       "arm/arm.urdf",
       "<robot name='arm'><link name='base'/><link name='a'><inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' "
@@ -204,7 +207,9 @@ TEST_F(Page, ShowsMeshesAndLeavesOutWhatIsNone) {
   const RunResult view = cotwin({"view", "r.csv", "--robot", "arm/arm.urdf"});
   ASSERT_EQ(view.code, 0) << view.err;
   EXPECT_THAT(view.err, HasSubstr("none.stl' not found"));
-  const json shown = {{"file", page("view.html")}, {"remarks", json::array({"none.stl", "bad.stl is left out"})}};
+  // Flat triangles: at least the background, the lines of the ground, and four meshes that are lit from different sides.
+  const json shown = {
+      {"file", page("view.html")}, {"colours", 6}, {"remarks", json::array({"none.stl", "bad.stl is left out"})}};
   check(json::array({shown}));
 }
 

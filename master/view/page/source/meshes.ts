@@ -3,9 +3,9 @@ import type { Mesh } from './format';
 import { unpack_bytes } from './packed';
 import type { Meshes } from './shapes';
 
-/// Marks parts without a material of their own: they get that of the robot.
+/// Marks parts without a material of their own: they get that of the robot. The normals of STL files are often zero.
 function plain(geometry: three.BufferGeometry): three.Object3D {
-  if (geometry.getAttribute('normal') === undefined) geometry.computeVertexNormals();
+  geometry.computeVertexNormals();
   const mesh = new three.Mesh(geometry);
   mesh.userData['plain'] = true;
   return mesh;
@@ -15,6 +15,8 @@ function plain(geometry: three.BufferGeometry): three.Object3D {
 function simplify(object: three.Object3D): three.Object3D {
   object.traverse((part) => {
     if (!(part instanceof three.Mesh)) return;
+    const geometry = part.geometry as three.BufferGeometry;
+    if (geometry.getAttribute('normal') === undefined) geometry.computeVertexNormals();
     const simple = (material: three.Material): three.Material => {
       const colour = (material as three.MeshStandardMaterial).color ?? new three.Color('#c9cdd3');
       return new three.MeshLambertMaterial({ color: colour, transparent: material.transparent, opacity: material.opacity, side: material.side, vertexColors: material.vertexColors });
@@ -75,7 +77,11 @@ async function read(mesh: Mesh, bytes: Uint8Array<ArrayBuffer>): Promise<three.O
     const { ColladaLoader } = await import('three/examples/jsm/loaders/ColladaLoader.js');
     const manager = new three.LoadingManager();
     manager.setURLModifier(() => 'data:,'); // no image is loaded
-    const collada = new ColladaLoader(manager).parse(text().replace(/<library_images>[\s\S]*?<\/library_images>/g, ''), '');
+    // A URDF takes the coordinates as they are, whatever axis the file calls up.
+    const document = text()
+      .replace(/<library_images>[\s\S]*?<\/library_images>/g, '')
+      .replace(/<up_axis>[^<]*<\/up_axis>/g, '');
+    const collada = new ColladaLoader(manager).parse(document, '');
     if (collada === null) throw new Error('it is no COLLADA file');
     return simplify(collada.scene);
   }

@@ -1,7 +1,7 @@
 // check_pages.mjs CHROMIUM PLAN.json [FOLDER]: opens pages in Chromium and compares them with what a plan expects. Writes one line per failure and
 // ends with 1 if there is one. FOLDER: for screenshots. The plan is a list of
 //   { file, size?, dark?, title?, figures?, seeks?: [{ t, figures?: [{ bodies, tip }], bodies?: { name: matrix }, plots?: { name: values } }],
-//     cues?: [ids that have data], lacking?: [ids], remarks?: [texts], keys?: true, themes?: true, zoom?: name of a plot, frames? }
+//     cues?: [ids that have data], lacking?: [ids], remarks?: [texts], colours?: least number in the 3D view, keys?: true, themes?: true, zoom?: name of a plot, frames? }
 import { readFileSync, writeFileSync } from 'node:fs';
 import { join } from 'node:path';
 import { pathToFileURL } from 'node:url';
@@ -156,7 +156,7 @@ for (const [index, page] of plan.entries()) {
     const remarks = await browser.evaluate("document.querySelector('.remarks').textContent");
     for (const text of page.remarks ?? []) check(remarks.includes(text), `the remarks do not say '${text}': ${remarks}`);
     const view = await browser.evaluate(kColours);
-    check(view.colours > 20 && view.background < 0.995 * view.pixels, `the 3D view is empty: ${JSON.stringify(view)}`);
+    check(view.colours >= (page.colours ?? 20) && view.background < 0.995 * view.pixels, `the 3D view is empty: ${JSON.stringify(view)}`);
     if (page.cues !== undefined || page.lacking !== undefined) await switch_cues(browser, page);
     if (page.keys) await press_keys(browser);
     if (page.themes) await change_themes(browser);
