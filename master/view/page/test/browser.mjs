@@ -116,8 +116,8 @@ export class Browser {
     await this.#send('Input.dispatchMouseEvent', { type, x, y, button: type === 'mouseWheel' ? 'none' : button, buttons: type === 'mouseReleased' ? 0 : 1, clickCount: 1, deltaX: 0, deltaY: delta, modifiers: shift ? 8 : 0 });
   }
 
-  async screenshot() {
-    return Buffer.from((await this.#send('Page.captureScreenshot', { format: 'png' })).data, 'base64');
+  async screenshot(format = 'png') {
+    return Buffer.from((await this.#send('Page.captureScreenshot', { format, quality: format === 'png' ? undefined : 80 })).data, 'base64');
   }
 
   async close() {
