@@ -7,6 +7,7 @@
 #include <memory>
 
 #include "master/program/commands.h"
+#include "master/program/progress_line.h"
 #include "master/view/view.h"
 #include "models/support/text.h"
 
@@ -28,8 +29,11 @@ void open_in_browser(const fs::path& page) {
     std::cerr << "cotwin: warning: xdg-open cannot be started; open the page yourself\n";
 }
 
-int view(const ViewOptions& options, bool opens) {
+int view(ViewOptions options, bool opens) {
+  ProgressLine line(true);
+  options.progress = [&](const std::string& what, double share) { line.update(what, share); };
   const ViewSummary summary = write_view(options, units());
+  line.clear();
   for (const std::string& remark : summary.remarks) std::cerr << "cotwin: note: " << remark << '\n';
   std::cout << "page: " << summary.page.string() << " (" << text::to_text(static_cast<double>(summary.bytes) * 1e-6, 2)
             << " MB, " << summary.rows << (summary.rows == 1 ? " row" : " rows") << ", " << summary.columns << " columns, "

@@ -80,7 +80,7 @@ const RecordedSignal* Recorded::find(std::string_view name) const {
   return found == signals.end() ? nullptr : &*found;
 }
 
-Recorded load_recorded(const std::filesystem::path& file) {
+Recorded load_recorded(const std::filesystem::path& file, const std::function<void(double)>& progress) {
   csv::Reader csv(file);
   const std::vector<std::string>& names = csv.names();
   const std::size_t t = time_column(names);
@@ -97,10 +97,16 @@ Recorded load_recorded(const std::filesystem::path& file) {
   recorded.columns.resize(kept.size());
   const std::string name = file.filename().string();
   const bool whole = ends_with_a_line(file);
-  std::size_t bad_times = 0, no_numbers = 0;
+  std::error_code none;
+  const double size = static_cast<double>(std::filesystem::file_size(file, none));
+  std::size_t bad_times = 0, no_numbers = 0, read = 0;  // read: about so many bytes
   std::string first_text;
   try {
     while (csv.next()) {
+      constexpr std::size_t kRowsPerCall = 1000;
+      if (progress && !recorded.time.empty() && recorded.time.size() % kRowsPerCall == 0)
+        progress(std::min(static_cast<double>(read) / std::max(size, 1.0), 1.0));
+      for (std::size_t i = 0; i < names.size(); ++i) read += csv.text(i).size() + 1;
       const std::optional<double> seconds = text::parse_real(csv.text(t));
       const bool valid = seconds && std::abs(*seconds) <= kLatest;
       const std::int64_t ns = valid ? std::llround(*seconds * 1e9) : 0;

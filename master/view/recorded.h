@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -31,7 +32,7 @@ struct Recorded {
 /// Reads a recording (CSV). The time is the column time, t or timestamp, otherwise the first one, in s. Columns x[1], x[2] …, and x1, x2
 /// …, become one signal. Reading ends, with a remark, at a row that has too few or too many cells; so does a last row without a line
 /// end, because a number in it may be cut. Rows whose time is not finite, decreases or is beyond 10⁶ s are left out, with a remark.
-/// Throws Error if the file cannot be opened, has no header or no column besides the time.
-Recorded load_recorded(const std::filesystem::path& file);
+/// Throws Error if the file cannot be opened, has no header or no column besides the time. `progress` gets the share of the file that was read.
+Recorded load_recorded(const std::filesystem::path& file, const std::function<void(double share)>& progress = {});
 
 }  // namespace cotwin::master

@@ -167,10 +167,14 @@ std::string state_of(const Json& record) {
 }
 
 Json table_of(const std::vector<std::int64_t>& time, const std::vector<std::vector<double>>& columns,
-              const std::vector<RecordedSignal>& signals, Packer& packer) {
+              const std::vector<RecordedSignal>& signals, Packer& packer,
+              const std::function<void(double share)>& progress = {}) {
   Json table = {
       {"rows", time.size()}, {"time", packer.add_integers(time)}, {"columns", Json::array()}, {"signals", Json::array()}};
-  for (const std::vector<double>& column : columns) table["columns"].push_back(packer.add_reals(column));
+  for (const std::vector<double>& column : columns) {
+    if (progress) progress(static_cast<double>(table["columns"].size()) / static_cast<double>(columns.size()));
+    table["columns"].push_back(packer.add_reals(column));
+  }
   for (const RecordedSignal& signal : signals)
     table["signals"].push_back(
         {{"name", signal.name}, {"unit", signal.unit}, {"first", signal.first}, {"count", signal.count}});
@@ -237,7 +241,12 @@ ViewSummary write_view(const ViewOptions& options, std::span<const UnitType> typ
   const std::size_t mark = empty.find(kMark);
   if (mark == std::string::npos) throw Error(empty_page().string(), std::string("has no ") + kMark);
   const Results results = find_results(options.results);
-  Recorded recorded = load_recorded(results.recording);
+  const auto progress = [&](const char* what) {
+    return [&options, what](double share) {
+      if (options.progress) options.progress(what, share);
+    };
+  };
+  Recorded recorded = load_recorded(results.recording, progress("reading the recording"));
   name_units(results.record, recorded);
   ViewSummary summary;
   std::vector<std::string>& remarks = summary.remarks;
@@ -264,7 +273,7 @@ ViewSummary write_view(const ViewOptions& options, std::span<const UnitType> typ
   if (!changed.empty()) page["facts"].push_back(Json::array({"scenario now", changed}));
   page["remarks"] = Json::array();
   page["tables"] = Json::array();
-  page["tables"].push_back(table_of(recorded.time, recorded.columns, recorded.signals, packer));
+  page["tables"].push_back(table_of(recorded.time, recorded.columns, recorded.signals, packer, progress("packing")));
   const std::vector<std::size_t> rows = chosen_rows(recorded, kMatricesPerSecond, kMostMatrices);
   CalculatedTable calculated;
   for (const std::size_t row : rows) calculated.time.push_back(recorded.time[row]);

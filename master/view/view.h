@@ -19,6 +19,8 @@ struct ViewOptions {
   std::vector<std::string> plots;  // signals to plot at the beginning; empty: chosen
   /// The folders with robots and scenes for a scenario in this folder, which may be empty.
   std::function<std::vector<std::filesystem::path>(const std::filesystem::path&)> model_folders;
+  /// Gets what is done at present, and the share of it that is done.
+  std::function<void(const std::string& what, double share)> progress;
 };
 
 struct ViewSummary {
