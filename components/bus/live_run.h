@@ -55,14 +55,27 @@ enum class RunPhase : std::uint8_t { kRunning, kPaused, kEnded };
 inline constexpr std::pair<const char*, RunPhase> kRunPhaseWords[] = {
     {"running", RunPhase::kRunning}, {"paused", RunPhase::kPaused}, {"ended", RunPhase::kEnded}};
 
+class LiveRun;
+
+/// How a browser shows a run, for whoever serves it. Its functions are called on threads of the servers, also at the same time.
+class RunPage {
+ public:
+  virtual ~RunPage() = default;
+  /// The HTML page. It has nothing of the run in it and asks its own origin for everything else.
+  virtual const std::string& html() const = 0;
+  /// What is shown of this run, as JSON. May take as long as reading the robots' files.
+  virtual std::string content(const LiveRun& run) = 0;
+};
+
 /// What does not change during the run.
 struct RunFacts {
   std::string scenario;
   Time start, stop;
   Duration tick;
-  std::int64_t ticks = 0;  // until the stop time
-  std::string clock;       // "free", "wall", "arrivals", "locked"
-  std::string unpausable;  // why the run cannot pause; empty: it can
+  std::int64_t ticks = 0;              // until the stop time
+  std::string clock;                   // "free", "wall", "arrivals", "locked"
+  std::string unpausable;              // why the run cannot pause; empty: it can
+  std::shared_ptr<RunPage> page = {};  // nullptr: none
 };
 
 /// Where the run is.
@@ -284,6 +297,8 @@ class RunObserver {
  public:
   virtual ~RunObserver() = default;
   virtual void observe(std::shared_ptr<LiveRun> run) = 0;
+  /// Where clients reach an observer that is a server, "http://127.0.0.1:8080"; empty: it is none, or is not started.
+  virtual std::string url() const { return {}; }
 };
 
 }  // namespace cotwin::bus

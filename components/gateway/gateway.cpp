@@ -239,6 +239,8 @@ void Gateway::write_outputs() {
   streams_ = since(c.streams, 0);
 }
 
+std::string Gateway::url() const { return running_ ? running_->server->url() : ""; }
+
 void Gateway::tell(std::vector<std::string>& sentences) const {
   run_side_.tell(sentences);
   if (requests_ == 0) return;

@@ -25,6 +25,7 @@ class Gateway final : public Unit, public bus::RunObserver {
   void initialise(Time start) override;
   StepResult step(Time now, Duration h) override;
   void observe(std::shared_ptr<bus::LiveRun> run) override { run_side_.observe(std::move(run)); }
+  std::string url() const override;
   void tell(std::vector<std::string>& sentences) const override;
   /// Stops the server; jobs that run go back to the queue.
   void end() noexcept override;

@@ -45,7 +45,8 @@ std::vector<bus::RunObserver*> LiveLoop::observers(std::span<const Member> membe
   return all;
 }
 
-LiveLoop::LiveLoop(const Scenario& scenario, std::span<const Member> members, Engine& engine, std::string unpausable)
+LiveLoop::LiveLoop(const Scenario& scenario, std::span<const Member> members, Engine& engine, std::string unpausable,
+                   std::shared_ptr<bus::RunPage> page)
     : engine_(engine) {
   std::vector<bus::LiveSignal> signals;
   for (const Member& member : members) {
@@ -71,9 +72,9 @@ LiveLoop::LiveLoop(const Scenario& scenario, std::span<const Member> members, En
           v.storage);
     }
   }
-  bus::RunFacts facts{scenario.name,        scenario.start,          engine.schedule.stop(),
-                      scenario.tick,        engine.schedule.ticks(), text::word_of(scenario.clock.kind, kClockWords),
-                      std::move(unpausable)};
+  bus::RunFacts facts{scenario.name,         scenario.start,          engine.schedule.stop(),
+                      scenario.tick,         engine.schedule.ticks(), text::word_of(scenario.clock.kind, kClockWords),
+                      std::move(unpausable), std::move(page)};
   run_ = std::make_shared<LiveRun>(std::move(facts), std::move(signals));
   copied_.resize(LiveRun::kMaxWatched);
   record_.resize(kHeader + LiveRun::kMaxWatched);

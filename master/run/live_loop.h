@@ -44,8 +44,9 @@ class LiveLoop {
   /// The observers among the members; empty: the run needs no LiveLoop.
   static std::vector<bus::RunObserver*> observers(std::span<const Member> members);
 
-  /// Call after the engine's initialise. `unpausable`: see bus::RunFacts.
-  LiveLoop(const Scenario& scenario, std::span<const Member> members, Engine& engine, std::string unpausable);
+  /// Call after the engine's initialise. `unpausable`, `page`: see bus::RunFacts.
+  LiveLoop(const Scenario& scenario, std::span<const Member> members, Engine& engine, std::string unpausable,
+           std::shared_ptr<bus::RunPage> page = nullptr);
   ~LiveLoop();
   LiveLoop(const LiveLoop&) = delete;
   LiveLoop& operator=(const LiveLoop&) = delete;

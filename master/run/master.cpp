@@ -153,6 +153,7 @@ class Master::Loop {
   std::function<void(const std::vector<std::string>&)> waiting_;
   std::function<void(RunState)> state_taker_;  // empty unless a state was asked for
   bus::RunObserver* observer_ = nullptr;
+  std::shared_ptr<bus::RunPage> page_;
   std::unique_ptr<LiveLoop> live_;  // nullptr: nobody observes the run
   bool saves_anywhere_ = true;      // saving a unit does not change its later steps
   std::string unsavable_;
@@ -185,7 +186,8 @@ Master::Loop::Loop(Scenario scenario, MasterOptions options)
       before_results_(std::move(options.before_results)),
       resume_(std::move(options.resume)),
       waiting_(std::move(options.waiting)),
-      observer_(options.observer) {
+      observer_(options.observer),
+      page_(std::move(options.page)) {
   const std::string place = scenario_.file.filename().string();
   if (scenario_.decimation < 1) fail(place, "decimation " + std::to_string(scenario_.decimation) + ", expected >= 1 ticks");
   if (!options.results.empty() && !columns_.empty()) recording_ = options.results / "signals.csv";
@@ -242,7 +244,7 @@ void Master::Loop::begin_observation() {
         std::ranges::find_if(members_, [](const Member& m) { return m.instance.unit->tick_source() != nullptr; });
     if (connected != members_.end()) unpausable = "'" + connected->name() + "' is connected to a robot or bus, which goes on";
   }
-  live_ = std::make_unique<LiveLoop>(scenario_, members_, engine_, std::move(unpausable));
+  live_ = std::make_unique<LiveLoop>(scenario_, members_, engine_, std::move(unpausable), page_);
 }
 
 /// Requests to an observed run. Returns false if the tick must not begin.

@@ -50,6 +50,8 @@ struct MasterOptions {
   std::function<void(const std::vector<std::string>&)> waiting{};
   /// Watches and influences the run, beside the units that do (bus::RunObserver). May be nullptr; used by initialise().
   bus::RunObserver* observer = nullptr;
+  /// How a browser shows the run, for observers that serve it. May be nullptr.
+  std::shared_ptr<bus::RunPage> page = nullptr;
 };
 
 /// Elements of an output whose values at the end are in the summary.

@@ -27,20 +27,20 @@ using testing::within_patience;
 /// A run of y = gain · u and z = ∫y on a thread, with a server that shows it.
 class Subject {
  public:
-  explicit Subject(bool observed = true, double seconds = 1e6) {
+  explicit Subject(bool observed = true, double seconds = 1e6, std::shared_ptr<bus::RunPage> page = nullptr) {
     live.add_routes(router);
     http::ServerOptions options;
     options.addresses = {"127.0.0.1"};
     options.authority.hosts = {"localhost"};
     server.emplace(std::move(options), router);
-    if (observed) begin(seconds);
+    if (observed) begin(seconds, std::move(page));
   }
   ~Subject() {
     stop();
     live.end();
     server->stop();
   }
-  void begin(double seconds) {
+  void begin(double seconds, std::shared_ptr<bus::RunPage> page = nullptr) {
     testing::Build b;
     b.unit("g", "gain?n=3").with("u", 1.0).unit("i", "integrator", 1).unit("m", "mixed").unit("p", "probe");
     b.unit("robot", "gain?n=7").until(seconds);
@@ -53,6 +53,7 @@ class Subject {
     master::MasterOptions master_options;
     master_options.types = testing::test_types();
     master_options.observer = &observer;
+    master_options.page = std::move(page);
     master.emplace(b.scenario, std::move(master_options));
     master->initialise();
     loop = std::thread([this] {
@@ -100,12 +101,55 @@ TEST(GatewayLive, RefusesAsLongAsThereIsNoRun) {
   EXPECT_EQ(s.call("GET", "/run/stream?names=g.y").status, 503);
 }
 
+/// A page that counts how often its content is made.
+struct TestPage final : bus::RunPage {
+  const std::string& html() const override { return text; }
+  std::string content(const bus::LiveRun& run) override {
+    ++made;
+    return Json{{"format", 1}, {"name", run.facts().scenario}}.dump();
+  }
+  const std::string text = "<!doctype html><title>page</title>";
+  std::atomic<int> made = 0;
+};
+
+TEST(GatewayLive, AnswersAtItsRootWhatItHasWhereNoRunHasAPage) {
+  for (const bool observed : {false, true}) {
+    Subject s(observed);
+    const HttpReply reply = s.call("GET", "/");
+    EXPECT_EQ(reply.status, 200);
+    EXPECT_EQ(reply.field("Content-Type"), "text/html; charset=utf-8");
+    EXPECT_THAT(reply.body, HasSubstr("no run to show"));
+    EXPECT_THAT(reply.body, HasSubstr("href=\"openapi.json\""));
+    EXPECT_THAT(reply.body, ::testing::Not(HasSubstr("<script")));
+    const HttpReply content = s.call("GET", "/run/page");
+    EXPECT_EQ(content.status, observed ? 404 : 503);
+    EXPECT_EQ(content.field("Content-Type"), "application/problem+json");
+  }
+}
+
+TEST(GatewayLive, ServesThePageOfTheRunAndItsContent) {
+  const auto page = std::make_shared<TestPage>();
+  Subject s(true, 1e6, page);
+  const HttpReply reply = s.call("GET", "/");
+  EXPECT_EQ(reply.status, 200);
+  EXPECT_EQ(reply.body, page->text);
+  EXPECT_EQ(reply.field("Content-Security-Policy"), "frame-ancestors 'none'");
+  EXPECT_EQ(page->made, 0);  // only for those who ask for it
+  EXPECT_EQ(s.get("/run/page")["name"], "test");
+  EXPECT_EQ(page->made, 1);
+  EXPECT_EQ(s.call("POST", "/").status, 405);
+  EXPECT_EQ(http_call(s.server->port(), "GET", "/", "", "Origin: http://evil.example\r\n").status, 403);
+  s.stop();
+  EXPECT_EQ(s.get("/run/page")["name"], "test");  // also after the end
+}
+
 TEST(GatewayLive, ShowsStateSignalsAndValues) {
   Subject s;
   const Json run = s.get("/run");
   EXPECT_EQ(run["phase"], "running");
   EXPECT_EQ(run["scenario"], "test");
   EXPECT_EQ(run["can_pause"], true);
+  EXPECT_EQ(run["commands"], true);
   EXPECT_EQ(run["tick_s"], 0.001);
   const Json signals = s.get("/run/signals?component=g")["signals"];
   ASSERT_EQ(signals.size(), 4u);

@@ -21,6 +21,7 @@ MOVE = {"robot": "lwr4", "from_q_rad": [0, -0.9, 0, 1.2, 0, 0.6, 0], "to_q_rad":
 SEARCH = {"service": "optimise", **MOVE, "T_min_s": 2.0, "degree": 7, "cost": "torque", "particles": 16, "rounds": 5, "refine": False}
 LONG = {**SEARCH, "particles": 2000, "rounds": 100000}
 JSON, PROBLEM, EVENTS = "application/json", "application/problem+json", "text/event-stream"
+HTML = "text/html"
 TIMEOUT = 120  # s
 
 # Statuses that the document names and this program does not bring about: overload, jobs whose workers die, a run that has ended (the
@@ -129,7 +130,7 @@ class Gateway:
         expect((given in content) if content else not text, place, status, "is of type", given, "expected", list(content))
         if not content or given == EVENTS or given not in content:
             return None
-        value = json.loads(text)
+        value = text if given == HTML else json.loads(text)
         flaw = self.flaw(content[given]["schema"], value)
         expect(flaw is None, place, status, "has an answer that its schema does not admit:", flaw, text[:300])
         if given == PROBLEM:
@@ -290,7 +291,7 @@ def wrong_calls(gateway, parts):
             body = b"{}" if takes else None
             gateway.call(method, path, 400, part, {"nonsense": "1"}, body)
             if "406" in operation["responses"]:
-                gateway.call(method, path, 406, part, body=body, fields={"Accept": "text/html"})
+                gateway.call(method, path, 406, part, body=body, fields={"Accept": "image/png"})
             if not takes:
                 gateway.call(method, path, 415, part, body=b"{}")
                 continue
@@ -315,7 +316,7 @@ def order(request, job=None, **more):
 
 
 def check_services(g):
-    for path in ("/health", "/robots", "/work-masters", "/openapi.json", "/run", "/run/signals"):
+    for path in ("/", "/health", "/robots", "/work-masters", "/openapi.json", "/run", "/run/signals"):
         value, _ = g.call("GET", path, 200)
         status, _, text = g.send("HEAD", path)
         expect(status == 200 and not text, "HEAD", path, status, text)
@@ -440,7 +441,14 @@ def check_jobs(g):
     g.call("POST", "/results/find", 422, body={k: v for k, v in SEARCH.items() if k != "service"})
 
 
+def has_page(g):
+    """Whether the program was built with node, which makes the page of a run."""
+    return g.send("GET", "/run/page")[0] == 200
+
+
 def check_run(g):
+    if has_page(g):
+        g.call("GET", "/run/page", 200)
     g.call("GET", "/run/signals", 200, query={"component": "drive"})
     g.call("GET", "/run/values", 200, query={"names": "drive.q,drive.B[2],gateway.requests"})
     g.call("GET", "/run/values", 400)
@@ -496,6 +504,7 @@ def check_access(g, parts):
                 g.call(method, path, 401, part, body=body, fields={"Authorization": authorization})
             if operation["x-scope"] == "operate":
                 g.call(method, path, 403, part, body=body, fields={"Authorization": "Bearer " + READ})
+    g.call("GET", "/run/page", 404)
     g.call("POST", "/services/{name}", 403, {"name": "optimise"}, body=SEARCH, fields={"Authorization": "Bearer " + READ}, well_formed=True)
     g.call("POST", "/run/commands", 403, body={"command": "stop"}, well_formed=True)
     g.call("PUT", "/run/tunables/{name}", 403, {"name": "gateway.open"}, body={"value": 1}, well_formed=True)
@@ -533,6 +542,8 @@ def main():
             named = {int(status) for status in operation["responses"] if status != "default"} - ELSEWHERE
             if place in AFTER_THE_RUN:
                 named.discard(409)
+            if path == "/run/page" and not has_page(run):
+                continue
             seen = run.covered.get(place, set()) | tokens.covered.get(place, set())
             expect(named <= seen, *place, "never gave", sorted(named - seen))
             expect(any(isinstance(s, int) and s < 400 for s in seen), *place, "was never answered well")

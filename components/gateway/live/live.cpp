@@ -209,6 +209,31 @@ double number_in_query(const Request& request, const char* name, double fallback
   return value;
 }
 
+/// What `/` answers where no run has a page.
+constexpr const char* kIndex = R"(<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<link rel="icon" href="data:,">
+<title>Cotwin gateway</title>
+</head>
+<body>
+<h1>Cotwin gateway</h1>
+<p>This gateway answers programs. It has no run to show here: a scenario that runs with <code>cotwin run --view</code> has a page,
+and so has one with a gateway, if Cotwin was built with nodejs and npm.</p>
+<ul>
+<li><a href="openapi.json">openapi.json</a>: all that can be asked, as OpenAPI 3.1</li>
+<li><a href="health">health</a>: version</li>
+<li><a href="work-masters">work-masters</a>: the services</li>
+<li><a href="robots">robots</a></li>
+<li><a href="run">run</a>: state of the run that this gateway is in</li>
+</ul>
+</body>
+</html>
+)";
+
 Response give(std::string body) {
   Response response;
   response.body = std::move(body) + "\n";
@@ -291,6 +316,7 @@ std::string Live::state() const {
   j["can_pause"] = f.unpausable.empty();
   if (!f.unpausable.empty()) j["why_not"] = f.unpausable;
   j["signals"] = r->signals().size();
+  j["commands"] = commands_.load();
   return j.dump();
 }
 
@@ -380,8 +406,47 @@ std::string Live::ask(const RunRequest& request) const {
       .dump();
 }
 
+/// The page of the run, or one that names what there is.
+Response Live::front() const {
+  const std::shared_ptr<LiveRun> r = find_run();
+  Response response;
+  response.type = "text/html; charset=utf-8";
+  response.body = r && r->facts().page ? r->facts().page->html() : kIndex;
+  response.fields = {{"Content-Security-Policy", "frame-ancestors 'none'"}, {"Referrer-Policy", "no-referrer"}};
+  return response;
+}
+
+void Live::add_page_routes(http::Router& router) {
+  http::Route page;
+  page.method = "GET";
+  page.pattern = "/";
+  page.id = "getPage";
+  page.summary = "The run in a browser, or what this gateway has";
+  page.scope = http::Scope::kNone;
+  page.gives = "text/html";
+  page.answers = {{200, "Html", "The page, without anything of the run", "text/html"}};
+  router.add(page, [this](const Request&) { return front(); });
+
+  http::Route content;
+  content.method = "GET";
+  content.pattern = "/run/page";
+  content.id = "getPageContent";
+  content.summary = "What the page shows of the run: robots, scene, events";
+  content.tag = "run";
+  content.answers = {{200, "PageContent", "It, in the form that the page of this version reads"},
+                     http::problem_answer(404, "This gateway has no page of its run"),
+                     http::problem_answer(503, "The run has not begun")};
+  content.slow = true;  // it reads files
+  router.add(content, [this](const Request&) {
+    const std::shared_ptr<LiveRun> r = run();
+    if (!r->facts().page) refuse(404, "this run has no page: the program that runs it gives none, or was built without one");
+    return give(r->facts().page->content(*r));
+  });
+}
+
 void Live::add_routes(http::Router& router) {
   add_schemas(router);
+  add_page_routes(router);
   const auto route = [](const char* method, const char* pattern, const char* id, const char* summary, const char* schema) {
     http::Route r;
     r.method = method;

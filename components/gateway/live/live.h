@@ -57,7 +57,7 @@ class Live {
   /// Waits up to two seconds for the loop. Refuses with status 403 where commands are not permitted.
   std::string ask(const RunRequest& request) const;
 
-  /// GET /run, /run/signals, /run/values, /run/stream; PUT /run/tunables/{name}; POST /run/commands. The table of routes ends before this.
+  /// GET / and /run/page, if the run has a page; GET /run, /run/signals, /run/values, /run/stream; PUT /run/tunables/{name}; POST /run/commands. The table of routes ends before this.
   void add_routes(http::Router& router);
 
   /// Replaces the members "from": "run" and "from_signal" of a request to a service by the member `name` (default: "from_q_rad"), the
@@ -67,6 +67,8 @@ class Live {
 
  private:
   static void add_schemas(http::Router& router);
+  void add_page_routes(http::Router& router);
+  http::Response front() const;
   void must_permit_commands() const;
   void begin(const std::shared_ptr<http::Stream>& to, const StreamOrder& order);
   std::shared_ptr<Shares::Share> take_elements(const std::string& party, std::size_t elements) const;

@@ -4,6 +4,10 @@
 namespace cotwin::gateway::live {
 
 void Live::add_schemas(http::Router& router) {
+  router.add_schema("Html", R"({"type": "string", "description": "HTML"})");
+  router.add_schema("PageContent", R"({
+    "type": "object", "description": "For the page of the same version only",
+    "properties": {"format": {"type": "integer"}, "name": {"type": "string"}}, "required": ["format", "name"]})");
   router.add_schema("RunPhase", R"({"enum": ["running", "paused", "ended"]})");
   router.add_schema("RunPosition", R"({
     "type": "object",
@@ -21,8 +25,9 @@ void Live::add_schemas(http::Router& router) {
       "scenario": {"type": "string"}, "start_s": {"type": "number"}, "stop_s": {"type": "number"}, "tick_s": {"type": "number"},
       "ticks": {"type": "integer", "description": "Until the stop time"},
       "clock": {"enum": ["free", "wall", "arrivals", "locked"]},
-      "can_pause": {"type": "boolean"}, "why_not": {"type": "string"}, "signals": {"type": "integer"}},
-    "required": ["phase", "tick", "time_s", "changes", "scenario", "start_s", "stop_s", "tick_s", "ticks", "clock", "can_pause", "signals"],
+      "can_pause": {"type": "boolean"}, "why_not": {"type": "string"}, "signals": {"type": "integer"},
+      "commands": {"type": "boolean", "description": "Whether this gateway takes commands to the run and sets its values"}},
+    "required": ["phase", "tick", "time_s", "changes", "scenario", "start_s", "stop_s", "tick_s", "ticks", "clock", "can_pause", "signals", "commands"],
     "additionalProperties": false})");
   router.add_schema("Element",
                     R"({"type": ["number", "boolean", "null"], "description": "null: a number that is not finite"})");
