@@ -76,6 +76,7 @@ class Writer {
   Json visual_json(const scene::Visual& visual);
   std::optional<std::size_t> mesh(const fs::path& file);
   Json figure_json(const StagedRobot& robot, std::size_t index);
+  void add_live_matrices(Json& json, const StagedRobot& robot, std::size_t index) const;
   Json tau_e_json(const StagedRobot& robot) const;
   std::string add_matrix(const std::string& name, const MatrixOverTime& matrix, const char* unit);
   /// The controller of a robot whose stiffness is shown, as a function of the row; `lacks` says what must be recorded.
@@ -238,6 +239,18 @@ Json Writer::robot_json(const StagedModel& staged) {
   return json;
 }
 
+/// Masses (kg), centres of mass (m) and inertias about them (xx, xy, xz, yy, yz, zz, kg m²) of the bodies, in their axes.
+Json inertias_json(const robot::RobotModel& robot) {
+  Json all = Json::array();
+  for (const robot::Body& body : robot.bodies) {
+    const Eigen::Matrix3d& I = body.inertia.I_CC;
+    all.push_back({{"mass", body.inertia.mass},
+                   {"com", vector_json(body.inertia.p_LC)},
+                   {"inertia", {I(0, 0), I(0, 1), I(0, 2), I(1, 1), I(1, 2), I(2, 2)}}});
+  }
+  return all;
+}
+
 std::string Writer::add_matrix(const std::string& name, const MatrixOverTime& matrix, const char* unit) {
   calculated_.signals.push_back({name, unit, calculated_.columns.size(), matrix.size()});
   for (const std::vector<double>& column : matrix) calculated_.columns.push_back(column);
@@ -303,6 +316,34 @@ Json Writer::tau_e_json(const StagedRobot& robot) const {
   return {{"signals", Json::array()}, {"lacks", "record " + wanted}};
 }
 
+/// Names of the matrices that the page calculates, and the signal that has the stiffness.
+void Writer::add_live_matrices(Json& json, const StagedRobot& robot, std::size_t index) const {
+  const robot::RobotModel& model = *stage_.models[robot.model].model;
+  const bool has_masses = std::ranges::all_of(model.bodies, [](const robot::Body& body) { return body.inertia.mass > 0; });
+  const std::string of = "figure " + std::to_string(index);
+  json["mobility"] = has_masses && !robot.tracks.empty() ? of + " mobility" : "";
+  json["velocity"] = robot.tracks.empty() ? "" : of + " velocity";
+  json["stiffness"] = {{"signals", Json::array()},
+                       {"lacks", "the robot has no controller with a stiffness; a component of unit:compliance has one"}};
+  for (const std::string& component : robot.components) {
+    const auto spec = std::ranges::find(content_.scenario->components, component, &ComponentSpec::name);
+    if (spec == content_.scenario->components.end() || !is_unit(*spec) || !has_setting(spec->source, "render", content_.types))
+      continue;
+    for (const char* name : {".S_a", ".S_T"}) {
+      const RecordedSignal* found = recorded_.find(component + name);
+      const bool joints = std::string_view(name) == ".S_a";
+      if (found == nullptr ||
+          (joints ? found->count != static_cast<std::size_t>(model.n()) : found->count != 3 && found->count != 9))
+        continue;
+      const UnitSource source = parse_unit_source(spec->source);
+      Settings settings(source.unit, source.query, settings_for(*content_.scenario, component), content_.folders);
+      json["stiffness"] = {{"signals", Json::array({of + " stiffness"})}, {"lacks", ""}};
+      json["controller"] = {
+          {"signal", component + name}, {"joints", joints}, {"in_tool", settings.given("axes").value_or("world") != "world"}};
+    }
+  }
+}
+
 Json Writer::figure_json(const StagedRobot& robot, std::size_t index) {
   static constexpr const char* kRoles[] = {"main", "desired", "compliant", "other"};
   Json json = {{"name", robot.name}, {"robot", robot.model}};
@@ -315,6 +356,10 @@ Json Writer::figure_json(const StagedRobot& robot, std::size_t index) {
   for (const StagedTrack& track : robot.tracks)
     json["tracks"].push_back({{"role", kRoles[static_cast<std::size_t>(track.role)]}, {"signal", track.signal}});
   json["tau_e"] = tau_e_json(robot);
+  if (content_.live) {
+    add_live_matrices(json, robot, index);
+    return json;
+  }
   std::string lacks;
   const auto compliant = stiffness_of(robot, lacks);
   std::string mobility, velocity;
@@ -392,7 +437,10 @@ Json Writer::energy_json() const {
 Json Writer::write() {
   Json json;
   json["robots"] = Json::array();
-  for (const StagedModel& model : stage_.models) json["robots"].push_back(robot_json(model));
+  for (const StagedModel& model : stage_.models) {
+    json["robots"].push_back(robot_json(model));
+    if (content_.live) json["robots"].back()["inertias"] = inertias_json(*model.model);
+  }
   json["figures"] = Json::array();
   for (std::size_t i = 0; i < stage_.robots.size(); ++i) json["figures"].push_back(figure_json(stage_.robots[i], i));
   json["bodies"] = Json::array();

@@ -27,6 +27,7 @@ struct StageContent {
   const Scenario* scenario;  // nullptr: none
   std::span<const UnitType> types;
   const std::vector<std::filesystem::path>& folders;
+  bool live = false;  // the page calculates the ellipsoids from the masses and the signals; `rows` is empty
 };
 
 /// The parts of the page's data (page/source/format.ts) that show the stage: robots, figures, bodies, meshes, contacts, forces, energy, and what

@@ -181,7 +181,7 @@ Json table_of(const std::vector<std::int64_t>& time, const std::vector<std::vect
   return table;
 }
 
-/// Plots at the beginning: what the scenario reports, otherwise the first signals.
+/// Plots at the beginning: those of the options, otherwise the first ones.
 Json plots_of(const ViewOptions& options, const std::optional<Scenario>& scenario, const Recorded& recorded) {
   constexpr std::size_t kMost = 3;
   std::vector<std::string> names;
@@ -198,14 +198,7 @@ Json plots_of(const ViewOptions& options, const std::optional<Scenario>& scenari
     add(name, recorded.signals.size());
   }
   if (!names.empty()) return names;
-  if (scenario) {
-    for (const ComparisonSpec& comparison : scenario->comparisons) add(comparison.a, kMost);
-    for (const ReportSpec& report : scenario->reports) add(report.a, kMost);
-  }
-  for (const RecordedSignal& signal : recorded.signals) {
-    if (signal.count > 1) add(signal.name, kMost);
-  }
-  for (const RecordedSignal& signal : recorded.signals) add(signal.name, kMost);
+  for (const std::string& name : first_plots(scenario ? &*scenario : nullptr, recorded)) add(name, kMost);
   return names;
 }
 
@@ -225,6 +218,19 @@ std::string for_script(const Json& json) {
 }
 
 }  // namespace
+
+std::vector<std::string> first_plots(const Scenario* scenario, const Recorded& recorded) {
+  std::vector<std::string> names;
+  if (scenario != nullptr) {
+    for (const ComparisonSpec& comparison : scenario->comparisons) names.push_back(comparison.a);
+    for (const ReportSpec& report : scenario->reports) names.push_back(report.a);
+  }
+  for (const RecordedSignal& signal : recorded.signals) {
+    if (signal.count > 1) names.push_back(signal.name);
+  }
+  for (const RecordedSignal& signal : recorded.signals) names.push_back(signal.name);
+  return names;
+}
 
 fs::path empty_page() {
   const fs::path page = installation() / "share/cotwin/view/view.html";

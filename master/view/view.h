@@ -7,6 +7,8 @@
 #include <vector>
 
 #include "components/unit/unit_table.h"
+#include "master/ssp/scenario.h"
+#include "master/view/recorded.h"
 
 /// `cotwin view`: results as one HTML page that needs nothing else: robots, scene and contacts in 3D over time, with plots beside.
 namespace cotwin::master {
@@ -31,6 +33,10 @@ struct ViewSummary {
 
 /// The page without a recording, as the build made it from master/view/page. Throws Error if this build has none.
 std::filesystem::path empty_page();
+
+/// The signals to plot at the beginning: those that the scenario compares or reports, then vectors of the recording, then others. Some may not
+/// be recorded. `scenario`: nullptr: none.
+std::vector<std::string> first_plots(const Scenario* scenario, const Recorded& recorded);
 
 /// Writes the page. Throws Error for results that cannot be read or a page that cannot be written.
 ViewSummary write_view(const ViewOptions& options, std::span<const UnitType> types);
