@@ -4,6 +4,7 @@ import { element, short } from './dom';
 import type { FigureView, Shown } from './figures';
 import type { PageData } from './format';
 import { reach_of } from './kinematics';
+import type { Matrices } from './matrices';
 import { between, type Place, type Recording } from './recording';
 import { principal_of, quadratic } from './symmetric';
 
@@ -11,8 +12,8 @@ import { principal_of, quadratic } from './symmetric';
 export interface Scenery {
   data: PageData;
   recording: Recording;
-  /// The calculated table; undefined if there is none.
-  calculated: Recording | undefined;
+  /// What is calculated beside the signals; undefined if there is nothing.
+  calculated: Matrices | undefined;
   figures: FigureView[];
   scene: three.Scene;
 }
@@ -29,6 +30,8 @@ export interface Cue {
   readonly calculates: string[];
   /// Called once, when the signals are there.
   build(): void;
+  /// Chooses sizes again, and what follows from the whole recording: called now and then while the recording grows.
+  refresh?(): void;
   show(on: boolean): void;
   /// Moves everything to the place in the recording at time t. Returns lines for people.
   update(place: Place, t: number): string[];
@@ -87,11 +90,6 @@ class Ellipsoid {
   }
 }
 
-/// Values of six columns at a place: a symmetric matrix.
-function matrix_at(table: Recording, name: string, place: Place): number[] | undefined {
-  return table.values(name)?.map((column) => between(column, place));
-}
-
 /// The value that 95 % of the numbers do not exceed; 1 if there is none above 0.
 export function usual_largest(values: Iterable<number>): number {
   const sorted = [...values].filter((x) => Number.isFinite(x) && x > 0).sort((a, b) => a - b);
@@ -145,15 +143,23 @@ class Trails implements Cue {
     this.lacks = s.figures.some((figure) => figure.figure.tracks.length > 0) ? '' : 'record the joint positions of a robot, for example drive.q';
   }
   build(): void {
+    this.draw(3000);
+    this.s.scene.add(this.group);
+  }
+  refresh(): void {
+    for (const line of this.group.children) (line as three.Line).geometry.dispose();
+    this.group.clear();
+    this.draw(600);
+  }
+  private draw(most: number): void {
     for (const figure of this.s.figures) {
       for (const shown of [figure.main, ...figure.ghosts] as Shown[]) {
-        const points = figure.trail(shown, this.s.recording, 3000);
+        const points = figure.trail(shown, this.s.recording, most);
         if (points.some((x) => !Number.isFinite(x))) continue;
         const geometry = new three.BufferGeometry().setAttribute('position', new three.BufferAttribute(points, 3));
         this.group.add(new three.Line(geometry, new three.LineBasicMaterial({ color: kRoles[shown.track.role] })));
       }
     }
-    this.s.scene.add(this.group);
   }
   show(on: boolean): void {
     this.group.visible = on;
@@ -184,7 +190,6 @@ class Forces implements Cue {
     this.needs = sources.flatMap((source) => [source.p, source.f]);
   }
   build(): void {
-    const magnitudes: number[] = [];
     for (const source of this.sources) {
       const p = this.s.recording.values(source.p);
       const f = this.s.recording.values(source.f);
@@ -193,6 +198,16 @@ class Forces implements Cue {
         const arrow = new Arrow(this.colour, 0.012 * this.size);
         this.arrows.push({ arrow, p: source.p, f: source.f, k, figure: source.figure });
         this.group.add(arrow.group);
+      }
+    }
+    this.refresh();
+    this.s.scene.add(this.group);
+  }
+  refresh(): void {
+    const magnitudes: number[] = [];
+    for (const source of this.sources) {
+      const f = this.s.recording.values(source.f);
+      for (let k = 0; f !== undefined && 3 * k + 2 < f.length; ++k) {
         const stride = Math.max(1, Math.floor(this.s.recording.rows / 5000));
         for (let i = 0; i < this.s.recording.rows; i += stride) magnitudes.push(Math.hypot(f[3 * k]![i]!, f[3 * k + 1]![i]!, f[3 * k + 2]![i]!));
       }
@@ -201,7 +216,6 @@ class Forces implements Cue {
     this.scale = (0.35 * this.size) / newtons;
     const unit = round_down(newtons);
     this.text = `${short(unit)} N: ${short(unit * this.scale)} m`;
-    this.s.scene.add(this.group);
   }
   show(on: boolean): void {
     this.group.visible = on;
@@ -249,13 +263,9 @@ class Torques implements Cue {
   }
   build(): void {
     const material = new three.MeshLambertMaterial({ color: this.colour, side: three.DoubleSide });
-    const magnitudes: number[] = [];
     for (const figure of this.s.figures) {
       const name = figure.figure.tau_e.signals[0];
-      const columns = name === undefined ? undefined : this.s.recording.values(name);
-      if (columns === undefined) continue;
-      const stride = Math.max(1, Math.floor(this.s.recording.rows / 5000));
-      for (const column of columns) for (let i = 0; i < column.length; i += stride) magnitudes.push(Math.abs(column[i]!));
+      if (name === undefined || this.s.recording.values(name) === undefined) continue;
       for (let joint = 0; joint < figure.robot.n; ++joint) {
         const ring = new three.Mesh(new three.BufferGeometry(), material);
         ring.matrixAutoUpdate = false;
@@ -263,8 +273,17 @@ class Torques implements Cue {
         this.group.add(ring);
       }
     }
-    this.largest = usual_largest(magnitudes);
+    this.refresh();
     this.s.scene.add(this.group);
+  }
+  refresh(): void {
+    const magnitudes: number[] = [];
+    for (const figure of this.s.figures) {
+      const columns = this.s.recording.values(figure.figure.tau_e.signals[0] ?? '') ?? [];
+      const stride = Math.max(1, Math.floor(this.s.recording.rows / 5000));
+      for (const column of columns) for (let i = 0; i < this.s.recording.rows; i += stride) magnitudes.push(Math.abs(column[i]!));
+    }
+    this.largest = usual_largest(magnitudes);
   }
   show(on: boolean): void {
     this.group.visible = on;
@@ -315,18 +334,20 @@ class EffectiveMass implements Cue {
   }
   build(): void {
     for (const figure of this.s.figures) {
-      const columns = this.s.calculated?.values(figure.figure.mobility);
-      if (columns === undefined) continue;
+      if (figure.figure.mobility === '') continue;
       const reach = reach_of(figure.robot);
-      const masses: number[] = [];
-      const stride = Math.max(1, Math.floor(columns[0]!.length / 500));
-      for (let i = 0; i < columns[0]!.length; i += stride) masses.push(1 / principal_of(columns.map((column) => column[i]!)).values[1]);
-      const scale = (0.16 * reach) / usual_largest(masses);
-      const part = { figure, ellipsoid: new Ellipsoid(this.colour), arrow: new Arrow(this.colour, 0.012 * reach), direction: new three.Vector3(0, 0, 1), scale, cap: 0.5 * reach };
+      const part = { figure, ellipsoid: new Ellipsoid(this.colour), arrow: new Arrow(this.colour, 0.012 * reach), direction: new three.Vector3(0, 0, 1), scale: 1, cap: 0.5 * reach };
       this.parts.push(part);
       this.group.add(part.ellipsoid.group, part.arrow.group);
     }
+    this.refresh();
     this.s.scene.add(this.group);
+  }
+  refresh(): void {
+    for (const part of this.parts) {
+      const masses = this.s.calculated!.some(part.figure.figure.mobility, 500).map((matrix) => 1 / principal_of(matrix).values[1]);
+      part.scale = (0.16 * reach_of(part.figure.robot)) / usual_largest(masses);
+    }
   }
   show(on: boolean): void {
     this.group.visible = on;
@@ -334,8 +355,8 @@ class EffectiveMass implements Cue {
   update(place: Place, t: number): string[] {
     return this.parts.flatMap((part) => {
       const { figure, scale, cap } = part;
-      const table = this.s.calculated!;
-      const mobility = matrix_at(table, figure.figure.mobility, table.place(t))!;
+      const mobility = this.s.calculated!.at(figure.figure.mobility, t);
+      if (mobility === undefined) return [];
       const { values, axes } = principal_of(mobility);
       const centre = new three.Vector3().setFromMatrixPosition(figure.frame(figure.robot.tip));
       part.ellipsoid.set(centre, figure.base, axes, values.map((value) => Math.min(cap, scale / Math.max(value, 1e-12))));
@@ -386,7 +407,7 @@ class Manipulability implements Cue {
   }
   build(): void {
     for (const figure of this.s.figures) {
-      if (this.s.calculated?.values(figure.figure.velocity) === undefined) continue;
+      if (figure.figure.velocity === '') continue;
       const part = { figure, ellipsoid: new Ellipsoid(this.colour), scale: 0.22 };
       this.parts.push(part);
       this.group.add(part.ellipsoid.group);
@@ -398,8 +419,9 @@ class Manipulability implements Cue {
   }
   update(_: Place, t: number): string[] {
     return this.parts.flatMap(({ figure, ellipsoid, scale }) => {
-      const table = this.s.calculated!;
-      const { values, axes } = principal_of(matrix_at(table, figure.figure.velocity, table.place(t))!);
+      const velocity = this.s.calculated!.at(figure.figure.velocity, t);
+      if (velocity === undefined) return [];
+      const { values, axes } = principal_of(velocity);
       const lengths = values.map((value) => Math.sqrt(Math.max(0, value)));
       ellipsoid.set(new three.Vector3().setFromMatrixPosition(figure.frame(figure.robot.tip)), figure.base, axes, lengths.map((length) => length * scale));
       return [`${several(this.s.figures, figure)}volume ${short(lengths[0]! * lengths[1]! * lengths[2]!)} m³/s³, half-axes ${lengths.map(short).join('  ')} m/s`, `1 m/s: ${scale} m`];
@@ -424,25 +446,28 @@ class Stiffness implements Cue {
   }
   build(): void {
     for (const figure of this.s.figures) {
-      const columns = this.s.calculated?.values(figure.figure.stiffness.signals[0] ?? '');
-      if (columns === undefined) continue;
-      const reach = reach_of(figure.robot);
-      const middle: number[] = [];
-      const stride = Math.max(1, Math.floor(columns[0]!.length / 500));
-      for (let i = 0; i < columns[0]!.length; i += stride) middle.push(principal_of(columns.map((column) => column[i]!)).values[1]);
-      const part = { figure, ellipsoid: new Ellipsoid(this.colour), scale: (0.16 * reach) / usual_largest(middle), cap: 0.5 * reach };
+      if (figure.figure.stiffness.signals.length === 0) continue;
+      const part = { figure, ellipsoid: new Ellipsoid(this.colour), scale: 1, cap: 0.5 * reach_of(figure.robot) };
       this.parts.push(part);
       this.group.add(part.ellipsoid.group);
     }
+    this.refresh();
     this.s.scene.add(this.group);
+  }
+  refresh(): void {
+    for (const part of this.parts) {
+      const middle = this.s.calculated!.some(part.figure.figure.stiffness.signals[0]!, 500).map((matrix) => principal_of(matrix).values[1]);
+      part.scale = (0.16 * reach_of(part.figure.robot)) / usual_largest(middle);
+    }
   }
   show(on: boolean): void {
     this.group.visible = on;
   }
   update(_: Place, t: number): string[] {
     return this.parts.flatMap(({ figure, ellipsoid, scale, cap }) => {
-      const table = this.s.calculated!;
-      const { values, axes } = principal_of(matrix_at(table, figure.figure.stiffness.signals[0]!, table.place(t))!);
+      const stiffness = this.s.calculated!.at(figure.figure.stiffness.signals[0]!, t);
+      if (stiffness === undefined) return [];
+      const { values, axes } = principal_of(stiffness);
       ellipsoid.set(new three.Vector3().setFromMatrixPosition(figure.frame(figure.robot.tip)), figure.base, axes, values.map((value) => Math.min(cap, scale * Math.max(value, 0))));
       const unit = round_down((0.16 * reach_of(figure.robot)) / scale);
       return [`${several(this.s.figures, figure)}${values.map(short).join('  ')} N/m`, `${short(unit)} N/m: ${short(unit * scale)} m`];
@@ -535,7 +560,13 @@ class Energy implements Cue {
       bar.box.title = term.signal;
       this.bars.push({ signal: term.signal, kind: term.kind, bar });
       this.content.append(bar.box);
-      for (const x of this.s.recording.values(term.signal)?.[0] ?? []) if (Number.isFinite(x)) this.largest = Math.max(this.largest, Math.abs(x));
+    }
+    this.refresh();
+  }
+  refresh(): void {
+    for (const term of this.s.data.energy) {
+      const column = this.s.recording.values(term.signal)?.[0];
+      for (let i = 0; i < this.s.recording.rows; ++i) if (Number.isFinite(column?.[i])) this.largest = Math.max(this.largest, Math.abs(column![i]!));
     }
   }
   show(on: boolean): void {

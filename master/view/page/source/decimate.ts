@@ -4,7 +4,12 @@ export class Extremes {
   private readonly low: Float32Array[] = [];
   private readonly high: Float32Array[] = [];
 
-  constructor(private readonly values: Float32Array) {
+  /// `grows`: the numbers change later, so that nothing is kept of blocks.
+  constructor(
+    private readonly values: Float32Array,
+    grows = false,
+  ) {
+    if (grows) return;
     let low: Float32Array = values;
     let high: Float32Array = values;
     while (low.length > Extremes.kBlock) {

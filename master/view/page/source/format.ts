@@ -93,6 +93,8 @@ export interface Robot {
   /// Of the base, then of each body: what the URDF shows, and the shapes that touch others.
   visuals: Visual[][];
   solids: Visual[][];
+  /// Of the bodies, in their axes; only where the page calculates with them. kg, m, kg m²; inertia: about the centre of mass, xx xy xz yy yz zz.
+  inertias?: { mass: number; com: Vector; inertia: number[] }[];
 }
 
 /// What moves a figure: a signal with n elements.
@@ -122,6 +124,8 @@ export interface Figure {
   velocity: string;
   /// Stiffness of the tip in the base, in the same order.
   stiffness: Source;
+  /// Of a live page: where the stiffness comes from: joints (N m/rad, n) or the diagonal of a frame's (N/m, 3 or 9 with all elements).
+  controller?: { signal: string; joints: boolean; in_tool: boolean };
 }
 
 export interface Body extends Pose {
@@ -152,6 +156,15 @@ export interface EnergyTerm {
   label: string;
 }
 
+/// A change of values that the scenario plans.
+export interface PlannedEvent {
+  time_s: number;
+  name: string;
+  values: number[];
+  ramp_s: number;
+}
+
+/// `tables`: the recording and what was calculated from it. A live page has none; it has events, and its packed numbers beside the rest.
 export interface PageData {
   format: number;
   name: string;
@@ -169,4 +182,6 @@ export interface PageData {
   energy: EnergyTerm[];
   energy_lacks: string;
   plots: string[];
+  events?: PlannedEvent[];
+  numbers?: string;
 }

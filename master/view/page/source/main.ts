@@ -1,11 +1,15 @@
 import 'uplot/dist/uPlot.min.css';
 import './style.css';
 import * as three from 'three';
+import { Connection, Refused, type LiveSignal, type RunFacts } from './connection';
+import { Controls } from './controls';
 import { cues_of, type Cue } from './cues';
 import { button, element } from './dom';
 import { BodyView, FigureView, needed_signals } from './figures';
 import type { PageData, Visual } from './format';
 import { reach_of } from './kinematics';
+import { LiveRecording } from './live_recording';
+import { LiveMatrices, RecordedMatrices, type Matrices } from './matrices';
 import { load_meshes } from './meshes';
 import { unpack } from './packed';
 import { Player } from './player';
@@ -24,6 +28,21 @@ const kKeys: [string, string][] = [
   ['?', 'this page'],
 ];
 
+const kLiveKeys: [string, string][] = [
+  ['p', 'pause or resume the run'],
+  ['.', 'make some ticks of the run, then pause'],
+];
+const kRefresh = 500; // ms between two choices of sizes while a run goes on
+const kRedraw = 50; // ms between two drawings of the plots meanwhile
+const kStill = 400; // ms without a new row, after which the picture rests
+
+/// A run that goes on.
+interface Live {
+  connection: Connection;
+  controls: Controls;
+  recording: LiveRecording;
+}
+
 /// The text of a script element that holds data.
 function content_of(id: string): string {
   return document.getElementById(id)?.textContent ?? '';
@@ -31,9 +50,7 @@ function content_of(id: string): string {
 
 class Page {
   private readonly app = document.getElementById('app')!;
-  private readonly recording: Recording;
-  private readonly calculated: Recording | undefined;
-  private readonly numbers = content_of('cotwin-numbers');
+  private calculated: Matrices | undefined;
   private player = new Player(0, 0);
   private range = new TimeWindow(0, 0);
   private stage!: Stage;
@@ -47,6 +64,10 @@ class Page {
   private dirty = true;
   private last = 0;
   private readonly frames: number[] = [];
+  private taken = 0;
+  private grown = -Infinity;
+  private refreshed = 0;
+  private redrawn = 0;
 
   private readonly canvas = element('canvas', { tabindex: '0', 'aria-label': '3D view: drag to turn, right button to move, wheel to come closer' });
   private readonly play = button('▶', 'play or stop (Space)', () => this.toggle());
@@ -56,22 +77,33 @@ class Page {
   private readonly plot_list = element('div', {});
   private readonly remarks = element('ul', { class: 'remarks' });
   private readonly help = element('dialog', {});
+  private readonly state = element('span', { class: 'state', role: 'status' });
+  private readonly now = button('live', 'show the newest time (End)', () => this.follow());
 
-  constructor(private readonly data: PageData) {
-    this.recording = new Recording(data.tables[0]!, this.numbers);
-    this.calculated = data.tables[1] === undefined ? undefined : new Recording(data.tables[1], this.numbers);
-  }
+  /// `numbers`: packed, base64. `live`: undefined for a recording.
+  constructor(
+    private readonly data: PageData,
+    private readonly recording: Recording,
+    private readonly numbers: string,
+    private readonly live?: Live,
+  ) {}
 
   async open(): Promise<void> {
-    const { data } = this;
-    document.title = `${data.name} · cotwin view`;
-    await Promise.all([this.recording.open(), this.calculated?.open(), ...needed_signals(data).map((name) => this.recording.load(name))]);
+    const { data, live } = this;
+    document.title = `${data.name} · cotwin ${live === undefined ? 'view' : 'live'}`;
+    const table = data.tables[1];
+    const calculated = table === undefined ? undefined : new Recording(table, this.numbers);
+    if (calculated !== undefined) this.calculated = new RecordedMatrices(calculated);
+    const needed = needed_signals(data);
+    // The time alone is worth a stream, too.
+    const first = live !== undefined && needed.length === 0 ? this.recording.table.signals.slice(0, 1).map((signal) => signal.name) : needed;
+    await Promise.all([this.recording.open(), calculated?.open(), ...first.map((name) => this.recording.load(name).catch((error: unknown) => this.remark(String(error))))]);
     const { time, rows } = this.recording;
-    this.player = new Player(rows > 0 ? time[0]! : 0, rows > 0 ? time[rows - 1]! : 0);
+    this.player = new Player(rows > 0 ? time[0]! : 0, rows > 0 ? time[rows - 1]! : 0, live !== undefined);
     this.range = new TimeWindow(this.player.begin, this.player.end);
     this.lay_out();
     for (const remark of data.remarks) this.remark(remark);
-    if (rows === 0) this.remark('the recording has no rows: only the start is shown');
+    if (rows === 0 && live === undefined) this.remark('the recording has no rows: only the start is shown');
     const plotted = data.plots.map((name) => this.add_plot(name));
     try {
       await this.set_the_stage();
@@ -79,6 +111,7 @@ class Page {
       this.remark(`no 3D view: ${error instanceof Error ? error.message : String(error)}`);
     }
     await Promise.all(plotted);
+    if (live !== undefined) this.watch(live);
     this.listen();
     this.update();
     requestAnimationFrame((now) => this.frame(now));
@@ -108,8 +141,26 @@ class Page {
     return n < 2 ? 0 : ((n - 1) * 1000) / (this.frames[n - 1]! - this.frames[0]!);
   }
 
+  /// Shows what the connection tells.
+  private watch({ connection, controls }: Live): void {
+    const words = { connecting: 'connecting', open: 'live', lost: 'no connection, trying again', ended: 'the run has ended; the page keeps what it has' };
+    const show = (): void => {
+      const phase = connection.state?.phase;
+      this.state.textContent = connection.link === 'open' && phase === 'paused' ? 'paused' : words[connection.link];
+      this.state.dataset['link'] = connection.link;
+      controls.update();
+    };
+    connection.on_change = show;
+    connection.on_other_run = () => location.reload();
+    show();
+  }
+  private follow(): void {
+    this.player.follow();
+    this.update();
+  }
+
   private lay_out(): void {
-    const { data } = this;
+    const { data, live } = this;
     const facts = element('table', {}, ...data.facts.map(([name, value]) => element('tr', {}, element('td', {}, name), element('td', {}, value))));
     const keys = element('table', {});
     const close = button('close', 'close', () => this.help.close());
@@ -129,26 +180,31 @@ class Page {
     this.slider.min = String(this.player.begin);
     this.slider.max = String(this.player.end);
     this.slider.addEventListener('input', () => this.seek(Number(this.slider.value)));
-    const panel = element('details', { class: 'cues', open: '' }, element('summary', {}, 'Cues'));
+    const panel = element('details', { class: 'panel', open: '' }, element('summary', {}, 'Cues'));
     panel.id = 'cues';
+    const side = element('div', { class: 'cues' }, panel);
+    if (live !== undefined) side.append(live.controls.values, live.controls.events);
+    else this.now.hidden = true;
+    this.state.textContent = data.state;
     this.app.append(
       element(
         'div',
         { class: 'top' },
         element('h1', {}, data.name),
-        element('span', { class: 'state' }, data.state),
+        this.state,
+        ...(live === undefined ? [] : [live.controls.bar]),
         element('span', { class: 'space' }),
         button('view all', 'put everything into view (0)', () => this.view_all()),
         button('dark / light', 'dark or light (d)', () => this.change_theme()),
         button('?', 'keys and facts (?)', () => this.help.showModal()),
       ),
-      panel,
+      side,
       element('div', { class: 'stage' }, this.canvas, this.remarks),
       element('aside', { class: 'side' }, element('div', { class: 'add' }, add), this.plot_list),
-      element('div', { class: 'line' }, this.play, this.speed, this.slider, this.clock),
+      element('div', { class: 'line' }, this.play, this.speed, this.slider, this.clock, this.now),
       this.help,
     );
-    for (const [key, what] of kKeys) keys.append(element('tr', {}, element('td', {}, key), element('td', {}, what)));
+    for (const [key, what] of live === undefined ? kKeys : [...kKeys, ...kLiveKeys]) keys.append(element('tr', {}, element('td', {}, key), element('td', {}, what)));
     keys.id = 'keys';
   }
 
@@ -181,7 +237,9 @@ class Page {
   }
 
   private add_cues(): void {
-    const { data, recording, calculated, figures } = this;
+    const { data, recording, figures } = this;
+    if (this.live !== undefined) this.calculated = new LiveMatrices(recording, figures);
+    const calculated = this.calculated;
     const size = Math.max(0.3, ...figures.map((view) => reach_of(view.robot)));
     this.cues = cues_of({ data, recording, calculated, figures, scene: this.stage.scene }, figures.length > 0 ? size : 1);
     const panel = document.getElementById('cues')!;
@@ -210,7 +268,11 @@ class Page {
     entry.box.checked = on;
     if (on && !this.built.has(cue.id)) {
       this.built.add(cue.id);
-      await Promise.all([...cue.needs.map((name) => this.recording.load(name)), ...cue.calculates.map((name) => this.calculated!.load(name))]);
+      try {
+        await Promise.all([...cue.needs.map((name) => this.recording.load(name)), ...cue.calculates.map((name) => this.calculated!.load(name))]);
+      } catch (error) {
+        this.remark(error instanceof Error ? error.message : String(error));
+      }
       cue.build();
     }
     if (on) this.shown.add(cue.id);
@@ -225,7 +287,12 @@ class Page {
     if (signal === undefined || this.plots.some((plot) => plot.name === name)) return;
     const slot = element('div', {});
     this.plot_list.append(slot);
-    await this.recording.load(name);
+    try {
+      await this.recording.load(name);
+    } catch (error) {
+      slot.remove();
+      return this.remark(error instanceof Error ? error.message : String(error));
+    }
     const plot = new Plot(
       name,
       signal.unit,
@@ -284,14 +351,16 @@ class Page {
 
   private update(): void {
     this.dirty = true;
-    this.play.textContent = this.player.playing ? '❚❚' : '▶';
+    this.play.textContent = this.player.playing || this.player.following ? '❚❚' : '▶';
+    this.now.setAttribute('aria-pressed', String(this.player.following));
     this.speed.value = String(this.player.speed);
   }
 
   private frame(now: number): void {
     const elapsed = Math.min(0.25, Math.max(0, now - this.last) / 1000);
     this.last = now;
-    const was_playing = this.player.playing;
+    if (this.live !== undefined) this.grow(this.live, now);
+    const was_playing = this.player.playing || (this.player.following && now - this.grown < kStill);
     if (this.player.advance(elapsed)) {
       this.dirty = true;
       this.frames.push(now);
@@ -306,15 +375,40 @@ class Page {
     requestAnimationFrame((next) => this.frame(next));
   }
 
+  /// Takes the rows that came since the last frame.
+  private grow({ recording }: Live, now: number): void {
+    if (recording.taken === this.taken || recording.rows === 0) return;
+    this.taken = recording.taken;
+    this.grown = now;
+    const [begin, end] = [recording.time[0]!, recording.time[recording.rows - 1]!];
+    const was_following = this.player.following;
+    this.player.grow(begin, end);
+    this.range.grow(begin, end, was_following);
+    this.slider.min = String(begin);
+    this.slider.max = String(end);
+    this.dirty = true;
+    if (was_following) {
+      this.frames.push(now);
+      if (this.frames.length > 60) this.frames.shift();
+    }
+    if (now - this.refreshed < kRefresh) return;
+    this.refreshed = now;
+    for (const cue of this.cues) if (this.shown.has(cue.id)) cue.refresh?.();
+  }
+
   /// Brings everything to the present time.
   private show(): void {
-    const t = this.player.time;
+    const { time: t, end, following } = this.player;
     this.slider.value = String(t);
-    this.clock.textContent = `${t.toFixed(3)} / ${this.player.end.toFixed(3)} s`;
+    this.clock.textContent = this.live === undefined ? `${t.toFixed(3)} / ${end.toFixed(3)} s` : following ? `${t.toFixed(3)} s` : `${t.toFixed(3)} s, ${(end - t).toFixed(1)} s ago`;
     const { from, to } = this.range;
     this.range.reveal(t);
-    if (from !== this.range.from || to !== this.range.to) for (const plot of this.plots) plot.draw();
-    for (const plot of this.plots) plot.follow(t);
+    const is_due = this.live === undefined ? from !== this.range.from || to !== this.range.to : this.last - this.redrawn >= kRedraw;
+    if (is_due) {
+      this.redrawn = this.last;
+      for (const plot of this.plots) plot.draw();
+    }
+    if (is_due || this.live === undefined || !following) for (const plot of this.plots) plot.follow(t);
     if (this.stage === undefined) return;
     const place = this.recording.place(t);
     for (const view of this.figures) view.place(place);
@@ -333,6 +427,11 @@ class Page {
       if (target instanceof HTMLSelectElement) return;
       if (target instanceof HTMLButtonElement && (event.key === ' ' || event.key === 'Enter')) return;
       if (target instanceof HTMLInputElement && target.type === 'checkbox' && event.key === ' ') return;
+      // Texts and numbers are written, and the sliders of values move, with keys that would do something else.
+      if (target instanceof HTMLInputElement && target !== this.slider) {
+        if (['number', 'search'].includes(target.type)) return;
+        if (target.type === 'range' && /^(Arrow|Home|End|Page)/.test(event.key)) return;
+      }
       if (this.key(event.key, event.shiftKey)) event.preventDefault();
     });
   }
@@ -362,6 +461,10 @@ class Page {
       d: () => this.change_theme(),
       '?': () => this.help.showModal(),
     };
+    if (this.live !== undefined) {
+      const { controls } = this.live;
+      Object.assign(actions, { p: () => controls.toggle_pause(), '.': () => controls.make_steps(), End: () => this.follow() });
+    }
     const action = actions[key];
     if (action !== undefined) {
       action();
@@ -380,11 +483,61 @@ function fail(text: string): void {
   document.getElementById('app')!.replaceChildren(element('p', { class: 'failure' }, text));
 }
 
+/// Asks for a token until the gateway takes it.
+async function content_with_token(connection: Connection): Promise<PageData> {
+  for (let is_first = true; ; is_first = false) {
+    try {
+      return await connection.ask<PageData>('GET', 'run/page');
+    } catch (error) {
+      if (!(error instanceof Refused) || error.status !== 401) throw error;
+    }
+    const field = element('input', { type: 'password', autocomplete: 'off', 'aria-label': 'token' });
+    const form = element('form', { class: 'failure' }, element('p', {}, is_first ? 'This gateway expects a token.' : 'The gateway does not take this token.'), field, element('button', {}, 'open'));
+    document.getElementById('app')!.replaceChildren(form);
+    field.focus();
+    await new Promise<void>((resolve) => {
+      form.addEventListener('submit', (event) => {
+        event.preventDefault();
+        resolve();
+      });
+    });
+    connection.use_token(field.value.trim());
+    form.remove();
+  }
+}
+
+/// The page of the run of the gateway that the page came from.
+async function live_page(): Promise<Page> {
+  const connection = new Connection();
+  const data = await content_with_token(connection);
+  const [facts, { signals }] = await Promise.all([connection.ask<RunFacts>('GET', 'run'), connection.ask<{ signals: LiveSignal[] }>('GET', 'run/signals')]);
+  let first = 0;
+  const watched = signals
+    .filter((signal) => signal.watchable && signal.size > 0)
+    .map((signal) => {
+      const entry = { name: signal.name, unit: signal.unit ?? '', first, count: signal.size };
+      first += signal.size;
+      return entry;
+    });
+  const recording = new LiveRecording(watched);
+  recording.ordered = (names) => connection.order(names);
+  connection.on_sample = (sample) => recording.take(sample);
+  connection.state = facts;
+  return new Page(data, recording, data.numbers ?? '', { connection, recording, controls: new Controls(connection, facts, signals, data.events ?? []) });
+}
+
+function recorded_page(text: string): Page {
+  const data = JSON.parse(text) as PageData;
+  const numbers = content_of('cotwin-numbers');
+  return new Page(data, new Recording(data.tables[0]!, numbers), numbers);
+}
+
 async function start(): Promise<void> {
   const text = content_of('cotwin-data');
-  if (text === '') return fail('This page has no recording in it. `cotwin view RESULTS` writes one that has.');
+  const is_live = document.getElementById('cotwin-live') !== null;
+  if (text === '' && !is_live) return fail('This page has no recording in it. `cotwin view RESULTS` writes one that has.');
   if (typeof DecompressionStream === 'undefined') return fail('This browser cannot unpack the recording: it has no DecompressionStream. Browsers of 2023 and later have it.');
-  const page = new Page(JSON.parse(text) as PageData);
+  const page = is_live ? await live_page() : recorded_page(text);
   await page.open();
   Object.assign(window, { cotwin: page });
   document.documentElement.dataset['ready'] = 'true';

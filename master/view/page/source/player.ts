@@ -4,22 +4,47 @@ export class Player {
 
   playing = false;
   speed = 1;
+  /// The newest time of a recording that grows is shown.
+  following = false;
   private t: number;
 
+  /// `grows`: the recording gets longer while it is shown.
   constructor(
-    readonly begin: number,
-    readonly end: number,
+    public begin: number,
+    public end: number,
+    readonly grows = false,
   ) {
     this.t = begin;
+    this.following = grows;
+  }
+
+  /// The recording has the times from `begin` to `end` now.
+  grow(begin: number, end: number): void {
+    this.begin = begin;
+    this.end = end;
+    this.t = this.following ? end : Math.max(this.t, begin);
+  }
+  /// Shows the newest time from now on.
+  follow(): void {
+    this.playing = false;
+    this.following = true;
+    this.t = this.end;
   }
 
   get time(): number {
     return this.t;
   }
   seek(t: number): void {
-    if (!Number.isNaN(t)) this.t = Math.min(Math.max(t, this.begin), this.end);
+    if (Number.isNaN(t)) return;
+    this.t = Math.min(Math.max(t, this.begin), this.end);
+    this.following = this.grows && t >= this.end;
+    if (this.following) this.playing = false;
   }
   toggle(): void {
+    if (this.following) {
+      this.following = false;
+      return;
+    }
     if (!this.playing && this.t >= this.end) this.t = this.begin;
     this.playing = !this.playing && this.end > this.begin;
   }
@@ -31,7 +56,7 @@ export class Player {
   }
   /// `elapsed`: seconds since the last call. Stops at the end. Returns whether the time has changed.
   advance(elapsed: number): boolean {
-    if (!this.playing) return false;
+    if (!this.playing || this.following) return false;
     this.seek(this.t + elapsed * this.speed);
     if (this.t >= this.end) this.playing = false;
     return true;

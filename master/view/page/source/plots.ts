@@ -7,16 +7,27 @@ import { last_not_above, type Recording } from './recording';
 /// The range of times that all plots show.
 export class TimeWindow {
   constructor(
-    readonly begin: number,
-    readonly end: number,
+    public begin: number,
+    public end: number,
     public from = begin,
     public to = end,
   ) {}
+
+  /// Of a recording that grows: how much is shown while the page follows it, s.
+  private span = 10;
+  /// The recording has the times from `begin` to `end` now. `follows`: the newest ones are shown.
+  grow(begin: number, end: number, follows: boolean): void {
+    this.begin = begin;
+    this.end = end;
+    const length = follows ? Math.min(this.span, end - begin) : this.to - this.from;
+    this.show(follows ? end - length : this.from, length);
+  }
 
   /// Factor below 1: closer. The time `at` stays where it is.
   zoom(factor: number, at: number): void {
     const length = Math.min(Math.max((this.to - this.from) * factor, (this.end - this.begin) * 1e-6), this.end - this.begin);
     const share = this.to > this.from ? (at - this.from) / (this.to - this.from) : 0.5;
+    this.span = length;
     this.show(at - share * length, length);
   }
   move(by: number): void {
@@ -25,6 +36,7 @@ export class TimeWindow {
   all(): void {
     this.from = this.begin;
     this.to = this.end;
+    this.span = Infinity;
   }
   /// Moves the window so that it has the time t in it.
   reveal(t: number): void {
@@ -56,7 +68,7 @@ export class Plot {
     private readonly changed: () => void,
     close: () => void,
   ) {
-    this.extremes = columns.map((column) => new Extremes(column));
+    this.extremes = columns.map((column) => new Extremes(column, recording.grows));
     this.shown = columns.map(() => true);
     const legend = element('div', { class: 'legend' });
     columns.forEach((_, i) => {
@@ -121,8 +133,8 @@ export class Plot {
     if (this.chart === undefined) return;
     const { time, rows } = this.recording;
     if (rows === 0) return;
-    const begin = Math.max(0, last_not_above(time, this.range.from) - 1);
-    const end = Math.min(rows, last_not_above(time, this.range.to) + 2);
+    const begin = Math.max(0, last_not_above(time, this.range.from, rows) - 1);
+    const end = Math.min(rows, last_not_above(time, this.range.to, rows) + 2);
     const drawn = decimate(time, this.extremes, this.columns, begin, end, Math.max(50, Math.floor(this.chart.bbox.width / devicePixelRatio)));
     this.chart.batch(() => {
       this.chart!.setData([drawn.t, ...drawn.values] as uPlot.AlignedData, false);

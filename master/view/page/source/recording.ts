@@ -1,10 +1,10 @@
 import type { Signal, Table } from './format';
 import { unpack } from './packed';
 
-/// Index of the last element that is not above x; 0 if all are. `sorted` has at least one element.
-export function last_not_above(sorted: ArrayLike<number>, x: number): number {
+/// Index of the last of the first `count` elements that is not above x; 0 if all are. There is at least one element.
+export function last_not_above(sorted: ArrayLike<number>, x: number, count = sorted.length): number {
   let low = 0;
-  let high = sorted.length - 1;
+  let high = count - 1;
   while (low < high) {
     const middle = (low + high + 1) >> 1;
     if (sorted[middle]! <= x) low = middle;
@@ -39,6 +39,10 @@ export class Recording {
     this.time = Float64Array.from(ns, (t) => t / 1e9);
   }
 
+  /// Whether rows are added.
+  get grows(): boolean {
+    return false;
+  }
   get rows(): number {
     return this.table.rows;
   }
@@ -83,7 +87,7 @@ export class Recording {
   }
   place(t: number): Place {
     if (this.rows === 0) return { row: 0, next: 0, share: 0 };
-    const row = last_not_above(this.time, t);
+    const row = last_not_above(this.time, t, this.rows);
     const next = Math.min(row + 1, this.rows - 1);
     const length = this.time[next]! - this.time[row]!;
     const share = length > 0 ? Math.min(Math.max((t - this.time[row]!) / length, 0), 1) : 0;

@@ -2,5 +2,6 @@
 import { spawnSync } from 'node:child_process';
 import { build } from 'esbuild';
 
-await build({ entryPoints: ['test/page.test.ts'], bundle: true, platform: 'node', format: 'esm', target: 'node18', outfile: 'built/page.test.mjs', logLevel: 'warning' });
-process.exit(spawnSync(process.execPath, ['--test', 'built/page.test.mjs'], { stdio: 'inherit' }).status ?? 1);
+const names = ['page', 'live'];
+await build({ entryPoints: names.map((name) => `test/${name}.test.ts`), bundle: true, platform: 'node', format: 'esm', target: 'node18', outdir: 'built', outExtension: { '.js': '.mjs' }, loader: { '.css': 'empty' }, logLevel: 'warning' });
+process.exit(spawnSync(process.execPath, ['--test', ...names.map((name) => `built/${name}.test.mjs`)], { stdio: 'inherit' }).status ?? 1);
