@@ -11,6 +11,7 @@
 #include <sstream>
 #include <thread>
 
+#include "master/program/browser.h"
 #include "master/program/commands.h"
 #include "master/program/fmu_run.h"
 #include "master/program/interrupt.h"
@@ -18,11 +19,13 @@
 #include "master/program/report.h"
 #include "master/program/results_folder.h"
 #include "master/program/run_record.h"
+#include "master/program/view_server.h"
 #include "master/program/waypoints.h"
 #include "master/run/checkpoint.h"
 #include "master/run/identity.h"
 #include "master/run/master.h"
 #include "master/ssp/event_text.h"
+#include "master/view/live_page.h"
 #include "models/robot/history.h"
 #include "models/robot/kernels/kernels.h"
 #include "models/support/atomic_file.h"
@@ -64,6 +67,7 @@ constexpr const char* kSummary = "summary.json";
 constexpr const char* kCheckpoint = "run.checkpoint";
 constexpr const char* kHistory = "history.json";
 constexpr const char* kPage = "report.html";
+constexpr const char* kAnyPort = "auto";
 
 struct RunArguments {
   fs::path file, out, resume;
@@ -74,10 +78,12 @@ struct RunArguments {
   std::string clock, cpus;  // empty: the scenario's
   std::optional<OverrunPolicy> overrun;
   std::optional<int> priority;
+  std::string view;        // --view: a port, or kAnyPort; empty: not given
   double checkpoint = 10;  // s of wall time; 0: none
   std::optional<int> threads;
   std::optional<CouplingChoice> coupling;
   FmuRunOptions fmu;              // for a single FMU
+  bool plain = false;             // gateways of the scenario show no page of the run
   std::function<void()> started;  // empty: nothing
 };
 
@@ -104,6 +110,7 @@ std::string options_of(const RunArguments& a) {
   if (!a.cpus.empty()) j["cpu"] = a.cpus;
   if (a.overrun) j["overrun"] = text::word_of(*a.overrun, kOverrunWords);
   if (a.priority) j["priority"] = *a.priority;
+  if (!a.view.empty()) j["view"] = a.view;
   return j.dump();
 }
 
@@ -125,6 +132,7 @@ void read_options(const std::string& text, const std::string& place, RunArgument
     a.cpus = j.value("cpu", "");
     if (j.contains("overrun")) a.overrun = text::choose(place, j["overrun"].get<std::string>(), kOverrunWords);
     if (j.contains("priority")) a.priority = j["priority"].get<int>();
+    a.view = j.value("view", "");
   } catch (const nlohmann::json::exception&) {
     throw Error(place, "is damaged: its options cannot be read");
   }
@@ -135,6 +143,9 @@ void read_clock(const RunArguments& arguments, ClockSpec& clock) {
     throw Error("--real-time", "given with --clock " + arguments.clock + ", expected one of the two");
   if (arguments.real_time) choose_clock(clock, "wall");
   if (!arguments.clock.empty()) choose_clock(clock, arguments.clock);
+  // A free-running clock would end most scenarios before a browser is open.
+  const bool shown = !arguments.view.empty() && arguments.clock.empty();
+  if (shown && clock.kind == ClockKind::kFree) choose_clock(clock, "wall");
   const auto needs_deadlines = [&](const char* option, bool given) {
     if (given && clock.kind == ClockKind::kFree)
       throw Error(option, "does not apply to a free-running clock, expected also --clock wall, arrivals or locked");
@@ -175,6 +186,27 @@ Scenario read_scenario(const RunArguments& arguments) {
     for (const std::string& pattern : arguments.record) scenario.recording.push_back({pattern, "--record"});
   }
   return scenario;
+}
+
+/// The server of --view; nothing without the option. Throws Error also if this build has no page.
+std::optional<ViewServer> view_server(const RunArguments& arguments, const std::vector<fs::path>& folders) {
+  if (arguments.view.empty()) return std::nullopt;
+  if (arguments.view == kAnyPort) return std::optional<ViewServer>(std::in_place, std::nullopt, units(), folders);
+  const std::optional<long long> port = text::parse_integer(arguments.view);
+  if (!port || *port < 0 || *port > 65535)
+    throw Error("--view", "'" + arguments.view + "' is no port, expected 0 (a free one) to 65535: --view=8081");
+  return std::optional<ViewServer>(std::in_place, static_cast<std::uint16_t>(*port), units(), folders);
+}
+
+/// How a browser shows the run; nullptr: this build has no page.
+std::shared_ptr<bus::RunPage> page_of(const Scenario& scenario, const RunArguments& arguments,
+                                      const std::vector<fs::path>& folders) {
+  try {
+    return live_page(scenario, units(), folders);
+  } catch (const Error&) {
+    if (!arguments.view.empty()) throw;
+    return nullptr;
+  }
 }
 
 /// Writes the checkpoints of a run whose state can be saved.
@@ -318,6 +350,9 @@ int run_scenario(RunArguments arguments) {
   options.folders = model_folders(scenario.folder);
   options.results = arguments.out.empty() ? fs::path("results") / file_name_of(scenario.name) : arguments.out;
   options.threads = arguments.threads;
+  if (!arguments.plain) options.page = page_of(scenario, arguments, options.folders);
+  std::optional<ViewServer> server = view_server(arguments, options.folders);
+  if (server) options.observer = &*server;
   const fs::path out = options.results;
   ResultsFolder results(out);
   fs::path kept;
@@ -351,6 +386,10 @@ int run_scenario(RunArguments arguments) {
   master->initialise();
   warnings.print(master->warnings());
   if (arguments.started) arguments.started();
+  if (server) {
+    std::cerr << "cotwin: live at " << server->url() << std::endl;
+    open_in_browser(server->url());
+  }
   if (!kept.empty() && !arguments.quiet) std::cout << "earlier results: moved to " << kept.string() << '\n';
   std::optional<Checkpoints> checkpoints;
   if (arguments.checkpoint > 0 && master->unsavable().empty()) {
@@ -374,6 +413,7 @@ int run_scenario(RunArguments arguments) {
   } else {
     loop();
   }
+  if (server) server->end();
   Summary summary = master->summary();
   if (checkpoints && !checkpoints->failure().empty()) summary.warnings.push_back("no checkpoint: " + checkpoints->failure());
   if (arguments.checkpoint > 0 && summary.wall_seconds > arguments.checkpoint && !master->unsavable().empty())
@@ -434,6 +474,7 @@ int run_scenario(const ScenarioRun& run) {
   arguments.stop = run.stop;
   arguments.quiet = run.quiet;
   arguments.started = run.started;
+  arguments.plain = run.plain;
   return run_scenario(std::move(arguments));
 }
 
@@ -520,6 +561,10 @@ void add_run(CLI::App& app, Chosen& chosen) {
       ->check(CLI::Range(0, 99))
       ->type_name("N");
   run_command->add_option("--cpu", arguments.cpus, "CPUs of the loop and of its further threads, e.g. 2,3")->type_name("LIST");
+  run_command->add_flag(("--view{" + std::string(kAnyPort) + "}").c_str(), arguments.view,
+                        "Show the run in a browser while it goes on, at http://localhost:8081/ or, as --view=PORT, at another "
+                        "port (0: a free one), "
+                        "by the wall clock unless another one is chosen; the page can pause it and set values (docs/view.md)");
   run_command->add_flag("--quiet", arguments.quiet, "No progress bar and no table");
   run_command->add_flag("--report", arguments.report, "Write report.html beside the results, as cotwin report does");
 
@@ -566,12 +611,12 @@ void add_run(CLI::App& app, Chosen& chosen) {
   std::vector<CLI::Option*> of_scenario;
   for (const char* name :
        {"--set", "--out", "--record", "--waypoints", "--event", "--attach", "--detach", "--threads", "--real-time", "--clock",
-        "--overrun", "--priority", "--cpu", "--coupling", "--checkpoint", "--overwrite", "--report"}) {
+        "--overrun", "--priority", "--cpu", "--coupling", "--checkpoint", "--overwrite", "--report", "--view"}) {
     of_scenario.push_back(run_command->get_option(name));
   }
   std::vector<CLI::Option*> decided = of_fmu;
   for (const char* name : {"FILE", "--stop", "--set", "--out", "--record", "--waypoints", "--event", "--attach", "--detach",
-                           "--real-time", "--clock", "--overrun", "--priority", "--cpu", "--coupling", "--overwrite"})
+                           "--real-time", "--clock", "--overrun", "--priority", "--cpu", "--coupling", "--overwrite", "--view"})
     decided.push_back(run_command->get_option(name));
   run_command->callback([all, of_fmu, of_scenario, decided, &chosen] {
     chosen = [all, of_fmu, of_scenario, decided] {

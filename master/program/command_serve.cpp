@@ -58,6 +58,7 @@ int serve(const ServeArguments& a) {
   run.out = a.out;
   run.stop = a.seconds;
   run.quiet = true;
+  run.plain = true;
   const auto set = [&](const std::string& name, const std::string& value) {
     run.set.push_back("gateway." + name + "=" + value);
   };

@@ -1,11 +1,8 @@
 // cotwin view: writes results as a page for a browser, and opens it.
-#include <spawn.h>
-#include <unistd.h>
-
-#include <cstdlib>
 #include <iostream>
 #include <memory>
 
+#include "master/program/browser.h"
 #include "master/program/commands.h"
 #include "master/program/progress_line.h"
 #include "master/view/view.h"
@@ -17,18 +14,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Shows the page in the browser of a desktop, if a person is there: stdout is a terminal, and there is a display. The
-/// browser goes on alone.
-void open_in_browser(const fs::path& page) {
-  const bool has_display = std::getenv("DISPLAY") != nullptr || std::getenv("WAYLAND_DISPLAY") != nullptr;
-  if (!isatty(STDOUT_FILENO) || !has_display) return;
-  std::string program = "xdg-open", file = fs::absolute(page).string();
-  char* arguments[] = {program.data(), file.data(), nullptr};
-  pid_t process = 0;
-  if (::posix_spawnp(&process, program.c_str(), nullptr, nullptr, arguments, environ) != 0)
-    std::cerr << "cotwin: warning: xdg-open cannot be started; open the page yourself\n";
-}
-
 int view(ViewOptions options, bool opens) {
   ProgressLine line(true);
   options.progress = [&](const std::string& what, double share) { line.update(what, share); };
@@ -38,7 +23,7 @@ int view(ViewOptions options, bool opens) {
   std::cout << "page: " << summary.page.string() << " (" << text::to_text(static_cast<double>(summary.bytes) * 1e-6, 2)
             << " MB, " << summary.rows << (summary.rows == 1 ? " row" : " rows") << ", " << summary.columns << " columns, "
             << summary.robots << (summary.robots == 1 ? " robot" : " robots") << "): open it in a browser\n";
-  if (opens) open_in_browser(summary.page);
+  if (opens) open_in_browser(fs::absolute(summary.page).string());
   return kExitDone;
 }
 

@@ -46,6 +46,7 @@ struct ScenarioRun {
   std::vector<std::string> set, record;
   std::optional<double> stop;  // s
   bool quiet = false;
+  bool plain = false;                  // gateways of the scenario show no page of the run
   std::function<void()> started = {};  // called when the first tick is about to begin
 };
 /// Runs a scenario as `cotwin run` does. Returns the exit code. Throws Error.
