@@ -67,7 +67,7 @@ constexpr const char* kSummary = "summary.json";
 constexpr const char* kCheckpoint = "run.checkpoint";
 constexpr const char* kHistory = "history.json";
 constexpr const char* kPage = "report.html";
-constexpr const char* kAnyPort = "auto";
+constexpr const char* kAnyPort = "true";  // what a flag without a value gives
 
 struct RunArguments {
   fs::path file, out, resume;
@@ -561,10 +561,12 @@ void add_run(CLI::App& app, Chosen& chosen) {
       ->check(CLI::Range(0, 99))
       ->type_name("N");
   run_command->add_option("--cpu", arguments.cpus, "CPUs of the loop and of its further threads, e.g. 2,3")->type_name("LIST");
-  run_command->add_flag(("--view{" + std::string(kAnyPort) + "}").c_str(), arguments.view,
-                        "Show the run in a browser while it goes on, at http://localhost:8081/ or, as --view=PORT, at another "
-                        "port (0: a free one), "
-                        "by the wall clock unless another one is chosen; the page can pause it and set values (docs/view.md)");
+  run_command
+      ->add_flag(
+          "--view", arguments.view,
+          "Show the run in a browser while it goes on, at http://localhost:8081/ or, as --view=PORT, at another port (0: a "
+          "free one); by the wall clock unless another one is chosen; the page can pause the run and set values")
+      ->option_text("[=PORT]");
   run_command->add_flag("--quiet", arguments.quiet, "No progress bar and no table");
   run_command->add_flag("--report", arguments.report, "Write report.html beside the results, as cotwin report does");
 

@@ -7,16 +7,14 @@ const kMostShown = 40; // settable signals in the list
 const kMostElements = 16; // of a signal with a slider each
 
 /// The range of a slider: the bounds of the variable where they are near its start value, otherwise a range about that.
-export function slider_range(signal: Pick<LiveSignal, 'min' | 'max' | 'type'>, start: number): { min: number; max: number; step: number } {
+export function slider_range(signal: Pick<LiveSignal, 'min' | 'max' | 'type'>, start: number): { min: number; max: number } {
   const size = Number.isFinite(start) && start !== 0 ? Math.abs(start) : 0;
   const near = (bound: number | undefined): boolean => bound !== undefined && (size === 0 ? Math.abs(bound) <= 1000 : Math.abs(bound - start) <= 20 * size);
   const reach = size === 0 ? 10 : 2 * size;
   const centre = Number.isFinite(start) ? start : 0;
   const min = near(signal.min) ? signal.min! : Math.max(signal.min ?? -Infinity, centre - reach);
   const max = near(signal.max) ? signal.max! : Math.min(signal.max ?? Infinity, centre + reach);
-  if (signal.type === 'Integer') return { min: Math.ceil(min), max: Math.floor(max), step: 1 };
-  const step = 10 ** Math.floor(Math.log10(Math.max(max - min, 1e-12) / 200));
-  return { min, max, step };
+  return signal.type === 'Integer' ? { min: Math.ceil(min), max: Math.floor(max) } : { min, max };
 }
 
 /// The signals whose name or description has all words of the text.
@@ -27,6 +25,12 @@ export function matching<T extends { name: string; description?: string }>(signa
 
 const elements_of = (value: LiveValue | undefined): LiveElement[] => (Array.isArray(value) ? value : value === undefined ? [] : [value]);
 const number_of = (value: LiveElement | undefined): number => (typeof value === 'boolean' ? Number(value) : (value ?? NaN));
+
+/// The controls of an element, and what shows a value in them.
+interface Row {
+  box: HTMLElement;
+  show: (value: number) => void;
+}
 
 /// What changes a run: buttons, sliders, events.
 export class Controls {
@@ -168,49 +172,26 @@ export class Controls {
   }
 
   private rows(signal: LiveSignal, now: LiveElement[]): HTMLElement[] {
-    const rows: HTMLElement[] = [];
-    const setters: ((value: number) => void)[] = [];
+    const rows: Row[] = [];
     const several = signal.size > 1;
     const count = Math.min(signal.size, kMostElements);
+    // After a refusal the run's own values are shown again.
+    const restore = async (): Promise<void> => {
+      const values = await this.present(signal);
+      rows.forEach((row, i) => row.show(number_of(values[several ? Math.max(0, i - 1) : i])));
+    };
+    if (several) rows.push(this.row(signal, 'all', signal.name, number_of(now[0]), (value) => rows.forEach((row) => row.show(value)), restore));
     for (let i = 0; i < count; ++i) {
-      const { row, show } = this.row(signal, several ? `[${i + 1}]` : '', several ? `${signal.name}[${i + 1}]` : signal.name, number_of(now[i]));
-      setters.push(show);
-      rows.push(row);
+      rows.push(this.row(signal, several ? `[${i + 1}]` : '', several ? `${signal.name}[${i + 1}]` : signal.name, number_of(now[i]), () => {}, restore));
     }
-    if (several) {
-      const { row } = this.row(signal, 'all', signal.name, number_of(now[0]), (value) => setters.forEach((show) => show(value)));
-      rows.unshift(row);
-    }
-    if (signal.size > count) rows.push(element('div', { class: 'lacks' }, `the elements from ${count + 1} on: by "all" only`));
-    if (signal.causality === 'input' && signal.type === 'Real') rows.push(this.pulse(signal, several));
-    return rows;
+    const boxes = rows.map((row) => row.box);
+    if (signal.size > count) boxes.push(element('div', { class: 'lacks' }, `the elements from ${count + 1} on: by "all" only`));
+    if (signal.causality === 'input' && signal.type === 'Real') boxes.push(this.pulse(signal, several));
+    return boxes;
   }
 
-  /// A slider and a number, or a check box.
-  private row(signal: LiveSignal, label: string, name: string, start: number, shown?: (value: number) => void): { row: HTMLElement; show: (value: number) => void } {
-    if (signal.type === 'Boolean') {
-      const box = element('input', { type: 'checkbox', 'aria-label': name });
-      box.checked = start === 1;
-      box.addEventListener('change', () => {
-        void this.send(() => this.connection.set(name, box.checked));
-        shown?.(Number(box.checked));
-      });
-      return { row: element('label', { class: 'set' }, label, box), show: (value) => (box.checked = value !== 0) };
-    }
-    const range = slider_range(signal, number_of(elements_of(signal.start)[0]));
-    if (Number.isFinite(start)) {
-      range.min = Math.min(range.min, start);
-      range.max = Math.max(range.max, start);
-    }
-    const slider = element('input', { type: 'range', min: String(range.min), max: String(range.max), step: signal.type === 'Integer' ? '1' : 'any', value: String(start), 'aria-label': name });
-    const number = element('input', { type: 'number', step: String(signal.type === 'Integer' ? 1 : 'any'), 'aria-label': `${name}, number` });
-    const show = (value: number): void => {
-      if (value < Number(slider.min)) slider.min = String(value);
-      if (value > Number(slider.max)) slider.max = String(value);
-      slider.value = String(value);
-      number.value = String(+value.toPrecision(6));
-    };
-    show(Number.isFinite(start) ? start : 0);
+  /// A slider and a number, or a check box. `accepted`: called with a value that the run has taken.
+  private row(signal: LiveSignal, label: string, name: string, start: number, accepted: (value: number) => void, restore: () => Promise<void>): Row {
     // While a value is on its way, only the newest one waits.
     let waiting: number | undefined;
     let busy = false;
@@ -221,24 +202,42 @@ export class Controls {
       while (waiting !== undefined) {
         const next: number = waiting;
         waiting = undefined;
-        await this.send(() => this.connection.set(name, next));
+        const taken = await this.send(() => this.connection.set(name, signal.type === 'Boolean' ? next !== 0 : next));
+        if (taken === undefined) await restore();
+        else if (waiting === undefined) accepted(next);
       }
       busy = false;
     };
+    if (signal.type === 'Boolean') {
+      const box = element('input', { type: 'checkbox', 'aria-label': name });
+      box.checked = start === 1;
+      box.addEventListener('change', () => void send(Number(box.checked)));
+      return { box: element('label', { class: 'set' }, label, box), show: (value) => (box.checked = value !== 0) };
+    }
+    const range = slider_range(signal, number_of(elements_of(signal.start)[0]));
+    const slider = element('input', { type: 'range', min: String(range.min), max: String(range.max), step: signal.type === 'Integer' ? '1' : 'any', 'aria-label': name });
+    const number = element('input', { type: 'number', step: signal.type === 'Integer' ? '1' : 'any', 'aria-label': `${name}, number` });
+    const show = (value: number): void => {
+      if (!Number.isFinite(value)) return;
+      if (value < Number(slider.min)) slider.min = String(value);
+      if (value > Number(slider.max)) slider.max = String(value);
+      slider.value = String(value);
+      number.value = String(+value.toPrecision(6));
+    };
+    show(Number.isFinite(start) ? start : 0);
     slider.addEventListener('input', () => {
       const value = Number(Number(slider.value).toPrecision(5));
       number.value = String(value);
-      shown?.(value);
       void send(value);
     });
     number.addEventListener('change', () => {
       const value = Number(number.value);
       if (number.value === '' || !Number.isFinite(value)) return this.say(`${name}: expected a number`, true);
-      show(value);
-      shown?.(value);
-      void send(value);
+      void send(value).then(() => {
+        if (Number(number.value) === value) show(value);
+      });
     });
-    return { row: element('div', { class: 'set' }, element('span', {}, label), slider, number), show };
+    return { box: element('div', { class: 'set' }, element('span', {}, label), slider, number), show };
   }
 
   /// A value for some time of the run.

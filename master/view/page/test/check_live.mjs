@@ -133,6 +133,8 @@ try {
     await browser.until("document.querySelector('.note.wrong') !== null");
     const reason = await browser.evaluate("document.querySelector('.note').textContent");
     check(reason.includes('expected'), `the refusal has no reason: ${reason}`);
+    const now = [await value(plan.bounded)].flat()[0];
+    await browser.until(`Math.abs(Number(${field}.value) - ${now}) <= 1e-5 * ${Math.abs(now)}`);
     browser.errors = browser.errors.filter((text) => !text.includes('422'));
   }
 
