@@ -252,7 +252,9 @@ export class Controls {
       const name = several ? `${signal.name}[${k}]` : signal.name;
       const begun = await this.send(() => this.connection.set(name, value));
       if (begun === undefined) return;
-      const ended = await this.send(() => this.connection.set(name, Number.isFinite(before) ? before : 0, begun.time_s + length));
+      const back = Number.isFinite(before) ? before : 0;
+      // Where that time has passed meanwhile, the pulse ends at once: it must not stay.
+      const ended = (await this.send(() => this.connection.set(name, back, begun.time_s + length))) ?? (await this.send(() => this.connection.set(name, back)));
       if (ended !== undefined) this.say(`${name} = ${short(value)} from ${begun.time_s.toFixed(3)} to ${ended.time_s.toFixed(3)} s`);
     };
     return element('div', { class: 'pulse' }, button('pulse', `${signal.name}: this value for this time`, () => void go()), ...(several ? ['[', which, ']'] : []), height, signal.unit ?? '', ' for ', seconds, ' s');
