@@ -97,7 +97,9 @@ class Page {
     const needed = needed_signals(data);
     // The time alone is worth a stream, too.
     const first = live !== undefined && needed.length === 0 ? this.recording.table.signals.slice(0, 1).map((signal) => signal.name) : needed;
-    await Promise.all([this.recording.open(), calculated?.open(), ...first.map((name) => this.recording.load(name).catch((error: unknown) => this.remark(String(error))))]);
+    let refused = 0;
+    await Promise.all([this.recording.open(), calculated?.open(), ...first.map((name) => this.recording.load(name).catch(() => ++refused))]);
+    if (refused > 0) this.remark(`${refused} of the ${first.length} signals of robots and bodies are more than a stream can have: what they move stands still`);
     const { time, rows } = this.recording;
     this.player = new Player(rows > 0 ? time[0]! : 0, rows > 0 ? time[rows - 1]! : 0, live !== undefined);
     this.range = new TimeWindow(this.player.begin, this.player.end);
