@@ -18,10 +18,13 @@ using Eigen::VectorXd;
 constexpr std::size_t kGrid = 128;  // parts of the kinematic bounds, shorter towards the ends
 constexpr double kStep = 1e-4, kHessianStep = 1e-3;
 
+/// 0 at the ends of the motion, which it leaves with s³, and 1 from s = 0.15 to 0.85 on.
+double away_from_ends(double s) { return std::min(1.0, 512 * std::pow(s * (1 - s), 3)); }
+
 }  // namespace
 
 Barrier::Barrier(const Evaluator& evaluator, Evaluator::Scratch& scratch, std::vector<BarrierBox> boxes, std::size_t variables,
-                 double margin, Decode decode)
+                 const std::vector<double>& margins, Decode decode)
     : evaluator_(evaluator),
       scratch_(scratch),
       boxes_(std::move(boxes)),
@@ -43,15 +46,18 @@ Barrier::Barrier(const Evaluator& evaluator, Evaluator::Scratch& scratch, std::v
       const double least = r == 0 ? b.q_min[j] : -most;
       if (!std::isfinite(most) && !std::isfinite(least)) continue;
       const double range = r > 0 ? most : std::isfinite(most - least) && most > least ? most - least : 1.0;
-      const double room = r > 0 ? -margin * most : 1e-9 * range;  // positions may start and end at a bound
+      const double margin = margins[5 * j + static_cast<std::size_t>(r)];
       blocks_.push_back({j, r});
-      low.insert(low.end(), own.size(), least - room);
-      high.insert(high.end(), own.size(), most + room);
-      scale.insert(scale.end(), own.size(), range);
+      for (const double place : own) {
+        const double room = r > 0 ? -margin * most : (1e-9 - margin * away_from_ends(place)) * range;
+        low.push_back(least - room);
+        high.push_back(most + room);
+        scale.push_back(range);
+      }
     }
   }
   for (std::size_t j = 0; j < evaluator.joints(); ++j) {
-    const double most = b.tau[j] * (1 - margin);
+    const double most = b.tau[j] * (1 - margins[5 * j + 4]);
     if (!std::isfinite(most)) continue;
     torque_joints_.push_back(j);
     low.insert(low.end(), evaluator.samples(), -most);

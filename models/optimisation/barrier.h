@@ -22,9 +22,10 @@ class Barrier {
  public:
   /// Sets one lane to the motion with the variables y.
   using Decode = std::function<void(const Eigen::VectorXd& y, std::size_t lane, Motions& motions)>;
-  /// `margin`: share of the bounds of speed, acceleration, jerk and torque that is kept free at the samples.
+  /// `margins`: share of each bound that is kept free at the samples, of joint j and bound r (0 position, of its range; 1 speed, 2
+  /// acceleration, 3 jerk, 4 torque) at [5 j + r]. Those of positions vanish towards the ends of the motion, which may be at a bound.
   Barrier(const Evaluator& evaluator, Evaluator::Scratch& scratch, std::vector<BarrierBox> boxes, std::size_t variables,
-          double margin, Decode decode);
+          const std::vector<double>& margins, Decode decode);
   /// Asked between Newton's steps with evaluations(); minimise() ends with the best point so far when it returns false.
   void set_going(std::function<bool(std::uint64_t)> going) { going_ = std::move(going); }
 

@@ -238,12 +238,26 @@ class Search {
   /// stalls at degree 13 and 15.)
   Point refined(const Point& from) {
     const std::size_t K = evaluator_.basis().redundant();
-    Refinement state{from, from, std::numeric_limits<double>::infinity(), 1e-4};
     const Evaluator exact(problem());
     const auto scratch = exact.scratch();
-    if (const Solution first = check(from); first.status == Status::kFeasible) state.least = first.cost;
     constexpr std::size_t kFirst = 4;
     constexpr int kFew = 2, kAttempts = 8;
+    // The swarm may end in the valley of a worse local optimum: the first coefficients are also refined from the quintic and from
+    // half way to it.
+    Refinement state;
+    for (const double share : {1.0, 0.0, 0.5}) {
+      if (share < 1 && (from.c.isZero() || !still_going())) break;
+      Refinement own;
+      own.best = own.current = from;
+      own.current.c *= share;
+      own.margins.assign(5 * evaluator_.joints(), 1e-4);
+      if (const Solution first = check(own.current); first.status == Status::kFeasible) {
+        own.best = own.current;
+        own.least = first.cost;
+      }
+      refine(own, exact, *scratch, std::min(K, kFirst), kFew);
+      if (share == 1 || own.least < state.least) state = std::move(own);
+    }
     for (std::size_t terms = std::min(K, kFirst); terms < K && going_; terms += std::max<std::size_t>(2, terms / 3))
       refine(state, exact, *scratch, terms, kFew);
     refine(state, exact, *scratch, K, kAttempts);
@@ -252,8 +266,8 @@ class Search {
 
   struct Refinement {
     Point best, current;
-    double least;   // cost of `best`, ∞ if it is not feasible
-    double margin;  // of the barrier's bounds
+    double least = std::numeric_limits<double>::infinity();  // cost of `best`, ∞ if it is not feasible
+    std::vector<double> margins;                             // of the barrier's bounds
   };
 
   Solution check(const Point& p) const {
@@ -268,8 +282,8 @@ class Search {
     return s;
   }
 
-  /// Repeats the barrier from its results as long as they improve. Bounds that the barrier's samples miss are tightened by what the
-  /// exact peaks exceed.
+  /// Repeats the barrier from its results as long as they improve. Each bound that the barrier's samples miss is tightened by what its
+  /// exact peak exceeds.
   void refine(Refinement& state, const Evaluator& exact, Evaluator::Scratch& scratch, std::size_t terms, int attempts) {
     const bool free_T = problem().T_min<problem().T_max, free_end = problem().end_postures.size()> 1;
     if (state.least < std::numeric_limits<double>::infinity()) state.current = state.best;
@@ -291,7 +305,7 @@ class Search {
       if (free_end) boxes.push_back({variables - 1, -1e-9 - current.z, 1 + 1e-9 - current.z});
       for (const CostBound& bound : bounds_)
         boxes.push_back({variables + bound.term, -std::numeric_limits<double>::infinity(), bound.at_samples});
-      Barrier barrier(exact, scratch, boxes, variables, state.margin, [&](const VectorXd& y, std::size_t lane, Motions& m) {
+      Barrier barrier(exact, scratch, boxes, variables, state.margins, [&](const VectorXd& y, std::size_t lane, Motions& m) {
         const Point p = point(y);
         set_lane(m, lane, p.c, p.u, p.z);
       });
@@ -310,9 +324,8 @@ class Search {
         }
         if (enough) return;
       } else {
-        double worst = 0;
-        for (const Peak& peak : found.peaks) worst = std::max(worst, peak.share - 1);
-        state.margin += 1.5 * std::min(worst, 0.01);
+        for (std::size_t i = 0; i < found.peaks.size(); ++i)
+          if (const double beyond = found.peaks[i].share - 1; beyond > 0) state.margins[i] += 1.5 * std::min(beyond, 0.01);
       }
     }
   }
