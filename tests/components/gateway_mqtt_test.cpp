@@ -1,12 +1,10 @@
-// The gateway at an MQTT broker. The broker is Mosquitto, the client at the other side Paho.
+// The gateway at an MQTT broker. The broker is Mosquitto, the client at the other side of tests/support.
 #include "components/gateway/mqtt/plant.h"
 
 #include <gtest/gtest.h>
-#include <mqtt/async_client.h>
 #include <sys/stat.h>
 
 #include <atomic>
-#include <deque>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -14,6 +12,7 @@
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/mosquitto.h"
+#include "tests/support/mqtt_client.h"
 
 namespace cotwin::gateway::mqtt {
 namespace {
@@ -29,57 +28,8 @@ std::string unique_name() {
 }
 
 /// A program of the plant that listens to everything.
-class Listener {
- public:
-  explicit Listener(const std::string& url)
-      : client_("tcp://" + url.substr(7), unique_name(), ::mqtt::create_options(MQTTVERSION_5)) {
-    client_.set_message_callback([this](const ::mqtt::const_message_ptr& m) {
-      const std::lock_guard lock(mutex_);
-      messages_.push_back(m);
-    });
-    ::mqtt::connect_options options;
-    options.set_mqtt_version(MQTTVERSION_5);
-    options.set_clean_start(true);
-    client_.connect(options)->wait();
-    client_.subscribe("#", 1)->wait();
-  }
-  ~Listener() {
-    try {
-      client_.disconnect(std::chrono::milliseconds(200))->wait_for(std::chrono::milliseconds(500));
-    } catch (const std::exception&) {
-      // The broker is gone.
-    }
-  }
-  void send(const std::string& topic, const std::string& payload, const std::string& reply_to = "", bool retained = false,
-            const std::string& correlation = "") {
-    ::mqtt::properties properties;
-    if (!reply_to.empty()) properties.add({::mqtt::property::RESPONSE_TOPIC, reply_to});
-    if (!correlation.empty()) properties.add({::mqtt::property::CORRELATION_DATA, correlation});
-    client_.publish(::mqtt::message::create(topic, payload.data(), payload.size(), 1, retained, properties))->wait();
-  }
-  /// The first message at the topic whose payload has the text; removes it and those before it at this topic. nullptr: none came.
-  ::mqtt::const_message_ptr next(const std::string& topic, const std::string& text = "") {
-    ::mqtt::const_message_ptr found;
-    within_patience([&] {
-      const std::lock_guard lock(mutex_);
-      for (auto m = messages_.begin(); m != messages_.end() && !found;) {
-        const bool here = (*m)->get_topic() == topic;
-        if (here && (*m)->to_string().find(text) != std::string::npos) found = *m;
-        m = here ? messages_.erase(m) : std::next(m);
-      }
-      return found != nullptr;
-    });
-    return found;
-  }
-  std::size_t count(const std::string& topic) {
-    const std::lock_guard lock(mutex_);
-    return static_cast<std::size_t>(std::ranges::count_if(messages_, [&](const auto& m) { return m->get_topic() == topic; }));
-  }
-
- private:
-  std::mutex mutex_;
-  std::deque<::mqtt::const_message_ptr> messages_;
-  ::mqtt::async_client client_;
+struct Listener : testing::MqttClient {
+  explicit Listener(const Mosquitto& broker) : MqttClient(broker.port(), unique_name()) {}
 };
 
 class GatewayMqtt : public ::testing::Test {
@@ -110,7 +60,7 @@ PlantReply echo(const std::string& payload) { return {200, Json{{"got", payload}
 TEST_F(GatewayMqtt, SaysThatItIsThereAndThatItHasLeft) {
   Mosquitto broker(folder_.path());
   ASSERT_TRUE(broker.start());
-  Listener listener(broker.url());
+  Listener listener(broker);
   {
     Plant plant(options(broker.url()), echo, echo);
     ASSERT_TRUE(listener.next("cotwin/cell/status", "true"));
@@ -120,17 +70,17 @@ TEST_F(GatewayMqtt, SaysThatItIsThereAndThatItHasLeft) {
   const auto left = listener.next("cotwin/cell/status", "false");
   ASSERT_TRUE(left);
   // Retained: who comes later is told, too.
-  Listener late(broker.url());
+  Listener late(broker);
   const auto kept = late.next("cotwin/cell/status");
   ASSERT_TRUE(kept);
-  EXPECT_TRUE(kept->is_retained());
-  EXPECT_EQ(kept->to_string(), R"({"online":false})");
+  EXPECT_TRUE(kept->retained);
+  EXPECT_EQ(kept->payload, R"({"online":false})");
 }
 
 TEST_F(GatewayMqtt, AnswersCommandsAndRequestsAtTheirResponseTopics) {
   Mosquitto broker(folder_.path());
   ASSERT_TRUE(broker.start());
-  Listener listener(broker.url());
+  Listener listener(broker);
   Plant plant(options(broker.url()), echo, [](const std::string&) -> PlantReply { throw Error("/robot", "is unknown"); });
   ASSERT_TRUE(listener.next("cotwin/cell/status", "true"));
   EXPECT_TRUE(within_patience([&] {  // until the subscription is there
@@ -140,14 +90,14 @@ TEST_F(GatewayMqtt, AnswersCommandsAndRequestsAtTheirResponseTopics) {
   listener.send("cotwin/cell/commands", R"({"command":"pause"})", "mes/reply", false, "order 7");
   const auto reply = listener.next("mes/reply", "pause");
   ASSERT_TRUE(reply);
-  EXPECT_EQ(::mqtt::get<std::string>(reply->get_properties(), ::mqtt::property::CORRELATION_DATA), "order 7");
-  EXPECT_FALSE(reply->is_retained());
-  EXPECT_EQ(Json::parse(reply->to_string())["reply"]["got"], R"({"command":"pause"})");
-  EXPECT_EQ(Json::parse(reply->to_string())["status"], 200);
+  EXPECT_EQ(reply->correlation, "order 7");
+  EXPECT_FALSE(reply->retained);
+  EXPECT_EQ(Json::parse(reply->payload)["reply"]["got"], R"({"command":"pause"})");
+  EXPECT_EQ(Json::parse(reply->payload)["status"], 200);
   listener.send("cotwin/cell/requests", "{}", "mes/reply");
   const auto failed = listener.next("mes/reply", "unknown");
   ASSERT_TRUE(failed);
-  EXPECT_EQ(Json::parse(failed->to_string())["status"], 500);
+  EXPECT_EQ(Json::parse(failed->payload)["status"], 500);
   // A response topic that would be a command again is not used.
   const std::uint64_t before = plant.counts().received;
   listener.send("cotwin/cell/commands", "{}", "cotwin/cell/commands");
@@ -159,7 +109,7 @@ TEST_F(GatewayMqtt, AnswersCommandsAndRequestsAtTheirResponseTopics) {
 TEST_F(GatewayMqtt, IgnoresRetainedCommands) {
   Mosquitto broker(folder_.path());
   ASSERT_TRUE(broker.start());
-  Listener listener(broker.url());
+  Listener listener(broker);
   listener.send("cotwin/cell/commands", "ghost", "mes/reply", true);
   std::atomic<int> ghosts = 0;
   Plant plant(
@@ -184,7 +134,7 @@ TEST_F(GatewayMqtt, DeliversEventsThatCameBeforeTheBroker) {
   EXPECT_NE(plant.trouble(), "");
   ASSERT_TRUE(broker.start());
   // The events come at once with the connection, so this listens to what the broker keeps for a session that was there before.
-  Listener listener(broker.url());
+  Listener listener(broker);
   EXPECT_TRUE(within_patience([&] { return plant.counts().delivered >= 51; }));
   EXPECT_TRUE(plant.connected());
   EXPECT_EQ(plant.counts().dropped, 0u);
@@ -197,7 +147,7 @@ TEST_F(GatewayMqtt, LosesNoEventWhenTheBrokerIsKilledAndStartedAgain) {
   std::set<int> seen;
   int sent = 0;
   for (int round = 0; round < 3; ++round) {
-    Listener listener(broker.url());
+    Listener listener(broker);
     ASSERT_TRUE(listener.next("cotwin/cell/status", "true"));
     for (int i = 0; i < 20; ++i) plant.event("jobs/7", Json{{"i", sent++}}.dump());
     for (int i = sent - 20; i < sent; ++i)
@@ -237,7 +187,7 @@ TEST_F(GatewayMqtt, KeepsABacklogThatIsBoundedInBytes) {
 TEST_F(GatewayMqtt, GetsNoMessageThatIsTooLarge) {
   Mosquitto broker(folder_.path());
   ASSERT_TRUE(broker.start());
-  Listener listener(broker.url());
+  Listener listener(broker);
   Plant plant(options(broker.url()), echo, echo);
   EXPECT_TRUE(within_patience([&] {  // until the subscription is there
     listener.send("cotwin/cell/commands", "{}", "mes/reply");
@@ -256,7 +206,7 @@ TEST_F(GatewayMqtt, GetsNoMessageThatIsTooLarge) {
 TEST_F(GatewayMqtt, ARequestThatTakesItsTimeDelaysNoCommand) {
   Mosquitto broker(folder_.path());
   ASSERT_TRUE(broker.start());
-  Listener listener(broker.url());
+  Listener listener(broker);
   std::atomic<bool> working = false, done = false;
   Plant plant(options(broker.url()), echo, [&](const std::string& payload) {
     working = true;
@@ -360,7 +310,7 @@ TEST_F(GatewayMqtt, RefusesOptionsThatAreNotPermitted) {
 TEST_F(GatewayMqtt, PublishesTheRunsStateAndValuesAtALimitedRate) {
   Mosquitto broker(folder_.path());
   ASSERT_TRUE(broker.start());
-  Listener listener(broker.url());
+  Listener listener(broker);
   bus::LiveSignal signal;
   signal.name = "drive.q";
   signal.component = "drive";
@@ -396,9 +346,9 @@ TEST_F(GatewayMqtt, PublishesTheRunsStateAndValuesAtALimitedRate) {
   for (int i = 0; i < 5; ++i) {
     const auto message = listener.next("cotwin/cell/values");
     ASSERT_TRUE(message);
-    const Json sample = Json::parse(message->to_string());
+    const Json sample = Json::parse(message->payload);
     EXPECT_EQ(sample["values"]["drive.q"], Json::array({sample["tick"], -sample["tick"].get<double>()}));
-    EXPECT_FALSE(message->is_retained());
+    EXPECT_FALSE(message->retained);
   }
   run->set_phase(bus::RunPhase::kEnded);
   EXPECT_TRUE(listener.next("cotwin/cell/run", "ended"));
