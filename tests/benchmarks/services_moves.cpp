@@ -1,6 +1,7 @@
 // Services: motions that were found for random moves, against the quintic, Ipopt and the time-optimal motion on the same path.
-//   services_moves [--robots lwr4] [--moves N] [--part energy|drives|ipopt|time] [--table]
+//   services_moves [--robots lwr4] [--moves N] [--part energy|drives|ipopt|time] [--table] [--degree D] [--cost torque]
 // Without --moves five of energy and drives and one of each other part, so that it ends soon.
+// --degree and --cost are those of the comparison with Ipopt; with --table it prints one row for each move.
 // A robot is a folder of models/robots or, with a slash, a path to a URDF file, which then has the drives of kr300_r2500.
 #include <algorithm>
 #include <cmath>
@@ -57,21 +58,26 @@ void energy(const Arm& arm, std::size_t moves, bool drives, bool table) {
          "%", quantile(saved, 0.5), "upper quartile", quantile(saved, 0.75), 0, false});
 }
 
-/// Torque cost of motions of degree 7 over that of Ipopt.
-void ipopt(const Arm& arm, std::size_t moves) {
+/// Cost of motions over that of Ipopt. Motions of Ipopt that exceed a bound by more than 1 % are left out.
+void ipopt(const Arm& arm, std::size_t moves, int degree, Quantity quantity, bool table) {
   std::vector<double> ratios;
-  std::size_t solved = 0;
+  std::size_t number = 0;
   for (const RandomMove& move : random_moves(arm, moves, 2)) {
-    Problem p = problem_of(arm, move, 7, kLonger * move.T_quintic, Quantity::kTorque);
+    Problem p = problem_of(arm, move, degree, kLonger * move.T_quintic, quantity);
     p.samples = 80;
     const Solution ours = minimise(p);
     const PeerSolution peer = minimise_by_ipopt(p, p.T_max);
-    if (peer.share > 1.01) continue;  // not a motion within the bounds
-    ++solved;
-    ratios.push_back(ours.status == Status::kFeasible ? ours.cost / peer.cost : 1e9);
+    const double ratio = ours.status == Status::kFeasible ? ours.cost / peer.cost : 1e9;
+    if (table) {
+      std::printf("| %s | %d | %zu | %.5f | %s | Ipopt uses %.4f of its bounds |\n", arm.name.c_str(), degree, ++number, ratio,
+                  to_text(ours.status), peer.share);
+      std::fflush(stdout);
+    }
+    if (peer.share <= 1.01) ratios.push_back(ratio);
   }
   if (ratios.empty()) return;
-  const std::string name = "torque cost over that of Ipopt, " + arm.name + ", " + std::to_string(solved) + " random moves";
+  const std::string name = std::string(to_text(quantity)) + " cost of degree " + std::to_string(degree) +
+                           " over that of Ipopt, " + arm.name + ", " + std::to_string(ratios.size()) + " random moves";
   print({name + ", median", "1", quantile(ratios, 0.5), "Ipopt", 1, 1.01, false});
   print({name + ", largest", "1", quantile(ratios, 1), "Ipopt", 1, 1.01, false});
 }
@@ -100,6 +106,8 @@ void time(const Arm& arm, std::size_t moves) {
 
 int main(int argc, char** argv) {
   std::string robots = "lwr4", part;
+  int degree = 7;
+  Quantity quantity = Quantity::kTorque;
   std::size_t moves = 0;
   bool table = false;
   for (int i = 1; i < argc; ++i) {
@@ -112,8 +120,13 @@ int main(int argc, char** argv) {
       moves = static_cast<std::size_t>(std::max(1, std::atoi(argv[++i])));
     } else if (i + 1 < argc && name == "--part") {
       part = argv[++i];
+    } else if (i + 1 < argc && name == "--degree") {
+      degree = std::atoi(argv[++i]);
+    } else if (i + 1 < argc && name == "--cost") {
+      quantity = quantity_of(argv[++i]);
     } else {
-      std::fprintf(stderr, "services_moves: argument '%s', expected --robots, --moves, --part or --table\n", argv[i]);
+      std::fprintf(stderr, "services_moves: argument '%s', expected --robots, --moves, --part, --degree, --cost or --table\n",
+                   argv[i]);
       return 2;
     }
   }
@@ -124,7 +137,7 @@ int main(int argc, char** argv) {
     const Arm arm = load_arm(robot, robot == "lwr4" ? "lwr4" : "kr300_r2500");
     for (const bool drives : {false, true})
       if (part.empty() || part == (drives ? "drives" : "energy")) energy(arm, moves > 0 ? moves : 5, drives, table);
-    if (part.empty() || part == "ipopt") ipopt(arm, moves > 0 ? moves : 1);
+    if (part.empty() || part == "ipopt") ipopt(arm, moves > 0 ? moves : 1, degree, quantity, table);
     if (part.empty() || part == "time") time(arm, moves > 0 ? moves : 1);
   }
   return 0;
