@@ -53,7 +53,7 @@ bool Archive::add(const Round::Particle& particle) {
 }
 
 std::vector<Round::Particle> pareto_front(const Problem& problem, int directions, const SearchOptions& options,
-                                          numerics::Threads* threads, bool* complete) {
+                                          numerics::Threads* threads, bool* complete, std::uint64_t* evaluations) {
   const std::size_t count = problem.costs.size();
   if (count < 2) throw Error("optimisation", "a Pareto front of one cost, expected at least two");
   if (directions < 2 || directions > 1000)
@@ -66,8 +66,9 @@ std::vector<Round::Particle> pareto_front(const Problem& problem, int directions
   };
   Budget budget(all);
   if (complete) *complete = true;
+  if (evaluations) *evaluations = 0;
   const auto keep = [&](Archive& kept, const Solution& s) {
-    if (s.status == Status::kFeasible) kept.add({s.c, s.q_to, s.T, s.costs, 0, 0});
+    if (s.status == Status::kFeasible) kept.add({s.c, s.q_to, s.T, s.costs, 0, 0, s.compliance});
   };
   const std::vector<double> quintic(problem.robot.joints.size() * static_cast<std::size_t>(problem.degree - 5), 0.0);
   if (problem.end_postures.empty())
@@ -77,6 +78,7 @@ std::vector<Round::Particle> pareto_front(const Problem& problem, int directions
     for (std::size_t i = 0; i < count; ++i) weighted.costs[i].weight = weights[i];
     Solution solution = minimise(weighted, budget.left(), threads);
     budget.spend(solution.evaluations);
+    if (evaluations) *evaluations += solution.evaluations;
     if (complete) *complete = *complete && solution.complete;
     keep(archive, solution);
     return solution;
@@ -110,7 +112,8 @@ std::vector<Round::Particle> pareto_front(const Problem& problem, int directions
     search(weights);
   }
   Archive checked;
-  for (const auto& member : archive.members()) keep(checked, assess(problem, member.c, member.q_to, member.T));
+  for (const auto& member : archive.members())
+    keep(checked, assess(problem, member.c, member.q_to, member.T, member.compliance));
   return checked.members();
 }
 

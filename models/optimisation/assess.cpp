@@ -33,14 +33,33 @@ Peak peak_of(const trajectory::Path::Range& range, double low, double high) {
   return peak;
 }
 
+/// The condition of the compliant frame that is violated.
+std::string reason_of(const CompliantFrame& frame, const Solution& s) {
+  for (std::size_t k = 0; k < s.compliance.size(); ++k) {
+    const double zeta = damping_ratio(s.compliance[k], frame.load), omega = natural_frequency(s.compliance[k], frame.load);
+    const double deflection = s.responses[k].deflection;
+    const std::string axis = "compliance: axis " + std::to_string(k + 1) + ": ";
+    if (deflection > frame.deflection_max)
+      return axis + "deflection " + text::to_text(deflection, 4) + " m, bound " + text::to_text(frame.deflection_max, 4) + " m";
+    if (zeta < frame.zeta_min * (1 - 1e-9))
+      return axis + "damping ratio " + text::to_text(zeta, 4) + ", bound " + text::to_text(frame.zeta_min, 4);
+    if (omega > frame.omega_max * (1 + 1e-9))
+      return axis + "natural frequency " + text::to_text(omega, 4) + " rad/s, bound " + text::to_text(frame.omega_max, 4) +
+             " rad/s";
+  }
+  return "";
+}
+
 }  // namespace
 
 const char* to_text(Status status) {
   return status == Status::kFeasible ? "feasible" : status == Status::kBestEffort ? "best-effort" : "infeasible";
 }
 
-Solution assess(const Problem& problem, std::span<const double> c, std::span<const double> q_to, double T) {
+Solution assess(const Problem& problem, std::span<const double> c, std::span<const double> q_to, double T,
+                std::span<const ComplianceValues> compliance) {
   Problem dense = problem;
+  dense.smooth_maxima = 0;
   dense.samples = 10 * problem.samples;
   dense.torque_margin = 0;
   const Evaluator evaluator(dense);
@@ -54,6 +73,13 @@ Solution assess(const Problem& problem, std::span<const double> c, std::span<con
   for (std::size_t i = 0; i < c.size(); ++i) motions.c[i * kLanes] = c[i];
   for (std::size_t j = 0; j < n; ++j) motions.q_to[j * kLanes] = q_to[j];
   motions.T[0] = T;
+  if (!compliance.empty() && 3 * compliance.size() * kLanes != motions.compliance.size())
+    throw Error("optimisation", "compliance of " + std::to_string(compliance.size()) + " axes, expected " +
+                                    std::to_string(motions.compliance.size() / (3 * kLanes)));
+  for (std::size_t k = 0; k < compliance.size(); ++k) {
+    const double own[] = {compliance[k].M, compliance[k].D, compliance[k].S};
+    for (std::size_t i = 0; i < 3; ++i) motions.compliance[(3 * k + i) * kLanes] = own[i];
+  }
   std::vector<Peak> torques(n);
   const auto scratch = evaluator.scratch();
   Values values = evaluator.values();
@@ -77,6 +103,11 @@ Solution assess(const Problem& problem, std::span<const double> c, std::span<con
   for (std::size_t i = 0; i < dense.costs.size(); ++i) {
     solution.costs.push_back(values.costs[i * kLanes]);
     solution.cost += dense.costs[i].weight * values.costs[i * kLanes];
+  }
+  if (problem.compliant) {
+    const auto [parameters, responses] = evaluator.compliance(*scratch);
+    solution.compliance = parameters;
+    solution.responses = responses;
   }
   std::vector<double> control;
   for (std::size_t j = 0; j < n; ++j) {
@@ -117,6 +148,14 @@ Solution assess(const Problem& problem, std::span<const double> c, std::span<con
   if (!std::isfinite(solution.cost) && std::isfinite(worst)) {
     worst = std::numeric_limits<double>::infinity();
     solution.reason = "the cost " + text::to_text(solution.cost) + " is not finite";
+  }
+  if (worst <= 1 + 1e-9 && values.torque[0] > 0 && problem.compliant) {
+    CompliantMotion conditions(problem.robot, *problem.compliant);
+    const double beyond = conditions.violation(solution.compliance, solution.responses);
+    if (beyond > 0) {
+      worst = 1 + beyond;
+      solution.reason = reason_of(*problem.compliant, solution);
+    }
   }
   solution.status = worst <= 1 + 1e-9 ? Status::kFeasible : worst < 1.01 ? Status::kBestEffort : Status::kInfeasible;
   return solution;

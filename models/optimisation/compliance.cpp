@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <tuple>
 #include <vector>
 
 #include "models/numerics/swarm.h"
@@ -20,13 +21,16 @@ std::vector<double> logarithms(const ComplianceValues& v) { return {std::log(v.M
 
 }  // namespace
 
-ComplianceSolution minimise_compliance(const ComplianceProblem& p) {
-  const std::array<double, 3> least{p.least.M, p.least.D, p.least.S}, most{p.most.M, p.most.D, p.most.S};
-  constexpr const char* kNames[] = {"M", "D", "S"};
-  for (std::size_t i = 0; i < 3; ++i)
-    if (!(least[i] > 0 && least[i] <= most[i] && std::isfinite(most[i])))
-      throw Error("compliance", std::string(kNames[i]) + " from " + text::to_text(least[i]) + " to " + text::to_text(most[i]) +
+void check_ranges(const ComplianceValues& least, const ComplianceValues& most) {
+  for (const auto& [name, from, to] : {std::tuple{"M", least.M, most.M}, {"D", least.D, most.D}, {"S", least.S, most.S}})
+    if (!(from > 0 && from <= to && std::isfinite(to)))
+      throw Error("compliance", std::string(name) + " from " + text::to_text(from) + " to " + text::to_text(to) +
                                     ", expected 0 < least <= most");
+}
+
+ComplianceSolution minimise_compliance(const ComplianceProblem& p) {
+  check_ranges(p.least, p.most);
+  const std::array<double, 3> least{p.least.M, p.least.D, p.least.S}, most{p.most.M, p.most.D, p.most.S};
   if (!p.cost) throw Error("compliance", "no cost is given, expected a function");
   const auto values_of = [&](const double* x, std::size_t stride) {
     std::array<double, 3> v{};

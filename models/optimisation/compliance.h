@@ -10,6 +10,9 @@ struct ComplianceValues {
   double M = 1, D = 1, S = 1;
 };
 
+/// Throws Error unless 0 < least ≤ most, finite, of each.
+void check_ranges(const ComplianceValues& least, const ComplianceValues& most);
+
 struct ComplianceProblem {
   ComplianceValues least, most;  // 0 < least ≤ most; equal: fixed
   /// What is minimised, such as the settling time or the time of a cycle (models/services, throughput). NaN counts as +∞.

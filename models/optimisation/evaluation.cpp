@@ -38,6 +38,15 @@ Evaluator::Scratch::Scratch(const Evaluator& e) : data(e.mechanism_) {
   power.resize(kPart);
   sums.resize(e.problem_.costs.size());
   if (e.electrical_) drawn.resize(e.samples());
+  const Problem& p = e.problem();
+  if (e.contact_) contact.emplace(p.robot, *p.contact);
+  if (e.compliant_) {
+    compliant.emplace(p.robot, *p.compliant);
+    compliance.resize(p.compliant->axes.size());
+    responses.resize(compliance.size());
+  }
+  const std::size_t places = std::max(e.contact_tables_[0].size(), e.compliant_tables_[0].size()) / e.basis_.columns();
+  for (auto& part : at_places) part.resize(n * places);
 }
 
 Evaluator::Evaluator(const Problem& problem)
@@ -48,15 +57,34 @@ Evaluator::Evaluator(const Problem& problem)
       nodes_(gauss_panels((problem.samples + kGroup - 1) / kGroup)),
       exact_(gauss_legendre(static_cast<std::size_t>(problem.degree))) {
   for (int r = 0; r < 4; ++r) hull_[static_cast<std::size_t>(r)] = basis_.hull(kParts, r);
-  for (int r = 0; r < 3; ++r)
+  const auto set_tables = [&](std::array<std::vector<double>, 3>& tables, const std::vector<double>& places) {
+    for (auto& table : tables) table.reserve(basis_.columns() * places.size());
     for (std::size_t c = 0; c < basis_.columns(); ++c)
-      for (const double place : nodes_.s)
-        tables_[static_cast<std::size_t>(r)].push_back(
-            trajectory::bernstein::evaluate(basis_.points(c), place)[static_cast<std::size_t>(r)]);
+      for (const double place : places) {
+        const auto values = trajectory::bernstein::evaluate(basis_.points(c), place);
+        for (std::size_t r = 0; r < 3; ++r) tables[r].push_back(values[r]);
+      }
+  };
+  set_tables(tables_, nodes_.s);
   for (int r = 2; r < 4; ++r) exact_tables_[static_cast<std::size_t>(r - 2)] = basis_.table(exact_.s, r);
   torques_ =
       std::any_of(problem.costs.begin(), problem.costs.end(), [](const CostTerm& t) { return needs_torques(t.quantity); });
   for (double limit : problem.bounds.tau) torques_ = torques_ || std::isfinite(limit);
+  const std::size_t blocks = (problem.samples + kGroup - 1) / kGroup;
+  const auto has = [&](auto... quantities) {
+    return std::ranges::any_of(problem.costs, [&](const CostTerm& t) { return ((t.quantity == quantities) || ...); });
+  };
+  if ((contact_ = has(Quantity::kMass, Quantity::kSafety))) {
+    std::vector<double> places((blocks + 7) / 8 * 8);
+    for (std::size_t i = 0; i < places.size(); ++i)
+      places[i] = (static_cast<double>(i) + 0.5) / static_cast<double>(places.size());
+    set_tables(contact_tables_, places);
+  }
+  if ((compliant_ = problem.compliant.has_value())) {
+    std::vector<double> places((blocks + 1) / 2 * 8);
+    for (std::size_t i = 0; i < places.size(); ++i) places[i] = static_cast<double>(i) / static_cast<double>(places.size() - 1);
+    set_tables(compliant_tables_, places);
+  }
   const auto is_energy = [](const CostTerm& t) { return t.quantity == Quantity::kEnergy; };
   if (std::any_of(problem.costs.begin(), problem.costs.end(), is_energy)) electrical_.emplace(*problem.electrical, n_);
 }
@@ -70,6 +98,11 @@ Motions Evaluator::motions() const {
   for (std::size_t j = 0; j < n_; ++j)
     std::fill_n(m.q_to.begin() + static_cast<std::ptrdiff_t>(j * kLanes), kLanes, problem_.ends.q_to[j]);
   m.T.fill(problem_.T_max);
+  if (problem_.compliant) {
+    for (const CompliantFrame::Axis& axis : problem_.compliant->axes)
+      for (const auto part : {&ComplianceValues::M, &ComplianceValues::D, &ComplianceValues::S})
+        m.compliance.insert(m.compliance.end(), kLanes, std::sqrt(axis.least.*part * axis.most.*part));
+  }
   return m;
 }
 
@@ -237,10 +270,7 @@ void Evaluator::dynamics(const Motions& m, std::size_t lane, Scratch& s, Values&
         case Quantity::kEnergy:
           electrical_->power(count, s.tau.data(), s.dq.data(), s.drawn.data() + first);
           break;
-        case Quantity::kTorque:
-        case Quantity::kTime:
-        case Quantity::kAcceleration:
-        case Quantity::kJerk:
+        default:  // computed elsewhere
           break;
       }
     }
@@ -263,6 +293,45 @@ void Evaluator::dynamics(const Motions& m, std::size_t lane, Scratch& s, Values&
   }
 }
 
+void Evaluator::states_at(const std::array<std::vector<double>, 3>& tables, std::size_t lane, Scratch& s) const {
+  const std::size_t columns = basis_.columns(), count = tables[0].size() / columns;
+  for (std::size_t r = 0; r < 3; ++r) {
+    for (std::size_t i = 0; i < n_ * columns; ++i) s.own[i] = s.x[r][i * kLanes + lane];
+    numerics::combine(n_, columns, count, s.own.data(), tables[r].data(), count, s.at_places[r].data());
+  }
+}
+
+void Evaluator::frames(const Motions& m, std::size_t lane, Scratch& s, Values& values) const {
+  ContactMotion::Largest largest;
+  double settle = 0, stiffness = 0;
+  const auto& [q, dq, ddq] = s.at_places;
+  if (contact_) {
+    states_at(contact_tables_, lane, s);
+    largest = s.contact->largest(contact_tables_[0].size() / basis_.columns(), q.data(), dq.data(), ddq.data(),
+                                 problem_.smooth_maxima);
+  }
+  if (compliant_) {
+    states_at(compliant_tables_, lane, s);
+    s.compliant->set(compliant_tables_[0].size() / basis_.columns(), m.T[lane], q.data(), dq.data(), ddq.data());
+    for (std::size_t k = 0; k < s.compliance.size(); ++k) {
+      const double* own = m.compliance.data() + 3 * k * kLanes + lane;
+      s.compliance[k] = {own[0], own[kLanes], own[2 * kLanes]};
+      s.responses[k] = s.compliant->respond(k, s.compliance[k]);
+      settle = std::max(settle, s.responses[k].settle);
+      stiffness += s.compliance[k].S;
+    }
+    values.torque[lane] += s.compliant->violation(s.compliance, s.responses);
+  }
+  for (std::size_t term = 0; term < problem_.costs.size(); ++term) {
+    double& cost = values.costs[term * kLanes + lane];
+    const Quantity quantity = problem_.costs[term].quantity;
+    if (quantity == Quantity::kMass) cost = largest.mass;
+    if (quantity == Quantity::kSafety) cost = largest.share;
+    if (quantity == Quantity::kCycle) cost = m.T[lane] + settle + problem_.compliant->T_process;
+    if (quantity == Quantity::kStiffness) cost = stiffness;
+  }
+}
+
 void Evaluator::evaluate(const Motions& motions, Scratch& s, Values& values, bool all, const Visit& visit) const {
   set_coordinates(motions, s);
   check_kinematics(s, values);
@@ -270,9 +339,13 @@ void Evaluator::evaluate(const Motions& motions, Scratch& s, Values& values, boo
   exact_costs(motions, s, values);
   for (std::size_t k = 0; k < kLanes; ++k) {
     values.pruned[k] = !all && values.kinematic[k] > 0;
-    if (torques_ && !values.pruned[k] && k < motions.count) dynamics(motions, k, s, values, visit);
+    if (values.pruned[k] || k >= motions.count) continue;
+    if (torques_) dynamics(motions, k, s, values, visit);
+    if (contact_ || compliant_) frames(motions, k, s, values);
   }
 }
+
+Evaluator::Compliance Evaluator::compliance(const Scratch& s) const { return {s.compliance, s.responses}; }
 
 const double* Evaluator::coordinates(const Scratch& s, int derivative, std::size_t joint) const {
   return s.x[static_cast<std::size_t>(derivative)].data() + joint * basis_.columns() * kLanes;

@@ -20,6 +20,7 @@ struct Motions {
   std::vector<double> q_to;        // n
   std::array<double, kLanes> T{};  // s
   std::size_t count = kLanes;      // motions in use, those of the first lanes
+  std::vector<double> compliance;  // 3 · axes: M, D, S of each axis of the compliant frame
 };
 
 /// What was found of eight motions.
@@ -28,14 +29,15 @@ struct Values {
   /// Relative violations of position, speed, acceleration and jerk: the sum of what is found at nine places, else the sum of the
   /// exact ones between them; 0 if and only if there is none.
   std::array<double, kLanes> kinematic{};
-  /// Sum over the joints of the relative violation of the torque bound less its margin, at the samples; 0: none.
+  /// Sum over the joints of the relative violation of the torque bound less its margin, at the samples, and of the violated
+  /// conditions of the compliant frame; 0: none.
   std::array<double, kLanes> torque{};
   /// Motions with a violated kinematic bound are pruned: their torques are not computed.
   std::array<bool, kLanes> pruned{};
 };
 
 /// Costs and violations of motions of one problem. May be shared by threads; scratch memory is per thread. Allocates nothing
-/// after construction.
+/// after the first evaluation.
 class Evaluator {
  public:
   explicit Evaluator(const Problem& problem);
@@ -65,6 +67,13 @@ class Evaluator {
   /// Coordinates of a joint in the basis divided by Tʳ, of the last evaluate(): what the tables of dʳq/dtʳ are multiplied with.
   const double* coordinates(const Scratch& scratch, int derivative, std::size_t joint) const;
 
+  /// Parameters and responses of the compliant frame in the last motion that evaluate() did not prune.
+  struct Compliance {
+    std::vector<ComplianceValues> values;
+    std::vector<AxisResponse> responses;
+  };
+  Compliance compliance(const Scratch& scratch) const;
+
   /// Control points of joint j of lane k over s.
   std::vector<double> control_points(const Motions& motions, std::size_t lane, std::size_t joint) const;
 
@@ -75,6 +84,8 @@ class Evaluator {
   void exact_costs(const Motions& motions, Scratch& s, Values& values) const;
   void dynamics(const Motions& motions, std::size_t lane, Scratch& s, Values& values, const Visit& visit) const;
   void add_drives(Scratch& s, std::size_t count) const;
+  void states_at(const std::array<std::vector<double>, 3>& tables, std::size_t lane, Scratch& s) const;
+  void frames(const Motions& motions, std::size_t lane, Scratch& s, Values& values) const;
 
   Problem problem_;
   std::size_t n_;
@@ -85,7 +96,8 @@ class Evaluator {
   std::array<std::vector<double>, 3> tables_;          // of q, q′ and q″: column c at the samples from [c · samples()] on
   std::array<numerics::BatchMatrix, 2> exact_tables_;  // q″ and q‴ at the nodes of exact_
   std::optional<DrivePower> electrical_;
-  bool torques_ = false;
+  std::array<std::vector<double>, 3> contact_tables_, compliant_tables_;  // as tables_, at the places of the frames' values
+  bool torques_ = false, contact_ = false, compliant_ = false;
 };
 
 class Evaluator::Scratch {
@@ -108,6 +120,11 @@ class Evaluator::Scratch {
   std::vector<double> squares;          // n: ∫ τ_m² ds
   std::vector<double> power, sums;      // W; of each cost
   std::vector<double> drawn;            // electrical power of all samples, W
+  std::optional<ContactMotion> contact;
+  std::optional<CompliantMotion> compliant;
+  std::array<std::vector<double>, 3> at_places;  // n · places: q, q̇, q̈ of one motion
+  std::vector<ComplianceValues> compliance;
+  std::vector<AxisResponse> responses;
 };
 
 }  // namespace cotwin::optimisation

@@ -20,6 +20,9 @@ std::vector<std::string> columns_of(const Problem& problem) {
         std::count_if(names.begin(), names.end(), [&](const std::string& other) { return other.rfind(name, 0) == 0; });
     names.push_back(same > 0 ? name + "_" + std::to_string(same + 1) : name);
   }
+  const std::size_t axes = problem.compliant ? problem.compliant->axes.size() : 0;
+  for (std::size_t k = 1; k <= axes; ++k)
+    for (const char* name : {"M", "D", "S"}) names.push_back(std::string(name) + "[" + std::to_string(k) + "]");
   const std::size_t n = problem.robot.joints.size(), K = static_cast<std::size_t>(problem.degree - 5);
   for (std::size_t j = 1; j <= n; ++j) names.push_back("q_to[" + std::to_string(j) + "]");
   for (std::size_t j = 1; j <= n; ++j)
@@ -50,7 +53,10 @@ void ParticleTable::add(const Round& round) {
     for (const double x : {static_cast<double>(round.stage), static_cast<double>(round.round), static_cast<double>(i), p.T,
                            p.feasible() ? 1.0 : 0.0, p.kinematic, p.torque})
       w.cell(x);
-    for (const auto* list : {&p.costs, &p.q_to, &p.c})
+    for (const double x : p.costs) w.cell(x);
+    for (const ComplianceValues& v : p.compliance)
+      for (const double x : {v.M, v.D, v.S}) w.cell(x);
+    for (const auto* list : {&p.q_to, &p.c})
       for (const double x : *list) w.cell(x);
     w.end_row();
     ++rows_;

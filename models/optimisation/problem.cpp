@@ -11,7 +11,8 @@ namespace cotwin::optimisation {
 
 namespace {
 
-constexpr const char* kQuantities[] = {"time", "torque", "work", "shared_work", "power", "acceleration", "jerk", "energy"};
+constexpr const char* kQuantities[] = {"time", "torque", "work",           "shared_work", "power",      "acceleration",
+                                       "jerk", "energy", "effective_mass", "safety",      "cycle_time", "stiffness"};
 
 [[noreturn]] void fail(const std::string& what) { throw Error("optimisation", what); }
 
@@ -54,6 +55,40 @@ void check_electrical(const Electrical& e, std::size_t n) {
          text::to_text(e.link.V_max));
 }
 
+void expect_direction(const std::string& what, const Eigen::Vector3d& u) {
+  if (!(std::abs(u.norm() - 1) < 1e-9))
+    fail("the direction of " + what + " has the length " + text::to_text(u.norm()) + ", expected 1");
+}
+
+void check_contact(const ContactFrame& contact, std::size_t n, bool parts) {
+  if (contact.u) expect_direction("the contact", *contact.u);
+  if (!contact.B.empty()) expect_size("the inertia of the motors", contact.B, n);
+  if (!(contact.area >= 0 && std::isfinite(contact.area)))
+    fail("the area of the contact is " + text::to_text(contact.area) + " m2, expected 0 or more");
+  if (parts && contact.parts.empty()) fail("the cost 'safety' has no body part, expected at least one");
+  for (const robot::BodyPart& part : contact.parts)
+    if (!((contact.transient ? part.transient : part.quasi_static).on(contact.area) > 0))
+      fail("this contact with the body part " + part.name + " is not permitted, expected another one for the cost 'safety'");
+}
+
+void check_compliant(const CompliantFrame& frame) {
+  if (frame.axes.empty()) fail("the compliant frame has no axis, expected at least one");
+  for (const CompliantFrame::Axis& axis : frame.axes) {
+    expect_direction("a compliant axis", axis.u);
+    check_ranges(axis.least, axis.most);
+  }
+  for (const auto& [name, value] : {std::pair{"load", frame.load}, {"settled deflection", frame.settled}})
+    if (!(value > 0 && std::isfinite(value)))
+      fail(std::string("the ") + name + " of the compliant frame is " + text::to_text(value) + ", expected more than 0");
+  for (const auto& [name, value] : {std::pair{"deflection", frame.deflection_max}, {"natural frequency", frame.omega_max}})
+    if (!(value > 0))
+      fail(std::string("the largest ") + name + " of the compliant frame is " + text::to_text(value) +
+           ", expected more than 0");
+  for (const auto& [name, value] : {std::pair{"least damping ratio", frame.zeta_min}, {"time of the process", frame.T_process}})
+    if (!(value >= 0 && std::isfinite(value)))
+      fail(std::string("the ") + name + " of the compliant frame is " + text::to_text(value) + ", expected 0 or more");
+}
+
 }  // namespace
 
 const char* to_text(Quantity quantity) { return kQuantities[static_cast<std::size_t>(quantity)]; }
@@ -81,6 +116,8 @@ bool needs_torques(Quantity quantity) {
   return quantity == Quantity::kTorque || quantity == Quantity::kWork || quantity == Quantity::kSharedWork ||
          quantity == Quantity::kPower || quantity == Quantity::kEnergy;
 }
+
+bool needs_compliance(Quantity quantity) { return quantity == Quantity::kCycle || quantity == Quantity::kStiffness; }
 
 Bounds bounds_of(const robot::RobotModel& robot) {
   Bounds b;
@@ -133,8 +170,18 @@ void check(const Problem& p) {
     if (term.quantity == Quantity::kPower && !term.power) fail("the cost 'power' has no function of power");
     if (term.quantity == Quantity::kEnergy && !p.electrical)
       fail("the cost 'energy' has no electrical data of the drives, expected an energy.ssv beside the robot");
+    if ((term.quantity == Quantity::kMass || term.quantity == Quantity::kSafety) && !p.contact)
+      fail(std::string("the cost '") + to_text(term.quantity) + "' has no frame, expected Problem::contact");
+    if (needs_compliance(term.quantity) && !p.compliant)
+      fail(std::string("the cost '") + to_text(term.quantity) + "' has no compliant frame, expected Problem::compliant");
   }
   if (p.electrical) check_electrical(*p.electrical, n);
+  if (p.contact)
+    check_contact(*p.contact, n,
+                  std::ranges::any_of(p.costs, [](const CostTerm& t) { return t.quantity == Quantity::kSafety; }));
+  if (p.compliant) check_compliant(*p.compliant);
+  if (!(p.smooth_maxima == 0 || p.smooth_maxima >= 1))
+    fail("smooth maxima of the norm " + text::to_text(p.smooth_maxima) + ", expected 0, or 1 or more");
 }
 
 }  // namespace cotwin::optimisation

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "models/energetics/books.h"
+#include "models/optimisation/frame_values.h"
 #include "models/optimisation/motion_basis.h"
 #include "models/robot/robot_model.h"
 
@@ -46,9 +47,14 @@ enum class Quantity {
   kPower,         // ∫ P dt, J, with the function `power` of the cost term
   kAcceleration,  // ∫ Σ q̈² dt, exact
   kJerk,          // ∫ Σ (d³q/dt³)² dt, exact
-  kEnergy         // drawn from the mains, J, with Problem::electrical
+  kEnergy,        // drawn from the mains, J, with Problem::electrical
+  kMass,          // largest effective mass along the motion, kg, with Problem::contact
+  kSafety,        // largest speed over what the body parts permit, 1, with Problem::contact
+  kCycle,         // motion, settling of the compliant frame and process, s, with Problem::compliant
+  kStiffness      // Σ S of the compliant frame, N/m, with Problem::compliant
 };
-/// "time", "torque", "work", "shared_work", "power", "acceleration", "jerk", "energy"
+/// "time", "torque", "work", "shared_work", "power", "acceleration", "jerk", "energy", "effective_mass", "safety", "cycle_time",
+/// "stiffness"
 const char* to_text(Quantity quantity);
 /// Throws Error with the names.
 Quantity quantity_of(const std::string& name);
@@ -88,10 +94,16 @@ struct Problem {
   Bounds bounds;
   DriveTerms drives;
   std::vector<CostTerm> costs;
-  std::size_t samples = 200;             // of the torques, rounded up to a multiple of 8
-  double torque_margin = 0.005;          // share of the torque bounds that is kept free at the samples
-  std::optional<Electrical> electrical;  // of the cost kEnergy
+  std::size_t samples = 200;                // of the torques, rounded up to a multiple of 8
+  double torque_margin = 0.005;             // share of the torque bounds that is kept free at the samples
+  std::optional<Electrical> electrical;     // of the cost kEnergy
+  std::optional<ContactFrame> contact;      // of the costs kMass and kSafety
+  std::optional<CompliantFrame> compliant;  // of the costs kCycle and kStiffness; its parameters are variables
+  double smooth_maxima = 0;  // 0: kMass and kSafety are maxima; p: (mean of xᵖ)^(1/p) of them, for methods with derivatives
 };
+
+/// Whether the cost depends on the parameters of the compliant frame.
+bool needs_compliance(Quantity quantity);
 
 /// Throws Error for sizes that do not fit, numbers out of range, bounds that exclude the ends, and duplicate or missing costs.
 void check(const Problem& problem);

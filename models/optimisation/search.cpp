@@ -21,6 +21,7 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
 constexpr double kEnough = 1e-3;                               // relative improvement below which the refinement ends
+constexpr double kNorm = 40;                                   // of the maxima in the refinement
 constexpr double kTorqueTier = 1e100, kKinematicTier = 1e200;  // Deb's rules as one number: costs are far below
 
 /// A bound of a cost from an earlier search of minimise_in_order. The swarm and the barrier see the cost at fewer samples than the
@@ -50,7 +51,17 @@ std::chrono::steady_clock::time_point end_of_time(double limit) {
 struct Point {
   VectorXd c;
   double u = 1, z = 0.5;  // of ln T and of the end postures, in [0, 1]
+  std::vector<ComplianceValues> compliance;
 };
+
+/// The geometric means of the ranges.
+std::vector<ComplianceValues> middle_compliance(const Problem& p) {
+  std::vector<ComplianceValues> all;
+  if (!p.compliant) return all;
+  for (const auto& [u, least, most] : p.compliant->axes)
+    all.push_back({std::sqrt(least.M * most.M), std::sqrt(least.D * most.D), std::sqrt(least.S * most.S)});
+  return all;
+}
 
 class Search {
  public:
@@ -70,7 +81,7 @@ class Search {
 
   Solution run(const std::optional<Point>& start) {
     const std::size_t d = evaluator_.joints() * evaluator_.basis().redundant();
-    Point best = start ? *start : Point{VectorXd::Zero(static_cast<Index>(d)), 1, 0.5};
+    Point best = start ? *start : Point{VectorXd::Zero(static_cast<Index>(d)), 1, 0.5, middle_compliance(problem())};
     if (!start && !problem().end_postures.empty()) best.z = nearest_posture();
     // Each stage: its share of the rounds, the size of the swarm in the metric, and the number of coefficients per joint. A swarm
     // of few dimensions finds the region, because φ_k are the same for all degrees.
@@ -87,6 +98,7 @@ class Search {
       left -= rounds;
     }
     if (still_going() && options_.refine) best = refined(best);
+    if (problem().compliant) best = with_best_compliance(best);
     Solution solution = check(best);
     if (start) {  // it meets the bounds of the earlier costs
       Solution first = check(*start);
@@ -105,7 +117,7 @@ class Search {
   const Point& best() const { return best_; }
   /// A cost of a motion at the samples of the search.
   double cost_at_samples(const Point& p, std::size_t term) {
-    for (std::size_t lane = 0; lane < kLanes; ++lane) set_lane(motions_[0], lane, p.c, p.u, p.z);
+    for (std::size_t lane = 0; lane < kLanes; ++lane) set_lane(motions_[0], lane, p);
     evaluator_.evaluate(motions_[0], *scratch_[0], values_[0], true);
     return values_[0].costs[term * kLanes];
   }
@@ -150,11 +162,36 @@ class Search {
     return postures.size() < 2 ? 0.5 : static_cast<double>(nearest) / static_cast<double>(postures.size() - 1);
   }
 
-  void set_lane(Motions& m, std::size_t lane, const VectorXd& c, double u, double z) const {
-    for (Index i = 0; i < c.size(); ++i) m.c[static_cast<std::size_t>(i) * kLanes + lane] = c[i];
-    const std::vector<double> q = end_of(z);
+  void set_lane(Motions& m, std::size_t lane, const Point& p) const {
+    for (Index i = 0; i < p.c.size(); ++i) m.c[static_cast<std::size_t>(i) * kLanes + lane] = p.c[i];
+    const std::vector<double> q = end_of(p.z);
     for (std::size_t j = 0; j < q.size(); ++j) m.q_to[j * kLanes + lane] = q[j];
-    m.T[lane] = duration(u);
+    m.T[lane] = duration(p.u);
+    for (std::size_t k = 0; k < p.compliance.size(); ++k) {
+      const ComplianceValues& v = p.compliance[k];
+      std::size_t at = 3 * k * kLanes + lane;
+      for (const double x : {v.M, v.D, v.S}) {
+        m.compliance[at] = x;
+        at += kLanes;
+      }
+    }
+  }
+
+  /// The point with the parameters of compliance that are best for its motion, if they are better.
+  Point with_best_compliance(const Point& p) const {
+    Point own = p;
+    own.compliance = best_compliance(problem(), {p.c.data(), static_cast<std::size_t>(p.c.size())}, end_of(p.z), duration(p.u),
+                                     p.compliance, options_.seed);
+    const Solution before = check(p), after = check(own);
+    const bool same = before.status == after.status;
+    if (!same) return after.status < before.status ? own : p;
+    if (after.cost != before.cost) return after.cost < before.cost ? own : p;
+    return settle_of(after) <= settle_of(before) ? own : p;
+  }
+  static double settle_of(const Solution& s) {
+    double longest = 0;
+    for (const AxisResponse& r : s.responses) longest = std::max(longest, r.settle);
+    return longest;
   }
 
   /// The Hessian of ½ ∫ Σ τ² dt by c at a point (Gauss–Newton: derivatives of τ by differences), with a small share of that of
@@ -195,9 +232,9 @@ class Search {
     for (std::size_t first = 0; first < d; first += kLanes - 1) {
       const std::size_t count = std::min(kLanes - 1, d - first);
       for (std::size_t lane = 0; lane < kLanes; ++lane) {
-        VectorXd c = at.c;
-        if (lane > 0 && lane <= count) c[static_cast<Index>(first + lane - 1)] += step;
-        set_lane(m, lane, c, at.u, at.z);
+        Point moved = at;
+        if (lane > 0 && lane <= count) moved.c[static_cast<Index>(first + lane - 1)] += step;
+        set_lane(m, lane, moved);
       }
       m.count = count + 1;
       std::array<std::vector<double>, kLanes> tau;
@@ -238,7 +275,9 @@ class Search {
   /// stalls at degree 13 and 15.)
   Point refined(const Point& from) {
     const std::size_t K = evaluator_.basis().redundant();
-    const Evaluator exact(problem());
+    Problem smooth = problem();
+    smooth.smooth_maxima = kNorm;
+    const Evaluator exact(smooth);
     const auto scratch = exact.scratch();
     constexpr std::size_t kFirst = 4;
     constexpr int kFew = 2, kAttempts = 8;
@@ -271,7 +310,8 @@ class Search {
   };
 
   Solution check(const Point& p) const {
-    Solution s = assess(problem(), {p.c.data(), static_cast<std::size_t>(p.c.size())}, end_of(p.z), duration(p.u));
+    Solution s =
+        assess(problem(), {p.c.data(), static_cast<std::size_t>(p.c.size())}, end_of(p.z), duration(p.u), p.compliance);
     for (const CostBound& bound : bounds_) {
       if (s.status != Status::kFeasible || s.costs[bound.term] <= bound.most) continue;
       s.status = Status::kBestEffort;
@@ -305,16 +345,15 @@ class Search {
       if (free_end) boxes.push_back({variables - 1, -1e-9 - current.z, 1 + 1e-9 - current.z});
       for (const CostBound& bound : bounds_)
         boxes.push_back({variables + bound.term, -std::numeric_limits<double>::infinity(), bound.at_samples});
-      Barrier barrier(exact, scratch, boxes, variables, state.margins, [&](const VectorXd& y, std::size_t lane, Motions& m) {
-        const Point p = point(y);
-        set_lane(m, lane, p.c, p.u, p.z);
-      });
+      Barrier barrier(exact, scratch, boxes, variables, state.margins,
+                      [&](const VectorXd& y, std::size_t lane, Motions& m) { set_lane(m, lane, point(y)); });
       barrier.set_going([this](std::uint64_t further) {
         if (still_going(further) && options_.on_step) going_ = options_.on_step();
         return going_;
       });
       state.current = point(barrier.minimise());
       evaluations_ += barrier.evaluations();
+      if (problem().compliant) state.current = with_best_compliance(state.current);
       const Solution found = check(state.current);
       if (found.status == Status::kFeasible) {
         const bool enough = !(found.cost < state.least - kEnough * std::abs(state.least));
@@ -372,6 +411,22 @@ class Search {
     if (!free_T) lower[d] = 1, width[d] = 0;
     if (!free_end) upper[d + 1] = 0, width[d + 1] = 0;
     const double fixed_z = centre.z;
+    // Then ln M, ln D and ln S of each axis of the compliant frame.
+    for (std::size_t k = 0; k < centre.compliance.size(); ++k) {
+      const CompliantFrame::Axis& axis = problem().compliant->axes[k];
+      for (const auto part : {&ComplianceValues::M, &ComplianceValues::D, &ComplianceValues::S}) {
+        lower.push_back(std::log(axis.least.*part));
+        upper.push_back(std::log(axis.most.*part));
+        start.push_back(std::clamp(std::log(centre.compliance[k].*part), lower.back(), upper.back()));
+        width.push_back(spread * (upper.back() - lower.back()));
+      }
+    }
+    const auto compliance_of = [&](std::size_t i, double x) {
+      const CompliantFrame::Axis& axis = problem().compliant->axes[i / 3];
+      const auto part = i % 3 == 0 ? &ComplianceValues::M : i % 3 == 1 ? &ComplianceValues::D : &ComplianceValues::S;
+      return std::clamp(std::exp(x), axis.least.*part, axis.most.*part);
+    };
+    const std::size_t parameters = 3 * centre.compliance.size();
 
     const auto cost = [&](std::size_t block, std::size_t count, const double* x, std::size_t stride, double* result) {
       Motions& m = motions_[block];
@@ -386,6 +441,8 @@ class Search {
           for (std::size_t j = 0; j < q.size(); ++j) m.q_to[j * kLanes + k] = q[j];
         }
       }
+      for (std::size_t i = 0; i < parameters; ++i)
+        for (std::size_t k = 0; k < kLanes; ++k) m.compliance[i * kLanes + k] = compliance_of(i, x[(d + 2 + i) * stride + k]);
       evaluator_.evaluate(m, *scratch_[block], values_[block]);
       for (std::size_t k = 0; k < count; ++k) result[k] = deb(values_[block], k);
     };
@@ -405,13 +462,16 @@ class Search {
       if (options_.on_round) going_ = options_.on_round(particles(number, round));
       still_going();
     }
-    std::vector<double> y(d + 2);
+    std::vector<double> y(d + 2 + parameters);
     swarm.best(y);
     Point best = centre;
     for (std::size_t i = 0; i < all; ++i)
       for (std::size_t k = 0; k < d; ++k) best.c[static_cast<Index>(i)] += flat[i * d + k] * y[k];
     if (free_T) best.u = y[d];
     if (free_end) best.z = y[d + 1];
+    for (std::size_t k = 0; k < centre.compliance.size(); ++k)
+      best.compliance[k] = {compliance_of(3 * k, y[d + 2 + 3 * k]), compliance_of(3 * k + 1, y[d + 3 + 3 * k]),
+                            compliance_of(3 * k + 2, y[d + 4 + 3 * k])};
     return best;
   }
 
@@ -428,6 +488,8 @@ class Search {
         p.T = m.T[k];
         for (std::size_t i = 0; i < problem().costs.size(); ++i)
           p.costs.push_back(v.pruned[k] ? std::numeric_limits<double>::quiet_NaN() : v.costs[i * kLanes + k]);
+        for (std::size_t i = 0; i < m.compliance.size(); i += 3 * kLanes)
+          p.compliance.push_back({m.compliance[i + k], m.compliance[i + kLanes + k], m.compliance[i + 2 * kLanes + k]});
         p.kinematic = v.kinematic[k];
         p.torque = v.torque[k];
         all.particles.push_back(std::move(p));
@@ -453,6 +515,85 @@ class Search {
 
 }  // namespace
 
+std::vector<ComplianceValues> best_compliance(const Problem& p, std::span<const double> c, std::span<const double> q_to,
+                                              double T, std::span<const ComplianceValues> start, std::uint64_t seed) {
+  const CompliantFrame& frame = p.compliant.value();
+  const std::size_t axes = frame.axes.size();
+  Problem kinematic = p;  // the path alone
+  kinematic.costs = {{Quantity::kTime, 1, {}}};
+  kinematic.bounds.tau.assign(p.robot.joints.size(), std::numeric_limits<double>::infinity());
+  const trajectory::Path path = assess(kinematic, c, q_to, T).path;
+  constexpr std::size_t kPlaces = 1000;
+  const std::size_t n = p.robot.joints.size();
+  std::vector<double> q(n * kPlaces), dq(q), ddq(q), x(n), v(n), a(n);
+  for (std::size_t i = 0; i < kPlaces; ++i) {
+    path.at(T * static_cast<double>(i) / (kPlaces - 1), x, v, a);
+    for (std::size_t j = 0; j < n; ++j) {
+      q[j * kPlaces + i] = x[j];
+      dq[j * kPlaces + i] = v[j];
+      ddq[j * kPlaces + i] = a[j];
+    }
+  }
+  CompliantMotion motion(p.robot, frame);
+  motion.set(kPlaces, T, q.data(), dq.data(), ddq.data());
+  double per_settle = 0, per_stiffness = 0;
+  for (const CostTerm& term : p.costs) {
+    if (term.quantity == Quantity::kCycle) per_settle += term.weight;
+    if (term.quantity == Quantity::kStiffness) per_stiffness += term.weight;
+  }
+  if (per_settle == 0 && per_stiffness == 0) per_settle = 1;
+  const auto part = [](std::size_t i) {
+    return i % 3 == 0 ? &ComplianceValues::M : i % 3 == 1 ? &ComplianceValues::D : &ComplianceValues::S;
+  };
+  std::vector<double> lower, upper, best;
+  for (std::size_t i = 0; i < 3 * axes; ++i) {
+    const CompliantFrame::Axis& axis = frame.axes[i / 3];
+    lower.push_back(std::log(axis.least.*part(i)));
+    upper.push_back(std::log(axis.most.*part(i)));
+    best.push_back(start.empty() ? 0.5 * (lower[i] + upper[i])
+                                 : std::clamp(std::log(start[i / 3].*part(i)), lower[i], upper[i]));
+  }
+  std::vector<ComplianceValues> values(axes);
+  const auto decode = [&](const double* from, std::size_t stride) {
+    for (std::size_t i = 0; i < 3 * axes; ++i)
+      values[i / 3].*part(i) =
+          std::clamp(std::exp(from[i * stride]), frame.axes[i / 3].least.*part(i), frame.axes[i / 3].most.*part(i));
+  };
+  std::vector<AxisResponse> responses(axes);
+  const auto cost = [&](std::size_t, std::size_t count, const double* from, std::size_t stride, double* result) {
+    for (std::size_t k = 0; k < count; ++k) {
+      decode(from + k, stride);
+      double settle = 0, sum = 0, stiffness = 0;
+      for (std::size_t i = 0; i < axes; ++i) {
+        responses[i] = motion.respond(i, values[i]);
+        settle = std::max(settle, responses[i].settle);
+        sum += responses[i].settle;
+        stiffness += values[i].S;
+      }
+      constexpr double kOthers = 1e-6;  // the axes that settle before the last one
+      const double beyond = motion.violation(values, responses);
+      result[k] = beyond > 0 ? kTorqueTier * beyond : per_settle * (settle + kOthers * sum) + per_stiffness * stiffness;
+    }
+  };
+  constexpr int kStages = 4;
+  double width = 0.3;
+  for (int stage = 0; stage < kStages; ++stage, width *= 0.15) {
+    numerics::SwarmOptions options;
+    options.particles = 32;
+    options.rounds = 40;
+    options.seed = seed + static_cast<std::uint64_t>(stage);
+    options.threshold = -std::numeric_limits<double>::infinity();
+    options.stagnation_rounds = 0;
+    std::vector<double> spread(3 * axes);
+    for (std::size_t i = 0; i < spread.size(); ++i) spread[i] = width * (upper[i] - lower[i]);
+    numerics::Swarm swarm(lower, upper, best, spread, cost, options);
+    swarm.run();
+    swarm.best(best);
+  }
+  decode(best.data(), 1);
+  return values;
+}
+
 Solution minimise(const Problem& problem, const SearchOptions& options, numerics::Threads* threads) {
   return Search(problem, options, {}, threads).run({});
 }
@@ -470,6 +611,8 @@ Solution minimise_in_order(const Problem& problem, double tolerance, const Searc
     Solution next = search.run(start);
     budget.spend(next.evaluations);
     next.complete = next.complete && solution.complete;
+    next.optima = solution.optima;
+    next.optima.push_back(next.costs[i]);
     next.evaluations += solution.evaluations;
     next.pruned += solution.pruned;
     next.history.insert(next.history.begin(), solution.history.begin(), solution.history.end());

@@ -17,11 +17,12 @@ namespace cotwin::optimisation {
 struct Round {
   int stage = 0, round = 0;
   struct Particle {
-    std::vector<double> c;             // n · (degree − 5)
-    std::vector<double> q_to;          // n
-    double T = 0;                      // s
-    std::vector<double> costs;         // of each cost term; NaN for a particle that was pruned
-    double kinematic = 0, torque = 0;  // violations, see Values
+    std::vector<double> c;                          // n · (degree − 5)
+    std::vector<double> q_to;                       // n
+    double T = 0;                                   // s
+    std::vector<double> costs;                      // of each cost term; NaN for a particle that was pruned
+    double kinematic = 0, torque = 0;               // violations, see Values
+    std::vector<ComplianceValues> compliance = {};  // of each axis of Problem::compliant
     bool feasible() const { return kinematic == 0 && torque == 0; }
   };
   std::vector<Particle> particles;
@@ -65,23 +66,35 @@ struct Solution {
   std::string reason;  // the joint, the time and the bound that is violated most; empty if feasible
   double T = 0;        // s
   int degree = 5;
-  std::vector<double> c;        // n · (degree − 5), joint by joint
-  std::vector<double> q_to;     // n
-  std::vector<double> costs;    // of each cost term
-  double cost = 0;              // Σ weight · cost
-  std::vector<Peak> peaks;      // of each joint, for q, dq, ddq, dddq and tau
-  trajectory::Path path;        // joints over t in [0, T]
-  std::vector<double> history;  // best cost after each round, violations included
+  std::vector<double> c;                     // n · (degree − 5), joint by joint
+  std::vector<double> q_to;                  // n
+  std::vector<double> costs;                 // of each cost term
+  double cost = 0;                           // Σ weight · cost
+  std::vector<Peak> peaks;                   // of each joint, for q, dq, ddq, dddq and tau
+  trajectory::Path path;                     // joints over t in [0, T]
+  std::vector<ComplianceValues> compliance;  // of each axis of Problem::compliant
+  std::vector<AxisResponse> responses;       // likewise
+  std::vector<double> optima;                // minimise_in_order: of each cost, within the bounds of the earlier ones
+  std::vector<double> history;               // best cost after each round, violations included
   std::uint64_t evaluations = 0, pruned = 0;
   bool complete = true;  // false: ended by SearchOptions::evaluations, limit or a callback
 };
 
-/// Costs and peaks of one motion: kinematics exact, torques at ten times the problem's samples. `c` and `q_to` as in Solution.
-Solution assess(const Problem& problem, std::span<const double> c, std::span<const double> q_to, double T);
+/// Costs and peaks of one motion: kinematics exact, torques at ten times the problem's samples. `c`, `q_to` and `compliance` as in
+/// Solution; without `compliance` the middle of its ranges (geometric mean).
+Solution assess(const Problem& problem, std::span<const double> c, std::span<const double> q_to, double T,
+                std::span<const ComplianceValues> compliance = {});
+
+/// The parameters of Problem::compliant of least Σ weight · cost for a motion as assess() takes it, or of least settling time if no
+/// cost with a weight depends on them; with Deb's rules for its conditions. Searched from `start` (empty: the middle).
+std::vector<ComplianceValues> best_compliance(const Problem& problem, std::span<const double> c, std::span<const double> q_to,
+                                              double T, std::span<const ComplianceValues> start, std::uint64_t seed);
 
 /// Minimises Σ weight · cost by a particle swarm with Deb's rules: a feasible motion is better than an infeasible one, of two
 /// infeasible ones the one with the smaller violation; kinematic violations are counted before those of torques. The
-/// coordinates of the swarm are c_r in the metric of ∫ Σ τ² dt about the start, ln T, and the place among the end postures.
+/// coordinates of the swarm are c_r in the metric of ∫ Σ τ² dt about the start, ln T, the place among the end postures, and the
+/// logarithms of the parameters of the compliant frame. These are not refined by Newton's method, since settling times leap: they are
+/// searched again for each refined motion.
 /// Stages with ever smaller swarms about the best motion follow one another; a feasible result is refined by Newton's method. Same problem, options and seed: same bits on any
 /// number of threads.
 Solution minimise(const Problem& problem, const SearchOptions& options = {}, numerics::Threads* threads = nullptr);
@@ -106,8 +119,9 @@ class Archive {
 
 /// The Pareto front of two or more costs: searches with weights that are spread over the simplex (`directions` of them, costs
 /// in units of their spread), and the archive of the quintic, all their particles and their results, each as assess() sees it.
-/// Limits of the options hold for all searches together; `complete`: whether none was reached.
+/// Limits of the options hold for all searches together; `complete`: whether none was reached; `evaluations`: of all searches.
 std::vector<Round::Particle> pareto_front(const Problem& problem, int directions, const SearchOptions& options = {},
-                                          numerics::Threads* threads = nullptr, bool* complete = nullptr);
+                                          numerics::Threads* threads = nullptr, bool* complete = nullptr,
+                                          std::uint64_t* evaluations = nullptr);
 
 }  // namespace cotwin::optimisation
