@@ -101,52 +101,142 @@ std::vector<std::vector<double>> self_motion(const robot::RobotModel& robot, rob
   return all;
 }
 
+namespace {
+
+/// The problems of a motion to a pose, and what their searches together have used of the options' limits.
+class ToPose {
+ public:
+  ToPose(const Problem& problem, robot::InverseKinematics& kinematics, const robot::PoseTarget& target,
+         const SelfMotionOptions& self, const SearchOptions& options)
+      : tracer_(kinematics, target), given_((check(problem), problem)), budget_(options) {
+    robot::RobotModel bounded = problem.robot;
+    for (std::size_t j = 0; j < bounded.joints.size(); ++j) {
+      bounded.joints[j].q_min = problem.bounds.q_min[j];
+      bounded.joints[j].q_max = problem.bounds.q_max[j];
+    }
+    postures_ = self_motion(bounded, kinematics, target, problem.ends.q_to, self);
+    given_.end_postures.clear();
+    given_.ends.q_to = exact(problem.ends.q_to);
+  }
+
+  /// The given end, moved to the pose.
+  const Problem& given() const { return given_; }
+  bool has_freedom() const { return postures_.size() > 1; }
+  /// Any end on the self-motion.
+  Problem free() const {
+    Problem p = given_;
+    p.end_postures = postures_;
+    p.ends.q_to = postures_.front();
+    return p;
+  }
+  Problem ending_at(const std::vector<double>& q_to) const {
+    Problem p = given_;
+    p.ends.q_to = q_to;
+    return p;
+  }
+  /// The posture at the pose close to q.
+  std::vector<double> exact(const std::vector<double>& q) {
+    VectorXd end = Eigen::Map<const VectorXd>(q.data(), static_cast<Index>(q.size()));
+    if (!tracer_.correct(end)) throw Error("self-motion", "the end between two postures does not lead to the pose");
+    return list(end);
+  }
+
+  SearchOptions left() const { return budget_.left(); }
+  const Solution& count(const Solution& s) {
+    budget_.spend(s.evaluations);
+    complete_ = complete_ && s.complete;
+    evaluations_ += s.evaluations;
+    pruned_ += s.pruned;
+    return s;
+  }
+  bool complete() const { return complete_; }
+  Solution total(Solution best) const {
+    best.evaluations = evaluations_;
+    best.pruned = pruned_;
+    best.complete = complete_;
+    return best;
+  }
+
+ private:
+  Tracer tracer_;
+  Problem given_;
+  std::vector<std::vector<double>> postures_;
+  Budget budget_;
+  bool complete_ = true;
+  std::uint64_t evaluations_ = 0, pruned_ = 0;
+};
+
+int rank(const Solution& s) { return static_cast<int>(s.status); }
+
+/// Whether a keeps to the order of costs better than b: to the least optimum of each of the two within the tolerance, the first cost in
+/// which only one of them does decides, else the last cost.
+bool better_in_order(const Solution& a, const Solution& b, double tolerance) {
+  if (rank(a) != rank(b)) return rank(a) < rank(b);
+  for (std::size_t i = 0; i + 1 < std::min(a.optima.size(), b.optima.size()); ++i) {
+    const double least = std::min(a.optima[i], b.optima[i]), most = least + tolerance * std::abs(least);
+    if ((a.costs[i] <= most) != (b.costs[i] <= most)) return a.costs[i] <= most;
+  }
+  return a.cost < b.cost;
+}
+
+}  // namespace
+
 Solution minimise_to_pose(const Problem& problem, robot::InverseKinematics& kinematics, const robot::PoseTarget& target,
                           const SearchOptions& options, numerics::Threads* threads, const SelfMotionOptions& self) {
-  check(problem);
-  Problem own = problem;
-  robot::RobotModel bounded = problem.robot;
-  for (std::size_t j = 0; j < bounded.joints.size(); ++j) {
-    bounded.joints[j].q_min = problem.bounds.q_min[j];
-    bounded.joints[j].q_max = problem.bounds.q_max[j];
-  }
-  own.end_postures = self_motion(bounded, kinematics, target, problem.ends.q_to, self);
-  Tracer tracer(kinematics, target);
-  VectorXd end = Eigen::Map<const VectorXd>(problem.ends.q_to.data(), kinematics.n());
-  tracer.correct(end);
-  Budget budget(options);
-  bool complete = true;
-  std::uint64_t evaluations = 0, pruned = 0;
-  const auto search = [&](const Problem& p) {
-    Solution s = minimise(p, budget.left(), threads);
-    budget.spend(s.evaluations);
-    complete = complete && s.complete;
-    evaluations += s.evaluations;
-    pruned += s.pruned;
-    return s;
-  };
+  ToPose goal(problem, kinematics, target, self, options);
   // The given end may be in the valley of a better local optimum than the one that the swarm chooses.
-  Problem given = problem;
-  given.end_postures.clear();
-  given.ends.q_to = list(end);
-  Solution best = search(given);
-  if (own.end_postures.size() > 1 && complete) {
-    own.ends.q_to = own.end_postures.front();
-    const Solution found = search(own);
-    end = Eigen::Map<const VectorXd>(found.q_to.data(), kinematics.n());
-    if (!tracer.correct(end)) throw Error("self-motion", "the end between two postures does not lead to the pose");
-    own.end_postures.clear();
-    own.ends.q_to = list(end);
-    Solution exact = assess(own, found.c, own.ends.q_to, found.T);
+  Solution best = goal.count(minimise(goal.given(), goal.left(), threads));
+  if (goal.has_freedom() && goal.complete()) {
+    const Solution found = goal.count(minimise(goal.free(), goal.left(), threads));
+    const Problem own = goal.ending_at(goal.exact(found.q_to));
+    Solution exact = assess(own, found.c, own.ends.q_to, found.T, found.compliance);
     exact.history = found.history;
-    if (exact.status != Status::kFeasible && found.status == Status::kFeasible && complete) exact = search(own);
-    const auto rank = [](const Solution& s) { return static_cast<int>(s.status); };
+    if (exact.status != Status::kFeasible && found.status == Status::kFeasible && goal.complete())
+      exact = goal.count(minimise(own, goal.left(), threads));
     if (rank(exact) < rank(best) || (rank(exact) == rank(best) && exact.cost < best.cost)) best = std::move(exact);
   }
-  best.evaluations = evaluations;
-  best.pruned = pruned;
-  best.complete = complete;
-  return best;
+  return goal.total(std::move(best));
+}
+
+Solution minimise_in_order_to_pose(const Problem& problem, double tolerance, robot::InverseKinematics& kinematics,
+                                   const robot::PoseTarget& target, const SearchOptions& options, numerics::Threads* threads,
+                                   const SelfMotionOptions& self) {
+  ToPose goal(problem, kinematics, target, self, options);
+  Solution best = goal.count(minimise_in_order(goal.given(), tolerance, goal.left(), threads));
+  if (goal.has_freedom() && goal.complete()) {
+    const Solution found = goal.count(minimise_in_order(goal.free(), tolerance, goal.left(), threads));
+    if (goal.complete()) {
+      // Between two postures a motion misses the pose, and the bounds of the earlier costs leave no room to move it there.
+      const Problem own = goal.ending_at(goal.exact(found.q_to));
+      Solution exact = goal.count(minimise_in_order(own, tolerance, goal.left(), threads));
+      if (better_in_order(exact, best, tolerance)) best = std::move(exact);
+    }
+  }
+  return goal.total(std::move(best));
+}
+
+std::vector<Round::Particle> pareto_front_to_pose(const Problem& problem, int directions, robot::InverseKinematics& kinematics,
+                                                  const robot::PoseTarget& target, const SearchOptions& options,
+                                                  numerics::Threads* threads, bool* complete, const SelfMotionOptions& self) {
+  ToPose goal(problem, kinematics, target, self, options);
+  Archive archive;
+  bool all = true;
+  Solution used;
+  for (const bool free : {false, true}) {
+    if (free && !(goal.has_freedom() && all)) break;
+    const Problem p = free ? goal.free() : goal.given();
+    bool done = true;
+    for (const Round::Particle& member : pareto_front(p, directions, goal.left(), threads, &done, &used.evaluations)) {
+      const Solution s =
+          assess(goal.given(), member.c, free ? goal.exact(member.q_to) : member.q_to, member.T, member.compliance);
+      if (s.status == Status::kFeasible) archive.add({s.c, s.q_to, s.T, s.costs, 0, 0, s.compliance});
+    }
+    used.complete = done;
+    goal.count(used);
+    all = all && done;
+  }
+  if (complete) *complete = all;
+  return archive.members();
 }
 
 }  // namespace cotwin::optimisation

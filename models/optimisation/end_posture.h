@@ -28,4 +28,17 @@ Solution minimise_to_pose(const Problem& problem, robot::InverseKinematics& kine
                           const SearchOptions& options = {}, numerics::Threads* threads = nullptr,
                           const SelfMotionOptions& self_motion = {});
 
+/// The same as minimise_in_order(): the optimum of each cost that the later ones keep to is the least one over all end postures. The
+/// result ends at ends.q_to or where the order of costs with free end postures ended.
+Solution minimise_in_order_to_pose(const Problem& problem, double tolerance, robot::InverseKinematics& kinematics,
+                                   const robot::PoseTarget& target, const SearchOptions& options = {},
+                                   numerics::Threads* threads = nullptr, const SelfMotionOptions& self_motion = {});
+
+/// The same as pareto_front(), once with the end ends.q_to and once over all end postures. Motions that end between two postures are
+/// moved to the pose exactly, and left out if they then violate a bound.
+std::vector<Round::Particle> pareto_front_to_pose(const Problem& problem, int directions, robot::InverseKinematics& kinematics,
+                                                  const robot::PoseTarget& target, const SearchOptions& options = {},
+                                                  numerics::Threads* threads = nullptr, bool* complete = nullptr,
+                                                  const SelfMotionOptions& self_motion = {});
+
 }  // namespace cotwin::optimisation

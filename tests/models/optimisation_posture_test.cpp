@@ -99,6 +99,54 @@ TEST(EndPosture, FindsACheaperEndOfTheSamePose) {
   EXPECT_LT(1 - std::abs(pose.Q.dot(goal.Q)), 1e-12);
 }
 
+/// planar2 whose tip may end anywhere on a vertical line: quintics of a fixed duration, so that the end posture is all that is searched.
+struct ToALine {
+  robot::RobotModel robot = robot_named("planar2");
+  Problem p = problem_of(robot, {0.3, -0.5}, {0.9, -1.4}, 2, 5);
+  robot::InverseKinematics kinematics{robot, robot.end_effector(), robot::task_directions("x")};
+  robot::FrameMotion goal = pose_of(robot, p.ends.q_to);
+  robot::PoseTarget target{goal.p, goal.Q};
+  std::vector<Solution> all;  // feasible ones of 500 and more end postures
+  ToALine() {
+    p.costs = {{Quantity::kAcceleration, 1, {}}, {Quantity::kTorque, 1, {}}};
+    for (const auto& posture : self_motion(robot, kinematics, target, p.ends.q_to, {0.005, 5000}))
+      if (Solution s = assess(p, {}, posture, 2); s.status == Status::kFeasible) all.push_back(std::move(s));
+  }
+  double least(std::size_t cost, double most_of_first = std::numeric_limits<double>::infinity()) const {
+    double best = std::numeric_limits<double>::infinity();
+    for (const Solution& s : all)
+      if (s.costs[0] <= most_of_first) best = std::min(best, s.costs[cost]);
+    return best;
+  }
+};
+
+TEST(EndPosture, KeepsToAnOrderOfCostsAsWellAsAGrid) {
+  ToALine line;
+  ASSERT_GT(line.all.size(), 500u);
+  constexpr double kTolerance = 0.3;
+  const Solution s = minimise_in_order_to_pose(line.p, kTolerance, line.kinematics, line.target, few());
+  ASSERT_EQ(s.status, Status::kFeasible) << s.reason;
+  EXPECT_NEAR(pose_of(line.robot, s.q_to).p.x(), line.goal.p.x(), 1e-9);
+  // The goal's posture is not the best one, for neither of the costs.
+  const double first = line.least(0);
+  EXPECT_LT(first, 0.9 * assess(line.p, {}, line.p.ends.q_to, 2).costs[0]);
+  EXPECT_LE(s.costs[0], (1 + kTolerance) * first * 1.001);
+  EXPECT_NEAR(s.costs[1], line.least(1, (1 + kTolerance) * first), 5e-3 * s.costs[1]);
+  EXPECT_LT(s.costs[1], 0.97 * line.least(1, 1.001 * first));  // the tolerance is used
+}
+
+TEST(EndPosture, HasTheFrontOfAGrid) {
+  ToALine line;
+  const auto front = pareto_front_to_pose(line.p, 5, line.kinematics, line.target, few(20));
+  ASSERT_GT(front.size(), 5u);
+  EXPECT_NEAR(front.front().costs[0], line.least(0), 2e-3 * line.least(0));
+  EXPECT_NEAR(front.back().costs[1], line.least(1), 2e-3 * line.least(1));
+  for (const auto& member : front) {
+    EXPECT_NEAR(pose_of(line.robot, member.q_to).p.x(), line.goal.p.x(), 1e-9);
+    EXPECT_GE(member.costs[1], 0.99 * line.least(1, 1.01 * member.costs[0]));
+  }
+}
+
 Problem kr300_move(int degree) {
   return problem_of(robot_named("kr300_r2500"), {0, -1.2, 1.2, 0, 0.4, 0}, {1.2, -1.9, 1.8, 0.5, -0.8, 1}, 2, degree);
 }
