@@ -3,7 +3,7 @@
 #include <numeric>
 
 #include "models/services/answers.h"
-#include "models/services/contact_service.h"
+#include "models/services/contact_json.h"
 #include "models/services/energy_service.h"
 
 namespace cotwin::services {
@@ -38,30 +38,7 @@ EnergyOptions read_energy_options(Reader& r) {
   return o;
 }
 
-ContactOptions read_contact(const Robot& robot, Reader& r) {
-  ContactOptions o;
-  o.frame = r.text("frame", "");
-  if (!o.frame.empty()) {
-    try {
-      robot.model.frame(o.frame);
-    } catch (const Error& e) {
-      throw RequestError(r.pointer("frame"), e.what());
-    }
-  }
-  if (r.has("direction")) {
-    const std::vector<double> u = r.numbers("direction");
-    if (u.size() != 3 || !(Eigen::Vector3d(u[0], u[1], u[2]).norm() > 0))
-      throw RequestError(r.pointer("direction"), "expected three numbers in the axes of the base, not all 0");
-    o.u = Eigen::Vector3d(u[0], u[1], u[2]);
-  }
-  o.motors_held = r.word("motors", {"free", "held"}) == "held";
-  if (o.motors_held && !robot.drives)
-    throw RequestError(r.pointer("motors"),
-                       "is held, but the robot has no drive_train.ssv with the inertias of its motors, expected free");
-  if (robot.drives) o.B = robot.drives->B;
-  o.samples = static_cast<std::size_t>(r.integer("samples", 2, 100000, 401));
-  return o;
-}
+void read_samples(Reader& r, ContactOptions& o) { o.samples = static_cast<std::size_t>(r.integer("samples", 2, 100000, 401)); }
 
 /// The move with its duration, and the plan's verdict as the first members of the reply. An error where no duration is possible.
 Move planned(const Robot& robot, Move m, Json& reply) {
@@ -171,7 +148,8 @@ Json answer_energy(const Robot& robot, Reader& r, const Context&) {
 
 Json answer_effective_mass(const Robot& robot, Reader& r, const Context&) {
   const Move m = read_move(robot, r, true);
-  const ContactOptions o = read_contact(robot, r);
+  ContactOptions o = read_contact_frame(robot, r);
+  read_samples(r, o);
   const Detail detail = read_detail(r);
   r.finish();
   Json reply = Json::object();
@@ -188,18 +166,9 @@ Json answer_effective_mass(const Robot& robot, Reader& r, const Context&) {
 
 Json answer_safety(const Robot& robot, Reader& r, const Context&) {
   const Move m = read_move(robot, r, true);
-  ContactOptions o = read_contact(robot, r);
-  if (robot.parts.empty())
-    throw RequestError("", "there is no table of body parts, expected people/iso_ts_15066.csv beside the folder of robots");
-  for (const std::string& name : r.texts("parts", {"hands_and_fingers", "chest"})) {
-    try {
-      o.parts.push_back(robot::find_body_part(robot.parts, name, "parts"));
-    } catch (const Error& e) {
-      throw RequestError(r.pointer("parts"), e.what());
-    }
-  }
-  o.transient = r.word("contact", {"transient", "quasi_static"}) == "transient";
-  if (r.has("contact_area_m2")) o.area = r.positive("contact_area_m2");
+  ContactOptions o = read_contact_frame(robot, r);
+  read_samples(r, o);
+  read_body_parts(robot, r, o);
   const Detail detail = read_detail(r);
   r.finish();
   Json reply = Json::object();

@@ -5,6 +5,7 @@
 #include "models/optimisation/particle_table.h"
 #include "models/services/answers.h"
 #include "models/services/compliance_json.h"
+#include "models/services/contact_json.h"
 #include "models/services/end_pose_json.h"
 #include "models/services/energy_service.h"
 #include "models/services/verify_json.h"
@@ -34,6 +35,14 @@ const char* unit_of(optimisation::Quantity q) {
       return "acceleration_squared_integral";
     case Q::kJerk:
       return "jerk_squared_integral";
+    case Q::kMass:
+      return "effective_mass_kg";
+    case Q::kSafety:
+      return "safety_share";
+    case Q::kCycle:
+      return "cycle_time_s";
+    case Q::kStiffness:
+      return "stiffness_N_per_m";
     default:
       return "energy_J";
   }
@@ -77,6 +86,10 @@ Json costs_of(const Problem& p, const std::vector<double>& costs) {
   return all;
 }
 
+bool has_cost(const Problem& p, optimisation::Quantity quantity) {
+  return std::ranges::any_of(p.costs, [&](const CostTerm& t) { return t.quantity == quantity; });
+}
+
 Problem problem_of(const Robot& robot, const Move& m, const std::string& rule, Reader& r) {
   Problem p;
   p.robot = robot.model;
@@ -99,8 +112,7 @@ Problem problem_of(const Robot& robot, const Move& m, const std::string& rule, R
   if (p.T_max < p.T_min) throw RequestError("/T_max_s", "is less than T_min_s, expected at least that");
   p.costs = read_costs(r, rule);
   const std::string bus = r.word("bus", {"shared", "none", "grid"});
-  r.only_if(std::ranges::any_of(p.costs, [](const CostTerm& t) { return t.quantity == optimisation::Quantity::kEnergy; }),
-            "bus", "the cost energy");
+  r.only_if(has_cost(p, optimisation::Quantity::kEnergy), "bus", "the cost energy");
   for (const CostTerm& term : p.costs) {
     if (term.quantity != optimisation::Quantity::kEnergy) continue;
     if (!robot.energy)
@@ -109,6 +121,29 @@ Problem problem_of(const Robot& robot, const Move& m, const std::string& rule, R
     p.electrical = optimisation::Electrical{e.losses, e.current, bus_of(bus), e.link, e.supply, e.standby};
   }
   return p;
+}
+
+/// The frame of the costs effective_mass and safety.
+void read_contact(const Robot& robot, Reader& r, Problem& p) {
+  const bool safety = has_cost(p, optimisation::Quantity::kSafety);
+  const bool contact = safety || has_cost(p, optimisation::Quantity::kMass);
+  for (const char* name : {"frame", "direction", "motors"}) r.only_if(contact, name, "the cost effective_mass or safety");
+  for (const char* name : {"parts", "contact", "contact_area_m2"}) r.only_if(safety, name, "the cost safety");
+  if (!contact) return;
+  ContactOptions o = read_contact_frame(robot, r);
+  if (safety) read_body_parts(robot, r, o);
+  for (const robot::BodyPart& part : o.parts)
+    if (!((o.transient ? part.transient : part.quasi_static).on(o.area) > 0))
+      throw RequestError(r.pointer("parts"),
+                         "has " + part.name + ", with which this contact is not permitted, expected others");
+  optimisation::ContactFrame frame;
+  frame.frame = robot::on_body(o.frame.empty() ? robot.model.end_effector() : robot.model.frame(o.frame));
+  if (o.u) frame.u = o.u->stableNormalized();
+  if (o.motors_held) frame.B = o.B;
+  frame.parts = o.parts;
+  frame.transient = o.transient;
+  frame.area = o.area;
+  p.contact = frame;
 }
 
 /// Progress in steps of one percent: the rounds of all searches up to `most` of the work, finish() the rest.
@@ -164,7 +199,9 @@ Json front_of(const Robot& robot, const Move& m, const Problem& p, const std::ve
     Move found = m;
     found.degree = p.degree;
     found.c = particle.c;
+    found.to_q = particle.q_to;
     Json one{{"T_s", particle.T}, {"costs", costs_of(p, particle.costs)}};
+    if (p.compliant) one["compliance"] = axes_json(p, particle.compliance);
     if (detail >= Detail::kMargins) one["motion"] = motion_of(robot, found, particle.T);
     front.push_back(one);
   }
@@ -194,7 +231,11 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
   const bool verify = r.boolean("verify", false);
   const VerificationOptions verification = read_verification(robot, r);
   std::optional<EndPose> end = read_end_pose(r, p);
-  const std::optional<ComplianceRequest> compliance = read_compliance(r);
+  const std::optional<ComplianceRequest> compliance = read_compliance(r, p);
+  if (!p.compliant &&
+      std::ranges::any_of(p.costs, [](const CostTerm& t) { return optimisation::needs_compliance(t.quantity); }))
+    throw RequestError("/cost", "is cycle_time or stiffness, but no compliance is searched, expected compliance with axes");
+  read_contact(robot, r, p);
   const Detail detail = read_detail(r);
   refuse_unused(robot, r, rule, verify);
   r.finish();
@@ -206,12 +247,14 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
   if (pareto && (verify || compliance))
     throw RequestError(verify ? "/verify" : "/compliance", std::string("is ") + (verify ? "true" : "given") +
                                                                " with the rule pareto, expected it with one motion: the rule "
-                                                               "weighted or lexicographic");
-  if (end && rule != "weighted")
-    throw RequestError("/to_pose", "is given with the rule " + rule + ", expected the rule weighted");
+                                                               "weighted or lexicographic" +
+                                                               (verify ? "" : ", or compliance with axes"));
   const long long costs = static_cast<long long>(p.costs.size());
   constexpr int kSearchesToPose = 3;
-  const long long searches = pareto ? costs + directions - 2 : lexicographic ? costs : end ? kSearchesToPose : 1;
+  const long long searches = pareto          ? (costs + directions - 2) * (end ? 2 : 1)
+                             : lexicographic ? costs * (end ? kSearchesToPose : 1)
+                             : end           ? kSearchesToPose
+                                             : 1;
   Progress progress(context, searches * options.rounds, options.refine || verify ? 0.9 : 1);
   options.on_round = progress.on_round();
   std::optional<optimisation::ParticleTable> table;
@@ -219,14 +262,18 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
 
   if (pareto) {
     bool complete = true;
-    const auto particles = optimisation::pareto_front(p, directions, options, context.threads, &complete);
+    const auto particles = end ? optimisation::pareto_front_to_pose(p, directions, *end->kinematics, end->target, options,
+                                                                    context.threads, &complete)
+                               : optimisation::pareto_front(p, directions, options, context.threads, &complete);
     progress.finish();
     return front_of(robot, m, p, particles, complete, detail);
   }
 
-  const Solution s = lexicographic ? optimisation::minimise_in_order(p, tolerance, options, context.threads)
-                     : end         ? optimisation::minimise_to_pose(p, *end->kinematics, end->target, options, context.threads)
-                                   : optimisation::minimise(p, options, context.threads);
+  const Solution s = lexicographic && end ? optimisation::minimise_in_order_to_pose(p, tolerance, *end->kinematics, end->target,
+                                                                                    options, context.threads)
+                     : lexicographic      ? optimisation::minimise_in_order(p, tolerance, options, context.threads)
+                     : end ? optimisation::minimise_to_pose(p, *end->kinematics, end->target, options, context.threads)
+                           : optimisation::minimise(p, options, context.threads);
   Move found = m;
   found.degree = s.degree;
   found.c = s.c;
@@ -235,7 +282,7 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
   quintic.degree = 5;
   if (lexicographic)  // cost is the last one, as in the search
     for (CostTerm& term : quintic.costs) term.weight = &term == &quintic.costs.back() ? 1 : 0;
-  const Solution reference = optimisation::assess(quintic, {}, p.ends.q_to, s.T);
+  const Solution reference = optimisation::assess(quintic, {}, p.ends.q_to, s.T, s.compliance);
   Json reply{{"status", optimisation::to_text(s.status)},
              {"feasible", s.status == Status::kFeasible},
              {"reason", s.reason},
@@ -256,6 +303,7 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
   if (p.T_min < p.T_max)
     if (const std::string note = creeping(p, s); !note.empty()) add_notes(reply, {note});
   if (end && !end->has_freedom) add_notes(reply, {"to_pose leaves the joints no freedom: the end posture is the given one"});
+  if (p.compliant) reply["compliance"] = compliance_json(p, s);
   if (compliance) {
     reply["compliance"] = compliance_json(*compliance, s.T, options.seed);
     if (reply["feasible"] == true && reply["compliance"]["feasible"] == false) {

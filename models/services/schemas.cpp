@@ -209,10 +209,24 @@ Json range(const char* what) {
           {"description", what}};
 }
 Json compliance() {
-  return Object()
-      .must("M_kg", range("a number, or least and most"))
-      .must("D_Ns_per_m", range("a number, or least and most"))
-      .must("S_N_per_m", range("a number, or least and most"))
+  const auto parameters = [](Object o, bool must) {
+    for (const char* name : {"M_kg", "D_Ns_per_m", "S_N_per_m"})
+      must ? o.must(name, range("a number, or least and most")) : o.may(name, range("a number, or least and most"));
+    return o;
+  };
+  const Json direction{{"type", "array"}, {"items", kNumber}, {"minItems", 3}, {"maxItems", 3}};
+  return parameters(Object(), false)
+      .may("axes",
+           described({{"type", "array"},
+                      {"items", parameters(Object().must("direction", direction), true)},
+                      {"minItems", 1},
+                      {"maxItems", 3}},
+                     "searched together with the motion; M_kg, D_Ns_per_m and S_N_per_m are then those of the axes, and "
+                     "load_kg and settled_m are required"))
+      .may("frame", described(kText, "with axes: of the URDF; without it the end effector"))
+      .may("load_kg", described(positive(), "with axes: mass at the frame, whose inertia deflects it"))
+      .may("settled_m", described(positive(), "with axes: deflection that counts as settled"))
+      .may("deflection_max_m", described(positive(), "with axes: bound of the deflection during the motion"))
       .may("zeta_min", described(positive(), "least damping ratio D/(2 sqrt(M S))"))
       .may("omega_max_rad_per_s", described(positive(), "largest natural frequency sqrt(S/M)"))
       .may("settled_share", {{"type", "number"}, {"exclusiveMinimum", 0}, {"exclusiveMaximum", 1}, {"default", 0.02}})
@@ -221,14 +235,27 @@ Json compliance() {
 Json found_compliance() {
   Object o;
   o.must("feasible", kBoolean).must("reason", kText);
-  for (const char* name :
-       {"M_kg", "D_Ns_per_m", "S_N_per_m", "zeta", "omega_rad_per_s", "T_settle_s", "T_cycle_s", "moves_per_hour"})
+  for (const char* name : {"T_settle_s", "T_cycle_s", "moves_per_hour"})
     o.must(name, described(kNumberOrNull, "null: no parameters meet the conditions"));
+  for (const char* name : {"M_kg", "D_Ns_per_m", "S_N_per_m", "zeta", "omega_rad_per_s"})
+    o.may(name, described(kNumberOrNull, "null: no parameters meet the conditions"));
+  Object axis;
+  axis.must("direction", kNumbers).must("M_kg", kNumber).must("D_Ns_per_m", kNumber).must("S_N_per_m", kNumber);
+  for (const char* name : {"zeta", "omega_rad_per_s", "T_settle_s", "deflection_m"}) axis.must(name, kNumber);
+  o.may("axes", array_of(axis));
   return o;
 }
-constexpr const char* kCosts[] = {"time_s",        "torque_squared_integral",       "work_J",
-                                  "shared_work_J", "acceleration_squared_integral", "jerk_squared_integral",
-                                  "energy_J"};
+constexpr const char* kCosts[] = {"time_s",
+                                  "torque_squared_integral",
+                                  "work_J",
+                                  "shared_work_J",
+                                  "acceleration_squared_integral",
+                                  "jerk_squared_integral",
+                                  "energy_J",
+                                  "effective_mass_kg",
+                                  "safety_share",
+                                  "cycle_time_s",
+                                  "stiffness_N_per_m"};
 Json costs() {
   Object o;
   for (const char* name : kCosts) o.may(name, kNumber);
@@ -453,11 +480,14 @@ const Service kServices[] = {
        Object o = request("optimise");
        move(o, false);
        o.must("T_min_s", duration("shortest one")).may("T_max_s", duration("longest one; without it the duration is T_min_s"));
-       o.may("cost",
-             {{"type", {"string", "array"}},
-              {"minItems", 1},
-              {"items", Object().must("name", kText).may("weight", at_least_zero())},
-              {"description", "time, torque, work, shared_work, acceleration, jerk or energy, or several with weights"}});
+       o.may(
+           "cost",
+           {{"type", {"string", "array"}},
+            {"minItems", 1},
+            {"items", Object().must("name", kText).may("weight", at_least_zero())},
+            {"description",
+             "time, torque, work, shared_work, acceleration, jerk, energy, effective_mass, safety, cycle_time or stiffness, or "
+             "several with weights"}});
        o.may("bus", described(words({"shared", "none", "grid"}),
                               "for the cost energy: DC link shared, split (none), or regenerating (grid)"));
        o.may("rule", words({"weighted", "lexicographic", "pareto"}));
@@ -475,6 +505,16 @@ const Service kServices[] = {
                                   "the motion may end in any posture that reaches this pose; without p_m and "
                                   "quaternion_wxyz the pose at to_q"));
        o.may("compliance", described(compliance(), "parameters of M x'' + D x' + S x of least settling time after the move"));
+       o.may("frame", described(kText, "of the costs effective_mass and safety; without it the end effector"));
+       o.may("direction", {{"type", "array"},
+                           {"items", kNumber},
+                           {"minItems", 3},
+                           {"maxItems", 3},
+                           {"description", "in the axes of the base; without it along the velocity"}});
+       o.may("motors", described(words({"free", "held"}), "whether the inertias of the motors count"));
+       o.may("parts", {{"type", {"array", "string"}}, {"items", kText}, {"description", "of the cost safety"}});
+       o.may("contact", words({"transient", "quasi_static"}));
+       o.may("contact_area_m2", described(positive(), "also the permissible pressure counts"));
        return o;
      },
      []() -> Json {
@@ -493,7 +533,15 @@ const Service kServices[] = {
        o.may("saved_share", kNumberOrNull).may("saved_shares", shares).may("limiting", limiting()).may("motion", motion());
        o.may("evaluations", {{"type", "integer"}}).may("pruned", {{"type", "integer"}}).may("joints", peaks());
        o.may("history", kNumbers).may("verification", verified()).may("compliance", found_compliance());
-       o.may("front", array_of(Object().must("T_s", kNumber).must("costs", costs()).may("motion", motion())));
+       o.may("front", array_of(Object()
+                                   .must("T_s", kNumber)
+                                   .must("costs", costs())
+                                   .may("motion", motion())
+                                   .may("compliance", array_of(Object()
+                                                                   .must("direction", kNumbers)
+                                                                   .must("M_kg", kNumber)
+                                                                   .must("D_Ns_per_m", kNumber)
+                                                                   .must("S_N_per_m", kNumber)))));
        return o;
      }},
     {"verify",

@@ -10,6 +10,7 @@
 #include "models/robot/frame_kinematics.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/services/json.h"
+#include "tests/support/chain_urdf.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 
@@ -310,6 +311,40 @@ TEST(ToPose, FindsACheaperEndOfTheSamePose) {
   expect_goal(ask(robots, request));
 }
 
+TEST(ToPose, IsSearchedWithEachRule) {
+  Robots robots({robots_folder()});
+  json request = lwr_move("optimise");
+  request.update({{"to_q_rad", {0.6, 0.7, 0.3, -1.2, 0.4, 0.8, 0.2}},
+                  {"degree", 6},
+                  {"T_min_s", 1.5},
+                  {"particles", 16},
+                  {"rounds", 16},
+                  {"drives", "none"},
+                  {"to_pose", json::object()},
+                  {"rule", "lexicographic"},
+                  {"tolerance", 0.1},
+                  {"cost", {{{"name", "torque"}}, {{"name", "acceleration"}}}}});
+  const robot::RobotModel& robot = robots.find("lwr4")->model;
+  const robot::FrameMotion goal = pose_of(robot, request["to_q_rad"].get<std::vector<double>>());
+  const auto expect_goal = [&](const json& motion) {
+    const robot::FrameMotion end = pose_of(robot, motion["q_end_rad"].get<std::vector<double>>());
+    EXPECT_LT((end.p - goal.p).norm(), 1e-9);
+  };
+  const json ordered = ask(robots, request);
+  ASSERT_EQ(ordered["status"], "feasible") << ordered;
+  expect_goal(ordered["motion"]);
+  request.erase("tolerance");
+  request.update({{"rule", "pareto"}, {"directions", 3}, {"refine", false}});
+  const json front = ask(robots, request)["front"];
+  ASSERT_GT(front.size(), 1u);
+  json ends = json::array();
+  for (const json& member : front) {
+    expect_goal(member["motion"]);
+    ends.push_back(member["motion"]["q_end_rad"]);
+  }
+  EXPECT_NE(ends, json::array({ends[0]}));
+}
+
 TEST(ToPose, IsRefusedWhereItCannotBeSearched) {
   Robots robots({robots_folder()});
   const auto expect = [&](const json& pose, const std::string& part, const json& change = json::object()) {
@@ -327,8 +362,6 @@ TEST(ToPose, IsRefusedWhereItCannotBeSearched) {
   expect({{"directions", {"x", "y", "z"}}}, "/to_pose/directions: leaves 4 directions");
   expect({{"q", 1}}, "/to_pose/q");
   expect(3, "/to_pose");
-  expect(json::object(), "/to_pose: is given with the rule lexicographic",
-         {{"rule", "lexicographic"}, {"cost", {{{"name", "torque"}}, {{"name", "jerk"}}}}});
 }
 
 TEST(ToPose, SaysThatARobotWithoutRedundancyHasNoChoice) {
@@ -383,6 +416,137 @@ TEST(Compliance, IsSearchedWithTheMotion) {
   expect({{"S_N_per_m", nullptr}}, "/compliance/S_N_per_m");
   expect({{"settled_share", 2}}, "/compliance/settled_share");
   expect({{"K", 2}}, "/compliance/K");
+}
+
+TEST(Compliance, OfAxesIsSearchedTogetherWithTheMotion) {
+  Robots robots({robots_folder()});
+  json request = lwr_move("optimise");
+  request.update({{"T_min_s", 1},
+                  {"T_max_s", 3},
+                  {"degree", 7},
+                  {"particles", 32},
+                  {"rounds", 24},
+                  {"refine", false},
+                  {"cost", "cycle_time"}});
+  const json axis{{"direction", {1, 0, 0}}, {"M_kg", 2}, {"D_Ns_per_m", {10, 400}}, {"S_N_per_m", {500, 3000}}};
+  const json wanted{{"axes", {axis, {{"direction", {0, 0, 2}}, {"M_kg", 3}, {"D_Ns_per_m", {10, 400}}, {"S_N_per_m", 1000}}}},
+                    {"load_kg", 2},
+                    {"settled_m", 2e-4},
+                    {"zeta_min", 0.4},
+                    {"T_process_s", 0.5}};
+  request["compliance"] = wanted;
+  const json reply = ask(robots, request);
+  ASSERT_EQ(reply["status"], "feasible") << reply;
+  const json& found = reply["compliance"];
+  ASSERT_EQ(found["axes"].size(), 2u);
+  EXPECT_EQ(found["axes"][1]["direction"], json({0.0, 0.0, 1.0}));
+  double settle = 0;
+  for (const json& one : found["axes"]) {
+    settle = std::max(settle, one["T_settle_s"].get<double>());
+    EXPECT_GE(one["zeta"].get<double>(), 0.4 * (1 - 1e-6));
+    EXPECT_GT(one["deflection_m"].get<double>(), 2e-4);
+  }
+  EXPECT_EQ(found["T_settle_s"].get<double>(), settle);
+  EXPECT_NEAR(reply["costs"]["cycle_time_s"].get<double>(), reply["T_s"].get<double>() + settle + 0.5, 1e-12);
+  EXPECT_NEAR(found["T_cycle_s"].get<double>(), reply["cost"].get<double>(), 1e-12);
+  // The quintic of the same duration with the same compliance swings longer.
+  EXPECT_GT(reply["quintic"]["costs"]["cycle_time_s"].get<double>(), reply["cost"].get<double>());
+  EXPECT_EQ(ask(robots, request), reply);  // the same bits
+
+  request["compliance"]["deflection_max_m"] = 1e-6;
+  request["rounds"] = 2;
+  const json none = ask(robots, request);
+  EXPECT_FALSE(none["feasible"].get<bool>());
+  EXPECT_THAT(none["reason"].get<std::string>(), HasSubstr("compliance: axis 1: deflection"));
+  EXPECT_FALSE(none["compliance"]["feasible"].get<bool>());
+  EXPECT_TRUE(none["compliance"]["T_cycle_s"].is_null());
+  const auto expect = [&](const json& change, const std::string& part) {
+    json bad = request;
+    bad["compliance"] = wanted;
+    bad["compliance"].update(change);
+    EXPECT_THAT(refusal(robots, bad), HasSubstr(part));
+  };
+  expect({{"axes", json::array()}}, "/compliance/axes: expected an array of one to three axes");
+  expect({{"axes", {{{"direction", {0, 0, 0}}}}}}, "/compliance/axes/0/direction: expected three numbers");
+  expect({{"axes", {{{"direction", {1, 0, 0}}}}}}, "/compliance/axes/0/M_kg: is missing");
+  expect({{"load_kg", 0}}, "/compliance/load_kg");
+  expect({{"settled_share", 0.1}}, "/compliance/settled_share");
+  expect({{"frame", "hand"}}, "/compliance/frame");
+  request.erase("compliance");
+  EXPECT_THAT(refusal(robots, request), HasSubstr("/cost: is cycle_time or stiffness, but no compliance is searched"));
+}
+
+TEST(ARobotOf30Joints, IsAnsweredLikeOthers) {
+  const testing::TemporaryFolder folder("chain");
+  std::ofstream(folder.path() / "chain.urdf") << testing::chain_urdf(30);
+  Robots robots({folder.path()});
+  std::vector<double> from(30), to(30);
+  for (std::size_t j = 0; j < 30; ++j) {
+    from[j] = 0.1 * std::sin(static_cast<double>(j));
+    to[j] = 0.15 * std::cos(1.3 * static_cast<double>(j));
+  }
+  json request{{"robot", "chain"}, {"from_q_rad", from}, {"to_q_rad", to}};
+  const auto of = [&](const std::string& service, const json& more) {
+    json own = request;
+    own["service"] = service;
+    own.update(more);
+    return ask(robots, own);
+  };
+  const json shortest = of("feasibility", json::object());
+  ASSERT_TRUE(shortest["feasible"].get<bool>()) << shortest;
+  const double T = shortest["T_s"];
+  EXPECT_FALSE(of("feasibility", {{"T_s", 0.99 * T}})["feasible"].get<bool>());
+  EXPECT_TRUE(of("feasibility", {{"T_s", 1.01 * T}})["feasible"].get<bool>());
+  // Without friction the joints' work is what the links were lifted by: their centres at both ends, by forward kinematics.
+  const robot::RobotModel robot = robot::load_urdf(folder.path() / "chain.urdf");
+  const auto potential = [&](const std::vector<double>& q) {
+    const robot::Mechanism mechanism(robot);
+    robot::Data data(mechanism);
+    double sum = 0;
+    for (int body = 0; body < 30; ++body)
+      sum += 0.5 * 9.81 *
+             robot::forward_kinematics(mechanism, data, Eigen::Map<const Eigen::VectorXd>(q.data(), 30),
+                                       {body, {Eigen::Matrix3d::Identity(), Eigen::Vector3d(0, 0, 0.05)}})
+                 .p.z();
+    return sum;
+  };
+  const json energy = of("energy", {{"T_s", 1.5 * T}});
+  const double lifted = potential(to) - potential(from);
+  ASSERT_GT(std::abs(lifted), 0.1);
+  EXPECT_NEAR(energy["work_positive_J"].get<double>() + energy["work_negative_J"].get<double>(), lifted,
+              1e-3 * std::abs(lifted));
+  const json better =
+      of("optimise", {{"T_min_s", 1.5 * T}, {"degree", 6}, {"particles", 32}, {"rounds", 60}, {"refine", false}});
+  ASSERT_EQ(better["status"], "feasible") << better["reason"];
+  EXPECT_LT(better["cost"].get<double>(), 0.995 * better["quintic"]["cost"].get<double>());
+}
+
+TEST(Optimise, HasTheMassAndTheSafetyOfTheirServices) {
+  Robots robots({robots_folder()});
+  json request = lwr_move("optimise");
+  request.update({{"T_min_s", 2}, {"degree", 6}, {"particles", 32}, {"rounds", 12}, {"refine", false}});
+  request["cost"] = {{{"name", "effective_mass"}}, {{"name", "safety"}, {"weight", 10}}};
+  request.update({{"direction", {0, 0, 3}}, {"motors", "held"}, {"parts", {"chest"}}});
+  const json reply = ask(robots, request);
+  ASSERT_EQ(reply["status"], "feasible") << reply;
+  EXPECT_LE(reply["cost"].get<double>(), reply["quintic"]["cost"].get<double>());
+  json along = lwr_move("safety");
+  along.update({{"T_s", 2}, {"degree", 6}, {"direction", {0, 0, 1}}, {"motors", "held"}, {"parts", {"chest"}}});
+  along["c_r_rad"] = reply["motion"]["c_r_rad"];
+  const json safety = ask(robots, along);
+  EXPECT_NEAR(reply["costs"]["effective_mass_kg"].get<double>(), safety["heaviest"]["mass_kg"].get<double>(),
+              1e-2 * safety["heaviest"]["mass_kg"].get<double>());
+  EXPECT_NEAR(reply["costs"]["safety_share"].get<double>(), safety["parts"][0]["share"].get<double>(),
+              1e-3 * safety["parts"][0]["share"].get<double>());
+  const auto expect = [&](const json& change, const std::string& part) {
+    json bad = request;
+    bad.update(change);
+    EXPECT_THAT(refusal(robots, bad), HasSubstr(part));
+  };
+  expect({{"cost", "torque"}}, "/direction: is given, but has no effect without the cost effective_mass or safety");
+  expect({{"cost", "effective_mass"}}, "/parts: is given, but has no effect without the cost safety");
+  expect({{"frame", "hand"}}, "/frame");
+  expect({{"parts", {"skull_and_forehead"}}}, "/parts");
 }
 
 }  // namespace
