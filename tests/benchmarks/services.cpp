@@ -1,11 +1,16 @@
-// Services: time of the optimisation of a motion, 200 particles, 500 rounds, 200 samples of seven torques, on one core.
+// Services: time of the optimisation of a motion, 200 particles, 500 rounds, 200 samples of seven torques, on one core; and the times of
+// services for a chain of 30 joints.
+#include <algorithm>
+#include <cmath>
 #include <functional>
 #include <string>
 #include <vector>
 
 #include "models/optimisation/search.h"
 #include "models/robot/urdf/urdf.h"
+#include "models/services/energy_service.h"
 #include "tests/benchmarks/measure.h"
+#include "tests/support/chain_urdf.h"
 #include "tests/support/places.h"
 
 namespace {
@@ -30,6 +35,57 @@ Problem lwr_move(int degree, bool wide) {
   }
   p.costs = {{Quantity::kTorque, 1, {}}};
   return p;
+}
+
+/// Least processor time of three calls.
+double seconds_of(const std::function<void()>& call) {
+  double least = 1e9;
+  for (int run = 0; run < 3; ++run) {
+    const double begin = benchmark::thread_seconds();
+    call();
+    least = std::min(least, benchmark::thread_seconds() - begin);
+  }
+  return least;
+}
+
+void chain_of_30() {
+  const robot::RobotModel robot = robot::parse_urdf(cotwin::testing::chain_urdf(30), "chain");
+  services::Move move;
+  for (int j = 0; j < 30; ++j) {
+    move.from_q.push_back(0.1 * std::sin(j));
+    move.to_q.push_back(0.15 * std::cos(1.3 * j));
+  }
+  services::Robot whole;
+  whole.model = robot;
+  const double shortest = services::shortest_duration(robot, move);
+  const auto report = [](const std::string& what, double seconds) {
+    benchmark::print({what + ", 30 joints, one core", "s", seconds, "none", 0, 0, false});
+  };
+  report("feasibility, shortest duration", seconds_of([&] { benchmark::keep(services::feasibility(robot, move).T); }));
+  move.T = 1.5 * shortest;
+  report("feasibility, duration given", seconds_of([&] { benchmark::keep(services::feasibility(robot, move).T); }));
+  report("energy", seconds_of([&] { benchmark::keep(services::energy_of(whole, move).energy.potential); }));
+  Problem p;
+  p.robot = robot;
+  const std::vector<double> zero(30, 0.0);
+  p.ends = {move.from_q, zero, zero, move.to_q, zero, zero};
+  p.T_min = p.T_max = move.T;
+  p.degree = 7;
+  p.bounds = bounds_of(robot);
+  p.costs = {{Quantity::kTorque, 1, {}}};
+  for (const bool refine : {false, true}) {
+    SearchOptions options;
+    options.refine = refine;
+    const double begin = benchmark::thread_seconds();
+    const Solution s = minimise(p, options);
+    const double seconds = benchmark::thread_seconds() - begin;
+    Problem quintic = p;
+    quintic.degree = 5;
+    benchmark::print({std::string("motion of degree 7, 200 particles, 500 rounds, 200 samples, 30 joints, one core") +
+                          (refine ? ", refined" : ""),
+                      "s", seconds, "torque cost relative to the quintic",
+                      s.cost / assess(quintic, {}, p.ends.q_to, p.T_min).cost, 0, false});
+  }
 }
 
 }  // namespace
@@ -60,5 +116,6 @@ int main() {
                       solution.cost / assess(quintic, {}, problem.ends.q_to, problem.T_min).cost,
                       degree == 9 && !refine && !wide ? 0.4 : 0, false});
   }
+  chain_of_30();
   return 0;
 }
