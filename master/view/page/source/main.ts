@@ -17,6 +17,9 @@ import { Plot, TimeWindow } from './plots';
 import { Recording } from './recording';
 import { Stage } from './stage';
 
+/// So many notes are open at the beginning.
+const kMostOpenNotes = 2;
+
 const kKeys: [string, string][] = [
   ['Space', 'play or stop'],
   ['← →', 'one row back or on; with Shift a fiftieth of what the plots show'],
@@ -75,7 +78,9 @@ class Page {
   private readonly clock = element('output', {});
   private readonly speed = element('select', { 'aria-label': 'speed' });
   private readonly plot_list = element('div', {});
-  private readonly remarks = element('ul', { class: 'remarks' });
+  private readonly remarks = element('ul', {});
+  private readonly count = element('summary', {});
+  private readonly notes = element('details', { class: 'remarks', hidden: '' }, this.count, this.remarks);
   private readonly help = element('dialog', {});
   private readonly state = element('span', { class: 'state', role: 'status' });
   private readonly now = button('live', 'show the newest time (End)', () => this.follow());
@@ -201,7 +206,7 @@ class Page {
         button('?', 'keys and facts (?)', () => this.help.showModal()),
       ),
       side,
-      element('div', { class: 'stage' }, this.canvas, this.remarks),
+      element('div', { class: 'stage' }, this.canvas, this.notes),
       element('aside', { class: 'side' }, element('div', { class: 'add' }, add), this.plot_list),
       element('div', { class: 'line' }, this.play, this.speed, this.slider, this.clock, this.now),
       this.help,
@@ -212,6 +217,11 @@ class Page {
 
   private remark(text: string): void {
     this.remarks.append(element('li', {}, text));
+    const count = this.remarks.childElementCount;
+    this.count.textContent = count === 1 ? '1 note' : `${count} notes`;
+    this.notes.hidden = false;
+    // A few are shown; many would cover the view.
+    this.notes.open = count <= kMostOpenNotes;
   }
 
   private async set_the_stage(): Promise<void> {
