@@ -21,7 +21,8 @@ function simplify(object: three.Object3D): three.Object3D {
       const colour = (material as three.MeshStandardMaterial).color ?? new three.Color('#c9cdd3');
       return new three.MeshLambertMaterial({ color: colour, transparent: material.transparent, opacity: material.opacity, side: material.side, vertexColors: material.vertexColors });
     };
-    part.material = Array.isArray(part.material) ? part.material.map(simple) : simple(part.material);
+    const given = part.material as three.Material | three.Material[];
+    part.material = Array.isArray(given) ? given.map(simple) : simple(given);
   });
   return object;
 }
