@@ -188,6 +188,14 @@ Eigen::Matrix4d matrix_of(const json& list) {
   return matrix;
 }
 
+TEST_F(LivePage, FindsARunAgain) {
+  const fs::path script = fs::path(places::source()) / "master/view/page/test/check_again.mjs";
+  const RunResult browser = cotwin::testing::run_command(
+      {COTWIN_NODE, script, COTWIN_CHROMIUM, places::program(), example("01_joint_admittance/arm.ssd"), folder_.path()},
+      {.merge = true, .limit = std::chrono::seconds(500)});
+  EXPECT_EQ(browser.code, 0) << browser.out << browser.err;
+}
+
 TEST_F(LivePage, ShowsAndChangesTheRunInABrowser) {
   // A name that would be markup in a page that is not careful.
   const std::string name = "<img src=x onerror='window.hacked=1'><script>hacked=1</script>";
