@@ -37,6 +37,7 @@ const kLiveKeys: [string, string][] = [
 ];
 const kRefresh = 500; // ms between two choices of sizes while a run goes on
 const kRedraw = 50; // ms between two drawings of the plots meanwhile
+const kTexts = 150; // ms between two changes of the figures of cues meanwhile
 const kStill = 400; // ms without a new row, after which the picture rests
 
 /// A run that goes on.
@@ -71,6 +72,7 @@ class Page {
   private grown = -Infinity;
   private refreshed = 0;
   private redrawn = 0;
+  private written = 0;
 
   private readonly canvas = element('canvas', { tabindex: '0', 'aria-label': '3D view: drag to turn, right button to move, wheel to come closer' });
   private readonly play = button('▶', 'play or stop (Space)', () => this.toggle());
@@ -425,9 +427,13 @@ class Page {
     const place = this.recording.place(t);
     for (const view of this.figures) view.place(place);
     for (const view of this.bodies) if (view.moves) view.place(place);
+    // Nobody reads figures that change 60 times a second, and laying them out takes longer than drawing the robot.
+    const has_texts = !following || this.last - this.written >= kTexts;
+    if (has_texts) this.written = this.last;
     for (const cue of this.cues) {
       if (!this.shown.has(cue.id)) continue;
-      this.entries.get(cue.id)!.text.textContent = cue.update(place, t).join('\n');
+      const lines = cue.update(place, t).join('\n');
+      if (has_texts) this.entries.get(cue.id)!.text.textContent = lines;
     }
     this.stage.invalidate();
   }

@@ -60,10 +60,9 @@ try {
     check(!entry.off, `cue ${id} has no data: ${entry.text}`);
     if (entry.off) continue;
     await browser.key(entry.key);
-    await browser.until(`cotwin.shown.has('${id}')`);
-    await browser.drawn();
+    await browser.until(`cotwin.shown.has('${id}') && document.querySelector('[data-cue="${id}"]').textContent.length > ${entry.text.length}`);
     const text = await browser.evaluate(`document.querySelector('[data-cue="${id}"]').textContent`);
-    check(text.length > entry.text.length && !/NaN|undefined/.test(text), `cue ${id} shows no figures: ${text}`);
+    check(!/NaN|undefined/.test(text), `cue ${id} shows no figures: ${text}`);
   }
   await browser.until('cotwin.plots.every((plot) => plot.chart.data[0].length > 10)');
   await shot('running');
