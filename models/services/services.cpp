@@ -6,10 +6,12 @@
 #include <numbers>
 #include <utility>
 
+#include "models/numerics/batch.h"
 #include "models/optimisation/quadrature.h"
 #include "models/robot/dynamics.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
+#include "models/trajectory/bernstein.h"
 
 namespace cotwin::services {
 
@@ -54,8 +56,21 @@ std::vector<double> coefficients_of(const Problem& p, const Move& move) {
   return move.c.empty() ? std::vector<double>(p.robot.joints.size() * static_cast<std::size_t>(p.degree - 5), 0.0) : move.c;
 }
 
-bool possible(const Problem& p, const std::vector<double>& c, double T) {
-  return optimisation::assess(p, c, p.ends.q_to, T).status == optimisation::Status::kFeasible;
+/// `found`: becomes the motion, if it is possible.
+bool possible(const Problem& p, const std::vector<double>& c, double T, optimisation::Solution* found = nullptr) {
+  optimisation::Solution s = optimisation::assess(p, c, p.ends.q_to, T);
+  const bool is = s.status == optimisation::Status::kFeasible;
+  if (is && found) *found = std::move(s);
+  return is;
+}
+
+/// The problem without torques, which assess() answers much sooner.
+Problem without_torques(const Problem& p) {
+  Problem kinematic = p;
+  kinematic.bounds.tau.assign(p.robot.joints.size(), std::numeric_limits<double>::infinity());
+  kinematic.costs = {{Quantity::kTime, 1, {}}};
+  kinematic.samples = 8;
+  return kinematic;
 }
 
 /// The largest X with |a x² + b x + c| ≤ limit for all x in [0, X]; 0 if c is outside.
@@ -77,39 +92,50 @@ double reach(double a, double b, double c, double limit) {
 }
 
 /// The shortest T by the torques τ = a/T² + b/T + c at the samples that assess() checks.
-double shortest_by_torque(const Problem& p, const trajectory::Path& unit) {
+double shortest_by_torque(const Problem& p, const std::vector<double>& c) {
   const std::size_t n = p.robot.joints.size(), count = 10 * ((p.samples + 7) / 8) * 8;
   const optimisation::Quadrature nodes = optimisation::gauss_panels(count / 8);
   const robot::Mechanism mechanism(p.robot);
   robot::Data data(mechanism);
-  std::vector<double> q(n * count), dq(q), ddq(q), all(q), rest(q), gravity(q), x(n), v(n), acc(n);
-  for (std::size_t i = 0; i < count; ++i) {
-    unit.at(nodes.s[i], x, v, acc);
-    for (std::size_t j = 0; j < n; ++j) {
-      q[j * count + i] = x[j];
-      dq[j * count + i] = v[j];
-      ddq[j * count + i] = acc[j];
-    }
+  constexpr std::size_t kPart = 80;  // samples whose torques are computed together
+  std::vector<double> q(n * kPart), dq(q), ddq(q), all(q), rest(q), gravity(q);
+  // The motion in T = 1 s is linear in both ends and the coefficients.
+  const optimisation::MotionBasis basis(p.degree, true);
+  const std::size_t columns = basis.columns(), K = basis.redundant();
+  std::vector<double> x, tables[3];
+  for (std::size_t j = 0; j < n; ++j) {
+    x.insert(x.end(), {p.ends.q_from[j], p.ends.q_to[j]});
+    x.insert(x.end(), c.begin() + static_cast<std::ptrdiff_t>(j * K), c.begin() + static_cast<std::ptrdiff_t>((j + 1) * K));
   }
-  robot::inverse_dynamics_batch(mechanism, data, count, q.data(), dq.data(), ddq.data(), all.data());
-  robot::inverse_dynamics_batch(mechanism, data, count, q.data(), rest.data(), rest.data(), gravity.data());
+  for (std::size_t column = 0; column < columns; ++column)
+    for (const double place : nodes.s) {
+      const auto values = trajectory::bernstein::evaluate(basis.points(column), place);
+      for (std::size_t r = 0; r < 3; ++r) tables[r].push_back(values[r]);
+    }
   const auto term = [](const std::vector<double>& values, std::size_t j) { return values.empty() ? 0.0 : values[j]; };
   double most = std::numeric_limits<double>::infinity();  // of 1/T
-  for (std::size_t j = 0; j < n; ++j)
-    for (std::size_t i = 0; i < count; ++i) {
-      const std::size_t k = j * count + i;
-      const double a = all[k] - gravity[k] + term(p.drives.B, j) * ddq[k], b = term(p.drives.sigma2, j) * dq[k];
-      const double friction = dq[k] == 0 ? 0 : std::copysign(term(p.drives.tau_C, j), dq[k]);
-      most = std::min(most, reach(a, b, gravity[k] + friction + term(p.drives.tau_0, j), p.bounds.tau[j]));
-    }
+  for (std::size_t first = 0; first < count; first += kPart) {
+    const std::size_t part = std::min(kPart, count - first);
+    for (std::size_t r = 0; r < 3; ++r)
+      numerics::combine(n, columns, part, x.data(), tables[r].data() + first, count, (r == 0 ? q : r == 1 ? dq : ddq).data());
+    robot::inverse_dynamics_batch(mechanism, data, part, q.data(), dq.data(), ddq.data(), all.data());
+    robot::inverse_dynamics_batch(mechanism, data, part, q.data(), rest.data(), rest.data(), gravity.data());
+    for (std::size_t j = 0; j < n; ++j)
+      for (std::size_t k = j * part; k < (j + 1) * part; ++k) {
+        const double a = all[k] - gravity[k] + term(p.drives.B, j) * ddq[k], b = term(p.drives.sigma2, j) * dq[k];
+        const double friction = dq[k] == 0 ? 0 : std::copysign(term(p.drives.tau_C, j), dq[k]);
+        most = std::min(most, reach(a, b, gravity[k] + friction + term(p.drives.tau_0, j), p.bounds.tau[j]));
+      }
+  }
   return 1 / most;
 }
 
 /// The duration below which a bound is not met; +∞: there is none. `unlimited` becomes true if the robot moves and no bound limits the
-/// duration; the result is then +∞, too.
-double shortest(const Problem& p, const std::vector<double>& c, bool* unlimited = nullptr) {
+/// duration; the result is then +∞, too. `found`: becomes the motion of the duration that was found, if that was looked at.
+double shortest(const Problem& p, const std::vector<double>& c, bool* unlimited = nullptr,
+                optimisation::Solution* found = nullptr) {
   constexpr double kShortest = 1e-3;  // s
-  const optimisation::Solution unit = optimisation::assess(p, c, p.ends.q_to, 1);
+  const optimisation::Solution unit = optimisation::assess(without_torques(p), c, p.ends.q_to, 1);
   double T = 0;
   const bool moves =
       std::ranges::any_of(unit.peaks, [](const optimisation::Peak& peak) { return peak.bound == "dq" && peak.value != 0; });
@@ -119,13 +145,13 @@ double shortest(const Problem& p, const std::vector<double>& c, bool* unlimited 
     if (peak.bound == "ddq") T = std::max(T, std::sqrt(peak.share));
     if (peak.bound == "dddq") T = std::max(T, std::cbrt(peak.share));
   }
-  T = std::max(T, shortest_by_torque(p, unit.path));
+  T = std::max(T, shortest_by_torque(p, c));
   if (moves && T == 0) {
     if (unlimited) *unlimited = true;
     return std::numeric_limits<double>::infinity();
   }
   T = std::max(T, kShortest);
-  if (std::isfinite(T) && possible(p, c, T)) return T;
+  if (std::isfinite(T) && possible(p, c, T, found)) return T;
   // Rounding, and friction near rest, which the samples see at full height.
   double low = T, high = std::isfinite(T) ? T * (1 + 1e-9) : kLongest;
   while (high < kLongest && !possible(p, c, high)) low = high, high = T + 2 * (high - T);
@@ -158,8 +184,8 @@ Plan plan(const robot::RobotModel& robot, const Move& move) {
   plan.problem = problem_of(robot, move);
   const std::vector<double> c = coefficients_of(plan.problem, move);
   bool unlimited = false;
-  const double T = move.T > 0 ? move.T : std::min(shortest(plan.problem, c, &unlimited), kLongest);
-  plan.solution = optimisation::assess(plan.problem, c, plan.problem.ends.q_to, T);
+  const double T = move.T > 0 ? move.T : std::min(shortest(plan.problem, c, &unlimited, &plan.solution), kLongest);
+  if (plan.solution.T != T) plan.solution = optimisation::assess(plan.problem, c, plan.problem.ends.q_to, T);
   if (unlimited) {
     plan.solution.status = optimisation::Status::kInfeasible;
     plan.solution.reason = "no bound limits the duration, expected bounds of speed, acceleration, jerk or torque";
