@@ -97,7 +97,7 @@ expect(0 "" bash -c "PATH=${prefix}/bin:$PATH; source ${prefix}/share/bash-compl
 file(GLOB python LIST_DIRECTORIES true ${prefix}/lib/python3/dist-packages)
 if(python)
   expect_file(${python}/cotwin/py.typed ${python}/cotwin/_native.pyi)
-  expect(0 "(7,)" env PYTHONPATH=${python} /usr/bin/python3 -c "import cotwin; print(cotwin.Robot('lwr4').gravity([0] * 7).shape)")
+  expect(0 "(7,)" env PYTHONPATH=${python} /usr/bin/python3 -c "print(__import__('cotwin').Robot('lwr4').gravity([0] * 7).shape)")
 endif()
 
 # The scripts of examples find the program installed beside them, also through a link; without public data they report what is missing.
