@@ -7,7 +7,7 @@ import { defineConfig } from 'vite';
 const hash_of = (text) => `'sha256-${createHash('sha256').update(text, 'utf8').digest('base64')}'`;
 
 /// Licences of what the page contains.
-const licences = ['three', 'uplot'].map((name) => `${name}\n\n${readFileSync(`node_modules/${name}/LICENSE`, 'utf8')}`).join('\n').replaceAll('--', '- -');
+const licences = ['fflate', 'three', 'uplot'].map((name) => `${name}\n\n${readFileSync(`node_modules/${name}/LICENSE`, 'utf8')}`).join('\n').replaceAll('--', '- -');
 
 function one_file() {
   return {

@@ -1,5 +1,6 @@
 import * as three from 'three';
 import { kRoles } from './colours';
+import { Crowd, type Member } from './crowd';
 import type { Body, Figure, PageData, Robot, Track, Visual } from './format';
 import { Mechanism, frame_pose, matrix_of } from './kinematics';
 import { between, type Place, type Recording } from './recording';
@@ -142,6 +143,10 @@ export class FigureView {
     }
   }
 
+  box(): three.Box3 {
+    this.group.updateMatrixWorld(true);
+    return new three.Box3().setFromObject(this.group);
+  }
   place(place: Place): void {
     this.base_pose.at(place, this.base);
     this.main.place(place, this.base);
@@ -180,25 +185,27 @@ export class FigureView {
   }
 }
 
-/// A body of the scene.
+/// A body of the scene. Its simple shapes are in the crowd, the others in `group`.
 export class BodyView {
   readonly group = new three.Group();
   private readonly pose: RecordedPose;
+  private readonly members: Member[];
 
   constructor(
     readonly body: Body,
     recording: Recording,
     points: (visual: object) => Float32Array | undefined,
     meshes: Meshes,
-    material: three.Material,
+    material: three.MeshBasicMaterial,
+    private readonly crowd: Crowd,
   ) {
     this.pose = new RecordedPose(body, recording, body.p_signal, body.quat_signal);
     this.group.matrixAutoUpdate = false;
+    this.members = body.visuals.filter((visual) => Crowd.takes(visual)).map((visual) => crowd.add(visual, material.color));
     for (const visual of body.visuals) {
-      const object = visual_object(visual, points(visual), meshes, material, false);
+      const object = Crowd.takes(visual) ? undefined : visual_object(visual, points(visual), meshes, material, false);
       if (object !== undefined) this.group.add(object);
     }
-    this.place({ row: 0, next: 0, share: 0 });
   }
 
   get moves(): boolean {
@@ -207,6 +214,13 @@ export class BodyView {
   place(place: Place): void {
     this.pose.at(place, this.group.matrix);
     this.group.matrixWorldNeedsUpdate = true;
+    for (const member of this.members) this.crowd.place(member, this.group.matrix);
+  }
+  box(): three.Box3 {
+    this.group.updateMatrixWorld(true);
+    const box = new three.Box3().setFromObject(this.group);
+    for (const member of this.members) box.union(this.crowd.box(member));
+    return box;
   }
 }
 

@@ -3,6 +3,7 @@ import './style.css';
 import * as three from 'three';
 import { Connection, Refused, type LiveSignal, type RunFacts } from './connection';
 import { Controls } from './controls';
+import { Crowd } from './crowd';
 import { cues_of, type Cue } from './cues';
 import { button, element } from './dom';
 import { BodyView, FigureView, needed_signals } from './figures';
@@ -10,6 +11,7 @@ import type { PageData, Visual } from './format';
 import { reach_of } from './kinematics';
 import { LiveRecording } from './live_recording';
 import { LiveMatrices, RecordedMatrices, type Matrices } from './matrices';
+import { matt } from './matt';
 import { load_meshes } from './meshes';
 import { unpack } from './packed';
 import { Player } from './player';
@@ -239,12 +241,14 @@ class Page {
     this.stage = new Stage(this.canvas);
     const of = (visual: object): Float32Array | undefined => points.get(visual);
     this.figures = data.figures.map((figure) => new FigureView(figure, data.robots[figure.robot]!, this.recording, of, meshes));
-    const fixed = new three.MeshLambertMaterial({ color: '#aab3bf', side: three.DoubleSide });
-    const moving = new three.MeshLambertMaterial({ color: '#56a0c9', side: three.DoubleSide });
-    this.bodies = data.bodies.map((body) => new BodyView(body, this.recording, of, meshes, body.fixed ? fixed : moving));
-    for (const view of [...this.figures, ...this.bodies]) this.stage.scene.add(view.group);
+    const fixed = matt({ color: '#aab3bf', side: three.DoubleSide });
+    const moving = matt({ color: '#56a0c9', side: three.DoubleSide });
+    const crowd = new Crowd();
+    this.bodies = data.bodies.map((body) => new BodyView(body, this.recording, of, meshes, body.fixed ? fixed : moving, crowd));
+    crowd.build();
+    this.stage.scene.add(crowd.group, ...[...this.figures, ...this.bodies].map((view) => view.group));
     const place = this.recording.place(this.player.time);
-    for (const view of this.figures) view.place(place);
+    for (const view of [...this.figures, ...this.bodies]) view.place(place);
     this.stage.dress(Math.max(1.5, ...this.figures.map((view) => 1.2 * reach_of(view.robot))));
     this.add_cues();
     this.view_all();
@@ -337,8 +341,7 @@ class Page {
     if (this.stage === undefined) return;
     const box = new three.Box3();
     for (const view of [...this.figures, ...this.bodies]) {
-      view.group.updateMatrixWorld(true);
-      const own = new three.Box3().setFromObject(view.group);
+      const own = view.box();
       if (own.getSize(new three.Vector3()).length() < 15) box.union(own);
     }
     for (const view of this.figures) {

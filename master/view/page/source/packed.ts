@@ -1,3 +1,4 @@
+import { unzlibSync } from 'fflate';
 import type { Packed } from './format';
 
 /// Returns the bytes of whole groups of base64.
@@ -8,7 +9,11 @@ export function from_base64(text: string): Uint8Array<ArrayBuffer> {
   return bytes;
 }
 
+/// Streams up to this size (bytes) are inflated at once: to hand one to the browser's own code, which is faster, takes longer than that.
+const kSmall = 65_536;
+
 async function inflated(bytes: Uint8Array<ArrayBuffer>): Promise<Uint8Array<ArrayBuffer>> {
+  if (bytes.length <= kSmall) return unzlibSync(bytes);
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream('deflate'));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }

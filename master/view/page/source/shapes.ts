@@ -2,6 +2,7 @@ import * as three from 'three';
 import { ConvexGeometry } from 'three/examples/jsm/geometries/ConvexGeometry.js';
 import type { Robot, Visual } from './format';
 import { matrix_of, reach_of } from './kinematics';
+import { matt } from './matt';
 
 /// The meshes of a page, by index: undefined where a file could not be read.
 export type Meshes = (three.Object3D | undefined)[];
@@ -16,8 +17,8 @@ export function looks_of(colour: string, opacity: number): Looks {
   // A ghost that is where its robot is does not cover it.
   const common = { transparent, opacity, depthWrite: !transparent, polygonOffset: transparent, polygonOffsetFactor: 2, polygonOffsetUnits: 8 };
   return {
-    body: new three.MeshLambertMaterial({ color: transparent ? colour : '#c9cdd3', ...common }),
-    joint: new three.MeshLambertMaterial({ color: colour, ...common }),
+    body: matt({ color: transparent ? colour : '#c9cdd3', ...common }),
+    joint: matt({ color: colour, ...common }),
   };
 }
 
@@ -127,7 +128,7 @@ export function visual_object(visual: Visual, points: Float32Array | undefined, 
   let own = material;
   if (visual.colour !== undefined && !only) {
     const [r, g, b, a] = visual.colour;
-    own = new three.MeshLambertMaterial({ color: new three.Color().setRGB(r, g, b, three.SRGBColorSpace), transparent: a < 1, opacity: a });
+    own = matt({ color: new three.Color().setRGB(r, g, b, three.SRGBColorSpace), transparent: a < 1, opacity: a });
     if (visual.kind === 'triangles') own.side = three.DoubleSide;
   }
   let object: three.Object3D;

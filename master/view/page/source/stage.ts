@@ -12,7 +12,7 @@ function draws_in_software(): boolean {
   return /swiftshader|llvmpipe|software|basic render/i.test(renderer);
 }
 
-/// The 3D view: camera, light and ground. It draws only when something has changed. Where drawing is slow (no graphics card), it draws fewer pixels
+/// The 3D view: camera and ground. It draws only when something has changed. Where drawing is slow (no graphics card), it draws fewer pixels
 /// while the time runs.
 export class Stage {
   readonly scene = new three.Scene();
@@ -32,11 +32,7 @@ export class Stage {
     this.camera.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener('change', () => this.invalidate());
-    const sky = new three.HemisphereLight('#ffffff', '#7d8590', 1.7);
-    sky.position.set(0, 0, 1);
-    const sun = new three.DirectionalLight('#ffffff', 1.9);
-    sun.position.set(2, -3, 5);
-    this.scene.add(sky, sun, this.ground);
+    this.scene.add(this.ground);
     new ResizeObserver(() => this.resize()).observe(canvas.parentElement ?? canvas);
     this.resize();
   }

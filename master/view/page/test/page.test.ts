@@ -1,11 +1,12 @@
 // Tests without a browser: unpacking, decimation, kinematics, time.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { Matrix4 } from 'three';
+import { Color, Matrix4, Vector3, type InstancedMesh } from 'three';
+import { Crowd } from '../source/crowd';
 import { round_down, usual_largest } from '../source/cues';
 import { Extremes, decimate } from '../source/decimate';
 import { short } from '../source/dom';
-import type { Robot } from '../source/format';
+import type { Robot, Visual } from '../source/format';
 import { Mechanism, frame_pose, reach_of } from '../source/kinematics';
 import { without_images } from '../source/meshes';
 import { from_base64, integers, long_integers, numbers } from '../source/packed';
@@ -113,6 +114,35 @@ test('a turn, a slide and a mimic joint place the tool', () => {
   wanted.forEach((x, i) => assert.ok(Math.abs(tool[12 + i]! - x) < 1e-12));
   assert.equal(reach_of(kArm), 1 + 0 + 2 + 3 + 1);
   assert.ok(poses.every((pose) => pose instanceof Matrix4));
+});
+
+test('bodies of one shape are one mesh, each at its place with its size and colour', () => {
+  const turned: [number, number, number, number] = [Math.SQRT1_2, 0, 0, Math.SQRT1_2]; // by 90° about z
+  const box: Visual = { kind: 'box', size: [2, 4, 6], p: [1, 0, 0], quat: turned };
+  const crowd = new Crowd();
+  const blue = new Color('#0000ff');
+  const first = crowd.add(box, blue);
+  const second = crowd.add({ ...box, colour: [1, 0, 0, 1] }, blue);
+  const rod = crowd.add({ kind: 'cylinder', size: [0.5, 3, 0], p: [0, 0, 0], quat: [1, 0, 0, 0] }, blue);
+  const egg = crowd.add({ kind: 'ellipsoid', size: [1, 2, 3], p: [0, 0, 0], quat: [1, 0, 0, 0] }, blue);
+  crowd.build();
+  assert.deepEqual(crowd.group.children.map((mesh) => (mesh as InstancedMesh).count), [2, 1, 1]);
+  crowd.place(first, new Matrix4());
+  crowd.place(second, new Matrix4().makeTranslation(0, 0, 10));
+  crowd.place(rod, new Matrix4());
+  crowd.place(egg, new Matrix4());
+  const near = (member: ReturnType<Crowd['add']>, low: number[], high: number[]): void => {
+    const found = crowd.box(member);
+    // The corners of the round shapes are on the circle, not all of them on the axes.
+    assert.ok(found.min.distanceTo(new Vector3(...low)) < 0.05 && found.max.distanceTo(new Vector3(...high)) < 0.05, JSON.stringify(found));
+  };
+  near(first, [-1, -1, -3], [3, 1, 3]);
+  near(second, [-1, -1, 7], [3, 1, 13]);
+  near(rod, [-0.5, -0.5, -1.5], [0.5, 0.5, 1.5]);
+  near(egg, [-1, -2, -3], [1, 2, 3]);
+  const colours = (crowd.group.children[0] as InstancedMesh).instanceColor!.array;
+  assert.deepEqual([...colours], [0, 0, 1, 1, 0, 0]);
+  assert.ok(!Crowd.takes({ ...box, colour: [1, 0, 0, 0.5] }) && !Crowd.takes({ ...box, kind: 'capsule' }));
 });
 
 test('principal directions of a symmetric matrix', () => {
