@@ -264,6 +264,18 @@ TEST(GatewayLive, StreamsTheNewestValuesAndTheEndOfTheRun) {
   EXPECT_EQ(next_event(client, "run")["phase"], "ended");
 }
 
+TEST(GatewayLive, StreamsAChangeAtOnceAlsoWhereMessagesAreRare) {
+  Subject s;
+  RawClient client(s.server->port());
+  client.send(http_request("GET", "/run/stream?names=g.gain&rate_hz=0.01"));
+  ASSERT_TRUE(next_event(client, "sample").is_object());
+  ASSERT_EQ(s.call("PUT", "/run/tunables/g.gain", R"({"value": 2.5})").status, 200);
+  // The next message would be due after 100 s: the client gives up before.
+  const Json sample = next_event(client, "sample");
+  ASSERT_TRUE(sample.is_object());
+  EXPECT_EQ(sample["values"]["g.gain"], 2.5);
+}
+
 TEST(GatewayLive, StreamsTheSameMessagesOverAWebSocket) {
   Subject s;
   RawClient client(s.server->port());

@@ -397,6 +397,7 @@ std::string Live::ask(const RunRequest& request) const {
     case bus::RunReply::kEnded:
       refuse(409, "the run has ended");
     case bus::RunReply::kDone:
+      hurry_streams();
       break;
   }
   return Json{{"command", text::word_of(request.verb, kVerbWords)},
@@ -404,6 +405,11 @@ std::string Live::ask(const RunRequest& request) const {
               {"time_s", r->time(answer->tick).seconds()},
               {"phase", text::word_of(r->position().phase, bus::kRunPhaseWords)}}
       .dump();
+}
+
+void Live::hurry_streams() const {
+  const std::lock_guard lock(mutex_);
+  if (streams_) streams_->hurry();
 }
 
 /// The page of the run, or one that names what there is.
@@ -530,11 +536,13 @@ void Live::add_routes(http::Router& router) {
                      {"heartbeat", "Nothing", "There were no others for a while"}};
   events.gives = "text/event-stream";
   events.ticket = true;
-  events.parameters = {names,
-                       {"rate_hz", "query", "most messages per second, 0.01 to 200; default 20",
-                        R"({"type":"number","minimum":0.01,"maximum":200,"default":20})"},
-                       {"every", "query", "ticks between two records, which are all sent; 0: the newest one with each message",
-                        R"({"type":"integer","minimum":0,"maximum":1000000000,"default":0})"}};
+  events.parameters = {
+      names,
+      {"rate_hz", "query",
+       "most messages per second, 0.01 to 200; default 20; after a change of a value one comes early, in place of the next one",
+       R"({"type":"number","minimum":0.01,"maximum":200,"default":20})"},
+      {"every", "query", "ticks between two records, which are all sent; 0: the newest one with each message",
+       R"({"type":"integer","minimum":0,"maximum":1000000000,"default":0})"}};
   events.answers.push_back(wrong);
   events.answers.push_back(ended);
   router.add(events, [this](const Request& request) {

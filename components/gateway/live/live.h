@@ -70,6 +70,8 @@ class Live {
   void add_page_routes(http::Router& router);
   http::Response front() const;
   void must_permit_commands() const;
+  /// A value was changed.
+  void hurry_streams() const;
   void begin(const std::shared_ptr<http::Stream>& to, const StreamOrder& order);
   std::shared_ptr<Shares::Share> take_elements(const std::string& party, std::size_t elements) const;
   bus::LiveRun::Sample read(bus::LiveRun::Watch& watch, const bus::LiveRun& run) const;

@@ -17,6 +17,7 @@ using bus::LiveElements;
 using bus::LiveRun;
 
 constexpr std::int64_t kIdle = 100'000'000;  // ns between two looks at closed streams and the phase of the run
+constexpr std::int64_t kAgain = 20'000'000;  // ns until a client that has not read the last message is tried again
 
 Json element_json(const bus::LiveSignal& signal, double value) {
   if (signal.kind == Kind::kBoolean) return value != 0;
@@ -87,6 +88,12 @@ void Streams::add(std::shared_ptr<http::Stream> to, const StreamOrder& order) {
   records_->notify();
 }
 
+void Streams::hurry() noexcept {
+  hurried_ = true;
+  wake_.notify();
+  records_->notify();
+}
+
 void Streams::end() noexcept {
   if (ending_.exchange(true)) return;
   wake_.notify();
@@ -98,13 +105,13 @@ void Streams::work() {
   while (!ending_) {
     std::int64_t next = bus::monotonic_ns() + kIdle;
     for (const auto& c : clients_) {
-      if (c->every > 0 || !c->asked) next = std::min(next, c->due);
+      if (c->every > 0 || !c->asked) next = std::min(next, std::max(c->due, c->again));
     }
     const bool asked = std::ranges::any_of(clients_, [](const auto& c) { return c->every == 0 && c->asked; });
     (asked ? *records_ : wake_)
         .wait(
             [&] {
-              return arrived_ || ending_ || std::ranges::any_of(clients_, [](const auto& c) {
+              return arrived_ || hurried_ || ending_ || std::ranges::any_of(clients_, [](const auto& c) {
                        return c->every == 0 && c->asked && c->watch->ready();
                      });
             },
@@ -114,8 +121,9 @@ void Streams::work() {
       for (auto& c : incoming_) clients_.push_back(std::move(c));
       incoming_.clear();
     }
+    const bool hurried = hurried_.exchange(false);
     const std::int64_t now = bus::monotonic_ns();
-    std::erase_if(clients_, [&](const auto& c) { return !serve(*c, now); });
+    std::erase_if(clients_, [&](const auto& c) { return !serve(*c, now, hurried); });
   }
   {
     const std::lock_guard lock(mutex_);
@@ -135,7 +143,7 @@ void Streams::work() {
 }
 
 /// False: the stream is closed.
-bool Streams::serve(Client& c, std::int64_t now) {
+bool Streams::serve(Client& c, std::int64_t now, bool hurried) {
   if (c.to->closed()) return false;
   send_phase(c);
   if (c.every > 0) {
@@ -146,16 +154,20 @@ bool Streams::serve(Client& c, std::int64_t now) {
   }
   if (c.asked && c.watch->ready()) {
     c.asked = false;
-    c.due = std::max(c.due, now);
-    if (c.to->waiting() == 0) {
-      send_newest(c);
-    } else {
+    if (c.to->waiting() > 0) {
       LiveRun::Sample left_out;
       (void)c.watch->take_newest(left_out);
-      ++c.left_out;
+      if (!c.late_since) c.late_since = now;
+      c.due = std::min(c.due, now);
+      c.again = now + kAgain;
+      return true;
     }
-    c.due += c.period;
-  } else if (!c.asked && now >= c.due) {
+    if (c.late_since) c.left_out += static_cast<std::uint64_t>((now - *c.late_since) / c.period);
+    c.late_since.reset();
+    c.again = 0;
+    send_newest(c);
+    c.due = std::max(c.due, now) + c.period;
+  } else if (!c.asked && now >= std::max(c.again, c.due - (hurried ? c.period : 0))) {
     c.asked = true;
     c.watch->request();
   }

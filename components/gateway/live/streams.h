@@ -2,6 +2,7 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -15,7 +16,7 @@ namespace cotwin::gateway::live {
 /// What a client of a stream wants.
 struct StreamOrder {
   std::vector<std::string> names;
-  double rate_hz = 20;     // messages per second of wall time, at most
+  double rate_hz = 20;  // messages per second of wall time, at most; after a change one comes early, in place of the next one
   std::int64_t every = 0;  // ticks between two records, which are all sent; 0: the newest values with each message
   std::shared_ptr<Shares::Share> watch, elements;  // its places among the watchers and the watched values
 };
@@ -37,6 +38,8 @@ class Streams {
   ~Streams();
   /// Begins a stream. Throws Error for unknown names, and if there are too many watches.
   void add(std::shared_ptr<http::Stream> to, const StreamOrder& order);
+  /// A value of the run was changed: streams that are due within their period send the newest values at once.
+  void hurry() noexcept;
   /// Sends the last records and the state, closes all streams and ends the thread.
   void end() noexcept;
 
@@ -46,15 +49,16 @@ class Streams {
     std::shared_ptr<Shares::Share> places[2];  // given back after the watch has ended
     std::unique_ptr<bus::LiveRun::Watch> watch;
     std::vector<std::string> names;
-    std::int64_t every = 0, period = 0, due = 0;  // period and due: ns of CLOCK_MONOTONIC
-    bool asked = false;                           // a record was requested and has not come
-    bus::RunPhase phase = bus::RunPhase::kEnded;  // last sent
-    std::int64_t tick = -1, changes = -1;         // last sent
+    std::int64_t every = 0, period = 0, due = 0, again = 0;  // period, due and again: ns of CLOCK_MONOTONIC
+    std::optional<std::int64_t> late_since;                  // the client has not read the last message since then
+    bool asked = false;                                      // a record was requested and has not come
+    bus::RunPhase phase = bus::RunPhase::kEnded;             // last sent
+    std::int64_t tick = -1, changes = -1;                    // last sent
     std::uint64_t id = 0, left_out = 0;
   };
 
   void work();
-  bool serve(Client& client, std::int64_t now);
+  bool serve(Client& client, std::int64_t now, bool hurried);
   void send_newest(Client& client);
   void send_records(Client& client);
   void send_phase(Client& client);
@@ -65,7 +69,7 @@ class Streams {
   std::shared_ptr<bus::Wake> records_ = std::make_shared<bus::Wake>();  // while a requested record has not come
   std::mutex mutex_;
   std::vector<std::unique_ptr<Client>> incoming_;
-  std::atomic<bool> arrived_ = false, ending_ = false;
+  std::atomic<bool> arrived_ = false, hurried_ = false, ending_ = false;
   std::vector<std::unique_ptr<Client>> clients_;  // of the thread
   std::thread thread_;
 };
