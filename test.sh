@@ -5,4 +5,4 @@ root=$(cd "$(dirname "$(readlink -f "$0")")" && pwd)
 "$root/scripts/install.sh" build view test
 "$root/scripts/build.sh" test -DCMAKE_BUILD_TYPE=Release -DCOTWIN_TESTS=ON ${CI:+-DCOTWIN_WERROR=ON}
 echo "running the tests of build/test"
-exec ctest --test-dir "$root/build/test" --output-on-failure -j "$(nproc)" "$@"
+exec "$root/scripts/tests.sh" "$root/build/test" "$@"

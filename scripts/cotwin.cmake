@@ -137,23 +137,27 @@ function(cotwin_unit_table table)
   target_link_libraries(cotwin_${table} PUBLIC cotwin_settings cotwin::unit PRIVATE ${libraries})
 endfunction()
 
-# cotwin_test(name SOURCES … LINK … [THREADS pattern…] [TOGETHER pattern…] [LONG] [LONG_TESTS pattern…] [SERIAL]): one GoogleTest program;
+# cotwin_test(name SOURCES … LINK … [THREADS pattern…] [TOGETHER pattern…] [LONG] [LONG_TESTS pattern…] [SERIAL] [CLOCK]): one GoogleTest program;
 # every TEST in it is a CTest test of its own. THREADS: tests that match one of the patterns also run under the thread sanitizer. TOGETHER: the
 # tests that match a pattern are one CTest test, run by one process, and those that match none are another: for hundreds of quick tests, and for
 # tests that share a costly set-up. The output names each test that fails. LONG: not built with the address sanitizer, because tests that cost
 # less run the same code there: property tests of the units, scenarios, files of others. LONG_TESTS: the same for the tests that match a pattern
-# (not with TOGETHER). SERIAL: no other test runs at the same time.
+# (not with TOGETHER). SERIAL: no other test runs at the same time. CLOCK: several processes held to the wall clock (scripts/tests.sh).
 function(cotwin_test name)
   if(NOT COTWIN_TESTS)
     return()
   endif()
-  cmake_parse_arguments(arg "LONG;SERIAL" "" "SOURCES;LINK;THREADS;TOGETHER;LONG_TESTS" ${ARGN})
+  cmake_parse_arguments(arg "LONG;SERIAL;CLOCK" "" "SOURCES;LINK;THREADS;TOGETHER;LONG_TESTS" ${ARGN})
   if(COTWIN_SANITIZE STREQUAL "thread")
     if(NOT arg_THREADS)
       return()
     endif()
   elseif(COTWIN_SANITIZE AND arg_LONG)
     return()
+  endif()
+  set(labels "")
+  if(arg_CLOCK)
+    set(labels LABELS clock)
   endif()
   set(filter "")
   if(COTWIN_SANITIZE STREQUAL "thread")
@@ -168,7 +172,7 @@ function(cotwin_test name)
   target_compile_options(${name} PRIVATE $<$<CONFIG:Release>:-O1>)   # compiles in two thirds of the time of -O3
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
   if(NOT arg_TOGETHER)
-    gtest_discover_tests(${name} DISCOVERY_TIMEOUT 120 TEST_FILTER "${filter}" PROPERTIES TIMEOUT 600 RUN_SERIAL ${arg_SERIAL})
+    gtest_discover_tests(${name} DISCOVERY_TIMEOUT 120 TEST_FILTER "${filter}" PROPERTIES TIMEOUT 600 RUN_SERIAL ${arg_SERIAL} ${labels})
     return()
   endif()
   if(filter)
@@ -182,7 +186,7 @@ function(cotwin_test name)
   endif()
   foreach(filter IN LISTS filters)
     add_test(NAME "${name}(${filter})" COMMAND ${name} --gtest_brief=1 "--gtest_filter=${filter}")
-    set_tests_properties("${name}(${filter})" PROPERTIES TIMEOUT 1800 RUN_SERIAL ${arg_SERIAL})
+    set_tests_properties("${name}(${filter})" PROPERTIES TIMEOUT 1800 RUN_SERIAL ${arg_SERIAL} ${labels})
   endforeach()
 endfunction()
 
