@@ -10,7 +10,7 @@
 #include "fmu/archive/archive.h"
 #include "fmu/archive/file_kind.h"
 #include "fmu/process/process.h"
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
 #include "master/run/crash.h"
 #include "models/robot/kernels/kernels.h"

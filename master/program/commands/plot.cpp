@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 
 #include "master/engine/members.h"
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "master/program/plot/chart.h"
 #include "models/support/atomic_file.h"
 #include "models/support/csv.h"

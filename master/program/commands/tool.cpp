@@ -5,7 +5,7 @@
 
 #include "components/unit/settings.h"
 #include "master/engine/tools.h"
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "models/robot/attachment.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/history.h"

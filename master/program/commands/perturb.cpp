@@ -7,7 +7,7 @@
 
 #include "components/unit/settings.h"
 #include "components/unit/variables.h"
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "models/numerics/random.h"
 #include "models/robot/perturbed.h"
 #include "models/robot/urdf/urdf.h"

@@ -7,7 +7,7 @@
 #include <optional>
 #include <set>
 
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
 #include "master/run/master.h"
 #include "models/support/atomic_file.h"

@@ -8,7 +8,7 @@
 #include <sstream>
 #include <thread>
 
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "master/services/motion_file.h"
 #include "master/services/verify.h"
 #include "master/services/worker.h"

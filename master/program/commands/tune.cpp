@@ -8,7 +8,7 @@
 #include <optional>
 #include <thread>
 
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
 #include "master/program/progress_line.h"
 #include "master/program/results_folder.h"

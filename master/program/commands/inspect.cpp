@@ -5,7 +5,7 @@
 
 #include "fmu/check/check.h"
 #include "master/program/check.h"
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "models/support/error.h"
 
 namespace cotwin::master {

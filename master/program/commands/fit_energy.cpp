@@ -6,7 +6,7 @@
 #include <sstream>
 
 #include "components/unit/si.h"
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "models/energetics/fitted_parameters.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/support/atomic_file.h"

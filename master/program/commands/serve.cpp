@@ -3,7 +3,7 @@
 #include <iostream>
 #include <memory>
 
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "models/support/atomic_file.h"
 #include "models/support/error.h"
 

@@ -4,7 +4,7 @@
 #include <memory>
 
 #include "components/unit/settings.h"
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "master/program/starter/files.h"
 #include "models/robot/robot_model.h"
 #include "models/support/atomic_file.h"

@@ -4,7 +4,7 @@
 #include <iostream>
 #include <memory>
 
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/support/error.h"
 #include "models/support/text.h"

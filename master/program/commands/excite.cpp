@@ -6,7 +6,7 @@
 #include <numbers>
 #include <thread>
 
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
 #include "master/program/progress_line.h"
 #include "models/excitation/design.h"

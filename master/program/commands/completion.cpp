@@ -8,7 +8,7 @@
 #include <sstream>
 
 #include "master/engine/members.h"
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "master/ssp/scenario.h"
 #include "models/support/csv.h"
 #include "models/support/error.h"

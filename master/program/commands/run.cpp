@@ -12,7 +12,7 @@
 #include <thread>
 
 #include "master/program/browser.h"
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "master/program/fmu_run.h"
 #include "master/program/interrupt.h"
 #include "master/program/progress_line.h"

@@ -2,7 +2,7 @@
 #include <iostream>
 #include <memory>
 
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "master/program/manual.h"
 #include "models/support/atomic_file.h"
 

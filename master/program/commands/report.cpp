@@ -2,7 +2,7 @@
 #include <iostream>
 #include <memory>
 
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "master/report/report.h"
 #include "models/support/error.h"
 

@@ -3,7 +3,7 @@
 #include <memory>
 
 #include "master/program/browser.h"
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "master/program/progress_line.h"
 #include "master/view/view.h"
 #include "models/support/text.h"

@@ -5,7 +5,7 @@
 
 #include "fmu/archive/file_kind.h"
 #include "fmu/export/pack.h"
-#include "master/program/commands.h"
+#include "master/program/commands/commands.h"
 #include "master/twin/pack_twin.h"
 #include "master/twin/package.h"
 #include "models/support/error.h"
