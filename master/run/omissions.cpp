@@ -1,6 +1,7 @@
 #include "master/run/omissions.h"
 
 #include <algorithm>
+#include <functional>
 #include <map>
 #include <set>
 #include <tuple>
@@ -79,6 +80,7 @@ class Finder {
     std::string element, value;
     Duration ramp;
     bool is_event;
+    std::string place;  // of the event
     auto key() const { return std::tie(time.ns, element, value, ramp.ns); }
     friend bool operator<(const Push& a, const Push& b) { return a.key() < b.key(); }
   };
@@ -138,7 +140,7 @@ class Finder {
     const std::string number = normalised(text_of(value));
     if (port != nullptr && is_effort(*port->variable) && !all_zero(number))
       port->pushes.push_back(
-          {scenario_.start, value.name.substr(std::min(value.name.size(), value.name.find('['))), number, {}, false});
+          {scenario_.start, value.name.substr(std::min(value.name.size(), value.name.find('['))), number, {}, false, ""});
   }
 
   void mark_connected() {
@@ -162,12 +164,13 @@ class Finder {
       const auto number = element.size() > 2 ? text::parse_integer(element.substr(1, element.size() - 2)) : std::nullopt;
       // Until the event, a unit acts on the default.
       if (!port.required || event.time <= scenario_.start) mark(port, number ? static_cast<std::ptrdiff_t>(*number - 1) : -1);
-      if (is_effort(*port.variable)) port.pushes.push_back({event.time, element, normalised(event.value), event.ramp, true});
+      if (is_effort(*port.variable))
+        port.pushes.push_back({event.time, element, normalised(event.value), event.ramp, true, event.place});
     }
   }
 
-  void warn(std::size_t member, const std::string& what) {
-    const std::string& place = members_[member].spec.place;
+  void warn(std::size_t member, const std::string& what) { warn_at(members_[member].spec.place, what); }
+  void warn_at(const std::string& place, const std::string& what) {
     const std::string all = place.empty() ? what : place + ": " + what;
     if (reported_.insert(all).second) found_.push_back(all);
   }
@@ -261,9 +264,9 @@ class Finder {
           std::find_if(pushed->pushes.begin(), pushed->pushes.end(), [&](const Push& p) { return !theirs.contains(p); });
       if (push == pushed->pushes.end()) continue;
       const std::string what = push->is_event ? "the event at " + seconds(push->time) : std::string("the start value");
-      warn(pushed->member,
-           what + " gives " + name_of(*pushed) + push->element + " the value " + push->value + ", but " + name_of(*other) +
-               " of the connected unit does not get it: expected the same for both, because a push acts on both");
+      warn_at(push->is_event && !push->place.empty() ? push->place : members_[pushed->member].spec.place,
+              what + " gives " + name_of(*pushed) + push->element + " the value " + push->value + ", but " + name_of(*other) +
+                  " of the connected unit does not get it: expected the same for both, because a push acts on both");
       return;
     }
   }
@@ -278,18 +281,26 @@ class Finder {
   }
 
   void find_late_events() {
+    const std::string limits = "a time before the end of the run at " + seconds(scenario_.stop);
+    report_events([&](const EventSpec& e) { return e.time >= scenario_.stop; }, "no effect: expected " + limits);
+    report_events([&](const EventSpec& e) { return e.time < scenario_.start; },
+                  "begun before the run: expected a time from its start at " + seconds(scenario_.start) + " on");
+    report_events([&](const EventSpec& e) { return e.time < scenario_.stop && e.time + e.ramp > scenario_.stop; },
+                  "a ramp that the end of the run at " + seconds(scenario_.stop) + " cuts off");
+  }
+
+  /// One line for all events that are of a kind.
+  void report_events(const std::function<bool(const EventSpec&)>& is_one, const std::string& what) {
     const EventSpec* first = nullptr;
     std::size_t count = 0;
     for (const EventSpec& event : scenario_.events) {
-      if (event.time < scenario_.stop) continue;
+      if (!is_one(event)) continue;
       if (first == nullptr) first = &event;
       ++count;
     }
     if (first == nullptr) return;
-    found_.push_back((first->place.empty() ? "" : first->place + ": ") + "the event at " + seconds(first->time) + " on '" +
-                     first->variable + "' " +
-                     (count > 1 ? "and " + std::to_string(count - 1) + " more have" : std::string("has")) +
-                     " no effect: expected a time before the end of the run at " + seconds(scenario_.stop));
+    warn_at(first->place, "the event at " + seconds(first->time) + " on '" + first->variable + "' " +
+                              (count > 1 ? "and " + std::to_string(count - 1) + " more have " : std::string("has ")) + what);
   }
 
   const Scenario& scenario_;

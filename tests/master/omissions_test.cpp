@@ -133,7 +133,7 @@ TEST(Omissions, ARigidRobotNeedsNoMotorPositions) {
 TEST(Omissions, APushOnOneOfTwoConnectedUnitsIsReported) {
   Robot one;
   one.event(0.2, "drive.tau_e", "20 9");
-  EXPECT_THAT(warnings_of(one), ElementsAre(AllOf(HasSubstr("the event at 0.2 s gives drive.tau_e the value 20 9"),
+  EXPECT_THAT(warnings_of(one), ElementsAre(AllOf(HasSubstr("test.ssd:60: the event at 0.2 s gives drive.tau_e the value 20 9"),
                                                   HasSubstr("controller.tau_e of the connected unit does not get it"))));
   one.event(0.2, "controller.tau_e", "20,9.0");  // the same in another notation
   EXPECT_THAT(warnings_of(one), IsEmpty());
@@ -176,6 +176,21 @@ TEST(Omissions, EventsAfterTheEndAreReported) {
                                     "a time before the end of the run at 1 s")));
   robot.event(7, "controller.D_a", "1");
   EXPECT_THAT(warnings_of(robot), ElementsAre(HasSubstr("and 1 more have no effect")));
+}
+
+TEST(Omissions, EventsBeforeTheStartAndRampsBeyondTheEndAreReported) {
+  Robot early;
+  early.event(-0.5, "controller.S_a", "100").event(0, "controller.D_a", "1");
+  EXPECT_THAT(warnings_of(early),
+              ElementsAre(HasSubstr("test.ssd:60: the event at -0.5 s on 'controller.S_a' has begun before the run: expected "
+                                    "a time from its start at 0 s on")));
+  Robot cut;
+  cut.event(0.5, "controller.S_a", "100");
+  cut.scenario.events.back().ramp = Duration{500'000'000};
+  EXPECT_THAT(warnings_of(cut), IsEmpty());
+  cut.scenario.events.back().ramp = Duration{500'000'001};
+  EXPECT_THAT(warnings_of(cut),
+              ElementsAre(HasSubstr("on 'controller.S_a' has a ramp that the end of the run at 1 s cuts off")));
 }
 
 TEST(Omissions, ManyEventsAreCheckedInLinearTime) {

@@ -206,7 +206,7 @@ TEST_F(LivePage, ShowsAndChangesTheRunInABrowser) {
   json plan = {{"title", name}, {"q", "drive.q"}, {"controller", "compliance.S_a"}, {"slider", "compliance.S_a"}};
   plan["bounded"] = "compliance.S_a";
   plan["pulse"] = "drive.tau_e";
-  plan["event"] = {{"name", "drive.tau_e"}, {"values", {20.0, 9.0}}};
+  plan["event"] = {{"names", {"drive.tau_e", "compliance.tau_e"}}, {"values", {20.0, 9.0}}};
   plan["cues"] = {"ghosts", "trails", "mass", "manipulability", "stiffness", "tau_e"};
   plan["latency"] = std::getenv("COTWIN_LATENCY") != nullptr;
   plan["dark"] = std::getenv("COTWIN_DARK") != nullptr;

@@ -32,6 +32,16 @@ interface Row {
   show: (value: number) => void;
 }
 
+/// Events of the same time, in their order. Of two that give one variable a value at that time, the later one counts.
+export function moments_of(events: PlannedEvent[]): PlannedEvent[][] {
+  const moments = new Map<number, PlannedEvent[]>();
+  for (const event of events) {
+    const others = (moments.get(event.time_s) ?? []).filter(({ name }) => name !== event.name);
+    moments.set(event.time_s, [...others, event]);
+  }
+  return [...moments.values()];
+}
+
 /// What changes a run: buttons, sliders, events.
 export class Controls {
   readonly bar = element('span', { class: 'run' });
@@ -65,7 +75,7 @@ export class Controls {
     this.filter.addEventListener('input', () => this.fill());
     this.values.append(this.filter, this.list);
     this.fill();
-    for (const event of events) this.events.append(this.event_entry(event));
+    for (const together of moments_of(events)) this.events.append(this.event_entry(together));
     if (events.length === 0) this.events.append(element('div', { class: 'lacks' }, 'the scenario plans no events'));
     this.update();
   }
@@ -260,10 +270,13 @@ export class Controls {
     return element('div', { class: 'pulse' }, button('pulse', `${signal.name}: this value for this time`, () => void go()), ...(several ? ['[', which, ']'] : []), height, signal.unit ?? '', ' for ', seconds, ' s');
   }
 
-  private event_entry(event: PlannedEvent): HTMLElement {
-    const value = event.values.length === 1 ? event.values[0]! : event.values;
-    const now = button('now', `${event.name} = ${event.values.join(' ')} now`, () => void this.send(() => this.connection.command({ command: 'set', values: { [event.name]: value } })));
-    const text = `${+event.time_s.toFixed(6)} s: ${event.name} = ${event.values.map((x) => +x.toPrecision(6)).join(' ')}`;
-    return element('div', { class: 'event' }, now, text, ...(event.ramp_s > 0 ? [element('span', { class: 'unit' }, ` (planned over ${event.ramp_s} s; now: at once)`)] : []));
+  /// Events of one time are made together: a push, for example, is one for the robot and one for what its controller knows of it.
+  private event_entry(together: PlannedEvent[]): HTMLElement {
+    const values = Object.fromEntries(together.map(({ name, values }) => [name, values.length === 1 ? values[0]! : values]));
+    const texts = together.map(({ name, values }) => `${name} = ${values.map((x) => +x.toPrecision(6)).join(' ')}`);
+    const now = button('now', `${texts.join(', ')} now`, () => void this.send(() => this.connection.command({ command: 'set', values })));
+    const ramp = Math.max(...together.map((event) => event.ramp_s));
+    const text = `${+together[0]!.time_s.toFixed(6)} s: ${texts.join(', ')}`;
+    return element('div', { class: 'event' }, now, text, ...(ramp > 0 ? [element('span', { class: 'unit' }, ` (planned over ${ramp} s; now: at once)`)] : []));
   }
 }

@@ -104,10 +104,11 @@ try {
   await until(async () => [await value(plan.slider)].flat()[0] === later, `${plan.slider} becomes ${later}`);
   await shot('sliders');
   if (plan.event !== undefined) {
-    const { name, values } = plan.event;
+    const { names, values } = plan.event;
+    const name = names[0];
     await browser.evaluate("document.querySelector('.events').open = true");
     check(await browser.evaluate(`(() => { const found = [...document.querySelectorAll('.event')].find((event) => event.textContent.includes(${JSON.stringify(name)})); found?.querySelector('button').click(); return found !== undefined; })()`), `there is no event ${name}`);
-    await until(async () => JSON.stringify([await value(name)].flat()) === JSON.stringify(values), `the event sets ${name}`);
+    for (const each of names) await until(async () => JSON.stringify([await value(each)].flat()) === JSON.stringify(values), `the event sets ${each}`);
   }
   if (plan.pulse !== undefined) {
     const name = plan.pulse;

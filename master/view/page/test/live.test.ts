@@ -1,7 +1,7 @@
 // Tests without a browser of what a live page adds: a recording that grows, following it, sliders, matrices of the tip.
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { matching, slider_range } from '../source/controls';
+import { matching, moments_of, slider_range } from '../source/controls';
 import { Extremes } from '../source/decimate';
 import type { Robot } from '../source/format';
 import { LiveRecording } from '../source/live_recording';
@@ -219,4 +219,10 @@ test('the inverse of a symmetric matrix', () => {
   const i = inverse_of(m);
   assert.ok(Math.abs(m[0]! * i[0]! + m[1]! * i[1]! + m[2]! * i[2]! - 1) < 1e-12);
   assert.ok(Math.abs(m[0]! * i[1]! + m[1]! * i[3]! + m[2]! * i[4]!) < 1e-12);
+});
+
+test('events of one time are one moment, and the later of two on one variable counts', () => {
+  const event = (time_s: number, name: string, value: number): { time_s: number; name: string; values: number[]; ramp_s: number } => ({ time_s, name, values: [value], ramp_s: 0 });
+  const moments = moments_of([event(1, 'drive.tau_e', 5), event(2, 'a', 1), event(1, 'compliance.tau_e', 5), event(2, 'a', 3)]);
+  assert.deepEqual(moments.map((moment) => moment.map(({ name, values }) => [name, values[0]])), [[['drive.tau_e', 5], ['compliance.tau_e', 5]], [['a', 3]]]);
 });
