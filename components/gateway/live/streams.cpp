@@ -1,6 +1,7 @@
 #include "components/gateway/live/streams.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
@@ -16,8 +17,9 @@ using Json = nlohmann::ordered_json;
 using bus::LiveElements;
 using bus::LiveRun;
 
-constexpr std::int64_t kIdle = 100'000'000;  // ns between two looks at closed streams and the phase of the run
-constexpr std::int64_t kAgain = 20'000'000;  // ns until a client that has not read the last message is tried again
+constexpr std::int64_t kIdle = 100'000'000;      // ns between two looks at closed streams and the phase of the run
+constexpr std::int64_t kFarewell = 300'000'000;  // ns for clients to take the last messages of a run
+constexpr std::int64_t kAgain = 20'000'000;      // ns until a client that has not read the last message is tried again
 
 Json element_json(const bus::LiveSignal& signal, double value) {
   if (signal.kind == Kind::kBoolean) return value != 0;
@@ -131,13 +133,14 @@ void Streams::work() {
     incoming_.clear();
   }
   for (const auto& c : clients_) {
-    if (c->every > 0) {
-      send_records(*c);
-    } else if (c->watch->ready()) {
-      send_newest(*c);
-    }
+    send_rest(*c);
     send_phase(*c);
     c->to->close();
+  }
+  // The server, which may end now, would cut off what is still on its way.
+  for (const std::int64_t last = bus::monotonic_ns() + kFarewell; bus::monotonic_ns() < last;) {
+    if (std::ranges::all_of(clients_, [](const auto& c) { return c->to->waiting() == 0; })) break;
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
   clients_.clear();
 }
@@ -200,9 +203,19 @@ void Streams::send_records(Client& c) {
       {"samples", std::to_string(++c.id), Json{{"samples", records}, {"lost", c.watch->lost() + c.left_out}}.dump()});
 }
 
+/// The last records that there are.
+void Streams::send_rest(Client& c) {
+  if (c.every > 0) {
+    send_records(c);
+  } else if (c.watch->ready()) {
+    send_newest(c);
+  }
+}
+
 void Streams::send_phase(Client& c) {
   const bus::RunPosition position = run_->position();
   if (c.id > 0 && position.phase == c.phase) return;
+  if (position.phase == bus::RunPhase::kEnded) send_rest(c);  // a client may stop reading at the end of the run
   c.phase = position.phase;
   (void)c.to->send({"run", std::to_string(++c.id), to_json(position)});
 }

@@ -61,6 +61,7 @@ class Streams {
   bool serve(Client& client, std::int64_t now, bool hurried);
   void send_newest(Client& client);
   void send_records(Client& client);
+  void send_rest(Client& client);
   void send_phase(Client& client);
 
   std::shared_ptr<bus::LiveRun> run_;

@@ -184,6 +184,7 @@ try {
   await browser.until("cotwin.state.dataset.link === 'ended'");
   check(await browser.evaluate("[...document.querySelectorAll('.run button')].every((button) => button.disabled)"), 'the buttons are not switched off at the end');
   const last = await browser.evaluate('cotwin.player.end');
+  check(last === (await browser.evaluate('cotwin.live.connection.state.time_s')), `the last moment of the run is not shown: ${last} s`);
   await browser.evaluate('cotwin.seek(cotwin.player.begin)');
   await browser.drawn();
   check((await browser.evaluate('cotwin.time')) < last, 'the recording is lost at the end');
