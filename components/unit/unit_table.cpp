@@ -36,7 +36,7 @@ const UnitType& find_type(std::string_view name, std::span<const UnitType> types
   for (const std::string& n : names) all += (all.empty() ? "" : ", ") + n;
   const std::string closest = text::closest(name, names);
   throw Error("unit:" + std::string(name),
-              "no such unit" + (closest.empty() ? "" : "; did you mean '" + closest + "'?") + " There are " + all);
+              "no such unit; there are " + all + (closest.empty() ? "" : "; did you mean '" + closest + "'?"));
 }
 
 UnitSource parse_unit_source(const std::string& source) {

@@ -213,7 +213,12 @@ void Simulation::set(std::string_view name, double value) { set(name, std::span(
 void Simulation::set_text(std::string_view name, const std::string& value) {
   const master::Signal signal = impl_->find(name);
   impl_->check_may_set(signal);
-  if (signal.variable->kind() != Kind::kString || signal.count != 1) throw Error(signal.name, "is no string, expected set()");
+  if (signal.variable->kind() != Kind::kString)
+    throw Error(signal.name, "'" + value + "' is a text, expected " +
+                                 (signal.count == 1 ? "a number" : std::to_string(signal.count) + " numbers"));
+  if (signal.count != 1)
+    throw Error(signal.name,
+                "has " + std::to_string(signal.count) + " texts, expected the name of one: '" + signal.name + "[1]'");
   signal.variable->strings()[signal.first] = value;
   impl_->master.values_changed();
 }

@@ -1,8 +1,10 @@
 // cotwin.Robot: dynamics on NumPy arrays.
 #include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
 
 #include <algorithm>
 #include <array>
+#include <filesystem>
 
 #include "master/python/arrays.h"
 #include "master/python/bindings.h"
@@ -15,7 +17,7 @@ namespace {
 using namespace py::literals;
 
 struct PyRobot {
-  explicit PyRobot(const std::string& urdf) : robot(urdf), n(robot.n()) {}
+  explicit PyRobot(const std::filesystem::path& urdf) : robot(urdf.string()), n(robot.n()) {}
 
   Robot robot;
   std::size_t n;
@@ -193,12 +195,12 @@ void bind_robot(py::module_& m) {
 n is the number of joints. Arguments are one state, shape (n,), or many, (states, n): C-contiguous float64 arrays are read
 without a copy, other arrays are an Error, and lists are converted. Units of measure: rad, rad/s, rad/s^2, N.m of revolute
 joints; m, m/s, m/s^2, N of prismatic ones. With out=, results are written to that array and nothing is allocated. A NaN in
-a state gives NaN in the results of that state. More than 64 states are computed without the GIL.
+a state gives NaN in what depends on it. More than 64 states are computed without the GIL.
 
     arm = cotwin.Robot("lwr4")                    # or the path of a URDF
     tau = arm.inverse_dynamics(q, dq, ddq)
 )")
-      .def(py::init<const std::string&>(), "urdf"_a,
+      .def(py::init<const std::filesystem::path&>(), "urdf"_a,
            "Loads a URDF: a path, or the name of a robot that comes with Cotwin (\"lwr4\").")
       .def_property_readonly(
           "n", [](const PyRobot& r) { return r.n; }, "Number of joints.")

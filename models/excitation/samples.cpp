@@ -8,6 +8,7 @@
 namespace cotwin::excitation {
 
 void check_samples(const std::string& name, double period, double rate) {
+  if (!(period > 0)) throw Error("period " + text::to_text(period), "expected a positive number of seconds");
   const double samples = period * rate;
   if (!(rate > 0) || !(samples >= 10 && samples <= 1e8) || std::abs(samples - std::round(samples)) > 1e-6 * samples) {
     throw Error(name + " " + text::to_text(rate),

@@ -99,6 +99,13 @@ void expect_contact(const TemporaryFolder& folder, const std::string& scenario) 
   EXPECT_NEAR(force(static_cast<std::size_t>(after - columns.at("time").begin())), expected, 0.2 * expected);
 }
 
+TEST(New, NamesItsScenarioAsAShellTakesIt) {
+  const TemporaryFolder folder("new");
+  const RunResult made = make(folder, {"--robot", "planar2", "--out", "my arm's"});
+  ASSERT_EQ(made.code, 0) << made.err;
+  EXPECT_THAT(made.out, HasSubstr(R"(run it with: cotwin run 'my arm'\''s/twin.ssd')"));
+}
+
 void expect_kinds(const std::string& robot, const std::vector<std::string>& options = {}) {
   for (const std::string kind : {"motion", "compliance", "contact"}) {
     SCOPED_TRACE(robot + " " + kind);

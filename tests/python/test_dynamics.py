@@ -1,4 +1,5 @@
 import math
+import pathlib
 import threading
 import unittest
 
@@ -215,6 +216,8 @@ class Lwr(Case):
             self.arm.jacobian(Q0, "link_77")
         with self.assertError("nonsense", "URDF"):
             cotwin.Robot("nonsense")
+        with self.assertError("no_such.urdf"):
+            cotwin.Robot(pathlib.Path("no_such.urdf"))
 
     def test_joints_have_names_and_limits(self):
         self.assertEqual(self.arm.n, 7)

@@ -98,7 +98,7 @@ class Step(Case):
         for value, part in ((np.full(7, np.nan), "nan"), (np.full(7, -1.0), "expected"), ([1, 2], "2 values"), (np.zeros((7, 1)), "(7, 1)")):
             with self.subTest(value), self.assertError("drive.K", part):
                 s["drive.K"] = value
-        with self.assertError("drive.K", "string"):
+        with self.assertError("drive.K", "'soft' is a text, expected 7 numbers"):
             s["drive.K"] = "soft"
         with self.assertError("drive.K"):
             s["drive.K"] = np.zeros(14)[::2]

@@ -85,6 +85,8 @@ class Excite(Case):
             cotwin.excite("nonsense")
         with self.assertError("rate", "samples a period"):
             cotwin.excite("planar2", rate=0.1)
+        with self.assertError("period -1", "expected a positive number"):
+            cotwin.excite("planar2", period=-1)
         with self.assertError("periods"):
             cotwin.excite("planar2", periods=0)
         with self.assertError("criterion", "condition, determinant"):

@@ -1,7 +1,10 @@
 // cotwin new: writes a first scenario for a robot of which only the URDF is known.
 #include <algorithm>
+#include <cctype>
 #include <iostream>
 #include <memory>
+#include <string>
+#include <string_view>
 
 #include "components/unit/settings.h"
 #include "master/program/commands/commands.h"
@@ -16,6 +19,18 @@ namespace cotwin::master {
 namespace {
 
 namespace fs = std::filesystem;
+
+/// As a word that a shell takes as it is.
+std::string for_a_shell(const fs::path& path) {
+  const std::string text = path.string();
+  const bool is_plain = std::ranges::all_of(text, [](unsigned char c) {
+    return std::isalnum(c) != 0 || c > 127 || std::string_view("/._-+").find(static_cast<char>(c)) != std::string_view::npos;
+  });
+  if (is_plain) return text;
+  std::string quoted = "'";
+  for (const char c : text) quoted += c == '\'' ? std::string("'\\''") : std::string(1, c);
+  return quoted + "'";
+}
 
 struct Arguments {
   std::string robot, lock;
@@ -100,7 +115,7 @@ int new_scenario(Arguments a) {
     std::cout << place.string() << '\n';
   }
   for (const std::string& note : sketch.notes) std::cout << "note: " << note << '\n';
-  std::cout << "run it with: cotwin run " << (a.out / "twin.ssd").string() << '\n';
+  std::cout << "run it with: cotwin run " << for_a_shell(a.out / "twin.ssd") << '\n';
   return kExitDone;
 }
 

@@ -1,5 +1,6 @@
 """Types of the bindings. Shapes and units of measure are in the docstrings of the module."""
 
+import os
 from pathlib import Path
 from typing import Any, Callable, Sequence, TypedDict
 
@@ -36,7 +37,7 @@ class _Manipulability(TypedDict):
     rotation: _Ellipsoid
 
 class Robot:
-    def __init__(self, urdf: str) -> None: ...
+    def __init__(self, urdf: str | os.PathLike[str]) -> None: ...
     @property
     def n(self) -> int: ...
     @property
