@@ -206,6 +206,23 @@ TEST(ServeCommand, FillsJobOrdersWithThePostureOfTheRun) {
   EXPECT_EQ(json::parse(reply.body)["pointer"], "/JobOrderParameters/0/Value/from");
 }
 
+TEST(ServeCommand, RefusesAParameterOfAJobOrderThatIsGivenTwice) {
+  const TemporaryFolder folder("serve");
+  const Gateway gateway(folder.path());
+  const json request{{"ID", "Request"}, {"Value", json::parse(kSearch)}};
+  const auto parameter = [](const char* id, const json& value) { return json{{"ID", id}, {"Value", value}}; };
+  for (const json& more :
+       {request, parameter("Deadline", "2099-01-01T00:00:00Z"), parameter("TimeLimit", 60), parameter("Reuse", true)}) {
+    const json body{{"JobOrderParameters", {request, more, more}}};
+    const HttpReply reply = gateway.call("POST", "/job-orders", body.dump());
+    const std::string id = more["ID"];
+    EXPECT_EQ(reply.status, 422) << reply.body;
+    EXPECT_EQ(json::parse(reply.body)["detail"], "'" + id + "' is given twice, expected it once");
+    EXPECT_EQ(json::parse(reply.body)["pointer"], "/JobOrderParameters/" + std::string(id == "Request" ? "1" : "2") + "/ID");
+  }
+  EXPECT_EQ(gateway.get("/job-orders")["JobOrders"].size(), 0u);
+}
+
 TEST(ServeCommand, NamesWhatIsWrongInABody) {
   const TemporaryFolder folder("serve");
   const Gateway gateway(folder.path(), {"--no-jobs"});

@@ -1,5 +1,6 @@
 // Job control over HTTP: the verbs of OPC 10031-4.
 #include <algorithm>
+#include <set>
 
 #include "components/gateway/api/api.h"
 #include "components/gateway/api/catalogue.h"
@@ -56,11 +57,14 @@ std::string service_name(const Json& request, const std::string& place) {
   return name;
 }
 
-void read_parameter(const Json& one, const std::string& pointer, const Fill& fill, JobOrder& order) {
+void read_parameter(const Json& one, const std::string& pointer, const Fill& fill, std::set<std::string>& given,
+                    JobOrder& order) {
   if (!one.is_object()) throw refusal(422, "is no object, expected {ID, Value}", pointer);
   expect_members(one, {"ID", "Value"}, pointer);
   if (!one.contains("ID") || !one.contains("Value")) throw refusal(422, "has no ID or no Value", pointer);
   const std::string id = member(one, "ID", &Json::is_string, "text", pointer).get<std::string>();
+  if (!given.insert(id).second)
+    throw refusal(422, "'" + id.substr(0, 40) + "' is given twice, expected it once", pointer + "/ID");
   const Json& value = one["Value"];
   const std::string place = pointer + "/Value";
   if (id == "Request") {
@@ -105,8 +109,9 @@ JobOrder order_of(const Json& j, const Fill& fill) {
   if (j.contains("EndTime")) order.end_time = time_of_member(j["EndTime"], "/EndTime");
   if (j.contains("JobOrderParameters")) {
     const Json& list = member(j, "JobOrderParameters", &Json::is_array, "array of {ID, Value}", "");
+    std::set<std::string> given;
     for (std::size_t i = 0; i < list.size(); ++i)
-      read_parameter(list[i], "/JobOrderParameters/" + std::to_string(i), fill, order);
+      read_parameter(list[i], "/JobOrderParameters/" + std::to_string(i), fill, given, order);
   }
   if (order.request.empty())
     throw refusal(422, "has no parameter Request, expected {\"ID\": \"Request\", \"Value\": {\"service\": …}}",
