@@ -128,6 +128,8 @@ void Energy::declare(Variables& v) {
   if (measured_) v.state("i_before", i_before_, "A", "i at the end of the last step");
   v.state("elapsed", books_.time, "s", "time since the start");
   v.state("rest", rest_, "s", "time at rest so far");
+  v.state("opening", opening_, "s", "of the brakes' opening that is still to be booked");
+  v.state("opening_power", opening_power_, "W", "what the opening takes beyond P_off");
   v.state("unexplained", unexplained_, "J", "sum of the magnitudes of work_m less the joints' work, per step");
   v.state("moved", moved_, "J", "sum of the magnitudes of the joints' work, per step");
   v.state("warned", warned_, "1 once a wrong work was told");
@@ -154,6 +156,7 @@ void Energy::declare_drives(Variables& v, JointVariables& joints) {
   v.tunable("P_brake", standby_.P_brake, "W", "of the coils that hold the brakes open").range(0, most);
   v.tunable("E_release", standby_.E_release, "J", "to open the brakes, beyond P_brake").range(0, most);
   v.tunable("t_close", standby_.t_close, "s", "that the motors still hold while the brakes close").range(0, most);
+  v.tunable("t_release", standby_.t_release, "s", "that the motors hold before a motion while the brakes open").range(0, most);
   v.tunable("servo_off_after", servo_off_after_, "s", "time at rest after which the brakes close; 0: never").range(0, most);
   v.parameter("rest_speed", rest_speed_, "rad/s", "largest speed of a joint at rest").range(0, most);
   v.tunable("controller", standby_.controller, "W", "of the controller's computer and fans, from the mains").range(0, most);
@@ -194,6 +197,7 @@ void Energy::check() const {
                                     {"P_brake", s.P_brake},
                                     {"E_release", s.E_release},
                                     {"t_close", s.t_close},
+                                    {"t_release", s.t_release},
                                     {"controller", s.controller},
                                     {"servo_off_after", servo_off_after_}}) {
     if (value >= 0 && std::isfinite(value)) continue;
@@ -228,7 +232,7 @@ void Energy::initialise(Time) {
   dtheta_before_ = dtheta_;
   i_before_ = i_;
   drive_before_ = drive_start_ = drive_;
-  rest_ = unexplained_ = moved_ = power_ = cost_ = co2_ = friction_ = residual_ = 0;
+  rest_ = opening_ = opening_power_ = unexplained_ = moved_ = power_ = cost_ = co2_ = friction_ = residual_ = 0;
   servo_ = 1;
   warned_ = 0;
   warning_.clear();
@@ -257,17 +261,24 @@ double Energy::idle_power(double h) {
   bool rests = true;
   for (std::size_t j = 0; j < n_; ++j)
     rests = rests && std::abs(dtheta_[j]) <= rest_speed_ && std::abs(dtheta_before_[j]) <= rest_speed_;
+  const double on = standby_.P_0 + standby_.P_brake;
   double released = 0;
   if (!rests) {
-    if (servo_ == 0) released = standby_.E_release / h;
+    if (servo_ == 0) {
+      released = standby_.E_release / h;
+      opening_ = std::clamp(rest_ - servo_off_after_ - standby_.t_close, 0.0, standby_.t_release);
+      opening_power_ = on - standby_.P_off + accountant_.holding_power(tau_before_);
+    }
     servo_ = 1;
     rest_ = 0;
-  } else if (servo_off_after_ > 0 && rest_ >= servo_off_after_ + standby_.t_close) {
-    servo_ = 0;
   } else {
+    if (servo_off_after_ > 0 && rest_ >= servo_off_after_ + standby_.t_close) servo_ = 0;
     rest_ += h;
   }
-  return servo_ == 1 ? standby_.P_0 + standby_.P_brake + released : standby_.P_off;
+  if (servo_ == 0) return standby_.P_off;
+  const double opened = std::min(h, opening_);
+  opening_ -= opened;
+  return on + released + opening_power_ * opened / h;
 }
 
 // A step:

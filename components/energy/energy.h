@@ -18,7 +18,8 @@ namespace cotwin::energy {
 /// the work, and the difference to the joints' work is booked with the first joint.
 ///
 /// Servo: after `servo_off_after` seconds at rest and `t_close` more the brakes hold the robot: P_off in place of P_0 + P_brake, no
-/// currents. The first motion after that costs E_release.
+/// currents. The first motion after that costs E_release. The motors hold for `t_release` while the brakes open; the unit learns of a motion
+/// when it begins, so what they took in the last t_release seconds before it beyond P_off is booked in as many seconds after it.
 class Energy final : public Unit {
  public:
   static void declare_settings(SettingList& s);
@@ -69,9 +70,11 @@ class Energy final : public Unit {
   // States.
   Joints tau_before_, theta_before_, dtheta_before_, i_before_;
   DriveBooks drive_before_, drive_start_;
-  double rest_ = 0;         // s
-  double unexplained_ = 0;  // J, Σ |work_m − joints' work|
-  double moved_ = 0;        // J, Σ |work_m|
+  double rest_ = 0;           // s
+  double opening_ = 0;        // s of the brakes' opening that are still to be booked
+  double opening_power_ = 0;  // W, what the opening takes beyond P_off
+  double unexplained_ = 0;    // J, Σ |work_m − joints' work|
+  double moved_ = 0;          // J, Σ |work_m|
   // Outputs.
   energetics::EnergyBooks books_;
   double V_ = 0, power_ = 0, cost_ = 0, co2_ = 0, friction_ = 0, residual_ = 0;

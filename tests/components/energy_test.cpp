@@ -239,6 +239,27 @@ TEST(EnergyUnit, ClosesTheBrakesAtRestAndOpensThemForTheNextMotion) {
   EXPECT_NEAR(joint.meter.real("idle") - before, 35 * 0.01 + 4, 1e-12);
 }
 
+TEST(EnergyUnit, HoldsWhileTheBrakesOpenAsTheServicesSay) {
+  Joint joint("bus=shared", 0.5);
+  const energetics::Standby s{.P_0 = 30, .P_off = 10, .P_brake = 5, .E_release = 4, .t_close = 0.2, .t_release = 0.3};
+  joint.meter.set("P_0", s.P_0).set("P_off", s.P_off).set("P_brake", s.P_brake).set("E_release", s.E_release);
+  joint.meter.set("t_close", s.t_close).set("t_release", s.t_release).set("servo_off_after", 1e-9);
+  joint.meter.initialise();
+  const auto taken = [&] { return joint.meter.real("idle") + joint.meter.total("copper"); };
+  constexpr double kWait = 4, kStep = 0.01, kMoving = 0.5;
+  joint.hold(2, 0, kWait);  // 2 N·m, 2 W of copper
+  ASSERT_EQ(joint.meter.integer("servo"), 0);
+  joint.hold(2, 1, kMoving);
+  const double waited = taken() - kMoving * (s.P_0 + s.P_brake + 2);
+  EXPECT_NEAR(waited, energetics::wait(s, 2, kWait).closed, kStep * (s.P_0 + s.P_brake + 2));
+  // Of a rest that ended sooner no more than that rest.
+  const double before = taken();
+  joint.hold(2, 0, 0.3);
+  ASSERT_EQ(joint.meter.integer("servo"), 0);
+  joint.hold(2, 1, kMoving);
+  EXPECT_NEAR(taken() - before - s.E_release, (0.3 + kMoving) * (s.P_0 + s.P_brake + 2), kStep * (s.P_0 + s.P_brake + 2));
+}
+
 TEST(EnergyUnit, TakesMeasuredCurrents) {
   Joint joint("measured=true", 2);
   joint.meter.set("i", 3).set("k_t", 10);
