@@ -75,7 +75,7 @@ struct Gateway::Running {
     add_general_routes(router, tickets, COTWIN_VERSION);
     const Fill complete = [this, &run_side](Json& request) { fill(request, run_side); };
     add_service_routes(router, robots, board, complete);
-    if (board) add_job_routes(router, board, complete);
+    if (board) add_job_routes(router, robots, board, complete);
     run_side.add_routes(router);
     server.emplace(options(), router);
   }

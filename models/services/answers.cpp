@@ -61,11 +61,12 @@ Move at(const Move& m, double T) {
 
 }  // namespace
 
-Json answer_feasibility(const Robot& robot, Reader& r, const Context&) {
+Json answer_feasibility(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
   const Detail detail = read_detail(r);
   const int samples = read_samples(r);
   r.finish();
+  if (context.only_read) return {};
   const Plan p = plan(robot.model, m);
   const optimisation::Solution& s = p.solution;
   const bool none = m.T == 0 && !feasible(p);
@@ -86,12 +87,13 @@ Json answer_feasibility(const Robot& robot, Reader& r, const Context&) {
   return reply;
 }
 
-Json answer_cycle_time(const Robot& robot, Reader& r, const Context&) {
+Json answer_cycle_time(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, false);
   const double process = r.number("T_process_s", 0);
   const Detail detail = read_detail(r);
   r.finish();
   if (process < 0) throw RequestError("/T_process_s", "is negative, expected 0 or more");
+  if (context.only_read) return {};
   const Plan p = plan(robot.model, m);
   const bool possible = feasible(p);
   const double T = p.solution.T;
@@ -109,11 +111,12 @@ Json answer_cycle_time(const Robot& robot, Reader& r, const Context&) {
   return reply;
 }
 
-Json answer_torques(const Robot& robot, Reader& r, const Context&) {
+Json answer_torques(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
   const Detail detail = read_detail(r);
   const int samples = read_samples(r);
   r.finish();
+  if (context.only_read) return {};
   const Plan p = plan_of(robot, m);
   Json reply{{"T_s", p.solution.T}, {"feasible", feasible(p)}, {"reason", p.solution.reason}};
   add_notes(reply, p.notes);
@@ -154,12 +157,13 @@ Json answer_torques(const Robot& robot, Reader& r, const Context&) {
   return reply;
 }
 
-Json answer_peak_power(const Robot& robot, Reader& r, const Context&) {
+Json answer_peak_power(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
   const Detail detail = read_detail(r);
   const int samples = read_samples(r);
   const double bound = r.has("power_max_W") ? r.positive("power_max_W") : 0;
   r.finish();
+  if (context.only_read) return {};
   const Plan p = plan_of(robot, m);
   const PeakPower peak = peak_power(robot.model, at(m, p.solution.T));
   const auto extreme = [](const PeakPower::Extreme& e) { return Json{{"power_W", e.power}, {"t_s", e.t}}; };
@@ -188,10 +192,11 @@ Json answer_peak_power(const Robot& robot, Reader& r, const Context&) {
   return reply;
 }
 
-Json answer_jerk(const Robot& robot, Reader& r, const Context&) {
+Json answer_jerk(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
   const Detail detail = read_detail(r);
   r.finish();
+  if (context.only_read) return {};
   const Plan p = plan_of(robot, m);
   Move quintic = at(m, p.solution.T);
   quintic.degree = 5;
@@ -223,7 +228,7 @@ Json answer_jerk(const Robot& robot, Reader& r, const Context&) {
   return reply;
 }
 
-Json answer_throughput(const Robot& robot, Reader& r, const Context&) {
+Json answer_throughput(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
   const auto list = [&](const char* name) {
     const Json* value = r.any(name);
@@ -252,6 +257,7 @@ Json answer_throughput(const Robot& robot, Reader& r, const Context&) {
     settle.push_back(settling_time(of(M, k), damping, of(S, k), share));
     slowest = std::max(slowest, settle.back());
   }
+  if (context.only_read) return {};
   const Plan p = plan_of(robot, m);
   const Throughput t = throughput(p.solution.T, slowest, process);
   Json reply{{"feasible", feasible(p)},     {"reason", p.solution.reason}, {"T_move_s", t.T_move},

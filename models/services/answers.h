@@ -1,7 +1,7 @@
 #pragma once
 #include "models/services/move_json.h"
 
-/// The services, for json.cpp: each reads its members, finishes the reader and returns the reply.
+/// The services, for json.cpp: each reads its members, finishes the reader and, unless the context says only_read, returns the reply.
 namespace cotwin::services {
 
 Json answer_feasibility(const Robot&, Reader&, const Context&);

@@ -62,7 +62,7 @@ Json series_of(const PathMasses& m) {
 
 }  // namespace
 
-Json answer_energy(const Robot& robot, Reader& r, const Context&) {
+Json answer_energy(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
   const EnergyOptions options = read_energy_options(r);
   for (const char* name : {"bus", "price_per_kWh", "co2_kg_per_kWh"})
@@ -76,6 +76,7 @@ Json answer_energy(const Robot& robot, Reader& r, const Context&) {
   if (options.cycle > 0 && !robot.energy)
     throw RequestError("/cycle_s",
                        "is given, but the robot has no energy.ssv beside its URDF, expected one with its stand-by power");
+  if (context.only_read) return {};
   const MotionCost c = energy_of(robot, m, options);
   const energetics::EnergyBooks& b = c.energy.books;
   const optimisation::Solution& s = c.plan.solution;
@@ -146,12 +147,13 @@ Json answer_energy(const Robot& robot, Reader& r, const Context&) {
   return reply;
 }
 
-Json answer_effective_mass(const Robot& robot, Reader& r, const Context&) {
+Json answer_effective_mass(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
   ContactOptions o = read_contact_frame(robot, r);
   read_samples(r, o);
   const Detail detail = read_detail(r);
   r.finish();
+  if (context.only_read) return {};
   Json reply = Json::object();
   const PathMasses masses = masses_along(robot.model, planned(robot, m, reply), o);
   reply.update(Json{{"T_s", masses.T}, {"lightest", place(masses.lightest)}, {"heaviest", place(masses.heaviest)}});
@@ -164,13 +166,14 @@ Json answer_effective_mass(const Robot& robot, Reader& r, const Context&) {
   return reply;
 }
 
-Json answer_safety(const Robot& robot, Reader& r, const Context&) {
+Json answer_safety(const Robot& robot, Reader& r, const Context& context) {
   const Move m = read_move(robot, r, true);
   ContactOptions o = read_contact_frame(robot, r);
   read_samples(r, o);
   read_body_parts(robot, r, o);
   const Detail detail = read_detail(r);
   r.finish();
+  if (context.only_read) return {};
   Json reply = Json::object();
   const PathSafety s = safety_along(robot.model, planned(robot, m, reply), o);
   const PartRisk* worst = &s.parts.front();

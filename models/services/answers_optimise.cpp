@@ -249,6 +249,8 @@ Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
                                                                " with the rule pareto, expected it with one motion: the rule "
                                                                "weighted or lexicographic" +
                                                                (verify ? "" : ", or compliance with axes"));
+  optimisation::check(p);
+  if (context.only_read) return {};
   const long long costs = static_cast<long long>(p.costs.size());
   constexpr int kSearchesToPose = 3;
   const long long searches = pareto          ? (costs + directions - 2) * (end ? 2 : 1)

@@ -60,6 +60,7 @@ Json answer_verify(const Robot& robot, Reader& r, const Context& context) {
   const VerificationOptions options = read_verification(robot, r);
   const Detail detail = read_detail(r);
   r.finish();
+  if (context.only_read) return {};
   const Plan p = plan(robot.model, m);
   if (m.T == 0 && p.solution.status != optimisation::Status::kFeasible)
     throw RequestError("",

@@ -38,7 +38,7 @@ Json with_notes(Json reply, const Robot& robot) {
 Json reply_to(const Robot& robot, Reader& r, const Context& context) {
   const std::string service = r.text("service");
   for (const auto& [name, answer] : kServices)
-    if (service == name) return with_notes(answer(robot, r, context), robot);
+    if (service == name) return context.only_read ? answer(robot, r, context) : with_notes(answer(robot, r, context), robot);
   r.word("service", service_names());
   throw RequestError("/service", "is unknown");
 }
@@ -116,6 +116,14 @@ std::string answer_object(Robots& robots, const Json& object, const Context& con
   Reader r(object);
   const std::shared_ptr<const Robot> robot = robot_of(robots, r);
   return text_of(reply_to(*robot, r, context));
+}
+
+void check_object(Robots& robots, const Json& object) {
+  Reader r(object);
+  const std::shared_ptr<const Robot> robot = robot_of(robots, r);
+  Context context;
+  context.only_read = true;
+  (void)reply_to(*robot, r, context);
 }
 
 std::string posture_member(Robots& robots, const Json& request, const std::string& plain) {

@@ -34,7 +34,8 @@ struct Context {
   std::function<void(double share, const std::string& message)> progress = {};
   /// Receives the particles of an optimisation as CSV (optimisation::ParticleTable).
   std::ostream* particles = nullptr;
-  Verify verify = {};  // the twin, for the service verify; master/services/verify.h
+  Verify verify = {};      // the twin, for the service verify; master/services/verify.h
+  bool only_read = false;  // the reply is null: the request is read and checked, and nothing is computed
 };
 
 /// The names of all services.
@@ -49,6 +50,9 @@ std::string answer(const robot::RobotModel& robot, std::string_view request, num
 /// {"joint": position in rad or m}.
 std::string answer(Robots& robots, std::string_view request, const Context& context = {});
 std::string answer_object(Robots& robots, const nlohmann::ordered_json& request, const Context& context = {});
+/// Throws what answer_object() throws for a request that can never be answered by these robots: members that are unknown, missing or
+/// of another type, sizes, limits. Quick: no motion is computed. An answer may still fail, as where no duration meets the bounds.
+void check_object(Robots& robots, const nlohmann::ordered_json& request);
 
 /// The member of a request to `robots` that has this vector of joint positions: "from_q_rad", or "from_q" for a robot with prismatic
 /// joints. Throws Error.

@@ -223,6 +223,43 @@ TEST(ServeCommand, RefusesAParameterOfAJobOrderThatIsGivenTwice) {
   EXPECT_EQ(gateway.get("/job-orders")["JobOrders"].size(), 0u);
 }
 
+TEST(ServeCommand, RefusesWhatCanNeverBeAnsweredBeforeItIsAJob) {
+  const TemporaryFolder folder("serve");
+  const Gateway gateway(folder.path());
+  const auto changed = [](const char* removed, const json& change) {
+    json request = json::parse(kSearch);
+    request.erase(removed);
+    request.update(change);
+    return request;
+  };
+  struct Case {
+    json request;
+    std::string pointer;
+  };
+  const std::vector<Case> cases = {
+      {{{"service", "optimise"}, {"robot", "planar2"}}, "/from_q_rad"},
+      {changed("", {{"dq_mx", 1}}), "/dq_mx"},
+      {changed("T_min_s", json::object()), "/T_min_s"},
+      {changed("", {{"robot", "planar2"}}), "/from_q_rad"},
+      {changed("", {{"robot", "nobody"}}), "/robot"},
+      {changed("", {{"cost", {{{"name", "speed"}}}}}), "/cost/0/name"},
+  };
+  for (const Case& c : cases) {
+    const std::string order = json{{"JobOrderParameters", {{{"ID", "Request"}, {"Value", c.request}}}}}.dump();
+    for (const HttpReply& reply :
+         {gateway.call("POST", "/job-orders", order), gateway.call("PUT", "/job-orders/a", order, "If-None-Match: *\r\n")}) {
+      EXPECT_EQ(reply.status, 422) << reply.body;
+      EXPECT_EQ(json::parse(reply.body)["pointer"], "/JobOrderParameters/0/Value" + c.pointer) << reply.body;
+    }
+    const HttpReply asked = gateway.call("POST", "/services/optimise", c.request.dump(), "Prefer: respond-async\r\n");
+    EXPECT_EQ(asked.status, 422) << asked.body;
+    EXPECT_EQ(json::parse(asked.body)["pointer"], c.pointer) << asked.body;
+  }
+  EXPECT_EQ(gateway.get("/job-orders")["JobOrders"].size(), 0u);
+  // A search that takes its time is stored at once.
+  EXPECT_EQ(gateway.call("POST", "/job-orders?start=false", order("a")).status, 201);
+}
+
 TEST(ServeCommand, NamesWhatIsWrongInABody) {
   const TemporaryFolder folder("serve");
   const Gateway gateway(folder.path(), {"--no-jobs"});

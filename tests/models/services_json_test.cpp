@@ -600,6 +600,35 @@ TEST(ServiceRequests, AreRefusedWithAPointerAndNeverCrash) {
   }
 }
 
+TEST(ServiceRequests, AreCheckedWithoutAnAnswer) {
+  Robots robots({robots_folder()});
+  for (const std::string& service : service_names()) {
+    const auto pointer = [&](const char* removed, const json& change) -> std::string {
+      json request = lwr_move(service);
+      if (removed) request.erase(removed);
+      request.update(change);
+      try {
+        check_object(robots, nlohmann::ordered_json(request));
+      } catch (const RequestError& e) {
+        return e.pointer();
+      }
+      return "none";
+    };
+    EXPECT_EQ(pointer(nullptr, json::object()), "none") << service << ": also verify, although there is no twin here";
+    EXPECT_EQ(pointer("to_q_rad", json::object()), "/to_q_rad") << service;
+    EXPECT_EQ(pointer(nullptr, {{"dq_mx_rad_per_s", {1}}}), "/dq_mx_rad_per_s") << service;
+    EXPECT_EQ(pointer(nullptr, {{"from_q_rad", {0, 1}}}), "/from_q_rad") << service;
+    EXPECT_EQ(pointer(nullptr, {{"robot", "nobody"}}), "/robot") << service;
+  }
+  // Searches of ages, and a move whose duration cannot be found.
+  json request = lwr_move("optimise");
+  request.update({{"particles", 100000}, {"rounds", 100000}, {"refine", true}});
+  EXPECT_NO_THROW(check_object(robots, nlohmann::ordered_json(request)));
+  request = lwr_move("feasibility");
+  request.update({{"tau_max_Nm", {1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-6}}});
+  EXPECT_NO_THROW(check_object(robots, nlohmann::ordered_json(request)));
+}
+
 TEST(ServiceRequests, TakeRobotsOfManyJoints) {
   const testing::TemporaryFolder folder("snake");
   std::ofstream urdf(folder.path() / "snake.urdf");

@@ -23,8 +23,9 @@ void add_general_routes(http::Router& router, std::shared_ptr<http::Tickets> tic
 void add_service_routes(http::Router& router, services::Robots& robots, const std::shared_ptr<JobBoard>& board,
                         const Fill& fill = {});
 
-/// /job-orders, /job-responses, /results, and the events of jobs at /events.
-void add_job_routes(http::Router& router, const std::shared_ptr<JobBoard>& board, const Fill& fill = {});
+/// /job-orders, /job-responses, /results, and the events of jobs at /events. Orders that `robots` can never answer are refused.
+void add_job_routes(http::Router& router, services::Robots& robots, const std::shared_ptr<JobBoard>& board,
+                    const Fill& complete = {});
 
 /// Schemas that several routes refer to.
 void add_common_schemas(http::Router& router);

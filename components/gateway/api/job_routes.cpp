@@ -49,11 +49,11 @@ UtcTime time_of_member(const Json& value, const std::string& pointer) {
 }
 
 /// The service that a request names. Throws Refusal 422 for none that is there.
-std::string service_name(const Json& request, const std::string& place) {
-  if (!request.contains("service")) throw refusal(422, "is missing, expected one of /work-masters", place + "/service");
+std::string service_name(const Json& request) {
+  if (!request.contains("service")) throw refusal(422, "is missing, expected one of /work-masters", "/service");
   const Json& name = request["service"];
   if (std::none_of(all_services().begin(), all_services().end(), [&](const ServiceInfo& s) { return name == s.name; }))
-    throw refusal(422, "is no service, expected one of /work-masters", place + "/service");
+    throw refusal(422, "is no service, expected one of /work-masters", "/service");
   return name;
 }
 
@@ -71,12 +71,11 @@ void read_parameter(const Json& one, const std::string& pointer, const Fill& fil
     if (!value.is_object()) throw refusal(422, "is no object, expected the request of a service", place);
     Json request = value;
     try {
-      if (fill) fill(request);
+      fill(request);
     } catch (http::Refusal& refused) {
-      if (!refused.problem.pointer.empty()) refused.problem.pointer.insert(0, place);
+      if (refused.problem.status == 422) refused.problem.pointer.insert(0, place);
       throw;
     }
-    (void)service_name(request, place);
     order.request = request.dump();
   } else if (id == "Deadline") {
     order.deadline = time_of_member(value, place);
@@ -417,8 +416,14 @@ void add_job_schemas(http::Router& router) {
 
 }  // namespace
 
-void add_job_routes(http::Router& router, const std::shared_ptr<JobBoard>& board, const Fill& fill) {
+void add_job_routes(http::Router& router, services::Robots& robots, const std::shared_ptr<JobBoard>& board,
+                    const Fill& complete) {
   add_job_schemas(router);
+  const Fill fill = [&robots, complete](Json& request) {
+    if (complete) complete(request);
+    (void)service_name(request);
+    expect_answerable(robots, request);
+  };
   const auto make = [](const char* method, const char* pattern, const char* id, const char* summary, http::Scope scope) {
     http::Route r;
     r.method = method;
@@ -531,7 +536,7 @@ void add_job_routes(http::Router& router, const std::shared_ptr<JobBoard>& board
   equal.answers = {{200, "Results", "A page"}};
   add(equal, [board](const Request& r) {
     const Json request = object_of(r.body);
-    (void)service_name(request, "");
+    (void)service_name(request);
     return results(*board, r, request.dump());
   });
 

@@ -31,6 +31,16 @@ Json object_of(const std::string& body) {
   }
 }
 
+void expect_answerable(services::Robots& robots, const Json& request) {
+  try {
+    services::check_object(robots, request);
+  } catch (const services::RequestError& error) {
+    throw refusal(422, error.detail(), error.pointer());
+  } catch (const Error& error) {
+    throw refusal(422, error.what());
+  }
+}
+
 void expect_members(const Json& object, std::initializer_list<std::string_view> names, const std::string& pointer) {
   for (const auto& [key, unused] : object.items()) {
     if (std::find(names.begin(), names.end(), key) != names.end()) continue;

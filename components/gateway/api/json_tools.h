@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include "components/gateway/http/router.h"
+#include "models/services/robots.h"
 
 /// JSON and header fields of routes, for the sources of this folder.
 namespace cotwin::gateway {
@@ -18,6 +19,8 @@ http::Refusal refusal(int status, std::string detail, std::string pointer = "");
 
 /// The object of a request's body: at most 32 levels, no member twice, only finite numbers. Throws Refusal 400.
 Json object_of(const std::string& body);
+/// Throws Refusal 422 for a request to a service that these robots can never answer, see services::check_object().
+void expect_answerable(services::Robots& robots, const Json& request);
 /// Throws Refusal 422 for the first member that is not in `names`.
 void expect_members(const Json& object, std::initializer_list<std::string_view> names, const std::string& pointer = "");
 

@@ -280,6 +280,7 @@ void add_service_routes(http::Router& router, services::Robots& robots, const st
     if (board && (service.is_long || promised)) {
       if (request.scope != http::Scope::kOperate)
         throw refusal(403, "the token may read only, expected one with the scope operate: the answer is a job");
+      expect_answerable(robots, object);
       return answer_by_job(board, request, object, promised, reply);
     }
     reply(answer_now(robots, object));
