@@ -58,8 +58,8 @@ struct Gateway::Running {
   std::optional<http::Server> server;
   std::uint64_t requests = 0, refused = 0, dropped = 0;  // before the last initialise
 
-  Running(const Parameters& p, const std::vector<std::string>& robot_folders, RunSide& run_side)
-      : parameters(p), folders(robot_folders), robots({robot_folders.begin(), robot_folders.end()}, p.robot) {
+  Running(const Parameters& p, const std::vector<std::string>& robot_folders, const std::string& people, RunSide& run_side)
+      : parameters(p), folders(robot_folders), robots({robot_folders.begin(), robot_folders.end()}, p.robot, false, people) {
     (void)robots.find(p.robot);
     if (!p.database.empty()) {
       jobs.emplace(job_options());
@@ -156,6 +156,11 @@ void Gateway::declare_settings(SettingList& s) {
 
 Gateway::Gateway(Settings& settings) {
   for (const std::string& folder : items(settings.text("robots"))) robot_folders_.push_back(settings.file(folder).string());
+  try {
+    people_ = settings.file("people/iso_ts_15066.csv").string();
+  } catch (const Error&) {
+    // One beside the robots counts, if there is one; the service safety tells where it needs one.
+  }
 }
 
 Gateway::~Gateway() { end(); }
@@ -207,7 +212,7 @@ void Gateway::initialise(Time) {
     run_side_.end();
     running_.reset();
     run_side_.begin();  // before the jobs, whose events go there
-    running_ = std::make_unique<Running>(wanted, robot_folders_, run_side_);
+    running_ = std::make_unique<Running>(wanted, robot_folders_, people_, run_side_);
     if (!url_file_.empty()) write_file(url_file_, running_->server->url() + "\n");
   }
   run_side_.begin();

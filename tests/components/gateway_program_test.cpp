@@ -449,6 +449,22 @@ TEST(ServeCommand, AsksWorkersWithItsOwnRobotsAndTellsResultsOfChangedFilesApart
   EXPECT_NE(after["RobotHash"], before["RobotHash"]);
 }
 
+TEST(ServeCommand, KnowsTheBodyPartsOfPersonsAlsoWithOwnRobots) {
+  const TemporaryFolder folder("serve");
+  const fs::path robots = folder.path() / "robots";
+  fs::create_directories(robots);
+  fs::copy(fs::path(cotwin::places::source()) / "models/robots/lwr4", robots / "own", fs::copy_options::recursive);
+  const Gateway gateway(folder.path() / "out", {"--robot", "own", "--robots", robots});
+  const json request{{"from_q_rad", {0, -0.9, 0, 1.2, 0, 0.6, 0}}, {"to_q_rad", {1.2, 0.9, 0, -1.2, 0, -0.6, 0}}};
+  const HttpReply now = gateway.call("POST", "/services/safety", request.dump());
+  EXPECT_EQ(now.status, 200) << now.body;
+  const HttpReply by_job = gateway.call("POST", "/services/safety", request.dump(), "Prefer: respond-async, wait=30\r\n");
+  EXPECT_EQ(json::parse(by_job.body), json::parse(now.body));
+  const RunResult asked = run_program({"ask", "safety", "--robot", "own", "--robots", robots, "--from", "0,-0.9,0,1.2,0,0.6,0",
+                                       "--to", "1.2,0.9,0,-1.2,0,-0.6,0"});
+  EXPECT_EQ(json::parse(asked.out), json::parse(now.body)) << asked.err;
+}
+
 TEST(ServeCommand, KeepsResultsThatOnlyReadersHaveSeen) {
   if (!has("python3")) GTEST_SKIP() << "needs python3";
   const TemporaryFolder folder("serve");
