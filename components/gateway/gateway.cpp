@@ -60,7 +60,7 @@ struct Gateway::Running {
 
   Running(const Parameters& p, const std::vector<std::string>& robot_folders, const std::string& people, RunSide& run_side)
       : parameters(p), folders(robot_folders), robots({robot_folders.begin(), robot_folders.end()}, p.robot, false, people) {
-    (void)robots.find(p.robot);
+    if (!p.robot.empty()) (void)robots.find(p.robot);
     if (!p.database.empty()) {
       jobs.emplace(job_options());
       board = std::make_shared<JobBoard>(*jobs);
@@ -180,7 +180,7 @@ void Gateway::declare(Variables& v) {
   v.parameter("origins", origins_,
               "origins of web pages that may call the gateway, such as https://mes.example:8443, separated by commas");
   v.parameter("url_file", url_file_, "file to which the URL is written at the start; empty: none");
-  v.parameter("robot", robot_, "robot of requests that name none");
+  v.parameter("robot", robot_, "robot of requests that name none; empty: each must name one");
   v.parameter("threads", threads_,
               "threads that compute answers; up to 14 more while there are long requests of several clients")
       .range(1, 64);

@@ -465,6 +465,44 @@ TEST(ServeCommand, KnowsTheBodyPartsOfPersonsAlsoWithOwnRobots) {
   EXPECT_EQ(json::parse(asked.out), json::parse(now.body)) << asked.err;
 }
 
+TEST(ServeCommand, TakesOwnFoldersOfRobotsAndChoosesADefaultRobotOnlyWhereOneIsMeant) {
+  const TemporaryFolder folder("serve");
+  const fs::path source = fs::path(cotwin::places::source()) / "models/robots", first = folder.path() / "first",
+                 second = folder.path() / "second", none = folder.path() / "none", out = folder.path() / "out";
+  for (const fs::path& made : {first, second, none}) fs::create_directories(made);
+  fs::copy(source / "planar2", first / "one", fs::copy_options::recursive);
+  fs::copy(source / "lwr4/robot.urdf", second / "one.urdf");
+  fs::copy(source / "planar2/robot.urdf", second / "two.urdf");
+  {
+    const Gateway gateway(out, {"--robots", first});
+    EXPECT_EQ(gateway.get("/robots"), json({{"robots", {"one"}}, {"default", "one"}}));
+  }
+  {
+    const Gateway gateway(out, {"--robots", first, "--robots", second});
+    EXPECT_EQ(gateway.get("/robots"), json({{"robots", {"one", "two"}}, {"default", ""}}));
+    EXPECT_EQ(gateway.get("/robots/one")["joints"].size(), 2u) << "the first folder counts";
+    json request{{"service", "feasibility"}, {"from_q_rad", {0, 0}}, {"to_q_rad", {1, 1}}, {"T_s", 2}};
+    const HttpReply unnamed = gateway.call("POST", "/services/feasibility", request.dump());
+    EXPECT_EQ(unnamed.status, 422);
+    EXPECT_EQ(json::parse(unnamed.body)["detail"], "is missing, expected the name of a robot");
+    const auto order = [&] {
+      return gateway.call("POST", "/job-orders?start=false",
+                          json{{"JobOrderParameters", {{{"ID", "Request"}, {"Value", request}}}}}.dump());
+    };
+    EXPECT_EQ(json::parse(order().body)["pointer"], "/JobOrderParameters/0/Value/robot");
+    request["robot"] = "two";
+    EXPECT_EQ(order().status, 201);
+    EXPECT_EQ(gateway.call("POST", "/services/feasibility", request.dump(), "Prefer: respond-async, wait=30\r\n").status, 200);
+  }
+  const auto error = [&](std::vector<std::string> options) {
+    options.insert(options.begin(), {"serve", "--port", "0", "--seconds", "1", "--out", out});
+    return run_program(options).err;
+  };
+  EXPECT_THAT(error({"--robots", first, "--robot", "lwr4"}), HasSubstr("--robot lwr4: robot: 'lwr4' is unknown"));
+  EXPECT_THAT(error({"--robots", none}), HasSubstr("--robots " + none.string() + ": has no robot, expected"));
+  EXPECT_THAT(error({"--robots", none / "x"}), HasSubstr("--robots " + (none / "x").string() + ": is not a folder, expected"));
+}
+
 TEST(ServeCommand, KeepsResultsThatOnlyReadersHaveSeen) {
   if (!has("python3")) GTEST_SKIP() << "needs python3";
   const TemporaryFolder folder("serve");

@@ -1,9 +1,11 @@
 // cotwin serve: the gateway as a program of its own, for clients over HTTP (docs/gateway.md).
+#include <algorithm>
 #include <fstream>
 #include <iostream>
 #include <memory>
 
 #include "master/program/commands/commands.h"
+#include "models/services/robots.h"
 #include "models/support/atomic_file.h"
 #include "models/support/error.h"
 
@@ -14,9 +16,11 @@ namespace {
 namespace fs = std::filesystem;
 
 struct ServeArguments {
-  std::string address = "localhost", robot = "lwr4";
+  std::string address = "localhost";
+  std::optional<std::string> robot;
   int port = 8080, workers = 1, threads = 2, connections = 128;
-  fs::path tokens, certificate, key, robots, out = "results/serve";
+  fs::path tokens, certificate, key, out = "results/serve";
+  std::vector<fs::path> robots;
   std::optional<fs::path> database;
   std::vector<std::string> hosts, origins, set;
   std::optional<double> seconds;
@@ -38,19 +42,42 @@ fs::path serve_scenario() {
   throw Error("scenarios/serve.ssd", "is not in the model folders, expected it in those of Cotwin (COTWIN_MODELS adds others)");
 }
 
-/// The folders robots/ of the model folders.
-std::string robot_folders(const ServeArguments& a) {
-  if (!a.robots.empty()) return fs::absolute(a.robots).string();
-  std::vector<std::string> all;
-  for (const fs::path& folder : model_folders({})) {
-    std::error_code none;
-    if (fs::is_directory(folder / "robots", none)) all.push_back(fs::absolute(folder / "robots").string());
+/// Those of --robots, or the folders robots/ of the model folders.
+std::vector<fs::path> robot_folders(const ServeArguments& a) {
+  std::vector<fs::path> all;
+  std::error_code none;
+  for (const fs::path& folder : a.robots) {
+    if (!fs::is_directory(folder, none))
+      throw Error("--robots " + folder.string(), "is not a folder, expected one with robots");
+    if (folder.string().find(',') != std::string::npos)
+      throw Error("--robots " + folder.string(), "has a comma in its name, expected a folder without");
+    all.push_back(fs::absolute(folder));
   }
-  return list_of(all);
+  if (!all.empty()) return all;
+  for (const fs::path& folder : model_folders({}))
+    if (fs::is_directory(folder / "robots", none)) all.push_back(fs::absolute(folder / "robots"));
+  return all;
+}
+
+/// The robot of requests that name none; "": there are several, and none of them is meant more than another.
+std::string default_robot(const ServeArguments& a, const std::vector<fs::path>& folders) {
+  services::Robots robots(folders, a.robot.value_or(""));
+  const std::vector<std::string> names = robots.names();
+  if (names.empty() && !a.robots.empty())
+    throw Error("--robots " + a.robots.front().string(), "has no robot, expected FOLDER/NAME/robot.urdf or FOLDER/NAME.urdf");
+  if (!a.robot) return std::ranges::find(names, "lwr4") != names.end() ? "lwr4" : names.size() == 1 ? names.front() : "";
+  try {
+    (void)robots.find(*a.robot);
+  } catch (const Error& error) {
+    throw Error("--robot " + *a.robot, error.what());
+  }
+  return *a.robot;
 }
 
 int serve(const ServeArguments& a) {
   if (a.no_jobs && a.database) throw Error("--database", "given with --no-jobs, expected one of the two");
+  const std::vector<fs::path> folders = robot_folders(a);
+  const std::string robot = default_robot(a, folders);
   const fs::path url_file = a.out / "url.txt";
   make_folder(a.out);
   ScenarioRun run;
@@ -69,8 +96,8 @@ int serve(const ServeArguments& a) {
   set("key", a.key.string());
   set("hosts", list_of(a.hosts));
   set("origins", list_of(a.origins));
-  set("robot", a.robot);
-  set("robots", robot_folders(a));
+  set("robot", robot);
+  set("robots", list_of({folders.begin(), folders.end()}));
   set("threads", std::to_string(a.threads));
   set("connections", std::to_string(a.connections));
   set("workers", std::to_string(a.workers));
@@ -134,8 +161,17 @@ void add_serve(CLI::App& app, Chosen& chosen) {
       ->capture_default_str()
       ->check(CLI::Range(1, 10000))
       ->type_name("N");
-  command->add_option("--robot", a.robot, "Robot of requests that name none")->capture_default_str()->type_name("NAME");
-  command->add_option("--robots", a.robots, "Folder with robots that requests may name (default: those of the model folders)")
+  command
+      ->add_option("--robot", a.robot,
+                   "Robot of requests that name none (default: lwr4 or, without one of that name, the only robot; if there are "
+                   "several, each request must name one)")
+      ->type_name("NAME");
+  command
+      ->add_option(
+          "--robots", a.robots,
+          "Folder with robots that requests may name, FOLDER/NAME/robot.urdf or FOLDER/NAME.urdf; may be repeated, the "
+          "first folder that has a robot counts; default: models/robots")
+      ->allow_extra_args(false)
       ->type_name("FOLDER");
   command->add_option("--seconds", a.seconds, "Duration (default: until Ctrl-C)")
       ->check(CLI::PositiveNumber)
