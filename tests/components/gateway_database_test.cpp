@@ -128,6 +128,29 @@ TEST(JobDatabase, LeavesNoWorkerBehindWhenItsProcessIsKilled) {
   EXPECT_EQ(jobs.find("a")->restarts, 1);
 }
 
+TEST(JobDatabase, RunsAnInterruptedJobAgainByItsPriority) {
+  const Trial trial("database");
+  const pid_t child = fork();
+  if (child == 0) {
+    Jobs jobs(trial.options);
+    jobs.store(order_of("interrupted", "gate"));
+    while (trial.log().empty()) usleep(1000);
+    JobOrder urgent = order_of("urgent", "echo");
+    urgent.priority = 2;
+    jobs.store(urgent);
+    jobs.store(order_of("later", "echo", "\"n\": 1"));
+    trial.folder.write("stored", "");
+    for (;;) pause();
+  }
+  ASSERT_TRUE(within_patience([&] { return std::filesystem::exists(trial.folder / "stored"); }));
+  kill(child, SIGKILL);
+  waitpid(child, nullptr, 0);
+  trial.open_gate();
+  Jobs jobs(trial.options);
+  for (const char* id : {"urgent", "interrupted", "later"}) EXPECT_EQ(done(jobs, id).state, JobState::kEnded) << id;
+  EXPECT_EQ(trial.log(), "interrupted\nurgent\ninterrupted\nlater\n");
+}
+
 TEST(JobDatabase, AbortsAJobDuringWhichTheGatewayEndsAgainAndAgain) {
   Trial trial("database");
   trial.options.restarts = 2;

@@ -315,6 +315,26 @@ TEST(Jobs, TakeAnEarlierResultOfTheSameRequestRobotAndBuild) {
   EXPECT_TRUE(reply_of(jobs, order_of("g", "random", R"("x": 1, "y": 2)")).reused);
 }
 
+TEST(Jobs, TakeAnEarlierResultNotBeforeTheirStartTime) {
+  Trial trial("jobs");
+  std::atomic<std::int64_t> clock = 1'700'000'000'000;
+  trial.options.now = [&] { return UtcTime(std::chrono::milliseconds(clock.load())); };
+  trial.options.robot_hash = [](const std::string&) { return "files"; };
+  Jobs jobs(trial.options);
+  jobs.store(order_of("a", "echo"));
+  EXPECT_EQ(done(jobs, "a").state, JobState::kEnded);
+  JobOrder order = order_of("later", "echo");
+  order.start_time = trial.options.now() + 1h;
+  ASSERT_TRUE(jobs.store(order).ok());
+  EXPECT_EQ(jobs.find("later")->state, JobState::kAllowedToStart);
+  EXPECT_FALSE(jobs.find("later")->started);
+  clock += 3'600'000;
+  const Job job = done(jobs, "later");
+  EXPECT_EQ(job.state, JobState::kEnded);
+  EXPECT_EQ(job.started, order.start_time);
+  EXPECT_EQ(trial.log(), "a\n") << "it was not computed again";
+}
+
 TEST(Jobs, TakeNoEarlierResultIfTheDefaultRobotHasChanged) {
   Trial trial("jobs");
   std::string files = "first";  // of the robot that requests without a name are for

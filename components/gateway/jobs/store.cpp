@@ -2,6 +2,7 @@
 
 #include <nlohmann/json.hpp>
 #include <random>
+#include <tuple>
 
 #include "components/gateway/jobs/schema.h"
 #include "components/gateway/jobs/store_rows.h"
@@ -146,7 +147,8 @@ JobStore::Insertion JobStore::insert(const JobOrder& order, const CanonicalReque
   if (!options.idempotency_key.empty())
     database_.run("INSERT INTO keys(owner, key, fingerprint, job_id, used) VALUES (?, ?, ?, ?, ?)", options.owner,
                   options.idempotency_key, fingerprint, job.order.id, now);
-  if (options.start && order.reuse && origin) take_earlier(job, *origin, now);
+  const bool due = !order.start_time || *order.start_time <= now;
+  if (options.start && due && order.reuse && origin) take_earlier(job, *origin, now);
   transaction.commit();
   return {{kNoError, job.order.id, "", false}, job};
 }
@@ -266,15 +268,20 @@ std::optional<Job> JobStore::find(const std::string& id) {
 
 std::optional<Job> JobStore::next(const std::set<std::int64_t>& busy, UtcTime now) {
   const std::string order = "ORDER BY priority DESC, ifnull(deadline, 9223372036854775807), sequence";
+  const auto rank = [](const Job& job) {
+    return std::tuple(-job.order.priority, job.order.deadline.value_or(UtcTime::max()), job.sequence);
+  };
+  std::optional<Job> interrupted;
   {
     Statement running = database_.query(kSelectJob + "INDEXED BY jobs_running WHERE state = 3 " + order);
-    while (running.step()) {
-      if (!busy.contains(sequence_of(running))) return job_of(running);
+    while (!interrupted && running.step()) {
+      if (!busy.contains(sequence_of(running))) interrupted = job_of(running);
     }
   }
-  return one_job(database_.query(
+  std::optional<Job> waiting = one_job(database_.query(
       kSelectJob + "INDEXED BY jobs_queue WHERE state = 2 AND (start_time IS NULL OR start_time <= ?) " + order + " LIMIT 1",
       now));
+  return interrupted && (!waiting || rank(*interrupted) < rank(*waiting)) ? interrupted : waiting;
 }
 
 std::optional<Job> JobStore::overdue(UtcTime now) {
