@@ -219,7 +219,10 @@ TEST(GatewayLive, RefusesWrongValuesAndCommands) {
   EXPECT_EQ(put("g.gain", R"({"value": 1, "time_s": 2e6})").status, 422);
   EXPECT_EQ(put("g.gain", R"({"value": 1, "time_s": "soon"})").status, 422);
   EXPECT_EQ(put("g.gain", R"({"value": 1, "time_s": 0})").status, 409);  // has passed
-  EXPECT_EQ(post(R"({"command":"fly"})").status, 422);
+  const HttpReply fly = post(R"({"command":"fly"})");
+  EXPECT_EQ(fly.status, 422);
+  EXPECT_TRUE(Json::parse(fly.body)["detail"].get<std::string>().starts_with("the command: 'fly', expected one of "))
+      << fly.body;
   EXPECT_EQ(post(R"({"command":"step"})").status, 422);
   EXPECT_EQ(post(R"({"command":"step","ticks":0})").status, 422);
   EXPECT_EQ(post(R"({"command":"step","ticks":1e300})").status, 422);

@@ -562,15 +562,23 @@ TEST(ServeCommand, DemandsTlsAndTokensBeyondLoopback) {
   EXPECT_THAT(open.err,
               HasSubstr("0.0.0.0 can be reached from other machines, expected a certificate, a key and a file of tokens"));
 
+  const RunResult named =
+      run_program({"serve", "--address", "0.0.0.0", "--port", "0", "--out", folder.path() / "named", "--certificate", cert,
+                   "--key", key, "--token-file", tokens, "--no-jobs", "--seconds", "0.1", "--host", "twin.example"});
+  EXPECT_THAT(named.out, HasSubstr("gateway at https://twin.example:"));
+  EXPECT_THAT(named.out, HasSubstr("clients may call it by the names localhost, 127.0.0.1, twin.example; --host adds names"));
+
   Gateway gateway(folder.path() / "out",
                   {"--address", "0.0.0.0", "--certificate", cert, "--key", key, "--token-file", tokens, "--no-jobs"});
   const std::string url = "https://localhost:" + std::to_string(gateway.port());
+  EXPECT_EQ(gateway.url(), url) << "one that works";
   const auto curl = [&](std::vector<std::string> more) {
     std::vector<std::string> command = {"curl", "--silent", "--show-error", "--ipv4", "--cacert", cert, "--max-time", "60"};
     command.insert(command.end(), more.begin(), more.end());
     return run_command(std::move(command));
   };
   EXPECT_THAT(curl({url + "/health"}).out, HasSubstr("\"ok\""));
+  EXPECT_THAT(curl({"--insecure", "https://127.0.0.1:" + std::to_string(gateway.port()) + "/health"}).out, HasSubstr("\"ok\""));
   EXPECT_THAT(curl({url + "/robots"}).out, HasSubstr("expected a token"));
   EXPECT_THAT(curl({"-H", "Authorization: Bearer 0123456789abcdef-read", url + "/robots"}).out, HasSubstr("lwr4"));
   EXPECT_THAT(curl({"-H", "Authorization: Bearer 0123456789abcdef-wrong", url + "/robots"}).out,

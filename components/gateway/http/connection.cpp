@@ -252,7 +252,9 @@ std::optional<Response> Connection::check_names(Request& request) {
   if (hosts != 1) return refusal(400, "the header has " + std::to_string(hosts) + " fields Host, expected one");
   if (authority.empty()) authority = *request.field("Host");
   if (!server_.options.authority.allows_host(authority) || !server_.options.authority.allows_host(*request.field("Host")))
-    return refusal(421, "the host of the request is not one of this gateway's names (setting hosts)");
+    return refusal(421,
+                   "the host of the request is not one of this gateway's names, expected localhost, an address at which it "
+                   "listens, or a name of cotwin serve --host (parameter hosts of unit:gateway)");
   const std::string* const origin = request.field("Origin");
   if (origin == nullptr) return std::nullopt;
   switch (server_.options.authority.check_origin(*origin, server_.tls ? "https" : "http", authority)) {
@@ -262,14 +264,18 @@ std::optional<Response> Connection::check_names(Request& request) {
       allowed_origin_ = *origin;
       return std::nullopt;
     default:
-      return refusal(403, "pages of this origin may not call the gateway (setting origins)");
+      return refusal(403,
+                     "pages of this origin may not call the gateway, expected one of cotwin serve --origin (parameter origins "
+                     "of unit:gateway)");
   }
 }
 
 /// The question of a browser whether a page of another origin may send a request.
 Response Connection::preflight(const Request& request) const {
   if (allowed_origin_.empty() || request.field("Access-Control-Request-Method") == nullptr)
-    return refusal(405, "OPTIONS is answered only for pages of the named origins (setting origins)");
+    return refusal(405,
+                   "OPTIONS is answered only for pages of the named origins, expected one of cotwin serve --origin (parameter "
+                   "origins of unit:gateway)");
   Response response;
   response.status = 204;
   response.type = "";

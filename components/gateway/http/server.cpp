@@ -23,6 +23,13 @@ asio::ip::address address_of(const std::string& text, const std::string& place) 
   return address;
 }
 
+/// The address by which this machine reaches a server that listens there: the loopback address for 0.0.0.0 and ::.
+asio::ip::address reachable(const asio::ip::address& address) {
+  if (!address.is_unspecified()) return address;
+  return address.is_v6() ? asio::ip::address(asio::ip::address_v6::loopback())
+                         : asio::ip::address(asio::ip::address_v4::loopback());
+}
+
 std::string text_of(const asio::ip::address& address) {
   return address.is_v6() ? "[" + address.to_string() + "]" : address.to_string();
 }
@@ -53,10 +60,11 @@ Server::Impl::Impl(ServerOptions given, const Router& table)
     : options(std::move(given)), router(table), pool_(pool_options(options)) {
   if (options.certificate.empty() != options.key.empty())
     throw Error(options.place, "certificate and key must be given together, expected both or neither");
+  if (!options.authority.hosts.empty()) name = options.authority.hosts.back();
   for (const auto* addresses : {&options.addresses, &options.if_there}) {
     for (const std::string& text : *addresses) {
       const asio::ip::address address = address_of(text, options.place);
-      options.authority.hosts.push_back(text_of(address));
+      options.authority.hosts.push_back(text_of(reachable(address)));
       if (address.is_loopback() || (!options.certificate.empty() && !options.tokens.empty())) continue;
       throw Error(options.place,
                   "address " + text +
@@ -239,8 +247,8 @@ std::uint16_t Server::port() const { return impl_->port; }
 
 std::string Server::url() const {
   const ServerOptions& o = impl_->options;
-  const std::string& first = o.addresses.empty() ? o.if_there.front() : o.addresses.front();
-  return std::string(impl_->tls ? "https" : "http") + "://" + text_of(address_of(first, o.place)) + ":" +
+  const asio::ip::address first = address_of(o.addresses.empty() ? o.if_there.front() : o.addresses.front(), o.place);
+  return std::string(impl_->tls ? "https" : "http") + "://" + (first.is_unspecified() ? impl_->name : text_of(first)) + ":" +
          std::to_string(impl_->port);
 }
 

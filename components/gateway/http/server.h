@@ -38,7 +38,7 @@ struct ServerOptions {
   std::filesystem::path certificate, key;  // PEM, with the chain; both or neither. Neither: no TLS
   Tokens tokens;                           // empty: everybody may do everything
   std::shared_ptr<Tickets> tickets = std::make_shared<Tickets>();
-  Authority authority;  // the addresses themselves are added to its hosts
+  Authority authority;  // the addresses are added to its hosts, for 0.0.0.0 and :: the loopback address
   Limits limits;
   int threads = 2;                // of the pool for slow routes; up to 14 more while requests take long (FairPool)
   std::string place = "gateway";  // in messages
@@ -57,7 +57,7 @@ class Server {
   Server& operator=(const Server&) = delete;
 
   std::uint16_t port() const;
-  /// "http://127.0.0.1:8080" for the first address.
+  /// "http://127.0.0.1:8080" for the first address; in place of 0.0.0.0 and :: the last of the given hosts, which a certificate may name.
   std::string url() const;
   /// Closes all connections and waits for handlers that run. No handler and no stream function is called afterwards.
   void stop() noexcept;

@@ -64,6 +64,7 @@ struct Server::Impl {
   std::shared_ptr<Gate> gate = std::make_shared<Gate>(context);
   std::map<Client*, std::shared_ptr<Client>> clients;
   std::uint16_t port = 0;
+  std::string name = "localhost";  // of url() where the address is 0.0.0.0 or ::
 
  private:
   struct Listener {

@@ -8,6 +8,7 @@
 #include "models/services/robots.h"
 #include "models/support/atomic_file.h"
 #include "models/support/error.h"
+#include "models/support/text.h"
 
 namespace cotwin::master {
 
@@ -74,6 +75,21 @@ std::string default_robot(const ServeArguments& a, const std::vector<fs::path>& 
   return *a.robot;
 }
 
+/// The names by which clients may call the gateway.
+std::string names_of(const ServeArguments& a) {
+  std::vector<std::string> names = {"localhost"};
+  for (const std::string_view item : text::split(a.address, ',')) {
+    const std::string address(text::trim(item));
+    if (address.empty() || address == "localhost") continue;
+    const bool v6 = address.find(':') != std::string::npos;
+    names.push_back(address == "0.0.0.0" ? "127.0.0.1" : address == "::" ? "[::1]" : v6 ? "[" + address + "]" : address);
+  }
+  names.insert(names.end(), a.hosts.begin(), a.hosts.end());
+  std::string list;
+  for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
+  return list;
+}
+
 int serve(const ServeArguments& a) {
   if (a.no_jobs && a.database) throw Error("--database", "given with --no-jobs, expected one of the two");
   const std::vector<fs::path> folders = robot_folders(a);
@@ -109,7 +125,10 @@ int serve(const ServeArguments& a) {
     std::ifstream in(url_file);
     std::string url;
     std::getline(in, url);
-    if (!a.quiet) std::cout << "gateway at " << url << ", described by " << url << "/openapi.json; Ctrl-C ends" << std::endl;
+    if (a.quiet) return;
+    std::cout << "gateway at " << url << ", described by " << url << "/openapi.json; Ctrl-C ends" << std::endl;
+    if (a.address != "localhost")
+      std::cout << "clients may call it by the names " << names_of(a) << "; --host adds names" << std::endl;
   };
   return run_scenario(run);
 }
