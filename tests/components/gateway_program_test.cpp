@@ -332,7 +332,12 @@ TEST(ServeCommand, StaysSmallUnderAFlood) {
   gateway.process().signal(SIGINT);
   const RunResult result = gateway.process().wait();
   EXPECT_EQ(result.code, 128 + SIGINT);
-  EXPECT_LT(result.memory, 400'000) << "KiB; 8 bodies of 100 MB were refused before they were read";
+#if defined(__SANITIZE_ADDRESS__)
+  constexpr long kMost = 700'000;  // KiB; the sanitizer keeps 256 MiB of freed memory
+#else
+  constexpr long kMost = 400'000;
+#endif
+  EXPECT_LT(result.memory, kMost) << "KiB; 8 bodies of 100 MB were refused before they were read";
 }
 
 TEST(ServeCommand, ControlsJobsByTheVerbsOfOpc10031) {
