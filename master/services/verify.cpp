@@ -111,14 +111,25 @@ std::string limits(const optimisation::Bounds& b) {
          parameter("q_max", "0") + parameter("dq_max", "0");
 }
 
-std::string drives_note(const services::Robot& robot, bool rigid) {
+std::string drives_note(const services::Robot& robot, const optimisation::DriveTerms& friction, bool rigid, bool asked_rigid) {
   if (!rigid) return "the twin's drives are those of drive_train.ssv beside " + robot.urdf.filename().string();
+  if (!friction.tau_C.empty())
+    return "the twin has rigid joints without motor inertia, with the friction of the URDF: there is no drive_train.ssv beside "
+           "it";
   return std::string("the twin has rigid joints without motor inertia and friction: ") +
-         (robot.drives ? "the request says drives = none" : "there is no drive_train.ssv beside the URDF");
+         (asked_rigid ? "the request says drives = none" : "there is no drive_train.ssv beside the URDF");
+}
+
+/// Friction of rigid joints, as parameters of the controller and of the drive.
+std::string friction_of(const optimisation::DriveTerms& d) {
+  return d.tau_C.empty()
+             ? ""
+             : parameter("sigma2", list(d.sigma2)) + parameter("tau_C", list(d.tau_C)) + parameter("tau_S", list(d.tau_C));
 }
 
 /// The scenario of a verification as SSD text: unit:motion runs the polynomial, unit:compliance tracks it, unit:drive_train is the
-/// robot with elastic joints and friction, or with rigid ones, and unit:energy measures it where the robot has an energy.ssv.
+/// robot with elastic joints and friction, or with rigid ones and the friction of `move.drives`, and unit:energy measures it where the
+/// robot has an energy.ssv.
 std::string scenario_of(const services::Robot& robot, const RobotFolder& folder, const services::Move& move, double T,
                         const optimisation::Bounds& bounds, const services::VerificationOptions& options) {
   std::string polynomial = parameter("T", text::to_text(T)) + parameter("q_start", list(move.from_q)) +
@@ -129,8 +140,8 @@ std::string scenario_of(const services::Robot& robot, const RobotFolder& folder,
         list(move.c.empty() ? std::vector<double>(move.from_q.size() * static_cast<std::size_t>(move.degree - 5)) : move.c));
   std::string controller = limits(bounds), drive = parameter("q0", list(move.from_q));
   if (options.rigid) {
-    controller += parameter("K", "0") + parameter("B", "0");
-    drive += parameter("B", "1e-9");  // kg m^2; the unit demands more than 0
+    controller += parameter("K", "0") + parameter("B", "0") + friction_of(move.drives);
+    drive += parameter("B", "1e-9") + friction_of(move.drives);  // kg m^2; the unit demands more than 0
   } else if (!folder.has("compliance.ssv")) {
     const robot::DriveParameters& d = *robot.drives;
     for (const auto& [name, values] : {std::pair{"K", &d.K}, {"B", &d.B}, {"sigma2", &d.sigma2}, {"tau_C", &d.tau_C}})
@@ -146,7 +157,12 @@ std::string scenario_of(const services::Robot& robot, const RobotFolder& folder,
       "name=\"verification\"><ssd:Elements>\n";
   xml += component("motion", "unit:motion?kind=polynomial&degree=" + std::to_string(move.degree), polynomial);
   xml += component("compliance", "unit:compliance", controller);
-  xml += component("drive", options.rigid ? "unit:drive_train?transmission=rigid" : "unit:drive_train", drive);
+  const bool smooth = options.rigid && !move.drives.tau_C.empty();
+  xml += component("drive",
+                   smooth          ? "unit:drive_train?transmission=rigid&friction=smooth"
+                   : options.rigid ? "unit:drive_train?transmission=rigid"
+                                   : "unit:drive_train",
+                   drive);
   if (energy) xml += component("energy", "unit:energy", "");
   xml += "</ssd:Elements><ssd:Connections>\n";
   for (const char* name : {"q_d", "dq_d", "ddq_d"}) xml += connection("motion", "compliance", name);
@@ -239,7 +255,7 @@ Verification verify(std::span<const UnitType> types, const std::vector<fs::path>
   const RobotFolder folder(robot, options.rigid);
   services::Move timed = move;
   timed.T = T;
-  timed.drives = options.rigid ? optimisation::DriveTerms{} : services::drive_terms(robot);
+  timed.drives = wanted.rigid ? optimisation::DriveTerms{} : services::drive_terms(robot);
   const services::MotionCost rigid = services::energy_of(robot, timed);
   const optimisation::Bounds& bounds = rigid.plan.problem.bounds;
 
@@ -249,11 +265,11 @@ Verification verify(std::span<const UnitType> types, const std::vector<fs::path>
   run.threads = 1;
   try {
     Master master(
-        parse_scenario(scenario_of(robot, folder, move, T, bounds, options), "verification", folder.urdf().parent_path()),
+        parse_scenario(scenario_of(robot, folder, timed, T, bounds, options), "verification", folder.urdf().parent_path()),
         std::move(run));
     master.initialise();
     Verification v = watched(master, robot.energy.has_value(), T, options);
-    v.notes.insert(v.notes.begin(), drives_note(robot, options.rigid));
+    v.notes.insert(v.notes.begin(), drives_note(robot, timed.drives, options.rigid, wanted.rigid));
     compare(robot, rigid, options, v);
     return v;
   } catch (const Error& e) {

@@ -37,7 +37,15 @@ EnergyData lossless(std::size_t joints) {
 
 optimisation::DriveTerms drive_terms(const Robot& robot) {
   optimisation::DriveTerms d;
-  if (!robot.drives) return d;
+  if (!robot.drives) {
+    const auto& joints = robot.model.joints;
+    if (std::ranges::none_of(joints, [](const robot::Joint& j) { return j.damping != 0 || j.friction != 0; })) return d;
+    for (const robot::Joint& joint : joints) {
+      d.sigma2.push_back(joint.damping);
+      d.tau_C.push_back(joint.friction);
+    }
+    return d;
+  }
   const energetics::RigidRobot r(robot.model, *robot.drives);
   d.B = r.B;
   d.sigma2 = r.sigma;

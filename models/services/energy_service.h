@@ -38,7 +38,8 @@ struct MotionCost {
 /// shorter than the move, and if no duration meets the bounds.
 MotionCost energy_of(const Robot& robot, const Move& move, const EnergyOptions& options = {});
 
-/// B and friction of motor and link together; empty where the robot has no data.
+/// B and friction of motor and link together, from drive_train.ssv; without it friction by <dynamics> of the URDF; empty where both
+/// are missing.
 optimisation::DriveTerms drive_terms(const Robot& robot);
 
 }  // namespace cotwin::services

@@ -425,6 +425,26 @@ TEST(Verify, HasRigidJointsForRobotsWithoutDrives) {
   EXPECT_LT(without.work, 0.9 * twin_of(*robots.find("lwr4"), arm, 2).work);
 }
 
+// The twin has the friction of the rigid formula: without drive_train.ssv that of the URDF.
+TEST(Verify, HasTheFrictionOfTheUrdfForRobotsWithoutDrives) {
+  const cotwin::testing::TemporaryFolder folder("friction");
+  std::ofstream(folder / "disc.urdf") << R"(<robot name="disc"><link name="base"/><link name="part"><inertial><mass value="2"/>
+    <inertia ixx="0.5" iyy="0.5" izz="0.8" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="axis" type="revolute">
+    <parent link="base"/><child link="part"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="2" effort="50"/>
+    <dynamics damping="3" friction="1"/></joint></robot>)";
+  Robots robots({folder.path()});
+  cotwin::services::Move move;
+  move.from_q = {0};
+  move.to_q = {1.5};
+  const auto v = twin_of(*robots.find("disc"), move, 2);
+  EXPECT_TRUE(v.feasible) << v.reason;
+  EXPECT_THAT(v.notes.at(0), HasSubstr("with the friction of the URDF"));
+  EXPECT_NEAR(v.work_rigid, 10.0 / 7 * 3 * 1.5 * 1.5 / 2 + 1.5, 1e-9);
+  EXPECT_NEAR(v.work, v.work_rigid, 0.02 * v.work_rigid);
+  EXPECT_NEAR(v.friction, v.work_rigid, 0.02 * v.work_rigid);
+  EXPECT_LT(v.tracking[0], 1e-3);
+}
+
 // Joints that are locked at the positions at which they also stand in the whole robot: the motion is the same.
 TEST(Verify, HoldsLockedJoints) {
   Robots robots({robots_folder()});

@@ -102,6 +102,39 @@ TEST(FilesBesideTheRobot, AreRefusedWithAForeignMeasureOrAnUnknownName) {
   EXPECT_EQ(refusal(robots, lift), "");
 }
 
+// A disc of 0.8 kg m² on a vertical axis with the friction of its URDF; quintic of 1.5 rad in 2 s: ∫ q̇² dt = (10/7) 1.5²/2.
+TEST(FrictionOfTheUrdf, CountsWithoutDriveTrainSsv) {
+  const testing::TemporaryFolder folder("friction");
+  const auto disc = [&](const std::string& name, const std::string& dynamics) {
+    std::filesystem::create_directory(folder.path() / name);
+    write_robot(folder.path() / name / "robot.urdf", "revolute", R"(lower="-3" upper="3" velocity="2" effort="7")" + dynamics);
+  };
+  const std::string dynamics = R"(/><dynamics damping="3" friction="1")";
+  disc("plain", "");
+  disc("rubs", dynamics);
+  disc("known", dynamics);
+  std::ofstream(folder.path() / "known/drive_train.ssv") << parameters(real("B", "0.1", "kg.m2"));
+  Robots robots({folder.path()});
+  const auto asked = [&](const std::string& robot, const std::string& service, double T) {
+    return json{{"service", service}, {"robot", robot}, {"from_q_rad", {0}}, {"to_q_rad", {1.5}}, {"T_s", T}};
+  };
+  const double friction = 10.0 / 7 * 3 * 1.5 * 1.5 / 2 + 1.5;
+  const json rubs = ask(robots, asked("rubs", "energy", 2)), plain = ask(robots, asked("plain", "energy", 2));
+  EXPECT_NEAR(rubs["friction_J"].get<double>(), friction, 1e-9);
+  EXPECT_NEAR(rubs["work_positive_J"].get<double>() + rubs["work_negative_J"].get<double>(), friction, 1e-9);
+  EXPECT_EQ(plain["friction_J"], 0);
+  // At the highest speed of 1.875 · 1.5 / 1.6 rad/s damping and friction take 6.27 N m, with the disc's inertia more than 7 N m before it.
+  EXPECT_EQ(ask(robots, asked("plain", "feasibility", 1.6))["feasible"], true);
+  const json verdict = ask(robots, asked("rubs", "feasibility", 1.6));
+  EXPECT_EQ(verdict["feasible"], false);
+  EXPECT_THAT(verdict["reason"].get<std::string>(), HasSubstr("joint axis: tau"));
+  // Without the drives, and where drive_train.ssv rules, there is none.
+  json without = asked("rubs", "energy", 2);
+  without["drives"] = "none";
+  EXPECT_EQ(ask(robots, without)["friction_J"], 0);
+  EXPECT_EQ(ask(robots, asked("known", "energy", 2))["friction_J"], 0);
+}
+
 TEST(Notes, HaveWhatTheReaderOfTheUrdfWarnedOf) {
   const testing::TemporaryFolder folder("warned");
   write_robot(folder.path() / "wheel.urdf", "revolute", R"(lower="-3" upper="3" velocity="10" effort="5")", "0 0 2");
