@@ -192,6 +192,25 @@ TEST(MotionFile, IsNotWrittenForAMotionThatIsNotFeasible) {
   refused({"optimise", "--duration", "0.001"}, R"({"tau_max_Nm":[0.001,0.001],"particles":8,"rounds":2})");
 }
 
+TEST(MotionFile, IsWrittenWhateverTheReplyTells) {
+  const cotwin::testing::TemporaryFolder folder("detail");
+  std::string whole;
+  for (const char* detail : {"all", "verdict", "series"}) {
+    const std::string file = folder / (std::string(detail) + ".ssv");
+    const auto run = run_program({"ask", "feasibility", "--robot", "planar2", "--from", "0,0", "--to", "1,1", "--duration", "2",
+                                  "--motion", file, "--detail", detail});
+    ASSERT_EQ(run.code, 0) << run.err;
+    EXPECT_EQ(json::parse(run.out).contains("motion"), detail == std::string("all"));
+    if (whole.empty()) whole = cotwin::testing::content(file);
+    EXPECT_THAT(whole, HasSubstr("q_end"));
+    EXPECT_EQ(cotwin::testing::content(file), whole);
+  }
+  const auto none =
+      run_program({"ask", "jerk", "--robot", "planar2", "--from", "0,0", "--to", "1,1", "--motion", folder / "m.ssv"});
+  EXPECT_EQ(none.code, 2);
+  EXPECT_THAT(none.err, HasSubstr("the service jerk replies with no motion"));
+}
+
 TEST(Tasks, WithoutARobotAreRefusedAndNotLost) {
   Robots robots({robots_folder()});
   const auto rows = cotwin::services::ask_all(
@@ -247,6 +266,57 @@ TEST(AskCommand, RefusesOptionsThatWouldHaveNoEffect) {
   expect({"jerk", "--robot", "planar2", "--from", "0,0", "--to", "1,1", "--particles", folder / "p.csv"}, "--particles");
   EXPECT_FALSE(fs::exists(folder / "m.ssv"));
   EXPECT_EQ(run_program({"ask", "--file", file}).code, 0);
+}
+
+TEST(AskCommand, TakesEachMemberFromAnOptionOrFromWith) {
+  const auto asked = [](std::vector<std::string> options) {
+    options.insert(options.begin(), "ask");
+    return run_program(options);
+  };
+  const std::vector<std::string> move{"--robot", "planar2", "--from", "0,0", "--to", "1,1", "--duration", "2"};
+  const auto by_with = asked({"jerk", "--with", R"({"robot":"planar2","from_q_rad":[0,0],"to_q_rad":[1,1],"T_s":2})"});
+  ASSERT_EQ(by_with.code, 0) << by_with.err;
+  std::vector<std::string> options = move;
+  options.insert(options.begin(), "jerk");
+  EXPECT_EQ(asked(options).out, by_with.out);
+  options.insert(options.end(), {"--detail", "all", "--with", ""});
+  const std::pair<const char*, const char*> twice[] = {
+      {"robot", "\"lwr4\""}, {"from_q_rad", "[0,0]"}, {"from_q_deg", "[0,0]"},      {"to_q", "[0,0]"},
+      {"T_s", "3"},          {"detail", "\"all\""},   {"service", "\"cycle_time\""}};
+  for (const auto& [member, value] : twice) {
+    options.back() = std::string("{\"") + member + "\":" + value + "}";
+    const auto run = asked(options);
+    EXPECT_EQ(run.code, 2) << run.out;
+    EXPECT_THAT(run.err, HasSubstr(member));
+    EXPECT_THAT(run.err, HasSubstr("--with"));
+    EXPECT_THAT(run.err, HasSubstr("expected one of them"));
+  }
+  EXPECT_THAT(
+      asked({"optimise", "--robot", "planar2", "--from", "0,0", "--to", "1,1", "--duration", "2", "--with", R"({"T_min_s":1})"})
+          .err,
+      HasSubstr("--duration: is given beside the member T_min_s of --with"));
+  const auto missing = asked({"jerk", "--robot", "planar2", "--from", "0,0"});
+  EXPECT_EQ(missing.code, 2);
+  EXPECT_THAT(missing.err, HasSubstr("--to: is missing, expected a posture, or to_q_rad in --with"));
+}
+
+// Locked joints are none of the robot: the others are all revolute.
+TEST(AskCommand, TakesARobotWhosePrismaticJointIsLocked) {
+  const cotwin::testing::TemporaryFolder folder("gantry");
+  std::ofstream(folder / "gantry.urdf")
+      << R"(<robot name="gantry"><link name="base"/><link name="part"><inertial><mass value="2"/>
+    <inertia ixx="0.5" iyy="0.5" izz="0.8" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="tool"><inertial><mass value="1"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    <joint name="rail" type="prismatic"><parent link="base"/><child link="part"/><axis xyz="1 0 0"/>
+    <limit lower="0" upper="2" velocity="1" effort="100"/></joint><joint name="turn" type="revolute"><parent link="part"/>
+    <child link="tool"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="2" effort="10"/></joint></robot>)";
+  const auto asked = [&](const std::string& from, const std::string& to, const std::string& more) {
+    return run_program({"ask", "cycle_time", "--robot", folder / "gantry.urdf", "--from", from, "--to", to, "--with", more});
+  };
+  const auto locked = asked("0.5", "1", R"({"locked_q":{"rail":0.3}})");
+  EXPECT_EQ(locked.code, 0) << locked.err;
+  const auto whole = asked("0.1,0.5", "0.1,1", "{}");
+  EXPECT_EQ(whole.code, 0) << whole.err;
 }
 
 TEST(AskCommand, WritesTheParticlesOfASearch) {

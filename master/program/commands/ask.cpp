@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <thread>
+#include <tuple>
 
 #include "master/program/commands/commands.h"
 #include "master/services/motion_file.h"
@@ -31,7 +32,7 @@ struct AskArguments {
   std::vector<fs::path> files, robots;
   std::optional<fs::path> motion, particles;
   int threads = 0;
-  bool worker = false;
+  bool worker = false, robot_given = false;
 };
 
 /// Robots by name, from --robots or the model folders.
@@ -65,8 +66,8 @@ std::string names_of_services() {
   return names;
 }
 
-/// The request of the command line.
-Json request_of(const AskArguments& a) {
+/// The request of the command line: what --with has and what the options add.
+Json request_of(const AskArguments& a, services::Robots& robots) {
   if (a.service.empty()) throw Error("cotwin ask", "names no service, expected one of " + names_of_services() + ", or --file");
   Json request = Json::object();
   try {
@@ -74,32 +75,63 @@ Json request_of(const AskArguments& a) {
   } catch (const services::RequestError& e) {
     throw Error("--with", e.detail() + "; an example: {\"degree\": 9}");
   }
+  if (request.contains("service") && request["service"] != a.service)
+    throw Error("--with", "has the service " + request["service"].dump() + ", but the command asks for " + a.service +
+                              ", expected one of them");
   request["service"] = a.service;
-  const bool degrees = request.contains("from_q_deg"), plain = request.contains("from_q");
-  if (!a.from.empty() || !(degrees || plain)) request["from_q_rad"] = a.from;
-  if (!a.to.empty() || !(request.contains("to_q_deg") || request.contains("to_q"))) request["to_q_rad"] = a.to;
+  const auto refuse_twice = [&](const std::string& option, const std::vector<std::string>& members) {
+    for (const std::string& member : members)
+      if (request.contains(member))
+        throw Error(option, "is given beside the member " + member + " of --with, expected one of them");
+  };
+  if (a.robot_given) refuse_twice("--robot", {"robot"});
+  const std::tuple<const char*, const char*, const std::vector<double>&> postures[] = {{"--from", "from_q", a.from},
+                                                                                       {"--to", "to_q", a.to}};
+  for (const auto& [option, plain, q] : postures) {
+    const std::string name = plain;
+    const std::vector<std::string> members{name + "_rad", name + "_deg", name};
+    if (!q.empty()) {
+      refuse_twice(option, members);
+      request[services::posture_member(robots, request, name)] = q;
+    } else if (std::ranges::none_of(members, [&](const std::string& member) { return request.contains(member); })) {
+      throw Error(option,
+                  "is missing, expected a posture, or " + services::posture_member(robots, request, name) + " in --with");
+    }
+  }
   if (a.T && (a.service == "cycle_time"))
     throw Error("--duration", "is given for cycle_time, which finds the duration, expected another service");
-  if (a.T) request[a.service == "optimise" ? "T_min_s" : "T_s"] = *a.T;
-  if (!a.detail.empty()) request["detail"] = a.detail;
+  if (a.T) {
+    const std::string member = a.service == "optimise" ? "T_min_s" : "T_s";
+    refuse_twice("--duration", {member});
+    request[member] = *a.T;
+  }
+  if (!a.detail.empty()) {
+    refuse_twice("--detail", {"detail"});
+    request["detail"] = a.detail;
+  }
   return request;
 }
 
+/// The parameters of the motion of a reply.
+std::string motion_of(const AskArguments& a, services::Robots& robots, Json request, Json reply,
+                      const services::Context& context) {
+  // Only the whole reply of these services has the motion.
+  if (!reply.contains("motion") && (a.service == "feasibility" || a.service == "cycle_time")) {
+    request["detail"] = "all";
+    reply = Json::parse(services::answer_object(robots, request, context));
+  }
+  if (!reply.contains("motion"))
+    throw Error("--motion",
+                a.service == "optimise"
+                    ? "the rule pareto replies with many motions, expected the rule weighted or lexicographic"
+                    : "the service " + a.service + " replies with no motion, expected feasibility, cycle_time or optimise");
+  return motion_file(reply["motion"].dump());
+}
+
 int ask_one(const AskArguments& a, services::Robots& robots, services::Context context) {
-  Json request = request_of(a);
+  const Json request = request_of(a, robots);
   if (a.threads != 0 && a.service != "optimise")
     throw Error("--threads", "is given for the service " + a.service + ", which uses one thread, expected it with optimise");
-  // Robots with prismatic joints have no common unit of measure: --from and --to are then in rad and m.
-  const std::string robot =
-      request.contains("robot") && request["robot"].is_string() ? request["robot"].get<std::string>() : a.robot;
-  if (std::ranges::any_of(robots.find(robot)->model.joints,
-                          [](const robot::Joint& joint) { return joint.type == robot::JointType::kPrismatic; }))
-    for (const std::string name : {"from_q", "to_q"}) {
-      if (!request.contains(name + "_rad")) continue;
-      request[name] = request[name + "_rad"];
-      request.erase(name + "_rad");
-    }
-  if (a.motion && !request.contains("detail") && a.service != "optimise") request["detail"] = "all";
   std::ostringstream particles;
   if (a.particles) {
     if (a.service != "optimise")
@@ -114,12 +146,7 @@ int ask_one(const AskArguments& a, services::Robots& robots, services::Context c
               << ": not written, the move is not feasible: " << reply.value("reason", "") << "\n";
     return kExitRunFailed;
   }
-  if (a.motion) {
-    if (!reply.contains("motion"))
-      throw Error("--motion",
-                  "the service " + a.service + " replies with no motion, expected feasibility, cycle_time or optimise");
-    write_file(*a.motion, motion_file(reply["motion"].dump()));
-  }
+  if (a.motion) write_file(*a.motion, motion_of(a, robots, request, reply, context));
   std::cout << reply.dump(2) << "\n";
   return kExitDone;
 }
@@ -229,7 +256,10 @@ void add_ask(CLI::App& app, Chosen& chosen) {
       ->check(CLI::Range(1, 255))
       ->type_name("N");
   command->add_flag("--worker", a.worker, "Answer requests of queues, one per line on stdin, see docs/services.md");
-  command->callback([&chosen, all] { chosen = [all] { return ask(*all); }; });
+  command->callback([&chosen, all, command] {
+    all->robot_given = command->count("--robot") > 0;
+    chosen = [all] { return ask(*all); };
+  });
 }
 
 }  // namespace cotwin::master
