@@ -158,9 +158,15 @@ Json peaks_of(const robot::RobotModel& robot, const std::vector<optimisation::Pe
 }
 
 Json limiting_of(const robot::RobotModel& robot, const std::vector<optimisation::Peak>& peaks) {
+  // A posture at its bound does not decide on the duration: of shares that are equal to rounding a position counts last, unless it
+  // exceeds its bound.
+  constexpr double kRounding = 1e-6, kMet = 1 + 1e-9;
+  const auto weight = [](const optimisation::Peak& p) {
+    return p.bound == "q" && p.share <= kMet ? p.share - kRounding : p.share;
+  };
   const optimisation::Peak* most = nullptr;
   for (const auto& p : peaks)
-    if (std::isfinite(p.limit) && (!most || p.share > most->share)) most = &p;
+    if (std::isfinite(p.limit) && (!most || weight(p) > weight(*most))) most = &p;
   if (!most) return nullptr;
   Json own{{"joint", robot.joints[most->joint].name},
            {"bound", most->bound},

@@ -234,6 +234,18 @@ TEST(ServiceReplies, FindTheShortestCycleOfASingleJointInClosedForm) {
   EXPECT_FALSE(none["feasible"]);
   EXPECT_TRUE(none["T_s"].is_null());
   EXPECT_THAT(none["reason"].get<std::string>(), HasSubstr("joint axis: q"));
+  // A start or end at its bound of position does not decide on the duration, a motion beyond the bound does.
+  for (const auto& [from, to] : {std::pair{-3.0, -1.0}, {1.0, 3.0}}) {
+    json ends{{"service", "cycle_time"}, {"robot", "wheel"}, {"from_q_rad", {from}}, {"to_q_rad", {to}}};
+    const json at_bound = ask(robots, ends);
+    EXPECT_NEAR(at_bound["T_s"].get<double>(), std::sqrt(10 / std::sqrt(3.0) * 2 * 0.8 / 5), 1e-6);
+    EXPECT_EQ(at_bound["limiting"]["bound"], "tau");
+    ends["dq_max_rad_per_s"] = {0.5};
+    EXPECT_EQ(ask(robots, ends)["limiting"]["bound"], "dq");
+  }
+  const json beyond =
+      ask(robots, {{"service", "feasibility"}, {"robot", "wheel"}, {"from_q_rad", {0}}, {"to_q_rad", {3.5}}, {"T_s", 10}});
+  EXPECT_EQ(beyond["limiting"]["bound"], "q");
   // Without motor data work is all there is: I ω²/2 at ω = 1.875·2/T.
   const json energy =
       ask(robots, {{"service", "energy"}, {"robot", "wheel"}, {"from_q_rad", {-1}}, {"to_q_rad", {1}}, {"T_s", 2}});

@@ -69,6 +69,9 @@ std::string names_of_services() {
 /// The request of the command line: what --with has and what the options add.
 Json request_of(const AskArguments& a, services::Robots& robots) {
   if (a.service.empty()) throw Error("cotwin ask", "names no service, expected one of " + names_of_services() + ", or --file");
+  const std::vector<std::string> services = services::service_names();
+  if (std::ranges::find(services, a.service) == services.end())
+    throw Error("cotwin ask", "'" + a.service + "' is no service, expected one of " + names_of_services());
   Json request = Json::object();
   try {
     if (!a.more.empty()) request = services::parse_object(a.more);
