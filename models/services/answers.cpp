@@ -120,10 +120,10 @@ Json answer_torques(const Robot& robot, Reader& r, const Context& context) {
   const Plan p = plan_of(robot, m);
   Json reply{{"T_s", p.solution.T}, {"feasible", feasible(p)}, {"reason", p.solution.reason}};
   add_notes(reply, p.notes);
-  const Torques t = torques(robot.model, at(m, p.solution.T), static_cast<std::size_t>(samples));
   const JointUnits units(robot.model);
   const std::size_t n = robot.model.joints.size();
   if (detail >= Detail::kMargins) {
+    const Torques t = torques_at_peaks(robot.model, at(m, p.solution.T));
     Json joints = Json::array();
     for (std::size_t j = 0; j < n; ++j) {
       const auto largest = [&](const std::vector<double>& rows) {
@@ -149,7 +149,9 @@ Json answer_torques(const Robot& robot, Reader& r, const Context& context) {
     }
     reply["joints"] = joints;
   }
-  if (detail >= Detail::kSeries) reply["series"] = series_of(robot.model, t, true);
+  if (detail < Detail::kSeries) return reply;
+  const Torques t = torques(robot.model, at(m, p.solution.T), static_cast<std::size_t>(samples));
+  reply["series"] = series_of(robot.model, t, true);
   if (detail == Detail::kAll) {
     reply["torque_squared_integral"] = p.torque();
     reply["series"]["power_W"] = t.power;

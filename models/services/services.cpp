@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
+#include <span>
 #include <utility>
 
 #include "models/numerics/batch.h"
@@ -91,10 +92,13 @@ double reach(double a, double b, double c, double limit) {
   return least;
 }
 
+/// The samples at which assess() checks torques, of a motion in 1 s.
+optimisation::Quadrature fine_places(const Problem& p) { return optimisation::gauss_panels(10 * ((p.samples + 7) / 8)); }
+
 /// The shortest T by the torques τ = a/T² + b/T + c at the samples that assess() checks.
 double shortest_by_torque(const Problem& p, const std::vector<double>& c) {
-  const std::size_t n = p.robot.joints.size(), count = 10 * ((p.samples + 7) / 8) * 8;
-  const optimisation::Quadrature nodes = optimisation::gauss_panels(count / 8);
+  const optimisation::Quadrature nodes = fine_places(p);
+  const std::size_t n = p.robot.joints.size(), count = nodes.s.size();
   const robot::Mechanism mechanism(p.robot);
   robot::Data data(mechanism);
   constexpr std::size_t kPart = 80;  // samples whose torques are computed together
@@ -201,9 +205,10 @@ Feasibility feasibility(const robot::RobotModel& robot, const Move& move) {
   return {s.status == optimisation::Status::kFeasible, s.reason, s.T, s.peaks, p.torque(), p.work(), p.shared_work()};
 }
 
-Torques torques(const robot::RobotModel& robot, const Move& move, std::size_t samples) {
-  if (samples < 2 || samples > 1000000) throw Error("torques", std::to_string(samples) + " samples, expected 2 to 1000000");
-  const Problem p = problem_of(robot, move);
+namespace {
+
+/// `places`: of a motion in 1 s.
+Torques torques_at(const robot::RobotModel& robot, const Move& move, const Problem& p, std::span<const double> places) {
   const std::vector<double> c = coefficients_of(p, move);
   const double T = move.T > 0 ? move.T : shortest(p, c);
   if (!std::isfinite(T)) throw Error("torques", "no duration of the move meets the bounds, expected T or other bounds");
@@ -215,8 +220,8 @@ Torques torques(const robot::RobotModel& robot, const Move& move, std::size_t sa
   const Eigen::Map<const Eigen::VectorXd> Q(q.data(), n), V(dq.data(), n), A(ddq.data(), n);
   Eigen::VectorXd all(n), h(n), g(n);
   Torques r;
-  for (std::size_t i = 0; i < samples; ++i) {
-    r.t.push_back(T * static_cast<double>(i) / static_cast<double>(samples - 1));
+  for (const double place : places) {
+    r.t.push_back(T * place);
     path.at(r.t.back(), q, dq, ddq);
     robot::inverse_dynamics(mechanism, data, Q, V, A, all);
     robot::bias(mechanism, data, Q, V, h);
@@ -241,6 +246,20 @@ Torques torques(const robot::RobotModel& robot, const Move& move, std::size_t sa
     }
   }
   return r;
+}
+
+}  // namespace
+
+Torques torques(const robot::RobotModel& robot, const Move& move, std::size_t samples) {
+  if (samples < 2 || samples > 1000000) throw Error("torques", std::to_string(samples) + " samples, expected 2 to 1000000");
+  std::vector<double> places;
+  for (std::size_t i = 0; i < samples; ++i) places.push_back(static_cast<double>(i) / static_cast<double>(samples - 1));
+  return torques_at(robot, move, problem_of(robot, move), places);
+}
+
+Torques torques_at_peaks(const robot::RobotModel& robot, const Move& move) {
+  const Problem p = problem_of(robot, move);
+  return torques_at(robot, move, p, fine_places(p).s);
 }
 
 PeakPower peak_power(const robot::RobotModel& robot, const Move& move) {

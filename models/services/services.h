@@ -67,6 +67,8 @@ struct Torques {
   double peak_power = 0, peak_power_t = 0;                 // largest Σ τ q̇ at a sample, W, s
 };
 Torques torques(const robot::RobotModel& robot, const Move& move, std::size_t samples);
+/// At the places at which plan() looks for the peaks of torques: about 2000, not equidistant.
+Torques torques_at_peaks(const robot::RobotModel& robot, const Move& move);
 
 /// Mechanical power of the motors.
 struct PeakPower {

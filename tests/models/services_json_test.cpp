@@ -411,6 +411,28 @@ TEST(ServiceReplies, DoNotLetTheSamplesOfTheSeriesDecideOnSafety) {
   EXPECT_GE(std::abs(coarse["fastest"]["speed_m_per_s"].get<double>()), fastest * (1 - 1e-12));
 }
 
+// The terms are the largest of the motion, whatever the samples of the series: their sum is not below the peak.
+TEST(ServiceReplies, DoNotLetTheSamplesOfTheSeriesDecideOnTheTermsOfTorques) {
+  Robots robots({robots_folder()});
+  json request = lwr_move("torques");
+  request["T_s"] = 2;
+  const json many = ask(robots, request);
+  request["samples"] = 2;
+  EXPECT_EQ(ask(robots, request), many);
+  double least = 0, most = 0;
+  for (const json& joint : many["joints"]) {
+    const double tau = joint["tau_Nm"].get<double>();
+    double sum = 0;
+    for (const char* term : {"inertial_Nm", "coriolis_Nm", "gravity_Nm", "drive_Nm"})
+      sum += std::abs(joint[term].get<double>());
+    EXPECT_GE(sum, std::abs(tau) * (1 - 1e-12)) << joint["joint"];
+    least = std::min(least, joint["inertial_Nm"].get<double>());
+    most = std::max(most, joint["inertial_Nm"].get<double>());
+  }
+  EXPECT_LT(least, 0);
+  EXPECT_GT(most, 0);
+}
+
 TEST(ServiceReplies, InventNoDurationWhereNoneIsPossible) {
   Robots robots({robots_folder()});
   const json small(7, 0.1);
