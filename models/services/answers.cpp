@@ -204,12 +204,16 @@ Json answer_jerk(const Robot& robot, Reader& r, const Context& context) {
   quintic.degree = 5;
   quintic.c.clear();
   const Plan reference = plan(robot.model, quintic);
+  // Of a quintic that stands still the integrals are rounding.
+  const bool stands = m.from_q == m.to_q;
+  const bool still = stands && std::ranges::all_of(m.c, [](double c) { return c == 0; });
+  const double jerk = still ? 0 : p.jerk(), acceleration = still ? 0 : p.acceleration();
   const JointUnits units(robot.model);
   Json reply{
       {"T_s", p.solution.T},
-      {units.all_revolute() ? "jerk_squared_integral_rad2_per_s5" : "jerk_squared_integral", p.jerk()},
-      {units.all_revolute() ? "acceleration_squared_integral_rad2_per_s3" : "acceleration_squared_integral", p.acceleration()},
-      {"share_of_quintic", reference.jerk() > 0 ? Json(p.jerk() / reference.jerk()) : Json(nullptr)}};
+      {units.all_revolute() ? "jerk_squared_integral_rad2_per_s5" : "jerk_squared_integral", jerk},
+      {units.all_revolute() ? "acceleration_squared_integral_rad2_per_s3" : "acceleration_squared_integral", acceleration},
+      {"share_of_quintic", stands || !(reference.jerk() > 0) ? Json(nullptr) : Json(jerk / reference.jerk())}};
   add_notes(reply, p.notes);
   if (detail < Detail::kMargins) return reply;
   Json joints = Json::array();

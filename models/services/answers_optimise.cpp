@@ -49,16 +49,19 @@ const char* unit_of(optimisation::Quantity q) {
 }
 
 CostTerm term_of(const std::string& name, double weight, const std::string& pointer) {
-  CostTerm term;
-  try {
-    term.quantity = optimisation::quantity_of(name);
-  } catch (const Error& e) {
-    throw RequestError(pointer, e.what());
+  using Q = optimisation::Quantity;
+  std::string names;
+  for (int i = 0; i <= static_cast<int>(Q::kStiffness); ++i) {
+    CostTerm term;
+    term.quantity = static_cast<Q>(i);
+    if (term.quantity == Q::kPower) continue;  // a function in C++
+    if (name == optimisation::to_text(term.quantity)) {
+      term.weight = weight;
+      return term;
+    }
+    names += std::string(names.empty() ? "" : ", ") + optimisation::to_text(term.quantity);
   }
-  if (term.quantity == optimisation::Quantity::kPower)
-    throw RequestError(pointer, "is power, which is a function in C++, expected another cost");
-  term.weight = weight;
-  return term;
+  throw RequestError(pointer, "is '" + name.substr(0, 40) + "', expected one of " + names);
 }
 
 std::vector<CostTerm> read_costs(Reader& r, const std::string& rule) {
@@ -75,7 +78,10 @@ std::vector<CostTerm> read_costs(Reader& r, const std::string& rule) {
     const double weight = one.number("weight", 1);
     one.finish();
     if (weight < 0) throw RequestError(one.pointer("weight"), "is negative, expected 0 or more");
-    terms.push_back(term_of(name, weight, one.pointer("name")));
+    const CostTerm term = term_of(name, weight, one.pointer("name"));
+    if (std::ranges::any_of(terms, [&](const CostTerm& t) { return t.quantity == term.quantity; }))
+      throw RequestError(one.pointer("name"), "is '" + name + "' again, expected each cost once");
+    terms.push_back(term);
   }
   return terms;
 }
@@ -107,6 +113,9 @@ Problem problem_of(const Robot& robot, const Move& m, const std::string& rule, R
   take(p.bounds.ddq, m.bounds.ddq);
   take(p.bounds.dddq, m.bounds.dddq);
   take(p.bounds.tau, m.bounds.tau);
+  for (const char* other : {"T_s", "T_min"})
+    if (r.gives(other))
+      throw RequestError(r.pointer(other), "is no member of optimise, expected T_min_s, and T_max_s to search the duration");
   p.T_min = read_duration(r, "T_min_s");
   p.T_max = r.has("T_max_s") ? read_duration(r, "T_max_s") : p.T_min;
   if (p.T_max < p.T_min) throw RequestError("/T_max_s", "is less than T_min_s, expected at least that");

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "models/services/energy_service.h"
+#include "models/support/text.h"
 
 namespace cotwin::services {
 
@@ -52,9 +53,12 @@ const Json* JointUnits::member(Reader& r, const std::string& plain, int order, s
     value = own;
     found = each;
   }
-  if (!all_revolute_ && r.any((plain + "_" + kRevolute[order]).c_str()))
-    throw RequestError(r.pointer((plain + "_" + kRevolute[order]).c_str()),
-                       "is given, but the robot has prismatic joints, expected " + plain + " with values in m for those");
+  if (!all_revolute_)
+    for (const std::string& suffix : {std::string("_") + kRevolute[order], std::string("_deg")})
+      if (const std::string other = plain + suffix; r.gives(other.c_str()))
+        throw RequestError(r.pointer(other.c_str()), "is given, but the robot has prismatic joints, expected " + plain +
+                                                         " with values in " + kRevolute[order] + " for revolute and in " +
+                                                         kPrismatic[order] + " for prismatic joints");
   return value;
 }
 
@@ -64,6 +68,11 @@ std::vector<double> JointUnits::read(Reader& r, const std::string& plain, int or
   std::vector<double> values = r.numbers(found.c_str());
   if (found.ends_with("_deg"))
     for (double& value : values) value *= std::numbers::pi / 180;
+  constexpr double kFarthest = 1e6;  // rad or m; squares of much larger numbers are not finite
+  for (std::size_t i = 0; i < values.size(); ++i)
+    if (!(std::abs(values[i]) <= kFarthest))
+      throw RequestError(r.pointer(found.c_str()) + "/" + std::to_string(i),
+                         "is " + text::to_text(values[i], 4) + " " + kRevolute[order] + ", expected -1000000 to 1000000");
   return values;
 }
 
@@ -99,6 +108,9 @@ Move read_move(const Robot& robot, Reader& r, bool timed) {
   const JointUnits units(robot.model);
   const std::size_t n = robot.model.joints.size();
   Move m;
+  if (r.gives("from"))
+    throw RequestError(r.pointer("from"), "is given, expected " + units.name("from_q", 0) +
+                                              " with a posture, or \"run\" in a request to the gateway of a run");
   for (auto& [plain, q] : {std::pair{"from_q", &m.from_q}, {"to_q", &m.to_q}}) {
     *q = units.read(r, plain, 0, false);
     if (q->size() != n)

@@ -24,6 +24,8 @@ class Reader {
 
   /// Whether the member is given; it then counts as read.
   bool has(const char* name) { return find(name, true) != nullptr; }
+  /// The same for a member that the request should not have: it does not count as read.
+  bool gives(const char* name) const { return object_.contains(name); }
   double number(const char* name, std::optional<double> other = {});
   /// A number greater than 0.
   double positive(const char* name, std::optional<double> other = {});

@@ -47,6 +47,7 @@ void cross(const Json& library, const std::string& place, const TaskDefaults& de
   for (const auto& [name, value] : library.items())
     if (name != "robots" && name != "tasks" && name != "defaults")
       throw Error(place + ": /" + name.substr(0, 40), "is an unknown member, expected robots, tasks or defaults");
+  if (!library.contains("tasks")) throw Error(place + ": /tasks", "is missing, expected an array of tasks");
   const Json common = library.value("defaults", Json::object());
   if (!common.is_object()) throw Error(place + ": /defaults", "is no object, expected members of requests");
   const Json all_robots = library.value("robots", Json::array({defaults.robot}));
@@ -170,7 +171,8 @@ std::vector<Task> read_tasks(std::string_view text, const std::string& place, co
     throw Error(place, e.detail());
   }
   std::vector<Task> tasks;
-  if (file.is_object() && file.contains("tasks")) {
+  const bool library = file.is_object() && !file.contains("service") && (file.contains("robots") || file.contains("defaults"));
+  if (library || (file.is_object() && file.contains("tasks"))) {
     cross(file, place, defaults, tasks);
   } else if (file.is_object()) {
     tasks.push_back(task_of(file, "1", defaults));

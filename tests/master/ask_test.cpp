@@ -237,6 +237,9 @@ TEST(Tasks, WithDoubledMembersOrDeepNestingAreRefused) {
   EXPECT_THAT(refusal(R"({"service":"jerk","service":"energy"})"), HasSubstr("file: has the member 'service' twice"));
   EXPECT_THAT(refusal(R"([{"tasks":[],"a":{"b":1,"b":2}}])"), HasSubstr("'b' twice"));
   EXPECT_THAT(refusal(std::string(1000, '[')), HasSubstr("deeper than 32"));
+  EXPECT_THAT(refusal(R"({"robots":["lwr4"],"task":[]})"),
+              HasSubstr("file: /task: is an unknown member, expected robots, tasks or defaults"));
+  EXPECT_THAT(refusal(R"({"defaults":{}})"), HasSubstr("file: /tasks: is missing"));
 }
 
 TEST(AskCommand, RefusesOptionsThatWouldHaveNoEffect) {

@@ -282,7 +282,9 @@ TEST(ServiceReplies, GiveAPrismaticJointItsOwnUnits) {
   fast["T_s"] = 1;  // 1.875 m/s
   EXPECT_THAT(ask(robots, fast)["reason"].get<std::string>(), HasSubstr(" m/s at 0.5 s, bound 1 m/s"));
   EXPECT_THAT(refusal(robots, R"({"service":"torques","robot":"lift","from_q_rad":[0],"to_q_rad":[1]})"),
-              HasSubstr("prismatic"));
+              HasSubstr("/from_q_rad: is given, but the robot has prismatic joints, expected from_q with values in rad for"));
+  EXPECT_THAT(refusal(robots, R"({"service":"torques","robot":"lift","from_q_deg":[0],"to_q_deg":[1]})"),
+              HasSubstr("/from_q_deg: is given, but the robot has prismatic joints, expected from_q with values in rad for"));
 }
 
 TEST(ServiceReplies, HoldLockedJointsAndLeaveOutTheirDrives) {
@@ -495,6 +497,14 @@ TEST(ServiceReplies, ComparesJerkWithTheQuintic) {
   EXPECT_NEAR(reply["jerk_squared_integral_rad2_per_s5"].get<double>(), 720 * sum / 32, 1e-6);
   EXPECT_NEAR(reply["share_of_quintic"].get<double>(), 1, 1e-12);
   EXPECT_NEAR(std::abs(reply["joints"][0]["dddq_rad_per_s3"].get<double>()), 60 * 1.2 / 8, 1e-6);
+  // A robot that stands still.
+  json still = lwr_move("jerk");
+  still["T_s"] = 2;
+  still["from_q_rad"] = still["to_q_rad"];
+  const json none = ask(robots, still);
+  EXPECT_EQ(none["jerk_squared_integral_rad2_per_s5"], 0);
+  EXPECT_EQ(none["acceleration_squared_integral_rad2_per_s3"], 0);
+  EXPECT_TRUE(none["share_of_quintic"].is_null());
 }
 
 TEST(ServiceReplies, OptimiseBeatsTheQuinticAndGivesItsMotion) {
@@ -594,6 +604,14 @@ TEST(ServiceRequests, AreRefusedWithAPointerAndNeverCrash) {
     EXPECT_THAT(refusal(robots, request.dump()), HasSubstr(part)) << request;
   };
   expect({{"from_q_rad", {0, 1}}}, "/from_q_rad: has 2 values, expected 7");
+  expect({{"from_q_rad", {0, 0, 1e300, 0, 0, 0, 0}}}, "/from_q_rad/2: is 1e+300 rad, expected -1000000 to 1000000");
+  expect({{"from", "walk"}}, "/from: is given, expected from_q_rad with a posture, or \"run\"");
+  expect({{"T_s", 2}}, "/T_s: is no member of optimise, expected T_min_s", "optimise");
+  expect({{"T_min", 2}}, "/T_min: is no member of optimise, expected T_min_s", "optimise");
+  expect({{"cost", "frog"}}, "/cost: is 'frog', expected one of time, torque, work, shared_work, acceleration, jerk, energy",
+         "optimise");
+  expect({{"cost", "power"}}, "/cost: is 'power', expected one of", "optimise");
+  expect({{"cost", {{{"name", "jerk"}}, {{"name", "time"}}, {{"name", "jerk"}}}}}, "/cost/2/name: is 'jerk' again", "optimise");
   expect({{"from_q_deg", {0, 0, 0, 0, 0, 0, 0}}}, "expected one of them");
   expect({{"T_s", 0}}, "/T_s");
   expect({{"T_s", -1}}, "/T_s");
