@@ -254,7 +254,8 @@ struct SimulationOptions {
   /// Changes of the scenario as `cotwin run --set` takes them: "drive.K=2e4", "drive.friction=lugre", "robot=arm.urdf".
   std::vector<std::string> set;
   std::optional<double> stop;                  ///< stop time instead of the scenario's, s
-  std::filesystem::path results;               ///< folder for signals.csv, made if missing; empty: nothing is recorded
+  std::filesystem::path results;               ///< folder for signals.csv, made if missing; files of an earlier run there move to its
+                                               ///< subfolder earlier-1, earlier-2 …; empty: nothing is recorded
   std::vector<std::filesystem::path> units;    ///< modules with further units, as `cotwin run --units` takes them
   std::vector<std::filesystem::path> folders;  ///< where robots and scenes are looked up before the default folders
   std::optional<int> threads;                  ///< at most so many; results do not depend on them

@@ -5,6 +5,7 @@
 #include "master/api/cotwin.h"
 #include "master/api/program_units.h"
 #include "master/program/folders.h"
+#include "master/program/results_folder.h"
 #include "master/run/master.h"
 #include "models/support/text.h"
 
@@ -75,9 +76,6 @@ master::MasterOptions options_of(const SimulationOptions& options, const master:
   for (fs::path& folder : master::model_folders(scenario.folder)) made.folders.push_back(std::move(folder));
   made.results = options.results;
   made.threads = options.threads;
-  made.before_results = [folder = options.results] {
-    if (!folder.empty()) fs::create_directories(folder);
-  };
   return made;
 }
 
@@ -103,8 +101,14 @@ struct Simulation::Impl {
     if (options.keep_rows) rows.emplace(master);
   }
 
-  master::Master make(master::Scenario scenario, const SimulationOptions& options) const {
+  master::Master make(master::Scenario scenario, const SimulationOptions& options) {
+    if (!options.results.empty()) results.emplace(options.results);
     master::MasterOptions chosen = options_of(options, scenario, program_units.types());
+    chosen.before_results = [this] {
+      if (!results) return;
+      results->open();
+      results->keep_earlier_run();
+    };
     const ProgramUnits::Loading loading(program_units);
     return master::Master(std::move(scenario), std::move(chosen));
   }
@@ -149,6 +153,7 @@ struct Simulation::Impl {
   void finish() {
     ended = true;
     master.finish();
+    if (started) results.reset();
   }
   /// A call that steps; after an error nothing can be stepped.
   template <class Call>
@@ -164,6 +169,7 @@ struct Simulation::Impl {
   }
 
   const ProgramUnits program_units;
+  std::optional<master::ResultsFolder> results;  // locked from the start of the run to its end
   master::Master master;
   std::optional<Rows> rows;
   bool started = false, failed = false, ended = false;

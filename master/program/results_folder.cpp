@@ -122,4 +122,10 @@ fs::path ResultsFolder::keep_earlier(std::span<const std::string> names, std::sp
   return kept;
 }
 
+fs::path ResultsFolder::keep_earlier_run() const {
+  const std::array<std::string, 7> names = {kSignals, std::string(kSignals) + ".part", kRecord, kSummary, kCheckpoint, kHistory,
+                                            kPage};
+  return keep_earlier(names);
+}
+
 }  // namespace cotwin::master

@@ -25,6 +25,13 @@ class FileLock {
 class ResultsFolder {
  public:
   static constexpr const char* kLock = "cotwin.lock";
+  // Files of a run.
+  static constexpr const char* kSignals = "signals.csv";
+  static constexpr const char* kRecord = "run.json";
+  static constexpr const char* kSummary = "summary.json";
+  static constexpr const char* kCheckpoint = "run.checkpoint";
+  static constexpr const char* kHistory = "history.json";
+  static constexpr const char* kPage = "report.html";
 
   /// Creates nothing. Throws Error if another process is writing there.
   explicit ResultsFolder(std::filesystem::path folder);
@@ -34,6 +41,8 @@ class ResultsFolder {
   /// no files. Files in `inputs` are copied instead, because they are read later.
   std::filesystem::path keep_earlier(std::span<const std::string> names,
                                      std::span<const std::filesystem::path> inputs = {}) const;
+  /// The same for all files of a run.
+  std::filesystem::path keep_earlier_run() const;
 
   const std::filesystem::path& path() const { return folder_; }
 

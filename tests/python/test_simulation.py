@@ -38,6 +38,25 @@ class Run(Case):
                 np.testing.assert_array_equal(result.recording.values, file.values)
                 self.assertEqual(len(file), result.run.rows)
 
+    def test_files_of_an_earlier_run_in_the_folder_are_kept_apart(self):
+        command = [PROGRAM, "run", EXAMPLE, "--stop", "0.1", "--out", self.folder]
+        subprocess.run(command, check=True, capture_output=True, cwd=self.folder)
+        of_program = (self.folder / "signals.csv").read_bytes()
+        first = cotwin.run(EXAMPLE, stop=0.2, results=self.folder)
+        self.assertEqual((self.folder / "earlier-1/signals.csv").read_bytes(), of_program)
+        self.assertEqual(sorted(one.name for one in (self.folder / "earlier-1").iterdir()), ["run.json", "signals.csv", "summary.json"])
+        self.assertEqual(sorted(one.name for one in self.folder.iterdir()), ["earlier-1", "signals.csv"])
+        cotwin.run(EXAMPLE, stop=0.3, results=self.folder)
+        np.testing.assert_array_equal(cotwin.Recording.load(self.folder / "earlier-2").values, first.recording.values)
+
+    def test_one_run_at_a_time_writes_to_a_folder(self):
+        simulation = cotwin.Simulation(EXAMPLE, results=self.folder)
+        simulation.step()
+        with self.assertError(str(self.folder), "is writing there"):
+            cotwin.run(EXAMPLE, stop=0.1, results=self.folder)
+        simulation.finish()
+        cotwin.run(EXAMPLE, stop=0.1, results=self.folder)
+
     def test_figures_and_times_are_those_of_the_run(self):
         result = cotwin.run(EXAMPLE, stop=0.7)
         self.assertEqual((result.run.start, result.reached, result.run.stop, result.run.ticks), (0, 0.7, 0.7, 700))

@@ -1,5 +1,4 @@
 // cotwin run: runs a scenario, a package, or one FMU with the option names of fmusim (Reference FMUs).
-#include <array>
 #include <cerrno>
 #include <chrono>
 #include <cmath>
@@ -62,11 +61,6 @@ class Progress {
   Time begin_time_ = master_.now();  // not the start if the run is resumed
 };
 
-constexpr const char* kRecord = "run.json";
-constexpr const char* kSummary = "summary.json";
-constexpr const char* kCheckpoint = "run.checkpoint";
-constexpr const char* kHistory = "history.json";
-constexpr const char* kPage = "report.html";
 constexpr const char* kAnyPort = "true";  // what a flag without a value gives
 
 struct RunArguments {
@@ -317,8 +311,8 @@ int report(const RunArguments& arguments, const Summary& summary, const Outcome&
 /// directory of that run.
 RunCheckpoint resume(RunArguments& arguments, const Build& build) {
   const fs::path folder = fs::absolute(arguments.resume);
-  const std::string place = (arguments.resume / kCheckpoint).string();
-  RunCheckpoint checkpoint = load_checkpoint(arguments.resume / kCheckpoint);
+  const std::string place = (arguments.resume / ResultsFolder::kCheckpoint).string();
+  RunCheckpoint checkpoint = load_checkpoint(arguments.resume / ResultsFolder::kCheckpoint);
   if (checkpoint.build.version != build.version || checkpoint.build.file != build.file)
     throw Error(place, "was written by cotwin " + checkpoint.build.version + " (build " + hexadecimal(checkpoint.build.file) +
                            "), expected the same program with the same --units, which is cotwin " + build.version + " (build " +
@@ -343,8 +337,9 @@ int run_scenario(RunArguments arguments) {
   Scenario scenario = read_scenario(arguments);
   const std::uint64_t hash = hash_of(scenario);
   if (earlier && earlier->scenario != hash)
-    throw Error((arguments.out / kCheckpoint).string(), "belongs to another scenario: " + arguments.file.string() +
-                                                            " or a file that it names has changed, expected the same");
+    throw Error(
+        (arguments.out / ResultsFolder::kCheckpoint).string(),
+        "belongs to another scenario: " + arguments.file.string() + " or a file that it names has changed, expected the same");
   MasterOptions options;
   options.types = units();
   options.folders = model_folders(scenario.folder);
@@ -361,14 +356,15 @@ int run_scenario(RunArguments arguments) {
   options.before_results = [&] {
     note_signals();
     results.open();
-    const std::array<std::string, 7> names = {"signals.csv", "signals.csv.part", kRecord, kSummary,
-                                              kCheckpoint,   kHistory,           kPage};
-    if (!earlier && !arguments.overwrite) kept = results.keep_earlier(names);
+    if (!earlier && !arguments.overwrite) kept = results.keep_earlier_run();
     if (!earlier && arguments.overwrite) {
-      for (const char* name : {kSummary, kCheckpoint, kHistory, kPage}) fs::remove(out / name);
+      for (const char* name :
+           {ResultsFolder::kSummary, ResultsFolder::kCheckpoint, ResultsFolder::kHistory, ResultsFolder::kPage})
+        fs::remove(out / name);
     }
-    RunRecord::Given given{out / kRecord, build, hash, arguments.set, arguments.events, arguments.waypoints, {}, {}};
-    if (!master->columns().empty()) given.results = out / "signals.csv";
+    RunRecord::Given given{out / ResultsFolder::kRecord, build, hash, arguments.set, arguments.events,
+                           arguments.waypoints,          {},    {}};
+    if (!master->columns().empty()) given.results = out / ResultsFolder::kSignals;
     if (earlier) given.resumed_at = master->now().seconds();
     record.emplace(std::move(given), *master);
   };
@@ -394,7 +390,7 @@ int run_scenario(RunArguments arguments) {
   std::optional<Checkpoints> checkpoints;
   if (arguments.checkpoint > 0 && master->unsavable().empty()) {
     CheckpointWriter::Options writing;
-    writing.file = out / kCheckpoint;
+    writing.file = out / ResultsFolder::kCheckpoint;
     writing.every = std::chrono::duration<double>(arguments.checkpoint);
     writing.head = {build, hash, options_of(arguments), fs::current_path().string(), {}};
     writing.sync_recording = [&] { return master->sync_recording(); };
@@ -420,18 +416,18 @@ int run_scenario(RunArguments arguments) {
     summary.warnings.push_back("no checkpoint: " + master->unsavable());
   if (outcome.state == Outcome::State::kDone) {
     std::error_code none;
-    fs::remove(out / kCheckpoint, none);
+    fs::remove(out / ResultsFolder::kCheckpoint, none);
   }
   if (const std::vector<robot::RobotHistory> histories = master->histories(); !histories.empty()) {
     try {
-      write_file(out / kHistory, robot::to_json(histories));
+      write_file(out / ResultsFolder::kHistory, robot::to_json(histories));
     } catch (const Error& error) {
       summary.warnings.push_back(std::string("no history of the tools: ") + error.what());
     }
   }
   record->close(summary, outcome);
   try {
-    save_json(out / kSummary, summary, outcome);
+    save_json(out / ResultsFolder::kSummary, summary, outcome);
   } catch (const Error& error) {
     summary.warnings.push_back(std::string("no summary of the run in a file: ") + error.what());
   }

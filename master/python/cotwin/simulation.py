@@ -36,7 +36,8 @@ class Simulation(_native.Simulation):
     scenario  an .ssd or .ssp file, or a Scenario
     set       changes of the scenario as `cotwin run --set` takes them, {"drive.K": 2e4} or ["drive.K=2e4"]
     stop      stop time instead of the scenario's, s
-    results   folder for signals.csv; None: no file is written
+    results   folder for signals.csv; None: no file is written. The files of an earlier run there move to its subfolder earlier-1,
+              earlier-2 …, as `cotwin run` does it
     units     units in Python: classes derived from cotwin.Unit, or {"name": callable that makes one}
     modules   shared libraries with further units, as `cotwin run --units` takes them
     folders   where robots and scenes are looked up before the default folders
