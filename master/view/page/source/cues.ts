@@ -7,7 +7,7 @@ import { reach_of } from './kinematics';
 import type { Matrices } from './matrices';
 import { matt } from './matt';
 import { between, type Place, type Recording } from './recording';
-import { principal_of, quadratic } from './symmetric';
+import { mass_along, principal_of, principal_of_product } from './symmetric';
 
 /// What the cues draw from.
 export interface Scenery {
@@ -346,7 +346,7 @@ class EffectiveMass implements Cue {
   }
   refresh(): void {
     for (const part of this.parts) {
-      const masses = this.s.calculated!.some(part.figure.figure.mobility, 500).map((matrix) => 1 / principal_of(matrix).values[1]);
+      const masses = this.s.calculated!.some(part.figure.figure.mobility, 500).map((matrix) => 1 / principal_of_product(matrix).values[1]);
       part.scale = (0.16 * reach_of(part.figure.robot)) / usual_largest(masses);
     }
   }
@@ -358,17 +358,17 @@ class EffectiveMass implements Cue {
       const { figure, scale, cap } = part;
       const mobility = this.s.calculated!.at(figure.figure.mobility, t);
       if (mobility === undefined) return [];
-      const { values, axes } = principal_of(mobility);
+      const { values, axes } = principal_of_product(mobility);
       const centre = new three.Vector3().setFromMatrixPosition(figure.frame(figure.robot.tip));
       part.ellipsoid.set(centre, figure.base, axes, values.map((value) => Math.min(cap, scale / Math.max(value, 1e-12))));
       const u = this.motion(part.figure, place, part.direction);
-      const mass = 1 / quadratic(mobility, u.toArray());
+      const mass = mass_along(mobility, u.toArray());
       const world = u.clone().transformDirection(figure.base);
       part.arrow.set(centre, world.clone().multiplyScalar(Math.min(cap, scale * mass)));
       const unit = round_down((0.16 * reach_of(figure.robot)) / scale);
       return [
         `${several(this.s.figures, figure)}${short(mass)} kg along (${world.toArray().map((x) => x.toFixed(2)).join(', ')})`,
-        `principal: ${values.map((value) => short(1 / Math.max(value, 1e-12))).reverse().join('  ')} kg; ${short(unit)} kg: ${short(unit * scale)} m`,
+        `principal: ${values.map((value) => short(value > 0 ? 1 / value : Infinity)).reverse().join('  ')} kg; ${short(unit)} kg: ${short(unit * scale)} m`,
       ];
     });
   }
@@ -422,10 +422,10 @@ class Manipulability implements Cue {
     return this.parts.flatMap(({ figure, ellipsoid, scale }) => {
       const velocity = this.s.calculated!.at(figure.figure.velocity, t);
       if (velocity === undefined) return [];
-      const { values, axes } = principal_of(velocity);
+      const { values, axes } = principal_of_product(velocity);
       const lengths = values.map((value) => Math.sqrt(Math.max(0, value)));
       ellipsoid.set(new three.Vector3().setFromMatrixPosition(figure.frame(figure.robot.tip)), figure.base, axes, lengths.map((length) => length * scale));
-      return [`${several(this.s.figures, figure)}volume ${short(lengths[0]! * lengths[1]! * lengths[2]!)} m³/s³, half-axes ${lengths.map(short).join('  ')} m/s`, `1 m/s: ${scale} m`];
+      return [`${several(this.s.figures, figure)}volume ${short(lengths[0]! * lengths[1]! * lengths[2]!)} m³/s³${lengths[2] === 0 ? ' (singular)' : ''}, half-axes ${lengths.map(short).join('  ')} m/s`, `1 m/s: ${scale} m`];
     });
   }
 }

@@ -12,7 +12,7 @@ export interface Matrices {
   some(name: string, most: number): number[][];
 }
 
-/// Those that are in the page with the recording.
+/// Those that are in the page with the recording. That of the nearest row is taken: one between two singular ones would not be singular.
 export class RecordedMatrices implements Matrices {
   constructor(private readonly table: Recording) {}
 
@@ -20,8 +20,8 @@ export class RecordedMatrices implements Matrices {
     return this.table.load(name);
   }
   at(name: string, t: number): number[] | undefined {
-    const place = this.table.place(t);
-    return this.table.values(name)?.map((column) => between(column, place));
+    const row = this.table.nearest(t);
+    return this.table.values(name)?.map((column) => column[row]!);
   }
   some(name: string, most: number): number[][] {
     const columns = this.table.values(name);

@@ -51,6 +51,21 @@ export function principal_of(m: ArrayLike<number>): Principal {
   return { values: [a[order[0]!]![order[0]!]!, a[order[1]!]![order[1]!]!, a[order[2]!]![order[2]!]!], axes };
 }
 
+/// Share of the largest eigenvalue of a matrix without negative ones below which another one is 0: packed numbers are rounded.
+const kRank = 1e-5;
+
+/// principal_of() of a matrix J Jᵀ: eigenvalues are 0 in directions in which J has none but rounding.
+export function principal_of_product(m: ArrayLike<number>): Principal {
+  const { values, axes } = principal_of(m);
+  return { values: values.map((value) => (value <= kRank * values[0] ? 0 : value)) as Principal['values'], axes };
+}
+
+/// The mass along u, 1/(uᵀ m u), for a mobility m in 1/kg; Infinity where nothing can move along u.
+export function mass_along(m: ArrayLike<number>, u: ArrayLike<number>): number {
+  const mobility = quadratic(m, u);
+  return mobility <= kRank * principal_of(m).values[0] ? Infinity : 1 / mobility;
+}
+
 /// uᵀ m u.
 export function quadratic(m: ArrayLike<number>, u: ArrayLike<number>): number {
   const [x, y, z] = [u[0]!, u[1]!, u[2]!];

@@ -11,8 +11,9 @@ import { Mechanism, frame_pose, reach_of } from '../source/kinematics';
 import { without_images } from '../source/meshes';
 import { from_base64, integers, long_integers, numbers } from '../source/packed';
 import { Player } from '../source/player';
-import { between, last_not_above } from '../source/recording';
-import { principal_of, quadratic } from '../source/symmetric';
+import { RecordedMatrices } from '../source/matrices';
+import { between, last_not_above, type Recording } from '../source/recording';
+import { mass_along, principal_of, principal_of_product, quadratic } from '../source/symmetric';
 
 /// The bytes of integers as master/view/packer.cpp writes them: differences of an order, sign in the lowest bit, low bytes first.
 function bytes_of(values: number[], order: number, width: number): Uint8Array {
@@ -154,6 +155,28 @@ test('principal directions of a symmetric matrix', () => {
   const [x, y, z] = axes as unknown as [number[], number[], number[]];
   assert.ok(Math.abs(x[0]! * (y[1]! * z[2]! - y[2]! * z[1]!) + x[1]! * (y[2]! * z[0]! - y[0]! * z[2]!) + x[2]! * (y[0]! * z[1]! - y[1]! * z[0]!) - 1) < 1e-12);
   assert.deepEqual(principal_of([1, 0, 0, 2, 0, 3]).values, [3, 2, 1]);
+});
+
+test('a singular matrix has an infinite mass and no volume, also after rounding', () => {
+  // v vᵀ + w wᵀ of rank 2, rounded as packed numbers are; nothing moves along (1, 2, 2)/3.
+  const [v, w] = [
+    [0.8, -0.8, 0.4],
+    [0.2, 0.4, -0.5],
+  ];
+  const rounded = [0, 1, 2, 4, 5, 8].map((k) => Math.fround(v![Math.floor(k / 3)]! * v![k % 3]! + w![Math.floor(k / 3)]! * w![k % 3]!) * (1 + 1e-7));
+  rounded[0]! += 2e-7;
+  assert.equal(principal_of_product(rounded).values[2], 0);
+  assert.ok(principal_of_product(rounded).values[1] > 0.1);
+  assert.equal(mass_along(rounded, [1 / 3, 2 / 3, 2 / 3]), Infinity);
+  assert.ok(Math.abs(mass_along([2, 0, 0, 4, 0, 1e-4], [0, 0, 1]) - 1e4) < 1e-6);
+});
+
+test('between two singular rows the matrix is that of the nearest one', () => {
+  const columns = [[1, 0], [0, 0], [0, 0], [0, 1], [0, 0], [0, 0]].map((column) => Float32Array.from(column));
+  const table = { nearest: (t: number) => (t < 0.5 ? 0 : 1), values: () => columns } as unknown as Recording;
+  const matrices = new RecordedMatrices(table);
+  assert.deepEqual(matrices.at('tip', 0.4), [1, 0, 0, 0, 0, 0]);
+  assert.deepEqual(matrices.at('tip', 0.6), [0, 0, 0, 1, 0, 0]);
 });
 
 test('the time stays within the recording and stops at its end', () => {
