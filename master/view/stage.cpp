@@ -73,6 +73,8 @@ class Builder {
   /// Whether the positions come from another recorded signal by a connection.
   bool is_copy(const Node& node) const;
   void place(StagedRobot& robot, const Node& node) const;
+  /// Whether positions of another number of joints were recorded; then with a remark.
+  bool tell_of_other_joints(const StagedRobot& robot);
 
   const Scenario& scenario_;
   const Recorded& recorded_;
@@ -201,6 +203,22 @@ void Builder::place(StagedRobot& robot, const Node& node) const {
   robot.base_quat = node.prefix + "base_quat";
 }
 
+bool Builder::tell_of_other_joints(const StagedRobot& robot) {
+  const auto n = static_cast<std::size_t>(stage_.models[robot.model].model->n());
+  for (const std::string_view name : kPositions) {
+    for (const std::string& prefix : robot.prefixes) {
+      const RecordedSignal* found = recorded_.find(prefix + std::string(name));
+      if (found == nullptr || found->count == n) continue;
+      stage_.remarks.push_back("robot of " + robot.name + ": " + std::to_string(found->count) + " elements of " + found->name +
+                               " are recorded, the robot has " + std::to_string(n) +
+                               " joints now, so it stands still; has its URDF changed since the run? Otherwise record " +
+                               found->name);
+      return true;
+    }
+  }
+  return false;
+}
+
 void Builder::group() {
   Groups groups(nodes_.size());
   std::vector<std::pair<std::size_t, std::size_t>> desired;  // source of a desired motion, and who follows it
@@ -246,6 +264,10 @@ void Builder::group() {
       if (q0.size() == n && robot.q0.empty()) robot.q0 = std::move(q0);
     }
     robot.q0.resize(n, 0);
+    if (robot.tracks.empty() && tell_of_other_joints(robot)) {
+      stage_.robots.push_back(std::move(robot));
+      continue;
+    }
     if (robot.tracks.empty() && !robot.in_world && of_group.size() == 1)
       continue;  // only names and limits of the robot are used
     if (robot.tracks.empty()) {

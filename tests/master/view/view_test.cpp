@@ -226,7 +226,9 @@ TEST(Stage, TellsWhatMustBeRecordedForARobotToMove) {
   const Stage stage = stage_of_example("02_free_motion_lwr4/twin.ssd", recording_of({{"drive.q", 6}, {"drive.q[3]", 1}}));
   ASSERT_EQ(stage.robots.size(), 1u);
   EXPECT_THAT(stage.robots[0].tracks, IsEmpty());
-  EXPECT_THAT(stage.remarks, ElementsAre(HasSubstr("record ")));
+  EXPECT_THAT(stage.remarks, ElementsAre(HasSubstr("6 elements of drive.q are recorded, the robot has 7 joints now")));
+  EXPECT_THAT(stage_of_example("02_free_motion_lwr4/twin.ssd", recording_of({{"drive.q[3]", 1}})).remarks,
+              ElementsAre(HasSubstr("no joint positions are recorded, so it stands still; record ")));
 }
 
 TEST(Stage, ShowsTwoRobotsAtTheirPlacesInAContactWorldWithItsBodies) {
