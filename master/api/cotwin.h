@@ -243,9 +243,10 @@ struct Recording {
   bool cut = false;                ///< the file ends within a row, which was left out
 };
 
-/// Reads a recording, or any other CSV file of numbers with a header. \param file signals.csv. Throws Error, with file and line, if
-/// it cannot be read and for cells that are no numbers; "nan" and "inf" are numbers.
-COTWIN_API Recording load_recording(const std::filesystem::path& file);
+/// Reads a recording, or another CSV file of numbers with a header and a time. \param file signals.csv. \param t_column name of the
+/// time column; empty: t, time or timestamp. It becomes the first one, "time". \param t_unit s per unit of it. Throws Error, with file
+/// and line, if the file cannot be read, has no such column, and for cells that are no numbers; "nan" and "inf" are numbers.
+COTWIN_API Recording load_recording(const std::filesystem::path& file, const std::string& t_column = "", double t_unit = 1);
 
 // ---- Scenarios -------------------------------------------------------------------------------------------------------------
 
@@ -253,9 +254,9 @@ COTWIN_API Recording load_recording(const std::filesystem::path& file);
 struct SimulationOptions {
   /// Changes of the scenario as `cotwin run --set` takes them: "drive.K=2e4", "drive.friction=lugre", "robot=arm.urdf".
   std::vector<std::string> set;
-  std::optional<double> stop;                  ///< stop time instead of the scenario's, s
-  std::filesystem::path results;               ///< folder for signals.csv, made if missing; files of an earlier run there move to its
-                                               ///< subfolder earlier-1, earlier-2 …; empty: nothing is recorded
+  std::optional<double> stop;     ///< stop time instead of the scenario's, s
+  std::filesystem::path results;  ///< folder for signals.csv, made if missing; files of an earlier run there move to its
+                                  ///< subfolder earlier-1, earlier-2 …; empty: nothing is recorded
   std::vector<std::filesystem::path> units;    ///< modules with further units, as `cotwin run --units` takes them
   std::vector<std::filesystem::path> folders;  ///< where robots and scenes are looked up before the default folders
   std::optional<int> threads;                  ///< at most so many; results do not depend on them

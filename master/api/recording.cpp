@@ -1,10 +1,11 @@
 #include "master/api/cotwin.h"
 #include "models/support/csv.h"
 #include "models/support/file.h"
+#include "models/trajectory/columns.h"
 
 namespace cotwin {
 
-Recording load_recording(const std::filesystem::path& file) {
+Recording load_recording(const std::filesystem::path& file, const std::string& t_column, double t_unit) {
   constexpr std::uint64_t kMostBytes = std::uint64_t{16} << 30;
   std::string text = text::read_file(file, "a recording (CSV)", kMostBytes);
   Recording recording;
@@ -15,9 +16,15 @@ Recording load_recording(const std::filesystem::path& file) {
     recording.cut = true;
   }
   csv::Reader reader(text, file.filename().string());
+  const std::size_t time = trajectory::find_time_column(reader, file.string(), t_column, " or its name, t_column");
   recording.names = reader.names();
+  recording.names.erase(recording.names.begin() + static_cast<std::ptrdiff_t>(time));
+  recording.names.insert(recording.names.begin(), "time");
   while (reader.next()) {
-    for (std::size_t column = 0; column < recording.names.size(); ++column) recording.values.push_back(reader.real(column));
+    recording.values.push_back(t_unit * reader.real(time));
+    for (std::size_t column = 0; column < recording.names.size(); ++column) {
+      if (column != time) recording.values.push_back(reader.real(column));
+    }
     ++recording.rows;
   }
   return recording;

@@ -20,8 +20,11 @@ namespace {
 /// Values of a recording at increasing times, linear between its rows.
 class Interpolated {
  public:
-  Interpolated(const std::filesystem::path& file, std::vector<std::size_t> columns)
-      : reader_(file), columns_(std::move(columns)), before_(columns_.size()), after_(columns_.size()) {
+  Interpolated(const LoadedRecording& recording, std::vector<std::size_t> columns)
+      : reader_(recording.file, recording.time),
+        columns_(std::move(columns)),
+        before_(columns_.size()),
+        after_(columns_.size()) {
     there_ = take();
     if (there_) take_more();
   }
@@ -64,8 +67,8 @@ class Interpolated {
 
 RecordingComparison compare_recordings(const LoadedRecording& reference, const LoadedRecording& other) {
   RecordingComparison comparison;
-  RowReader reader(reference.file);
-  const std::vector<std::string> others = RowReader(other.file).names();
+  RowReader reader(reference.file, reference.time);
+  const std::vector<std::string> others = RowReader(other.file, other.time).names();
   std::unordered_map<std::string_view, std::size_t> index;
   for (std::size_t i = 0; i < others.size(); ++i) index.emplace(others[i], i);
   std::vector<std::size_t> mine, theirs;
@@ -93,7 +96,7 @@ RecordingComparison compare_recordings(const LoadedRecording& reference, const L
   for (std::size_t i = 0; i < others.size(); ++i) {
     if (!common[i]) comparison.only_in_other.push_back(others[i]);
   }
-  Interpolated values(other.file, theirs);
+  Interpolated values(other, theirs);
   while (reader.next()) {
     const double t = reader.t();
     if (!values.move_to(t)) continue;

@@ -1,9 +1,9 @@
 #include "master/report/recording.h"
 
 #include <algorithm>
-#include <cctype>
 #include <cmath>
 #include <fstream>
+#include <numeric>
 #include <unordered_map>
 #include <utility>
 
@@ -27,25 +27,23 @@ bool ends_with_a_line_end(const fs::path& file) {
   return in.get() == '\n';
 }
 
-std::size_t time_column(const std::vector<std::string>& names) {
-  for (std::size_t i = 0; i < names.size(); ++i) {
-    std::string name = names[i];
-    std::ranges::transform(name, name.begin(),
-                           [](char c) { return static_cast<char>(std::tolower(static_cast<unsigned char>(c))); });
-    if (name == "time" || name == "t" || name == "timestamp") return i;
-  }
-  return 0;
-}
-
 std::string counted(std::size_t count, const char* one, const char* many) {
   return std::to_string(count) + " " + (count == 1 ? one : many);
 }
 
 }  // namespace
 
-RowReader::RowReader(const fs::path& file, std::map<std::string, double, std::less<>> words)
-    : csv_(file), file_(file.filename().string()), words_(std::move(words)), unended_(!ends_with_a_line_end(file)) {
-  time_ = time_column(csv_.names());
+RowReader::RowReader(const fs::path& file, const trajectory::TimeColumn& time, std::map<std::string, double, std::less<>> words)
+    : csv_(file),
+      path_(file.string()),
+      file_(file.filename().string()),
+      words_(std::move(words)),
+      unit_(time.unit),
+      unended_(!ends_with_a_line_end(file)),
+      cut_(unended_) {
+  time_ = trajectory::find_time_column(csv_, file.string(), time.name, kTimeRemedy);
+  read_.resize(csv_.names().size());
+  std::iota(read_.begin(), read_.end(), std::size_t{0});
   for (std::size_t i = 0; i < csv_.names().size(); ++i) {
     if (i == time_) continue;
     const std::string& name = csv_.names()[i];
@@ -53,6 +51,13 @@ RowReader::RowReader(const fs::path& file, std::map<std::string, double, std::le
   }
   row_.resize(csv_.names().size());
   next_row_.resize(row_.size());
+}
+
+void RowReader::only(const std::vector<std::size_t>& columns) {
+  read_ = {time_};
+  for (const std::size_t column : columns) read_.push_back(column < time_ ? column : column + 1);
+  row_.assign(row_.size(), kNaN);
+  next_row_ = row_;
 }
 
 bool RowReader::read(std::vector<double>& row) {
@@ -66,9 +71,10 @@ bool RowReader::read(std::vector<double>& row) {
       at_end_ = true;
       unended_ = false;  // the row before is a whole one
       why_ended_ = error.what();
+      ended_within_ = more_lines();
       return false;
     }
-    for (std::size_t i = 0; i < row.size(); ++i) {
+    for (const std::size_t i : read_) {
       const std::optional<double> value = text::parse_real(csv_.text(i));
       row[i] = value.value_or(kNaN);
       if (!value) [[unlikely]] {
@@ -81,7 +87,7 @@ bool RowReader::read(std::vector<double>& row) {
       }
     }
     if (std::isfinite(row[time_])) return true;
-    ++without_time_;
+    if (without_time_++ == 0) first_without_time_ = reason_without_time();
   }
 }
 
@@ -95,6 +101,29 @@ bool RowReader::next() {
   if (pending_ || !unended_) return true;
   last_left_out_ = true;
   return false;
+}
+
+/// Whether anything follows the line that cannot be read.
+bool RowReader::more_lines() {
+  try {
+    return csv_.next();
+  } catch (const Error&) {
+    return true;
+  }
+}
+
+std::string RowReader::reason_without_time() const {
+  try {
+    static_cast<void>(csv_.real(time_));
+    return csv_.place(time_) + ": not finite, expected a time";
+  } catch (const Error& error) {
+    return error.what();
+  }
+}
+
+void RowReader::check_that_rows_were_read() const {
+  if (without_time_ > 0) throw Error(path_, "no row can be read: " + first_without_time_);
+  if (ended_within_ || (!why_ended_.empty() && !cut_)) throw Error(path_, "no row can be read: " + why_ended_);
 }
 
 std::vector<std::string> RowReader::notes() const {
@@ -302,17 +331,27 @@ std::string unit_of(const std::map<std::string, std::string>& units, const std::
 }
 
 bool matches(const std::vector<std::string>& patterns, const std::string& name) {
-  return patterns.empty() || std::ranges::any_of(patterns, [&](const std::string& pattern) {
-           return master::glob(pattern, name) || master::glob(pattern, vector_of(name));
-         });
+  return patterns.empty() || std::ranges::any_of(patterns, [&](const std::string& pattern) { return selects(pattern, name); });
 }
 
 }  // namespace
 
+bool selects(const std::string& pattern, const std::string& column) {
+  return master::glob(pattern, column) || master::glob(pattern, vector_of(column));
+}
+
+Error no_signal(const std::string& file, const std::string& pattern, const std::vector<std::string>& columns) {
+  return Error(file, "no signal " + master::in_quotes(pattern) + master::suggestion(pattern, columns) + "; there are " +
+                         std::to_string(columns.size()) +
+                         (columns.empty() ? "" : ", the first is " + master::in_quotes(columns.front())));
+}
+
 LoadedRecording load_recording(const fs::path& file, RecordingOptions options) {
   LoadedRecording recording;
   recording.file = file;
-  RowReader reader(file);
+  recording.time = options.time;
+  RowReader reader(file, options.time);
+  recording.names = reader.names();
   const std::size_t columns = std::min(reader.names().size(), kMostColumns);
   std::size_t plotted = 0, chosen = 0;
   for (std::size_t i = 0; i < columns; ++i) {
@@ -341,6 +380,7 @@ LoadedRecording load_recording(const fs::path& file, RecordingOptions options) {
     residuals.add(reader);
     contacts.add(reader);
   }
+  if (recording.rows == 0) reader.check_that_rows_were_read();
   recording.residuals = residuals.take();
   contacts.finish(recording);
   for (std::string& note : reader.notes()) recording.notes.push_back(std::move(note));

@@ -1,5 +1,7 @@
 #include "master/report/report.h"
 
+#include <algorithm>
+
 #include "master/report/sections.h"
 #include "models/support/atomic_file.h"
 #include "models/support/error.h"
@@ -21,6 +23,19 @@ std::string title_of(const std::vector<Results>& all) {
   return "Run of " + (scenario.empty() ? results.name : scenario);
 }
 
+/// Throws Error for a pattern that selects no column of any recording.
+void check_signals(const std::vector<std::string>& patterns, const std::vector<Results>& all) {
+  std::vector<std::string> columns;
+  for (const Results& results : all) {
+    if (!results.recording) continue;
+    for (const RecordedColumn& column : results.recording->columns) columns.push_back(column.name);
+  }
+  for (const std::string& pattern : patterns) {
+    if (std::ranges::none_of(columns, [&](const std::string& column) { return selects(pattern, column); }))
+      throw no_signal("--signals", pattern, columns);
+  }
+}
+
 }  // namespace
 
 fs::path default_page(const std::vector<fs::path>& results) {
@@ -34,8 +49,15 @@ fs::path default_page(const std::vector<fs::path>& results) {
 WrittenPage write_page(const PageOptions& options) {
   if (options.results.empty()) throw Error("RESULTS", "are missing, expected folders with results, or recordings (CSV)");
   std::vector<Results> all;
-  for (const fs::path& place : options.results) all.push_back(load_results(place, options.signals));
+  for (const fs::path& place : options.results) all.push_back(load_results(place, options.signals, options.time));
+  check_signals(options.signals, all);
   WrittenPage written;
+  for (const Results& results : all) {
+    const std::string place = all.size() > 1 ? results.name + ": " : "";
+    for (const std::string& note : results.notes) written.notes.push_back(place + note);
+    if (!results.recording) continue;
+    for (const std::string& note : results.recording->notes) written.notes.push_back(place + note);
+  }
   written.file = options.out.empty() ? default_page(options.results) : options.out;
   for (const fs::path& place : options.results) {
     std::error_code none;

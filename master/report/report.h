@@ -3,6 +3,8 @@
 #include <string>
 #include <vector>
 
+#include "models/trajectory/columns.h"
+
 /// The report of one or several runs or tunings as one HTML page (docs/report.md).
 namespace cotwin::report {
 
@@ -11,11 +13,13 @@ struct PageOptions {
   std::filesystem::path out;                   // empty: default_page()
   std::vector<std::string> signals;            // patterns of the columns to plot; empty: all
   std::string version;                         // of the program, for the last line
+  trajectory::TimeColumn time = {};            // of recordings that are no folders
 };
 
 struct WrittenPage {
   std::filesystem::path file;
-  std::string lacking;  // what the page lacks and why: one sentence; empty if nothing
+  std::string lacking;             // what the page lacks and why: one sentence; empty if nothing
+  std::vector<std::string> notes;  // what is missing, damaged or does not fit; also on the page
 };
 
 /// Where a page is written by default: report.html in the folder of a result, comparison.html in the first one of several; beside a

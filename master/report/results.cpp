@@ -87,12 +87,17 @@ std::vector<Residual> residuals_of(const json& summary) {
   return all;
 }
 
-void load_recording_of(Results& results, const fs::path& file, const std::vector<std::string>& patterns) {
+void load_recording_of(Results& results, const fs::path& file, const std::vector<std::string>& patterns,
+                       const trajectory::TimeColumn& time = {}) {
   RecordingOptions options;
+  options.time = time;
   options.units = units_of(results.record);
   options.patterns = patterns;
   options.residuals = residuals_of(results.summary);
   results.recording = load_recording(file, std::move(options));
+  const std::string other = misfit(results.record, file.filename().string(), results.recording->names, results.recording->rows,
+                                   results.recording->end);
+  if (!other.empty()) results.notes.push_back(other);
 }
 
 void load_recording_in(Results& results, const std::vector<std::string>& patterns) {
@@ -118,7 +123,45 @@ void load_recording_in(Results& results, const std::vector<std::string>& pattern
 
 }  // namespace
 
-Results load_results(const fs::path& place, const std::vector<std::string>& patterns) {
+std::string misfit(const json& record, const std::string& recording, const std::vector<std::string>& columns, std::size_t rows,
+                   double end) {
+  std::string differences;
+  const auto differs = [&](const std::string& has, const std::string& expected) {
+    differences += (differences.empty() ? "" : "; ") + has + ", expected " + expected;
+  };
+  std::vector<std::string> told;  // the signal of each column
+  for (const json& column : list_of(member(member(record, "recording"), "columns"))) {
+    const std::string name = text_of(member(column, "name"));
+    const double elements = number_of(member(column, "elements"));
+    constexpr double kMostElements = 1e6;
+    if (!(elements >= 1 && elements <= kMostElements)) return "";
+    if (name == "time") continue;
+    told.insert(told.end(), static_cast<std::size_t>(elements), name);
+  }
+  const auto is_of = [](const std::string& signal, const std::string& column) {
+    return column == signal || vector_of(column) == signal;
+  };
+  const auto first = std::mismatch(told.begin(), told.end(), columns.begin(), columns.end(), is_of);
+  if (!told.empty() && told.size() != columns.size()) {
+    differs(std::to_string(columns.size()) + (columns.size() == 1 ? " column" : " columns") + " besides the time",
+            std::to_string(told.size()));
+  } else if (!told.empty() && first.first != told.end()) {
+    differs("a column '" + *first.second + "'", "one of '" + *first.first + "'");
+  }
+  const json& all = member(record, "rows");
+  if (all.is_number() && all.get<double>() != static_cast<double>(rows)) differs(std::to_string(rows) + " rows", text_of(all));
+  // Rows that a slow disk dropped may be the last ones.
+  const double reached = number_of(member(record, "reached")), dropped = number_of(member(record, "dropped_rows"));
+  // The last row of a run that was stopped may be one of every so many ticks.
+  const double tick = number_of(member(record, "tick")), every = number_of(member(member(record, "recording"), "every"));
+  const bool ends_elsewhere = rows > 0 && (end > reached + tick / 2 || (dropped == 0 && end < reached - (every + 0.5) * tick));
+  if (ends_elsewhere) differs("its end at " + text::to_text(end, 9) + " s", text::to_text(reached, 9) + " s");
+  if (differences.empty()) return "";
+  return "run.json does not fit " + recording + ", which has " + differences +
+         ": they are not of the same run, or the recording is damaged.";
+}
+
+Results load_results(const fs::path& place, const std::vector<std::string>& patterns, const trajectory::TimeColumn& time) {
   Results results;
   results.place = place;
   results.name = place.string();
@@ -127,7 +170,7 @@ Results load_results(const fs::path& place, const std::vector<std::string>& patt
   if (!fs::exists(place, none))
     throw Error(place.string(), "does not exist, expected a folder with results, or a recording (CSV)");
   if (!fs::is_directory(place, none)) {
-    load_recording_of(results, place, patterns);
+    load_recording_of(results, place, patterns, time);
     return results;
   }
   results.record = read_object(place / "run.json", results.notes);

@@ -27,9 +27,15 @@ struct Results {
   bool is_run() const { return recording || record.is_object() || summary.is_object(); }
 };
 
-/// Reads a folder with results, or one recording. `patterns`: of the columns to plot. Damaged files become notes. Throws Error if
-/// the path does not exist, or nothing in it can be read.
-Results load_results(const std::filesystem::path& place, const std::vector<std::string>& patterns);
+/// Reads a folder with results, or one recording. `patterns`: of the columns to plot. `time`: that of a recording that is no folder.
+/// Damaged files become notes. Throws Error if the path does not exist, or nothing in it can be read.
+Results load_results(const std::filesystem::path& place, const std::vector<std::string>& patterns,
+                     const trajectory::TimeColumn& time = {});
+
+/// What a recording has that its run.json does not tell, as one sentence: other columns, another number of rows, another end. ""
+/// if it fits. `columns`: without that of the time; `end`: time of the last row, s.
+std::string misfit(const json& record, const std::string& recording, const std::vector<std::string>& columns, std::size_t rows,
+                   double end);
 
 /// The member of an object; null if there is none, or if it is no object.
 const json& member(const json& object, const char* key);

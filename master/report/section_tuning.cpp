@@ -111,7 +111,7 @@ struct Torques {
 
 Torques load_torques(const std::filesystem::path& file, std::size_t joints) {
   Torques torques;
-  RowReader reader(file, {{"training", 0}, {"held_out", 1}});
+  RowReader reader(file, {}, {{"training", 0}, {"held_out", 1}});
   const std::vector<std::string>& names = reader.names();
   const auto column = [&](const std::string& name) {
     const auto found = std::ranges::find(names, name);

@@ -7,6 +7,7 @@
 #include <limits>
 #include <optional>
 
+#include "master/report/recording.h"
 #include "models/support/csv.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
@@ -16,14 +17,6 @@ namespace cotwin::master {
 namespace {
 
 constexpr double kLatest = 1e6;  // s; in ns below 2⁵³, so that JavaScript's numbers are exact
-
-std::size_t time_column(const std::vector<std::string>& names) {
-  for (const char* wanted : {"time", "t", "timestamp"}) {
-    const auto found = std::find(names.begin(), names.end(), wanted);
-    if (found != names.end()) return static_cast<std::size_t>(found - names.begin());
-  }
-  return 0;
-}
 
 /// "drive.q[3]" → "drive.q" and 3; "q3" → "q" and 3.
 struct Numbered {
@@ -71,6 +64,26 @@ bool ends_with_a_line(const std::filesystem::path& file) {
   return in.get() == '\n';
 }
 
+/// Why the cell of the current row is no time.
+std::string why_no_time(const csv::Reader& csv, std::size_t column) {
+  try {
+    static_cast<void>(csv.real(column));
+    return csv.place(column) + ": '" + std::string(csv.text(column)) + "', expected a time of at most " +
+           text::to_text(kLatest) + " s";
+  } catch (const Error& error) {
+    return error.what();
+  }
+}
+
+/// Whether anything follows a line that cannot be read.
+bool more_lines(csv::Reader& csv) {
+  try {
+    return csv.next();
+  } catch (const Error&) {
+    return true;
+  }
+}
+
 std::string rows(std::size_t count) { return std::to_string(count) + (count == 1 ? " row" : " rows"); }
 
 }  // namespace
@@ -80,10 +93,11 @@ const RecordedSignal* Recorded::find(std::string_view name) const {
   return found == signals.end() ? nullptr : &*found;
 }
 
-Recorded load_recorded(const std::filesystem::path& file, const std::function<void(double)>& progress) {
+Recorded load_recorded(const std::filesystem::path& file, const std::function<void(double)>& progress,
+                       const trajectory::TimeColumn& time) {
   csv::Reader csv(file);
   const std::vector<std::string>& names = csv.names();
-  const std::size_t t = time_column(names);
+  const std::size_t t = trajectory::find_time_column(csv, file.string(), time.name, report::kTimeRemedy);
   std::vector<std::size_t> from;
   std::vector<std::string> kept;
   for (std::size_t i = 0; i < names.size(); ++i) {
@@ -95,12 +109,13 @@ Recorded load_recorded(const std::filesystem::path& file, const std::function<vo
   Recorded recorded;
   recorded.signals = signals_of(kept);
   recorded.columns.resize(kept.size());
+  recorded.names = kept;
   const std::string name = file.filename().string();
   const bool whole = ends_with_a_line(file);
   std::error_code none;
   const double size = static_cast<double>(std::filesystem::file_size(file, none));
   std::size_t bad_times = 0, no_numbers = 0, read = 0;  // read: about so many bytes
-  std::string first_text;
+  std::string first_text, first_bad_time, unreadable;
   try {
     while (csv.next()) {
       constexpr std::size_t kRowsPerCall = 1000;
@@ -108,10 +123,10 @@ Recorded load_recorded(const std::filesystem::path& file, const std::function<vo
         progress(std::min(static_cast<double>(read) / std::max(size, 1.0), 1.0));
       for (std::size_t i = 0; i < names.size(); ++i) read += csv.text(i).size() + 1;
       const std::optional<double> seconds = text::parse_real(csv.text(t));
-      const bool valid = seconds && std::abs(*seconds) <= kLatest;
-      const std::int64_t ns = valid ? std::llround(*seconds * 1e9) : 0;
+      const bool valid = seconds && std::abs(*seconds * time.unit) <= kLatest;
+      const std::int64_t ns = valid ? std::llround(*seconds * time.unit * 1e9) : 0;
       if (!valid || (!recorded.time.empty() && ns < recorded.time.back())) {
-        ++bad_times;
+        if (bad_times++ == 0) first_bad_time = why_no_time(csv, t);
         continue;
       }
       recorded.time.push_back(ns);
@@ -129,7 +144,10 @@ Recorded load_recorded(const std::filesystem::path& file, const std::function<vo
   } catch (const Error& error) {
     recorded.remarks.push_back(name + (whole ? " is shown up to a row that cannot be read: " : " was cut short: ") +
                                error.what());
+    if (whole || more_lines(csv)) unreadable = error.what();
   }
+  if (recorded.time.empty() && bad_times > 0) unreadable = first_bad_time;
+  if (recorded.time.empty() && !unreadable.empty()) throw Error(file.string(), "no row can be read: " + unreadable);
   if (bad_times > 0)
     recorded.remarks.push_back(name + ": " + rows(bad_times) + " left out, because their times are no numbers or go back");
   if (no_numbers > 0)

@@ -7,6 +7,8 @@
 #include <string_view>
 #include <vector>
 
+#include "models/trajectory/columns.h"
+
 namespace cotwin::master {
 
 /// Columns of a recording that belong together: the elements of one variable.
@@ -23,16 +25,18 @@ struct Recorded {
   std::vector<RecordedSignal> signals;
   std::vector<std::string> remarks;  // for people: what was left out
 
+  /// Names of all columns, without the time: "drive.q[3]".
+  std::vector<std::string> names;
   const RecordedSignal* find(std::string_view name) const;
   std::span<const double> column(const RecordedSignal& signal, std::size_t element) const {
     return columns[signal.first + element];
   }
 };
 
-/// Reads a recording (CSV). The time is the column time, t or timestamp, otherwise the first one, in s. Columns x[1], x[2] …, and x1, x2
-/// …, become one signal. Reading ends, with a remark, at a row that has too few or too many cells; so does a last row without a line
+/// Reads a recording (CSV). `time`: which column is the time, and its unit. Columns x[1], x[2] …, and x1, x2 …, become one signal. Reading ends, with a remark, at a row that has too few or too many cells; so does a last row without a line
 /// end, because a number in it may be cut. Rows whose time is not finite, decreases or is beyond 10⁶ s are left out, with a remark.
-/// Throws Error if the file cannot be opened, has no header or no column besides the time. `progress` gets the share of the file that was read.
-Recorded load_recorded(const std::filesystem::path& file, const std::function<void(double share)>& progress = {});
+/// Throws Error if the file cannot be opened, has no header, no time or no column besides it, and if it has rows and none can be read. `progress` gets the share of the file that was read.
+Recorded load_recorded(const std::filesystem::path& file, const std::function<void(double share)>& progress = {},
+                       const trajectory::TimeColumn& time = {});
 
 }  // namespace cotwin::master

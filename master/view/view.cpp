@@ -11,6 +11,7 @@
 
 #include "components/unit/settings.h"
 #include "master/engine/members.h"
+#include "master/report/results.h"
 #include "master/run/identity.h"
 #include "master/view/calculated.h"
 #include "master/view/packer.h"
@@ -82,9 +83,9 @@ std::string text_of(const Json& record, std::initializer_list<const char*> path)
   return at->is_string() ? at->get<std::string>() : at->is_number() ? at->dump() : "";
 }
 
-/// The scenario of the run with its --set, or nothing with a remark. `changed`: what is known of changes since then.
+/// The scenario of the run with its --set, or nothing with a remark. A scenario that is not as it was in the run gets a remark.
 std::optional<Scenario> find_scenario(const ViewOptions& options, const Results& results, std::span<const UnitType> types,
-                                      std::vector<std::string>& remarks, std::string& changed) {
+                                      std::vector<std::string>& remarks) {
   fs::path file = options.scenario;
   const std::string recorded = text_of(results.record, {"scenario", "file"});
   std::error_code none;
@@ -109,7 +110,10 @@ std::optional<Scenario> find_scenario(const ViewOptions& options, const Results&
       scenario.stop = Time::from_seconds(results.record["stop"].get<double>());
     const std::string hash = text_of(results.record, {"scenario", "hash"});
     if (!hash.empty() && hash != hexadecimal(hash_of(scenario)))
-      changed = "since the run it, or a file that it names, has changed, or the run had other options";
+      remarks.push_back("the scenario " + file.string() +
+                        ", or a file that it names (URDF, scene, CSV), is not as it was in the run, or the run had options as "
+                        "--record, --event "
+                        "or --waypoints; robots and bodies are shown as they are now");
     return scenario;
   } catch (const Error& error) {
     if (!options.scenario.empty()) throw;
@@ -189,13 +193,17 @@ Json plots_of(const ViewOptions& options, const std::optional<Scenario>& scenari
     const bool known = recorded.find(name) != nullptr && std::ranges::find(names, name) == names.end();
     if (known && names.size() < most) names.push_back(name);
   };
-  for (const std::string& name : options.plots) {
-    if (recorded.find(name) == nullptr) {
-      std::vector<std::string> all;
-      for (const RecordedSignal& signal : recorded.signals) all.push_back(signal.name);
-      throw Error("--plot " + name, "is not recorded" + suggestion(name, all));
+  for (const std::string& pattern : options.plots) {
+    bool any = false;
+    for (const RecordedSignal& signal : recorded.signals) {
+      const auto first = recorded.names.begin() + static_cast<std::ptrdiff_t>(signal.first);
+      const auto is_of = [&](const std::string& column) { return report::selects(pattern, column); };
+      if (!glob(pattern, signal.name) && std::none_of(first, first + static_cast<std::ptrdiff_t>(signal.count), is_of))
+        continue;
+      any = true;
+      add(signal.name, recorded.signals.size());
     }
-    add(name, recorded.signals.size());
+    if (!any) throw report::no_signal("--plot", pattern, recorded.names);
   }
   if (!names.empty()) return names;
   for (const std::string& name : first_plots(scenario ? &*scenario : nullptr, recorded)) add(name, kMost);
@@ -252,15 +260,18 @@ ViewSummary write_view(const ViewOptions& options, std::span<const UnitType> typ
       if (options.progress) options.progress(what, share);
     };
   };
-  Recorded recorded = load_recorded(results.recording, progress("reading the recording"));
+  Recorded recorded = load_recorded(results.recording, progress("reading the recording"), options.time);
   name_units(results.record, recorded);
   ViewSummary summary;
   std::vector<std::string>& remarks = summary.remarks;
   remarks = results.remarks;
   remarks.insert(remarks.end(), recorded.remarks.begin(), recorded.remarks.end());
+  const std::string other =
+      report::misfit(nlohmann::json(results.record), results.recording.filename().string(), recorded.names,
+                     recorded.time.size(), recorded.time.empty() ? 0 : static_cast<double>(recorded.time.back()) * 1e-9);
+  if (!other.empty()) remarks.push_back(other);
 
-  std::string changed;
-  const std::optional<Scenario> scenario = find_scenario(options, results, types, remarks, changed);
+  const std::optional<Scenario> scenario = find_scenario(options, results, types, remarks);
   const std::vector<fs::path> folders = options.model_folders(scenario ? scenario->folder : fs::path());
   Stage stage;
   if (!options.robot.empty()) {
@@ -276,7 +287,6 @@ ViewSummary write_view(const ViewOptions& options, std::span<const UnitType> typ
                {"name", name.empty() ? results.recording.filename().string() : name},
                {"state", state_of(results.record)},
                {"facts", facts_of(results, recorded)}};
-  if (!changed.empty()) page["facts"].push_back(Json::array({"scenario now", changed}));
   page["remarks"] = Json::array();
   page["tables"] = Json::array();
   page["tables"].push_back(table_of(recorded.time, recorded.columns, recorded.signals, packer, progress("packing")));

@@ -9,16 +9,18 @@
 #include "components/unit/unit_table.h"
 #include "master/ssp/scenario.h"
 #include "master/view/recorded.h"
+#include "models/trajectory/columns.h"
 
 /// `cotwin view`: results as one HTML page that needs nothing else: robots, scene and contacts in 3D over time, with plots beside.
 namespace cotwin::master {
 
 struct ViewOptions {
-  std::filesystem::path results;   // folder of a run, or a recording (CSV)
-  std::filesystem::path scenario;  // empty: that of the run
-  std::string robot;               // name or URDF, in place of the scenario's robots; empty: those
-  std::filesystem::path out;       // empty: view.html in the folder of the recording
-  std::vector<std::string> plots;  // signals to plot at the beginning; empty: chosen
+  std::filesystem::path results;     // folder of a run, or a recording (CSV)
+  std::filesystem::path scenario;    // empty: that of the run
+  std::string robot;                 // name or URDF, in place of the scenario's robots; empty: those
+  std::filesystem::path out;         // empty: view.html in the folder of the recording
+  std::vector<std::string> plots;    // signals to plot at the beginning, also as patterns; empty: chosen
+  trajectory::TimeColumn time = {};  // of a recording that is no folder
   /// The folders with robots and scenes for a scenario in this folder, which may be empty.
   std::function<std::vector<std::filesystem::path>(const std::filesystem::path&)> model_folders;
   /// Gets what is done at present, and the share of it that is done.

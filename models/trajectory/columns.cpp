@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 
+#include "models/support/choice.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
 
@@ -85,7 +86,8 @@ std::vector<std::size_t> find_columns(const csv::Reader& reader, const std::stri
   return {};
 }
 
-std::size_t find_time_column(const csv::Reader& reader, const std::string& file, const std::string& column) {
+std::size_t find_time_column(const csv::Reader& reader, const std::string& file, const std::string& column,
+                             const char* remedy) {
   if (!column.empty()) return reader.column(column);
   for (const char* wanted : {"t", "time", "timestamp"}) {
     for (std::size_t c = 0; c < reader.names().size(); ++c) {
@@ -95,7 +97,11 @@ std::size_t find_time_column(const csv::Reader& reader, const std::string& file,
       if (name == wanted) return c;
     }
   }
-  throw Error(file, "has no column 't', 'time' or 'timestamp', expected one, the name of the time column, or a sampling rate");
+  throw Error(file, "has no column 't', 'time' or 'timestamp', expected one" + std::string(remedy));
+}
+
+double seconds_per(const std::string& option, const std::string& word) {
+  return text::choose<double>(option, word, {{"s", 1}, {"ms", 1e-3}, {"us", 1e-6}, {"ns", 1e-9}});
 }
 
 }  // namespace cotwin::trajectory

@@ -20,8 +20,18 @@ struct Quantity {
 std::vector<std::size_t> find_columns(const csv::Reader& reader, const std::string& file, const std::string& columns,
                                       const Quantity& quantity, std::span<const Axis> axes);
 
-/// The time column: `column`, otherwise t, time or timestamp, ignoring case.
-std::size_t find_time_column(const csv::Reader& reader, const std::string& file, const std::string& column);
+/// The time column: `column`, otherwise t, time or timestamp, ignoring case. Throws Error if there is none; `remedy` says in the
+/// message what else can be given.
+std::size_t find_time_column(const csv::Reader& reader, const std::string& file, const std::string& column,
+                             const char* remedy = ", the name of the time column, or a sampling rate");
+
+/// The time column of a table.
+struct TimeColumn {
+  std::string name;  // "": t, time or timestamp
+  double unit = 1;   // s per unit of the column
+};
+/// Seconds per "s", "ms", "us" or "ns". Throws Error for another word; `option` is its place in the message.
+double seconds_per(const std::string& option, const std::string& word);
 
 extern const Quantity kPositions, kVelocities, kTorques, kExternalTorques;
 

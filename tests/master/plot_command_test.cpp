@@ -101,6 +101,24 @@ TEST_F(Plot, TakesARunThatGoesOnACsvFileAndAPartOfTheTime) {
   EXPECT_THAT(plot({"log.csv", "a", "--from", "5"}).err, HasSubstr("has no rows in this time"));
 }
 
+TEST_F(Plot, LeavesOutACutLastRowAndShowsEmptyCellsAsGaps) {
+  folder_.write("r/signals.csv.part", "time,a,b\n0,1,1\n1,,1\n2,2,1\n3,9");
+  const RunResult in_a_row = plot({"r", "a", "-o", "a.svg"});
+  ASSERT_EQ(in_a_row.code, 0) << in_a_row.err;
+  EXPECT_THAT(in_a_row.err, HasSubstr("signals.csv.part:5: 2 cells"));
+  EXPECT_THAT(in_a_row.err, HasSubstr("signals.csv.part:3: column 'a'"));
+  EXPECT_THAT(content(folder_ / "a.svg"), Not(HasSubstr("> 9<")));
+  EXPECT_THAT(plot({"r", "b"}).err, Not(HasSubstr("column 'a'")));
+  folder_.write("log.csv", "time_ms,a\n0,1\n500,2\n1000,9");
+  const RunResult in_a_number = plot({"log.csv", "a", "--t-column", "time_ms", "--time-unit", "ms", "--to", "0.5"});
+  ASSERT_EQ(in_a_number.code, 0) << in_a_number.err;
+  EXPECT_THAT(in_a_number.err, HasSubstr("no line end"));
+  folder_.write("comma.csv", "t;a\n0,1;1\n0,2;1\n");
+  const RunResult comma = plot({"comma.csv", "a"});
+  EXPECT_EQ(comma.code, 2);
+  EXPECT_THAT(comma.err, HasSubstr("comma.csv:2: column 't': '0,1' has a decimal comma"));
+}
+
 TEST_F(Plot, NamesRunNoCommandsAndAreNoMarkup) {
   std::string name = "x'; system(\"touch pwned\"); `touch pwned` <script>alert(1)</script> & @y $(touch pwned) \\n {/:b} %s";
   name += "\x01\xff";

@@ -20,6 +20,7 @@
 #include "master/report/report.h"
 #include "models/support/error.h"
 #include "tests/master/tune_fixture.h"
+#include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"
@@ -259,7 +260,7 @@ TEST(ReportRecording, GroupsTheElementsOfVectorsAndScalarsOfAKind) {
       "time,drive.q[1],drive.q[2],drive.energy_kinetic,drive.energy_potential,world.contacts,\"a[1,1]\",\"a[1,2]\"\n0,1,2,3,4,"
       "5,6,"
       "7\n",
-      {{{"drive.q", "rad"}, {"drive.energy_kinetic", "J"}, {"drive.energy_potential", "J"}}, {}, {}});
+      {{{"drive.q", "rad"}, {"drive.energy_kinetic", "J"}, {"drive.energy_potential", "J"}}, {}, {}, {}});
   std::vector<std::string> names;
   for (const ColumnGroup& group : r.groups) names.push_back(group.name);
   EXPECT_THAT(names, ElementsAre("drive.q", "drive.energy_…", "world.contacts", "a"));
@@ -292,9 +293,26 @@ TEST(ReportRecording, CountsWhatIsNoNumber) {
   EXPECT_THAT(loaded("time,a\n1,1\n0,2\n2,2\n").notes, ElementsAre(HasSubstr("time goes back in 1 row")));
 }
 
+TEST(ReportRecording, HasTheTimeThatIsFoundByItsNameOrGiven) {
+  EXPECT_EQ(loaded("a,Time\n5,1\n5,2\n").end, 2);
+  EXPECT_THROW(loaded("time_ms,a\n0,1\n"), cotwin::Error);
+  RecordingOptions options;
+  options.time = {"time_ms", 1e-3};
+  EXPECT_DOUBLE_EQ(loaded("time_ms,a\n0,1\n500,1\n", options).end, 0.5);
+}
+
+TEST(ReportRecording, OfWhichNoRowCanBeReadIsAnErrorWithTheReason) {
+  const auto error = [](const std::string& text) { return cotwin::testing::error_of([&] { loaded(text); }); };
+  EXPECT_THAT(error("t;x\n0,01;1,5\n0,02;1,6\n"), HasSubstr(":2: column 't': '0,01' has a decimal comma"));
+  EXPECT_THAT(error("t,x\n2026-11-22T10:00:00,1\n"), HasSubstr("'2026-11-22T10:00:00', expected a number"));
+  EXPECT_THAT(error("t,x\n0,1,2\n1,2,3\n"), HasSubstr(":2: 3 cells"));
+  EXPECT_EQ(loaded("t,x,y\n0,1").rows, 0u);
+}
+
 TEST(ReportRecording, ComputesResidualsOfSignalsThatWereRecorded) {
   Residual r{"error", "rad", "a.q", "b.q", 2, 1, {}, {}}, missing{"other", "", "a.q", "c.q", 1, 0, {}, {}};
-  const LoadedRecording recording = loaded("time,a.q[1],a.q[2],b.q[1],b.q[2]\n0,5,6,1,2\n1,5,9,1,2\n", {{}, {}, {r, missing}});
+  const LoadedRecording recording =
+      loaded("time,a.q[1],a.q[2],b.q[1],b.q[2]\n0,5,6,1,2\n1,5,9,1,2\n", {{}, {}, {r, missing}, {}});
   ASSERT_EQ(recording.residuals.size(), 2u);
   EXPECT_EQ(recording.residuals[0].curves[0].figures().largest(), 2);  // 5 − (2 · 1 + 1)
   EXPECT_EQ(recording.residuals[0].curves[1].figures().last, 4);       // 9 − (2 · 2 + 1)
@@ -492,6 +510,45 @@ TEST(ReportPage, BadInputIsAnErrorThatNamesIt) {
   EXPECT_EQ(over.code, 2);
   EXPECT_THAT(over.err, HasSubstr("is one of the results"));
   EXPECT_EQ(content(folder / "r/signals.csv"), "time,a\n0,1\n");
+}
+
+TEST(ReportPage, ARecordThatIsNotOfTheRecordingIsNamed) {
+  const TemporaryFolder folder("report");
+  const std::string record =
+      R"({"state": "complete", "tick": 0.5, "reached": 2, "rows": 3, "dropped_rows": 0, "recording": {"file": "signals.csv", "every": 2,
+          "columns": [{"name": "time", "elements": 1}, {"name": "a.q", "elements": 2}, {"name": "b", "elements": 1}]}})";
+  folder.write("r/run.json", record);
+  const auto notes_of = [&](const std::string& recording) {
+    folder.write("r/signals.csv", recording);
+    const RunResult report = run_program({"report", folder / "r"});
+    EXPECT_EQ(report.code, 0);
+    if (!report.err.empty()) {
+      EXPECT_THAT(content(folder / "r/report.html"), HasSubstr("run.json does not fit"));
+    }
+    return report.err;
+  };
+  EXPECT_THAT(notes_of("time,a.q[1],a.q[2],b\n0,1,1,1\n1,1,1,1\n2,1,1,1\n"), Not(HasSubstr("fit")));
+  EXPECT_THAT(notes_of("time,a.q[1],a.q[2],b\n0,1,1,1\n1,1,1,1\n"),
+              HasSubstr("note: run.json does not fit signals.csv, which has 2 rows, expected 3"));
+  EXPECT_THAT(notes_of("time,a.q[1],a.q[2],b\n0,1,1,1\n1,1,1,1\n3,1,1,1\n"), HasSubstr("its end at 3 s, expected 2 s"));
+  EXPECT_THAT(notes_of("time,a.q[1],a.q[2],c\n0,1,1,1\n1,1,1,1\n2,1,1,1\n"), HasSubstr("a column 'c', expected one of 'b'"));
+  EXPECT_THAT(notes_of("time,b\n0,1\n1,1\n2,1\n"), HasSubstr("1 column besides the time, expected 3"));
+}
+
+TEST(ReportPage, TellsOfDamagedDataAlsoOnStderr) {
+  const TemporaryFolder folder("report");
+  folder.write("log.csv", "time_ms,a\n0,1\n500,x\n1000,2\n");
+  const RunResult without = run_program({"report", folder / "log.csv"});
+  EXPECT_EQ(without.code, 2);
+  EXPECT_THAT(without.err, HasSubstr("has no column 't', 'time' or 'timestamp', expected one or --t-column NAME"));
+  const RunResult report = run_program({"report", folder / "log.csv", "--t-column", "time_ms", "--time-unit", "ms"});
+  EXPECT_EQ(report.code, 0);
+  EXPECT_THAT(report.err, HasSubstr("cotwin: note: 1 cell is not a number"));
+  const RunResult unknown = run_program({"report", folder / "log.csv", "--t-column", "time_ms", "--signals", "nix*"});
+  EXPECT_EQ(unknown.code, 2);
+  EXPECT_THAT(unknown.err, HasSubstr("--signals: no signal 'nix*'"));
+  fs::create_directories(folder / "r");
+  EXPECT_THAT(run_program({"report", folder / "r", "--time-unit", "ms"}).err, HasSubstr("expected a CSV file"));
 }
 
 TEST(ReportPage, WithoutGnuplotHasTablesAndSaysSo) {

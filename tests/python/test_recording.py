@@ -45,6 +45,17 @@ class Load(Case):
                 r = cotwin.Recording.load(self.write("time,y\n0,1\n1,2\n"[:size]))
                 self.assertEqual(len(r), 0 if size < 11 else 1)
 
+    def test_the_time_is_found_by_its_name_or_given(self):
+        r = cotwin.Recording.load(self.write("q,Timestamp\n5,0\n6,1\n"))
+        self.assertEqual(r.names, ["time", "q"])
+        np.testing.assert_array_equal(r.values, [[0, 5], [1, 6]])
+        file = self.write("time_ms,q\n0,5\n500,6\n")
+        with self.assertError("'t', 'time' or 'timestamp'", "t_column"):
+            cotwin.Recording.load(file)
+        np.testing.assert_array_equal(cotwin.Recording.load(file, t_column="time_ms", time_unit="ms").time, [0, 0.5])
+        with self.assertError("time_unit", "'h'", "s, ms, us, ns"):
+            cotwin.Recording.load(file, t_column="time_ms", time_unit="h")
+
     def test_the_part_of_a_killed_run_is_read(self):
         self.write("time,y\n0,1\n", "signals.csv.part")
         self.assertEqual(len(cotwin.Recording.load(self.folder)), 1)

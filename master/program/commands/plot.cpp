@@ -10,11 +10,11 @@
 #include "master/engine/members.h"
 #include "master/program/commands/commands.h"
 #include "master/program/plot/chart.h"
+#include "master/program/time_options.h"
+#include "master/report/recording.h"
 #include "models/support/atomic_file.h"
-#include "models/support/csv.h"
 #include "models/support/error.h"
 #include "models/support/text.h"
-#include "models/trajectory/columns.h"
 
 namespace cotwin::master {
 
@@ -26,6 +26,7 @@ struct Arguments {
   fs::path results, out;
   std::vector<std::string> patterns;
   std::optional<double> from, to;
+  TimeOptions time;
   std::string title;
   int width = 1000, height = 0;
 };
@@ -55,30 +56,63 @@ std::map<std::string, std::string> units_of(const fs::path& recording) {
   return units;
 }
 
-std::string without_element(const std::string& column) {
-  return column.empty() || column.back() != ']' ? column : column.substr(0, column.rfind('['));
-}
+/// The rows of the chosen signals from `from` to `to`.
+struct Table {
+  std::vector<std::string> names;
+  std::vector<double> t;                     // s
+  std::vector<std::vector<double>> columns;  // NaN: gaps
+};
 
-/// Whether the pattern selects the column, by its own name or by that of its vector.
-bool is_of(const std::string& pattern, const std::string& column) {
-  return glob(pattern, column) || glob(pattern, without_element(column));
+/// Reads only the columns of the patterns. What is left out goes to stderr.
+Table read(const Arguments& a, const fs::path& recording, const trajectory::TimeColumn& time) {
+  report::RowReader rows(recording, time);
+  std::vector<std::size_t> chosen;
+  Table table;
+  for (const std::string& pattern : a.patterns) {
+    bool any = false;
+    for (std::size_t i = 0; i < rows.names().size(); ++i) {
+      if (!report::selects(pattern, rows.names()[i])) continue;
+      any = true;
+      if (std::ranges::find(chosen, i) != chosen.end()) continue;
+      chosen.push_back(i);
+      table.names.push_back(rows.names()[i]);
+    }
+    if (!any) throw report::no_signal(recording.string(), pattern, rows.names());
+  }
+  constexpr std::size_t kMostCurves = 100;
+  if (chosen.size() > kMostCurves)
+    throw Error(recording.string(),
+                std::to_string(chosen.size()) + " signals, expected " + std::to_string(kMostCurves) + " at most in one chart");
+  rows.only(chosen);
+  table.columns.resize(chosen.size());
+  bool any = false;
+  while (rows.next()) {
+    any = true;
+    if (rows.t() < a.from.value_or(rows.t()) || rows.t() > a.to.value_or(rows.t())) continue;
+    table.t.push_back(rows.t());
+    for (std::size_t c = 0; c < chosen.size(); ++c) table.columns[c].push_back(rows.value(chosen[c]));
+  }
+  if (!any) rows.check_that_rows_were_read();
+  for (const std::string& note : rows.notes()) std::cerr << "cotwin: note: " << note << '\n';
+  if (table.t.empty()) throw Error(recording.string(), "has no rows in this time, expected one or more");
+  return table;
 }
 
 /// The panels of a pattern: one per unit of measure.
-std::vector<plot::Panel> panels_of(const std::string& pattern, const csv::Table& table, std::size_t time,
+std::vector<plot::Panel> panels_of(const std::string& pattern, const Table& table,
                                    const std::map<std::string, std::string>& units) {
   std::vector<plot::Panel> panels;
-  for (const std::string& column : table.names) {
-    const std::string variable = without_element(column);
-    if (column == table.names[time] || !is_of(pattern, column)) continue;
+  for (std::size_t c = 0; c < table.names.size(); ++c) {
+    const std::string& column = table.names[c];
+    if (!report::selects(pattern, column)) continue;
     std::string unit;
     if (const auto found = units.find(column); found != units.end())
       unit = found->second;
-    else if (const auto whole = units.find(variable); whole != units.end())
+    else if (const auto whole = units.find(report::vector_of(column)); whole != units.end())
       unit = whole->second;
     auto panel = std::find_if(panels.begin(), panels.end(), [&](const plot::Panel& p) { return p.unit == unit; });
     if (panel == panels.end()) panel = panels.insert(panels.end(), plot::Panel{unit, {}});
-    panel->curves.push_back({column, table.columns[time], table.column(column)});
+    panel->curves.push_back({column, table.t, table.columns[c]});
   }
   return panels;
 }
@@ -98,47 +132,14 @@ int plot_command(const Arguments& a) {
   const fs::path recording = recording_of(a.results);
   const fs::path out = a.out.empty() ? recording.parent_path() / "plot.svg" : a.out;
   const plot::Format format = format_of(out);
-  // Reads only the columns of the patterns.
-  std::vector<std::string> columns, all;
-  {
-    const csv::Reader header(recording);
-    const std::size_t time = trajectory::find_time_column(header, recording.string(), "");
-    all = header.names();
-    columns.push_back(all[time]);
-    all.erase(all.begin() + static_cast<std::ptrdiff_t>(time));
-  }
-  for (const std::string& pattern : a.patterns) {
-    bool any = false;
-    for (const std::string& column : all) {
-      if (!is_of(pattern, column)) continue;
-      any = true;
-      if (std::find(columns.begin(), columns.end(), column) == columns.end()) columns.push_back(column);
-    }
-    if (!any)
-      throw Error(recording.string(), "no signal " + in_quotes(pattern) + suggestion(pattern, all) + "; there are " +
-                                          std::to_string(all.size()) +
-                                          (all.empty() ? "" : ", the first is " + in_quotes(all.front())));
-  }
-  constexpr std::size_t kMostCurves = 100, kMostPanels = 20;
-  if (columns.size() > kMostCurves + 1)
-    throw Error(recording.string(), std::to_string(columns.size() - 1) + " signals, expected " + std::to_string(kMostCurves) +
-                                        " at most in one chart");
-  csv::Table table = csv::load(recording, columns);
-  if (a.from || a.to) {
-    const std::vector<double>& t = table.columns[0];
-    const auto begin = a.from ? std::lower_bound(t.begin(), t.end(), *a.from) - t.begin() : 0;
-    const auto end = a.to ? std::upper_bound(t.begin(), t.end(), *a.to) - t.begin() : static_cast<std::ptrdiff_t>(t.size());
-    for (std::vector<double>& column : table.columns)
-      column = std::vector<double>(column.begin() + begin, column.begin() + std::max(begin, end));
-  }
-  if (table.columns[0].empty()) throw Error(recording.string(), "has no rows in this time, expected one or more");
+  const Table table = read(a, recording, a.time.chosen({&a.results, 1}));
   plot::Chart chart;
   chart.title = a.title.empty() ? a.results.string() : a.title;
   chart.width = a.width;
   chart.height = a.height;
   const std::map<std::string, std::string> units = units_of(recording);
   for (const std::string& pattern : a.patterns) {
-    for (plot::Panel& panel : panels_of(pattern, table, 0, units)) {
+    for (plot::Panel& panel : panels_of(pattern, table, units)) {
       const auto is_finite = [](double y) { return std::isfinite(y); };
       if (std::ranges::none_of(panel.curves, [&](const plot::Curve& c) { return std::ranges::any_of(c.y, is_finite); }))
         throw Error(recording.string(), in_quotes(pattern) + " has no finite value in this time, expected one or more");
@@ -146,6 +147,7 @@ int plot_command(const Arguments& a) {
       chart.panels.push_back(std::move(panel));
     }
   }
+  constexpr std::size_t kMostPanels = 20;
   if (chart.panels.size() > kMostPanels)
     throw Error(recording.string(), std::to_string(chart.panels.size()) + " charts one below the other, expected " +
                                         std::to_string(kMostPanels) + " at most");
@@ -173,6 +175,7 @@ void add_plot(CLI::App& app, Chosen& chosen) {
       ->type_name("FILE");
   command->add_option("--from", all->from, "First time in seconds")->type_name("SECONDS");
   command->add_option("--to", all->to, "Last time in seconds")->type_name("SECONDS");
+  all->time.add_to(*command);
   command->add_option("--title", all->title, "Title (default: RESULTS)")->type_name("TEXT");
   command->add_option("--width", all->width, "Width in pixels")
       ->check(CLI::Range(200, 10000))

@@ -3,6 +3,7 @@
 #include <memory>
 
 #include "master/program/commands/commands.h"
+#include "master/program/time_options.h"
 #include "master/report/report.h"
 #include "models/support/error.h"
 
@@ -20,6 +21,7 @@ void write_report_page(const std::filesystem::path& folder, bool quiet) {
 
 void add_report(CLI::App& app, Chosen& chosen) {
   const auto options = std::make_shared<report::PageOptions>();
+  const auto time = std::make_shared<TimeOptions>();
   CLI::App* command = app.add_subcommand("report", "Write the results of runs and tunings as one HTML page");
   command
       ->add_option("RESULTS", options->results,
@@ -33,10 +35,13 @@ void add_report(CLI::App& app, Chosen& chosen) {
   command->add_option("--signals", options->signals, "Signals to plot, e.g. 'drive.*' (default: all); may be repeated")
       ->type_name("GLOB")
       ->allow_extra_args(false);
-  command->callback([options, &chosen] {
-    chosen = [options] {
+  time->add_to(*command);
+  command->callback([options, time, &chosen] {
+    chosen = [options, time] {
       options->version = COTWIN_VERSION;
+      options->time = time->chosen(options->results);
       const report::WrittenPage page = report::write_page(*options);
+      for (const std::string& note : page.notes) std::cerr << "cotwin: note: " << note << '\n';
       if (!page.lacking.empty()) std::cerr << "cotwin: " << page.lacking << '\n';
       std::cout << "report: " << page.file.string() << '\n';
       return kExitDone;

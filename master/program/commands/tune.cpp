@@ -20,6 +20,7 @@
 #include "models/support/error.h"
 #include "models/support/text.h"
 #include "models/trajectory/axes.h"
+#include "models/trajectory/columns.h"
 
 namespace cotwin::master {
 
@@ -50,7 +51,7 @@ tuning::Settings settings_of(const TuneArguments& a) {
   s.model.motor_inertia = text::choose<bool>("--torques", a.torques, {{"motor", true}, {"joint", false}});
   s.model.offset = !a.no_offset;
   s.model.viscous = !a.no_viscous;
-  s.format.t_unit = text::choose<double>("--time-unit", a.time_unit, {{"s", 1}, {"ms", 1e-3}, {"us", 1e-6}, {"ns", 1e-9}});
+  s.format.t_unit = trajectory::seconds_per("--time-unit", a.time_unit);
   s.format.angle_unit = text::choose<double>("--angle-unit", a.angle_unit, {{"rad", 1}, {"deg", std::numbers::pi / 180}});
   s.format.q_offset = a.q_offset_in_angle_unit;
   if (s.format.angle_unit != 1 && !s.format.q_offset.empty()) {

@@ -16,6 +16,7 @@ from ._native import Error
 if TYPE_CHECKING:
     import pandas
 
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _ELEMENT = re.compile(r"^(.*)\[(\d+)\]$")
 
 
@@ -45,8 +46,11 @@ class Recording:
                 self._columns.setdefault(element[1], []).append(i)
 
     @classmethod
-    def load(cls, place: str | os.PathLike[str]) -> Recording:
-        """Reads signals.csv, or that of a folder of results; any other CSV file of numbers with a header, too.
+    def load(cls, place: str | os.PathLike[str], t_column: str = "", time_unit: str = "s") -> Recording:
+        """Reads signals.csv, or that of a folder of results; any other CSV file of numbers with a header and a time, too.
+
+        t_column   name of the time column, which becomes "time"; "": t, time or timestamp, otherwise an Error
+        time_unit  of that column: s, ms, us or ns
 
         The signals.csv.part of a run that was killed is read where there is no signals.csv. A file that ends within a row
         gives a RuntimeWarning and a recording without that row.
@@ -55,7 +59,9 @@ class Recording:
         if file.is_dir():
             candidates = [file / "signals.csv", file / "signals.csv.part"]
             file = next((one for one in candidates if one.exists()), candidates[0])
-        table = _native.load_table(file)
+        if time_unit not in _SECONDS:
+            raise Error(f"time_unit: '{time_unit}', expected one of {', '.join(_SECONDS)}")
+        table = _native.load_table(file, t_column, _SECONDS[time_unit])
         if table.cut:
             warnings.warn(f"{file} ends within a row, which is left out", RuntimeWarning, stacklevel=2)
         return cls(table.names, table.values, table.cut)

@@ -166,6 +166,49 @@ TEST_F(Page, RunsNothingFromNamesAndShowsWhatIsLeftOfARecording) {
   check(json::array({left, empty}));
 }
 
+TEST_F(Page, TellsWhereScenarioRecordingAndRecordAreNoLongerThoseOfTheRun) {
+  fs::copy(root_ / "models/robots/planar2/robot.urdf", folder_ / "arm.urdf");
+  folder_.write("twin.ssd", R"(<?xml version="1.0"?>
+<SystemStructureDescription xmlns="http://ssp-standard.org/SSP1/SystemStructureDescription" version="1.0" name="arm">
+  <System name="arm"><Elements><Component name="drive" type="application/x-cotwin-unit" source="unit:drive_train?robot=arm.urdf">
+  </Component></Elements></System>
+  <DefaultExperiment startTime="0" stopTime="0.1"/>
+</SystemStructureDescription>)");
+  ASSERT_EQ(cotwin({"run", "twin.ssd", "--out", "r", "--quiet"}).code, 0);
+  EXPECT_EQ(cotwin({"view", "r", "--no-open"}).err, "");
+  const std::string urdf = cotwin::testing::content(folder_ / "arm.urdf");
+  folder_.write("arm.urdf", urdf + "\n");
+  const RunResult changed = cotwin({"view", "r", "--no-open"});
+  EXPECT_EQ(changed.code, 0);
+  EXPECT_THAT(changed.err, HasSubstr("twin.ssd, or a file that it names (URDF, scene, CSV), is not as it was in the run"));
+  EXPECT_THAT(cotwin::testing::content(folder_ / "r/view.html"), HasSubstr("is not as it was in the run"));
+  fs::copy_file(root_ / "models/robots/lwr4/robot.urdf", folder_ / "arm.urdf", fs::copy_options::overwrite_existing);
+  EXPECT_THAT(cotwin({"view", "r", "--no-open"}).err,
+              HasSubstr("2 elements of drive.q are recorded, the robot has 7 joints now, so it stands still"));
+  folder_.write("arm.urdf", urdf);
+  folder_.write("r/signals.csv", "time,drive.q[1],drive.q[2]\n0,0,0\n0.3,0,0\n");
+  const RunResult other = cotwin({"view", "r", "--no-open"});
+  EXPECT_EQ(other.code, 0);
+  EXPECT_THAT(other.err, HasSubstr("note: run.json does not fit signals.csv, which has "));
+  EXPECT_THAT(other.err, HasSubstr("its end at 0.3 s, expected 0.1 s"));
+}
+
+TEST_F(Page, TakesPatternsAndElementsForItsPlots) {
+  folder_.write("log.csv", "time_ms,a.q[1],a.q[2],a.x,b\n0,1,2,3,4\n1,1,2,3,4\n");
+  const std::vector<std::string> view = {"view", "log.csv", "--no-open", "--t-column", "time_ms", "--time-unit", "ms"};
+  const auto with = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), view.begin(), view.end());
+    return cotwin(more);
+  };
+  ASSERT_EQ(with({"--plot", "a.q[2]"}).code, 0);
+  EXPECT_THAT(cotwin::testing::content(folder_ / "view.html"), HasSubstr(R"("plots":["a.q"])"));
+  ASSERT_EQ(with({"--plot", "a.*"}).code, 0);
+  EXPECT_THAT(cotwin::testing::content(folder_ / "view.html"), HasSubstr(R"("plots":["a.q","a.x"])"));
+  EXPECT_EQ(with({"--plot", "c.*"}).code, 2);
+  EXPECT_EQ(cotwin({"view", "log.csv", "--no-open"}).code, 2);
+  EXPECT_THAT(cotwin({"view", "log.csv", "--no-open", "--time-unit", "h"}).err, HasSubstr("--time-unit: 'h', expected"));
+}
+
 TEST_F(Page, ShowsMeshesAndLeavesOutWhatIsNone) {
   const auto facet = [](const std::string& a, const std::string& b, const std::string& c) {
     return "facet normal 0 0 0\nouter loop\nvertex " + a + "\nvertex " + b + "\nvertex " + c + "\nendloop\nendfacet\n";

@@ -181,6 +181,28 @@ TEST(Recorded, ShowsWhatIsNoNumberAsGapsAndLeavesOutTimesThatGoBack) {
   EXPECT_THAT(recorded.remarks, ElementsAre(HasSubstr("3 rows left out"), HasSubstr("no number")));
 }
 
+TEST(Recorded, HasTheTimeThatIsFoundByItsNameOrGiven) {
+  const TemporaryFile second("x,Time\n5,0.5\n");
+  EXPECT_THAT(load_recorded(second.path()).time, ElementsAre(500'000'000));
+  const TemporaryFile ms("time_ms,x\n0,1\n20,2\n");
+  EXPECT_THAT(error_of([&] { load_recorded(ms.path()); }),
+              HasSubstr("has no column 't', 'time' or 'timestamp', expected one or --t-column NAME"));
+  EXPECT_THAT(load_recorded(ms.path(), {}, {"time_ms", 1e-3}).time, ElementsAre(0, 20'000'000));
+}
+
+TEST(Recorded, OfWhichNoRowCanBeReadIsAnErrorWithTheReason) {
+  const TemporaryFile comma("t;x\n0,01;1,5\n0,02;1,6\n");
+  EXPECT_THAT(error_of([&] { load_recorded(comma.path()); }), HasSubstr(":2: column 't': '0,01' has a decimal comma"));
+  const TemporaryFile iso("t,x\n2026-11-22T10:00:00,1\n2026-11-22T10:00:01,2\n");
+  EXPECT_THAT(error_of([&] { load_recorded(iso.path()); }), HasSubstr("'2026-11-22T10:00:00', expected a number"));
+  const TemporaryFile late("t,x\n1e9,1\n");
+  EXPECT_THAT(error_of([&] { load_recorded(late.path()); }), HasSubstr("expected a time of at most 1e"));
+  const TemporaryFile cells("t,x\n0,1,2\n1,2,3\n");
+  EXPECT_THAT(error_of([&] { load_recorded(cells.path()); }), HasSubstr(":2: 3 cells"));
+  const TemporaryFile cut("t,x,y\n0,1");
+  EXPECT_THAT(load_recorded(cut.path()).remarks, ElementsAre(HasSubstr("cut short")));
+}
+
 TEST(Recorded, WithoutColumnsOrContentIsAnError) {
   EXPECT_THAT(error_of([] { load_recorded(TemporaryFile("time\n0\n").path()); }), HasSubstr("besides the time"));
   EXPECT_NE(error_of([] { load_recorded(TemporaryFile("").path()); }), "");

@@ -1,0 +1,31 @@
+#include "master/program/time_options.h"
+
+#include <algorithm>
+
+#include "models/support/error.h"
+
+namespace cotwin::master {
+
+namespace fs = std::filesystem;
+
+void TimeOptions::add_to(CLI::App& command) {
+  command.add_option("--t-column", column, "Name of the time column of a CSV file (default: t, time or timestamp)")
+      ->type_name("NAME");
+  command.add_option("--time-unit", unit, "Unit of the time in a CSV file: s, ms, us or ns")
+      ->type_name("")
+      ->capture_default_str();
+}
+
+trajectory::TimeColumn TimeOptions::chosen(std::span<const fs::path> places) const {
+  const trajectory::TimeColumn time{column, trajectory::seconds_per("--time-unit", unit)};
+  const auto is_folder = [](const fs::path& place) {
+    std::error_code none;
+    return fs::is_directory(place, none);
+  };
+  if ((!column.empty() || time.unit != 1) && std::ranges::all_of(places, is_folder))
+    throw Error(column.empty() ? "--time-unit" : "--t-column",
+                places.front().string() + " is a folder with the results of a run, whose time is known; expected a CSV file");
+  return time;
+}
+
+}  // namespace cotwin::master

@@ -1,0 +1,21 @@
+#pragma once
+#include <CLI/CLI.hpp>
+#include <filesystem>
+#include <span>
+#include <string>
+
+#include "models/trajectory/columns.h"
+
+/// Options of commands that read recordings: which column is the time, and its unit.
+namespace cotwin::master {
+
+struct TimeOptions {
+  std::string column, unit = "s";  // of --t-column and --time-unit
+
+  /// Adds --t-column and --time-unit, which set this object.
+  void add_to(CLI::App& command);
+  /// What was given, for these places. Throws Error for a unit that is none, and if something was given and all places are folders.
+  trajectory::TimeColumn chosen(std::span<const std::filesystem::path> places) const;
+};
+
+}  // namespace cotwin::master
