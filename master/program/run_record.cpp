@@ -159,7 +159,8 @@ RunRecord::RunRecord(Given given, const Master& master) : file_(std::move(given.
   j["scenario"] = {{"name", scenario.name},
                    {"file", scenario.file.string()},
                    {"folder", std::filesystem::current_path().string()},
-                   {"hash", hexadecimal(given.scenario)}};
+                   {"hash", hexadecimal(given.scenario)},
+                   {"files_hash", hexadecimal(given.files)}};
   j["begun"] = utc_now();
   if (given.resumed_at) j["resumed_at"] = *given.resumed_at;
   j["process"] = ::getpid();

@@ -18,6 +18,7 @@ class RunRecord {
     std::filesystem::path file;  // run.json
     Build build;
     std::uint64_t scenario = 0;                  // hash_of(Scenario)
+    std::uint64_t files = 0;                     // the same of the scenario as its file has it, without options of the command
     std::vector<std::string> set;                // --set
     std::vector<std::string> events, waypoints;  // --event, --waypoints
     std::filesystem::path results;               // signals.csv; empty if nothing is recorded

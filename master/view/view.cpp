@@ -101,6 +101,12 @@ std::optional<Scenario> find_scenario(const ViewOptions& options, const Results&
   if (file.empty()) return std::nullopt;
   try {
     Scenario scenario = load_scenario(file);
+    const std::string hash = text_of(results.record, {"scenario", "files_hash"});
+    if (!hash.empty() && hash != hexadecimal(hash_of(scenario)))
+      remarks.push_back(
+          "the scenario " + file.string() +
+          ", or a file that it names (URDF, scene, CSV), is not as it was in the run; robots and bodies are shown as they "
+          "are now");
     if (results.record.contains("set") && results.record["set"].is_array()) {
       for (const Json& assignment : results.record["set"]) {
         if (assignment.is_string()) assign(scenario, assignment.get<std::string>(), types);
@@ -108,12 +114,6 @@ std::optional<Scenario> find_scenario(const ViewOptions& options, const Results&
     }
     if (results.record.contains("stop") && results.record["stop"].is_number())
       scenario.stop = Time::from_seconds(results.record["stop"].get<double>());
-    const std::string hash = text_of(results.record, {"scenario", "hash"});
-    if (!hash.empty() && hash != hexadecimal(hash_of(scenario)))
-      remarks.push_back("the scenario " + file.string() +
-                        ", or a file that it names (URDF, scene, CSV), is not as it was in the run, or the run had options as "
-                        "--record, --event "
-                        "or --waypoints; robots and bodies are shown as they are now");
     return scenario;
   } catch (const Error& error) {
     if (!options.scenario.empty()) throw;

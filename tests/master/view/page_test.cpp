@@ -176,6 +176,11 @@ TEST_F(Page, TellsWhereScenarioRecordingAndRecordAreNoLongerThoseOfTheRun) {
 </SystemStructureDescription>)");
   ASSERT_EQ(cotwin({"run", "twin.ssd", "--out", "r", "--quiet"}).code, 0);
   EXPECT_EQ(cotwin({"view", "r", "--no-open"}).err, "");
+  // Options of the run are no changes of its files.
+  const RunResult optioned = cotwin({"run", "twin.ssd", "--out", "o", "--quiet", "--record", "drive.q", "--set",
+                                     "drive.q0=0.1 0", "--event", "t=0.01 drive.tau_m=1 0", "--stop", "0.05"});
+  ASSERT_EQ(optioned.code, 0) << optioned.err;
+  EXPECT_EQ(cotwin({"view", "o", "--no-open"}).err, "");
   const std::string urdf = cotwin::testing::content(folder_ / "arm.urdf");
   folder_.write("arm.urdf", urdf + "\n");
   const RunResult changed = cotwin({"view", "r", "--no-open"});
