@@ -362,8 +362,9 @@ int run_scenario(RunArguments arguments) {
            {ResultsFolder::kSummary, ResultsFolder::kCheckpoint, ResultsFolder::kHistory, ResultsFolder::kPage})
         fs::remove(out / name);
     }
-    RunRecord::Given given{out / ResultsFolder::kRecord, build, hash, hash_of(load_scenario(arguments.file)), arguments.set, arguments.events,
-                           arguments.waypoints,          {},    {}};
+    RunRecord::Given given{
+        out / ResultsFolder::kRecord, build, hash, hash_of(load_scenario(arguments.file)), arguments.set, arguments.events,
+        arguments.waypoints,          {},    {}};
     if (!master->columns().empty()) given.results = out / ResultsFolder::kSignals;
     if (earlier) given.resumed_at = master->now().seconds();
     record.emplace(std::move(given), *master);
