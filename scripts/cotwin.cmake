@@ -13,13 +13,27 @@ set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/bin)
 if(NOT CMAKE_BUILD_TYPE)
   set(CMAKE_BUILD_TYPE Release CACHE STRING "" FORCE)
 endif()
+# Most of the time of a compilation goes into headers and templates, which files of one library share.
+option(COTWIN_UNITY "compile the sources of a library together, up to 16 at a time; OFF compiles each alone, which is quicker after a change of one file" ON)
+set(CMAKE_UNITY_BUILD ${COTWIN_UNITY})
+set(CMAKE_UNITY_BUILD_BATCH_SIZE 16)
+if(COTWIN_UNITY)   # so that the linker still leaves out what an exported unit does not need
+  add_compile_options(-ffunction-sections -fdata-sections)
+  if(WIN32)
+    add_compile_options(-Wa,-mbig-obj)   # more than 2^15 sections in an object
+  endif()
+endif()
 
 add_library(cotwin_settings INTERFACE)
 add_library(cotwin::settings ALIAS cotwin_settings)
 set_target_properties(cotwin_settings PROPERTIES EXPORT_NAME settings)
 target_include_directories(cotwin_settings INTERFACE $<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}> $<INSTALL_INTERFACE:include/cotwin>)
 target_compile_features(cotwin_settings INTERFACE cxx_std_20)
-target_compile_options(cotwin_settings INTERFACE $<BUILD_INTERFACE:-Wall;-Wextra;-Wconversion;-Wshadow;$<$<BOOL:${COTWIN_WERROR}>:-Werror>>)
+set(cotwin_shadow -Wshadow)
+if(COTWIN_UNITY AND CMAKE_CXX_COMPILER_ID STREQUAL GNU)   # names may be those of another file; all are in one object
+  set(cotwin_shadow -Wshadow=local -Wno-subobject-linkage)
+endif()
+target_compile_options(cotwin_settings INTERFACE $<BUILD_INTERFACE:-Wall;-Wextra;-Wconversion;${cotwin_shadow};$<$<BOOL:${COTWIN_WERROR}>:-Werror>>)
 if(NOT CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")   # fused multiply-add changes bits: only the kernels (models/robot) use it
   target_compile_options(cotwin_settings INTERFACE -ffp-contract=off)
 endif()
@@ -46,6 +60,7 @@ function(cotwin_library)
   file(RELATIVE_PATH path ${PROJECT_SOURCE_DIR} ${CMAKE_CURRENT_SOURCE_DIR})
   string(REPLACE "/" "_" name ${path})
   cmake_path(GET path FILENAME short)
+  set(host "")
   if(COTWIN_FMUS_ONLY)
     cotwin_left_out(why ${arg_PUBLIC} ${arg_PRIVATE})
     if(why)
@@ -58,18 +73,35 @@ function(cotwin_library)
       string(REGEX MATCH "\\.cpp$" source ${item})
       if(source)
         list(APPEND arg_SOURCES ${item})
+        list(APPEND host ${item})
       else()
         list(APPEND arg_PRIVATE ${item})
       endif()
     endforeach()
   endif()
   add_library(cotwin_${name} STATIC ${arg_SOURCES})
+  set(number 0)
+  foreach(source IN LISTS arg_SOURCES)   # sources for the host are compiled apart: they need libraries that exported units do not have
+    math(EXPR group "${number} / 16")
+    if(source IN_LIST host)
+      set(group host${group})
+    endif()
+    set_property(SOURCE ${source} PROPERTY UNITY_GROUP ${group})
+    math(EXPR number "${number} + 1")
+  endforeach()
+  set_target_properties(cotwin_${name} PROPERTIES UNITY_BUILD_MODE GROUP)
   add_library(cotwin::${short} ALIAS cotwin_${name})
   set_target_properties(cotwin_${name} PROPERTIES EXPORT_NAME ${short})
-  if(path MATCHES "^(models/|components/(unit|bus)|fmu)")   # what units are built with, inside and outside of this tree
+  if(path MATCHES "^(models/|components/(unit|bus|services|robot_files)|fmu)")   # what units are built with, inside and outside of this tree
     set_property(GLOBAL APPEND PROPERTY COTWIN_LIBRARIES_FOR_UNITS cotwin_${name})
   endif()
   target_link_libraries(cotwin_${name} PUBLIC cotwin_settings ${arg_PUBLIC} PRIVATE ${arg_PRIVATE})
+endfunction()
+
+# cotwin_light(target): the target's speed is not noticed beside that of the rest: commands, reports, pages, JSON. -O1 compiles in four fifths of
+# the time of -O3.
+function(cotwin_light target)
+  target_compile_options(${target} PRIVATE $<$<CONFIG:Release>:-O1>)
 endfunction()
 
 # cotwin_left_out(out targets…): sets `out` to the first target that is missing, or for which one of the targets is left out; else to "".
@@ -137,46 +169,64 @@ function(cotwin_unit_table table)
   target_link_libraries(cotwin_${table} PUBLIC cotwin_settings cotwin::unit PRIVATE ${libraries})
 endfunction()
 
-# cotwin_test(name SOURCES … LINK … [THREADS pattern…] [TOGETHER pattern…] [LONG] [LONG_TESTS pattern…] [SERIAL] [CLOCK]): one GoogleTest program;
-# every TEST in it is a CTest test of its own. THREADS: tests that match one of the patterns also run under the thread sanitizer. TOGETHER: the
-# tests that match a pattern are one CTest test, run by one process, and those that match none are another: for hundreds of quick tests, and for
-# tests that share a costly set-up. The output names each test that fails. LONG: not built with the address sanitizer, because tests that cost
-# less run the same code there: property tests of the units, scenarios, files of others. LONG_TESTS: the same for the tests that match a pattern
-# (not with TOGETHER). SERIAL: no other test runs at the same time. CLOCK: several processes held to the wall clock (scripts/tests.sh).
+# cotwin_test(name SOURCES … LINK … [THREADS pattern…] [TOGETHER pattern…] [LONG pattern…] [CLOCK pattern…] [SERIAL] [NOT_SANITIZED reason]): one
+# GoogleTest program; every TEST in it is a CTest test of its own. Patterns are those of --gtest_filter.
+# THREADS: these tests also run under the thread sanitizer. TOGETHER: the tests that match a pattern are one CTest test, run by one process, and
+# those that match none are another: for hundreds of quick tests, and for tests that share a costly set-up; the output names each test that fails.
+# LONG: these tests take more than 10 s of processor time; label `long`. CLOCK: these tests read a clock, sleep or hold several processes to the wall
+# clock; label `clock` (scripts/tests.sh). LONG and CLOCK tests are CTest tests of their own also with TOGETHER.
+# SERIAL: no other test runs at the same time. NOT_SANITIZED: the program is not built with the address sanitizer, for the reason given; there it
+# counts as one skipped test, and the output names it.
 function(cotwin_test name)
-  if(NOT COTWIN_TESTS)
+  cmake_parse_arguments(arg "SERIAL" "NOT_SANITIZED" "SOURCES;LINK;THREADS;TOGETHER;LONG;CLOCK" ${ARGN})
+  cotwin_in_rooms(in_rooms)
+  if(NOT COTWIN_TESTS OR NOT in_rooms)
     return()
   endif()
-  cmake_parse_arguments(arg "LONG;SERIAL;CLOCK" "" "SOURCES;LINK;THREADS;TOGETHER;LONG_TESTS" ${ARGN})
+  set(all "")     # the filter of all tests
+  set(time 600)   # s
+  set(time_together 1800)
   if(COTWIN_SANITIZE STREQUAL "thread")
     if(NOT arg_THREADS)
       return()
     endif()
-  elseif(COTWIN_SANITIZE AND arg_LONG)
-    return()
-  endif()
-  set(labels "")
-  if(arg_CLOCK)
-    set(labels LABELS clock)
-  endif()
-  set(filter "")
-  if(COTWIN_SANITIZE STREQUAL "thread")
     list(APPEND arg_SOURCES ${PROJECT_SOURCE_DIR}/tests/support/thread_sanitizer.cpp)
-    list(JOIN arg_THREADS ":" filter)
-  elseif(COTWIN_SANITIZE AND arg_LONG_TESTS)
-    list(JOIN arg_LONG_TESTS ":" filter)
-    set(filter "-${filter}")
+    if(NOT "*" IN_LIST arg_THREADS)   # a filter cannot select the tests that match two patterns: no labels
+      list(JOIN arg_THREADS ":" all)
+      set(arg_CLOCK "")
+      set(arg_LONG "")
+    endif()
+  elseif(COTWIN_SANITIZE)
+    if(arg_NOT_SANITIZED)
+      cotwin_skipped_test(${name} "${arg_NOT_SANITIZED}")
+      return()
+    endif()
+    set(time 1800)
+    set(time_together 2400)
   endif()
   add_executable(${name} ${arg_SOURCES})
   target_link_libraries(${name} PRIVATE cotwin_settings ${arg_LINK} cotwin::places GTest::gtest_main GTest::gmock)
   target_compile_options(${name} PRIVATE $<$<CONFIG:Release>:-O1>)   # compiles in two thirds of the time of -O3
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
-  if(NOT arg_TOGETHER)
-    gtest_discover_tests(${name} DISCOVERY_TIMEOUT 120 TEST_FILTER "${filter}" PROPERTIES TIMEOUT 600 RUN_SERIAL ${arg_SERIAL} ${labels})
+
+  if(arg_CLOCK)
+    cotwin_filter(filter "${arg_CLOCK}" "")
+    cotwin_discover_tests(clock "${filter}")
+  endif()
+  if(arg_LONG)
+    cotwin_filter(filter "${arg_LONG}" "${arg_CLOCK}")
+    cotwin_discover_tests(long "${filter}")
+  endif()
+  if("*" IN_LIST arg_CLOCK OR "*" IN_LIST arg_LONG)
     return()
   endif()
-  if(filter)
-    set(filters ${filter})
+  if(NOT arg_TOGETHER)
+    cotwin_filter(filter "${all}" "${arg_CLOCK};${arg_LONG}")
+    cotwin_discover_tests("" "${filter}")
+    return()
+  endif()
+  if(all)
+    set(filters ${all})
   else()
     set(filters ${arg_TOGETHER})
     if(NOT "*" IN_LIST filters)
@@ -184,21 +234,88 @@ function(cotwin_test name)
       list(APPEND filters "-${others}")
     endif()
   endif()
-  foreach(filter IN LISTS filters)
-    add_test(NAME "${name}(${filter})" COMMAND ${name} --gtest_brief=1 "--gtest_filter=${filter}")
-    set_tests_properties("${name}(${filter})" PROPERTIES TIMEOUT 1800 RUN_SERIAL ${arg_SERIAL} ${labels})
+  foreach(together IN LISTS filters)
+    cotwin_filter(filter "${together}" "${arg_CLOCK};${arg_LONG}")
+    add_test(NAME "${name}(${together})" COMMAND ${name} --gtest_brief=1 "--gtest_filter=${filter}")
+    set_tests_properties("${name}(${together})" PROPERTIES TIMEOUT ${time_together} RUN_SERIAL ${arg_SERIAL} COST 50)
   endforeach()
 endfunction()
 
-# cotwin_benchmark(name SOURCES … LINK …): a program that prints one JSON object per line (tests/benchmarks/measure.h).
+# For cotwin_test: each test of the program that matches the filter is a CTest test. Those that take long begin first.
+macro(cotwin_discover_tests label filter)
+  set(properties TIMEOUT ${time} RUN_SERIAL ${arg_SERIAL})
+  if(NOT "${label}" STREQUAL "")
+    list(APPEND properties LABELS ${label})
+  endif()
+  if("${label}" STREQUAL "long")
+    list(APPEND properties COST 100)
+  endif()
+  gtest_discover_tests(${name} DISCOVERY_TIMEOUT 120 TEST_FILTER "${filter}" PROPERTIES ${properties})
+endmacro()
+
+# cotwin_filter(out patterns without): the filter of GoogleTest for the tests that match one of the patterns, or any test where there is none, but
+# no pattern of `without`.
+function(cotwin_filter out patterns without)
+  list(JOIN patterns ":" filter)
+  list(REMOVE_ITEM without "")
+  list(JOIN without ":" without)
+  if(without AND filter MATCHES "-")
+    string(APPEND filter ":${without}")
+  elseif(without)
+    string(APPEND filter "-${without}")
+  endif()
+  set(${out} "${filter}" PARENT_SCOPE)
+endfunction()
+
+# cotwin_in_rooms(out): whether the current folder below tests/ is one of COTWIN_TEST_ROOMS.
+function(cotwin_in_rooms out)
+  file(RELATIVE_PATH path ${PROJECT_SOURCE_DIR}/tests ${CMAKE_CURRENT_SOURCE_DIR})
+  string(REGEX REPLACE "/.*" "" room "${path}")
+  if(room STREQUAL "")
+    set(room tests)
+  endif()
+  if(NOT COTWIN_TEST_ROOMS OR room IN_LIST COTWIN_TEST_ROOMS)
+    set(${out} TRUE PARENT_SCOPE)
+  else()
+    set(${out} FALSE PARENT_SCOPE)
+  endif()
+endfunction()
+
+# cotwin_skipped_test(name reason): a test that this build leaves out. It counts as skipped, and the output names the reason. Nothing under the
+# thread sanitizer, which is only for tests that have threads.
+function(cotwin_skipped_test name reason)
+  cotwin_in_rooms(in_rooms)
+  if(COTWIN_TESTS AND in_rooms AND NOT COTWIN_SANITIZE STREQUAL "thread")
+    add_test(NAME ${name} COMMAND ${CMAKE_COMMAND} -E echo "skipped: ${reason}")
+    set_tests_properties(${name} PROPERTIES SKIP_REGULAR_EXPRESSION "skipped:")
+  endif()
+endfunction()
+
+# cotwin_benchmark(name SOURCES … LINK … [NEEDS PREFIX package…]): a program that prints one JSON object per line (tests/benchmarks/measure.h).
+# NEEDS: pairs of a prefix and a Debian package; where PREFIX_FOUND is not set, the program is left out with the package as reason.
 function(cotwin_benchmark name)
   if(NOT COTWIN_BENCHMARKS)
     return()
   endif()
-  cmake_parse_arguments(arg "" "" "SOURCES;LINK" ${ARGN})
+  cmake_parse_arguments(arg "" "" "SOURCES;LINK;NEEDS" ${ARGN})
+  while(arg_NEEDS)
+    list(POP_FRONT arg_NEEDS prefix package)
+    if(NOT ${prefix}_FOUND)
+      cotwin_benchmark_left_out(${name} "${package} is not installed")
+      return()
+    endif()
+  endwhile()
   add_executable(${name} ${arg_SOURCES})
   target_link_libraries(${name} PRIVATE cotwin_settings ${arg_LINK} cotwin::places)
   set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/benchmarks)
+endfunction()
+
+# cotwin_benchmark_left_out(name reason): `report` names the benchmark as skipped.
+function(cotwin_benchmark_left_out name reason)
+  if(COTWIN_BENCHMARKS)
+    message(STATUS "benchmark ${name} is left out: ${reason}")
+    file(APPEND ${CMAKE_BINARY_DIR}/benchmarks/left_out.txt "${name}: ${reason}\n")
+  endif()
 endfunction()
 
 # cotwin_fuzz(name SOURCES … LINK …): a libFuzzer program; with any compiler but clang, or without COTWIN_FUZZ, nothing.

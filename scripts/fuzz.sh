@@ -2,8 +2,10 @@
 # Builds the fuzz targets with clang, address and undefined sanitizers, and runs each for SECONDS: scripts/fuzz.sh [SECONDS [NAME…]]
 # Starts from tests/fuzz/corpus/<name>; new inputs are kept below build/fuzz. FUZZ_SEED: seed of the random numbers; 0 or none: a new one each time.
 # With FUZZ_RUNS each target reads that many inputs instead, for at most 45 s: the same mutations of its corpus each time.
+# The last line is `N passed, N failed, 0 skipped`, in targets.
 set -euo pipefail
 cd "$(dirname "$0")/.."
+source scripts/counts.sh
 export FUZZ_RUNS=${FUZZ_RUNS:-0}
 seconds=${1:-60}
 shift || true
@@ -24,10 +26,12 @@ fuzz_one() {
     "$corpus" "tests/fuzz/corpus/$name" >"$log" 2>&1; then
     tail -n 60 "$log" >&2
     echo "fuzzing $name failed; the input is in build/fuzz" >&2
+    add_counts 0 1 0
     return 1
   fi
   if ((FUZZ_RUNS > 0)); then rm -rf "$corpus"; fi
   echo "$name: $(grep '^Done' "$log")"
+  add_counts 1 0 0
 }
 export -f fuzz_one
 

@@ -1,5 +1,5 @@
 # What `cmake --install` puts in place, and the Debian packages that `cpack` makes. Everything is relative to the prefix; an installed
-# program finds its files relative to itself (models/support/installation.h).
+# program finds its files relative to itself (models/foundation/support/installation.h).
 #   component cotwin      the program, the shared library, robots, scenes, libraries of FMUs, examples, licences
 #   component cotwin-dev  headers, static libraries and cotwinConfig.cmake, for find_package(cotwin)
 #   component cotwin-python  the package `cotwin` for Python, if it is built
@@ -43,7 +43,7 @@ install(EXPORT cotwin NAMESPACE cotwin:: DESTINATION ${cmake_folder} FILE cotwin
 install(FILES master/api/cotwin.h DESTINATION include/cotwin COMPONENT cotwin-dev)
 set(headers FILES_MATCHING PATTERN "*.h" PATTERN robots EXCLUDE PATTERN scenes EXCLUDE PATTERN kernels EXCLUDE)
 install(DIRECTORY models fmu DESTINATION include/cotwin COMPONENT cotwin-dev ${headers})
-install(DIRECTORY components/unit components/bus DESTINATION include/cotwin/components COMPONENT cotwin-dev ${headers})
+install(DIRECTORY components/unit components/bus components/robot_files components/services DESTINATION include/cotwin/components COMPONENT cotwin-dev ${headers})
 
 include(CMakePackageConfigHelpers)
 get_property(unit_interface GLOBAL PROPERTY COTWIN_UNIT_INTERFACE)

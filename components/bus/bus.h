@@ -12,7 +12,7 @@
 
 #include "components/bus/queue.h"
 #include "components/bus/wake.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 /// Messages between threads: topics that are published and subscribed. Publishing never blocks and never allocates; waiting never
 /// polls. Signals whose readers come and go: feed.h. Requests with replies: service.h.

@@ -1,5 +1,5 @@
 #pragma once
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::bus {
 

@@ -13,7 +13,7 @@
 #include <utility>
 
 #include "components/bus/wake.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::bus {
 

@@ -7,8 +7,8 @@
 #include <utility>
 
 #include "components/bus/errors.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::bus {
 

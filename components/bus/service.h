@@ -14,7 +14,7 @@
 
 #include "components/bus/queue.h"
 #include "components/bus/wake.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::bus {
 

@@ -9,7 +9,7 @@
 #include <random>
 #include <utility>
 
-#include "models/support/bytes.h"
+#include "models/foundation/support/bytes.h"
 
 namespace cotwin::bus {
 

@@ -2,7 +2,7 @@
 
 #include <utility>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::bus {
 

@@ -7,9 +7,9 @@
 #include <set>
 #include <utility>
 
-#include "models/support/bytes.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::bus {
 

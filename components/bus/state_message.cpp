@@ -9,7 +9,7 @@ static_assert(std::endian::native == std::endian::little, "messages hold values 
 
 namespace {
 
-constexpr std::uint32_t kMagic = 0x54535443;  // "CTST"
+constexpr std::uint32_t kStateMagic = 0x54535443;  // "CTST"
 
 template <class T>
 T read_at(std::span<const std::byte> bytes, std::size_t place) {
@@ -40,7 +40,8 @@ bool runs_fit(std::span<const std::byte> payload, std::uint32_t runs, std::size_
 }  // namespace
 
 std::uint8_t state_wire_format(std::span<const std::byte> bytes) {
-  return bytes.size() >= 5 && read_at<std::uint32_t>(bytes, 0) == kMagic ? read_at<std::uint8_t>(bytes, 4) : std::uint8_t{0};
+  return bytes.size() >= 5 && read_at<std::uint32_t>(bytes, 0) == kStateMagic ? read_at<std::uint8_t>(bytes, 4)
+                                                                              : std::uint8_t{0};
 }
 
 bool decode(std::span<const std::byte> bytes, std::uint64_t layout, std::size_t image_bytes, StateMessage& m) {
@@ -81,7 +82,7 @@ void write_runs(const StateMessage& update, std::span<std::byte> image) {
 }
 
 void write_header(std::span<std::byte> to, const StateMessage& m, std::size_t payload_bytes) {
-  write_at<std::uint32_t>(to, 0, kMagic);
+  write_at<std::uint32_t>(to, 0, kStateMagic);
   write_at<std::uint8_t>(to, 4, kStateWireFormat);
   write_at<std::uint8_t>(to, 5, static_cast<std::uint8_t>(m.kind));
   write_at<std::uint16_t>(to, 6, 0);

@@ -10,11 +10,11 @@ namespace cotwin::bus {
 
 namespace {
 
-constexpr std::uint32_t kMagic = 0x52465443;  // "CTFR"
-constexpr int kMostDropped = 10'000;          // datagrams at a restart, in case a sender never stops
+constexpr std::uint32_t kFrameMagic = 0x52465443;  // "CTFR"
+constexpr int kMostDropped = 10'000;               // datagrams at a restart, in case a sender never stops
 
 struct FragmentHeader {
-  std::uint32_t magic = kMagic, message = 0;
+  std::uint32_t magic = kFrameMagic, message = 0;
   std::uint16_t index = 0, count = 0;
   std::uint32_t bytes = 0;
 };
@@ -105,7 +105,8 @@ std::span<const std::byte> UdpTransport::take_fragment(std::span<const std::byte
   if (datagram.size() < kHeader) return damaged();
   std::memcpy(&h, datagram.data(), kHeader);
   const std::span<const std::byte> part = datagram.subspan(kHeader);
-  if (h.magic != kMagic || h.count > kMaxFragments || h.index >= h.count || h.count != fragments_of(h.bytes)) return damaged();
+  if (h.magic != kFrameMagic || h.count > kMaxFragments || h.index >= h.count || h.count != fragments_of(h.bytes))
+    return damaged();
   const std::size_t offset = h.index * kFragment;
   if (part.size() != std::min<std::size_t>(kFragment, h.bytes - offset)) return damaged();
   if (h.count == 1) return part;

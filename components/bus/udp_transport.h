@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "components/bus/transport.h"
-#include "models/net/udp_socket.h"
+#include "models/foundation/net/udp_socket.h"
 
 namespace cotwin::bus {
 

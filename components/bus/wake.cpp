@@ -13,7 +13,7 @@
 #include <cstring>
 #include <limits>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::bus {
 

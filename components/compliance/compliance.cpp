@@ -6,10 +6,10 @@
 #include <cmath>
 #include <string_view>
 
-#include "models/robot/friction.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/robot/drives/friction.h"
 #include "models/robot/robot_model.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::compliance {
 namespace {

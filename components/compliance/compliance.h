@@ -5,16 +5,16 @@
 #include <string>
 #include <vector>
 
-#include "components/compliance/admittance.h"
 #include "components/compliance/cartesian/cartesian_motion.h"
-#include "components/compliance/torque_terms.h"
-#include "components/compliance/tracking.h"
+#include "components/compliance/joints/admittance.h"
+#include "components/compliance/joints/torque_terms.h"
+#include "components/compliance/joints/tracking.h"
 #include "components/unit/joint_variables.h"
 #include "components/unit/settings.h"
 #include "components/unit/unit.h"
+#include "models/foundation/support/parameter_table.h"
 #include "models/robot/body_parameters.h"
-#include "models/robot/drive_parameters.h"
-#include "models/support/parameter_table.h"
+#include "models/robot/drives/drive_parameters.h"
 
 namespace cotwin::compliance {
 

@@ -5,13 +5,13 @@
 #include <string>
 
 #include "components/compliance/compliance.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::compliance {
 namespace {
 
-constexpr double kAny = 1e12;  // a bound that no robot reaches
+constexpr double kUnreachable = 1e12;  // a bound that no robot reaches
 
 struct DriveVariable {
   std::string_view name;
@@ -65,13 +65,14 @@ void Compliance::declare(Variables& v) {
   for (const DriveVariable& d : kDrive) {
     joints.parameter(drive_, robot::drive_parameter(d.name), true, d.addition);
     if (d.name == "B") {
-      joints.parameter("tau_max", tau_max_, "N.m", "limit of the motor torque, from the URDF's effort; 0: none").range(0, kAny);
+      joints.parameter("tau_max", tau_max_, "N.m", "limit of the motor torque, from the URDF's effort; 0: none")
+          .range(0, kUnreachable);
     }
   }
   v.parameter("tau_e_acts_on_robot", tau_e_acts_on_robot_,
               "tau_e also pushes the robot that is tracked, so that tau_m has to carry it");
   v.parameter("transition", transition_, "s", "time constant with which parameters in force follow the tunables; 0: at once")
-      .range(0, kAny);
+      .range(0, kUnreachable);
   v.parameter("elastic_bandwidth", elastic_bandwidth_, "rad/s", "bandwidth of the winding-up of elastic joints in theta_c")
       .range(1, 1e6);
 
@@ -114,22 +115,24 @@ void Compliance::declare(Variables& v) {
   joints.state("tau_fm_before", tau_fm_before_, "N.m", "friction of the motor side at the end of the last step");
 
   joints.parameter("q_min", q_min_, "rad", "lower limit of the compliant motion, from the URDF; q_min >= q_max: none")
-      .range(-kAny, kAny);
-  joints.parameter("q_max", q_max_, "rad", "upper limit of the compliant motion, from the URDF").range(-kAny, kAny);
-  joints.parameter("dq_max", dq_max_, "rad/s", "limit of the compliant motion's speed, from the URDF; 0: none").range(0, kAny);
+      .range(-kUnreachable, kUnreachable);
+  joints.parameter("q_max", q_max_, "rad", "upper limit of the compliant motion, from the URDF")
+      .range(-kUnreachable, kUnreachable);
+  joints.parameter("dq_max", dq_max_, "rad/s", "limit of the compliant motion's speed, from the URDF; 0: none")
+      .range(0, kUnreachable);
   joints.parameter("braking", braking_, "rad/s2", "deceleration with which the compliant motion stops at q_min and q_max")
-      .range(1e-6, kAny);
+      .range(1e-6, kUnreachable);
   joints
       .parameter(
           "tau_wind_up", tau_wind_up_, "N.m",
           "what the motor of an elastic joint may need at most to wind up its spring after a jump of the torque; 0: no bound")
-      .range(0, kAny);
+      .range(0, kUnreachable);
   if (!cartesian_) {
     v.parameter("tank_start", tank_start_, "J",
                 "energy at the start that a rise of S_a or M_a of a moving or deflected joint may give out, beside what was "
                 "dissipated")
-        .range(0, kAny);
-    v.parameter("tank_max", tank_max_, "J", "most energy that is kept for that").range(0, kAny);
+        .range(0, kUnreachable);
+    v.parameter("tank_max", tank_max_, "J", "most energy that is kept for that").range(0, kUnreachable);
     joints.parameter(wanted_, omega_free);
     in_force(omega_free);
     v.state("tank", tank_, "J", "energy kept for a rise of S_a or M_a");

@@ -1,7 +1,7 @@
 #include "components/contact_world/assemble.h"
 
 #include "components/contact_world/robot_links.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::contact_world {
 

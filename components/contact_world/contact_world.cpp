@@ -7,8 +7,8 @@
 
 #include "components/contact_world/parts.h"
 #include "components/contact_world/robot_links.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::contact_world {
 namespace {

@@ -7,9 +7,9 @@
 
 #include "components/drive_train/events.h"
 #include "components/drive_train/floating_links.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/robot_model.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::drive_train {
 namespace {
@@ -150,86 +150,6 @@ DriveTrain::DriveTrain(Settings& settings, const Kind& kind)
 }
 
 DriveTrain::~DriveTrain() = default;
-
-void DriveTrain::declare(Variables& v) {
-  const bool inside = equations_.inside(), flexible = equations_.flexible();
-  JointVariables joints(v, measures_);
-  const auto part = [&](std::size_t k) { return std::span(x_.data() + k * n_, n_); };
-  joints.input("tau_m", tau_m_, "N.m", "motor torque in (2b)").rate(dtau_m_).essential();
-  if (inside) {
-    joints.input("tau_e", tau_e_, "N.m", "external joint torque in (2a)").rate(dtau_e_);
-    joints.output("q", part(0), "rad", "link-side joint position in (2a)");
-    joints.output("dq", part(1), "rad/s", "link-side joint speed").derivative_of("q");
-    joints.output("ddq", ddq_, "rad/s2", "link-side joint acceleration, of (2a)").derivative_of("dq");
-  } else {
-    joints.input("q", q_in_, "rad", "link-side joint position in (2c)").essential();
-    joints.input("dq", dq_in_, "rad/s", "link-side joint speed, the derivative of q");
-    joints.input("tau_e", tau_e_, "N.m", "external joint torque: not used, because the links are in another unit");
-  }
-  joints.output("theta", part(2), "rad", "motor position behind the gear in (2b)");
-  joints.output("dtheta", part(3), "rad/s", "motor speed behind the gear").derivative_of("theta");
-  joints.output("tau_J", tau_J_, "N.m", "joint torque in (2a), (2b), (2c)");
-  joints.output("tau_f", tau_f_, "N.m", "friction torque of the motor in (2b)");
-  v.output("energy_kinetic", kinetic_, "J", flexible ? "of motors and, inside, links" : "of links and motors");
-  v.output("energy_potential", potential_, "J", "of the links in gravity, inside");
-  v.output("energy_elastic", elastic_, "J", "in gears, bristles, springs and stops");
-  v.output("energy_dissipated", dissipated_, "J", "lost in friction, damping and stops since the start; without work_0");
-  v.output("work_m", work_m_, "J", "done by tau_m since the start");
-  v.output("work_e", work_e_, "J",
-           inside ? "done by tau_e since the start" : "done by the links on the drive, -tau_J dq, since the start");
-  v.output("power_m", power_m_, "W", "tau_m times dtheta").derivative_of("work_m");
-  v.output("power_e", power_e_, "W", inside ? "tau_e times dq" : "minus tau_J times dq").derivative_of("work_e");
-  v.output("substeps", substeps_, "sub-steps that the solver took in this step");
-  v.output("forced_substeps", forced_, "of them, those taken against the tolerance because max_substeps allowed no more");
-  v.output("events", events_, "joints that stuck, broke away, or came into or out of a stop in this step");
-  v.output("error_estimate", error_, "1",
-           "largest local error over tolerance in this step; 0 with SUNDIALS, which keeps to its tolerances or gives up");
-  v.output("warning", warning_, "what the user should know after the run; empty if nothing");
-
-  declare_parameters(v);
-
-  joints.state("z", part(4), "rad", "bristle deflection of the motor's friction");
-  joints.state("tau_m_before", tau_m_before_, "N.m", "tau_m at the end of the last step");
-  joints.state("tau_e_before", tau_e_before_, "N.m", "tau_e at the end of the last step");
-  joints.state("q_before", q_before_, "rad", "link outside: q at the end of the last step");
-  joints.state("dq_before", dq_before_, "rad/s", "link outside: dq at the end of the last step");
-  Modes& m = equations_.modes();
-  v.state("slip", m.slip, "friction=coulomb: 0 while the motor sticks, else the direction in which it slips");
-  v.state("stop", m.stop, "-1 or 1 while the link is in its lower or upper stop");
-  joints.state("impact", m.impact, "rad/s", "speed at which the link came into its stop");
-  v.state("substep", proposal_, "s", "length that the next sub-step should have");
-  if (uses_sundials()) {
-    SundialsSolver::Log& log = sundials_->log();
-    v.state("log_count", log.count, "steps in the solver's history");
-    v.state("log_x", log.x, "1", "q, dq, theta, dtheta, z where the solver's history begins");
-    v.state("log_slip", log.modes.slip, "slip there");
-    v.state("log_stop", log.modes.stop, "stop there");
-    joints.state("log_impact", log.modes.impact, "rad/s", "impact there");
-    v.state("log_steps", log.steps, "1", "lengths and inputs of the steps in the solver's history");
-  }
-  v.output("work_0", work_0_, "J",
-           "taken up since the start by the constant parts of friction (tau_0, link_tau_0, the link's sigmoid at rest), which "
-           "give it back on the way back");
-  v.output("forced_steps", forced_steps_, "steps since the start in which max_substeps forced sub-steps against the tolerance");
-  v.output("worst_error", worst_error_, "1", "largest error_estimate since the start");
-  if (equations_.floating()) equations_.floating()->declare(v);
-  const auto declare_tools = [&] {
-    v.tunable("tool_changes", tool_changes_, "1",
-              "number of tools attached or detached so far: when it changes, the bodies in force take the tunables at once");
-    v.state("tool_changes_seen", tool_changes_seen_, "1", "tool_changes at the last step");
-    v.output("energy_bodies", energy_bodies_, "J",
-             "kinetic and potential energy that changes of the bodies have brought since the start, at constant speeds");
-  };
-  if (equations_.inside() && !uses_sundials()) declare_tools();
-  if (with_terms_) {
-    joints.output("tau_inertia", terms_.inertia, "N.m", "M ddq of (2a)");
-    joints.output("tau_coriolis", terms_.coriolis, "N.m", "C dq of (2a): Coriolis and centrifugal torques");
-    joints.output("tau_gravity", terms_.gravity, "N.m", "g of (2a)");
-    joints.output("tau_link", terms_.link, "N.m",
-                  "friction, springs and stops of the link; the four terms together are tau_J + tau_e");
-  }
-  if (equations_.inside() && uses_sundials()) declare_tools();
-}
 
 void DriveTrain::check_inputs(Time now) const {
   const auto check = [&](const char* name, const std::vector<double>& v) {

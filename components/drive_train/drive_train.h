@@ -23,7 +23,7 @@ namespace cotwin::drive_train {
 /// Beyond the paper: D, joint damping; d, the gear's backlash (d(φ) = φ without); τ_l, friction and springs behind the torque
 /// sensor (robot::LinkSide); τ_s, hard stops. τ_f is LuGre friction, an elasto-plastic bristle, Coulomb friction with exact
 /// sticking, or the static curve that `cotwin tune` identifies (smooth: no presliding, no sticking); see
-/// models/robot/friction.h. transmission=rigid sets θ = q and adds (2b) to (2a); τ_J then follows from (2b). Motor currents and
+/// models/robot/drives/friction.h. transmission=rigid sets θ = q and adds (2b) to (2a); τ_J then follows from (2b). Motor currents and
 /// temperature are not modelled.
 ///
 /// The bodies and the tunables of robot::kDriveParameters may be changed while the robot moves (with SUNDIALS they are fixed). The values

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "models/robot/body_parameters.h"
-#include "models/robot/drive_parameters.h"
-#include "models/robot/friction.h"
+#include "models/robot/drives/drive_parameters.h"
+#include "models/robot/drives/friction.h"
 #include "models/robot/robot_model.h"
 
 /// The equations of the drive train for an integrator: forces and their derivatives at a state, the structured linear system of

@@ -17,7 +17,6 @@ constexpr double kSeriesError = 1e-2;  // of a tolerance
 // The estimated error is that of the solution of order 2. The solution of order 3 is better by this factor where R is smooth over
 // the sub-step, and less where R follows oscillations that are shorter: by frequency times length, up to 1.
 constexpr double kEstimate = 0.1, kEstimateOfOscillation = 0.02;
-constexpr double kOnTheEvent = 1e-10;   // rad/s, rad or N.m
 constexpr double kNearTheEvent = 1e-9;  // share of the event function at the beginning of the stretch
 constexpr int kMostRefinements = 20;
 

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::drive_train {
 namespace {

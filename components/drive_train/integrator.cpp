@@ -11,7 +11,6 @@ namespace {
 
 constexpr double kSafety = 0.8;
 constexpr double kLargestGrowth = 4, kLargestCut = 0.2;
-constexpr double kOnTheEvent = 1e-10;  // rad/s, rad or N.m: an event function this close to zero is at it
 // Of the fastest rate times the rest of the step. Within kEasy the exponential method needs less time than the Rosenbrock method
 // for a microradian (measured on the LWR 4); within kPossible its time is bounded, about 10 ms for 7 joints.
 constexpr double kEasy = 16, kPossible = 2e4;

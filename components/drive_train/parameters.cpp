@@ -3,8 +3,8 @@
 
 #include "components/drive_train/drive_train.h"
 #include "components/drive_train/floating_links.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::drive_train {
 

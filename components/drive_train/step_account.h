@@ -4,6 +4,9 @@
 
 namespace cotwin::drive_train {
 
+/// rad/s, rad or N.m: an event function this close to zero is at it.
+inline constexpr double kOnTheEvent = 1e-10;
+
 struct Tolerances {
   double relative = 0;
   double angle = 0;  // rad, of q and θ

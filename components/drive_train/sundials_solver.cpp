@@ -11,7 +11,7 @@
 #include <string>
 
 #include "components/drive_train/events.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::drive_train {
 namespace {

@@ -6,13 +6,13 @@
 #include "components/gateway/api/api.h"
 #include "components/gateway/api/job_board.h"
 #include "components/gateway/http/server.h"
-#include "models/services/json.h"
-#include "models/services/robots.h"
-#include "models/support/atomic_file.h"
-#include "models/support/error.h"
-#include "models/support/file_hash.h"
-#include "models/support/installation.h"
-#include "models/support/text.h"
+#include "components/services/json/json.h"
+#include "components/services/robots.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file_hash.h"
+#include "models/foundation/support/installation.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway {
 

@@ -5,11 +5,12 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "components/gateway/api/api.h"
 #include "components/gateway/api/catalogue.h"
 #include "components/gateway/api/json_tools.h"
 #include "components/gateway/http/problem.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway {
 
@@ -23,8 +24,6 @@ mqtt::PlantReply reply_of(const http::Refusal& refused) {
 mqtt::PlantReply problem(int status, const std::string& detail) {
   return reply_of(http::Refusal{{status, detail, "", ""}, {}});
 }
-
-constexpr std::size_t kLargestReply = 2 << 20;  // bytes
 
 bool is_long(const Json& request) {
   const auto name = request.find("service");

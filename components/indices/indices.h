@@ -10,7 +10,7 @@
 #include "components/unit/unit.h"
 #include "models/robot/body_parameters.h"
 #include "models/robot/body_parts.h"
-#include "models/robot/drive_parameters.h"
+#include "models/robot/drives/drive_parameters.h"
 #include "models/robot/indices.h"
 
 namespace cotwin::indices {

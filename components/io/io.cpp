@@ -1,15 +1,15 @@
 #include "components/io/io.h"
 
-#include "components/io/ethercat_bus_link.h"
-#include "components/io/ethercat_link.h"
-#include "components/io/fri_controller_link.h"
-#include "components/io/fri_link.h"
-#include "components/io/recording_link.h"
-#include "components/io/rtde_controller_link.h"
-#include "components/io/rtde_link.h"
-#include "components/io/sensor_link.h"
+#include "components/io/emulators/ethercat_bus_link.h"
+#include "components/io/emulators/fri_controller_link.h"
+#include "components/io/emulators/rtde_controller_link.h"
+#include "components/io/links/ethercat_link.h"
+#include "components/io/links/fri_link.h"
+#include "components/io/links/recording_link.h"
+#include "components/io/links/rtde_link.h"
+#include "components/io/links/sensor_link.h"
+#include "models/foundation/support/error.h"
 #include "models/robot/robot_model.h"
-#include "models/support/error.h"
 
 namespace cotwin::io {
 

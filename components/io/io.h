@@ -2,7 +2,7 @@
 #include <memory>
 #include <vector>
 
-#include "components/io/link.h"
+#include "components/io/link/link.h"
 #include "components/unit/settings.h"
 #include "models/trajectory/axes.h"
 

@@ -1,10 +1,10 @@
 #include <algorithm>
 
 #include "components/motion/poses.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/robot_model.h"
-#include "models/support/choice.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::motion {
 

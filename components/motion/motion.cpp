@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/robot_model.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::motion {
 

@@ -4,12 +4,12 @@
 #include <numbers>
 #include <span>
 
-#include "models/support/choice.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/trajectory/bernstein.h"
 #include "models/trajectory/polynomial.h"
-#include "models/trajectory/series.h"
+#include "models/trajectory/series/series.h"
 
 namespace cotwin::motion {
 

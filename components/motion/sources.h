@@ -9,7 +9,7 @@
 #include "components/unit/joint_variables.h"
 #include "components/unit/settings.h"
 #include "components/unit/variables.h"
-#include "models/trajectory/recording.h"
+#include "models/trajectory/series/recording.h"
 #include "models/trajectory/waypoints.h"
 
 /// Sources of a desired motion: each declares its parameters and makes a path from their values.

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "models/support/choice.h"
+#include "models/foundation/support/choice.h"
 
 namespace cotwin::motion {
 

@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/robot_model.h"
-#include "models/support/choice.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 #include "models/trajectory/waypoints.h"
 
 namespace cotwin::operator_hand {

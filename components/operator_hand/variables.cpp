@@ -3,8 +3,8 @@
 #include <span>
 
 #include "components/operator_hand/operator_hand.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::operator_hand {
 namespace {

@@ -8,10 +8,10 @@
 
 #include "components/tuner/worker.h"
 #include "components/unit/joint_variables.h"
-#include "models/identification/motor_inertia.h"
-#include "models/support/bytes.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/identification/torque_data/motor_inertia.h"
 
 namespace cotwin::tuner {
 

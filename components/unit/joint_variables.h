@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "components/unit/variables.h"
-#include "models/support/parameter_table.h"
+#include "models/foundation/support/parameter_table.h"
 
 namespace cotwin::robot {
 class BodyParameters;

@@ -2,10 +2,10 @@
 
 #include <algorithm>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/robot_model.h"
 #include "models/scene/cell.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin {
 

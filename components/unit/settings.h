@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "components/unit/setting_list.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::robot {
 struct RobotModel;

@@ -6,8 +6,8 @@
 #include <limits>
 #include <numbers>
 
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::si {
 

@@ -3,7 +3,7 @@
 #include <string>
 #include <string_view>
 
-#include "models/support/parameter_set.h"
+#include "models/foundation/formats/parameter_set.h"
 
 /// Units of measure. They are never called "units" here: a unit is a co-simulation unit.
 namespace cotwin::si {

@@ -1,7 +1,7 @@
 #include "components/unit/snapshot.h"
 
-#include "models/support/bytes.h"
-#include "models/support/error.h"
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin {
 

@@ -5,7 +5,7 @@
 #include <algorithm>
 #include <string>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin {
 

@@ -9,7 +9,7 @@
 
 #include "components/unit/settings.h"
 #include "components/unit/unit.h"
-#include "models/support/parameter_set.h"
+#include "models/foundation/formats/parameter_set.h"
 
 namespace cotwin {
 

@@ -19,8 +19,8 @@
 #include <utility>
 
 #include "fmu/archive/file_kind.h"
-#include "models/support/error.h"
-#include "models/support/file.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
 
 namespace cotwin::fmu {
 

@@ -4,8 +4,8 @@
 #include <array>
 #include <string>
 
-#include "models/support/error.h"
-#include "models/support/file.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
 
 namespace cotwin::fmu {
 

@@ -1,6 +1,6 @@
 #include "fmu/archive/uri.h"
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::fmu {
 

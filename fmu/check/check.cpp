@@ -9,8 +9,8 @@
 
 #include "fmu/check/libraries.h"
 #include "fmu/import/load.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
 
@@ -18,12 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Level = Finding::Level;
-
-std::string joined(const std::vector<std::string>& list) {
-  std::string text;
-  for (const std::string& word : list) text += (text.empty() ? "" : ", ") + word;
-  return text;
-}
 
 void check_resources(const fs::path& folder, const ModelDescription& d, std::vector<Finding>& out) {
   if (d.version == Version::k3 && fs::exists(folder / "binaries" / "linux64")) {
@@ -174,14 +168,14 @@ void write_info(std::ostream& out, const fs::path& path) {
     add(interface->provides_intermediate_update, "intermediate update");
     add(interface->can_interpolate_inputs, "input derivatives");
     add(interface->only_once_per_process, "once per process only");
-    line(what, joined(can));
+    line(what, text::joined(can));
   };
   abilities("Co-Simulation", d.co_simulation);
   abilities("Model Exchange", d.model_exchange);
   abilities("Sched. Execution", d.scheduled_execution);
   std::set<std::string> platforms;
   for (const fs::path& file : libraries(fmu->folder)) platforms.insert(file.parent_path().filename().string());
-  line("Platforms", joined({platforms.begin(), platforms.end()}));
+  line("Platforms", text::joined({platforms.begin(), platforms.end()}));
   if (d.version == Version::k2 && d.model_exchange) line("Event indicators", std::to_string(d.event_indicators));
   line("Continuous states", std::to_string(d.structure.derivatives.size()));
   if (d.default_experiment) {
@@ -194,13 +188,13 @@ void write_info(std::ostream& out, const fs::path& path) {
     add("to ", e.stop, " s");
     add("step ", e.step, " s");
     add("tolerance ", e.tolerance, "");
-    line("Experiment", joined(parts));
+    line("Experiment", text::joined(parts));
   }
   std::map<Causality, std::size_t> counts;
   for (const ModelVariable& v : d.variables) ++counts[v.causality];
   std::vector<std::string> parts;
   for (const auto& [causality, n] : counts) parts.push_back(std::to_string(n) + " " + std::string(name_of(causality)));
-  line("Variables", std::to_string(d.variables.size()) + " (" + joined(parts) + ")");
+  line("Variables", std::to_string(d.variables.size()) + " (" + text::joined(parts) + ")");
   const DescriptionIndex index(d);
   for (const Causality causality :
        {Causality::kInput, Causality::kOutput, Causality::kParameter, Causality::kStructuralParameter}) {

@@ -5,9 +5,9 @@
 #include <algorithm>
 #include <cstring>
 
-#include "models/support/error.h"
-#include "models/support/file.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
 
@@ -40,9 +40,9 @@ std::string glibc_of(const std::string& version) {
 }
 
 template <class Elf>
-class Reader {
+class ElfReader {
  public:
-  Reader(const std::string& bytes, const std::string& place) : bytes_(bytes), place_(place) {}
+  ElfReader(const std::string& bytes, const std::string& place) : bytes_(bytes), place_(place) {}
 
   ElfLibrary read() {
     const auto header = at<typename Elf::Header>(0);
@@ -163,8 +163,8 @@ ElfLibrary read_elf(const std::filesystem::path& file) {
 ElfLibrary parse_elf(const std::string& bytes, const std::string& place) {
   if (bytes.size() < EI_NIDENT || bytes.compare(0, SELFMAG, ELFMAG) != 0) throw Error(place, "is not an ELF file");
   if (bytes[EI_DATA] != ELFDATA2LSB) throw Error(place, "is not for a little-endian machine");
-  if (bytes[EI_CLASS] == ELFCLASS64) return Reader<Elf64>(bytes, place).read();
-  if (bytes[EI_CLASS] == ELFCLASS32) return Reader<Elf32>(bytes, place).read();
+  if (bytes[EI_CLASS] == ELFCLASS64) return ElfReader<Elf64>(bytes, place).read();
+  if (bytes[EI_CLASS] == ELFCLASS32) return ElfReader<Elf32>(bytes, place).read();
   throw Error(place, "is an ELF file of an unknown class");
 }
 

@@ -8,7 +8,8 @@
 #include "fmu/check/elf.h"
 #include "fmu/check/pe.h"
 #include "fmu/import/library.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
 
@@ -16,12 +17,6 @@ namespace {
 
 namespace fs = std::filesystem;
 using Level = Finding::Level;
-
-std::string joined(const std::vector<std::string>& list) {
-  std::string text;
-  for (const std::string& word : list) text += (text.empty() ? "" : ", ") + word;
-  return text;
-}
 
 std::vector<std::string> identifiers(const ModelDescription& d) {
   std::vector<std::string> found;
@@ -53,7 +48,7 @@ class Report {
     std::vector<std::string> all = elf.needed;
     for (std::string& library : all) {
       const auto versions = elf.other_versions.find(library);
-      if (versions != elf.other_versions.end()) library += " (" + joined(versions->second) + ")";
+      if (versions != elf.other_versions.end()) library += " (" + text::joined(versions->second) + ")";
     }
     needs((elf.oldest_glibc.empty() ? "" : "glibc " + elf.oldest_glibc + " or newer"), all);
     if (elf.unique_symbols) add(Level::kWarning, "has unique symbols (STB_GNU_UNIQUE): it stays in memory after unloading");
@@ -108,11 +103,11 @@ class Report {
     others.resize(std::min<std::size_t>(n, 3));
     add(Level::kWarning, "exports " + std::to_string(n) +
                              " symbols other than fmi2* and fmi3*, which can collide with those of other libraries: " +
-                             joined(others) + (n > 3 ? ", …" : ""));
+                             text::joined(others) + (n > 3 ? ", …" : ""));
   }
   void needs(const std::string& first, std::vector<std::string> libraries) {
     if (!first.empty()) libraries.insert(libraries.begin(), first);
-    add(Level::kNote, "needs " + (libraries.empty() ? "nothing" : joined(libraries)));
+    add(Level::kNote, "needs " + (libraries.empty() ? "nothing" : text::joined(libraries)));
   }
 
   const fs::path& file_;

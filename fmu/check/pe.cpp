@@ -7,8 +7,8 @@
 #include <set>
 #include <string_view>
 
-#include "models/support/error.h"
-#include "models/support/file.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
 
 namespace cotwin::fmu {
 
@@ -24,9 +24,9 @@ constexpr std::uint16_t kPlain = 0x10b;     // the same, 32 bits
 constexpr std::size_t kMaxLibraries = 10'000;
 enum Directory : std::size_t { kExports = 0, kImports = 1, kDelayedImports = 13 };
 
-class Reader {
+class PeReader {
  public:
-  Reader(const std::string& bytes, std::string place) : bytes_(bytes), place_(std::move(place)) {}
+  PeReader(const std::string& bytes, std::string place) : bytes_(bytes), place_(std::move(place)) {}
 
   PeLibrary read() {
     if (bytes_.size() < 0x40 || bytes_.compare(0, 2, "MZ") != 0) fail("is not a library for Windows");
@@ -115,7 +115,7 @@ PeLibrary read_pe(const std::filesystem::path& file) {
   return parse_pe(text::read_file(file, "a shared library", kMostBytes), file.filename().string());
 }
 
-PeLibrary parse_pe(const std::string& bytes, const std::string& place) { return Reader(bytes, place).read(); }
+PeLibrary parse_pe(const std::string& bytes, const std::string& place) { return PeReader(bytes, place).read(); }
 
 bool is_part_of_windows(const std::string& library) {
   std::string name = library;

@@ -8,7 +8,7 @@
 #include <type_traits>
 #include <unordered_set>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::fmu {
 

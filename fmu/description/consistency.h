@@ -7,7 +7,7 @@
 #include <unordered_map>
 
 #include "fmu/description/model_description.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 /// Consistency checks of a model description. They hold for descriptions read from XML and for those read from the bytes of an
 /// exported scenario. The functions throw Error `fact, expectation` without a place; the caller adds it with at().

@@ -1,7 +1,7 @@
 #include "fmu/description/document.h"
 
-#include "models/support/text.h"
-#include "models/support/xml.h"
+#include "models/foundation/formats/xml.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
 

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 /// Conversion between binary values and the hexadecimal digits of modelDescription.xml.
 namespace cotwin::fmu {

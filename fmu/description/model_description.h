@@ -10,7 +10,7 @@
 #include <variant>
 #include <vector>
 
-#include "models/support/parameter_set.h"
+#include "models/foundation/formats/parameter_set.h"
 
 /// The contents of modelDescription.xml as plain values, for FMI 2 and FMI 3. References to variables are indices into
 /// ModelDescription::variables, counted from 0. In XML, FMI 2 writes them as indices from 1 and FMI 3 as value references.

@@ -10,10 +10,10 @@
 #include <unordered_set>
 
 #include "fmu/description/values.h"
-#include "models/support/error.h"
-#include "models/support/file.h"
-#include "models/support/text.h"
-#include "models/support/xml.h"
+#include "models/foundation/formats/xml.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
 

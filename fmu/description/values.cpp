@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <limits>
 
-#include "models/support/text.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
 

@@ -7,8 +7,8 @@
 
 #include "fmu/description/consistency.h"
 #include "fmu/description/model_description.h"
-#include "models/support/error.h"
-#include "models/support/xml.h"
+#include "models/foundation/formats/xml.h"
+#include "models/foundation/support/error.h"
 
 /// Reads words, numbers and values from the attributes of a modelDescription.xml. Relations between them are checked elsewhere
 /// (consistency.h). All functions throw Error `place:line: …` for a value that the standard does not allow.

@@ -1,10 +1,11 @@
 #include <cmath>
 #include <ostream>
 
+#include "fmu/description/consistency.h"
 #include "fmu/description/model_description.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
-#include "models/support/xml.h"
+#include "models/foundation/formats/xml.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
 
@@ -19,7 +20,6 @@ std::string to_xml(bool value) { return value ? "true" : "false"; }
 std::string to_xml(std::int64_t value) { return std::to_string(value); }
 std::string to_xml(std::uint64_t value) { return std::to_string(value); }
 
-bool is_float(Type type) { return type == Type::kFloat32 || type == Type::kFloat64; }
 bool is_integer(Type type) { return type >= Type::kInt8 && type <= Type::kUInt64; }
 
 /// Writes one XML element: first its attributes, then its children.

@@ -10,9 +10,9 @@
 #include "fmu/description/categories.h"
 #include "fmu/description/rate.h"
 #include "fmu/export/own_library.h"
-#include "models/support/bytes.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
 

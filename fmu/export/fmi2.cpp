@@ -9,7 +9,7 @@
 #include "fmu/archive/uri.h"
 #include "fmu/export/export.h"
 #include "fmu/fmi2.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace {
 

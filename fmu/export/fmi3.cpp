@@ -7,7 +7,7 @@
 
 #include "fmu/export/export.h"
 #include "fmu/fmi3.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace {
 

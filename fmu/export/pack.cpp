@@ -15,10 +15,10 @@
 #include "fmu/description/describe.h"
 #include "fmu/description/document.h"
 #include "fmu/export/package.h"
-#include "models/support/bytes.h"
-#include "models/support/error.h"
-#include "models/support/installation.h"
-#include "models/support/text.h"
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/installation.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
 

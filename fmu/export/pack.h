@@ -11,7 +11,7 @@
 #include "components/unit/unit_table.h"
 #include "fmu/archive/archive.h"
 #include "fmu/description/model_description.h"
-#include "models/support/parameter_set.h"
+#include "models/foundation/formats/parameter_set.h"
 
 /// Writes units as self-contained FMUs.
 namespace cotwin::fmu {

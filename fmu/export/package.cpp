@@ -1,12 +1,12 @@
 #include "fmu/export/package.h"
 
-#include "models/support/bytes.h"
+#include "models/foundation/support/bytes.h"
 
 namespace cotwin::fmu {
 
 namespace {
 
-constexpr std::uint64_t kMagic = 0x34554d4657544f43u;  // the bytes "COTWFMU4": the format and its version
+constexpr std::uint64_t kPackageMagic = 0x34554d4657544f43u;  // the bytes "COTWFMU4": the format and its version
 
 template <class Matrix>
 void put(ByteWriter& out, const Matrix& m) {
@@ -281,14 +281,15 @@ std::string serialise(const Package& package) {
   out.text(package.start.serialise());
 
   ByteWriter head;
-  head.value(kMagic);
+  head.value(kPackageMagic);
   head.value(hash_of(out.bytes()));
   return head.bytes() + out.bytes();
 }
 
 Package deserialise_package(std::string_view bytes, const std::string& place) {
   ByteReader in(as_bytes(bytes), place);
-  if (bytes.size() < sizeof kMagic || in.value<std::uint64_t>() != kMagic) in.fail("is not a unit package of this version");
+  if (bytes.size() < sizeof kPackageMagic || in.value<std::uint64_t>() != kPackageMagic)
+    in.fail("is not a unit package of this version");
   if (in.value<std::uint64_t>() != hash_of(bytes.substr(2 * sizeof(std::uint64_t)))) in.fail("is damaged");
   Package package;
   package.token = in.text();

@@ -1,9 +1,9 @@
-// Robot and cell of an exported unit come from its package. Replaces components/unit/robot_from_urdf.cpp and
+// Robot and cell of an exported unit come from its package. Replaces components/robot_files/robot_from_urdf.cpp and
 // cell_from_files.cpp.
 #include "components/unit/settings.h"
+#include "models/foundation/support/error.h"
 #include "models/robot/robot_model.h"
 #include "models/scene/cell.h"
-#include "models/support/error.h"
 
 namespace cotwin {
 

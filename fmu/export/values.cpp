@@ -4,8 +4,8 @@
 #include <type_traits>
 
 #include "fmu/export/export.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
 

@@ -9,13 +9,13 @@
 #include "fmu/fmi2.h"
 #include "fmu/import/foreign.h"
 #include "fmu/import/library.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::fmu {
 
 namespace {
 
-struct Functions {
+struct Functions2 {
   // Called in every step; adjacent in memory
   Function<decltype(fmi2SetReal)> set_real;
   Function<decltype(fmi2DoStep)> do_step;
@@ -59,8 +59,8 @@ struct Functions {
   Function<decltype(fmi2GetNominalsOfContinuousStates)> get_nominals;
 };
 
-Functions bind(Library& library, const ForeignOptions& options, const Interface& interface) {
-  Functions f{};
+Functions2 bind(Library& library, const ForeignOptions& options, const Interface& interface) {
+  Functions2 f{};
   library.bind(f.set_debug_logging, "fmi2SetDebugLogging", false);
   library.bind(f.instantiate, "fmi2Instantiate");
   library.bind(f.free_instance, "fmi2FreeInstance");
@@ -340,7 +340,7 @@ class Foreign2 final : public ForeignInstance {
   [[noreturn]] void fail(const std::string& what) { throw Error(what + host_->messages.take()); }
 
   fmi2Component component_ = nullptr;
-  Functions f_{};
+  Functions2 f_{};
   fmi2Boolean no_set_back_ = fmi2True;
   bool running_ = false, fatal_ = false;
   Interface interface_;

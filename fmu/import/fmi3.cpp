@@ -3,14 +3,14 @@
 
 #include "fmu/import/foreign.h"
 #include "fmu/import/library.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
 
 namespace {
 
-struct Functions {
+struct Functions3 {
   Function<decltype(fmi3SetDebugLogging)> set_debug_logging;
   Function<decltype(fmi3InstantiateCoSimulation)> instantiate_co_simulation;
   Function<decltype(fmi3InstantiateModelExchange)> instantiate_model_exchange;
@@ -77,14 +77,14 @@ struct Functions {
 };
 
 /// Binds getters and setters only for the types that the FMU has.
-Functions bind(Library& library, const ForeignOptions& options, const ModelDescription& d, const Interface& interface) {
+Functions3 bind(Library& library, const ForeignOptions& options, const ModelDescription& d, const Interface& interface) {
   const auto has = [&](Type type) {
     for (const ModelVariable& v : d.variables) {
       if (v.type == type) return true;
     }
     return false;
   };
-  Functions f{};
+  Functions3 f{};
   const bool co = options.kind == InterfaceKind::kCoSimulation, me = !co;
   library.bind(f.set_debug_logging, "fmi3SetDebugLogging", false);
   library.bind(f.instantiate_co_simulation, "fmi3InstantiateCoSimulation", co);
@@ -478,7 +478,7 @@ class Foreign3 final : public ForeignInstance {
   };
   std::unique_ptr<Host> host_ = std::make_unique<Host>();
   Library library_;
-  Functions f_;
+  Functions3 f_;
   fmi3Instance instance_ = nullptr;
   bool running_ = false, fatal_ = false;
 };

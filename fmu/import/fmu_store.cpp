@@ -1,7 +1,7 @@
 #include "fmu/import/fmu_store.h"
 
 #include "fmu/archive/archive.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::fmu {
 

@@ -4,7 +4,7 @@
 #include <cctype>
 
 #include "fmu/import/load.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::fmu {
 

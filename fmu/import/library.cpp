@@ -8,7 +8,7 @@
 #include <cstring>
 #include <fstream>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::fmu {
 

@@ -6,9 +6,9 @@
 #include "fmu/description/read.h"
 #include "fmu/import/named.h"
 #include "fmu/process/process.h"
-#include "models/support/choice.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
 

@@ -6,7 +6,7 @@
 
 #include "components/unit/staged_initialisation.h"
 #include "components/unit/unit.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::fmu {
 

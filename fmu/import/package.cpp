@@ -6,8 +6,8 @@
 #include <utility>
 
 #include "fmu/description/consistency.h"
-#include "models/support/bytes.h"
-#include "models/support/error.h"
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::fmu {
 

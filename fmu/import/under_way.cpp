@@ -6,7 +6,7 @@
 #include <exception>
 #include <string>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::fmu {
 

@@ -16,7 +16,7 @@
 #include <utility>
 #include <variant>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::fmu {
 

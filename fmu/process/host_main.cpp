@@ -11,11 +11,11 @@
 #include <memory>
 #include <thread>
 
-#include "fmu/import/fmu_unit.h"
-#include "fmu/import/model_exchange.h"
 #include "fmu/import/package.h"
+#include "fmu/import/unit/fmu_unit.h"
+#include "fmu/import/unit/model_exchange.h"
 #include "fmu/process/channel.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::fmu {
 

@@ -19,9 +19,9 @@
 #include <utility>
 
 #include "fmu/import/package.h"
-#include "models/support/error.h"
-#include "models/support/installation.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/installation.h"
+#include "models/foundation/support/text.h"
 
 extern char** environ;
 
@@ -252,7 +252,7 @@ double HostProcess::memory_used() const {
 std::uint64_t HostProcess::pass_on_output() {
   std::array<char, 1 << 16> bytes;
   for (int reads = 0; reads < 64; ++reads) {  // limited, for an FMU may write faster than this loop reads
-    const ssize_t n = read(output_, bytes.data(), bytes.size());
+    const ssize_t n = ::read(output_, bytes.data(), bytes.size());
     if (n <= 0) break;
     const auto count = static_cast<std::size_t>(n);
     const std::size_t shown = written_ < kShownBytes ? std::min<std::size_t>(count, kShownBytes - written_) : 0;

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "components/unit/staged_initialisation.h"
-#include "fmu/import/fmu_unit.h"
 #include "fmu/import/load.h"
+#include "fmu/import/unit/fmu_unit.h"
 #include "fmu/process/channel.h"
 
 namespace cotwin::fmu {

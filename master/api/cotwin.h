@@ -12,7 +12,7 @@
 #include <string_view>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 /// \file
 /// The public interface of Cotwin, installed as `cotwin/cotwin.h`: run a scenario, evaluate the dynamics of a robot, tune a
@@ -25,7 +25,7 @@
 /// independent.
 ///
 /// \class cotwin::Error
-/// The type of all exceptions of this library (`models/support/error.h`), a std::runtime_error.
+/// The type of all exceptions of this library (`models/foundation/support/error.h`), a std::runtime_error.
 
 #define COTWIN_API __attribute__((visibility("default")))
 

@@ -1,10 +1,10 @@
 #include "master/api/cotwin.h"
-#include "master/program/folders.h"
-#include "models/excitation/design.h"
-#include "models/excitation/samples.h"
+#include "master/scenario/folders.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/threads.h"
+#include "models/identification/excitation/design.h"
+#include "models/identification/excitation/samples.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/choice.h"
-#include "models/support/threads.h"
 
 namespace cotwin {
 

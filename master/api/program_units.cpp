@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "master/engine/members.h"
+#include "master/engine/wiring/members.h"
 
 namespace cotwin {
 

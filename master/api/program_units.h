@@ -4,7 +4,7 @@
 
 #include "components/unit/unit_table.h"
 #include "master/api/cotwin.h"
-#include "master/ssp/scenario.h"
+#include "master/scenario/scenario.h"
 
 /// Units of the calling program (ProgramUnit) as units of the master.
 namespace cotwin {

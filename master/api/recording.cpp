@@ -1,6 +1,6 @@
 #include "master/api/cotwin.h"
-#include "models/support/csv.h"
-#include "models/support/file.h"
+#include "models/foundation/formats/csv.h"
+#include "models/foundation/support/file.h"
 #include "models/trajectory/columns.h"
 
 namespace cotwin {

@@ -2,11 +2,11 @@
 #include <cmath>
 
 #include "master/api/cotwin.h"
-#include "master/program/folders.h"
+#include "master/scenario/folders.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/indices.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/text.h"
 
 namespace cotwin {
 

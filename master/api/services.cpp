@@ -1,11 +1,11 @@
 #include <nlohmann/json.hpp>
 
+#include "components/services/json/json.h"
+#include "components/services/json/schemas.h"
 #include "master/api/cotwin.h"
-#include "master/program/folders.h"
+#include "master/scenario/folders.h"
 #include "master/services/verify.h"
-#include "models/services/json.h"
-#include "models/services/schemas.h"
-#include "models/support/threads.h"
+#include "models/foundation/support/threads.h"
 
 namespace cotwin {
 

@@ -4,10 +4,10 @@
 #include "components/unit/unit_module.h"
 #include "master/api/cotwin.h"
 #include "master/api/program_units.h"
-#include "master/program/folders.h"
-#include "master/program/results_folder.h"
+#include "master/results/results_folder.h"
 #include "master/run/master.h"
-#include "models/support/text.h"
+#include "master/scenario/folders.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin {
 

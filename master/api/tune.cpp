@@ -1,10 +1,10 @@
 #include <system_error>
 
 #include "master/api/cotwin.h"
-#include "master/program/folders.h"
-#include "master/program/tuning/cross_validation.h"
-#include "master/program/tuning/files.h"
-#include "master/program/tuning/tuning.h"
+#include "master/scenario/folders.h"
+#include "master/workflows/tuning/cross_validation.h"
+#include "master/workflows/tuning/files.h"
+#include "master/workflows/tuning/tuning.h"
 
 namespace cotwin {
 

@@ -9,8 +9,8 @@
 #include "master/clock/histogram.h"
 #include "master/clock/host_time.h"
 #include "master/clock/phase_locked_loop.h"
-#include "master/engine/members.h"
-#include "master/ssp/scenario.h"
+#include "master/engine/wiring/members.h"
+#include "master/scenario/scenario.h"
 
 namespace cotwin::master {
 

@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kMostDrift = 1e-3;  // of two quartz clocks: at most 200 ppm
 constexpr double kMostGain = 0.25;   // of ωT: the sampled loop stays well damped
-constexpr int kAveraged = 64;        // measurements in a mean
+constexpr int kAveragedTicks = 64;   // measurements in a mean
 constexpr int kStepAfter = 16;       // outliers in a row that agree
 
 /// a − b of times that may come from a damaged packet.
@@ -116,13 +116,13 @@ bool PhaseLockedLoop::is_step(double e) {
 }
 
 void PhaseLockedLoop::average(double e) {
-  const double weight = 1 / static_cast<double>(std::min<std::int64_t>(used_, kAveraged));
+  const double weight = 1 / static_cast<double>(std::min<std::int64_t>(used_, kAveragedTicks));
   mean_ += weight * (e - mean_);
   square_ += weight * (e * e - square_);
   const double within = static_cast<double>(settings_.within), cycle = static_cast<double>(settings_.cycle);
   const double slack = locked_ ? 2 : 1;
   const double rms = std::sqrt(square_);
-  locked_ = used_ > kAveraged && std::abs(mean_) <= slack * within && rms <= (locked_ ? cycle / 6 : cycle / 8);
+  locked_ = used_ > kAveragedTicks && std::abs(mean_) <= slack * within && rms <= (locked_ ? cycle / 6 : cycle / 8);
 }
 
 void PhaseLockedLoop::unlock() {

@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "master/ssp/scenario.h"
+#include "master/scenario/scenario.h"
 
 /// Scheduling, memory and CPUs of the threads of a loop with deadlines. Only realtime_linux.cpp depends on the operating system.
 /// What is not permitted is appended to `refused` as a sentence; the run goes on without it.

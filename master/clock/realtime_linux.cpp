@@ -11,8 +11,8 @@
 #include <cstdlib>
 
 #include "master/clock/realtime.h"
-#include "master/engine/members.h"
-#include "models/support/atomic_file.h"
+#include "master/engine/wiring/members.h"
+#include "models/foundation/support/atomic_file.h"
 
 namespace cotwin::master::realtime {
 

@@ -12,8 +12,8 @@
 #include "components/unit/snapshot.h"
 #include "components/unit/unit.h"
 #include "components/unit/unit_table.h"
-#include "master/engine/members.h"
-#include "master/ssp/scenario.h"
+#include "master/engine/wiring/members.h"
+#include "master/scenario/scenario.h"
 
 namespace cotwin::master {
 

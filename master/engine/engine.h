@@ -9,17 +9,17 @@
 #include <span>
 #include <vector>
 
-#include "master/engine/arrangement.h"
-#include "master/engine/bonds.h"
+#include "master/engine/coupling/bonds.h"
+#include "master/engine/coupling/group_solver.h"
+#include "master/engine/coupling/initialisation.h"
 #include "master/engine/events.h"
-#include "master/engine/group_solver.h"
-#include "master/engine/initialisation.h"
-#include "master/engine/members.h"
-#include "master/engine/schedule.h"
 #include "master/engine/tools.h"
-#include "master/engine/wiring.h"
+#include "master/engine/wiring/arrangement.h"
+#include "master/engine/wiring/members.h"
+#include "master/engine/wiring/schedule.h"
+#include "master/engine/wiring/wiring.h"
 #include "master/engine/workers.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::master {
 

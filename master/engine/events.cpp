@@ -6,8 +6,8 @@
 #include <unordered_map>
 #include <utility>
 
-#include "models/support/bytes.h"
-#include "models/support/text.h"
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "components/unit/time.h"
-#include "master/engine/members.h"
-#include "models/support/error.h"
+#include "master/engine/wiring/members.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin {
 class ByteReader;

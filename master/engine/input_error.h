@@ -4,9 +4,9 @@
 #include <vector>
 
 #include "components/unit/time.h"
-#include "master/engine/members.h"
-#include "master/engine/wiring.h"
-#include "models/support/bytes.h"
+#include "master/engine/wiring/members.h"
+#include "master/engine/wiring/wiring.h"
+#include "models/foundation/support/bytes.h"
 
 /// The error of coupling, for the choice of the communication step.
 namespace cotwin::master {

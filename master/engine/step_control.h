@@ -6,7 +6,7 @@
 #include "components/unit/snapshot.h"
 #include "master/engine/engine.h"
 #include "master/engine/input_error.h"
-#include "models/support/bytes.h"
+#include "models/foundation/support/bytes.h"
 
 /// Repeats ticks that a unit discards or that miss a tolerance: checkpoints, replay, ticks cut into parts.
 namespace cotwin::master {

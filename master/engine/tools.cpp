@@ -6,10 +6,10 @@
 #include <cmath>
 #include <set>
 
-#include "models/robot/attachment.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/robot/changes/attachment.h"
 #include "models/robot/dynamics.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::master {
 

@@ -9,9 +9,9 @@
 
 #include "components/unit/time.h"
 #include "master/engine/events.h"
-#include "master/engine/members.h"
-#include "models/robot/attachment.h"
-#include "models/robot/history.h"
+#include "master/engine/wiring/members.h"
+#include "models/robot/changes/attachment.h"
+#include "models/robot/changes/history.h"
 
 namespace cotwin::robot {
 class Mechanism;

@@ -13,9 +13,9 @@
 #include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
 #include "master/run/crash.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/kernels/kernels.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::master {
 

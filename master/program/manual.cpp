@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cctype>
 
-#include "models/support/text.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <ostream>
 
-#include "models/support/text.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

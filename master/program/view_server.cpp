@@ -1,6 +1,6 @@
 #include "master/program/view_server.h"
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::master {
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <functional>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::python {
 

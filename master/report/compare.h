@@ -2,7 +2,7 @@
 #include <string>
 #include <vector>
 
-#include "master/report/recording.h"
+#include "master/results/recording.h"
 
 /// Differences of the signals of two recordings.
 namespace cotwin::report {

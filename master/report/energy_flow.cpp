@@ -6,7 +6,7 @@
 #include <set>
 
 #include "master/report/page.h"
-#include "models/support/text.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::report {
 

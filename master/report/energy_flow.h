@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "master/report/results.h"
+#include "master/results/results.h"
 
 /// Where the energy of a run came from and where it went, from the books of unit:energy.
 namespace cotwin::report {

@@ -16,10 +16,10 @@
 #include <utility>
 #include <vector>
 
-#include "models/support/atomic_file.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
-#include "models/support/xml.h"
+#include "models/foundation/formats/xml.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::report {
 

@@ -4,8 +4,8 @@
 #include <cmath>
 
 #include "master/report/style.h"
-#include "models/support/text.h"
-#include "models/support/xml_text.h"
+#include "models/foundation/formats/xml_text.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::report {
 

@@ -8,9 +8,9 @@
 #include <optional>
 
 #include "master/report/page.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
-#include "models/support/xml.h"
+#include "models/foundation/formats/xml.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::report {
 

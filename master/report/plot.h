@@ -3,8 +3,8 @@
 #include <utility>
 #include <vector>
 
-#include "master/report/curve.h"
 #include "master/report/gnuplot.h"
+#include "master/results/curve.h"
 
 /// Curves over time as SVG, drawn by gnuplot and cleaned for a page.
 namespace cotwin::report {

@@ -3,8 +3,8 @@
 #include <algorithm>
 
 #include "master/report/sections.h"
-#include "models/support/atomic_file.h"
-#include "models/support/error.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::report {
 

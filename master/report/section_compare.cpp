@@ -6,8 +6,8 @@
 #include "master/report/compare.h"
 #include "master/report/energy_flow.h"
 #include "master/report/sections.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::report {
 

@@ -4,13 +4,13 @@
 
 #include "master/report/energy_flow.h"
 #include "master/report/sections.h"
-#include "models/support/text.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::report {
 
 namespace {
 
-constexpr std::size_t kMostGroups = 60, kMostElements = 8, kMostRows = 400, kMostSpansShown = 100;
+constexpr std::size_t kMostGroups = 60, kMostElements = 8, kMostRowsOfRun = 400, kMostSpansShown = 100;
 
 /// "3.2 ms" in the unit that a reader expects.
 std::string duration(double seconds) {
@@ -51,7 +51,7 @@ std::string joined(const json& list, const char* between) {
   return all;
 }
 
-void write_facts(Page& page, const Results& results) {
+void write_run_facts(Page& page, const Results& results) {
   const json &record = results.record, &summary = results.summary;
   Facts facts;
   const json& scenario = member(record, "scenario");
@@ -129,13 +129,13 @@ void write_elements(Page& page, const std::string& caption,
   }
   for (const auto& [name, values] : rows) heads.push_back(name);
   Table table(heads);
-  for (std::size_t i = 0; i < std::min(elements, kMostRows); ++i) {
+  for (std::size_t i = 0; i < std::min(elements, kMostRowsOfRun); ++i) {
     std::vector<Cell> cells = {"[" + std::to_string(i + 1) + "]"};
     for (const auto& [name, values] : rows) cells.push_back(i < values.size() ? Cell(values[i]) : Cell(""));
     table.row(std::move(cells));
   }
-  page.table(table,
-             caption + (elements > kMostRows ? " (the first " + std::to_string(kMostRows) + " elements)" : std::string()));
+  page.table(table, caption + (elements > kMostRowsOfRun ? " (the first " + std::to_string(kMostRowsOfRun) + " elements)"
+                                                         : std::string()));
 }
 
 std::string heading_of(const json& entry) {
@@ -319,7 +319,7 @@ void write_events(Page& page, const json& record) {
   Table table({"at t [s]", "event", "value", "ramp [s]", "by"}, 0, true);
   std::size_t rows = 0;
   for (const json& event : list_of(member(record, "events"))) {
-    if (rows++ == kMostRows) break;
+    if (rows++ == kMostRowsOfRun) break;
     const std::string attached = text_of(member(event, "attach")), detached = text_of(member(event, "detach"));
     const std::string what = !attached.empty()   ? "attach " + attached
                              : !detached.empty() ? "detach " + detached
@@ -330,7 +330,7 @@ void write_events(Page& page, const json& record) {
   const json& outside = member(record, "from_outside");
   rows = 0;
   for (const json& change : list_of(member(outside, "changes"))) {
-    if (rows++ == kMostRows) break;
+    if (rows++ == kMostRowsOfRun) break;
     table.row({Cell(number(number_of(member(change, "time")), 7)), text_of(member(change, "name")),
                text_of(member(change, "value")), "", "observer"});
   }
@@ -346,18 +346,19 @@ std::string value_of(const json& value) {
   return text.size() <= 200 ? text : text.substr(0, 200) + "…";
 }
 
-void write_parameters(Page& page, const json& record) {
+void write_run_parameters(Page& page, const json& record) {
   const json& parameters = member(record, "parameters");
   if (!parameters.is_object() || parameters.empty()) return;
   page.heading(3, "Parameters");
   Table table({"parameter", "value", "unit"}, 3);
   std::size_t rows = 0;
   for (const auto& [name, entry] : parameters.items()) {
-    if (rows++ == kMostRows) break;
+    if (rows++ == kMostRowsOfRun) break;
     table.row({Cell::of_html(code(name)), value_of(member(entry, "value")), text_of(member(entry, "unit"))});
   }
-  page.table(table, "Values that scenario, parameter files and command line gave; all others have their defaults" +
-                        std::string(parameters.size() > kMostRows ? " (the first " + std::to_string(kMostRows) + ")" : ""));
+  page.table(table,
+             "Values that scenario, parameter files and command line gave; all others have their defaults" +
+                 std::string(parameters.size() > kMostRowsOfRun ? " (the first " + std::to_string(kMostRowsOfRun) + ")" : ""));
 }
 
 void write_messages(Page& page, const Results& results) {
@@ -426,7 +427,7 @@ void write_group(Page& page, const LoadedRecording& recording, const ColumnGroup
   std::size_t rows = 0;
   for (const std::size_t c : group.columns) {
     const Figures& f = recording.columns[c].curve.figures();
-    if (f.count == 0 || rows++ >= kMostRows) continue;
+    if (f.count == 0 || rows++ >= kMostRowsOfRun) continue;
     table.row({element_of(recording.columns[c].name), f.min, f.t_of_min, f.max, f.t_of_max, f.mean(), f.rms(), f.last});
   }
   if (!table.empty()) page.table(table);
@@ -435,7 +436,7 @@ void write_group(Page& page, const LoadedRecording& recording, const ColumnGroup
 void write_run(Page& page, const Results& results, const Gnuplot& gnuplot) {
   page.heading(2, results.name, true);
   write_messages(page, results);
-  write_facts(page, results);
+  write_run_facts(page, results);
   write_figures(page, results.summary);
   write_energy(page, results);
   if (results.recording) {
@@ -453,7 +454,7 @@ void write_run(Page& page, const Results& results, const Gnuplot& gnuplot) {
   } else {
     page.paragraph("The run has no recording, so there are no plots.");
   }
-  write_parameters(page, results.record);
+  write_run_parameters(page, results.record);
 }
 
 }  // namespace cotwin::report

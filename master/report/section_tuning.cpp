@@ -4,8 +4,8 @@
 #include <cmath>
 
 #include "master/report/sections.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::report {
 
@@ -19,7 +19,7 @@ std::string joined_text(const json& list) {
   return all;
 }
 
-void write_facts(Page& page, const Results& results) {
+void write_tuning_facts(Page& page, const Results& results) {
   const json& f = results.figures;
   const json& settings = member(f, "settings");
   Table table({"", ""}, 2);
@@ -242,7 +242,7 @@ class Deviations {
   Table table_{{"", "parameter", "before", "after", "change [%]", "−100 % … +100 %"}, 2, true};
 };
 
-void write_parameters(Page& page, const json& f) {
+void write_tuning_parameters(Page& page, const json& f) {
   const json::array_t &bodies = list_of(member(f, "bodies")), &drives = list_of(member(f, "drives"));
   if (bodies.empty() && drives.empty()) {
     page.note("figures.json has no parameters: it was written by an older version of cotwin. report.md beside it lists them.");
@@ -307,11 +307,11 @@ void write_tuning(Page& page, const Results& results, const Gnuplot& gnuplot) {
   for (const std::string& note : results.notes) page.note(note);
   for (const json& warning : list_of(member(f, "warnings"))) page.note("Warning: " + text_of(warning));
   const std::vector<std::string> joints = joints_of(f);
-  write_facts(page, results);
+  write_tuning_facts(page, results);
   write_errors(page, f, joints);
   write_convergence(page, f, gnuplot);
   write_torques(page, results, joints, gnuplot);
-  write_parameters(page, f);
+  write_tuning_parameters(page, f);
 }
 
 }  // namespace cotwin::report

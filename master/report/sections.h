@@ -5,7 +5,7 @@
 #include "master/report/gnuplot.h"
 #include "master/report/page.h"
 #include "master/report/plot.h"
-#include "master/report/results.h"
+#include "master/results/results.h"
 
 /// The parts of a page.
 namespace cotwin::report {

@@ -1,9 +1,9 @@
 #include "master/run/checkpoint.h"
 
-#include "models/support/atomic_file.h"
-#include "models/support/bytes.h"
-#include "models/support/error.h"
-#include "models/support/file.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
 
 namespace cotwin::master {
 

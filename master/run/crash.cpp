@@ -30,20 +30,20 @@ int exit_code = 1;
 alignas(16) std::array<char, kStackBytes> stack;
 
 /// A text of limited length; the excess is dropped.
-class Text {
+class CrashText {
  public:
-  Text& operator<<(std::string_view s) {
+  CrashText& operator<<(std::string_view s) {
     const std::size_t n = std::min(s.size(), room_.size() - used_);
     std::memcpy(room_.data() + used_, s.data(), n);
     used_ += n;
     return *this;
   }
-  Text& operator<<(std::int64_t value) {
+  CrashText& operator<<(std::int64_t value) {
     std::array<char, 24> digits{};
     const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr;
     return *this << std::string_view(digits.data(), static_cast<std::size_t>(end - digits.data()));
   }
-  Text& seconds(std::int64_t ns) {
+  CrashText& seconds(std::int64_t ns) {
     if (ns < 0) *this << "-";
     const std::int64_t magnitude = ns < 0 ? -ns : ns;
     *this << magnitude / 1'000'000'000;
@@ -67,7 +67,7 @@ class Text {
 };
 
 /// On a terminal, begins a new line after a progress bar.
-void begin_message(Text& text) { text << (isatty(STDERR_FILENO) != 0 ? "\ncotwin: " : "cotwin: "); }
+void begin_message(CrashText& text) { text << (isatty(STDERR_FILENO) != 0 ? "\ncotwin: " : "cotwin: "); }
 
 /// The FMU call that this thread is in, otherwise that of the main thread; nullptr if there is none.
 const fmu::UnderWay* call_under_way() {
@@ -75,7 +75,7 @@ const fmu::UnderWay* call_under_way() {
   return of_main_thread != nullptr && of_main_thread->function != nullptr ? of_main_thread : nullptr;
 }
 
-void name_call(Text& text, const fmu::UnderWay& call) {
+void name_call(CrashText& text, const fmu::UnderWay& call) {
   text << "component '" << call.place->instance << "' at t = ";
   text.seconds(call.ns) << " s: " << call.place->fmu << ": " << call.function;
 }
@@ -83,7 +83,7 @@ void name_call(Text& text, const fmu::UnderWay& call) {
 }  // namespace
 
 struct CrashHandler {
-  static void save(Text& text) {
+  static void save(CrashText& text) {
     for (std::atomic<SavedOnCrash*>& slot : saved) {
       SavedOnCrash* const one = slot.exchange(nullptr);
       if (one == nullptr) continue;
@@ -114,7 +114,7 @@ struct CrashHandler {
     enter();
     const fmu::UnderWay* const call = call_under_way();
     const char* description = sigdescr_np(number);
-    Text text;
+    CrashText text;
     begin_message(text);
     if (call != nullptr) {
       name_call(text, *call);
@@ -136,7 +136,7 @@ struct CrashHandler {
   static void on_exit(int status, void*) {
     if (main_has_ended) return;
     enter();
-    Text text;
+    CrashText text;
     begin_message(text);
     if (const fmu::UnderWay* const call = call_under_way()) {
       name_call(text, *call);

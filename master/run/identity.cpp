@@ -4,10 +4,10 @@
 #include <variant>
 #include <vector>
 
-#include "master/engine/members.h"
-#include "models/support/bytes.h"
-#include "models/support/file_hash.h"
-#include "models/support/text.h"
+#include "master/engine/wiring/members.h"
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/file_hash.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

@@ -2,8 +2,8 @@
 #include <cstdint>
 #include <string>
 
-#include "master/ssp/scenario.h"
-#include "models/support/file_hash.h"
+#include "master/scenario/scenario.h"
+#include "models/foundation/support/file_hash.h"
 
 /// Identifies what determines the bits of a run: the program, and a scenario with the files that it names.
 namespace cotwin::master {

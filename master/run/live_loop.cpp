@@ -6,8 +6,8 @@
 
 #include "master/clock/clock.h"
 #include "master/engine/beside.h"
-#include "models/support/bytes.h"
-#include "models/support/choice.h"
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/choice.h"
 
 namespace cotwin::master {
 

@@ -9,15 +9,15 @@
 #include <vector>
 
 #include "components/bus/live_run.h"
-#include "master/engine/bonds.h"
-#include "master/engine/initialisation.h"
-#include "master/engine/loop_report.h"
-#include "master/engine/members.h"
+#include "master/engine/coupling/bonds.h"
+#include "master/engine/coupling/initialisation.h"
+#include "master/engine/coupling/loop_report.h"
+#include "master/engine/wiring/members.h"
 #include "master/run/live_loop.h"
 #include "master/run/pace.h"
 #include "master/run/recorder.h"
 #include "master/run/statistics.h"
-#include "master/ssp/scenario.h"
+#include "master/scenario/scenario.h"
 
 namespace cotwin::robot {
 struct RobotHistory;

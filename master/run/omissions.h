@@ -3,8 +3,8 @@
 #include <string>
 #include <vector>
 
-#include "master/engine/members.h"
-#include "master/engine/wiring.h"
+#include "master/engine/wiring/members.h"
+#include "master/engine/wiring/wiring.h"
 
 namespace cotwin::master {
 

@@ -5,8 +5,8 @@
 #include <utility>
 
 #include "master/clock/realtime.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

@@ -17,9 +17,9 @@
 #include <unordered_map>
 
 #include "master/clock/clock.h"
-#include "models/support/atomic_file.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

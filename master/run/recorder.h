@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "components/unit/time.h"
-#include "master/engine/members.h"
+#include "master/engine/wiring/members.h"
 #include "master/run/crash.h"
 
 /// Records selected variables over time as CSV.

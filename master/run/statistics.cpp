@@ -5,10 +5,10 @@
 #include <limits>
 #include <type_traits>
 
-#include "master/engine/bonds.h"
-#include "master/engine/schedule.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "master/engine/coupling/bonds.h"
+#include "master/engine/wiring/schedule.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

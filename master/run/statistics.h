@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "master/run/recorder.h"
-#include "models/support/bytes.h"
+#include "models/foundation/support/bytes.h"
 
 /// Figures of merit, computed at every tick of the run.
 namespace cotwin::master {

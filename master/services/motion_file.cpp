@@ -4,9 +4,9 @@
 #include <sstream>
 
 #include "components/unit/si.h"
-#include "models/support/error.h"
-#include "models/support/parameter_set.h"
-#include "models/support/text.h"
+#include "models/foundation/formats/parameter_set.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

@@ -4,11 +4,11 @@
 #include <sstream>
 #include <vector>
 
+#include "models/foundation/formats/parameter_set.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/atomic_file.h"
-#include "models/support/error.h"
-#include "models/support/parameter_set.h"
-#include "models/support/text.h"
 
 namespace cotwin::master {
 

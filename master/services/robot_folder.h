@@ -3,8 +3,8 @@
 #include <optional>
 #include <string>
 
+#include "components/services/robots.h"
 #include "fmu/archive/archive.h"
-#include "models/services/robots.h"
 
 namespace cotwin::master {
 

@@ -4,11 +4,11 @@
 #include <cmath>
 #include <numeric>
 
+#include "components/services/energy_service.h"
 #include "master/run/master.h"
 #include "master/services/robot_folder.h"
-#include "models/services/energy_service.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

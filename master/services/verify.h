@@ -3,8 +3,8 @@
 #include <span>
 #include <vector>
 
+#include "components/services/verification.h"
 #include "components/unit/unit_table.h"
-#include "models/services/verification.h"
 
 namespace cotwin::master {
 

@@ -1,7 +1,7 @@
 #pragma once
 #include <iosfwd>
 
-#include "models/services/json.h"
+#include "components/services/json/json.h"
 
 /// Services as a process of their own, for queues of jobs.
 namespace cotwin::master {

@@ -1,7 +1,7 @@
 // The scenario as an exported unit: the counterpart of fmu/export/exported_unit.cpp.in, which CMake fills in for each unit.
 #include "fmu/export/export.h"
 #include "master/twin/twin_package.h"
-#include "models/support/file.h"
+#include "models/foundation/support/file.h"
 
 namespace cotwin::fmu {
 

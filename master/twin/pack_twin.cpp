@@ -7,9 +7,9 @@
 #include "fmu/import/package.h"
 #include "master/run/recorder.h"
 #include "master/twin/twin_package.h"
-#include "models/support/choice.h"
-#include "models/support/error.h"
-#include "models/support/file.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
 
 namespace cotwin::master {
 
@@ -32,9 +32,9 @@ void collect_files(const fs::path& folder, std::vector<fs::path> above, std::vec
   }
 }
 
-class Packer {
+class TwinPacker {
  public:
-  Packer(const Scenario& scenario, const PackageOptions& options)
+  TwinPacker(const Scenario& scenario, const PackageOptions& options)
       : scenario_(scenario), options_(options), members_(load_members(scenario, options.types, options.folders)) {
     package_.scenario = scenario;
     if (scenario.clock.kind != ClockKind::kFree)
@@ -169,7 +169,7 @@ std::vector<std::string> pack_twin(const Scenario& scenario, const PackageOption
     fail(scenario.file.filename().string(),
          "the communication step adapts to a tolerance, expected a fixed one: as one FMU the scenario steps as its host asks");
   }
-  return Packer(scenario, options).pack(out);
+  return TwinPacker(scenario, options).pack(out);
 }
 
 }  // namespace cotwin::master

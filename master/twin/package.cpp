@@ -8,7 +8,7 @@
 #include "fmu/archive/archive.h"
 #include "master/run/recorder.h"
 #include "master/twin/ssd_write.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::master {
 
@@ -72,9 +72,9 @@ ParameterSet values_of_foreign(const Member& member, const Scenario& scenario) {
   return set;
 }
 
-class Packer {
+class ScenarioPacker {
  public:
-  Packer(const Scenario& scenario, const PackageOptions& options)
+  ScenarioPacker(const Scenario& scenario, const PackageOptions& options)
       : scenario_(scenario), options_(options), members_(load_members(scenario, options.types, options.folders)) {}
 
   std::vector<std::string> pack(const fs::path& out) {
@@ -146,7 +146,7 @@ class Packer {
 }  // namespace
 
 std::vector<std::string> pack_scenario(const Scenario& scenario, const PackageOptions& options, const fs::path& out) {
-  return Packer(scenario, options).pack(out);
+  return ScenarioPacker(scenario, options).pack(out);
 }
 
 }  // namespace cotwin::master

@@ -6,7 +6,7 @@
 
 #include "components/unit/unit_table.h"
 #include "fmu/export/pack.h"
-#include "master/ssp/scenario.h"
+#include "master/scenario/scenario.h"
 
 namespace cotwin::master {
 

@@ -4,11 +4,11 @@
 #include <set>
 #include <sstream>
 
-#include "master/ssp/annotation.h"
-#include "master/ssp/system.h"
-#include "models/support/choice.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "master/scenario/annotation.h"
+#include "master/scenario/system.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

@@ -2,9 +2,9 @@
 #include <string>
 #include <vector>
 
-#include "master/engine/members.h"
-#include "master/engine/wiring.h"
-#include "master/ssp/scenario.h"
+#include "master/engine/wiring/members.h"
+#include "master/engine/wiring/wiring.h"
+#include "master/scenario/scenario.h"
 
 namespace cotwin::master {
 

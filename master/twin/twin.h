@@ -8,7 +8,7 @@
 #include "components/unit/unit.h"
 #include "master/engine/engine.h"
 #include "master/engine/step_control.h"
-#include "master/ssp/scenario.h"
+#include "master/scenario/scenario.h"
 
 namespace cotwin::master {
 

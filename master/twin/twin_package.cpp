@@ -6,8 +6,8 @@
 
 #include "fmu/export/package.h"
 #include "fmu/import/package.h"
-#include "models/support/bytes.h"
-#include "models/support/error.h"
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::master {
 

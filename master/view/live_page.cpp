@@ -11,9 +11,9 @@
 #include "master/view/stage.h"
 #include "master/view/stage_json.h"
 #include "master/view/view.h"
-#include "models/support/error.h"
-#include "models/support/file.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

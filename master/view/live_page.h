@@ -7,7 +7,7 @@
 
 #include "components/bus/live_run.h"
 #include "components/unit/unit_table.h"
-#include "master/ssp/scenario.h"
+#include "master/scenario/scenario.h"
 
 /// The page of `cotwin view` for a run that goes on: a gateway serves it at `/`.
 namespace cotwin::master {

@@ -9,7 +9,7 @@
 #include <limits>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::master {
 

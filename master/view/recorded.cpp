@@ -7,10 +7,10 @@
 #include <limits>
 #include <optional>
 
-#include "master/report/recording.h"
-#include "models/support/csv.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "master/results/recording.h"
+#include "models/foundation/formats/csv.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

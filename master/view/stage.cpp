@@ -11,9 +11,9 @@
 #include <Eigen/Geometry>
 
 #include "components/unit/settings.h"
-#include "master/engine/members.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "master/engine/wiring/members.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "components/unit/unit_table.h"
-#include "master/ssp/scenario.h"
+#include "master/scenario/scenario.h"
 #include "master/view/recorded.h"
 #include "models/robot/robot_model.h"
 #include "models/scene/cell.h"

@@ -10,12 +10,12 @@
 #include <utility>
 
 #include "fmu/import/fmu_store.h"
-#include "master/engine/members.h"
+#include "master/engine/wiring/members.h"
 #include "master/view/calculated.h"
-#include "models/scene/urdf_shapes.h"
-#include "models/scene/urdf_visuals.h"
-#include "models/support/error.h"
-#include "models/support/file.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
+#include "models/scene/urdf/urdf_shapes.h"
+#include "models/scene/urdf/urdf_visuals.h"
 
 namespace cotwin::master {
 

@@ -10,20 +10,20 @@
 #include <utility>
 
 #include "components/unit/settings.h"
-#include "master/engine/members.h"
-#include "master/report/results.h"
+#include "master/engine/wiring/members.h"
+#include "master/results/results.h"
 #include "master/run/identity.h"
 #include "master/view/calculated.h"
 #include "master/view/packer.h"
 #include "master/view/recorded.h"
 #include "master/view/stage.h"
 #include "master/view/stage_json.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
+#include "models/foundation/support/installation.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/atomic_file.h"
-#include "models/support/error.h"
-#include "models/support/file.h"
-#include "models/support/installation.h"
-#include "models/support/text.h"
 
 namespace cotwin::master {
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "components/unit/unit_table.h"
-#include "master/ssp/scenario.h"
+#include "master/scenario/scenario.h"
 #include "master/view/recorded.h"
 #include "models/trajectory/columns.h"
 

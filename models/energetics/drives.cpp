@@ -1,6 +1,6 @@
 #include "models/energetics/drives.h"
 
-#include "models/support/choice.h"
+#include "models/foundation/support/choice.h"
 
 namespace cotwin::energetics {
 

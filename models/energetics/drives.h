@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "models/support/parameter_table.h"
+#include "models/foundation/support/parameter_table.h"
 
 namespace cotwin::energetics {
 

@@ -1,6 +1,6 @@
 #pragma once
 #include "models/energetics/power_fit.h"
-#include "models/support/parameter_set.h"
+#include "models/foundation/formats/parameter_set.h"
 
 namespace cotwin::energetics {
 

@@ -1,11 +1,11 @@
 #include "models/energetics/motion_energy.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/numerics/dense.h"
 
 namespace cotwin::energetics {
 namespace {
@@ -174,8 +174,7 @@ double StretchEnergy::best(double low, double high) const {
     Eigen::Matrix4d companion = Eigen::Matrix4d::Zero();
     companion.diagonal(-1).setOnes();
     companion.col(3) << 3 * c3 / idle, 2 * c2 / idle, c1 / idle, 0;
-    const Eigen::EigenSolver<Eigen::Matrix4d> roots(companion, false);
-    for (const auto& root : roots.eigenvalues()) {
+    for (const auto& root : numerics::eigenvalues(companion)) {
       if (std::abs(root.imag()) <= 1e-6 * std::abs(root)) compare(root.real());
     }
   }

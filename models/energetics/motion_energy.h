@@ -3,7 +3,7 @@
 
 #include "models/energetics/books.h"
 #include "models/energetics/waiting.h"
-#include "models/robot/drive_parameters.h"
+#include "models/robot/drives/drive_parameters.h"
 #include "models/robot/dynamics.h"
 #include "models/trajectory/trajectory.h"
 

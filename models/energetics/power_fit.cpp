@@ -1,13 +1,12 @@
 #include "models/energetics/power_fit.h"
 
-#include <Eigen/QR>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 
-#include "models/support/choice.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/numerics/dense.h"
 
 namespace cotwin::energetics {
 namespace {
@@ -83,7 +82,7 @@ Solution solve(const MatrixXd& A, const VectorXd& b, const std::vector<bool>& bo
     VectorXd x = VectorXd::Zero(m);
     if (!s.free.empty()) {
       const MatrixXd part = A(Eigen::all, s.free);
-      x(s.free) = part.colPivHouseholderQr().solve(b);
+      x(s.free) = numerics::least_squares(part, b);
     }
     return x;
   };
@@ -128,13 +127,13 @@ Solution solve(const MatrixXd& A, const VectorXd& b, const std::vector<bool>& bo
 void find_untold(const MatrixXd& A, std::vector<PowerParameter>& parameters) {
   for (std::size_t k = 0; k < parameters.size(); ++k)
     if (!(A.col(static_cast<Index>(k)).squaredNorm() > 0)) parameters[k].told = Told::kUnexcited;
-  const MatrixXd R = A.householderQr().matrixQR().topRows(std::min(A.rows(), A.cols())).triangularView<Eigen::Upper>();
-  const Eigen::JacobiSVD<MatrixXd> svd(R, Eigen::ComputeFullV);
-  const VectorXd sigma = svd.singularValues();
+  const MatrixXd R = numerics::qr_triangle(A);
+  const numerics::Svd svd = numerics::svd(R);
+  const VectorXd& sigma = svd.values;
   for (Index c = 0; c < A.cols(); ++c) {
     if (c < sigma.size() && sigma[c] > kDependent * sigma[0]) continue;
     for (std::size_t k = 0; k < parameters.size(); ++k) {
-      if (parameters[k].told == Told::kValue && std::abs(svd.matrixV()(static_cast<Index>(k), c)) > kTakesPart)
+      if (parameters[k].told == Told::kValue && std::abs(svd.V(static_cast<Index>(k), c)) > kTakesPart)
         parameters[k].told = Told::kDependent;
     }
   }
@@ -210,10 +209,10 @@ PowerFit fit_unchecked(const PowerLog& log, PowerModel model, const std::vector<
   const double squares = (b - A * s.x).squaredNorm();
   fit.rmse = std::sqrt(squares / static_cast<double>(rows));
   const MatrixXd part = A(Eigen::all, s.free);
-  const Eigen::ColPivHouseholderQR<MatrixXd> qr(part);
-  const Index rank = qr.rank();
+  const numerics::PivotedQr qr = numerics::pivoted_qr(part, b);
+  const Index rank = qr.rank;
   MatrixXd inverse = MatrixXd::Identity(rank, rank);
-  qr.matrixR().topLeftCorner(rank, rank).triangularView<Eigen::Upper>().solveInPlace(inverse);
+  qr.R.topLeftCorner(rank, rank).triangularView<Eigen::Upper>().solveInPlace(inverse);
   const double variance = squares / static_cast<double>(std::max<Index>(rows - rank, 1));
   for (Index k = 0; k < m; ++k) {
     PowerParameter& p = fit.parameters[static_cast<std::size_t>(k)];
@@ -221,7 +220,7 @@ PowerFit fit_unchecked(const PowerLog& log, PowerModel model, const std::vector<
     if (p.told == Told::kValue && p.nonnegative && options.nonnegative && s.x[k] == 0) p.told = Told::kAtZero;
   }
   for (Index k = 0; k < rank; ++k) {
-    const Index column = s.free[static_cast<std::size_t>(qr.colsPermutation().indices()[k])];
+    const Index column = s.free[static_cast<std::size_t>(qr.columns[k])];
     fit.parameters[static_cast<std::size_t>(column)].error = std::sqrt(variance) * inverse.row(k).norm() / length[column];
   }
   if (options.gain_is_one && gain >= 0) {

@@ -6,10 +6,10 @@
 #include <limits>
 #include <optional>
 
+#include "models/foundation/formats/csv.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/dynamics.h"
-#include "models/support/csv.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::energetics {
 namespace {

@@ -39,7 +39,7 @@ struct PowerLog {
   double power_at_rest() const;
 };
 
-/// Reads a log (models/support/csv.h). Rows with a value that is not finite are left out, with a warning. A step of more than five
+/// Reads a log (models/foundation/formats/csv.h). Rows with a value that is not finite are left out, with a warning. A step of more than five
 /// times the usual one is a gap. Where dq is missing it is computed from q, within segments. With a `robot` (nullptr: none) and
 /// without a column of torques, tau is the inverse dynamics of q, dq, ddq. Throws Error for missing columns, times that go back,
 /// a power that is constant or mostly negative, and speeds that do not fit the positions (degrees, milliseconds).

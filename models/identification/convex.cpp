@@ -1,5 +1,4 @@
 // The minimum of f on the cone of physical bodies within the box, by Newton's method on a falling barrier.
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -7,6 +6,7 @@
 
 #include "models/identification/compass.h"
 #include "models/identification/problem_impl.h"
+#include "models/numerics/dense.h"
 
 namespace cotwin::identification {
 namespace {
@@ -19,7 +19,7 @@ using Eigen::VectorXd;
 /// Coordinates p of a body in which its prior is the identity: P = U_0 X U_0ᵀ, X symmetric with these elements.
 constexpr int kElement[10][2] = {{0, 0}, {1, 1}, {2, 2}, {3, 3}, {0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 /// Where s12, s23, s13, t1, t2, t3 of LogCholesky stand in U(ξ).
-constexpr int kPlace[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
+constexpr int kPlaceInConvex[6][2] = {{0, 1}, {1, 2}, {0, 2}, {0, 3}, {1, 3}, {2, 3}};
 
 Matrix4d symmetric(int k) {
   Matrix4d E = Matrix4d::Zero();
@@ -49,7 +49,7 @@ struct BodyChart {
     }
     xi[0] = std::log(V(3, 3));
     for (int i = 0; i < 3; ++i) xi[1 + i] = std::log(V(i, i) / V(3, 3));
-    for (int k = 0; k < 6; ++k) xi[4 + k] = V(kPlace[k][0], kPlace[k][1]) / V(3, 3);
+    for (int k = 0; k < 6; ++k) xi[4 + k] = V(kPlaceInConvex[k][0], kPlaceInConvex[k][1]) / V(3, 3);
     return true;
   }
   /// ∂V/∂ξ_a
@@ -59,7 +59,7 @@ struct BodyChart {
     if (a <= 3)
       D(a - 1, a - 1) = V(a - 1, a - 1);
     else
-      D(kPlace[a - 4][0], kPlace[a - 4][1]) = V(3, 3);
+      D(kPlaceInConvex[a - 4][0], kPlaceInConvex[a - 4][1]) = V(3, 3);
     return D;
   }
   /// ∂ξ/∂p
@@ -218,7 +218,7 @@ class ConeProblem {
     // wholly open may still be singular to rounding.
     if (!solve(curved, g, d) && !solve(H, g, d)) {
       const VectorXd scale = H.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-      d = -scale.cwiseProduct((scale.asDiagonal() * H * scale.asDiagonal()).ldlt().solve(scale.cwiseProduct(g)));
+      d = -scale.cwiseProduct(numerics::solve_ldlt(scale.asDiagonal() * H * scale.asDiagonal(), scale.cwiseProduct(g)));
       if (!d.allFinite()) d.setZero(g.size());
     }
     decrement = -g.dot(d);
@@ -302,9 +302,9 @@ class ConeProblem {
   static bool solve(const MatrixXd& H, const VectorXd& g, VectorXd& d) {
     if (!(H.diagonal().minCoeff() > 0)) return false;
     const VectorXd s = H.diagonal().cwiseSqrt().cwiseInverse();  // the diagonal spans twenty orders of magnitude
-    const Eigen::LLT<MatrixXd> factor(s.asDiagonal() * H * s.asDiagonal());
-    if (factor.info() != Eigen::Success) return false;
-    d = -s.cwiseProduct(factor.solve(s.cwiseProduct(g)));
+    const auto scaled = numerics::solve_cholesky(s.asDiagonal() * H * s.asDiagonal(), s.cwiseProduct(g));
+    if (!scaled) return false;
+    d = -s.cwiseProduct(*scaled);
     return d.allFinite();
   }
 

@@ -1,14 +1,14 @@
 #include "models/identification/feasible.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <string>
 #include <vector>
 
+#include "models/foundation/support/error.h"
 #include "models/identification/problem_impl.h"
+#include "models/numerics/dense.h"
 #include "models/numerics/random.h"
-#include "models/support/error.h"
 
 namespace cotwin::identification {
 namespace {
@@ -58,7 +58,7 @@ Descent descend(const Problem& problem, VectorXd xi, const FeasibleOptions& opti
       A(i, i) += mu * std::max(H(row, row), least);
       b[i] = -g[row];
     }
-    const VectorXd step = A.ldlt().solve(b);
+    const VectorXd step = numerics::solve_ldlt(A, b);
     VectorXd trial = xi;
     for (Index i = 0; i < m; ++i) {
       const Index row = free[static_cast<std::size_t>(i)];

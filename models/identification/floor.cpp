@@ -4,12 +4,13 @@
 #include <cmath>
 #include <limits>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/identification/compass.h"
 #include "models/identification/problem_impl.h"
+#include "models/numerics/dense.h"
 #include "models/numerics/triangle.h"
 #include "models/robot/dynamics.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::identification {
 
@@ -39,17 +40,17 @@ Solution solve(const MatrixXd& A, const VectorXd& b, bool alone = false) {
   const Index p = A.cols();
   VectorXd scale = A.colwise().norm();
   for (double& s : scale) s = s > 0 ? 1 / s : 1;
-  Eigen::ColPivHouseholderQR<MatrixXd> qr(A * scale.asDiagonal());
-  const auto R = qr.matrixR();
+  const numerics::PivotedQr qr = numerics::pivoted_qr(A * scale.asDiagonal(), b);
+  const MatrixXd& R = qr.R;
   Solution solution;
   while (solution.rank < p && std::abs(R(solution.rank, solution.rank)) > kRank * std::abs(R(0, 0))) ++solution.rank;
   const Index r = solution.rank;
-  const MatrixXd R_r = R.topLeftCorner(r, r).template triangularView<Eigen::Upper>();
-  const VectorXd projected = (qr.householderQ().transpose() * b).head(r);
+  const MatrixXd R_r = R.topLeftCorner(r, r);
+  const VectorXd projected = qr.Qb.head(r);
   const VectorXd y = R_r.triangularView<Eigen::Upper>().solve(projected);
   solution.x.setZero(p);
   for (Index i = 0; i < r; ++i) {
-    const Index column = qr.colsPermutation().indices()[i];
+    const Index column = qr.columns[i];
     solution.x[column] = scale[column] * y[i];
   }
   if (alone) return solution;
@@ -61,13 +62,13 @@ Solution solve(const MatrixXd& A, const VectorXd& b, bool alone = false) {
   const MatrixXd shared = R_r.triangularView<Eigen::Upper>().solve(MatrixXd(R.topRightCorner(r, p - r)));
   constexpr double kShared = 1e-6;
   for (Index i = 0; i < r; ++i) {
-    const Index column = qr.colsPermutation().indices()[i];
+    const Index column = qr.columns[i];
     if (p > r && shared.row(i).cwiseAbs().maxCoeff() > kShared) continue;
     solution.deviation[column] = scale[column] * inverse.row(i).norm();
     solution.determined[static_cast<std::size_t>(column)] = true;
   }
   if (r > 0) {
-    const VectorXd singular = R_r.jacobiSvd().singularValues();
+    const VectorXd singular = numerics::singular_values(R_r);
     solution.condition = singular[0] / singular[r - 1];
   }
   return solution;

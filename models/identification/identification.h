@@ -1,12 +1,12 @@
 #pragma once
 #include "models/identification/feasible.h"
 #include "models/identification/log_cholesky.h"
-#include "models/identification/preparation.h"
 #include "models/identification/problem.h"
 #include "models/identification/stiffness.h"
 #include "models/identification/swarm_search.h"
-#include "models/identification/torque_data.h"
-#include "models/identification/torque_model.h"
+#include "models/identification/torque_data/preparation.h"
+#include "models/identification/torque_data/torque_data.h"
+#include "models/identification/torque_data/torque_model.h"
 
 /// Identification of a robot's dynamics from measured joint torques (IV-A4), in five steps:
 ///   Samples s = prepare(q, dq, tau);              filtered signals and accelerations

@@ -1,11 +1,11 @@
 #include "models/identification/log_cholesky.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/numerics/dense.h"
 
 namespace cotwin::identification {
 namespace {
@@ -132,11 +132,10 @@ Inertia consistent(const Inertia& inertia, double least_mass, double least_radiu
   body.mass = std::max(inertia.mass, least_mass);
   if (inertia.mass > 0 && inertia.mass < least_mass) body.I_CC *= least_mass / inertia.mass;
   const Matrix3d spread = 0.5 * body.I_CC.trace() * Matrix3d::Identity() - body.I_CC;  // ∫ r rᵀ dm about C
-  const Eigen::SelfAdjointEigenSolver<Matrix3d> axes(spread);
+  const numerics::SymmetricEigen<3> axes = numerics::symmetric_eigen<3>(spread);
   const double least = body.mass * least_radius * least_radius;
-  if (axes.eigenvalues().minCoeff() >= least) return body;
-  const Matrix3d wider =
-      axes.eigenvectors() * axes.eigenvalues().cwiseMax(least).asDiagonal() * axes.eigenvectors().transpose();
+  if (axes.values.minCoeff() >= least) return body;
+  const Matrix3d wider = axes.vectors * axes.values.cwiseMax(least).asDiagonal() * axes.vectors.transpose();
   body.I_CC = wider.trace() * Matrix3d::Identity() - wider;
   return body;
 }

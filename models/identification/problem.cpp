@@ -4,9 +4,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/foundation/support/error.h"
 #include "models/identification/problem_impl.h"
+#include "models/numerics/dense.h"
 #include "models/numerics/triangle.h"
-#include "models/support/error.h"
 
 namespace cotwin::identification {
 
@@ -115,10 +116,10 @@ RowMajor Problem::Impl::reachable(int joint, const RowMajor& R) const {
   }
   for (Index k = 0; k < all.cols(); ++k)
     if (const double length = all.col(k).norm(); length > 0) all.col(k) /= length;
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> axes(all * all.transpose());
+  const numerics::SymmetricEigen<Eigen::Dynamic> axes = numerics::symmetric_eigen(all * all.transpose());
   // ascending eigenvalues, the squares of the singular values
-  const Index small = (axes.eigenvalues().array() <= 1e-14 * axes.eigenvalues().maxCoeff()).count();
-  RowMajor Q = axes.eigenvectors().transpose().colwise().reverse();
+  const Index small = (axes.values.array() <= 1e-14 * axes.values.maxCoeff()).count();
+  RowMajor Q = axes.vectors.transpose().colwise().reverse();
   return Q.topRows(std::max<Index>(R.rows() - small, std::min<Index>(t.size(), R.rows())));
 }
 
@@ -349,9 +350,7 @@ void Problem::residuals(const VectorXd& xi, VectorXd& r, MatrixXd* jacobian) con
         Q.resize(height, 0);
         return -target;
       }
-      Eigen::ColPivHouseholderQR<MatrixXd> qr(free.leftCols(count));
-      qr.setThreshold(1e-10);
-      Q = qr.householderQ() * MatrixXd::Identity(height, qr.rank());
+      Q = numerics::orthonormal_basis(free.leftCols(count), 1e-10);
       return Q * (Q.transpose() * target) - target;
     };
     const VectorXd eta = xi.segment(nonlinear, t.nonlinear());
@@ -413,7 +412,7 @@ Estimate Problem::floor_estimate() const {
   Estimate estimate = estimate_of(p.prior);
   const MatrixXd& G = p.data.base().G;
   const VectorXd change = p.floor.beta - G * estimate.pi;
-  estimate.pi += G.transpose() * (G * G.transpose()).ldlt().solve(change);
+  estimate.pi += G.transpose() * numerics::solve_ldlt(G * G.transpose(), change);
   estimate.drive = p.floor.drive;
   return estimate;
 }

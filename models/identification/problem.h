@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "models/identification/log_cholesky.h"
-#include "models/identification/torque_data.h"
+#include "models/identification/torque_data/torque_data.h"
 
 namespace cotwin::identification {
 

@@ -4,8 +4,8 @@
 #include <functional>
 #include <vector>
 
-#include "models/identification/drive_terms.h"
 #include "models/identification/problem.h"
+#include "models/identification/torque_data/drive_terms.h"
 #include "models/numerics/batch.h"
 
 namespace cotwin::identification {

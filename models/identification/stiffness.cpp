@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/identification/problem.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
-#include "models/trajectory/series.h"
+#include "models/trajectory/series/series.h"
 
 namespace cotwin::identification {
 namespace {

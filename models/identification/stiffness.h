@@ -1,7 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 
-#include "models/identification/torque_model.h"
+#include "models/identification/torque_data/torque_model.h"
 #include "models/numerics/swarm.h"
 
 namespace cotwin::identification {

@@ -1,14 +1,14 @@
 #include "models/identification/swarm_search.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <bit>
 #include <cmath>
 
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/error.h"
 #include "models/identification/problem_impl.h"
 #include "models/numerics/batch.h"
-#include "models/support/bytes.h"
-#include "models/support/error.h"
+#include "models/numerics/dense.h"
 
 namespace cotwin::identification {
 namespace {
@@ -43,9 +43,9 @@ struct Chart {
       H.col(i).setZero();
       H(i, i) = own;
     }
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> axes(H);
-    E = axes.eigenvectors();
-    curvature = axes.eigenvalues().cwiseMax(1e-300);
+    const numerics::SymmetricEigen<Eigen::Dynamic> axes = numerics::symmetric_eigen(H);
+    E = axes.vectors;
+    curvature = axes.values.cwiseMax(1e-300);
     promise = (E.transpose() * (J.transpose() * r)).cwiseAbs2().cwiseQuotient(curvature).sum();
   }
   /// Half widths of a box in y that contains the box of the problem; points outside that box are clamped.

@@ -1,9 +1,9 @@
 #include "models/mechanics/inertia.h"
 
-#include <Eigen/Eigenvalues>
 #include <limits>
 
-#include "models/support/text.h"
+#include "models/foundation/support/text.h"
+#include "models/numerics/dense.h"
 
 namespace cotwin {
 
@@ -77,9 +77,8 @@ std::string Inertia::unphysical() const {
   if (I_CC != I_CC.transpose()) return "the inertia matrix is not symmetric";
   const double scale = I_CC.cwiseAbs().maxCoeff();
   if (scale == 0) return "no moments of inertia, expected > 0 kg m2";
-  const Vector3d J =
-      scale * Eigen::SelfAdjointEigenSolver<Matrix3d>(I_CC / scale, Eigen::EigenvaluesOnly).eigenvalues();  // ascending
-  if (J[0] <= 4 * std::numeric_limits<double>::epsilon() * scale) {  // rounding of the eigenvalues
+  const Vector3d J = scale * numerics::symmetric_eigenvalues<3>(I_CC / scale);  // ascending
+  if (J[0] <= 4 * std::numeric_limits<double>::epsilon() * scale) {             // rounding of the eigenvalues
     return "principal moments " + listed(J) + " kg m2 are not all > 0";
   }
   if (J[0] + J[1] < (1 - kRounding) * J[2]) return "principal moments " + listed(J) + " kg m2 violate the triangle inequality";

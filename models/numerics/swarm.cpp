@@ -6,10 +6,10 @@
 #include <numeric>
 #include <string>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/numerics/kernels/kernels.h"
 #include "models/numerics/random.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::numerics {
 namespace {

@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include "models/support/threads.h"
+#include "models/foundation/support/threads.h"
 
 namespace cotwin::numerics {
 

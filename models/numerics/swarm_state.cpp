@@ -1,7 +1,7 @@
 // A swarm's state as bytes.
 
+#include "models/foundation/support/bytes.h"
 #include "models/numerics/swarm.h"
-#include "models/support/bytes.h"
 
 namespace cotwin::numerics {
 namespace {

@@ -6,8 +6,8 @@
 #include <span>
 #include <string>
 
+#include "models/foundation/support/error.h"
 #include "models/numerics/kernels/kernels.h"
-#include "models/support/error.h"
 
 namespace cotwin::numerics {
 

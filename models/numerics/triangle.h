@@ -2,7 +2,7 @@
 #include <cstddef>
 #include <vector>
 
-#include "models/support/bytes.h"
+#include "models/foundation/support/bytes.h"
 
 namespace cotwin::numerics {
 

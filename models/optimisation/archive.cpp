@@ -1,8 +1,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/foundation/support/error.h"
 #include "models/optimisation/budget.h"
-#include "models/support/error.h"
 
 namespace cotwin::optimisation {
 

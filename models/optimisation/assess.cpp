@@ -2,9 +2,9 @@
 #include <cmath>
 #include <limits>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/optimisation/search.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::optimisation {
 

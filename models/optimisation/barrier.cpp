@@ -1,7 +1,6 @@
 #include "models/optimisation/barrier.h"
+#include "models/numerics/dense.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -182,9 +181,9 @@ void Barrier::cost_hessian(const VectorXd& y) {
       H_(i, k) = H_(k, i) = (samples[at++].cost - samples[static_cast<std::size_t>(i) + 1].cost -
                              samples[static_cast<std::size_t>(k) + 1].cost + samples[0].cost) /
                             (kHessianStep * kHessianStep);
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(H_);
-  const double floor = 1e-8 * std::max(solver.eigenvalues().cwiseAbs().maxCoeff(), 1e-12);
-  H_ = solver.eigenvectors() * solver.eigenvalues().cwiseAbs().cwiseMax(floor).asDiagonal() * solver.eigenvectors().transpose();
+  const numerics::SymmetricEigen<Eigen::Dynamic> eigen = numerics::symmetric_eigen(H_);
+  const double floor = 1e-8 * std::max(eigen.values.cwiseAbs().maxCoeff(), 1e-12);
+  H_ = eigen.vectors * eigen.values.cwiseAbs().cwiseMax(floor).asDiagonal() * eigen.vectors.transpose();
 }
 
 double Barrier::excess(const Sample& sample) const {
@@ -215,7 +214,7 @@ bool Barrier::newton(VectorXd& y, Sample& here, double mu, bool with_cost) {
   const MatrixXd scaled = weight.asDiagonal() * J_;
   N.selfadjointView<Eigen::Lower>().rankUpdate(scaled.transpose(), mu);
   N.diagonal().array() += 1e-12 * N.diagonal().maxCoeff() + 1e-300;
-  const VectorXd change = -MatrixXd(N.selfadjointView<Eigen::Lower>()).ldlt().solve(g);
+  const VectorXd change = -numerics::solve_ldlt(MatrixXd(N.selfadjointView<Eigen::Lower>()), g);
   const double descent = g.dot(change);
   if (!(descent < 0) || !change.allFinite()) return false;
   constexpr double kShorter = 0.6;

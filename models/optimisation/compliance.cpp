@@ -6,9 +6,9 @@
 #include <tuple>
 #include <vector>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/numerics/swarm.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::optimisation {
 

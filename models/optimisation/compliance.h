@@ -15,7 +15,7 @@ void check_ranges(const ComplianceValues& least, const ComplianceValues& most);
 
 struct ComplianceProblem {
   ComplianceValues least, most;  // 0 < least ≤ most; equal: fixed
-  /// What is minimised, such as the settling time or the time of a cycle (models/services, throughput). NaN counts as +∞.
+  /// What is minimised, such as the settling time or the time of a cycle (components/services, throughput). NaN counts as +∞.
   std::function<double(const ComplianceValues&)> cost;
   /// By how much a further condition is violated, such as stability at a stiff environment; 0 or less: met. May be empty.
   std::function<double(const ComplianceValues&)> violation = {};

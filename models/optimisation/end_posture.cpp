@@ -1,12 +1,12 @@
 #include "models/optimisation/end_posture.h"
 
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/numerics/dense.h"
 #include "models/optimisation/budget.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::optimisation {
 
@@ -29,24 +29,25 @@ class Tracer {
   bool correct(VectorXd& q) {
     for (int step = 0; step < kCorrections; ++step) {
       kinematics_.linearise(target_, q, e_, J_);
-      svd_.compute(J_, Eigen::ComputeThinU | Eigen::ComputeFullV);
-      const auto& sigma = svd_.singularValues();
+      svd_ = numerics::svd(J_);
+      const VectorXd& sigma = svd_.values;
       if (!e_.allFinite() || sigma[sigma.size() - 1] < kSingular) return false;
       if (e_.cwiseAbs().maxCoeff() < kReached) return true;
-      const VectorXd change = svd_.matrixV().leftCols(sigma.size()) * (svd_.matrixU().transpose() * e_).cwiseQuotient(sigma);
+      const VectorXd change =
+          svd_.V.leftCols(sigma.size()) * (svd_.U.leftCols(sigma.size()).transpose() * e_).cwiseQuotient(sigma);
       if (change.norm() > 1) return false;
       q += change;
     }
     return false;
   }
-  VectorXd null() const { return svd_.matrixV().col(kinematics_.n() - 1); }
+  VectorXd null() const { return svd_.V.col(kinematics_.n() - 1); }
 
  private:
   robot::InverseKinematics& kinematics_;
   const robot::PoseTarget& target_;
   VectorXd e_;
   MatrixXd J_;
-  Eigen::JacobiSVD<MatrixXd> svd_;
+  numerics::Svd svd_;
 };
 
 std::vector<double> list(const VectorXd& q) { return {q.data(), q.data() + q.size()}; }

@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "models/support/csv.h"
-#include "models/support/error.h"
+#include "models/foundation/formats/csv.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::optimisation {
 

@@ -8,7 +8,7 @@
 
 namespace cotwin::optimisation {
 
-/// Writes every particle of a search as a row of a table (models/support/csv.h), one after each round:
+/// Writes every particle of a search as a row of a table (models/foundation/formats/csv.h), one after each round:
 ///   stage, round, particle, T, feasible, kinematic, torque, the costs by name, q_to[j], c_r[j;k]
 /// Costs of pruned particles are "nan". To be used as SearchOptions::on_round.
 class ParticleTable {

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/trajectory/bernstein.h"
 
 namespace cotwin::optimisation {

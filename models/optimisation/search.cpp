@@ -1,15 +1,15 @@
 #include "models/optimisation/search.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/numerics/dense.h"
 #include "models/numerics/swarm.h"
 #include "models/optimisation/barrier.h"
 #include "models/optimisation/budget.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 #include "models/trajectory/bernstein.h"
 
 namespace cotwin::optimisation {
@@ -382,11 +382,11 @@ class Search {
     double size = 0;
     const MatrixXd H = metric(centre, size);
     const MatrixXd own = H(chosen, chosen);
-    const Eigen::LLT<MatrixXd> L(own);
-    if (L.info() != Eigen::Success) throw Error("optimisation", "the metric of the motion is not positive definite");
+    const auto inverse = numerics::inverse_root(own);
+    if (!inverse) throw Error("optimisation", "the metric of the motion is not positive definite");
     // A motion without displacement still may move by 0.1 rad.
     const double radius = std::max(size, 0.1 * std::sqrt(own.diagonal().maxCoeff()));
-    map(chosen, Eigen::all) = radius * MatrixXd(L.matrixU().solve(MatrixXd::Identity(m, m)));
+    map(chosen, Eigen::all) = radius * *inverse;
     return map;
   }
 

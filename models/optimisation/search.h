@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "models/foundation/support/threads.h"
 #include "models/optimisation/evaluation.h"
-#include "models/support/threads.h"
 #include "models/trajectory/trajectory.h"
 
 namespace cotwin::optimisation {

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/foundation/support/error.h"
 #include "models/robot/jacobian_rate.h"
-#include "models/support/error.h"
 
 namespace cotwin::robot {
 namespace {

@@ -4,7 +4,7 @@
 #include <Eigen/LU>
 #include <cassert>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::robot {
 namespace {

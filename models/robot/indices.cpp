@@ -1,6 +1,6 @@
 #include "models/robot/indices.h"
+#include "models/numerics/dense.h"
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -110,13 +110,13 @@ double mobility(const FrameInertia& f, Block block, const Eigen::Vector3d& u) {
 /// uᵀ A⁺ u for a symmetric A ≥ 0; +∞ if u is not in its range.
 template <int N>
 double inverse_form(const Eigen::Matrix<double, N, N>& A, const Eigen::Matrix<double, N, 1>& u) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, N, N>> eigen(A);
-  const double largest = eigen.eigenvalues()[N - 1];
+  const numerics::SymmetricEigen<N> eigen = numerics::symmetric_eigen<N>(A);
+  const double largest = eigen.values[N - 1];
   double sum = 0;
   for (Eigen::Index i = 0; i < N; ++i) {
-    const double part = std::pow(u.dot(eigen.eigenvectors().col(i)), 2);
-    if (eigen.eigenvalues()[i] > kNull * largest) {
-      sum += part / eigen.eigenvalues()[i];
+    const double part = std::pow(u.dot(eigen.vectors.col(i)), 2);
+    if (eigen.values[i] > kNull * largest) {
+      sum += part / eigen.values[i];
     } else if (part > kNull) {
       return kInfinite;
     }

@@ -1,14 +1,13 @@
 #include "models/robot/inverse_kinematics.h"
 
-#include <Eigen/Cholesky>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/numerics/dense.h"
 #include "models/numerics/random.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::robot {
 
@@ -203,7 +202,7 @@ InverseKinematics::Residual InverseKinematics::search(const PoseTarget& target, 
     for (int trial = 0; trial < 12 && !better; ++trial) {
       MatrixXd damped = H;
       damped.diagonal().array() += nu * E + 1e-15;
-      VectorXd step = damped.ldlt().solve(g);
+      VectorXd step = numerics::solve_ldlt(damped, g);
       const double largest = step.cwiseAbs().maxCoeff();
       if (!(largest < 1e6)) break;
       if (largest > 0.8) step *= 0.8 / largest;  // rad, m
@@ -273,10 +272,10 @@ void InverseKinematics::improve(const PoseTarget& target, const VectorIn& refere
       // Least |W^½ (pull − move)| with J move = 0: projection of the pull in the metric W.
       const VectorXd root = weight_.cwiseSqrt();
       const MatrixXd scaled = J * root.cwiseInverse().asDiagonal();
-      const Eigen::JacobiSVD<MatrixXd> svd(scaled, Eigen::ComputeFullV);
-      const auto& sigma = svd.singularValues();
+      const numerics::Svd svd = numerics::svd(scaled);
+      const VectorXd& sigma = svd.values;
       const auto rank = (sigma.array() > kRank * sigma[0]).count();
-      const MatrixXd Z = svd.matrixV().rightCols(n_ - rank);
+      const MatrixXd Z = svd.V.rightCols(n_ - rank);
       VectorXd pulled = root.cwiseProduct(pull);
       for (int i = 0; i < n_; ++i) {
         if (held[static_cast<std::size_t>(i)]) pulled[i] = 0;
@@ -383,22 +382,21 @@ bool InverseKinematics::track(const PoseTarget& target, const VectorIn& referenc
   for (int iteration = 0; iteration < 30; ++iteration) {
     const Residual r = residual(target, q);
     if (!r.e.allFinite() || !q.allFinite()) return false;
-    const Eigen::JacobiSVD<MatrixXd> svd(r.J * root.cwiseInverse().asDiagonal(), Eigen::ComputeFullU | Eigen::ComputeFullV);
-    const VectorXd& sigma = svd.singularValues();
+    const numerics::Svd svd = numerics::svd(r.J * root.cwiseInverse().asDiagonal());
+    const VectorXd& sigma = svd.values;
     const auto rank = (sigma.array() > kRank * sigma[0]).count();
     VectorXd step = VectorXd::Zero(n_);  // of W^½ q
     for (Eigen::Index k = 0; k < rank; ++k) {
       const double damped = sigma[k] / (sigma[k] * sigma[k] + 1e-3 * r.e.squaredNorm());
-      step += svd.matrixV().col(k) * (damped * svd.matrixU().col(k).dot(r.e));
+      step += svd.V.col(k) * (damped * svd.U.col(k).dot(r.e));
     }
     VectorXd slide = VectorXd::Zero(n_);
     if (const auto free = n_ - rank; free > 0) {
       // Newton's step along the self-motion: the slope of the projected gradient by differences along each direction.
-      const MatrixXd Z = svd.matrixV().rightCols(free);
+      const MatrixXd Z = svd.V.rightCols(free);
       const auto projected_pull = [&](const VectorXd& at) {
         const Residual there = residual(target, at);
-        const Eigen::JacobiSVD<MatrixXd> other(there.J * root.cwiseInverse().asDiagonal(), Eigen::ComputeFullV);
-        const MatrixXd N = other.matrixV().rightCols(free);
+        const MatrixXd N = numerics::svd(there.J * root.cwiseInverse().asDiagonal()).V.rightCols(free);
         return VectorXd(N * (N.transpose() * root.cwiseProduct(wanted - at)));
       };
       const VectorXd pull = projected_pull(q);
@@ -409,10 +407,9 @@ bool InverseKinematics::track(const PoseTarget& target, const VectorIn& referenc
         slope.col(k) = Z.transpose() * (projected_pull(q - along) - projected_pull(q + along)) / (2 * kStep);
       }
       slope = 0.5 * (slope + slope.transpose()).eval();
-      const Eigen::LDLT<MatrixXd> ldlt(slope);
       // A maximum or saddle of the preference: follow the pull itself.
-      const bool minimum = ldlt.info() == Eigen::Success && ldlt.isPositive() && slope.diagonal().minCoeff() > 1e-3;
-      slide = minimum ? VectorXd(Z * ldlt.solve(Z.transpose() * pull)) : pull;
+      const auto newton = numerics::solve_semidefinite(slope, Z.transpose() * pull);
+      slide = newton && slope.diagonal().minCoeff() > 1e-3 ? VectorXd(Z * *newton) : pull;
     }
     const double task_step = step.cwiseAbs().maxCoeff(), null_step = slide.cwiseAbs().maxCoeff();
     if (r.within(1e-12) && null_step < 1e-10) return true;

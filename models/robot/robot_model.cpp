@@ -2,8 +2,8 @@
 
 #include <algorithm>
 
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::robot {
 

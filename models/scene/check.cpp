@@ -3,11 +3,11 @@
 #include <set>
 #include <string>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/scene/hull.h"
 #include "models/scene/scene.h"
 #include "models/scene/shapes.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::scene {
 

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/scene/mesh.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::scene {
 

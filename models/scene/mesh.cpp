@@ -9,10 +9,10 @@
 #include <string>
 #include <string_view>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
+#include "models/foundation/support/text.h"
 #include "models/scene/hull.h"
-#include "models/support/error.h"
-#include "models/support/file.h"
-#include "models/support/text.h"
 
 namespace cotwin::scene {
 

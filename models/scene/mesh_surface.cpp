@@ -5,11 +5,11 @@
 #include <map>
 #include <utility>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/scene/hull.h"
 #include "models/scene/mesh.h"
 #include "models/scene/shapes.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::scene {
 
@@ -21,9 +21,9 @@ using Triangle = std::array<std::uint32_t, 3>;
 using Edge = std::pair<std::uint32_t, std::uint32_t>;  // from, to
 
 constexpr std::size_t kMostStatic = 20'000, kMostDynamic = 2'000;
-constexpr double kConvex = 1e-3;  // part of the hull's volume that a convex mesh may lack
-constexpr double kDeepest = 0.1;  // depth of the solid behind a triangle, of the mesh's size
-constexpr double kShallowest = 1e-4;
+constexpr double kConvex = 1e-3;        // part of the hull's volume that a convex mesh may lack
+constexpr double kDeepestOfMesh = 0.1;  // depth of the solid behind a triangle, of the mesh's size
+constexpr double kShallowestOfMesh = 1e-4;
 constexpr double kSmooth = 0.02;  // rad: edges below are smooth
 
 Vector3d normal(const Mesh& mesh, const Triangle& t) {
@@ -176,8 +176,8 @@ MeshSurface surface_of(Mesh mesh, bool is_static) {
   }
   std::vector<double> depths;
   for (const Triangle& t : mesh.triangles) {
-    const double depth = closed ? depth_behind(mesh, t, kDeepest * size) : kDeepest * size;
-    depths.push_back(std::max(depth, kShallowest * size));
+    const double depth = closed ? depth_behind(mesh, t, kDeepestOfMesh * size) : kDeepestOfMesh * size;
+    depths.push_back(std::max(depth, kShallowestOfMesh * size));
   }
   surface.shapes = triangle_shapes(mesh, depths);
   return surface;

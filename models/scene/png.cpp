@@ -6,7 +6,7 @@
 #include <csetjmp>
 #include <cstring>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::scene {
 

@@ -1,6 +1,6 @@
 // parse_png() of a build without libpng.
+#include "models/foundation/support/error.h"
 #include "models/scene/png.h"
-#include "models/support/error.h"
 
 namespace cotwin::scene {
 

@@ -4,9 +4,9 @@
 #include <cmath>
 #include <string>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/scene/hull.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::scene {
 

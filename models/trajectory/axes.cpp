@@ -4,8 +4,8 @@
 #include <cassert>
 #include <cmath>
 
+#include "models/foundation/support/text.h"
 #include "models/robot/robot_model.h"
-#include "models/support/text.h"
 
 namespace cotwin::trajectory {
 

@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cctype>
 
-#include "models/support/choice.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::trajectory {
 

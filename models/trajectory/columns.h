@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include "models/support/csv.h"
+#include "models/foundation/formats/csv.h"
 #include "models/trajectory/axes.h"
 
 namespace cotwin::trajectory {

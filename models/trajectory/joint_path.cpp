@@ -1,12 +1,12 @@
 #include "models/trajectory/joint_path.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/numerics/dense.h"
 #include "models/trajectory/spline.h"
 
 namespace cotwin::trajectory {
@@ -199,7 +199,7 @@ double JointPath::smallest_singular_value() const {
   const Index rotations = std::count(used.begin() + 3, used.end(), true);
   Eigen::MatrixXd scaled = J_;
   scaled.bottomRows(rotations) *= kLength;
-  return Eigen::JacobiSVD<Eigen::MatrixXd>(scaled).singularValues().tail<1>()[0];
+  return numerics::singular_values(scaled).tail<1>()[0];
 }
 
 /// The least change of x with J x = b; repeated because of the damping.

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <string>
 
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/trajectory/bernstein.h"
 
 namespace cotwin::trajectory {

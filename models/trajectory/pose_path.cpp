@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "models/support/text.h"
+#include "models/foundation/support/text.h"
 #include "models/trajectory/bernstein.h"
 
 namespace cotwin::trajectory {

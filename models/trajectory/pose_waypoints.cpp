@@ -6,9 +6,9 @@
 #include <numbers>
 #include <optional>
 
-#include "models/support/csv.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/formats/csv.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/trajectory/bernstein.h"
 #include "models/trajectory/columns.h"
 #include "models/trajectory/pose_path.h"

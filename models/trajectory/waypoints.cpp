@@ -5,9 +5,9 @@
 #include <cmath>
 #include <optional>
 
-#include "models/support/csv.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/formats/csv.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/trajectory/columns.h"
 #include "models/trajectory/polynomial.h"
 #include "models/trajectory/spline.h"

@@ -24,7 +24,7 @@ enum class Passing {
   kThrough  // they pass points without dwell on the spline of minimum jerk (C⁴)
 };
 
-/// Reads waypoints from a CSV file (models/support/csv.h), one row per point: a column t (or time), position columns named as
+/// Reads waypoints from a CSV file (models/foundation/formats/csv.h), one row per point: a column t (or time), position columns named as
 /// in a recording (recording.h: `q_columns`), for revolute joints in units of `angle_unit` rad, and optionally a column dwell.
 /// Times need not begin at 0. Throws Error `points.csv:3: …`.
 Waypoints load_waypoints(const std::filesystem::path& file, std::span<const Axis> axes, const std::string& q_columns = {},

@@ -7,9 +7,9 @@
 #include <string>
 
 #include "components/unit/unit_table.h"
+#include "models/foundation/support/error.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "tests/benchmarks/compliance_peer.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/support/places.h"

@@ -16,7 +16,7 @@ struct ComplianceDesign {
 };
 
 /// Cartesian compliance (3a), (3b) of a frame of a robot with elastic joints and damped self-motion, with the tracking of
-/// components/compliance/tracking.h: the law of the unit, written on the kinematics and dynamics of Orocos KDL and Eigen with
+/// components/compliance/joints/tracking.h: the law of the unit, written on the kinematics and dynamics of Orocos KDL and Eigen with
 /// fixed sizes, without checks, limits and friction. For 7 revolute joints.
 class CompliancePeer {
  public:

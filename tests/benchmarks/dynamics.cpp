@@ -9,10 +9,10 @@
 #include <string>
 #include <vector>
 
+#include "models/foundation/support/error.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/kernels/kernels.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "tests/benchmarks/dynamics_peers.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/support/places.h"

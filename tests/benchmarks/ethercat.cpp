@@ -9,8 +9,8 @@
 #include <memory>
 #include <vector>
 
-#include "components/io/ethercat/bus.h"
-#include "components/io/ethercat/devices.h"
+#include "components/io/emulators/ethercat/bus.h"
+#include "components/io/emulators/ethercat/devices.h"
 #include "components/io/ethercat/frame.h"
 #include "components/io/ethercat/little_endian.h"
 #include "components/io/ethercat/registers.h"

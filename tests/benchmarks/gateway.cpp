@@ -21,8 +21,9 @@ using namespace cotwin;
 using testing::http_request;
 using testing::RawClient;
 
-constexpr int kClients = 50, kRounds = 20;  // of each client
-constexpr double kPeriod = 0.5;             // s, between the requests of a client: 100 a second of all
+constexpr int kClients = 50;
+const int kRounds = benchmark::shortened(20, 2);  // of each client
+constexpr double kPeriod = 0.5;                   // s, between the requests of a client: 100 a second of all
 
 const char* const kPeer = R"(
 import sys

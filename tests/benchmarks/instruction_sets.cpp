@@ -39,13 +39,14 @@ double seconds_of_calls(const Variant& variant) {
 /// Runs the variants in turn; the first is the default.
 void print_row(const std::string& what, std::vector<Variant> variants) {
   for (Variant& v : variants)
-    while (seconds_of_calls(v) < 1e-3) v.calls *= 2;
-  for (int round = 0; round < 41; ++round)
+    while (!benchmark::quick() && seconds_of_calls(v) < 1e-3) v.calls *= 2;
+  const int rounds = benchmark::shortened(41, 1), middle = rounds / 2;
+  for (int round = 0; round < rounds; ++round)
     for (Variant& v : variants) v.seconds.push_back(seconds_of_calls(v) / v.calls);
   std::vector<double> times;
   for (Variant& v : variants) {
-    std::nth_element(v.seconds.begin(), v.seconds.begin() + 20, v.seconds.end());
-    times.push_back(1e9 * v.seconds[20]);
+    std::nth_element(v.seconds.begin(), v.seconds.begin() + middle, v.seconds.end());
+    times.push_back(1e9 * v.seconds[static_cast<std::size_t>(middle)]);
   }
   std::string all;
   std::size_t best = 1;

@@ -10,8 +10,8 @@
 #include <string>
 #include <vector>
 
+#include "components/io/emulators/kuka/controller.h"
 #include "components/io/fri/client.h"
-#include "components/io/fri/controller.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/components/fri_messages.h"
 #include "tests/support/allocations.h"

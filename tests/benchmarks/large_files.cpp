@@ -111,7 +111,7 @@ int main(int argc, char** argv) {
   }
   const bool measures = argc < 2;
   const fs::path folder = measures ? fs::temp_directory_path() / ("cotwin_large_files_" + std::to_string(getpid())) : argv[1];
-  const std::size_t n = argc == 3 ? std::strtoull(argv[2], nullptr, 10) : 1'000'000;
+  const std::size_t n = argc == 3 ? std::strtoull(argv[2], nullptr, 10) : benchmark::shortened<std::size_t>(1'000'000, 10'000);
   fs::create_directories(folder);
   write_fmu(folder, n);
   write_events(folder, n);

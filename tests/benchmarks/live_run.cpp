@@ -172,14 +172,14 @@ void compare_browser(Run& alone) {
 
 /// From the end of the tick that a record is of to its arrival at a client, of a run in real time.
 void measure_latency() {
-  constexpr std::int64_t kTicks = 20'000;
-  std::vector<double> ended(kTicks + 1);
+  const std::int64_t ticks = benchmark::shortened(20'000, 1'000);
+  std::vector<double> ended(static_cast<std::size_t>(ticks) + 1);
   std::vector<Browser::Arrival> arrivals;
   {
     std::optional<Gateway> gateway(std::in_place);
     Run run(true, true, gateway->observer());
     Browser browser(gateway->port(), kPageNames);
-    while (run.ticks() < kTicks) {
+    while (run.ticks() < ticks) {
       run.tick();
       ended[static_cast<std::size_t>(run.ticks())] = benchmark::wall_seconds();
     }
@@ -188,14 +188,14 @@ void measure_latency() {
   }
   std::vector<double> delays;
   for (const Browser::Arrival& a : arrivals) {
-    if (a.tick > 0 && a.tick <= kTicks) delays.push_back(1e3 * (a.time - ended[static_cast<std::size_t>(a.tick)]));
+    if (a.tick > 0 && a.tick <= ticks) delays.push_back(1e3 * (a.time - ended[static_cast<std::size_t>(a.tick)]));
   }
   std::ranges::sort(delays);
   const double n = static_cast<double>(delays.size());
   if (delays.empty()) return;
   print({"from a record to a browser's WebSocket, median", "ms", delays[delays.size() / 2], "", 0, 50, false});
   print({"from a record to a browser's WebSocket, 99 %", "ms", delays[static_cast<std::size_t>(0.99 * n)], "", 0});
-  print({"messages a second at a browser's WebSocket", "Hz", n / (1e-3 * kTicks), "", 0});
+  print({"messages a second at a browser's WebSocket", "Hz", n / (1e-3 * static_cast<double>(ticks)), "", 0});
 }
 
 }  // namespace

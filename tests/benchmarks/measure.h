@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <cstdlib>
 #include <functional>
 #include <string>
 #include <vector>
@@ -10,6 +11,17 @@
 /// Common code of the benchmarks: figures of Cotwin and a peer, measured in turn in the same run, printed as one JSON object
 /// per line.
 namespace cotwin::benchmark {
+
+/// Whether this is a quick run (`./bench.sh --quick`): each row is printed after as little work as possible. Only that it is printed counts.
+inline bool quick() {
+  static const bool set = std::getenv("COTWIN_BENCH_QUICK") != nullptr;
+  return set;
+}
+/// A number of repetitions, a size or a duration: `few` in a quick run.
+template <class Number>
+Number shortened(Number full, Number few) {
+  return quick() ? few : full;
+}
 
 /// Keeps the compiler from removing a value that is not used.
 template <class T>
@@ -35,6 +47,10 @@ struct Figures {
 /// machine's speed affect both alike.
 inline Figures measure(const std::function<void()>& ours, const std::function<void()>& peer, int batches = 31,
                        double batch_seconds = 2e-3, double (*clock)() = wall_seconds) {
+  if (quick()) {  // one call each
+    batches = 1;
+    batch_seconds = 0;
+  }
   const auto seconds = [clock](const std::function<void()>& f, int calls) {
     const double begin = clock();
     for (int i = 0; i < calls; ++i) f();

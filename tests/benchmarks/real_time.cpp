@@ -11,8 +11,8 @@
 
 #include "components/unit/unit_table.h"
 #include "master/run/master.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/support/allocations.h"
 #include "tests/support/places.h"
@@ -23,7 +23,7 @@ using namespace cotwin;
 namespace fs = std::filesystem;
 
 struct Arguments {
-  std::int64_t ticks = 3000;
+  std::int64_t ticks = benchmark::shortened(3000, 200);
   int priority = 0, load = 0;
   std::string cpus;
 };

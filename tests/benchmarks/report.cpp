@@ -1,15 +1,24 @@
-// report FOLDER OUT.json [FILTER]: runs the benchmarks in FOLDER whose names contain FILTER; if there is none, runs all of them
-// for the rows whose names contain it. Prints a table and writes the rows as a JSON list. Exit code 1 if a benchmark fails.
+// report [--quick] FOLDER OUT.json [FILTER]: runs the benchmarks in FOLDER whose names contain FILTER; if there is none, runs all of
+// them for the rows whose names contain it. Prints a table and writes the rows as a JSON list. Exit code 1 if a benchmark fails.
+// --quick: runs each with COTWIN_BENCH_QUICK (measure.h) and judges no goal. A benchmark fails if it prints a row whose figures are
+// not numbers, a failed run, no row, or fewer rows than tests/benchmarks/rows.txt has. Adds the counts of benchmarks that passed,
+// failed and were skipped to the file named by COTWIN_COUNTS (scripts/counts.sh). FOLDER/left_out.txt names benchmarks that were
+// not built, and why.
 #include <sys/wait.h>
 
 #include <algorithm>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iostream>
+#include <map>
 #include <nlohmann/json.hpp>
+#include <sstream>
 #include <string>
 #include <vector>
+
+#include "tests/support/places.h"
 
 namespace {
 
@@ -37,24 +46,110 @@ std::string quoted(const std::string& path) {
   return q + "'";
 }
 
-/// Reads the rows that a program prints. Returns false if the program fails.
-bool run(const fs::path& program, std::vector<Row>& rows) {
+struct Run {
+  std::vector<Row> rows;
+  std::vector<std::string> unread;  // lines that are no JSON: rows with a figure that is not a number
+  bool done = false;                // exit code 0
+};
+
+/// Runs a program and reads the rows that it prints.
+Run run(const fs::path& program) {
+  Run run;
   FILE* pipe = popen(quoted(program.string()).c_str(), "r");
-  if (pipe == nullptr) return false;
+  if (pipe == nullptr) return run;
   std::string output;
   char buffer[4096];
   for (std::size_t n = 0; (n = std::fread(buffer, 1, sizeof buffer, pipe)) > 0;) output.append(buffer, n);
   const int status = pclose(pipe);
-  for (std::size_t begin = 0; begin < output.size();) {
-    const std::size_t end = std::min(output.find('\n', begin), output.size());
-    Row row = Row::parse(output.substr(begin, end - begin), nullptr, false);
+  std::istringstream lines(output);
+  for (std::string line; std::getline(lines, line);) {
+    Row row = Row::parse(line, nullptr, false);
     if (row.is_object()) {
       row["program"] = program.filename().string();
-      rows.push_back(std::move(row));
+      run.rows.push_back(std::move(row));
+    } else if (line.starts_with('{')) {
+      run.unread.push_back(line);
     }
-    begin = end + 1;
   }
-  return WIFEXITED(status) && WEXITSTATUS(status) == 0;
+  run.done = WIFEXITED(status) && WEXITSTATUS(status) == 0;
+  return run;
+}
+
+std::vector<std::string> lines_of(const fs::path& path) {
+  std::vector<std::string> lines;
+  std::ifstream file(path);
+  for (std::string line; std::getline(file, line);) {
+    if (!line.empty()) lines.push_back(line);
+  }
+  return lines;
+}
+
+/// The least number of rows of each program.
+std::map<std::string, std::size_t> least_rows() {
+  std::map<std::string, std::size_t> least;
+  for (const std::string& line : lines_of(cotwin::places::source() + "/tests/benchmarks/rows.txt")) {
+    if (line.starts_with('#')) continue;
+    std::istringstream words(line);
+    std::string program;
+    std::size_t rows = 0;
+    if (words >> program >> rows) least[program] = rows;
+  }
+  return least;
+}
+
+/// What is wrong with a quick run; empty: nothing.
+std::vector<std::string> problems(const Run& run, std::size_t least) {
+  std::vector<std::string> found;
+  if (!run.done) found.push_back("did not end with exit code 0");
+  for (const std::string& line : run.unread) found.push_back("row with a figure that is not a number: " + line);
+  for (const Row& row : run.rows) {
+    const std::string name = row.value("name", "");
+    for (const char* key : {"ours", "peer_value"})
+      if (!row.contains(key) || !row[key].is_number()) found.push_back(name + ": no number " + key);
+    if (row.value("unit", "") == "failed runs") found.push_back(name);
+  }
+  if (run.rows.size() < least)
+    found.push_back(std::to_string(run.rows.size()) + " rows, expected at least " + std::to_string(least));
+  return found;
+}
+
+/// Prints the benchmarks that were not built, and why.
+void print_left_out(const fs::path& folder) {
+  for (const std::string& line : lines_of(folder / "left_out.txt")) std::cout << "skipped: " << line << '\n';
+}
+
+/// Runs each program in a short form. Returns whether all passed.
+bool run_quickly(const fs::path& folder, const std::vector<fs::path>& programs) {
+  setenv("COTWIN_BENCH_QUICK", "1", 1);
+  const std::map<std::string, std::size_t> least = least_rows();
+  std::size_t passed = 0, failed = 0;
+  for (const fs::path& program : programs) {
+    const std::string name = program.filename().string();
+    const auto listed = least.find(name);
+    const Run ran = run(program);
+    const std::vector<std::string> wrong = problems(ran, listed != least.end() ? listed->second : 1);
+    ++(wrong.empty() ? passed : failed);
+    std::cout << name << ": " << ran.rows.size() << " rows" << (listed != least.end() ? "" : ", not listed in rows.txt")
+              << (wrong.empty() ? "" : ", failed") << '\n';
+    for (const std::string& problem : wrong) std::cout << "  " << problem << '\n';
+    std::cout.flush();
+  }
+  const std::vector<std::string> left_out = lines_of(folder / "left_out.txt");
+  for (const auto& [name, rows] : least) {
+    const std::string begin = name + ": ";
+    if (fs::exists(folder / name) ||
+        std::any_of(left_out.begin(), left_out.end(), [&](const auto& line) { return line.starts_with(begin); }))
+      continue;
+    std::cout << name << ": listed in rows.txt, but not built, failed\n";
+    ++failed;
+  }
+  const std::size_t skipped = left_out.size();
+  print_left_out(folder);
+  std::cout << "benchmarks: passed " << passed << ", failed " << failed << ", skipped " << skipped << '\n';
+  if (const char* counts = std::getenv("COTWIN_COUNTS")) {
+    std::ofstream(counts, std::ios::app) << passed << ' ' << failed << ' ' << skipped << '\n';
+  }
+  return failed == 0 && passed > 0;
 }
 
 std::string number(const Row& row, const char* key) {
@@ -88,32 +183,40 @@ void print(const std::vector<Row>& rows) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc < 3) {
-    std::cerr << "usage: report FOLDER OUT.json [FILTER]\n";
+  std::vector<std::string> arguments(argv + 1, argv + argc);
+  const bool quick = std::erase(arguments, "--quick") > 0;
+  if (arguments.size() < 2) {
+    std::cerr << "usage: report [--quick] FOLDER OUT.json [FILTER]\n";
     return 2;
   }
-  const std::string filter = argc > 3 ? argv[3] : "";
-  std::vector<fs::path> programs = programs_in(argv[1], fs::read_symlink("/proc/self/exe"));
+  const fs::path folder = arguments[0];
+  const std::string filter = arguments.size() > 2 ? arguments[2] : "";
+  std::vector<fs::path> programs = programs_in(folder, fs::read_symlink("/proc/self/exe"));
   std::vector<fs::path> named;
   std::copy_if(programs.begin(), programs.end(), std::back_inserter(named),
                [&](const fs::path& p) { return contains(p.filename().string(), filter); });
   const bool filter_rows = named.empty();
   if (!filter_rows) programs = named;
+  if (quick) return run_quickly(folder, programs) ? 0 : 1;
 
   bool all_ran = true;
   std::vector<Row> rows;
   for (const fs::path& program : programs) {
     std::cerr << "running " << program.filename().string() << '\n';
-    if (run(program, rows)) continue;
+    Run ran = run(program);
+    std::move(ran.rows.begin(), ran.rows.end(), std::back_inserter(rows));
+    for (const std::string& line : ran.unread) std::cerr << "row with a figure that is not a number: " << line << '\n';
+    if (ran.done) continue;
     all_ran = false;
     std::cerr << program.string() << " failed\n";
   }
   if (filter_rows) std::erase_if(rows, [&](const Row& row) { return !contains(row.value("name", ""), filter); });
   print(rows);
-  std::ofstream out(argv[2]);
+  print_left_out(folder);
+  std::ofstream out(arguments[1]);
   out << Row(rows).dump(1) << '\n';
   if (!out.flush()) {
-    std::cerr << argv[2] << ": cannot be written\n";
+    std::cerr << arguments[1] << ": cannot be written\n";
     return 1;
   }
   return all_ran ? 0 : 1;

@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "components/services/energy_service.h"
 #include "models/optimisation/search.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/services/energy_service.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/support/chain_urdf.h"
 #include "tests/support/places.h"
@@ -40,7 +40,7 @@ Problem lwr_move(int degree, bool wide) {
 /// Least processor time of nine calls.
 double seconds_of(const std::function<void()>& call) {
   double least = 1e9;
-  for (int run = 0; run < 9; ++run) {
+  for (int run = 0; run < benchmark::shortened(9, 1); ++run) {
     const double begin = benchmark::thread_seconds();
     call();
     least = std::min(least, benchmark::thread_seconds() - begin);
@@ -87,6 +87,7 @@ void chain_of_30() {
   p.costs = {{Quantity::kTorque, 1, {}}};
   SearchOptions options;
   options.refine = false;  // Newton's method takes long with 60 variables
+  options.rounds = benchmark::shortened(500, 20);
   const double begin = benchmark::thread_seconds();
   const Solution s = minimise(p, options);
   const double seconds = benchmark::thread_seconds() - begin;
@@ -111,7 +112,7 @@ int main() {
     options.refine = refine;
     double best = 1e9;
     Solution solution;
-    for (int run = 0; run < 3; ++run) {
+    for (int run = 0; run < benchmark::shortened(3, 1); ++run) {
       const double begin = benchmark::thread_seconds();
       solution = minimise(problem, options);
       best = std::min(best, benchmark::thread_seconds() - begin);

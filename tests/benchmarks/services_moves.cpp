@@ -136,7 +136,8 @@ int main(int argc, char** argv) {
     begin = end + 1;
     const Arm arm = load_arm(robot, robot == "lwr4" ? "lwr4" : "kr300_r2500");
     for (const bool drives : {false, true})
-      if (part.empty() || part == (drives ? "drives" : "energy")) energy(arm, moves > 0 ? moves : 5, drives, table);
+      if (part.empty() || part == (drives ? "drives" : "energy"))
+        energy(arm, moves > 0 ? moves : shortened(5, 1), drives, table);
     if (part.empty() || part == "ipopt") ipopt(arm, moves > 0 ? moves : 1, degree, quantity, table);
     if (part.empty() || part == "time") time(arm, moves > 0 ? moves : 1);
   }

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/benchmarks/measure.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
@@ -19,6 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using cotwin::benchmark::print;
+using cotwin::benchmark::shortened;
 using cotwin::testing::RunResult;
 using cotwin::testing::TemporaryFolder;
 
@@ -99,7 +100,7 @@ void row(const std::string& name, const std::string& unit, double value, double 
 int main() try {
   constexpr double kMega = 1e-6;
   Pages pages;
-  write_recording(pages.folder() / "minute.csv", 60'000, 60);
+  write_recording(pages.folder() / "minute.csv", shortened(60'000, 2'000), 60);
   pages.cotwin({"view", "minute.csv", "--robot", "lwr4", "-o", "minute.html"});
   row("page of 60 s × 60 signals × 1 kHz: file", "MB",
       kMega * static_cast<double>(fs::file_size(pages.folder() / "minute.html")), 15);
@@ -107,13 +108,13 @@ int main() try {
   row("page of 60 s × 60 signals × 1 kHz: ready", "ms", minute["ready"], 2000);
   row("page of 60 s × 60 signals × 1 kHz: frame, one arm", "ms", minute["frame"], 1000.0 / 30);
 
-  write_recording(pages.folder() / "million.csv", 1'000'000, 1);
+  write_recording(pages.folder() / "million.csv", shortened(1'000'000, 10'000), 1);
   pages.cotwin({"view", "million.csv", "-o", "million.html"});
   const nlohmann::json million = pages.open("million.html", "drive.q");
   row("page of 10⁶ points: pan, median frame", "ms", million["pan"], 1000.0 / 30);
   row("page of 10⁶ points: pan, 95 % of the frames", "ms", million["pan_95"], 1000.0 / 15);
 
-  write_scene(pages.folder(), 200);
+  write_scene(pages.folder(), shortened(200, 20));
   pages.cotwin({"run", "boxes.ssd", "--out", "boxes", "--record", "world.*.p", "--record", "world.*.quat", "--quiet"});
   pages.cotwin({"view", "boxes"});
   const nlohmann::json boxes = pages.open("boxes/view.html");

@@ -4,7 +4,7 @@
 #include <utility>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/components/cartesian_harness.h"
 #include "tests/support/error_of.h"
 

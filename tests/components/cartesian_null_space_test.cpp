@@ -2,8 +2,8 @@
 #include <Eigen/LU>
 #include <tuple>
 
+#include "models/foundation/support/error.h"
 #include "models/robot/indices.h"
-#include "models/support/error.h"
 #include "tests/components/cartesian_harness.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"

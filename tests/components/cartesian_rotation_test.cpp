@@ -8,7 +8,7 @@
 #include <cstring>
 #include <random>
 
-#include "components/compliance/cartesian/rotation.h"
+#include "components/compliance/cartesian/frame/rotation.h"
 
 namespace cotwin::compliance {
 namespace {

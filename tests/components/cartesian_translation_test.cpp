@@ -8,9 +8,9 @@
 #include <cmath>
 #include <unsupported/Eigen/MatrixFunctions>
 
-#include "components/compliance/cartesian/parameters.h"
-#include "components/compliance/cartesian/translation.h"
-#include "components/compliance/second_order.h"
+#include "components/compliance/cartesian/frame/parameters.h"
+#include "components/compliance/cartesian/frame/translation.h"
+#include "components/compliance/joints/second_order.h"
 
 namespace cotwin::compliance {
 namespace {

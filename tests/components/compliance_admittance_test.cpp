@@ -5,7 +5,7 @@
 #include <cmath>
 #include <random>
 
-#include "components/compliance/second_order.h"
+#include "components/compliance/joints/second_order.h"
 
 namespace cotwin::compliance {
 namespace {

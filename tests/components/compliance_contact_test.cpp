@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "components/compliance/contact_stiffness.h"
+#include "components/compliance/cartesian/frame/contact_stiffness.h"
 #include "components/unit/unit_table.h"
 #include "tests/support/places.h"
 

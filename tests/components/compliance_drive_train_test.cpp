@@ -9,7 +9,7 @@
 
 #include "components/unit/joint_variables.h"
 #include "components/unit/unit_table.h"
-#include "models/robot/drive_parameters.h"
+#include "models/robot/drives/drive_parameters.h"
 #include "models/robot/robot_model.h"
 #include "tests/support/places.h"
 

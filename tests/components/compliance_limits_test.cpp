@@ -4,7 +4,7 @@
 #include <cmath>
 #include <random>
 
-#include "components/compliance/admittance.h"
+#include "components/compliance/joints/admittance.h"
 
 namespace cotwin::compliance {
 namespace {

@@ -9,9 +9,9 @@
 #include <string>
 #include <vector>
 
+#include "models/foundation/support/error.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "tests/support/places.h"
 
 namespace cotwin::compliance {

@@ -1,5 +1,5 @@
 // Tracking with elastic joints: the closed loop of random robots, drives and gains, linearised and simulated.
-#include "components/compliance/tracking.h"
+#include "components/compliance/joints/tracking.h"
 
 #include <gtest/gtest.h>
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/world.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/support/allocations.h"
 #include "tests/support/contact_scenes.h"
 

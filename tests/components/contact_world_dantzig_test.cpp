@@ -1,4 +1,4 @@
-#include "components/contact_world/engine/dantzig.h"
+#include "components/contact_world/engine/solvers/dantzig.h"
 
 #include <gtest/gtest.h>
 

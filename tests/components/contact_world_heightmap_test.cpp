@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/world.h"
-#include "models/scene/sdf.h"
+#include "models/scene/sdf/sdf.h"
 #include "tests/support/files.h"
 #include "tests/support/png.h"
 

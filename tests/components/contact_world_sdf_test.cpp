@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/world.h"
-#include "models/scene/sdf.h"
+#include "models/scene/sdf/sdf.h"
 #include "tests/support/files.h"
 
 namespace cotwin::contact_world {

@@ -10,7 +10,7 @@
 #include "components/drive_train/drive_train.h"
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/support/places.h"
 
 /// A drive train under test: built from its settings, with its variables by name.

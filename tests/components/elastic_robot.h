@@ -5,9 +5,9 @@
 #include <cmath>
 #include <utility>
 
-#include "components/compliance/links.h"
-#include "components/compliance/tracking.h"
-#include "models/robot/drive_parameters.h"
+#include "components/compliance/joints/links.h"
+#include "components/compliance/joints/tracking.h"
+#include "models/robot/drives/drive_parameters.h"
 #include "models/robot/dynamics.h"
 #include "tests/models/random_robots.h"
 

@@ -1,5 +1,5 @@
 // The counter of an EL5101 with cycles that are lost, and its command to set it.
-#include "components/io/ethercat_encoder.h"
+#include "components/io/links/ethercat_encoder.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <cstdlib>
 #include <random>
 
-#include "components/io/ethercat_slaves.h"
+#include "components/io/emulators/ethercat_slaves.h"
 
 namespace cotwin::io {
 namespace {

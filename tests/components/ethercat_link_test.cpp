@@ -16,10 +16,10 @@
 #include <sched.h>
 #endif
 
-#include "components/io/ethercat/devices.h"
+#include "components/io/emulators/ethercat/devices.h"
 #include "components/unit/tick_source.h"
 #include "components/unit/unit_table.h"
-#include "models/net/raw_socket.h"
+#include "models/foundation/net/raw_socket.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"

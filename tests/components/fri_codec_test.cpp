@@ -10,7 +10,7 @@
 #include "components/io/fri/crc.h"
 #include "components/io/fri/lwr.h"
 #include "components/io/fri/sunrise.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/components/fri_messages.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"

@@ -1,4 +1,4 @@
-// The emulated controller as a unit, with a client of bytes at a socket: components/io/fri_controller_link.h.
+// The emulated controller as a unit, with a client of bytes at a socket: components/io/emulators/fri_controller_link.h.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -12,9 +12,9 @@
 #include <thread>
 #include <vector>
 
-#include "components/io/datagram_queue.h"
-#include "components/io/fri/controller.h"
-#include "components/io/robot_kinematics.h"
+#include "components/io/emulators/kuka/controller.h"
+#include "components/io/link/datagram_queue.h"
+#include "components/io/link/robot_kinematics.h"
 #include "components/unit/unit_table.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/allocations.h"

@@ -5,8 +5,8 @@
 #include <random>
 #include <vector>
 
+#include "components/io/emulators/kuka/controller.h"
 #include "components/io/fri/client.h"
-#include "components/io/fri/controller.h"
 #include "tests/components/fri_messages.h"
 
 namespace cotwin::testing {

@@ -8,8 +8,8 @@
 #include <numbers>
 #include <string>
 
+#include "components/io/emulators/kuka/controller.h"
 #include "components/io/fri/client.h"
-#include "components/io/fri/controller.h"
 #include "tests/support/lossy_line.h"
 
 namespace cotwin::fri {

@@ -1,4 +1,4 @@
-// Both sides of FRI as units, in one process over UDP on 127.0.0.x: components/io/fri_link.h, fri_controller_link.h. Time is the
+// Both sides of FRI as units, in one process over UDP on 127.0.0.x: components/io/links/fri_link.h, fri_controller_link.h. Time is the
 // scenario's: each step waits for the datagram of the other side, so that results do not depend on the speed of the machine.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -13,7 +13,7 @@
 #include <thread>
 #include <vector>
 
-#include "components/io/datagram_queue.h"
+#include "components/io/link/datagram_queue.h"
 #include "components/unit/unit_table.h"
 #include "tests/components/io_ports.h"
 #include "tests/support/allocations.h"

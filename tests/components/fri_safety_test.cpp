@@ -1,4 +1,4 @@
-// The twin's side of FRI when the robot's side, the network or the twin fail: components/io/fri_link.h against a controller whose
+// The twin's side of FRI when the robot's side, the network or the twin fail: components/io/links/fri_link.h against a controller whose
 // messages are made here, so that they can have any contents.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "components/io/fri/fri.h"
-#include "models/net/udp_socket.h"
+#include "models/foundation/net/udp_socket.h"
 #include "tests/components/io_ports.h"
 #include "tests/support/error_of.h"
 

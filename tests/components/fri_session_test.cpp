@@ -7,7 +7,7 @@
 #include <limits>
 #include <string>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/components/fri_exchange.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"

@@ -8,9 +8,9 @@
 #include <set>
 #include <vector>
 
-#include "components/io/fri/interpolator.h"
-#include "components/io/fri/pose_interpolator.h"
-#include "components/io/fri/rating.h"
+#include "components/io/emulators/kuka/interpolator.h"
+#include "components/io/emulators/kuka/pose_interpolator.h"
+#include "components/io/emulators/kuka/rating.h"
 #include "components/io/fri/statistics.h"
 
 namespace cotwin::fri {

@@ -10,7 +10,7 @@
 #include <thread>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/components/gateway_jobs_trial.h"
 #include "tests/support/error_of.h"
 

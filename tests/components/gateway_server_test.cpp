@@ -14,7 +14,7 @@
 #include <thread>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/http_client.h"

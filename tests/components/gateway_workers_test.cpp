@@ -15,7 +15,7 @@
 
 #include "components/gateway/jobs/canonical.h"
 #include "components/gateway/jobs/jobs.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/components/gateway_jobs_trial.h"
 
 namespace cotwin::gateway::testing {

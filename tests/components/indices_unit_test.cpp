@@ -8,11 +8,11 @@
 
 #include "components/indices/indices.h"
 #include "components/unit/unit_table.h"
-#include "models/robot/attachment.h"
+#include "models/foundation/support/error.h"
 #include "models/robot/body_parts.h"
+#include "models/robot/changes/attachment.h"
 #include "models/robot/indices.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"

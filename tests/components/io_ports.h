@@ -6,7 +6,7 @@
 #include <string>
 #include <thread>
 
-#include "components/io/datagram_queue.h"
+#include "components/io/link/datagram_queue.h"
 #include "components/unit/unit_table.h"
 #include "tests/support/places.h"
 

@@ -9,10 +9,10 @@
 
 #include "components/motion/motion.h"
 #include "components/unit/unit_table.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 #include "tests/components/motion_subject.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"

@@ -13,8 +13,8 @@
 
 #include "components/unit/snapshot.h"
 #include "components/unit/unit_table.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "tests/support/allocations.h"
 #include "tests/support/places.h"
 

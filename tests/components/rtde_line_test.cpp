@@ -1,4 +1,4 @@
-// A twin beside a controller of which the test writes every quantity: components/io/rtde_link.h, rtde_line.h. What goes wrong on a robot
+// A twin beside a controller of which the test writes every quantity: components/io/links/rtde_link.h, rtde_line.h. What goes wrong on a robot
 // and its network: programs that run already, numbers that are none, silence, refused connections, steps that are too rare.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -12,8 +12,8 @@
 #include <thread>
 #include <vector>
 
-#include "components/io/datagram_queue.h"
-#include "components/io/rtde_line.h"
+#include "components/io/link/datagram_queue.h"
+#include "components/io/links/rtde_line.h"
 #include "tests/components/rtde_bytes.h"
 #include "tests/components/rtde_ports.h"
 #include "tests/support/error_of.h"

@@ -1,4 +1,4 @@
-// Both sides of RTDE as units, in one process over TCP on 127.0.0.1: components/io/rtde_link.h, rtde_controller_link.h. Time is the
+// Both sides of RTDE as units, in one process over TCP on 127.0.0.1: components/io/links/rtde_link.h, rtde_controller_link.h. Time is the
 // scenario's: the twin's step waits for the robot's data, so that results do not depend on the speed of the machine.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -13,7 +13,7 @@
 #include <thread>
 #include <vector>
 
-#include "components/io/datagram_queue.h"
+#include "components/io/link/datagram_queue.h"
 #include "tests/components/rtde_bytes.h"
 #include "tests/components/rtde_ports.h"
 #include "tests/support/allocations.h"

@@ -5,9 +5,9 @@
 #include <span>
 #include <string>
 
-#include "components/io/rtde/controller.h"
+#include "components/io/emulators/ur/controller.h"
 #include "components/unit/unit_table.h"
-#include "models/net/tcp_socket.h"
+#include "models/foundation/net/tcp_socket.h"
 #include "tests/support/places.h"
 
 namespace cotwin::io {

@@ -1,4 +1,4 @@
-// Sessions of RTDE without sockets: components/io/rtde/controller.h, client.h, follower.h.
+// Sessions of RTDE without sockets: components/io/emulators/ur/controller.h, client.h, follower.h.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -8,9 +8,9 @@
 #include <string>
 #include <vector>
 
+#include "components/io/emulators/ur/controller.h"
+#include "components/io/emulators/ur/follower.h"
 #include "components/io/rtde/client.h"
-#include "components/io/rtde/controller.h"
-#include "components/io/rtde/follower.h"
 #include "tests/components/rtde_bytes.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"

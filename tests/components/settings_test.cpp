@@ -7,8 +7,8 @@
 #include <fstream>
 
 #include "components/unit/unit_table.h"
+#include "models/foundation/support/error.h"
 #include "models/scene/cell.h"
-#include "models/support/error.h"
 #include "tests/support/places.h"
 
 namespace cotwin {

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::si {
 namespace {

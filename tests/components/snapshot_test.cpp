@@ -5,7 +5,7 @@
 
 #include <random>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin {
 namespace {

@@ -1,5 +1,5 @@
-// PD synchronisation of robot and twin (V-D): components/io/synchronisation.h.
-#include "components/io/synchronisation.h"
+// PD synchronisation of robot and twin (V-D): components/io/links/synchronisation.h.
+#include "components/io/links/synchronisation.h"
 
 #include <gtest/gtest.h>
 

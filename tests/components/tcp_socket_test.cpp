@@ -1,4 +1,4 @@
-#include "models/net/tcp_socket.h"
+#include "models/foundation/net/tcp_socket.h"
 
 #include <gtest/gtest.h>
 #include <poll.h>

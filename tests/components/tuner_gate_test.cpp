@@ -5,7 +5,7 @@
 #include <array>
 #include <limits>
 
-#include "models/robot/perturbed.h"
+#include "models/robot/changes/perturbed.h"
 #include "tests/components/tuner_subject.h"
 
 namespace cotwin {

@@ -11,9 +11,9 @@
 #include <limits>
 #include <thread>
 
-#include "models/robot/attachment.h"
-#include "models/robot/perturbed.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
+#include "models/robot/changes/attachment.h"
+#include "models/robot/changes/perturbed.h"
 #include "tests/components/tuner_subject.h"
 #include "tests/support/allocations.h"
 

@@ -1,4 +1,4 @@
-#include "models/net/udp_socket.h"
+#include "models/foundation/net/udp_socket.h"
 
 #include <gtest/gtest.h>
 #include <poll.h>

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "models/net/udp_socket.h"
+#include "models/foundation/net/udp_socket.h"
 #include "tests/support/files.h"
 #include "tests/support/free_port.h"
 #include "tests/support/patience.h"

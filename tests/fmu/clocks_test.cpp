@@ -5,7 +5,7 @@
 
 #include <algorithm>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/fmu/foreign.h"
 #include "tests/support/allocations.h"
 

@@ -10,8 +10,8 @@
 #include "fmu/check/check.h"
 #include "fmu/description/describe.h"
 #include "fmu/description/read.h"
-#include "fmu/import/variables.h"
-#include "models/support/error.h"
+#include "fmu/import/unit/variables.h"
+#include "models/foundation/support/error.h"
 #include "tests/fmu/foreign.h"
 
 namespace cotwin::fmu {

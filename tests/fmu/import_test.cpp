@@ -9,7 +9,7 @@
 #include <cmath>
 
 #include "fmu/import/foreign.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/fmu/foreign.h"
 #include "tests/support/allocations.h"
 

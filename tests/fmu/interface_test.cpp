@@ -11,8 +11,8 @@
 #include <thread>
 
 #include "fmu/export/pack.h"
-#include "models/support/bytes.h"
-#include "models/support/error.h"
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/error.h"
 #include "tests/fmu/driver.h"
 #include "tests/fmu/probe.h"
 

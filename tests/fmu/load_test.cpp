@@ -19,7 +19,7 @@
 #include "fmu/check/check.h"
 #include "fmu/check/elf.h"
 #include "fmu/import/fmu_store.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/fmu/foreign.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"

@@ -4,7 +4,7 @@
 
 #include <cmath>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/fmu/foreign.h"
 #include "tests/support/allocations.h"
 

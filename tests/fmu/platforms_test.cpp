@@ -21,7 +21,7 @@
 #include "fmu/export/pack.h"
 #include "fmu/import/library.h"
 #include "master/twin/pack_twin.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/fmu/subjects.h"
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"

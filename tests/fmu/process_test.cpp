@@ -11,7 +11,7 @@
 #include <thread>
 
 #include "fmu/process/process.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/fmu/foreign.h"
 
 namespace cotwin::fmu {

@@ -13,7 +13,7 @@
 #include "master/run/recorder.h"
 #include "master/twin/pack_twin.h"
 #include "master/twin/twin_package.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/fmu/driver.h"
 #include "tests/fmu/foreign.h"
 #include "tests/fmu/old_glibc.h"

@@ -10,7 +10,7 @@
 #include "fmu/archive/archive.h"
 #include "fmu/check/elf.h"
 #include "fmu/check/pe.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   namespace fs = std::filesystem;

@@ -5,8 +5,8 @@
 #include <sstream>
 #include <string_view>
 
-#include "models/support/csv.h"
-#include "models/support/error.h"
+#include "models/foundation/formats/csv.h"
+#include "models/foundation/support/error.h"
 
 namespace {
 

@@ -9,15 +9,15 @@
 #include <string>
 #include <vector>
 
-#include "components/io/ethercat/bus.h"
+#include "components/io/emulators/ethercat/bus.h"
+#include "components/io/emulators/ethercat/coe_server.h"
+#include "components/io/emulators/ethercat/devices.h"
 #include "components/io/ethercat/coe.h"
-#include "components/io/ethercat/coe_server.h"
-#include "components/io/ethercat/devices.h"
 #include "components/io/ethercat/frame.h"
 #include "components/io/ethercat/little_endian.h"
 #include "components/io/ethercat/registers.h"
 #include "components/io/ethercat/sii.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace {
 

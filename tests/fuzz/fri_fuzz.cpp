@@ -13,11 +13,11 @@
 #include <span>
 #include <string>
 
-#include "components/io/datagram_queue.h"
+#include "components/io/emulators/kuka/controller.h"
 #include "components/io/fri/client.h"
-#include "components/io/fri/controller.h"
+#include "components/io/link/datagram_queue.h"
 #include "components/unit/unit_table.h"
-#include "models/net/udp_socket.h"
+#include "models/foundation/net/udp_socket.h"
 
 namespace {
 

@@ -7,7 +7,7 @@
 
 #include "components/gateway/http/access.h"
 #include "components/gateway/http/router.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 using namespace cotwin::gateway::http;
 

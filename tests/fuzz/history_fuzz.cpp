@@ -6,10 +6,10 @@
 #include <string>
 #include <string_view>
 
-#include "models/robot/attachment.h"
-#include "models/robot/history.h"
+#include "models/foundation/support/error.h"
+#include "models/robot/changes/attachment.h"
+#include "models/robot/changes/history.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 
 namespace {
 

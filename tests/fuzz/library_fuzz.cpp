@@ -10,7 +10,7 @@
 
 #include "fmu/check/elf.h"
 #include "fmu/check/pe.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/fuzz/edits.h"
 
 namespace {

@@ -6,8 +6,8 @@
 
 #include "fmu/check/check.h"
 #include "fmu/description/read.h"
-#include "fmu/import/variables.h"
-#include "models/support/error.h"
+#include "fmu/import/unit/variables.h"
+#include "models/foundation/support/error.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace cotwin;

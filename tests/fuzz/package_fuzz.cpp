@@ -9,14 +9,14 @@
 
 #include "fmu/description/read.h"
 #include "fmu/export/package.h"
-#include "fmu/import/fmu_unit.h"
 #include "fmu/import/package.h"
-#include "fmu/import/variables.h"
+#include "fmu/import/unit/fmu_unit.h"
+#include "fmu/import/unit/variables.h"
 #include "master/twin/twin_package.h"
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/error.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/bytes.h"
-#include "models/support/error.h"
 #include "tests/fuzz/edits.h"
 #include "tests/support/places.h"
 

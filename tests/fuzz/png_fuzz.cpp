@@ -3,8 +3,8 @@
 #include <cstdlib>
 #include <string_view>
 
+#include "models/foundation/support/error.h"
 #include "models/scene/png.h"
-#include "models/support/error.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace cotwin;

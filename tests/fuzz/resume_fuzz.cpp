@@ -3,8 +3,8 @@
 #include <cstdlib>
 #include <string_view>
 
-#include "master/program/tuning/resume.h"
-#include "models/support/error.h"
+#include "master/workflows/tuning/resume.h"
+#include "models/foundation/support/error.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace cotwin::master::tuning;

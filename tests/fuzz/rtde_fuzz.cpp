@@ -8,9 +8,9 @@
 #include <cstdlib>
 #include <span>
 
+#include "components/io/emulators/ur/controller.h"
+#include "components/io/emulators/ur/follower.h"
 #include "components/io/rtde/client.h"
-#include "components/io/rtde/controller.h"
-#include "components/io/rtde/follower.h"
 
 namespace {
 

@@ -7,7 +7,7 @@
 
 #include "components/unit/unit_table.h"
 #include "master/run/checkpoint.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/fuzz/edits.h"
 #include "tests/support/places.h"
 

@@ -5,8 +5,8 @@
 #include <string_view>
 
 #include "components/contact_world/engine/collision/collision.h"
-#include "models/scene/sdf.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
+#include "models/scene/sdf/sdf.h"
 
 /// An SDF file that can be read gives a scene for collision detection: any number of points, without NaN.
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {

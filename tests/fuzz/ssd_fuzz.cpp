@@ -5,8 +5,8 @@
 #include <cstdlib>
 #include <string_view>
 
-#include "master/ssp/scenario.h"
-#include "models/support/error.h"
+#include "master/scenario/scenario.h"
+#include "models/foundation/support/error.h"
 #include "tests/support/places.h"
 
 namespace {

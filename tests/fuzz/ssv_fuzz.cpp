@@ -5,8 +5,8 @@
 #include <string_view>
 
 #include "components/unit/si.h"
-#include "models/support/error.h"
-#include "models/support/parameter_set.h"
+#include "models/foundation/formats/parameter_set.h"
+#include "models/foundation/support/error.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view text(reinterpret_cast<const char*>(data), size);

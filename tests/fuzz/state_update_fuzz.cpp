@@ -7,7 +7,7 @@
 #include <string>
 
 #include "components/bus/state_database.h"
-#include "models/support/bytes.h"
+#include "models/foundation/support/bytes.h"
 #include "tests/fuzz/edits.h"
 
 namespace {

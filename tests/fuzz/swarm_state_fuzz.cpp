@@ -4,8 +4,8 @@
 #include <cstdlib>
 #include <string>
 
+#include "models/foundation/support/error.h"
 #include "models/numerics/swarm.h"
-#include "models/support/error.h"
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   using namespace cotwin::numerics;

@@ -8,8 +8,8 @@
 #include <string_view>
 #include <vector>
 
+#include "models/foundation/support/error.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 
 namespace {
 

@@ -10,12 +10,12 @@
 #include <string>
 #include <vector>
 
+#include "components/services/json/schemas.h"
+#include "components/services/json/tasks.h"
 #include "components/unit/unit_table.h"
 #include "master/services/motion_file.h"
 #include "master/services/verify.h"
 #include "master/services/worker.h"
-#include "models/services/schemas.h"
-#include "models/services/tasks.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"

@@ -7,7 +7,7 @@
 #include <sstream>
 #include <thread>
 
-#include "master/program/report.h"
+#include "master/results/summary.h"
 #include "master/twin/ssd_write.h"
 #include "tests/master/clocked_units.h"
 

@@ -7,7 +7,7 @@
 #include <random>
 
 #include "master/run/master.h"
-#include "models/support/choice.h"
+#include "models/foundation/support/choice.h"
 #include "tests/master/clocked_units.h"
 #include "tests/support/allocations.h"
 

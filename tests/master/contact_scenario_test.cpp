@@ -7,8 +7,8 @@
 #include <string>
 
 #include "components/unit/unit_table.h"
-#include "master/engine/members.h"
-#include "master/ssp/scenario.h"
+#include "master/engine/wiring/members.h"
+#include "master/scenario/scenario.h"
 #include "master/twin/twin.h"
 #include "tests/support/places.h"
 #include "tests/support/synthetic_log.h"

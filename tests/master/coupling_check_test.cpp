@@ -1,5 +1,5 @@
 // What check finds about the coupling of loops.
-#include "master/program/coupling_check.h"
+#include "master/workflows/coupling_check.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 #include <fstream>
 
 #include "master/engine/engine.h"
-#include "master/program/check.h"
+#include "master/workflows/check.h"
 #include "tests/master/test_units.h"
 #include "tests/support/linear_units.h"
 

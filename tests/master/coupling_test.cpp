@@ -6,7 +6,7 @@
 #include <numbers>
 #include <sstream>
 
-#include "master/program/report.h"
+#include "master/results/summary.h"
 #include "master/twin/twin.h"
 #include "tests/master/test_units.h"
 #include "tests/support/allocations.h"

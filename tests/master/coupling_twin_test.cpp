@@ -9,7 +9,7 @@
 
 #include "components/unit/unit_table.h"
 #include "master/run/master.h"
-#include "master/ssp/scenario.h"
+#include "master/scenario/scenario.h"
 #include "tests/support/places.h"
 
 namespace cotwin::master {

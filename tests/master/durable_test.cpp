@@ -18,7 +18,7 @@
 #include <thread>
 
 #include "master/run/checkpoint.h"
-#include "models/support/atomic_file.h"
+#include "models/foundation/support/atomic_file.h"
 #include "tests/support/files.h"
 #include "tests/support/run_program.h"
 

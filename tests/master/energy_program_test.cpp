@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "models/support/csv.h"
+#include "models/foundation/formats/csv.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"

@@ -7,7 +7,7 @@
 #include <optional>
 #include <utility>
 
-#include "models/support/choice.h"
+#include "models/foundation/support/choice.h"
 #include "tests/fmu/foreign.h"
 #include "tests/master/test_units.h"
 

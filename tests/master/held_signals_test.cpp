@@ -9,9 +9,9 @@
 
 #include "components/unit/unit_table.h"
 #include "fmu/description/describe.h"
-#include "master/engine/members.h"
+#include "master/engine/wiring/members.h"
 #include "master/run/master.h"
-#include "master/ssp/scenario.h"
+#include "master/scenario/scenario.h"
 #include "tests/support/places.h"
 
 namespace cotwin::master {

@@ -1,9 +1,10 @@
-#include "master/engine/initialisation.h"
+#include "master/engine/coupling/initialisation.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include "fmu/export/package.h"
+#include "master/engine/wiring/strong_components.h"
 #include "master/twin/twin_package.h"
 #include "tests/master/test_units.h"
 

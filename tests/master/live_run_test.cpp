@@ -8,7 +8,7 @@
 #include <limits>
 #include <random>
 
-#include "models/support/text.h"
+#include "models/foundation/support/text.h"
 #include "tests/master/observed_run.h"
 #include "tests/master/simulated_source.h"
 #include "tests/master/test_units.h"

@@ -8,7 +8,7 @@
 #include <nlohmann/json.hpp>
 #include <sstream>
 
-#include "master/program/report.h"
+#include "master/results/summary.h"
 #include "tests/master/test_units.h"
 #include "tests/support/allocations.h"
 

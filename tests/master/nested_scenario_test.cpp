@@ -7,9 +7,9 @@
 #include <fstream>
 #include <sstream>
 
-#include "master/program/check.h"
 #include "master/run/master.h"
-#include "models/support/error.h"
+#include "master/workflows/check.h"
+#include "models/foundation/support/error.h"
 #include "tests/support/places.h"
 
 namespace cotwin::master {

@@ -1,4 +1,4 @@
-#include "master/engine/newton.h"
+#include "master/engine/coupling/newton.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -4,7 +4,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "master/program/check.h"
+#include "master/workflows/check.h"
 #include "tests/master/test_units.h"
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"

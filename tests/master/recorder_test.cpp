@@ -13,7 +13,7 @@
 #include <random>
 #include <sstream>
 
-#include "models/support/text.h"
+#include "models/foundation/support/text.h"
 #include "tests/master/test_units.h"
 
 namespace cotwin::master {

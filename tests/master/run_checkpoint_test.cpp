@@ -9,9 +9,9 @@
 #include <random>
 #include <sstream>
 
-#include "master/program/report.h"
-#include "models/support/atomic_file.h"
-#include "models/support/bytes.h"
+#include "master/results/summary.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/bytes.h"
 #include "tests/master/test_units.h"
 #include "tests/support/files.h"
 

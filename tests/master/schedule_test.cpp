@@ -1,5 +1,5 @@
-#include "master/engine/schedule.h"
-#include "master/engine/arrangement.h"
+#include "master/engine/wiring/schedule.h"
+#include "master/engine/wiring/arrangement.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

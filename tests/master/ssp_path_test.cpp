@@ -1,5 +1,5 @@
 // Compares composed paths with the same path evaluated connection by connection.
-#include "master/ssp/path.h"
+#include "master/scenario/path.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::master::ssp {
 namespace {

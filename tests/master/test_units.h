@@ -9,7 +9,7 @@
 
 #include "components/unit/unit_table.h"
 #include "master/run/master.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/support/error_of.h"
 
 /// Small units with closed-form behaviour, and helpers that connect them.

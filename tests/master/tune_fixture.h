@@ -4,8 +4,8 @@
 #include <nlohmann/json.hpp>
 #include <string>
 
-#include "master/program/tuning/tuning.h"
-#include "models/robot/attachment.h"
+#include "master/workflows/tuning/tuning.h"
+#include "models/robot/changes/attachment.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"

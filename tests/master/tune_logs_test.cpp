@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <sstream>
 
+#include "models/foundation/support/text.h"
 #include "models/numerics/random.h"
-#include "models/support/text.h"
 #include "tests/master/tune_fixture.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"

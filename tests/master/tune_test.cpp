@@ -8,10 +8,10 @@
 #include <limits>
 #include <thread>
 
-#include "master/program/tuning/cross_validation.h"
-#include "models/support/csv.h"
-#include "models/support/error.h"
-#include "models/support/parameter_set.h"
+#include "master/workflows/tuning/cross_validation.h"
+#include "models/foundation/formats/csv.h"
+#include "models/foundation/formats/parameter_set.h"
+#include "models/foundation/support/error.h"
 #include "tests/master/tune_fixture.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"

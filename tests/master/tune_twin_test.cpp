@@ -3,7 +3,7 @@
 
 #include "components/unit/unit_table.h"
 #include "master/run/master.h"
-#include "models/support/csv.h"
+#include "models/foundation/formats/csv.h"
 #include "tests/master/tune_fixture.h"
 #include "tests/support/places.h"
 

@@ -1,4 +1,4 @@
-#include "master/engine/wiring.h"
+#include "master/engine/wiring/wiring.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,12 +1,12 @@
-#include "models/robot/attachment.h"
+#include "models/robot/changes/attachment.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <random>
 
+#include "models/foundation/support/error.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
 

@@ -10,11 +10,11 @@
 #include <string>
 #include <vector>
 
+#include "models/foundation/support/bytes.h"
+#include "models/foundation/support/error.h"
 #include "models/numerics/batch.h"
 #include "models/numerics/kernels/kernels.h"
 #include "models/numerics/random.h"
-#include "models/support/bytes.h"
-#include "models/support/error.h"
 #include "tests/support/allocations.h"
 
 namespace cotwin::numerics {

@@ -1,4 +1,4 @@
-#include "models/support/csv.h"
+#include "models/foundation/formats/csv.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -12,8 +12,8 @@
 #include <random>
 #include <sstream>
 
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "tests/support/places.h"
 
 namespace cotwin {

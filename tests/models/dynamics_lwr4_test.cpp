@@ -6,9 +6,9 @@
 #include <cmath>
 #include <string>
 
+#include "models/foundation/formats/csv.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/csv.h"
 #include "tests/support/places.h"
 
 namespace cotwin::robot {

@@ -5,9 +5,9 @@
 #include <variant>
 #include <vector>
 
+#include "models/foundation/formats/parameter_set.h"
+#include "models/foundation/support/text.h"
 #include "models/optimisation/problem.h"
-#include "models/support/parameter_set.h"
-#include "models/support/text.h"
 
 /// The values of an energy.ssv that the cost "energy" uses.
 namespace cotwin::optimisation::testing {

@@ -8,8 +8,8 @@
 #include <numeric>
 #include <random>
 
+#include "models/foundation/support/error.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "models/trajectory/bernstein.h"
 #include "models/trajectory/waypoints.h"
 #include "tests/support/error_of.h"

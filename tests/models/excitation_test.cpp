@@ -1,5 +1,5 @@
 // Exciting motions: at rest at their ends, within limits, better conditioned than random ones, the same for the same seed.
-#include "models/excitation/design.h"
+#include "models/identification/excitation/design.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,10 +7,10 @@
 #include <cmath>
 #include <numbers>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/threads.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
-#include "models/support/threads.h"
 #include "tests/support/places.h"
 
 namespace cotwin::excitation {

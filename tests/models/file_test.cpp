@@ -10,13 +10,13 @@
 #include <filesystem>
 #include <fstream>
 
+#include "models/foundation/formats/csv.h"
+#include "models/foundation/formats/parameter_set.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/scene/mesh.h"
-#include "models/scene/sdf.h"
-#include "models/support/csv.h"
-#include "models/support/error.h"
-#include "models/support/file.h"
-#include "models/support/parameter_set.h"
+#include "models/scene/sdf/sdf.h"
 
 namespace cotwin::text {
 namespace {

@@ -1,4 +1,4 @@
-#include "models/trajectory/filter.h"
+#include "models/trajectory/series/filter.h"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,7 @@
 #include <random>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::trajectory {
 namespace {

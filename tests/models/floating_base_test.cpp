@@ -10,8 +10,8 @@
 #include <Eigen/SVD>
 #include <cmath>
 
+#include "models/foundation/support/error.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "tests/models/maximal_coordinates.h"
 #include "tests/models/random_robots.h"
 #include "tests/support/allocations.h"

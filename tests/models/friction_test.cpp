@@ -1,4 +1,4 @@
-#include "models/robot/friction.h"
+#include "models/robot/drives/friction.h"
 
 #include <gtest/gtest.h>
 

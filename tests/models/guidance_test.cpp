@@ -1,4 +1,4 @@
-#include "models/guidance/border.h"
+#include "models/control/guidance.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include <random>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::guidance {
 namespace {

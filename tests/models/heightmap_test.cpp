@@ -10,9 +10,9 @@
 #include <string>
 #include <vector>
 
+#include "models/foundation/support/error.h"
 #include "models/scene/png.h"
-#include "models/scene/sdf.h"
-#include "models/support/error.h"
+#include "models/scene/sdf/sdf.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/png.h"

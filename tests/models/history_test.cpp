@@ -1,4 +1,4 @@
-#include "models/robot/history.h"
+#include "models/robot/changes/history.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -6,11 +6,11 @@
 #include <nlohmann/json.hpp>
 #include <random>
 
-#include "models/robot/attachment.h"
+#include "models/foundation/support/error.h"
+#include "models/robot/changes/attachment.h"
+#include "models/robot/changes/tool.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/tool.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
 

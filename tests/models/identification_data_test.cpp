@@ -7,10 +7,10 @@
 #include <filesystem>
 #include <numbers>
 
+#include "models/foundation/support/error.h"
 #include "models/identification/identification.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
-#include "models/trajectory/recording.h"
+#include "models/trajectory/series/recording.h"
 #include "tests/support/allocations.h"
 #include "tests/support/places.h"
 

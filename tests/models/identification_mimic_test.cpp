@@ -4,10 +4,10 @@
 
 #include <Eigen/Dense>
 
+#include "models/foundation/support/error.h"
 #include "models/identification/identification.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "tests/models/identification_samples.h"
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"

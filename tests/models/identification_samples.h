@@ -2,7 +2,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "models/identification/torque_model.h"
+#include "models/identification/torque_data/torque_model.h"
 #include "models/numerics/random.h"
 
 /// Samples of known robots.

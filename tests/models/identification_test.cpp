@@ -6,9 +6,9 @@
 #include <Eigen/Dense>
 #include <functional>
 
-#include "models/identification/drive_terms.h"
+#include "models/foundation/support/error.h"
+#include "models/identification/torque_data/drive_terms.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "tests/models/identification_samples.h"
 #include "tests/models/random_robots.h"
 #include "tests/support/allocations.h"

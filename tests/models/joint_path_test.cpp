@@ -8,8 +8,8 @@
 #include <filesystem>
 #include <numbers>
 
+#include "models/foundation/support/error.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "tests/models/random_robots.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"

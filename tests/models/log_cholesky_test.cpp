@@ -5,7 +5,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/models/random_robots.h"
 
 namespace cotwin::identification {

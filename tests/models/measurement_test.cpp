@@ -2,11 +2,11 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "models/measurement/smoothing.h"
-#include "models/measurement/spectrum.h"
-#include "models/measurement/survey.h"
+#include "models/foundation/support/error.h"
+#include "models/identification/measurement/smoothing.h"
+#include "models/identification/measurement/spectrum.h"
+#include "models/identification/measurement/survey.h"
 #include "models/numerics/random.h"
-#include "models/support/error.h"
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
 #include "tests/support/synthetic_log.h"

@@ -4,9 +4,9 @@
 #include <Eigen/Cholesky>
 #include <cmath>
 
+#include "models/foundation/support/error.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "tests/models/maximal_coordinates.h"
 #include "tests/models/random_robots.h"
 #include "tests/support/allocations.h"

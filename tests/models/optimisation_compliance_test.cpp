@@ -4,9 +4,9 @@
 #include <cmath>
 #include <numbers>
 
+#include "components/services/services.h"
+#include "models/foundation/support/error.h"
 #include "models/optimisation/compliance.h"
-#include "models/services/services.h"
-#include "models/support/error.h"
 
 namespace cotwin::optimisation {
 namespace {

@@ -4,9 +4,9 @@
 #include <cmath>
 
 #include "models/energetics/motion_energy.h"
+#include "models/foundation/support/error.h"
 #include "models/optimisation/search.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "tests/models/electrical_data.h"
 #include "tests/support/places.h"
 

@@ -6,12 +6,12 @@
 #include <numbers>
 #include <random>
 
+#include "components/services/contact_service.h"
+#include "components/services/services.h"
+#include "models/foundation/support/error.h"
 #include "models/optimisation/quadrature.h"
 #include "models/optimisation/search.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/services/contact_service.h"
-#include "models/services/services.h"
-#include "models/support/error.h"
 #include "models/trajectory/bernstein.h"
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"

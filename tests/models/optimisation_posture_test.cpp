@@ -4,11 +4,11 @@
 #include <cmath>
 #include <sstream>
 
+#include "models/foundation/formats/csv.h"
+#include "models/foundation/support/error.h"
 #include "models/optimisation/end_posture.h"
 #include "models/optimisation/particle_table.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/csv.h"
-#include "models/support/error.h"
 #include "tests/support/places.h"
 
 namespace cotwin::optimisation {

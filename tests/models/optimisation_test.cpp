@@ -7,8 +7,8 @@
 #include <cmath>
 #include <functional>
 
+#include "models/foundation/support/error.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "models/trajectory/bernstein.h"
 #include "tests/models/time_optimal_path.h"
 #include "tests/support/places.h"

@@ -1,4 +1,4 @@
-#include "models/support/parameter_set.h"
+#include "models/foundation/formats/parameter_set.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -10,8 +10,8 @@
 #include <random>
 #include <sstream>
 
-#include "models/support/error.h"
-#include "models/support/xml.h"
+#include "models/foundation/formats/xml.h"
+#include "models/foundation/support/error.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/standard_validator.h"

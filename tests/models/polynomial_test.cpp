@@ -7,7 +7,7 @@
 #include <limits>
 #include <random>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "models/trajectory/bernstein.h"
 
 namespace cotwin::trajectory {

@@ -7,7 +7,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "models/trajectory/waypoints.h"
 #include "tests/models/random_robots.h"
 #include "tests/support/error_of.h"

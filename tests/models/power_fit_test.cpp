@@ -9,10 +9,10 @@
 #include <functional>
 #include <random>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 #include "tests/support/error_of.h"
 #include "tests/support/places.h"
 

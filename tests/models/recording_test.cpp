@@ -1,4 +1,4 @@
-#include "models/trajectory/recording.h"
+#include "models/trajectory/series/recording.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,8 +9,8 @@
 #include <numbers>
 #include <sstream>
 
-#include "models/support/csv.h"
-#include "models/support/error.h"
+#include "models/foundation/formats/csv.h"
+#include "models/foundation/support/error.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 

@@ -3,7 +3,7 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::robot {
 namespace {

@@ -8,13 +8,13 @@
 #include <filesystem>
 #include <fstream>
 
+#include "models/foundation/support/error.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/scene/hull.h"
 #include "models/scene/mesh.h"
-#include "models/scene/sdf.h"
+#include "models/scene/sdf/sdf.h"
 #include "models/scene/shapes.h"
-#include "models/scene/urdf_shapes.h"
-#include "models/support/error.h"
+#include "models/scene/urdf/urdf_shapes.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"

@@ -1,4 +1,4 @@
-#include "models/trajectory/series.h"
+#include "models/trajectory/series/series.h"
 
 #include <gtest/gtest.h>
 
@@ -6,8 +6,8 @@
 #include <numbers>
 #include <random>
 
-#include "models/support/error.h"
-#include "models/trajectory/filter.h"
+#include "models/foundation/support/error.h"
+#include "models/trajectory/series/filter.h"
 #include "models/trajectory/spline.h"
 
 namespace cotwin::trajectory {

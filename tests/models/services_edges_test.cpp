@@ -7,9 +7,9 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
+#include "components/services/json/json.h"
 #include "models/robot/frame_kinematics.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/services/json.h"
 #include "tests/support/chain_urdf.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"

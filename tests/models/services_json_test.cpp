@@ -7,12 +7,12 @@
 #include <random>
 #include <regex>
 
+#include "components/services/contact_service.h"
+#include "components/services/energy_service.h"
+#include "components/services/json/json.h"
+#include "components/services/json/schemas.h"
 #include "models/robot/indices.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/services/contact_service.h"
-#include "models/services/energy_service.h"
-#include "models/services/json.h"
-#include "models/services/schemas.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 

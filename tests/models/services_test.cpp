@@ -1,4 +1,4 @@
-#include "models/services/services.h"
+#include "components/services/services.h"
 
 #include <gtest/gtest.h>
 
@@ -7,9 +7,9 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
+#include "components/services/json/json.h"
+#include "models/foundation/support/error.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/services/json.h"
-#include "models/support/error.h"
 #include "tests/support/places.h"
 
 namespace cotwin::services {

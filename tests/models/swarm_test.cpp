@@ -7,9 +7,9 @@
 #include <limits>
 #include <numbers>
 
+#include "models/foundation/support/error.h"
 #include "models/numerics/kernels/kernels.h"
 #include "models/numerics/random.h"
-#include "models/support/error.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 

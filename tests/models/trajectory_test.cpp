@@ -6,7 +6,7 @@
 #include <array>
 #include <cmath>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "models/trajectory/axes.h"
 #include "models/trajectory/time_scaling.h"
 #include "models/trajectory/waypoints.h"

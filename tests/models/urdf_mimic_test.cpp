@@ -4,11 +4,11 @@
 
 #include <cmath>
 
-#include "models/robot/attachment.h"
+#include "models/foundation/support/error.h"
+#include "models/robot/changes/attachment.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/robot/urdf/urdf_update.h"
-#include "models/support/error.h"
 
 namespace cotwin::robot {
 namespace {

@@ -13,9 +13,9 @@
 #include <random>
 #include <thread>
 
-#include "models/robot/attachment.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/robot/changes/attachment.h"
 #include "tests/support/places.h"
 
 namespace cotwin::robot {

@@ -4,10 +4,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "models/robot/attachment.h"
-#include "models/robot/perturbed.h"
+#include "models/foundation/support/error.h"
+#include "models/robot/changes/attachment.h"
+#include "models/robot/changes/perturbed.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "tests/support/places.h"
 
 namespace cotwin::robot {

@@ -2,9 +2,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include "models/foundation/support/error.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/scene/urdf_visuals.h"
-#include "models/support/error.h"
+#include "models/scene/urdf/urdf_visuals.h"
 #include "tests/support/files.h"
 
 namespace cotwin::scene {

@@ -1,6 +1,6 @@
 // VI-C, Fig. 12: a stiff robot is guided by hand through its twin. Without a suitable damping or inertia the loop of hand, sensor,
 // twin, line and position control vibrates. The border of vibration in the simulation is compared with the prediction of
-// models/guidance. The paper gives no numbers; those of examples/09_manual_guidance are our choice.
+// models/control. The paper gives no numbers; those of examples/09_manual_guidance are our choice.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -14,8 +14,8 @@
 
 #include "components/unit/unit_table.h"
 #include "master/run/master.h"
-#include "models/guidance/border.h"
-#include "models/support/text.h"
+#include "models/control/guidance.h"
+#include "models/foundation/support/text.h"
 #include "tests/support/places.h"
 
 namespace cotwin::master {

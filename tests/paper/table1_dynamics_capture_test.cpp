@@ -9,8 +9,8 @@
 
 #include "components/unit/unit_table.h"
 #include "master/run/master.h"
+#include "models/foundation/formats/csv.h"
 #include "models/numerics/random.h"
-#include "models/support/csv.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
 #include "tests/support/run_program.h"

@@ -1,7 +1,7 @@
 #pragma once
 #include <string>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::testing {
 

@@ -4,8 +4,8 @@
 #include <string>
 #include <vector>
 
-#include "models/net/udp_socket.h"
-#include "models/support/error.h"
+#include "models/foundation/net/udp_socket.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::testing {
 

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 

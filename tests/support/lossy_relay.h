@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <mutex>
 
-#include "models/net/udp_socket.h"
+#include "models/foundation/net/udp_socket.h"
 #include "tests/support/lossy_line.h"
 
 namespace cotwin::testing {

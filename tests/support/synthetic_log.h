@@ -10,9 +10,9 @@
 #include <string>
 #include <vector>
 
+#include "models/foundation/formats/csv.h"
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/csv.h"
 #include "tests/support/files.h"
 
 /// Synthetic logs of robots: multi-sine motions, torques by the equations of motion, friction, motors and noise.

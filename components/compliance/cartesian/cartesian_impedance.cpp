@@ -5,7 +5,8 @@
 #include <cmath>
 
 #include "components/compliance/cartesian/cartesian_motion.h"
-#include "components/compliance/contact_stiffness.h"
+#include "components/compliance/cartesian/frame/contact_stiffness.h"
+#include "components/compliance/joints/views.h"
 
 namespace cotwin::compliance {
 namespace {
@@ -14,10 +15,6 @@ using Eigen::Index;
 using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
-
-Eigen::Map<const Eigen::VectorXd> map(const std::vector<double>& v) { return {v.data(), static_cast<Index>(v.size())}; }
-Quaterniond quaternion(const std::array<double, 4>& q) { return {q[0], q[1], q[2], q[3]}; }
-std::array<double, 4> array(const Quaterniond& q) { return {q.w(), q.x(), q.y(), q.z()}; }
 
 /// Where a frame was h seconds ago.
 MovingPose earlier(const MovingPose& pose, const Twist& acceleration, double h) {

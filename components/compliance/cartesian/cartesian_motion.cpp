@@ -1,6 +1,5 @@
 #include "components/compliance/cartesian/cartesian_motion.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -8,11 +7,13 @@
 #include <utility>
 
 #include "components/compliance/cartesian/directions.h"
-#include "components/compliance/cartesian/variable_stiffness.h"
+#include "components/compliance/cartesian/frame/variable_stiffness.h"
+#include "components/compliance/joints/views.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/numerics/dense.h"
 #include "models/robot/robot_model.h"
-#include "models/support/choice.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::compliance {
 namespace {
@@ -22,12 +23,6 @@ using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
-
-Vector3d vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
-Quaterniond quaternion(const std::array<double, 4>& q) { return {q[0], q[1], q[2], q[3]}; }
-std::array<double, 4> array(const Quaterniond& q) { return {q.w(), q.x(), q.y(), q.z()}; }
-std::array<double, 3> array(const Vector3d& v) { return {v[0], v[1], v[2]}; }
-Eigen::Map<const VectorXd> map(const std::vector<double>& v) { return {v.data(), static_cast<Index>(v.size())}; }
 
 /// The unit quaternion with η ≥ 0 (the rule for η = 0: the first value that is not 0 is positive), so that Q and −Q give the same bits.
 Quaterniond orientation(const std::array<double, 4>& values, const std::string& place, const char* name) {
@@ -60,11 +55,11 @@ Impedance restricted(const Impedance& z, const Matrix3d& P) {
   return {P * z.M * P + rest, P * z.D * P, P * z.S * P};
 }
 
-struct Sentence {
+struct Notice {
   std::int32_t what;
   std::string_view text;
 };
-constexpr Sentence kSentences[] = {
+constexpr Notice kNotices[] = {
     {1, "the least singular value of the Jacobian was below sigma_0: the joints were damped (outputs sigma_min, lambda)"},
     {2, "the joints did not follow the compliant frame by more than 1 mm (output task_error): out of reach or at a limit"},
     {4,
@@ -83,7 +78,7 @@ constexpr Sentence kSentences[] = {
     {1024,
      "the gains of tracking are too large for the step, so the motors vibrate (K_e_max is 0): choose a smaller omega, K_s or "
      "shaping, or a shorter step"}};
-constexpr std::string_view kSeparator = "; ";
+constexpr std::string_view kNoticeSeparator = "; ";
 
 }  // namespace
 
@@ -268,7 +263,7 @@ void CartesianMotion::prepare(const Matrix3d& R_BA, const Matrix3d& R_d, double 
   if (!is_prepared_ || !(settled_ || prepared_ == in_force_)) {
     translation_ = translation_of(in_force_);
     rotation_ = rotation_of(in_force_);
-    k_min_ = Eigen::SelfAdjointEigenSolver<Matrix3d>(rotation_.S, Eigen::EigenvaluesOnly).eigenvalues()[0];
+    k_min_ = numerics::symmetric_eigenvalues<3>(rotation_.S)[0];
     rendered_T_ = translation_;
     rendered_R_ = rotation_;
     inverse_M_T_ = rendered_T_.M.inverse();
@@ -462,14 +457,14 @@ void CartesianMotion::note(Met what) {
 
 std::size_t CartesianMotion::longest_warning() {
   std::size_t length = 0;
-  for (const Sentence& s : kSentences) length += s.text.size() + kSeparator.size();
+  for (const Notice& s : kNotices) length += s.text.size() + kNoticeSeparator.size();
   return length;
 }
 
 void CartesianMotion::append_warning(std::string& warning) const {
-  for (const Sentence& s : kSentences) {
+  for (const Notice& s : kNotices) {
     if ((met_ & s.what) == 0) continue;
-    if (!warning.empty()) warning += kSeparator;
+    if (!warning.empty()) warning += kNoticeSeparator;
     warning += s.text;
   }
 }

@@ -8,14 +8,14 @@
 #include <string>
 #include <vector>
 
+#include "components/compliance/cartesian/frame/contact_stiffness.h"
+#include "components/compliance/cartesian/frame/parameters.h"
+#include "components/compliance/cartesian/frame/rotation.h"
+#include "components/compliance/cartesian/frame/translation.h"
+#include "components/compliance/cartesian/frame/walls.h"
 #include "components/compliance/cartesian/impedance_control.h"
 #include "components/compliance/cartesian/joint_motion.h"
-#include "components/compliance/cartesian/parameters.h"
-#include "components/compliance/cartesian/rotation.h"
 #include "components/compliance/cartesian/self_motion.h"
-#include "components/compliance/cartesian/translation.h"
-#include "components/compliance/cartesian/walls.h"
-#include "components/compliance/contact_stiffness.h"
 #include "components/unit/settings.h"
 #include "components/unit/variables.h"
 

@@ -4,8 +4,9 @@
 #include <string>
 
 #include "components/compliance/cartesian/cartesian_motion.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "components/compliance/joints/views.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::compliance {
 namespace {
@@ -13,10 +14,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
-
-Vector3d vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
-Quaterniond quaternion(const std::array<double, 4>& q) { return {q[0], q[1], q[2], q[3]}; }
-std::array<double, 4> array(const Quaterniond& q) { return {q.w(), q.x(), q.y(), q.z()}; }
 
 Impedance turned(const Impedance& z, const Matrix3d& R) {
   return {R * z.M * R.transpose(), R * z.D * R.transpose(), R * z.S * R.transpose()};

@@ -1,13 +1,13 @@
 #include "components/compliance/cartesian/directions.h"
 
-#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 #include <string_view>
 
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/numerics/dense.h"
 
 namespace cotwin::compliance {
 namespace {
@@ -40,9 +40,8 @@ std::vector<int> named(const std::string& place, const std::string& task) {
 
 Index rank(const MatrixXd& J) {
   if (J.size() == 0) return 0;
-  const Eigen::JacobiSVD<MatrixXd> svd(J);
   constexpr double kZero = 1e-6;
-  return (svd.singularValues().array() > kZero).count();
+  return (numerics::singular_values(J).array() > kZero).count();
 }
 
 /// Jacobians in postures that are spread over the range of the joints.

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include "components/compliance/joints/views.h"
 #include "models/robot/robot_model.h"
 
 namespace cotwin::compliance {
@@ -15,8 +16,6 @@ using Eigen::MatrixXd;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
-
-Eigen::Map<const VectorXd> map(const Joints& v) { return {v.data(), static_cast<Index>(v.size())}; }
 
 Matrix3d turned(const Matrix3d& A, const Matrix3d& R) { return R * A * R.transpose(); }
 

@@ -3,13 +3,13 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "components/compliance/cartesian/frame/rotation.h"
+#include "components/compliance/cartesian/frame/translation.h"
 #include "components/compliance/cartesian/impedance_self_motion.h"
 #include "components/compliance/cartesian/joint_motion.h"
-#include "components/compliance/cartesian/rotation.h"
-#include "components/compliance/cartesian/translation.h"
-#include "components/compliance/links.h"
-#include "components/compliance/tracking.h"
-#include "models/robot/drive_parameters.h"
+#include "components/compliance/joints/links.h"
+#include "components/compliance/joints/tracking.h"
+#include "models/robot/drives/drive_parameters.h"
 
 namespace cotwin::compliance {
 

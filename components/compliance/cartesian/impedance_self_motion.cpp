@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::compliance {
 namespace {
@@ -11,12 +11,6 @@ namespace {
 using Eigen::Index;
 using Eigen::Vector3d;
 using Eigen::VectorXd;
-
-std::vector<int> row_counts(const std::vector<TaskEntry>& tasks) {
-  std::vector<int> counts;
-  for (const TaskEntry& task : tasks) counts.push_back(static_cast<int>(task.directions.size()));
-  return counts;
-}
 
 }  // namespace
 

@@ -4,7 +4,7 @@
 
 #include "components/compliance/cartesian/joint_motion.h"
 #include "components/compliance/cartesian/self_motion.h"
-#include "components/compliance/links.h"
+#include "components/compliance/joints/links.h"
 #include "models/control/cascade.h"
 
 namespace cotwin::compliance {

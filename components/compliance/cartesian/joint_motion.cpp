@@ -5,9 +5,9 @@
 #include <limits>
 #include <utility>
 
-#include "components/compliance/cartesian/rotation.h"
+#include "components/compliance/cartesian/frame/rotation.h"
+#include "models/foundation/support/error.h"
 #include "models/robot/robot_model.h"
-#include "models/support/error.h"
 
 namespace cotwin::compliance {
 namespace {
@@ -18,12 +18,6 @@ using Eigen::Vector3d;
 using Eigen::VectorXd;
 
 constexpr double kLeastDamping = 1e-3;  // of lambda_0: a lost direction always has some
-
-std::vector<int> row_counts(const std::vector<TaskEntry>& tasks) {
-  std::vector<int> counts;
-  for (const TaskEntry& task : tasks) counts.push_back(static_cast<int>(task.directions.size()));
-  return counts;
-}
 
 MovingPose moved(const MovingPose& from, const Twist& by) {
   return {from.p + by.head<3>(), quaternion_of(by.tail<3>()) * from.Q, from.V};

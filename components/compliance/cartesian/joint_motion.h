@@ -5,9 +5,9 @@
 #include <vector>
 
 #include "components/compliance/cartesian/self_motion.h"
-#include "components/compliance/limits.h"
-#include "components/compliance/links.h"
-#include "components/compliance/tracking.h"
+#include "components/compliance/joints/limits.h"
+#include "components/compliance/joints/links.h"
+#include "components/compliance/joints/tracking.h"
 #include "models/control/cascade.h"
 #include "models/control/null_space.h"
 #include "models/mechanics/pose.h"

@@ -5,8 +5,9 @@
 #include <string_view>
 
 #include "components/compliance/cartesian/joint_motion.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "components/compliance/joints/views.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::compliance {
 namespace {
@@ -70,8 +71,6 @@ unsigned goals(const std::string& place, const std::string& names) {
   }
   return found;
 }
-
-Eigen::Map<const VectorXd> map(const std::vector<double>& v) { return {v.data(), static_cast<Index>(v.size())}; }
 
 }  // namespace
 

@@ -4,12 +4,12 @@
 #include <vector>
 
 #include "components/compliance/cartesian/task_list.h"
-#include "components/compliance/links.h"
+#include "components/compliance/joints/links.h"
 #include "components/unit/joint_variables.h"
 #include "components/unit/settings.h"
 #include "components/unit/variables.h"
 #include "models/control/goals.h"
-#include "models/support/parameter_table.h"
+#include "models/foundation/support/parameter_table.h"
 
 namespace cotwin::compliance {
 

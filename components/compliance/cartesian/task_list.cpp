@@ -4,18 +4,18 @@
 #include <iterator>
 #include <string_view>
 
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::compliance {
 namespace {
 
-constexpr std::string_view kNames[] = {"x", "y", "z", "rx", "ry", "rz"};
+constexpr std::string_view kDirectionNames[] = {"x", "y", "z", "rx", "ry", "rz"};
 
 /// Index of a direction, −1: none of that name.
 int direction(std::string_view name) {
-  const auto found = std::ranges::find(kNames, name);
-  return found == std::end(kNames) ? -1 : static_cast<int>(found - std::begin(kNames));
+  const auto found = std::ranges::find(kDirectionNames, name);
+  return found == std::end(kDirectionNames) ? -1 : static_cast<int>(found - std::begin(kDirectionNames));
 }
 
 std::vector<int> directions_of_E(std::string_view name) {
@@ -66,16 +66,23 @@ std::vector<TaskEntry> task_list(const std::string& place, const std::string& ta
       throw Error(place, "setting tasks: '" + name + "' has no direction that the setting task renders");
     for (const int i : task.directions) {
       const auto found = std::ranges::find(open, i);
-      if (found == open.end()) throw Error(place, "setting tasks: direction " + std::string(kNames[i]) + " is in two tasks");
+      if (found == open.end())
+        throw Error(place, "setting tasks: direction " + std::string(kDirectionNames[i]) + " is in two tasks");
       open.erase(found);
     }
     list.push_back(std::move(task));
   }
   if (!open.empty()) {
-    throw Error(place, "setting tasks: no task has direction " + std::string(kNames[open.front()]) +
+    throw Error(place, "setting tasks: no task has direction " + std::string(kDirectionNames[open.front()]) +
                            ", expected every direction of the setting task (empty: all six), for example tasks=pose");
   }
   return list;
+}
+
+std::vector<int> row_counts(const std::vector<TaskEntry>& tasks) {
+  std::vector<int> counts;
+  for (const TaskEntry& task : tasks) counts.push_back(static_cast<int>(task.directions.size()));
+  return counts;
 }
 
 }  // namespace cotwin::compliance

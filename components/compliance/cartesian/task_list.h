@@ -22,4 +22,7 @@ struct TaskEntry {
 std::vector<TaskEntry> task_list(const std::string& place, const std::string& tasks, const std::vector<int>& rendered,
                                  const robot::RobotModel& robot);
 
+/// The number of rows of each task.
+std::vector<int> row_counts(const std::vector<TaskEntry>& tasks);
+
 }  // namespace cotwin::compliance

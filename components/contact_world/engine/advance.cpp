@@ -6,11 +6,10 @@
 #include <limits>
 
 #include "components/contact_world/engine/collision/separation.h"
+#include "components/contact_world/engine/solvers/numbers.h"
 
 namespace cotwin::contact_world {
 namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// Motion in a step beyond which a body is fast: the share of its least half size, between these bounds.
 constexpr double kShareOfSize = 0.5;

@@ -3,7 +3,7 @@
 #include <span>
 #include <vector>
 
-#include "components/contact_world/engine/body.h"
+#include "components/contact_world/engine/body/body.h"
 #include "components/contact_world/engine/collision/collision.h"
 #include "models/scene/scene.h"
 

@@ -3,14 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "components/contact_world/engine/solvers/numbers.h"
 #include "components/contact_world/engine/world_impl.h"
 
 namespace cotwin::contact_world {
 namespace {
-
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
-
-constexpr double kInfinity = scene::kInfinity;
 
 /// Share of a penetration beyond the slop that one step corrects, and the largest speed of the correction.
 constexpr double kCorrection = 0.2;

@@ -5,12 +5,11 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 
+#include "components/contact_world/engine/solvers/numbers.h"
 #include "components/contact_world/engine/world_impl.h"
 
 namespace cotwin::contact_world {
 namespace {
-
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
 /// Gap below which bodies touch, besides the way of gravity in a step.
 constexpr double kNear = 1e-5;  // m

@@ -3,14 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "components/contact_world/engine/solvers/numbers.h"
 #include "components/contact_world/engine/world_impl.h"
 
 namespace cotwin::contact_world {
-namespace {
-
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
+namespace {}  // namespace
 
 /// Geometric mean of the friction of two surfaces along two directions: those of the first surface that has any.
 void World::Impl::set_friction(Touch& touch, const scene::Material& a, const scene::Material& b) const {

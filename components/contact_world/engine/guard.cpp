@@ -6,13 +6,12 @@
 #include <numbers>
 #include <string>
 
+#include "components/contact_world/engine/solvers/numbers.h"
 #include "components/contact_world/engine/world_impl.h"
-#include "models/support/text.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::contact_world {
 namespace {
-
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
 /// Joints within these bounds are assembled.
 constexpr double kAssembledGap = 1e-4, kAssembledAngle = 1e-3;  // m, rad (m for a prismatic joint's limits)

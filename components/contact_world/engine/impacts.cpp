@@ -16,14 +16,11 @@
 #include <cmath>
 #include <limits>
 
+#include "components/contact_world/engine/solvers/numbers.h"
 #include "components/contact_world/engine/world_impl.h"
 
 namespace cotwin::contact_world {
 namespace {
-
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// Points that meet within this share of the step strike at the same time. Closer points are in contact.
 constexpr double kSameTime = 1e-3;
@@ -38,7 +35,7 @@ constexpr int kLeastRounds = 500, kRoundsPerPoint = 4, kRoundsTogether = 20;
 /// Sweeps before pivoting, or of islands that are too large for pivoting, and the residual relative to the fastest approach.
 constexpr int kSweeps = 50;
 constexpr double kTolerance = 1e-12;
-constexpr int kLockRounds = 6;
+constexpr int kImpactLockRounds = 6;
 
 /// Duration of an impact, relative to the step: finite forces of motors, dampers and friction in joints have no effect.
 constexpr double kDuration = 1e-6;
@@ -232,7 +229,7 @@ void World::Impl::collect_impacts(double h, bool newton) {
 
 /// Solves and applies the collected rows, alternately with the trees as in solve_rows().
 void World::Impl::apply_impact_rows() {
-  for (int round = 0; round < kLockRounds; ++round) {
+  for (int round = 0; round < kImpactLockRounds; ++round) {
     if (round > 0) rows.prepare(bodies, forest);
     rows.measure(bodies);
     rows.pivot(kSweeps, impacts.tolerance, 0);

@@ -3,14 +3,13 @@
 #include <utility>
 
 #include "components/contact_world/engine/rows.h"
+#include "components/contact_world/engine/solvers/numbers.h"
 
 namespace cotwin::contact_world {
 namespace {
 
 /// Larger islands use sweeps: A is dense, and a pivot costs the square of its size.
 constexpr std::size_t kRowsToPivot = 600;
-
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
 /// Softness, relative to their mobility, of tangents that joints allow to move along one direction only: across it, rounding
 /// would drive friction to its cone.
@@ -20,17 +19,9 @@ constexpr double kAcross = 1e-9;
 constexpr int kPivotsPerRow = 3, kLeastPivots = 100;
 constexpr double kPoorResidual = 1e-4;
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-double dot(const double* a, const double* b, int n) {
-  double sum = 0;
-  for (int i = 0; i < n; ++i) sum += a[i] * b[i];
-  return sum;
-}
-
 using Two [[gnu::vector_size(16)]] = double;
 using AlignedPair [[gnu::may_alias]] = Two;
-using Pair [[gnu::aligned(8), gnu::may_alias]] = Two;
+using TwoInPlace [[gnu::aligned(8), gnu::may_alias]] = Two;
 
 /// A (3 x 3, rows `stride` apart) += a bᵀ for sides a and b of three rows with six elements each.
 void add_products_of_six(const double* a, const double* b, double* A, std::size_t stride) {
@@ -41,7 +32,7 @@ void add_products_of_six(const double* a, const double* b, double* A, std::size_
     const Two s0 = a0 * B[0] + a1 * B[1] + a2 * B[2];
     const Two s1 = a0 * B[3] + a1 * B[4] + a2 * B[5];
     const Two s2 = a0 * B[6] + a1 * B[7] + a2 * B[8];
-    Pair* sums = reinterpret_cast<Pair*>(A);  // auto would drop its alignment
+    TwoInPlace* sums = reinterpret_cast<TwoInPlace*>(A);  // auto would drop its alignment
     *sums += Two{s0[0], s1[0]} + Two{s0[1], s1[1]};
     A[2] += s2[0] + s2[1];
     A += stride;

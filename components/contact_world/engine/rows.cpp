@@ -1,4 +1,5 @@
 #include "components/contact_world/engine/rows.h"
+#include "components/contact_world/engine/solvers/numbers.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -13,14 +14,6 @@ namespace {
 constexpr double kRegular = 1e-9;
 
 double regular(double A, double free) { return std::max(0.0, kRegular * free - 1e-3 * A); }
-
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
-
-double dot(const double* a, const double* b, int n) {
-  double sum = 0;
-  for (int i = 0; i < n; ++i) sum += a[i] * b[i];
-  return sum;
-}
 
 /// J M⁻¹ Jᵀ of a row for free bodies: an upper bound of its value with joints.
 double free_inverse_inertia(std::span<const RigidBody> bodies, int a, int b, const Vector3d& d, const Vector3d& m,

@@ -7,10 +7,10 @@
 #include <span>
 #include <vector>
 
-#include "components/contact_world/engine/body.h"
-#include "components/contact_world/engine/dantzig.h"
+#include "components/contact_world/engine/body/body.h"
 #include "components/contact_world/engine/joints/forest.h"
 #include "components/contact_world/engine/soft_contact.h"
+#include "components/contact_world/engine/solvers/dantzig.h"
 
 namespace cotwin::contact_world {
 

@@ -3,12 +3,11 @@
 #include <algorithm>
 #include <tuple>
 
+#include "components/contact_world/engine/solvers/numbers.h"
 #include "components/contact_world/engine/world_impl.h"
 
 namespace cotwin::contact_world {
 namespace {
-
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
 /// Depths that are left to the next position stage, which corrects them by its share per step.
 constexpr double kLeft = 5e-5;  // m
@@ -17,7 +16,7 @@ constexpr double kLeft = 5e-5;  // m
 /// do not add up. kAccuracy is also that of the correction.
 constexpr double kTooDeep = 3e-4, kAccuracy = 5e-6;  // m
 
-constexpr int kPasses = 3;
+constexpr int kSeparationPasses = 3;
 
 /// Bodies that move: those of pairs that are too deep and this number of rings of neighbours.
 constexpr int kRings = 1;
@@ -79,7 +78,7 @@ void World::Impl::mark_too_deep() {
 void World::Impl::separate(double h) {
   if (!allow_depths(0)) return;
   const Energy before = measure_energy();
-  for (int pass = 0; (pass == 0 || (pass < kPasses && allow_depths(pass))) && move_apart(h);) ++pass;
+  for (int pass = 0; (pass == 0 || (pass < kSeparationPasses && allow_depths(pass))) && move_apart(h);) ++pass;
   const Energy after = measure_energy();
   guard.add_work(std::max(0.0, after.motion + after.potential - before.motion - before.potential));
 }

@@ -3,14 +3,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "components/contact_world/engine/solvers/numbers.h"
 #include "components/contact_world/engine/world_impl.h"
 
 namespace cotwin::contact_world {
 namespace {
-
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// Difference of an impulse from its linearisation, relative to the impulse, that is accepted.
 constexpr double kCurved = 1e-6;

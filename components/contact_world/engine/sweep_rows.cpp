@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "components/contact_world/engine/rows.h"
+#include "components/contact_world/engine/solvers/numbers.h"
 
 namespace cotwin::contact_world {
 namespace {
@@ -28,32 +29,24 @@ constexpr double kConvergedAtRest = 1e-4;
 /// N.s: smaller friction counts as zero; its shift would overflow.
 constexpr double kZeroImpulse = 1e-100;
 
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
-
-double dot(const double* a, const double* b, int n) {
-  double sum = 0;
-  for (int i = 0; i < n; ++i) sum += a[i] * b[i];
-  return sum;
-}
-
 /// Arrays that are read by pairs are aligned for pairs; each side and slice has an even number of elements.
-using Pair = double __attribute__((vector_size(16), may_alias));
-static_assert(__STDCPP_DEFAULT_NEW_ALIGNMENT__ >= alignof(Pair));
+using DoublePair = double __attribute__((vector_size(16), may_alias));
+static_assert(__STDCPP_DEFAULT_NEW_ALIGNMENT__ >= alignof(DoublePair));
 
-double sum(const Pair& parts) { return parts[0] + parts[1]; }
+double sum(const DoublePair& parts) { return parts[0] + parts[1]; }
 
 /// Velocities of three rows, each in two partial sums.
 struct Sums {
-  Pair n{}, s{}, t{};
+  DoublePair n{}, s{}, t{};
 };
 
 /// sums += (three rows of y) z for one side of `kSize` coordinates, 6 or 0.
 template <int kSize>
 void add_velocity(const double* y, const double* z, Sums& sums) {
   if constexpr (kSize == 6) {
-    const auto* Y = reinterpret_cast<const Pair*>(y);
-    const auto* Z = reinterpret_cast<const Pair*>(z);
-    const Pair z0 = Z[0], z1 = Z[1], z2 = Z[2];
+    const auto* Y = reinterpret_cast<const DoublePair*>(y);
+    const auto* Z = reinterpret_cast<const DoublePair*>(z);
+    const DoublePair z0 = Z[0], z1 = Z[1], z2 = Z[2];
     sums.n += Y[0] * z0 + Y[1] * z1 + Y[2] * z2;
     sums.s += Y[3] * z0 + Y[4] * z1 + Y[5] * z2;
     sums.t += Y[6] * z0 + Y[7] * z1 + Y[8] * z2;
@@ -63,8 +56,8 @@ void add_velocity(const double* y, const double* z, Sums& sums) {
 template <int kSize>
 void add_impulse(const double* y, double n, double s, double t, double* z) {
   if constexpr (kSize == 6) {
-    const auto* Y = reinterpret_cast<const Pair*>(y);
-    auto* Z = reinterpret_cast<Pair*>(z);
+    const auto* Y = reinterpret_cast<const DoublePair*>(y);
+    auto* Z = reinterpret_cast<DoublePair*>(z);
     for (int i = 0; i < 3; ++i) Z[i] += n * Y[i] + s * Y[3 + i] + t * Y[6 + i];
   }
 }
@@ -263,9 +256,9 @@ void Rows::begin_acceleration(const Island& island) {
 }
 
 double Rows::squared_change(const Island& island) const {
-  Pair squares[2] = {};  // independent sums shorten the dependency chain
+  DoublePair squares[2] = {};  // independent sums shorten the dependency chain
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
-    const auto* change = reinterpret_cast<const Pair*>(cores_[i].change);
+    const auto* change = reinterpret_cast<const DoublePair*>(cores_[i].change);
     for (int k = 0; k < 2; ++k) squares[k] += change[k] * change[k];
   }
   return sum(squares[0] + squares[1]);
@@ -275,11 +268,11 @@ double Rows::squared_change(const Island& island) const {
 /// softness, while no contact changes its state. Bounded by the first contact that opens, because there may be no minimum along
 /// redundant contacts.
 Rows::Shares Rows::optimal_shares(const Island& island) const {
-  Pair dd{}, dp{}, pp{}, zz{}, along_d{}, along_p{};  // products of d, p, z and the gradient
+  DoublePair dd{}, dp{}, pp{}, zz{}, along_d{}, along_p{};  // products of d, p, z and the gradient
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     const Core& core = cores_[i];
-    const auto *b = reinterpret_cast<const Pair*>(core.b), *d = reinterpret_cast<const Pair*>(core.change),
-               *p = reinterpret_cast<const Pair*>(core.path);
+    const auto *b = reinterpret_cast<const DoublePair*>(core.b), *d = reinterpret_cast<const DoublePair*>(core.change),
+               *p = reinterpret_cast<const DoublePair*>(core.path);
     along_d += b[0] * d[0] + b[1] * d[1];
     along_p += b[0] * p[0] + b[1] * p[1];
     if (core.softness == 0) continue;
@@ -293,8 +286,9 @@ Rows::Shares Rows::optimal_shares(const Island& island) const {
   for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
     const Slice& slice = slices_[index(island_slices_[s])];
     for (int i = slice.offset; i < slice.offset + slice.size; i += 2) {
-      const Pair z = *reinterpret_cast<const Pair*>(&z_[index(i)]), p = *reinterpret_cast<const Pair*>(&z_path_[index(i)]);
-      const Pair d = z - *reinterpret_cast<const Pair*>(&z_before_[index(i)]);
+      const DoublePair z = *reinterpret_cast<const DoublePair*>(&z_[index(i)]),
+                       p = *reinterpret_cast<const DoublePair*>(&z_path_[index(i)]);
+      const DoublePair d = z - *reinterpret_cast<const DoublePair*>(&z_before_[index(i)]);
       dd += d * d;
       dp += d * p;
       pp += p * p;
@@ -325,10 +319,10 @@ Rows::Shares Rows::optimal_shares(const Island& island) const {
 void Rows::extrapolate(const Island& island, Shares shares) {
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     Core& core = cores_[i];
-    auto *x = reinterpret_cast<Pair*>(core.x), *path = reinterpret_cast<Pair*>(core.path);
-    const auto* change = reinterpret_cast<const Pair*>(core.change);
+    auto *x = reinterpret_cast<DoublePair*>(core.x), *path = reinterpret_cast<DoublePair*>(core.path);
+    const auto* change = reinterpret_cast<const DoublePair*>(core.change);
     for (int k = 0; k < 2; ++k) {
-      const Pair step = shares.of_change * change[k] + shares.of_path * path[k];
+      const DoublePair step = shares.of_change * change[k] + shares.of_path * path[k];
       x[k] += step;
       path[k] = step + change[k];
     }
@@ -336,9 +330,9 @@ void Rows::extrapolate(const Island& island, Shares shares) {
   for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
     const Slice& slice = slices_[index(island_slices_[s])];
     for (int i = slice.offset; i < slice.offset + slice.size; i += 2) {
-      auto *z = reinterpret_cast<Pair*>(&z_[index(i)]), *path = reinterpret_cast<Pair*>(&z_path_[index(i)]);
-      auto* before = reinterpret_cast<Pair*>(&z_before_[index(i)]);
-      const Pair change = *z - *before, step = shares.of_change * change + shares.of_path * *path;
+      auto *z = reinterpret_cast<DoublePair*>(&z_[index(i)]), *path = reinterpret_cast<DoublePair*>(&z_path_[index(i)]);
+      auto* before = reinterpret_cast<DoublePair*>(&z_before_[index(i)]);
+      const DoublePair change = *z - *before, step = shares.of_change * change + shares.of_path * *path;
       *z += step;
       *path = step + change;
       *before = *z;

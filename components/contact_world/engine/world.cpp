@@ -6,14 +6,13 @@
 #include <limits>
 #include <utility>
 
+#include "components/contact_world/engine/solvers/numbers.h"
 #include "components/contact_world/engine/world_impl.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::contact_world {
 namespace {
-
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
 std::vector<RigidBody> rigid_bodies(const scene::Scene& scene) {
   std::vector<RigidBody> bodies;

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "components/contact_world/engine/advance.h"
-#include "components/contact_world/engine/body.h"
+#include "components/contact_world/engine/body/body.h"
 #include "components/contact_world/engine/collision/collision.h"
 #include "components/contact_world/engine/guard.h"
 #include "components/contact_world/engine/joints/axes.h"

@@ -4,12 +4,11 @@
 #include <tuple>
 #include <utility>
 
+#include "components/contact_world/engine/solvers/numbers.h"
 #include "components/contact_world/engine/world_impl.h"
 
 namespace cotwin::contact_world {
 namespace {
-
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
 
 /// The position stage repeats until the joints' errors at the end of the step are below the tolerance, at most kPasses times.
 constexpr double kJointTolerance = 2e-10;  // m, rad

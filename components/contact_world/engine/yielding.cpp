@@ -2,14 +2,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "components/contact_world/engine/solvers/numbers.h"
 #include "components/contact_world/engine/world_impl.h"
 
 namespace cotwin::contact_world {
 namespace {
-
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
-
-constexpr double kInfinity = scene::kInfinity;
 
 /// Distance from a point up to which its dent covers the surface, relative to the root of its area: that of a quarter of a
 /// square or disc reaches its middle, that of a point alone covers its disc.

@@ -6,10 +6,12 @@
 
 #include "components/gateway/http/access.h"
 #include "components/gateway/http/router.h"
-#include "models/services/robots.h"
+#include "components/services/robots.h"
 
 /// The routes of the gateway.
 namespace cotwin::gateway {
+
+inline constexpr std::size_t kLargestReply = 2 << 20;  // bytes of an immediate answer
 
 class JobBoard;
 /// Completes a request to a service before it is answered or stored ("from": "run"). May wait; may throw Refusal.
@@ -29,6 +31,8 @@ void add_job_routes(http::Router& router, services::Robots& robots, const std::s
 
 /// Schemas that several routes refer to.
 void add_common_schemas(http::Router& router);
+/// Those of jobs, which add_job_routes adds.
+void add_job_schemas(http::Router& router);
 
 /// The OpenAPI 3.1 document of a table of routes: one JSON text.
 std::string openapi(const http::Router& router, const std::string& version);

@@ -2,8 +2,8 @@
 
 #include <nlohmann/json.hpp>
 
-#include "models/services/json.h"
-#include "models/services/schemas.h"
+#include "components/services/json/json.h"
+#include "components/services/json/schemas.h"
 
 namespace cotwin::gateway {
 

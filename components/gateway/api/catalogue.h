@@ -11,7 +11,7 @@ struct ServiceInfo {
   std::string request_schema, reply_schema;  // JSON Schema 2020-12
 };
 
-/// Those of models/services.
+/// Those of components/services.
 const std::vector<ServiceInfo>& all_services();
 
 }  // namespace cotwin::gateway

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "models/support/text.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway {
 

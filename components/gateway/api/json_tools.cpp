@@ -2,8 +2,8 @@
 
 #include <algorithm>
 
-#include "models/services/json.h"
-#include "models/support/text.h"
+#include "components/services/json/json.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway {
 

@@ -5,7 +5,7 @@
 #include <string_view>
 
 #include "components/gateway/http/router.h"
-#include "models/services/robots.h"
+#include "components/services/robots.h"
 
 /// JSON and header fields of routes, for the sources of this folder.
 namespace cotwin::gateway {

@@ -6,8 +6,8 @@
 #include "components/gateway/api/catalogue.h"
 #include "components/gateway/api/job_board.h"
 #include "components/gateway/api/json_tools.h"
-#include "models/services/json.h"
-#include "models/support/error.h"
+#include "components/services/json/json.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::gateway {
 
@@ -16,8 +16,7 @@ namespace {
 using http::Request;
 using http::Response;
 
-constexpr std::size_t kLargestReply = 2 << 20;  // bytes of an immediate answer
-constexpr double kPatience = 10;                // s that a client waits for a long service without saying how long
+constexpr double kPatience = 10;  // s that a client waits for a long service without saying how long
 
 std::string schema_name(const std::string& service) {
   std::string name;

@@ -10,9 +10,9 @@
 #include <cerrno>
 #include <cstring>
 
-#include "models/support/error.h"
-#include "models/support/file.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway::http {
 

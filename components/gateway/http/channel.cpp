@@ -2,7 +2,7 @@
 
 #include <string_view>
 
-#include "models/support/text.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway::http {
 
@@ -26,7 +26,7 @@ std::string event_text(const Event& event) {
 }
 
 /// Names and ids are of this program and need no more than these escapes.
-std::string quoted(std::string_view text) {
+std::string quoted_text(std::string_view text) {
   std::string out = "\"";
   for (const char c : text) {
     if (c == '"' || c == '\\') out += '\\';
@@ -36,8 +36,8 @@ std::string quoted(std::string_view text) {
 }
 
 std::string message_text(const Event& event) {
-  std::string text = "{\"event\":" + quoted(event.name);
-  if (!event.id.empty()) text += ",\"id\":" + quoted(event.id);
+  std::string text = "{\"event\":" + quoted_text(event.name);
+  if (!event.id.empty()) text += ",\"id\":" + quoted_text(event.id);
   return text + ",\"data\":" + (event.data.empty() ? "null" : event.data) + "}";
 }
 

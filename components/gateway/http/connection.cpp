@@ -1,36 +1,17 @@
 // One HTTP connection: request after request, or a stream of server-sent events at last.
-#include <algorithm>
-#include <array>
-#include <boost/asio/write.hpp>
+#include "components/gateway/http/connection.h"
 
-#include "components/gateway/http/server_impl.h"
+#include <algorithm>
+#include <boost/asio/write.hpp>
 
 namespace cotwin::gateway::http {
 
 namespace {
 
-namespace bhttp = beast::http;
-
 constexpr std::size_t kRead = 4096, kLongestTarget = 4096;
 constexpr std::size_t kMostDrained = 1 << 20;  // bytes that are read after a refusal, so that the client sees it
 constexpr double kDrain = 2;                   // s
 constexpr unsigned char kTlsHandshake = 0x16;
-
-Response refusal(int status, std::string detail, std::vector<Field> fields = {}) {
-  return to_response({status, std::move(detail), "", ""}, std::move(fields));
-}
-
-/// Part of a token's hash: enough to tell clients apart, and no secret.
-std::string short_name(std::string_view token) {
-  static const char* const kDigits = "0123456789abcdef";
-  const Digest digest = digest_of(token);
-  std::string name;
-  for (std::size_t i = 0; i < 8; ++i) {
-    name += kDigits[digest[i] >> 4];
-    name += kDigits[digest[i] & 15];
-  }
-  return name;
-}
 
 std::string field_value(std::string value) {
   for (char& c : value) {
@@ -39,102 +20,7 @@ std::string field_value(std::string value) {
   return value;
 }
 
-class Connection final : public Client, public std::enable_shared_from_this<Connection> {
- public:
-  Connection(Server::Impl& server, tcp::socket socket, std::unique_ptr<Seat> seat, std::string party)
-      : server_(server),
-        seat_(std::move(seat)),
-        party_(std::move(party)),
-        limits_(server.options.limits),
-        stream_(std::move(socket), server.tls ? &*server.tls : nullptr),
-        timer_(server.context),
-        buffer_(limits_.header_bytes + (64 << 10)) {
-    ++server_.counts.open;
-  }
-  ~Connection() override { --server_.counts.open; }
-
-  void start() { server_.tls ? expect_tls() : read(); }
-  /// Sends a refusal to a client for which there is no room.
-  void turn_away(Response refusal) {
-    turned_away_ = true;
-    ++server_.refusing;
-    respond(std::move(refusal));
-  }
-  void abort() override { finish(); }
-  void respond(Response response);
-
- private:
-  using Parser = bhttp::request_parser<bhttp::string_body>;
-
-  /// A request that a handler answers. Carries the response to the server's thread, where alone connections live.
-  struct Pending {
-    std::shared_ptr<Gate> gate;
-    std::weak_ptr<Connection> connection;
-    std::atomic<bool> done = false;
-
-    void send(Response response);
-    ~Pending();
-  };
-
-  // Deadlines. The socket's operations end when it is cancelled; then late_ says why.
-  void arm(double seconds);
-  void disarm() {
-    late_ = false;
-    ++armed_;
-    timer_.cancel();
-  }
-
-  void expect_tls();
-  void read();
-  void read_header();
-  void examine();
-  void read_body();
-  void dispatch();
-  std::optional<Response> check_names(Request& request);
-  std::optional<Response> check_route(Request& request);
-  std::optional<Response> check_access(Request& request);
-  std::optional<Response> check_query(const Request& request);
-  std::optional<Response> check_body(const Request& request);
-  Response preflight(const Request& request) const;
-  Response failure(const ErrorCode& error) const;
-  /// A response without having read the body.
-  void refuse(Response response);
-  std::string head_of(const Response& response) const;
-
-  /// The handler has not answered in time.
-  void answer_late();
-  void begin_stream(Response response);
-  void watch();
-  void pump();
-
-  void close_in_order();
-  void end_of_sending();
-  /// Discards what arrives, encrypted or not.
-  void drain();
-  void finish();
-
-  Server::Impl& server_;
-  std::unique_ptr<Seat> seat_;
-  const std::string party_;
-  const Limits& limits_;
-  AnyStream stream_;
-  asio::steady_timer timer_;
-  std::uint64_t armed_ = 0;
-  bool late_ = false;
-  beast::flat_buffer buffer_;
-  std::optional<Parser> parser_;
-  std::shared_ptr<Request> request_;
-  const Router::Entry* entry_ = nullptr;
-  std::string allowed_origin_;  // of the present request; "": none that must be named in the response
-  std::string out_;
-  std::weak_ptr<Pending> pending_;  // of the request that waits for its handler
-  bool waiting_ = false;
-  bool keep_ = false, head_ = false, finished_ = false, turned_away_ = false;
-  std::array<unsigned char, 1024> scrap_{};
-  std::size_t drained_ = 0;
-  std::shared_ptr<Channel> channel_;
-  bool writing_ = false;
-};
+}  // namespace
 
 void Connection::arm(double seconds) {
   late_ = false;
@@ -237,161 +123,6 @@ void Connection::examine() {
   asio::async_write(stream_, asio::buffer(out_), [self = shared_from_this()](const ErrorCode& error, std::size_t) {
     error ? self->finish() : self->read_body();
   });
-}
-
-/// Target, Host and Origin.
-std::optional<Response> Connection::check_names(Request& request) {
-  std::string authority;
-  if (const std::string wrong =
-          read_target({parser_->get().target().data(), parser_->get().target().size()}, request, authority);
-      !wrong.empty() && request.method != "OPTIONS") {
-    return refusal(400, wrong);
-  }
-  std::size_t hosts = 0;
-  for (const Field& f : request.fields) hosts += equal_names(f.name, "Host") ? 1 : 0;
-  if (hosts != 1) return refusal(400, "the header has " + std::to_string(hosts) + " fields Host, expected one");
-  if (authority.empty()) authority = *request.field("Host");
-  if (!server_.options.authority.allows_host(authority) || !server_.options.authority.allows_host(*request.field("Host")))
-    return refusal(421,
-                   "the host of the request is not one of this gateway's names, expected localhost, an address at which it "
-                   "listens, or a name of cotwin serve --host (parameter hosts of unit:gateway)");
-  const std::string* const origin = request.field("Origin");
-  if (origin == nullptr) return std::nullopt;
-  switch (server_.options.authority.check_origin(*origin, server_.tls ? "https" : "http", authority)) {
-    case Authority::Origin::kOwn:
-      return std::nullopt;
-    case Authority::Origin::kNamed:
-      allowed_origin_ = *origin;
-      return std::nullopt;
-    default:
-      return refusal(403,
-                     "pages of this origin may not call the gateway, expected one of cotwin serve --origin (parameter origins "
-                     "of unit:gateway)");
-  }
-}
-
-/// The question of a browser whether a page of another origin may send a request.
-Response Connection::preflight(const Request& request) const {
-  if (allowed_origin_.empty() || request.field("Access-Control-Request-Method") == nullptr)
-    return refusal(405,
-                   "OPTIONS is answered only for pages of the named origins, expected one of cotwin serve --origin (parameter "
-                   "origins of unit:gateway)");
-  Response response;
-  response.status = 204;
-  response.type = "";
-  response.fields = {{"Access-Control-Allow-Methods", "GET, HEAD, POST, PUT, DELETE"},
-                     {"Access-Control-Allow-Headers",
-                      "Authorization, Content-Type, Idempotency-Key, If-Match, If-None-Match, Last-Event-ID, Prefer"},
-                     {"Access-Control-Max-Age", "600"}};
-  return response;
-}
-
-std::optional<Response> Connection::check_route(Request& request) {
-  if (parser_->get().method() == bhttp::verb::unknown) return refusal(501, "the method is not known");
-  auto found = server_.router.find(request);
-  if (const auto* const refused = std::get_if<Refusal>(&found)) return to_response(refused->problem, refused->fields);
-  entry_ = std::get<const Router::Entry*>(found);
-  const std::string& gives = entry_->route.gives;
-  const bool upgrade = beast::websocket::is_upgrade(parser_->get());
-  if (gives == "text/event-stream" && upgrade) {
-    request.upgrade = true;
-    return std::nullopt;
-  }
-  if (gives == "websocket") {
-    request.upgrade = upgrade;
-    if (!request.upgrade) return refusal(426, "expected a WebSocket handshake", {{"Upgrade", "websocket"}});
-    return std::nullopt;
-  }
-  const std::string* const accept = request.field("Accept");
-  if (accept != nullptr && !gives.empty() && !accepts(*accept, gives))
-    return refusal(406, "the response is " + gives + ", which the field Accept does not allow");
-  return std::nullopt;
-}
-
-std::optional<Response> Connection::check_access(Request& request) {
-  const Route& route = entry_->route;
-  const Tokens& tokens = server_.options.tokens;
-  if (tokens.empty()) {
-    request.scope = Scope::kOperate;
-    request.party = party_;
-    return std::nullopt;
-  }
-  request.party = party_;
-  if (route.scope == Scope::kNone) return std::nullopt;
-  std::size_t fields = 0;
-  for (const Field& f : request.fields) fields += equal_names(f.name, "Authorization") ? 1 : 0;
-  if (fields > 1) return refusal(400, "the header has more than one field Authorization");
-  std::optional<Scope> granted;
-  std::string client;
-  const std::string* const authorization = request.field("Authorization");
-  const std::string* const ticket = route.ticket ? request.query_value("ticket") : nullptr;
-  constexpr std::string_view kBearer = "Bearer ";
-  if (authorization != nullptr) {
-    const std::string_view value = *authorization;
-    if (value.size() > kBearer.size() && equal_names(value.substr(0, kBearer.size()), kBearer))
-      granted = tokens.scope_of(value.substr(kBearer.size()));
-    if (granted) client = short_name(value.substr(kBearer.size()));
-  } else if (ticket != nullptr) {
-    if (auto grant = server_.options.tickets->redeem(*ticket, std::chrono::steady_clock::now())) {
-      granted = grant->scope;
-      client = std::move(grant->client);
-    }
-  } else {
-    return refusal(401, "expected a token: Authorization: Bearer TOKEN", {{"WWW-Authenticate", "Bearer"}});
-  }
-  // Secrets are needed no longer, and must not reach a log or a handler.
-  std::erase_if(request.fields, [](const Field& f) { return equal_names(f.name, "Authorization"); });
-  std::erase_if(request.query, [](const auto& pair) { return pair.first == "ticket"; });
-  if (!granted) {
-    return refusal(401,
-                   authorization != nullptr ? "the token is not one of the gateway's"
-                                            : "the ticket is not valid: used, expired or unknown",
-                   {{"WWW-Authenticate", "Bearer error=\"invalid_token\""}});
-  }
-  request.scope = *granted;
-  request.client = std::move(client);
-  request.party = request.client.empty() ? party_ : "token " + request.client;
-  if (static_cast<int>(*granted) < static_cast<int>(route.scope))
-    return refusal(403, "the token may read only, expected one with the scope operate",
-                   {{"WWW-Authenticate", "Bearer error=\"insufficient_scope\", scope=\"operate\""}});
-  return std::nullopt;
-}
-
-/// A name that the route does not read, as one that is misspelt, would be ignored in silence.
-std::optional<Response> Connection::check_query(const Request& request) {
-  const Route& route = entry_->route;
-  for (auto pair = request.query.begin(); pair != request.query.end(); ++pair) {
-    const std::string& name = pair->first;
-    const auto is_it = [&](const auto& other) { return other.first == name; };
-    if (std::any_of(request.query.begin(), pair, is_it))
-      return refusal(400, "the query has '" + name.substr(0, 40) + "' twice");
-    std::string known = route.ticket ? "ticket" : "";
-    bool found = route.ticket && name == "ticket";
-    for (const Parameter& p : route.parameters) {
-      if (p.in != "query") continue;
-      found = found || p.name == name;
-      known += (known.empty() ? "" : ", ") + p.name;
-    }
-    if (!found)
-      return refusal(400, "the query has '" + name.substr(0, 40) + "', expected " + (known.empty() ? "no query" : known));
-  }
-  return std::nullopt;
-}
-
-std::optional<Response> Connection::check_body(const Request& request) {
-  const bool body = !parser_->is_done() && (parser_->chunked() || parser_->content_length().value_or(0) > 0);
-  const std::string& takes = entry_->route.takes;
-  if (takes.empty()) {
-    if (body) return refusal(415, request.method + " " + request.path + " takes no body");
-    return std::nullopt;
-  }
-  const std::string* const type = request.field("Content-Type");
-  if (type == nullptr || media_type(*type) != "application/json")
-    return refusal(415, "expected a body with Content-Type: application/json");
-  if (const std::string* const coding = request.field("Content-Encoding");
-      coding != nullptr && !equal_names(*coding, "identity"))
-    return refusal(415, "a body with Content-Encoding is not accepted");
-  return std::nullopt;
 }
 
 void Connection::read_body() {
@@ -588,8 +319,6 @@ void Connection::finish() {
   }
   server_.remove(this);
 }
-
-}  // namespace
 
 void serve(Server::Impl& server, tcp::socket socket, std::unique_ptr<Seat> seat, std::string party) {
   const auto connection = std::make_shared<Connection>(server, std::move(socket), std::move(seat), std::move(party));

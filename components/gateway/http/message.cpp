@@ -4,7 +4,7 @@
 #include <array>
 #include <cctype>
 
-#include "models/support/text.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway::http {
 

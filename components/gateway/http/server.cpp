@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "components/gateway/http/server_impl.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::gateway::http {
 

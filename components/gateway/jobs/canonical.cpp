@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "components/gateway/jobs/jobs.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::gateway {
 

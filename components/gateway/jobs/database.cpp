@@ -11,7 +11,7 @@
 #include <fstream>
 #include <utility>
 
-#include "models/support/atomic_file.h"
+#include "models/foundation/support/atomic_file.h"
 
 namespace cotwin::gateway {
 

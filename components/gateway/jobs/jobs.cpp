@@ -8,8 +8,8 @@
 #include "components/gateway/jobs/canonical.h"
 #include "components/gateway/jobs/core.h"
 #include "components/gateway/jobs/scheduler.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway {
 

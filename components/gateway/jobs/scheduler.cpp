@@ -9,7 +9,7 @@
 #include <set>
 
 #include "components/gateway/jobs/threads.h"
-#include "models/support/text.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway {
 

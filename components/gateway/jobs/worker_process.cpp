@@ -18,8 +18,8 @@
 #include <cstring>
 #include <utility>
 
-#include "models/support/atomic_file.h"
-#include "models/support/error.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::gateway {
 

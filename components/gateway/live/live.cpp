@@ -6,10 +6,13 @@
 #include <nlohmann/json.hpp>
 
 #include "components/bus/errors.h"
-#include "models/services/json.h"
-#include "models/support/choice.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "components/gateway/live/command.h"
+#include "components/gateway/live/refusals.h"
+#include "components/gateway/live/signal_json.h"
+#include "components/services/json/json.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway::live {
 
@@ -27,37 +30,6 @@ constexpr std::size_t kMostNames = 256, kMostElements = LiveRun::kMaxWatched / 4
 // The other watchers are the threads that answer requests for values, at most 16 by default, and MQTT.
 constexpr std::size_t kMostStreams = bus::Feed::kMaxReaders - 16;
 
-constexpr std::pair<const char*, RunVerb> kVerbWords[] = {{"set", RunVerb::kSet},
-                                                          {"pause", RunVerb::kPause},
-                                                          {"resume", RunVerb::kResume},
-                                                          {"step", RunVerb::kStep},
-                                                          {"stop", RunVerb::kStop}};
-
-[[noreturn]] void refuse(int status, const std::string& detail, const std::string& pointer = "") {
-  std::vector<http::Field> fields;
-  if (status == 503 || status == 429) fields.push_back({"Retry-After", "1"});
-  throw Refusal{{status, detail, pointer, ""}, fields};
-}
-
-/// The detail of an error of the bus, without its place.
-std::string detail_of(const Error& error) {
-  const std::string text = error.what();
-  return text.starts_with("run: ") ? text.substr(5) : text;
-}
-
-/// In a handler of exceptions of the bus: the refusal that tells what the client can do.
-[[noreturn]] void refuse_error(const std::string& pointer = "") {
-  try {
-    throw;
-  } catch (const bus::NoRoom& error) {
-    refuse(503, detail_of(error));
-  } catch (const bus::RunEnded&) {
-    refuse(409, "the run has ended");
-  } catch (const Error& error) {
-    refuse(422, detail_of(error), pointer);
-  }
-}
-
 /// The number of elements. Throws Error for unknown names and texts, and Refusal for more than one request may watch.
 std::size_t count_elements(const LiveRun& run, const std::vector<std::string>& names) {
   std::size_t elements = 0;
@@ -70,110 +42,6 @@ std::size_t count_elements(const LiveRun& run, const std::vector<std::string>& n
     refuse(422,
            "the names stand for " + std::to_string(elements) + " values, expected at most " + std::to_string(kMostElements));
   return elements;
-}
-
-Json parse(std::string_view body) {
-  try {
-    return services::parse_object(body);
-  } catch (const services::RequestError& error) {
-    refuse(400, error.detail(), error.pointer());
-  }
-}
-
-void check_members(const Json& object, std::initializer_list<const char*> known) {
-  for (const auto& member : object.items()) {
-    const std::string& name = member.key();
-    if (std::ranges::none_of(known, [&](const char* k) { return name == k; })) {
-      std::string expected;
-      for (const char* k : known) expected += (expected.empty() ? "" : ", ") + std::string(k);
-      refuse(422, "unknown member, expected " + expected, "/" + name);
-    }
-  }
-}
-
-double number_of(const Json& value, const std::string& pointer) {
-  if (value.is_boolean()) return value.get<bool>() ? 1 : 0;
-  if (!value.is_number()) refuse(422, "expected a number, true, false, or an array of them", pointer);
-  const double number = value.get<double>();
-  if (!std::isfinite(number)) refuse(422, "expected a finite number", pointer);
-  return number;
-}
-
-std::vector<double> numbers_of(const Json& value, const std::string& pointer) {
-  if (!value.is_array()) return {number_of(value, pointer)};
-  if (value.empty() || value.size() > LiveRun::kMaxSet)
-    refuse(422, "expected 1 to " + std::to_string(LiveRun::kMaxSet) + " values", pointer);
-  std::vector<double> all;
-  for (std::size_t i = 0; i < value.size(); ++i) all.push_back(number_of(value[i], pointer + "/" + std::to_string(i)));
-  return all;
-}
-
-std::optional<Time> time_of(const Json& object) {
-  if (!object.contains("time_s")) return std::nullopt;
-  const Json& value = object["time_s"];
-  constexpr double kMost = 9e9;  // s; 2^63 ns is 9.22e9 s
-  if (!value.is_number() || !(std::abs(value.get<double>()) <= kMost)) refuse(422, "expected a time in seconds", "/time_s");
-  return Time::from_seconds(value.get<double>());
-}
-
-const char* causality(Role role) {
-  switch (role) {
-    case Role::kInput:
-      return "input";
-    case Role::kOutput:
-      return "output";
-    case Role::kState:
-      return "local";
-    default:
-      return "parameter";
-  }
-}
-
-/// The names of FMI.
-const char* variability(const bus::LiveSignal& s) {
-  if (s.role == Role::kParameter) return "fixed";
-  if (s.role == Role::kTunable) return "tunable";
-  return s.kind == Kind::kReal && !s.discrete ? "continuous" : "discrete";
-}
-
-const char* type_of(Kind kind) {
-  switch (kind) {
-    case Kind::kReal:
-      return "Real";
-    case Kind::kInteger:
-      return "Integer";
-    case Kind::kBoolean:
-      return "Boolean";
-    default:
-      return "String";
-  }
-}
-
-Json describe(const bus::LiveSignal& s) {
-  Json j{{"name", s.name},
-         {"component", s.component},
-         {"variable", s.variable},
-         {"type", type_of(s.kind)},
-         {"size", s.size},
-         {"causality", causality(s.role)},
-         {"variability", variability(s)},
-         {"settable", s.settable()},
-         {"watchable", s.kind != Kind::kString}};
-  if (!s.si.empty()) j["unit"] = s.si;
-  if (!s.description.empty()) j["description"] = s.description;
-  if (std::isfinite(s.min)) j["min"] = s.min;
-  if (std::isfinite(s.max)) j["max"] = s.max;
-  const auto value = [&](double x) -> Json {
-    if (s.kind == Kind::kBoolean) return x != 0;
-    if (s.kind == Kind::kInteger) return static_cast<std::int32_t>(x);
-    return std::isfinite(x) ? Json(x) : Json(nullptr);
-  };
-  if (s.start.size() == 1) j["start"] = value(s.start[0]);
-  if (s.start.size() > 1) {
-    j["start"] = Json::array();
-    for (const double x : s.start) j["start"].push_back(value(x));
-  }
-  return j;
 }
 
 std::vector<std::string> names_of(const Request& request) {
@@ -241,37 +109,6 @@ Response give(std::string body) {
 }
 
 }  // namespace
-
-RunRequest read_command(std::string_view body) {
-  const Json j = parse(body);
-  RunRequest request;
-  if (!j.contains("command") || !j["command"].is_string()) refuse(422, "expected a word", "/command");
-  try {
-    request.verb = text::choose("the command", j["command"].get<std::string>(), kVerbWords);
-  } catch (const Error& error) {
-    refuse(422, error.what(), "/command");
-  }
-  switch (request.verb) {
-    case RunVerb::kSet:
-      check_members(j, {"command", "values", "time_s"});
-      if (!j.contains("values") || !j["values"].is_object() || j["values"].empty())
-        refuse(422, "expected an object of names and values", "/values");
-      for (const auto& [name, value] : j["values"].items())
-        request.changes.push_back({name, numbers_of(value, "/values/" + name)});
-      request.at = time_of(j);
-      break;
-    case RunVerb::kStep:
-      check_members(j, {"command", "ticks"});
-      if (!j.contains("ticks") || !j["ticks"].is_number_integer() || j["ticks"].get<double>() < 1 ||
-          j["ticks"].get<double>() > 1e15)
-        refuse(422, "expected an integer from 1 to 1e15", "/ticks");
-      request.ticks = j["ticks"].get<std::int64_t>();
-      break;
-    default:
-      check_members(j, {"command"});
-  }
-  return request;
-}
 
 Live::Live() : watches_(kMostStreams), elements_(LiveRun::kMaxWatched) {}
 
@@ -497,18 +334,14 @@ void Live::add_routes(http::Router& router) {
   put.slow = true;
   router.add(put, [this](const Request& request) {
     must_permit_commands();
-    const Json j = parse(request.body);
-    check_members(j, {"value", "time_s"});
-    if (!j.contains("value")) refuse(422, "is missing", "/value");
-    RunRequest set;
     const std::string& name = request.part("name");
-    try {
-      (void)run()->find(name);
-    } catch (const Error& error) {
-      refuse(404, detail_of(error));
-    }
-    set.changes.push_back({name, numbers_of(j["value"], "/value")});
-    set.at = time_of(j);
+    const RunRequest set = read_change(request.body, name, [&] {
+      try {
+        (void)run()->find(name);
+      } catch (const Error& error) {
+        refuse(404, detail_of(error));
+      }
+    });
     return give(ask(set));
   });
 

@@ -11,21 +11,12 @@
 
 #include "components/bus/live_run.h"
 #include "components/gateway/http/router.h"
+#include "components/gateway/live/command.h"
 #include "components/gateway/live/shares.h"
 #include "components/gateway/live/streams.h"
 
 /// The run that the gateway is in, for clients: its signals, its tunables, commands.
 namespace cotwin::gateway::live {
-
-/// A value or a command that a client sends, as JSON. Throws http::Refusal for anything that is not as described in docs/gateway_run.md.
-struct RunRequest {
-  bus::RunVerb verb = bus::RunVerb::kSet;
-  std::vector<bus::LiveRun::Change> changes;
-  std::optional<Time> at;
-  std::int64_t ticks = 0;
-};
-/// {"command": "pause"}, {"command": "step", "ticks": 10}, {"command": "set", "values": {"drive.K": 100}, "time_s": 1.5}
-RunRequest read_command(std::string_view body);
 
 /// The member of a request to a service that has the posture at the beginning: "from_q_rad", or "from_q" for a robot with prismatic joints.
 using PostureName = std::function<std::string(const nlohmann::ordered_json& request)>;

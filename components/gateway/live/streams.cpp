@@ -5,9 +5,9 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "models/support/choice.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway::live {
 

@@ -7,9 +7,9 @@
 #include <utility>
 
 #include "components/gateway/http/access.h"
-#include "models/support/error.h"
-#include "models/support/file.h"
-#include "models/support/text.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway::mqtt {
 

@@ -5,8 +5,8 @@
 #include <utility>
 
 #include "components/gateway/live/streams.h"
-#include "models/support/choice.h"
-#include "models/support/error.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::gateway::mqtt {
 
@@ -16,7 +16,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr std::int64_t kIdle = 100'000'000;      // ns between two looks at the phase of the run
 constexpr std::int64_t kLastWait = 500'000'000;  // ns for the last messages
-constexpr std::size_t kMostInFlight = 16, kMostOrders = 64, kMostEvents = 512;
+constexpr std::size_t kMostCommandsInFlight = 16, kMostOrders = 64, kMostEvents = 512;
 constexpr std::size_t kLargestMessage = 1 << 20, kLongestTopic = 1024;  // bytes
 constexpr std::size_t kMostBytes = 8 << 20;                             // of messages that wait for one of the threads
 
@@ -285,7 +285,7 @@ void Plant::publish_values(std::int64_t now) {
 
 /// Few at a time: what Paho holds for a broker that does not read has no limit of its own.
 void Plant::send_waiting() {
-  while (connected_ && in_flight_.size() < kMostInFlight) {
+  while (connected_ && in_flight_.size() < kMostCommandsInFlight) {
     Outgoing next;
     {
       const std::lock_guard lock(mutex_);

@@ -4,7 +4,7 @@
 #include <initializer_list>
 
 #include "components/io/ethercat/little_endian.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::ethercat {
 

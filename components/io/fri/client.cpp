@@ -4,7 +4,8 @@
 #include <cmath>
 #include <string>
 
-#include "models/support/error.h"
+#include "components/io/fri/finite.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::fri {
 
@@ -18,16 +19,10 @@ constexpr double kJitterShare = 1.0 / 16;  // RFC 3550, 6.4.1
 
 unsigned bits_of(Protocol protocol) { return protocol == Protocol::kLwr ? 16 : 32; }
 
-bool all_finite(const Joints& values, std::size_t n) {
-  return std::all_of(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(n),
-                     [](double x) { return std::isfinite(x); });
-}
-
 bool all_usable(const Joints& values, std::size_t n) {
   return std::all_of(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(n), is_usable);
 }
 
-bool is_finite(const Pose& X) { return X.R.allFinite() && X.p.allFinite(); }
 bool all_usable(const Pose& X) {
   return std::all_of(X.R.data(), X.R.data() + X.R.size(), is_usable) && std::all_of(X.p.data(), X.p.data() + 3, is_usable);
 }

@@ -7,7 +7,7 @@
 
 #include "components/io/fri/fri.h"
 #include "components/io/fri/statistics.h"
-#include "models/net/endpoint.h"
+#include "models/foundation/net/endpoint.h"
 
 namespace cotwin::fri {
 

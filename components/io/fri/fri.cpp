@@ -4,8 +4,8 @@
 
 #include "components/io/fri/lwr.h"
 #include "components/io/fri/sunrise.h"
-#include "models/support/choice.h"
-#include "models/support/error.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::fri {
 

@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "components/io/rtde/big_endian.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::rtde {
 

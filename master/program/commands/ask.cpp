@@ -1,4 +1,4 @@
-// cotwin ask: questions about motions (models/services), from options, from files of requests, or line by line from a queue.
+// cotwin ask: questions about motions (components/services), from options, from files of requests, or line by line from a queue.
 #include <algorithm>
 #include <fstream>
 #include <iostream>
@@ -9,14 +9,14 @@
 #include <thread>
 #include <tuple>
 
+#include "components/services/json/schemas.h"
+#include "components/services/json/tasks.h"
 #include "master/program/commands/commands.h"
 #include "master/services/motion_file.h"
 #include "master/services/verify.h"
 #include "master/services/worker.h"
-#include "models/services/schemas.h"
-#include "models/services/tasks.h"
-#include "models/support/atomic_file.h"
-#include "models/support/error.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::master {
 

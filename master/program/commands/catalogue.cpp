@@ -5,7 +5,7 @@
 
 #include "master/program/commands/commands.h"
 #include "master/program/reference.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::master {
 

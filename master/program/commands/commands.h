@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "components/unit/unit_table.h"
-#include "master/program/folders.h"
 #include "master/run/identity.h"
+#include "master/scenario/folders.h"
 
 /// The subcommands of the program `cotwin`, one file each.
 namespace cotwin::master {

@@ -7,12 +7,12 @@
 #include <span>
 #include <sstream>
 
-#include "master/engine/members.h"
+#include "master/engine/wiring/members.h"
 #include "master/program/commands/commands.h"
-#include "master/ssp/scenario.h"
-#include "models/support/csv.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "master/scenario/scenario.h"
+#include "models/foundation/formats/csv.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

@@ -9,15 +9,15 @@
 #include "master/program/commands/commands.h"
 #include "master/program/interrupt.h"
 #include "master/program/progress_line.h"
-#include "models/excitation/design.h"
-#include "models/excitation/samples.h"
+#include "models/foundation/formats/csv.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/foundation/support/threads.h"
+#include "models/identification/excitation/design.h"
+#include "models/identification/excitation/samples.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/atomic_file.h"
-#include "models/support/choice.h"
-#include "models/support/csv.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
-#include "models/support/threads.h"
 
 namespace cotwin::master {
 

@@ -8,10 +8,10 @@
 #include "components/unit/si.h"
 #include "master/program/commands/commands.h"
 #include "models/energetics/fitted_parameters.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/atomic_file.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::master {
 namespace {
@@ -19,7 +19,7 @@ namespace {
 namespace fs = std::filesystem;
 using namespace energetics;
 
-struct Arguments {
+struct FitEnergyArguments {
   fs::path log, out;
   std::string model = "motion", robot, json;
   std::vector<std::string> columns;
@@ -80,7 +80,7 @@ nlohmann::ordered_json json_of(const HeldOut& h) {
       {"motions", h.motions}, {"rmse_W", h.rmse}, {"median", h.median}, {"largest", h.largest}, {"motion_part", h.motion_part}};
 }
 
-int fit(const Arguments& a) {
+int fit(const FitEnergyArguments& a) {
   const PowerModel model = parse_power_model("--model", a.model);
   std::optional<robot::RobotModel> robot;
   if (!a.robot.empty()) robot = robot::load_urdf(urdf_of(a.robot));
@@ -132,7 +132,7 @@ int fit(const Arguments& a) {
 }  // namespace
 
 void add_fit_energy(CLI::App& app, Chosen& chosen) {
-  const auto all = std::make_shared<Arguments>();
+  const auto all = std::make_shared<FitEnergyArguments>();
   CLI::App* command = app.add_subcommand(
       "fit-energy", "Fit the losses of a robot's drives to a log with its power, and test them on motions that are left out");
   command

@@ -4,9 +4,9 @@
 #include <memory>
 
 #include "fmu/check/check.h"
-#include "master/program/check.h"
 #include "master/program/commands/commands.h"
-#include "models/support/error.h"
+#include "master/workflows/check.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::master {
 

@@ -4,7 +4,7 @@
 
 #include "master/program/commands/commands.h"
 #include "master/program/manual.h"
-#include "models/support/atomic_file.h"
+#include "models/foundation/support/atomic_file.h"
 
 namespace cotwin::master {
 

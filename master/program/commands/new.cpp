@@ -8,11 +8,11 @@
 
 #include "components/unit/settings.h"
 #include "master/program/commands/commands.h"
-#include "master/program/starter/files.h"
+#include "master/workflows/starter/files.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
 #include "models/robot/robot_model.h"
-#include "models/support/atomic_file.h"
-#include "models/support/choice.h"
-#include "models/support/error.h"
 
 namespace cotwin::master {
 
@@ -32,7 +32,7 @@ std::string for_a_shell(const fs::path& path) {
   return quoted + "'";
 }
 
-struct Arguments {
+struct NewArguments {
   std::string robot, lock;
   starter::Kind kind = starter::Kind::kMotion;
   std::string unphysical = "error";
@@ -40,14 +40,14 @@ struct Arguments {
   bool overwrite = false;
 };
 
-Settings robot_settings(const Arguments& a, const std::string& unphysical) {
+Settings robot_settings(const NewArguments& a, const std::string& unphysical) {
   Settings settings("drive_train", "", {{"robot", a.robot}, {"lock", a.lock}, {"unphysical", unphysical}}, model_folders({}));
   settings.declare(settings_of(find_type("drive_train", units())));
   return settings;
 }
 
 /// The robot, and warnings of the reader as notes.
-robot::RobotModel read_robot(const Arguments& a, std::vector<std::string>& notes) {
+robot::RobotModel read_robot(const NewArguments& a, std::vector<std::string>& notes) {
   Settings settings = robot_settings(a, a.unphysical);
   try {
     robot::RobotModel robot = settings.robot();
@@ -65,7 +65,7 @@ robot::RobotModel read_robot(const Arguments& a, std::vector<std::string>& notes
 }
 
 /// Drive data from files beside the robot's URDF; nothing if there are none.
-std::optional<starter::Drives> known_drives(const Arguments& a) {
+std::optional<starter::Drives> known_drives(const NewArguments& a) {
   Settings settings = robot_settings(a, a.unphysical);
   const Instance drive = make_unit(settings, units());
   if (drive.given.empty()) return std::nullopt;
@@ -89,7 +89,7 @@ std::string robot_in_scenario(const std::string& robot, const fs::path& folder) 
   return relative.find('/') == std::string::npos ? "./" + relative : relative;
 }
 
-int new_scenario(Arguments a) {
+int new_scenario(NewArguments a) {
   const fs::path file = urdf_of(a.robot);
   const bool is_file = file == fs::path(a.robot);
   if (is_file) a.robot = fs::absolute(file).string();
@@ -122,7 +122,7 @@ int new_scenario(Arguments a) {
 }  // namespace
 
 void add_new(CLI::App& app, Chosen& chosen) {
-  const auto all = std::make_shared<Arguments>();
+  const auto all = std::make_shared<NewArguments>();
   CLI::App* command = app.add_subcommand("new", "Write a first scenario for a robot, with comments, that runs as it is");
   command->add_option("--robot", all->robot, "URDF, or the name of a robot")->type_name("ROBOT")->required();
   command

@@ -8,7 +8,7 @@
 #include "master/program/commands/commands.h"
 #include "master/twin/pack_twin.h"
 #include "master/twin/package.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::master {
 

@@ -8,15 +8,15 @@
 #include "components/unit/settings.h"
 #include "components/unit/variables.h"
 #include "master/program/commands/commands.h"
+#include "models/foundation/formats/parameter_set.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
+#include "models/foundation/support/text.h"
 #include "models/numerics/random.h"
-#include "models/robot/perturbed.h"
+#include "models/robot/changes/perturbed.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/robot/urdf/urdf_update.h"
-#include "models/support/atomic_file.h"
-#include "models/support/error.h"
-#include "models/support/file.h"
-#include "models/support/parameter_set.h"
-#include "models/support/text.h"
 
 namespace cotwin::master {
 
@@ -24,7 +24,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Arguments {
+struct PerturbArguments {
   std::string robot;
   double inertia = 0.05, values = 0.1;
   std::uint64_t seed = 1;
@@ -67,7 +67,7 @@ ParameterSet perturbed(ParameterSet set, double bound, std::uint64_t seed) {
   return set;
 }
 
-int perturb(const Arguments& a) {
+int perturb(const PerturbArguments& a) {
   if (!(a.values >= 0 && a.values < 1)) throw Error("--values", text::to_text(a.values) + ", expected a share from 0 to 1");
   Settings settings("perturb", "", {}, model_folders({}));
   const fs::path file = settings.robot_file(a.robot, " (another robot: --robot PATH.urdf)");
@@ -104,7 +104,7 @@ int perturb(const Arguments& a) {
 }  // namespace
 
 void add_perturb(CLI::App& app, Chosen& chosen) {
-  const auto all = std::make_shared<Arguments>();
+  const auto all = std::make_shared<PerturbArguments>();
   CLI::App* command = app.add_subcommand(
       "perturb", "Write a robot with randomly changed parameters, within bounds: to test tuning or the effect of errors");
   command->add_option("--robot", all->robot, "URDF, or the name of a robot")->type_name("ROBOT")->required();

@@ -7,14 +7,14 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
-#include "master/engine/members.h"
+#include "master/engine/wiring/members.h"
 #include "master/program/commands/commands.h"
-#include "master/program/plot/chart.h"
 #include "master/program/time_options.h"
-#include "master/report/recording.h"
-#include "models/support/atomic_file.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "master/report/chart.h"
+#include "master/results/recording.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 
@@ -22,7 +22,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-struct Arguments {
+struct PlotArguments {
   fs::path results, out;
   std::vector<std::string> patterns;
   std::optional<double> from, to;
@@ -64,7 +64,7 @@ struct Table {
 };
 
 /// Reads only the columns of the patterns. What is left out goes to stderr.
-Table read(const Arguments& a, const fs::path& recording, const trajectory::TimeColumn& time) {
+Table read(const PlotArguments& a, const fs::path& recording, const trajectory::TimeColumn& time) {
   report::RowReader rows(recording, time);
   std::vector<std::size_t> chosen;
   Table table;
@@ -125,7 +125,7 @@ plot::Format format_of(const fs::path& file) {
   throw Error(file.string(), "expected a name that ends in .svg, .png or .pdf");
 }
 
-int plot_command(const Arguments& a) {
+int plot_command(const PlotArguments& a) {
   if (a.from && a.to && !(*a.from < *a.to))
     throw Error("--from, --to",
                 text::to_text(*a.from) + " s to " + text::to_text(*a.to) + " s, expected a time and a later one");
@@ -159,7 +159,7 @@ int plot_command(const Arguments& a) {
 }  // namespace
 
 void add_plot(CLI::App& app, Chosen& chosen) {
-  const auto all = std::make_shared<Arguments>();
+  const auto all = std::make_shared<PlotArguments>();
   CLI::App* command = app.add_subcommand("plot", "Draw recorded signals as SVG, PNG or PDF, with gnuplot");
   command->add_option("RESULTS", all->results, "Folder with the results of a run, or a CSV file")
       ->type_name("FOLDER|FILE")

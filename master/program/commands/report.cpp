@@ -5,7 +5,7 @@
 #include "master/program/commands/commands.h"
 #include "master/program/time_options.h"
 #include "master/report/report.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::master {
 

@@ -5,9 +5,9 @@
 #include <memory>
 
 #include "master/program/commands/commands.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::master {
 

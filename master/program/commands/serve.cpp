@@ -4,11 +4,11 @@
 #include <iostream>
 #include <memory>
 
+#include "components/services/robots.h"
 #include "master/program/commands/commands.h"
-#include "models/services/robots.h"
-#include "models/support/atomic_file.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

@@ -6,14 +6,14 @@
 #include "components/unit/settings.h"
 #include "master/engine/tools.h"
 #include "master/program/commands/commands.h"
-#include "models/robot/attachment.h"
+#include "models/foundation/support/atomic_file.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
+#include "models/foundation/support/text.h"
+#include "models/robot/changes/attachment.h"
+#include "models/robot/changes/history.h"
 #include "models/robot/dynamics.h"
-#include "models/robot/history.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/atomic_file.h"
-#include "models/support/error.h"
-#include "models/support/file.h"
-#include "models/support/text.h"
 
 namespace cotwin::master {
 
@@ -22,7 +22,7 @@ namespace {
 namespace fs = std::filesystem;
 using robot::RobotHistory;
 
-struct Arguments {
+struct ToolArguments {
   fs::path history, out;
   std::string robot, tool, of, reason;
   std::vector<double> q;
@@ -35,7 +35,7 @@ std::vector<RobotHistory> load(const fs::path& file) {
 }
 
 /// The robot of the file that --of names, by itself or one of its components.
-RobotHistory& choose(std::vector<RobotHistory>& histories, const Arguments& a) {
+RobotHistory& choose(std::vector<RobotHistory>& histories, const ToolArguments& a) {
   RobotHistory* found = nullptr;
   std::string names;
   for (RobotHistory& history : histories) {
@@ -75,7 +75,7 @@ void tell(const robot::RobotModel& robot, std::vector<double> q) {
     std::cerr << "cotwin: warning: at this pose " << load << '\n';
 }
 
-int change(const Arguments& a, bool attach) {
+int change(const ToolArguments& a, bool attach) {
   const bool exists = fs::exists(a.history);
   if (exists && !a.robot.empty())
     throw Error(a.history.string(), "exists already and has its robot, expected no --robot or another file");
@@ -100,7 +100,7 @@ int change(const Arguments& a, bool attach) {
   return kExitDone;
 }
 
-int list(const Arguments& a) {
+int list(const ToolArguments& a) {
   for (const RobotHistory& history : load(a.history)) {
     std::cout << "robot " << history.name;
     for (std::size_t i = 0; i < history.components.size(); ++i) std::cout << (i == 0 ? " in " : ", ") << history.components[i];
@@ -114,7 +114,7 @@ int list(const Arguments& a) {
   return kExitDone;
 }
 
-int write_urdf(const Arguments& a) {
+int write_urdf(const ToolArguments& a) {
   std::vector<RobotHistory> histories = load(a.history);
   const RobotHistory& history = choose(histories, a);
   std::size_t k = history.robot.history.size();
@@ -133,7 +133,7 @@ int write_urdf(const Arguments& a) {
 }  // namespace
 
 void add_tool(CLI::App& app, Chosen& chosen) {
-  const auto all = std::make_shared<Arguments>();
+  const auto all = std::make_shared<ToolArguments>();
   CLI::App* tool = app.add_subcommand("tool", "Mount tools on a robot, and read the history of a run's tools");
   tool->require_subcommand(1);
   const auto add = [&](const char* name, const char* what) {

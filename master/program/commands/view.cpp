@@ -7,7 +7,7 @@
 #include "master/program/progress_line.h"
 #include "master/program/time_options.h"
 #include "master/view/view.h"
-#include "models/support/text.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 

@@ -1,6 +1,6 @@
 #include "models/numerics/kernels/kernels.h"
 
-#include "models/support/instruction_set.h"
+#include "models/foundation/support/instruction_set.h"
 
 namespace cotwin::numerics {
 namespace {

@@ -2,7 +2,7 @@
 
 #include <array>
 
-#include "models/support/instruction_set.h"
+#include "models/foundation/support/instruction_set.h"
 
 namespace cotwin::robot {
 namespace {

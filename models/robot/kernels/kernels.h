@@ -5,7 +5,7 @@
 /// translation unit per instruction set. These units share no inline code with others: only plain structs and C headers are
 /// used here.
 ///
-/// The environment variable COTWIN_CPU (models/support/instruction_set.h), read when the first Mechanism is made, selects
+/// The environment variable COTWIN_CPU (models/foundation/support/instruction_set.h), read when the first Mechanism is made, selects
 /// another instruction set than that of the machine; an unsupported or unknown value selects that of the machine. On Intel's
 /// processors with AVX-512 it is "x86-64-v4-intel", a choice by function. On other processors than x86-64 there is one variant,
 /// "generic".

@@ -11,10 +11,10 @@
 #include <optional>
 #include <thread>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf_document.h"
-#include "models/support/error.h"
-#include "models/support/file.h"
-#include "models/support/text.h"
 
 namespace cotwin::robot {
 

@@ -8,10 +8,10 @@
 #include <limits>
 #include <set>
 
-#include "models/support/error.h"
-#include "models/support/text.h"
-#include "models/support/xml.h"
-#include "models/support/xml_reason.h"
+#include "models/foundation/formats/xml.h"
+#include "models/foundation/formats/xml_reason.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::robot {
 

@@ -2,21 +2,22 @@
 #include <cmath>
 #include <set>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf_document.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::robot {
 namespace {
 
-using Joint = UrdfDocument::Joint;
+using UrdfJoint = UrdfDocument::Joint;
 
-std::string place_of(const UrdfDocument& document, const Joint& joint, int line) {
+std::string place_of(const UrdfDocument& document, const UrdfJoint& joint, int line) {
   return document.at(line) + ": joint '" + joint.name + "'";
 }
 
 /// The joint `name`. Throws Error with the closest name.
-const Joint& find(const UrdfDocument& document, const std::string& name, const std::string& place, const std::string& what) {
+const UrdfJoint& find(const UrdfDocument& document, const std::string& name, const std::string& place,
+                      const std::string& what) {
   const auto found = document.joints.find(name);
   if (found != document.joints.end()) return found->second;
   std::vector<std::string> names;
@@ -27,7 +28,7 @@ const Joint& find(const UrdfDocument& document, const std::string& name, const s
 }
 
 /// `joint` in terms of the joint at the end of its chain of mimics.
-Following follow(const UrdfDocument& document, const Joint& joint, const std::map<std::string, double>& locked,
+Following follow(const UrdfDocument& document, const UrdfJoint& joint, const std::map<std::string, double>& locked,
                  std::vector<std::string>* warnings) {
   const std::string place = place_of(document, joint, joint.mimic_line);
   const auto stand = [&](double q, const std::string& why) {
@@ -35,7 +36,7 @@ Following follow(const UrdfDocument& document, const Joint& joint, const std::ma
     return Following{"", 0, q};
   };
   double rate = 1, offset = 0;  // q = rate · q_leader + offset
-  const Joint* leader = &joint;
+  const UrdfJoint* leader = &joint;
   std::set<std::string> passed;
   while (!leader->mimic.empty() && leader->moves()) {
     if (!passed.insert(leader->name).second) {
@@ -59,7 +60,7 @@ Following follow(const UrdfDocument& document, const Joint& joint, const std::ma
 
 }  // namespace
 
-Pose origin_at(const Joint& joint, double q) {
+Pose origin_at(const UrdfJoint& joint, double q) {
   if (q == 0) return joint.X_PJ;
   if (joint.type == "prismatic") return joint.X_PJ * Pose{Eigen::Matrix3d::Identity(), q * joint.axis};
   return joint.X_PJ * Pose{Eigen::AngleAxisd(q, joint.axis).toRotationMatrix(), Eigen::Vector3d::Zero()};
@@ -77,7 +78,7 @@ std::map<std::string, Following> follow_mimics(const UrdfDocument& document, con
     }
   }
   for (const auto& [name, q] : locked) {
-    const Joint& joint = find(document, name, document.place, "no joint '" + name + "' to lock");
+    const UrdfJoint& joint = find(document, name, document.place, "no joint '" + name + "' to lock");
     const std::string place = place_of(document, joint, joint.line);
     if (!(std::abs(q) < kNoLimit)) {
       throw Error(place, "locked at " + text::to_text(q) + ", expected a magnitude below " + text::to_text(kNoLimit));

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "models/support/xml_text.h"
+#include "models/foundation/formats/xml_text.h"
 
 namespace cotwin::robot {
 

@@ -1,9 +1,9 @@
 #include <set>
 #include <utility>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf_document.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::robot {
 

@@ -4,10 +4,10 @@
 
 #include <map>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/robot/urdf/urdf_document.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::robot {
 

@@ -5,10 +5,10 @@
 #include <cmath>
 #include <set>
 
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/robot/urdf/urdf_document.h"
-#include "models/support/error.h"
-#include "models/support/text.h"
 
 namespace cotwin::robot {
 

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/benchmarks/contact/bullet_shapes.h"
 #include "tests/benchmarks/contact/engine.h"
 

@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/benchmarks/contact/engine.h"
 
 namespace cotwin::benchmark {

@@ -5,8 +5,8 @@
 #include <cstdarg>
 #include <vector>
 
+#include "models/foundation/support/error.h"
 #include "models/scene/hull.h"
-#include "models/support/error.h"
 #include "tests/benchmarks/contact/engine.h"
 
 namespace cotwin::benchmark {

@@ -26,6 +26,7 @@ class Run {
   }
 
   void step() {
+    if (quick() && cpu_.size() == kQuickSteps) return;
     const double begin = thread_seconds();
     engine_->step(h_);
     cpu_.push_back(thread_seconds() - begin);
@@ -44,11 +45,13 @@ class Run {
   }
   /// Time of a step if the steps differ; without the first steps.
   double mean_microseconds(std::size_t without = 0) const {
+    if (quick()) without = 0;
     const double sum = std::accumulate(cpu_.begin() + static_cast<std::ptrdiff_t>(without), cpu_.end(), 0.0);
     return 1e6 * sum / static_cast<double>(cpu_.size() - without);
   }
 
  private:
+  static constexpr std::size_t kQuickSteps = 5;  // of a quick run
   scene::Scene scene_;
   double h_;
   std::vector<double> cpu_;  // processor time of the thread, s, of each step

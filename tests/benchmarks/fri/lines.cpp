@@ -6,7 +6,7 @@
 #include <cstdlib>
 #include <stdexcept>
 
-#include "components/io/datagram_queue.h"
+#include "components/io/link/datagram_queue.h"
 
 namespace cotwin::benchmark {
 

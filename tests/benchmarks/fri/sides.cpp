@@ -7,9 +7,9 @@
 #include <cstdio>
 #include <numbers>
 
-#include "components/io/datagram_queue.h"
+#include "components/io/link/datagram_queue.h"
 #include "master/clock/realtime.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/support/allocations.h"
 #include "tests/support/places.h"
 

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "components/unit/unit_table.h"
-#include "master/ssp/scenario.h"
-#include "models/net/endpoint.h"
+#include "master/scenario/scenario.h"
+#include "models/foundation/net/endpoint.h"
 
 /// The two sides of an FRI session as units, each on a thread of its own and on the wall clock.
 namespace cotwin::benchmark {

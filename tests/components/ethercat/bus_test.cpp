@@ -1,5 +1,5 @@
 // Topology, faults of cables, and distributed clocks of the emulated bus.
-#include "components/io/ethercat/bus.h"
+#include "components/io/emulators/ethercat/bus.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "components/io/ethercat/devices.h"
+#include "components/io/emulators/ethercat/devices.h"
 #include "tests/components/ethercat/wire.h"
 #include "tests/support/error_of.h"
 

@@ -4,10 +4,10 @@
 #include <string>
 #include <vector>
 
-#include "components/io/ethercat/devices.h"
-#include "components/io/ethercat/master/emulated_wire.h"
+#include "components/io/emulators/ethercat/devices.h"
+#include "components/io/emulators/ethercat/emulated_wire.h"
 #include "components/io/ethercat/master/master.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 /// The cell of the paper on an emulated bus, with a master, for tests in simulated time.
 namespace cotwin::ethercat {

@@ -1,4 +1,4 @@
-#include "components/io/ethercat/devices.h"
+#include "components/io/emulators/ethercat/devices.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,4 +1,4 @@
-#include "components/io/ethercat/esc.h"
+#include "components/io/emulators/ethercat/esc.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "components/io/ethercat/devices.h"
-#include "models/support/error.h"
+#include "components/io/emulators/ethercat/devices.h"
+#include "models/foundation/support/error.h"
 #include "tests/components/ethercat/wire.h"
 #include "tests/support/allocations.h"
 

@@ -1,4 +1,4 @@
-#include "models/net/raw_socket.h"
+#include "models/foundation/net/raw_socket.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -10,7 +10,7 @@
 #include <string>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/support/allocations.h"
 #include "tests/support/error_of.h"
 

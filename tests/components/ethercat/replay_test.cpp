@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "components/io/ethercat/bus.h"
+#include "components/io/emulators/ethercat/bus.h"
+#include "components/io/emulators/ethercat/slave.h"
 #include "components/io/ethercat/frame.h"
 #include "components/io/ethercat/registers.h"
-#include "components/io/ethercat/slave.h"
 #include "tests/components/ethercat/captures.h"
 
 namespace cotwin::ethercat {

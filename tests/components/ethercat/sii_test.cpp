@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 #include "tests/components/ethercat/captures.h"
 
 namespace cotwin::ethercat {

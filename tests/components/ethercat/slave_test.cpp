@@ -1,5 +1,5 @@
 // State machine, mailbox and CoE of emulated slaves.
-#include "components/io/ethercat/slave.h"
+#include "components/io/emulators/ethercat/slave.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
+#include "components/io/emulators/ethercat/devices.h"
 #include "components/io/ethercat/coe.h"
-#include "components/io/ethercat/devices.h"
 #include "tests/components/ethercat/captures.h"
 #include "tests/components/ethercat/wire.h"
 

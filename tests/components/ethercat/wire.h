@@ -4,7 +4,7 @@
 #include <initializer_list>
 #include <vector>
 
-#include "components/io/ethercat/bus.h"
+#include "components/io/emulators/ethercat/bus.h"
 #include "components/io/ethercat/frame.h"
 #include "components/io/ethercat/little_endian.h"
 #include "components/io/ethercat/registers.h"

@@ -10,14 +10,14 @@
 #include <nlohmann/json.hpp>
 
 #include "components/unit/unit_table.h"
-#include "master/ssp/scenario.h"
+#include "master/scenario/scenario.h"
 #include "master/view/calculated.h"
 #include "master/view/packer.h"
 #include "master/view/recorded.h"
 #include "master/view/stage.h"
+#include "models/foundation/support/error.h"
 #include "models/robot/indices.h"
 #include "models/robot/urdf/urdf.h"
-#include "models/support/error.h"
 #include "tests/support/error_of.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"

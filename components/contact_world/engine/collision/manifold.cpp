@@ -1,4 +1,5 @@
 #include "components/contact_world/engine/collision/manifold.h"
+#include "components/contact_world/engine/solvers/numbers.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -11,8 +12,6 @@ namespace {
 
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// Corners up to this distance outside of an outline (relative to the smaller size) are on it. The tolerance keeps the ids of
 /// coincident corners independent of rounding.

@@ -1,4 +1,5 @@
 #include "components/contact_world/engine/collision/separation.h"
+#include "components/contact_world/engine/solvers/numbers.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -11,8 +12,6 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 /// v / ‖v‖, or `fallback` for very small v.
 Vector3d unit(const Vector3d& v, const Vector3d& fallback) {

@@ -1,4 +1,5 @@
 #include "components/contact_world/engine/joints/axes.h"
+#include "components/contact_world/engine/solvers/numbers.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,20 +7,18 @@
 namespace cotwin::contact_world {
 namespace {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
 /// Share of a limit violation that one step corrects; a larger share would accelerate light links too much.
-constexpr double kCorrection = 0.2;
+constexpr double kAxisCorrection = 0.2;
 
 /// Largest speed of the correction, as that of contacts: the velocity stage keeps it, and with it its energy.
-constexpr double kFastestCorrection = 0.1;  // rad/s or m/s
+constexpr double kFastestAxisCorrection = 0.1;  // rad/s or m/s
 
 }  // namespace
 
 LimitSpeeds::LimitSpeeds(const Joint& joint, Stage stage, double h) {
   const auto speed = [&](double room) {  // room ≥ 0 inside the limit
     if (room >= 0) return -room / h;
-    return stage == Stage::kPosition ? std::min(-kCorrection * room / h, kFastestCorrection) : 0.0;
+    return stage == Stage::kPosition ? std::min(-kAxisCorrection * room / h, kFastestAxisCorrection) : 0.0;
   };
   if (joint.q_min > -kInfinity) lower = speed(joint.q - joint.q_min);
   if (joint.q_max < kInfinity) upper = -speed(joint.q_max - joint.q);

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::contact_world {
 namespace {

@@ -2,7 +2,7 @@
 #include <Eigen/Core>
 #include <span>
 
-#include "components/contact_world/engine/body.h"
+#include "components/contact_world/engine/body/body.h"
 #include "models/scene/scene.h"
 
 namespace cotwin::contact_world {

@@ -10,7 +10,7 @@ namespace {
 using scene::JointType;
 
 /// Singular values below this share of the largest are rounding: their directions are not constrained.
-constexpr double kResolved = 1e-5;
+constexpr double kResolvedColumn = 1e-5;
 
 /// A singular value that changes to 0 within this number of steps belongs to a singular pose.
 constexpr double kStepsToSingular = 3;
@@ -125,7 +125,7 @@ void Loops::decompose(std::uint32_t locks) {
     const double sigma = std::sqrt(std::max(0.0, values[column]));
     if (comparable) change[k] = std::max(std::abs(sigma - last[k]), change[k] / 2);
     if (since_ != Since::kSamePlace) last[k] = sigma;
-    if (!(values[column] > kResolved * kResolved * largest) || sigma < kStepsToSingular * change[k]) continue;
+    if (!(values[column] > kResolvedColumn * kResolvedColumn * largest) || sigma < kStepsToSingular * change[k]) continue;
     double *u = &U_[kept_ * n], *v = &V_[kept_ * freedoms_];
     if (by_rows) {
       std::fill_n(v, freedoms_, 0.0);

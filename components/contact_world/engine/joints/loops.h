@@ -8,7 +8,7 @@
 #include <span>
 #include <vector>
 
-#include "components/contact_world/engine/body.h"
+#include "components/contact_world/engine/body/body.h"
 #include "components/contact_world/engine/joints/joint.h"
 
 namespace cotwin::contact_world {

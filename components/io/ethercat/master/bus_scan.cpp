@@ -1,7 +1,7 @@
 #include <array>
 
 #include "components/io/ethercat/master/bus_setup.h"
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::ethercat {
 

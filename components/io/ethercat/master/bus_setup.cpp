@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <fstream>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::ethercat {
 
@@ -15,9 +15,9 @@ constexpr std::size_t kLargestSegment = 1200;  // bytes; leaves room for clock a
 constexpr std::uint16_t kWatchdogDivider = 0x09c2, kWatchdogTime = 1000;  // 100 us, and 1000 of them
 constexpr int kLatches = 5;  // broadcasts that latch the receive times, until all clocks have taken one
 
-class Builder {
+class BusBuilder {
  public:
-  Builder(Exchange& exchange, const std::vector<ExpectedSlave>& expected, const SetupOptions& options)
+  BusBuilder(Exchange& exchange, const std::vector<ExpectedSlave>& expected, const SetupOptions& options)
       : exchange_(exchange), expected_(expected), options_(options) {}
 
   BusSetup build() {
@@ -491,7 +491,7 @@ class Builder {
 }  // namespace
 
 BusSetup set_up_bus(Exchange& exchange, const std::vector<ExpectedSlave>& expected, const SetupOptions& options) {
-  return Builder(exchange, expected, options).build();
+  return BusBuilder(exchange, expected, options).build();
 }
 
 }  // namespace cotwin::ethercat

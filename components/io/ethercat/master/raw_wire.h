@@ -2,7 +2,7 @@
 #include <string>
 
 #include "components/io/ethercat/master/wire.h"
-#include "models/net/raw_socket.h"
+#include "models/foundation/net/raw_socket.h"
 
 namespace cotwin::ethercat {
 

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::ethercat {
 
@@ -24,9 +24,9 @@ std::size_t append(const Pdo& pdo, std::size_t bit, std::vector<Channel>& channe
   return bit;
 }
 
-class Builder {
+class SlaveBuilder {
  public:
-  Builder(const Sii& sii, const PdoChoice& choice, const std::string& place) : sii_(sii), choice_(choice), place_(place) {}
+  SlaveBuilder(const Sii& sii, const PdoChoice& choice, const std::string& place) : sii_(sii), choice_(choice), place_(place) {}
 
   SlaveSetup build() {
     setup_.device = sii_.general.order.empty() ? sii_.general.name : sii_.general.order;
@@ -122,7 +122,7 @@ class Builder {
 }  // namespace
 
 SlaveSetup setup_of(const Sii& sii, const PdoChoice& choice, const std::string& place) {
-  return Builder(sii, choice, place).build();
+  return SlaveBuilder(sii, choice, place).build();
 }
 
 std::string describe_identity(std::string_view device, std::uint32_t vendor, std::uint32_t product) {

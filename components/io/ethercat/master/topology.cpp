@@ -2,14 +2,14 @@
 
 #include <string>
 
-#include "models/support/error.h"
+#include "models/foundation/support/error.h"
 
 namespace cotwin::ethercat {
 
 namespace {
 
 /// Order in which a frame visits the ports of a slave, from the port where it came in.
-constexpr std::array<std::array<int, 4>, 4> kOrder = {{{0, 3, 1, 2}, {1, 2, 0, 3}, {2, 0, 3, 1}, {3, 1, 2, 0}}};
+constexpr std::array<std::array<int, 4>, 4> kOrderFromEntry = {{{0, 3, 1, 2}, {1, 2, 0, 3}, {2, 0, 3, 1}, {3, 1, 2, 0}}};
 
 /// The port where the frame came in: that with the earliest time stamp, port 0 for a slave without a clock.
 int entry_of(const SlavePorts& slave) {
@@ -27,7 +27,7 @@ int entry_of(const SlavePorts& slave) {
 /// The open port that a frame visits before `port`.
 int previous_port(const SlavePorts& slave, int entry, int port) {
   int previous = entry;
-  for (const int p : kOrder[static_cast<std::size_t>(entry)]) {
+  for (const int p : kOrderFromEntry[static_cast<std::size_t>(entry)]) {
     if (p == port) break;
     if (is_open(slave.dl_status, p)) previous = p;
   }
@@ -36,7 +36,7 @@ int previous_port(const SlavePorts& slave, int entry, int port) {
 
 int last_port(const SlavePorts& slave, int entry) {
   int last = entry;
-  for (const int p : kOrder[static_cast<std::size_t>(entry)]) {
+  for (const int p : kOrderFromEntry[static_cast<std::size_t>(entry)]) {
     if (is_open(slave.dl_status, p)) last = p;
   }
   return last;
@@ -55,7 +55,7 @@ std::vector<Place> find_topology(std::span<const SlavePorts> slaves) {
     int parent = static_cast<int>(i) - 1;
     for (; parent >= 0 && place.parent < 0; parent = places[static_cast<std::size_t>(parent)].parent) {
       const auto p = static_cast<std::size_t>(parent);
-      for (const int port : kOrder[static_cast<std::size_t>(places[p].entry_port)]) {
+      for (const int port : kOrderFromEntry[static_cast<std::size_t>(places[p].entry_port)]) {
         if (port == places[p].entry_port || !is_open(slaves[p].dl_status, port) || (used[p] >> port & 1) != 0) continue;
         place.parent = parent;
         place.parent_port = port;

@@ -1,0 +1,187 @@
+#include "components/compliance/cartesian/frame/contact_stiffness.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace cotwin::compliance {
+namespace {
+
+using Eigen::Index;
+using Complex = std::complex<double>;
+
+constexpr double kLowest = 0.1;  // rad/s
+constexpr double kPi = 3.14159265358979323846;
+constexpr double kCoarsest = 1.35, kFinest = 1.002;  // ratios of two frequencies
+constexpr double kNone = 1e300;                      // N/m; finite, because states are
+constexpr double kTurn = 0.3;                        // rad; of G between them
+
+}  // namespace
+
+double largest_contact_stiffness(const SecondOrder& admittance, double omega, double zeta) {
+  // (M s² + D s + S)(s² + 2ζω s + ω²) + K_e ω² = 0: K_e is in a₀ alone.
+  const auto [M, D, S] = admittance;
+  const double two_zw = 2 * zeta * omega, w2 = omega * omega;
+  const double a3 = D + two_zw * M;
+  const double a2 = S + two_zw * D + w2 * M;
+  const double a1 = two_zw * S + w2 * D;
+  if (!(a3 > 0)) return 0;
+  return std::max(a1 * (a3 * a2 - M * a1) / (a3 * a3 * w2) - S, 0.0);
+}
+
+FollowingRobot::FollowingRobot(int n)
+    : M(Eigen::MatrixXd::Identity(n, n)),
+      B(Eigen::VectorXd::Zero(n)),
+      K(B),
+      shaping(Eigen::VectorXd::Ones(n)),
+      K_P(Eigen::MatrixXd::Zero(n, n)),
+      K_D(K_P),
+      J(Eigen::MatrixXd::Zero(6, n)),
+      J_bar(Eigen::MatrixXd::Zero(n, 6)) {}
+
+ContactSweep::ContactSweep(int n)
+    : lu_(n), llt_(n), scaled_(Eigen::MatrixXd::Zero(n, n)), eigen_(n), column_(Eigen::VectorXd::Zero(n)) {
+  x_c_.setZero(6, 6);
+  for (ComplexMatrix* A : {&q_c_, &tau_w_, &q_}) A->setZero(n, 6);
+  for (ComplexMatrix* A : {&gain_, &motors_, &links_}) A->setZero(n, n);
+  for (ComplexMatrix* A : {&drive_, &held_, &theta_}) A->setZero(n, n + 6);
+  lu_.compute(ComplexMatrix::Identity(n, n));
+  llt_.compute(Eigen::MatrixXd::Identity(n, n));
+}
+
+// Everything that the controller gets from measurements comes z = e^(−s step/2) late. With f along each of the six axes:
+//   q_c = z J̄ A⁻¹ f,   A = M s² + D s + S
+// Rigid robots:
+//   M s² q = Jᵀ f + M s² q_c + (K_P + K_D s)(q_c − z q) − z Jᵀ f
+// Elastic joints, κ = K + d s, F = (w/(s + w))², in rigid joints κ = ∞ and F = 1:
+//   M s² q = κ (θ − q) + Jᵀ f
+//   B s² θ + κ (θ − q) = r u − (r − 1) z K (θ − q)
+//   u = (B/r) s² θ_c + τ_w + (K_P + K_D s)(θ_c − z θ),   τ_w = F (M s² q_c − z Jᵀ f),   θ_c = q_c + τ_w/K
+void ContactSweep::respond(const FollowingRobot& r, double at) {
+  const Index n = r.M.rows();
+  const Complex s(0, at), s2 = s * s, z = std::exp(-r.step / 2 * s);
+  for (int part = 0; part < 2; ++part) {
+    const Impedance& A = part == 0 ? r.translation : r.rotation;
+    x_c_.block<3, 3>(3 * part, 3 * part) =
+        (s2 * A.M.cast<Complex>() + s * A.D.cast<Complex>() + A.S.cast<Complex>()).inverse() * z;
+  }
+  q_ = r.J_bar.cast<Complex>();  // scratch, so that no product allocates
+  q_c_.noalias() = q_.lazyProduct(x_c_);
+  const Complex forward = r.feeds_wrench_forward ? z : Complex(0);
+  links_ = s2 * r.M.cast<Complex>();
+  tau_w_.noalias() = links_.lazyProduct(q_c_);
+  tau_w_ -= forward * r.J.transpose().cast<Complex>();
+  gain_ = r.K_P.cast<Complex>() + s * r.K_D.cast<Complex>();
+  if ((r.K.array() == 0).all()) {
+    q_ = tau_w_ + r.J.transpose().cast<Complex>();
+    q_.noalias() += gain_.lazyProduct(q_c_);
+    links_ += z * gain_;
+  } else {
+    constexpr double kStiff = 1e9;  // N.m/rad, of rigid joints among elastic ones
+    const Complex smoothed = r.bandwidth / (s + r.bandwidth), F = smoothed * smoothed;
+    held_.setZero();
+    for (Index i = 0; i < n; ++i) {
+      const bool soft = r.K[i] > 0;
+      const double K = soft ? r.K[i] : kStiff;
+      if (soft) tau_w_.row(i) *= F;
+      theta_.row(i).head(6) = q_c_.row(i) + tau_w_.row(i) / K;  // θ_c
+      held_(i, i) = K + r.damping * s + (r.shaping[i] - 1) * z * K;
+    }
+    drive_.leftCols(6).noalias() = gain_.lazyProduct(theta_.leftCols(6));
+    for (Index i = 0; i < n; ++i) {
+      held_.row(i).tail(6) = r.B[i] * s2 * theta_.row(i).head(6) + r.shaping[i] * (tau_w_.row(i) + drive_.row(i).head(6));
+      motors_.row(i) = r.shaping[i] * z * gain_.row(i);
+      motors_(i, i) += r.B[i] * s2 + held_(i, i);
+    }
+    lu_.compute(motors_);
+    theta_ = lu_.solve(held_);
+    q_ = r.J.transpose().cast<Complex>();
+    for (Index i = 0; i < n; ++i) {
+      const Complex kappa = (r.K[i] > 0 ? r.K[i] : kStiff) + r.damping * s;
+      links_.row(i) -= kappa * theta_.row(i).head(n);
+      links_(i, i) += kappa;
+      q_.row(i) += kappa * theta_.row(i).tail(6);
+    }
+  }
+  lu_.compute(links_);
+  theta_.leftCols(6) = lu_.solve(q_);
+  for (Index k = 0; k < 6; ++k) {
+    Complex sum = 0;
+    for (Index i = 0; i < n; ++i) sum += r.J(k, i) * theta_(i, k);
+    G_[static_cast<std::size_t>(k)] = sum;
+  }
+}
+
+void ContactSweep::reset() {
+  K_e_max.fill(0);
+  least.fill(0);
+  before.fill(0);
+  Omega = 0;
+  ratio = 1;
+}
+
+bool ContactSweep::advance(const FollowingRobot& robot) {
+  const bool first = Omega == 0;
+  const double highest = kPi / robot.step;
+  const double at = first ? kLowest : std::min(Omega * ratio, highest);
+  respond(robot, at);
+  double turn = 0;
+  if (!first) {
+    for (std::size_t k = 0; k < 6; ++k) {
+      const Complex last(before[2 * k], before[2 * k + 1]);
+      if (G_[k] != 0.0 && last != 0.0) turn = std::max(turn, std::abs(std::arg(-1.0 / G_[k] / last)));
+    }
+    if (turn > kTurn && ratio > kFinest) {
+      ratio = std::max(std::sqrt(ratio), kFinest);
+      return false;
+    }
+  }
+  const auto range = [&](double frequency) { return std::tan(std::min(kDelay * robot.step * frequency, 0.5)); };
+  const double near = range(at), near_before = range(Omega);
+  for (std::size_t k = 0; k < 6; ++k) {
+    const Complex last(before[2 * k], before[2 * k + 1]), now = G_[k] == 0.0 ? Complex(0) : -1.0 / G_[k];
+    if (first) least[k] = kNone;
+    if (now.real() > 0 && std::abs(now.imag()) < near * now.real()) least[k] = std::min(least[k], std::abs(now));
+    for (const double side : {-1.0, 0.0, 1.0}) {  // where the phase enters the range, and where it passes −π
+      const double from = last.imag() - side * near_before * last.real(), to = now.imag() - side * near * now.real();
+      if (first || (from > 0) == (to > 0)) continue;
+      const Complex crossing = last + from / (from - to) * (now - last);
+      if (crossing.real() > 0) least[k] = std::min(least[k], std::abs(crossing));
+    }
+    before[2 * k] = now.real();
+    before[2 * k + 1] = now.imag();
+  }
+  if (first) ratio = kCoarsest;
+  if (!first && turn < kTurn / 3) ratio = std::min(ratio * ratio, kCoarsest);
+  Omega = at;
+  if (at < highest) return false;
+  finish(robot);
+  return true;
+}
+
+void ContactSweep::finish(const FollowingRobot& robot) {
+  const bool rigid = (robot.K.array() == 0).all();
+  for (Index i = 0; i < scaled_.rows(); ++i)
+    column_[i] = robot.K[i] > 0 ? robot.B[i] / robot.shaping[i] : robot.M(i, i) + (rigid ? 0 : robot.B[i]);
+  for (Index i = 0; i < scaled_.rows(); ++i) {
+    for (Index j = 0; j < scaled_.rows(); ++j)
+      scaled_(i, j) = (robot.K_D(i, j) + robot.K_D(j, i)) / 2 / std::sqrt(std::max(column_[i] * column_[j], 1e-300));
+  }
+  // Of a rigid robot K_D acts on M itself: the diagonal is its size.
+  gain_of_step_ = robot.step * (rigid ? scaled_.diagonal().maxCoeff()
+                                      : eigen_.compute(scaled_, Eigen::EigenvaluesOnly).eigenvalues().maxCoeff());
+  const double share = kShare * std::max(0.0, 1 - gain_of_step_ / 2);
+  llt_.compute(robot.M);
+  for (Index k = 0; k < 6; ++k) {
+    const auto i = static_cast<std::size_t>(k);
+    const Impedance& A = k < 3 ? robot.translation : robot.rotation;
+    column_ = robot.J.row(k).transpose();
+    const bool rendered = !column_.isZero(0);
+    llt_.matrixL().solveInPlace(column_);
+    const double mass = 1 / std::max(column_.squaredNorm(), 1e-12);
+    const double most = std::min(A.M(k % 3, k % 3), mass) / (robot.step * robot.step);
+    K_e_max[i] = rendered ? std::min(share * least[i], most) : 0;
+  }
+  Omega = 0;
+}
+
+}  // namespace cotwin::compliance

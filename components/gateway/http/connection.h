@@ -1,0 +1,120 @@
+#pragma once
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "components/gateway/http/server_impl.h"
+
+namespace cotwin::gateway::http {
+
+namespace bhttp = beast::http;
+
+/// A response that only says what is wrong.
+inline Response refusal(int status, std::string detail, std::vector<Field> fields = {}) {
+  return to_response({status, std::move(detail), "", ""}, std::move(fields));
+}
+
+/// One HTTP connection. The checks of a request are in examination.cpp.
+class Connection final : public Client, public std::enable_shared_from_this<Connection> {
+ public:
+  Connection(Server::Impl& server, tcp::socket socket, std::unique_ptr<Seat> seat, std::string party)
+      : server_(server),
+        seat_(std::move(seat)),
+        party_(std::move(party)),
+        limits_(server.options.limits),
+        stream_(std::move(socket), server.tls ? &*server.tls : nullptr),
+        timer_(server.context),
+        buffer_(limits_.header_bytes + (64 << 10)) {
+    ++server_.counts.open;
+  }
+  ~Connection() override { --server_.counts.open; }
+
+  void start() { server_.tls ? expect_tls() : read(); }
+  /// Sends a refusal to a client for which there is no room.
+  void turn_away(Response refusal) {
+    turned_away_ = true;
+    ++server_.refusing;
+    respond(std::move(refusal));
+  }
+  void abort() override { finish(); }
+  void respond(Response response);
+
+ private:
+  using Parser = bhttp::request_parser<bhttp::string_body>;
+
+  /// A request that a handler answers. Carries the response to the server's thread, where alone connections live.
+  struct Pending {
+    std::shared_ptr<Gate> gate;
+    std::weak_ptr<Connection> connection;
+    std::atomic<bool> done = false;
+
+    void send(Response response);
+    ~Pending();
+  };
+
+  // Deadlines. The socket's operations end when it is cancelled; then late_ says why.
+  void arm(double seconds);
+  void disarm() {
+    late_ = false;
+    ++armed_;
+    timer_.cancel();
+  }
+
+  void expect_tls();
+  void read();
+  void read_header();
+  void examine();
+  void read_body();
+  void dispatch();
+  std::optional<Response> check_names(Request& request);
+  std::optional<Response> check_route(Request& request);
+  std::optional<Response> check_access(Request& request);
+  std::optional<Response> check_query(const Request& request);
+  std::optional<Response> check_body(const Request& request);
+  Response preflight(const Request& request) const;
+  Response failure(const ErrorCode& error) const;
+  /// A response without having read the body.
+  void refuse(Response response);
+  std::string head_of(const Response& response) const;
+
+  /// The handler has not answered in time.
+  void answer_late();
+  void begin_stream(Response response);
+  void watch();
+  void pump();
+
+  void close_in_order();
+  void end_of_sending();
+  /// Discards what arrives, encrypted or not.
+  void drain();
+  void finish();
+
+  Server::Impl& server_;
+  std::unique_ptr<Seat> seat_;
+  const std::string party_;
+  const Limits& limits_;
+  AnyStream stream_;
+  asio::steady_timer timer_;
+  std::uint64_t armed_ = 0;
+  bool late_ = false;
+  beast::flat_buffer buffer_;
+  std::optional<Parser> parser_;
+  std::shared_ptr<Request> request_;
+  const Router::Entry* entry_ = nullptr;
+  std::string allowed_origin_;  // of the present request; "": none that must be named in the response
+  std::string out_;
+  std::weak_ptr<Pending> pending_;  // of the request that waits for its handler
+  bool waiting_ = false;
+  bool keep_ = false, head_ = false, finished_ = false, turned_away_ = false;
+  std::array<unsigned char, 1024> scrap_{};
+  std::size_t drained_ = 0;
+  std::shared_ptr<Channel> channel_;
+  bool writing_ = false;
+};
+
+}  // namespace cotwin::gateway::http

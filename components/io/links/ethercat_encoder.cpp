@@ -1,0 +1,95 @@
+#include "components/io/links/ethercat_encoder.h"
+
+#include <cmath>
+#include <utility>
+
+#include "components/io/emulators/ethercat_slaves.h"
+
+namespace cotwin::io {
+
+namespace {
+
+constexpr int kHeld = 20;  // data for which a confirmation is waited for
+
+}  // namespace
+
+void EtherCatEncoder::reset() {
+  phase_ = Phase::kIdle;
+  set_before_ = confirms_ = set_done = latched = uncertain = false;
+  count = latch = target_ = 0;
+  read_since_write_ = true;
+  held_ = 0;
+  last_ = 0;
+  known_ = false;
+  counts_ = 0;
+  unread_ = 0;
+  speed_.reset();
+  was_restarted_ = may_have_wrapped_ = false;
+}
+
+std::int64_t EtherCatEncoder::signed_counts(std::uint32_t difference) const {
+  return wide_ ? static_cast<std::int32_t>(difference) : static_cast<std::int16_t>(difference);
+}
+
+void EtherCatEncoder::write(std::span<std::uint8_t> out, bool operational) {
+  if (set && !set_before_) {
+    target_ = set_value;
+    set_done = false;
+    held_ = 0;
+    phase_ = confirms_ ? Phase::kClear : Phase::kRequest;
+  } else if (phase_ == Phase::kRequest && !read_since_write_) {
+    // The terminal may have set its counter and then have seen outputs that are off.
+    held_ = kHeld;
+  }
+  set_before_ = set;
+  if (!set && !operational && phase_ != Phase::kIdle) {
+    uncertain = uncertain || held_ > 0;
+    phase_ = Phase::kIdle;
+    held_ = 0;
+  }
+  read_since_write_ = false;
+  // The first four bits of the control byte are the same in both layouts; the value follows after one or two bytes.
+  write_bits(out, 0, 1, latch_c ? 1 : 0);
+  write_bits(out, 1, 1, latch_rising ? 1 : 0);
+  write_bits(out, 2, 1, phase_ == Phase::kRequest ? 1 : 0);
+  write_bits(out, 3, 1, latch_falling ? 1 : 0);
+  write_bits(out, wide_ ? 16 : 8, wide_ ? 32 : 16, static_cast<std::uint32_t>(target_));
+}
+
+void EtherCatEncoder::read(std::span<const std::uint8_t> in, bool restarted, double patience) {
+  const std::size_t bits = wide_ ? 32 : 16, at = wide_ ? 16 : 8;
+  const std::uint32_t counter = read_bits(in, at, bits);
+  read_since_write_ = true;
+  latched = read_bits(in, 0, 2) != 0;
+  latch = static_cast<std::int32_t>(signed_counts(read_bits(in, at + bits, bits)));
+  confirms_ = read_bits(in, 2, 1) != 0;
+  if (phase_ == Phase::kClear && !confirms_) phase_ = Phase::kRequest;
+  const double unread = std::exchange(unread_, 0);
+  if (phase_ == Phase::kRequest && confirms_) {
+    // What it has moved since then counts.
+    counts_ = target_ + signed_counts(counter - static_cast<std::uint32_t>(target_));
+    phase_ = Phase::kIdle;
+    held_ = 0;
+    set_done = true;
+    uncertain = false;
+  } else if (restarted || !known_) {
+    // The position continues from the last one.
+    if (known_) was_restarted_ = uncertain = true;
+  } else if (held_ > 0 && phase_ == Phase::kRequest && --held_ > 0) {
+    unread_ = unread;
+    return;
+  } else {
+    const std::int64_t moved = signed_counts(counter - last_);
+    counts_ += moved;
+    if (unread > patience && unread * kFastest > std::ldexp(1.0, static_cast<int>(bits) - 1))
+      may_have_wrapped_ = uncertain = true;
+    if (unread > 0) speed_ = Speed{static_cast<double>(moved) / unread, unread};
+  }
+  known_ = true;
+  last_ = counter;
+  count = static_cast<std::int32_t>(static_cast<std::uint32_t>(counts_));
+}
+
+std::optional<EtherCatEncoder::Speed> EtherCatEncoder::take_speed() { return std::exchange(speed_, std::nullopt); }
+
+}  // namespace cotwin::io

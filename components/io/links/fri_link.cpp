@@ -1,0 +1,498 @@
+#include "components/io/links/fri_link.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+
+namespace cotwin::io {
+
+namespace {
+
+const std::string kFriPlace = "unit:io?link=fri";
+constexpr const char* kSilent =
+    "the robot was silent for longer than timeout: its last positions were held and its external torques set to 0";
+constexpr const char* kRefused = "inputs were not finite or larger than 1e9: their last usable values were sent";
+constexpr const char* kOther =
+    "the robot did not ask for the quantity of mode (client_mode): its last commanded position was held";
+constexpr double kMostBridged = 10;                 // command periods without an answer that the robot bridges by extrapolation
+constexpr double kLeastNorm = 1e-6;                 // of a quaternion
+constexpr std::int64_t kRepeatAnswer = 20'000'000;  // ns without a message, until an answer is repeated
+constexpr int kLastTimes = 5;                       // the last answer is sent again at the end
+
+/// Writes values if all are usable.
+template <class From, class To>
+bool take_usable(const From& from, To& to) {
+  if (!std::ranges::all_of(from, fri::is_usable)) return false;
+  std::ranges::copy(from, to.begin());
+  return true;
+}
+
+bool is_loopback(std::uint32_t address) { return address >> 24 == 127; }
+
+/// Up to the rounding of single floats, and sums of them.
+bool is_rotation(const Eigen::Matrix3d& R) {
+  constexpr double kTolerance = 1e-3;
+  return (R.transpose() * R - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() < kTolerance && R.determinant() > 0;
+}
+
+const char* reason(fri::Fault fault) {
+  switch (fault) {
+    case fri::Fault::kStranger:
+      return "it is not from the controller";
+    case fri::Fault::kMissing:
+      return "a field is missing";
+    case fri::Fault::kValue:
+      return "a state or a period is out of its range";
+    case fri::Fault::kCount:
+      return "it is of another number of joints";
+    case fri::Fault::kChecksum:
+      return "its checksum is wrong";
+    case fri::Fault::kNotFinite:
+      return "a number is not finite";
+    default:
+      return "it is no message of this protocol";
+  }
+}
+
+Pose pose_of(const std::array<double, 3>& p, const std::array<double, 4>& quat) {
+  const Eigen::Quaterniond Q(quat[0], quat[1], quat[2], quat[3]);
+  return {Q.normalized().toRotationMatrix(), {p[0], p[1], p[2]}};
+}
+
+/// Keeps what there is if the matrix is no rotation.
+void write(const Pose& X, std::array<double, 3>& p, std::array<double, 4>& quat) {
+  if (!is_rotation(X.R)) return;
+  const Eigen::Quaterniond Q = Eigen::Quaterniond(X.R).normalized();
+  p = {X.p.x(), X.p.y(), X.p.z()};
+  quat = {Q.w(), Q.x(), Q.y(), Q.z()};
+}
+
+/// The pose on the way from `from` to `to` that is at most `distance` (m) and `angle` (rad) away.
+Pose approach(const Pose& from, const Pose& to, double distance, double angle) {
+  Pose X = to;
+  const Eigen::Vector3d way = to.p - from.p;
+  if (const double length = way.norm(); length > distance) X.p = from.p + way * (distance / length);
+  const Eigen::AngleAxisd turn(Eigen::Matrix3d(from.R.transpose() * to.R));
+  if (turn.angle() > angle) X.R = from.R * Eigen::AngleAxisd(angle, turn.axis()).toRotationMatrix();
+  return X;
+}
+
+}  // namespace
+
+FriLink::FriLink(Settings& settings, std::vector<trajectory::Axis> joints)
+    : protocol_(protocol_of(settings)),
+      n_(joints.size()),
+      datagrams_(*this),
+      synchronisation_(n_),
+      port_(default_port(protocol_)),
+      dq_command_max_(n_, kSafeSpeed),
+      writes_(settings.text("io_write"), fri::Io::Direction::kOutput, kFriPlace + "&io_write"),
+      K_P_(n_),
+      K_D_(n_),
+      stiffness_(n_, 1000.0),
+      damping_(n_, 0.7),
+      cartesian_stiffness_{2000, 2000, 2000, 200, 200, 200},
+      cartesian_damping_{0.7, 0.7, 0.7, 0.7, 0.7, 0.7},
+      q_robot_(n_),
+      q_own_(n_),
+      q_sent_(n_),
+      e_(n_),
+      reads_(settings.text("io_read"), fri::Io::Direction::kInput, kFriPlace + "&io_read"),
+      inputs_(n_) {
+  fri::check_joints(protocol_, n_, kFriPlace);
+  for (std::size_t i = 0; i < n_; ++i) {
+    if (joints[i].dq_max > 0) dq_command_max_[i] = std::min(kSafeSpeed, joints[i].dq_max);
+  }
+}
+
+Link::Needs FriLink::needs() const {
+  const bool positions = mode_text_ != "monitor" && mode_text_ != "cartesian_impedance";
+  return {positions, mode_text_ == "torque"};
+}
+
+void FriLink::open() {
+  mode_ = text::choose<Mode>(kFriPlace + ": mode", mode_text_,
+                             {{"monitor", Mode::kMonitor},
+                              {"position", Mode::kPosition},
+                              {"torque", Mode::kTorque},
+                              {"wrench", Mode::kWrench},
+                              {"joint_impedance", Mode::kJointImpedance},
+                              {"cartesian_impedance", Mode::kCartesianImpedance}});
+  if (mode_ >= Mode::kJointImpedance && protocol_ != fri::Protocol::kLwr) {
+    throw Error(kFriPlace + ": mode", "'" + mode_text_ + "' with protocol " + fri::to_text(protocol_) +
+                                          ", expected it only with lwr: Sunrise's robot program sets the impedance");
+  }
+  fri::ClientSettings settings;
+  settings.protocol = protocol_;
+  settings.joints = n_;
+  if (!controller_.empty()) settings.controller = net::endpoint_of(controller_, 0, kFriPlace + ": controller");
+  settings.timeout = Duration::from_seconds(timeout_).ns;
+  net::Endpoint local = net::endpoint_of(address_, 0, kFriPlace + ": address");
+  if (is_loopback(local.address) && settings.controller.address != 0 && !is_loopback(settings.controller.address)) {
+    throw Error(kFriPlace + ": address", address_ + ", which only programs on this machine reach, with the controller " +
+                                             controller_ +
+                                             ", expected this machine's address in the controller's network, or 0.0.0.0");
+  }
+  for (const auto* values : {&stiffness_, &damping_}) {
+    if (!std::ranges::all_of(*values, fri::is_usable))
+      throw Error(kFriPlace + ": stiffness, damping", "expected finite values");
+  }
+  for (const auto* values : {&cartesian_stiffness_, &cartesian_damping_}) {
+    if (!std::ranges::all_of(*values, fri::is_usable)) {
+      throw Error(kFriPlace + ": cartesian_stiffness, cartesian_damping", "expected finite values");
+    }
+  }
+  client_.emplace(settings, kFriPlace);
+  local.port = static_cast<std::uint16_t>(port_);
+  datagrams_.open(local, kFriPlace + ": address, port");
+  datagrams_.set_source(settings.controller, protocol_ == fri::Protocol::kLwr ? 16 : 32,
+                        [this](auto bytes) { return stamp(bytes); });
+  datagrams_.set_period(0);
+}
+
+std::optional<DatagramQueue::Stamp> FriLink::stamp(std::span<const std::uint8_t> bytes) {
+  if (fri::decode(protocol_, bytes, n_, seen_) != fri::Fault::kNone || fri::usability(seen_) != fri::Fault::kNone) {
+    return std::nullopt;
+  }
+  constexpr double kMicroseconds = 1e6;  // of a period that is a single float
+  return DatagramQueue::Stamp{seen_.counter, std::llround(seen_.send_period * kMicroseconds) * 1000};
+}
+
+void FriLink::initialise(Time start, Measured& measured) {
+  open();
+  measured.warning.reserve(512);
+  for (std::vector<double>* values :
+       {&measured.q, &measured.dq, &measured.ddq, &measured.tau, &measured.tau_e, &q_robot_, &q_own_, &q_sent_, &e_}) {
+    std::ranges::fill(*values, 0);
+  }
+  measured.has_tau = measured.has_tau_e = true;
+  measured.fresh = measured.done = false;
+  connected_ = commanding_ = following_ = follows_ = begins_ = was_connected_ = false;
+  state_ = quality_ = command_mode_ = losses_ = refused_ = unsent_ = restarts_ = 0;
+  sessions_ = 0;
+  inputs_ = Inputs(n_);
+  wanted_ = {};
+  answer_ = {};
+  refuses_ = false;
+  t_robot_ = period_ = lost_time_ = 0;
+  F_e_ = {};
+  p_ = {};
+  quat_ = {1, 0, 0, 0};
+  counts_ = {};
+  position_ = answered_ = -1;
+  host_ = monotonic_now();
+  at_ = start.ns;
+  waiting_ = false;
+  if (wait_ > 0) wait_for_robot(start, measured);
+}
+
+void FriLink::wait_for_robot(Time start, Measured& measured) {
+  waiting_ = true;  // the robot's position is held
+  heard_ = {};
+  const std::int64_t deadline = host_ + Duration::from_seconds(wait_).ns;
+  while (!measured.fresh) {
+    if (!datagrams_.wait_for_any(deadline) || monotonic_now() > deadline) {
+      const std::string seen = heard_.refused == 0
+                                   ? "nothing came"
+                                   : std::to_string(heard_.refused) + " datagrams were refused, the first from " +
+                                         net::to_text(heard_.from) + ": " + heard_.why;
+      throw Error("unit:io.wait", "no message of a robot came to " + net::to_text(datagrams_.local()) + " within " +
+                                      text::to_text(wait_) + " s (" + seen + "), expected a controller with protocol " +
+                                      fri::to_text(protocol_) + " that sends there");
+    }
+    while (const auto datagram = datagrams_.receive()) {
+      if (take(*datagram, start.ns, start.ns)) {
+        measure(measured);
+      } else if (client_->last_fault() != fri::Fault::kNone) {
+        note_refused(*datagram);
+      }
+    }
+  }
+  waiting_ = false;
+  datagrams_.set_period(std::llround(period_ * 1e6) * 1000);
+  host_ = monotonic_now();
+  write_outputs(start.ns);
+}
+
+void FriLink::note_refused(const DatagramQueue::Datagram& datagram) {
+  if (++heard_.refused > 1) return;
+  heard_.from = datagram.from;
+  heard_.why = reason(client_->last_fault());
+  if (client_->last_fault() == fri::Fault::kStranger) return;
+  std::string others;
+  for (const fri::Protocol other : fri::kProtocols) {
+    const bool fits = other != protocol_ && (other != fri::Protocol::kLwr || n_ == 7) &&
+                      fri::decode(other, datagram.bytes, n_, seen_) == fri::Fault::kNone;
+    if (fits) others += (others.empty() ? "" : ", ") + std::string(fri::to_text(other));
+  }
+  if (!others.empty()) heard_.why += ", but fits " + others;
+}
+
+StepResult FriLink::step(Time now, Duration h, const Command& command, Measured& measured) {
+  measured.fresh = false;
+  take_inputs(command, measured);
+  datagrams_.keep_only(connected_ ? client_->controller() : net::Endpoint{}, client_->longest_silence());
+  for (std::size_t left = datagrams_.waiting(); left > 0; --left) {
+    const auto datagram = datagrams_.receive();
+    const std::int64_t arrival = scenario_time(datagram->arrival, host_, at_, now.ns);
+    if (take(*datagram, arrival, now.ns)) measure(measured);
+  }
+  host_ = monotonic_now();
+  at_ = now.ns;
+  if (refuses_) measured.warn(kOther);
+  if (connected_ && !client_->connected(now.ns)) note_loss(measured);
+  write_outputs(now.ns);
+  if (was_connected_ && !connected_) lost_time_ += h.seconds();
+  return StepResult::kDone;
+}
+
+/// Whether the robot may wait for the last answer and was heard within its timeout.
+bool FriLink::Datagrams::repeats() const {
+  return waits_ && !link_.answer_.empty() && monotonic_now() - heard() <= link_.client_->longest_silence();
+}
+
+/// Repeats the last answer while the clock waits for the next message.
+std::optional<Arrival> FriLink::Datagrams::wait(std::int64_t deadline) {
+  while (repeats()) {
+    const std::int64_t until = std::min(deadline, link_.repeat_at_);
+    if (const std::optional<Arrival> arrival = DatagramQueue::wait(until)) return arrival;
+    if (monotonic_now() < link_.repeat_at_) return std::nullopt;  // the deadline, or a signal
+    send(link_.answer_, link_.client_->controller());
+    link_.repeat_at_ = monotonic_now() + link_.repetition();
+  }
+  return DatagramQueue::wait(deadline);
+}
+
+/// ns. Between messages that come at their period nothing is repeated.
+std::int64_t FriLink::repetition() const {
+  return std::max(kRepeatAnswer, 2 * static_cast<std::int64_t>(client_->monitoring().send_period * 1e9));
+}
+
+/// Takes the inputs that are usable.
+void FriLink::take_inputs(const Command& command, Measured& measured) {
+  if (!drives()) return;
+  bool all = true;
+  if (mode_ == Mode::kCartesianImpedance) {
+    const Eigen::Map<const Eigen::Vector4d> quat(quat_command_.data());
+    const bool place = std::ranges::all_of(p_command_, fri::is_usable) && std::ranges::all_of(quat_command_, fri::is_usable) &&
+                       quat.norm() > kLeastNorm;
+    if (place) {
+      inputs_.p = p_command_;
+      inputs_.quat = quat_command_;
+    }
+    inputs_.has_place = inputs_.has_place || place;
+    all = place;
+  } else {
+    const bool place = take_usable(command.q, inputs_.q);
+    inputs_.has_place = inputs_.has_place || place;
+    all = place;
+  }
+  if (mode_ == Mode::kTorque || mode_ == Mode::kJointImpedance) all = take_usable(command.tau, inputs_.tau) && all;
+  if (mode_ == Mode::kWrench || mode_ == Mode::kCartesianImpedance) all = take_usable(F_command_, inputs_.F) && all;
+  if (all) return;
+  refused_ = saturated(static_cast<std::uint64_t>(refused_) + 1);
+  measured.warn(kRefused);
+}
+
+/// Whether there is a new message; it is answered.
+bool FriLink::take(const DatagramQueue::Datagram& datagram, std::int64_t arrival, std::int64_t now) {
+  const auto reception = client_->receive(datagram.bytes, datagram.from, arrival, datagram.arrival);
+  if (reception == fri::Client::Reception::kRefused) return false;
+  if (client_->statistics().sessions != sessions_) begin_session();
+  if (client_->monitoring().state == fri::SessionState::kIdle) answer_ = {};
+  if (reception == fri::Client::Reception::kAnswerDue) {
+    choose_command();
+    answer_ = client_->answer(wanted_, now);
+    if (!answer_.empty() && !datagrams_.send(answer_, client_->controller())) {
+      unsent_ = saturated(static_cast<std::uint64_t>(unsent_) + 1);
+    }
+    repeat_at_ = monotonic_now() + repetition();
+  }
+  return client_->statistics().monitoring.newest() != position_;
+}
+
+void FriLink::begin_session() {
+  sessions_ = client_->statistics().sessions;
+  position_ = answered_ = -1;
+  following_ = follows_ = false;
+  begins_ = true;
+}
+
+void FriLink::choose_command() {
+  const fri::Monitoring& m = client_->monitoring();
+  const std::int64_t newest = client_->statistics().monitoring.newest();
+  const double cycle = m.send_period * m.receive_multiplier;
+  const double since =
+      answered_ >= 0 ? m.send_period * static_cast<double>(std::max<std::int64_t>(newest - answered_, 0)) : cycle;
+  const double elapsed = std::min(since, kMostBridged * cycle);
+  answered_ = newest;
+  wanted_.joints = static_cast<std::uint32_t>(n_);
+  wanted_.fields = fri::Command::kPosition;
+  if (mode_ == Mode::kTorque || mode_ == Mode::kJointImpedance) wanted_.fields |= fri::Command::kTorque;
+  if (mode_ == Mode::kWrench) wanted_.fields |= fri::Command::kWrench;
+  if (mode_ == Mode::kJointImpedance) wanted_.fields |= fri::Command::kJointStiffness | fri::Command::kJointDamping;
+  if (mode_ == Mode::kCartesianImpedance) {
+    wanted_.fields =
+        fri::Command::kPose | fri::Command::kWrench | fri::Command::kCartesianStiffness | fri::Command::kCartesianDamping;
+  }
+  take_usable(stiffness_, wanted_.joint_stiffness);
+  take_usable(damping_, wanted_.joint_damping);
+  take_usable(cartesian_stiffness_, wanted_.cartesian_stiffness);
+  take_usable(cartesian_damping_, wanted_.cartesian_damping);
+  krl_command_.write(wanted_.krl);
+  writes_.write(wanted_.ios);
+  follow(elapsed);
+}
+
+/// What the mode commands, one of fri::Command::fields.
+std::uint32_t FriLink::quantity() const {
+  switch (mode_) {
+    case Mode::kTorque:
+      return fri::Command::kTorque;
+    case Mode::kWrench:
+      return fri::Command::kWrench;
+    case Mode::kCartesianImpedance:
+      return fri::Command::kPose;
+    default:
+      return fri::Command::kPosition;
+  }
+}
+
+/// Whether the robot may follow the inputs in the state of the newest message.
+bool FriLink::may_follow() const {
+  if (!command_ || waiting_ || refuses_ || !inputs_.has_place) return false;
+  return mode_ != Mode::kCartesianImpedance || is_rotation(wanted_.X.R);
+}
+
+void FriLink::follow(double elapsed) {
+  const fri::Monitoring& m = client_->monitoring();
+  const Synchronisation::Gains gains{K_P_, K_D_, dq_command_max_};
+  const bool own = m.has(fri::Monitoring::kInterpolatorPosition) && protocol_ != fri::Protocol::kLwr;
+  const fri::Joints& place = m.has(fri::Monitoring::kCommandedPosition) ? m.q_commanded : m.q_measured;
+  const fri::Joints& robot = own ? m.q_interpolator : place;
+  const bool commanding = client_->commanding() && drives();
+  if (!commanding) {
+    synchronisation_.start({robot.data(), n_});
+    wanted_.X = m.X_commanded;
+  } else if (begins_) {
+    synchronisation_.start({place.data(), n_});
+    wanted_.X = m.X_commanded;
+  } else if (!following_) {
+    // Commanding begins at the last position sent before it.
+    const fri::Command& sent = client_->sent();
+    synchronisation_.start({sent.has(fri::Command::kPosition) ? sent.q.data() : robot.data(), n_});
+    if (sent.has(fri::Command::kPose)) wanted_.X = sent.X;
+  } else if (!follows_) {
+    std::copy_n(synchronisation_.last().begin(), n_, q_sent_.begin());
+    synchronisation_.start(q_sent_);
+  }
+  following_ = commanding;
+  refuses_ = commanding && (client_->taken() & quantity()) == 0;
+  follows_ = commanding && may_follow();
+  begins_ = false;
+  wanted_.tau = {};
+  wanted_.F.setZero();
+  if (follows_) {
+    synchronisation_.command(inputs_.q, gains, elapsed);
+    synchronisation_.measure(inputs_.q, {m.q_measured.data(), n_}, gains, elapsed);
+    std::ranges::copy(inputs_.tau, wanted_.tau.begin());
+    for (int i = 0; i < 6; ++i) wanted_.F[i] = inputs_.F[static_cast<std::size_t>(i)];
+    if (mode_ == Mode::kCartesianImpedance) {
+      wanted_.X = approach(wanted_.X, pose_of(inputs_.p, inputs_.quat), v_command_max_ * elapsed, w_command_max_ * elapsed);
+    }
+  }
+  std::ranges::copy(synchronisation_.last(), wanted_.q.begin());
+}
+
+void FriLink::measure(Measured& measured) {
+  const fri::Monitoring& m = client_->monitoring();
+  const std::int64_t newest = client_->statistics().monitoring.newest();
+  const double elapsed = position_ >= 0 ? m.send_period * static_cast<double>(newest - position_) : 0;
+  position_ = newest;
+  measured.elapsed += elapsed;
+  const double old = dq_cutoff_ > 0 ? std::exp(-2 * std::numbers::pi * dq_cutoff_ * elapsed) : 0;
+  measured.has_tau = m.has(fri::Monitoring::kMeasuredTorque);
+  measured.has_tau_e = m.has(fri::Monitoring::kExternalTorque);
+  const bool gives_tau_e = measured.has_tau_e && (!tau_e_gated_ || follows_);
+  if (elapsed <= 0) {  // the first message of a session
+    std::ranges::fill(measured.dq, 0);
+    std::ranges::fill(measured.ddq, 0);
+  }
+  for (std::size_t i = 0; i < n_; ++i) {
+    if (elapsed > 0) {
+      const double raw = (m.q_measured[i] - measured.q[i]) / elapsed;
+      const double dq = raw + old * (measured.dq[i] - raw);
+      measured.ddq[i] = (dq - measured.dq[i]) / elapsed;
+      measured.dq[i] = dq;
+    }
+    measured.q[i] = m.q_measured[i];
+    measured.tau[i] = measured.has_tau ? m.tau_measured[i] : 0;
+    measured.tau_e[i] = gives_tau_e ? m.tau_external[i] : 0;
+    if (m.has(fri::Monitoring::kCommandedPosition)) q_robot_[i] = m.q_commanded[i];
+    if (m.has(fri::Monitoring::kInterpolatorPosition)) q_own_[i] = m.q_interpolator[i];
+  }
+  measured.fresh = true;
+  period_ = m.send_period;
+  if (m.has(fri::Monitoring::kTime)) t_robot_ = static_cast<double>(m.time) / 1e9;
+  if (m.has(fri::Monitoring::kMeasuredPose)) write(m.X_measured, p_, quat_);
+  if (m.has(fri::Monitoring::kExternalWrench)) Eigen::Map<Wrench>(F_e_.data()) = m.F_external;
+  krl_.read(m.krl);
+  reads_.read(m.ios);
+}
+
+void FriLink::note_loss(Measured& measured) {
+  ++losses_;
+  position_ = answered_ = -1;
+  following_ = follows_ = false;
+  std::ranges::fill(measured.dq, 0);
+  std::ranges::fill(measured.ddq, 0);
+  std::ranges::fill(measured.tau_e, 0);
+  F_e_ = {};
+  measured.warn(kSilent);
+}
+
+void FriLink::write_outputs(std::int64_t now) {
+  connected_ = client_->connected(now);
+  was_connected_ = was_connected_ || connected_;
+  state_ = static_cast<std::int32_t>(client_->state(now));
+  quality_ = connected_ ? static_cast<std::int32_t>(client_->monitoring().quality) : 0;
+  commanding_ = connected_ && follows_;
+  restarts_ = saturated(client_->statistics().restarts);
+  command_mode_ = static_cast<std::int32_t>(client_->monitoring().command_mode);
+  std::copy_n(client_->sent().q.begin(), n_, q_sent_.begin());
+  std::ranges::copy(synchronisation_.discrepancy(), e_.begin());
+  counts_.read(client_->statistics());
+  const std::uint64_t strangers = datagrams_.strangers();
+  counts_.strangers = saturated(static_cast<std::uint64_t>(counts_.strangers) + strangers);
+  counts_.rejected = saturated(static_cast<std::uint64_t>(counts_.rejected) + strangers);
+}
+
+/// A robot that waits for the last answer, which may be lost, would wait for ever.
+void FriLink::end() noexcept {
+  if (!datagrams_.waits() || answer_.empty()) return;
+  for (int times = 0; times < kLastTimes; ++times) datagrams_.send(answer_, client_->controller());
+}
+
+void FriLink::tell(std::vector<std::string>& sentences) const {
+  if (!was_connected_) {
+    sentences.push_back("no message of a robot came to " + net::to_text(datagrams_.local()) + " (" + fri::to_text(protocol_) +
+                        ")");
+    return;
+  }
+  sentences.push_back("robot: " + std::to_string(counts_.received) + " messages, " + std::to_string(counts_.lost) + " lost, " +
+                      std::to_string(counts_.answers) + " answers");
+  if (unsent_ > 0) sentences.push_back(std::to_string(unsent_) + " answers to the robot could not be sent");
+  if (restarts_ > 0) sentences.push_back("the robot's controller began anew " + std::to_string(restarts_) + " times");
+  if (refused_ > 0) sentences.push_back("in " + std::to_string(refused_) + " steps " + kRefused);
+  if (losses_ > 0) {
+    sentences.push_back("the robot was silent " + std::to_string(losses_) + " times, for " + text::to_text(lost_time_, 3) +
+                        " s beyond timeout");
+  }
+}
+
+}  // namespace cotwin::io

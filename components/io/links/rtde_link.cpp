@@ -1,0 +1,440 @@
+#include "components/io/links/rtde_link.h"
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "components/io/link/datagram_queue.h"
+#include "components/io/link/fri_values.h"
+#include "components/io/rtde/pose.h"
+#include "models/foundation/support/choice.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+
+namespace cotwin::io {
+
+namespace {
+
+const std::string kRtdePlace = "unit:io?link=rtde";
+constexpr const char* kControllerSilent =
+    "the robot was silent for longer than timeout: its last positions were held and its external torques set to 0";
+constexpr const char* kOtherRobot =
+    "the robot's pose does not fit to the URDF (another robot, or another base frame than Base): tau_e is not given";
+constexpr const char* kTargetsRefused =
+    "q_command or double_command was not finite, or q_command larger than 1e9: the last usable values were sent";
+
+bool is_usable(std::span<const double> values) {
+  return std::ranges::all_of(values, [](double x) { return std::abs(x) <= rtde::kLargestNumber; });
+}
+
+void count(std::int32_t& number, std::uint64_t more = 1) { number = saturated(static_cast<std::uint64_t>(number) + more); }
+
+}  // namespace
+
+RtdeLink::RtdeLink(Settings& settings, const std::vector<trajectory::Axis>& joints)
+    : n_(joints.size()),
+      synchronisation_(n_),
+      dq_command_max_(n_, kSafeSpeed),
+      torque_per_current_(n_),
+      K_P_(n_),
+      K_D_(n_),
+      q_robot_(n_),
+      q_sent_(n_),
+      e_(n_),
+      current_(n_) {
+  if (n_ != rtde::kJoints) throw Error(kRtdePlace, std::to_string(n_) + " joints, expected 6, as RTDE has them");
+  for (std::size_t i = 0; i < n_; ++i) {
+    if (joints[i].dq_max > 0) dq_command_max_[i] = std::min(kSafeSpeed, joints[i].dq_max);
+  }
+  if (settings.robot_used() != nullptr) kinematics_.emplace(*settings.robot_used());
+}
+
+Link::Needs RtdeLink::needs() const { return {mode_ != "monitor", false}; }
+
+void RtdeLink::declare(Variables& v, JointVariables& joints) {
+  Variables::Declared digital = v.input("digital_command", digital_command_,
+                                        "standard digital outputs 0 to 7 as bits, of which those of digital_mask are written");
+  if (digital_mask_ != 0 && mode_ != "monitor") digital.required();
+  v.input("double_command", double_command_, "1",
+          "input double registers 24 to 47, written if `registers` is set; mode=position writes 24 to 29 itself");
+  v.input("int_command", int_command_, "input int registers 24 to 47, likewise; mode=position writes 24 and 25 itself");
+
+  v.output("connected", connected_, "whether data of the robot come");
+  v.output("state", state_,
+           "of the program on the robot: 0 off (also while it does not play), 1 waiting, 2 following, 3 stopped after a loss "
+           "of commands, 4 commands too far");
+  v.output("commanding", commanding_, "whether the robot follows the commands of this unit");
+  v.output("robot_mode", robot_mode_, "as reported: 7 running, 5 idle, 3 power off, …");
+  v.output("safety", safety_, "safety mode, as reported: 1 normal, 2 reduced, 3 protective stop, …; 0: not known");
+  v.output("runtime", runtime_, "state of the robot's program, as reported: 1 stopped, 2 playing, 4 paused, …");
+  v.output("t_robot", t_robot_, "s", "time of the robot's clock").discrete();
+  v.output("speed_scaling", speed_scaling_, "1", "as reported").discrete();
+  joints.output("q_robot", q_robot_, "rad", "position that the robot commands (target_q)").discrete();
+  joints.output("q_sent", q_sent_, "rad", "commanded position that was sent last, with the synchronisation").discrete();
+  joints.output("e", e_, "rad", "discrepancy between q_command and the robot, from which the synchronisation corrects")
+      .discrete();
+  v.output("current", current_, "A", "motor currents, as reported").discrete();
+  v.output("F_e", F_e_, "1",
+           "force and moment on the tool, as reported: in the base frame, at the flange (e-Series) or the TCP (CB3), x y z "
+           "each, in N and N.m")
+      .discrete();
+  v.output("p", p_, "m", "position of the TCP, as reported").discrete();
+  v.output("quat", quat_, "1", "orientation of the TCP, as reported, (w, x, y, z)").discrete();
+  v.output("digital_in", digital_in_,
+           "digital inputs, as reported: bits 0 to 7 standard, 8 to 15 configurable, 16 and 17 tool");
+  v.output("digital_out", digital_out_, "digital outputs, as reported, likewise");
+  v.output("double_value", double_value_, "1", "output double registers 24 to 47").discrete();
+  v.output("int_value", int_value_, "output int registers 24 to 47");
+  v.output("version", version_, "of the controller's software: major, minor, bugfix, build");
+  v.output("received", received_, "data packages received");
+  v.output("skipped", skipped_,
+           "data packages that the robot left out, or that had no room between two steps, by its time stamps");
+  v.output("rejected", rejected_,
+           "packages that could not be read, with numbers that are not finite or larger than 1e9, or with a time stamp that "
+           "jumps by more than 1 h");
+  v.output("sent", sent_, "commands sent");
+  v.output("unsent", unsent_, "commands that the network did not take in time");
+  v.output("refused", refused_,
+           "steps with data in which q_command or double_command was not finite, or q_command larger than 1e9: the last usable "
+           "values were sent");
+  v.output("connections", connections_, "how often a connection was set up");
+  v.output("losses", losses_, "how often the robot became silent");
+  v.output("jitter", jitter_, "s", "mean deviation of the interval between packages from the robot's time (RFC 3550)")
+      .discrete();
+  v.output("round_trip", round_trip_, "s",
+           "mean time from a command to the first package in which the robot's program reflects it")
+      .discrete();
+
+  v.parameter("controller", controller_, "IPv4 address of the robot's controller, perhaps with :port (30004)");
+  v.parameter("mode", mode_, "monitor: nothing is written; position: registers for the program follow.script");
+  v.parameter("frequency", frequency_, "Hz",
+              "of the data packages that the robot is asked for, at most 500 (e-Series) or 125 (CB3)")
+      .range(1, 1000);
+  v.parameter("timeout", timeout_, "s",
+              "without data for this time, or twenty packages if that is longer, the robot is not connected")
+      .range(1e-3, 3600);
+  v.parameter("wait", wait_, "s", "initialisation waits so long for the robot; 0: not").range(0, 3600);
+  v.parameter("ddq_cutoff", ddq_cutoff_, "Hz", "cutoff frequency of the first-order low-pass of ddq; 0: no filter")
+      .range(0, 1e6);
+  v.parameter("digital_mask", digital_mask_, "mode=position: standard digital outputs that this unit writes, as bits; 0: none")
+      .range(0, 255);
+  joints
+      .parameter("dq_command_max", dq_command_max_, "rad/s",
+                 "speed limit of commanded positions, at first the URDF's, but at most 0.5 rad/s; a twin that is elsewhere is "
+                 "approached "
+                 "with it")
+      .range(1e-6, 1e9);
+  v.parameter("registers", registers_,
+              "mode=position: all input registers 24 to 47 are written; other clients cannot write them then");
+  v.parameter("torque_per_current", torque_per_current_, "N.m/A",
+              "for tau where the controller does not give torques; 0: then there are none. UR does not publish it")
+      .range(0, 1e6);
+  v.tunable("command", command_, "q_command is followed; false: the last commanded position is held");
+  v.tunable("K_P", K_P_, "1", "proportional gain of the synchronisation of robot and twin").range(-0.999, 1e3);
+  v.tunable("K_D", K_D_, "s", "derivative gain of the synchronisation").range(-1e3, 1e3);
+  v.tunable("tau_e_gated", tau_e_gated_, "tau_e is given only while the robot follows commands, else 0");
+}
+
+void RtdeLink::choose_mode() {
+  enum class Mode : std::uint8_t { kMonitor, kPosition };
+  commands_ = text::choose<Mode>(kRtdePlace + ": mode", mode_, {{"monitor", Mode::kMonitor}, {"position", Mode::kPosition}}) ==
+              Mode::kPosition;
+  if (!commands_ && (registers_ || digital_mask_ != 0)) {
+    throw Error(kRtdePlace + ": mode", std::string("'monitor', which writes nothing, with ") +
+                                           (registers_ ? "registers=true" : "a digital_mask") + ", expected mode=position");
+  }
+}
+
+/// s without data for which the robot counts as connected.
+double RtdeLink::patience() const { return std::max(timeout_, 20 / frequency_); }
+
+rtde::ClientSettings RtdeLink::client_settings() const {
+  rtde::ClientSettings s;
+  s.frequency = frequency_;
+  for (const char* name : {"timestamp", "actual_q", "actual_qd", "target_q"}) s.outputs.push_back({name, true});
+  for (const char* name :
+       {"actual_current", "actual_current_as_torque", "actual_TCP_pose", "actual_TCP_force", "tcp_offset", "robot_mode",
+        "safety_mode", "runtime_state", "speed_scaling", "actual_digital_input_bits", "actual_digital_output_bits"}) {
+    s.outputs.push_back({name, false});
+  }
+  for (std::size_t i = 0; i < kRegisters; ++i) {
+    const std::string number = std::to_string(rtde::kFirstRegister + static_cast<int>(i));
+    s.outputs.push_back({"output_double_register_" + number, false});
+    s.outputs.push_back({"output_int_register_" + number, false});
+    if (registers_ || (commands_ && i < rtde::kJoints)) s.inputs.push_back({"input_double_register_" + number});
+    if (registers_ || (commands_ && i < 2)) s.inputs.push_back({"input_int_register_" + number});
+  }
+  if (digital_mask_ != 0) {
+    s.inputs.push_back({"standard_digital_output_mask", true});
+    s.inputs.push_back({"standard_digital_output", true});
+  }
+  return s;
+}
+
+void RtdeLink::initialise(Time start, Measured& measured) {
+  measured.warning.reserve(512);
+  for (std::vector<double>* values :
+       {&measured.q, &measured.dq, &measured.ddq, &measured.tau, &measured.tau_e, &q_robot_, &q_sent_, &e_, &current_}) {
+    std::ranges::fill(*values, 0);
+  }
+  measured.has_tau = measured.has_tau_e = measured.fresh = measured.done = false;
+  connected_ = commanding_ = following_ = was_connected_ = false;
+  pose_fits_ = true;
+  state_ = robot_mode_ = safety_ = runtime_ = digital_in_ = digital_out_ = 0;
+  received_ = skipped_ = rejected_ = sent_ = unsent_ = refused_ = losses_ = connections_ = 0;
+  t_robot_ = speed_scaling_ = jitter_ = round_trip_ = lost_time_ = elapsed_ = 0;
+  F_e_ = {};
+  p_ = {};
+  quat_ = {1, 0, 0, 0};
+  version_ = {};
+  t_sent_ = t_commanded_ = -1;
+  set_ups_ = 0;
+  registers_sent_ = {};
+  synchronisation_.start(q_robot_);
+  heard_ = start.ns;
+  arrived_ = trips_ = 0;
+  counter_ = reflected_ = 0;
+  sent_at_ = {};
+  const net::Endpoint controller = net::endpoint_of(controller_, rtde::kPort, kRtdePlace + ": controller");
+  choose_mode();
+  constexpr double kLeastSilence = 2;  // s
+  line_.open(controller, client_settings(), Duration::from_seconds(std::max(kLeastSilence, patience())).ns, kRtdePlace);
+  if (wait_ <= 0) return;
+  waiting_ = true;
+  const std::int64_t deadline = monotonic_now() + Duration::from_seconds(wait_).ns;
+  while (!take_all(start, measured)) {
+    if (line_.wait(deadline) || monotonic_now() < deadline) continue;
+    std::string why = line_.reason();
+    if (!line_.culprit().empty()) why += " " + std::string(line_.culprit());
+    throw Error("unit:io.wait", "no data of a robot came from " + net::to_text(controller) + " within " + text::to_text(wait_) +
+                                    " s (" + why + "), expected a controller with RTDE");
+  }
+  waiting_ = false;
+  write_outputs();
+}
+
+StepResult RtdeLink::step(Time now, Duration h, const Command& command, Measured& measured) {
+  measured.fresh = false;
+  if (take_all(now, measured)) {
+    if (commands_) send(command, measured);
+    line_.serve();
+  }
+  const bool silent = static_cast<double>(now.ns - heard_) > patience() * 1e9;
+  if (connected_ && (!line_.client().running() || silent)) note_loss(measured);
+  write_outputs();
+  if (was_connected_ && !connected_) lost_time_ += h.seconds();
+  return StepResult::kDone;
+}
+
+/// Whether there are new data. Several packages are read in their order; the newest ones are measured last.
+bool RtdeLink::take_all(Time now, Measured& measured) {
+  // A bound, so that a robot that sends without end does not hold the scenario up.
+  for (int pieces = 0; pieces < 64; ++pieces) {
+    const bool more = line_.serve();
+    bool read = false;
+    while (line_.client().read(monotonic_now())) {
+      read = true;
+      heard_ = now.ns;
+      // The clock may have waited until a new connection had data.
+      if (line_.set_ups() != set_ups_ && connected_) note_loss(measured);
+      set_ups_ = line_.set_ups();
+      measure(measured);
+    }
+    if (!more && !read) break;
+  }
+  return measured.fresh;
+}
+
+void RtdeLink::measure(Measured& measured) {
+  const rtde::Client& c = line_.client();
+  const double t = c.value("timestamp");
+  const std::int64_t host = monotonic_now();
+  elapsed_ = connected_ && t > t_robot_ && t - t_robot_ <= rtde::kLongestPause ? t - t_robot_ : 0;
+  if (elapsed_ > 0) {
+    measured.elapsed += elapsed_;
+    count(skipped_, static_cast<std::uint64_t>(std::max(std::round(elapsed_ * frequency_) - 1, 0.0)));
+    jitter_ += (std::abs(static_cast<double>(host - arrived_) / 1e9 - elapsed_) - jitter_) / 16;
+  }
+  arrived_ = host;
+  t_robot_ = t;
+  count(received_);
+  connected_ = was_connected_ = measured.fresh = true;
+  const double old = ddq_cutoff_ > 0 ? std::exp(-2 * std::numbers::pi * ddq_cutoff_ * elapsed_) : 0;
+  has_torque_ = c.has("actual_current_as_torque");
+  measured.has_tau = has_torque_ || std::ranges::any_of(torque_per_current_, [](double k) { return k > 0; });
+  for (std::size_t i = 0; i < n_; ++i) {
+    const double dq = c.value("actual_qd", i);
+    if (elapsed_ > 0) {
+      const double ddq = (dq - measured.dq[i]) / elapsed_;
+      measured.ddq[i] = ddq + old * (measured.ddq[i] - ddq);
+    }
+    measured.q[i] = c.value("actual_q", i);
+    measured.dq[i] = dq;
+    current_[i] = c.value("actual_current", i);
+    measured.tau[i] = has_torque_ ? c.value("actual_current_as_torque", i) : current_[i] * torque_per_current_[i];
+    q_robot_[i] = c.value("target_q", i);
+  }
+  measure_forces(measured);
+  state_ = static_cast<std::int32_t>(c.value("output_int_register_25"));
+  robot_mode_ = static_cast<std::int32_t>(c.value("robot_mode"));
+  safety_ = static_cast<std::int32_t>(c.value("safety_mode"));
+  runtime_ = static_cast<std::int32_t>(std::min(c.value("runtime_state"), 2147483647.0));
+  if (c.has("runtime_state") && runtime_ != 2) state_ = 0;  // the register keeps what the program wrote last
+  speed_scaling_ = c.value("speed_scaling");
+  digital_in_ = static_cast<std::int32_t>(std::clamp(c.value("actual_digital_input_bits"), 0.0, 2147483647.0));
+  digital_out_ = static_cast<std::int32_t>(std::clamp(c.value("actual_digital_output_bits"), 0.0, 2147483647.0));
+  for (std::size_t i = 0; i < kRegisters; ++i) {
+    double_value_[i] = c.value("output_double_register_24", i);
+    int_value_[i] = static_cast<std::int32_t>(c.value("output_int_register_24", i));
+  }
+  count_reflected();
+}
+
+void RtdeLink::measure_forces(Measured& measured) {
+  const rtde::Client& c = line_.client();
+  std::array<double, 6> pose;
+  for (std::size_t i = 0; i < 6; ++i) {
+    pose[i] = c.value("actual_TCP_pose", i);
+    F_e_[i] = c.value("actual_TCP_force", i);
+  }
+  const Pose X = rtde::from_ur_pose(pose);
+  const Eigen::Quaterniond Q(X.R);
+  p_ = {pose[0], pose[1], pose[2]};
+  quat_ = {Q.w(), Q.x(), Q.y(), Q.z()};
+  Pose X_BE;
+  measured.has_tau_e = kinematics_.has_value() && c.has("actual_TCP_pose") && c.has("actual_TCP_force");
+  if (measured.has_tau_e) {
+    X_BE = kinematics_->pose(measured.q);
+    // A flange elsewhere than the URDF has it: J would be that of another robot. Calibrations are some millimetres.
+    constexpr double kCalibration = 0.03;  // m
+    const Eigen::Vector3d offset(c.value("tcp_offset", 0), c.value("tcp_offset", 1), c.value("tcp_offset", 2));
+    const bool fits = !c.has("tcp_offset") || (X.p - X_BE * offset).norm() < kCalibration;
+    if (!fits && pose_fits_) measured.warn(kOtherRobot);
+    pose_fits_ = fits;
+    measured.has_tau_e = fits;
+  }
+  const bool gives = measured.has_tau_e && (!tau_e_gated_ || (following_ && command_));
+  std::ranges::fill(measured.tau_e, 0);
+  // CB3 gives the force at the TCP; e-Series at the flange, unless it comes from a sensor of the user (ur_robot_driver, pull request 1287).
+  const bool at_tcp = c.version()[0] > 0 && c.version()[0] < 5;
+  const Wrench F = Eigen::Map<const Wrench>(F_e_.data());
+  if (gives) kinematics_->torques_of(moved(F, at_tcp ? X.p : X_BE.p, X_BE.p), measured.q, measured.tau_e);
+}
+
+void RtdeLink::count_reflected() {
+  const auto reflected = static_cast<std::int32_t>(line_.client().value("output_int_register_24"));
+  if (reflected == reflected_) return;
+  reflected_ = reflected;
+  const std::int64_t at = sent_at_[static_cast<std::uint32_t>(reflected) % sent_at_.size()];
+  const std::int64_t behind = static_cast<std::int64_t>(counter_) - reflected;
+  if (at == 0 || behind < 0 || behind >= static_cast<std::int64_t>(sent_at_.size())) return;
+  ++trips_;
+  round_trip_ += (static_cast<double>(arrived_ - at) / 1e9 - round_trip_) / static_cast<double>(trips_);
+}
+
+bool RtdeLink::robot_ready() const {
+  const rtde::Client& c = line_.client();
+  const bool runs = !c.has("robot_mode") || robot_mode_ == 7;
+  const bool safe = !c.has("safety_mode") || safety_ == 1 || safety_ == 2;
+  const bool plays = !c.has("runtime_state") || runtime_ == 2;
+  return runs && safe && plays;
+}
+
+/// Whether all values of double_command that are sent are finite; takes those that are.
+bool RtdeLink::take_registers() {
+  if (!registers_) return true;
+  bool all = true;
+  for (std::size_t i = rtde::kJoints; i < kRegisters; ++i) {  // those before are commands
+    if (std::isfinite(double_command_[i])) {
+      registers_sent_[i] = double_command_[i];
+    } else {
+      all = false;
+    }
+  }
+  return all;
+}
+
+void RtdeLink::send(const Command& command, Measured& measured) {
+  rtde::Client& c = line_.client();
+  const bool usable = is_usable(command.q), all = take_registers() && usable;
+  if (!all) {
+    count(refused_);
+    measured.warn(kTargetsRefused);
+  }
+  for (std::size_t i = 0; i < kRegisters; ++i) {
+    c.at("input_double_register_24", i) = registers_sent_[i];
+    c.at("input_int_register_24", i) = int_command_[i];
+  }
+  c.at("standard_digital_output_mask") = digital_mask_;
+  c.at("standard_digital_output") = digital_command_ & 0xff;
+  follow(command, usable);
+  if (counter_ == 0) counter_ = reflected_;  // the first command has another number than the robot has read last
+  counter_ = counter_ == 2147483647 ? 1 : counter_ + 1;
+  c.at("input_int_register_24") = counter_;
+  c.at("input_int_register_25") = 1;
+  for (std::size_t i = 0; i < n_; ++i) c.at("input_double_register_24", i) = synchronisation_.last()[i];
+  if (!c.send()) return;
+  t_sent_ = t_robot_;
+  count(sent_);
+  sent_at_[static_cast<std::uint32_t>(counter_) % sent_at_.size()] = monotonic_now();
+  std::ranges::copy(synchronisation_.last(), q_sent_.begin());
+}
+
+void RtdeLink::follow(const Command& command, bool usable) {
+  const double elapsed = t_commanded_ >= 0 ? std::clamp(t_robot_ - t_commanded_, 0.0, timeout_) : 1 / frequency_;
+  t_commanded_ = t_robot_;
+  const Synchronisation::Gains gains{K_P_, K_D_, dq_command_max_};
+  const bool commanding = robot_ready() && state_ == static_cast<std::int32_t>(rtde::FollowState::kFollowing);
+  // A program that still follows when the connection is set up goes on from where it is.
+  if (!commanding || t_sent_ < 0) {
+    synchronisation_.start(q_robot_);
+  } else if (!following_ || !command_ || !usable) {
+    std::ranges::copy(synchronisation_.last(), q_sent_.begin());
+    synchronisation_.start(q_sent_);
+  }
+  if (commanding && command_ && usable) {
+    synchronisation_.command(command.q, gains, elapsed);
+    synchronisation_.measure(command.q, line_.client().values().subspan(line_.client().directory().slot("actual_q"), n_), gains,
+                             elapsed);
+  }
+  following_ = commanding;
+}
+
+void RtdeLink::note_loss(Measured& measured) {
+  count(losses_);
+  connected_ = following_ = false;
+  state_ = 0;
+  t_sent_ = t_commanded_ = -1;
+  std::ranges::fill(measured.dq, 0);
+  std::ranges::fill(measured.ddq, 0);
+  std::ranges::fill(measured.tau_e, 0);
+  F_e_ = {};
+  measured.warn(kControllerSilent);
+}
+
+void RtdeLink::write_outputs() {
+  const rtde::Client& c = line_.client();
+  commanding_ = connected_ && following_ && command_;
+  std::ranges::copy(synchronisation_.discrepancy(), e_.begin());
+  for (std::size_t i = 0; i < version_.size(); ++i) version_[i] = static_cast<std::int32_t>(c.version()[i] & 0x7fffffff);
+  rejected_ = saturated(c.rejected());
+  unsent_ = saturated(c.unsent());
+  connections_ = saturated(line_.set_ups());
+}
+
+void RtdeLink::tell(std::vector<std::string>& sentences) const {
+  const std::string why = line_.reason() + (line_.culprit().empty() ? "" : " " + std::string(line_.culprit()));
+  if (!was_connected_) {
+    sentences.push_back("no data of a robot came from " + net::to_text(line_.controller()) + ": " + why);
+    return;
+  }
+  sentences.push_back("robot: " + std::to_string(received_) + " data packages, " + std::to_string(skipped_) + " left out, " +
+                      std::to_string(sent_) + " commands");
+  if (losses_ > 0) {
+    sentences.push_back("the robot was silent " + std::to_string(losses_) + " times, for " + text::to_text(lost_time_, 3) +
+                        " s beyond timeout; last: " + why);
+  }
+}
+
+}  // namespace cotwin::io

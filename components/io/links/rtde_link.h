@@ -1,0 +1,102 @@
+#pragma once
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "components/io/emulators/ur/follower.h"
+#include "components/io/link/link.h"
+#include "components/io/link/robot_kinematics.h"
+#include "components/io/links/rtde_line.h"
+#include "components/io/links/synchronisation.h"
+#include "components/unit/settings.h"
+#include "models/trajectory/axes.h"
+
+namespace cotwin::io {
+
+/// A Universal Robots arm behind RTDE: the PC's side. A step takes the data packages that have come and gives the newest:
+///   q, q̇       actual_q, actual_qd;  q̈: differences of q̇ by the robot's time, low-pass `ddq_cutoff`
+///   τ          actual_current_as_torque; else actual_current × torque_per_current, if that is given; else none
+///   τ_e        J^T actual_TCP_force, at the flange (e-Series) or the TCP (CB3), if the robot's URDF is given; else none
+///   command    mode=monitor: nothing is written; mode=position: registers that the program follow.script on the robot follows (rtde/follower.h), one command per step with new
+///              data, from q_command with the PD synchronisation (synchronisation.h); until the robot follows, its own target position
+/// A robot that sends nothing for `timeout` is not connected: q and τ are held, q̇, q̈ and τ_e are 0. Connections are set up again without
+/// end; commands then begin at the robot's own target position, also while its program still follows.
+/// Inputs that are not finite, and positions beyond rtde::kLargestNumber, are not sent: their last usable values are (`refused`).
+class RtdeLink final : public Link {
+ public:
+  RtdeLink(Settings& settings, const std::vector<trajectory::Axis>& joints);
+
+  void declare(Variables& v, JointVariables& joints) override;
+  void initialise(Time start, Measured& measured) override;
+  StepResult step(Time now, Duration h, const Command& command, Measured& measured) override;
+  bool restorable() const override { return false; }
+  TickSource* tick_source() override { return &line_; }
+  Needs needs() const override;
+  void tell(std::vector<std::string>& sentences) const override;
+
+ private:
+  static constexpr std::size_t kRegisters = 24;  // for clients of RTDE
+
+  void choose_mode();
+  double patience() const;
+  rtde::ClientSettings client_settings() const;
+  bool take_all(Time now, Measured& measured);
+  void measure(Measured& measured);
+  void measure_forces(Measured& measured);
+  void count_reflected();
+  bool take_registers();
+  void send(const Command& command, Measured& measured);
+  void follow(const Command& command, bool usable);
+  void note_loss(Measured& measured);
+  void write_outputs();
+  bool robot_ready() const;
+
+  std::size_t n_;
+  RtdeLine line_;
+  Synchronisation synchronisation_;
+  std::optional<RobotKinematics> kinematics_;  // if the robot's URDF is given
+  bool commands_ = false;                      // mode=position
+  // Inputs.
+  std::int32_t digital_command_ = 0;
+  std::array<double, kRegisters> double_command_{};
+  std::array<std::int32_t, kRegisters> int_command_{};
+  // Parameters.
+  std::string controller_ = "127.0.0.1", mode_ = "monitor";
+  double frequency_ = 500, timeout_ = 0.1, wait_ = 0, ddq_cutoff_ = 50;
+  std::int32_t digital_mask_ = 0;
+  bool registers_ = false;
+  std::vector<double> dq_command_max_, torque_per_current_;
+  // Tunables.
+  bool command_ = true, tau_e_gated_ = false;
+  std::vector<double> K_P_, K_D_;
+  // Outputs.
+  bool connected_ = false, commanding_ = false;
+  std::int32_t state_ = 0, robot_mode_ = 0, safety_ = 0, runtime_ = 0, digital_in_ = 0, digital_out_ = 0;
+  double t_robot_ = 0, speed_scaling_ = 0;
+  std::vector<double> q_robot_, q_sent_, e_, current_;
+  std::array<double, 6> F_e_{};
+  std::array<double, 3> p_{};
+  std::array<double, 4> quat_{1, 0, 0, 0};
+  std::array<double, kRegisters> double_value_{};
+  std::array<std::int32_t, kRegisters> int_value_{};
+  std::array<std::int32_t, 4> version_{};
+  std::int32_t received_ = 0, skipped_ = 0, rejected_ = 0, sent_ = 0, unsent_ = 0, refused_ = 0, losses_ = 0, connections_ = 0;
+  double jitter_ = 0, round_trip_ = 0;
+  // Of the session.
+  bool has_torque_ = false, following_ = false, was_connected_ = false, waiting_ = false, pose_fits_ = true;
+  std::uint64_t set_ups_ = 0;                        // of the connection
+  double t_sent_ = -1;                               // s, robot's time of the last command that was sent; −1: none
+  double t_commanded_ = -1;                          // s, robot's time when the last command was chosen; −1: none
+  double elapsed_ = 0;                               // s, robot's time between the last two packages
+  std::array<double, kRegisters> registers_sent_{};  // the last finite values of double_command
+  std::int64_t heard_ = 0;                           // ns, scenario time of the last package
+  std::int64_t arrived_ = 0;                         // ns, host
+  std::int32_t counter_ = 0, reflected_ = 0;
+  std::array<std::int64_t, 256> sent_at_{};  // ns, host, by counter
+  std::int64_t trips_ = 0;
+  double lost_time_ = 0;  // s
+};
+
+}  // namespace cotwin::io

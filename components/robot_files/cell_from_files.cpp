@@ -1,0 +1,117 @@
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <map>
+#include <set>
+#include <utility>
+
+#include "components/robot_files/joint_settings.h"
+#include "components/unit/settings.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/robot/urdf/urdf.h"
+#include "models/scene/cell.h"
+#include "models/scene/sdf/sdf.h"
+#include "models/scene/urdf/urdf_shapes.h"
+
+namespace cotwin {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+/// Adds the shapes of the tools in the setting `tools` to the bodies that will carry them. A robot without the frame of a tool
+/// does not get it.
+void add_tools(const std::string& setting, scene::PlacedRobot& placed, const std::function<fs::path(const std::string&)>& find,
+               std::vector<std::string>& warnings) {
+  std::map<std::string, robot::Frame> frames;
+  for (const robot::Frame& frame : placed.model.frames) frames[frame.name] = frame;
+  for (const std::string_view item : text::split(setting, ';')) {
+    if (text::trim(item).empty()) continue;
+    const std::vector<std::string_view> parts = text::split(item, '|');
+    std::vector<double> numbers;
+    if (parts.size() == 5) {
+      for (const std::size_t part : {2, 3}) {
+        for (const std::string_view number : text::split(parts[part], ' ')) {
+          if (number.empty()) continue;
+          numbers.push_back(text::parse_real(number).value_or(std::numeric_limits<double>::quiet_NaN()));
+        }
+      }
+    }
+    if (numbers.size() != 6 || !std::ranges::all_of(numbers, [](double x) { return std::isfinite(x); }))
+      throw Error("tools=" + setting, "'" + std::string(item) + "', expected name|frame|x y z|roll pitch yaw|URDF");
+    const std::string name(parts[0]);
+    const auto parent = frames.find(std::string(parts[1]));
+    if (parent == frames.end()) continue;
+    const fs::path file = find(std::string(parts[4]));
+    const robot::RobotModel tool = robot::load_urdf(file);
+    const int body = parent->second.body;
+    const Pose X_PA{rotation_from_rpy(numbers[3], numbers[4], numbers[5]), {numbers[0], numbers[1], numbers[2]}};
+    const Pose X_BA = parent->second.X_BF * X_PA;
+    for (const robot::Frame& frame : tool.frames) {
+      const std::string& on_robot = frame.name == tool.base.name ? name : frame.name;
+      frames[on_robot] = {on_robot, body, X_BA * frame.X_BF};
+    }
+    const std::vector<std::vector<scene::Shape>> shapes = scene::shapes_of_urdf(file, tool, &warnings);
+    for (scene::Shape shape : shapes.front()) {
+      shape.X_BS = X_BA * shape.X_BS;
+      shape.tool = name;
+      placed.shapes[static_cast<std::size_t>(body + 1)].push_back(std::move(shape));
+    }
+  }
+}
+
+}  // namespace
+
+scene::Cell Settings::cell() {
+  scene::Cell cell;
+  std::vector<std::string> found;
+  if (const std::string name = text("scene"); name != "none" && !name.empty()) {
+    const bool is_path = name.find('/') != std::string::npos || fs::path(name).has_extension();
+    const fs::path path = file(is_path ? name : "scenes/" + name + "/scene.sdf", " (another scene: --set scene=PATH.sdf)");
+    cell.scene = scene::load(path, &found);
+  } else {
+    cell.scene.name = "none";
+  }
+
+  const std::string tools = text("tools");
+  robot::UrdfOptions options;
+  if (choice("unphysical") == "warn") options.unphysical = robot::Unphysical::kWarn;
+  const auto place = [&](const std::string& name, const fs::path& urdf) {
+    robot::UrdfOptions own = options;
+    take_joint_settings("unit:" + unit_, name, text("lock"), text("passive"), own);
+    scene::PlacedRobot robot{name, robot::load_urdf(urdf, own, &found), {}};
+    robot.shapes = scene::shapes_of_urdf(urdf, robot.model, &found);
+    add_tools(
+        tools, robot, [this](const std::string& tool) { return file(tool); }, found);
+    cell.robots.push_back(std::move(robot));
+  };
+  // Settings of the source have priority over those of the scenario for all units.
+  const bool one_given = query_.contains("robot");
+  if (one_given && query_.contains("robots")) {
+    throw Error("unit:" + unit_,
+                "robot=" + text("robot") + " and robots=" + text("robots") + ", expected one of the two settings");
+  }
+  const std::string several = one_given ? "" : text("robots"), one = text("robot");
+  if (!several.empty()) {
+    std::set<std::string> names;
+    for (const std::string_view entry : text::split(several, ',')) {
+      const std::size_t colon = entry.find(':');
+      if (colon == std::string_view::npos || colon == 0 || colon + 1 == entry.size()) {
+        throw Error("unit:" + unit_, "robots=" + several + ", expected name:robot,name:robot as in left:lwr4,right:panda.urdf");
+      }
+      const std::string name(entry.substr(0, colon));
+      if (!names.insert(name).second) throw Error("unit:" + unit_, "robots=" + several + ": '" + name + "' stands there twice");
+      place(name, robot_file(std::string(entry.substr(colon + 1)), " (another robot: robots=" + name + ":PATH.urdf)"));
+    }
+    check_joint_settings("unit:" + unit_, names, text("lock"), text("passive"));
+  } else if (!one.empty()) {
+    place("", robot_file());
+  }
+  for (std::string& warning : found) warn(std::move(warning));
+  cell_ = std::make_shared<const scene::Cell>(std::move(cell));
+  return *cell_;
+}
+
+}  // namespace cotwin

@@ -1,0 +1,183 @@
+#include "components/services/contact_service.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <optional>
+#include <span>
+
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+
+namespace cotwin::services {
+
+namespace {
+
+constexpr double kResting = 1e-9;  // m/s; below, a velocity has no direction
+
+/// Mass and speed of the frame at any time of a move.
+class Along {
+ public:
+  Along(const robot::RobotModel& robot, const Move& move, const ContactOptions& o)
+      : u_(o.u),
+        mechanism_(robot),
+        data_(mechanism_),
+        frame_(robot::on_body(o.frame.empty() ? robot.end_effector() : robot.frame(o.frame))),
+        B_(o.motors_held ? o.B : std::vector<double>{}),
+        f_(static_cast<int>(robot.joints.size())),
+        q_(robot.n()),
+        dq_(robot.n()),
+        ddq_(robot.n()) {
+    if (o.samples < 2 || o.samples > 1000000)
+      throw Error("effective mass", std::to_string(o.samples) + " samples, expected 2 to 1000000");
+    if (o.u && !(o.u->norm() > 1e-150 && o.u->allFinite()))
+      throw Error("direction", "has no length, expected a finite one above 0");
+    if (o.motors_held && o.B.size() != robot.joints.size())
+      throw Error("motors", "are held, but the robot has no inertias of motors, expected a drive_train.ssv");
+    const optimisation::Solution s = plan(robot, move).solution;
+    if (move.T == 0 && s.status != optimisation::Status::kFeasible)
+      throw Error("move", "no duration can be given (" + s.reason + "), expected T or other bounds");
+    path_ = s.path;
+    T = s.T;
+  }
+
+  struct Sample : MassAt {
+    double inertia = 0;
+    bool counts = false;  // for masses along the motion: the frame moves
+  };
+  Sample at(double t) {
+    path_.at(t, span(q_), span(dq_), span(ddq_));
+    robot::frame_inertia(mechanism_, data_, q_,
+                         Eigen::Map<const Eigen::VectorXd>(B_.data(), static_cast<Eigen::Index>(B_.size())), frame_, f_);
+    const Eigen::Vector3d v = f_.J.topRows<3>() * dq_;
+    const bool moves = v.norm() > kResting;
+    // At rest along the acceleration, into which the velocity turns: J q̈ at the ends of the move.
+    const Eigen::Vector3d towards = moves ? v : Eigen::Vector3d(f_.J.topRows<3>() * ddq_);
+    const Eigen::Vector3d u = u_                   ? u_->stableNormalized()
+                              : towards.norm() > 0 ? Eigen::Vector3d(towards.stableNormalized())
+                                                   : Eigen::Vector3d::UnitX();
+    Sample s;
+    s.t = t;
+    s.mass = robot::effective_mass(f_, u);
+    s.speed = u.dot(v);
+    s.inertia = robot::effective_inertia(f_, u);
+    s.counts = u_.has_value() || moves;
+    return s;
+  }
+
+  /// The place where value(sample) is largest: on a grid that does not depend on the samples of the series, then by golden section.
+  template <class Value>
+  Sample largest(const std::vector<Sample>& grid, Value value) {
+    std::size_t k = 0;
+    for (std::size_t i = 1; i < grid.size(); ++i)
+      if (value(grid[i]) > value(grid[k])) k = i;
+    Sample best = grid[k];
+    if (k == 0 || k + 1 == grid.size() || !std::isfinite(value(best))) return best;
+    constexpr double kGolden = 0.6180339887498949;
+    double a = grid[k - 1].t, b = grid[k + 1].t;
+    Sample x = at(b - kGolden * (b - a)), y = at(a + kGolden * (b - a));
+    for (int i = 0; i < 40; ++i) {
+      if (value(x) > value(y)) {
+        b = y.t, y = x;
+        x = at(b - kGolden * (b - a));
+      } else {
+        a = x.t, x = y;
+        y = at(a + kGolden * (b - a));
+      }
+      for (const Sample& s : {x, y})
+        if (value(s) > value(best)) best = s;
+    }
+    return best;
+  }
+
+  std::vector<Sample> grid() {
+    constexpr int kIntervals = 1000;
+    std::vector<Sample> all;
+    for (int i = 0; i <= kIntervals; ++i) all.push_back(at(T * i / kIntervals));
+    if (std::ranges::none_of(all, &Sample::counts))
+      for (Sample& s : all) s.counts = true;
+    return all;
+  }
+
+  PathMasses masses(const std::vector<Sample>& grid, std::size_t samples) {
+    constexpr double kNever = -std::numeric_limits<double>::infinity();
+    const bool all = grid.front().counts && grid.back().counts;
+    PathMasses m;
+    m.T = T;
+    m.start = grid.front();
+    m.end = grid.back();
+    m.lightest = largest(grid, [&](const Sample& s) { return all || s.counts ? -s.mass : kNever; });
+    m.heaviest = largest(grid, [&](const Sample& s) { return all || s.counts ? s.mass : kNever; });
+    m.fastest = largest(grid, [](const Sample& s) { return std::abs(s.speed); });
+    for (std::size_t i = 0; i < samples; ++i) {
+      const Sample s = at(T * static_cast<double>(i) / static_cast<double>(samples - 1));
+      m.t.push_back(s.t);
+      m.mass.push_back(s.mass);
+      m.inertia.push_back(s.inertia);
+      m.speed.push_back(s.speed);
+    }
+    return m;
+  }
+
+  double T = 0;  // s
+
+ private:
+  static std::span<double> span(Eigen::VectorXd& x) { return {x.data(), static_cast<std::size_t>(x.size())}; }
+
+  std::optional<Eigen::Vector3d> u_;
+  robot::Mechanism mechanism_;
+  robot::Data data_;
+  robot::FrameOnBody frame_;
+  std::vector<double> B_;
+  robot::FrameInertia f_;
+  Eigen::VectorXd q_, dq_, ddq_;
+  trajectory::Path path_;
+};
+
+}  // namespace
+
+PathMasses masses_along(const robot::RobotModel& robot, const Move& move, const ContactOptions& options) {
+  Along along(robot, move, options);
+  return along.masses(along.grid(), options.samples);
+}
+
+PathSafety safety_along(const robot::RobotModel& robot, const Move& move, const ContactOptions& o) {
+  if (o.parts.empty()) throw Error("parts", "name no body part, expected at least one");
+  if (!(o.area >= 0 && std::isfinite(o.area)))
+    throw Error("area", text::to_text(o.area) + " m2, expected a number of 0 or more");
+  Along along(robot, move, o);
+  const std::vector<Along::Sample> grid = along.grid();
+  PathSafety r;
+  r.masses = along.masses(grid, o.samples);
+  r.T = along.T;
+  r.safe = true;
+  for (const robot::BodyPart& part : o.parts) {
+    const double force = (o.transient ? part.transient : part.quasi_static).on(o.area);
+    const auto limit = [&](const MassAt& s) {
+      return force > 0 ? robot::speed_limit_of_force(force, part.stiffness, robot::reduced_mass(s.mass, part.mass)) : 0;
+    };
+    const auto share = [&](const MassAt& s) {
+      const double permitted = limit(s);
+      return s.speed == 0 ? 0 : permitted > 0 ? std::abs(s.speed) / permitted : std::numeric_limits<double>::infinity();
+    };
+    const auto energy = [&](const MassAt& s) {
+      return robot::collision_energy(robot::reduced_mass(s.mass, part.mass), std::abs(s.speed));
+    };
+    const MassAt worst = along.largest(grid, share), hardest = along.largest(grid, energy);
+    PartRisk risk;
+    risk.name = part.name;
+    risk.share = share(worst);
+    risk.t = worst.t;
+    risk.speed = std::abs(worst.speed);
+    risk.limit = limit(worst);
+    risk.energy = energy(hardest);
+    risk.t_energy = risk.energy > 0 ? hardest.t : 0;
+    // Speeds are proportional to 1/T, masses and limits depend on the shape alone.
+    risk.T_safe = r.T * risk.share;
+    r.safe = r.safe && risk.share <= 1 + 1e-12;
+    r.parts.push_back(risk);
+  }
+  return r;
+}
+
+}  // namespace cotwin::services

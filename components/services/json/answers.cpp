@@ -1,0 +1,282 @@
+#include "components/services/json/answers.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "models/foundation/support/text.h"
+
+namespace cotwin::services {
+
+namespace {
+
+bool feasible(const Plan& p) { return p.solution.status == optimisation::Status::kFeasible; }
+
+/// Series of a move per joint.
+Json series_of(const robot::RobotModel& robot, const Torques& t, bool terms) {
+  const JointUnits units(robot);
+  const std::size_t n = robot.joints.size();
+  const auto column = [&](const std::vector<double>& rows, std::size_t j) {
+    std::vector<double> own;
+    for (std::size_t i = j; i < rows.size(); i += n) own.push_back(rows[i]);
+    return own;
+  };
+  Json joints = Json::array();
+  for (std::size_t j = 0; j < n; ++j) {
+    const auto name = [&](const char* plain, int order) { return std::string(plain) + "_" + units.of(j, order); };
+    Json own{{"joint", robot.joints[j].name},
+             {name("q", 0), column(t.q, j)},
+             {name("dq", 1), column(t.dq, j)},
+             {name("ddq", 2), column(t.ddq, j)}};
+    std::vector<double> sum = column(t.inertial, j);
+    const std::vector<double> coriolis = column(t.coriolis, j), gravity = column(t.gravity, j), drive = column(t.drive, j);
+    if (terms) {
+      own[name("inertial", 4)] = sum;
+      own[name("coriolis", 4)] = coriolis;
+      own[name("gravity", 4)] = gravity;
+      own[name("drive", 4)] = drive;
+    }
+    for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += coriolis[i] + gravity[i] + drive[i];
+    own[name("tau", 4)] = sum;
+    joints.push_back(own);
+  }
+  return {{"t_s", t.t}, {"joints", joints}};
+}
+
+int read_samples(Reader& r) { return r.integer("samples", 2, 100000, 101); }
+
+/// plan(), or an error where no duration is possible.
+Plan plan_of(const Robot& robot, const Move& m) {
+  Plan p = plan(robot.model, m);
+  if (m.T == 0 && !feasible(p))
+    throw RequestError("",
+                       "no duration of the move meets the bounds (" + p.solution.reason + "), expected T_s or other bounds");
+  return p;
+}
+
+Move at(const Move& m, double T) {
+  Move timed = m;
+  timed.T = T;
+  return timed;
+}
+
+}  // namespace
+
+Json answer_feasibility(const Robot& robot, Reader& r, const Context& context) {
+  const Move m = read_move(robot, r, true);
+  const Detail detail = read_detail(r);
+  const int samples = read_samples(r);
+  r.finish();
+  if (context.only_read) return {};
+  const Plan p = plan(robot.model, m);
+  const optimisation::Solution& s = p.solution;
+  const bool none = m.T == 0 && !feasible(p);
+  Json reply{{"feasible", feasible(p)},
+             {"reason", s.reason},
+             {"T_s", none ? Json(nullptr) : Json(s.T)},
+             {"limiting", limiting_of(robot.model, s.peaks)}};
+  add_notes(reply, p.notes);
+  if (detail >= Detail::kMargins) reply["joints"] = peaks_of(robot.model, s.peaks);
+  if (detail >= Detail::kSeries && !none)
+    reply["series"] = series_of(robot.model, torques(robot.model, at(m, s.T), static_cast<std::size_t>(samples)), false);
+  if (detail == Detail::kAll) {
+    reply["torque_squared_integral"] = p.torque();
+    reply["work_J"] = p.work();
+    reply["shared_work_J"] = p.shared_work();
+    if (!none) reply["motion"] = motion_of(robot, m, s.T);
+  }
+  return reply;
+}
+
+Json answer_cycle_time(const Robot& robot, Reader& r, const Context& context) {
+  const Move m = read_move(robot, r, false);
+  const double process = r.number("T_process_s", 0);
+  const Detail detail = read_detail(r);
+  r.finish();
+  if (process < 0) throw RequestError("/T_process_s", "is negative, expected 0 or more");
+  if (context.only_read) return {};
+  const Plan p = plan(robot.model, m);
+  const bool possible = feasible(p);
+  const double T = p.solution.T;
+  Json reply{{"feasible", possible},
+             {"reason", p.solution.reason},
+             {"T_s", possible ? Json(T) : Json(nullptr)},
+             {"T_cycle_s", possible ? Json(T + process) : Json(nullptr)},
+             {"moves_per_hour", possible ? Json(3600 / (T + process)) : Json(nullptr)},
+             {"limiting", limiting_of(robot.model, p.solution.peaks)}};
+  add_notes(reply, p.notes);
+  if (detail >= Detail::kMargins) reply["joints"] = peaks_of(robot.model, p.solution.peaks);
+  if (detail >= Detail::kSeries && possible)
+    reply["series"] = series_of(robot.model, torques(robot.model, at(m, T), 101), false);
+  if (detail == Detail::kAll && possible) reply["motion"] = motion_of(robot, m, T);
+  return reply;
+}
+
+Json answer_torques(const Robot& robot, Reader& r, const Context& context) {
+  const Move m = read_move(robot, r, true);
+  const Detail detail = read_detail(r);
+  const int samples = read_samples(r);
+  r.finish();
+  if (context.only_read) return {};
+  const Plan p = plan_of(robot, m);
+  Json reply{{"T_s", p.solution.T}, {"feasible", feasible(p)}, {"reason", p.solution.reason}};
+  add_notes(reply, p.notes);
+  const JointUnits units(robot.model);
+  const std::size_t n = robot.model.joints.size();
+  if (detail >= Detail::kMargins) {
+    const Torques t = torques_at_peaks(robot.model, at(m, p.solution.T));
+    Json joints = Json::array();
+    for (std::size_t j = 0; j < n; ++j) {
+      const auto largest = [&](const std::vector<double>& rows) {
+        double most = 0;
+        for (std::size_t i = j; i < rows.size(); i += n)
+          if (std::abs(rows[i]) > std::abs(most)) most = rows[i];
+        return most;
+      };
+      const std::string unit = units.of(j, 4);
+      const optimisation::Peak& peak = p.solution.peaks[j * 5 + 4];
+      Json own{{"joint", robot.model.joints[j].name},
+               {"tau_" + unit, peak.value},
+               {"t_s", peak.t},
+               {"inertial_" + unit, largest(t.inertial)},
+               {"coriolis_" + unit, largest(t.coriolis)},
+               {"gravity_" + unit, largest(t.gravity)},
+               {"drive_" + unit, largest(t.drive)}};
+      if (std::isfinite(peak.limit)) {
+        own["limit_" + unit] = peak.limit;
+        own["share"] = peak.share;
+      }
+      joints.push_back(own);
+    }
+    reply["joints"] = joints;
+  }
+  if (detail < Detail::kSeries) return reply;
+  const Torques t = torques(robot.model, at(m, p.solution.T), static_cast<std::size_t>(samples));
+  reply["series"] = series_of(robot.model, t, true);
+  if (detail == Detail::kAll) {
+    reply["torque_squared_integral"] = p.torque();
+    reply["series"]["power_W"] = t.power;
+  }
+  return reply;
+}
+
+Json answer_peak_power(const Robot& robot, Reader& r, const Context& context) {
+  const Move m = read_move(robot, r, true);
+  const Detail detail = read_detail(r);
+  const int samples = read_samples(r);
+  const double bound = r.has("power_max_W") ? r.positive("power_max_W") : 0;
+  r.finish();
+  if (context.only_read) return {};
+  const Plan p = plan_of(robot, m);
+  const PeakPower peak = peak_power(robot.model, at(m, p.solution.T));
+  const auto extreme = [](const PeakPower::Extreme& e) { return Json{{"power_W", e.power}, {"t_s", e.t}}; };
+  const bool power_ok = bound == 0 || peak.drawn.power <= bound * (1 + 1e-9);
+  Json reply{
+      {"T_s", p.solution.T},
+      {"feasible", feasible(p) && power_ok},
+      {"reason", power_ok || !feasible(p) ? p.solution.reason
+                                          : "power " + text::to_text(peak.drawn.power, 6) + " W at " +
+                                                text::to_text(peak.drawn.t, 4) + " s, bound " + text::to_text(bound, 6) + " W"},
+      {"drawn", extreme(peak.drawn)},
+      {"returned", extreme(peak.returned)}};
+  add_notes(reply, p.notes);
+  if (detail >= Detail::kMargins) {
+    Json joints = Json::array();
+    for (std::size_t j = 0; j < robot.model.joints.size(); ++j)
+      joints.push_back({{"joint", robot.model.joints[j].name},
+                        {"drawn", extreme(peak.joint_drawn[j])},
+                        {"returned", extreme(peak.joint_returned[j])}});
+    reply["joints"] = joints;
+  }
+  if (detail >= Detail::kSeries) {
+    const Torques t = torques(robot.model, at(m, p.solution.T), static_cast<std::size_t>(samples));
+    reply["series"] = {{"t_s", t.t}, {"power_W", t.power}};
+  }
+  return reply;
+}
+
+Json answer_jerk(const Robot& robot, Reader& r, const Context& context) {
+  const Move m = read_move(robot, r, true);
+  const Detail detail = read_detail(r);
+  r.finish();
+  if (context.only_read) return {};
+  const Plan p = plan_of(robot, m);
+  Move quintic = at(m, p.solution.T);
+  quintic.degree = 5;
+  quintic.c.clear();
+  const Plan reference = plan(robot.model, quintic);
+  // Of a quintic that stands still the integrals are rounding.
+  const bool stands = m.from_q == m.to_q;
+  const bool still = stands && std::ranges::all_of(m.c, [](double c) { return c == 0; });
+  const double jerk = still ? 0 : p.jerk(), acceleration = still ? 0 : p.acceleration();
+  const JointUnits units(robot.model);
+  Json reply{
+      {"T_s", p.solution.T},
+      {units.all_revolute() ? "jerk_squared_integral_rad2_per_s5" : "jerk_squared_integral", jerk},
+      {units.all_revolute() ? "acceleration_squared_integral_rad2_per_s3" : "acceleration_squared_integral", acceleration},
+      {"share_of_quintic", stands || !(reference.jerk() > 0) ? Json(nullptr) : Json(jerk / reference.jerk())}};
+  add_notes(reply, p.notes);
+  if (detail < Detail::kMargins) return reply;
+  Json joints = Json::array();
+  for (std::size_t j = 0; j < robot.model.joints.size(); ++j) {
+    const optimisation::Peak &peak = p.solution.peaks[j * 5 + 3], &other = reference.solution.peaks[j * 5 + 3];
+    const std::string unit = units.of(j, 3);
+    Json own{{"joint", robot.model.joints[j].name},
+             {"dddq_" + unit, peak.value},
+             {"t_s", peak.t},
+             {"quintic_dddq_" + unit, std::abs(other.value)}};
+    if (std::isfinite(peak.limit)) {
+      own["limit_" + unit] = peak.limit;
+      own["share"] = peak.share;
+    }
+    joints.push_back(own);
+  }
+  reply["joints"] = joints;
+  return reply;
+}
+
+Json answer_throughput(const Robot& robot, Reader& r, const Context& context) {
+  const Move m = read_move(robot, r, true);
+  const auto list = [&](const char* name) {
+    const Json* value = r.any(name);
+    if (!value) throw RequestError(r.pointer(name), "is missing, expected a number, or one per axis of the compliance");
+    if (value->is_array() && value->empty())
+      throw RequestError(r.pointer(name), "is empty, expected a number, or one per axis of the compliance");
+    return value->is_array() ? r.numbers(name) : std::vector<double>{r.number(name)};
+  };
+  const std::vector<double> M = list("M_kg"), S = list("S_N_per_m");
+  const bool by_share = r.has("zeta");
+  const std::vector<double> D = list(by_share ? "zeta" : "D_Ns_per_m");
+  if (by_share && r.any("D_Ns_per_m")) throw RequestError("/zeta", "is given beside D_Ns_per_m, expected one of them");
+  const double share = r.number("settled_share", 0.02), process = r.number("T_process_s", 0);
+  const Detail detail = read_detail(r);
+  r.finish();
+  const std::size_t axes = std::max({M.size(), S.size(), D.size()});
+  for (const auto& [name, values] : {std::pair{"M_kg", &M}, {"S_N_per_m", &S}, {by_share ? "zeta" : "D_Ns_per_m", &D}})
+    if (values->size() != axes && values->size() != 1)
+      throw RequestError(r.pointer(name),
+                         "has " + std::to_string(values->size()) + " values, expected one or " + std::to_string(axes));
+  const auto of = [](const std::vector<double>& values, std::size_t k) { return values[values.size() == 1 ? 0 : k]; };
+  double slowest = 0;
+  std::vector<double> settle;
+  for (std::size_t k = 0; k < axes; ++k) {
+    const double damping = by_share ? 2 * of(D, k) * std::sqrt(of(M, k) * of(S, k)) : of(D, k);
+    settle.push_back(settling_time(of(M, k), damping, of(S, k), share));
+    slowest = std::max(slowest, settle.back());
+  }
+  if (context.only_read) return {};
+  const Plan p = plan_of(robot, m);
+  const Throughput t = throughput(p.solution.T, slowest, process);
+  Json reply{{"feasible", feasible(p)},     {"reason", p.solution.reason}, {"T_move_s", t.T_move},
+             {"T_settle_s", t.T_settle},    {"T_process_s", t.T_process},  {"T_cycle_s", t.T_cycle},
+             {"moves_per_hour", t.per_hour}};
+  add_notes(reply, p.notes);
+  if (detail >= Detail::kMargins) {
+    const Throughput stiff = throughput(p.solution.T, 0, process);
+    reply["axes_T_settle_s"] = settle;
+    reply["stiff_moves_per_hour"] = stiff.per_hour;
+    reply["lost_share"] = 1 - t.per_hour / stiff.per_hour;
+  }
+  return reply;
+}
+
+}  // namespace cotwin::services

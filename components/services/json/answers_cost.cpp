@@ -1,0 +1,202 @@
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "components/services/energy_service.h"
+#include "components/services/json/answers.h"
+#include "components/services/json/contact_json.h"
+
+namespace cotwin::services {
+
+namespace {
+
+/// +∞ has no number in JSON: null.
+Json finite(double x) { return std::isinf(x) ? Json(nullptr) : Json(x); }
+
+Json all_finite(const std::vector<double>& values) {
+  Json all = Json::array();
+  for (const double x : values) all.push_back(finite(x));
+  return all;
+}
+
+double sum(const std::vector<double>& x) { return std::accumulate(x.begin(), x.end(), 0.0); }
+
+EnergyOptions read_energy_options(Reader& r) {
+  EnergyOptions o;
+  o.bus = bus_of(r.word("bus", {"shared", "none", "grid"}));
+  if (r.has("cycle_s")) o.cycle = r.positive("cycle_s");
+  const auto rate = [&](const char* name) -> std::optional<double> {
+    if (!r.has(name)) return {};
+    const double x = r.number(name);
+    if (x < 0) throw RequestError(r.pointer(name), "is negative, expected 0 or more");
+    return x;
+  };
+  o.price_per_kWh = rate("price_per_kWh");
+  o.co2_per_kWh = rate("co2_kg_per_kWh");
+  o.best = r.boolean("best", false);
+  if (r.has("T_max_s")) o.T_longest = read_duration(r, "T_max_s");
+  return o;
+}
+
+void read_samples(Reader& r, ContactOptions& o) { o.samples = static_cast<std::size_t>(r.integer("samples", 2, 100000, 401)); }
+
+/// The move with its duration, and the plan's verdict as the first members of the reply. An error where no duration is possible.
+Move planned(const Robot& robot, Move m, Json& reply) {
+  const Plan p = plan(robot.model, m);
+  const optimisation::Solution& s = p.solution;
+  const bool feasible = s.status == optimisation::Status::kFeasible;
+  if (m.T == 0 && !feasible)
+    throw RequestError("", "no duration of the move can be given (" + s.reason + "), expected T_s or other bounds");
+  m.T = s.T;
+  reply["feasible"] = feasible;
+  reply["reason"] = s.reason;
+  add_notes(reply, p.notes);
+  return m;
+}
+
+Json place(const MassAt& at) { return {{"mass_kg", finite(at.mass)}, {"speed_m_per_s", at.speed}, {"t_s", at.t}}; }
+
+Json series_of(const PathMasses& m) {
+  return {{"t_s", m.t}, {"mass_kg", all_finite(m.mass)}, {"inertia_kgm2", all_finite(m.inertia)}, {"speed_m_per_s", m.speed}};
+}
+
+}  // namespace
+
+Json answer_energy(const Robot& robot, Reader& r, const Context& context) {
+  const Move m = read_move(robot, r, true);
+  const EnergyOptions options = read_energy_options(r);
+  for (const char* name : {"bus", "price_per_kWh", "co2_kg_per_kWh"})
+    r.only_if(robot.energy.has_value(), name, "an energy.ssv beside the URDF");
+  r.only_if(options.best, "T_max_s", "best");
+  const Detail detail = read_detail(r);
+  r.finish();
+  if (options.best && !robot.energy)
+    throw RequestError(
+        "/best", "is true, but the robot has no energy.ssv beside its URDF, expected one: work alone has no best duration");
+  if (options.cycle > 0 && !robot.energy)
+    throw RequestError("/cycle_s",
+                       "is given, but the robot has no energy.ssv beside its URDF, expected one with its stand-by power");
+  if (context.only_read) return {};
+  const MotionCost c = energy_of(robot, m, options);
+  const energetics::EnergyBooks& b = c.energy.books;
+  const optimisation::Solution& s = c.plan.solution;
+  Json reply{{"T_s", s.T},
+             {"feasible", s.status == optimisation::Status::kFeasible},
+             {"reason", s.reason},
+             {"boundary", c.with_drives ? "mains" : "joints"},
+             {"energy_J", c.with_drives ? c.total() : sum(b.mechanical_positive)}};
+  add_notes(reply, c.plan.notes);
+  if (c.with_drives) {
+    // 0 in energy.ssv means that the rate is unknown.
+    const energetics::Supply& supply = robot.energy->supply;
+    reply["price"] = options.price_per_kWh || supply.price_per_kWh > 0 ? Json(c.price) : Json(nullptr);
+    reply["co2_kg"] = options.co2_per_kWh || supply.co2_per_kWh > 0 ? Json(c.co2) : Json(nullptr);
+    reply["assumed"] = c.assumed;
+  }
+  if (c.best) {
+    reply["best"] = {{"T_s", c.best->T},
+                     {"energy_J", c.best->energy},
+                     {"saved_J", c.best->energy_here - c.best->energy},
+                     {"at_shortest", c.best->at_shortest},
+                     {"at_longest", c.best->at_longest},
+                     {"brakes_close", c.best->brakes_close}};
+  }
+  if (detail < Detail::kMargins) return reply;
+  reply["work_positive_J"] = sum(b.mechanical_positive);
+  reply["work_negative_J"] = sum(b.mechanical_negative);
+  reply["friction_J"] = c.energy.friction;
+  reply["kinetic_J"] = c.energy.kinetic;
+  reply["potential_J"] = c.energy.potential;
+  if (c.with_drives) {
+    reply["copper_J"] = sum(b.copper);
+    reply["converter_J"] = sum(b.converter);
+    reply["iron_J"] = sum(b.iron);
+    reply["idle_J"] = b.idle;
+    reply["regenerable_J"] = b.regenerable;
+    reply["supplied_J"] = b.link.supplied;
+    reply["returned_J"] = b.link.returned;
+    reply["chopped_J"] = b.link.chopped;
+    reply["stored_J"] = b.stored;
+    reply["supply_losses_J"] = b.supply_losses;
+    reply["controller_J"] = b.controller;
+    reply["drawn_J"] = b.drawn;
+    reply["peak_power_W"] = b.peak_power;
+    reply["peak_power_t_s"] = c.energy.t_peak;
+    if (options.cycle > 0)
+      reply["waiting"] = {{"T_s", options.cycle - s.T}, {"energy_J", c.waiting_energy}, {"brakes_close", c.waiting.closes}};
+  }
+  Json joints = Json::array();
+  for (std::size_t j = 0; j < robot.model.joints.size(); ++j) {
+    Json own{{"joint", robot.model.joints[j].name},
+             {"work_positive_J", b.mechanical_positive[j]},
+             {"work_negative_J", b.mechanical_negative[j]}};
+    if (c.with_drives) {
+      own["copper_J"] = b.copper[j];
+      own["converter_J"] = b.converter[j];
+      own["iron_J"] = b.iron[j];
+    }
+    joints.push_back(own);
+  }
+  reply["joints"] = joints;
+  if (detail < Detail::kSeries) return reply;
+  Move timed = m;
+  timed.T = s.T;
+  const Torques t = torques(robot.model, timed, 201);
+  reply["series"] = {{"t_s", t.t}, {"mechanical_power_W", t.power}};
+  if (detail == Detail::kAll) reply["residual_J"] = c.energy.residual();
+  return reply;
+}
+
+Json answer_effective_mass(const Robot& robot, Reader& r, const Context& context) {
+  const Move m = read_move(robot, r, true);
+  ContactOptions o = read_contact_frame(robot, r);
+  read_samples(r, o);
+  const Detail detail = read_detail(r);
+  r.finish();
+  if (context.only_read) return {};
+  Json reply = Json::object();
+  const PathMasses masses = masses_along(robot.model, planned(robot, m, reply), o);
+  reply.update(Json{{"T_s", masses.T}, {"lightest", place(masses.lightest)}, {"heaviest", place(masses.heaviest)}});
+  if (detail >= Detail::kMargins) {
+    reply["fastest"] = place(masses.fastest);
+    reply["start"] = place(masses.start);
+    reply["end"] = place(masses.end);
+  }
+  if (detail >= Detail::kSeries) reply["series"] = series_of(masses);
+  return reply;
+}
+
+Json answer_safety(const Robot& robot, Reader& r, const Context& context) {
+  const Move m = read_move(robot, r, true);
+  ContactOptions o = read_contact_frame(robot, r);
+  read_samples(r, o);
+  read_body_parts(robot, r, o);
+  const Detail detail = read_detail(r);
+  r.finish();
+  if (context.only_read) return {};
+  Json reply = Json::object();
+  const PathSafety s = safety_along(robot.model, planned(robot, m, reply), o);
+  const PartRisk* worst = &s.parts.front();
+  for (const PartRisk& part : s.parts)
+    if (part.share > worst->share) worst = &part;
+  reply.update(Json{{"safe", s.safe}, {"T_s", s.T}, {"T_safe_s", finite(worst->T_safe)}, {"worst_part", worst->name}});
+  if (detail >= Detail::kMargins) {
+    Json parts = Json::array();
+    for (const PartRisk& p : s.parts)
+      parts.push_back({{"part", p.name},
+                       {"share", finite(p.share)},
+                       {"t_s", p.t},
+                       {"speed_m_per_s", p.speed},
+                       {"limit_m_per_s", finite(p.limit)},
+                       {"energy_J", p.energy},
+                       {"energy_t_s", p.t_energy},
+                       {"T_safe_s", finite(p.T_safe)}});
+    reply["parts"] = parts;
+    reply["heaviest"] = place(s.masses.heaviest);
+    reply["fastest"] = place(s.masses.fastest);
+  }
+  if (detail >= Detail::kSeries) reply["series"] = series_of(s.masses);
+  return reply;
+}
+
+}  // namespace cotwin::services

@@ -1,0 +1,341 @@
+#include <algorithm>
+#include <cmath>
+#include <memory>
+
+#include "components/services/energy_service.h"
+#include "components/services/json/answers.h"
+#include "components/services/json/compliance_json.h"
+#include "components/services/json/contact_json.h"
+#include "components/services/json/end_pose_json.h"
+#include "components/services/json/verify_json.h"
+#include "models/optimisation/particle_table.h"
+
+namespace cotwin::services {
+
+namespace {
+
+using optimisation::CostTerm;
+using optimisation::Problem;
+using optimisation::Solution;
+using optimisation::Status;
+
+/// Names of costs with their units.
+const char* unit_of(optimisation::Quantity q) {
+  using Q = optimisation::Quantity;
+  switch (q) {
+    case Q::kTime:
+      return "time_s";
+    case Q::kTorque:
+      return "torque_squared_integral";
+    case Q::kWork:
+      return "work_J";
+    case Q::kSharedWork:
+      return "shared_work_J";
+    case Q::kAcceleration:
+      return "acceleration_squared_integral";
+    case Q::kJerk:
+      return "jerk_squared_integral";
+    case Q::kMass:
+      return "effective_mass_kg";
+    case Q::kSafety:
+      return "safety_share";
+    case Q::kCycle:
+      return "cycle_time_s";
+    case Q::kStiffness:
+      return "stiffness_N_per_m";
+    default:
+      return "energy_J";
+  }
+}
+
+CostTerm term_of(const std::string& name, double weight, const std::string& pointer) {
+  using Q = optimisation::Quantity;
+  std::string names;
+  for (int i = 0; i <= static_cast<int>(Q::kStiffness); ++i) {
+    CostTerm term;
+    term.quantity = static_cast<Q>(i);
+    if (term.quantity == Q::kPower) continue;  // a function in C++
+    if (name == optimisation::to_text(term.quantity)) {
+      term.weight = weight;
+      return term;
+    }
+    names += std::string(names.empty() ? "" : ", ") + optimisation::to_text(term.quantity);
+  }
+  throw RequestError(pointer, "is '" + name.substr(0, 40) + "', expected one of " + names);
+}
+
+std::vector<CostTerm> read_costs(Reader& r, const std::string& rule) {
+  const Json* given = r.any("cost");
+  if (!given) return {term_of("torque", 1, "/cost")};
+  if (given->is_string()) return {term_of(given->get<std::string>(), 1, r.pointer("cost"))};
+  if (!given->is_array() || given->empty())
+    throw RequestError(r.pointer("cost"), "expected the name of a cost, or an array of {\"name\", \"weight\"}");
+  std::vector<CostTerm> terms;
+  for (std::size_t i = 0; i < given->size(); ++i) {
+    Reader one((*given)[i], r.pointer("cost") + "/" + std::to_string(i));
+    const std::string name = one.text("name");
+    one.only_if(rule == "weighted", "weight", "the rule weighted");
+    const double weight = one.number("weight", 1);
+    one.finish();
+    if (weight < 0) throw RequestError(one.pointer("weight"), "is negative, expected 0 or more");
+    const CostTerm term = term_of(name, weight, one.pointer("name"));
+    if (std::ranges::any_of(terms, [&](const CostTerm& t) { return t.quantity == term.quantity; }))
+      throw RequestError(one.pointer("name"), "is '" + name + "' again, expected each cost once");
+    terms.push_back(term);
+  }
+  return terms;
+}
+
+Json costs_of(const Problem& p, const std::vector<double>& costs) {
+  Json all = Json::object();
+  for (std::size_t i = 0; i < p.costs.size(); ++i) all[unit_of(p.costs[i].quantity)] = costs[i];
+  return all;
+}
+
+bool has_cost(const Problem& p, optimisation::Quantity quantity) {
+  return std::ranges::any_of(p.costs, [&](const CostTerm& t) { return t.quantity == quantity; });
+}
+
+Problem problem_of(const Robot& robot, const Move& m, const std::string& rule, Reader& r) {
+  Problem p;
+  p.robot = robot.model;
+  const std::vector<double> zero(robot.model.joints.size(), 0.0);
+  p.ends = {m.from_q, zero, zero, m.to_q, zero, zero};
+  p.degree = r.has("degree") ? m.degree : 9;
+  p.drives = m.drives;
+  p.bounds = optimisation::bounds_of(robot.model);
+  const auto take = [](std::vector<double>& bound, const std::vector<double>& own) {
+    if (!own.empty()) bound = own;
+  };
+  take(p.bounds.q_min, m.bounds.q_min);
+  take(p.bounds.q_max, m.bounds.q_max);
+  take(p.bounds.dq, m.bounds.dq);
+  take(p.bounds.ddq, m.bounds.ddq);
+  take(p.bounds.dddq, m.bounds.dddq);
+  take(p.bounds.tau, m.bounds.tau);
+  for (const char* other : {"T_s", "T_min"})
+    if (r.gives(other))
+      throw RequestError(r.pointer(other), "is no member of optimise, expected T_min_s, and T_max_s to search the duration");
+  p.T_min = read_duration(r, "T_min_s");
+  p.T_max = r.has("T_max_s") ? read_duration(r, "T_max_s") : p.T_min;
+  if (p.T_max < p.T_min) throw RequestError("/T_max_s", "is less than T_min_s, expected at least that");
+  p.costs = read_costs(r, rule);
+  const std::string bus = r.word("bus", {"shared", "none", "grid"});
+  r.only_if(has_cost(p, optimisation::Quantity::kEnergy), "bus", "the cost energy");
+  for (const CostTerm& term : p.costs) {
+    if (term.quantity != optimisation::Quantity::kEnergy) continue;
+    if (!robot.energy)
+      throw RequestError("/cost", "is energy, but the robot has no energy.ssv beside its URDF, expected one, or the cost work");
+    const EnergyData& e = *robot.energy;
+    p.electrical = optimisation::Electrical{e.losses, e.current, bus_of(bus), e.link, e.supply, e.standby};
+  }
+  return p;
+}
+
+/// The frame of the costs effective_mass and safety.
+void read_contact(const Robot& robot, Reader& r, Problem& p) {
+  const bool safety = has_cost(p, optimisation::Quantity::kSafety);
+  const bool contact = safety || has_cost(p, optimisation::Quantity::kMass);
+  for (const char* name : {"frame", "direction", "motors"}) r.only_if(contact, name, "the cost effective_mass or safety");
+  for (const char* name : {"parts", "contact", "contact_area_m2"}) r.only_if(safety, name, "the cost safety");
+  if (!contact) return;
+  ContactOptions o = read_contact_frame(robot, r);
+  if (safety) read_body_parts(robot, r, o);
+  for (const robot::BodyPart& part : o.parts)
+    if (!((o.transient ? part.transient : part.quasi_static).on(o.area) > 0))
+      throw RequestError(r.pointer("parts"),
+                         "has " + part.name + ", with which this contact is not permitted, expected others");
+  optimisation::ContactFrame frame;
+  frame.frame = robot::on_body(o.frame.empty() ? robot.model.end_effector() : robot.model.frame(o.frame));
+  if (o.u) frame.u = o.u->stableNormalized();
+  if (o.motors_held) frame.B = o.B;
+  frame.parts = o.parts;
+  frame.transient = o.transient;
+  frame.area = o.area;
+  p.contact = frame;
+}
+
+/// Progress in steps of one percent: the rounds of all searches up to `most` of the work, finish() the rest.
+class Progress {
+ public:
+  Progress(const Context& context, long long rounds, double most)
+      : context_(context), percent_per_round_(100 * most / static_cast<double>(rounds)), most_(100 * most) {}
+  std::function<bool(const optimisation::Round&)> on_round() {
+    if (!context_.progress) return {};
+    return [this](const optimisation::Round&) {
+      ++round_;
+      tell(std::floor(std::min(most_, percent_per_round_ * static_cast<double>(round_) + 1e-9)),
+           "round " + std::to_string(round_));
+      return true;
+    };
+  }
+  void finish() {
+    if (context_.progress) tell(100, "done");
+  }
+
+ private:
+  void tell(double percent, const std::string& message) {
+    if (percent <= told_) return;
+    told_ = percent;
+    context_.progress(0.01 * percent, message);
+  }
+
+  const Context& context_;
+  double percent_per_round_, most_, told_ = 0;
+  long long round_ = 0;
+};
+
+/// By how much each cost is below that of the quintic, relative.
+Json shares_of(const Problem& p, const std::vector<double>& costs, const std::vector<double>& quintic) {
+  Json all = Json::object();
+  for (std::size_t i = 0; i < p.costs.size(); ++i)
+    all[unit_of(p.costs[i].quantity)] = quintic[i] > 0 ? Json(1 - costs[i] / quintic[i]) : Json(nullptr);
+  return all;
+}
+
+/// Refuses members that have no effect with the rule and without a verification.
+void refuse_unused(const Robot& robot, Reader& r, const std::string& rule, bool verify) {
+  r.only_if(rule == "lexicographic", "tolerance", "the rule lexicographic");
+  r.only_if(rule == "pareto", "directions", "the rule pareto");
+  for (const std::string& name : {std::string("settle_s"), JointUnits(robot.model).name("tracking_max", 0)})
+    r.only_if(verify, name.c_str(), "verify");
+}
+
+Json front_of(const Robot& robot, const Move& m, const Problem& p, const std::vector<optimisation::Round::Particle>& particles,
+              bool complete, Detail detail) {
+  Json front = Json::array();
+  for (const auto& particle : particles) {
+    Move found = m;
+    found.degree = p.degree;
+    found.c = particle.c;
+    found.to_q = particle.q_to;
+    Json one{{"T_s", particle.T}, {"costs", costs_of(p, particle.costs)}};
+    if (p.compliant) one["compliance"] = axes_json(p, particle.compliance);
+    if (detail >= Detail::kMargins) one["motion"] = motion_of(robot, found, particle.T);
+    front.push_back(one);
+  }
+  const bool some = !front.empty();
+  return {{"status", some ? "feasible" : "infeasible"},
+          {"reason", some ? "" : "no motion within the bounds was found, expected a longer T_max_s or other bounds"},
+          {"complete", complete},
+          {"front", front}};
+}
+
+}  // namespace
+
+Json answer_optimise(const Robot& robot, Reader& r, const Context& context) {
+  const Move m = read_move(robot, r, false);
+  const std::string rule = r.word("rule", {"weighted", "lexicographic", "pareto"});
+  const bool pareto = rule == "pareto", lexicographic = rule == "lexicographic";
+  Problem p = problem_of(robot, m, rule, r);
+  optimisation::SearchOptions options;
+  options.particles = r.integer("particles", 8, 100000, 200);
+  options.rounds = r.integer("rounds", 1, 100000, 500);
+  options.seed = static_cast<std::uint64_t>(r.integer("seed", 0, 2147483647, 1));
+  options.refine = r.boolean("refine", true);
+  options.evaluations = static_cast<std::uint64_t>(r.integer("evaluations_max", 1, 1000000000, 10000000));
+  if (r.has("limit_s")) options.limit = r.positive("limit_s");
+  const double tolerance = r.number("tolerance", 0.01);
+  const int directions = r.integer("directions", 2, 1000, 11);
+  const bool verify = r.boolean("verify", false);
+  const VerificationOptions verification = read_verification(robot, r);
+  std::optional<EndPose> end = read_end_pose(r, p);
+  const std::optional<ComplianceRequest> compliance = read_compliance(r, p);
+  if (!p.compliant &&
+      std::ranges::any_of(p.costs, [](const CostTerm& t) { return optimisation::needs_compliance(t.quantity); }))
+    throw RequestError("/cost", "is cycle_time or stiffness, but no compliance is searched, expected compliance with axes");
+  read_contact(robot, r, p);
+  const Detail detail = read_detail(r);
+  refuse_unused(robot, r, rule, verify);
+  r.finish();
+  const JointUnits units(robot.model);
+  if (!m.c.empty())
+    throw RequestError("/" + units.name("c_r", 0), "is given, expected it only for a move that is not optimised");
+  if (!(tolerance >= 0)) throw RequestError("/tolerance", "is negative, expected 0 or more");
+  if (pareto && p.costs.size() < 2) throw RequestError("/cost", "has one cost, expected two or more for a Pareto front");
+  if (pareto && (verify || compliance))
+    throw RequestError(verify ? "/verify" : "/compliance", std::string("is ") + (verify ? "true" : "given") +
+                                                               " with the rule pareto, expected it with one motion: the rule "
+                                                               "weighted or lexicographic" +
+                                                               (verify ? "" : ", or compliance with axes"));
+  optimisation::check(p);
+  if (context.only_read) return {};
+  const long long costs = static_cast<long long>(p.costs.size());
+  constexpr int kSearchesToPose = 3;
+  const long long searches = pareto          ? (costs + directions - 2) * (end ? 2 : 1)
+                             : lexicographic ? costs * (end ? kSearchesToPose : 1)
+                             : end           ? kSearchesToPose
+                                             : 1;
+  Progress progress(context, searches * options.rounds, options.refine || verify ? 0.9 : 1);
+  options.on_round = progress.on_round();
+  std::optional<optimisation::ParticleTable> table;
+  if (context.particles) options.on_round = table.emplace(*context.particles, p).on_round(options.on_round);
+
+  if (pareto) {
+    bool complete = true;
+    const auto particles = end ? optimisation::pareto_front_to_pose(p, directions, *end->kinematics, end->target, options,
+                                                                    context.threads, &complete)
+                               : optimisation::pareto_front(p, directions, options, context.threads, &complete);
+    progress.finish();
+    return front_of(robot, m, p, particles, complete, detail);
+  }
+
+  const Solution s = lexicographic && end ? optimisation::minimise_in_order_to_pose(p, tolerance, *end->kinematics, end->target,
+                                                                                    options, context.threads)
+                     : lexicographic      ? optimisation::minimise_in_order(p, tolerance, options, context.threads)
+                     : end ? optimisation::minimise_to_pose(p, *end->kinematics, end->target, options, context.threads)
+                           : optimisation::minimise(p, options, context.threads);
+  Move found = m;
+  found.degree = s.degree;
+  found.c = s.c;
+  found.to_q = s.q_to;
+  Problem quintic = p;
+  quintic.degree = 5;
+  if (lexicographic)  // cost is the last one, as in the search
+    for (CostTerm& term : quintic.costs) term.weight = &term == &quintic.costs.back() ? 1 : 0;
+  const Solution reference = optimisation::assess(quintic, {}, p.ends.q_to, s.T, s.compliance);
+  Json reply{{"status", optimisation::to_text(s.status)},
+             {"feasible", s.status == Status::kFeasible},
+             {"reason", s.reason},
+             {"complete", s.complete},
+             {"T_s", s.T},
+             {"cost", s.cost},
+             {"costs", costs_of(p, s.costs)},
+             {"quintic",
+              {{"T_s", reference.T},
+               {"feasible", reference.status == Status::kFeasible},
+               {"reason", reference.reason},
+               {"cost", reference.cost},
+               {"costs", costs_of(p, reference.costs)}}},
+             {"saved_share", reference.cost > 0 ? Json(1 - s.cost / reference.cost) : Json(nullptr)},
+             {"saved_shares", shares_of(p, s.costs, reference.costs)},
+             {"limiting", limiting_of(robot.model, s.peaks)},
+             {"motion", motion_of(robot, found, s.T)}};
+  if (p.T_min < p.T_max)
+    if (const std::string note = creeping(p, s); !note.empty()) add_notes(reply, {note});
+  if (end && !end->has_freedom) add_notes(reply, {"to_pose leaves the joints no freedom: the end posture is the given one"});
+  if (p.compliant) reply["compliance"] = compliance_json(p, s);
+  if (compliance) {
+    reply["compliance"] = compliance_json(*compliance, s.T, options.seed);
+    if (reply["feasible"] == true && reply["compliance"]["feasible"] == false) {
+      reply["feasible"] = false;
+      reply["reason"] = "compliance: " + reply["compliance"]["reason"].get<std::string>();
+    }
+  }
+  if (detail >= Detail::kMargins) {
+    reply["evaluations"] = s.evaluations;
+    reply["pruned"] = s.pruned;
+    reply["joints"] = peaks_of(robot.model, s.peaks);
+  }
+  if (detail == Detail::kAll) reply["history"] = s.history;
+  if (verify) {
+    Json twin = verification_json(robot, found, s.T, verification, context, detail);
+    add_notes(reply, twin.value("notes", std::vector<std::string>{}));
+    twin.erase("notes");
+    reply["verification"] = std::move(twin);
+  }
+  progress.finish();
+  return reply;
+}
+
+}  // namespace cotwin::services

@@ -1,0 +1,45 @@
+#include "components/services/json/contact_json.h"
+
+#include "models/foundation/support/error.h"
+
+namespace cotwin::services {
+
+ContactOptions read_contact_frame(const Robot& robot, Reader& r) {
+  ContactOptions o;
+  o.frame = r.text("frame", "");
+  if (!o.frame.empty()) {
+    try {
+      robot.model.frame(o.frame);
+    } catch (const Error& e) {
+      throw RequestError(r.pointer("frame"), e.what());
+    }
+  }
+  if (r.has("direction")) {
+    const std::vector<double> u = r.numbers("direction");
+    if (u.size() != 3 || !(Eigen::Vector3d(u[0], u[1], u[2]).norm() > 0))
+      throw RequestError(r.pointer("direction"), "expected three numbers in the axes of the base, not all 0");
+    o.u = Eigen::Vector3d(u[0], u[1], u[2]);
+  }
+  o.motors_held = r.word("motors", {"free", "held"}) == "held";
+  if (o.motors_held && !robot.drives)
+    throw RequestError(r.pointer("motors"),
+                       "is held, but the robot has no drive_train.ssv with the inertias of its motors, expected free");
+  if (robot.drives) o.B = robot.drives->B;
+  return o;
+}
+
+void read_body_parts(const Robot& robot, Reader& r, ContactOptions& o) {
+  if (robot.parts.empty())
+    throw RequestError("", "there is no table of body parts, expected people/iso_ts_15066.csv beside the folder of robots");
+  for (const std::string& name : r.texts("parts", {"hands_and_fingers", "chest"})) {
+    try {
+      o.parts.push_back(robot::find_body_part(robot.parts, name, "parts"));
+    } catch (const Error& e) {
+      throw RequestError(r.pointer("parts"), e.what());
+    }
+  }
+  o.transient = r.word("contact", {"transient", "quasi_static"}) == "transient";
+  if (r.has("contact_area_m2")) o.area = r.positive("contact_area_m2");
+}
+
+}  // namespace cotwin::services

@@ -1,0 +1,13 @@
+#pragma once
+#include "components/services/contact_service.h"
+#include "components/services/json/request.h"
+#include "components/services/robots.h"
+
+namespace cotwin::services {
+
+/// The members "frame", "direction" and "motors". Throws RequestError.
+ContactOptions read_contact_frame(const Robot& robot, Reader& r);
+/// The members "parts", "contact" and "contact_area_m2". Throws RequestError, also without a table of body parts.
+void read_body_parts(const Robot& robot, Reader& r, ContactOptions& options);
+
+}  // namespace cotwin::services

@@ -1,0 +1,20 @@
+#pragma once
+#include <memory>
+#include <optional>
+
+#include "components/services/json/move_json.h"
+#include "models/optimisation/end_posture.h"
+
+namespace cotwin::services {
+
+/// The goal of a motion whose end posture is searched: all postures that reach a pose of a frame.
+struct EndPose {
+  std::unique_ptr<robot::InverseKinematics> kinematics;
+  robot::PoseTarget target;
+  bool has_freedom = false;  // more joints than directions
+};
+/// The member "to_pose": {"frame", "directions", "axes", "p_m", "quaternion_wxyz"}; without p_m and quaternion_wxyz the pose at the
+/// problem's end. ends.q_to becomes a posture that reaches the pose within the bounds. Throws RequestError, also if there is none.
+std::optional<EndPose> read_end_pose(Reader& r, optimisation::Problem& problem);
+
+}  // namespace cotwin::services

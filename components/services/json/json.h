@@ -1,0 +1,69 @@
+#pragma once
+#include <functional>
+#include <iosfwd>
+#include <nlohmann/json_fwd.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "components/services/robots.h"
+#include "components/services/services.h"
+#include "components/services/verification.h"
+#include "models/foundation/support/error.h"
+
+/// Requests and replies as JSON with units of measure in names (from_q_rad, T_s). Reading is strict: unknown members, wrong types
+/// and numbers that are not finite are errors that name the JSON pointer, the fact and what was expected.
+namespace cotwin::services {
+
+/// A request that cannot be answered. The message is "pointer: detail".
+class RequestError : public Error {
+ public:
+  /// `pointer`: of the member of the request, RFC 6901; "" for the request as a whole.
+  RequestError(const std::string& pointer, const std::string& detail);
+  const std::string& pointer() const { return pointer_; }
+  const std::string& detail() const { return detail_; }
+
+ private:
+  std::string pointer_, detail_;
+};
+
+/// What a service may use while it works.
+struct Context {
+  numerics::Threads* threads = nullptr;
+  /// Called on the thread of the request with the share of the work that is done, 0 to 1.
+  std::function<void(double share, const std::string& message)> progress = {};
+  /// Receives the particles of an optimisation as CSV (optimisation::ParticleTable).
+  std::ostream* particles = nullptr;
+  Verify verify = {};      // the twin, for the service verify; master/services/verify.h
+  bool only_read = false;  // the reply is null: the request is read and checked, and nothing is computed
+};
+
+/// The names of all services.
+std::vector<std::string> service_names();
+
+/// Answers a request {"service": "feasibility", …} with one line of JSON. Same request, same
+/// robot: same bytes. Throws Error.
+std::string answer(const Robot& robot, std::string_view request, const Context& context = {});
+/// The same without data of drives.
+std::string answer(const robot::RobotModel& robot, std::string_view request, numerics::Threads* threads = nullptr);
+/// The same for a request with the member "robot", a name; without it the fallback of `robots`. "locked_q" holds joints,
+/// {"joint": position in rad or m}.
+std::string answer(Robots& robots, std::string_view request, const Context& context = {});
+std::string answer_object(Robots& robots, const nlohmann::ordered_json& request, const Context& context = {});
+/// Throws what answer_object() throws for a request that can never be answered by these robots: members that are unknown, missing or
+/// of another type, sizes, limits. Quick: no motion is computed. An answer may still fail, as where no duration meets the bounds.
+void check_object(Robots& robots, const nlohmann::ordered_json& request);
+
+/// The member of a request to `robots` that has this vector of joint positions: "from_q_rad", or "from_q" for a robot with prismatic
+/// joints. Throws Error.
+std::string posture_member(Robots& robots, const nlohmann::ordered_json& request, const std::string& plain);
+
+/// Throws RequestError for text that is not JSON, is nested deeper than 32, or has a member twice.
+nlohmann::ordered_json parse_json(std::string_view text);
+/// The same, which must be an object.
+nlohmann::ordered_json parse_object(std::string_view text);
+
+/// An error as {"title", "detail", "pointer"} in one line; "pointer" only for a RequestError with one.
+std::string problem(const std::exception& error);
+
+}  // namespace cotwin::services

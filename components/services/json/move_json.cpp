@@ -1,0 +1,203 @@
+#include "components/services/json/move_json.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "components/services/energy_service.h"
+#include "models/foundation/support/text.h"
+
+namespace cotwin::services {
+
+namespace {
+
+constexpr const char* kRevolute[] = {"rad", "rad_per_s", "rad_per_s2", "rad_per_s3", "Nm"};
+constexpr const char* kPrismatic[] = {"m", "m_per_s", "m_per_s2", "m_per_s3", "N"};
+constexpr const char* kQuantities[] = {"q", "dq", "ddq", "dddq", "tau"};
+
+Json peak_json(const optimisation::Peak& p) {
+  Json j{{"value", p.value}, {"t_s", p.t}};
+  if (!std::isfinite(p.limit)) return j;
+  j["limit"] = p.limit;
+  j["share"] = p.share;
+  return j;
+}
+
+int order_of(const std::string& bound) {
+  return static_cast<int>(std::find(kQuantities, kQuantities + 5, bound) - kQuantities);
+}
+
+}  // namespace
+
+JointUnits::JointUnits(const robot::RobotModel& robot) : robot_(robot) {
+  for (const robot::Joint& joint : robot.joints) all_revolute_ = all_revolute_ && joint.type == robot::JointType::kRevolute;
+}
+
+const char* JointUnits::of(std::size_t joint, int order) const {
+  return (robot_.joints[joint].type == robot::JointType::kRevolute ? kRevolute : kPrismatic)[order];
+}
+
+std::string JointUnits::name(const std::string& plain, int order) const {
+  return all_revolute_ ? plain + "_" + kRevolute[order] : plain;
+}
+
+const Json* JointUnits::member(Reader& r, const std::string& plain, int order, std::string& found) const {
+  std::vector<std::string> names{name(plain, order)};
+  if (all_revolute_ && order == 0) names.push_back(plain + "_deg");
+  const Json* value = nullptr;
+  for (const std::string& each : names) {
+    const Json* own = r.any(each.c_str());
+    if (!own) continue;
+    if (value) throw RequestError(r.pointer(each.c_str()), "is given beside " + found + ", expected one of them");
+    value = own;
+    found = each;
+  }
+  if (!all_revolute_)
+    for (const std::string& suffix : {std::string("_") + kRevolute[order], std::string("_deg")})
+      if (const std::string other = plain + suffix; r.gives(other.c_str()))
+        throw RequestError(r.pointer(other.c_str()), "is given, but the robot has prismatic joints, expected " + plain +
+                                                         " with values in " + kRevolute[order] + " for revolute and in " +
+                                                         kPrismatic[order] + " for prismatic joints");
+  return value;
+}
+
+std::vector<double> JointUnits::read(Reader& r, const std::string& plain, int order, bool optional) const {
+  std::string found = name(plain, order);
+  if (!member(r, plain, order, found) && optional) return {};
+  std::vector<double> values = r.numbers(found.c_str());
+  if (found.ends_with("_deg"))
+    for (double& value : values) value *= std::numbers::pi / 180;
+  constexpr double kFarthest = 1e6;  // rad or m; squares of much larger numbers are not finite
+  for (std::size_t i = 0; i < values.size(); ++i)
+    if (!(std::abs(values[i]) <= kFarthest))
+      throw RequestError(r.pointer(found.c_str()) + "/" + std::to_string(i),
+                         "is " + text::to_text(values[i], 4) + " " + kRevolute[order] + ", expected -1000000 to 1000000");
+  return values;
+}
+
+std::vector<double> JointUnits::read_bounds(Reader& r, const std::string& plain, int order, double none) const {
+  std::string found;
+  const Json* given = member(r, plain, order, found);
+  if (!given) return {};
+  if (!given->is_array()) throw RequestError(r.pointer(found.c_str()), "is no array, expected one number or null per joint");
+  const std::size_t n = robot_.joints.size();
+  if (given->size() != n)
+    throw RequestError(r.pointer(found.c_str()),
+                       "has " + std::to_string(given->size()) + " values, expected " + std::to_string(n) + ", one per joint");
+  std::vector<double> values;
+  for (std::size_t i = 0; i < n; ++i) {
+    const Json& value = (*given)[i];
+    if (value.is_null()) {
+      values.push_back(none);
+      continue;
+    }
+    if (!value.is_number() || !std::isfinite(value.get<double>()))
+      throw RequestError(r.pointer(found.c_str()) + "/" + std::to_string(i),
+                         "is no finite number, expected one, or null for no bound");
+    values.push_back(value.get<double>() * (found.ends_with("_deg") ? std::numbers::pi / 180 : 1));
+    if (order > 0 && !(values.back() > 0))
+      throw RequestError(r.pointer(found.c_str()) + "/" + std::to_string(i),
+                         "is " + value.dump() + ", expected a number greater than 0");
+  }
+  return values;
+}
+
+Move read_move(const Robot& robot, Reader& r, bool timed) {
+  constexpr double kNone = std::numeric_limits<double>::infinity();
+  const JointUnits units(robot.model);
+  const std::size_t n = robot.model.joints.size();
+  Move m;
+  if (r.gives("from"))
+    throw RequestError(r.pointer("from"), "is given, expected " + units.name("from_q", 0) +
+                                              " with a posture, or \"run\" in a request to the gateway of a run");
+  for (auto& [plain, q] : {std::pair{"from_q", &m.from_q}, {"to_q", &m.to_q}}) {
+    *q = units.read(r, plain, 0, false);
+    if (q->size() != n)
+      throw RequestError(r.pointer(units.name(plain, 0).c_str()),
+                         "has " + std::to_string(q->size()) + " values, expected " + std::to_string(n) + ", one per joint");
+  }
+  m.degree = r.integer("degree", 5, 31, 5);
+  m.c = units.read(r, "c_r", 0, true);
+  if (const std::size_t expected = n * static_cast<std::size_t>(m.degree - 5); !m.c.empty() && m.c.size() != expected)
+    throw RequestError(r.pointer(units.name("c_r", 0).c_str()), "has " + std::to_string(m.c.size()) + " values, expected " +
+                                                                    std::to_string(expected) + ": joints times (degree - 5)");
+  m.bounds.q_min = units.read_bounds(r, "q_min", 0, -kNone);
+  m.bounds.q_max = units.read_bounds(r, "q_max", 0, kNone);
+  m.bounds.dq = units.read_bounds(r, "dq_max", 1, kNone);
+  m.bounds.ddq = units.read_bounds(r, "ddq_max", 2, kNone);
+  m.bounds.dddq = units.read_bounds(r, "dddq_max", 3, kNone);
+  m.bounds.tau = units.read_bounds(r, "tau_max", 4, kNone);
+  if (r.word("drives", {"robot", "none"}) == "robot") m.drives = drive_terms(robot);
+  if (!timed || !r.has("T_s")) return m;
+  m.T = read_duration(r, "T_s");
+  return m;
+}
+
+double read_duration(Reader& r, const char* name) {
+  const double T = r.positive(name);
+  if (T < kBriefest || T > kLongest)
+    throw RequestError(r.pointer(name), "is " + Json(T).dump() + ", expected 0.0001 to 10000 s");
+  return T;
+}
+
+void add_notes(Json& reply, const std::vector<std::string>& notes) {
+  for (const std::string& note : notes) reply["notes"].push_back(note);
+}
+
+Detail read_detail(Reader& r) {
+  const std::string word = r.word("detail", {"margins", "verdict", "series", "all"});
+  return word == "verdict"   ? Detail::kVerdict
+         : word == "margins" ? Detail::kMargins
+         : word == "series"  ? Detail::kSeries
+                             : Detail::kAll;
+}
+
+energetics::Bus bus_of(const std::string& word) {
+  return word == "none" ? energetics::Bus::kSeparate : word == "grid" ? energetics::Bus::kGrid : energetics::Bus::kShared;
+}
+
+Json peaks_of(const robot::RobotModel& robot, const std::vector<optimisation::Peak>& peaks) {
+  const JointUnits units(robot);
+  Json all = Json::array();
+  for (std::size_t j = 0; j < robot.joints.size(); ++j) {
+    Json own{{"joint", robot.joints[j].name}};
+    for (const auto& p : peaks)
+      if (p.joint == j) own[p.bound + "_" + units.of(j, order_of(p.bound))] = peak_json(p);
+    all.push_back(own);
+  }
+  return all;
+}
+
+Json limiting_of(const robot::RobotModel& robot, const std::vector<optimisation::Peak>& peaks) {
+  // A posture at its bound does not decide on the duration: of shares that are equal to rounding a position counts last, unless it
+  // exceeds its bound.
+  constexpr double kRounding = 1e-6, kMet = 1 + 1e-9;
+  const auto weight = [](const optimisation::Peak& p) {
+    return p.bound == "q" && p.share <= kMet ? p.share - kRounding : p.share;
+  };
+  const optimisation::Peak* most = nullptr;
+  for (const auto& p : peaks)
+    if (std::isfinite(p.limit) && (!most || weight(p) > weight(*most))) most = &p;
+  if (!most) return nullptr;
+  Json own{{"joint", robot.joints[most->joint].name},
+           {"bound", most->bound},
+           {"unit", JointUnits(robot).of(most->joint, order_of(most->bound))}};
+  own.update(peak_json(*most));
+  return own;
+}
+
+Json motion_of(const Robot& robot, const Move& move, double T) {
+  const JointUnits units(robot.model);
+  Json motion{{"unit", "unit:motion?kind=polynomial&degree=" + std::to_string(move.degree)},
+              {"T_s", T},
+              {units.name("q_start", 0), move.from_q},
+              {units.name("q_end", 0), move.to_q}};
+  if (move.degree > 5) {
+    const std::vector<double> zeros(move.from_q.size() * static_cast<std::size_t>(move.degree - 5));
+    motion[units.name("c_r", 0)] = move.c.empty() ? zeros : move.c;
+  }
+  return motion;
+}
+
+}  // namespace cotwin::services

@@ -1,0 +1,52 @@
+#pragma once
+#include "components/services/json/request.h"
+#include "components/services/robots.h"
+#include "components/services/services.h"
+
+/// Moves in requests and joints in replies, for the sources of this folder.
+namespace cotwin::services {
+
+/// How much a reply tells.
+enum class Detail { kVerdict, kMargins, kSeries, kAll };
+
+/// Members that end with a unit of measure of the robot's joints: "from_q" + "_rad". A robot with prismatic joints has no common one:
+/// its members have no suffix, and values are in m, m/s, … and N for those joints.
+class JointUnits {
+ public:
+  explicit JointUnits(const robot::RobotModel& robot);
+  bool all_revolute() const { return all_revolute_; }
+  /// "rad", "rad_per_s", "rad_per_s2", "rad_per_s3", "Nm" of a revolute joint; "m" … "N" of a prismatic one; `order`: of the derivative
+  /// of q, 4: torque.
+  const char* of(std::size_t joint, int order) const;
+  /// The name with the suffix of all joints: "c_r_rad", "c_r".
+  std::string name(const std::string& plain, int order) const;
+  /// Values per joint: "from_q_rad" or "from_q"; positions also "from_q_deg". Empty if optional and not given.
+  std::vector<double> read(Reader& r, const std::string& plain, int order, bool optional) const;
+  /// The same, where null means no bound: `none`.
+  std::vector<double> read_bounds(Reader& r, const std::string& plain, int order, double none) const;
+
+ private:
+  const Json* member(Reader& r, const std::string& plain, int order, std::string& found) const;
+
+  const robot::RobotModel& robot_;
+  bool all_revolute_ = true;
+};
+
+/// The members of a move. With `timed` T_s; else there is none.
+Move read_move(const Robot& robot, Reader& r, bool timed);
+Detail read_detail(Reader& r);
+/// A duration of a move, kBriefest to kLongest, s.
+double read_duration(Reader& r, const char* name);
+/// Adds texts to the member "notes" of a reply, which only exists where there are notes.
+void add_notes(Json& reply, const std::vector<std::string>& notes);
+/// "shared", "none" or "grid".
+energetics::Bus bus_of(const std::string& word);
+
+/// [{"joint", "q_rad": {"value", "limit", "share", "t_s"}, …}] of each joint; bounds that there are none have no "limit" and "share".
+Json peaks_of(const robot::RobotModel& robot, const std::vector<optimisation::Peak>& peaks);
+/// The peak that uses most of its bound; null without bounds.
+Json limiting_of(const robot::RobotModel& robot, const std::vector<optimisation::Peak>& peaks);
+/// Parameters with which unit:motion runs the move unchanged: {"unit": "unit:motion?kind=polynomial&degree=9", "T_s", "q_start_rad", …}.
+Json motion_of(const Robot& robot, const Move& move, double T);
+
+}  // namespace cotwin::services

@@ -1,0 +1,128 @@
+#include "components/services/robots.h"
+
+#include <algorithm>
+#include <system_error>
+
+#include "components/services/robot_files.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/robot/urdf/urdf.h"
+
+namespace cotwin::services {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+/// Leaves only the values of the joints `kept`.
+template <class Struct, class Table>
+void select(Struct& values, const Table& table, const std::vector<std::size_t>& kept, std::size_t all) {
+  for (const auto& row : table) {
+    std::vector<double>& x = values.*row.values;
+    const std::size_t per_joint = x.size() / all;
+    std::vector<double> own;
+    for (const std::size_t j : kept)
+      for (std::size_t k = 0; k < per_joint; ++k) own.push_back(x[j * per_joint + k]);
+    x = own;
+  }
+}
+
+bool is_file(const fs::path& path) {
+  std::error_code none;
+  return fs::is_regular_file(path, none);
+}
+
+}  // namespace
+
+Robot load_robot(const fs::path& urdf, const std::string& name, const std::map<std::string, double>& locked) {
+  Robot r;
+  r.name = name;
+  r.urdf = urdf;
+  robot::UrdfOptions options;
+  options.locked = locked;
+  r.model = robot::load_urdf(urdf, options, &r.notes);
+  const robot::RobotModel whole = locked.empty() ? r.model : robot::load_urdf(urdf);
+  r.file_joints = whole.joints.size();
+  const fs::path drives = urdf.parent_path() / "drive_train.ssv", energy = urdf.parent_path() / "energy.ssv";
+  if (is_file(drives)) r.drives = load_drives(drives, whole);
+  if (is_file(energy)) r.energy = load_energy(energy, whole);
+  for (const robot::Joint& joint : r.model.joints) {
+    const auto at = std::ranges::find(whole.joints, joint.name, &robot::Joint::name);
+    if (at == whole.joints.end()) {
+      if (!r.drives && !r.energy) continue;
+      throw Error(urdf.string(),
+                  "joint '" + joint.name + "' follows a locked one, expected the leader of the group to be locked");
+    }
+    r.joints_kept.push_back(static_cast<std::size_t>(at - whole.joints.begin()));
+  }
+  if (locked.empty()) return r;
+  if (r.drives) select(*r.drives, robot::kDriveParameters, r.joints_kept, r.file_joints);
+  if (r.energy) select(r.energy->losses, energetics::kDriveLosses, r.joints_kept, r.file_joints);
+  return r;
+}
+
+Robots::Robots(std::vector<fs::path> folders, std::string fallback, bool paths, fs::path people)
+    : folders_(std::move(folders)), fallback_(std::move(fallback)), paths_(paths) {
+  for (const fs::path& folder : folders_)
+    if (const fs::path beside = folder / "../people/iso_ts_15066.csv"; people.empty() && is_file(beside)) people = beside;
+  if (!people.empty()) parts_ = robot::load_body_parts(people);
+}
+
+std::shared_ptr<const Robot> Robots::find(const std::string& name, const std::map<std::string, double>& locked) {
+  const fs::path urdf = urdf_of(name);
+  std::string key = name;
+  for (const auto& [joint, q] : locked) key += "\n" + joint + "=" + text::to_text(q);
+  const Times times = times_of(urdf);
+  {
+    const std::lock_guard lock(mutex_);
+    if (const auto at = kept_.find(key); at != kept_.end() && at->second.times == times) return at->second.robot;
+  }
+  auto loaded = std::make_shared<Robot>(load_robot(urdf, name, locked));
+  loaded->parts = parts_;
+  const std::shared_ptr<const Robot> robot = std::move(loaded);
+  constexpr std::size_t kMost = 64;  // locked joints at ever other positions would fill the memory
+  const std::lock_guard lock(mutex_);
+  if (kept_.size() >= kMost) kept_.clear();
+  kept_[key] = {times, robot};
+  return robot;
+}
+
+fs::path Robots::urdf_of(const std::string& name) const {
+  if ((paths_ || name == fallback_) && is_file(name)) return name;
+  const bool plain = !name.empty() && name.size() <= 100 && name.front() != '.' && std::ranges::all_of(name, [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-' || c == '.';
+  });
+  if (!plain) throw Error("robot", "is not a name of letters, digits, '_', '-' and '.', expected one of the known robots");
+  for (const fs::path& folder : folders_)
+    for (const fs::path& file : {folder / name / "robot.urdf", folder / (name + ".urdf")})
+      if (is_file(file)) return file;
+  const std::string closest = text::closest(name, names());
+  throw Error("robot", "'" + name + "' is unknown" + (closest.empty() ? "" : "; did you mean '" + closest + "'?") +
+                           ", expected the name of a robot");
+}
+
+std::vector<std::string> Robots::names() const {
+  std::vector<std::string> all;
+  for (const fs::path& folder : folders_) {
+    std::error_code none;
+    for (const auto& entry : fs::directory_iterator(folder, none)) {
+      if (entry.path().extension() == ".urdf") all.push_back(entry.path().stem().string());
+      if (is_file(entry.path() / "robot.urdf")) all.push_back(entry.path().filename().string());
+    }
+  }
+  std::ranges::sort(all);
+  all.erase(std::unique(all.begin(), all.end()), all.end());
+  return all;
+}
+
+Robots::Times Robots::times_of(const fs::path& urdf) {
+  Times times;
+  for (const fs::path& file : {urdf, urdf.parent_path() / "drive_train.ssv", urdf.parent_path() / "energy.ssv"}) {
+    std::error_code missing;
+    const auto time = fs::last_write_time(file, missing);
+    times.push_back(missing ? std::nullopt : std::optional(time));
+  }
+  return times;
+}
+
+}  // namespace cotwin::services

@@ -1,0 +1,80 @@
+#pragma once
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "models/energetics/books.h"
+#include "models/robot/body_parts.h"
+#include "models/robot/drives/drive_parameters.h"
+#include "models/robot/robot_model.h"
+
+namespace cotwin::services {
+
+/// What an energy.ssv beside a URDF tells, see components/energy.
+struct EnergyData {
+  energetics::DriveLosses losses;
+  energetics::Current current = energetics::Current::kDc;
+  energetics::Link link;
+  energetics::Supply supply;
+  energetics::Standby standby;
+  std::string sources, assumed;
+};
+
+/// A robot with the data beside its URDF.
+struct Robot {
+  std::string name;
+  std::filesystem::path urdf;  // empty: the model is not from a file
+  robot::RobotModel model;
+  std::vector<std::string> notes;  // what the URDF reader warned of
+  /// The joints of the model among the `file_joints` joints of the file, from 0; not set for a model that is not from a file.
+  std::vector<std::size_t> joints_kept;
+  std::size_t file_joints = 0;
+  std::optional<robot::DriveParameters> drives;  // drive_train.ssv
+  std::optional<EnergyData> energy;              // energy.ssv
+  std::vector<robot::BodyPart> parts;            // of persons
+};
+
+/// Reads a URDF, and drive_train.ssv and energy.ssv in its folder, whatever the URDF's name. `locked` as in robot::UrdfOptions.
+/// Values per joint may be one for all joints, one per joint in one text, or single elements "K[3]"; of joints that are locked
+/// nothing is left out, so the files count the joints of the unlocked robot. Values must be in the units of measure of
+/// docs/reference (N.m/rad, for prismatic joints N/m). Throws Error, also for a name that the unit does not have.
+Robot load_robot(const std::filesystem::path& urdf, const std::string& name, const std::map<std::string, double>& locked = {});
+
+/// Robots by name from folders, read once and again when a file has changed. Thread-safe.
+class Robots {
+ public:
+  /// A robot is FOLDER/NAME/robot.urdf or FOLDER/NAME.urdf. The first folder that has it counts. `fallback`: robot of requests that
+  /// name none; a path to a URDF, if it is one, or a name; "": none. `paths`: names may also be paths to URDF files. `people`: table
+  /// of body parts; "": people/iso_ts_15066.csv beside one of the folders, if there is one.
+  explicit Robots(std::vector<std::filesystem::path> folders, std::string fallback = "", bool paths = false,
+                  std::filesystem::path people = {});
+
+  /// Throws Error for a name with other characters than letters, digits, '_', '-' and '.', and for an unknown one, with the closest
+  /// known name.
+  std::shared_ptr<const Robot> find(const std::string& name, const std::map<std::string, double>& locked = {});
+  /// All names in the folders, sorted.
+  std::vector<std::string> names() const;
+  const std::string& fallback() const { return fallback_; }
+
+ private:
+  using Times = std::vector<std::optional<std::filesystem::file_time_type>>;
+  struct Kept {
+    Times times;  // of the URDF and the files beside it
+    std::shared_ptr<const Robot> robot;
+  };
+  std::filesystem::path urdf_of(const std::string& name) const;
+  static Times times_of(const std::filesystem::path& urdf);
+
+  std::vector<std::filesystem::path> folders_;
+  std::string fallback_;
+  bool paths_;
+  std::vector<robot::BodyPart> parts_;
+  std::mutex mutex_;
+  std::map<std::string, Kept> kept_;
+};
+
+}  // namespace cotwin::services

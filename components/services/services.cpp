@@ -1,0 +1,335 @@
+#include "components/services/services.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <span>
+#include <utility>
+
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+#include "models/numerics/batch.h"
+#include "models/optimisation/quadrature.h"
+#include "models/robot/dynamics.h"
+#include "models/trajectory/bernstein.h"
+
+namespace cotwin::services {
+
+namespace {
+
+using optimisation::Problem;
+using optimisation::Quantity;
+
+Problem problem_of(const robot::RobotModel& robot, const Move& move) {
+  const std::size_t n = robot.joints.size();
+  Problem p;
+  p.robot = robot;
+  const std::vector<double> zero(n, 0.0);
+  p.ends = {move.from_q, zero, zero, move.to_q, zero, zero};
+  p.degree = move.degree;
+  p.drives = move.drives;
+  p.bounds = optimisation::bounds_of(robot);
+  const auto take = [](std::vector<double>& bound, const std::vector<double>& own) {
+    if (!own.empty()) bound = own;
+  };
+  take(p.bounds.q_min, move.bounds.q_min);
+  take(p.bounds.q_max, move.bounds.q_max);
+  take(p.bounds.dq, move.bounds.dq);
+  take(p.bounds.ddq, move.bounds.ddq);
+  take(p.bounds.dddq, move.bounds.dddq);
+  take(p.bounds.tau, move.bounds.tau);
+  for (const Quantity q :
+       {Quantity::kTorque, Quantity::kWork, Quantity::kSharedWork, Quantity::kAcceleration, Quantity::kJerk}) {
+    optimisation::CostTerm term;
+    term.quantity = q;
+    p.costs.push_back(term);
+  }
+  if (move.T != 0 && !(move.T >= kBriefest && move.T <= kLongest))
+    throw Error("move", "T " + text::to_text(move.T) + " s, expected 0 or " + text::to_text(kBriefest) + " to " +
+                            text::to_text(kLongest) + " s");
+  p.T_min = p.T_max = move.T > 0 ? move.T : 1.0;
+  optimisation::check(p);
+  return p;
+}
+
+std::vector<double> coefficients_of(const Problem& p, const Move& move) {
+  return move.c.empty() ? std::vector<double>(p.robot.joints.size() * static_cast<std::size_t>(p.degree - 5), 0.0) : move.c;
+}
+
+/// `found`: becomes the motion, if it is possible.
+bool possible(const Problem& p, const std::vector<double>& c, double T, optimisation::Solution* found = nullptr) {
+  optimisation::Solution s = optimisation::assess(p, c, p.ends.q_to, T);
+  const bool is = s.status == optimisation::Status::kFeasible;
+  if (is && found) *found = std::move(s);
+  return is;
+}
+
+/// The problem without torques, which assess() answers much sooner.
+Problem without_torques(const Problem& p) {
+  Problem kinematic = p;
+  kinematic.bounds.tau.assign(p.robot.joints.size(), std::numeric_limits<double>::infinity());
+  kinematic.costs = {{Quantity::kTime, 1, {}}};
+  kinematic.samples = 8;
+  return kinematic;
+}
+
+/// The largest X with |a x² + b x + c| ≤ limit for all x in [0, X]; 0 if c is outside.
+double reach(double a, double b, double c, double limit) {
+  constexpr double kNever = std::numeric_limits<double>::infinity();
+  if (!(std::abs(c) <= limit)) return 0;
+  double least = kNever;
+  for (const double end : {limit, -limit}) {
+    const double rest = c - end, d = b * b - 4 * a * rest;
+    if (!std::isfinite(end) || d < 0) continue;
+    const double s = -0.5 * (b + std::copysign(std::sqrt(d), b));
+    for (const double x : {a != 0 ? s / a : kNever, s != 0 ? rest / s : kNever}) {
+      // At x = 0 on the bound: leaves it where the slope points outwards.
+      if (x > 0 && x < least) least = x;
+      if (rest == 0 && (end > 0 ? b > 0 || (b == 0 && a > 0) : b < 0 || (b == 0 && a < 0))) return 0;
+    }
+  }
+  return least;
+}
+
+/// The samples at which assess() checks torques, of a motion in 1 s.
+optimisation::Quadrature fine_places(const Problem& p) { return optimisation::gauss_panels(10 * ((p.samples + 7) / 8)); }
+
+/// The shortest T by the torques τ = a/T² + b/T + c at the samples that assess() checks.
+double shortest_by_torque(const Problem& p, const std::vector<double>& c) {
+  const optimisation::Quadrature nodes = fine_places(p);
+  const std::size_t n = p.robot.joints.size(), count = nodes.s.size();
+  const robot::Mechanism mechanism(p.robot);
+  robot::Data data(mechanism);
+  constexpr std::size_t kPart = 80;  // samples whose torques are computed together
+  std::vector<double> q(n * kPart), dq(q), ddq(q), all(q), rest(q), gravity(q);
+  // The motion in T = 1 s is linear in both ends and the coefficients.
+  const optimisation::MotionBasis basis(p.degree, true);
+  const std::size_t columns = basis.columns(), K = basis.redundant();
+  std::vector<double> x, tables[3];
+  for (std::size_t j = 0; j < n; ++j) {
+    x.insert(x.end(), {p.ends.q_from[j], p.ends.q_to[j]});
+    x.insert(x.end(), c.begin() + static_cast<std::ptrdiff_t>(j * K), c.begin() + static_cast<std::ptrdiff_t>((j + 1) * K));
+  }
+  for (std::size_t column = 0; column < columns; ++column)
+    for (const double place : nodes.s) {
+      const auto values = trajectory::bernstein::evaluate(basis.points(column), place);
+      for (std::size_t r = 0; r < 3; ++r) tables[r].push_back(values[r]);
+    }
+  const auto term = [](const std::vector<double>& values, std::size_t j) { return values.empty() ? 0.0 : values[j]; };
+  double most = std::numeric_limits<double>::infinity();  // of 1/T
+  for (std::size_t first = 0; first < count; first += kPart) {
+    const std::size_t part = std::min(kPart, count - first);
+    for (std::size_t r = 0; r < 3; ++r)
+      numerics::combine(n, columns, part, x.data(), tables[r].data() + first, count, (r == 0 ? q : r == 1 ? dq : ddq).data());
+    robot::inverse_dynamics_batch(mechanism, data, part, q.data(), dq.data(), ddq.data(), all.data());
+    robot::inverse_dynamics_batch(mechanism, data, part, q.data(), rest.data(), rest.data(), gravity.data());
+    for (std::size_t j = 0; j < n; ++j)
+      for (std::size_t k = j * part; k < (j + 1) * part; ++k) {
+        const double a = all[k] - gravity[k] + term(p.drives.B, j) * ddq[k], b = term(p.drives.sigma2, j) * dq[k];
+        const double friction = dq[k] == 0 ? 0 : std::copysign(term(p.drives.tau_C, j), dq[k]);
+        most = std::min(most, reach(a, b, gravity[k] + friction + term(p.drives.tau_0, j), p.bounds.tau[j]));
+      }
+  }
+  return 1 / most;
+}
+
+/// The duration below which a bound is not met; +∞: there is none. `unlimited` becomes true if the robot moves and no bound limits the
+/// duration; the result is then +∞, too. `found`: becomes the motion of the duration that was found, if that was looked at.
+double shortest(const Problem& p, const std::vector<double>& c, bool* unlimited = nullptr,
+                optimisation::Solution* found = nullptr) {
+  constexpr double kShortest = 1e-3;  // s
+  const optimisation::Solution unit = optimisation::assess(without_torques(p), c, p.ends.q_to, 1);
+  double T = 0;
+  const bool moves =
+      std::ranges::any_of(unit.peaks, [](const optimisation::Peak& peak) { return peak.bound == "dq" && peak.value != 0; });
+  for (const optimisation::Peak& peak : unit.peaks) {
+    if (peak.bound == "q" && peak.share > 1 + 1e-9) return std::numeric_limits<double>::infinity();
+    if (peak.bound == "dq") T = std::max(T, peak.share);
+    if (peak.bound == "ddq") T = std::max(T, std::sqrt(peak.share));
+    if (peak.bound == "dddq") T = std::max(T, std::cbrt(peak.share));
+  }
+  T = std::max(T, shortest_by_torque(p, c));
+  if (moves && T == 0) {
+    if (unlimited) *unlimited = true;
+    return std::numeric_limits<double>::infinity();
+  }
+  T = std::max(T, kShortest);
+  if (std::isfinite(T) && possible(p, c, T, found)) return T;
+  // Rounding, and friction near rest, which the samples see at full height.
+  double low = T, high = std::isfinite(T) ? T * (1 + 1e-9) : kLongest;
+  while (high < kLongest && !possible(p, c, high)) low = high, high = T + 2 * (high - T);
+  if (high >= kLongest && !possible(p, c, kLongest)) return std::numeric_limits<double>::infinity();
+  if (!std::isfinite(low)) low = kShortest;
+  while (high - low > 1e-9 * high) {
+    const double middle = 0.5 * (low + high);
+    (possible(p, c, middle) ? high : low) = middle;
+  }
+  return high;
+}
+
+/// Extreme of the parabola through (−1, a), (0, b), (1, c) with b not less than its neighbours.
+std::pair<double, double> vertex(double a, double b, double c) {
+  const double bend = a - 2 * b + c;
+  if (!(bend < 0)) return {0, b};
+  const double x = 0.5 * (a - c) / bend;
+  return {x, b - 0.25 * (a - c) * x};
+}
+
+}  // namespace
+
+double shortest_duration(const robot::RobotModel& robot, const Move& move) {
+  const Problem p = problem_of(robot, move);
+  return shortest(p, coefficients_of(p, move));
+}
+
+Plan plan(const robot::RobotModel& robot, const Move& move) {
+  Plan plan;
+  plan.problem = problem_of(robot, move);
+  const std::vector<double> c = coefficients_of(plan.problem, move);
+  bool unlimited = false;
+  const double T = move.T > 0 ? move.T : std::min(shortest(plan.problem, c, &unlimited, &plan.solution), kLongest);
+  if (plan.solution.T != T) plan.solution = optimisation::assess(plan.problem, c, plan.problem.ends.q_to, T);
+  if (unlimited) {
+    plan.solution.status = optimisation::Status::kInfeasible;
+    plan.solution.reason = "no bound limits the duration, expected bounds of speed, acceleration, jerk or torque";
+  }
+  if (move.T == 0 && plan.solution.status == optimisation::Status::kFeasible)
+    if (const std::string note = creeping(plan.problem, plan.solution); !note.empty()) plan.notes.push_back(note);
+  return plan;
+}
+
+Feasibility feasibility(const robot::RobotModel& robot, const Move& move) {
+  const Plan p = plan(robot, move);
+  const optimisation::Solution& s = p.solution;
+  return {s.status == optimisation::Status::kFeasible, s.reason, s.T, s.peaks, p.torque(), p.work(), p.shared_work()};
+}
+
+namespace {
+
+/// `places`: of a motion in 1 s.
+Torques torques_at(const robot::RobotModel& robot, const Move& move, const Problem& p, std::span<const double> places) {
+  const std::vector<double> c = coefficients_of(p, move);
+  const double T = move.T > 0 ? move.T : shortest(p, c);
+  if (!std::isfinite(T)) throw Error("torques", "no duration of the move meets the bounds, expected T or other bounds");
+  const trajectory::Path path = optimisation::assess(p, c, p.ends.q_to, T).path;
+  const Eigen::Index n = robot.n();
+  const robot::Mechanism mechanism(robot);
+  robot::Data data(mechanism);
+  std::vector<double> q(static_cast<std::size_t>(n)), dq(q), ddq(q);
+  const Eigen::Map<const Eigen::VectorXd> Q(q.data(), n), V(dq.data(), n), A(ddq.data(), n);
+  Eigen::VectorXd all(n), h(n), g(n);
+  Torques r;
+  for (const double place : places) {
+    r.t.push_back(T * place);
+    path.at(r.t.back(), q, dq, ddq);
+    robot::inverse_dynamics(mechanism, data, Q, V, A, all);
+    robot::bias(mechanism, data, Q, V, h);
+    robot::gravity(mechanism, data, Q, g);
+    double power = 0;
+    for (Eigen::Index j = 0; j < n; ++j) {
+      const std::size_t k = static_cast<std::size_t>(j);
+      const double drive = optimisation::drive_torque(p.drives, k, dq[k], ddq[k]);
+      r.q.push_back(q[k]);
+      r.dq.push_back(dq[k]);
+      r.ddq.push_back(ddq[k]);
+      r.inertial.push_back(all[j] - h[j]);
+      r.coriolis.push_back(h[j] - g[j]);
+      r.gravity.push_back(g[j]);
+      r.drive.push_back(drive);
+      power += (all[j] + drive) * dq[k];
+    }
+    r.power.push_back(power);
+    if (power > r.peak_power) {
+      r.peak_power = power;
+      r.peak_power_t = r.t.back();
+    }
+  }
+  return r;
+}
+
+}  // namespace
+
+Torques torques(const robot::RobotModel& robot, const Move& move, std::size_t samples) {
+  if (samples < 2 || samples > 1000000) throw Error("torques", std::to_string(samples) + " samples, expected 2 to 1000000");
+  std::vector<double> places;
+  for (std::size_t i = 0; i < samples; ++i) places.push_back(static_cast<double>(i) / static_cast<double>(samples - 1));
+  return torques_at(robot, move, problem_of(robot, move), places);
+}
+
+Torques torques_at_peaks(const robot::RobotModel& robot, const Move& move) {
+  const Problem p = problem_of(robot, move);
+  return torques_at(robot, move, p, fine_places(p).s);
+}
+
+PeakPower peak_power(const robot::RobotModel& robot, const Move& move) {
+  constexpr std::size_t kSamples = 4001;
+  const Torques t = torques(robot, move, kSamples);
+  const std::size_t n = robot.joints.size();
+  const auto extreme = [&](const std::vector<double>& power, double sign) {
+    std::size_t at = 0;
+    for (std::size_t i = 0; i < kSamples; ++i)
+      if (sign * power[i] > sign * power[at]) at = i;
+    if (at == 0 || at + 1 == kSamples) return PeakPower::Extreme{power[at], t.t[at]};
+    const auto [x, value] = vertex(sign * power[at - 1], sign * power[at], sign * power[at + 1]);
+    return PeakPower::Extreme{sign * value, t.t[at] + x * (t.t[1] - t.t[0])};
+  };
+  PeakPower r;
+  r.drawn = extreme(t.power, 1);
+  r.returned = extreme(t.power, -1);
+  std::vector<double> own(kSamples);
+  for (std::size_t j = 0; j < n; ++j) {
+    for (std::size_t i = 0; i < kSamples; ++i) {
+      const std::size_t k = i * n + j;
+      own[i] = (t.inertial[k] + t.coriolis[k] + t.gravity[k] + t.drive[k]) * t.dq[k];
+    }
+    r.joint_drawn.push_back(extreme(own, 1));
+    r.joint_returned.push_back(extreme(own, -1));
+  }
+  return r;
+}
+
+double settling_time(double M, double D, double S, double share) {
+  if (!(M > 0 && D > 0 && S > 0 && share > 0 && share < 1) || !std::isfinite(M * D * S))
+    throw Error("settling time", "M " + text::to_text(M) + ", D " + text::to_text(D) + ", S " + text::to_text(S) + ", share " +
+                                     text::to_text(share) + ", expected M, D, S > 0 and a share between 0 and 1");
+  const double omega = std::sqrt(S / M), zeta = D / (2 * std::sqrt(S * M));
+  // √|ζ² − 1| without the square of a large ζ.
+  const double root = zeta > 1 ? zeta * std::sqrt((1 - 1 / zeta) * (1 + 1 / zeta)) : std::sqrt((1 - zeta) * (1 + zeta));
+  // Deviation from the end at x = ω t.
+  const auto deviation = [&](double x) {
+    if (root < 1e-7) return std::exp(-x) * (1 + x);
+    if (zeta < 1) return std::exp(-zeta * x) * (std::cos(root * x) + zeta / root * std::sin(root * x));
+    const double fast = zeta + root, slow = 1 / fast;  // the poles' product is 1
+    return (fast * std::exp(-slow * x) - slow * std::exp(-fast * x)) / (fast - slow);
+  };
+  double low = 0, high = 1;
+  if (zeta < 1 && root >= 1e-7) {
+    // Extremes are at k π/root with the magnitude e^(−ζ k π/root); the last one outside is followed by the last crossing.
+    const double last = std::floor(-std::log(share) * root / (zeta * std::numbers::pi));
+    low = last * std::numbers::pi / root;
+    high = low + std::numbers::pi / root;
+  } else {
+    while (deviation(high) > share) low = high, high *= 2;
+  }
+  for (int i = 0; i < 200 && high - low > 1e-15 * high; ++i) {
+    const double middle = 0.5 * (low + high);
+    (std::abs(deviation(middle)) > share && (zeta >= 1 || root < 1e-7 || deviation(middle) * deviation(low) > 0) ? low : high) =
+        middle;
+  }
+  const double settled = high / omega;
+  if (!std::isfinite(settled) || std::isnan(deviation(high)))
+    throw Error("settling time", "damping ratio " + text::to_text(zeta) + " at " + text::to_text(omega) +
+                                     " rad/s gives no finite time, expected a smaller ratio");
+  return settled;
+}
+
+Throughput throughput(double T_move, double T_settle, double T_process) {
+  for (const double T : {T_move, T_settle, T_process})
+    if (!(T >= 0 && std::isfinite(T))) throw Error("throughput", "a time of " + text::to_text(T) + " s, expected 0 or more");
+  const double cycle = T_move + T_settle + T_process;
+  if (!(cycle > 0)) throw Error("throughput", "a cycle of 0 s, expected more");
+  return {T_move, T_settle, T_process, cycle, 3600 / cycle};
+}
+
+}  // namespace cotwin::services

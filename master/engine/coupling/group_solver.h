@@ -1,0 +1,133 @@
+#pragma once
+#include <chrono>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "components/unit/snapshot.h"
+#include "master/engine/coupling/bonds.h"
+#include "master/engine/coupling/loop_report.h"
+#include "master/engine/coupling/newton.h"
+#include "master/engine/wiring/schedule.h"
+#include "master/engine/wiring/wiring.h"
+
+/// Steps the units of a loop together, with inputs and outputs that agree at the end of the step.
+namespace cotwin::master {
+
+/// The implicit interface of a group. Unknown are the real outputs x at the end of the step that feed inputs within the group.
+/// An input goes linearly from its value at the beginning of the step to its value at the end. If its unit holds its inputs, it
+/// has the value at the end; or the mean of both, if no output at the end depends on it without delay and the loop is not stiff
+/// (chosen with each Jacobian). The units step
+/// from the same beginning until their outputs y(x) are x (class Newton). If that does not converge, or if a unit discards its
+/// step, the step is divided.
+class GroupSolver final : private CoupledOutputs {
+ public:
+  static constexpr int kMostHalvings = 10;
+
+  /// `slots`: of the group; they must stay where they are. `links`: all of the scenario. `tolerance`: of the outputs at the end
+  /// of a step, relative.
+  GroupSolver(std::span<Slot> slots, std::span<const Member> members, const std::vector<Link>& links, Bonds& bonds,
+              double tolerance);
+
+  /// Call after the initialisation of the units, so that steps allocate nothing.
+  void prepare();
+  /// Steps all units from `begin` to `end`. Inputs from outside have been set. Returns nullptr, or the slot that discarded the
+  /// smallest part of the step. `seconds`: if not empty, the time of each slot's steps is added. Throws Error naming the members
+  /// if the outputs do not converge even in the smallest part, and for an Error of a unit.
+  const Slot* step(Time begin, Time end, std::span<double> seconds);
+  /// A slot that asked for the end of the run in the last step, or nullptr.
+  const Slot* finished() const { return finished_; }
+
+  /// Largest magnitude of the eigenvalues of ∂y/∂x for a step of length `h` from the present state, which does not change; NaN
+  /// if a unit discards such a step. From 1 on, explicit coupling diverges. Not between step() and step(): the Jacobian of the
+  /// last step is lost.
+  double loop_gain(Time now, Duration h);
+
+  const LoopCounts& counts() const { return counts_; }
+  void set_counts(const LoopCounts& counts) { counts_ = counts; }
+  /// "drive, world"
+  std::string names() const;
+  std::size_t unknowns() const { return unknowns_.size(); }
+
+  /// The numbers on which the next step depends: Jacobian, slopes, scales.
+  std::size_t state_size() const;
+  void save(std::span<double> numbers) const;
+  void restore(std::span<const double> numbers);
+
+ private:
+  using SteadyClock = std::chrono::steady_clock;
+
+  /// One element of an output that feeds inputs within the group.
+  struct Unknown {
+    const double* value;
+    const double* derivative;          // nullptr: not declared
+    std::vector<std::size_t> readers;  // slots of the group whose inputs it feeds, ascending
+  };
+  enum class Way : std::uint8_t { kRamp, kMean, kEnd };
+  /// One element of an input that an unknown feeds.
+  struct Input {
+    double* to;
+    double* rate;
+    std::size_t unknown;
+    double factor, offset;
+    Way way;
+    double begin = 0;  // value at the beginning of the part
+    double at_end(const Eigen::VectorXd& x) const { return factor * x[static_cast<Eigen::Index>(unknown)] + offset; }
+  };
+  /// One element of an input that goes linearly over the step and that no unknown feeds.
+  struct Outside {
+    double* to;
+    const double* rate;
+    double begin = 0;  // value at the beginning of the step
+  };
+  struct PerSlot {
+    std::vector<Input> inputs;
+    std::vector<std::size_t> outputs;  // unknowns
+    Snapshot begin;                    // of the part
+    bool moved = false;                // it has stepped since it was at `begin`
+    bool metered = false;
+    StepResult result = StepResult::kDone;
+  };
+
+  bool evaluate(const Eigen::VectorXd& x, Eigen::VectorXd& y) override;
+  bool linearise(const Eigen::VectorXd& x, Eigen::VectorXd& y, Eigen::MatrixXd& jacobian) override;
+  bool probe(const Eigen::VectorXd& x, const Eigen::VectorXd& y, Eigen::MatrixXd& jacobian);
+  void add(const Link& link, std::size_t from, std::size_t to);
+  void find_outside();
+  Newton::Outcome step_part(Time begin, Time end);
+  void begin_part(Time begin, Time end);
+  void restore_all();
+  void accept(Time end);
+  bool acts_with_delay(const Eigen::VectorXd& x, std::size_t unknown, std::size_t slot, const Eigen::MatrixXd& jacobian);
+  void hold_means(const Eigen::VectorXd& x, Eigen::MatrixXd& jacobian);
+  double increment(std::size_t unknown) const;
+  void set_inputs(PerSlot& unit, const Eigen::VectorXd& x, Duration h);
+  bool step_slot(std::size_t i, const Eigen::VectorXd& x, Duration h);
+  void restore_slot(std::size_t i);
+  const Slot* fail(Newton::Outcome outcome, Time at) const;
+
+  std::span<Slot> slots_;
+  std::span<const Member> members_;
+  Bonds& bonds_;
+  Newton::Limits limits_;
+  std::vector<Unknown> unknowns_;
+  std::vector<PerSlot> units_;  // per slot
+  std::vector<Outside> outside_;
+  bool holds_ = false;  // inputs are held
+
+  // The present part of a step.
+  Time begin_;
+  Duration h_;
+  std::span<double> seconds_;
+  const Slot *discarded_ = nullptr, *finished_ = nullptr;
+  std::string error_;  // of `discarded_`; empty if it only discarded
+
+  Newton newton_;
+  Eigen::VectorXd x_, first_x_, probe_, changed_, scale_, slope_, y_;
+  Eigen::MatrixXd power_, square_;  // of the spectral radius
+  int halvings_ = 0;                // of the last part that was made
+  LoopCounts counts_;
+};
+
+}  // namespace cotwin::master

@@ -1,0 +1,184 @@
+#include "master/workflows/tuning/tuning.h"
+
+#include <chrono>
+#include <cmath>
+#include <sstream>
+
+#include "master/workflows/tuning/files.h"
+#include "master/workflows/tuning/report.h"
+#include "master/workflows/tuning/scenario.h"
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
+
+namespace cotwin::master::tuning {
+
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+identification::SwarmSearchOptions swarm_options(const Settings& settings) {
+  identification::SwarmSearchOptions options;
+  options.swarm.particles = settings.particles;
+  options.swarm.rounds = settings.rounds;
+  options.swarm.threshold = settings.threshold;
+  options.swarm.seed = settings.seed;
+  return options;
+}
+
+Resume resume_of(const Settings& settings, const Run& run, std::string swarm) {
+  return {settings, file_sizes(settings), std::move(swarm), run.program, file_hashes(settings)};
+}
+
+/// Runs feasible least squares until it ends or the user stops it.
+identification::FeasibleResult run_feasible(const Settings& settings, const Hooks& hooks,
+                                            const identification::Problem& problem) {
+  hooks.tell("feasible least squares", 1);
+  identification::FeasibleOptions options;
+  options.seed = settings.seed;
+  options.stop = hooks.stop;
+  return identification::solve_feasible(problem, options);
+}
+
+/// Runs the swarm until it ends or the user stops it. Saves its state at the start, every run.checkpoint seconds and at the
+/// end.
+SwarmRun run_swarm(const Settings& settings, const Run& run, const Hooks& hooks, identification::SwarmSearch& tuning) {
+  numerics::Threads threads(run.threads);
+  const fs::path file = run.out / "resume.json";
+  const Clock::time_point begin = Clock::now();
+  Clock::time_point saved = begin;
+  Resume resume = resume_of(settings, run, tuning.save());
+  const auto save = [&] {
+    resume.swarm = tuning.save();
+    save_resume(file, resume);
+  };
+  save();
+  SwarmRun result;
+  result.progress = tuning.progress();
+  while (result.progress.status == numerics::SwarmStatus::kRunning && !hooks.stopped()) {
+    result.progress = tuning.round(&threads);
+    hooks.tell("round " + std::to_string(result.progress.round) + " of " + std::to_string(settings.rounds) + ", RMS " +
+                   text::to_text(result.progress.weighted_rms, 5) + " of the floor",
+               static_cast<double>(result.progress.round) / settings.rounds);
+    if (run.checkpoint > 0 && Clock::now() - saved > std::chrono::duration<double>(run.checkpoint)) {
+      save();
+      saved = Clock::now();
+    }
+  }
+  save();
+  result.history = tuning.history();
+  result.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+  return result;
+}
+
+/// Sentences for joints whose held-out error is above that of no model (the torque itself) or of the prior, by more than
+/// rounding and chance. Joints that stand still are left out, and passive ones are compared with the prior only.
+std::vector<std::string> alarms_of(const Data& data, const Evaluation& evaluation, std::size_t candidate) {
+  constexpr double kWorse = 1.02;
+  std::vector<std::string> alarms;
+  if (!evaluation.held_out) return alarms;
+  const PartErrors& part = *evaluation.held_out;
+  for (std::size_t j = 0; j < data.robot.joints.size(); ++j) {
+    if (!data.survey.moves(j)) continue;
+    const auto i = static_cast<Eigen::Index>(j);
+    const double error = part.of[candidate].rms[i], prior = part.of.front().rms[i], torque = part.torque_rms[i];
+    const bool than_none = !data.robot.joints[j].passive && error > kWorse * torque, than_prior = error > kWorse * prior;
+    if (!than_none && !than_prior) continue;
+    alarms.push_back(data.robot.joints[j].name + ": held-out error " + text::to_text(error, 3) + " N.m, expected below " +
+                     (than_none ? "the torque itself, " + text::to_text(torque, 3) + " N.m"
+                                : "that of the prior, " + text::to_text(prior, 3) + " N.m"));
+  }
+  return alarms;
+}
+
+/// Chooses the tuned robot: the result of the method. Feasible least squares replaces the swarm if the swarm is far from it on
+/// the training part, or has more held-out alarms.
+void choose_tuned(const Settings& settings, const Data& data, Result& result) {
+  constexpr double kNear = 1.02;  // of the weighted RMS on the training part
+  result.tuned = 1;               // the result of the method follows the prior
+  result.alarms = alarms_of(data, result.evaluation, 1);
+  if (settings.method != Method::kSwarm || !(result.feasible_rms > 0)) return;
+  const std::vector<std::string> others = alarms_of(data, result.evaluation, 2);
+  const bool unfinished = result.swarm_rms > kNear * result.feasible_rms;
+  if (unfinished ? others.size() > result.alarms.size() : others.size() >= result.alarms.size()) return;
+  result.tuned = 2;
+  result.alarms = others;
+  result.chosen = unfinished ? "feasible least squares fits the training data better (weighted RMS " +
+                                   text::to_text(result.feasible_rms, 5) + ", the swarm's " +
+                                   text::to_text(result.swarm_rms, 5) + "): it is the robot that is written"
+                             : "feasible least squares predicts held-out torques with fewer alarms: it is the robot that is "
+                               "written";
+}
+
+void write_files(const Settings& settings, const Data& data, const Run& run, const Result& result) {
+  const Candidate& tuned = result.candidates[result.tuned];
+  const std::string how = "cotwin tune: " + tuned.name + ", seed " + std::to_string(settings.seed) + ", " +
+                          std::to_string(result.evaluation.training.samples) + " samples of " + settings.data.front().string();
+  if (settings.method != Method::kLeastSquares)
+    write_file(run.out / "robot.urdf", tuned_urdf(settings.robot, result.robot, how));
+  std::ostringstream ssv;
+  write_parameter_set(
+      ssv, drive_parameters("drive_train_" + data.robot.name, data.robot, tuned.estimate, settings, result.evaluation.torsion));
+  write_file(run.out / "drive_train.ssv", ssv.str());
+  if (result.evaluation.replay)
+    write_file(run.out / "twin.ssd", twin_scenario(data.robot.name, settings, *result.evaluation.replay));
+  write_file(run.out / "figures.json", figures_json(settings, data, result));
+  write_file(run.out / "report.md", report_markdown(settings, data, result));
+}
+
+}  // namespace
+
+Result tune(const Settings& settings, const Run& run, const Hooks& hooks, const Data& data) {
+  // Phases: the problem; the solvers; errors from the compressed data; errors sample by sample; files.
+  hooks.tell("least squares", 0);
+  identification::ProblemOptions options;
+  options.prior_weight = settings.prior_weight;
+  const identification::Problem problem(data.training->data, data.robot, options);
+  Result result;
+  result.floor = problem.floor();
+  result.excitation = problem.excitation();
+  result.deviation_factor = std::sqrt(std::max(1.0, 1 / (2 * data.smoothing.cutoff * data.smoothing.step)));
+  result.candidates.push_back({"prior", identification::estimate_of(data.robot, true)});
+
+  if (settings.method == Method::kSwarm) {
+    identification::SwarmSearch tuning = run.resume
+                                             ? identification::SwarmSearch(problem, swarm_options(settings), run.resume->swarm)
+                                             : identification::SwarmSearch(problem, swarm_options(settings));
+    result.swarm = run_swarm(settings, run, hooks, tuning);
+    result.interrupted = result.swarm->progress.status == numerics::SwarmStatus::kRunning;
+    result.candidates.push_back({"swarm", tuning.estimate()});
+    result.swarm_rms = problem.weighted_rms(result.candidates.back().estimate);
+  }
+  if (settings.method == Method::kFeasible) save_resume(run.out / "resume.json", resume_of(settings, run, {}));
+  if (settings.method != Method::kLeastSquares && !result.interrupted) {
+    const identification::FeasibleResult feasible = run_feasible(settings, hooks, problem);
+    result.interrupted = feasible.interrupted;
+    // An interrupted reference solution is discarded; an interrupted result is the best so far.
+    if (!feasible.interrupted || settings.method == Method::kFeasible) {
+      result.candidates.push_back({"feasible", feasible.estimate});
+      result.feasible_rms = feasible.weighted_rms;
+    }
+  }
+  result.candidates.push_back({"floor", problem.floor_estimate()});
+  result.floor_rms = problem.weighted_rms(result.candidates.back().estimate);
+  result.prior_rms = problem.weighted_rms(result.candidates.front().estimate);
+  result.evaluation = evaluate(data, result.candidates);
+  choose_tuned(settings, data, result);
+
+  const identification::Estimate& tuned = result.candidates[result.tuned].estimate;
+  result.robot = settings.method == Method::kLeastSquares
+                     ? data.robot
+                     : tuned_robot(data.robot, tuned, "cotwin tune, " + result.candidates[result.tuned].name);
+  if (!result.interrupted) {
+    try {
+      predict(settings, data, hooks, result.candidates, result.tuned, result.robot, run.out, result.evaluation);
+    } catch (const Stopped&) {
+      result.interrupted = true;
+      result.evaluation = evaluate(data, result.candidates);
+    }
+  }
+  write_files(settings, data, run, result);
+  return result;
+}
+
+}  // namespace cotwin::master::tuning

@@ -1,0 +1,48 @@
+#pragma once
+#include <complex>
+
+/// When a robot that is guided by hand vibrates (VI-C).
+namespace cotwin::guidance {
+
+/// The loop of a position-controlled robot that is guided through its twin, along one direction, x_i = 0:
+///   hand        f = −K_e(s) p,   K_e = G F/(G + F),   G = K_g + D_g s,   F = m_h s² + D_h s + K_h
+///   sensor      first-order low-pass 1/(1 + s/(2π cutoff))
+///   admittance  M p_c″ + D p_c′ = f      (3a) with S = 0
+///   delay       e^(−s delay), that of the sensor and of the line together
+///   robot       p = T p_c + C f; if it is rigid,   T = ω² z/N,   C = 1/(mass N),   N = s² + (2ζω s + ω²) z
+///               with an elastic gear K_J before a motor B, and a position control of the motor (components/compliance/joints/tracking.h):
+///               T = K_J r/Δ,   C = (B s² + K_J + a)/Δ,   Δ = m s² (B s² + K_J + a) + K_J (B s² + a),
+///               m = mass − B,   a = mass (2ζω s + ω²) z,   r = mass ω² z
+/// h is the step for which the position controller holds its torque: z = (1 − e^(−sh))/(sh), 1 for h = 0. With h > 0 the low-pass
+/// is the sampled one.
+struct Loop {
+  double m_h = 0, D_h = 0, K_h = 300;  // kg, N.s/m, N/m; see components/operator_hand/hand.h
+  double D_g = 0, K_g = 0;             // N.s/m, N/m; K_g = 0: the hand is fixed to the robot, G = ∞
+  double cutoff = 0;                   // Hz; 0: no filter
+  double delay = 0;                    // s
+  double omega = 0, zeta = 1,
+         mass = 0;        // 1/s, 1, kg; omega = 0: the robot follows exactly; mass (with the motor) = 0: nor yields
+  double h = 0;           // s
+  double K_J = 0, B = 0;  // N/m, kg; K_J = 0: rigid
+};
+
+/// Gain from p_c to −f at s, with sensor and delay: the closed loop has its poles where M s² + D s + gain(s) = 0.
+std::complex<double> gain(const Loop& loop, std::complex<double> s);
+
+struct Border {
+  double D = 0;      // N.s/m: stable for every larger damping; 0: for every damping
+  double omega = 0;  // rad/s: of the vibration at the border
+};
+/// The border of vibration for the inertia M > 0 of the admittance, by D-partition: on the imaginary axis
+///   M ω² = Re gain(jω),   D ω = −Im gain(jω)
+/// so every ω that fulfils the first equation belongs to one D; the largest is the border. The delay is exact.
+Border damping_border(const Loop& loop, double M);
+
+/// The largest K_h at which the loop does not vibrate with M and D, for all smaller ones too, to 1e-4; infinity if there is none up
+/// to 1e8 N/m. 0: it vibrates at 1 N/m.
+double stiffness_border(Loop loop, double M, double D);
+
+/// The number of poles with a positive real part, by the argument principle (Nyquist). The delay is exact.
+int unstable_poles(const Loop& loop, double M, double D);
+
+}  // namespace cotwin::guidance

@@ -1,0 +1,38 @@
+#include "models/foundation/formats/xml_text.h"
+
+namespace cotwin::xml {
+
+namespace {
+
+/// Length of the UTF-8 sequence at the start of `s` if it is a character that XML 1.0 allows (clause 2.2), otherwise 0.
+std::size_t character_length(std::string_view s) {
+  const auto byte = [&](std::size_t i) { return static_cast<unsigned char>(s[i]); };
+  const unsigned first = byte(0);
+  if (first < 0x80) return (first >= 0x20 || first == '\t' || first == '\n' || first == '\r') ? 1 : 0;
+  const std::size_t length = first >= 0xF0 ? 4 : first >= 0xE0 ? 3 : 2;
+  if (first < 0xC2 || first > 0xF4 || s.size() < length) return 0;
+  unsigned code = first & (0xFFU >> (length + 1));
+  for (std::size_t i = 1; i < length; ++i) {
+    if ((byte(i) & 0xC0U) != 0x80U) return 0;
+    code = (code << 6) | (byte(i) & 0x3FU);
+  }
+  const unsigned least = length == 2 ? 0x80 : length == 3 ? 0x800 : 0x10000;  // shorter encodings are not UTF-8
+  const bool allowed =
+      code >= least && code <= 0x10FFFF && !(code >= 0xD800 && code <= 0xDFFF) && code != 0xFFFE && code != 0xFFFF;
+  return allowed ? length : 0;
+}
+
+}  // namespace
+
+std::size_t first_not_allowed(std::string_view s) {
+  for (std::size_t i = 0; i < s.size();) {
+    const std::size_t length = character_length(s.substr(i));
+    if (length == 0) return i;
+    i += length;
+  }
+  return std::string_view::npos;
+}
+
+bool is_xml_text(std::string_view text) { return first_not_allowed(text) == std::string_view::npos; }
+
+}  // namespace cotwin::xml

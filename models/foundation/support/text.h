@@ -1,0 +1,29 @@
+#pragma once
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+/// Conversion between text and numbers or words, independent of the locale.
+namespace cotwin::text {
+
+/// Parses the whole of `s`, with blanks around it allowed, as a finite number, ±inf or nan; nullopt for anything else.
+std::optional<double> parse_real(std::string_view s);
+std::optional<long long> parse_integer(std::string_view s);
+/// Parses "true", "1", "false" or "0".
+std::optional<bool> parse_boolean(std::string_view s);
+
+/// The shortest text that reads back to the same bits.
+std::string to_text(double value);
+/// `value` with `digits` significant digits, for display.
+std::string to_text(double value, int digits);
+
+std::string_view trim(std::string_view s);
+std::vector<std::string_view> split(std::string_view s, char separator);
+/// "a, b, c"
+std::string joined(const std::vector<std::string>& words, std::string_view separator = ", ");
+
+/// The `candidates` closest to `wanted` by edit distance, for "did you mean …"; empty if none is close.
+std::string closest(std::string_view wanted, const std::vector<std::string>& candidates);
+
+}  // namespace cotwin::text

@@ -1,0 +1,60 @@
+#pragma once
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "models/identification/torque_data/torque_model.h"
+#include "models/trajectory/series/series.h"
+
+namespace cotwin::identification {
+
+struct PreparationOptions {
+  double cutoff = 0;   // Hz of the zero-phase low-pass on q, q̇ and τ alike; 0: a tenth of the rate, at most 10 Hz; < 0: none
+  int order = 4;       // of one pass (models/trajectory/series/filter.h)
+  double trim = 0.02;  // share of the recording cut off at each end, where derivatives are one-sided
+};
+
+/// Samples for identification from a recording. Positions (and speeds, where measured) and torques pass the same zero-phase
+/// filter. q̈ is the derivative of the spline through the speeds; without speeds, q̇ and q̈ are those of the spline through the
+/// positions. `dq` and `theta` (positions of the motors behind the gear) may be empty. Throws Error for a cutoff at or above
+/// half the sampling rate.
+Samples prepare(const trajectory::Series& q, const trajectory::Series& dq, const trajectory::Series& tau,
+                const trajectory::Series& theta = {}, const PreparationOptions& options = {});
+
+/// The filter for identification during a run, for n joints: q, q̇ and τ pass the same critically damped state-variable filter
+///   y = ω² / (s + ω)² u,      ω = 2π cutoff,
+/// whose states give filtered q and q̇ and their derivatives: q̈ is the derivative of the filtered q̇ (exact, no differences).
+/// Linear relations between signals hold for the filtered ones, delayed. Nonlinear terms of the dynamics cause errors of second
+/// order in the delay. The discretisation is exact for inputs that are linear between samples, so any step is stable.
+class CausalFilter {
+ public:
+  /// Throws Error unless 0 < cutoff.
+  CausalFilter(std::size_t joints, double cutoff);
+
+  /// Changes the cutoff; throws Error as above. Values and storage of the state do not change.
+  void set_cutoff(double cutoff);
+  /// Sets the state to the steady state for these values.
+  void reset(std::span<const double> q, std::span<const double> dq, std::span<const double> tau);
+  /// Takes the next sample, h seconds after the last. Allocates nothing.
+  void step(double h, std::span<const double> q, std::span<const double> dq, std::span<const double> tau);
+
+  std::span<const double> q() const { return part(0); }
+  std::span<const double> dq() const { return part(1); }
+  std::span<const double> ddq() const { return part(2); }
+  std::span<const double> tau() const { return part(3); }
+  double delay() const;  // s, at low frequency: 2/ω
+  /// The whole state, for the declared state of a unit.
+  std::span<double> state() { return state_; }
+  void restored() { write_output(); }  // after state() was written
+
+ private:
+  void write_output();
+  std::span<const double> part(std::size_t k) const { return {output_.data() + k * joints_, joints_}; }
+
+  std::size_t joints_;
+  double omega_;
+  std::vector<double> state_;   // per signal and joint: last input, y, ẏ
+  std::vector<double> output_;  // 4n
+};
+
+}  // namespace cotwin::identification

@@ -1,0 +1,120 @@
+#include "models/scene/urdf/urdf_shapes.h"
+
+#include <tinyxml2.h>
+
+#include <algorithm>
+#include <optional>
+
+#include "models/foundation/support/error.h"
+#include "models/foundation/support/file.h"
+#include "models/scene/mesh.h"
+#include "models/scene/urdf/urdf_geometry.h"
+
+namespace cotwin::scene {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+using Eigen::Vector3d;
+using tinyxml2::XMLElement;
+
+class ShapeReader {
+ public:
+  ShapeReader(const fs::path& file, const robot::RobotModel& robot, std::vector<std::string>* warnings)
+      : file_(file), robot_(robot), warnings_(warnings) {}
+
+  std::vector<std::vector<Shape>> read();
+
+ private:
+  std::string at(const XMLElement& element) const { return place_in_urdf(file_, element); }
+  void warn(const XMLElement& element, const std::string& what) const {
+    if (warnings_ != nullptr) warnings_->push_back(at(element) + ": " + what);
+  }
+  bool read_geometry(const XMLElement& collision, Shape& shape) const;
+  bool read_mesh(const XMLElement& mesh, Shape& shape) const;
+
+  const fs::path file_;
+  const robot::RobotModel& robot_;
+  std::vector<std::string>* const warnings_;
+};
+
+bool ShapeReader::read_mesh(const XMLElement& mesh, Shape& shape) const {
+  const char* const name = mesh.Attribute("filename");
+  if (name == nullptr) throw Error(at(mesh), "<mesh> without a filename");
+  const std::optional<fs::path> found = find_urdf_mesh(file_, name);
+  if (!found) {
+    warn(mesh, "mesh '" + std::string(name) + "' not found; the shape is ignored");
+    return false;
+  }
+  try {
+    shape.vertices = load_hull(*found, urdf_vector(file_, mesh, "scale", Vector3d::Ones()));
+    shape.type = ShapeType::kHull;
+    return true;
+  } catch (const Error& e) {
+    warn(mesh, "mesh ignored: " + std::string(e.what()));
+    return false;
+  }
+}
+
+bool ShapeReader::read_geometry(const XMLElement& collision, Shape& shape) const {
+  const XMLElement* const geometry = collision.FirstChildElement("geometry");
+  const XMLElement* const kind = geometry != nullptr ? geometry->FirstChildElement() : nullptr;
+  if (kind == nullptr) throw Error(at(collision), "<collision> without a geometry");
+  const std::string_view name = kind->Name();
+  if (name == "box") {
+    shape.type = ShapeType::kBox;
+    shape.size = urdf_vector(file_, *kind, "size", Vector3d::Zero());
+    if (!(shape.size.minCoeff() > 0)) throw Error(at(*kind), "<box> without edges > 0");
+  } else if (name == "sphere") {
+    shape.type = ShapeType::kSphere;
+    shape.size = {urdf_length(file_, *kind, "radius"), 0, 0};
+  } else if (name == "cylinder" || name == "capsule") {
+    shape.type = name == "cylinder" ? ShapeType::kCylinder : ShapeType::kCapsule;
+    shape.size = {urdf_length(file_, *kind, "radius"), urdf_length(file_, *kind, "length"), 0};
+  } else if (name == "mesh") {
+    return read_mesh(*kind, shape);
+  } else {
+    warn(*kind, "<" + std::string(name) + "> as a shape is ignored, expected box, sphere, cylinder, capsule or mesh");
+    return false;
+  }
+  return true;
+}
+
+std::vector<std::vector<Shape>> ShapeReader::read() {
+  tinyxml2::XMLDocument document;
+  const std::string xml = text::read_file(file_, "a URDF", 16'000'000);
+  if (document.Parse(xml.data(), xml.size()) != tinyxml2::XML_SUCCESS) {
+    throw Error(file_.string(), std::string("cannot be read as XML (") + document.ErrorName() + ")");
+  }
+  const XMLElement* const root = document.RootElement();
+  if (root == nullptr) throw Error(file_.string(), "no XML element");
+  std::vector<std::vector<Shape>> shapes(robot_.bodies.size() + 1);
+  for (const XMLElement* link = root->FirstChildElement("link"); link != nullptr; link = link->NextSiblingElement("link")) {
+    const char* const name = link->Attribute("name");
+    const auto frame = std::find_if(robot_.frames.begin(), robot_.frames.end(),
+                                    [&](const robot::Frame& f) { return name != nullptr && f.name == name; });
+    if (frame == robot_.frames.end()) continue;
+    int count = 0;
+    for (const XMLElement* c = link->FirstChildElement("collision"); c != nullptr; c = c->NextSiblingElement("collision")) {
+      Shape shape;
+      const char* const own = c->Attribute("name");
+      ++count;
+      shape.name = own != nullptr ? own : frame->name + (count > 1 ? "_" + std::to_string(count) : std::string());
+      const Pose X_LS = urdf_origin(file_, *c);
+      if (!read_geometry(*c, shape)) continue;
+      shape.X_BS = frame->X_BF * X_LS;
+      shapes[static_cast<std::size_t>(frame->body + 1)].push_back(std::move(shape));
+    }
+  }
+  return shapes;
+}
+
+}  // namespace
+
+std::vector<std::vector<Shape>> shapes_of_urdf(const fs::path& file, const robot::RobotModel& robot,
+                                               std::vector<std::string>* warnings) {
+  return ShapeReader(file, robot, warnings).read();
+}
+
+}  // namespace cotwin::scene
