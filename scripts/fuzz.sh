@@ -24,8 +24,7 @@ fuzz_one() {
   mkdir -p "$corpus" "tests/fuzz/corpus/$name"
   if ! "build/fuzz/fuzz/${name}_fuzz" "${limit[@]}" -seed="$seed" -rss_limit_mb=2048 -timeout=10 -artifact_prefix="build/fuzz/" \
     "$corpus" "tests/fuzz/corpus/$name" >"$log" 2>&1; then
-    tail -n 60 "$log" >&2
-    echo "fuzzing $name failed; the input is in build/fuzz" >&2
+    { echo "fuzzing $name failed; the input is in build/fuzz"; tail -n 60 "$log"; } | add_failures >&2
     add_counts 0 1 0
     return 1
   fi

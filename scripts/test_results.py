@@ -2,7 +2,8 @@
 """Reads what ctest writes.
 names FILE.json: prints the names of the tests in the output of `ctest --show-only=json-v1`.
 summary FOLDER: the tests listed in FOLDER/*.json with their results in FOLDER/*.xml (`--output-junit`). Prints the reasons of skipped tests and
-the slowest tests, and writes PASSED FAILED SKIPPED to FOLDER/counts. A listed test without a result has failed: ctest ended before."""
+the slowest tests, and writes PASSED FAILED SKIPPED to FOLDER/counts, and the end of what each failed test printed to FOLDER/failures. A listed
+test without a result has failed: ctest ended before."""
 import collections
 import json
 import pathlib
@@ -12,6 +13,7 @@ import xml.etree.ElementTree as ElementTree
 
 SLOWEST = 20
 LIMIT = 10.0  # seconds of a test that has no label `long`
+LINES = 40    # of the output of a failed test
 
 
 def listed(file):
@@ -50,6 +52,7 @@ def sanitized(build):
 def summary(folder):
     labels, results, seconds, number = {}, {}, {}, collections.Counter()
     reasons = collections.defaultdict(list)
+    failures = []
     for file in folder.glob("*.json"):
         labels.update(listed(file))
     for file in folder.glob("*.xml"):
@@ -58,14 +61,16 @@ def summary(folder):
             results[name], reason = outcome(case)
             seconds[name] = float(case.get("time", 0))
             inside = re.search(r"\[  SKIPPED \] (\d+) test", case.findtext("system-out") or "")
-            if results[name] == "skipped":
+            if results[name] == "failed":
+                failures += [f"{folder.parent.name}: {name}", *(case.findtext("system-out") or "").strip().split("\n")[-LINES:]]
+            elif results[name] == "skipped":
                 reasons[reason].append(name)
             elif inside:   # one process for many cases (TOGETHER)
                 number["skipped"] += int(inside.group(1))
                 why = sorted(set(re.findall(r": Skipped\n(.*)", case.findtext("system-out"))))
                 reasons["; ".join(why)].append(f"{inside.group(1)} cases of {name}")
     for name in sorted(labels.keys() - results.keys()):
-        print(f"failed, because it did not run: {name}")
+        failures.append(f"{folder.parent.name}: {name} did not run")
         results[name] = "failed"
     for reason, names in sorted(reasons.items()):
         print(f"skipped: {', '.join(sorted(names))}: {reason}")
@@ -76,11 +81,13 @@ def summary(folder):
         print(f"  {seconds[name]:7.1f}  {name}{''.join(f' [{label}]' for label in labels.get(name, []))}")
     if not sanitized(folder.parent):
         for name in slowest:
-            if seconds[name] > LIMIT and not {"long", "clock"} & set(labels.get(name, [])):
+            many = name.endswith(")") and "GetParam()" not in name   # many cases in one process (TOGETHER)
+            if seconds[name] > LIMIT and not many and not {"long", "clock"} & set(labels.get(name, [])):
                 print(f"notice: {name} took {seconds[name]:.1f} s, more than {LIMIT:g} s, and has no label long")
 
     number.update(results.values())
     print(f"{folder.parent.name}: passed {number['passed']}, failed {number['failed']}, skipped {number['skipped']}")
+    (folder / "failures").write_text("".join(f"{line}\n" for line in failures))
     (folder / "counts").write_text(f"{number['passed']} {number['failed']} {number['skipped']}\n")
 
 

@@ -37,5 +37,6 @@ run_tests clock -L '^clock$' --repeat until-pass:3 "$@"
 python3 "$here/test_results.py" summary "$results"
 read -r passed failed skipped <"$results/counts"
 add_counts "$passed" "$failed" "$skipped"
+add_failures <"$results/failures" >/dev/null   # ctest has printed them
 if ((passed + failed + skipped == 0)); then echo "no test was selected" >&2; exit 1; fi
 exit "$code"
