@@ -2,7 +2,7 @@
 # runs several processes.
 # COTWIN: the program; DATA: a folder with models/ and measurements/ as examples/public_data.md describes them.
 top=$(cd "$here/../.." && pwd)   # of the repository, or share/cotwin where Cotwin is installed
-data=${DATA:-$top/../shared/data}
+data=${DATA:-$top/build/public_data}
 
 # The program: COTWIN, else that of the tree that the example is in (installed or built), else the one in the PATH, else another build.
 if [ -z "${COTWIN:-}" ]; then
@@ -26,8 +26,8 @@ need() {
   for file in "$@"; do [ -f "$data/$file" ] || missing="$missing $file"; done
   [ -z "$missing" ] && return
   echo "$0: not in $data:$missing" >&2
-  echo "These are public measurements and models, not part of Cotwin. $top/examples/public_data.md lists where each comes from and which" >&2
-  echo "form is expected; put them into one folder and name it by DATA=FOLDER." >&2
+  echo "These are public measurements and models, not part of Cotwin. $top/scripts/fetch_logs.py fetches those of Panda and UR10;" >&2
+  echo "$top/examples/public_data.md lists where each comes from and which form is expected in the folder DATA." >&2
   exit 2
 }
 

@@ -11,6 +11,7 @@ file(CREATE_LINK ${PROJECT_SOURCE_DIR}/models ${CMAKE_BINARY_DIR}/share/cotwin/m
 
 install(DIRECTORY models/robots models/scenes models/people models/scenarios DESTINATION share/cotwin/models COMPONENT cotwin)
 install(DIRECTORY examples DESTINATION share/cotwin COMPONENT cotwin USE_SOURCE_PERMISSIONS)
+install(PROGRAMS scripts/fetch_logs.py DESTINATION share/cotwin/scripts COMPONENT cotwin)
 install(FILES scripts/completion.bash DESTINATION share/bash-completion/completions RENAME cotwin COMPONENT cotwin)
 install(FILES scripts/completion.zsh DESTINATION share/zsh/site-functions RENAME _cotwin COMPONENT cotwin)
 install(FILES scripts/completion.fish DESTINATION share/fish/vendor_completions.d RENAME cotwin.fish COMPONENT cotwin)

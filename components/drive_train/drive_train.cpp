@@ -418,12 +418,13 @@ void DriveTrain::write_outputs(double h, const Point& end) {
       tau_J_[i] = tau_f_[i] = 0;
     } else if (equations_.flexible()) {
       tau_J_[i] = end.tau_J[i];
-      tau_f_[i] = equations_.stuck(i) ? tau_m - tau_J_[i] : end.tau_f[i];
+      tau_f_[i] =
+          equations_.stuck(i) ? equations_.motor_balance(end, i, tau_m) : end.tau_f[i];  // a stuck motor is held in balance
     } else {
       theta[i] = x_[i];
       dtheta[i] = dq[i];
       tau_f_[i] = end.tau_f[i];
-      tau_J_[i] = tau_m - tau_f_[i] - equations_.parameters().B[i] * ddq_[i];  // (2b)
+      tau_J_[i] = tau_m - tau_f_[i] - equations_.parameters().B[i] * ddq_[i];  // (2b) with θ = q
     }
     power_m_ += tau_m * dtheta[i];
     power_e_ += equations_.inside() ? (c.tau_e[i] + c.dtau_e[i] * h) * dq[i] : -tau_J_[i] * dq[i];

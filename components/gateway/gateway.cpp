@@ -103,15 +103,14 @@ struct Gateway::Running {
     return o;
   }
 
-  /// Of all files in the robot's folder that its data can come from. Of a request that names no robot: also of its name.
+  /// Of all files that answers about the robot depend on. Of a request that names no robot: also of its name.
   std::string hash_of_robot(const std::string& name) {
-    namespace fs = std::filesystem;
     const std::string& robot = name.empty() ? parameters.robot : name;
-    const fs::path urdf = robots.find(robot)->urdf;
+    (void)robots.find(robot);  // refuses a robot whose files cannot be read
     std::string hash = name.empty() ? robot + ":" : "";
-    for (const fs::path& file : {urdf, urdf.parent_path() / "drive_train.ssv", urdf.parent_path() / "energy.ssv"}) {
+    for (const std::filesystem::path& file : robots.files_of(robot)) {
       std::error_code none;
-      if (fs::is_regular_file(file, none)) hash += hexadecimal(hash_of_file(file));
+      if (std::filesystem::is_regular_file(file, none)) hash += hexadecimal(hash_of_file(file));
       hash += '.';
     }
     return hash;

@@ -3,6 +3,7 @@
 
 #include "components/services/services.h"
 #include "models/foundation/support/text.h"
+#include "models/robot/drives/rigid_friction.h"
 #include "models/robot/dynamics.h"
 
 namespace cotwin::services {
@@ -29,9 +30,10 @@ std::string creeping(const optimisation::Problem& p, const optimisation::Solutio
     motion.path.at(at, q, dq, ddq);
     robot::gravity(mechanism, data, Eigen::Map<const Eigen::VectorXd>(q.data(), p.robot.n()), gravity);
     for (std::size_t j = 0; j < n; ++j) {
-      double own = gravity[static_cast<Eigen::Index>(j)];
-      if (!p.drives.tau_0.empty()) own += p.drives.tau_0[j];
-      if (!p.drives.tau_C.empty() && dq[j] != 0) own += std::copysign(p.drives.tau_C[j], dq[j]);
+      const auto term = [j](const std::vector<double>& values) { return values.empty() ? 0.0 : values[j]; };
+      const double own =
+          gravity[static_cast<Eigen::Index>(j)] +
+          robot::rigid_friction(term(p.drives.tau_C), 0, term(p.drives.tau_0), robot::coulomb_sign(dq[j]), dq[j]);
       if (const double share = std::abs(own) / p.bounds.tau[j]; share > most) {
         most = share;
         torque = std::abs(own);

@@ -2,6 +2,7 @@
 #include "components/services/robots.h"
 #include "components/services/services.h"
 #include "models/energetics/motion_energy.h"
+#include "models/energetics/waiting.h"
 
 namespace cotwin::services {
 

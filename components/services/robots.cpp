@@ -43,7 +43,7 @@ Robot load_robot(const fs::path& urdf, const std::string& name, const std::map<s
   r.model = robot::load_urdf(urdf, options, &r.notes);
   const robot::RobotModel whole = locked.empty() ? r.model : robot::load_urdf(urdf);
   r.file_joints = whole.joints.size();
-  const fs::path drives = urdf.parent_path() / "drive_train.ssv", energy = urdf.parent_path() / "energy.ssv";
+  const fs::path drives = urdf.parent_path() / kDrivesFile, energy = urdf.parent_path() / kEnergyFile;
   if (is_file(drives)) r.drives = load_drives(drives, whole);
   if (is_file(energy)) r.energy = load_energy(energy, whole);
   for (const robot::Joint& joint : r.model.joints) {
@@ -62,29 +62,41 @@ Robot load_robot(const fs::path& urdf, const std::string& name, const std::map<s
 }
 
 Robots::Robots(std::vector<fs::path> folders, std::string fallback, bool paths, fs::path people)
-    : folders_(std::move(folders)), fallback_(std::move(fallback)), paths_(paths) {
+    : folders_(std::move(folders)), fallback_(std::move(fallback)), paths_(paths), people_(std::move(people)) {
   for (const fs::path& folder : folders_)
-    if (const fs::path beside = folder / "../people/iso_ts_15066.csv"; people.empty() && is_file(beside)) people = beside;
-  if (!people.empty()) parts_ = robot::load_body_parts(people);
+    if (const fs::path beside = folder / "../people/iso_ts_15066.csv"; people_.empty() && is_file(beside)) people_ = beside;
+  if (!people_.empty()) (void)robot::load_body_parts(people_);  // a wrong table is told before the first request
 }
 
 std::shared_ptr<const Robot> Robots::find(const std::string& name, const std::map<std::string, double>& locked) {
-  const fs::path urdf = urdf_of(name);
+  const std::vector<fs::path> files = files_of(name);
   std::string key = name;
   for (const auto& [joint, q] : locked) key += "\n" + joint + "=" + text::to_text(q);
-  const Times times = times_of(urdf);
+  Times times;
+  for (const fs::path& file : files) {
+    std::error_code missing;
+    const auto time = fs::last_write_time(file, missing);
+    times.push_back(missing ? std::nullopt : std::optional(time));
+  }
   {
     const std::lock_guard lock(mutex_);
     if (const auto at = kept_.find(key); at != kept_.end() && at->second.times == times) return at->second.robot;
   }
-  auto loaded = std::make_shared<Robot>(load_robot(urdf, name, locked));
-  loaded->parts = parts_;
+  auto loaded = std::make_shared<Robot>(load_robot(files.front(), name, locked));
+  if (!people_.empty()) loaded->parts = robot::load_body_parts(people_);
   const std::shared_ptr<const Robot> robot = std::move(loaded);
   constexpr std::size_t kMost = 64;  // locked joints at ever other positions would fill the memory
   const std::lock_guard lock(mutex_);
   if (kept_.size() >= kMost) kept_.clear();
   kept_[key] = {times, robot};
   return robot;
+}
+
+std::vector<fs::path> Robots::files_of(const std::string& name) const {
+  std::vector<fs::path> files = {urdf_of(name)};
+  for (const char* data : kDataFiles) files.push_back(files.front().parent_path() / data);
+  if (!people_.empty()) files.push_back(people_);
+  return files;
 }
 
 fs::path Robots::urdf_of(const std::string& name) const {
@@ -113,16 +125,6 @@ std::vector<std::string> Robots::names() const {
   std::ranges::sort(all);
   all.erase(std::unique(all.begin(), all.end()), all.end());
   return all;
-}
-
-Robots::Times Robots::times_of(const fs::path& urdf) {
-  Times times;
-  for (const fs::path& file : {urdf, urdf.parent_path() / "drive_train.ssv", urdf.parent_path() / "energy.ssv"}) {
-    std::error_code missing;
-    const auto time = fs::last_write_time(file, missing);
-    times.push_back(missing ? std::nullopt : std::optional(time));
-  }
-  return times;
 }
 
 }  // namespace cotwin::services

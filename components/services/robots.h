@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -23,6 +24,10 @@ struct EnergyData {
   energetics::Standby standby;
   std::string sources, assumed;
 };
+
+/// The files with data of a robot that may stand beside its URDF.
+inline constexpr const char *kDrivesFile = "drive_train.ssv", *kComplianceFile = "compliance.ssv", *kEnergyFile = "energy.ssv";
+inline constexpr std::array<const char*, 3> kDataFiles = {kDrivesFile, kComplianceFile, kEnergyFile};
 
 /// A robot with the data beside its URDF.
 struct Robot {
@@ -56,6 +61,9 @@ class Robots {
   /// Throws Error for a name with other characters than letters, digits, '_', '-' and '.', and for an unknown one, with the closest
   /// known name.
   std::shared_ptr<const Robot> find(const std::string& name, const std::map<std::string, double>& locked = {});
+  /// All files that answers about a robot depend on, whether they are there or not: its URDF, kDataFiles beside it, and the table of
+  /// body parts if there is one. Throws as find does.
+  std::vector<std::filesystem::path> files_of(const std::string& name) const;
   /// All names in the folders, sorted.
   std::vector<std::string> names() const;
   const std::string& fallback() const { return fallback_; }
@@ -63,16 +71,15 @@ class Robots {
  private:
   using Times = std::vector<std::optional<std::filesystem::file_time_type>>;
   struct Kept {
-    Times times;  // of the URDF and the files beside it
+    Times times;  // of files_of
     std::shared_ptr<const Robot> robot;
   };
   std::filesystem::path urdf_of(const std::string& name) const;
-  static Times times_of(const std::filesystem::path& urdf);
 
   std::vector<std::filesystem::path> folders_;
   std::string fallback_;
   bool paths_;
-  std::vector<robot::BodyPart> parts_;
+  std::filesystem::path people_;  // "": none
   std::mutex mutex_;
   std::map<std::string, Kept> kept_;
 };

@@ -11,6 +11,7 @@
 #include "models/foundation/support/text.h"
 #include "models/numerics/batch.h"
 #include "models/optimisation/quadrature.h"
+#include "models/robot/drives/rigid_friction.h"
 #include "models/robot/dynamics.h"
 #include "models/trajectory/bernstein.h"
 
@@ -127,8 +128,9 @@ double shortest_by_torque(const Problem& p, const std::vector<double>& c) {
     for (std::size_t j = 0; j < n; ++j)
       for (std::size_t k = j * part; k < (j + 1) * part; ++k) {
         const double a = all[k] - gravity[k] + term(p.drives.B, j) * ddq[k], b = term(p.drives.sigma2, j) * dq[k];
-        const double friction = dq[k] == 0 ? 0 : std::copysign(term(p.drives.tau_C, j), dq[k]);
-        most = std::min(most, reach(a, b, gravity[k] + friction + term(p.drives.tau_0, j), p.bounds.tau[j]));
+        const double held =
+            robot::rigid_friction(term(p.drives.tau_C, j), 0, term(p.drives.tau_0, j), robot::coulomb_sign(dq[k]), dq[k]);
+        most = std::min(most, reach(a, b, gravity[k] + held, p.bounds.tau[j]));
       }
   }
   return 1 / most;

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin {
 
@@ -43,9 +44,7 @@ std::string allowed_values(const Setting& setting) {
     case Setting::Kind::kChoice:
       break;
   }
-  std::string all;
-  for (const std::string& choice : setting.choices) all += (all.empty() ? "" : ", ") + choice;
-  return all;
+  return text::joined(setting.choices);
 }
 
 std::string default_value(const Setting& setting) {

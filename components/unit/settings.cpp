@@ -33,12 +33,6 @@ std::string unescape(std::string_view text) {
   return out;
 }
 
-std::string joined(const std::vector<std::string>& words) {
-  std::string out;
-  for (const std::string& word : words) out += (out.empty() ? "" : ", ") + word;
-  return out;
-}
-
 }  // namespace
 
 std::string escape_setting(std::string_view text) {
@@ -88,7 +82,7 @@ void Settings::declare(SettingList list) {
     if (list_.find(key) != nullptr) continue;
     const std::string closest = text::closest(key, names);
     throw Error("unit:" + unit_, "no setting '" + key + "'" + (closest.empty() ? "" : "; did you mean '" + closest + "'?") +
-                                     (names.empty() ? "; there is none" : "; there are " + joined(names)));
+                                     (names.empty() ? "; there is none" : "; there are " + text::joined(names)));
   }
 }
 
@@ -231,7 +225,7 @@ void Settings::check_all_used() const {
     if (std::find(asked_.begin(), asked_.end(), key) != asked_.end()) continue;
     std::string others;
     for (const auto& [name, text] : query_) {
-      if (name != key) others += (others.empty() ? "" : ", ") + name + "=" + text;
+      if (name != key) text::append(others, name + "=" + text);
     }
     throw Error("unit:" + unit_, "the setting " + key + "=" + value + " has no effect with " +
                                      (others.empty() ? "the defaults of the other settings" : others) +

@@ -32,8 +32,7 @@ const UnitType& find_type(std::string_view name, std::span<const UnitType> types
     if (type.name == name) return type;
     names.emplace_back(type.name);
   }
-  std::string all;
-  for (const std::string& n : names) all += (all.empty() ? "" : ", ") + n;
+  const std::string all = text::joined(names);
   const std::string closest = text::closest(name, names);
   throw Error("unit:" + std::string(name),
               "no such unit; there are " + all + (closest.empty() ? "" : "; did you mean '" + closest + "'?"));

@@ -7,10 +7,14 @@ here=$(cd "$(dirname "$(readlink -f "$0")")" && pwd)
 [ $# -gt 0 ] || set -- panda ur10
 for robot in "$@"; do
   case $robot in
-    panda) model=panda_franka_ros ;;
-    ur10) model=ur10 ;;
+    panda)
+      need models/panda_franka_ros.urdf measurements/panda_unisa.csv
+      "$COTWIN" run "$here/panda.ssd" --set "robot=$data/models/panda_franka_ros.urdf" --set "recording.file=$data/measurements/panda_unisa.csv"
+      ;;
+    ur10)
+      need measurements/ur10_unisa.csv
+      "$COTWIN" run "$here/ur10.ssd" --set "recording.file=$data/measurements/ur10_unisa.csv"
+      ;;
     *) echo "$0: no robot '$robot', expected panda or ur10" >&2 && exit 2 ;;
   esac
-  need "models/$model.urdf" "measurements/${robot}_unisa.csv"
-  "$COTWIN" run "$here/$robot.ssd" --set "robot=$data/models/$model.urdf" --set "recording.file=$data/measurements/${robot}_unisa.csv"
 done

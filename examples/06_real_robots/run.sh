@@ -15,8 +15,8 @@ panda() {
 
 # Efforts of the motors behind the gears.
 ur10() {
-  need models/ur10.urdf measurements/ur10_unisa.csv
-  "$COTWIN" tune --robot "$data/models/ur10.urdf" --data "$data/measurements/ur10_unisa.csv" \
+  need measurements/ur10_unisa.csv
+  "$COTWIN" tune --robot "$here/../../models/robots/ur10/robot.urdf" --data "$data/measurements/ur10_unisa.csv" \
     --cross-validate --out "$out/ur10" "$@"
 }
 

@@ -9,6 +9,7 @@
 #include "fmu/description/model_description.h"
 #include "models/foundation/formats/xml.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 /// Reads words, numbers and values from the attributes of a modelDescription.xml. Relations between them are checked elsewhere
 /// (consistency.h). All functions throw Error `place:line: …` for a value that the standard does not allow.
@@ -31,7 +32,7 @@ std::optional<Enum> word_of(const xml::Element& e, std::string_view attribute, E
   if (word) return word;
   std::string all;
   for (int i = 0; i <= static_cast<int>(last); ++i) {
-    all += (all.empty() ? "" : ", ") + std::string(name_of(static_cast<Enum>(i)));
+    text::append(all, std::string(name_of(static_cast<Enum>(i))));
   }
   throw Error(e.place, std::string(attribute) + " '" + *value + "', expected one of " + all);
 }

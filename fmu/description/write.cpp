@@ -71,7 +71,7 @@ class Tag {
 template <class Range, class Print>
 std::string list(const Range& values, Print print) {
   std::string text;
-  for (const auto& value : values) text += (text.empty() ? "" : " ") + std::string(print(value));
+  for (const auto& value : values) text::append(text, print(value), " ");
   return text;
 }
 

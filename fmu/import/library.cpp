@@ -9,6 +9,7 @@
 #include <fstream>
 
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::fmu {
 
@@ -76,8 +77,7 @@ fs::path library_file(const fs::path& folder, Version version, const std::string
   std::error_code none;
   for (const auto& entry : fs::directory_iterator(binaries, none)) there.push_back(entry.path().filename().string());
   std::sort(there.begin(), there.end());
-  std::string list;
-  for (const std::string& platform : there) list += (list.empty() ? "" : ", ") + platform;
+  const std::string list = text::joined(there);
   const bool sources = fs::is_directory(folder / "sources");
   throw Error("no library for this platform, expected binaries/" + platform_folders(version).front() + "/" + identifier +
               ".so; the FMU has binaries for " + (list.empty() ? "no platform" : list) + (sources ? ", and sources" : ""));
@@ -106,8 +106,7 @@ void* Library::address(const char* name, bool required) {
 
 void Library::check() const {
   if (missing_.empty()) return;
-  std::string list;
-  for (const std::string& name : missing_) list += (list.empty() ? "" : ", ") + name;
+  const std::string list = text::joined(missing_);
   throw Error(file_.filename().string(), "lacks the functions " + list);
 }
 

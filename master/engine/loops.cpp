@@ -53,7 +53,7 @@ void Engine::choose_groups(const Initialisation& initialised) {
   const auto goes_back = [&](std::size_t m) { return members_[m].instance.unit->goes_back(); };
   const auto report = [&](const std::vector<std::size_t>& group) -> LoopReport& {
     LoopReport& loop = loops_.emplace_back();
-    for (const std::size_t m : group) loop.members += (loop.members.empty() ? "" : ", ") + members_[m].name();
+    for (const std::size_t m : group) text::append(loop.members, members_[m].name());
     // One member alone may be in a loop with others.
     loop.algebraic = std::ranges::count_if(group, is_algebraic) >= std::min<std::ptrdiff_t>(2, std::ssize(group));
     loop.unmeasurable = !std::ranges::all_of(group, goes_back);

@@ -446,7 +446,7 @@ std::vector<std::string> Tools::notes() const {
   for (std::size_t t = 0; t < reached_.size(); ++t) {
     const ToolSpec& tool = scenario_->tools[t];
     std::string labels;
-    for (const std::size_t i : reached_[t]) labels += (labels.empty() ? "" : ", ") + carriers_[i]->label;
+    for (const std::size_t i : reached_[t]) text::append(labels, carriers_[i]->label);
     all.push_back("tool '" + tool.name + "' " + (tool.attach ? "attached to '" + tool.parent + "'" : std::string("detached")) +
                   " at " + seconds(tool.time) + " in " + labels);
   }

@@ -53,7 +53,7 @@ Type type_of(const CLI::Option& option) {
   Type found{type.substr(0, type.find(':')), ""};
   if (open != std::string::npos && close != std::string::npos) {
     for (const std::string_view value : text::split(std::string_view(type).substr(open + 1, close - open - 1), ','))
-      found.values += (found.values.empty() ? "" : ", ") + std::string(value);
+      text::append(found.values, value);
     if (open == 0) found.placeholder.clear();
   }
   return found;

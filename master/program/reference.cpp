@@ -57,9 +57,7 @@ std::string start_value(const Variable& v) {
   const std::vector<std::string> all = values(v);
   if (all.empty()) return "";
   if (std::all_of(all.begin(), all.end(), [&](const std::string& x) { return x == all.front(); })) return all.front();
-  std::string list;
-  for (const std::string& x : all) list += (list.empty() ? "" : ", ") + x;
-  return list;
+  return text::joined(all);
 }
 
 std::string measure_of(const Variable& v) { return v.kind() == Kind::kReal ? v.si : std::string(name_of(v.kind())); }

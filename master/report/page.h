@@ -33,11 +33,6 @@ struct Cell {
     cell.html = std::move(html);
     return cell;
   }
-  static Cell of_count(long long count) {
-    Cell cell(std::to_string(count));
-    cell.is_number = true;
-    return cell;
-  }
 };
 
 /// The columns of a table: text on the left, numbers on the right.

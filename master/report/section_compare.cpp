@@ -64,7 +64,7 @@ class Beside {
 
 std::string value_text(const json& value) {
   std::string text = text_of(value);
-  for (const json& element : list_of(value)) text += (text.empty() ? "" : " ") + text_of(element);
+  for (const json& element : list_of(value)) text::append(text, text_of(element), " ");
   return text;
 }
 

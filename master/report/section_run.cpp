@@ -87,7 +87,7 @@ void write_run_facts(Page& page, const Results& results) {
   facts.add_code("given with --set", joined(member(record, "set"), "  "));
   std::string settings;
   if (const json& all = member(record, "settings"); all.is_object()) {
-    for (const auto& [name, value] : all.items()) settings += (settings.empty() ? "" : ", ") + name + "=" + text_of(value);
+    for (const auto& [name, value] : all.items()) text::append(settings, name + "=" + text_of(value));
   }
   facts.add_code("common settings", settings);
   if (results.recording) {
@@ -305,7 +305,7 @@ void write_signals(Page& page, const LoadedRecording& recording, const Gnuplot& 
     if (shown++ < kMostGroups) {
       write_group(page, recording, group, gnuplot);
     } else if (++left <= 40) {
-      names += (names.empty() ? "" : ", ") + group.name;
+      text::append(names, group.name);
     }
   }
   if (left > 0)

@@ -15,7 +15,7 @@ constexpr std::size_t kMostJoints = 100, kMostUnknowns = 400;
 
 std::string joined_text(const json& list) {
   std::string all;
-  for (const json& element : list_of(list)) all += (all.empty() ? "" : ", ") + text_of(element);
+  for (const json& element : list_of(list)) text::append(all, text_of(element));
   return all;
 }
 
@@ -62,7 +62,7 @@ void write_errors(Page& page, const json& f, const std::vector<std::string>& joi
   std::string sentence;
   for (const char* name : {"prior", "swarm", "feasible", "floor"}) {
     if (member(weighted, name).is_number())
-      sentence += (sentence.empty() ? "" : ", ") + std::string(name) + " " + number(number_of(member(weighted, name)), 5);
+      text::append(sentence, std::string(name) + " " + number(number_of(member(weighted, name)), 5));
   }
   if (!sentence.empty())
     page.paragraph("RMS over all joints, weighted by the residuals of the floor (unconstrained least squares), training: " +
@@ -282,7 +282,7 @@ void write_tuning_parameters(Page& page, const json& f) {
   std::size_t rows = 0;
   for (const json& unknown : list_of(member(f, "determination"))) {
     if (member(unknown, "determined") == false) {
-      lost += (lost.empty() ? "" : ", ") + text_of(member(unknown, "name"));
+      text::append(lost, text_of(member(unknown, "name")));
       continue;
     }
     if (rows++ == kMostUnknowns) break;

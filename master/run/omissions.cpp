@@ -37,7 +37,7 @@ std::string normalised(std::string text) {
   for (const std::string_view word : text::split(text, ' ')) {
     if (text::trim(word).empty()) continue;
     const auto number = text::parse_real(text::trim(word));
-    all += (all.empty() ? "" : " ") + (number ? text::to_text(*number) : std::string(word));
+    text::append(all, number ? text::to_text(*number) : std::string(word), " ");
   }
   return all;
 }
@@ -184,7 +184,7 @@ class Finder {
     std::size_t count = 0;
     for (std::size_t i = 0; i < port.given.size(); ++i) {
       if (port.given[i]) continue;
-      missing += (missing.empty() ? "" : ", ") + element_name(members_[port.member].name(), v, i);
+      text::append(missing, element_name(members_[port.member].name(), v, i));
       ++count;
     }
     if (count == 0) return;

@@ -467,7 +467,7 @@ Scenario read_nested_annotation(const xml::Element& annotation, const std::strin
 std::string unused_of_nested(const xml::Element& annotation, const Scenario& nested, const Scenario& scenario) {
   std::string unused;
   const auto compare = [&](const char* name, bool given, bool same) {
-    if (given && !same) unused += (unused.empty() ? "" : ", ") + std::string(name);
+    if (given && !same) text::append(unused, name);
   };
   const auto given = [&](const char* name) { return xml::find(annotation, name) != nullptr; };
   compare("tick", given("tick"), nested.tick == scenario.tick);

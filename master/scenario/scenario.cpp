@@ -314,7 +314,7 @@ void assign(Scenario& scenario, std::string_view assignment, std::span<const Uni
       continue;
     }
     // As a string: the unit converts it to the variable's kind, one value for all elements or one for each.
-    c.start_values.push_back({port->variable, value, "", place});
+    c.start_values.push_back({port->variable, value, "", place, true});
   }
 }
 

@@ -30,7 +30,7 @@ std::string motion_file(const std::string& motion) {
       std::string list;
       for (const Json& value : object[member]) {
         if (!value.is_number()) throw Error("motion: " + member, "has a value that is no number, expected numbers");
-        list += (list.empty() ? "" : " ") + text::to_text(value.get<double>());
+        text::append(list, text::to_text(value.get<double>()), " ");
       }
       set.values.push_back({name, list, "", ""});
     }

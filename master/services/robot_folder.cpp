@@ -64,7 +64,7 @@ bool keep(ParameterValue& v, const services::Robot& robot) {
   if (values.size() != own * robot.file_joints) return true;
   std::string kept;
   for (const std::size_t joint : robot.joints_kept)
-    for (std::size_t k = 0; k < own; ++k) kept += (kept.empty() ? "" : " ") + values[joint * own + k];
+    for (std::size_t k = 0; k < own; ++k) text::append(kept, values[joint * own + k], " ");
   v.value = kept;
   return true;
 }
@@ -80,7 +80,7 @@ RobotFolder::RobotFolder(const services::Robot& robot, bool rigid) {
   urdf_ = copy_->path() / "robot.urdf";
   write_file(urdf_, robot::to_urdf(robot.model));
   std::error_code none;
-  for (const char* name : {"drive_train.ssv", "compliance.ssv", "energy.ssv"}) {
+  for (const char* name : services::kDataFiles) {
     const fs::path file = own_ / name;
     if ((rigid && std::string_view(name) != "energy.ssv") || !fs::is_regular_file(file, none)) continue;
     if (robot.model.locked.empty()) {

@@ -2,7 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <initializer_list>
 #include <numeric>
+#include <string>
+#include <utility>
+#include <vector>
 
 #include "components/services/energy_service.h"
 #include "master/run/master.h"
@@ -20,39 +24,8 @@ using services::Verification;
 constexpr double kTick = 1e-3;     // s
 constexpr double kLongest = 1000;  // s, of a move
 
-std::string list(const std::vector<double>& values) {
-  std::string all;
-  for (const double x : values) all += (all.empty() ? "" : " ") + text::to_text(x);
-  return all;
-}
-
-std::string escaped(const std::string& text) {
-  std::string all;
-  for (const char c : text)
-    all += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '>' ? "&gt;" : c == '"' ? "&quot;" : std::string(1, c);
-  return all;
-}
-
-std::string parameter(const std::string& name, const std::string& value) {
-  return "<ssv:Parameter name=\"" + name + "\"><ssv:String value=\"" + value + "\"/></ssv:Parameter>";
-}
-
-std::string component(const std::string& name, const std::string& source, const std::string& parameters) {
-  std::string xml =
-      "<ssd:Component name=\"" + name + "\" source=\"" + escaped(source) + "\" type=\"application/x-cotwin-unit\">";
-  if (!parameters.empty())
-    xml +=
-        "<ssd:ParameterBindings><ssd:ParameterBinding><ssd:ParameterValues><ssv:ParameterSet version=\"1.0\" "
-        "name=\"values\"><ssv:Parameters>" +
-        parameters +
-        "</ssv:Parameters></ssv:ParameterSet></ssd:ParameterValues></ssd:ParameterBinding></ssd:ParameterBindings>";
-  return xml + "</ssd:Component>\n";
-}
-
-std::string connection(const std::string& from, const std::string& to, const std::string& variable) {
-  return "<ssd:Connection startElement=\"" + from + "\" startConnector=\"" + variable + "\" endElement=\"" + to +
-         "\" endConnector=\"" + variable + "\"/>\n";
-}
+/// Start values of a unit, by name. As texts: one number holds for all joints.
+using Values = std::vector<std::pair<std::string, std::string>>;
 
 std::span<const double> reals(std::span<const Member> members, const std::string& name) {
   const Signal signal = find_signal(members, name, "verification");
@@ -100,15 +73,15 @@ std::string violation(const services::Robot& robot, const optimisation::Bounds& 
 }
 
 /// The controller's limits: the torque bounds of the move. Positions and speeds are judged after the run, not held by the controller.
-std::string limits(const optimisation::Bounds& b) {
+Values limits(const optimisation::Bounds& b) {
   constexpr double kWindUp = 0.45;  // of the torque, as unit:compliance has it by default
   std::vector<double> tau, wind_up;
   for (const double bound : b.tau) {
     tau.push_back(std::isfinite(bound) ? bound : 0);
     wind_up.push_back(kWindUp * tau.back());
   }
-  return parameter("tau_max", list(tau)) + parameter("tau_wind_up", list(wind_up)) + parameter("q_min", "0") +
-         parameter("q_max", "0") + parameter("dq_max", "0");
+  return {
+      {"tau_max", text::joined(tau)}, {"tau_wind_up", text::joined(wind_up)}, {"q_min", "0"}, {"q_max", "0"}, {"dq_max", "0"}};
 }
 
 std::string drives_note(const services::Robot& robot, const optimisation::DriveTerms& friction, bool rigid, bool asked_rigid) {
@@ -120,67 +93,72 @@ std::string drives_note(const services::Robot& robot, const optimisation::DriveT
          (asked_rigid ? "the request says drives = none" : "there is no drive_train.ssv beside the URDF");
 }
 
-/// Friction of rigid joints, as parameters of the controller and of the drive.
-std::string friction_of(const optimisation::DriveTerms& d) {
-  return d.tau_C.empty()
-             ? ""
-             : parameter("sigma2", list(d.sigma2)) + parameter("tau_C", list(d.tau_C)) + parameter("tau_S", list(d.tau_C));
+/// Adds friction of rigid joints to the start values of the controller or of the drive.
+void add_friction(Values& values, const optimisation::DriveTerms& d) {
+  if (d.tau_C.empty()) return;
+  values.insert(values.end(),
+                {{"sigma2", text::joined(d.sigma2)}, {"tau_C", text::joined(d.tau_C)}, {"tau_S", text::joined(d.tau_C)}});
 }
 
-/// The scenario of a verification as SSD text: unit:motion runs the polynomial, unit:compliance tracks it, unit:drive_train is the
-/// robot with elastic joints and friction, or with rigid ones and the friction of `move.drives`, and unit:energy measures it where the
-/// robot has an energy.ssv.
-std::string scenario_of(const services::Robot& robot, const RobotFolder& folder, const services::Move& move, double T,
-                        const optimisation::Bounds& bounds, const services::VerificationOptions& options) {
-  std::string polynomial = parameter("T", text::to_text(T)) + parameter("q_start", list(move.from_q)) +
-                           parameter("q_end", list(move.to_q)) + parameter("limits", "ignore");
-  if (move.degree > 5)
-    polynomial += parameter(
-        "c_r",
-        list(move.c.empty() ? std::vector<double>(move.from_q.size() * static_cast<std::size_t>(move.degree - 5)) : move.c));
-  std::string controller = limits(bounds), drive = parameter("q0", list(move.from_q));
+/// The scenario of a verification: unit:motion runs the polynomial, unit:compliance tracks it, unit:drive_train is the robot with
+/// elastic joints and friction, or with rigid ones and the friction of `move.drives`, and unit:energy measures it where the robot has an
+/// energy.ssv.
+Scenario scenario_of(const services::Robot& robot, const RobotFolder& folder, const services::Move& move, double T,
+                     const optimisation::Bounds& bounds, const services::VerificationOptions& options) {
+  Scenario scenario;
+  scenario.name = "verification";
+  scenario.folder = folder.urdf().parent_path();
+  scenario.stop = Time::from_seconds(std::ceil((T + options.settle) / kTick) * kTick);
+  scenario.tick = Duration::from_seconds(kTick);
+  scenario.settings["robot"] = folder.urdf().string();
+  const auto add = [&](const char* name, const std::string& source, const Values& values) {
+    ComponentSpec component;
+    component.name = name;
+    component.source = source;
+    component.place = scenario.name;
+    component.stage = static_cast<int>(scenario.components.size());
+    for (const auto& [variable, value] : values) component.start_values.push_back({variable, value, "", scenario.name});
+    scenario.components.push_back(std::move(component));
+  };
+  const auto connect = [&](const char* from, const char* to, std::initializer_list<const char*> names) {
+    for (const char* name : names)
+      scenario.connections.push_back({{from, name, ""}, {to, name, ""}, 1, 0, false, scenario.name});
+  };
+
+  Values polynomial = {{"T", text::to_text(T)},
+                       {"q_start", text::joined(move.from_q)},
+                       {"q_end", text::joined(move.to_q)},
+                       {"limits", "ignore"}};
+  if (move.degree > 5) {
+    const std::size_t coefficients = move.from_q.size() * static_cast<std::size_t>(move.degree - 5);
+    polynomial.emplace_back("c_r", text::joined(move.c.empty() ? std::vector<double>(coefficients) : move.c));
+  }
+  add("motion", "unit:motion?kind=polynomial&degree=" + std::to_string(move.degree), polynomial);
+
+  Values controller = limits(bounds), drive = {{"q0", text::joined(move.from_q)}};
+  std::string source = "unit:drive_train";
   if (options.rigid) {
-    controller += parameter("K", "0") + parameter("B", "0") + friction_of(move.drives);
-    drive += parameter("B", "1e-9") + friction_of(move.drives);  // kg m^2; the unit demands more than 0
-  } else if (!folder.has("compliance.ssv")) {
+    source += move.drives.tau_C.empty() ? "?transmission=rigid" : "?transmission=rigid&friction=smooth";
+    controller.insert(controller.end(), {{"K", "0"}, {"B", "0"}});
+    drive.emplace_back("B", "1e-9");  // kg m^2; the unit demands more than 0
+    add_friction(controller, move.drives);
+    add_friction(drive, move.drives);
+  } else if (!folder.has(services::kComplianceFile)) {
     const robot::DriveParameters& d = *robot.drives;
     for (const auto& [name, values] : {std::pair{"K", &d.K}, {"B", &d.B}, {"sigma2", &d.sigma2}, {"tau_C", &d.tau_C}})
-      controller += parameter(name, list(*values));
+      controller.emplace_back(name, text::joined(*values));
   }
-  const bool energy = robot.energy.has_value();
-  const double stop = std::ceil((T + options.settle) / kTick) * kTick;
-  std::string xml =
-      "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<ssd:SystemStructureDescription version=\"1.0\" name=\"verification\" "
-      "xmlns:ssd=\"http://ssp-standard.org/SSP1/SystemStructureDescription\" "
-      "xmlns:ssc=\"http://ssp-standard.org/SSP1/SystemStructureCommon\" "
-      "xmlns:ssv=\"http://ssp-standard.org/SSP1/SystemStructureParameterValues\"><ssd:System "
-      "name=\"verification\"><ssd:Elements>\n";
-  xml += component("motion", "unit:motion?kind=polynomial&degree=" + std::to_string(move.degree), polynomial);
-  xml += component("compliance", "unit:compliance", controller);
-  const bool smooth = options.rigid && !move.drives.tau_C.empty();
-  xml += component("drive",
-                   smooth          ? "unit:drive_train?transmission=rigid&friction=smooth"
-                   : options.rigid ? "unit:drive_train?transmission=rigid"
-                                   : "unit:drive_train",
-                   drive);
-  if (energy) xml += component("energy", "unit:energy", "");
-  xml += "</ssd:Elements><ssd:Connections>\n";
-  for (const char* name : {"q_d", "dq_d", "ddq_d"}) xml += connection("motion", "compliance", name);
-  xml += connection("compliance", "drive", "tau_m");
-  for (const char* name : {"q", "dq", "theta", "dtheta"}) xml += connection("drive", "compliance", name);
-  if (energy) {
-    xml += connection("compliance", "energy", "tau_m");
-    for (const char* name : {"theta", "dtheta"}) xml += connection("drive", "energy", name);
+  add("compliance", "unit:compliance", controller);
+  add("drive", source, drive);
+  connect("motion", "compliance", {"q_d", "dq_d", "ddq_d"});
+  connect("compliance", "drive", {"tau_m"});
+  connect("drive", "compliance", {"q", "dq", "theta", "dtheta"});
+  if (robot.energy) {
+    add("energy", "unit:energy", {});
+    connect("compliance", "energy", {"tau_m"});
+    connect("drive", "energy", {"theta", "dtheta"});
   }
-  xml += "</ssd:Connections></ssd:System><ssd:DefaultExperiment startTime=\"0\" stopTime=\"" + text::to_text(stop) +
-         "\"/><ssd:Annotations><ssc:Annotation type=\"cotwin.master\"><cotwin:Master xmlns:cotwin=\"urn:cotwin:master:1\" "
-         "tick=\"1 ms\"><cotwin:Setting name=\"robot\" value=\"" +
-         escaped(folder.urdf().string()) + "\"/>";
-  int stage = 0;
-  for (const char* name : {"motion", "compliance", "drive", "energy"})
-    if (energy || std::string_view(name) != "energy")
-      xml += "<cotwin:Component name=\"" + std::string(name) + "\" stage=\"" + std::to_string(stage++) + "\"/>";
-  return xml + "</cotwin:Master></ssc:Annotation></ssd:Annotations></ssd:SystemStructureDescription>\n";
+  return scenario;
 }
 
 /// Runs the initialised twin to its end.
@@ -264,9 +242,7 @@ Verification verify(std::span<const UnitType> types, const std::vector<fs::path>
   run.folders = folders;
   run.threads = 1;
   try {
-    Master master(
-        parse_scenario(scenario_of(robot, folder, timed, T, bounds, options), "verification", folder.urdf().parent_path()),
-        std::move(run));
+    Master master(scenario_of(robot, folder, timed, T, bounds, options), std::move(run));
     master.initialise();
     Verification v = watched(master, robot.energy.has_value(), T, options);
     v.notes.insert(v.notes.begin(), drives_note(robot, timed.drives, options.rigid, wanted.rigid));

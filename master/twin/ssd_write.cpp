@@ -7,7 +7,6 @@
 #include "master/scenario/annotation.h"
 #include "master/scenario/system.h"
 #include "models/foundation/support/choice.h"
-#include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin::master {
@@ -186,25 +185,17 @@ class Writer {
     close(out_, 1, "ssd:Units");
   }
 
-  template <class Numbers>
-  static std::string list(const Numbers& numbers) {
-    std::string text;
-    for (const double number : numbers) text += (text.empty() ? "" : " ") + text::to_text(number);
-    return text;
-  }
-
   void write(const ToolSpec& tool) {
-    std::string components;
-    for (const std::string& component : tool.components) components += (components.empty() ? "" : " ") + component;
+    const std::string components = text::joined(tool.components, " ");
     Tag tag(out_, 4, "cotwin:Event");
     tag.with("time", tool.time.seconds()).with(tool.attach ? "attach" : "detach", tool.name);
     if (tool.attach) {
       tag.with("parent", tool.parent)
-          .with("xyz", list(tool.xyz))
-          .with("rpy", list(tool.rpy))
+          .with("xyz", text::joined(tool.xyz))
+          .with("rpy", text::joined(tool.rpy))
           .with("mass", tool.mass)
-          .with("com", list(tool.com))
-          .with("inertia", list(tool.inertia))
+          .with("com", text::joined(tool.com))
+          .with("inertia", text::joined(tool.inertia))
           .with_if(!tool.known, "known", "false");
     }
     tag.with_if(!tool.robot.empty(), "robot", tool.robot)
@@ -214,7 +205,11 @@ class Writer {
     if (tool.frames.empty()) return tag.end();
     tag.open();
     for (const ToolSpec::Frame& frame : tool.frames)
-      Tag(out_, 5, "cotwin:Frame").with("name", frame.name).with("xyz", list(frame.xyz)).with("rpy", list(frame.rpy)).end();
+      Tag(out_, 5, "cotwin:Frame")
+          .with("name", frame.name)
+          .with("xyz", text::joined(frame.xyz))
+          .with("rpy", text::joined(frame.rpy))
+          .end();
     close(out_, 4, "cotwin:Event");
   }
 
@@ -223,7 +218,7 @@ class Writer {
     if (clock.kind == ClockKind::kFree) return;
     const ClockSpec plain;
     std::string cpus;
-    for (const int cpu : clock.cpus) cpus += (cpus.empty() ? "" : " ") + std::to_string(cpu);
+    for (const int cpu : clock.cpus) text::append(cpus, std::to_string(cpu), " ");
     Tag(out_, 4, "cotwin:Clock")
         .with("kind", text::word_of(clock.kind, kClockWords))
         .with_if(!clock.component.empty(), "component", clock.component)

@@ -14,6 +14,7 @@
 #include "master/view/calculated.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/file.h"
+#include "models/foundation/support/text.h"
 #include "models/scene/urdf/urdf_shapes.h"
 #include "models/scene/urdf/urdf_visuals.h"
 
@@ -454,8 +455,7 @@ Json Writer::write() {
     body["visuals"] = shapes_json(staged.body.shapes);
     json["bodies"].push_back(std::move(body));
     const bool moves = staged.body.motion != scene::Motion::kStatic;
-    if (moves && (!is_recorded(p, 3) || !is_recorded(quat, 4)) && still.size() < 200)
-      still += (still.empty() ? "" : ", ") + p + " and " + quat;
+    if (moves && (!is_recorded(p, 3) || !is_recorded(quat, 4)) && still.size() < 200) text::append(still, p + " and " + quat);
   }
   if (!still.empty())
     remarks_.push_back("bodies stand where they were at the start, because their poses are not recorded; record " + still);

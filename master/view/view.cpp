@@ -156,8 +156,7 @@ Json facts_of(const Results& results, const Recorded& recorded) {
   add("rows", std::to_string(recorded.time.size()));
   std::string set;
   if (record.contains("set") && record["set"].is_array()) {
-    for (const Json& one : record["set"])
-      set += (set.empty() ? "" : ", ") + (one.is_string() ? one.get<std::string>() : one.dump());
+    for (const Json& one : record["set"]) text::append(set, one.is_string() ? one.get<std::string>() : one.dump());
   }
   add("--set", set);
   add("accuracy", "a plotted number is within 1/16777216 of its signal's range, or of itself, of the recorded one");

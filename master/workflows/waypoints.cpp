@@ -102,12 +102,6 @@ trajectory::Waypoints parse_points(std::string_view given, std::span<const traje
   return all;
 }
 
-std::string list(std::span<const double> values) {
-  std::string all;
-  for (const double value : values) all += (all.empty() ? "" : " ") + text::to_text(value);
-  return all;
-}
-
 /// Removes the start values of a variable or its elements.
 void forget(ComponentSpec& spec, std::string_view name) {
   std::erase_if(spec.start_values, [&](const ParameterValue& v) { return v.name.substr(0, v.name.find('[')) == name; });
@@ -135,7 +129,7 @@ void start_drives(Scenario& scenario, const std::string& motion, std::span<const
       return c.to.component == spec.name && c.to.variable.substr(0, c.to.variable.find('[')) == "q0";
     });
     const bool chosen = std::any_of(spec.start_values.begin(), spec.start_values.end(), [](const ParameterValue& v) {
-      return v.name.substr(0, v.name.find('[')) == "q0" && v.place.rfind("--set ", 0) == 0;
+      return v.name.substr(0, v.name.find('[')) == "q0" && v.by_user;
     });
     if (connected || chosen) continue;
     fmu::FmuStore fmus;
@@ -143,7 +137,7 @@ void start_drives(Scenario& scenario, const std::string& motion, std::span<const
     const Variable* const q0 = member.variables().find("q0");
     if (q0 == nullptr || q0->size() != q.size()) continue;
     forget(spec, "q0");
-    spec.start_values.push_back({"q0", list(q), "", place});
+    spec.start_values.push_back({"q0", text::joined(q), "", place});
   }
 }
 
@@ -168,8 +162,8 @@ void set_waypoints(Scenario& scenario, const std::string& given, bool extend, st
     set("file", fs::absolute(file).lexically_normal().string());
   } else {
     motion.source = with_setting(motion.source, "points", std::to_string(parsed->t.size()));
-    set("waypoint_t", list(parsed->t));
-    set("waypoint_q", list(parsed->q));
+    set("waypoint_t", text::joined(parsed->t));
+    set("waypoint_q", text::joined(parsed->q));
   }
   // Prepares the motion once, which checks it against the limits and gives its first point and its duration.
   fmu::FmuStore fmus;

@@ -28,7 +28,7 @@ PerJoint collect(const PowerFit& fit, const std::string& prefix) {
 
 std::string listed(const std::vector<double>& values) {
   std::string list;
-  for (const double value : values) list += (list.empty() ? "" : " ") + text::to_text(value, 8);
+  for (const double value : values) text::append(list, text::to_text(value, 8), " ");
   return list;
 }
 
@@ -42,7 +42,7 @@ ParameterSet fitted_parameters(const PowerFit& fit, const PowerLog& log) {
                        const std::string& unit = {}) {
     set.values.push_back({name, std::move(value), unit, {}});
   };
-  const auto assume = [&](const std::string& name) { assumed += (assumed.empty() ? "" : " ") + name; };
+  const auto assume = [&](const std::string& name) { text::append(assumed, name, " "); };
   const auto add_joints = [&](const std::string& name, const PerJoint& joints) {
     add(name, listed(joints.values));
     if (!joints.all_told()) assume(name);

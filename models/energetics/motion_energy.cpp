@@ -6,6 +6,7 @@
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
 #include "models/numerics/dense.h"
+#include "models/robot/drives/rigid_friction.h"
 
 namespace cotwin::energetics {
 namespace {
@@ -17,8 +18,6 @@ struct Nodes {
   std::vector<double> q, dq, ddq, tau;
   double length(std::size_t k) const { return cuts[k + 1] - cuts[k]; }
 };
-
-double sign(double x) { return (x > 0) - (x < 0); }
 
 /// The time in [a, b] at which the joint's velocity changes its sign.
 double reversal(const trajectory::Path& path, std::size_t joint, double a, double b, std::vector<double>& q,
@@ -142,7 +141,7 @@ MotionEnergy energy_of_motion(const RigidRobot& robot, const trajectory::Path& p
       for (std::size_t j = 0; j < n; ++j) {
         const std::size_t at = j * nodes.count + k * kNodes + g, node = g * n + j;
         const double dq = nodes.dq[at];
-        const double tau_f = robot.tau_C[j] * sign(dq) + robot.sigma[j] * dq + robot.tau_0[j];
+        const double tau_f = robot::rigid_friction(robot.tau_C[j], robot.sigma[j], robot.tau_0[j], robot::coulomb_sign(dq), dq);
         accountant.tau[node] = robot.passive[j] ? 0 : nodes.tau[at] + robot.B[j] * nodes.ddq[at] + tau_f;
         accountant.speed[node] = dq;
         energy.friction += h * kWeight[g] * tau_f * dq;
@@ -201,7 +200,7 @@ StretchEnergy stretch_energy(const RigidRobot& robot, const trajectory::Path& pa
       const std::size_t at = j * nodes.count + s;
       const double dq = nodes.dq[at];
       const double a = nodes.tau[at] - gravity[at] + robot.B[j] * nodes.ddq[at];
-      const double b = gravity[at] + robot.tau_C[j] * sign(dq) + robot.tau_0[j];
+      const double b = gravity[at] + robot::rigid_friction(robot.tau_C[j], 0, robot.tau_0[j], robot::coulomb_sign(dq), dq);
       const double v = robot.sigma[j] * dq;
       e.c3 += w * r * a * a;
       e.c2 += w * r * 2 * a * v;
@@ -219,37 +218,6 @@ StretchEnergy stretch_energy(const RigidRobot& robot, const trajectory::Path& pa
   e.c0 += change.potential;
   e.c2 += change.kinetic;
   return e;
-}
-
-BestSpeed best_speed(const StretchEnergy& energy, const Standby& standby, double P_hold, double cycle, double low,
-                     double high) {
-  if (!(low > 0 && high >= low)) {
-    throw Error("stretch", text::to_text(low) + " to " + text::to_text(high) + ", expected 0 < low <= high");
-  }
-  const auto whole = [&](double stretch) {
-    BestSpeed at;
-    at.stretch = stretch;
-    at.motion = energy.at(stretch);
-    if (cycle > 0) at.waiting = wait(standby, P_hold, std::max(cycle - stretch * energy.duration, 0.0));
-    at.energy = at.motion + at.waiting.energy;
-    return at;
-  };
-  if (cycle <= 0) return whole(energy.best(low, high));
-  if (low * energy.duration > cycle * (1 + 1e-12)) {
-    throw Error("cycle", text::to_text(cycle) + " s, expected at least the fastest motion's " +
-                             text::to_text(low * energy.duration) + " s");
-  }
-  // The wait is linear in the stretch below and above the break-even time, so each part has its own polynomial.
-  const double longest = std::clamp(cycle / energy.duration, low, high);
-  const double change = std::clamp((cycle - wait(standby, P_hold, 0).break_even) / energy.duration, low, longest);
-  const auto best_with = [&](double P_waiting, double a, double b) {
-    StretchEnergy sum = energy;
-    sum.idle -= P_waiting * energy.duration;
-    return whole(sum.best(a, b));
-  };
-  const BestSpeed closed = best_with(standby.P_off, low, change);
-  const BestSpeed held = best_with(standby.P_0 + standby.P_brake + P_hold, change, longest);
-  return closed.energy <= held.energy ? closed : held;
 }
 
 double best_duration(double P, double A) { return std::pow(3 * A / P, 0.25); }

@@ -2,7 +2,6 @@
 #include <vector>
 
 #include "models/energetics/books.h"
-#include "models/energetics/waiting.h"
 #include "models/robot/drives/drive_parameters.h"
 #include "models/robot/dynamics.h"
 #include "models/trajectory/trajectory.h"
@@ -68,19 +67,6 @@ struct StretchEnergy {
 /// mechanical work and P.
 StretchEnergy stretch_energy(const RigidRobot& robot, const trajectory::Path& path, const Accountant& accountant, double P,
                              bool only_torques = false, MotionGrid grid = {});
-
-/// The speed at which a motion and the wait after it cost least.
-struct BestSpeed {
-  double stretch = 1;
-  double energy = 0;  // J, motion and wait
-  double motion = 0;  // J
-  Waiting waiting;    // after the motion
-};
-
-/// `energy` with P = P_0 + P_brake; `cycle`: time for motion and wait, s (0: no wait, the next motion follows at once); P_hold: W at
-/// the end of the motion; [low, high]: allowed factors, low from the robot's limits (trajectory::stretch_to). Throws Error if
-/// the cycle is shorter than the fastest motion.
-BestSpeed best_speed(const StretchEnergy& energy, const Standby& standby, double P_hold, double cycle, double low, double high);
 
 /// The duration of least P T + A/T³: (3A/P)^(1/4), s.
 double best_duration(double P, double A);

@@ -1,34 +1,7 @@
 #pragma once
 #include <Eigen/Core>
 
-#include "models/identification/torque_data/torque_model.h"
-#include "models/numerics/swarm.h"
-
 namespace cotwin::identification {
-
-struct StiffnessOptions {
-  double K_min = 1e2, K_max = 1e8;  // N.m/rad; a joint at K_max is rigid within the accuracy of the data
-  int refinements = 2;              // number of times that the joint torques are recomputed from the identified model
-  numerics::SwarmOptions swarm{.particles = 24, .rounds = 40};
-};
-
-struct StiffnessResult {
-  Eigen::VectorXd K;                // n, N.m/rad
-  Eigen::VectorXd rms, rigid_rms;   // n, N.m: of the floor with these stiffnesses, and with rigid joints
-  double cost = 0, rigid_cost = 0;  // 1/n Σ rms² / σ², with σ of the rigid floor (so that rigid_cost is about 1)
-  Samples samples;                  // with the links' motion q = θ − τ_J/K, for TorqueData; dtheta, ddtheta are the motors'
-};
-
-/// Joint stiffness from motor positions and torques alone, for robots without encoders behind the gears. In `motors`, q, dq and
-/// ddq are the angles θ of the motors behind the gears and their derivatives, tau is the torque of the motors, and t is
-/// regular. By (2b), (2c)
-///   q = θ − τ_J / K,      τ_J = Y(q, q̇, q̈) π
-/// so K changes the motion of the links. A swarm searches ln K; for each candidate all linear parameters are solved for by
-/// unconstrained least squares on the samples. τ_J and its derivatives come from the bodies of the last identified model (at
-/// first the rigid one), because derivatives of measured torques are dominated by noise.
-/// Where θ and q were both measured, K is the slope of τ_J over θ − q: see TorsionFit.
-StiffnessResult search_stiffness(const robot::RobotModel& robot, const Samples& motors, const ModelOptions& model = {},
-                                 const StiffnessOptions& options = {}, numerics::Threads* threads = nullptr);
 
 /// The joint parameters from motor and link positions measured together: least squares of
 ///   θ − q = τ_J / K + δ q̇ + c

@@ -5,6 +5,7 @@
 #include <limits>
 #include <numeric>
 
+#include "models/robot/drives/rigid_friction.h"
 #include "models/trajectory/bernstein.h"
 
 namespace cotwin::optimisation {
@@ -15,7 +16,6 @@ constexpr std::size_t kGroup = 8;  // nodes of a panel of the quadrature
 constexpr std::size_t kPart = 64;  // samples of a motion whose dynamics are computed together
 constexpr int kParts = 8;          // of the hulls
 constexpr double kSlack = 1e-9;    // relative rounding of bounds that an end attains
-constexpr double kRest = 1e-3;     // rad/s, v_0 of DriveTerms
 
 double scale_of(double low, double high) {
   const double range = high - low;
@@ -222,7 +222,7 @@ void Evaluator::add_drives(Scratch& s, std::size_t count) const {
     if (!d.sigma2.empty() && d.sigma2[j] != 0)
       for (std::size_t i = 0; i < count; ++i) tau[i] += d.sigma2[j] * dq[i];
     if (!d.tau_C.empty() && d.tau_C[j] != 0)
-      for (std::size_t i = 0; i < count; ++i) tau[i] += d.tau_C[j] * std::min(std::max(dq[i] / kRest, -1.0), 1.0);
+      for (std::size_t i = 0; i < count; ++i) tau[i] += d.tau_C[j] * robot::coulomb_share(dq[i]);
     if (!d.tau_0.empty() && d.tau_0[j] != 0)
       for (std::size_t i = 0; i < count; ++i) tau[i] += d.tau_0[j];
   }

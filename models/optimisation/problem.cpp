@@ -5,6 +5,7 @@
 
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
+#include "models/robot/drives/rigid_friction.h"
 #include "models/trajectory/bernstein.h"
 
 namespace cotwin::optimisation {
@@ -103,13 +104,8 @@ Quantity quantity_of(const std::string& name) {
 }
 
 double drive_torque(const DriveTerms& d, std::size_t j, double dq, double ddq) {
-  constexpr double kRest = 1e-3;  // rad/s
-  double tau = 0;
-  if (!d.B.empty()) tau += d.B[j] * ddq;
-  if (!d.sigma2.empty()) tau += d.sigma2[j] * dq;
-  if (!d.tau_C.empty()) tau += d.tau_C[j] * std::clamp(dq / kRest, -1.0, 1.0);
-  if (!d.tau_0.empty()) tau += d.tau_0[j];
-  return tau;
+  const auto term = [j](const std::vector<double>& values) { return values.empty() ? 0.0 : values[j]; };
+  return term(d.B) * ddq + robot::rigid_friction(term(d.tau_C), term(d.sigma2), term(d.tau_0), robot::coulomb_share(dq), dq);
 }
 
 bool needs_torques(Quantity quantity) {

@@ -29,8 +29,8 @@ struct Bounds {
 /// Those of the URDF: position, speed and torque.
 Bounds bounds_of(const robot::RobotModel& robot);
 
-/// What the motors add to the torques of rigid bodies, n each or empty: τ_m = τ + B q̈ + σ2 q̇ + τ_C sat(q̇/v_0) + τ_0 with
-/// v_0 = 1e-3 rad/s.
+/// What the motors add to the torques of rigid bodies, n each or empty: τ_m = τ + B q̈ + σ2 q̇ + τ_C sat(q̇/v_0) + τ_0
+/// (models/robot/drives/rigid_friction.h).
 struct DriveTerms {
   std::vector<double> B, sigma2, tau_C, tau_0;
 };

@@ -364,8 +364,8 @@ std::string InverseKinematics::shortfall(const Residual& r, const VectorIn& q) c
     const Joint& joint = robot_.joints[static_cast<std::size_t>(i)];
     const bool low = q[i] <= q_min_[i] + 1e-9, high = q[i] >= q_max_[i] - 1e-9;
     if (!low && !high) continue;
-    limits += (limits.empty() ? "" : ", ") + joint.name + " at its limit of " + text::to_text(low ? q_min_[i] : q_max_[i], 6) +
-              (joint.type == JointType::kRevolute ? " rad" : " m");
+    text::append(limits, joint.name + " at its limit of " + text::to_text(low ? q_min_[i] : q_max_[i], 6) +
+                             (joint.type == JointType::kRevolute ? " rad" : " m"));
   }
   std::string left = number(r.distance) + " m and " + number(r.angle) + " rad";
   if (choice_.kind == PostureChoice::Kind::kJoint) left += " (and " + number(r.choice) + " of the given joint)";

@@ -14,8 +14,7 @@ const Frame& RobotModel::frame(const std::string& wanted) const {
     names.push_back(frame.name);
   }
   const std::string close = text::closest(wanted, names);
-  std::string all;
-  for (const std::string& one : names) all += (all.empty() ? "" : ", ") + one;
+  const std::string all = text::joined(names);
   throw Error("robot '" + name + "'",
               "no frame '" + wanted + "'" + (close.empty() ? ", expected one of " + all : ", did you mean '" + close + "'?"));
 }

@@ -15,8 +15,8 @@
 #include "components/io/ethercat/little_endian.h"
 #include "components/io/ethercat/registers.h"
 #include "tests/benchmarks/measure.h"
-#include "tests/components/ethercat/cell.h"
-#include "tests/components/ethercat/wire.h"
+#include "tests/components/io/ethercat/cell.h"
+#include "tests/components/io/ethercat/wire.h"
 #include "tests/support/allocations.h"
 
 namespace {

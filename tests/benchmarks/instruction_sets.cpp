@@ -12,7 +12,7 @@
 #include "models/robot/dynamics.h"
 #include "models/robot/kernels/kernels.h"
 #include "tests/benchmarks/measure.h"
-#include "tests/models/random_robots.h"
+#include "tests/models/robot/random_robots.h"
 
 namespace {
 

@@ -13,7 +13,7 @@
 #include "components/io/emulators/kuka/controller.h"
 #include "components/io/fri/client.h"
 #include "tests/benchmarks/measure.h"
-#include "tests/components/fri_messages.h"
+#include "tests/components/io/fri/messages.h"
 #include "tests/support/allocations.h"
 
 namespace {

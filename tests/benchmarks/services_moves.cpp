@@ -12,7 +12,7 @@
 
 #include "tests/benchmarks/measure.h"
 #include "tests/benchmarks/services/moves.h"
-#include "tests/models/time_optimal_path.h"
+#include "tests/models/optimisation/time_optimal_path.h"
 
 namespace {
 

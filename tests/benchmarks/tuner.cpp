@@ -11,7 +11,7 @@
 #include "models/robot/dynamics.h"
 #include "models/robot/urdf/urdf.h"
 #include "tests/benchmarks/measure.h"
-#include "tests/models/identification_samples.h"
+#include "tests/models/identification/samples.h"
 #include "tests/support/places.h"
 
 namespace {

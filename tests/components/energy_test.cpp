@@ -8,9 +8,10 @@
 #include <numeric>
 
 #include "models/energetics/motion_energy.h"
+#include "models/energetics/waiting.h"
 #include "models/robot/urdf/urdf.h"
 #include "models/trajectory/waypoints.h"
-#include "tests/components/drive_train_harness.h"
+#include "tests/components/drive_train/harness.h"
 #include "tests/support/error_of.h"
 
 namespace cotwin::energy {

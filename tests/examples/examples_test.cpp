@@ -1,13 +1,13 @@
 // Runs every example that has expected figures with the built program and compares the results with these figures. A file
 // examples/<folder>/<scenario>.expected.json is a test:
 //   {
-//     "needs": ["../../../shared/…"],              files, relative to the folder, without which the test is skipped
+//     "needs": ["measurements/…"],                 public data (examples/public_data.md) without which the test is skipped
 //     "scenario": "twin.ssd",                      if it is not <scenario>.ssd
 //     "command": "search",                         in place of run; its JSON is the summary
 //     "script": "run.sh",                          in place of run: a script of several processes, with a free UDP port in PORT and
 //                                                  the folder for results in OUT; figures have "of": a folder in it, and perhaps
 //                                                  "minus_of" for the signal that is subtracted
-//     "options": ["--set", "a.b=1"],               of the command
+//     "options": ["--set", "a.b=1"],               of the command; a file {data}/… in one is public data
 //     "figures": [
 //       {"what": "…", "summary": "/ticks", …},                                     a JSON pointer into the summary
 //       {"what": "…", "signal": "a.x[1]", "minus": "b.x[1]", "at": 2.5, …},        the recorded sample nearest to an instant
@@ -35,6 +35,7 @@
 #include "tests/support/files.h"
 #include "tests/support/free_port.h"
 #include "tests/support/places.h"
+#include "tests/support/public_data.h"
 #include "tests/support/recording.h"
 #include "tests/support/run_program.h"
 
@@ -61,6 +62,14 @@ std::vector<std::string> expectations() {
               found.end());
 #endif
   return found;
+}
+
+void add_options(std::vector<std::string>& command, const json& expected) {
+  for (std::string option : expected.value("options", std::vector<std::string>{})) {
+    if (const std::size_t at = option.find("{data}/"); at != std::string::npos)
+      option.replace(at, std::string::npos, cotwin::places::public_data(option.substr(at + 7)));
+    command.push_back(option);
+  }
 }
 
 /// A recording: time and columns by name.
@@ -136,7 +145,7 @@ void run_processes(const fs::path& script, const json& expected) {
   const std::vector<std::string> environment = {"COTWIN=" + cotwin::places::program(), "OUT=" + results.path().string(),
                                                 "PORT=" + std::to_string(cotwin::testing::free_ports())};
   std::vector<std::string> command = {script, "--quiet"};
-  for (const std::string& option : expected.value("options", std::vector<std::string>{})) command.push_back(option);
+  add_options(command, expected);
   const RunResult ran = cotwin::testing::run_command(command, {.environment = environment, .merge = true});
   ASSERT_EQ(ran.code, 0) << ran.out;
   std::map<std::string, Table> tables;
@@ -161,7 +170,7 @@ TEST_P(Example, RunsAndGivesTheExpectedFigures) {
   const fs::path file = fs::path(cotwin::places::source()) / GetParam();
   const json expected = json::parse(std::ifstream(file));
   for (const std::string& need : expected.value("needs", std::vector<std::string>{})) {
-    if (!fs::exists(file.parent_path() / need)) GTEST_SKIP() << "needs " << need;
+    if (!fs::exists(cotwin::places::public_data(need))) GTEST_SKIP() << "needs " << need << " (examples/public_data.md)";
   }
   if (expected.contains("script"))
     return run_processes(file.parent_path() / expected.at("script").get<std::string>(), expected);
@@ -174,7 +183,7 @@ TEST_P(Example, RunsAndGivesTheExpectedFigures) {
   const std::string name = expected.value("command", "run");
   std::vector<std::string> command = {name, scenario, "--quiet", "--json", summary};
   if (name == "run") command.insert(command.end(), {"--out", results.path()});
-  for (const std::string& option : expected.value("options", std::vector<std::string>{})) command.push_back(option);
+  add_options(command, expected);
   if (const char* set = getenv("COTWIN_EXAMPLE_SET")) command.insert(command.end(), {"--set", set});
   const RunResult ran = run_program(command);
   ASSERT_EQ(ran.code, 0) << ran.err;
@@ -244,6 +253,7 @@ TEST_P(Script, ReportsAMissingProgramAndMissingPublicData) {
   const RunResult no_data = run_script({"COTWIN=" + cotwin::places::program(), "DATA=/nowhere"}, GetParam(), folder);
   EXPECT_EQ(no_data.code, 2);
   EXPECT_THAT(no_data.out, ::testing::HasSubstr("not in /nowhere: models/panda_franka_ros.urdf measurements/panda_unisa.csv"));
+  EXPECT_THAT(no_data.out, ::testing::HasSubstr("scripts/fetch_logs.py"));
   EXPECT_THAT(no_data.out, ::testing::HasSubstr("examples/public_data.md"));
 }
 

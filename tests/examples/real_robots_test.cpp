@@ -7,6 +7,7 @@
 #include "models/robot/urdf/urdf.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
+#include "tests/support/public_data.h"
 #include "tests/support/run_program.h"
 
 namespace {
@@ -20,15 +21,16 @@ TEST_P(RealRobots, ArePredictedAsWellAsTheExampleSays) {
   const fs::path example = fs::path(cotwin::places::source()) / "examples/06_real_robots";
   const json expected = json::parse(std::ifstream(example / "expected.json")).at(GetParam());
   for (const std::string& need : expected.at("needs").get<std::vector<std::string>>()) {
-    if (!fs::exists(fs::path(cotwin::places::shared()) / "data" / need)) GTEST_SKIP() << "needs " << need;
+    if (!fs::exists(cotwin::places::public_data(need))) GTEST_SKIP() << "needs " << need << " (examples/public_data.md)";
   }
+  const std::string need = expected.at("needs").front(), file = cotwin::places::public_data(need);
+  const std::string data = file.substr(0, file.size() - need.size() - 1);
   const cotwin::testing::TemporaryFolder out("real_robots");
-  const auto ran =
-      cotwin::testing::run_command({example / "run.sh", GetParam()},
-                                   {.environment = {"COTWIN=" + cotwin::places::program(),
-                                                    "DATA=" + cotwin::places::shared() + "/data", "OUT=" + out.path().string()},
-                                    .merge = true,
-                                    .limit = std::chrono::seconds(600)});
+  const auto ran = cotwin::testing::run_command(
+      {example / "run.sh", GetParam()},
+      {.environment = {"COTWIN=" + cotwin::places::program(), "DATA=" + data, "OUT=" + out.path().string()},
+       .merge = true,
+       .limit = std::chrono::seconds(600)});
   ASSERT_EQ(ran.code, 0) << ran.out;
 
   const json figures = json::parse(std::ifstream(out / GetParam() / "figures.json"));

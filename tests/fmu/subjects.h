@@ -15,7 +15,7 @@
 #include "tests/support/unit_sources.h"
 
 /// The exported units under test: all of the generated table, with settings and start values from tests/components/properties,
-/// as in unit_properties_test.cpp.
+/// as in tests/components/unit/properties_test.cpp.
 namespace cotwin::fmu::testing {
 
 using cotwin::testing::properties_folder;

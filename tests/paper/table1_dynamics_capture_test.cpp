@@ -13,6 +13,7 @@
 #include "models/numerics/random.h"
 #include "tests/support/files.h"
 #include "tests/support/places.h"
+#include "tests/support/public_data.h"
 #include "tests/support/run_program.h"
 
 namespace cotwin::master {
@@ -20,7 +21,9 @@ namespace {
 
 const std::filesystem::path kExample = std::filesystem::path(places::source()) / "examples/03_dynamics_capture";
 
-bool measurements_are_here() { return std::filesystem::exists(std::filesystem::path(places::shared()) / "data/measurements"); }
+const std::string kPanda = places::public_data("measurements/panda_unisa.csv"),
+                  kUr10 = places::public_data("measurements/ur10_unisa.csv");
+constexpr const char* kNeeds = "needs public measurements (scripts/fetch_logs.py)";
 
 std::vector<Compared> compare(const std::filesystem::path& scenario_file, const std::vector<std::string>& assignments = {}) {
   Scenario scenario = load_scenario(kExample / scenario_file);
@@ -34,6 +37,13 @@ std::vector<Compared> compare(const std::filesystem::path& scenario_file, const 
   }
   master.finish();
   return master.summary().comparisons;
+}
+
+/// The Panda of the example, on its measurements.
+std::vector<Compared> compare_panda(std::vector<std::string> assignments = {}) {
+  assignments.insert(assignments.begin(),
+                     {"robot=" + places::public_data("models/panda_franka_ros.urdf"), "recording.file=" + kPanda});
+  return compare("panda.ssd", assignments);
 }
 
 double worst_segment(const Compared& compared) {
@@ -102,13 +112,13 @@ TEST(Table1, ATwinTunedToAnotherSpecimenCapturesItsTorques) {
 }
 
 TEST(Table1, PandaIsCapturedWithinThePublishedValidationOfItsParameters) {
-  if (!measurements_are_here()) GTEST_SKIP() << "needs ../shared/data/measurements";
+  if (!std::filesystem::exists(kPanda)) GTEST_SKIP() << kNeeds;
   // RMS errors of the validation of these parameters by Gaz et al. (RA-L 2019) on their trajectories, N.m. Theirs is another
   // Panda: 1.1 of their error is allowed, which joints 4 and 6 need.
   const std::vector<double> published = {0.64, 1.01, 0.77, 0.65, 0.42, 0.20, 0.16};
   // The error of unconstrained least squares on the same data: a smaller one would be a bug.
   const std::vector<double> floor = {0.27, 0.17, 0.24, 0.22, 0.07, 0.06, 0.05};
-  const std::vector<Compared> compared = compare("panda.ssd");
+  const std::vector<Compared> compared = compare_panda();
   ASSERT_EQ(compared.size(), 2u);
   for (const Compared& c : compared) {
     ASSERT_EQ(c.rms.size(), 7u);
@@ -124,23 +134,22 @@ TEST(Table1, PandaIsCapturedWithinThePublishedValidationOfItsParameters) {
 }
 
 TEST(Table1, TwinAndInverseDynamicsAgreeWhereTheTwinTracksWell) {
-  if (!measurements_are_here()) GTEST_SKIP() << "needs ../shared/data/measurements";
+  if (!std::filesystem::exists(kPanda)) GTEST_SKIP() << kNeeds;
   // Two ways to compute the same torque: K (θ − q) of the controlled elastic arm, and (2a) evaluated on the recorded motion.
-  const std::vector<Compared> compared = compare("panda.ssd");
+  const std::vector<Compared> compared = compare_panda();
   for (std::size_t i = 0; i < 7; ++i) EXPECT_NEAR(compared[0].rms[i], compared[1].rms[i], 0.01) << "joint " << i + 1;
 }
 
 TEST(Table1, LinkFrictionOfThePandaIsPartOfWhatItsSensorsMeasure) {
-  if (!measurements_are_here()) GTEST_SKIP() << "needs ../shared/data/measurements";
-  const std::vector<Compared> with = compare("panda.ssd"),
-                              without = compare("panda.ssd", {"compliance.link_A=0", "compliance.link_k=0"});
+  if (!std::filesystem::exists(kPanda)) GTEST_SKIP() << kNeeds;
+  const std::vector<Compared> with = compare_panda(), without = compare_panda({"compliance.link_A=0", "compliance.link_k=0"});
   // The torques of joints 5 to 7 are mostly friction.
   for (const std::size_t i : {4, 5, 6}) EXPECT_LT(with[1].rms[i], 0.8 * without[1].rms[i]) << "joint " << i + 1;
 }
 
 TEST(Table1, Ur10IsCapturedWithTheFrictionOfItsNearestRelative) {
-  if (!measurements_are_here()) GTEST_SKIP() << "needs ../shared/data/measurements";
-  const std::vector<Compared> compared = compare("ur10.ssd");
+  if (!std::filesystem::exists(kUr10)) GTEST_SKIP() << kNeeds;
+  const std::vector<Compared> compared = compare("ur10.ssd", {"recording.file=" + kUr10});
   ASSERT_EQ(compared.size(), 2u);
   // No parameter was identified on this robot. Unconstrained least squares on the same data has errors of 2.8 1.8 1.7 0.40 0.38
   // 1.9 N.m.

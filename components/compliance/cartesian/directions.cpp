@@ -86,7 +86,7 @@ std::vector<int> rendered_directions(const std::string& place, const std::string
   if (most(directions) == directions.size()) return directions;
   std::string single;
   for (int i = 0; i < 6; ++i) {
-    if (most({i}) == 1) single += (single.empty() ? "" : ", ") + std::string(kNames[i]);
+    if (most({i}) == 1) text::append(single, kNames[i]);
   }
   const std::size_t together = most({0, 1, 2, 3, 4, 5});
   std::string asked;

@@ -52,7 +52,10 @@ World::Impl::Energy World::Impl::measure_energy() const {
     twice += body.mass * body.v.squaredNorm() + body.L.dot(body.w);
     energy.potential -= body.mass * scene.gravity.dot(body.p);
   }
-  for (std::size_t j = 0; j < joints.size(); ++j) twice += axes[j].inertia * dq[j] * dq[j];
+  for (std::size_t j = 0; j < joints.size(); ++j) {
+    const double extension = joints[j].q - joints[j].q_spring;
+    twice += axes[j].inertia * dq[j] * dq[j] + joints[j].stiffness * extension * extension;
+  }
   energy.elastic = elastic_energy();
   energy.motion = twice / 2 + energy.elastic;
   return energy;
@@ -67,7 +70,9 @@ void World::Impl::begin_guard() {
   if (!guard.moved) return;
   guard.moved = false;
   for (std::size_t j = 0; j < joints.size(); ++j) {
-    if (joints[j].has_axis()) dq[j] = joints[j].speed(bodies);
+    if (!joints[j].has_axis()) continue;
+    joints[j].measure();
+    dq[j] = joints[j].speed(bodies);
   }
   const Energy now = measure_energy();
   if (!guard.begun) {
@@ -135,8 +140,8 @@ double World::Impl::driven_work(const Touch& touch, const Vector3d& impulse) con
   return along(touch.point.body_a) - along(touch.point.body_b);
 }
 
-/// Work along the axis of a joint in a step from position q and speed s_0 to the joint's present position and speed s_1: impulse
-/// times mean speed of each stage.
+/// Work of the drive of a joint in a step from position q_0 and speed s_0 to the joint's present position and speed s_1: impulse times
+/// mean speed of each stage. The joint's own spring does no work: its energy is part of E.
 void World::Impl::account_axis(std::size_t joint, double q_0, double s_0, double s_1, double h) {
   const Axis& axis = axes[joint];
   if (axis.motor_torque > 0) {
@@ -147,7 +152,7 @@ void World::Impl::account_axis(std::size_t joint, double q_0, double s_0, double
     }
   }
   if (axis.tau == 0 && axis.stiffness == 0 && axis.damping == 0) return;
-  const double s = (joints[joint].q - q_0) / h, constant = axis.tau + axis.spring;
+  const double s = (joints[joint].q - q_0) / h, constant = axis.tau + axis.stiffness * h / 2 * (axis.rate - s);
   const double first = h / 2 * (constant + axis.damping * (axis.rate - s));
   const double second = h / 2 * (constant + axis.damping * (axis.rate - s_1));
   double work = first * (s_0 + s) / 2;

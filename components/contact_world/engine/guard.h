@@ -5,7 +5,8 @@ namespace cotwin::contact_world {
 
 /// Account of a world's energy and of its joints' gaps, which World::fault() judges. Energy is gained without work where
 ///   E(t + h) − E(t) − W > 0
-/// E: kinetic with the inertias of axes, potential, and that of soft contacts; W: work of all that acts from outside in the step.
+/// E: kinetic with the inertias of axes, potential, that of the joints' springs and of soft contacts; W: work of all that acts from outside
+/// in the step.
 struct Guard {
   static constexpr std::size_t kNumbers = 12;  // of the state
 

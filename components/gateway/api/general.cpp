@@ -74,7 +74,7 @@ void add_general_routes(http::Router& router, std::shared_ptr<http::Tickets> tic
   ticket.summary = "A ticket for one event stream or WebSocket, for browsers: they cannot send a token there";
   ticket.answers = {{201, "Ticket", "Use it once, as ?ticket=…"}};
   router.add(ticket, [tickets = std::move(tickets)](const Request& request) {
-    const std::string made = tickets->issue({request.scope, request.client}, request.party, std::chrono::steady_clock::now());
+    const std::string made = tickets->issue({request.scope, request.client}, request.owner, std::chrono::steady_clock::now());
     if (made.empty()) throw http::Refusal{{503, "too many tickets are not used yet", "", ""}, {{"Retry-After", "30"}}};
     return give({{"ticket", made}, {"expires_s", http::Tickets::kLife.count()}}, 201);
   });

@@ -45,7 +45,7 @@ void expect_members(const Json& object, std::initializer_list<std::string_view> 
   for (const auto& [key, unused] : object.items()) {
     if (std::find(names.begin(), names.end(), key) != names.end()) continue;
     std::string list;
-    for (const std::string_view name : names) list += (list.empty() ? "" : ", ") + std::string(name);
+    for (const std::string_view name : names) text::append(list, name);
     throw refusal(422, "'" + key.substr(0, 40) + "' is not a member here, expected " + list, pointer);
   }
 }

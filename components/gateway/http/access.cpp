@@ -105,7 +105,7 @@ void check_secret(const std::filesystem::path& file) {
   }
 }
 
-std::string Tickets::issue(Grant grant, const std::string& party, Time now) {
+std::string Tickets::issue(Grant grant, const std::string& owner, Time now) {
   std::array<unsigned char, 24> random{};
   if (RAND_bytes(random.data(), static_cast<int>(random.size())) != 1) return "";
   static const char* const kDigits = "0123456789abcdef";
@@ -116,9 +116,9 @@ std::string Tickets::issue(Grant grant, const std::string& party, Time now) {
   }
   const std::lock_guard lock(mutex_);
   std::erase_if(entries_, [&](const auto& entry) { return entry.second.end <= now; });
-  const auto own = std::count_if(entries_.begin(), entries_.end(), [&](const auto& e) { return e.second.party == party; });
+  const auto own = std::count_if(entries_.begin(), entries_.end(), [&](const auto& e) { return e.second.owner == owner; });
   if (entries_.size() >= kMost || static_cast<std::size_t>(own) >= kMostOfOne) return "";
-  entries_[digest_of(ticket)] = {std::move(grant), party, now + kLife};
+  entries_[digest_of(ticket)] = {std::move(grant), owner, now + kLife};
   return ticket;
 }
 

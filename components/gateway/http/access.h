@@ -58,15 +58,15 @@ class Tickets {
     std::string client;  // who asked for the ticket: Request::client
   };
 
-  /// `party`: who asks (Request::party). Empty, if there are kMost that are not used yet, or kMostOfOne of this party.
-  std::string issue(Grant grant, const std::string& party, Time now);
+  /// `owner`: who asks (Request::owner). Empty, if there are kMost that are not used yet, or kMostOfOne of this owner.
+  std::string issue(Grant grant, const std::string& owner, Time now);
   /// What a valid ticket grants; it is not valid any more then.
   std::optional<Grant> redeem(std::string_view ticket, Time now);
 
  private:
   struct Entry {
     Grant grant;
-    std::string party;
+    std::string owner;
     Time end;
   };
   std::mutex mutex_;

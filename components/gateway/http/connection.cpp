@@ -44,16 +44,16 @@ void Connection::arm(double seconds) {
 void Connection::expect_tls() {
   arm(limits_.handshake);
   stream_.next_layer().async_read_some(
-      asio::buffer(scrap_), [self = shared_from_this()](const ErrorCode& error, std::size_t n) {
+      asio::buffer(received_), [self = shared_from_this()](const ErrorCode& error, std::size_t n) {
         if (error || n == 0) return self->finish();
-        if (self->scrap_[0] != kTlsHandshake) {
+        if (self->received_[0] != kTlsHandshake) {
           self->stream_.drop_tls();
           ++self->server_.counts.requests;
           self->keep_ = false;
           return self->respond(refusal(400, "this port expects TLS: https://"));
         }
         self->stream_.tls().async_handshake(
-            asio::ssl::stream_base::server, asio::buffer(self->scrap_.data(), n),
+            asio::ssl::stream_base::server, asio::buffer(self->received_.data(), n),
             [self](const ErrorCode& failed, std::size_t) { failed ? self->finish() : self->read(); });
       });
 }
@@ -144,7 +144,7 @@ void Connection::read_body() {
 
 void Connection::Pending::send(Response response) {
   if (done.exchange(true)) return;
-  gate->post([to = connection, response = std::move(response)]() mutable {
+  loop->post([to = connection, response = std::move(response)]() mutable {
     if (const auto c = to.lock()) c->respond(std::move(response));
   });
 }
@@ -153,7 +153,7 @@ Connection::Pending::~Pending() { send(refusal(500, "the request was not answere
 
 void Connection::dispatch() {
   const auto pending = std::make_shared<Pending>();
-  pending->gate = server_.gate;
+  pending->loop = server_.loop;
   pending->connection = weak_from_this();
   pending_ = pending;
   waiting_ = true;
@@ -208,7 +208,7 @@ void Connection::respond(Response response) {
   if (response.status >= 400) ++server_.counts.refused;
   if (response.stream && request_ && request_->upgrade) {
     disarm();
-    upgrade(server_, std::move(stream_), std::move(seat_), parser_->get(), std::move(response.stream));
+    upgrade(server_, std::move(stream_), std::move(slot_), parser_->get(), std::move(response.stream));
     finished_ = true;
     server_.remove(this);
     return;
@@ -231,8 +231,8 @@ void Connection::respond(Response response) {
 void Connection::begin_stream(Response response) {
   response.type = "text/event-stream";
   out_ = head_of(response);
-  const auto wake = [gate = server_.gate, to = weak_from_this()] {
-    gate->post([to] {
+  const auto wake = [loop = server_.loop, to = weak_from_this()] {
+    loop->post([to] {
       if (const auto c = to.lock()) c->pump();
     });
   };
@@ -256,7 +256,7 @@ void Connection::begin_stream(Response response) {
 
 /// Notices the end of the client; what it sends is discarded.
 void Connection::watch() {
-  stream_.async_read_some(asio::buffer(scrap_), [self = shared_from_this()](const ErrorCode& error, std::size_t n) {
+  stream_.async_read_some(asio::buffer(received_), [self = shared_from_this()](const ErrorCode& error, std::size_t n) {
     self->drained_ += n;
     if (error || self->drained_ > kMostDrained) return self->finish();
     self->watch();
@@ -297,7 +297,7 @@ void Connection::end_of_sending() {
 }
 
 void Connection::drain() {
-  stream_.next_layer().async_read_some(asio::buffer(scrap_),
+  stream_.next_layer().async_read_some(asio::buffer(received_),
                                        [self = shared_from_this()](const ErrorCode& error, std::size_t n) {
                                          self->drained_ += n;
                                          if (error || self->drained_ > kMostDrained) return self->finish();
@@ -320,16 +320,16 @@ void Connection::finish() {
   server_.remove(this);
 }
 
-void serve(Server::Impl& server, tcp::socket socket, std::unique_ptr<Seat> seat, std::string party) {
-  const auto connection = std::make_shared<Connection>(server, std::move(socket), std::move(seat), std::move(party));
+void serve(Server::Impl& server, tcp::socket socket, std::unique_ptr<ConnectionSlot> slot, std::string owner) {
+  const auto connection = std::make_shared<Connection>(server, std::move(socket), std::move(slot), std::move(owner));
   server.add(connection);
   connection->start();
 }
 
-void turn_away(Server::Impl& server, tcp::socket socket, Response refusal) {
+void refuse_connection(Server::Impl& server, tcp::socket socket, Response refusal) {
   const auto connection = std::make_shared<Connection>(server, std::move(socket), nullptr, "");
   server.add(connection);
-  connection->turn_away(std::move(refusal));
+  connection->refuse_connection(std::move(refusal));
 }
 
 }  // namespace cotwin::gateway::http

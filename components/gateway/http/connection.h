@@ -22,10 +22,10 @@ inline Response refusal(int status, std::string detail, std::vector<Field> field
 /// One HTTP connection. The checks of a request are in examination.cpp.
 class Connection final : public Client, public std::enable_shared_from_this<Connection> {
  public:
-  Connection(Server::Impl& server, tcp::socket socket, std::unique_ptr<Seat> seat, std::string party)
+  Connection(Server::Impl& server, tcp::socket socket, std::unique_ptr<ConnectionSlot> slot, std::string owner)
       : server_(server),
-        seat_(std::move(seat)),
-        party_(std::move(party)),
+        slot_(std::move(slot)),
+        owner_(std::move(owner)),
         limits_(server.options.limits),
         stream_(std::move(socket), server.tls ? &*server.tls : nullptr),
         timer_(server.context),
@@ -36,7 +36,7 @@ class Connection final : public Client, public std::enable_shared_from_this<Conn
 
   void start() { server_.tls ? expect_tls() : read(); }
   /// Sends a refusal to a client for which there is no room.
-  void turn_away(Response refusal) {
+  void refuse_connection(Response refusal) {
     turned_away_ = true;
     ++server_.refusing;
     respond(std::move(refusal));
@@ -49,7 +49,7 @@ class Connection final : public Client, public std::enable_shared_from_this<Conn
 
   /// A request that a handler answers. Carries the response to the server's thread, where alone connections live.
   struct Pending {
-    std::shared_ptr<Gate> gate;
+    std::shared_ptr<ServerLoop> loop;
     std::weak_ptr<Connection> connection;
     std::atomic<bool> done = false;
 
@@ -95,8 +95,8 @@ class Connection final : public Client, public std::enable_shared_from_this<Conn
   void finish();
 
   Server::Impl& server_;
-  std::unique_ptr<Seat> seat_;
-  const std::string party_;
+  std::unique_ptr<ConnectionSlot> slot_;
+  const std::string owner_;
   const Limits& limits_;
   AnyStream stream_;
   asio::steady_timer timer_;
@@ -111,7 +111,7 @@ class Connection final : public Client, public std::enable_shared_from_this<Conn
   std::weak_ptr<Pending> pending_;  // of the request that waits for its handler
   bool waiting_ = false;
   bool keep_ = false, head_ = false, finished_ = false, turned_away_ = false;
-  std::array<unsigned char, 1024> scrap_{};
+  std::array<unsigned char, 1024> received_{};
   std::size_t drained_ = 0;
   std::shared_ptr<Channel> channel_;
   bool writing_ = false;

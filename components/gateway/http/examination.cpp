@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "components/gateway/http/connection.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway::http {
 
@@ -95,10 +96,10 @@ std::optional<Response> Connection::check_access(Request& request) {
   const Tokens& tokens = server_.options.tokens;
   if (tokens.empty()) {
     request.scope = Scope::kOperate;
-    request.party = party_;
+    request.owner = owner_;
     return std::nullopt;
   }
-  request.party = party_;
+  request.owner = owner_;
   if (route.scope == Scope::kNone) return std::nullopt;
   std::size_t fields = 0;
   for (const Field& f : request.fields) fields += equal_names(f.name, "Authorization") ? 1 : 0;
@@ -132,7 +133,7 @@ std::optional<Response> Connection::check_access(Request& request) {
   }
   request.scope = *granted;
   request.client = std::move(client);
-  request.party = request.client.empty() ? party_ : "token " + request.client;
+  request.owner = request.client.empty() ? owner_ : "token " + request.client;
   if (static_cast<int>(*granted) < static_cast<int>(route.scope))
     return refusal(403, "the token may read only, expected one with the scope operate",
                    {{"WWW-Authenticate", "Bearer error=\"insufficient_scope\", scope=\"operate\""}});
@@ -152,7 +153,7 @@ std::optional<Response> Connection::check_query(const Request& request) {
     for (const Parameter& p : route.parameters) {
       if (p.in != "query") continue;
       found = found || p.name == name;
-      known += (known.empty() ? "" : ", ") + p.name;
+      text::append(known, p.name);
     }
     if (!found)
       return refusal(400, "the query has '" + name.substr(0, 40) + "', expected " + (known.empty() ? "no query" : known));

@@ -11,15 +11,14 @@ FairPool::FairPool(const Options& options) : options_(options) {}
 
 FairPool::~FairPool() { stop(); }
 
-FairPool::Verdict FairPool::post(const std::string& party, Task task) {
+FairPool::Verdict FairPool::post(const std::string& owner, Task task) {
   const std::lock_guard lock(mutex_);
   if (stopped_ || waiting_ >= options_.waiting) return Verdict::kFull;
-  if (const auto found = parties_.find(party);
-      found != parties_.end() && found->second.waiting.size() >= options_.party_waiting)
-    return Verdict::kPartyFull;
+  if (const auto found = owners_.find(owner); found != owners_.end() && found->second.waiting.size() >= options_.owner_waiting)
+    return Verdict::kOwnerFull;
   ensure_thread();
   if (threads_.empty()) return Verdict::kFull;
-  const auto [entry, is_new] = parties_.try_emplace(party);
+  const auto [entry, is_new] = owners_.try_emplace(owner);
   if (is_new) entry->second.turn = turn_;
   entry->second.waiting.push_back({++number_, Clock::now(), std::move(task)});
   ++waiting_;
@@ -37,19 +36,19 @@ void FairPool::ensure_thread() noexcept {
   }
 }
 
-FairPool::Parties::iterator FairPool::choose(Clock::time_point now, Clock::time_point& next) {
-  auto best = parties_.end();
-  for (auto each = parties_.begin(); each != parties_.end(); ++each) {
-    const Party& party = each->second;
-    if (party.waiting.empty()) continue;
-    const Clock::time_point patient_until = party.waiting.front().since + options_.patience;
+FairPool::Owners::iterator FairPool::choose(Clock::time_point now, Clock::time_point& next) {
+  auto best = owners_.end();
+  for (auto each = owners_.begin(); each != owners_.end(); ++each) {
+    const Owner& owner = each->second;
+    if (owner.waiting.empty()) continue;
+    const Clock::time_point patient_until = owner.waiting.front().since + options_.patience;
     const bool late = now >= patient_until && running_ < options_.many;
-    if (running_ >= options_.threads && !(party.running == 0 && running_ < options_.most) && !late) {
+    if (running_ >= options_.threads && !(owner.running == 0 && running_ < options_.most) && !late) {
       if (running_ < options_.many) next = std::min(next, patient_until);
       continue;
     }
-    const auto rank = [](const Party& p) { return std::tuple(p.running, p.turn, p.waiting.front().number); };
-    if (best == parties_.end() || rank(party) < rank(best->second)) best = each;
+    const auto rank = [](const Owner& p) { return std::tuple(p.running, p.turn, p.waiting.front().number); };
+    if (best == owners_.end() || rank(owner) < rank(best->second)) best = each;
   }
   return best;
 }
@@ -60,7 +59,7 @@ void FairPool::work() {
     if (stopped_) return;
     Clock::time_point next = Clock::time_point::max();
     const auto chosen = choose(Clock::now(), next);
-    if (chosen == parties_.end()) {
+    if (chosen == owners_.end()) {
       if (next == Clock::time_point::max()) {
         changed_.wait(lock);
       } else {
@@ -87,18 +86,18 @@ void FairPool::work() {
     lock.lock();
     ++idle_;
     --running_;
-    const auto party = parties_.find(name);
-    if (--party->second.running == 0 && party->second.waiting.empty()) parties_.erase(party);
+    const auto owner = owners_.find(name);
+    if (--owner->second.running == 0 && owner->second.waiting.empty()) owners_.erase(owner);
   }
 }
 
 void FairPool::stop() noexcept {
   std::vector<std::thread> threads;
-  Parties dropped;
+  Owners dropped;
   {
     const std::lock_guard lock(mutex_);
     stopped_ = true;
-    for (auto& [name, party] : parties_) dropped[name].waiting.swap(party.waiting);
+    for (auto& [name, owner] : owners_) dropped[name].waiting.swap(owner.waiting);
     waiting_ = 0;
     threads.swap(threads_);
   }

@@ -32,7 +32,7 @@ struct Request {
   std::string body;
   Scope scope = Scope::kNone;  // granted
   std::string client;          // part of the hash of its token; "" without one
-  std::string party;           // whose fair share it takes: a token, else an address, at the loopback address a connection
+  std::string owner;           // whose fair share it takes: a token, else an address, at the loopback address a connection
   bool upgrade = false;        // to a WebSocket
 
   /// The first header field of that name, in any case; nullptr: none.

@@ -75,7 +75,7 @@ std::variant<const Router::Entry*, Refusal> Router::find(Request& request) const
     std::string list;
     std::sort(allowed.begin(), allowed.end());
     allowed.erase(std::unique(allowed.begin(), allowed.end()), allowed.end());
-    for (const std::string& each : allowed) list += (list.empty() ? "" : ", ") + each + (each == "GET" ? ", HEAD" : "");
+    for (const std::string& each : allowed) text::append(list, each + (each == "GET" ? ", HEAD" : ""));
     return Refusal{{405, request.method + " does not apply to " + request.path + ", expected " + list, "", ""},
                    {{"Allow", list}}};
   }

@@ -48,7 +48,7 @@ FairPool::Options pool_options(const ServerOptions& o) {
   pool.many = pool.threads + 6;
   pool.most = pool.threads + 14;
   pool.waiting = o.limits.queue_requests;
-  pool.party_waiting = o.limits.party_requests;
+  pool.owner_waiting = o.limits.owner_requests;
   return pool;
 }
 
@@ -149,38 +149,38 @@ void Server::Impl::accept(Listener& listener) {
       });
       return;
     }
-    welcome(std::move(socket));
+    admit(std::move(socket));
     accept(listener);
   });
 }
 
-void Server::Impl::welcome(tcp::socket socket) {
+void Server::Impl::admit(tcp::socket socket) {
   const std::uint64_t number = ++counts.connections;
   ErrorCode none;
   const tcp::endpoint from = socket.remote_endpoint(none);
   if (none) return;  // it has gone again
   socket.set_option(tcp::no_delay(true), none);
   const std::string address = client_address(from.address());
-  const auto seated = seats.find(address);
+  const auto own = slots.find(address);
   std::optional<Problem> problem;
   if (clients.size() - refusing >= options.limits.connections) {
     problem = Problem{503, "too many connections", "", ""};
-  } else if (seated != seats.end() && seated->second >= options.limits.address_connections) {
+  } else if (own != slots.end() && own->second >= options.limits.address_connections) {
     problem = Problem{
         429, "too many connections of this address, expected at most " + std::to_string(options.limits.address_connections), "",
         ""};
   }
   if (!problem) {
     // At the loopback address all programs of this machine have the same one.
-    std::string party = from.address().is_loopback() ? "connection " + std::to_string(number) : "address " + address;
-    return serve(*this, std::move(socket), std::make_unique<Seat>(*this, address), std::move(party));
+    std::string owner = from.address().is_loopback() ? "connection " + std::to_string(number) : "address " + address;
+    return serve(*this, std::move(socket), std::make_unique<ConnectionSlot>(*this, address), std::move(owner));
   }
   // Without TLS the client could not read it, and a handshake costs more than the refusal saves.
   if (tls || refusing >= kMostRefusing) {
     ++counts.refused;
     return;
   }
-  turn_away(*this, std::move(socket), to_response(*problem, {{"Retry-After", "1"}}));
+  refuse_connection(*this, std::move(socket), to_response(*problem, {{"Retry-After", "1"}}));
 }
 
 void Server::Impl::handle(const Router::Entry& entry, std::shared_ptr<Request> request, Reply reply,
@@ -199,16 +199,16 @@ void Server::Impl::handle(const Router::Entry& entry, std::shared_ptr<Request> r
     }
   };
   if (!entry.route.slow) return run();
-  const auto verdict = pool_.post(request->party, [run, given_up = std::move(given_up)] {
+  const auto verdict = pool_.post(request->owner, [run, given_up = std::move(given_up)] {
     if (!given_up()) run();
   });
   switch (verdict) {
     case FairPool::Verdict::kTaken:
       return;
-    case FairPool::Verdict::kPartyFull:
+    case FairPool::Verdict::kOwnerFull:
       return reply(to_response({429,
                                 "too many requests of this client wait for an answer, expected at most " +
-                                    std::to_string(options.limits.party_requests),
+                                    std::to_string(options.limits.owner_requests),
                                 "", ""},
                                {{"Retry-After", "1"}}));
     case FairPool::Verdict::kFull:
@@ -220,7 +220,7 @@ void Server::Impl::stop() noexcept {
   if (stopped_) return;
   stopped_ = true;
   if (thread_.joinable()) {
-    gate->post([this] {
+    loop->post([this] {
       ErrorCode none;
       for (const auto& listener : listeners_) {
         listener->acceptor.close(none);
@@ -229,10 +229,10 @@ void Server::Impl::stop() noexcept {
       while (!clients.empty()) clients.begin()->second->abort();
       context.stop();
     });
-    gate->shut();
+    loop->close();
     thread_.join();
   }
-  gate->shut();
+  loop->close();
   pool_.stop();
 }
 

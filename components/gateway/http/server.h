@@ -22,7 +22,7 @@ struct Limits {
   std::size_t queue_bytes = 256 << 10;   // that wait for a client of a stream
   std::size_t stream_bytes = 1 << 20;    // that a client of a stream may send in 10 s; what it sends is not read
   std::size_t queue_requests = 256;      // that wait for a thread of the pool
-  std::size_t party_requests = 128;      // of them, of one party (Request::party)
+  std::size_t owner_requests = 128;      // of them, of one owner (Request::owner)
   double handshake = 10;                 // s, TLS
   double request = 10;                   // s, from the first byte of a request to its last
   double answer = 60;                    // s, until a handler has answered

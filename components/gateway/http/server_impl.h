@@ -16,16 +16,16 @@
 namespace cotwin::gateway::http {
 
 /// The way of other threads to the server's one. Outlives the server.
-class Gate {
+class ServerLoop {
  public:
-  explicit Gate(asio::io_context& context) : context_(&context) {}
+  explicit ServerLoop(asio::io_context& context) : context_(&context) {}
   /// Runs the function on the server's thread, unless the server has stopped.
   template <class Function>
   void post(Function function) {
     const std::lock_guard lock(mutex_);
     if (context_ != nullptr) asio::post(*context_, std::move(function));
   }
-  void shut() {
+  void close() {
     const std::lock_guard lock(mutex_);
     context_ = nullptr;
   }
@@ -57,11 +57,11 @@ struct Server::Impl {
   ServerOptions options;
   const Router& router;
   Counts counts;
-  std::map<std::string, std::size_t> seats;  // connections by address; only those with any
+  std::map<std::string, std::size_t> slots;  // connections by address; only those with any
   std::size_t refusing = 0;                  // connections that only get a refusal
   asio::io_context context{1};
   std::optional<asio::ssl::context> tls;
-  std::shared_ptr<Gate> gate = std::make_shared<Gate>(context);
+  std::shared_ptr<ServerLoop> loop = std::make_shared<ServerLoop>(context);
   std::map<Client*, std::shared_ptr<Client>> clients;
   std::uint16_t port = 0;
   std::string name = "localhost";  // of url() where the address is 0.0.0.0 or ::
@@ -75,7 +75,7 @@ struct Server::Impl {
   void load_certificate();
   bool listen(const std::string& address, bool must);
   void accept(Listener& listener);
-  void welcome(tcp::socket socket);
+  void admit(tcp::socket socket);
 
   std::vector<std::unique_ptr<Listener>> listeners_;
   FairPool pool_;
@@ -84,27 +84,29 @@ struct Server::Impl {
 };
 
 /// The place of a connection among those of its address.
-class Seat {
+class ConnectionSlot {
  public:
-  Seat(Server::Impl& server, std::string address) : server_(server), address_(std::move(address)) { ++server_.seats[address_]; }
-  ~Seat() {
-    if (--server_.seats[address_] == 0) server_.seats.erase(address_);
+  ConnectionSlot(Server::Impl& server, std::string address) : server_(server), address_(std::move(address)) {
+    ++server_.slots[address_];
   }
-  Seat(const Seat&) = delete;
-  Seat& operator=(const Seat&) = delete;
+  ~ConnectionSlot() {
+    if (--server_.slots[address_] == 0) server_.slots.erase(address_);
+  }
+  ConnectionSlot(const ConnectionSlot&) = delete;
+  ConnectionSlot& operator=(const ConnectionSlot&) = delete;
 
  private:
   Server::Impl& server_;
   const std::string address_;
 };
 
-/// Begins to serve a connection (connection.cpp). `party`: of requests without a token.
-void serve(Server::Impl& server, tcp::socket socket, std::unique_ptr<Seat> seat, std::string party);
+/// Begins to serve a connection (connection.cpp). `owner`: of requests without a token.
+void serve(Server::Impl& server, tcp::socket socket, std::unique_ptr<ConnectionSlot> slot, std::string owner);
 /// Sends a refusal and closes the connection, in order.
-void turn_away(Server::Impl& server, tcp::socket socket, Response refusal);
+void refuse_connection(Server::Impl& server, tcp::socket socket, Response refusal);
 
 /// Makes a WebSocket of a connection whose request was granted (web_socket.cpp).
-void upgrade(Server::Impl& server, AnyStream stream, std::unique_ptr<Seat> seat,
+void upgrade(Server::Impl& server, AnyStream stream, std::unique_ptr<ConnectionSlot> slot,
              const beast::http::request<beast::http::string_body>& request,
              std::function<void(const std::shared_ptr<Stream>&)> opened);
 

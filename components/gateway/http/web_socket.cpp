@@ -16,9 +16,9 @@ constexpr double kClose = 2;    // s, until the client has answered the close fr
 
 class WebSocket final : public Client, public std::enable_shared_from_this<WebSocket> {
  public:
-  WebSocket(Server::Impl& server, AnyStream stream, std::unique_ptr<Seat> seat)
+  WebSocket(Server::Impl& server, AnyStream stream, std::unique_ptr<ConnectionSlot> slot)
       : server_(server),
-        seat_(std::move(seat)),
+        slot_(std::move(slot)),
         limits_(server.options.limits),
         socket_(std::move(stream)),
         timer_(server.context),
@@ -49,8 +49,8 @@ class WebSocket final : public Client, public std::enable_shared_from_this<WebSo
 
   void start(const beast::http::request<beast::http::string_body>& request,
              std::function<void(const std::shared_ptr<Stream>&)> opened) {
-    const auto wake = [gate = server_.gate, to = weak_from_this()] {
-      gate->post([to] {
+    const auto wake = [loop = server_.loop, to = weak_from_this()] {
+      loop->post([to] {
         if (const auto s = to.lock()) s->pump();
       });
     };
@@ -144,7 +144,7 @@ class WebSocket final : public Client, public std::enable_shared_from_this<WebSo
   }
 
   Server::Impl& server_;
-  std::unique_ptr<Seat> seat_;
+  std::unique_ptr<ConnectionSlot> slot_;
   const Limits& limits_;
   ws::stream<AnyStream, false> socket_;
   asio::steady_timer timer_;
@@ -158,10 +158,10 @@ class WebSocket final : public Client, public std::enable_shared_from_this<WebSo
 
 }  // namespace
 
-void upgrade(Server::Impl& server, AnyStream stream, std::unique_ptr<Seat> seat,
+void upgrade(Server::Impl& server, AnyStream stream, std::unique_ptr<ConnectionSlot> slot,
              const beast::http::request<beast::http::string_body>& request,
              std::function<void(const std::shared_ptr<Stream>&)> opened) {
-  const auto socket = std::make_shared<WebSocket>(server, std::move(stream), std::move(seat));
+  const auto socket = std::make_shared<WebSocket>(server, std::move(stream), std::move(slot));
   server.add(socket);
   socket->start(request, std::move(opened));
 }

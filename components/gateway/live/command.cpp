@@ -9,6 +9,7 @@
 #include "components/services/json/json.h"
 #include "models/foundation/support/choice.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::gateway::live {
 
@@ -31,7 +32,7 @@ void check_members(const Json& object, std::initializer_list<const char*> known)
     const std::string& name = member.key();
     if (std::ranges::none_of(known, [&](const char* k) { return name == k; })) {
       std::string expected;
-      for (const char* k : known) expected += (expected.empty() ? "" : ", ") + std::string(k);
+      for (const char* k : known) text::append(expected, k);
       refuse(422, "unknown member, expected " + expected, "/" + name);
     }
   }

@@ -180,19 +180,19 @@ LiveRun::Sample Live::read(LiveRun::Watch& watch, const LiveRun& run) const {
 }
 
 /// The places of a client among the watched values. Throws Refusal 429 if it has its share already.
-std::shared_ptr<Shares::Share> Live::take_elements(const std::string& party, std::size_t elements) const {
+std::shared_ptr<Shares::Share> Live::take_elements(const std::string& owner, std::size_t elements) const {
   std::size_t permitted = 0;
-  auto share = elements_.take(party, elements, permitted);
+  auto share = elements_.take(owner, elements, permitted);
   if (!share)
     refuse(429, "this client would watch more than the " + std::to_string(permitted) +
                     " values that it may watch now: half of those that others leave");
   return share;
 }
 
-std::string Live::values(const std::vector<std::string>& names, const std::string& party) const {
+std::string Live::values(const std::vector<std::string>& names, const std::string& owner) const {
   const std::shared_ptr<LiveRun> r = run();
   try {
-    const auto share = take_elements(party, count_elements(*r, names));
+    const auto share = take_elements(owner, count_elements(*r, names));
     LiveRun::Watch watch(r, names, 0);
     const LiveRun::Sample sample = read(watch, *r);
     return to_json(watch.elements(), sample, 0);
@@ -323,7 +323,7 @@ void Live::add_routes(http::Router& router) {
   values_route.answers.push_back(wrong);
   values_route.answers.push_back(ended);
   values_route.slow = true;
-  router.add(values_route, [this](const Request& request) { return give(values(names_of(request), request.party)); });
+  router.add(values_route, [this](const Request& request) { return give(values(names_of(request), request.owner)); });
 
   http::Route put = route("PUT", "/run/tunables/{name}", "setTunable", "Sets a tunable or a free input", "Accepted");
   put.scope = http::Scope::kOperate;
@@ -389,8 +389,8 @@ void Live::add_routes(http::Router& router) {
     const std::shared_ptr<LiveRun> r = run();
     try {
       std::size_t permitted = 0;
-      order.elements = take_elements(request.party, count_elements(*r, order.names));
-      order.watch = watches_.take(request.party, 1, permitted);
+      order.elements = take_elements(request.owner, count_elements(*r, order.names));
+      order.watch = watches_.take(request.owner, 1, permitted);
       if (!order.watch)
         refuse(429,
                "this client has " + std::to_string(permitted) + " streams, expected no more: half of those that others leave");

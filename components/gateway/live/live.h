@@ -43,8 +43,8 @@ class Live {
   /// What the routes and MQTT answer; JSON text. Throw http::Refusal.
   std::string state() const;
   std::string signals(const std::string& component) const;
-  /// Waits up to a second for the end of the tick. `party`: whose share of the watched values it takes meanwhile.
-  std::string values(const std::vector<std::string>& names, const std::string& party) const;
+  /// Waits up to a second for the end of the tick. `owner`: whose share of the watched values it takes meanwhile.
+  std::string values(const std::vector<std::string>& names, const std::string& owner) const;
   /// Waits up to two seconds for the loop. Refuses with status 403 where commands are not permitted.
   std::string ask(const RunRequest& request) const;
 
@@ -64,7 +64,7 @@ class Live {
   /// A value was changed.
   void hurry_streams() const;
   void begin(const std::shared_ptr<http::Stream>& to, const StreamOrder& order);
-  std::shared_ptr<Shares::Share> take_elements(const std::string& party, std::size_t elements) const;
+  std::shared_ptr<Shares::Share> take_elements(const std::string& owner, std::size_t elements) const;
   bus::LiveRun::Sample read(bus::LiveRun::Watch& watch, const bus::LiveRun& run) const;
 
   std::atomic<bool> commands_ = true;

@@ -369,7 +369,7 @@ std::string FriControllerLink::what_was_rejected() const {
   for (std::size_t i = 1; i < fri::kFaults; ++i) {
     const auto fault = static_cast<fri::Fault>(i);
     if (fault == fri::Fault::kStranger || faults.of(fault) == 0) continue;
-    text += (text.empty() ? "" : ", ") + std::to_string(faults.of(fault)) + " because of " + fri::to_text(fault);
+    text::append(text, std::to_string(faults.of(fault)) + " because of " + fri::to_text(fault));
   }
   const auto is_command_of = [&](fri::Protocol p) {
     fri::Command command;

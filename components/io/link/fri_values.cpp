@@ -76,7 +76,7 @@ IoPorts::IoPorts(const std::string& list, fri::Io::Direction direction, const st
 
 std::string IoPorts::names() const {
   std::string list;
-  for (const fri::Io& io : ios_) list += (list.empty() ? "" : ", ") + std::string(io.name.view());
+  for (const fri::Io& io : ios_) text::append(list, io.name.view());
   return list;
 }
 

@@ -415,7 +415,7 @@ void EtherCatLink::tell(std::vector<std::string>& sentences) const {
   if (!was_operational_) {
     std::string states;
     for (std::size_t i = 0; i < slaves_.size(); ++i) {
-      states += (states.empty() ? "" : ", ") + slaves_[i].device + " " + std::to_string(state_[i]);
+      text::append(states, slaves_[i].device + " " + std::to_string(state_[i]));
       if (al_code_[i] != 0) states += " (AL status code 0x" + hex4(static_cast<unsigned>(al_code_[i])) + ")";
     }
     sentences.push_back("the bus was never operational, expected state 8 (OP) of all slaves: " + states);

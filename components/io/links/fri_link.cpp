@@ -228,7 +228,7 @@ void FriLink::note_refused(const DatagramQueue::Datagram& datagram) {
   for (const fri::Protocol other : fri::kProtocols) {
     const bool fits = other != protocol_ && (other != fri::Protocol::kLwr || n_ == 7) &&
                       fri::decode(other, datagram.bytes, n_, seen_) == fri::Fault::kNone;
-    if (fits) others += (others.empty() ? "" : ", ") + std::string(fri::to_text(other));
+    if (fits) text::append(others, fri::to_text(other));
   }
   if (!others.empty()) heard_.why += ", but fits " + others;
 }

@@ -8,6 +8,7 @@
 #include "components/services/json/contact_json.h"
 #include "components/services/json/end_pose_json.h"
 #include "components/services/json/verify_json.h"
+#include "models/foundation/support/text.h"
 #include "models/optimisation/particle_table.h"
 
 namespace cotwin::services {
@@ -59,7 +60,7 @@ CostTerm term_of(const std::string& name, double weight, const std::string& poin
       term.weight = weight;
       return term;
     }
-    names += std::string(names.empty() ? "" : ", ") + optimisation::to_text(term.quantity);
+    text::append(names, optimisation::to_text(term.quantity));
   }
   throw RequestError(pointer, "is '" + name.substr(0, 40) + "', expected one of " + names);
 }

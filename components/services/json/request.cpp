@@ -106,7 +106,7 @@ std::string Reader::word(const char* name, const std::vector<std::string>& words
   std::string expected;
   for (const std::string& word : words) {
     if (word == given) return given;
-    expected += (expected.empty() ? "" : ", ") + word;
+    text::append(expected, word);
   }
   throw RequestError(pointer(name), "is " + quoted(given) + ", expected one of " + expected);
 }
@@ -135,8 +135,7 @@ void Reader::only_if(bool used, const char* name, const std::string& without) {
 void Reader::finish() const {
   for (const auto& [name, value] : object_.items()) {
     if (read_.contains(name)) continue;
-    std::string known;
-    for (const std::string& r : read_) known += (known.empty() ? "" : ", ") + r;
+    const std::string known = text::joined({read_.begin(), read_.end()});
     throw RequestError(pointer(name.substr(0, kLongestQuote).c_str()), "is an unknown member, expected one of " + known);
   }
 }

@@ -319,8 +319,7 @@ int AlgebraicLoop::solve(const SweptValues& swept) {
 
 std::string AlgebraicLoop::member_names() const {
   std::string names;
-  for (const std::size_t slot : slots_)
-    names += (names.empty() ? "" : ", ") + system_.members[system_.schedule.slots[slot].member].name();
+  for (const std::size_t slot : slots_) text::append(names, system_.members[system_.schedule.slots[slot].member].name());
   return names;
 }
 

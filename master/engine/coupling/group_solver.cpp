@@ -114,7 +114,7 @@ void GroupSolver::prepare() {
 
 std::string GroupSolver::names() const {
   std::string names;
-  for (const Slot& slot : slots_) names += (names.empty() ? "" : ", ") + members_[slot.member].name();
+  for (const Slot& slot : slots_) text::append(names, members_[slot.member].name());
   return names;
 }
 

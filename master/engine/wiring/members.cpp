@@ -142,8 +142,8 @@ FmuSource fmu_source(const ComponentSpec& spec, const Scenario& scenario) {
 ParameterSet start_values(const Scenario& scenario, const Member& member, std::vector<std::string>* unknown) {
   ParameterSet set{member.name(), {}, scenario.units};
   for (const ParameterValue& value : member.spec.start_values) {
-    const bool by_the_user = value.place.rfind("--set ", 0) == 0;  // typing errors there are never ignored
-    if (by_the_user || !scenario.ignore_unknown_parameters ||
+    // Typing errors of the user are never ignored.
+    if (value.by_user || !scenario.ignore_unknown_parameters ||
         find_element(member.variables(), value.name).variable != nullptr) {
       set.values.push_back(value);
     } else if (unknown != nullptr) {

@@ -17,6 +17,7 @@
 #include "master/services/worker.h"
 #include "models/foundation/support/atomic_file.h"
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::master {
 
@@ -60,11 +61,7 @@ services::Context context_of(numerics::Threads* threads) {
   return context;
 }
 
-std::string names_of_services() {
-  std::string names;
-  for (const std::string& name : services::service_names()) names += (names.empty() ? "" : ", ") + name;
-  return names;
-}
+std::string names_of_services() { return text::joined(services::service_names()); }
 
 /// The request of the command line: what --with has and what the options add.
 Json request_of(const AskArguments& a, services::Robots& robots) {

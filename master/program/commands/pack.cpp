@@ -39,7 +39,7 @@ void add_values(const PackArguments& arguments, fmu::PackRequest& request) {
       request.source = with_setting(request.source, name, assignment.substr(equals + 1));
       continue;
     }
-    values.values.push_back({name, assignment.substr(equals + 1), "", "--set " + assignment});
+    values.values.push_back({name, assignment.substr(equals + 1), "", "--set " + assignment, true});
   }
   request.values.push_back(std::move(values));
 }

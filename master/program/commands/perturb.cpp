@@ -60,7 +60,7 @@ ParameterSet perturbed(ParameterSet set, double bound, std::uint64_t seed) {
     for (std::string word; words >> word; ++k) {
       const auto number = text::parse_real(word);
       all = all && number.has_value();
-      if (number) changed += (changed.empty() ? "" : " ") + text::to_text(scaled(*number, name.name, k));
+      if (number) text::append(changed, text::to_text(scaled(*number, name.name, k)), " ");
     }
     if (all && !changed.empty()) *list = changed;
   }

@@ -131,7 +131,7 @@ void add_robot(CLI::App& app, Chosen& chosen) {
                    "KUKA's FRI: lwr (LWR 4+, FRI 1.0), sunrise (1.15), or sunrise-1.11, -1.14, -1.16, -2.5, -2.7")
       ->type_name("PROTOCOL");
   command->add_flag("--rtde", a.rtde,
-                    "Universal Robots' RTDE instead of FRI, for robots with 6 joints (ur3e, ur5e, ur10e, ur16e, ur20)");
+                    "Universal Robots' RTDE instead of FRI, for robots with 6 joints (ur3e, ur5e, ur10, ur10e, ur16e, ur20)");
   command->add_flag("--rtde-script", a.script,
                     "Print the program for a real Universal Robots controller that follows commands over RTDE, and exit");
   command->add_option("--robot", a.robot, "URDF, or name of a robot in models/robots (default: lwr4, with --rtde ur5e)")

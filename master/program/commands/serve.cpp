@@ -85,9 +85,7 @@ std::string names_of(const ServeArguments& a) {
     names.push_back(address == "0.0.0.0" ? "127.0.0.1" : address == "::" ? "[::1]" : v6 ? "[" + address + "]" : address);
   }
   names.insert(names.end(), a.hosts.begin(), a.hosts.end());
-  std::string list;
-  for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
-  return list;
+  return text::joined(names);
 }
 
 int serve(const ServeArguments& a) {

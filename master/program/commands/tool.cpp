@@ -39,8 +39,7 @@ RobotHistory& choose(std::vector<RobotHistory>& histories, const ToolArguments& 
   RobotHistory* found = nullptr;
   std::string names;
   for (RobotHistory& history : histories) {
-    std::string components;
-    for (const std::string& component : history.components) components += (components.empty() ? "" : ", ") + component;
+    const std::string components = text::joined(history.components);
     names += (names.empty() ? "'" : ", '") + history.name + "'" + (components.empty() ? "" : " (" + components + ")");
     const bool named = history.name == a.of || std::count(history.components.begin(), history.components.end(), a.of) > 0;
     if (!a.of.empty() && !named) continue;

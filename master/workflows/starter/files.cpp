@@ -4,6 +4,7 @@
 #include <cmath>
 #include <span>
 
+#include "master/scenario/ssd_text.h"
 #include "models/foundation/formats/xml.h"
 #include "models/foundation/support/text.h"
 
@@ -26,14 +27,10 @@ std::string in_comment(std::string text) {
   return text;
 }
 
-std::string list(std::span<const double> values) {
-  std::string all;
-  for (const double value : values) all += (all.empty() ? "" : " ") + to_text(value);
-  return all;
-}
+std::string list(std::span<const double> values) { return text::joined(values); }
 std::string list(const Eigen::Vector3d& v) {
   std::string all;
-  for (const double x : v) all += (all.empty() ? "" : " ") + to_text(std::round(x * 1e9) / 1e9 + 0.0);
+  for (const double x : v) text::append(all, to_text(std::round(x * 1e9) / 1e9 + 0.0), " ");
   return all;
 }
 
@@ -149,25 +146,20 @@ std::string probe(const Contact& c) {
 }
 
 /// The scenario file.
-class Ssd {
+class ScenarioFile {
  public:
-  Ssd(const Sketch& sketch, const robot::RobotModel& robot, const Naming& naming)
-      : sketch_(sketch), robot_(robot), naming_(naming), contact_(sketch.contact.has_value()) {}
+  ScenarioFile(const Sketch& sketch, const robot::RobotModel& robot, const Naming& naming)
+      : sketch_(sketch),
+        robot_(robot),
+        naming_(naming),
+        contact_(sketch.contact.has_value()),
+        ssd_(naming.scenario, naming.scenario, introduction(), "1 ms") {}
 
   std::string text() {
-    const std::string name = xml::escaped(naming_.scenario);
-    text_ = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<!--\n" + introduction() +
-            "-->\n<ssd:SystemStructureDescription version=\"1.0\" name=\"" + name +
-            "\"\n    xmlns:ssd=\"http://ssp-standard.org/SSP1/SystemStructureDescription\"\n    " + kNamespaces +
-            ">\n  <ssd:System name=\"" + name + "\">\n    <ssd:Elements>\n";
     components();
-    text_ += "    </ssd:Elements>\n    <ssd:Connections>\n";
     connections();
-    text_ += "    </ssd:Connections>\n  </ssd:System>\n  <ssd:DefaultExperiment startTime=\"0\" stopTime=\"" +
-             to_text(sketch_.stop) + "\"/>\n  <ssd:Annotations>\n    <ssc:Annotation type=\"cotwin.master\">\n";
     annotation();
-    text_ += "    </ssc:Annotation>\n  </ssd:Annotations>\n</ssd:SystemStructureDescription>\n";
-    return text_;
+    return ssd_.text(to_text(sketch_.stop));
   }
 
  private:
@@ -204,72 +196,47 @@ class Ssd {
     return text;
   }
 
-  void component(const std::string& name, const std::string& source, const std::string& comment, const std::string& bindings) {
-    text_ += "      <!-- " + comment + " -->\n      <ssd:Component name=\"" + name + "\" source=\"" + xml::escaped(source) +
-             "\" type=\"application/x-cotwin-unit\"";
-    if (bindings.empty()) {
-      text_ += "/>\n";
-    } else {
-      text_ += ">\n        <ssd:ParameterBindings>\n" + bindings + "        </ssd:ParameterBindings>\n      </ssd:Component>\n";
-    }
-  }
-  static std::string binding(const std::string& file) { return "          <ssd:ParameterBinding source=\"" + file + "\"/>\n"; }
-  static std::string inline_binding(const std::string& name, const std::vector<std::pair<std::string, std::string>>& values) {
-    std::string text =
-        "          <ssd:ParameterBinding>\n            <ssd:ParameterValues>\n              <ssv:ParameterSet version=\"1.0\" "
-        "name=\"" +
-        name + "\">\n                <ssv:Parameters>\n";
-    for (const auto& [key, value] : values)
-      text += "                  <ssv:Parameter name=\"" + key + "\"><ssv:String value=\"" + value + "\"/></ssv:Parameter>\n";
-    return text +
-           "                </ssv:Parameters>\n              </ssv:ParameterSet>\n            </ssd:ParameterValues>\n"
-           "          </ssd:ParameterBinding>\n";
-  }
-
   void components() {
-    component("motion", "unit:motion?kind=waypoints", "the desired motion; passing=through passes the waypoints without a stop",
-              inline_binding("motion", {{"file", "waypoints.csv"}, {"passing", "rest"}}));
-    component("compliance", "unit:compliance",
-              "the controller: it follows the desired motion and gives way to external torques", binding("compliance.ssv"));
-    component("drive", sketch_.assumed ? "unit:drive_train?transmission=rigid&friction=smooth" : "unit:drive_train",
-              sketch_.assumed
-                  ? "motors, gears, friction and links; with known stiffness of the gears, transmission=flexible and K"
-                  : "motors, gears, friction and links, with the parameters beside the URDF",
-              sketch_.assumed ? binding("drive_train.ssv") : "");
+    ssd_.component("motion", "unit:motion?kind=waypoints", {}, {{"file", "waypoints.csv"}, {"passing", "rest"}},
+                   "the desired motion; passing=through passes the waypoints without a stop");
+    ssd_.component("compliance", "unit:compliance", {"compliance.ssv"}, {},
+                   "the controller: it follows the desired motion and gives way to external torques");
+    if (sketch_.assumed) {
+      ssd_.component("drive", "unit:drive_train?transmission=rigid&friction=smooth", {"drive_train.ssv"}, {},
+                     "motors, gears, friction and links; with known stiffness of the gears, transmission=flexible and K");
+    } else {
+      ssd_.component("drive", "unit:drive_train", {}, {},
+                     "motors, gears, friction and links, with the parameters beside the URDF");
+    }
     if (!contact_) return;
     const Drives& d = sketch_.drives;
-    std::vector<std::pair<std::string, std::string>> gears = {{"K", list(d.K)}, {"D", list(d.D)}};
+    SsdText::Values gears = {{"K", list(d.K)}, {"D", list(d.D)}};
     if (sketch_.assumed) gears.emplace_back("B", list(d.B));
-    component("world", "unit:contact_world?scene=scene.sdf", "bodies that the robot touches; the drives as the world sees them",
-              inline_binding("world", gears));
+    ssd_.component("world", "unit:contact_world?scene=scene.sdf", {}, gears,
+                   "bodies that the robot touches; the drives as the world sees them");
   }
 
-  void connect(const std::string& from, const std::string& what, const std::string& to, const std::string& as) {
-    text_ += "      <ssd:Connection startElement=\"" + from + "\" startConnector=\"" + what + "\" endElement=\"" + to +
-             "\" endConnector=\"" + as + "\"/>\n";
-  }
   void connections() {
-    for (const char* name : {"q_d", "dq_d", "ddq_d"}) connect("motion", name, "compliance", name);
-    text_ += "      <!-- the robot begins where the motion begins -->\n";
-    connect("motion", "q_d", "drive", "q0");
-    connect("motion", "dq_d", "drive", "dq0");
-    connect("compliance", "tau_m", "drive", "tau_m");
-    for (const char* name : {"q", "dq", "theta", "dtheta"}) connect("drive", name, "compliance", name);
+    ssd_.connect("motion", "compliance", {"q_d", "dq_d", "ddq_d"});
+    ssd_.comment_connections("the robot begins where the motion begins");
+    ssd_.connect("motion", "q_d", "drive", "q0");
+    ssd_.connect("motion", "dq_d", "drive", "dq0");
+    ssd_.connect("compliance", "drive", {"tau_m"});
+    ssd_.connect("drive", "compliance", {"q", "dq", "theta", "dtheta"});
     if (!contact_) return;
-    text_ += "      <!-- contact: the world returns the torques of the contact forces -->\n";
-    for (const char* name : {"q", "dq", "tau_J", "dtheta"}) connect("drive", name, "world", name);
-    connect("world", "tau_e", "drive", "tau_e");
-    connect("world", "tau_e", "compliance", "tau_e");
+    ssd_.comment_connections("contact: the world returns the torques of the contact forces");
+    ssd_.connect("drive", "world", {"q", "dq", "tau_J", "dtheta"});
+    ssd_.connect("world", "drive", {"tau_e"});
+    ssd_.connect("world", "compliance", {"tau_e"});
   }
 
-  void line(const std::string& text) { text_ += "        " + text + "\n"; }
+  void line(const std::string& text) { ssd_.annotate(text); }
   void event(const std::string& time, const std::string& variable, const std::string& value, const std::string& ramp) {
     line("<cotwin:Event time=\"" + time + "\" variable=\"" + variable + "\" value=\"" + value + "\"" +
          (ramp.empty() ? "" : " ramp=\"" + ramp + "\"") + "/>");
   }
 
   void annotation() {
-    text_ += "      <cotwin:Master xmlns:cotwin=\"urn:cotwin:master:1\" tick=\"1 ms\">\n";
     line("<cotwin:Setting name=\"robot\" value=\"" + xml::escaped(naming_.robot) + "\"/>");
     if (!naming_.lock.empty()) line("<cotwin:Setting name=\"lock\" value=\"" + xml::escaped(naming_.lock) + "\"/>");
     if (naming_.unphysical)
@@ -299,7 +266,6 @@ class Ssd {
       line("<cotwin:Report name=\"penetration\" kind=\"signal\" a=\"world.penetration\"/>");
     }
     line("<cotwin:Report name=\"work of the motors\" kind=\"energy\" a=\"compliance.tau_m\" b=\"drive.dtheta\"/>");
-    text_ += "      </cotwin:Master>\n";
   }
 
   void events() {
@@ -328,13 +294,13 @@ class Ssd {
   const robot::RobotModel& robot_;
   const Naming& naming_;
   bool contact_;
-  std::string text_;
+  SsdText ssd_;
 };
 
 }  // namespace
 
 std::vector<File> files_of(const Sketch& sketch, const robot::RobotModel& robot, const Naming& naming) {
-  std::vector<File> files = {{"twin.ssd", Ssd(sketch, robot, naming).text()},
+  std::vector<File> files = {{"twin.ssd", ScenarioFile(sketch, robot, naming).text()},
                              {"waypoints.csv", waypoints_csv(sketch, robot)},
                              {"compliance.ssv", compliance_values(sketch, robot)}};
   if (sketch.assumed) files.push_back({"drive_train.ssv", drive_values(sketch)});

@@ -186,7 +186,7 @@ void write_parameters(std::ostream& out, const Data& data, const Result& result)
   for (std::size_t j = 0; j < tuned.drive.size(); ++j) {
     const identification::JointDrive& d = tuned.drive[j];
     std::string harmonics;
-    for (const double h : d.harmonics) harmonics += (harmonics.empty() ? "" : ", ") + number(h);
+    for (const double h : d.harmonics) text::append(harmonics, number(h));
     drives.row({data.robot.joints[j].name, number(d.B), number(d.tau_C), number(d.tau_S), number(d.v_R), number(d.s),
                 number(d.v_S), number(d.sigma2), number(d.tau_0), number(d.load), harmonics});
   }

@@ -1,10 +1,10 @@
 #include "master/workflows/tuning/scenario.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <sstream>
+#include <utility>
 
+#include "master/scenario/ssd_text.h"
 #include "models/foundation/support/text.h"
 
 namespace cotwin::master::tuning {
@@ -12,22 +12,6 @@ namespace cotwin::master::tuning {
 namespace {
 
 std::string seconds(double t) { return text::to_text(t, 12); }
-
-std::string escaped(const std::string& text) {
-  std::string result;
-  for (const char c : text) {
-    if (c == '&') {
-      result += "&amp;";
-    } else if (c == '<') {
-      result += "&lt;";
-    } else if (c == '"') {
-      result += "&quot;";
-    } else {
-      result += c;
-    }
-  }
-  return result;
-}
 
 }  // namespace
 
@@ -73,102 +57,49 @@ std::optional<Replay> choose_replay(const Settings& settings, const Data& data) 
 
 std::string twin_scenario(const std::string& name, const Settings& settings, const Replay& replay) {
   const bool motor = settings.model.motor_inertia;
-  const char* const torque = motor ? "compliance.tau_m" : "drive.tau_J";
-  std::ostringstream out;
-  const auto parameters = [&](const char* of, std::initializer_list<std::pair<const char*, const char*>> values) {
-    out << R"(          <ssd:ParameterBinding>
-            <ssd:ParameterValues>
-              <ssv:ParameterSet version="1.0" name=")"
-        << of << R"(">
-                <ssv:Parameters>
-)";
-    for (const auto& [parameter, value] : values) {
-      out << "                  <ssv:Parameter name=\"" << parameter << "\"><ssv:String value=\"" << value
-          << "\"/></ssv:Parameter>\n";
-    }
-    out << R"(                </ssv:Parameters>
-              </ssv:ParameterSet>
-            </ssd:ParameterValues>
-          </ssd:ParameterBinding>
-)";
-  };
-  const auto component = [&](const char* called, const char* source, bool tuned, const auto& values) {
-    out << "      <ssd:Component name=\"" << called << "\" source=\"" << source
-        << "\" type=\"application/x-cotwin-unit\">\n        <ssd:ParameterBindings>\n";
-    if (tuned) out << "          <ssd:ParameterBinding source=\"drive_train.ssv\"/>\n";
-    values();
-    out << "        </ssd:ParameterBindings>\n      </ssd:Component>\n";
-  };
-  out << R"(<?xml version="1.0" encoding="UTF-8"?>
-<!-- Written by cotwin tune: the tuned twin moves as the robot did (motion.csv) and its torques are compared with the measured ones.
-     figures.json, "twin", has the errors that are to be expected. -->
-<ssd:SystemStructureDescription version="1.0" name="tuned_twin"
-    xmlns:ssd="http://ssp-standard.org/SSP1/SystemStructureDescription"
-    xmlns:ssc="http://ssp-standard.org/SSP1/SystemStructureCommon"
-    xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues">
-  <ssd:System name=")"
-      << escaped(name) << R"(">
-    <ssd:Elements>
-)";
-  component("recording", "unit:io?link=recording", false, [&] {
-    parameters("recording", {{"file", "motion.csv"}, {"max_gap", "1e9"}, {"max_speed", "1e9"}, {"limits", "ignore"}});
-  });
-  component("compliance", "unit:compliance", true, [&] {
-    // No elasticity, no bristle and no admittance: the robot moved as recorded, whatever pushed it.
-    parameters(
-        "controller",
-        {{"K", "0"}, {"sigma0", "0"}, {"sigma1", "0"}, {"tau_max", "0"}, {"M_a", "1e9"}, {"S_a", "1e9"}, {"omega", "40"}});
-  });
-  component("drive", "unit:drive_train?transmission=rigid&amp;friction=smooth", true, [&] {
-    parameters("drive", {{"sigma0", "0"}, {"sigma1", "0"}});
-  });
-  out << "    </ssd:Elements>\n    <ssd:Connections>\n";
-  for (const auto& [from, from_port, to, to_port] : std::initializer_list<std::array<const char*, 4>>{
-           {"recording", "q", "compliance", "q_d"},
-           {"recording", "dq", "compliance", "dq_d"},
-           {"recording", "ddq", "compliance", "ddq_d"},
-           {"recording", "q", "drive", "q0"},
-           {"recording", "dq", "drive", "dq0"},
-           {"compliance", "tau_m", "drive", "tau_m"},
-           {"drive", "q", "compliance", "q"},
-           {"drive", "dq", "compliance", "dq"},
-           {"drive", "theta", "compliance", "theta"},
-           {"drive", "dtheta", "compliance", "dtheta"},
-       }) {
-    out << "      <ssd:Connection startElement=\"" << from << "\" startConnector=\"" << from_port << "\" endElement=\"" << to
-        << "\" endConnector=\"" << to_port << "\"/>\n";
-  }
+  const std::string torque = motor ? "compliance.tau_m" : "drive.tau_J";
+  SsdText ssd(
+      "tuned_twin", name,
+      "  Written by cotwin tune: the tuned twin moves as the robot did (motion.csv) and its torques are compared with the\n"
+      "  measured ones. figures.json, \"twin\", has the errors that are to be expected.\n",
+      "0.5 ms");
+  ssd.component("recording", "unit:io?link=recording", {},
+                {{"file", "motion.csv"}, {"max_gap", "1e9"}, {"max_speed", "1e9"}, {"limits", "ignore"}});
+  // No elasticity, no bristle and no admittance: the robot moved as recorded, whatever pushed it.
+  ssd.component(
+      "compliance", "unit:compliance", {"drive_train.ssv"},
+      {{"K", "0"}, {"sigma0", "0"}, {"sigma1", "0"}, {"tau_max", "0"}, {"M_a", "1e9"}, {"S_a", "1e9"}, {"omega", "40"}});
+  ssd.component("drive", "unit:drive_train?transmission=rigid&friction=smooth", {"drive_train.ssv"},
+                {{"sigma0", "0"}, {"sigma1", "0"}});
+  for (const auto& [of_recording, input] : {std::pair{"q", "q_d"}, {"dq", "dq_d"}, {"ddq", "ddq_d"}})
+    ssd.connect("recording", of_recording, "compliance", input);
+  ssd.connect("recording", "q", "drive", "q0");
+  ssd.connect("recording", "dq", "drive", "dq0");
+  ssd.connect("compliance", "drive", {"tau_m"});
+  ssd.connect("drive", "compliance", {"q", "dq", "theta", "dtheta"});
+
+  ssd.annotate("<cotwin:Setting name=\"robot\" value=\"robot.urdf\"/>");
+  int stage = 0;
+  for (const char* component : {"recording", "compliance", "drive"})
+    ssd.annotate("<cotwin:Component name=\"" + std::string(component) + "\" stage=\"" + std::to_string(stage++) + "\"/>");
+  ssd.annotate("<cotwin:Recording decimation=\"10\">");
+  ssd.annotate(
+      "  <cotwin:Record variables=\"recording.q recording.dq recording.tau compliance.tau_m compliance.tau_f drive.q "
+      "drive.tau_J\"/>");
+  ssd.annotate("</cotwin:Recording>");
   // From its last sample on a recording stands still: the run ends a tick before.
   constexpr double kTick = 0.5e-3;  // s
   const double end = kTick * (std::floor(static_cast<double>(replay.end - 1 - replay.begin) * replay.step / kTick) - 1);
   const double boundary = static_cast<double>(replay.boundary - replay.begin) * replay.step;
-  out << "    </ssd:Connections>\n  </ssd:System>\n  <ssd:DefaultExperiment startTime=\"0\" stopTime=\"" << seconds(end)
-      << R"("/>
-  <ssd:Annotations>
-    <ssc:Annotation type="cotwin.master">
-      <cotwin:Master xmlns:cotwin="urn:cotwin:master:1" tick="0.5 ms">
-        <cotwin:Setting name="robot" value="robot.urdf"/>
-        <cotwin:Component name="recording" stage="0"/>
-        <cotwin:Component name="compliance" stage="1"/>
-        <cotwin:Component name="drive" stage="2"/>
-        <cotwin:Recording decimation="10">
-          <cotwin:Record variables="recording.q recording.dq recording.tau compliance.tau_m compliance.tau_f drive.q drive.tau_J"/>
-        </cotwin:Recording>
-)";
-  const auto comparison = [&](const char* part, double from, double to) {
-    out << "        <cotwin:Comparison name=\"twin against robot, " << part << "\" a=\"" << torque
-        << "\" b=\"recording.tau\" segments=\"1\" from=\"" << seconds(from) << "\" to=\"" << seconds(to) << "\"/>\n";
+  const auto comparison = [&](const std::string& part, double from, double to) {
+    ssd.annotate("<cotwin:Comparison name=\"twin against robot, " + part + "\" a=\"" + torque +
+                 "\" b=\"recording.tau\" segments=\"1\" from=\"" + seconds(from) + "\" to=\"" + seconds(to) + "\"/>");
   };
   if (boundary > 0) comparison("training", 0, std::min(boundary, end));
   if (boundary < end) comparison("held out", boundary, end);
-  out << R"(        <cotwin:Report name="measured torque" kind="signal" a="recording.tau"/>
-        <cotwin:Report name="tracking error" kind="difference" a="drive.q" b="recording.q"/>
-      </cotwin:Master>
-    </ssc:Annotation>
-  </ssd:Annotations>
-</ssd:SystemStructureDescription>
-)";
-  return out.str();
+  ssd.annotate("<cotwin:Report name=\"measured torque\" kind=\"signal\" a=\"recording.tau\"/>");
+  ssd.annotate("<cotwin:Report name=\"tracking error\" kind=\"difference\" a=\"drive.q\" b=\"recording.q\"/>");
+  return ssd.text(seconds(end));
 }
 
 }  // namespace cotwin::master::tuning

@@ -13,8 +13,9 @@ namespace cotwin {
 struct ParameterValue {
   std::string name;  // "K", or one element of a vector counted from 1: "K[3]"
   std::variant<double, std::int64_t, bool, std::string> value;
-  std::string unit;   // as written in the file, "" if there is none
-  std::string place;  // "drive.ssv:12", for messages
+  std::string unit;      // as written in the file, "" if there is none
+  std::string place;     // "drive.ssv:12", for messages
+  bool by_user = false;  // given for this run, by --set, and not by a file
 };
 
 /// A unit of measure defined in a file (ssc:Unit/ssc:BaseUnit): value in SI = factor · value + offset, exponents of the SI base

@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 #ifdef __linux__
 
@@ -37,8 +38,7 @@ constexpr int kIgnoreOutgoing = PACKET_IGNORE_OUTGOING;
 std::string interfaces() {
   std::string names;
   if (struct if_nameindex* const list = ::if_nameindex()) {
-    for (const struct if_nameindex* i = list; i->if_index != 0; ++i)
-      names += (names.empty() ? "" : ", ") + std::string(i->if_name);
+    for (const struct if_nameindex* i = list; i->if_index != 0; ++i) text::append(names, i->if_name);
     ::if_freenameindex(list);
   }
   return names;

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 /// Words of files, settings and options, and the values that they stand for: a table of pairs per enumeration.
 namespace cotwin::text {
@@ -14,7 +15,7 @@ Value choose(const std::string& place, const std::string& given, const std::pair
   std::string list;
   for (const auto& [word, value] : words) {
     if (given == word) return value;
-    list += (list.empty() ? "" : ", ") + std::string(*word == '\0' ? "''" : word);
+    text::append(list, *word == '\0' ? "''" : word);
   }
   throw Error(place, "'" + given + "', expected one of " + list);
 }

@@ -68,9 +68,20 @@ std::string_view trim(std::string_view s) {
   return s.substr(first, s.find_last_not_of(blanks) - first + 1);
 }
 
+void append(std::string& list, std::string_view word, std::string_view separator) {
+  if (!list.empty()) list += separator;
+  list += word;
+}
+
 std::string joined(const std::vector<std::string>& words, std::string_view separator) {
   std::string all;
   for (std::size_t i = 0; i < words.size(); ++i) all.append(i == 0 ? "" : separator).append(words[i]);
+  return all;
+}
+
+std::string joined(std::span<const double> numbers) {
+  std::string all;
+  for (const double x : numbers) append(all, to_text(x), " ");
   return all;
 }
 

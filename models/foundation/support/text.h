@@ -1,5 +1,6 @@
 #pragma once
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -20,8 +21,12 @@ std::string to_text(double value, int digits);
 
 std::string_view trim(std::string_view s);
 std::vector<std::string_view> split(std::string_view s, char separator);
+/// Adds a word to "a, b".
+void append(std::string& list, std::string_view word, std::string_view separator = ", ");
 /// "a, b, c"
 std::string joined(const std::vector<std::string>& words, std::string_view separator = ", ");
+/// "1 2.5 -3", each as to_text writes it.
+std::string joined(std::span<const double> numbers);
 
 /// The `candidates` closest to `wanted` by edit distance, for "did you mean …"; empty if none is close.
 std::string closest(std::string_view wanted, const std::vector<std::string>& candidates);

@@ -1,6 +1,5 @@
 #include "models/robot/changes/tool.h"
 
-#include "models/foundation/formats/parameter_set_xml.h"
 #include "models/foundation/support/error.h"
 #include "models/robot/urdf/urdf.h"
 
@@ -20,10 +19,6 @@ Attachment parse_tool(std::string_view xml, const std::string& place, const std:
     if (frame.name != tool.base.name) part.further.push_back({frame.name, frame.X_BF});
   }
   return part;
-}
-
-Attachment load_tool(const std::filesystem::path& file, const std::string& name) {
-  return parse_tool(read_text_file(file, "a URDF"), file.string(), name);
 }
 
 }  // namespace cotwin::robot

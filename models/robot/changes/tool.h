@@ -1,5 +1,4 @@
 #pragma once
-#include <filesystem>
 #include <string>
 #include <string_view>
 
@@ -11,7 +10,6 @@ namespace cotwin::robot {
 /// of all links are added up in it, and the other links are its further frames, with their names of the file. The attachment is
 /// not mounted yet: `parent` is empty and X_PA is the identity. Throws Error `file:line: …` for a malformed file, and `file: …`
 /// for a joint that moves or an inertia that no body has. A tool without mass is allowed.
-Attachment load_tool(const std::filesystem::path& file, const std::string& name);
 Attachment parse_tool(std::string_view xml, const std::string& place, const std::string& name);
 
 }  // namespace cotwin::robot

@@ -304,7 +304,7 @@ fs::path find_file(const xml::Element& uri, const fs::path& folder) {
     } else if (fs::is_regular_file(found, ignored)) {
       return found;
     }
-    looked += (looked.empty() ? "" : ", ") + found.string();
+    text::append(looked, found.string());
   }
   throw Error(uri.place, "no file '" + name + "', looked for " + looked);
 }

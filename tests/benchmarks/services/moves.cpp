@@ -7,7 +7,7 @@
 #include <random>
 
 #include "models/robot/urdf/urdf.h"
-#include "tests/models/electrical_data.h"
+#include "tests/models/energetics/electrical_data.h"
 #include "tests/support/places.h"
 
 namespace cotwin::benchmark {

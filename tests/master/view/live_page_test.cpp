@@ -130,7 +130,7 @@ TEST_F(LivePage, TakesTheWallClockAndTellsWhatItShows) {
 }
 
 TEST_F(LivePage, OfAGatewayInTheScenarioIsThereWithoutTheOption) {
-  const fs::path scenario = fs::path(places::source()) / "tests/components/gateway_openapi.ssd";
+  const fs::path scenario = fs::path(places::source()) / "tests/components/gateway/openapi.ssd";
   const std::string url_file = (folder_ / "url.txt").string();
   Process process = cotwin::testing::start_program(
       {"run", scenario.string(), "--quiet", "--set", "gateway.port=0", "--set", "gateway.url_file=" + url_file, "--out", "r"},

@@ -5,7 +5,7 @@
 
 #include "components/io/emulators/ethercat/slave.h"
 
-/// Emulated Beckhoff devices. Their SII images are made here from published object numbers; sources in ../shared/facts/ethercat.md.
+/// Emulated Beckhoff devices. Their SII images are made here from the object numbers of the device descriptions.
 namespace cotwin::ethercat {
 
 inline constexpr std::uint32_t kBeckhoff = 0x00000002;

@@ -95,7 +95,6 @@ class Controller {
   void take_inputs(Client& c, std::span<const std::uint8_t> contents);
   void apply(const Recipe& recipe);
   void say(Client& c, std::string_view text, Level level);
-  double frequency_of(const Client& c) const;
 
   ControllerSettings settings_;
   Directory directory_;

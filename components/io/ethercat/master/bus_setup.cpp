@@ -6,6 +6,7 @@
 #include <fstream>
 
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::ethercat {
 
@@ -81,7 +82,7 @@ class BusBuilder {
     }
     if (found.size() == expected_.size()) return;
     std::string list;
-    for (const FoundSlave& f : found) list += (list.empty() ? "" : ", ") + (order_of(f).empty() ? "a device" : order_of(f));
+    for (const FoundSlave& f : found) text::append(list, order_of(f).empty() ? "a device" : order_of(f));
     const bool more = found.size() > expected_.size();
     throw Error(options_.place, std::to_string(found.size()) + " slaves answer (" + list + "), expected " +
                                     std::to_string(expected_.size()) + ": slave " + std::to_string(common) +

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "models/foundation/support/error.h"
+#include "models/foundation/support/text.h"
 
 namespace cotwin::ethercat {
 
@@ -95,7 +96,7 @@ class SlaveBuilder {
       const auto found = std::find_if(pdos.begin(), pdos.end(), [&](const Pdo& pdo) { return pdo.index == index; });
       if (found == pdos.end()) {
         std::string known;
-        for (const Pdo& pdo : pdos) known += (known.empty() ? "" : ", ") + hex(pdo.index, 4);
+        for (const Pdo& pdo : pdos) text::append(known, hex(pdo.index, 4));
         throw Error(place_, "it has no PDO " + hex(index, 4) + ", expected one of: " + (known.empty() ? "none" : known));
       }
       list.push_back(&*found);

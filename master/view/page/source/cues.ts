@@ -5,7 +5,7 @@ import type { FigureView, Shown } from './figures';
 import type { PageData } from './format';
 import { reach_of } from './kinematics';
 import type { Matrices } from './matrices';
-import { matt } from './matt';
+import { matte } from './materials';
 import { between, type Place, type Recording } from './recording';
 import { mass_along, principal_of, principal_of_product } from './symmetric';
 
@@ -52,7 +52,7 @@ class Arrow {
     colour: string,
     private readonly thickness: number,
   ) {
-    const material = matt({ color: colour });
+    const material = matte({ color: colour });
     this.shaft = new three.Mesh(new three.CylinderGeometry(1, 1, 1, 12).translate(0, 0.5, 0), material);
     this.head = new three.Mesh(new three.ConeGeometry(1, 1, 16).translate(0, 0.5, 0), material);
     this.group.add(this.shaft, this.head);
@@ -75,7 +75,7 @@ class Arrow {
 class Ellipsoid {
   readonly group = new three.Group();
   constructor(colour: string) {
-    const material = matt({ color: colour, transparent: true, opacity: 0.33, depthWrite: false });
+    const material = matte({ color: colour, transparent: true, opacity: 0.33, depthWrite: false });
     const ends = [0, 1, 2].flatMap((axis) => [-1, 1].map((end) => new three.Vector3().setComponent(axis, end)));
     const lines = new three.LineSegments(new three.BufferGeometry().setFromPoints(ends), new three.LineBasicMaterial({ color: colour }));
     this.group.add(new three.Mesh(new three.SphereGeometry(1, 28, 18), material), lines);
@@ -263,7 +263,7 @@ class Torques implements Cue {
     this.lacks = this.needs.length > 0 ? '' : (s.figures[0]?.figure.tau_e.lacks ?? 'there is no robot');
   }
   build(): void {
-    const material = matt({ color: this.colour, side: three.DoubleSide });
+    const material = matte({ color: this.colour, side: three.DoubleSide });
     for (const figure of this.s.figures) {
       const name = figure.figure.tau_e.signals[0];
       if (name === undefined || this.s.recording.values(name) === undefined) continue;

@@ -1,6 +1,6 @@
 import * as three from 'three';
 import { kRoles } from './colours';
-import { Crowd, type Member } from './crowd';
+import { Instances, type Member } from './instances';
 import type { Body, Figure, PageData, Robot, Track, Visual } from './format';
 import { Mechanism, frame_pose, matrix_of } from './kinematics';
 import { between, type Place, type Recording } from './recording';
@@ -185,7 +185,7 @@ export class FigureView {
   }
 }
 
-/// A body of the scene. Its simple shapes are in the crowd, the others in `group`.
+/// A body of the scene. Its simple shapes are drawn as instances, the others in `group`.
 export class BodyView {
   readonly group = new three.Group();
   private readonly pose: RecordedPose;
@@ -197,13 +197,13 @@ export class BodyView {
     points: (visual: object) => Float32Array | undefined,
     meshes: Meshes,
     material: three.MeshBasicMaterial,
-    private readonly crowd: Crowd,
+    private readonly instances: Instances,
   ) {
     this.pose = new RecordedPose(body, recording, body.p_signal, body.quat_signal);
     this.group.matrixAutoUpdate = false;
-    this.members = body.visuals.filter((visual) => Crowd.takes(visual)).map((visual) => crowd.add(visual, material.color));
+    this.members = body.visuals.filter((visual) => Instances.takes(visual)).map((visual) => instances.add(visual, material.color));
     for (const visual of body.visuals) {
-      const object = Crowd.takes(visual) ? undefined : visual_object(visual, points(visual), meshes, material, false);
+      const object = Instances.takes(visual) ? undefined : visual_object(visual, points(visual), meshes, material, false);
       if (object !== undefined) this.group.add(object);
     }
   }
@@ -214,12 +214,12 @@ export class BodyView {
   place(place: Place): void {
     this.pose.at(place, this.group.matrix);
     this.group.matrixWorldNeedsUpdate = true;
-    for (const member of this.members) this.crowd.place(member, this.group.matrix);
+    for (const member of this.members) this.instances.place(member, this.group.matrix);
   }
   box(): three.Box3 {
     this.group.updateMatrixWorld(true);
     const box = new three.Box3().setFromObject(this.group);
-    for (const member of this.members) box.union(this.crowd.box(member));
+    for (const member of this.members) box.union(this.instances.box(member));
     return box;
   }
 }

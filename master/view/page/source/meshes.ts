@@ -1,6 +1,6 @@
 import * as three from 'three';
 import type { Mesh } from './format';
-import { matt } from './matt';
+import { matte } from './materials';
 import { unpack_bytes } from './packed';
 import type { Meshes } from './shapes';
 
@@ -20,7 +20,7 @@ function simplify(object: three.Object3D): three.Object3D {
     if (geometry.getAttribute('normal') === undefined) geometry.computeVertexNormals();
     const simple = (material: three.Material): three.Material => {
       const colour = (material as three.MeshStandardMaterial).color ?? new three.Color('#c9cdd3');
-      return matt({ color: colour, transparent: material.transparent, opacity: material.opacity, side: material.side, vertexColors: material.vertexColors });
+      return matte({ color: colour, transparent: material.transparent, opacity: material.opacity, side: material.side, vertexColors: material.vertexColors });
     };
     const given = part.material as three.Material | three.Material[];
     part.material = Array.isArray(given) ? given.map(simple) : simple(given);

@@ -2,7 +2,7 @@ import * as three from 'three';
 import { ConvexGeometry } from 'three/examples/jsm/geometries/ConvexGeometry.js';
 import type { Robot, Visual } from './format';
 import { matrix_of, reach_of } from './kinematics';
-import { matt } from './matt';
+import { matte } from './materials';
 
 /// The meshes of a page, by index: undefined where a file could not be read.
 export type Meshes = (three.Object3D | undefined)[];
@@ -17,8 +17,8 @@ export function looks_of(colour: string, opacity: number): Looks {
   // A ghost that is where its robot is does not cover it.
   const common = { transparent, opacity, depthWrite: !transparent, polygonOffset: transparent, polygonOffsetFactor: 2, polygonOffsetUnits: 8 };
   return {
-    body: matt({ color: transparent ? colour : '#c9cdd3', ...common }),
-    joint: matt({ color: colour, ...common }),
+    body: matte({ color: transparent ? colour : '#c9cdd3', ...common }),
+    joint: matte({ color: colour, ...common }),
   };
 }
 
@@ -128,7 +128,7 @@ export function visual_object(visual: Visual, points: Float32Array | undefined, 
   let own = material;
   if (visual.colour !== undefined && !only) {
     const [r, g, b, a] = visual.colour;
-    own = matt({ color: new three.Color().setRGB(r, g, b, three.SRGBColorSpace), transparent: a < 1, opacity: a });
+    own = matte({ color: new three.Color().setRGB(r, g, b, three.SRGBColorSpace), transparent: a < 1, opacity: a });
     if (visual.kind === 'triangles') own.side = three.DoubleSide;
   }
   let object: three.Object3D;

@@ -2,7 +2,7 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { Color, Matrix4, Vector3, type InstancedMesh } from 'three';
-import { Crowd } from '../source/crowd';
+import { Instances } from '../source/instances';
 import { round_down, usual_largest } from '../source/cues';
 import { Extremes, decimate } from '../source/decimate';
 import { short } from '../source/dom';
@@ -120,20 +120,20 @@ test('a turn, a slide and a mimic joint place the tool', () => {
 test('bodies of one shape are one mesh, each at its place with its size and colour', () => {
   const turned: [number, number, number, number] = [Math.SQRT1_2, 0, 0, Math.SQRT1_2]; // by 90° about z
   const box: Visual = { kind: 'box', size: [2, 4, 6], p: [1, 0, 0], quat: turned };
-  const crowd = new Crowd();
+  const instances = new Instances();
   const blue = new Color('#0000ff');
-  const first = crowd.add(box, blue);
-  const second = crowd.add({ ...box, colour: [1, 0, 0, 1] }, blue);
-  const rod = crowd.add({ kind: 'cylinder', size: [0.5, 3, 0], p: [0, 0, 0], quat: [1, 0, 0, 0] }, blue);
-  const egg = crowd.add({ kind: 'ellipsoid', size: [1, 2, 3], p: [0, 0, 0], quat: [1, 0, 0, 0] }, blue);
-  crowd.build();
-  assert.deepEqual(crowd.group.children.map((mesh) => (mesh as InstancedMesh).count), [2, 1, 1]);
-  crowd.place(first, new Matrix4());
-  crowd.place(second, new Matrix4().makeTranslation(0, 0, 10));
-  crowd.place(rod, new Matrix4());
-  crowd.place(egg, new Matrix4());
-  const near = (member: ReturnType<Crowd['add']>, low: number[], high: number[]): void => {
-    const found = crowd.box(member);
+  const first = instances.add(box, blue);
+  const second = instances.add({ ...box, colour: [1, 0, 0, 1] }, blue);
+  const rod = instances.add({ kind: 'cylinder', size: [0.5, 3, 0], p: [0, 0, 0], quat: [1, 0, 0, 0] }, blue);
+  const egg = instances.add({ kind: 'ellipsoid', size: [1, 2, 3], p: [0, 0, 0], quat: [1, 0, 0, 0] }, blue);
+  instances.build();
+  assert.deepEqual(instances.group.children.map((mesh) => (mesh as InstancedMesh).count), [2, 1, 1]);
+  instances.place(first, new Matrix4());
+  instances.place(second, new Matrix4().makeTranslation(0, 0, 10));
+  instances.place(rod, new Matrix4());
+  instances.place(egg, new Matrix4());
+  const near = (member: ReturnType<Instances['add']>, low: number[], high: number[]): void => {
+    const found = instances.box(member);
     // The corners of the round shapes are on the circle, not all of them on the axes.
     assert.ok(found.min.distanceTo(new Vector3(...low)) < 0.05 && found.max.distanceTo(new Vector3(...high)) < 0.05, JSON.stringify(found));
   };
@@ -141,9 +141,9 @@ test('bodies of one shape are one mesh, each at its place with its size and colo
   near(second, [-1, -1, 7], [3, 1, 13]);
   near(rod, [-0.5, -0.5, -1.5], [0.5, 0.5, 1.5]);
   near(egg, [-1, -2, -3], [1, 2, 3]);
-  const colours = (crowd.group.children[0] as InstancedMesh).instanceColor!.array;
+  const colours = (instances.group.children[0] as InstancedMesh).instanceColor!.array;
   assert.deepEqual([...colours], [0, 0, 1, 1, 0, 0]);
-  assert.ok(!Crowd.takes({ ...box, colour: [1, 0, 0, 0.5] }) && !Crowd.takes({ ...box, kind: 'capsule' }));
+  assert.ok(!Instances.takes({ ...box, colour: [1, 0, 0, 0.5] }) && !Instances.takes({ ...box, kind: 'capsule' }));
 });
 
 test('principal directions of a symmetric matrix', () => {

@@ -1,0 +1,388 @@
+// A twin beside a controller of which the test writes every quantity: components/io/links/rtde_link.h, rtde_line.h. What goes wrong on a robot
+// and its network: programs that run already, numbers that are none, silence, refused connections, steps that are too rare.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "components/io/link/datagram_queue.h"
+#include "components/io/links/rtde_line.h"
+#include "tests/components/io/rtde/bytes.h"
+#include "tests/components/io/rtde/ports.h"
+#include "tests/support/error_of.h"
+
+#ifdef __linux__
+#include <poll.h>
+#include <sys/socket.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <cerrno>
+#endif
+
+namespace {
+
+bool sends_of_the_twin = false;
+
+}  // namespace
+
+#ifdef __linux__
+// A network on which a refusal takes a while, as every one but the loopback device: connect() says EINPROGRESS, and the refusal is there
+// at the second poll(). And one that takes nothing of the twin.
+namespace {
+
+bool slow_refusals = false, network_is_full = false;
+int connects = 0, polls = 0;
+
+}  // namespace
+
+extern "C" int connect(int descriptor, const sockaddr* address, socklen_t size) {
+  ++connects;
+  polls = 0;
+  const long result = syscall(SYS_connect, descriptor, address, size);
+  if (slow_refusals && result < 0 && errno == ECONNREFUSED) errno = EINPROGRESS;
+  return static_cast<int>(result);
+}
+
+extern "C" int getsockopt(int descriptor, int level, int option, void* value, socklen_t* size) noexcept {
+  const long result = syscall(SYS_getsockopt, descriptor, level, option, value, size);
+  if (slow_refusals && level == SOL_SOCKET && option == SO_ERROR) *static_cast<int*>(value) = ECONNREFUSED;
+  return static_cast<int>(result);
+}
+
+extern "C" ssize_t send(int descriptor, const void* bytes, std::size_t size, int flags) {
+  if (network_is_full && sends_of_the_twin) {
+    errno = EAGAIN;
+    return -1;
+  }
+  return syscall(SYS_sendto, descriptor, bytes, size, flags, nullptr, 0);
+}
+
+extern "C" int poll(pollfd* files, nfds_t count, int timeout) {
+  if (slow_refusals && ++polls == 1) return 0;
+  timespec limit{timeout / 1000, timeout % 1000 * 1'000'000L};
+  return static_cast<int>(syscall(SYS_ppoll, files, count, timeout < 0 ? nullptr : &limit, nullptr, 0));
+}
+#endif
+
+namespace cotwin::io {
+namespace {
+
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+/// A twin in position mode beside a plain robot.
+struct Beside {
+  PlainRobot robot;
+  Ports twin;
+  Duration h{2'000'000};
+  std::int64_t n = 0;
+
+  explicit Beside(const std::string& query = "robot=ur5e&link=rtde") : twin(query) {
+    twin.set("mode", "position");
+    twin.set("timeout", "30");
+  }
+  void start() {
+    twin.set("controller", robot.address());
+    twin.instance.unit->initialise(Time{});
+    std::ranges::copy(robot.q, twin.reals("q_command").begin());
+  }
+  void step() {
+    robot.exchange();
+    sends_of_the_twin = true;
+    ASSERT_EQ(twin.instance.unit->step(Time{n++ * h.ns}, h), StepResult::kDone);
+    sends_of_the_twin = false;
+  }
+  /// A control cycle whose data the twin takes.
+  void period() {
+    robot.cycle();
+    sends_of_the_twin = true;
+    ASSERT_TRUE(twin.instance.unit->tick_source()->wait(monotonic_now() + kPatience));
+    sends_of_the_twin = false;
+    step();
+    robot.exchange();
+  }
+  void periods(int count) {
+    for (int k = 0; k < count && !::testing::Test::HasFatalFailure(); ++k) period();
+  }
+  bool until(const std::function<bool()>& done) {
+    const std::int64_t deadline = monotonic_now() + kPatience;
+    while (!done() && monotonic_now() < deadline && !::testing::Test::HasFatalFailure()) {
+      robot.cycle();
+      step();
+      std::this_thread::sleep_for(std::chrono::microseconds(200));
+    }
+    return done();
+  }
+  bool connects() {
+    return until([&] { return twin.boolean("connected"); });
+  }
+  double command(std::size_t i) { return robot.controller.at("input_double_register_24", i); }
+};
+
+TEST(RtdeLink, WritesNothingUnlessItsModeSaysSo) {
+  PlainRobot robot;
+  robot.say(2);
+  Ports twin("robot=ur5e&link=rtde");
+  EXPECT_EQ(twin.text("mode"), "monitor");
+  for (const double speed : twin.reals("dq_command_max")) EXPECT_EQ(speed, 0.5);
+  twin.set("controller", robot.address());
+  twin.instance.unit->initialise(Time{});
+  twin.reals("q_command")[0] = kNaN;
+  const std::int64_t deadline = monotonic_now() + kPatience;
+  for (std::int64_t n = 0; twin.integer("received") < 100 && monotonic_now() < deadline; ++n) {
+    robot.cycle();
+    ASSERT_EQ(twin.instance.unit->step(Time{n * 2'000'000}, Duration{2'000'000}), StepResult::kDone);
+  }
+  EXPECT_GE(twin.integer("received"), 100);
+  EXPECT_EQ(twin.integer("sent"), 0);
+  EXPECT_EQ(twin.integer("refused"), 0);
+  EXPECT_THAT(twin.text("warning"), ::testing::Not(HasSubstr("not finite")));
+  EXPECT_EQ(robot.controller.statistics().received, 0u);
+}
+
+TEST(RtdeLink, NeedsItsCommandsWhenItDrivesARobot) {
+  const auto required = [](const std::string& mode, const std::string& mask, const std::string& port) {
+    Ports twin("robot=ur5e&link=rtde");
+    twin.set("mode", mode);
+    twin.set("digital_mask", mask);
+    Variables now;
+    twin.instance.unit->declare(now);
+    return now.at(port).required;
+  };
+  EXPECT_FALSE(required("monitor", "0", "q_command"));
+  EXPECT_TRUE(required("position", "0", "q_command"));
+  EXPECT_FALSE(required("position", "0", "digital_command"));
+  EXPECT_TRUE(required("position", "4", "digital_command"));
+  for (const auto& [name, value] : {std::pair("digital_mask", "1"), std::pair("registers", "true")}) {
+    Ports twin("robot=ur5e&link=rtde");
+    twin.set(name, value);
+    EXPECT_THAT(testing::error_of([&] { twin.instance.unit->initialise(Time{}); }),
+                AllOf(HasSubstr("'monitor'"), HasSubstr(name)));
+  }
+}
+
+TEST(RtdeLink, BeginsAtTheRobotThoughItsProgramFollowsAlready) {
+  Beside s;
+  s.robot.say(2);
+  s.start();
+  for (int session = 0; session < 2; ++session) {
+    SCOPED_TRACE(session);
+    const std::uint64_t before = s.robot.controller.statistics().received;
+    ASSERT_TRUE(s.until([&] { return s.robot.controller.statistics().received > before; }));
+    for (std::size_t i = 0; i < 6; ++i) EXPECT_NEAR(s.command(i), s.robot.q[i], 0.5 * 0.002 * 3);
+    s.periods(5);
+    EXPECT_TRUE(s.twin.boolean("commanding"));
+    // It is moved while the connection is set up again; the clock waits meanwhile, so that the twin makes no step.
+    s.robot.hang_up();
+    for (double& q : s.robot.q) q += 1;
+    const std::int64_t deadline = monotonic_now() + kPatience;
+    const int accepted = s.robot.accepted;
+    bool arrived = false;
+    while (!arrived && monotonic_now() < deadline) {
+      if (s.robot.accepted > accepted) s.robot.cycle();
+      s.robot.exchange();
+      arrived = s.twin.instance.unit->tick_source()->wait(monotonic_now() + 1'000'000).has_value();
+    }
+    ASSERT_TRUE(arrived);
+    EXPECT_EQ(s.twin.integer("losses"), session);
+  }
+}
+
+TEST(RtdeLink, HoldsARegisterWithoutANumberAndItsSpeedLimit) {
+  Beside s;
+  s.twin.set("registers", "true");
+  s.start();
+  ASSERT_TRUE(s.connects());
+  s.periods(5);
+  s.robot.say(2);
+  s.twin.reals("q_command")[0] += 2;
+  s.twin.reals("double_command")[20] = 0.75;
+  s.periods(5);
+  double before = s.command(0);
+  const int sent = s.twin.integer("sent");
+  for (int k = 0; k < 100; ++k) {
+    s.twin.reals("double_command")[20] = 20 <= k && k < 60 ? kNaN : 0.25;
+    s.twin.reals("double_command")[0] = kNaN;  // the commands are there
+    s.period();
+    EXPECT_NEAR(s.command(0) - before, 0.5 * 0.002, 1e-12) << k;
+    EXPECT_EQ(s.robot.controller.at("input_double_register_44"), 0.25);
+    before = s.command(0);
+  }
+  EXPECT_EQ(s.twin.integer("sent"), sent + 100);
+  EXPECT_EQ(s.twin.integer("refused"), 40);
+  EXPECT_THAT(s.twin.text("warning"), HasSubstr("double_command was not finite"));
+}
+
+#ifdef __linux__
+TEST(RtdeLink, KeepsItsSpeedLimitOverCommandsThatTheNetworkDidNotTake) {
+  Beside s;
+  s.start();
+  ASSERT_TRUE(s.connects());
+  s.periods(5);
+  s.robot.say(2);
+  s.periods(5);
+  s.twin.reals("q_command")[0] += 2;
+  for (const bool full : {true, false}) {
+    network_is_full = full;
+    for (int k = 0; k < 25; ++k) {
+      const double before = s.command(0), t = s.robot.t;
+      s.period();
+      if (!full && k > 2) {
+        EXPECT_NEAR(s.command(0) - before, 0.5 * (s.robot.t - t), 1e-9) << k;
+      }
+    }
+    if (full) {
+      EXPECT_EQ(s.command(0), s.robot.q[0]);
+    }
+  }
+  EXPECT_EQ(s.twin.integer("unsent"), 24);  // one waits for the network
+  EXPECT_NEAR(s.command(0), s.robot.q[0] + 0.5 * 50 * 0.002, 1e-9);
+}
+#endif
+
+TEST(RtdeLink, AddsItsWarnings) {
+  Beside s;
+  s.robot.controller.at("actual_TCP_pose") = 5;  // m, beyond every UR
+  s.start();
+  s.twin.reals("q_command")[3] = kNaN;
+  ASSERT_TRUE(s.connects());
+  s.periods(10);
+  EXPECT_THAT(s.twin.text("warning"), AllOf(HasSubstr("does not fit to the URDF"), HasSubstr("; "), HasSubstr("not finite")));
+  EXPECT_EQ(s.twin.text("warning").find("not finite"), s.twin.text("warning").rfind("not finite"));
+}
+
+TEST(RtdeLink, ShowsAProgramThatDoesNotPlayAsOff) {
+  Beside s;
+  s.robot.say(2);
+  s.start();
+  ASSERT_TRUE(s.connects());
+  s.periods(3);
+  EXPECT_EQ(s.twin.integer("state"), 2);
+  s.robot.say(2, 4);  // paused; the register stays
+  s.periods(3);
+  EXPECT_EQ(s.twin.integer("state"), 0);
+  EXPECT_FALSE(s.twin.boolean("commanding"));
+}
+
+TEST(RtdeLink, CountsAnyCounterThatTheRobotReflects) {
+  Beside s;
+  s.start();
+  ASSERT_TRUE(s.connects());
+  for (const double reflected : {-2147483648.0, 2147483647.0, -1.0}) {
+    s.robot.controller.at("timestamp") = s.robot.t += 0.002;
+    s.robot.controller.at("output_int_register_24") = reflected;
+    s.robot.controller.cycle();
+    s.robot.exchange();
+    ASSERT_TRUE(s.twin.instance.unit->tick_source()->wait(monotonic_now() + kPatience));
+    s.step();
+  }
+  EXPECT_LT(s.twin.real("round_trip"), 20);
+}
+
+TEST(RtdeLink, TicksGoOnWhenStepsAreRare) {
+  Beside s;
+  s.start();
+  ASSERT_TRUE(s.connects());
+  TickSource& ticks = *s.twin.instance.unit->tick_source();
+  while (ticks.wait(0)) continue;
+  for (int k = 0; k < 60; ++k) {
+    s.robot.q[0] = 1 + 0.001 * k;
+    s.robot.cycle();
+    ASSERT_TRUE(ticks.wait(monotonic_now() + kPatience)) << k;
+  }
+  s.step();
+  EXPECT_DOUBLE_EQ(s.twin.real("t_robot"), s.robot.t);
+  EXPECT_DOUBLE_EQ(s.twin.real("q"), 1.059);
+  EXPECT_EQ(s.twin.integer("connections"), 1);
+}
+
+rtde::ClientSettings wanted() {
+  rtde::ClientSettings settings;
+  settings.outputs = {{"timestamp"}, {"actual_q"}};
+  return settings;
+}
+
+/// A line whose set-up is complete.
+struct Line {
+  PlainRobot robot;
+  RtdeLine line;
+
+  explicit Line(std::int64_t silence = kPatience) {
+    line.open(robot.listener.local(), wanted(), silence, "test");
+    EXPECT_TRUE(until([&] { return line.set_ups() == 1; }));
+  }
+  bool until(const std::function<bool()>& done) {
+    const std::int64_t deadline = monotonic_now() + kPatience;
+    while (!done() && monotonic_now() < deadline) {
+      robot.exchange();
+      line.serve();
+    }
+    return done();
+  }
+};
+
+TEST(RtdeLine, ConnectsAgainWhenTheControllerIsSilent) {
+  Line s(50'000'000);
+  EXPECT_EQ(s.robot.accepted, 1);
+  EXPECT_TRUE(s.until([&] { return s.line.set_ups() == 2; }));
+  EXPECT_STREQ(s.line.reason(), "the controller is silent");
+  EXPECT_EQ(s.robot.accepted, 2);
+}
+
+TEST(RtdeLine, EndsAStreamWithoutSenseWhileItWaits) {
+  Line s;
+  s.robot.cycle();
+  const auto senseless = rtde::bytes("0001 55 0000");
+  for (net::TcpStream& stream : s.robot.streams) stream.send(senseless);
+  EXPECT_TRUE(s.line.wait(monotonic_now() + kPatience));  // the package before it is good
+  EXPECT_FALSE(s.line.wait(monotonic_now() + 10'000'000));
+  EXPECT_STREQ(s.line.reason(), "the stream of the controller cannot be read");
+}
+
+TEST(RtdeLine, GivesTicksATimeWhateverTheStampsAre) {
+  Line s;
+  std::int64_t last = 0;
+  int arrivals = 0;
+  for (const double t : {0.002, 0.004, 1e308, 1e9, -1e9, 1e9, 0.002, kNaN, 3000.0, 1e9}) {
+    s.robot.controller.at("timestamp") = t;
+    s.robot.controller.cycle();
+    s.robot.exchange();
+    const auto arrival = s.line.wait(monotonic_now() + (std::abs(t) <= 1e9 ? kPatience : 10'000'000));
+    if (!arrival) continue;
+    ++arrivals;
+    EXPECT_GT(arrival->source, last);
+    EXPECT_LE(arrival->source - last, 3'600'000'000'000) << "1 h at " << t;
+    last = arrival->source;
+  }
+  EXPECT_EQ(arrivals, 8);
+}
+
+#ifdef __linux__
+TEST(RtdeLine, PausesAfterARefusalThatComesLater) {
+  std::uint16_t nobody = 0;
+  { nobody = net::TcpListener({0x7f000001, 0}, "test").local().port; }
+  slow_refusals = true;
+  connects = 0;
+  RtdeLine line;
+  line.open({0x7f000001, nobody}, wanted(), kPatience, "test");
+  for (int k = 0; k < 1000; ++k) line.serve();
+  const bool in_time = !line.wait(monotonic_now() + 100'000'000);
+  slow_refusals = false;
+  EXPECT_TRUE(in_time);
+  EXPECT_LE(connects, 2);  // one each 0.5 s
+  EXPECT_STREQ(line.reason(), "nobody answers");
+}
+#endif
+
+}  // namespace
+}  // namespace cotwin::io

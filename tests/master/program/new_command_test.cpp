@@ -1,0 +1,291 @@
+// cotwin new: the scenarios that it writes run unchanged and do what their comments say.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "tests/support/files.h"
+#include "tests/support/places.h"
+#include "tests/support/recording.h"
+#include "tests/support/run_program.h"
+
+namespace {
+
+namespace fs = std::filesystem;
+using cotwin::testing::content;
+using cotwin::testing::read_recording;
+using cotwin::testing::run_program;
+using cotwin::testing::RunResult;
+using cotwin::testing::TemporaryFolder;
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+RunResult make(const TemporaryFolder& folder, std::vector<std::string> options) {
+  options.insert(options.begin(), "new");
+  return run_program(std::move(options), {.folder = folder.path()});
+}
+
+/// Runs a scenario; its summary. An empty object if it fails.
+nlohmann::json run(const TemporaryFolder& folder, const std::string& scenario) {
+  const RunResult result = run_program(
+      {"run", scenario, "--out", "results", "--overwrite", "--quiet", "--json", "summary.json"}, {.folder = folder.path()});
+  EXPECT_EQ(result.code, 0) << result.err;
+  if (result.code != 0) return nlohmann::json::object();
+  return nlohmann::json::parse(content(folder / "summary.json"));
+}
+
+/// The largest value of a report over all joints.
+double largest(const nlohmann::json& summary, const std::string& report) {
+  for (const nlohmann::json& signal : summary.value("signals", nlohmann::json::array())) {
+    if (signal.at("name") == report) return signal.at("total_max").get<double>();
+  }
+  ADD_FAILURE() << "no report " << report;
+  return NAN;
+}
+
+double at_time(const std::map<std::string, std::vector<double>>& columns, const std::string& name, double t) {
+  const std::vector<double>& times = columns.at("time");
+  const auto row = std::lower_bound(times.begin(), times.end(), t - 1e-6) - times.begin();
+  return columns.at(name).at(static_cast<std::size_t>(row));
+}
+
+/// The joints follow the compliant motion. Rigid and known drives have errors below 1 mrad, or 1 mm.
+void expect_tracking(const nlohmann::json& summary) { EXPECT_LT(largest(summary, "tracking error"), 2e-3); }
+
+/// (3a) at rest: S_a Δ = τ_e. The controller follows Δ with the tracking error.
+void expect_compliance(const TemporaryFolder& folder, std::size_t joints) {
+  const auto columns = read_recording(folder / "results/signals.csv");
+  for (std::size_t i = 1; i <= joints; ++i) {
+    const std::string element = "[" + std::to_string(i) + "]";
+    const auto deviation = [&](double t) {
+      return at_time(columns, "drive.q" + element, t) - at_time(columns, "motion.q_d" + element, t);
+    };
+    EXPECT_GT(at_time(columns, "drive.tau_e" + element, 3.9), 0) << i;
+    const double first = deviation(3.9), second = deviation(9.9);
+    EXPECT_GT(first, 1e-4) << i;
+    EXPECT_NEAR(second / first, 0.5, 0.05) << i;
+    EXPECT_NEAR(deviation(12.9), 0, 0.05 * first) << i;
+  }
+}
+
+/// The force during the rest at the plate is that of the comment in the file, computed from stiffness and depth in one pose.
+void expect_contact(const TemporaryFolder& folder, const std::string& scenario) {
+  const std::string text = content(folder / scenario);
+  const std::size_t place = text.find("force at rest is about ");
+  ASSERT_NE(place, std::string::npos);
+  const double expected = std::strtod(text.c_str() + place + 23, nullptr);
+  const auto columns = read_recording(folder / "results/signals.csv");
+  const auto force = [&](std::size_t row) {
+    double square = 0;
+    for (int i = 1; i <= 3; ++i) square += std::pow(columns.at("world.f_c[" + std::to_string(i) + "]").at(row), 2);
+    return std::sqrt(square);
+  };
+  const std::size_t rows = columns.at("time").size();
+  EXPECT_EQ(force(1), 0) << "touches at the start";
+  EXPECT_EQ(force(rows - 1), 0) << "touches at the end";
+  // Near the end of the rest in the plate, the second of the waypoints.
+  std::istringstream waypoints(content((folder / scenario).parent_path() / "waypoints.csv"));
+  std::vector<double> arrival;
+  for (std::string line; std::getline(waypoints, line);) {
+    if (line.front() != '#' && line.front() != 't') arrival.push_back(std::strtod(line.c_str(), nullptr));
+  }
+  ASSERT_EQ(arrival.size(), 3u);
+  const auto after = std::ranges::lower_bound(columns.at("time"), arrival[1] + 1.9);
+  // The bent robot is not linear: 10 % for nine robots.
+  EXPECT_NEAR(force(static_cast<std::size_t>(after - columns.at("time").begin())), expected, 0.2 * expected);
+}
+
+TEST(New, NamesItsScenarioAsAShellTakesIt) {
+  const TemporaryFolder folder("new");
+  const RunResult made = make(folder, {"--robot", "planar2", "--out", "my arm's"});
+  ASSERT_EQ(made.code, 0) << made.err;
+  EXPECT_THAT(made.out, HasSubstr(R"(run it with: cotwin run 'my arm'\''s/twin.ssd')"));
+}
+
+void expect_kinds(const std::string& robot, const std::vector<std::string>& options = {}) {
+  for (const std::string kind : {"motion", "compliance", "contact"}) {
+    SCOPED_TRACE(robot + " " + kind);
+    const TemporaryFolder folder("new");
+    std::vector<std::string> arguments = {"--robot", robot, "--kind", kind, "--out", "own"};
+    arguments.insert(arguments.end(), options.begin(), options.end());
+    const RunResult made = make(folder, arguments);
+    ASSERT_EQ(made.code, 0) << made.err;
+    EXPECT_THAT(made.out, HasSubstr("own/twin.ssd"));
+    EXPECT_THAT(made.out, HasSubstr("run it with: cotwin run own/twin.ssd"));
+    const nlohmann::json summary = run(folder, "own/twin.ssd");
+    if (summary.empty()) continue;
+    EXPECT_EQ(summary.at("state"), "done");
+    expect_tracking(summary);
+    const auto columns = read_recording(folder / "results/signals.csv");
+    std::size_t joints = 0;
+    while (columns.contains("drive.q[" + std::to_string(joints + 1) + "]")) ++joints;
+    if (joints == 0) joints = 1;
+    if (kind == "compliance" && columns.contains("drive.q[1]")) expect_compliance(folder, joints);
+    if (kind == "contact") expect_contact(folder, "own/twin.ssd");
+  }
+}
+
+class NewOfOurRobots : public ::testing::TestWithParam<const char*> {};
+
+TEST_P(NewOfOurRobots, RunsUnchanged) { expect_kinds(GetParam()); }
+
+INSTANTIATE_TEST_SUITE_P(All, NewOfOurRobots,
+                         ::testing::Values("lwr4", "planar2", "kr300_r2500", "ur3e", "ur5e", "ur10", "ur10e", "ur16e", "ur20"));
+
+class NewOfPublicRobots : public ::testing::TestWithParam<const char*> {};
+
+TEST_P(NewOfPublicRobots, RunsUnchanged) {
+  const fs::path file = fs::path(cotwin::places::shared()) / "data/models" / GetParam();
+  if (!fs::exists(file)) GTEST_SKIP() << "no " << file;
+  expect_kinds(file.string());
+}
+
+INSTANTIATE_TEST_SUITE_P(All, NewOfPublicRobots,
+                         ::testing::Values("iiwa7_lbr_fri.urdf", "iiwa14_lbr_fri.urdf", "kr210_r2700_2_kroshu.urdf",
+                                           "panda_franka_ros.urdf", "ur5e.urdf", "ur10.urdf",
+                                           "drake_dual_iiwa14_polytope_collision.urdf"));
+
+std::string link(const std::string& name, double mass) {
+  const std::string m = std::to_string(mass), I = std::to_string(0.02 * mass);
+  return "<link name=\"" + name + "\"><inertial><origin xyz=\"0 0 0.1\"/><mass value=\"" + m + "\"/><inertia ixx=\"" + I +
+         "\" iyy=\"" + I + "\" izz=\"" + I + "\" ixy=\"0\" ixz=\"0\" iyz=\"0\"/></inertial></link>\n";
+}
+std::string joint(const std::string& name, const std::string& type, const std::string& parent, const std::string& child,
+                  const std::string& axis, const std::string& more) {
+  return "<joint name=\"" + name + "\" type=\"" + type + "\"><parent link=\"" + parent + "\"/><child link=\"" + child +
+         "\"/><origin xyz=\"0.02 0 0.3\"/><axis xyz=\"" + axis + "\"/>" + more + "</joint>\n";
+}
+
+/// A robot on a rail, with a joint without limits of position, one without limits of speed and effort, a flange, and a gripper
+/// of two fingers.
+std::string mixed_robot(const std::string& name) {
+  return "<robot name=\"" + name + "\">\n<link name=\"base\"/>\n" + link("slide", 8) + link("shoulder", 5) + link("elbow", 3) +
+         "<link name=\"flange\"/>\n" + link("left", 0.2) + link("right", 0.2) +
+         joint("rail", "prismatic", "base", "slide", "1 0 0",
+               "<limit lower=\"0\" upper=\"2\" effort=\"500\" velocity=\"1\"/>") +
+         joint("turn", "continuous", "slide", "shoulder", "0 0 1",
+               "<limit effort=\"100\" velocity=\"3\"/><dynamics damping=\"2\" friction=\"1\"/>") +
+         joint("bend", "revolute", "shoulder", "elbow", "0 1 0",
+               "<limit lower=\"-2\" upper=\"2\" effort=\"0\" velocity=\"0\"/>") +
+         joint("mount", "fixed", "elbow", "flange", "1 0 0", "") +
+         joint("grip", "prismatic", "flange", "left", "0 1 0",
+               "<limit lower=\"0\" upper=\"0.04\" effort=\"20\" velocity=\"0.1\"/>") +
+         joint("grip_too", "prismatic", "flange", "right", "0 -1 0",
+               "<limit lower=\"0\" upper=\"0.04\" effort=\"20\" velocity=\"0.1\"/><mimic joint=\"grip\"/>") +
+         "</robot>\n";
+}
+
+TEST(New, TakesRailsContinuousJointsMimicsFlangesAndJointsWithoutLimits) {
+  const TemporaryFolder folder("new");
+  const fs::path file = folder.write("mixed.urdf", mixed_robot("mixed"));
+  expect_kinds(file.string());
+}
+
+TEST(New, NamesWhatItAssumed) {
+  const TemporaryFolder folder("new");
+  folder.write("mixed.urdf", mixed_robot("mixed"));
+  const RunResult made = make(folder, {"--robot", "mixed.urdf"});
+  ASSERT_EQ(made.code, 0) << made.err;
+  EXPECT_THAT(made.out, HasSubstr("mixed_motion/twin.ssd"));
+  EXPECT_THAT(made.out, HasSubstr("note: nothing is known of the drives"));
+  EXPECT_THAT(made.out, HasSubstr("joint 'bend': effort limit 0 is read as no limit"));
+  EXPECT_THAT(made.out, HasSubstr("note: friction of the motors: <dynamics> of the URDF"));
+  // Robot and scenario are below the working directory, so that they can be moved together.
+  EXPECT_THAT(content(folder / "mixed_motion/twin.ssd"), HasSubstr("name=\"robot\" value=\"../mixed.urdf\""));
+  EXPECT_THAT(content(folder / "mixed_motion/drive_train.ssv"), HasSubstr("name=\"sigma2\"><ssv:String value=\"0 2 0 0\""));
+  EXPECT_THAT(content(folder / "mixed_motion/waypoints.csv"), HasSubstr("# q1: 'rail' in m, from 0 to 2, at most 1 m/s"));
+}
+
+TEST(New, SetsEffortLimitsAsideThatDoNotCarryTheRobot) {
+  const TemporaryFolder folder("new");
+  std::string weak = mixed_robot("weak");
+  const std::string limit = "effort=\"0\" velocity=\"0\"";
+  weak.replace(weak.find(limit), limit.size(), "effort=\"0.5\" velocity=\"1\"");
+  folder.write("weak.urdf", weak);
+  const RunResult made = make(folder, {"--robot", "weak.urdf"});
+  ASSERT_EQ(made.code, 0) << made.err;
+  EXPECT_THAT(made.out, HasSubstr("note: joint 'bend': the URDF's effort limit of 0.5 does not carry the motion"));
+  EXPECT_THAT(content(folder / "weak_motion/compliance.ssv"), HasSubstr("name=\"tau_max\"><ssv:String value=\"500 100 0 20\""));
+  expect_tracking(run(folder, "weak_motion/twin.ssd"));
+}
+
+TEST(New, LinksWithoutInertiaAreAnErrorOrANote) {
+  const TemporaryFolder folder("new");
+  std::string hollow = mixed_robot("hollow");
+  const std::string elbow = link("elbow", 3);
+  hollow.replace(hollow.find(elbow), elbow.size(), "<link name=\"elbow\"/>\n");
+  const std::string left = link("left", 0.2);
+  hollow.replace(hollow.find(left), left.size(), "<link name=\"left\"/>\n");
+  folder.write("hollow.urdf", hollow);
+  const RunResult refused = make(folder, {"--robot", "hollow.urdf"});
+  EXPECT_EQ(refused.code, 2);
+  EXPECT_THAT(refused.err, HasSubstr("hollow.urdf:"));
+  EXPECT_THAT(refused.err, HasSubstr("moves no mass"));
+  EXPECT_THAT(refused.err, HasSubstr("--unphysical warn"));
+  EXPECT_FALSE(fs::exists(folder / "hollow_motion"));
+
+  const RunResult made = make(folder, {"--robot", "hollow.urdf", "--unphysical", "warn"});
+  ASSERT_EQ(made.code, 0) << made.err;
+  EXPECT_THAT(made.out, HasSubstr("moves no mass"));
+  EXPECT_THAT(content(folder / "hollow_motion/twin.ssd"), HasSubstr("name=\"unphysical\" value=\"warn\""));
+  expect_tracking(run(folder, "hollow_motion/twin.ssd"));
+}
+
+TEST(New, RefusesRobotsThatItCannotMove) {
+  const TemporaryFolder folder("new");
+  folder.write("rigid.urdf", "<robot name=\"rigid\">" + link("base", 1) + "</robot>");
+  EXPECT_THAT(make(folder, {"--robot", "rigid.urdf"}).err, HasSubstr("has no joint that moves"));
+  folder.write("rotor.urdf", "<robot name=\"rotor\">" + link("base", 1) + link("disc", 1) +
+                                 joint("turn", "continuous", "base", "disc", "0 0 1", "<limit effort=\"1\" velocity=\"9\"/>") +
+                                 "</robot>");
+  const RunResult contact = make(folder, {"--robot", "rotor.urdf", "--kind", "contact"});
+  EXPECT_EQ(contact.code, 2);
+  EXPECT_THAT(contact.err, HasSubstr("expected --kind motion or compliance"));
+  EXPECT_EQ(make(folder, {"--robot", "rotor.urdf"}).code, 0);
+  EXPECT_THAT(make(folder, {"--robot", "nowhere.urdf"}).err, HasSubstr("is neither a file nor the name of a robot"));
+  folder.write("free.urdf", "<robot name=\"free\">" + link("base", 1) + link("body", 1) +
+                                joint("fly", "floating", "base", "body", "0 0 1", "") + "</robot>");
+  EXPECT_THAT(make(folder, {"--robot", "free.urdf"}).err, HasSubstr("free.urdf:"));
+}
+
+TEST(New, LockedJointsStandStill) {
+  const TemporaryFolder folder("new");
+  folder.write("mixed.urdf", mixed_robot("mixed"));
+  const RunResult made = make(folder, {"--robot", "mixed.urdf", "--lock", "grip:0.02"});
+  ASSERT_EQ(made.code, 0) << made.err;
+  const nlohmann::json summary = run(folder, "mixed_motion/twin.ssd");
+  EXPECT_FALSE(read_recording(folder / "results/signals.csv").contains("drive.q[4]"));
+  expect_tracking(summary);
+}
+
+TEST(New, KeepsExistingFiles) {
+  const TemporaryFolder folder("new");
+  ASSERT_EQ(make(folder, {"--robot", "planar2", "--out", "own"}).code, 0);
+  folder.write("own/waypoints.csv", "mine");
+  const RunResult again = make(folder, {"--robot", "planar2", "--out", "own"});
+  EXPECT_EQ(again.code, 2);
+  EXPECT_THAT(again.err, HasSubstr("exists, expected another folder after --out, or --overwrite"));
+  EXPECT_EQ(content(folder / "own/waypoints.csv"), "mine");
+  EXPECT_EQ(make(folder, {"--robot", "planar2", "--out", "own", "--overwrite"}).code, 0);
+  EXPECT_NE(content(folder / "own/waypoints.csv"), "mine");
+}
+
+TEST(New, NamesWithMarkupDoNotBecomeMarkup) {
+  const TemporaryFolder folder("new");
+  std::string robot = mixed_robot("a --&gt; &lt;b&gt; &amp; 'c'");
+  for (std::size_t at = 0; (at = robot.find("\"bend\"", at)) != std::string::npos;)
+    robot.replace(at, 6, "\"x--&gt;&quot;&amp;\"");
+  for (std::size_t at = 0; (at = robot.find("\"left\"", at)) != std::string::npos;) robot.replace(at, 6, "\"l&lt;&quot;e\"");
+  folder.write("odd & robot.urdf", robot);
+  for (const std::string kind : {"motion", "contact"}) {
+    const RunResult made = make(folder, {"--robot", "odd & robot.urdf", "--kind", kind, "--out", kind});
+    ASSERT_EQ(made.code, 0) << made.err;
+    expect_tracking(run(folder, kind + "/twin.ssd"));
+  }
+}
+
+}  // namespace

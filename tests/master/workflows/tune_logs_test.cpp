@@ -1,0 +1,193 @@
+// cotwin tune with realistic logs: lost rows, jitter of time stamps, joints that stand still; and results that are not usable.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <sstream>
+
+#include "models/foundation/support/text.h"
+#include "models/numerics/random.h"
+#include "tests/master/workflows/tune_fixture.h"
+#include "tests/support/places.h"
+#include "tests/support/public_data.h"
+#include "tests/support/run_program.h"
+
+namespace cotwin::master::tuning {
+namespace {
+
+namespace fs = std::filesystem;
+using cotwin::testing::content;
+using cotwin::testing::RunResult;
+using cotwin::testing::TunedRobot;
+using ::testing::HasSubstr;
+using Values = std::vector<double>;
+
+const TunedRobot& robot() {
+  static const TunedRobot robot;
+  return robot;
+}
+
+double random(std::uint32_t row, std::uint32_t use) { return numerics::uniform(numerics::Key{25, 0, row, use, 0}); }
+
+/// Whether a row is lost: a share of the rows, single or in bursts of `burst` rows.
+bool lost(std::size_t row, double share, std::size_t burst) {
+  return random(static_cast<std::uint32_t>(row / burst), static_cast<std::uint32_t>(burst)) < share;
+}
+
+/// `from` without the rows that `drop` selects, with the time of each row changed by `time`.
+void copy_log(const fs::path& from, const fs::path& to, const std::function<bool(std::size_t)>& drop,
+              const std::function<double(std::size_t, double)>& time = {}) {
+  std::istringstream in(content(from));
+  std::ofstream out(to);
+  std::string line;
+  std::getline(in, line);
+  out << line << '\n';
+  for (std::size_t row = 0; std::getline(in, line); ++row) {
+    if (drop && drop(row)) continue;
+    const std::size_t comma = line.find(',');
+    const double t = std::strtod(line.c_str(), nullptr);
+    out << (time ? text::to_text(time(row, t)) : line.substr(0, comma)) << line.substr(comma) << '\n';
+  }
+}
+
+struct Outcome {
+  double cutoff = 0;
+  Eigen::VectorXd held_out;
+};
+
+Outcome tune_log(Settings settings, const fs::path& csv) {
+  settings.data = {csv};
+  settings.method = Method::kFeasible;
+  const Result result = robot().tune(settings, "logs");
+  return {robot().figures("logs")["cutoff"].get<double>(), result.evaluation.held_out->of[result.tuned].rms};
+}
+
+/// Lost rows of any kind change the automatic cutoff by at most 10 % and each held-out error by at most a tenth. The last
+/// third, without lost rows, is held out, so that errors are those of the same samples. `itself`: rows are lost there, too.
+void expect_losses_to_do_no_harm(Settings settings, const fs::path& csv, std::size_t rows, std::size_t burst, bool itself,
+                                 std::initializer_list<double> shares = {0.05, 0.2, 0.5}) {
+  const std::size_t split = rows * 2 / 3;
+  const fs::path part = robot().folder / "part.csv", rest = robot().folder / "rest.csv";
+  copy_log(csv, part, [&](std::size_t row) { return row >= split; });
+  copy_log(csv, rest, [&](std::size_t row) { return row < split; });
+  settings.held_out = {rest};
+  const Outcome whole = tune_log(settings, part);
+  for (const double share : shares) {
+    SCOPED_TRACE(text::to_text(100 * share) + " % lost, " + std::to_string(burst) + " rows at a time");
+    copy_log(csv, part, [&](std::size_t row) { return row >= split || lost(row, share, burst); });
+    if (itself) copy_log(csv, rest, [&](std::size_t row) { return row < split || lost(row, share, burst); });
+    const Outcome some = tune_log(settings, part);
+    EXPECT_NEAR(some.cutoff, whole.cutoff, 0.1 * whole.cutoff);
+    // Bursts remove whole reversals, by chance more of one joint than of another: the mean of the joints counts.
+    if (burst > 1) {
+      EXPECT_LT(some.held_out.cwiseQuotient(whole.held_out).mean(), 1.1);
+      continue;
+    }
+    for (Eigen::Index j = 0; j < whole.held_out.size(); ++j)
+      EXPECT_LT(some.held_out[j], 1.1 * whole.held_out[j]) << "joint " << j + 1;
+  }
+}
+
+/// A log that the model does not fit exactly, like real logs: friction changes its sign over another range of speed.
+Settings of_misfit() {
+  Settings settings = robot().settings();
+  settings.model.friction = identification::FrictionLaw::kCoulomb;
+  settings.model.v_R = 0.02;
+  settings.cutoff = 0;
+  return settings;
+}
+
+TEST(TuneLogs, LostRowsHardlyChangeTheCutoffAndTheResult) {
+  expect_losses_to_do_no_harm(of_misfit(), robot().folder / "log.csv", robot().log.samples(), 1, true);
+  expect_losses_to_do_no_harm(of_misfit(), robot().folder / "log.csv", robot().log.samples(), 10, false, {0.05, 0.2});
+}
+
+TEST(TuneLogs, LostRowsHardlyChangeTheResultsOfRealRobots) {
+  const fs::path log = places::public_data("measurements/ur10_unisa.csv");
+  if (!fs::exists(log)) GTEST_SKIP() << "needs public measurements (scripts/fetch_logs.py)";
+  Settings settings;
+  settings.robot = places::source() + "/models/robots/ur10/robot.urdf";
+  settings.prior_weight = 1;
+  expect_losses_to_do_no_harm(settings, log, 3441, 1, true);
+  expect_losses_to_do_no_harm(settings, log, 3441, 10, false);
+}
+
+TEST(TuneLogs, TimeStampsThatJitterAreTakenAsTheyAre) {
+  const Settings settings = of_misfit();
+  const fs::path log = robot().folder / "log.csv";
+  const Outcome whole = tune_log(settings, log);
+  const auto expect = [&](const char* what, double factor, const std::function<bool(std::size_t)>& drop,
+                          const std::function<double(std::size_t, double)>& time) {
+    SCOPED_TRACE(what);
+    copy_log(log, robot().folder / "jitter.csv", drop, time);
+    const Outcome jittered = tune_log(settings, robot().folder / "jitter.csv");
+    EXPECT_NEAR(jittered.cutoff, whole.cutoff, 0.15 * whole.cutoff);
+    for (Eigen::Index j = 0; j < whole.held_out.size(); ++j)
+      EXPECT_LT(jittered.held_out[j], factor * whole.held_out[j]) << "joint " << j + 1;
+  };
+  // Wrong time stamps are errors of the data (10 ms at 1 rad/s are 10 mrad); the errors must not be larger than that.
+  expect("2 ms of 10", 1.1, {},
+         [](std::size_t row, double t) { return t + 4e-3 * (random(static_cast<std::uint32_t>(row), 77) - 0.5); });
+  expect("written five at a time", 2, {}, [](std::size_t row, double t) { return t - 0.95e-2 * static_cast<double>(row % 5); });
+  expect("a clock that ticks every 20 ms", 2, {}, [](std::size_t, double t) { return 0.02 * std::floor(t / 0.02 + 1e-6); });
+}
+
+TEST(TuneLogs, JointsThatStandStillLeaveTheOthersTheirWeights) {
+  cotwin::testing::SyntheticLog log = robot().log;
+  log.moving = 4;
+  log.q_noise = 2e-5;
+  log.write(robot().folder / "still.csv", robot().truth);
+  Settings settings = robot().settings();
+  settings.data = {robot().folder / "still.csv"};
+  for (const Method method : {Method::kFeasible, Method::kLeastSquares}) {
+    SCOPED_TRACE(to_text(method));
+    settings.method = method;
+    const Result result = robot().tune(settings, "still");
+    for (const PartErrors* part : {&result.evaluation.training, &*result.evaluation.held_out}) {
+      EXPECT_LT(part->of.back().rms.maxCoeff(), 0.05);  // the floor; noise of 0.02 N.m, and of the encoders
+      EXPECT_LT(part->of[result.tuned].rms.maxCoeff(), 0.1);
+    }
+    for (Eigen::Index j = 0; j < 7; ++j) EXPECT_NEAR(result.floor.sigma[j], 0.01, 0.01) << j;
+    for (std::size_t j = 0; j < 7; ++j) EXPECT_LE(result.floor.joint_rank[j], result.floor.joint_unknowns[j]) << j;
+  }
+  const nlohmann::json figures = robot().figures("still");
+  EXPECT_EQ(figures["sigma"].size(), 7u);
+  EXPECT_EQ(figures["joint_rank"].size(), 7u);
+  EXPECT_THAT(content(robot().folder / "still/report.md"), HasSubstr("expected a motion"));
+}
+
+RunResult run(const std::string& arguments) {
+  return cotwin::testing::run_program(cotwin::testing::words(arguments), {.folder = robot().folder.path()});
+}
+
+TEST(TuneAlarm, AResultThatIsWorseThanNoModelIsAnAlarmUnlessItIsAccepted) {
+  // In the held-out part the torque of joint 7 has the opposite sign: no model of the first part can predict it.
+  const auto spoil = [](std::size_t, std::vector<double>& cells) {
+    if (cells[0] > 0.7 * 40) cells[14] = -cells[14];
+  };
+  robot().log.write(robot().folder / "other_way.csv", robot().truth, spoil);
+  const std::string tune =
+      "tune --robot prior.urdf --data other_way.csv --method feasible --cutoff 5 --accept-data --out alarm --quiet";
+  const RunResult alarmed = run(tune);
+  EXPECT_EQ(alarmed.code, 1);
+  EXPECT_THAT(alarmed.err, HasSubstr("joint_7: held-out error"));
+  EXPECT_THAT(alarmed.err, HasSubstr("expected below the torque itself"));
+  EXPECT_THAT(content(robot().folder / "alarm/report.md"), HasSubstr("**Alarm**"));
+  EXPECT_EQ(robot().figures("alarm")["alarms"].size(), 1u);
+  EXPECT_EQ(run(tune + " --accept-result").code, 0);
+  EXPECT_EQ(run("tune --robot prior.urdf --data log.csv --method feasible --cutoff 5 --out fine --quiet").code, 0);
+  EXPECT_EQ(robot().figures("fine")["alarms"].size(), 0u);
+}
+
+TEST(TuneAlarm, TheFeasibleRobotIsWrittenIfTheSwarmIsFarFromIt) {
+  Settings settings = robot().settings();
+  settings.rounds = 2;
+  const Result result = robot().tune(settings, "unfinished");
+  EXPECT_EQ(result.candidates[result.tuned].name, "feasible");
+  EXPECT_EQ(robot().figures("unfinished")["tuned"], "feasible");
+  EXPECT_THAT(content(robot().folder / "unfinished/robot.urdf"), HasSubstr("<!-- cotwin tune: feasible"));
+  EXPECT_THAT(content(robot().folder / "unfinished/report.md"), HasSubstr("it is the robot that is written"));
+}
+
+}  // namespace
+}  // namespace cotwin::master::tuning
