@@ -169,7 +169,7 @@ def choose(rooms, share, options):
 
 
 def build_mutants(chosen, build, tree):
-    """Compiles a copy of the sources with all places, with the options of `build`; the folder of the build."""
+    """Compiles a copy of the sources with all places, with the options of `build`, into TREE/build/test. The places that do not compile."""
     files = subprocess.run(["git", "ls-files", "-co", "--exclude-standard"], cwd=ROOT, text=True, check=True, capture_output=True).stdout.split("\n")
     changed = {}
     for n, place in chosen.items():
@@ -189,9 +189,19 @@ def build_mutants(chosen, build, tree):
         elif not target.exists() or target.read_bytes() != source.read_bytes():
             shutil.copy(source, target)
     cache = (build / "CMakeCache.txt").read_text()
-    options = [f"-D{m}" for m in re.findall(r"^((?:COTWIN_\w+|CMAKE_BUILD_TYPE):\w+=.*)$", cache, re.MULTILINE) if not m.startswith("COTWIN_WERROR")]
-    subprocess.run([tree / "scripts/build.sh", "test", *options, "-DCOTWIN_BENCHMARKS=OFF"], cwd=tree, check=True)
-    return tree / "build/test"
+    options = [f"-D{m}" for m in re.findall(r"^((?:COTWIN_\w+|CMAKE_BUILD_TYPE):(?:BOOL|STRING)=.*)$", cache, re.MULTILINE)
+               if not m.startswith("COTWIN_WERROR")]
+    done = subprocess.run([tree / "scripts/build.sh", "test", *options, "-DCOTWIN_BENCHMARKS=OFF"], cwd=tree, text=True,
+                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    if done.returncode == 0:
+        return {}
+    # The place of an error, or the line of ours from which a template of switch.h was instantiated.
+    lines = {(m[0], int(m[1]) - 1) for m in re.findall(rf"{re.escape(str(tree))}/([\w/]+\.cpp):(\d+):\d+: +(?:(?:fatal )?error|required from here)", done.stdout)}
+    wrong = {n: place for n, place in chosen.items() if (place[0], place[1]) in lines}
+    if not wrong:
+        sys.exit(done.stdout[-4000:])
+    print(f"{len(wrong)} places do not compile with this compiler", flush=True)
+    return wrong
 
 
 def tests_of(build):
@@ -266,7 +276,11 @@ def main():
     build = arguments.build.resolve()
     rooms, share = draw(arguments.seed, arguments.places, arguments.room)
     chosen = choose(rooms, share, compile_options(build))
-    mutants = build_mutants(chosen, build, arguments.tree.resolve())
+    tree = arguments.tree.resolve()
+    while wrong := build_mutants(chosen, build, tree):
+        for n in wrong:
+            del chosen[n]
+    mutants = tree / "build/test"
     with tempfile.TemporaryDirectory() as scratch:
         reaching = reach(tests_of(mutants), pathlib.Path(scratch))
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:

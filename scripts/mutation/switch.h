@@ -29,6 +29,14 @@ inline bool on(int place) {
   return chosen == place;
 }
 
+struct Sign;
+struct Twice;
+/// Vectors and matrices, and expressions of these.
+template <class T>
+concept Scaled = std::is_class_v<T> && !std::is_same_v<T, Sign> && !std::is_same_v<T, Twice> && requires(const T& x) {
+  1.0 * x;
+};
+
 // a + b → a - b and back: a + Sign{n} * b. Unary: -Sign{n} * b.
 struct Sign {
   int place;
@@ -38,8 +46,8 @@ inline Sign operator-(Sign s) { return {s.place, !s.negative}; }
 template <class T>
 requires std::is_arithmetic_v<T>
 auto operator*(Sign s, T x) { return on(s.place) != s.negative ? -x : +x; }
-template <class T>
-requires(!std::is_arithmetic_v<T> && requires(const T& x) { 1.0 * x; }) auto operator*(Sign s, const T& x) {
+template <Scaled T>
+auto operator*(Sign s, const T& x) {
   return (on(s.place) != s.negative ? -1.0 : 1.0) * x;
 }
 
@@ -50,8 +58,8 @@ struct Twice {
 template <class T>
 requires std::is_arithmetic_v<T>
 auto operator*(T x, Twice t) { return on(t.place) ? x + x : +x; }
-template <class T>
-requires(!std::is_arithmetic_v<T> && requires(const T& x) { 1.0 * x; }) auto operator*(const T& x, Twice t) {
+template <Scaled T>
+auto operator*(const T& x, Twice t) {
   return (on(t.place) ? 2.0 : 1.0) * x;
 }
 template <class T>
