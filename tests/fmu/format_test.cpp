@@ -400,6 +400,8 @@ TEST_F(Archives, LeaveNoHalfWrittenFile) {
 TEST(FileUri, ReadsEveryFormThatHostsWrite) {
   EXPECT_EQ(path_from_uri("file:///data/a%20b/%C3%BC"), fs::path("/data/a b/ü"));
   EXPECT_EQ(path_from_uri("file:/data/x"), fs::path("/data/x"));
+  EXPECT_EQ(path_from_uri("file:/%2fa%4F%6f"), path_from_uri("file:/%2Fa%4f%6F"));  // the last digit, in both cases
+  EXPECT_EQ(path_from_uri("file:/%6f%4f"), fs::path("/oO"));
   EXPECT_EQ(path_from_uri("file://localhost/data/x/"), fs::path("/data/x/"));
   EXPECT_EQ(path_from_uri("file:///C:/x"), fs::path("C:/x"));
   EXPECT_EQ(path_from_uri("/data/50%"), fs::path("/data/50%"));

@@ -152,6 +152,15 @@ TEST(ContactWorld, ACubeStandsOnTheFloorWithItsWeight) {
   EXPECT_EQ(world.integer("contacts"), 4);
 }
 
+TEST(ContactWorld, BodiesFallAlongTheGravityThatIsSet) {
+  Subject world("unit:contact_world?scene=" + kFloor);
+  world.set("gravity", {1, -2, 3}).initialise();  // off the floor
+  for (int i = 0; i < 100; ++i) world.step(1e-3);
+  EXPECT_NEAR(world["cube.v"][0], 0.1, 1e-12);
+  EXPECT_NEAR(world["cube.v"][1], -0.2, 1e-12);
+  EXPECT_NEAR(world["cube.v"][2], 0.3, 1e-12);
+}
+
 TEST(ContactWorld, ACubeThatIsPulledSticksBelowTheConeAndSlidesAboveItAsCoulombSays) {
   Subject world("unit:contact_world?scene=" + kFloor);
   world.initialise();

@@ -169,6 +169,7 @@ TEST(GatewayServer, NamesWhatIsWrongWithARequest) {
       {"GET /../etc/passwd HTTP/1.1\r\n" + host + "\r\n", 400, "'..'"},
       {"GET /%2e%2e/etc HTTP/1.1\r\n" + host + "\r\n", 400, "'..'"},
       {"GET /things/..%2fetc HTTP/1.1\r\n" + host + "\r\n", 400, "not allowed"},
+      {"GET /things/..%2Fetc HTTP/1.1\r\n" + host + "\r\n", 400, "not allowed"},
       {"GET /things/a%00b HTTP/1.1\r\n" + host + "\r\n", 400, "not allowed"},
       {"GET //hello HTTP/1.1\r\n" + host + "\r\n", 400, "segment ''"},
       {"GET hello HTTP/1.1\r\n" + host + "\r\n", 400, "not a path"},

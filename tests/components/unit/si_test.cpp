@@ -55,8 +55,9 @@ INSTANTIATE_TEST_SUITE_P(
                       Case{"us", m({0, 0, 1}, 1e-6)}, Case{"ns", m({0, 0, 1}, 1e-9)}, Case{"min", m({0, 0, 1}, 60)},
                       Case{"h", m({0, 0, 1}, 3600)}, Case{"d", m({0, 0, 1}, 86400)}, Case{"kN", m({1, 1, -2}, 1e3)},
                       Case{"MPa", m({1, -1, -2}, 1e6)}, Case{"kHz", m({0, 0, -1}, 1e3)}, Case{"mA", m({0, 0, 0, 1}, 1e-3)},
-                      Case{"km/h", m({0, 1, -1}, 1000.0 / 3600)}, Case{"%", m({}, 1e-2)}, Case{"percent", m({}, 1e-2)},
-                      Case{"ppm", m({}, 1e-6)}, Case{"cd/m2", m({0, -2, 0, 0, 0, 0, 1})}));
+                      Case{"km/h", m({0, 1, -1}, 1000.0 / 3600)}, Case{"mm/min", m({0, 1, -1}, 1 / 60e3)},
+                      Case{"%", m({}, 1e-2)}, Case{"percent", m({}, 1e-2)}, Case{"ppm", m({}, 1e-6)},
+                      Case{"cd/m2", m({0, -2, 0, 0, 0, 0, 1})}));
 INSTANTIATE_TEST_SUITE_P(
     Angles, Spelling,
     ::testing::Values(Case{"deg", m({0, 0, 0, 0, 0, 0, 0, 1}, kPi / 180)}, Case{"°", m({0, 0, 0, 0, 0, 0, 0, 1}, kPi / 180)},

@@ -713,5 +713,22 @@ TEST(Scenes, ThePegHasTheDocumentedClearance) {
   }
 }
 
+// A solid of density 3 with axes a, b, c has the mass 4π abc and the moments m (b² + c²)/5; a ball is the one with a = b = c.
+TEST(SolidInertia, OfAnEllipsoidIsThatOfTheBookAndOfABallIfItIsOne) {
+  Shape ellipsoid, ball;
+  ellipsoid.type = ShapeType::kEllipsoid;
+  ellipsoid.size = {0.1, 0.2, 0.3};
+  const Inertia of_ellipsoid = solid_inertia(ellipsoid, 3);
+  EXPECT_NEAR(of_ellipsoid.mass, 4 * M_PI * 0.006, 1e-15);
+  EXPECT_NEAR(of_ellipsoid.I_CC(0, 0), of_ellipsoid.mass * (0.04 + 0.09) / 5, 1e-15);
+  EXPECT_NEAR(of_ellipsoid.I_CC(2, 2), of_ellipsoid.mass * (0.01 + 0.04) / 5, 1e-15);
+  ball.type = ShapeType::kSphere;
+  ball.size = {0.2, 0, 0};
+  ellipsoid.size = {0.2, 0.2, 0.2};
+  const Inertia of_ball = solid_inertia(ball, 3), of_round = solid_inertia(ellipsoid, 3);
+  EXPECT_NEAR(of_ball.mass, of_round.mass, 1e-15);
+  EXPECT_LE((of_ball.I_CC - of_round.I_CC).norm(), 1e-15);
+}
+
 }  // namespace
 }  // namespace cotwin::scene
