@@ -168,6 +168,7 @@ class Rows {
   template <int kSizeA, int kSizeB>
   double solve(Core& core);
   double solve_any(Core& core);
+  double share(const Island& island);
   void apply_start(const Island& island);
   void scale_start(const Island& island);
   bool adds_energy(const Island& island) const;

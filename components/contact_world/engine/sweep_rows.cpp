@@ -177,67 +177,6 @@ double Rows::solve_any(Core& core) {
   return solve<-1, -1>(core);
 }
 
-/// Applies the changes of x before the sweeps to the coordinates.
-void Rows::apply_start(const Island& island) {
-  for (std::size_t i = island.first_box; i < island.end_box; ++i) {
-    const BoxRow& row = boxes_[i];
-    const double gained = row.x - row.applied;
-    if (gained == 0) continue;
-    for (const Side& side : row.side) apply_impulse(y_.data() + side.y, side, gained);
-  }
-  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
-    Core& core = cores_[i];
-    const ConeRow& row = cones_[core.row];
-    double gained[3];
-    for (int k = 0; k < 3; ++k) {
-      core.x[k] = row.x[k];
-      gained[k] = row.x[k] - row.applied[k];
-    }
-    apply_impulse(core, gained);
-  }
-}
-
-/// Scales the changes of x before the sweeps to the best share in 0 … 1, measured by the energy of the velocities against the
-/// targets: then no sweep adds energy to what the step started with, however far the start is from the solution. Islands of
-/// contacts keep a start that is better than none.
-void Rows::scale_start(const Island& island) {
-  const bool contacts_only = island.first_box == island.end_box;
-  double along = 0, square = 0;
-  for (std::size_t i = island.first_box; i < island.end_box; ++i) {
-    const BoxRow& row = boxes_[i];
-    const double gained = row.x - row.applied;
-    along += gained * (row.u - row.target + row.softness * row.applied);
-    square += row.softness * gained * gained;
-  }
-  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
-    const Core& core = cores_[i];
-    const ConeRow& row = cones_[core.row];
-    for (int k = 0; k < 3; ++k) along += (core.x[k] - row.applied[k]) * core.b[k];
-    const double gained = core.x[0] - row.applied[0];
-    along += gained * core.softness * row.applied[0];
-    square += core.softness * gained * gained;
-  }
-  for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
-    const Slice& slice = slices_[index(island_slices_[s])];
-    for (int i = slice.offset; i < slice.offset + slice.size; ++i) square += z_[index(i)] * z_[index(i)];
-  }
-  if (!((contacts_only ? square / 2 : square) > -along)) return;
-  const double share = std::max(0.0, -along / square);
-  for (std::size_t i = island.first_box; i < island.end_box; ++i) {
-    BoxRow& row = boxes_[i];
-    row.x = row.applied + share * (row.x - row.applied);
-  }
-  for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
-    Core& core = cores_[i];
-    const ConeRow& row = cones_[core.row];
-    for (int k = 0; k < 3; ++k) core.x[k] = row.applied[k] + share * (core.x[k] - row.applied[k]);
-  }
-  for (std::size_t s = island.first_slice; s < island.end_slice; ++s) {
-    const Slice& slice = slices_[index(island_slices_[s])];
-    for (int i = slice.offset; i < slice.offset + slice.size; ++i) z_[index(i)] *= share;
-  }
-}
-
 void Rows::begin_acceleration(const Island& island) {
   for (std::size_t i = island.first_cone; i < island.end_cone; ++i) {
     Core& core = cores_[i];
@@ -353,7 +292,10 @@ Rows::Outcome Rows::sweep(const Island& island, const Effort& effort, bool accel
   for (int k = 0; k < effort.most; ++k) {
     double residual = 0;
     linear_ = true;
-    if (k % 2 == 0) {
+    if (k == 0) {
+      for (std::size_t i = island.first_box; i < island.end_box; ++i) residual = std::max(residual, solve(boxes_[i]));
+      residual = std::max(residual, share(island));
+    } else if (k % 2 == 0) {
       for (std::size_t i = island.first_box; i < island.end_box; ++i) residual = std::max(residual, solve(boxes_[i]));
       for (std::size_t i = island.first_cone; i < island.end_cone; ++i) residual = std::max(residual, solve_any(cores_[i]));
     } else {

@@ -1,0 +1,125 @@
+// Grippers: the load that friction holds, against the closed form μ Σ F = m g.
+#include <gtest/gtest.h>
+
+#include <Eigen/Geometry>
+#include <cmath>
+#include <numbers>
+
+#include "tests/components/contact_world/methods.h"
+
+namespace cotwin::contact_world {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr double kMu = 0.8, kForce = 12, kGravity = 9.81;  // force of each finger, N
+constexpr double kRadius = 0.025;                          // of the workpiece, m
+
+enum class Workpiece { kBox, kCylinder, kPrism, kBall };
+
+struct Grip {
+  int fingers = 2;
+  Workpiece workpiece = Workpiece::kBox;
+  double tilt = 0;                      // of gravity about the axis of the first finger, rad
+  double stiffness = scene::kInfinity;  // of the pads, N/m
+  double offset = 0;                    // of the workpiece's centre below the fingers' centres, m
+};
+
+/// An octagonal prism about z whose faces are at the distance kRadius.
+scene::Shape prism(double height) {
+  scene::Shape shape;
+  shape.type = scene::ShapeType::kHull;
+  const double corner = kRadius / std::cos(std::numbers::pi / 8);
+  for (int i = 0; i < 8; ++i) {
+    const double angle = std::numbers::pi / 8 + i * std::numbers::pi / 4;
+    for (const double z : {-height / 2, height / 2})
+      shape.vertices.emplace_back(corner * std::cos(angle), corner * std::sin(angle), z);
+  }
+  return shape;
+}
+
+/// The workpiece (body 0) between fingers on prismatic joints towards the z axis.
+scene::Scene gripper(const Grip& grip, double mass) {
+  scene::Scene scene;
+  scene.name = "gripper";
+  scene.gravity = Eigen::AngleAxisd(grip.tilt, Vector3d::UnitX()) * Vector3d(0, 0, -kGravity);
+  scene::Body piece = testing::box("piece", {2 * kRadius, 2 * kRadius, 0.08}, mass, {0, 0, -grip.offset}, kMu);
+  scene::Shape& shape = piece.shapes[0];
+  if (grip.workpiece == Workpiece::kCylinder) {
+    shape.type = scene::ShapeType::kCylinder;
+    shape.size = {kRadius, 0.08, 0};
+  } else if (grip.workpiece == Workpiece::kBall) {
+    shape.type = scene::ShapeType::kSphere;
+    shape.size = {kRadius, 0, 0};
+  } else if (grip.workpiece == Workpiece::kPrism) {
+    const scene::Material material = shape.material;
+    shape = prism(0.08);
+    shape.material = material;
+  }
+  scene.bodies.push_back(piece);
+  for (int i = 0; i < grip.fingers; ++i) {
+    const double angle = 2 * std::numbers::pi * i / grip.fingers;
+    const Eigen::Matrix3d R = Eigen::AngleAxisd(angle, Vector3d::UnitZ()).toRotationMatrix();
+    scene::Body finger =
+        testing::box("finger" + std::to_string(i), {0.02, 0.04, 0.1}, 0.1, R * Vector3d(kRadius + 0.01, 0, 0), kMu);
+    finger.X_WB.R = R;
+    finger.shapes[0].material.stiffness = grip.stiffness;
+    finger.shapes[0].material.damping = std::isinf(grip.stiffness) ? 0 : 20;
+    scene.bodies.push_back(finger);
+    scene::Joint joint;
+    joint.name = "slide" + std::to_string(i);
+    joint.type = scene::JointType::kPrismatic;
+    joint.child = i + 1;
+    joint.X_PJ = finger.X_WB;
+    joint.axis = -Vector3d::UnitX();
+    scene.joints.push_back(joint);
+  }
+  for (int i = 1; i <= grip.fingers; ++i) {
+    for (int j = i + 1; j <= grip.fingers; ++j) scene.no_contact.emplace_back(i, j);
+  }
+  return scene;
+}
+
+class GripTest : public testing::EachMethod {
+ protected:
+  /// How far the workpiece moves, m, `share` of the mass that friction holds, after it has settled for 0.2 s.
+  static double way(const Grip& grip, double share, double seconds) {
+    World w = world(gripper(grip, share * grip.fingers * kMu * kForce / kGravity));
+    const auto run = [&](double duration) {
+      for (int k = 0; k < std::lround(1000 * duration); ++k) {
+        for (std::size_t j = 0; j < w.scene().joints.size(); ++j) w.set_tau(j, kForce);
+        w.step(1e-3);
+      }
+    };
+    run(0.2);
+    const Vector3d start = w.poses()[0].p;
+    run(seconds);
+    return (w.poses()[0].p - start).norm();
+  }
+};
+
+// The fingers move along one direction only: every distribution of their force over the points in contact balances them, but only an
+// even one holds the workpiece.
+TEST_P(GripTest, HoldsWhatFrictionHoldsAndDropsMore) {
+  const Grip grips[] = {{},
+                        {.offset = 0.02},
+                        {.tilt = 0.5},
+                        {.workpiece = Workpiece::kPrism},
+                        {.fingers = 3, .workpiece = Workpiece::kCylinder},
+                        {.fingers = 3, .workpiece = Workpiece::kBall},
+                        {.fingers = 4, .workpiece = Workpiece::kPrism},
+                        {.workpiece = Workpiece::kCylinder},
+                        {.stiffness = 1e5}};
+  for (const Grip& grip : grips) {
+    const std::string what = "grip " + std::to_string(&grip - grips);
+    EXPECT_LT(way(grip, 0.98, 2), 2e-4) << what;
+    EXPECT_GT(way(grip, 1.02, 2), 0.1) << what;
+  }
+}
+
+TEST_P(GripTest, StandsStillForAMinute) { EXPECT_LT(way({}, 0.92, 60), 5e-5); }
+
+INSTANTIATE_TEST_SUITE_P(All, GripTest, testing::kMethods, testing::name_of_method);
+
+}  // namespace
+}  // namespace cotwin::contact_world
