@@ -4,6 +4,7 @@
 #include <utility>
 #include <vector>
 
+#include "components/unit/declared_dependencies.h"
 #include "components/unit/staged_initialisation.h"
 #include "components/unit/unit.h"
 #include "models/foundation/support/error.h"
@@ -12,7 +13,7 @@ namespace cotwin::fmu {
 
 /// A unit that puts the FMU's name in front of the messages of its errors.
 template <class Made>
-class Named final : public Unit, public StagedInitialisation {
+class Named final : public Unit, public StagedInitialisation, public DeclaredDependencies {
   template <class Call>
   auto named(Call call) {
     try {
@@ -52,6 +53,10 @@ class Named final : public Unit, public StagedInitialisation {
     named([&] { unit_.restore_memory(bytes); });
   }
   bool restorable() const override { return unit_.restorable(); }
+  bool goes_back() const override { return unit_.goes_back(); }
+  bool follows(const Variable& output, std::size_t row, const Variable& input, std::size_t column) const override {
+    return unit_.follows(output, row, input, column);
+  }
   void tell(std::vector<std::string>& notes) const override { unit_.tell(notes); }
 
  private:

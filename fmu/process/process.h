@@ -6,7 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "components/unit/declared_dependencies.h"
 #include "components/unit/staged_initialisation.h"
+#include "fmu/description/dependencies.h"
 #include "fmu/import/load.h"
 #include "fmu/import/unit/fmu_unit.h"
 #include "fmu/process/channel.h"
@@ -70,7 +72,7 @@ class HostProcess {
 };
 
 /// A foreign FMU in its own process. A crash, a hang, an exit or an exceeded limit of the FMU becomes an Error here.
-class ProcessUnit final : public Unit, public StagedInitialisation {
+class ProcessUnit final : public Unit, public StagedInitialisation, public DeclaredDependencies {
  public:
   ProcessUnit(std::shared_ptr<const ForeignFmu> fmu, LoadOptions options);
   ~ProcessUnit() override;
@@ -82,6 +84,10 @@ class ProcessUnit final : public Unit, public StagedInitialisation {
   void exit_initialisation() override;
   StepResult step(Time now, Duration h) override;
   bool restorable() const override { return restorable_; }
+  bool goes_back() const override { return restorable_ && options_.rollback; }
+  bool follows(const Variable& output, std::size_t row, const Variable& input, std::size_t column) const override {
+    return declares_dependency(fmu_->description, output, row, input, column);
+  }
   void save_memory(std::string& bytes) override;
   void restore_memory(const std::string& bytes) override;
   void tell(std::vector<std::string>& notes) const override;

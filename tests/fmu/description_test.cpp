@@ -8,6 +8,7 @@
 
 #include "components/unit/unit_table.h"
 #include "fmu/check/check.h"
+#include "fmu/description/dependencies.h"
 #include "fmu/description/describe.h"
 #include "fmu/description/read.h"
 #include "fmu/import/unit/variables.h"
@@ -386,6 +387,30 @@ TEST(ReadDescription, TheStructureMayPrecedeTheVariables) {
     EXPECT_EQ(moved.structure, parse(xml).structure);
     EXPECT_EQ(moved.variables, parse(xml).variables);
   }
+}
+
+// Scalars q[1], q[2] of FMI 2 are one vector of the imported unit; arrays of FMI 3 have one name.
+TEST(DeclaredDependencies, AreThoseOfTheElements) {
+  ModelDescription d;
+  for (const char* name : {"u[1]", "u[2]", "y[1]", "y[2]", "a", "b", "c"}) d.variables.emplace_back().name = name;
+  d.structure.outputs = {{2, std::vector<std::size_t>{0}, {}},
+                         {3, std::vector<std::size_t>{1}, {}},
+                         {5, std::vector<std::size_t>{0, 4}, {}},
+                         {6, std::nullopt, {}}};
+  const auto depends = [&](const char* output, std::size_t row, const char* input, std::size_t column) {
+    Variable y, u;
+    y.name = output;
+    u.name = input;
+    return declares_dependency(d, y, row, u, column);
+  };
+  EXPECT_TRUE(depends("y", 0, "u", 0));
+  EXPECT_FALSE(depends("y", 0, "u", 1));
+  EXPECT_TRUE(depends("y", 1, "u", 1));
+  EXPECT_FALSE(depends("y", 1, "a", 0));
+  EXPECT_TRUE(depends("b", 0, "a", 0));
+  EXPECT_TRUE(depends("b", 1, "a", 2));  // an array: any of its elements
+  EXPECT_TRUE(depends("b", 0, "u", 0));
+  EXPECT_FALSE(depends("c", 0, "a", 0));  // not declared
 }
 
 }  // namespace

@@ -9,8 +9,10 @@
 #include <string_view>
 #include <vector>
 
+#include "components/unit/declared_dependencies.h"
 #include "components/unit/staged_initialisation.h"
 #include "components/unit/unit.h"
+#include "fmu/description/dependencies.h"
 #include "fmu/import/foreign.h"
 #include "fmu/import/under_way.h"
 #include "fmu/import/unit/clocks.h"
@@ -53,7 +55,7 @@ ForeignVariablesOptions variables_options(const ModelDescription& description, I
 /// the same instance. Otherwise every step passes true; restore_memory() of a state before the last communication point then
 /// makes a new instance and gives it the serialised state. Hence an FMU that cannot serialise its states is restorable() only
 /// with `rollback`.
-class ForeignUnit : public Unit, public StagedInitialisation {
+class ForeignUnit : public Unit, public StagedInitialisation, public DeclaredDependencies {
  public:
   ~ForeignUnit() override;
   void declare(Variables& variables) final { variables_.declare(variables); }
@@ -69,6 +71,9 @@ class ForeignUnit : public Unit, public StagedInitialisation {
   void save_memory(std::string& bytes) final;
   void restore_memory(const std::string& bytes) final;
   const std::vector<std::string>& warnings() const { return variables_.warnings(); }
+  bool follows(const Variable& output, std::size_t row, const Variable& input, std::size_t column) const final {
+    return declares_dependency(description(), output, row, input, column);
+  }
 
  protected:
   /// The next step: the full one, the fast one of FmuUnit, or, kByInputs, the fast one unless the inputs require the full one.
