@@ -119,32 +119,13 @@ Initialisation Engine::initialise(Time start) {
   for (Slot& slot : schedule.slots) slot.time = start;
   bonds.start();
   for (const auto& solver : solvers_) solver->prepare();
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    GroupSolver* const solver = solver_of(g);
+    if (solver != nullptr && may_diverge(g)) solver->choose_rule(start, first_tick());
+  }
+  watch_all();
   start_workers(threads_, always_threads_);
   return result;
-}
-
-std::size_t Engine::coupling_size() const {
-  std::size_t size = bonds.state().size();
-  for (const auto& solver : solvers_) size += solver->state_size();
-  return size;
-}
-
-void Engine::save_coupling(std::vector<double>& numbers) const {
-  numbers.resize(coupling_size());
-  std::span<double> rest = numbers;
-  for (const auto& solver : solvers_) {
-    solver->save(rest);
-    rest = rest.subspan(solver->state_size());
-  }
-  std::ranges::copy(bonds.state(), rest.begin());
-}
-
-void Engine::restore_coupling(std::span<const double> numbers) {
-  for (const auto& solver : solvers_) {
-    solver->restore(numbers);
-    numbers = numbers.subspan(solver->state_size());
-  }
-  bonds.restore(numbers);
 }
 
 void Engine::start_workers(int threads, bool always) {
@@ -274,7 +255,7 @@ inline std::size_t Engine::step_in_turn(std::span<Slot> slots) {
 
 /// Looks at exceptions and results in the order of the slots, whichever thread was first.
 std::size_t Engine::step_on_threads(const StageRun& stage) {
-  threads_used_ = true;
+  threads_used_ = workers_->threads();
   threaded_slots_ = stage.slots;
   workers_->run(stage.balance->thread_of(), step_on_worker, this);
   for (const Slot& slot : stage.slots) {

@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <bit>
 #include <chrono>
 #include <cstdint>
@@ -6,11 +7,14 @@
 #include <limits>
 #include <memory>
 #include <numeric>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "master/engine/coupling/bonds.h"
+#include "master/engine/coupling/explicit_steps.h"
 #include "master/engine/coupling/group_solver.h"
+#include "master/engine/coupling/growth_watch.h"
 #include "master/engine/coupling/initialisation.h"
 #include "master/engine/events.h"
 #include "master/engine/tools.h"
@@ -96,7 +100,7 @@ class Engine {
     return 2 * clock_seconds_ * static_cast<double>(std::accumulate(samples_.begin(), samples_.end(), std::int64_t{0}));
   }
   double clock_seconds() const { return clock_seconds_; }
-  int threads_used() const { return threads_used_ ? workers_->threads() : 1; }
+  int threads_used() const { return threads_used_; }
 
   /// Calls task(context, i) once on each thread that may step units; i = 0: the caller's. Call after initialise().
   void on_each_thread(Workers::Task task, void* context);
@@ -104,8 +108,29 @@ class Engine {
 
   const std::string& name(std::size_t slot) const { return members_[schedule.slots[slot].member].name(); }
 
-  /// Measures the gains of the loops that step explicitly with coupling=auto. Call between two ticks; `tick`: length of one.
-  void watch_loops(Duration tick);
+  /// What lets the values of loops not grow any more.
+  struct Remedy {
+    std::vector<bool> solved;              // per loop of continuous connections
+    std::vector<GroupSolver::Rule> rules;  // likewise, for units that hold their inputs
+    friend bool operator==(const Remedy&, const Remedy&) = default;
+  };
+  /// Call after each tick: whether the values of a loop change more and more (GrowthWatch).
+  bool watch_growth() {
+    bool grows = false;
+    for (GrowthWatch& watch : growth_) grows = watch.tick() || grows;
+    return grows;
+  }
+  /// Call where watch_growth() is true: what would end the growth; nothing if the values may do what they do. Throws Error naming the members of a
+  /// loop whose values diverge without a remedy.
+  std::optional<Remedy> find_remedy(Time now, Duration tick);
+  /// Measures the gains of the loops that step explicitly with coupling=auto, and returns what find_remedy does. `tick`: length of one.
+  std::optional<Remedy> watch_loops(Time now, Duration tick);
+  /// Call between two ticks. Solves or steps the loops as the remedy says, from here on. Allocates.
+  void apply(const Remedy& remedy);
+  /// Whether values of a loop change more than before.
+  bool is_rising() const { return std::ranges::any_of(growth_, &GrowthWatch::is_rising); }
+  /// Whether a remedy is possible in this run.
+  bool may_change() const;
   /// The loops with their gain in a tick and their stability border, whatever the coupling of the scenario. A loop with a unit
   /// without a cheap way back, or with more than `most_unknowns` unknowns, is not measured. Call after initialise(start) and
   /// before the first step. The units keep their values; the search steps each of them some ten thousand ticks in the worst case.
@@ -124,7 +149,8 @@ class Engine {
   /// How often the loops were iterated so far, for a resumed run.
   void write_counts(ByteWriter& out) const;
   void read_counts(ByteReader& in);
-  std::size_t coupling_size() const;
+  /// Whether the numbers are of this scenario's loops.
+  bool is_coupling(std::span<const double> numbers) const;
 
   Schedule schedule;
   std::vector<Link> links;
@@ -207,14 +233,23 @@ class Engine {
   std::vector<std::unique_ptr<GroupSolver>> solvers_;
   std::vector<LoopReport> loops_;                 // counts: see solvers_
   std::vector<std::vector<std::size_t>> groups_;  // members of loops_
-  /// A loop whose gain can be measured, with its own list of slots.
-  struct Watch {
+  /// A loop that can be measured, with its own list of slots.
+  struct Gauge {
     std::size_t loop = 0;
     std::vector<Slot> slots;
     std::unique_ptr<GroupSolver> solver;
+    std::unique_ptr<ExplicitSteps> steps;
   };
-  Watch watch(std::size_t loop);
-  std::vector<Watch> watches_;
+  Gauge gauge(std::size_t loop);
+  [[noreturn]] void fail_diverging(std::size_t loop, double factor, Time now) const;
+  void measure_gain(const Gauge& gauge, Time now, Duration tick);
+  void watch_all();
+  bool may_diverge(std::size_t loop) const;
+  bool is_free() const { return scenario_.clock.kind == ClockKind::kFree; }
+  GroupSolver* solver_of(std::size_t loop) const;
+  Remedy present() const;
+  std::vector<Gauge> gauges_;        // of the loops that may be solved later
+  std::vector<GrowthWatch> growth_;  // per loop of loops_
   std::vector<std::size_t> solver_of_loop_;
   Arrangement arrangement_;
   int threads_;
@@ -223,7 +258,7 @@ class Engine {
   std::vector<std::span<const double>> watched_rows_;  // values that must stay finite: adjacent ones …
   std::vector<const double*> watched_values_;          // … and single ones
   std::unique_ptr<Workers> workers_;
-  bool threads_used_ = false;
+  int threads_used_ = 1;
   static constexpr std::int64_t kNever = std::numeric_limits<std::int64_t>::max();
   std::int64_t next_trial_ = kNever;  // the tick with which a trial is due; 0 during a trial
   Balance* on_trial_ = nullptr;       // of one stage at a time

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <tuple>
 #include <utility>
 
 #include "master/engine/engine.h"
@@ -12,33 +13,47 @@ namespace cotwin::master {
 
 namespace {
 
-constexpr std::size_t kMostWatched = 64;  // unknowns of a loop whose gain is measured again during the run
+constexpr std::size_t kMostWatched = 64;  // unknowns of a loop that may be solved from some time on
+constexpr double kDoubtfulGain = 0.5;     // of a loop that steps explicitly
+constexpr int kFirstTrial = 128;          // steps, in which the growth of a deviation is looked for at the start of a run …
+constexpr int kLaterTrial = 512;          // … and where values grow
 
-/// Returns the length of a step (s) at which the gain of the loop is 1, to 0.1 %. See LoopReport::border. `gain`: in a step of
-/// `tick`, not NaN.
-double stability_border(GroupSolver& solver, Time now, Duration tick, double gain) {
-  constexpr int kDoublings = 10;
-  constexpr double kPrecision = 1.001;
-  const auto gain_in = [&](std::int64_t ns) { return solver.loop_gain(now, Duration{ns}); };
+/// Returns the length of a step (s) from which on explicit steps let a deviation grow, to 1 %. See LoopReport::border.
+double stability_border(ExplicitSteps& steps, Time now, Duration tick) {
+  constexpr int kDoublings = 10, kPerDoubling = 4;
+  constexpr double kPrecision = 1.01;
+  constexpr double kBudget = 131072;              // ticks in all steps of a measurement
+  constexpr double kFewest = 512, kMost = 16384;  // steps of one
+  bool made = true;
+  const auto grows_in = [&](std::int64_t ns) {
+    const double ticks = static_cast<double>(ns) / static_cast<double>(tick.ns);
+    const StepGrowth growth =
+        measure_growth(steps, now, Duration{ns}, static_cast<int>(std::clamp(kBudget / ticks, kFewest, kMost)));
+    made = growth.grows || !std::isnan(growth.factor);
+    return growth.grows;
+  };
   std::int64_t stable = tick.ns, unstable = tick.ns;
-  if (gain < 1) {
-    for (int i = 0; gain < 1; ++i) {
-      if (i == kDoublings || unstable > std::numeric_limits<std::int64_t>::max() / 8)
-        return std::numeric_limits<double>::infinity();
-      stable = std::exchange(unstable, 2 * unstable);
-      gain = gain_in(unstable);
-    }
-    if (std::isnan(gain)) return std::numeric_limits<double>::infinity();  // a unit discards longer steps
-  } else {
-    for (int i = 0; !(gain < 1); ++i) {
+  bool found = grows_in(tick.ns);
+  if (found) {
+    for (int i = 0; found; ++i) {
       if (i == kDoublings || stable == 1) return 0;
       unstable = std::exchange(stable, stable / 2);
-      gain = gain_in(stable);
+      found = grows_in(stable);
     }
+  } else {
+    // In small steps, so that no band of unstable steps is left out.
+    for (int i = 1; i <= kPerDoubling * kDoublings && !found; ++i) {
+      const double next = static_cast<double>(tick.ns) * std::exp2(static_cast<double>(i) / kPerDoubling);
+      if (next > static_cast<double>(std::numeric_limits<std::int64_t>::max() / 8)) break;
+      stable = std::exchange(unstable, std::llround(next));
+      found = grows_in(unstable);
+      if (!made) break;  // a unit discards longer steps
+    }
+    if (!found) return std::numeric_limits<double>::infinity();
   }
   while (static_cast<double>(unstable) > kPrecision * static_cast<double>(stable) && unstable - stable > 1) {
     const std::int64_t middle = stable + (unstable - stable) / 2;
-    (gain_in(middle) < 1 ? stable : unstable) = middle;
+    (grows_in(middle) ? unstable : stable) = middle;
   }
   return static_cast<double>(unstable) / 1e9;
 }
@@ -57,20 +72,25 @@ void Engine::choose_groups(const Initialisation& initialised) {
     // One member alone may be in a loop with others.
     loop.algebraic = std::ranges::count_if(group, is_algebraic) >= std::min<std::ptrdiff_t>(2, std::ssize(group));
     loop.unmeasurable = !std::ranges::all_of(group, goes_back);
+    if (loop.unmeasurable && !loop.algebraic) loop.algebraic = is_declared_algebraic(links, members_, group);
     loop.unknowns = count_unknowns(links, group);
     return loop;
   };
   for (const std::vector<std::size_t>& group : groups_) report(group).solved = scenario_.coupling == CouplingChoice::kImplicit;
-  watches_.clear();
+  gauges_.clear();
   if (scenario_.coupling == CouplingChoice::kAuto) {
+    const Time start = schedule.time(0);
     for (std::size_t g = 0; g < groups_.size(); ++g) {
-      if (!loops_[g].unmeasurable && loops_[g].unknowns <= kMostMeasured) watches_.push_back(watch(g));
+      LoopReport& loop = loops_[g];
+      if (loop.unmeasurable || loop.unknowns > kMostMeasured) continue;
+      gauges_.push_back(gauge(g));
+      measure_gain(gauges_.back(), start, first_tick());
+      if (!loop.needs_solving()) loop.grows = measure_growth(*gauges_.back().steps, start, first_tick(), kFirstTrial).grows;
+      loop.solved = loop.needs_solving();
     }
-    watch_loops(first_tick());
-    for (const Watch& watch : watches_) loops_[watch.loop].solved = loops_[watch.loop].needs_solving();
-    std::erase_if(watches_, [&](const Watch& watch) {
-      const LoopReport& loop = loops_[watch.loop];
-      return loop.solved || loop.unknowns > kMostWatched || scenario_.clock.kind != ClockKind::kFree;
+    std::erase_if(gauges_, [&](const Gauge& gauge) {
+      const LoopReport& loop = loops_[gauge.loop];
+      return loop.solved || loop.unknowns > kMostWatched || !is_free();
     });
   }
   arrange_solved();
@@ -101,27 +121,218 @@ void Engine::arrange_solved() {
   }
 }
 
-Engine::Watch Engine::watch(std::size_t loop) {
-  Watch watch;
-  watch.loop = loop;
+Engine::Gauge Engine::gauge(std::size_t loop) {
+  Gauge gauge;
+  gauge.loop = loop;
   for (const std::size_t m : groups_[loop]) {
-    Slot& slot = watch.slots.emplace_back();
+    Slot& slot = gauge.slots.emplace_back();
     slot.unit = members_[m].instance.unit.get();
     slot.member = m;
   }
-  watch.solver = std::make_unique<GroupSolver>(watch.slots, members_, links, bonds, scenario_.tolerance);
-  return watch;
+  gauge.solver = std::make_unique<GroupSolver>(gauge.slots, members_, links, bonds, scenario_.tolerance);
+  gauge.steps = std::make_unique<ExplicitSteps>(scenario_, members_, links, groups_[loop]);
+  return gauge;
 }
 
-void Engine::watch_loops(Duration tick) {
-  for (const Watch& watch : watches_) {
-    const Time now = schedule.slots[schedule.slot_of[watch.slots.front().member]].time;
-    LoopReport& loop = loops_[watch.loop];
-    const double gain = watch.solver->loop_gain(now, tick);
-    if (!(gain > loop.gain || std::isnan(loop.gain))) continue;
-    loop.gain = gain;
-    loop.gain_time = now.seconds();
+/// Keeps the largest gain of the run.
+void Engine::measure_gain(const Gauge& gauge, Time now, Duration tick) {
+  LoopReport& loop = loops_[gauge.loop];
+  const double gain = gauge.solver->loop_gain(now, tick);
+  if (!(gain > loop.gain || std::isnan(loop.gain))) return;
+  loop.gain = gain;
+  loop.gain_time = now.seconds();
+}
+
+GroupSolver* Engine::solver_of(std::size_t loop) const {
+  return loop < solver_of_loop_.size() && solver_of_loop_[loop] != kNoGroup ? solvers_[solver_of_loop_[loop]].get() : nullptr;
+}
+
+/// Watches the loops whose values may diverge, also those that cannot be solved.
+void Engine::watch_all() {
+  growth_.clear();
+  std::vector<std::vector<std::size_t>> groups = groups_;
+  for (std::vector<std::size_t>& group : unsolvable_groups(links, members_)) groups.push_back(std::move(group));
+  for (std::size_t g = 0; g < groups.size(); ++g) {
+    std::vector<const double*> values;
+    std::vector<double> magnitudes;
+    const auto in_group = [&](std::size_t member) { return std::ranges::binary_search(groups[g], member); };
+    for (const Link& link : links) {
+      if (!is_continuous(link) || !in_group(link.from.member) || !in_group(link.to.member)) continue;
+      for (const double& value : link.from.reals()) {
+        if (std::ranges::find(values, &value) != values.end()) continue;
+        values.push_back(&value);
+        magnitudes.push_back(std::max(magnitude_of(*link.from.variable), std::abs(value)));
+      }
+    }
+    growth_.emplace_back(std::move(values), std::move(magnitudes));
+    growth_.back().watch(may_diverge(g));
   }
+}
+
+/// Values that are solved for follow a step of their units, unless these hold their inputs.
+bool Engine::may_diverge(std::size_t loop) const {
+  const GroupSolver* const solver = solver_of(loop);
+  return solver == nullptr || (solver->holds() && !loops_[loop].unmeasurable && loops_[loop].unknowns <= kMostWatched);
+}
+
+bool Engine::may_change() const {
+  bool holds = false;
+  for (std::size_t g = 0; g < groups_.size(); ++g) holds = holds || (solver_of(g) != nullptr && may_diverge(g));
+  return !gauges_.empty() || (holds && is_free());
+}
+
+Engine::Remedy Engine::present() const {
+  Remedy remedy;
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    const GroupSolver* const solver = solver_of(g);
+    remedy.solved.push_back(solver != nullptr);
+    remedy.rules.push_back(solver != nullptr ? solver->rule() : GroupSolver::Rule());
+  }
+  return remedy;
+}
+
+std::optional<Engine::Remedy> Engine::find_remedy(Time now, Duration tick) {
+  const Remedy before = present();
+  Remedy remedy = before;
+  for (std::size_t g = 0; g < growth_.size(); ++g) {
+    GrowthWatch& watch = growth_[g];
+    if (!watch.is_suspicious()) continue;
+    const auto gauge = std::ranges::find(gauges_, g, &Gauge::loop);
+    if (GroupSolver* const solver = solver_of(g); solver != nullptr && is_free()) {
+      if (!watch.diverges()) continue;  // contact alone lets deviations grow for a while
+      solver->choose_rule(now, tick);
+      remedy.rules[g] = solver->rule();
+      solver->set_rule(before.rules[g]);
+      if (remedy.rules[g] == before.rules[g]) fail_diverging(g, watch.factor(), now);
+    } else if (solver == nullptr && gauge != gauges_.end()) {
+      measure_gain(*gauge, now, tick);
+      LoopReport& loop = loops_[g];
+      loop.grows = measure_growth(*gauge->steps, now, tick, kLaterTrial).grows;
+      remedy.solved[g] = loop.needs_solving() || watch.diverges();
+      if (remedy.solved[g]) {
+        gauge->solver->choose_rule(now, tick);
+        remedy.rules[g] = gauge->solver->rule();
+      }
+      watch.dismiss();
+    } else if (watch.diverges()) {
+      fail_diverging(g, watch.factor(), now);
+    }
+  }
+  return remedy == before ? std::nullopt : std::optional(remedy);
+}
+
+void Engine::fail_diverging(std::size_t loop, double factor, Time now) const {
+  std::string expected = "coupling=implicit or a shorter tick";
+  if (solver_of(loop) != nullptr) {
+    expected = "a shorter tick, or a system that is stable in itself";
+  } else if (const std::string& name = loops_[loop].not_restorable; !name.empty()) {
+    expected = "a shorter tick, because '" + name +
+               "' cannot be restored, as coupling=implicit needs; an FMU that can get and set its state can with rollback=true "
+               "in its source";
+  } else if (loops_[loop].unmeasurable && scenario_.coupling == CouplingChoice::kAuto) {
+    expected = "rollback=true in the sources of its FMUs, coupling=implicit, or a shorter tick";
+  }
+  throw Error("the values that " + loops_[loop].members + " exchange diverge: at t = " + text::to_text(now.seconds()) +
+              " s their changes grow by a factor of " + text::to_text(factor, 3) + " per tick; expected " + expected);
+}
+
+std::optional<Engine::Remedy> Engine::watch_loops(Time now, Duration tick) {
+  const Remedy before = present();
+  Remedy remedy = before;
+  for (const Gauge& gauge : gauges_) {
+    if (solver_of(gauge.loop) != nullptr) continue;
+    measure_gain(gauge, now, tick);
+    if (loops_[gauge.loop].gain > kDoubtfulGain) remedy.solved[gauge.loop] = true;
+  }
+  return remedy == before ? std::nullopt : std::optional(remedy);
+}
+
+void Engine::apply(const Remedy& remedy) {
+  std::vector<std::pair<Time, Duration>> progress;  // per member
+  for (const std::size_t slot : schedule.slot_of)
+    progress.emplace_back(schedule.slots[slot].time, schedule.slots[slot].last_step);
+  const std::vector<LoopReport> reports = loops();
+  const Remedy before = present();
+  const bool other_order = remedy.solved != before.solved;
+  for (std::size_t g = 0; g < groups_.size(); ++g) loops_[g].solved = remedy.solved[g];
+  if (other_order) {
+    arrange_solved();
+    for (std::size_t m = 0; m < progress.size(); ++m) {
+      Slot& slot = schedule.slots[schedule.slot_of[m]];
+      std::tie(slot.time, slot.last_step) = progress[m];
+    }
+    for (const auto& solver : solvers_) solver->prepare();
+  }
+  for (std::size_t g = 0; g < groups_.size(); ++g) {
+    if (remedy.solved[g] != before.solved[g]) {
+      loops_[g].solved_from =
+          remedy.solved[g] ? progress[groups_[g].front()].first.seconds() : std::numeric_limits<double>::quiet_NaN();
+    }
+    if (remedy.solved[g] != before.solved[g] || remedy.rules[g] != before.rules[g]) growth_[g].watch(may_diverge(g));
+    GroupSolver* const solver = solver_of(g);
+    if (solver == nullptr) continue;
+    solver->set_counts(reports[g].counts);
+    if (other_order || solver->rule() != remedy.rules[g]) solver->set_rule(remedy.rules[g]);
+  }
+  if (other_order) start_workers(threads_, always_threads_);
+}
+
+/// The numbers: which loops are solved, the state of each solver and each watch, the energies of the bonds.
+void Engine::save_coupling(std::vector<double>& numbers) const {
+  const std::size_t loops = groups_.size();
+  std::size_t size = loops + bonds.state().size();
+  for (const auto& solver : solvers_) size += solver->state_size();
+  for (const GrowthWatch& watch : growth_) size += watch.state_size();
+  numbers.resize(size);
+  std::span<double> rest = numbers;
+  for (std::size_t g = 0; g < loops; ++g) rest[g] = solver_of(g) != nullptr ? 1 : 0;
+  rest = rest.subspan(loops);
+  for (const auto& solver : solvers_) {
+    solver->save(rest);
+    rest = rest.subspan(solver->state_size());
+  }
+  for (const GrowthWatch& watch : growth_) {
+    watch.save(rest);
+    rest = rest.subspan(watch.state_size());
+  }
+  std::ranges::copy(bonds.state(), rest.begin());
+}
+
+void Engine::restore_coupling(std::span<const double> numbers) {
+  const auto is_solved = [&](std::size_t g) { return numbers[g] == 1; };
+  bool same = true;  // without allocations
+  for (std::size_t g = 0; g < groups_.size(); ++g) same = same && is_solved(g) == (solver_of(g) != nullptr);
+  if (!same) {
+    Remedy remedy = present();
+    for (std::size_t g = 0; g < groups_.size(); ++g) remedy.solved[g] = is_solved(g);
+    apply(remedy);
+  }
+  numbers = numbers.subspan(groups_.size());
+  for (const auto& solver : solvers_) {
+    solver->restore(numbers);
+    numbers = numbers.subspan(solver->state_size());
+  }
+  for (GrowthWatch& watch : growth_) {
+    watch.restore(numbers);
+    numbers = numbers.subspan(watch.state_size());
+  }
+  bonds.restore(numbers);
+}
+
+bool Engine::is_coupling(std::span<const double> numbers) const {
+  const std::size_t loops = groups_.size();
+  if (numbers.size() < loops) return false;
+  std::size_t size = loops + bonds.state().size();
+  for (const GrowthWatch& watch : growth_) size += watch.state_size();
+  for (std::size_t g = 0; g < loops; ++g) {
+    const GroupSolver* const solver = solver_of(g);
+    const auto gauge = std::ranges::find(gauges_, g, &Gauge::loop);
+    const bool is_solved = numbers[g] == 1;
+    if (!is_solved && numbers[g] != 0) return false;
+    if (is_solved) size += solver != nullptr ? solver->state_size() : gauge != gauges_.end() ? gauge->solver->state_size() : 0;
+    if (is_solved != (solver != nullptr) && gauge == gauges_.end()) return false;  // this loop never changes
+  }
+  return size == numbers.size();
 }
 
 std::vector<LoopReport> Engine::measure_loops(Time start, std::size_t most_unknowns) {
@@ -129,9 +340,11 @@ std::vector<LoopReport> Engine::measure_loops(Time start, std::size_t most_unkno
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     LoopReport& loop = result[g];
     if (loop.unmeasurable || loop.unknowns > most_unknowns) continue;
-    const Watch watched = watch(g);
-    loop.gain = watched.solver->loop_gain(start, first_tick());
-    if (!std::isnan(loop.gain)) loop.border = stability_border(*watched.solver, start, first_tick(), loop.gain);
+    const Gauge measured = gauge(g);
+    loop.gain = measured.solver->loop_gain(start, first_tick());
+    if (std::isnan(loop.gain)) continue;
+    loop.grows = measure_growth(*measured.steps, start, first_tick(), kFirstTrial).grows;
+    loop.border = stability_border(*measured.steps, start, first_tick());
   }
   return result;
 }
@@ -145,7 +358,6 @@ std::vector<LoopReport> Engine::loops() const {
 }
 
 std::vector<std::string> Engine::loop_warnings() const {
-  constexpr double kDoubtfulGain = 0.5;  // of a loop that steps explicitly
   std::vector<std::string> warnings;
   for (const LoopReport& loop : loops_) {
     if (!loop.solved && loop.gain > kDoubtfulGain) {

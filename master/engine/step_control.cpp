@@ -34,23 +34,22 @@ int most_parts_of(const Tick& tick) { return static_cast<int>(std::min<std::int6
 void Checkpoint::take(std::int64_t tick, std::span<const Member> members, const Engine& engine) {
   tick_ = tick;
   snapshots_.resize(members.size());
-  progress_.clear();
+  progress_.resize(members.size());
   for (const Slot& slot : engine.schedule.slots) {
     const Member& member = members[slot.member];
     if (!slot.once) snapshots_[slot.member].take(member.variables(), *slot.unit);
-    progress_.push_back({slot.time, slot.last_step});
+    progress_[slot.member] = {slot.time, slot.last_step};
   }
   engine.events.save(events_);
   engine.save_coupling(coupling_);
 }
 
 void Checkpoint::restore(std::span<const Member> members, Engine& engine) const {
-  for (std::size_t i = 0; i < progress_.size(); ++i) {
-    Slot& slot = engine.schedule.slots[i];
+  for (Slot& slot : engine.schedule.slots) {
     if (slot.once) continue;
     snapshots_[slot.member].restore(members[slot.member].variables(), *slot.unit);
-    slot.time = progress_[i].time;
-    slot.last_step = progress_[i].last_step;
+    slot.time = progress_[slot.member].time;
+    slot.last_step = progress_[slot.member].last_step;
   }
   engine.events.restore(events_);
   engine.restore_coupling(coupling_);
@@ -76,9 +75,9 @@ void Checkpoint::read(ByteReader& in, std::span<const Member> members, const Eng
   if (in.count(sizeof(std::uint64_t)) != members.size()) in.fail("has the states of other units");
   snapshots_.clear();
   for (std::size_t m = 0; m < members.size(); ++m) snapshots_.push_back(Snapshot::deserialise(in.text()));
-  if (in.count(2 * sizeof(std::int64_t)) != schedule.slots.size()) in.fail("has the states of other units");
+  if (in.count(2 * sizeof(std::int64_t)) != members.size()) in.fail("has the states of other units");
   progress_.clear();
-  for (std::size_t i = 0; i < schedule.slots.size(); ++i) {
+  for (std::size_t m = 0; m < members.size(); ++m) {
     const Time time{in.value<std::int64_t>()};
     const Duration last{in.value<std::int64_t>()};
     if (time < schedule.time(0) || time > schedule.time(tick_) || last.ns < 0) in.fail("has impossible times of steps");
@@ -86,13 +85,17 @@ void Checkpoint::read(ByteReader& in, std::span<const Member> members, const Eng
   }
   events_.read(in);
   if (!engine.events.is_valid(events_)) in.fail("is amid other events");
-  if (in.count(sizeof(double)) != engine.coupling_size()) in.fail("has other loops");
-  coupling_.resize(engine.coupling_size());
-  for (double& number : coupling_) number = in.value<double>();
+  coupling_ = in.list<double>();
+  if (!engine.is_coupling(coupling_)) in.fail("has other loops");
 }
 
-StepControl::StepControl(Engine& engine, std::span<const Member> members, double tolerance, Recall recall)
-    : engine_(engine), members_(members), recall_(std::move(recall)), discarded_by_(members.size()), tolerance_(tolerance) {
+StepControl::StepControl(Engine& engine, std::span<const Member> members, double tolerance, Recall recall, bool repeats)
+    : engine_(engine),
+      members_(members),
+      recall_(std::move(recall)),
+      discarded_by_(members.size()),
+      repeats_(repeats),
+      tolerance_(tolerance) {
   const auto found = std::ranges::find_if(members, [](const Member& m) { return !m.instance.unit->restorable(); });
   if (found != members.end()) {
     not_restorable_ = &*found;
@@ -110,13 +113,44 @@ void StepControl::initialise() {
   next_ = {};
 }
 
-void StepControl::take_checkpoint(std::int64_t tick) {
+bool StepControl::take_checkpoint(std::int64_t tick) {
+  const std::int64_t regular = (checkpoint_.tick() / kCheckpointEvery + 1) * kCheckpointEvery;
+  const bool may_wait = checkpoint_.tick() >= 0 && next_checkpoint_ >= regular && tick < regular + kMostWaiting;
+  if (may_wait && engine_.is_rising() && engine_.may_change()) {
+    next_checkpoint_ = tick + 1;
+    return false;
+  }
   if (tick > 0 && tick % kWatchEvery == 0 && !input_error_) {
     const Tick next = engine_.schedule.tick(tick);
-    engine_.watch_loops(next.end - next.begin);
+    if (const auto remedy = engine_.watch_loops(next.begin, next.end - next.begin)) engine_.apply(*remedy);
   }
   checkpoint_.take(tick, members_, engine_);
   find_next_checkpoint(tick);
+  return true;
+}
+
+std::size_t StepControl::end_growth(const Tick& tick) {
+  constexpr int kMostTimes = 3;
+  const std::optional<Engine::Remedy> remedy = engine_.find_remedy(tick.end, tick.end - tick.begin);
+  if (!remedy) return Engine::kNoSlot;
+  const std::int64_t from = checkpoint_.tick();
+  times_rewound_ = std::exchange(last_rewound_, from) == from ? times_rewound_ + 1 : 1;
+  if (not_restorable_ != nullptr || times_rewound_ > kMostTimes) {  // or remedies that alternate
+    engine_.apply(*remedy);
+    return Engine::kNoSlot;
+  }
+  restore_checkpoint();
+  engine_.apply(*remedy);
+  checkpoint_.take(from, members_, engine_);
+  find_next_checkpoint(from);
+  if (!repeats_) {
+    rewound_ = from;
+    return Engine::kNoSlot;
+  }
+  std::size_t discarded_by = Engine::kNoSlot;
+  for (std::int64_t past = from; past <= tick.index && discarded_by == Engine::kNoSlot; ++past)
+    discarded_by = step(recall_(past));
+  return discarded_by;
 }
 
 void StepControl::find_next_checkpoint(std::int64_t tick) {
@@ -131,13 +165,17 @@ void StepControl::replay_until(std::int64_t tick) {
   for (std::int64_t past = checkpoint_.tick(); past < tick; ++past) {
     const Tick again = recall_(past);
     const std::size_t discarded_by = engine_.step(again);
-    if (discarded_by == Engine::kNoSlot) continue;
+    if (discarded_by == Engine::kNoSlot) {
+      engine_.watch_growth();
+      continue;
+    }
     throw Error("'" + engine_.name(discarded_by) + "' discards at t = " + text::to_text(again.begin.seconds()) +
                 " s a step that it has made before: its declared variables do not contain its whole state");
   }
   recall_(tick);
   careful_until_ = tick + kCarefulTicks;
-  take_checkpoint(tick);
+  checkpoint_.take(tick, members_, engine_);
+  find_next_checkpoint(tick);
 }
 
 std::size_t StepControl::step_in_parts(const Tick& tick, std::size_t discarded_by) {
@@ -241,6 +279,7 @@ void StepControl::write(ByteWriter& out) const {
 
 std::int64_t StepControl::restore(ByteReader& in) {
   checkpoint_.read(in, members_, engine_);
+  restore_checkpoint();
   careful_until_ = in.value<std::int64_t>();
   if (in.count(sizeof(std::int64_t)) != discarded_by_.size()) in.fail("has the states of other units");
   for (std::int64_t& count : discarded_by_) count = in.value<std::int64_t>();
@@ -250,7 +289,6 @@ std::int64_t StepControl::restore(ByteReader& in) {
   engine_.read_counts(in);
   if ((in.value<std::uint8_t>() != 0) != input_error_.has_value()) in.fail("is of another tolerance");
   if (input_error_) input_error_->read(in);
-  restore_checkpoint();
   find_next_checkpoint(checkpoint_.tick());
   return checkpoint_.tick();
 }

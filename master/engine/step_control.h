@@ -15,6 +15,7 @@ inline constexpr int kMostParts = 1024;  // into which a tick is cut; fewer wher
 /// Ticks between two checkpoints. A Model Exchange solver restarts where it is saved: a run and the same scenario as one FMU
 /// have the same bits only if both save at the same ticks.
 inline constexpr std::int64_t kCheckpointEvery = 256;
+inline constexpr std::int64_t kMostWaiting = 64;  // ticks that a checkpoint may come later
 
 /// The state of a whole system at the beginning of a tick.
 class Checkpoint {
@@ -37,7 +38,7 @@ class Checkpoint {
   };
   std::int64_t tick_ = -1;
   std::vector<Snapshot> snapshots_;
-  std::vector<Progress> progress_;  // per slot
+  std::vector<Progress> progress_;  // per member
   Events::State events_;
   std::vector<double> coupling_;
 };
@@ -48,15 +49,16 @@ class StepControl {
   /// Returns the times of a past tick, and sets the inputs that were written from outside before it.
   using Recall = std::function<Tick(std::int64_t)>;
 
-  /// `tolerance`: 0 for none.
-  StepControl(Engine& engine, std::span<const Member> members, double tolerance, Recall recall);
+  /// `tolerance`: 0 for none. `repeats`: see step().
+  StepControl(Engine& engine, std::span<const Member> members, double tolerance, Recall recall, bool repeats);
 
   /// After the engine's initialise. Takes a first checkpoint, if all units can be restored, so that later ones allocate nothing.
   void initialise();
 
   /// The tick from which on take_checkpoint() is due; never if a unit cannot be restored.
   std::int64_t next_checkpoint() const { return next_checkpoint_; }
-  void take_checkpoint(std::int64_t tick);
+  /// Returns false if it waits, for at most kMostWaiting ticks, because values of a loop begin to grow.
+  bool take_checkpoint(std::int64_t tick);
   /// Values were changed or restored from outside: earlier ticks cannot be replayed. The next tick begins with a checkpoint.
   void forget() {
     if (not_restorable_ == nullptr) next_checkpoint_ = careful_until_ = 0;
@@ -69,11 +71,19 @@ class StepControl {
   /// Steps the tick, where a unit discards it in 2, 4 … kMostParts parts; with a tolerance in steps of free length that end at
   /// events and at the end of the tick. Returns Engine::kNoSlot, or the slot that discarded the smallest parts (the first try
   /// where a unit cannot be restored). `timed`: see Engine::step. Throws Error where a tick cannot be replayed.
+  ///
+  /// Where values of a loop grow and a remedy is found (Engine::find_remedy), the state of the last checkpoint is restored, with the
+  /// remedy: rewound() has its tick, which is the next one to be stepped. With `repeats`, the ticks since then are repeated here instead.
   std::size_t step(const Tick& tick, bool timed = false) {
-    if (input_error_) return step_to_tolerance(tick, timed);
-    const std::size_t discarded_by = engine_.step(tick, 1, timed);
-    return discarded_by == Engine::kNoSlot ? discarded_by : step_in_parts(tick, discarded_by);
+    rewound_.reset();
+    std::size_t discarded_by = input_error_ ? step_to_tolerance(tick, timed) : engine_.step(tick, 1, timed);
+    if (discarded_by != Engine::kNoSlot && !input_error_) discarded_by = step_in_parts(tick, discarded_by);
+    if (discarded_by == Engine::kNoSlot && engine_.watch_growth()) [[unlikely]]
+      return end_growth(tick);
+    return discarded_by;
   }
+  /// The tick to which the last step() has gone back.
+  std::optional<std::int64_t> rewound() const { return rewound_; }
 
   std::int64_t discarded() const;
   /// Per member.
@@ -96,6 +106,7 @@ class StepControl {
 
  private:
   std::size_t step_in_parts(const Tick& tick, std::size_t discarded_by);
+  std::size_t end_growth(const Tick& tick);
   std::size_t step_to_tolerance(const Tick& tick, bool timed);
   Duration length(Duration left) const;
   void choose_next(Duration made, double error, Duration shortest, Duration longest);
@@ -113,6 +124,10 @@ class StepControl {
   std::int64_t careful_until_ = 0;  // every tick before this one begins with a checkpoint
   std::vector<std::int64_t> discarded_by_;
   int most_parts_ = 1;
+  bool repeats_;
+  std::optional<std::int64_t> rewound_;
+  std::int64_t last_rewound_ = -1;
+  int times_rewound_ = 0;  // to this tick
 
   // With a tolerance.
   double tolerance_;

@@ -93,6 +93,8 @@ std::string members_of(const LoopReport& loop) {
 
 void write_loop(std::ostream& out, const LoopReport& loop) {
   out << "loop " << members_of(loop) << ": " << (loop.solved ? "implicit" : "explicit");
+  if (loop.solved && std::isfinite(loop.solved_from))
+    out << " from t = " << number(loop.solved_from, 6) << " s on, because explicit steps let its values grow";
   if (loop.algebraic) out << ", without delay";
   if (std::isfinite(loop.gain)) out << ", gain " << number(loop.gain, 3) << " in a tick";
   if (!loop.solved && loop.unmeasurable) out << ", gain not measured: a unit has no cheap way back (FMU: rollback=true)";
@@ -377,6 +379,7 @@ void write_json(std::ostream& out, const Summary& s, const Outcome& outcome) {
   for (const LoopReport& loop : s.loops) {
     j["loops"].push_back({{"members", loop.members},
                           {"coupling", loop.solved ? "implicit" : "explicit"},
+                          {"solved_from", finite(loop.solved_from)},
                           {"algebraic", loop.algebraic},
                           {"gain", finite(loop.gain)},
                           {"steps", loop.counts.steps},

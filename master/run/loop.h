@@ -60,6 +60,8 @@ class Master::Loop {
   void record(Time now);
   [[noreturn]] void fail_discarded(std::size_t slot) const;
   void take_checkpoint();
+  void keep_past();
+  void rewind();
   void pass_state();
   std::uint64_t hash_of_values() const;
   std::string why_unsavable();
@@ -72,12 +74,12 @@ class Master::Loop {
   std::vector<std::string> omissions_;
   Pace pace_;
   std::vector<Column> columns_;
-  Statistics statistics_;
+  Statistics statistics_, past_statistics_;  // past: at the last checkpoint
   bool has_statistics_;
   bool waits_;                       // for the clock
   std::filesystem::path recording_;  // empty if there is none
   std::unique_ptr<Recorder> recorder_;
-  std::int64_t next_row_ = kNever;  // the tick at whose beginning it is sampled
+  std::int64_t next_row_ = kNever, past_next_row_ = kNever;  // the tick at whose beginning it is sampled
   Initialisation initialisation_;
 
   TickTimes times_;
@@ -92,7 +94,7 @@ class Master::Loop {
   bus::RunObserver* observer_ = nullptr;
   std::shared_ptr<bus::RunPage> page_;
   std::unique_ptr<LiveLoop> live_;  // nullptr: nobody observes the run
-  bool saves_anywhere_ = true;      // saving a unit does not change its later steps
+  bool saves_anywhere_ = true;      // saving the units does not change the later steps
   std::string unsavable_;
   std::uint64_t beginning_ = 0;
   double earlier_seconds_ = 0;  // of processes before this one

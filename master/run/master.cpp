@@ -81,11 +81,13 @@ Master::Loop::Loop(Scenario scenario, MasterOptions options)
     : scenario_(std::move(scenario)),
       members_(load(scenario_, options)),
       engine_(scenario_, members_, options.threads.value_or(scenario_.threads), options.always_threads),
-      control_(engine_, members_, scenario_.tolerance, [this](std::int64_t tick) { return engine_.schedule.tick(tick); }),
+      control_(
+          engine_, members_, scenario_.tolerance, [this](std::int64_t tick) { return engine_.schedule.tick(tick); }, false),
       omissions_(find_omissions(scenario_, members_, engine_.links)),
       pace_(scenario_, members_, std::move(options.clock), options.host),
       columns_(choose_columns(scenario_, members_, &pace_.variables())),
       statistics_(scenario_, members_, columns_),
+      past_statistics_(statistics_),
       has_statistics_(!statistics_.empty()),
       waits_(pace_.waits()),
       before_results_(std::move(options.before_results)),
@@ -113,18 +115,25 @@ void Master::Loop::initialise() {
   control_.initialise();
   beginning_ = hash_of_values();
   unsavable_ = why_unsavable();
+  if (engine_.may_change()) saves_anywhere_ = false;
   begin_observation();
   if (resume_) restore(*resume_);
   times_.begin_run(ticks(), tick_);
   if (before_results_) before_results_();
   if (!recording_.empty()) {
-    Recorder::Options options{!pace_.real_time(), Recorder::Options{}.ring_bytes, {}};
+    Recorder::Options options;
+    options.may_wait = !pace_.real_time();
+    if (engine_.may_change()) {
+      options.holds = true;
+      options.least_rows = static_cast<std::size_t>(kCheckpointEvery + kMostWaiting) + 2;
+    }
     if (resume_) options.kept = resume_->recording;
     recorder_ = std::make_unique<Recorder>(columns_, recording_, options);
     if (!resume_) next_row_ = tick_;
   }
   if (!resume_) observe(now());
   resume_.reset();
+  keep_past();
   begun_ = std::chrono::steady_clock::now();
   running_ = true;
   if (live_) {
@@ -204,8 +213,25 @@ void Master::Loop::save(std::function<void(RunState)> take) {
 }
 
 void Master::Loop::take_checkpoint() {
-  control_.take_checkpoint(tick_);
+  if (!control_.take_checkpoint(tick_)) return;
+  keep_past();
   if (state_taker_) pass_state();
+}
+
+/// What belongs to the checkpoint beside the units.
+void Master::Loop::keep_past() {
+  if (!engine_.may_change()) return;
+  past_statistics_ = statistics_;
+  past_next_row_ = next_row_;
+  if (recorder_) recorder_->commit();
+}
+
+/// Goes back to the last checkpoint, because a loop is stepped in another way from there on.
+void Master::Loop::rewind() {
+  tick_ = *control_.rewound();
+  statistics_ = past_statistics_;
+  next_row_ = past_next_row_;
+  if (recorder_) recorder_->rewind();
 }
 
 void Master::Loop::pass_state() {
@@ -283,6 +309,8 @@ inline bool Master::Loop::step_tick() {
     live_->end_tick(tick_);
   if (timed) times_.end_tick(tick.index, engine_);
   if (waits_) pace_.end_tick();
+  if (control_.rewound()) [[unlikely]]
+    rewind();
   return true;
 }
 

@@ -277,7 +277,7 @@ class Recorder::Writer {
 };
 
 Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Options options)
-    : file_(std::move(file)), may_wait_(options.may_wait) {
+    : file_(std::move(file)), may_wait_(options.may_wait), holds_(options.holds) {
   std::string heading = "time";
   std::vector<bool> integral;
   for (const Column& column : columns) {
@@ -301,8 +301,8 @@ Recorder::Recorder(std::vector<Column> columns, std::filesystem::path file, Opti
     for (const std::string& name : column.names) heading += "," + csv_field(name);
   }
   heading += '\n';
-  const std::size_t rows = std::max<std::size_t>(64, options.ring_bytes / sizeof(double) / (width_ + 1));
-  capacity_ = std::bit_floor(rows);
+  const std::size_t rows = std::max(options.least_rows, options.ring_bytes / sizeof(double) / (width_ + 1));
+  capacity_ = options.holds ? std::bit_ceil(rows) : std::bit_floor(rows);
   ring_ = std::make_unique<double[]>(capacity_ * (width_ + 1));  // zeroed, so that the loop causes no page faults
   room_until_ = capacity_;
 
@@ -362,15 +362,16 @@ int Recorder::reopen_file(const std::string& heading, const Kept& kept) {
 Recorder::~Recorder() {
   saved_.reset();
   if (!thread_.joinable()) return;
+  commit();
   closing_ = true;
   thread_.join();
 }
 
 void Recorder::sample(Time now) {
-  const std::uint64_t head = head_.load(std::memory_order_relaxed);
-  if (head == room_until_) {
+  if (next_ == room_until_) {
     std::uint64_t tail = tail_.load(std::memory_order_acquire);
-    while (tail + capacity_ == head) {
+    if (tail + capacity_ == next_) commit();
+    while (tail + capacity_ == next_) {
       if (!may_wait_) {
         ++dropped_;
         return;
@@ -381,9 +382,16 @@ void Recorder::sample(Time now) {
     room_until_ = tail + capacity_;
   }
   if (failure_.load(std::memory_order_relaxed) != 0) throw_failure();
-  copy_row(now, ring_.get() + (head & (capacity_ - 1)) * (width_ + 1));
-  head_.store(head + 1, std::memory_order_release);
+  copy_row(now, ring_.get() + (next_ & (capacity_ - 1)) * (width_ + 1));
+  ++next_;
   ++sampled_;
+  if (!holds_) commit();
+}
+
+void Recorder::rewind() {
+  const std::uint64_t head = head_.load(std::memory_order_relaxed);
+  sampled_ -= static_cast<std::int64_t>(next_ - head);
+  next_ = head;
 }
 
 template <class T>
@@ -401,6 +409,7 @@ void Recorder::copy_row(Time now, double* row) const {
 void Recorder::close() {
   saved_.reset();
   if (!thread_.joinable()) return;
+  commit();
   closing_.store(true, std::memory_order_release);
   thread_.join();
   writer_->close();
@@ -412,6 +421,7 @@ void Recorder::close() {
 void Recorder::save(void* self) noexcept {
   auto& recorder = *static_cast<Recorder*>(self);
   if (pthread_equal(pthread_self(), recorder.thread_.native_handle()) != 0) return;
+  recorder.commit();
   recorder.closing_.store(true, std::memory_order_release);
   constexpr timespec kNap{0, 2'000'000};
   for (int i = 0; i < 5'000 && !recorder.ended_.load(std::memory_order_acquire); ++i) nanosleep(&kNap, nullptr);

@@ -42,6 +42,9 @@ class Recorder {
   struct Options {
     bool may_wait = true;  // if the ring is full: wait for the writer; false: drop the row
     std::size_t ring_bytes = std::size_t{16} << 20;
+    std::size_t least_rows = 64;  // that the ring has room for
+    bool holds =
+        false;  // rows are held back until commit(), so that rewind() can drop them; but where the ring is full, and in a crash
     std::optional<Kept> kept = {};  // cut the existing recording and append to it
   };
 
@@ -54,12 +57,17 @@ class Recorder {
 
   /// Allocates nothing. Throws Error if an earlier row could not be written (disk full).
   void sample(Time now);
+  /// Lets the rows so far be written.
+  void commit() { head_.store(next_, std::memory_order_release); }
+  /// Drops the rows since the last commit().
+  void rewind();
   /// Writes the remaining rows and closes the file. Throws Error as sample(). May be called repeatedly.
   void close();
 
   /// Requests the position in the file where the rows so far end. Call on the sampling thread, and again only after
   /// sync_to_mark() has returned.
   void mark() {
+    commit();
     marked_bytes_.store(kNoMark, std::memory_order_relaxed);
     mark_.store(head_.load(std::memory_order_relaxed), std::memory_order_release);
   }
@@ -107,7 +115,9 @@ class Recorder {
   std::atomic<int> failure_{0};                       // errno of a write that failed
   std::atomic<std::uint64_t> mark_{kNoMark};          // rows for which marked_bytes_ is requested
   std::atomic<std::uint64_t> marked_bytes_{kNoMark};  // written by the writer
-  std::uint64_t room_until_ = 0;                      // value of head_ up to which the ring has room
+  bool holds_;
+  std::uint64_t next_ = 0;        // rows sampled: head_, and those that are held back
+  std::uint64_t room_until_ = 0;  // value of next_ up to which the ring has room
   std::unique_ptr<Writer> writer_;
   std::thread thread_;
   std::atomic<bool> ended_{false};  // the writer has written everything

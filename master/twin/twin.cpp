@@ -50,11 +50,14 @@ Twin::Twin(Scenario scenario, std::vector<Member> members, const std::set<std::s
 void Twin::build_engine() {
   control_.reset();
   engine_.emplace(scenario_, members_, 1, false);
-  control_.emplace(*engine_, members_, 0, [this](std::int64_t tick) {
-    const Past& p = past(tick);
-    p.outside.write(outside_);
-    return Tick{tick, p.begin, p.end};
-  });
+  control_.emplace(
+      *engine_, members_, 0,
+      [this](std::int64_t tick) {
+        const Past& p = past(tick);
+        p.outside.write(outside_);
+        return Tick{tick, p.begin, p.end};
+      },
+      true);
 }
 
 Role Twin::role_of(const std::string& name, const Variable& variable) const {
@@ -109,7 +112,7 @@ void Twin::initialise(Time start) {
   build_engine();
   engine_->initialise(start);
   tick_ = 0;
-  if (control_->not_restorable() == nullptr) past_.resize(kCheckpointEvery);
+  if (control_->not_restorable() == nullptr) past_.resize(static_cast<std::size_t>(kCheckpointEvery + kMostWaiting));
   for (Past& p : past_) p.outside.take(outside_);  // so that steps allocate nothing
   control_->initialise();
   control_->forget();
@@ -166,9 +169,9 @@ void Twin::restored() {
 void Twin::save_memory(std::string& bytes) {
   ByteWriter out;
   out.value(tick_);
-  for (const Slot& slot : engine_->schedule.slots) {
-    out.value(slot.time.ns);
-    out.value(slot.last_step.ns);
+  for (const std::size_t slot : engine_->schedule.slot_of) {
+    out.value(engine_->schedule.slots[slot].time.ns);
+    out.value(engine_->schedule.slots[slot].last_step.ns);
   }
   Events::State events;
   engine_->events.save(events);
@@ -187,15 +190,15 @@ void Twin::save_memory(std::string& bytes) {
 void Twin::restore_memory(const std::string& bytes) {
   ByteReader in(as_bytes(bytes), "state of the scenario");
   tick_ = in.value<std::int64_t>();
-  for (Slot& slot : engine_->schedule.slots) {
-    slot.time.ns = in.value<std::int64_t>();
-    slot.last_step.ns = in.value<std::int64_t>();
+  for (const std::size_t slot : engine_->schedule.slot_of) {
+    engine_->schedule.slots[slot].time.ns = in.value<std::int64_t>();
+    engine_->schedule.slots[slot].last_step.ns = in.value<std::int64_t>();
   }
   Events::State events;
   events.read(in);
   if (!engine_->events.is_valid(events)) in.fail("is damaged: its events are not those of the scenario");
   const auto coupling = in.list<double>();
-  if (coupling.size() != engine_->coupling_size()) in.fail("is damaged: its loops are not those of the scenario");
+  if (!engine_->is_coupling(coupling)) in.fail("is damaged: its loops are not those of the scenario");
   for (const Member& member : members_) member.instance.unit->restore_memory(in.text());
   in.expect_end();
   engine_->restore_coupling(coupling);

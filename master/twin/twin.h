@@ -49,7 +49,7 @@ class Twin final : public Unit {
   void build_engine();
   Role role_of(const std::string& name, const Variable& variable) const;
   bool step_tick(Time begin, Time end);
-  Past& past(std::int64_t tick) { return past_[static_cast<std::size_t>(tick % kCheckpointEvery)]; }
+  Past& past(std::int64_t tick) { return past_[static_cast<std::size_t>(tick) % past_.size()]; }
 
   Scenario scenario_;
   std::vector<Member> members_;

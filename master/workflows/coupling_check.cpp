@@ -76,16 +76,19 @@ std::string facts_of(const LoopReport& loop, double tick) {
 
 Finding judge(const LoopReport& loop, const Scenario& scenario, const std::string& place) {
   const std::string facts = place + facts_of(loop, scenario.tick.seconds()) + "; ";
+  const bool diverges = loop.border <= scenario.tick.seconds();
   switch (scenario.coupling) {
-    case CouplingChoice::kAuto:
-      return {Finding::Level::kNote, facts + (loop.needs_solving() ? "coupling=auto solves it" : "coupling=auto steps it so")};
+    case CouplingChoice::kAuto: {
+      const char* steps = diverges ? "coupling=auto steps it so until its values grow" : "coupling=auto steps it so";
+      return {Finding::Level::kNote, facts + (loop.needs_solving() ? "coupling=auto solves it" : steps)};
+    }
     case CouplingChoice::kImplicit:
       return {Finding::Level::kNote,
               facts + "coupling=implicit solves it" + (loop.needs_solving() ? "" : ", which it does not need")};
     case CouplingChoice::kExplicit:
       break;
   }
-  if (loop.algebraic || !(loop.gain < 1)) {
+  if (loop.algebraic || diverges || !(loop.gain < 1)) {
     const bool smaller_tick = !loop.algebraic && loop.border > 0;
     return {Finding::Level::kWarning,
             facts + "expected coupling=auto or implicit" + (smaller_tick ? ", or a tick well below that" : "")};
@@ -121,7 +124,11 @@ std::vector<Finding> check_coupling(const Scenario& scenario, std::span<Member> 
           std::to_string(kMostUnknowns) +
           (unknowns > kMostMeasured ? "; coupling=auto does not measure it either" : "; coupling=auto measures it in the run"));
     } else if (const Member* member = without_way_back(groups[g], members)) {
-      note(advice_without_rollback(member->name(), scenario.coupling));
+      const bool wrong = scenario.coupling != CouplingChoice::kImplicit && is_declared_algebraic(links, members, groups[g]);
+      const std::string fact =
+          wrong ? "its values depend on one another without delay, and each step uses those of the last one; " : "";
+      findings.push_back({wrong ? Finding::Level::kWarning : Finding::Level::kNote,
+                          place + fact + advice_without_rollback(member->name(), scenario.coupling)});
     } else if (hinders != members.end()) {
       note("its gain is not measured here, because '" + hinders->name() +
            "' has no cheap way back and check does not run it; coupling=auto measures it in the run");
@@ -129,6 +136,20 @@ std::vector<Finding> check_coupling(const Scenario& scenario, std::span<Member> 
       note("its gain is not known, because a unit cannot step over a whole tick from the start; coupling=auto solves it");
     } else {
       findings.push_back(judge(loops[g], scenario, place));
+    }
+  }
+  for (const std::vector<std::size_t>& group : unsolvable_groups(links, members)) {
+    const auto stays = std::ranges::find_if(group, [&](std::size_t m) { return !members[m].instance.unit->restorable(); });
+    const std::string fact =
+        "'" + members[*stays].name() + "' cannot be restored, so that the loop is neither measured nor solved";
+    if (is_declared_algebraic(links, members, group)) {
+      findings.push_back(
+          {Finding::Level::kWarning,
+           place_of(group, links, members) +
+               "its values depend on one another without delay, and each step uses those of the last one, because " + fact +
+               "; expected rollback=true in the source of an FMU that can get and set its state"});
+    } else {
+      findings.push_back({Finding::Level::kNote, place_of(group, links, members) + fact});
     }
   }
   return findings;

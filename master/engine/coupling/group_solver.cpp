@@ -2,8 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
+#include <utility>
 
+#include "master/engine/coupling/held_rules.h"
+#include "master/engine/coupling/step_growth.h"
 #include "master/engine/wiring/arrangement.h"
 #include "models/foundation/support/error.h"
 #include "models/foundation/support/text.h"
@@ -13,11 +17,9 @@ namespace cotwin::master {
 namespace {
 
 constexpr double kIncrement = 1e-4;     // of an unknown for the Jacobian, relative to its scale
-constexpr double kSmallScale = 1e-3;    // of an unknown whose nominal value is not declared, in its SI measure
 constexpr double kNoiseOfSteps = 1e-9;  // of units that choose their own steps, relative
 constexpr double kMostRelaxed = 1e-2;   // tolerance of Newton's method / that of the scenario
 constexpr std::int64_t kShort = 16;     // full step / short step, to find inputs that act without delay
-constexpr double kStiff = 0.3;          // gain of a loop in a step above which held inputs are not means
 constexpr double kNoDelay = 0.25;       // smallest change in the short step / change in the full step of such an input
 
 /// Largest magnitude of the eigenvalues of `power`, by Gelfand's formula: ‖A^k‖^(1/k). Changes its arguments.
@@ -61,7 +63,7 @@ GroupSolver::GroupSolver(std::span<Slot> slots, std::span<const Member> members,
   };
   const Eigen::Index n = newton_.jacobian().rows();
   x_ = first_x_ = probe_ = changed_ = slope_ = y_ = Eigen::VectorXd::Zero(n);
-  scale_ = Eigen::VectorXd::Constant(n, kSmallScale);
+  scale_ = Eigen::VectorXd::Zero(n);
   power_ = square_ = Eigen::MatrixXd::Zero(n, n);
   for (const Link& link : links) {
     const std::size_t to = slot_of(link.to.member), from = slot_of(link.from.member);
@@ -80,7 +82,7 @@ void GroupSolver::add(const Link& link, std::size_t from, std::size_t to) {
   for (std::size_t e = 0; e < sources.size(); ++e) {
     auto known = std::ranges::find_if(unknowns_, [&](const Unknown& u) { return u.value == &sources[e]; });
     if (known == unknowns_.end()) {
-      if (link.from.variable->nominal > 0) scale_[index(unknowns_.size())] = link.from.variable->nominal;
+      scale_[index(unknowns_.size())] = magnitude_of(*link.from.variable);
       units_[from].outputs.push_back(unknowns_.size());
       unknowns_.push_back({&sources[e], link.derivative.empty() ? nullptr : &link.derivative[e], {}});
       known = unknowns_.end() - 1;
@@ -89,8 +91,7 @@ void GroupSolver::add(const Link& link, std::size_t from, std::size_t to) {
     if (!std::ranges::binary_search(readers, to)) readers.insert(std::ranges::upper_bound(readers, to), to);
     const bool held = rate.empty();
     units_[to].inputs.push_back({&targets[e], held ? nullptr : &rate[link.to.first + e],
-                                 static_cast<std::size_t>(known - unknowns_.begin()), link.factor, link.offset,
-                                 held ? Way::kEnd : Way::kRamp});
+                                 static_cast<std::size_t>(known - unknowns_.begin()), link.factor, link.offset});
     holds_ = holds_ || held;
   }
 }
@@ -137,17 +138,11 @@ void GroupSolver::restore_all() {
 void GroupSolver::set_inputs(PerSlot& unit, const Eigen::VectorXd& x, Duration h) {
   for (const Input& input : unit.inputs) {
     const double end = input.at_end(x);
-    switch (input.way) {
-      case Way::kRamp:
-        *input.to = input.begin;
-        *input.rate = (end - input.begin) / h.seconds();
-        break;
-      case Way::kMean:
-        *input.to = 0.5 * (input.begin + end);
-        break;
-      case Way::kEnd:
-        *input.to = end;
-        break;
+    if (input.rate != nullptr) {
+      *input.to = input.begin;
+      *input.rate = (end - input.begin) / h.seconds();
+    } else {
+      *input.to = input.share * end + (1 - input.share) * input.begin;
     }
   }
 }
@@ -188,23 +183,28 @@ bool GroupSolver::evaluate(const Eigen::VectorXd& x, Eigen::VectorXd& y) {
 
 double GroupSolver::increment(std::size_t unknown) const { return kIncrement * scale_[index(unknown)]; }
 
-/// Probes with held inputs at their values at the end of the step. Then decides which of them are means: where the loop is not
-/// stiff, those that act with delay, so that the step is of second order. In stiff loops the end values damp what the step does
-/// not resolve.
+/// Probes with held inputs at their values at the end of the step, then gives them their share of it. Without a rule that is the mean where
+/// the loop is not stiff, so that the step is of second order; in stiff loops the end values damp what the step does not resolve.
 bool GroupSolver::linearise(const Eigen::VectorXd& x, Eigen::VectorXd& y, Eigen::MatrixXd& jacobian) {
   bool changed = false;
   for (PerSlot& unit : units_) {
     for (Input& input : unit.inputs) {
-      changed = changed || input.way == Way::kMean;
-      if (input.way == Way::kMean) input.way = Way::kEnd;
+      changed = changed || input.share != 1;
+      input.share = 1;
     }
   }
   if (changed && !evaluate(x, y)) return false;
   if (!probe(x, y, jacobian)) return false;
   if (!holds_) return true;
-  power_ = jacobian;
-  if (!power_.allFinite() || spectral_radius(power_, square_) > kStiff) return true;
-  hold_means(x, jacobian);
+  HeldRule rule{0.5, false};
+  if (rule_.number >= 0) {
+    rule = kHeldRules[rule_.number];
+  } else {
+    power_ = jacobian;
+    if (!power_.allFinite() || spectral_radius(power_, square_) > kStiffGain) return true;
+  }
+  if (rule.share == 1) return true;
+  hold_shares(rule.share, rule.all, x, jacobian);
   return evaluate(x, y);
 }
 
@@ -224,18 +224,18 @@ bool GroupSolver::probe(const Eigen::VectorXd& x, const Eigen::VectorXd& y, Eige
   return true;
 }
 
-/// Lets a unit hold the mean of an unknown where all its outputs follow it with delay. Half of the mean is the value at the
+/// Lets the units hold `share` of an unknown where all their outputs follow it with delay, or everywhere. The rest is the value at the
 /// beginning of the step, which does not depend on x.
-void GroupSolver::hold_means(const Eigen::VectorXd& x, Eigen::MatrixXd& jacobian) {
+void GroupSolver::hold_shares(double share, bool all, const Eigen::VectorXd& x, Eigen::MatrixXd& jacobian) {
   for (std::size_t j = 0; j < unknowns_.size(); ++j) {
-    const auto is_held = [&](const Input& input) { return input.unknown == j && input.way != Way::kRamp; };
+    const auto is_held = [&](const Input& input) { return input.unknown == j && input.rate == nullptr; };
     probe_[index(j)] += increment(j);
     for (const std::size_t i : unknowns_[j].readers) {
-      if (std::ranges::none_of(units_[i].inputs, is_held) || !acts_with_delay(x, j, i, jacobian)) continue;
+      if (std::ranges::none_of(units_[i].inputs, is_held) || !(all || acts_with_delay(x, j, i, jacobian))) continue;
       for (Input& input : units_[i].inputs) {
-        if (is_held(input)) input.way = Way::kMean;
+        if (is_held(input)) input.share = share;
       }
-      for (const std::size_t k : units_[i].outputs) jacobian(index(k), index(j)) *= 0.5;
+      for (const std::size_t k : units_[i].outputs) jacobian(index(k), index(j)) *= share;
     }
     probe_[index(j)] = x[index(j)];
   }
@@ -310,7 +310,7 @@ const Slot* GroupSolver::step(Time begin, Time end, std::span<double> seconds) {
   seconds_ = seconds;
   finished_ = nullptr;
   for (Outside& outside : outside_) outside.begin = *outside.to;
-  int halvings = std::max(0, halvings_ - 1);
+  int halvings = std::max(rule_.least_halvings, halvings_ - 1);
   Time now = begin;
   while (now < end) {
     const Duration part{std::max<std::int64_t>(1, (end - begin).ns >> halvings)};
@@ -321,7 +321,7 @@ const Slot* GroupSolver::step(Time begin, Time end, std::span<double> seconds) {
       now = last ? end : now + part;
       for (const Outside& outside : outside_) *outside.to = outside.begin + *outside.rate * (now - begin).seconds();
       if (finished_ != nullptr) return nullptr;
-      if (halvings > 0) --halvings;
+      if (halvings > rule_.least_halvings) --halvings;
       continue;
     }
     if (halvings == kMostHalvings || part.ns == 1) {
@@ -362,7 +362,7 @@ std::size_t GroupSolver::state_size() const {
   const std::size_t n = unknowns_.size();
   std::size_t inputs = 0;
   for (const PerSlot& unit : units_) inputs += unit.inputs.size();
-  return n * n + 2 * n + inputs + 2;
+  return n * n + 2 * n + inputs + 4;
 }
 
 void GroupSolver::save(std::span<double> numbers) const {
@@ -372,10 +372,9 @@ void GroupSolver::save(std::span<double> numbers) const {
   put_all(scale_);
   put_all(slope_);
   for (const PerSlot& unit : units_) {
-    for (const Input& input : unit.inputs) *to++ = static_cast<double>(input.way);
+    for (const Input& input : unit.inputs) *to++ = input.share;
   }
-  *to++ = newton_.known() ? 1 : 0;
-  *to++ = halvings_;
+  for (const int number : {newton_.known() ? 1 : 0, halvings_, rule_.number, rule_.least_halvings}) *to++ = number;
 }
 
 void GroupSolver::restore(std::span<const double> numbers) {
@@ -388,14 +387,17 @@ void GroupSolver::restore(std::span<const double> numbers) {
   get_all(scale_);
   get_all(slope_);
   for (PerSlot& unit : units_) {
-    for (Input& input : unit.inputs) {
-      const double way = *from++;
-      if (input.way != Way::kRamp) input.way = way == static_cast<double>(Way::kMean) ? Way::kMean : Way::kEnd;
-    }
+    for (Input& input : unit.inputs) input.share = std::clamp(*from++, 0.0, 1.0);
   }
-  newton_.set_known(*from++ != 0);
-  const double halvings = *from++;
-  halvings_ = halvings >= 0 && halvings <= kMostHalvings ? static_cast<int>(halvings) : 0;
+  // A damaged checkpoint may have any number.
+  const auto integer = [&](int low, int high, int otherwise) {
+    const double number = *from++;
+    return number >= low && number <= high ? static_cast<int>(number) : otherwise;
+  };
+  newton_.set_known(integer(0, 1, 0) == 1);
+  halvings_ = integer(0, kMostHalvings, 0);
+  rule_.number = integer(-1, kHeldRuleCount - 1, -1);
+  rule_.least_halvings = integer(0, kMostRuleHalvings, 0);
 }
 
 }  // namespace cotwin::master

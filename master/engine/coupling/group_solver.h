@@ -1,6 +1,7 @@
 #pragma once
 #include <chrono>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -17,10 +18,8 @@ namespace cotwin::master {
 
 /// The implicit interface of a group. Unknown are the real outputs x at the end of the step that feed inputs within the group.
 /// An input goes linearly from its value at the beginning of the step to its value at the end. If its unit holds its inputs, it
-/// has the value at the end; or the mean of both, if no output at the end depends on it without delay and the loop is not stiff
-/// (chosen with each Jacobian). The units step
-/// from the same beginning until their outputs y(x) are x (class Newton). If that does not converge, or if a unit discards its
-/// step, the step is divided.
+/// has a mean of both, by the rule of choose_rule(). The units step from the same beginning until their outputs y(x) are x (class
+/// Newton). If that does not converge, or if a unit discards its step, the step is divided.
 class GroupSolver final : private CoupledOutputs {
  public:
   static constexpr int kMostHalvings = 10;
@@ -29,9 +28,32 @@ class GroupSolver final : private CoupledOutputs {
   /// of a step, relative.
   GroupSolver(std::span<Slot> slots, std::span<const Member> members, const std::vector<Link>& links, Bonds& bonds,
               double tolerance);
+  GroupSolver(const GroupSolver&) = delete;
+  GroupSolver& operator=(const GroupSolver&) = delete;
 
   /// Call after the initialisation of the units, so that steps allocate nothing.
   void prepare();
+  /// Chooses what the units that hold their inputs get in steps of length `h`: the first of these rules with which a small deviation does not
+  /// grow from the present state (measure_growth), or the one with which it grows least.
+  ///   0. The rule without this call: where the gain of the loop at a Jacobian is small, the mean of the values at both ends of the step (second
+  ///      order), else the value at the end. Inputs that an output at the end follows without delay get the value at the end.
+  ///   1. The mean, three quarters of the value at the end, the value at the end; in a stiff loop in the opposite order, because the value at the
+  ///      end damps what the step does not resolve.
+  ///   2. The value at the beginning, for inputs with delay; for all.
+  ///   3. The mean in steps of h/2 … h/16.
+  /// Changes nothing else.
+  void choose_rule(Time now, Duration h);
+  /// Whether a unit holds an input, so that a rule matters.
+  bool holds() const { return holds_; }
+  /// The rule that choose_rule() has chosen.
+  struct Rule {
+    int number = -1;         // −1: none
+    int least_halvings = 0;  // of a step
+    friend bool operator==(const Rule&, const Rule&) = default;
+  };
+  Rule rule() const { return rule_; }
+  /// Begins anew with the rule, without a Jacobian.
+  void set_rule(Rule rule);
   /// Steps all units from `begin` to `end`. Inputs from outside have been set. Returns nullptr, or the slot that discarded the
   /// smallest part of the step. `seconds`: if not empty, the time of each slot's steps is added. Throws Error naming the members
   /// if the outputs do not converge even in the smallest part, and for an Error of a unit.
@@ -57,23 +79,26 @@ class GroupSolver final : private CoupledOutputs {
 
  private:
   using SteadyClock = std::chrono::steady_clock;
+  class Trial;
 
   /// One element of an output that feeds inputs within the group.
   struct Unknown {
-    const double* value;
+    double* value;
     const double* derivative;          // nullptr: not declared
     std::vector<std::size_t> readers;  // slots of the group whose inputs it feeds, ascending
   };
-  enum class Way : std::uint8_t { kRamp, kMean, kEnd };
   /// One element of an input that an unknown feeds.
   struct Input {
     double* to;
-    double* rate;
+    double* rate;  // nullptr: the input is held
     std::size_t unknown;
     double factor, offset;
-    Way way;
-    double begin = 0;  // value at the beginning of the part
-    double at_end(const Eigen::VectorXd& x) const { return factor * x[static_cast<Eigen::Index>(unknown)] + offset; }
+    double share = 1;      // of the value at the end in a held one; the rest is the value at the beginning
+    double begin = 0;      // value at the beginning of the part
+    double deviation = 0;  // of a trial
+    double at_end(const Eigen::VectorXd& x) const {
+      return factor * x[static_cast<Eigen::Index>(unknown)] + offset + deviation;
+    }
   };
   /// One element of an input that goes linearly over the step and that no unknown feeds.
   struct Outside {
@@ -100,7 +125,7 @@ class GroupSolver final : private CoupledOutputs {
   void restore_all();
   void accept(Time end);
   bool acts_with_delay(const Eigen::VectorXd& x, std::size_t unknown, std::size_t slot, const Eigen::MatrixXd& jacobian);
-  void hold_means(const Eigen::VectorXd& x, Eigen::MatrixXd& jacobian);
+  void hold_shares(double share, bool all, const Eigen::VectorXd& x, Eigen::MatrixXd& jacobian);
   double increment(std::size_t unknown) const;
   void set_inputs(PerSlot& unit, const Eigen::VectorXd& x, Duration h);
   bool step_slot(std::size_t i, const Eigen::VectorXd& x, Duration h);
@@ -115,6 +140,8 @@ class GroupSolver final : private CoupledOutputs {
   std::vector<PerSlot> units_;  // per slot
   std::vector<Outside> outside_;
   bool holds_ = false;  // inputs are held
+  Rule rule_;
+  std::shared_ptr<Trial> trial_;  // shared: its type is known to group_solver_rules.cpp only
 
   // The present part of a step.
   Time begin_;

@@ -27,16 +27,18 @@ struct LoopReport {
   bool algebraic = false;                                  // its values depend on one another without delay
   double gain = std::numeric_limits<double>::quiet_NaN();  // largest GroupSolver::loop_gain of a tick; NaN if not measured
   double gain_time = 0;                                    // s, when it was measured
-  bool unmeasurable = false;                               // a member has no cheap way back (Unit::goes_back)
-  std::size_t unknowns = 0;                                // elements of its outputs
-  /// s, the step from which on explicit steps diverge (gain 1); 0: also with 1/1024 tick; infinity: not up to 1024 ticks, or not in steps that all units make; NaN:
-  /// not measured. See Engine::measure_loops.
+  bool grows = false;                                      // a small deviation grows if its units step explicitly
+  double solved_from = std::numeric_limits<double>::quiet_NaN();  // s, since when it is solved, if not from the start
+  bool unmeasurable = false;                                      // a member has no cheap way back (Unit::goes_back)
+  std::size_t unknowns = 0;                                       // elements of its outputs
+  /// s, the step from which on explicit steps let a small deviation grow; 0: also with 1/1024 tick; infinity: not up to 1024 ticks, or not in
+  /// steps that all units make; NaN: not measured. See Engine::measure_loops.
   double border = std::numeric_limits<double>::quiet_NaN();
   LoopCounts counts{};         // if solved
   std::string not_restorable;  // the member because of which it cannot be solved; else empty
 
   /// Whether coupling=auto solves it, if its gain was measured.
-  bool needs_solving() const { return algebraic || !(gain <= kExplicitGain); }
+  bool needs_solving() const { return algebraic || grows || !(gain <= kExplicitGain); }
 };
 
 }  // namespace cotwin::master

@@ -6,6 +6,7 @@
 #include <set>
 #include <utility>
 
+#include "components/unit/declared_dependencies.h"
 #include "master/engine/wiring/strong_components.h"
 
 namespace cotwin::master {
@@ -70,6 +71,36 @@ std::size_t count_unknowns(const std::vector<Link>& links, std::span<const std::
     for (const double& value : link.from.reals()) seen.insert(&value);
   }
   return seen.size();
+}
+
+bool is_declared_algebraic(const std::vector<Link>& links, std::span<const Member> members,
+                           std::span<const std::size_t> group) {
+  /// Nodes of the graph: the connections between single elements.
+  struct Wire {
+    const Link* link;
+    std::size_t element;
+  };
+  const auto in_group = [&](std::size_t member) { return std::ranges::find(group, member) != group.end(); };
+  std::vector<Wire> wires;
+  for (const Link& link : links) {
+    if (!is_continuous(link) || !in_group(link.from.member) || !in_group(link.to.member)) continue;
+    for (std::size_t e = 0; e < link.to.count; ++e) wires.push_back({&link, e});
+  }
+  Graph edges(wires.size());
+  for (std::size_t a = 0; a < wires.size(); ++a) {
+    const Signal& input = wires[a].link->to;
+    const auto* const declared = dynamic_cast<const DeclaredDependencies*>(members[input.member].instance.unit.get());
+    if (declared == nullptr) continue;
+    for (std::size_t b = 0; b < wires.size(); ++b) {
+      const Signal& output = wires[b].link->from;
+      if (output.member == input.member &&
+          declared->follows(*output.variable, output.first + wires[b].element, *input.variable, input.first + wires[a].element))
+        edges[a].push_back(b);
+    }
+  }
+  return std::ranges::any_of(strong_components(edges), [&](const std::vector<std::size_t>& component) {
+    return component.size() > 1 || std::ranges::binary_search(edges[component.front()], component.front());
+  });
 }
 
 Arrangement arrange_as_given(std::span<const Member> members) {

@@ -22,6 +22,9 @@ std::vector<std::vector<std::size_t>> unsolvable_groups(const std::vector<Link>&
 /// Number of the elements of outputs in a group that feed inputs in it.
 std::size_t count_unknowns(const std::vector<Link>& links, std::span<const std::size_t> group);
 
+/// Whether values in a group depend on one another without delay by the declared dependencies of its units, whatever the values are.
+bool is_declared_algebraic(const std::vector<Link>& links, std::span<const Member> members, std::span<const std::size_t> group);
+
 /// The stages of the scenario.
 Arrangement arrange_as_given(std::span<const Member> members);
 

@@ -96,6 +96,7 @@ class Saved : public ::testing::Test {
     b.event(0.05, "h.u", "0.9", 0.8).event(0.3, "g.gain", "4").event(0.31, "m.string", "moved").event(0.4, "m.integer", "5");
     b.event(0.45, "g.gain", "-2", 0.3).event(0.7, "m.boolean", "true");
     b.until(1.0005);
+    b.scenario.coupling = CouplingChoice::kExplicit;  // so that it can be saved in any tick
     b.scenario.recording = {{"*", "test.ssd:70"}};
     b.scenario.decimation = 3;
     b.scenario.reports = {{"", ReportKind::kSignal, "r.y", "", ""},
