@@ -56,6 +56,8 @@ void Engine::arrange(const Arrangement& arrangement) {
   seconds_.assign(slots, 0);
   seconds_sum_.assign(slots, 0);
   samples_.assign(slots, 0);
+  on_trial_ = nullptr;  // a balance of the stages
+  next_trial_ = kNever;
   stages_.clear();
   solvers_.clear();
   for (Slot& slot : schedule.slots) slot.metered = bonds.meters(slot.member);

@@ -242,6 +242,7 @@ class Engine {
   };
   Gauge gauge(std::size_t loop);
   [[noreturn]] void fail_diverging(std::size_t loop, double factor, Time now) const;
+  static GroupSolver::Rule rule_for(const Gauge& gauge, Time now, Duration tick);
   void measure_gain(const Gauge& gauge, Time now, Duration tick);
   void watch_all();
   bool may_diverge(std::size_t loop) const;

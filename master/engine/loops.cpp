@@ -24,6 +24,7 @@ double stability_border(ExplicitSteps& steps, Time now, Duration tick) {
   constexpr double kPrecision = 1.01;
   constexpr double kBudget = 131072;              // ticks in all steps of a measurement
   constexpr double kFewest = 512, kMost = 16384;  // steps of one
+  constexpr double kLongestStep = 1e15;           // ns: all steps of a measurement fit into a Time
   bool made = true;
   const auto grows_in = [&](std::int64_t ns) {
     const double ticks = static_cast<double>(ns) / static_cast<double>(tick.ns);
@@ -44,7 +45,7 @@ double stability_border(ExplicitSteps& steps, Time now, Duration tick) {
     // In small steps, so that no band of unstable steps is left out.
     for (int i = 1; i <= kPerDoubling * kDoublings && !found; ++i) {
       const double next = static_cast<double>(tick.ns) * std::exp2(static_cast<double>(i) / kPerDoubling);
-      if (next > static_cast<double>(std::numeric_limits<std::int64_t>::max() / 8)) break;
+      if (next > kLongestStep) break;
       stable = std::exchange(unstable, std::llround(next));
       found = grows_in(unstable);
       if (!made) break;  // a unit discards longer steps
@@ -192,33 +193,46 @@ Engine::Remedy Engine::present() const {
 }
 
 std::optional<Engine::Remedy> Engine::find_remedy(Time now, Duration tick) {
+  bool helps = false;  // something may
+  for (std::size_t g = 0; g < growth_.size(); ++g) {
+    GrowthWatch& watch = growth_[g];
+    if (!watch.is_suspicious()) continue;
+    const bool measured = solver_of(g) == nullptr && std::ranges::find(gauges_, g, &Gauge::loop) != gauges_.end();
+    if (measured || (solver_of(g) != nullptr && is_free() && watch.diverges())) {
+      helps = true;
+    } else if (watch.diverges()) {
+      fail_diverging(g, watch.factor(), now);
+    } else {
+      watch.dismiss();
+    }
+  }
+  if (!helps) return std::nullopt;
   const Remedy before = present();
   Remedy remedy = before;
   for (std::size_t g = 0; g < growth_.size(); ++g) {
     GrowthWatch& watch = growth_[g];
     if (!watch.is_suspicious()) continue;
     const auto gauge = std::ranges::find(gauges_, g, &Gauge::loop);
-    if (GroupSolver* const solver = solver_of(g); solver != nullptr && is_free()) {
-      if (!watch.diverges()) continue;  // contact alone lets deviations grow for a while
+    if (GroupSolver* const solver = solver_of(g)) {
       solver->choose_rule(now, tick);
       remedy.rules[g] = solver->rule();
       solver->set_rule(before.rules[g]);
       if (remedy.rules[g] == before.rules[g]) fail_diverging(g, watch.factor(), now);
-    } else if (solver == nullptr && gauge != gauges_.end()) {
+    } else {
       measure_gain(*gauge, now, tick);
       LoopReport& loop = loops_[g];
       loop.grows = measure_growth(*gauge->steps, now, tick, kLaterTrial).grows;
       remedy.solved[g] = loop.needs_solving() || watch.diverges();
-      if (remedy.solved[g]) {
-        gauge->solver->choose_rule(now, tick);
-        remedy.rules[g] = gauge->solver->rule();
-      }
+      if (remedy.solved[g]) remedy.rules[g] = rule_for(*gauge, now, tick);
       watch.dismiss();
-    } else if (watch.diverges()) {
-      fail_diverging(g, watch.factor(), now);
     }
   }
   return remedy == before ? std::nullopt : std::optional(remedy);
+}
+
+GroupSolver::Rule Engine::rule_for(const Gauge& gauge, Time now, Duration tick) {
+  gauge.solver->choose_rule(now, tick);
+  return gauge.solver->rule();
 }
 
 void Engine::fail_diverging(std::size_t loop, double factor, Time now) const {
@@ -242,7 +256,9 @@ std::optional<Engine::Remedy> Engine::watch_loops(Time now, Duration tick) {
   for (const Gauge& gauge : gauges_) {
     if (solver_of(gauge.loop) != nullptr) continue;
     measure_gain(gauge, now, tick);
-    if (loops_[gauge.loop].gain > kDoubtfulGain) remedy.solved[gauge.loop] = true;
+    if (!(loops_[gauge.loop].gain > kDoubtfulGain)) continue;
+    remedy.solved[gauge.loop] = true;
+    remedy.rules[gauge.loop] = rule_for(gauge, now, tick);
   }
   return remedy == before ? std::nullopt : std::optional(remedy);
 }
@@ -392,6 +408,7 @@ void Engine::write_counts(ByteWriter& out) const {
   for (const LoopReport& loop : loops_) {
     out.value(loop.gain);
     out.value(loop.gain_time);
+    out.value(loop.solved_from);
   }
   for (const auto& solver : solvers_) {
     const LoopCounts& c = solver->counts();
@@ -403,6 +420,7 @@ void Engine::read_counts(ByteReader& in) {
   for (LoopReport& loop : loops_) {
     loop.gain = in.value<double>();
     loop.gain_time = in.value<double>();
+    loop.solved_from = in.value<double>();
   }
   for (const auto& solver : solvers_) {
     LoopCounts c;

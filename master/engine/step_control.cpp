@@ -133,10 +133,17 @@ std::size_t StepControl::end_growth(const Tick& tick) {
   constexpr int kMostTimes = 3;
   const std::optional<Engine::Remedy> remedy = engine_.find_remedy(tick.end, tick.end - tick.begin);
   if (!remedy) return Engine::kNoSlot;
+  if (input_error_) {  // with a checkpoint in every tick there is nothing to go back to
+    engine_.apply(*remedy);
+    input_error_->start(engine_);
+    next_checkpoint_ = 0;
+    return Engine::kNoSlot;
+  }
   const std::int64_t from = checkpoint_.tick();
   times_rewound_ = std::exchange(last_rewound_, from) == from ? times_rewound_ + 1 : 1;
   if (not_restorable_ != nullptr || times_rewound_ > kMostTimes) {  // or remedies that alternate
     engine_.apply(*remedy);
+    if (not_restorable_ == nullptr) next_checkpoint_ = 0;
     return Engine::kNoSlot;
   }
   restore_checkpoint();

@@ -62,6 +62,7 @@ class StepControl {
   /// Values were changed or restored from outside: earlier ticks cannot be replayed. The next tick begins with a checkpoint.
   void forget() {
     if (not_restorable_ == nullptr) next_checkpoint_ = careful_until_ = 0;
+    last_rewound_ = -1;
   }
   /// Values jump at the beginning of the next tick, as by an event: with a tolerance its first step is short.
   void jump() { jump_ = true; }
@@ -78,12 +79,15 @@ class StepControl {
     rewound_.reset();
     std::size_t discarded_by = input_error_ ? step_to_tolerance(tick, timed) : engine_.step(tick, 1, timed);
     if (discarded_by != Engine::kNoSlot && !input_error_) discarded_by = step_in_parts(tick, discarded_by);
-    if (discarded_by == Engine::kNoSlot && engine_.watch_growth()) [[unlikely]]
+    const bool goes_on = discarded_by == Engine::kNoSlot && engine_.finished_by() == Engine::kNoSlot;
+    if (goes_on && engine_.watch_growth()) [[unlikely]]
       return end_growth(tick);
     return discarded_by;
   }
   /// The tick to which the last step() has gone back.
   std::optional<std::int64_t> rewound() const { return rewound_; }
+  /// The tick of the last checkpoint.
+  std::int64_t checkpoint() const { return checkpoint_.tick(); }
 
   std::int64_t discarded() const;
   /// Per member.

@@ -35,7 +35,7 @@ class Master::Loop {
 
   void values_changed() { control_.forget(); }
   void prepare_threads() { pace_.prepare_threads(engine_); }
-  void save(std::function<void(RunState)> take);
+  void save(std::function<void(RunState)> take, bool last);
   const std::string& unsavable() const { return unsavable_; }
   std::optional<std::uint64_t> sync_recording() const {
     return recorder_ ? recorder_->sync_to_mark() : std::optional(std::uint64_t{0});
@@ -61,6 +61,7 @@ class Master::Loop {
   [[noreturn]] void fail_discarded(std::size_t slot) const;
   void take_checkpoint();
   void keep_past();
+  bool may_go_back() const { return engine_.may_change() && control_.not_restorable() == nullptr; }
   void rewind();
   void pass_state();
   std::uint64_t hash_of_values() const;
@@ -75,6 +76,7 @@ class Master::Loop {
   Pace pace_;
   std::vector<Column> columns_;
   Statistics statistics_, past_statistics_;  // past: at the last checkpoint
+  std::int64_t past_tick_ = -1;              // that checkpoint
   bool has_statistics_;
   bool waits_;                       // for the clock
   std::filesystem::path recording_;  // empty if there is none
@@ -94,7 +96,7 @@ class Master::Loop {
   bus::RunObserver* observer_ = nullptr;
   std::shared_ptr<bus::RunPage> page_;
   std::unique_ptr<LiveLoop> live_;  // nullptr: nobody observes the run
-  bool saves_anywhere_ = true;      // saving the units does not change the later steps
+  bool saves_anywhere_ = true;      // saving a unit does not change its later steps
   std::string unsavable_;
   std::uint64_t beginning_ = 0;
   double earlier_seconds_ = 0;  // of processes before this one

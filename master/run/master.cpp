@@ -115,7 +115,6 @@ void Master::Loop::initialise() {
   control_.initialise();
   beginning_ = hash_of_values();
   unsavable_ = why_unsavable();
-  if (engine_.may_change()) saves_anywhere_ = false;
   begin_observation();
   if (resume_) restore(*resume_);
   times_.begin_run(ticks(), tick_);
@@ -123,7 +122,7 @@ void Master::Loop::initialise() {
   if (!recording_.empty()) {
     Recorder::Options options;
     options.may_wait = !pace_.real_time();
-    if (engine_.may_change()) {
+    if (may_go_back()) {
       options.holds = true;
       options.least_rows = static_cast<std::size_t>(kCheckpointEvery + kMostWaiting) + 2;
     }
@@ -206,10 +205,12 @@ std::string Master::Loop::why_unsavable() {
   return "";
 }
 
-void Master::Loop::save(std::function<void(RunState)> take) {
+void Master::Loop::save(std::function<void(RunState)> take, bool last) {
   if (!unsavable_.empty()) throw Error(unsavable_);
   state_taker_ = std::move(take);
-  if (saves_anywhere_ && !at_end()) take_checkpoint();
+  if (!saves_anywhere_ || (may_go_back() && !last) || at_end()) return;
+  if (last) control_.forget();  // so that it does not wait
+  take_checkpoint();
 }
 
 void Master::Loop::take_checkpoint() {
@@ -220,7 +221,8 @@ void Master::Loop::take_checkpoint() {
 
 /// What belongs to the checkpoint beside the units.
 void Master::Loop::keep_past() {
-  if (!engine_.may_change()) return;
+  if (!may_go_back()) return;
+  past_tick_ = tick_;
   past_statistics_ = statistics_;
   past_next_row_ = next_row_;
   if (recorder_) recorder_->commit();
@@ -297,6 +299,8 @@ inline bool Master::Loop::step_tick() {
   const Tick tick = pace_.next(engine_, tick_);
   const std::size_t discarded_by = control_.step(tick, timed);
   if (discarded_by != Engine::kNoSlot) fail_discarded(discarded_by);
+  if (control_.checkpoint() == tick_ && past_tick_ != tick_) [[unlikely]]
+    keep_past();  // a discarded step has taken one
   tick_ = tick.index + 1;
   if (tick.skipped > 0) control_.forget();
   if (timed) times_.end_stepping();
@@ -406,7 +410,7 @@ const Scenario& Master::scenario() const { return loop_->scenario_; }
 std::span<Member> Master::members() { return loop_->members_; }
 std::vector<std::string> Master::warnings() const { return loop_->warnings(); }
 const std::string& Master::unsavable() const { return loop_->unsavable(); }
-void Master::save(std::function<void(RunState)> take) { loop_->save(std::move(take)); }
+void Master::save(std::function<void(RunState)> take, bool last) { loop_->save(std::move(take), last); }
 std::optional<std::uint64_t> Master::sync_recording() const { return loop_->sync_recording(); }
 std::span<const Column> Master::columns() const { return loop_->columns(); }
 std::vector<robot::RobotHistory> Master::histories() const { return loop_->histories(); }

@@ -132,9 +132,10 @@ class Master {
   /// Why another process could not continue this run, "'io' cannot be saved"; empty if it could. Valid after initialise().
   const std::string& unsavable() const;
   /// Passes the state of the run to `take` as soon as that does not change a bit of the results: at once if all units are of
-  /// this program, otherwise at the next checkpoint of the loop (every 256 ticks). Call between two calls of step_tick(), and
+  /// this program and no loop may be solved later, otherwise at the next checkpoint of the loop (every 256 ticks). `last`: the run
+  /// is not continued here, so that a loop need not be waited for. Call between two calls of step_tick(), and
   /// again only after `take` was called and sync_recording() has returned. Throws Error if the run cannot be saved.
-  void save(std::function<void(RunState)> take);
+  void save(std::function<void(RunState)> take, bool last = false);
   /// Call on another thread, before finish(). Waits until the recording is on the disk up to the last save and returns its
   /// length in bytes, or nothing if it cannot be written.
   std::optional<std::uint64_t> sync_recording() const;

@@ -370,7 +370,7 @@ Recorder::~Recorder() {
 void Recorder::sample(Time now) {
   if (next_ == room_until_) {
     std::uint64_t tail = tail_.load(std::memory_order_acquire);
-    if (tail + capacity_ == next_) commit();
+    if (tail + capacity_ == next_ && tail == head_.load(std::memory_order_relaxed)) commit();  // only rows that are held back
     while (tail + capacity_ == next_) {
       if (!may_wait_) {
         ++dropped_;

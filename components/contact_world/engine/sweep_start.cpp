@@ -1,6 +1,5 @@
 // With which impulses sweeps begin, and how the first one shares a new load.
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <utility>
 
@@ -70,7 +69,7 @@ void Rows::scale_start(const Island& island) {
   }
 }
 
-/// A sweep in which the points of two bodies share what they have to bear where there are m > 2 of them: the first takes 1/m of it, the next 1/(m − 1) of
+/// A sweep in which the points of two bodies share the normal load where there are m > 2 of them: the first takes 1/m of it, the next 1/(m − 1) of
 /// the rest … Otherwise the first one would bear it alone where joints let its body only slide, and redundant points keep the impulses that they
 /// were given first.
 double Rows::share(const Island& island) {
@@ -86,11 +85,9 @@ double Rows::share(const Island& island) {
         continue;
       }
       const double part = 1.0 / static_cast<double>(last - i);
-      const std::array<double*, 4> inverse{&core.inverse_nn, &core.inverse_11, &core.inverse_12, &core.inverse_22};
-      std::array<double, 4> whole;
-      for (std::size_t k = 0; k < 4; ++k) whole[k] = std::exchange(*inverse[k], part * *inverse[k]);
-      residual = std::max(residual, solve_any(core));
-      for (std::size_t k = 0; k < 4; ++k) *inverse[k] = whole[k];
+      const double whole = std::exchange(core.inverse_nn, part * core.inverse_nn);
+      residual = std::max(residual, solve_any(core) / part);
+      core.inverse_nn = whole;
     }
   }
   return residual;

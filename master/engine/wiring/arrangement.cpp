@@ -86,6 +86,8 @@ bool is_declared_algebraic(const std::vector<Link>& links, std::span<const Membe
     if (!is_continuous(link) || !in_group(link.from.member) || !in_group(link.to.member)) continue;
     for (std::size_t e = 0; e < link.to.count; ++e) wires.push_back({&link, e});
   }
+  constexpr std::size_t kMostWires = 400;  // the search takes the square of their number
+  if (wires.size() > kMostWires) return false;
   Graph edges(wires.size());
   for (std::size_t a = 0; a < wires.size(); ++a) {
     const Signal& input = wires[a].link->to;

@@ -189,13 +189,13 @@ class Checkpoints {
   Checkpoints(Master& master, CheckpointWriter::Options options)
       : master_(master), file_(options.file), writer_(std::move(options)) {}
 
-  void take() {
-    master_.save([this](RunState state) { writer_.write(std::move(state)); });
+  void take(bool last = false) {
+    master_.save([this](RunState state) { writer_.write(std::move(state)); }, last);
   }
   /// Ends the writing. If `take_last`, a last checkpoint is written of the point where the run was stopped.
   void end(bool take_last) {
     writer_.wait_until_idle();
-    if (take_last) take();
+    if (take_last) take(true);
     writer_.end();
   }
   /// Returns whether there is a checkpoint from which the run can be resumed.

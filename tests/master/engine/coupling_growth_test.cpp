@@ -231,6 +231,7 @@ TEST_F(Growth, IsTheSameInAResumedRun) {
     const Ended resumed = run(b);
     EXPECT_EQ(resumed.csv, whole.csv) << tick;
     EXPECT_EQ(resumed.summary.loops[0].counts.steps, whole.summary.loops[0].counts.steps) << tick;
+    EXPECT_EQ(resumed.summary.loops[0].solved_from, whole.summary.loops[0].solved_from) << tick;
   }
 }
 

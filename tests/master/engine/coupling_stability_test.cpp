@@ -319,6 +319,8 @@ Grown growth_of_run(const Loop& loop, double tick) {
   } catch (const Error& error) {
     EXPECT_THAT(error.what(), ::testing::HasSubstr("diverge"));
   }
+  EXPECT_GE(largest.size(), 400u);
+  if (largest.size() < 400) return {};
   const auto begin = largest.begin(), end = largest.end();
   return {*std::max_element(end - 200, end) / *std::max_element(begin, begin + 200), static_cast<int>(largest.size()) - 400};
 }
