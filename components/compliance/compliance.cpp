@@ -79,7 +79,7 @@ Compliance::Compliance(Settings& settings, const robot::RobotModel& robot, bool 
   for (Joints* state : {&tau_fl_before_, &tau_fm_before_, &Delta_, &dDelta_, &ddq_d_before_, &z_, &tank_, &tau_cut_})
     state->resize(n_);
   for (Joints* output : {&q_c_, &dq_c_, &ddq_c_, &tau_m_, &tau_id_, &tau_f_, &tau_excess_}) output->resize(n_);
-  for (Joints* scratch : {&a_q_, &tau_fl_, &tau_fm_, &load_mean_, &load_end_, &gravity_}) scratch->resize(n_);
+  for (Joints* scratch : {&a_q_, &tau_fl_, &tau_fm_, &load_mean_, &load_end_, &gravity_, &tau_acting_}) scratch->resize(n_);
   met_.resize(n_);
   limit_.resize(n_);
   limits_.resize(n_);
@@ -126,7 +126,8 @@ void Compliance::initialise(Time) {
   ddq_d_before_ = ddq_d_;
   start_motion();
   if (cartesian_ && cartesian_->impedance()) {
-    cartesian_->start_impedance(measured());
+    for (std::size_t i = 0; i < n_; ++i) limits_[i] = limits(i);
+    cartesian_->start_impedance(measured(), limits_);
     impede(0);
     finish_torques(0);
     return;
@@ -233,8 +234,12 @@ void Compliance::move_frame_compliantly(double h) {
   cartesian_->advance(links_, from_joints(), limits_, h);
   cartesian_->find_contact_stiffness(links_, drive_in_force_, gains(), elastic_bandwidth_, tau_e_acts_on_robot_, h);
   take_cartesian_motion();
+  note_limits();
+  for (std::size_t i = 0; i < n_; ++i) a_q_[i] = (dq_c_[i] - a_q_[i]) / h;
+}
+
+void Compliance::note_limits() {
   for (std::size_t i = 0; i < n_; ++i) {
-    a_q_[i] = (dq_c_[i] - a_q_[i]) / h;
     if (limit_[i] == static_cast<std::int32_t>(Limit::kPosition)) note(i, kPosition);
     if (limit_[i] == static_cast<std::int32_t>(Limit::kSpeed)) note(i, kSpeed);
   }
@@ -243,8 +248,13 @@ void Compliance::move_frame_compliantly(double h) {
 /// render=impedance in place of admittance and tracking. Friction is fed forward at the speed of the desired motion.
 void Compliance::impede(double h) {
   cartesian_->take_wrench(links_, from_joints(), tau_e_, tau_e_rate_);
-  cartesian_->impede(links_, from_joints(), drive_in_force_, measured(), in_force_.shaping, h, tau_m_);
+  for (std::size_t i = 0; i < n_; ++i) {
+    limits_[i] = limits(i);
+    tau_acting_[i] = tau_e_acts_on_robot_ ? tau_e_[i] : 0.0;
+  }
+  cartesian_->impede(links_, from_joints(), drive_in_force_, measured(), in_force_.shaping, limits_, tau_acting_, h, tau_m_);
   take_cartesian_motion();
+  note_limits();
   tracking_.tau_c = tau_m_;
   tracking_.theta_c = theta_;
   tracking_.dtheta_c = dq_c_;

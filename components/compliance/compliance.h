@@ -96,6 +96,7 @@ class Compliance final : public Unit {
   void brake_by_saturation(double h);
   void move_frame_compliantly(double h);
   void take_cartesian_motion();
+  void note_limits();
   void impede(double h);
   CartesianMotion::FromJoints from_joints() const { return {q_d_, dq_d_, ddq_d_, q_, tau_e_, tau_e_rate_}; }
   void add_load(double h);
@@ -160,6 +161,7 @@ class Compliance final : public Unit {
   Joints load_mean_, load_end_;  // friction and springs of the link less τ_e, over the step and at its end
   Joints a_q_;                   // mean of q̈_c over the step
   std::vector<Limits> limits_;   // of all joints, for Cartesian compliance
+  Joints tau_acting_;            // N.m: τ_e as far as it acts on the robot
 };
 
 }  // namespace cotwin::compliance

@@ -24,10 +24,15 @@ MovingPose earlier(const MovingPose& pose, const Twist& acceleration, double h) 
 
 }  // namespace
 
-void CartesianMotion::start_impedance(const Measured& measured) { impedance_->start(measured.q, measured.theta); }
+void CartesianMotion::start_impedance(const Measured& measured, std::span<const Limits> limits) {
+  impedance_->start(measured.q, measured.theta);
+  q_scratch_ = map(measured.q);
+  impedance_limits_->start(q_scratch_, limits);
+}
 
 void CartesianMotion::impede(Links& links, const FromJoints& in, const robot::DriveParameters& drives, const Measured& measured,
-                             const Joints& shaping, double h, Joints& tau_m) {
+                             const Joints& shaping, std::span<const Limits> limits, const Joints& tau_e, double h,
+                             Joints& tau_m) {
   const Motion d = desired(links, in);
   const Quaterniond Q_c = quaternion(quat_before_);
   // Measurements hold at the beginning of the step.
@@ -54,12 +59,13 @@ void CartesianMotion::impede(Links& links, const FromJoints& in, const robot::Dr
     ddq_scratch_ = map(in.ddq_d);
   }
   const Posture posture{q_scratch_, dq_scratch_, ddq_scratch_};
+  const ElasticLimits elastic{*impedance_limits_, limits, tau_e, h};
   impedance_->torque(links, joints_.frame(), frame,
                      {.q_0 = in.q,
                       .self_motion = impedance_self_motion_.get(),
                       .gains = gains(),
                       .desired = desired_joints_ ? &posture : nullptr},
-                     drives, measured, shaping, tau_m);
+                     drives, measured, shaping, h > 0 ? &elastic : nullptr, tau_m);
 
   const Pose& X = impedance_->X;
   Quaterniond Q(X.R);
@@ -81,6 +87,7 @@ void CartesianMotion::impede(Links& links, const FromJoints& in, const robot::Dr
   joints_.dq = impedance_->dq_r;
   joints_.ddq = impedance_->ddq_r;
   joints_.sigma_min = impedance_->sigma_min;
+  joints_.met = impedance_limits_->met;
   joints_.lambda = 0;               // no motion of the joints is solved for
   constexpr double kSolved = 1e-6;  // rad
   if (impedance_->stiffness_ratio > ImpedanceControl::kSoftest) note(kSoftGears);

@@ -141,6 +141,7 @@ CartesianMotion::CartesianMotion(Settings& settings, const robot::RobotModel& ro
     }
     impedance_ = std::make_unique<ImpedanceControl>(robot, directions_);
     impedance_self_motion_ = std::make_unique<ImpedanceSelfMotion>(robot, self_motion_);
+    impedance_limits_ = std::make_unique<ImpedanceLimits>(n);
   }
   contact_total_.setZero(n, n);
 }

@@ -58,10 +58,11 @@ class CartesianMotion {
   bool brakes_saturated() const { return brake_saturated_; }
   /// render=impedance: whether impede() takes the place of advance() and tracking.
   bool impedance() const { return impedance_ != nullptr; }
-  void start_impedance(const Measured& measured);
-  /// The motor torques over a step of h seconds, without friction. joints() is q̄ and the desired motion in the joints.
+  void start_impedance(const Measured& measured, std::span<const Limits> limits);
+  /// The motor torques over a step of h seconds, without friction. `tau_e`, N.m: the measured torque that acts on the robot. joints()
+  /// is q̄ and the desired motion in the joints.
   void impede(Links& links, const FromJoints& in, const robot::DriveParameters& drives, const Measured& measured,
-              const Joints& shaping, double h, Joints& tau_m);
+              const Joints& shaping, std::span<const Limits> limits, const Joints& tau_e, double h, Joints& tau_m);
   /// Goes on with the search for the largest stiffness of an environment (contact_stiffness.h). `bandwidth`: of the winding-up of
   /// elastic joints. After advance().
   void find_contact_stiffness(Links& links, const robot::DriveParameters& drives, const Gains& gains, double bandwidth,
@@ -164,6 +165,7 @@ class CartesianMotion {
   double alpha_ = 0;                             // 1/s; 0: the tank
   std::unique_ptr<ImpedanceControl> impedance_;  // nullptr: render=admittance
   std::unique_ptr<ImpedanceSelfMotion> impedance_self_motion_;
+  std::unique_ptr<ImpedanceLimits> impedance_limits_;
   std::array<double, 6> K_e_{};      // N/m, N.m/rad; 0: unknown
   double omega_t_ = 0, zeta_t_ = 1;  // rad/s, 1
   ContactSweep contact_;

@@ -75,6 +75,9 @@ void CartesianMotion::declare(Variables& v) {
         "stiffness_ratio", impedance_->stiffness_ratio, "1",
         "stiffness of the frame relative to that of the joints, an upper bound; above 0.8 the links are softer than asked");
     v.output("static_error", impedance_->static_error, "1", "residual of the static position of the links, rad or m");
+    v.state("beyond_high", impedance_limits_->beyond_high, "1",
+            "how far above q_max a joint may still be, because it started there; rad or m");
+    v.state("beyond_low", impedance_limits_->beyond_low, "1", "how far below q_min; rad or m");
     return;
   }
   v.parameter("K_e", K_e_, "1", "stiffness of the environment along the axes of S_T, then of K_o, N/m and N.m/rad; 0: unknown")

@@ -62,10 +62,11 @@ void ImpedanceControl::start(const Joints& q, const Joints& theta) { twist = map
 // 2. the desired motion in the joints
 // 3. q̄ and the static torque l(q̄)
 // 4. damping and the null space
-// 5. torque feedback
+// 5. limits
+// 6. torque feedback
 void ImpedanceControl::torque(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame,
                               const ElasticPosture& posture, const robot::DriveParameters& drives, const Measured& measured,
-                              const Joints& shaping, Joints& tau_m) {
+                              const Joints& shaping, const ElasticLimits* limits, Joints& tau_m) {
   const Index n = q_bar.size();
   elastic_ = false;
   for (Index i = 0; i < n; ++i) {
@@ -103,10 +104,16 @@ void ImpedanceControl::torque(Links& links, const robot::FrameOnBody& E, const E
 
   for (Index i = 0; i < n; ++i) {
     const auto k = static_cast<std::size_t>(i);
-    const double r = drives.K[k] > 0 ? shaping[k] : 1.0;
-    const double u = u_[i] + drives.B[k] / r * ddq_r[i];
+    u_[i] += drives.B[k] / (drives.K[k] > 0 ? shaping[k] : 1.0) * ddq_r[i];
+  }
+  if (limits != nullptr) {
+    limits->limits.confine(links, {q_bar, dtheta_, measured.q, M_, M_llt_, drives, shaping, limits->tau_e, limits->h},
+                           limits->joints, u_);
+  }
+  for (Index i = 0; i < n; ++i) {
+    const auto k = static_cast<std::size_t>(i);
     const double tau_J = robot::Torsion{.K = drives.K[k]}.at(measured.theta[k] - measured.q[k]).torque;  // (2c)
-    tau_m[k] = drives.K[k] > 0 ? r * u - (r - 1) * tau_J : u;
+    tau_m[k] = drives.K[k] > 0 ? shaping[k] * u_[i] - (shaping[k] - 1) * tau_J : u_[i];
   }
 }
 

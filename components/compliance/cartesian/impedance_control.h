@@ -1,10 +1,12 @@
 #pragma once
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <span>
 #include <vector>
 
 #include "components/compliance/cartesian/frame/rotation.h"
 #include "components/compliance/cartesian/frame/translation.h"
+#include "components/compliance/cartesian/impedance_limits.h"
 #include "components/compliance/cartesian/impedance_self_motion.h"
 #include "components/compliance/cartesian/joint_motion.h"
 #include "components/compliance/joints/links.h"
@@ -38,6 +40,14 @@ struct ElasticPosture {
   const Posture* desired = nullptr;
 };
 
+/// Limits of the motion (impedance_limits.h), of a step of h > 0 seconds.
+struct ElasticLimits {
+  ImpedanceLimits& limits;
+  std::span<const Limits> joints;
+  const Joints& tau_e;  // N.m; measured external torque on the robot
+  double h;
+};
+
 /// Cartesian impedance by the motor torques (render=impedance), without a measured wrench and without shaping of the links'
 /// inertia, for rigid and elastic joints:
 ///   τ_m = r u − (r − 1) τ_J,   τ_J = K (θ − q)                 so that (B/r) θ̈ + τ_J = u by (2b)
@@ -62,9 +72,10 @@ class ImpedanceControl {
 
   /// q̄ at the start: the links at `q`.
   void start(const Joints& q, const Joints& theta);
-  /// The motor torque at the beginning of a step, without friction, into `tau_m`.
+  /// The motor torque at the beginning of a step, without friction, into `tau_m`. `limits`: or nullptr.
   void torque(Links& links, const robot::FrameOnBody& E, const ElasticFrame& frame, const ElasticPosture& posture,
-              const robot::DriveParameters& drives, const Measured& measured, const Joints& shaping, Joints& tau_m);
+              const robot::DriveParameters& drives, const Measured& measured, const Joints& shaping,
+              const ElasticLimits* limits, Joints& tau_m);
 
   // State.
   Eigen::VectorXd twist;  // rad; θ − q̄ where the iteration starts

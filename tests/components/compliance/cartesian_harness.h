@@ -21,7 +21,11 @@ namespace cotwin::testing {
 
 constexpr Duration kMillisecond{1'000'000};
 
-inline Eigen::VectorXd lwr4_posture() { return (Eigen::VectorXd(7) << 0.2, 0.6, -0.3, -1.2, 0.4, 0.9, 0.1).finished(); }
+inline Eigen::VectorXd lwr4_posture() {
+  Eigen::VectorXd q(7);
+  q << 0.2, 0.6, -0.3, -1.2, 0.4, 0.9, 0.1;
+  return q;
+}
 
 class Subject {
  public:

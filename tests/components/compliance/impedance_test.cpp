@@ -95,7 +95,8 @@ class ClosedLoop : public testing::ElasticRobot {
   VectorXd torque(const VectorXd& q, const VectorXd& dq, const VectorXd& theta, const VectorXd& dtheta) {
     const Joints at_q = joints(q), at_dq = joints(dq), at_theta = joints(theta), at_dtheta = joints(dtheta);
     Joints tau(static_cast<std::size_t>(n));
-    control.torque(links, frame_on, spring, {rest_posture, K_n, D_n}, drives, {at_q, at_dq, at_theta, at_dtheta}, shaping, tau);
+    control.torque(links, frame_on, spring, {rest_posture, K_n, D_n}, drives, {at_q, at_dq, at_theta, at_dtheta}, shaping,
+                   nullptr, tau);
     return Eigen::Map<VectorXd>(tau.data(), n);
   }
   /// u of τ_m = r u − (r − 1) τ_J.
