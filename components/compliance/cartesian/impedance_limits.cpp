@@ -4,8 +4,6 @@
 #include <cmath>
 #include <limits>
 
-#include "components/compliance/joints/views.h"
-
 namespace cotwin::compliance {
 namespace {
 
@@ -19,8 +17,8 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 /// The share of a limited speed from which on a row counts: nothing accelerates across the rest within a step.
 constexpr double kNear = 0.5;
 
-/// How far a wall is pressed in, rad (m). It gives way further on, so that a limit that jumps to the other side of the robot
-/// pushes it back with no more than the force of this depth.
+/// How far a wall is pressed in, rad (m). It gives way further on: a limit that is moved to the other side of the robot becomes a wall
+/// that is this deep in it, pushes it back by this and stays there.
 constexpr double kDeepest = 0.02;
 
 /// How far a wall is behind its limit, for a motion at `depth` behind that limit.
@@ -84,9 +82,10 @@ void ImpedanceLimits::take(const Robot& robot, std::span<const Limits> joints) {
         may = approach(s, outward, l.braking, T);
         limit = Limit::kPosition;
       }
-      if (l.bound_speed() && l.dq_max < may.speed) {
-        may = {l.dq_max, 4 / T * (l.dq_max - outward)};
-        limit = Limit::kSpeed;
+      if (l.bound_speed() && l.dq_max < std::abs(may.speed)) {
+        const double w = std::copysign(l.dq_max, may.speed);  // back, from deep in a wall, no faster than that either
+        may = {w, 4 / T * (w - outward)};
+        if (w > 0) limit = Limit::kSpeed;
       }
       if (limit == Limit::kNone || outward < kNear * may.speed - l.braking * T) continue;
       rows_[static_cast<std::size_t>(count_++)] = {may.acceleration, static_cast<int>(i), side, limit};

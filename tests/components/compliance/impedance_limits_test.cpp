@@ -157,6 +157,25 @@ TEST(ImpedanceLimits, DriveNoRobotThatStartsBehindThem) {
   EXPECT_LT(turn(0), 1e-3);
 }
 
+TEST(ImpedanceLimits, ThatMoveAcrossTheRobotBecomeWallsWhereItIs) {
+  Arm arm;
+  const VectorXd q = lwr4_posture();
+  desire(arm.unit, arm.kinematics.at(q));
+  arm.unit["dq_max"].setConstant(0.3);
+  arm.start(q);
+  for (int n = 0; n < 100; ++n) arm.step();
+  arm.unit["q_max"][6] = q[6] - 0.4;
+  double fastest = 0;
+  for (int n = 0; n < 4000; ++n) {
+    arm.step();
+    fastest = std::max(fastest, VectorXd(arm.drive["dtheta"]).cwiseAbs().maxCoeff());
+  }
+  EXPECT_LT(fastest, 1.15 * 0.3);
+  // It yields by the depth of a wall at most, and is not driven to the limit.
+  EXPECT_LT(arm.drive["q"][6], q[6] + 1e-3);
+  EXPECT_GT(arm.drive["q"][6], q[6] - 0.03);
+}
+
 TEST(ImpedanceLimits, AllocateNothing) {
   Arm arm;
   VectorXd q = lwr4_posture(), to = q;
