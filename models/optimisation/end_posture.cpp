@@ -187,15 +187,19 @@ Solution minimise_to_pose(const Problem& problem, robot::InverseKinematics& kine
   ToPose goal(problem, kinematics, target, self, options);
   // The given end may be in the valley of a better local optimum than the one that the swarm chooses.
   Solution best = goal.count(minimise(goal.given(), goal.left(), threads));
-  if (goal.has_freedom() && goal.complete()) {
-    const Solution found = goal.count(minimise(goal.free(), goal.left(), threads));
+  const auto improved = [&](const Solution& found) {
     const Problem own = goal.ending_at(goal.exact(found.q_to));
     Solution exact = assess(own, found.c, own.ends.q_to, found.T, found.compliance);
     exact.history = found.history;
     if (exact.status != Status::kFeasible && found.status == Status::kFeasible && goal.complete())
       exact = goal.count(minimise(own, goal.left(), threads));
-    if (rank(exact) < rank(best) || (rank(exact) == rank(best) && exact.cost < best.cost)) best = std::move(exact);
-  }
+    const bool better = rank(exact) < rank(best) || (rank(exact) == rank(best) && exact.cost < best.cost);
+    if (better) best = std::move(exact);
+    return better;
+  };
+  if (goal.has_freedom() && goal.complete() && !improved(goal.count(minimise(goal.free(), goal.left(), threads))) &&
+      goal.complete() && best.status == Status::kFeasible)
+    improved(goal.count(minimise_from(goal.free(), best, goal.left(), threads)));
   return goal.total(std::move(best));
 }
 

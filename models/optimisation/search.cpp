@@ -82,7 +82,7 @@ class Search {
   Solution run(const std::optional<Point>& start) {
     const std::size_t d = evaluator_.joints() * evaluator_.basis().redundant();
     Point best = start ? *start : Point{VectorXd::Zero(static_cast<Index>(d)), 1, 0.5, middle_compliance(problem())};
-    if (!start && !problem().end_postures.empty()) best.z = nearest_posture();
+    if (!start && !problem().end_postures.empty()) best.z = nearest_posture(problem().ends.q_from);
     // Each stage: its share of the rounds, the size of the swarm in the metric, and the number of coefficients per joint. A swarm
     // of few dimensions finds the region, because φ_k are the same for all degrees.
     struct Stage {
@@ -115,6 +115,12 @@ class Search {
     return solution;
   }
   const Point& best() const { return best_; }
+  /// A motion that was found, with the end posture nearest to its own.
+  Point point_of(const Solution& s) const {
+    const Problem& p = problem();
+    const double u = p.T_min == p.T_max ? 1 : std::clamp(std::log(s.T / p.T_min) / std::log(p.T_max / p.T_min), 0.0, 1.0);
+    return {Eigen::Map<const VectorXd>(s.c.data(), static_cast<Index>(s.c.size())), u, nearest_posture(s.q_to), s.compliance};
+  }
   /// A cost of a motion at the samples of the search.
   double cost_at_samples(const Point& p, std::size_t term) {
     for (std::size_t lane = 0; lane < kLanes; ++lane) set_lane(motions_[0], lane, p);
@@ -145,15 +151,14 @@ class Search {
     return q;
   }
 
-  /// The end posture nearest to the start of the motion.
-  double nearest_posture() const {
+  /// The place of the end posture nearest to q.
+  double nearest_posture(const std::vector<double>& q) const {
     const auto& postures = problem().end_postures;
     std::size_t nearest = 0;
     double least = std::numeric_limits<double>::infinity();
     for (std::size_t k = 0; k < postures.size(); ++k) {
       double distance = 0;
-      for (std::size_t j = 0; j < evaluator_.joints(); ++j)
-        distance += (postures[k][j] - problem().ends.q_from[j]) * (postures[k][j] - problem().ends.q_from[j]);
+      for (std::size_t j = 0; j < evaluator_.joints(); ++j) distance += (postures[k][j] - q[j]) * (postures[k][j] - q[j]);
       if (distance < least) {
         least = distance;
         nearest = k;
@@ -596,6 +601,12 @@ std::vector<ComplianceValues> best_compliance(const Problem& p, std::span<const 
 
 Solution minimise(const Problem& problem, const SearchOptions& options, numerics::Threads* threads) {
   return Search(problem, options, {}, threads).run({});
+}
+
+Solution minimise_from(const Problem& problem, const Solution& start, const SearchOptions& options,
+                       numerics::Threads* threads) {
+  Search search(problem, options, {}, threads);
+  return search.run(search.point_of(start));
 }
 
 Solution minimise_in_order(const Problem& problem, double tolerance, const SearchOptions& options, numerics::Threads* threads) {

@@ -98,6 +98,10 @@ std::vector<ComplianceValues> best_compliance(const Problem& problem, std::span<
 /// Stages with ever smaller swarms about the best motion follow one another; a feasible result is refined by Newton's method. Same problem, options and seed: same bits on any
 /// number of threads.
 Solution minimise(const Problem& problem, const SearchOptions& options = {}, numerics::Threads* threads = nullptr);
+/// The same about a feasible motion of this problem or of one with another end; no worse than that motion with the end posture that
+/// is nearest to its own.
+Solution minimise_from(const Problem& problem, const Solution& start, const SearchOptions& options = {},
+                       numerics::Threads* threads = nullptr);
 
 /// Minimises the costs one after another: each in the set in which no earlier one exceeds its optimum by more than
 /// `tolerance` (relative). Weights are not used.
