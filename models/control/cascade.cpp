@@ -312,17 +312,17 @@ void Cascade::solve(VectorOut ddq) {
   backward(z, ddq.data());
 }
 
-void Cascade::remove(double* x) {
+void Cascade::remove(double* x, int rows) {
   double* c = c_.data();
   with_joints(n_, [&](auto n) {
-    for (int j = 0; j < rows_; ++j) c[j] = dot(x, Y_.data() + j * n, n);
-    for (int j = 0; j < rows_; ++j) add(-c[j], Y_.data() + j * n, x, n);
+    for (int j = 0; j < rows; ++j) c[j] = dot(x, Y_.data() + j * n, n);
+    for (int j = 0; j < rows; ++j) add(-c[j], Y_.data() + j * n, x, n);
   });
 }
 
 void Cascade::project(VectorOut v) {
   forward(v.data(), x_.data());
-  remove(x_.data());
+  remove(x_.data(), rows_);
   backward(x_.data(), v.data());
 }
 
@@ -333,7 +333,7 @@ void Cascade::project(VectorOut v, const VectorIn& tau) {
   std::copy_n(tau.data(), n_, z);
   lower_solve(z);
   for (int i = 0; i < n_; ++i) x[i] += z[i];
-  remove(x);
+  remove(x, rows_);
   backward(x, v.data());
 }
 
@@ -342,7 +342,7 @@ void Cascade::project_force(VectorOut tau) {
   double* x = x_.data();
   std::copy_n(tau.data(), n_, x);
   lower_solve(x);
-  remove(x);
+  remove(x, rows_);
   for (int i = 0; i < n_; ++i) x[i] *= root_[static_cast<std::size_t>(i)];
   for (int i = 0; i < n_; ++i) tau[i] = x[i] + dot(l_.data() + i * n_, x, i);
 }
@@ -351,6 +351,19 @@ void Cascade::solve_mass(VectorOut x) {
   std::copy_n(x.data(), n_, x_.data());
   lower_solve(x_.data());
   backward(x_.data(), x.data());
+}
+
+// L⁻ᵀ (I − Yᵀ Y) L⁻¹
+void Cascade::mobility(std::size_t kept, MatrixOut A) {
+  const int rows = kept < tasks.size() ? levels_[kept].first : rows_;
+  double* x = x_.data();
+  for (int i = 0; i < n_; ++i) {
+    std::fill_n(x, n_, 0.0);
+    x[i] = 1;
+    lower_solve(x);
+    remove(x, rows);
+    backward(x, A.col(i).data());
+  }
 }
 
 // From the last task to the first: f_k = A^# J_k|p v, v ← v − M⁻¹ J_kᵀ f_k. What is left of v after task k has no more part of

@@ -68,6 +68,8 @@ class Cascade {
   void project_force(VectorOut tau);
   /// x ← M⁻¹ x.
   void solve_mass(VectorOut x);
+  /// A ← N_k M⁻¹ (n x n, symmetric): the accelerations by joint torques that do not act on the first `kept` tasks, 0 to r.
+  void mobility(std::size_t kept, MatrixOut A);
   /// Splits v: on return v ← N_r v, and forces[k] are such that M (v_before − v) = Σ J_kᵀ forces[k]. In units of the tasks.
   void split(VectorOut v, std::vector<Eigen::VectorXd>& forces);
   /// N_r (n x n) and J̄_k|p (n x rows), for inspection.
@@ -106,7 +108,7 @@ class Cascade {
   void forward(const double* x, double* y) const;
   void backward(const double* y, double* x) const;
   void lower_solve(double* x) const;
-  void remove(double* x);  // x ← (I − Yᵀ Y) x
+  void remove(double* x, int rows);  // x ← (I − Yᵀ Y) x with the first rows of Y
 
   int n_ = 0;
   int rows_ = 0;  // of Y in use

@@ -56,7 +56,15 @@ void CartesianMotion::hold_frame_at_joints(Links& links, const Motion& d, Motion
   // m. Damped joints need a distance that pulls them out of a singular pose; at a limit they would jump back by it afterwards.
   const double far = joints_.lambda > 0 ? 5e-3 : 5e-4;
   const Pose X = links.jacobian(joints_.q, joints_.frame(), J_);
-  const Vector3d off = P_T_ * (c.pose.p - X.p), turned_off = P_R_ * axis_angle(c.pose.Q * Quaterniond(X.R).conjugate());
+  Vector3d off = P_T_ * (c.pose.p - X.p), turned_off = P_R_ * axis_angle(c.pose.Q * Quaterniond(X.R).conjugate());
+  // Tasks that are followed stay where they are; the first one that is not moves with those below it.
+  double square = 0;
+  for (const TaskEntry& task : self_motion_.tasks()) {
+    if (task.held) continue;
+    for (const int i : task.directions) square += std::pow(i < 3 ? off[i] : JointMotion::kLength * turned_off[i - 3], 2);
+    if (square >= far * far) break;
+    for (const int i : task.directions) (i < 3 ? off[i] : turned_off[i - 3]) = 0;
+  }
   const double distance = std::hypot(off.norm(), JointMotion::kLength * turned_off.norm());
   if (distance < far) return;
   note(kTask);

@@ -38,10 +38,11 @@ JointMotion::JointMotion(const robot::RobotModel& robot, SelfMotion& self_motion
       null_space_(cascade_),
       p_(tasks_.size(), Vector3d::Zero()) {
   const Index n = robot.n();
-  for (VectorXd* v : {&q, &dq, &ddq, &q_mid_, &dq_mid_, &gradient_, &tau_}) v->setZero(n);
+  for (VectorXd* v : {&q, &dq, &ddq, &q_mid_, &dq_mid_, &gradient_, &tau_, &then_, &own_, &push_}) v->setZero(n);
+  allowed_.resize(static_cast<std::size_t>(n));
   met.resize(static_cast<std::size_t>(n));
   for (Eigen::MatrixXd* A : {&J6_, &dJ6_, &held_J6_, &held_dJ6_}) A->setZero(6, n);
-  for (Eigen::MatrixXd* A : {&M_, &dM_, &C_}) A->setZero(n, n);
+  for (Eigen::MatrixXd* A : {&M_, &dM_, &C_, &mobility_}) A->setZero(n, n);
   for (std::size_t k = 0; k < tasks_.size(); ++k) {
     control::Task& task = cascade_.tasks[k];
     forces_.emplace_back(task.a);
@@ -189,48 +190,89 @@ void JointMotion::part(Links& links, const MovingPose& before, const Twist& acce
   dq += h * ddq;
 }
 
-/// The velocity that joint i may have after h seconds; `then`: the one it would have.
-double JointMotion::bounded(std::size_t i, const Limits& l, double then, double h) {
-  const auto k = static_cast<Index>(i);
-  const double middle = l.bound_position() ? (l.q_min + l.q_max) / 2 : 0;
-  const Desired rest{middle, 0};
-  const Deviation now{q[k] - middle, dq[k]};
-  if (clear_of(l, rest, {now.x + h * (now.dx + then) / 2, then}, h)) return then;
-  const Allowed may = allowed(l, rest, now, h);
-  const double bound = std::max(std::min(then, may.dx_high), may.dx_low);
-  if (bound != then) met[i] = static_cast<std::int32_t>(then > bound ? may.high : may.low);
-  return bound;
-}
-
-// Where a joint would pass a limit, self-motion makes room for it, so that the tasks go on (Flacco, De Luca and Khatib, IEEE T-RO
-// 31(3), 2015): the joint with the largest excess d gets N M⁻¹ e_i d/(N M⁻¹)_ii. What remains is cut joint by joint.
-void JointMotion::bound(std::span<const Limits> limits, double h) {
-  constexpr int kMost = 4;
-  constexpr double kLeast = 0.01;  // of the joint's mobility, in the null space
-  for (int round = 0; round < kMost; ++round) {
-    Index worst = -1;
-    double excess = 0;
-    for (std::size_t i = 0; i < met.size(); ++i) {
-      const double then = dq[static_cast<Index>(i)] + h * ddq[static_cast<Index>(i)];
-      const double d = bounded(i, limits[i], then, h) - then;
-      if (std::abs(d) <= std::abs(excess)) continue;
-      excess = d;
-      worst = static_cast<Index>(i);
-    }
-    if (worst < 0) return;
-    tau_.setZero();
-    tau_[worst] = 1;
-    cascade_.solve_mass(tau_);
-    const double mobility = tau_[worst];
-    cascade_.project(tau_);
-    if (!(tau_[worst] > kLeast * mobility)) break;
-    ddq += excess / h / tau_[worst] * tau_;
+/// Takes the speeds that the joints may have after h seconds, and those that they would have. False if none exceeds its limits.
+bool JointMotion::take_bounds(std::span<const Limits> limits, double h) {
+  then_ = dq + h * ddq;
+  bool clear = true;
+  const auto at_rest = [&](std::size_t i) {
+    return Desired{limits[i].bound_position() ? (limits[i].q_min + limits[i].q_max) / 2 : 0, 0};
+  };
+  for (std::size_t i = 0; i < met.size() && clear; ++i) {
+    const auto k = static_cast<Index>(i);
+    const Desired rest = at_rest(i);
+    clear = clear_of(limits[i], rest, {q[k] - rest.q + h * (dq[k] + then_[k]) / 2, then_[k]}, h);
   }
+  if (clear) return false;
+  bool within = true;
   for (std::size_t i = 0; i < met.size(); ++i) {
     const auto k = static_cast<Index>(i);
-    const double then = dq[k] + h * ddq[k], bound = bounded(i, limits[i], then, h);
-    if (bound != then) ddq[k] = (bound - dq[k]) / h;
+    const Desired rest = at_rest(i);
+    allowed_[i] = allowed(limits[i], rest, {q[k] - rest.q, dq[k]}, h);
+    within = within && beyond(k) == 0;
   }
+  return !within;
+}
+
+/// What the speed of joint i lacks to be allowed.
+double JointMotion::beyond(Index i) const {
+  const Allowed& may = allowed_[static_cast<std::size_t>(i)];
+  return std::max(std::min(then_[i], may.dx_high), may.dx_low) - then_[i];
+}
+
+/// Changes the speeds by the least kinetic energy so that they are allowed, without a change of the first `kept` tasks: impulses on the
+/// joints that hold them at their limits, N M⁻¹ push, by projected Gauss-Seidel. Returns whether they are.
+bool JointMotion::make_room(std::size_t kept) {
+  constexpr int kMost = 100;
+  constexpr double kLeast = 1e-7;   // of its mobility, below which a joint cannot move in the null space
+  constexpr double kEnough = 1e-9;  // rad/s
+  const Index n = then_.size();
+  cascade_.mobility(kept, mobility_);
+  push_.setZero();
+  double most = 1;
+  for (int sweep = 0; sweep < kMost && most > kEnough; ++sweep) {
+    most = 0;
+    for (Index i = 0; i < n; ++i) {
+      const double own = mobility_(i, i);
+      if (!(own > kLeast * own_[i])) continue;
+      const Allowed& may = allowed_[static_cast<std::size_t>(i)];
+      const double free = then_[i] - own * push_[i];
+      const double push = (std::max(std::min(free, may.dx_high), may.dx_low) - free) / own, change = push - push_[i];
+      if (change == 0) continue;
+      push_[i] = push;
+      then_ += change * mobility_.col(i);
+      most = std::max(most, std::abs(change * own));
+    }
+  }
+  double left = 0;
+  for (Index i = 0; i < n; ++i) {
+    left = std::max(left, std::abs(beyond(i)));
+    if (push_[i] != 0) note(i, push_[i] < 0);
+  }
+  return left <= kEnough;
+}
+
+// Where a joint would pass a limit, self-motion makes room for it, so that the tasks go on; where that is not enough, the motion of the
+// last task, then that of the one before it, and so on: the first task is kept as long as any motion of the joints within their limits
+// keeps it (saturation in the null space, Flacco, De Luca and Khatib, IEEE T-RO 31(3), 2015, solved for all joints at once). What
+// remains is cut joint by joint.
+void JointMotion::bound(std::span<const Limits> limits, double h) {
+  if (!take_bounds(limits, h)) return;
+  cascade_.mobility(0, mobility_);
+  own_ = mobility_.diagonal();
+  bool within = false;
+  for (std::size_t kept = tasks_.size(); kept > 0 && !within; --kept) within = make_room(kept);
+  for (Index i = 0; i < then_.size(); ++i) {
+    const double d = beyond(i);
+    if (d == 0) continue;
+    note(i, d < 0);
+    then_[i] += d;
+  }
+  ddq = (then_ - dq) / h;
+}
+
+void JointMotion::note(Index i, bool high) {
+  const auto k = static_cast<std::size_t>(i);
+  met[k] = static_cast<std::int32_t>(high ? allowed_[k].high : allowed_[k].low);
 }
 
 void JointMotion::accelerations_of(const Twist& acceleration, Eigen::Ref<VectorXd> ddq_of) {

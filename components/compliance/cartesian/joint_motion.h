@@ -77,7 +77,10 @@ class JointMotion {
   void want(const Twist& acceleration);
   void part(Links& links, const MovingPose& before, const Twist& acceleration, const Eigen::VectorXd& tau_e,
             std::span<const Limits> limits, const JointMotionGains& gains, double h);
-  double bounded(std::size_t i, const Limits& limits, double then, double h);
+  bool take_bounds(std::span<const Limits> limits, double h);
+  double beyond(Eigen::Index i) const;
+  bool make_room(std::size_t kept);
+  void note(Eigen::Index i, bool high);
   void bound(std::span<const Limits> limits, double h);
 
   SelfMotion& self_motion_;
@@ -91,6 +94,9 @@ class JointMotion {
   std::vector<Eigen::Vector3d> p_;  // of held frames, by task
   Eigen::MatrixXd J6_, dJ6_, held_J6_, held_dJ6_, M_, dM_, C_;
   Eigen::VectorXd q_mid_, dq_mid_, gradient_, tau_;  // n
+  std::vector<Allowed> allowed_;                     // of each joint's speed
+  Eigen::MatrixXd mobility_;                         // n x n
+  Eigen::VectorXd then_, own_, push_;                // n: speeds, of M⁻¹ the diagonal, and impulses
   std::vector<Eigen::VectorXd> forces_;              // by task
 };
 

@@ -68,6 +68,11 @@ TEST(Cascade, OneTaskHasTheIdentitiesOfTheDynamicallyConsistentInverse) {
     EXPECT_LT(relative(N * N - N, N), kExact);
     EXPECT_LT(relative(M * N - N.transpose() * M, M), kExact);
     EXPECT_LT(relative(J * M.inverse() * N.transpose(), J * M.inverse()), kExact);
+    MatrixXd mobility(robot.n, robot.n);
+    cascade.mobility(0, mobility);
+    EXPECT_LT(relative(mobility - M.inverse(), M.inverse()), kExact);
+    cascade.mobility(1, mobility);
+    EXPECT_LT(relative(mobility - N * M.inverse(), M.inverse()), kExact);
 
     VectorXd tau = draw.numbers(robot.n, -10, 10), v = draw.numbers(robot.n, -1, 1);
     VectorXd projected = tau, moved = v;
@@ -113,6 +118,10 @@ TEST(Cascade, FollowsTheSuccessiveNullSpacesOfTheLiteratureAndLowerTasksMoveNoHi
     cascade.projector(N);
     EXPECT_LT(relative(N - literal.N, literal.N), 1e-8);
     EXPECT_LT(relative(M * N - N.transpose() * M, M), kExact);
+    MatrixXd mobility(robot.n, robot.n);
+    const Literal above(M, {cascade.tasks[0], cascade.tasks[1]});
+    cascade.mobility(2, mobility);
+    EXPECT_LT(relative(mobility - above.N * M.inverse(), M.inverse()), 1e-8);
 
     VectorXd v = draw.numbers(robot.n, -1, 1), left = v, sum = VectorXd::Zero(robot.n);
     std::vector<VectorXd> forces;
