@@ -11,6 +11,7 @@ reaches, and each place is changed while the tests that reach it run, quickest f
 Tests with the label clock do not count. Writes tests/mutants.txt and prints the share of places that a test catches."""
 import argparse
 import concurrent.futures
+import functools
 import json
 import math
 import os
@@ -42,6 +43,12 @@ KINDS = [
     ("==", "==cotwin_mutation::Equal{{{n}}}=="), ("!=", "==cotwin_mutation::NotEqual{{{n}}}=="))]
 
 
+@functools.cache
+def lines_of(file):
+    """The lines of a source as they were when they were first read, so that the tree may change while the mutants are tried."""
+    return (ROOT / file).read_text().split("\n")
+
+
 def without_comments(line):
     return re.sub(r"//.*", lambda m: " " * len(m.group()), line)
 
@@ -49,7 +56,7 @@ def without_comments(line):
 def places_of(file):
     """(line, column, length, kind, replacement) of each place of a source."""
     found = []
-    for number, line in enumerate((ROOT / file).read_text().split("\n")):
+    for number, line in enumerate(lines_of(file)):
         code = without_comments(line)
         if NO_PLACE.search(code):
             continue
@@ -72,7 +79,7 @@ def draw(seed, wanted, rooms_wanted):
         if rooms_wanted and room not in rooms_wanted:
             continue
         rooms.setdefault(room, []).extend((file, *place) for place in places_of(file))
-        lines[room] = lines.get(room, 0) + (ROOT / file).read_text().count("\n")
+        lines[room] = lines.get(room, 0) + len(lines_of(file)) - 1
     source = random.Random(seed)
     total = sum(math.sqrt(n) for n in lines.values())
     share = {room: max(1, round(wanted * math.sqrt(lines[room]) / total)) for room in rooms}
@@ -91,7 +98,7 @@ def draw(seed, wanted, rooms_wanted):
 
 def mutated(file, places):
     """The source with its places, {number: place}, switched."""
-    lines = (ROOT / file).read_text().split("\n")
+    lines = list(lines_of(file))
     for number, (_, line, column, length, _, replacement) in sorted(places.items(), key=lambda p: (p[1][1], p[1][2]), reverse=True):
         text = lines[line]
         old = text[column:column + length]
@@ -287,7 +294,7 @@ def main():
         verdicts = dict(zip(chosen, pool.map(lambda n: judge(n, reaching, arguments.seconds), chosen)))
     rows = []
     for n, (file, line, column, length, kind, _) in chosen.items():
-        text = (ROOT / file).read_text().split("\n")[line]
+        text = lines_of(file)[line]
         shown = f"{text[:column]}⟦{text[column:column + length]}⟧{text[column + length:]}".strip()
         rows.append((file, line + 1, kind, *verdicts[n], shown))
     caught = sum(row[3] == "caught" for row in rows)
